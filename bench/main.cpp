@@ -1,0 +1,118 @@
+// Times kernels, and whole frames side by side with Bullet's own broad phases. `scripts/bench` runs it.
+//
+// kernel/ALGORITHM/N     the device's time for the kernel that tests all pairs, and pairs tested a second
+// frame/NAME/SCENE/N     a frame through Bullet's interface in which every box moves: setAabb for each, from
+// ordinary
+//                        memory, then calculateOverlappingPairs
+#include <cstdint>
+#include <exception>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include <BulletCollision/BroadphaseCollision/btBroadphaseInterface.h>
+#include <BulletCollision/BroadphaseCollision/btOverlappingPairCache.h>
+#include <BulletCollision/CollisionDispatch/btCollisionDispatcher.h>
+#include <BulletCollision/CollisionDispatch/btDefaultCollisionConfiguration.h>
+#include <benchmark/benchmark.h>
+
+#include <broadcl/broad_phase.hpp>
+
+#include "scenes/broadphases.hpp"
+#include "scenes/generators.hpp"
+
+namespace broadcl {
+namespace {
+
+using scenes::MovingBoxes;
+
+struct Scene {
+  const char* name;
+  MovingBoxes::Sizes sizes;
+};
+constexpr Scene scene_list[] = {{"uniform", MovingBoxes::Sizes::uniform},
+                                {"mixed", MovingBoxes::Sizes::mixed}};
+
+void time_kernel(benchmark::State& state, const AlgorithmInfo& algorithm, std::uint32_t n) {
+  BroadPhase broad_phase({.algorithm = std::string(algorithm.name), .profile = true});
+  const MovingBoxes boxes(n, MovingBoxes::Sizes::uniform);
+  for (const Aabb& box : boxes.boxes()) broad_phase.add(box);
+  (void)broad_phase.update();
+  for ([[maybe_unused]] auto _ : state) {
+    (void)broad_phase.update();
+    for (const Stage& stage : broad_phase.profile()) {
+      if (stage.name == "test") state.SetIterationTime(stage.device_seconds);
+    }
+  }
+  state.counters["pairs"] =
+      benchmark::Counter(static_cast<double>(n) * (n - 1) / 2, benchmark::Counter::kIsIterationInvariantRate);
+}
+
+void set_boxes(btBroadphaseInterface& broadphase, const std::vector<btBroadphaseProxy*>& proxies,
+               std::span<const Aabb> boxes) {
+  for (std::size_t k = 0; k < proxies.size(); ++k) {
+    const auto& [lower, upper] = boxes[k];
+    broadphase.setAabb(proxies[k], {lower[0], lower[1], lower[2]}, {upper[0], upper[1], upper[2]}, nullptr);
+  }
+}
+
+void time_frame(benchmark::State& state, const std::string& name, const Scene& scene, std::uint32_t n) {
+  MovingBoxes boxes(n, scene.sizes);
+  const auto broadphase =
+      scenes::make_broadphase({.name = name, .device = {}, .objects = n, .world_edge = 4});
+  btDefaultCollisionConfiguration configuration;
+  btCollisionDispatcher dispatcher(&configuration);
+  std::vector<btBroadphaseProxy*> proxies;
+  for (const auto& [lower, upper] : boxes.boxes()) {
+    proxies.push_back(broadphase->createProxy({lower[0], lower[1], lower[2]}, {upper[0], upper[1], upper[2]},
+                                              BOX_SHAPE_PROXYTYPE, nullptr, 1, -1, &dispatcher));
+  }
+  broadphase->calculateOverlappingPairs(&dispatcher);
+  for ([[maybe_unused]] auto _ : state) {
+    state.PauseTiming();
+    boxes.advance();
+    state.ResumeTiming();
+    set_boxes(*broadphase, proxies, boxes.boxes());
+    broadphase->calculateOverlappingPairs(&dispatcher);
+  }
+  state.counters["overlapping"] = broadphase->getOverlappingPairCache()->getNumOverlappingPairs();
+  for (btBroadphaseProxy* proxy : proxies) broadphase->destroyProxy(proxy, &dispatcher);
+}
+
+void register_all() {
+  for (const AlgorithmInfo& algorithm : algorithms()) {
+    if (!algorithm.on_device) continue;
+    for (const std::uint32_t n : {3500U, 16384U, 65536U}) {
+      const std::string name = "kernel/" + std::string(algorithm.name) + "/" + std::to_string(n);
+      benchmark::RegisterBenchmark(name.c_str(), time_kernel, algorithm, n)
+          ->UseManualTime()
+          ->Unit(benchmark::kMicrosecond);
+    }
+  }
+  for (const Scene& scene : scene_list) {
+    for (const std::uint32_t n : {500U, 1250U, 2000U, 2750U, 3500U, 16000U}) {
+      for (const scenes::BroadphaseInfo& info : scenes::broadphases()) {
+        // The oracle is no contestant; Bullet's brute force takes seconds beyond the paper's sizes.
+        if (info.name == "oracle" || (info.name == "bullet-bf" && n > 3500)) continue;
+        const std::string name = "frame/" + info.name + "/" + scene.name + "/" + std::to_string(n);
+        benchmark::RegisterBenchmark(name.c_str(), time_frame, info.name, scene, n)
+            ->UseRealTime()
+            ->Unit(benchmark::kMicrosecond);
+      }
+    }
+  }
+}
+
+}  // namespace
+}  // namespace broadcl
+
+int main(int argc, char** argv) try {
+  benchmark::Initialize(&argc, argv);
+  if (benchmark::ReportUnrecognizedArguments(argc, argv)) return 2;
+  benchmark::AddCustomContext("device", broadcl::select_device().label());
+  broadcl::register_all();
+  benchmark::RunSpecifiedBenchmarks();
+} catch (const std::exception& error) {
+  std::fprintf(stderr, "%s\n", error.what());
+  return 2;
+}

@@ -1,0 +1,49 @@
+#!/usr/bin/env python3
+"""bench/plot.py OUT.svg RESULT.json [RESULT.json ...]: draws frame times over the number of boxes, a panel a device.
+
+Needs matplotlib (Debian, Ubuntu: apt install python3-matplotlib). The results are those of `scripts/bench`.
+"""
+import json
+import sys
+
+import matplotlib
+
+matplotlib.use("svg")
+import matplotlib.pyplot as plt  # noqa: E402
+
+SCENE = "mixed"
+STYLES = {"bullet-bf": ":", "bullet-sap": "-.", "bullet-bvh": "--"}
+
+
+def read(path):
+    """The device's label, and for each broad phase its medians as (boxes, microseconds)."""
+    with open(path, encoding="utf-8") as file:
+        result = json.load(file)
+    series = {}
+    for row in result["benchmarks"]:
+        parts = row["run_name"].split("/")
+        if parts[0] == "frame" and parts[2] == SCENE and row.get("aggregate_name") == "median":
+            series.setdefault(parts[1], []).append((int(parts[3]), row["real_time"]))
+    return result["context"]["device"], series
+
+
+def main():
+    if len(sys.argv) < 3:
+        sys.exit(__doc__)
+    results = [read(path) for path in sys.argv[2:]]
+    figure, axes = plt.subplots(1, len(results), figsize=(5.5 * len(results), 3.8), sharey=True, squeeze=False)
+    for (device, series), panel in zip(results, axes[0]):
+        for name, points in series.items():
+            boxes, times = zip(*sorted(points))
+            panel.plot(boxes, [t / 1000 for t in times], STYLES.get(name, "-"), marker="o", markersize=3, label=name,
+                       linewidth=1.5 if name in STYLES else 2.5)
+        panel.set(title=device, xlabel="boxes, all moving, mixed sizes", xscale="log", yscale="log")
+        panel.grid(alpha=0.3)
+    axes[0][0].set_ylabel("one frame, ms")
+    axes[0][0].legend()
+    figure.tight_layout()
+    figure.savefig(sys.argv[1], metadata={"Date": None})
+
+
+if __name__ == "__main__":
+    main()

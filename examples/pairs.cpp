@@ -1,0 +1,25 @@
+// Moving boxes without a physics engine: what began and what ceased to overlap, frame by frame.
+#include <cstdio>
+#include <exception>
+
+#include <broadcl/broad_phase.hpp>
+
+int main() try {
+  broadcl::BroadPhase broad_phase;  // the best device there is
+  const auto at = [](float x) { return broadcl::Aabb{{x, 0, 0}, {x + 1, 1, 1}}; };
+  for (int k = 0; k < 5; ++k) broad_phase.add(at(2.0F * static_cast<float>(k)));
+  const std::uint32_t traveller = broad_phase.add(at(-1.5F));
+
+  std::printf("%s on %s\n", broad_phase.algorithm().name.data(), broad_phase.device()->label().c_str());
+  for (int frame = 0; frame < 6; ++frame) {
+    broad_phase.move(traveller, at(-1.5F + 2.0F * static_cast<float>(frame)));
+    const broadcl::Delta delta = broad_phase.update();
+    for (const broadcl::Pair& pair : delta.removed)
+      std::printf("frame %d: %u and %u part\n", frame, pair.a, pair.b);
+    for (const broadcl::Pair& pair : delta.added)
+      std::printf("frame %d: %u and %u meet\n", frame, pair.a, pair.b);
+  }
+} catch (const std::exception& error) {
+  std::fprintf(stderr, "%s\n", error.what());
+  return 1;
+}

@@ -1,0 +1,180 @@
+#include <algorithm>
+#include <cstring>
+#include <string>
+#include <utility>
+
+#include "algorithms/algorithm.hpp"
+#include "algorithms/byte_matrix.hpp"
+#include "algorithms/triangle.hpp"
+#include "opencl/context.hpp"
+#include "opencl/error.hpp"
+#include "opencl/profiler.hpp"
+#include "opencl/shared_buffer.hpp"
+
+namespace broadcl {
+namespace {
+
+/// How the kernel is cut.
+struct Cut {
+  unsigned width;       ///< Pairs that a work-item packs into one store.
+  unsigned group_size;  ///< Work-items a work-group.
+  unsigned min_rows;    ///< Rows that a work-item goes through, at the least.
+  unsigned max_rows;    ///< And at the most.
+  unsigned items;       ///< Work-items wanted for each compute unit, as far as min_rows and max_rows allow.
+};
+
+constexpr Cut gpu_cut{.width = 4, .group_size = 128, .min_rows = 8, .max_rows = 128, .items = 4096};
+constexpr Cut cpu_cut{.width = 16, .group_size = 64, .min_rows = 64, .max_rows = 512, .items = 1024};
+
+constexpr std::size_t round_up(std::size_t value, std::size_t multiple) {
+  return (value + multiple - 1) / multiple * multiple;
+}
+
+/// The paper's algorithm: one byte of result a pair. The bytes of this frame and of the last one stay on the
+/// host, which XORs them.
+class GpuBf final : public Algorithm {
+ public:
+  explicit GpuBf(const BroadPhase::Config& config)
+      : context_(select_device(config.device), config.profile),
+        profiler_(config.profile),
+        cut_(context_.shape() == opencl::Shape::cpu ? cpu_cut : gpu_cut) {
+    const auto program = context_.program("gpu_bf.cl", "-DWIDTH=" + std::to_string(cut_.width));
+    opencl::translate_errors(context_.device().label(), [&] { kernel_ = cl::Kernel(program, "gpu_bf"); });
+  }
+
+  void reserve(std::size_t boxes) override {
+    if (boxes <= capacity()) return;
+    opencl::translate_errors(context_.device().label(), [&] {
+      opencl::SharedBuffer larger(context_, std::max(boxes, capacity() * 3 / 2) * sizeof(Aabb));
+      if (capacity() > 0) std::memcpy(larger.host(), boxes_.host(), boxes_.bytes());
+      boxes_ = std::move(larger);
+    });
+  }
+
+  [[nodiscard]] std::span<Aabb> boxes() noexcept override {
+    return {reinterpret_cast<Aabb*>(boxes_.host()), capacity()};
+  }
+
+  Delta update(std::size_t n, std::span<const std::uint32_t> renewed) override {
+    profiler_.begin();
+    const std::size_t pairs = triangle::row_start(static_cast<std::uint32_t>(n));
+    opencl::translate_errors(context_.device().label(), [&] {
+      grow_results(n, pairs);
+      if (pairs > 0) test(static_cast<std::uint32_t>(n), pairs);
+    });
+    {
+      const opencl::Profiler::Scope stage(profiler_, "xor");
+      find_changes(bytes_of(previous_, previous_pairs_), bytes_of(current_, pairs), renewed, added_,
+                   removed_);
+    }
+    std::swap(previous_, current_);
+    previous_pairs_ = pairs;
+    return {added_, removed_};
+  }
+
+  [[nodiscard]] std::vector<Pair> pairs() const override {
+    std::vector<Pair> found;
+    std::vector<Pair> none;
+    find_changes({}, bytes_of(previous_, previous_pairs_), {}, found, none);
+    return found;
+  }
+
+  [[nodiscard]] const Device* device() const noexcept override { return &context_.device(); }
+  [[nodiscard]] std::span<const Stage> profile() const noexcept override { return profiler_.stages(); }
+
+ private:
+  [[nodiscard]] std::size_t capacity() const { return boxes_.bytes() / sizeof(Aabb); }
+
+  [[nodiscard]] static std::span<const std::byte> bytes_of(const opencl::SharedBuffer& results,
+                                                           std::size_t pairs) {
+    return {results.host(), pairs};
+  }
+
+  /// Makes room for the results of this frame; those of the last one are kept, since their index does not
+  /// depend on n.
+  void grow_results(std::size_t n, std::size_t pairs) {
+    const std::size_t bytes = round_up(pairs, cut_.width);
+    if (bytes <= current_.bytes()) return;
+    const std::uint64_t limit = context_.device().max_allocation;
+    if (bytes > limit) {
+      throw Error(context_.device().label() + ": gpu-bf needs a buffer of " + std::to_string(bytes) +
+                  " bytes for " + std::to_string(n) + " boxes, one byte a pair, but the device allocates " +
+                  std::to_string(limit) + " at most; use another algorithm, or a device with more memory");
+    }
+    const std::size_t wanted = std::min<std::uint64_t>(limit, round_up(bytes + bytes / 2, cut_.width));
+    opencl::SharedBuffer current(context_, wanted);
+    opencl::SharedBuffer previous(context_, wanted);
+    if (previous_pairs_ > 0) std::memcpy(previous.host(), previous_.host(), previous_pairs_);
+    current_ = std::move(current);
+    previous_ = std::move(previous);
+  }
+
+  /// Runs the kernel over n boxes and brings the results to the host, with one synchronisation.
+  void test(std::uint32_t n, std::size_t pairs) {
+    try {
+      {
+        opencl::Profiler::Scope stage(profiler_, "upload");
+        boxes_.upload(n * sizeof(Aabb), stage.event());
+      }
+      {
+        opencl::Profiler::Scope stage(profiler_, "test");
+        current_.lend();
+        enqueue_kernel(n, stage.event());
+      }
+      {
+        opencl::Profiler::Scope stage(profiler_, "download");
+        current_.download(pairs, stage.event());
+        boxes_.reclaim();
+      }
+      {
+        const opencl::Profiler::Scope stage(profiler_, "wait");
+        context_.queue().finish();
+      }
+      profiler_.resolve();
+    } catch (...) {
+      boxes_.reclaim();
+      current_.reclaim();
+      context_.queue().finish();
+      throw;
+    }
+  }
+
+  void enqueue_kernel(std::uint32_t n, cl::Event* event) {
+    const unsigned period = 2 * cut_.width;
+    const std::size_t columns = round_up((n + cut_.width - 1) / cut_.width, cut_.group_size);
+    const std::size_t class_rows = (n + period - 1) / period;
+    // Half of the columns of an average row are past its end.
+    const std::size_t wanted_items = std::size_t{context_.device().compute_units} * cut_.items;
+    const std::size_t rows = std::clamp<std::size_t>(columns / 2 * period * class_rows / wanted_items,
+                                                     cut_.min_rows, cut_.max_rows);
+    const std::size_t chunks = (class_rows + rows - 1) / rows;
+    const std::size_t seam_lines = (n + columns - 1) / columns;
+    kernel_.setArg(0, n);
+    kernel_.setArg(1, static_cast<cl_uint>(rows));
+    kernel_.setArg(2, static_cast<cl_uint>(chunks));
+    kernel_.setArg(3, boxes_.device());
+    kernel_.setArg(4, current_.device());
+    context_.queue().enqueueNDRangeKernel(kernel_, cl::NullRange,
+                                          cl::NDRange(columns, period * chunks + seam_lines),
+                                          cl::NDRange(cut_.group_size, 1), nullptr, event);
+  }
+
+  opencl::Context context_;
+  opencl::Profiler profiler_;
+  Cut cut_;
+  cl::Kernel kernel_;
+  opencl::SharedBuffer boxes_;
+  opencl::SharedBuffer current_;   // bytes of this frame while it runs
+  opencl::SharedBuffer previous_;  // bytes of the last frame
+  std::size_t previous_pairs_ = 0;
+  std::vector<Pair> added_;
+  std::vector<Pair> removed_;
+};
+
+}  // namespace
+
+std::unique_ptr<Algorithm> make_gpu_bf(const BroadPhase::Config& config) {
+  return std::make_unique<GpuBf>(config);
+}
+
+}  // namespace broadcl

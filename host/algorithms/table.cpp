@@ -1,0 +1,44 @@
+#include <algorithm>
+#include <array>
+#include <string>
+
+#include "algorithms/algorithm.hpp"
+
+namespace broadcl {
+namespace {
+
+constexpr std::array rows{
+    AlgorithmRow{
+        {.name = "gpu-bf",
+         .summary =
+             "brute force, one byte a pair, changes found by XOR on the host (Serpa and Rodrigues 2014)",
+         .on_device = true},
+        make_gpu_bf},
+    AlgorithmRow{{.name = "oracle",
+                  .summary = "brute force on one thread of the host, the reference for tests",
+                  .on_device = false},
+                 make_oracle},
+};
+
+constexpr auto infos = [] {
+  std::array<AlgorithmInfo, rows.size()> result{};
+  for (std::size_t k = 0; k < rows.size(); ++k) result[k] = rows[k].info;
+  return result;
+}();
+
+}  // namespace
+
+std::span<const AlgorithmInfo> algorithms() noexcept {
+  return infos;
+}
+
+const AlgorithmRow& find_algorithm(std::string_view name) {
+  const auto* row =
+      std::find_if(rows.begin(), rows.end(), [&](const auto& r) { return r.info.name == name; });
+  if (row != rows.end()) return *row;
+  std::string names;
+  for (const AlgorithmRow& r : rows) names += (names.empty() ? "" : ", ") + std::string(r.info.name);
+  throw Error("no algorithm is named '" + std::string(name) + "'; there is: " + names);
+}
+
+}  // namespace broadcl

@@ -1,0 +1,34 @@
+#pragma once
+
+#include <compare>
+#include <cstdint>
+#include <span>
+
+namespace broadcl {
+
+/// Two overlapping boxes by id (BroadPhase) or by position in the array (overlapping_pairs), a < b.
+///
+/// Pairs compare in canonical order: by b, then by a, which is the order of the triangular index b(b-1)/2 +
+/// a. Every list of pairs that the library returns is in this order, on every device and in every run.
+struct Pair {
+  std::uint32_t a;
+  std::uint32_t b;
+
+  friend constexpr bool operator==(const Pair&, const Pair&) = default;
+  friend constexpr std::strong_ordering operator<=>(const Pair& s, const Pair& t) noexcept {
+    if (const auto by_b = s.b <=> t.b; by_b != 0) return by_b;
+    return s.a <=> t.a;
+  }
+};
+
+/// What changed between two updates, each list in canonical order.
+///
+/// Apply `removed` first, then `added`: where an object was removed and its id given to a new one in between,
+/// the same pair of ids can stand in both lists. The spans belong to the BroadPhase and live until its next
+/// update.
+struct Delta {
+  std::span<const Pair> added;
+  std::span<const Pair> removed;
+};
+
+}  // namespace broadcl

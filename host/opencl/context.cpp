@@ -1,0 +1,76 @@
+#include "opencl/context.hpp"
+
+#include <optional>
+#include <utility>
+#include <vector>
+
+#include "opencl/devices.hpp"
+#include "opencl/error.hpp"
+#include "opencl/kernel_source.hpp"
+#include "system.hpp"
+
+namespace broadcl::opencl {
+namespace {
+
+Shape shape_of(const Device& device) {
+  const auto wanted = environment("BROADCL_SHAPE");
+  if (!wanted) return device.type == DeviceType::cpu ? Shape::cpu : Shape::gpu;
+  if (*wanted != "gpu" && *wanted != "cpu")
+    throw Error("BROADCL_SHAPE is '" + *wanted + "'; set it to gpu or cpu");
+  return *wanted == "cpu" ? Shape::cpu : Shape::gpu;
+}
+
+/// All that decides what a binary looks like.
+std::string cache_key(const Device& device, const std::string& source, const std::string& options) {
+  std::string key;
+  for (const std::string& part :
+       {device.platform_name, device.name, device.version, device.driver_version, options, source}) {
+    key += part + '\0';
+  }
+  return key;
+}
+
+/// A program from a cached binary; none where the driver does not take it.
+std::optional<cl::Program> from_binary(const cl::Context& context, const cl::Device& device,
+                                       const ProgramCache::Binary& binary, const std::string& options) {
+  try {
+    cl::Program program(context, {device}, {binary});
+    program.build(device, options.c_str());
+    return program;
+  } catch (const cl::Error&) {
+    return std::nullopt;
+  }
+}
+
+}  // namespace
+
+Context::Context(Device device, bool profile)
+    : device_(std::move(device)), shape_(shape_of(device_)), cl_device_(open(device_)) {
+  translate_errors(device_.label(), [&] {
+    context_ = cl::Context(cl_device_);
+    queue_ = cl::CommandQueue(context_, cl_device_, profile ? CL_QUEUE_PROFILING_ENABLE : 0);
+  });
+}
+
+cl::Program Context::program(std::string_view file, const std::string& options) const {
+  const std::string source = kernel_source(file);
+  const std::string all_options = "-cl-std=CL1.2 " + options;
+  const std::string key = cache_key(device_, source, all_options);
+  return translate_errors(device_.label(), [&] {
+    if (const auto binary = cache_.load(key)) {
+      if (auto program = from_binary(context_, cl_device_, *binary, all_options)) return *program;
+    }
+    cl::Program program(context_, source);
+    try {
+      program.build(cl_device_, all_options.c_str());
+    } catch (const cl::BuildError&) {
+      throw Error(device_.label() + ": " + std::string(file) + " does not compile:\n" +
+                  program.getBuildInfo<CL_PROGRAM_BUILD_LOG>(cl_device_));
+    }
+    const auto binaries = program.getInfo<CL_PROGRAM_BINARIES>();
+    if (binaries.size() == 1 && !binaries.front().empty()) cache_.store(key, binaries.front());
+    return program;
+  });
+}
+
+}  // namespace broadcl::opencl

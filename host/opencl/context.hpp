@@ -1,0 +1,46 @@
+#pragma once
+
+#include <string>
+#include <string_view>
+
+#include <broadcl/device.hpp>
+
+#include "opencl/api.hpp"
+#include "opencl/program_cache.hpp"
+
+namespace broadcl::opencl {
+
+/// What kernels are cut for: many small work-items that share local memory, or few that each do a long run of
+/// work.
+enum class Shape { gpu, cpu };
+
+/// A device that was opened: its context, one in-order queue, and programs built for it.
+class Context {
+ public:
+  /// @param profile Whether the queue records device times.
+  /// @throws Error naming the device.
+  Context(Device device, bool profile);
+
+  [[nodiscard]] const Device& device() const noexcept { return device_; }
+  [[nodiscard]] const cl::Context& context() const noexcept { return context_; }
+  [[nodiscard]] const cl::CommandQueue& queue() const noexcept { return queue_; }
+  /// What suits the device; the environment variable BROADCL_SHAPE ("gpu" or "cpu") overrides it, so that
+  /// each shape can be tested on any device.
+  [[nodiscard]] Shape shape() const noexcept { return shape_; }
+
+  /// Builds a kernel file, or takes its binary from the cache.
+  /// @param file Name of a file of kernels/.
+  /// @param options For the compiler, for instance "-DWIDTH=8".
+  /// @throws Error with the compiler's log, which names file and line, where it does not compile.
+  [[nodiscard]] cl::Program program(std::string_view file, const std::string& options = {}) const;
+
+ private:
+  Device device_;
+  Shape shape_;
+  cl::Device cl_device_;
+  cl::Context context_;
+  cl::CommandQueue queue_;
+  ProgramCache cache_;
+};
+
+}  // namespace broadcl::opencl

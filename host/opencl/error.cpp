@@ -1,0 +1,51 @@
+#include "opencl/error.hpp"
+
+#include <algorithm>
+#include <array>
+
+namespace broadcl::opencl {
+namespace {
+
+struct Code {
+  cl_int value;
+  std::string_view name;
+  std::string_view remedy;
+};
+
+constexpr std::string_view memory_remedy = "use fewer boxes, another algorithm or a device with more memory";
+constexpr std::string_view driver_remedy =
+    "see whether `broadcl check` passes on this device, and update its driver";
+
+constexpr std::array codes{
+    Code{CL_DEVICE_NOT_AVAILABLE, "CL_DEVICE_NOT_AVAILABLE", "choose another device"},
+    Code{CL_COMPILER_NOT_AVAILABLE, "CL_COMPILER_NOT_AVAILABLE", "choose another device"},
+    Code{CL_MEM_OBJECT_ALLOCATION_FAILURE, "CL_MEM_OBJECT_ALLOCATION_FAILURE", memory_remedy},
+    Code{CL_OUT_OF_RESOURCES, "CL_OUT_OF_RESOURCES", memory_remedy},
+    Code{CL_OUT_OF_HOST_MEMORY, "CL_OUT_OF_HOST_MEMORY", memory_remedy},
+    Code{CL_INVALID_BUFFER_SIZE, "CL_INVALID_BUFFER_SIZE", memory_remedy},
+    Code{CL_MAP_FAILURE, "CL_MAP_FAILURE", memory_remedy},
+    Code{CL_BUILD_PROGRAM_FAILURE, "CL_BUILD_PROGRAM_FAILURE", driver_remedy},
+    Code{CL_INVALID_BINARY, "CL_INVALID_BINARY", driver_remedy},
+    Code{CL_INVALID_WORK_GROUP_SIZE, "CL_INVALID_WORK_GROUP_SIZE", driver_remedy},
+    Code{CL_INVALID_COMMAND_QUEUE, "CL_INVALID_COMMAND_QUEUE", "the device was lost: make a new object"},
+};
+
+const Code* find(cl_int code) {
+  const auto* row = std::find_if(codes.begin(), codes.end(), [&](const Code& c) { return c.value == code; });
+  return row == codes.end() ? nullptr : row;
+}
+
+}  // namespace
+
+std::string code_name(cl_int code) {
+  const Code* row = find(code);
+  return (row != nullptr ? std::string(row->name) + " " : "OpenCL error ") + "(" + std::to_string(code) + ")";
+}
+
+Error to_error(const cl::Error& error, std::string_view device) {
+  const Code* row = find(error.err());
+  return Error(std::string(device) + ": " + error.what() + " failed with " + code_name(error.err()) + "; " +
+               std::string(row != nullptr ? row->remedy : driver_remedy));
+}
+
+}  // namespace broadcl::opencl

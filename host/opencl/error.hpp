@@ -1,0 +1,29 @@
+#pragma once
+
+#include <string>
+#include <string_view>
+#include <utility>
+
+#include <broadcl/error.hpp>
+
+#include "opencl/api.hpp"
+
+namespace broadcl::opencl {
+
+/// "CL_OUT_OF_RESOURCES (-5)".
+[[nodiscard]] std::string code_name(cl_int code);
+
+/// An Error that names the device, the call, the code and what to do about it.
+[[nodiscard]] Error to_error(const cl::Error& error, std::string_view device);
+
+/// Runs a function and turns what OpenCL throws in it into an Error.
+template <class Function>
+decltype(auto) translate_errors(std::string_view device, Function&& function) {
+  try {
+    return std::forward<Function>(function)();
+  } catch (const cl::Error& error) {
+    throw to_error(error, device);
+  }
+}
+
+}  // namespace broadcl::opencl

@@ -1,0 +1,49 @@
+#pragma once
+
+#include <chrono>
+#include <span>
+#include <string_view>
+#include <vector>
+
+#include <broadcl/profile.hpp>
+
+#include "opencl/api.hpp"
+
+namespace broadcl::opencl {
+
+/// Records the stages of an update: wall-clock times always, device times from events on request.
+class Profiler {
+ public:
+  explicit Profiler(bool device_times) : device_times_(device_times) {}
+
+  /// Measures the wall clock of a stage from its construction to its destruction.
+  class Scope {
+   public:
+    Scope(Profiler& profiler, std::string_view name);
+    ~Scope();
+    Scope(const Scope&) = delete;
+    Scope& operator=(const Scope&) = delete;
+    Scope(Scope&&) = delete;
+    Scope& operator=(Scope&&) = delete;
+
+    /// Where to put the event of the stage's command; null where device times are not wanted.
+    [[nodiscard]] cl::Event* event() noexcept;
+
+   private:
+    Profiler& profiler_;
+    std::chrono::steady_clock::time_point start_;
+  };
+
+  /// Forgets the stages of the last update.
+  void begin();
+  /// Reads device times; the queue must have finished.
+  void resolve();
+  [[nodiscard]] std::span<const Stage> stages() const noexcept { return stages_; }
+
+ private:
+  bool device_times_;
+  std::vector<Stage> stages_;
+  std::vector<cl::Event> events_;  // one a stage, null where it enqueued nothing
+};
+
+}  // namespace broadcl::opencl

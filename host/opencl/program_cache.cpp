@@ -1,0 +1,110 @@
+#include "opencl/program_cache.hpp"
+
+#include <array>
+#include <atomic>
+#include <cstdint>
+#include <cstring>
+#include <fstream>
+#include <iterator>
+#include <system_error>
+#include <utility>
+
+#include <broadcl/error.hpp>
+
+#include "system.hpp"
+
+namespace broadcl::opencl {
+namespace {
+
+namespace fs = std::filesystem;
+
+/// FNV-1a, 64 bits.
+std::uint64_t checksum(std::string_view bytes, std::uint64_t hash = 0xcbf29ce484222325U) {
+  for (const char c : bytes) hash = (hash ^ static_cast<unsigned char>(c)) * 0x100000001b3U;
+  return hash;
+}
+
+std::string_view as_text(const ProgramCache::Binary& binary) {
+  return {reinterpret_cast<const char*>(binary.data()), binary.size()};
+}
+
+/// What a file begins with; the key and the binary follow.
+struct Header {
+  std::array<char, 8> magic;
+  std::uint64_t key_size;
+  std::uint64_t binary_size;
+  std::uint64_t sum;
+
+  friend bool operator==(const Header&, const Header&) = default;
+};
+
+Header header_of(std::string_view key, std::string_view binary) {
+  return {
+      {'B', 'r', 'o', 'a', 'd', 'C', 'L', '1'}, key.size(), binary.size(), checksum(binary, checksum(key))};
+}
+
+fs::path temporary_name(const fs::path& target) {
+  static std::atomic<unsigned> serial{0};
+  return fs::path(target) += "." + std::to_string(process_id()) + "-" + std::to_string(serial++) + ".tmp";
+}
+
+bool write(const fs::path& path, const Header& header, std::string_view key, std::string_view binary) {
+  std::ofstream file(path, std::ios::binary);
+  file.write(reinterpret_cast<const char*>(&header), sizeof header);
+  file.write(key.data(), static_cast<std::streamsize>(key.size()));
+  file.write(binary.data(), static_cast<std::streamsize>(binary.size()));
+  file.close();
+  return static_cast<bool>(file);
+}
+
+}  // namespace
+
+ProgramCache::ProgramCache() {
+  if (const auto folder = environment("BROADCL_CACHE_DIR")) {
+    folder_ = *folder;
+    asked_for_ = true;
+  } else if (const auto caches = user_cache_directory()) {
+    folder_ = *caches / "broadcl";
+  }
+}
+
+ProgramCache::ProgramCache(fs::path folder) : folder_(std::move(folder)), asked_for_(true) {}
+
+fs::path ProgramCache::file_of(std::string_view key) const {
+  constexpr std::string_view digits = "0123456789abcdef";
+  std::string name;
+  for (std::uint64_t hash = checksum(key), k = 0; k < 16; ++k, hash >>= 4) name += digits[hash & 15U];
+  return folder_ / (name + ".clbin");
+}
+
+std::optional<ProgramCache::Binary> ProgramCache::load(std::string_view key) const {
+  if (folder_.empty()) return std::nullopt;
+  std::ifstream file(file_of(key), std::ios::binary);
+  const std::string content{std::istreambuf_iterator<char>(file), {}};
+  Header header{};
+  if (content.size() < sizeof header + key.size()) return std::nullopt;
+  std::memcpy(&header, content.data(), sizeof header);
+  const std::string_view rest = std::string_view(content).substr(sizeof header);
+  const std::string_view binary = rest.substr(key.size());
+  if (rest.substr(0, key.size()) != key || header != header_of(key, binary)) return std::nullopt;
+  return Binary(binary.begin(), binary.end());
+}
+
+void ProgramCache::store(std::string_view key, const Binary& binary) const {
+  if (folder_.empty()) return;
+  const fs::path target = file_of(key);
+  const fs::path temporary = temporary_name(target);
+  std::error_code failure;
+  fs::create_directories(folder_, failure);
+  const bool written = write(temporary, header_of(key, as_text(binary)), key, as_text(binary));
+  if (written) fs::rename(temporary, target, failure);
+  if (written && !failure) return;
+  std::error_code ignored;
+  fs::remove(temporary, ignored);
+  if (asked_for_) {
+    throw Error("cannot write the kernel cache in " + folder_.string() +
+                "; set BROADCL_CACHE_DIR to a folder that can be written, or unset it");
+  }
+}
+
+}  // namespace broadcl::opencl

@@ -1,0 +1,106 @@
+/* GPU-BF: tests every pair of boxes and stores one byte a pair, 1 where they overlap.
+
+   After Serpa and Rodrigues, "Parallelizing Broad Phase Collision Detection for Animation in Games: A Performance
+   Comparison of CPU and GPU Algorithms", SBGames 2014. There a work-item tests one pair and stores one byte; here it
+   tests WIDTH consecutive pairs of a row and stores them as one aligned word, and does so for several rows in which its
+   words begin at the same a, so that it reads its WIDTH boxes once. */
+
+#include "aabb.h"
+#include "triangle.h"
+
+#ifndef WIDTH
+#define WIDTH 16 /* pairs a work-item packs into one store: 4, 8 or 16 */
+#endif
+
+#ifndef __ENDIAN_LITTLE__
+#error "the bytes of a word are packed for little-endian devices"
+#endif
+
+#define PERIOD (2U * WIDTH) /* rows this far apart start at the same byte of a word */
+
+#define PASTE_(x, y) x##y
+#define PASTE(x, y) PASTE_(x, y)
+#define FLOATS PASTE(float, WIDTH)
+#define INTS PASTE(int, WIDTH)
+
+/* The same bound of WIDTH boxes that follow each other. */
+#define BOUNDS_4(p) (p)[0], (p)[6], (p)[12], (p)[18]
+#define BOUNDS_8(p) BOUNDS_4(p), BOUNDS_4((p) + 24)
+#define BOUNDS_16(p) BOUNDS_8(p), BOUNDS_8((p) + 48)
+#define BOUNDS(p) ((FLOATS)(PASTE(BOUNDS_, WIDTH)(p)))
+
+/* A word of WIDTH bytes, each 0 or 1, from WIDTH lanes, each 0 or -1. Packed by hand because compilers for GPUs store
+   vectors of bytes byte by byte. */
+#define BYTE_BITS_4 1, 1 << 8, 1 << 16, 1 << 24
+#define BYTE_BITS_8 BYTE_BITS_4, BYTE_BITS_4
+#define BYTE_BITS_16 BYTE_BITS_8, BYTE_BITS_8
+#define BYTE_BITS ((INTS)(PASTE(BYTE_BITS_, WIDTH)))
+#if WIDTH == 4
+typedef int word_t;
+#define PACK(bits) ((bits).s0 | (bits).s1 | (bits).s2 | (bits).s3)
+#elif WIDTH == 8
+typedef int2 word_t;
+#define PACK(bits) ((bits).s04 | (bits).s15 | (bits).s26 | (bits).s37)
+#else
+typedef int4 word_t;
+#define PACK(bits) ((bits).s048c | (bits).s159d | (bits).s26ae | (bits).s37bf)
+#endif
+
+/* A seam: pairs from the end of row b - 1 on, through the starts of row b and perhaps of rows after it. Bytes past the
+   last row n - 1 become 0. */
+void test_seam(const uint b, const uint n, global const float* restrict boxes, global uint* restrict words) {
+  const ulong seam = row_start(b) - row_start(b) % WIDTH;
+  uint s = (uint)(seam - row_start(b - 1U));
+  uint t = b - 1U;
+  for (uint word = 0; word < WIDTH / 4U; ++word) {
+    uint packed = 0;
+    for (uint k = 0; k < 4U; ++k, ++s) {
+      if (s == t) {
+        s = 0;
+        ++t;
+      }
+      if (t < n) {
+        global const float* p = boxes + (size_t)s * AABB_FLOATS;
+        global const float* q = boxes + (size_t)t * AABB_FLOATS;
+        packed |= (uint)AABB_OVERLAPS(p[0], p[1], p[2], p[3], p[4], p[5], q[0], q[1], q[2], q[3], q[4], q[5]) << (8U * k);
+      }
+    }
+    words[seam / 4U + word] = packed;
+  }
+}
+
+/* Work-items of dimension 0 stand for the words of a row. Of dimension 1, the first PERIOD * chunks stand for a class of
+   rows (b modulo PERIOD) and a chunk of `rows` rows of that class; the rest for seams, of which they need n in all. */
+kernel void gpu_bf(const uint n, const uint rows, const uint chunks, global const float* restrict boxes,
+                   global word_t* restrict words) {
+  const uint x = (uint)get_global_id(0);
+  const uint y = (uint)get_global_id(1);
+  if (y >= PERIOD * chunks) {
+    const uint b = (y - PERIOD * chunks) * (uint)get_global_size(0) + x + 1U;
+    if (b <= n && owns_seam(b, WIDTH)) test_seam(b, n, boxes, (global uint*)words);
+    return;
+  }
+
+  const uint row_class = y % PERIOD;
+  const uint chunk = y / PERIOD;
+  const uint a = (uint)row_head(row_class, WIDTH) + x * WIDTH;
+  const uint end = min(n, (chunk + 1U) * rows * PERIOD);
+  /* The first row of this class and chunk that is long enough for the word: b >= a + WIDTH. */
+  uint b = row_class + chunk * rows * PERIOD;
+  if (b < a + WIDTH) b += (a + WIDTH - b + PERIOD - 1U) / PERIOD * PERIOD;
+  if (b >= end) return;
+
+  global const float* p = boxes + (size_t)a * AABB_FLOATS;
+  const FLOATS lower_x = BOUNDS(p);
+  const FLOATS lower_y = BOUNDS(p + 1);
+  const FLOATS lower_z = BOUNDS(p + 2);
+  const FLOATS upper_x = BOUNDS(p + 3);
+  const FLOATS upper_y = BOUNDS(p + 4);
+  const FLOATS upper_z = BOUNDS(p + 5);
+  for (; b < end; b += PERIOD) {
+    global const float* q = boxes + (size_t)b * AABB_FLOATS;
+    const INTS bits = BYTE_BITS & AABB_OVERLAPS(lower_x, lower_y, lower_z, upper_x, upper_y, upper_z, q[0], q[1],
+                                                q[2], q[3], q[4], q[5]);
+    words[(row_start(b) + a) / WIDTH] = PACK(bits);
+  }
+}

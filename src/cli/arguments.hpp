@@ -1,0 +1,56 @@
+#pragma once
+
+#include <CLI/CLI.hpp>
+#include <charconv>
+#include <concepts>
+#include <string>
+#include <string_view>
+#include <system_error>
+
+#include "cli/text.hpp"
+
+/// Options that several verbs share.
+namespace broadcl::cli {
+
+/// Adds an option for a whole decimal number between two bounds, which are allowed.
+template <std::unsigned_integral Number>
+void add_number(CLI::App& verb, const std::string& name, Number& value, Number lowest, Number highest,
+                const std::string& description) {
+  const auto parse = [name, lowest, highest, &value](const std::string& text) {
+    const char* const last = text.data() + text.size();
+    const auto [end, error] = std::from_chars(text.data(), last, value);
+    if (error != std::errc() || end != last || value < lowest || value > highest) {
+      throw CLI::ValidationError(name, "'" + text + "' is not a whole number from " + std::to_string(lowest) +
+                                           " to " + std::to_string(highest));
+    }
+  };
+  verb.add_option_function<std::string>(name, parse, description)
+      ->type_name("N")
+      ->default_str(std::to_string(value));
+}
+
+/// Adds an option for a name of a table. Names are one line, so that errors which quote them are.
+inline CLI::Option* add_name(CLI::App& verb, const std::string& name, std::string& value,
+                             const std::string& description) {
+  return verb.add_option(name, value, description)
+      ->transform([](const std::string& text) { return one_line(text); })
+      ->type_name("NAME")
+      ->capture_default_str();
+}
+
+inline void add_device(CLI::App& verb, std::string& device) {
+  add_name(verb, "--device", device,
+           "P:D as 'broadcl devices' lists them, gpu, cpu, accelerator, or a part of a name; "
+           "else BROADCL_DEVICE, else the best GPU, else a CPU")
+      ->type_name("DEVICE");
+}
+
+/// A line of a table: a name and what there is to say of it.
+[[nodiscard]] inline std::string named_row(std::string_view name, std::string_view summary) {
+  constexpr std::size_t width = 18;
+  std::string row = "  " + std::string(name);
+  row.resize(row.size() < width ? width : row.size() + 1, ' ');
+  return row + std::string(summary) + "\n";
+}
+
+}  // namespace broadcl::cli

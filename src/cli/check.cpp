@@ -1,0 +1,138 @@
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <broadcl/broad_phase.hpp>
+#include <cstdint>
+#include <iostream>
+#include <iterator>
+#include <memory>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "cli/arguments.hpp"
+#include "cli/text.hpp"
+#include "cli/verbs.hpp"
+#include "scenes/generators.hpp"
+
+namespace broadcl::cli {
+namespace {
+
+using scenes::BoxScene;
+
+/// Inverted, so that it overlaps nothing: stands where an id is free.
+constexpr Aabb nowhere = {{1, 1, 1}, {-1, -1, -1}};
+
+std::vector<Pair> oracle(const std::vector<Aabb>& boxes) {
+  return overlapping_pairs(boxes, {.device = {}, .algorithm = "oracle"});
+}
+
+/// What is wrong with a list of pairs; none where it is as expected.
+std::optional<std::string> difference(const std::vector<Pair>& pairs, const std::vector<Pair>& expected) {
+  if (pairs == expected) return std::nullopt;
+  if (!std::is_sorted(pairs.begin(), pairs.end())) return "pairs out of order";
+  std::vector<Pair> missing;
+  std::vector<Pair> extra;
+  std::set_difference(expected.begin(), expected.end(), pairs.begin(), pairs.end(),
+                      std::back_inserter(missing));
+  std::set_difference(pairs.begin(), pairs.end(), expected.begin(), expected.end(),
+                      std::back_inserter(extra));
+  const Pair& first = missing.empty() ? extra.front() : missing.front();
+  return std::to_string(missing.size()) + " pairs missing, " + std::to_string(extra.size()) +
+         " extra, the first (" + std::to_string(first.a) + ", " + std::to_string(first.b) + ")";
+}
+
+/// Applies a delta to a sorted list of pairs. False where it removes what is not there or adds what is.
+bool apply_delta(const Delta& delta, std::vector<Pair>& pairs) {
+  if (!std::includes(pairs.begin(), pairs.end(), delta.removed.begin(), delta.removed.end())) return false;
+  std::vector<Pair> kept;
+  std::set_difference(pairs.begin(), pairs.end(), delta.removed.begin(), delta.removed.end(),
+                      std::back_inserter(kept));
+  pairs.clear();
+  std::merge(kept.begin(), kept.end(), delta.added.begin(), delta.added.end(), std::back_inserter(pairs));
+  return std::adjacent_find(pairs.begin(), pairs.end()) == pairs.end();
+}
+
+std::vector<BoxScene> still_scenes() {
+  std::vector<BoxScene> scenes;
+  for (const std::uint32_t count : {1U, 2U, 65U, 257U, 1000U, 3000U}) {
+    const std::vector<BoxScene> more = scenes::box_scenes(count);
+    scenes.insert(scenes.end(), more.begin(), more.end());
+  }
+  return scenes;
+}
+
+std::optional<std::string> check_still(const std::vector<BoxScene>& scenes,
+                                       const BroadPhase::Config& config) {
+  for (const BoxScene& scene : scenes) {
+    if (const auto wrong = difference(overlapping_pairs(scene.boxes, config), oracle(scene.boxes))) {
+      return "scene '" + scene.name + "' of " + std::to_string(scene.boxes.size()) + " boxes: " + *wrong;
+    }
+  }
+  return std::nullopt;
+}
+
+/// Moving boxes of which some leave and some come back in each frame.
+std::optional<std::string> check_moving(unsigned frames, const BroadPhase::Config& config) {
+  constexpr std::uint32_t count = 500;
+  constexpr std::uint32_t stride = 7;
+  BroadPhase broad_phase(config);
+  scenes::MovingBoxes scene(count, scenes::MovingBoxes::Sizes::mixed);
+  std::vector<std::optional<std::uint32_t>> ids(count);
+  std::vector<Pair> followed;
+  for (unsigned frame = 0; frame < frames; ++frame) {
+    std::vector<Aabb> boxes(count, nowhere);
+    for (std::uint32_t i = 0; i < count; ++i) {
+      const bool absent = i % stride == frame % stride;
+      if (absent && ids[i]) broad_phase.remove(*std::exchange(ids[i], std::nullopt));
+    }
+    for (std::uint32_t i = 0; i < count; ++i) {
+      const Aabb& box = scene.boxes()[i];
+      if (ids[i]) broad_phase.move(*ids[i], box);
+      if (!ids[i] && i % stride != frame % stride) ids[i] = broad_phase.add(box);
+      if (ids[i]) boxes.at(*ids[i]) = box;
+    }
+    const std::string where = "frame " + std::to_string(frame) + " of moving boxes: ";
+    const bool applied = apply_delta(broad_phase.update(), followed);
+    if (const auto wrong = difference(broad_phase.pairs(), oracle(boxes))) return where + *wrong;
+    if (!applied || followed != broad_phase.pairs()) return where + "the changes do not lead to its pairs";
+    scene.advance();
+  }
+  return std::nullopt;
+}
+
+Exit run(const std::string& selector) {
+  constexpr unsigned frames = 20;
+  const Device device = select_device(selector);
+  const std::vector<BoxScene> scenes = still_scenes();
+  std::cout << one_line(device.label()) << " (" << device.id() << ")\n";
+  bool works = true;
+  for (const AlgorithmInfo& algorithm : algorithms()) {
+    const BroadPhase::Config config = {.device = device.id(), .algorithm = std::string(algorithm.name)};
+    std::optional<std::string> wrong;
+    try {
+      wrong = check_still(scenes, config);
+      if (!wrong) wrong = check_moving(frames, config);
+    } catch (const Error& error) {
+      wrong = error.what();
+    }
+    works = works && !wrong;
+    std::cout << named_row(algorithm.name, wrong ? "WRONG: " + *wrong
+                                                 : "right in " + std::to_string(scenes.size()) +
+                                                       " scenes and " + std::to_string(frames) + " frames")
+              << std::flush;
+  }
+  std::cout << (works ? "BroadCL works here.\n" : "BroadCL does not work here.\n");
+  return works ? Exit::success : Exit::difference;
+}
+
+}  // namespace
+
+Verb add_check(CLI::App& program) {
+  auto device = std::make_shared<std::string>();
+  CLI::App* verb = program.add_subcommand("check", "Check every algorithm on a device against the oracle");
+  add_device(*verb, *device);
+  return {verb, [device] { return run(*device); }};
+}
+
+}  // namespace broadcl::cli

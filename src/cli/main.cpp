@@ -1,0 +1,69 @@
+#include <CLI/CLI.hpp>
+#include <array>
+#include <broadcl/error.hpp>
+#include <cstdio>
+#include <exception>
+#include <iostream>
+#include <new>
+#include <string>
+
+#include "cli/text.hpp"
+#include "cli/verbs.hpp"
+
+namespace broadcl::cli {
+namespace {
+
+/// What to ask for help: the verb where it is known.
+std::string help_hint(const CLI::App& program) {
+  const auto verbs = program.get_subcommands();
+  const std::string verb = verbs.empty() ? "" : verbs.front()->get_name() + " ";
+  return "; see 'broadcl " + verb + "--help'";
+}
+
+Exit run(int argc, const char* const* argv) {
+  CLI::App program("Broad-phase collision detection on OpenCL devices.", "broadcl");
+  program.set_version_flag("--version", "broadcl " BROADCL_VERSION);
+  program.require_subcommand(0, 1);
+  const std::array verbs = {add_devices(program), add_simulate(program), add_pairs(program),
+                            add_check(program)};
+  program.get_formatter()->label("SUBCOMMAND", "VERB");
+  for (const Verb& verb : verbs) verb.arguments->group("Verbs");
+  try {
+    program.parse(argc, argv);
+  } catch (const CLI::Success& request) {
+    program.exit(request);  // prints what --help or --version asked for
+    return Exit::success;
+  } catch (const CLI::ParseError& error) {
+    throw Error(one_line(error.what()) + help_hint(program));
+  }
+  for (const Verb& verb : verbs) {
+    if (verb.arguments->parsed()) return verb.run();
+  }
+  throw Error("a verb is missing: devices, simulate, pairs or check; see 'broadcl --help'");
+}
+
+Exit report(const char* error) noexcept {
+  std::fprintf(stderr, "broadcl: %s\n", error);
+  return Exit::failure;
+}
+
+Exit run_and_report(int argc, const char* const* argv) noexcept {
+  try {
+    const Exit result = run(argc, argv);
+    std::cout.flush();
+    return std::cout ? result : report("cannot write to standard output");
+  } catch (const std::bad_alloc&) {
+    return report("out of memory; try fewer objects or boxes");
+  } catch (const std::exception& error) {
+    return report(error.what());
+  } catch (...) {
+    return report("unknown error");
+  }
+}
+
+}  // namespace
+}  // namespace broadcl::cli
+
+int main(int argc, char** argv) {
+  return static_cast<int>(broadcl::cli::run_and_report(argc, argv));
+}

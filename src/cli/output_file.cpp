@@ -1,0 +1,68 @@
+#include "cli/output_file.hpp"
+
+#include <broadcl/error.hpp>
+#include <cerrno>
+#include <sstream>
+#include <system_error>
+
+#include "cli/text.hpp"
+#include "system.hpp"
+
+namespace broadcl::cli {
+
+namespace fs = std::filesystem;
+
+OutputFile::OutputFile(const fs::path& target) : name_(quoted(target)), target_(fs::absolute(target)) {
+  std::error_code ignored;
+  const fs::file_status status = fs::status(target, ignored);
+  if (fs::is_directory(status)) throw Error(name_ + " is a directory; name a file to write");
+  if (fs::exists(status)) {
+    file_.reset(std::fopen(target.string().c_str(), fs::is_regular_file(status) ? "r+b" : "wb"));
+    if (!file_) fail(errno);
+    if (!fs::is_regular_file(status)) return;
+  }
+  const fs::path resolved = fs::weakly_canonical(target_, ignored);
+  if (!resolved.empty()) target_ = resolved;
+  file_ = open_beside_target();
+  if (fs::exists(status)) fs::permissions(temporary_, status.permissions(), ignored);
+}
+
+OutputFile::~OutputFile() {
+  file_.reset();
+  std::error_code ignored;
+  if (!temporary_.empty()) fs::remove(temporary_, ignored);
+}
+
+void OutputFile::write(std::string_view bytes) {
+  if (std::fwrite(bytes.data(), 1, bytes.size(), file_.get()) != bytes.size()) fail(errno);
+}
+
+void OutputFile::commit() {
+  if (std::fclose(file_.release()) != 0) fail(errno);
+  if (temporary_.empty()) return;
+  std::error_code error;
+  fs::rename(temporary_, target_, error);
+  if (error) fail(error.value());
+  temporary_.clear();
+}
+
+OutputFile::File OutputFile::open_beside_target() {
+  for (unsigned number = 0;; ++number) {
+    std::ostringstream suffix;
+    suffix << '.' << process_id() << '.' << number << ".tmp";
+    fs::path candidate = target_;
+    candidate += suffix.str();
+    File file(std::fopen(candidate.string().c_str(), "wbx"));
+    if (file) {
+      temporary_ = std::move(candidate);
+      return file;
+    }
+    if (errno != EEXIST) fail(errno);
+  }
+}
+
+void OutputFile::fail(int error) const {
+  throw Error("cannot write " + name_ + ": " + std::generic_category().message(error));
+}
+
+}  // namespace broadcl::cli

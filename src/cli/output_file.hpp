@@ -1,0 +1,49 @@
+#pragma once
+
+#include <cstdio>
+#include <filesystem>
+#include <memory>
+#include <string>
+#include <string_view>
+
+namespace broadcl::cli {
+
+/// A file that appears whole or not at all: it is written beside its target and takes the target's name at
+/// commit(). A target that is no regular file, a pipe for instance, is written in place.
+class OutputFile {
+ public:
+  /// Finds out whether the target can be written, so that this is known before the work starts.
+  /// @throws Error where it cannot.
+  explicit OutputFile(const std::filesystem::path& target);
+  ~OutputFile();
+  OutputFile(const OutputFile&) = delete;
+  OutputFile& operator=(const OutputFile&) = delete;
+  OutputFile(OutputFile&&) = delete;
+  OutputFile& operator=(OutputFile&&) = delete;
+
+  /// @throws Error where the disk is full and the like.
+  void write(std::string_view bytes);
+
+  /// Puts the file in its place. Where it is not called, the target stays as it was.
+  /// @throws Error as write() does.
+  void commit();
+
+  /// The absolute path of the target, symbolic links resolved.
+  [[nodiscard]] const std::filesystem::path& target() const noexcept { return target_; }
+
+ private:
+  struct Close {
+    void operator()(std::FILE* file) const noexcept { std::fclose(file); }
+  };
+  using File = std::unique_ptr<std::FILE, Close>;
+
+  [[nodiscard]] File open_beside_target();
+  [[noreturn]] void fail(int error) const;
+
+  std::string name_;  // the target as it was given, for errors
+  std::filesystem::path target_;
+  std::filesystem::path temporary_;  // empty where there is none
+  File file_;
+};
+
+}  // namespace broadcl::cli

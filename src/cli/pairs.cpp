@@ -1,0 +1,86 @@
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <broadcl/broad_phase.hpp>
+#include <filesystem>
+#include <iostream>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+#include <system_error>
+#include <vector>
+
+#include "cli/arguments.hpp"
+#include "cli/npy.hpp"
+#include "cli/output_file.hpp"
+#include "cli/text.hpp"
+#include "cli/verbs.hpp"
+
+namespace broadcl::cli {
+namespace {
+
+struct Options {
+  std::string file;
+  std::string out;
+  BroadPhase::Config broad_phase;
+};
+
+/// The device that will be used; none for an algorithm of the host. One that was asked for must be there in
+/// any case.
+std::optional<Device> device_of(const BroadPhase::Config& config) {
+  const std::span<const AlgorithmInfo> table = algorithms();
+  const bool on_host = std::any_of(table.begin(), table.end(), [&](const AlgorithmInfo& algorithm) {
+    return algorithm.name == config.algorithm && !algorithm.on_device;
+  });
+  if (on_host && config.device.empty()) return std::nullopt;
+  const Device device = select_device(config.device);
+  return on_host ? std::nullopt : std::optional(device);
+}
+
+Exit run(const Options& options) {
+  const std::vector<Aabb> boxes = read_boxes(options.file);
+  std::optional<OutputFile> out;
+  if (!options.out.empty()) {
+    std::error_code ignored;
+    if (std::filesystem::equivalent(options.file, options.out, ignored)) {
+      throw Error("--out names the file of the boxes itself; name another");
+    }
+    out.emplace(options.out);
+  }
+  const std::optional<Device> device = device_of(options.broad_phase);
+  const std::vector<Pair> pairs = overlapping_pairs(boxes, options.broad_phase);
+  if (out) {
+    out->write(to_npy(pairs));
+    out->commit();
+  }
+  std::cout << pairs.size() << " overlapping pairs of " << boxes.size() << " boxes ("
+            << options.broad_phase.algorithm << " on " << (device ? one_line(device->label()) : "the host")
+            << ")\n";
+  return Exit::success;
+}
+
+}  // namespace
+
+Verb add_pairs(CLI::App& program) {
+  auto options = std::make_shared<Options>();
+  CLI::App* verb = program.add_subcommand("pairs", "Find all overlapping pairs of an array of boxes");
+  verb->add_option(
+          "FILE", options->file,
+          "NumPy array (.npy) of shape (n, 6), a row a box: min x, y, z, max x, y, z; float32, or float64, "
+          "which is rounded outward")
+      ->required()
+      ->type_name("");
+  add_name(*verb, "--algorithm", options->broad_phase.algorithm, "How pairs are found; see below");
+  add_device(*verb, options->broad_phase.device);
+  verb->add_option(
+          "--out", options->out,
+          "Where to write the pairs: .npy, shape (m, 2), uint32, a row the numbers a < b of two boxes, in "
+          "order of b, then of a")
+      ->type_name("FILE");
+  std::string footer = "Algorithms:\n";
+  for (const AlgorithmInfo& algorithm : algorithms()) footer += named_row(algorithm.name, algorithm.summary);
+  verb->footer(footer);
+  return {verb, [options] { return run(*options); }};
+}
+
+}  // namespace broadcl::cli

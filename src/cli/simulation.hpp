@@ -1,0 +1,48 @@
+#pragma once
+
+#include <broadcl/device.hpp>
+#include <cstddef>
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "scenes/scenario.hpp"
+
+/// What `broadcl simulate` is asked for and what it finds.
+namespace broadcl::cli {
+
+struct SimulationConfig {
+  scenes::Scenario::Config scenario{.name = "mixed-sizes"};
+  std::uint32_t frames = 2048;
+  std::string broadphase = "gpu-bf";  ///< A name of scenes::broadphases().
+  std::string device;                 ///< As select_device() takes it.
+  bool verify = false;                ///< Compare every frame with the oracle.
+};
+
+/// How the frames compare with the oracle. Broad phases that are not exact may have extra pairs.
+struct Verdict {
+  bool exact = false;       ///< Extra pairs are wrong.
+  std::size_t missing = 0;  ///< Pairs, the sum over all frames.
+  std::size_t extra = 0;
+  std::optional<std::uint32_t> first_wrong_frame;
+};
+
+/// A value a frame each; times in milliseconds.
+struct SimulationResult {
+  std::vector<double> update;
+  std::vector<double> broad_phase;
+  std::vector<double> total;
+  std::vector<std::size_t> pairs;
+  std::optional<Device> device;  ///< None where the broad phase runs on the host.
+  std::optional<Verdict> verdict;
+};
+
+/// A row a frame: frame,update_ms,broad_phase_ms,total_ms,pairs.
+[[nodiscard]] std::string csv_report(const SimulationResult& result);
+/// The configuration and the summary.
+[[nodiscard]] std::string json_report(const SimulationConfig& config, const SimulationResult& result);
+/// The summary for people.
+[[nodiscard]] std::string table_report(const SimulationConfig& config, const SimulationResult& result);
+
+}  // namespace broadcl::cli

@@ -1,0 +1,92 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <array>
+#include <cstdint>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "scenes/random.hpp"
+
+namespace broadcl::scenes {
+
+/// A row of the table of scenarios.
+struct ScenarioInfo {
+  std::string_view name;
+  std::string_view summary;  ///< One line for people.
+};
+
+/// The range of the edges of a class of objects: factors of an ordinary object's edge.
+struct SizeClass {
+  float lower;
+  float upper;
+};
+
+/// Small, average and large: a third of the objects each.
+inline constexpr std::array<SizeClass, 3> mixed_sizes{{{0.1F, 0.4F}, {0.8F, 1.2F}, {1.6F, 4.0F}}};
+
+/// The four scenarios of Serpa and Rodrigues, "Parallelizing Broad Phase Collision Detection for Animation in
+/// Games: A Performance Comparison of CPU and GPU Algorithms", SBGames 2014: objects in a cubic container
+/// that fall, are agitated, or are thrown about by a rotating gravity.
+///
+/// This is the script of a run, free of any physics engine: where objects start, and what gravity and the
+/// velocities do at each frame. Metres, seconds, kilograms; y is up; the container is centred at the origin.
+/// The same configuration gives the same script on every machine.
+class Scenario {
+ public:
+  struct Config {
+    std::string name;              ///< A name of list().
+    std::uint32_t objects = 1250;  ///< 1 to max_objects.
+    std::uint64_t seed = 1;
+    bool spheres = false;  ///< Spheres of the same extent in place of cubes.
+  };
+  struct Object {
+    Eigen::Vector3f position;  ///< Of the centre, at frame 0. No two objects overlap there.
+    Eigen::Vector3f velocity;  ///< At frame 0.
+    float edge;                ///< Edge of the cube, or diameter of the sphere.
+  };
+  /// A new velocity for an object.
+  struct Kick {
+    std::uint32_t object;
+    Eigen::Vector3f velocity;
+  };
+
+  /// @throws broadcl::Error for an unknown name (it lists the known ones) and for zero or too many objects.
+  explicit Scenario(const Config& config);
+
+  /// The table of scenarios.
+  [[nodiscard]] static std::span<const ScenarioInfo> list() noexcept;
+
+  [[nodiscard]] const Config& config() const noexcept { return config_; }
+  [[nodiscard]] std::span<const Object> objects() const noexcept { return objects_; }
+  /// Inner edge of the container.
+  [[nodiscard]] float container_edge() const noexcept { return container_edge_; }
+  /// Gravity of the current frame.
+  [[nodiscard]] const Eigen::Vector3f& gravity() const noexcept { return gravity_; }
+  /// Velocities to set before the current frame is simulated.
+  [[nodiscard]] std::span<const Kick> kicks() const noexcept { return kicks_; }
+  /// Whether gravity changes from frame to frame, so that nothing may sleep through it.
+  [[nodiscard]] bool gravity_rotates() const noexcept { return rotates_; }
+  /// Goes to the next frame. Frame 0 is current after construction.
+  void advance();
+
+  static constexpr float frame_seconds = 1.0F / 30.0F;
+  static constexpr std::uint32_t max_objects = 1U << 24;
+
+ private:
+  void draw_kicks();
+
+  Config config_;
+  Random random_;
+  std::vector<Object> objects_;
+  std::vector<Kick> kicks_;
+  float container_edge_ = 0;
+  Eigen::Vector3f gravity_;
+  Eigen::Matrix3d axes_;  // the columns are e1, e2, e3 of the rotating gravity
+  bool agitates_ = false;
+  bool rotates_ = false;
+};
+
+}  // namespace broadcl::scenes

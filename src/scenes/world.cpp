@@ -1,0 +1,207 @@
+#include "scenes/world.hpp"
+
+#include <BulletCollision/BroadphaseCollision/btBroadphaseInterface.h>
+#include <BulletCollision/CollisionDispatch/btCollisionDispatcher.h>
+#include <BulletCollision/CollisionDispatch/btDefaultCollisionConfiguration.h>
+#include <BulletCollision/CollisionShapes/btBoxShape.h>
+#include <BulletCollision/CollisionShapes/btSphereShape.h>
+#include <BulletDynamics/ConstraintSolver/btSequentialImpulseConstraintSolver.h>
+#include <BulletDynamics/Dynamics/btDiscreteDynamicsWorld.h>
+#include <BulletDynamics/Dynamics/btRigidBody.h>
+
+#include <algorithm>
+#include <chrono>
+#include <map>
+#include <numbers>
+#include <vector>
+
+namespace broadcl::scenes {
+namespace {
+
+template <class Function>
+double seconds(Function&& function) {
+  const auto start = std::chrono::steady_clock::now();
+  function();
+  return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+}
+
+btVector3 to_bullet(const Eigen::Vector3f& v) {
+  return {v.x(), v.y(), v.z()};
+}
+
+Eigen::Vector3f to_eigen(const btVector3& v) {
+  return {v.x(), v.y(), v.z()};
+}
+
+class TimedWorld final : public btDiscreteDynamicsWorld {
+ public:
+  using btDiscreteDynamicsWorld::btDiscreteDynamicsWorld;
+
+  void updateAabbs() override {
+    update_seconds_ = seconds([this] { btDiscreteDynamicsWorld::updateAabbs(); });
+  }
+
+  void computeOverlappingPairs() override {
+    broad_phase_seconds_ = seconds([this] { btDiscreteDynamicsWorld::computeOverlappingPairs(); });
+  }
+
+  [[nodiscard]] double update_seconds() const { return update_seconds_; }
+  [[nodiscard]] double broad_phase_seconds() const { return broad_phase_seconds_; }
+
+ private:
+  double update_seconds_ = 0;
+  double broad_phase_seconds_ = 0;
+};
+
+struct RemoveAll final : btOverlapCallback {
+  bool processOverlap(btBroadphasePair& /*pair*/) override { return true; }
+};
+
+/// Half a wall is more than what falls across the container travels in a frame.
+float wall_thickness(const Scenario& scenario) {
+  return std::max(20.0F, scenario.container_edge() / 4);
+}
+
+}  // namespace
+
+class World::Impl {
+ public:
+  Impl(const Scenario::Config& config, btBroadphaseInterface& broadphase)
+      : scenario_(config), dispatcher_(&config_), world_(&dispatcher_, &broadphase, &solver_, &config_) {
+    world_.setGravity(to_bullet(scenario_.gravity()));
+    add_walls();
+    for (const Scenario::Object& object : scenario_.objects()) add_object(object);
+  }
+
+  ~Impl() {
+    // Destroying one proxy searches all pairs for its own: quick only where there are none.
+    RemoveAll remove_all;
+    world_.getPairCache()->processAllOverlappingPairs(&remove_all, &dispatcher_);
+  }
+  Impl(const Impl&) = delete;
+  Impl& operator=(const Impl&) = delete;
+  Impl(Impl&&) = delete;
+  Impl& operator=(Impl&&) = delete;
+
+  FrameTimes step() {
+    if (scenario_.gravity_rotates()) {
+      // The gravity of a world reaches only the bodies that are awake.
+      for (std::size_t k = walls; k < bodies_.size(); ++k) bodies_[k]->activate();
+      world_.setGravity(to_bullet(scenario_.gravity()));
+    }
+    for (const Scenario::Kick& kick : scenario_.kicks()) {
+      btRigidBody& body = *bodies_[walls + kick.object];
+      body.activate();
+      body.setLinearVelocity(to_bullet(kick.velocity));
+    }
+    const double total = seconds([this] { world_.stepSimulation(Scenario::frame_seconds, 0); });
+    scenario_.advance();
+    return {.update = world_.update_seconds(), .broad_phase = world_.broad_phase_seconds(), .total = total};
+  }
+
+  [[nodiscard]] const Scenario& scenario() const noexcept { return scenario_; }
+  [[nodiscard]] btDiscreteDynamicsWorld& bullet() noexcept { return world_; }
+  [[nodiscard]] const btDiscreteDynamicsWorld& bullet() const noexcept { return world_; }
+  [[nodiscard]] const btRigidBody& object(std::size_t k) const { return *bodies_[walls + k]; }
+
+ private:
+  void add_walls() {
+    const float inner = scenario_.container_edge() / 2;
+    const float thickness = wall_thickness(scenario_);
+    const Eigen::Vector3f outer = Eigen::Vector3f::Constant(inner + thickness);
+    for (int axis = 0; axis < 3; ++axis) {
+      Eigen::Vector3f half_extents = outer;
+      half_extents[axis] = thickness / 2;
+      btCollisionShape& shape = own(std::make_unique<btBoxShape>(to_bullet(half_extents)));
+      const Eigen::Vector3f centre = Eigen::Vector3f::Unit(axis) * (inner + thickness / 2);
+      for (const float side : {-1.0F, 1.0F}) add_body(shape, 0, centre * side);
+    }
+  }
+
+  void add_object(const Scenario::Object& object) {
+    const bool sphere = scenario_.config().spheres;
+    const float volume =
+        object.edge * object.edge * object.edge * (sphere ? std::numbers::pi_v<float> / 6 : 1);
+    btRigidBody& body = add_body(shape_for(object.edge), volume, object.position);
+    body.setLinearVelocity(to_bullet(object.velocity));
+  }
+
+  btCollisionShape& shape_for(float edge) {
+    const auto [entry, is_new] = shape_by_edge_.try_emplace(edge, nullptr);
+    if (is_new) {
+      const float half = edge / 2;
+      if (scenario_.config().spheres) {
+        entry->second = &own(std::make_unique<btSphereShape>(half));
+      } else {
+        entry->second = &own(std::make_unique<btBoxShape>(btVector3(half, half, half)));
+      }
+    }
+    return *entry->second;
+  }
+
+  btCollisionShape& own(std::unique_ptr<btCollisionShape> shape) {
+    shapes_.push_back(std::move(shape));
+    return *shapes_.back();
+  }
+
+  /// Static where the mass is zero.
+  btRigidBody& add_body(btCollisionShape& shape, float mass, const Eigen::Vector3f& position) {
+    btVector3 inertia(0, 0, 0);
+    if (mass > 0) shape.calculateLocalInertia(mass, inertia);
+    btRigidBody::btRigidBodyConstructionInfo info(mass, nullptr, &shape, inertia);
+    info.m_startWorldTransform.setOrigin(to_bullet(position));
+    bodies_.push_back(std::make_unique<btRigidBody>(info));
+    world_.addRigidBody(bodies_.back().get());
+    return *bodies_.back();
+  }
+
+  // The world goes first: it still needs everything above it.
+  Scenario scenario_;
+  btDefaultCollisionConfiguration config_;
+  btCollisionDispatcher dispatcher_;
+  btSequentialImpulseConstraintSolver solver_;
+  std::vector<std::unique_ptr<btCollisionShape>> shapes_;
+  std::map<float, btCollisionShape*> shape_by_edge_;
+  std::vector<std::unique_ptr<btRigidBody>> bodies_;
+  TimedWorld world_;
+};
+
+World::World(const Scenario::Config& config, btBroadphaseInterface& broadphase)
+    : impl_(std::make_unique<Impl>(config, broadphase)) {}
+
+World::~World() = default;
+
+float World::outer_edge(const Scenario& scenario) {
+  return scenario.container_edge() + 2 * wall_thickness(scenario);
+}
+
+FrameTimes World::step() {
+  return impl_->step();
+}
+
+const Scenario& World::scenario() const noexcept {
+  return impl_->scenario();
+}
+
+btDiscreteDynamicsWorld& World::bullet() noexcept {
+  return impl_->bullet();
+}
+
+std::size_t World::pair_count() const {
+  const btBroadphaseInterface* broadphase = impl_->bullet().getBroadphase();
+  return static_cast<std::size_t>(broadphase->getOverlappingPairCache()->getNumOverlappingPairs());
+}
+
+Eigen::Vector3f World::position(std::size_t object) const {
+  return to_eigen(impl_->object(object).getCenterOfMassPosition());
+}
+
+Eigen::AlignedBox3f World::box(std::size_t object) const {
+  btVector3 lower;
+  btVector3 upper;
+  impl_->bullet().getBroadphase()->getAabb(
+      const_cast<btBroadphaseProxy*>(impl_->object(object).getBroadphaseHandle()), lower, upper);
+  return {to_eigen(lower), to_eigen(upper)};
+}
+
+}  // namespace broadcl::scenes

@@ -1,0 +1,60 @@
+#pragma once
+
+#include <Eigen/Geometry>
+#include <cstddef>
+#include <memory>
+
+#include "scenes/scenario.hpp"
+
+class btBroadphaseInterface;
+class btDiscreteDynamicsWorld;
+
+namespace broadcl::scenes {
+
+/// Wall-clock seconds of one frame, measured the same way for every broad phase.
+struct FrameTimes {
+  double update;  ///< btCollisionWorld::updateAabbs(): every object's box computed and handed to setAabb().
+  double broad_phase;  ///< btCollisionWorld::computeOverlappingPairs().
+  double total;        ///< The whole stepSimulation(), collision response included.
+};
+
+/// A Bullet rigid-body world in which a scenario is simulated: the objects, and six static walls around the
+/// container. Default friction, restitution 0, mass = volume, sleeping on.
+///
+/// The walls are 20 m thick, or a quarter of the container's edge where that is more: at 50 g objects cross
+/// several metres a frame, so they sink into a wall that far before it pushes them back.
+class World {
+ public:
+  static constexpr std::size_t walls = 6;
+  /// Edge of the cube that the container and its walls fill.
+  [[nodiscard]] static float outer_edge(const Scenario& scenario);
+
+  /// @param broadphase Not owned; must outlive the world.
+  World(const Scenario::Config& config, btBroadphaseInterface& broadphase);
+  ~World();
+  World(const World&) = delete;
+  World& operator=(const World&) = delete;
+  World(World&&) = delete;
+  World& operator=(World&&) = delete;
+
+  /// Simulates one frame: the script's gravity and kicks, then stepSimulation(1/30 s, 0), in which one broad
+  /// phase runs.
+  FrameTimes step();
+
+  [[nodiscard]] const Scenario& scenario() const noexcept;
+  /// For what this interface leaves out. The first six collision objects are the walls, then come the objects
+  /// in order.
+  [[nodiscard]] btDiscreteDynamicsWorld& bullet() noexcept;
+  /// Number of pairs in the pair cache.
+  [[nodiscard]] std::size_t pair_count() const;
+  /// Centre of an object.
+  [[nodiscard]] Eigen::Vector3f position(std::size_t object) const;
+  /// Box of an object, as the broad phase has it.
+  [[nodiscard]] Eigen::AlignedBox3f box(std::size_t object) const;
+
+ private:
+  class Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace broadcl::scenes

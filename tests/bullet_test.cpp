@@ -1,0 +1,305 @@
+#include <broadcl/bullet.hpp>
+
+#include <algorithm>
+#include <limits>
+#include <memory>
+#include <random>
+#include <set>
+
+#include <btBulletDynamicsCommon.h>
+#include <gtest/gtest.h>
+
+namespace broadcl {
+namespace {
+
+constexpr int all_bits = -1;
+using IdPairs = std::set<std::pair<int, int>>;
+
+/// A broad phase with Bullet's dispatcher around it.
+class Bullet : public ::testing::Test {
+ protected:
+  btBroadphaseProxy* create(const btVector3& lower, const btVector3& upper, int group = 1,
+                            int mask = all_bits) {
+    return broadphase_.createProxy(lower, upper, BOX_SHAPE_PROXYTYPE, nullptr, group, mask, &dispatcher_);
+  }
+  btBroadphaseProxy* create_unit(float x, int group = 1, int mask = all_bits) {
+    return create({x, 0, 0}, {x + 1, 1, 1}, group, mask);
+  }
+  void calculate() { broadphase_.calculateOverlappingPairs(&dispatcher_); }
+  IdPairs pairs() {
+    IdPairs result;
+    const btBroadphasePairArray& array = broadphase_.getOverlappingPairCache()->getOverlappingPairArray();
+    for (int k = 0; k < array.size(); ++k) {
+      EXPECT_LT(array[k].m_pProxy0->m_uniqueId, array[k].m_pProxy1->m_uniqueId);
+      EXPECT_TRUE(result.emplace(array[k].m_pProxy0->m_uniqueId, array[k].m_pProxy1->m_uniqueId).second);
+    }
+    return result;
+  }
+
+  btDefaultCollisionConfiguration configuration_;
+  btCollisionDispatcher dispatcher_{&configuration_};
+  BulletBroadphase broadphase_;
+};
+
+TEST_F(Bullet, ProxiesCarryWhatTheyWereGiven) {
+  int client = 0;
+  btBroadphaseProxy* proxy =
+      broadphase_.createProxy({0, 1, 2}, {3, 4, 5}, 0, &client, 1 << 20, 1 << 30, nullptr);
+  ASSERT_NE(proxy, nullptr);
+  EXPECT_EQ(proxy->m_clientObject, &client);
+  EXPECT_EQ(proxy->m_collisionFilterGroup, 1 << 20);
+  EXPECT_EQ(proxy->m_collisionFilterMask, 1 << 30);
+  EXPECT_EQ(proxy->m_aabbMin, btVector3(0, 1, 2));
+  broadphase_.setAabb(proxy, {6, 7, 8}, {9, 10, 11}, nullptr);
+  btVector3 lower;
+  btVector3 upper;
+  broadphase_.getAabb(proxy, lower, upper);
+  EXPECT_EQ(lower, btVector3(6, 7, 8));
+  EXPECT_EQ(upper, btVector3(9, 10, 11));
+  broadphase_.destroyProxy(proxy, nullptr);
+}
+
+TEST_F(Bullet, PairsComeAndGoWithTheBoxes) {
+  create_unit(0);
+  btBroadphaseProxy* mover = create_unit(1);
+  create_unit(5);
+  calculate();
+  EXPECT_EQ(pairs(), (IdPairs{{0, 1}})) << "touching counts";
+  broadphase_.setAabb(mover, {3, 0, 0}, {4, 1, 1}, &dispatcher_);
+  broadphase_.setAabb(mover, {4.5, 0, 0}, {5.5, 1, 1}, &dispatcher_);
+  calculate();
+  EXPECT_EQ(pairs(), (IdPairs{{1, 2}})) << "the last of several moves wins";
+}
+
+TEST_F(Bullet, GroupsAndMasksFilterBothWays) {
+  create_unit(0, 1, 2);
+  create_unit(0, 2, 1);
+  create_unit(0, 2, 4);
+  create_unit(0, 4, 2);
+  create_unit(0, static_cast<int>(0x80000000U), static_cast<int>(0x80000000U));
+  create_unit(0, static_cast<int>(0x80000000U), static_cast<int>(0x80000000U));
+  calculate();
+  EXPECT_EQ(pairs(), (IdPairs{{0, 1}, {2, 3}, {4, 5}}));
+}
+
+TEST_F(Bullet, AFilterChangedByARefreshTakesEffect) {
+  btBroadphaseProxy* first = create_unit(0);
+  create_unit(0);
+  calculate();
+  EXPECT_EQ(pairs().size(), 1U);
+  broadphase_.destroyProxy(first, &dispatcher_);
+  EXPECT_TRUE(pairs().empty());
+  first = create_unit(0, 1, 0);
+  EXPECT_EQ(first->m_uniqueId, 0) << "ids are reused";
+  calculate();
+  EXPECT_TRUE(pairs().empty());
+  broadphase_.destroyProxy(first, &dispatcher_);
+  create_unit(0);
+  calculate();
+  EXPECT_EQ(pairs().size(), 1U);
+}
+
+TEST_F(Bullet, DestroyingEndsPairsAtOnceAndReuseBringsNewOnes) {
+  std::vector<btBroadphaseProxy*> proxies;
+  for (int k = 0; k < 20; ++k) proxies.push_back(create_unit(0));
+  calculate();
+  EXPECT_EQ(pairs().size(), 190U);
+  for (int k = 0; k < 10; ++k) broadphase_.destroyProxy(proxies[static_cast<std::size_t>(k)], &dispatcher_);
+  EXPECT_EQ(pairs().size(), 45U);
+  for (int k = 0; k < 5; ++k) create_unit(0);
+  EXPECT_EQ(pairs().size(), 45U) << "pairs form in the calculation";
+  calculate();
+  EXPECT_EQ(pairs().size(), 105U);
+}
+
+class CountingAlgorithm : public btCollisionAlgorithm {
+ public:
+  explicit CountingAlgorithm(int& deaths) : deaths_(deaths) {}
+  ~CountingAlgorithm() override { ++deaths_; }
+  CountingAlgorithm(const CountingAlgorithm&) = delete;
+  CountingAlgorithm& operator=(const CountingAlgorithm&) = delete;
+  CountingAlgorithm(CountingAlgorithm&&) = delete;
+  CountingAlgorithm& operator=(CountingAlgorithm&&) = delete;
+  void processCollision(const btCollisionObjectWrapper* /*a*/, const btCollisionObjectWrapper* /*b*/,
+                        const btDispatcherInfo& /*info*/, btManifoldResult* /*result*/) override {}
+  btScalar calculateTimeOfImpact(btCollisionObject* /*a*/, btCollisionObject* /*b*/,
+                                 const btDispatcherInfo& /*info*/, btManifoldResult* /*result*/) override {
+    return 1;
+  }
+  void getAllContactManifolds(btManifoldArray& /*manifolds*/) override {}
+
+ private:
+  int& deaths_;
+};
+
+TEST_F(Bullet, APairThatStaysKeepsItsAlgorithmAndIsFreedOnce) {
+  create_unit(0);
+  btBroadphaseProxy* mover = create_unit(0.5);
+  calculate();
+  int deaths = 0;
+  btBroadphasePair* pair = broadphase_.getOverlappingPairCache()->getOverlappingPairArrayPtr();
+  pair->m_algorithm =
+      new (dispatcher_.allocateCollisionAlgorithm(sizeof(CountingAlgorithm))) CountingAlgorithm(deaths);
+  btCollisionAlgorithm* algorithm = pair->m_algorithm;
+  broadphase_.setAabb(mover, {0.7F, 0, 0}, {1.7F, 1, 1}, &dispatcher_);
+  create_unit(0);
+  calculate();
+  pair = broadphase_.getOverlappingPairCache()->getOverlappingPairArrayPtr();
+  EXPECT_EQ(pair->m_algorithm, algorithm);
+  EXPECT_EQ(deaths, 0);
+  broadphase_.setAabb(mover, {7, 0, 0}, {8, 1, 1}, &dispatcher_);
+  calculate();
+  EXPECT_EQ(deaths, 1);
+}
+
+TEST_F(Bullet, ABadBoxHurtsItsOwnerOnly) {
+  const float nan_value = std::numeric_limits<float>::quiet_NaN();
+  create_unit(0);
+  btBroadphaseProxy* bad = create({nan_value, 0, 0}, {1, 1, 1});
+  btBroadphaseProxy* inverted = create({1, 1, 1}, {0, 0, 0});
+  create_unit(0.5);
+  calculate();
+  EXPECT_EQ(pairs(), (IdPairs{{0, 3}}));
+  broadphase_.setAabb(bad, {0, 0, 0}, {1, 1, 1}, &dispatcher_);
+  broadphase_.setAabb(inverted, {0, 0, 0}, {1, 1, 1}, &dispatcher_);
+  calculate();
+  EXPECT_EQ(pairs().size(), 6U);
+  broadphase_.setAabb(bad, {0, 0, 0}, {1, nan_value, 1}, &dispatcher_);
+  calculate();
+  EXPECT_EQ(pairs().size(), 3U);
+}
+
+TEST_F(Bullet, PlanesAndInfiniteBoundsMeetEverything) {
+  const float infinity = std::numeric_limits<float>::infinity();
+  create({-1e18F, -1e18F, -1e18F}, {1e18F, 1e18F, 1e18F});
+  create({-infinity, -infinity, -infinity}, {infinity, infinity, infinity});
+  create_unit(1e6F);
+  calculate();
+  EXPECT_EQ(pairs().size(), 3U);
+}
+
+TEST_F(Bullet, TheUnionOfAllBoxes) {
+  btVector3 lower;
+  btVector3 upper;
+  broadphase_.getBroadphaseAabb(lower, upper);
+  EXPECT_EQ(lower, btVector3(0, 0, 0));
+  EXPECT_EQ(upper, btVector3(0, 0, 0));
+  create_unit(-3);
+  create({2, 3, 4}, {5, 6, 7});
+  create({1, 1, 1}, {-99, -99, -99});
+  broadphase_.getBroadphaseAabb(lower, upper);
+  EXPECT_EQ(lower, btVector3(-3, 0, 0));
+  EXPECT_EQ(upper, btVector3(5, 6, 7));
+}
+
+TEST(BulletCache, AUsersOwnIsUsedAndLeftAlive) {
+  btHashedOverlappingPairCache cache;
+  {
+    BulletBroadphase broadphase({}, &cache);
+    EXPECT_EQ(broadphase.getOverlappingPairCache(), &cache);
+    broadphase.createProxy({0, 0, 0}, {1, 1, 1}, 0, nullptr, 1, all_bits, nullptr);
+    broadphase.createProxy({0, 0, 0}, {1, 1, 1}, 0, nullptr, 1, all_bits, nullptr);
+    broadphase.calculateOverlappingPairs(nullptr);
+    EXPECT_EQ(cache.getNumOverlappingPairs(), 1);
+  }
+  EXPECT_EQ(cache.getNumOverlappingPairs(), 1);
+}
+
+/// The same objects in a world on some broad phase.
+class QueryWorld {
+ public:
+  explicit QueryWorld(btBroadphaseInterface& broadphase)
+      : world_(&dispatcher_, &broadphase, &configuration_) {
+    std::mt19937 random(11);
+    std::uniform_real_distribution<float> position(-10, 10);
+    for (int k = 0; k < 300; ++k) {
+      objects_.push_back(std::make_unique<btCollisionObject>());
+      objects_.back()->setCollisionShape(&shape_);
+      const float x = position(random);
+      const float y = position(random);
+      objects_.back()->getWorldTransform().setOrigin({x, y, position(random)});
+      objects_.back()->setUserIndex(k);
+      world_.addCollisionObject(objects_.back().get());
+    }
+  }
+  ~QueryWorld() {
+    for (const auto& object : objects_) world_.removeCollisionObject(object.get());
+  }
+  QueryWorld(const QueryWorld&) = delete;
+  QueryWorld& operator=(const QueryWorld&) = delete;
+  QueryWorld(QueryWorld&&) = delete;
+  QueryWorld& operator=(QueryWorld&&) = delete;
+
+  /// Indices of the objects that a ray hits.
+  [[nodiscard]] std::multiset<int> hits(const btVector3& from, const btVector3& to) const {
+    btCollisionWorld::AllHitsRayResultCallback callback(from, to);
+    world_.rayTest(from, to, callback);
+    std::multiset<int> result;
+    for (int k = 0; k < callback.m_collisionObjects.size(); ++k) {
+      result.insert(callback.m_collisionObjects[k]->getUserIndex());
+    }
+    return result;
+  }
+
+  [[nodiscard]] const std::vector<std::unique_ptr<btCollisionObject>>& objects() const { return objects_; }
+
+ private:
+  btDefaultCollisionConfiguration configuration_;
+  btCollisionDispatcher dispatcher_{&configuration_};
+  btBoxShape shape_{{0.5F, 0.7F, 0.9F}};
+  std::vector<std::unique_ptr<btCollisionObject>> objects_;
+  btCollisionWorld world_;
+};
+
+class BulletQueries : public ::testing::Test {
+ protected:
+  BulletBroadphase broadphase_;
+  QueryWorld world_{broadphase_};
+};
+
+TEST_F(BulletQueries, RaysHitWhatTheyHitOnBulletsTreeWithoutACalculation) {
+  btDbvtBroadphase tree;
+  const QueryWorld expected(tree);
+  std::mt19937 random(12);
+  std::uniform_real_distribution<float> position(-14, 14);
+  std::size_t hits = 0;
+  for (int k = 0; k < 300; ++k) {
+    const btVector3 from(position(random), position(random), position(random));
+    btVector3 to(position(random), position(random), position(random));
+    if (k % 3 == 0) to = {from.x(), from.y(), to.z()};
+    const std::multiset<int> ours = world_.hits(from, to);
+    EXPECT_EQ(ours, expected.hits(from, to));
+    hits += ours.size();
+  }
+  EXPECT_GT(hits, 300U);
+}
+
+TEST_F(BulletQueries, BoxesReportEachProxyThatTouchesOnce) {
+  struct Collector : btBroadphaseAabbCallback {
+    bool process(const btBroadphaseProxy* proxy) override {
+      found.push_back(proxy);
+      return true;
+    }
+    std::vector<const btBroadphaseProxy*> found;
+  };
+  const btVector3 lower(-3, -4, -5);
+  const btVector3 upper(2, 3, 4);
+  Collector collector;
+  broadphase_.aabbTest(lower, upper, collector);
+  std::vector<const btBroadphaseProxy*> expected;
+  for (const auto& object : world_.objects()) {
+    const btBroadphaseProxy* proxy = object->getBroadphaseHandle();
+    if (TestAabbAgainstAabb2(lower, upper, proxy->m_aabbMin, proxy->m_aabbMax)) expected.push_back(proxy);
+  }
+  EXPECT_GT(expected.size(), 5U);
+  EXPECT_TRUE(
+      std::is_permutation(collector.found.begin(), collector.found.end(), expected.begin(), expected.end()));
+
+  Collector touching;
+  const btBroadphaseProxy* first = world_.objects().front()->getBroadphaseHandle();
+  broadphase_.aabbTest(first->m_aabbMax, first->m_aabbMax, touching);
+  EXPECT_NE(std::find(touching.found.begin(), touching.found.end(), first), touching.found.end());
+}
+
+}  // namespace
+}  // namespace broadcl

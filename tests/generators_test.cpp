@@ -1,0 +1,302 @@
+#include "scenes/generators.hpp"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <array>
+#include <broadcl/broad_phase.hpp>
+#include <cmath>
+#include <cstddef>
+#include <limits>
+#include <set>
+
+#include "scenes/scenario.hpp"
+
+namespace broadcl::scenes {
+namespace {
+
+using Sizes = MovingBoxes::Sizes;
+
+double overlaps_per_box(std::span<const Aabb> boxes) {
+  const std::vector<Pair> pairs = overlapping_pairs(boxes, {.device = {}, .algorithm = "oracle"});
+  return 2.0 * static_cast<double>(pairs.size()) / static_cast<double>(boxes.size());
+}
+
+Eigen::Vector3f centre(const Aabb& box) {
+  return (Eigen::Vector3f(box.lower.data()) + Eigen::Vector3f(box.upper.data())) / 2;
+}
+
+Eigen::Vector3f extent(const Aabb& box) {
+  return Eigen::Vector3f(box.upper.data()) - Eigen::Vector3f(box.lower.data());
+}
+
+float uniform_edge(double count) {
+  return static_cast<float>(1 - std::sqrt(1 - std::cbrt(4 / count)));
+}
+
+/// A scene by its name.
+std::vector<Aabb> scene(const std::string& name) {
+  for (BoxScene& scene : box_scenes(400)) {
+    if (scene.name == name) return std::move(scene.boxes);
+  }
+  ADD_FAILURE() << "no scene is named " << name;
+  return {};
+}
+
+/// How many boxes of a scene have a property.
+template <class Predicate>
+std::ptrdiff_t count(const std::string& name, Predicate&& predicate) {
+  const std::vector<Aabb> boxes = scene(name);
+  return std::count_if(boxes.begin(), boxes.end(), predicate);
+}
+
+/// How many bounds in a scene have a property.
+template <class Predicate>
+std::ptrdiff_t count_bounds(const std::string& name, Predicate&& predicate) {
+  std::ptrdiff_t total = 0;
+  for (const Aabb& box : scene(name)) {
+    total += std::count_if(box.lower.begin(), box.lower.end(), predicate);
+    total += std::count_if(box.upper.begin(), box.upper.end(), predicate);
+  }
+  return total;
+}
+
+TEST(MovingBoxes, OverlapAboutFourOthersWhereSizesAreUniform) {
+  MovingBoxes boxes(3500, Sizes::uniform);
+  EXPECT_NEAR(overlaps_per_box(boxes.boxes()), 4, 0.3);
+  for (int frame = 0; frame < 100; ++frame) boxes.advance();
+  EXPECT_NEAR(overlaps_per_box(boxes.boxes()), 4, 0.3);
+}
+
+TEST(MovingBoxes, OverlapAboutTwentyOthersWhereSizesAreMixed) {
+  MovingBoxes boxes(3500, Sizes::mixed);
+  EXPECT_NEAR(overlaps_per_box(boxes.boxes()), 20, 2);
+  for (int frame = 0; frame < 100; ++frame) boxes.advance();
+  EXPECT_NEAR(overlaps_per_box(boxes.boxes()), 20, 2);
+}
+
+TEST(MovingBoxes, HaveAThirdOfEachSizeWhereMixed) {
+  const MovingBoxes boxes(3500, Sizes::mixed);
+  std::array<int, 3> count_by_class{};
+  for (const Aabb& box : boxes.boxes()) {
+    const float factor = extent(box).x() / uniform_edge(3500);
+    const auto* size_class = std::find_if(mixed_sizes.begin(), mixed_sizes.end(), [&](const SizeClass& c) {
+      return factor >= c.lower - 1e-3F && factor <= c.upper + 1e-3F;
+    });
+    ASSERT_NE(size_class, mixed_sizes.end()) << factor;
+    ++count_by_class.at(static_cast<std::size_t>(size_class - mixed_sizes.begin()));
+  }
+  EXPECT_THAT(count_by_class, testing::Each(testing::AllOf(testing::Ge(1166), testing::Le(1167))));
+}
+
+class EachSizes : public testing::TestWithParam<Sizes> {};
+
+TEST_P(EachSizes, StayBetweenReflectingWalls) {
+  constexpr std::size_t n = 500;
+  const float step = uniform_edge(n) / 10;
+  MovingBoxes boxes(n, GetParam());
+  std::vector<Aabb> before(boxes.boxes().begin(), boxes.boxes().end());
+  int reflections = 0;
+  for (int frame = 0; frame < 300; ++frame) {
+    boxes.advance();
+    for (std::size_t k = 0; k < n; ++k) {
+      const Eigen::Vector3f now = centre(boxes.boxes()[k]);
+      ASSERT_GE(now.minCoeff(), -1e-5F);
+      ASSERT_LE(now.maxCoeff(), 1 + 1e-5F);
+      ASSERT_TRUE(extent(boxes.boxes()[k]).isApprox(extent(before[k]), 1e-3F));
+      const float moved = (now - centre(before[k])).norm();
+      if (moved < step - 1e-5F) ++reflections;
+      ASSERT_LT(moved, step + 1e-5F);
+    }
+    before.assign(boxes.boxes().begin(), boxes.boxes().end());
+  }
+  EXPECT_GT(reflections, 500);
+  EXPECT_LT(reflections, 300 * 500 / 10);
+}
+
+TEST_P(EachSizes, MoveInStraightLinesInAllDirections) {
+  MovingBoxes boxes(3500, GetParam());
+  const std::vector<Aabb> first(boxes.boxes().begin(), boxes.boxes().end());
+  boxes.advance();
+  const std::vector<Aabb> second(boxes.boxes().begin(), boxes.boxes().end());
+  boxes.advance();
+  Eigen::Vector3f mean = Eigen::Vector3f::Zero();
+  int straight = 0;
+  for (std::size_t k = 0; k < first.size(); ++k) {
+    const Eigen::Vector3f step = centre(second[k]) - centre(first[k]);
+    const Eigen::Vector3f next = centre(boxes.boxes()[k]) - centre(second[k]);
+    mean += step.normalized() / 3500;
+    if (step.isApprox(next, 1e-3F)) ++straight;
+  }
+  EXPECT_GT(straight, 3400);
+  EXPECT_LT(mean.norm(), 0.05F);
+}
+
+TEST_P(EachSizes, FollowFromTheirSeed) {
+  MovingBoxes s(100, GetParam(), 3);
+  MovingBoxes t(100, GetParam(), 3);
+  const MovingBoxes other(100, GetParam(), 4);
+  EXPECT_FALSE(std::equal(s.boxes().begin(), s.boxes().end(), other.boxes().begin()));
+  for (int frame = 0; frame < 10; ++frame) {
+    EXPECT_TRUE(std::equal(s.boxes().begin(), s.boxes().end(), t.boxes().begin()));
+    s.advance();
+    t.advance();
+  }
+}
+
+TEST_P(EachSizes, ExistInAnyNumber) {
+  for (const std::uint32_t n : {0U, 1U, 2U, 5U}) {
+    MovingBoxes boxes(n, GetParam());
+    boxes.advance();
+    EXPECT_EQ(boxes.boxes().size(), n);
+    for (const Aabb& box : boxes.boxes()) EXPECT_FALSE(is_empty(box));
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(MovingBoxes, EachSizes, testing::Values(Sizes::uniform, Sizes::mixed),
+                         [](const auto& test) { return test.param == Sizes::uniform ? "uniform" : "mixed"; });
+
+TEST(BoxScenes, HaveDistinctNamesAndTheSizeAskedFor) {
+  for (const std::uint32_t n : {0U, 1U, 2U, 33U, 400U}) {
+    std::set<std::string> names;
+    for (const BoxScene& scene : box_scenes(n)) {
+      EXPECT_EQ(scene.boxes.size(), n) << scene.name;
+      EXPECT_TRUE(names.insert(scene.name).second) << scene.name;
+    }
+  }
+}
+
+TEST(BoxScenes, HoldNoNan) {
+  for (const BoxScene& scene : box_scenes(400)) {
+    EXPECT_TRUE(std::none_of(scene.boxes.begin(), scene.boxes.end(), has_nan)) << scene.name;
+  }
+}
+
+TEST(BoxScenes, FollowFromTheirSeed) {
+  const std::vector<BoxScene> s = box_scenes(50, 1);
+  const std::vector<BoxScene> t = box_scenes(50, 1);
+  const std::vector<BoxScene> other = box_scenes(50, 2);
+  ASSERT_EQ(s.size(), t.size());
+  for (std::size_t k = 0; k < s.size(); ++k) EXPECT_EQ(s[k].boxes, t[k].boxes) << s[k].name;
+  EXPECT_NE(s.front().boxes, other.front().boxes);
+}
+
+TEST(BoxScenes, HavePairsAndBoxesApart) {
+  for (const BoxScene& scene : box_scenes(400)) {
+    const double overlaps = overlaps_per_box(scene.boxes);
+    EXPECT_GT(overlaps, 0) << scene.name;
+    if (scene.name == "identical" || scene.name == "all-overlapping") {
+      EXPECT_EQ(overlaps, 399) << scene.name;
+    } else {
+      EXPECT_LT(overlaps, 398) << scene.name;
+    }
+  }
+}
+
+TEST(BoxScenes, HoldPoints) {
+  EXPECT_GT(count("points", [](const Aabb& box) { return box.lower == box.upper; }), 100);
+  std::set<std::array<float, 3>> places;
+  for (const Aabb& box : scene("points")) {
+    if (box.lower == box.upper) places.insert(box.lower);
+  }
+  EXPECT_LT(places.size(), 190U) << "no two points coincide";
+}
+
+TEST(BoxScenes, HoldIdenticalBoxes) {
+  const std::vector<Aabb> boxes = scene("identical");
+  EXPECT_THAT(boxes, testing::Each(boxes.front()));
+}
+
+TEST(BoxScenes, HoldTouchingAndAlmostTouchingBoxes) {
+  const std::vector<Aabb> touching = scene("touching");
+  EXPECT_TRUE(overlaps(touching[0], touching[1]));
+  EXPECT_EQ(touching[0].upper[0], touching[1].lower[0]);
+  const std::vector<Aabb> apart = scene("almost-touching");
+  EXPECT_FALSE(overlaps(apart[0], apart[1]));
+  EXPECT_EQ(std::nextafter(apart[0].upper[0], 2.0F), apart[1].lower[0]);
+}
+
+TEST(BoxScenes, HoldFlatAndLineLikeSets) {
+  EXPECT_EQ(count("flat", [](const Aabb& box) { return box.lower[1] == 3 && box.upper[1] == 3; }), 400);
+  EXPECT_EQ(
+      count("line",
+            [](const Aabb& box) { return box.lower[0] == box.upper[0] && box.lower[2] == box.upper[2]; }),
+      400);
+  EXPECT_EQ(count("needles", [](const Aabb& box) { return extent(box).maxCoeff() == 100; }), 400);
+}
+
+TEST(BoxScenes, HoldEmptyBoxesInsideOthers) {
+  EXPECT_GT(count("empty", is_empty), 150);
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    EXPECT_GT(count("empty",
+                    [&](const Aabb& box) {
+                      return is_empty(box) && std::isfinite(box.lower[0]) &&
+                             box.lower[axis] > box.upper[axis];
+                    }),
+              10);
+  }
+  EXPECT_GT(count("empty", [](const Aabb& box) { return std::isinf(box.lower[0]); }), 10);
+}
+
+TEST(BoxScenes, HoldInfiniteBounds) {
+  constexpr float infinity = std::numeric_limits<float>::infinity();
+  const auto any_axis = [](const Aabb& box, float lower, float upper) {
+    bool any = false;
+    for (std::size_t axis = 0; axis < 3; ++axis) any |= box.lower[axis] == lower && box.upper[axis] == upper;
+    return any;
+  };
+  EXPECT_EQ(count("infinite", is_empty), 0);
+  EXPECT_GT(count("infinite", [&](const Aabb& box) { return any_axis(box, -infinity, infinity); }), 10);
+  EXPECT_GT(count("infinite", [&](const Aabb& box) { return any_axis(box, infinity, infinity); }), 10);
+  EXPECT_GT(count("infinite", [&](const Aabb& box) { return any_axis(box, -infinity, -infinity); }), 10);
+  EXPECT_EQ(count("infinite", [&](const Aabb& box) { return extent(box).minCoeff() == infinity; }), 1);
+}
+
+TEST(BoxScenes, HoldHugeBounds) {
+  constexpr float largest = std::numeric_limits<float>::max();
+  const auto is = [](float magnitude) { return [=](float bound) { return std::abs(bound) == magnitude; }; };
+  EXPECT_GT(count_bounds("huge-1e18", is(1e18F)), 100);
+  EXPECT_GT(count_bounds("huge-1e30", is(1e30F)), 100);
+  EXPECT_GT(count_bounds("huge-flt-max", is(largest)), 100);
+  for (const char* name : {"huge-1e18", "huge-1e30", "huge-flt-max"}) {
+    EXPECT_EQ(count(name, is_empty), 0);
+    EXPECT_EQ(count_bounds(name, [](float bound) { return std::isinf(bound); }), 0);
+  }
+}
+
+TEST(BoxScenes, HoldDenormalsThatAreNotAllZero) {
+  EXPECT_EQ(count_bounds("denormal", [](float bound) { return std::isnormal(bound); }), 0);
+  EXPECT_GT(count_bounds("denormal", [](float bound) { return bound != 0; }), 2000);
+}
+
+TEST(BoxScenes, HoldZerosOfBothSigns) {
+  const auto is_zero = [](bool negative) {
+    return [=](float bound) { return bound == 0 && std::signbit(bound) == negative; };
+  };
+  EXPECT_GT(count_bounds("negative-zero", is_zero(true)), 100);
+  EXPECT_GT(count_bounds("negative-zero", is_zero(false)), 100);
+}
+
+TEST(BoxScenes, HoldCoordinatesFarFromTheOrigin) {
+  EXPECT_EQ(count_bounds("far-from-origin", [](float bound) { return bound >= 1e7F; }), 2400);
+}
+
+TEST(BoxScenes, HoldOneBoxAroundAll) {
+  const std::vector<Aabb> boxes = scene("one-around-all");
+  EXPECT_EQ(count("one-around-all",
+                  [&](const Aabb& box) {
+                    return std::all_of(boxes.begin(), boxes.end(),
+                                       [&](const Aabb& other) { return overlaps(box, other); });
+                  }),
+            1);
+}
+
+TEST(BoxScenes, HoldClustersFarApart) {
+  EXPECT_EQ(count("clusters", [](const Aabb& box) { return box.lower[0] < 2; }), 100);
+  EXPECT_EQ(count("clusters", [](const Aabb& box) { return box.lower[0] > 2999 && box.upper[0] < 3002; }),
+            100);
+}
+
+}  // namespace
+}  // namespace broadcl::scenes

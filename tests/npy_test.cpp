@@ -1,0 +1,252 @@
+#include "cli/npy.hpp"
+
+#include <gtest/gtest.h>
+
+#include <bit>
+#include <broadcl/error.hpp>
+#include <cmath>
+#include <cstdint>
+#include <limits>
+#include <ostream>
+#include <sstream>
+#include <string>
+#include <vector>
+
+namespace broadcl::cli {
+namespace {
+
+const std::string float_rows = "{'descr': '<f4', 'fortran_order': False, 'shape': (2, 6), }";
+
+std::string little_endian(std::uint64_t value, std::size_t size) {
+  std::string bytes;
+  for (std::size_t i = 0; i < size; ++i) bytes += static_cast<char>((value >> (8 * i)) & 0xff);
+  return bytes;
+}
+
+std::string bytes_of(float value) {
+  return little_endian(std::bit_cast<std::uint32_t>(value), 4);
+}
+
+std::string bytes_of(double value) {
+  return little_endian(std::bit_cast<std::uint64_t>(value), 8);
+}
+
+template <class Number>
+std::string bytes_of(const std::vector<Number>& values) {
+  std::string bytes;
+  for (const Number value : values) bytes += bytes_of(value);
+  return bytes;
+}
+
+template <class Number>
+std::string swapped_bytes_of(const std::vector<Number>& values) {
+  std::string bytes;
+  for (const Number value : values) {
+    const std::string number = bytes_of(value);
+    bytes.append(number.rbegin(), number.rend());
+  }
+  return bytes;
+}
+
+/// A file of a format version.
+std::string npy(const std::string& header, const std::string& data, unsigned version = 1) {
+  return "\x93NUMPY" + little_endian(version, 2) + little_endian(header.size(), version == 1 ? 2 : 4) +
+         header + data;
+}
+
+std::vector<Aabb> read(const std::string& file) {
+  std::istringstream stream(file);
+  return read_boxes(stream);
+}
+
+/// The text of the error that a file gives, empty where it gives none.
+std::string error_of(const std::string& file) {
+  try {
+    (void)read(file);
+  } catch (const Error& error) {
+    return error.what();
+  }
+  return "";
+}
+
+const std::vector<float> two_rows = {0, 1, 2, 3, 4, 5, -6, -5, -4, -3, -2, -1};
+const std::vector<Aabb> two_boxes = {{{0, 1, 2}, {3, 4, 5}}, {{-6, -5, -4}, {-3, -2, -1}}};
+
+TEST(NpyRead, Float32) {
+  EXPECT_EQ(read(npy(float_rows, bytes_of(two_rows))), two_boxes);
+}
+
+TEST(NpyRead, EveryFormatVersion) {
+  for (const unsigned version : {1U, 2U, 3U}) {
+    EXPECT_EQ(read(npy(float_rows, bytes_of(two_rows), version)), two_boxes) << version;
+  }
+}
+
+TEST(NpyRead, BigEndian) {
+  const std::string header = "{'descr': '>f4', 'fortran_order': False, 'shape': (2, 6), }";
+  EXPECT_EQ(read(npy(header, swapped_bytes_of(two_rows))), two_boxes);
+  const std::string header64 = "{'descr': '>f8', 'fortran_order': False, 'shape': (2, 6), }";
+  const std::vector<double> rows(two_rows.begin(), two_rows.end());
+  EXPECT_EQ(read(npy(header64, swapped_bytes_of(rows))), two_boxes);
+}
+
+TEST(NpyRead, FortranOrder) {
+  const std::vector<float> by_columns = {0, -6, 1, -5, 2, -4, 3, -3, 4, -2, 5, -1};
+  const std::string header = "{'descr': '<f4', 'fortran_order': True, 'shape': (2, 6), }";
+  EXPECT_EQ(read(npy(header, bytes_of(by_columns))), two_boxes);
+}
+
+TEST(NpyRead, Float64RoundsOutward) {
+  const std::string header = "{'descr': '<f8', 'fortran_order': False, 'shape': (1, 6), }";
+  const auto boxes = read(npy(header, bytes_of(std::vector<double>{0.1, -0.1, 0.5, 0.1, 0.2, 1e300})));
+  ASSERT_EQ(boxes.size(), 1U);
+  for (const double lower : {0.1, -0.1, 0.5}) {
+    const std::size_t axis = lower == 0.1 ? 0 : lower == -0.1 ? 1 : 2;
+    EXPECT_LE(static_cast<double>(boxes[0].lower.at(axis)), lower);
+    EXPECT_GT(static_cast<double>(std::nextafter(boxes[0].lower.at(axis), 2.0F)), lower);
+  }
+  EXPECT_GE(static_cast<double>(boxes[0].upper[0]), 0.1);
+  EXPECT_LT(static_cast<double>(std::nextafter(boxes[0].upper[0], 0.0F)), 0.1);
+  EXPECT_EQ(boxes[0].lower[2], 0.5F);
+  EXPECT_EQ(boxes[0].upper[2], std::numeric_limits<float>::infinity());
+}
+
+TEST(NpyRead, NoBoxes) {
+  EXPECT_TRUE(read(npy("{'descr': '<f4', 'fortran_order': False, 'shape': (0, 6), }", "")).empty());
+}
+
+TEST(NpyRead, KeysInAnyOrderAndAnySpacing) {
+  const std::string header = "{ \"shape\":(2,6,),'fortran_order' :False , 'descr': \"<f4\"}   \n";
+  EXPECT_EQ(read(npy(header, bytes_of(two_rows))), two_boxes);
+}
+
+TEST(NpyRead, InfiniteAndInvertedBoxesAreLegal) {
+  constexpr float infinity = std::numeric_limits<float>::infinity();
+  const std::vector<float> rows = {-infinity, 0, 0, infinity, 1, 1, 1, 1, 1, 0, 0, 0};
+  const std::vector<Aabb> expected = {{{-infinity, 0, 0}, {infinity, 1, 1}}, {{1, 1, 1}, {0, 0, 0}}};
+  EXPECT_EQ(read(npy(float_rows, bytes_of(rows))), expected);
+}
+
+TEST(NpyRead, ManyRows) {
+  constexpr std::size_t count = 100'000;  // more than is read at once
+  std::vector<float> values(6 * count);
+  for (std::size_t i = 0; i < values.size(); ++i) values[i] = static_cast<float>(i);
+  const std::string header = "{'descr': '<f4', 'fortran_order': False, 'shape': (100000, 6), }";
+  const std::vector<Aabb> boxes = read(npy(header, bytes_of(values)));
+  ASSERT_EQ(boxes.size(), count);
+  for (std::size_t i = 0; i < count; ++i) {
+    const auto first = static_cast<float>(6 * i);
+    ASSERT_EQ(boxes[i], (Aabb{{first, first + 1, first + 2}, {first + 3, first + 4, first + 5}})) << i;
+  }
+}
+
+struct BadFile {
+  std::string name;
+  std::string file;
+  std::string message;  ///< Part of the error.
+
+  friend std::ostream& operator<<(std::ostream& stream, const BadFile& bad) { return stream << bad.name; }
+};
+
+class NpyBadFile : public testing::TestWithParam<BadFile> {};
+
+TEST_P(NpyBadFile, GetsItsMessage) {
+  const std::string error = error_of(GetParam().file);
+  EXPECT_NE(error.find(GetParam().message), std::string::npos) << "the error was: " << error;
+  EXPECT_EQ(error.find('\n'), std::string::npos);
+}
+
+std::string with_header(const std::string& header) {
+  return npy(header, bytes_of(two_rows));
+}
+
+std::string with_dtype(const std::string& dtype) {
+  return with_header("{'descr': " + dtype + ", 'fortran_order': False, 'shape': (2, 6), }");
+}
+
+std::string with_shape(const std::string& shape) {
+  return with_header("{'descr': '<f4', 'fortran_order': False, 'shape': " + shape + ", }");
+}
+
+std::string with_nan(std::size_t position) {
+  std::vector<float> rows = two_rows;
+  rows.at(position) = std::numeric_limits<float>::quiet_NaN();
+  return npy(float_rows, bytes_of(rows));
+}
+
+std::vector<BadFile> bad_files() {
+  const std::string good = npy(float_rows, bytes_of(two_rows));
+  return {
+      {"Empty", "", "magic bytes"},
+      {"Text", "0 0 0 1 1 1\n", "magic bytes"},
+      {"Zip", "PK\3\4 and so on", "magic bytes"},
+      {"Version4", npy(float_rows, bytes_of(two_rows), 4), "format version"},
+      {"Version1Minor1", "\x93NUMPY\1\1" + good.substr(8), "format version"},
+      {"CutAfterMagic", good.substr(0, 6), "cut within its header"},
+      {"CutInLength", good.substr(0, 9), "cut within its header"},
+      {"CutInHeader", good.substr(0, 40), "cut within its header"},
+      {"CutBeforeData", good.substr(0, 10 + float_rows.size()), "needs 48 bytes of data, it has 0"},
+      {"CutInData", good.substr(0, good.size() - 1), "needs 48 bytes of data, it has 47"},
+      {"TrailingByte", good + "x", "bytes follow"},
+      {"HugeHeader", "\x93NUMPY" + little_endian(2, 2) + little_endian(0xffffffff, 4) + "{",
+       "4294967295 bytes"},
+      {"NoDictionary", with_header("[1, 2]"), "'{' is missing"},
+      {"EmptyHeader", with_header(""), "'{' is missing"},
+      {"OpenDictionary", with_header("{'descr': '<f4'"), "'}' is missing"},
+      {"OpenString", with_header("{'descr: "), "a string does not end"},
+      {"NoValue", with_header("{'descr'}"), "':' is missing"},
+      {"NoShape", with_header("{'descr': '<f4', 'fortran_order': False, }"), "'shape' is missing"},
+      {"UnknownKey", with_header("{'descr': '<f4', 'colour': 'red'}"), "'colour'"},
+      {"KeyTwice", with_header("{'descr': '<f4', 'descr': '<f4'}"), "there twice"},
+      {"LineBreakInKey", with_header("{'a\nb': '<f4'}"), "'a b'"},
+      {"SomethingFollows", with_header(float_rows + " 1"), "follows the dictionary"},
+      {"OrderIsANumber", with_header("{'descr': '<f4', 'fortran_order': 0, 'shape': (2, 6)}"),
+       "neither True"},
+      {"Integers", with_dtype("'<i4'"), "dtype is '<i4'"},
+      {"Half", with_dtype("'<f2'"), "dtype is '<f2'"},
+      {"Object", with_dtype("'|O'"), "dtype is '|O'"},
+      {"EmptyDtype", with_dtype("''"), "dtype is ''"},
+      {"Records", with_dtype("[('x', '<f4')]"), "records"},
+      {"DtypeIsANumber", with_dtype("4"), "a string is missing"},
+      {"OneDimension", with_shape("(12,)"), "shape is (12,)"},
+      {"NoDimension", with_shape("()"), "shape is ()"},
+      {"ThreeDimensions", with_shape("(2, 2, 3)"), "shape is (2, 2, 3)"},
+      {"FiveColumns", with_shape("(2, 5)"), "shape is (2, 5)"},
+      {"RowsAndColumnsSwapped", with_shape("(6, 2)"), "shape is (6, 2)"},
+      {"NegativeShape", with_shape("(-2, 6)"), "not a tuple"},
+      {"FractionalShape", with_shape("(2.5, 6)"), "not a tuple"},
+      {"ShapeWithoutComma", with_shape("(2 6)"), "not a tuple"},
+      {"ShapeIsANumber", with_shape("(12)"), "not a tuple"},
+      {"ShapeIsOpen", with_header("{'descr': '<f4', 'fortran_order': False, 'shape': (2, 6"), "not a tuple"},
+      {"ShapeIsNoTuple", with_shape("12"), "'(' is missing"},
+      {"MoreRowsThanThereAre", with_shape("(4294967295, 6)"), "needs 103079215080 bytes"},
+      {"MoreRowsThanIds", with_shape("(4294967296, 6)"), "too large"},
+      {"SizeOverflows", with_shape("(3074457345618258604, 6)"), "too large"},
+      {"RowsOverflow", with_shape("(99999999999999999999, 6)"), "too large"},
+      {"NanInFirstRow", with_nan(0), "row 0 "},
+      {"NanInLastColumn", with_nan(11), "row 1 "},
+  };
+}
+
+INSTANTIATE_TEST_SUITE_P(All, NpyBadFile, testing::ValuesIn(bad_files()),
+                         [](const auto& test) { return test.param.name; });
+
+TEST(NpyWrite, HeaderIsAsNumpyWritesIt) {
+  const std::string file = to_npy(std::vector<Pair>{{0, 1}, {0x01020304, 0x05060708}});
+  EXPECT_EQ(file.substr(0, 8), std::string("\x93NUMPY\1\0", 8));
+  const std::size_t length = static_cast<unsigned char>(file[8]) + 256U * static_cast<unsigned char>(file[9]);
+  EXPECT_EQ((10 + length) % 64, 0U);
+  const std::string header = file.substr(10, length);
+  EXPECT_TRUE(header.starts_with("{'descr': '<u4', 'fortran_order': False, 'shape': (2, 2), } ")) << header;
+  EXPECT_EQ(header.back(), '\n');
+  EXPECT_EQ(file.substr(10 + length), std::string("\0\0\0\0\1\0\0\0\4\3\2\1\10\7\6\5", 16));
+}
+
+TEST(NpyWrite, NoPairs) {
+  const std::string file = to_npy({});
+  EXPECT_EQ(file.size() % 64, 0U);
+  EXPECT_NE(file.find("(0, 2)"), std::string::npos);
+}
+
+}  // namespace
+}  // namespace broadcl::cli
