@@ -146,7 +146,8 @@ TEST(Scenario, SizesTheContainerByTheVolumeOfTheObjects) {
 
 TEST(Scenario, GivesEqualSizesInAllButMixedSizes) {
   for (const char* name : {"free-fall", "agitated", "rolling-gravity"}) {
-    for (const Scenario::Object& object : Scenario({.name = name}).objects()) ASSERT_EQ(object.edge, 1);
+    const Scenario scenario({.name = name});
+    for (const Scenario::Object& object : scenario.objects()) ASSERT_EQ(object.edge, 1);
   }
 }
 

@@ -161,6 +161,16 @@ TEST(World, FallsAsGravitySays) {
   EXPECT_TRUE(world.position(0).isApprox(start.position + velocity * dt, 1e-5F));
 }
 
+TEST(World, GivesAKickedObjectItsVelocity) {
+  btDbvtBroadphase tree;
+  World world({.name = "agitated", .objects = 1}, tree);
+  const Eigen::Vector3f start = world.position(0);
+  const float dt = Scenario::frame_seconds;
+  const Eigen::Vector3f velocity = world.scenario().kicks()[0].velocity + Eigen::Vector3f(0, -9.798F * dt, 0);
+  world.step();
+  EXPECT_TRUE(world.position(0).isApprox(start + velocity * dt, 1e-5F));
+}
+
 class EachShape : public testing::TestWithParam<bool> {};
 
 TEST_P(EachShape, HasTheExtentAndTheMassOfItsObject) {

@@ -248,14 +248,14 @@ std::vector<BoxScene> box_scenes(std::uint32_t count, std::uint64_t seed) {
   return scenes;
 }
 
-MovingBoxes::MovingBoxes(std::uint32_t count, Sizes sizes, std::uint64_t seed) {
+MovingBoxes::MovingBoxes(std::uint32_t count, Sizes sizes, std::uint64_t seed)
+    : edge_(edge_for_four_overlaps(count)) {
   Random random(seed);
-  const float edge = edge_for_four_overlaps(count);
   for (std::uint32_t k = 0; k < count; ++k) {
     const SizeClass& factors = sizes == Sizes::mixed ? mixed_sizes[k % mixed_sizes.size()] : SizeClass{1, 1};
-    half_edges_.push_back(edge / 2 * random.uniform(factors.lower, factors.upper));
+    half_edges_.push_back(edge_ / 2 * random.uniform(factors.lower, factors.upper));
     centres_.push_back(random.vector(0, 1));
-    steps_.emplace_back(direction(random) * (edge / 10));
+    steps_.emplace_back(direction(random) * (edge_ / 10));
   }
   random.shuffle(std::span(half_edges_));
   boxes_.resize(count);

@@ -35,6 +35,8 @@ class MovingBoxes {
   MovingBoxes(std::uint32_t count, Sizes sizes, std::uint64_t seed = 1);
 
   [[nodiscard]] std::span<const Aabb> boxes() const noexcept { return boxes_; }
+  /// The edge s.
+  [[nodiscard]] float edge() const noexcept { return edge_; }
   /// Goes to the next frame.
   void advance();
 
@@ -45,6 +47,7 @@ class MovingBoxes {
   std::vector<Eigen::Vector3f> centres_;
   std::vector<Eigen::Vector3f> steps_;
   std::vector<float> half_edges_;
+  float edge_;
 };
 
 }  // namespace broadcl::scenes
