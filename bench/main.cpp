@@ -4,6 +4,7 @@
 // frame/NAME/SCENE/N     a frame through Bullet's interface in which every box moves: setAabb for each, from
 // ordinary
 //                        memory, then calculateOverlappingPairs
+#include <array>
 #include <cstdint>
 #include <exception>
 #include <memory>
@@ -30,8 +31,8 @@ struct Scene {
   const char* name;
   MovingBoxes::Sizes sizes;
 };
-constexpr Scene scene_list[] = {{"uniform", MovingBoxes::Sizes::uniform},
-                                {"mixed", MovingBoxes::Sizes::mixed}};
+constexpr std::array scene_list{Scene{"uniform", MovingBoxes::Sizes::uniform},
+                                Scene{"mixed", MovingBoxes::Sizes::mixed}};
 
 void time_kernel(benchmark::State& state, const AlgorithmInfo& algorithm, std::uint32_t n) {
   BroadPhase broad_phase({.algorithm = std::string(algorithm.name), .profile = true});
@@ -69,9 +70,10 @@ void time_frame(benchmark::State& state, const std::string& name, const Scene& s
   btDefaultCollisionConfiguration configuration;
   btCollisionDispatcher dispatcher(&configuration);
   std::vector<btBroadphaseProxy*> proxies;
+  // Bullet's brute force passes over proxies without a client.
   for (const Bounds& box : scaled(boxes)) {
     proxies.push_back(
-        broadphase->createProxy(box.lower, box.upper, BOX_SHAPE_PROXYTYPE, nullptr, 1, -1, &dispatcher));
+        broadphase->createProxy(box.lower, box.upper, BOX_SHAPE_PROXYTYPE, &state, 1, -1, &dispatcher));
   }
   broadphase->calculateOverlappingPairs(&dispatcher);
   for ([[maybe_unused]] auto _ : state) {

@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
-"""bench/plot.py OUT.svg RESULT.json [RESULT.json ...]: draws frame times over the number of boxes, a panel a device.
+"""bench/plot.py OUT.svg RESULT.json [RESULT.json ...]: draws frame times over the number of boxes, a panel a device,
+and prints them as tables in Markdown.
 
 Needs matplotlib (Debian, Ubuntu: apt install python3-matplotlib). The results are those of `scripts/bench`.
 """
@@ -27,17 +28,28 @@ def read(path):
     return result["context"]["device"], series
 
 
+def print_table(device, series):
+    sizes = sorted({boxes for points in series.values() for boxes, _ in points})
+    print(f"| {device}, {SCENE} sizes, ms | " + " | ".join(f"{n:,}" for n in sizes) + " |")
+    print("| --- |" + " ---: |" * len(sizes))
+    for name, points in series.items():
+        times = dict(points)
+        print(f"| `{name}` | " + " | ".join(f"{times[n] / 1000:.3g}" if n in times else "" for n in sizes) + " |")
+    print()
+
+
 def main():
     if len(sys.argv) < 3:
         sys.exit(__doc__)
     results = [read(path) for path in sys.argv[2:]]
     figure, axes = plt.subplots(1, len(results), figsize=(5.5 * len(results), 3.8), sharey=True, squeeze=False)
     for (device, series), panel in zip(results, axes[0]):
+        print_table(device, series)
         for name, points in series.items():
             boxes, times = zip(*sorted(points))
             panel.plot(boxes, [t / 1000 for t in times], STYLES.get(name, "-"), marker="o", markersize=3, label=name,
                        linewidth=1.5 if name in STYLES else 2.5)
-        panel.set(title=device, xlabel="boxes, all moving, mixed sizes", xscale="log", yscale="log")
+        panel.set(title=device.split(" / ")[-1], xlabel="boxes, all moving, mixed sizes", xscale="log", yscale="log")
         panel.grid(alpha=0.3)
     axes[0][0].set_ylabel("one frame, ms")
     axes[0][0].legend()

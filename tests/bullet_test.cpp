@@ -100,8 +100,8 @@ TEST_F(Bullet, AFilterChangedByARefreshTakesEffect) {
 }
 
 TEST_F(Bullet, DestroyingEndsPairsAtOnceAndReuseBringsNewOnes) {
-  std::vector<btBroadphaseProxy*> proxies;
-  for (int k = 0; k < 20; ++k) proxies.push_back(create_unit(0));
+  std::vector<btBroadphaseProxy*> proxies(20);
+  for (btBroadphaseProxy*& proxy : proxies) proxy = create_unit(0);
   calculate();
   EXPECT_EQ(pairs().size(), 190U);
   for (int k = 0; k < 10; ++k) broadphase_.destroyProxy(proxies[static_cast<std::size_t>(k)], &dispatcher_);

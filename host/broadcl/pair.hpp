@@ -16,7 +16,7 @@ struct Pair {
 
   friend constexpr bool operator==(const Pair&, const Pair&) = default;
   friend constexpr std::strong_ordering operator<=>(const Pair& s, const Pair& t) noexcept {
-    if (const auto by_b = s.b <=> t.b; by_b != 0) return by_b;
+    if (const auto by_b = s.b <=> t.b; std::is_neq(by_b)) return by_b;
     return s.a <=> t.a;
   }
 };

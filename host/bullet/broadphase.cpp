@@ -2,6 +2,7 @@
 #include <BulletCollision/BroadphaseCollision/btOverlappingPairCache.h>
 #include <LinearMath/btAabbUtil2.h>
 
+#include <array>
 #include <cstdint>
 #include <limits>
 #include <memory>
@@ -128,10 +129,10 @@ void BulletBroadphase::rayTest(const btVector3& rayFrom, const btVector3& /*rayT
                                btBroadphaseRayCallback& rayCallback, const btVector3& aabbMin,
                                const btVector3& aabbMax) {
   impl_->for_each_proxy([&](const Proxy& proxy) {
-    const btVector3 bounds[2] = {proxy.m_aabbMin - aabbMax, proxy.m_aabbMax - aabbMin};
+    const std::array bounds{proxy.m_aabbMin - aabbMax, proxy.m_aabbMax - aabbMin};
     btScalar hit = 1;
     if (!is_empty(proxy) && btRayAabb2(rayFrom, rayCallback.m_rayDirectionInverse, rayCallback.m_signs,
-                                       bounds, hit, 0, rayCallback.m_lambda_max)) {
+                                       bounds.data(), hit, 0, rayCallback.m_lambda_max)) {
       rayCallback.process(&proxy);
     }
   });

@@ -18,8 +18,8 @@ class SharedBuffer {
   /// Not initialised. @param bytes At least 1.
   SharedBuffer(const Context& context, std::size_t bytes);
   ~SharedBuffer();
-  SharedBuffer(SharedBuffer&& other) noexcept;
-  SharedBuffer& operator=(SharedBuffer&& other) noexcept;
+  SharedBuffer(SharedBuffer&& other) noexcept;             // NOLINT(bugprone-exception-escape)
+  SharedBuffer& operator=(SharedBuffer&& other) noexcept;  // NOLINT(bugprone-exception-escape)
   SharedBuffer(const SharedBuffer&) = delete;
   SharedBuffer& operator=(const SharedBuffer&) = delete;
 
