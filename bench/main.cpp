@@ -1,10 +1,15 @@
 // Times kernels, and whole frames side by side with Bullet's own broad phases. `scripts/bench` runs it.
 //
 // kernel/ALGORITHM/N     the device's time for the kernel that tests all pairs, and pairs tested a second
+// update/ALGORITHM/SCENE/N  BroadPhase::update(), from boxes in the library's staging memory to the changes
+// in the
+//                        caller's hands, in 256 consecutive frames in which every box moves
 // frame/NAME/SCENE/N     a frame through Bullet's interface in which every box moves: setAabb for each, from
 // ordinary
 //                        memory, then calculateOverlappingPairs
+#include <algorithm>
 #include <array>
+#include <chrono>
 #include <cstdint>
 #include <exception>
 #include <memory>
@@ -47,6 +52,29 @@ void time_kernel(benchmark::State& state, const AlgorithmInfo& algorithm, std::u
   }
   state.counters["pairs"] =
       benchmark::Counter(static_cast<double>(n) * (n - 1) / 2, benchmark::Counter::kIsIterationInvariantRate);
+}
+
+void time_update(benchmark::State& state, const AlgorithmInfo& algorithm, const Scene& scene,
+                 std::uint32_t n) {
+  BroadPhase broad_phase({.algorithm = std::string(algorithm.name)});
+  MovingBoxes boxes(n, scene.sizes);
+  for (const Aabb& box : boxes.boxes()) broad_phase.add(box);
+  (void)broad_phase.update();
+  std::vector<double> times;
+  std::size_t changes = 0;
+  for ([[maybe_unused]] auto _ : state) {
+    boxes.advance();
+    for (std::uint32_t id = 0; id < n; ++id) broad_phase.move(id, boxes.boxes()[id]);
+    const auto start = std::chrono::steady_clock::now();
+    const Delta delta = broad_phase.update();
+    times.push_back(std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count());
+    changes += delta.added.size() + delta.removed.size();
+    state.SetIterationTime(times.back());
+  }
+  std::sort(times.begin(), times.end());
+  state.counters["p95_us"] = times[times.size() * 95 / 100] * 1e6;
+  state.counters["max_us"] = times.back() * 1e6;
+  state.counters["changes"] = static_cast<double>(changes) / static_cast<double>(times.size());
 }
 
 struct Bounds {
@@ -101,6 +129,17 @@ void register_all() {
     }
   }
   for (const Scene& scene : scene_list) {
+    for (const std::uint32_t n : {3500U, 16000U}) {
+      for (const AlgorithmInfo& algorithm : algorithms()) {
+        if (!algorithm.on_device) continue;
+        const std::string name =
+            "update/" + std::string(algorithm.name) + "/" + scene.name + "/" + std::to_string(n);
+        benchmark::RegisterBenchmark(name.c_str(), time_update, algorithm, scene, n)
+            ->UseManualTime()
+            ->Iterations(256)
+            ->Unit(benchmark::kMicrosecond);
+      }
+    }
     for (const std::uint32_t n : {500U, 1250U, 2000U, 2750U, 3500U, 16000U}) {
       for (const scenes::BroadphaseInfo& info : scenes::broadphases()) {
         // The oracle is no contestant; Bullet's brute force and axis sweep take seconds beyond the paper's

@@ -6,28 +6,14 @@
    words begin at the same a, so that it reads its WIDTH boxes once. */
 
 #include "aabb.h"
+#include "lanes.h"
 #include "triangle.h"
-
-#ifndef WIDTH
-#define WIDTH 16 /* pairs a work-item packs into one store: 4, 8 or 16 */
-#endif
 
 #ifndef __ENDIAN_LITTLE__
 #error "the bytes of a word are packed for little-endian devices"
 #endif
 
 #define PERIOD (2U * WIDTH) /* rows this far apart start at the same byte of a word */
-
-#define PASTE_(x, y) x##y
-#define PASTE(x, y) PASTE_(x, y)
-#define FLOATS PASTE(float, WIDTH)
-#define INTS PASTE(int, WIDTH)
-
-/* The same bound of WIDTH boxes that follow each other. */
-#define BOUNDS_4(p) (p)[0], (p)[6], (p)[12], (p)[18]
-#define BOUNDS_8(p) BOUNDS_4(p), BOUNDS_4((p) + 24)
-#define BOUNDS_16(p) BOUNDS_8(p), BOUNDS_8((p) + 48)
-#define BOUNDS(p) ((FLOATS)(PASTE(BOUNDS_, WIDTH)(p)))
 
 /* A word of WIDTH bytes, each 0 or 1, from WIDTH lanes, each 0 or -1. Packed by hand because compilers for GPUs store
    vectors of bytes byte by byte. */

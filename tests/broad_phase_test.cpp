@@ -120,6 +120,30 @@ TEST_P(EachAlgorithm, RemovingTheLastObjectsEndsTheirPairs) {
   EXPECT_TRUE(broad_phase.pairs().empty());
 }
 
+/// More pairs and more changes than any first guess of buffer sizes; the lists must be whole and in order all
+/// the same.
+TEST_P(EachAlgorithm, ManyPairsAtOnceAreAllFound) {
+  constexpr std::uint32_t n = 700;
+  std::vector<Pair> all;
+  for (std::uint32_t b = 0; b < n; ++b) {
+    for (std::uint32_t a = 0; a < b; ++a) all.push_back({a, b});
+  }
+  BroadPhase broad_phase(config());
+  for (std::uint32_t k = 0; k < n; ++k) broad_phase.add(apart(k));
+  EXPECT_TRUE(broad_phase.update().added.empty());
+  for (int round = 0; round < 3; ++round) {
+    for (std::uint32_t k = 0; k < n; ++k) broad_phase.move(k, unit);
+    Delta delta = broad_phase.update();
+    ASSERT_TRUE(std::equal(delta.added.begin(), delta.added.end(), all.begin(), all.end()));
+    ASSERT_TRUE(delta.removed.empty());
+    ASSERT_EQ(broad_phase.pairs(), all);
+    for (std::uint32_t k = 0; k < n; ++k) broad_phase.move(k, apart(k));
+    delta = broad_phase.update();
+    ASSERT_TRUE(std::equal(delta.removed.begin(), delta.removed.end(), all.begin(), all.end()));
+    ASSERT_TRUE(delta.added.empty());
+  }
+}
+
 TEST_P(EachAlgorithm, BadCallsThrowAndChangeNothing) {
   BroadPhase broad_phase(config());
   broad_phase.add(unit);
@@ -248,6 +272,22 @@ TEST(GpuBf, BeyondTheLargestAllocationIsAnErrorAndStateIsKept) {
   for (std::uint64_t k = 2; k < n; ++k) broad_phase.remove(static_cast<std::uint32_t>(k));
   EXPECT_EQ(broad_phase.add(unit), 2U);
   EXPECT_EQ(broad_phase.update().added.size(), 2U);
+}
+
+/// Stages are named, and a frame in the steady state waits for the device once.
+TEST(BruteForce, WaitsOncePerFrame) {
+  BroadPhase broad_phase({.algorithm = "brute-force", .profile = true});
+  scenes::MovingBoxes boxes(1000, scenes::MovingBoxes::Sizes::uniform);
+  for (const Aabb& box : boxes.boxes()) broad_phase.add(box);
+  (void)broad_phase.update();
+  for (int frame = 0; frame < 5; ++frame) {
+    boxes.advance();
+    for (std::uint32_t id = 0; id < 1000; ++id) broad_phase.move(id, boxes.boxes()[id]);
+    (void)broad_phase.update();
+  }
+  std::vector<std::string_view> names;
+  for (const Stage& stage : broad_phase.profile()) names.push_back(stage.name);
+  EXPECT_EQ(names, (std::vector<std::string_view>{"upload", "test", "sweep", "order", "download", "wait"}));
 }
 
 /// The index of the last rows is past 32 bits; 4.3 GB a frame. With --long only.

@@ -55,6 +55,14 @@ TEST(KernelSource, IncludesAreReplacedOnceAndLinesKept) {
             "#line 3 \"a.cl\"\nint a;\n");
 }
 
+TEST(KernelSource, PlacesInALogAreNamedByFileAndLine) {
+  const std::string source = "#line 1 \"a.cl\"\n#line 1 \"b.h\"\nint b;\n#line 2 \"a.cl\"\nint c;\nint d;\n";
+  EXPECT_EQ(with_file_names("<kernel>:6:5: error: d\nint d;\n<kernel>:3:1: note: b\n", source),
+            "a.cl:3:5: error: d\nint d;\nb.h:1:1: note: b\n");
+  EXPECT_EQ(with_file_names("a.cl:3:5: error", source), "a.cl:3:5: error");
+  EXPECT_EQ(with_file_names("<kernel>: error", source), "<kernel>: error");
+}
+
 TEST(KernelSource, AMissingFileIsNamed) {
   EXPECT_THAT(test::error_of([] { (void)kernel_source("none.cl"); }), HasSubstr("none.cl"));
   const test::ScopedVariable variable("BROADCL_KERNEL_DIR", "/nowhere");

@@ -53,6 +53,7 @@ struct AlgorithmRow {
 [[nodiscard]] const AlgorithmRow& find_algorithm(std::string_view name);
 
 // One line an algorithm, each defined in the file of its name.
+[[nodiscard]] std::unique_ptr<Algorithm> make_brute_force(const BroadPhase::Config& config);
 [[nodiscard]] std::unique_ptr<Algorithm> make_gpu_bf(const BroadPhase::Config& config);
 [[nodiscard]] std::unique_ptr<Algorithm> make_oracle(const BroadPhase::Config& config);
 

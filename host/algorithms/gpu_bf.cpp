@@ -5,6 +5,7 @@
 
 #include "algorithms/algorithm.hpp"
 #include "algorithms/byte_matrix.hpp"
+#include "algorithms/device_boxes.hpp"
 #include "algorithms/triangle.hpp"
 #include "opencl/context.hpp"
 #include "opencl/error.hpp"
@@ -42,18 +43,9 @@ class GpuBf final : public Algorithm {
     opencl::translate_errors(context_.device().label(), [&] { kernel_ = cl::Kernel(program, "gpu_bf"); });
   }
 
-  void reserve(std::size_t boxes) override {
-    if (boxes <= capacity()) return;
-    opencl::translate_errors(context_.device().label(), [&] {
-      opencl::SharedBuffer larger(context_, std::max(boxes, capacity() * 3 / 2) * sizeof(Aabb));
-      if (capacity() > 0) std::memcpy(larger.host(), boxes_.host(), boxes_.bytes());
-      boxes_ = std::move(larger);
-    });
-  }
+  void reserve(std::size_t boxes) override { boxes_.reserve(context_, boxes); }
 
-  [[nodiscard]] std::span<Aabb> boxes() noexcept override {
-    return {reinterpret_cast<Aabb*>(boxes_.host()), capacity()};
-  }
+  [[nodiscard]] std::span<Aabb> boxes() noexcept override { return boxes_.host(); }
 
   Delta update(std::size_t n, std::span<const std::uint32_t> renewed) override {
     profiler_.begin();
@@ -83,8 +75,6 @@ class GpuBf final : public Algorithm {
   [[nodiscard]] std::span<const Stage> profile() const noexcept override { return profiler_.stages(); }
 
  private:
-  [[nodiscard]] std::size_t capacity() const { return boxes_.bytes() / sizeof(Aabb); }
-
   [[nodiscard]] static std::span<const std::byte> bytes_of(const opencl::SharedBuffer& results,
                                                            std::size_t pairs) {
     return {results.host(), pairs};
@@ -114,7 +104,7 @@ class GpuBf final : public Algorithm {
     try {
       {
         opencl::Profiler::Scope stage(profiler_, "upload");
-        boxes_.upload(n * sizeof(Aabb), stage.event());
+        boxes_.upload(n, stage.event());
       }
       {
         opencl::Profiler::Scope stage(profiler_, "test");
@@ -163,7 +153,7 @@ class GpuBf final : public Algorithm {
   opencl::Profiler profiler_;
   Cut cut_;
   cl::Kernel kernel_;
-  opencl::SharedBuffer boxes_;
+  DeviceBoxes boxes_;
   opencl::SharedBuffer current_;   // bytes of this frame while it runs
   opencl::SharedBuffer previous_;  // bytes of the last frame
   std::size_t previous_pairs_ = 0;

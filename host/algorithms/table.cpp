@@ -8,6 +8,10 @@ namespace broadcl {
 namespace {
 
 constexpr std::array rows{
+    AlgorithmRow{{.name = "brute-force",
+                  .summary = "brute force, pairs and their changes found on the device",
+                  .on_device = true},
+                 make_brute_force},
     AlgorithmRow{
         {.name = "gpu-bf",
          .summary =

@@ -65,7 +65,7 @@ cl::Program Context::program(std::string_view file, const std::string& options) 
       program.build(cl_device_, all_options.c_str());
     } catch (const cl::BuildError&) {
       throw Error(device_.label() + ": " + std::string(file) + " does not compile:\n" +
-                  program.getBuildInfo<CL_PROGRAM_BUILD_LOG>(cl_device_));
+                  with_file_names(program.getBuildInfo<CL_PROGRAM_BUILD_LOG>(cl_device_), source));
     }
     const auto binaries = program.getInfo<CL_PROGRAM_BINARIES>();
     if (binaries.size() == 1 && !binaries.front().empty()) cache_.store(key, binaries.front());

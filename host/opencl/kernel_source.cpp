@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <filesystem>
 #include <fstream>
+#include <iomanip>
 #include <iterator>
 #include <optional>
 #include <set>
@@ -57,7 +58,39 @@ void append(std::string& out, const std::string& name, std::set<std::string>& se
   }
 }
 
+/// "file:line" of a line of a source, counted from 1, from the `#line` directive before it.
+std::string place_of(std::size_t line, const std::string& source) {
+  std::istringstream lines(source);
+  std::string file;
+  std::size_t number = 0;
+  std::string text;
+  for (std::size_t k = 0; k < line && std::getline(lines, text); ++k) {
+    ++number;
+    std::istringstream words(text);
+    std::string directive;
+    if (words >> directive && directive == "#line") {
+      words >> number >> std::quoted(file);
+      --number;
+    }
+  }
+  return file + ":" + std::to_string(number);
+}
+
 }  // namespace
+
+std::string with_file_names(const std::string& log, const std::string& source) {
+  constexpr std::string_view mark = "<kernel>:";
+  std::string result;
+  std::size_t done = 0;
+  for (std::size_t at = log.find(mark); at != std::string::npos; at = log.find(mark, done)) {
+    const std::size_t digits = at + mark.size();
+    const std::size_t end = log.find_first_not_of("0123456789", digits);
+    if (end == digits || end == std::string::npos) break;
+    result += log.substr(done, at - done) + place_of(std::stoul(log.substr(digits, end - digits)), source);
+    done = end;
+  }
+  return result + log.substr(done);
+}
 
 std::string kernel_source(std::string_view name) {
   std::string source;

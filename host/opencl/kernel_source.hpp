@@ -23,4 +23,9 @@ struct KernelFile {
 /// @throws Error naming the file that cannot be found or read.
 [[nodiscard]] std::string kernel_source(std::string_view name);
 
+/// A compiler's log in which places are named by file and line. NVIDIA's compiler does not heed `#line`: it
+/// reports
+/// "<kernel>:LINE:" with the line of the whole source.
+[[nodiscard]] std::string with_file_names(const std::string& log, const std::string& source);
+
 }  // namespace broadcl::opencl

@@ -24,7 +24,7 @@ using scenes::BoxScene;
 constexpr Aabb nowhere = {{1, 1, 1}, {-1, -1, -1}};
 
 std::vector<Pair> oracle(const std::vector<Aabb>& boxes) {
-  return overlapping_pairs(boxes, {.device = {}, .algorithm = "oracle"});
+  return overlapping_pairs(boxes, {.algorithm = "oracle"});
 }
 
 /// What is wrong with a list of pairs; none where it is as expected.

@@ -43,7 +43,7 @@ std::vector<Pair> expected_pairs(const btBroadphaseInterface& broadphase,
   std::vector<Aabb> boxes;
   boxes.reserve(proxies.size());
   for (btBroadphaseProxy* proxy : proxies) boxes.push_back(box_of(broadphase, *proxy));
-  std::vector<Pair> pairs = overlapping_pairs(boxes, {.device = {}, .algorithm = "oracle"});
+  std::vector<Pair> pairs = overlapping_pairs(boxes, {.algorithm = "oracle"});
   std::erase_if(pairs, [&](const Pair& pair) { return !pass_filters(*proxies[pair.a], *proxies[pair.b]); });
   return pairs;
 }

@@ -1,0 +1,78 @@
+/* What changed between two frames: delta.h says what stands where. Only what changed is put in canonical order. */
+
+#include "delta.h"
+
+#ifndef PARTS
+#define PARTS 64 /* work-items of a team, which places pairs together */
+#endif
+#define TEAMS 2 /* teams of so many work-items a work-group */
+#define KEYS 4  /* pairs that a team places at once */
+
+/* Collects the pairs of the last frame that were not kept, and leaves `kept` and the last frame's table all zero. */
+kernel void delta_sweep(const uint capacity, global const uint2* restrict last, const uint last_found,
+                        global uint* restrict last_table, const uint last_mask, global uchar* restrict kept,
+                        global uint2* restrict removed, global uint* restrict counts) {
+  if (!all_fit(counts, capacity)) return;
+  const uint size = (uint)get_global_size(0);
+  for (uint k = (uint)get_global_id(0); k < last_found; k += size) {
+    if (kept[k] == 0) removed[atomic_inc(&counts[COUNT_REMOVED])] = last[k];
+    kept[k] = 0;
+  }
+  for (uint k = (uint)get_global_id(0); k <= last_mask; k += size) last_table[k] = 0;
+}
+
+/* Position in canonical order: by b, then by a. */
+static inline ulong order_of(const uint2 pair) {
+  return ((ulong)pair.y << 32) | pair.x;
+}
+
+/* Writes the changes to `result` behind the counts: added, then removed, each pair at the place that the number of
+   smaller ones in its list gives it. Work-items of dimension 2 stand for the two lists, those of dimension 1 for KEYS
+   pairs each. Where a list has more pairs than they stand for, both are written as they come. Leaves the counts of the
+   next frame all zero. */
+kernel __attribute__((reqd_work_group_size(PARTS, TEAMS, 1))) void delta_order(
+    const uint capacity, global const uint2* restrict added, global const uint2* restrict removed,
+    global const uint* restrict counts, global uint* restrict next_counts, global uint* restrict result) {
+  local uint places[TEAMS * KEYS];
+  const uint part = (uint)get_local_id(0);
+  const bool is_added = get_group_id(2) == 0;
+  const uint first = (uint)get_global_id(1) * KEYS;
+  if (is_added && part == 0 && get_global_id(1) < COUNTS) {
+    result[get_global_id(1)] = counts[get_global_id(1)];
+    next_counts[get_global_id(1)] = 0;
+  }
+  if (!all_fit(counts, capacity)) return;
+
+  const uint added_count = counts[COUNT_ADDED];
+  const uint removed_count = counts[COUNT_REMOVED];
+  const uint size = is_added ? added_count : removed_count;
+  global const uint2* list = is_added ? added : removed;
+  global uint2* changes = (global uint2*)(result + COUNTS) + (is_added ? 0U : added_count);
+  const uint places_in_all = (uint)get_global_size(1) * KEYS;
+  if (max(added_count, removed_count) > places_in_all) {
+    const uint step = (uint)get_global_size(1) * PARTS;
+    for (uint k = (uint)get_global_id(1) * PARTS + part; k < size; k += step) changes[k] = list[k];
+    return;
+  }
+  if ((uint)get_group_id(1) * (TEAMS * KEYS) >= size) return;
+
+  ulong orders[KEYS];
+  uint smaller[KEYS];
+  for (uint i = 0; i < KEYS; ++i) {
+    orders[i] = order_of(list[min(first + i, size - 1U)]);
+    smaller[i] = 0;
+  }
+#pragma unroll 4
+  for (uint k = part; k < size; k += PARTS) {
+    const ulong other = order_of(list[k]);
+    for (uint i = 0; i < KEYS; ++i) smaller[i] += other < orders[i] ? 1U : 0U;
+  }
+  const uint team = (uint)get_local_id(1) * KEYS;
+  for (uint i = part; i < KEYS; i += PARTS) places[team + i] = 0;
+  barrier(CLK_LOCAL_MEM_FENCE);
+  for (uint i = 0; i < KEYS; ++i) atomic_add(&places[team + i], smaller[i]);
+  barrier(CLK_LOCAL_MEM_FENCE);
+  for (uint i = part; i < KEYS; i += PARTS) {
+    if (first + i < size) changes[places[team + i]] = list[first + i];
+  }
+}
