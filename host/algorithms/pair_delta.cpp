@@ -22,7 +22,7 @@ constexpr std::size_t first_capacity = 1 << 14;
 /// Pairs of a list, added or removed, that the device puts in order, each compared with every other; longer
 /// lists are ordered on the host.
 std::size_t most_ordered(const opencl::Context& context) {
-  return context.shape() == opencl::Shape::cpu ? 1 << 11 : 1 << 15;
+  return context.shape() == opencl::Shape::cpu ? 1 << 8 : 1 << 15;
 }
 constexpr std::size_t least_ordered = 256;
 

@@ -48,7 +48,7 @@ class PairDelta {
 
  private:
   /// The pairs of a frame, and a hash table of them.
-  struct Frame {
+  struct Frame {  // NOLINT(bugprone-exception-escape): handles do not throw when moved
     cl_uint capacity = 0;
     cl_uint mask = 0;  // entries of the table less one
     cl_uint found = 0;
