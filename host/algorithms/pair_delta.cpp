@@ -8,6 +8,8 @@
 
 #include <broadcl/error.hpp>
 
+#include "opencl/error.hpp"
+
 namespace broadcl {
 namespace {
 
@@ -19,6 +21,7 @@ constexpr std::size_t count_removed = 3;
 constexpr std::size_t count_bytes = 4 * sizeof(cl_uint);
 
 constexpr std::size_t first_capacity = 1 << 14;
+constexpr std::size_t most_pairs = std::size_t{1} << 31;  // places in a list are 32-bit numbers
 /// Pairs of a list, added or removed, that the device puts in order, each compared with every other; longer
 /// lists are ordered on the host.
 std::size_t most_ordered(const opencl::Context& context) {
@@ -46,11 +49,13 @@ std::size_t round_up(std::size_t value, std::size_t multiple) {
 PairDelta::PairDelta(const opencl::Context& context, opencl::Profiler& profiler)
     : context_(context), profiler_(profiler) {
   const cl::Program program = context.program("delta.cl", "-DPARTS=" + std::to_string(parts(context)));
-  sweep_ = cl::Kernel(program, "delta_sweep");
-  order_ = cl::Kernel(program, "delta_order");
-  for (cl::Buffer& counts : counts_) counts = zeros(count_bytes);
-  renewed_ = opencl::SharedBuffer(context, 1);
-  reserve(first_capacity);
+  opencl::translate_errors(context.device().label(), [&] {
+    sweep_ = cl::Kernel(program, "delta_sweep");
+    order_ = cl::Kernel(program, "delta_order");
+    for (cl::Buffer& counts : counts_) counts = zeros(count_bytes);
+    renewed_ = opencl::SharedBuffer(context, 1);
+    reserve(first_capacity);
+  });
 }
 
 cl::Buffer PairDelta::zeros(std::size_t bytes) const {
@@ -67,6 +72,10 @@ cl::Buffer PairDelta::zeros(std::size_t bytes) const {
 
 PairDelta::Frame PairDelta::make_frame(std::size_t capacity) const {
   Frame frame;
+  if (capacity > most_pairs) {
+    throw Error(context_.device().label() + ": more than " + std::to_string(most_pairs) +
+                " pairs overlap; use fewer boxes");
+  }
   capacity = round_up(capacity, 64);
   const std::size_t entries = std::bit_ceil(2 * capacity);
   frame.capacity = static_cast<cl_uint>(capacity);
@@ -183,8 +192,11 @@ Delta PairDelta::update(std::size_t slots, std::span<const std::uint32_t> renewe
     turn_ = 1 - turn_;
     const std::uint64_t found = counts()[count_found] | std::uint64_t{counts()[count_found_high]} << 32;
     if (found <= frame_.capacity) break;
-    reserve(found + found / 4);
+    // Before anything can fail: this frame's table and the marks of what was kept are half written.
+    context_.queue().enqueueFillBuffer(frame_.table, cl_uint{0}, 0,
+                                       (std::size_t{frame_.mask} + 1) * sizeof(cl_uint));
     context_.queue().enqueueFillBuffer(last_.kept, cl_uint{0}, 0, last_.capacity);
+    reserve(found + found / 4);
     if (any_renewed_ != 0) renewed_.upload(renewed_.bytes());
   }
 
