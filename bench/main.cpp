@@ -24,6 +24,7 @@
 
 #include <broadcl/broad_phase.hpp>
 
+#include "primitives.hpp"
 #include "scenes/broadphases.hpp"
 #include "scenes/generators.hpp"
 
@@ -163,6 +164,7 @@ int main(int argc, char** argv) try {
   if (benchmark::ReportUnrecognizedArguments(argc, argv)) return 2;
   benchmark::AddCustomContext("device", broadcl::select_device().label());
   broadcl::register_all();
+  broadcl::register_primitives();
   benchmark::RunSpecifiedBenchmarks();
 } catch (const std::exception& error) {
   std::fprintf(stderr, "%s\n", error.what());

@@ -1,0 +1,13 @@
+#pragma once
+
+namespace broadcl {
+
+/// Benchmarks of the primitives of host/opencl, each beside a host thread that does the same:
+///
+///   scan/NAME/N         exclusive prefix sum of N uints
+///   radix-sort/NAME/N   N random pairs {value, key} of uints, by key
+///
+/// NAME is `device`, timed from the call until the queue has finished, or `host`.
+void register_primitives();
+
+}  // namespace broadcl

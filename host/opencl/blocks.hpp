@@ -1,0 +1,35 @@
+#pragma once
+
+#include <algorithm>
+#include <cstddef>
+
+#include "opencl/api.hpp"
+#include "opencl/context.hpp"
+
+namespace broadcl::opencl {
+
+/// How a list is cut into blocks that work-groups go through one after the other: block k has the elements
+/// k * length and on, and the last may be shorter.
+struct Blocks {
+  cl_uint count;
+  cl_uint length;
+};
+
+/// Cuts a list into as many blocks as keep the device busy; more would only be more to put together again.
+///
+/// But no block is longer than `longest`, for the sake of llvmpipe, on which Mesa's rusticl runs: a work-item
+/// that has been through 65,535 iterations of loops, all of them together, leaves every loop, without an
+/// error.
+/// @param n At least 1, less than 2^31.
+/// @param tile Lengths are multiples of it.
+/// @param longest A multiple of tile.
+[[nodiscard]] inline Blocks cut_into_blocks(const Context& context, std::size_t n, std::size_t tile,
+                                            std::size_t longest) {
+  const std::size_t enough = std::min<std::size_t>(
+      4096, std::size_t{context.device().compute_units} * (context.shape() == Shape::cpu ? 4 : 8));
+  const std::size_t tiles = (n + tile - 1) / tile;
+  const std::size_t length = std::min((tiles + enough - 1) / enough * tile, longest);
+  return {.count = static_cast<cl_uint>((n + length - 1) / length), .length = static_cast<cl_uint>(length)};
+}
+
+}  // namespace broadcl::opencl

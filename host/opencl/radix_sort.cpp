@@ -1,0 +1,100 @@
+#include "opencl/radix_sort.hpp"
+
+#include <array>
+#include <string>
+#include <utility>
+
+namespace broadcl::opencl {
+namespace {
+
+constexpr unsigned digit_bits = 8;  // at most, of a pass
+/// Elements that a work-group of the GPU shape sorts in local memory; in both shapes the length of a block is
+/// a multiple of it.
+constexpr std::size_t tile = 4096;
+constexpr std::size_t longest_block = 8 * tile;
+
+/// How the kernels are cut.
+struct Cut {
+  std::size_t group;  ///< Work-items a work-group.
+  std::size_t small;  ///< Elements that are sorted in one launch a range of bits, at the most.
+};
+
+constexpr Cut gpu_cut{.group = 256, .small = tile};
+/// One work-item goes through all elements 16 times for a range of 64 bits: see cut_into_blocks.
+constexpr Cut cpu_cut{.group = 1, .small = 3584};
+
+const Cut& cut_of(const Context& context) {
+  return context.shape() == Shape::cpu ? cpu_cut : gpu_cut;
+}
+
+}  // namespace
+
+RadixSort::RadixSort(const Context& context) : context_(context), scan_(context) {
+  const cl::Program program = context.program(
+      "radix_sort.cl", "-DGROUP=" + std::to_string(cut_of(context).group) +
+                           " -DTILE=" + std::to_string(tile) + " -DDIGIT_BITS=" + std::to_string(digit_bits));
+  count_ = cl::Kernel(program, "radix_sort_count");
+  scatter_ = cl::Kernel(program, "radix_sort_scatter");
+  small_ = cl::Kernel(program, "radix_sort_small");
+}
+
+void RadixSort::enqueue_small(const cl::Buffer& elements, const cl::Buffer& scratch, cl_uint n, Bits key) {
+  small_.setArg(0, n);
+  small_.setArg(1, cl_uint{key.first});
+  small_.setArg(2, cl_uint{key.count});
+  small_.setArg(3, elements);
+  small_.setArg(4, scratch);
+  context_.queue().enqueueNDRangeKernel(small_, cl::NullRange, cl::NDRange(cut_of(context_).group),
+                                        cl::NDRange(cut_of(context_).group));
+}
+
+void RadixSort::enqueue_pass(const cl::Buffer& source, const cl::Buffer& target, cl_uint n, Blocks blocks,
+                             Bits digit) {
+  for (cl::Kernel* kernel : {&count_, &scatter_}) {
+    kernel->setArg(0, n);
+    kernel->setArg(1, blocks.length);
+    kernel->setArg(2, cl_uint{digit.first});
+    kernel->setArg(3, cl_uint{digit.count});
+    kernel->setArg(4, source);
+  }
+  count_.setArg(5, counts_);
+  scatter_.setArg(5, target);
+  scatter_.setArg(6, counts_);
+  const cl::NDRange group(cut_of(context_).group);
+  const cl::NDRange items(blocks.count * cut_of(context_).group);
+  context_.queue().enqueueNDRangeKernel(count_, cl::NullRange, items, group);
+  scan_.enqueue(counts_, std::size_t{blocks.count} << digit.count);
+  context_.queue().enqueueNDRangeKernel(scatter_, cl::NullRange, items, group);
+}
+
+void RadixSort::enqueue(const cl::Buffer& elements, const cl::Buffer& scratch, std::size_t n,
+                        std::span<const Bits> keys) {
+  if (n < 2) return;
+  const auto count = static_cast<cl_uint>(n);
+  if (n <= cut_of(context_).small) {
+    for (const Bits& key : keys) {
+      if (key.count > 0) enqueue_small(elements, scratch, count, key);
+    }
+    return;
+  }
+  const Blocks blocks = cut_into_blocks(context_, n, tile, longest_block);
+  if (blocks.count > most_blocks_) {
+    counts_ = cl::Buffer(context_.context(), CL_MEM_READ_WRITE,
+                         (std::size_t{blocks.count} << digit_bits) * sizeof(cl_uint));
+    most_blocks_ = blocks.count;
+  }
+  std::array<const cl::Buffer*, 2> buffers{&elements, &scratch};
+  for (const Bits& key : keys) {
+    // As few digits as will do, and about as long as each other.
+    unsigned digits = (key.count + digit_bits - 1) / digit_bits;
+    for (Bits digit{key.first, 0}; digits > 0; --digits, digit.first += digit.count) {
+      digit.count = (key.first + key.count - digit.first + digits - 1) / digits;
+      enqueue_pass(*buffers[0], *buffers[1], count, blocks, digit);
+      std::swap(buffers[0], buffers[1]);
+    }
+  }
+  if (buffers[0] != &elements)
+    context_.queue().enqueueCopyBuffer(scratch, elements, 0, 0, n * sizeof(cl_ulong));
+}
+
+}  // namespace broadcl::opencl

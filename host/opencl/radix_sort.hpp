@@ -1,0 +1,54 @@
+#pragma once
+
+#include <cstddef>
+#include <span>
+
+#include "opencl/api.hpp"
+#include "opencl/blocks.hpp"
+#include "opencl/context.hpp"
+#include "opencl/scan.hpp"
+
+namespace broadcl::opencl {
+
+/// Stable sorting of 8-byte elements on the device: kernels/radix_sort.cl, which names the sources.
+///
+/// It takes a pass over the elements for each 8 bits or part of them of each range, or, where there are few
+/// elements, one launch for each range.
+class RadixSort {
+ public:
+  /// A range of the bits of an element, taken as the 64-bit number that it is on a little-endian device: bit
+  /// 0 is the lowest of its first uint. first + count is 64 at most.
+  struct Bits {
+    unsigned first;
+    unsigned count;
+  };
+
+  /// @param context Must outlive this object.
+  /// @throws Error, cl::Error
+  explicit RadixSort(const Context& context);
+
+  /// Enqueues a stable ascending sort, in place. Does not wait. Sorts of one object must go to the queue one
+  /// after the other, as those of one thread do. Its own memory, for counters, is 256 bytes for each 8192
+  /// elements at the most, and grows before anything is enqueued.
+  ///
+  /// Pairs {a, b} of uints with k bits sorted by {{0, k}, {32, k}} stand by b, then by a; {value, key} is
+  /// sorted by {{32, 32}}.
+  /// @param elements, scratch Two buffers of at least n elements each. Scratch is overwritten.
+  /// @param n Less than 2^31.
+  /// @param keys What to sort by, the least significant range first.
+  /// @throws cl::Error
+  void enqueue(const cl::Buffer& elements, const cl::Buffer& scratch, std::size_t n,
+               std::span<const Bits> keys);
+
+ private:
+  void enqueue_small(const cl::Buffer& elements, const cl::Buffer& scratch, cl_uint n, Bits key);
+  void enqueue_pass(const cl::Buffer& source, const cl::Buffer& target, cl_uint n, Blocks blocks, Bits digit);
+
+  const Context& context_;
+  Scan scan_;
+  cl::Kernel count_, scatter_, small_;
+  cl::Buffer counts_;        // by digit, then by block
+  cl_uint most_blocks_ = 0;  // for which there are counts
+};
+
+}  // namespace broadcl::opencl

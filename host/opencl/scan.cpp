@@ -1,0 +1,60 @@
+#include "opencl/scan.hpp"
+
+#include <string>
+
+#include "opencl/blocks.hpp"
+
+namespace broadcl::opencl {
+namespace {
+
+/// How the kernels are cut.
+struct Cut {
+  std::size_t group;  ///< Work-items a work-group.
+  std::size_t tile;   ///< Values of a block, at the least, and a multiple of 4 * group.
+};
+
+constexpr Cut gpu_cut{.group = 256, .tile = 4096};
+constexpr Cut cpu_cut{.group = 1, .tile = 16384};
+
+/// Values of a block, at the most: a work-item takes up to four in an iteration.
+constexpr std::size_t longest_block = std::size_t{1} << 17;
+constexpr std::size_t most_blocks = (std::size_t{1} << 31) / longest_block;
+
+const Cut& cut_of(const Context& context) {
+  return context.shape() == Shape::cpu ? cpu_cut : gpu_cut;
+}
+
+}  // namespace
+
+Scan::Scan(const Context& context) : context_(context) {
+  const cl::Program program = context.program("scan.cl", "-DGROUP=" + std::to_string(cut_of(context).group));
+  sums_ = cl::Kernel(program, "scan_sums");
+  blocks_ = cl::Kernel(program, "scan_blocks");
+  block_sums_ = cl::Buffer(context.context(), CL_MEM_READ_WRITE, most_blocks * sizeof(cl_uint));
+}
+
+void Scan::enqueue(const cl::Buffer& values, std::size_t n) {
+  if (n == 0) return;
+  const std::size_t group = cut_of(context_).group;
+  const Blocks blocks = cut_into_blocks(context_, n, cut_of(context_).tile, longest_block);
+  const auto enqueue_blocks = [&](const cl::Buffer& list, Blocks cut, std::size_t size) {
+    blocks_.setArg(0, static_cast<cl_uint>(size));
+    blocks_.setArg(1, cut.length);
+    blocks_.setArg(2, list);
+    blocks_.setArg(3, block_sums_);
+    context_.queue().enqueueNDRangeKernel(blocks_, cl::NullRange, cl::NDRange(cut.count * group),
+                                          cl::NDRange(group));
+  };
+  if (blocks.count > 1) {
+    sums_.setArg(0, static_cast<cl_uint>(n));
+    sums_.setArg(1, blocks.length);
+    sums_.setArg(2, values);
+    sums_.setArg(3, block_sums_);
+    context_.queue().enqueueNDRangeKernel(sums_, cl::NullRange, cl::NDRange(blocks.count * group),
+                                          cl::NDRange(group));
+    enqueue_blocks(block_sums_, {.count = 1, .length = blocks.count}, blocks.count);
+  }
+  enqueue_blocks(values, blocks, n);
+}
+
+}  // namespace broadcl::opencl

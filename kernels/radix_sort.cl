@@ -1,0 +1,293 @@
+/* Stable ascending radix sort of 8-byte elements by ranges of their bits, the least significant digit first.
+
+   A pass sorts by one digit of at most DIGIT_BITS bits. The elements are cut into blocks of `length`, one a work-group:
+
+     radix_sort_count     counts the digits of each block; counts stand by digit, then by block
+     (scan.cl)            their prefix sums are the places where each block's elements of each digit begin
+     radix_sort_scatter   moves each element to its place
+
+   as in Satish, Harris and Garland 2009, "Designing Efficient Sorting Algorithms for Manycore GPUs", with the fixed number
+   of blocks of Merrill and Grimshaw 2011, "High Performance and Scalable Radix Sorting". No work-group waits for another.
+
+   On a GPU, scatter first sorts each tile of TILE elements by the digit in local memory, so that elements which belong
+   together are written together. It does so by RANK_BITS bits at a time: work-items count their own VALUES elements in
+   counters of their own, whose prefix sums are ranks (Merrill and Grimshaw's, two counters a word).
+
+   With GROUP 1 a single work-item does a block, with private counters and neither local memory nor barriers.
+
+   radix_sort_small sorts few elements by a whole range of bits in one launch, with one work-group. */
+
+#include "scan.h"
+
+#ifndef DIGIT_BITS
+#define DIGIT_BITS 8 /* at most, for a pass */
+#endif
+#define DIGITS (1 << DIGIT_BITS)
+
+static inline uint digit_of(const ulong element, const uint first, const uint bits) {
+  return (uint)(element >> first) & ((1U << bits) - 1U);
+}
+
+#if GROUP > 1
+
+#ifndef TILE
+#define TILE 4096 /* a multiple of GROUP, less than 2^16 */
+#endif
+#define VALUES (TILE / GROUP) /* elements a work-item */
+#define RANK_BITS 4
+#define COUNTERS (1 << (RANK_BITS - 1)) /* words a work-item, with two counters each */
+/* Words a work-item of the scan of all counters. One more, which holds zeros: odd strides keep the banks apart. */
+#define RAKE (COUNTERS + 1)
+/* Where the word of an element of the tile lies in local memory: a gap in 32 keeps the banks apart. */
+#define PLACE(k) ((k) + (k) / 32U)
+#define POOL PLACE(TILE)
+#if RAKE * GROUP > POOL
+#error "TILE is too small for GROUP"
+#endif
+
+/* Moves the k-th element of each work-item to the place ranks[k] of the tile and takes those at the places first,
+   first + step, ... in return. */
+static inline void exchange(ulong elements[VALUES], const uint ranks[VALUES], const uint first, const uint step,
+                            local uint* pool) {
+  uint2 words[VALUES];
+  barrier(CLK_LOCAL_MEM_FENCE);
+#pragma unroll
+  for (uint k = 0; k < VALUES; ++k) pool[PLACE(ranks[k])] = (uint)elements[k];
+  barrier(CLK_LOCAL_MEM_FENCE);
+#pragma unroll
+  for (uint k = 0; k < VALUES; ++k) words[k].x = pool[PLACE(first + k * step)];
+  barrier(CLK_LOCAL_MEM_FENCE);
+#pragma unroll
+  for (uint k = 0; k < VALUES; ++k) pool[PLACE(ranks[k])] = (uint)(elements[k] >> 32);
+  barrier(CLK_LOCAL_MEM_FENCE);
+#pragma unroll
+  for (uint k = 0; k < VALUES; ++k) words[k].y = pool[PLACE(first + k * step)];
+#pragma unroll
+  for (uint k = 0; k < VALUES; ++k) elements[k] = (ulong)words[k].y << 32 | words[k].x;
+}
+
+/* The places of the elements of this work-item in the tile's stable order by a digit of at most RANK_BITS bits, when
+   work-items hold VALUES consecutive elements each. */
+static inline void rank_tile(const ulong elements[VALUES], uint ranks[VALUES], const uint first, const uint bits,
+                             local uint* pool, local uint* scan_pool) {
+  const uint item = (uint)get_local_id(0);
+  barrier(CLK_LOCAL_MEM_FENCE);
+#pragma unroll
+  for (uint k = 0; k < RAKE; ++k) pool[k * GROUP + item] = 0;
+#pragma unroll
+  for (uint k = 0; k < VALUES; ++k) {
+    const uint digit = digit_of(elements[k], first, bits);
+    local uint* counter = pool + digit % COUNTERS * GROUP + item;
+    const uint half_word = digit / COUNTERS * 16U;
+    const uint count = *counter;
+    *counter = count + (1U << half_word);
+    ranks[k] = count >> half_word & 0xffffU;
+  }
+  barrier(CLK_LOCAL_MEM_FENCE);
+
+  uint sum = 0;
+#pragma unroll
+  for (uint k = 0; k < RAKE; ++k) sum += pool[item * RAKE + k];
+  uint total;
+  uint before = scan_group(sum, &total, scan_pool);
+  before += total << 16; /* the digits of upper halves come after those of lower ones */
+#pragma unroll
+  for (uint k = 0; k < RAKE; ++k) {
+    const uint count = pool[item * RAKE + k];
+    pool[item * RAKE + k] = before;
+    before += count;
+  }
+  barrier(CLK_LOCAL_MEM_FENCE);
+
+#pragma unroll
+  for (uint k = 0; k < VALUES; ++k) {
+    const uint digit = digit_of(elements[k], first, bits);
+    ranks[k] += pool[digit % COUNTERS * GROUP + item] >> (digit / COUNTERS * 16U) & 0xffffU;
+  }
+}
+
+/* The elements of the tile, GROUP apart, those from `end` on as ones: they come after all others. */
+static inline void load_tile(ulong elements[VALUES], global const ulong* restrict source, const uint tile,
+                             const uint end) {
+#pragma unroll
+  for (uint k = 0; k < VALUES; ++k) {
+    const uint place = tile + k * GROUP + (uint)get_local_id(0);
+    elements[k] = place < end ? source[place] : ~0UL;
+  }
+}
+
+/* Sorts the tile by a range of bits. Work-items hold elements that are GROUP apart, before and after. */
+static inline void sort_tile(ulong elements[VALUES], const uint first, const uint bits, local uint* pool,
+                             local uint* scan_pool) {
+  const uint item = (uint)get_local_id(0);
+  uint ranks[VALUES];
+#pragma unroll
+  for (uint k = 0; k < VALUES; ++k) ranks[k] = k * GROUP + item;
+  exchange(elements, ranks, item * VALUES, 1, pool);
+  for (uint done = 0; done < bits; done += RANK_BITS) {
+    const uint left = bits - done;
+    rank_tile(elements, ranks, first + done, min(left, (uint)RANK_BITS), pool, scan_pool);
+    const bool last = left <= RANK_BITS;
+    exchange(elements, ranks, last ? item : item * VALUES, last ? GROUP : 1U, pool);
+  }
+}
+
+kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void radix_sort_count(
+    const uint n, const uint length, const uint first, const uint bits, global const ulong* restrict elements,
+    global uint* restrict counts) {
+  local uint block_counts[DIGITS];
+  const uint item = (uint)get_local_id(0);
+  const uint block = (uint)get_group_id(0);
+  const uint begin = block * length;
+  const uint end = min(n, begin + length);
+  for (uint digit = item; digit < DIGITS; digit += GROUP) block_counts[digit] = 0;
+  barrier(CLK_LOCAL_MEM_FENCE);
+  for (uint tile = begin; tile < end; tile += TILE) {
+    ulong own[VALUES];
+    load_tile(own, elements, tile, end);
+    /* Elements in a row with the same digit are added at once. */
+    uint run_digit = 0;
+    uint run = 0;
+#pragma unroll
+    for (uint k = 0; k < VALUES; ++k) {
+      if (tile + k * GROUP + item < end) {
+        const uint digit = digit_of(own[k], first, bits);
+        if (digit != run_digit) {
+          if (run != 0) atomic_add(&block_counts[run_digit], run);
+          run_digit = digit;
+          run = 0;
+        }
+        ++run;
+      }
+    }
+    if (run != 0) atomic_add(&block_counts[run_digit], run);
+  }
+  barrier(CLK_LOCAL_MEM_FENCE);
+  for (uint digit = item; digit < 1U << bits; digit += GROUP) {
+    counts[digit * (uint)get_num_groups(0) + block] = block_counts[digit];
+  }
+}
+
+kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void radix_sort_scatter(
+    const uint n, const uint length, const uint first, const uint bits, global const ulong* restrict source,
+    global ulong* restrict target, global const uint* restrict starts) {
+  local uint pool[POOL];
+  local uint scan_pool[SCAN_POOL];
+  local uint next[DIGITS]; /* the place of the next element of a digit */
+  const uint item = (uint)get_local_id(0);
+  const uint block = (uint)get_group_id(0);
+  const uint begin = block * length;
+  const uint end = min(n, begin + length);
+  for (uint digit = item; digit < 1U << bits; digit += GROUP) {
+    next[digit] = starts[digit * (uint)get_num_groups(0) + block];
+  }
+  for (uint tile = begin; tile < end; tile += TILE) {
+    const uint size = min((uint)TILE, end - tile);
+    ulong elements[VALUES];
+    load_tile(elements, source, tile, end);
+    sort_tile(elements, first, bits, pool, scan_pool);
+
+    barrier(CLK_LOCAL_MEM_FENCE);
+    local uint* digits = pool;
+#pragma unroll
+    for (uint k = 0; k < VALUES; ++k) digits[k * GROUP + item] = digit_of(elements[k], first, bits);
+    barrier(CLK_LOCAL_MEM_FENCE);
+    /* For a while `next` is less the position in the tile where the digit begins. */
+#pragma unroll
+    for (uint k = 0; k < VALUES; ++k) {
+      const uint position = k * GROUP + item;
+      const uint digit = digit_of(elements[k], first, bits);
+      if (position < size && (position == 0 || digits[position - 1U] != digit)) next[digit] -= position;
+    }
+    barrier(CLK_LOCAL_MEM_FENCE);
+#pragma unroll
+    for (uint k = 0; k < VALUES; ++k) {
+      const uint position = k * GROUP + item;
+      if (position < size) target[next[digit_of(elements[k], first, bits)] + position] = elements[k];
+    }
+    barrier(CLK_LOCAL_MEM_FENCE);
+#pragma unroll
+    for (uint k = 0; k < VALUES; ++k) {
+      const uint position = k * GROUP + item;
+      const uint digit = digit_of(elements[k], first, bits);
+      if (position < size && (position == size - 1U || digits[position + 1U] != digit)) next[digit] += position + 1U;
+    }
+  }
+}
+
+/* Sorts n <= TILE elements by a range of bits, with one work-group. Local memory is all the scratch it needs. */
+kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void radix_sort_small(
+    const uint n, const uint first, const uint bits, global ulong* elements, global ulong* scratch) {
+  (void)scratch;
+  local uint pool[POOL];
+  local uint scan_pool[SCAN_POOL];
+  ulong own[VALUES];
+  load_tile(own, elements, 0, n);
+  sort_tile(own, first, bits, pool, scan_pool);
+#pragma unroll
+  for (uint k = 0; k < VALUES; ++k) {
+    const uint place = k * GROUP + (uint)get_local_id(0);
+    if (place < n) elements[place] = own[k];
+  }
+}
+
+#else
+
+kernel __attribute__((reqd_work_group_size(1, 1, 1))) void radix_sort_count(
+    const uint n, const uint length, const uint first, const uint bits, global const ulong* restrict elements,
+    global uint* restrict counts) {
+  uint block_counts[DIGITS];
+  const uint block = (uint)get_group_id(0);
+  const uint begin = block * length;
+  const uint end = min(n, begin + length);
+  for (uint digit = 0; digit < DIGITS; ++digit) block_counts[digit] = 0;
+  for (uint k = begin; k < end; ++k) ++block_counts[digit_of(elements[k], first, bits)];
+  for (uint digit = 0; digit < 1U << bits; ++digit) {
+    counts[digit * (uint)get_num_groups(0) + block] = block_counts[digit];
+  }
+}
+
+kernel __attribute__((reqd_work_group_size(1, 1, 1))) void radix_sort_scatter(
+    const uint n, const uint length, const uint first, const uint bits, global const ulong* restrict source,
+    global ulong* restrict target, global const uint* restrict starts) {
+  uint next[DIGITS]; /* the place of the next element of a digit */
+  const uint block = (uint)get_group_id(0);
+  const uint begin = block * length;
+  const uint end = min(n, begin + length);
+  for (uint digit = 0; digit < 1U << bits; ++digit) next[digit] = starts[digit * (uint)get_num_groups(0) + block];
+  for (uint k = begin; k < end; ++k) {
+    const ulong element = source[k];
+    target[next[digit_of(element, first, bits)]++] = element;
+  }
+}
+
+/* Sorts n elements by a range of bits, with one work-item. */
+kernel __attribute__((reqd_work_group_size(1, 1, 1))) void radix_sort_small(
+    const uint n, const uint first, const uint bits, global ulong* elements, global ulong* scratch) {
+  global ulong* source = elements;
+  global ulong* target = scratch;
+  for (uint done = 0; done < bits; done += DIGIT_BITS) {
+    const uint digit_first = first + done;
+    const uint digit_bits = min(bits - done, (uint)DIGIT_BITS);
+    uint next[DIGITS]; /* the place of the next element of a digit */
+    for (uint digit = 0; digit < DIGITS; ++digit) next[digit] = 0;
+    for (uint k = 0; k < n; ++k) ++next[digit_of(source[k], digit_first, digit_bits)];
+    uint place = 0;
+    for (uint digit = 0; digit < DIGITS; ++digit) {
+      const uint count = next[digit];
+      next[digit] = place;
+      place += count;
+    }
+    for (uint k = 0; k < n; ++k) {
+      const ulong element = source[k];
+      target[next[digit_of(element, digit_first, digit_bits)]++] = element;
+    }
+    global ulong* const sorted = target;
+    target = source;
+    source = sorted;
+  }
+  if (source == elements) return;
+  for (uint k = 0; k < n; ++k) elements[k] = source[k];
+}
+
+#endif
