@@ -1,6 +1,8 @@
 #pragma once
 
 #include <chrono>
+#include <cstddef>
+#include <deque>
 #include <span>
 #include <string_view>
 #include <vector>
@@ -16,7 +18,8 @@ class Profiler {
  public:
   explicit Profiler(bool device_times) : device_times_(device_times) {}
 
-  /// Measures the wall clock of a stage from its construction to its destruction.
+  /// Measures the wall clock of a stage from its construction to its destruction. Scopes may nest and
+  /// overlap; stages are in the order in which scopes were made.
   class Scope {
    public:
     Scope(Profiler& profiler, std::string_view name);
@@ -31,19 +34,21 @@ class Profiler {
 
    private:
     Profiler& profiler_;
+    std::size_t stage_;
     std::chrono::steady_clock::time_point start_;
   };
 
-  /// Forgets the stages of the last update.
+  /// Forgets the stages of the last update and starts the clock of this one. No scope may be open.
   void begin();
-  /// Reads device times; the queue must have finished.
+  /// Reads device times, once an update; the queue must have finished.
   void resolve();
   [[nodiscard]] std::span<const Stage> stages() const noexcept { return stages_; }
 
  private:
   bool device_times_;
+  std::chrono::steady_clock::time_point begin_ = std::chrono::steady_clock::now();
   std::vector<Stage> stages_;
-  std::vector<cl::Event> events_;  // one a stage, null where it enqueued nothing
+  std::deque<cl::Event> events_;  // one a stage, null where it enqueued nothing; stays in place as it grows
 };
 
 }  // namespace broadcl::opencl

@@ -8,12 +8,15 @@
 #include <iostream>
 #include <memory>
 #include <optional>
+#include <span>
 #include <string>
+#include <vector>
 
 #include "cli/arguments.hpp"
 #include "cli/output_file.hpp"
 #include "cli/progress_bar.hpp"
 #include "cli/simulation.hpp"
+#include "cli/trace.hpp"
 #include "cli/verbs.hpp"
 #include "scenes/broadphases.hpp"
 #include "scenes/verify.hpp"
@@ -26,20 +29,46 @@ struct Options {
   SimulationConfig simulation;
   std::string csv;
   std::string json;
+  std::string trace;
 };
+
+bool measures_stages(const SimulationConfig& config) {
+  return config.profile || config.trace;
+}
 
 std::unique_ptr<btBroadphaseInterface> make_broadphase(const SimulationConfig& config) {
   return scenes::make_broadphase(
       {.name = config.broadphase,
        .device = config.device,
+       .profile = measures_stages(config),
        .objects = config.scenario.objects + scenes::World::walls,
        .world_edge = scenes::World::outer_edge(scenes::Scenario(config.scenario))});
 }
 
-std::optional<Device> device_of(const btBroadphaseInterface& broadphase) {
+/// What is underneath; null for Bullet's own broad phases.
+const BroadPhase* core_of(const btBroadphaseInterface& broadphase) {
   const auto* own = dynamic_cast<const BulletBroadphase*>(&broadphase);
-  const Device* device = own != nullptr ? own->broad_phase().device() : nullptr;
+  return own != nullptr ? &own->broad_phase() : nullptr;
+}
+
+std::optional<Device> device_of(const BroadPhase* core) {
+  const Device* device = core != nullptr ? core->device() : nullptr;
   return device != nullptr ? std::optional(*device) : std::nullopt;
+}
+
+std::vector<Stage> stages_of(const BroadPhase* core) {
+  if (core == nullptr) return {};
+  const std::span<const Stage> stages = core->profile();
+  return {stages.begin(), stages.end()};
+}
+
+void add_times(SimulationResult& result, const scenes::FrameTimes& times) {
+  result.start.push_back(times.start);
+  result.update_start.push_back(times.update_start * 1e3);
+  result.update.push_back(times.update * 1e3);
+  result.broad_phase_start.push_back(times.broad_phase_start * 1e3);
+  result.broad_phase.push_back(times.broad_phase * 1e3);
+  result.total.push_back(times.total * 1e3);
 }
 
 bool is_exact(const std::string& broadphase) {
@@ -63,14 +92,14 @@ SimulationResult simulate(const SimulationConfig& config) {
   scenes::World world(config.scenario, *broadphase);
 
   SimulationResult result;
-  result.device = device_of(*broadphase);
+  const BroadPhase* const core = core_of(*broadphase);
+  result.device = device_of(core);
   if (config.verify) result.verdict.emplace().exact = is_exact(config.broadphase);
   ProgressBar progress(config.frames);
   for (std::uint32_t frame = 0; frame < config.frames; ++frame) {
     const scenes::FrameTimes times = world.step();
-    result.update.push_back(times.update * 1e3);
-    result.broad_phase.push_back(times.broad_phase * 1e3);
-    result.total.push_back(times.total * 1e3);
+    add_times(result, times);
+    result.stages.push_back(measures_stages(config) ? stages_of(core) : std::vector<Stage>());
     result.pairs.push_back(world.pair_count());
     if (result.verdict) add_frame(*result.verdict, frame, scenes::verify(world.bullet()));
     progress.advance();
@@ -78,18 +107,31 @@ SimulationResult simulate(const SimulationConfig& config) {
   return result;
 }
 
+void refuse_same_file(const std::string& name, const std::optional<OutputFile>& file,
+                      const std::string& other_name, const std::optional<OutputFile>& other) {
+  if (file && other && file->target() == other->target()) {
+    throw Error(name + " and " + other_name + " name the same file");
+  }
+}
+
 Exit run(const Options& options) {
   std::optional<OutputFile> csv;
   std::optional<OutputFile> json;
+  std::optional<OutputFile> trace;
   if (!options.csv.empty()) csv.emplace(options.csv);
   if (!options.json.empty()) json.emplace(options.json);
-  if (csv && json && csv->target() == json->target()) throw Error("--csv and --json name the same file");
+  if (!options.trace.empty()) trace.emplace(options.trace);
+  refuse_same_file("--csv", csv, "--json", json);
+  refuse_same_file("--csv", csv, "--trace", trace);
+  refuse_same_file("--json", json, "--trace", trace);
 
   const SimulationResult result = simulate(options.simulation);
   if (csv) csv->write(csv_report(result));
   if (json) json->write(json_report(options.simulation, result));
+  if (trace) write_trace(*trace, options.simulation, result);
   if (csv) csv->commit();
   if (json) json->commit();
+  if (trace) trace->commit();
   std::cout << table_report(options.simulation, result);
   return result.verdict && result.verdict->first_wrong_frame ? Exit::difference : Exit::success;
 }
@@ -123,10 +165,20 @@ Verb add_simulate(CLI::App& program) {
   add_device(*verb, simulation.device);
   verb->add_option("--csv", options->csv, "Where to write the times of each frame")->type_name("FILE");
   verb->add_option("--json", options->json, "Where to write the summary")->type_name("FILE");
+  verb->add_option("--trace", options->trace,
+                   "Where to write a trace of all frames, for ui.perfetto.dev and chrome://tracing; measures "
+                   "as --profile does")
+      ->type_name("FILE");
+  verb->add_flag("--profile", simulation.profile,
+                 "Report the stages of the broad phase; device times are measured then, which "
+                 "costs a few microseconds a frame");
   verb->add_flag("--verify", simulation.verify,
                  "Compare the pairs of each frame with the oracle, off the clock");
   verb->footer(footer());
-  return {verb, [options] { return run(*options); }};
+  return {verb, [options] {
+            options->simulation.trace = !options->trace.empty();
+            return run(*options);
+          }};
 }
 
 }  // namespace broadcl::cli

@@ -1,8 +1,11 @@
 #pragma once
 
 #include <broadcl/device.hpp>
+#include <broadcl/profile.hpp>
+#include <chrono>
 #include <cstddef>
 #include <cstdint>
+#include <nlohmann/json_fwd.hpp>
 #include <optional>
 #include <string>
 #include <vector>
@@ -18,6 +21,8 @@ struct SimulationConfig {
   std::string broadphase = "gpu-bf";  ///< A name of scenes::broadphases().
   std::string device;                 ///< As select_device() takes it.
   bool verify = false;                ///< Compare every frame with the oracle.
+  bool profile = false;               ///< Report the stages of the broad phase.
+  bool trace = false;                 ///< Keep the stages for a trace.
 };
 
 /// How the frames compare with the oracle. Broad phases that are not exact may have extra pairs.
@@ -30,14 +35,21 @@ struct Verdict {
 
 /// A value a frame each; times in milliseconds.
 struct SimulationResult {
+  std::vector<std::chrono::steady_clock::time_point> start;
+  std::vector<double> update_start;  ///< From the start of the frame.
   std::vector<double> update;
+  std::vector<double> broad_phase_start;  ///< From the start of the frame.
   std::vector<double> broad_phase;
   std::vector<double> total;
   std::vector<std::size_t> pairs;
+  /// Of the broad phase: none where they were not asked for, and where it has none.
+  std::vector<std::vector<Stage>> stages;
   std::optional<Device> device;  ///< None where the broad phase runs on the host.
   std::optional<Verdict> verdict;
 };
 
+/// What every document tells of its simulation: "config", "device" and "versions".
+[[nodiscard]] nlohmann::ordered_json facts(const SimulationConfig& config, const SimulationResult& result);
 /// A row a frame: frame,update_ms,broad_phase_ms,total_ms,pairs.
 [[nodiscard]] std::string csv_report(const SimulationResult& result);
 /// The configuration and the summary.

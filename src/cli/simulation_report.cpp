@@ -1,5 +1,9 @@
 #include <LinearMath/btScalar.h>
 
+#include <algorithm>
+#include <string_view>
+#include <utility>
+
 #include "cli/json.hpp"
 #include "cli/simulation.hpp"
 #include "cli/statistics.hpp"
@@ -29,6 +33,80 @@ ordered_json json_of(const Verdict& verdict) {
                        {"first_wrong_frame", nullptr}};
   if (verdict.first_wrong_frame) json["first_wrong_frame"] = *verdict.first_wrong_frame;
   return json;
+}
+
+/// A stage of the broad phase: milliseconds, a value a frame, the sum where a frame has it several times.
+struct StageTimes {
+  std::string_view name;
+  std::vector<double> host;
+  std::vector<double> device;
+};
+
+/// In the order in which the stages first appear.
+std::vector<StageTimes> stage_times(const SimulationResult& result) {
+  const std::size_t frames = result.stages.size();
+  std::vector<StageTimes> all;
+  for (std::size_t frame = 0; frame < frames; ++frame) {
+    for (const Stage& stage : result.stages[frame]) {
+      auto times = std::find_if(all.begin(), all.end(), [&](const auto& t) { return t.name == stage.name; });
+      if (times == all.end()) {
+        times = all.insert(all.end(), {stage.name, std::vector<double>(frames), std::vector<double>(frames)});
+      }
+      times->host[frame] += stage.host_seconds * 1e3;
+      times->device[frame] += stage.device_seconds * 1e3;
+    }
+  }
+  return all;
+}
+
+/// What a stage takes of the wall clock of the broad phase, over all frames.
+double share_of(const StageTimes& stage, const SimulationResult& result) {
+  return summarize(stage.host).mean / summarize(result.broad_phase).mean;
+}
+
+ordered_json stages_json(const SimulationResult& result) {
+  ordered_json json = ordered_json::array();
+  for (const StageTimes& stage : stage_times(result)) {
+    json.push_back({{"name", stage.name},
+                    {"host_milliseconds", json_of(stage.host)},
+                    {"device_milliseconds", json_of(stage.device)},
+                    {"share_of_broad_phase", share_of(stage, result)}});
+  }
+  return json;
+}
+
+std::string percent(double share) {
+  return right(fixed(share * 100, 1) + " %", 9);
+}
+
+std::string stages_table(const SimulationConfig& config, const SimulationResult& result) {
+  constexpr int decimals = 4;
+  constexpr std::size_t width = 11;
+  const std::vector<StageTimes> stages = stage_times(result);
+  if (stages.empty()) return "\nThe broad phase " + config.broadphase + " has no stages.\n";
+  std::string text =
+      "\nstages of the broad phase      host                               device\n"
+      "ms a frame           mean     median        p95       mean     median        p95    share\n";
+  double host = 0;
+  double device = 0;
+  double share = 0;
+  for (const StageTimes& stage : stages) {
+    text += left(std::string(stage.name), 14);
+    for (const std::vector<double>* times : {&stage.host, &stage.device}) {
+      const Summary summary = summarize(*times);
+      for (const double value : {summary.mean, summary.median, summary.p95}) {
+        text += right(fixed(value, decimals), width);
+      }
+    }
+    text += percent(share_of(stage, result)) + "\n";
+    host += summarize(stage.host).mean;
+    device += summarize(stage.device).mean;
+    share += share_of(stage, result);
+  }
+  const std::string gap(2 * width, ' ');
+  return text + left("all stages", 14) + right(fixed(host, decimals), width) + gap +
+         right(fixed(device, decimals), width) + gap + percent(share) +
+         "\nShare: of the broad phase's wall clock; the rest is bookkeeping and Bullet's pair cache.\n";
 }
 
 std::string table_row(const std::string& name, const std::vector<double>& milliseconds) {
@@ -66,27 +144,30 @@ std::string csv_report(const SimulationResult& result) {
   return text;
 }
 
-std::string json_report(const SimulationConfig& config, const SimulationResult& result) {
+ordered_json facts(const SimulationConfig& config, const SimulationResult& result) {
   const int bullet = btGetVersion();
-  const ordered_json document = {
-      {"config",
-       {{"scenario", config.scenario.name},
-        {"objects", config.scenario.objects},
-        {"shape", config.scenario.spheres ? "sphere" : "cube"},
-        {"seed", config.scenario.seed},
-        {"frames", config.frames},
-        {"broadphase", config.broadphase},
-        {"device", config.device}}},
-      {"device", result.device ? json_of(*result.device) : ordered_json()},
-      {"versions",
-       {{"broadcl", BROADCL_VERSION},
-        {"bullet", std::to_string(bullet / 100) + "." + std::to_string(bullet % 100)}}},
-      {"milliseconds",
-       {{"update", json_of(result.update)},
-        {"broad_phase", json_of(result.broad_phase)},
-        {"total", json_of(result.total)}}},
-      {"pairs", {{"mean", mean_of(result.pairs)}, {"last", result.pairs.back()}}},
-      {"verify", result.verdict ? json_of(*result.verdict) : ordered_json()}};
+  return {{"config",
+           {{"scenario", config.scenario.name},
+            {"objects", config.scenario.objects},
+            {"shape", config.scenario.spheres ? "sphere" : "cube"},
+            {"seed", config.scenario.seed},
+            {"frames", config.frames},
+            {"broadphase", config.broadphase},
+            {"device", config.device}}},
+          {"device", result.device ? json_of(*result.device) : ordered_json()},
+          {"versions",
+           {{"broadcl", BROADCL_VERSION},
+            {"bullet", std::to_string(bullet / 100) + "." + std::to_string(bullet % 100)}}}};
+}
+
+std::string json_report(const SimulationConfig& config, const SimulationResult& result) {
+  ordered_json document = facts(config, result);
+  document["milliseconds"] = {{"update", json_of(result.update)},
+                              {"broad_phase", json_of(result.broad_phase)},
+                              {"total", json_of(result.total)}};
+  document["stages"] = config.profile ? stages_json(result) : ordered_json();
+  document["pairs"] = {{"mean", mean_of(result.pairs)}, {"last", result.pairs.back()}};
+  document["verify"] = result.verdict ? json_of(*result.verdict) : ordered_json();
   return text_of(document);
 }
 
@@ -104,7 +185,8 @@ std::string table_report(const SimulationConfig& config, const SimulationResult&
   text += table_row("update", result.update);
   text += table_row("broad phase", result.broad_phase);
   text += table_row("total", result.total);
-  return text + "Frame 0 holds the warm-up; the other columns count it too.\n";
+  text += "Frame 0 holds the warm-up; the other columns count it too.\n";
+  return config.profile ? text + stages_table(config, result) : text;
 }
 
 }  // namespace broadcl::cli

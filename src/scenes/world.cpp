@@ -18,11 +18,23 @@
 namespace broadcl::scenes {
 namespace {
 
+using TimePoint = std::chrono::steady_clock::time_point;
+
+double seconds(TimePoint begin, TimePoint end) {
+  return std::chrono::duration<double>(end - begin).count();
+}
+
+/// When something ran.
+struct Interval {
+  TimePoint begin;
+  TimePoint end;
+};
+
 template <class Function>
-double seconds(Function&& function) {
-  const auto start = std::chrono::steady_clock::now();
+Interval measure(Function&& function) {
+  const TimePoint begin = std::chrono::steady_clock::now();
   function();
-  return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  return {begin, std::chrono::steady_clock::now()};
 }
 
 btVector3 to_bullet(const Eigen::Vector3f& v) {
@@ -38,19 +50,19 @@ class TimedWorld final : public btDiscreteDynamicsWorld {
   using btDiscreteDynamicsWorld::btDiscreteDynamicsWorld;
 
   void updateAabbs() override {
-    update_seconds_ = seconds([this] { btDiscreteDynamicsWorld::updateAabbs(); });
+    update_ = measure([this] { btDiscreteDynamicsWorld::updateAabbs(); });
   }
 
   void computeOverlappingPairs() override {
-    broad_phase_seconds_ = seconds([this] { btDiscreteDynamicsWorld::computeOverlappingPairs(); });
+    broad_phase_ = measure([this] { btDiscreteDynamicsWorld::computeOverlappingPairs(); });
   }
 
-  [[nodiscard]] double update_seconds() const { return update_seconds_; }
-  [[nodiscard]] double broad_phase_seconds() const { return broad_phase_seconds_; }
+  [[nodiscard]] const Interval& update() const { return update_; }
+  [[nodiscard]] const Interval& broad_phase() const { return broad_phase_; }
 
  private:
-  double update_seconds_ = 0;
-  double broad_phase_seconds_ = 0;
+  Interval update_;
+  Interval broad_phase_;
 };
 
 struct RemoveAll final : btOverlapCallback {
@@ -94,9 +106,16 @@ class World::Impl {
       body.activate();
       body.setLinearVelocity(to_bullet(kick.velocity));
     }
-    const double total = seconds([this] { world_.stepSimulation(Scenario::frame_seconds, 0); });
+    const Interval frame = measure([this] { world_.stepSimulation(Scenario::frame_seconds, 0); });
     scenario_.advance();
-    return {.update = world_.update_seconds(), .broad_phase = world_.broad_phase_seconds(), .total = total};
+    const Interval& update = world_.update();
+    const Interval& broad_phase = world_.broad_phase();
+    return {.start = frame.begin,
+            .update_start = seconds(frame.begin, update.begin),
+            .update = seconds(update.begin, update.end),
+            .broad_phase_start = seconds(frame.begin, broad_phase.begin),
+            .broad_phase = seconds(broad_phase.begin, broad_phase.end),
+            .total = seconds(frame.begin, frame.end)};
   }
 
   [[nodiscard]] const Scenario& scenario() const noexcept { return scenario_; }

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Geometry>
+#include <chrono>
 #include <cstddef>
 #include <memory>
 
@@ -13,7 +14,11 @@ namespace broadcl::scenes {
 
 /// Wall-clock seconds of one frame, measured the same way for every broad phase.
 struct FrameTimes {
+  std::chrono::steady_clock::time_point
+      start;  ///< When stepSimulation() began; the other starts count from it.
+  double update_start;
   double update;  ///< btCollisionWorld::updateAabbs(): every object's box computed and handed to setAabb().
+  double broad_phase_start;
   double broad_phase;  ///< btCollisionWorld::computeOverlappingPairs().
   double total;        ///< The whole stepSimulation(), collision response included.
 };

@@ -1,0 +1,241 @@
+#include <algorithm>
+#include <chrono>
+#include <cstddef>
+#include <optional>
+#include <span>
+#include <string_view>
+#include <thread>
+#include <vector>
+
+#include <gtest/gtest.h>
+
+#include <broadcl/broad_phase.hpp>
+
+#include "opencl/context.hpp"
+#include "opencl/profiler.hpp"
+
+namespace broadcl::opencl {
+namespace {
+
+using std::chrono::steady_clock;
+constexpr double nanosecond = 1e-9;
+
+double host_end(const Stage& stage) {
+  return stage.host_start + stage.host_seconds;
+}
+
+double device_end(const Stage& stage) {
+  return stage.device_start + stage.device_seconds;
+}
+
+double seconds_since(steady_clock::time_point start) {
+  return std::chrono::duration<double>(steady_clock::now() - start).count();
+}
+
+void pass_time() {
+  std::this_thread::sleep_for(std::chrono::milliseconds(2));
+}
+
+std::vector<std::string_view> names_of(std::span<const Stage> stages) {
+  std::vector<std::string_view> names;
+  for (const Stage& stage : stages) names.push_back(stage.name);
+  return names;
+}
+
+TEST(Profiler, NestedScopesAreStagesWithinStages) {
+  Profiler profiler(false);
+  profiler.begin();
+  {
+    const Profiler::Scope outer(profiler, "outer");
+    pass_time();
+    {
+      const Profiler::Scope inner(profiler, "inner");
+      pass_time();
+    }
+    pass_time();
+  }
+  ASSERT_EQ(names_of(profiler.stages()), (std::vector<std::string_view>{"outer", "inner"}));
+  const Stage& outer = profiler.stages()[0];
+  const Stage& inner = profiler.stages()[1];
+  EXPECT_GE(inner.host_seconds, 0.002);
+  EXPECT_GE(inner.host_start, outer.host_start + 0.002);
+  EXPECT_GE(host_end(outer), host_end(inner) + 0.002);
+}
+
+TEST(Profiler, OverlappingScopesHaveTheirOwnTimes) {
+  Profiler profiler(false);
+  profiler.begin();
+  std::optional<Profiler::Scope> first;
+  std::optional<Profiler::Scope> second;
+  first.emplace(profiler, "first");
+  pass_time();
+  second.emplace(profiler, "second");
+  pass_time();
+  first.reset();
+  pass_time();
+  second.reset();
+  ASSERT_EQ(names_of(profiler.stages()), (std::vector<std::string_view>{"first", "second"}));
+  const Stage& one = profiler.stages()[0];
+  const Stage& two = profiler.stages()[1];
+  EXPECT_GE(two.host_start, one.host_start + 0.002);
+  EXPECT_GE(host_end(one), two.host_start + 0.002);
+  EXPECT_GE(host_end(two), host_end(one) + 0.002);
+}
+
+TEST(Profiler, KeepsStagesOfOneNameAndTheTimeBetweenThem) {
+  Profiler profiler(false);
+  profiler.begin();
+  { const Profiler::Scope stage(profiler, "test"); }
+  pass_time();
+  { const Profiler::Scope stage(profiler, "test"); }
+  ASSERT_EQ(names_of(profiler.stages()), (std::vector<std::string_view>{"test", "test"}));
+  EXPECT_GE(profiler.stages()[1].host_start, host_end(profiler.stages()[0]) + 0.002);
+}
+
+TEST(Profiler, StartsCountFromTheBeginningOfTheUpdate) {
+  Profiler profiler(false);
+  { const Profiler::Scope stage(profiler, "last update"); }
+  pass_time();
+  const auto begin = steady_clock::now();
+  profiler.begin();
+  EXPECT_TRUE(profiler.stages().empty());
+  { const Profiler::Scope stage(profiler, "this update"); }
+  const double elapsed = seconds_since(begin);
+  ASSERT_EQ(names_of(profiler.stages()), (std::vector<std::string_view>{"this update"}));
+  EXPECT_GE(profiler.stages()[0].host_start, 0);
+  EXPECT_LE(host_end(profiler.stages()[0]), elapsed + nanosecond);
+}
+
+class DeviceProfiler : public testing::Test {
+ protected:
+  void fill(cl::Event* event) {
+    context_.queue().enqueueFillBuffer(buffer_, cl_uint{1}, 0, bytes, nullptr, event);
+  }
+
+  /// Mesa's rusticl 22.3 gives all commands the same time.
+  [[nodiscard]] bool clock_ticks() const { return context_.device().platform_name != "rusticl"; }
+
+  static constexpr std::size_t bytes = 1 << 22;
+  Context context_{select_device({}), true};
+  cl::Buffer buffer_{context_.context(), CL_MEM_READ_WRITE, bytes};
+  Profiler profiler_{true};
+};
+
+TEST_F(DeviceProfiler, CommandsAreInOrderAndDoNotOverlap) {
+  profiler_.begin();
+  for (const std::string_view name : {"first", "second", "third"}) {
+    Profiler::Scope stage(profiler_, name);
+    fill(stage.event());
+  }
+  context_.queue().finish();
+  profiler_.resolve();
+  const std::span<const Stage> stages = profiler_.stages();
+  ASSERT_EQ(stages.size(), 3U);
+  EXPECT_EQ(stages[0].device_start, 0);
+  for (const Stage& stage : stages) EXPECT_GT(stage.device_seconds, 0) << stage.name;
+  if (!clock_ticks()) return;
+  for (std::size_t k = 1; k < stages.size(); ++k) {
+    EXPECT_GE(stages[k].device_start, device_end(stages[k - 1]) - nanosecond / 2) << stages[k].name;
+  }
+}
+
+/// The outer stage's command comes after those of the stages within it, to where it asked before them.
+TEST_F(DeviceProfiler, EventsBelongToTheirScopeHoweverScopesNest) {
+  constexpr std::size_t inner_stages = 100;
+  profiler_.begin();
+  {
+    Profiler::Scope outer(profiler_, "outer");
+    cl::Event* const event = outer.event();
+    for (std::size_t k = 0; k < inner_stages; ++k) {
+      Profiler::Scope inner(profiler_, "inner");
+      EXPECT_NE(inner.event(), event);
+      if (k == 0) fill(inner.event());
+    }
+    EXPECT_EQ(outer.event(), event);
+    fill(event);
+  }
+  context_.queue().finish();
+  profiler_.resolve();
+  const std::span<const Stage> stages = profiler_.stages();
+  ASSERT_EQ(stages.size(), 1 + inner_stages);
+  EXPECT_GT(stages[0].device_seconds, 0);
+  EXPECT_GT(stages[1].device_seconds, 0);
+  EXPECT_EQ(stages[1].device_start, 0) << "its command was the first";
+  if (clock_ticks()) {
+    EXPECT_GE(stages[0].device_start, device_end(stages[1]) - nanosecond / 2);
+  }
+  for (std::size_t k = 2; k < stages.size(); ++k) {
+    EXPECT_EQ(stages[k].device_start, 0);
+    EXPECT_EQ(stages[k].device_seconds, 0);
+  }
+}
+
+TEST_F(DeviceProfiler, AStageWithoutACommandHasNoDeviceTime) {
+  profiler_.begin();
+  { const Profiler::Scope stage(profiler_, "before"); }
+  {
+    Profiler::Scope stage(profiler_, "fill");
+    fill(stage.event());
+  }
+  {
+    const Profiler::Scope stage(profiler_, "wait");
+    context_.queue().finish();
+  }
+  profiler_.resolve();
+  ASSERT_EQ(profiler_.stages().size(), 3U);
+  for (const std::size_t k : {0U, 2U}) {
+    EXPECT_EQ(profiler_.stages()[k].device_start, 0);
+    EXPECT_EQ(profiler_.stages()[k].device_seconds, 0);
+    EXPECT_GT(profiler_.stages()[k].host_seconds, 0);
+  }
+  EXPECT_EQ(profiler_.stages()[1].device_start, 0);
+  EXPECT_GT(profiler_.stages()[1].device_seconds, 0);
+}
+
+TEST_F(DeviceProfiler, WithoutDeviceTimesThereAreNoEvents) {
+  Profiler profiler(false);
+  profiler.begin();
+  {
+    Profiler::Scope stage(profiler, "fill");
+    EXPECT_EQ(stage.event(), nullptr);
+    fill(stage.event());
+  }
+  context_.queue().finish();
+  profiler.resolve();
+  EXPECT_EQ(profiler.stages()[0].device_seconds, 0);
+  EXPECT_GT(profiler.stages()[0].host_seconds, 0);
+}
+
+TEST_F(DeviceProfiler, AnUpdateWithoutAnyCommandResolves) {
+  profiler_.begin();
+  profiler_.resolve();
+  EXPECT_TRUE(profiler_.stages().empty());
+  { const Profiler::Scope stage(profiler_, "host"); }
+  profiler_.resolve();
+  EXPECT_EQ(profiler_.stages()[0].device_seconds, 0);
+}
+
+/// More pairs than there is room for at first, so the frame is run again: both runs are in the profile.
+TEST(BruteForceProfile, HasBothRunsOfAFrameThatIsRunAgain) {
+  BroadPhase broad_phase({.algorithm = "brute-force", .profile = true});
+  for (int k = 0; k < 200; ++k) broad_phase.add({{0, 0, 0}, {1, 1, 1}});
+  const auto begin = steady_clock::now();
+  EXPECT_EQ(broad_phase.update().added.size(), 19'900U);
+  const double elapsed = seconds_since(begin);
+  const std::span<const Stage> stages = broad_phase.profile();
+  const auto names = names_of(stages);
+  EXPECT_EQ(std::count(names.begin(), names.end(), "test"), 2);
+  EXPECT_EQ(std::count(names.begin(), names.end(), "sweep"), 2);
+  double sum = 0;
+  for (std::size_t k = 0; k < stages.size(); ++k) {
+    sum += stages[k].host_seconds;
+    if (k > 0) {
+      EXPECT_GE(stages[k].host_start, host_end(stages[k - 1]) - nanosecond) << names[k];
+    }
+  }
+  EXPECT_LE(sum, elapsed);
+  EXPECT_LE(host_end(stages.back()), elapsed);
+}
+
+}  // namespace
+}  // namespace broadcl::opencl
