@@ -1,7 +1,11 @@
 #include <broadcl/broad_phase.hpp>
 
 #include <algorithm>
+#include <cstring>
 #include <functional>
+#include <iterator>
+#include <limits>
+#include <optional>
 #include <queue>
 #include <string>
 #include <utility>
@@ -15,6 +19,92 @@ Aabb pack(const Aabb& box) {
   return is_empty(box) ? empty_aabb() : box;
 }
 
+/// A box that overlaps nothing, and has no NaN.
+constexpr float infinity = std::numeric_limits<float>::infinity();
+constexpr Aabb nowhere{{infinity, infinity, infinity}, {-infinity, -infinity, -infinity}};
+
+[[noreturn]] void throw_nan(const std::string& what) {
+  throw Error(what + " has a NaN bound; give an empty box (lower > upper) for an object without one");
+}
+
+bool same_bits(const Aabb& s, const Aabb& t) {
+  return std::memcmp(&s, &t, sizeof(Aabb)) == 0;
+}
+
+/// A set of slots that remembers the order in which they came.
+class SlotSet {
+ public:
+  void insert(std::uint32_t slot) {
+    if (slot >= is_in_.size()) is_in_.resize(slot + 1);
+    if (!is_in_[slot]) slots_.push_back(slot);
+    is_in_[slot] = true;
+  }
+  void insert(std::span<const std::uint32_t> slots) {
+    for (const std::uint32_t slot : slots) insert(slot);
+  }
+  void clear() {
+    for (const std::uint32_t slot : slots_) is_in_[slot] = false;
+    slots_.clear();
+  }
+  [[nodiscard]] bool contains(std::uint32_t slot) const { return slot < is_in_.size() && is_in_[slot]; }
+  [[nodiscard]] const std::vector<std::uint32_t>& slots() const noexcept { return slots_; }
+  void sort() { std::sort(slots_.begin(), slots_.end()); }
+
+ private:
+  std::vector<std::uint32_t> slots_;
+  std::vector<bool> is_in_;
+};
+
+/// What changed of the objects in some time.
+struct ChangeSet {
+  SlotSet changed;
+  SlotSet renewed;       // of changed, those whose object is another one
+  bool all = false;      // all changed
+  bool filters = false;  // a filter changed
+
+  [[nodiscard]] bool empty() const noexcept { return !all && changed.slots().empty(); }
+  void clear() {
+    changed.clear();
+    renewed.clear();
+    all = filters = false;
+  }
+  void add(const ChangeSet& other) {
+    changed.insert(other.changed.slots());
+    renewed.insert(other.renewed.slots());
+    all = all || other.all;
+    filters = filters || other.filters;
+  }
+};
+
+/// Changes of pairs that are nobody else's.
+struct OwnDelta {
+  std::vector<Pair> added;
+  std::vector<Pair> removed;
+};
+
+/// What two updates changed together. Where a pair ended in the first and began again in the second, nothing
+/// changed, unless an object of it was renewed in between.
+OwnDelta merge(const OwnDelta& first, const Delta& second, const SlotSet& renewed) {
+  const auto without = [](const auto& s, const auto& t) {
+    std::vector<Pair> result;
+    std::set_difference(s.begin(), s.end(), t.begin(), t.end(), std::back_inserter(result));
+    return result;
+  };
+  const auto with = [](const auto& s, const auto& t) {
+    std::vector<Pair> result;
+    std::set_union(s.begin(), s.end(), t.begin(), t.end(), std::back_inserter(result));
+    return result;
+  };
+  OwnDelta both{.added = with(without(first.added, second.removed), second.added),
+                .removed = with(first.removed, without(second.removed, first.added))};
+  std::vector<Pair> back;
+  std::set_intersection(both.added.begin(), both.added.end(), both.removed.begin(), both.removed.end(),
+                        std::back_inserter(back));
+  std::erase_if(back, [&](const Pair& pair) { return renewed.contains(pair.a) || renewed.contains(pair.b); });
+  if (back.empty()) return both;
+  return {.added = without(both.added, back), .removed = without(both.removed, back)};
+}
+
 }  // namespace
 
 class BroadPhase::Impl {
@@ -22,42 +112,125 @@ class BroadPhase::Impl {
   explicit Impl(const Config& config)
       : row_(find_algorithm(config.algorithm)), algorithm_(row_.make(config)) {}
 
-  std::uint32_t add(const Aabb& box) {
+  std::uint32_t add(const Aabb& box, const Filter& filter) {
     refuse_nan(box);
     const auto id = free_.empty() ? static_cast<std::uint32_t>(states_.size()) : free_.top();
     if (id == states_.size()) {
-      algorithm_->reserve(states_.size() + 1);
-      states_.push_back(State::free);
+      if (!in_flight_) algorithm_->reserve(states_.size() + 1);
+      grow(states_.size() + 1);
     } else {
       free_.pop();
     }
-    set(id, State::live);
-    algorithm_->boxes()[id] = pack(box);
-    ++size_;
+    set_state(id, State::live);
+    set_box(id, box);
+    store_filter(id, filter);
     return id;
   }
 
   void move(std::uint32_t id, const Aabb& box) {
     refuse_unknown(id);
     refuse_nan(box);
-    algorithm_->boxes()[id] = pack(box);
+    set_box(id, box);
+  }
+
+  void set_filter(std::uint32_t id, const Filter& filter) {
+    refuse_unknown(id);
+    store_filter(id, filter);
   }
 
   void remove(std::uint32_t id) {
     refuse_unknown(id);
     free_.push(id);
-    set(id, State::free);
-    algorithm_->boxes()[id] = empty_aabb();
-    --size_;
+    set_state(id, State::free);
+    set_box(id, nowhere);
   }
 
-  Delta update() {
-    std::sort(renewed_.begin(), renewed_.end());
-    const auto last = std::find(states_.rbegin(), states_.rend(), State::live);
-    const Delta delta = algorithm_->update(static_cast<std::size_t>(states_.rend() - last), renewed_);
-    for (const std::uint32_t id : renewed_) is_renewed_[id] = false;
-    renewed_.clear();
-    return delta;
+  std::span<Aabb> map(std::size_t n) {
+    if (in_flight_) throw Error("map() was called between begin() and finish(); call finish() first");
+    if (n > most_objects) throw Error("map() was asked for " + std::to_string(n) + " boxes; ask for fewer");
+    algorithm_->reserve(n);
+    if (n > states_.size()) grow(n);
+    for (std::size_t id = n; id < states_.size(); ++id) {
+      if (states_[id] == State::live) remove(static_cast<std::uint32_t>(id));
+    }
+    std::vector<std::uint32_t> free;
+    for (std::size_t id = n; id < states_.size(); ++id) free.push_back(static_cast<std::uint32_t>(id));
+    free_ = FreeIds(std::greater<>(), std::move(free));
+    // The caller must not meet a NaN that is not his own.
+    const std::span<Aabb> boxes = algorithm_->boxes().first(n);
+    for (Aabb& box : boxes) {
+      if (has_nan(box)) box = nowhere;
+    }
+    for (std::uint32_t id = 0; id < n; ++id) {
+      if (states_[id] == State::live) continue;
+      set_state(id, State::live);
+      store_filter(id, Filter());
+    }
+    changes_.all = true;
+    mapped_ = n;
+    return boxes;
+  }
+
+  void begin() {
+    if (in_flight_) return;
+    apply_late();
+    take_mapped();
+    if (changes_.empty()) return;
+    const std::size_t slots = slot_count();
+    flight_.clear();
+    std::swap(flight_, changes_);
+    flight_.renewed.sort();
+    try {
+      algorithm_->begin(
+          {.slots = slots,
+           .changed = flight_.changed.slots(),
+           // Where many changed, testing all pairs once is less work than testing those against all.
+           .all = flight_.all || flight_.changed.slots().size() > slots / 4,
+           .renewed = flight_.renewed.slots(),
+           .filters = any_filters_ ? std::span<const Filter>(filters_) : std::span<const Filter>(),
+           .filters_changed = flight_.filters,
+           .worlds = any_worlds_});
+    } catch (...) {
+      take_back();
+      throw;
+    }
+    in_flight_ = true;
+  }
+
+  void flush() {
+    if (!in_flight_) return;
+    try {
+      algorithm_->flush();
+    } catch (...) {
+      take_back();
+      throw;
+    }
+  }
+
+  Delta finish() {
+    begin();
+    asked_ = in_flight_;
+    if (in_flight_) {
+      const Delta delta = land();
+      if (late_.empty() && changes_.empty() && !pending_) return delta;
+      keep(delta);
+      begin();
+      if (in_flight_) keep(land());
+    }
+    if (!pending_) return {};
+    result_ = std::move(*pending_);
+    pending_.reset();
+    pending_renewed_.clear();
+    return {result_.added, result_.removed};
+  }
+
+  [[nodiscard]] std::vector<Pair> pairs() const {
+    if (in_flight_) throw Error("pairs() was called between begin() and finish(); call finish() first");
+    return algorithm_->pairs();
+  }
+
+  [[nodiscard]] std::span<const Stage> profile() const noexcept {
+    return asked_ ? algorithm_->profile() : std::span<const Stage>();
   }
 
   [[nodiscard]] const AlgorithmRow& row() const noexcept { return row_; }
@@ -66,12 +239,97 @@ class BroadPhase::Impl {
 
  private:
   enum class State : std::uint8_t { free, live };
+  using FreeIds = std::priority_queue<std::uint32_t, std::vector<std::uint32_t>, std::greater<>>;
 
-  void set(std::uint32_t id, State state) {
+  static constexpr std::size_t most_objects = std::size_t{1} << 31;
+
+  struct LateBox {
+    std::uint32_t id;
+    Aabb box;
+  };
+
+  void grow(std::size_t ids) {
+    states_.resize(ids, State::free);
+    filters_.resize(ids);
+  }
+
+  void set_state(std::uint32_t id, State state) {
     states_[id] = state;
-    is_renewed_.resize(states_.size());
-    if (!is_renewed_[id]) renewed_.push_back(id);
-    is_renewed_[id] = true;
+    size_ = state == State::live ? size_ + 1 : size_ - 1;
+    changes_.changed.insert(id);
+    changes_.renewed.insert(id);
+  }
+
+  void set_box(std::uint32_t id, const Aabb& box) {
+    if (in_flight_) return late_.push_back({id, box});
+    Aabb& old = algorithm_->boxes()[id];
+    const Aabb packed = id < mapped_ ? box : pack(box);
+    if (same_bits(old, packed)) return;
+    old = packed;
+    changes_.changed.insert(id);
+  }
+
+  void store_filter(std::uint32_t id, const Filter& filter) {
+    if (filters_[id] == filter) return;
+    filters_[id] = filter;
+    any_filters_ = any_filters_ || filter != Filter();
+    any_worlds_ = any_worlds_ || filter.world != 0;
+    changes_.changed.insert(id);
+    changes_.filters = true;
+  }
+
+  /// Boxes that were set between begin() and finish().
+  void apply_late() {
+    if (late_.empty()) return;
+    algorithm_->reserve(states_.size());
+    for (const LateBox& late : late_) set_box(late.id, late.box);
+    late_.clear();
+  }
+
+  /// Boxes that the caller wrote in place.
+  void take_mapped() {
+    if (mapped_ == 0) return;
+    const std::span<Aabb> boxes = algorithm_->boxes().first(mapped_);
+    const auto bad = std::find_if(boxes.begin(), boxes.end(), has_nan);
+    if (bad != boxes.end()) throw_nan("box " + std::to_string(bad - boxes.begin()));
+    std::transform(boxes.begin(), boxes.end(), boxes.begin(), pack);
+    mapped_ = 0;
+  }
+
+  /// Ends the update that is in flight.
+  Delta land() {
+    try {
+      const Delta delta = algorithm_->finish();
+      in_flight_ = false;
+      return delta;
+    } catch (...) {
+      take_back();
+      throw;
+    }
+  }
+
+  /// The update that was begun failed: what it was to find is still to be found.
+  void take_back() {
+    in_flight_ = false;
+    changes_.add(flight_);
+    changes_.all = changes_.filters = true;
+  }
+
+  /// Adds what the update that ended changed to what the caller was not told yet.
+  void keep(const Delta& delta) {
+    pending_renewed_.insert(flight_.renewed.slots());
+    if (pending_) {
+      pending_ = merge(*pending_, delta, pending_renewed_);
+    } else {
+      pending_ = OwnDelta{.added = {delta.added.begin(), delta.added.end()},
+                          .removed = {delta.removed.begin(), delta.removed.end()}};
+    }
+  }
+
+  /// Slots up to the last object.
+  [[nodiscard]] std::size_t slot_count() const {
+    const auto last = std::find(states_.rbegin(), states_.rend(), State::live);
+    return static_cast<std::size_t>(states_.rend() - last);
   }
 
   void refuse_unknown(std::uint32_t id) const {
@@ -81,17 +339,28 @@ class BroadPhase::Impl {
   }
 
   static void refuse_nan(const Aabb& box) {
-    if (has_nan(box))
-      throw Error("a box has a NaN bound; give an empty box (lower > upper) for an object without one");
+    if (has_nan(box)) throw_nan("a box");
   }
 
   const AlgorithmRow& row_;
   std::unique_ptr<Algorithm> algorithm_;
-  std::vector<State> states_;  // a slot each
-  std::priority_queue<std::uint32_t, std::vector<std::uint32_t>, std::greater<>> free_;
-  std::vector<std::uint32_t> renewed_;  // slots that changed hands since the last update
-  std::vector<bool> is_renewed_;
+  std::vector<State> states_;    // a slot each
+  std::vector<Filter> filters_;  // a slot each
+  FreeIds free_;
   std::size_t size_ = 0;
+  bool any_filters_ = false;  // some object ever had another than the default one
+  bool any_worlds_ = false;
+  std::size_t mapped_ = 0;  // boxes that the caller may have written in place
+
+  ChangeSet changes_;  // since the last update began
+  ChangeSet flight_;   // what that update takes in
+  bool in_flight_ = false;
+  bool asked_ = false;         // the algorithm, in the last update
+  std::vector<LateBox> late_;  // set while it is in flight
+
+  std::optional<OwnDelta> pending_;  // what changed in updates that the caller was not told of
+  SlotSet pending_renewed_;          // in these
+  OwnDelta result_;
 };
 
 BroadPhase::BroadPhase() : BroadPhase(Config()) {}
@@ -100,24 +369,41 @@ BroadPhase::~BroadPhase() = default;
 BroadPhase::BroadPhase(BroadPhase&&) noexcept = default;
 BroadPhase& BroadPhase::operator=(BroadPhase&&) noexcept = default;
 
-std::uint32_t BroadPhase::add(const Aabb& box) {
-  return impl_->add(box);
+std::uint32_t BroadPhase::add(const Aabb& box, const Filter& filter) {
+  return impl_->add(box, filter);
 }
 
 void BroadPhase::move(std::uint32_t id, const Aabb& box) {
   impl_->move(id, box);
 }
 
+void BroadPhase::set_filter(std::uint32_t id, const Filter& filter) {
+  impl_->set_filter(id, filter);
+}
+
 void BroadPhase::remove(std::uint32_t id) {
   impl_->remove(id);
 }
 
+std::span<Aabb> BroadPhase::map(std::size_t n) {
+  return impl_->map(n);
+}
+
 Delta BroadPhase::update() {
-  return impl_->update();
+  return impl_->finish();
+}
+
+void BroadPhase::begin() {
+  impl_->begin();
+  impl_->flush();
+}
+
+Delta BroadPhase::finish() {
+  return impl_->finish();
 }
 
 std::vector<Pair> BroadPhase::pairs() const {
-  return impl_->algorithm().pairs();
+  return impl_->pairs();
 }
 
 std::size_t BroadPhase::size() const noexcept {
@@ -133,19 +419,19 @@ const AlgorithmInfo& BroadPhase::algorithm() const noexcept {
 }
 
 std::span<const Stage> BroadPhase::profile() const noexcept {
-  return impl_->algorithm().profile();
+  return impl_->profile();
 }
 
 std::vector<Pair> overlapping_pairs(std::span<const Aabb> boxes, const BroadPhase::Config& config) {
   const auto bad = std::find_if(boxes.begin(), boxes.end(), has_nan);
   if (bad != boxes.end()) {
-    throw Error("box " + std::to_string(bad - boxes.begin()) +
-                " has a NaN bound; give an empty box (lower > upper) for an object without one");
+    throw_nan("box " + std::to_string(bad - boxes.begin()));
   }
   const auto algorithm = find_algorithm(config.algorithm).make(config);
   algorithm->reserve(boxes.size());
   std::transform(boxes.begin(), boxes.end(), algorithm->boxes().begin(), pack);
-  const Delta delta = algorithm->update(boxes.size(), {});
+  algorithm->begin({.slots = boxes.size(), .all = true});
+  const Delta delta = algorithm->finish();
   return {delta.added.begin(), delta.added.end()};
 }
 

@@ -1,97 +1,188 @@
-/* Brute force: tests every pair of boxes and appends those that overlap to a list, in no particular order.
+/* Brute force: tests every pair of boxes of which one changed, and appends those that overlap and that their filters let
+   pair to a list, in no particular order.
 
-   A work-item holds WIDTH boxes a in registers and walks down rows b, reading one box a row, the same for the whole
-   work-group. Hits gather in local memory; a work-group reserves its part of the list with one atomic. Where local
-   memory was too small it tests again and writes to its part directly. */
+   A work-item holds WIDTH boxes a in registers and walks down rows, each a box b, the same for the whole work-group. Hits
+   gather in local memory; a work-group reserves its part of the list with one atomic. Where local memory was too small it
+   walks again and writes to its part directly.
+
+   A GPU does not compare bounds, it subtracts them: boxes overlap where none of six differences is negative. Additions and
+   the merging of signs run on different units, which share the work that compares would put on one. Bounds are made finite
+   for that and zeros positive, so that differences have the right sign; what is found is tested again as it is. */
 
 #include "aabb.h"
 #include "delta.h"
+#include "filter.h"
 #include "lanes.h"
 
 #ifndef GROUP
-#define GROUP 64 /* work-items a work-group */
+#define GROUP 64 /* work-items a work-group; 1 in the shape for CPUs, in which rows are read where they lie */
 #endif
-#define LOCAL_HITS 512U
-
+#ifndef MAX_ROWS
+#define MAX_ROWS 128 /* rows of a work-group, at the most */
+#endif
 #ifndef ROWS
 #define ROWS 4 /* rows that a work-item tests before it looks for hits */
 #endif
+#ifndef WORLDS
+#define WORLDS 0 /* 1 where objects are in different worlds */
+#endif
+#define LOCAL_HITS 512U
 
 typedef struct {
   FLOATS lower_x, lower_y, lower_z, upper_x, upper_y, upper_z;
+#if WORLDS
+  INTS world;
+#endif
 } boxes_t;
 
-INTS test_row(const boxes_t* s, const uint b, global const float* restrict boxes) {
-  global const float2* q = (global const float2*)(boxes + (size_t)b * AABB_FLOATS);
-  const float2 q0 = q[0];
-  const float2 q1 = q[1];
-  const float2 q2 = q[2];
-  return AABB_OVERLAPS(s->lower_x, s->lower_y, s->lower_z, s->upper_x, s->upper_y, s->upper_z, q0.x, q0.y, q1.x, q1.y,
-                       q2.x, q2.y);
+/* A box; lower.w holds the bits of its world. */
+typedef struct {
+  float4 lower, upper;
+} row_t;
+
+static inline row_t load_row(global const float* restrict boxes, global const uint4* restrict filters,
+                             const uint slot) {
+  global const float2* p = (global const float2*)(boxes + (size_t)slot * AABB_FLOATS);
+  const float2 p0 = p[0];
+  const float2 p1 = p[1];
+  const float2 p2 = p[2];
+  const row_t row = {(float4)(p0.x, p0.y, p1.x, WORLDS ? as_float(filters[slot].w) : 0.0F),
+                     (float4)(p1.y, p2.x, p2.y, 0.0F)};
+  return row;
 }
 
-/* A bit a lane: which of the boxes a, a + 1, ... come before b and overlap it. */
-uint hits_before(const INTS hits, const uint a, const uint b) {
-  return lane_mask(hits) & (b - a < WIDTH ? (1U << (b - a)) - 1U : ~0U);
+/* Lanes are -1 where the boxes overlap. */
+static inline INTS test_boxes(const boxes_t* s, const row_t t) {
+  return AABB_OVERLAPS(s->lower_x, s->lower_y, s->lower_z, s->upper_x, s->upper_y, s->upper_z, t.lower.x, t.lower.y,
+                       t.lower.z, t.upper.x, t.upper.y, t.upper.z);
 }
 
-/* Work-items of dimension 0 stand for WIDTH boxes a each, those of dimension 1 for `rows` rows b each. */
+#if GROUP > 1
+/* Boxes that overlap still do so when all their bounds are made finite. */
+#define FINITE(bounds) (fmin(fmax(bounds, -FLT_MAX), FLT_MAX) + 0.0F)
+
+static inline row_t finite_row(row_t row) {
+  const bool empty = isnan(row.lower.x) != 0;
+  row.lower.xyz = empty ? (float3)(FLT_MAX) : FINITE(row.lower.xyz);
+  row.upper.xyz = empty ? (float3)(-FLT_MAX) : FINITE(row.upper.xyz);
+  return row;
+}
+
+/* Negative where a lane may overlap. */
+typedef int may_t;
+static inline may_t may_overlap(const boxes_t* s, const row_t t) {
+  const INTS apart = (AS_INTS(t.upper.x - s->lower_x) | AS_INTS(t.upper.y - s->lower_y) | AS_INTS(t.upper.z - s->lower_z)) |
+                     (AS_INTS(s->upper_x - t.lower.x) | AS_INTS(s->upper_y - t.lower.y) | AS_INTS(s->upper_z - t.lower.z));
+  return ~and_lanes(apart);
+}
+
+/* As lanes: finite bounds overlap, which may be more. */
+#define LANES(may, s, t) test_boxes(s, t)
+
+static inline bool overlap(global const float* restrict boxes, const uint a, const uint b) {
+  global const float* p = boxes + (size_t)a * AABB_FLOATS;
+  global const float* q = boxes + (size_t)b * AABB_FLOATS;
+  return AABB_OVERLAPS(p[0], p[1], p[2], p[3], p[4], p[5], q[0], q[1], q[2], q[3], q[4], q[5]) != 0;
+}
+#else
+#define FINITE(bounds) (bounds)
+
+typedef INTS may_t;
+#define may_overlap test_boxes
+#define LANES(may, s, t) (may)
+#endif
+
+/* Work-items of dimension 0 stand for WIDTH boxes a each, those of dimension 1 for `rows` rows each. Where row_count is n
+   every slot is a row and pairs are tested with a < b; else the rows are those slots that changed. */
 kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void brute_force(
-    const uint n, const uint rows, global const float* restrict boxes, PAIR_SINK_PARAMETERS) {
+    const uint n, const uint row_count, const uint rows, global const float* restrict boxes,
+    global const uint* restrict changed, const uint any_filters, global const uint4* restrict filters,
+    PAIR_SINK_PARAMETERS) {
   const pair_sink_t sink = PAIR_SINK;
   local uint2 hits[LOCAL_HITS];
   local uint found;
   local uint base;
   if (get_local_id(0) == 0) found = 0;
+
+  const bool all = row_count == n;
+  const uint first_row = (uint)get_global_id(1) * rows;
+  const uint end = min(row_count, first_row + rows);
+#if GROUP > 1
+  local row_t tile[MAX_ROWS + ROWS];
+  for (uint k = (uint)get_local_id(0); k < rows + ROWS; k += GROUP) {
+    const uint row = min(first_row + k, end - 1U);
+    tile[k] = finite_row(load_row(boxes, filters, all ? row : changed[row]));
+  }
+#define ROW(first, r) (tile + ((first)-first_row))[r]
+#else
+#define ROW(first, r) \
+  load_row(boxes, filters, all ? min((first) + (r), end - 1U) : changed[min((first) + (r), end - 1U)])
+#endif
   barrier(CLK_LOCAL_MEM_FENCE);
 
   const uint a = (uint)get_global_id(0) * WIDTH;
-  const uint begin = max((uint)get_global_id(1) * rows, a + 1U);
-  const uint end = min(n, ((uint)get_global_id(1) + 1U) * rows);
+  const uint begin = a >= n ? end : all ? max(first_row, a + 1U) : first_row;
   boxes_t s;
   if (begin < end) {
     global const float* p = boxes + (size_t)a * AABB_FLOATS;
-    s.lower_x = BOUNDS(p);
-    s.lower_y = BOUNDS(p + 1);
-    s.lower_z = BOUNDS(p + 2);
-    s.upper_x = BOUNDS(p + 3);
-    s.upper_y = BOUNDS(p + 4);
-    s.upper_z = BOUNDS(p + 5);
-  }
-  for (uint first = begin; first < end; first += ROWS) {
-    INTS rows_hits[ROWS];
-    INTS some = 0;
-    for (uint r = 0; r < ROWS; ++r) {
-      rows_hits[r] = test_row(&s, min(first + r, end - 1U), boxes);
-      some |= rows_hits[r];
-    }
-    if (!any(some)) continue;
-    for (uint r = 0; r < min((uint)ROWS, end - first); ++r) {
-      uint bits = hits_before(rows_hits[r], a, first + r);
-      for (uint lane = 0; bits != 0; ++lane, bits >>= 1) {
-        if ((bits & 1U) == 0) continue;
-        const uint k = atomic_inc(&found);
-        if (k < LOCAL_HITS) hits[k] = (uint2)(a + lane, first + r);
-      }
-    }
+    s.lower_x = FINITE(BOUNDS(p));
+    s.lower_y = FINITE(BOUNDS(p + 1));
+    s.lower_z = FINITE(BOUNDS(p + 2));
+    s.upper_x = FINITE(BOUNDS(p + 3));
+    s.upper_y = FINITE(BOUNDS(p + 4));
+    s.upper_z = FINITE(BOUNDS(p + 5));
+#if WORLDS
+    s.world = WORLD_OF(filters + a);
+#endif
   }
 
-  barrier(CLK_LOCAL_MEM_FENCE);
-  const uint total = found;
-  barrier(CLK_LOCAL_MEM_FENCE);
-  if (get_local_id(0) == 0) {
-    base = total == 0 ? 0U : reserve_pairs(&sink, total);
-    found = 0;
-  }
-  barrier(CLK_LOCAL_MEM_FENCE);
-  if (total <= LOCAL_HITS) {
-    for (uint k = (uint)get_local_id(0); k < total; k += GROUP) put_pair(&sink, base, k, hits[k]);
-    return;
-  }
-  for (uint b = begin; b < end; ++b) {
-    uint bits = hits_before(test_row(&s, b, boxes), a, b);
-    for (uint lane = 0; bits != 0; ++lane, bits >>= 1) {
-      if ((bits & 1U) != 0) put_pair(&sink, base, atomic_inc(&found), (uint2)(a + lane, b));
+  for (uint pass = 0; pass < 2U; ++pass) {
+    for (uint first = begin; first < end; first += ROWS) {
+      may_t may[ROWS];
+      may_t some = 0;
+      for (uint r = 0; r < ROWS; ++r) {
+        const row_t t = ROW(first, r);
+#if WORLDS
+        may[r] = any(s.world == as_int(t.lower.w)) ? may_overlap(&s, t) : (may_t)(0);
+#else
+        may[r] = may_overlap(&s, t);
+#endif
+        some |= may[r];
+      }
+      if (!any(some)) continue;
+      for (uint r = 0; r < min((uint)ROWS, end - first); ++r) {
+        if (!any(may[r])) continue;
+        uint bits = lane_mask(LANES(may[r], &s, ROW(first, r)));
+        const uint b = all ? first + r : changed[first + r];
+        for (uint s_a = a; bits != 0; ++s_a, bits >>= 1) {
+          if ((bits & 1U) == 0) continue;
+          if (s_a >= n || s_a == b || (s_a > b && (all || is_changed(stamps[s_a], stamp)))) continue;
+#if GROUP > 1
+          if (!overlap(boxes, s_a, b)) continue;
+#endif
+          if (any_filters != 0U && !may_pair(filters[s_a], filters[b])) continue;
+          const uint2 pair = (uint2)(min(s_a, b), max(s_a, b));
+          const uint k = atomic_inc(&found);
+          if (pass == 1U) {
+            put_pair(&sink, base, k, pair);
+          } else if (k < LOCAL_HITS) {
+            hits[k] = pair;
+          }
+        }
+      }
     }
+    if (pass == 1U) break;
+
+    barrier(CLK_LOCAL_MEM_FENCE);
+    const uint total = found;
+    barrier(CLK_LOCAL_MEM_FENCE);
+    if (get_local_id(0) == 0) {
+      base = total == 0 ? 0U : reserve_pairs(&sink, total);
+      found = 0;
+    }
+    barrier(CLK_LOCAL_MEM_FENCE);
+    if (total > LOCAL_HITS) continue;
+    for (uint k = (uint)get_local_id(0); k < total; k += GROUP) put_pair(&sink, base, k, hits[k]);
+    break;
   }
 }

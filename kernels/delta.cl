@@ -8,6 +8,35 @@
 #define TEAMS 2 /* teams of so many work-items a work-group */
 #define KEYS 4  /* pairs that a team places at once */
 
+/* Puts the pairs of the last frame of which neither object changed, without a test. */
+kernel void delta_carry(const uint last_found, PAIR_SINK_PARAMETERS) {
+  const pair_sink_t sink = PAIR_SINK;
+  local uint places[2]; /* how many, and the first */
+  if (get_local_id(0) == 0) places[0] = 0;
+  barrier(CLK_LOCAL_MEM_FENCE);
+  const uint k = (uint)get_global_id(0);
+  uint2 pair = (uint2)(0);
+  bool stays = false;
+  uint mine = 0;
+  if (k < last_found) {
+    pair = last[k];
+    stays = !is_changed(stamps[pair.x], stamp) && !is_changed(stamps[pair.y], stamp);
+    if (stays) mine = atomic_inc(&places[0]);
+  }
+  barrier(CLK_LOCAL_MEM_FENCE);
+  if (get_local_id(0) == 0) places[1] = places[0] == 0 ? 0U : reserve_pairs(&sink, places[0]);
+  barrier(CLK_LOCAL_MEM_FENCE);
+  const uint place = places[1] + mine;
+  if (stays && place >= mine && enlist(&sink, place, pair, hash_pair(pair))) kept[k] = 1;
+}
+
+/* Puts the pairs of a list into its table, which is all zero. */
+kernel void delta_index(const uint found, global const uint2* restrict pairs, global uint* restrict table,
+                        const uint mask) {
+  const uint k = (uint)get_global_id(0);
+  if (k < found) index_pair(table, mask, k, hash_pair(pairs[k]));
+}
+
 /* Collects the pairs of the last frame that were not kept, and leaves `kept` and the last frame's table all zero. */
 kernel void delta_sweep(const uint capacity, global const uint2* restrict last, const uint last_found,
                         global uint* restrict last_table, const uint last_mask, global uchar* restrict kept,
@@ -28,8 +57,8 @@ static inline ulong order_of(const uint2 pair) {
 
 /* Writes the changes to `result` behind the counts: added, then removed, each pair at the place that the number of
    smaller ones in its list gives it. Work-items of dimension 2 stand for the two lists, those of dimension 1 for KEYS
-   pairs each. Where a list has more pairs than they stand for, both are written as they come. Leaves the counts of the
-   next frame all zero. */
+   pairs each. Where a list has more pairs than they stand for, none is written. Leaves the counts of the next frame
+   all zero. */
 kernel __attribute__((reqd_work_group_size(PARTS, TEAMS, 1))) void delta_order(
     const uint capacity, global const uint2* restrict added, global const uint2* restrict removed,
     global const uint* restrict counts, global uint* restrict next_counts, global uint* restrict result) {
@@ -48,12 +77,7 @@ kernel __attribute__((reqd_work_group_size(PARTS, TEAMS, 1))) void delta_order(
   const uint size = is_added ? added_count : removed_count;
   global const uint2* list = is_added ? added : removed;
   global uint2* changes = (global uint2*)(result + COUNTS) + (is_added ? 0U : added_count);
-  const uint places_in_all = (uint)get_global_size(1) * KEYS;
-  if (max(added_count, removed_count) > places_in_all) {
-    const uint step = (uint)get_global_size(1) * PARTS;
-    for (uint k = (uint)get_global_id(1) * PARTS + part; k < size; k += step) changes[k] = list[k];
-    return;
-  }
+  if (max(added_count, removed_count) > (uint)get_global_size(1) * KEYS) return;
   if ((uint)get_group_id(1) * (TEAMS * KEYS) >= size) return;
 
   ulong orders[KEYS];

@@ -8,6 +8,8 @@
 #ifndef BROADCL_DELTA_H
 #define BROADCL_DELTA_H
 
+#include "stamp.h"
+
 /* What is counted, as uints. The number of pairs found has 64 bits in two: no 64-bit atomics are needed. */
 #define COUNT_FOUND 0
 #define COUNT_FOUND_HIGH 1
@@ -23,9 +25,10 @@ typedef struct {
   global const uint2* last;  /* the list of the last frame */
   global const uint* last_table;
   uint last_mask;
-  global uchar* kept;           /* a byte a pair of the last frame, 1 where this frame found it too */
-  uint any_renewed;             /* whether `renewed` is to be read */
-  global const uchar* renewed;  /* a byte a slot, not 0 where its object is another one than in the last frame */
+  global uchar* kept;          /* a byte a pair of the last frame, 1 where this frame found it too */
+  uint any_renewed;            /* whether some object is another one than in the last frame */
+  uint stamp;                  /* of this frame */
+  global const uint* stamps;   /* a word a slot: stamp.h */
   global uint2* added;
   global uint* counts;
 } pair_sink_t;
@@ -33,10 +36,10 @@ typedef struct {
 #define PAIR_SINK_PARAMETERS                                                                                         \
   const uint capacity, global uint2 *restrict pairs, global uint *restrict table, const uint mask,                   \
       global const uint2 *restrict last, global const uint *restrict last_table, const uint last_mask,               \
-      global uchar *restrict kept, const uint any_renewed, global const uchar *restrict renewed,                     \
+      global uchar *restrict kept, const uint any_renewed, const uint stamp, global const uint *restrict stamps,     \
       global uint2 *restrict added, global uint *restrict counts
-#define PAIR_SINK \
-  {capacity, pairs, table, mask, last, last_table, last_mask, kept, any_renewed, renewed, added, counts}
+#define PAIR_SINK                                                                                                    \
+  {capacity, pairs, table, mask, last, last_table, last_mask, kept, any_renewed, stamp, stamps, added, counts}
 
 static inline uint hash_pair(const uint2 pair) {
   uint h = pair.x * 0x9e3779b1U ^ pair.y * 0x85ebca77U;
@@ -53,7 +56,10 @@ static inline uint reserve_pairs(const pair_sink_t* sink, const uint total) {
 }
 
 static inline bool was_in_last_frame(const pair_sink_t* sink, const uint2 pair, const uint hash) {
-  if (sink->any_renewed != 0U && (sink->renewed[pair.x] != 0 || sink->renewed[pair.y] != 0)) return false;
+  if (sink->any_renewed != 0U &&
+      (is_renewed(sink->stamps[pair.x], sink->stamp) || is_renewed(sink->stamps[pair.y], sink->stamp))) {
+    return false;
+  }
   for (uint entry = hash & sink->last_mask; sink->last_table[entry] != 0U; entry = (entry + 1U) & sink->last_mask) {
     const uint place = sink->last_table[entry] - 1U;
     const uint2 last = sink->last[place];
@@ -65,14 +71,25 @@ static inline bool was_in_last_frame(const pair_sink_t* sink, const uint2 pair, 
   return false;
 }
 
+/* Puts the place of a pair into a table. */
+static inline void index_pair(global uint* table, const uint mask, const uint place, const uint hash) {
+  uint entry = hash & mask;
+  while (atomic_cmpxchg(&table[entry], 0U, place + 1U) != 0U) entry = (entry + 1U) & mask;
+}
+
+/* Puts a pair at a place of this frame's list and into its table; false where it does not fit. */
+static inline bool enlist(const pair_sink_t* sink, const uint place, const uint2 pair, const uint hash) {
+  if (place >= sink->capacity) return false;
+  sink->pairs[place] = pair;
+  index_pair(sink->table, sink->mask, place, hash);
+  return true;
+}
+
 /* Puts the k-th pair of a reservation. */
 static inline void put_pair(const pair_sink_t* sink, const uint base, const uint k, const uint2 pair) {
-  const uint place = base + k;
-  if (place < base || place >= sink->capacity) return;
-  sink->pairs[place] = pair;
   const uint hash = hash_pair(pair);
-  uint entry = hash & sink->mask;
-  while (atomic_cmpxchg(&sink->table[entry], 0U, place + 1U) != 0U) entry = (entry + 1U) & sink->mask;
+  const uint place = base + k;
+  if (place < base || !enlist(sink, place, pair, hash)) return;
   if (!was_in_last_frame(sink, pair, hash)) sink->added[atomic_inc(&sink->counts[COUNT_ADDED])] = pair;
 }
 

@@ -6,6 +6,7 @@
    words begin at the same a, so that it reads its WIDTH boxes once. */
 
 #include "aabb.h"
+#include "filter.h"
 #include "lanes.h"
 #include "triangle.h"
 
@@ -32,9 +33,19 @@ typedef int4 word_t;
 #define PACK(bits) ((bits).s048c | (bits).s159d | (bits).s26ae | (bits).s37bf)
 #endif
 
+/* Clears the lanes of pairs (a, b), (a + 1, b), ... that their filters do not let pair. */
+INTS filter_lanes(const INTS lanes, global const uint4* restrict filters, const uint a, const uint b) {
+  if (!any(lanes)) return lanes;
+  const uint4 filter = filters[b];
+  uint allowed = 0;
+  for (uint lane = 0; lane < WIDTH; ++lane) allowed |= may_pair(filters[a + lane], filter) ? 1U << lane : 0U;
+  return select((INTS)(0), lanes, ((INTS)((int)allowed) & LANE_BITS) != 0);
+}
+
 /* A seam: pairs from the end of row b - 1 on, through the starts of row b and perhaps of rows after it. Bytes past the
    last row n - 1 become 0. */
-void test_seam(const uint b, const uint n, global const float* restrict boxes, global uint* restrict words) {
+void test_seam(const uint b, const uint n, global const float* restrict boxes, const uint any_filters,
+               global const uint4* restrict filters, global uint* restrict words) {
   const ulong seam = row_start(b) - row_start(b) % WIDTH;
   uint s = (uint)(seam - row_start(b - 1U));
   uint t = b - 1U;
@@ -48,7 +59,9 @@ void test_seam(const uint b, const uint n, global const float* restrict boxes, g
       if (t < n) {
         global const float* p = boxes + (size_t)s * AABB_FLOATS;
         global const float* q = boxes + (size_t)t * AABB_FLOATS;
-        packed |= (uint)AABB_OVERLAPS(p[0], p[1], p[2], p[3], p[4], p[5], q[0], q[1], q[2], q[3], q[4], q[5]) << (8U * k);
+        uint hit = (uint)AABB_OVERLAPS(p[0], p[1], p[2], p[3], p[4], p[5], q[0], q[1], q[2], q[3], q[4], q[5]);
+        if (hit != 0U && any_filters != 0U) hit = may_pair(filters[s], filters[t]) ? 1U : 0U;
+        packed |= hit << (8U * k);
       }
     }
     words[seam / 4U + word] = packed;
@@ -58,12 +71,12 @@ void test_seam(const uint b, const uint n, global const float* restrict boxes, g
 /* Work-items of dimension 0 stand for the words of a row. Of dimension 1, the first PERIOD * chunks stand for a class of
    rows (b modulo PERIOD) and a chunk of `rows` rows of that class; the rest for seams, of which they need n in all. */
 kernel void gpu_bf(const uint n, const uint rows, const uint chunks, global const float* restrict boxes,
-                   global word_t* restrict words) {
+                   const uint any_filters, global const uint4* restrict filters, global word_t* restrict words) {
   const uint x = (uint)get_global_id(0);
   const uint y = (uint)get_global_id(1);
   if (y >= PERIOD * chunks) {
     const uint b = (y - PERIOD * chunks) * (uint)get_global_size(0) + x + 1U;
-    if (b <= n && owns_seam(b, WIDTH)) test_seam(b, n, boxes, (global uint*)words);
+    if (b <= n && owns_seam(b, WIDTH)) test_seam(b, n, boxes, any_filters, filters, (global uint*)words);
     return;
   }
 
@@ -85,8 +98,9 @@ kernel void gpu_bf(const uint n, const uint rows, const uint chunks, global cons
   const FLOATS upper_z = BOUNDS(p + 5);
   for (; b < end; b += PERIOD) {
     global const float* q = boxes + (size_t)b * AABB_FLOATS;
-    const INTS bits = BYTE_BITS & AABB_OVERLAPS(lower_x, lower_y, lower_z, upper_x, upper_y, upper_z, q[0], q[1],
-                                                q[2], q[3], q[4], q[5]);
+    INTS lanes = AABB_OVERLAPS(lower_x, lower_y, lower_z, upper_x, upper_y, upper_z, q[0], q[1], q[2], q[3], q[4], q[5]);
+    if (any_filters != 0U) lanes = filter_lanes(lanes, filters, a, b);
+    const INTS bits = BYTE_BITS & lanes;
     words[(row_start(b) + a) / WIDTH] = PACK(bits);
   }
 }

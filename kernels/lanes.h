@@ -10,6 +10,7 @@
 #define PASTE(x, y) PASTE_(x, y)
 #define FLOATS PASTE(float, WIDTH)
 #define INTS PASTE(int, WIDTH)
+#define AS_INTS PASTE(as_int, WIDTH)
 
 /* The same bound of WIDTH boxes that follow each other. */
 #define BOUNDS_4(p) (p)[0], (p)[6], (p)[12], (p)[18]
@@ -17,12 +18,32 @@
 #define BOUNDS_16(p) BOUNDS_8(p), BOUNDS_8((p) + 48)
 #define BOUNDS(p) ((FLOATS)(PASTE(BOUNDS_, WIDTH)(p)))
 
+/* The worlds of WIDTH objects that follow each other, from their filters. */
+#define WORLD_OF_4(p) (int)(p)[0].w, (int)(p)[1].w, (int)(p)[2].w, (int)(p)[3].w
+#define WORLD_OF_8(p) WORLD_OF_4(p), WORLD_OF_4((p) + 4)
+#define WORLD_OF_16(p) WORLD_OF_8(p), WORLD_OF_8((p) + 8)
+#define WORLD_OF(p) ((INTS)(PASTE(WORLD_OF_, WIDTH)(p)))
+
+/* The bits that all lanes have. */
+static inline int and_lanes(const INTS lanes) {
+#if WIDTH == 16
+  const int8 of_8 = lanes.lo & lanes.hi;
+  const int4 of_4 = of_8.lo & of_8.hi;
+#elif WIDTH == 8
+  const int4 of_4 = lanes.lo & lanes.hi;
+#else
+  const int4 of_4 = lanes;
+#endif
+  return of_4.x & of_4.y & of_4.z & of_4.w;
+}
+
 /* A bit a lane, from lanes that are each 0 or -1. */
 #define LANE_BITS_4 1, 2, 4, 8
 #define LANE_BITS_8 LANE_BITS_4, 16, 32, 64, 128
 #define LANE_BITS_16 LANE_BITS_8, 1 << 8, 1 << 9, 1 << 10, 1 << 11, 1 << 12, 1 << 13, 1 << 14, 1 << 15
+#define LANE_BITS ((INTS)(PASTE(LANE_BITS_, WIDTH)))
 static inline uint lane_mask(const INTS lanes) {
-  const INTS bits = lanes & (INTS)(PASTE(LANE_BITS_, WIDTH));
+  const INTS bits = lanes & LANE_BITS;
 #if WIDTH == 16
   const int8 by_8 = bits.lo | bits.hi;
   const int4 by_4 = by_8.lo | by_8.hi;

@@ -10,10 +10,26 @@
 
 namespace broadcl {
 
+/// What an update starts from. The spans are the caller's and stay as they are until the update is finished.
+struct Changes {
+  std::size_t slots = 0;  ///< Slots 0 .. slots-1 are tested.
+  /// Slots whose box or filter changed since the last update, or whose object is another one; each once. With
+  /// `all`, every slot counts as changed, and only those whose object is another one must be here.
+  std::span<const std::uint32_t> changed{};
+  bool all = false;
+  /// Of `changed`, those whose object is another one than at the last update: what was known of their pairs
+  /// ends. Ascending.
+  std::span<const std::uint32_t> renewed{};
+  /// A filter a slot; none where all objects have the default one. Read when the update begins.
+  std::span<const Filter> filters{};
+  bool filters_changed = false;  ///< Since the last update.
+  bool worlds = false;           ///< Whether some object is in another world than 0.
+};
+
 /// What an algorithm does for a BroadPhase: it stores the boxes, finds the pairs, and remembers those of the
 /// last update.
 ///
-/// Boxes lie in slots 0 .. n-1; a slot that is free or whose box is empty holds empty_aabb().
+/// Boxes lie in slots 0, 1, ...; a slot that is free or whose box is empty holds empty_aabb().
 class Algorithm {
  public:
   Algorithm() = default;
@@ -23,18 +39,20 @@ class Algorithm {
   Algorithm(Algorithm&&) = delete;
   Algorithm& operator=(Algorithm&&) = delete;
 
-  /// Makes room for at least this many boxes and keeps those that are there.
+  /// Makes room for at least this many boxes and keeps those that are there. Not during an update.
   virtual void reserve(std::size_t boxes) = 0;
 
   /// Where the boxes lie, in memory that is the caller's to write between updates; at least as many as were
-  /// reserved. Valid until the next reserve() or update().
+  /// reserved. Valid until the next reserve() or begin().
   [[nodiscard]] virtual std::span<Aabb> boxes() noexcept = 0;
 
-  /// Tests the first n boxes.
-  /// @param renewed Slots whose object is another one than at the last update: what was known of their pairs
-  /// ends.
-  ///   Ascending.
-  virtual Delta update(std::size_t n, std::span<const std::uint32_t> renewed) = 0;
+  /// Starts an update; finish() must follow.
+  virtual void begin(const Changes& changes) = 0;
+  /// Has the device start at once with what begin() gave it.
+  virtual void flush() {}
+  /// Ends it. Where one of the two throws, the pairs of the last update are still known, and the next update
+  /// must be one of `all`.
+  virtual Delta finish() = 0;
 
   /// All pairs as of the last update.
   [[nodiscard]] virtual std::vector<Pair> pairs() const = 0;

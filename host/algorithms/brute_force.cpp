@@ -1,12 +1,10 @@
 #include <algorithm>
+#include <array>
+#include <memory>
 #include <string>
 
-#include "algorithms/algorithm.hpp"
-#include "algorithms/device_boxes.hpp"
-#include "algorithms/pair_delta.hpp"
-#include "opencl/context.hpp"
+#include "algorithms/delta_engine.hpp"
 #include "opencl/error.hpp"
-#include "opencl/profiler.hpp"
 
 namespace broadcl {
 namespace {
@@ -21,79 +19,70 @@ struct Cut {
   unsigned items;     ///< Work-items wanted for each compute unit, as far as min_rows and max_rows allow.
 };
 
-constexpr Cut gpu_cut{.width = 4, .group = 128, .at_once = 2, .min_rows = 32, .max_rows = 256, .items = 4096};
+constexpr Cut gpu_cut{.width = 4, .group = 128, .at_once = 2, .min_rows = 16, .max_rows = 256, .items = 2500};
 constexpr Cut cpu_cut{.width = 16, .group = 1, .at_once = 4, .min_rows = 256, .max_rows = 4096, .items = 256};
 
-/// Every pair tested on the device, the hits in a list, the changes found there too.
-class BruteForce final : public Algorithm {
+/// Every pair tested on the device: kernels/brute_force.cl.
+class BruteForce final : public PairFinder {
  public:
-  explicit BruteForce(const BroadPhase::Config& config)
-      : context_(select_device(config.device), config.profile),
-        profiler_(config.profile),
-        cut_(context_.shape() == opencl::Shape::cpu ? cpu_cut : gpu_cut),
-        delta_(context_, profiler_) {
-    const auto program = context_.program("brute_force.cl", "-DWIDTH=" + std::to_string(cut_.width) +
-                                                                " -DGROUP=" + std::to_string(cut_.group) +
-                                                                " -DROWS=" + std::to_string(cut_.at_once));
-    opencl::translate_errors(context_.device().label(),
-                             [&] { kernel_ = cl::Kernel(program, "brute_force"); });
+  explicit BruteForce(const opencl::Context& context)
+      : context_(context), cut_(context.shape() == opencl::Shape::cpu ? cpu_cut : gpu_cut) {
+    (void)kernel(false);
   }
 
-  void reserve(std::size_t boxes) override { boxes_.reserve(context_, boxes); }
-
-  [[nodiscard]] std::span<Aabb> boxes() noexcept override { return boxes_.host(); }
-
-  Delta update(std::size_t n, std::span<const std::uint32_t> renewed) override {
-    profiler_.begin();
-    return opencl::translate_errors(context_.device().label(), [&] {
-      return delta_.update(n, renewed, [&] {
-        if (n > 1) find(static_cast<cl_uint>(n));
-      });
-    });
-  }
-
-  [[nodiscard]] std::vector<Pair> pairs() const override {
-    return opencl::translate_errors(context_.device().label(), [&] { return delta_.pairs(); });
-  }
-
-  [[nodiscard]] const Device* device() const noexcept override { return &context_.device(); }
-  [[nodiscard]] std::span<const Stage> profile() const noexcept override { return profiler_.stages(); }
-
- private:
-  void find(cl_uint n) {
-    {
-      opencl::Profiler::Scope stage(profiler_, "upload");
-      boxes_.upload(n, stage.event());
-    }
-    opencl::Profiler::Scope stage(profiler_, "test");
+  void find(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) override {
+    const cl_uint n = search.slots;
+    const cl_uint row_count = search.all ? n : search.changed_count;
+    if (n < 2 || row_count == 0) return;
+    cl::Kernel& kernel = this->kernel(search.worlds);
+    opencl::Profiler::Scope stage(profiler, "test");
     const std::size_t columns = (n + cut_.width - 1) / cut_.width;
     // Half of the rows of an average column come before its boxes.
-    const std::size_t wanted_items = std::size_t{context_.device().compute_units} * cut_.items;
-    const std::size_t rows =
-        std::clamp<std::size_t>(columns * n / 2 / wanted_items, cut_.min_rows, cut_.max_rows);
-    kernel_.setArg(0, n);
-    kernel_.setArg(1, static_cast<cl_uint>(rows));
-    kernel_.setArg(2, boxes_.device());
-    delta_.set_sink(kernel_, 3);
+    const std::size_t runs = columns * row_count / (search.all ? 2 : 1);
+    const std::size_t wanted = runs / (std::size_t{context_.device().compute_units} * cut_.items);
+    const std::size_t rows = std::clamp<std::size_t>(wanted, cut_.min_rows, cut_.max_rows);
+    cl_uint k = 0;
+    kernel.setArg(k++, n);
+    kernel.setArg(k++, row_count);
+    kernel.setArg(k++, static_cast<cl_uint>(rows));
+    kernel.setArg(k++, search.boxes);
+    kernel.setArg(k++, search.changed);
+    kernel.setArg(k++, search.any_filters ? cl_uint{1} : cl_uint{0});
+    kernel.setArg(k++, search.filters);
+    sink.set_sink(kernel, k);
     context_.queue().enqueueNDRangeKernel(
-        kernel_, cl::NullRange,
-        cl::NDRange((columns + cut_.group - 1) / cut_.group * cut_.group, (n + rows - 1) / rows),
+        kernel, cl::NullRange,
+        cl::NDRange((columns + cut_.group - 1) / cut_.group * cut_.group, (row_count + rows - 1) / rows),
         cl::NDRange(cut_.group, 1), nullptr, stage.event());
-    boxes_.reclaim();
   }
 
-  opencl::Context context_;
-  opencl::Profiler profiler_;
+ private:
+  /// The kernel for one world or for several, built when it is first needed.
+  cl::Kernel& kernel(bool worlds) {
+    cl::Kernel& kernel = kernels_[worlds ? 1 : 0];
+    if (kernel() == nullptr) {
+      const std::string options =
+          "-DWIDTH=" + std::to_string(cut_.width) + " -DGROUP=" + std::to_string(cut_.group) +
+          " -DROWS=" + std::to_string(cut_.at_once) + " -DMAX_ROWS=" + std::to_string(cut_.max_rows) +
+          (worlds ? " -DWORLDS=1" : "");
+      const cl::Program program = context_.program("brute_force.cl", options);
+      opencl::translate_errors(context_.device().label(),
+                               [&] { kernel = cl::Kernel(program, "brute_force"); });
+    }
+    return kernel;
+  }
+
+  const opencl::Context& context_;
   Cut cut_;
-  PairDelta delta_;
-  cl::Kernel kernel_;
-  DeviceBoxes boxes_;
+  std::array<cl::Kernel, 2> kernels_;
 };
 
 }  // namespace
 
 std::unique_ptr<Algorithm> make_brute_force(const BroadPhase::Config& config) {
-  return std::make_unique<BruteForce>(config);
+  return make_delta_engine(config, [](const opencl::Context& context) -> std::unique_ptr<PairFinder> {
+    return std::make_unique<BruteForce>(context);
+  });
 }
 
 }  // namespace broadcl

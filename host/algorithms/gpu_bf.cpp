@@ -5,7 +5,7 @@
 
 #include "algorithms/algorithm.hpp"
 #include "algorithms/byte_matrix.hpp"
-#include "algorithms/device_boxes.hpp"
+#include "algorithms/device_objects.hpp"
 #include "algorithms/triangle.hpp"
 #include "opencl/context.hpp"
 #include "opencl/error.hpp"
@@ -38,29 +38,40 @@ class GpuBf final : public Algorithm {
   explicit GpuBf(const BroadPhase::Config& config)
       : context_(select_device(config.device), config.profile),
         profiler_(config.profile),
-        cut_(context_.shape() == opencl::Shape::cpu ? cpu_cut : gpu_cut) {
+        cut_(context_.shape() == opencl::Shape::cpu ? cpu_cut : gpu_cut),
+        objects_(context_, profiler_) {
     const auto program = context_.program("gpu_bf.cl", "-DWIDTH=" + std::to_string(cut_.width));
     opencl::translate_errors(context_.device().label(), [&] { kernel_ = cl::Kernel(program, "gpu_bf"); });
   }
 
-  void reserve(std::size_t boxes) override { boxes_.reserve(context_, boxes); }
+  void reserve(std::size_t boxes) override { objects_.reserve(boxes); }
 
-  [[nodiscard]] std::span<Aabb> boxes() noexcept override { return boxes_.host(); }
+  [[nodiscard]] std::span<Aabb> boxes() noexcept override { return objects_.boxes(); }
 
-  Delta update(std::size_t n, std::span<const std::uint32_t> renewed) override {
+  /// Tests all pairs, whatever changed, and brings the results to the host.
+  void begin(const Changes& changes) override {
     profiler_.begin();
-    const std::size_t pairs = triangle::row_start(static_cast<std::uint32_t>(n));
+    renewed_ = changes.renewed;
+    current_pairs_ = triangle::row_start(static_cast<std::uint32_t>(changes.slots));
     opencl::translate_errors(context_.device().label(), [&] {
-      grow_results(n, pairs);
-      if (pairs > 0) test(static_cast<std::uint32_t>(n), pairs);
+      grow_results(changes.slots, current_pairs_);
+      if (current_pairs_ > 0) test(changes);
     });
+  }
+
+  void flush() override {
+    opencl::translate_errors(context_.device().label(), [&] { context_.queue().flush(); });
+  }
+
+  Delta finish() override {
+    if (current_pairs_ > 0) wait();
     {
       const opencl::Profiler::Scope stage(profiler_, "xor");
-      find_changes(bytes_of(previous_, previous_pairs_), bytes_of(current_, pairs), renewed, added_,
+      find_changes(bytes_of(previous_, previous_pairs_), bytes_of(current_, current_pairs_), renewed_, added_,
                    removed_);
     }
     std::swap(previous_, current_);
-    previous_pairs_ = pairs;
+    previous_pairs_ = current_pairs_;
     return {added_, removed_};
   }
 
@@ -99,37 +110,51 @@ class GpuBf final : public Algorithm {
     previous_ = std::move(previous);
   }
 
-  /// Runs the kernel over n boxes and brings the results to the host, with one synchronisation.
-  void test(std::uint32_t n, std::size_t pairs) {
+  void test(const Changes& changes) {
     try {
-      {
-        opencl::Profiler::Scope stage(profiler_, "upload");
-        boxes_.upload(n, stage.event());
-      }
+      Changes all = changes;
+      all.all = true;
+      all.renewed = {};  // the host looks at them
+      const Search search = objects_.upload(all);
       {
         opencl::Profiler::Scope stage(profiler_, "test");
         current_.lend();
-        enqueue_kernel(n, stage.event());
+        enqueue_kernel(search, stage.event());
       }
-      {
-        opencl::Profiler::Scope stage(profiler_, "download");
-        current_.download(pairs, stage.event());
-        boxes_.reclaim();
-      }
-      {
-        const opencl::Profiler::Scope stage(profiler_, "wait");
-        context_.queue().finish();
-      }
-      profiler_.resolve();
+      objects_.reclaim();
+      opencl::Profiler::Scope stage(profiler_, "download");
+      current_.download(current_pairs_, &read_);
+      if (stage.event() != nullptr) *stage.event() = read_;
     } catch (...) {
-      boxes_.reclaim();
-      current_.reclaim();
-      context_.queue().finish();
+      give_up();
       throw;
     }
   }
 
-  void enqueue_kernel(std::uint32_t n, cl::Event* event) {
+  void wait() {
+    opencl::translate_errors(context_.device().label(), [&] {
+      try {
+        {
+          opencl::Profiler::Scope stage(profiler_, "wait");
+          read_.wait();
+        }
+        profiler_.resolve();
+      } catch (...) {
+        give_up();
+        throw;
+      }
+    });
+  }
+
+  /// Host memory becomes the host's again.
+  void give_up() {
+    objects_.reclaim();
+    current_.reclaim();
+    context_.queue().finish();
+  }
+
+  void enqueue_kernel(const Search& search, cl::Event* event) {
+    const cl_uint n = search.slots;
     const unsigned period = 2 * cut_.width;
     const std::size_t columns = round_up((n + cut_.width - 1) / cut_.width, cut_.group_size);
     const std::size_t class_rows = (n + period - 1) / period;
@@ -139,11 +164,14 @@ class GpuBf final : public Algorithm {
                                                      cut_.min_rows, cut_.max_rows);
     const std::size_t chunks = (class_rows + rows - 1) / rows;
     const std::size_t seam_lines = (n + columns - 1) / columns;
-    kernel_.setArg(0, n);
-    kernel_.setArg(1, static_cast<cl_uint>(rows));
-    kernel_.setArg(2, static_cast<cl_uint>(chunks));
-    kernel_.setArg(3, boxes_.device());
-    kernel_.setArg(4, current_.device());
+    cl_uint k = 0;
+    kernel_.setArg(k++, n);
+    kernel_.setArg(k++, static_cast<cl_uint>(rows));
+    kernel_.setArg(k++, static_cast<cl_uint>(chunks));
+    kernel_.setArg(k++, search.boxes);
+    kernel_.setArg(k++, search.any_filters ? cl_uint{1} : cl_uint{0});
+    kernel_.setArg(k++, search.filters);
+    kernel_.setArg(k++, current_.device());
     context_.queue().enqueueNDRangeKernel(kernel_, cl::NullRange,
                                           cl::NDRange(columns, period * chunks + seam_lines),
                                           cl::NDRange(cut_.group_size, 1), nullptr, event);
@@ -153,10 +181,13 @@ class GpuBf final : public Algorithm {
   opencl::Profiler profiler_;
   Cut cut_;
   cl::Kernel kernel_;
-  DeviceBoxes boxes_;
+  DeviceObjects objects_;
   opencl::SharedBuffer current_;   // bytes of this frame while it runs
   opencl::SharedBuffer previous_;  // bytes of the last frame
+  cl::Event read_;                 // when the bytes of this frame are the host's
+  std::size_t current_pairs_ = 0;
   std::size_t previous_pairs_ = 0;
+  std::span<const std::uint32_t> renewed_;
   std::vector<Pair> added_;
   std::vector<Pair> removed_;
 };

@@ -16,10 +16,15 @@ class Oracle final : public Algorithm {
 
   [[nodiscard]] std::span<Aabb> boxes() noexcept override { return boxes_; }
 
-  Delta update(std::size_t n, std::span<const std::uint32_t> renewed) override {
-    std::vector<Pair> now = find_pairs(n);
+  void begin(const Changes& changes) override {
+    changes_ = changes;
+    filters_.assign(changes.filters.begin(), changes.filters.end());
+  }
+
+  Delta finish() override {
+    std::vector<Pair> now = find_pairs(changes_.slots);
     const auto is_renewed = [&](std::uint32_t slot) {
-      return std::binary_search(renewed.begin(), renewed.end(), slot);
+      return std::binary_search(changes_.renewed.begin(), changes_.renewed.end(), slot);
     };
     std::vector<Pair> kept;
     std::copy_if(pairs_.begin(), pairs_.end(), std::back_inserter(kept),
@@ -43,13 +48,17 @@ class Oracle final : public Algorithm {
     for (std::uint32_t b = 0; b < n; ++b) {
       const Aabb box = boxes_[b];
       for (std::uint32_t a = 0; a < b; ++a) {
-        if (overlaps(boxes_[a], box)) found.push_back({a, b});
+        if (overlaps(boxes_[a], box) && (filters_.empty() || may_pair(filters_[a], filters_[b]))) {
+          found.push_back({a, b});
+        }
       }
     }
     return found;
   }
 
   std::vector<Aabb> boxes_;
+  std::vector<Filter> filters_;
+  Changes changes_;
   std::vector<Pair> pairs_, added_, removed_;
 };
 

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <bit>
-#include <cstring>
 #include <string>
 #include <utility>
 
@@ -22,10 +21,10 @@ constexpr std::size_t count_bytes = 4 * sizeof(cl_uint);
 
 constexpr std::size_t first_capacity = 1 << 14;
 constexpr std::size_t most_pairs = std::size_t{1} << 31;  // places in a list are 32-bit numbers
-/// Pairs of a list, added or removed, that the device puts in order, each compared with every other; longer
-/// lists are ordered on the host.
+/// Pairs of a list, added or removed, that are put in order by comparing each with every other; longer lists
+/// are sorted.
 std::size_t most_ordered(const opencl::Context& context) {
-  return context.shape() == opencl::Shape::cpu ? 1 << 8 : 1 << 15;
+  return context.shape() == opencl::Shape::cpu ? 1 << 8 : 1 << 13;
 }
 constexpr std::size_t least_ordered = 256;
 
@@ -33,7 +32,7 @@ constexpr std::size_t least_ordered = 256;
 constexpr std::size_t teams = 2;
 constexpr std::size_t keys = 4;
 
-constexpr std::size_t sweep_group = 64;
+constexpr std::size_t group = 64;  // of the other kernels
 
 /// Work-items that place pairs together.
 std::size_t parts(const opencl::Context& context) {
@@ -47,13 +46,14 @@ std::size_t round_up(std::size_t value, std::size_t multiple) {
 }  // namespace
 
 PairDelta::PairDelta(const opencl::Context& context, opencl::Profiler& profiler)
-    : context_(context), profiler_(profiler) {
+    : context_(context), profiler_(profiler), sort_(context) {
   const cl::Program program = context.program("delta.cl", "-DPARTS=" + std::to_string(parts(context)));
   opencl::translate_errors(context.device().label(), [&] {
+    carry_ = cl::Kernel(program, "delta_carry");
+    index_ = cl::Kernel(program, "delta_index");
     sweep_ = cl::Kernel(program, "delta_sweep");
     order_ = cl::Kernel(program, "delta_order");
     for (cl::Buffer& counts : counts_) counts = zeros(count_bytes);
-    renewed_ = opencl::SharedBuffer(context, 1);
     reserve(first_capacity);
   });
 }
@@ -70,102 +70,134 @@ cl::Buffer PairDelta::zeros(std::size_t bytes) const {
   return buffer;
 }
 
-PairDelta::Frame PairDelta::make_frame(std::size_t capacity) const {
-  Frame frame;
+PairDelta::Table PairDelta::make_table(std::size_t capacity) const {
+  Table table;
   if (capacity > most_pairs) {
     throw Error(context_.device().label() + ": more than " + std::to_string(most_pairs) +
                 " pairs overlap; use fewer boxes");
   }
   capacity = round_up(capacity, 64);
   const std::size_t entries = std::bit_ceil(2 * capacity);
-  frame.capacity = static_cast<cl_uint>(capacity);
-  frame.mask = static_cast<cl_uint>(entries - 1);
-  frame.pairs = zeros(capacity * sizeof(Pair));
-  frame.table = zeros(entries * sizeof(cl_uint));
-  frame.kept = zeros(capacity);
-  return frame;
+  table.capacity = static_cast<cl_uint>(capacity);
+  table.mask = static_cast<cl_uint>(entries - 1);
+  table.pairs = zeros(capacity * sizeof(Pair));
+  table.table = zeros(entries * sizeof(cl_uint));
+  table.kept = zeros(capacity);
+  return table;
 }
 
 /// Makes room for this many pairs in this frame. Nothing changes where it fails.
 void PairDelta::reserve(std::size_t capacity) {
-  if (frame_.capacity >= capacity) return;
-  Frame frame = make_frame(capacity);
-  Frame last = last_.capacity == 0 ? make_frame(capacity) : last_;
-  cl::Buffer added = zeros(frame.capacity * sizeof(Pair));
+  if (now_.capacity >= capacity) return;
+  Table now = make_table(capacity);
+  Table last = last_.capacity == 0 ? make_table(capacity) : last_;
+  cl::Buffer added = zeros(now.capacity * sizeof(Pair));
   cl::Buffer removed = zeros(last.capacity * sizeof(Pair));
-  opencl::SharedBuffer result(context_,
-                              count_bytes + (std::size_t{frame.capacity} + last.capacity) * sizeof(Pair));
-  frame_ = std::move(frame);
+  now_ = std::move(now);
   last_ = std::move(last);
   added_ = std::move(added);
   removed_ = std::move(removed);
-  result_ = std::move(result);
 }
 
-void PairDelta::upload_renewed(std::size_t slots, std::span<const std::uint32_t> renewed) {
-  any_renewed_ = renewed.empty() ? 0 : 1;
-  if (renewed.empty()) return;
-  slots = std::max<std::size_t>(slots, renewed.back() + 1);
-  if (renewed_.bytes() < slots) renewed_ = opencl::SharedBuffer(context_, slots + slots / 2);
-  std::memset(renewed_.host(), 0, slots);
-  for (const std::uint32_t slot : renewed) renewed_.host()[slot] = std::byte{1};
-  renewed_.upload(slots);
+void PairDelta::reserve_result(std::size_t changes) {
+  const std::size_t bytes = count_bytes + changes * sizeof(Pair);
+  if (result_.bytes() < bytes) result_ = opencl::SharedBuffer(context_, bytes + bytes / 2);
 }
 
 void PairDelta::set_sink(cl::Kernel& kernel, cl_uint first) const {
-  kernel.setArg(first++, frame_.capacity);
-  kernel.setArg(first++, frame_.pairs);
-  kernel.setArg(first++, frame_.table);
-  kernel.setArg(first++, frame_.mask);
+  kernel.setArg(first++, now_.capacity);
+  kernel.setArg(first++, now_.pairs);
+  kernel.setArg(first++, now_.table);
+  kernel.setArg(first++, now_.mask);
   kernel.setArg(first++, last_.pairs);
   kernel.setArg(first++, last_.table);
   kernel.setArg(first++, last_.mask);
   kernel.setArg(first++, last_.kept);
-  kernel.setArg(first++, any_renewed_);
-  kernel.setArg(first++, renewed_.device());
+  kernel.setArg(first++, frame_.stamps.any_renewed ? cl_uint{1} : cl_uint{0});
+  kernel.setArg(first++, frame_.stamps.stamp);
+  kernel.setArg(first++, frame_.stamps.words);
   kernel.setArg(first++, added_);
   kernel.setArg(first++, counts_[turn_]);
 }
 
-/// @param ordered How many pairs of each list to put in order, at least.
-void PairDelta::enqueue_delta(std::size_t ordered) {
-  const cl::CommandQueue& queue = context_.queue();
-  {
-    opencl::Profiler::Scope stage(profiler_, "sweep");
-    cl_uint k = 0;
-    sweep_.setArg(k++, frame_.capacity);
-    sweep_.setArg(k++, last_.pairs);
-    sweep_.setArg(k++, last_.found);
-    sweep_.setArg(k++, last_.table);
-    sweep_.setArg(k++, last_.mask);
-    sweep_.setArg(k++, last_.kept);
-    sweep_.setArg(k++, removed_);
-    sweep_.setArg(k++, counts_[turn_]);
-    const std::size_t useful = context_.device().compute_units * std::size_t{1024};
-    const std::size_t items = round_up(std::min<std::size_t>(last_.mask, useful), sweep_group);
-    queue.enqueueNDRangeKernel(sweep_, cl::NullRange, cl::NDRange(items), cl::NDRange(sweep_group), nullptr,
-                               stage.event());
-  }
-  opencl::Profiler::Scope stage(profiler_, "order");
-  result_.lend();
+void PairDelta::enqueue_carry() {
+  if (!frame_.carry || last_.found == 0) return;
+  opencl::Profiler::Scope stage(profiler_, "carry");
+  carry_.setArg(0, last_.found);
+  set_sink(carry_, 1);
+  context_.queue().enqueueNDRangeKernel(carry_, cl::NullRange, cl::NDRange(round_up(last_.found, group)),
+                                        cl::NDRange(group), nullptr, stage.event());
+}
+
+void PairDelta::enqueue_sweep() {
+  opencl::Profiler::Scope stage(profiler_, "sweep");
   cl_uint k = 0;
-  order_.setArg(k++, frame_.capacity);
+  sweep_.setArg(k++, now_.capacity);
+  sweep_.setArg(k++, last_.pairs);
+  sweep_.setArg(k++, last_.found);
+  sweep_.setArg(k++, last_.table);
+  sweep_.setArg(k++, last_.mask);
+  sweep_.setArg(k++, last_.kept);
+  sweep_.setArg(k++, removed_);
+  sweep_.setArg(k++, counts_[turn_]);
+  const std::size_t useful = context_.device().compute_units * std::size_t{1024};
+  const std::size_t items = round_up(std::min<std::size_t>(last_.mask, useful), group);
+  context_.queue().enqueueNDRangeKernel(sweep_, cl::NullRange, cl::NDRange(items), cl::NDRange(group),
+                                        nullptr, stage.event());
+}
+
+void PairDelta::enqueue_order() {
+  opencl::Profiler::Scope stage(profiler_, "order");
+  cl_uint k = 0;
+  order_.setArg(k++, now_.capacity);
   order_.setArg(k++, added_);
   order_.setArg(k++, removed_);
   order_.setArg(k++, counts_[turn_]);
   order_.setArg(k++, counts_[1 - turn_]);
   order_.setArg(k++, result_.device());
-  queue.enqueueNDRangeKernel(order_, cl::NullRange, cl::NDRange(parts(context_), ordered / keys, 2),
-                             cl::NDRange(parts(context_), teams, 1), nullptr, stage.event());
+  context_.queue().enqueueNDRangeKernel(order_, cl::NullRange,
+                                        cl::NDRange(parts(context_), ordered_ / keys, 2),
+                                        cl::NDRange(parts(context_), teams, 1), nullptr, stage.event());
 }
 
-void PairDelta::read_result(std::size_t changes) {
-  {
-    opencl::Profiler::Scope stage(profiler_, "download");
-    result_.download(std::min(result_.bytes(), count_bytes + changes * sizeof(Pair)), stage.event());
+void PairDelta::enqueue_read(std::size_t changes) {
+  opencl::Profiler::Scope stage(profiler_, "download");
+  result_.download(count_bytes + changes * sizeof(Pair), &read_);
+  if (stage.event() != nullptr) *stage.event() = read_;
+}
+
+void PairDelta::enqueue() {
+  is_half_done_ = true;
+  frame_.find();
+  enqueue_carry();
+  enqueue_sweep();
+  result_.lend();
+  enqueue_order();
+  enqueue_read(expected_);
+}
+
+void PairDelta::wait() {
+  opencl::Profiler::Scope stage(profiler_, "wait");
+  read_.wait();
+}
+
+void PairDelta::restore_last() {
+  const cl::CommandQueue& queue = context_.queue();
+  for (const Table* table : {&now_, &last_}) {
+    queue.enqueueFillBuffer(table->table, cl_uint{0}, 0, (std::size_t{table->mask} + 1) * sizeof(cl_uint));
   }
-  const opencl::Profiler::Scope stage(profiler_, "wait");
-  context_.queue().finish();
+  queue.enqueueFillBuffer(last_.kept, cl_uint{0}, 0, last_.capacity);
+  for (const cl::Buffer& counts : counts_) queue.enqueueFillBuffer(counts, cl_uint{0}, 0, count_bytes);
+  if (last_.found > 0) {
+    cl_uint k = 0;
+    index_.setArg(k++, last_.found);
+    index_.setArg(k++, last_.pairs);
+    index_.setArg(k++, last_.table);
+    index_.setArg(k++, last_.mask);
+    queue.enqueueNDRangeKernel(index_, cl::NullRange, cl::NDRange(round_up(last_.found, group)),
+                               cl::NDRange(group));
+  }
+  is_half_done_ = false;
 }
 
 const cl_uint* PairDelta::counts() const {
@@ -176,53 +208,83 @@ std::span<Pair> PairDelta::changes(std::size_t total) const {
   return {reinterpret_cast<Pair*>(result_.host() + count_bytes), total};
 }
 
-Delta PairDelta::update(std::size_t slots, std::span<const std::uint32_t> renewed,
-                        const std::function<void()>& find) {
+void PairDelta::begin(Frame frame) {
+  frame_ = std::move(frame);
+  if (is_half_done_) restore_last();
   reserve(last_.capacity);
-  upload_renewed(slots, renewed);
-  const std::size_t expected = expected_changes_ + expected_changes_ / 2;
-  const std::size_t longest = longest_list_ + longest_list_ / 2;
-  const std::size_t ordered =
-      round_up(std::clamp(longest, least_ordered, most_ordered(context_)), teams * keys);
+  const std::size_t longest = last_longest_ + last_longest_ / 2;
+  ordered_ = round_up(std::clamp(longest, least_ordered, most_ordered(context_)), teams * keys);
+  expected_ = std::min(last_changes_ + last_changes_ / 2, 2 * ordered_);
+  reserve_result(2 * ordered_);
+  enqueue();
+}
+
+Delta PairDelta::finish() {
   for (;;) {
-    find();
-    enqueue_delta(ordered);
-    if (any_renewed_ != 0) renewed_.reclaim();
-    read_result(expected);
-    turn_ = 1 - turn_;
+    wait();
     const std::uint64_t found = counts()[count_found] | std::uint64_t{counts()[count_found_high]} << 32;
-    if (found <= frame_.capacity) break;
-    // Before anything can fail: this frame's table and the marks of what was kept are half written.
-    context_.queue().enqueueFillBuffer(frame_.table, cl_uint{0}, 0,
-                                       (std::size_t{frame_.mask} + 1) * sizeof(cl_uint));
-    context_.queue().enqueueFillBuffer(last_.kept, cl_uint{0}, 0, last_.capacity);
+    if (found <= now_.capacity) break;
+    restore_last();
     reserve(found + found / 4);
-    if (any_renewed_ != 0) renewed_.upload(renewed_.bytes());
+    enqueue();
   }
 
   const std::size_t added = counts()[count_added];
   const std::size_t removed = counts()[count_removed];
   const std::size_t total = added + removed;
-  if (total > expected) read_result(total);
-  profiler_.resolve();
-  const std::span<Pair> all = changes(total);
-  longest_list_ = std::max(added, removed);
-  if (longest_list_ > ordered) {
-    const auto middle = all.begin() + static_cast<std::ptrdiff_t>(added);
-    std::sort(all.begin(), middle);
-    std::sort(middle, all.end());
+  const std::size_t found = counts()[count_found];
+  if (std::max(added, removed) > ordered_) {
+    sort_changes(added, removed);
+  } else if (total > expected_) {
+    enqueue_read(total);
+    wait();
   }
-  frame_.found = counts()[count_found];
-  expected_changes_ = total;
-  std::swap(frame_, last_);
-  return {all.first(added), all.subspan(added)};
+  profiler_.resolve();
+  now_.found = static_cast<cl_uint>(found);
+  slots_ = frame_.slots;
+  last_changes_ = total;
+  last_longest_ = std::max(added, removed);
+  turn_ = 1 - turn_;
+  std::swap(now_, last_);
+  is_half_done_ = false;
+  return {changes(total).first(added), changes(total).subspan(added)};
+}
+
+/// Pairs are of slots below both those of this frame and of the last.
+void PairDelta::sort(const cl::Buffer& pairs, std::size_t n) const {
+  if (n < 2) return;
+  const auto bits = static_cast<unsigned>(std::bit_width(std::max(slots_, frame_.slots)));
+  const cl::Buffer scratch(context_.context(), CL_MEM_READ_WRITE, n * sizeof(Pair));
+  sort_.enqueue(pairs, scratch, n,
+                std::array{opencl::RadixSort::Bits{0, bits}, opencl::RadixSort::Bits{32, bits}});
+}
+
+void PairDelta::sort_changes(std::size_t added, std::size_t removed) {
+  {
+    opencl::Profiler::Scope stage(profiler_, "sort");
+    reserve_result(added + removed);
+    sort(added_, added);
+    sort(removed_, removed);
+    result_.lend();
+    const cl::CommandQueue& queue = context_.queue();
+    const std::size_t bytes = added * sizeof(Pair);
+    if (added > 0) queue.enqueueCopyBuffer(added_, result_.device(), 0, count_bytes, bytes);
+    if (removed > 0) {
+      queue.enqueueCopyBuffer(removed_, result_.device(), 0, count_bytes + bytes, removed * sizeof(Pair));
+    }
+  }
+  enqueue_read(added + removed);
+  wait();
 }
 
 std::vector<Pair> PairDelta::pairs() const {
   std::vector<Pair> all(last_.found);
   if (all.empty()) return all;
-  context_.queue().enqueueReadBuffer(last_.pairs, CL_TRUE, 0, all.size() * sizeof(Pair), all.data());
-  std::sort(all.begin(), all.end());
+  const std::size_t bytes = all.size() * sizeof(Pair);
+  const cl::Buffer copy(context_.context(), CL_MEM_READ_WRITE, bytes);
+  context_.queue().enqueueCopyBuffer(last_.pairs, copy, 0, 0, bytes);
+  sort(copy, all.size());
+  context_.queue().enqueueReadBuffer(copy, CL_TRUE, 0, bytes, all.data());
   return all;
 }
 

@@ -11,36 +11,48 @@
 
 #include "opencl/context.hpp"
 #include "opencl/profiler.hpp"
+#include "opencl/radix_sort.hpp"
 #include "opencl/shared_buffer.hpp"
 
 namespace broadcl {
 
-/// Turns the pairs that a kernel finds in each frame into what changed since the last, on the device:
+/// Which slots changed in an update: a word a slot, as kernels/stamp.h has them.
+struct Stamps {
+  cl::Buffer words;
+  cl_uint stamp = 0;         ///< Of this update.
+  bool any_renewed = false;  ///< Whether the object of some slot is another one.
+};
+
+/// Turns the pairs that kernels find in each frame into what changed since the last, on the device:
 /// kernels/delta.cl.
 ///
 /// Algorithms that find pairs in a list share it. The list lies on the device and grows as needed: no pair is
 /// dropped.
 class PairDelta {
  public:
-  /// Where a kernel appends pairs: see kernels/pair_list.h.
-  struct List {
-    cl_uint capacity;
-    cl::Buffer pairs;
-    cl::Buffer counts;
+  /// What a frame needs.
+  struct Frame {
+    std::size_t slots = 0;  ///< Pairs are of slots below.
+    Stamps stamps;
+    /// Whether pairs of the last frame of which neither object changed stay without having been found again.
+    bool carry = false;
+    /// Enqueues what puts every pair (but those that stay) to the sink; called again with a larger sink where
+    /// they did not fit.
+    std::function<void()> find;
   };
 
   /// @param context, profiler Must outlive this object.
   PairDelta(const opencl::Context& context, opencl::Profiler& profiler);
 
-  /// Runs a frame. Waits for the device once; again only where the list was too small or many pairs changed.
-  /// @param slots Number of slots.
-  /// @param renewed Slots whose object is another one than in the last frame, ascending.
-  /// @param find Enqueues what appends every pair to a list; called again with a larger one where it did not
-  /// fit.
+  /// Enqueues a frame.
   /// @throws cl::Error, Error; the pairs of the last frame are then still known.
-  Delta update(std::size_t slots, std::span<const std::uint32_t> renewed, const std::function<void()>& find);
+  void begin(Frame frame);
+  /// Waits for it and brings its changes to the host. Waits once; again only where the list was too small or
+  /// more pairs changed than usual.
+  /// @throws cl::Error, Error; the pairs of the last frame are then still known.
+  Delta finish();
 
-  /// Sets a kernel's PAIR_SINK_PARAMETERS, from the given index on.
+  /// Sets a kernel's PAIR_SINK_PARAMETERS, from the given index on. Between begin() and finish() only.
   void set_sink(cl::Kernel& kernel, cl_uint first) const;
 
   /// All pairs of the last frame.
@@ -48,7 +60,7 @@ class PairDelta {
 
  private:
   /// The pairs of a frame, and a hash table of them.
-  struct Frame {  // NOLINT(bugprone-exception-escape): handles do not throw when moved
+  struct Table {  // NOLINT(bugprone-exception-escape): handles do not throw when moved
     cl_uint capacity = 0;
     cl_uint mask = 0;  // entries of the table less one
     cl_uint found = 0;
@@ -57,28 +69,41 @@ class PairDelta {
     cl::Buffer kept;  // a byte a pair
   };
 
-  [[nodiscard]] Frame make_frame(std::size_t capacity) const;
+  [[nodiscard]] Table make_table(std::size_t capacity) const;
   [[nodiscard]] cl::Buffer zeros(std::size_t bytes) const;
   void reserve(std::size_t capacity);
-  void upload_renewed(std::size_t slots, std::span<const std::uint32_t> renewed);
-  void enqueue_delta(std::size_t ordered);
-  /// Brings the counts and the first changes to the host, and waits.
-  void read_result(std::size_t changes);
+  void reserve_result(std::size_t changes);
+  void enqueue();
+  void enqueue_carry();
+  void enqueue_sweep();
+  void enqueue_order();
+  /// Brings the counts and the first changes to the host.
+  void enqueue_read(std::size_t changes);
+  void wait();
+  /// Undoes what a frame that did not fit, or did not end, has done.
+  void restore_last();
+  void sort(const cl::Buffer& pairs, std::size_t n) const;
+  void sort_changes(std::size_t added, std::size_t removed);
   [[nodiscard]] const cl_uint* counts() const;
   [[nodiscard]] std::span<Pair> changes(std::size_t total) const;
 
   const opencl::Context& context_;
   opencl::Profiler& profiler_;
-  cl::Kernel sweep_, order_;
-  Frame frame_, last_;
+  mutable opencl::RadixSort sort_;  // changes only what it sorts
+  cl::Kernel carry_, index_, sweep_, order_;
+  Frame frame_;
+  Table now_, last_;
   std::array<cl::Buffer, 2> counts_;  // of this frame and of the next, in turn
   std::size_t turn_ = 0;
   cl::Buffer added_, removed_;
   opencl::SharedBuffer result_;  // counts, added, removed
-  opencl::SharedBuffer renewed_;
-  cl_uint any_renewed_ = 0;
-  std::size_t expected_changes_ = 0;  // as many as in the last frame
-  std::size_t longest_list_ = 0;      // the longer of added and removed in the last frame
+  cl::Event read_;               // when it is the host's again
+  bool is_half_done_ = false;
+  std::size_t slots_ = 0;     // of the last frame
+  std::size_t expected_ = 0;  // changes read together with the counts
+  std::size_t ordered_ = 0;   // pairs of each list that delta_order puts in order, at the most
+  std::size_t last_changes_ = 0;
+  std::size_t last_longest_ = 0;  // the longer of added and removed
 };
 
 }  // namespace broadcl

@@ -11,6 +11,7 @@
 #include <broadcl/aabb.hpp>
 #include <broadcl/device.hpp>
 #include <broadcl/error.hpp>
+#include <broadcl/filter.hpp>
 #include <broadcl/pair.hpp>
 #include <broadcl/profile.hpp>
 
@@ -27,6 +28,9 @@ struct AlgorithmInfo {
 [[nodiscard]] std::span<const AlgorithmInfo> algorithms() noexcept;
 
 /// Keeps a set of moving boxes and tells at each update() which pairs began and which ceased to overlap.
+///
+/// An update costs as much as what moved: where nothing did, the device is not asked; where little did, only
+/// that is uploaded and tested against all; pairs of two objects that did not move stay.
 ///
 /// Not synchronised: one thread at a time may use an object. Different objects are independent of each other
 /// and may live on different threads and on different devices. Can be moved, not copied.
@@ -46,27 +50,52 @@ class BroadPhase {
   BroadPhase(BroadPhase&&) noexcept;
   BroadPhase& operator=(BroadPhase&&) noexcept;
 
-  /// Adds a box and returns its id: the lowest that is free, so that ids stay dense and depend on the
+  /// Adds an object and returns its id: the lowest that is free, so that ids stay dense and depend on the
   /// sequence of calls only.
   /// @throws Error for a NaN bound, and where memory for the box cannot be had.
-  std::uint32_t add(const Aabb& box);
+  std::uint32_t add(const Aabb& box, const Filter& filter = Filter());
 
-  /// Replaces the box of an object.
+  /// Replaces the box of an object. One that is equal to the old one is no movement.
   /// @throws Error for an unknown id and for a NaN bound.
   void move(std::uint32_t id, const Aabb& box);
+
+  /// Replaces the filter of an object: from the next update on its pairs are those that the new one allows.
+  /// @throws Error for an unknown id.
+  void set_filter(std::uint32_t id, const Filter& filter);
 
   /// Removes an object; its id may be given to the next one added. Its pairs appear in `removed` of the next
   /// update.
   /// @throws Error for an unknown id.
   void remove(std::uint32_t id);
 
-  /// Finds every pair of overlapping boxes and returns what changed since the last update.
+  /// For callers whose boxes all move, or lie elsewhere: makes 0 .. n-1 the ids of the objects, adding those
+  /// that are missing and removing those beyond, and returns the memory that the device reads their boxes
+  /// from, to be written in place. New objects have empty boxes until then. All of them count as moved.
+  /// @returns n boxes, valid until the next call of any other function of this object. A NaN bound among them
+  /// is
+  ///   an error of the next update(), which names the first and changes nothing; write a proper box and call
+  ///   it again.
+  /// @throws Error between begin() and finish(), and where memory for the boxes cannot be had.
+  std::span<Aabb> map(std::size_t n);
+
+  /// Finds every pair of overlapping boxes that their filters let pair, and returns what changed since the
+  /// last update. The same as begin() and finish().
   /// @throws Error when the device fails or memory is exhausted; objects and known pairs are then as before,
-  /// and the
-  ///   call may be repeated.
+  ///   and the call may be repeated.
   Delta update();
 
+  /// Starts an update on the device and returns at once: the thread is free until finish(). Objects may be
+  /// added, moved, removed and filtered meanwhile. Nothing if one was started already.
+  /// @throws Error as update() does.
+  void begin();
+
+  /// Waits for the update that was begun, or does one if none was. What was added, moved, removed or filtered
+  /// since begin() is then searched again, so that the result is that of an update() called now.
+  /// @throws Error as update() does; the update that was begun is then over.
+  Delta finish();
+
   /// All pairs as of the last update, in canonical order.
+  /// @throws Error between begin() and finish(), and when the device fails.
   [[nodiscard]] std::vector<Pair> pairs() const;
 
   /// Number of objects.
@@ -78,7 +107,7 @@ class BroadPhase {
   /// The algorithm in use.
   [[nodiscard]] const AlgorithmInfo& algorithm() const noexcept;
 
-  /// The stages of the last update, in order. Valid until the next.
+  /// The stages of the last update, in order; none where nothing had moved. Valid until the next.
   [[nodiscard]] std::span<const Stage> profile() const noexcept;
 
  private:

@@ -1,0 +1,83 @@
+#include "algorithms/delta_engine.hpp"
+
+#include <utility>
+
+#include "algorithms/device_objects.hpp"
+#include "algorithms/pair_delta.hpp"
+#include "opencl/context.hpp"
+#include "opencl/error.hpp"
+#include "opencl/profiler.hpp"
+
+namespace broadcl {
+namespace {
+
+class DeltaEngine final : public Algorithm {
+  /// Runs a part of an update. Where it fails, the boxes become the host's again.
+  template <class Function>
+  auto guard(Function&& function) {
+    return opencl::translate_errors(context_.device().label(), [&] {
+      try {
+        return std::forward<Function>(function)();
+      } catch (...) {
+        objects_.reclaim();
+        context_.queue().finish();
+        throw;
+      }
+    });
+  }
+
+ public:
+  DeltaEngine(const BroadPhase::Config& config, MakePairFinder make_finder)
+      : context_(select_device(config.device), config.profile),
+        profiler_(config.profile),
+        objects_(context_, profiler_),
+        delta_(context_, profiler_),
+        finder_(make_finder(context_)) {}
+
+  void reserve(std::size_t boxes) override { objects_.reserve(boxes); }
+
+  [[nodiscard]] std::span<Aabb> boxes() noexcept override { return objects_.boxes(); }
+
+  void begin(const Changes& changes) override {
+    profiler_.begin();
+    guard([&] {
+      const Search search = objects_.upload(changes);
+      const auto find = [this, search] {
+        objects_.lend();
+        finder_->find(search, delta_, profiler_);
+        objects_.reclaim();
+      };
+      delta_.begin({.slots = changes.slots, .stamps = search.stamps, .carry = !search.all, .find = find});
+    });
+  }
+
+  void flush() override {
+    guard([&] { context_.queue().flush(); });
+  }
+
+  Delta finish() override {
+    return guard([&] { return delta_.finish(); });
+  }
+
+  [[nodiscard]] std::vector<Pair> pairs() const override {
+    return opencl::translate_errors(context_.device().label(), [&] { return delta_.pairs(); });
+  }
+
+  [[nodiscard]] const Device* device() const noexcept override { return &context_.device(); }
+  [[nodiscard]] std::span<const Stage> profile() const noexcept override { return profiler_.stages(); }
+
+ private:
+  opencl::Context context_;
+  opencl::Profiler profiler_;
+  DeviceObjects objects_;
+  PairDelta delta_;
+  std::unique_ptr<PairFinder> finder_;
+};
+
+}  // namespace
+
+std::unique_ptr<Algorithm> make_delta_engine(const BroadPhase::Config& config, MakePairFinder make_finder) {
+  return std::make_unique<DeltaEngine>(config, make_finder);
+}
+
+}  // namespace broadcl

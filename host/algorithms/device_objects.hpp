@@ -1,0 +1,54 @@
+#pragma once
+
+#include <cstddef>
+#include <span>
+
+#include <broadcl/aabb.hpp>
+
+#include "algorithms/algorithm.hpp"
+#include "algorithms/pair_finder.hpp"
+#include "opencl/context.hpp"
+#include "opencl/profiler.hpp"
+#include "opencl/shared_buffer.hpp"
+
+namespace broadcl {
+
+/// The objects of an algorithm that runs on a device: the host writes boxes in place, the device has them as
+/// of the last update and gets what changed.
+class DeviceObjects {
+ public:
+  /// @param context, profiler Must outlive this object.
+  DeviceObjects(const opencl::Context& context, opencl::Profiler& profiler);
+
+  /// Makes room for at least this many slots and keeps the boxes that are there.
+  /// @throws Error
+  void reserve(std::size_t slots);
+
+  /// Where the host writes boxes, while they are the host's.
+  [[nodiscard]] std::span<Aabb> boxes() const noexcept;
+
+  /// Gives them to the device, which gets what changed: all boxes, or those that did.
+  /// @throws cl::Error
+  Search upload(const Changes& changes);
+  /// Gives them back to the host, once the queue has come so far.
+  void reclaim();
+  /// Gives them to the device again, for another run of the same search.
+  void lend();
+
+ private:
+  void upload_filters(const Changes& changes);
+  cl_uint upload_changes(const Changes& changes);
+  void apply_changes(cl_uint count);
+
+  const opencl::Context& context_;
+  opencl::Profiler& profiler_;
+  cl::Kernel apply_;
+  opencl::SharedBuffer boxes_;
+  opencl::SharedBuffer filters_;
+  opencl::SharedBuffer changes_;  // as kernels/changes.cl reads them
+  cl::Buffer changed_;            // their slots
+  cl::Buffer stamps_;             // a word a slot
+  cl_uint stamp_ = 0;             // of the last update
+};
+
+}  // namespace broadcl

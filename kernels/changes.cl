@@ -1,0 +1,39 @@
+/* Brings the device's copy of the objects up to date. */
+
+#include "aabb.h"
+
+#define CHANGE_WORDS (1 + AABB_FLOATS) /* slot << 1 | renewed, and the box */
+
+/* Takes over what changed, a work-item a change. */
+kernel void apply_changes(const uint count, global const uint* restrict changes, const uint stamp,
+                          global uint* restrict boxes, global uint* restrict stamps, global uint* restrict changed) {
+  const uint k = (uint)get_global_id(0);
+  if (k >= count) return;
+  global const uint* change = changes + (size_t)k * CHANGE_WORDS;
+  const uint slot = change[0] >> 1;
+  changed[k] = slot;
+  stamps[slot] = stamp << 1 | (change[0] & 1U);
+  for (uint i = 0; i < AABB_FLOATS; ++i) boxes[(size_t)slot * AABB_FLOATS + i] = change[1U + i];
+}
+
+/* Takes over boxes that lie elsewhere on the device, the six floats of one `stride` floats after those of the one before,
+   a work-item a box. Empty boxes become NaNs, as the host packs them. Those with a NaN bound are counted; `bad` holds
+   their number and the lowest place of one. */
+kernel void gather_boxes(const uint n, global const float* restrict source, const ulong offset, const ulong stride,
+                         global float* restrict boxes, global uint* restrict bad) {
+  const uint k = (uint)get_global_id(0);
+  if (k >= n) return;
+  global const float* p = source + offset + k * stride;
+  global float* q = boxes + (size_t)k * AABB_FLOATS;
+  bool proper = true;
+  for (uint i = 0; i < 3U; ++i) proper = proper && p[i] <= p[i + 3U];
+  if (!proper) {
+    bool has_nan = false;
+    for (uint i = 0; i < AABB_FLOATS; ++i) has_nan = has_nan || isnan(p[i]) != 0;
+    if (has_nan) {
+      atomic_inc(&bad[0]);
+      atomic_min(&bad[1], k);
+    }
+  }
+  for (uint i = 0; i < AABB_FLOATS; ++i) q[i] = proper ? p[i] : NAN;
+}
