@@ -214,7 +214,7 @@ void PairDelta::begin(Frame frame) {
   reserve(last_.capacity);
   const std::size_t longest = last_longest_ + last_longest_ / 2;
   ordered_ = round_up(std::clamp(longest, least_ordered, most_ordered(context_)), teams * keys);
-  expected_ = std::min(last_changes_ + last_changes_ / 2, 2 * ordered_);
+  expected_ = std::clamp(last_changes_ + last_changes_ / 2, 2 * least_ordered, 2 * ordered_);
   reserve_result(2 * ordered_);
   enqueue();
 }
