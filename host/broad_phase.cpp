@@ -422,14 +422,10 @@ std::span<const Stage> BroadPhase::profile() const noexcept {
   return impl_->profile();
 }
 
-std::vector<Pair> overlapping_pairs(std::span<const Aabb> boxes, const BroadPhase::Config& config) {
-  const auto bad = std::find_if(boxes.begin(), boxes.end(), has_nan);
-  if (bad != boxes.end()) {
-    throw_nan("box " + std::to_string(bad - boxes.begin()));
-  }
+std::vector<Pair> overlapping_pairs(const BoxView& boxes, const BroadPhase::Config& config) {
   const auto algorithm = find_algorithm(config.algorithm).make(config);
   algorithm->reserve(boxes.size());
-  std::transform(boxes.begin(), boxes.end(), algorithm->boxes().begin(), pack);
+  boxes.pack_to(algorithm->boxes());
   algorithm->begin({.slots = boxes.size(), .all = true});
   const Delta delta = algorithm->finish();
   return {delta.added.begin(), delta.added.end()};

@@ -3,12 +3,15 @@
 #include <cstddef>
 #include <cstdint>
 #include <memory>
+#include <ranges>
 #include <span>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 #include <broadcl/aabb.hpp>
+#include <broadcl/box_view.hpp>
 #include <broadcl/device.hpp>
 #include <broadcl/error.hpp>
 #include <broadcl/filter.hpp>
@@ -115,9 +118,20 @@ class BroadPhase {
   std::unique_ptr<Impl> impl_;
 };
 
-/// All overlapping pairs of an array of boxes, by position in the array, in canonical order.
+/// All overlapping pairs of boxes that lie in the caller's memory, in any layout, by position, in canonical
+/// order. The boxes are read once, and not kept.
 /// @throws Error for a NaN bound (it names the first such box), and as BroadPhase does.
-[[nodiscard]] std::vector<Pair> overlapping_pairs(std::span<const Aabb> boxes,
+[[nodiscard]] std::vector<Pair> overlapping_pairs(const BoxView& boxes,
                                                   const BroadPhase::Config& config = BroadPhase::Config());
+
+/// The same for boxes that a BoxView cannot view; it copies them.
+template <AabbRange Range>
+[[nodiscard]] std::vector<Pair> overlapping_pairs(Range&& boxes,
+                                                  const BroadPhase::Config& config = BroadPhase::Config()) {
+  std::vector<Aabb> copy;
+  if constexpr (std::ranges::sized_range<Range>) copy.reserve(std::ranges::size(boxes));
+  for (auto&& box : boxes) copy.push_back(std::forward<decltype(box)>(box));
+  return overlapping_pairs(copy, config);
+}
 
 }  // namespace broadcl

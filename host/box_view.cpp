@@ -1,0 +1,151 @@
+#include <broadcl/box_view.hpp>
+
+#include <algorithm>
+#include <cstdint>
+#include <cstring>
+#include <future>
+#include <limits>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include <broadcl/error.hpp>
+
+namespace broadcl {
+namespace {
+
+using Bounds = std::array<const std::byte*, 6>;
+
+/// Boxes that lie as an array of Aabb does.
+struct Packed {
+  const std::byte* boxes;
+
+  Aabb operator[](std::size_t k) const noexcept {
+    Aabb box;
+    std::memcpy(&box, boxes + k * sizeof(Aabb), sizeof(Aabb));
+    return box;
+  }
+};
+
+/// Boxes in any other layout.
+template <class S>
+struct Strided {
+  Bounds bounds;
+  std::ptrdiff_t stride;
+
+  Aabb operator[](std::size_t k) const noexcept {
+    const std::ptrdiff_t offset = static_cast<std::ptrdiff_t>(k) * stride;
+    const auto bound = [&](std::size_t index) {
+      S value;
+      std::memcpy(&value, bounds[index] + offset, sizeof(S));
+      return value;
+    };
+    const std::array<S, 3> lower{bound(0), bound(1), bound(2)};
+    const std::array<S, 3> upper{bound(3), bound(4), bound(5)};
+    if constexpr (std::same_as<S, float>) {
+      return {lower, upper};
+    } else if (lower[0] > upper[0] || lower[1] > upper[1] || lower[2] > upper[2]) {
+      // Rounded outward, a box inverted by less than float32 resolves would cease to be empty.
+      const Aabb inward = round_outward(upper, lower);
+      return {inward.upper, inward.lower};
+    } else {
+      return round_outward(lower, upper);
+    }
+  }
+};
+
+/// Splits 0 .. n-1 among threads and returns the least of what `part(begin, end)` returns.
+template <class Part>
+std::size_t least_of_parts(std::size_t n, const Part& part) {
+  constexpr std::size_t boxes_a_thread = std::size_t{1} << 16U;
+  if (n < 2 * boxes_a_thread) return part(0, n);
+  const std::size_t threads =
+      std::clamp<std::size_t>(std::thread::hardware_concurrency(), 1, n / boxes_a_thread);
+  const auto begin = [&](std::size_t thread) { return n / threads * thread + std::min(thread, n % threads); };
+  std::vector<std::future<std::size_t>> others;
+  for (std::size_t thread = 1; thread < threads; ++thread) {
+    // Where no thread can be had, get() below runs the part.
+    others.push_back(
+        std::async(std::launch::async | std::launch::deferred, part, begin(thread), begin(thread + 1)));
+  }
+  std::size_t least = part(begin(0), begin(1));
+  for (std::future<std::size_t>& other : others) least = std::min(least, other.get());
+  return least;
+}
+
+}  // namespace
+
+void BoxView::check(const void* pointer, std::size_t alignment, std::size_t n, std::ptrdiff_t stride) {
+  const auto refuse = [n](const std::string& why) {
+    throw Error("a view of " + std::to_string(n) + " boxes " + why);
+  };
+  if (pointer == nullptr) refuse("has a null pointer; give 0 boxes where there are none");
+  if (reinterpret_cast<std::uintptr_t>(pointer) % alignment != 0) {
+    refuse("has a pointer that is no multiple of " + std::to_string(alignment) +
+           " bytes; copy the boxes to aligned memory");
+  }
+  if (stride % static_cast<std::ptrdiff_t>(alignment) != 0) {
+    refuse("has a stride of " + std::to_string(stride) + " bytes, which is no multiple of " +
+           std::to_string(alignment) + "; give the bytes from one box to the next, or copy the boxes");
+  }
+  // Neither the boxes nor a copy of them may be larger than a pointer difference can tell.
+  const std::size_t distance =
+      stride < 0 ? std::size_t{0} - static_cast<std::size_t>(stride) : static_cast<std::size_t>(stride);
+  if (n > std::numeric_limits<std::ptrdiff_t>::max() / std::max(distance, sizeof(Aabb))) {
+    refuse("with a stride of " + std::to_string(stride) +
+           " bytes is larger than memory; give the number of boxes, and the stride in bytes");
+  }
+}
+
+template <class Function>
+auto BoxView::with_layout(const Function& function) const {
+  if (is_double_) return function(Strided<double>{bounds_, stride_});
+  bool is_packed = stride_ == sizeof(Aabb);
+  for (std::size_t index = 1; index < bounds_.size(); ++index) {
+    is_packed = is_packed && bounds_[index] == bounds_[index - 1] + sizeof(float);
+  }
+  return is_packed ? function(Packed{bounds_[0]}) : function(Strided<float>{bounds_, stride_});
+}
+
+/// Copies the boxes. Stops at one for which `prepare(box)` is false and returns its position: the lowest
+/// such, and size() where there is none.
+template <class Prepare>
+std::size_t BoxView::copy(std::span<Aabb> out, const Prepare& prepare) const {
+  if (out.size() < size_) {
+    throw Error(std::to_string(size_) + " boxes do not fit where " + std::to_string(out.size()) +
+                " have room; give memory for all boxes of the view");
+  }
+  return with_layout([&](const auto& boxes) {
+    return least_of_parts(size_, [boxes, out, n = size_, &prepare](std::size_t begin, std::size_t end) {
+      for (std::size_t k = begin; k < end; ++k) {
+        Aabb box = boxes[k];
+        if (!prepare(box)) return k;
+        out[k] = box;
+      }
+      return n;
+    });
+  });
+}
+
+Aabb BoxView::operator[](std::size_t k) const noexcept {
+  return with_layout([k](const auto& boxes) { return boxes[k]; });
+}
+
+void BoxView::copy_to(std::span<Aabb> out) const {
+  (void)copy(out, [](const Aabb& /*box*/) { return true; });
+}
+
+void BoxView::pack_to(std::span<Aabb> out) const {
+  const std::size_t bad = copy(out, [](Aabb& box) {
+    if (!is_empty(box)) return true;
+    if (has_nan(box)) return false;
+    box = empty_aabb();
+    return true;
+  });
+  if (bad < size_) {
+    throw Error("box " + std::to_string(bad) +
+                " has a NaN bound; give an empty box (lower > upper) for an object without one");
+  }
+}
+
+}  // namespace broadcl

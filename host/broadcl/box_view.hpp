@@ -1,0 +1,130 @@
+#pragma once
+
+#include <array>
+#include <concepts>
+#include <cstddef>
+#include <ranges>
+#include <span>
+
+#include <broadcl/aabb.hpp>
+
+namespace broadcl {
+
+/// What the caller's bounds may be: float or double.
+template <class S>
+concept Bound = std::same_as<S, float> || std::same_as<S, double>;
+
+/// Any contiguous range of Aabb: std::vector, std::span, an array.
+template <class Range>
+concept AabbArray = std::ranges::contiguous_range<const Range> && std::ranges::sized_range<const Range> &&
+    std::same_as<std::ranges::range_value_t<const Range>, Aabb>;
+
+/// Boxes where they lie in the caller's memory, in any layout that has one distance between boxes: a
+/// read-only view, which copies nothing.
+///
+/// A view owns no memory. What it was made of must outlive it, and must not change while the view is read.
+/// Copying a view is cheap.
+///
+/// Bounds are float32 or float64; float64 rounds outward as round_outward() does, except that an empty box
+/// stays empty.
+///
+/// The functions that make a view take pointers to the bounds of box 0 and a stride, the distance in bytes
+/// from each box to the next: a multiple of the bounds' alignment, negative where the next box lies before, 0
+/// for n times the same box. What lies between the bounds is not read. They throw Error for a null or
+/// misaligned pointer, for a misaligned stride, and for more boxes than memory could hold; where n is 0 they
+/// take any pointers.
+class BoxView {
+ public:
+  /// No boxes.
+  BoxView() = default;
+
+  /// The boxes of an array.
+  template <AabbArray Range>
+  BoxView(const Range& boxes)
+      : BoxView(interleaved(reinterpret_cast<const float*>(std::ranges::data(boxes)),
+                            static_cast<std::size_t>(std::ranges::size(boxes)))) {}
+
+  /// Six numbers a box, lower x, y, z, upper x, y, z: n boxes, the first at `numbers`.
+  template <Bound S>
+  [[nodiscard]] static BoxView interleaved(const S* numbers, std::size_t n,
+                                           std::ptrdiff_t stride = 6 * sizeof(S)) {
+    if (n == 0) return {};
+    check(std::array{numbers}, n, stride);
+    return {corner_arrays(numbers), corner_arrays(numbers + 3), n, stride};
+  }
+
+  /// Two arrays of corners, x, y, z each, both with the same stride.
+  template <Bound S>
+  [[nodiscard]] static BoxView corners(const S* lower, const S* upper, std::size_t n,
+                                       std::ptrdiff_t stride = 3 * sizeof(S)) {
+    if (n == 0) return {};
+    check(std::array{lower, upper}, n, stride);
+    return {corner_arrays(lower), corner_arrays(upper), n, stride};
+  }
+
+  /// Six arrays, one a bound, all with the same stride: arrays<float>({x0, y0, z0}, {x1, y1, z1}, n).
+  template <Bound S>
+  [[nodiscard]] static BoxView arrays(const std::array<const S*, 3>& lower,
+                                      const std::array<const S*, 3>& upper, std::size_t n,
+                                      std::ptrdiff_t stride = sizeof(S)) {
+    if (n == 0) return {};
+    check(lower, n, stride);
+    check(upper, n, stride);
+    return {lower, upper, n, stride};
+  }
+
+  /// Number of boxes.
+  [[nodiscard]] std::size_t size() const noexcept { return size_; }
+
+  /// Box k, 0 <= k < size(), as float32.
+  [[nodiscard]] Aabb operator[](std::size_t k) const noexcept;
+
+  /// Copies all boxes as float32, with several threads where there are many.
+  /// @param out Not in the memory viewed; boxes past the first size() are left alone.
+  /// @throws Error when `out` is smaller than the view.
+  void copy_to(std::span<Aabb> out) const;
+
+  /// Copies all boxes as algorithms read them: like copy_to(), but every empty box becomes empty_aabb().
+  /// @throws Error also for a NaN bound (it names the first such box); what `out` holds is then unspecified.
+  void pack_to(std::span<Aabb> out) const;
+
+ private:
+  template <Bound S>
+  BoxView(const std::array<const S*, 3>& lower, const std::array<const S*, 3>& upper, std::size_t n,
+          std::ptrdiff_t stride)
+      : is_double_(std::same_as<S, double>), stride_(stride), size_(n) {
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      bounds_[axis] = reinterpret_cast<const std::byte*>(lower[axis]);
+      bounds_[axis + 3] = reinterpret_cast<const std::byte*>(upper[axis]);
+    }
+  }
+
+  template <class S>
+  [[nodiscard]] static std::array<const S*, 3> corner_arrays(const S* corner) {
+    return {corner, corner + 1, corner + 2};
+  }
+
+  template <class S, std::size_t count>
+  static void check(const std::array<const S*, count>& pointers, std::size_t n, std::ptrdiff_t stride) {
+    for (const S* pointer : pointers) check(pointer, alignof(S), n, stride);
+  }
+  static void check(const void* pointer, std::size_t alignment, std::size_t n, std::ptrdiff_t stride);
+
+  /// Calls a function with the boxes as a type that knows their layout.
+  template <class Function>
+  auto with_layout(const Function& function) const;
+  template <class Prepare>
+  [[nodiscard]] std::size_t copy(std::span<Aabb> out, const Prepare& prepare) const;
+
+  bool is_double_ = false;
+  std::ptrdiff_t stride_ = 0;
+  std::size_t size_ = 0;
+  std::array<const std::byte*, 6> bounds_{};  // of box 0: lower x, y, z, upper x, y, z
+};
+
+/// Any other range whose elements convert to Aabb: it has to be copied before it can be viewed.
+template <class Range>
+concept AabbRange = std::ranges::input_range<Range> && !std::convertible_to<Range, BoxView> &&
+                    std::convertible_to<std::ranges::range_reference_t<Range>, Aabb>;
+
+}  // namespace broadcl

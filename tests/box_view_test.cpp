@@ -1,0 +1,567 @@
+#include <broadcl/box_view.hpp>
+
+#include <algorithm>
+#include <bit>
+#include <cstdint>
+#include <deque>
+#include <limits>
+#include <list>
+#include <random>
+#include <ranges>
+#include <type_traits>
+
+#include <gtest/gtest.h>
+
+#include <broadcl/broad_phase.hpp>
+#include <broadcl/eigen.hpp>
+
+#include "expect_error.hpp"
+
+namespace broadcl {
+namespace {
+
+using ::testing::AllOf;
+using ::testing::HasSubstr;
+
+constexpr Aabb unit{{0, 0, 0}, {1, 1, 1}};
+constexpr std::size_t of_many_threads = 200'001;
+
+template <class S>
+constexpr S nan_of = std::numeric_limits<S>::quiet_NaN();
+
+/// Six numbers: lower x, y, z, upper x, y, z.
+template <class S>
+using Numbers = std::array<S, 6>;
+
+/// Boxes of every kind but NaN: of random numbers, a tenth of them empty, then those of the ends of the type.
+template <class S>
+std::vector<Numbers<S>> boxes_of_every_kind(std::size_t n) {
+  using Limits = std::numeric_limits<S>;
+  const std::vector<Numbers<S>> special{
+      {S(-0.0), S(0.0), S(-0.0), S(0.0), S(-0.0), S(-0.0)},
+      {-Limits::infinity(), -Limits::infinity(), 0, Limits::infinity(), 0, Limits::infinity()},
+      {-Limits::denorm_min(), Limits::denorm_min(), 0, 0, Limits::min(), Limits::denorm_min()},
+      {Limits::lowest(), 0, 0, Limits::max(), 1, 1},
+      {Limits::max(), Limits::max(), Limits::max(), Limits::lowest(), Limits::lowest(), Limits::lowest()},
+      {Limits::infinity(), 0, 0, -Limits::infinity(), 1, 1},
+      {S(1) + Limits::epsilon(), 0, 0, S(1), 1, 1},
+      {S(0.1), S(0.2), S(-0.3), S(0.1), S(0.2), S(-0.3)}};
+  std::mt19937 random(7);
+  std::uniform_real_distribution<S> place(-10, 10);
+  std::uniform_real_distribution<S> extent(S(-0.1), 2);
+  std::vector<Numbers<S>> boxes;
+  for (std::size_t k = 0; k < n; ++k) {
+    if (k % 50 < special.size()) {
+      boxes.push_back(special[k % 50]);
+      continue;
+    }
+    Numbers<S> box{};
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      box[axis] = place(random);
+      box[axis + 3] = box[axis] + extent(random);
+    }
+    boxes.push_back(box);
+  }
+  return boxes;
+}
+
+template <class S>
+bool is_empty_box(const Numbers<S>& box) {
+  return box[0] > box[3] || box[1] > box[4] || box[2] > box[5];
+}
+
+Aabb expected_box(const Numbers<float>& box) {
+  return {{box[0], box[1], box[2]}, {box[3], box[4], box[5]}};
+}
+
+Aabb expected_box(const Numbers<double>& box) {
+  return round_outward({box[0], box[1], box[2]}, {box[3], box[4], box[5]});
+}
+
+/// The boxes as a plain array.
+template <class S>
+std::vector<Aabb> plain_boxes(const std::vector<Numbers<S>>& boxes) {
+  constexpr Aabb inverted{{1, 1, 1}, {0, 0, 0}};
+  std::vector<Aabb> plain(boxes.size());
+  std::ranges::transform(boxes, plain.begin(), [&](const Numbers<S>& box) {
+    return is_empty_box(box) ? inverted : expected_box(box);
+  });
+  return plain;
+}
+
+/// What a view of the boxes packs.
+template <class S>
+std::vector<Aabb> packed_boxes(const std::vector<Numbers<S>>& boxes) {
+  std::vector<Aabb> packed = plain_boxes(boxes);
+  std::ranges::replace_if(packed, is_empty, empty_aabb());
+  return packed;
+}
+
+/// So that NaNs equal each other, and -0 differs from 0.
+std::vector<std::array<std::uint32_t, 6>> bits(std::span<const Aabb> boxes) {
+  std::vector<std::array<std::uint32_t, 6>> all;
+  for (const Aabb& box : boxes) all.push_back(std::bit_cast<std::array<std::uint32_t, 6>>(box));
+  return all;
+}
+
+std::vector<Aabb> copied(const BoxView& view) {
+  std::vector<Aabb> out(view.size());
+  view.copy_to(out);
+  return out;
+}
+
+std::vector<Aabb> packed(const BoxView& view) {
+  std::vector<Aabb> out(view.size());
+  view.pack_to(out);
+  return out;
+}
+
+/// Boxes in memory that ends with the last of them and holds NaN where no bound lies.
+template <class S>
+struct Layout {
+  std::string name;
+  std::vector<S> memory;
+  BoxView view;
+};
+
+/// @param step Numbers from a box to the next.
+/// @param make Makes the view, given a function that returns where bound `index` of box 0 lies.
+template <class S, class Make>
+Layout<S> lay_out(std::string name, const std::vector<Numbers<S>>& boxes,
+                  const std::array<std::size_t, 6>& first, std::ptrdiff_t step, const Make& make) {
+  Layout<S> layout{std::move(name), {}, {}};
+  std::array<std::size_t, 6> origin = first;
+  const std::size_t last = boxes.empty() ? 0 : boxes.size() - 1;
+  if (step < 0) {
+    for (std::size_t& place : origin) place += last * static_cast<std::size_t>(-step);
+  }
+  const std::size_t end = *std::max_element(first.begin(), first.end()) + 1 +
+                          last * static_cast<std::size_t>(step < 0 ? -step : step);
+  layout.memory.assign(end, nan_of<S>);
+  for (std::size_t k = 0; k < boxes.size(); ++k) {
+    for (std::size_t index = 0; index < 6; ++index) {
+      const auto place = static_cast<std::ptrdiff_t>(origin[index]) + static_cast<std::ptrdiff_t>(k) * step;
+      layout.memory[static_cast<std::size_t>(place)] = boxes[k][index];
+    }
+  }
+  const auto bound = [&](std::size_t index) -> const S* { return layout.memory.data() + origin[index]; };
+  layout.view = make(bound, boxes.size(), step * static_cast<std::ptrdiff_t>(sizeof(S)));
+  return layout;
+}
+
+template <class S>
+std::vector<Layout<S>> layouts(const std::vector<Numbers<S>>& boxes) {
+  const auto interleaved = [](const auto& bound, std::size_t n, std::ptrdiff_t stride) {
+    return BoxView::interleaved(bound(0), n, stride);
+  };
+  const auto corners = [](const auto& bound, std::size_t n, std::ptrdiff_t stride) {
+    return BoxView::corners(bound(0), bound(3), n, stride);
+  };
+  const auto arrays = [](const auto& bound, std::size_t n, std::ptrdiff_t stride) {
+    return BoxView::arrays<S>({bound(0), bound(1), bound(2)}, {bound(3), bound(4), bound(5)}, n, stride);
+  };
+  const std::size_t n = boxes.size();
+  std::vector<Layout<S>> all;
+  const auto add = [&](const char* name, const std::array<std::size_t, 6>& first, std::ptrdiff_t step,
+                       const auto& make) { all.push_back(lay_out(name, boxes, first, step, make)); };
+  add("interleaved", {0, 1, 2, 3, 4, 5}, 6, interleaved);
+  add("interleaved, padded", {3, 4, 5, 6, 7, 8}, 11, interleaved);
+  add("interleaved, reversed", {0, 1, 2, 3, 4, 5}, -6, interleaved);
+  add("interleaved, reversed and padded", {1, 2, 3, 4, 5, 6}, -9, interleaved);
+  add("corners", {0, 1, 2, 3 * n, 3 * n + 1, 3 * n + 2}, 3, corners);
+  add("corners, four numbers each", {0, 1, 2, 4 * n, 4 * n + 1, 4 * n + 2}, 4, corners);
+  add("corners, upper first and apart", {5, 6, 7, 1, 2, 3}, 9, corners);
+  add("corners, reversed", {3 * n, 3 * n + 1, 3 * n + 2, 0, 1, 2}, -3, corners);
+  add("arrays", {0, n, 2 * n, 3 * n, 4 * n, 5 * n}, 1, arrays);
+  add("arrays, every third", {0, 3 * n + 1, 6 * n, 9 * n + 5, 12 * n + 5, 15 * n + 5}, 3, arrays);
+  add("arrays, reversed", {0, n, 2 * n, 3 * n, 4 * n, 5 * n}, -1, arrays);
+  add("arrays, upper z first", {5, 4, 3, 2, 1, 0}, 6, arrays);
+  return all;
+}
+
+template <class S>
+class BoxViewOf : public ::testing::Test {};
+using BothTypes = ::testing::Types<float, double>;
+TYPED_TEST_SUITE(BoxViewOf, BothTypes, );
+
+TYPED_TEST(BoxViewOf, EveryLayoutReadsTheSameBoxes) {
+  for (const std::size_t n : std::array<std::size_t, 4>{1, 2, 100, of_many_threads}) {
+    const auto boxes = boxes_of_every_kind<TypeParam>(n);
+    const auto expected = bits(packed_boxes(boxes));
+    for (const Layout<TypeParam>& layout : layouts(boxes)) {
+      ASSERT_EQ(layout.view.size(), n) << layout.name;
+      ASSERT_TRUE(bits(packed(layout.view)) == expected) << layout.name << ", " << n;
+      const std::vector<Aabb> out = copied(layout.view);
+      for (std::size_t k = 0; k < n; ++k) {
+        ASSERT_TRUE(bits(std::span(&out[k], 1)) == bits(std::vector{layout.view[k]})) << layout.name << k;
+        if (is_empty_box(boxes[k])) {
+          ASSERT_TRUE(is_empty(out[k]) && !has_nan(out[k])) << layout.name << k;
+        } else {
+          ASSERT_TRUE(bits(std::span(&out[k], 1)) == bits(std::vector{expected_box(boxes[k])}))
+              << layout.name << k;
+        }
+      }
+    }
+  }
+}
+
+TYPED_TEST(BoxViewOf, NoBoxesNeedNoMemory) {
+  using S = TypeParam;
+  const S* none = nullptr;
+  for (const BoxView& view : {BoxView::interleaved(none, 0), BoxView::corners(none, none, 0),
+                              BoxView::arrays<S>({}, {}, 0), BoxView::interleaved(none, 0, 1), BoxView()}) {
+    EXPECT_EQ(view.size(), 0U);
+    view.copy_to({});
+    view.pack_to({});
+    EXPECT_TRUE(overlapping_pairs(view, {.algorithm = "oracle"}).empty());
+    EXPECT_TRUE(overlapping_pairs(view).empty());
+  }
+}
+
+TYPED_TEST(BoxViewOf, PartsOfAnArrayAreViewsToo) {
+  const auto boxes = boxes_of_every_kind<TypeParam>(100);
+  const std::vector<Aabb> all = packed_boxes(boxes);
+  const auto part = BoxView::interleaved(boxes[20].data(), 30);
+  EXPECT_EQ(bits(packed(part)), bits(std::span(all).subspan(20, 30)));
+  const auto every_third = BoxView::interleaved(boxes[1].data(), 33, 3 * sizeof(boxes[0]));
+  ASSERT_EQ(every_third.size(), 33U);
+  const std::vector<Aabb> out = packed(every_third);
+  for (std::size_t k = 0; k < 33; ++k)
+    EXPECT_EQ(bits(std::span(out).subspan(k, 1)), bits(std::span(all).subspan(1 + 3 * k, 1)));
+}
+
+TYPED_TEST(BoxViewOf, AStrideOfZeroRepeatsABox) {
+  const Numbers<TypeParam> box{0, 1, 2, 3, 4, 5};
+  EXPECT_EQ(packed(BoxView::interleaved(box.data(), 3, 0)), std::vector(3, Aabb{{0, 1, 2}, {3, 4, 5}}));
+  EXPECT_EQ(overlapping_pairs(BoxView::interleaved(box.data(), 3, 0), {.algorithm = "oracle"}),
+            (std::vector<Pair>{{0, 1}, {0, 2}, {1, 2}}));
+}
+
+TYPED_TEST(BoxViewOf, PairsAreThoseOfThePlainArray) {
+  const auto boxes = boxes_of_every_kind<TypeParam>(700);
+  for (const char* algorithm : {"oracle", "brute-force"}) {
+    const std::vector<Pair> expected = overlapping_pairs(plain_boxes(boxes), {.algorithm = algorithm});
+    ASSERT_GT(expected.size(), 700U);
+    for (const Layout<TypeParam>& layout : layouts(boxes)) {
+      EXPECT_EQ(overlapping_pairs(layout.view, {.algorithm = algorithm}), expected)
+          << algorithm << ", " << layout.name;
+    }
+  }
+}
+
+TYPED_TEST(BoxViewOf, ANaNIsNamedWhereverItStands) {
+  for (std::size_t index = 0; index < 6; ++index) {
+    std::vector<Numbers<TypeParam>> boxes(5, {0, 0, 0, 1, 1, 1});
+    boxes[2] = {1, 1, 1, 0, 0, 0};  // empty, and no error
+    boxes[3] = {1, 1, 1, 0, 0, 0};  // empty, and an error
+    boxes[3][index] = nan_of<TypeParam>;
+    boxes[4][index] = nan_of<TypeParam>;
+    for (const Layout<TypeParam>& layout : layouts(boxes)) {
+      const auto text = test::error_of([&] { (void)packed(layout.view); });
+      EXPECT_THAT(text, AllOf(HasSubstr("box 3 has a NaN bound"), HasSubstr("give an empty box")))
+          << layout.name;
+      EXPECT_TRUE(has_nan(layout.view[3])) << layout.name;
+      EXPECT_TRUE(has_nan(copied(layout.view)[3])) << layout.name;
+      EXPECT_THAT(test::error_of([&] { (void)overlapping_pairs(layout.view); }), HasSubstr("box 3"));
+    }
+  }
+}
+
+TYPED_TEST(BoxViewOf, OfManyNaNsTheFirstIsNamedWhateverTheThreadsDo) {
+  const auto boxes = boxes_of_every_kind<TypeParam>(of_many_threads);
+  // Among them the last of a thread and the first of the next, where there are two threads or three.
+  for (const std::size_t first :
+       std::array<std::size_t, 6>{0, 66'666, 66'667, 100'000, 100'001, of_many_threads - 1}) {
+    auto bad = boxes;
+    for (const std::size_t later : std::array<std::size_t, 6>{0, 1, 500, 40'000, 90'000, 130'000}) {
+      if (first + later < bad.size()) bad[first + later][later % 6] = nan_of<TypeParam>;
+    }
+    for (const Layout<TypeParam>& layout : layouts(bad)) {
+      const auto text = test::error_of([&] { (void)packed(layout.view); });
+      EXPECT_THAT(text, HasSubstr("box " + std::to_string(first) + " has")) << layout.name;
+    }
+  }
+}
+
+TYPED_TEST(BoxViewOf, BadMemoryIsAnErrorThatSaysWhatToDo) {
+  using S = TypeParam;
+  const std::vector<S> numbers(20);
+  const S* some = numbers.data();
+  const S* null = nullptr;
+  const auto* odd = reinterpret_cast<const S*>(reinterpret_cast<const std::byte*>(some) + 2);
+  const std::string multiple = "no multiple of " + std::to_string(sizeof(S));
+  const auto error_of = [](const auto& make) { return test::error_of([&] { (void)make(); }); };
+
+  EXPECT_THAT(error_of([&] { return BoxView::interleaved(null, 2); }),
+              AllOf(HasSubstr("2 boxes"), HasSubstr("null pointer; give 0 boxes")));
+  EXPECT_THAT(error_of([&] { return BoxView::corners(null, some, 2); }), HasSubstr("null"));
+  EXPECT_THAT(error_of([&] { return BoxView::corners(some, null, 2); }), HasSubstr("null"));
+  for (std::size_t index = 0; index < 6; ++index) {
+    for (const S* wrong : {null, odd}) {
+      std::array<const S*, 6> bounds{some, some, some, some, some, some};
+      bounds[index] = wrong;
+      EXPECT_THAT(error_of([&] {
+                    return BoxView::arrays<S>({bounds[0], bounds[1], bounds[2]},
+                                              {bounds[3], bounds[4], bounds[5]}, 2);
+                  }),
+                  HasSubstr(wrong == null ? "null" : multiple + " bytes; copy"));
+    }
+  }
+  EXPECT_THAT(error_of([&] { return BoxView::interleaved(odd, 2); }), HasSubstr(multiple));
+  EXPECT_THAT(error_of([&] { return BoxView::corners(some, odd, 2); }), HasSubstr(multiple));
+
+  EXPECT_THAT(error_of([&] { return BoxView::interleaved(some, 2, 25); }),
+              AllOf(HasSubstr("stride of 25 bytes"), HasSubstr(multiple), HasSubstr("copy the boxes")));
+  EXPECT_THAT(error_of([&] { return BoxView::corners(some, some, 2, -26); }), HasSubstr("stride of -26"));
+  EXPECT_THAT(error_of([&] {
+                return BoxView::arrays<S>({some, some, some}, {some, some, some}, 2, 2);
+              }),
+              HasSubstr("stride of 2 bytes"));
+
+  constexpr auto most = std::numeric_limits<std::ptrdiff_t>::max();
+  constexpr auto least = std::numeric_limits<std::ptrdiff_t>::min();
+  const auto too_large = AllOf(HasSubstr("larger than memory"), HasSubstr("give the number of boxes"));
+  constexpr std::size_t far_too_many = std::numeric_limits<std::size_t>::max();
+  for (const std::ptrdiff_t stride :
+       {std::ptrdiff_t{0}, std::ptrdiff_t{48}, std::ptrdiff_t{-48}, most / 64 * 64, least})
+    EXPECT_THAT(error_of([&] { return BoxView::interleaved(some, far_too_many, stride); }), too_large);
+  EXPECT_THAT(error_of([&] { return BoxView::interleaved(some, 1, least); }), too_large);
+  EXPECT_THAT(error_of([&] { return BoxView::corners(some, some, 3, most / 16 * 8); }), too_large);
+}
+
+TYPED_TEST(BoxViewOf, ACopyThatDoesNotFitIsAnError) {
+  const std::vector<TypeParam> numbers(12);
+  const auto view = BoxView::interleaved(numbers.data(), 2);
+  std::vector<Aabb> out(1);
+  for (const auto copy : {&BoxView::copy_to, &BoxView::pack_to}) {
+    EXPECT_THAT(test::error_of([&] { (view.*copy)(out); }),
+                AllOf(HasSubstr("2 boxes do not fit where 1"), HasSubstr("give memory for all")));
+  }
+  std::vector<Aabb> roomy(3, unit);
+  view.pack_to(roomy);
+  EXPECT_EQ(roomy, (std::vector<Aabb>{Aabb{}, Aabb{}, unit}));
+}
+
+TEST(BoxView, DoublesRoundOutward) {
+  const auto pairs = [](const std::vector<Numbers<double>>& boxes) {
+    return overlapping_pairs(BoxView::interleaved(boxes[0].data(), boxes.size()));
+  };
+  const std::vector<Pair> one{{0, 1}};
+  EXPECT_EQ(pairs({{0, 0, 0, 1, 1, 1}, {1, 0, 0, 2, 1, 1}}), one);
+  // Apart, by less than float32 resolves: the float32 boxes touch.
+  EXPECT_EQ(pairs({{0, 0, 0, 1, 1, 1}, {1 + 1e-12, 0, 0, 2, 1, 1}}), one);
+  EXPECT_EQ(pairs({{0, 0, 0, 1 - 1e-12, 1, 1}, {1, 0, 0, 2, 1, 1}}), one);
+  EXPECT_TRUE(pairs({{0, 0, 0, 1, 1, 1}, {1 + 1e-3, 0, 0, 2, 1, 1}}).empty());
+  // Both bounds between the same two float32: to the nearest they would part.
+  EXPECT_EQ(pairs({{0, 0, 0, 1 + 5e-8, 1, 1}, {1 + 5e-8, 0, 0, 2, 1, 1}}), one);
+}
+
+TEST(BoxView, ADoubleBoxThatIsBarelyInvertedIsEmpty) {
+  const std::vector<Numbers<double>> boxes{{0, 0, 0, 1, 1, 1}, {0.3 + 1e-12, 0, 0, 0.3, 1, 1}};
+  const auto view = BoxView::interleaved(boxes[0].data(), 2);
+  EXPECT_TRUE(is_empty(view[1]) && !has_nan(view[1]));
+  EXPECT_TRUE(overlapping_pairs(view, {.algorithm = "oracle"}).empty());
+}
+
+TEST(BoxView, BoxesInAStructAreViewedWhereTheyLie) {
+  struct Particle {
+    std::array<double, 3> lower;
+    float mass;
+    std::array<double, 3> upper;
+  };
+  std::vector<Particle> particles(3, {{0, 0, 0}, nan_of<float>, {1, 1, 1}});
+  const auto view = BoxView::corners(particles[0].lower.data(), particles[0].upper.data(), particles.size(),
+                                     sizeof(Particle));
+  EXPECT_EQ(copied(view), std::vector(3, unit));
+  particles[1] = {{5, 5, 5}, 1, {6, 6, 6}};
+  EXPECT_EQ(view[1], (Aabb{{5, 5, 5}, {6, 6, 6}}));
+  EXPECT_EQ(overlapping_pairs(view), (std::vector<Pair>{{0, 2}}));
+}
+
+/// Converts to Aabb, and is none.
+struct Ball {
+  std::array<float, 3> centre;
+  float radius;
+
+  operator Aabb() const {
+    return {{centre[0] - radius, centre[1] - radius, centre[2] - radius},
+            {centre[0] + radius, centre[1] + radius, centre[2] + radius}};
+  }
+};
+
+TEST(BoxView, ContiguousRangesOfAabbAreViewedOthersCopied) {
+  static_assert(std::is_convertible_v<std::vector<Aabb>, BoxView>);
+  static_assert(std::is_convertible_v<const std::vector<Aabb>&, BoxView>);
+  static_assert(std::is_convertible_v<std::span<const Aabb>, BoxView>);
+  static_assert(std::is_convertible_v<std::span<Aabb, 3>, BoxView>);
+  static_assert(std::is_convertible_v<std::array<Aabb, 3>&, BoxView>);
+  static_assert(std::is_convertible_v<const Aabb(&)[3], BoxView>);  // NOLINT(modernize-avoid-c-arrays)
+  static_assert(!AabbRange<std::vector<Aabb>&> && !AabbRange<std::span<const Aabb>>);
+  static_assert(AabbRange<std::list<Aabb>&> && AabbRange<std::vector<Ball>&>);
+  static_assert(!std::is_convertible_v<std::list<Aabb>, BoxView>);
+  static_assert(!std::is_convertible_v<std::vector<Ball>, BoxView>);
+  static_assert(!std::is_convertible_v<std::vector<float>, BoxView> && !AabbRange<std::vector<float>>);
+
+  std::vector<Aabb> boxes(3, unit);
+  const BoxView view = boxes;
+  boxes[1] = {{5, 5, 5}, {6, 6, 6}};
+  EXPECT_EQ(view[1], boxes[1]);
+  EXPECT_EQ(copied(view), boxes);
+}
+
+TEST(BoxView, PairsOfEveryKindOfRange) {
+  const std::vector<Ball> balls{{{0, 0, 0}, 1}, {{5, 0, 0}, 1}, {{1, 0, 0}, 1}, {{6, 0, 0}, 1}};
+  const std::vector<Aabb> boxes(balls.begin(), balls.end());
+  const std::vector<Pair> expected{{0, 2}, {1, 3}};
+  const BroadPhase::Config oracle{.algorithm = "oracle"};
+  const std::array<Aabb, 4> array{boxes[0], boxes[1], boxes[2], boxes[3]};
+  const Aabb c_array[] = {boxes[0], boxes[1], boxes[2], boxes[3]};  // NOLINT(modernize-avoid-c-arrays)
+  EXPECT_EQ(overlapping_pairs(boxes, oracle), expected);
+  EXPECT_EQ(overlapping_pairs(boxes), expected);
+  EXPECT_EQ(overlapping_pairs(std::vector(boxes), oracle), expected);
+  EXPECT_EQ(overlapping_pairs(std::span(boxes), oracle), expected);
+  EXPECT_EQ(overlapping_pairs(std::span(boxes).first(3), oracle), (std::vector<Pair>{{0, 2}}));
+  EXPECT_EQ(overlapping_pairs(array, oracle), expected);
+  EXPECT_EQ(overlapping_pairs(c_array, oracle), expected);
+  EXPECT_EQ(overlapping_pairs(balls, oracle), expected);
+  EXPECT_EQ(overlapping_pairs(std::list(boxes.begin(), boxes.end()), oracle), expected);
+  const std::deque<Ball> deque(balls.begin(), balls.end());
+  EXPECT_EQ(overlapping_pairs(deque, oracle), expected);
+  EXPECT_EQ(overlapping_pairs(deque), expected);
+  std::list<Aabb> bad(3, unit);
+  bad.back().lower[1] = nan_of<float>;
+  EXPECT_THAT(test::error_of([&] { (void)overlapping_pairs(bad, oracle); }), HasSubstr("box 2"));
+}
+
+#if !defined(__clang__) || __clang_major__ >= 16  // before, Clang does not compile the views of libstdc++
+TEST(BoxView, PairsOfViewsOfTheStandardLibrary) {
+  const std::vector<Aabb> boxes{unit, {{5, 0, 0}, {6, 1, 1}}, {{1, 0, 0}, {2, 1, 1}}};
+  const BroadPhase::Config oracle{.algorithm = "oracle"};
+  const auto widen = [](Aabb box) {
+    box.upper[0] += 3;
+    return box;
+  };
+  EXPECT_EQ(overlapping_pairs(boxes | std::views::transform(widen), oracle),
+            (std::vector<Pair>{{0, 2}, {1, 2}}));
+  const auto is_left = [](const Aabb& box) { return box.lower[0] < 3; };
+  EXPECT_EQ(overlapping_pairs(boxes | std::views::filter(is_left), oracle), (std::vector<Pair>{{0, 1}}));
+  EXPECT_EQ(overlapping_pairs(boxes | std::views::reverse, oracle), (std::vector<Pair>{{0, 2}}));
+  EXPECT_EQ(overlapping_pairs(boxes | std::views::drop(1) | std::views::reverse), std::vector<Pair>{});
+  static_assert(std::is_convertible_v<decltype(boxes | std::views::drop(1)), BoxView>);
+}
+#endif
+
+template <class S>
+concept CanBeBounds = requires(const S* numbers, const std::array<const S*, 3>& corner) {
+  BoxView::interleaved(numbers, std::size_t{1});
+  BoxView::corners(numbers, numbers, std::size_t{1});
+  BoxView::arrays(corner, corner, std::size_t{1});
+};
+static_assert(CanBeBounds<float> && CanBeBounds<double>);
+static_assert(!CanBeBounds<long double> && !CanBeBounds<int> && !CanBeBounds<std::byte>);
+
+/// An n x 6 matrix of the boxes.
+template <class Matrix>
+Matrix matrix_of(const std::vector<Numbers<typename Matrix::Scalar>>& boxes) {
+  Matrix matrix(static_cast<Eigen::Index>(boxes.size()), 6);
+  for (std::size_t k = 0; k < boxes.size(); ++k) {
+    for (std::size_t index = 0; index < 6; ++index)
+      matrix(static_cast<Eigen::Index>(k), static_cast<Eigen::Index>(index)) = boxes[k][index];
+  }
+  return matrix;
+}
+
+TYPED_TEST(BoxViewOf, EigenMatricesOfEitherOrderAndTheirParts) {
+  using S = TypeParam;
+  using ColumnMajor = Eigen::Matrix<S, Eigen::Dynamic, Eigen::Dynamic>;
+  using RowMajor = Eigen::Matrix<S, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+  using AnyStride = Eigen::Stride<Eigen::Dynamic, Eigen::Dynamic>;
+  const auto boxes = boxes_of_every_kind<S>(60);
+  const auto expected = bits(packed_boxes(boxes));
+  const auto bits_of = [](const auto& matrix) { return bits(packed(box_view(matrix))); };
+
+  const auto test_order = [&]<class Matrix>(const Matrix& matrix) {
+    EXPECT_EQ(bits_of(matrix), expected);
+    Matrix larger = Matrix::Constant(70, 9, nan_of<S>);
+    larger.block(4, 2, 60, 6) = matrix;
+    EXPECT_EQ(bits_of(larger.block(4, 2, 60, 6)), expected);
+    EXPECT_EQ(bits_of(larger.template block<60, 6>(4, 2)), expected);
+    EXPECT_EQ(bits_of(larger.middleRows(4, 60).middleCols(2, 6)), expected);
+    EXPECT_EQ(bits_of(std::as_const(larger).middleRows(4, 60).middleCols(2, 6)), expected);
+    EXPECT_EQ(bits_of(larger.block(9, 2, 1, 6)), bits(packed(BoxView::interleaved(boxes[5].data(), 1))));
+    const Eigen::Ref<const Matrix> ref = larger.block(4, 2, 60, 6);
+    EXPECT_EQ(bits_of(ref), expected);
+    const Eigen::Ref<Matrix, 0, AnyStride> strided_ref = larger.block(4, 2, 60, 6);
+    EXPECT_EQ(bits_of(strided_ref), expected);
+    const Eigen::Map<const Matrix> map(matrix.data(), 60, 6);
+    EXPECT_EQ(bits_of(map), expected);
+    EXPECT_EQ(bits_of(map.array()), expected);
+    const Matrix across = matrix.transpose();
+    EXPECT_EQ(bits_of(across.transpose()), expected);
+    EXPECT_EQ(overlapping_pairs(box_view(matrix)), overlapping_pairs(plain_boxes(boxes)));
+  };
+  test_order(matrix_of<ColumnMajor>(boxes));
+  test_order(matrix_of<RowMajor>(boxes));
+  EXPECT_EQ(bits_of(matrix_of<Eigen::Matrix<S, Eigen::Dynamic, 6>>(boxes)), expected);
+  EXPECT_EQ(bits_of(matrix_of<Eigen::Matrix<S, 60, 6, Eigen::RowMajor>>(boxes)), expected);
+  EXPECT_EQ(bits_of(matrix_of<Eigen::Array<S, Eigen::Dynamic, 6>>(boxes)), expected);
+  Eigen::Matrix<S, 1, 6> row;
+  row << 0, 0, 0, 1, 1, 1;
+  EXPECT_EQ(box_view(row)[0], unit);
+
+  // Every second number of rows of 15, and of columns of 121.
+  std::vector<S> memory(60 * 15, nan_of<S>);
+  Eigen::Map<RowMajor, 0, AnyStride> rows(memory.data(), 60, 6, AnyStride(15, 2));
+  rows = matrix_of<RowMajor>(boxes);
+  EXPECT_EQ(bits_of(rows), expected);
+  std::vector<S> more_memory(6 * 121, nan_of<S>);
+  Eigen::Map<ColumnMajor, 0, AnyStride> columns(more_memory.data(), 60, 6, AnyStride(121, 2));
+  columns = matrix_of<ColumnMajor>(boxes);
+  EXPECT_EQ(bits_of(columns), expected);
+}
+
+TYPED_TEST(BoxViewOf, EigenMatricesAreViewedNotCopied) {
+  Eigen::Matrix<TypeParam, Eigen::Dynamic, 6> matrix(2, 6);
+  matrix << 0, 0, 0, 1, 1, 1, 5, 5, 5, 6, 6, 6;
+  const BoxView view = box_view(matrix);
+  EXPECT_EQ(view[1], (Aabb{{5, 5, 5}, {6, 6, 6}}));
+  matrix.row(1) = matrix.row(0);
+  EXPECT_EQ(view[1], unit);
+}
+
+TYPED_TEST(BoxViewOf, EigenMatricesHaveSixColumns) {
+  using Matrix = Eigen::Matrix<TypeParam, Eigen::Dynamic, Eigen::Dynamic>;
+  EXPECT_EQ(box_view(Matrix(0, 6)).size(), 0U);
+  EXPECT_EQ(box_view(Eigen::Matrix<TypeParam, Eigen::Dynamic, 6, Eigen::RowMajor>()).size(), 0U);
+  for (const Eigen::Index columns : {0, 1, 5, 7}) {
+    const Matrix matrix = Matrix::Zero(6, columns);
+    EXPECT_THAT(test::error_of([&] { (void)box_view(matrix); }),
+                AllOf(HasSubstr("have " + std::to_string(columns) + " columns"), HasSubstr("give six")));
+  }
+}
+
+TYPED_TEST(BoxViewOf, EigenBoxes) {
+  using Box = Eigen::AlignedBox<TypeParam, 3>;
+  const auto boxes = boxes_of_every_kind<TypeParam>(100);
+  std::vector<Box> eigen_boxes(boxes.size());
+  for (std::size_t k = 0; k < boxes.size(); ++k) {
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      eigen_boxes[k].min()[static_cast<Eigen::Index>(axis)] = boxes[k][axis];
+      eigen_boxes[k].max()[static_cast<Eigen::Index>(axis)] = boxes[k][axis + 3];
+    }
+  }
+  const auto expected = bits(packed_boxes(boxes));
+  EXPECT_EQ(bits(packed(box_view(eigen_boxes))), expected);
+  EXPECT_EQ(bits(packed(box_view(std::span<const Box>(eigen_boxes)))), expected);
+  const std::array<Box, 2> empty_boxes{};
+  EXPECT_EQ(bits(packed(box_view(empty_boxes))), bits(std::vector(2, empty_aabb())));
+  const BoxView view = box_view(eigen_boxes);
+  eigen_boxes[7].min().setZero();
+  eigen_boxes[7].max().setOnes();
+  EXPECT_EQ(view[7], unit);
+  eigen_boxes.clear();
+  EXPECT_EQ(box_view(eigen_boxes).size(), 0U);
+}
+
+}  // namespace
+}  // namespace broadcl
