@@ -1,15 +1,18 @@
 #include <broadcl/aabb.hpp>
 
-#include <cmath>
+#include <bit>
+#include <cstdint>
 
 namespace broadcl {
 namespace {
 
-constexpr float infinity = std::numeric_limits<float>::infinity();
-
+/// By arithmetic on the bits, in place of std::nextafter and branches, which random numbers mispredict.
 float round_down(double value) {
   const auto nearest = static_cast<float>(value);
-  return double{nearest} > value ? std::nextafter(nearest, -infinity) : nearest;
+  if (nearest == 0 && value < 0) return -std::numeric_limits<float>::denorm_min();
+  const auto bits = std::bit_cast<std::int32_t>(nearest);
+  const std::int32_t step = bits < 0 ? 1 : -1;  // to the next number below, for either sign
+  return std::bit_cast<float>(bits + step * std::int32_t{double{nearest} > value});
 }
 
 float round_up(double value) {
