@@ -110,7 +110,7 @@ OwnDelta merge(const OwnDelta& first, const Delta& second, const SlotSet& renewe
 class BroadPhase::Impl {
  public:
   explicit Impl(const Config& config)
-      : row_(find_algorithm(config.algorithm)), algorithm_(row_.make(config)) {}
+      : row_(find_algorithm(config.algorithm)), algorithm_(make_algorithm(config)) {}
 
   std::uint32_t add(const Aabb& box, const Filter& filter) {
     refuse_nan(box);
@@ -423,7 +423,7 @@ std::span<const Stage> BroadPhase::profile() const noexcept {
 }
 
 std::vector<Pair> overlapping_pairs(const BoxView& boxes, const BroadPhase::Config& config) {
-  const auto algorithm = find_algorithm(config.algorithm).make(config);
+  const auto algorithm = make_algorithm(config);
   algorithm->reserve(boxes.size());
   boxes.pack_to(algorithm->boxes());
   algorithm->begin({.slots = boxes.size(), .all = true});

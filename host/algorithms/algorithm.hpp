@@ -61,17 +61,34 @@ class Algorithm {
   [[nodiscard]] virtual std::span<const Stage> profile() const noexcept = 0;
 };
 
-/// A row of the table of algorithms, with what makes it.
+class PairFinder;
+namespace opencl {
+class Context;
+}
+
+/// Makes what finds pairs on a device; the context must outlive it.
+using MakePairFinder = std::unique_ptr<PairFinder> (*)(const opencl::Context& context);
+
+/// A row of the table of algorithms, with what makes it: either all of it, or the part that finds pairs on
+/// the device.
 struct AlgorithmRow {
   AlgorithmInfo info;
-  std::unique_ptr<Algorithm> (*make)(const BroadPhase::Config& config);
+  std::unique_ptr<Algorithm> (*make)(const BroadPhase::Config& config) = nullptr;
+  MakePairFinder make_finder = nullptr;
 };
 
 /// @throws Error that lists the names there are.
 [[nodiscard]] const AlgorithmRow& find_algorithm(std::string_view name);
 
+/// @throws Error as find_algorithm() and the algorithm's constructor do.
+[[nodiscard]] std::unique_ptr<Algorithm> make_algorithm(const BroadPhase::Config& config);
+
+/// @throws Error as find_algorithm() does, and for an algorithm that is not one that finds pairs on the
+/// device.
+[[nodiscard]] MakePairFinder find_pair_finder(std::string_view name);
+
 // One line an algorithm, each defined in the file of its name.
-[[nodiscard]] std::unique_ptr<Algorithm> make_brute_force(const BroadPhase::Config& config);
+[[nodiscard]] std::unique_ptr<PairFinder> make_brute_force(const opencl::Context& context);
 [[nodiscard]] std::unique_ptr<Algorithm> make_gpu_bf(const BroadPhase::Config& config);
 [[nodiscard]] std::unique_ptr<Algorithm> make_oracle(const BroadPhase::Config& config);
 

@@ -3,7 +3,8 @@
 #include <memory>
 #include <string>
 
-#include "algorithms/delta_engine.hpp"
+#include "algorithms/algorithm.hpp"
+#include "algorithms/pair_finder.hpp"
 #include "opencl/error.hpp"
 
 namespace broadcl {
@@ -79,10 +80,8 @@ class BruteForce final : public PairFinder {
 
 }  // namespace
 
-std::unique_ptr<Algorithm> make_brute_force(const BroadPhase::Config& config) {
-  return make_delta_engine(config, [](const opencl::Context& context) -> std::unique_ptr<PairFinder> {
-    return std::make_unique<BruteForce>(context);
-  });
+std::unique_ptr<PairFinder> make_brute_force(const opencl::Context& context) {
+  return std::make_unique<BruteForce>(context);
 }
 
 }  // namespace broadcl

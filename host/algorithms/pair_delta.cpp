@@ -212,42 +212,57 @@ void PairDelta::begin(Frame frame) {
   frame_ = std::move(frame);
   if (is_half_done_) restore_last();
   reserve(last_.capacity);
-  const std::size_t longest = last_longest_ + last_longest_ / 2;
+  const std::size_t longest = frame_.stays_on_device ? 0 : last_longest_ + last_longest_ / 2;
   ordered_ = round_up(std::clamp(longest, least_ordered, most_ordered(context_)), teams * keys);
   expected_ = std::clamp(last_changes_ + last_changes_ / 2, 2 * least_ordered, 2 * ordered_);
   reserve_result(2 * ordered_);
   enqueue();
 }
 
-Delta PairDelta::finish() {
+PairDelta::Counts PairDelta::settle() {
   for (;;) {
     wait();
     const std::uint64_t found = counts()[count_found] | std::uint64_t{counts()[count_found_high]} << 32;
-    if (found <= now_.capacity) break;
+    if (found <= now_.capacity) return {found, counts()[count_added], counts()[count_removed]};
     restore_last();
     reserve(found + found / 4);
     enqueue();
   }
+}
 
-  const std::size_t added = counts()[count_added];
-  const std::size_t removed = counts()[count_removed];
-  const std::size_t total = added + removed;
-  const std::size_t found = counts()[count_found];
-  if (std::max(added, removed) > ordered_) {
-    sort_changes(added, removed);
+void PairDelta::commit(const Counts& counts) {
+  profiler_.resolve();
+  now_.found = static_cast<cl_uint>(counts.found);
+  slots_ = frame_.slots;
+  last_changes_ = counts.added + counts.removed;
+  last_longest_ = std::max(counts.added, counts.removed);
+  turn_ = 1 - turn_;
+  std::swap(now_, last_);
+  is_half_done_ = false;
+}
+
+Delta PairDelta::finish() {
+  const Counts counts = settle();
+  const std::size_t total = counts.added + counts.removed;
+  if (std::max(counts.added, counts.removed) > ordered_) {
+    sort_changes(counts.added, counts.removed);
   } else if (total > expected_) {
     enqueue_read(total);
     wait();
   }
-  profiler_.resolve();
-  now_.found = static_cast<cl_uint>(found);
-  slots_ = frame_.slots;
-  last_changes_ = total;
-  last_longest_ = std::max(added, removed);
-  turn_ = 1 - turn_;
-  std::swap(now_, last_);
-  is_half_done_ = false;
-  return {changes(total).first(added), changes(total).subspan(added)};
+  commit(counts);
+  return {changes(total).first(counts.added), changes(total).subspan(counts.added)};
+}
+
+PairDelta::OnDevice PairDelta::finish_on_device() {
+  const Counts counts = settle();
+  {
+    const opencl::Profiler::Scope stage(profiler_, "sort");
+    sort(added_, counts.added);
+    sort(removed_, counts.removed);
+  }
+  commit(counts);
+  return {added_, counts.added, removed_, counts.removed, counts.found};
 }
 
 /// Pairs are of slots below both those of this frame and of the last.
@@ -277,14 +292,19 @@ void PairDelta::sort_changes(std::size_t added, std::size_t removed) {
   wait();
 }
 
+cl::Buffer PairDelta::sorted_pairs() const {
+  const std::size_t bytes = std::max<std::size_t>(1, last_.found) * sizeof(Pair);
+  cl::Buffer copy(context_.context(), CL_MEM_READ_WRITE, bytes);
+  if (last_.found == 0) return copy;
+  context_.queue().enqueueCopyBuffer(last_.pairs, copy, 0, 0, bytes);
+  sort(copy, last_.found);
+  return copy;
+}
+
 std::vector<Pair> PairDelta::pairs() const {
   std::vector<Pair> all(last_.found);
   if (all.empty()) return all;
-  const std::size_t bytes = all.size() * sizeof(Pair);
-  const cl::Buffer copy(context_.context(), CL_MEM_READ_WRITE, bytes);
-  context_.queue().enqueueCopyBuffer(last_.pairs, copy, 0, 0, bytes);
-  sort(copy, all.size());
-  context_.queue().enqueueReadBuffer(copy, CL_TRUE, 0, bytes, all.data());
+  context_.queue().enqueueReadBuffer(sorted_pairs(), CL_TRUE, 0, all.size() * sizeof(Pair), all.data());
   return all;
 }
 

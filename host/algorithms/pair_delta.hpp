@@ -39,6 +39,16 @@ class PairDelta {
     /// Enqueues what puts every pair (but those that stay) to the sink; called again with a larger sink where
     /// they did not fit.
     std::function<void()> find;
+    bool stays_on_device = false;  ///< Whether finish_on_device() is to end the frame.
+  };
+
+  /// What changed, each list in canonical order, in buffers that stay as they are until the next frame.
+  struct OnDevice {
+    cl::Buffer added;
+    std::size_t added_count = 0;
+    cl::Buffer removed;
+    std::size_t removed_count = 0;
+    std::size_t found = 0;  ///< Pairs of this frame.
   };
 
   /// @param context, profiler Must outlive this object.
@@ -51,14 +61,25 @@ class PairDelta {
   /// more pairs changed than usual.
   /// @throws cl::Error, Error; the pairs of the last frame are then still known.
   Delta finish();
+  /// Waits for the counts and enqueues what leaves the changes on the device.
+  /// @throws cl::Error, Error; the pairs of the last frame are then still known.
+  OnDevice finish_on_device();
 
   /// Sets a kernel's PAIR_SINK_PARAMETERS, from the given index on. Between begin() and finish() only.
   void set_sink(cl::Kernel& kernel, cl_uint first) const;
 
   /// All pairs of the last frame.
   [[nodiscard]] std::vector<Pair> pairs() const;
+  /// Enqueues what puts them into a new buffer, in canonical order.
+  [[nodiscard]] cl::Buffer sorted_pairs() const;
+  [[nodiscard]] std::size_t pair_count() const noexcept { return last_.found; }
 
  private:
+  struct Counts {
+    std::size_t found = 0;
+    std::size_t added = 0;
+    std::size_t removed = 0;
+  };
   /// The pairs of a frame, and a hash table of them.
   struct Table {  // NOLINT(bugprone-exception-escape): handles do not throw when moved
     cl_uint capacity = 0;
@@ -80,6 +101,10 @@ class PairDelta {
   /// Brings the counts and the first changes to the host.
   void enqueue_read(std::size_t changes);
   void wait();
+  /// Waits until all pairs fit, and returns how many there are.
+  Counts settle();
+  /// This frame becomes the last one.
+  void commit(const Counts& counts);
   /// Undoes what a frame that did not fit, or did not end, has done.
   void restore_last();
   void sort(const cl::Buffer& pairs, std::size_t n) const;

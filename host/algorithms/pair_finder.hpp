@@ -1,7 +1,5 @@
 #pragma once
 
-#include <memory>
-
 #include "algorithms/pair_delta.hpp"
 #include "opencl/context.hpp"
 #include "opencl/profiler.hpp"
@@ -38,8 +36,5 @@ class PairFinder {
   /// @throws cl::Error, Error
   virtual void find(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) = 0;
 };
-
-/// Makes a finder for a device; the context must outlive it.
-using MakePairFinder = std::unique_ptr<PairFinder> (*)(const opencl::Context& context);
 
 }  // namespace broadcl

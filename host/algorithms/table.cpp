@@ -3,6 +3,8 @@
 #include <string>
 
 #include "algorithms/algorithm.hpp"
+#include "algorithms/delta_engine.hpp"
+#include "algorithms/pair_finder.hpp"
 
 namespace broadcl {
 namespace {
@@ -11,17 +13,20 @@ constexpr std::array rows{
     AlgorithmRow{{.name = "brute-force",
                   .summary = "brute force, pairs and their changes found on the device",
                   .on_device = true},
+                 nullptr,
                  make_brute_force},
     AlgorithmRow{
         {.name = "gpu-bf",
          .summary =
              "brute force, one byte a pair, changes found by XOR on the host (Serpa and Rodrigues 2014)",
          .on_device = true},
-        make_gpu_bf},
+        make_gpu_bf,
+        nullptr},
     AlgorithmRow{{.name = "oracle",
                   .summary = "brute force on one thread of the host, the reference for tests",
                   .on_device = false},
-                 make_oracle},
+                 make_oracle,
+                 nullptr},
 };
 
 constexpr auto infos = [] {
@@ -43,6 +48,21 @@ const AlgorithmRow& find_algorithm(std::string_view name) {
   std::string names;
   for (const AlgorithmRow& r : rows) names += (names.empty() ? "" : ", ") + std::string(r.info.name);
   throw Error("no algorithm is named '" + std::string(name) + "'; there is: " + names);
+}
+
+std::unique_ptr<Algorithm> make_algorithm(const BroadPhase::Config& config) {
+  const AlgorithmRow& row = find_algorithm(config.algorithm);
+  return row.make != nullptr ? row.make(config) : make_delta_engine(config, row.make_finder);
+}
+
+MakePairFinder find_pair_finder(std::string_view name) {
+  const AlgorithmRow& row = find_algorithm(name);
+  if (row.make_finder != nullptr) return row.make_finder;
+  std::string names;
+  for (const AlgorithmRow& r : rows) {
+    if (r.make_finder != nullptr) names += (names.empty() ? "" : ", ") + std::string(r.info.name);
+  }
+  throw Error("the algorithm '" + std::string(name) + "' needs the host; use one of: " + names);
 }
 
 }  // namespace broadcl

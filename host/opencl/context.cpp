@@ -52,6 +52,17 @@ Context::Context(Device device, bool profile)
   });
 }
 
+Context::Context(const cl::CommandQueue& queue) : device_(describe(queue)), shape_(shape_of(device_)) {
+  translate_errors(device_.label(), [&] {
+    if ((queue.getInfo<CL_QUEUE_PROPERTIES>() & CL_QUEUE_OUT_OF_ORDER_EXEC_MODE_ENABLE) != 0) {
+      throw Error(device_.label() + ": the queue is out of order; give one that is in order");
+    }
+    cl_device_ = queue.getInfo<CL_QUEUE_DEVICE>();
+    context_ = queue.getInfo<CL_QUEUE_CONTEXT>();
+    queue_ = queue;
+  });
+}
+
 cl::Program Context::program(std::string_view file, const std::string& options) const {
   const std::string source = kernel_source(file);
   const std::string all_options = "-cl-std=CL1.2 " + options;

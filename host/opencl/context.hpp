@@ -20,6 +20,9 @@ class Context {
   /// @param profile Whether the queue records device times.
   /// @throws Error naming the device.
   Context(Device device, bool profile);
+  /// Works in the context of a queue of the caller, which is retained.
+  /// @throws Error for a queue that is not in order.
+  explicit Context(const cl::CommandQueue& queue);
 
   [[nodiscard]] const Device& device() const noexcept { return device_; }
   [[nodiscard]] const cl::Context& context() const noexcept { return context_; }

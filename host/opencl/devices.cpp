@@ -172,5 +172,23 @@ cl::Device open(const Device& device) {
   throw Error("device " + device.id() + " (" + device.label() + ") is no longer there; choose another");
 }
 
+Device describe(const cl::CommandQueue& queue) {
+  return translate_errors("the queue's device", [&] {
+    const auto device = queue.getInfo<CL_QUEUE_DEVICE>();
+    cl::Device whole = device;
+    while (const cl_device_id parent = whole.getInfo<CL_DEVICE_PARENT_DEVICE>()())
+      whole = cl::Device(parent, true);
+    const cl::Platform platform(device.getInfo<CL_DEVICE_PLATFORM>(), true);
+    const std::vector<cl::Platform> platforms = all_platforms();
+    const std::vector<cl::Device> siblings = all_devices(platform);
+    const auto place = [](const auto& list, const auto& one) {
+      return static_cast<std::size_t>(
+          std::find_if(list.begin(), list.end(), [&](const auto& other) { return other() == one(); }) -
+          list.begin());
+    };
+    return broadcl::describe(platform, device, place(platforms, platform), place(siblings, whole));
+  });
+}
+
 }  // namespace opencl
 }  // namespace broadcl

@@ -10,4 +10,8 @@ namespace broadcl::opencl {
 /// @throws Error when it is no longer there.
 [[nodiscard]] cl::Device open(const Device& device);
 
+/// What a queue's device reports of itself. A part of a device has the numbers of the whole.
+/// @throws Error
+[[nodiscard]] Device describe(const cl::CommandQueue& queue);
+
 }  // namespace broadcl::opencl

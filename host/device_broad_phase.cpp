@@ -1,0 +1,209 @@
+#include "opencl/api.hpp"  // before <CL/cl.h>: it chooses the version
+
+#include <broadcl/aabb.hpp>
+#include <broadcl/opencl.hpp>
+
+#include <cstring>
+#include <utility>
+
+#include "algorithms/algorithm.hpp"
+#include "algorithms/pair_delta.hpp"
+#include "algorithms/pair_finder.hpp"
+#include "opencl/context.hpp"
+#include "opencl/error.hpp"
+#include "opencl/profiler.hpp"
+#include "opencl/shared_buffer.hpp"
+
+namespace broadcl {
+namespace {
+
+constexpr std::size_t group = 64;
+
+/// As kernels/changes.cl counts them.
+struct Bad {
+  cl_uint count = 0;
+  cl_uint first = 0xffffffff;
+};
+
+cl::CommandQueue retained(cl_command_queue queue) {
+  if (queue == nullptr) throw Error("the queue is null; give one that was made by clCreateCommandQueue");
+  return cl::CommandQueue(queue, true);
+}
+
+void refuse_short(const char* what, const cl::Buffer& buffer, std::size_t bytes) {
+  const auto size = buffer.getInfo<CL_MEM_SIZE>();
+  if (size < bytes) {
+    throw Error(std::string("the buffer of ") + what + " has " + std::to_string(size) + " bytes, of which " +
+                std::to_string(bytes) + " were to be read; check count, offset and stride");
+  }
+}
+
+}  // namespace
+
+class DeviceBroadPhase::Impl {
+  template <class Function>
+  decltype(auto) translate(Function&& function) {
+    return opencl::translate_errors(context_.device().label(), std::forward<Function>(function));
+  }
+
+ public:
+  Impl(cl_command_queue queue, const Config& config)
+      : context_(retained(queue)),
+        profiler_(config.profile),
+        delta_(context_, profiler_),
+        finder_(find_pair_finder(config.algorithm)(context_)) {
+    const cl::Program program = context_.program("changes.cl");
+    translate([&] {
+      gather_ = cl::Kernel(program, "gather_boxes");
+      bad_ = opencl::SharedBuffer(context_, sizeof(Bad));
+      stamps_ = cl::Buffer(context_.context(), CL_MEM_READ_WRITE, sizeof(cl_uint));
+    });
+  }
+
+  void begin(const Boxes& boxes) {
+    if (in_flight_) throw Error("begin() was called twice; call finish() in between");
+    translate([&] {
+      check(boxes);
+      profiler_.begin();
+      reserve(boxes.count);
+      gather(boxes);
+      const cl::Buffer filters = boxes.filters == nullptr ? stamps_ : padded_filters(boxes);
+      const Search search{.slots = static_cast<cl_uint>(boxes.count),
+                          .boxes = boxes_,
+                          .filters = filters,
+                          .any_filters = boxes.filters != nullptr,
+                          .worlds = boxes.worlds && boxes.filters != nullptr,
+                          .changed = stamps_,
+                          .stamps = {.words = stamps_}};
+      delta_.begin({.slots = boxes.count,
+                    .stamps = search.stamps,
+                    .find = [this, search] { finder_->find(search, delta_, profiler_); },
+                    .stays_on_device = true});
+      context_.queue().flush();
+    });
+    in_flight_ = true;
+  }
+
+  Result finish() {
+    if (!in_flight_) throw Error("finish() was called without begin()");
+    in_flight_ = false;
+    return translate([&]() -> Result {
+      const PairDelta::OnDevice changes = delta_.finish_on_device();
+      Bad bad;
+      std::memcpy(&bad, bad_.host(), sizeof(Bad));
+      return {.added = {changes.added(), changes.added_count},
+              .removed = {changes.removed(), changes.removed_count},
+              .pairs = changes.found,
+              .bad_boxes = bad.count,
+              .first_bad = bad.count > 0 ? bad.first : 0};
+    });
+  }
+
+  PairBuffer pairs() {
+    if (in_flight_) throw Error("pairs() was called between begin() and finish(); call finish() first");
+    return translate([&]() -> PairBuffer {
+      pairs_ = delta_.sorted_pairs();
+      return {pairs_(), delta_.pair_count()};
+    });
+  }
+
+  [[nodiscard]] const opencl::Context& context() const noexcept { return context_; }
+  [[nodiscard]] std::span<const Stage> profile() const noexcept { return profiler_.stages(); }
+
+ private:
+  static void check(const Boxes& boxes) {
+    if (boxes.count == 0) return;
+    if (boxes.buffer == nullptr) throw Error("the buffer of boxes is null; give one of the queue's context");
+    if (boxes.count > 0x7fffffff) throw Error("more than 2147483647 boxes; give fewer");
+    if (boxes.offset % sizeof(float) != 0 || boxes.stride % sizeof(float) != 0) {
+      throw Error("offset and stride of the boxes must be multiples of 4 bytes");
+    }
+    refuse_short("boxes", cl::Buffer(boxes.buffer, true),
+                 boxes.offset + (boxes.count - 1) * boxes.stride + sizeof(Aabb));
+    if (boxes.filters == nullptr) return;
+    refuse_short("filters", cl::Buffer(boxes.filters, true), boxes.count * sizeof(Filter));
+  }
+
+  void reserve(std::size_t count) {
+    const std::size_t capacity = count + Search::padding;
+    if (capacity <= capacity_) return;
+    capacity_ = 0;
+    boxes_ = cl::Buffer(context_.context(), CL_MEM_READ_WRITE, (capacity + capacity / 2) * sizeof(Aabb));
+    capacity_ = capacity + capacity / 2;
+  }
+
+  void gather(const Boxes& boxes) {
+    const Bad none;
+    std::memcpy(bad_.host(), &none, sizeof(Bad));
+    opencl::Profiler::Scope stage(profiler_, "gather");
+    bad_.upload(sizeof(Bad));
+    if (boxes.count > 0) {
+      cl_uint k = 0;
+      gather_.setArg(k++, static_cast<cl_uint>(boxes.count));
+      gather_.setArg(k++, cl::Buffer(boxes.buffer, true));
+      gather_.setArg(k++, static_cast<cl_ulong>(boxes.offset / sizeof(float)));
+      gather_.setArg(k++, static_cast<cl_ulong>(boxes.stride / sizeof(float)));
+      gather_.setArg(k++, boxes_);
+      gather_.setArg(k++, bad_.device());
+      context_.queue().enqueueNDRangeKernel(gather_, cl::NullRange,
+                                            cl::NDRange((boxes.count + group - 1) / group * group),
+                                            cl::NDRange(group), nullptr, stage.event());
+    }
+    bad_.download(sizeof(Bad));
+  }
+
+  /// The caller's filters, with room for kernels that read past the last one.
+  cl::Buffer padded_filters(const Boxes& boxes) {
+    const std::size_t bytes = boxes.count * sizeof(Filter);
+    const std::size_t padded = bytes + Search::padding * sizeof(Filter);
+    if (filters_() == nullptr || filters_.getInfo<CL_MEM_SIZE>() < padded) {
+      filters_ = cl::Buffer(context_.context(), CL_MEM_READ_WRITE, padded + padded / 2);
+    }
+    if (bytes > 0) context_.queue().enqueueCopyBuffer(cl::Buffer(boxes.filters, true), filters_, 0, 0, bytes);
+    return filters_;
+  }
+
+  opencl::Context context_;
+  opencl::Profiler profiler_;
+  PairDelta delta_;
+  std::unique_ptr<PairFinder> finder_;
+  cl::Kernel gather_;
+  cl::Buffer boxes_, filters_, stamps_, pairs_;
+  std::size_t capacity_ = 0;  // of boxes_
+  opencl::SharedBuffer bad_;
+  bool in_flight_ = false;
+};
+
+DeviceBroadPhase::DeviceBroadPhase(cl_command_queue queue) : DeviceBroadPhase(queue, Config()) {}
+DeviceBroadPhase::DeviceBroadPhase(cl_command_queue queue, const Config& config)
+    : impl_(std::make_unique<Impl>(queue, config)) {}
+DeviceBroadPhase::~DeviceBroadPhase() = default;
+DeviceBroadPhase::DeviceBroadPhase(DeviceBroadPhase&&) noexcept = default;
+DeviceBroadPhase& DeviceBroadPhase::operator=(DeviceBroadPhase&&) noexcept = default;
+
+DeviceBroadPhase::Result DeviceBroadPhase::update(const Boxes& boxes) {
+  impl_->begin(boxes);
+  return impl_->finish();
+}
+
+void DeviceBroadPhase::begin(const Boxes& boxes) {
+  impl_->begin(boxes);
+}
+
+DeviceBroadPhase::Result DeviceBroadPhase::finish() {
+  return impl_->finish();
+}
+
+DeviceBroadPhase::PairBuffer DeviceBroadPhase::pairs() {
+  return impl_->pairs();
+}
+
+const Device& DeviceBroadPhase::device() const noexcept {
+  return impl_->context().device();
+}
+
+std::span<const Stage> DeviceBroadPhase::profile() const noexcept {
+  return impl_->profile();
+}
+
+}  // namespace broadcl

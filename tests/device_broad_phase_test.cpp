@@ -1,0 +1,172 @@
+#include "opencl/api.hpp"  // before <CL/cl.h>: it chooses the version
+
+#include <broadcl/broad_phase.hpp>
+#include <broadcl/opencl.hpp>
+
+#include <algorithm>
+#include <limits>
+#include <vector>
+
+#include <gtest/gtest.h>
+
+#include "expect_error.hpp"
+#include "opencl/devices.hpp"
+#include "scenes/generators.hpp"
+
+namespace broadcl {
+namespace {
+
+using ::testing::HasSubstr;
+
+constexpr float nan_value = std::numeric_limits<float>::quiet_NaN();
+
+/// A caller with a context and a queue of his own.
+class OnCallersQueue : public testing::Test {
+ protected:
+  template <class T>
+  [[nodiscard]] cl::Buffer buffer_of(const std::vector<T>& values) const {
+    const std::size_t bytes = std::max<std::size_t>(1, values.size() * sizeof(T));
+    cl::Buffer buffer(context_, CL_MEM_READ_WRITE, bytes);
+    if (!values.empty()) queue_.enqueueWriteBuffer(buffer, CL_TRUE, 0, bytes, values.data());
+    return buffer;
+  }
+
+  [[nodiscard]] std::vector<Pair> read(const DeviceBroadPhase::PairBuffer& list) const {
+    std::vector<Pair> pairs(list.count);
+    if (!pairs.empty()) {
+      queue_.enqueueReadBuffer(cl::Buffer(list.buffer, true), CL_TRUE, 0, pairs.size() * sizeof(Pair),
+                               pairs.data());
+    }
+    return pairs;
+  }
+
+  cl::Device device_{opencl::open(select_device())};
+  cl::Context context_{device_};
+  cl::CommandQueue queue_{context_, device_};
+};
+
+/// The same changes as a BroadPhase that is told of the same boxes, over frames in which all move and the
+/// number of boxes changes.
+TEST_F(OnCallersQueue, SmallFramesOfMotionHaveTheChangesOfTheOracle) {
+  DeviceBroadPhase broad_phase(queue_());
+  BroadPhase oracle({.algorithm = "oracle"});
+  scenes::MovingBoxes boxes(300, scenes::MovingBoxes::Sizes::mixed);
+  for (const std::size_t count : {300U, 300U, 300U, 120U, 1U, 0U, 256U, 300U}) {
+    boxes.advance();
+    const std::vector<Aabb> now(boxes.boxes().begin(),
+                                boxes.boxes().begin() + static_cast<std::ptrdiff_t>(count));
+    const cl::Buffer buffer = buffer_of(now);
+    const auto result = broad_phase.update({.buffer = buffer(), .count = count});
+    const std::span<Aabb> mapped = oracle.map(count);
+    std::copy(now.begin(), now.end(), mapped.begin());
+    const Delta expected = oracle.update();
+    EXPECT_EQ(read(result.added), std::vector<Pair>(expected.added.begin(), expected.added.end()));
+    EXPECT_EQ(read(result.removed), std::vector<Pair>(expected.removed.begin(), expected.removed.end()));
+    EXPECT_EQ(result.pairs, oracle.pairs().size());
+    EXPECT_EQ(read(broad_phase.pairs()), oracle.pairs());
+    EXPECT_EQ(result.bad_boxes, 0U);
+  }
+}
+
+TEST_F(OnCallersQueue, SmallOffsetStrideAndFiltersAreHeeded) {
+  // A header of one float, then boxes of ten floats each, of which the last four are the caller's.
+  const scenes::MovingBoxes boxes(200, scenes::MovingBoxes::Sizes::mixed);
+  std::vector<float> floats{nan_value};
+  std::vector<Filter> filters;
+  for (std::uint32_t k = 0; k < 200; ++k) {
+    const Aabb& box = boxes.boxes()[k];
+    floats.insert(floats.end(), box.lower.begin(), box.lower.end());
+    floats.insert(floats.end(), box.upper.begin(), box.upper.end());
+    floats.insert(floats.end(), 4, nan_value);
+    filters.push_back({.group = 1U << (k % 3), .mask = k % 5 == 0 ? 3U : 7U, .body = k / 4, .world = k % 2});
+  }
+  const cl::Buffer buffer = buffer_of(floats);
+  const cl::Buffer filter_buffer = buffer_of(filters);
+  DeviceBroadPhase broad_phase(queue_());
+  for (const bool worlds : {true, false}) {
+    std::vector<Pair> expected;
+    for (std::uint32_t b = 0; b < 200; ++b) {
+      for (std::uint32_t a = 0; a < b; ++a) {
+        if (overlaps(boxes.boxes()[a], boxes.boxes()[b]) && may_pair(filters[a], filters[b]))
+          expected.push_back({a, b});
+      }
+    }
+    ASSERT_GT(expected.size(), 10U);
+    broad_phase.update({.buffer = buffer(),
+                        .count = 200,
+                        .offset = 4,
+                        .stride = 40,
+                        .filters = filter_buffer(),
+                        .worlds = worlds});
+    EXPECT_EQ(read(broad_phase.pairs()), expected) << worlds;
+  }
+}
+
+TEST_F(OnCallersQueue, SmallBadAndEmptyBoxesPairWithNothing) {
+  const Aabb unit{{0, 0, 0}, {1, 1, 1}};
+  std::vector<Aabb> boxes(40, unit);
+  boxes[7].upper[2] = nan_value;
+  boxes[5].lower[0] = nan_value;
+  boxes[9] = {{0.5F, 0.75F, 0.5F}, {0.5F, 0.25F, 0.5F}};
+  const cl::Buffer buffer = buffer_of(boxes);
+  DeviceBroadPhase broad_phase(queue_());
+  const auto result = broad_phase.update({.buffer = buffer(), .count = boxes.size()});
+  EXPECT_EQ(result.bad_boxes, 2U);
+  EXPECT_EQ(result.first_bad, 5U);
+  EXPECT_EQ(result.pairs, 37U * 36 / 2);
+}
+
+TEST_F(OnCallersQueue, MorePairsThanAnyGuessAreAllFoundAndInOrder) {
+  constexpr std::uint32_t n = 700;
+  const std::vector<Aabb> boxes(n, Aabb{{0, 0, 0}, {1, 1, 1}});
+  const cl::Buffer buffer = buffer_of(boxes);
+  DeviceBroadPhase broad_phase(queue_());
+  const std::vector<Pair> added = read(broad_phase.update({.buffer = buffer(), .count = n}).added);
+  ASSERT_EQ(added.size(), n * (n - 1) / 2);
+  EXPECT_TRUE(std::is_sorted(added.begin(), added.end()));
+  EXPECT_EQ(std::adjacent_find(added.begin(), added.end()), added.end());
+  EXPECT_EQ(broad_phase.update({.buffer = buffer(), .count = n}).added.count, 0U);
+}
+
+TEST_F(OnCallersQueue, BeginLeavesTheThreadFreeUntilFinish) {
+  const std::vector<Aabb> boxes(10, Aabb{{0, 0, 0}, {1, 1, 1}});
+  const cl::Buffer buffer = buffer_of(boxes);
+  DeviceBroadPhase broad_phase(queue_());
+  EXPECT_THAT(test::error_of([&] { broad_phase.finish(); }), HasSubstr("without begin()"));
+  broad_phase.begin({.buffer = buffer(), .count = 10});
+  EXPECT_THAT(test::error_of([&] { broad_phase.begin({.buffer = buffer(), .count = 10}); }),
+              HasSubstr("call finish()"));
+  EXPECT_THAT(test::error_of([&] { broad_phase.pairs(); }), HasSubstr("call finish()"));
+  EXPECT_EQ(broad_phase.finish().added.count, 45U);
+}
+
+TEST_F(OnCallersQueue, BadInputIsNamed) {
+  const std::vector<Aabb> boxes(10, Aabb{{0, 0, 0}, {1, 1, 1}});
+  const cl::Buffer buffer = buffer_of(boxes);
+  DeviceBroadPhase broad_phase(queue_());
+  broad_phase.update({.buffer = buffer(), .count = 10});
+  const auto error = [&](const DeviceBroadPhase::Boxes& bad) {
+    return test::error_of([&] { broad_phase.update(bad); });
+  };
+  EXPECT_THAT(error({.buffer = nullptr, .count = 1}), HasSubstr("null"));
+  EXPECT_THAT(error({.buffer = buffer(), .count = 11}), HasSubstr("264 were to be read"));
+  EXPECT_THAT(error({.buffer = buffer(), .count = 10, .offset = 2}), HasSubstr("multiples of 4"));
+  EXPECT_THAT(error({.buffer = buffer(), .count = 10, .stride = 26}), HasSubstr("multiples of 4"));
+  const cl::Buffer filters = buffer_of(std::vector<Filter>(9));
+  EXPECT_THAT(error({.buffer = buffer(), .count = 10, .filters = filters()}), HasSubstr("filters"));
+  EXPECT_EQ(broad_phase.update({.buffer = buffer(), .count = 10}).added.count, 0U);
+
+  EXPECT_THAT(test::error_of([&] { DeviceBroadPhase refused(nullptr); }), HasSubstr("null"));
+  EXPECT_THAT(test::error_of([&] { DeviceBroadPhase refused(queue_(), {.algorithm = "gpu-bf"}); }),
+              HasSubstr("use one of: brute-force"));
+  cl::CommandQueue disordered;
+  try {
+    disordered = cl::CommandQueue(context_, device_, CL_QUEUE_OUT_OF_ORDER_EXEC_MODE_ENABLE);
+  } catch (const cl::Error&) {
+    GTEST_SKIP() << "the device has no out-of-order queues";
+  }
+  EXPECT_THAT(test::error_of([&] { DeviceBroadPhase refused(disordered()); }), HasSubstr("in order"));
+}
+
+}  // namespace
+}  // namespace broadcl
