@@ -4,6 +4,8 @@
 // update/ALGORITHM/SCENE/N  BroadPhase::update(), from boxes in the library's staging memory to the changes
 // in the
 //                        caller's hands, in 256 consecutive frames in which every box moves
+// update-from-memory/... the same from boxes in ordinary memory
+// some-moving/M/N        the same as update for the default algorithm, but only M of N boxes move
 // frame/NAME/SCENE/N     a frame through Bullet's interface in which every box moves: setAabb for each, from
 // ordinary
 //                        memory, then calculateOverlappingPairs
@@ -13,6 +15,7 @@
 #include <cstdint>
 #include <exception>
 #include <memory>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -55,27 +58,75 @@ void time_kernel(benchmark::State& state, const AlgorithmInfo& algorithm, std::u
       benchmark::Counter(static_cast<double>(n) * (n - 1) / 2, benchmark::Counter::kIsIterationInvariantRate);
 }
 
-void time_update(benchmark::State& state, const AlgorithmInfo& algorithm, const Scene& scene,
-                 std::uint32_t n) {
+/// Times frames one by one, and tells the mean, p95 and the longest.
+class Frames {
+ public:
+  explicit Frames(benchmark::State& state) : state_(state) {}
+
+  template <class Function>
+  void time(Function&& frame) {
+    const auto start = std::chrono::steady_clock::now();
+    changes_ += frame();
+    times_.push_back(std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count());
+    state_.SetIterationTime(times_.back());
+  }
+
+  void report() {
+    std::sort(times_.begin(), times_.end());
+    state_.counters["p95_us"] = times_[times_.size() * 95 / 100] * 1e6;
+    state_.counters["max_us"] = times_.back() * 1e6;
+    state_.counters["changes"] = static_cast<double>(changes_) / static_cast<double>(times_.size());
+  }
+
+ private:
+  benchmark::State& state_;
+  std::vector<double> times_;
+  std::size_t changes_ = 0;
+};
+
+std::size_t size(const Delta& delta) {
+  return delta.added.size() + delta.removed.size();
+}
+
+enum class From { staging, memory };
+
+void time_update(benchmark::State& state, const AlgorithmInfo& algorithm, const Scene& scene, std::uint32_t n,
+                 From from) {
   BroadPhase broad_phase({.algorithm = std::string(algorithm.name)});
   MovingBoxes boxes(n, scene.sizes);
-  for (const Aabb& box : boxes.boxes()) broad_phase.add(box);
+  const auto fill = [&] {
+    const std::span<Aabb> mapped = broad_phase.map(n);
+    std::copy(boxes.boxes().begin(), boxes.boxes().end(), mapped.begin());
+  };
+  fill();
   (void)broad_phase.update();
-  std::vector<double> times;
-  std::size_t changes = 0;
+  Frames frames(state);
   for ([[maybe_unused]] auto _ : state) {
     boxes.advance();
-    for (std::uint32_t id = 0; id < n; ++id) broad_phase.move(id, boxes.boxes()[id]);
-    const auto start = std::chrono::steady_clock::now();
-    const Delta delta = broad_phase.update();
-    times.push_back(std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count());
-    changes += delta.added.size() + delta.removed.size();
-    state.SetIterationTime(times.back());
+    if (from == From::staging) {
+      for (std::uint32_t id = 0; id < n; ++id) broad_phase.move(id, boxes.boxes()[id]);
+    }
+    frames.time([&] {
+      if (from == From::memory) fill();
+      return size(broad_phase.update());
+    });
   }
-  std::sort(times.begin(), times.end());
-  state.counters["p95_us"] = times[times.size() * 95 / 100] * 1e6;
-  state.counters["max_us"] = times.back() * 1e6;
-  state.counters["changes"] = static_cast<double>(changes) / static_cast<double>(times.size());
+  frames.report();
+}
+
+void time_some_moving(benchmark::State& state, std::uint32_t n, std::uint32_t moving) {
+  BroadPhase broad_phase;
+  MovingBoxes boxes(n, MovingBoxes::Sizes::uniform);
+  for (const Aabb& box : boxes.boxes()) broad_phase.add(box);
+  (void)broad_phase.update();
+  Frames frames(state);
+  for ([[maybe_unused]] auto _ : state) {
+    boxes.advance();
+    for (std::uint32_t k = 0; k < moving; ++k)
+      broad_phase.move(k * (n / moving), boxes.boxes()[k * (n / moving)]);
+    frames.time([&] { return size(broad_phase.update()); });
+  }
+  frames.report();
 }
 
 struct Bounds {
@@ -129,16 +180,25 @@ void register_all() {
           ->Unit(benchmark::kMicrosecond);
     }
   }
+  for (const std::uint32_t moving : {0U, 30U, 300U, 3000U, 30000U}) {
+    const std::string name = "some-moving/" + std::to_string(moving) + "/30000";
+    benchmark::RegisterBenchmark(name.c_str(), time_some_moving, 30000U, moving)
+        ->UseManualTime()
+        ->Iterations(256)
+        ->Unit(benchmark::kMicrosecond);
+  }
   for (const Scene& scene : scene_list) {
     for (const std::uint32_t n : {3500U, 16000U}) {
       for (const AlgorithmInfo& algorithm : algorithms()) {
         if (!algorithm.on_device) continue;
-        const std::string name =
-            "update/" + std::string(algorithm.name) + "/" + scene.name + "/" + std::to_string(n);
-        benchmark::RegisterBenchmark(name.c_str(), time_update, algorithm, scene, n)
-            ->UseManualTime()
-            ->Iterations(256)
-            ->Unit(benchmark::kMicrosecond);
+        for (const From from : {From::staging, From::memory}) {
+          const std::string name = std::string(from == From::staging ? "update/" : "update-from-memory/") +
+                                   std::string(algorithm.name) + "/" + scene.name + "/" + std::to_string(n);
+          benchmark::RegisterBenchmark(name.c_str(), time_update, algorithm, scene, n, from)
+              ->UseManualTime()
+              ->Iterations(256)
+              ->Unit(benchmark::kMicrosecond);
+        }
       }
     }
     for (const std::uint32_t n : {500U, 1250U, 2000U, 2750U, 3500U, 16000U}) {

@@ -55,6 +55,8 @@ PairDelta::PairDelta(const opencl::Context& context, opencl::Profiler& profiler)
     order_ = cl::Kernel(program, "delta_order");
     for (cl::Buffer& counts : counts_) counts = zeros(count_bytes);
     reserve(first_capacity);
+    last_ = std::move(next_);
+    next_ = {};
   });
 }
 
@@ -86,15 +88,15 @@ PairDelta::Table PairDelta::make_table(std::size_t capacity) const {
   return table;
 }
 
-/// Makes room for this many pairs in this frame. Nothing changes where it fails.
+/// Makes room for this many pairs in this frame and the next. Nothing changes where it fails.
 void PairDelta::reserve(std::size_t capacity) {
   if (now_.capacity >= capacity) return;
   Table now = make_table(capacity);
-  Table last = last_.capacity == 0 ? make_table(capacity) : last_;
+  Table next = make_table(capacity);
   cl::Buffer added = zeros(now.capacity * sizeof(Pair));
-  cl::Buffer removed = zeros(last.capacity * sizeof(Pair));
+  cl::Buffer removed = zeros(now.capacity * sizeof(Pair));
   now_ = std::move(now);
-  last_ = std::move(last);
+  next_ = std::move(next);
   added_ = std::move(added);
   removed_ = std::move(removed);
 }
@@ -211,7 +213,6 @@ std::span<Pair> PairDelta::changes(std::size_t total) const {
 void PairDelta::begin(Frame frame) {
   frame_ = std::move(frame);
   if (is_half_done_) restore_last();
-  reserve(last_.capacity);
   const std::size_t longest = frame_.stays_on_device ? 0 : last_longest_ + last_longest_ / 2;
   ordered_ = round_up(std::clamp(longest, least_ordered, most_ordered(context_)), teams * keys);
   expected_ = std::clamp(last_changes_ + last_changes_ / 2, 2 * least_ordered, 2 * ordered_);
@@ -238,6 +239,7 @@ void PairDelta::commit(const Counts& counts) {
   last_longest_ = std::max(counts.added, counts.removed);
   turn_ = 1 - turn_;
   std::swap(now_, last_);
+  if (next_.capacity > now_.capacity) now_ = std::exchange(next_, {});
   is_half_done_ = false;
 }
 

@@ -118,6 +118,7 @@ class PairDelta {
   cl::Kernel carry_, index_, sweep_, order_;
   Frame frame_;
   Table now_, last_;
+  Table next_;  // for the next frame, where this one needed more room than the last
   std::array<cl::Buffer, 2> counts_;  // of this frame and of the next, in turn
   std::size_t turn_ = 0;
   cl::Buffer added_, removed_;
