@@ -31,28 +31,34 @@ bool same_bits(const Aabb& s, const Aabb& t) {
   return std::memcmp(&s, &t, sizeof(Aabb)) == 0;
 }
 
-/// A set of slots that remembers the order in which they came.
+/// A set of slots that remembers the order in which they came, and is emptied at once.
 class SlotSet {
  public:
   void insert(std::uint32_t slot) {
-    if (slot >= is_in_.size()) is_in_.resize(slot + 1);
-    if (!is_in_[slot]) slots_.push_back(slot);
-    is_in_[slot] = true;
+    if (slot >= since_.size()) since_.resize(std::max<std::size_t>(slot + 1, 2 * since_.size()));
+    if (since_[slot] == epoch_) return;
+    since_[slot] = epoch_;
+    slots_.push_back(slot);
   }
   void insert(std::span<const std::uint32_t> slots) {
     for (const std::uint32_t slot : slots) insert(slot);
   }
   void clear() {
-    for (const std::uint32_t slot : slots_) is_in_[slot] = false;
     slots_.clear();
+    if (++epoch_ != 0) return;
+    std::fill(since_.begin(), since_.end(), 0);
+    epoch_ = 1;
   }
-  [[nodiscard]] bool contains(std::uint32_t slot) const { return slot < is_in_.size() && is_in_[slot]; }
+  [[nodiscard]] bool contains(std::uint32_t slot) const {
+    return slot < since_.size() && since_[slot] == epoch_;
+  }
   [[nodiscard]] const std::vector<std::uint32_t>& slots() const noexcept { return slots_; }
   void sort() { std::sort(slots_.begin(), slots_.end()); }
 
  private:
   std::vector<std::uint32_t> slots_;
-  std::vector<bool> is_in_;
+  std::vector<std::uint32_t> since_;  // the epoch in which a slot came
+  std::uint32_t epoch_ = 1;
 };
 
 /// What changed of the objects in some time.
@@ -292,7 +298,9 @@ class BroadPhase::Impl {
     const std::span<Aabb> boxes = algorithm_->boxes().first(mapped_);
     const auto bad = std::find_if(boxes.begin(), boxes.end(), has_nan);
     if (bad != boxes.end()) throw_nan("box " + std::to_string(bad - boxes.begin()));
-    std::transform(boxes.begin(), boxes.end(), boxes.begin(), pack);
+    for (Aabb& box : boxes) {
+      if (is_empty(box)) box = empty_aabb();
+    }
     mapped_ = 0;
   }
 

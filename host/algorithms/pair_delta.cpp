@@ -24,7 +24,7 @@ constexpr std::size_t most_pairs = std::size_t{1} << 31;  // places in a list ar
 /// Pairs of a list, added or removed, that are put in order by comparing each with every other; longer lists
 /// are sorted.
 std::size_t most_ordered(const opencl::Context& context) {
-  return context.shape() == opencl::Shape::cpu ? 1 << 8 : 1 << 13;
+  return context.shape() == opencl::Shape::cpu ? 1 << 8 : 1 << 14;
 }
 constexpr std::size_t least_ordered = 256;
 
