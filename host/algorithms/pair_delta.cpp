@@ -142,10 +142,12 @@ void PairDelta::enqueue_sweep() {
   sweep_.setArg(k++, last_.kept);
   sweep_.setArg(k++, removed_);
   sweep_.setArg(k++, counts_[turn_]);
+  // Each goes through some entries, but never so many that llvmpipe would end it.
   const std::size_t useful = context_.device().compute_units * std::size_t{1024};
-  const std::size_t items = round_up(std::min<std::size_t>(last_.mask, useful), group);
-  context_.queue().enqueueNDRangeKernel(sweep_, cl::NullRange, cl::NDRange(items), cl::NDRange(group),
-                                        nullptr, stage.event());
+  const std::size_t items =
+      std::max<std::size_t>(last_.mask / 4096 + 1, std::min<std::size_t>(last_.mask, useful));
+  context_.queue().enqueueNDRangeKernel(sweep_, cl::NullRange, cl::NDRange(round_up(items, group)),
+                                        cl::NDRange(group), nullptr, stage.event());
 }
 
 void PairDelta::enqueue_order() {
