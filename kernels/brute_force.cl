@@ -109,7 +109,8 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void brute_force(
   const uint end = min(row_count, first_row + rows);
 #if GROUP > 1
   local row_t tile[MAX_ROWS + ROWS];
-  for (uint k = (uint)get_local_id(0); k < rows + ROWS; k += GROUP) {
+  const bool has_work = !all || (uint)get_group_id(0) * (GROUP * WIDTH) < end;
+  for (uint k = (uint)get_local_id(0); has_work && k < rows + ROWS; k += GROUP) {
     const uint row = min(first_row + k, end - 1U);
     tile[k] = finite_row(load_row(boxes, filters, all ? row : changed[row]));
   }
