@@ -15,7 +15,8 @@
 #define COUNT_FOUND_HIGH 1
 #define COUNT_ADDED 2
 #define COUNT_REMOVED 3
-#define COUNTS 4
+#define COUNT_WORK 4 /* what an algorithm counts for itself */
+#define COUNTS 6     /* an even number, so that pairs can follow */
 
 typedef struct {
   uint capacity;             /* of the list of this frame */

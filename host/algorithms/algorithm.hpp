@@ -89,6 +89,7 @@ struct AlgorithmRow {
 
 // One line an algorithm, each defined in the file of its name.
 [[nodiscard]] std::unique_ptr<PairFinder> make_brute_force(const opencl::Context& context);
+[[nodiscard]] std::unique_ptr<PairFinder> make_tiles(const opencl::Context& context);
 [[nodiscard]] std::unique_ptr<Algorithm> make_gpu_bf(const BroadPhase::Config& config);
 [[nodiscard]] std::unique_ptr<Algorithm> make_oracle(const BroadPhase::Config& config);
 

@@ -17,7 +17,8 @@ constexpr std::size_t count_found = 0;
 constexpr std::size_t count_found_high = 1;
 constexpr std::size_t count_added = 2;
 constexpr std::size_t count_removed = 3;
-constexpr std::size_t count_bytes = 4 * sizeof(cl_uint);
+constexpr std::size_t count_work = 4;
+constexpr std::size_t count_bytes = 6 * sizeof(cl_uint);
 
 constexpr std::size_t first_capacity = 1 << 14;
 constexpr std::size_t most_pairs = std::size_t{1} << 31;  // places in a list are 32-bit numbers
@@ -226,7 +227,8 @@ PairDelta::Counts PairDelta::settle() {
   for (;;) {
     wait();
     const std::uint64_t found = counts()[count_found] | std::uint64_t{counts()[count_found_high]} << 32;
-    if (found <= now_.capacity) return {found, counts()[count_added], counts()[count_removed]};
+    if (found <= now_.capacity)
+      return {found, counts()[count_added], counts()[count_removed], counts()[count_work]};
     restore_last();
     reserve(found + found / 4);
     enqueue();
@@ -237,6 +239,8 @@ void PairDelta::commit(const Counts& counts) {
   profiler_.resolve();
   now_.found = static_cast<cl_uint>(counts.found);
   slots_ = frame_.slots;
+  work_ = counts.work;
+  ++frames_;
   last_changes_ = counts.added + counts.removed;
   last_longest_ = std::max(counts.added, counts.removed);
   turn_ = 1 - turn_;

@@ -73,12 +73,17 @@ class PairDelta {
   /// Enqueues what puts them into a new buffer, in canonical order.
   [[nodiscard]] cl::Buffer sorted_pairs() const;
   [[nodiscard]] std::size_t pair_count() const noexcept { return last_.found; }
+  /// What kernels counted as COUNT_WORK in the last frame.
+  [[nodiscard]] std::size_t work() const noexcept { return work_; }
+  /// Frames that have ended.
+  [[nodiscard]] std::size_t frames() const noexcept { return frames_; }
 
  private:
   struct Counts {
     std::size_t found = 0;
     std::size_t added = 0;
     std::size_t removed = 0;
+    std::size_t work = 0;
   };
   /// The pairs of a frame, and a hash table of them.
   struct Table {  // NOLINT(bugprone-exception-escape): handles do not throw when moved
@@ -118,7 +123,7 @@ class PairDelta {
   cl::Kernel carry_, index_, sweep_, order_;
   Frame frame_;
   Table now_, last_;
-  Table next_;  // for the next frame, where this one needed more room than the last
+  Table next_;                        // for the next frame, where this one needed more room than the last
   std::array<cl::Buffer, 2> counts_;  // of this frame and of the next, in turn
   std::size_t turn_ = 0;
   cl::Buffer added_, removed_;
@@ -128,6 +133,8 @@ class PairDelta {
   std::size_t slots_ = 0;     // of the last frame
   std::size_t expected_ = 0;  // changes read together with the counts
   std::size_t ordered_ = 0;   // pairs of each list that delta_order puts in order, at the most
+  std::size_t work_ = 0;
+  std::size_t frames_ = 0;
   std::size_t last_changes_ = 0;
   std::size_t last_longest_ = 0;  // the longer of added and removed
 };

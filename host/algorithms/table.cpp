@@ -15,6 +15,11 @@ constexpr std::array rows{
                   .on_device = true},
                  nullptr,
                  make_brute_force},
+    AlgorithmRow{{.name = "tiles",
+                  .summary = "boxes sorted in space once in a while, and tested tile by tile",
+                  .on_device = true},
+                 nullptr,
+                 make_tiles},
     AlgorithmRow{
         {.name = "gpu-bf",
          .summary =

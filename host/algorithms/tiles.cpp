@@ -1,0 +1,171 @@
+#include <algorithm>
+#include <array>
+#include <cstddef>
+#include <memory>
+#include <string>
+
+#include "algorithms/algorithm.hpp"
+#include "algorithms/pair_finder.hpp"
+#include "opencl/error.hpp"
+#include "opencl/radix_sort.hpp"
+
+namespace broadcl {
+namespace {
+
+// As kernels/tiles.cl has them.
+constexpr std::size_t node = 32;
+constexpr std::size_t node_bytes = node * sizeof(Aabb);
+constexpr unsigned code_bits = 31;
+constexpr std::size_t levels = 4;  // as many as a cl_uint4 has numbers
+
+constexpr std::size_t group = 64;  // of kernels that do a box a work-item
+/// Work that is reason enough to sort again, as a multiple of what there was when the order was new.
+constexpr double stale = 1.25;
+
+std::size_t groups_of(std::size_t items, std::size_t size) {
+  return (items + size - 1) / size;
+}
+
+/// Boxes in an order of space, under a tree of bounds: kernels/tiles.cl.
+class Tiles final : public PairFinder {
+ public:
+  explicit Tiles(const opencl::Context& context)
+      : context_(context), group_(context.shape() == opencl::Shape::cpu ? 1 : node), sort_(context) {
+    const cl::Program program = context.program("tiles.cl", "-DGROUP=" + std::to_string(group_));
+    opencl::translate_errors(context.device().label(), [&] {
+      extent_kernel_ = cl::Kernel(program, "tiles_extent");
+      keys_ = cl::Kernel(program, "tiles_keys");
+      fill_ = cl::Kernel(program, "tiles_fill");
+      raise_ = cl::Kernel(program, "tiles_raise");
+      search_ = cl::Kernel(program, "tiles_search");
+      extent_ = cl::Buffer(context.context(), CL_MEM_READ_WRITE, 6 * sizeof(cl_uint));
+    });
+  }
+
+  void find(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) override {
+    if (search.slots < 2 || (!search.all && search.changed_count == 0)) return;
+    reserve(search.slots);
+    if (is_stale(search, sink)) sort(search, sink, profiler);
+    build(search, profiler);
+    enqueue_search(search, sink, profiler);
+  }
+
+ private:
+  void reserve(std::size_t slots) {
+    if (slots <= capacity_) return;
+    capacity_ = 0;
+    sorted_slots_ = 0;
+    const std::size_t capacity = groups_of(slots + slots / 2, node) * node;
+    const auto buffer = [&](std::size_t bytes) {
+      return cl::Buffer(context_.context(), CL_MEM_READ_WRITE, bytes);
+    };
+    elements_ = buffer(capacity * sizeof(cl_ulong));
+    scratch_ = buffer(capacity * sizeof(cl_ulong));
+    std::size_t nodes = 0;
+    for (std::size_t level = 0, size = capacity; level < levels; ++level) {
+      starts_.s[level] = static_cast<cl_uint>(nodes);
+      size = groups_of(size, node);
+      nodes += size;
+    }
+    tree_ = buffer(nodes * node_bytes);
+    capacity_ = capacity;
+  }
+
+  /// Whether the order is of other slots, or has made the last frame's work grow. The first frame in a new
+  /// order says how much work there is to be.
+  bool is_stale(const Search& search, const PairDelta& sink) {
+    if (search.slots != sorted_slots_) return true;
+    if (sink.frames() == sorted_frame_) return false;
+    if (sink.frames() == sorted_frame_ + 1) fresh_work_ = sink.work();
+    return static_cast<double>(sink.work()) > stale * static_cast<double>(fresh_work_);
+  }
+
+  void sort(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) {
+    const opencl::Profiler::Scope stage(profiler, "sort");
+    const cl::CommandQueue& queue = context_.queue();
+    constexpr std::size_t bytes = 3 * sizeof(cl_uint);
+    queue.enqueueFillBuffer(extent_, ~cl_uint{0}, 0, bytes);
+    queue.enqueueFillBuffer(extent_, cl_uint{0}, bytes, bytes);
+    const std::size_t useful = std::size_t{context_.device().compute_units} * 8;
+    const std::size_t groups =
+        std::max(groups_of(search.slots, group * 4096), std::min(groups_of(search.slots, group), useful));
+    extent_kernel_.setArg(0, search.slots);
+    extent_kernel_.setArg(1, search.boxes);
+    extent_kernel_.setArg(2, extent_);
+    queue.enqueueNDRangeKernel(extent_kernel_, cl::NullRange, cl::NDRange(groups * group),
+                               cl::NDRange(group));
+    keys_.setArg(0, search.slots);
+    keys_.setArg(1, search.boxes);
+    keys_.setArg(2, extent_);
+    keys_.setArg(3, elements_);
+    queue.enqueueNDRangeKernel(keys_, cl::NullRange, cl::NDRange(groups_of(search.slots, group) * group),
+                               cl::NDRange(group));
+    sort_.enqueue(elements_, scratch_, search.slots, std::array{opencl::RadixSort::Bits{32, code_bits}});
+    sorted_slots_ = search.slots;
+    sorted_frame_ = sink.frames();
+  }
+
+  /// Puts boxes and bounds into the tree.
+  void build(const Search& search, opencl::Profiler& profiler) {
+    opencl::Profiler::Scope stage(profiler, "build");
+    std::size_t nodes = groups_of(search.slots, node);
+    cl_uint k = 0;
+    fill_.setArg(k++, search.slots);
+    fill_.setArg(k++, static_cast<cl_uint>(nodes));
+    fill_.setArg(k++, starts_.s[1]);
+    fill_.setArg(k++, search.boxes);
+    fill_.setArg(k++, elements_);
+    fill_.setArg(k++, tree_);
+    enqueue(fill_, groups_of(nodes, node) * node, stage.event());
+    for (std::size_t level = 1; level + 1 < levels; ++level) {
+      nodes = groups_of(nodes, node);
+      raise_.setArg(0, starts_.s[level]);
+      raise_.setArg(1, static_cast<cl_uint>(nodes));
+      raise_.setArg(2, starts_.s[level + 1]);
+      raise_.setArg(3, tree_);
+      enqueue(raise_, groups_of(nodes, node) * node, nullptr);
+    }
+    roots_ = static_cast<cl_uint>(groups_of(nodes, node));
+  }
+
+  void enqueue_search(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) {
+    opencl::Profiler::Scope stage(profiler, "test");
+    cl_uint k = 0;
+    search_.setArg(k++, starts_);
+    search_.setArg(k++, roots_);
+    search_.setArg(k++, tree_);
+    search_.setArg(k++, elements_);
+    search_.setArg(k++, search.all ? cl_uint{0} : cl_uint{1});
+    search_.setArg(k++, search.any_filters ? cl_uint{1} : cl_uint{0});
+    search_.setArg(k++, search.filters);
+    sink.set_sink(search_, k);
+    enqueue(search_, groups_of(search.slots, node), stage.event());
+  }
+
+  void enqueue(const cl::Kernel& kernel, std::size_t groups, cl::Event* event) {
+    context_.queue().enqueueNDRangeKernel(kernel, cl::NullRange, cl::NDRange(groups * group_),
+                                          cl::NDRange(group_), nullptr, event);
+  }
+
+  const opencl::Context& context_;
+  std::size_t group_;
+  opencl::RadixSort sort_;
+  cl::Kernel extent_kernel_, keys_, fill_, raise_, search_;
+  cl::Buffer extent_;
+  cl::Buffer elements_, scratch_;  // slots in order
+  cl::Buffer tree_;
+  cl_uint4 starts_{};         // the first nodes of its levels
+  std::size_t capacity_ = 0;  // slots
+  cl_uint roots_ = 0;
+  std::size_t sorted_slots_ = 0;
+  std::size_t sorted_frame_ = 0;
+  std::size_t fresh_work_ = 0;  // of the first frame in this order
+};
+
+}  // namespace
+
+std::unique_ptr<PairFinder> make_tiles(const opencl::Context& context) {
+  return std::make_unique<Tiles>(context);
+}
+
+}  // namespace broadcl

@@ -1,0 +1,305 @@
+/* Tiles: the boxes stand in an order in which neighbours in space are mostly neighbours, 32 of them to a tile, under a tree
+   of bounds in which every node has 32 children. Each tile searches the tree for what overlaps its own bounds, from itself
+   on, so that each pair is found once.
+
+   The order may be an old one: bounds are made anew each frame, so that results are exact, and only the work grows as boxes
+   move away from those they were put beside. The search counts its work for the host, which sorts when it has grown.
+
+   The order is that of a k-d tree that halves the longest edge of its cells: in a cube that of Morton codes ("A Computer
+   Oriented Geodetic Data Base", G. M. Morton, 1966), in flat and long worlds with more bits for the longer edges. Boxes much
+   larger than others stand at the end, where they do not widen the bounds of small ones, and every tile meets them. */
+
+#include "aabb.h"
+#include "delta.h"
+#include "filter.h"
+#include "lanes.h"
+
+#ifndef GROUP
+#define GROUP 32 /* one work-item a child; 1 in the shape for CPUs, where it does all children */
+#endif
+#define NODE 32U                        /* children of a node; boxes of a tile are a node's children too */
+#define NODE_FLOATS (NODE * AABB_FLOATS) /* lower x of all children, then lower y, ... */
+#define CODE_BITS 30
+#define LARGE_CODE (1U << CODE_BITS)
+#define EMPTY_CODE (LARGE_CODE + 1U)
+#define FLUSH 256U /* hits that are worth being put */
+
+typedef struct {
+  float bound[AABB_FLOATS];
+} box_t;
+
+/* Numbers in the order of floats. */
+static inline uint ordered(const float value) {
+  const uint bits = as_uint(value);
+  return (bits >> 31) != 0U ? ~bits : bits | 0x80000000U;
+}
+static inline float from_ordered(const uint word) {
+  return as_float((word >> 31) != 0U ? word & 0x7fffffffU : ~word);
+}
+
+/* The middle of a box; not finite where that makes no sense. */
+static inline float3 middle(global const float* box) {
+  const float3 sum = vload3(0, box) * 0.5F + vload3(1, box) * 0.5F;
+  return all(fabs(sum) < 1e30F) != 0 ? sum : (float3)(NAN);
+}
+
+/* The bounds of the middles: three minima, three maxima, as ordered() makes them. */
+kernel void tiles_extent(const uint n, global const float* restrict boxes, global uint* restrict extent) {
+  uint lower[3] = {0xffffffffU, 0xffffffffU, 0xffffffffU};
+  uint upper[3] = {0, 0, 0};
+  for (uint k = (uint)get_global_id(0); k < n; k += (uint)get_global_size(0)) {
+    const float3 m = middle(boxes + (size_t)k * AABB_FLOATS);
+    if (isnan(m.x)) continue;
+    const uint words[3] = {ordered(m.x), ordered(m.y), ordered(m.z)};
+    for (uint i = 0; i < 3U; ++i) {
+      lower[i] = min(lower[i], words[i]);
+      upper[i] = max(upper[i], words[i]);
+    }
+  }
+  local uint all_lower[3];
+  local uint all_upper[3];
+  if (get_local_id(0) == 0) {
+    for (uint i = 0; i < 3U; ++i) {
+      all_lower[i] = 0xffffffffU;
+      all_upper[i] = 0;
+    }
+  }
+  barrier(CLK_LOCAL_MEM_FENCE);
+  for (uint i = 0; i < 3U; ++i) {
+    atomic_min(&all_lower[i], lower[i]);
+    atomic_max(&all_upper[i], upper[i]);
+  }
+  barrier(CLK_LOCAL_MEM_FENCE);
+  if (get_local_id(0) < 3) {
+    atomic_min(&extent[get_local_id(0)], all_lower[get_local_id(0)]);
+    atomic_max(&extent[3 + get_local_id(0)], all_upper[get_local_id(0)]);
+  }
+}
+
+/* Elements to sort: slot, and place in the order of space. */
+kernel void tiles_keys(const uint n, global const float* restrict boxes, global const uint* restrict extent,
+                       global uint2* restrict elements) {
+  const uint k = (uint)get_global_id(0);
+  if (k >= n) return;
+  global const float* box = boxes + (size_t)k * AABB_FLOATS;
+  float corner[3];
+  float size[3];
+  float longest = 0;
+  for (uint i = 0; i < 3U; ++i) {
+    corner[i] = from_ordered(extent[i]);
+    size[i] = from_ordered(extent[3 + i]) - corner[i];
+    longest = max(longest, size[i]);
+  }
+  const float3 m = middle(box);
+  const float3 edges = vload3(1, box) - vload3(0, box);
+  uint code = 0;
+  if (isnan(box[0])) {
+    code = EMPTY_CODE;
+  } else if (isnan(m.x) || !(max(edges.x, max(edges.y, edges.z)) <= longest * 0.125F)) {
+    code = LARGE_CODE;
+  } else {
+    const float place[3] = {m.x, m.y, m.z};
+    for (uint bit = 0; bit < CODE_BITS; ++bit) {
+      const uint i = size[0] >= size[1] && size[0] >= size[2] ? 0U : size[1] >= size[2] ? 1U : 2U;
+      size[i] *= 0.5F;
+      const bool above = place[i] >= corner[i] + size[i];
+      if (above) corner[i] += size[i];
+      code = code << 1 | (above ? 1U : 0U);
+    }
+  }
+  elements[k] = (uint2)(k, code);
+}
+
+/* Levels of the tree lie one behind the other. Children of the nodes of level 0, which are the tiles, are boxes; those of
+   the nodes of level 1 are bounds of tiles, and so on. */
+#define LEVELS 4U
+
+static inline size_t child_at(const uint node, const uint bound, const uint child) {
+  return (size_t)node * NODE_FLOATS + bound * NODE + child;
+}
+
+#if GROUP > 1
+#define FOR_EACH_CHILD(child) const uint child = (uint)get_local_id(0);
+#else
+#define FOR_EACH_CHILD(child) for (uint child = 0; child < NODE; ++child)
+#endif
+
+/* Makes the bounds of the children of node k of a level, which are child k of the level above; NaNs where there is none. */
+static inline void raise(global float* tree, const uint start, const uint k, const bool exists, const uint parents) {
+  for (uint i = (uint)get_local_id(0); i < AABB_FLOATS; i += GROUP) {
+    float bound = NAN;
+    for (uint child = 0; exists && child < NODE; ++child) {
+      const float other = tree[child_at(start + k, i, child)];
+      bound = i < 3U ? fmin(bound, other) : fmax(bound, other);
+    }
+    tree[child_at(parents + k / NODE, i, k % NODE)] = bound;
+  }
+}
+
+/* Puts the boxes into their tiles and makes the bounds of these; a work-group a tile. Tiles past the last one have no
+   bounds. */
+kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_fill(
+    const uint n, const uint tiles, const uint parents, global const float* restrict boxes,
+    global const uint2* restrict elements, global float* tree) {
+  const uint tile = (uint)get_group_id(0);
+  if (tile < tiles) {
+    FOR_EACH_CHILD(child) {
+      const uint place = tile * NODE + child;
+      global const float* box = boxes + (size_t)(place < n ? elements[place].x : 0U) * AABB_FLOATS;
+      for (uint i = 0; i < AABB_FLOATS; ++i) tree[child_at(tile, i, child)] = place < n ? box[i] : NAN;
+    }
+  }
+  barrier(CLK_GLOBAL_MEM_FENCE);
+  raise(tree, 0, tile, tile < tiles, parents);
+}
+
+/* Makes the bounds of a level's nodes, for the level above; a work-group a node. */
+kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_raise(const uint start, const uint nodes,
+                                                                          const uint parents, global float* tree) {
+  const uint k = (uint)get_group_id(0);
+  raise(tree, start, k, k < nodes, parents);
+}
+
+/* A bit a child of a node: which overlap a box. All work-items must call it. */
+#if GROUP > 1
+static inline uint overlapping(global const float* tree, const uint node, const box_t* box, local uint* children) {
+  global const float* p = tree + child_at(node, 0, (uint)get_local_id(0));
+  const int hit = AABB_OVERLAPS(p[0], p[NODE], p[2 * NODE], p[3 * NODE], p[4 * NODE], p[5 * NODE], box->bound[0],
+                                box->bound[1], box->bound[2], box->bound[3], box->bound[4], box->bound[5]);
+  barrier(CLK_LOCAL_MEM_FENCE);
+  if (get_local_id(0) == 0) *children = 0;
+  barrier(CLK_LOCAL_MEM_FENCE);
+  if (hit != 0) atomic_or(children, 1U << (uint)get_local_id(0));
+  barrier(CLK_LOCAL_MEM_FENCE);
+  return *children;
+}
+#else
+static inline uint overlapping(global const float* tree, const uint node, const box_t* box, local uint* children) {
+  (void)children;
+  uint bits = 0;
+  for (uint part = 0; part < NODE / WIDTH; ++part) {
+    global const float* p = tree + child_at(node, 0, part * WIDTH);
+#define LOAD(i) PASTE(vload, WIDTH)(0, p + (i)*NODE)
+    bits |= lane_mask(AABB_OVERLAPS(LOAD(0), LOAD(1), LOAD(2), LOAD(3), LOAD(4), LOAD(5), box->bound[0], box->bound[1],
+                                    box->bound[2], box->bound[3], box->bound[4], box->bound[5]))
+            << (part * WIDTH);
+  }
+  return bits;
+}
+#endif
+
+/* Of the children of a node, a bit each, those that do not come before a node of their level. */
+static inline uint not_before(const uint bits, const uint node, const uint first) {
+  const uint child = node * NODE;
+  return first <= child ? bits : first - child < NODE ? bits & (0xffffffffU << (first - child)) : 0U;
+}
+
+static inline uint lowest_bit(const uint bits) {
+  return 31U - clz(bits & (0U - bits));
+}
+
+static inline box_t child_of(global const float* tree, const uint node, const uint child) {
+  box_t box;
+  for (uint i = 0; i < AABB_FLOATS; ++i) box.bound[i] = tree[child_at(node, i, child)];
+  return box;
+}
+
+/* Whether a pair of slots is one to be found. */
+static inline bool is_wanted(const uint a, const uint b, const uint only_changed, const uint any_filters,
+                             global const uint4* filters, const pair_sink_t* sink) {
+  if (only_changed != 0U && !is_changed(sink->stamps[a], sink->stamp) && !is_changed(sink->stamps[b], sink->stamp)) {
+    return false;
+  }
+  return any_filters == 0U || may_pair(filters[a], filters[b]);
+}
+
+/* Finds the pairs of a tile with itself and later ones; a work-group a tile. `starts` are the first nodes of the levels,
+   `roots` is the number of nodes of the last one. */
+kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_search(
+    const uint4 starts, const uint roots, global const float* restrict tree, global const uint2* restrict elements,
+    const uint only_changed, const uint any_filters, global const uint4* restrict filters, PAIR_SINK_PARAMETERS) {
+  const pair_sink_t sink = PAIR_SINK;
+  const uint start_of[LEVELS] = {starts.x, starts.y, starts.z, starts.w};
+  local uint2 hits[FLUSH + NODE * NODE];
+  local uint children;
+  local uint found;
+  local uint base;
+  const uint tile = (uint)get_group_id(0);
+  const box_t bounds = child_of(tree, start_of[1] + tile / NODE, tile % NODE);
+#if GROUP > 1
+  const uint mine = (uint)get_local_id(0);
+  const uint my_slot = elements[tile * NODE + mine].x;
+  const box_t my_box = child_of(tree, tile, mine);
+#endif
+  if (get_local_id(0) == 0) found = 0;
+
+  uint work = 0;
+  uint rest[LEVELS] = {0, 0, 0, 0}; /* children of the nodes on the way down that are still to be searched */
+  uint level = LEVELS - 1U;
+  uint root = tile / (NODE * NODE * NODE);
+  uint node = root;
+  while (root < roots) {
+    uint bits = overlapping(tree, start_of[level] + node, &bounds, &children);
+    if (level > 0U) {
+      rest[level] = not_before(bits, node, tile >> (5U * (level - 1U)));
+    } else {
+      work += 1U + popcount(bits);
+      for (; bits != 0U; bits &= bits - 1U) {
+        const uint child = lowest_bit(bits);
+        const box_t box = child_of(tree, node, child);
+        const uint slot = elements[node * NODE + child].x;
+#if GROUP > 1
+        const bool hit =
+            (node != tile || mine < child) &&
+            AABB_OVERLAPS(my_box.bound[0], my_box.bound[1], my_box.bound[2], my_box.bound[3], my_box.bound[4],
+                          my_box.bound[5], box.bound[0], box.bound[1], box.bound[2], box.bound[3], box.bound[4],
+                          box.bound[5]) != 0;
+        if (hit && is_wanted(my_slot, slot, only_changed, any_filters, filters, &sink)) {
+          hits[atomic_inc(&found)] = (uint2)(min(my_slot, slot), max(my_slot, slot));
+        }
+#else
+        uint own = overlapping(tree, tile, &box, &children);
+        if (node == tile) own &= (1U << child) - 1U;
+        for (; own != 0U; own &= own - 1U) {
+          const uint my_slot = elements[tile * NODE + lowest_bit(own)].x;
+          if (is_wanted(my_slot, slot, only_changed, any_filters, filters, &sink)) {
+            hits[found++] = (uint2)(min(my_slot, slot), max(my_slot, slot));
+          }
+        }
+#endif
+      }
+      barrier(CLK_LOCAL_MEM_FENCE);
+      const uint total = found;
+      barrier(CLK_LOCAL_MEM_FENCE);
+      if (total >= FLUSH) {
+        if (get_local_id(0) == 0) {
+          base = reserve_pairs(&sink, total);
+          found = 0;
+        }
+        barrier(CLK_LOCAL_MEM_FENCE);
+        for (uint k = (uint)get_local_id(0); k < total; k += GROUP) put_pair(&sink, base, k, hits[k]);
+      }
+    }
+
+    while (level < LEVELS && rest[level] == 0U) {
+      ++level;
+      node /= NODE;
+    }
+    if (level == LEVELS) {
+      level = LEVELS - 1U;
+      node = ++root;
+    } else {
+      node = node * NODE + lowest_bit(rest[level]);
+      rest[level] &= rest[level] - 1U;
+      --level;
+    }
+  }
+
+  barrier(CLK_LOCAL_MEM_FENCE);
+  if (get_local_id(0) == 0) {
+    base = found == 0U ? 0U : reserve_pairs(&sink, found);
+    atomic_add(&sink.counts[COUNT_WORK], work);
+  }
+  barrier(CLK_LOCAL_MEM_FENCE);
+  for (uint k = (uint)get_local_id(0); k < found; k += GROUP) put_pair(&sink, base, k, hits[k]);
+}
