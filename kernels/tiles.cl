@@ -17,12 +17,16 @@
 #ifndef GROUP
 #define GROUP 32 /* one work-item a child; 1 in the shape for CPUs, where it does all children */
 #endif
+/* For functions with barriers: PoCL 3.1 gives wrong results where one is called from two places and not inlined. */
+#define INLINE static inline __attribute__((always_inline))
+
 #define NODE 32U                        /* children of a node; boxes of a tile are a node's children too */
 #define NODE_FLOATS (NODE * AABB_FLOATS) /* lower x of all children, then lower y, ... */
 #define CODE_BITS 30
 #define LARGE_CODE (1U << CODE_BITS)
 #define EMPTY_CODE (LARGE_CODE + 1U)
-#define FLUSH 256U /* hits that are worth being put */
+#define FLUSH 256U     /* hits that are worth being put */
+#define CANDIDATES 96U /* boxes that overlap a tile's bounds that are worth being tested */
 
 typedef struct {
   float bound[AABB_FLOATS];
@@ -162,7 +166,7 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_raise(const
 
 /* A bit a child of a node: which overlap a box. All work-items must call it. */
 #if GROUP > 1
-static inline uint overlapping(global const float* tree, const uint node, const box_t* box, local uint* children) {
+INLINE uint overlapping(global const float* tree, const uint node, const box_t* box, local uint* children) {
   global const float* p = tree + child_at(node, 0, (uint)get_local_id(0));
   const int hit = AABB_OVERLAPS(p[0], p[NODE], p[2 * NODE], p[3 * NODE], p[4 * NODE], p[5 * NODE], box->bound[0],
                                 box->bound[1], box->bound[2], box->bound[3], box->bound[4], box->bound[5]);
@@ -174,7 +178,7 @@ static inline uint overlapping(global const float* tree, const uint node, const 
   return *children;
 }
 #else
-static inline uint overlapping(global const float* tree, const uint node, const box_t* box, local uint* children) {
+INLINE uint overlapping(global const float* tree, const uint node, const box_t* box, local uint* children) {
   (void)children;
   uint bits = 0;
   for (uint part = 0; part < NODE / WIDTH; ++part) {
@@ -204,6 +208,13 @@ static inline box_t child_of(global const float* tree, const uint node, const ui
   return box;
 }
 
+#if GROUP > 1
+static inline bool overlap(const box_t* s, const box_t* t) {
+  return AABB_OVERLAPS(s->bound[0], s->bound[1], s->bound[2], s->bound[3], s->bound[4], s->bound[5], t->bound[0],
+                       t->bound[1], t->bound[2], t->bound[3], t->bound[4], t->bound[5]) != 0;
+}
+#endif
+
 /* Whether a pair of slots is one to be found. */
 static inline bool is_wanted(const uint a, const uint b, const uint only_changed, const uint any_filters,
                              global const uint4* filters, const pair_sink_t* sink) {
@@ -212,6 +223,53 @@ static inline bool is_wanted(const uint a, const uint b, const uint only_changed
   }
   return any_filters == 0U || may_pair(filters[a], filters[b]);
 }
+
+/* Puts hits where they are many, or the last ones. All work-items must call it. */
+INLINE void put_hits(const pair_sink_t* sink, local const uint2* hits, local uint* found, local uint* base,
+                            const bool all) {
+  barrier(CLK_LOCAL_MEM_FENCE);
+  const uint total = *found;
+  barrier(CLK_LOCAL_MEM_FENCE);
+  if (total >= (all ? 1U : FLUSH)) {
+    if (get_local_id(0) == 0) {
+      *base = reserve_pairs(sink, total);
+      *found = 0;
+    }
+    barrier(CLK_LOCAL_MEM_FENCE);
+    for (uint k = (uint)get_local_id(0); k < total; k += GROUP) put_pair(sink, *base, k, hits[k]);
+    barrier(CLK_LOCAL_MEM_FENCE);
+  }
+}
+
+#if GROUP > 1
+/* Boxes that overlap the bounds of a work-group's tile, to be tested against its boxes. */
+typedef struct {
+  box_t box;
+  uint place, slot;
+} candidate_t;
+
+/* Tests candidates, one a work-item at a time. All work-items must call it. */
+INLINE void test_candidates(local const candidate_t* candidates, const uint count, local const candidate_t* own,
+                                   const uint only_changed, const uint any_filters, global const uint4* filters,
+                                   const pair_sink_t* sink, local uint2* hits, local uint* found, local uint* base) {
+  barrier(CLK_LOCAL_MEM_FENCE);
+  for (uint first = 0; first < count; first += GROUP) {
+    const uint k = first + (uint)get_local_id(0);
+    if (k < count) {
+      const candidate_t other = candidates[k];
+      for (uint i = 0; i < NODE; ++i) {
+        const candidate_t mine = own[i];
+        if (mine.place < other.place && overlap(&mine.box, &other.box) &&
+            is_wanted(mine.slot, other.slot, only_changed, any_filters, filters, sink)) {
+          hits[atomic_inc(found)] = (uint2)(min(mine.slot, other.slot), max(mine.slot, other.slot));
+        }
+      }
+    }
+    put_hits(sink, hits, found, base, false);
+  }
+  barrier(CLK_LOCAL_MEM_FENCE);
+}
+#endif
 
 /* Finds the pairs of a tile with itself and later ones; a work-group a tile. `starts` are the first nodes of the levels,
    `roots` is the number of nodes of the last one. */
@@ -227,9 +285,14 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_search(
   const uint tile = (uint)get_group_id(0);
   const box_t bounds = child_of(tree, start_of[1] + tile / NODE, tile % NODE);
 #if GROUP > 1
-  const uint mine = (uint)get_local_id(0);
-  const uint my_slot = elements[tile * NODE + mine].x;
-  const box_t my_box = child_of(tree, tile, mine);
+  local candidate_t own[NODE];
+  local candidate_t candidates[CANDIDATES + NODE];
+  const uint lane = (uint)get_local_id(0);
+  const uint my_place = tile * NODE + lane;
+  own[lane].box = child_of(tree, tile, lane);
+  own[lane].place = my_place;
+  own[lane].slot = elements[my_place].x;
+  uint count = 0;
 #endif
   if (get_local_id(0) == 0) found = 0;
 
@@ -240,24 +303,28 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_search(
   uint node = root;
   while (root < roots) {
     uint bits = overlapping(tree, start_of[level] + node, &bounds, &children);
+    ++work;
     if (level > 0U) {
       rest[level] = not_before(bits, node, tile >> (5U * (level - 1U)));
     } else {
-      work += 1U + popcount(bits);
+      work += popcount(bits);
+#if GROUP > 1
+      if ((bits >> lane & 1U) != 0U) {
+        local candidate_t* candidate = &candidates[count + popcount(bits & ((1U << lane) - 1U))];
+        candidate->box = child_of(tree, node, lane);
+        candidate->place = node * NODE + lane;
+        candidate->slot = elements[node * NODE + lane].x;
+      }
+      count += popcount(bits);
+      if (count >= CANDIDATES) {
+        test_candidates(candidates, count, own, only_changed, any_filters, filters, &sink, hits, &found, &base);
+        count = 0;
+      }
+#else
       for (; bits != 0U; bits &= bits - 1U) {
         const uint child = lowest_bit(bits);
         const box_t box = child_of(tree, node, child);
         const uint slot = elements[node * NODE + child].x;
-#if GROUP > 1
-        const bool hit =
-            (node != tile || mine < child) &&
-            AABB_OVERLAPS(my_box.bound[0], my_box.bound[1], my_box.bound[2], my_box.bound[3], my_box.bound[4],
-                          my_box.bound[5], box.bound[0], box.bound[1], box.bound[2], box.bound[3], box.bound[4],
-                          box.bound[5]) != 0;
-        if (hit && is_wanted(my_slot, slot, only_changed, any_filters, filters, &sink)) {
-          hits[atomic_inc(&found)] = (uint2)(min(my_slot, slot), max(my_slot, slot));
-        }
-#else
         uint own = overlapping(tree, tile, &box, &children);
         if (node == tile) own &= (1U << child) - 1U;
         for (; own != 0U; own &= own - 1U) {
@@ -266,19 +333,9 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_search(
             hits[found++] = (uint2)(min(my_slot, slot), max(my_slot, slot));
           }
         }
+      }
+      put_hits(&sink, hits, &found, &base, false);
 #endif
-      }
-      barrier(CLK_LOCAL_MEM_FENCE);
-      const uint total = found;
-      barrier(CLK_LOCAL_MEM_FENCE);
-      if (total >= FLUSH) {
-        if (get_local_id(0) == 0) {
-          base = reserve_pairs(&sink, total);
-          found = 0;
-        }
-        barrier(CLK_LOCAL_MEM_FENCE);
-        for (uint k = (uint)get_local_id(0); k < total; k += GROUP) put_pair(&sink, base, k, hits[k]);
-      }
     }
 
     while (level < LEVELS && rest[level] == 0U) {
@@ -295,11 +352,9 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_search(
     }
   }
 
-  barrier(CLK_LOCAL_MEM_FENCE);
-  if (get_local_id(0) == 0) {
-    base = found == 0U ? 0U : reserve_pairs(&sink, found);
-    atomic_add(&sink.counts[COUNT_WORK], work);
-  }
-  barrier(CLK_LOCAL_MEM_FENCE);
-  for (uint k = (uint)get_local_id(0); k < found; k += GROUP) put_pair(&sink, base, k, hits[k]);
+#if GROUP > 1
+  test_candidates(candidates, count, own, only_changed, any_filters, filters, &sink, hits, &found, &base);
+#endif
+  put_hits(&sink, hits, &found, &base, true);
+  if (get_local_id(0) == 0) atomic_add(&sink.counts[COUNT_WORK], work);
 }
