@@ -154,6 +154,7 @@ class BroadPhase::Impl {
   std::span<Aabb> map(std::size_t n) {
     if (in_flight_) throw Error("map() was called between begin() and finish(); call finish() first");
     if (n > most_objects) throw Error("map() was asked for " + std::to_string(n) + " boxes; ask for fewer");
+    apply_late();
     algorithm_->reserve(n);
     if (n > states_.size()) grow(n);
     for (std::size_t id = n; id < states_.size(); ++id) {
@@ -162,12 +163,11 @@ class BroadPhase::Impl {
     std::vector<std::uint32_t> free;
     for (std::size_t id = n; id < states_.size(); ++id) free.push_back(static_cast<std::uint32_t>(id));
     free_ = FreeIds(std::greater<>(), std::move(free));
-    // The caller must not meet a NaN that is not his own.
     const std::span<Aabb> boxes = algorithm_->boxes().first(n);
-    for (Aabb& box : boxes) {
-      if (has_nan(box)) box = nowhere;
-    }
     for (std::uint32_t id = 0; id < n; ++id) {
+      // The caller must not meet a NaN that is not his own.
+      const bool is_own = id < mapped_;
+      if (states_[id] == State::free || (!is_own && has_nan(boxes[id]))) boxes[id] = nowhere;
       if (states_[id] == State::live) continue;
       set_state(id, State::live);
       store_filter(id, Filter());
@@ -267,7 +267,7 @@ class BroadPhase::Impl {
   }
 
   void set_box(std::uint32_t id, const Aabb& box) {
-    if (in_flight_) return late_.push_back({id, box});
+    if (in_flight_ || !late_.empty()) return late_.push_back({id, box});
     Aabb& old = algorithm_->boxes()[id];
     const Aabb packed = id < mapped_ ? box : pack(box);
     if (same_bits(old, packed)) return;
@@ -284,12 +284,12 @@ class BroadPhase::Impl {
     changes_.filters = true;
   }
 
-  /// Boxes that were set between begin() and finish().
+  /// Boxes that were set between begin() and finish(), and, where that failed, since.
   void apply_late() {
     if (late_.empty()) return;
     algorithm_->reserve(states_.size());
-    for (const LateBox& late : late_) set_box(late.id, late.box);
-    late_.clear();
+    const std::vector<LateBox> late_boxes = std::exchange(late_, {});
+    for (const LateBox& late : late_boxes) set_box(late.id, late.box);
   }
 
   /// Boxes that the caller wrote in place.
@@ -364,7 +364,7 @@ class BroadPhase::Impl {
   ChangeSet flight_;   // what that update takes in
   bool in_flight_ = false;
   bool asked_ = false;         // the algorithm, in the last update
-  std::vector<LateBox> late_;  // set while it is in flight
+  std::vector<LateBox> late_;  // not stored yet: set while it was in flight
 
   std::optional<OwnDelta> pending_;  // what changed in updates that the caller was not told of
   SlotSet pending_renewed_;          // in these

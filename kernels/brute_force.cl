@@ -40,8 +40,7 @@ typedef struct {
   float4 lower, upper;
 } row_t;
 
-static inline row_t load_row(global const float* restrict boxes, global const uint4* restrict filters,
-                             const uint slot) {
+static inline row_t load_row(global const float* boxes, global const uint4* filters, const uint slot) {
   global const float2* p = (global const float2*)(boxes + (size_t)slot * AABB_FLOATS);
   const float2 p0 = p[0];
   const float2 p1 = p[1];

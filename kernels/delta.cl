@@ -47,7 +47,8 @@ kernel void delta_sweep(const uint capacity, global const uint2* restrict last, 
     if (kept[k] == 0) removed[atomic_inc(&counts[COUNT_REMOVED])] = last[k];
     kept[k] = 0;
   }
-  for (uint k = (uint)get_global_id(0); k <= last_mask; k += size) last_table[k] = 0;
+  /* The mask may be the largest uint there is. */
+  for (ulong k = get_global_id(0); k <= last_mask; k += size) last_table[k] = 0;
 }
 
 /* Position in canonical order: by b, then by a. */

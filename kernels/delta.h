@@ -49,11 +49,12 @@ static inline uint hash_pair(const uint2 pair) {
   return h ^ (h >> 13);
 }
 
-/* Reserves places for `total` pairs; returns the first. */
+/* Reserves places for `total` pairs; returns the first. Where there are too many pairs for 32 bits, places would come a
+   second time: it is the largest uint, from which on nothing fits. */
 static inline uint reserve_pairs(const pair_sink_t* sink, const uint total) {
   const uint base = atomic_add(&sink->counts[COUNT_FOUND], total);
-  if (base + total < base) atomic_inc(&sink->counts[COUNT_FOUND_HIGH]);
-  return base;
+  const uint carry = base + total < base ? 1U : 0U;
+  return (atomic_add(&sink->counts[COUNT_FOUND_HIGH], carry) | carry) != 0U ? UINT_MAX : base;
 }
 
 static inline bool was_in_last_frame(const pair_sink_t* sink, const uint2 pair, const uint hash) {
@@ -91,7 +92,9 @@ static inline void put_pair(const pair_sink_t* sink, const uint base, const uint
   const uint hash = hash_pair(pair);
   const uint place = base + k;
   if (place < base || !enlist(sink, place, pair, hash)) return;
-  if (!was_in_last_frame(sink, pair, hash)) sink->added[atomic_inc(&sink->counts[COUNT_ADDED])] = pair;
+  if (was_in_last_frame(sink, pair, hash)) return;
+  const uint added = atomic_inc(&sink->counts[COUNT_ADDED]);
+  if (added < sink->capacity) sink->added[added] = pair;
 }
 
 /* Whether every pair found was put. */

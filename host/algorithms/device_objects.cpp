@@ -47,6 +47,7 @@ void DeviceObjects::reserve(std::size_t slots) {
     context_.queue().enqueueFillBuffer(stamps, cl_uint{0}, 0, capacity * sizeof(cl_uint));
     if (boxes_.bytes() > 0) std::memcpy(larger.host(), boxes_.host(), boxes_.bytes());
     boxes_ = std::move(larger);
+    is_device_behind_ = true;
     stamps_ = std::move(stamps);
   });
 }
@@ -57,16 +58,16 @@ std::span<Aabb> DeviceObjects::boxes() const noexcept {
 }
 
 void DeviceObjects::upload_filters(const Changes& changes) {
-  if (changes.filters.empty()) return;
+  const std::size_t count = changes.filters.size();
+  if (count == 0 || (!changes.filters_changed && count <= filter_count_)) return;
   const std::size_t bytes = changes.filters.size_bytes();
-  const bool grows = filters_.bytes() < bytes + Search::padding * sizeof(Filter);
-  if (!changes.filters_changed && !grows) return;
-  if (grows) {
+  if (filters_.bytes() < bytes + Search::padding * sizeof(Filter)) {
     filters_ =
         opencl::SharedBuffer(context_, boxes().size() * sizeof(Filter) + Search::padding * sizeof(Filter));
   }
   std::memcpy(filters_.host(), changes.filters.data(), bytes);
   filters_.upload(bytes);
+  filter_count_ = count;
 }
 
 /// Boxes that changed, and the stamps of this update. Of `all`, only whose object is another one needs a
@@ -113,9 +114,10 @@ Search DeviceObjects::upload(const Changes& changes) {
   ++stamp_;
   upload_filters(changes);
   const cl_uint count = upload_changes(changes);
-  if (changes.all) {
+  if (changes.all || is_device_behind_) {
     opencl::Profiler::Scope stage(profiler_, "upload");
     boxes_.upload(std::max<std::size_t>(1, changes.slots) * sizeof(Aabb), stage.event());
+    is_device_behind_ = false;
   } else {
     boxes_.lend();
   }

@@ -44,7 +44,9 @@ class DeviceObjects {
   opencl::Profiler& profiler_;
   cl::Kernel apply_;
   opencl::SharedBuffer boxes_;
+  bool is_device_behind_ = false;  // boxes_ was made anew, and the device has none of them
   opencl::SharedBuffer filters_;
+  std::size_t filter_count_ = 0;  // that the device has
   opencl::SharedBuffer changes_;  // as kernels/changes.cl reads them
   cl::Buffer changed_;            // their slots
   cl::Buffer stamps_;             // a word a slot

@@ -114,7 +114,8 @@ class GpuBf final : public Algorithm {
     try {
       Changes all = changes;
       all.all = true;
-      all.renewed = {};  // the host looks at them
+      all.filters_changed = true;  // perhaps in an update that had no pairs to test
+      all.renewed = {};            // the host looks at them
       const Search search = objects_.upload(all);
       {
         opencl::Profiler::Scope stage(profiler_, "test");
