@@ -8,42 +8,31 @@
 
 #include <gtest/gtest.h>
 
+#include "each_algorithm.hpp"
 #include "expect_error.hpp"
 #include "scenes/generators.hpp"
 
 namespace broadcl {
 namespace {
 
+using test::apart;
+using test::EachAlgorithm;
+using test::unit;
 using ::testing::HasSubstr;
 
 constexpr float infinity = std::numeric_limits<float>::infinity();
 constexpr float nan_value = std::numeric_limits<float>::quiet_NaN();
-constexpr Aabb unit{{0, 0, 0}, {1, 1, 1}};
-
-Aabb apart(std::uint32_t k) {
-  const float x = 2 * static_cast<float>(k);
-  return {{x, 0, 0}, {x + 1, 1, 1}};
-}
-
 std::string test_name(const ::testing::TestParamInfo<AlgorithmInfo>& info) {
   std::string name(info.param.name);
   std::replace(name.begin(), name.end(), '-', '_');
   return name;
 }
 
-/// Every test runs over every algorithm of the table.
-class EachAlgorithm : public ::testing::TestWithParam<AlgorithmInfo> {
- protected:
-  [[nodiscard]] static BroadPhase::Config config() { return {.algorithm = std::string(GetParam().name)}; }
-  static void expect_oracle(std::span<const Aabb> boxes, const std::string& what) {
-    EXPECT_EQ(overlapping_pairs(boxes, config()), overlapping_pairs(boxes, {.algorithm = "oracle"})) << what;
-  }
-};
-
+// For all files: gtest gathers the tests of the suite wherever they are.
 INSTANTIATE_TEST_SUITE_P(Table, EachAlgorithm, ::testing::ValuesIn(algorithms().begin(), algorithms().end()),
                          test_name);
 
-TEST_P(EachAlgorithm, EveryPairIsFoundAloneAtSmallSizes) {
+TEST_P(EachAlgorithm, EveryPairIsFoundAlone) {
   for (const std::uint32_t n : {2U, 7U, 19U}) {
     BroadPhase broad_phase(config());
     for (std::uint32_t k = 0; k < n; ++k) broad_phase.add(apart(k));
@@ -61,7 +50,7 @@ TEST_P(EachAlgorithm, EveryPairIsFoundAloneAtSmallSizes) {
   }
 }
 
-TEST_P(EachAlgorithm, AllSmallSizesAgreeWithTheOracle) {
+TEST_P(EachAlgorithm, SizesToAHundredAgreeWithTheOracle) {
   for (std::uint32_t n = 0; n <= 100; ++n) {
     expect_oracle(scenes::MovingBoxes(n, scenes::MovingBoxes::Sizes::mixed, n).boxes(), std::to_string(n));
   }
@@ -81,13 +70,13 @@ TEST_P(EachAlgorithm, EveryKindOfSceneAgreesWithTheOracle) {
   }
 }
 
-TEST_P(EachAlgorithm, EmptyBoxesOverlapNothing) {
+TEST_P(EachAlgorithm, SmallEmptyBoxesOverlapNothing) {
   const Aabb all{{-infinity, -infinity, -infinity}, {infinity, infinity, infinity}};
   const Aabb inverted{{0.5F, 0.75F, 0.5F}, {0.5F, 0.25F, 0.5F}};
   EXPECT_EQ(overlapping_pairs(std::vector{all, inverted, unit}, config()), (std::vector<Pair>{{0, 2}}));
 }
 
-TEST_P(EachAlgorithm, IdsAreTheLowestFree) {
+TEST_P(EachAlgorithm, SmallIdsAreTheLowestFree) {
   BroadPhase broad_phase(config());
   for (std::uint32_t k = 0; k < 10; ++k) EXPECT_EQ(broad_phase.add(unit), k);
   for (const std::uint32_t id : {7U, 2U, 5U}) broad_phase.remove(id);
@@ -95,7 +84,7 @@ TEST_P(EachAlgorithm, IdsAreTheLowestFree) {
   for (const std::uint32_t id : {2U, 5U, 7U, 10U}) EXPECT_EQ(broad_phase.add(unit), id);
 }
 
-TEST_P(EachAlgorithm, ARemovedAndReusedIdEndsItsPairs) {
+TEST_P(EachAlgorithm, SmallARemovedAndReusedIdEndsItsPairs) {
   BroadPhase broad_phase(config());
   for (int k = 0; k < 3; ++k) broad_phase.add(unit);
   (void)broad_phase.update();
@@ -124,10 +113,7 @@ TEST_P(EachAlgorithm, RemovingTheLastObjectsEndsTheirPairs) {
 /// the same.
 TEST_P(EachAlgorithm, ManyPairsAtOnceAreAllFound) {
   constexpr std::uint32_t n = 700;
-  std::vector<Pair> all;
-  for (std::uint32_t b = 0; b < n; ++b) {
-    for (std::uint32_t a = 0; a < b; ++a) all.push_back({a, b});
-  }
+  const std::vector<Pair> all = test::all_pairs(n);
   BroadPhase broad_phase(config());
   for (std::uint32_t k = 0; k < n; ++k) broad_phase.add(apart(k));
   EXPECT_TRUE(broad_phase.update().added.empty());

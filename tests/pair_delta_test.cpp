@@ -1,5 +1,9 @@
 #include "algorithms/pair_delta.hpp"
 
+#include <algorithm>
+#include <array>
+#include <filesystem>
+#include <fstream>
 #include <vector>
 
 #include <gtest/gtest.h>
@@ -7,6 +11,8 @@
 #include <broadcl/aabb.hpp>
 
 #include "algorithms/device_objects.hpp"
+#include "each_algorithm.hpp"
+#include "environment.hpp"
 #include "expect_error.hpp"
 
 namespace broadcl {
@@ -62,6 +68,116 @@ TEST(PairDelta, ExhaustedMemoryLeavesTheLastFrameKnown) {
   EXPECT_TRUE(changes.added.empty());
   EXPECT_EQ(changes.removed.size(), 19U);
   EXPECT_EQ(delta.pairs().size(), 171U);
+}
+
+/// A pair is counted with 64 bits, but its place has 32: no place is given twice, or tables and lists would
+/// overflow before the host can see that there are too many pairs.
+TEST(PairDelta, NoPlaceIsGivenTwiceHoweverManyPairsThereAre) {
+  const test::ScopedFolder folder;
+  std::filesystem::copy(BROADCL_KERNEL_FOLDER, folder.path());
+  std::ofstream(folder.path() / "reserve.cl") << R"(
+#include "delta.h"
+kernel void reserve(const uint times, global uint* below, PAIR_SINK_PARAMETERS) {
+  const pair_sink_t sink = PAIR_SINK;
+  for (uint k = 0; k < times; ++k) {
+    const uint base = reserve_pairs(&sink, 1U << 30);
+    if (base < capacity) ++*below;
+    for (uint i = 0; i < 3; ++i) put_pair(&sink, base, i, (uint2)(k, 100 + i));
+  }
+}
+)";
+  const test::ScopedVariable variable("BROADCL_KERNEL_DIR", folder.path().string());
+  const opencl::Context context(select_device(), false);
+  opencl::Profiler profiler(false);
+  PairDelta delta(context, profiler);
+  DeviceObjects objects(context, profiler);
+  cl::Kernel kernel(context.program("reserve.cl"), "reserve");
+  const cl::Buffer below(context.context(), CL_MEM_READ_WRITE, sizeof(cl_uint));
+  context.queue().enqueueFillBuffer(below, cl_uint{0}, 0, sizeof(cl_uint));
+  const auto find = [&] {
+    kernel.setArg(0, cl_uint{40});
+    kernel.setArg(1, below);
+    delta.set_sink(kernel, 2);
+    context.queue().enqueueNDRangeKernel(kernel, cl::NullRange, cl::NDRange(1), cl::NDRange(1));
+  };
+  delta.begin({.slots = 200, .stamps = objects.upload({.slots = 200, .all = true}).stamps, .find = find});
+  EXPECT_THAT(test::error_of([&] { (void)delta.finish(); }), HasSubstr("more than 2147483648 pairs"));
+  cl_uint count = 0;
+  context.queue().enqueueReadBuffer(below, CL_TRUE, 0, sizeof(count), &count);
+  EXPECT_EQ(count, 1U);
+  EXPECT_TRUE(delta.pairs().empty());
+}
+
+/// The device's copy of the boxes on a device with memory of its own: what changed crosses the bus, nothing
+/// else; and where memory grew, all of them.
+class OwnMemory : public ::testing::Test {
+ protected:
+  static Device own_memory() {
+    Device device = select_device();
+    device.host_unified = false;
+    return device;
+  }
+  std::vector<Aabb> on_device(const Search& search) {
+    std::vector<Aabb> boxes(search.slots);
+    context_.queue().enqueueReadBuffer(search.boxes, CL_TRUE, 0, boxes.size() * sizeof(Aabb), boxes.data());
+    return boxes;
+  }
+  Search upload(const Changes& changes) {
+    const Search search = objects_.upload(changes);
+    objects_.reclaim();
+    context_.queue().finish();
+    return search;
+  }
+
+  opencl::Context context_{own_memory(), false};
+  opencl::Profiler profiler_{false};
+  DeviceObjects objects_{context_, profiler_};
+};
+
+TEST_F(OwnMemory, OnlyWhatChangedCrossesTheBus) {
+  constexpr std::uint32_t n = 100;
+  objects_.reserve(n);
+  std::vector<Aabb> expected(n);
+  for (std::uint32_t k = 0; k < n; ++k) expected[k] = objects_.boxes()[k] = test::apart(k);
+  EXPECT_EQ(on_device(upload({.slots = n, .all = true})), expected);
+  for (std::uint32_t k = 0; k < n; ++k) objects_.boxes()[k] = test::unit;
+  const std::array<std::uint32_t, 3> changed{71, 0, 99};
+  for (const std::uint32_t slot : changed) expected[slot] = test::unit;
+  EXPECT_EQ(on_device(upload({.slots = n, .changed = changed})), expected);
+  EXPECT_EQ(on_device(upload({.slots = n, .all = true})), std::vector<Aabb>(n, test::unit));
+}
+
+TEST_F(OwnMemory, BoxesThatStandStillComeAlongWhenMemoryGrows) {
+  objects_.reserve(2);
+  std::uint32_t n = 0;
+  std::vector<Aabb> expected;
+  for (const std::uint32_t next : {2U, 256U, 257U, 258U, 1000U, 1001U}) {
+    objects_.reserve(next);
+    std::vector<std::uint32_t> changed;
+    for (; n < next; ++n) {
+      expected.push_back(objects_.boxes()[n] = test::apart(n));
+      changed.push_back(n);
+    }
+    EXPECT_EQ(on_device(upload({.slots = n, .changed = changed, .all = n == 2})), expected) << n;
+  }
+}
+
+TEST_F(OwnMemory, NewFiltersComeAlong) {
+  std::vector<Filter> filters;
+  const auto expect_uploaded = [&](const Search& search) {
+    std::vector<Filter> uploaded(filters.size());
+    context_.queue().enqueueReadBuffer(search.filters, CL_TRUE, 0, uploaded.size() * sizeof(Filter),
+                                       uploaded.data());
+    EXPECT_EQ(uploaded, filters);
+  };
+  for (std::uint32_t n = 1; n < 600; n += 1 + n / 2) {
+    objects_.reserve(n);
+    while (filters.size() < n) filters.push_back({.body = static_cast<std::uint32_t>(filters.size())});
+    expect_uploaded(upload({.slots = n, .all = true, .filters = filters, .filters_changed = n == 1}));
+  }
+  filters[3].mask = 0;
+  expect_uploaded(
+      upload({.slots = filters.size(), .all = true, .filters = filters, .filters_changed = true}));
 }
 
 }  // namespace

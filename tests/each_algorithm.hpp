@@ -1,0 +1,123 @@
+#pragma once
+
+#include <algorithm>
+#include <cstdint>
+#include <span>
+#include <string>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+#include <gtest/gtest.h>
+
+#include <broadcl/broad_phase.hpp>
+
+namespace broadcl::test {
+
+inline constexpr Aabb unit{{0, 0, 0}, {1, 1, 1}};
+
+/// Box k of a row in which none overlaps another.
+inline Aabb apart(std::size_t k) {
+  const float x = 2 * static_cast<float>(k);
+  return {{x, 0, 0}, {x + 1, 1, 1}};
+}
+
+/// Every pair of n objects, in canonical order.
+inline std::vector<Pair> all_pairs(std::uint32_t n) {
+  std::vector<Pair> pairs;
+  for (std::uint32_t b = 0; b < n; ++b) {
+    for (std::uint32_t a = 0; a < b; ++a) pairs.push_back({a, b});
+  }
+  return pairs;
+}
+
+inline std::vector<Pair> to_vector(std::span<const Pair> pairs) {
+  return {pairs.begin(), pairs.end()};
+}
+
+/// Whether the device is one on which large tests take minutes.
+inline bool is_slow_device() {
+  const std::string platform = select_device().platform_name;
+  return platform.find("rusticl") != std::string::npos || platform.find("Oclgrind") != std::string::npos;
+}
+
+/// Tests of this suite run over every algorithm of the table (broad_phase_test.cpp).
+class EachAlgorithm : public ::testing::TestWithParam<AlgorithmInfo> {
+ protected:
+  [[nodiscard]] static BroadPhase::Config config() { return {.algorithm = std::string(GetParam().name)}; }
+
+  static void expect_oracle(std::span<const Aabb> boxes, const std::string& what) {
+    EXPECT_EQ(overlapping_pairs(boxes, config()), overlapping_pairs(boxes, {.algorithm = "oracle"})) << what;
+  }
+
+  [[nodiscard]] static bool is_slow() { return GetParam().on_device && is_slow_device(); }
+};
+
+/// Two equal lists, or the first place where they differ: to print all of them would take long.
+inline ::testing::AssertionResult same(std::string_view what, std::span<const Pair> is,
+                                       std::span<const Pair> expected) {
+  const auto wrong = std::mismatch(is.begin(), is.end(), expected.begin(), expected.end());
+  if (wrong.first == is.end() && wrong.second == expected.end()) return ::testing::AssertionSuccess();
+  const auto text = [](auto place, auto end) {
+    return place == end ? "the end" : "(" + std::to_string(place->a) + ", " + std::to_string(place->b) + ")";
+  };
+  return ::testing::AssertionFailure()
+         << what << ": " << is.size() << " pairs, expected " << expected.size() << "; at "
+         << wrong.first - is.begin() << " is " << text(wrong.first, is.end()) << ", expected "
+         << text(wrong.second, expected.end());
+}
+
+inline ::testing::AssertionResult same(const Delta& is, std::span<const Pair> added,
+                                       std::span<const Pair> removed) {
+  const ::testing::AssertionResult result = same("added", is.added, added);
+  return result ? same("removed", is.removed, removed) : result;
+}
+
+/// A BroadPhase and an oracle that live the same life. The oracle is never in flight.
+class Twins {
+ public:
+  explicit Twins(const BroadPhase::Config& config) : tested_(config), oracle_({.algorithm = "oracle"}) {}
+
+  std::uint32_t add(const Aabb& box, const Filter& filter = {}) {
+    const std::uint32_t id = tested_.add(box, filter);
+    EXPECT_EQ(oracle_.add(box, filter), id);
+    return id;
+  }
+  void move(std::uint32_t id, const Aabb& box) {
+    tested_.move(id, box);
+    oracle_.move(id, box);
+  }
+  void set_filter(std::uint32_t id, const Filter& filter) {
+    tested_.set_filter(id, filter);
+    oracle_.set_filter(id, filter);
+  }
+  void remove(std::uint32_t id) {
+    tested_.remove(id);
+    oracle_.remove(id);
+  }
+  /// Maps n boxes of both and has `write` write them.
+  template <class Function>
+  void map(std::size_t n, const Function& write) {
+    write(tested_.map(n));
+    write(oracle_.map(n));
+  }
+  void begin() { tested_.begin(); }
+
+  /// Ends an update of both; whether changes, all pairs and sizes are the same.
+  [[nodiscard]] ::testing::AssertionResult agree() {
+    const Delta expected = oracle_.update();
+    const Delta delta = tested_.finish();
+    ::testing::AssertionResult result = same(delta, expected.added, expected.removed);
+    if (result) result = same("pairs", tested_.pairs(), oracle_.pairs());
+    if (result && tested_.size() != oracle_.size()) return ::testing::AssertionFailure() << "size";
+    return result;
+  }
+
+  [[nodiscard]] BroadPhase& tested() noexcept { return tested_; }
+
+ private:
+  BroadPhase tested_;
+  BroadPhase oracle_;
+};
+
+}  // namespace broadcl::test

@@ -1,0 +1,303 @@
+#include <broadcl/filter.hpp>
+
+#include <array>
+#include <random>
+#include <vector>
+
+#include <gtest/gtest.h>
+
+#include "each_algorithm.hpp"
+#include "expect_error.hpp"
+
+namespace broadcl {
+namespace {
+
+using test::apart;
+using test::EachAlgorithm;
+using test::same;
+using test::to_vector;
+using test::unit;
+using ::testing::HasSubstr;
+
+using Pairs = std::vector<Pair>;
+
+constexpr Filter in_world(std::uint32_t world) {
+  return {.world = world};
+}
+constexpr Filter of_body(std::uint32_t body) {
+  return {.body = body};
+}
+
+TEST(Filter, PairsNeedBothMasksOneWorldAndTwoBodies) {
+  constexpr Filter one{.group = 1, .mask = 2};
+  constexpr Filter two{.group = 2, .mask = 1};
+  static_assert(may_pair(one, two) && may_pair(two, one));
+  static_assert(!may_pair(one, one) && !may_pair(two, two));
+  static_assert(!may_pair({.group = 1, .mask = 2}, {.group = 2, .mask = 2}));
+  static_assert(may_pair({}, {}));
+  static_assert(!may_pair(in_world(1), {}) && may_pair(in_world(1), in_world(1)));
+  static_assert(!may_pair(of_body(0), of_body(0)) && may_pair(of_body(0), of_body(1)));
+  static_assert(may_pair(of_body(Filter::no_body), of_body(Filter::no_body)));
+}
+
+/// Boxes that all lie in the same place, with the given filters: the pairs must be those expected, and the
+/// oracle's.
+void expect_pairs(const BroadPhase::Config& config, std::span<const Filter> filters, const Pairs& expected) {
+  test::Twins twins(config);
+  for (const Filter& filter : filters) twins.add(unit, filter);
+  ASSERT_TRUE(twins.agree());
+  EXPECT_EQ(twins.tested().pairs(), expected);
+}
+
+TEST_P(EachAlgorithm, SmallGroupsAndMasksFilterBothWays) {
+  constexpr std::uint32_t high = 0x80000000;
+  constexpr std::array filters{Filter{.group = 1},
+                               Filter{.group = 2, .mask = 1},
+                               Filter{.group = 2, .mask = 2},
+                               Filter{.group = 1, .mask = 0},
+                               Filter{.group = 0},
+                               Filter{.group = high, .mask = high | 1},
+                               Filter{.group = high | 1, .mask = high},
+                               Filter{.group = 2, .mask = 2}};
+  expect_pairs(config(), filters, {{0, 1}, {0, 5}, {5, 6}, {2, 7}});
+}
+
+TEST_P(EachAlgorithm, SmallObjectsOfABodyNeverPair) {
+  constexpr std::array filters{of_body(7), of_body(7), of_body(8), Filter{},
+                               Filter{},   of_body(0), of_body(0)};
+  Pairs expected = test::all_pairs(filters.size());
+  std::erase(expected, Pair{0, 1});
+  std::erase(expected, Pair{5, 6});
+  expect_pairs(config(), filters, expected);
+}
+
+/// Worlds are compared as they are, though kernels carry them among floats: those here would be zeros,
+/// denormals, infinities and NaNs.
+TEST_P(EachAlgorithm, SmallWorldsAreComparedBitByBit) {
+  constexpr std::array<std::uint32_t, 9> worlds{0,          1,          2,          0x7f800000, 0x7f800001,
+                                                0x7fc00000, 0x80000000, 0x80000001, 0xffffffff};
+  std::vector<Filter> filters;
+  Pairs expected;
+  for (std::uint32_t k = 0; k < 2 * worlds.size(); ++k) {
+    filters.push_back(in_world(worlds[k % worlds.size()]));
+    if (k >= worlds.size()) expected.push_back({k - std::uint32_t{worlds.size()}, k});
+  }
+  expect_pairs(config(), filters, expected);
+}
+
+TEST_P(EachAlgorithm, SmallSizesWithFiltersAgreeWithTheOracle) {
+  std::mt19937 random(1);
+  for (const std::uint32_t n : {1U, 2U, 17U, 33U}) {
+    for (const bool worlds : {false, true}) {
+      test::Twins twins(config());
+      for (std::uint32_t k = 0; k < n; ++k) {
+        twins.add(unit, {.group = 1U << random() % 3,
+                         .mask = static_cast<std::uint32_t>(random() % 8),
+                         .body = static_cast<std::uint32_t>(random() % 20),
+                         .world = worlds ? static_cast<std::uint32_t>(random() % 3) : 0});
+      }
+      ASSERT_TRUE(twins.agree()) << n << " objects" << (worlds ? ", worlds" : "");
+    }
+  }
+}
+
+TEST_P(EachAlgorithm, SmallFiltersOfBoxesThatStandStillEndPairsAndBringThemBack) {
+  BroadPhase broad_phase(config());
+  for (int k = 0; k < 40; ++k) broad_phase.add(unit);
+  broad_phase.add(apart(1));
+  (void)broad_phase.update();
+  Pairs of_1{{0, 1}};
+  for (std::uint32_t b = 2; b < 40; ++b) of_1.push_back({1, b});
+
+  for (const Filter& filter : {Filter{.group = 0}, Filter{.mask = 0}, in_world(5)}) {
+    broad_phase.set_filter(1, filter);
+    ASSERT_TRUE(same(broad_phase.update(), {}, of_1));
+    broad_phase.set_filter(1, {});
+    ASSERT_TRUE(same(broad_phase.update(), of_1, {}));
+  }
+  broad_phase.set_filter(1, of_body(3));
+  ASSERT_TRUE(same(broad_phase.update(), {}, {}));
+  broad_phase.set_filter(39, of_body(3));
+  ASSERT_TRUE(same(broad_phase.update(), {}, Pairs{{1, 39}}));
+  broad_phase.set_filter(1, of_body(2));
+  ASSERT_TRUE(same(broad_phase.update(), Pairs{{1, 39}}, {}));
+  // There and back between two updates.
+  broad_phase.set_filter(1, in_world(9));
+  broad_phase.set_filter(1, of_body(2));
+  ASSERT_TRUE(same(broad_phase.update(), {}, {}));
+  EXPECT_EQ(broad_phase.pairs().size(), 780U);
+}
+
+TEST_P(EachAlgorithm, SmallFiltersAndBoxesThatChangeTogether) {
+  BroadPhase broad_phase(config());
+  for (std::uint32_t k = 0; k < 20; ++k) broad_phase.add(apart(k), in_world(k % 2));
+  EXPECT_TRUE(broad_phase.update().added.empty());
+  broad_phase.move(4, apart(7));
+  broad_phase.set_filter(4, in_world(1));
+  broad_phase.move(5, apart(7));
+  EXPECT_TRUE(same(broad_phase.update(), Pairs{{4, 5}, {4, 7}, {5, 7}}, {}));
+  broad_phase.set_filter(7, in_world(0));  // stands still
+  broad_phase.move(4, apart(4));           // leaves
+  EXPECT_TRUE(same(broad_phase.update(), {}, Pairs{{4, 5}, {4, 7}, {5, 7}}));
+  broad_phase.set_filter(5, in_world(0));
+  EXPECT_TRUE(same(broad_phase.update(), Pairs{{5, 7}}, {}));
+}
+
+TEST_P(EachAlgorithm, SmallAReusedIdHasTheFilterOfItsNewObject) {
+  BroadPhase broad_phase(config());
+  for (int k = 0; k < 18; ++k) broad_phase.add(unit, in_world(3));
+  (void)broad_phase.update();
+  Pairs of_2{{0, 2}, {1, 2}};
+  for (std::uint32_t b = 3; b < 18; ++b) of_2.push_back({2, b});
+
+  broad_phase.remove(2);
+  EXPECT_EQ(broad_phase.add(unit), 2U);  // in world 0
+  EXPECT_TRUE(same(broad_phase.update(), {}, of_2));
+  broad_phase.remove(2);
+  EXPECT_EQ(broad_phase.add(unit, in_world(3)), 2U);
+  EXPECT_TRUE(same(broad_phase.update(), of_2, {}));
+  broad_phase.remove(2);
+  EXPECT_EQ(broad_phase.add(unit, in_world(3)), 2U);
+  EXPECT_TRUE(same(broad_phase.update(), of_2, of_2));
+}
+
+TEST_P(EachAlgorithm, SmallFiltersFirstUsedAfterSomeUpdates) {
+  test::Twins twins(config());
+  for (int k = 0; k < 30; ++k) twins.add(unit);
+  for (int frame = 0; frame < 3; ++frame) {
+    twins.move(3, apart(static_cast<std::uint32_t>(frame)));
+    ASSERT_TRUE(twins.agree());
+  }
+  twins.set_filter(20, {.mask = 0});
+  ASSERT_TRUE(twins.agree());
+  EXPECT_EQ(twins.tested().pairs().size(), 28U * 27 / 2);
+  twins.set_filter(21, in_world(1));
+  ASSERT_TRUE(twins.agree());
+  EXPECT_EQ(twins.tested().pairs().size(), 27U * 26 / 2);
+}
+
+/// No filter changed since the last update, but there is one more.
+TEST_P(EachAlgorithm, SmallTheDefaultFilterOfANewObjectReachesTheDevice) {
+  for (const Filter& other : {Filter{.body = 4}, in_world(1)}) {
+    BroadPhase broad_phase(config());
+    broad_phase.add(unit, other);
+    broad_phase.add(unit);
+    (void)broad_phase.update();
+    for (std::uint32_t id = 2; id < 20; id = 2 * id - 1) {
+      Pairs expected;
+      for (std::uint32_t b = id; b < 2 * id - 1; ++b) {
+        broad_phase.add(unit);
+        for (std::uint32_t a = other.world == 0 ? 0 : 1; a < b; ++a) expected.push_back({a, b});
+      }
+      ASSERT_TRUE(same(broad_phase.update(), expected, {})) << id;
+    }
+  }
+}
+
+/// An update without pairs to test has nothing to tell the device, but must not forget the filter.
+TEST_P(EachAlgorithm, SmallAFilterSetWhileAloneTakesEffect) {
+  BroadPhase broad_phase(config());
+  broad_phase.add(unit, of_body(1));
+  broad_phase.add(unit, of_body(2));
+  EXPECT_EQ(broad_phase.update().added.size(), 1U);
+  broad_phase.remove(1);
+  broad_phase.set_filter(0, of_body(2));
+  EXPECT_EQ(broad_phase.update().removed.size(), 1U);
+  EXPECT_EQ(broad_phase.add(unit, of_body(2)), 1U);
+  EXPECT_TRUE(same(broad_phase.update(), {}, {}));
+  broad_phase.set_filter(0, of_body(1));
+  EXPECT_TRUE(same(broad_phase.update(), Pairs{{0, 1}}, {}));
+}
+
+TEST_P(EachAlgorithm, AFilterOfAnUnknownObjectIsAnError) {
+  BroadPhase broad_phase(config());
+  broad_phase.add(unit);
+  broad_phase.add(unit);
+  (void)broad_phase.update();
+  EXPECT_THAT(test::error_of([&] { broad_phase.set_filter(2, {.mask = 0}); }), HasSubstr("id 2"));
+  broad_phase.remove(0);
+  EXPECT_THAT(test::error_of([&] { broad_phase.set_filter(0, {.mask = 0}); }), HasSubstr("id 0"));
+  EXPECT_EQ(broad_phase.add(unit), 0U);
+  EXPECT_TRUE(same(broad_phase.update(), Pairs{{0, 1}}, Pairs{{0, 1}}));
+}
+
+/// Many small worlds in one search, all in the same place: interleaved, where each vector of boxes holds many
+/// worlds, and in blocks.
+TEST_P(EachAlgorithm, ThousandsOfWorldsInOneSearch) {
+  constexpr std::uint32_t size = 20;
+  const std::uint32_t worlds = is_slow() ? 100 : 300;
+  for (const bool interleaved : {true, false}) {
+    BroadPhase broad_phase(config());
+    Pairs expected;
+    const auto world_of = [&](std::uint32_t id) { return interleaved ? id % worlds : id / size; };
+    for (std::uint32_t b = 0; b < worlds * size; ++b) {
+      broad_phase.add(unit, in_world(world_of(b)));
+      const std::uint32_t step = interleaved ? worlds : 1;
+      for (std::uint32_t a = interleaved ? b % worlds : b / size * size; a < b; a += step) {
+        expected.push_back({a, b});
+      }
+    }
+    ASSERT_EQ(expected.size(), worlds * (size * (size - 1) / 2));
+    ASSERT_TRUE(same(broad_phase.update(), expected, {}));
+    // One moves to the world of another.
+    Pairs of_0;
+    Pairs of_new;
+    std::copy_if(expected.begin(), expected.end(), std::back_inserter(of_0),
+                 [](const Pair& pair) { return pair.a == 0; });
+    for (std::uint32_t b = 1; b < worlds * size; ++b) {
+      if (world_of(b) == worlds - 1) of_new.push_back({0, b});
+    }
+    broad_phase.set_filter(0, in_world(worlds - 1));
+    ASSERT_TRUE(same(broad_phase.update(), of_new, of_0));
+  }
+}
+
+/// Adds, moves, filters and removes at random.
+void live_at_random(const BroadPhase::Config& config, std::uint32_t seeds, int frames) {
+  for (std::uint32_t seed = 1; seed <= seeds; ++seed) {
+    std::mt19937 random(seed);
+    const auto below = [&](std::uint32_t n) { return static_cast<std::uint32_t>(random() % n); };
+    const auto chance = [&](std::uint32_t percent) { return below(100) < percent; };
+    const auto random_box = [&]() -> Aabb {
+      const auto x = static_cast<float>(below(8));
+      const auto y = static_cast<float>(below(4));
+      return {{x, y, 0}, {x + static_cast<float>(below(3)), y + 1, 1}};
+    };
+    const auto random_filter = [&]() -> Filter {
+      if (chance(40)) return {};
+      return {.group = 1U << below(3),
+              .mask = chance(50) ? 0xffffffff : below(8),
+              .body = chance(50) ? Filter::no_body : below(6),
+              .world = seed % 3 == 0 ? 0 : below(3)};
+    };
+    test::Twins twins(config);
+    std::vector<std::uint32_t> live;
+    for (int frame = 0; frame < frames; ++frame) {
+      // Everything from nothing at all to everybody; now and then nobody survives.
+      const std::uint32_t activity = std::array{0U, 3U, 10U, 60U}[below(4)];
+      const std::uint32_t death = frame % 16 == 15 ? 100 : activity / 3;
+      std::erase_if(live, [&](std::uint32_t id) {
+        if (chance(activity)) twins.move(id, random_box());
+        if (frame > 4 && chance(activity)) twins.set_filter(id, random_filter());
+        if (!chance(death)) return false;
+        twins.remove(id);
+        return true;
+      });
+      for (std::uint32_t k = below(activity / 2 + 1); k > 0; --k) {
+        live.push_back(twins.add(random_box(), frame > 4 ? random_filter() : Filter()));
+      }
+      ASSERT_TRUE(twins.agree()) << "seed " << seed << ", frame " << frame;
+    }
+  }
+}
+
+TEST_P(EachAlgorithm, SmallRandomLivesWithFiltersFollowTheOracle) {
+  live_at_random(config(), 1, 12);
+}
+
+TEST_P(EachAlgorithm, RandomLivesWithFiltersFollowTheOracle) {
+  live_at_random(config(), 9, 60);
+}
+
+}  // namespace
+}  // namespace broadcl

@@ -1,0 +1,356 @@
+#include <broadcl/broad_phase.hpp>
+
+#include <array>
+#include <cmath>
+#include <limits>
+#include <numeric>
+#include <random>
+#include <set>
+#include <vector>
+
+#include <gtest/gtest.h>
+
+#include "algorithms/algorithm.hpp"
+#include "each_algorithm.hpp"
+#include "environment.hpp"
+#include "scenes/generators.hpp"
+
+/// Whether searches find exactly what there is: any numbers, any size, any number of pairs, each time the
+/// same.
+namespace broadcl {
+namespace {
+
+using test::apart;
+using test::EachAlgorithm;
+using test::same;
+using test::unit;
+
+using Pairs = std::vector<Pair>;
+using Limits = std::numeric_limits<float>;
+
+// Numbers.
+
+/// Bounds at which arithmetic, instead of comparisons, would go wrong.
+std::vector<float> special_bounds() {
+  std::vector<float> bounds{0};
+  for (const float magnitude :
+       {Limits::denorm_min(), 2 * Limits::denorm_min(), std::nextafter(Limits::min(), 0.0F), Limits::min(),
+        1e-30F, std::nextafter(1.0F, 0.0F), 1.0F, std::nextafter(1.0F, 2.0F), 1e30F,
+        std::nextafter(Limits::max(), 0.0F), Limits::max(), Limits::infinity()}) {
+    bounds.push_back(magnitude);
+  }
+  for (std::size_t k = bounds.size(); k-- > 0;) bounds.push_back(-bounds[k]);
+  return bounds;
+}
+
+/// Boxes of such bounds: points, flat ones, half spaces, planes, points at infinity, empty ones.
+std::vector<Aabb> special_boxes(std::uint32_t n, std::uint32_t seed) {
+  static const std::vector<float> bounds = special_bounds();
+  std::mt19937 random(seed);
+  const auto below = [&](std::size_t count) { return random() % count; };
+  std::vector<Aabb> boxes(n);
+  for (Aabb& box : boxes) {
+    const bool may_be_empty = below(8) == 0;
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      float& lower = box.lower[axis];
+      float& upper = box.upper[axis];
+      lower = bounds[below(bounds.size())];
+      // Equal or next to it, or any other.
+      const auto place =
+          static_cast<std::size_t>(std::find(bounds.begin(), bounds.end(), lower) - bounds.begin());
+      upper = bounds[below(3) == 0 ? std::min(bounds.size() - 1, place + below(2)) : below(bounds.size())];
+      if (lower > upper && !may_be_empty) std::swap(lower, upper);
+      if (below(4) == 0) {
+        lower = -Limits::infinity();
+        upper = Limits::infinity();
+      }
+    }
+  }
+  return boxes;
+}
+
+TEST_P(EachAlgorithm, SmallSpecialBoundsAgreeWithTheOraclePairByPair) {
+  for (std::uint32_t seed = 1; seed <= 3; ++seed) {
+    const std::vector<Aabb> boxes = special_boxes(90, seed);
+    const Pairs pairs = overlapping_pairs(boxes, config());
+    std::size_t at = 0;
+    for (std::uint32_t b = 0; b < boxes.size(); ++b) {
+      for (std::uint32_t a = 0; a < b; ++a) {
+        const bool found = at < pairs.size() && pairs[at] == Pair{a, b};
+        const bool expected = !is_empty(boxes[a]) && !is_empty(boxes[b]) && overlaps(boxes[a], boxes[b]);
+        ASSERT_EQ(found, expected) << a << ", " << b << " of seed " << seed;
+        at += found ? 1 : 0;
+      }
+    }
+    ASSERT_EQ(at, pairs.size());
+  }
+}
+
+TEST_P(EachAlgorithm, ManySpecialBoundsAgreeWithTheOracle) {
+  const std::uint32_t draws = is_slow() ? 5 : 60;
+  for (std::uint32_t seed = 1; seed <= draws; ++seed) {
+    expect_oracle(special_boxes(500, 100 + seed), "seed " + std::to_string(seed));
+  }
+}
+
+/// The same when few moved, with worlds and without.
+TEST_P(EachAlgorithm, SmallSpecialBoundsThatMoveAgreeWithTheOracle) {
+  for (const bool worlds : {false, true}) {
+    test::Twins twins(config());
+    for (const Aabb& box : special_boxes(70, 50))
+      twins.add(box, {.world = worlds ? static_cast<std::uint32_t>(twins.tested().size() % 2) : 0});
+    ASSERT_TRUE(twins.agree());
+    std::mt19937 random(7);
+    const auto below = [&](std::uint32_t count) { return static_cast<std::uint32_t>(random() % count); };
+    for (std::uint32_t frame = 0; frame < 5; ++frame) {
+      for (const Aabb& box : special_boxes(5, 60 + frame)) twins.move(below(70), box);
+      ASSERT_TRUE(twins.agree()) << frame;
+    }
+  }
+}
+
+/// Each axis alone keeps two boxes apart, by as little as there is.
+TEST_P(EachAlgorithm, SmallTouchingAndBarelyApart) {
+  const float tiny = Limits::denorm_min();
+  const float large = Limits::max();
+  struct Case {
+    float upper, lower;  // of the box below, and of the one above
+    bool touch;
+  };
+  const std::array cases{Case{1, 1, true},
+                         Case{1, std::nextafter(1.0F, 2.0F), false},
+                         Case{0, 0, true},
+                         Case{0, -0.0F, true},
+                         Case{-0.0F, 0, true},
+                         Case{tiny, tiny, true},
+                         Case{-tiny, -tiny, true},
+                         Case{1e30F, 1e30F, true},
+                         Case{1e30F, std::nextafter(1e30F, 2e30F), false},
+                         Case{large, large, true},
+                         Case{std::nextafter(large, 0.0F), large, false},
+                         Case{-large, std::nextafter(-large, 0.0F), false},
+                         Case{large, Limits::infinity(), false},
+                         Case{-Limits::infinity(), -large, false},
+                         Case{Limits::infinity(), Limits::infinity(), true},
+                         Case{-Limits::infinity(), -Limits::infinity(), true},
+                         Case{Limits::min(), std::nextafter(Limits::min(), 1.0F), false},
+                         Case{0, tiny, false},
+                         Case{-tiny, 0, false},
+                         Case{-tiny, -0.0F, false},
+                         Case{-tiny, tiny, false},
+                         Case{tiny, 2 * tiny, false}};
+  // Two boxes a case, apart from those of the others on another axis.
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    BroadPhase broad_phase(config());
+    Pairs touching;
+    for (std::uint32_t k = 0; k < cases.size(); ++k) {
+      Aabb below = unit;
+      below.lower[(axis + 1) % 3] = apart(k).lower[0];
+      below.upper[(axis + 1) % 3] = apart(k).upper[0];
+      Aabb above = below;
+      below.lower[axis] = -Limits::infinity();
+      below.upper[axis] = cases[k].upper;
+      above.lower[axis] = cases[k].lower;
+      above.upper[axis] = Limits::infinity();
+      if (k % 2 == 1) std::swap(below, above);
+      broad_phase.add(below);
+      broad_phase.add(above);
+      if (cases[k].touch) touching.push_back({2 * k, 2 * k + 1});
+    }
+    EXPECT_TRUE(same(broad_phase.update(), touching, {})) << "axis " << axis;
+  }
+}
+
+// Sizes.
+
+TEST_P(EachAlgorithm, SizesAroundPowersOfTwoWithWorldsAndFewMoved) {
+  for (const std::uint32_t n : {1U, 2U, 31U, 32U, 33U, 255U, 256U, 257U, 4097U}) {
+    if (n > 1000 && is_slow()) continue;
+    scenes::MovingBoxes boxes(n, scenes::MovingBoxes::Sizes::mixed, n);
+    test::Twins twins(config());
+    for (const Aabb& box : boxes.boxes())
+      twins.add(box, {.world = static_cast<std::uint32_t>(twins.tested().size() % 3)});
+    ASSERT_TRUE(twins.agree()) << n;
+    for (std::uint32_t step = n / 5 + 1; step != 0; step /= 7) {
+      boxes.advance();
+      for (std::uint32_t id = 0; id < n; id += step) twins.move(id, boxes.boxes()[id]);
+      ASSERT_TRUE(twins.agree()) << n << ", each " << step << "th";
+    }
+  }
+}
+
+/// Pairs by sorting along an axis and sweeping: nothing in common with any algorithm here.
+Pairs sweep(std::span<const Aabb> boxes) {
+  std::vector<std::uint32_t> order(boxes.size());
+  std::iota(order.begin(), order.end(), 0);
+  std::sort(order.begin(), order.end(),
+            [&](std::uint32_t s, std::uint32_t t) { return boxes[s].lower[0] < boxes[t].lower[0]; });
+  Pairs pairs;
+  for (std::size_t k = 0; k < order.size(); ++k) {
+    const Aabb& box = boxes[order[k]];
+    for (std::size_t m = k + 1; m < order.size() && boxes[order[m]].lower[0] <= box.upper[0]; ++m) {
+      if (overlaps(box, boxes[order[m]]))
+        pairs.push_back({std::min(order[k], order[m]), std::max(order[k], order[m])});
+    }
+  }
+  std::sort(pairs.begin(), pairs.end());
+  return pairs;
+}
+
+TEST(BruteForce, AHundredThousandBoxes) {
+  if (test::is_slow_device()) GTEST_SKIP() << "takes minutes on this device";
+  constexpr std::uint32_t n = 100'000;
+  scenes::MovingBoxes boxes(n, scenes::MovingBoxes::Sizes::uniform);
+  BroadPhase broad_phase;
+  for (const Aabb& box : boxes.boxes()) broad_phase.add(box);
+  ASSERT_TRUE(same(broad_phase.update(), sweep(boxes.boxes()), {}));
+  std::vector<Aabb> moved(boxes.boxes().begin(), boxes.boxes().end());
+  boxes.advance();
+  for (std::uint32_t id = 0; id < n; id += 50) {
+    moved[id] = boxes.boxes()[id];
+    broad_phase.move(id, moved[id]);
+  }
+  (void)broad_phase.update();
+  EXPECT_TRUE(same("few moved", broad_phase.pairs(), sweep(moved)));
+}
+
+/// Ids that a float cannot count. All against all would take hours, so few of 17 million objects change.
+TEST(BruteForce, IdsPast24Bits) {
+  if (test::is_slow_device()) GTEST_SKIP() << "takes minutes on this device";
+  constexpr std::uint32_t n = 17'000'000;
+  constexpr std::uint32_t past = (1U << 24) + 1;
+  const auto algorithm = make_brute_force({});
+  algorithm->reserve(n);
+  std::ranges::fill(algorithm->boxes(), empty_aabb());
+  // More pairs than are put in order without sorting.
+  std::vector<std::uint32_t> changed{n - 1,    0, past,      past - 1,  past - 2,
+                                     past + 1, 1, past + 15, past + 16, past + 63};
+  while (changed.size() < 24) changed.push_back(changed.back() + 1001);
+  for (const std::uint32_t id : changed) algorithm->boxes()[id] = unit;
+  const std::set<std::uint32_t> members(changed.begin(), changed.end());
+  Pairs expected;
+  for (const std::uint32_t b : members) {
+    for (const std::uint32_t a : members) {
+      if (a < b) expected.push_back({a, b});
+    }
+  }
+  algorithm->begin({.slots = n, .changed = changed, .renewed = {}});
+  EXPECT_TRUE(same(algorithm->finish(), expected, {}));
+  EXPECT_TRUE(same("pairs", algorithm->pairs(), expected));
+
+  // One leaves, and another takes the place of one.
+  const std::vector<std::uint32_t> next{past, n - 1};
+  algorithm->boxes()[past] = apart(9);
+  Pairs of_last;
+  Pairs ended;
+  std::ranges::copy_if(expected, std::back_inserter(of_last),
+                       [](const Pair& pair) { return pair.b == n - 1 && pair.a != past; });
+  std::ranges::copy_if(expected, std::back_inserter(ended),
+                       [](const Pair& pair) { return pair.b == n - 1 || pair.a == past || pair.b == past; });
+  const std::vector<std::uint32_t> renewed{n - 1};
+  algorithm->begin({.slots = n, .changed = next, .renewed = renewed});
+  EXPECT_TRUE(same(algorithm->finish(), of_last, ended));
+}
+
+// Any number of pairs.
+
+/// Whether a list holds every pair of n objects, without a second list to compare with.
+::testing::AssertionResult has_all_pairs(std::span<const Pair> pairs, std::uint32_t n) {
+  std::size_t at = 0;
+  for (std::uint32_t b = 0; b < n; ++b) {
+    for (std::uint32_t a = 0; a < b; ++a, ++at) {
+      if (at < pairs.size() && pairs[at] == Pair{a, b}) continue;
+      return ::testing::AssertionFailure()
+             << pairs.size() << " pairs, and not (" << a << ", " << b << ") at " << at;
+    }
+  }
+  if (at == pairs.size()) return ::testing::AssertionSuccess();
+  return ::testing::AssertionFailure() << pairs.size() << " pairs, expected " << at;
+}
+
+/// More pairs than there is room for at first, and changes that are sorted.
+TEST_P(EachAlgorithm, SmallListsOfPairsGrow) {
+  constexpr std::uint32_t n = 184;  // room for 16,384 pairs at first
+  BroadPhase broad_phase(config());
+  for (std::uint32_t k = 0; k < n; ++k) broad_phase.add(unit);
+  ASSERT_TRUE(has_all_pairs(broad_phase.update().added, n));
+  broad_phase.move(3, apart(1));
+  ASSERT_EQ(broad_phase.update().removed.size(), n - 1);
+}
+
+/// Far more: none is dropped.
+TEST_P(EachAlgorithm, EveryPairOfThousandsIsFound) {
+  const std::uint32_t n = is_slow() ? 1000 : 5000;
+  const std::size_t all = std::size_t{n} * (n - 1) / 2;
+  BroadPhase broad_phase(config());
+  for (std::uint32_t k = 0; k < n; ++k) broad_phase.add(unit);
+  Delta delta = broad_phase.update();
+  ASSERT_TRUE(has_all_pairs(delta.added, n));
+  ASSERT_TRUE(delta.removed.empty());
+  if (!GetParam().on_device) return;  // the reference, once
+  // All but one go, which takes the pairs of this frame and the last.
+  for (std::uint32_t k = 1; k < n; ++k) broad_phase.move(k, apart(k));
+  delta = broad_phase.update();
+  ASSERT_TRUE(has_all_pairs(delta.removed, n));
+  ASSERT_TRUE(delta.added.empty());
+  for (std::uint32_t k = 1; k < n; ++k) broad_phase.move(k, unit);
+  ASSERT_TRUE(has_all_pairs(broad_phase.update().added, n));
+  // Few move among so many.
+  for (std::uint32_t k = 0; k < 3; ++k) broad_phase.move(k, apart(1 + k));
+  ASSERT_EQ(broad_phase.update().removed.size(), 3 * (n - 3) + 3);
+  for (std::uint32_t k = 0; k < 3; ++k) broad_phase.move(k, unit);
+  ASSERT_EQ(broad_phase.update().added.size(), 3 * (n - 3) + 3);
+  ASSERT_EQ(broad_phase.pairs().size(), all);
+  ASSERT_TRUE(has_all_pairs(broad_phase.pairs(), n));
+}
+
+// Each time the same.
+
+/// Plays the same calls: many changes and few, filters, renewed ids, updates begun. Returns all that was
+/// told.
+Pairs play(const std::string& algorithm) {
+  constexpr std::uint32_t n = 400;  // 79,800 pairs: changes are sorted on the device
+  Pairs told;
+  const auto listen = [&](const Delta& delta) {
+    for (const std::span<const Pair> pairs : {delta.removed, delta.added}) {
+      told.push_back({static_cast<std::uint32_t>(pairs.size()), 0xffffffff});
+      told.insert(told.end(), pairs.begin(), pairs.end());
+    }
+  };
+  std::mt19937 random(11);
+  const auto below = [&](std::uint32_t count) { return static_cast<std::uint32_t>(random() % count); };
+  BroadPhase broad_phase({.algorithm = algorithm});
+  for (std::uint32_t k = 0; k < n; ++k) broad_phase.add(apart(k / 3));
+  listen(broad_phase.update());
+  for (std::uint32_t k = 0; k < n; ++k) broad_phase.move(k, unit);
+  listen(broad_phase.update());
+  for (std::uint32_t frame = 0; frame < 8; ++frame) {
+    for (std::uint32_t k = 0; k < 60; ++k) broad_phase.move(below(n), apart(below(3)));
+    broad_phase.set_filter(below(n), {.group = 1U << frame % 2, .mask = 2, .world = frame / 4});
+    if (frame % 3 == 0) broad_phase.begin();
+    const std::uint32_t id = below(n);
+    broad_phase.remove(id);
+    EXPECT_EQ(broad_phase.add(unit), id);
+    listen(broad_phase.finish());
+  }
+  const Pairs pairs = broad_phase.pairs();
+  told.insert(told.end(), pairs.begin(), pairs.end());
+  for (std::uint32_t k = 0; k < n; ++k) broad_phase.move(k, apart(k));
+  listen(broad_phase.update());
+  return told;
+}
+
+TEST_P(EachAlgorithm, TheSameCallsTellTheSameInBothShapesAndEveryRun) {
+  const Pairs expected = play("oracle");
+  ASSERT_GT(expected.size(), 2 * 79'800U);
+  const int runs = is_slow() ? 1 : 5;
+  for (const std::string shape : {"cpu", "gpu"}) {
+    const test::ScopedVariable variable("BROADCL_SHAPE", shape);
+    for (int run = 0; run < runs; ++run) {
+      ASSERT_TRUE(same("told", play(std::string(GetParam().name)), expected)) << shape << ", run " << run;
+    }
+  }
+}
+
+}  // namespace
+}  // namespace broadcl
