@@ -1,7 +1,8 @@
 #include <broadcl/broad_phase.hpp>
 
 #include <algorithm>
-#include <cstring>
+#include <array>
+#include <bit>
 #include <functional>
 #include <iterator>
 #include <limits>
@@ -28,7 +29,8 @@ constexpr Aabb nowhere{{infinity, infinity, infinity}, {-infinity, -infinity, -i
 }
 
 bool same_bits(const Aabb& s, const Aabb& t) {
-  return std::memcmp(&s, &t, sizeof(Aabb)) == 0;
+  using Bits = std::array<std::uint32_t, 6>;
+  return std::bit_cast<Bits>(s) == std::bit_cast<Bits>(t);
 }
 
 /// A set of slots that remembers the order in which they came, and is emptied at once.

@@ -1,6 +1,8 @@
 #include <broadcl/filter.hpp>
 
+#include <algorithm>
 #include <array>
+#include <iterator>
 #include <random>
 #include <vector>
 
@@ -15,7 +17,6 @@ namespace {
 using test::apart;
 using test::EachAlgorithm;
 using test::same;
-using test::to_vector;
 using test::unit;
 using ::testing::HasSubstr;
 

@@ -123,7 +123,7 @@ class OwnMemory : public ::testing::Test {
     return boxes;
   }
   Search upload(const Changes& changes) {
-    const Search search = objects_.upload(changes);
+    Search search = objects_.upload(changes);
     objects_.reclaim();
     context_.queue().finish();
     return search;

@@ -1,7 +1,9 @@
 #include <broadcl/broad_phase.hpp>
 
+#include <algorithm>
 #include <array>
 #include <cmath>
+#include <iterator>
 #include <limits>
 #include <numeric>
 #include <random>

@@ -1,8 +1,10 @@
 #include <broadcl/broad_phase.hpp>
 
-#include <array>
+#include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <limits>
+#include <numeric>
 #include <random>
 #include <vector>
 
@@ -21,7 +23,6 @@ using test::EachAlgorithm;
 using test::same;
 using test::unit;
 using ::testing::AllOf;
-using ::testing::Each;
 using ::testing::HasSubstr;
 
 using Pairs = std::vector<Pair>;
