@@ -1,0 +1,156 @@
+#include <broadcl/broad_phase.hpp>
+
+#include <algorithm>
+#include <limits>
+#include <vector>
+
+#include <gtest/gtest.h>
+
+#include "each_algorithm.hpp"
+#include "expect_error.hpp"
+
+/// map(): boxes written in place.
+namespace broadcl {
+namespace {
+
+using test::apart;
+using test::EachAlgorithm;
+using test::same;
+using test::unit;
+using ::testing::HasSubstr;
+
+using Pairs = std::vector<Pair>;
+
+constexpr float nan_value = std::numeric_limits<float>::quiet_NaN();
+constexpr Aabb inverted{{1, 0, 0}, {0, 1, 1}};
+
+TEST_P(EachAlgorithm, SmallMappedBoxesAreThoseOfTheObjects) {
+  BroadPhase broad_phase(config());
+  const std::span<Aabb> boxes = broad_phase.map(40);
+  EXPECT_EQ(boxes.size(), 40U);
+  EXPECT_EQ(broad_phase.size(), 40U);
+  for (std::uint32_t k = 0; k < 40; ++k) boxes[k] = apart(k / 2);
+  EXPECT_EQ(broad_phase.update().added.size(), 20U);
+  const std::span<Aabb> again = broad_phase.map(40);
+  for (std::uint32_t k = 0; k < 40; ++k) ASSERT_EQ(again[k], apart(k / 2));
+  EXPECT_TRUE(same(broad_phase.update(), {}, {}));
+  again[0] = apart(1);
+  EXPECT_TRUE(same(broad_phase.update(), {}, {})) << "not mapped any more";
+}
+
+TEST_P(EachAlgorithm, SmallNewObjectsOfAMapAreEmpty) {
+  BroadPhase broad_phase(config());
+  for (const std::size_t n : {std::size_t{3}, std::size_t{50}, std::size_t{500}}) {
+    const std::span<Aabb> boxes = broad_phase.map(n);
+    for (const Aabb& box : boxes) ASSERT_TRUE(is_empty(box) && !has_nan(box)) << n;
+    EXPECT_TRUE(same(broad_phase.update(), {}, {}));
+  }
+  // Slots that others left behind.
+  for (Aabb& box : broad_phase.map(30)) box = unit;
+  EXPECT_EQ(broad_phase.update().added.size(), 30U * 29 / 2);
+  (void)broad_phase.map(10);
+  const std::span<Aabb> boxes = broad_phase.map(40);
+  for (std::size_t k = 10; k < 40; ++k) ASSERT_TRUE(is_empty(boxes[k]) && !has_nan(boxes[k])) << k;
+  EXPECT_EQ(broad_phase.update().removed.size(), 30U * 29 / 2 - 45);
+}
+
+TEST_P(EachAlgorithm, SmallMapGrowsAndShrinks) {
+  test::Twins twins(config());
+  for (const std::size_t n : {5U, 40U, 39U, 7U, 1U, 0U, 33U, 0U, 0U, 2U}) {
+    twins.map(n, [](std::span<Aabb> boxes) {
+      for (std::size_t k = 0; k < boxes.size(); ++k) boxes[k] = apart(k % 17);
+    });
+    ASSERT_TRUE(twins.agree()) << n;
+    ASSERT_EQ(twins.tested().size(), n);
+  }
+  twins.map(20, [](std::span<Aabb> boxes) { std::fill(boxes.begin(), boxes.end(), unit); });
+  twins.map(10, [](std::span<Aabb> boxes) { boxes[3] = inverted; });
+  ASSERT_TRUE(twins.agree());
+  EXPECT_EQ(twins.tested().pairs().size(), 36U);  // of 10 boxes, less one
+}
+
+TEST_P(EachAlgorithm, SmallANaNInAMapIsNamedAndMended) {
+  BroadPhase broad_phase(config());
+  for (int k = 0; k < 3; ++k) broad_phase.add(unit);
+  (void)broad_phase.update();
+  const std::span<Aabb> boxes = broad_phase.map(40);
+  for (std::uint32_t k = 0; k < 40; ++k) boxes[k] = apart(k / 2);
+  boxes[31].lower[1] = nan_value;
+  boxes[17].upper[2] = nan_value;
+  for (int time = 0; time < 2; ++time) {
+    EXPECT_THAT(test::error_of([&] { (void)broad_phase.update(); }), HasSubstr("box 17 "));
+    EXPECT_THAT(test::error_of([&] { broad_phase.begin(); }), HasSubstr("box 17 "));
+  }
+  EXPECT_EQ(broad_phase.pairs(), test::all_pairs(3));
+  EXPECT_EQ(broad_phase.size(), 40U);
+  boxes[17] = apart(8);
+  EXPECT_THAT(test::error_of([&] { (void)broad_phase.finish(); }), HasSubstr("box 31 "));
+  // One that is still bad does not become an empty one by being mapped again.
+  (void)broad_phase.map(40);
+  EXPECT_THAT(test::error_of([&] { (void)broad_phase.update(); }), HasSubstr("box 31 "));
+  broad_phase.move(31, apart(15));
+  const Delta delta = broad_phase.update();
+  EXPECT_EQ(delta.added.size(), 19U);
+  EXPECT_TRUE(same("removed", delta.removed, Pairs{{0, 2}, {1, 2}}));
+}
+
+TEST_P(EachAlgorithm, SmallEmptyMappedBoxesComeAndGo) {
+  test::Twins twins(config());
+  for (const std::size_t step : {1U, 2U, 3U, 7U}) {
+    twins.map(30, [step](std::span<Aabb> boxes) {
+      for (std::size_t k = 0; k < boxes.size(); ++k) boxes[k] = k % step == 0 ? unit : inverted;
+    });
+    ASSERT_TRUE(twins.agree()) << step;
+  }
+  twins.map(30, [](std::span<Aabb> boxes) {
+    for (const Aabb& box : boxes) ASSERT_FALSE(has_nan(box)) << "the caller wrote no NaN";
+    boxes[1] = unit;
+  });
+  ASSERT_TRUE(twins.agree());
+  EXPECT_EQ(twins.tested().pairs().size(), 15U);  // 0, 7, 14, 21, 28, and 1
+}
+
+TEST_P(EachAlgorithm, SmallMapMixesWithEverythingElse) {
+  test::Twins twins(config());
+  const auto write = [](std::span<Aabb> boxes) {
+    for (std::size_t k = 0; k < boxes.size(); ++k) boxes[k] = apart(k % 5);
+  };
+  // Before the map, in the same update.
+  for (int k = 0; k < 12; ++k) twins.add(unit, {.body = static_cast<std::uint32_t>(k / 2)});
+  twins.remove(4);
+  twins.remove(9);
+  twins.set_filter(5, {.world = 1});
+  twins.map(15, write);
+  ASSERT_TRUE(twins.agree());
+  // After it.
+  twins.map(15, write);
+  twins.move(2, apart(4));
+  twins.remove(7);
+  twins.remove(14);
+  twins.set_filter(3, {.mask = 0});
+  EXPECT_EQ(twins.add(apart(3)), 7U);
+  EXPECT_EQ(twins.add(apart(3)), 14U);
+  EXPECT_EQ(twins.add(apart(3)), 15U);
+  ASSERT_TRUE(twins.agree());
+  // Mapped memory that others' boxes make grow, and what was written to it.
+  twins.map(16, write);
+  for (std::uint32_t k = 0; k < 300; ++k) twins.add(apart(k));
+  ASSERT_TRUE(twins.agree());
+  // Filters of those that were there stay; those of removed ones do not come back.
+  twins.map(4, write);
+  ASSERT_TRUE(twins.agree());
+  twins.map(6, [](std::span<Aabb> boxes) { std::fill(boxes.begin(), boxes.end(), unit); });
+  ASSERT_TRUE(twins.agree());
+  EXPECT_TRUE(same("pairs", twins.tested().pairs(),
+                   Pairs{{0, 2}, {1, 2}, {0, 4}, {1, 4}, {2, 4}, {0, 5}, {1, 5}, {2, 5}, {4, 5}}));
+  // And before a search that is begun.
+  twins.map(6, write);
+  twins.begin();
+  twins.move(0, apart(4));
+  twins.remove(1);
+  EXPECT_EQ(twins.add(unit), 1U);
+  ASSERT_TRUE(twins.agree());
+}
+
+}  // namespace
+}  // namespace broadcl
