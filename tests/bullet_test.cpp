@@ -1,6 +1,7 @@
 #include <broadcl/bullet.hpp>
 
 #include <algorithm>
+#include <array>
 #include <limits>
 #include <memory>
 #include <random>
@@ -110,6 +111,156 @@ TEST_F(Bullet, DestroyingEndsPairsAtOnceAndReuseBringsNewOnes) {
   EXPECT_EQ(pairs().size(), 45U) << "pairs form in the calculation";
   calculate();
   EXPECT_EQ(pairs().size(), 105U);
+}
+
+TEST_F(Bullet, FiltersWrittenInPlaceTakeEffectInTheNextCalculation) {
+  btBroadphaseProxy* first = create_unit(0);
+  create_unit(0);
+  btBroadphaseProxy* outsider = create_unit(0, 2, 2);
+  calculate();
+  EXPECT_EQ(pairs(), (IdPairs{{0, 1}}));
+  outsider->m_collisionFilterGroup = 1;
+  outsider->m_collisionFilterMask = all_bits;
+  first->m_collisionFilterMask = 4;
+  calculate();
+  EXPECT_EQ(pairs(), (IdPairs{{1, 2}}));
+  first->m_collisionFilterMask = 1;
+  calculate();
+  EXPECT_EQ(pairs().size(), 3U);
+}
+
+TEST_F(Bullet, NothingIsAskedOfTheDeviceWhereNothingHasChanged) {
+  for (int k = 0; k < 10; ++k) create_unit(0);
+  calculate();
+  btBroadphaseProxy* proxy = create_unit(0);
+  calculate();
+  EXPECT_EQ(pairs().size(), 55U);
+  broadphase_.setAabb(proxy, proxy->m_aabbMin, proxy->m_aabbMax, &dispatcher_);
+  calculate();
+  EXPECT_TRUE(broadphase_.broad_phase().profile().empty());
+  EXPECT_EQ(pairs().size(), 55U);
+}
+
+/// Lets pairs in by a rule that can change, and counts how often it is asked.
+class Gate final : public btOverlapFilterCallback {
+ public:
+  bool needBroadphaseCollision(btBroadphaseProxy* /*s*/, btBroadphaseProxy* /*t*/) const override {
+    ++asked;
+    return open;
+  }
+  bool open = true;
+  mutable int asked = 0;
+};
+
+TEST_F(Bullet, ACallbackMayAcceptWhatTheMasksReject) {
+  create_unit(0, 1, 2);
+  create_unit(0, 1, 2);
+  calculate();
+  EXPECT_TRUE(pairs().empty());
+  Gate gate;
+  broadphase_.getOverlappingPairCache()->setOverlapFilterCallback(&gate);
+  create_unit(0, 0, 0);
+  calculate();
+  EXPECT_EQ(pairs().size(), 3U);
+  broadphase_.getOverlappingPairCache()->setOverlapFilterCallback(nullptr);
+  calculate();
+  EXPECT_TRUE(pairs().empty()) << "the masks count again";
+}
+
+TEST_F(Bullet, AnotherCallbackDecidesEveryPairAnew) {
+  std::array<Gate, 2> gates;
+  gates[0].open = false;
+  btOverlappingPairCache& cache = *broadphase_.getOverlappingPairCache();
+  cache.setOverlapFilterCallback(&gates[0]);
+  for (int k = 0; k < 4; ++k) create_unit(0);
+  calculate();
+  EXPECT_TRUE(pairs().empty());
+  cache.setOverlapFilterCallback(&gates[1]);
+  calculate();
+  EXPECT_EQ(pairs().size(), 6U);
+  cache.setOverlapFilterCallback(&gates[0]);
+  calculate();
+  EXPECT_TRUE(pairs().empty());
+  cache.setOverlapFilterCallback(nullptr);
+  calculate();
+  EXPECT_EQ(pairs().size(), 6U);
+}
+
+TEST_F(Bullet, ARefusedPairIsOfferedAgainOnceAnObjectOfItChanges) {
+  Gate gate;
+  gate.open = false;
+  broadphase_.getOverlappingPairCache()->setOverlapFilterCallback(&gate);
+  btBroadphaseProxy* mover = create_unit(0);
+  btBroadphaseProxy* other = create_unit(0);
+  create_unit(0.5);
+  calculate();
+  EXPECT_EQ(gate.asked, 3);
+  calculate();
+  EXPECT_EQ(gate.asked, 3) << "nothing has changed";
+  broadphase_.setAabb(mover, {0.1F, 0, 0}, {1.1F, 1, 1}, &dispatcher_);
+  calculate();
+  EXPECT_EQ(gate.asked, 5);
+  EXPECT_TRUE(pairs().empty());
+  gate.open = true;
+  calculate();
+  EXPECT_TRUE(pairs().empty());
+  other->m_collisionFilterGroup = 2;
+  calculate();
+  EXPECT_EQ(pairs(), (IdPairs{{0, 1}, {1, 2}}));
+  broadphase_.setAabb(mover, {0, 0, 0}, {1, 1, 1}, &dispatcher_);
+  calculate();
+  EXPECT_EQ(pairs().size(), 3U);
+}
+
+TEST_F(Bullet, ARefusedPairThatPartsIsForgotten) {
+  Gate gate;
+  gate.open = false;
+  broadphase_.getOverlappingPairCache()->setOverlapFilterCallback(&gate);
+  btBroadphaseProxy* mover = create_unit(0);
+  create_unit(0);
+  btBroadphaseProxy* doomed = create_unit(0);
+  calculate();
+  broadphase_.setAabb(mover, {5, 0, 0}, {6, 1, 1}, &dispatcher_);
+  broadphase_.destroyProxy(doomed, &dispatcher_);
+  gate.open = true;
+  calculate();
+  EXPECT_TRUE(pairs().empty());
+  EXPECT_EQ(gate.asked, 3);
+}
+
+TEST_F(Bullet, APairThatTheUserRemovedComesBackOnceAnObjectOfItMoves) {
+  btBroadphaseProxy* mover = create_unit(0);
+  btBroadphaseProxy* other = create_unit(0);
+  create_unit(0);
+  calculate();
+  broadphase_.getOverlappingPairCache()->removeOverlappingPair(mover, other, &dispatcher_);
+  calculate();
+  EXPECT_EQ(pairs(), (IdPairs{{0, 2}, {1, 2}}));
+  broadphase_.setAabb(mover, {0.1F, 0, 0}, {1.1F, 1, 1}, &dispatcher_);
+  calculate();
+  EXPECT_EQ(pairs().size(), 3U);
+}
+
+/// A user's: it lets pairs in by a rule of its own.
+class OddCache final : public btHashedOverlappingPairCache {
+ public:
+  btBroadphasePair* addOverlappingPair(btBroadphaseProxy* s, btBroadphaseProxy* t) override {
+    if ((s->m_uniqueId + t->m_uniqueId) % 2 == 0) return nullptr;
+    btOverlapFilterCallback* mine = getOverlapFilterCallback();
+    Gate all;
+    setOverlapFilterCallback(&all);
+    btBroadphasePair* pair = btHashedOverlappingPairCache::addOverlappingPair(s, t);
+    setOverlapFilterCallback(mine);
+    return pair;
+  }
+};
+
+TEST(BulletCache, AUsersClassIsOfferedEveryOverlappingPair) {
+  OddCache cache;
+  BulletBroadphase broadphase({}, &cache);
+  for (int k = 0; k < 4; ++k) broadphase.createProxy({0, 0, 0}, {1, 1, 1}, 0, nullptr, 0, 0, nullptr);
+  broadphase.calculateOverlappingPairs(nullptr);
+  EXPECT_EQ(cache.getNumOverlappingPairs(), 4);
 }
 
 class CountingAlgorithm : public btCollisionAlgorithm {

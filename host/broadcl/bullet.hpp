@@ -6,6 +6,7 @@
 
 #include <broadcl/broad_phase.hpp>
 
+class btCollisionWorld;
 class btOverlappingPairCache;
 
 namespace broadcl {
@@ -15,8 +16,16 @@ namespace broadcl {
 ///
 /// Overlaps are those of the exact boxes that Bullet sets, touching included, as of
 /// calculateOverlappingPairs(). A pair that stays overlapped keeps its entry in the pair cache and its
-/// collision algorithm. Filters are asked when a pair forms. The order in which pairs are added and removed
-/// depends on the sequence of calls only.
+/// collision algorithm. The order in which pairs are added and removed depends on the sequence of calls only.
+///
+/// Groups and masks, which may be written in place, are those of the moment of the calculation, for pairs in
+/// the cache too. The device tests them, but where the cache has an overlap filter callback or is of a class
+/// of the user's: then the cache is offered every overlapping pair. Every pair enters through
+/// addOverlappingPair(), and one that the cache refuses, or that somebody removed from it, is offered again
+/// in each calculation before which one of its two proxies got another box, group or mask. Setting, clearing
+/// or exchanging the callback has every overlapping pair decided anew.
+///
+/// A calculation costs as much as what changed since the last one, and a look at each proxy's group and mask.
 ///
 /// A proxy with a NaN bound, or with a lower bound above the upper one, overlaps nothing until it gets a
 /// proper box.
@@ -57,6 +66,24 @@ class BulletBroadphase : public btBroadphaseInterface {
   /// Brings the pair cache up to date: removals first, then additions, each in canonical order.
   /// @throws Error when the device fails; the cache and the proxies are then as before.
   void calculateOverlappingPairs(btDispatcher* dispatcher) override;
+
+  /// Starts the next calculation on the device with the boxes that are set, and returns at once. What is set,
+  /// created, destroyed or filtered meanwhile is searched again by calculateOverlappingPairs(), whose result
+  /// is always the same as without this. Nothing if one was started already.
+  /// @throws Error when the device fails.
+  void begin();
+
+  /// The same with the boxes of the next step, to be called after a step: while the program does other work,
+  /// the device searches the pairs that stepSimulation() will ask for.
+  ///
+  /// Boxes are those that updateAabbs() of the world computes, and the world, its objects and their proxies
+  /// are then as before; queries and getAabb() see nothing of it. A prediction that comes out otherwise, for
+  /// an object that is moved, kicked or kinematic, costs no more than to search that object again.
+  /// @param world One that runs on this broad phase.
+  /// @param time_step The next time step in seconds, which a dynamics world predicts motion by: the fixed one
+  ///   of stepSimulation(), or its first argument where it makes no substeps; 0 for a world without dynamics.
+  /// @throws Error for a world on another broad phase, and when the device fails.
+  void begin(btCollisionWorld& world, btScalar time_step);
 
   btOverlappingPairCache* getOverlappingPairCache() override;
   [[nodiscard]] const btOverlappingPairCache* getOverlappingPairCache() const override;

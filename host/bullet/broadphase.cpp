@@ -1,23 +1,28 @@
 #include <BulletCollision/BroadphaseCollision/btBroadphaseProxy.h>
 #include <BulletCollision/BroadphaseCollision/btOverlappingPairCache.h>
+#include <BulletCollision/CollisionDispatch/btCollisionWorld.h>
 #include <LinearMath/btAabbUtil2.h>
 
+#include <algorithm>
 #include <array>
+#include <cstddef>
 #include <cstdint>
+#include <iterator>
 #include <limits>
 #include <memory>
+#include <set>
+#include <span>
+#include <typeinfo>
 #include <utility>
 #include <vector>
 
 #include <broadcl/bullet.hpp>
 
+#include "bullet/prediction.hpp"
+#include "bullet/proxy_pool.hpp"
+
 namespace broadcl {
 namespace {
-
-struct Proxy : btBroadphaseProxy {
-  using btBroadphaseProxy::btBroadphaseProxy;
-  bool known = false;  // to the last calculation
-};
 
 /// As the core takes it: a box with a NaN bound overlaps nothing, so it becomes an empty one.
 Aabb to_core(const btVector3& lower, const btVector3& upper) {
@@ -26,8 +31,57 @@ Aabb to_core(const btVector3& lower, const btVector3& upper) {
   return has_nan(box) ? Aabb{{infinity, infinity, infinity}, {-infinity, -infinity, -infinity}} : box;
 }
 
+Aabb box_of(const btBroadphaseProxy& proxy) {
+  return to_core(proxy.m_aabbMin, proxy.m_aabbMax);
+}
+
 bool is_empty(const btBroadphaseProxy& proxy) {
-  return broadcl::is_empty(to_core(proxy.m_aabbMin, proxy.m_aabbMax));
+  return broadcl::is_empty(box_of(proxy));
+}
+
+Pair pair_of(const btBroadphasePair& pair) {
+  return {static_cast<std::uint32_t>(pair.m_pProxy0->m_uniqueId),
+          static_cast<std::uint32_t>(pair.m_pProxy1->m_uniqueId)};
+}
+
+/// Both in canonical order.
+std::vector<Pair> difference(std::span<const Pair> from, std::span<const Pair> without) {
+  std::vector<Pair> result;
+  std::set_difference(from.begin(), from.end(), without.begin(), without.end(), std::back_inserter(result));
+  return result;
+}
+
+/// Both in canonical order.
+std::vector<Pair> merge(std::span<const Pair> s, std::span<const Pair> t) {
+  std::vector<Pair> result;
+  std::merge(s.begin(), s.end(), t.begin(), t.end(), std::back_inserter(result));
+  return result;
+}
+
+/// Finds what a cache that removes nothing by itself holds but should not.
+class RemoveStale final : public btOverlapCallback {
+ public:
+  /// @param removed What ceased to overlap, in canonical order.
+  explicit RemoveStale(std::span<const Pair> removed) : removed_(removed) {}
+
+  bool processOverlap(btBroadphasePair& pair) override {
+    if (pair.m_pProxy0 == nullptr || pair.m_pProxy1 == nullptr) return true;
+    const Pair ids = pair_of(pair);
+    return std::binary_search(removed_.begin(), removed_.end(), ids) ||
+           !overlaps(box_of(*pair.m_pProxy0), box_of(*pair.m_pProxy1)) || !seen_.insert(ids).second;
+  }
+
+ private:
+  std::span<const Pair> removed_;
+  std::set<Pair> seen_;
+};
+
+/// Whether a cache of this very class lets pairs in by their groups and masks, unless it has a callback. What
+/// another class does cannot be known.
+bool filters_by_masks(const btOverlappingPairCache& cache) {
+  const std::type_info& type = typeid(cache);
+  return type == typeid(btHashedOverlappingPairCache) || type == typeid(btSortedOverlappingPairCache) ||
+         type == typeid(btNullPairCache);
 }
 
 }  // namespace
@@ -37,67 +91,192 @@ class BulletBroadphase::Impl {
   Impl(const BroadPhase::Config& config, btOverlappingPairCache* cache)
       : core_(config),
         own_cache_(cache == nullptr ? new btHashedOverlappingPairCache : nullptr),
-        cache_(cache == nullptr ? own_cache_.get() : cache) {}
+        cache_(cache == nullptr ? own_cache_.get() : cache),
+        filters_by_masks_(filters_by_masks(*cache_)),
+        callback_(cache_->getOverlapFilterCallback()),
+        cached_(cache_->getNumOverlappingPairs()) {}
 
   btBroadphaseProxy* create(const btVector3& lower, const btVector3& upper, void* client, int group,
                             int mask) {
-    auto proxy = std::make_unique<Proxy>(lower, upper, client, group, mask);
-    const std::uint32_t id = core_.add(to_core(lower, upper));
-    proxy->m_uniqueId = static_cast<int>(id);
-    if (id >= proxies_.size()) proxies_.resize(id + 1);
-    proxies_[id] = std::move(proxy);
-    return proxies_[id].get();
-  }
-
-  void destroy(btBroadphaseProxy* proxy, btDispatcher* dispatcher) {
-    cache_->removeOverlappingPairsContainingProxy(proxy, dispatcher);
-    core_.remove(id_of(*proxy));
-    proxies_[id_of(*proxy)].reset();
-  }
-
-  void move(btBroadphaseProxy& proxy, const btVector3& lower, const btVector3& upper) {
-    core_.move(id_of(proxy), to_core(lower, upper));
+    const std::uint32_t id = core_.add(to_core(lower, upper), core_filter(group, mask));
+    Proxy& proxy = pool_.make(id);
+    proxy.m_clientObject = client;
+    proxy.m_collisionFilterGroup = proxy.seen_group = group;
+    proxy.m_collisionFilterMask = proxy.seen_mask = mask;
+    proxy.m_uniqueId = static_cast<int>(id);
     proxy.m_aabbMin = lower;
     proxy.m_aabbMax = upper;
+    proxy.created = proxy.changed = calculations_;
+    return &proxy;
+  }
+
+  void destroy(Proxy& proxy, btDispatcher* dispatcher) {
+    const int before = cache_->getNumOverlappingPairs();
+    cache_->removeOverlappingPairsContainingProxy(&proxy, dispatcher);
+    cached_ += cache_->getNumOverlappingPairs() - before;
+    core_.remove(proxy.id());
+    proxy = Proxy();
+  }
+
+  void move(Proxy& proxy, const btVector3& lower, const btVector3& upper) {
+    const Aabb box = to_core(lower, upper);
+    if (predicting_) {
+      core_.move(proxy.id(), box);
+      predicted_.push_back(proxy.id());
+    } else {
+      if (box != box_of(proxy)) {
+        core_.move(proxy.id(), box);
+        proxy.changed = calculations_;
+      }
+      proxy.m_aabbMin = lower;
+      proxy.m_aabbMax = upper;
+    }
+  }
+
+  void begin() {
+    send_filters();
+    core_.begin();
+  }
+
+  void begin(btCollisionWorld& world, btScalar time_step) {
+    const Prediction prediction(world, time_step);
+    predicting_ = true;
+    try {
+      world.updateAabbs();
+    } catch (...) {
+      predicting_ = false;
+      throw;
+    }
+    predicting_ = false;
+    begin();
   }
 
   void calculate(btDispatcher* dispatcher) {
-    const Delta delta = core_.update();
-    for (const Pair& pair : delta.removed) {
-      // The pairs of a destroyed proxy went with it, though its id may be in use again.
-      if (is_known(pair.a) && is_known(pair.b)) {
-        cache_->removeOverlappingPair(proxies_[pair.a].get(), proxies_[pair.b].get(), dispatcher);
-      }
-    }
-    for (const Pair& pair : delta.added) {
-      cache_->addOverlappingPair(proxies_[pair.a].get(), proxies_[pair.b].get());
-    }
-    for_each_proxy([](Proxy& proxy) { proxy.known = true; });
+    take_predictions_back();
+    send_filters();
+    const Delta delta = core_.finish();
+    const bool cache_was_changed = cache_->getNumOverlappingPairs() != cached_;
+    if (is_filtered_anew_ || cache_was_changed) refused_ = pairs_not_cached(delta.added);
+
+    std::vector<Pair> removals = difference(delta.removed, refused_);
+    refused_ = difference(refused_, delta.removed);
+    if (is_filtered_anew_) removals = merge(removals, refuse_cached(delta.added));
+    remove(removals, cache_was_changed, dispatcher);
+    add(merge(delta.added, take_refused_to_offer_again()));
+
+    cached_ = cache_->getNumOverlappingPairs();
+    is_filtered_anew_ = false;
+    ++calculations_;
   }
 
-  template <class Function>
-  void for_each_proxy(Function&& function) const {
-    for (const auto& proxy : proxies_) {
-      if (proxy != nullptr) function(*proxy);
-    }
-  }
-
+  [[nodiscard]] const ProxyPool& pool() const noexcept { return pool_; }
   [[nodiscard]] btOverlappingPairCache* cache() const noexcept { return cache_; }
   [[nodiscard]] const BroadPhase& core() const noexcept { return core_; }
 
  private:
-  static std::uint32_t id_of(const btBroadphaseProxy& proxy) {
-    return static_cast<std::uint32_t>(proxy.m_uniqueId);
+  /// What the core is given: where only the cache knows what may pair, all do.
+  [[nodiscard]] Filter core_filter(int group, int mask) const {
+    if (!filters_by_masks_ || callback_ != nullptr) return {};
+    return {.group = static_cast<std::uint32_t>(group), .mask = static_cast<std::uint32_t>(mask)};
+  }
+
+  /// Gives the core the filters that were written since the last time; all, where the callback is another
+  /// one.
+  void send_filters() {
+    const bool is_new_callback = cache_->getOverlapFilterCallback() != callback_;
+    callback_ = cache_->getOverlapFilterCallback();
+    is_filtered_anew_ |= is_new_callback;
+    pool_.for_each_slot([&](Proxy& proxy) {
+      const int group = proxy.m_collisionFilterGroup;
+      const int mask = proxy.m_collisionFilterMask;
+      const bool is_written = group != proxy.seen_group || mask != proxy.seen_mask;
+      if (!is_written && !(is_new_callback && proxy.is_live())) return;
+      proxy.seen_group = group;
+      proxy.seen_mask = mask;
+      proxy.changed = calculations_;
+      core_.set_filter(proxy.id(), core_filter(group, mask));
+    });
+  }
+
+  /// From now on the proxies' own boxes count again, where begin() gave the core predicted ones.
+  void take_predictions_back() {
+    for (const std::uint32_t id : predicted_) {
+      if (pool_[id].is_live()) core_.move(id, box_of(pool_[id]));
+    }
+    predicted_.clear();
+  }
+
+  /// Pairs that the core knew before it added some, and the cache lacks.
+  [[nodiscard]] std::vector<Pair> pairs_not_cached(std::span<const Pair> added) const {
+    std::vector<Pair> cached;
+    const int n = cache_->getNumOverlappingPairs();
+    cached.reserve(static_cast<std::size_t>(n));
+    for (int k = 0; k < n; ++k) cached.push_back(pair_of(cache_->getOverlappingPairArrayPtr()[k]));
+    std::sort(cached.begin(), cached.end());
+    return difference(difference(core_.pairs(), added), cached);
+  }
+
+  /// Of the pairs in the cache those that it would not let in now; they are refused from now on.
+  std::vector<Pair> refuse_cached(std::span<const Pair> added) {
+    std::vector<Pair> cached = difference(difference(core_.pairs(), added), refused_);
+    std::erase_if(cached, [&](const Pair& pair) {
+      return cache_->needsBroadphaseCollision(&pool_[pair.a], &pool_[pair.b]);
+    });
+    refused_ = merge(refused_, cached);
+    return cached;
+  }
+
+  /// The refused pairs of which an object has changed since the last calculation; all, where they are
+  /// filtered anew.
+  std::vector<Pair> take_refused_to_offer_again() {
+    const auto is_changed = [&](std::uint32_t id) { return pool_[id].changed == calculations_; };
+    std::vector<Pair> offers;
+    std::vector<Pair> kept;
+    std::partition_copy(refused_.begin(), refused_.end(), std::back_inserter(offers),
+                        std::back_inserter(kept),
+                        [&](const Pair& pair) { return is_changed(pair.a) || is_changed(pair.b); });
+    refused_ = std::move(kept);
+    return offers;
+  }
+
+  void remove(std::span<const Pair> pairs, bool cache_was_changed, btDispatcher* dispatcher) {
+    for (const Pair& pair : pairs) {
+      // The pairs of a destroyed proxy went with it, though its id may be in use again.
+      if (is_known(pair.a) && is_known(pair.b)) {
+        cache_->removeOverlappingPair(&pool_[pair.a], &pool_[pair.b], dispatcher);
+      }
+    }
+    if (cache_->hasDeferredRemoval() && (!pairs.empty() || cache_was_changed)) {
+      RemoveStale remove_stale(pairs);
+      cache_->processAllOverlappingPairs(&remove_stale, dispatcher);
+    }
+  }
+
+  void add(std::span<const Pair> pairs) {
+    std::vector<Pair> refused;
+    for (const Pair& pair : pairs) {
+      if (cache_->addOverlappingPair(&pool_[pair.a], &pool_[pair.b]) == nullptr) refused.push_back(pair);
+    }
+    if (!refused.empty()) refused_ = merge(refused_, refused);
   }
 
   [[nodiscard]] bool is_known(std::uint32_t id) const {
-    return proxies_[id] != nullptr && proxies_[id]->known;
+    return pool_[id].is_live() && pool_[id].created != calculations_;
   }
 
   BroadPhase core_;
   std::unique_ptr<btOverlappingPairCache> own_cache_;
   btOverlappingPairCache* cache_;
-  std::vector<std::unique_ptr<Proxy>> proxies_;  // by id
+  bool filters_by_masks_;
+  btOverlapFilterCallback* callback_;  // as of the last look at it
+  bool is_filtered_anew_ = false;      // the callback is another one than at the last calculation
+  int cached_;                         // pairs in the cache, unless somebody else changes it
+  ProxyPool pool_;
+  std::uint32_t calculations_ = 0;
+  std::vector<Pair>
+      refused_;              // pairs that overlap, but the cache refused them or somebody removed them there
+  bool predicting_ = false;  // what is set now are boxes of the next step
+  std::vector<std::uint32_t> predicted_;
 };
 
 BulletBroadphase::BulletBroadphase(const BroadPhase::Config& config, btOverlappingPairCache* cache)
@@ -112,12 +291,12 @@ btBroadphaseProxy* BulletBroadphase::createProxy(const btVector3& aabbMin, const
 }
 
 void BulletBroadphase::destroyProxy(btBroadphaseProxy* proxy, btDispatcher* dispatcher) {
-  impl_->destroy(proxy, dispatcher);
+  impl_->destroy(static_cast<Proxy&>(*proxy), dispatcher);
 }
 
 void BulletBroadphase::setAabb(btBroadphaseProxy* proxy, const btVector3& aabbMin, const btVector3& aabbMax,
                                btDispatcher* /*dispatcher*/) {
-  impl_->move(*proxy, aabbMin, aabbMax);
+  impl_->move(static_cast<Proxy&>(*proxy), aabbMin, aabbMax);
 }
 
 void BulletBroadphase::getAabb(btBroadphaseProxy* proxy, btVector3& aabbMin, btVector3& aabbMax) const {
@@ -128,7 +307,7 @@ void BulletBroadphase::getAabb(btBroadphaseProxy* proxy, btVector3& aabbMin, btV
 void BulletBroadphase::rayTest(const btVector3& rayFrom, const btVector3& /*rayTo*/,
                                btBroadphaseRayCallback& rayCallback, const btVector3& aabbMin,
                                const btVector3& aabbMax) {
-  impl_->for_each_proxy([&](const Proxy& proxy) {
+  impl_->pool().for_each([&](const Proxy& proxy) {
     const std::array bounds{proxy.m_aabbMin - aabbMax, proxy.m_aabbMax - aabbMin};
     btScalar hit = 1;
     if (!is_empty(proxy) && btRayAabb2(rayFrom, rayCallback.m_rayDirectionInverse, rayCallback.m_signs,
@@ -141,9 +320,20 @@ void BulletBroadphase::rayTest(const btVector3& rayFrom, const btVector3& /*rayT
 void BulletBroadphase::aabbTest(const btVector3& aabbMin, const btVector3& aabbMax,
                                 btBroadphaseAabbCallback& callback) {
   const Aabb query = to_core(aabbMin, aabbMax);
-  impl_->for_each_proxy([&](const Proxy& proxy) {
-    if (overlaps(to_core(proxy.m_aabbMin, proxy.m_aabbMax), query)) callback.process(&proxy);
+  impl_->pool().for_each([&](const Proxy& proxy) {
+    if (overlaps(box_of(proxy), query)) callback.process(&proxy);
   });
+}
+
+void BulletBroadphase::begin() {
+  impl_->begin();
+}
+
+void BulletBroadphase::begin(btCollisionWorld& world, btScalar time_step) {
+  if (world.getBroadphase() != this) {
+    throw Error("the world does not run on this broad phase; begin() needs the one whose objects are in it");
+  }
+  impl_->begin(world, time_step);
 }
 
 void BulletBroadphase::calculateOverlappingPairs(btDispatcher* dispatcher) {
@@ -161,7 +351,7 @@ const btOverlappingPairCache* BulletBroadphase::getOverlappingPairCache() const 
 void BulletBroadphase::getBroadphaseAabb(btVector3& aabbMin, btVector3& aabbMax) const {
   bool any = false;
   aabbMin = aabbMax = btVector3(0, 0, 0);
-  impl_->for_each_proxy([&](const Proxy& proxy) {
+  impl_->pool().for_each([&](const Proxy& proxy) {
     if (is_empty(proxy)) return;
     if (!any) {
       aabbMin = proxy.m_aabbMin;
