@@ -14,7 +14,7 @@ run(${CMAKE_COMMAND} --install ${BUILD} --prefix ${folder}/prefix)
 run(${CMAKE_COMMAND} -S ${SOURCE} -B ${folder}/build -D CMAKE_PREFIX_PATH=${folder}/prefix
   -D CMAKE_CXX_FLAGS=-Werror)
 run(${CMAKE_COMMAND} --build ${folder}/build)
-foreach(example pairs layouts on_device bullet_world)
+foreach(example pairs layouts on_device bullet_world bullet_async)
   run(${folder}/build/${example})
   message(STATUS "${example}: ${output}")
 endforeach()
