@@ -1,6 +1,8 @@
 #pragma once
 
+#include <functional>
 #include <memory>
+#include <string>
 
 #include <BulletCollision/BroadphaseCollision/btBroadphaseInterface.h>
 
@@ -28,9 +30,11 @@ namespace broadcl {
 /// A calculation costs as much as what changed since the last one, and a look at each proxy's group and mask.
 ///
 /// A proxy with a NaN bound, or with a lower bound above the upper one, overlaps nothing until it gets a
-/// proper box.
+/// proper box. A NaN bound is told to the error handler, once each time it turns up.
 ///
-/// Ray and box queries see every change at once and visit all proxies.
+/// Ray and box queries see every change at once, in a btDbvt of the boxes that is brought up to date only
+/// where queries are made. They may run in several threads at once and from within one another, as long as no
+/// thread calls anything else.
 class BulletBroadphase : public btBroadphaseInterface {
  public:
   /// Opens the device.
@@ -90,6 +94,10 @@ class BulletBroadphase : public btBroadphaseInterface {
 
   /// The union of all boxes that are not empty; a point at the origin where there is none.
   void getBroadphaseAabb(btVector3& aabbMin, btVector3& aabbMax) const override;
+
+  /// @param handler Called with one line that names the proxy and says what is wrong. Not empty.
+  ///   Until this is called, errors are printed to stderr.
+  void set_error_handler(std::function<void(const std::string&)> handler);
 
   /// Nothing: printing is left to the caller, see broad_phase().
   void printStats() override {}

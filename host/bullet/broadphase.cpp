@@ -1,17 +1,17 @@
 #include <BulletCollision/BroadphaseCollision/btBroadphaseProxy.h>
 #include <BulletCollision/BroadphaseCollision/btOverlappingPairCache.h>
 #include <BulletCollision/CollisionDispatch/btCollisionWorld.h>
-#include <LinearMath/btAabbUtil2.h>
 
 #include <algorithm>
-#include <array>
 #include <cstddef>
 #include <cstdint>
+#include <cstdio>
+#include <functional>
 #include <iterator>
-#include <limits>
 #include <memory>
 #include <set>
 #include <span>
+#include <string>
 #include <typeinfo>
 #include <utility>
 #include <vector>
@@ -20,23 +20,13 @@
 
 #include "bullet/prediction.hpp"
 #include "bullet/proxy_pool.hpp"
+#include "bullet/query_tree.hpp"
 
 namespace broadcl {
 namespace {
 
-/// As the core takes it: a box with a NaN bound overlaps nothing, so it becomes an empty one.
-Aabb to_core(const btVector3& lower, const btVector3& upper) {
-  const Aabb box = {{lower.x(), lower.y(), lower.z()}, {upper.x(), upper.y(), upper.z()}};
-  constexpr float infinity = std::numeric_limits<float>::infinity();
-  return has_nan(box) ? Aabb{{infinity, infinity, infinity}, {-infinity, -infinity, -infinity}} : box;
-}
-
-Aabb box_of(const btBroadphaseProxy& proxy) {
-  return to_core(proxy.m_aabbMin, proxy.m_aabbMax);
-}
-
-bool is_empty(const btBroadphaseProxy& proxy) {
-  return broadcl::is_empty(box_of(proxy));
+void print(const std::string& error) {
+  std::fprintf(stderr, "%s\n", error.c_str());
 }
 
 Pair pair_of(const btBroadphasePair& pair) {
@@ -98,7 +88,7 @@ class BulletBroadphase::Impl {
 
   btBroadphaseProxy* create(const btVector3& lower, const btVector3& upper, void* client, int group,
                             int mask) {
-    const std::uint32_t id = core_.add(to_core(lower, upper), core_filter(group, mask));
+    const std::uint32_t id = core_.add(box_of(lower, upper), core_filter(group, mask));
     Proxy& proxy = pool_.make(id);
     proxy.m_clientObject = client;
     proxy.m_collisionFilterGroup = proxy.seen_group = group;
@@ -107,6 +97,8 @@ class BulletBroadphase::Impl {
     proxy.m_aabbMin = lower;
     proxy.m_aabbMax = upper;
     proxy.created = proxy.changed = calculations_;
+    queries_.touch(id);
+    if (has_nan(to_aabb(lower, upper))) report_nan(proxy);
     return &proxy;
   }
 
@@ -115,22 +107,27 @@ class BulletBroadphase::Impl {
     cache_->removeOverlappingPairsContainingProxy(&proxy, dispatcher);
     cached_ += cache_->getNumOverlappingPairs() - before;
     core_.remove(proxy.id());
+    queries_.touch(proxy.id());
     proxy = Proxy();
   }
 
   void move(Proxy& proxy, const btVector3& lower, const btVector3& upper) {
-    const Aabb box = to_core(lower, upper);
+    const Aabb box = box_of(lower, upper);
     if (predicting_) {
       core_.move(proxy.id(), box);
       predicted_.push_back(proxy.id());
-    } else {
-      if (box != box_of(proxy)) {
-        core_.move(proxy.id(), box);
-        proxy.changed = calculations_;
-      }
-      proxy.m_aabbMin = lower;
-      proxy.m_aabbMax = upper;
+      return;
     }
+    const bool turns_bad =
+        has_nan(to_aabb(lower, upper)) && !has_nan(to_aabb(proxy.m_aabbMin, proxy.m_aabbMax));
+    if (box != box_of(proxy)) {
+      core_.move(proxy.id(), box);
+      proxy.changed = calculations_;
+      queries_.touch(proxy.id());
+    }
+    proxy.m_aabbMin = lower;
+    proxy.m_aabbMax = upper;
+    if (turns_bad) report_nan(proxy);
   }
 
   void begin() {
@@ -167,13 +164,24 @@ class BulletBroadphase::Impl {
     cached_ = cache_->getNumOverlappingPairs();
     is_filtered_anew_ = false;
     ++calculations_;
+    queries_.start_frame();
   }
 
+  void set_error_handler(std::function<void(const std::string&)> handler) { on_error_ = std::move(handler); }
+
   [[nodiscard]] const ProxyPool& pool() const noexcept { return pool_; }
+  [[nodiscard]] QueryTree& queries() noexcept { return queries_; }
   [[nodiscard]] btOverlappingPairCache* cache() const noexcept { return cache_; }
   [[nodiscard]] const BroadPhase& core() const noexcept { return core_; }
 
  private:
+  void report_nan(const Proxy& proxy) const {
+    on_error_(
+        "proxy " + std::to_string(proxy.m_uniqueId) +
+        " has a NaN bound and overlaps nothing until it gets a proper box; look for NaN in the transform, "
+        "the velocities and the shape of its object");
+  }
+
   /// What the core is given: where only the cache knows what may pair, all do.
   [[nodiscard]] Filter core_filter(int group, int mask) const {
     if (!filters_by_masks_ || callback_ != nullptr) return {};
@@ -272,11 +280,13 @@ class BulletBroadphase::Impl {
   bool is_filtered_anew_ = false;      // the callback is another one than at the last calculation
   int cached_;                         // pairs in the cache, unless somebody else changes it
   ProxyPool pool_;
+  QueryTree queries_{pool_};
   std::uint32_t calculations_ = 0;
   std::vector<Pair>
       refused_;              // pairs that overlap, but the cache refused them or somebody removed them there
   bool predicting_ = false;  // what is set now are boxes of the next step
   std::vector<std::uint32_t> predicted_;
+  std::function<void(const std::string&)> on_error_ = print;
 };
 
 BulletBroadphase::BulletBroadphase(const BroadPhase::Config& config, btOverlappingPairCache* cache)
@@ -307,22 +317,12 @@ void BulletBroadphase::getAabb(btBroadphaseProxy* proxy, btVector3& aabbMin, btV
 void BulletBroadphase::rayTest(const btVector3& rayFrom, const btVector3& /*rayTo*/,
                                btBroadphaseRayCallback& rayCallback, const btVector3& aabbMin,
                                const btVector3& aabbMax) {
-  impl_->pool().for_each([&](const Proxy& proxy) {
-    const std::array bounds{proxy.m_aabbMin - aabbMax, proxy.m_aabbMax - aabbMin};
-    btScalar hit = 1;
-    if (!is_empty(proxy) && btRayAabb2(rayFrom, rayCallback.m_rayDirectionInverse, rayCallback.m_signs,
-                                       bounds.data(), hit, 0, rayCallback.m_lambda_max)) {
-      rayCallback.process(&proxy);
-    }
-  });
+  impl_->queries().ray_test(rayFrom, rayCallback, aabbMin, aabbMax);
 }
 
 void BulletBroadphase::aabbTest(const btVector3& aabbMin, const btVector3& aabbMax,
                                 btBroadphaseAabbCallback& callback) {
-  const Aabb query = to_core(aabbMin, aabbMax);
-  impl_->pool().for_each([&](const Proxy& proxy) {
-    if (overlaps(box_of(proxy), query)) callback.process(&proxy);
-  });
+  impl_->queries().aabb_test(aabbMin, aabbMax, callback);
 }
 
 void BulletBroadphase::begin() {
@@ -352,7 +352,7 @@ void BulletBroadphase::getBroadphaseAabb(btVector3& aabbMin, btVector3& aabbMax)
   bool any = false;
   aabbMin = aabbMax = btVector3(0, 0, 0);
   impl_->pool().for_each([&](const Proxy& proxy) {
-    if (is_empty(proxy)) return;
+    if (is_empty(box_of(proxy))) return;
     if (!any) {
       aabbMin = proxy.m_aabbMin;
       aabbMax = proxy.m_aabbMax;
@@ -361,6 +361,10 @@ void BulletBroadphase::getBroadphaseAabb(btVector3& aabbMin, btVector3& aabbMax)
     aabbMin.setMin(proxy.m_aabbMin);
     aabbMax.setMax(proxy.m_aabbMax);
   });
+}
+
+void BulletBroadphase::set_error_handler(std::function<void(const std::string&)> handler) {
+  impl_->set_error_handler(std::move(handler));
 }
 
 const BroadPhase& BulletBroadphase::broad_phase() const noexcept {

@@ -1,0 +1,100 @@
+#include "bullet/query_tree.hpp"
+
+#include <LinearMath/btAabbUtil2.h>
+
+#include <array>
+
+namespace broadcl {
+namespace {
+
+/// To take a box out of the tree and put it in again costs as much as to scan so many.
+constexpr std::size_t scans_per_update = 50;
+
+/// Passes on what the tree finds.
+class Report final : public btDbvt::ICollide {
+ public:
+  explicit Report(btBroadphaseAabbCallback& callback) : callback_(callback) {}
+
+  using ICollide::Process;
+  void Process(const btDbvtNode* leaf) override {
+    callback_.process(static_cast<const btBroadphaseProxy*>(leaf->data));
+  }
+
+ private:
+  btBroadphaseAabbCallback& callback_;
+};
+
+}  // namespace
+
+void QueryTree::ray_test(const btVector3& from, btBroadphaseRayCallback& callback, const btVector3& lower,
+                         const btVector3& upper) {
+  if (is_current()) {
+    Report report(callback);
+    // The tree's own would be shared by all queries.
+    btAlignedObjectArray<const btDbvtNode*> stack;
+    std::array<const btDbvtNode*, btDbvt::DOUBLE_STACKSIZE> memory;
+    stack.initializeFromBuffer(memory.data(), 0, btDbvt::DOUBLE_STACKSIZE);
+    tree_.rayTestInternal(tree_.m_root, from, from, callback.m_rayDirectionInverse, callback.m_signs,
+                          callback.m_lambda_max, lower, upper, stack, report);
+    return;
+  }
+  pool_.for_each([&](const Proxy& proxy) {
+    const std::array bounds{proxy.m_aabbMin - upper, proxy.m_aabbMax - lower};
+    btScalar hit = 1;
+    if (!is_empty(box_of(proxy)) && btRayAabb2(from, callback.m_rayDirectionInverse, callback.m_signs,
+                                               bounds.data(), hit, 0, callback.m_lambda_max)) {
+      callback.process(&proxy);
+    }
+  });
+}
+
+void QueryTree::aabb_test(const btVector3& lower, const btVector3& upper,
+                          btBroadphaseAabbCallback& callback) {
+  if (is_current()) {
+    Report report(callback);
+    tree_.collideTV(tree_.m_root, btDbvtVolume::FromMM(lower, upper), report);
+    return;
+  }
+  const Aabb query = to_aabb(lower, upper);
+  pool_.for_each([&](const Proxy& proxy) {
+    const Aabb box = box_of(proxy);
+    if (!is_empty(box) && overlaps(box, query)) callback.process(&proxy);
+  });
+}
+
+bool QueryTree::is_current() {
+  if (is_current_.load(std::memory_order_acquire)) return true;
+  const std::lock_guard lock(mutex_);
+  if (is_current_.load(std::memory_order_relaxed)) return true;
+  if (!is_in_use_) {
+    is_in_use_ = true;
+    pool_.for_each([this](const Proxy& proxy) { touch(proxy.id()); });
+  }
+  scanned_ += pool_.slots();
+  if (scanned_ < scans_per_update * stale_.size()) return false;
+  update();
+  is_current_.store(true, std::memory_order_release);
+  return true;
+}
+
+void QueryTree::update() {
+  for (const std::uint32_t id : stale_) {
+    Node& node = nodes_[id];
+    Proxy& proxy = pool_[id];
+    btDbvtVolume box = btDbvtVolume::FromMM(proxy.m_aabbMin, proxy.m_aabbMax);
+    const bool is_found = proxy.is_live() && !is_empty(box_of(proxy));
+    if (is_found && node.leaf != nullptr) {
+      tree_.update(node.leaf, box);
+    } else if (is_found) {
+      node.leaf = tree_.insert(box, &proxy);
+    } else if (node.leaf != nullptr) {
+      tree_.remove(node.leaf);
+      node.leaf = nullptr;
+    }
+    node.is_stale = false;
+  }
+  stale_.clear();
+  scanned_ = 0;
+}
+
+}  // namespace broadcl

@@ -1,0 +1,66 @@
+#pragma once
+
+#include <BulletCollision/BroadphaseCollision/btBroadphaseInterface.h>
+#include <BulletCollision/BroadphaseCollision/btDbvt.h>
+
+#include <atomic>
+#include <cstddef>
+#include <cstdint>
+#include <mutex>
+#include <vector>
+
+#include "bullet/proxy_pool.hpp"
+
+namespace broadcl {
+
+/// Answers ray and box queries with a tree of the proxies' boxes, which is brought up to date when it is
+/// worth it: a query scans all proxies until the scans of a frame have cost about as much as the tree would.
+///
+/// Queries may run in several threads at once and from within one another, but not beside the other
+/// functions. Empty boxes are never found.
+class QueryTree {
+ public:
+  /// @param pool Of all proxies; must outlive this object.
+  explicit QueryTree(const ProxyPool& pool) : pool_(pool) {}
+
+  /// To be called after a proxy was created, destroyed or got another box.
+  void touch(std::uint32_t id) {
+    if (!is_in_use_) return;
+    if (id >= nodes_.size()) nodes_.resize(id + 1);
+    if (nodes_[id].is_stale) return;
+    nodes_[id].is_stale = true;
+    stale_.push_back(id);
+    is_current_.store(false, std::memory_order_relaxed);
+  }
+
+  /// Scans of the last frame count no more.
+  void start_frame() noexcept { scanned_ = 0; }
+
+  /// As btBroadphaseInterface::rayTest().
+  void ray_test(const btVector3& from, btBroadphaseRayCallback& callback, const btVector3& lower,
+                const btVector3& upper);
+
+  /// As btBroadphaseInterface::aabbTest().
+  void aabb_test(const btVector3& lower, const btVector3& upper, btBroadphaseAabbCallback& callback);
+
+ private:
+  struct Node {
+    btDbvtNode* leaf = nullptr;  // owned by the tree
+    bool is_stale = false;
+  };
+
+  /// Counts a query, and updates the tree where it is worth it.
+  bool is_current();
+  void update();
+
+  const ProxyPool& pool_;
+  btDbvt tree_;
+  std::vector<Node> nodes_;           // by id
+  std::vector<std::uint32_t> stale_;  // in the order of the calls
+  std::size_t scanned_ = 0;           // proxies in this frame
+  bool is_in_use_ = false;            // from the first query on
+  std::atomic<bool> is_current_ = false;
+  std::mutex mutex_;  // of all the above, while queries run
+};
+
+}  // namespace broadcl
