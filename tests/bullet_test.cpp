@@ -6,8 +6,11 @@
 #include <memory>
 #include <random>
 #include <set>
+#include <string>
+#include <vector>
 
 #include <btBulletDynamicsCommon.h>
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 namespace broadcl {
@@ -263,46 +266,6 @@ TEST(BulletCache, AUsersClassIsOfferedEveryOverlappingPair) {
   EXPECT_EQ(cache.getNumOverlappingPairs(), 4);
 }
 
-class CountingAlgorithm : public btCollisionAlgorithm {
- public:
-  explicit CountingAlgorithm(int& deaths) : deaths_(deaths) {}
-  ~CountingAlgorithm() override { ++deaths_; }
-  CountingAlgorithm(const CountingAlgorithm&) = delete;
-  CountingAlgorithm& operator=(const CountingAlgorithm&) = delete;
-  CountingAlgorithm(CountingAlgorithm&&) = delete;
-  CountingAlgorithm& operator=(CountingAlgorithm&&) = delete;
-  void processCollision(const btCollisionObjectWrapper* /*a*/, const btCollisionObjectWrapper* /*b*/,
-                        const btDispatcherInfo& /*info*/, btManifoldResult* /*result*/) override {}
-  btScalar calculateTimeOfImpact(btCollisionObject* /*a*/, btCollisionObject* /*b*/,
-                                 const btDispatcherInfo& /*info*/, btManifoldResult* /*result*/) override {
-    return 1;
-  }
-  void getAllContactManifolds(btManifoldArray& /*manifolds*/) override {}
-
- private:
-  int& deaths_;
-};
-
-TEST_F(Bullet, APairThatStaysKeepsItsAlgorithmAndIsFreedOnce) {
-  create_unit(0);
-  btBroadphaseProxy* mover = create_unit(0.5);
-  calculate();
-  int deaths = 0;
-  btBroadphasePair* pair = broadphase_.getOverlappingPairCache()->getOverlappingPairArrayPtr();
-  pair->m_algorithm =
-      new (dispatcher_.allocateCollisionAlgorithm(sizeof(CountingAlgorithm))) CountingAlgorithm(deaths);
-  btCollisionAlgorithm* algorithm = pair->m_algorithm;
-  broadphase_.setAabb(mover, {0.7F, 0, 0}, {1.7F, 1, 1}, &dispatcher_);
-  create_unit(0);
-  calculate();
-  pair = broadphase_.getOverlappingPairCache()->getOverlappingPairArrayPtr();
-  EXPECT_EQ(pair->m_algorithm, algorithm);
-  EXPECT_EQ(deaths, 0);
-  broadphase_.setAabb(mover, {7, 0, 0}, {8, 1, 1}, &dispatcher_);
-  calculate();
-  EXPECT_EQ(deaths, 1);
-}
-
 TEST_F(Bullet, ABadBoxHurtsItsOwnerOnly) {
   const float nan_value = std::numeric_limits<float>::quiet_NaN();
   create_unit(0);
@@ -318,6 +281,25 @@ TEST_F(Bullet, ABadBoxHurtsItsOwnerOnly) {
   broadphase_.setAabb(bad, {0, 0, 0}, {1, nan_value, 1}, &dispatcher_);
   calculate();
   EXPECT_EQ(pairs().size(), 3U);
+}
+
+TEST_F(Bullet, ANaNBoundIsToldOnceEachTimeItTurnsUp) {
+  const float nan_value = std::numeric_limits<float>::quiet_NaN();
+  std::vector<std::string> errors;
+  broadphase_.set_error_handler([&](const std::string& error) { errors.push_back(error); });
+  create_unit(0);
+  btBroadphaseProxy* bad = create({nan_value, 0, 0}, {1, 1, 1});
+  EXPECT_THAT(errors, testing::ElementsAre(testing::HasSubstr("proxy 1 has a NaN bound")));
+  broadphase_.setAabb(bad, {0, nan_value, 0}, {1, 1, 1}, &dispatcher_);
+  calculate();
+  EXPECT_EQ(errors.size(), 1U);
+  broadphase_.setAabb(bad, {0, 0, 0}, {1, 1, 1}, &dispatcher_);
+  calculate();
+  EXPECT_EQ(pairs().size(), 1U) << "the world goes on";
+  broadphase_.setAabb(bad, {0, 0, 0}, {1, 1, nan_value}, &dispatcher_);
+  EXPECT_EQ(errors.size(), 2U);
+  broadphase_.setAabb(bad, {2, 2, 2}, {1, 1, 1}, &dispatcher_);
+  EXPECT_EQ(errors.size(), 2U) << "an inverted box is a way to overlap nothing";
 }
 
 TEST_F(Bullet, PlanesAndInfiniteBoundsMeetEverything) {
