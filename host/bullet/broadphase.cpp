@@ -115,13 +115,16 @@ class BulletBroadphase::Impl {
     const Aabb box = box_of(lower, upper);
     if (predicting_) {
       core_.move(proxy.id(), box);
-      predicted_.push_back(proxy.id());
+      if (!proxy.is_predicted) predicted_.push_back(proxy.id());
+      proxy.is_predicted = true;
       return;
     }
     const bool turns_bad =
         has_nan(to_aabb(lower, upper)) && !has_nan(to_aabb(proxy.m_aabbMin, proxy.m_aabbMax));
-    if (box != box_of(proxy)) {
-      core_.move(proxy.id(), box);
+    const bool is_changed = box != box_of(proxy);
+    if (is_changed || proxy.is_predicted) core_.move(proxy.id(), box);
+    proxy.is_predicted = false;
+    if (is_changed) {
       proxy.changed = calculations_;
       queries_.touch(proxy.id());
     }
@@ -209,7 +212,8 @@ class BulletBroadphase::Impl {
   /// From now on the proxies' own boxes count again, where begin() gave the core predicted ones.
   void take_predictions_back() {
     for (const std::uint32_t id : predicted_) {
-      if (pool_[id].is_live()) core_.move(id, box_of(pool_[id]));
+      if (pool_[id].is_predicted) core_.move(id, box_of(pool_[id]));
+      pool_[id].is_predicted = false;
     }
     predicted_.clear();
   }
