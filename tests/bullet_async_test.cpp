@@ -47,7 +47,9 @@ class Churn {
       const std::size_t slot = random_() % proxies_.size();
       const unsigned what = random_() % 8;
       btBroadphaseProxy*& proxy = proxies_[slot];
-      const btVector3 lower(coordinate(), coordinate(), coordinate());
+      const float x = coordinate();
+      const float y = coordinate();
+      const btVector3 lower(x, y, coordinate());
       const btVector3 upper = lower + btVector3(2, 2, 2);
       if (proxy == nullptr) {
         proxy = broadphase_.createProxy(lower, upper, 0, nullptr, 1 << what % 2, -1, nullptr);
