@@ -39,9 +39,8 @@ class BulletBroadphase : public btBroadphaseInterface {
  public:
   /// Opens the device.
   /// @param config The device and the algorithm.
-  /// @param cache Where pairs go; not owned, must outlive this object. Where null, a
-  /// btHashedOverlappingPairCache of
-  ///   its own is used.
+  /// @param cache Where pairs go; not owned, must outlive this object. Where null, the object makes a
+  ///   btHashedOverlappingPairCache of its own.
   /// @throws Error as BroadPhase does.
   explicit BulletBroadphase(const BroadPhase::Config& config = BroadPhase::Config(),
                             btOverlappingPairCache* cache = nullptr);

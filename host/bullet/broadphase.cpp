@@ -96,7 +96,8 @@ class BulletBroadphase::Impl {
     proxy.m_uniqueId = static_cast<int>(id);
     proxy.m_aabbMin = lower;
     proxy.m_aabbMax = upper;
-    proxy.created = proxy.changed = calculations_;
+    proxy.created = calculations_;
+    mark_changed(proxy);
     queries_.touch(id);
     if (has_nan(to_aabb(lower, upper))) report_nan(proxy);
     return &proxy;
@@ -125,7 +126,7 @@ class BulletBroadphase::Impl {
     if (is_changed || proxy.is_predicted) core_.move(proxy.id(), box);
     proxy.is_predicted = false;
     if (is_changed) {
-      proxy.changed = calculations_;
+      mark_changed(proxy);
       queries_.touch(proxy.id());
     }
     proxy.m_aabbMin = lower;
@@ -159,7 +160,7 @@ class BulletBroadphase::Impl {
     if (is_filtered_anew_ || cache_was_changed) refused_ = pairs_not_cached(delta.added);
 
     std::vector<Pair> removals = difference(delta.removed, refused_);
-    refused_ = difference(refused_, delta.removed);
+    if (!delta.removed.empty()) refused_ = difference(refused_, delta.removed);
     if (is_filtered_anew_) removals = merge(removals, refuse_cached(delta.added));
     remove(removals, cache_was_changed, dispatcher);
     add(merge(delta.added, take_refused_to_offer_again()));
@@ -185,6 +186,8 @@ class BulletBroadphase::Impl {
         "the velocities and the shape of its object");
   }
 
+  void mark_changed(Proxy& proxy) { proxy.changed = last_change_ = calculations_; }
+
   /// What the core is given: where only the cache knows what may pair, all do.
   [[nodiscard]] Filter core_filter(int group, int mask) const {
     if (!filters_by_masks_ || callback_ != nullptr) return {};
@@ -204,7 +207,7 @@ class BulletBroadphase::Impl {
       if (!is_written && !(is_new_callback && proxy.is_live())) return;
       proxy.seen_group = group;
       proxy.seen_mask = mask;
-      proxy.changed = calculations_;
+      mark_changed(proxy);
       core_.set_filter(proxy.id(), core_filter(group, mask));
     });
   }
@@ -223,7 +226,10 @@ class BulletBroadphase::Impl {
     std::vector<Pair> cached;
     const int n = cache_->getNumOverlappingPairs();
     cached.reserve(static_cast<std::size_t>(n));
-    for (int k = 0; k < n; ++k) cached.push_back(pair_of(cache_->getOverlappingPairArrayPtr()[k]));
+    for (int k = 0; k < n; ++k) {
+      const btBroadphasePair& pair = cache_->getOverlappingPairArrayPtr()[k];
+      if (pair.m_pProxy0 != nullptr && pair.m_pProxy1 != nullptr) cached.push_back(pair_of(pair));
+    }
     std::sort(cached.begin(), cached.end());
     return difference(difference(core_.pairs(), added), cached);
   }
@@ -238,9 +244,9 @@ class BulletBroadphase::Impl {
     return cached;
   }
 
-  /// The refused pairs of which an object has changed since the last calculation; all, where they are
-  /// filtered anew.
+  /// The refused pairs of which an object has changed since the last calculation.
   std::vector<Pair> take_refused_to_offer_again() {
+    if (refused_.empty() || last_change_ != calculations_) return {};
     const auto is_changed = [&](std::uint32_t id) { return pool_[id].changed == calculations_; };
     std::vector<Pair> offers;
     std::vector<Pair> kept;
@@ -286,8 +292,9 @@ class BulletBroadphase::Impl {
   ProxyPool pool_;
   QueryTree queries_{pool_};
   std::uint32_t calculations_ = 0;
-  std::vector<Pair>
-      refused_;              // pairs that overlap, but the cache refused them or somebody removed them there
+  std::uint32_t last_change_ = 0;  // number of calculations before a proxy was last changed
+  // Pairs that overlap, but the cache refused them or somebody removed them there.
+  std::vector<Pair> refused_;
   bool predicting_ = false;  // what is set now are boxes of the next step
   std::vector<std::uint32_t> predicted_;
   std::function<void(const std::string&)> on_error_ = print;
