@@ -49,7 +49,7 @@ Result simulate(bool async) {
   btVector3 inertia;
   box.calculateLocalInertia(1, inertia);
   std::vector<std::unique_ptr<btRigidBody>> boxes;
-  for (int k = 0; k < 3000; ++k) {
+  for (int k = 0; k < 6000; ++k) {
     btRigidBody::btRigidBodyConstructionInfo info(1, nullptr, &box, inertia);
     const btVector3 cell(static_cast<float>(k % 20), static_cast<float>(k / 400),
                          static_cast<float>(k / 20 % 20));

@@ -1016,7 +1016,7 @@ TEST_P(Contract, S30ResetPoolRestartsIdsOfAnEmptyPoolOnly) {
 }
 
 TEST_P(Contract, S31TheEndCopesWithLiveProxiesAndADeadDispatcher) {
-  if (unfit("Tree", "proxies that live leak")) return;
+  if (unfit("Tree", "proxies that live leak") || unfit("Sweep", "its tree for rays leaks them")) return;
   btDefaultCollisionConfiguration configuration;
   auto dispatcher = std::make_unique<btCollisionDispatcher>(&configuration);
   bool dead = false;
