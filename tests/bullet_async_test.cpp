@@ -2,6 +2,10 @@
 
 #include <BulletCollision/BroadphaseCollision/btOverlappingPairCache.h>
 #include <BulletCollision/CollisionDispatch/btGhostObject.h>
+#include <BulletDynamics/Featherstone/btMultiBody.h>
+#include <BulletDynamics/Featherstone/btMultiBodyConstraintSolver.h>
+#include <BulletDynamics/Featherstone/btMultiBodyDynamicsWorld.h>
+#include <BulletDynamics/Featherstone/btMultiBodyLinkCollider.h>
 #include <btBulletDynamicsCommon.h>
 
 #include <algorithm>
@@ -287,6 +291,85 @@ TEST(BulletAsync, AWorldOfMixedBodiesGoesTheSameWay) {
     ASSERT_EQ(cached(begun), cached(plain)) << "frame " << frame;
   }
   EXPECT_FALSE(cached(begun).empty());
+}
+
+/// Pairs of hinged boxes that fall on a plane, in Featherstone's coordinates.
+class MultiBodyWorld {
+ public:
+  explicit MultiBodyWorld(btBroadphaseInterface& broadphase)
+      : world_(&dispatcher_, &broadphase, &solver_, &configuration_) {
+    world_.addRigidBody(&floor_);
+    for (int k = 0; k < 8; ++k) add(0.7F * static_cast<float>(k));
+  }
+  ~MultiBodyWorld() {
+    for (const auto& collider : colliders_) world_.removeCollisionObject(collider.get());
+    for (const auto& body : bodies_) world_.removeMultiBody(body.get());
+    world_.removeRigidBody(&floor_);
+  }
+  MultiBodyWorld(const MultiBodyWorld&) = delete;
+  MultiBodyWorld& operator=(const MultiBodyWorld&) = delete;
+  MultiBodyWorld(MultiBodyWorld&&) = delete;
+  MultiBodyWorld& operator=(MultiBodyWorld&&) = delete;
+
+  void step() { world_.stepSimulation(AsyncWorld::time_step, 0); }
+  btMultiBodyDynamicsWorld& bullet() { return world_; }
+  std::vector<btScalar> state() {
+    std::vector<btScalar> result;
+    for (const auto& collider : colliders_) {
+      const btVector3& origin = collider->getWorldTransform().getOrigin();
+      result.insert(result.end(), origin.m_floats, origin.m_floats + 3);
+    }
+    return result;
+  }
+
+ private:
+  void add(float x) {
+    bodies_.push_back(std::make_unique<btMultiBody>(1, 1.0F, btVector3(1, 1, 1), false, false));
+    btMultiBody& body = *bodies_.back();
+    body.setBasePos({x, 2 + x / 3, 0});
+    body.setupRevolute(0, 1, {1, 1, 1}, -1, btQuaternion::getIdentity(), {0, 0, 1}, {0.5F, 0, 0},
+                       {0.5F, 0, 0}, true);
+    body.finalizeMultiDof();
+    world_.addMultiBody(&body);
+    for (const int link : {-1, 0}) {
+      colliders_.push_back(std::make_unique<btMultiBodyLinkCollider>(&body, link));
+      btMultiBodyLinkCollider* collider = colliders_.back().get();
+      collider->setCollisionShape(&shape_);
+      world_.addCollisionObject(collider, 1, 3);
+      if (link < 0) {
+        body.setBaseCollider(collider);
+      } else {
+        body.getLink(link).m_collider = collider;
+      }
+    }
+  }
+
+  btDefaultCollisionConfiguration configuration_;
+  btCollisionDispatcher dispatcher_{&configuration_};
+  btMultiBodyConstraintSolver solver_;
+  btBoxShape shape_{{0.4F, 0.3F, 0.3F}};
+  btStaticPlaneShape plane_{{0, 1, 0}, 0};
+  btRigidBody floor_{btRigidBody::btRigidBodyConstructionInfo(0, nullptr, &plane_)};
+  std::vector<std::unique_ptr<btMultiBody>> bodies_;
+  std::vector<std::unique_ptr<btMultiBodyLinkCollider>> colliders_;
+  btMultiBodyDynamicsWorld world_;
+};
+
+TEST(BulletAsync, AWorldOfMultiBodiesGoesTheSameWay) {
+  BulletBroadphase begun;
+  BulletBroadphase plain;
+  MultiBodyWorld begun_world(begun);
+  MultiBodyWorld plain_world(plain);
+  const std::vector<btScalar> start = plain_world.state();
+  for (int frame = 0; frame < 200; ++frame) {
+    begun_world.step();
+    plain_world.step();
+    begun.begin(begun_world.bullet(), AsyncWorld::time_step);
+    ASSERT_EQ(begun_world.state(), plain_world.state()) << "frame " << frame;
+    ASSERT_EQ(cached(begun), cached(plain)) << "frame " << frame;
+  }
+  EXPECT_NE(plain_world.state(), start);
+  EXPECT_GT(cached(plain).size(), 10U);
 }
 
 TEST(BulletAsync, AWorldOnAnotherBroadPhaseIsAnError) {
