@@ -132,6 +132,14 @@ TEST_F(Bullet, FiltersWrittenInPlaceTakeEffectInTheNextCalculation) {
   EXPECT_EQ(pairs().size(), 3U);
 }
 
+TEST_F(Bullet, ANewProxyPairsWithThoseThatHaveFilters) {
+  create_unit(0, 2, all_bits);
+  calculate();
+  create_unit(0);
+  calculate();
+  EXPECT_EQ(pairs(), (IdPairs{{0, 1}}));
+}
+
 TEST_F(Bullet, NothingIsAskedOfTheDeviceWhereNothingHasChanged) {
   for (int k = 0; k < 10; ++k) create_unit(0);
   calculate();
