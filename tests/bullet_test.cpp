@@ -266,6 +266,36 @@ class OddCache final : public btHashedOverlappingPairCache {
   }
 };
 
+/// A user's: it must hold what it is asked to remove.
+class StrictCache final : public btHashedOverlappingPairCache {
+ public:
+  void* removeOverlappingPair(btBroadphaseProxy* s, btBroadphaseProxy* t, btDispatcher* dispatcher) override {
+    EXPECT_NE(findPair(s, t), nullptr);
+    ++removals;
+    return btHashedOverlappingPairCache::removeOverlappingPair(s, t, dispatcher);
+  }
+  int removals = 0;
+};
+
+TEST(BulletCache, IsAskedToRemoveOnlyWhatItHolds) {
+  StrictCache cache;
+  BulletBroadphase broadphase({}, &cache);
+  const auto create = [&] {
+    return broadphase.createProxy({0, 0, 0}, {1, 1, 1}, 0, nullptr, 1, all_bits, nullptr);
+  };
+  btBroadphaseProxy* first = create();
+  btBroadphaseProxy* second = create();
+  broadphase.calculateOverlappingPairs(nullptr);
+  broadphase.destroyProxy(first, nullptr);
+  EXPECT_EQ(cache.removals, 1);
+  EXPECT_EQ(create()->m_uniqueId, 0);
+  broadphase.calculateOverlappingPairs(nullptr);
+  EXPECT_EQ(cache.removals, 1);
+  broadphase.setAabb(second, {5, 0, 0}, {6, 1, 1}, nullptr);
+  broadphase.calculateOverlappingPairs(nullptr);
+  EXPECT_EQ(cache.removals, 2);
+}
+
 TEST(BulletCache, AUsersClassIsOfferedEveryOverlappingPair) {
   OddCache cache;
   BulletBroadphase broadphase({}, &cache);
