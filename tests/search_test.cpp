@@ -221,7 +221,7 @@ TEST(BruteForce, IdsPast24Bits) {
   if (test::is_slow_device()) GTEST_SKIP() << "takes minutes on this device";
   constexpr std::uint32_t n = 17'000'000;
   constexpr std::uint32_t past = (1U << 24) + 1;
-  const auto algorithm = make_brute_force({});
+  const auto algorithm = make_algorithm({.algorithm = "brute-force"});
   algorithm->reserve(n);
   std::ranges::fill(algorithm->boxes(), empty_aabb());
   // More pairs than are put in order without sorting.
