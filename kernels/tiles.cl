@@ -5,9 +5,10 @@
    The order may be an old one: bounds are made anew each frame, so that results are exact, and only the work grows as boxes
    move away from those they were put beside. The search counts its work for the host, which sorts when it has grown.
 
-   The order is that of a k-d tree that halves the longest edge of its cells: in a cube that of Morton codes ("A Computer
-   Oriented Geodetic Data Base", G. M. Morton, 1966), in flat and long worlds with more bits for the longer edges. Boxes much
-   larger than others stand at the end, where they do not widen the bounds of small ones, and every tile meets them. */
+   The order is that of Hilbert's curve through a grid of 1024^3 cells (J. Skilling, "Programming the Hilbert curve", AIP
+   Conference Proceedings 707, 2004). It never leaps, as Morton's does: a tile that lies across a leap would meet half of
+   the world. Boxes much larger than others stand at the end, where they do not widen the bounds of small ones, and every
+   tile meets them. */
 
 #include "aabb.h"
 #include "delta.h"
@@ -22,8 +23,8 @@
 
 #define NODE 32U                        /* children of a node; boxes of a tile are a node's children too */
 #define NODE_FLOATS (NODE * AABB_FLOATS) /* lower x of all children, then lower y, ... */
-#define CODE_BITS 30
-#define LARGE_CODE (1U << CODE_BITS)
+#define AXIS_BITS 10U
+#define LARGE_CODE (1U << (3U * AXIS_BITS))
 #define EMPTY_CODE (LARGE_CODE + 1U)
 #define FLUSH 256U     /* hits that are worth being put */
 #define CANDIDATES 96U /* boxes that overlap a tile's bounds that are worth being tested */
@@ -80,6 +81,29 @@ kernel void tiles_extent(const uint n, global const float* restrict boxes, globa
   }
 }
 
+/* Place of a cell on Hilbert's curve. */
+static inline uint hilbert(uint cell[3]) {
+  for (uint bit = 1U << (AXIS_BITS - 1U); bit > 1U; bit >>= 1) {
+    const uint below = bit - 1U;
+    for (uint i = 0; i < 3U; ++i) {
+      const uint swapped = (cell[i] & bit) != 0U ? 0U : (cell[0] ^ cell[i]) & below;
+      cell[0] ^= (cell[i] & bit) != 0U ? below : swapped;
+      if (i > 0U) cell[i] ^= swapped;
+    }
+  }
+  cell[1] ^= cell[0];
+  cell[2] ^= cell[1];
+  uint flips = 0;
+  for (uint bit = 1U << (AXIS_BITS - 1U); bit > 1U; bit >>= 1) {
+    if ((cell[2] & bit) != 0U) flips ^= bit - 1U;
+  }
+  uint code = 0;
+  for (uint bit = AXIS_BITS; bit-- > 0U;) {
+    for (uint i = 0; i < 3U; ++i) code = code << 1 | ((cell[i] ^ flips) >> bit & 1U);
+  }
+  return code;
+}
+
 /* Elements to sort: slot, and place in the order of space. */
 kernel void tiles_keys(const uint n, global const float* restrict boxes, global const uint* restrict extent,
                        global uint2* restrict elements) {
@@ -87,29 +111,24 @@ kernel void tiles_keys(const uint n, global const float* restrict boxes, global 
   if (k >= n) return;
   global const float* box = boxes + (size_t)k * AABB_FLOATS;
   float corner[3];
-  float size[3];
   float longest = 0;
   for (uint i = 0; i < 3U; ++i) {
     corner[i] = from_ordered(extent[i]);
-    size[i] = from_ordered(extent[3 + i]) - corner[i];
-    longest = max(longest, size[i]);
+    longest = max(longest, from_ordered(extent[3 + i]) - corner[i]);
   }
   const float3 m = middle(box);
   const float3 edges = vload3(1, box) - vload3(0, box);
-  uint code = 0;
-  if (isnan(box[0])) {
-    code = EMPTY_CODE;
-  } else if (isnan(m.x) || !(max(edges.x, max(edges.y, edges.z)) <= longest * 0.125F)) {
-    code = LARGE_CODE;
+  uint code = EMPTY_CODE;
+  if (isnan(m.x) || !(max(edges.x, max(edges.y, edges.z)) <= longest * 0.125F)) {
+    if (!isnan(box[0])) code = LARGE_CODE;
   } else {
+    const float cells = (float)(1U << AXIS_BITS);
     const float place[3] = {m.x, m.y, m.z};
-    for (uint bit = 0; bit < CODE_BITS; ++bit) {
-      const uint i = size[0] >= size[1] && size[0] >= size[2] ? 0U : size[1] >= size[2] ? 1U : 2U;
-      size[i] *= 0.5F;
-      const bool above = place[i] >= corner[i] + size[i];
-      if (above) corner[i] += size[i];
-      code = code << 1 | (above ? 1U : 0U);
+    uint cell[3];
+    for (uint i = 0; i < 3U; ++i) {
+      cell[i] = longest > 0 ? (uint)min((place[i] - corner[i]) / longest * cells, cells - 1.0F) : 0U;
     }
+    code = hilbert(cell);
   }
   elements[k] = (uint2)(k, code);
 }

@@ -78,7 +78,8 @@ class BroadPhase {
   /// is
   ///   an error of the next update(), which names the first and changes nothing; write a proper box and call
   ///   it again.
-  /// @throws Error between begin() and finish(), and where memory for the boxes cannot be had.
+  /// @throws Error while an update that begin() started is not finished, and where memory for the boxes
+  /// cannot be had.
   std::span<Aabb> map(std::size_t n);
 
   /// Finds every pair of overlapping boxes that their filters let pair, and returns what changed since the
@@ -98,7 +99,7 @@ class BroadPhase {
   Delta finish();
 
   /// All pairs as of the last update, in canonical order.
-  /// @throws Error between begin() and finish(), and when the device fails.
+  /// @throws Error while an update that begin() started is not finished, and when the device fails.
   [[nodiscard]] std::vector<Pair> pairs() const;
 
   /// Number of objects.
