@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 """bench/plot.py OUT.svg RESULT.json [RESULT.json ...]: draws frame times over the number of boxes, a panel a device,
-and prints them as tables in Markdown.
+and prints them as tables in Markdown; bench/plot.py UPDATES.json prints the times of updates as a table.
 
 Needs matplotlib (Debian, Ubuntu: apt install python3-matplotlib). The results are those of `scripts/bench`.
 """
@@ -38,7 +38,24 @@ def print_table(device, series):
     print()
 
 
+def print_updates(path):
+    """A row a benchmark: mean, p95 and longest of its frames, and the mean from ordinary memory."""
+    with open(path, encoding="utf-8") as file:
+        result = json.load(file)
+    rows = {row["run_name"].split("/iterations")[0]: row for row in result["benchmarks"]}
+    print(f"| {result['context']['device']}, microseconds | mean | p95 | longest | from ordinary memory | changes |")
+    print("| --- |" + " ---: |" * 5)
+    for name, row in rows.items():
+        if name.startswith("update-from-memory/"):
+            continue
+        other = rows.get(name.replace("update/", "update-from-memory/", 1)) if name.startswith("update/") else None
+        cells = [row["real_time"], row["p95_us"], row["max_us"], other["real_time"] if other else None, row["changes"]]
+        print(f"| `{name}` | " + " | ".join("" if cell is None else f"{cell:,.4g}" for cell in cells) + " |")
+
+
 def main():
+    if len(sys.argv) == 2 and sys.argv[1].endswith(".json"):
+        return print_updates(sys.argv[1])
     if len(sys.argv) < 3:
         sys.exit(__doc__)
     results = [read(path) for path in sys.argv[2:]]

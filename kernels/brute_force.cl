@@ -57,14 +57,28 @@ static inline INTS test_boxes(const boxes_t* s, const row_t t) {
 }
 
 #if GROUP > 1
-/* Boxes that overlap still do so when all their bounds are made finite. */
-#define FINITE(bounds) (fmin(fmax(bounds, -FLT_MAX), FLT_MAX) + 0.0F)
+/* Bounds without infinities and negative zeros; boxes that overlap still do. (Zeros by their bits, since compilers drop
+   the addition of 0.) */
+static inline float finite(const float bound) {
+  const float f = fmin(fmax(bound, -FLT_MAX), FLT_MAX);
+  return as_uint(f) == 0x80000000U ? 0.0F : f;
+}
+static inline FLOATS finite_lanes(const FLOATS bounds) {
+  const INTS bits = AS_INTS(fmin(fmax(bounds, -FLT_MAX), FLT_MAX));
+  return AS_FLOATS(select(bits, (INTS)(0), bits == (INTS)(INT_MIN)));
+}
+#define FINITE(bounds) finite_lanes(bounds)
 
-static inline row_t finite_row(row_t row) {
+static inline row_t finite_row(const row_t row) {
   const bool empty = isnan(row.lower.x) != 0;
-  row.lower.xyz = empty ? (float3)(FLT_MAX) : FINITE(row.lower.xyz);
-  row.upper.xyz = empty ? (float3)(-FLT_MAX) : FINITE(row.upper.xyz);
-  return row;
+  row_t result = row;
+  result.lower.x = empty ? FLT_MAX : finite(row.lower.x);
+  result.lower.y = finite(row.lower.y);
+  result.lower.z = finite(row.lower.z);
+  result.upper.x = empty ? -FLT_MAX : finite(row.upper.x);
+  result.upper.y = finite(row.upper.y);
+  result.upper.z = finite(row.upper.z);
+  return result;
 }
 
 /* Negative where a lane may overlap. */

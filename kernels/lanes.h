@@ -11,6 +11,7 @@
 #define FLOATS PASTE(float, WIDTH)
 #define INTS PASTE(int, WIDTH)
 #define AS_INTS PASTE(as_int, WIDTH)
+#define AS_FLOATS PASTE(as_float, WIDTH)
 
 /* The same bound of WIDTH boxes that follow each other. */
 #define BOUNDS_4(p) (p)[0], (p)[6], (p)[12], (p)[18]

@@ -143,7 +143,7 @@ void PairDelta::enqueue_sweep() {
   sweep_.setArg(k++, last_.kept);
   sweep_.setArg(k++, removed_);
   sweep_.setArg(k++, counts_[turn_]);
-  // Each goes through some entries, but never so many that llvmpipe would end it.
+  // Each goes through some entries, but never so many that llvmpipe would end it (see shape_of()).
   const std::size_t useful = context_.device().compute_units * std::size_t{1024};
   const std::size_t items =
       std::max<std::size_t>(last_.mask / 4096 + 1, std::min<std::size_t>(last_.mask, useful));

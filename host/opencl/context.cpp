@@ -12,9 +12,15 @@
 namespace broadcl::opencl {
 namespace {
 
+/// A CPU, but for Mesa's llvmpipe: it silently ends a work-item after 65,535 rounds of its loops, so that few
+/// work-items cannot do much.
+bool wants_few_work_items(const Device& device) {
+  return device.type == DeviceType::cpu && device.name.find("llvmpipe") == std::string::npos;
+}
+
 Shape shape_of(const Device& device) {
   const auto wanted = environment("BROADCL_SHAPE");
-  if (!wanted) return device.type == DeviceType::cpu ? Shape::cpu : Shape::gpu;
+  if (!wanted) return wants_few_work_items(device) ? Shape::cpu : Shape::gpu;
   if (*wanted != "gpu" && *wanted != "cpu")
     throw Error("BROADCL_SHAPE is '" + *wanted + "'; set it to gpu or cpu");
   return *wanted == "cpu" ? Shape::cpu : Shape::gpu;
