@@ -179,6 +179,7 @@ void register_all() {
       const std::string name = "kernel/" + std::string(algorithm.name) + "/" + std::to_string(n);
       benchmark::RegisterBenchmark(name.c_str(), time_kernel, algorithm, n)
           ->UseManualTime()
+          ->Iterations(n > 20000 ? 20 : 200)
           ->Unit(benchmark::kMicrosecond);
     }
   }

@@ -2,15 +2,10 @@
 """bench/plot.py OUT.svg RESULT.json [RESULT.json ...]: draws frame times over the number of boxes, a panel a device,
 and prints them as tables in Markdown; bench/plot.py UPDATES.json prints the times of updates as a table.
 
-Needs matplotlib (Debian, Ubuntu: apt install python3-matplotlib). The results are those of `scripts/bench`.
+A picture needs matplotlib (Debian, Ubuntu: apt install python3-matplotlib). The results are those of `scripts/bench`.
 """
 import json
 import sys
-
-import matplotlib
-
-matplotlib.use("svg")
-import matplotlib.pyplot as plt  # noqa: E402
 
 SCENE = "mixed"
 STYLES = {"bullet-bf": ":", "bullet-sap": "-.", "bullet-bvh": "--"}
@@ -58,6 +53,11 @@ def main():
         return print_updates(sys.argv[1])
     if len(sys.argv) < 3:
         sys.exit(__doc__)
+    import matplotlib  # for pictures only
+
+    matplotlib.use("svg")
+    import matplotlib.pyplot as plt
+
     results = [read(path) for path in sys.argv[2:]]
     figure, axes = plt.subplots(1, len(results), figsize=(5.5 * len(results), 3.8), sharey=True, squeeze=False)
     for (device, series), panel in zip(results, axes[0]):
