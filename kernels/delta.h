@@ -50,11 +50,14 @@ static inline uint hash_pair(const uint2 pair) {
 }
 
 /* Reserves places for `total` pairs; returns the first. Where there are too many pairs for 32 bits, places would come a
-   second time: it is the largest uint, from which on nothing fits. */
+   second time: it is the largest uint then, from which on nothing fits. Work-groups that are in here while the count wraps
+   may still get such places, fewer than a table has to spare. */
 static inline uint reserve_pairs(const pair_sink_t* sink, const uint total) {
+  const uint high = sink->counts[COUNT_FOUND_HIGH];
   const uint base = atomic_add(&sink->counts[COUNT_FOUND], total);
-  const uint carry = base + total < base ? 1U : 0U;
-  return (atomic_add(&sink->counts[COUNT_FOUND_HIGH], carry) | carry) != 0U ? UINT_MAX : base;
+  const bool wraps = base + total < base;
+  if (wraps) atomic_inc(&sink->counts[COUNT_FOUND_HIGH]);
+  return high != 0U || wraps ? UINT_MAX : base;
 }
 
 static inline bool was_in_last_frame(const pair_sink_t* sink, const uint2 pair, const uint hash) {
