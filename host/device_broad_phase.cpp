@@ -68,16 +68,16 @@ class DeviceBroadPhase::Impl {
       reserve(boxes.count);
       gather(boxes);
       const cl::Buffer filters = boxes.filters == nullptr ? stamps_ : padded_filters(boxes);
-      const Search search{.slots = static_cast<cl_uint>(boxes.count),
-                          .boxes = boxes_,
-                          .filters = filters,
-                          .any_filters = boxes.filters != nullptr,
-                          .worlds = boxes.worlds && boxes.filters != nullptr,
-                          .changed = stamps_,
-                          .stamps = {.words = stamps_}};
+      search_ = {.slots = static_cast<cl_uint>(boxes.count),
+                 .boxes = boxes_,
+                 .filters = filters,
+                 .any_filters = boxes.filters != nullptr,
+                 .worlds = boxes.worlds && boxes.filters != nullptr,
+                 .changed = stamps_,
+                 .stamps = {.words = stamps_}};
       delta_.begin({.slots = boxes.count,
-                    .stamps = search.stamps,
-                    .find = [this, search] { finder_->find(search, delta_, profiler_); },
+                    .stamps = search_.stamps,
+                    .find = [this] { finder_->find(search_, delta_, profiler_); },
                     .stays_on_device = true});
       context_.queue().flush();
     });
@@ -167,6 +167,7 @@ class DeviceBroadPhase::Impl {
   opencl::Profiler profiler_;
   PairDelta delta_;
   std::unique_ptr<PairFinder> finder_;
+  Search search_;  // of the update that was begun
   cl::Kernel gather_;
   cl::Buffer boxes_, filters_, stamps_, pairs_;
   std::size_t capacity_ = 0;  // of boxes_

@@ -17,7 +17,7 @@
 namespace broadcl {
 
 /// Which slots changed in an update: a word a slot, as kernels/stamp.h has them.
-struct Stamps {
+struct Stamps {  // NOLINT(bugprone-exception-escape): handles do not throw when moved
   cl::Buffer words;
   cl_uint stamp = 0;         ///< Of this update.
   bool any_renewed = false;  ///< Whether the object of some slot is another one.
@@ -31,7 +31,7 @@ struct Stamps {
 class PairDelta {
  public:
   /// What a frame needs.
-  struct Frame {
+  struct Frame {            // NOLINT(bugprone-exception-escape): as above
     std::size_t slots = 0;  ///< Pairs are of slots below.
     Stamps stamps;
     /// Whether pairs of the last frame of which neither object changed stay without having been found again.
@@ -43,7 +43,7 @@ class PairDelta {
   };
 
   /// What changed, each list in canonical order, in buffers that stay as they are until the next frame.
-  struct OnDevice {
+  struct OnDevice {  // NOLINT(bugprone-exception-escape): as above
     cl::Buffer added;
     std::size_t added_count = 0;
     cl::Buffer removed;

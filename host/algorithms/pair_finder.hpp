@@ -7,7 +7,7 @@
 namespace broadcl {
 
 /// Objects on the device, to be searched for pairs.
-struct Search {
+struct Search {  // NOLINT(bugprone-exception-escape): handles do not throw when moved
   cl_uint slots = 0;
   cl::Buffer boxes;  ///< Six floats a slot; readable, though not used, `Search::padding` slots past the last.
   cl::Buffer filters;  ///< A uint4 a slot, padded alike; not read unless any_filters.

@@ -176,8 +176,8 @@ Device describe(const cl::CommandQueue& queue) {
   return translate_errors("the queue's device", [&] {
     const auto device = queue.getInfo<CL_QUEUE_DEVICE>();
     cl::Device whole = device;
-    while (const cl_device_id parent = whole.getInfo<CL_DEVICE_PARENT_DEVICE>()())
-      whole = cl::Device(parent, true);
+    for (cl::Device part = device; part() != nullptr; part = part.getInfo<CL_DEVICE_PARENT_DEVICE>())
+      whole = part;
     const cl::Platform platform(device.getInfo<CL_DEVICE_PLATFORM>(), true);
     const std::vector<cl::Platform> platforms = all_platforms();
     const std::vector<cl::Device> siblings = all_devices(platform);
