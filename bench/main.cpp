@@ -124,8 +124,10 @@ void time_some_moving(benchmark::State& state, std::uint32_t n, std::uint32_t mo
   Frames frames(state);
   for ([[maybe_unused]] auto _ : state) {
     boxes.advance();
-    for (std::uint32_t k = 0; k < moving; ++k)
-      broad_phase.move(k * (n / moving), boxes.boxes()[k * (n / moving)]);
+    for (std::uint32_t k = 0; k < moving; ++k) {
+      const std::uint32_t id = k * (n / moving);
+      broad_phase.move(id, boxes.boxes()[id]);
+    }
     frames.time([&] { return size(broad_phase.update()); });
   }
   frames.report();
