@@ -60,16 +60,18 @@ def main():
 
     results = [read(path) for path in sys.argv[2:]]
     figure, axes = plt.subplots(1, len(results), figsize=(5.5 * len(results), 3.8), sharey=True, squeeze=False)
+    names = sorted({name for _, series in results for name in series})
     for (device, series), panel in zip(results, axes[0]):
         print_table(device, series)
         for name, points in series.items():
             boxes, times = zip(*sorted(points))
             panel.plot(boxes, [t / 1000 for t in times], STYLES.get(name, "-"), marker="o", markersize=3, label=name,
+                       color=f"C{names.index(name)}",
                        linewidth=1.5 if name in STYLES else 2.5)
         panel.set(title=device.split(" / ")[-1], xlabel="boxes, all moving, mixed sizes", xscale="log", yscale="log")
         panel.grid(alpha=0.3)
     axes[0][0].set_ylabel("one frame, ms")
-    axes[0][0].legend()
+    max(zip(results, axes[0]), key=lambda pair: len(pair[0][1]))[1].legend()
     figure.tight_layout()
     figure.savefig(sys.argv[1], metadata={"Date": None})
 
