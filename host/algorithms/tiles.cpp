@@ -82,6 +82,7 @@ class Tiles final : public PairFinder {
 
   void sort(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) {
     const opencl::Profiler::Scope stage(profiler, "sort");
+    sorted_slots_ = 0;  // until all of it is enqueued: half a sort may have a slot twice
     const cl::CommandQueue& queue = context_.queue();
     constexpr std::size_t bytes = 3 * sizeof(cl_uint);
     queue.enqueueFillBuffer(extent_, ~cl_uint{0}, 0, bytes);
