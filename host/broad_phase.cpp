@@ -4,7 +4,6 @@
 #include <array>
 #include <bit>
 #include <functional>
-#include <iterator>
 #include <limits>
 #include <optional>
 #include <queue>
@@ -12,6 +11,8 @@
 #include <utility>
 
 #include "algorithms/algorithm.hpp"
+#include "change_set.hpp"
+#include "pair_lists.hpp"
 
 namespace broadcl {
 namespace {
@@ -33,57 +34,6 @@ bool same_bits(const Aabb& s, const Aabb& t) {
   return std::bit_cast<Bits>(s) == std::bit_cast<Bits>(t);
 }
 
-/// A set of slots that remembers the order in which they came, and is emptied at once.
-class SlotSet {
- public:
-  void insert(std::uint32_t slot) {
-    if (slot >= since_.size()) since_.resize(std::max<std::size_t>(slot + 1, 2 * since_.size()));
-    if (since_[slot] == epoch_) return;
-    since_[slot] = epoch_;
-    slots_.push_back(slot);
-  }
-  void insert(std::span<const std::uint32_t> slots) {
-    for (const std::uint32_t slot : slots) insert(slot);
-  }
-  void clear() {
-    slots_.clear();
-    if (++epoch_ != 0) return;
-    std::fill(since_.begin(), since_.end(), 0);
-    epoch_ = 1;
-  }
-  [[nodiscard]] bool contains(std::uint32_t slot) const {
-    return slot < since_.size() && since_[slot] == epoch_;
-  }
-  [[nodiscard]] const std::vector<std::uint32_t>& slots() const noexcept { return slots_; }
-  void sort() { std::sort(slots_.begin(), slots_.end()); }
-
- private:
-  std::vector<std::uint32_t> slots_;
-  std::vector<std::uint32_t> since_;  // the epoch in which a slot came
-  std::uint32_t epoch_ = 1;
-};
-
-/// What changed of the objects in some time.
-struct ChangeSet {
-  SlotSet changed;
-  SlotSet renewed;       // of changed, those whose object is another one
-  bool all = false;      // all changed
-  bool filters = false;  // a filter changed
-
-  [[nodiscard]] bool empty() const noexcept { return !all && changed.slots().empty(); }
-  void clear() {
-    changed.clear();
-    renewed.clear();
-    all = filters = false;
-  }
-  void add(const ChangeSet& other) {
-    changed.insert(other.changed.slots());
-    renewed.insert(other.renewed.slots());
-    all = all || other.all;
-    filters = filters || other.filters;
-  }
-};
-
 /// Changes of pairs that are nobody else's.
 struct OwnDelta {
   std::vector<Pair> added;
@@ -92,25 +42,13 @@ struct OwnDelta {
 
 /// What two updates changed together. Where a pair ended in the first and began again in the second, nothing
 /// changed, unless an object of it was renewed in between.
-OwnDelta merge(const OwnDelta& first, const Delta& second, const SlotSet& renewed) {
-  const auto without = [](const auto& s, const auto& t) {
-    std::vector<Pair> result;
-    std::set_difference(s.begin(), s.end(), t.begin(), t.end(), std::back_inserter(result));
-    return result;
-  };
-  const auto with = [](const auto& s, const auto& t) {
-    std::vector<Pair> result;
-    std::set_union(s.begin(), s.end(), t.begin(), t.end(), std::back_inserter(result));
-    return result;
-  };
-  OwnDelta both{.added = with(without(first.added, second.removed), second.added),
-                .removed = with(first.removed, without(second.removed, first.added))};
-  std::vector<Pair> back;
-  std::set_intersection(both.added.begin(), both.added.end(), both.removed.begin(), both.removed.end(),
-                        std::back_inserter(back));
+OwnDelta merge_deltas(const OwnDelta& first, const Delta& second, const SlotSet& renewed) {
+  OwnDelta both{.added = merge(difference(first.added, second.removed), second.added),
+                .removed = merge(first.removed, difference(second.removed, first.added))};
+  std::vector<Pair> back = intersection(both.added, both.removed);
   std::erase_if(back, [&](const Pair& pair) { return renewed.contains(pair.a) || renewed.contains(pair.b); });
   if (back.empty()) return both;
-  return {.added = without(both.added, back), .removed = without(both.removed, back)};
+  return {.added = difference(both.added, back), .removed = difference(both.removed, back)};
 }
 
 }  // namespace
@@ -329,7 +267,7 @@ class BroadPhase::Impl {
   void keep(const Delta& delta) {
     pending_renewed_.insert(flight_.renewed.slots());
     if (pending_) {
-      pending_ = merge(*pending_, delta, pending_renewed_);
+      pending_ = merge_deltas(*pending_, delta, pending_renewed_);
     } else {
       pending_ = OwnDelta{.added = {delta.added.begin(), delta.added.end()},
                           .removed = {delta.removed.begin(), delta.removed.end()}};

@@ -11,6 +11,7 @@
 #include "algorithms/pair_finder.hpp"
 #include "opencl/context.hpp"
 #include "opencl/error.hpp"
+#include "opencl/launch.hpp"
 #include "opencl/profiler.hpp"
 #include "opencl/shared_buffer.hpp"
 
@@ -138,15 +139,11 @@ class DeviceBroadPhase::Impl {
     opencl::Profiler::Scope stage(profiler_, "gather");
     bad_.upload(sizeof(Bad));
     if (boxes.count > 0) {
-      cl_uint k = 0;
-      gather_.setArg(k++, static_cast<cl_uint>(boxes.count));
-      gather_.setArg(k++, cl::Buffer(boxes.buffer, true));
-      gather_.setArg(k++, static_cast<cl_ulong>(boxes.offset / sizeof(float)));
-      gather_.setArg(k++, static_cast<cl_ulong>(boxes.stride / sizeof(float)));
-      gather_.setArg(k++, boxes_);
-      gather_.setArg(k++, bad_.device());
+      opencl::set_arguments(gather_, 0, static_cast<cl_uint>(boxes.count), cl::Buffer(boxes.buffer, true),
+                            static_cast<cl_ulong>(boxes.offset / sizeof(float)),
+                            static_cast<cl_ulong>(boxes.stride / sizeof(float)), boxes_, bad_.device());
       context_.queue().enqueueNDRangeKernel(gather_, cl::NullRange,
-                                            cl::NDRange((boxes.count + group - 1) / group * group),
+                                            cl::NDRange(opencl::round_up(boxes.count, group)),
                                             cl::NDRange(group), nullptr, stage.event());
     }
     bad_.download(sizeof(Bad));

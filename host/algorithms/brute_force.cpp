@@ -6,6 +6,7 @@
 #include "algorithms/algorithm.hpp"
 #include "algorithms/pair_finder.hpp"
 #include "opencl/error.hpp"
+#include "opencl/launch.hpp"
 
 namespace broadcl {
 namespace {
@@ -37,23 +38,18 @@ class BruteForce final : public PairFinder {
     if (n < 2 || row_count == 0) return;
     cl::Kernel& kernel = this->kernel(search.worlds);
     opencl::Profiler::Scope stage(profiler, "test");
-    const std::size_t columns = (n + cut_.width - 1) / cut_.width;
+    const std::size_t columns = opencl::divide_up(n, cut_.width);
     // Half of the rows of an average column come before its boxes.
     const std::size_t runs = columns * row_count / (search.all ? 2 : 1);
     const std::size_t wanted = runs / (std::size_t{context_.device().compute_units} * cut_.items);
     const std::size_t rows = std::clamp<std::size_t>(wanted, cut_.min_rows, cut_.max_rows);
-    cl_uint k = 0;
-    kernel.setArg(k++, n);
-    kernel.setArg(k++, row_count);
-    kernel.setArg(k++, static_cast<cl_uint>(rows));
-    kernel.setArg(k++, search.boxes);
-    kernel.setArg(k++, search.changed);
-    kernel.setArg(k++, search.any_filters ? cl_uint{1} : cl_uint{0});
-    kernel.setArg(k++, search.filters);
+    cl_uint k =
+        opencl::set_arguments(kernel, 0, n, row_count, static_cast<cl_uint>(rows), search.boxes,
+                              search.changed, search.any_filters ? cl_uint{1} : cl_uint{0}, search.filters);
     sink.set_sink(kernel, k);
     context_.queue().enqueueNDRangeKernel(
         kernel, cl::NullRange,
-        cl::NDRange((columns + cut_.group - 1) / cut_.group * cut_.group, (row_count + rows - 1) / rows),
+        cl::NDRange(opencl::round_up(columns, cut_.group), opencl::divide_up(row_count, rows)),
         cl::NDRange(cut_.group, 1), nullptr, stage.event());
   }
 

@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "opencl/error.hpp"
+#include "opencl/launch.hpp"
 
 namespace broadcl {
 namespace {
@@ -94,16 +95,9 @@ cl_uint DeviceObjects::upload_changes(const Changes& changes) {
 void DeviceObjects::apply_changes(cl_uint count) {
   if (count == 0) return;
   opencl::Profiler::Scope stage(profiler_, "apply");
-  cl_uint k = 0;
-  apply_.setArg(k++, count);
-  apply_.setArg(k++, changes_.device());
-  apply_.setArg(k++, stamp_);
-  apply_.setArg(k++, boxes_.device());
-  apply_.setArg(k++, stamps_);
-  apply_.setArg(k++, changed_);
-  context_.queue().enqueueNDRangeKernel(apply_, cl::NullRange,
-                                        cl::NDRange((count + group - 1) / group * group), cl::NDRange(group),
-                                        nullptr, stage.event());
+  opencl::set_arguments(apply_, 0, count, changes_.device(), stamp_, boxes_.device(), stamps_, changed_);
+  context_.queue().enqueueNDRangeKernel(apply_, cl::NullRange, cl::NDRange(opencl::round_up(count, group)),
+                                        cl::NDRange(group), nullptr, stage.event());
 }
 
 Search DeviceObjects::upload(const Changes& changes) {

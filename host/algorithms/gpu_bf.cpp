@@ -9,6 +9,7 @@
 #include "algorithms/triangle.hpp"
 #include "opencl/context.hpp"
 #include "opencl/error.hpp"
+#include "opencl/launch.hpp"
 #include "opencl/profiler.hpp"
 #include "opencl/shared_buffer.hpp"
 
@@ -27,9 +28,8 @@ struct Cut {
 constexpr Cut gpu_cut{.width = 4, .group_size = 128, .min_rows = 8, .max_rows = 128, .items = 4096};
 constexpr Cut cpu_cut{.width = 16, .group_size = 64, .min_rows = 64, .max_rows = 512, .items = 1024};
 
-constexpr std::size_t round_up(std::size_t value, std::size_t multiple) {
-  return (value + multiple - 1) / multiple * multiple;
-}
+using opencl::divide_up;
+using opencl::round_up;
 
 /// The paper's algorithm: one byte of result a pair. The bytes of this frame and of the last one stay on the
 /// host, which XORs them.
@@ -157,7 +157,7 @@ class GpuBf final : public Algorithm {
   void enqueue_kernel(const Search& search, cl::Event* event) {
     const cl_uint n = search.slots;
     const unsigned period = 2 * cut_.width;
-    const std::size_t columns = round_up((n + cut_.width - 1) / cut_.width, cut_.group_size);
+    const std::size_t columns = round_up(divide_up(n, cut_.width), cut_.group_size);
     const std::size_t class_rows = (n + period - 1) / period;
     // Half of the columns of an average row are past its end.
     const std::size_t wanted_items = std::size_t{context_.device().compute_units} * cut_.items;
@@ -165,14 +165,9 @@ class GpuBf final : public Algorithm {
                                                      cut_.min_rows, cut_.max_rows);
     const std::size_t chunks = (class_rows + rows - 1) / rows;
     const std::size_t seam_lines = (n + columns - 1) / columns;
-    cl_uint k = 0;
-    kernel_.setArg(k++, n);
-    kernel_.setArg(k++, static_cast<cl_uint>(rows));
-    kernel_.setArg(k++, static_cast<cl_uint>(chunks));
-    kernel_.setArg(k++, search.boxes);
-    kernel_.setArg(k++, search.any_filters ? cl_uint{1} : cl_uint{0});
-    kernel_.setArg(k++, search.filters);
-    kernel_.setArg(k++, current_.device());
+    opencl::set_arguments(kernel_, 0, n, static_cast<cl_uint>(rows), static_cast<cl_uint>(chunks),
+                          search.boxes, search.any_filters ? cl_uint{1} : cl_uint{0}, search.filters,
+                          current_.device());
     context_.queue().enqueueNDRangeKernel(kernel_, cl::NullRange,
                                           cl::NDRange(columns, period * chunks + seam_lines),
                                           cl::NDRange(cut_.group_size, 1), nullptr, event);

@@ -8,6 +8,7 @@
 #include <broadcl/error.hpp>
 
 #include "opencl/error.hpp"
+#include "opencl/launch.hpp"
 
 namespace broadcl {
 namespace {
@@ -40,9 +41,7 @@ std::size_t parts(const opencl::Context& context) {
   return context.shape() == opencl::Shape::cpu ? 1 : 64;
 }
 
-std::size_t round_up(std::size_t value, std::size_t multiple) {
-  return (value + multiple - 1) / multiple * multiple;
-}
+using opencl::round_up;
 
 }  // namespace
 
@@ -108,41 +107,24 @@ void PairDelta::reserve_result(std::size_t changes) {
 }
 
 void PairDelta::set_sink(cl::Kernel& kernel, cl_uint first) const {
-  kernel.setArg(first++, now_.capacity);
-  kernel.setArg(first++, now_.pairs);
-  kernel.setArg(first++, now_.table);
-  kernel.setArg(first++, now_.mask);
-  kernel.setArg(first++, last_.pairs);
-  kernel.setArg(first++, last_.table);
-  kernel.setArg(first++, last_.mask);
-  kernel.setArg(first++, last_.kept);
-  kernel.setArg(first++, frame_.stamps.any_renewed ? cl_uint{1} : cl_uint{0});
-  kernel.setArg(first++, frame_.stamps.stamp);
-  kernel.setArg(first++, frame_.stamps.words);
-  kernel.setArg(first++, added_);
-  kernel.setArg(first++, counts_[turn_]);
+  opencl::set_arguments(kernel, first, now_.capacity, now_.pairs, now_.table, now_.mask, last_.pairs,
+                        last_.table, last_.mask, last_.kept,
+                        frame_.stamps.any_renewed ? cl_uint{1} : cl_uint{0}, frame_.stamps.stamp,
+                        frame_.stamps.words, added_, counts_[turn_]);
 }
 
 void PairDelta::enqueue_carry() {
   if (!frame_.carry || last_.found == 0) return;
   opencl::Profiler::Scope stage(profiler_, "carry");
-  carry_.setArg(0, last_.found);
-  set_sink(carry_, 1);
+  set_sink(carry_, opencl::set_arguments(carry_, 0, last_.found));
   context_.queue().enqueueNDRangeKernel(carry_, cl::NullRange, cl::NDRange(round_up(last_.found, group)),
                                         cl::NDRange(group), nullptr, stage.event());
 }
 
 void PairDelta::enqueue_sweep() {
   opencl::Profiler::Scope stage(profiler_, "sweep");
-  cl_uint k = 0;
-  sweep_.setArg(k++, now_.capacity);
-  sweep_.setArg(k++, last_.pairs);
-  sweep_.setArg(k++, last_.found);
-  sweep_.setArg(k++, last_.table);
-  sweep_.setArg(k++, last_.mask);
-  sweep_.setArg(k++, last_.kept);
-  sweep_.setArg(k++, removed_);
-  sweep_.setArg(k++, counts_[turn_]);
+  opencl::set_arguments(sweep_, 0, now_.capacity, last_.pairs, last_.found, last_.table, last_.mask,
+                        last_.kept, removed_, counts_[turn_]);
   // Each goes through some entries, but never so many that llvmpipe would end it (see shape_of()).
   const std::size_t useful = context_.device().compute_units * std::size_t{1024};
   const std::size_t items =
@@ -153,13 +135,8 @@ void PairDelta::enqueue_sweep() {
 
 void PairDelta::enqueue_order() {
   opencl::Profiler::Scope stage(profiler_, "order");
-  cl_uint k = 0;
-  order_.setArg(k++, now_.capacity);
-  order_.setArg(k++, added_);
-  order_.setArg(k++, removed_);
-  order_.setArg(k++, counts_[turn_]);
-  order_.setArg(k++, counts_[1 - turn_]);
-  order_.setArg(k++, result_.device());
+  opencl::set_arguments(order_, 0, now_.capacity, added_, removed_, counts_[turn_], counts_[1 - turn_],
+                        result_.device());
   context_.queue().enqueueNDRangeKernel(order_, cl::NullRange,
                                         cl::NDRange(parts(context_), ordered_ / keys, 2),
                                         cl::NDRange(parts(context_), teams, 1), nullptr, stage.event());
@@ -194,11 +171,7 @@ void PairDelta::restore_last() {
   queue.enqueueFillBuffer(last_.kept, cl_uint{0}, 0, last_.capacity);
   for (const cl::Buffer& counts : counts_) queue.enqueueFillBuffer(counts, cl_uint{0}, 0, count_bytes);
   if (last_.found > 0) {
-    cl_uint k = 0;
-    index_.setArg(k++, last_.found);
-    index_.setArg(k++, last_.pairs);
-    index_.setArg(k++, last_.table);
-    index_.setArg(k++, last_.mask);
+    opencl::set_arguments(index_, 0, last_.found, last_.pairs, last_.table, last_.mask);
     queue.enqueueNDRangeKernel(index_, cl::NullRange, cl::NDRange(round_up(last_.found, group)),
                                cl::NDRange(group));
   }

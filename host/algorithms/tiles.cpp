@@ -7,6 +7,7 @@
 #include "algorithms/algorithm.hpp"
 #include "algorithms/pair_finder.hpp"
 #include "opencl/error.hpp"
+#include "opencl/launch.hpp"
 #include "opencl/radix_sort.hpp"
 
 namespace broadcl {
@@ -22,9 +23,8 @@ constexpr std::size_t group = 64;  // of kernels that do a box a work-item
 /// Work that is reason enough to sort again, as a multiple of what there was when the order was new.
 constexpr double stale = 1.25;
 
-std::size_t groups_of(std::size_t items, std::size_t size) {
-  return (items + size - 1) / size;
-}
+using opencl::divide_up;
+using opencl::round_up;
 
 /// Boxes in an order of space, under a tree of bounds: kernels/tiles.cl.
 class Tiles final : public PairFinder {
@@ -55,7 +55,7 @@ class Tiles final : public PairFinder {
     if (slots <= capacity_) return;
     capacity_ = 0;
     sorted_slots_ = 0;
-    const std::size_t capacity = groups_of(slots + slots / 2, node) * node;
+    const std::size_t capacity = round_up(slots + slots / 2, node);
     const auto buffer = [&](std::size_t bytes) {
       return cl::Buffer(context_.context(), CL_MEM_READ_WRITE, bytes);
     };
@@ -64,7 +64,7 @@ class Tiles final : public PairFinder {
     std::size_t nodes = 0;
     for (std::size_t level = 0, size = capacity; level < levels; ++level) {
       starts_.s[level] = static_cast<cl_uint>(nodes);
-      size = groups_of(size, node);
+      size = divide_up(size, node);
       nodes += size;
     }
     tree_ = buffer(nodes * node_bytes);
@@ -89,17 +89,12 @@ class Tiles final : public PairFinder {
     queue.enqueueFillBuffer(extent_, cl_uint{0}, bytes, bytes);
     const std::size_t useful = std::size_t{context_.device().compute_units} * 8;
     const std::size_t groups =
-        std::max(groups_of(search.slots, group * 4096), std::min(groups_of(search.slots, group), useful));
-    extent_kernel_.setArg(0, search.slots);
-    extent_kernel_.setArg(1, search.boxes);
-    extent_kernel_.setArg(2, extent_);
+        std::max(divide_up(search.slots, group * 4096), std::min(divide_up(search.slots, group), useful));
+    opencl::set_arguments(extent_kernel_, 0, search.slots, search.boxes, extent_);
     queue.enqueueNDRangeKernel(extent_kernel_, cl::NullRange, cl::NDRange(groups * group),
                                cl::NDRange(group));
-    keys_.setArg(0, search.slots);
-    keys_.setArg(1, search.boxes);
-    keys_.setArg(2, extent_);
-    keys_.setArg(3, elements_);
-    queue.enqueueNDRangeKernel(keys_, cl::NullRange, cl::NDRange(groups_of(search.slots, group) * group),
+    opencl::set_arguments(keys_, 0, search.slots, search.boxes, extent_, elements_);
+    queue.enqueueNDRangeKernel(keys_, cl::NullRange, cl::NDRange(round_up(search.slots, group)),
                                cl::NDRange(group));
     sort_.enqueue(elements_, scratch_, search.slots, std::array{opencl::RadixSort::Bits{32, code_bits}});
     sorted_slots_ = search.slots;
@@ -109,38 +104,26 @@ class Tiles final : public PairFinder {
   /// Puts boxes and bounds into the tree.
   void build(const Search& search, opencl::Profiler& profiler) {
     opencl::Profiler::Scope stage(profiler, "build");
-    std::size_t nodes = groups_of(search.slots, node);
-    cl_uint k = 0;
-    fill_.setArg(k++, search.slots);
-    fill_.setArg(k++, static_cast<cl_uint>(nodes));
-    fill_.setArg(k++, starts_.s[1]);
-    fill_.setArg(k++, search.boxes);
-    fill_.setArg(k++, elements_);
-    fill_.setArg(k++, tree_);
-    enqueue(fill_, groups_of(nodes, node) * node, stage.event());
+    std::size_t nodes = divide_up(search.slots, node);
+    opencl::set_arguments(fill_, 0, search.slots, static_cast<cl_uint>(nodes), starts_.s[1], search.boxes,
+                          elements_, tree_);
+    enqueue(fill_, round_up(nodes, node), stage.event());
     for (std::size_t level = 1; level + 1 < levels; ++level) {
-      nodes = groups_of(nodes, node);
-      raise_.setArg(0, starts_.s[level]);
-      raise_.setArg(1, static_cast<cl_uint>(nodes));
-      raise_.setArg(2, starts_.s[level + 1]);
-      raise_.setArg(3, tree_);
-      enqueue(raise_, groups_of(nodes, node) * node, nullptr);
+      nodes = divide_up(nodes, node);
+      opencl::set_arguments(raise_, 0, starts_.s[level], static_cast<cl_uint>(nodes), starts_.s[level + 1],
+                            tree_);
+      enqueue(raise_, round_up(nodes, node), nullptr);
     }
-    roots_ = static_cast<cl_uint>(groups_of(nodes, node));
+    roots_ = static_cast<cl_uint>(divide_up(nodes, node));
   }
 
   void enqueue_search(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) {
     opencl::Profiler::Scope stage(profiler, "test");
-    cl_uint k = 0;
-    search_.setArg(k++, starts_);
-    search_.setArg(k++, roots_);
-    search_.setArg(k++, tree_);
-    search_.setArg(k++, elements_);
-    search_.setArg(k++, search.all ? cl_uint{0} : cl_uint{1});
-    search_.setArg(k++, search.any_filters ? cl_uint{1} : cl_uint{0});
-    search_.setArg(k++, search.filters);
+    cl_uint k = opencl::set_arguments(search_, 0, starts_, roots_, tree_, elements_,
+                                      search.all ? cl_uint{0} : cl_uint{1},
+                                      search.any_filters ? cl_uint{1} : cl_uint{0}, search.filters);
     sink.set_sink(search_, k);
-    enqueue(search_, groups_of(search.slots, node), stage.event());
+    enqueue(search_, divide_up(search.slots, node), stage.event());
   }
 
   void enqueue(const cl::Kernel& kernel, std::size_t groups, cl::Event* event) {

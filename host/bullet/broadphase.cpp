@@ -21,6 +21,7 @@
 #include "bullet/prediction.hpp"
 #include "bullet/proxy_pool.hpp"
 #include "bullet/query_tree.hpp"
+#include "pair_lists.hpp"
 
 namespace broadcl {
 namespace {
@@ -32,20 +33,6 @@ void print(const std::string& error) {
 Pair pair_of(const btBroadphasePair& pair) {
   return {static_cast<std::uint32_t>(pair.m_pProxy0->m_uniqueId),
           static_cast<std::uint32_t>(pair.m_pProxy1->m_uniqueId)};
-}
-
-/// Both in canonical order.
-std::vector<Pair> difference(std::span<const Pair> from, std::span<const Pair> without) {
-  std::vector<Pair> result;
-  std::set_difference(from.begin(), from.end(), without.begin(), without.end(), std::back_inserter(result));
-  return result;
-}
-
-/// Both in canonical order.
-std::vector<Pair> merge(std::span<const Pair> s, std::span<const Pair> t) {
-  std::vector<Pair> result;
-  std::merge(s.begin(), s.end(), t.begin(), t.end(), std::back_inserter(result));
-  return result;
 }
 
 /// Finds what a cache that removes nothing by itself holds but should not.

@@ -4,6 +4,8 @@
 #include <string>
 #include <utility>
 
+#include "opencl/launch.hpp"
+
 namespace broadcl::opencl {
 namespace {
 
@@ -39,11 +41,7 @@ RadixSort::RadixSort(const Context& context) : context_(context), scan_(context)
 }
 
 void RadixSort::enqueue_small(const cl::Buffer& elements, const cl::Buffer& scratch, cl_uint n, Bits key) {
-  small_.setArg(0, n);
-  small_.setArg(1, cl_uint{key.first});
-  small_.setArg(2, cl_uint{key.count});
-  small_.setArg(3, elements);
-  small_.setArg(4, scratch);
+  set_arguments(small_, 0, n, cl_uint{key.first}, cl_uint{key.count}, elements, scratch);
   context_.queue().enqueueNDRangeKernel(small_, cl::NullRange, cl::NDRange(cut_of(context_).group),
                                         cl::NDRange(cut_of(context_).group));
 }
@@ -51,15 +49,10 @@ void RadixSort::enqueue_small(const cl::Buffer& elements, const cl::Buffer& scra
 void RadixSort::enqueue_pass(const cl::Buffer& source, const cl::Buffer& target, cl_uint n, Blocks blocks,
                              Bits digit) {
   for (cl::Kernel* kernel : {&count_, &scatter_}) {
-    kernel->setArg(0, n);
-    kernel->setArg(1, blocks.length);
-    kernel->setArg(2, cl_uint{digit.first});
-    kernel->setArg(3, cl_uint{digit.count});
-    kernel->setArg(4, source);
+    set_arguments(*kernel, 0, n, blocks.length, cl_uint{digit.first}, cl_uint{digit.count}, source);
   }
-  count_.setArg(5, counts_);
-  scatter_.setArg(5, target);
-  scatter_.setArg(6, counts_);
+  set_arguments(count_, 5, counts_);
+  set_arguments(scatter_, 5, target, counts_);
   const cl::NDRange group(cut_of(context_).group);
   const cl::NDRange items(blocks.count * cut_of(context_).group);
   context_.queue().enqueueNDRangeKernel(count_, cl::NullRange, items, group);

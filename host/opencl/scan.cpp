@@ -3,6 +3,7 @@
 #include <string>
 
 #include "opencl/blocks.hpp"
+#include "opencl/launch.hpp"
 
 namespace broadcl::opencl {
 namespace {
@@ -38,18 +39,12 @@ void Scan::enqueue(const cl::Buffer& values, std::size_t n) {
   const std::size_t group = cut_of(context_).group;
   const Blocks blocks = cut_into_blocks(context_, n, cut_of(context_).tile, longest_block);
   const auto enqueue_blocks = [&](const cl::Buffer& list, Blocks cut, std::size_t size) {
-    blocks_.setArg(0, static_cast<cl_uint>(size));
-    blocks_.setArg(1, cut.length);
-    blocks_.setArg(2, list);
-    blocks_.setArg(3, block_sums_);
+    set_arguments(blocks_, 0, static_cast<cl_uint>(size), cut.length, list, block_sums_);
     context_.queue().enqueueNDRangeKernel(blocks_, cl::NullRange, cl::NDRange(cut.count * group),
                                           cl::NDRange(group));
   };
   if (blocks.count > 1) {
-    sums_.setArg(0, static_cast<cl_uint>(n));
-    sums_.setArg(1, blocks.length);
-    sums_.setArg(2, values);
-    sums_.setArg(3, block_sums_);
+    set_arguments(sums_, 0, static_cast<cl_uint>(n), blocks.length, values, block_sums_);
     context_.queue().enqueueNDRangeKernel(sums_, cl::NullRange, cl::NDRange(blocks.count * group),
                                           cl::NDRange(group));
     enqueue_blocks(block_sums_, {.count = 1, .length = blocks.count}, blocks.count);

@@ -1,0 +1,27 @@
+#pragma once
+
+#include <cstddef>
+
+#include "opencl/api.hpp"
+
+namespace broadcl::opencl {
+
+/// The least multiple that is not less than a value.
+[[nodiscard]] constexpr std::size_t round_up(std::size_t value, std::size_t multiple) noexcept {
+  return (value + multiple - 1) / multiple * multiple;
+}
+
+/// How many pieces of a size a number of items makes, the last perhaps smaller.
+[[nodiscard]] constexpr std::size_t divide_up(std::size_t items, std::size_t size) noexcept {
+  return (items + size - 1) / size;
+}
+
+/// Sets the arguments of a kernel from the given one on; returns the index after the last of them.
+/// @throws cl::Error
+template <class... Arguments>
+cl_uint set_arguments(cl::Kernel& kernel, cl_uint first, const Arguments&... arguments) {
+  (kernel.setArg(first++, arguments), ...);
+  return first;
+}
+
+}  // namespace broadcl::opencl
