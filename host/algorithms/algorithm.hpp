@@ -91,6 +91,7 @@ struct AlgorithmRow {
 [[nodiscard]] std::unique_ptr<PairFinder> make_brute_force(const opencl::Context& context);
 [[nodiscard]] std::unique_ptr<PairFinder> make_tiles(const opencl::Context& context);
 [[nodiscard]] std::unique_ptr<Algorithm> make_gpu_bf(const BroadPhase::Config& config);
+[[nodiscard]] std::unique_ptr<Algorithm> make_sweep_and_prune(const BroadPhase::Config& config);
 [[nodiscard]] std::unique_ptr<Algorithm> make_oracle(const BroadPhase::Config& config);
 
 }  // namespace broadcl

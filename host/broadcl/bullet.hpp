@@ -12,6 +12,10 @@ class btCollisionWorld;
 class btOverlappingPairCache;
 
 namespace broadcl {
+#ifdef BT_USE_DOUBLE_PRECISION
+// Linked against the library for the other precision, a program has an undefined symbol, not a wrong layout.
+inline namespace float64 {
+#endif
 
 /// A Bullet broad phase whose pairs are found by a BroadPhase, on an OpenCL device: use it where a
 /// `btDbvtBroadphase` stands.
@@ -26,6 +30,13 @@ namespace broadcl {
 /// addOverlappingPair(), and one that the cache refuses, or that somebody removed from it, is offered again
 /// in each calculation before which one of its two proxies got another box, group or mask. Setting, clearing
 /// or exchanging the callback has every overlapping pair decided anew.
+///
+/// Where Bullet is built for double precision (BT_USE_DOUBLE_PRECISION, the target broadcl::bullet-float64),
+/// the device has boxes in float32 that are rounded outward: every pair of exact boxes is found, and some
+/// that are apart by less than that. Bounds of proxies and queries stay exact.
+///
+/// Where the device fails, the error handler is told once, and in that calculation and all later ones the
+/// pairs are found on the host, by sweep and prune: broad_phase().device() is null from then on.
 ///
 /// A calculation costs as much as what changed since the last one, and a look at each proxy's group and mask.
 ///
@@ -67,13 +78,11 @@ class BulletBroadphase : public btBroadphaseInterface {
                 btBroadphaseAabbCallback& callback) override;
 
   /// Brings the pair cache up to date: removals first, then additions, each in canonical order.
-  /// @throws Error when the device fails; the cache and the proxies are then as before.
   void calculateOverlappingPairs(btDispatcher* dispatcher) override;
 
   /// Starts the next calculation on the device with the boxes that are set, and returns at once. What is set,
   /// created, destroyed or filtered meanwhile is searched again by calculateOverlappingPairs(), whose result
   /// is always the same as without this. Nothing if one was started already.
-  /// @throws Error when the device fails.
   void begin();
 
   /// The same with the boxes of the next step, to be called after a step: while the program does other work,
@@ -85,7 +94,7 @@ class BulletBroadphase : public btBroadphaseInterface {
   /// @param world One that runs on this broad phase.
   /// @param time_step The next time step in seconds, which a dynamics world predicts motion by: the fixed one
   ///   of stepSimulation(), or its first argument where it makes no substeps; 0 for a world without dynamics.
-  /// @throws Error for a world on another broad phase, and when the device fails.
+  /// @throws Error for a world on another broad phase.
   void begin(btCollisionWorld& world, btScalar time_step);
 
   btOverlappingPairCache* getOverlappingPairCache() override;
@@ -94,14 +103,20 @@ class BulletBroadphase : public btBroadphaseInterface {
   /// The union of all boxes that are not empty; a point at the origin where there is none.
   void getBroadphaseAabb(btVector3& aabbMin, btVector3& aabbMax) const override;
 
-  /// @param handler Called with one line that names the proxy and says what is wrong. Not empty.
-  ///   Until this is called, errors are printed to stderr.
+  /// From now on createProxy() and setAabb() add the pairs that a new box makes to the cache at once, for
+  /// those who look there between two calculations: btKinematicCharacterController does. Pairs still end in
+  /// the calculation. Every box that is set then costs an update of the tree for queries and a search in it,
+  /// as with a btDbvtBroadphase. Off at first.
+  void set_pairs_at_once(bool at_once) noexcept;
+
+  /// @param handler Called with one line that says what is wrong: with which proxy, or with the device. Not
+  ///   empty. Until this is called, errors are printed to stderr.
   void set_error_handler(std::function<void(const std::string&)> handler);
 
   /// Nothing: printing is left to the caller, see broad_phase().
   void printStats() override {}
 
-  /// The core underneath, for its device, algorithm and profile.
+  /// The core underneath, for its device, algorithm and profile. It is another one after the device failed.
   [[nodiscard]] const BroadPhase& broad_phase() const noexcept;
 
  private:
@@ -109,4 +124,7 @@ class BulletBroadphase : public btBroadphaseInterface {
   std::unique_ptr<Impl> impl_;
 };
 
+#ifdef BT_USE_DOUBLE_PRECISION
+}  // namespace float64
+#endif
 }  // namespace broadcl

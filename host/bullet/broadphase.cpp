@@ -6,12 +6,14 @@
 #include <cstddef>
 #include <cstdint>
 #include <cstdio>
+#include <exception>
 #include <functional>
 #include <iterator>
 #include <memory>
 #include <set>
 #include <span>
 #include <string>
+#include <type_traits>
 #include <typeinfo>
 #include <utility>
 #include <vector>
@@ -34,6 +36,15 @@ Pair pair_of(const btBroadphasePair& pair) {
   return {static_cast<std::uint32_t>(pair.m_pProxy0->m_uniqueId),
           static_cast<std::uint32_t>(pair.m_pProxy1->m_uniqueId)};
 }
+
+/// The ids of proxies that a query finds.
+struct Partners final : btBroadphaseAabbCallback {
+  bool process(const btBroadphaseProxy* proxy) override {
+    ids.push_back(static_cast<std::uint32_t>(proxy->m_uniqueId));
+    return true;
+  }
+  std::vector<std::uint32_t> ids;
+};
 
 /// Finds what a cache that removes nothing by itself holds but should not.
 class RemoveStale final : public btOverlapCallback {
@@ -75,7 +86,8 @@ class BulletBroadphase::Impl {
 
   btBroadphaseProxy* create(const btVector3& lower, const btVector3& upper, void* client, int group,
                             int mask) {
-    const std::uint32_t id = core_.add(box_of(lower, upper), core_filter(group, mask));
+    const std::uint32_t id =
+        on_core([&] { return core_.add(box_of(lower, upper), core_filter(group, mask)); });
     Proxy& proxy = pool_.make(id);
     proxy.m_clientObject = client;
     proxy.m_collisionFilterGroup = proxy.seen_group = group;
@@ -86,7 +98,8 @@ class BulletBroadphase::Impl {
     proxy.created = calculations_;
     mark_changed(proxy);
     queries_.touch(id);
-    if (has_nan(to_aabb(lower, upper))) report_nan(proxy);
+    if (has_nan(lower, upper)) report_nan(proxy);
+    if (pairs_at_once_) add_at_once(proxy);
     return &proxy;
   }
 
@@ -94,36 +107,36 @@ class BulletBroadphase::Impl {
     const int before = cache_->getNumOverlappingPairs();
     cache_->removeOverlappingPairsContainingProxy(&proxy, dispatcher);
     cached_ += cache_->getNumOverlappingPairs() - before;
+    std::erase_if(early_, [&](const Pair& pair) { return pair.a == proxy.id() || pair.b == proxy.id(); });
     core_.remove(proxy.id());
     queries_.touch(proxy.id());
     proxy = Proxy();
   }
 
   void move(Proxy& proxy, const btVector3& lower, const btVector3& upper) {
-    const Aabb box = box_of(lower, upper);
     if (predicting_) {
-      core_.move(proxy.id(), box);
+      core_.move(proxy.id(), box_of(lower, upper));
       if (!proxy.is_predicted) predicted_.push_back(proxy.id());
       proxy.is_predicted = true;
       return;
     }
-    const bool turns_bad =
-        has_nan(to_aabb(lower, upper)) && !has_nan(to_aabb(proxy.m_aabbMin, proxy.m_aabbMax));
-    const bool is_changed = box != box_of(proxy);
-    if (is_changed || proxy.is_predicted) core_.move(proxy.id(), box);
+    const bool turns_bad = has_nan(lower, upper) && !has_nan(proxy.m_aabbMin, proxy.m_aabbMax);
+    const bool is_moved = lower != proxy.m_aabbMin || upper != proxy.m_aabbMax;
+    if (is_moved || proxy.is_predicted) core_.move(proxy.id(), box_of(lower, upper));
     proxy.is_predicted = false;
-    if (is_changed) {
+    if (is_moved) {
       mark_changed(proxy);
       queries_.touch(proxy.id());
     }
     proxy.m_aabbMin = lower;
     proxy.m_aabbMax = upper;
     if (turns_bad) report_nan(proxy);
+    if (is_moved && pairs_at_once_) add_at_once(proxy);
   }
 
   void begin() {
     send_filters();
-    core_.begin();
+    on_core([&] { core_.begin(); });
   }
 
   void begin(btCollisionWorld& world, btScalar time_step) {
@@ -142,15 +155,22 @@ class BulletBroadphase::Impl {
   void calculate(btDispatcher* dispatcher) {
     take_predictions_back();
     send_filters();
-    const Delta delta = core_.finish();
     const bool cache_was_changed = cache_->getNumOverlappingPairs() != cached_;
-    if (is_filtered_anew_ || cache_was_changed) refused_ = pairs_not_cached(delta.added);
+    const Found found = find(is_filtered_anew_ || cache_was_changed);
+    if (is_filtered_anew_ || cache_was_changed) {
+      refused_ = difference(difference(found.all, found.added), cached_pairs());
+    }
+    const std::vector<Pair> early = take_early();
+    refused_ = difference(refused_, early);
 
-    std::vector<Pair> removals = difference(delta.removed, refused_);
-    if (!delta.removed.empty()) refused_ = difference(refused_, delta.removed);
-    if (is_filtered_anew_) removals = merge(removals, refuse_cached(delta.added));
+    std::vector<Pair> removals = difference(found.removed, refused_);
+    if (!found.removed.empty()) refused_ = difference(refused_, found.removed);
+    if (is_filtered_anew_) removals = merge(removals, refuse_cached(found));
+    // The pairs of a destroyed proxy went with it, though its id may be in use again.
+    std::erase_if(removals, [&](const Pair& pair) { return !is_known(pair.a) || !is_known(pair.b); });
+    removals = merge(removals, parted(difference(early, found.added)));
     remove(removals, cache_was_changed, dispatcher);
-    add(merge(delta.added, take_refused_to_offer_again()));
+    add(merge(difference(found.added, early), take_refused_to_offer_again()));
 
     cached_ = cache_->getNumOverlappingPairs();
     is_filtered_anew_ = false;
@@ -158,6 +178,7 @@ class BulletBroadphase::Impl {
     queries_.start_frame();
   }
 
+  void set_pairs_at_once(bool at_once) noexcept { pairs_at_once_ = at_once; }
   void set_error_handler(std::function<void(const std::string&)> handler) { on_error_ = std::move(handler); }
 
   [[nodiscard]] const ProxyPool& pool() const noexcept { return pool_; }
@@ -171,6 +192,96 @@ class BulletBroadphase::Impl {
         "proxy " + std::to_string(proxy.m_uniqueId) +
         " has a NaN bound and overlaps nothing until it gets a proper box; look for NaN in the transform, "
         "the velocities and the shape of its object");
+  }
+
+  /// What a calculation found.
+  struct Found {
+    std::span<const Pair> added;
+    std::span<const Pair> removed;
+    std::vector<Pair> all;  // where they were asked for
+  };
+
+  /// Does something with the core. Where its device fails, the host takes its place for good, and it is done
+  /// there.
+  template <class Function>
+  std::invoke_result_t<Function> on_core(const Function& function) {
+    try {
+      return function();
+    } catch (const std::exception& error) {
+      if (core_.device() == nullptr) throw;
+      go_on_without_device(error.what());
+      return function();
+    }
+  }
+
+  void go_on_without_device(const std::string& why) {
+    core_ = BroadPhase({.algorithm = "sweep-and-prune"});
+    is_new_core_ = true;
+    std::size_t slots = 0;
+    pool_.for_each([&](const Proxy& proxy) { slots = std::size_t{proxy.id()} + 1; });
+    core_.map(slots);
+    for (std::uint32_t id = 0; id < slots; ++id) {
+      const Proxy& proxy = pool_[id];
+      if (!proxy.is_live()) {
+        core_.remove(id);
+        continue;
+      }
+      core_.move(id, box_of(proxy));
+      core_.set_filter(id, core_filter(proxy.seen_group, proxy.seen_mask));
+    }
+    on_error_(why + "; from now on pairs are found on the host, by sweep and prune");
+  }
+
+  Found find(bool all_too) {
+    Found found = on_core([&] {
+      const Delta delta = core_.finish();
+      return Found{delta.added, delta.removed, all_too ? core_.pairs() : std::vector<Pair>()};
+    });
+    if (!is_new_core_) return found;
+    is_new_core_ = false;
+    std::vector<Pair> known = merge(cached_pairs(), refused_);
+    std::erase_if(known, [&](const Pair& pair) { return !is_known(pair.a) || !is_known(pair.b); });
+    refused_ = intersection(refused_, known);
+    found.all.assign(found.added.begin(), found.added.end());
+    added_ = difference(found.all, known);
+    removed_ = difference(known, found.all);
+    found.added = added_;
+    found.removed = removed_;
+    return found;
+  }
+
+  /// Adds what overlaps a proxy's box now and is not in the cache.
+  void add_at_once(Proxy& proxy) {
+    if (is_empty(box_of(proxy))) return;
+    Partners partners;
+    queries_.aabb_test(proxy.m_aabbMin, proxy.m_aabbMax, partners);
+    std::sort(partners.ids.begin(), partners.ids.end());
+    for (const std::uint32_t id : partners.ids) {
+      if (id == proxy.id()) continue;
+      const Pair pair{std::min(id, proxy.id()), std::max(id, proxy.id())};
+      if (cache_->findPair(&pool_[pair.a], &pool_[pair.b]) != nullptr) continue;
+      const int before = cache_->getNumOverlappingPairs();
+      if (cache_->addOverlappingPair(&pool_[pair.a], &pool_[pair.b]) != nullptr) early_.push_back(pair);
+      cached_ += cache_->getNumOverlappingPairs() - before;
+    }
+  }
+
+  /// The pairs that were added at once since the last calculation.
+  std::vector<Pair> take_early() {
+    std::vector<Pair> early = std::exchange(early_, {});
+    std::sort(early.begin(), early.end());
+    early.erase(std::unique(early.begin(), early.end()), early.end());
+    return early;
+  }
+
+  /// Those of the pairs that overlap no more, or that the cache would not let in any more.
+  [[nodiscard]] std::vector<Pair> parted(std::vector<Pair> pairs) const {
+    std::erase_if(pairs, [&](const Pair& pair) {
+      Proxy& s = pool_[pair.a];
+      Proxy& t = pool_[pair.b];
+      return overlaps(box_of(s), box_of(t)) && cache_->needsBroadphaseCollision(&s, &t);
+    });
+    return pairs;
   }
 
   void mark_changed(Proxy& proxy) { proxy.changed = last_change_ = calculations_; }
@@ -208,22 +319,22 @@ class BulletBroadphase::Impl {
     predicted_.clear();
   }
 
-  /// Pairs that the core knew before it added some, and the cache lacks.
-  [[nodiscard]] std::vector<Pair> pairs_not_cached(std::span<const Pair> added) const {
+  /// The pairs in the cache, in canonical order.
+  [[nodiscard]] std::vector<Pair> cached_pairs() const {
     std::vector<Pair> cached;
     const int n = cache_->getNumOverlappingPairs();
     cached.reserve(static_cast<std::size_t>(n));
     for (int k = 0; k < n; ++k) {
       const btBroadphasePair& pair = cache_->getOverlappingPairArrayPtr()[k];
-      if (pair.m_pProxy0 != nullptr && pair.m_pProxy1 != nullptr) cached.push_back(pair_of(pair));
+      if (is_own(pair.m_pProxy0) && is_own(pair.m_pProxy1)) cached.push_back(pair_of(pair));
     }
     std::sort(cached.begin(), cached.end());
-    return difference(difference(core_.pairs(), added), cached);
+    return cached;
   }
 
   /// Of the pairs in the cache those that it would not let in now; they are refused from now on.
-  std::vector<Pair> refuse_cached(std::span<const Pair> added) {
-    std::vector<Pair> cached = difference(difference(core_.pairs(), added), refused_);
+  std::vector<Pair> refuse_cached(const Found& found) {
+    std::vector<Pair> cached = difference(difference(found.all, found.added), refused_);
     std::erase_if(cached, [&](const Pair& pair) {
       return cache_->needsBroadphaseCollision(&pool_[pair.a], &pool_[pair.b]);
     });
@@ -246,10 +357,7 @@ class BulletBroadphase::Impl {
 
   void remove(std::span<const Pair> pairs, bool cache_was_changed, btDispatcher* dispatcher) {
     for (const Pair& pair : pairs) {
-      // The pairs of a destroyed proxy went with it, though its id may be in use again.
-      if (is_known(pair.a) && is_known(pair.b)) {
-        cache_->removeOverlappingPair(&pool_[pair.a], &pool_[pair.b], dispatcher);
-      }
+      cache_->removeOverlappingPair(&pool_[pair.a], &pool_[pair.b], dispatcher);
     }
     if (cache_->hasDeferredRemoval() && (!pairs.empty() || cache_was_changed)) {
       RemoveStale remove_stale(pairs);
@@ -265,6 +373,14 @@ class BulletBroadphase::Impl {
     if (!refused.empty()) refused_ = merge(refused_, refused);
   }
 
+  /// Users may put pairs of other proxies into their cache.
+  [[nodiscard]] bool is_own(const btBroadphaseProxy* proxy) const {
+    if (proxy == nullptr) return false;
+    const auto id = static_cast<std::uint32_t>(proxy->m_uniqueId);
+    return id < pool_.slots() && &pool_[id] == proxy;
+  }
+
+  /// Whether a proxy lives since before the last calculation.
   [[nodiscard]] bool is_known(std::uint32_t id) const {
     return pool_[id].is_live() && pool_[id].created != calculations_;
   }
@@ -282,7 +398,11 @@ class BulletBroadphase::Impl {
   std::uint32_t last_change_ = 0;  // number of calculations before a proxy was last changed
   // Pairs that overlap, but the cache refused them or somebody removed them there.
   std::vector<Pair> refused_;
-  bool predicting_ = false;  // what is set now are boxes of the next step
+  bool pairs_at_once_ = false;
+  std::vector<Pair> early_;            // added at once since the last calculation
+  bool is_new_core_ = false;           // the core never calculated: it took over from a device
+  std::vector<Pair> added_, removed_;  // in the calculation in which it did
+  bool predicting_ = false;            // what is set now are boxes of the next step
   std::vector<std::uint32_t> predicted_;
   std::function<void(const std::string&)> on_error_ = print;
 };
@@ -359,6 +479,10 @@ void BulletBroadphase::getBroadphaseAabb(btVector3& aabbMin, btVector3& aabbMax)
     aabbMin.setMin(proxy.m_aabbMin);
     aabbMax.setMax(proxy.m_aabbMax);
   });
+}
+
+void BulletBroadphase::set_pairs_at_once(bool at_once) noexcept {
+  impl_->set_pairs_at_once(at_once);
 }
 
 void BulletBroadphase::set_error_handler(std::function<void(const std::string&)> handler) {

@@ -30,16 +30,34 @@ struct Proxy : btBroadphaseProxy {
   bool is_predicted = false;  ///< The core has another box than the proxy: one that begin() predicted.
 };
 
-[[nodiscard]] inline Aabb to_aabb(const btVector3& lower, const btVector3& upper) {
-  return {{lower.x(), lower.y(), lower.z()}, {upper.x(), upper.y(), upper.z()}};
+[[nodiscard]] inline bool has_nan(const btVector3& lower, const btVector3& upper) noexcept {
+  for (int axis = 0; axis < 3; ++axis) {
+    if (lower[axis] != lower[axis] || upper[axis] != upper[axis]) return true;
+  }
+  return false;
 }
 
-/// The proxy's box. One with a NaN bound overlaps nothing, so an empty box stands for it, which equals
-/// itself.
+/// Whether two closed boxes share a point. False as soon as a bound is NaN.
+[[nodiscard]] inline bool overlaps(const btVector3& lower_s, const btVector3& upper_s,
+                                   const btVector3& lower_t, const btVector3& upper_t) noexcept {
+  for (int axis = 0; axis < 3; ++axis) {
+    if (!(lower_s[axis] <= upper_t[axis] && lower_t[axis] <= upper_s[axis])) return false;
+  }
+  return true;
+}
+
+/// The box as the core has it, rounded outward where Bullet's precision is double. One that overlaps nothing
+/// becomes an empty box without NaN, which equals itself.
 [[nodiscard]] inline Aabb box_of(const btVector3& lower, const btVector3& upper) {
-  const Aabb box = to_aabb(lower, upper);
   constexpr float infinity = std::numeric_limits<float>::infinity();
-  return has_nan(box) ? Aabb{{infinity, infinity, infinity}, {-infinity, -infinity, -infinity}} : box;
+  if (!overlaps(lower, upper, lower, upper)) {
+    return {{infinity, infinity, infinity}, {-infinity, -infinity, -infinity}};
+  }
+#ifdef BT_USE_DOUBLE_PRECISION
+  return round_outward({lower.x(), lower.y(), lower.z()}, {upper.x(), upper.y(), upper.z()});
+#else
+  return {{lower.x(), lower.y(), lower.z()}, {upper.x(), upper.y(), upper.z()}};
+#endif
 }
 
 [[nodiscard]] inline Aabb box_of(const btBroadphaseProxy& proxy) {

@@ -55,10 +55,9 @@ void QueryTree::aabb_test(const btVector3& lower, const btVector3& upper,
     tree_.collideTV(tree_.m_root, btDbvtVolume::FromMM(lower, upper), report);
     return;
   }
-  const Aabb query = to_aabb(lower, upper);
   pool_.for_each([&](const Proxy& proxy) {
-    const Aabb box = box_of(proxy);
-    if (!is_empty(box) && overlaps(box, query)) callback.process(&proxy);
+    const bool is_found = overlaps(proxy.m_aabbMin, proxy.m_aabbMax, lower, upper);
+    if (is_found && !is_empty(box_of(proxy))) callback.process(&proxy);
   });
 }
 

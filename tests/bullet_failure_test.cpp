@@ -1,0 +1,172 @@
+#include <BulletCollision/BroadphaseCollision/btOverlappingPairCache.h>
+#include <BulletCollision/CollisionDispatch/btCollisionDispatcher.h>
+#include <BulletCollision/CollisionDispatch/btDefaultCollisionConfiguration.h>
+#include <LinearMath/btAabbUtil2.h>
+
+#include <algorithm>
+#include <cstdint>
+#include <optional>
+#include <random>
+#include <string>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <broadcl/bullet.hpp>
+
+#include "failing_opencl.hpp"
+
+namespace broadcl {
+namespace {
+
+using test::FailingOpenCl;
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+using ::testing::SizeIs;
+
+constexpr long most_lives = 150;
+
+using IdPairs = std::vector<std::pair<int, int>>;
+
+/// Proxies that are moved, filtered, destroyed and created in each frame, always the same way.
+class Life {
+ public:
+  explicit Life(std::string_view algorithm) : broadphase_({.algorithm = std::string(algorithm)}) {
+    broadphase_.set_error_handler([this](const std::string& error) { errors_.push_back(error); });
+  }
+  ~Life() {
+    for (btBroadphaseProxy* proxy : proxies_) broadphase_.destroyProxy(proxy, &dispatcher_);
+  }
+  Life(const Life&) = delete;
+  Life& operator=(const Life&) = delete;
+  Life(Life&&) = delete;
+  Life& operator=(Life&&) = delete;
+
+  /// A few frames, in some of which the next calculation begins early.
+  void live() {
+    for (int frame = 0; frame < 5; ++frame) {
+      change();
+      if (frame % 2 == 1) {
+        broadphase_.begin();
+        change();
+      }
+      broadphase_.calculateOverlappingPairs(&dispatcher_);
+      ASSERT_EQ(cached(), overlapping()) << "frame " << frame;
+    }
+  }
+
+  [[nodiscard]] const std::vector<std::string>& errors() const { return errors_; }
+  [[nodiscard]] bool is_on_device() const { return broadphase_.broad_phase().device() != nullptr; }
+
+ private:
+  btScalar random() { return std::uniform_real_distribution<btScalar>(0, 1)(engine_); }
+
+  void change() {
+    for (std::size_t k = 0; k < proxies_.size(); k += 3) {
+      const btVector3 step(random(), random(), 0);
+      broadphase_.setAabb(proxies_[k], proxies_[k]->m_aabbMin + step, proxies_[k]->m_aabbMax + step,
+                          &dispatcher_);
+    }
+    for (std::size_t k = 0; k < proxies_.size(); k += 7) {
+      proxies_[k]->m_collisionFilterMask ^= 1;
+      std::swap(proxies_[k], proxies_.back());
+      broadphase_.destroyProxy(proxies_.back(), &dispatcher_);
+      proxies_.pop_back();
+    }
+    for (int k = 0; k < 12; ++k) {
+      const btVector3 lower(5 * random(), 5 * random(), 0);
+      proxies_.push_back(broadphase_.createProxy(lower, lower + btVector3(1, 1, 1), BOX_SHAPE_PROXYTYPE, this,
+                                                 1 + k % 2, 3, &dispatcher_));
+    }
+  }
+
+  IdPairs cached() {
+    IdPairs pairs;
+    const btBroadphasePairArray& array = broadphase_.getOverlappingPairCache()->getOverlappingPairArray();
+    for (int k = 0; k < array.size(); ++k) {
+      pairs.emplace_back(array[k].m_pProxy0->m_uniqueId, array[k].m_pProxy1->m_uniqueId);
+    }
+    std::sort(pairs.begin(), pairs.end());
+    return pairs;
+  }
+
+  IdPairs overlapping() {
+    IdPairs pairs;
+    for (const btBroadphaseProxy* s : proxies_) {
+      for (const btBroadphaseProxy* t : proxies_) {
+        if (s->m_uniqueId < t->m_uniqueId &&
+            TestAabbAgainstAabb2(s->m_aabbMin, s->m_aabbMax, t->m_aabbMin, t->m_aabbMax) &&
+            (s->m_collisionFilterGroup & t->m_collisionFilterMask) != 0 &&
+            (t->m_collisionFilterGroup & s->m_collisionFilterMask) != 0) {
+          pairs.emplace_back(s->m_uniqueId, t->m_uniqueId);
+        }
+      }
+    }
+    std::sort(pairs.begin(), pairs.end());
+    return pairs;
+  }
+
+  btDefaultCollisionConfiguration configuration_;
+  btCollisionDispatcher dispatcher_{&configuration_};
+  std::vector<std::string> errors_;
+  BulletBroadphase broadphase_;
+  std::vector<btBroadphaseProxy*> proxies_;
+  std::mt19937 engine_{1};  // NOLINT(bugprone-random-generator-seed): the same life each time
+};
+
+class BulletFailure : public ::testing::TestWithParam<AlgorithmInfo> {};
+
+TEST_P(BulletFailure, WhicheverCallFailsFirstThePairsAreRightAndItIsToldOnce) {
+  long calls = 0;
+  {
+    Life life(GetParam().name);
+    const FailingOpenCl nothing_fails(0, 0);
+    life.live();
+    calls = FailingOpenCl::calls();
+    EXPECT_THAT(life.errors(), SizeIs(0));
+    EXPECT_TRUE(life.is_on_device());
+  }
+  ASSERT_GT(calls, 50);
+  const long step = std::max(1L, calls / most_lives);
+  for (long first = 0; first < calls; first += step) {
+    SCOPED_TRACE("from call " + std::to_string(first) + " on");
+    std::optional<Life> life(std::in_place, GetParam().name);
+    const FailingOpenCl all_fail(first, calls * 100);
+    life->live();
+    ASSERT_THAT(life->errors(), ElementsAre(HasSubstr("sweep and prune")));
+    ASSERT_FALSE(life->is_on_device());
+    life.reset();  // while calls fail
+  }
+}
+
+TEST_P(BulletFailure, ASingleFailureIsSurvivedToo) {
+  for (long first = 0; first < most_lives; ++first) {
+    SCOPED_TRACE("call " + std::to_string(first));
+    Life life(GetParam().name);
+    const FailingOpenCl one_fails(first, 1);
+    life.live();
+    ASSERT_LE(life.errors().size(), 1U);
+    ASSERT_EQ(life.is_on_device(), life.errors().empty());
+    if (FailingOpenCl::calls() < first) break;
+  }
+}
+
+std::vector<AlgorithmInfo> device_algorithms() {
+  std::vector<AlgorithmInfo> result;
+  for (const AlgorithmInfo& info : algorithms()) {
+    if (info.on_device) result.push_back(info);
+  }
+  return result;
+}
+
+INSTANTIATE_TEST_SUITE_P(Table, BulletFailure, testing::ValuesIn(device_algorithms()), [](const auto& test) {
+  std::string name(test.param.name);
+  std::replace(name.begin(), name.end(), '-', '_');
+  return name;
+});
+
+}  // namespace
+}  // namespace broadcl
