@@ -11,6 +11,8 @@
 #include <cstddef>
 #include <memory>
 #include <ostream>
+#include <random>
+#include <span>
 #include <string>
 #include <utility>
 #include <vector>
@@ -51,6 +53,47 @@ inline const std::array kinds{
            return std::make_unique<btSimpleBroadphase>(capacity, cache);
          }}};
 
+class Random {
+ public:
+  explicit Random(unsigned number) : engine_(number) {}
+  unsigned below(unsigned n) { return static_cast<unsigned>(engine_()) % n; }
+  /// In tenths, so that boxes touch.
+  btScalar coordinate(unsigned range) { return static_cast<btScalar>(below(10 * range)) / 10; }
+  btVector3 point(unsigned range) {
+    const btScalar x = coordinate(range);
+    const btScalar y = coordinate(range);
+    return {x, y, coordinate(range)};
+  }
+
+ private:
+  std::mt19937 engine_;
+};
+
+/// Null where the cache does not have the pair, in whichever order.
+inline btBroadphasePair* find(btOverlappingPairCache& cache, const btBroadphaseProxy* s,
+                              const btBroadphaseProxy* t) {
+  btBroadphasePairArray& pairs = cache.getOverlappingPairArray();
+  for (int k = 0; k < pairs.size(); ++k) {
+    const bool same = pairs[k].m_pProxy0 == s && pairs[k].m_pProxy1 == t;
+    if (same || (pairs[k].m_pProxy0 == t && pairs[k].m_pProxy1 == s)) return &pairs[k];
+  }
+  return nullptr;
+}
+
+/// Pairs of boxes that overlap, as Bullet tests them, but are not in the cache.
+inline int missing(btOverlappingPairCache& cache, std::span<const btBroadphaseProxy* const> proxies) {
+  int count = 0;
+  for (std::size_t b = 0; b < proxies.size(); ++b) {
+    for (std::size_t a = 0; a < b; ++a) {
+      const btBroadphaseProxy& s = *proxies[a];
+      const btBroadphaseProxy& t = *proxies[b];
+      const bool overlap = TestAabbAgainstAabb2(s.m_aabbMin, s.m_aabbMax, t.m_aabbMin, t.m_aabbMax);
+      if (overlap && find(cache, &s, &t) == nullptr) ++count;
+    }
+  }
+  return count;
+}
+
 /// Proxies on a broad phase; its end destroys those that live.
 class Rig {
  public:
@@ -71,13 +114,13 @@ class Rig {
     return proxies_.back();
   }
   /// From x to x + 1, and from 0 to 1 on the other axes.
-  btBroadphaseProxy* create_unit(float x, int group = 1, int mask = all_bits, void* client = nullptr) {
+  btBroadphaseProxy* create_unit(btScalar x, int group = 1, int mask = all_bits, void* client = nullptr) {
     return create({x, 0, 0}, {x + 1, 1, 1}, group, mask, client);
   }
   void move(btBroadphaseProxy* proxy, const btVector3& lower, const btVector3& upper) {
     broadphase_->setAabb(proxy, lower, upper, &dispatcher_);
   }
-  void move(btBroadphaseProxy* proxy, float x) { move(proxy, {x, 0, 0}, {x + 1, 1, 1}); }
+  void move(btBroadphaseProxy* proxy, btScalar x) { move(proxy, {x, 0, 0}, {x + 1, 1, 1}); }
   void destroy(btBroadphaseProxy* proxy) {
     std::erase(proxies_, proxy);
     broadphase_->destroyProxy(proxy, &dispatcher_);
@@ -92,28 +135,11 @@ class Rig {
   }
 
   btBroadphasePair* find(const btBroadphaseProxy* s, const btBroadphaseProxy* t) {
-    btBroadphasePairArray& pairs = cache().getOverlappingPairArray();
-    for (int k = 0; k < pairs.size(); ++k) {
-      const bool same = pairs[k].m_pProxy0 == s && pairs[k].m_pProxy1 == t;
-      if (same || (pairs[k].m_pProxy0 == t && pairs[k].m_pProxy1 == s)) return &pairs[k];
-    }
-    return nullptr;
+    return test::find(cache(), s, t);
   }
   bool has(const btBroadphaseProxy* s, const btBroadphaseProxy* t) { return find(s, t) != nullptr; }
   int pair_count() { return cache().getNumOverlappingPairs(); }
-  /// Pairs of boxes that overlap, as Bullet tests them, but are not in the cache.
-  int missing() {
-    int count = 0;
-    for (std::size_t b = 0; b < proxies_.size(); ++b) {
-      for (std::size_t a = 0; a < b; ++a) {
-        const btBroadphaseProxy& s = *proxies_[a];
-        const btBroadphaseProxy& t = *proxies_[b];
-        const bool overlap = TestAabbAgainstAabb2(s.m_aabbMin, s.m_aabbMax, t.m_aabbMin, t.m_aabbMax);
-        if (overlap && !has(&s, &t)) ++count;
-      }
-    }
-    return count;
-  }
+  int missing() { return test::missing(cache(), proxies_); }
   /// The cache in its own order.
   std::vector<std::pair<int, int>> ids() {
     std::vector<std::pair<int, int>> result;

@@ -1,0 +1,75 @@
+#pragma once
+
+#include <BulletCollision/BroadphaseCollision/btBroadphaseInterface.h>
+#include <LinearMath/btAabbUtil2.h>
+
+#include <array>
+#include <cstddef>
+#include <set>
+
+#include "bullet_rig.hpp"
+
+namespace broadcl::test {
+
+/// The clients that a query reports, each as often as it does.
+struct BoxCollector final : btBroadphaseAabbCallback {
+  bool process(const btBroadphaseProxy* proxy) override {
+    found.insert(proxy->m_clientObject);
+    return false;  // which stops no query
+  }
+  std::multiset<const void*> found;
+};
+
+struct RayCollector : btBroadphaseRayCallback {
+  RayCollector(const btVector3& from, const btVector3& to) {
+    // As btCollisionWorld does it.
+    btVector3 direction = to - from;
+    if (!direction.fuzzyZero()) direction.normalize();
+    for (int axis = 0; axis < 3; ++axis) {
+      m_rayDirectionInverse[axis] =
+          direction[axis] == 0 ? btScalar(BT_LARGE_FLOAT) : btScalar(1) / direction[axis];
+      m_signs[axis] = m_rayDirectionInverse[axis] < 0 ? 1 : 0;
+    }
+    m_lambda_max = direction.dot(to - from);
+  }
+  bool process(const btBroadphaseProxy* proxy) override {
+    found.insert(proxy->m_clientObject);
+    return false;
+  }
+  /// By the statement.
+  [[nodiscard]] bool must_report(const btBroadphaseProxy& proxy, const btVector3& from,
+                                 const btVector3& lower, const btVector3& upper) const {
+    const std::array bounds{proxy.m_aabbMin - upper, proxy.m_aabbMax - lower};
+    btScalar hit = 1;
+    return btRayAabb2(from, m_rayDirectionInverse, m_signs, bounds.data(), hit, 0, m_lambda_max);
+  }
+  std::multiset<const void*> found;
+};
+
+/// A rig with a grid of boxes that have clients.
+class QueryRig : public Rig {
+ public:
+  explicit QueryRig(const Kind& kind) : Rig(kind) {
+    Random random(8);
+    for (std::size_t k = 0; k < clients_.size(); ++k) {
+      const btVector3 lower = random.point(20);
+      const btVector3 upper = lower + random.point(3);
+      move(create(lower, upper, static_cast<int>(k % 3), 0, &clients_[k]), lower, upper);
+    }
+  }
+  std::multiset<const void*> boxes(const btVector3& lower, const btVector3& upper) {
+    BoxCollector collector;
+    broadphase().aabbTest(lower, upper, collector);
+    return collector.found;
+  }
+  std::multiset<const void*> rays(const btVector3& from, const btVector3& to) {
+    RayCollector collector(from, to);
+    broadphase().rayTest(from, to, collector);
+    return collector.found;
+  }
+
+ private:
+  std::array<int, 400> clients_{};
+};
+
+}  // namespace broadcl::test
