@@ -49,8 +49,14 @@ inline const std::array kinds{
            const btVector3 edge(1000, 1000, 1000);
            return std::make_unique<bt32BitAxisSweep3>(-edge, edge, capacity, cache);
          }},
-    Kind{"Simple", [](btOverlappingPairCache* cache) -> std::unique_ptr<btBroadphaseInterface> {
+    Kind{"Simple",
+         [](btOverlappingPairCache* cache) -> std::unique_ptr<btBroadphaseInterface> {
            return std::make_unique<btSimpleBroadphase>(capacity, cache);
+         }},
+    Kind{"BroadCLAtOnce", [](btOverlappingPairCache* cache) -> std::unique_ptr<btBroadphaseInterface> {
+           auto broadphase = std::make_unique<BulletBroadphase>(BroadPhase::Config(), cache);
+           broadphase->set_pairs_at_once(true);
+           return broadphase;
          }}};
 
 class Random {

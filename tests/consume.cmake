@@ -1,4 +1,4 @@
-# cmake -D BUILD=build-tree -D SOURCE=project -P consume.cmake
+# cmake -D BUILD=build-tree -D SOURCE=project -D FLOAT64=ON|OFF -P consume.cmake
 # Installs a build into a new folder, then builds the project against what was installed and runs its programs.
 function(run)
   execute_process(COMMAND ${ARGV} RESULT_VARIABLE failed OUTPUT_VARIABLE output ERROR_VARIABLE output)
@@ -14,7 +14,11 @@ run(${CMAKE_COMMAND} --install ${BUILD} --prefix ${folder}/prefix)
 run(${CMAKE_COMMAND} -S ${SOURCE} -B ${folder}/build -D CMAKE_PREFIX_PATH=${folder}/prefix
   -D CMAKE_CXX_FLAGS=-Werror)
 run(${CMAKE_COMMAND} --build ${folder}/build)
-foreach(example pairs layouts on_device bullet_world bullet_async)
+set(examples pairs layouts on_device bullet_world bullet_async)
+if(FLOAT64)
+  list(APPEND examples double_precision)
+endif()
+foreach(example ${examples})
   run(${folder}/build/${example})
   message(STATUS "${example}: ${output}")
 endforeach()

@@ -125,9 +125,10 @@ cl_int clFlush(cl_command_queue queue) {
   return call_next(clFlush, "clFlush", queue);
 }
 
-cl_int clFinish(cl_command_queue queue) {
+cl_int clEnqueueMarkerWithWaitList(cl_command_queue queue, cl_uint count, const cl_event* events,
+                                   cl_event* event) {
   if (fails()) return CL_OUT_OF_RESOURCES;
-  return call_next(clFinish, "clFinish", queue);
+  return call_next(clEnqueueMarkerWithWaitList, "clEnqueueMarkerWithWaitList", queue, count, events, event);
 }
 
 cl_int clWaitForEvents(cl_uint count, const cl_event* events) {

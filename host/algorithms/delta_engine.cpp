@@ -19,8 +19,7 @@ class DeltaEngine final : public Algorithm {
       try {
         return std::forward<Function>(function)();
       } catch (...) {
-        objects_.reclaim();
-        context_.queue().finish();
+        objects_.give_up();
         throw;
       }
     });
@@ -36,7 +35,7 @@ class DeltaEngine final : public Algorithm {
 
   void reserve(std::size_t boxes) override { objects_.reserve(boxes); }
 
-  [[nodiscard]] std::span<Aabb> boxes() noexcept override { return objects_.boxes(); }
+  [[nodiscard]] std::span<Aabb> boxes() override { return objects_.boxes(); }
 
   void begin(const Changes& changes) override {
     profiler_.begin();

@@ -53,7 +53,19 @@ void DeviceObjects::reserve(std::size_t slots) {
   });
 }
 
-std::span<Aabb> DeviceObjects::boxes() const noexcept {
+void DeviceObjects::reclaim_what_failed() {
+  const auto is_lost = [](const opencl::SharedBuffer& buffer) {
+    return buffer.bytes() > 0 && buffer.host() == nullptr;
+  };
+  if (!is_lost(boxes_) && !is_lost(filters_) && !is_lost(changes_)) return;
+  opencl::translate_errors(context_.device().label(), [&] {
+    reclaim();
+    opencl::wait_for_all(context_.queue());
+  });
+}
+
+std::span<Aabb> DeviceObjects::boxes() {
+  reclaim_what_failed();
   const std::size_t boxes = boxes_.bytes() / sizeof(Aabb);
   return {reinterpret_cast<Aabb*>(boxes_.host()), boxes == 0 ? 0 : boxes - Search::padding};
 }
@@ -101,6 +113,7 @@ void DeviceObjects::apply_changes(cl_uint count) {
 }
 
 Search DeviceObjects::upload(const Changes& changes) {
+  reclaim_what_failed();
   if (stamp_ == last_stamp) {
     context_.queue().enqueueFillBuffer(stamps_, cl_uint{0}, 0, boxes().size() * sizeof(cl_uint));
     stamp_ = 0;
@@ -131,6 +144,16 @@ void DeviceObjects::reclaim() {
   boxes_.reclaim();
   filters_.reclaim();
   changes_.reclaim();
+}
+
+void DeviceObjects::give_up() noexcept {
+  try {
+    reclaim();
+    opencl::wait_for_all(context_.queue());
+  } catch (const cl::Error&) {
+    // What failed first is what the caller is told.
+    return;
+  }
 }
 
 void DeviceObjects::lend() {

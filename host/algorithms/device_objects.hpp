@@ -25,17 +25,22 @@ class DeviceObjects {
   void reserve(std::size_t slots);
 
   /// Where the host writes boxes, while they are the host's.
-  [[nodiscard]] std::span<Aabb> boxes() const noexcept;
+  /// @throws Error where the device did not give them back when it failed, and does not now.
+  [[nodiscard]] std::span<Aabb> boxes();
 
   /// Gives them to the device, which gets what changed: all boxes, or those that did.
   /// @throws cl::Error
   Search upload(const Changes& changes);
   /// Gives them back to the host, once the queue has come so far.
   void reclaim();
+  /// The same, at once, after the device has failed. Where it fails in this too, boxes() tries again.
+  void give_up() noexcept;
   /// Gives them to the device again, for another run of the same search.
   void lend();
 
  private:
+  /// Memory that should be the host's but is not, since a give_up() failed.
+  void reclaim_what_failed();
   void upload_filters(const Changes& changes);
   cl_uint upload_changes(const Changes& changes);
   void apply_changes(cl_uint count);

@@ -46,7 +46,7 @@ class GpuBf final : public Algorithm {
 
   void reserve(std::size_t boxes) override { objects_.reserve(boxes); }
 
-  [[nodiscard]] std::span<Aabb> boxes() noexcept override { return objects_.boxes(); }
+  [[nodiscard]] std::span<Aabb> boxes() override { return objects_.boxes(); }
 
   /// Tests all pairs, whatever changed, and brings the results to the host.
   void begin(const Changes& changes) override {
@@ -127,7 +127,7 @@ class GpuBf final : public Algorithm {
       current_.download(current_pairs_, &read_);
       if (stage.event() != nullptr) *stage.event() = read_;
     } catch (...) {
-      give_up();
+      objects_.give_up();
       throw;
     }
   }
@@ -141,17 +141,10 @@ class GpuBf final : public Algorithm {
         }
         profiler_.resolve();
       } catch (...) {
-        give_up();
+        objects_.give_up();
         throw;
       }
     });
-  }
-
-  /// Host memory becomes the host's again.
-  void give_up() {
-    objects_.reclaim();
-    current_.reclaim();
-    context_.queue().finish();
   }
 
   void enqueue_kernel(const Search& search, cl::Event* event) {

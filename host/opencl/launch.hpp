@@ -24,4 +24,13 @@ cl_uint set_arguments(cl::Kernel& kernel, cl_uint first, const Arguments&... arg
   return first;
 }
 
+/// Waits until the queue has done all it was given, as its finish() should: Mesa's rusticl 22.3 returns early
+/// from one that follows a flush.
+/// @throws cl::Error
+inline void wait_for_all(const cl::CommandQueue& queue) {
+  cl::Event end;
+  queue.enqueueMarkerWithWaitList(nullptr, &end);
+  end.wait();
+}
+
 }  // namespace broadcl::opencl

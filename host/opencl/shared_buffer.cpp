@@ -9,8 +9,9 @@ SharedBuffer::SharedBuffer(const Context& context, std::size_t bytes)
   const bool shared = context.device().host_unified;
   device_ = cl::Buffer(context.context(), CL_MEM_READ_WRITE | (shared ? CL_MEM_ALLOC_HOST_PTR : 0), bytes);
   if (!shared) pinned_ = cl::Buffer(context.context(), CL_MEM_READ_WRITE | CL_MEM_ALLOC_HOST_PTR, bytes);
-  map(nullptr);
-  queue_.finish();
+  cl::Event mapped;
+  map(&mapped);
+  mapped.wait();
 }
 
 SharedBuffer::~SharedBuffer() {
