@@ -85,7 +85,7 @@ TEST(BulletAtOnce, AFilterThatChangesBeforeTheCalculationCounts) {
   rig.move(t, 0.5F);
   EXPECT_TRUE(rig.has(s, t));
   rig.destroy(t);
-  t = rig.create_unit(7);
+  rig.create_unit(7);
   rig.calculate();
   EXPECT_EQ(rig.pair_count(), 0);
 }

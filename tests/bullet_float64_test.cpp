@@ -125,13 +125,15 @@ TEST(BulletFloat64, AWorldRunsOnIt) {
     std::vector<std::unique_ptr<btRigidBody>> bodies;
     bodies.push_back(std::make_unique<btRigidBody>(0, nullptr, &plane_shape));
     for (int k = 0; k < 27; ++k) {
+      const int layer = k / 9;
+      const int row = k / 3 % 3;
       bodies.push_back(std::make_unique<btRigidBody>(1, nullptr, &box_shape, inertia));
-      bodies.back()->getWorldTransform().setOrigin(
-          btVector3(1.1 * (k % 3), 1 + 1.1 * (k / 9), 1.1 * (k / 3 % 3)));
+      bodies.back()->getWorldTransform().setOrigin(btVector3(1.1 * (k % 3), 1 + 1.1 * layer, 1.1 * row));
     }
     for (const auto& body : bodies) world.addRigidBody(body.get());
     for (int step = 0; step < 240; ++step) world.stepSimulation(1.0 / 60, 0);
     std::vector<double> heights;
+    heights.reserve(bodies.size());
     for (const auto& body : bodies) heights.push_back(body->getWorldTransform().getOrigin().y());
     for (const auto& body : bodies) world.removeRigidBody(body.get());
     return heights;

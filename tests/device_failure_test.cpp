@@ -43,7 +43,7 @@ class Life {
 
  private:
   template <class Function>
-  bool attempt(const Function& function) const {
+  [[nodiscard]] bool attempt(const Function& function) const {
     for (int k = 0; k < attempts_; ++k) {
       try {
         function();
