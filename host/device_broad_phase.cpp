@@ -3,6 +3,7 @@
 #include <broadcl/aabb.hpp>
 #include <broadcl/opencl.hpp>
 
+#include <array>
 #include <cstring>
 #include <utility>
 
@@ -57,7 +58,7 @@ class DeviceBroadPhase::Impl {
     translate([&] {
       gather_ = cl::Kernel(program, "gather_boxes");
       bad_ = opencl::SharedBuffer(context_, sizeof(Bad));
-      stamps_ = cl::Buffer(context_.context(), CL_MEM_READ_WRITE, sizeof(cl_uint));
+      unused_ = cl::Buffer(context_.context(), CL_MEM_READ_WRITE, sizeof(cl_uint));
     });
   }
 
@@ -66,18 +67,22 @@ class DeviceBroadPhase::Impl {
     translate([&] {
       check(boxes);
       profiler_.begin();
-      reserve(boxes.count);
       gather(boxes);
-      const cl::Buffer filters = boxes.filters == nullptr ? stamps_ : padded_filters(boxes);
+      copy_filters(boxes);
+      const Frame& last = frames_[turn_];
+      const Frame& next = frames_[1 - turn_];
       search_ = {.slots = static_cast<cl_uint>(boxes.count),
-                 .boxes = boxes_,
-                 .filters = filters,
-                 .any_filters = boxes.filters != nullptr,
-                 .worlds = boxes.worlds && boxes.filters != nullptr,
-                 .changed = stamps_,
-                 .stamps = {.words = stamps_}};
-      delta_.begin({.slots = boxes.count,
-                    .stamps = search_.stamps,
+                 .boxes = next.boxes,
+                 .filters = next.any_filters ? next.filters : unused_,
+                 .any_filters = next.any_filters,
+                 .worlds = boxes.worlds && next.any_filters,
+                 .changed = unused_,
+                 .stamps = {.words = unused_},
+                 .last_slots = last.slots,
+                 .last_boxes = last.boxes,
+                 .last_filters = last.any_filters ? last.filters : unused_,
+                 .any_last_filters = last.any_filters};
+      delta_.begin({.search = search_,
                     .find = [this] { finder_->find(search_, delta_, profiler_); },
                     .stays_on_device = true});
       context_.queue().flush();
@@ -90,6 +95,7 @@ class DeviceBroadPhase::Impl {
     in_flight_ = false;
     return translate([&]() -> Result {
       const PairDelta::OnDevice changes = delta_.finish_on_device();
+      turn_ = 1 - turn_;
       Bad bad;
       std::memcpy(&bad, bad_.host(), sizeof(Bad));
       return {.added = {changes.added(), changes.added_count},
@@ -125,15 +131,10 @@ class DeviceBroadPhase::Impl {
     refuse_short("filters", cl::Buffer(boxes.filters, true), boxes.count * sizeof(Filter));
   }
 
-  void reserve(std::size_t count) {
-    const std::size_t capacity = count + Search::padding;
-    if (capacity <= capacity_) return;
-    capacity_ = 0;
-    boxes_ = cl::Buffer(context_.context(), CL_MEM_READ_WRITE, (capacity + capacity / 2) * sizeof(Aabb));
-    capacity_ = capacity + capacity / 2;
-  }
-
   void gather(const Boxes& boxes) {
+    Frame& next = frames_[1 - turn_];
+    next.slots = static_cast<cl_uint>(boxes.count);
+    grow(next.boxes, boxes.count, sizeof(Aabb));
     const Bad none;
     std::memcpy(bad_.host(), &none, sizeof(Bad));
     opencl::Profiler::Scope stage(profiler_, "gather");
@@ -141,7 +142,7 @@ class DeviceBroadPhase::Impl {
     if (boxes.count > 0) {
       opencl::set_arguments(gather_, 0, static_cast<cl_uint>(boxes.count), cl::Buffer(boxes.buffer, true),
                             static_cast<cl_ulong>(boxes.offset / sizeof(float)),
-                            static_cast<cl_ulong>(boxes.stride / sizeof(float)), boxes_, bad_.device());
+                            static_cast<cl_ulong>(boxes.stride / sizeof(float)), next.boxes, bad_.device());
       context_.queue().enqueueNDRangeKernel(gather_, cl::NullRange,
                                             cl::NDRange(opencl::round_up(boxes.count, group)),
                                             cl::NDRange(group), nullptr, stage.event());
@@ -149,16 +150,30 @@ class DeviceBroadPhase::Impl {
     bad_.download(sizeof(Bad));
   }
 
-  /// The caller's filters, with room for kernels that read past the last one.
-  cl::Buffer padded_filters(const Boxes& boxes) {
-    const std::size_t bytes = boxes.count * sizeof(Filter);
-    const std::size_t padded = bytes + Search::padding * sizeof(Filter);
-    if (filters_() == nullptr || filters_.getInfo<CL_MEM_SIZE>() < padded) {
-      filters_ = cl::Buffer(context_.context(), CL_MEM_READ_WRITE, padded + padded / 2);
-    }
-    if (bytes > 0) context_.queue().enqueueCopyBuffer(cl::Buffer(boxes.filters, true), filters_, 0, 0, bytes);
-    return filters_;
+  void copy_filters(const Boxes& boxes) {
+    Frame& next = frames_[1 - turn_];
+    next.any_filters = boxes.filters != nullptr;
+    if (!next.any_filters) return;
+    grow(next.filters, boxes.count, sizeof(Filter));
+    if (boxes.count == 0) return;
+    context_.queue().enqueueCopyBuffer(cl::Buffer(boxes.filters, true), next.filters, 0, 0,
+                                       boxes.count * sizeof(Filter));
   }
+
+  /// Makes room for so many items, and for kernels that read past the last one.
+  void grow(cl::Buffer& buffer, std::size_t count, std::size_t size) const {
+    const std::size_t bytes = (count + Search::padding) * size;
+    if (buffer() != nullptr && buffer.getInfo<CL_MEM_SIZE>() >= bytes) return;
+    buffer = cl::Buffer(context_.context(), CL_MEM_READ_WRITE, bytes + bytes / 2);
+  }
+
+  /// Objects as of one update.
+  struct Frame {  // NOLINT(bugprone-exception-escape): handles do not throw when moved
+    cl_uint slots = 0;
+    cl::Buffer boxes;
+    bool any_filters = false;
+    cl::Buffer filters;
+  };
 
   opencl::Context context_;
   opencl::Profiler profiler_;
@@ -166,8 +181,10 @@ class DeviceBroadPhase::Impl {
   std::unique_ptr<PairFinder> finder_;
   Search search_;  // of the update that was begun
   cl::Kernel gather_;
-  cl::Buffer boxes_, filters_, stamps_, pairs_;
-  std::size_t capacity_ = 0;  // of boxes_
+  std::array<Frame, 2> frames_;  // of the last update and of the next, in turn
+  std::size_t turn_ = 0;
+  cl::Buffer unused_;  // stands where a kernel reads nothing
+  cl::Buffer pairs_;
   opencl::SharedBuffer bad_;
   bool in_flight_ = false;
 };

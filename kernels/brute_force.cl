@@ -1,5 +1,5 @@
 /* Brute force: tests every pair of boxes of which one changed, and appends those that overlap and that their filters let
-   pair to a list, in no particular order.
+   pair, and that did not do so in the last frame, to a list, in no particular order.
 
    A work-item holds WIDTH boxes a in registers and walks down rows, each a box b, the same for the whole work-group. Hits
    gather in local memory; a work-group reserves its part of the list with one atomic. Where local memory was too small it
@@ -92,10 +92,10 @@ static inline may_t may_overlap(const boxes_t* s, const row_t t) {
 /* As lanes: finite bounds overlap, which may be more. */
 #define LANES(may, s, t) test_boxes(s, t)
 
-static inline bool overlap(global const float* restrict boxes, const uint a, const uint b) {
-  global const float* p = boxes + (size_t)a * AABB_FLOATS;
-  global const float* q = boxes + (size_t)b * AABB_FLOATS;
-  return AABB_OVERLAPS(p[0], p[1], p[2], p[3], p[4], p[5], q[0], q[1], q[2], q[3], q[4], q[5]) != 0;
+static inline bool overlap(global const float* boxes, const uint a, const uint b) {
+  const box_t s = load_box(boxes, a);
+  const box_t t = load_box(boxes, b);
+  return boxes_overlap(&s, &t);
 }
 #else
 #define FINITE(bounds) (bounds)
@@ -176,6 +176,7 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void brute_force(
 #endif
           if (any_filters != 0U && !may_pair(filters[s_a], filters[b])) continue;
           const uint2 pair = (uint2)(min(s_a, b), max(s_a, b));
+          if (was_in_last_frame(&sink, pair)) continue;
           const uint k = atomic_inc(&found);
           if (pass == 1U) {
             put_pair(&sink, base, k, pair);

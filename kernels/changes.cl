@@ -4,6 +4,15 @@
 
 #define CHANGE_WORDS (1 + AABB_FLOATS) /* slot << 1 | renewed, and the box */
 
+/* Copies the boxes of some slots, a work-item a slot. */
+kernel void copy_boxes(const uint count, global const uint* restrict slots, global const float* restrict from,
+                       global float* restrict to) {
+  const uint k = (uint)get_global_id(0);
+  if (k >= count) return;
+  const size_t first = (size_t)slots[k] * AABB_FLOATS;
+  for (uint i = 0; i < AABB_FLOATS; ++i) to[first + i] = from[first + i];
+}
+
 /* Takes over what changed, a work-item a change. */
 kernel void apply_changes(const uint count, global const uint* restrict changes, const uint stamp,
                           global uint* restrict boxes, global uint* restrict stamps, global uint* restrict changed) {

@@ -2,53 +2,73 @@
 
 #include "delta.h"
 
+#ifndef GROUP
+#define GROUP 64 /* work-items a work-group that keeps pairs */
+#endif
+#ifndef CHUNK
+#define CHUNK 4 /* pairs that each of them looks at */
+#endif
 #ifndef PARTS
 #define PARTS 64 /* work-items of a team, which places pairs together */
 #endif
 #define TEAMS 2 /* teams of so many work-items a work-group */
 #define KEYS 4  /* pairs that a team places at once */
 
-/* Puts the pairs of the last frame of which neither object changed, without a test. */
-kernel void delta_carry(const uint last_found, PAIR_SINK_PARAMETERS) {
-  const pair_sink_t sink = PAIR_SINK;
-  local uint places[2]; /* how many, and the first */
-  if (get_local_id(0) == 0) places[0] = 0;
-  barrier(CLK_LOCAL_MEM_FENCE);
-  const uint k = (uint)get_global_id(0);
-  uint2 pair = (uint2)(0);
-  bool stays = false;
-  uint mine = 0;
-  if (k < last_found) {
-    pair = last[k];
-    stays = !is_changed(stamps[pair.x], stamp) && !is_changed(stamps[pair.y], stamp);
-    if (stays) mine = atomic_inc(&places[0]);
-  }
-  barrier(CLK_LOCAL_MEM_FENCE);
-  if (get_local_id(0) == 0) places[1] = places[0] == 0 ? 0U : reserve_pairs(&sink, places[0]);
-  barrier(CLK_LOCAL_MEM_FENCE);
-  const uint place = places[1] + mine;
-  if (stays && place >= mine && enlist(&sink, place, pair, hash_pair(pair))) kept[k] = 1;
+/* Whether a pair of the last frame is one of this frame. */
+static inline bool is_kept(const uint2 pair, const uint slots, global const float* boxes, const uint any_filters,
+                           global const uint4* filters, const uint any_renewed, const uint stamp,
+                           global const uint* stamps) {
+  if (pair.y >= slots) return false;
+  if (any_renewed != 0U && (is_renewed(stamps[pair.x], stamp) || is_renewed(stamps[pair.y], stamp))) return false;
+  const box_t s = load_box(boxes, pair.x);
+  const box_t t = load_box(boxes, pair.y);
+  return boxes_overlap(&s, &t) && (any_filters == 0U || may_pair(filters[pair.x], filters[pair.y]));
 }
 
-/* Puts the pairs of a list into its table, which is all zero. */
-kernel void delta_index(const uint found, global const uint2* restrict pairs, global uint* restrict table,
-                        const uint mask) {
-  const uint k = (uint)get_global_id(0);
-  if (k < found) index_pair(table, mask, k, hash_pair(pairs[k]));
-}
+/* Parts the pairs of the last frame: those that still are pairs are put, the others collected. Before anything else is
+   put. `any_filters` tells whether filters may keep apart what was a pair. */
+kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void delta_keep(
+    const uint last_found, global const uint2* restrict last, const uint slots, global const float* restrict boxes,
+    const uint any_filters, global const uint4* restrict filters, const uint any_renewed, const uint stamp,
+    global const uint* restrict stamps, const uint capacity, global uint2* restrict pairs,
+    global uint2* restrict removed, global uint* restrict counts) {
+  local uint totals[2]; /* pairs removed and kept */
+  local uint bases[2];
+  const uint lane = (uint)get_local_id(0);
+  const uint first = (uint)get_group_id(0) * (GROUP * CHUNK) + lane;
+  if (lane < 1U) totals[0] = totals[1] = 0;
+  barrier(CLK_LOCAL_MEM_FENCE);
 
-/* Collects the pairs of the last frame that were not kept, and leaves `kept` and the last frame's table all zero. */
-kernel void delta_sweep(const uint capacity, global const uint2* restrict last, const uint last_found,
-                        global uint* restrict last_table, const uint last_mask, global uchar* restrict kept,
-                        global uint2* restrict removed, global uint* restrict counts) {
-  if (!all_fit(counts, capacity)) return;
-  const uint size = (uint)get_global_size(0);
-  for (uint k = (uint)get_global_id(0); k < last_found; k += size) {
-    if (kept[k] == 0) removed[atomic_inc(&counts[COUNT_REMOVED])] = last[k];
-    kept[k] = 0;
+  uchar kept[CHUNK];
+  uint kept_count = 0;
+  uint removed_count = 0;
+  for (uint k = 0; k < CHUNK; ++k) {
+    const uint place = first + k * GROUP;
+    if (place >= last_found) break;
+    kept[k] = is_kept(last[place], slots, boxes, any_filters, filters, any_renewed, stamp, stamps) ? 1 : 0;
+    kept_count += kept[k];
+    removed_count += 1U - kept[k];
   }
-  /* The mask may be the largest uint there is. */
-  for (ulong k = get_global_id(0); k <= last_mask; k += size) last_table[k] = 0;
+  uint next_removed = atomic_add(&totals[0], removed_count);
+  uint next_kept = atomic_add(&totals[1], kept_count);
+  barrier(CLK_LOCAL_MEM_FENCE);
+  if (lane == 0) {
+    bases[0] = atomic_add(&counts[COUNT_REMOVED], totals[0]);
+    bases[1] = atomic_add(&counts[COUNT_FOUND], totals[1]);
+  }
+  barrier(CLK_LOCAL_MEM_FENCE);
+  next_removed += bases[0];
+  next_kept += bases[1];
+  for (uint k = 0; k < CHUNK; ++k) {
+    const uint place = first + k * GROUP;
+    if (place >= last_found) break;
+    if (kept[k] == 0) {
+      removed[next_removed++] = last[place];
+    } else {
+      if (next_kept < capacity) pairs[next_kept] = last[place];
+      ++next_kept;
+    }
+  }
 }
 
 /* Position in canonical order: by b, then by a. */
@@ -61,8 +81,9 @@ static inline ulong order_of(const uint2 pair) {
    pairs each. Where a list has more pairs than they stand for, none is written. Leaves the counts of the next frame
    all zero. */
 kernel __attribute__((reqd_work_group_size(PARTS, TEAMS, 1))) void delta_order(
-    const uint capacity, global const uint2* restrict added, global const uint2* restrict removed,
-    global const uint* restrict counts, global uint* restrict next_counts, global uint* restrict result) {
+    const uint capacity, const uint last_found, global const uint2* restrict pairs,
+    global const uint2* restrict removed, global const uint* restrict counts, global uint* restrict next_counts,
+    global uint* restrict result) {
   local uint places[TEAMS * KEYS];
   const uint part = (uint)get_local_id(0);
   const bool is_added = get_group_id(2) == 0;
@@ -73,10 +94,11 @@ kernel __attribute__((reqd_work_group_size(PARTS, TEAMS, 1))) void delta_order(
   }
   if (!all_fit(counts, capacity)) return;
 
-  const uint added_count = counts[COUNT_ADDED];
   const uint removed_count = counts[COUNT_REMOVED];
+  const uint kept = last_found - removed_count;
+  const uint added_count = counts[COUNT_FOUND] - kept;
   const uint size = is_added ? added_count : removed_count;
-  global const uint2* list = is_added ? added : removed;
+  global const uint2* list = is_added ? pairs + kept : removed;
   global uint2* changes = (global uint2*)(result + COUNTS) + (is_added ? 0U : added_count);
   if (max(added_count, removed_count) > (uint)get_global_size(1) * KEYS) return;
   if ((uint)get_group_id(1) * (TEAMS * KEYS) >= size) return;

@@ -1,57 +1,66 @@
-/* Where a kernel puts the pairs it finds, in no particular order, and what becomes of them.
+/* Where a kernel puts the pairs that it finds, in no particular order.
 
-   Each pair goes to the list of this frame and into its hash table, and is looked up among those of the last frame: found,
-   it is kept, else it was added. Tables hold places in their list plus one, 0 is free, and are probed linearly.
+   The boxes and filters of the last frame are kept: two objects were a pair then where their boxes of then overlap. So only
+   pairs that are new are put; those of the last frame's list that still are pairs, delta_keep has copied before. What was
+   put is what was added: it stands behind what was kept.
 
    All pairs are counted, those that fit are put: where the count exceeds the capacity the host makes the list larger and
-   runs the frame again. */
+   runs the frame again. Nothing of the last frame is overwritten. */
 #ifndef BROADCL_DELTA_H
 #define BROADCL_DELTA_H
 
+#include "aabb.h"
+#include "filter.h"
 #include "stamp.h"
 
 /* What is counted, as uints. The number of pairs found has 64 bits in two: no 64-bit atomics are needed. */
-#define COUNT_FOUND 0
+#define COUNT_FOUND 0 /* kept and added */
 #define COUNT_FOUND_HIGH 1
-#define COUNT_ADDED 2
-#define COUNT_REMOVED 3
-#define COUNT_WORK 4 /* what an algorithm counts for itself */
-#define COUNTS 6     /* an even number, so that pairs can follow */
+#define COUNT_REMOVED 2
+#define COUNT_WORK 3 /* what an algorithm counts for itself */
+#define COUNTS 4     /* an even number, so that pairs can follow */
 
 typedef struct {
-  uint capacity;             /* of the list of this frame */
-  global uint2* pairs;       /* the list of this frame */
-  global uint* table;        /* its table */
-  uint mask;                 /* entries of the table less one */
-  global const uint2* last;  /* the list of the last frame */
-  global const uint* last_table;
-  uint last_mask;
-  global uchar* kept;          /* a byte a pair of the last frame, 1 where this frame found it too */
-  uint any_renewed;            /* whether some object is another one than in the last frame */
-  uint stamp;                  /* of this frame */
-  global const uint* stamps;   /* a word a slot: stamp.h */
-  global uint2* added;
+  uint capacity;                      /* of the list */
+  global uint2* pairs;                /* the list of this frame */
+  global const float* last_boxes;     /* of the last frame */
+  uint last_slots;                    /* boxes of the last frame */
+  global const uint4* last_filters;   /* of the last frame, where it had any */
+  uint any_last_filters;              /* whether these may have kept objects apart that pair now */
+  uint any_renewed;                   /* whether some object is another one than in the last frame */
+  uint stamp;                         /* of this frame */
+  global const uint* stamps;          /* a word a slot: stamp.h */
   global uint* counts;
 } pair_sink_t;
 
-#define PAIR_SINK_PARAMETERS                                                                                         \
-  const uint capacity, global uint2 *restrict pairs, global uint *restrict table, const uint mask,                   \
-      global const uint2 *restrict last, global const uint *restrict last_table, const uint last_mask,               \
-      global uchar *restrict kept, const uint any_renewed, const uint stamp, global const uint *restrict stamps,     \
-      global uint2 *restrict added, global uint *restrict counts
+#define PAIR_SINK_PARAMETERS                                                                                        \
+  const uint capacity, global uint2 *restrict pairs, global const float *restrict last_boxes, const uint last_slots, \
+      global const uint4 *restrict last_filters, const uint any_last_filters, const uint any_renewed,               \
+      const uint stamp, global const uint *restrict stamps, global uint *restrict counts
 #define PAIR_SINK                                                                                                    \
-  {capacity, pairs, table, mask, last, last_table, last_mask, kept, any_renewed, stamp, stamps, added, counts}
+  {capacity, pairs, last_boxes, last_slots, last_filters, any_last_filters, any_renewed, stamp, stamps, counts}
 
-static inline uint hash_pair(const uint2 pair) {
-  uint h = pair.x * 0x9e3779b1U ^ pair.y * 0x85ebca77U;
-  h ^= h >> 15;
-  h *= 0x2c1b3c6dU;
-  return h ^ (h >> 13);
+/* The box that a slot's object had in the last frame; an empty one where it was not there. */
+static inline box_t last_box(const pair_sink_t* sink, const uint slot) {
+  const bool was_there =
+      slot < sink->last_slots && (sink->any_renewed == 0U || !is_renewed(sink->stamps[slot], sink->stamp));
+  if (was_there) return load_box(sink->last_boxes, slot);
+  return empty_box();
+}
+
+/* Whether two objects whose boxes of the last frame overlap were a pair. */
+static inline bool could_pair(const pair_sink_t* sink, const uint2 pair) {
+  return sink->any_last_filters == 0U || may_pair(sink->last_filters[pair.x], sink->last_filters[pair.y]);
+}
+
+static inline bool was_in_last_frame(const pair_sink_t* sink, const uint2 pair) {
+  const box_t s = last_box(sink, pair.x);
+  const box_t t = last_box(sink, pair.y);
+  return boxes_overlap(&s, &t) && could_pair(sink, pair);
 }
 
 /* Reserves places for `total` pairs; returns the first. Where there are too many pairs for 32 bits, places would come a
-   second time: it is the largest uint then, from which on nothing fits. Work-groups that are in here while the count wraps
-   may still get such places, fewer than a table has to spare. */
+   second time: it is the largest uint then, from which on nothing fits. */
 static inline uint reserve_pairs(const pair_sink_t* sink, const uint total) {
   const uint high = sink->counts[COUNT_FOUND_HIGH];
   const uint base = atomic_add(&sink->counts[COUNT_FOUND], total);
@@ -60,44 +69,10 @@ static inline uint reserve_pairs(const pair_sink_t* sink, const uint total) {
   return high != 0U || wraps ? UINT_MAX : base;
 }
 
-static inline bool was_in_last_frame(const pair_sink_t* sink, const uint2 pair, const uint hash) {
-  if (sink->any_renewed != 0U &&
-      (is_renewed(sink->stamps[pair.x], sink->stamp) || is_renewed(sink->stamps[pair.y], sink->stamp))) {
-    return false;
-  }
-  for (uint entry = hash & sink->last_mask; sink->last_table[entry] != 0U; entry = (entry + 1U) & sink->last_mask) {
-    const uint place = sink->last_table[entry] - 1U;
-    const uint2 last = sink->last[place];
-    if (last.x == pair.x && last.y == pair.y) {
-      sink->kept[place] = 1;
-      return true;
-    }
-  }
-  return false;
-}
-
-/* Puts the place of a pair into a table. */
-static inline void index_pair(global uint* table, const uint mask, const uint place, const uint hash) {
-  uint entry = hash & mask;
-  while (atomic_cmpxchg(&table[entry], 0U, place + 1U) != 0U) entry = (entry + 1U) & mask;
-}
-
-/* Puts a pair at a place of this frame's list and into its table; false where it does not fit. */
-static inline bool enlist(const pair_sink_t* sink, const uint place, const uint2 pair, const uint hash) {
-  if (place >= sink->capacity) return false;
-  sink->pairs[place] = pair;
-  index_pair(sink->table, sink->mask, place, hash);
-  return true;
-}
-
 /* Puts the k-th pair of a reservation. */
 static inline void put_pair(const pair_sink_t* sink, const uint base, const uint k, const uint2 pair) {
-  const uint hash = hash_pair(pair);
   const uint place = base + k;
-  if (place < base || !enlist(sink, place, pair, hash)) return;
-  if (was_in_last_frame(sink, pair, hash)) return;
-  const uint added = atomic_inc(&sink->counts[COUNT_ADDED]);
-  if (added < sink->capacity) sink->added[added] = pair;
+  if (place >= base && place < sink->capacity) sink->pairs[place] = pair;
 }
 
 /* Whether every pair found was put. */

@@ -26,12 +26,9 @@
 #define AXIS_BITS 10U
 #define LARGE_CODE (1U << (3U * AXIS_BITS))
 #define EMPTY_CODE (LARGE_CODE + 1U)
-#define FLUSH 256U     /* hits that are worth being put */
+#define FLUSH 64U      /* hits that are worth being put */
+#define OWN 8U         /* boxes of a tile that are tested before hits are put */
 #define CANDIDATES 96U /* boxes that overlap a tile's bounds that are worth being tested */
-
-typedef struct {
-  float bound[AABB_FLOATS];
-} box_t;
 
 /* Numbers in the order of floats. */
 static inline uint ordered(const float value) {
@@ -227,20 +224,11 @@ static inline box_t child_of(global const float* tree, const uint node, const ui
   return box;
 }
 
-#if GROUP > 1
-static inline bool overlap(const box_t* s, const box_t* t) {
-  return AABB_OVERLAPS(s->bound[0], s->bound[1], s->bound[2], s->bound[3], s->bound[4], s->bound[5], t->bound[0],
-                       t->bound[1], t->bound[2], t->bound[3], t->bound[4], t->bound[5]) != 0;
-}
-#endif
-
-/* Whether a pair of slots is one to be found. */
-static inline bool is_wanted(const uint a, const uint b, const uint only_changed, const uint any_filters,
-                             global const uint4* filters, const pair_sink_t* sink) {
-  if (only_changed != 0U && !is_changed(sink->stamps[a], sink->stamp) && !is_changed(sink->stamps[b], sink->stamp)) {
-    return false;
-  }
-  return any_filters == 0U || may_pair(filters[a], filters[b]);
+/* Whether two slots whose boxes overlap are a new pair; `s` and `t` are their boxes of the last frame. */
+static inline bool is_new(const uint2 pair, const box_t* s, const box_t* t, const uint any_filters,
+                          global const uint4* filters, const pair_sink_t* sink) {
+  if (any_filters != 0U && !may_pair(filters[pair.x], filters[pair.y])) return false;
+  return !boxes_overlap(s, t) || !could_pair(sink, pair);
 }
 
 /* Puts hits where they are many, or the last ones. All work-items must call it. */
@@ -269,22 +257,25 @@ typedef struct {
 
 /* Tests candidates, one a work-item at a time. All work-items must call it. */
 INLINE void test_candidates(local const candidate_t* candidates, const uint count, local const candidate_t* own,
-                                   const uint only_changed, const uint any_filters, global const uint4* filters,
-                                   const pair_sink_t* sink, local uint2* hits, local uint* found, local uint* base) {
+                            local const box_t* own_last, const uint any_filters, global const uint4* filters,
+                            const pair_sink_t* sink, local uint2* hits, local uint* found, local uint* base) {
   barrier(CLK_LOCAL_MEM_FENCE);
   for (uint first = 0; first < count; first += GROUP) {
-    const uint k = first + (uint)get_local_id(0);
-    if (k < count) {
-      const candidate_t other = candidates[k];
-      for (uint i = 0; i < NODE; ++i) {
+    const uint k = min(first + (uint)get_local_id(0), count - 1U);
+    const candidate_t other = candidates[k];
+    const box_t last = last_box(sink, other.slot);
+    for (uint part = 0; part < NODE; part += OWN) {
+      for (uint i = part; i < part + OWN; ++i) {
         const candidate_t mine = own[i];
-        if (mine.place < other.place && overlap(&mine.box, &other.box) &&
-            is_wanted(mine.slot, other.slot, only_changed, any_filters, filters, sink)) {
-          hits[atomic_inc(found)] = (uint2)(min(mine.slot, other.slot), max(mine.slot, other.slot));
+        if (k != first + (uint)get_local_id(0) || mine.place >= other.place || !boxes_overlap(&mine.box, &other.box)) {
+          continue;
         }
+        const uint2 pair = (uint2)(min(mine.slot, other.slot), max(mine.slot, other.slot));
+        const box_t mine_last = own_last[i];
+        if (is_new(pair, &mine_last, &last, any_filters, filters, sink)) hits[atomic_inc(found)] = pair;
       }
+      put_hits(sink, hits, found, base, false);
     }
-    put_hits(sink, hits, found, base, false);
   }
   barrier(CLK_LOCAL_MEM_FENCE);
 }
@@ -294,10 +285,11 @@ INLINE void test_candidates(local const candidate_t* candidates, const uint coun
    `roots` is the number of nodes of the last one. */
 kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_search(
     const uint4 starts, const uint roots, global const float* restrict tree, global const uint2* restrict elements,
-    const uint only_changed, const uint any_filters, global const uint4* restrict filters, PAIR_SINK_PARAMETERS) {
+    const uint any_filters, global const uint4* restrict filters, PAIR_SINK_PARAMETERS) {
   const pair_sink_t sink = PAIR_SINK;
   const uint start_of[LEVELS] = {starts.x, starts.y, starts.z, starts.w};
-  local uint2 hits[FLUSH + NODE * NODE];
+  local uint2 hits[FLUSH + OWN * NODE];
+  local box_t own_last[NODE];
   local uint children;
   local uint found;
   local uint base;
@@ -311,7 +303,10 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_search(
   own[lane].box = child_of(tree, tile, lane);
   own[lane].place = my_place;
   own[lane].slot = elements[my_place].x;
+  own_last[lane] = last_box(&sink, own[lane].slot);
   uint count = 0;
+#else
+  for (uint child = 0; child < NODE; ++child) own_last[child] = last_box(&sink, elements[tile * NODE + child].x);
 #endif
   if (get_local_id(0) == 0) found = 0;
 
@@ -336,7 +331,7 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_search(
       }
       count += popcount(bits);
       if (count >= CANDIDATES) {
-        test_candidates(candidates, count, own, only_changed, any_filters, filters, &sink, hits, &found, &base);
+        test_candidates(candidates, count, own, own_last, any_filters, filters, &sink, hits, &found, &base);
         count = 0;
       }
 #else
@@ -346,14 +341,17 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_search(
         const uint slot = elements[node * NODE + child].x;
         uint own = overlapping(tree, tile, &box, &children);
         if (node == tile) own &= (1U << child) - 1U;
+        if (own == 0U) continue;
+        const box_t last = last_box(&sink, slot);
         for (; own != 0U; own &= own - 1U) {
-          const uint my_slot = elements[tile * NODE + lowest_bit(own)].x;
-          if (is_wanted(my_slot, slot, only_changed, any_filters, filters, &sink)) {
-            hits[found++] = (uint2)(min(my_slot, slot), max(my_slot, slot));
-          }
+          const uint mine = lowest_bit(own);
+          const uint my_slot = elements[tile * NODE + mine].x;
+          const uint2 pair = (uint2)(min(my_slot, slot), max(my_slot, slot));
+          const box_t mine_last = own_last[mine];
+          if (is_new(pair, &mine_last, &last, any_filters, filters, &sink)) hits[found++] = pair;
         }
+        put_hits(&sink, hits, &found, &base, false);
       }
-      put_hits(&sink, hits, &found, &base, false);
 #endif
     }
 
@@ -372,7 +370,7 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_search(
   }
 
 #if GROUP > 1
-  test_candidates(candidates, count, own, only_changed, any_filters, filters, &sink, hits, &found, &base);
+  test_candidates(candidates, count, own, own_last, any_filters, filters, &sink, hits, &found, &base);
 #endif
   put_hits(&sink, hits, &found, &base, true);
   if (get_local_id(0) == 0) atomic_add(&sink.counts[COUNT_WORK], work);

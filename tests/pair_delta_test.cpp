@@ -35,7 +35,6 @@ TEST(PairDelta, ExhaustedMemoryLeavesTheLastFrameKnown) {
   const auto update = [&] {
     const Search search = objects.upload({.slots = n, .all = true});
     const auto find = [&, search] {
-      objects.lend();
       cl_uint k = 0;
       for (const cl_uint number : {n, n, n}) kernel.setArg(k++, number);
       kernel.setArg(k++, search.boxes);
@@ -46,10 +45,11 @@ TEST(PairDelta, ExhaustedMemoryLeavesTheLastFrameKnown) {
       constexpr unsigned width = 4;
       context.queue().enqueueNDRangeKernel(kernel, cl::NullRange, cl::NDRange(n / width, 1),
                                            cl::NDRange(1, 1));
-      objects.reclaim();
     };
-    delta.begin({.slots = n, .stamps = search.stamps, .find = find});
-    return delta.finish();
+    delta.begin({.search = search, .find = find});
+    const Delta changes = delta.finish();
+    objects.commit();
+    return changes;
   };
   const auto place = [&](cl_uint together) {
     for (cl_uint k = 0; k < n; ++k) {
@@ -100,7 +100,8 @@ kernel void reserve(const uint times, global uint* below, PAIR_SINK_PARAMETERS) 
     delta.set_sink(kernel, 2);
     context.queue().enqueueNDRangeKernel(kernel, cl::NullRange, cl::NDRange(1), cl::NDRange(1));
   };
-  delta.begin({.slots = 200, .stamps = objects.upload({.slots = 200, .all = true}).stamps, .find = find});
+  objects.reserve(200);
+  delta.begin({.search = objects.upload({.slots = 200, .all = true}), .find = find});
   EXPECT_THAT(test::error_of([&] { (void)delta.finish(); }), HasSubstr("more than 2147483648 pairs"));
   cl_uint count = 0;
   context.queue().enqueueReadBuffer(below, CL_TRUE, 0, sizeof(count), &count);
@@ -108,76 +109,94 @@ kernel void reserve(const uint times, global uint* below, PAIR_SINK_PARAMETERS) 
   EXPECT_TRUE(delta.pairs().empty());
 }
 
-/// The device's copy of the boxes on a device with memory of its own: what changed crosses the bus, nothing
-/// else; and where memory grew, all of them.
-class OwnMemory : public ::testing::Test {
+/// The device's copy of the objects: what changed crosses the bus, nothing else; and where memory grew, all
+/// of them come along.
+class Objects : public ::testing::Test {
  protected:
-  static Device own_memory() {
-    Device device = select_device();
-    device.host_unified = false;
-    return device;
+  template <class Item>
+  std::vector<Item> read(const cl::Buffer& buffer, std::size_t n) {
+    std::vector<Item> items(n);
+    if (n > 0) context_.queue().enqueueReadBuffer(buffer, CL_TRUE, 0, n * sizeof(Item), items.data());
+    return items;
   }
-  std::vector<Aabb> on_device(const Search& search) {
-    std::vector<Aabb> boxes(search.slots);
-    context_.queue().enqueueReadBuffer(search.boxes, CL_TRUE, 0, boxes.size() * sizeof(Aabb), boxes.data());
+  /// Boxes on the device after an update, before which it had others.
+  std::vector<Aabb> update(const Changes& changes, const std::vector<Aabb>& before) {
+    const Search search = objects_.upload(changes);
+    EXPECT_EQ(read<Aabb>(search.last_boxes, search.last_slots), before);
+    std::vector<Aabb> boxes = read<Aabb>(search.boxes, search.slots);
+    objects_.commit();
     return boxes;
   }
-  Search upload(const Changes& changes) {
-    Search search = objects_.upload(changes);
-    objects_.reclaim();
-    context_.queue().finish();
-    return search;
-  }
 
-  opencl::Context context_{own_memory(), false};
+  opencl::Context context_{select_device(), false};
   opencl::Profiler profiler_{false};
   DeviceObjects objects_{context_, profiler_};
 };
 
-TEST_F(OwnMemory, OnlyWhatChangedCrossesTheBus) {
+TEST_F(Objects, OnlyWhatChangedCrossesTheBus) {
   constexpr std::uint32_t n = 100;
   objects_.reserve(n);
   std::vector<Aabb> expected(n);
   for (std::uint32_t k = 0; k < n; ++k) expected[k] = objects_.boxes()[k] = test::apart(k);
-  EXPECT_EQ(on_device(upload({.slots = n, .all = true})), expected);
+  EXPECT_EQ(update({.slots = n, .all = true}, {}), expected);
   for (std::uint32_t k = 0; k < n; ++k) objects_.boxes()[k] = test::unit;
-  const std::array<std::uint32_t, 3> changed{71, 0, 99};
-  for (const std::uint32_t slot : changed) expected[slot] = test::unit;
-  EXPECT_EQ(on_device(upload({.slots = n, .changed = changed})), expected);
-  EXPECT_EQ(on_device(upload({.slots = n, .all = true})), std::vector<Aabb>(n, test::unit));
+  for (const std::array<std::uint32_t, 3> changed :
+       {std::array{71U, 0U, 99U}, {5U, 71U, 98U}, {1U, 2U, 3U}}) {
+    const std::vector<Aabb> before = expected;
+    for (const std::uint32_t slot : changed) expected[slot] = test::unit;
+    EXPECT_EQ(update({.slots = n, .changed = changed}, before), expected);
+  }
+  EXPECT_EQ(update({.slots = n, .all = true}, expected), std::vector<Aabb>(n, test::unit));
 }
 
-TEST_F(OwnMemory, BoxesThatStandStillComeAlongWhenMemoryGrows) {
-  objects_.reserve(2);
+TEST_F(Objects, AnUpdateThatDoesNotSucceedLeavesTheLastOne) {
+  constexpr std::uint32_t n = 10;
+  objects_.reserve(n);
+  for (std::uint32_t k = 0; k < n; ++k) objects_.boxes()[k] = test::apart(k);
+  const std::vector<Aabb> before = update({.slots = n, .all = true}, {});
+  for (std::uint32_t k = 0; k < n; ++k) objects_.boxes()[k] = test::unit;
+  const std::array<std::uint32_t, 2> changed{3, 4};
+  (void)objects_.upload({.slots = n, .changed = changed});
+  EXPECT_EQ(update({.slots = n, .all = true}, before), std::vector<Aabb>(n, test::unit));
+}
+
+TEST_F(Objects, BoxesThatStandStillComeAlongWhenMemoryGrows) {
   std::uint32_t n = 0;
   std::vector<Aabb> expected;
   for (const std::uint32_t next : {2U, 256U, 257U, 258U, 1000U, 1001U}) {
     objects_.reserve(next);
+    const std::vector<Aabb> before = expected;
     std::vector<std::uint32_t> changed;
     for (; n < next; ++n) {
       expected.push_back(objects_.boxes()[n] = test::apart(n));
       changed.push_back(n);
     }
-    EXPECT_EQ(on_device(upload({.slots = n, .changed = changed, .all = n == 2})), expected) << n;
+    EXPECT_EQ(update({.slots = n, .changed = changed, .all = n == 2}, before), expected) << n;
   }
 }
 
-TEST_F(OwnMemory, NewFiltersComeAlong) {
+TEST_F(Objects, NewFiltersComeAlongAndThoseOfTheLastUpdateStay) {
   std::vector<Filter> filters;
-  const auto expect_uploaded = [&](const Search& search) {
-    std::vector<Filter> uploaded(filters.size());
-    context_.queue().enqueueReadBuffer(search.filters, CL_TRUE, 0, uploaded.size() * sizeof(Filter),
-                                       uploaded.data());
-    EXPECT_EQ(uploaded, filters);
+  std::vector<Filter> before;
+  const auto expect_uploaded = [&](bool changed) {
+    const Search search = objects_.upload(
+        {.slots = filters.size(), .all = true, .filters = filters, .filters_changed = changed});
+    EXPECT_EQ(read<Filter>(search.filters, filters.size()), filters);
+    EXPECT_EQ(search.any_last_filters, !before.empty());
+    EXPECT_EQ(read<Filter>(search.last_filters, before.size()), before);
+    objects_.commit();
+    before = filters;
   };
   for (std::uint32_t n = 1; n < 600; n += 1 + n / 2) {
     objects_.reserve(n);
     while (filters.size() < n) filters.push_back({.body = static_cast<std::uint32_t>(filters.size())});
-    expect_uploaded(upload({.slots = n, .all = true, .filters = filters, .filters_changed = n == 1}));
+    expect_uploaded(n == 1);
   }
   filters[3].mask = 0;
-  expect_uploaded(
-      upload({.slots = filters.size(), .all = true, .filters = filters, .filters_changed = true}));
+  expect_uploaded(true);
+  expect_uploaded(false);
+  filters[4].mask = 0;
+  expect_uploaded(true);
 }
 
 }  // namespace

@@ -43,9 +43,8 @@ class Algorithm {
   virtual void reserve(std::size_t boxes) = 0;
 
   /// Where the boxes lie, in memory that is the caller's to write between updates; at least as many as were
-  /// reserved. Valid until the next reserve() or begin().
-  /// @throws Error where the device, which failed before, does not give them back.
-  [[nodiscard]] virtual std::span<Aabb> boxes() = 0;
+  /// reserved. Valid until the next reserve().
+  [[nodiscard]] virtual std::span<Aabb> boxes() noexcept = 0;
 
   /// Starts an update; finish() must follow.
   virtual void begin(const Changes& changes) = 0;

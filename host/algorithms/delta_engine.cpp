@@ -6,20 +6,21 @@
 #include "algorithms/pair_delta.hpp"
 #include "opencl/context.hpp"
 #include "opencl/error.hpp"
+#include "opencl/launch.hpp"
 #include "opencl/profiler.hpp"
 
 namespace broadcl {
 namespace {
 
 class DeltaEngine final : public Algorithm {
-  /// Runs a part of an update. Where it fails, the boxes become the host's again.
+  /// Runs a part of an update. Where it fails, nothing uses the boxes any more.
   template <class Function>
   auto guard(Function&& function) {
     return opencl::translate_errors(context_.device().label(), [&] {
       try {
         return std::forward<Function>(function)();
       } catch (...) {
-        objects_.give_up();
+        opencl::wait_after_failure(context_.queue());
         throw;
       }
     });
@@ -35,18 +36,13 @@ class DeltaEngine final : public Algorithm {
 
   void reserve(std::size_t boxes) override { objects_.reserve(boxes); }
 
-  [[nodiscard]] std::span<Aabb> boxes() override { return objects_.boxes(); }
+  [[nodiscard]] std::span<Aabb> boxes() noexcept override { return objects_.boxes(); }
 
   void begin(const Changes& changes) override {
     profiler_.begin();
     guard([&] {
       const Search search = objects_.upload(changes);
-      const auto find = [this, search] {
-        objects_.lend();
-        finder_->find(search, delta_, profiler_);
-        objects_.reclaim();
-      };
-      delta_.begin({.slots = changes.slots, .stamps = search.stamps, .carry = !search.all, .find = find});
+      delta_.begin({.search = search, .find = [this, search] { finder_->find(search, delta_, profiler_); }});
     });
   }
 
@@ -55,7 +51,11 @@ class DeltaEngine final : public Algorithm {
   }
 
   Delta finish() override {
-    return guard([&] { return delta_.finish(); });
+    return guard([&] {
+      const Delta delta = delta_.finish();
+      objects_.commit();
+      return delta;
+    });
   }
 
   [[nodiscard]] std::vector<Pair> pairs() const override {

@@ -29,9 +29,7 @@ DeviceObjects::DeviceObjects(const opencl::Context& context, opencl::Profiler& p
   const cl::Program program = context.program("changes.cl");
   opencl::translate_errors(context.device().label(), [&] {
     apply_ = cl::Kernel(program, "apply_changes");
-    filters_ = opencl::SharedBuffer(context, sizeof(Filter));
-    changes_ = opencl::SharedBuffer(context, sizeof(Change));
-    changed_ = cl::Buffer(context.context(), CL_MEM_READ_WRITE, sizeof(cl_uint));
+    copy_ = cl::Kernel(program, "copy_boxes");
   });
   reserve(1);
 }
@@ -43,123 +41,142 @@ void DeviceObjects::reserve(std::size_t slots) {
   opencl::translate_errors(context_.device().label(), [&] {
     const std::size_t capacity =
         std::min(most_slots, std::max({slots, boxes().size() * 3 / 2, std::size_t{256}}));
-    opencl::SharedBuffer larger(context_, (capacity + Search::padding) * sizeof(Aabb));
-    cl::Buffer stamps(context_.context(), CL_MEM_READ_WRITE, capacity * sizeof(cl_uint));
+    const auto buffer = [&](std::size_t bytes) {
+      return cl::Buffer(context_.context(), CL_MEM_READ_WRITE, bytes);
+    };
+    const std::size_t bytes = (capacity + Search::padding) * sizeof(Aabb);
+    opencl::PinnedBuffer boxes(context_, bytes);
+    cl::Buffer last = buffer(bytes);
+    cl::Buffer next = buffer(bytes);
+    cl::Buffer stamps = buffer(capacity * sizeof(cl_uint));
     context_.queue().enqueueFillBuffer(stamps, cl_uint{0}, 0, capacity * sizeof(cl_uint));
-    if (boxes_.bytes() > 0) std::memcpy(larger.host(), boxes_.host(), boxes_.bytes());
-    boxes_ = std::move(larger);
-    is_device_behind_ = true;
+    if (last_.slots > 0) {
+      context_.queue().enqueueCopyBuffer(last_.boxes, last, 0, 0, last_.slots * sizeof(Aabb));
+    }
+    if (boxes_.bytes() > 0) std::memcpy(boxes.host(), boxes_.host(), boxes_.bytes());
+    boxes_ = std::move(boxes);
+    last_.boxes = std::move(last);
+    last_.all = true;  // next_ has none of them
+    next_.boxes = std::move(next);
     stamps_ = std::move(stamps);
   });
 }
 
-void DeviceObjects::reclaim_what_failed() {
-  const auto is_lost = [](const opencl::SharedBuffer& buffer) {
-    return buffer.bytes() > 0 && buffer.host() == nullptr;
-  };
-  if (!is_lost(boxes_) && !is_lost(filters_) && !is_lost(changes_)) return;
-  opencl::translate_errors(context_.device().label(), [&] {
-    reclaim();
-    opencl::wait_for_all(context_.queue());
-  });
-}
-
-std::span<Aabb> DeviceObjects::boxes() {
-  reclaim_what_failed();
+std::span<Aabb> DeviceObjects::boxes() const noexcept {
   const std::size_t boxes = boxes_.bytes() / sizeof(Aabb);
   return {reinterpret_cast<Aabb*>(boxes_.host()), boxes == 0 ? 0 : boxes - Search::padding};
 }
 
 void DeviceObjects::upload_filters(const Changes& changes) {
   const std::size_t count = changes.filters.size();
-  if (count == 0 || (!changes.filters_changed && count <= filter_count_)) return;
-  const std::size_t bytes = changes.filters.size_bytes();
-  if (filters_.bytes() < bytes + Search::padding * sizeof(Filter)) {
-    filters_ =
-        opencl::SharedBuffer(context_, boxes().size() * sizeof(Filter) + Search::padding * sizeof(Filter));
+  are_filters_new_ = changes.filters_changed || count > last_.filter_count;
+  if (!are_filters_new_) return;
+  next_.filter_count = count;
+  if (count == 0) return;
+  if (next_.filter_capacity < count) {
+    next_.filter_capacity = 0;
+    const std::size_t capacity = boxes().size();
+    next_.filters =
+        cl::Buffer(context_.context(), CL_MEM_READ_WRITE, (capacity + Search::padding) * sizeof(Filter));
+    next_.filter_capacity = capacity;
   }
-  std::memcpy(filters_.host(), changes.filters.data(), bytes);
-  filters_.upload(bytes);
-  filter_count_ = count;
+  // Blocking, since the caller may change them during the update.
+  context_.queue().enqueueWriteBuffer(next_.filters, CL_TRUE, 0, changes.filters.size_bytes(),
+                                      changes.filters.data());
+}
+
+/// The boxes of this update: all from the host, or those of the last update, which then are changed.
+void DeviceObjects::upload_boxes(const Changes& changes) {
+  const cl::CommandQueue& queue = context_.queue();
+  next_.all = changes.all;
+  next_.slots = static_cast<cl_uint>(changes.slots);
+  if (changes.all) {
+    opencl::Profiler::Scope stage(profiler_, "upload");
+    queue.enqueueWriteBuffer(next_.boxes, CL_FALSE, 0, std::max<std::size_t>(1, changes.slots) * sizeof(Aabb),
+                             boxes_.host(), nullptr, stage.event());
+  } else if (last_.all && last_.slots > 0) {
+    opencl::Profiler::Scope stage(profiler_, "copy");
+    queue.enqueueCopyBuffer(last_.boxes, next_.boxes, 0, 0, last_.slots * sizeof(Aabb), nullptr,
+                            stage.event());
+  } else if (last_.changed_count > 0) {
+    // The boxes of next_ are those of the update before the last one.
+    opencl::Profiler::Scope stage(profiler_, "copy");
+    opencl::set_arguments(copy_, 0, last_.changed_count, last_.changed, last_.boxes, next_.boxes);
+    queue.enqueueNDRangeKernel(copy_, cl::NullRange,
+                               cl::NDRange(opencl::round_up(last_.changed_count, group)), cl::NDRange(group),
+                               nullptr, stage.event());
+  }
 }
 
 /// Boxes that changed, and the stamps of this update. Of `all`, only whose object is another one needs a
 /// stamp.
-cl_uint DeviceObjects::upload_changes(const Changes& changes) {
+void DeviceObjects::upload_changes(const Changes& changes) {
   const std::span<const std::uint32_t> slots = changes.all ? changes.renewed : changes.changed;
-  if (slots.empty()) return 0;
-  if (changes_.bytes() < slots.size() * sizeof(Change)) {
-    const std::size_t capacity = slots.size() + slots.size() / 2;
-    opencl::SharedBuffer larger(context_, capacity * sizeof(Change));
-    changed_ = cl::Buffer(context_.context(), CL_MEM_READ_WRITE, capacity * sizeof(cl_uint));
-    changes_ = std::move(larger);
+  next_.changed_count = 0;
+  if (slots.empty()) return;
+  const cl::CommandQueue& queue = context_.queue();
+  const std::size_t capacity = slots.size() + slots.size() / 2;
+  if (staged_changes_.bytes() < slots.size() * sizeof(Change)) {
+    opencl::PinnedBuffer staged(context_, capacity * sizeof(Change));
+    changes_ = cl::Buffer(context_.context(), CL_MEM_READ_WRITE, capacity * sizeof(Change));
+    staged_changes_ = std::move(staged);
   }
-  auto* out = reinterpret_cast<Change*>(changes_.host());
+  if (next_.changed_capacity < slots.size()) {
+    next_.changed_capacity = 0;
+    next_.changed = cl::Buffer(context_.context(), CL_MEM_READ_WRITE, capacity * sizeof(cl_uint));
+    next_.changed_capacity = capacity;
+  }
+  auto* out = reinterpret_cast<Change*>(staged_changes_.host());
   for (const std::uint32_t slot : slots) {
     const bool renewed = std::binary_search(changes.renewed.begin(), changes.renewed.end(), slot);
     *out++ = {.slot_and_renewed = slot << 1 | (renewed ? 1U : 0U), .box = boxes()[slot]};
   }
-  opencl::Profiler::Scope stage(profiler_, "upload");
-  changes_.upload(slots.size() * sizeof(Change), stage.event());
-  return static_cast<cl_uint>(slots.size());
-}
-
-void DeviceObjects::apply_changes(cl_uint count) {
-  if (count == 0) return;
+  const auto count = static_cast<cl_uint>(slots.size());
+  {
+    opencl::Profiler::Scope stage(profiler_, "upload");
+    queue.enqueueWriteBuffer(changes_, CL_FALSE, 0, count * sizeof(Change), staged_changes_.host(), nullptr,
+                             stage.event());
+  }
   opencl::Profiler::Scope stage(profiler_, "apply");
-  opencl::set_arguments(apply_, 0, count, changes_.device(), stamp_, boxes_.device(), stamps_, changed_);
-  context_.queue().enqueueNDRangeKernel(apply_, cl::NullRange, cl::NDRange(opencl::round_up(count, group)),
-                                        cl::NDRange(group), nullptr, stage.event());
+  opencl::set_arguments(apply_, 0, count, changes_, stamp_, next_.boxes, stamps_, next_.changed);
+  queue.enqueueNDRangeKernel(apply_, cl::NullRange, cl::NDRange(opencl::round_up(count, group)),
+                             cl::NDRange(group), nullptr, stage.event());
+  next_.changed_count = count;
 }
 
 Search DeviceObjects::upload(const Changes& changes) {
-  reclaim_what_failed();
   if (stamp_ == last_stamp) {
     context_.queue().enqueueFillBuffer(stamps_, cl_uint{0}, 0, boxes().size() * sizeof(cl_uint));
     stamp_ = 0;
   }
   ++stamp_;
   upload_filters(changes);
-  const cl_uint count = upload_changes(changes);
-  if (changes.all || is_device_behind_) {
-    opencl::Profiler::Scope stage(profiler_, "upload");
-    boxes_.upload(std::max<std::size_t>(1, changes.slots) * sizeof(Aabb), stage.event());
-    is_device_behind_ = false;
-  } else {
-    boxes_.lend();
-  }
-  apply_changes(count);
-  return {.slots = static_cast<cl_uint>(changes.slots),
-          .boxes = boxes_.device(),
-          .filters = filters_.device(),
+  upload_boxes(changes);
+  upload_changes(changes);
+  const Generation& filters = are_filters_new_ ? next_ : last_;
+  // A buffer that is not read stands where there are no filters.
+  return {.slots = next_.slots,
+          .boxes = next_.boxes,
+          .filters = changes.filters.empty() ? stamps_ : filters.filters,
           .any_filters = !changes.filters.empty(),
           .worlds = changes.worlds,
           .all = changes.all,
-          .changed_count = changes.all ? 0 : count,
-          .changed = changed_,
-          .stamps = {.words = stamps_, .stamp = stamp_, .any_renewed = !changes.renewed.empty()}};
+          .changed_count = changes.all ? 0 : next_.changed_count,
+          .changed = next_.changed() == nullptr ? stamps_ : next_.changed,
+          .stamps = {.words = stamps_, .stamp = stamp_, .any_renewed = !changes.renewed.empty()},
+          .last_slots = last_.slots,
+          .last_boxes = last_.boxes,
+          .last_filters = last_.filter_count == 0 ? stamps_ : last_.filters,
+          .any_last_filters = last_.filter_count > 0,
+          .same_filters = !are_filters_new_};
 }
 
-void DeviceObjects::reclaim() {
-  boxes_.reclaim();
-  filters_.reclaim();
-  changes_.reclaim();
-}
-
-void DeviceObjects::give_up() noexcept {
-  try {
-    reclaim();
-    opencl::wait_for_all(context_.queue());
-  } catch (const cl::Error&) {
-    // What failed first is what the caller is told.
-    return;
-  }
-}
-
-void DeviceObjects::lend() {
-  boxes_.lend();
-  filters_.lend();
-  changes_.lend();
+void DeviceObjects::commit() noexcept {
+  std::swap(last_, next_);
+  if (are_filters_new_) return;
+  std::swap(last_.filters, next_.filters);
+  std::swap(last_.filter_capacity, next_.filter_capacity);
+  std::swap(last_.filter_count, next_.filter_count);
 }
 
 }  // namespace broadcl

@@ -6,15 +6,15 @@
 #include <broadcl/aabb.hpp>
 
 #include "algorithms/algorithm.hpp"
-#include "algorithms/pair_finder.hpp"
+#include "algorithms/search.hpp"
 #include "opencl/context.hpp"
+#include "opencl/pinned_buffer.hpp"
 #include "opencl/profiler.hpp"
-#include "opencl/shared_buffer.hpp"
 
 namespace broadcl {
 
-/// The objects of an algorithm that runs on a device: the host writes boxes in place, the device has them as
-/// of the last update and gets what changed.
+/// The objects of an algorithm that runs on a device: the host writes boxes in place; the device gets what
+/// changed of them in each update, and keeps them as they were in the one before.
 class DeviceObjects {
  public:
   /// @param context, profiler Must outlive this object.
@@ -24,38 +24,44 @@ class DeviceObjects {
   /// @throws Error
   void reserve(std::size_t slots);
 
-  /// Where the host writes boxes, while they are the host's.
-  /// @throws Error where the device did not give them back when it failed, and does not now.
-  [[nodiscard]] std::span<Aabb> boxes();
+  /// Where the host writes boxes, but not during an update.
+  [[nodiscard]] std::span<Aabb> boxes() const noexcept;
 
-  /// Gives them to the device, which gets what changed: all boxes, or those that did.
+  /// Enqueues an update of the device's boxes: of all, or of those that changed.
   /// @throws cl::Error
   Search upload(const Changes& changes);
-  /// Gives them back to the host, once the queue has come so far.
-  void reclaim();
-  /// The same, at once, after the device has failed. Where it fails in this too, boxes() tries again.
-  void give_up() noexcept;
-  /// Gives them to the device again, for another run of the same search.
-  void lend();
+  /// The update succeeded: what it searched is the last one's from now on.
+  void commit() noexcept;
 
  private:
-  /// Memory that should be the host's but is not, since a give_up() failed.
-  void reclaim_what_failed();
+  /// Objects as of one update.
+  struct Generation {  // NOLINT(bugprone-exception-escape): handles do not throw when moved
+    cl::Buffer boxes;
+    cl_uint slots = 0;
+    bool all = true;     // came at once, not those alone that are in `changed`
+    cl::Buffer changed;  // slots
+    std::size_t changed_capacity = 0;
+    cl_uint changed_count = 0;
+    cl::Buffer filters;
+    std::size_t filter_capacity = 0;
+    std::size_t filter_count = 0;  // 0 where there were none
+  };
+
   void upload_filters(const Changes& changes);
-  cl_uint upload_changes(const Changes& changes);
-  void apply_changes(cl_uint count);
+  void upload_boxes(const Changes& changes);
+  void upload_changes(const Changes& changes);
 
   const opencl::Context& context_;
   opencl::Profiler& profiler_;
-  cl::Kernel apply_;
-  opencl::SharedBuffer boxes_;
-  bool is_device_behind_ = false;  // boxes_ was made anew, and the device has none of them
-  opencl::SharedBuffer filters_;
-  std::size_t filter_count_ = 0;  // that the device has
-  opencl::SharedBuffer changes_;  // as kernels/changes.cl reads them
-  cl::Buffer changed_;            // their slots
-  cl::Buffer stamps_;             // a word a slot
-  cl_uint stamp_ = 0;             // of the last update
+  cl::Kernel apply_, copy_;
+  opencl::PinnedBuffer boxes_;
+  Generation last_;                      // of the last update
+  Generation next_;                      // of the one that is begun
+  bool are_filters_new_ = false;         // in next_; else those of last_ are still right
+  opencl::PinnedBuffer staged_changes_;  // as kernels/changes.cl reads them
+  cl::Buffer changes_;
+  cl::Buffer stamps_;  // a word a slot
+  cl_uint stamp_ = 0;  // of the last update
 };
 
 }  // namespace broadcl

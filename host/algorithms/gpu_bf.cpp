@@ -46,7 +46,7 @@ class GpuBf final : public Algorithm {
 
   void reserve(std::size_t boxes) override { objects_.reserve(boxes); }
 
-  [[nodiscard]] std::span<Aabb> boxes() override { return objects_.boxes(); }
+  [[nodiscard]] std::span<Aabb> boxes() noexcept override { return objects_.boxes(); }
 
   /// Tests all pairs, whatever changed, and brings the results to the host.
   void begin(const Changes& changes) override {
@@ -122,15 +122,16 @@ class GpuBf final : public Algorithm {
         current_.lend();
         enqueue_kernel(search, stage.event());
       }
-      objects_.reclaim();
       opencl::Profiler::Scope stage(profiler_, "download");
       current_.download(current_pairs_, &read_);
       if (stage.event() != nullptr) *stage.event() = read_;
     } catch (...) {
-      objects_.give_up();
+      give_up();
       throw;
     }
   }
+
+  void give_up() noexcept { opencl::wait_after_failure(context_.queue()); }
 
   void wait() {
     opencl::translate_errors(context_.device().label(), [&] {
@@ -140,8 +141,9 @@ class GpuBf final : public Algorithm {
           read_.wait();
         }
         profiler_.resolve();
+        objects_.commit();
       } catch (...) {
-        objects_.give_up();
+        give_up();
         throw;
       }
     });

@@ -16,7 +16,7 @@ class HostEngine final : public Algorithm {
     if (boxes > boxes_.size()) boxes_.resize(boxes, empty_aabb());
   }
 
-  [[nodiscard]] std::span<Aabb> boxes() override { return boxes_; }
+  [[nodiscard]] std::span<Aabb> boxes() noexcept override { return boxes_; }
 
   void begin(const Changes& changes) override {
     changes_ = changes;

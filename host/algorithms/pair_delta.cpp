@@ -16,10 +16,9 @@ namespace {
 // As kernels/delta.h has them.
 constexpr std::size_t count_found = 0;
 constexpr std::size_t count_found_high = 1;
-constexpr std::size_t count_added = 2;
-constexpr std::size_t count_removed = 3;
-constexpr std::size_t count_work = 4;
-constexpr std::size_t count_bytes = 6 * sizeof(cl_uint);
+constexpr std::size_t count_removed = 2;
+constexpr std::size_t count_work = 3;
+constexpr std::size_t count_bytes = 4 * sizeof(cl_uint);
 
 constexpr std::size_t first_capacity = 1 << 14;
 constexpr std::size_t most_pairs = std::size_t{1} << 31;  // places in a list are 32-bit numbers
@@ -34,11 +33,15 @@ constexpr std::size_t least_ordered = 256;
 constexpr std::size_t teams = 2;
 constexpr std::size_t keys = 4;
 
-constexpr std::size_t group = 64;  // of the other kernels
-
-/// Work-items that place pairs together.
-std::size_t parts(const opencl::Context& context) {
-  return context.shape() == opencl::Shape::cpu ? 1 : 64;
+/// How kernels are cut.
+struct Cut {
+  std::size_t parts;  ///< Work-items that place pairs together.
+  std::size_t group;  ///< Work-items a work-group that keeps pairs.
+  std::size_t chunk;  ///< Pairs that each of them looks at.
+};
+Cut cut(const opencl::Context& context) {
+  if (context.shape() == opencl::Shape::cpu) return {.parts = 1, .group = 1, .chunk = 256};
+  return {.parts = 64, .group = 64, .chunk = 4};
 }
 
 using opencl::round_up;
@@ -47,58 +50,46 @@ using opencl::round_up;
 
 PairDelta::PairDelta(const opencl::Context& context, opencl::Profiler& profiler)
     : context_(context), profiler_(profiler), sort_(context) {
-  const cl::Program program = context.program("delta.cl", "-DPARTS=" + std::to_string(parts(context)));
+  const Cut cut = broadcl::cut(context);
+  const cl::Program program = context.program("delta.cl", "-DPARTS=" + std::to_string(cut.parts) +
+                                                              " -DGROUP=" + std::to_string(cut.group) +
+                                                              " -DCHUNK=" + std::to_string(cut.chunk));
   opencl::translate_errors(context.device().label(), [&] {
-    carry_ = cl::Kernel(program, "delta_carry");
-    index_ = cl::Kernel(program, "delta_index");
-    sweep_ = cl::Kernel(program, "delta_sweep");
+    keep_ = cl::Kernel(program, "delta_keep");
     order_ = cl::Kernel(program, "delta_order");
-    for (cl::Buffer& counts : counts_) counts = zeros(count_bytes);
+    for (cl::Buffer& counts : counts_) counts = buffer(count_bytes);
+    clear_counts();
     reserve(first_capacity);
-    last_ = std::move(next_);
-    next_ = {};
+    last_ = std::exchange(next_, {});
   });
 }
 
-cl::Buffer PairDelta::zeros(std::size_t bytes) const {
+cl::Buffer PairDelta::buffer(std::size_t bytes) const {
   if (bytes > context_.device().max_allocation) {
     throw Error(context_.device().label() + ": needs a buffer of " + std::to_string(bytes) +
                 " bytes for the overlapping pairs, but the device allocates " +
                 std::to_string(context_.device().max_allocation) +
                 " at most; use fewer boxes, or a device with more memory");
   }
-  cl::Buffer buffer(context_.context(), CL_MEM_READ_WRITE, bytes);
-  context_.queue().enqueueFillBuffer(buffer, cl_uint{0}, 0, bytes);
-  return buffer;
+  return {context_.context(), CL_MEM_READ_WRITE, bytes};
 }
 
-PairDelta::Table PairDelta::make_table(std::size_t capacity) const {
-  Table table;
+PairDelta::List PairDelta::make_list(std::size_t capacity) const {
   if (capacity > most_pairs) {
     throw Error(context_.device().label() + ": more than " + std::to_string(most_pairs) +
                 " pairs overlap; use fewer boxes");
   }
-  capacity = round_up(capacity, 64);
-  const std::size_t entries = std::bit_ceil(2 * capacity);
-  table.capacity = static_cast<cl_uint>(capacity);
-  table.mask = static_cast<cl_uint>(entries - 1);
-  table.pairs = zeros(capacity * sizeof(Pair));
-  table.table = zeros(entries * sizeof(cl_uint));
-  table.kept = zeros(capacity);
-  return table;
+  return {.capacity = static_cast<cl_uint>(capacity), .pairs = buffer(capacity * sizeof(Pair))};
 }
 
 /// Makes room for this many pairs in this frame and the next. Nothing changes where it fails.
 void PairDelta::reserve(std::size_t capacity) {
   if (now_.capacity >= capacity) return;
-  Table now = make_table(capacity);
-  Table next = make_table(capacity);
-  cl::Buffer added = zeros(now.capacity * sizeof(Pair));
-  cl::Buffer removed = zeros(now.capacity * sizeof(Pair));
+  List now = make_list(capacity);
+  List next = make_list(capacity);
+  removed_ = buffer(capacity * sizeof(Pair));
   now_ = std::move(now);
   next_ = std::move(next);
-  added_ = std::move(added);
-  removed_ = std::move(removed);
 }
 
 void PairDelta::reserve_result(std::size_t changes) {
@@ -107,39 +98,38 @@ void PairDelta::reserve_result(std::size_t changes) {
 }
 
 void PairDelta::set_sink(cl::Kernel& kernel, cl_uint first) const {
-  opencl::set_arguments(kernel, first, now_.capacity, now_.pairs, now_.table, now_.mask, last_.pairs,
-                        last_.table, last_.mask, last_.kept,
-                        frame_.stamps.any_renewed ? cl_uint{1} : cl_uint{0}, frame_.stamps.stamp,
-                        frame_.stamps.words, added_, counts_[turn_]);
+  const Search& search = frame_.search;
+  const bool has_last = search.last_slots > 0;  // else a buffer that is not read stands for the last boxes
+  const bool any_last_filters = search.any_last_filters && !search.same_filters;
+  opencl::set_arguments(kernel, first, now_.capacity, now_.pairs, has_last ? search.last_boxes : search.boxes,
+                        search.last_slots, any_last_filters ? search.last_filters : search.stamps.words,
+                        any_last_filters ? cl_uint{1} : cl_uint{0},
+                        search.stamps.any_renewed ? cl_uint{1} : cl_uint{0}, search.stamps.stamp,
+                        search.stamps.words, counts_[turn_]);
 }
 
-void PairDelta::enqueue_carry() {
-  if (!frame_.carry || last_.found == 0) return;
-  opencl::Profiler::Scope stage(profiler_, "carry");
-  set_sink(carry_, opencl::set_arguments(carry_, 0, last_.found));
-  context_.queue().enqueueNDRangeKernel(carry_, cl::NullRange, cl::NDRange(round_up(last_.found, group)),
-                                        cl::NDRange(group), nullptr, stage.event());
-}
-
-void PairDelta::enqueue_sweep() {
-  opencl::Profiler::Scope stage(profiler_, "sweep");
-  opencl::set_arguments(sweep_, 0, now_.capacity, last_.pairs, last_.found, last_.table, last_.mask,
-                        last_.kept, removed_, counts_[turn_]);
-  // Each goes through some entries, but never so many that llvmpipe would end it (see shape_of()).
-  const std::size_t useful = context_.device().compute_units * std::size_t{1024};
-  const std::size_t items =
-      std::max<std::size_t>(last_.mask / 4096 + 1, std::min<std::size_t>(last_.mask, useful));
-  context_.queue().enqueueNDRangeKernel(sweep_, cl::NullRange, cl::NDRange(round_up(items, group)),
-                                        cl::NDRange(group), nullptr, stage.event());
+void PairDelta::enqueue_keep() {
+  if (last_.found == 0) return;
+  opencl::Profiler::Scope stage(profiler_, "keep");
+  const Search& search = frame_.search;
+  const bool any_filters = search.any_filters && !search.same_filters;
+  opencl::set_arguments(keep_, 0, last_.found, last_.pairs, search.slots, search.boxes,
+                        any_filters ? cl_uint{1} : cl_uint{0}, search.filters,
+                        search.stamps.any_renewed ? cl_uint{1} : cl_uint{0}, search.stamps.stamp,
+                        search.stamps.words, now_.capacity, now_.pairs, removed_, counts_[turn_]);
+  const Cut cut = broadcl::cut(context_);
+  const std::size_t groups = opencl::divide_up(last_.found, cut.group * cut.chunk);
+  context_.queue().enqueueNDRangeKernel(keep_, cl::NullRange, cl::NDRange(groups * cut.group),
+                                        cl::NDRange(cut.group), nullptr, stage.event());
 }
 
 void PairDelta::enqueue_order() {
   opencl::Profiler::Scope stage(profiler_, "order");
-  opencl::set_arguments(order_, 0, now_.capacity, added_, removed_, counts_[turn_], counts_[1 - turn_],
-                        result_.device());
-  context_.queue().enqueueNDRangeKernel(order_, cl::NullRange,
-                                        cl::NDRange(parts(context_), ordered_ / keys, 2),
-                                        cl::NDRange(parts(context_), teams, 1), nullptr, stage.event());
+  const std::size_t parts = cut(context_).parts;
+  opencl::set_arguments(order_, 0, now_.capacity, last_.found, now_.pairs, removed_, counts_[turn_],
+                        counts_[1 - turn_], result_.device());
+  context_.queue().enqueueNDRangeKernel(order_, cl::NullRange, cl::NDRange(parts, ordered_ / keys, 2),
+                                        cl::NDRange(parts, teams, 1), nullptr, stage.event());
 }
 
 void PairDelta::enqueue_read(std::size_t changes) {
@@ -150,9 +140,8 @@ void PairDelta::enqueue_read(std::size_t changes) {
 
 void PairDelta::enqueue() {
   is_half_done_ = true;
+  enqueue_keep();
   frame_.find();
-  enqueue_carry();
-  enqueue_sweep();
   result_.lend();
   enqueue_order();
   enqueue_read(expected_);
@@ -163,17 +152,9 @@ void PairDelta::wait() {
   read_.wait();
 }
 
-void PairDelta::restore_last() {
-  const cl::CommandQueue& queue = context_.queue();
-  for (const Table* table : {&now_, &last_}) {
-    queue.enqueueFillBuffer(table->table, cl_uint{0}, 0, (std::size_t{table->mask} + 1) * sizeof(cl_uint));
-  }
-  queue.enqueueFillBuffer(last_.kept, cl_uint{0}, 0, last_.capacity);
-  for (const cl::Buffer& counts : counts_) queue.enqueueFillBuffer(counts, cl_uint{0}, 0, count_bytes);
-  if (last_.found > 0) {
-    opencl::set_arguments(index_, 0, last_.found, last_.pairs, last_.table, last_.mask);
-    queue.enqueueNDRangeKernel(index_, cl::NullRange, cl::NDRange(round_up(last_.found, group)),
-                               cl::NDRange(group));
+void PairDelta::clear_counts() {
+  for (const cl::Buffer& counts : counts_) {
+    context_.queue().enqueueFillBuffer(counts, cl_uint{0}, 0, count_bytes);
   }
   is_half_done_ = false;
 }
@@ -188,7 +169,7 @@ std::span<Pair> PairDelta::changes(std::size_t total) const {
 
 void PairDelta::begin(Frame frame) {
   frame_ = std::move(frame);
-  if (is_half_done_) restore_last();
+  if (is_half_done_) clear_counts();
   const std::size_t longest = frame_.stays_on_device ? 0 : last_longest_ + last_longest_ / 2;
   ordered_ = round_up(std::clamp(longest, least_ordered, most_ordered(context_)), teams * keys);
   expected_ = std::clamp(last_changes_ + last_changes_ / 2, 2 * least_ordered, 2 * ordered_);
@@ -200,9 +181,11 @@ PairDelta::Counts PairDelta::settle() {
   for (;;) {
     wait();
     const std::uint64_t found = counts()[count_found] | std::uint64_t{counts()[count_found_high]} << 32;
-    if (found <= now_.capacity)
-      return {found, counts()[count_added], counts()[count_removed], counts()[count_work]};
-    restore_last();
+    if (found <= now_.capacity) {
+      const std::size_t removed = counts()[count_removed];
+      return {found, found + removed - last_.found, removed, counts()[count_work]};
+    }
+    clear_counts();
     reserve(found + found / 4);
     enqueue();
   }
@@ -211,7 +194,7 @@ PairDelta::Counts PairDelta::settle() {
 void PairDelta::commit(const Counts& counts) {
   profiler_.resolve();
   now_.found = static_cast<cl_uint>(counts.found);
-  slots_ = frame_.slots;
+  slots_ = frame_.search.slots;
   work_ = counts.work;
   ++frames_;
   last_changes_ = counts.added + counts.removed;
@@ -226,7 +209,7 @@ Delta PairDelta::finish() {
   const Counts counts = settle();
   const std::size_t total = counts.added + counts.removed;
   if (std::max(counts.added, counts.removed) > ordered_) {
-    sort_changes(counts.added, counts.removed);
+    sort_changes(counts);
   } else if (total > expected_) {
     enqueue_read(total);
     wait();
@@ -239,6 +222,8 @@ PairDelta::OnDevice PairDelta::finish_on_device() {
   const Counts counts = settle();
   {
     const opencl::Profiler::Scope stage(profiler_, "sort");
+    added_ = buffer(std::max<std::size_t>(1, counts.added) * sizeof(Pair));
+    copy_added(counts, added_);
     sort(added_, counts.added);
     sort(removed_, counts.removed);
   }
@@ -246,30 +231,40 @@ PairDelta::OnDevice PairDelta::finish_on_device() {
   return {added_, counts.added, removed_, counts.removed, counts.found};
 }
 
+/// The last of this frame's list.
+void PairDelta::copy_added(const Counts& counts, const cl::Buffer& to) const {
+  if (counts.added == 0) return;
+  const std::size_t first = counts.found - counts.added;
+  context_.queue().enqueueCopyBuffer(now_.pairs, to, first * sizeof(Pair), 0, counts.added * sizeof(Pair));
+}
+
 /// Pairs are of slots below both those of this frame and of the last.
 void PairDelta::sort(const cl::Buffer& pairs, std::size_t n) const {
   if (n < 2) return;
-  const auto bits = static_cast<unsigned>(std::bit_width(std::max(slots_, frame_.slots)));
+  const auto bits = static_cast<unsigned>(std::bit_width(std::max<std::size_t>(slots_, frame_.search.slots)));
   const cl::Buffer scratch(context_.context(), CL_MEM_READ_WRITE, n * sizeof(Pair));
   sort_.enqueue(pairs, scratch, n,
                 std::array{opencl::RadixSort::Bits{0, bits}, opencl::RadixSort::Bits{32, bits}});
 }
 
-void PairDelta::sort_changes(std::size_t added, std::size_t removed) {
+void PairDelta::sort_changes(const Counts& counts) {
   {
     opencl::Profiler::Scope stage(profiler_, "sort");
-    reserve_result(added + removed);
-    sort(added_, added);
-    sort(removed_, removed);
+    reserve_result(counts.added + counts.removed);
+    const cl::Buffer added = buffer(std::max<std::size_t>(1, counts.added) * sizeof(Pair));
+    copy_added(counts, added);
+    sort(added, counts.added);
+    sort(removed_, counts.removed);
     result_.lend();
     const cl::CommandQueue& queue = context_.queue();
-    const std::size_t bytes = added * sizeof(Pair);
-    if (added > 0) queue.enqueueCopyBuffer(added_, result_.device(), 0, count_bytes, bytes);
-    if (removed > 0) {
-      queue.enqueueCopyBuffer(removed_, result_.device(), 0, count_bytes + bytes, removed * sizeof(Pair));
+    const std::size_t bytes = counts.added * sizeof(Pair);
+    if (counts.added > 0) queue.enqueueCopyBuffer(added, result_.device(), 0, count_bytes, bytes);
+    if (counts.removed > 0) {
+      queue.enqueueCopyBuffer(removed_, result_.device(), 0, count_bytes + bytes,
+                              counts.removed * sizeof(Pair));
     }
   }
-  enqueue_read(added + removed);
+  enqueue_read(counts.added + counts.removed);
   wait();
 }
 

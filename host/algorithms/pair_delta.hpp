@@ -9,6 +9,7 @@
 
 #include <broadcl/pair.hpp>
 
+#include "algorithms/search.hpp"
 #include "opencl/context.hpp"
 #include "opencl/profiler.hpp"
 #include "opencl/radix_sort.hpp"
@@ -16,28 +17,16 @@
 
 namespace broadcl {
 
-/// Which slots changed in an update: a word a slot, as kernels/stamp.h has them.
-struct Stamps {  // NOLINT(bugprone-exception-escape): handles do not throw when moved
-  cl::Buffer words;
-  cl_uint stamp = 0;         ///< Of this update.
-  bool any_renewed = false;  ///< Whether the object of some slot is another one.
-};
-
-/// Turns the pairs that kernels find in each frame into what changed since the last, on the device:
+/// The list of all pairs, and what changes in it in each frame, on the device: kernels/delta.h,
 /// kernels/delta.cl.
 ///
-/// Algorithms that find pairs in a list share it. The list lies on the device and grows as needed: no pair is
-/// dropped.
+/// Algorithms that find pairs share it. The list grows as needed: no pair is dropped.
 class PairDelta {
  public:
   /// What a frame needs.
-  struct Frame {            // NOLINT(bugprone-exception-escape): as above
-    std::size_t slots = 0;  ///< Pairs are of slots below.
-    Stamps stamps;
-    /// Whether pairs of the last frame of which neither object changed stay without having been found again.
-    bool carry = false;
-    /// Enqueues what puts every pair (but those that stay) to the sink; called again with a larger sink where
-    /// they did not fit.
+  struct Frame {  // NOLINT(bugprone-exception-escape): handles do not throw when moved
+    Search search;
+    /// Enqueues what puts every new pair to the sink; called again with a larger sink where they did not fit.
     std::function<void()> find;
     bool stays_on_device = false;  ///< Whether finish_on_device() is to end the frame.
   };
@@ -85,23 +74,19 @@ class PairDelta {
     std::size_t removed = 0;
     std::size_t work = 0;
   };
-  /// The pairs of a frame, and a hash table of them.
-  struct Table {  // NOLINT(bugprone-exception-escape): handles do not throw when moved
+  /// The pairs of a frame.
+  struct List {  // NOLINT(bugprone-exception-escape): handles do not throw when moved
     cl_uint capacity = 0;
-    cl_uint mask = 0;  // entries of the table less one
     cl_uint found = 0;
     cl::Buffer pairs;
-    cl::Buffer table;
-    cl::Buffer kept;  // a byte a pair
   };
 
-  [[nodiscard]] Table make_table(std::size_t capacity) const;
-  [[nodiscard]] cl::Buffer zeros(std::size_t bytes) const;
+  [[nodiscard]] List make_list(std::size_t capacity) const;
+  [[nodiscard]] cl::Buffer buffer(std::size_t bytes) const;
   void reserve(std::size_t capacity);
   void reserve_result(std::size_t changes);
   void enqueue();
-  void enqueue_carry();
-  void enqueue_sweep();
+  void enqueue_keep();
   void enqueue_order();
   /// Brings the counts and the first changes to the host.
   void enqueue_read(std::size_t changes);
@@ -110,29 +95,32 @@ class PairDelta {
   Counts settle();
   /// This frame becomes the last one.
   void commit(const Counts& counts);
-  /// Undoes what a frame that did not fit, or did not end, has done.
-  void restore_last();
+  /// As they must be when a frame begins.
+  void clear_counts();
+  /// Puts the first n pairs of a buffer in canonical order.
   void sort(const cl::Buffer& pairs, std::size_t n) const;
-  void sort_changes(std::size_t added, std::size_t removed);
+  void copy_added(const Counts& counts, const cl::Buffer& to) const;
+  void sort_changes(const Counts& counts);
   [[nodiscard]] const cl_uint* counts() const;
   [[nodiscard]] std::span<Pair> changes(std::size_t total) const;
 
   const opencl::Context& context_;
   opencl::Profiler& profiler_;
   mutable opencl::RadixSort sort_;  // changes only what it sorts
-  cl::Kernel carry_, index_, sweep_, order_;
+  cl::Kernel keep_, order_;
   Frame frame_;
-  Table now_, last_;
-  Table next_;                        // for the next frame, where this one needed more room than the last
+  List now_, last_;
+  List next_;                         // for the next frame, where this one needed more room than the last
   std::array<cl::Buffer, 2> counts_;  // of this frame and of the next, in turn
   std::size_t turn_ = 0;
-  cl::Buffer added_, removed_;
+  cl::Buffer removed_;           // as many as the last frame had pairs
+  cl::Buffer added_;             // in order, where they stay on the device
   opencl::SharedBuffer result_;  // counts, added, removed
   cl::Event read_;               // when it is the host's again
-  bool is_half_done_ = false;
-  std::size_t slots_ = 0;     // of the last frame
-  std::size_t expected_ = 0;  // changes read together with the counts
-  std::size_t ordered_ = 0;   // pairs of each list that delta_order puts in order, at the most
+  bool is_half_done_ = false;    // a frame began and did not end
+  std::size_t slots_ = 0;        // of the last frame
+  std::size_t expected_ = 0;     // changes read together with the counts
+  std::size_t ordered_ = 0;      // pairs of each list that delta_order puts in order, at the most
   std::size_t work_ = 0;
   std::size_t frames_ = 0;
   std::size_t last_changes_ = 0;

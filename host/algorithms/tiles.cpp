@@ -120,7 +120,6 @@ class Tiles final : public PairFinder {
   void enqueue_search(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) {
     opencl::Profiler::Scope stage(profiler, "test");
     cl_uint k = opencl::set_arguments(search_, 0, starts_, roots_, tree_, elements_,
-                                      search.all ? cl_uint{0} : cl_uint{1},
                                       search.any_filters ? cl_uint{1} : cl_uint{0}, search.filters);
     sink.set_sink(search_, k);
     enqueue(search_, divide_up(search.slots, node), stage.event());

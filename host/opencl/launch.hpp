@@ -33,4 +33,13 @@ inline void wait_for_all(const cl::CommandQueue& queue) {
   end.wait();
 }
 
+/// The same after something has failed, whose error the caller tells: another one is let go.
+inline void wait_after_failure(const cl::CommandQueue& queue) noexcept {
+  try {
+    wait_for_all(queue);
+  } catch (const cl::Error&) {
+    return;
+  }
+}
+
 }  // namespace broadcl::opencl
