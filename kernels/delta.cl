@@ -1,4 +1,4 @@
-/* What changed between two frames: delta.h says what stands where. Only what changed is put in canonical order. */
+/* What of the last frame is left in this one: delta.h says what stands where. */
 
 #include "delta.h"
 
@@ -8,11 +8,6 @@
 #ifndef CHUNK
 #define CHUNK 4 /* pairs that each of them looks at */
 #endif
-#ifndef PARTS
-#define PARTS 64 /* work-items of a team, which places pairs together */
-#endif
-#define TEAMS 2 /* teams of so many work-items a work-group */
-#define KEYS 4  /* pairs that a team places at once */
 
 /* Whether a pair of the last frame is one of this frame. */
 static inline bool is_kept(const uint2 pair, const uint slots, global const float* boxes, const uint any_filters,
@@ -68,58 +63,5 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void delta_keep(
       if (next_kept < capacity) pairs[next_kept] = last[place];
       ++next_kept;
     }
-  }
-}
-
-/* Position in canonical order: by b, then by a. */
-static inline ulong order_of(const uint2 pair) {
-  return ((ulong)pair.y << 32) | pair.x;
-}
-
-/* Writes the changes to `result` behind the counts: added, then removed, each pair at the place that the number of
-   smaller ones in its list gives it. Work-items of dimension 2 stand for the two lists, those of dimension 1 for KEYS
-   pairs each. Where a list has more pairs than they stand for, none is written. Leaves the counts of the next frame
-   all zero. */
-kernel __attribute__((reqd_work_group_size(PARTS, TEAMS, 1))) void delta_order(
-    const uint capacity, const uint last_found, global const uint2* restrict pairs,
-    global const uint2* restrict removed, global const uint* restrict counts, global uint* restrict next_counts,
-    global uint* restrict result) {
-  local uint places[TEAMS * KEYS];
-  const uint part = (uint)get_local_id(0);
-  const bool is_added = get_group_id(2) == 0;
-  const uint first = (uint)get_global_id(1) * KEYS;
-  if (is_added && part == 0 && get_global_id(1) < COUNTS) {
-    result[get_global_id(1)] = counts[get_global_id(1)];
-    next_counts[get_global_id(1)] = 0;
-  }
-  if (!all_fit(counts, capacity)) return;
-
-  const uint removed_count = counts[COUNT_REMOVED];
-  const uint kept = last_found - removed_count;
-  const uint added_count = counts[COUNT_FOUND] - kept;
-  const uint size = is_added ? added_count : removed_count;
-  global const uint2* list = is_added ? pairs + kept : removed;
-  global uint2* changes = (global uint2*)(result + COUNTS) + (is_added ? 0U : added_count);
-  if (max(added_count, removed_count) > (uint)get_global_size(1) * KEYS) return;
-  if ((uint)get_group_id(1) * (TEAMS * KEYS) >= size) return;
-
-  ulong orders[KEYS];
-  uint smaller[KEYS];
-  for (uint i = 0; i < KEYS; ++i) {
-    orders[i] = order_of(list[min(first + i, size - 1U)]);
-    smaller[i] = 0;
-  }
-#pragma unroll 4
-  for (uint k = part; k < size; k += PARTS) {
-    const ulong other = order_of(list[k]);
-    for (uint i = 0; i < KEYS; ++i) smaller[i] += other < orders[i] ? 1U : 0U;
-  }
-  const uint team = (uint)get_local_id(1) * KEYS;
-  for (uint i = part; i < KEYS; i += PARTS) places[team + i] = 0;
-  barrier(CLK_LOCAL_MEM_FENCE);
-  for (uint i = 0; i < KEYS; ++i) atomic_add(&places[team + i], smaller[i]);
-  barrier(CLK_LOCAL_MEM_FENCE);
-  for (uint i = part; i < KEYS; i += PARTS) {
-    if (first + i < size) changes[places[team + i]] = list[first + i];
   }
 }

@@ -17,8 +17,9 @@
 #define COUNT_FOUND 0 /* kept and added */
 #define COUNT_FOUND_HIGH 1
 #define COUNT_REMOVED 2
-#define COUNT_WORK 3 /* what an algorithm counts for itself */
-#define COUNTS 4     /* an even number, so that pairs can follow */
+#define COUNT_WORK 3      /* what an algorithm counts for itself */
+#define COUNT_UNORDERED 4 /* not 0 where order.cl leaves the changes to the host */
+#define COUNTS 6          /* an even number, so that pairs can follow */
 
 typedef struct {
   uint capacity;                      /* of the list */

@@ -273,7 +273,7 @@ TEST(BruteForce, WaitsOncePerFrame) {
   }
   std::vector<std::string_view> names;
   for (const Stage& stage : broad_phase.profile()) names.push_back(stage.name);
-  EXPECT_EQ(names, (std::vector<std::string_view>{"upload", "test", "sweep", "order", "download", "wait"}));
+  EXPECT_EQ(names, (std::vector<std::string_view>{"upload", "keep", "test", "order", "download", "wait"}));
 }
 
 /// The index of the last rows is past 32 bits; 4.3 GB a frame. With --long only.

@@ -88,13 +88,13 @@ void DeviceObjects::upload_filters(const Changes& changes) {
 /// The boxes of this update: all from the host, or those of the last update, which then are changed.
 void DeviceObjects::upload_boxes(const Changes& changes) {
   const cl::CommandQueue& queue = context_.queue();
-  next_.all = changes.all;
+  next_.all = changes.all || last_.slots == 0;
   next_.slots = static_cast<cl_uint>(changes.slots);
-  if (changes.all) {
+  if (next_.all) {
     opencl::Profiler::Scope stage(profiler_, "upload");
     queue.enqueueWriteBuffer(next_.boxes, CL_FALSE, 0, std::max<std::size_t>(1, changes.slots) * sizeof(Aabb),
                              boxes_.host(), nullptr, stage.event());
-  } else if (last_.all && last_.slots > 0) {
+  } else if (last_.all) {
     opencl::Profiler::Scope stage(profiler_, "copy");
     queue.enqueueCopyBuffer(last_.boxes, next_.boxes, 0, 0, last_.slots * sizeof(Aabb), nullptr,
                             stage.event());

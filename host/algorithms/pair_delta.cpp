@@ -18,18 +18,17 @@ constexpr std::size_t count_found = 0;
 constexpr std::size_t count_found_high = 1;
 constexpr std::size_t count_removed = 2;
 constexpr std::size_t count_work = 3;
-constexpr std::size_t count_bytes = 4 * sizeof(cl_uint);
+constexpr std::size_t count_unordered = 4;
+constexpr std::size_t count_bytes = 6 * sizeof(cl_uint);
 
 constexpr std::size_t first_capacity = 1 << 14;
 constexpr std::size_t most_pairs = std::size_t{1} << 31;  // places in a list are 32-bit numbers
-/// Pairs of a list, added or removed, that are put in order by comparing each with every other; longer lists
-/// are sorted.
-std::size_t most_ordered(const opencl::Context& context) {
-  return context.shape() == opencl::Shape::cpu ? 1 << 8 : 1 << 14;
-}
-constexpr std::size_t least_ordered = 256;
+/// Changes that are read with the counts, and room for them, at the least.
+constexpr std::size_t least_changes = 512;
 
-// As kernels/delta.cl has them.
+constexpr std::size_t group = 64;  // work-items a work-group that orders changes
+
+// As kernels/order.cl has them.
 constexpr std::size_t teams = 2;
 constexpr std::size_t keys = 4;
 
@@ -38,10 +37,11 @@ struct Cut {
   std::size_t parts;  ///< Work-items that place pairs together.
   std::size_t group;  ///< Work-items a work-group that keeps pairs.
   std::size_t chunk;  ///< Pairs that each of them looks at.
+  std::size_t few;    ///< Pairs of a list, added or removed, that are compared each with every other.
 };
 Cut cut(const opencl::Context& context) {
-  if (context.shape() == opencl::Shape::cpu) return {.parts = 1, .group = 1, .chunk = 256};
-  return {.parts = 64, .group = 64, .chunk = 4};
+  if (context.shape() == opencl::Shape::cpu) return {.parts = 1, .group = 1, .chunk = 256, .few = 256};
+  return {.parts = 64, .group = 64, .chunk = 4, .few = 4096};
 }
 
 using opencl::round_up;
@@ -49,14 +49,17 @@ using opencl::round_up;
 }  // namespace
 
 PairDelta::PairDelta(const opencl::Context& context, opencl::Profiler& profiler)
-    : context_(context), profiler_(profiler), sort_(context) {
+    : context_(context), profiler_(profiler), sort_(context), scan_(context) {
   const Cut cut = broadcl::cut(context);
-  const cl::Program program = context.program("delta.cl", "-DPARTS=" + std::to_string(cut.parts) +
-                                                              " -DGROUP=" + std::to_string(cut.group) +
-                                                              " -DCHUNK=" + std::to_string(cut.chunk));
+  const cl::Program keep = context.program(
+      "delta.cl", "-DGROUP=" + std::to_string(cut.group) + " -DCHUNK=" + std::to_string(cut.chunk));
+  const cl::Program order = context.program("order.cl", "-DPARTS=" + std::to_string(cut.parts));
   opencl::translate_errors(context.device().label(), [&] {
-    keep_ = cl::Kernel(program, "delta_keep");
-    order_ = cl::Kernel(program, "delta_order");
+    keep_ = cl::Kernel(keep, "delta_keep");
+    order_few_ = cl::Kernel(order, "order_few");
+    order_count_ = cl::Kernel(order, "order_count");
+    order_scatter_ = cl::Kernel(order, "order_scatter");
+    order_place_ = cl::Kernel(order, "order_place");
     for (cl::Buffer& counts : counts_) counts = buffer(count_bytes);
     clear_counts();
     reserve(first_capacity);
@@ -97,6 +100,20 @@ void PairDelta::reserve_result(std::size_t changes) {
   if (result_.bytes() < bytes) result_ = opencl::SharedBuffer(context_, bytes + bytes / 2);
 }
 
+void PairDelta::reserve_buckets() {
+  const std::size_t slots = std::max<std::size_t>(slots_, frame_.search.slots);
+  if (bucket_capacity_ < slots) {
+    bucket_capacity_ = 0;
+    buckets_ = buffer(2 * (slots + slots / 4) * sizeof(cl_uint));
+    bucket_capacity_ = slots + slots / 4;
+  }
+  if (scattered_capacity_ < room_) {
+    scattered_capacity_ = 0;
+    scattered_ = buffer((room_ + room_ / 4) * sizeof(Pair));
+    scattered_capacity_ = room_ + room_ / 4;
+  }
+}
+
 void PairDelta::set_sink(cl::Kernel& kernel, cl_uint first) const {
   const Search& search = frame_.search;
   const bool has_last = search.last_slots > 0;  // else a buffer that is not read stands for the last boxes
@@ -123,13 +140,36 @@ void PairDelta::enqueue_keep() {
                                         cl::NDRange(cut.group), nullptr, stage.event());
 }
 
-void PairDelta::enqueue_order() {
+void PairDelta::enqueue_order_few() {
   opencl::Profiler::Scope stage(profiler_, "order");
   const std::size_t parts = cut(context_).parts;
-  opencl::set_arguments(order_, 0, now_.capacity, last_.found, now_.pairs, removed_, counts_[turn_],
+  opencl::set_arguments(order_few_, 0, now_.capacity, last_.found, now_.pairs, removed_, counts_[turn_],
                         counts_[1 - turn_], result_.device());
-  context_.queue().enqueueNDRangeKernel(order_, cl::NullRange, cl::NDRange(parts, ordered_ / keys, 2),
+  context_.queue().enqueueNDRangeKernel(order_few_, cl::NullRange, cl::NDRange(parts, room_ / 2 / keys, 2),
                                         cl::NDRange(parts, teams, 1), nullptr, stage.event());
+}
+
+void PairDelta::enqueue_order_many() {
+  const cl::CommandQueue& queue = context_.queue();
+  const std::size_t slots = std::max<std::size_t>(slots_, frame_.search.slots);
+  const opencl::Profiler::Scope all(profiler_, "order");
+  queue.enqueueFillBuffer(buckets_, cl_uint{0}, 0, 2 * slots * sizeof(cl_uint));
+  // Each goes through some changes, but never so many that llvmpipe would end it (see shape_of()).
+  const std::size_t items = round_up(
+      std::clamp(room_, context_.device().compute_units * std::size_t{64}, std::size_t{1} << 20), group);
+  const auto enqueue = [&](cl::Kernel& kernel, cl::Event* event) {
+    const cl_uint next = opencl::set_arguments(kernel, 0, static_cast<cl_uint>(room_),
+                                               static_cast<cl_uint>(slots), now_.capacity, last_.found,
+                                               now_.pairs, removed_, counts_[turn_], buckets_, scattered_);
+    if (kernel() == order_place_()) {
+      opencl::set_arguments(kernel, next, counts_[1 - turn_], result_.device());
+    }
+    queue.enqueueNDRangeKernel(kernel, cl::NullRange, cl::NDRange(items), cl::NDRange(group), nullptr, event);
+  };
+  enqueue(order_count_, nullptr);
+  scan_.enqueue(buckets_, 2 * slots);
+  enqueue(order_scatter_, nullptr);
+  enqueue(order_place_, nullptr);
 }
 
 void PairDelta::enqueue_read(std::size_t changes) {
@@ -143,7 +183,7 @@ void PairDelta::enqueue() {
   enqueue_keep();
   frame_.find();
   result_.lend();
-  enqueue_order();
+  many_ ? enqueue_order_many() : enqueue_order_few();
   enqueue_read(expected_);
 }
 
@@ -170,10 +210,17 @@ std::span<Pair> PairDelta::changes(std::size_t total) const {
 void PairDelta::begin(Frame frame) {
   frame_ = std::move(frame);
   if (is_half_done_) clear_counts();
-  const std::size_t longest = frame_.stays_on_device ? 0 : last_longest_ + last_longest_ / 2;
-  ordered_ = round_up(std::clamp(longest, least_ordered, most_ordered(context_)), teams * keys);
-  expected_ = std::clamp(last_changes_ + last_changes_ / 2, 2 * least_ordered, 2 * ordered_);
-  reserve_result(2 * ordered_);
+  if (frame_.stays_on_device) {
+    many_ = false;
+    room_ = least_changes;
+  } else {
+    many_ = last_longest_ > cut(context_).few;
+    room_ = round_up(std::max(least_changes, many_ ? last_changes_ + last_changes_ / 2 : 3 * last_longest_),
+                     2 * teams * keys);
+  }
+  expected_ = std::clamp(last_changes_ + last_changes_ / 8, least_changes, room_);
+  reserve_result(room_);
+  if (many_) reserve_buckets();
   enqueue();
 }
 
@@ -183,7 +230,8 @@ PairDelta::Counts PairDelta::settle() {
     const std::uint64_t found = counts()[count_found] | std::uint64_t{counts()[count_found_high]} << 32;
     if (found <= now_.capacity) {
       const std::size_t removed = counts()[count_removed];
-      return {found, found + removed - last_.found, removed, counts()[count_work]};
+      return {found, found + removed - last_.found, removed, counts()[count_work],
+              counts()[count_unordered] != 0};
     }
     clear_counts();
     reserve(found + found / 4);
@@ -208,7 +256,8 @@ void PairDelta::commit(const Counts& counts) {
 Delta PairDelta::finish() {
   const Counts counts = settle();
   const std::size_t total = counts.added + counts.removed;
-  if (std::max(counts.added, counts.removed) > ordered_) {
+  const bool has_room = many_ ? total <= room_ : 2 * std::max(counts.added, counts.removed) <= room_;
+  if (!has_room || counts.is_unordered) {
     sort_changes(counts);
   } else if (total > expected_) {
     enqueue_read(total);

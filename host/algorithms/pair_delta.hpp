@@ -13,6 +13,7 @@
 #include "opencl/context.hpp"
 #include "opencl/profiler.hpp"
 #include "opencl/radix_sort.hpp"
+#include "opencl/scan.hpp"
 #include "opencl/shared_buffer.hpp"
 
 namespace broadcl {
@@ -73,6 +74,7 @@ class PairDelta {
     std::size_t added = 0;
     std::size_t removed = 0;
     std::size_t work = 0;
+    bool is_unordered = false;  // left to be sorted
   };
   /// The pairs of a frame.
   struct List {  // NOLINT(bugprone-exception-escape): handles do not throw when moved
@@ -85,9 +87,9 @@ class PairDelta {
   [[nodiscard]] cl::Buffer buffer(std::size_t bytes) const;
   void reserve(std::size_t capacity);
   void reserve_result(std::size_t changes);
+  void reserve_buckets();
   void enqueue();
   void enqueue_keep();
-  void enqueue_order();
   /// Brings the counts and the first changes to the host.
   void enqueue_read(std::size_t changes);
   void wait();
@@ -101,13 +103,16 @@ class PairDelta {
   void sort(const cl::Buffer& pairs, std::size_t n) const;
   void copy_added(const Counts& counts, const cl::Buffer& to) const;
   void sort_changes(const Counts& counts);
+  void enqueue_order_few();
+  void enqueue_order_many();
   [[nodiscard]] const cl_uint* counts() const;
   [[nodiscard]] std::span<Pair> changes(std::size_t total) const;
 
   const opencl::Context& context_;
   opencl::Profiler& profiler_;
   mutable opencl::RadixSort sort_;  // changes only what it sorts
-  cl::Kernel keep_, order_;
+  mutable opencl::Scan scan_;
+  cl::Kernel keep_, order_few_, order_count_, order_scatter_, order_place_;
   Frame frame_;
   List now_, last_;
   List next_;                         // for the next frame, where this one needed more room than the last
@@ -120,7 +125,12 @@ class PairDelta {
   bool is_half_done_ = false;    // a frame began and did not end
   std::size_t slots_ = 0;        // of the last frame
   std::size_t expected_ = 0;     // changes read together with the counts
-  std::size_t ordered_ = 0;      // pairs of each list that delta_order puts in order, at the most
+  std::size_t room_ = 0;         // for changes in result_
+  bool many_ = false;            // changes are ordered by buckets
+  cl::Buffer buckets_;           // two a slot
+  std::size_t bucket_capacity_ = 0;
+  cl::Buffer scattered_;  // changes by bucket
+  std::size_t scattered_capacity_ = 0;
   std::size_t work_ = 0;
   std::size_t frames_ = 0;
   std::size_t last_changes_ = 0;

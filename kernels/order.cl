@@ -1,0 +1,141 @@
+/* Puts the changes of a frame in canonical order, by b, then by a: to `result`, behind the counts, what was added, then what
+   was removed. Leaves the counts of the next frame all zero.
+
+   Few are compared each with every other, in one launch. Many are counted by their list and their b into buckets, whose
+   prefix sums say where each bucket begins, and within a bucket each is compared with every other. Neither is written
+   where there is no room in `result`; where a bucket is large, that is left to the host, which sorts. */
+
+#include "delta.h"
+
+#ifndef PARTS
+#define PARTS 64 /* work-items of a team, which places pairs together */
+#endif
+#define TEAMS 2 /* teams of so many work-items a work-group */
+#define KEYS 4  /* pairs that a team places at once */
+#define LARGEST_BUCKET 4096U
+
+/* Position in canonical order: by b, then by a. */
+static inline ulong order_of(const uint2 pair) {
+  return ((ulong)pair.y << 32) | pair.x;
+}
+
+/* The changes of a frame: `added` stands behind what was kept of the last one, in `pairs`. */
+typedef struct {
+  uint added_count, removed_count;
+  global const uint2* added;
+  global const uint2* removed;
+} changes_t;
+
+static inline changes_t changes_of(const uint last_found, global const uint2* pairs, global const uint2* removed,
+                                   global const uint* counts) {
+  const uint kept = last_found - counts[COUNT_REMOVED];
+  const changes_t changes = {counts[COUNT_FOUND] - kept, counts[COUNT_REMOVED], pairs + kept, removed};
+  return changes;
+}
+
+/* For few changes: puts each pair at the place that the number of smaller ones in its list gives it. Work-items of
+   dimension 2 stand for the two lists, those of dimension 1 for KEYS pairs each. Where a list has more pairs than they
+   stand for, none is written. */
+kernel __attribute__((reqd_work_group_size(PARTS, TEAMS, 1))) void order_few(
+    const uint capacity, const uint last_found, global const uint2* restrict pairs,
+    global const uint2* restrict removed, global const uint* restrict counts, global uint* restrict next_counts,
+    global uint* restrict result) {
+  local uint places[TEAMS * KEYS];
+  const uint part = (uint)get_local_id(0);
+  const bool is_added = get_group_id(2) == 0;
+  const uint first = (uint)get_global_id(1) * KEYS;
+  if (is_added && part == 0 && get_global_id(1) < COUNTS) {
+    result[get_global_id(1)] = counts[get_global_id(1)];
+    next_counts[get_global_id(1)] = 0;
+  }
+  if (!all_fit(counts, capacity)) return;
+
+  const changes_t changes = changes_of(last_found, pairs, removed, counts);
+  const uint size = is_added ? changes.added_count : changes.removed_count;
+  global const uint2* list = is_added ? changes.added : changes.removed;
+  global uint2* to = (global uint2*)(result + COUNTS) + (is_added ? 0U : changes.added_count);
+  if (max(changes.added_count, changes.removed_count) > (uint)get_global_size(1) * KEYS) return;
+  if ((uint)get_group_id(1) * (TEAMS * KEYS) >= size) return;
+
+  ulong orders[KEYS];
+  uint smaller[KEYS];
+  for (uint i = 0; i < KEYS; ++i) {
+    orders[i] = order_of(list[min(first + i, size - 1U)]);
+    smaller[i] = 0;
+  }
+#pragma unroll 4
+  for (uint k = part; k < size; k += PARTS) {
+    const ulong other = order_of(list[k]);
+    for (uint i = 0; i < KEYS; ++i) smaller[i] += other < orders[i] ? 1U : 0U;
+  }
+  const uint team = (uint)get_local_id(1) * KEYS;
+  for (uint i = part; i < KEYS; i += PARTS) places[team + i] = 0;
+  barrier(CLK_LOCAL_MEM_FENCE);
+  for (uint i = 0; i < KEYS; ++i) atomic_add(&places[team + i], smaller[i]);
+  barrier(CLK_LOCAL_MEM_FENCE);
+  for (uint i = part; i < KEYS; i += PARTS) {
+    if (first + i < size) to[places[team + i]] = list[first + i];
+  }
+}
+
+/* Number of changes where they are to be ordered, else 0. */
+static inline uint changes_to_order(const changes_t* changes, const uint room, const uint capacity,
+                                    global const uint* counts) {
+  const bool has_room = changes->added_count <= room && changes->removed_count <= room - changes->added_count;
+  return all_fit(counts, capacity) && has_room ? changes->added_count + changes->removed_count : 0U;
+}
+
+static inline uint2 change(const changes_t* changes, const uint k) {
+  return k < changes->added_count ? changes->added[k] : changes->removed[k - changes->added_count];
+}
+
+static inline uint bucket_of(const changes_t* changes, const uint k, const uint2 pair, const uint slots) {
+  return (k < changes->added_count ? 0U : slots) + pair.y;
+}
+
+#define CHANGES_PARAMETERS                                                                                          \
+  const uint room, const uint slots, const uint capacity, const uint last_found, global const uint2 *restrict pairs, \
+      global const uint2 *restrict removed, global uint *restrict counts, global uint *restrict buckets,            \
+      global uint2 *restrict scattered
+
+/* Adds up the changes of each bucket: `slots` for what was added, as many for what was removed. */
+kernel void order_count(CHANGES_PARAMETERS) {
+  const changes_t changes = changes_of(last_found, pairs, removed, counts);
+  const uint n = changes_to_order(&changes, room, capacity, counts);
+  (void)scattered;
+  for (uint k = (uint)get_global_id(0); k < n; k += (uint)get_global_size(0)) {
+    const uint before = atomic_inc(&buckets[bucket_of(&changes, k, change(&changes, k), slots)]);
+    if (before == LARGEST_BUCKET) counts[COUNT_UNORDERED] = 1;
+  }
+}
+
+/* Puts the changes into their buckets. Where a bucket began, it ends afterwards. */
+kernel void order_scatter(CHANGES_PARAMETERS) {
+  const changes_t changes = changes_of(last_found, pairs, removed, counts);
+  const uint n = changes_to_order(&changes, room, capacity, counts);
+  for (uint k = (uint)get_global_id(0); k < n; k += (uint)get_global_size(0)) {
+    const uint2 pair = change(&changes, k);
+    scattered[atomic_inc(&buckets[bucket_of(&changes, k, pair, slots)])] = pair;
+  }
+}
+
+/* Puts the pairs of each bucket in order. */
+kernel void order_place(CHANGES_PARAMETERS, global uint* restrict next_counts, global uint* restrict result) {
+  const uint item = (uint)get_global_id(0);
+  for (uint i = item; i < COUNTS; i += (uint)get_global_size(0)) {
+    result[i] = counts[i];
+    next_counts[i] = 0;
+  }
+  if (counts[COUNT_UNORDERED] != 0U) return;
+  const changes_t changes = changes_of(last_found, pairs, removed, counts);
+  const uint n = changes_to_order(&changes, room, capacity, counts);
+  for (uint k = item; k < n; k += (uint)get_global_size(0)) {
+    const uint2 pair = scattered[k];
+    const uint bucket = bucket_of(&changes, k, pair, slots);
+    const uint begin = bucket == 0 ? 0U : buckets[bucket - 1U];
+    const uint end = buckets[bucket];
+    uint place = begin;
+    for (uint other = begin; other < end; ++other) place += scattered[other].x < pair.x ? 1U : 0U;
+    ((global uint2*)(result + COUNTS))[place] = pair;
+  }
+}
