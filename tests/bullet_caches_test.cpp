@@ -8,15 +8,8 @@
 
 #include "bullet_contract.hpp"
 
-namespace broadcl {
+namespace broadcl::test {
 namespace {
-
-using test::Contract;
-using test::CountingAlgorithm;
-using test::GhostRecorder;
-using test::MortalCache;
-using test::Random;
-using test::Rig;
 
 TEST_P(Contract, S20AUsersCacheIsUsedAndNeverDeleted) {
   bool dead = false;
@@ -160,4 +153,4 @@ TEST_P(Contract, S24TheHashOfTheCacheStaysSound) {
 }
 
 }  // namespace
-}  // namespace broadcl
+}  // namespace broadcl::test

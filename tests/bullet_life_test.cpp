@@ -11,15 +11,8 @@
 
 #include "bullet_contract.hpp"
 
-namespace broadcl {
+namespace broadcl::test {
 namespace {
-
-using test::all_bits;
-using test::Contract;
-using test::CountingAlgorithm;
-using test::MortalCache;
-using test::Random;
-using test::Rig;
 
 TEST_P(Contract, S29TheUnionOfAllBoxes) {
   Rig rig(GetParam());
@@ -134,7 +127,7 @@ TEST_P(Contract, S32TickCallbacksMayAddAndRemove) {
   EXPECT_EQ(falling.bodies.size(), 40U);
   std::vector<const btBroadphaseProxy*> proxies;
   for (const auto& body : falling.bodies) proxies.push_back(body->getBroadphaseProxy());
-  EXPECT_EQ(test::missing(*broadphase->getOverlappingPairCache(), proxies), 0);
+  EXPECT_EQ(missing(*broadphase->getOverlappingPairCache(), proxies), 0);
   EXPECT_GT(broadphase->getOverlappingPairCache()->getNumOverlappingPairs(), 20);
 }
 
@@ -164,4 +157,4 @@ TEST_P(Contract, S33SoftWorldsRunOnIt) {
 }
 
 }  // namespace
-}  // namespace broadcl
+}  // namespace broadcl::test

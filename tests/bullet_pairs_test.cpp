@@ -12,13 +12,8 @@
 
 #include "bullet_contract.hpp"
 
-namespace broadcl {
+namespace broadcl::test {
 namespace {
-
-using test::Contract;
-using test::CountingAlgorithm;
-using test::Random;
-using test::Rig;
 
 constexpr btScalar infinity = std::numeric_limits<btScalar>::infinity();
 constexpr btScalar largest = std::numeric_limits<btScalar>::max();
@@ -342,4 +337,4 @@ TEST_P(Contract, S18ABadBoxHurtsItsOwnerOnly) {
 }
 
 }  // namespace
-}  // namespace broadcl
+}  // namespace broadcl::test

@@ -9,17 +9,8 @@
 
 #include "bullet_contract.hpp"
 
-namespace broadcl {
+namespace broadcl::test {
 namespace {
-
-using test::all_bits;
-using test::capacity;
-using test::Contract;
-using test::CountingAlgorithm;
-using test::GhostRecorder;
-using test::kinds;
-using test::Random;
-using test::Rig;
 
 INSTANTIATE_TEST_SUITE_P(Bullet, Contract, testing::ValuesIn(kinds),
                          [](const auto& test) { return test.param.name; });
@@ -189,4 +180,4 @@ TEST_P(Contract, S06ThereIsNoCapacity) {
 }
 
 }  // namespace
-}  // namespace broadcl
+}  // namespace broadcl::test

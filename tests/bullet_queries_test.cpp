@@ -12,14 +12,8 @@
 #include "bullet_contract.hpp"
 #include "query_rig.hpp"
 
-namespace broadcl {
+namespace broadcl::test {
 namespace {
-
-using test::all_bits;
-using test::Contract;
-using test::QueryRig;
-using test::Random;
-using test::RayCollector;
 
 TEST_P(Contract, S25QueriesSeeChangesAtOnce) {
   QueryRig rig(GetParam());
@@ -178,4 +172,4 @@ TEST_P(Contract, S28QueriesMayRunInSeveralThreads) {
 }
 
 }  // namespace
-}  // namespace broadcl
+}  // namespace broadcl::test

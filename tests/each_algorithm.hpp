@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cstdint>
+#include <limits>
 #include <span>
 #include <string>
 #include <string_view>
@@ -14,7 +15,14 @@
 
 namespace broadcl::test {
 
+using Pairs = std::vector<Pair>;
+
+inline constexpr float infinity = std::numeric_limits<float>::infinity();
+inline constexpr float nan_value = std::numeric_limits<float>::quiet_NaN();
+
 inline constexpr Aabb unit{{0, 0, 0}, {1, 1, 1}};
+/// An empty box.
+inline constexpr Aabb inverted{{1, 0, 0}, {0, 1, 1}};
 
 /// Box k of a row in which none overlaps another.
 inline Aabb apart(std::size_t k) {
@@ -23,15 +31,15 @@ inline Aabb apart(std::size_t k) {
 }
 
 /// Every pair of n objects, in canonical order.
-inline std::vector<Pair> all_pairs(std::uint32_t n) {
-  std::vector<Pair> pairs;
+inline Pairs all_pairs(std::uint32_t n) {
+  Pairs pairs;
   for (std::uint32_t b = 0; b < n; ++b) {
     for (std::uint32_t a = 0; a < b; ++a) pairs.push_back({a, b});
   }
   return pairs;
 }
 
-inline std::vector<Pair> to_vector(std::span<const Pair> pairs) {
+inline Pairs to_vector(std::span<const Pair> pairs) {
   return {pairs.begin(), pairs.end()};
 }
 

@@ -11,16 +11,10 @@
 #include "each_algorithm.hpp"
 #include "expect_error.hpp"
 
-namespace broadcl {
+namespace broadcl::test {
 namespace {
 
-using test::apart;
-using test::EachAlgorithm;
-using test::same;
-using test::unit;
 using ::testing::HasSubstr;
-
-using Pairs = std::vector<Pair>;
 
 constexpr Filter in_world(std::uint32_t world) {
   return {.world = world};
@@ -44,7 +38,7 @@ TEST(Filter, PairsNeedBothMasksOneWorldAndTwoBodies) {
 /// Boxes that all lie in the same place, with the given filters: the pairs must be those expected, and the
 /// oracle's.
 void expect_pairs(const BroadPhase::Config& config, std::span<const Filter> filters, const Pairs& expected) {
-  test::Twins twins(config);
+  Twins twins(config);
   for (const Filter& filter : filters) twins.add(unit, filter);
   ASSERT_TRUE(twins.agree());
   EXPECT_EQ(twins.tested().pairs(), expected);
@@ -66,7 +60,7 @@ TEST_P(EachAlgorithm, SmallGroupsAndMasksFilterBothWays) {
 TEST_P(EachAlgorithm, SmallObjectsOfABodyNeverPair) {
   constexpr std::array filters{of_body(7), of_body(7), of_body(8), Filter{},
                                Filter{},   of_body(0), of_body(0)};
-  Pairs expected = test::all_pairs(filters.size());
+  Pairs expected = all_pairs(filters.size());
   std::erase(expected, Pair{0, 1});
   std::erase(expected, Pair{5, 6});
   expect_pairs(config(), filters, expected);
@@ -90,7 +84,7 @@ TEST_P(EachAlgorithm, SmallSizesWithFiltersAgreeWithTheOracle) {
   std::mt19937 random(1);
   for (const std::uint32_t n : {1U, 2U, 17U, 33U}) {
     for (const bool worlds : {false, true}) {
-      test::Twins twins(config());
+      Twins twins(config());
       for (std::uint32_t k = 0; k < n; ++k) {
         twins.add(unit, {.group = 1U << random() % 3,
                          .mask = static_cast<std::uint32_t>(random() % 8),
@@ -163,7 +157,7 @@ TEST_P(EachAlgorithm, SmallAReusedIdHasTheFilterOfItsNewObject) {
 }
 
 TEST_P(EachAlgorithm, SmallFiltersFirstUsedAfterSomeUpdates) {
-  test::Twins twins(config());
+  Twins twins(config());
   for (int k = 0; k < 30; ++k) twins.add(unit);
   for (int frame = 0; frame < 3; ++frame) {
     twins.move(3, apart(static_cast<std::uint32_t>(frame)));
@@ -215,9 +209,9 @@ TEST_P(EachAlgorithm, AFilterOfAnUnknownObjectIsAnError) {
   broad_phase.add(unit);
   broad_phase.add(unit);
   (void)broad_phase.update();
-  EXPECT_THAT(test::error_of([&] { broad_phase.set_filter(2, {.mask = 0}); }), HasSubstr("id 2"));
+  EXPECT_THAT(error_of([&] { broad_phase.set_filter(2, {.mask = 0}); }), HasSubstr("id 2"));
   broad_phase.remove(0);
-  EXPECT_THAT(test::error_of([&] { broad_phase.set_filter(0, {.mask = 0}); }), HasSubstr("id 0"));
+  EXPECT_THAT(error_of([&] { broad_phase.set_filter(0, {.mask = 0}); }), HasSubstr("id 0"));
   EXPECT_EQ(broad_phase.add(unit), 0U);
   EXPECT_TRUE(same(broad_phase.update(), Pairs{{0, 1}}, Pairs{{0, 1}}));
 }
@@ -271,7 +265,7 @@ void live_at_random(const BroadPhase::Config& config, std::uint32_t seeds, int f
               .body = chance(50) ? Filter::no_body : below(6),
               .world = seed % 3 == 0 ? 0 : below(3)};
     };
-    test::Twins twins(config);
+    Twins twins(config);
     std::vector<std::uint32_t> live;
     for (int frame = 0; frame < frames; ++frame) {
       // Everything from nothing at all to everybody; now and then nobody survives.
@@ -301,4 +295,4 @@ TEST_P(EachAlgorithm, RandomLivesWithFiltersFollowTheOracle) {
 }
 
 }  // namespace
-}  // namespace broadcl
+}  // namespace broadcl::test

@@ -1,7 +1,6 @@
 #include <broadcl/broad_phase.hpp>
 
 #include <cmath>
-#include <limits>
 #include <random>
 #include <vector>
 
@@ -11,20 +10,11 @@
 #include "expect_error.hpp"
 
 /// begin() and finish(), and what is done in between.
-namespace broadcl {
+namespace broadcl::test {
 namespace {
 
-using test::apart;
-using test::EachAlgorithm;
-using test::same;
-using test::unit;
 using ::testing::AllOf;
 using ::testing::HasSubstr;
-
-using Pairs = std::vector<Pair>;
-
-constexpr float nan_value = std::numeric_limits<float>::quiet_NaN();
-constexpr Aabb inverted{{1, 0, 0}, {0, 1, 1}};
 
 TEST_P(EachAlgorithm, SmallFinishTellsWhatBeganAndWhatCameAfter) {
   BroadPhase broad_phase(config());
@@ -120,18 +110,18 @@ TEST_P(EachAlgorithm, SmallBadCallsInFlightAreErrorsAndChangeNothing) {
   BroadPhase broad_phase(config());
   for (int k = 0; k < 3; ++k) broad_phase.add(unit);
   broad_phase.begin();
-  EXPECT_THAT(test::error_of([&] { (void)broad_phase.pairs(); }),
+  EXPECT_THAT(error_of([&] { (void)broad_phase.pairs(); }),
               AllOf(HasSubstr("pairs()"), HasSubstr("call finish()")));
-  EXPECT_THAT(test::error_of([&] { (void)broad_phase.map(2); }),
+  EXPECT_THAT(error_of([&] { (void)broad_phase.map(2); }),
               AllOf(HasSubstr("map()"), HasSubstr("call finish()")));
-  EXPECT_THAT(test::error_of([&] { broad_phase.move(3, unit); }), HasSubstr("id 3"));
-  EXPECT_THAT(test::error_of([&] { broad_phase.remove(3); }), HasSubstr("id 3"));
-  EXPECT_THAT(test::error_of([&] { broad_phase.set_filter(3, {}); }), HasSubstr("id 3"));
-  EXPECT_THAT(test::error_of([&] { broad_phase.move(0, {{nan_value, 0, 0}, {1, 1, 1}}); }), HasSubstr("NaN"));
-  EXPECT_THAT(test::error_of([&] { broad_phase.add({{nan_value, 0, 0}, {1, 1, 1}}); }), HasSubstr("NaN"));
+  EXPECT_THAT(error_of([&] { broad_phase.move(3, unit); }), HasSubstr("id 3"));
+  EXPECT_THAT(error_of([&] { broad_phase.remove(3); }), HasSubstr("id 3"));
+  EXPECT_THAT(error_of([&] { broad_phase.set_filter(3, {}); }), HasSubstr("id 3"));
+  EXPECT_THAT(error_of([&] { broad_phase.move(0, {{nan_value, 0, 0}, {1, 1, 1}}); }), HasSubstr("NaN"));
+  EXPECT_THAT(error_of([&] { broad_phase.add({{nan_value, 0, 0}, {1, 1, 1}}); }), HasSubstr("NaN"));
   EXPECT_EQ(broad_phase.size(), 3U);
-  EXPECT_TRUE(same(broad_phase.finish(), test::all_pairs(3), {}));
-  EXPECT_EQ(broad_phase.pairs(), test::all_pairs(3));
+  EXPECT_TRUE(same(broad_phase.finish(), all_pairs(3), {}));
+  EXPECT_EQ(broad_phase.pairs(), all_pairs(3));
   EXPECT_EQ(broad_phase.map(2).size(), 2U);
 }
 
@@ -146,13 +136,13 @@ TEST_P(EachAlgorithm, SmallOneInFlightMayBeMovedAndDestroyed) {
   one.begin();
   BroadPhase moved = std::move(one);
   moved.remove(19);
-  EXPECT_TRUE(same(moved.finish(), test::all_pairs(19), {}));
+  EXPECT_TRUE(same(moved.finish(), all_pairs(19), {}));
 }
 
 /// Thousands come while a search runs over a few; and pairs that were found by the search that was begun end.
 TEST_P(EachAlgorithm, MemoryGrowsForWhatIsAddedInFlight) {
   const std::uint32_t n = is_slow() ? 1000 : 5000;
-  test::Twins twins(config());
+  Twins twins(config());
   for (int k = 0; k < 30; ++k) twins.add(unit);
   twins.begin();
   for (std::uint32_t k = 0; k < n; ++k) twins.add(apart(k / 2), {.body = k / 8});
@@ -174,7 +164,7 @@ void operate_at_random(const BroadPhase::Config& config, std::uint32_t seeds, in
   for (std::uint32_t seed = 1; seed <= seeds; ++seed) {
     std::mt19937 random(seed);
     const auto below = [&](std::size_t n) { return static_cast<std::uint32_t>(random() % n); };
-    test::Twins twins(config);
+    Twins twins(config);
     std::vector<std::uint32_t> live;
     std::vector<Aabb> homes(64, inverted);
     const auto operate = [&](std::uint32_t count) {
@@ -241,7 +231,7 @@ TEST(BruteForce, ExhaustedMemoryInFlightLosesNothing) {
   const std::uint32_t late = broad_phase.add(apart(2));
   for (std::uint32_t k = 0; k < n; ++k) broad_phase.add(apart(100'000));  // more than there is room for
   for (std::uint32_t k = 0; k < n; ++k) broad_phase.remove(late + n - k);
-  EXPECT_THAT(test::error_of([&] { (void)broad_phase.finish(); }),
+  EXPECT_THAT(error_of([&] { (void)broad_phase.finish(); }),
               AllOf(HasSubstr(std::to_string(limit)), HasSubstr("fewer boxes")));
   EXPECT_EQ(broad_phase.pairs(), before);
   EXPECT_EQ(broad_phase.size(), n + 1);
@@ -254,4 +244,4 @@ TEST(BruteForce, ExhaustedMemoryInFlightLosesNothing) {
 }
 
 }  // namespace
-}  // namespace broadcl
+}  // namespace broadcl::test

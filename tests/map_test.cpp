@@ -1,7 +1,6 @@
 #include <broadcl/broad_phase.hpp>
 
 #include <algorithm>
-#include <limits>
 #include <vector>
 
 #include <gtest/gtest.h>
@@ -10,19 +9,10 @@
 #include "expect_error.hpp"
 
 /// map(): boxes written in place.
-namespace broadcl {
+namespace broadcl::test {
 namespace {
 
-using test::apart;
-using test::EachAlgorithm;
-using test::same;
-using test::unit;
 using ::testing::HasSubstr;
-
-using Pairs = std::vector<Pair>;
-
-constexpr float nan_value = std::numeric_limits<float>::quiet_NaN();
-constexpr Aabb inverted{{1, 0, 0}, {0, 1, 1}};
 
 TEST_P(EachAlgorithm, SmallMappedBoxesAreThoseOfTheObjects) {
   BroadPhase broad_phase(config());
@@ -55,7 +45,7 @@ TEST_P(EachAlgorithm, SmallNewObjectsOfAMapAreEmpty) {
 }
 
 TEST_P(EachAlgorithm, SmallMapGrowsAndShrinks) {
-  test::Twins twins(config());
+  Twins twins(config());
   for (const std::size_t n : {5U, 40U, 39U, 7U, 1U, 0U, 33U, 0U, 0U, 2U}) {
     twins.map(n, [](std::span<Aabb> boxes) {
       for (std::size_t k = 0; k < boxes.size(); ++k) boxes[k] = apart(k % 17);
@@ -78,16 +68,16 @@ TEST_P(EachAlgorithm, SmallANaNInAMapIsNamedAndMended) {
   boxes[31].lower[1] = nan_value;
   boxes[17].upper[2] = nan_value;
   for (int time = 0; time < 2; ++time) {
-    EXPECT_THAT(test::error_of([&] { (void)broad_phase.update(); }), HasSubstr("box 17 "));
-    EXPECT_THAT(test::error_of([&] { broad_phase.begin(); }), HasSubstr("box 17 "));
+    EXPECT_THAT(error_of([&] { (void)broad_phase.update(); }), HasSubstr("box 17 "));
+    EXPECT_THAT(error_of([&] { broad_phase.begin(); }), HasSubstr("box 17 "));
   }
-  EXPECT_EQ(broad_phase.pairs(), test::all_pairs(3));
+  EXPECT_EQ(broad_phase.pairs(), all_pairs(3));
   EXPECT_EQ(broad_phase.size(), 40U);
   boxes[17] = apart(8);
-  EXPECT_THAT(test::error_of([&] { (void)broad_phase.finish(); }), HasSubstr("box 31 "));
+  EXPECT_THAT(error_of([&] { (void)broad_phase.finish(); }), HasSubstr("box 31 "));
   // One that is still bad does not become an empty one by being mapped again.
   (void)broad_phase.map(40);
-  EXPECT_THAT(test::error_of([&] { (void)broad_phase.update(); }), HasSubstr("box 31 "));
+  EXPECT_THAT(error_of([&] { (void)broad_phase.update(); }), HasSubstr("box 31 "));
   broad_phase.move(31, apart(15));
   const Delta delta = broad_phase.update();
   EXPECT_EQ(delta.added.size(), 19U);
@@ -95,7 +85,7 @@ TEST_P(EachAlgorithm, SmallANaNInAMapIsNamedAndMended) {
 }
 
 TEST_P(EachAlgorithm, SmallEmptyMappedBoxesComeAndGo) {
-  test::Twins twins(config());
+  Twins twins(config());
   for (const std::size_t step : {1U, 2U, 3U, 7U}) {
     twins.map(30, [step](std::span<Aabb> boxes) {
       for (std::size_t k = 0; k < boxes.size(); ++k) boxes[k] = k % step == 0 ? unit : inverted;
@@ -111,7 +101,7 @@ TEST_P(EachAlgorithm, SmallEmptyMappedBoxesComeAndGo) {
 }
 
 TEST_P(EachAlgorithm, SmallMapMixesWithEverythingElse) {
-  test::Twins twins(config());
+  Twins twins(config());
   const auto write = [](std::span<Aabb> boxes) {
     for (std::size_t k = 0; k < boxes.size(); ++k) boxes[k] = apart(k % 5);
   };
@@ -153,4 +143,4 @@ TEST_P(EachAlgorithm, SmallMapMixesWithEverythingElse) {
 }
 
 }  // namespace
-}  // namespace broadcl
+}  // namespace broadcl::test

@@ -19,15 +19,9 @@
 
 /// Whether searches find exactly what there is: any numbers, any size, any number of pairs, each time the
 /// same.
-namespace broadcl {
+namespace broadcl::test {
 namespace {
 
-using test::apart;
-using test::EachAlgorithm;
-using test::same;
-using test::unit;
-
-using Pairs = std::vector<Pair>;
 using Limits = std::numeric_limits<float>;
 
 // Numbers.
@@ -98,7 +92,7 @@ TEST_P(EachAlgorithm, ManySpecialBoundsAgreeWithTheOracle) {
 /// The same when few moved, with worlds and without.
 TEST_P(EachAlgorithm, SmallSpecialBoundsThatMoveAgreeWithTheOracle) {
   for (const bool worlds : {false, true}) {
-    test::Twins twins(config());
+    Twins twins(config());
     for (const Aabb& box : special_boxes(70, 50))
       twins.add(box, {.world = worlds ? static_cast<std::uint32_t>(twins.tested().size() % 2) : 0});
     ASSERT_TRUE(twins.agree());
@@ -169,7 +163,7 @@ TEST_P(EachAlgorithm, SizesAroundPowersOfTwoWithWorldsAndFewMoved) {
   for (const std::uint32_t n : {1U, 2U, 31U, 32U, 33U, 255U, 256U, 257U, 4097U}) {
     if (n > 1000 && is_slow()) continue;
     scenes::MovingBoxes boxes(n, scenes::MovingBoxes::Sizes::mixed, n);
-    test::Twins twins(config());
+    Twins twins(config());
     for (const Aabb& box : boxes.boxes())
       twins.add(box, {.world = static_cast<std::uint32_t>(twins.tested().size() % 3)});
     ASSERT_TRUE(twins.agree()) << n;
@@ -200,7 +194,7 @@ Pairs sweep(std::span<const Aabb> boxes) {
 }
 
 TEST(BruteForce, AHundredThousandBoxes) {
-  if (test::is_slow_device()) GTEST_SKIP() << "takes minutes on this device";
+  if (is_slow_device()) GTEST_SKIP() << "takes minutes on this device";
   constexpr std::uint32_t n = 100'000;
   scenes::MovingBoxes boxes(n, scenes::MovingBoxes::Sizes::uniform);
   BroadPhase broad_phase;
@@ -218,7 +212,7 @@ TEST(BruteForce, AHundredThousandBoxes) {
 
 /// Ids that a float cannot count. All against all would take hours, so few of 17 million objects change.
 TEST(BruteForce, IdsPast24Bits) {
-  if (test::is_slow_device()) GTEST_SKIP() << "takes minutes on this device";
+  if (is_slow_device()) GTEST_SKIP() << "takes minutes on this device";
   constexpr std::uint32_t n = 17'000'000;
   constexpr std::uint32_t past = (1U << 24) + 1;
   const auto algorithm = make_algorithm({.algorithm = "brute-force"});
@@ -347,7 +341,7 @@ TEST_P(EachAlgorithm, TheSameCallsTellTheSameInBothShapesAndEveryRun) {
   ASSERT_GT(expected.size(), 2 * 79'800U);
   const int runs = is_slow() ? 1 : 5;
   for (const std::string shape : {"cpu", "gpu"}) {
-    const test::ScopedVariable variable("BROADCL_SHAPE", shape);
+    const ScopedVariable variable("BROADCL_SHAPE", shape);
     for (int run = 0; run < runs; ++run) {
       ASSERT_TRUE(same("told", play(std::string(GetParam().name)), expected)) << shape << ", run " << run;
     }
@@ -355,4 +349,4 @@ TEST_P(EachAlgorithm, TheSameCallsTellTheSameInBothShapesAndEveryRun) {
 }
 
 }  // namespace
-}  // namespace broadcl
+}  // namespace broadcl::test

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <iterator>
-#include <limits>
 #include <numeric>
 #include <random>
 #include <vector>
@@ -13,18 +12,8 @@
 #include "scenes/generators.hpp"
 
 /// What an update costs and what it finds where little moved.
-namespace broadcl {
+namespace broadcl::test {
 namespace {
-
-using test::apart;
-using test::EachAlgorithm;
-using test::same;
-using test::unit;
-
-using Pairs = std::vector<Pair>;
-
-constexpr float infinity = std::numeric_limits<float>::infinity();
-constexpr Aabb inverted{{1, 0, 0}, {0, 1, 1}};
 
 std::vector<std::string_view> stages(const BroadPhase& broad_phase) {
   std::vector<std::string_view> names;
@@ -164,7 +153,7 @@ TEST_P(EachAlgorithm, FewMovedFindWhatANewSearchFinds) {
 /// Room for 256, 384, ... boxes: a new object makes the boxes lie elsewhere, and those that stand still must
 /// come along.
 TEST_P(EachAlgorithm, BoxesThatStandStillComeAlongWhenMemoryGrows) {
-  test::Twins twins(config());
+  Twins twins(config());
   for (std::uint32_t k = 0; k < 256; ++k) twins.add(apart(k), {.body = k});
   ASSERT_TRUE(twins.agree());
   for (std::uint32_t id = 256; id < 600; ++id) {
@@ -178,7 +167,7 @@ TEST_P(EachAlgorithm, BoxesThatStandStillComeAlongWhenMemoryGrows) {
 }
 
 TEST_P(EachAlgorithm, SmallTheLastOrAllRemovedAndAddedAgain) {
-  test::Twins twins(config());
+  Twins twins(config());
   for (std::uint32_t k = 0; k < 20; ++k) twins.add(k % 2 == 0 ? unit : apart(k / 2));
   ASSERT_TRUE(twins.agree());
   for (const std::uint32_t removed : {1U, 6U, 20U}) {
@@ -196,7 +185,7 @@ TEST_P(EachAlgorithm, SmallTheLastOrAllRemovedAndAddedAgain) {
 }
 
 TEST_P(EachAlgorithm, SmallSignedZerosAndEmptyBoxesThatMove) {
-  test::Twins twins(config());
+  Twins twins(config());
   const Aabb positive{{0, 0, 0}, {1, 1, 0}};
   const Aabb negative{{-0.0F, -0.0F, -0.0F}, {1, 1, -0.0F}};
   for (int k = 0; k < 9; ++k) twins.add(k % 2 == 0 ? positive : negative);
@@ -220,4 +209,4 @@ TEST_P(EachAlgorithm, SmallSignedZerosAndEmptyBoxesThatMove) {
 }
 
 }  // namespace
-}  // namespace broadcl
+}  // namespace broadcl::test

@@ -1,0 +1,70 @@
+// `broadcl check`, run as its users do, and what tells that kernels are wrong.
+#include <filesystem>
+#include <regex>
+#include <string>
+
+#include <gtest/gtest.h>
+#include <nlohmann/json.hpp>
+
+#include <broadcl/broad_phase.hpp>
+#include <broadcl/device.hpp>
+
+#include "program.hpp"
+
+namespace broadcl::test {
+namespace {
+
+using nlohmann::json;
+
+TEST_F(Program, CheckWorksHere) {
+  const Outcome outcome = run("check");
+  expect_success(outcome);
+  EXPECT_EQ(lines_of(outcome.out).back(), "BroadCL works here.");
+  for (const AlgorithmInfo& algorithm : algorithms()) {
+    EXPECT_NE(outcome.out.find("\n  " + std::string(algorithm.name) + " "), std::string::npos) << outcome.out;
+  }
+}
+
+TEST_F(Program, CheckTakesADevice) {
+  const Outcome outcome = run("check --device " + select_device().id());
+  expect_success(outcome);
+  EXPECT_TRUE(outcome.out.starts_with(select_device().label())) << outcome.out;
+}
+
+/// Kernels that find pairs where there are none.
+class ProgramWrongKernels : public Program {
+ protected:
+  ProgramWrongKernels() {
+    fs::copy(BROADCL_KERNEL_FOLDER, path("kernels"));
+    std::string header = read_file(path("kernels/aabb.h"));
+    const std::string condition = "(s_lower_x) <= (t_upper_x)";
+    header.replace(header.find(condition), condition.size(), "(s_lower_x) == (s_lower_x)");
+    write_file(path("kernels/aabb.h"), header);
+  }
+  const std::string environment_ = "BROADCL_KERNEL_DIR=kernels BROADCL_CACHE_DIR=cache";
+};
+
+TEST_F(ProgramWrongKernels, CheckSaysThatItDoesNotWork) {
+  const Outcome outcome = run("check", environment_);
+  EXPECT_EQ(outcome.exit_code, 1);
+  EXPECT_EQ(outcome.err, "");
+  EXPECT_EQ(lines_of(outcome.out).back(), "BroadCL does not work here.");
+  EXPECT_TRUE(std::regex_search(outcome.out, std::regex("\n  gpu-bf +WRONG: scene '.*extra, the first \\(")))
+      << outcome.out;
+  EXPECT_TRUE(std::regex_search(outcome.out, std::regex("\n  oracle +right in "))) << outcome.out;
+}
+
+TEST_F(ProgramWrongKernels, SimulateNamesTheFirstWrongFrame) {
+  const Outcome outcome = run("simulate --objects 40 --frames 3 --verify --json run.json", environment_);
+  EXPECT_EQ(outcome.exit_code, 1);
+  EXPECT_EQ(outcome.err, "");
+  EXPECT_NE(outcome.out.find("\nverified      WRONG, first in frame 0; "), std::string::npos) << outcome.out;
+  const json verdict = json::parse(read_file(path("run.json")))["verify"];
+  EXPECT_EQ(verdict["equal"], false);
+  EXPECT_EQ(verdict["first_wrong_frame"], 0);
+  EXPECT_EQ(verdict["missing_pairs"], 0);
+  EXPECT_GT(verdict["extra_pairs"], 0);
+}
+
+}  // namespace
+}  // namespace broadcl::test

@@ -1,0 +1,127 @@
+// `broadcl simulate`, run as its users do.
+#include <algorithm>
+#include <cstddef>
+#include <sstream>
+#include <string>
+#include <vector>
+
+#include <gtest/gtest.h>
+#include <nlohmann/json.hpp>
+
+#include "cli/statistics.hpp"
+
+#include "program.hpp"
+
+namespace broadcl::test {
+namespace {
+
+using nlohmann::json;
+
+class ProgramSimulate : public Program, public testing::WithParamInterface<std::string> {};
+
+TEST_P(ProgramSimulate, VerifiesAndReports) {
+  const Outcome outcome =
+      run("simulate --scenario mixed-sizes --objects 40 --frames 12 --seed 7 --verify --csv run.csv "
+          "--json run.json --broadphase " +
+          GetParam());
+  expect_success(outcome);
+  for (const std::string part : {"mixed-sizes, 40 cubes, 12 frames, seed 7", "\nupdate ", "\nbroad phase ",
+                                 "\ntotal ", "\npairs ", "\ndevice ", "\nverified "}) {
+    EXPECT_NE(outcome.out.find(part), std::string::npos) << part << " is not in\n" << outcome.out;
+  }
+
+  const std::vector<std::string> rows = lines_of(read_file(path("run.csv")));
+  ASSERT_EQ(rows.size(), 13U);
+  EXPECT_EQ(rows[0], "frame,update_ms,broad_phase_ms,total_ms,pairs");
+  double sum_of_totals = 0;
+  unsigned last_pairs = 0;
+  for (std::size_t i = 1; i < rows.size(); ++i) {
+    std::istringstream row(rows[i]);
+    std::size_t frame = 0;
+    double update = 0;
+    double broad_phase = 0;
+    double total = 0;
+    std::string commas(4, ' ');
+    row >> frame >> commas[0] >> update >> commas[1] >> broad_phase >> commas[2] >> total >> commas[3] >>
+        last_pairs;
+    ASSERT_TRUE(row && row.peek() == EOF) << rows[i];
+    EXPECT_EQ(commas, ",,,,");
+    EXPECT_EQ(frame, i - 1);
+    EXPECT_GT(update, 0);
+    EXPECT_GT(broad_phase, 0);
+    EXPECT_GE(total, update + broad_phase);
+    sum_of_totals += total;
+  }
+
+  const json summary = json::parse(read_file(path("run.json")));
+  const json config = {
+      {"scenario", "mixed-sizes"}, {"objects", 40}, {"shape", "cube"}, {"seed", 7}, {"frames", 12},
+      {"broadphase", GetParam()},  {"device", ""}};
+  EXPECT_EQ(summary["config"], config);
+  EXPECT_EQ("broadcl " + summary["versions"]["broadcl"].get<std::string>() + "\n", run("--version").out);
+  EXPECT_EQ(summary["device"].is_null(), GetParam().starts_with("bullet-"));
+  EXPECT_NEAR(summary["milliseconds"]["total"]["mean"].get<double>(), sum_of_totals / 12, 1e-5);
+  for (const std::string stage : {"update", "broad_phase", "total"}) {
+    const json& times = summary["milliseconds"][stage];
+    EXPECT_GE(times["p95"].get<double>(), times["median"].get<double>());
+    EXPECT_GT(times["first_frame"].get<double>(), 0);
+  }
+  EXPECT_EQ(summary["pairs"]["last"], last_pairs);
+  EXPECT_EQ(summary["verify"]["equal"], true);
+  EXPECT_EQ(summary["verify"]["missing_pairs"], 0);
+  EXPECT_TRUE(summary["verify"]["first_wrong_frame"].is_null());
+}
+
+INSTANTIATE_TEST_SUITE_P(BroadPhases, ProgramSimulate,
+                         testing::Values("bullet-bf", "bullet-sap", "bullet-bvh", "gpu-bf"),
+                         [](const auto& test) {
+                           std::string name = test.param;
+                           std::replace(name.begin(), name.end(), '-', '_');
+                           return name;
+                         });
+
+TEST_F(Program, SimulateHasTheSamePairsInEveryRun) {
+  std::vector<std::vector<std::string>> pairs;
+  for (int i = 0; i < 2; ++i) {
+    expect_success(run("simulate --scenario agitated --objects 60 --frames 20 --spheres --csv run.csv"));
+    pairs.emplace_back();
+    for (const std::string& row : lines_of(read_file(path("run.csv")))) {
+      pairs.back().push_back(row.substr(row.rfind(',')));
+    }
+    EXPECT_EQ(pairs.back().size(), 21U);
+  }
+  EXPECT_EQ(pairs[0], pairs[1]);
+}
+
+TEST_F(Program, SimulateReportsStagesOnlyWithProfile) {
+  const Outcome outcome = run("simulate --objects 5 --frames 2 --json run.json --trace trace.json");
+  expect_success(outcome);
+  EXPECT_EQ(outcome.out.find("stages"), std::string::npos) << outcome.out;
+  EXPECT_TRUE(json::parse(read_file(path("run.json")))["stages"].is_null());
+}
+
+TEST_F(Program, SimulateSaysThatABroadPhaseHasNoStages) {
+  for (const std::string broadphase : {"bullet-bf", "bullet-sap", "bullet-bvh", "oracle"}) {
+    const Outcome outcome =
+        run("simulate --objects 5 --frames 2 --profile --json run.json --broadphase " + broadphase);
+    expect_success(outcome);
+    EXPECT_EQ(lines_of(outcome.out).back(), "The broad phase " + broadphase + " has no stages.");
+    EXPECT_EQ(json::parse(read_file(path("run.json")))["stages"], json::array());
+  }
+}
+
+TEST(Summary, InterpolatesBetweenNeighbours) {
+  const cli::Summary odd = cli::summarize({9, 1, 2});
+  EXPECT_DOUBLE_EQ(odd.mean, 4);
+  EXPECT_DOUBLE_EQ(odd.median, 2);
+  EXPECT_DOUBLE_EQ(odd.p95, 8.3);
+  const cli::Summary even = cli::summarize({4, 3, 2, 1});
+  EXPECT_DOUBLE_EQ(even.median, 2.5);
+  const cli::Summary one = cli::summarize({5});
+  EXPECT_DOUBLE_EQ(one.mean, 5);
+  EXPECT_DOUBLE_EQ(one.median, 5);
+  EXPECT_DOUBLE_EQ(one.p95, 5);
+}
+
+}  // namespace
+}  // namespace broadcl::test

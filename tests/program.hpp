@@ -1,0 +1,118 @@
+#pragma once
+
+#include <sys/wait.h>
+
+#include <algorithm>
+#include <cstddef>
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <iterator>
+#include <limits>
+#include <sstream>
+#include <string>
+#include <vector>
+
+#include <gtest/gtest.h>
+
+#include "environment.hpp"
+
+namespace broadcl::test {
+
+namespace fs = std::filesystem;
+
+/// What a run of the program left behind.
+struct Outcome {
+  int exit_code;
+  std::string out;
+  std::string err;
+};
+
+inline std::string read_file(const fs::path& path) {
+  std::ifstream stream(path, std::ios::binary);
+  return {std::istreambuf_iterator<char>(stream), {}};
+}
+
+inline void write_file(const fs::path& path, const std::string& bytes) {
+  std::ofstream(path, std::ios::binary) << bytes;
+}
+
+inline std::vector<std::string> lines_of(const std::string& text) {
+  std::vector<std::string> lines;
+  std::istringstream stream(text);
+  for (std::string line; std::getline(stream, line);) lines.push_back(line);
+  return lines;
+}
+
+/// A .npy array of float32 of shape (rows, columns).
+inline std::string npy(const std::vector<float>& values, std::size_t columns = 6) {
+  const std::string header = "{'descr': '<f4', 'fortran_order': False, 'shape': (" +
+                             std::to_string(values.size() / columns) + ", " + std::to_string(columns) +
+                             "), }\n";
+  std::string bytes("\x93NUMPY\1\0", 8);
+  bytes += {static_cast<char>(header.size()), '\0'};
+  bytes += header;
+  bytes.append(reinterpret_cast<const char*>(values.data()), values.size() * sizeof(float));
+  return bytes;
+}
+
+/// 0-1 and 1-2 touch, 3 is far away.
+inline const std::vector<float> four_boxes = {0, 0, 0, 1, 1, 1, 1, 0, 0, 2,  1,  1,  //
+                                              2, 0, 0, 3, 1, 1, 9, 9, 9, 10, 10, 10};
+
+/// A folder of its own for each test, with some files in it; the program runs in it.
+class Program : public testing::Test {
+ protected:
+  Program() {
+    fs::create_directory(path("folder"));
+    write_file(path("four.npy"), npy(four_boxes));
+    std::vector<float> boxes = four_boxes;
+    boxes[8] = std::numeric_limits<float>::quiet_NaN();
+    write_file(path("nan.npy"), npy(boxes));
+    write_file(path("wrong-shape.npy"), npy(four_boxes, 3));
+    write_file(path("cut.npy"), npy(four_boxes).substr(0, 150));
+    write_file(path("text.npy"), "0 0 0 1 1 1\n");
+    write_file(path("empty.npy"), "");
+    fs::create_symlink("nowhere/to/be/found", path("dangling"));
+  }
+
+  /// Runs the program with arguments as a shell takes them.
+  [[nodiscard]] Outcome run(const std::string& arguments, const std::string& environment = "") const {
+    const std::string command = "cd '" + folder_.path().string() + "' && " + environment +
+                                " '" BROADCL_PROGRAM_PATH "' " + arguments + " >stdout.txt 2>stderr.txt";
+    const int status = std::system(command.c_str());
+    return {WIFEXITED(status) ? WEXITSTATUS(status) : -1, read_file(path("stdout.txt")),
+            read_file(path("stderr.txt"))};
+  }
+
+  /// The names of all files in the folder, but for those that catch the output.
+  [[nodiscard]] std::vector<std::string> files() const {
+    std::vector<std::string> names;
+    for (const fs::directory_entry& entry : fs::directory_iterator(folder_.path())) {
+      if (entry.path().extension() != ".txt") names.push_back(entry.path().filename().string());
+    }
+    std::sort(names.begin(), names.end());
+    return names;
+  }
+
+  [[nodiscard]] fs::path path(const std::string& name) const { return folder_.path() / name; }
+
+ private:
+  ScopedFolder folder_;
+};
+
+inline void expect_success(const Outcome& outcome) {
+  EXPECT_EQ(outcome.exit_code, 0);
+  EXPECT_EQ(outcome.err, "");
+}
+
+inline void expect_refused(const Outcome& outcome, const std::string& message) {
+  EXPECT_EQ(outcome.exit_code, 2);
+  EXPECT_EQ(outcome.out, "");
+  EXPECT_TRUE(outcome.err.starts_with("broadcl: ")) << outcome.err;
+  EXPECT_EQ(std::count(outcome.err.begin(), outcome.err.end(), '\n'), 1) << outcome.err;
+  EXPECT_TRUE(outcome.err.ends_with("\n"));
+  EXPECT_NE(outcome.err.find(message), std::string::npos) << outcome.err;
+}
+
+}  // namespace broadcl::test
