@@ -46,21 +46,34 @@ struct Partners final : btBroadphaseAabbCallback {
   std::vector<std::uint32_t> ids;
 };
 
-/// Finds what a cache that removes nothing by itself holds but should not.
+/// Finds what a cache that removes nothing by itself holds but should not. Of a pair that it holds twice, the
+/// one with an algorithm stays, wherever the removal of others has swapped it to.
 class RemoveStale final : public btOverlapCallback {
  public:
   /// @param removed What ceased to overlap, in canonical order.
-  explicit RemoveStale(std::span<const Pair> removed) : removed_(removed) {}
+  RemoveStale(std::span<const Pair> removed, const btOverlappingPairCache& cache) : removed_(removed) {
+    const int n = cache.getNumOverlappingPairs();
+    for (int k = 0; k < n; ++k) {
+      const btBroadphasePair& pair = cache.getOverlappingPairArrayPtr()[k];
+      if (is_whole(pair) && pair.m_algorithm != nullptr) have_algorithms_.insert(pair_of(pair));
+    }
+  }
 
   bool processOverlap(btBroadphasePair& pair) override {
-    if (pair.m_pProxy0 == nullptr || pair.m_pProxy1 == nullptr) return true;
+    if (!is_whole(pair)) return true;
     const Pair ids = pair_of(pair);
     return std::binary_search(removed_.begin(), removed_.end(), ids) ||
-           !overlaps(box_of(*pair.m_pProxy0), box_of(*pair.m_pProxy1)) || !seen_.insert(ids).second;
+           !overlaps(box_of(*pair.m_pProxy0), box_of(*pair.m_pProxy1)) ||
+           (pair.m_algorithm == nullptr && have_algorithms_.contains(ids)) || !seen_.insert(ids).second;
   }
 
  private:
+  static bool is_whole(const btBroadphasePair& pair) {
+    return pair.m_pProxy0 != nullptr && pair.m_pProxy1 != nullptr;
+  }
+
   std::span<const Pair> removed_;
+  std::set<Pair> have_algorithms_;
   std::set<Pair> seen_;
 };
 
@@ -360,7 +373,7 @@ class BulletBroadphase::Impl {
       cache_->removeOverlappingPair(&pool_[pair.a], &pool_[pair.b], dispatcher);
     }
     if (cache_->hasDeferredRemoval() && (!pairs.empty() || cache_was_changed)) {
-      RemoveStale remove_stale(pairs);
+      RemoveStale remove_stale(pairs, *cache_);
       cache_->processAllOverlappingPairs(&remove_stale, dispatcher);
     }
   }
