@@ -1,0 +1,102 @@
+#pragma once
+
+#include <LinearMath/btVector3.h>
+
+#include <array>
+#include <cstddef>
+#include <ostream>
+#include <vector>
+
+#include <rapidcheck.h>
+
+namespace broadcl::test {
+
+/// How a box differs from one between two corners.
+enum class Shape {
+  ordinary,
+  thirds,         ///< In thirds instead of halves, which no floating-point number is.
+  far,            ///< Away from all ordinary ones.
+  plane,          ///< As wide as Bullet's static planes on two axes.
+  largest,        ///< The whole range of float.
+  everywhere,     ///< Infinite on all axes.
+  half_infinite,  ///< Without an upper bound on one axis.
+  at_infinity,    ///< Both bounds are infinity on one axis.
+  inverted,       ///< The lower bound above the upper one on one axis.
+  inside_out,     ///< From the largest number to the smallest.
+  nan_lower,
+  nan_upper
+};
+
+/// A box in small numbers, many of which meet or touch each other.
+struct BoxSpec {
+  std::array<int, 3> corner{};  ///< Lower corner in halves.
+  std::array<int, 3> size{};    ///< In halves; with zeros it is a plane, a line or a point.
+  Shape shape = Shape::ordinary;
+  unsigned axis = 0;  ///< Of the shape.
+
+  friend bool operator==(const BoxSpec&, const BoxSpec&) = default;
+};
+
+/// The corners of a box, which are all that Bullet knows of one.
+struct Corners {
+  btVector3 lower;
+  btVector3 upper;
+};
+
+[[nodiscard]] Corners corners(const BoxSpec& spec);
+
+enum class Verb {
+  create,
+  destroy,
+  recreate,  ///< Destroy and create, with the same box and another filter: what refreshes a proxy.
+  move,
+  set_again,    ///< setAabb with the box that it has.
+  filter,       ///< Group and mask written in place.
+  callback,     ///< Another overlap filter callback, or none.
+  remove_pair,  ///< From the cache, behind the broad phase's back; likewise the next three.
+  remove_pairs_of,
+  clean_pairs_of,  ///< Their algorithms end; the pairs stay.
+  add_again,       ///< A pair that is cached; a sorted cache has it twice then.
+  begin,
+  step,
+  rays,
+  box_queries,
+  reset,  ///< resetPool(), while proxies live.
+  clear   ///< All proxies are destroyed, then the pool is reset.
+};
+
+/// One call, or a few of the same kind.
+struct Op {
+  Verb verb = Verb::step;
+  unsigned which =
+      0;  ///< The object of the verb: a live proxy, a pair, a callback, modulo how many there are.
+  unsigned count = 1;  ///< So many proxies or queries, one after the other.
+  BoxSpec box{};
+  int group = 1;
+  int mask = -1;
+
+  friend bool operator==(const Op&, const Op&) = default;
+};
+
+/// The box of call k < count of an operation.
+[[nodiscard]] BoxSpec box_of_call(const Op& op, unsigned k);
+
+enum class CacheKind { own, hashed, users_class, sorted, null };
+
+/// A life of a broad phase. It makes sense whatever is left out of it.
+struct Script {
+  CacheKind cache = CacheKind::own;
+  std::vector<Op> ops;
+};
+
+std::ostream& operator<<(std::ostream& out, const Op& op);
+std::ostream& operator<<(std::ostream& out, const Script& script);
+
+/// No script makes more proxies live at once.
+constexpr std::size_t most_proxies = 500;
+
+/// Scripts of so many operations, each with its own density of boxes, number of proxies, cache and share of
+/// odd boxes. They shrink by leaving operations out and by making the others plainer.
+[[nodiscard]] rc::Gen<Script> scripts(std::size_t length);
+
+}  // namespace broadcl::test
