@@ -25,7 +25,6 @@
 #include "expect_error.hpp"
 #include "scenes/broadphases.hpp"
 #include "scenes/verify.hpp"
-#include "shadow_broadphase.hpp"
 
 namespace broadcl::scenes {
 namespace {
@@ -71,32 +70,6 @@ std::string without_hyphens(std::string name) {
 }
 
 class EachScenarioWorld : public testing::TestWithParam<std::string> {};
-
-TEST_P(EachScenarioWorld, HasTheSamePairsWithEveryExactBroadPhaseInEveryFrame) {
-  const Scenario::Config config{.name = GetParam(), .objects = 500};
-  BulletBroadphase gpu_bf;
-  std::vector<BroadphaseInfo> infos = broadphases();
-  std::erase_if(infos, [](const BroadphaseInfo& info) { return !info.exact || info.name == "gpu-bf"; });
-  std::vector<std::unique_ptr<btBroadphaseInterface>> others;
-  std::vector<btBroadphaseInterface*> shadows;
-  for (const BroadphaseInfo& info : infos) {
-    others.push_back(broadphase_for(info.name, config));
-    shadows.push_back(others.back().get());
-  }
-  test::ShadowBroadphase all(gpu_bf, shadows);
-  World world(config, all);
-  for (int frame = 0; frame < 256; ++frame) {
-    world.step();
-    const Difference difference = verify(world.bullet());
-    ASSERT_EQ(difference.missing, 0U) << "frame " << frame;
-    ASSERT_EQ(difference.extra, 0U) << "frame " << frame;
-    const std::vector<test::ClientPair> pairs = test::client_pairs(gpu_bf);
-    for (std::size_t k = 0; k < shadows.size(); ++k) {
-      ASSERT_EQ(test::client_pairs(*shadows[k]), pairs) << infos[k].name << ", frame " << frame;
-    }
-  }
-  EXPECT_GT(world.pair_count(), 100U);
-}
 
 TEST_P(EachScenarioWorld, MissesNoPairWithAnyBroadPhase) {
   const Scenario::Config config{.name = GetParam(), .objects = 100};

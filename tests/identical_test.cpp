@@ -1,0 +1,186 @@
+#include <BulletCollision/BroadphaseCollision/btOverlappingPairCache.h>
+#include <BulletDynamics/Dynamics/btDiscreteDynamicsWorld.h>
+#include <BulletDynamics/Dynamics/btRigidBody.h>
+
+#include <algorithm>
+#include <cstddef>
+#include <cstdint>
+#include <cstdlib>
+#include <functional>
+#include <random>
+#include <set>
+#include <string>
+#include <string_view>
+#include <tuple>
+#include <utility>
+#include <vector>
+
+#include <gtest/gtest.h>
+
+#include <broadcl/bullet.hpp>
+
+#include "environment.hpp"
+#include "scenes/world.hpp"
+
+namespace broadcl {
+namespace {
+
+/// A pair that enters or leaves a pair cache.
+struct Change {
+  bool enters;
+  int a;
+  int b;
+  friend bool operator==(const Change&, const Change&) = default;
+};
+
+/// Is told by a pair cache of every change.
+class ChangeRecorder final : public btOverlappingPairCallback {
+ public:
+  btBroadphasePair* addOverlappingPair(btBroadphaseProxy* s, btBroadphaseProxy* t) override {
+    changes.push_back({true, s->m_uniqueId, t->m_uniqueId});
+    return nullptr;
+  }
+  void* removeOverlappingPair(btBroadphaseProxy* s, btBroadphaseProxy* t,
+                              btDispatcher* /*dispatcher*/) override {
+    changes.push_back({false, s->m_uniqueId, t->m_uniqueId});
+    return nullptr;
+  }
+  void removeOverlappingPairsContainingProxy(btBroadphaseProxy* /*proxy*/,
+                                             btDispatcher* /*dispatcher*/) override {
+    ADD_FAILURE() << "no cache calls this";
+  }
+
+  std::vector<Change> changes;
+};
+
+/// A hash of every bit of the transforms and velocities.
+std::size_t hash_of_motion(const btCollisionWorld& world) {
+  std::vector<btScalar> motion;
+  const auto append = [&](const btVector3& v) { motion.insert(motion.end(), v.m_floats, v.m_floats + 3); };
+  const btCollisionObjectArray& objects = world.getCollisionObjectArray();
+  for (int k = 0; k < objects.size(); ++k) {
+    const btRigidBody& body = *btRigidBody::upcast(objects[k]);
+    append(body.getWorldTransform().getOrigin());
+    for (int row = 0; row < 3; ++row) append(body.getWorldTransform().getBasis()[row]);
+    append(body.getLinearVelocity());
+    append(body.getAngularVelocity());
+  }
+  const std::string_view bytes(reinterpret_cast<const char*>(motion.data()),
+                               motion.size() * sizeof(btScalar));
+  return std::hash<std::string_view>()(bytes);
+}
+
+/// What a run leaves behind, frame by frame.
+struct Traces {
+  std::vector<std::size_t> motion;           ///< Hashes.
+  std::vector<std::vector<Change>> changes;  ///< In their order.
+};
+
+Traces run(const scenes::Scenario::Config& scenario, int frames, const BroadPhase::Config& config) {
+  ChangeRecorder recorder;
+  BulletBroadphase broadphase(config);
+  broadphase.getOverlappingPairCache()->setInternalGhostPairCallback(&recorder);
+  scenes::World world(scenario, broadphase);
+  Traces result;
+  for (int frame = 0; frame < frames; ++frame) {
+    world.step();
+    result.motion.push_back(hash_of_motion(world.bullet()));
+    result.changes.push_back(std::exchange(recorder.changes, {}));
+  }
+  return result;
+}
+
+void expect_same(const Traces& is, const Traces& expected) {
+  for (std::size_t frame = 0; frame < expected.motion.size(); ++frame) {
+    ASSERT_TRUE(is.changes[frame] == expected.changes[frame]) << "pairs or their order, frame " << frame;
+    ASSERT_EQ(is.motion[frame], expected.motion[frame]) << "motion, frame " << frame;
+  }
+}
+
+/// Memory in blocks of many sizes with holes between them: what is allocated while it lives lies elsewhere
+/// and in another order.
+class FragmentedHeap {
+ public:
+  FragmentedHeap() {
+    std::mt19937 random(1);
+    for (int k = 0; k < 50'000; ++k) blocks_.emplace_back(16 + random() % 2048);
+    std::shuffle(blocks_.begin(), blocks_.end(), random);
+    blocks_.resize(blocks_.size() / 2);  // the holes
+  }
+
+ private:
+  std::vector<std::vector<std::byte>> blocks_;
+};
+
+/// Scenario, objects, frames.
+using Parameters = std::tuple<std::string, std::uint32_t, int>;
+
+class IdenticalRun : public testing::TestWithParam<Parameters> {
+ protected:
+  [[nodiscard]] static Traces run_on(const BroadPhase::Config& config) {
+    const auto& [scenario, objects, frames] = GetParam();
+    return run({.name = scenario, .objects = objects}, frames, config);
+  }
+};
+
+/// The shapes that a device can work in: few work-items are too much for llvmpipe (host/opencl/context.cpp).
+std::vector<std::string> shapes_for(const Device& device) {
+  if (device.name.find("llvmpipe") != std::string::npos) return {"gpu"};
+  return {"gpu", "cpu"};
+}
+
+TEST_P(IdenticalRun, OnEveryDeviceInEveryShapeWithEveryAlgorithm) {
+  const Traces expected = run_on({.algorithm = "oracle"});
+  std::size_t changes = 0;
+  for (const std::vector<Change>& frame : expected.changes) changes += frame.size();
+  EXPECT_GT(changes, 100U);
+  for (const Device& device : devices()) {
+    for (const std::string& shape : shapes_for(device)) {
+      const test::ScopedVariable variable("BROADCL_SHAPE", shape);
+      for (const AlgorithmInfo& algorithm : algorithms()) {
+        if (!algorithm.on_device) continue;
+        SCOPED_TRACE(std::string(algorithm.name) + " in shape " + shape + " on " + device.label());
+        expect_same(run_on({.device = device.id(), .algorithm = std::string(algorithm.name)}), expected);
+      }
+    }
+  }
+}
+
+TEST_P(IdenticalRun, WhereverTheHeapPutsThings) {
+  const Traces expected = run_on({});
+  const FragmentedHeap heap;
+  expect_same(run_on({}), expected);
+}
+
+// ctest has the tests of this file run where rusticl is on (CMakeLists.txt).
+TEST(Identical, DevicesAreOfTwoImplementationsWhereRusticlIsOn) {
+  const char* rusticl = std::getenv("RUSTICL_ENABLE");  // NOLINT(concurrency-mt-unsafe)
+  if (rusticl == nullptr) GTEST_SKIP() << "RUSTICL_ENABLE is not set";
+  std::set<std::string> platforms;
+  for (const Device& device : devices()) platforms.insert(device.platform_name);
+  EXPECT_GE(platforms.size(), 2U);
+}
+
+std::vector<std::string> scenario_names() {
+  std::vector<std::string> names;
+  for (const scenes::ScenarioInfo& row : scenes::Scenario::list()) names.emplace_back(row.name);
+  return names;
+}
+
+const auto name_of = [](const auto& test) {
+  std::string name = std::get<0>(test.param);
+  std::erase(name, '-');
+  return name;
+};
+
+INSTANTIATE_TEST_SUITE_P(Identical, IdenticalRun,
+                         testing::Combine(testing::ValuesIn(scenario_names()), testing::Values(200U),
+                                          testing::Values(64)),
+                         name_of);
+INSTANTIATE_TEST_SUITE_P(Long, IdenticalRun,
+                         testing::Combine(testing::ValuesIn(scenario_names()), testing::Values(1000U),
+                                          testing::Values(512)),
+                         name_of);
+
+}  // namespace
+}  // namespace broadcl
