@@ -40,9 +40,9 @@ std::size_t count_of_new(const std::vector<ClientPair>& pairs, const std::vector
   return rest.size();
 }
 
-/// How many pairs of a ghost there are that it was not told of, or told to be there and are not.
-std::size_t ghost_errors(btCollisionWorld& world) {
-  std::size_t errors = 0;
+/// How many ghosts know of other objects than the pair cache says.
+std::size_t count_of_wrong_ghosts(btCollisionWorld& world) {
+  std::size_t wrong = 0;
   btBroadphaseInterface& broadphase = *world.getBroadphase();
   const std::vector<ClientPair> pairs = client_pairs(broadphase);
   const btCollisionObjectArray& objects = world.getCollisionObjectArray();
@@ -60,9 +60,9 @@ std::size_t ghost_errors(btCollisionWorld& world) {
     for (int j = 0; j < overlapping.size(); ++j) told.push_back(overlapping[j]);
     std::sort(expected.begin(), expected.end(), std::less<>());
     std::sort(told.begin(), told.end(), std::less<>());
-    if (told != expected) ++errors;
+    if (told != expected) ++wrong;
   }
-  return errors;
+  return wrong;
 }
 
 TEST_P(EachScene, HasTheSamePairsWithEveryBroadPhaseInEveryFrame) {
@@ -82,7 +82,7 @@ TEST_P(EachScene, HasTheSamePairsWithEveryBroadPhaseInEveryFrame) {
     const scenes::Difference difference = scenes::verify(scene->bullet());
     ASSERT_EQ(difference.missing, 0U) << "frame " << frame;
     ASSERT_EQ(difference.extra, 0U) << "frame " << frame;
-    ASSERT_EQ(ghost_errors(scene->bullet()), 0U) << "frame " << frame;
+    ASSERT_EQ(count_of_wrong_ghosts(scene->bullet()), 0U) << "frame " << frame;
     const std::vector<ClientPair> pairs = client_pairs(in_world);
     for (std::size_t k = 0; k < shadows.size(); ++k) {
       const std::vector<ClientPair> others_pairs = client_pairs(*shadows[k]);
