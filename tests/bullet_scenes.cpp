@@ -336,7 +336,7 @@ std::vector<BulletSceneInfo> bullet_scenes() {
     std::string name = config.name;
     std::erase(name, '-');
     rows.push_back(
-        {.name = std::move(name), .frames = 100, .make = [config](btBroadphaseInterface& broadphase) {
+        {.name = std::move(name), .frames = 64, .make = [config](btBroadphaseInterface& broadphase) {
            return std::make_unique<ScenarioScene>(config, broadphase);
          }});
   }
