@@ -1,0 +1,229 @@
+// What users do to a world while it runs, on BroadCL's broad phase and on Bullet's own.
+#include <BulletDynamics/Dynamics/btActionInterface.h>
+#include <btBulletDynamicsCommon.h>
+
+#include <cstddef>
+#include <functional>
+#include <memory>
+#include <utility>
+#include <vector>
+
+#include <gtest/gtest.h>
+
+#include "bullet_contract.hpp"
+#include "bullet_rig.hpp"
+#include "rigid_world.hpp"
+
+namespace broadcl {
+namespace {
+
+using test::grid_cell;
+using test::height;
+using test::kinds;
+using test::Random;
+using test::RigidWorld;
+using test::state;
+using test::time_step;
+
+class Changes : public test::Contract {
+ protected:
+  /// After a step of the world.
+  void expect_right_pairs(RigidWorld& world) { test::expect_right_pairs(world.world, GetParam()); }
+
+  std::unique_ptr<btBroadphaseInterface> broadphase_ = GetParam().make(nullptr);
+};
+
+INSTANTIATE_TEST_SUITE_P(World, Changes, testing::ValuesIn(kinds),
+                         [](const auto& test) { return test.param.name; });
+
+/// Cubes that fall on a floor.
+void add_falling_cubes(RigidWorld& world, int count) {
+  Random random(1);
+  world.bodies.add_floor();
+  for (int k = 0; k < count; ++k) world.bodies.add_cube(random.point(8) + btVector3(0, 1, 0));
+}
+
+/// What a user's own code does in each step.
+class Action final : public btActionInterface {
+ public:
+  explicit Action(std::function<void()> function) : function_(std::move(function)) {}
+  void updateAction(btCollisionWorld* /*world*/, btScalar /*step*/) override { function_(); }
+  void debugDraw(btIDebugDraw* /*drawer*/) override {}
+
+ private:
+  std::function<void()> function_;
+};
+
+TEST_P(Changes, ActionsMayAddAndRemove) {
+  RigidWorld world(*broadphase_);
+  add_falling_cubes(world, 40);
+  Random random(2);
+  Action action([&] {
+    world.bodies.remove(*world.bodies.all()[1 + random.below(40)]);
+    world.bodies.add_cube(random.point(8) + btVector3(0, 1, 0));
+  });
+  world.world.addAction(&action);
+  world.world.stepSimulation(2, 120, time_step);
+  world.world.removeAction(&action);
+  world.step();
+  EXPECT_EQ(world.bodies.all().size(), 41U);
+  EXPECT_GT(broadphase_->getOverlappingPairCache()->getNumOverlappingPairs(), 20);
+  expect_right_pairs(world);
+}
+
+TEST_P(Changes, AGroupThatIsRefreshedTakesEffectInTheNextStep) {
+  RigidWorld world(*broadphase_);
+  world.bodies.add_floor();
+  btRigidBody& lower = world.bodies.add_cube({0, 0.5F, 0});
+  const btRigidBody& upper = world.bodies.add_cube({0, 1.5F, 0});
+  world.step(10);
+  EXPECT_NEAR(height(upper), 1.5, 0.05);
+  const auto refresh = [&](int mask) {
+    lower.getBroadphaseHandle()->m_collisionFilterMask = mask;
+    world.world.refreshBroadphaseProxy(&lower);
+    lower.activate();
+    world.step();
+    expect_right_pairs(world);
+  };
+  refresh(btBroadphaseProxy::StaticFilter);
+  lower.setLinearVelocity({5, 0, 0});  // out from under the other, which it no longer meets
+  world.step(60);
+  EXPECT_NEAR(height(lower), 0.5, 0.05);
+  EXPECT_NEAR(height(upper), 0.5, 0.05);
+  EXPECT_GT(lower.getWorldTransform().getOrigin().x(), 1.5F);
+  refresh(0);
+  world.step(10);
+  EXPECT_LT(height(lower), 0.45F) << "nothing holds it";
+}
+
+TEST_P(Changes, AMaskWrittenInPlaceIsThatOfThePairsToCome) {
+  RigidWorld world(*broadphase_);
+  world.bodies.add_floor();
+  world.bodies.add_cube({0, 0.5F, 0});
+  btRigidBody& faller = world.bodies.add_cube({0, 4, 0});
+  world.step();
+  faller.getBroadphaseHandle()->m_collisionFilterMask = btBroadphaseProxy::StaticFilter;
+  world.step(90);
+  expect_right_pairs(world);
+  EXPECT_LT(height(faller), 1) << "through the other cube";
+  EXPECT_GT(height(faller), 0.4F);
+}
+
+TEST_P(Changes, AMaskWrittenInPlaceEndsPairs) {
+  for (const char* kind : {"Tree", "Sweep", "Simple"}) fails(kind, "pairs are not filtered again");
+  RigidWorld world(*broadphase_);
+  world.bodies.add_floor();
+  btRigidBody& cube = world.bodies.add_cube({0, 0.5F, 0});
+  world.step(10);
+  cube.getBroadphaseHandle()->m_collisionFilterMask = 0;
+  world.step(30);
+  expect_right_pairs(world);
+  EXPECT_LT(height(cube), -0.5F);
+}
+
+TEST_P(Changes, ThousandsOfObjectsComeAndGoInOneFrame) {
+  if (unfit("Sweep", "crashes when it is full") || unfit("Simple", "stops the program when it is full"))
+    return;
+  RigidWorld world(*broadphase_);
+  const auto add = [&](int count, btScalar y) {
+    for (int k = 0; k < count; ++k) {
+      world.bodies.add_cube(grid_cell(k, 70, 1) * btVector3(1.2F, 0, 0.9F) + btVector3(0, y, 0));
+    }
+  };
+  const auto pair_count = [&] { return broadphase_->getOverlappingPairCache()->getNumOverlappingPairs(); };
+  constexpr int many = 5000;
+  add(many, 0);
+  world.step();
+  expect_right_pairs(world);
+  EXPECT_GE(pair_count(), many - 70);  // each meets the next of its row
+  for (int k = 0; k < many; ++k) world.bodies.remove(*world.bodies.all().back());
+  EXPECT_EQ(pair_count(), 0);
+  add(many, 100);
+  world.step();
+  expect_right_pairs(world);
+  EXPECT_GE(pair_count(), many - 70);
+  for (int k = 0; k < many; ++k) world.bodies.remove(*world.bodies.all().back());
+  world.step();
+  EXPECT_EQ(pair_count(), 0);
+}
+
+TEST_P(Changes, ABodyInTheSlotOfAnotherInheritsNothing) {
+  RigidWorld world(*broadphase_);
+  world.bodies.add_floor();
+  btRigidBody& old = world.bodies.add_cube({0, 0.5F, 0});
+  world.step(10);
+  EXPECT_EQ(world.world.getDispatcher()->getNumManifolds(), 1);
+  world.bodies.remove(old);
+  EXPECT_EQ(world.world.getDispatcher()->getNumManifolds(), 0);
+  const btRigidBody& free = world.bodies.add_cube({50, 100, 0});
+  const btRigidBody& resting = world.bodies.add_cube({0, 0.5F, 0});
+  world.step(10);
+  expect_right_pairs(world);
+  EXPECT_NEAR(height(resting), 0.5, 0.01);
+  EXPECT_LT(free.getLinearVelocity().y(), -1.5F) << "it falls freely";
+  for (int k = 0; k < world.world.getDispatcher()->getNumManifolds(); ++k) {
+    const btPersistentManifold& manifold = *world.world.getDispatcher()->getManifoldByIndexInternal(k);
+    EXPECT_TRUE(manifold.getNumContacts() == 0 ||
+                (manifold.getBody0() != &free && manifold.getBody1() != &free));
+  }
+}
+
+TEST_P(Changes, BodiesMayLeapAnywhere) {
+  RigidWorld world(*broadphase_);
+  add_falling_cubes(world, 60);
+  Random random(3);
+  for (int frame = 0; frame < 60; ++frame) {
+    for (int k = 0; k < 10; ++k) {
+      btRigidBody& body = *world.bodies.all()[1 + random.below(60)];
+      const auto distance = static_cast<btScalar>(frame % 3 == 0 ? 900 : 8);
+      body.setCenterOfMassTransform(
+          btTransform(btQuaternion::getIdentity(), random.point(8) * (distance / 8) + btVector3(0, 1, 0)));
+      body.setInterpolationWorldTransform(body.getWorldTransform());
+      body.setLinearVelocity({0, 0, 0});
+    }
+    world.step();
+    expect_right_pairs(world);
+  }
+}
+
+TEST_P(Changes, AMoverWakesWhatGotNoBoxForLong) {
+  RigidWorld world(*broadphase_);
+  world.world.setForceUpdateAllAabbs(false);
+  world.bodies.add_floor();
+  std::vector<btRigidBody*> row;
+  row.reserve(10);
+  for (int k = 0; k < 10; ++k) row.push_back(&world.bodies.add_cube({btScalar(1.01) * btScalar(k), 0.5F, 0}));
+  world.step(240);
+  for (const btRigidBody* cube : row) EXPECT_EQ(cube->getActivationState(), ISLAND_SLEEPING);
+  expect_right_pairs(world);
+  btRigidBody& ball = world.bodies.add_cube({-30, 0.6F, 0});
+  ball.setLinearVelocity({20, 0, 0});
+  ball.setFriction(0);
+  const btScalar before = row.back()->getWorldTransform().getOrigin().x();
+  for (int frame = 0; frame < 150; ++frame) {
+    world.step();
+    expect_right_pairs(world);
+  }
+  EXPECT_GT(row.back()->getWorldTransform().getOrigin().x(), before + btScalar(0.02));
+}
+
+TEST_P(Changes, AWorldBuiltAgainOnTheSameBroadPhaseGoesTheSameWay) {
+  if (unfit("Tree", "compares addresses of nodes when it balances, so that it depends on the heap")) return;
+  fails("Simple", "it has no reset, and gives ids back in the order of destruction");
+  std::vector<btScalar> first;
+  Random random(4);
+  for (int life = 0; life < 10; ++life) {
+    RigidWorld world(*broadphase_);
+    add_falling_cubes(world, 40);
+    world.step(60);
+    expect_right_pairs(world);
+    if (life == 0) first = state(world, 41);
+    EXPECT_EQ(state(world, 41), first) << "life " << life;
+    for (unsigned left = 41; left > 0; --left) world.bodies.remove(*world.bodies.all()[random.below(left)]);
+    EXPECT_EQ(broadphase_->getOverlappingPairCache()->getNumOverlappingPairs(), 0);
+    broadphase_->resetPool(nullptr);
+  }
+}
+
+}  // namespace
+}  // namespace broadcl
