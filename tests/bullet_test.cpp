@@ -1,10 +1,7 @@
 #include <broadcl/bullet.hpp>
 
-#include <algorithm>
 #include <array>
 #include <limits>
-#include <memory>
-#include <random>
 #include <set>
 #include <string>
 #include <vector>
@@ -26,7 +23,7 @@ class Bullet : public ::testing::Test {
                             int mask = all_bits) {
     return broadphase_.createProxy(lower, upper, BOX_SHAPE_PROXYTYPE, nullptr, group, mask, &dispatcher_);
   }
-  btBroadphaseProxy* create_unit(float x, int group = 1, int mask = all_bits) {
+  btBroadphaseProxy* create_unit(btScalar x, int group = 1, int mask = all_bits) {
     return create({x, 0, 0}, {x + 1, 1, 1}, group, mask);
   }
   void calculate() { broadphase_.calculateOverlappingPairs(&dispatcher_); }
@@ -305,7 +302,7 @@ TEST(BulletCache, AUsersClassIsOfferedEveryOverlappingPair) {
 }
 
 TEST_F(Bullet, ABadBoxHurtsItsOwnerOnly) {
-  const float nan_value = std::numeric_limits<float>::quiet_NaN();
+  const btScalar nan_value = std::numeric_limits<btScalar>::quiet_NaN();
   create_unit(0);
   btBroadphaseProxy* bad = create({nan_value, 0, 0}, {1, 1, 1});
   btBroadphaseProxy* inverted = create({1, 1, 1}, {0, 0, 0});
@@ -322,7 +319,7 @@ TEST_F(Bullet, ABadBoxHurtsItsOwnerOnly) {
 }
 
 TEST_F(Bullet, ANaNBoundIsToldOnceEachTimeItTurnsUp) {
-  const float nan_value = std::numeric_limits<float>::quiet_NaN();
+  const btScalar nan_value = std::numeric_limits<btScalar>::quiet_NaN();
   std::vector<std::string> errors;
   broadphase_.set_error_handler([&](const std::string& error) { errors.push_back(error); });
   create_unit(0);
@@ -341,7 +338,7 @@ TEST_F(Bullet, ANaNBoundIsToldOnceEachTimeItTurnsUp) {
 }
 
 TEST_F(Bullet, PlanesAndInfiniteBoundsMeetEverything) {
-  const float infinity = std::numeric_limits<float>::infinity();
+  const btScalar infinity = std::numeric_limits<btScalar>::infinity();
   create({-1e18F, -1e18F, -1e18F}, {1e18F, 1e18F, 1e18F});
   create({-infinity, -infinity, -infinity}, {infinity, infinity, infinity});
   create_unit(1e6F);
@@ -374,102 +371,6 @@ TEST(BulletCache, AUsersOwnIsUsedAndLeftAlive) {
     EXPECT_EQ(cache.getNumOverlappingPairs(), 1);
   }
   EXPECT_EQ(cache.getNumOverlappingPairs(), 1);
-}
-
-/// The same objects in a world on some broad phase.
-class QueryWorld {
- public:
-  explicit QueryWorld(btBroadphaseInterface& broadphase)
-      : world_(&dispatcher_, &broadphase, &configuration_) {
-    std::mt19937 random(11);
-    std::uniform_real_distribution<float> position(-10, 10);
-    for (int k = 0; k < 300; ++k) {
-      objects_.push_back(std::make_unique<btCollisionObject>());
-      objects_.back()->setCollisionShape(&shape_);
-      const float x = position(random);
-      const float y = position(random);
-      objects_.back()->getWorldTransform().setOrigin({x, y, position(random)});
-      objects_.back()->setUserIndex(k);
-      world_.addCollisionObject(objects_.back().get());
-    }
-  }
-  ~QueryWorld() {
-    for (const auto& object : objects_) world_.removeCollisionObject(object.get());
-  }
-  QueryWorld(const QueryWorld&) = delete;
-  QueryWorld& operator=(const QueryWorld&) = delete;
-  QueryWorld(QueryWorld&&) = delete;
-  QueryWorld& operator=(QueryWorld&&) = delete;
-
-  /// Indices of the objects that a ray hits.
-  [[nodiscard]] std::multiset<int> hits(const btVector3& from, const btVector3& to) const {
-    btCollisionWorld::AllHitsRayResultCallback callback(from, to);
-    world_.rayTest(from, to, callback);
-    std::multiset<int> result;
-    for (int k = 0; k < callback.m_collisionObjects.size(); ++k) {
-      result.insert(callback.m_collisionObjects[k]->getUserIndex());
-    }
-    return result;
-  }
-
-  [[nodiscard]] const std::vector<std::unique_ptr<btCollisionObject>>& objects() const { return objects_; }
-
- private:
-  btDefaultCollisionConfiguration configuration_;
-  btCollisionDispatcher dispatcher_{&configuration_};
-  btBoxShape shape_{{0.5F, 0.7F, 0.9F}};
-  std::vector<std::unique_ptr<btCollisionObject>> objects_;
-  btCollisionWorld world_;
-};
-
-class BulletQueries : public ::testing::Test {
- protected:
-  BulletBroadphase broadphase_;
-  QueryWorld world_{broadphase_};
-};
-
-TEST_F(BulletQueries, RaysHitWhatTheyHitOnBulletsTreeWithoutACalculation) {
-  btDbvtBroadphase tree;
-  const QueryWorld expected(tree);
-  std::mt19937 random(12);
-  std::uniform_real_distribution<float> position(-14, 14);
-  std::size_t hits = 0;
-  for (int k = 0; k < 300; ++k) {
-    const btVector3 from(position(random), position(random), position(random));
-    btVector3 to(position(random), position(random), position(random));
-    if (k % 3 == 0) to = {from.x(), from.y(), to.z()};
-    const std::multiset<int> ours = world_.hits(from, to);
-    EXPECT_EQ(ours, expected.hits(from, to));
-    hits += ours.size();
-  }
-  EXPECT_GT(hits, 300U);
-}
-
-TEST_F(BulletQueries, BoxesReportEachProxyThatTouchesOnce) {
-  struct Collector : btBroadphaseAabbCallback {
-    bool process(const btBroadphaseProxy* proxy) override {
-      found.push_back(proxy);
-      return true;
-    }
-    std::vector<const btBroadphaseProxy*> found;
-  };
-  const btVector3 lower(-3, -4, -5);
-  const btVector3 upper(2, 3, 4);
-  Collector collector;
-  broadphase_.aabbTest(lower, upper, collector);
-  std::vector<const btBroadphaseProxy*> expected;
-  for (const auto& object : world_.objects()) {
-    const btBroadphaseProxy* proxy = object->getBroadphaseHandle();
-    if (TestAabbAgainstAabb2(lower, upper, proxy->m_aabbMin, proxy->m_aabbMax)) expected.push_back(proxy);
-  }
-  EXPECT_GT(expected.size(), 5U);
-  EXPECT_TRUE(
-      std::is_permutation(collector.found.begin(), collector.found.end(), expected.begin(), expected.end()));
-
-  Collector touching;
-  const btBroadphaseProxy* first = world_.objects().front()->getBroadphaseHandle();
-  broadphase_.aabbTest(first->m_aabbMax, first->m_aabbMax, touching);
-  EXPECT_NE(std::find(touching.found.begin(), touching.found.end(), first), touching.found.end());
 }
 
 }  // namespace
