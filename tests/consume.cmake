@@ -14,7 +14,7 @@ run(${CMAKE_COMMAND} --install ${BUILD} --prefix ${folder}/prefix)
 run(${CMAKE_COMMAND} -S ${SOURCE} -B ${folder}/build -D CMAKE_PREFIX_PATH=${folder}/prefix
   -D CMAKE_CXX_FLAGS=-Werror)
 run(${CMAKE_COMMAND} --build ${folder}/build)
-set(examples pairs layouts on_device bullet_world bullet_async)
+set(examples pairs layouts on_device bullet_world bullet_async ghost_objects)
 if(FLOAT64)
   list(APPEND examples double_precision)
 endif()
