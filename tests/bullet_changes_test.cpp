@@ -121,6 +121,31 @@ TEST_P(Changes, AMaskWrittenInPlaceEndsPairs) {
   EXPECT_LT(height(cube), -0.5F);
 }
 
+/// Dynamic objects do not meet each other.
+struct StaticOnly final : btOverlapFilterCallback {
+  bool needBroadphaseCollision(btBroadphaseProxy* s, btBroadphaseProxy* t) const override {
+    return ((s->m_collisionFilterGroup | t->m_collisionFilterGroup) & btBroadphaseProxy::StaticFilter) != 0;
+  }
+};
+
+TEST_P(Changes, AFilterCallbackDecidesOfPairsAsLongAsItIsSet) {
+  RigidWorld world(*broadphase_);
+  world.bodies.add_floor();
+  world.bodies.add_cube({0, 0.5F, 0});
+  const btRigidBody& through = world.bodies.add_cube({0, 4, 0});
+  StaticOnly callback;
+  broadphase_->getOverlappingPairCache()->setOverlapFilterCallback(&callback);
+  world.step(90);
+  EXPECT_NEAR(height(through), 0.5, 0.1);
+  EXPECT_EQ(broadphase_->getOverlappingPairCache()->getNumOverlappingPairs(), 2);
+  world.bodies.remove(*world.bodies.all()[2]);
+  broadphase_->getOverlappingPairCache()->setOverlapFilterCallback(nullptr);
+  const btRigidBody& onto = world.bodies.add_cube({0, 4, 0});
+  world.step(90);
+  expect_right_pairs(world);
+  EXPECT_NEAR(height(onto), 1.5, 0.1);
+}
+
 TEST_P(Changes, ThousandsOfObjectsComeAndGoInOneFrame) {
   if (unfit("Sweep", "crashes when it is full") || unfit("Simple", "stops the program when it is full"))
     return;

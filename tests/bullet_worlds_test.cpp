@@ -75,6 +75,41 @@ TEST_P(Worlds, OfRigidBodies) {
   expect_towers(world.bodies);
 }
 
+TEST_P(Worlds, OnASortedCache) {
+  fails("Simple", "it cleans no cache that it does not own");
+  btSortedOverlappingPairCache cache;  // which leaves removal to the broad phase
+  broadphase_ = GetParam().make(&cache);
+  RigidWorld world(*broadphase_);
+  build_towers(world.bodies);
+  world.bodies.add_cube({20, 0.5F, 0});
+  btRigidBody& leaper = world.bodies.add_cube({20, 1.5F, 0});
+  for (int frame = 0; frame < 120; ++frame) {
+    if (frame == 60) leaper.setWorldTransform(btTransform(btQuaternion::getIdentity(), {30, 0.5F, 0}));
+    world.step();
+    expect_right_pairs(world.world, GetParam());
+  }
+  expect_towers(world.bodies);
+  // Bullet's tree takes its time.
+  for (int frame = 0; frame < 200 && cache.getNumOverlappingPairs() > 29; ++frame) world.step();
+  EXPECT_EQ(cache.getNumOverlappingPairs(), 29) << "17 cubes and the floor, 12 cubes on cubes";
+}
+
+TEST_P(Worlds, OnANullCache) {
+  btNullPairCache cache;
+  broadphase_ = GetParam().make(&cache);
+  RigidWorld world(*broadphase_);
+  world.bodies.add_floor();
+  const btRigidBody& cube = world.bodies.add_cube({0, 0.5F, 0});
+  world.step(30);
+  const btVector3& position = cube.getWorldTransform().getOrigin();
+  EXPECT_LT(position.y(), 0) << "nothing meets anything";
+  const btVector3 from = position - btVector3(5, 0, 0);
+  const btVector3 to = position + btVector3(5, 0, 0);
+  btCollisionWorld::ClosestRayResultCallback closest(from, to);
+  world.world.rayTest(from, to, closest);
+  EXPECT_EQ(closest.m_collisionObject, &cube);
+}
+
 // Debian's Bullet is built without threads: there these classes do their work one after the other.
 TEST_P(Worlds, OfRigidBodiesWithTheClassesForThreads) {
   btSetTaskScheduler(btGetSequentialTaskScheduler());
