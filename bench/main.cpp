@@ -28,7 +28,9 @@
 
 #include <broadcl/broad_phase.hpp>
 
+#include "bounds.hpp"
 #include "primitives.hpp"
+#include "proxies.hpp"
 #include "scenes/broadphases.hpp"
 #include "scenes/generators.hpp"
 
@@ -133,20 +135,6 @@ void time_some_moving(benchmark::State& state, std::uint32_t n, std::uint32_t mo
   frames.report();
 }
 
-struct Bounds {
-  btVector3 lower;
-  btVector3 upper;
-};
-
-std::vector<Bounds> scaled(const MovingBoxes& boxes) {
-  std::vector<Bounds> result;
-  for (const auto& [lower, upper] : boxes.boxes()) {
-    result.push_back({btVector3(lower[0], lower[1], lower[2]) / boxes.edge(),
-                      btVector3(upper[0], upper[1], upper[2]) / boxes.edge()});
-  }
-  return result;
-}
-
 void time_frame(benchmark::State& state, const std::string& name, const Scene& scene, std::uint32_t n) {
   MovingBoxes boxes(n, scene.sizes);
   const auto broadphase =
@@ -234,6 +222,7 @@ int main(int argc, char** argv) try {
   benchmark::AddCustomContext("device", broadcl::select_device().label());
   broadcl::register_all();
   broadcl::register_primitives();
+  broadcl::register_proxies();
   benchmark::RunSpecifiedBenchmarks();
 } catch (const std::exception& error) {
   std::fprintf(stderr, "%s\n", error.what());

@@ -1,6 +1,7 @@
 #!/usr/bin/env python3
 """bench/plot.py OUT.svg RESULT.json [RESULT.json ...]: draws frame times over the number of boxes, a panel a device,
-and prints them as tables in Markdown; bench/plot.py UPDATES.json prints the times of updates as a table.
+and prints them as tables in Markdown; bench/plot.py UPDATES.json or PROXIES.json prints the times of updates, or those of
+proxies that come, move and go, as a table.
 
 A picture needs matplotlib (Debian, Ubuntu: apt install python3-matplotlib). The results are those of `scripts/bench`.
 """
@@ -8,6 +9,7 @@ import json
 import sys
 
 SCENE = "mixed"
+DEFAULT = "brute-force"
 STYLES = {"bullet-bf": ":", "bullet-sap": "-.", "bullet-bvh": "--"}
 
 
@@ -33,10 +35,30 @@ def print_table(device, series):
     print()
 
 
-def print_updates(path):
+def three_digits(x):
+    return f"{x:,.0f}" if x >= 100 else f"{x:.3g}"
+
+
+def print_proxies(result):
+    """A row an operation: medians, in brackets how many times that of the default algorithm they are, and pairs."""
+    rows = {}
+    # Not in the order in which they ran, which may be random, but in that of the program.
+    for row in sorted(result["benchmarks"], key=lambda row: row["family_index"]):
+        _, operation, name, scene, count = row["run_name"].split("/")[:5]
+        if row.get("aggregate_name") == "median":
+            rows.setdefault((operation, f"{int(count):,} {scene}"), {})[name] = row
+    names = list(dict.fromkeys(name for row in rows.values() for name in row))
+    print(f"| {result['context']['device']}, ms | " + " | ".join(f"`{name}`" for name in names) + " | pairs |")
+    print("| --- |" + " ---: |" * (len(names) + 1))
+    for (operation, scene), row in rows.items():
+        times = [row[name]["real_time"] for name in names]
+        cells = [f"{three_digits(time)} ({three_digits(time / row[DEFAULT]['real_time'])})" for time in times]
+        pairs = dict.fromkeys(f"{row[name]['overlapping']:,.0f}" for name in names)
+        print(f"| {operation}, {scene} | " + " | ".join(cells) + f" | {' / '.join(pairs)} |")
+
+
+def print_updates(result):
     """A row a benchmark: mean, p95 and longest of its frames, and the mean from ordinary memory."""
-    with open(path, encoding="utf-8") as file:
-        result = json.load(file)
     rows = {row["run_name"].split("/iterations")[0]: row for row in result["benchmarks"]}
     print(f"| {result['context']['device']}, microseconds | mean | p95 | longest | from ordinary memory | changes |")
     print("| --- |" + " ---: |" * 5)
@@ -50,7 +72,10 @@ def print_updates(path):
 
 def main():
     if len(sys.argv) == 2 and sys.argv[1].endswith(".json"):
-        return print_updates(sys.argv[1])
+        with open(sys.argv[1], encoding="utf-8") as file:
+            result = json.load(file)
+        is_proxies = result["benchmarks"][0]["run_name"].startswith("proxies/")
+        return print_proxies(result) if is_proxies else print_updates(result)
     if len(sys.argv) < 3:
         sys.exit(__doc__)
     import matplotlib  # for pictures only

@@ -1,0 +1,213 @@
+#include "proxies.hpp"
+
+#include <algorithm>
+#include <array>
+#include <chrono>
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <numeric>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include <BulletCollision/BroadphaseCollision/btBroadphaseInterface.h>
+#include <BulletCollision/BroadphaseCollision/btOverlappingPairCache.h>
+#include <BulletCollision/CollisionDispatch/btCollisionDispatcher.h>
+#include <BulletCollision/CollisionDispatch/btDefaultCollisionConfiguration.h>
+#include <benchmark/benchmark.h>
+
+#include <broadcl/bullet.hpp>
+
+#include "bounds.hpp"
+#include "scenes/broadphases.hpp"
+#include "scenes/random.hpp"
+
+namespace broadcl {
+namespace {
+
+using scenes::MovingBoxes;
+
+constexpr std::string_view stock = "+stock";
+constexpr std::array names{"brute-force", "tiles", "tiles+stock", "bullet-bvh", "bullet-sap"};
+
+/// A broad phase with a proxy a box, of which some live.
+class Proxies {
+ public:
+  Proxies(std::string_view name, const MovingBoxes& boxes)
+      : broadphase_(make(name, boxes)), boxes_(scaled(boxes)), proxies_(boxes_.size()) {
+    // The device has its kernels loaded.
+    create(std::array{std::size_t{0}, std::size_t{1}});
+    calculate();
+    destroy(std::array{std::size_t{0}, std::size_t{1}});
+    calculate();
+  }
+  ~Proxies() {
+    for (btBroadphaseProxy* proxy : proxies_) {
+      if (proxy != nullptr) broadphase_->destroyProxy(proxy, &dispatcher_);
+    }
+  }
+  Proxies(const Proxies&) = delete;
+  Proxies& operator=(const Proxies&) = delete;
+  Proxies(Proxies&&) = delete;
+  Proxies& operator=(Proxies&&) = delete;
+
+  void create(std::span<const std::size_t> which) {
+    for (const std::size_t k : which) {
+      proxies_[k] = broadphase_->createProxy(boxes_[k].lower, boxes_[k].upper, BOX_SHAPE_PROXYTYPE, this, 1,
+                                             -1, &dispatcher_);
+    }
+  }
+  void destroy(std::span<const std::size_t> which) {
+    for (const std::size_t k : which) {
+      broadphase_->destroyProxy(proxies_[k], &dispatcher_);
+      proxies_[k] = nullptr;
+    }
+  }
+  void move(const std::vector<Bounds>& boxes) {
+    for (std::size_t k = 0; k < boxes.size(); ++k) {
+      broadphase_->setAabb(proxies_[k], boxes[k].lower, boxes[k].upper, &dispatcher_);
+    }
+  }
+  void calculate() { broadphase_->calculateOverlappingPairs(&dispatcher_); }
+  [[nodiscard]] int pair_count() const {
+    return broadphase_->getOverlappingPairCache()->getNumOverlappingPairs();
+  }
+
+ private:
+  std::unique_ptr<btBroadphaseInterface> make(std::string_view name, const MovingBoxes& boxes) {
+    if (name.ends_with(stock)) {
+      const std::string algorithm(name.substr(0, name.size() - stock.size()));
+      return std::make_unique<BulletBroadphase>(BroadPhase::Config{.algorithm = algorithm}, &stock_cache_);
+    }
+    // Above 16,384 objects the axis sweep is the one of 32 bits.
+    return scenes::make_broadphase({.name = std::string(name),
+                                    .device = {},
+                                    .objects = boxes.boxes().size() + 16385,
+                                    .world_edge = 4 / boxes.edge()});
+  }
+
+  btDefaultCollisionConfiguration configuration_;
+  btCollisionDispatcher dispatcher_{&configuration_};
+  btHashedOverlappingPairCache stock_cache_;
+  std::unique_ptr<btBroadphaseInterface> broadphase_;
+  std::vector<Bounds> boxes_;
+  std::vector<btBroadphaseProxy*> proxies_;  // null for those that do not live
+};
+
+std::vector<std::size_t> numbers(std::size_t first, std::size_t count) {
+  std::vector<std::size_t> result(count);
+  std::iota(result.begin(), result.end(), first);
+  return result;
+}
+
+/// A random part of 0 .. of - 1, in random order.
+std::vector<std::size_t> sample(std::size_t count, std::size_t of) {
+  std::vector<std::size_t> result = numbers(0, of);
+  scenes::Random(1).shuffle(std::span(result));
+  result.resize(count);
+  return result;
+}
+
+template <class Function>
+void time(benchmark::State& state, Proxies& proxies, Function&& change) {
+  const auto start = std::chrono::steady_clock::now();
+  change();
+  proxies.calculate();
+  state.SetIterationTime(std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count());
+  state.counters["overlapping"] = proxies.pair_count();
+}
+
+void time_create(benchmark::State& state, const char* name, MovingBoxes::Sizes sizes, std::uint32_t n) {
+  for ([[maybe_unused]] auto _ : state) {
+    Proxies proxies(name, MovingBoxes(n, sizes));
+    time(state, proxies, [&, all = numbers(0, n)] { proxies.create(all); });
+  }
+}
+
+void time_create_more(benchmark::State& state, const char* name, MovingBoxes::Sizes sizes, std::uint32_t n) {
+  for ([[maybe_unused]] auto _ : state) {
+    Proxies proxies(name, MovingBoxes(2 * n, sizes));
+    proxies.create(numbers(0, n));
+    proxies.calculate();
+    time(state, proxies, [&, more = numbers(n, n)] { proxies.create(more); });
+  }
+}
+
+void time_destroy(benchmark::State& state, const char* name, MovingBoxes::Sizes sizes, std::uint32_t n) {
+  const std::uint32_t all = 2 * n;
+  for ([[maybe_unused]] auto _ : state) {
+    Proxies proxies(name, MovingBoxes(all, sizes));
+    proxies.create(numbers(0, all));
+    proxies.calculate();
+    time(state, proxies, [&, half = sample(n, all)] { proxies.destroy(half); });
+  }
+}
+
+void time_move(benchmark::State& state, const char* name, MovingBoxes::Sizes sizes, std::uint32_t n) {
+  MovingBoxes boxes(n, sizes);
+  Proxies proxies(name, boxes);
+  proxies.create(numbers(0, n));
+  proxies.calculate();
+  for ([[maybe_unused]] auto _ : state) {
+    boxes.advance();
+    time(state, proxies, [&, moved = scaled(boxes)] { proxies.move(moved); });
+  }
+}
+
+void time_teleport(benchmark::State& state, const char* name, MovingBoxes::Sizes sizes, std::uint32_t n) {
+  Proxies proxies(name, MovingBoxes(n, sizes));
+  proxies.create(numbers(0, n));
+  proxies.calculate();
+  std::uint64_t seed = 1;
+  for ([[maybe_unused]] auto _ : state) {
+    const std::vector<Bounds> elsewhere = scaled(MovingBoxes(n, sizes, ++seed));
+    time(state, proxies, [&] { proxies.move(elsewhere); });
+  }
+}
+
+void time_stream(benchmark::State& state, const char* name, MovingBoxes::Sizes sizes, std::uint32_t n) {
+  Proxies proxies(name, MovingBoxes(n, sizes));
+  proxies.create(numbers(0, n));
+  proxies.calculate();
+  const std::vector<std::size_t> tenth = sample(n / 10, n);
+  for ([[maybe_unused]] auto _ : state) {
+    time(state, proxies, [&] {
+      proxies.destroy(tenth);
+      proxies.create(tenth);
+    });
+  }
+}
+
+struct Operation {
+  const char* name;
+  void (*function)(benchmark::State&, const char*, MovingBoxes::Sizes, std::uint32_t);
+  int frames;
+};
+constexpr std::array operations{
+    Operation{"create", time_create, 1},   Operation{"create-more", time_create_more, 1},
+    Operation{"move", time_move, 5},       Operation{"teleport", time_teleport, 2},
+    Operation{"destroy", time_destroy, 1}, Operation{"stream", time_stream, 5}};
+
+}  // namespace
+
+void register_proxies() {
+  for (const Operation& operation : operations) {
+    for (const auto& [scene, sizes] :
+         {std::pair("uniform", MovingBoxes::Sizes::uniform), std::pair("mixed", MovingBoxes::Sizes::mixed)}) {
+      for (const std::uint32_t n : {500U, 10000U}) {
+        for (const char* name : names) {
+          const std::string row =
+              std::string("proxies/") + operation.name + "/" + name + "/" + scene + "/" + std::to_string(n);
+          benchmark::RegisterBenchmark(row.c_str(), operation.function, name, sizes, n)
+              ->UseManualTime()
+              ->Iterations(operation.frames)
+              ->Unit(benchmark::kMillisecond);
+        }
+      }
+    }
+  }
+}
+
+}  // namespace broadcl
