@@ -1,0 +1,116 @@
+#include "bullet/pair_cache.hpp"
+
+#include <algorithm>
+
+namespace broadcl {
+namespace {
+
+constexpr int none = -1;
+
+/// Proxies that are not the adapter's may have any id; those without a list have every pair looked at.
+bool has_list(int id) {
+  constexpr int end = 1 << 24;
+  return 0 <= id && id < end;
+}
+
+}  // namespace
+
+btBroadphasePair* PairCache::addOverlappingPair(btBroadphaseProxy* proxy0, btBroadphaseProxy* proxy1) {
+  const int before = getNumOverlappingPairs();
+  btBroadphasePair* pair = btHashedOverlappingPairCache::addOverlappingPair(proxy0, proxy1);
+  if (is_listed_ && getNumOverlappingPairs() != before) {
+    entries_.push_back({pair->m_pProxy0->getUid(), pair->m_pProxy1->getUid(), none, none});
+    is_listed_ = entries_.size() < most_;
+  }
+  return pair;
+}
+
+void PairCache::removeOverlappingPairsContainingProxy(btBroadphaseProxy* proxy, btDispatcher* dispatcher) {
+  if (!has_list(proxy->getUid())) {
+    btHashedOverlappingPairCache::removeOverlappingPairsContainingProxy(proxy, dispatcher);
+    return;
+  }
+  const std::vector<int> places = places_of(*proxy);
+  const btBroadphasePairArray& pairs = getOverlappingPairArray();
+  std::size_t first = 0;
+  std::size_t end = places.size();
+  while (first < end) {
+    const btBroadphasePair pair = pairs[places[first]];
+    // The last pair of all comes to the place of the one that is removed; it may be the next to go.
+    const bool next_comes_here = end - first > 1 && places[end - 1] == pairs.size() - 1;
+    removeOverlappingPair(pair.m_pProxy0, pair.m_pProxy1, dispatcher);
+    if (next_comes_here) {
+      --end;
+    } else {
+      ++first;
+    }
+  }
+}
+
+void PairCache::cleanProxyFromPairs(btBroadphaseProxy* proxy, btDispatcher* dispatcher) {
+  if (!has_list(proxy->getUid())) {
+    btHashedOverlappingPairCache::cleanProxyFromPairs(proxy, dispatcher);
+    return;
+  }
+  for (const int place : places_of(*proxy))
+    cleanOverlappingPair(getOverlappingPairArray()[place], dispatcher);
+}
+
+std::vector<int> PairCache::places_of(btBroadphaseProxy& proxy) {
+  bring_lists_up_to_date();
+  std::vector<int> places;
+  const int id = proxy.getUid();
+  if (static_cast<std::size_t>(id) >= newest_.size()) return places;
+  btBroadphaseProxy partner;  // found by its id alone: one in the list may be dead
+  int* next = &newest_[static_cast<std::size_t>(id)];
+  for (int k = *next; k != none;) {
+    Entry& entry = entries_[static_cast<std::size_t>(k)];
+    const bool is_a = entry.a == id;
+    int& after = is_a ? entry.next_of_a : entry.next_of_b;
+    partner.m_uniqueId = is_a ? entry.b : entry.a;
+    const btBroadphasePair* pair = findPair(&proxy, &partner);
+    if (pair != nullptr) {
+      *next = k;
+      next = &after;
+      // Proxies that are not the adapter's may share an id.
+      if (pair->m_pProxy0 == &proxy || pair->m_pProxy1 == &proxy) {
+        places.push_back(static_cast<int>(pair - getOverlappingPairArrayPtr()));
+      }
+    }
+    k = after;
+  }
+  *next = none;
+  std::sort(places.begin(), places.end());
+  places.erase(std::unique(places.begin(), places.end()), places.end());
+  return places;
+}
+
+void PairCache::bring_lists_up_to_date() {
+  if (!is_listed_) {
+    const btBroadphasePairArray& pairs = getOverlappingPairArray();
+    most_ = 2 * static_cast<std::size_t>(pairs.size()) + newest_.size();
+    entries_.clear();
+    newest_.clear();
+    linked_ = 0;
+    entries_.reserve(static_cast<std::size_t>(pairs.size()));
+    for (int k = 0; k < pairs.size(); ++k) {
+      entries_.push_back({pairs[k].m_pProxy0->getUid(), pairs[k].m_pProxy1->getUid(), none, none});
+    }
+    is_listed_ = true;
+  }
+  for (; linked_ < entries_.size(); ++linked_) {
+    Entry& entry = entries_[linked_];
+    link(entry.a, static_cast<int>(linked_), entry.next_of_a);
+    link(entry.b, static_cast<int>(linked_), entry.next_of_b);
+  }
+}
+
+void PairCache::link(int id, int entry, int& next) {
+  if (!has_list(id)) return;
+  const auto k = static_cast<std::size_t>(id);
+  if (k >= newest_.size()) newest_.resize(k + 1, none);
+  next = newest_[k];
+  newest_[k] = entry;
+}
+
+}  // namespace broadcl

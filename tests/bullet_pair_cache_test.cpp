@@ -1,0 +1,253 @@
+// The adapter's own pair cache beside Bullet's: the same calls to both, and after each the same pairs in the
+// same order, the same calls to ghosts and the same algorithms freed.
+#include "bullet/pair_cache.hpp"
+
+#include <BulletCollision/BroadphaseCollision/btCollisionAlgorithm.h>
+#include <BulletCollision/CollisionDispatch/btCollisionDispatcher.h>
+#include <BulletCollision/CollisionDispatch/btDefaultCollisionConfiguration.h>
+
+#include <algorithm>
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <limits>
+#include <memory>
+#include <numeric>
+#include <span>
+#include <utility>
+#include <vector>
+
+#include <gtest/gtest.h>
+
+#include "bullet_rig.hpp"
+#include "scenes/random.hpp"
+
+namespace broadcl {
+namespace {
+
+using scenes::Random;
+
+/// Tells of its end.
+class Algorithm final : public btCollisionAlgorithm {
+ public:
+  Algorithm(int number, std::vector<int>& ended) : number_(number), ended_(ended) {}
+  ~Algorithm() override { ended_.push_back(number_); }
+  Algorithm(const Algorithm&) = delete;
+  Algorithm& operator=(const Algorithm&) = delete;
+  Algorithm(Algorithm&&) = delete;
+  Algorithm& operator=(Algorithm&&) = delete;
+  void processCollision(const btCollisionObjectWrapper* /*a*/, const btCollisionObjectWrapper* /*b*/,
+                        const btDispatcherInfo& /*info*/, btManifoldResult* /*result*/) override {}
+  btScalar calculateTimeOfImpact(btCollisionObject* /*a*/, btCollisionObject* /*b*/,
+                                 const btDispatcherInfo& /*info*/, btManifoldResult* /*result*/) override {
+    return 1;
+  }
+  void getAllContactManifolds(btManifoldArray& /*manifolds*/) override {}
+
+ private:
+  int number_;
+  std::vector<int>& ended_;
+};
+
+struct Ghosts final : btOverlappingPairCallback {
+  btBroadphasePair* addOverlappingPair(btBroadphaseProxy* s, btBroadphaseProxy* t) override {
+    told.push_back({'+', s, t});
+    return nullptr;
+  }
+  void* removeOverlappingPair(btBroadphaseProxy* s, btBroadphaseProxy* t, btDispatcher* /*d*/) override {
+    told.push_back({'-', s, t});
+    return nullptr;
+  }
+  void removeOverlappingPairsContainingProxy(btBroadphaseProxy* s, btDispatcher* /*d*/) override {
+    told.push_back({'x', s, nullptr});
+  }
+  struct Call {
+    char what;
+    const void* s;
+    const void* t;
+    bool operator==(const Call&) const = default;
+  };
+  std::vector<Call> told;
+};
+
+/// A cache and all that it does to others.
+template <class Cache>
+struct Side {
+  Side() { cache.setInternalGhostPairCallback(&ghosts); }
+
+  [[nodiscard]] std::vector<std::array<const void*, 2>> pairs() const {
+    std::vector<std::array<const void*, 2>> result;
+    for (int k = 0; k < cache.getNumOverlappingPairs(); ++k) {
+      const btBroadphasePair& pair = cache.getOverlappingPairArray()[k];
+      result.push_back({pair.m_pProxy0, pair.m_pProxy1});
+    }
+    return result;
+  }
+  void start_algorithm(int place, int number) {
+    btBroadphasePair& pair = cache.getOverlappingPairArray()[place];
+    if (pair.m_algorithm != nullptr) return;
+    pair.m_algorithm =
+        new (dispatcher.allocateCollisionAlgorithm(sizeof(Algorithm))) Algorithm(number, ended);
+  }
+
+  btDefaultCollisionConfiguration configuration;
+  btCollisionDispatcher dispatcher{&configuration};
+  Ghosts ghosts;
+  std::vector<int> ended;
+  Cache hashed;
+  btOverlappingPairCache& cache = hashed;
+};
+
+/// Removes the pairs of which the sum of ids has a certain remainder.
+struct RemoveSome final : btOverlapCallback {
+  explicit RemoveSome(unsigned wanted) : remainder(wanted) {}
+  bool processOverlap(btBroadphasePair& pair) override {
+    const auto a = static_cast<unsigned>(pair.m_pProxy0->m_uniqueId);
+    const auto b = static_cast<unsigned>(pair.m_pProxy1->m_uniqueId);
+    return (a + b) % 5 == remainder;
+  }
+  unsigned remainder;
+};
+
+/// Both caches, and proxies that end up in both.
+class Twins {
+ public:
+  explicit Twins(std::span<const int> ids) {
+    for (const int id : ids) proxies_.push_back(make(id));
+  }
+
+  template <class Function>
+  void both(Function&& function) {
+    function(ours_);
+    function(bullets_);
+  }
+  void play(unsigned calls, Random& random) {
+    const auto count = static_cast<std::uint32_t>(proxies_.size());
+    for (unsigned call = 0; call < calls; ++call) {
+      const std::uint32_t k = random.index(count);
+      btBroadphaseProxy* proxy = proxies_[k].get();
+      btBroadphaseProxy* other = proxies_[random.index(count)].get();
+      const std::uint32_t what = random.index(100);
+      if (what < 60) {
+        both([&](auto& side) { side.cache.addOverlappingPair(proxy, other); });
+      } else if (what < 75) {
+        both([&](auto& side) { side.cache.removeOverlappingPair(proxy, other, &side.dispatcher); });
+      } else if (what < 85) {
+        start_algorithm(random, static_cast<int>(call));
+      } else if (what < 90) {
+        both([&](auto& side) { side.cache.cleanProxyFromPairs(proxy, &side.dispatcher); });
+      } else if (what < 97) {
+        both([&](auto& side) { side.cache.removeOverlappingPairsContainingProxy(proxy, &side.dispatcher); });
+        // Most die, and another takes their id.
+        if (what < 95) proxies_[k] = make(proxy->m_uniqueId);
+      } else if (what < 99) {
+        RemoveSome some(random.index(5));
+        both([&](auto& side) { side.cache.processAllOverlappingPairs(&some, &side.dispatcher); });
+      } else {
+        both([&](auto& side) { side.cache.sortOverlappingPairs(&side.dispatcher); });
+      }
+      ASSERT_EQ(ours_.pairs(), bullets_.pairs()) << "call " << call << ", " << what;
+      ASSERT_EQ(ours_.ghosts.told, bullets_.ghosts.told) << "call " << call << ", " << what;
+      ASSERT_EQ(ours_.ended, bullets_.ended) << "call " << call << ", " << what;
+      most_ = std::max(most_, ours_.pairs().size());
+      ours_.ghosts.told.clear();
+      bullets_.ghosts.told.clear();
+    }
+  }
+  [[nodiscard]] std::size_t most_pairs() const { return most_; }
+  [[nodiscard]] std::size_t algorithms_ended() const { return ours_.ended.size(); }
+  ~Twins() {
+    for (const auto& proxy : proxies_) {
+      both([&](auto& side) {
+        side.cache.removeOverlappingPairsContainingProxy(proxy.get(), &side.dispatcher);
+      });
+    }
+    EXPECT_EQ(ours_.cache.getNumOverlappingPairs(), 0);
+  }
+  Twins(const Twins&) = delete;
+  Twins& operator=(const Twins&) = delete;
+  Twins(Twins&&) = delete;
+  Twins& operator=(Twins&&) = delete;
+
+ private:
+  static std::unique_ptr<btBroadphaseProxy> make(int id) {
+    auto proxy = std::make_unique<btBroadphaseProxy>();
+    proxy->m_uniqueId = id;
+    proxy->m_collisionFilterGroup = 1;
+    proxy->m_collisionFilterMask = id % 7 == 6 ? 0 : 1;  // some are refused
+    return proxy;
+  }
+  void start_algorithm(Random& random, int number) {
+    const int n = ours_.cache.getNumOverlappingPairs();
+    if (n == 0) return;
+    const auto place = static_cast<int>(random.index(static_cast<std::uint32_t>(n)));
+    both([&](auto& side) { side.start_algorithm(place, number); });
+  }
+
+  std::vector<std::unique_ptr<btBroadphaseProxy>> proxies_;
+  Side<PairCache> ours_;
+  Side<btHashedOverlappingPairCache> bullets_;
+  std::size_t most_ = 0;
+};
+
+std::vector<int> dense_ids(std::size_t count) {
+  std::vector<int> ids(count);
+  std::iota(ids.begin(), ids.end(), 0);
+  return ids;
+}
+
+TEST(BulletPairCache, HoldsWhatBulletsOwnHolds) {
+  for (const std::size_t count : {2U, 5U, 40U, 150U}) {
+    Random random(count);
+    Twins twins(dense_ids(count));
+    ASSERT_NO_FATAL_FAILURE(twins.play(5000, random)) << count << " proxies";
+    EXPECT_GT(twins.algorithms_ended(), count > 2 ? 100U : 10U);
+    EXPECT_GT(twins.most_pairs(), count > 40 ? 50U : 0U);
+  }
+}
+
+TEST(BulletPairCache, TakesProxiesOfAnyIdAndIdsThatAreShared) {
+  constexpr int largest = std::numeric_limits<int>::max();
+  const std::vector<int> ids{
+      0, 1, 2, 3, 3, 3, 9, 9, -1, -2, -1, largest, largest - 1, 1 << 16, (1 << 16) + 1};
+  Random random(1);
+  Twins twins(ids);
+  ASSERT_NO_FATAL_FAILURE(twins.play(10000, random));
+  EXPECT_GT(twins.most_pairs(), 10U);
+}
+
+TEST(BulletPairCache, WithItTheAdapterDoesTheSame) {
+  const test::Kind& broadcl = test::kinds[0];
+  btHashedOverlappingPairCache bullets;
+  test::Rig ours(broadcl);
+  test::Rig theirs(broadcl, &bullets);
+  Random random(2);
+  int most = 0;
+  for (int frame = 0; frame < 60; ++frame) {
+    for (int call = 0; call < 25; ++call) {
+      const Eigen::Vector3f corner = random.vector(0, 9);
+      const btVector3 lower(corner.x(), corner.y(), corner.z());
+      const btVector3 upper = lower + btVector3(2, 2, 2);
+      const auto live = static_cast<std::uint32_t>(ours.proxies().size());
+      const std::uint32_t what = random.index(10);
+      const std::size_t k = live == 0 ? 0 : random.index(live);
+      for (test::Rig* rig : {&ours, &theirs}) {
+        if (live < 20 || what < 3) {
+          rig->create(lower, upper);
+        } else if (what < 5) {
+          rig->destroy(rig->proxies()[k]);
+        } else {
+          rig->move(rig->proxies()[k], lower, upper);
+        }
+      }
+    }
+    ours.calculate();
+    theirs.calculate();
+    ASSERT_EQ(ours.ids(), theirs.ids()) << "frame " << frame;
+    most = std::max(most, ours.pair_count());
+  }
+  EXPECT_GT(most, 50);
+}
+
+}  // namespace
+}  // namespace broadcl
