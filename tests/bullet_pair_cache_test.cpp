@@ -221,6 +221,8 @@ TEST(BulletPairCache, WithItTheAdapterDoesTheSame) {
   btHashedOverlappingPairCache bullets;
   test::Rig ours(broadcl);
   test::Rig theirs(broadcl, &bullets);
+  ASSERT_NE(dynamic_cast<PairCache*>(&ours.cache()), nullptr);
+  ASSERT_EQ(&theirs.cache(), &bullets);
   Random random(2);
   int most = 0;
   for (int frame = 0; frame < 60; ++frame) {

@@ -20,6 +20,7 @@
 
 #include <broadcl/bullet.hpp>
 
+#include "bullet/pair_cache.hpp"
 #include "bullet/prediction.hpp"
 #include "bullet/proxy_pool.hpp"
 #include "bullet/query_tree.hpp"
@@ -81,8 +82,8 @@ class RemoveStale final : public btOverlapCallback {
 /// another class does cannot be known.
 bool filters_by_masks(const btOverlappingPairCache& cache) {
   const std::type_info& type = typeid(cache);
-  return type == typeid(btHashedOverlappingPairCache) || type == typeid(btSortedOverlappingPairCache) ||
-         type == typeid(btNullPairCache);
+  return type == typeid(PairCache) || type == typeid(btHashedOverlappingPairCache) ||
+         type == typeid(btSortedOverlappingPairCache) || type == typeid(btNullPairCache);
 }
 
 }  // namespace
@@ -91,7 +92,7 @@ class BulletBroadphase::Impl {
  public:
   Impl(const BroadPhase::Config& config, btOverlappingPairCache* cache)
       : core_(config),
-        own_cache_(cache == nullptr ? new btHashedOverlappingPairCache : nullptr),
+        own_cache_(cache == nullptr ? new PairCache : nullptr),
         cache_(cache == nullptr ? own_cache_.get() : cache),
         filters_by_masks_(filters_by_masks(*cache_)),
         callback_(cache_->getOverlapFilterCallback()),
