@@ -249,6 +249,25 @@ TEST_F(Bullet, APairThatTheUserRemovedComesBackOnceAnObjectOfItMoves) {
   EXPECT_EQ(pairs().size(), 3U);
 }
 
+/// One pair taken from the cache and another put in between two calculations leave as many as before.
+TEST_F(Bullet, APairThatTheUserPutInGoesWhenItParts) {
+  btBroadphaseProxy* s = create_unit(0);
+  btBroadphaseProxy* t = create_unit(0);
+  btBroadphaseProxy* u = create_unit(10);
+  btBroadphaseProxy* v = create_unit(10);
+  btOverlappingPairCache& cache = *broadphase_.getOverlappingPairCache();
+  calculate();
+  cache.removeOverlappingPair(s, t, &dispatcher_);
+  calculate();
+  cache.removeOverlappingPair(u, v, &dispatcher_);
+  cache.addOverlappingPair(s, t);
+  calculate();
+  EXPECT_EQ(pairs(), (IdPairs{{0, 1}}));
+  broadphase_.setAabb(t, {5, 0, 0}, {6, 1, 1}, &dispatcher_);
+  calculate();
+  EXPECT_TRUE(pairs().empty());
+}
+
 /// A user's: it lets pairs in by a rule of its own.
 class OddCache final : public btHashedOverlappingPairCache {
  public:

@@ -190,11 +190,11 @@ class ProgramStages : public ProgramTrace {
   /// On the host, in order; those of a frame in the steady state.
   [[nodiscard]] static Names host_names() {
     if (GetParam() == "gpu-bf") return {"upload", "test", "download", "wait", "xor"};
-    return {"upload", "test", "sweep", "order", "download", "wait"};
+    return {"upload", "keep", "test", "order", "download", "wait"};
   }
   [[nodiscard]] static Names device_names() {
     if (GetParam() == "gpu-bf") return {"upload", "test", "download"};
-    return {"upload", "test", "sweep", "order", "download"};
+    return {"upload", "keep", "test", "order", "download"};
   }
 };
 

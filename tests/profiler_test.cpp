@@ -225,7 +225,7 @@ TEST(BruteForceProfile, HasBothRunsOfAFrameThatIsRunAgain) {
   const std::span<const Stage> stages = broad_phase.profile();
   const auto names = names_of(stages);
   EXPECT_EQ(std::count(names.begin(), names.end(), "test"), 2);
-  EXPECT_EQ(std::count(names.begin(), names.end(), "sweep"), 2);
+  EXPECT_EQ(std::count(names.begin(), names.end(), "order"), 2);
   double sum = 0;
   for (std::size_t k = 0; k < stages.size(); ++k) {
     sum += stages[k].host_seconds;

@@ -73,6 +73,35 @@ TEST(BruteForce, AppliesAndCarriesWhereFewMoved) {
   EXPECT_EQ(stages(broad_phase), (Names{"upload", "keep", "test", "order", "download", "wait"}));
 }
 
+/// So many changes that they are counted into buckets, a few a bucket; then so many in one bucket, that of an
+/// object that meets all others, that they are sorted.
+TEST_P(EachAlgorithm, ManyChangesAreInOrder) {
+  constexpr std::uint32_t n = 10'000;
+  const auto twin = [](std::uint32_t id) { return apart(id % (n / 2)); };
+  BroadPhase broad_phase(config());
+  for (std::uint32_t id = 0; id < n; ++id) broad_phase.add(twin(id));
+  Pairs twins;
+  for (std::uint32_t a = 0; a < n / 2; ++a) twins.push_back({a, a + n / 2});
+  EXPECT_TRUE(same(broad_phase.update(), twins, {}));
+  for (int frame = 0; frame < 3; ++frame) {
+    for (std::uint32_t id = n / 2; id < n; ++id) broad_phase.move(id, apart(id));
+    EXPECT_TRUE(same(broad_phase.update(), {}, twins));
+    for (std::uint32_t id = n / 2; id < n; ++id) broad_phase.move(id, twin(id));
+    EXPECT_TRUE(same(broad_phase.update(), twins, {}));
+  }
+
+  const std::uint32_t hub = broad_phase.add(apart(n));
+  EXPECT_TRUE(same(broad_phase.update(), {}, {}));
+  Pairs of_hub;
+  for (std::uint32_t a = 0; a < n; ++a) of_hub.push_back({a, hub});
+  for (int frame = 0; frame < 3; ++frame) {
+    broad_phase.move(hub, {{-1, -1, -1}, {2 * n, 2, 2}});
+    EXPECT_TRUE(same(broad_phase.update(), of_hub, {}));
+    broad_phase.move(hub, apart(n));
+    EXPECT_TRUE(same(broad_phase.update(), {}, of_hub));
+  }
+}
+
 TEST_P(EachAlgorithm, SmallPairsOfTwoThatStandStillStay) {
   BroadPhase broad_phase(config());
   for (std::uint32_t k = 0; k < 64; ++k) broad_phase.add(apart(k / 2));

@@ -177,7 +177,7 @@ class BulletBroadphase::Impl {
     const std::vector<Pair> early = take_early();
     refused_ = difference(refused_, early);
 
-    std::vector<Pair> removals = difference(found.removed, refused_);
+    std::vector<Pair> removals = difference(found.removed, refused_and_not_cached(found.removed));
     if (!found.removed.empty()) refused_ = difference(refused_, found.removed);
     if (is_filtered_anew_) removals = merge(removals, refuse_cached(found));
     // The pairs of a destroyed proxy went with it, though its id may be in use again.
@@ -344,6 +344,15 @@ class BulletBroadphase::Impl {
     }
     std::sort(cached.begin(), cached.end());
     return cached;
+  }
+
+  /// Of the pairs those that are not in the cache since it refused them. Somebody may have put one there.
+  [[nodiscard]] std::vector<Pair> refused_and_not_cached(std::span<const Pair> pairs) const {
+    std::vector<Pair> refused = intersection(pairs, refused_);
+    std::erase_if(refused, [&](const Pair& pair) {
+      return cache_->findPair(&pool_[pair.a], &pool_[pair.b]) != nullptr;
+    });
+    return refused;
   }
 
   /// Of the pairs in the cache those that it would not let in now; they are refused from now on.
