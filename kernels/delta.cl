@@ -3,10 +3,10 @@
 #include "delta.h"
 
 #ifndef GROUP
-#define GROUP 64 /* work-items a work-group that keeps pairs */
+#define GROUP 256 /* work-items a work-group that keeps pairs */
 #endif
 #ifndef CHUNK
-#define CHUNK 4 /* pairs that each of them looks at */
+#define CHUNK 1 /* pairs that each of them looks at */
 #endif
 
 /* Whether a pair of the last frame is one of this frame. */

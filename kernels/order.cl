@@ -8,7 +8,7 @@
 #include "delta.h"
 
 #ifndef PARTS
-#define PARTS 64 /* work-items of a team, which places pairs together */
+#define PARTS 128 /* work-items of a team, which places pairs together */
 #endif
 #define TEAMS 2 /* teams of so many work-items a work-group */
 #define KEYS 4  /* pairs that a team places at once */

@@ -281,11 +281,12 @@ INLINE void test_candidates(local const candidate_t* candidates, const uint coun
 }
 #endif
 
-/* Finds the pairs of a tile with itself and later ones; a work-group a tile. `starts` are the first nodes of the levels,
-   `roots` is the number of nodes of the last one. */
+/* Finds the pairs of a tile with itself and later ones. `starts` are the first nodes of the levels, `roots` is the number of
+   nodes of the last one. Work-groups of dimension 0 stand for a tile each; those of dimension 1 share its search: the
+   tiles that the first of them visits are those whose bit is in `share`, among each 32, the next one's are one further. */
 kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_search(
-    const uint4 starts, const uint roots, global const float* restrict tree, global const uint2* restrict elements,
-    const uint any_filters, global const uint4* restrict filters, PAIR_SINK_PARAMETERS) {
+    const uint4 starts, const uint roots, const uint share, global const float* restrict tree,
+    global const uint2* restrict elements, const uint any_filters, global const uint4* restrict filters, PAIR_SINK_PARAMETERS) {
   const pair_sink_t sink = PAIR_SINK;
   const uint start_of[LEVELS] = {starts.x, starts.y, starts.z, starts.w};
   local uint2 hits[FLUSH + OWN * NODE];
@@ -319,6 +320,7 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_search(
     uint bits = overlapping(tree, start_of[level] + node, &bounds, &children);
     ++work;
     if (level > 0U) {
+      if (level == 1U) bits &= share << (uint)get_group_id(1);
       rest[level] = not_before(bits, node, tile >> (5U * (level - 1U)));
     } else {
       work += popcount(bits);

@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <nlohmann/json.hpp>
 
@@ -210,7 +211,10 @@ TEST_P(ProgramStages, LieInTheBroadPhaseOfTheirFrame) {
       names.push_back(event.name);
       sum += event.end - event.begin;
     }
-    EXPECT_EQ(std::set<std::string>(names.begin(), names.end()).size(), host_names().size());
+    // In the first frame there are no pairs to keep.
+    const bool is_first = frame == 0 && GetParam() == "brute-force";
+    EXPECT_EQ(std::set<std::string>(names.begin(), names.end()).size(),
+              host_names().size() - (is_first ? 1 : 0));
     EXPECT_GT(sum, 0);
     EXPECT_LE(sum, broad_phase.end - broad_phase.begin);
   }
@@ -276,8 +280,8 @@ TEST_P(ProgramStages, AreReportedWithProfile) {
   }
   // In the first frame all objects are new.
   Names expected = host_names();
-  if (GetParam() == "brute-force") expected.insert(expected.begin() + 1, "apply");
-  EXPECT_EQ(names, expected);
+  if (GetParam() == "brute-force") expected.emplace_back("apply");
+  EXPECT_THAT(names, testing::UnorderedElementsAreArray(expected));
   EXPECT_LE(sum, broad_phase);
 }
 

@@ -73,6 +73,18 @@ TEST(BruteForce, AppliesAndCarriesWhereFewMoved) {
   EXPECT_EQ(stages(broad_phase), (Names{"upload", "keep", "test", "order", "download", "wait"}));
 }
 
+/// In either shape more changes than are compared each with every other.
+TEST_P(EachAlgorithm, SmallManyChangesAreInOrder) {
+  constexpr std::uint32_t n = 100;
+  BroadPhase broad_phase(config());
+  for (std::uint32_t id = 0; id < n; ++id) broad_phase.add(unit);
+  EXPECT_TRUE(same(broad_phase.update(), all_pairs(n), {}));
+  for (std::uint32_t id = 0; id < n; ++id) broad_phase.move(id, apart(id));
+  EXPECT_TRUE(same(broad_phase.update(), {}, all_pairs(n)));
+  for (std::uint32_t id = 0; id < n; ++id) broad_phase.move(id, unit);
+  EXPECT_TRUE(same(broad_phase.update(), all_pairs(n), {}));
+}
+
 /// So many changes that they are counted into buckets, a few a bucket; then so many in one bucket, that of an
 /// object that meets all others, that they are sorted.
 TEST_P(EachAlgorithm, ManyChangesAreInOrder) {

@@ -41,7 +41,7 @@ struct Cut {
 };
 Cut cut(const opencl::Context& context) {
   if (context.shape() == opencl::Shape::cpu) return {.parts = 1, .group = 1, .chunk = 256, .few = 256};
-  return {.parts = 64, .group = 64, .chunk = 4, .few = 4096};
+  return {.parts = 128, .group = 256, .chunk = 1, .few = 4096};
 }
 
 using opencl::round_up;

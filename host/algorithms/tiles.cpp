@@ -20,6 +20,8 @@ constexpr unsigned code_bits = 31;
 constexpr std::size_t levels = 4;  // as many as a cl_uint4 has numbers
 
 constexpr std::size_t group = 64;  // of kernels that do a box a work-item
+constexpr std::size_t most_sharers = 8;
+constexpr std::size_t groups_per_unit = 64;  // of the search, as far as sharers can make so many
 /// Work that is reason enough to sort again, as a multiple of what there was when the order was new.
 constexpr double stale = 1.25;
 
@@ -119,10 +121,24 @@ class Tiles final : public PairFinder {
 
   void enqueue_search(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) {
     opencl::Profiler::Scope stage(profiler, "test");
-    cl_uint k = opencl::set_arguments(search_, 0, starts_, roots_, tree_, elements_,
+    const std::size_t tiles = divide_up(search.slots, node);
+    const std::size_t sharers = this->sharers(tiles);
+    cl_uint share = 0;
+    for (std::size_t k = 0; k < node; k += sharers) share |= cl_uint{1} << k;
+    cl_uint k = opencl::set_arguments(search_, 0, starts_, roots_, share, tree_, elements_,
                                       search.any_filters ? cl_uint{1} : cl_uint{0}, search.filters);
     sink.set_sink(search_, k);
-    enqueue(search_, divide_up(search.slots, node), stage.event());
+    context_.queue().enqueueNDRangeKernel(search_, cl::NullRange, cl::NDRange(tiles * group_, sharers),
+                                          cl::NDRange(group_, 1), nullptr, stage.event());
+  }
+
+  /// Work-groups that share the search of a tile: where there are few tiles, a GPU has too little to do else.
+  [[nodiscard]] std::size_t sharers(std::size_t tiles) const {
+    if (group_ == 1) return 1;
+    const std::size_t useful = std::size_t{context_.device().compute_units} * groups_per_unit;
+    std::size_t sharers = 1;
+    while (sharers < most_sharers && tiles * sharers * 2 <= useful) sharers *= 2;
+    return sharers;
   }
 
   void enqueue(const cl::Kernel& kernel, std::size_t groups, cl::Event* event) {
