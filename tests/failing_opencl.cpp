@@ -26,6 +26,16 @@ auto call_next(Function* /*type*/, const char* name, Arguments... arguments) {
   return reinterpret_cast<Function*>(dlsym(RTLD_NEXT, name))(arguments...);
 }
 
+/// A device that has failed does nothing any more, so what it was given before is done first.
+cl_int end_of(cl_command_queue queue) {
+  cl_event end = nullptr;
+  call_next(clEnqueueMarkerWithWaitList, "clEnqueueMarkerWithWaitList", queue, cl_uint{0},
+            static_cast<const cl_event*>(nullptr), &end);
+  call_next(clWaitForEvents, "clWaitForEvents", cl_uint{1}, static_cast<const cl_event*>(&end));
+  clReleaseEvent(end);
+  return CL_OUT_OF_RESOURCES;
+}
+
 }  // namespace
 
 FailingOpenCl::FailingOpenCl(long first, long count) {
@@ -45,6 +55,7 @@ long FailingOpenCl::calls() noexcept {
 }  // namespace broadcl::test
 
 using broadcl::test::call_next;
+using broadcl::test::end_of;
 using broadcl::test::fails;
 
 // Each stands before the loader's function of the same name, since a program's own symbols come first.
@@ -66,14 +77,14 @@ cl_int clSetKernelArg(cl_kernel kernel, cl_uint index, size_t size, const void* 
 cl_int clEnqueueNDRangeKernel(cl_command_queue queue, cl_kernel kernel, cl_uint dimensions,
                               const size_t* offset, const size_t* global, const size_t* local, cl_uint count,
                               const cl_event* events, cl_event* event) {
-  if (fails()) return CL_OUT_OF_RESOURCES;
+  if (fails()) return end_of(queue);
   return call_next(clEnqueueNDRangeKernel, "clEnqueueNDRangeKernel", queue, kernel, dimensions, offset,
                    global, local, count, events, event);
 }
 
 cl_int clEnqueueReadBuffer(cl_command_queue queue, cl_mem buffer, cl_bool blocking, size_t offset,
                            size_t size, void* host, cl_uint count, const cl_event* events, cl_event* event) {
-  if (fails()) return CL_OUT_OF_RESOURCES;
+  if (fails()) return end_of(queue);
   return call_next(clEnqueueReadBuffer, "clEnqueueReadBuffer", queue, buffer, blocking, offset, size, host,
                    count, events, event);
 }
@@ -81,7 +92,7 @@ cl_int clEnqueueReadBuffer(cl_command_queue queue, cl_mem buffer, cl_bool blocki
 cl_int clEnqueueWriteBuffer(cl_command_queue queue, cl_mem buffer, cl_bool blocking, size_t offset,
                             size_t size, const void* host, cl_uint count, const cl_event* events,
                             cl_event* event) {
-  if (fails()) return CL_OUT_OF_RESOURCES;
+  if (fails()) return end_of(queue);
   return call_next(clEnqueueWriteBuffer, "clEnqueueWriteBuffer", queue, buffer, blocking, offset, size, host,
                    count, events, event);
 }
@@ -89,7 +100,7 @@ cl_int clEnqueueWriteBuffer(cl_command_queue queue, cl_mem buffer, cl_bool block
 cl_int clEnqueueCopyBuffer(cl_command_queue queue, cl_mem from, cl_mem to, size_t from_offset,
                            size_t to_offset, size_t size, cl_uint count, const cl_event* events,
                            cl_event* event) {
-  if (fails()) return CL_OUT_OF_RESOURCES;
+  if (fails()) return end_of(queue);
   return call_next(clEnqueueCopyBuffer, "clEnqueueCopyBuffer", queue, from, to, from_offset, to_offset, size,
                    count, events, event);
 }
@@ -97,7 +108,7 @@ cl_int clEnqueueCopyBuffer(cl_command_queue queue, cl_mem from, cl_mem to, size_
 cl_int clEnqueueFillBuffer(cl_command_queue queue, cl_mem buffer, const void* pattern, size_t pattern_size,
                            size_t offset, size_t size, cl_uint count, const cl_event* events,
                            cl_event* event) {
-  if (fails()) return CL_OUT_OF_RESOURCES;
+  if (fails()) return end_of(queue);
   return call_next(clEnqueueFillBuffer, "clEnqueueFillBuffer", queue, buffer, pattern, pattern_size, offset,
                    size, count, events, event);
 }
@@ -106,7 +117,8 @@ void* clEnqueueMapBuffer(cl_command_queue queue, cl_mem buffer, cl_bool blocking
                          size_t offset, size_t size, cl_uint count, const cl_event* events, cl_event* event,
                          cl_int* error) {
   if (fails()) {
-    if (error != nullptr) *error = CL_OUT_OF_RESOURCES;
+    const cl_int code = end_of(queue);
+    if (error != nullptr) *error = code;
     return nullptr;
   }
   return call_next(clEnqueueMapBuffer, "clEnqueueMapBuffer", queue, buffer, blocking, flags, offset, size,
@@ -115,25 +127,26 @@ void* clEnqueueMapBuffer(cl_command_queue queue, cl_mem buffer, cl_bool blocking
 
 cl_int clEnqueueUnmapMemObject(cl_command_queue queue, cl_mem buffer, void* host, cl_uint count,
                                const cl_event* events, cl_event* event) {
-  if (fails()) return CL_OUT_OF_RESOURCES;
+  if (fails()) return end_of(queue);
   return call_next(clEnqueueUnmapMemObject, "clEnqueueUnmapMemObject", queue, buffer, host, count, events,
                    event);
 }
 
 cl_int clFlush(cl_command_queue queue) {
-  if (fails()) return CL_OUT_OF_RESOURCES;
+  if (fails()) return end_of(queue);
   return call_next(clFlush, "clFlush", queue);
 }
 
 cl_int clEnqueueMarkerWithWaitList(cl_command_queue queue, cl_uint count, const cl_event* events,
                                    cl_event* event) {
-  if (fails()) return CL_OUT_OF_RESOURCES;
+  if (fails()) return end_of(queue);
   return call_next(clEnqueueMarkerWithWaitList, "clEnqueueMarkerWithWaitList", queue, count, events, event);
 }
 
 cl_int clWaitForEvents(cl_uint count, const cl_event* events) {
-  if (fails()) return CL_OUT_OF_RESOURCES;
-  return call_next(clWaitForEvents, "clWaitForEvents", count, events);
+  const bool is_to_fail = fails();
+  const cl_int code = call_next(clWaitForEvents, "clWaitForEvents", count, events);
+  return is_to_fail ? CL_OUT_OF_RESOURCES : code;
 }
 
 }  // extern "C"

@@ -10,16 +10,15 @@
 #include <functional>
 #include <iterator>
 #include <memory>
-#include <set>
 #include <span>
 #include <string>
 #include <type_traits>
-#include <typeinfo>
 #include <utility>
 #include <vector>
 
 #include <broadcl/bullet.hpp>
 
+#include "bullet/cached_pairs.hpp"
 #include "bullet/pair_cache.hpp"
 #include "bullet/prediction.hpp"
 #include "bullet/proxy_pool.hpp"
@@ -33,11 +32,6 @@ void print(const std::string& error) {
   std::fprintf(stderr, "%s\n", error.c_str());
 }
 
-Pair pair_of(const btBroadphasePair& pair) {
-  return {static_cast<std::uint32_t>(pair.m_pProxy0->m_uniqueId),
-          static_cast<std::uint32_t>(pair.m_pProxy1->m_uniqueId)};
-}
-
 /// The ids of proxies that a query finds.
 struct Partners final : btBroadphaseAabbCallback {
   bool process(const btBroadphaseProxy* proxy) override {
@@ -46,45 +40,6 @@ struct Partners final : btBroadphaseAabbCallback {
   }
   std::vector<std::uint32_t> ids;
 };
-
-/// Finds what a cache that removes nothing by itself holds but should not. Of a pair that it holds twice, the
-/// one with an algorithm stays, wherever the removal of others has swapped it to.
-class RemoveStale final : public btOverlapCallback {
- public:
-  /// @param removed What ceased to overlap, in canonical order.
-  RemoveStale(std::span<const Pair> removed, const btOverlappingPairCache& cache) : removed_(removed) {
-    const int n = cache.getNumOverlappingPairs();
-    for (int k = 0; k < n; ++k) {
-      const btBroadphasePair& pair = cache.getOverlappingPairArrayPtr()[k];
-      if (is_whole(pair) && pair.m_algorithm != nullptr) have_algorithms_.insert(pair_of(pair));
-    }
-  }
-
-  bool processOverlap(btBroadphasePair& pair) override {
-    if (!is_whole(pair)) return true;
-    const Pair ids = pair_of(pair);
-    return std::binary_search(removed_.begin(), removed_.end(), ids) ||
-           !overlaps(box_of(*pair.m_pProxy0), box_of(*pair.m_pProxy1)) ||
-           (pair.m_algorithm == nullptr && have_algorithms_.contains(ids)) || !seen_.insert(ids).second;
-  }
-
- private:
-  static bool is_whole(const btBroadphasePair& pair) {
-    return pair.m_pProxy0 != nullptr && pair.m_pProxy1 != nullptr;
-  }
-
-  std::span<const Pair> removed_;
-  std::set<Pair> have_algorithms_;
-  std::set<Pair> seen_;
-};
-
-/// Whether a cache of this very class lets pairs in by their groups and masks, unless it has a callback. What
-/// another class does cannot be known.
-bool filters_by_masks(const btOverlappingPairCache& cache) {
-  const std::type_info& type = typeid(cache);
-  return type == typeid(PairCache) || type == typeid(btHashedOverlappingPairCache) ||
-         type == typeid(btSortedOverlappingPairCache) || type == typeid(btNullPairCache);
-}
 
 }  // namespace
 
@@ -383,8 +338,7 @@ class BulletBroadphase::Impl {
       cache_->removeOverlappingPair(&pool_[pair.a], &pool_[pair.b], dispatcher);
     }
     if (cache_->hasDeferredRemoval() && (!pairs.empty() || cache_was_changed)) {
-      RemoveStale remove_stale(pairs, *cache_);
-      cache_->processAllOverlappingPairs(&remove_stale, dispatcher);
+      remove_stale(*cache_, pairs, dispatcher);
     }
   }
 
