@@ -1,0 +1,167 @@
+// What may run in several threads at once. This file alone is also a program for ThreadSanitizer.
+#include <broadcl/broad_phase.hpp>
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <filesystem>
+#include <latch>
+#include <set>
+#include <string>
+#include <string_view>
+#include <thread>
+#include <utility>
+#include <vector>
+
+#include <gtest/gtest.h>
+
+#include "bullet_rig.hpp"
+#include "environment.hpp"
+#include "query_rig.hpp"
+
+namespace broadcl::test {
+namespace {
+
+const Kind& broadcl_kind = kinds.front();
+
+/// Calls a function with 0, 1, ... in as many threads, which start together, and waits for all.
+template <class Function>
+void in_threads(std::size_t count, const Function& function) {
+  std::latch start(static_cast<std::ptrdiff_t>(count));
+  std::vector<std::thread> threads;
+  threads.reserve(count);
+  for (std::size_t k = 0; k < count; ++k) {
+    threads.emplace_back([&start, &function, k] {
+      start.arrive_and_wait();
+      function(k);
+    });
+  }
+  for (std::thread& thread : threads) thread.join();
+}
+
+using Answer = std::multiset<const void*>;
+
+/// Rays and box queries of which many meet something.
+std::vector<Answer> ask(QueryRig& rig, unsigned seed) {
+  Random random(seed);
+  std::vector<Answer> answers;
+  for (int k = 0; k < 30; ++k) {
+    const btVector3 from = random.point(22);
+    const btVector3 to = random.point(22);
+    if (random.below(2) == 0) {
+      answers.push_back(rig.rays(from, to));
+    } else {
+      answers.push_back(rig.boxes(from, from + btVector3(4, 4, 4)));
+    }
+  }
+  return answers;
+}
+
+/// Moves, destroys and creates; the few rounds with all of the boxes keep the queries from using a tree.
+void change(QueryRig& rig, unsigned round) {
+  Random random(round);
+  const unsigned moves = round % 4 == 3 ? 400 : 5;
+  for (unsigned k = 0; k < moves; ++k) {
+    const btVector3 lower = random.point(20);
+    rig.move(rig.proxies()[random.below(static_cast<unsigned>(rig.proxies().size()))], lower,
+             lower + random.point(3));
+  }
+  btBroadphaseProxy* gone = rig.proxies()[random.below(static_cast<unsigned>(rig.proxies().size()))];
+  void* client = gone->m_clientObject;
+  rig.destroy(gone);
+  const btVector3 lower = random.point(20);
+  rig.create(lower, lower + random.point(3), 1, all_bits, client);
+  if (round % 3 == 0) rig.calculate();
+}
+
+TEST(Threads, QueriesRightAfterChangesAnswerAsOneAfterTheOther) {
+  QueryRig rig(broadcl_kind);
+  QueryRig alone(broadcl_kind);
+  std::size_t met = 0;
+  for (unsigned round = 0; round < 40; ++round) {
+    change(rig, round);
+    change(alone, round);
+    std::array<std::vector<Answer>, 4> answers;
+    in_threads(answers.size(), [&](std::size_t k) { answers.at(k) = ask(rig, static_cast<unsigned>(k)); });
+    for (std::size_t k = 0; k < answers.size(); ++k) {
+      ASSERT_EQ(answers.at(k), ask(alone, static_cast<unsigned>(k))) << "round " << round << ", thread " << k;
+      for (const Answer& answer : answers.at(k)) met += answer.size();
+    }
+  }
+  EXPECT_GT(met, 1000U);
+}
+
+/// The pairs of each frame of a whole life, from creation to destruction.
+std::vector<std::vector<std::pair<int, int>>> life(unsigned seed) {
+  Rig rig(broadcl_kind);
+  Random random(seed);
+  std::vector<std::vector<std::pair<int, int>>> frames;
+  for (int frame = 0; frame < 10; ++frame) {
+    for (int call = 0; call < 20; ++call) {
+      const btVector3 lower = random.point(6);
+      const btVector3 upper = lower + btVector3(2, 2, 2);
+      if (rig.proxies().size() < 60) {
+        rig.create(lower, upper);
+      } else if (random.below(6) == 0) {
+        rig.destroy(rig.proxies()[random.below(60)]);
+      } else {
+        rig.move(rig.proxies()[random.below(60)], lower, upper);
+      }
+    }
+    rig.calculate();
+    frames.push_back(rig.ids());
+  }
+  return frames;
+}
+
+TEST(Threads, TwoOfBulletsBroadPhasesLiveSideBySide) {
+  const std::array expected{life(0), life(1)};
+  EXPECT_GT(expected[0].back().size(), 20U);
+  EXPECT_NE(expected[0], expected[1]);
+  for (int round = 0; round < 3; ++round) {
+    std::array<std::vector<std::vector<std::pair<int, int>>>, 2> frames;
+    in_threads(frames.size(), [&](std::size_t k) { frames.at(k) = life(static_cast<unsigned>(k)); });
+    ASSERT_EQ(frames, expected) << "round " << round;
+  }
+}
+
+/// The changes of each frame of boxes that walk through each other.
+std::vector<std::vector<Pair>> walk(std::string_view algorithm, std::size_t stride) {
+  BroadPhase broad_phase({.algorithm = std::string(algorithm)});
+  std::vector<std::vector<Pair>> frames;
+  for (std::size_t frame = 0; frame < 8; ++frame) {
+    const std::span<Aabb> boxes = broad_phase.map(64);
+    for (std::size_t k = 0; k < boxes.size(); ++k) {
+      const auto x = static_cast<float>((k + frame * k * stride) % 50);
+      boxes[k] = {{x, 0, 0}, {x + 1, 1, 1}};
+    }
+    const Delta delta = broad_phase.update();
+    frames.emplace_back(delta.added.begin(), delta.added.end());
+    frames.emplace_back(delta.removed.begin(), delta.removed.end());
+  }
+  return frames;
+}
+
+TEST(Threads, TwoBroadPhasesShareAFolderOfPrograms) {
+  const std::array expected{walk("oracle", 1), walk("oracle", 2)};
+  EXPECT_GT(expected[0].back().size(), 5U);
+  for (const AlgorithmInfo& algorithm : algorithms()) {
+    if (!algorithm.on_device) continue;
+    const ScopedFolder folder;
+    const ScopedVariable variable("BROADCL_CACHE_DIR", folder.path().string());
+    for (const std::string_view round : {"both compile", "both load"}) {
+      std::array<std::vector<std::vector<Pair>>, 2> frames;
+      in_threads(frames.size(), [&](std::size_t k) { frames.at(k) = walk(algorithm.name, k + 1); });
+      ASSERT_EQ(frames, expected) << algorithm.name << ", " << round;
+    }
+    std::size_t programs = 0;
+    for (const std::filesystem::directory_entry& file : std::filesystem::directory_iterator(folder.path())) {
+      EXPECT_EQ(file.path().extension(), ".clbin") << file;
+      ++programs;
+    }
+    EXPECT_GT(programs, 0U) << algorithm.name;
+  }
+}
+
+}  // namespace
+}  // namespace broadcl::test
