@@ -51,10 +51,10 @@ class QueryRig : public Rig {
  public:
   explicit QueryRig(const Kind& kind) : Rig(kind) {
     Random random(8);
-    for (std::size_t k = 0; k < clients_.size(); ++k) {
+    for (std::size_t k = 0; k < clients.size(); ++k) {
       const btVector3 lower = random.point(20);
       const btVector3 upper = lower + random.point(3);
-      move(create(lower, upper, static_cast<int>(k % 3), 0, &clients_[k]), lower, upper);
+      move(create(lower, upper, static_cast<int>(k % 3), 0, &clients[k]), lower, upper);
     }
   }
   std::multiset<const void*> boxes(const btVector3& lower, const btVector3& upper) {
@@ -69,7 +69,7 @@ class QueryRig : public Rig {
   }
 
  private:
-  inline static std::array<int, 400> clients_{};  // the same for all, so that answers can be compared
+  inline static std::array<int, 400> clients{};  // the same for all, so that answers can be compared
 };
 
 }  // namespace broadcl::test
