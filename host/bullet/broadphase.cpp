@@ -305,7 +305,8 @@ class BulletBroadphase::Impl {
   [[nodiscard]] std::vector<Pair> refused_and_not_cached(std::span<const Pair> pairs) const {
     std::vector<Pair> refused = intersection(pairs, refused_);
     std::erase_if(refused, [&](const Pair& pair) {
-      return cache_->findPair(&pool_[pair.a], &pool_[pair.b]) != nullptr;
+      return is_known(pair.a) && is_known(pair.b) &&
+             cache_->findPair(&pool_[pair.a], &pool_[pair.b]) != nullptr;
     });
     return refused;
   }
