@@ -24,6 +24,8 @@ constexpr std::size_t most_sharers = 8;
 constexpr std::size_t groups_per_unit = 64;  // of the search, as far as sharers can make so many
 /// Work that is reason enough to sort again, as a multiple of what there was when the order was new.
 constexpr double stale = 1.25;
+/// Frames after which the order is taken to be old where its work is not known.
+constexpr std::size_t unwatched = 8;
 
 using opencl::divide_up;
 using opencl::round_up;
@@ -74,11 +76,13 @@ class Tiles final : public PairFinder {
   }
 
   /// Whether the order is of other slots, or has made the last frame's work grow. The first frame in a new
-  /// order says how much work there is to be.
+  /// order that is followed by another one here says how much work there is to be. Only tiles count work:
+  /// where there was none, another finder was asked, and the order's age must do.
   bool is_stale(const Search& search, const PairDelta& sink) {
     if (search.slots != sorted_slots_) return true;
     if (sink.frames() == sorted_frame_) return false;
-    if (sink.frames() == sorted_frame_ + 1) fresh_work_ = sink.work();
+    if (sink.work() == 0) return sink.frames() - sorted_frame_ > unwatched;
+    if (fresh_work_ == 0) fresh_work_ = sink.work();
     return static_cast<double>(sink.work()) > stale * static_cast<double>(fresh_work_);
   }
 
@@ -101,6 +105,7 @@ class Tiles final : public PairFinder {
     sort_.enqueue(elements_, scratch_, search.slots, std::array{opencl::RadixSort::Bits{32, code_bits}});
     sorted_slots_ = search.slots;
     sorted_frame_ = sink.frames();
+    fresh_work_ = 0;
   }
 
   /// Puts boxes and bounds into the tree.
@@ -158,7 +163,7 @@ class Tiles final : public PairFinder {
   cl_uint roots_ = 0;
   std::size_t sorted_slots_ = 0;
   std::size_t sorted_frame_ = 0;
-  std::size_t fresh_work_ = 0;  // of the first frame in this order
+  std::size_t fresh_work_ = 0;  // of the first frame known in this order; 0 before it is
 };
 
 }  // namespace
