@@ -6,7 +6,8 @@
 // in the
 //                        caller's hands, in 256 consecutive frames in which every box moves
 // update-from-memory/... the same from boxes in ordinary memory
-// some-moving/M/N        the same as update for the default algorithm, but only M of N boxes move
+// some-moving/ALGORITHM/M/N
+//                        the same as update, but only M of N boxes move
 // frame/NAME/SCENE/N     a frame through Bullet's interface in which every box moves: setAabb for each, from
 // ordinary
 //                        memory, then calculateOverlappingPairs
@@ -118,8 +119,9 @@ void time_update(benchmark::State& state, const AlgorithmInfo& algorithm, const 
   frames.report();
 }
 
-void time_some_moving(benchmark::State& state, std::uint32_t n, std::uint32_t moving) {
-  BroadPhase broad_phase;
+void time_some_moving(benchmark::State& state, const AlgorithmInfo& algorithm, std::uint32_t n,
+                      std::uint32_t moving) {
+  BroadPhase broad_phase({.algorithm = std::string(algorithm.name)});
   MovingBoxes boxes(n, MovingBoxes::Sizes::uniform);
   for (const Aabb& box : boxes.boxes()) broad_phase.add(box);
   (void)broad_phase.update();
@@ -164,7 +166,7 @@ void time_frame(benchmark::State& state, const std::string& name, const Scene& s
 
 void register_all() {
   for (const AlgorithmInfo& algorithm : algorithms()) {
-    if (!algorithm.on_device) continue;
+    if (!algorithm.on_device || algorithm.name == "auto") continue;
     for (const std::uint32_t n : {3500U, 16384U, 65536U}) {
       const std::string name = "kernel/" + std::string(algorithm.name) + "/" + std::to_string(n);
       benchmark::RegisterBenchmark(name.c_str(), time_kernel, algorithm, n)
@@ -174,19 +176,23 @@ void register_all() {
     }
   }
   for (const std::uint32_t moving : {0U, 30U, 300U, 3000U, 30000U}) {
-    const std::string name = "some-moving/" + std::to_string(moving) + "/30000";
-    benchmark::RegisterBenchmark(name.c_str(), time_some_moving, 30000U, moving)
-        ->UseManualTime()
-        ->Iterations(256)
-        ->Unit(benchmark::kMicrosecond);
+    for (const AlgorithmInfo& algorithm : algorithms()) {
+      if (!algorithm.on_device || algorithm.name == "gpu-bf") continue;
+      const std::string name =
+          "some-moving/" + std::string(algorithm.name) + "/" + std::to_string(moving) + "/30000";
+      benchmark::RegisterBenchmark(name.c_str(), time_some_moving, algorithm, 30000U, moving)
+          ->UseManualTime()
+          ->Iterations(256)
+          ->Unit(benchmark::kMicrosecond);
+    }
   }
   for (const Scene& scene : scene_list) {
-    for (const std::uint32_t n : {3500U, 16000U, 64000U, 256000U, 1000000U}) {
+    for (const std::uint32_t n : {500U, 3500U, 16000U, 64000U, 256000U, 1000000U}) {
       for (const AlgorithmInfo& algorithm : algorithms()) {
         // Those that test all pairs take too long beyond.
-        const std::uint32_t most = algorithm.name == "tiles"    ? 1000000
-                                   : algorithm.name == "gpu-bf" ? 3500
-                                                                : 16000;
+        const std::uint32_t most = algorithm.name == "brute-force" ? 16000
+                                   : algorithm.name == "gpu-bf"    ? 3500
+                                                                   : 1000000;
         if (!algorithm.on_device || n > most) continue;
         for (const From from : {From::staging, From::memory}) {
           const std::string name = std::string(from == From::staging ? "update/" : "update-from-memory/") +

@@ -158,7 +158,7 @@ TEST_F(OnCallersQueue, BadInputIsNamed) {
 
   EXPECT_THAT(test::error_of([&] { DeviceBroadPhase refused(nullptr); }), HasSubstr("null"));
   EXPECT_THAT(test::error_of([&] { DeviceBroadPhase refused(queue_(), {.algorithm = "gpu-bf"}); }),
-              HasSubstr("use one of: brute-force"));
+              HasSubstr("use one of: auto, brute-force"));
   cl::CommandQueue disordered;
   try {
     disordered = cl::CommandQueue(context_, device_, CL_QUEUE_OUT_OF_ORDER_EXEC_MODE_ENABLE);

@@ -214,7 +214,7 @@ TEST_P(EachAlgorithm, RandomOperationsInFlightAreThoseOfOneUpdate) {
 /// was done before and in flight is there, and the next update has the right changes.
 TEST(BruteForce, ExhaustedMemoryInFlightLosesNothing) {
   constexpr std::uint32_t few = 20;
-  BroadPhase broad_phase;
+  BroadPhase broad_phase({.algorithm = "brute-force"});
   const std::uint64_t limit = broad_phase.device()->max_allocation;
   // The list of pairs alone takes 8 bytes a pair.
   const auto n = static_cast<std::uint32_t>(std::sqrt(static_cast<double>(limit) / 4)) + 2;

@@ -197,7 +197,7 @@ TEST(BruteForce, AHundredThousandBoxes) {
   if (is_slow_device()) GTEST_SKIP() << "takes minutes on this device";
   constexpr std::uint32_t n = 100'000;
   scenes::MovingBoxes boxes(n, scenes::MovingBoxes::Sizes::uniform);
-  BroadPhase broad_phase;
+  BroadPhase broad_phase({.algorithm = "brute-force"});
   for (const Aabb& box : boxes.boxes()) broad_phase.add(box);
   ASSERT_TRUE(same(broad_phase.update(), sweep(boxes.boxes()), {}));
   std::vector<Aabb> moved(boxes.boxes().begin(), boxes.boxes().end());

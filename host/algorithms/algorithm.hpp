@@ -88,6 +88,7 @@ struct AlgorithmRow {
 [[nodiscard]] MakePairFinder find_pair_finder(std::string_view name);
 
 // One line an algorithm, each defined in the file of its name.
+[[nodiscard]] std::unique_ptr<PairFinder> make_auto(const opencl::Context& context);
 [[nodiscard]] std::unique_ptr<PairFinder> make_brute_force(const opencl::Context& context);
 [[nodiscard]] std::unique_ptr<PairFinder> make_tiles(const opencl::Context& context);
 [[nodiscard]] std::unique_ptr<Algorithm> make_gpu_bf(const BroadPhase::Config& config);

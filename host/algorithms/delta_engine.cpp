@@ -54,6 +54,7 @@ class DeltaEngine final : public Algorithm {
     return guard([&] {
       const Delta delta = delta_.finish();
       objects_.commit();
+      finder_->ended();
       return delta;
     });
   }

@@ -21,6 +21,8 @@ class PairFinder {
   /// again for the same search, where the sink was too small.
   /// @throws cl::Error, Error
   virtual void find(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) = 0;
+  /// The changes of the search are there. Not called where it failed.
+  virtual void ended() {}
 };
 
 }  // namespace broadcl

@@ -10,6 +10,11 @@ namespace broadcl {
 namespace {
 
 constexpr std::array rows{
+    AlgorithmRow{{.name = "auto",
+                  .summary = "brute-force or tiles, whichever frames have shown to be faster",
+                  .on_device = true},
+                 nullptr,
+                 make_auto},
     AlgorithmRow{{.name = "brute-force",
                   .summary = "brute force, pairs and their changes found on the device",
                   .on_device = true},

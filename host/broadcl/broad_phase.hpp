@@ -40,8 +40,8 @@ struct AlgorithmInfo {
 class BroadPhase {
  public:
   struct Config {
-    std::string device{};                   ///< As select_device() takes it.
-    std::string algorithm = "brute-force";  ///< A name of algorithms().
+    std::string device{};            ///< As select_device() takes it.
+    std::string algorithm = "auto";  ///< A name of algorithms().
     bool profile = false;  ///< Measure stages on the device too; costs a few microseconds an update.
   };
 

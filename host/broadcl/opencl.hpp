@@ -28,8 +28,8 @@ namespace broadcl {
 class DeviceBroadPhase {
  public:
   struct Config {
-    std::string algorithm = "brute-force";  ///< A name of algorithms() that finds pairs on the device.
-    bool profile = false;  ///< Measure stages on the device: the queue must have profiling enabled.
+    std::string algorithm = "auto";  ///< A name of algorithms() that finds pairs on the device.
+    bool profile = false;            ///< Measure stages on the device: the queue must have profiling enabled.
   };
 
   /// Boxes of the caller, in a buffer of the queue's context. Only read, and only by commands that begin()

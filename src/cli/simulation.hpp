@@ -18,11 +18,11 @@ namespace broadcl::cli {
 struct SimulationConfig {
   scenes::Scenario::Config scenario{.name = "mixed-sizes"};
   std::uint32_t frames = 2048;
-  std::string broadphase = "gpu-bf";  ///< A name of scenes::broadphases().
-  std::string device;                 ///< As select_device() takes it.
-  bool verify = false;                ///< Compare every frame with the oracle.
-  bool profile = false;               ///< Report the stages of the broad phase.
-  bool trace = false;                 ///< Keep the stages for a trace.
+  std::string broadphase = "auto";  ///< A name of scenes::broadphases().
+  std::string device;               ///< As select_device() takes it.
+  bool verify = false;              ///< Compare every frame with the oracle.
+  bool profile = false;             ///< Report the stages of the broad phase.
+  bool trace = false;               ///< Keep the stages for a trace.
 };
 
 /// How the frames compare with the oracle. Broad phases that are not exact may have extra pairs.
