@@ -76,7 +76,7 @@ void Chooser::learn(double seconds) {
     --s.trial;
     return;
   }
-  double wait = static_cast<double>(s.interval);
+  auto wait = static_cast<double>(s.interval);
   if (s.costs[1 - s.best].typical()) {
     const double ratio = expected(1 - s.best, s, work_) / expected(s.best, s, work_);
     wait = std::max(wait, patience * (ratio - 1));

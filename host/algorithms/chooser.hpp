@@ -36,7 +36,7 @@ struct CostModel {
 /// models is never asked.
 class Chooser {
  public:
-  static constexpr double hopeless = 8;
+  static constexpr double hopeless = 4;
 
   explicit Chooser(const std::array<CostModel, 2>& models) : models_(models) {}
 

@@ -42,6 +42,7 @@ class DeltaEngine final : public Algorithm {
     profiler_.begin();
     guard([&] {
       const Search search = objects_.upload(changes);
+      // NOLINTNEXTLINE(bugprone-exception-escape): handles do not throw when moved
       delta_.begin({.search = search, .find = [this, search] { finder_->find(search, delta_, profiler_); }});
     });
   }
