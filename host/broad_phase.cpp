@@ -362,6 +362,10 @@ const Device* BroadPhase::device() const noexcept {
   return impl_->algorithm().device();
 }
 
+MemoryUse BroadPhase::memory() const noexcept {
+  return impl_->algorithm().memory();
+}
+
 const AlgorithmInfo& BroadPhase::algorithm() const noexcept {
   return impl_->row().info;
 }

@@ -58,7 +58,7 @@ class DeviceBroadPhase::Impl {
     translate([&] {
       gather_ = cl::Kernel(program, "gather_boxes");
       bad_ = opencl::SharedBuffer(context_, sizeof(Bad));
-      unused_ = cl::Buffer(context_.context(), CL_MEM_READ_WRITE, sizeof(cl_uint));
+      unused_ = context_.buffer(sizeof(cl_uint));
     });
   }
 
@@ -164,7 +164,7 @@ class DeviceBroadPhase::Impl {
   void grow(cl::Buffer& buffer, std::size_t count, std::size_t size) const {
     const std::size_t bytes = (count + Search::padding) * size;
     if (buffer() != nullptr && buffer.getInfo<CL_MEM_SIZE>() >= bytes) return;
-    buffer = cl::Buffer(context_.context(), CL_MEM_READ_WRITE, bytes + bytes / 2);
+    buffer = context_.buffer(bytes + bytes / 2);
   }
 
   /// Objects as of one update.

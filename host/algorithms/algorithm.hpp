@@ -58,6 +58,8 @@ class Algorithm {
   [[nodiscard]] virtual std::vector<Pair> pairs() const = 0;
   /// The device in use, null on the host.
   [[nodiscard]] virtual const Device* device() const noexcept = 0;
+  /// What it holds on the device and for it; nothing on the host.
+  [[nodiscard]] virtual MemoryUse memory() const noexcept { return {}; }
   [[nodiscard]] virtual std::span<const Stage> profile() const noexcept = 0;
 };
 

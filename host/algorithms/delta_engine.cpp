@@ -65,6 +65,7 @@ class DeltaEngine final : public Algorithm {
   }
 
   [[nodiscard]] const Device* device() const noexcept override { return &context_.device(); }
+  [[nodiscard]] MemoryUse memory() const noexcept override { return context_.memory(); }
   [[nodiscard]] std::span<const Stage> profile() const noexcept override { return profiler_.stages(); }
 
  private:

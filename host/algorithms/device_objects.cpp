@@ -41,14 +41,11 @@ void DeviceObjects::reserve(std::size_t slots) {
   opencl::translate_errors(context_.device().label(), [&] {
     const std::size_t capacity =
         std::min(most_slots, std::max({slots, boxes().size() * 3 / 2, std::size_t{256}}));
-    const auto buffer = [&](std::size_t bytes) {
-      return cl::Buffer(context_.context(), CL_MEM_READ_WRITE, bytes);
-    };
     const std::size_t bytes = (capacity + Search::padding) * sizeof(Aabb);
     opencl::PinnedBuffer boxes(context_, bytes);
-    cl::Buffer last = buffer(bytes);
-    cl::Buffer next = buffer(bytes);
-    cl::Buffer stamps = buffer(capacity * sizeof(cl_uint));
+    cl::Buffer last = context_.buffer(bytes);
+    cl::Buffer next = context_.buffer(bytes);
+    cl::Buffer stamps = context_.buffer(capacity * sizeof(cl_uint));
     context_.queue().enqueueFillBuffer(stamps, cl_uint{0}, 0, capacity * sizeof(cl_uint));
     if (last_.slots > 0) {
       context_.queue().enqueueCopyBuffer(last_.boxes, last, 0, 0, last_.slots * sizeof(Aabb));
@@ -76,8 +73,7 @@ void DeviceObjects::upload_filters(const Changes& changes) {
   if (next_.filter_capacity < count) {
     next_.filter_capacity = 0;
     const std::size_t capacity = boxes().size();
-    next_.filters =
-        cl::Buffer(context_.context(), CL_MEM_READ_WRITE, (capacity + Search::padding) * sizeof(Filter));
+    next_.filters = context_.buffer((capacity + Search::padding) * sizeof(Filter));
     next_.filter_capacity = capacity;
   }
   // Blocking, since the caller may change them during the update.
@@ -118,12 +114,12 @@ void DeviceObjects::upload_changes(const Changes& changes) {
   const std::size_t capacity = slots.size() + slots.size() / 2;
   if (staged_changes_.bytes() < slots.size() * sizeof(Change)) {
     opencl::PinnedBuffer staged(context_, capacity * sizeof(Change));
-    changes_ = cl::Buffer(context_.context(), CL_MEM_READ_WRITE, capacity * sizeof(Change));
+    changes_ = context_.buffer(capacity * sizeof(Change));
     staged_changes_ = std::move(staged);
   }
   if (next_.changed_capacity < slots.size()) {
     next_.changed_capacity = 0;
-    next_.changed = cl::Buffer(context_.context(), CL_MEM_READ_WRITE, capacity * sizeof(cl_uint));
+    next_.changed = context_.buffer(capacity * sizeof(cl_uint));
     next_.changed_capacity = capacity;
   }
   auto* out = reinterpret_cast<Change*>(staged_changes_.host());

@@ -74,7 +74,7 @@ cl::Buffer PairDelta::buffer(std::size_t bytes) const {
                 std::to_string(context_.device().max_allocation) +
                 " at most; use fewer boxes, or a device with more memory");
   }
-  return {context_.context(), CL_MEM_READ_WRITE, bytes};
+  return context_.buffer(bytes);
 }
 
 PairDelta::List PairDelta::make_list(std::size_t capacity) const {
@@ -291,7 +291,7 @@ void PairDelta::copy_added(const Counts& counts, const cl::Buffer& to) const {
 void PairDelta::sort(const cl::Buffer& pairs, std::size_t n) const {
   if (n < 2) return;
   const auto bits = static_cast<unsigned>(std::bit_width(std::max<std::size_t>(slots_, frame_.search.slots)));
-  const cl::Buffer scratch(context_.context(), CL_MEM_READ_WRITE, n * sizeof(Pair));
+  const cl::Buffer scratch = context_.buffer(n * sizeof(Pair));
   sort_.enqueue(pairs, scratch, n,
                 std::array{opencl::RadixSort::Bits{0, bits}, opencl::RadixSort::Bits{32, bits}});
 }
@@ -319,7 +319,7 @@ void PairDelta::sort_changes(const Counts& counts) {
 
 cl::Buffer PairDelta::sorted_pairs() const {
   const std::size_t bytes = std::max<std::size_t>(1, last_.found) * sizeof(Pair);
-  cl::Buffer copy(context_.context(), CL_MEM_READ_WRITE, bytes);
+  cl::Buffer copy = context_.buffer(bytes);
   if (last_.found == 0) return copy;
   context_.queue().enqueueCopyBuffer(last_.pairs, copy, 0, 0, bytes);
   sort(copy, last_.found);

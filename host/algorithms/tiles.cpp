@@ -42,7 +42,7 @@ class Tiles final : public PairFinder {
       fill_ = cl::Kernel(program, "tiles_fill");
       raise_ = cl::Kernel(program, "tiles_raise");
       search_ = cl::Kernel(program, "tiles_search");
-      extent_ = cl::Buffer(context.context(), CL_MEM_READ_WRITE, 6 * sizeof(cl_uint));
+      extent_ = context.buffer(6 * sizeof(cl_uint));
     });
   }
 
@@ -60,18 +60,15 @@ class Tiles final : public PairFinder {
     capacity_ = 0;
     sorted_slots_ = 0;
     const std::size_t capacity = round_up(slots + slots / 2, node);
-    const auto buffer = [&](std::size_t bytes) {
-      return cl::Buffer(context_.context(), CL_MEM_READ_WRITE, bytes);
-    };
-    elements_ = buffer(capacity * sizeof(cl_ulong));
-    scratch_ = buffer(capacity * sizeof(cl_ulong));
+    elements_ = context_.buffer(capacity * sizeof(cl_ulong));
+    scratch_ = context_.buffer(capacity * sizeof(cl_ulong));
     std::size_t nodes = 0;
     for (std::size_t level = 0, size = capacity; level < levels; ++level) {
       starts_.s[level] = static_cast<cl_uint>(nodes);
       size = divide_up(size, node);
       nodes += size;
     }
-    tree_ = buffer(nodes * node_bytes);
+    tree_ = context_.buffer(nodes * node_bytes);
     capacity_ = capacity;
   }
 

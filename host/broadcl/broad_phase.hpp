@@ -15,6 +15,7 @@
 #include <broadcl/device.hpp>
 #include <broadcl/error.hpp>
 #include <broadcl/filter.hpp>
+#include <broadcl/memory.hpp>
 #include <broadcl/pair.hpp>
 #include <broadcl/profile.hpp>
 
@@ -110,6 +111,10 @@ class BroadPhase {
 
   /// The algorithm in use.
   [[nodiscard]] const AlgorithmInfo& algorithm() const noexcept;
+
+  /// Memory on the device and for it; none for an algorithm of the host. Buffers grow with boxes and pairs,
+  /// and never shrink.
+  [[nodiscard]] MemoryUse memory() const noexcept;
 
   /// The stages of the last update, in order; none where nothing had moved. Valid until the next.
   [[nodiscard]] std::span<const Stage> profile() const noexcept;

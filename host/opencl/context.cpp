@@ -1,5 +1,6 @@
 #include "opencl/context.hpp"
 
+#include <algorithm>
 #include <optional>
 #include <utility>
 #include <vector>
@@ -67,6 +68,39 @@ Context::Context(const cl::CommandQueue& queue) : device_(describe(queue)), shap
     context_ = queue.getInfo<CL_QUEUE_CONTEXT>();
     queue_ = queue;
   });
+}
+
+cl::Buffer Context::counted(std::size_t bytes, cl_mem_flags flags,
+                            std::atomic<std::size_t> Memory::*place) const {
+  struct Claim {
+    std::shared_ptr<Memory> memory;
+    std::atomic<std::size_t> Memory::*place;
+    std::size_t bytes;
+  };
+  std::unique_ptr<Claim> claim(new Claim{memory_, place, bytes});
+  cl::Buffer buffer(context_, CL_MEM_READ_WRITE | flags, bytes);
+  buffer.setDestructorCallback(
+      [](cl_mem /*buffer*/, void* data) {
+        const std::unique_ptr<Claim> ended(static_cast<Claim*>(data));
+        *ended->memory.*ended->place -= ended->bytes;
+      },
+      claim.get());
+  (void)claim.release();  // it is the callback's
+  *memory_.*place += bytes;
+  memory_->device_peak = std::max<std::size_t>(memory_->device_peak, memory_->device);
+  return buffer;
+}
+
+cl::Buffer Context::buffer(std::size_t bytes, cl_mem_flags flags) const {
+  return counted(bytes, flags, &Memory::device);
+}
+
+cl::Buffer Context::pinned(std::size_t bytes) const {
+  return counted(bytes, CL_MEM_ALLOC_HOST_PTR, &Memory::pinned);
+}
+
+MemoryUse Context::memory() const noexcept {
+  return {.device = memory_->device, .device_peak = memory_->device_peak, .pinned = memory_->pinned};
 }
 
 cl::Program Context::program(std::string_view file, const std::string& options) const {

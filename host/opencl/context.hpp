@@ -1,9 +1,13 @@
 #pragma once
 
+#include <atomic>
+#include <cstddef>
+#include <memory>
 #include <string>
 #include <string_view>
 
 #include <broadcl/device.hpp>
+#include <broadcl/memory.hpp>
 
 #include "opencl/api.hpp"
 #include "opencl/program_cache.hpp"
@@ -31,6 +35,17 @@ class Context {
   /// each shape can be tested on any device.
   [[nodiscard]] Shape shape() const noexcept { return shape_; }
 
+  /// A buffer on the device, not initialised.
+  /// @param bytes At least 1.
+  /// @param flags Besides CL_MEM_READ_WRITE.
+  /// @throws cl::Error
+  [[nodiscard]] cl::Buffer buffer(std::size_t bytes, cl_mem_flags flags = 0) const;
+  /// The same in pinned memory of the host.
+  [[nodiscard]] cl::Buffer pinned(std::size_t bytes) const;
+  /// What the buffers that buffer() and pinned() made hold. One counts until nothing refers to it, commands
+  /// and kernel arguments included.
+  [[nodiscard]] MemoryUse memory() const noexcept;
+
   /// Builds a kernel file, or takes its binary from the cache.
   /// @param file Name of a file of kernels/.
   /// @param options For the compiler, for instance "-DWIDTH=8".
@@ -38,12 +53,23 @@ class Context {
   [[nodiscard]] cl::Program program(std::string_view file, const std::string& options = {}) const;
 
  private:
+  /// Bytes of buffers. A driver may free one on a thread of its own, and after the context.
+  struct Memory {
+    std::atomic<std::size_t> device{0};
+    std::atomic<std::size_t> pinned{0};
+    std::size_t device_peak = 0;
+  };
+
+  [[nodiscard]] cl::Buffer counted(std::size_t bytes, cl_mem_flags flags,
+                                   std::atomic<std::size_t> Memory::*place) const;
+
   Device device_;
   Shape shape_;
   cl::Device cl_device_;
   cl::Context context_;
   cl::CommandQueue queue_;
   ProgramCache cache_;
+  std::shared_ptr<Memory> memory_ = std::make_shared<Memory>();
 };
 
 }  // namespace broadcl::opencl

@@ -5,9 +5,7 @@
 namespace broadcl::opencl {
 
 PinnedBuffer::PinnedBuffer(const Context& context, std::size_t bytes)
-    : queue_(context.queue()),
-      buffer_(context.context(), CL_MEM_READ_WRITE | CL_MEM_ALLOC_HOST_PTR, bytes),
-      bytes_(bytes) {
+    : queue_(context.queue()), buffer_(context.pinned(bytes)), bytes_(bytes) {
   host_ = static_cast<std::byte*>(
       queue_.enqueueMapBuffer(buffer_, CL_TRUE, CL_MAP_READ | CL_MAP_WRITE, 0, bytes_));
 }

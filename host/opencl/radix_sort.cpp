@@ -72,8 +72,7 @@ void RadixSort::enqueue(const cl::Buffer& elements, const cl::Buffer& scratch, s
   }
   const Blocks blocks = cut_into_blocks(context_, n, tile, longest_block);
   if (blocks.count > most_blocks_) {
-    counts_ = cl::Buffer(context_.context(), CL_MEM_READ_WRITE,
-                         (std::size_t{blocks.count} << digit_bits) * sizeof(cl_uint));
+    counts_ = context_.buffer((std::size_t{blocks.count} << digit_bits) * sizeof(cl_uint));
     most_blocks_ = blocks.count;
   }
   std::array<const cl::Buffer*, 2> buffers{&elements, &scratch};

@@ -31,7 +31,7 @@ Scan::Scan(const Context& context) : context_(context) {
   const cl::Program program = context.program("scan.cl", "-DGROUP=" + std::to_string(cut_of(context).group));
   sums_ = cl::Kernel(program, "scan_sums");
   blocks_ = cl::Kernel(program, "scan_blocks");
-  block_sums_ = cl::Buffer(context.context(), CL_MEM_READ_WRITE, most_blocks * sizeof(cl_uint));
+  block_sums_ = context.buffer(most_blocks * sizeof(cl_uint));
 }
 
 void Scan::enqueue(const cl::Buffer& values, std::size_t n) {

@@ -7,8 +7,8 @@ namespace broadcl::opencl {
 SharedBuffer::SharedBuffer(const Context& context, std::size_t bytes)
     : queue_(context.queue()), bytes_(bytes) {
   const bool shared = context.device().host_unified;
-  device_ = cl::Buffer(context.context(), CL_MEM_READ_WRITE | (shared ? CL_MEM_ALLOC_HOST_PTR : 0), bytes);
-  if (!shared) pinned_ = cl::Buffer(context.context(), CL_MEM_READ_WRITE | CL_MEM_ALLOC_HOST_PTR, bytes);
+  device_ = context.buffer(bytes, shared ? CL_MEM_ALLOC_HOST_PTR : 0);
+  if (!shared) pinned_ = context.pinned(bytes);
   cl::Event mapped;
   map(&mapped);
   mapped.wait();

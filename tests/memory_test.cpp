@@ -1,0 +1,105 @@
+#include <broadcl/broad_phase.hpp>
+
+#include <algorithm>
+#include <string>
+
+#include <gtest/gtest.h>
+
+#include "each_algorithm.hpp"
+#include "opencl/context.hpp"
+#include "opencl/pinned_buffer.hpp"
+#include "opencl/shared_buffer.hpp"
+#include "scenes/generators.hpp"
+
+/// How much memory there is on the device.
+namespace broadcl::test {
+namespace {
+
+using scenes::MovingBoxes;
+
+TEST(Memory, BuffersCountUntilNothingRefersToThem) {
+  const opencl::Context context(select_device(), false);
+  EXPECT_EQ(context.memory().device, 0U);
+  {
+    const cl::Buffer first = context.buffer(1000);
+    EXPECT_EQ(context.memory().device, 1000U);
+    cl::Buffer second = context.buffer(500);
+    const cl::Buffer same = second;
+    second = {};
+    EXPECT_EQ(context.memory().device, 1500U);
+  }
+  EXPECT_EQ(context.memory().device, 0U);
+  EXPECT_EQ(context.memory().device_peak, 1500U);
+  EXPECT_EQ(context.memory().pinned, 0U);
+  {
+    const opencl::PinnedBuffer pinned(context, 100);
+    EXPECT_EQ(context.memory().pinned, 100U);
+    const opencl::SharedBuffer shared(context, 10);
+    EXPECT_EQ(context.memory().device, 10U);
+    EXPECT_EQ(context.memory().pinned, context.device().host_unified ? 100U : 110U);
+  }
+  context.queue().finish();  // what unmaps them may keep them until then
+  EXPECT_EQ(context.memory().pinned, 0U);
+  EXPECT_EQ(context.memory().device, 0U);
+  EXPECT_EQ(context.memory().device_peak, 1500U);
+}
+
+TEST(Memory, AlgorithmsOfTheHostHaveNoneOnADevice) {
+  BroadPhase broad_phase({.algorithm = "oracle"});
+  broad_phase.add(unit);
+  (void)broad_phase.update();
+  EXPECT_EQ(broad_phase.memory().device, 0U);
+  EXPECT_EQ(broad_phase.memory().device_peak, 0U);
+  EXPECT_EQ(broad_phase.memory().pinned, 0U);
+}
+
+/// What there may be for n boxes and the most pairs of a frame, with room to grow.
+std::size_t allowed(std::size_t boxes, std::size_t pairs) {
+  constexpr std::size_t fixed = 1 << 20;  // for any number of boxes
+  return (128 * boxes + 40 * pairs) * 3 / 2 + fixed;
+}
+
+class MemoryOf : public ::testing::TestWithParam<std::string> {};
+
+TEST_P(MemoryOf, BoxesAndPairsIsBounded) {
+  for (const MovingBoxes::Sizes sizes : {MovingBoxes::Sizes::uniform, MovingBoxes::Sizes::mixed}) {
+    for (const std::uint32_t n : {1000U, 10'000U, 40'000U}) {
+      if (n > 1000 && is_slow_device()) continue;
+      if (n > 10'000 && GetParam() == "brute-force") continue;
+      for (const bool one_by_one : {false, true}) {
+        MovingBoxes scene(n, sizes);
+        BroadPhase broad_phase({.algorithm = GetParam()});
+        std::size_t pairs = 0;
+        std::size_t most = 0;
+        for (int frame = 0; frame < 20; ++frame) {
+          if (one_by_one) {
+            for (std::uint32_t id = 0; id < n; ++id) {
+              if (frame == 0) broad_phase.add(scene.boxes()[id]);
+              broad_phase.move(id, scene.boxes()[id]);
+            }
+          } else {
+            std::ranges::copy(scene.boxes(), broad_phase.map(n).begin());
+          }
+          const Delta delta = broad_phase.update();
+          pairs = pairs + delta.added.size() - delta.removed.size();
+          most = std::max(most, pairs);
+          scene.advance();
+        }
+        const MemoryUse memory = broad_phase.memory();
+        const std::string what = std::to_string(n) + (sizes == MovingBoxes::Sizes::mixed ? " mixed" : "") +
+                                 (one_by_one ? ", one by one" : "");
+        EXPECT_GE(memory.device, 52 * n + 24 * most) << what;
+        EXPECT_LE(memory.device, allowed(n, most)) << what;
+        EXPECT_LE(memory.device_peak, allowed(n, most)) << what;
+        printf("%s %s: %zu pairs, now %zu, peak %zu, pinned %zu, allowed %zu\n", GetParam().c_str(),
+               what.c_str(), most, memory.device, memory.device_peak, memory.pinned, allowed(n, most));
+      }
+    }
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(Table, MemoryOf, ::testing::Values("brute-force", "tiles"),
+                         [](const auto& test) { return test.param == "tiles" ? "tiles" : "brute_force"; });
+
+}  // namespace
+}  // namespace broadcl::test
