@@ -88,11 +88,9 @@ TEST_P(MemoryOf, BoxesAndPairsIsBounded) {
         const MemoryUse memory = broad_phase.memory();
         const std::string what = std::to_string(n) + (sizes == MovingBoxes::Sizes::mixed ? " mixed" : "") +
                                  (one_by_one ? ", one by one" : "");
-        EXPECT_GE(memory.device, 52 * n + 24 * most) << what;
+        EXPECT_GE(memory.device, std::size_t{52} * n + 24 * most) << what;
         EXPECT_LE(memory.device, allowed(n, most)) << what;
         EXPECT_LE(memory.device_peak, allowed(n, most)) << what;
-        printf("%s %s: %zu pairs, now %zu, peak %zu, pinned %zu, allowed %zu\n", GetParam().c_str(),
-               what.c_str(), most, memory.device, memory.device_peak, memory.pinned, allowed(n, most));
       }
     }
   }

@@ -93,6 +93,9 @@ struct AlgorithmRow {
 [[nodiscard]] std::unique_ptr<PairFinder> make_auto(const opencl::Context& context);
 [[nodiscard]] std::unique_ptr<PairFinder> make_brute_force(const opencl::Context& context);
 [[nodiscard]] std::unique_ptr<PairFinder> make_tiles(const opencl::Context& context);
+/// @param stale Work that is reason enough to sort again, as a multiple of what there was when the order was
+///   new: 0 sorts in every frame, infinity only where the number of slots changed.
+[[nodiscard]] std::unique_ptr<PairFinder> make_tiles(const opencl::Context& context, double stale);
 [[nodiscard]] std::unique_ptr<Algorithm> make_gpu_bf(const BroadPhase::Config& config);
 [[nodiscard]] std::unique_ptr<Algorithm> make_sweep_and_prune(const BroadPhase::Config& config);
 [[nodiscard]] std::unique_ptr<Algorithm> make_oracle(const BroadPhase::Config& config);

@@ -22,8 +22,7 @@ constexpr std::size_t levels = 4;  // as many as a cl_uint4 has numbers
 constexpr std::size_t group = 64;  // of kernels that do a box a work-item
 constexpr std::size_t most_sharers = 8;
 constexpr std::size_t groups_per_unit = 64;  // of the search, as far as sharers can make so many
-/// Work that is reason enough to sort again, as a multiple of what there was when the order was new.
-constexpr double stale = 1.25;
+constexpr double default_stale = 1.25;
 /// Frames after which the order is taken to be old where its work is not known.
 constexpr std::size_t unwatched = 8;
 
@@ -33,8 +32,11 @@ using opencl::round_up;
 /// Boxes in an order of space, under a tree of bounds: kernels/tiles.cl.
 class Tiles final : public PairFinder {
  public:
-  explicit Tiles(const opencl::Context& context)
-      : context_(context), group_(context.shape() == opencl::Shape::cpu ? 1 : node), sort_(context) {
+  Tiles(const opencl::Context& context, double stale)
+      : context_(context),
+        stale_(stale),
+        group_(context.shape() == opencl::Shape::cpu ? 1 : node),
+        sort_(context) {
     const cl::Program program = context.program("tiles.cl", "-DGROUP=" + std::to_string(group_));
     opencl::translate_errors(context.device().label(), [&] {
       extent_kernel_ = cl::Kernel(program, "tiles_extent");
@@ -80,7 +82,7 @@ class Tiles final : public PairFinder {
     if (sink.frames() == sorted_frame_) return false;
     if (sink.work() == 0) return sink.frames() - sorted_frame_ > unwatched;
     if (fresh_work_ == 0) fresh_work_ = sink.work();
-    return static_cast<double>(sink.work()) > stale * static_cast<double>(fresh_work_);
+    return static_cast<double>(sink.work()) > stale_ * static_cast<double>(fresh_work_);
   }
 
   void sort(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) {
@@ -149,6 +151,7 @@ class Tiles final : public PairFinder {
   }
 
   const opencl::Context& context_;
+  double stale_;  // see make_tiles()
   std::size_t group_;
   opencl::RadixSort sort_;
   cl::Kernel extent_kernel_, keys_, fill_, raise_, search_;
@@ -166,7 +169,11 @@ class Tiles final : public PairFinder {
 }  // namespace
 
 std::unique_ptr<PairFinder> make_tiles(const opencl::Context& context) {
-  return std::make_unique<Tiles>(context);
+  return make_tiles(context, default_stale);
+}
+
+std::unique_ptr<PairFinder> make_tiles(const opencl::Context& context, double stale) {
+  return std::make_unique<Tiles>(context, stale);
 }
 
 }  // namespace broadcl
