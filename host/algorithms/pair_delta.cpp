@@ -31,6 +31,7 @@ constexpr std::size_t group = 64;  // work-items a work-group that orders change
 // As kernels/order.cl has them.
 constexpr std::size_t teams = 2;
 constexpr std::size_t keys = 4;
+constexpr std::size_t changes_multiple = 2 * teams * keys;
 
 /// How kernels are cut.
 struct Cut {
@@ -45,6 +46,12 @@ Cut cut(const opencl::Context& context) {
 }
 
 using opencl::round_up;
+
+/// Room for the changes of a frame after one that had so many. What is read by the host gets a fifth more
+/// where it grows, and so is half as large again as it must be.
+std::size_t usual_room(std::size_t changes) {
+  return round_up(std::max(least_changes, changes + changes / 4), changes_multiple);
+}
 
 }  // namespace
 
@@ -97,7 +104,7 @@ void PairDelta::reserve(std::size_t capacity) {
 
 void PairDelta::reserve_result(std::size_t changes) {
   const std::size_t bytes = count_bytes + changes * sizeof(Pair);
-  if (result_.bytes() < bytes) result_ = opencl::SharedBuffer(context_, bytes + bytes / 2);
+  if (result_.bytes() < bytes) result_ = opencl::SharedBuffer(context_, bytes + bytes / 5);
 }
 
 void PairDelta::reserve_buckets() {
@@ -107,11 +114,14 @@ void PairDelta::reserve_buckets() {
     buckets_ = buffer(2 * (slots + slots / 4) * sizeof(cl_uint));
     bucket_capacity_ = slots + slots / 4;
   }
-  if (scattered_capacity_ < room_) {
-    scattered_capacity_ = 0;
-    scattered_ = buffer((room_ + room_ / 4) * sizeof(Pair));
-    scattered_capacity_ = room_ + room_ / 4;
-  }
+  reserve_scattered(room_);
+}
+
+void PairDelta::reserve_scattered(std::size_t changes) {
+  if (scattered_capacity_ >= changes) return;
+  scattered_capacity_ = 0;
+  scattered_ = buffer(changes * sizeof(Pair));
+  scattered_capacity_ = changes;
 }
 
 void PairDelta::set_sink(cl::Kernel& kernel, cl_uint first) const {
@@ -215,8 +225,8 @@ void PairDelta::begin(Frame frame) {
     room_ = least_changes;
   } else {
     many_ = last_longest_ > cut(context_).few;
-    room_ = round_up(std::max(least_changes, many_ ? last_changes_ + last_changes_ / 2 : 3 * last_longest_),
-                     2 * teams * keys);
+    room_ = many_ ? usual_room(last_changes_)
+                  : round_up(std::max(least_changes, 3 * last_longest_), changes_multiple);
   }
   expected_ = std::clamp(last_changes_ + last_changes_ / 8, least_changes, room_);
   reserve_result(room_);
@@ -273,8 +283,7 @@ PairDelta::OnDevice PairDelta::finish_on_device() {
     const opencl::Profiler::Scope stage(profiler_, "sort");
     added_ = buffer(std::max<std::size_t>(1, counts.added) * sizeof(Pair));
     copy_added(counts, added_);
-    sort(added_, counts.added);
-    sort(removed_, counts.removed);
+    sort_lists(added_, counts);
   }
   commit(counts);
   return {added_, counts.added, removed_, counts.removed, counts.found};
@@ -288,22 +297,27 @@ void PairDelta::copy_added(const Counts& counts, const cl::Buffer& to) const {
 }
 
 /// Pairs are of slots below both those of this frame and of the last.
-void PairDelta::sort(const cl::Buffer& pairs, std::size_t n) const {
-  if (n < 2) return;
+void PairDelta::sort(const cl::Buffer& pairs, std::size_t n, const cl::Buffer& scratch) const {
   const auto bits = static_cast<unsigned>(std::bit_width(std::max<std::size_t>(slots_, frame_.search.slots)));
-  const cl::Buffer scratch = context_.buffer(n * sizeof(Pair));
   sort_.enqueue(pairs, scratch, n,
                 std::array{opencl::RadixSort::Bits{0, bits}, opencl::RadixSort::Bits{32, bits}});
+}
+
+/// Sorts what was added, and what was removed.
+void PairDelta::sort_lists(const cl::Buffer& added, const Counts& counts) {
+  // As much as the next frame will want.
+  reserve_scattered(usual_room(counts.added + counts.removed));
+  sort(added, counts.added, scattered_);
+  sort(removed_, counts.removed, scattered_);
 }
 
 void PairDelta::sort_changes(const Counts& counts) {
   {
     opencl::Profiler::Scope stage(profiler_, "sort");
-    reserve_result(counts.added + counts.removed);
+    reserve_result(usual_room(counts.added + counts.removed));
     const cl::Buffer added = buffer(std::max<std::size_t>(1, counts.added) * sizeof(Pair));
     copy_added(counts, added);
-    sort(added, counts.added);
-    sort(removed_, counts.removed);
+    sort_lists(added, counts);
     result_.lend();
     const cl::CommandQueue& queue = context_.queue();
     const std::size_t bytes = counts.added * sizeof(Pair);
@@ -322,7 +336,7 @@ cl::Buffer PairDelta::sorted_pairs() const {
   cl::Buffer copy = context_.buffer(bytes);
   if (last_.found == 0) return copy;
   context_.queue().enqueueCopyBuffer(last_.pairs, copy, 0, 0, bytes);
-  sort(copy, last_.found);
+  sort(copy, last_.found, context_.buffer(bytes));
   return copy;
 }
 

@@ -88,6 +88,7 @@ class PairDelta {
   void reserve(std::size_t capacity);
   void reserve_result(std::size_t changes);
   void reserve_buckets();
+  void reserve_scattered(std::size_t changes);
   void enqueue();
   void enqueue_keep();
   /// Brings the counts and the first changes to the host.
@@ -100,7 +101,8 @@ class PairDelta {
   /// As they must be when a frame begins.
   void clear_counts();
   /// Puts the first n pairs of a buffer in canonical order.
-  void sort(const cl::Buffer& pairs, std::size_t n) const;
+  void sort(const cl::Buffer& pairs, std::size_t n, const cl::Buffer& scratch) const;
+  void sort_lists(const cl::Buffer& added, const Counts& counts);
   void copy_added(const Counts& counts, const cl::Buffer& to) const;
   void sort_changes(const Counts& counts);
   void enqueue_order_few();
