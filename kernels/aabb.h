@@ -16,19 +16,20 @@ typedef struct {
   float bound[AABB_FLOATS];
 } box_t;
 
-static inline box_t load_box(global const float* boxes, const uint slot) {
+/* (Not returned as a value: Oclgrind 21.10 does not know what its compiler makes of that in a function that was inlined
+   twice.) */
+static inline void load_box(box_t* box, global const float* boxes, const uint slot) {
   global const float2* p = (global const float2*)(boxes + (size_t)slot * AABB_FLOATS);
-  const float2 p0 = p[0];
-  const float2 p1 = p[1];
-  const float2 p2 = p[2];
-  const box_t box = {{p0.x, p0.y, p1.x, p1.y, p2.x, p2.y}};
-  return box;
+  for (uint i = 0; i < AABB_FLOATS / 2U; ++i) {
+    const float2 two = p[i];
+    box->bound[2U * i] = two.x;
+    box->bound[2U * i + 1U] = two.y;
+  }
 }
 
-/* Overlaps nothing. */
-static inline box_t empty_box(void) {
-  const box_t box = {{NAN, NAN, NAN, NAN, NAN, NAN}};
-  return box;
+/* A box that overlaps nothing. */
+static inline void make_empty(box_t* box) {
+  for (uint i = 0; i < AABB_FLOATS; ++i) box->bound[i] = NAN;
 }
 
 static inline bool boxes_overlap(const box_t* s, const box_t* t) {

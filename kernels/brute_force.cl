@@ -93,8 +93,10 @@ static inline may_t may_overlap(const boxes_t* s, const row_t t) {
 #define LANES(may, s, t) test_boxes(s, t)
 
 static inline bool overlap(global const float* boxes, const uint a, const uint b) {
-  const box_t s = load_box(boxes, a);
-  const box_t t = load_box(boxes, b);
+  box_t s;
+  box_t t;
+  load_box(&s, boxes, a);
+  load_box(&t, boxes, b);
   return boxes_overlap(&s, &t);
 }
 #else

@@ -15,8 +15,10 @@ static inline bool is_kept(const uint2 pair, const uint slots, global const floa
                            global const uint* stamps) {
   if (pair.y >= slots) return false;
   if (any_renewed != 0U && (is_renewed(stamps[pair.x], stamp) || is_renewed(stamps[pair.y], stamp))) return false;
-  const box_t s = load_box(boxes, pair.x);
-  const box_t t = load_box(boxes, pair.y);
+  box_t s;
+  box_t t;
+  load_box(&s, boxes, pair.x);
+  load_box(&t, boxes, pair.y);
   return boxes_overlap(&s, &t) && (any_filters == 0U || may_pair(filters[pair.x], filters[pair.y]));
 }
 

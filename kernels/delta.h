@@ -42,11 +42,14 @@ typedef struct {
   {capacity, pairs, last_boxes, last_slots, last_filters, any_last_filters, any_renewed, stamp, stamps, counts}
 
 /* The box that a slot's object had in the last frame; an empty one where it was not there. */
-static inline box_t last_box(const pair_sink_t* sink, const uint slot) {
+static inline void load_last_box(box_t* box, const pair_sink_t* sink, const uint slot) {
   const bool was_there =
       slot < sink->last_slots && (sink->any_renewed == 0U || !is_renewed(sink->stamps[slot], sink->stamp));
-  if (was_there) return load_box(sink->last_boxes, slot);
-  return empty_box();
+  if (was_there) {
+    load_box(box, sink->last_boxes, slot);
+  } else {
+    make_empty(box);
+  }
 }
 
 /* Whether two objects whose boxes of the last frame overlap were a pair. */
@@ -55,8 +58,10 @@ static inline bool could_pair(const pair_sink_t* sink, const uint2 pair) {
 }
 
 static inline bool was_in_last_frame(const pair_sink_t* sink, const uint2 pair) {
-  const box_t s = last_box(sink, pair.x);
-  const box_t t = last_box(sink, pair.y);
+  box_t s;
+  box_t t;
+  load_last_box(&s, sink, pair.x);
+  load_last_box(&t, sink, pair.y);
   return boxes_overlap(&s, &t) && could_pair(sink, pair);
 }
 

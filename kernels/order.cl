@@ -26,11 +26,14 @@ typedef struct {
   global const uint2* removed;
 } changes_t;
 
-static inline changes_t changes_of(const uint last_found, global const uint2* pairs, global const uint2* removed,
-                                   global const uint* counts) {
+/* (Not returned as a value: Oclgrind 21.10 does not know what its compiler makes of that.) */
+static inline void find_changes(changes_t* changes, const uint last_found, global const uint2* pairs,
+                                global const uint2* removed, global const uint* counts) {
   const uint kept = last_found - counts[COUNT_REMOVED];
-  const changes_t changes = {counts[COUNT_FOUND] - kept, counts[COUNT_REMOVED], pairs + kept, removed};
-  return changes;
+  changes->added_count = counts[COUNT_FOUND] - kept;
+  changes->removed_count = counts[COUNT_REMOVED];
+  changes->added = pairs + kept;
+  changes->removed = removed;
 }
 
 /* For few changes: puts each pair at the place that the number of smaller ones in its list gives it. Work-items of
@@ -50,7 +53,8 @@ kernel __attribute__((reqd_work_group_size(PARTS, TEAMS, 1))) void order_few(
   }
   if (!all_fit(counts, capacity)) return;
 
-  const changes_t changes = changes_of(last_found, pairs, removed, counts);
+  changes_t changes;
+  find_changes(&changes, last_found, pairs, removed, counts);
   const uint size = is_added ? changes.added_count : changes.removed_count;
   global const uint2* list = is_added ? changes.added : changes.removed;
   global uint2* to = (global uint2*)(result + COUNTS) + (is_added ? 0U : changes.added_count);
@@ -100,7 +104,8 @@ static inline uint bucket_of(const changes_t* changes, const uint k, const uint2
 
 /* Adds up the changes of each bucket: `slots` for what was added, as many for what was removed. */
 kernel void order_count(CHANGES_PARAMETERS) {
-  const changes_t changes = changes_of(last_found, pairs, removed, counts);
+  changes_t changes;
+  find_changes(&changes, last_found, pairs, removed, counts);
   const uint n = changes_to_order(&changes, room, capacity, counts);
   (void)scattered;
   for (uint k = (uint)get_global_id(0); k < n; k += (uint)get_global_size(0)) {
@@ -111,7 +116,8 @@ kernel void order_count(CHANGES_PARAMETERS) {
 
 /* Puts the changes into their buckets. Where a bucket began, it ends afterwards. */
 kernel void order_scatter(CHANGES_PARAMETERS) {
-  const changes_t changes = changes_of(last_found, pairs, removed, counts);
+  changes_t changes;
+  find_changes(&changes, last_found, pairs, removed, counts);
   const uint n = changes_to_order(&changes, room, capacity, counts);
   for (uint k = (uint)get_global_id(0); k < n; k += (uint)get_global_size(0)) {
     const uint2 pair = change(&changes, k);
@@ -127,7 +133,8 @@ kernel void order_place(CHANGES_PARAMETERS, global uint* restrict next_counts, g
     next_counts[i] = 0;
   }
   if (counts[COUNT_UNORDERED] != 0U) return;
-  const changes_t changes = changes_of(last_found, pairs, removed, counts);
+  changes_t changes;
+  find_changes(&changes, last_found, pairs, removed, counts);
   const uint n = changes_to_order(&changes, room, capacity, counts);
   for (uint k = item; k < n; k += (uint)get_global_size(0)) {
     const uint2 pair = scattered[k];

@@ -263,7 +263,8 @@ INLINE void test_candidates(local const candidate_t* candidates, const uint coun
   for (uint first = 0; first < count; first += GROUP) {
     const uint k = min(first + (uint)get_local_id(0), count - 1U);
     const candidate_t other = candidates[k];
-    const box_t last = last_box(sink, other.slot);
+    box_t last;
+    load_last_box(&last, sink, other.slot);
     for (uint part = 0; part < NODE; part += OWN) {
       for (uint i = part; i < part + OWN; ++i) {
         const candidate_t mine = own[i];
@@ -304,10 +305,16 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_search(
   own[lane].box = child_of(tree, tile, lane);
   own[lane].place = my_place;
   own[lane].slot = elements[my_place].x;
-  own_last[lane] = last_box(&sink, own[lane].slot);
+  box_t mine;
+  load_last_box(&mine, &sink, own[lane].slot);
+  own_last[lane] = mine;
   uint count = 0;
 #else
-  for (uint child = 0; child < NODE; ++child) own_last[child] = last_box(&sink, elements[tile * NODE + child].x);
+  for (uint child = 0; child < NODE; ++child) {
+    box_t mine;
+    load_last_box(&mine, &sink, elements[tile * NODE + child].x);
+    own_last[child] = mine;
+  }
 #endif
   if (get_local_id(0) == 0) found = 0;
 
@@ -344,7 +351,8 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_search(
         uint own = overlapping(tree, tile, &box, &children);
         if (node == tile) own &= (1U << child) - 1U;
         if (own == 0U) continue;
-        const box_t last = last_box(&sink, slot);
+        box_t last;
+        load_last_box(&last, &sink, slot);
         for (; own != 0U; own &= own - 1U) {
           const uint mine = lowest_bit(own);
           const uint my_slot = elements[tile * NODE + mine].x;
