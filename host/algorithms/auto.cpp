@@ -20,7 +20,7 @@ std::array<CostModel, 2> models(const opencl::Context& context) {
   const bool is_cpu = context.shape() == opencl::Shape::cpu;
   const double units = context.device().compute_units / (is_cpu ? 2.0 : 132.0);
   if (is_cpu) return {CostModel{1e-4, 50e-9 / units, 0.09e-9 / units}, CostModel{1e-4, 150e-9 / units, 0}};
-  return {CostModel{40e-6, 0.7e-9 / units, 0.5e-12 / units}, CostModel{100e-6, 2.5e-9 / units, 0}};
+  return {CostModel{40e-6, 0.7e-9 / units, 0.5e-12 / units}, CostModel{66e-6, 1.25e-9 / units, 0}};
 }
 
 /// The one of two that is expected to be cheaper, search by search. A stage of its name tells which it was.
