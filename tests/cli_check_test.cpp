@@ -55,7 +55,8 @@ TEST_F(ProgramWrongKernels, CheckSaysThatItDoesNotWork) {
 }
 
 TEST_F(ProgramWrongKernels, SimulateNamesTheFirstWrongFrame) {
-  const Outcome outcome = run("simulate --objects 40 --frames 3 --verify --json run.json", environment_);
+  const Outcome outcome =
+      run("simulate --broadphase gpu-bf --objects 40 --frames 3 --verify --json run.json", environment_);
   EXPECT_EQ(outcome.exit_code, 1);
   EXPECT_EQ(outcome.err, "");
   EXPECT_NE(outcome.out.find("\nverified      WRONG, first in frame 0; "), std::string::npos) << outcome.out;
