@@ -42,9 +42,14 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void delta_keep(
   for (uint k = 0; k < CHUNK; ++k) {
     const uint place = first + k * GROUP;
     if (place >= last_found) break;
-    kept[k] = is_kept(last[place], slots, boxes, any_filters, filters, any_renewed, stamp, stamps) ? 1 : 0;
-    kept_count += kept[k];
-    removed_count += 1U - kept[k];
+    /* (By a branch: what Oclgrind 21.10 makes of this condition as a number is not always 1.) */
+    if (is_kept(last[place], slots, boxes, any_filters, filters, any_renewed, stamp, stamps)) {
+      kept[k] = 1;
+      ++kept_count;
+    } else {
+      kept[k] = 0;
+      ++removed_count;
+    }
   }
   uint next_removed = atomic_add(&totals[0], removed_count);
   uint next_kept = atomic_add(&totals[1], kept_count);

@@ -167,7 +167,7 @@ Search DeviceObjects::upload(const Changes& changes) {
           .same_filters = !are_filters_new_};
 }
 
-void DeviceObjects::commit() noexcept {
+void DeviceObjects::commit() {
   std::swap(last_, next_);
   if (are_filters_new_) return;
   std::swap(last_.filters, next_.filters);

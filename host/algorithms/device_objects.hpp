@@ -31,7 +31,7 @@ class DeviceObjects {
   /// @throws cl::Error
   Search upload(const Changes& changes);
   /// The update succeeded: what it searched is the last one's from now on.
-  void commit() noexcept;
+  void commit();
 
  private:
   /// Objects as of one update.
