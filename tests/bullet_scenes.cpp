@@ -127,6 +127,15 @@ class SoftBodies final : public SoftScene {
     ball.m_cfg.collisions |= btSoftBody::fCollision::VF_SS;
     ball.setVelocity({0, -8, 0});
   }
+  SoftBodies(const SoftBodies&) = delete;
+  SoftBodies& operator=(const SoftBodies&) = delete;
+  SoftBodies(SoftBodies&&) = delete;
+  SoftBodies& operator=(SoftBodies&&) = delete;
+  /// A pair of a soft body refers to a part of the world that Bullet destroys before the pairs.
+  ~SoftBodies() override {
+    btSoftBodyArray& bodies = world().getSoftBodyArray();
+    while (bodies.size() > 0) world().removeSoftBody(bodies[0]);
+  }
 
  private:
   void before_step(int frame) override {
