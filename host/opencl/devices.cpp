@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cctype>
 #include <functional>
+#include <mutex>
 #include <optional>
 #include <string>
 
@@ -128,6 +129,9 @@ std::string Device::label() const {
 }
 
 std::vector<Device> devices() {
+  // PoCL 3.1 gives out devices that another thread's first call is still setting up.
+  static std::mutex mutex;
+  const std::scoped_lock lock(mutex);
   std::vector<Device> result;
   const std::vector<cl::Platform> platforms = all_platforms();
   for (std::size_t p = 0; p < platforms.size(); ++p) {
