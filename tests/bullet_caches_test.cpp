@@ -52,7 +52,7 @@ TEST_P(Contract, S21ADeferredRemovalCacheIsCleanedByTheCalculation) {
   rig.calculate();
   EXPECT_EQ(rig.pair_count(), 3);
   int ends = 0;
-  rig.find(first, mover)->m_algorithm = CountingAlgorithm::make(rig.dispatcher(), ends);
+  rig.find(first, mover)->m_algorithm = MortalAlgorithm::make(rig.dispatcher(), [&] { ++ends; });
   rig.move(mover, 77);
   for (int k = 0; k < 200 && rig.has(first, mover); ++k) rig.calculate();
   EXPECT_EQ(rig.pair_count(), 1);
@@ -70,7 +70,7 @@ TEST_P(Contract, S22CleaningAProxyFreesAlgorithmsAndKeepsPairs) {
   btBroadphaseProxy* second = rig.create_unit(0.5F);
   rig.calculate();
   int ends = 0;
-  rig.find(first, second)->m_algorithm = CountingAlgorithm::make(rig.dispatcher(), ends);
+  rig.find(first, second)->m_algorithm = MortalAlgorithm::make(rig.dispatcher(), [&] { ++ends; });
   rig.cache().cleanProxyFromPairs(first, &rig.dispatcher());
   EXPECT_EQ(ends, 1);
   rig.calculate();

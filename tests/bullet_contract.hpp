@@ -5,7 +5,6 @@
 // bullet_proxies_test.cpp, 7 to 18 in bullet_pairs_test.cpp, 20 to 24 in bullet_caches_test.cpp, 25 to 28 in
 // bullet_queries_test.cpp, 29 to 33 in bullet_life_test.cpp. 19 (boxes of double builds are rounded outward)
 // is in bullet_float64_test.cpp.
-#include <BulletCollision/BroadphaseCollision/btCollisionAlgorithm.h>
 #include <BulletCollision/BroadphaseCollision/btOverlappingPairCache.h>
 #include <BulletCollision/BroadphaseCollision/btOverlappingPairCallback.h>
 
@@ -18,6 +17,7 @@
 #include <gtest/gtest.h>
 
 #include "bullet_rig.hpp"
+#include "mortal_algorithm.hpp"
 
 namespace broadcl::test {
 
@@ -47,31 +47,6 @@ class Contract : public testing::TestWithParam<Kind> {
  private:
   testing::TestPartResultArray intercepted_;
   std::optional<testing::ScopedFakeTestPartResultReporter> reporter_;
-};
-
-/// An algorithm that counts its ends.
-class CountingAlgorithm final : public btCollisionAlgorithm {
- public:
-  explicit CountingAlgorithm(int& ends) : ends_(ends) {}
-  ~CountingAlgorithm() override { ++ends_; }
-  CountingAlgorithm(const CountingAlgorithm&) = delete;
-  CountingAlgorithm& operator=(const CountingAlgorithm&) = delete;
-  CountingAlgorithm(CountingAlgorithm&&) = delete;
-  CountingAlgorithm& operator=(CountingAlgorithm&&) = delete;
-  void processCollision(const btCollisionObjectWrapper* /*a*/, const btCollisionObjectWrapper* /*b*/,
-                        const btDispatcherInfo& /*info*/, btManifoldResult* /*result*/) override {}
-  btScalar calculateTimeOfImpact(btCollisionObject* /*a*/, btCollisionObject* /*b*/,
-                                 const btDispatcherInfo& /*info*/, btManifoldResult* /*result*/) override {
-    return 1;
-  }
-  void getAllContactManifolds(btManifoldArray& /*manifolds*/) override {}
-
-  static btCollisionAlgorithm* make(btDispatcher& dispatcher, int& ends) {
-    return new (dispatcher.allocateCollisionAlgorithm(sizeof(CountingAlgorithm))) CountingAlgorithm(ends);
-  }
-
- private:
-  int& ends_;
 };
 
 /// What ghosts are told.

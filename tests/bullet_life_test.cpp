@@ -60,7 +60,7 @@ TEST_P(Contract, S31TheEndCopesWithLiveProxiesAndADeadDispatcher) {
     }
     broadphase->calculateOverlappingPairs(dispatcher.get());
     ASSERT_EQ(cache.getNumOverlappingPairs(), 3);
-    cache.getOverlappingPairArray()[0].m_algorithm = CountingAlgorithm::make(*dispatcher, ends);
+    cache.getOverlappingPairArray()[0].m_algorithm = MortalAlgorithm::make(*dispatcher, [&] { ++ends; });
     dispatcher.reset();
   }
   EXPECT_TRUE(dead);

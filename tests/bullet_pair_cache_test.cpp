@@ -2,7 +2,6 @@
 // same order, the same calls to ghosts and the same algorithms freed.
 #include "bullet/pair_cache.hpp"
 
-#include <BulletCollision/BroadphaseCollision/btCollisionAlgorithm.h>
 #include <BulletCollision/CollisionDispatch/btCollisionDispatcher.h>
 #include <BulletCollision/CollisionDispatch/btDefaultCollisionConfiguration.h>
 
@@ -20,34 +19,13 @@
 #include <gtest/gtest.h>
 
 #include "bullet_rig.hpp"
+#include "mortal_algorithm.hpp"
 #include "scenes/random.hpp"
 
 namespace broadcl {
 namespace {
 
 using scenes::Random;
-
-/// Tells of its end.
-class Algorithm final : public btCollisionAlgorithm {
- public:
-  Algorithm(int number, std::vector<int>& ended) : number_(number), ended_(ended) {}
-  ~Algorithm() override { ended_.push_back(number_); }
-  Algorithm(const Algorithm&) = delete;
-  Algorithm& operator=(const Algorithm&) = delete;
-  Algorithm(Algorithm&&) = delete;
-  Algorithm& operator=(Algorithm&&) = delete;
-  void processCollision(const btCollisionObjectWrapper* /*a*/, const btCollisionObjectWrapper* /*b*/,
-                        const btDispatcherInfo& /*info*/, btManifoldResult* /*result*/) override {}
-  btScalar calculateTimeOfImpact(btCollisionObject* /*a*/, btCollisionObject* /*b*/,
-                                 const btDispatcherInfo& /*info*/, btManifoldResult* /*result*/) override {
-    return 1;
-  }
-  void getAllContactManifolds(btManifoldArray& /*manifolds*/) override {}
-
- private:
-  int number_;
-  std::vector<int>& ended_;
-};
 
 struct Ghosts final : btOverlappingPairCallback {
   btBroadphasePair* addOverlappingPair(btBroadphaseProxy* s, btBroadphaseProxy* t) override {
@@ -86,8 +64,7 @@ struct Side {
   void start_algorithm(int place, int number) {
     btBroadphasePair& pair = cache.getOverlappingPairArray()[place];
     if (pair.m_algorithm != nullptr) return;
-    pair.m_algorithm =
-        new (dispatcher.allocateCollisionAlgorithm(sizeof(Algorithm))) Algorithm(number, ended);
+    pair.m_algorithm = test::MortalAlgorithm::make(dispatcher, [this, number] { ended.push_back(number); });
   }
 
   btDefaultCollisionConfiguration configuration;

@@ -101,7 +101,7 @@ TEST_P(Contract, S09APairThatStaysKeepsItsAlgorithm) {
   btBroadphaseProxy* mover = rig.create_unit(0.5F);
   rig.calculate();
   int ends = 0;
-  btCollisionAlgorithm* algorithm = CountingAlgorithm::make(rig.dispatcher(), ends);
+  btCollisionAlgorithm* algorithm = MortalAlgorithm::make(rig.dispatcher(), [&] { ++ends; });
   rig.find(first, mover)->m_algorithm = algorithm;
   for (int frame = 0; frame < 20; ++frame) {
     rig.move(mover, btScalar(0.5) + static_cast<btScalar>(frame % 5) / 10);
@@ -119,7 +119,7 @@ TEST_P(Contract, S10RemovalFreesTheAlgorithmOnce) {
   btBroadphaseProxy* mover = rig.create_unit(0.5F);
   rig.calculate();
   int ends = 0;
-  rig.find(first, mover)->m_algorithm = CountingAlgorithm::make(rig.dispatcher(), ends);
+  rig.find(first, mover)->m_algorithm = MortalAlgorithm::make(rig.dispatcher(), [&] { ++ends; });
   rig.move(mover, 77);
   rig.calculate_until_parted(first, mover);
   EXPECT_EQ(ends, 1);
@@ -258,15 +258,7 @@ TEST_P(Contract, S16TheOrderOfPairsFollowsFromTheCalls) {
     for (int frame = 0; frame < 30; ++frame) {
       for (unsigned call = 0; call < 30; ++call) {
         if (noise != 0) heap.push_back(std::make_unique<std::vector<char>>(1 + call * noise % 211));
-        const btVector3 lower = random.point(9);
-        const btVector3 upper = lower + btVector3(2, 2, 2);
-        if (rig.proxies().size() < 60) {
-          rig.move(rig.create(lower, upper), lower, upper);
-        } else if (random.below(6) == 0) {
-          rig.destroy(rig.proxies()[random.below(60)]);
-        } else {
-          rig.move(rig.proxies()[random.below(60)], lower, upper);
-        }
+        call_at_random(rig, random, 9);
       }
       rig.calculate();
       frames.push_back(rig.ids());

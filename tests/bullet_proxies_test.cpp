@@ -116,7 +116,7 @@ TEST_P(Contract, S05DestroyingEndsAllOfAProxy) {
   rig.calculate();
   ASSERT_EQ(rig.pair_count(), 3);
   int ends = 0;
-  rig.find(first, second)->m_algorithm = CountingAlgorithm::make(rig.dispatcher(), ends);
+  rig.find(first, second)->m_algorithm = MortalAlgorithm::make(rig.dispatcher(), [&] { ++ends; });
   ghosts.clients.clear();
   rig.destroy(second);
   EXPECT_EQ(rig.pair_count(), 1);
@@ -138,7 +138,7 @@ TEST_P(Contract, S05DestroyingEndsAllOfAProxyInADeferredRemovalCacheToo) {
   rig.calculate();
   ASSERT_TRUE(rig.has(first, second));
   int ends = 0;
-  rig.find(first, second)->m_algorithm = CountingAlgorithm::make(rig.dispatcher(), ends);
+  rig.find(first, second)->m_algorithm = MortalAlgorithm::make(rig.dispatcher(), [&] { ++ends; });
   rig.destroy(second);
   EXPECT_EQ(ends, 1);
   EXPECT_EQ(rig.pair_count(), 0);

@@ -1,6 +1,5 @@
 #pragma once
 
-#include <BulletCollision/BroadphaseCollision/btCollisionAlgorithm.h>
 #include <BulletCollision/BroadphaseCollision/btDispatcher.h>
 #include <BulletCollision/BroadphaseCollision/btOverlappingPairCache.h>
 #include <LinearMath/btAabbUtil2.h>
@@ -10,7 +9,6 @@
 #include <cstddef>
 #include <cstdint>
 #include <memory>
-#include <new>
 #include <stdexcept>
 #include <string>
 #include <utility>
@@ -20,6 +18,8 @@
 
 #include "bullet_random_reference.hpp"
 #include "bullet_random_script.hpp"
+#include "mortal_algorithm.hpp"
+#include "ray_callback.hpp"
 
 namespace broadcl::test {
 
@@ -36,27 +36,6 @@ namespace broadcl::test {
   const auto [a, b] = std::minmax(s.m_uniqueId, t.m_uniqueId);
   return {static_cast<std::uint32_t>(a), static_cast<std::uint32_t>(b)};
 }
-
-/// Stands in a pair for the algorithm that Bullet would keep there, and counts those that live.
-class Mark final : public btCollisionAlgorithm {
- public:
-  explicit Mark(int& alive) : alive_(alive) { ++alive_; }
-  ~Mark() override { --alive_; }
-  Mark(const Mark&) = delete;
-  Mark& operator=(const Mark&) = delete;
-  Mark(Mark&&) = delete;
-  Mark& operator=(Mark&&) = delete;
-  void processCollision(const btCollisionObjectWrapper* /*s*/, const btCollisionObjectWrapper* /*t*/,
-                        const btDispatcherInfo& /*info*/, btManifoldResult* /*result*/) override {}
-  btScalar calculateTimeOfImpact(btCollisionObject* /*s*/, btCollisionObject* /*t*/,
-                                 const btDispatcherInfo& /*info*/, btManifoldResult* /*result*/) override {
-    return 1;
-  }
-  void getAllContactManifolds(btManifoldArray& /*manifolds*/) override {}
-
- private:
-  int& alive_;
-};
 
 /// What ghosts are told, pair by pair.
 struct GhostPairs final : btOverlappingPairCallback {
@@ -75,18 +54,8 @@ struct GhostPairs final : btOverlappingPairCallback {
   std::vector<Pair> removed;
 };
 
-struct FoundByRay final : btBroadphaseRayCallback {
-  FoundByRay(const btVector3& from, const btVector3& to) {
-    // As btCollisionWorld does it.
-    btVector3 direction = to - from;
-    if (!direction.fuzzyZero()) direction.normalize();
-    for (int axis = 0; axis < 3; ++axis) {
-      m_rayDirectionInverse[axis] =
-          direction[axis] == 0 ? btScalar(BT_LARGE_FLOAT) : btScalar(1) / direction[axis];
-      m_signs[axis] = m_rayDirectionInverse[axis] < 0 ? 1 : 0;
-    }
-    m_lambda_max = direction.dot(to - from);
-  }
+struct FoundByRay final : RayCallback {
+  using RayCallback::RayCallback;
   bool process(const btBroadphaseProxy* proxy) override {
     ids.push_back(proxy->m_uniqueId);
     return false;  // which stops no query
@@ -317,7 +286,8 @@ class Subject {
     return *proxies_[static_cast<std::size_t>(id)];
   }
   btCollisionAlgorithm* make_mark() {
-    return new (dispatcher_.allocateCollisionAlgorithm(sizeof(Mark))) Mark(alive_);
+    ++alive_;
+    return MortalAlgorithm::make(dispatcher_, [this] { --alive_; });
   }
 
   bool is_live(const Reference& reference, const btBroadphaseProxy* proxy) {

@@ -169,4 +169,18 @@ class Rig {
   std::vector<btBroadphaseProxy*> proxies_;
 };
 
+/// Creates, destroys or moves a cube of edge 2; about 60 live.
+/// @param range Of its lower corner.
+inline void call_at_random(Rig& rig, Random& random, unsigned range) {
+  const btVector3 lower = random.point(range);
+  const btVector3 upper = lower + btVector3(2, 2, 2);
+  if (rig.proxies().size() < 60) {
+    rig.move(rig.create(lower, upper), lower, upper);
+  } else if (random.below(6) == 0) {
+    rig.destroy(rig.proxies()[random.below(60)]);
+  } else {
+    rig.move(rig.proxies()[random.below(60)], lower, upper);
+  }
+}
+
 }  // namespace broadcl::test

@@ -8,6 +8,7 @@
 #include <set>
 
 #include "bullet_rig.hpp"
+#include "ray_callback.hpp"
 
 namespace broadcl::test {
 
@@ -20,18 +21,8 @@ struct BoxCollector final : btBroadphaseAabbCallback {
   std::multiset<const void*> found;
 };
 
-struct RayCollector : btBroadphaseRayCallback {
-  RayCollector(const btVector3& from, const btVector3& to) {
-    // As btCollisionWorld does it.
-    btVector3 direction = to - from;
-    if (!direction.fuzzyZero()) direction.normalize();
-    for (int axis = 0; axis < 3; ++axis) {
-      m_rayDirectionInverse[axis] =
-          direction[axis] == 0 ? btScalar(BT_LARGE_FLOAT) : btScalar(1) / direction[axis];
-      m_signs[axis] = m_rayDirectionInverse[axis] < 0 ? 1 : 0;
-    }
-    m_lambda_max = direction.dot(to - from);
-  }
+struct RayCollector : RayCallback {
+  using RayCallback::RayCallback;
   bool process(const btBroadphaseProxy* proxy) override {
     found.insert(proxy->m_clientObject);
     return false;
