@@ -10,6 +10,7 @@
 #include "algorithms/algorithm.hpp"
 #include "algorithms/pair_delta.hpp"
 #include "algorithms/pair_finder.hpp"
+#include "algorithms/scoped_timer.hpp"
 #include "opencl/context.hpp"
 #include "opencl/error.hpp"
 #include "opencl/launch.hpp"
@@ -64,6 +65,8 @@ class DeviceBroadPhase::Impl {
 
   void begin(const Boxes& boxes) {
     if (in_flight_) throw Error("begin() was called twice; call finish() in between");
+    seconds_ = 0;
+    const ScopedTimer timer(seconds_);
     translate([&] {
       check(boxes);
       profiler_.begin();
@@ -93,17 +96,19 @@ class DeviceBroadPhase::Impl {
   Result finish() {
     if (!in_flight_) throw Error("finish() was called without begin()");
     in_flight_ = false;
-    return translate([&]() -> Result {
-      const PairDelta::OnDevice changes = delta_.finish_on_device();
-      turn_ = 1 - turn_;
-      Bad bad;
-      std::memcpy(&bad, bad_.host(), sizeof(Bad));
-      return {.added = {changes.added(), changes.added_count},
-              .removed = {changes.removed(), changes.removed_count},
-              .pairs = changes.found,
-              .bad_boxes = bad.count,
-              .first_bad = bad.count > 0 ? bad.first : 0};
-    });
+    const PairDelta::OnDevice changes = [&] {
+      const ScopedTimer timer(seconds_);
+      return translate([&] { return delta_.finish_on_device(); });
+    }();
+    turn_ = 1 - turn_;
+    finder_->ended(seconds_);
+    Bad bad;
+    std::memcpy(&bad, bad_.host(), sizeof(Bad));
+    return {.added = {changes.added(), changes.added_count},
+            .removed = {changes.removed(), changes.removed_count},
+            .pairs = changes.found,
+            .bad_boxes = bad.count,
+            .first_bad = bad.count > 0 ? bad.first : 0};
   }
 
   PairBuffer pairs() {
@@ -187,6 +192,7 @@ class DeviceBroadPhase::Impl {
   cl::Buffer pairs_;
   opencl::SharedBuffer bad_;
   bool in_flight_ = false;
+  double seconds_ = 0;  // that the update has taken of the caller's time
 };
 
 DeviceBroadPhase::DeviceBroadPhase(cl_command_queue queue) : DeviceBroadPhase(queue, Config()) {}

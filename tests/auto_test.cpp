@@ -1,6 +1,7 @@
 #include <algorithm>
 #include <array>
 #include <cstdint>
+#include <filesystem>
 #include <functional>
 #include <memory>
 #include <random>
@@ -14,10 +15,13 @@
 #include <broadcl/broad_phase.hpp>
 
 #include "algorithms/algorithm.hpp"
+#include "algorithms/calibration.hpp"
 #include "algorithms/chooser.hpp"
 #include "algorithms/delta_engine.hpp"
 #include "algorithms/pair_finder.hpp"
 #include "each_algorithm.hpp"
+#include "environment.hpp"
+#include "opencl/context.hpp"
 #include "scenes/generators.hpp"
 
 namespace broadcl::test {
@@ -128,6 +132,62 @@ TEST(Chooser, SituationsThatTakeTurnsAreLearnedEach) {
   }
   EXPECT_GT(asked[1][1], 900U);
   EXPECT_GT(asked[0][0], 900U);
+}
+
+// Measuring a device.
+
+/// Models that are far from right.
+constexpr std::array contestants{Contestant{make_brute_force, {.frame = 1, .slot = 2, .test = 3}},
+                                 Contestant{make_tiles, {.frame = 4, .slot = 5, .change = 6, .test = 7}}};
+
+std::array<CostModel, 2> calibrated_in(const std::filesystem::path& folder) {
+  const ScopedVariable variable("BROADCL_CACHE_DIR", folder);
+  return calibrate(opencl::Context(select_device(), false), contestants);
+}
+
+/// What is measured differs each time, if only by nanoseconds.
+bool are_same(const std::array<CostModel, 2>& s, const std::array<CostModel, 2>& t) {
+  return s[0].frame == t[0].frame && s[1].frame == t[1].frame;
+}
+
+TEST(Calibration, ModelsAreBroughtToWhatSearchesCost) {
+  const ScopedFolder folder;
+  const std::array<CostModel, 2> calibrated = calibrated_in(folder.path());
+  for (std::size_t k = 0; k < calibrated.size(); ++k) {
+    const CostModel& before = contestants.at(k).model;
+    const CostModel& after = calibrated.at(k);
+    EXPECT_GT(after.frame, 0);
+    EXPECT_LT(after.seconds(all_of(128)), 10) << "seconds, and the model said thousands";
+    EXPECT_GT(after.slot, 0);
+    EXPECT_GT(after.test, 0);
+    EXPECT_NEAR(after.change / after.test, before.change / before.test, 1e-6);
+  }
+}
+
+TEST(Calibration, IsMeasuredOnceAndKept) {
+  const ScopedFolder folder;
+  const auto first = calibrated_in(folder.path() / "a");
+  EXPECT_TRUE(are_same(calibrated_in(folder.path() / "a"), first));
+  EXPECT_FALSE(are_same(calibrated_in(folder.path() / "b"), first));
+}
+
+TEST(Calibration, WhatWasDamagedIsMeasuredAnew) {
+  const ScopedFolder folder;
+  const auto first = calibrated_in(folder.path());
+  for (const auto& file : std::filesystem::directory_iterator(folder.path())) {
+    std::filesystem::resize_file(file, std::filesystem::file_size(file) - 1);
+  }
+  const auto second = calibrated_in(folder.path());
+  EXPECT_FALSE(are_same(second, first));
+  EXPECT_TRUE(are_same(calibrated_in(folder.path()), second));
+}
+
+TEST(Calibration, LeavesNoMemoryBehind) {
+  const ScopedFolder folder;
+  const ScopedVariable variable("BROADCL_CACHE_DIR", folder.path());
+  const opencl::Context context(select_device(), false);
+  (void)calibrate(context, contestants);
+  EXPECT_EQ(context.memory().device_peak, 0U);
 }
 
 // On the device.

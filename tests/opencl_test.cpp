@@ -8,10 +8,10 @@
 #include "environment.hpp"
 #include "expect_error.hpp"
 #include "opencl/context.hpp"
+#include "opencl/disk_cache.hpp"
 #include "opencl/error.hpp"
 #include "opencl/kernel_source.hpp"
 #include "opencl/profiler.hpp"
-#include "opencl/program_cache.hpp"
 #include "opencl/shared_buffer.hpp"
 
 namespace broadcl::opencl {
@@ -72,27 +72,27 @@ TEST(KernelSource, AMissingFileIsNamed) {
 class Cache : public ::testing::Test {
  protected:
   test::ScopedFolder folder_;
-  ProgramCache cache_{folder_.path() / "new"};
-  const ProgramCache::Binary binary_{'b', 'i', 'n', 0, 255};
+  DiskCache cache_{folder_.path() / "new"};
+  const DiskCache::Bytes bytes_{'b', 'i', 'n', 0, 255};
 };
 
 TEST_F(Cache, GivesBackWhatWasStored) {
   EXPECT_EQ(cache_.load("key"), std::nullopt);
-  cache_.store("key", binary_);
-  EXPECT_EQ(cache_.load("key"), binary_);
+  cache_.store("key", bytes_);
+  EXPECT_EQ(cache_.load("key"), bytes_);
   EXPECT_EQ(cache_.load("other"), std::nullopt);
   cache_.store("key", {});
-  EXPECT_EQ(cache_.load("key"), ProgramCache::Binary());
+  EXPECT_EQ(cache_.load("key"), DiskCache::Bytes());
 }
 
 TEST_F(Cache, LeavesNoTemporaryFile) {
-  cache_.store("key", binary_);
-  cache_.store("key", binary_);
+  cache_.store("key", bytes_);
+  cache_.store("key", bytes_);
   EXPECT_EQ(std::distance(fs::directory_iterator(folder_.path() / "new"), {}), 1);
 }
 
 TEST_F(Cache, EveryDamagedByteAndEveryCutIsFound) {
-  cache_.store("key", binary_);
+  cache_.store("key", bytes_);
   const fs::path file = cache_.file_of("key");
   const std::string good = content(file);
   for (std::size_t k = 0; k < good.size(); ++k) {
@@ -106,29 +106,29 @@ TEST_F(Cache, EveryDamagedByteAndEveryCutIsFound) {
   write(file, good + "x");
   EXPECT_EQ(cache_.load("key"), std::nullopt);
   write(file, good);
-  EXPECT_EQ(cache_.load("key"), binary_);
+  EXPECT_EQ(cache_.load("key"), bytes_);
 }
 
 TEST_F(Cache, AFileThatBelongsToAnotherKeyIsNotUsed) {
-  cache_.store("key", binary_);
+  cache_.store("key", bytes_);
   fs::rename(cache_.file_of("key"), cache_.file_of("yek"));
   EXPECT_EQ(cache_.load("yek"), std::nullopt);
 }
 
 TEST_F(Cache, AFolderThatWasAskedForMustBeWritable) {
   write(folder_.path() / "file", "");
-  const ProgramCache cache(folder_.path() / "file");
-  EXPECT_THAT(test::error_of([&] { cache.store("key", binary_); }), HasSubstr("BROADCL_CACHE_DIR"));
+  const DiskCache cache(folder_.path() / "file");
+  EXPECT_THAT(test::error_of([&] { cache.store("key", bytes_); }), HasSubstr("BROADCL_CACHE_DIR"));
 }
 
 TEST_F(Cache, TheEnvironmentNamesTheFolder) {
   const test::ScopedVariable xdg("XDG_CACHE_HOME", folder_.path() / "xdg");
   {
     const test::ScopedVariable none("BROADCL_CACHE_DIR", "");
-    EXPECT_EQ(ProgramCache().file_of("key").parent_path(), folder_.path() / "xdg" / "broadcl");
+    EXPECT_EQ(DiskCache().file_of("key").parent_path(), folder_.path() / "xdg" / "broadcl");
   }
   const test::ScopedVariable own("BROADCL_CACHE_DIR", folder_.path() / "own");
-  EXPECT_EQ(ProgramCache().file_of("key").parent_path(), folder_.path() / "own");
+  EXPECT_EQ(DiskCache().file_of("key").parent_path(), folder_.path() / "own");
 }
 
 class OnDevice : public ::testing::Test {

@@ -20,7 +20,8 @@ double Work::tests() const noexcept {
 }
 
 double CostModel::seconds(const Work& work) const noexcept {
-  return frame + slot * static_cast<double>(work.slots) + test * work.tests();
+  return frame + slot * static_cast<double>(work.slots) + change * static_cast<double>(work.changed) +
+         test * work.tests();
 }
 
 void Chooser::Costs::add(double cost) noexcept {

@@ -21,9 +21,10 @@ struct Work {
 /// What a search costs an algorithm, in seconds. Only their ratios count: what one costs tells the speed of
 /// the device.
 struct CostModel {
-  double frame = 0;  ///< Whatever there is to do.
-  double slot = 0;   ///< For each slot.
-  double test = 0;   ///< For each of Work::tests().
+  double frame = 0;   ///< Whatever there is to do.
+  double slot = 0;    ///< For each slot.
+  double change = 0;  ///< For each slot that changed.
+  double test = 0;    ///< For each of Work::tests().
 
   [[nodiscard]] double seconds(const Work& work) const noexcept;
 };

@@ -4,6 +4,7 @@
 
 #include "algorithms/device_objects.hpp"
 #include "algorithms/pair_delta.hpp"
+#include "algorithms/scoped_timer.hpp"
 #include "opencl/context.hpp"
 #include "opencl/error.hpp"
 #include "opencl/launch.hpp"
@@ -13,9 +14,10 @@ namespace broadcl {
 namespace {
 
 class DeltaEngine final : public Algorithm {
-  /// Runs a part of an update. Where it fails, nothing uses the boxes any more.
+  /// Runs a part of an update, and adds up its time. Where it fails, nothing uses the boxes any more.
   template <class Function>
   auto guard(Function&& function) {
+    const ScopedTimer timer(seconds_);
     return opencl::translate_errors(context_.device().label(), [&] {
       try {
         return std::forward<Function>(function)();
@@ -40,6 +42,7 @@ class DeltaEngine final : public Algorithm {
 
   void begin(const Changes& changes) override {
     profiler_.begin();
+    seconds_ = 0;
     guard([&] {
       const Search search = objects_.upload(changes);
       // NOLINTNEXTLINE(bugprone-exception-escape): handles do not throw when moved
@@ -52,12 +55,10 @@ class DeltaEngine final : public Algorithm {
   }
 
   Delta finish() override {
-    return guard([&] {
-      const Delta delta = delta_.finish();
-      objects_.commit();
-      finder_->ended();
-      return delta;
-    });
+    const Delta delta = guard([&] { return delta_.finish(); });
+    objects_.commit();
+    finder_->ended(seconds_);
+    return delta;
   }
 
   [[nodiscard]] std::vector<Pair> pairs() const override {
@@ -74,6 +75,7 @@ class DeltaEngine final : public Algorithm {
   DeviceObjects objects_;
   PairDelta delta_;
   std::unique_ptr<PairFinder> finder_;
+  double seconds_ = 0;  // of the update so far
 };
 
 }  // namespace

@@ -22,7 +22,8 @@ class PairFinder {
   /// @throws cl::Error, Error
   virtual void find(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) = 0;
   /// The changes of the search are there. Not called where it failed.
-  virtual void ended() {}
+  /// @param seconds What the update has taken of its caller's time.
+  virtual void ended(double /*seconds*/) {}
 };
 
 }  // namespace broadcl

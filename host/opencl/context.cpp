@@ -27,19 +27,18 @@ Shape shape_of(const Device& device) {
   return *wanted == "cpu" ? Shape::cpu : Shape::gpu;
 }
 
-/// All that decides what a binary looks like.
-std::string cache_key(const Device& device, const std::string& source, const std::string& options) {
-  std::string key;
-  for (const std::string& part :
-       {device.platform_name, device.name, device.version, device.driver_version, options, source}) {
-    key += part + '\0';
+/// A key of this device and its driver alone.
+std::string key_of(const Device& device, std::string_view key) {
+  std::string result;
+  for (const std::string& part : {device.platform_name, device.name, device.version, device.driver_version}) {
+    result += part + '\0';
   }
-  return key;
+  return result += key;
 }
 
 /// A program from a cached binary; none where the driver does not take it.
 std::optional<cl::Program> from_binary(const cl::Context& context, const cl::Device& device,
-                                       const ProgramCache::Binary& binary, const std::string& options) {
+                                       const DiskCache::Bytes& binary, const std::string& options) {
   try {
     cl::Program program(context, {device}, {binary});
     program.build(device, options.c_str());
@@ -103,12 +102,20 @@ MemoryUse Context::memory() const noexcept {
   return {.device = memory_->device, .device_peak = memory_->device_peak, .pinned = memory_->pinned};
 }
 
+std::optional<DiskCache::Bytes> Context::kept(std::string_view key) const {
+  return disk_cache_.load(key_of(device_, key));
+}
+
+void Context::keep(std::string_view key, const DiskCache::Bytes& bytes) const {
+  disk_cache_.store(key_of(device_, key), bytes);
+}
+
 cl::Program Context::program(std::string_view file, const std::string& options) const {
   const std::string source = kernel_source(file);
   const std::string all_options = "-cl-std=CL1.2 " + options;
-  const std::string key = cache_key(device_, source, all_options);
+  const std::string key = all_options + '\0' + source;
   return translate_errors(device_.label(), [&] {
-    if (const auto binary = cache_.load(key)) {
+    if (const auto binary = kept(key)) {
       if (auto program = from_binary(context_, cl_device_, *binary, all_options)) return *program;
     }
     cl::Program program(context_, source);
@@ -119,7 +126,7 @@ cl::Program Context::program(std::string_view file, const std::string& options) 
                   with_file_names(program.getBuildInfo<CL_PROGRAM_BUILD_LOG>(cl_device_), source));
     }
     const auto binaries = program.getInfo<CL_PROGRAM_BINARIES>();
-    if (binaries.size() == 1 && !binaries.front().empty()) cache_.store(key, binaries.front());
+    if (binaries.size() == 1 && !binaries.front().empty()) keep(key, binaries.front());
     return program;
   });
 }

@@ -3,6 +3,7 @@
 #include <atomic>
 #include <cstddef>
 #include <memory>
+#include <optional>
 #include <string>
 #include <string_view>
 
@@ -10,7 +11,7 @@
 #include <broadcl/memory.hpp>
 
 #include "opencl/api.hpp"
-#include "opencl/program_cache.hpp"
+#include "opencl/disk_cache.hpp"
 
 namespace broadcl::opencl {
 
@@ -46,6 +47,12 @@ class Context {
   /// and kernel arguments included.
   [[nodiscard]] MemoryUse memory() const noexcept;
 
+  /// What was kept on disk for this device and driver under a key; none where nothing was.
+  [[nodiscard]] std::optional<DiskCache::Bytes> kept(std::string_view key) const;
+  /// Keeps that.
+  /// @throws Error as DiskCache::store() does.
+  void keep(std::string_view key, const DiskCache::Bytes& bytes) const;
+
   /// Builds a kernel file, or takes its binary from the cache.
   /// @param file Name of a file of kernels/.
   /// @param options For the compiler, for instance "-DWIDTH=8".
@@ -68,7 +75,7 @@ class Context {
   cl::Device cl_device_;
   cl::Context context_;
   cl::CommandQueue queue_;
-  ProgramCache cache_;
+  DiskCache disk_cache_;
   std::shared_ptr<Memory> memory_ = std::make_shared<Memory>();
 };
 

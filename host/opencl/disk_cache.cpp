@@ -1,4 +1,4 @@
-#include "opencl/program_cache.hpp"
+#include "opencl/disk_cache.hpp"
 
 #include <array>
 #include <atomic>
@@ -24,23 +24,23 @@ std::uint64_t checksum(std::string_view bytes, std::uint64_t hash = 0xcbf29ce484
   return hash;
 }
 
-std::string_view as_text(const ProgramCache::Binary& binary) {
-  return {reinterpret_cast<const char*>(binary.data()), binary.size()};
+std::string_view as_text(const DiskCache::Bytes& bytes) {
+  return {reinterpret_cast<const char*>(bytes.data()), bytes.size()};
 }
 
-/// What a file begins with; the key and the binary follow.
+/// What a file begins with; the key and the content follow.
 struct Header {
   std::array<char, 8> magic;
   std::uint64_t key_size;
-  std::uint64_t binary_size;
+  std::uint64_t content_size;
   std::uint64_t sum;
 
   friend bool operator==(const Header&, const Header&) = default;
 };
 
-Header header_of(std::string_view key, std::string_view binary) {
+Header header_of(std::string_view key, std::string_view content) {
   return {
-      {'B', 'r', 'o', 'a', 'd', 'C', 'L', '1'}, key.size(), binary.size(), checksum(binary, checksum(key))};
+      {'B', 'r', 'o', 'a', 'd', 'C', 'L', '1'}, key.size(), content.size(), checksum(content, checksum(key))};
 }
 
 fs::path temporary_name(const fs::path& target) {
@@ -48,18 +48,18 @@ fs::path temporary_name(const fs::path& target) {
   return fs::path(target) += "." + std::to_string(process_id()) + "-" + std::to_string(serial++) + ".tmp";
 }
 
-bool write(const fs::path& path, const Header& header, std::string_view key, std::string_view binary) {
+bool write(const fs::path& path, const Header& header, std::string_view key, std::string_view content) {
   std::ofstream file(path, std::ios::binary);
   file.write(reinterpret_cast<const char*>(&header), sizeof header);
   file.write(key.data(), static_cast<std::streamsize>(key.size()));
-  file.write(binary.data(), static_cast<std::streamsize>(binary.size()));
+  file.write(content.data(), static_cast<std::streamsize>(content.size()));
   file.close();
   return static_cast<bool>(file);
 }
 
 }  // namespace
 
-ProgramCache::ProgramCache() {
+DiskCache::DiskCache() {
   if (const auto folder = environment("BROADCL_CACHE_DIR")) {
     folder_ = *folder;
     asked_for_ = true;
@@ -68,41 +68,41 @@ ProgramCache::ProgramCache() {
   }
 }
 
-ProgramCache::ProgramCache(fs::path folder) : folder_(std::move(folder)), asked_for_(true) {}
+DiskCache::DiskCache(fs::path folder) : folder_(std::move(folder)), asked_for_(true) {}
 
-fs::path ProgramCache::file_of(std::string_view key) const {
+fs::path DiskCache::file_of(std::string_view key) const {
   constexpr std::string_view digits = "0123456789abcdef";
   std::string name;
   for (std::uint64_t hash = checksum(key), k = 0; k < 16; ++k, hash >>= 4) name += digits[hash & 15U];
-  return folder_ / (name + ".clbin");
+  return folder_ / (name + ".bin");
 }
 
-std::optional<ProgramCache::Binary> ProgramCache::load(std::string_view key) const {
+std::optional<DiskCache::Bytes> DiskCache::load(std::string_view key) const {
   if (folder_.empty()) return std::nullopt;
   std::ifstream file(file_of(key), std::ios::binary);
-  const std::string content{std::istreambuf_iterator<char>(file), {}};
+  const std::string all{std::istreambuf_iterator<char>(file), {}};
   Header header{};
-  if (content.size() < sizeof header + key.size()) return std::nullopt;
-  std::memcpy(&header, content.data(), sizeof header);
-  const std::string_view rest = std::string_view(content).substr(sizeof header);
-  const std::string_view binary = rest.substr(key.size());
-  if (rest.substr(0, key.size()) != key || header != header_of(key, binary)) return std::nullopt;
-  return Binary(binary.begin(), binary.end());
+  if (all.size() < sizeof header + key.size()) return std::nullopt;
+  std::memcpy(&header, all.data(), sizeof header);
+  const std::string_view rest = std::string_view(all).substr(sizeof header);
+  const std::string_view content = rest.substr(key.size());
+  if (rest.substr(0, key.size()) != key || header != header_of(key, content)) return std::nullopt;
+  return Bytes(content.begin(), content.end());
 }
 
-void ProgramCache::store(std::string_view key, const Binary& binary) const {
+void DiskCache::store(std::string_view key, const Bytes& bytes) const {
   if (folder_.empty()) return;
   const fs::path target = file_of(key);
   const fs::path temporary = temporary_name(target);
   std::error_code failure;
   fs::create_directories(folder_, failure);
-  const bool written = write(temporary, header_of(key, as_text(binary)), key, as_text(binary));
+  const bool written = write(temporary, header_of(key, as_text(bytes)), key, as_text(bytes));
   if (written) fs::rename(temporary, target, failure);
   if (written && !failure) return;
   std::error_code ignored;
   fs::remove(temporary, ignored);
   if (asked_for_) {
-    throw Error("cannot write the kernel cache in " + folder_.string() +
+    throw Error("cannot write the cache of kernels in " + folder_.string() +
                 "; set BROADCL_CACHE_DIR to a folder that can be written, or unset it");
   }
 }

@@ -1,0 +1,24 @@
+#pragma once
+
+#include <array>
+
+#include "algorithms/algorithm.hpp"
+#include "algorithms/chooser.hpp"
+#include "opencl/context.hpp"
+
+namespace broadcl {
+
+/// What makes a finder of pairs, and what its searches are thought to cost.
+struct Contestant {
+  MakePairFinder make = nullptr;
+  CostModel model;
+};
+
+/// Brings models to what searches really cost on a device: a frame, a slot, and what else the model has in
+/// its proportion. That is measured in some milliseconds, the first time that a device is met by this version
+/// of the kernels, and kept on disk from then on.
+/// @throws cl::Error, Error
+[[nodiscard]] std::array<CostModel, 2> calibrate(const opencl::Context& context,
+                                                 const std::array<Contestant, 2>& contestants);
+
+}  // namespace broadcl
