@@ -1,6 +1,8 @@
 /* Tiles: the boxes stand in an order in which neighbours in space are mostly neighbours, 32 of them to a tile, under a tree
    of bounds in which every node has 32 children. Each tile searches the tree for what overlaps its own bounds, from itself
-   on, so that each pair is found once.
+   on, so that each pair is found once. Where not all boxes changed, there is a second tree, of those that did: a tile searches
+   it, and searches the first one for what overlaps the bounds of its own boxes that changed. What did not change since it
+   was last tested is not tested again.
 
    The order may be an old one: bounds are made anew each frame, so that results are exact, and only the work grows as boxes
    move away from those they were put beside. The search counts its work for the host, which sorts when it has grown.
@@ -20,6 +22,10 @@
 #endif
 /* For functions with barriers: PoCL 3.1 gives wrong results where one is called from two places and not inlined. */
 #define INLINE static inline __attribute__((always_inline))
+
+#ifndef SOME_CHANGED
+#define SOME_CHANGED 0 /* 1 where not all boxes changed: the fill is that of the second tree then */
+#endif
 
 #define NODE 32U                        /* children of a node; boxes of a tile are a node's children too */
 #define NODE_FLOATS (NODE * AABB_FLOATS) /* lower x of all children, then lower y, ... */
@@ -160,13 +166,23 @@ static inline void raise(global float* tree, const uint start, const uint k, con
    bounds. */
 kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_fill(
     const uint n, const uint tiles, const uint parents, global const float* restrict boxes,
-    global const uint2* restrict elements, global float* tree) {
+    global const uint2* restrict elements, const uint stamp, global const uint* restrict stamps, global float* tree) {
+#if !SOME_CHANGED
+  (void)stamp;
+  (void)stamps;
+#endif
   const uint tile = (uint)get_group_id(0);
   if (tile < tiles) {
     FOR_EACH_CHILD(child) {
       const uint place = tile * NODE + child;
-      global const float* box = boxes + (size_t)(place < n ? elements[place].x : 0U) * AABB_FLOATS;
-      for (uint i = 0; i < AABB_FLOATS; ++i) tree[child_at(tile, i, child)] = place < n ? box[i] : NAN;
+      const uint slot = place < n ? elements[place].x : 0U;
+#if SOME_CHANGED
+      const bool is_in = place < n && is_changed(stamps[slot], stamp);
+#else
+      const bool is_in = place < n;
+#endif
+      global const float* box = boxes + (size_t)slot * AABB_FLOATS;
+      for (uint i = 0; i < AABB_FLOATS; ++i) tree[child_at(tile, i, child)] = is_in ? box[i] : NAN;
     }
   }
   barrier(CLK_GLOBAL_MEM_FENCE);
@@ -282,12 +298,13 @@ INLINE void test_candidates(local const candidate_t* candidates, const uint coun
 }
 #endif
 
-/* Finds the pairs of a tile with itself and later ones. `starts` are the first nodes of the levels, `roots` is the number of
+/* Finds the pairs of a tile with itself and later ones. `changed` is the tree of the boxes that changed. `starts` are the first nodes of the levels, `roots` is the number of
    nodes of the last one. Work-groups of dimension 0 stand for a tile each; those of dimension 1 share its search: the
    tiles that the first of them visits are those whose bit is in `share`, among each 32, the next one's are one further. */
 kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_search(
     const uint4 starts, const uint roots, const uint share, global const float* restrict tree,
-    global const uint2* restrict elements, const uint any_filters, global const uint4* restrict filters, PAIR_SINK_PARAMETERS) {
+    global const float* restrict changed, global const uint2* restrict elements, const uint any_filters,
+    global const uint4* restrict filters, PAIR_SINK_PARAMETERS) {
   const pair_sink_t sink = PAIR_SINK;
   const uint start_of[LEVELS] = {starts.x, starts.y, starts.z, starts.w};
   local uint2 hits[FLUSH + OWN * NODE];
@@ -297,6 +314,11 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_search(
   local uint base;
   const uint tile = (uint)get_group_id(0);
   const box_t bounds = child_of(tree, start_of[1] + tile / NODE, tile % NODE);
+#if SOME_CHANGED
+  const box_t changed_bounds = child_of(changed, start_of[1] + tile / NODE, tile % NODE);
+#else
+  (void)changed;
+#endif
 #if GROUP > 1
   local candidate_t own[NODE];
   local candidate_t candidates[CANDIDATES + NODE];
@@ -324,7 +346,12 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_search(
   uint root = tile / (NODE * NODE * NODE);
   uint node = root;
   while (root < roots) {
+#if SOME_CHANGED
+    uint bits = overlapping(changed, start_of[level] + node, &bounds, &children);
+    bits |= overlapping(tree, start_of[level] + node, &changed_bounds, &children);
+#else
     uint bits = overlapping(tree, start_of[level] + node, &bounds, &children);
+#endif
     ++work;
     if (level > 0U) {
       if (level == 1U) bits &= share << (uint)get_group_id(1);
@@ -383,5 +410,9 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_search(
   test_candidates(candidates, count, own, own_last, any_filters, filters, &sink, hits, &found, &base);
 #endif
   put_hits(&sink, hits, &found, &base, true);
+#if SOME_CHANGED
+  (void)work; /* it tells of what changed, not of the order */
+#else
   if (get_local_id(0) == 0) atomic_add(&sink.counts[COUNT_WORK], work);
+#endif
 }

@@ -1,7 +1,9 @@
 #include <broadcl/broad_phase.hpp>
 
 #include <algorithm>
+#include <array>
 #include <chrono>
+#include <span>
 #include <string>
 #include <thread>
 
@@ -102,6 +104,35 @@ TEST_P(MemoryOf, BoxesAndPairsIsBounded) {
         EXPECT_LE(memory.device_peak, allowed(n, most)) << what;
       }
     }
+  }
+}
+
+/// Frame by frame as many pairs as until then, or all others.
+TEST_P(MemoryOf, PairsThatMultiplyOrChangeAllAtOnceIsBounded) {
+  constexpr std::uint32_t n = 3000;
+  const std::array scenes{MovingBoxes(n, MovingBoxes::Sizes::mixed, 1),
+                          MovingBoxes(n, MovingBoxes::Sizes::mixed, 2)};
+  for (const bool multiply : {true, false}) {
+    BroadPhase broad_phase({.algorithm = GetParam()});
+    std::size_t pairs = 0;
+    std::size_t most = 0;  // that are or were in the frame before
+    float size = multiply ? 0.1F : 1;
+    for (std::size_t frame = 0; frame < 12; ++frame, size *= multiply ? 1.26F : 1) {
+      const std::span<const Aabb> boxes = scenes.at(multiply ? 0 : frame % 2).boxes();
+      std::ranges::transform(boxes, broad_phase.map(n).begin(), [&](Aabb box) {
+        for (std::size_t axis = 0; axis < 3; ++axis) {
+          const float middle = (box.lower[axis] + box.upper[axis]) / 2;
+          box.lower[axis] = middle + (box.lower[axis] - middle) * size;
+          box.upper[axis] = middle + (box.upper[axis] - middle) * size;
+        }
+        return box;
+      });
+      const Delta delta = broad_phase.update();
+      most = std::max(most, pairs + delta.added.size());
+      pairs = pairs + delta.added.size() - delta.removed.size();
+      EXPECT_LE(broad_phase.memory().device_peak, allowed(n, most)) << "frame " << frame << ", " << pairs;
+    }
+    EXPECT_GT(pairs, 5 * n);
   }
 }
 

@@ -92,25 +92,32 @@ PairDelta::List PairDelta::make_list(std::size_t capacity) const {
   return {.capacity = static_cast<cl_uint>(capacity), .pairs = buffer(capacity * sizeof(Pair))};
 }
 
-/// Makes room for this many pairs in this frame and the next. Nothing changes where it fails.
+/// Makes room for this many pairs in this frame and the next. What was found of this frame is lost. Where it
+/// fails, there is room for none, and the next frame tries again.
 void PairDelta::reserve(std::size_t capacity) {
   if (now_.capacity >= capacity) return;
+  // Before others are made: memory need not hold the small and the large ones together.
+  now_ = {};
+  next_ = {};
+  removed_ = {};
   List now = make_list(capacity);
-  List next = make_list(capacity);
   removed_ = buffer(capacity * sizeof(Pair));
+  if (last_.capacity < capacity) next_ = make_list(capacity);
   now_ = std::move(now);
-  next_ = std::move(next);
 }
 
 void PairDelta::reserve_result(std::size_t changes) {
   const std::size_t bytes = count_bytes + changes * sizeof(Pair);
-  if (result_.bytes() < bytes) result_ = opencl::SharedBuffer(context_, bytes + bytes / 5);
+  if (result_.bytes() >= bytes) return;
+  result_ = {};
+  result_ = opencl::SharedBuffer(context_, bytes + bytes / 5);
 }
 
 void PairDelta::reserve_buckets() {
   const std::size_t slots = std::max<std::size_t>(slots_, frame_.search.slots);
   if (bucket_capacity_ < slots) {
     bucket_capacity_ = 0;
+    buckets_ = {};
     buckets_ = buffer(2 * (slots + slots / 4) * sizeof(cl_uint));
     bucket_capacity_ = slots + slots / 4;
   }
@@ -120,6 +127,7 @@ void PairDelta::reserve_buckets() {
 void PairDelta::reserve_scattered(std::size_t changes) {
   if (scattered_capacity_ >= changes) return;
   scattered_capacity_ = 0;
+  scattered_ = {};
   scattered_ = buffer(changes * sizeof(Pair));
   scattered_capacity_ = changes;
 }
@@ -220,6 +228,7 @@ std::span<Pair> PairDelta::changes(std::size_t total) const {
 void PairDelta::begin(Frame frame) {
   frame_ = std::move(frame);
   if (is_half_done_) clear_counts();
+  reserve(last_.capacity);
   if (frame_.stays_on_device) {
     many_ = false;
     room_ = least_changes;

@@ -23,7 +23,7 @@ constexpr std::size_t group = 64;  // of kernels that do a box a work-item
 constexpr std::size_t most_sharers = 8;
 constexpr std::size_t groups_per_unit = 64;  // of the search, as far as sharers can make so many
 constexpr double default_stale = 1.25;
-/// Frames after which the order is taken to be old where its work is not known.
+/// How often all boxes may move before the order is taken to be old where its work is not known.
 constexpr std::size_t unwatched = 8;
 
 using opencl::divide_up;
@@ -37,50 +37,79 @@ class Tiles final : public PairFinder {
         stale_(stale),
         group_(context.shape() == opencl::Shape::cpu ? 1 : node),
         sort_(context) {
-    const cl::Program program = context.program("tiles.cl", "-DGROUP=" + std::to_string(group_));
     opencl::translate_errors(context.device().label(), [&] {
+      const cl::Program program = this->program(true);
       extent_kernel_ = cl::Kernel(program, "tiles_extent");
       keys_ = cl::Kernel(program, "tiles_keys");
-      fill_ = cl::Kernel(program, "tiles_fill");
       raise_ = cl::Kernel(program, "tiles_raise");
-      search_ = cl::Kernel(program, "tiles_search");
+      of_all_ = kernels_of(program);
       extent_ = context.buffer(6 * sizeof(cl_uint));
     });
   }
 
   void find(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) override {
     if (search.slots < 2 || (!search.all && search.changed_count == 0)) return;
-    reserve(search.slots);
+    prepare(search);
+    age(search, sink);
     if (is_stale(search, sink)) sort(search, sink, profiler);
     build(search, profiler);
     enqueue_search(search, sink, profiler);
   }
 
  private:
+  /// Kernels that differ where not all boxes changed.
+  struct Kernels {  // NOLINT(bugprone-exception-escape): handles do not throw when moved
+    cl::Kernel fill, search;
+  };
+
+  [[nodiscard]] cl::Program program(bool all) const {
+    return context_.program("tiles.cl",
+                            "-DGROUP=" + std::to_string(group_) + (all ? "" : " -DSOME_CHANGED=1"));
+  }
+
+  static Kernels kernels_of(const cl::Program& program) {
+    return {cl::Kernel(program, "tiles_fill"), cl::Kernel(program, "tiles_search")};
+  }
+
+  void prepare(const Search& search) {
+    if (search.slots > capacity_) reserve(search.slots);
+    if (search.all) return;
+    if (changed_tree_() == nullptr) changed_tree_ = context_.buffer(nodes_ * node_bytes);
+    if (of_some_.search() == nullptr) of_some_ = kernels_of(program(false));
+  }
+
   void reserve(std::size_t slots) {
-    if (slots <= capacity_) return;
     capacity_ = 0;
     sorted_slots_ = 0;
+    elements_ = scratch_ = tree_ = changed_tree_ = {};
     const std::size_t capacity = round_up(slots + slots / 2, node);
     elements_ = context_.buffer(capacity * sizeof(cl_ulong));
     scratch_ = context_.buffer(capacity * sizeof(cl_ulong));
-    std::size_t nodes = 0;
+    nodes_ = 0;
     for (std::size_t level = 0, size = capacity; level < levels; ++level) {
-      starts_.s[level] = static_cast<cl_uint>(nodes);
+      starts_.s[level] = static_cast<cl_uint>(nodes_);
       size = divide_up(size, node);
-      nodes += size;
+      nodes_ += size;
     }
-    tree_ = context_.buffer(nodes * node_bytes);
+    tree_ = context_.buffer(nodes_ * node_bytes);
     capacity_ = capacity;
   }
 
+  /// Counts the boxes that moved since the order was new; all of them in frames that another finder did.
+  void age(const Search& search, const PairDelta& sink) {
+    if (sink.frames() == searched_frame_) return;  // once more
+    moved_ += (sink.frames() - searched_frame_ - 1) * std::size_t{search.slots};
+    moved_ += search.all ? search.slots : search.changed_count;
+    searched_frame_ = sink.frames();
+  }
+
   /// Whether the order is of other slots, or has made the last frame's work grow. The first frame in a new
-  /// order that is followed by another one here says how much work there is to be. Only tiles count work:
-  /// where there was none, another finder was asked, and the order's age must do.
+  /// order that is followed by another one here says how much work there is to be. Work is counted only by
+  /// tiles and where all boxes move; else it must do how many did.
   bool is_stale(const Search& search, const PairDelta& sink) {
     if (search.slots != sorted_slots_) return true;
     if (sink.frames() == sorted_frame_) return false;
-    if (sink.work() == 0) return sink.frames() - sorted_frame_ > unwatched;
+    if (sink.work() == 0) return moved_ > unwatched * search.slots;
     if (fresh_work_ == 0) fresh_work_ = sink.work();
     return static_cast<double>(sink.work()) > stale_ * static_cast<double>(fresh_work_);
   }
@@ -105,19 +134,25 @@ class Tiles final : public PairFinder {
     sorted_slots_ = search.slots;
     sorted_frame_ = sink.frames();
     fresh_work_ = 0;
+    moved_ = 0;
   }
 
-  /// Puts boxes and bounds into the tree.
+  /// Puts boxes and bounds into the trees.
   void build(const Search& search, opencl::Profiler& profiler) {
     opencl::Profiler::Scope stage(profiler, "build");
+    build(search, of_all_.fill, tree_, stage.event());
+    if (!search.all) build(search, of_some_.fill, changed_tree_, nullptr);
+  }
+
+  void build(const Search& search, cl::Kernel& fill, const cl::Buffer& tree, cl::Event* event) {
     std::size_t nodes = divide_up(search.slots, node);
-    opencl::set_arguments(fill_, 0, search.slots, static_cast<cl_uint>(nodes), starts_.s[1], search.boxes,
-                          elements_, tree_);
-    enqueue(fill_, round_up(nodes, node), stage.event());
+    opencl::set_arguments(fill, 0, search.slots, static_cast<cl_uint>(nodes), starts_.s[1], search.boxes,
+                          elements_, search.stamps.stamp, search.stamps.words, tree);
+    enqueue(fill, round_up(nodes, node), event);
     for (std::size_t level = 1; level + 1 < levels; ++level) {
       nodes = divide_up(nodes, node);
       opencl::set_arguments(raise_, 0, starts_.s[level], static_cast<cl_uint>(nodes), starts_.s[level + 1],
-                            tree_);
+                            tree);
       enqueue(raise_, round_up(nodes, node), nullptr);
     }
     roots_ = static_cast<cl_uint>(divide_up(nodes, node));
@@ -129,10 +164,12 @@ class Tiles final : public PairFinder {
     const std::size_t sharers = this->sharers(tiles);
     cl_uint share = 0;
     for (std::size_t k = 0; k < node; k += sharers) share |= cl_uint{1} << k;
-    cl_uint k = opencl::set_arguments(search_, 0, starts_, roots_, share, tree_, elements_,
-                                      search.any_filters ? cl_uint{1} : cl_uint{0}, search.filters);
-    sink.set_sink(search_, k);
-    context_.queue().enqueueNDRangeKernel(search_, cl::NullRange, cl::NDRange(tiles * group_, sharers),
+    cl::Kernel& kernel = search.all ? of_all_.search : of_some_.search;
+    const cl_uint first =
+        opencl::set_arguments(kernel, 0, starts_, roots_, share, tree_, search.all ? tree_ : changed_tree_,
+                              elements_, search.any_filters ? cl_uint{1} : cl_uint{0}, search.filters);
+    sink.set_sink(kernel, first);
+    context_.queue().enqueueNDRangeKernel(kernel, cl::NullRange, cl::NDRange(tiles * group_, sharers),
                                           cl::NDRange(group_, 1), nullptr, stage.event());
   }
 
@@ -154,15 +191,21 @@ class Tiles final : public PairFinder {
   double stale_;  // see make_tiles()
   std::size_t group_;
   opencl::RadixSort sort_;
-  cl::Kernel extent_kernel_, keys_, fill_, raise_, search_;
+  cl::Kernel extent_kernel_, keys_, raise_;
+  Kernels of_all_;
+  Kernels of_some_;  // made when first needed
   cl::Buffer extent_;
   cl::Buffer elements_, scratch_;  // slots in order
   cl::Buffer tree_;
+  cl::Buffer changed_tree_;   // of boxes that changed, where not all did
+  std::size_t nodes_ = 0;     // of a tree
   cl_uint4 starts_{};         // the first nodes of its levels
   std::size_t capacity_ = 0;  // slots
   cl_uint roots_ = 0;
   std::size_t sorted_slots_ = 0;
   std::size_t sorted_frame_ = 0;
+  std::size_t searched_frame_ = 0;
+  std::size_t moved_ = 0;       // boxes since the order was new, each as often as it did
   std::size_t fresh_work_ = 0;  // of the first frame known in this order; 0 before it is
 };
 
