@@ -76,9 +76,8 @@ class BroadPhase {
   /// that are missing and removing those beyond, and returns the memory that the device reads their boxes
   /// from, to be written in place. New objects have empty boxes until then. All of them count as moved.
   /// @returns n boxes, valid until the next call of any other function of this object. A NaN bound among them
-  /// is
-  ///   an error of the next update(), which names the first and changes nothing; write a proper box and call
-  ///   it again.
+  /// is an error of the next update(), which names the first and changes nothing; write a proper box and call
+  /// it again.
   /// @throws Error while an update that begin() started is not finished, and where memory for the boxes
   /// cannot be had.
   std::span<Aabb> map(std::size_t n);

@@ -51,8 +51,7 @@ class BulletBroadphase : public btBroadphaseInterface {
   /// Opens the device.
   /// @param config The device and the algorithm.
   /// @param cache Where pairs go; not owned, must outlive this object. Where null, the object makes one of
-  /// its
-  ///   own: a btHashedOverlappingPairCache in which removing a proxy costs as much as the proxy has pairs.
+  /// its own: a btHashedOverlappingPairCache in which removing a proxy costs as much as the proxy has pairs.
   /// @throws Error as BroadPhase does.
   explicit BulletBroadphase(const BroadPhase::Config& config = BroadPhase::Config(),
                             btOverlappingPairCache* cache = nullptr);

@@ -62,8 +62,7 @@ class DeviceBroadPhase {
   /// Builds the kernels.
   /// @param queue In order. Retained; its context and device are those that are used.
   /// @throws Error for an out-of-order queue, an unknown algorithm or one that works on the host, and for
-  /// whatever
-  ///   fails in OpenCL.
+  /// whatever fails in OpenCL.
   explicit DeviceBroadPhase(cl_command_queue queue);
   DeviceBroadPhase(cl_command_queue queue, const Config& config);
   ~DeviceBroadPhase();
@@ -73,8 +72,7 @@ class DeviceBroadPhase {
   /// Finds every pair of overlapping boxes that their filters let pair. The same as begin() and finish();
   /// waits for the queue once, for the counts.
   /// @throws Error when the device fails or memory is exhausted, and for a buffer that is too small; the
-  /// known pairs are
-  ///   then as before.
+  /// known pairs are then as before.
   Result update(const Boxes& boxes);
 
   /// Enqueues an update behind what is in the queue, has the device start, and returns at once.
