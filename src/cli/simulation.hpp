@@ -5,6 +5,7 @@
 #include <chrono>
 #include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <nlohmann/json_fwd.hpp>
 #include <optional>
 #include <string>
@@ -47,6 +48,12 @@ struct SimulationResult {
   std::optional<Device> device;  ///< None where the broad phase runs on the host.
   std::optional<Verdict> verdict;
 };
+
+/// Runs one.
+/// @param frame_ended Called after each frame, off the clock.
+/// @throws Error for an unknown name or device, and when the device fails.
+[[nodiscard]] SimulationResult simulate(const SimulationConfig& config,
+                                        const std::function<void()>& frame_ended);
 
 /// What every document tells of its simulation: "config", "device" and "versions".
 [[nodiscard]] nlohmann::ordered_json facts(const SimulationConfig& config, const SimulationResult& result);
