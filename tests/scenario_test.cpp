@@ -107,6 +107,11 @@ TEST_P(EachScenario, FollowsFromItsSeed) {
                            [](const Scenario::Kick& a, const Scenario::Kick& b) {
                              return a.object == b.object && a.velocity == b.velocity;
                            }));
+    ASSERT_TRUE(std::equal(s.exchanges().begin(), s.exchanges().end(), t.exchanges().begin(),
+                           t.exchanges().end(), [](const auto& a, const auto& b) {
+                             return a.object == b.object && a.position == b.position &&
+                                    a.velocity == b.velocity;
+                           }));
     s.advance();
     t.advance();
   }
@@ -121,15 +126,36 @@ TEST_P(EachScenario, PlacesSpheresAsCubes) {
 INSTANTIATE_TEST_SUITE_P(Scenario, EachScenario, testing::ValuesIn(scenario_names()),
                          [](const auto& test) { return without_hyphens(test.param); });
 
-TEST(Scenario, ListsTheFourOfThePaper) {
+TEST(Scenario, ListsTheFourOfThePaperAndOneMore) {
   EXPECT_THAT(scenario_names(),
-              testing::ElementsAre("free-fall", "agitated", "rolling-gravity", "mixed-sizes"));
+              testing::ElementsAre("free-fall", "agitated", "rolling-gravity", "mixed-sizes", "streaming"));
+}
+
+TEST(Scenario, StreamsFivePercentASecondInOnTop) {
+  for (const std::uint32_t objects : {7U, 1250U}) {
+    Scenario scenario({.name = "streaming", .objects = objects});
+    EXPECT_TRUE(scenario.exchanges().empty()) << "at the start";
+    std::size_t exchanged = 0;
+    for (int frame = 0; frame < 900; ++frame, scenario.advance()) {
+      std::set<std::uint32_t> leaving;
+      for (const Scenario::Exchange& exchange : scenario.exchanges()) {
+        EXPECT_TRUE(leaving.insert(exchange.object).second) << "each once";
+        const float half_edge = scenario.objects()[exchange.object].edge / 2;
+        EXPECT_LE((exchange.position.array().abs() + half_edge).maxCoeff(),
+                  scenario.container_edge() / 2 * 1.00001F);
+        EXPECT_GT(exchange.position.y() + 1.001F * half_edge, scenario.container_edge() / 2) << "on top";
+      }
+      exchanged += leaving.size();
+    }
+    EXPECT_NEAR(static_cast<double>(exchanged), 0.05 * 30 * objects, 1 + 0.002 * objects);
+  }
 }
 
 TEST(Scenario, RefusesWhatItCannotSimulate) {
-  EXPECT_THAT(test::error_of([] { Scenario({.name = "free-fal"}); }),
-              testing::AllOf(testing::HasSubstr("'free-fal'"),
-                             testing::HasSubstr("free-fall, agitated, rolling-gravity, mixed-sizes")));
+  EXPECT_THAT(
+      test::error_of([] { Scenario({.name = "free-fal"}); }),
+      testing::AllOf(testing::HasSubstr("'free-fal'"),
+                     testing::HasSubstr("free-fall, agitated, rolling-gravity, mixed-sizes, streaming")));
   EXPECT_THAT(test::error_of([] { Scenario({.name = "free-fall", .objects = 0}); }),
               testing::HasSubstr("1 to 16777216 objects"));
   EXPECT_THAT(test::error_of([] { Scenario({.name = "free-fall", .objects = Scenario::max_objects + 1}); }),

@@ -224,6 +224,33 @@ TEST(World, WakesWhatItKicks) {
   }
 }
 
+/// An object of the world goes out of it and comes in anew elsewhere; what rested on it falls.
+TEST(World, ExchangesObjectsThatStream) {
+  constexpr std::uint32_t objects = 200;
+  BulletBroadphase broadphase;
+  World world({.name = "streaming", .objects = objects}, broadphase);
+  std::vector<const btRigidBody*> bodies;
+  for (std::size_t k = 0; k < objects; ++k) bodies.push_back(&object(world, k));
+  std::size_t exchanged = 0;
+  std::size_t woken = 0;
+  for (int frame = 0; frame < 600; ++frame) {
+    const std::vector<Scenario::Exchange> exchanges(world.scenario().exchanges().begin(),
+                                                    world.scenario().exchanges().end());
+    std::vector<bool> slept;
+    for (const btRigidBody* body : bodies) slept.push_back(!body->isActive());
+    world.step();
+    for (const Scenario::Exchange& exchange : exchanges) {
+      EXPECT_LT((world.position(exchange.object) - exchange.position).norm(), 1.0F) << "frame " << frame;
+      EXPECT_TRUE(bodies[exchange.object]->isActive());
+    }
+    exchanged += exchanges.size();
+    for (std::size_t k = 0; k < objects; ++k) woken += slept[k] && bodies[k]->isActive() ? 1 : 0;
+    ASSERT_EQ(broadphase.broad_phase().size(), objects + World::walls);
+  }
+  EXPECT_NEAR(static_cast<double>(exchanged), 0.05 * 20 * objects, 2);
+  EXPECT_GT(woken, 0U);
+}
+
 TEST(World, MeasuresTheStagesOfAFrame) {
   btSimpleBroadphase brute_force;
   World world({.name = "free-fall", .objects = 500}, brute_force);

@@ -15,6 +15,7 @@ constexpr float earth_gravity = 9.798F;
 constexpr float top_speed = 10;  // of each component
 constexpr std::uint32_t kicks_per_frame = 25;
 constexpr double rotation_per_frame = 1.0 / 120;
+constexpr double exchanged_per_second = 0.05;  // of all objects
 
 constexpr std::array<SizeClass, 1> equal_sizes{{{1, 1}}};
 
@@ -24,6 +25,7 @@ struct Rules {
   float gravity;
   bool agitates;
   bool rotates;
+  bool streams = false;
 };
 
 constexpr std::array rules{
@@ -50,6 +52,14 @@ constexpr std::array rules{
           .gravity = 50 * earth_gravity,
           .agitates = false,
           .rotates = true},
+    Rules{.info = {.name = "streaming",
+                   .summary =
+                       "as free-fall, and 5 % of the objects a second leave while others come in on top"},
+          .sizes = equal_sizes,
+          .gravity = earth_gravity,
+          .agitates = false,
+          .rotates = false,
+          .streams = true},
 };
 
 constexpr auto infos = [] {
@@ -213,6 +223,17 @@ std::vector<Scenario::Object> place(const Rules& rule, std::uint32_t objects, fl
               " objects; take another seed or more objects");
 }
 
+/// An object that is in no row yet.
+template <class Row>
+std::uint32_t draw_other(const std::vector<Row>& rows, std::uint32_t objects, Random& random) {
+  for (;;) {
+    const std::uint32_t object = random.index(objects);
+    if (std::none_of(rows.begin(), rows.end(), [&](const Row& row) { return row.object == object; })) {
+      return object;
+    }
+  }
+}
+
 Eigen::Vector3d rotated(const Eigen::Vector3d& v, const Eigen::Vector3d& axis) {
   return Eigen::AngleAxisd(rotation_per_frame, axis) * v;
 }
@@ -232,6 +253,7 @@ Scenario::Scenario(const Config& config)
   }
   agitates_ = rule.agitates;
   rotates_ = rule.rotates;
+  streams_ = rule.streams;
   gravity_ = {0, -rule.gravity, 0};
   container_edge_ = container_edge_for(rule.sizes, config.objects);
   objects_ = place(rule, config.objects, container_edge_, random_);
@@ -241,6 +263,7 @@ Scenario::Scenario(const Config& config)
 
 void Scenario::advance() {
   if (agitates_) draw_kicks();
+  if (streams_) draw_exchanges();
   if (rotates_) {
     gravity_ = rotated(gravity_.cast<double>(), axes_.col(0)).cast<float>();
     axes_.col(0) = rotated(axes_.col(0), axes_.col(1));
@@ -252,10 +275,20 @@ void Scenario::draw_kicks() {
   kicks_.clear();
   const std::uint32_t count = std::min(kicks_per_frame, config_.objects);
   while (kicks_.size() < count) {
-    const std::uint32_t object = random_.index(config_.objects);
-    const bool known =
-        std::any_of(kicks_.begin(), kicks_.end(), [&](const Kick& kick) { return kick.object == object; });
-    if (!known) kicks_.push_back({.object = object, .velocity = random_.vector(-top_speed, top_speed)});
+    const std::uint32_t object = draw_other(kicks_, config_.objects, random_);
+    kicks_.push_back({.object = object, .velocity = random_.vector(-top_speed, top_speed)});
+  }
+}
+
+void Scenario::draw_exchanges() {
+  exchanges_.clear();
+  for (due_ += config_.objects * exchanged_per_second * double{frame_seconds}; due_ >= 1; --due_) {
+    const std::uint32_t object = draw_other(exchanges_, config_.objects, random_);
+    const float reach = (container_edge_ - objects_[object].edge) / 2;
+    Eigen::Vector3f position = random_.vector(-reach, reach);
+    position.y() = reach;
+    exchanges_.push_back(
+        {.object = object, .position = position, .velocity = random_.vector(-top_speed, top_speed)});
   }
 }
 

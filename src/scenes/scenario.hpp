@@ -29,7 +29,8 @@ inline constexpr std::array<SizeClass, 3> mixed_sizes{{{0.1F, 0.4F}, {0.8F, 1.2F
 
 /// The four scenarios of Serpa and Rodrigues, "Parallelizing Broad Phase Collision Detection for Animation in
 /// Games: A Performance Comparison of CPU and GPU Algorithms", SBGames 2014: objects in a cubic container
-/// that fall, are agitated, or are thrown about by a rotating gravity.
+/// that fall, are agitated, or are thrown about by a rotating gravity. And one of our own, for what
+/// the authors leave to others: objects that come and go.
 ///
 /// This is the script of a run, free of any physics engine: where objects start, and what gravity and the
 /// velocities do at each frame. Metres, seconds, kilograms; y is up; the container is centred at the origin.
@@ -53,6 +54,13 @@ class Scenario {
     Eigen::Vector3f velocity;
   };
 
+  /// An object that leaves, while one of its size comes.
+  struct Exchange {
+    std::uint32_t object;
+    Eigen::Vector3f position;  ///< Of the centre of the one that comes.
+    Eigen::Vector3f velocity;
+  };
+
   /// @throws broadcl::Error for an unknown name (it lists the known ones) and for zero or too many objects.
   explicit Scenario(const Config& config);
 
@@ -67,6 +75,8 @@ class Scenario {
   [[nodiscard]] const Eigen::Vector3f& gravity() const noexcept { return gravity_; }
   /// Velocities to set before the current frame is simulated.
   [[nodiscard]] std::span<const Kick> kicks() const noexcept { return kicks_; }
+  /// Objects to exchange while the current frame is simulated; each once.
+  [[nodiscard]] std::span<const Exchange> exchanges() const noexcept { return exchanges_; }
   /// Whether gravity changes from frame to frame, so that nothing may sleep through it.
   [[nodiscard]] bool gravity_rotates() const noexcept { return rotates_; }
   /// Goes to the next frame. Frame 0 is current after construction.
@@ -77,16 +87,20 @@ class Scenario {
 
  private:
   void draw_kicks();
+  void draw_exchanges();
 
   Config config_;
   Random random_;
   std::vector<Object> objects_;
   std::vector<Kick> kicks_;
+  std::vector<Exchange> exchanges_;
+  double due_ = 0;  // exchanges, of which a part may be left for later frames
   float container_edge_ = 0;
   Eigen::Vector3f gravity_;
   Eigen::Matrix3d axes_;  // the columns are e1, e2, e3 of the rotating gravity
   bool agitates_ = false;
   bool rotates_ = false;
+  bool streams_ = false;
 };
 
 }  // namespace broadcl::scenes

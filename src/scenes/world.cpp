@@ -10,9 +10,12 @@
 #include <BulletDynamics/Dynamics/btRigidBody.h>
 
 #include <algorithm>
+#include <array>
 #include <chrono>
+#include <functional>
 #include <map>
 #include <numbers>
+#include <set>
 #include <vector>
 
 namespace broadcl::scenes {
@@ -49,8 +52,14 @@ class TimedWorld final : public btDiscreteDynamicsWorld {
  public:
   using btDiscreteDynamicsWorld::btDiscreteDynamicsWorld;
 
+  /// What is to be done with each update, and counts as a part of it.
+  std::function<void()> before_update = [] {};
+
   void updateAabbs() override {
-    update_ = measure([this] { btDiscreteDynamicsWorld::updateAabbs(); });
+    update_ = measure([this] {
+      before_update();
+      btDiscreteDynamicsWorld::updateAabbs();
+    });
   }
 
   void computeOverlappingPairs() override {
@@ -81,6 +90,7 @@ class World::Impl {
   Impl(const Scenario::Config& config, btBroadphaseInterface& broadphase)
       : scenario_(config), dispatcher_(&config_), world_(&dispatcher_, &broadphase, &solver_, &config_) {
     world_.setGravity(to_bullet(scenario_.gravity()));
+    world_.before_update = [this] { exchange(); };
     add_walls();
     for (const Scenario::Object& object : scenario_.objects()) add_object(object);
   }
@@ -106,6 +116,7 @@ class World::Impl {
       body.activate();
       body.setLinearVelocity(to_bullet(kick.velocity));
     }
+    if (!scenario_.exchanges().empty()) wake_neighbours();
     const Interval frame = measure([this] { world_.stepSimulation(Scenario::frame_seconds, 0); });
     scenario_.advance();
     const Interval& update = world_.update();
@@ -143,6 +154,37 @@ class World::Impl {
         object.edge * object.edge * object.edge * (sphere ? std::numbers::pi_v<float> / 6 : 1);
     btRigidBody& body = add_body(shape_for(object.edge), volume, object.position);
     body.setLinearVelocity(to_bullet(object.velocity));
+  }
+
+  /// What rests on an object that leaves is to fall: Bullet would let it sleep on.
+  void wake_neighbours() {
+    std::set<const btCollisionObject*> leaving;
+    for (const Scenario::Exchange& exchange : scenario_.exchanges()) {
+      leaving.insert(bodies_[walls + exchange.object].get());
+    }
+    for (int k = 0; k < dispatcher_.getNumManifolds(); ++k) {
+      const btPersistentManifold& manifold = *dispatcher_.getManifoldByIndexInternal(k);
+      const std::array touching{manifold.getBody0(), manifold.getBody1()};
+      if (manifold.getNumContacts() == 0 ||
+          (!leaving.contains(touching[0]) && !leaving.contains(touching[1])))
+        continue;
+      for (const btCollisionObject* object : touching) object->activate();
+    }
+  }
+
+  void exchange() {
+    for (const Scenario::Exchange& exchange : scenario_.exchanges()) {
+      btRigidBody& body = *bodies_[walls + exchange.object];
+      world_.removeRigidBody(&body);
+      body.setCenterOfMassTransform(btTransform(btQuaternion::getIdentity(), to_bullet(exchange.position)));
+      body.setInterpolationWorldTransform(body.getCenterOfMassTransform());
+      body.setLinearVelocity(to_bullet(exchange.velocity));
+      body.setAngularVelocity({0, 0, 0});
+      body.clearForces();
+      body.forceActivationState(ACTIVE_TAG);
+      body.setDeactivationTime(0);
+      world_.addRigidBody(&body);
+    }
   }
 
   btCollisionShape& shape_for(float edge) {

@@ -17,7 +17,9 @@ struct FrameTimes {
   std::chrono::steady_clock::time_point
       start;  ///< When stepSimulation() began; the other starts count from it.
   double update_start;
-  double update;  ///< btCollisionWorld::updateAabbs(): every object's box computed and handed to setAabb().
+  /// btCollisionWorld::updateAabbs(): every object's box computed and handed to setAabb(). Objects that come
+  /// and go are added and removed in it.
+  double update;
   double broad_phase_start;
   double broad_phase;  ///< btCollisionWorld::computeOverlappingPairs().
   double total;        ///< The whole stepSimulation(), collision response included.
@@ -48,7 +50,7 @@ class World {
 
   [[nodiscard]] const Scenario& scenario() const noexcept;
   /// For what this interface leaves out. The first six collision objects are the walls, then come the objects
-  /// in order.
+  /// in order, until one is exchanged.
   [[nodiscard]] btDiscreteDynamicsWorld& bullet() noexcept;
   /// Number of pairs in the pair cache.
   [[nodiscard]] std::size_t pair_count() const;
