@@ -1,15 +1,16 @@
 #!/usr/bin/env python3
 """bench/plot.py OUT.svg RESULT.json [RESULT.json ...]: draws frame times over the number of boxes, a panel a device,
-and prints them as tables in Markdown; bench/plot.py UPDATES.json or PROXIES.json prints the times of updates, or those of
-proxies that come, move and go, as a table.
+and prints them as tables in Markdown; with results of updates, draws how these grow. bench/plot.py UPDATES.json or
+PROXIES.json prints the times of updates, or those of proxies that come, move and go, as a table.
 
 A picture needs matplotlib (Debian, Ubuntu: apt install python3-matplotlib). The results are those of `scripts/bench`.
 """
 import json
+import math
 import sys
 
 SCENE = "mixed"
-DEFAULT = "brute-force"
+REFERENCE = "brute-force"  # of the proxies' table
 STYLES = {"bullet-bf": ":", "bullet-sap": "-.", "bullet-bvh": "--"}
 
 
@@ -40,7 +41,7 @@ def three_digits(x):
 
 
 def print_proxies(result):
-    """A row an operation: medians, in brackets how many times that of the default algorithm they are, and pairs."""
+    """A row an operation: medians, in brackets how many times that of the reference they are, and pairs."""
     rows = {}
     # Not in the order in which they ran, which may be random, but in that of the program.
     for row in sorted(result["benchmarks"], key=lambda row: row["family_index"]):
@@ -52,7 +53,7 @@ def print_proxies(result):
     print("| --- |" + " ---: |" * (len(names) + 1))
     for (operation, scene), row in rows.items():
         times = [row[name]["real_time"] for name in names]
-        cells = [f"{three_digits(time)} ({three_digits(time / row[DEFAULT]['real_time'])})" for time in times]
+        cells = [f"{three_digits(time)} ({three_digits(time / row[REFERENCE]['real_time'])})" for time in times]
         pairs = dict.fromkeys(f"{row[name]['overlapping']:,.0f}" for name in names)
         print(f"| {operation}, {scene} | " + " | ".join(cells) + f" | {' / '.join(pairs)} |")
 
@@ -70,6 +71,34 @@ def print_updates(result):
         print(f"| `{name}` | " + " | ".join("" if cell is None else f"{cell:,.4g}" for cell in cells) + " |")
 
 
+def growth_of(result):
+    """For each scene the mean times of updates by tiles, as (boxes, microseconds)."""
+    series = {}
+    for row in result["benchmarks"]:
+        parts = row["run_name"].split("/")
+        if parts[:2] == ["update", "tiles"] and int(parts[3]) >= 16000:
+            series.setdefault(parts[2], []).append((int(parts[3]), row["real_time"]))
+    return series
+
+
+def draw_growth(plt, results, out):
+    """A panel a device: the time of an update for each box, beside what grows as n log n."""
+    figure, axes = plt.subplots(1, len(results), figsize=(5.5 * len(results), 3.8), squeeze=False)
+    for result, panel in zip(results, axes[0]):
+        for scene, points in growth_of(result).items():
+            boxes, times = zip(*sorted(points))
+            panel.plot(boxes, [1000 * t / n for n, t in zip(boxes, times)], marker="o", label=scene)
+            first = 1000 * times[0] / boxes[0] / math.log(boxes[0])
+            panel.plot(boxes, [first * math.log(n) for n in boxes], "--", color="grey", linewidth=1)
+        panel.set(title=result["context"]["device"].split(" / ")[-1], xlabel="boxes, all moving", xscale="log")
+        panel.set_ylim(bottom=0)
+        panel.grid(alpha=0.3)
+    axes[0][0].set_ylabel("one update, ns a box (dashed: n log n)")
+    axes[0][0].legend()
+    figure.tight_layout()
+    figure.savefig(out, metadata={"Date": None})
+
+
 def main():
     if len(sys.argv) == 2 and sys.argv[1].endswith(".json"):
         with open(sys.argv[1], encoding="utf-8") as file:
@@ -83,6 +112,10 @@ def main():
     matplotlib.use("svg")
     import matplotlib.pyplot as plt
 
+    with open(sys.argv[2], encoding="utf-8") as file:
+        is_updates = json.load(file)["benchmarks"][0]["run_name"].startswith("update")
+    if is_updates:
+        return draw_growth(plt, [json.load(open(path, encoding="utf-8")) for path in sys.argv[2:]], sys.argv[1])
     results = [read(path) for path in sys.argv[2:]]
     figure, axes = plt.subplots(1, len(results), figsize=(5.5 * len(results), 3.8), sharey=True, squeeze=False)
     names = sorted({name for _, series in results for name in series})
