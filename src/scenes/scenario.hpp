@@ -75,7 +75,7 @@ class Scenario {
   [[nodiscard]] const Eigen::Vector3f& gravity() const noexcept { return gravity_; }
   /// Velocities to set before the current frame is simulated.
   [[nodiscard]] std::span<const Kick> kicks() const noexcept { return kicks_; }
-  /// Objects to exchange while the current frame is simulated; each once.
+  /// Objects to exchange before the current frame is simulated; each once.
   [[nodiscard]] std::span<const Exchange> exchanges() const noexcept { return exchanges_; }
   /// Whether gravity changes from frame to frame, so that nothing may sleep through it.
   [[nodiscard]] bool gravity_rotates() const noexcept { return rotates_; }

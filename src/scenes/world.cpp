@@ -12,7 +12,6 @@
 #include <algorithm>
 #include <array>
 #include <chrono>
-#include <functional>
 #include <map>
 #include <numbers>
 #include <set>
@@ -52,14 +51,8 @@ class TimedWorld final : public btDiscreteDynamicsWorld {
  public:
   using btDiscreteDynamicsWorld::btDiscreteDynamicsWorld;
 
-  /// What is to be done with each update, and counts as a part of it.
-  std::function<void()> before_update = [] {};
-
   void updateAabbs() override {
-    update_ = measure([this] {
-      before_update();
-      btDiscreteDynamicsWorld::updateAabbs();
-    });
+    update_ = measure([this] { btDiscreteDynamicsWorld::updateAabbs(); });
   }
 
   void computeOverlappingPairs() override {
@@ -90,7 +83,6 @@ class World::Impl {
   Impl(const Scenario::Config& config, btBroadphaseInterface& broadphase)
       : scenario_(config), dispatcher_(&config_), world_(&dispatcher_, &broadphase, &solver_, &config_) {
     world_.setGravity(to_bullet(scenario_.gravity()));
-    world_.before_update = [this] { exchange(); };
     add_walls();
     for (const Scenario::Object& object : scenario_.objects()) add_object(object);
   }
@@ -117,13 +109,18 @@ class World::Impl {
       body.setLinearVelocity(to_bullet(kick.velocity));
     }
     if (!scenario_.exchanges().empty()) wake_neighbours();
-    const Interval frame = measure([this] { world_.stepSimulation(Scenario::frame_seconds, 0); });
+    Interval exchange{};
+    const Interval frame = measure([&] {
+      exchange = measure([this] { this->exchange(); });
+      world_.stepSimulation(Scenario::frame_seconds, 0);
+    });
     scenario_.advance();
     const Interval& update = world_.update();
     const Interval& broad_phase = world_.broad_phase();
+    const double exchange_seconds = seconds(exchange.begin, exchange.end);
     return {.start = frame.begin,
-            .update_start = seconds(frame.begin, update.begin),
-            .update = seconds(update.begin, update.end),
+            .update_start = seconds(frame.begin, update.begin) - exchange_seconds,
+            .update = seconds(update.begin, update.end) + exchange_seconds,
             .broad_phase_start = seconds(frame.begin, broad_phase.begin),
             .broad_phase = seconds(broad_phase.begin, broad_phase.end),
             .total = seconds(frame.begin, frame.end)};

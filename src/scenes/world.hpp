@@ -14,15 +14,14 @@ namespace broadcl::scenes {
 
 /// Wall-clock seconds of one frame, measured the same way for every broad phase.
 struct FrameTimes {
-  std::chrono::steady_clock::time_point
-      start;  ///< When stepSimulation() began; the other starts count from it.
+  std::chrono::steady_clock::time_point start;  ///< When the frame began; the other starts count from it.
   double update_start;
-  /// btCollisionWorld::updateAabbs(): every object's box computed and handed to setAabb(). Objects that come
-  /// and go are added and removed in it.
+  /// btCollisionWorld::updateAabbs(): every object's box computed and handed to setAabb(). And before the
+  /// step, objects that come and go added and removed; update_start is as if that ran right before.
   double update;
   double broad_phase_start;
   double broad_phase;  ///< btCollisionWorld::computeOverlappingPairs().
-  double total;        ///< The whole stepSimulation(), collision response included.
+  double total;  ///< The exchange of objects and the whole stepSimulation(), collision response included.
 };
 
 /// A Bullet rigid-body world in which a scenario is simulated: the objects, and six static walls around the
@@ -44,8 +43,8 @@ class World {
   World(World&&) = delete;
   World& operator=(World&&) = delete;
 
-  /// Simulates one frame: the script's gravity and kicks, then stepSimulation(1/30 s, 0), in which one broad
-  /// phase runs.
+  /// Simulates one frame: the script's gravity, kicks and exchanges, then stepSimulation(1/30 s, 0), in which
+  /// one broad phase runs.
   FrameTimes step();
 
   [[nodiscard]] const Scenario& scenario() const noexcept;
