@@ -1,5 +1,6 @@
 #include "primitives.hpp"
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
 #include <chrono>
@@ -12,9 +13,11 @@
 
 #include <benchmark/benchmark.h>
 
+#include "algorithms/extent.hpp"
 #include "opencl/context.hpp"
 #include "opencl/radix_sort.hpp"
 #include "opencl/scan.hpp"
+#include "scenes/generators.hpp"
 
 namespace broadcl {
 namespace {
@@ -59,6 +62,30 @@ void time_on_device(benchmark::State& state, const opencl::Context& context, con
   copy();
   run();
   time_on_copies(state, input.size(), copy, run);
+}
+
+std::vector<Aabb> random_boxes(std::size_t n) {
+  const scenes::MovingBoxes boxes(static_cast<std::uint32_t>(n), scenes::MovingBoxes::Sizes::uniform);
+  return {boxes.boxes().begin(), boxes.boxes().end()};
+}
+
+void extent_on_device(benchmark::State& state, std::size_t n) {
+  const opencl::Context context(select_device(), false);
+  Extent extent(context);
+  time_on_device(state, context, random_boxes(n), [&](const cl::Buffer& boxes) { extent.enqueue(boxes, n); });
+}
+
+void extent_on_host(benchmark::State& state, std::size_t n) {
+  const std::vector<Aabb> boxes = random_boxes(n);
+  time_on_copies(
+      state, n, [] {},
+      [&] {
+        Eigen::AlignedBox3f extent;
+        for (const auto& [lower, upper] : boxes) {
+          extent.extend((Eigen::Vector3f::Map(lower.data()) + Eigen::Vector3f::Map(upper.data())) / 2);
+        }
+        benchmark::DoNotOptimize(extent);
+      });
 }
 
 void scan_on_device(benchmark::State& state, std::size_t n) {
@@ -123,6 +150,8 @@ void register_primitives() {
         ->Unit(benchmark::kMicrosecond);
   };
   for (const std::size_t n : {3500U, 65536U, 1'000'000U}) {
+    add("extent/device", n, extent_on_device);
+    add("extent/host", n, extent_on_host);
     add("scan/device", n, scan_on_device);
     add("scan/host", n, scan_on_host);
     add("radix-sort/device", n, sort_on_device);

@@ -2,8 +2,9 @@
 
 namespace broadcl {
 
-/// Benchmarks of the primitives of host/opencl, each beside a host thread that does the same:
+/// Benchmarks of the primitives, each beside a host thread that does the same:
 ///
+///   extent/NAME/N       bounds of the middles of N boxes
 ///   scan/NAME/N         exclusive prefix sum of N uints
 ///   radix-sort/NAME/N   N random pairs {value, key} of uints, by key
 ///

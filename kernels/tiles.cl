@@ -14,6 +14,7 @@
 
 #include "aabb.h"
 #include "delta.h"
+#include "extent.h"
 #include "filter.h"
 #include "lanes.h"
 
@@ -35,54 +36,6 @@
 #define FLUSH 64U      /* hits that are worth being put */
 #define OWN 8U         /* boxes of a tile that are tested before hits are put */
 #define CANDIDATES 96U /* boxes that overlap a tile's bounds that are worth being tested */
-
-/* Numbers in the order of floats. */
-static inline uint ordered(const float value) {
-  const uint bits = as_uint(value);
-  return (bits >> 31) != 0U ? ~bits : bits | 0x80000000U;
-}
-static inline float from_ordered(const uint word) {
-  return as_float((word >> 31) != 0U ? word & 0x7fffffffU : ~word);
-}
-
-/* The middle of a box; not finite where that makes no sense. */
-static inline float3 middle(global const float* box) {
-  const float3 sum = vload3(0, box) * 0.5F + vload3(1, box) * 0.5F;
-  return all(fabs(sum) < 1e30F) != 0 ? sum : (float3)(NAN);
-}
-
-/* The bounds of the middles: three minima, three maxima, as ordered() makes them. */
-kernel void tiles_extent(const uint n, global const float* restrict boxes, global uint* restrict extent) {
-  uint lower[3] = {0xffffffffU, 0xffffffffU, 0xffffffffU};
-  uint upper[3] = {0, 0, 0};
-  for (uint k = (uint)get_global_id(0); k < n; k += (uint)get_global_size(0)) {
-    const float3 m = middle(boxes + (size_t)k * AABB_FLOATS);
-    if (isnan(m.x)) continue;
-    const uint words[3] = {ordered(m.x), ordered(m.y), ordered(m.z)};
-    for (uint i = 0; i < 3U; ++i) {
-      lower[i] = min(lower[i], words[i]);
-      upper[i] = max(upper[i], words[i]);
-    }
-  }
-  local uint all_lower[3];
-  local uint all_upper[3];
-  if (get_local_id(0) == 0) {
-    for (uint i = 0; i < 3U; ++i) {
-      all_lower[i] = 0xffffffffU;
-      all_upper[i] = 0;
-    }
-  }
-  barrier(CLK_LOCAL_MEM_FENCE);
-  for (uint i = 0; i < 3U; ++i) {
-    atomic_min(&all_lower[i], lower[i]);
-    atomic_max(&all_upper[i], upper[i]);
-  }
-  barrier(CLK_LOCAL_MEM_FENCE);
-  if (get_local_id(0) < 3) {
-    atomic_min(&extent[get_local_id(0)], all_lower[get_local_id(0)]);
-    atomic_max(&extent[3 + get_local_id(0)], all_upper[get_local_id(0)]);
-  }
-}
 
 /* Place of a cell on Hilbert's curve. */
 static inline uint hilbert(uint cell[3]) {

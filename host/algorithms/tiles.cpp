@@ -5,6 +5,7 @@
 #include <string>
 
 #include "algorithms/algorithm.hpp"
+#include "algorithms/extent.hpp"
 #include "algorithms/pair_finder.hpp"
 #include "opencl/error.hpp"
 #include "opencl/launch.hpp"
@@ -36,14 +37,13 @@ class Tiles final : public PairFinder {
       : context_(context),
         stale_(stale),
         group_(context.shape() == opencl::Shape::cpu ? 1 : node),
+        extent_(context),
         sort_(context) {
     opencl::translate_errors(context.device().label(), [&] {
       const cl::Program program = this->program(true);
-      extent_kernel_ = cl::Kernel(program, "tiles_extent");
       keys_ = cl::Kernel(program, "tiles_keys");
       raise_ = cl::Kernel(program, "tiles_raise");
       of_all_ = kernels_of(program);
-      extent_ = context.buffer(6 * sizeof(cl_uint));
     });
   }
 
@@ -117,19 +117,10 @@ class Tiles final : public PairFinder {
   void sort(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) {
     const opencl::Profiler::Scope stage(profiler, "sort");
     sorted_slots_ = 0;  // until all of it is enqueued: half a sort may have a slot twice
-    const cl::CommandQueue& queue = context_.queue();
-    constexpr std::size_t bytes = 3 * sizeof(cl_uint);
-    queue.enqueueFillBuffer(extent_, ~cl_uint{0}, 0, bytes);
-    queue.enqueueFillBuffer(extent_, cl_uint{0}, bytes, bytes);
-    const std::size_t useful = std::size_t{context_.device().compute_units} * 8;
-    const std::size_t groups =
-        std::max(divide_up(search.slots, group * 4096), std::min(divide_up(search.slots, group), useful));
-    opencl::set_arguments(extent_kernel_, 0, search.slots, search.boxes, extent_);
-    queue.enqueueNDRangeKernel(extent_kernel_, cl::NullRange, cl::NDRange(groups * group),
-                               cl::NDRange(group));
-    opencl::set_arguments(keys_, 0, search.slots, search.boxes, extent_, elements_);
-    queue.enqueueNDRangeKernel(keys_, cl::NullRange, cl::NDRange(round_up(search.slots, group)),
-                               cl::NDRange(group));
+    extent_.enqueue(search.boxes, search.slots);
+    opencl::set_arguments(keys_, 0, search.slots, search.boxes, extent_.result(), elements_);
+    context_.queue().enqueueNDRangeKernel(keys_, cl::NullRange, cl::NDRange(round_up(search.slots, group)),
+                                          cl::NDRange(group));
     sort_.enqueue(elements_, scratch_, search.slots, std::array{opencl::RadixSort::Bits{32, code_bits}});
     sorted_slots_ = search.slots;
     sorted_frame_ = sink.frames();
@@ -190,11 +181,11 @@ class Tiles final : public PairFinder {
   const opencl::Context& context_;
   double stale_;  // see make_tiles()
   std::size_t group_;
+  Extent extent_;
   opencl::RadixSort sort_;
-  cl::Kernel extent_kernel_, keys_, raise_;
+  cl::Kernel keys_, raise_;
   Kernels of_all_;
-  Kernels of_some_;  // made when first needed
-  cl::Buffer extent_;
+  Kernels of_some_;                // made when first needed
   cl::Buffer elements_, scratch_;  // slots in order
   cl::Buffer tree_;
   cl::Buffer changed_tree_;   // of boxes that changed, where not all did

@@ -1,0 +1,31 @@
+#pragma once
+
+#include <cstddef>
+
+#include "opencl/context.hpp"
+
+namespace broadcl {
+
+/// The reduction of boxes to the bounds of their middles, on the device: kernels/extent.cl.
+class Extent {
+ public:
+  /// @param context Must outlive this object.
+  /// @throws Error, cl::Error
+  explicit Extent(const opencl::Context& context);
+
+  /// Enqueues the reduction of the first n boxes, six floats each; those without a finite middle, empty ones
+  /// above all, count for nothing. Does not wait.
+  /// @throws cl::Error
+  void enqueue(const cl::Buffer& boxes, std::size_t n);
+
+  /// Six uints: the least x, y, z, then the greatest, as ordered() of kernels/extent.h makes them; where no
+  /// box counts, the greatest uint and 0. The same buffer for all reductions.
+  [[nodiscard]] const cl::Buffer& result() const noexcept { return result_; }
+
+ private:
+  const opencl::Context& context_;
+  cl::Kernel kernel_;
+  cl::Buffer result_;
+};
+
+}  // namespace broadcl

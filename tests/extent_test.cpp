@@ -1,0 +1,118 @@
+#include "algorithms/extent.hpp"
+
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <cstddef>
+#include <cstdint>
+#include <limits>
+#include <string>
+#include <vector>
+
+#include <gtest/gtest.h>
+
+#include <broadcl/aabb.hpp>
+#include <broadcl/device.hpp>
+
+#include "environment.hpp"
+#include "opencl/context.hpp"
+#include "scenes/random.hpp"
+
+namespace broadcl::test {
+namespace {
+
+constexpr float infinity = std::numeric_limits<float>::infinity();
+
+/// As ordered() of kernels/extent.h.
+std::uint32_t ordered(float value) {
+  const auto bits = std::bit_cast<std::uint32_t>(value);
+  return bits >> 31 != 0 ? ~bits : bits | 0x80000000U;
+}
+
+using Words = std::array<std::uint32_t, 6>;
+
+Words expected_of(const std::vector<Aabb>& boxes) {
+  Words words{~0U, ~0U, ~0U, 0, 0, 0};
+  for (const auto& [lower, upper] : boxes) {
+    std::array<float, 3> middle{};
+    for (std::size_t k = 0; k < 3; ++k) middle.at(k) = lower[k] * 0.5F + upper[k] * 0.5F;
+    if (!std::ranges::all_of(middle, [](float x) { return x > -1e30F && x < 1e30F; })) continue;
+    for (std::size_t k = 0; k < 3; ++k) {
+      words.at(k) = std::min(words.at(k), ordered(middle.at(k)));
+      words.at(3 + k) = std::max(words.at(3 + k), ordered(middle.at(k)));
+    }
+  }
+  return words;
+}
+
+void expect_extent(const opencl::Context& context, Extent& extent, std::vector<Aabb> boxes) {
+  SCOPED_TRACE(boxes.size());
+  const std::size_t n = boxes.size();
+  const Words expected = expected_of(boxes);
+  boxes.push_back({{-1e9F, -1e9F, -1e9F}, {1e9F, 1e9F, 1e9F}});  // one that does not count
+  const cl::Buffer buffer = context.buffer(boxes.size() * sizeof(Aabb));
+  context.queue().enqueueWriteBuffer(buffer, CL_TRUE, 0, boxes.size() * sizeof(Aabb), boxes.data());
+  extent.enqueue(buffer, n);
+  Words words{};
+  context.queue().enqueueReadBuffer(extent.result(), CL_TRUE, 0, sizeof words, words.data());
+  EXPECT_EQ(words, expected);
+}
+
+Aabb point(float x, float y, float z) {
+  return {{x, y, z}, {x, y, z}};
+}
+
+std::vector<Aabb> random_boxes(std::size_t n) {
+  scenes::Random random(n);
+  std::vector<Aabb> boxes;
+  for (std::size_t k = 0; k < n; ++k) {
+    const auto p = random.vector(-100, 100);
+    const auto edges = random.vector(0, 3);
+    boxes.push_back({{p.x(), p.y(), p.z()}, {p.x() + edges.x(), p.y() + edges.y(), p.z() + edges.z()}});
+  }
+  return boxes;
+}
+
+class Extents : public ::testing::TestWithParam<std::string> {
+ protected:
+  void expect(const std::vector<Aabb>& boxes) { expect_extent(context_, extent_, boxes); }
+
+ private:
+  ScopedVariable shape_{"BROADCL_SHAPE", GetParam()};
+  opencl::Context context_{select_device(), false};
+  Extent extent_{context_};
+};
+
+TEST_P(Extents, SmallSetsOfEachSize) {
+  for (const std::size_t n : {0U, 1U, 2U, 3U, 63U, 64U, 65U, 127U, 129U}) expect(random_boxes(n));
+}
+
+TEST_P(Extents, SetsOfEachSize) {
+  for (const std::size_t n : {1023U, 4095U, 4097U, 54'321U, 1'000'000U}) expect(random_boxes(n));
+}
+
+TEST_P(Extents, SmallSetsInEachOrder) {
+  std::vector<Aabb> boxes(501, point(1, -2, 3));
+  expect(boxes);
+  for (std::size_t k = 0; k < boxes.size(); ++k) {
+    const auto x = static_cast<float>(k) - 250;
+    boxes[k] = point(x, x / 3, -x);
+  }
+  expect(boxes);
+  std::ranges::reverse(boxes);
+  expect(boxes);
+}
+
+TEST_P(Extents, SmallBoxesWithoutAMiddleCountForNothing) {
+  const Aabb plane{{-infinity, -infinity, -infinity}, {infinity, 0, infinity}};
+  const Aabb half{{0, 0, 0}, {infinity, 1, 1}};
+  const Aabb huge = point(1e30F, 0, 0);
+  expect({empty_aabb(), plane, half, huge});
+  expect({empty_aabb(), point(-0.0F, 0, -1), plane, half, point(0, -0.0F, 5), huge});
+}
+
+INSTANTIATE_TEST_SUITE_P(Shape, Extents, ::testing::Values("cpu", "gpu"),
+                         [](const auto& test) { return test.param; });
+
+}  // namespace
+}  // namespace broadcl::test
