@@ -83,7 +83,10 @@ class Subject {
         users_cache_(make_cache(kind)),
         broadphase_({.algorithm = algorithm}, users_cache_.get()) {
     cache().setInternalGhostPairCallback(&ghosts_);
-    broadphase_.set_error_handler([this](const std::string& /*error*/) { ++errors_; });
+    broadphase_.set_error_handler([this](const std::string& error) {
+      ++errors_;
+      last_error_ = error;
+    });
   }
 
   // The calls
@@ -153,7 +156,7 @@ class Subject {
     }
     if (errors_ != reference.nans()) {
       fail("the error handler was called " + std::to_string(errors_) + " times for " +
-           std::to_string(reference.nans()) + " boxes with NaN");
+           std::to_string(reference.nans()) + " boxes with NaN, at last with: " + last_error_);
     }
   }
 
@@ -344,6 +347,7 @@ class Subject {
   GhostPairs ghosts_;
   int alive_ = 0;   // marks
   int errors_ = 0;  // calls of the error handler
+  std::string last_error_;
   std::unique_ptr<btOverlappingPairCache> users_cache_;
   BulletBroadphase broadphase_;
   std::vector<btBroadphaseProxy*> proxies_;  // by id

@@ -225,6 +225,24 @@ TEST_P(EachAlgorithm, SmallTheLastOrAllRemovedAndAddedAgain) {
   }
 }
 
+/// Few pairs come in each update, many go in one: then updates in which there is no object.
+TEST_P(EachAlgorithm, UpdatesOfNothingFollowThatOfMuch) {
+  for (const std::uint32_t n : {20U, 80U}) {  // on a CPU, on a GPU
+    SCOPED_TRACE(n);
+    BroadPhase broad_phase(config());
+    for (const std::size_t place : {0U, 1U}) {
+      for (std::uint32_t k = 0; k < n; ++k) broad_phase.add(apart(place));
+      EXPECT_EQ(broad_phase.update().added.size(), n * (n - 1) / 2);
+    }
+    for (std::uint32_t k = 0; k < 2 * n; ++k) broad_phase.remove(k);
+    EXPECT_EQ(broad_phase.update().removed.size(), n * (n - 1));
+    for (int frame = 0; frame < 3; ++frame) {
+      broad_phase.remove(broad_phase.add(unit));
+      EXPECT_TRUE(same(broad_phase.update(), {}, {}));
+    }
+  }
+}
+
 TEST_P(EachAlgorithm, SmallSignedZerosAndEmptyBoxesThatMove) {
   Twins twins(config());
   const Aabb positive{{0, 0, 0}, {1, 1, 0}};

@@ -113,8 +113,13 @@ void PairDelta::reserve_result(std::size_t changes) {
   result_ = opencl::SharedBuffer(context_, bytes + bytes / 5);
 }
 
+/// Buckets of either list; one at least, where neither frame has an object.
+std::size_t PairDelta::bucket_count() const {
+  return std::max<std::size_t>({1, slots_, frame_.search.slots});
+}
+
 void PairDelta::reserve_buckets() {
-  const std::size_t slots = std::max<std::size_t>(slots_, frame_.search.slots);
+  const std::size_t slots = bucket_count();
   if (bucket_capacity_ < slots) {
     bucket_capacity_ = 0;
     buckets_ = {};
@@ -169,7 +174,7 @@ void PairDelta::enqueue_order_few() {
 
 void PairDelta::enqueue_order_many() {
   const cl::CommandQueue& queue = context_.queue();
-  const std::size_t slots = std::max<std::size_t>(slots_, frame_.search.slots);
+  const std::size_t slots = bucket_count();
   const opencl::Profiler::Scope all(profiler_, "order");
   queue.enqueueFillBuffer(buckets_, cl_uint{0}, 0, 2 * slots * sizeof(cl_uint));
   // Each goes through some changes, but never so many that llvmpipe would end it (see shape_of()).

@@ -87,6 +87,7 @@ class PairDelta {
   [[nodiscard]] cl::Buffer buffer(std::size_t bytes) const;
   void reserve(std::size_t capacity);
   void reserve_result(std::size_t changes);
+  [[nodiscard]] std::size_t bucket_count() const;
   void reserve_buckets();
   void reserve_scattered(std::size_t changes);
   void enqueue();
