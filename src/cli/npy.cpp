@@ -3,19 +3,17 @@
 #include <algorithm>
 #include <array>
 #include <bit>
+#include <broadcl/box_view.hpp>
 #include <broadcl/error.hpp>
-#include <cerrno>
 #include <charconv>
-#include <cstddef>
-#include <cstdint>
 #include <fstream>
 #include <istream>
 #include <limits>
 #include <optional>
-#include <string_view>
 #include <system_error>
 #include <type_traits>
 
+#include "cli/input_file.hpp"
 #include "cli/text.hpp"
 
 namespace broadcl::cli {
@@ -25,25 +23,13 @@ constexpr std::string_view magic = "\x93NUMPY";
 constexpr std::size_t longest_header = 65535;
 constexpr std::size_t columns = 6;
 
-struct Header {
-  std::string dtype;
-  bool fortran_order = false;
-  std::vector<std::uint64_t> shape;
-};
-
-std::string to_text(const std::vector<std::uint64_t>& shape) {
-  std::string text;
-  for (const std::uint64_t size : shape) text += (text.empty() ? "" : ", ") + std::to_string(size);
-  return "(" + text + (shape.size() == 1 ? ",)" : ")");
-}
-
 /// Reads the dictionary of a header, which is a Python literal:
 /// {'descr': '<f4', 'fortran_order': False, 'shape': (3, 6), }
 class HeaderParser {
  public:
   explicit HeaderParser(std::string_view text) : rest_(text) {}
 
-  Header parse() {
+  NpyHeader parse() {
     std::optional<std::string> dtype;
     std::optional<bool> fortran_order;
     std::optional<std::vector<std::uint64_t>> shape;
@@ -68,7 +54,7 @@ class HeaderParser {
     skip_spaces();
     if (!rest_.empty()) fail("something follows the dictionary");
     if (!dtype || !fortran_order || !shape) fail("'descr', 'fortran_order' or 'shape' is missing");
-    return {*dtype, *fortran_order, *shape};
+    return {.bounds = bound_type(*dtype), .fortran_order = *fortran_order, .shape = *shape};
   }
 
  private:
@@ -104,6 +90,13 @@ class HeaderParser {
   std::string dtype_string() {
     if (accept('[')) throw Error("its dtype is that of records; float32 or float64 is needed");
     return string();
+  }
+
+  static BoundType bound_type(const std::string& dtype) {
+    if (dtype != "<f4" && dtype != ">f4" && dtype != "<f8" && dtype != ">f8") {
+      throw Error("its dtype is '" + one_line(dtype) + "'; float32 or float64 is needed");
+    }
+    return {.is_double = dtype.back() == '8', .big_endian = dtype.front() == '>'};
   }
 
   bool boolean() {
@@ -168,7 +161,29 @@ Number load(const char* from, bool big_endian) {
   return std::bit_cast<Number>(bits);
 }
 
-Header read_header(std::istream& stream) {
+template <class Number>
+std::array<Number, 3> load_corner(const char* from, std::size_t stride, bool big_endian) {
+  return {load<Number>(from, big_endian), load<Number>(from + stride, big_endian),
+          load<Number>(from + 2 * stride, big_endian)};
+}
+
+std::string to_text(const std::vector<std::uint64_t>& shape) {
+  std::string text;
+  for (const std::uint64_t size : shape) text += (text.empty() ? "" : ", ") + std::to_string(size);
+  return "(" + text + (shape.size() == 1 ? ",)" : ")");
+}
+
+void append_little_endian(std::string& bytes, std::uint32_t value, unsigned size) {
+  for (unsigned i = 0; i < size; ++i) bytes += static_cast<char>((value >> (8 * i)) & 0xff);
+}
+
+}  // namespace
+
+std::string NpyHeader::shape_text() const {
+  return to_text(shape);
+}
+
+NpyHeader read_npy_header(std::istream& stream) {
   if (read_bytes(stream, magic.size()) != magic) {
     throw Error("it is not a NumPy array: the magic bytes of .npy are missing");
   }
@@ -188,38 +203,57 @@ Header read_header(std::istream& stream) {
   return HeaderParser(text).parse();
 }
 
-Aabb to_aabb(const std::array<float, columns>& row) {
-  return {{row[0], row[1], row[2]}, {row[3], row[4], row[5]}};
+std::string npy_header(std::string_view dtype, const std::vector<std::uint64_t>& shape) {
+  constexpr std::size_t alignment = 64;
+  std::string dictionary =
+      "{'descr': '" + std::string(dtype) + "', 'fortran_order': False, 'shape': " + to_text(shape) + ", }";
+  const std::size_t prefix = magic.size() + 4;
+  dictionary.append(alignment - 1 - (prefix + dictionary.size()) % alignment, ' ');
+  dictionary += '\n';
+  std::string bytes(magic);
+  bytes += std::string_view("\1\0", 2);
+  append_little_endian(bytes, static_cast<std::uint32_t>(dictionary.size()), 2);
+  return bytes + dictionary;
 }
 
-Aabb to_aabb(const std::array<double, columns>& row) {
-  return round_outward({row[0], row[1], row[2]}, {row[3], row[4], row[5]});
+Aabb load_box(BoundType type, const char* lower, const char* upper, std::size_t stride) {
+  if (!type.is_double) {
+    return {load_corner<float>(lower, stride, type.big_endian),
+            load_corner<float>(upper, stride, type.big_endian)};
+  }
+  const std::array corners{load_corner<double>(lower, stride, type.big_endian),
+                           load_corner<double>(upper, stride, type.big_endian)};
+  return BoxView::corners(corners[0].data(), corners[1].data(), 1)[0];
 }
 
-template <class Number>
-std::vector<Aabb> read_rows(std::istream& stream, const Header& header) {
+std::vector<Aabb> read_boxes(std::istream& stream) {
+  const NpyHeader header = read_npy_header(stream);
+  if (header.shape.size() != 2 || header.shape[1] != columns) {
+    throw Error("its shape is " + header.shape_text() + "; (n, 6) is needed: min x, y, z, max x, y, z");
+  }
+  if (header.shape[0] > std::numeric_limits<std::uint32_t>::max()) {
+    throw Error("its shape " + header.shape_text() + " is too large: boxes are numbered in 32 bits");
+  }
   const auto rows = static_cast<std::size_t>(header.shape[0]);
-  const std::size_t size = rows * columns * sizeof(Number);
+  const std::size_t size = rows * columns * header.bounds.size();
   const std::string data = read_bytes(stream, size);
   if (data.size() < size) {
-    throw Error("it is cut: its shape " + to_text(header.shape) + " needs " + std::to_string(size) +
+    throw Error("it is cut: its shape " + header.shape_text() + " needs " + std::to_string(size) +
                 " bytes of data, it has " + std::to_string(data.size()));
   }
   if (stream.peek() != std::istream::traits_type::eof()) {
-    throw Error("bytes follow the " + std::to_string(size) + " that its shape " + to_text(header.shape) +
+    throw Error("bytes follow the " + std::to_string(size) + " that its shape " + header.shape_text() +
                 " needs");
   }
 
-  const bool big_endian = header.dtype.front() == '>';
+  const std::size_t number = header.bounds.size();
+  const std::size_t box_stride = header.fortran_order ? number : columns * number;
+  const std::size_t bound_stride = header.fortran_order ? rows * number : number;
   std::vector<Aabb> boxes;
   boxes.reserve(rows);
   for (std::size_t row = 0; row < rows; ++row) {
-    std::array<Number, columns> values;
-    for (std::size_t column = 0; column < columns; ++column) {
-      const std::size_t position = header.fortran_order ? column * rows + row : row * columns + column;
-      values[column] = load<Number>(data.data() + position * sizeof(Number), big_endian);
-    }
-    boxes.push_back(to_aabb(values));
+    const char* const lower = data.data() + row * box_stride;
+    boxes.push_back(load_box(header.bounds, lower, lower + 3 * bound_stride, bound_stride));
     if (has_nan(boxes.back())) {
       throw Error("row " + std::to_string(row) +
                   " (the first is 0) holds a NaN; remove it or give it bounds");
@@ -228,29 +262,8 @@ std::vector<Aabb> read_rows(std::istream& stream, const Header& header) {
   return boxes;
 }
 
-}  // namespace
-
-std::vector<Aabb> read_boxes(std::istream& stream) {
-  const Header header = read_header(stream);
-  const bool is_float = header.dtype == "<f4" || header.dtype == ">f4";
-  if (!is_float && header.dtype != "<f8" && header.dtype != ">f8") {
-    throw Error("its dtype is '" + one_line(header.dtype) + "'; float32 or float64 is needed");
-  }
-  if (header.shape.size() != 2 || header.shape[1] != columns) {
-    throw Error("its shape is " + to_text(header.shape) + "; (n, 6) is needed: min x, y, z, max x, y, z");
-  }
-  if (header.shape[0] > std::numeric_limits<std::uint32_t>::max()) {
-    throw Error("its shape " + to_text(header.shape) + " is too large: boxes are numbered in 32 bits");
-  }
-  return is_float ? read_rows<float>(stream, header) : read_rows<double>(stream, header);
-}
-
 std::vector<Aabb> read_boxes(const std::filesystem::path& file) {
-  std::error_code ignored;
-  const std::filesystem::file_status status = std::filesystem::status(file, ignored);
-  if (std::filesystem::is_directory(status)) throw Error(quoted(file) + " is a directory; name a .npy file");
-  std::ifstream stream(file, std::ios::binary);
-  if (!stream) throw Error("cannot read " + quoted(file) + ": " + std::generic_category().message(errno));
+  std::ifstream stream = open_input(file);
   try {
     return read_boxes(stream);
   } catch (const Error& error) {
@@ -259,24 +272,11 @@ std::vector<Aabb> read_boxes(const std::filesystem::path& file) {
 }
 
 std::string to_npy(std::span<const Pair> pairs) {
-  constexpr std::size_t alignment = 64;
-  std::string header =
-      "{'descr': '<u4', 'fortran_order': False, 'shape': (" + std::to_string(pairs.size()) + ", 2), }";
-  const std::size_t prefix = magic.size() + 4;
-  header.append(alignment - 1 - (prefix + header.size()) % alignment, ' ');
-  header += '\n';
-
-  std::string bytes(magic);
-  const auto append = [&bytes](std::uint32_t value, unsigned size) {
-    for (unsigned i = 0; i < size; ++i) bytes += static_cast<char>((value >> (8 * i)) & 0xff);
-  };
-  bytes.reserve(prefix + header.size() + pairs.size() * 8);
-  bytes += std::string_view("\1\0", 2);
-  append(static_cast<std::uint32_t>(header.size()), 2);
-  bytes += header;
+  std::string bytes = npy_header("<u4", {pairs.size(), 2});
+  bytes.reserve(bytes.size() + pairs.size() * 8);
   for (const Pair& pair : pairs) {
-    append(pair.a, 4);
-    append(pair.b, 4);
+    append_little_endian(bytes, pair.a, 4);
+    append_little_endian(bytes, pair.b, 4);
   }
   return bytes;
 }

@@ -2,6 +2,7 @@
 
 #include <cstdio>
 #include <filesystem>
+#include <initializer_list>
 #include <memory>
 #include <string>
 #include <string_view>
@@ -45,5 +46,14 @@ class OutputFile {
   std::filesystem::path temporary_;  // empty where there is none
   File file_;
 };
+
+/// A file that an option names.
+struct NamedFile {
+  std::string_view option;
+  const OutputFile* file;  ///< Null where the option is not there.
+};
+
+/// @throws Error where two options name the same file.
+void refuse_same_file(std::initializer_list<NamedFile> files);
 
 }  // namespace broadcl::cli

@@ -1,5 +1,4 @@
 #include <CLI/CLI.hpp>
-#include <broadcl/error.hpp>
 #include <cstdint>
 #include <iostream>
 #include <memory>
@@ -9,10 +8,11 @@
 #include "cli/arguments.hpp"
 #include "cli/output_file.hpp"
 #include "cli/progress_bar.hpp"
+#include "cli/recording.hpp"
 #include "cli/simulation.hpp"
 #include "cli/trace.hpp"
 #include "cli/verbs.hpp"
-#include "scenes/broadphases.hpp"
+#include "scenes/scenario.hpp"
 
 namespace broadcl::cli {
 namespace {
@@ -22,33 +22,32 @@ struct Options {
   std::string csv;
   std::string json;
   std::string trace;
+  std::string record;
 };
-
-void refuse_same_file(const std::string& name, const std::optional<OutputFile>& file,
-                      const std::string& other_name, const std::optional<OutputFile>& other) {
-  if (file && other && file->target() == other->target()) {
-    throw Error(name + " and " + other_name + " name the same file");
-  }
-}
 
 Exit run(const Options& options) {
   std::optional<OutputFile> csv;
   std::optional<OutputFile> json;
   std::optional<OutputFile> trace;
+  std::optional<RecordingWriter> recording;
   if (!options.csv.empty()) csv.emplace(options.csv);
   if (!options.json.empty()) json.emplace(options.json);
   if (!options.trace.empty()) trace.emplace(options.trace);
-  refuse_same_file("--csv", csv, "--json", json);
-  refuse_same_file("--csv", csv, "--trace", trace);
-  refuse_same_file("--json", json, "--trace", trace);
+  if (!options.record.empty()) recording.emplace(options.record, recording_info(options.simulation));
+  refuse_same_file({{"--csv", csv ? &*csv : nullptr},
+                    {"--json", json ? &*json : nullptr},
+                    {"--trace", trace ? &*trace : nullptr},
+                    {"--record", recording ? &recording->file() : nullptr}});
 
   const SimulationResult result = [&] {
     ProgressBar progress(options.simulation.frames);
-    return simulate(options.simulation, [&] { progress.advance(); });
+    return simulate(
+        options.simulation, [&] { progress.advance(); }, recording ? &*recording : nullptr);
   }();
   if (csv) csv->write(csv_report(result));
   if (json) json->write(json_report(options.simulation, result));
   if (trace) write_trace(*trace, options.simulation, result);
+  if (recording) recording->commit();
   if (csv) csv->commit();
   if (json) json->commit();
   if (trace) trace->commit();
@@ -61,9 +60,7 @@ std::string footer() {
   for (const scenes::ScenarioInfo& scenario : scenes::Scenario::list()) {
     text += named_row(scenario.name, scenario.summary);
   }
-  text += "Broad phases:\n";
-  for (const scenes::BroadphaseInfo& info : scenes::broadphases()) text += named_row(info.name, info.summary);
-  return text;
+  return text + broadphase_rows();
 }
 
 }  // namespace
@@ -88,6 +85,11 @@ Verb add_simulate(CLI::App& program) {
   verb->add_option("--trace", options->trace,
                    "Where to write a trace of all frames, for ui.perfetto.dev and chrome://tracing; measures "
                    "as --profile does")
+      ->type_name("FILE");
+  verb->add_option(
+          "--record", options->record,
+          "Where to write the boxes of all objects, initially and in each frame, for 'broadcl replay': "
+          ".aabbs or .npy, shape (1 + frames, objects, 6)")
       ->type_name("FILE");
   verb->add_flag("--profile", simulation.profile,
                  "Report the stages of the broad phase; device times are measured then, which "

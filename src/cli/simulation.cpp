@@ -1,6 +1,7 @@
 #include "cli/simulation.hpp"
 
 #include <BulletCollision/BroadphaseCollision/btBroadphaseInterface.h>
+#include <BulletCollision/BroadphaseCollision/btOverlappingPairCache.h>
 #include <BulletDynamics/Dynamics/btDiscreteDynamicsWorld.h>
 
 #include <broadcl/bullet.hpp>
@@ -8,8 +9,6 @@
 #include <span>
 
 #include "scenes/broadphases.hpp"
-#include "scenes/verify.hpp"
-#include "scenes/world.hpp"
 
 namespace broadcl::cli {
 namespace {
@@ -36,6 +35,18 @@ const BroadPhase* core_of(const btBroadphaseInterface& broadphase) {
 std::optional<Device> device_of(const BroadPhase* core) {
   const Device* device = core != nullptr ? core->device() : nullptr;
   return device != nullptr ? std::optional(*device) : std::nullopt;
+}
+
+std::vector<Aabb> boxes_of(const scenes::World& world) {
+  const std::size_t objects = world.scenario().objects().size();
+  std::vector<Aabb> boxes;
+  boxes.reserve(objects);
+  for (std::size_t k = 0; k < objects; ++k) {
+    const Eigen::AlignedBox3f box = world.box(k);
+    boxes.push_back(
+        {{box.min().x(), box.min().y(), box.min().z()}, {box.max().x(), box.max().y(), box.max().z()}});
+  }
+  return boxes;
 }
 
 std::vector<Stage> stages_of(const BroadPhase* core) {
@@ -69,25 +80,53 @@ void add_frame(Verdict& verdict, std::uint32_t frame, const scenes::Difference& 
 
 }  // namespace
 
-SimulationResult simulate(const SimulationConfig& config, const std::function<void()>& frame_ended) {
+SimulationResult measure(const Frames& frames, const std::string& name,
+                         const btBroadphaseInterface& broadphase, bool stages) {
+  SimulationResult result;
+  const BroadPhase* const core = core_of(broadphase);
+  const btOverlappingPairCache& cache = *broadphase.getOverlappingPairCache();
+  result.device = device_of(core);
+  if (frames.verify) result.verdict.emplace().exact = is_exact(name);
+  for (std::uint32_t frame = 0; frame < frames.count; ++frame) {
+    add_times(result, frames.step());
+    result.stages.push_back(stages ? stages_of(core) : std::vector<Stage>());
+    result.pairs.push_back(static_cast<std::size_t>(cache.getNumOverlappingPairs()));
+    if (result.verdict) add_frame(*result.verdict, frame, frames.verify());
+    frames.ended();
+  }
+  return result;
+}
+
+SimulationResult simulate(const SimulationConfig& config, const std::function<void()>& frame_ended,
+                          RecordingWriter* recording) {
   // An unknown device is an error even where the broad phase runs on the host.
   if (!config.device.empty()) (void)select_device(config.device);
   const std::unique_ptr<btBroadphaseInterface> broadphase = make_broadphase(config);
   scenes::World world(config.scenario, *broadphase);
 
-  SimulationResult result;
-  const BroadPhase* const core = core_of(*broadphase);
-  result.device = device_of(core);
-  if (config.verify) result.verdict.emplace().exact = is_exact(config.broadphase);
-  for (std::uint32_t frame = 0; frame < config.frames; ++frame) {
-    const scenes::FrameTimes times = world.step();
-    add_times(result, times);
-    result.stages.push_back(measures_stages(config) ? stages_of(core) : std::vector<Stage>());
-    result.pairs.push_back(world.pair_count());
-    if (result.verdict) add_frame(*result.verdict, frame, scenes::verify(world.bullet()));
-    frame_ended();
-  }
-  return result;
+  const auto record = [&] {
+    if (recording != nullptr) recording->write(boxes_of(world));
+  };
+  Frames frames{.count = config.frames,
+                .step = [&] { return world.step(); },
+                .verify = {},
+                .ended =
+                    [&] {
+                      record();
+                      frame_ended();
+                    }};
+  if (config.verify) frames.verify = [&] { return scenes::verify(world.bullet()); };
+  record();
+  return measure(frames, config.broadphase, *broadphase, measures_stages(config));
+}
+
+RecordingInfo recording_info(const SimulationConfig& config) {
+  const float edge = scenes::World::outer_edge(scenes::Scenario(config.scenario)) / 2;
+  return {.scene = config.scenario.name,
+          .objects = config.scenario.spheres ? "spheres" : "cubes",
+          .world = {{-edge, -edge, -edge}, {edge, edge, edge}},
+          .boxes = config.scenario.objects,
+          .frames = config.frames};
 }
 
 }  // namespace broadcl::cli

@@ -11,9 +11,14 @@
 #include <string>
 #include <vector>
 
+#include "cli/recording.hpp"
 #include "scenes/scenario.hpp"
+#include "scenes/verify.hpp"
+#include "scenes/world.hpp"
 
-/// What `broadcl simulate` is asked for and what it finds.
+class btBroadphaseInterface;
+
+/// What `broadcl simulate` is asked for and what it finds; `broadcl replay` finds the same.
 namespace broadcl::cli {
 
 struct SimulationConfig {
@@ -49,11 +54,32 @@ struct SimulationResult {
   std::optional<Verdict> verdict;
 };
 
+/// Frames that are measured, one after the other.
+struct Frames {
+  std::uint32_t count;
+  std::function<scenes::FrameTimes()> step;
+  std::function<scenes::Difference()> verify;  ///< Of the last frame, off the clock; none if not asked for.
+  std::function<void()> ended;                 ///< Called after each, off the clock.
+};
+
+/// Measures frames.
+/// @param name That of the broad phase in scenes::broadphases().
+/// @param stages Keep the stages of the broad phase.
+[[nodiscard]] SimulationResult measure(const Frames& frames, const std::string& name,
+                                       const btBroadphaseInterface& broadphase, bool stages);
+
 /// Runs one.
 /// @param frame_ended Called after each frame, off the clock.
-/// @throws Error for an unknown name or device, and when the device fails.
+/// @param recording Gets the boxes of the objects as the broad phase has them, the walls left out, at the
+/// start and after each frame, off the clock; none where it is null. It must be made of recording_info().
+/// @throws Error for an unknown name or device, when the device fails, and as RecordingWriter::write().
 [[nodiscard]] SimulationResult simulate(const SimulationConfig& config,
-                                        const std::function<void()>& frame_ended);
+                                        const std::function<void()>& frame_ended,
+                                        RecordingWriter* recording = nullptr);
+
+/// What a recording of a simulation will be.
+/// @throws Error for an unknown scenario.
+[[nodiscard]] RecordingInfo recording_info(const SimulationConfig& config);
 
 /// What every document tells of its simulation: "config", "device" and "versions".
 [[nodiscard]] nlohmann::ordered_json facts(const SimulationConfig& config, const SimulationResult& result);
@@ -63,5 +89,12 @@ struct SimulationResult {
 [[nodiscard]] std::string json_report(const SimulationConfig& config, const SimulationResult& result);
 /// The summary for people.
 [[nodiscard]] std::string table_report(const SimulationConfig& config, const SimulationResult& result);
+
+/// json_report() for frames of another origin, which "config" tells.
+[[nodiscard]] std::string json_report_of(const nlohmann::ordered_json& config,
+                                         const SimulationResult& result);
+/// table_report() for frames of another origin.
+/// @param heading The lines that tell where the frames come from, and of which broad phase.
+[[nodiscard]] std::string table_report_of(const std::string& heading, const SimulationResult& result);
 
 }  // namespace broadcl::cli

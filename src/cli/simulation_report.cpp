@@ -131,6 +131,37 @@ std::string text_of(const Verdict& verdict) {
          " extra pairs over all frames, as this broad phase may have";
 }
 
+ordered_json json_of(const SimulationConfig& config) {
+  return {{"scenario", config.scenario.name},
+          {"objects", config.scenario.objects},
+          {"shape", config.scenario.spheres ? "sphere" : "cube"},
+          {"seed", config.scenario.seed},
+          {"frames", config.frames},
+          {"broadphase", config.broadphase},
+          {"device", config.device}};
+}
+
+ordered_json facts_of(const ordered_json& config, const SimulationResult& result) {
+  const int bullet = btGetVersion();
+  return {{"config", config},
+          {"device", result.device ? cli::json_of(*result.device) : ordered_json()},
+          {"versions",
+           {{"broadcl", BROADCL_VERSION},
+            {"bullet", std::to_string(bullet / 100) + "." + std::to_string(bullet % 100)}}}};
+}
+
+std::string document_text(const ordered_json& config, const SimulationResult& result,
+                          const ordered_json& stages) {
+  ordered_json document = facts_of(config, result);
+  document["milliseconds"] = {{"update", json_of(result.update)},
+                              {"broad_phase", json_of(result.broad_phase)},
+                              {"total", json_of(result.total)}};
+  document["stages"] = stages;
+  document["pairs"] = {{"mean", mean_of(result.pairs)}, {"last", result.pairs.back()}};
+  document["verify"] = result.verdict ? json_of(*result.verdict) : ordered_json();
+  return cli::text_of(document);
+}
+
 }  // namespace
 
 std::string csv_report(const SimulationResult& result) {
@@ -145,38 +176,29 @@ std::string csv_report(const SimulationResult& result) {
 }
 
 ordered_json facts(const SimulationConfig& config, const SimulationResult& result) {
-  const int bullet = btGetVersion();
-  return {{"config",
-           {{"scenario", config.scenario.name},
-            {"objects", config.scenario.objects},
-            {"shape", config.scenario.spheres ? "sphere" : "cube"},
-            {"seed", config.scenario.seed},
-            {"frames", config.frames},
-            {"broadphase", config.broadphase},
-            {"device", config.device}}},
-          {"device", result.device ? json_of(*result.device) : ordered_json()},
-          {"versions",
-           {{"broadcl", BROADCL_VERSION},
-            {"bullet", std::to_string(bullet / 100) + "." + std::to_string(bullet % 100)}}}};
+  return facts_of(json_of(config), result);
 }
 
 std::string json_report(const SimulationConfig& config, const SimulationResult& result) {
-  ordered_json document = facts(config, result);
-  document["milliseconds"] = {{"update", json_of(result.update)},
-                              {"broad_phase", json_of(result.broad_phase)},
-                              {"total", json_of(result.total)}};
-  document["stages"] = config.profile ? stages_json(result) : ordered_json();
-  document["pairs"] = {{"mean", mean_of(result.pairs)}, {"last", result.pairs.back()}};
-  document["verify"] = result.verdict ? json_of(*result.verdict) : ordered_json();
-  return text_of(document);
+  return document_text(json_of(config), result, config.profile ? stages_json(result) : ordered_json());
+}
+
+std::string json_report_of(const ordered_json& config, const SimulationResult& result) {
+  return document_text(config, result, {});
 }
 
 std::string table_report(const SimulationConfig& config, const SimulationResult& result) {
   const scenes::Scenario::Config& scenario = config.scenario;
-  std::string text = "scenario      " + scenario.name + ", " + std::to_string(scenario.objects) +
-                     (scenario.spheres ? " spheres, " : " cubes, ") + std::to_string(config.frames) +
-                     " frames, seed " + std::to_string(scenario.seed) + "\n";
-  text += "broad phase   " + config.broadphase + "\n";
+  const std::string heading = "scenario      " + scenario.name + ", " + std::to_string(scenario.objects) +
+                              (scenario.spheres ? " spheres, " : " cubes, ") + std::to_string(config.frames) +
+                              " frames, seed " + std::to_string(scenario.seed) + "\nbroad phase   " +
+                              config.broadphase + "\n";
+  const std::string text = table_report_of(heading, result);
+  return config.profile ? text + stages_table(config, result) : text;
+}
+
+std::string table_report_of(const std::string& heading, const SimulationResult& result) {
+  std::string text = heading;
   text += "device        " + (result.device ? one_line(result.device->label()) : "host") + "\n";
   text += "pairs         mean " + fixed(mean_of(result.pairs), 1) + ", last " +
           std::to_string(result.pairs.back()) + "\n";
@@ -185,8 +207,7 @@ std::string table_report(const SimulationConfig& config, const SimulationResult&
   text += table_row("update", result.update);
   text += table_row("broad phase", result.broad_phase);
   text += table_row("total", result.total);
-  text += "Frame 0 holds the warm-up; the other columns count it too.\n";
-  return config.profile ? text + stages_table(config, result) : text;
+  return text + "Frame 0 holds the warm-up; the other columns count it too.\n";
 }
 
 }  // namespace broadcl::cli

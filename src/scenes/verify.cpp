@@ -9,11 +9,14 @@
 #include <cstdint>
 #include <iterator>
 #include <limits>
+#include <span>
 #include <unordered_map>
 #include <vector>
 
 namespace broadcl::scenes {
 namespace {
+
+using Proxies = std::span<btBroadphaseProxy* const>;
 
 std::vector<btBroadphaseProxy*> proxies_of(btCollisionWorld& world) {
   std::vector<btBroadphaseProxy*> proxies;
@@ -38,19 +41,14 @@ bool pass_filters(const btBroadphaseProxy& s, const btBroadphaseProxy& t) {
          (t.m_collisionFilterGroup & s.m_collisionFilterMask) != 0;
 }
 
-std::vector<Pair> expected_pairs(const btBroadphaseInterface& broadphase,
-                                 const std::vector<btBroadphaseProxy*>& proxies) {
-  std::vector<Aabb> boxes;
-  boxes.reserve(proxies.size());
-  for (btBroadphaseProxy* proxy : proxies) boxes.push_back(box_of(broadphase, *proxy));
+std::vector<Pair> expected_pairs(Proxies proxies, std::span<const Aabb> boxes) {
   std::vector<Pair> pairs = overlapping_pairs(boxes, {.algorithm = "oracle"});
   std::erase_if(pairs, [&](const Pair& pair) { return !pass_filters(*proxies[pair.a], *proxies[pair.b]); });
   return pairs;
 }
 
-/// An object that is not in the world gets an id beyond all others.
-std::vector<Pair> cached_pairs(btOverlappingPairCache& cache,
-                               const std::vector<btBroadphaseProxy*>& proxies) {
+/// A proxy that is not among them gets an id beyond all others.
+std::vector<Pair> cached_pairs(btOverlappingPairCache& cache, Proxies proxies) {
   std::unordered_map<const btBroadphaseProxy*, std::uint32_t> ids;
   for (const btBroadphaseProxy* proxy : proxies) ids.emplace(proxy, static_cast<std::uint32_t>(ids.size()));
   const auto unknown = static_cast<std::uint32_t>(ids.size());
@@ -77,12 +75,19 @@ std::size_t count_of_difference(const std::vector<Pair>& from, const std::vector
 
 }  // namespace
 
+Difference verify(btOverlappingPairCache& cache, Proxies proxies, std::span<const Aabb> boxes) {
+  const std::vector<Pair> expected = expected_pairs(proxies, boxes);
+  const std::vector<Pair> cached = cached_pairs(cache, proxies);
+  return {.missing = count_of_difference(expected, cached), .extra = count_of_difference(cached, expected)};
+}
+
 Difference verify(btCollisionWorld& world) {
   btBroadphaseInterface& broadphase = *world.getBroadphase();
   const std::vector<btBroadphaseProxy*> proxies = proxies_of(world);
-  const std::vector<Pair> expected = expected_pairs(broadphase, proxies);
-  const std::vector<Pair> cached = cached_pairs(*broadphase.getOverlappingPairCache(), proxies);
-  return {.missing = count_of_difference(expected, cached), .extra = count_of_difference(cached, expected)};
+  std::vector<Aabb> boxes;
+  boxes.reserve(proxies.size());
+  for (btBroadphaseProxy* proxy : proxies) boxes.push_back(box_of(broadphase, *proxy));
+  return verify(*broadphase.getOverlappingPairCache(), proxies, boxes);
 }
 
 }  // namespace broadcl::scenes

@@ -1,0 +1,184 @@
+#include <BulletCollision/BroadphaseCollision/btBroadphaseInterface.h>
+
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <array>
+#include <broadcl/device.hpp>
+#include <broadcl/error.hpp>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <filesystem>
+#include <iostream>
+#include <limits>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <span>
+#include <string>
+#include <system_error>
+#include <vector>
+
+#include "cli/arguments.hpp"
+#include "cli/output_file.hpp"
+#include "cli/progress_bar.hpp"
+#include "cli/recording.hpp"
+#include "cli/simulation.hpp"
+#include "cli/text.hpp"
+#include "cli/verbs.hpp"
+#include "scenes/box_world.hpp"
+#include "scenes/broadphases.hpp"
+
+namespace broadcl::cli {
+namespace {
+
+constexpr std::uint32_t all_frames = std::numeric_limits<std::int32_t>::max();
+
+struct Options {
+  std::filesystem::path file;
+  std::string broadphase = "auto";
+  std::string device;
+  std::uint32_t frames = all_frames;
+  std::string csv;
+  std::string json;
+  bool verify = false;
+};
+
+/// What must be known of the boxes before they are replayed.
+struct Survey {
+  float world_edge = 0;  ///< Of a cube around the origin that holds every bound that is finite.
+  std::optional<std::string> first_empty;  ///< Where a box is empty.
+};
+
+Survey survey(RecordingReader& recording, std::uint32_t frames) {
+  // Bullet divides by the edge; far beyond these bounds it would overflow.
+  constexpr float smallest = 1;
+  constexpr float largest = 1e18F;
+  float farthest = 0;
+  Survey survey;
+  for (std::uint32_t block = 0; block <= frames; ++block) {
+    const std::span<const Aabb> boxes = recording.next();
+    for (std::size_t row = 0; row < boxes.size(); ++row) {
+      for (const std::array<float, 3>& corner : {boxes[row].lower, boxes[row].upper}) {
+        for (const float bound : corner) {
+          if (std::isfinite(bound)) farthest = std::max(farthest, std::abs(bound));
+        }
+      }
+      if (!survey.first_empty && is_empty(boxes[row])) {
+        survey.first_empty = "frame " + std::to_string(block) + ", row " + std::to_string(row);
+      }
+    }
+  }
+  recording.rewind();
+  survey.world_edge = std::clamp(2 * farthest, smallest, largest);
+  return survey;
+}
+
+bool is_bullets_own(const std::string& broadphase) {
+  const std::vector<scenes::BroadphaseInfo> table = scenes::broadphases();
+  return std::any_of(table.begin(), table.end(),
+                     [&](const auto& info) { return info.name == broadphase && info.bullet; });
+}
+
+std::unique_ptr<btBroadphaseInterface> make_broadphase(const Options& options, const Survey& survey,
+                                                       std::uint32_t boxes) {
+  // An unknown device is an error even where the broad phase runs on the host.
+  if (!options.device.empty()) (void)select_device(options.device);
+  if (survey.first_empty && is_bullets_own(options.broadphase)) {
+    throw Error(quoted(options.file) + " has an empty box, whose min exceeds its max, at " +
+                *survey.first_empty + " (the first are 0); " + options.broadphase +
+                " would take it for one that is not, so use a broad phase of BroadCL's");
+  }
+  return scenes::make_broadphase({.name = options.broadphase,
+                                  .device = options.device,
+                                  .objects = boxes,
+                                  .world_edge = survey.world_edge});
+}
+
+SimulationResult replay(RecordingReader& recording, std::uint32_t frames, const Options& options) {
+  const std::unique_ptr<btBroadphaseInterface> broadphase =
+      make_broadphase(options, survey(recording, frames), recording.boxes());
+  scenes::BoxWorld world(*broadphase, recording.next());
+  std::span<const Aabb> boxes;
+  ProgressBar progress(frames);
+  Frames measured{.count = frames,
+                  .step = [&] { return world.step(boxes = recording.next()); },
+                  .verify = {},
+                  .ended = [&] { progress.advance(); }};
+  if (options.verify) measured.verify = [&] { return world.verify(boxes); };
+  return measure(measured, options.broadphase, *broadphase, false);
+}
+
+std::string heading(const Options& options, const RecordingReader& recording, std::uint32_t frames) {
+  return "recording     " + one_line(options.file.string()) + ", " + std::to_string(recording.boxes()) +
+         " boxes, " + std::to_string(frames) + " frames\nbroad phase   " + options.broadphase + "\n";
+}
+
+nlohmann::ordered_json json_of(const Options& options, const RecordingReader& recording,
+                               std::uint32_t frames) {
+  return {{"recording", options.file.string()},
+          {"objects", recording.boxes()},
+          {"frames", frames},
+          {"broadphase", options.broadphase},
+          {"device", options.device}};
+}
+
+/// Opens the file that an option names.
+void open(std::optional<OutputFile>& out, const std::string& option, const std::string& file,
+          const std::filesystem::path& recording) {
+  if (file.empty()) return;
+  std::error_code ignored;
+  if (std::filesystem::equivalent(recording, file, ignored)) {
+    throw Error(option + " names the recording itself; name another file");
+  }
+  out.emplace(file);
+}
+
+Exit run(const Options& options) {
+  RecordingReader recording(options.file);
+  if (options.frames != all_frames && options.frames > recording.frames()) {
+    throw Error("--frames: " + quoted(options.file) + " has only " + std::to_string(recording.frames()) +
+                " frames");
+  }
+  const std::uint32_t frames = std::min(options.frames, recording.frames());
+  std::optional<OutputFile> csv;
+  std::optional<OutputFile> json;
+  open(csv, "--csv", options.csv, options.file);
+  open(json, "--json", options.json, options.file);
+  refuse_same_file({{"--csv", csv ? &*csv : nullptr}, {"--json", json ? &*json : nullptr}});
+
+  const SimulationResult result = replay(recording, frames, options);
+  if (csv) csv->write(csv_report(result));
+  if (json) json->write(json_report_of(json_of(options, recording, frames), result));
+  if (csv) csv->commit();
+  if (json) json->commit();
+  std::cout
+      << table_report_of(heading(options, recording, frames), result)
+      << "Update: setAabb() of every box; broad phase: calculateOverlappingPairs(); total: their sum.\n";
+  return result.verdict && result.verdict->first_wrong_frame ? Exit::difference : Exit::success;
+}
+
+}  // namespace
+
+Verb add_replay(CLI::App& program) {
+  auto options = std::make_shared<Options>();
+  CLI::App* verb = program.add_subcommand("replay", "Time a broad phase on a recording of moving boxes");
+  verb->add_option("FILE", options->file,
+                   "What 'broadcl simulate --record' or Broadmark wrote (.aabbs), or a NumPy array (.npy) of "
+                   "shape (frames, n, 6): min x, y, z, max x, y, z; float32, or float64, which is rounded "
+                   "outward. What comes first is the initial state and is not timed")
+      ->required()
+      ->type_name("");
+  add_name(*verb, "--broadphase", options->broadphase, "What is timed; see below");
+  add_device(*verb, options->device);
+  add_number(*verb, "--frames", options->frames, 1U, all_frames, "Only the first N frames");
+  verb->get_option("--frames")->default_str("all");
+  verb->add_option("--csv", options->csv, "Where to write the times of each frame")->type_name("FILE");
+  verb->add_option("--json", options->json, "Where to write the summary")->type_name("FILE");
+  verb->add_flag("--verify", options->verify,
+                 "Compare the pairs of each frame with the oracle, off the clock");
+  verb->footer(broadphase_rows());
+  return {verb, [options] { return run(*options); }};
+}
+
+}  // namespace broadcl::cli

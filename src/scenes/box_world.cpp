@@ -1,0 +1,63 @@
+#include "scenes/box_world.hpp"
+
+#include <BulletCollision/BroadphaseCollision/btBroadphaseInterface.h>
+#include <BulletCollision/BroadphaseCollision/btOverlappingPairCache.h>
+
+#include <array>
+#include <chrono>
+#include <cstddef>
+
+namespace broadcl::scenes {
+namespace {
+
+btVector3 to_bullet(const std::array<float, 3>& corner) {
+  return {corner[0], corner[1], corner[2]};
+}
+
+struct RemoveAll final : btOverlapCallback {
+  bool processOverlap(btBroadphasePair& /*pair*/) override { return true; }
+};
+
+}  // namespace
+
+BoxWorld::BoxWorld(btBroadphaseInterface& broadphase, std::span<const Aabb> boxes) : broadphase_(broadphase) {
+  proxies_.reserve(boxes.size());
+  void* const owner = this;  // btSimpleBroadphase passes over proxies of nobody
+  for (const Aabb& box : boxes) {
+    proxies_.push_back(broadphase.createProxy(to_bullet(box.lower), to_bullet(box.upper), 0, owner,
+                                              btBroadphaseProxy::DefaultFilter, btBroadphaseProxy::AllFilter,
+                                              nullptr));
+  }
+}
+
+BoxWorld::~BoxWorld() {
+  // Destroying one proxy searches all pairs for its own: quick only where there are none.
+  RemoveAll remove_all;
+  broadphase_.getOverlappingPairCache()->processAllOverlappingPairs(&remove_all, nullptr);
+  for (btBroadphaseProxy* proxy : proxies_) broadphase_.destroyProxy(proxy, nullptr);
+}
+
+FrameTimes BoxWorld::step(std::span<const Aabb> boxes) {
+  using Clock = std::chrono::steady_clock;
+  const Clock::time_point begin = Clock::now();
+  for (std::size_t k = 0; k < proxies_.size(); ++k) {
+    broadphase_.setAabb(proxies_[k], to_bullet(boxes[k].lower), to_bullet(boxes[k].upper), nullptr);
+  }
+  const Clock::time_point updated = Clock::now();
+  broadphase_.calculateOverlappingPairs(nullptr);
+  const Clock::time_point end = Clock::now();
+  const std::chrono::duration<double> update = updated - begin;
+  const std::chrono::duration<double> broad_phase = end - updated;
+  return {.start = begin,
+          .update_start = 0,
+          .update = update.count(),
+          .broad_phase_start = update.count(),
+          .broad_phase = broad_phase.count(),
+          .total = update.count() + broad_phase.count()};
+}
+
+Difference BoxWorld::verify(std::span<const Aabb> boxes) {
+  return scenes::verify(*broadphase_.getOverlappingPairCache(), proxies_, boxes);
+}
+
+}  // namespace broadcl::scenes
