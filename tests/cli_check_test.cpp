@@ -67,5 +67,14 @@ TEST_F(ProgramWrongKernels, SimulateNamesTheFirstWrongFrame) {
   EXPECT_GT(verdict["extra_pairs"], 0);
 }
 
+TEST_F(ProgramWrongKernels, ReplayNamesTheFirstWrongFrame) {
+  expect_success(run("simulate --broadphase bullet-bf --objects 40 --frames 3 --record run.npy"));
+  const Outcome outcome = run("replay run.npy --broadphase gpu-bf --verify --json run.json", environment_);
+  EXPECT_EQ(outcome.exit_code, 1);
+  EXPECT_EQ(outcome.err, "");
+  EXPECT_NE(outcome.out.find("\nverified      WRONG, first in frame 0; "), std::string::npos) << outcome.out;
+  EXPECT_EQ(json::parse(read_file(path("run.json")))["verify"]["first_wrong_frame"], 0);
+}
+
 }  // namespace
 }  // namespace broadcl::test

@@ -27,7 +27,7 @@ TEST_F(Program, Version) {
 }
 
 TEST_F(Program, HelpForAll) {
-  for (const std::string verb : {"", "devices", "simulate", "pairs", "check"}) {
+  for (const std::string verb : {"", "devices", "simulate", "replay", "pairs", "check"}) {
     const Outcome outcome = run(verb + " --help");
     expect_success(outcome);
     EXPECT_NE(outcome.out.find("--help"), std::string::npos) << verb;
@@ -36,8 +36,11 @@ TEST_F(Program, HelpForAll) {
 
 TEST_F(Program, HelpListsTheTables) {
   const std::string simulate = run("simulate --help").out;
-  for (const std::string name : {"mixed-sizes", "bullet-bf", "bullet-sap", "bullet-bvh", "gpu-bf"}) {
+  const std::string replay = run("replay --help").out;
+  EXPECT_NE(simulate.find("\n  mixed-sizes "), std::string::npos);
+  for (const std::string name : {"bullet-bf", "bullet-sap", "bullet-bvh", "gpu-bf"}) {
     EXPECT_NE(simulate.find("\n  " + name + " "), std::string::npos) << name;
+    EXPECT_NE(replay.find("\n  " + name + " "), std::string::npos) << name;
   }
   const std::string pairs = run("pairs --help").out;
   for (const AlgorithmInfo& algorithm : algorithms()) {

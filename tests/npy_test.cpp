@@ -2,7 +2,6 @@
 
 #include <gtest/gtest.h>
 
-#include <bit>
 #include <broadcl/error.hpp>
 #include <cmath>
 #include <cstdint>
@@ -12,47 +11,17 @@
 #include <string>
 #include <vector>
 
+#include "npy_bytes.hpp"
+
 namespace broadcl::cli {
 namespace {
 
+using test::bytes_of;
+using test::little_endian;
+using test::npy;
+using test::swapped_bytes_of;
+
 const std::string float_rows = "{'descr': '<f4', 'fortran_order': False, 'shape': (2, 6), }";
-
-std::string little_endian(std::uint64_t value, std::size_t size) {
-  std::string bytes;
-  for (std::size_t i = 0; i < size; ++i) bytes += static_cast<char>((value >> (8 * i)) & 0xff);
-  return bytes;
-}
-
-std::string bytes_of(float value) {
-  return little_endian(std::bit_cast<std::uint32_t>(value), 4);
-}
-
-std::string bytes_of(double value) {
-  return little_endian(std::bit_cast<std::uint64_t>(value), 8);
-}
-
-template <class Number>
-std::string bytes_of(const std::vector<Number>& values) {
-  std::string bytes;
-  for (const Number value : values) bytes += bytes_of(value);
-  return bytes;
-}
-
-template <class Number>
-std::string swapped_bytes_of(const std::vector<Number>& values) {
-  std::string bytes;
-  for (const Number value : values) {
-    const std::string number = bytes_of(value);
-    bytes.append(number.rbegin(), number.rend());
-  }
-  return bytes;
-}
-
-/// A file of a format version.
-std::string npy(const std::string& header, const std::string& data, unsigned version = 1) {
-  return "\x93NUMPY" + little_endian(version, 2) + little_endian(header.size(), version == 1 ? 2 : 4) +
-         header + data;
-}
 
 std::vector<Aabb> read(const std::string& file) {
   std::istringstream stream(file);
@@ -109,6 +78,13 @@ TEST(NpyRead, Float64RoundsOutward) {
   EXPECT_LT(static_cast<double>(std::nextafter(boxes[0].upper[0], 0.0F)), 0.1);
   EXPECT_EQ(boxes[0].lower[2], 0.5F);
   EXPECT_EQ(boxes[0].upper[2], std::numeric_limits<float>::infinity());
+}
+
+TEST(NpyRead, Float64BoxThatIsBarelyEmptyStaysEmpty) {
+  const std::string header = "{'descr': '<f8', 'fortran_order': False, 'shape': (1, 6), }";
+  const auto boxes = read(npy(header, bytes_of(std::vector<double>{1.0000000001, 0, 0, 1, 1, 1})));
+  ASSERT_EQ(boxes.size(), 1U);
+  EXPECT_TRUE(is_empty(boxes[0]));
 }
 
 TEST(NpyRead, NoBoxes) {

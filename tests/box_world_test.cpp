@@ -1,0 +1,103 @@
+#include "scenes/box_world.hpp"
+
+#include <BulletCollision/BroadphaseCollision/btOverlappingPairCache.h>
+#include <BulletCollision/BroadphaseCollision/btSimpleBroadphase.h>
+
+#include <gtest/gtest.h>
+
+#include <broadcl/bullet.hpp>
+#include <cstddef>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "scenes/broadphases.hpp"
+#include "scenes/generators.hpp"
+
+namespace broadcl::scenes {
+namespace {
+
+/// 0-1 and 1-2 touch.
+const std::vector<Aabb> in_a_row = {
+    {{0, 0, 0}, {1, 1, 1}}, {{1, 0, 0}, {2, 1, 1}}, {{2, 0, 0}, {3, 1, 1}}, {{9, 9, 9}, {10, 10, 10}}};
+/// 2-3 overlap.
+const std::vector<Aabb> moved = {
+    {{0, 0, 0}, {1, 1, 1}}, {{5, 0, 0}, {6, 1, 1}}, {{9, 9, 9}, {10, 10, 10}}, {{9, 9, 9}, {10, 10, 10}}};
+
+class BoxWorldOnBulletBf : public testing::Test {
+ protected:
+  BoxWorldOnBulletBf() { world_.step(in_a_row); }
+
+  btOverlappingPairCache& cache() { return *broadphase_.getOverlappingPairCache(); }
+
+  void expect(const std::vector<Aabb>& boxes, std::size_t missing, std::size_t extra) {
+    const Difference difference = world_.verify(boxes);
+    EXPECT_EQ(difference.missing, missing);
+    EXPECT_EQ(difference.extra, extra);
+  }
+
+  btSimpleBroadphase broadphase_;
+  BoxWorld world_{broadphase_, moved};
+};
+
+TEST_F(BoxWorldOnBulletBf, HasThePairsOfTheLastStep) {
+  EXPECT_EQ(cache().getNumOverlappingPairs(), 2);
+  expect(in_a_row, 0, 0);
+  world_.step(moved);
+  EXPECT_EQ(cache().getNumOverlappingPairs(), 1);
+  expect(moved, 0, 0);
+}
+
+TEST_F(BoxWorldOnBulletBf, MeasuresUpdateAndBroadPhase) {
+  const std::vector<Aabb> boxes(1000, in_a_row[0]);
+  btSimpleBroadphase broadphase(1000);
+  BoxWorld world(broadphase, boxes);
+  const FrameTimes times = world.step(boxes);
+  EXPECT_GT(times.update, 0);
+  EXPECT_GT(times.broad_phase, times.update);
+  EXPECT_EQ(times.broad_phase_start, times.update);
+  EXPECT_EQ(times.total, times.update + times.broad_phase);
+}
+
+TEST_F(BoxWorldOnBulletBf, VerifyFindsMissingAndExtraPairs) {
+  const btBroadphasePair pair = cache().getOverlappingPairArray()[0];
+  cache().removeOverlappingPair(pair.m_pProxy0, pair.m_pProxy1, nullptr);
+  expect(in_a_row, 1, 0);
+  btBroadphaseProxy stranger({0, 0, 0}, {1, 1, 1}, nullptr, btBroadphaseProxy::DefaultFilter,
+                             btBroadphaseProxy::AllFilter);
+  stranger.m_uniqueId = 100;
+  cache().addOverlappingPair(pair.m_pProxy0, &stranger);
+  expect(in_a_row, 1, 1);
+  cache().removeOverlappingPair(pair.m_pProxy0, &stranger, nullptr);
+}
+
+TEST_F(BoxWorldOnBulletBf, VerifyTrustsNoBoxOfTheBroadPhase) {
+  // As if the broad phase had not heard of the move: its own boxes and pairs agree.
+  expect(moved, 1, 2);
+}
+
+TEST(BoxWorld, RunsOnEveryBroadPhaseAndLeavesItEmpty) {
+  MovingBoxes scene(200, MovingBoxes::Sizes::mixed);
+  const std::size_t count = scene.boxes().size();
+  for (const BroadphaseInfo& info : broadphases()) {
+    const auto broadphase =
+        make_broadphase({.name = info.name, .device = {}, .objects = count, .world_edge = 200});
+    {
+      BoxWorld world(*broadphase, scene.boxes());
+      for (int frame = 0; frame < 5; ++frame) {
+        scene.advance();
+        world.step(scene.boxes());
+        const Difference difference = world.verify(scene.boxes());
+        EXPECT_EQ(difference.missing, 0U) << info.name;
+        EXPECT_TRUE(difference.extra == 0 || !info.exact) << info.name;
+      }
+      EXPECT_GT(broadphase->getOverlappingPairCache()->getNumOverlappingPairs(), 0) << info.name;
+    }
+    EXPECT_EQ(broadphase->getOverlappingPairCache()->getNumOverlappingPairs(), 0) << info.name;
+    const auto* own = dynamic_cast<const BulletBroadphase*>(broadphase.get());
+    EXPECT_TRUE(own == nullptr || own->broad_phase().size() == 0) << info.name;
+  }
+}
+
+}  // namespace
+}  // namespace broadcl::scenes

@@ -1,0 +1,256 @@
+// `broadcl simulate --record` and `broadcl replay`, run as their users do.
+#include <BulletCollision/BroadphaseCollision/btBroadphaseInterface.h>
+
+#include <algorithm>
+#include <cstddef>
+#include <limits>
+#include <memory>
+#include <span>
+#include <sstream>
+#include <string>
+#include <vector>
+
+#include <gtest/gtest.h>
+#include <nlohmann/json.hpp>
+
+#include "cli/recording.hpp"
+#include "scenes/broadphases.hpp"
+#include "scenes/world.hpp"
+
+#include "npy_bytes.hpp"
+#include "program.hpp"
+
+namespace broadcl::test {
+namespace {
+
+using nlohmann::json;
+
+constexpr float infinity = std::numeric_limits<float>::infinity();
+constexpr float largest = std::numeric_limits<float>::max();
+
+/// A .npy recording of boxes of six numbers.
+std::string recording(const std::vector<std::vector<float>>& blocks) {
+  std::string data;
+  for (const std::vector<float>& block : blocks) data += bytes_of(block);
+  return npy("{'descr': '<f4', 'fortran_order': False, 'shape': (" + std::to_string(blocks.size()) + ", " +
+                 std::to_string(blocks.front().size() / 6) + ", 6), }\n",
+             data);
+}
+
+const std::vector<float> four_boxes_apart = {0, 0, 0, 1, 1, 1, 3, 0, 0, 4,  1,  1,  //
+                                             6, 0, 0, 7, 1, 1, 9, 9, 9, 10, 10, 10};
+
+/// The last column of a table in CSV, the heading left out.
+std::vector<std::string> last_column(const std::string& csv) {
+  std::vector<std::string> values;
+  for (const std::string& row : lines_of(csv)) values.push_back(row.substr(row.rfind(',') + 1));
+  values.erase(values.begin());
+  return values;
+}
+
+class ProgramReplay : public Program {
+ protected:
+  void SetUp() override {
+    write_file(path("rows.npy"), recording({four_boxes_apart, four_boxes, four_boxes_apart, four_boxes}));
+    std::vector<float> boxes = four_boxes;
+    boxes[8] = std::numeric_limits<float>::quiet_NaN();
+    write_file(path("nan.npy"), recording({four_boxes, boxes}));
+    boxes[8] = 2;  // above its upper bound
+    write_file(path("barely.npy"), recording({four_boxes, four_boxes, boxes}));
+  }
+
+  void record(const std::string& options) const {
+    expect_success(run("simulate --scenario mixed-sizes --objects 40 --frames 12 --seed 7 " + options));
+  }
+};
+
+TEST_F(ProgramReplay, RecordHasTheBoxesOfTheBroadPhase) {
+  for (const bool spheres : {false, true}) {
+    record("--broadphase bullet-bf --record run.aabbs --csv run.csv" +
+           std::string(spheres ? " --spheres" : ""));
+    const scenes::Scenario::Config config{
+        .name = "mixed-sizes", .objects = 40, .seed = 7, .spheres = spheres};
+    const auto broadphase = scenes::make_broadphase(
+        {.name = "bullet-bf", .device = {}, .objects = 40 + scenes::World::walls, .world_edge = 1});
+    scenes::World world(config, *broadphase);
+    cli::RecordingReader reader(path("run.aabbs"));
+    ASSERT_EQ(reader.boxes(), 40U);
+    ASSERT_EQ(reader.frames(), 12U);
+    std::vector<std::string> pairs;
+    for (int block = 0; block <= 12; ++block) {
+      if (block > 0) {
+        world.step();
+        pairs.push_back(std::to_string(world.pair_count()));
+      }
+      const std::span<const Aabb> boxes = reader.next();
+      for (std::size_t k = 0; k < boxes.size(); ++k) {
+        const Eigen::AlignedBox3f box = world.box(k);
+        const Aabb expected = {{box.min().x(), box.min().y(), box.min().z()},
+                               {box.max().x(), box.max().y(), box.max().z()}};
+        ASSERT_EQ(boxes[k], expected) << "block " << block << ", object " << k;
+      }
+    }
+    EXPECT_EQ(last_column(read_file(path("run.csv"))), pairs);
+  }
+}
+
+TEST_F(ProgramReplay, EitherFormatHasTheSameBoxes) {
+  record("--record run.aabbs");
+  record("--record run.npy");
+  cli::RecordingReader aabbs(path("run.aabbs"));
+  cli::RecordingReader npy(path("run.npy"));
+  ASSERT_EQ(npy.boxes(), 40U);
+  ASSERT_EQ(npy.frames(), 12U);
+  for (int block = 0; block <= 12; ++block) {
+    const std::span<const Aabb> boxes = aabbs.next();
+    const std::span<const Aabb> same = npy.next();
+    EXPECT_TRUE(std::equal(boxes.begin(), boxes.end(), same.begin(), same.end())) << block;
+  }
+}
+
+TEST_F(ProgramReplay, VerifiesAndReports) {
+  record("--record run.aabbs");
+  for (const std::string broadphase :
+       {"bullet-bf", "bullet-sap", "bullet-bvh", "gpu-bf", "sweep-and-prune"}) {
+    SCOPED_TRACE(broadphase);
+    const Outcome outcome =
+        run("replay run.aabbs --verify --csv run.csv --json run.json --broadphase " + broadphase);
+    expect_success(outcome);
+    const std::vector<std::string> parts = {"recording     run.aabbs, 40 boxes, 12 frames\n",
+                                            "\nbroad phase   " + broadphase + "\n",
+                                            "\nupdate ",
+                                            "\ntotal ",
+                                            "\nverified ",
+                                            "total: their sum"};
+    for (const std::string& part : parts) {
+      EXPECT_NE(outcome.out.find(part), std::string::npos) << part << " is not in\n" << outcome.out;
+    }
+
+    const std::vector<std::string> rows = lines_of(read_file(path("run.csv")));
+    ASSERT_EQ(rows.size(), 13U);
+    EXPECT_EQ(rows[0], "frame,update_ms,broad_phase_ms,total_ms,pairs");
+    std::size_t frame = 0;
+    std::size_t pairs = 0;
+    for (std::size_t i = 1; i < rows.size(); ++i) {
+      double update = 0;
+      double broad_phase = 0;
+      double total = 0;
+      char comma = 0;
+      std::istringstream row(rows[i]);
+      row >> frame >> comma >> update >> comma >> broad_phase >> comma >> total >> comma >> pairs;
+      ASSERT_TRUE(row && row.peek() == EOF) << rows[i];
+      EXPECT_EQ(frame, i - 1);
+      EXPECT_GT(update, 0);
+      EXPECT_GT(broad_phase, 0);
+      EXPECT_NEAR(total, update + broad_phase, 3e-6);
+    }
+
+    const json summary = json::parse(read_file(path("run.json")));
+    const json config = {{"recording", "run.aabbs"},
+                         {"objects", 40},
+                         {"frames", 12},
+                         {"broadphase", broadphase},
+                         {"device", ""}};
+    EXPECT_EQ(summary["config"], config);
+    EXPECT_EQ(summary["device"].is_null(), broadphase != "gpu-bf");
+    EXPECT_TRUE(summary["stages"].is_null());
+    EXPECT_EQ(summary["pairs"]["last"], pairs);
+    EXPECT_EQ(summary["verify"]["equal"], true);
+    EXPECT_EQ(summary["verify"]["missing_pairs"], 0);
+  }
+}
+
+TEST_F(ProgramReplay, CountsThePairsOfTheFramesAfterTheFirstState) {
+  expect_success(run("replay rows.npy --csv run.csv --broadphase bullet-bf"));
+  EXPECT_EQ(last_column(read_file(path("run.csv"))), (std::vector<std::string>{"2", "0", "2"}));
+  expect_success(run("replay rows.npy --csv run.csv --broadphase gpu-bf --frames 2"));
+  EXPECT_EQ(last_column(read_file(path("run.csv"))), (std::vector<std::string>{"2", "0"}));
+}
+
+TEST_F(ProgramReplay, AChangedRecordingHasOtherPairsAndVerifies) {
+  record("--record run.aabbs");
+  const std::string command = "replay run.aabbs --verify --csv run.csv --broadphase gpu-bf";
+  expect_success(run(command));
+  const std::vector<std::string> pairs = last_column(read_file(path("run.csv")));
+  std::string bytes = read_file(path("run.aabbs"));
+  for (std::size_t k = 1; k < 40; ++k) {  // in the last frame all are at one place
+    bytes.replace(bytes.size() - k * 32, 32, bytes.substr(bytes.size() - 40 * std::size_t{32}, 32));
+  }
+  write_file(path("run.aabbs"), bytes);
+  expect_success(run(command));
+  std::vector<std::string> changed = last_column(read_file(path("run.csv")));
+  EXPECT_EQ(changed.back(), "780");
+  EXPECT_NE(pairs.back(), "780");
+  changed.back() = pairs.back();
+  EXPECT_EQ(changed, pairs);
+}
+
+TEST_F(ProgramReplay, BoxesWithoutBoundsAndPointsAreLegal) {
+  std::vector<float> boxes = four_boxes;
+  boxes.insert(boxes.end(), {-infinity, -infinity, -infinity, infinity, 0, infinity});
+  boxes.insert(boxes.end(), {-largest, -largest, -largest, largest, largest, largest});
+  write_file(path("huge.npy"), recording({boxes, boxes}));
+  write_file(path("points.npy"), recording({std::vector<float>(60), std::vector<float>(60)}));
+  for (const scenes::BroadphaseInfo& info : scenes::broadphases()) {
+    for (const std::string file : {"huge.npy", "points.npy"}) {
+      SCOPED_TRACE(info.name + " " + file);
+      expect_success(run("replay " + file + " --verify --broadphase " + info.name));
+    }
+  }
+}
+
+TEST_F(ProgramReplay, EmptyBoxesAreForThoseThatKnowThem) {
+  for (const scenes::BroadphaseInfo& info : scenes::broadphases()) {
+    SCOPED_TRACE(info.name);
+    const Outcome outcome = run("replay barely.npy --verify --csv run.csv --broadphase " + info.name);
+    if (info.bullet) {
+      expect_refused(outcome, "'barely.npy' has an empty box, whose min exceeds its max, at frame 2, row 1 ");
+      expect_success(run("replay barely.npy --verify --frames 1 --broadphase " + info.name));
+    } else {
+      expect_success(outcome);
+      EXPECT_EQ(last_column(read_file(path("run.csv"))), (std::vector<std::string>{"2", "0"}));
+    }
+  }
+}
+
+TEST_F(ProgramReplay, BadInputIsRefusedAndLeavesNothing) {
+  const std::vector<std::string> before = files();
+  const auto expect_nothing = [&](const std::string& arguments, const std::string& message) {
+    SCOPED_TRACE(arguments);
+    expect_refused(run(arguments), message);
+    EXPECT_EQ(files(), before);
+  };
+  expect_nothing("replay", "FILE");
+  expect_nothing("replay rows.npy rows.npy", "rows.npy");
+  expect_nothing("replay missing.npy", "'missing.npy'");
+  expect_nothing("replay 'missing\n.npy'", "'missing .npy'");
+  expect_nothing("replay folder", "ends in .aabbs or .npy");
+  expect_nothing("replay four.npy", "(frames, n, 6)");
+  expect_nothing("replay nan.npy --csv run.csv", "'nan.npy': frame 1, row 1 ");
+  expect_nothing("replay rows.npy --frames 4", "'rows.npy' has only 3 frames");
+  expect_nothing("replay rows.npy --frames 0", "--frames: '0'");
+  expect_nothing("replay rows.npy --broadphase frobnicate --csv run.csv", "bullet-bvh");
+  expect_nothing("replay rows.npy --device frobnicate --broadphase bullet-bf", "'frobnicate'");
+  expect_nothing("replay rows.npy --csv ./rows.npy", "--csv names the recording itself");
+  expect_nothing("replay rows.npy --json folder/../rows.npy", "--json names the recording itself");
+  expect_nothing("replay rows.npy --csv run --json ./run", "--csv and --json name the same file");
+  expect_nothing("replay rows.npy --csv folder", "'folder' is a directory");
+  expect_nothing("replay rows.npy --csv /dev/full --broadphase bullet-bf", "cannot write '/dev/full'");
+  expect_nothing("simulate --record run.csv", "ends in .aabbs or .npy");
+  expect_nothing("simulate --record missing/run.npy", "missing/run.npy");
+  expect_nothing("simulate --csv run.npy --record ./run.npy", "--csv and --record name the same file");
+  expect_nothing("simulate --scenario frobnicate --record run.npy", "mixed-sizes");
+  expect_nothing("simulate --device frobnicate --record run.npy", "'frobnicate'");
+}
+
+TEST_F(ProgramReplay, FullDiskIsAnError) {
+  fs::create_symlink("/dev/full", path("full.npy"));
+  const std::vector<std::string> before = files();
+  expect_refused(
+      run("simulate --objects 5 --frames 2 --broadphase bullet-bf --csv run.csv --record full.npy"),
+      "cannot write 'full.npy'");
+  EXPECT_EQ(files(), before);
+}
+
+}  // namespace
+}  // namespace broadcl::test
