@@ -19,4 +19,10 @@ namespace broadcl {
 
 [[nodiscard]] bool is_terminal(std::FILE* stream);
 
+/// The name of the processor, as people know it; the architecture where the system does not tell more.
+[[nodiscard]] std::string processor_name();
+
+/// The operating system and its version.
+[[nodiscard]] std::string system_name();
+
 }  // namespace broadcl

@@ -3,6 +3,7 @@
 #include <CLI/CLI.hpp>
 #include <charconv>
 #include <concepts>
+#include <cstdint>
 #include <string>
 #include <string_view>
 #include <system_error>
@@ -13,17 +14,29 @@
 /// Options that several verbs share.
 namespace broadcl::cli {
 
+inline constexpr std::uint32_t most_objects = 1'000'000;
+inline constexpr std::uint32_t most_frames = 10'000'000;
+
+/// The whole decimal number between two bounds, which are allowed, that an option was given.
+template <std::unsigned_integral Number>
+[[nodiscard]] Number parse_number(const std::string& name, const std::string& text, Number lowest,
+                                  Number highest) {
+  Number value = 0;
+  const char* const last = text.data() + text.size();
+  const auto [end, error] = std::from_chars(text.data(), last, value);
+  if (error != std::errc() || end != last || value < lowest || value > highest) {
+    throw CLI::ValidationError(name, "'" + text + "' is not a whole number from " + std::to_string(lowest) +
+                                         " to " + std::to_string(highest));
+  }
+  return value;
+}
+
 /// Adds an option for a whole decimal number between two bounds, which are allowed.
 template <std::unsigned_integral Number>
 void add_number(CLI::App& verb, const std::string& name, Number& value, Number lowest, Number highest,
                 const std::string& description) {
   const auto parse = [name, lowest, highest, &value](const std::string& text) {
-    const char* const last = text.data() + text.size();
-    const auto [end, error] = std::from_chars(text.data(), last, value);
-    if (error != std::errc() || end != last || value < lowest || value > highest) {
-      throw CLI::ValidationError(name, "'" + text + "' is not a whole number from " + std::to_string(lowest) +
-                                           " to " + std::to_string(highest));
-    }
+    value = parse_number(name, text, lowest, highest);
   };
   verb.add_option_function<std::string>(name, parse, description)
       ->type_name("N")

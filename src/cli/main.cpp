@@ -25,7 +25,7 @@ Exit run(int argc, const char* const* argv) {
   program.set_version_flag("--version", "broadcl " BROADCL_VERSION);
   program.require_subcommand(0, 1);
   const std::array verbs = {add_devices(program), add_simulate(program), add_replay(program),
-                            add_pairs(program), add_check(program)};
+                            add_study(program),   add_pairs(program),    add_check(program)};
   program.get_formatter()->label("SUBCOMMAND", "VERB");
   for (const Verb& verb : verbs) verb.arguments->group("Verbs");
   try {
@@ -39,7 +39,7 @@ Exit run(int argc, const char* const* argv) {
   for (const Verb& verb : verbs) {
     if (verb.arguments->parsed()) return verb.run();
   }
-  throw Error("a verb is missing: devices, simulate, replay, pairs or check; see 'broadcl --help'");
+  throw Error("a verb is missing: devices, simulate, replay, study, pairs or check; see 'broadcl --help'");
 }
 
 Exit report(const char* error) noexcept {

@@ -1,40 +1,72 @@
 #pragma once
 
+#include <algorithm>
+#include <chrono>
 #include <cstdint>
 #include <cstdio>
+#include <optional>
 #include <string>
 
+#include "cli/text.hpp"
 #include "system.hpp"
 
 namespace broadcl::cli {
 
-/// A bar on stderr that shows how far a loop is. Shows nothing where stderr is no terminal, and is gone in
-/// the end.
+/// A bar on stderr that shows how far a piece of work is and how long it still takes. Shows nothing where
+/// stderr is no terminal, and is gone in the end.
 class ProgressBar {
  public:
-  explicit ProgressBar(std::uint64_t steps) : steps_(steps), visible_(is_terminal(stderr)) {}
-  ~ProgressBar() {
-    if (visible_) std::fputs("\r\033[K", stderr);
-  }
+  /// @param steps That advance() counts.
+  explicit ProgressBar(std::uint64_t steps = 1) : steps_(steps), visible_(is_terminal(stderr)) {}
+  ~ProgressBar() { clear(); }
   ProgressBar(const ProgressBar&) = delete;
   ProgressBar& operator=(const ProgressBar&) = delete;
   ProgressBar(ProgressBar&&) = delete;
   ProgressBar& operator=(ProgressBar&&) = delete;
 
-  /// One step is done.
+  /// One of many steps that take about as long as each other is done.
   void advance() {
-    const std::uint64_t old_percent = 100 * done_ / steps_;
-    const std::uint64_t percent = 100 * ++done_ / steps_;
-    if (!visible_ || (percent == old_percent && done_ > 1)) return;
-    const auto filled = static_cast<std::size_t>(percent / 2);
-    const std::string bar = std::string(filled, '#') + std::string(50 - filled, '.');
-    std::fprintf(stderr, "\r[%s] %3u %%", bar.c_str(), static_cast<unsigned>(percent));
+    ++done_;
+    const double share = static_cast<double>(done_) / static_cast<double>(steps_);
+    show(share, seconds_since(begin_) * (1 - share) / share);
+  }
+
+  /// @param share What is done of all, 0 to 1.
+  void show(double share, double seconds_left) {
+    constexpr double interval = 0.1;
+    constexpr double width = 50;
+    if (!visible_ || (shown_ && seconds_since(*shown_) < interval)) return;
+    shown_ = Clock::now();
+    const double bounded = std::clamp(share, 0.0, 1.0);
+    const auto filled = static_cast<std::size_t>(bounded * width);
+    const std::string bar = left(std::string(filled, '#'), static_cast<std::size_t>(width));
+    std::fprintf(stderr, "\r[%s] %3.0f %%, %s left\033[K", bar.c_str(), bounded * 100,
+                 duration_text(seconds_left).c_str());
     std::fflush(stderr);
   }
 
+  /// Puts a line on stderr, be it a terminal or not.
+  void say(const std::string& line) {
+    clear();
+    shown_.reset();
+    std::fputs((line + "\n").c_str(), stderr);
+  }
+
  private:
+  using Clock = std::chrono::steady_clock;
+
+  [[nodiscard]] static double seconds_since(Clock::time_point begin) {
+    return std::chrono::duration<double>(Clock::now() - begin).count();
+  }
+
+  void clear() const {
+    if (visible_ && shown_) std::fputs("\r\033[K", stderr);
+  }
+
   std::uint64_t steps_;
   std::uint64_t done_ = 0;
+  Clock::time_point begin_ = Clock::now();
+  std::optional<Clock::time_point> shown_;
   bool visible_;
 };
 

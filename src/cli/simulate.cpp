@@ -66,8 +66,6 @@ std::string footer() {
 }  // namespace
 
 Verb add_simulate(CLI::App& program) {
-  constexpr std::uint32_t most_objects = 1'000'000;
-  constexpr std::uint32_t most_frames = 10'000'000;
   auto options = std::make_shared<Options>();
   SimulationConfig& simulation = options->simulation;
   CLI::App* verb =

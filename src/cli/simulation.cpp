@@ -26,6 +26,13 @@ std::unique_ptr<btBroadphaseInterface> make_broadphase(const SimulationConfig& c
        .world_edge = scenes::World::outer_edge(scenes::Scenario(config.scenario))});
 }
 
+/// Keeps what a broad phase tells of its troubles.
+void keep_errors(btBroadphaseInterface& broadphase, std::string& trouble) {
+  if (auto* own = dynamic_cast<BulletBroadphase*>(&broadphase)) {
+    own->set_error_handler([&trouble](const std::string& error) { trouble = error; });
+  }
+}
+
 /// What is underneath; null for Bullet's own broad phases.
 const BroadPhase* core_of(const btBroadphaseInterface& broadphase) {
   const auto* own = dynamic_cast<const BulletBroadphase*>(&broadphase);
@@ -64,13 +71,6 @@ void add_times(SimulationResult& result, const scenes::FrameTimes& times) {
   result.total.push_back(times.total * 1e3);
 }
 
-bool is_exact(const std::string& broadphase) {
-  for (const scenes::BroadphaseInfo& info : scenes::broadphases()) {
-    if (info.name == broadphase) return info.exact;
-  }
-  return false;
-}
-
 void add_frame(Verdict& verdict, std::uint32_t frame, const scenes::Difference& difference) {
   verdict.missing += difference.missing;
   verdict.extra += difference.extra;
@@ -102,6 +102,8 @@ SimulationResult simulate(const SimulationConfig& config, const std::function<vo
   // An unknown device is an error even where the broad phase runs on the host.
   if (!config.device.empty()) (void)select_device(config.device);
   const std::unique_ptr<btBroadphaseInterface> broadphase = make_broadphase(config);
+  std::string trouble;
+  keep_errors(*broadphase, trouble);
   scenes::World world(config.scenario, *broadphase);
 
   const auto record = [&] {

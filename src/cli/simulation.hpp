@@ -72,7 +72,7 @@ struct Frames {
 /// @param frame_ended Called after each frame, off the clock.
 /// @param recording Gets the boxes of the objects as the broad phase has them, the walls left out, at the
 /// start and after each frame, off the clock; none where it is null. It must be made of recording_info().
-/// @throws Error for an unknown name or device, when the device fails, and as RecordingWriter::write().
+/// @throws Error for an unknown name or device, as measure() does, and as RecordingWriter::write().
 [[nodiscard]] SimulationResult simulate(const SimulationConfig& config,
                                         const std::function<void()>& frame_ended,
                                         RecordingWriter* recording = nullptr);
@@ -81,6 +81,8 @@ struct Frames {
 /// @throws Error for an unknown scenario.
 [[nodiscard]] RecordingInfo recording_info(const SimulationConfig& config);
 
+/// Of BroadCL and of Bullet.
+[[nodiscard]] nlohmann::ordered_json versions();
 /// What every document tells of its simulation: "config", "device" and "versions".
 [[nodiscard]] nlohmann::ordered_json facts(const SimulationConfig& config, const SimulationResult& result);
 /// A row a frame: frame,update_ms,broad_phase_ms,total_ms,pairs.

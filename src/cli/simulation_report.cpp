@@ -142,12 +142,9 @@ ordered_json json_of(const SimulationConfig& config) {
 }
 
 ordered_json facts_of(const ordered_json& config, const SimulationResult& result) {
-  const int bullet = btGetVersion();
   return {{"config", config},
           {"device", result.device ? cli::json_of(*result.device) : ordered_json()},
-          {"versions",
-           {{"broadcl", BROADCL_VERSION},
-            {"bullet", std::to_string(bullet / 100) + "." + std::to_string(bullet % 100)}}}};
+          {"versions", versions()}};
 }
 
 std::string document_text(const ordered_json& config, const SimulationResult& result,
@@ -173,6 +170,12 @@ std::string csv_report(const SimulationResult& result) {
             std::to_string(result.pairs[frame]) + "\n";
   }
   return text;
+}
+
+ordered_json versions() {
+  const int bullet = btGetVersion();
+  return {{"broadcl", BROADCL_VERSION},
+          {"bullet", std::to_string(bullet / 100) + "." + std::to_string(bullet % 100)}};
 }
 
 ordered_json facts(const SimulationConfig& config, const SimulationResult& result) {

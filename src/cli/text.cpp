@@ -35,6 +35,34 @@ std::string size_text(std::uint64_t bytes) {
   return fixed(value, unit == 0 ? 0 : 1) + " " + std::string(units[unit]);
 }
 
+std::string list_of(const std::vector<std::string>& names) {
+  std::string text;
+  for (const std::string& name : names) text += (text.empty() ? "" : ",") + name;
+  return text;
+}
+
+std::string list_of(const std::vector<std::uint32_t>& numbers) {
+  std::vector<std::string> names;
+  for (const std::uint32_t number : numbers) names.push_back(std::to_string(number));
+  return list_of(names);
+}
+
+std::string grouped(std::uint64_t value) {
+  std::string text = std::to_string(value);
+  for (std::size_t place = text.size(); place > 3; place -= 3) text.insert(place - 3, ",");
+  return text;
+}
+
+std::string duration_text(double seconds) {
+  constexpr std::uint64_t minute = 60;
+  constexpr std::uint64_t hour = 60 * minute;
+  constexpr double longest = 1e9;
+  const auto whole = static_cast<std::uint64_t>(std::min(seconds, longest) + 0.5);
+  if (whole < 2 * minute) return std::to_string(whole) + " s";
+  if (whole < 2 * hour) return std::to_string(whole / minute) + " min";
+  return std::to_string(whole / hour) + " h " + std::to_string(whole % hour / minute) + " min";
+}
+
 std::string left(std::string text, std::size_t width) {
   text.resize(std::max(width, text.size()), ' ');
   return text;

@@ -3,6 +3,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <string>
+#include <vector>
 
 namespace broadcl::cli {
 
@@ -17,6 +18,16 @@ namespace broadcl::cli {
 
 /// "15.6 GiB", for a number of bytes.
 [[nodiscard]] std::string size_text(std::uint64_t bytes);
+
+/// Elements with commas between them, as options take lists.
+[[nodiscard]] std::string list_of(const std::vector<std::string>& names);
+[[nodiscard]] std::string list_of(const std::vector<std::uint32_t>& numbers);
+
+/// "16,000".
+[[nodiscard]] std::string grouped(std::uint64_t value);
+
+/// "95 s", "12 min" or "3 h 5 min", for at least 0 seconds.
+[[nodiscard]] std::string duration_text(double seconds);
 
 /// Brings a text to a width with spaces after it.
 [[nodiscard]] std::string left(std::string text, std::size_t width);

@@ -62,28 +62,34 @@ std::vector<BroadphaseInfo> broadphases() {
     rows.push_back({.name = std::string(row.name),
                     .summary = std::string(row.summary),
                     .exact = row.exact,
-                    .bullet = true});
+                    .bullet = true,
+                    .on_device = false});
   }
   for (const AlgorithmInfo& info : algorithms()) {
     rows.push_back({.name = std::string(info.name),
                     .summary = std::string(info.summary),
                     .exact = true,
-                    .bullet = false});
+                    .bullet = false,
+                    .on_device = info.on_device});
   }
   return rows;
 }
 
-std::unique_ptr<btBroadphaseInterface> make_broadphase(const BroadphaseConfig& config) {
-  const auto has_name = [&](const auto& row) { return row.name == config.name; };
-  const auto* row = std::find_if(bullet_rows.begin(), bullet_rows.end(), has_name);
-  if (row != bullet_rows.end()) return row->make(config);
-  if (std::any_of(algorithms().begin(), algorithms().end(), has_name)) {
-    return std::make_unique<BulletBroadphase>(
-        BroadPhase::Config{.device = config.device, .algorithm = config.name, .profile = config.profile});
-  }
+BroadphaseInfo find_broadphase(std::string_view name) {
   std::string names;
-  for (const BroadphaseInfo& info : broadphases()) names += (names.empty() ? "" : ", ") + info.name;
-  throw Error("no broad phase is named '" + config.name + "'; there is: " + names);
+  for (const BroadphaseInfo& info : broadphases()) {
+    if (info.name == name) return info;
+    names += (names.empty() ? "" : ", ") + info.name;
+  }
+  throw Error("no broad phase is named '" + std::string(name) + "'; there is: " + names);
+}
+
+std::unique_ptr<btBroadphaseInterface> make_broadphase(const BroadphaseConfig& config) {
+  const auto* row = std::find_if(bullet_rows.begin(), bullet_rows.end(),
+                                 [&](const BulletRow& own) { return own.name == config.name; });
+  if (row != bullet_rows.end()) return row->make(config);
+  return std::make_unique<BulletBroadphase>(BroadPhase::Config{
+      .device = config.device, .algorithm = find_broadphase(config.name).name, .profile = config.profile});
 }
 
 }  // namespace broadcl::scenes

@@ -17,10 +17,15 @@ struct BroadphaseInfo {
   std::string summary;  ///< One line for people.
   bool exact;           ///< Its pairs are those of the exact boxes; Bullet's axis sweep and tree keep more.
   bool bullet;          ///< One of Bullet's own.
+  bool on_device;       ///< Needs an OpenCL device.
 };
 
 /// bullet-bf (btSimpleBroadphase), bullet-sap (btAxisSweep3), bullet-bvh (btDbvtBroadphase), then BroadCL's.
 [[nodiscard]] std::vector<BroadphaseInfo> broadphases();
+
+/// The row of a name.
+/// @throws broadcl::Error for an unknown one; it lists those there are.
+[[nodiscard]] BroadphaseInfo find_broadphase(std::string_view name);
 
 /// What a broad phase is made for.
 struct BroadphaseConfig {

@@ -12,7 +12,9 @@ class btDiscreteDynamicsWorld;
 
 namespace broadcl::scenes {
 
-/// Wall-clock seconds of one frame, measured the same way for every broad phase.
+/// Wall-clock seconds of one frame, measured the same way for every broad phase: by two readings of the clock
+/// for each of update, broad phase and total. What that costs lies in the total, a third of it; see
+/// measuring_overhead().
 struct FrameTimes {
   std::chrono::steady_clock::time_point start;  ///< When the frame began; the other starts count from it.
   double update_start;
@@ -23,6 +25,10 @@ struct FrameTimes {
   double broad_phase;  ///< btCollisionWorld::computeOverlappingPairs().
   double total;  ///< The exchange of objects and the whole stepSimulation(), collision response included.
 };
+
+/// Seconds that measuring adds to a frame: what the same calls take more where they are measured, in a world
+/// without objects. 0.1 to 0.2 microseconds on CPUs of today.
+[[nodiscard]] double measuring_overhead();
 
 /// A Bullet rigid-body world in which a scenario is simulated: the objects, and six static walls around the
 /// container. Default friction, restitution 0, mass = volume, sleeping on.

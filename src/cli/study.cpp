@@ -1,0 +1,322 @@
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <broadcl/error.hpp>
+#include <chrono>
+#include <cstdint>
+#include <filesystem>
+#include <iostream>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "cli/arguments.hpp"
+#include "cli/progress_bar.hpp"
+#include "cli/simulation.hpp"
+#include "cli/study_cost.hpp"
+#include "cli/study_document.hpp"
+#include "cli/study_folder.hpp"
+#include "cli/study_plan.hpp"
+#include "cli/study_report.hpp"
+#include "cli/verbs.hpp"
+#include "scenes/broadphases.hpp"
+#include "scenes/scenario.hpp"
+
+namespace broadcl::cli {
+namespace {
+
+/// What the command line says; what it leaves open is the folder's, where there is a study in it, else the
+/// preset's.
+struct Options {
+  std::optional<std::string> preset;
+  std::optional<std::vector<std::string>> scenarios;
+  std::optional<std::vector<std::uint32_t>> objects;
+  std::optional<std::vector<std::string>> broadphases;
+  std::optional<std::vector<std::string>> devices;
+  std::optional<std::uint32_t> frames;
+  std::optional<std::uint32_t> repeat;
+  std::optional<std::uint64_t> seed;
+  std::string out = "study";
+  std::string frames_csv;
+};
+
+/// @throws Error for unknown names.
+StudySettings new_settings(const Options& options) {
+  StudySettings settings = find_study_preset(options.preset.value_or("quick"));
+  if (options.scenarios) settings.scenarios = *options.scenarios;
+  if (options.objects) settings.objects = *options.objects;
+  if (options.broadphases) {
+    // Who names them wants them.
+    settings.broadphases = *options.broadphases;
+    settings.limits.clear();
+    settings.left_out.clear();
+  }
+  settings.frames = options.frames.value_or(settings.frames);
+  settings.repeat = options.repeat.value_or(settings.repeat);
+  settings.seed = options.seed.value_or(settings.seed);
+  for (const std::string& name : settings.scenarios) (void)scenes::Scenario({.name = name, .objects = 1});
+  for (const std::string& name : settings.broadphases) (void)scenes::find_broadphase(name);
+  return settings;
+}
+
+/// Two lists of the same elements, in whatever order.
+template <class Value>
+bool are_same(std::vector<Value> a, std::vector<Value> b) {
+  std::sort(a.begin(), a.end());
+  std::sort(b.begin(), b.end());
+  return a == b;
+}
+
+/// @throws Error where what is asked for contradicts the study that is there.
+void refuse_contradictions(const Options& options, const nlohmann::ordered_json& document) {
+  const std::string holds = quoted(std::filesystem::path(options.out)) + " holds a study with ";
+  const auto expect = [&](bool same, const std::string& option, const std::string& there) {
+    if (same) return;
+    throw Error(holds + option + " " + there + "; leave " + option +
+                " out to go on with it, or name another folder with --out");
+  };
+  const StudySettings there = settings_of(document);
+  const auto expect_number = [&](const std::string& option, const auto& asked, const auto& number) {
+    expect(!asked || *asked == number, option, std::to_string(number));
+  };
+  const auto expect_list = [&](const std::string& option, const auto& asked, const auto& list) {
+    expect(!asked || are_same(*asked, list), option, list_of(list));
+  };
+  expect(!options.preset || *options.preset == there.preset, "--preset", there.preset);
+  expect_list("--scenarios", options.scenarios, there.scenarios);
+  expect_list("--objects", options.objects, there.objects);
+  expect_list("--broadphases", options.broadphases, there.broadphases);
+  expect_number("--frames", options.frames, there.frames);
+  expect_number("--repeat", options.repeat, there.repeat);
+  expect_number("--seed", options.seed, there.seed);
+  const std::string difference = difference_from_here(document);
+  if (!difference.empty()) throw Error(holds + difference + "; name another folder with --out");
+}
+
+Device device_labelled(const std::string& label) {
+  for (const Device& device : devices()) {
+    if (device.label() == label) return device;
+  }
+  throw Error("the study has times of '" + one_line(label) +
+              "', which is not among the devices now; name those to go on with in --devices");
+}
+
+/// The devices that are measured now: those asked for, else those of the study, else the best.
+std::vector<Device> chosen_devices(const Options& options, const StudySettings& settings,
+                                   const std::vector<std::string>& known) {
+  std::vector<Device> chosen;
+  for (const std::string& selector : options.devices.value_or(std::vector<std::string>())) {
+    const Device device = select_device(selector);
+    for (const Device& other : chosen) {
+      if (other.label() == device.label()) {
+        throw Error("--devices: '" + selector + "' is '" + one_line(device.label()) +
+                    "', which is there already");
+      }
+    }
+    chosen.push_back(device);
+  }
+  const bool needed =
+      std::any_of(settings.broadphases.begin(), settings.broadphases.end(),
+                  [](const std::string& name) { return scenes::find_broadphase(name).on_device; });
+  if (!needed) return {};
+  if (!chosen.empty()) return chosen;
+  for (const std::string& label : known) chosen.push_back(device_labelled(label));
+  if (chosen.empty()) chosen.push_back(select_device());
+  return chosen;
+}
+
+double seconds_since(std::chrono::steady_clock::time_point begin) {
+  return std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+}
+
+/// Measures what is missing.
+class Measurement {
+ public:
+  Measurement(StudyFolder& folder, const StudySettings& settings, const std::vector<Device>& devices)
+      : folder_(folder), settings_(settings), devices_(devices), cost_(settings.frames) {}
+
+  /// @param runs In the order in which they are measured.
+  /// @returns A line for each run that failed.
+  std::vector<std::string> measure(const std::vector<StudyRun>& runs) {
+    std::vector<StudyRun> missing;
+    for (const StudyRun& run : runs) {
+      if (const RunSummary* summary = folder_.find(run)) {
+        took(run, (summary->first_frame_total + summary->total_sum) * 1e-3);
+      } else if (run.device.empty() || device_of(run) != nullptr) {
+        missing.push_back(run);
+      }
+    }
+    std::vector<std::string> failed;
+    for (std::size_t k = 0; k < missing.size(); ++k) {
+      double later = 0;
+      for (std::size_t j = k + 1; j < missing.size(); ++j) later += cost_.expected(missing[j]);
+      if (const std::optional<std::string> why = measure_one(missing[k], later)) {
+        failed.push_back(describe(missing[k]) + ": " + one_line(*why));
+        progress_.say("broadcl: " + failed.back());
+      }
+    }
+    return failed;
+  }
+
+ private:
+  [[nodiscard]] const Device* device_of(const StudyRun& run) const {
+    const auto found = std::find_if(devices_.begin(), devices_.end(),
+                                    [&](const Device& device) { return device.label() == run.device; });
+    return found != devices_.end() ? &*found : nullptr;
+  }
+
+  void took(const StudyRun& run, double seconds) {
+    cost_.add(run, seconds);
+    spent_ += seconds;
+  }
+
+  /// @param later Seconds that the runs after this one will take.
+  /// @returns Why it failed, where it did.
+  std::optional<std::string> measure_one(const StudyRun& run, double later) {
+    const Device* device = device_of(run);
+    SimulationConfig config;
+    config.scenario.name = run.scenario;
+    config.scenario.objects = run.objects;
+    config.scenario.seed = settings_.seed;
+    config.frames = settings_.frames;
+    config.broadphase = run.broadphase;
+    if (device != nullptr) config.device = device->id();
+    const double own = cost_.expected(run);
+    const auto begin = std::chrono::steady_clock::now();
+    std::uint32_t frames = 0;
+    std::optional<SimulationResult> result;
+    try {
+      result = simulate(config, [&] {
+        const double share = ++frames / static_cast<double>(settings_.frames);
+        progress_.show((spent_ + own * share) / (spent_ + own + later), own * (1 - share) + later);
+      });
+    } catch (const std::exception& error) {
+      return error.what();
+    }
+    took(run, seconds_since(begin));
+    folder_.store(run, csv_report(*result));
+    return std::nullopt;
+  }
+
+  StudyFolder& folder_;
+  const StudySettings& settings_;
+  const std::vector<Device>& devices_;
+  StudyCost cost_;
+  double spent_ = 0;  // seconds, on all runs that are done
+  ProgressBar progress_;
+};
+
+Exit run(const Options& options) {
+  StudyFolder folder(options.out);
+  std::optional<nlohmann::ordered_json> document = folder.read_document();
+  if (document) refuse_contradictions(options, *document);
+  const StudySettings settings = document ? settings_of(*document) : new_settings(options);
+  const std::vector<Device> devices =
+      chosen_devices(options, settings, document ? device_labels(*document) : std::vector<std::string>());
+  if (!options.frames_csv.empty()) (void)OutputFile(options.frames_csv);  // it can be written
+  const nlohmann::ordered_json before = document.value_or(nullptr);
+  if (!document) document = new_document(settings);
+  for (const Device& device : devices) add_device(*document, device);
+  if (*document != before) {
+    set_command(*document, options.out);
+    folder.write_document(*document);
+  }
+
+  const std::vector<StudyRun> runs = planned_runs(settings, device_labels(*document));
+  for (const std::string& file : folder.open(runs, settings.frames)) {
+    std::cerr << "broadcl: " << quoted(file) << " is damaged; its run is made again\n";
+  }
+  const std::vector<std::string> failed =
+      Measurement(folder, settings, devices).measure(in_random_order(runs, settings.seed));
+  if (!options.frames_csv.empty()) {
+    OutputFile frames(options.frames_csv);
+    folder.write_frames(frames);
+    frames.commit();
+  }
+  std::cout << study_report(folder, settings, runs);
+  if (failed.empty()) return Exit::success;
+  std::cerr << "broadcl: " << failed.size() << " of " << runs.size()
+            << " runs failed; the same command tries them again:\n";
+  for (const std::string& line : failed) std::cerr << "  " << line << '\n';
+  return Exit::failure;
+}
+
+/// Adds an option for a list with commas between its elements, each of them once.
+template <class Value, class Parse>
+void add_list(CLI::App& verb, const std::string& name, std::optional<std::vector<Value>>& values,
+              const std::string& type, const Parse& parse, const std::string& description) {
+  const auto split = [name, parse, &values](const std::string& text) {
+    values.emplace();
+    for (std::size_t begin = 0; begin <= text.size();) {
+      const std::size_t end = std::min(text.find(',', begin), text.size());
+      const std::string element = one_line(text.substr(begin, end - begin));
+      if (element.empty()) throw CLI::ValidationError(name, "an element of the list is empty");
+      const Value value = parse(element);
+      if (std::find(values->begin(), values->end(), value) != values->end()) {
+        throw CLI::ValidationError(name, "'" + element + "' is there twice");
+      }
+      values->push_back(value);
+      begin = end + 1;
+    }
+  };
+  verb.add_option_function<std::string>(name, split, description)->type_name(type);
+}
+
+/// Adds an option for a number that has no value where it is not given.
+template <class Number>
+void add_optional_number(CLI::App& verb, const std::string& name, std::optional<Number>& value, Number lowest,
+                         Number highest, const std::string& description) {
+  const auto parse = [name, lowest, highest, &value](const std::string& text) {
+    value = parse_number(name, text, lowest, highest);
+  };
+  verb.add_option_function<std::string>(name, parse, description)->type_name("N");
+}
+
+constexpr std::uint32_t most_repeats = 1000;
+
+std::string footer() {
+  std::string text =
+      "What is not given is the preset's. In a folder with a study of the same settings, what is missing of "
+      "it is measured, and devices are added.\nPresets:\n";
+  for (const StudyPreset& preset : study_presets()) {
+    text += named_row(preset.settings.preset, preset.summary);
+  }
+  return text + "Scenarios and broad phases are those of 'broadcl simulate --help'.\n";
+}
+
+}  // namespace
+
+Verb add_study(CLI::App& program) {
+  auto options = std::make_shared<Options>();
+  CLI::App* verb = program.add_subcommand(
+      "study", "Measure scenarios, numbers of objects and broad phases, and keep it all in a folder");
+  const auto as_is = [](const std::string& text) { return text; };
+  verb->add_option_function<std::string>(
+          "--preset", [options](const std::string& name) { options->preset = one_line(name); },
+          "What is measured; see below")
+      ->type_name("NAME")
+      ->default_str("quick");
+  add_list(*verb, "--scenarios", options->scenarios, "A,B", as_is, "Scenarios");
+  add_list(
+      *verb, "--objects", options->objects, "N,M",
+      [](const std::string& text) { return parse_number("--objects", text, 1U, most_objects); },
+      "Numbers of objects");
+  add_list(*verb, "--broadphases", options->broadphases, "A,B", as_is, "Broad phases");
+  add_list(*verb, "--devices", options->devices, "A,B", as_is,
+           "Devices, each as --device of the other verbs takes it");
+  add_optional_number(*verb, "--frames", options->frames, 2U, most_frames,
+                      "Frames of a run, the first of which is the warm-up");
+  add_optional_number(*verb, "--repeat", options->repeat, 1U, most_repeats, "Runs of each combination");
+  add_optional_number(*verb, "--seed", options->seed, std::uint64_t{0}, UINT64_MAX,
+                      "Seed of the simulations and of the order of the runs");
+  verb->add_option("--out", options->out, "The folder")->type_name("DIR")->capture_default_str();
+  verb->add_option("--frames-csv", options->frames_csv,
+                   "Where to write all frames of all runs in the folder, a row a frame")
+      ->type_name("FILE");
+  verb->footer(footer());
+  return {verb, [options] { return run(*options); }};
+}
+
+}  // namespace broadcl::cli

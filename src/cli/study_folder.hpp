@@ -1,0 +1,62 @@
+#pragma once
+
+#include <filesystem>
+#include <map>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "cli/output_file.hpp"
+#include "cli/study_plan.hpp"
+#include "cli/study_run_file.hpp"
+
+namespace broadcl::cli {
+
+/// The folder of a study: study.json, a file in runs/ for each run that is done, and study.csv with a row for
+/// each of them. Every file appears whole or not at all, so that a study may end at any moment and go on
+/// later.
+class StudyFolder {
+ public:
+  explicit StudyFolder(std::filesystem::path folder);
+
+  /// study.json; none where the study has not begun.
+  /// @throws Error where it cannot be read, is damaged or of another format, and where there are runs without
+  ///   it.
+  [[nodiscard]] std::optional<nlohmann::ordered_json> read_document() const;
+
+  /// Makes the folder where there is none.
+  /// @throws Error where it cannot be written.
+  void write_document(const nlohmann::ordered_json& document) const;
+
+  /// Looks for the files of runs, which are all that study.csv will ever have, in its order.
+  /// @param frames Of a run.
+  /// @returns The names of files that are damaged. Their runs count as not done.
+  /// @throws Error where a file cannot be read or study.csv cannot be written.
+  std::vector<std::string> open(const std::vector<StudyRun>& runs, std::uint32_t frames);
+
+  /// What is known of a run; null where it is not done.
+  [[nodiscard]] const RunSummary* find(const StudyRun& run) const;
+
+  /// Keeps a run that is done.
+  /// @param csv What csv_report() makes of it.
+  /// @throws Error where it cannot be written.
+  void store(const StudyRun& run, const std::string& csv);
+
+  /// Writes all frames of all runs that are done, a row a frame.
+  /// @throws Error where it cannot be written, or a run cannot be read any more.
+  void write_frames(OutputFile& file) const;
+
+  [[nodiscard]] const std::filesystem::path& path() const noexcept { return folder_; }
+
+ private:
+  [[nodiscard]] std::filesystem::path file_of(const StudyRun& run) const;
+  void write_table() const;
+
+  std::filesystem::path folder_;
+  std::vector<StudyRun> runs_;
+  std::uint32_t frames_ = 0;
+  std::map<std::string, RunSummary> done_;  // by the names of their files
+};
+
+}  // namespace broadcl::cli

@@ -1,0 +1,80 @@
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+/// What `broadcl study` measures, and in which order.
+namespace broadcl::cli {
+
+/// A number of objects above which a study leaves a broad phase out.
+struct StudyLimit {
+  std::string broadphase;
+  std::uint32_t objects;
+  std::string why;  ///< For people.
+
+  friend bool operator==(const StudyLimit&, const StudyLimit&) = default;
+};
+
+/// All combinations of scenario, number of objects and broad phase are simulated, several times each.
+struct StudySettings {
+  std::string preset;                    ///< The name of what the rest started from.
+  std::vector<std::string> scenarios;    ///< Names of scenes::Scenario::list().
+  std::vector<std::uint32_t> objects;    ///< Numbers of objects.
+  std::vector<std::string> broadphases;  ///< Names of scenes::broadphases().
+  std::uint32_t frames;                  ///< Of a run, the warm-up included.
+  std::uint32_t repeat;                  ///< Runs of a combination.
+  std::uint64_t seed = 1;                ///< Of the simulations, and of the order of the runs.
+  std::vector<StudyLimit> limits;
+  std::vector<std::string> left_out;  ///< What else the preset leaves out, and why; for people.
+};
+
+/// A row of the table of presets.
+struct StudyPreset {
+  std::string summary;  ///< One line for people.
+  StudySettings settings;
+};
+
+/// paper, quick and large.
+[[nodiscard]] std::vector<StudyPreset> study_presets();
+
+/// @throws Error for an unknown name; it lists those there are.
+[[nodiscard]] StudySettings find_study_preset(std::string_view name);
+
+/// What of all combinations is not measured, and why, a line each.
+[[nodiscard]] std::vector<std::string> cut_of(const StudySettings& settings);
+
+/// One simulation of a study.
+struct StudyRun {
+  std::string scenario;
+  std::uint32_t objects;
+  std::string broadphase;
+  std::string device;    ///< Its label; empty for the host.
+  std::uint32_t repeat;  ///< From 1.
+};
+
+/// A label of a device as part of a file name: lower-case letters, digits and single hyphens. Never empty.
+[[nodiscard]] std::string slug(std::string_view label);
+
+/// "free-fall, 500 objects, tiles on PLATFORM / DEVICE, repetition 1"
+[[nodiscard]] std::string describe(const StudyRun& run);
+
+/// What the runs of a combination have in common: SCENARIO-OBJECTS-BROADPHASE[-DEVICE].
+[[nodiscard]] std::string combination_of(const StudyRun& run);
+
+/// The name of a run's file: its combination, its repetition and `.csv`.
+[[nodiscard]] std::string file_name(const StudyRun& run);
+
+/// All runs, sorted by scenario, objects, broad phase, device and repetition, each in the order of the
+/// settings. Broad phases that need a device run on each one.
+/// @param devices Labels.
+[[nodiscard]] std::vector<StudyRun> planned_runs(const StudySettings& settings,
+                                                 std::span<const std::string> devices);
+
+/// The same runs in a random order that depends on the seed only, so that what drifts on the machine meets
+/// all alike.
+[[nodiscard]] std::vector<StudyRun> in_random_order(std::vector<StudyRun> runs, std::uint64_t seed);
+
+}  // namespace broadcl::cli

@@ -1,0 +1,67 @@
+#include "cli/study_run_file.hpp"
+
+#include <charconv>
+#include <cmath>
+#include <numeric>
+#include <system_error>
+
+namespace broadcl::cli {
+namespace {
+
+/// Takes a number and the character after it from the front of a text. False where they are not there.
+template <class Number>
+bool take(std::string_view& text, Number& value, char end) {
+  const char* const last = text.data() + text.size();
+  const auto [rest, error] = std::from_chars(text.data(), last, value);
+  if (error != std::errc() || rest == last || *rest != end) return false;
+  text.remove_prefix(static_cast<std::size_t>(rest - text.data()) + 1);
+  return true;
+}
+
+/// Times as they can be: the stages are parts of the whole, but for what rounding makes of it.
+bool are_sound(double update, double broad_phase, double total) {
+  constexpr double rounding = 2e-6;
+  return update >= 0 && broad_phase >= 0 && std::isfinite(total) && total + rounding >= update + broad_phase;
+}
+
+std::vector<double> without_warm_up(const std::vector<double>& values) {
+  return {values.begin() + 1, values.end()};
+}
+
+}  // namespace
+
+std::optional<RunFrames> parse_run_file(std::string_view text, std::uint32_t frames) {
+  constexpr std::string_view header = "frame,update_ms,broad_phase_ms,total_ms,pairs\n";
+  if (!text.starts_with(header)) return std::nullopt;
+  text.remove_prefix(header.size());
+  RunFrames result;
+  for (std::uint32_t frame = 0; frame < frames; ++frame) {
+    std::uint32_t number = 0;
+    double update = 0;
+    double broad_phase = 0;
+    double total = 0;
+    std::size_t pairs = 0;
+    const bool whole = take(text, number, ',') && take(text, update, ',') && take(text, broad_phase, ',') &&
+                       take(text, total, ',') && take(text, pairs, '\n');
+    if (!whole || number != frame || !are_sound(update, broad_phase, total)) return std::nullopt;
+    result.update.push_back(update);
+    result.broad_phase.push_back(broad_phase);
+    result.total.push_back(total);
+    result.pairs.push_back(pairs);
+  }
+  return text.empty() ? std::optional(std::move(result)) : std::nullopt;
+}
+
+RunSummary summarize_run(const RunFrames& frames) {
+  const std::vector<double> totals = without_warm_up(frames.total);
+  const std::vector<double> pairs(frames.pairs.begin() + 1, frames.pairs.end());
+  return {.update = summarize(without_warm_up(frames.update)),
+          .broad_phase = summarize(without_warm_up(frames.broad_phase)),
+          .total = summarize(totals),
+          .total_sum = std::accumulate(totals.begin(), totals.end(), 0.0),
+          .pairs_mean = summarize(pairs).mean,
+          .pairs_last = frames.pairs.back(),
+          .first_frame_total = frames.total.front()};
+}
+
+}  // namespace broadcl::cli
