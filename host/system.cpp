@@ -84,14 +84,14 @@ bool is_terminal(std::FILE* stream) {
 }
 
 std::string processor_name() {
-  const std::string name = value_in("/proc/cpuinfo", "model name", "\t :");
+  std::string name = value_in("/proc/cpuinfo", "model name", "\t :");
   if (!name.empty()) return name;
   const utsname names = names_of_system();
   return &names.machine[0];
 }
 
 std::string system_name() {
-  const std::string name = value_in("/etc/os-release", "PRETTY_NAME=", "\"'");
+  std::string name = value_in("/etc/os-release", "PRETTY_NAME=", "\"'");
   if (!name.empty()) return name;
   const utsname names = names_of_system();
   return std::string(&names.sysname[0]) + " " + &names.release[0];

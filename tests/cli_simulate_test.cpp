@@ -1,6 +1,7 @@
 // `broadcl simulate`, run as its users do.
 #include <algorithm>
 #include <cstddef>
+#include <optional>
 #include <sstream>
 #include <string>
 #include <vector>
@@ -8,8 +9,11 @@
 #include <gtest/gtest.h>
 #include <nlohmann/json.hpp>
 
+#include "cli/simulation.hpp"
 #include "cli/statistics.hpp"
 
+#include "expect_error.hpp"
+#include "failing_opencl.hpp"
 #include "program.hpp"
 
 namespace broadcl::test {
@@ -108,6 +112,22 @@ TEST_F(Program, SimulateSaysThatABroadPhaseHasNoStages) {
     EXPECT_EQ(lines_of(outcome.out).back(), "The broad phase " + broadphase + " has no stages.");
     EXPECT_EQ(json::parse(read_file(path("run.json")))["stages"], json::array());
   }
+}
+
+TEST(Simulate, EndsWhereTheDeviceFails) {
+  cli::SimulationConfig config;
+  config.scenario.objects = 40;
+  config.frames = 5;
+  config.broadphase = "tiles";
+  int frames = 0;
+  std::optional<FailingOpenCl> failing;
+  const std::string error = error_of([&] {
+    (void)cli::simulate(config, [&] {
+      if (++frames == 2) failing.emplace(0, 1'000'000);
+    });
+  });
+  EXPECT_TRUE(error.starts_with("stopped in frame 2, where the broad phase said: ")) << error;
+  EXPECT_EQ(frames, 2);
 }
 
 TEST(Summary, InterpolatesBetweenNeighbours) {

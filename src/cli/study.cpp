@@ -225,7 +225,7 @@ Exit run(const Options& options) {
   }
 
   const std::vector<StudyRun> runs = planned_runs(settings, device_labels(*document));
-  for (const std::string& file : folder.open(runs, settings.frames)) {
+  for (const std::filesystem::path& file : folder.open(runs, settings.frames)) {
     std::cerr << "broadcl: " << quoted(file) << " is damaged; its run is made again\n";
   }
   const std::vector<std::string> failed =
@@ -311,7 +311,10 @@ Verb add_study(CLI::App& program) {
   add_optional_number(*verb, "--repeat", options->repeat, 1U, most_repeats, "Runs of each combination");
   add_optional_number(*verb, "--seed", options->seed, std::uint64_t{0}, UINT64_MAX,
                       "Seed of the simulations and of the order of the runs");
-  verb->add_option("--out", options->out, "The folder")->type_name("DIR")->capture_default_str();
+  verb->add_option("--out", options->out, "The folder")
+      ->check([](const std::string& name) { return name.empty() ? "name a folder" : std::string(); }, "")
+      ->type_name("DIR")
+      ->capture_default_str();
   verb->add_option("--frames-csv", options->frames_csv,
                    "Where to write all frames of all runs in the folder, a row a frame")
       ->type_name("FILE");

@@ -17,14 +17,6 @@ namespace fs = std::filesystem;
 
 constexpr int decimals = 6;  // of milliseconds, as csv_report() has them
 
-/// A field of a CSV file, quoted where it has to be (RFC 4180).
-std::string field(const std::string& text) {
-  if (text.find_first_of(",\"\r\n") == std::string::npos) return text;
-  std::string quoted = "\"";
-  for (const char c : text) quoted += c == '"' ? "\"\"" : std::string(1, c);
-  return quoted + "\"";
-}
-
 /// None where there is no such file.
 std::optional<std::string> read(const fs::path& path) {
   std::error_code ignored;
@@ -55,7 +47,7 @@ std::string csv_of(const Summary& summary) {
 
 std::string row_of(const StudyRun& run, std::uint32_t frames, const RunSummary& summary) {
   return run.scenario + "," + std::to_string(run.objects) + "," + std::to_string(frames) + "," +
-         std::to_string(run.repeat) + "," + run.broadphase + "," + field(run.device) + "," +
+         std::to_string(run.repeat) + "," + run.broadphase + "," + csv_field(run.device) + "," +
          csv_of(summary.update) + "," + csv_of(summary.broad_phase) + "," + csv_of(summary.total) + "," +
          fixed(summary.total_sum, decimals) + "," + fixed(summary.pairs_mean, 1) + "," +
          std::to_string(summary.pairs_last) + "," + fixed(summary.first_frame_total, decimals) + "\n";
@@ -94,19 +86,19 @@ void StudyFolder::write_document(const nlohmann::ordered_json& document) const {
   write(folder_ / "study.json", text_of(document));
 }
 
-std::vector<std::string> StudyFolder::open(const std::vector<StudyRun>& runs, std::uint32_t frames) {
+std::vector<fs::path> StudyFolder::open(const std::vector<StudyRun>& runs, std::uint32_t frames) {
   make_folder(folder_ / "runs");
   runs_ = runs;
   frames_ = frames;
   done_.clear();
-  std::vector<std::string> damaged;
+  std::vector<fs::path> damaged;
   for (const StudyRun& run : runs_) {
     const std::optional<std::string> text = read(file_of(run));
     if (!text) continue;
     if (const std::optional<RunFrames> times = parse_run_file(*text, frames_)) {
       done_[file_name(run)] = summarize_run(*times);
     } else {
-      damaged.push_back(file_of(run).string());
+      damaged.push_back(file_of(run));
     }
   }
   write_table();
@@ -133,8 +125,8 @@ void StudyFolder::write_frames(OutputFile& file) const {
     const std::optional<std::string> text = read(file_of(run));
     if (!text || !parse_run_file(*text, frames_)) throw Error("cannot read " + quoted(file_of(run)));
     const std::string start = run.scenario + "," + std::to_string(run.objects) + "," +
-                              std::to_string(run.repeat) + "," + run.broadphase + "," + field(run.device) +
-                              ",";
+                              std::to_string(run.repeat) + "," + run.broadphase + "," +
+                              csv_field(run.device) + ",";
     std::string rows;
     for (std::size_t at = text->find('\n') + 1; at < text->size();) {
       const std::size_t end = text->find('\n', at) + 1;

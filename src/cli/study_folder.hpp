@@ -31,9 +31,9 @@ class StudyFolder {
 
   /// Looks for the files of runs, which are all that study.csv will ever have, in its order.
   /// @param frames Of a run.
-  /// @returns The names of files that are damaged. Their runs count as not done.
+  /// @returns The files that are damaged. Their runs count as not done.
   /// @throws Error where a file cannot be read or study.csv cannot be written.
-  std::vector<std::string> open(const std::vector<StudyRun>& runs, std::uint32_t frames);
+  std::vector<std::filesystem::path> open(const std::vector<StudyRun>& runs, std::uint32_t frames);
 
   /// What is known of a run; null where it is not done.
   [[nodiscard]] const RunSummary* find(const StudyRun& run) const;

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <iomanip>
 #include <sstream>
 #include <string_view>
@@ -16,6 +17,13 @@ std::string one_line(std::string text) {
 
 std::string quoted(const std::filesystem::path& path) {
   return std::string("'").append(one_line(path.string())).append("'");
+}
+
+std::string csv_field(const std::string& text) {
+  if (text.find_first_of(",\"\r\n") == std::string::npos) return text;
+  std::string field = "\"";
+  for (const char c : text) field += c == '"' ? "\"\"" : std::string(1, c);
+  return field + "\"";
 }
 
 std::string fixed(double value, int decimals) {
@@ -42,9 +50,9 @@ std::string list_of(const std::vector<std::string>& names) {
 }
 
 std::string list_of(const std::vector<std::uint32_t>& numbers) {
-  std::vector<std::string> names;
-  for (const std::uint32_t number : numbers) names.push_back(std::to_string(number));
-  return list_of(names);
+  std::string text;
+  for (const std::uint32_t number : numbers) text += (text.empty() ? "" : ",") + std::to_string(number);
+  return text;
 }
 
 std::string grouped(std::uint64_t value) {
@@ -57,7 +65,7 @@ std::string duration_text(double seconds) {
   constexpr std::uint64_t minute = 60;
   constexpr std::uint64_t hour = 60 * minute;
   constexpr double longest = 1e9;
-  const auto whole = static_cast<std::uint64_t>(std::min(seconds, longest) + 0.5);
+  const auto whole = static_cast<std::uint64_t>(std::llround(std::min(seconds, longest)));
   if (whole < 2 * minute) return std::to_string(whole) + " s";
   if (whole < 2 * hour) return std::to_string(whole / minute) + " min";
   return std::to_string(whole / hour) + " h " + std::to_string(whole % hour / minute) + " min";

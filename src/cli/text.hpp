@@ -13,6 +13,9 @@ namespace broadcl::cli {
 /// A path as messages show it: quoted, on one line.
 [[nodiscard]] std::string quoted(const std::filesystem::path& path);
 
+/// A text as a field of a CSV file, quoted where it has to be (RFC 4180).
+[[nodiscard]] std::string csv_field(const std::string& text);
+
 /// "3.1416" for 4 decimals.
 [[nodiscard]] std::string fixed(double value, int decimals);
 
