@@ -27,7 +27,7 @@ TEST_F(Program, Version) {
 }
 
 TEST_F(Program, HelpForAll) {
-  for (const std::string verb : {"", "devices", "simulate", "replay", "pairs", "check"}) {
+  for (const std::string verb : {"", "devices", "simulate", "replay", "study", "pairs", "check"}) {
     const Outcome outcome = run(verb + " --help");
     expect_success(outcome);
     EXPECT_NE(outcome.out.find("--help"), std::string::npos) << verb;
@@ -96,7 +96,7 @@ TEST_F(Program, WithoutAnyDeviceSaysWhatToInstall) {
   if (run("devices", "OCL_ICD_VENDORS=/nonexistent").exit_code == 0) {
     GTEST_SKIP() << "this OpenCL loader does not heed OCL_ICD_VENDORS, so devices cannot be hidden";
   }
-  for (const std::string arguments : {"devices", "check", "pairs four.npy", "simulate --frames 1"}) {
+  for (const std::string arguments : {"devices", "check", "pairs four.npy", "simulate --frames 1", "study"}) {
     SCOPED_TRACE(arguments);
     expect_refused(run(arguments, "OCL_ICD_VENDORS=/nonexistent"), "install");
   }

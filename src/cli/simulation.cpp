@@ -26,11 +26,13 @@ std::unique_ptr<btBroadphaseInterface> make_broadphase(const SimulationConfig& c
        .world_edge = scenes::World::outer_edge(scenes::Scenario(config.scenario))});
 }
 
-/// Keeps what a broad phase tells of its troubles.
-void keep_errors(btBroadphaseInterface& broadphase, std::string& trouble) {
+/// What a broad phase tells of its troubles from now on.
+std::shared_ptr<const std::string> troubles_of(btBroadphaseInterface& broadphase) {
+  auto troubles = std::make_shared<std::string>();
   if (auto* own = dynamic_cast<BulletBroadphase*>(&broadphase)) {
-    own->set_error_handler([&trouble](const std::string& error) { trouble = error; });
+    own->set_error_handler([troubles](const std::string& error) { *troubles = error; });
   }
+  return troubles;
 }
 
 /// What is underneath; null for Bullet's own broad phases.
@@ -80,15 +82,20 @@ void add_frame(Verdict& verdict, std::uint32_t frame, const scenes::Difference& 
 
 }  // namespace
 
-SimulationResult measure(const Frames& frames, const std::string& name,
-                         const btBroadphaseInterface& broadphase, bool stages) {
+SimulationResult measure(const Frames& frames, const std::string& name, btBroadphaseInterface& broadphase,
+                         bool stages) {
   SimulationResult result;
+  const std::shared_ptr<const std::string> troubles = troubles_of(broadphase);
   const BroadPhase* const core = core_of(broadphase);
   const btOverlappingPairCache& cache = *broadphase.getOverlappingPairCache();
   result.device = device_of(core);
-  if (frames.verify) result.verdict.emplace().exact = is_exact(name);
+  if (frames.verify) result.verdict.emplace().exact = scenes::find_broadphase(name).exact;
   for (std::uint32_t frame = 0; frame < frames.count; ++frame) {
-    add_times(result, frames.step());
+    const scenes::FrameTimes times = frames.step();
+    if (!troubles->empty()) {
+      throw Error("stopped in frame " + std::to_string(frame) + ", where the broad phase said: " + *troubles);
+    }
+    add_times(result, times);
     result.stages.push_back(stages ? stages_of(core) : std::vector<Stage>());
     result.pairs.push_back(static_cast<std::size_t>(cache.getNumOverlappingPairs()));
     if (result.verdict) add_frame(*result.verdict, frame, frames.verify());
@@ -102,8 +109,6 @@ SimulationResult simulate(const SimulationConfig& config, const std::function<vo
   // An unknown device is an error even where the broad phase runs on the host.
   if (!config.device.empty()) (void)select_device(config.device);
   const std::unique_ptr<btBroadphaseInterface> broadphase = make_broadphase(config);
-  std::string trouble;
-  keep_errors(*broadphase, trouble);
   scenes::World world(config.scenario, *broadphase);
 
   const auto record = [&] {

@@ -64,9 +64,11 @@ struct Frames {
 
 /// Measures frames.
 /// @param name That of the broad phase in scenes::broadphases().
+/// @param broadphase Its errors are this function's from now on.
 /// @param stages Keep the stages of the broad phase.
+/// @throws Error when the device fails: what is found on the host from then on does not count.
 [[nodiscard]] SimulationResult measure(const Frames& frames, const std::string& name,
-                                       const btBroadphaseInterface& broadphase, bool stages);
+                                       btBroadphaseInterface& broadphase, bool stages);
 
 /// Runs one.
 /// @param frame_ended Called after each frame, off the clock.

@@ -13,8 +13,8 @@ class btDiscreteDynamicsWorld;
 namespace broadcl::scenes {
 
 /// Wall-clock seconds of one frame, measured the same way for every broad phase: by two readings of the clock
-/// for each of update, broad phase and total. What that costs lies in the total, a third of it; see
-/// measuring_overhead().
+/// for each of update, broad phase and total. measuring_overhead() tells what that
+/// costs: most of it lies in the total, and one reading's share in each of the other two.
 struct FrameTimes {
   std::chrono::steady_clock::time_point start;  ///< When the frame began; the other starts count from it.
   double update_start;
