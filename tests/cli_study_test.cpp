@@ -132,9 +132,9 @@ TEST_F(ProgramStudy, WritesARowAndAFileForEachRun) {
     ASSERT_TRUE(parsed) << file;
     const cli::RunSummary summary = cli::summarize_run(*parsed);
     const std::string& device = runs[k].device;
-    const std::string start = runs[k].scenario + "," + std::to_string(runs[k].objects) + ",";
+    const std::string scene = runs[k].scenario + "," + std::to_string(runs[k].objects) + ",";
     const std::string end = std::to_string(runs[k].repeat) + "," + runs[k].broadphase + "," + device + ",";
-    EXPECT_THAT(rows[k + 1], testing::StartsWith(start + "6," + end));
+    EXPECT_THAT(rows[k + 1], testing::StartsWith(std::string(scene).append("6,").append(end)));
     std::istringstream numbers(rows[k + 1].substr(rows[k + 1].find(end) + end.size()));
     std::vector<double> values;
     for (std::string value; std::getline(numbers, value, ',');) values.push_back(std::stod(value));
@@ -146,7 +146,7 @@ TEST_F(ProgramStudy, WritesARowAndAFileForEachRun) {
     EXPECT_NEAR(values[11], static_cast<double>(summary.pairs_last), 0);
     EXPECT_NEAR(values[12], summary.first_frame_total, 1e-6);
     const std::string last_frame = lines_of(file)[6];
-    EXPECT_EQ(frames[6 * k + 6], start + end + last_frame);
+    EXPECT_EQ(frames[6 * k + 6], std::string(scene).append(end).append(last_frame));
   }
 }
 
@@ -185,11 +185,17 @@ TEST_F(ProgramStudy, TellsAllThatIsNeededToRepeatIt) {
 }
 
 TEST_F(ProgramStudy, GoesOnWhereItWasKilled) {
-  const std::vector<cli::StudyRun> runs = cli::planned_runs(settings_of_tiny("sweep-and-prune"), {});
+  // Runs that take long enough to be killed in.
+  const std::string longer =
+      "study --scenarios free-fall,mixed-sizes --objects 200,300 --frames 60 "
+      "--repeat 2 --broadphases bullet-bf,sweep-and-prune --out s";
+  cli::StudySettings settings = settings_of_tiny("sweep-and-prune");
+  settings.objects = {200, 300};
+  const std::vector<cli::StudyRun> runs = cli::planned_runs(settings, {});
   const std::vector<std::string> order = names_of(cli::in_random_order(runs, 1));
   std::map<std::string, File> before;
   for (const std::size_t kill_at : {3U, 7U}) {
-    run_until(kill_at, tiny_on_host);
+    run_until(kill_at, longer);
     const std::map<std::string, File> files = run_files();
     ASSERT_LT(files.size(), runs.size());
     EXPECT_THAT(keys_of(files), testing::UnorderedElementsAreArray(std::vector<std::string>(
