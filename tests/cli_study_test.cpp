@@ -187,7 +187,7 @@ TEST_F(ProgramStudy, TellsAllThatIsNeededToRepeatIt) {
 TEST_F(ProgramStudy, GoesOnWhereItWasKilled) {
   // Runs that take long enough to be killed in.
   const std::string longer =
-      "study --scenarios free-fall,mixed-sizes --objects 200,300 --frames 60 "
+      "study --scenarios free-fall,mixed-sizes --objects 200,300 --frames 30 "
       "--repeat 2 --broadphases bullet-bf,sweep-and-prune --out s";
   cli::StudySettings settings = settings_of_tiny("sweep-and-prune");
   settings.objects = {200, 300};
