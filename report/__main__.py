@@ -1,0 +1,54 @@
+"""python3 -m report DIR: makes DIR/report.html and DIR/figures/ from the folder of a study."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import sys
+import tempfile
+from pathlib import Path
+
+import matplotlib
+
+from report.key_frames import draw
+from report.page import page
+from report.recording import read_recordings
+from report.static_figures import save_all
+from report.study import StudyError, read_study
+from report.verdict import as_text
+
+
+def make(folder: Path) -> Path:
+    """Makes the report, and replaces the one that was there once all of it is made."""
+    matplotlib.use("Agg")
+    study = read_study(folder)
+    recordings = read_recordings(folder, study.scenarios)
+    images = {r.scenario: [draw(r, frame) for frame in r.key_frames] for r in recordings}
+    with tempfile.TemporaryDirectory(dir=folder, prefix=".report-") as beside:
+        made = Path(beside)
+        (made / "figures").mkdir()
+        save_all(study, recordings, images, made / "figures")
+        (made / "report.html").write_text(page(study, recordings, images), encoding="utf-8")
+        shutil.rmtree(folder / "figures", ignore_errors=True)
+        os.replace(made / "figures", folder / "figures")
+        os.replace(made / "report.html", folder / "report.html")
+    print(as_text(study))
+    return folder / "report.html"
+
+
+def main() -> int:
+    """What the command line asks for; the exit status."""
+    if len(sys.argv) != 2:
+        print("usage: scripts/report DIR", file=sys.stderr)
+        return 2
+    try:
+        made = make(Path(sys.argv[1]))
+    except (StudyError, OSError) as error:
+        print(f"report: {error}", file=sys.stderr)
+        return 1
+    print(f"\n{made} ({made.stat().st_size / 1e6:.1f} MB)")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,53 @@
+"""How each broad phase looks, the same in every figure. Bullet's own are dashed, in warm colours."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+
+from report.study import Series, Study
+
+
+@dataclass(frozen=True)
+class Style:
+    """Colour, for light and dark ground alike; dash and marker, as plotly.js names them."""
+
+    colour: str
+    dash: str
+    marker: str
+
+
+STYLES = {
+    "bullet-bf": Style("#8b8f98", "dot", "circle-open"),
+    "bullet-sap": Style("#c98a12", "dash", "square-open"),
+    "bullet-bvh": Style("#dd5b2b", "dash", "diamond-open"),
+    "gpu-bf": Style("#1f9e76", "solid", "triangle-up"),
+    "brute-force": Style("#3b82d6", "solid", "square"),
+    "tiles": Style("#9a63d8", "solid", "diamond"),
+    "auto": Style("#d6387f", "solid", "circle"),
+}
+OTHERS = ("#7d8f1d", "#5f7fa3", "#a86b4c", "#3a9fb0")
+DEVICE_DASHES = ("solid", "dashdot", "longdash", "dot")
+
+
+def styles_of(study: Study) -> dict[Series, Style]:
+    """A style for each series; further devices of a broad phase get another dash."""
+    styles: dict[Series, Style] = {}
+    unknown: list[str] = []
+    for series in study.series:
+        name = series.broadphase
+        if name in STYLES:
+            style = STYLES[name]
+        else:
+            if name not in unknown:
+                unknown.append(name)
+            style = Style(OTHERS[unknown.index(name) % len(OTHERS)], "solid", "cross")
+        nth = sum(s.broadphase == name for s in styles)
+        if nth > 0:
+            style = Style(style.colour, DEVICE_DASHES[nth % len(DEVICE_DASHES)], style.marker)
+        styles[series] = style
+    return styles
+
+
+def style_json(style: Style) -> dict[str, str]:
+    """As the page's scripts read it."""
+    return asdict(style)

@@ -1,0 +1,118 @@
+"""Recorded runs for the replay: read, thinned, quantised and packed."""
+
+from __future__ import annotations
+
+import base64
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from report.overlaps import count_overlaps
+from report.study import StudyError
+
+FRAME_SECONDS = 1 / 30
+BUDGET = 10_000_000  # characters of all recordings together
+STRIDES = (1, 2, 4)  # frames from one kept to the next; what lies between is interpolated
+LEVELS = 65535
+KEY_FRAMES = 4
+
+
+@dataclass(frozen=True)
+class Recording:
+    scenario: str
+    boxes: np.ndarray  # (frames, n, 6) float32, mapped: the initial state, then a block a frame
+    low: np.ndarray  # (3,) corners of the world
+    high: np.ndarray
+
+    @property
+    def objects(self) -> int:
+        return int(self.boxes.shape[1])
+
+    @property
+    def key_frames(self) -> list[int]:
+        """The first, the last, and two between, evenly."""
+        return [round(x) for x in np.linspace(0, len(self.boxes) - 1, KEY_FRAMES)]
+
+    def speeds(self, frame: int, stride: int = 1) -> np.ndarray:
+        """Of the centres, m/s, from the frame before (in the first: to the next)."""
+        after = max(frame, min(stride, len(self.boxes) - 1))
+        before = max(0, after - stride)
+        moved = (self.boxes[after] - self.boxes[before]).reshape(-1, 2, 3).mean(axis=1)
+        return np.linalg.norm(moved, axis=1) / (max(1, after - before) * FRAME_SECONDS)
+
+
+def read_recordings(folder: Path, scenarios: list[str]) -> list[Recording]:
+    """Those of the scenarios that have one."""
+    paths = {s: folder / "recordings" / f"{s}.npy" for s in scenarios}
+    return [_read(s, path) for s, path in paths.items() if path.exists()]
+
+
+def _read(scenario: str, path: Path) -> Recording:
+    try:
+        boxes = np.load(path, mmap_mode="r", allow_pickle=False)
+    except (ValueError, OSError) as error:
+        raise StudyError(f"{path} is no recording: {error}") from None
+    if boxes.dtype != np.float32 or boxes.ndim != 3 or boxes.shape[2] != 6 or min(boxes.shape) < 1:
+        raise StudyError(f"{path}: float32 of shape (frames, n, 6) is needed, not {boxes.shape}")
+    low, high = np.full(3, np.inf), np.full(3, -np.inf)
+    for block in boxes:
+        if not np.all(np.isfinite(block)) or np.any(block[:, :3] > block[:, 3:]):
+            raise StudyError(f"{path}: a box is not finite, or its corners are exchanged")
+        low, high = np.minimum(low, block[:, :3].min(0)), np.maximum(high, block[:, 3:].max(0))
+    return Recording(scenario, boxes, low, high)
+
+
+def quantised(boxes: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """Coordinates as uint16 between the world's corners."""
+    size = np.where(high > low, high - low, 1)
+    return np.rint((boxes - np.tile(low, 2)) / np.tile(size, 2) * LEVELS).astype(np.uint16)
+
+
+def pack(steps: np.ndarray) -> str:
+    """Compressed, in base64: low bytes first, then high bytes; a row less the one before it."""
+    change = np.diff(steps, axis=0, prepend=np.zeros_like(steps[:1]))
+    planes = (change & 0xFF).astype(np.uint8).tobytes() + (change >> 8).astype(np.uint8).tobytes()
+    return base64.b64encode(zlib.compress(planes, 6)).decode("ascii")
+
+
+def _packed_boxes(recording: Recording, stride: int, budget: int) -> tuple[str, list[int]]:
+    """As many of the frames as fit into the budget, from the first on."""
+    frames = list(range(0, len(recording.boxes), stride))
+    while True:
+        # A coordinate of all objects lies together, so that what is alike does.
+        steps = np.stack(
+            [quantised(recording.boxes[f], recording.low, recording.high).T for f in frames]
+        )
+        text = pack(steps)
+        if len(text) <= budget or len(frames) <= 2:
+            return text, frames
+        frames = frames[: max(2, int(len(frames) * min(0.95, budget / len(text))))]
+
+
+def replay_data(recording: Recording, budget: int) -> dict[str, Any]:
+    """A recording as the page's replay reads it, in at most that many characters or in two frames."""
+    for_boxes = int(budget * 0.9)
+    for stride in STRIDES:
+        text, frames = _packed_boxes(recording, stride, for_boxes)
+        if frames[-1] + stride >= len(recording.boxes):
+            break
+    overlaps = np.stack([np.minimum(count_overlaps(recording.boxes[f]), 255) for f in frames])
+    speeds = np.concatenate([recording.speeds(f, stride) for f in frames])
+    return {
+        "scenario": recording.scenario,
+        "objects": recording.objects,
+        "recorded_frames": len(recording.boxes),
+        "stride": stride,
+        "frames": len(frames),
+        "frame_seconds": FRAME_SECONDS,
+        "low": recording.low.tolist(),
+        "high": recording.high.tolist(),
+        "key_frames": recording.key_frames,
+        "top_speed": max(float(np.quantile(speeds, 0.98)), 1e-3),
+        "top_overlaps": max(int(np.quantile(overlaps, 0.99)), 1),
+        "boxes": text,
+        "overlaps": pack(overlaps.astype(np.uint16)),
+    }

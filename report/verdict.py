@@ -1,0 +1,171 @@
+"""The verdict in words. Every claim is computed; `code` marks names."""
+
+from __future__ import annotations
+
+from report.standing import COMPARED, Standing, ours_over_bullet, run_times, standing
+from report.statistics import Ratio, ratio_of_medians, three_digits
+from report.study import Series, Study
+
+
+def interval(ratio: Ratio) -> str:
+    """The interval in brackets, or that there is none."""
+    if ratio.interval is None:
+        return "(one run: no interval)"
+    return f"({three_digits(ratio.interval[0])} to {three_digits(ratio.interval[1])})"
+
+
+def times_as_long(ratio: Ratio) -> str:
+    return f"{three_digits(ratio.value)} {interval(ratio)}"
+
+
+def enumerated(items: list[str]) -> str:
+    """a, b and c."""
+    return " and ".join(filter(None, (", ".join(items[:-1]), items[-1])))
+
+
+def name(study: Study, series: Series) -> str:
+    return f"`{study.label(series)}`"
+
+
+def headline(study: Study) -> list[str]:
+    """What the whole study says of the total time where there are most objects."""
+    places = {s: standing(study, s, study.objects(s)[-1], "total") for s in study.scenarios}
+    claims = []
+    for series in dict.fromkeys(place.first for place in places.values()):
+        where = [
+            scenario + (" (not clearly)" if place.ties else "")
+            for scenario, place in places.items()
+            if place.first == series
+        ]
+        claims.append(f"{name(study, series)} in {enumerated(where)}")
+    sizes = sorted({place.objects for place in places.values()})
+    most = enumerated([f"{n:,}" for n in sizes])
+    sentences = [f"With {most} objects, the total time is shortest with {'; with '.join(claims)}."]
+    ratios = []
+    for scenario, place in places.items():
+        rivals = ours_over_bullet(study, place)
+        if rivals:
+            ratios.append((between(study, scenario, place, "total", *rivals), scenario))
+    if ratios:
+        low, high = min(ratios, key=lambda r: r[0].value), max(ratios, key=lambda r: r[0].value)
+        ends = f"{times_as_long(low[0])} times as long in {low[1]}"
+        if low != high:
+            ends = f"from {ends} to {times_as_long(high[0])} times in {high[1]}"
+        sentences.append(
+            "Against the fastest of Bullet's own broad phases, the fastest of BroadCL's makes"
+            f" the same simulation take {ends}."
+        )
+    return sentences
+
+
+def sentences(study: Study, scenario: str, metric: str) -> list[str]:
+    """One scenario by one metric: most objects, against Bullet, and how it changes."""
+    places = [standing(study, scenario, n, metric) for n in study.objects(scenario)]
+    result = [_who_is_first(study, places[-1], metric)]
+    rivals = ours_over_bullet(study, places[-1])
+    if rivals:
+        result.append(_against_bullet(study, scenario, places[-1], metric, *rivals))
+    if len(places) > 1:
+        result.append(_over_objects(study, places))
+    return result
+
+
+def _who_is_first(study: Study, place: Standing, metric: str) -> str:
+    first, milliseconds = name(study, place.first), three_digits(place.milliseconds[place.first])
+    text = f"With {place.objects:,} objects, {first} is first: {milliseconds} ms a frame."
+    if not place.over_first:
+        return text + " Nothing else ran."
+    if place.ties:
+        ties = [f"{name(study, s)} at {times_as_long(place.over_first[s])}" for s in place.ties]
+        text += f" Not clearly slower: {enumerated(ties)} times that."
+    if place.clearly_slower:
+        after = place.clearly_slower[0]
+        text += (
+            f" {'Clearly slower' if place.ties else 'The next, clearly slower,'} is "
+            f"{name(study, after)}, {times_as_long(place.over_first[after])} times as long."
+        )
+    else:
+        text += " None is clearly slower."
+    return text
+
+
+def between(
+    study: Study, scenario: str, place: Standing, metric: str, a: Series, b: Series
+) -> Ratio:
+    """Time of a over that of b."""
+    cells = study.cells_of(scenario, place.objects)
+    return ratio_of_medians(run_times(cells[a], metric), run_times(cells[b], metric))
+
+
+def _against_bullet(
+    study: Study, scenario: str, place: Standing, metric: str, ours: Series, bullet: Series
+) -> str:
+    ratio = between(study, scenario, place, metric, ours, bullet)
+    judged = "no clear difference"
+    if ratio.is_clear:
+        judged = "clearly less" if ratio.value < 1 else "clearly more"
+    return (
+        f"BroadCL's fastest, {name(study, ours)}, takes {times_as_long(ratio)} times as long as"
+        f" Bullet's fastest, {name(study, bullet)}: {judged}."
+    )
+
+
+def _over_objects(study: Study, places: list[Standing]) -> str:
+    """Ranges of objects with the same first, as far as the study has them."""
+    ranges: list[list[Standing]] = []
+    for place in places:
+        if ranges and ranges[-1][-1].first == place.first:
+            ranges[-1].append(place)
+        else:
+            ranges.append([place])
+    texts = []
+    for same in ranges:
+        sizes = f"{same[0].objects:,}"
+        if len(same) > 1:
+            sizes += f" to {same[-1].objects:,}"
+        unclear = [f"{p.objects:,}" for p in same if p.ties]
+        clearly = "clearly" if not unclear else "not clearly"
+        if unclear and len(unclear) < len(same):
+            clearly = f"not clearly at {enumerated(unclear)}"
+        texts.append(f"{name(study, same[0].first)} with {sizes} ({clearly})")
+    if len(ranges) == 1:
+        return f"First at every number of objects: {texts[0]}."
+    return f"Who is first changes with the number of objects: {', then '.join(texts)}."
+
+
+def _by_sizes(missing: dict[str, list[int]]) -> list[tuple[list[str], list[str]]]:
+    """Scenarios that lack the same numbers of objects, together: those numbers, those scenarios."""
+    groups: dict[tuple[int, ...], list[str]] = {}
+    for scenario, sizes in missing.items():
+        if sizes:
+            groups.setdefault(tuple(sizes), []).append(scenario)
+    return [([f"{n:,}" for n in sizes], scenarios) for sizes, scenarios in groups.items()]
+
+
+def absent(study: Study) -> list[str]:
+    """Broad phases that did not run, or not with every scenario and number of objects."""
+    lines = []
+    for broadphase in (row["name"] for row in study.info["broadphases"]):
+        ran = {(c.scenario, c.objects) for c in study.cells if c.series.broadphase == broadphase}
+        if not ran:
+            lines.append(f"`{broadphase}` has no runs, so nothing is said of it.")
+            continue
+        missing = {
+            scenario: [n for n in study.info["objects"] if (scenario, n) not in ran]
+            for scenario in study.info["scenarios"]
+        }
+        lines += [
+            f"`{broadphase}` has no runs of {enumerated(scenarios)} with {enumerated(sizes)} objects."
+            for sizes, scenarios in _by_sizes(missing)
+        ]
+    return lines + [f"Left out by the preset: {text}." for text in study.info["cut"]]
+
+
+def as_text(study: Study) -> str:
+    """All of it, for a terminal."""
+    lines = headline(study)
+    for scenario in study.scenarios:
+        lines.append(f"\n{scenario}")
+        for metric, title in COMPARED.items():
+            lines.append(f"  {title}: {' '.join(sentences(study, scenario, metric))}")
+    return "\n".join(lines + [""] + absent(study)).replace("`", "").strip()
