@@ -90,7 +90,9 @@
       const number = k === 0 ? "" : String(k + 1);
       const left = (k % columns) * (size.x + gap.x);
       const top = 1 - Math.floor(k / columns) * (size.y + gap.y);
-      const type = scale === "log" ? { type: "log", dtick: decades(values(k)) > 2.2 ? 1 : "D2" } : { rangemode: "tozero" };
+      const span = decades(values(k));
+      const dtick = span > 2.2 ? 1 : span > 0.6 ? "D2" : "D1";
+      const type = scale === "log" ? { type: "log", dtick } : { rangemode: "tozero" };
       layout["xaxis" + number] = axis({ ...xaxis(k), domain: [left, left + size.x], anchor: "y" + number });
       layout["yaxis" + number] =
         axis({ ...type, tickformat: ",~g", nticks: 6, domain: [Math.max(0, top - size.y), top], anchor: "x" + number });

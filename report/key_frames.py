@@ -47,7 +47,7 @@ def draw(recording: Recording, frame: int) -> np.ndarray:
     top = max(np.quantile(recording.speeds(f), 0.98) for f in recording.key_frames) or 1.0
     colours = plt.get_cmap(COLOUR_MAP)(Normalize(0, top)(recording.speeds(frame)))
     figure = Figure(figsize=(INCHES, INCHES), dpi=DOTS)
-    axes = figure.add_axes((-0.07, -0.07, 1.14, 1.14), projection="3d", computed_zorder=False)
+    axes = figure.add_axes((-0.05, -0.05, 1.1, 1.1), projection="3d", computed_zorder=False)
     faces = np.concatenate([_to_plot(_faces(boxes, axis)) for axis in range(3)])
     shaded = np.concatenate([colours * [*[LIGHT[axis]] * 3, 1] for axis in range(3)])
     axes.add_collection3d(Poly3DCollection(faces, facecolors=shaded, linewidths=0, zorder=2))

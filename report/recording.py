@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import zlib
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -71,34 +72,35 @@ def quantised(boxes: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarra
     return np.rint((boxes - np.tile(low, 2)) / np.tile(size, 2) * LEVELS).astype(np.uint16)
 
 
-def pack(steps: np.ndarray) -> str:
-    """Compressed, in base64: low bytes first, then high bytes; a row less the one before it."""
-    change = np.diff(steps, axis=0, prepend=np.zeros_like(steps[:1]))
-    planes = (change & 0xFF).astype(np.uint8).tobytes() + (change >> 8).astype(np.uint8).tobytes()
-    return base64.b64encode(zlib.compress(planes, 6)).decode("ascii")
+def pack(rows: Iterable[np.ndarray], budget: float = np.inf) -> tuple[str, int]:
+    """As many of these uint16 rows as fit into a budget of characters, two at least: text, and how many.
 
-
-def _packed_boxes(recording: Recording, stride: int, budget: int) -> tuple[str, list[int]]:
-    """As many of the frames as fit into the budget, from the first on."""
-    frames = list(range(0, len(recording.boxes), stride))
-    while True:
-        # A coordinate of all objects lies together, so that what is alike does.
-        steps = np.stack(
-            [quantised(recording.boxes[f], recording.low, recording.high).T for f in frames]
-        )
-        text = pack(steps)
-        if len(text) <= budget or len(frames) <= 2:
-            return text, frames
-        frames = frames[: max(2, int(len(frames) * min(0.95, budget / len(text))))]
+    Of each row what changed since the one before, low bytes first, then high bytes; deflated, in base64.
+    """
+    compressor = zlib.compressobj()
+    before: np.ndarray | None = None
+    packed, kept = b"", 0
+    for row in rows:
+        change = row if before is None else row - before
+        with_row = compressor.copy()
+        data = (change & 0xFF).astype(np.uint8).tobytes() + (change >> 8).astype(np.uint8).tobytes()
+        more = with_row.compress(data) + with_row.flush(zlib.Z_SYNC_FLUSH)
+        if kept >= 2 and (len(packed) + len(more)) * 4 / 3 + 16 > budget:
+            break
+        compressor, before, packed, kept = with_row, row, packed + more, kept + 1
+    return base64.b64encode(packed + compressor.flush()).decode("ascii"), kept
 
 
 def replay_data(recording: Recording, budget: int) -> dict[str, Any]:
     """A recording as the page's replay reads it, in at most that many characters or in two frames."""
-    for_boxes = int(budget * 0.9)
+    low, high = recording.low, recording.high
     for stride in STRIDES:
-        text, frames = _packed_boxes(recording, stride, for_boxes)
-        if frames[-1] + stride >= len(recording.boxes):
+        # A coordinate of all objects lies together, so that what is alike does.
+        steps = (quantised(block, low, high).T for block in recording.boxes[::stride])
+        boxes, kept = pack(steps, budget * 0.9)
+        if kept * stride >= len(recording.boxes):
             break
+    frames = range(0, kept * stride, stride)
     overlaps = np.stack([np.minimum(count_overlaps(recording.boxes[f]), 255) for f in frames])
     speeds = np.concatenate([recording.speeds(f, stride) for f in frames])
     return {
@@ -108,11 +110,11 @@ def replay_data(recording: Recording, budget: int) -> dict[str, Any]:
         "stride": stride,
         "frames": len(frames),
         "frame_seconds": FRAME_SECONDS,
-        "low": recording.low.tolist(),
-        "high": recording.high.tolist(),
+        "low": low.tolist(),
+        "high": high.tolist(),
         "key_frames": recording.key_frames,
         "top_speed": max(float(np.quantile(speeds, 0.98)), 1e-3),
         "top_overlaps": max(int(np.quantile(overlaps, 0.99)), 1),
-        "boxes": text,
-        "overlaps": pack(overlaps.astype(np.uint16)),
+        "boxes": boxes,
+        "overlaps": pack(overlaps.astype(np.uint16))[0],
     }

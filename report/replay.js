@@ -16,15 +16,15 @@
     return;
   }
 
-  // (rows, width) numbers that were stored as differences of rows, low bytes before high bytes, deflated.
+  // (rows, width) numbers, each row stored as the change since the one before, low bytes first, then high bytes; deflated.
   async function unpack(text, width) {
     const packed = Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
     const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("deflate"));
     const bytes = new Uint8Array(await new Response(stream).arrayBuffer());
-    const count = bytes.length / 2;
-    const values = new Uint16Array(count);
-    for (let k = 0; k < count; ++k) {
-      values[k] = (k < width ? 0 : values[k - width]) + (bytes[k] | (bytes[count + k] << 8));
+    const values = new Uint16Array(bytes.length / 2);
+    for (let k = 0; k < values.length; ++k) {
+      const low = 2 * k - k % width;  // bytes of rows before, and of this one
+      values[k] = (k < width ? 0 : values[k - width]) + (bytes[low] | (bytes[low + width] << 8));
     }
     return values;
   }

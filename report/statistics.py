@@ -48,3 +48,8 @@ def three_digits(x: float) -> str:
         return "0"
     magnitude = int(np.floor(np.log10(abs(float(f"{x:.2e}")))))
     return f"{x:,.{max(0, 2 - magnitude)}f}"
+
+
+def ratio_digits(x: float) -> str:
+    """A ratio for people: three digits, or four just above 1, where it matters on which side it is."""
+    return f"{x:.3f}" if 1 <= x < 1.1 else three_digits(x)

@@ -7,7 +7,7 @@ import numpy as np
 from report.markup import escaped, prose
 from report.palette import Style
 from report.standing import SEARCH, reference, run_times
-from report.statistics import ratio_of_medians, three_digits
+from report.statistics import ratio_digits, ratio_of_medians, three_digits
 from report.study import Repeats, Series, Study
 
 
@@ -68,9 +68,9 @@ def times_table(study: Study, scenario: str, metric: str, styles: dict[Series, S
         if series == base:
             return text + '<td class="number base" colspan="3">compared with this</td>'
         ratio = ratio_of_medians(run_times(repeats, metric), run_times(cells[base], metric))
-        text += _number("ratio", three_digits(ratio.value), "" if ratio.is_clear else " unclear")
+        text += _number("ratio", ratio_digits(ratio.value), "" if ratio.is_clear else " unclear")
         for end in (0, 1):
-            limit = three_digits(ratio.interval[end]) if ratio.interval else "–"
+            limit = ratio_digits(ratio.interval[end]) if ratio.interval else "–"
             text += _number(("ratio_low", "ratio_high")[end], limit)
         return text
 

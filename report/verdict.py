@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from report.standing import COMPARED, Standing, ours_over_bullet, run_times, standing
-from report.statistics import Ratio, ratio_of_medians, three_digits
+from report.statistics import Ratio, ratio_digits, ratio_of_medians, three_digits
 from report.study import Series, Study
 
 
@@ -11,11 +11,11 @@ def interval(ratio: Ratio) -> str:
     """The interval in brackets, or that there is none."""
     if ratio.interval is None:
         return "(one run: no interval)"
-    return f"({three_digits(ratio.interval[0])} to {three_digits(ratio.interval[1])})"
+    return f"({ratio_digits(ratio.interval[0])} to {ratio_digits(ratio.interval[1])})"
 
 
 def times_as_long(ratio: Ratio) -> str:
-    return f"{three_digits(ratio.value)} {interval(ratio)}"
+    return f"{ratio_digits(ratio.value)} {interval(ratio)}"
 
 
 def enumerated(items: list[str]) -> str:

@@ -74,7 +74,7 @@ class Expected:
             for column, number in zip(
                 ("ratio", "ratio_low", "ratio_high"), self.ratio(key, base, table)
             ):
-                result[column] = significant(number)
+                result[column] = f"{number:.3f}" if 1 <= number < 1.1 else significant(number)
         return result
 
 

@@ -62,7 +62,7 @@ def it_plays(browser: Browser, _: Expected) -> None:
     time.sleep(SECONDS)
     drawn = int(browser.js(f"return document.querySelector('{CANVAS}').dataset.drawn")) - drawn
     _click(browser, "play")
-    objects = browser.js("return document.getElementById('replay-kept').textContent").split(",")[0]
+    objects = browser.js("return document.getElementById('replay-kept').textContent").split(" ")[0]
     print(f"  {drawn / SECONDS:.0f} pictures a second, {objects} objects, in software", flush=True)
     assert _frame(browser) != still, "the frame stays"
     after = browser.canvas_pixels(CANVAS)
