@@ -39,5 +39,5 @@ def agreement(study: Study, scenario: str) -> list[str]:
         if len(groups) == 1:
             lines.append(f"With {objects:,} objects, the same number in every frame: {text}.")
         else:
-            lines.append(f"With {objects:,} objects, {len(groups)} courses of the world: {text}.")
+            lines.append(f"With {objects:,} objects, {len(groups)} different courses: {text}.")
     return lines
