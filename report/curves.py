@@ -27,8 +27,8 @@ class OverObjects:
 
 
 def figure_names(study: Study) -> dict[str, str]:
-    """Scenario to the paper's figure of it: 2 to 5 in the order of the study."""
-    return {s: f"figure-{2 + k}" for k, s in enumerate(study.info["scenarios"])}
+    """Scenario to the figure of it: 2 to 5 in the order of the study, as in the paper, then 7 and on."""
+    return {s: f"figure-{k + (2 if k < 4 else 3)}" for k, s in enumerate(study.info["scenarios"])}
 
 
 def shown_objects(study: Study, scenario: str) -> int:

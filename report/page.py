@@ -29,6 +29,7 @@ SCENARIOS = {
     "agitated": "As free-fall, and 25 objects a frame get a new random velocity.",
     "rolling-gravity": "Strong gravity that rotates throws all objects from face to face.",
     "mixed-sizes": "As rolling-gravity, with a third each of small, average and large objects.",
+    "streaming": "As free-fall, and 5 % of the objects a second leave while others come in on top.",
 }
 
 

@@ -17,6 +17,7 @@
 
 #include <broadcl/device.hpp>
 
+#include "cli/recording.hpp"
 #include "cli/study_plan.hpp"
 #include "cli/study_run_file.hpp"
 
@@ -174,6 +175,13 @@ TEST_F(ProgramStudy, TellsAllThatIsNeededToRepeatIt) {
   EXPECT_EQ(study["devices"][0]["label"], select_device().label());
   EXPECT_EQ(study["devices"][0]["driver_version"], select_device().driver_version);
   EXPECT_EQ(study["cut"], json::array());
+
+  // A recording of each scenario, of the larger number of objects.
+  for (const std::string scenario : {"free-fall", "mixed-sizes"}) {
+    cli::RecordingReader recording(path("s/recordings/" + scenario + ".npy"));
+    EXPECT_EQ(recording.boxes(), 80U);
+    EXPECT_EQ(recording.frames(), 6U);
+  }
 
   std::string command = study["command"];
   ASSERT_TRUE(command.starts_with("broadcl study ") && command.ends_with(" --out s")) << command;

@@ -19,6 +19,7 @@
 #include "cli/study_document.hpp"
 #include "cli/study_folder.hpp"
 #include "cli/study_plan.hpp"
+#include "cli/study_recordings.hpp"
 #include "cli/study_report.hpp"
 #include "cli/verbs.hpp"
 #include "scenes/broadphases.hpp"
@@ -230,6 +231,7 @@ Exit run(const Options& options) {
   }
   const std::vector<std::string> failed =
       Measurement(folder, settings, devices).measure(in_random_order(runs, settings.seed));
+  record_scenes(folder, settings, devices.empty() ? std::string() : devices.front().id());
   if (!options.frames_csv.empty()) {
     OutputFile frames(options.frames_csv);
     folder.write_frames(frames);
