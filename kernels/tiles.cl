@@ -363,9 +363,5 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_search(
   test_candidates(candidates, count, own, own_last, any_filters, filters, &sink, hits, &found, &base);
 #endif
   put_hits(&sink, hits, &found, &base, true);
-#if SOME_CHANGED
-  (void)work; /* it tells of what changed, not of the order */
-#else
   if (get_local_id(0) == 0) atomic_add(&sink.counts[COUNT_WORK], work);
-#endif
 }

@@ -231,6 +231,47 @@ TEST_P(EachAlgorithm, RealBoxesHaveThePairsThatWereCounted) {
 }
 
 /// More than fit below one root. Ids are scattered; each box touches the next along x, and no other.
+/// The number of frames in which the order is renewed, where a few boxes move in each.
+/// @param leap Each goes to where another one was; else by a tenth of its edge.
+int sorts_where_boxes(bool leap) {
+  constexpr std::uint32_t n = 4000;
+  constexpr std::uint32_t moving = 40;
+  const scenes::MovingBoxes scene(n, scenes::MovingBoxes::Sizes::uniform);
+  std::vector<Aabb> boxes(scene.boxes().begin(), scene.boxes().end());
+  BroadPhase broad_phase({.algorithm = "tiles"});
+  for (const Aabb& box : boxes) broad_phase.add(box);
+  (void)broad_phase.update();
+  int sorts = 0;
+  for (std::uint32_t frame = 0; frame < 200; ++frame) {
+    for (std::uint32_t k = 0; k < moving; ++k) {
+      const std::uint32_t id = (frame * moving + k) % n;
+      if (leap) {
+        boxes[id] = scene.boxes()[(id * 977 + frame) % n];
+      } else {
+        boxes[id].lower[0] += scene.edge() / 10;
+        boxes[id].upper[0] += scene.edge() / 10;
+      }
+      broad_phase.move(id, boxes[id]);
+    }
+    (void)broad_phase.update();
+    for (const Stage& stage : broad_phase.profile()) {
+      if (stage.name == "build") break;
+      sorts += stage.name == "sort" ? 1 : 0;
+    }
+  }
+  return sorts;
+}
+
+/// Boxes that leap soon stand far from their neighbours in the order, which has to be renewed long before all
+/// have leapt; where they only drift, it may stay.
+TEST(Tiles, TheOrderIsRenewedSoonerWhereBoxesLeap) {
+  const int drifting = sorts_where_boxes(false);
+  const int leaping = sorts_where_boxes(true);
+  EXPECT_LE(drifting, 8);
+  EXPECT_GE(leaping, 3);
+  EXPECT_GT(leaping, drifting);
+}
+
 TEST(Tiles, MoreThanAMillionBoxes) {
   if (is_slow_device()) GTEST_SKIP() << "takes minutes on this device";
   constexpr std::uint32_t edge = 102;

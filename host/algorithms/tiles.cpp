@@ -26,6 +26,8 @@ constexpr std::size_t groups_per_unit = 64;  // of the search, as far as sharers
 constexpr double default_stale = 1.25;
 /// How often all boxes may move before the order is taken to be old where its work is not known.
 constexpr std::size_t unwatched = 8;
+/// One of so many boxes must have moved before the order may be old.
+constexpr std::size_t fewest_moved = 64;
 
 using opencl::divide_up;
 using opencl::round_up;
@@ -54,6 +56,7 @@ class Tiles final : public PairFinder {
     if (is_stale(search, sink)) sort(search, sink, profiler);
     build(search, profiler);
     enqueue_search(search, sink, profiler);
+    expect_work(search);
   }
 
  private:
@@ -95,23 +98,41 @@ class Tiles final : public PairFinder {
     capacity_ = capacity;
   }
 
-  /// Counts the boxes that moved since the order was new; all of them in frames that another finder did.
+  /// Takes note of a search that begins.
   void age(const Search& search, const PairDelta& sink) {
     if (sink.frames() == searched_frame_) return;  // once more
+    // Another finder did the frames between; it may have been one in which all moved.
     moved_ += (sink.frames() - searched_frame_ - 1) * std::size_t{search.slots};
-    moved_ += search.all ? search.slots : search.changed_count;
+    moved_ += changed_of(search);
     searched_frame_ = sink.frames();
   }
 
+  static std::size_t changed_of(const Search& search) {
+    return search.all ? search.slots : search.changed_count;
+  }
+
   /// Whether the order is of other slots, or has made the last frame's work grow. The first frame in a new
-  /// order that is followed by another one here says how much work there is to be. Work is counted only by
-  /// tiles and where all boxes move; else it must do how many did.
+  /// order that is followed by another one here says how much work there is to be, for searches of all and
+  /// for those of some. Where another finder was asked, there is none to go by, and it must do how many
+  /// boxes moved.
   bool is_stale(const Search& search, const PairDelta& sink) {
     if (search.slots != sorted_slots_) return true;
     if (sink.frames() == sorted_frame_) return false;
     if (sink.work() == 0) return moved_ > unwatched * search.slots;
-    if (fresh_work_ == 0) fresh_work_ = sink.work();
-    return static_cast<double>(sink.work()) > stale_ * static_cast<double>(fresh_work_);
+    const double work = static_cast<double>(sink.work()) / usual_work_;
+    double& fresh = fresh_work_.at(usual_is_of_all_ ? 1 : 0);
+    if (fresh == 0) fresh = work;
+    // How much few boxes need says little: not before some have moved.
+    const bool may_be_old =
+        static_cast<double>(moved_ * fewest_moved) >= stale_ * static_cast<double>(search.slots);
+    return work > stale_ * fresh && may_be_old;
+  }
+
+  /// What the work of this search is to be compared with in the next frame.
+  void expect_work(const Search& search) {
+    usual_work_ =
+        4 * static_cast<double>(divide_up(search.slots, node)) + 12 * static_cast<double>(changed_of(search));
+    usual_is_of_all_ = search.all;
   }
 
   void sort(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) {
@@ -124,7 +145,7 @@ class Tiles final : public PairFinder {
     sort_.enqueue(elements_, scratch_, search.slots, std::array{opencl::RadixSort::Bits{32, code_bits}});
     sorted_slots_ = search.slots;
     sorted_frame_ = sink.frames();
-    fresh_work_ = 0;
+    fresh_work_ = {};
     moved_ = 0;
   }
 
@@ -196,8 +217,13 @@ class Tiles final : public PairFinder {
   std::size_t sorted_slots_ = 0;
   std::size_t sorted_frame_ = 0;
   std::size_t searched_frame_ = 0;
-  std::size_t moved_ = 0;       // boxes since the order was new, each as often as it did
-  std::size_t fresh_work_ = 0;  // of the first frame known in this order; 0 before it is
+  std::size_t moved_ = 0;  // boxes since the order was new, each as often as it did
+  // What a search is thought to need, where the order is new, but for a factor: something for each tile, more
+  // for each box that changed.
+  double usual_work_ = 1;
+  bool usual_is_of_all_ = true;
+  std::array<double, 2>
+      fresh_work_{};  // that factor as first seen in this order, of some and of all; 0 before it is
 };
 
 }  // namespace
