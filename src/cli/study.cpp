@@ -231,7 +231,7 @@ Exit run(const Options& options) {
   }
   const std::vector<std::string> failed =
       Measurement(folder, settings, devices).measure(in_random_order(runs, settings.seed));
-  record_scenes(folder, settings, devices.empty() ? std::string() : devices.front().id());
+  record_scenes(folder, settings);
   if (!options.frames_csv.empty()) {
     OutputFile frames(options.frames_csv);
     folder.write_frames(frames);

@@ -4,6 +4,7 @@
 #include <broadcl/error.hpp>
 #include <cstdint>
 #include <filesystem>
+#include <string>
 #include <system_error>
 #include <vector>
 
@@ -24,7 +25,7 @@ std::uint32_t middle(std::vector<std::uint32_t> numbers) {
 
 }  // namespace
 
-void record_scenes(const StudyFolder& folder, const StudySettings& settings, const std::string& device) {
+void record_scenes(const StudyFolder& folder, const StudySettings& settings) {
   const std::filesystem::path recordings = folder.path() / "recordings";
   std::error_code failure;
   std::filesystem::create_directories(recordings, failure);
@@ -33,8 +34,7 @@ void record_scenes(const StudyFolder& folder, const StudySettings& settings, con
   config.scenario.objects = std::min(most_recorded_objects, middle(settings.objects));
   config.scenario.seed = settings.seed;
   config.frames = std::min(most_recorded_frames, settings.frames);
-  config.broadphase = device.empty() ? "sweep-and-prune" : "auto";
-  config.device = device;
+  config.broadphase = "sweep-and-prune";
   for (const std::string& scenario : settings.scenarios) {
     const std::filesystem::path file = recordings / (scenario + ".npy");
     if (std::filesystem::exists(file)) continue;
