@@ -148,9 +148,10 @@ def _method(study: Study) -> str:
     return listed(
         [
             "All times are wall clock, measured by the same code for all broad phases. Update:"
-            " `btCollisionWorld::updateAabbs()`, every object's box computed and handed to `setAabb()`."
+            " `btCollisionWorld::updateAabbs()`, every object's box computed and handed to `setAabb()`;"
+            " before it, where objects come and go, their removal and addition."
             " Broad phase: `btCollisionWorld::computeOverlappingPairs()`. Total: the whole"
-            " `stepSimulation()`, collision response included; so a broad phase that takes half as long"
+            " `stepSimulation()`, collision response included, and objects that come and go; so a broad phase that takes half as long"
             " does not halve it.",
             f"One step of 1/30 s a frame. {first} and left out, but in “frame 0” of the table of"
             " pairs and in Figures 2 to 5. The order of the runs is random (seed"
