@@ -33,13 +33,6 @@ void write(const fs::path& path, const std::string& text) {
   file.commit();
 }
 
-void make_folder(const fs::path& path) {
-  std::error_code error;
-  fs::create_directories(path, error);
-  if (!error && !fs::is_directory(path)) error = std::make_error_code(std::errc::not_a_directory);
-  if (error) throw Error("cannot make the folder " + quoted(path) + ": " + error.message());
-}
-
 std::string csv_of(const Summary& summary) {
   return fixed(summary.mean, decimals) + "," + fixed(summary.median, decimals) + "," +
          fixed(summary.p95, decimals);
@@ -54,6 +47,13 @@ std::string row_of(const StudyRun& run, std::uint32_t frames, const RunSummary& 
 }
 
 }  // namespace
+
+void make_folder(const fs::path& path) {
+  std::error_code error;
+  fs::create_directories(path, error);
+  if (!error && !fs::is_directory(path)) error = std::make_error_code(std::errc::not_a_directory);
+  if (error) throw Error("cannot make the folder " + quoted(path) + ": " + error.message());
+}
 
 StudyFolder::StudyFolder(fs::path folder) : folder_(std::move(folder)) {}
 

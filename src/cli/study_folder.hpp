@@ -13,6 +13,10 @@
 
 namespace broadcl::cli {
 
+/// Makes a folder where there is none.
+/// @throws Error where it cannot be made.
+void make_folder(const std::filesystem::path& path);
+
 /// The folder of a study: study.json, a file in runs/ for each run that is done, and study.csv with a row for
 /// each of them. Every file appears whole or not at all, so that a study may end at any moment and go on
 /// later.

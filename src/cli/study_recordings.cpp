@@ -1,16 +1,13 @@
 #include "cli/study_recordings.hpp"
 
 #include <algorithm>
-#include <broadcl/error.hpp>
 #include <cstdint>
 #include <filesystem>
 #include <string>
-#include <system_error>
 #include <vector>
 
 #include "cli/recording.hpp"
 #include "cli/simulation.hpp"
-#include "cli/text.hpp"
 
 namespace broadcl::cli {
 namespace {
@@ -27,9 +24,7 @@ std::uint32_t middle(std::vector<std::uint32_t> numbers) {
 
 void record_scenes(const StudyFolder& folder, const StudySettings& settings) {
   const std::filesystem::path recordings = folder.path() / "recordings";
-  std::error_code failure;
-  std::filesystem::create_directories(recordings, failure);
-  if (failure) throw Error("cannot make the folder " + quoted(recordings) + ": " + failure.message());
+  make_folder(recordings);
   SimulationConfig config;
   config.scenario.objects = std::min(most_recorded_objects, middle(settings.objects));
   config.scenario.seed = settings.seed;

@@ -1,11 +1,12 @@
 #include "scenes/box_world.hpp"
 
 #include <BulletCollision/BroadphaseCollision/btBroadphaseInterface.h>
-#include <BulletCollision/BroadphaseCollision/btOverlappingPairCache.h>
 
 #include <array>
 #include <chrono>
 #include <cstddef>
+
+#include "scenes/remove_all_pairs.hpp"
 
 namespace broadcl::scenes {
 namespace {
@@ -13,10 +14,6 @@ namespace {
 btVector3 to_bullet(const std::array<float, 3>& corner) {
   return {corner[0], corner[1], corner[2]};
 }
-
-struct RemoveAll final : btOverlapCallback {
-  bool processOverlap(btBroadphasePair& /*pair*/) override { return true; }
-};
 
 }  // namespace
 
@@ -31,9 +28,7 @@ BoxWorld::BoxWorld(btBroadphaseInterface& broadphase, std::span<const Aabb> boxe
 }
 
 BoxWorld::~BoxWorld() {
-  // Destroying one proxy searches all pairs for its own: quick only where there are none.
-  RemoveAll remove_all;
-  broadphase_.getOverlappingPairCache()->processAllOverlappingPairs(&remove_all, nullptr);
+  remove_all_pairs(*broadphase_.getOverlappingPairCache(), nullptr);
   for (btBroadphaseProxy* proxy : proxies_) broadphase_.destroyProxy(proxy, nullptr);
 }
 

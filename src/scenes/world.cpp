@@ -18,6 +18,8 @@
 #include <set>
 #include <vector>
 
+#include "scenes/remove_all_pairs.hpp"
+
 namespace broadcl::scenes {
 namespace {
 
@@ -68,10 +70,6 @@ class TimedWorld final : public btDiscreteDynamicsWorld {
   Interval broad_phase_;
 };
 
-struct RemoveAll final : btOverlapCallback {
-  bool processOverlap(btBroadphasePair& /*pair*/) override { return true; }
-};
-
 /// What the two stages of a frame need.
 struct EmptyWorld {
   btDefaultCollisionConfiguration config;
@@ -111,11 +109,7 @@ class World::Impl {
     for (const Scenario::Object& object : scenario_.objects()) add_object(object);
   }
 
-  ~Impl() {
-    // Destroying one proxy searches all pairs for its own: quick only where there are none.
-    RemoveAll remove_all;
-    world_.getPairCache()->processAllOverlappingPairs(&remove_all, &dispatcher_);
-  }
+  ~Impl() { remove_all_pairs(*world_.getPairCache(), &dispatcher_); }
   Impl(const Impl&) = delete;
   Impl& operator=(const Impl&) = delete;
   Impl(Impl&&) = delete;
