@@ -24,13 +24,6 @@ HERE = Path(__file__).parent
 PLOTLY = Path("/usr/share/python3-plotly/plotly.js")
 THREE = Path("/usr/share/javascript/three/three.min.js")
 ORBIT_CONTROLS = Path("/usr/share/javascript/three/examples/js/controls/OrbitControls.js")
-SCENARIOS = {
-    "free-fall": "Objects fall and come to rest on the floor.",
-    "agitated": "As free-fall, and 25 objects a frame get a new random velocity.",
-    "rolling-gravity": "Strong gravity that rotates throws all objects from face to face.",
-    "mixed-sizes": "As rolling-gravity, with a third each of small, average and large objects.",
-    "streaming": "As free-fall, and 5 % of the objects a second leave while others come in on top.",
-}
 
 
 def _own(name: str) -> str:
@@ -76,9 +69,9 @@ def _broadphases(study: Study) -> str:
 
 
 def _scenarios(study: Study) -> str:
-    names = study.info["scenarios"]
+    names, summaries = study.info["scenarios"], study.info["scenario_summaries"]
     items = "".join(
-        f"<li><code>{escaped(s)}</code><span>{escaped(SCENARIOS.get(s, ''))}</span></li>"
+        f"<li><code>{escaped(s)}</code><span>{escaped(summaries.get(s, ''))}</span></li>"
         for s in names
     )
     return f'<ul class="names">{items}</ul>'

@@ -129,6 +129,7 @@ def _read_info(path: Path) -> dict[str, Any]:
     if not isinstance(info, dict) or info.get("format") != 1:
         raise StudyError(f"{path} is not of format 1")
     needed = "preset command date versions host seed repeat frames scenarios objects broadphases"
+    needed += " scenario_summaries"
     for key in (*needed.split(), "devices", "cut"):
         if key not in info:
             raise StudyError(f"{path} has no '{key}'")

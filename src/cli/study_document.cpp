@@ -9,6 +9,7 @@
 #include "cli/simulation.hpp"
 #include "cli/text.hpp"
 #include "scenes/broadphases.hpp"
+#include "scenes/scenario.hpp"
 #include "scenes/world.hpp"
 #include "system.hpp"
 
@@ -66,11 +67,15 @@ ordered_json new_document(const StudySettings& settings) {
                            {"frames", settings.frames},
                            {"warm_up_frames", 1},
                            {"scenarios", settings.scenarios},
+                           {"scenario_summaries", ordered_json::object()},
                            {"objects", settings.objects},
                            {"broadphases", ordered_json::array()},
                            {"devices", ordered_json::array()},
                            {"cut", cut_of(settings)},
                            {"limits", ordered_json::array()}};
+  for (const scenes::ScenarioInfo& scenario : scenes::Scenario::list()) {
+    document["scenario_summaries"][std::string(scenario.name)] = scenario.summary;
+  }
   for (const std::string& name : settings.broadphases) {
     document["broadphases"].push_back(json_of(scenes::find_broadphase(name)));
   }

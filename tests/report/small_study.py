@@ -36,6 +36,7 @@ def _info() -> dict[str, object]:
         "frames": FRAMES,
         "warm_up_frames": 1,
         "scenarios": SCENARIOS,
+        "scenario_summaries": {s: f"what happens in {s}" for s in SCENARIOS},
         "objects": OBJECTS,
         "broadphases": [
             {
