@@ -158,7 +158,7 @@ def absent(study: Study) -> list[str]:
             f"`{broadphase}` has no runs of {enumerated(scenarios)} with {enumerated(sizes)} objects."
             for sizes, scenarios in _by_sizes(missing)
         ]
-    return lines + [f"Left out by the preset: {text}." for text in study.info["cut"]]
+    return lines + [f"Left out: {text}." for text in study.info["cut"]]
 
 
 def as_text(study: Study) -> str:

@@ -9,6 +9,7 @@
 #include <map>
 #include <string>
 #include <thread>
+#include <utility>
 #include <vector>
 
 #include <gmock/gmock.h>
@@ -66,8 +67,9 @@ class ProgramStudy : public Program {
     return found;
   }
 
-  /// Starts the program, and kills it when so many runs are done. An argument is what is between two spaces.
-  void run_until(std::size_t done, const std::string& arguments) const {
+  /// Starts the program, and sends it a signal when so many runs are done. An argument is what is between two
+  /// spaces.
+  void run_until(std::size_t done, int signal, const std::string& arguments) const {
     std::vector<std::string> words = {BROADCL_PROGRAM_PATH};
     std::istringstream stream(arguments);
     for (std::string word; stream >> word;) words.push_back(word);
@@ -85,7 +87,7 @@ class ProgramStudy : public Program {
       ASSERT_EQ(waitpid(child, &status, WNOHANG), 0) << "the study ended before it could be killed";
       std::this_thread::sleep_for(std::chrono::microseconds(100));
     }
-    kill(child, SIGKILL);
+    kill(child, signal);
     waitpid(child, &status, 0);
     ASSERT_TRUE(WIFSIGNALED(status));
   }
@@ -152,7 +154,7 @@ TEST_F(ProgramStudy, WritesARowAndAFileForEachRun) {
 }
 
 TEST_F(ProgramStudy, TellsAllThatIsNeededToRepeatIt) {
-  expect_success(run(tiny + " --seed 3"));
+  expect_success(run(tiny + " --seed 3 --most bullet-bf=70"));
   const json study = json::parse(read_file(path("s/study.json")));
   EXPECT_EQ(study["format"], 1);
   EXPECT_EQ(study["preset"], "quick");
@@ -174,7 +176,7 @@ TEST_F(ProgramStudy, TellsAllThatIsNeededToRepeatIt) {
   EXPECT_EQ(study["broadphases"][1]["exact"], true);
   EXPECT_EQ(study["devices"][0]["label"], select_device().label());
   EXPECT_EQ(study["devices"][0]["driver_version"], select_device().driver_version);
-  EXPECT_EQ(study["cut"], json::array());
+  EXPECT_EQ(study["cut"][0], "bullet-bf at more than 70 objects");
 
   // A recording of each scenario, of the larger number of objects.
   for (const std::string scenario : {"free-fall", "mixed-sizes"}) {
@@ -192,7 +194,7 @@ TEST_F(ProgramStudy, TellsAllThatIsNeededToRepeatIt) {
   EXPECT_EQ(again, study);
 }
 
-TEST_F(ProgramStudy, GoesOnWhereItWasKilled) {
+TEST_F(ProgramStudy, GoesOnWhereItWasInterrupted) {
   // Runs that take long enough to be killed in.
   const std::string longer =
       "study --scenarios free-fall,mixed-sizes --objects 200,300 --frames 30 "
@@ -202,8 +204,8 @@ TEST_F(ProgramStudy, GoesOnWhereItWasKilled) {
   const std::vector<cli::StudyRun> runs = cli::planned_runs(settings, {});
   const std::vector<std::string> order = names_of(cli::in_random_order(runs, 1));
   std::map<std::string, File> before;
-  for (const std::size_t kill_at : {3U, 7U}) {
-    run_until(kill_at, longer);
+  for (const auto& [done, signal] : {std::pair(3U, SIGINT), std::pair(7U, SIGKILL)}) {
+    run_until(done, signal, longer);
     const std::map<std::string, File> files = run_files();
     ASSERT_LT(files.size(), runs.size());
     EXPECT_THAT(keys_of(files), testing::UnorderedElementsAreArray(std::vector<std::string>(
@@ -253,7 +255,7 @@ TEST_F(ProgramStudy, MakesDamagedRunsAgainAndNoOthers) {
 }
 
 TEST_F(ProgramStudy, RefusesWhatContradictsTheFolder) {
-  expect_success(run(tiny_on_host + " --preset quick"));
+  expect_success(run(tiny_on_host + " --preset quick --most sweep-and-prune=90"));
   const std::map<std::string, File> before = run_files();
   const std::string json_before = read_file(path("s/study.json"));
   const std::vector<std::pair<std::string, std::string>> contradictions = {
@@ -261,6 +263,7 @@ TEST_F(ProgramStudy, RefusesWhatContradictsTheFolder) {
       {"--scenarios free-fall", "--scenarios free-fall,mixed-sizes;"},
       {"--objects 50,80,90", "--objects 50,80;"},
       {"--broadphases bullet-bf,oracle", "--broadphases bullet-bf,sweep-and-prune;"},
+      {"--most bullet-bf=70", "--most sweep-and-prune=90;"},
       {"--frames 7", "--frames 6;"},
       {"--repeat 3", "--repeat 2;"},
       {"--seed 2", "--seed 1;"}};
@@ -272,7 +275,8 @@ TEST_F(ProgramStudy, RefusesWhatContradictsTheFolder) {
   }
   EXPECT_EQ(run_files(), before);
   EXPECT_EQ(read_file(path("s/study.json")), json_before);
-  expect_success(run("study --out s --preset quick --objects 80,50 --frames 6 --seed 1"));
+  expect_success(
+      run("study --out s --preset quick --objects 80,50 --most sweep-and-prune=90 --frames 6 --seed 1"));
   EXPECT_EQ(run_files(), before);
 }
 
@@ -376,6 +380,9 @@ TEST_F(ProgramStudy, BadArgumentsAreRefusedAndLeaveNothing) {
       {"--objects 50,5e1", "--objects: '5e1'"},
       {"--objects 0", "--objects: '0'"},
       {"--objects 50,050", "--objects: '050' is there twice"},
+      {"--most bullet-bf", "--most: 'bullet-bf' is not a broad phase, '=' and a number of objects"},
+      {"--most bullet-bf=0", "--most: '0' is not a whole number from 1"},
+      {"--most frobnicate=5", "'frobnicate'; there is: bullet-bf"},
       {"--frames 1", "--frames: '1' is not a whole number from 2 to"},
       {"--repeat 0", "--repeat: '0'"},
       {"--seed -1", "--seed: '-1'"},

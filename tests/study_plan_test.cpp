@@ -72,7 +72,26 @@ TEST(StudyPlan, LimitsCutWhatIsBeyondThem) {
     EXPECT_TRUE(run.broadphase != "bullet-bf" || run.objects == 50) << file_name(run);
   }
   EXPECT_EQ(planned_runs(settings, two_devices).size(), 2U * (2 * (1 + 2 + 1) - 1) * 2);
-  EXPECT_THAT(cut_of(settings), ElementsAre("why not", "bullet-bf at more than 50 objects: slow"));
+  settings.limits.push_back({.broadphase = "bullet-bf", .objects = 60, .why = {}});
+  EXPECT_THAT(cut_of(settings), testing::IsSupersetOf({"why not", "bullet-bf at more than 50 objects: slow",
+                                                       "bullet-bf at more than 60 objects"}));
+  EXPECT_THAT(limit_texts(settings.limits), ElementsAre("bullet-bf=50", "tiles=80", "bullet-bf=60"));
+}
+
+TEST(StudyPlan, SaysWhatOfThePresetIsMissing) {
+  StudySettings settings = find_study_preset("paper");
+  settings.scenarios = {"agitated", "streaming", "mixed-sizes"};
+  settings.objects = {500, 1250, 2000, 2750, 9000};
+  settings.broadphases = {"tiles", "bullet-sap", "bullet-bvh", "gpu-bf", "brute-force", "auto"};
+  settings.frames = 256;
+  settings.repeat = 3;
+  EXPECT_THAT(cut_of(settings), ElementsAre("scenarios: free-fall,rolling-gravity",
+                                            "numbers of objects: 3500", "broad phases: bullet-bf",
+                                            "frames beyond 256 of 2,048", "repetitions beyond 3 of 5"));
+  settings = find_study_preset("paper");
+  settings.frames = 4096;
+  settings.repeat = 6;
+  EXPECT_THAT(cut_of(settings), IsEmpty());
 }
 
 TEST(StudyPlan, OrderIsRandomAndTheSameForTheSameSeed) {

@@ -35,6 +35,7 @@ struct Options {
   std::optional<std::vector<std::string>> scenarios;
   std::optional<std::vector<std::uint32_t>> objects;
   std::optional<std::vector<std::string>> broadphases;
+  std::optional<std::vector<StudyLimit>> most;
   std::optional<std::vector<std::string>> devices;
   std::optional<std::uint32_t> frames;
   std::optional<std::uint32_t> repeat;
@@ -54,11 +55,13 @@ StudySettings new_settings(const Options& options) {
     settings.limits.clear();
     settings.left_out.clear();
   }
+  settings.limits = options.most.value_or(settings.limits);
   settings.frames = options.frames.value_or(settings.frames);
   settings.repeat = options.repeat.value_or(settings.repeat);
   settings.seed = options.seed.value_or(settings.seed);
   for (const std::string& name : settings.scenarios) (void)scenes::Scenario({.name = name, .objects = 1});
   for (const std::string& name : settings.broadphases) (void)scenes::find_broadphase(name);
+  for (const StudyLimit& limit : settings.limits) (void)scenes::find_broadphase(limit.broadphase);
   return settings;
 }
 
@@ -89,6 +92,8 @@ void refuse_contradictions(const Options& options, const nlohmann::ordered_json&
   expect_list("--scenarios", options.scenarios, there.scenarios);
   expect_list("--objects", options.objects, there.objects);
   expect_list("--broadphases", options.broadphases, there.broadphases);
+  expect(!options.most || are_same(limit_texts(*options.most), limit_texts(there.limits)), "--most",
+         list_of(limit_texts(there.limits)));
   expect_number("--frames", options.frames, there.frames);
   expect_number("--repeat", options.repeat, there.repeat);
   expect_number("--seed", options.seed, there.seed);
@@ -276,6 +281,17 @@ void add_optional_number(CLI::App& verb, const std::string& name, std::optional<
   verb.add_option_function<std::string>(name, parse, description)->type_name("N");
 }
 
+/// "NAME=N"
+StudyLimit parse_limit(const std::string& text) {
+  const std::size_t mark = text.rfind('=');
+  if (mark == std::string::npos) {
+    throw CLI::ValidationError("--most", "'" + text + "' is not a broad phase, '=' and a number of objects");
+  }
+  return {.broadphase = text.substr(0, mark),
+          .objects = parse_number("--most", text.substr(mark + 1), 1U, most_objects),
+          .why = {}};
+}
+
 constexpr std::uint32_t most_repeats = 1000;
 
 std::string footer() {
@@ -306,6 +322,8 @@ Verb add_study(CLI::App& program) {
       [](const std::string& text) { return parse_number("--objects", text, 1U, most_objects); },
       "Numbers of objects");
   add_list(*verb, "--broadphases", options->broadphases, "A,B", as_is, "Broad phases");
+  add_list(*verb, "--most", options->most, "A=N", parse_limit,
+           "Broad phases that are measured up to a number of objects only, and that number");
   add_list(*verb, "--devices", options->devices, "A,B", as_is,
            "Devices, each as --device of the other verbs takes it");
   add_optional_number(*verb, "--frames", options->frames, 2U, most_frames,

@@ -139,6 +139,7 @@ void set_command(ordered_json& document, const std::filesystem::path& folder) {
                         " --broadphases " + list_of(settings.broadphases) + " --frames " +
                         std::to_string(settings.frames) + " --repeat " + std::to_string(settings.repeat) +
                         " --seed " + std::to_string(settings.seed);
+  if (!settings.limits.empty()) command += " --most " + list_of(limit_texts(settings.limits));
   std::vector<std::string> devices;
   for (const ordered_json& device : document.at("devices")) {
     const std::string label = device.at("label");

@@ -2,6 +2,8 @@
 
 #include <algorithm>
 #include <broadcl/error.hpp>
+#include <tuple>
+#include <utility>
 
 #include "cli/text.hpp"
 #include "scenes/broadphases.hpp"
@@ -22,6 +24,14 @@ bool is_cut(const StudySettings& settings, const std::string& broadphase, std::u
   return std::any_of(settings.limits.begin(), settings.limits.end(), [&](const StudyLimit& limit) {
     return limit.broadphase == broadphase && objects > limit.objects;
   });
+}
+
+/// What only the first list has, with commas between.
+template <class Value>
+std::string only_in(std::vector<Value> list, const std::vector<Value>& other) {
+  std::erase_if(
+      list, [&](const Value& value) { return std::find(other.begin(), other.end(), value) != other.end(); });
+  return list_of(list);
 }
 
 }  // namespace
@@ -81,11 +91,30 @@ std::vector<std::string> cut_of(const StudySettings& settings) {
           return std::any_of(settings.objects.begin(), settings.objects.end(),
                              [&](std::uint32_t n) { return name == limit.broadphase && n > limit.objects; });
         });
-    if (bites) {
-      cut.push_back(limit.broadphase + " at more than " + grouped(limit.objects) + " objects: " + limit.why);
-    }
+    if (!bites) continue;
+    cut.push_back(limit.broadphase + " at more than " + grouped(limit.objects) + " objects" +
+                  (limit.why.empty() ? "" : ": " + limit.why));
+  }
+  const StudySettings preset = find_study_preset(settings.preset);
+  for (const auto& [what, names] :
+       {std::pair("scenarios: ", only_in(preset.scenarios, settings.scenarios)),
+        std::pair("numbers of objects: ", only_in(preset.objects, settings.objects)),
+        std::pair("broad phases: ", only_in(preset.broadphases, settings.broadphases))}) {
+    if (!names.empty()) cut.push_back(what + names);
+  }
+  for (const auto& [what, is, full] : {std::tuple("frames", settings.frames, preset.frames),
+                                       std::tuple("repetitions", settings.repeat, preset.repeat)}) {
+    if (is < full) cut.push_back(std::string(what) + " beyond " + grouped(is) + " of " + grouped(full));
   }
   return cut;
+}
+
+std::vector<std::string> limit_texts(const std::vector<StudyLimit>& limits) {
+  std::vector<std::string> texts;
+  for (const StudyLimit& limit : limits) {
+    texts.push_back(limit.broadphase + "=" + std::to_string(limit.objects));
+  }
+  return texts;
 }
 
 std::string slug(std::string_view label) {

@@ -13,7 +13,7 @@ namespace broadcl::cli {
 struct StudyLimit {
   std::string broadphase;
   std::uint32_t objects;
-  std::string why;  ///< For people.
+  std::string why;  ///< For people; empty where it was asked for.
 
   friend bool operator==(const StudyLimit&, const StudyLimit&) = default;
 };
@@ -43,8 +43,11 @@ struct StudyPreset {
 /// @throws Error for an unknown name; it lists those there are.
 [[nodiscard]] StudySettings find_study_preset(std::string_view name);
 
-/// What of all combinations is not measured, and why, a line each.
+/// What of the preset is not measured, and why, a line each.
 [[nodiscard]] std::vector<std::string> cut_of(const StudySettings& settings);
+
+/// Limits as options give them: "NAME=N" each.
+[[nodiscard]] std::vector<std::string> limit_texts(const std::vector<StudyLimit>& limits);
 
 /// One simulation of a study.
 struct StudyRun {

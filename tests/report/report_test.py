@@ -163,7 +163,7 @@ class Words(SmallStudy):
     def test_name_what_was_left_out(self) -> None:
         lines = absent(read_study(self.folder))
         self.assertIn("`gpu-bf` has no runs, so nothing is said of it.", lines)
-        self.assertIn("Left out by the preset: gpu-bf: would take 3 h.", lines)
+        self.assertIn("Left out: gpu-bf: would take 3 h.", lines)
 
 
 class Ratios(unittest.TestCase):
