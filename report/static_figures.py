@@ -19,6 +19,7 @@ from report.study import METRICS, Series, Study
 DASHES = {"solid": "-", "dash": "--", "dot": ":", "dashdot": "-.", "longdash": (0, (8, 3))}
 MARKERS = {"circle": "o", "square": "s", "diamond": "D", "triangle-up": "^", "cross": "P"}
 TITLES = {"update": "update", "broad_phase": "broad phase", "total": "total"}
+MOST_POINTS = 512  # of a line over the frames
 SETTINGS: dict[str, Any] = {
     "svg.hashsalt": "broadcl",
     "svg.fonttype": "none",
@@ -98,18 +99,28 @@ def times_over_objects(study: Study) -> Figure:
     return figure
 
 
+def medians_of(times: np.ndarray, step: int) -> tuple[np.ndarray, np.ndarray]:
+    """Of each so many consecutive frames the middle one's number and the median; a rest is left out."""
+    count = len(times) // step
+    blocks = times[: count * step].reshape(count, step)
+    return np.arange(count) * step + (step - 1) / 2, np.median(blocks, axis=1)
+
+
 def times_over_frames(study: Study, scenario: str) -> Figure:
     """One of Figures 2 to 5."""
     objects = shown_objects(study, scenario)
+    step = 1
     figure, axes = plt.subplots(len(METRICS), 1, figsize=(9, 9), sharex=True)
     for column, (panel, metric) in enumerate(zip(axes, METRICS)):
         for series in study.cells_of(scenario, objects):
             times = over_frames(study, scenario, objects, series)[:, column]
-            panel.plot(np.arange(len(times)), times, linewidth=1, **_line_style(study, series))
+            step = -(-len(times) // MOST_POINTS)
+            frames, medians = medians_of(times, step)
+            panel.plot(frames, medians, linewidth=1, **_line_style(study, series))
         panel.set(title=TITLES[metric], yscale="log", ylabel="ms", xlim=(0, len(times) - 1))
         _label_decades(panel, [1])
         panel.grid(True)
-    axes[-1].set_xlabel("frame")
+    axes[-1].set_xlabel("frame" + (f", medians of {step} each" if step > 1 else ""))
     figure.suptitle(f"{scenario}, {objects:,} objects", x=0.01, ha="left", fontsize=11)
     figure.tight_layout(rect=(0, 0.03, 1, 1))
     _legend(figure, axes)

@@ -7,15 +7,12 @@ from report.statistics import Ratio, ratio_digits, ratio_of_medians, three_digit
 from report.study import Series, Study
 
 
-def interval(ratio: Ratio) -> str:
-    """The interval in brackets, or that there is none."""
-    if ratio.interval is None:
-        return "(one run: no interval)"
-    return f"({ratio_digits(ratio.interval[0])} to {ratio_digits(ratio.interval[1])})"
-
-
 def times_as_long(ratio: Ratio) -> str:
-    return f"{ratio_digits(ratio.value)} {interval(ratio)}"
+    """The ratio, with its interval in brackets where it has one."""
+    if ratio.interval is None:
+        return ratio_digits(ratio.value)
+    low, high = (ratio_digits(end) for end in ratio.interval)
+    return f"{ratio_digits(ratio.value)} ({low} to {high})"
 
 
 def enumerated(items: list[str]) -> str:
@@ -27,13 +24,18 @@ def name(study: Study, series: Series) -> str:
     return f"`{study.label(series)}`"
 
 
+def is_of_single_runs(study: Study) -> bool:
+    """Whether nothing ran twice, so that nothing can be said of how sure a difference is."""
+    return all(len(repeats.frames) < 2 for repeats in study.cells.values())
+
+
 def headline(study: Study) -> list[str]:
     """What the whole study says of the total time where there are most objects."""
     places = {s: standing(study, s, study.objects(s)[-1], "total") for s in study.scenarios}
     claims = []
     for series in dict.fromkeys(place.first for place in places.values()):
         where = [
-            scenario + (" (not clearly)" if place.ties else "")
+            scenario + (" (not clearly)" if place.ties and not is_of_single_runs(study) else "")
             for scenario, place in places.items()
             if place.first == series
         ]
@@ -41,6 +43,8 @@ def headline(study: Study) -> list[str]:
     sizes = sorted({place.objects for place in places.values()})
     most = enumerated([f"{n:,}" for n in sizes])
     sentences = [f"With {most} objects, the total time is shortest with {'; with '.join(claims)}."]
+    if is_of_single_runs(study):
+        sentences.append("Each ran once, so nothing is said of how sure a difference is.")
     ratios = []
     for scenario, place in places.items():
         rivals = ours_over_bullet(study, place)
@@ -75,6 +79,9 @@ def _who_is_first(study: Study, place: Standing, metric: str) -> str:
     text = f"With {place.objects:,} objects, {first} is first: {milliseconds} ms a frame."
     if not place.over_first:
         return text + " Nothing else ran."
+    if is_of_single_runs(study):
+        others = [f"{name(study, s)} {times_as_long(r)}" for s, r in place.over_first.items()]
+        return f"{text} Times as long: {enumerated(others)}."
     if place.ties:
         ties = [f"{name(study, s)} at {times_as_long(place.over_first[s])}" for s in place.ties]
         text += f" Not clearly slower: {enumerated(ties)} times that."
@@ -101,13 +108,16 @@ def _against_bullet(
     study: Study, scenario: str, place: Standing, metric: str, ours: Series, bullet: Series
 ) -> str:
     ratio = between(study, scenario, place, metric, ours, bullet)
+    text = (
+        f"BroadCL's fastest, {name(study, ours)}, takes {times_as_long(ratio)} times as long as"
+        f" Bullet's fastest, {name(study, bullet)}"
+    )
+    if is_of_single_runs(study):
+        return text + "."
     judged = "no clear difference"
     if ratio.is_clear:
         judged = "clearly less" if ratio.value < 1 else "clearly more"
-    return (
-        f"BroadCL's fastest, {name(study, ours)}, takes {times_as_long(ratio)} times as long as"
-        f" Bullet's fastest, {name(study, bullet)}: {judged}."
-    )
+    return f"{text}: {judged}."
 
 
 def _over_objects(study: Study, places: list[Standing]) -> str:
@@ -123,6 +133,9 @@ def _over_objects(study: Study, places: list[Standing]) -> str:
         sizes = f"{same[0].objects:,}"
         if len(same) > 1:
             sizes += f" to {same[-1].objects:,}"
+        if is_of_single_runs(study):
+            texts.append(f"{name(study, same[0].first)} with {sizes}")
+            continue
         unclear = [f"{p.objects:,}" for p in same if p.ties]
         clearly = "clearly" if not unclear else "not clearly"
         if unclear and len(unclear) < len(same):

@@ -20,6 +20,7 @@ import small_study
 from report.__main__ import make
 from report.overlaps import count_overlaps
 from report.recording import LEVELS, pack, quantised
+from report.static_figures import medians_of
 from report.statistics import ratio_of_medians, three_digits
 from report.study import StudyError, read_study
 from report.verdict import absent, headline, sentences
@@ -153,6 +154,19 @@ class Words(SmallStudy):
             "`tiles` in free-fall (not clearly) and mixed-sizes (not clearly)", headline(study)[0]
         )
 
+    def test_claim_nothing_of_single_runs(self) -> None:
+        for path in self.folder.glob("runs/*.csv"):
+            if not path.stem.endswith("-1"):
+                path.unlink()
+        table = self.folder / "study.csv"
+        rows = table.read_text().splitlines(keepends=True)
+        table.write_text("".join(rows[:1] + [row for row in rows if row.split(",")[3] == "1"]))
+        study = read_study(self.folder)
+        total = " ".join(sentences(study, "free-fall", "total"))
+        self.assertRegex(total, r"`tiles` is first: \S+ ms a frame. Times as long: `auto` 1.\d+")
+        self.assertNotIn("clear", total + " ".join(headline(study)))
+        self.assertIn("Each ran once", " ".join(headline(study)))
+
     def test_name_sizes_without_runs(self) -> None:
         info = json.loads((self.folder / "study.json").read_text())
         info["objects"].append(30)
@@ -164,6 +178,14 @@ class Words(SmallStudy):
         lines = absent(read_study(self.folder))
         self.assertIn("`gpu-bf` has no runs, so nothing is said of it.", lines)
         self.assertIn("Left out: gpu-bf: would take 3 h.", lines)
+
+
+class Lines(unittest.TestCase):
+    def test_long_ones_are_of_medians(self) -> None:
+        frames, medians = medians_of(np.array([1.0, 5.0, 2.0, 8.0, 7.0, 9.0, 100.0]), 3)
+        self.assertEqual((frames.tolist(), medians.tolist()), ([1, 4], [2, 8]))
+        frames, medians = medians_of(np.array([3.0, 4.0]), 1)
+        self.assertEqual((frames.tolist(), medians.tolist()), ([0, 1], [3, 4]))
 
 
 class Ratios(unittest.TestCase):
