@@ -1,12 +1,15 @@
 #include <algorithm>
 #include <array>
+#include <chrono>
 #include <cstdint>
 #include <filesystem>
 #include <functional>
 #include <memory>
 #include <random>
 #include <span>
+#include <string>
 #include <string_view>
+#include <thread>
 #include <utility>
 #include <vector>
 
@@ -21,6 +24,7 @@
 #include "algorithms/pair_finder.hpp"
 #include "each_algorithm.hpp"
 #include "environment.hpp"
+#include "expect_error.hpp"
 #include "opencl/context.hpp"
 #include "scenes/generators.hpp"
 
@@ -140,22 +144,23 @@ TEST(Chooser, SituationsThatTakeTurnsAreLearnedEach) {
 constexpr std::array contestants{Contestant{make_brute_force, {.frame = 1, .slot = 2, .test = 3}},
                                  Contestant{make_tiles, {.frame = 4, .slot = 5, .change = 6, .test = 7}}};
 
-std::array<CostModel, 2> calibrated_in(const std::filesystem::path& folder) {
+std::array<Calibration, 2> calibrated_in(const std::filesystem::path& folder) {
   const ScopedVariable variable("BROADCL_CACHE_DIR", folder);
   return calibrate(opencl::Context(select_device(), false), contestants);
 }
 
 /// What is measured differs each time, if only by nanoseconds.
-bool are_same(const std::array<CostModel, 2>& s, const std::array<CostModel, 2>& t) {
-  return s[0].frame == t[0].frame && s[1].frame == t[1].frame;
+bool are_same(const std::array<Calibration, 2>& s, const std::array<Calibration, 2>& t) {
+  return s[0].model.frame == t[0].model.frame && s[1].model.frame == t[1].model.frame &&
+         s[0].grain == t[0].grain && s[1].grain == t[1].grain;
 }
 
 TEST(Calibration, ModelsAreBroughtToWhatSearchesCost) {
   const ScopedFolder folder;
-  const std::array<CostModel, 2> calibrated = calibrated_in(folder.path());
+  const std::array<Calibration, 2> calibrated = calibrated_in(folder.path());
   for (std::size_t k = 0; k < calibrated.size(); ++k) {
     const CostModel& before = contestants.at(k).model;
-    const CostModel& after = calibrated.at(k);
+    const CostModel& after = calibrated.at(k).model;
     EXPECT_GT(after.frame, 0);
     EXPECT_LT(after.seconds(all_of(128)), 10) << "seconds, and the model said thousands";
     EXPECT_GT(after.slot, 0);
@@ -180,6 +185,64 @@ TEST(Calibration, WhatWasDamagedIsMeasuredAnew) {
   const auto second = calibrated_in(folder.path());
   EXPECT_FALSE(are_same(second, first));
   EXPECT_TRUE(are_same(calibrated_in(folder.path()), second));
+}
+
+/// Takes longer the further its grain is from one that suits it.
+template <int suits>
+class Grained final : public PairFinder {
+ public:
+  void set_grain(double grain) override { grain_ = grain; }
+  void find(const Search& /*search*/, const PairDelta& /*sink*/, opencl::Profiler& /*profiler*/) override {
+    std::this_thread::sleep_for(std::chrono::milliseconds(grain_ == suits ? 2 : 4));
+  }
+
+ private:
+  double grain_ = 1;
+};
+
+template <int suits>
+constexpr Contestant grained{
+    [](const opencl::Context&) -> std::unique_ptr<PairFinder> { return std::make_unique<Grained<suits>>(); },
+    {.frame = 1, .slot = 1, .test = 1}};
+
+TEST(Calibration, ChoosesTheGrainThatSuits) {
+  const ScopedFolder folder;
+  const ScopedVariable variable("BROADCL_CACHE_DIR", folder.path());
+  const opencl::Context context(select_device(), false);
+  EXPECT_EQ(calibrate(context, {grained<1>, grained<4>})[0].grain, 1);
+  EXPECT_EQ(calibrate(context, {grained<1>, grained<4>})[1].grain, 4);
+  // None suits: the usual one, since no other is clearly better.
+  EXPECT_EQ(calibrate(context, {grained<3>, grained<3>})[0].grain, 1);
+}
+
+TEST(Calibration, TheEnvironmentOverridesTheGrain) {
+  const ScopedFolder folder;
+  const ScopedVariable variable("BROADCL_GRAIN", "0.5");
+  const auto calibrated = calibrated_in(folder.path());
+  EXPECT_EQ(calibrated[0].grain, 0.5);
+  EXPECT_EQ(calibrated[1].grain, 0.5);
+}
+
+TEST(Grain, WhatIsNoNumberOrOutOfBoundsIsAnError) {
+  for (const std::string grain : {"x", "1x", "0", "-1", "nan", "101"}) {
+    const ScopedVariable variable("BROADCL_GRAIN", grain);
+    EXPECT_EQ(error_of([] { const BroadPhase broad_phase({.algorithm = "tiles"}); }),
+              "BROADCL_GRAIN is '" + grain + "'; set it to a number from 0.01 to 100");
+  }
+}
+
+TEST(Grain, ChangesNothingOfWhatIsFound) {
+  for (const std::uint32_t n : {2U, 100U, 3000U}) {
+    const scenes::MovingBoxes scene(n, scenes::MovingBoxes::Sizes::mixed);
+    const std::vector<Pair> expected = overlapping_pairs(scene.boxes(), {.algorithm = "sweep-and-prune"});
+    for (const std::string grain : {"0.01", "0.25", "4", "100"}) {
+      const ScopedVariable variable("BROADCL_GRAIN", grain);
+      for (const std::string algorithm : {"brute-force", "tiles"}) {
+        EXPECT_TRUE(overlapping_pairs(scene.boxes(), {.algorithm = algorithm}) == expected)
+            << algorithm << ", grain " << grain << ", " << n << " boxes";
+      }
+    }
+  }
 }
 
 TEST(Calibration, LeavesNoMemoryBehind) {

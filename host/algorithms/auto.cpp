@@ -20,8 +20,7 @@ constexpr std::array contestants{Contestant{make_brute_force, {.frame = 1e-4, .s
 /// The one of two that is expected to be cheaper, search by search. A stage of its name tells which it was.
 class Auto final : public PairFinder {
  public:
-  explicit Auto(const opencl::Context& context)
-      : finders_{make_brute_force(context), make_tiles(context)}, chooser_(calibrate(context, contestants)) {}
+  explicit Auto(const opencl::Context& context) : Auto(context, calibrate(context, contestants)) {}
 
   void find(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) override {
     is_first_ = !is_searching_;
@@ -40,6 +39,12 @@ class Auto final : public PairFinder {
   }
 
  private:
+  Auto(const opencl::Context& context, const std::array<Calibration, 2>& calibrations)
+      : finders_{make_brute_force(context), make_tiles(context)},
+        chooser_({calibrations[0].model, calibrations[1].model}) {
+    for (std::size_t k = 0; k < finders_.size(); ++k) finders_[k]->set_grain(calibrations[k].grain);
+  }
+
   std::array<std::unique_ptr<PairFinder>, 2> finders_;
   Chooser chooser_;
   bool is_searching_ = false;

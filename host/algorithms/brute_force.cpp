@@ -28,9 +28,13 @@ constexpr Cut cpu_cut{.width = 16, .group = 1, .at_once = 4, .min_rows = 256, .m
 class BruteForce final : public PairFinder {
  public:
   explicit BruteForce(const opencl::Context& context)
-      : context_(context), cut_(context.shape() == opencl::Shape::cpu ? cpu_cut : gpu_cut) {
+      : context_(context),
+        cut_(context.shape() == opencl::Shape::cpu ? cpu_cut : gpu_cut),
+        grain_(context.grain().value_or(1)) {
     (void)kernel(false);
   }
+
+  void set_grain(double grain) override { grain_ = grain; }
 
   void find(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) override {
     const cl_uint n = search.slots;
@@ -41,8 +45,9 @@ class BruteForce final : public PairFinder {
     const std::size_t columns = opencl::divide_up(n, cut_.width);
     // Half of the rows of an average column come before its boxes.
     const std::size_t runs = columns * row_count / (search.all ? 2 : 1);
-    const std::size_t wanted = runs / (std::size_t{context_.device().compute_units} * cut_.items);
-    const std::size_t rows = std::clamp<std::size_t>(wanted, cut_.min_rows, cut_.max_rows);
+    const double items = static_cast<double>(context_.device().compute_units) * cut_.items / grain_;
+    const auto rows = static_cast<std::size_t>(
+        std::clamp<double>(static_cast<double>(runs) / items, cut_.min_rows, cut_.max_rows));
     cl_uint k =
         opencl::set_arguments(kernel, 0, n, row_count, static_cast<cl_uint>(rows), search.boxes,
                               search.changed, search.any_filters ? cl_uint{1} : cl_uint{0}, search.filters);
@@ -71,6 +76,7 @@ class BruteForce final : public PairFinder {
 
   const opencl::Context& context_;
   Cut cut_;
+  double grain_;
   std::array<cl::Kernel, 2> kernels_;
 };
 

@@ -29,6 +29,8 @@ constexpr std::size_t many_boxes_of_cpu = 4096;
 constexpr std::size_t many_boxes_of_gpu = 32768;
 constexpr double long_search = 5e-3;  // seconds
 constexpr int searches = 5;           // of which the shortest counts
+/// Another grain than 1 must take no more than so much of its time.
+constexpr double clearly_less = 0.9;
 
 /// Cubes in the unit cube, of which each overlaps about four others.
 std::vector<Aabb> random_boxes(std::size_t n) {
@@ -51,6 +53,8 @@ class Trial {
  public:
   Trial(const opencl::Context& context, MakePairFinder make)
       : context_(context), finder_(make(context)), delta_(context, profiler_) {}
+
+  void set_grain(double grain) { finder_->set_grain(grain); }
 
   void set_boxes(std::size_t n) {
     const std::vector<Aabb> boxes = random_boxes(n);
@@ -106,7 +110,24 @@ class Trial {
   Search search_;
 };
 
-CostModel measure(const opencl::Context& context, const Contestant& contestant) {
+/// The grain with which a search of all is shortest.
+/// @param of_all How long it takes with 1.
+double best_grain(Trial& trial, double of_all) {
+  double best = 1;
+  double shortest = clearly_less * of_all;
+  for (const double grain : PairFinder::grains) {
+    if (grain == 1) continue;
+    trial.set_grain(grain);
+    const double seconds = trial.seconds(true);
+    if (seconds >= shortest) continue;
+    best = grain;
+    shortest = seconds;
+  }
+  trial.set_grain(best);
+  return best;
+}
+
+Calibration measure(const opencl::Context& context, const Contestant& contestant) {
   const std::size_t many = context.shape() == opencl::Shape::cpu ? many_boxes_of_cpu : many_boxes_of_gpu;
   const CostModel& model = contestant.model;
   Trial trial(context, contestant.make);
@@ -119,6 +140,8 @@ CostModel measure(const opencl::Context& context, const Contestant& contestant) 
     trial.set_boxes(n);
     of_all = trial.seconds(true);
   }
+  const double grain = context.grain() ? *context.grain() : best_grain(trial, of_all);
+  if (grain != 1) of_all = trial.seconds(true);
   // What is too little to be measured is not nothing where there are more boxes.
   const double little = of_all / 100;
   const double of_slots = std::max(trial.seconds(false) - frame, little);
@@ -126,15 +149,17 @@ CostModel measure(const opencl::Context& context, const Contestant& contestant) 
   CostModel of_changes_only = model;
   of_changes_only.frame = of_changes_only.slot = 0;
   const double rest = of_changes / of_changes_only.seconds({.slots = n, .changed = n, .all = true});
-  return {.frame = frame,
-          .slot = of_slots / static_cast<double>(n),
-          .change = model.change * rest,
-          .test = model.test * rest};
+  return {.model = {.frame = frame,
+                    .slot = of_slots / static_cast<double>(n),
+                    .change = model.change * rest,
+                    .test = model.test * rest},
+          .grain = grain};
 }
 
-/// Other kernels or models are to be measured anew.
+/// Other kernels or models, or a grain that is asked for, are to be measured anew.
 std::string key_of(const opencl::Context& context, const std::array<Contestant, 2>& contestants) {
   std::string key = context.shape() == opencl::Shape::cpu ? "calibration, cpu" : "calibration, gpu";
+  if (context.grain()) key += ", grain " + std::to_string(*context.grain());
   for (const Contestant& contestant : contestants) {
     const CostModel& model = contestant.model;
     for (const double term : {model.frame, model.slot, model.change, model.test})
@@ -146,22 +171,22 @@ std::string key_of(const opencl::Context& context, const std::array<Contestant, 
 
 }  // namespace
 
-std::array<CostModel, 2> calibrate(const opencl::Context& context,
-                                   const std::array<Contestant, 2>& contestants) {
-  static_assert(std::is_trivially_copyable_v<CostModel>);
-  std::array<CostModel, 2> models{};
+std::array<Calibration, 2> calibrate(const opencl::Context& context,
+                                     const std::array<Contestant, 2>& contestants) {
+  static_assert(std::is_trivially_copyable_v<Calibration>);
+  std::array<Calibration, 2> calibrations{};
   const std::string key = key_of(context, contestants);
   const auto kept = context.kept(key);
-  if (kept && kept->size() == sizeof models) {
-    std::memcpy(models.data(), kept->data(), sizeof models);
-    return models;
+  if (kept && kept->size() == sizeof calibrations) {
+    std::memcpy(calibrations.data(), kept->data(), sizeof calibrations);
+    return calibrations;
   }
   const opencl::Context own(context.queue());  // whose memory is not the caller's
-  for (std::size_t k = 0; k < models.size(); ++k) models[k] = measure(own, contestants[k]);
-  opencl::DiskCache::Bytes bytes(sizeof models);
-  std::memcpy(bytes.data(), models.data(), sizeof models);
+  for (std::size_t k = 0; k < calibrations.size(); ++k) calibrations[k] = measure(own, contestants[k]);
+  opencl::DiskCache::Bytes bytes(sizeof calibrations);
+  std::memcpy(bytes.data(), calibrations.data(), sizeof calibrations);
   context.keep(key, bytes);
-  return models;
+  return calibrations;
 }
 
 }  // namespace broadcl

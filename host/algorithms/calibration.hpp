@@ -14,11 +14,18 @@ struct Contestant {
   CostModel model;
 };
 
+/// What was measured of a contestant.
+struct Calibration {
+  CostModel model;   ///< With that grain.
+  double grain = 1;  ///< The one of PairFinder::grains that suits the device.
+};
+
 /// Brings models to what searches really cost on a device: a frame, a slot, and what else the model has in
-/// its proportion. That is measured in some milliseconds, the first time that a device is met by this version
-/// of the kernels, and kept on disk from then on.
+/// its proportion; and chooses the grain, but for one that the environment asks for. That is measured in some
+/// milliseconds, the first time that a device is met by this version of the kernels, and kept on disk from
+/// then on.
 /// @throws cl::Error, Error
-[[nodiscard]] std::array<CostModel, 2> calibrate(const opencl::Context& context,
-                                                 const std::array<Contestant, 2>& contestants);
+[[nodiscard]] std::array<Calibration, 2> calibrate(const opencl::Context& context,
+                                                   const std::array<Contestant, 2>& contestants);
 
 }  // namespace broadcl

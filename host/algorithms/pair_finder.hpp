@@ -1,5 +1,7 @@
 #pragma once
 
+#include <array>
+
 #include "algorithms/pair_delta.hpp"
 #include "algorithms/search.hpp"
 #include "opencl/context.hpp"
@@ -16,6 +18,12 @@ class PairFinder {
   PairFinder& operator=(const PairFinder&) = delete;
   PairFinder(PairFinder&&) = delete;
   PairFinder& operator=(PairFinder&&) = delete;
+
+  /// What set_grain() is tried with on a device.
+  static constexpr std::array grains{1.0, 0.25, 4.0};
+  /// Has a work-item do so many times the work that suits most devices. Takes effect where there is more than
+  /// one way to cut the work, and changes nothing of what is found.
+  virtual void set_grain(double /*grain*/) {}
 
   /// Enqueues what puts every pair that was none in the last update to the sink, each once. May be called
   /// again for the same search, where the sink was too small.

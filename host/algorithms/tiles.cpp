@@ -39,6 +39,7 @@ class Tiles final : public PairFinder {
       : context_(context),
         stale_(stale),
         group_(context.shape() == opencl::Shape::cpu ? 1 : node),
+        grain_(context.grain().value_or(1)),
         extent_(context),
         sort_(context) {
     opencl::translate_errors(context.device().label(), [&] {
@@ -48,6 +49,8 @@ class Tiles final : public PairFinder {
       of_all_ = kernels_of(program);
     });
   }
+
+  void set_grain(double grain) override { grain_ = grain; }
 
   void find(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) override {
     if (search.slots < 2 || (!search.all && search.changed_count == 0)) return;
@@ -188,9 +191,9 @@ class Tiles final : public PairFinder {
   /// Work-groups that share the search of a tile: where there are few tiles, a GPU has too little to do else.
   [[nodiscard]] std::size_t sharers(std::size_t tiles) const {
     if (group_ == 1) return 1;
-    const std::size_t useful = std::size_t{context_.device().compute_units} * groups_per_unit;
+    const double useful = static_cast<double>(context_.device().compute_units) * groups_per_unit / grain_;
     std::size_t sharers = 1;
-    while (sharers < most_sharers && tiles * sharers * 2 <= useful) sharers *= 2;
+    while (sharers < most_sharers && static_cast<double>(tiles * sharers * 2) <= useful) sharers *= 2;
     return sharers;
   }
 
@@ -202,6 +205,7 @@ class Tiles final : public PairFinder {
   const opencl::Context& context_;
   double stale_;  // see make_tiles()
   std::size_t group_;
+  double grain_;
   Extent extent_;
   opencl::RadixSort sort_;
   cl::Kernel keys_, raise_;

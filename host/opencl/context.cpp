@@ -1,7 +1,9 @@
 #include "opencl/context.hpp"
 
 #include <algorithm>
+#include <charconv>
 #include <optional>
+#include <system_error>
 #include <utility>
 #include <vector>
 
@@ -25,6 +27,17 @@ Shape shape_of(const Device& device) {
   if (*wanted != "gpu" && *wanted != "cpu")
     throw Error("BROADCL_SHAPE is '" + *wanted + "'; set it to gpu or cpu");
   return *wanted == "cpu" ? Shape::cpu : Shape::gpu;
+}
+
+std::optional<double> grain_asked_for() {
+  const auto wanted = environment("BROADCL_GRAIN");
+  if (!wanted) return std::nullopt;
+  double grain = 0;
+  const char* const end = wanted->data() + wanted->size();
+  const auto parsed = std::from_chars(wanted->data(), end, grain);
+  if (parsed.ec != std::errc() || parsed.ptr != end || !(grain >= 0.01 && grain <= 100))
+    throw Error("BROADCL_GRAIN is '" + *wanted + "'; set it to a number from 0.01 to 100");
+  return grain;
 }
 
 /// A key of this device and its driver alone.
@@ -51,14 +64,18 @@ std::optional<cl::Program> from_binary(const cl::Context& context, const cl::Dev
 }  // namespace
 
 Context::Context(Device device, bool profile)
-    : device_(std::move(device)), shape_(shape_of(device_)), cl_device_(open(device_)) {
+    : device_(std::move(device)),
+      shape_(shape_of(device_)),
+      grain_(grain_asked_for()),
+      cl_device_(open(device_)) {
   translate_errors(device_.label(), [&] {
     context_ = cl::Context(cl_device_);
     queue_ = cl::CommandQueue(context_, cl_device_, profile ? CL_QUEUE_PROFILING_ENABLE : 0);
   });
 }
 
-Context::Context(const cl::CommandQueue& queue) : device_(describe(queue)), shape_(shape_of(device_)) {
+Context::Context(const cl::CommandQueue& queue)
+    : device_(describe(queue)), shape_(shape_of(device_)), grain_(grain_asked_for()) {
   translate_errors(device_.label(), [&] {
     if ((queue.getInfo<CL_QUEUE_PROPERTIES>() & CL_QUEUE_OUT_OF_ORDER_EXEC_MODE_ENABLE) != 0) {
       throw Error(device_.label() + ": the queue is out of order; give one that is in order");

@@ -36,6 +36,9 @@ class Context {
   /// each shape can be tested on any device.
   [[nodiscard]] Shape shape() const noexcept { return shape_; }
 
+  /// The grain (PairFinder::set_grain()) that the environment variable BROADCL_GRAIN asks for, if any.
+  [[nodiscard]] std::optional<double> grain() const noexcept { return grain_; }
+
   /// A buffer on the device, not initialised.
   /// @param bytes At least 1.
   /// @param flags Besides CL_MEM_READ_WRITE.
@@ -72,6 +75,7 @@ class Context {
 
   Device device_;
   Shape shape_;
+  std::optional<double> grain_;
   cl::Device cl_device_;
   cl::Context context_;
   cl::CommandQueue queue_;
