@@ -36,18 +36,18 @@ class BruteForce final : public PairFinder {
 
   void set_grain(double grain) override { grain_ = grain; }
 
+  [[nodiscard]] std::size_t pieces(const Search& search) const override {
+    return opencl::divide_up(rows_of(search), rows_a_piece(search));
+  }
+
   void find(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) override {
     const cl_uint n = search.slots;
-    const cl_uint row_count = search.all ? n : search.changed_count;
+    const cl_uint row_count = rows_of(search);
     if (n < 2 || row_count == 0) return;
     cl::Kernel& kernel = this->kernel(search.worlds);
     opencl::Profiler::Scope stage(profiler, "test");
     const std::size_t columns = opencl::divide_up(n, cut_.width);
-    // Half of the rows of an average column come before its boxes.
-    const std::size_t runs = columns * row_count / (search.all ? 2 : 1);
-    const double items = static_cast<double>(context_.device().compute_units) * cut_.items / grain_;
-    const auto rows = static_cast<std::size_t>(
-        std::clamp<double>(static_cast<double>(runs) / items, cut_.min_rows, cut_.max_rows));
+    const std::size_t rows = rows_a_piece(search);
     cl_uint k =
         opencl::set_arguments(kernel, 0, n, row_count, static_cast<cl_uint>(rows), search.boxes,
                               search.changed, search.any_filters ? cl_uint{1} : cl_uint{0}, search.filters);
@@ -59,6 +59,18 @@ class BruteForce final : public PairFinder {
   }
 
  private:
+  static cl_uint rows_of(const Search& search) { return search.all ? search.slots : search.changed_count; }
+
+  /// Rows that a work-item goes through.
+  [[nodiscard]] std::size_t rows_a_piece(const Search& search) const {
+    // Half of the rows of an average column come before its boxes.
+    const std::size_t columns = opencl::divide_up(search.slots, cut_.width);
+    const std::size_t runs = columns * rows_of(search) / (search.all ? 2 : 1);
+    const double items = static_cast<double>(context_.device().compute_units) * cut_.items / grain_;
+    return static_cast<std::size_t>(
+        std::clamp<double>(static_cast<double>(runs) / items, cut_.min_rows, cut_.max_rows));
+  }
+
   /// The kernel for one world or for several, built when it is first needed.
   cl::Kernel& kernel(bool worlds) {
     cl::Kernel& kernel = kernels_[worlds ? 1 : 0];

@@ -55,6 +55,7 @@ class Trial {
       : context_(context), finder_(make(context)), delta_(context, profiler_) {}
 
   void set_grain(double grain) { finder_->set_grain(grain); }
+  [[nodiscard]] std::size_t pieces() const { return finder_->pieces(search_); }
 
   void set_boxes(std::size_t n) {
     const std::vector<Aabb> boxes = random_boxes(n);
@@ -110,14 +111,17 @@ class Trial {
   Search search_;
 };
 
-/// The grain with which a search of all is shortest.
+/// The grain with which a search of all is shortest; 1 where a search takes too long to try others.
 /// @param of_all How long it takes with 1.
 double best_grain(Trial& trial, double of_all) {
+  if (of_all > long_search) return 1;
   double best = 1;
+  const std::size_t pieces = trial.pieces();
   double shortest = clearly_less * of_all;
   for (const double grain : PairFinder::grains) {
     if (grain == 1) continue;
     trial.set_grain(grain);
+    if (trial.pieces() == pieces) continue;
     const double seconds = trial.seconds(true);
     if (seconds >= shortest) continue;
     best = grain;

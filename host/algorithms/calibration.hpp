@@ -16,8 +16,8 @@ struct Contestant {
 
 /// What was measured of a contestant.
 struct Calibration {
-  CostModel model;   ///< With that grain.
-  double grain = 1;  ///< The one of PairFinder::grains that suits the device.
+  CostModel model;
+  double grain = 1;  ///< That suits the device: one of PairFinder::grains, or what the environment asks for.
 };
 
 /// Brings models to what searches really cost on a device: a frame, a slot, and what else the model has in

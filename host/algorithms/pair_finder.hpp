@@ -1,6 +1,7 @@
 #pragma once
 
 #include <array>
+#include <cstddef>
 
 #include "algorithms/pair_delta.hpp"
 #include "algorithms/search.hpp"
@@ -24,6 +25,8 @@ class PairFinder {
   /// Has a work-item do so many times the work that suits most devices. Takes effect where there is more than
   /// one way to cut the work, and changes nothing of what is found.
   virtual void set_grain(double /*grain*/) {}
+  /// How many pieces a search is cut into, as far as the grain decides.
+  [[nodiscard]] virtual std::size_t pieces(const Search& /*search*/) const { return 1; }
 
   /// Enqueues what puts every pair that was none in the last update to the sink, each once. May be called
   /// again for the same search, where the sink was too small.

@@ -52,6 +52,10 @@ class Tiles final : public PairFinder {
 
   void set_grain(double grain) override { grain_ = grain; }
 
+  [[nodiscard]] std::size_t pieces(const Search& search) const override {
+    return sharers(divide_up(search.slots, node));
+  }
+
   void find(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) override {
     if (search.slots < 2 || (!search.all && search.changed_count == 0)) return;
     prepare(search);
