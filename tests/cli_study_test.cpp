@@ -280,6 +280,36 @@ TEST_F(ProgramStudy, RefusesWhatContradictsTheFolder) {
   EXPECT_EQ(run_files(), before);
 }
 
+TEST_F(ProgramStudy, WithoutLimitsRefusesThem) {
+  expect_success(run(tiny_on_host));
+  expect_refused(run("study --out s --most bullet-bf=70"),
+                 "'s' holds a study with --most of no broad phase;");
+}
+
+TEST_F(ProgramStudy, LimitsOfThePresetStayButForThoseThatAreGiven) {
+  const std::string few = "study --preset large --scenarios free-fall --objects 5,6 --frames 2 --repeat 1 ";
+  const auto limits_in = [&](const std::string& folder) {
+    return json::parse(read_file(path(folder + "/study.json")))["limits"];
+  };
+  expect_success(run(few + "--out a"));
+  const json own = limits_in("a");
+  ASSERT_EQ(own.size(), 1U);
+  EXPECT_EQ(own[0]["broadphase"], "gpu-bf");
+  expect_success(run(few + "--most tiles=5 --out b"));
+  EXPECT_EQ(limits_in("b")[0], own[0]);
+  EXPECT_EQ(limits_in("b")[1], json({{"broadphase", "tiles"}, {"objects", 5}, {"why", ""}}));
+  expect_success(run(few + "--most gpu-bf=5 --out c"));
+  EXPECT_EQ(limits_in("c"), json::array({{{"broadphase", "gpu-bf"}, {"objects", 5}, {"why", ""}}}));
+  // What the document has as its command makes the same document.
+  std::string command = json::parse(read_file(path("a/study.json")))["command"];
+  command = command.substr(8, command.size() - 8 - 1) + "d";
+  expect_success(run(command));
+  for (const std::string key : {"limits", "cut", "broadphases"}) {
+    EXPECT_EQ(json::parse(read_file(path("d/study.json")))[key],
+              json::parse(read_file(path("a/study.json")))[key]);
+  }
+}
+
 TEST_F(ProgramStudy, RefusesTimesOfAnotherHostOrBuildAndDamagedDocuments) {
   expect_success(run(tiny_on_host));
   const json study = json::parse(read_file(path("s/study.json")));
@@ -380,9 +410,11 @@ TEST_F(ProgramStudy, BadArgumentsAreRefusedAndLeaveNothing) {
       {"--objects 50,5e1", "--objects: '5e1'"},
       {"--objects 0", "--objects: '0'"},
       {"--objects 50,050", "--objects: '050' is there twice"},
-      {"--most bullet-bf", "--most: 'bullet-bf' is not a broad phase, '=' and a number of objects"},
+      {"--most bullet-bf", "--most: 'bullet-bf' is not NAME=N, a broad phase and a number of objects"},
+      {"--most bullet-bf=50,bullet-bf=60", "--most: 'bullet-bf' is there twice"},
       {"--most bullet-bf=0", "--most: '0' is not a whole number from 1"},
-      {"--most frobnicate=5", "'frobnicate'; there is: bullet-bf"},
+      {"--most frobnicate=5",
+       "--most: 'frobnicate' is none of the broad phases that are measured: bullet-bf,"},
       {"--frames 1", "--frames: '1' is not a whole number from 2 to"},
       {"--repeat 0", "--repeat: '0'"},
       {"--seed -1", "--seed: '-1'"},

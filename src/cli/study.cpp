@@ -8,6 +8,7 @@
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <optional>
+#include <set>
 #include <string>
 #include <utility>
 #include <vector>
@@ -44,33 +45,57 @@ struct Options {
   std::string frames_csv;
 };
 
-/// @throws Error for unknown names.
-StudySettings new_settings(const Options& options) {
-  StudySettings settings = find_study_preset(options.preset.value_or("quick"));
-  if (options.scenarios) settings.scenarios = *options.scenarios;
-  if (options.objects) settings.objects = *options.objects;
-  if (options.broadphases) {
-    // Who names them wants them.
-    settings.broadphases = *options.broadphases;
-    settings.limits.clear();
-    settings.left_out.clear();
-  }
-  settings.limits = options.most.value_or(settings.limits);
-  settings.frames = options.frames.value_or(settings.frames);
-  settings.repeat = options.repeat.value_or(settings.repeat);
-  settings.seed = options.seed.value_or(settings.seed);
-  for (const std::string& name : settings.scenarios) (void)scenes::Scenario({.name = name, .objects = 1});
-  for (const std::string& name : settings.broadphases) (void)scenes::find_broadphase(name);
-  for (const StudyLimit& limit : settings.limits) (void)scenes::find_broadphase(limit.broadphase);
-  return settings;
-}
-
 /// Two lists of the same elements, in whatever order.
 template <class Value>
 bool are_same(std::vector<Value> a, std::vector<Value> b) {
   std::sort(a.begin(), a.end());
   std::sort(b.begin(), b.end());
   return a == b;
+}
+
+/// In the place of another one of the same broad phase; one that is the same keeps its reason.
+/// @throws Error for a broad phase that is not measured.
+void set_limit(StudySettings& settings, const StudyLimit& limit) {
+  const std::vector<std::string>& names = settings.broadphases;
+  if (std::find(names.begin(), names.end(), limit.broadphase) == names.end()) {
+    throw Error("--most: '" + limit.broadphase +
+                "' is none of the broad phases that are measured: " + list_of(names));
+  }
+  std::vector<StudyLimit>& limits = settings.limits;
+  const auto other = std::find_if(limits.begin(), limits.end(), [&](const StudyLimit& known) {
+    return known.broadphase == limit.broadphase;
+  });
+  if (other == limits.end()) {
+    limits.push_back(limit);
+  } else if (other->objects != limit.objects) {
+    *other = limit;
+  }
+}
+
+/// @throws Error for unknown names.
+StudySettings new_settings(const Options& options) {
+  StudySettings settings = find_study_preset(options.preset.value_or("quick"));
+  if (options.scenarios) settings.scenarios = *options.scenarios;
+  if (options.objects) settings.objects = *options.objects;
+  if (options.broadphases && !are_same(*options.broadphases, settings.broadphases)) {
+    // Who names others wants them.
+    settings.broadphases = *options.broadphases;
+    settings.limits.clear();
+    settings.left_out.clear();
+  }
+  std::set<std::string> limited;
+  for (const StudyLimit& limit : options.most.value_or(std::vector<StudyLimit>())) {
+    if (!limited.insert(limit.broadphase).second) {
+      throw Error("--most: '" + limit.broadphase + "' is there twice");
+    }
+    set_limit(settings, limit);
+  }
+  settings.frames = options.frames.value_or(settings.frames);
+  settings.repeat = options.repeat.value_or(settings.repeat);
+  settings.seed = options.seed.value_or(settings.seed);
+  for (const std::string& name : settings.scenarios) (void)scenes::Scenario({.name = name, .objects = 1});
+  for (const std::string& name : settings.broadphases) (void)scenes::find_broadphase(name);
+  return settings;
 }
 
 /// @throws Error where what is asked for contradicts the study that is there.
@@ -92,8 +117,11 @@ void refuse_contradictions(const Options& options, const nlohmann::ordered_json&
   expect_list("--scenarios", options.scenarios, there.scenarios);
   expect_list("--objects", options.objects, there.objects);
   expect_list("--broadphases", options.broadphases, there.broadphases);
-  expect(!options.most || are_same(limit_texts(*options.most), limit_texts(there.limits)), "--most",
-         list_of(limit_texts(there.limits)));
+  const std::vector<std::string> limits = limit_texts(there.limits);
+  for (const std::string& limit : limit_texts(options.most.value_or(std::vector<StudyLimit>()))) {
+    expect(std::find(limits.begin(), limits.end(), limit) != limits.end(), "--most",
+           limits.empty() ? "of no broad phase" : list_of(limits));
+  }
   expect_number("--frames", options.frames, there.frames);
   expect_number("--repeat", options.repeat, there.repeat);
   expect_number("--seed", options.seed, there.seed);
@@ -285,7 +313,8 @@ void add_optional_number(CLI::App& verb, const std::string& name, std::optional<
 StudyLimit parse_limit(const std::string& text) {
   const std::size_t mark = text.rfind('=');
   if (mark == std::string::npos) {
-    throw CLI::ValidationError("--most", "'" + text + "' is not a broad phase, '=' and a number of objects");
+    throw CLI::ValidationError("--most",
+                               "'" + text + "' is not NAME=N, a broad phase and a number of objects");
   }
   return {.broadphase = text.substr(0, mark),
           .objects = parse_number("--most", text.substr(mark + 1), 1U, most_objects),
@@ -322,8 +351,8 @@ Verb add_study(CLI::App& program) {
       [](const std::string& text) { return parse_number("--objects", text, 1U, most_objects); },
       "Numbers of objects");
   add_list(*verb, "--broadphases", options->broadphases, "A,B", as_is, "Broad phases");
-  add_list(*verb, "--most", options->most, "A=N", parse_limit,
-           "Broad phases that are measured up to a number of objects only, and that number");
+  add_list(*verb, "--most", options->most, "A=N,B=M", parse_limit,
+           "The most objects that a broad phase is measured with, for those that get too slow");
   add_list(*verb, "--devices", options->devices, "A,B", as_is,
            "Devices, each as --device of the other verbs takes it");
   add_optional_number(*verb, "--frames", options->frames, 2U, most_frames,

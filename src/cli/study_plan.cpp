@@ -26,12 +26,23 @@ bool is_cut(const StudySettings& settings, const std::string& broadphase, std::u
   });
 }
 
-/// What only the first list has, with commas between.
+std::string text_of(const std::string& name) {
+  return name;
+}
+
+std::string text_of(std::uint32_t number) {
+  return grouped(number);
+}
+
+/// What only the first list has, for people.
 template <class Value>
-std::string only_in(std::vector<Value> list, const std::vector<Value>& other) {
-  std::erase_if(
-      list, [&](const Value& value) { return std::find(other.begin(), other.end(), value) != other.end(); });
-  return list_of(list);
+std::string only_in(const std::vector<Value>& list, const std::vector<Value>& other) {
+  std::string text;
+  for (const Value& value : list) {
+    if (std::find(other.begin(), other.end(), value) != other.end()) continue;
+    text += (text.empty() ? "" : ", ") + text_of(value);
+  }
+  return text;
 }
 
 }  // namespace
@@ -111,6 +122,7 @@ std::vector<std::string> cut_of(const StudySettings& settings) {
 
 std::vector<std::string> limit_texts(const std::vector<StudyLimit>& limits) {
   std::vector<std::string> texts;
+  texts.reserve(limits.size());
   for (const StudyLimit& limit : limits) {
     texts.push_back(limit.broadphase + "=" + std::to_string(limit.objects));
   }

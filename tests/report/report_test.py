@@ -23,6 +23,7 @@ from report.recording import LEVELS, pack, quantised
 from report.static_figures import medians_of
 from report.statistics import ratio_of_medians, three_digits
 from report.study import StudyError, read_study
+from report.tables import about_times
 from report.verdict import absent, headline, sentences
 
 
@@ -166,6 +167,20 @@ class Words(SmallStudy):
         self.assertRegex(total, r"`tiles` is first: \S+ ms a frame. Times as long: `auto` 1.\d+")
         self.assertNotIn("clear", total + " ".join(headline(study)))
         self.assertIn("Each ran once", " ".join(headline(study)))
+        self.assertNotIn("interval", about_times(study))
+
+    def test_say_where_one_of_several_ran_once(self) -> None:
+        for repeat in (2, 3):
+            (self.folder / "runs" / f"free-fall-20-bullet-bvh-{repeat}.csv").unlink()
+        table = self.folder / "study.csv"
+        rows = table.read_text().splitlines(keepends=True)
+        once = "free-fall,20,6,{},bullet-bvh,"
+        gone = (once.format(2), once.format(3))
+        table.write_text("".join(row for row in rows if not row.startswith(gone)))
+        study = read_study(self.folder)
+        total = " ".join(sentences(study, "free-fall", "total"))
+        self.assertIn("`bullet-bvh` at 2.00 (one run: no interval)", total)
+        self.assertIn("95 % interval", about_times(study))
 
     def test_name_sizes_without_runs(self) -> None:
         info = json.loads((self.folder / "study.json").read_text())
@@ -177,7 +192,7 @@ class Words(SmallStudy):
     def test_name_what_was_left_out(self) -> None:
         lines = absent(read_study(self.folder))
         self.assertIn("`gpu-bf` has no runs, so nothing is said of it.", lines)
-        self.assertIn("Left out: gpu-bf: would take 3 h.", lines)
+        self.assertIn("Left out of the preset `small`: gpu-bf: would take 3 h.", lines)
 
 
 class Lines(unittest.TestCase):
