@@ -9,6 +9,7 @@ from report.palette import Style
 from report.standing import SEARCH, reference, run_times
 from report.statistics import ratio_digits, ratio_of_medians, three_digits
 from report.study import Repeats, Series, Study
+from report.verdict import is_of_single_runs
 
 
 def _number(column: str, text: str, extra: str = "") -> str:
@@ -86,10 +87,11 @@ def about_times(study: Study) -> str:
         for scenario in study.scenarios
         for n in study.objects(scenario)
     }
+    interval = ", with the ends of its 95 % interval; grey where that holds 1"
     return prose(
         "Milliseconds a frame: medians over the repeats. Ratio: times as long as"
-        f" {' or '.join(f'`{base}`' for base in sorted(bases))} by the mean, with the ends of its"
-        " 95 % interval; grey where that holds 1. Bold: the least mean."
+        f" {' or '.join(f'`{base}`' for base in sorted(bases))} by the mean"
+        f"{'' if is_of_single_runs(study) else interval}. Bold: the least mean."
     )
 
 

@@ -7,10 +7,11 @@ from report.statistics import Ratio, ratio_digits, ratio_of_medians, three_digit
 from report.study import Series, Study
 
 
-def times_as_long(ratio: Ratio) -> str:
-    """The ratio, with its interval in brackets where it has one."""
+def times_as_long(study: Study, ratio: Ratio) -> str:
+    """The ratio, with its interval in brackets; without one, where nothing has one."""
     if ratio.interval is None:
-        return ratio_digits(ratio.value)
+        missing = "" if is_of_single_runs(study) else " (one run: no interval)"
+        return ratio_digits(ratio.value) + missing
     low, high = (ratio_digits(end) for end in ratio.interval)
     return f"{ratio_digits(ratio.value)} ({low} to {high})"
 
@@ -29,6 +30,16 @@ def is_of_single_runs(study: Study) -> bool:
     return all(len(repeats.frames) < 2 for repeats in study.cells.values())
 
 
+def certainty(study: Study) -> str:
+    """What tells how sure a difference is."""
+    if is_of_single_runs(study):
+        return "Each ran once, so nothing tells how sure a difference is."
+    return (
+        "“Times as long” comes with its 95 % interval; a difference is clear where that interval"
+        " leaves out 1."
+    )
+
+
 def headline(study: Study) -> list[str]:
     """What the whole study says of the total time where there are most objects."""
     places = {s: standing(study, s, study.objects(s)[-1], "total") for s in study.scenarios}
@@ -44,7 +55,7 @@ def headline(study: Study) -> list[str]:
     most = enumerated([f"{n:,}" for n in sizes])
     sentences = [f"With {most} objects, the total time is shortest with {'; with '.join(claims)}."]
     if is_of_single_runs(study):
-        sentences.append("Each ran once, so nothing is said of how sure a difference is.")
+        sentences.append(certainty(study))
     ratios = []
     for scenario, place in places.items():
         rivals = ours_over_bullet(study, place)
@@ -52,9 +63,9 @@ def headline(study: Study) -> list[str]:
             ratios.append((between(study, scenario, place, "total", *rivals), scenario))
     if ratios:
         low, high = min(ratios, key=lambda r: r[0].value), max(ratios, key=lambda r: r[0].value)
-        ends = f"{times_as_long(low[0])} times as long in {low[1]}"
+        ends = f"{times_as_long(study, low[0])} times as long in {low[1]}"
         if low != high:
-            ends = f"from {ends} to {times_as_long(high[0])} times in {high[1]}"
+            ends = f"from {ends} to {times_as_long(study, high[0])} times in {high[1]}"
         sentences.append(
             "Against the fastest of Bullet's own broad phases, the fastest of BroadCL's makes"
             f" the same simulation take {ends}."
@@ -80,16 +91,16 @@ def _who_is_first(study: Study, place: Standing, metric: str) -> str:
     if not place.over_first:
         return text + " Nothing else ran."
     if is_of_single_runs(study):
-        others = [f"{name(study, s)} {times_as_long(r)}" for s, r in place.over_first.items()]
+        others = [f"{name(study, s)} {times_as_long(study, r)}" for s, r in place.over_first.items()]
         return f"{text} Times as long: {enumerated(others)}."
     if place.ties:
-        ties = [f"{name(study, s)} at {times_as_long(place.over_first[s])}" for s in place.ties]
+        ties = [f"{name(study, s)} at {times_as_long(study, place.over_first[s])}" for s in place.ties]
         text += f" Not clearly slower: {enumerated(ties)} times that."
     if place.clearly_slower:
         after = place.clearly_slower[0]
         text += (
             f" {'Clearly slower' if place.ties else 'The next, clearly slower,'} is "
-            f"{name(study, after)}, {times_as_long(place.over_first[after])} times as long."
+            f"{name(study, after)}, {times_as_long(study, place.over_first[after])} times as long."
         )
     else:
         text += " None is clearly slower."
@@ -109,7 +120,7 @@ def _against_bullet(
 ) -> str:
     ratio = between(study, scenario, place, metric, ours, bullet)
     text = (
-        f"BroadCL's fastest, {name(study, ours)}, takes {times_as_long(ratio)} times as long as"
+        f"BroadCL's fastest, {name(study, ours)}, takes {times_as_long(study, ratio)} times as long as"
         f" Bullet's fastest, {name(study, bullet)}"
     )
     if is_of_single_runs(study):
@@ -171,7 +182,9 @@ def absent(study: Study) -> list[str]:
             f"`{broadphase}` has no runs of {enumerated(scenarios)} with {enumerated(sizes)} objects."
             for sizes, scenarios in _by_sizes(missing)
         ]
-    return lines + [f"Left out: {text}." for text in study.info["cut"]]
+    return lines + [
+        f"Left out of the preset `{study.info['preset']}`: {text}." for text in study.info["cut"]
+    ]
 
 
 def as_text(study: Study) -> str:
