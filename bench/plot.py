@@ -17,15 +17,16 @@ def three_digits(x):
 
 
 def of_repetitions(rows):
-    """The medians of what was repeated, and what was not."""
-    return [row for row in rows if row.get("aggregate_name", "median") == "median"]
+    """The medians of what was repeated, and what was not, not in the order in which they ran, which may be random, but in
+    that of the program."""
+    medians = [row for row in rows if row.get("aggregate_name", "median") == "median"]
+    return sorted(medians, key=lambda row: row["family_index"])
 
 
 def print_proxies(result):
     """A row an operation, in brackets how many times that of the reference they are, and pairs."""
     rows = {}
-    # Not in the order in which they ran, which may be random, but in that of the program.
-    for row in sorted(of_repetitions(result["benchmarks"]), key=lambda row: row["family_index"]):
+    for row in of_repetitions(result["benchmarks"]):
         _, operation, name, scene, count = row["run_name"].split("/")[:5]
         rows.setdefault((operation, f"{int(count):,} {scene}"), {})[name] = row
     names = list(dict.fromkeys(name for row in rows.values() for name in row))

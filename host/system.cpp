@@ -1,11 +1,20 @@
 #include "system.hpp"
 
+#include <cerrno>
 #include <cstdlib>
+#include <system_error>
+
+#include <broadcl/error.hpp>
 
 #ifdef _WIN32
+#include <fcntl.h>
 #include <io.h>
 #include <process.h>
+#include <share.h>
+#include <sys/stat.h>
 #else
+#include <fcntl.h>
+#include <sys/file.h>
 #include <sys/utsname.h>
 #include <unistd.h>
 
@@ -21,7 +30,27 @@ std::optional<std::string> environment(const char* name) {
   return value;
 }
 
+namespace {
+
+[[noreturn]] void fail_to_lock(const std::filesystem::path& folder, int error) {
+  throw Error("cannot lock the folder '" + folder.string() + "': " + std::generic_category().message(error));
+}
+
+}  // namespace
+
 #ifdef _WIN32
+
+std::shared_ptr<const void> lock_folder(const std::filesystem::path& folder) {
+  int file = -1;
+  const int error = _wsopen_s(&file, (folder / "lock").c_str(), _O_CREAT | _O_RDWR | _O_TEMPORARY, _SH_DENYRW,
+                              _S_IREAD | _S_IWRITE);
+  if (error == EACCES) return nullptr;
+  if (error != 0) fail_to_lock(folder, error);
+  return std::shared_ptr<const int>(new int(file), [](const int* own) {
+    _close(*own);
+    delete own;
+  });
+}
 
 std::optional<std::filesystem::path> user_cache_directory() {
   if (const auto folder = environment("LOCALAPPDATA")) return *folder;
@@ -68,6 +97,18 @@ utsname names_of_system() {
 }
 
 }  // namespace
+
+std::shared_ptr<const void> lock_folder(const std::filesystem::path& folder) {
+  const int file = open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+  if (file < 0) fail_to_lock(folder, errno);
+  std::shared_ptr<const int> lock(new int(file), [](const int* own) {
+    close(*own);
+    delete own;
+  });
+  if (flock(file, LOCK_EX | LOCK_NB) == 0) return lock;
+  if (errno != EWOULDBLOCK) fail_to_lock(folder, errno);
+  return nullptr;
+}
 
 std::optional<std::filesystem::path> user_cache_directory() {
   if (const auto folder = environment("XDG_CACHE_HOME")) return *folder;

@@ -3,6 +3,7 @@
 #include <cstdint>
 #include <cstdio>
 #include <filesystem>
+#include <memory>
 #include <optional>
 #include <string>
 
@@ -18,6 +19,12 @@ namespace broadcl {
 [[nodiscard]] std::uint32_t process_id();
 
 [[nodiscard]] bool is_terminal(std::FILE* stream);
+
+/// Keeps a folder from others who take it by this means, in any process, until what is returned or the
+/// process comes to its end, whichever way.
+/// @returns Null where somebody else has it.
+/// @throws Error where the folder cannot be opened or locked.
+[[nodiscard]] std::shared_ptr<const void> lock_folder(const std::filesystem::path& folder);
 
 /// The name of the processor, as people know it; the architecture where the system does not tell more.
 [[nodiscard]] std::string processor_name();

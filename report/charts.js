@@ -91,7 +91,7 @@
       const left = (k % columns) * (size.x + gap.x);
       const top = 1 - Math.floor(k / columns) * (size.y + gap.y);
       const span = decades(values(k));
-      const dtick = span > 2.2 ? 1 : span > 0.6 ? "D2" : "D1";
+      const dtick = span > 2.2 ? 1 : span > 0.6 ? "D2" : undefined;  // a short axis gets ticks as a linear one
       const type = scale === "log" ? { type: "log", dtick } : { rangemode: "tozero" };
       layout["xaxis" + number] = axis({ ...xaxis(k), domain: [left, left + size.x], anchor: "y" + number });
       layout["yaxis" + number] =

@@ -23,6 +23,7 @@
 #include "cli/study_run_file.hpp"
 
 #include "program.hpp"
+#include "system.hpp"
 
 namespace broadcl::test {
 namespace {
@@ -278,6 +279,19 @@ TEST_F(ProgramStudy, RefusesWhatContradictsTheFolder) {
   expect_success(
       run("study --out s --preset quick --objects 80,50 --most sweep-and-prune=90 --frames 6 --seed 1"));
   EXPECT_EQ(run_files(), before);
+}
+
+TEST_F(ProgramStudy, LeavesAFolderAloneThatAnotherStudyHas) {
+  expect_success(run(tiny_on_host));
+  fs::remove(path("s/runs/free-fall-50-bullet-bf-1.csv"));
+  const std::map<std::string, File> before = run_files();
+  {
+    const auto lock = lock_folder(path("s"));
+    expect_refused(run("study --out s"), "another study is being made in 's'; wait for its end");
+    EXPECT_EQ(run_files(), before);
+  }
+  expect_success(run("study --out s"));
+  EXPECT_EQ(run_files().size(), before.size() + 1);
 }
 
 TEST_F(ProgramStudy, WithoutLimitsRefusesThem) {

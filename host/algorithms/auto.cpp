@@ -1,4 +1,6 @@
+#include <algorithm>
 #include <array>
+#include <cstddef>
 #include <memory>
 #include <string_view>
 
@@ -17,7 +19,8 @@ constexpr std::array<std::string_view, 2> names{"brute-force", "tiles"};
 constexpr std::array contestants{Contestant{make_brute_force, {.frame = 1e-4, .slot = 1e-9, .test = 1e-12}},
                                  Contestant{make_tiles, {.frame = 1e-4, .slot = 1e-9, .change = 1e-9}}};
 
-/// The one of two that is expected to be cheaper, search by search. A stage of its name tells which it was.
+/// The one of two that is expected to be cheaper, search by search. A stage of its name tells which it was,
+/// and one after it with which grain.
 class Auto final : public PairFinder {
  public:
   explicit Auto(const opencl::Context& context) : Auto(context, calibrate(context, contestants)) {}
@@ -28,7 +31,9 @@ class Auto final : public PairFinder {
     const std::size_t chosen = chooser_.choose({.slots = search.slots,
                                                 .changed = search.all ? search.slots : search.changed_count,
                                                 .all = search.all});
-    { const opencl::Profiler::Scope stage(profiler, names[chosen]); }
+    for (const std::string_view choice : {names[chosen], grains_[chosen]}) {
+      const opencl::Profiler::Scope stage(profiler, choice);
+    }
     finders_[chosen]->find(search, sink, profiler);
   }
 
@@ -42,10 +47,16 @@ class Auto final : public PairFinder {
   Auto(const opencl::Context& context, const std::array<Calibration, 2>& calibrations)
       : finders_{make_brute_force(context), make_tiles(context)},
         chooser_({calibrations[0].model, calibrations[1].model}) {
-    for (std::size_t k = 0; k < finders_.size(); ++k) finders_[k]->set_grain(calibrations[k].grain);
+    for (std::size_t k = 0; k < finders_.size(); ++k) {
+      const double grain = calibrations[k].grain;
+      finders_[k]->set_grain(grain);
+      const auto* const known = std::ranges::find(PairFinder::grains, grain, &PairFinder::Grain::factor);
+      grains_[k] = known != PairFinder::grains.end() ? known->name : "BROADCL_GRAIN";
+    }
   }
 
   std::array<std::unique_ptr<PairFinder>, 2> finders_;
+  std::array<std::string_view, 2> grains_;
   Chooser chooser_;
   bool is_searching_ = false;
   bool is_first_ = false;  // the search that is on is no repetition

@@ -118,7 +118,7 @@ double best_grain(Trial& trial, double of_all) {
   double best = 1;
   const std::size_t pieces = trial.pieces();
   double shortest = clearly_less * of_all;
-  for (const double grain : PairFinder::grains) {
+  for (const auto& [grain, name] : PairFinder::grains) {
     if (grain == 1) continue;
     trial.set_grain(grain);
     if (trial.pieces() == pieces) continue;

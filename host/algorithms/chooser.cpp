@@ -9,9 +9,9 @@ namespace {
 constexpr double clearly_less = 0.9;     // than the other one's cost is reason enough to change
 constexpr std::size_t trial_frames = 3;  // the first is not counted
 constexpr std::size_t longest_interval = 1024;
-/// Frames from trial to trial for each time that one of its frames takes longer by, as a multiple of the
+/// Frames to wait for a frame of a trial, for each time that it takes longer by, as a multiple of the
 /// other's: a trial loses a twentieth at most.
-constexpr double patience = 20.0 * trial_frames;
+constexpr double patience = 20;
 
 }  // namespace
 
@@ -66,22 +66,23 @@ std::size_t Chooser::choose(const Work& work) {
 void Chooser::learn(double seconds) {
   if (situation_ == nullptr) return;
   Situation& s = *situation_;
+  const bool too_dear = s.trial > 0 && seconds > hopeless * expected(s.best, s, work_);
   // The first frame after a change may have to build, to sort, or to allocate.
-  if (s.asked == chosen_) {
+  if (s.asked == chosen_ || too_dear) {
     s.costs[chosen_].add(seconds / models_[chosen_].seconds(work_));
     anywhere_[chosen_] = s.costs[chosen_].typical();
   }
   s.asked = chosen_;
   if (hopeless_one(work_)) return;
   if (s.trial > 0) {
-    --s.trial;
+    s.trial = too_dear ? 0 : s.trial - 1;
     return;
   }
-  auto wait = static_cast<double>(s.interval);
-  if (s.costs[1 - s.best].typical()) {
-    const double ratio = expected(1 - s.best, s, work_) / expected(s.best, s, work_);
-    wait = std::max(wait, patience * (ratio - 1));
-  }
+  // A trial ends with a frame that is too dear, and such it may be where only the models were asked.
+  const double ratio = expected(1 - s.best, s, work_) / expected(s.best, s, work_);
+  const bool may_end_at_once = ratio > hopeless || !s.costs[1 - s.best].typical();
+  const double frames = may_end_at_once ? 1 : trial_frames;
+  const double wait = std::max(static_cast<double>(s.interval), patience * frames * (ratio - 1));
   if (static_cast<double>(++s.since) < wait) return;
   s.since = 0;
   s.interval = std::min(2 * s.interval, longest_interval);

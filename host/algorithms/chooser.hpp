@@ -34,7 +34,7 @@ struct CostModel {
 /// Searches whose numbers of slots, and of slots that changed, are alike to a power of two are one situation.
 /// In each the one that was cheaper is asked; once in a while the other one is tried, ever more rarely, and
 /// so that tries take a small part of the time. One that costs more than `hopeless` times the other by the
-/// models is never asked.
+/// models is never asked, and a try ends with the first frame that does.
 class Chooser {
  public:
   static constexpr double hopeless = 4;

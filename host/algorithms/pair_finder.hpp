@@ -2,6 +2,7 @@
 
 #include <array>
 #include <cstddef>
+#include <string_view>
 
 #include "algorithms/pair_delta.hpp"
 #include "algorithms/search.hpp"
@@ -20,8 +21,12 @@ class PairFinder {
   PairFinder(PairFinder&&) = delete;
   PairFinder& operator=(PairFinder&&) = delete;
 
+  struct Grain {
+    double factor;
+    std::string_view name;  ///< Of a Stage.
+  };
   /// What set_grain() is tried with on a device.
-  static constexpr std::array grains{1.0, 0.25, 4.0};
+  static constexpr std::array grains{Grain{1, "grain 1"}, Grain{0.25, "grain 1/4"}, Grain{4, "grain 4"}};
   /// Has a work-item do so many times the work that suits most devices. Takes effect where there is more than
   /// one way to cut the work, and changes nothing of what is found.
   virtual void set_grain(double /*grain*/) {}

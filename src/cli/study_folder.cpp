@@ -9,6 +9,7 @@
 #include "cli/json.hpp"
 #include "cli/study_document.hpp"
 #include "cli/text.hpp"
+#include "system.hpp"
 
 namespace broadcl::cli {
 namespace {
@@ -81,12 +82,21 @@ std::optional<nlohmann::ordered_json> StudyFolder::read_document() const {
   }
 }
 
-void StudyFolder::write_document(const nlohmann::ordered_json& document) const {
+void StudyFolder::keep() {
   make_folder(folder_);
+  if (!lock_) lock_ = lock_folder(folder_);
+  if (lock_) return;
+  throw Error("another study is being made in " + quoted(folder_) +
+              "; wait for its end, or name another folder with --out");
+}
+
+void StudyFolder::write_document(const nlohmann::ordered_json& document) {
+  keep();
   write(folder_ / "study.json", text_of(document));
 }
 
 std::vector<fs::path> StudyFolder::open(const std::vector<StudyRun>& runs, std::uint32_t frames) {
+  keep();
   make_folder(folder_ / "runs");
   runs_ = runs;
   frames_ = frames;

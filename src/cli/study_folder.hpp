@@ -2,6 +2,7 @@
 
 #include <filesystem>
 #include <map>
+#include <memory>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <string>
@@ -29,14 +30,15 @@ class StudyFolder {
   ///   it.
   [[nodiscard]] std::optional<nlohmann::ordered_json> read_document() const;
 
-  /// Makes the folder where there is none.
-  /// @throws Error where it cannot be written.
-  void write_document(const nlohmann::ordered_json& document) const;
+  /// Makes the folder where there is none, and keeps it from other studies from then on.
+  /// @throws Error where it cannot be written, or another study has it.
+  void write_document(const nlohmann::ordered_json& document);
 
-  /// Looks for the files of runs, which are all that study.csv will ever have, in its order.
+  /// Looks for the files of runs, which are all that study.csv will ever have, in its order. Keeps the folder
+  /// from other studies from then on.
   /// @param frames Of a run.
   /// @returns The files that are damaged. Their runs count as not done.
-  /// @throws Error where a file cannot be read or study.csv cannot be written.
+  /// @throws Error where a file cannot be read, study.csv cannot be written, or another study has the folder.
   std::vector<std::filesystem::path> open(const std::vector<StudyRun>& runs, std::uint32_t frames);
 
   /// What is known of a run; null where it is not done.
@@ -56,8 +58,10 @@ class StudyFolder {
  private:
   [[nodiscard]] std::filesystem::path file_of(const StudyRun& run) const;
   void write_table() const;
+  void keep();
 
   std::filesystem::path folder_;
+  std::shared_ptr<const void> lock_;
   std::vector<StudyRun> runs_;
   std::uint32_t frames_ = 0;
   std::map<std::string, RunSummary> done_;  // by the names of their files

@@ -15,13 +15,19 @@ TRACES = (
     "({name: t.name, visible: t.visible, x: Array.from(t.x), y: Array.from(t.y), axis: t.yaxis}))"
 )
 DRAWN = (
-    "return document.querySelectorAll(`#${arguments[0]} .scatterlayer .trace path.js-line`).length"
+    "return [...document.querySelectorAll(`#${arguments[0]} .scatterlayer .trace`)]"
+    ".filter(trace => trace.querySelector('.js-line, .point')).length"
 )
 AXES = (
     "const full = document.querySelector(`#${arguments[0]} .plot`)._fullLayout;"
     "return Object.keys(full).filter(k => /^yaxis/.test(k)).map(k => full[k].type)"
 )
-TICKS = "return [...document.querySelectorAll(`#${arguments[0]} .ytick`)].map(t => t.textContent).join()"
+TICKS = (
+    "const full = document.querySelector(`#${arguments[0]} .plot`)._fullLayout;"
+    "return Object.keys(full).filter(k => /^yaxis/.test(k)).map(k => "
+    "[...document.querySelectorAll(`#${arguments[0]} .y${k.slice(5)}tick`)]"
+    ".map(t => t.textContent).filter(text => text))"
+)
 IDS = "return [...document.querySelectorAll('figure.chart')].map(f => f.id)"
 PANELS = ("update", "broad_phase", "total", "pairs")
 
@@ -38,7 +44,7 @@ def _traces(browser: Browser, figure: str) -> list[dict[str, Any]]:
 
 
 def every_figure(browser: Browser, expected: Expected) -> None:
-    """Figure 6 and one a scenario are there; no line is empty, and each is drawn."""
+    """Figure 6 and one a scenario are there; no line is empty, and each is drawn, if only as a point."""
     scenarios = {key[0] for key in expected.columns}
     ids = browser.js(IDS)
     assert len(ids) == 1 + len(scenarios) and "figure-6" in ids, ids
@@ -90,7 +96,7 @@ def toggling(browser: Browser, _: Expected) -> None:
 
 
 def scales(browser: Browser, _: Expected) -> None:
-    """Axes become linear, and logarithmic again, and their ticks with them."""
+    """Axes become linear, and logarithmic again, and their ticks with them; each has two at least."""
     press = (
         "document.querySelector(`#${arguments[0]} .segments button[value=${arguments[1]}]`).click()"
     )
@@ -101,6 +107,7 @@ def scales(browser: Browser, _: Expected) -> None:
             types = browser.js(AXES, figure)
             assert types and set(types) == {scale}, f"{figure}: {types}, not {scale}"
             seen[scale] = browser.js(TICKS, figure)
+            assert all(len(ticks) >= 2 for ticks in seen[scale]), f"{figure}: {seen[scale]}"
         assert seen["linear"] != seen["log"], f"{figure}: the same ticks in both"
 
 
