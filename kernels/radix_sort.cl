@@ -13,9 +13,11 @@
    together are written together. It does so by RANK_BITS bits at a time: work-items count their own VALUES elements in
    counters of their own, whose prefix sums are ranks (Merrill and Grimshaw's, two counters a word).
 
-   With GROUP 1 a single work-item does a block, with private counters and neither local memory nor barriers.
+   radix_sort_small sorts few elements by a whole range of bits in one launch, with one work-group.
 
-   radix_sort_small sorts few elements by a whole range of bits in one launch, with one work-group. */
+   With GROUP 1 a single work-item does a block, with private counters and neither local memory nor barriers. There only
+   the most significant digit is sorted by in this way. It parts the elements into buckets that fit into a processor's
+   cache, and radix_sort_buckets has a work-item sort each of them by what is left. */
 
 #include "scan.h"
 
@@ -261,19 +263,21 @@ kernel __attribute__((reqd_work_group_size(1, 1, 1))) void radix_sort_scatter(
   }
 }
 
-/* Sorts n elements by a range of bits, with one work-item. */
-kernel __attribute__((reqd_work_group_size(1, 1, 1))) void radix_sort_small(
-    const uint n, const uint first, const uint bits, global ulong* elements, global ulong* scratch) {
-  global ulong* source = elements;
-  global ulong* target = scratch;
-  for (uint done = 0; done < bits; done += DIGIT_BITS) {
+/* Sorts n elements of `source` by a range of bits, the least significant digit first, to and fro between two buffers.
+   Returns the one that has them in the end. */
+static inline global ulong* sort_run(const uint n, const uint first, const uint bits, global ulong* source,
+                                     global ulong* target) {
+  /* As few digits as will do, and about as long as each other. */
+  uint left = (bits + DIGIT_BITS - 1U) / DIGIT_BITS;
+  for (uint done = 0; left > 0; --left) {
     const uint digit_first = first + done;
-    const uint digit_bits = min(bits - done, (uint)DIGIT_BITS);
+    const uint digit_bits = (bits - done + left - 1U) / left;
+    const uint digits = 1U << digit_bits;
     uint next[DIGITS]; /* the place of the next element of a digit */
-    for (uint digit = 0; digit < DIGITS; ++digit) next[digit] = 0;
+    for (uint digit = 0; digit < digits; ++digit) next[digit] = 0;
     for (uint k = 0; k < n; ++k) ++next[digit_of(source[k], digit_first, digit_bits)];
     uint place = 0;
-    for (uint digit = 0; digit < DIGITS; ++digit) {
+    for (uint digit = 0; digit < digits; ++digit) {
       const uint count = next[digit];
       next[digit] = place;
       place += count;
@@ -285,9 +289,32 @@ kernel __attribute__((reqd_work_group_size(1, 1, 1))) void radix_sort_small(
     global ulong* const sorted = target;
     target = source;
     source = sorted;
+    done += digit_bits;
   }
-  if (source == elements) return;
-  for (uint k = 0; k < n; ++k) elements[k] = source[k];
+  return source;
+}
+
+/* Sorts n elements by a range of bits, with one work-item. */
+kernel __attribute__((reqd_work_group_size(1, 1, 1))) void radix_sort_small(
+    const uint n, const uint first, const uint bits, global ulong* elements, global ulong* scratch) {
+  global const ulong* sorted = sort_run(n, first, bits, elements, scratch);
+  if (sorted == elements) return;
+  for (uint k = 0; k < n; ++k) elements[k] = sorted[k];
+}
+
+/* Sorts each bucket by a range of bits; a work-item has one. The n elements stand in one of the two buffers, and in
+   `elements` afterwards. Bucket k begins at starts[k * blocks]. */
+kernel __attribute__((reqd_work_group_size(1, 1, 1))) void radix_sort_buckets(
+    const uint n, const uint blocks, const uint first, const uint bits, const uint is_in_scratch, global ulong* elements,
+    global ulong* scratch, global const uint* restrict starts) {
+  const uint bucket = (uint)get_group_id(0);
+  const uint begin = starts[bucket * blocks];
+  const uint end = bucket + 1U < (uint)get_num_groups(0) ? starts[(bucket + 1U) * blocks] : n;
+  global ulong* const own = elements + begin;
+  global ulong* const other = scratch + begin;
+  global const ulong* sorted = sort_run(end - begin, first, bits, is_in_scratch ? other : own, is_in_scratch ? own : other);
+  if (sorted == own) return;
+  for (uint k = 0; k < end - begin; ++k) own[k] = sorted[k];
 }
 
 #endif

@@ -1,6 +1,8 @@
 #include "opencl/radix_sort.hpp"
 
+#include <algorithm>
 #include <array>
+#include <bit>
 #include <string>
 #include <utility>
 
@@ -14,6 +16,9 @@ constexpr unsigned digit_bits = 8;  // at most, of a pass
 /// a multiple of it.
 constexpr std::size_t tile = 4096;
 constexpr std::size_t longest_block = 8 * tile;
+
+/// Elements of a bucket, about, so that going through counters takes little besides.
+constexpr std::size_t bucket = 2048;
 
 /// How the kernels are cut.
 struct Cut {
@@ -38,6 +43,7 @@ RadixSort::RadixSort(const Context& context) : context_(context), scan_(context)
   count_ = cl::Kernel(program, "radix_sort_count");
   scatter_ = cl::Kernel(program, "radix_sort_scatter");
   small_ = cl::Kernel(program, "radix_sort_small");
+  if (context.shape() == Shape::cpu) buckets_ = cl::Kernel(program, "radix_sort_buckets");
 }
 
 void RadixSort::enqueue_small(const cl::Buffer& elements, const cl::Buffer& scratch, cl_uint n, Bits key) {
@@ -60,6 +66,42 @@ void RadixSort::enqueue_pass(const cl::Buffer& source, const cl::Buffer& target,
   context_.queue().enqueueNDRangeKernel(scatter_, cl::NullRange, items, group);
 }
 
+void RadixSort::enqueue_digits(const cl::Buffer& elements, const cl::Buffer& scratch, cl_uint n,
+                               Blocks blocks, std::span<const Bits> keys) {
+  std::array<const cl::Buffer*, 2> buffers{&elements, &scratch};
+  for (const Bits& key : keys) {
+    // As few digits as will do, and about as long as each other.
+    unsigned digits = (key.count + digit_bits - 1) / digit_bits;
+    for (Bits digit{key.first, 0}; digits > 0; --digits, digit.first += digit.count) {
+      digit.count = (key.first + key.count - digit.first + digits - 1) / digits;
+      enqueue_pass(*buffers[0], *buffers[1], n, blocks, digit);
+      std::swap(buffers[0], buffers[1]);
+    }
+  }
+  if (buffers[0] != &elements)
+    context_.queue().enqueueCopyBuffer(scratch, elements, 0, 0, n * sizeof(cl_ulong));
+}
+
+void RadixSort::enqueue_buckets(const cl::Buffer& elements, const cl::Buffer& scratch, cl_uint n,
+                                Blocks blocks, std::span<const Bits> keys) {
+  while (!keys.empty() && keys.back().count == 0) keys = keys.first(keys.size() - 1);
+  if (keys.empty()) return;
+  const Bits top = keys.back();
+  const auto wanted = static_cast<unsigned>(std::bit_width(n / bucket));
+  const unsigned count = std::min({top.count, digit_bits, wanted});
+  enqueue_pass(elements, scratch, n, blocks, {top.first + top.count - count, count});
+  bool is_in_scratch = true;
+  for (std::size_t k = 0; k < keys.size(); ++k) {
+    const unsigned bits = keys[k].count - (k + 1 == keys.size() ? count : 0);
+    if (bits == 0 && !is_in_scratch) continue;
+    set_arguments(buckets_, 0, n, blocks.count, cl_uint{keys[k].first}, cl_uint{bits},
+                  cl_uint{is_in_scratch ? 1U : 0U}, elements, scratch, counts_);
+    context_.queue().enqueueNDRangeKernel(buckets_, cl::NullRange, cl::NDRange(std::size_t{1} << count),
+                                          cl::NDRange(1));
+    is_in_scratch = false;
+  }
+}
+
 void RadixSort::enqueue(const cl::Buffer& elements, const cl::Buffer& scratch, std::size_t n,
                         std::span<const Bits> keys) {
   if (n < 2) return;
@@ -75,18 +117,11 @@ void RadixSort::enqueue(const cl::Buffer& elements, const cl::Buffer& scratch, s
     counts_ = context_.buffer((std::size_t{blocks.count} << digit_bits) * sizeof(cl_uint));
     most_blocks_ = blocks.count;
   }
-  std::array<const cl::Buffer*, 2> buffers{&elements, &scratch};
-  for (const Bits& key : keys) {
-    // As few digits as will do, and about as long as each other.
-    unsigned digits = (key.count + digit_bits - 1) / digit_bits;
-    for (Bits digit{key.first, 0}; digits > 0; --digits, digit.first += digit.count) {
-      digit.count = (key.first + key.count - digit.first + digits - 1) / digits;
-      enqueue_pass(*buffers[0], *buffers[1], count, blocks, digit);
-      std::swap(buffers[0], buffers[1]);
-    }
+  if (context_.shape() == Shape::cpu) {
+    enqueue_buckets(elements, scratch, count, blocks, keys);
+  } else {
+    enqueue_digits(elements, scratch, count, blocks, keys);
   }
-  if (buffers[0] != &elements)
-    context_.queue().enqueueCopyBuffer(scratch, elements, 0, 0, n * sizeof(cl_ulong));
 }
 
 }  // namespace broadcl::opencl

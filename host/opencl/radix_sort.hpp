@@ -13,7 +13,8 @@ namespace broadcl::opencl {
 /// Stable sorting of 8-byte elements on the device: kernels/radix_sort.cl, which names the sources.
 ///
 /// It takes a pass over the elements for each 8 bits or part of them of each range, or, where there are few
-/// elements, one launch for each range.
+/// elements, one launch for each range. On CPUs it takes one pass by the upper bits and a launch for each
+/// range, in which those elements that agree in the upper bits are one work-item's.
 class RadixSort {
  public:
   /// A range of the bits of an element, taken as the 64-bit number that it is on a little-endian device: bit
@@ -42,11 +43,16 @@ class RadixSort {
 
  private:
   void enqueue_small(const cl::Buffer& elements, const cl::Buffer& scratch, cl_uint n, Bits key);
+  void enqueue_digits(const cl::Buffer& elements, const cl::Buffer& scratch, cl_uint n, Blocks blocks,
+                      std::span<const Bits> keys);
+  void enqueue_buckets(const cl::Buffer& elements, const cl::Buffer& scratch, cl_uint n, Blocks blocks,
+                       std::span<const Bits> keys);
   void enqueue_pass(const cl::Buffer& source, const cl::Buffer& target, cl_uint n, Blocks blocks, Bits digit);
 
   const Context& context_;
   Scan scan_;
   cl::Kernel count_, scatter_, small_;
+  cl::Kernel buckets_;       // in the shape for CPUs
   cl::Buffer counts_;        // by digit, then by block
   cl_uint most_blocks_ = 0;  // for which there are counts
 };
