@@ -50,13 +50,13 @@ TEST(Aabb, NaNIsFoundInEveryPlace) {
 
 TEST(Aabb, DoublesRoundOutward) {
   const Aabb box = round_outward({0.1, 1.0, -0.1}, {0.1, 1.0, -0.1});
-  EXPECT_LT(double{box.lower[0]}, 0.1);
-  EXPECT_GT(double{box.upper[0]}, 0.1);
+  EXPECT_LT(static_cast<double>(box.lower[0]), 0.1);
+  EXPECT_GT(static_cast<double>(box.upper[0]), 0.1);
   EXPECT_EQ(std::nextafter(box.lower[0], infinity), box.upper[0]);
   EXPECT_EQ(box.lower[1], 1.0F);
   EXPECT_EQ(box.upper[1], 1.0F);
-  EXPECT_LT(double{box.lower[2]}, -0.1);
-  EXPECT_GT(double{box.upper[2]}, -0.1);
+  EXPECT_LT(static_cast<double>(box.lower[2]), -0.1);
+  EXPECT_GT(static_cast<double>(box.upper[2]), -0.1);
 }
 
 TEST(Aabb, DoublesBeyondFloatStayOutside) {

@@ -193,7 +193,8 @@ void expect_the_same_changes(std::uint32_t n, std::uint32_t frames, std::uint64_
   add("brute force", make_brute_force);
   add("sorts now and then", make_tiles);
   add("sorts in every frame", [](const opencl::Context& context) { return make_tiles(context, 0); });
-  add("never sorts again", [](const opencl::Context& context) { return make_tiles(context, infinity); });
+  add("never sorts again",
+      [](const opencl::Context& context) { return make_tiles(context, static_cast<double>(infinity)); });
   Motion motion(n, seed);
   std::vector<Aabb> boxes(n);
   for (std::uint32_t frame = 0; frame < frames; ++frame) {
