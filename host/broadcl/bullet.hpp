@@ -107,7 +107,7 @@ class BulletBroadphase : public btBroadphaseInterface {
   [[nodiscard]] const BroadPhase& broad_phase() const noexcept;
 
  private:
-  class Impl;
+  struct Impl;
   std::unique_ptr<Impl> impl_;
 };
 
