@@ -43,7 +43,7 @@ void* allocated(void* memory) {
 FailingAllocations::FailingAllocations(long first, long count) noexcept {
   allocations_made.made = 0;
   allocations_made.first_failing = first;
-  allocations_made.first_succeeding = count > never - first ? never : first + count;
+  allocations_made.first_succeeding = first > never - count ? never : first + count;
 }
 
 FailingAllocations::~FailingAllocations() {

@@ -122,7 +122,7 @@ struct Watched<name, Result(Arguments...)> {
 
 FailingOpenCl::FailingOpenCl(long first, long count) {
   calls_made = 0;
-  first_succeeding = count > never - first ? never : first + count;
+  first_succeeding = first > never - count ? never : first + count;
   first_failing = first;
 }
 
