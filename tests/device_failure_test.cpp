@@ -22,6 +22,23 @@ namespace {
 
 using OpenClTrouble = Trouble<FailingOpenCl, FailingOpenCl::calls>;
 
+/// That what was made is released again.
+class NothingIsLeft {
+ public:
+  NothingIsLeft() = default;
+  ~NothingIsLeft() {
+    EXPECT_EQ(opencl_use().memory_references, before_.memory_references);
+    EXPECT_EQ(opencl_use().mapped_regions, before_.mapped_regions);
+  }
+  NothingIsLeft(const NothingIsLeft&) = delete;
+  NothingIsLeft& operator=(const NothingIsLeft&) = delete;
+  NothingIsLeft(NothingIsLeft&&) = delete;
+  NothingIsLeft& operator=(NothingIsLeft&&) = delete;
+
+ private:
+  OpenClUse before_ = opencl_use();
+};
+
 std::string name_of(long first, long count) {
   return "call " + std::to_string(first) + (count == 1 ? "" : " and those after it");
 }
@@ -30,6 +47,7 @@ std::string name_of(long first, long count) {
 void expect_short_lives(const BroadPhase::Config& config, long count, long step) {
   for (long first = 0, points = 1; first < points; first += step) {
     SCOPED_TRACE(name_of(first, count));
+    const NothingIsLeft nothing_is_left;
     ShortLife life(config, OpenClTrouble(first, count), {.looks = first % 2 == 0, .worlds = true});
     ASSERT_TRUE(life.live());
     points = life.trouble().points();
@@ -54,6 +72,7 @@ void expect_device_lives(const std::string& algorithm, long count) {
   const long step = is_slow_device() ? 20 : 1;
   for (long first = 0, points = 1; first < points; first += step) {
     SCOPED_TRACE(name_of(first, count));
+    const NothingIsLeft nothing_is_left;
     DeviceLife life(queue, {.algorithm = algorithm}, OpenClTrouble(first, count), {.looks = first % 2 == 0});
     ASSERT_TRUE(life.live());
     points = life.trouble().points();
@@ -120,7 +139,7 @@ TEST(DeviceFailure, MeasuringAFailingDeviceThrowsErrorsAlone) {
 /// The device fails in a life, and still does when the object goes.
 TEST_P(EachAlgorithm, AnObjectMayGoWhileItsDeviceFails) {
   if (!GetParam().on_device) return;
-  for (long first = 0, calls = 1; first < calls; first += is_slow() ? 50 : 10) {
+  for (long first = 0, calls = 1; first < calls; first += is_slow() ? 100 : 20) {
     SCOPED_TRACE(name_of(first, OpenClTrouble::for_good));
     std::optional<BroadPhase> broad_phase(config());
     const FailingOpenCl all_fail(first, OpenClTrouble::for_good);

@@ -21,6 +21,7 @@ std::atomic<long> calls_made = 0;
 std::atomic<long> first_failing = never;
 std::atomic<long> first_succeeding = never;
 
+std::atomic<cl_command_queue> last_queue = nullptr;
 std::atomic<long> blocking_calls = 0;
 std::atomic<long> memory_references = 0;
 std::atomic<long> mapped_regions = 0;
@@ -75,6 +76,7 @@ struct Watched<name, Result(Arguments...)> {
   static Result call(Arguments... arguments) {
     const std::tuple<Arguments...> all(arguments...);
     if (blocks(all)) ++blocking_calls;
+    if constexpr (text.starts_with("clEnqueue")) last_queue = std::get<0>(all);
     if (!is_reference && fails()) return failure(all);
     const Result result =
         call_next(static_cast<Result (*)(Arguments...)>(nullptr), name.text.data(), arguments...);
@@ -138,6 +140,10 @@ OpenClUse opencl_use() noexcept {
   return {.blocking_calls = blocking_calls,
           .memory_references = memory_references,
           .mapped_regions = mapped_regions};
+}
+
+void wait_for_last_queue() {
+  if (last_queue != nullptr) drain(last_queue);
 }
 
 bool is_inside_opencl() noexcept {

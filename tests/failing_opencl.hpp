@@ -26,6 +26,9 @@ struct OpenClUse {
 };
 [[nodiscard]] OpenClUse opencl_use() noexcept;
 
+/// Waits until the device has done all that the queue which was used last was given. It must still exist.
+void wait_for_last_queue();
+
 /// Whether the calling thread is inside an OpenCL call.
 [[nodiscard]] bool is_inside_opencl() noexcept;
 
