@@ -58,7 +58,9 @@ TEST_P(CallersBuffers, ThatCannotBeUsedAreRefusedAndNothingChanges) {
   broad_phase.update({.buffer = boxes(), .count = 8});
   for (const Row& row : rows) {
     SCOPED_TRACE(row.what);
-    EXPECT_THAT(error_of([&] { broad_phase.begin(row.boxes); }), HasSubstr(row.error));
+    const std::string error = error_of([&] { broad_phase.begin(row.boxes); });
+    EXPECT_THAT(error, HasSubstr(row.error));
+    if (error.empty()) broad_phase.finish();
     EXPECT_TRUE(same("pairs", queue.read(broad_phase.pairs()), all_pairs(8)));
     const auto result = broad_phase.update({.buffer = boxes(), .count = 8});
     EXPECT_EQ(result.added.count + result.removed.count, 0U);

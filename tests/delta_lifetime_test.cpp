@@ -20,10 +20,10 @@ TEST_P(EachAlgorithm, ADeltaOutlivesBeginAndWhatTheDeviceDoesThen) {
   for (std::uint32_t k = 0; k < n; ++k) broad_phase.add(unit);
   Delta delta = broad_phase.update();
   ASSERT_EQ(delta.added.size(), n * (n - 1) / 2);
-  for (int frame = 0; frame < 6; ++frame) {
+  for (int frame = 0; frame < 9; ++frame) {
     const Pairs added = to_vector(delta.added);
     const Pairs removed = to_vector(delta.removed);
-    EXPECT_GT(added.size() + removed.size(), n);
+    EXPECT_GE(added.size() + removed.size(), n / 3);
     const auto expect_unchanged = [&](const char* what) {
       EXPECT_TRUE(same(delta, added, removed)) << what << ", frame " << frame;
     };
@@ -38,13 +38,14 @@ TEST_P(EachAlgorithm, ADeltaOutlivesBeginAndWhatTheDeviceDoesThen) {
     expect_unchanged("begin()");
     wait_for_last_queue();
     expect_unchanged("the update on the device");
-    broad_phase.remove(broad_phase.add(apart(n)));
-    broad_phase.remove(0);
-    EXPECT_EQ(broad_phase.add(unit), 0U);
-    broad_phase.move(2, apart(3));
-    for (int k = 0; k < 500; ++k) broad_phase.add(apart(n + 1));
-    for (std::uint32_t id = n + 500; id-- > n;) broad_phase.remove(id);
-    expect_unchanged("changes after begin()");
+    if (frame % 2 == 0) {
+      broad_phase.remove(0);
+      EXPECT_EQ(broad_phase.add(unit), 0U);
+      broad_phase.move(2, apart(3));
+      for (int k = 0; k < 500; ++k) broad_phase.add(apart(n + 1));
+      for (std::uint32_t id = n + 500; id-- > n;) broad_phase.remove(id);
+      expect_unchanged("changes after begin()");
+    }
     delta = broad_phase.finish();
   }
 }
