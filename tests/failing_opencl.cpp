@@ -21,6 +21,7 @@ std::atomic<long> calls_made = 0;
 std::atomic<long> first_failing = never;
 std::atomic<long> first_succeeding = never;
 
+std::atomic<const char*> last_name = "";  // of those that failed
 std::atomic<cl_command_queue> last_queue = nullptr;
 std::atomic<long> blocking_calls = 0;
 std::atomic<long> memory_references = 0;
@@ -98,6 +99,7 @@ struct Watched<name, Result(Arguments...)> {
   }
 
   static Result failure(const All& all) {
+    last_name = name.text.data();
     using First = std::tuple_element_t<0, All>;
     if constexpr (std::is_same_v<First, cl_command_queue>) drain(std::get<0>(all));
     if constexpr (text == "clWaitForEvents") std::apply(waits, all);
@@ -134,6 +136,10 @@ FailingOpenCl::~FailingOpenCl() {
 
 long FailingOpenCl::calls() noexcept {
   return calls_made;
+}
+
+std::string_view FailingOpenCl::last_failed() noexcept {
+  return last_name.load();
 }
 
 OpenClUse opencl_use() noexcept {

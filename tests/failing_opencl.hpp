@@ -1,5 +1,7 @@
 #pragma once
 
+#include <string_view>
+
 namespace broadcl::test {
 
 /// Makes OpenCL calls of this program fail with CL_OUT_OF_RESOURCES as long as it lives. One at a time.
@@ -16,6 +18,9 @@ class FailingOpenCl {
 
   /// Calls that were made since it began, among those that can fail: all but those that retain and release.
   [[nodiscard]] static long calls() noexcept;
+
+  /// The name of the function that failed last; empty if none ever did.
+  [[nodiscard]] static std::string_view last_failed() noexcept;
 };
 
 /// What this program's OpenCL calls have done since it started, in all threads.
