@@ -5,13 +5,12 @@
 #include <memory>
 #include <ranges>
 #include <span>
-#include <string>
-#include <string_view>
 #include <utility>
 #include <vector>
 
 #include <broadcl/aabb.hpp>
 #include <broadcl/box_view.hpp>
+#include <broadcl/config.hpp>
 #include <broadcl/device.hpp>
 #include <broadcl/error.hpp>
 #include <broadcl/filter.hpp>
@@ -20,16 +19,6 @@
 #include <broadcl/profile.hpp>
 
 namespace broadcl {
-
-/// A row of the table of algorithms.
-struct AlgorithmInfo {
-  std::string_view name;     ///< As Config::algorithm takes it.
-  std::string_view summary;  ///< One line for people.
-  bool on_device;            ///< False for host algorithms, which need no OpenCL.
-};
-
-/// The table of algorithms, the only list there is: what is not in it does not exist.
-[[nodiscard]] std::span<const AlgorithmInfo> algorithms() noexcept;
 
 /// Keeps a set of moving boxes and tells at each update() which pairs began and which ceased to overlap.
 ///
@@ -40,11 +29,7 @@ struct AlgorithmInfo {
 /// and may live on different threads and on different devices. Can be moved, not copied.
 class BroadPhase {
  public:
-  struct Config {
-    std::string device{};            ///< As select_device() takes it.
-    std::string algorithm = "auto";  ///< A name of algorithms().
-    bool profile = false;  ///< Measure stages on the device too; costs a few microseconds an update.
-  };
+  using Config = broadcl::Config;
 
   /// Opens the device and builds the kernels.
   /// @throws Error for an unknown algorithm or device, and for whatever fails in OpenCL.
