@@ -7,8 +7,9 @@ else()
   if(CMAKE_CXX_COMPILER_ID STREQUAL "GNU" AND CMAKE_CXX_COMPILER_VERSION VERSION_LESS 13)
     target_compile_options(broadcl_warnings INTERFACE -Wno-restrict)
   endif()
-  # No fused multiply-add behind our back: scenes are the same on every machine.
+  # Comparisons with NaN count, whatever CMAKE_CXX_FLAGS say; no fused multiply-add behind our back: scenes are the
+  # same on every machine.
   target_compile_options(broadcl_warnings INTERFACE
     -Wall -Wextra -Wpedantic -Wconversion -Wsign-conversion -Wshadow -Wold-style-cast -Wnon-virtual-dtor
-    -Woverloaded-virtual -Wdouble-promotion -ffp-contract=off $<$<BOOL:${BROADCL_WERROR}>:-Werror>)
+    -Woverloaded-virtual -Wdouble-promotion -fno-fast-math -ffp-contract=off $<$<BOOL:${BROADCL_WERROR}>:-Werror>)
 endif()

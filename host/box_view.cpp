@@ -11,6 +11,8 @@
 
 #include <broadcl/error.hpp>
 
+#include "packed_box.hpp"
+
 namespace broadcl {
 namespace {
 
@@ -137,9 +139,9 @@ void BoxView::copy_to(std::span<Aabb> out) const {
 
 void BoxView::pack_to(std::span<Aabb> out) const {
   const std::size_t bad = copy(out, [](Aabb& box) {
-    if (!is_empty(box)) return true;
+    if (packed_overlaps(box, box)) return true;
     if (has_nan(box)) return false;
-    box = empty_aabb();
+    box = packed_empty();
     return true;
   });
   if (bad < size_) {

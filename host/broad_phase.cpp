@@ -4,7 +4,6 @@
 #include <array>
 #include <bit>
 #include <functional>
-#include <limits>
 #include <optional>
 #include <queue>
 #include <string>
@@ -12,18 +11,11 @@
 
 #include "algorithms/algorithm.hpp"
 #include "change_set.hpp"
+#include "packed_box.hpp"
 #include "pair_lists.hpp"
 
 namespace broadcl {
 namespace {
-
-Aabb pack(const Aabb& box) {
-  return is_empty(box) ? empty_aabb() : box;
-}
-
-/// A box that overlaps nothing, and has no NaN.
-constexpr float infinity = std::numeric_limits<float>::infinity();
-constexpr Aabb nowhere{{infinity, infinity, infinity}, {-infinity, -infinity, -infinity}};
 
 [[noreturn]] void throw_nan(const std::string& what) {
   throw Error(what + " has a NaN bound; give an empty box (lower > upper) for an object without one");
@@ -88,7 +80,7 @@ class BroadPhase::Impl {
     refuse_unknown(id);
     free_.push(id);
     set_state(id, State::free);
-    set_box(id, nowhere);
+    set_box(id, empty_aabb());
   }
 
   std::span<Aabb> map(std::size_t n) {
@@ -107,7 +99,7 @@ class BroadPhase::Impl {
     for (std::uint32_t id = 0; id < n; ++id) {
       // The caller must not meet a NaN that is not his own.
       const bool is_own = id < mapped_;
-      if (states_[id] == State::free || (!is_own && has_nan(boxes[id]))) boxes[id] = nowhere;
+      if (states_[id] == State::free || (!is_own && has_nan(boxes[id]))) boxes[id] = empty_aabb();
       if (states_[id] == State::live) continue;
       set_state(id, State::live);
       store_filter(id, Filter());
@@ -239,7 +231,7 @@ class BroadPhase::Impl {
     const auto bad = std::find_if(boxes.begin(), boxes.end(), has_nan);
     if (bad != boxes.end()) throw_nan("box " + std::to_string(bad - boxes.begin()));
     for (Aabb& box : boxes) {
-      if (is_empty(box)) box = empty_aabb();
+      if (is_empty(box)) box = packed_empty();
     }
     mapped_ = 0;
   }

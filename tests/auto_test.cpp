@@ -26,6 +26,7 @@
 #include "environment.hpp"
 #include "expect_error.hpp"
 #include "opencl/context.hpp"
+#include "packed_box.hpp"
 #include "scenes/generators.hpp"
 
 namespace broadcl::test {
@@ -379,7 +380,7 @@ TEST(Auto, FindersThatTakeTurnsFindWhatTheOracleFinds) {
         for (std::uint32_t slot = 0; slot < slots; slot += 1 + static_cast<std::uint32_t>(random() % 200)) {
           changed.push_back(slot);
           const bool goes = random() % 8 == 0;
-          both.write(slot, goes ? empty_aabb() : boxes.boxes()[slot]);
+          both.write(slot, goes ? packed_empty() : boxes.boxes()[slot]);
           if (goes || random() % 4 == 0) renewed.push_back(slot);
         }
       }

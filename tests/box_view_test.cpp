@@ -16,6 +16,7 @@
 #include <broadcl/eigen.hpp>
 
 #include "expect_error.hpp"
+#include "packed_box.hpp"
 
 namespace broadcl {
 namespace {
@@ -93,7 +94,7 @@ std::vector<Aabb> plain_boxes(const std::vector<Numbers<S>>& boxes) {
 template <class S>
 std::vector<Aabb> packed_boxes(const std::vector<Numbers<S>>& boxes) {
   std::vector<Aabb> packed = plain_boxes(boxes);
-  std::ranges::replace_if(packed, is_empty, empty_aabb());
+  std::ranges::replace_if(packed, is_empty, packed_empty());
   return packed;
 }
 
@@ -554,7 +555,7 @@ TYPED_TEST(BoxViewOf, EigenBoxes) {
   EXPECT_EQ(bits(packed(box_view(eigen_boxes))), expected);
   EXPECT_EQ(bits(packed(box_view(std::span<const Box>(eigen_boxes)))), expected);
   const std::array<Box, 2> empty_boxes{};
-  EXPECT_EQ(bits(packed(box_view(empty_boxes))), bits(std::vector(2, empty_aabb())));
+  EXPECT_EQ(bits(packed(box_view(empty_boxes))), bits(std::vector(2, packed_empty())));
   const BoxView view = box_view(eigen_boxes);
   eigen_boxes[7].min().setZero();
   eigen_boxes[7].max().setOnes();

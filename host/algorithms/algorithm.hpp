@@ -29,7 +29,7 @@ struct Changes {
 /// What an algorithm does for a BroadPhase: it stores the boxes, finds the pairs, and remembers those of the
 /// last update.
 ///
-/// Boxes lie in slots 0, 1, ...; a slot that is free or whose box is empty holds empty_aabb().
+/// Boxes lie in slots 0, 1, ...; a slot that is free or whose box is empty holds packed_empty().
 class Algorithm {
  public:
   Algorithm() = default;

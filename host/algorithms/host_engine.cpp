@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <utility>
 
+#include "packed_box.hpp"
 #include "pair_lists.hpp"
 
 namespace broadcl {
@@ -13,7 +14,7 @@ class HostEngine final : public Algorithm {
   explicit HostEngine(FindOnHost find) : find_(std::move(find)) {}
 
   void reserve(std::size_t boxes) override {
-    if (boxes > boxes_.size()) boxes_.resize(boxes, empty_aabb());
+    if (boxes > boxes_.size()) boxes_.resize(boxes, packed_empty());
   }
 
   [[nodiscard]] std::span<Aabb> boxes() noexcept override { return boxes_; }

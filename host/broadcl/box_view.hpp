@@ -84,7 +84,7 @@ class BoxView {
   /// @throws Error when `out` is smaller than the view.
   void copy_to(std::span<Aabb> out) const;
 
-  /// Copies all boxes as algorithms read them: like copy_to(), but every empty box becomes empty_aabb().
+  /// Copies all boxes as algorithms read them: like copy_to(), but every empty box becomes six NaNs.
   /// @throws Error also for a NaN bound (it names the first such box); what `out` holds is then unspecified.
   void pack_to(std::span<Aabb> out) const;
 

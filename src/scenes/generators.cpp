@@ -123,7 +123,7 @@ std::vector<Aabb> clusters(std::uint32_t count, Random& random) {
 std::vector<Aabb> empty(std::uint32_t count, Random& random) {
   return make_boxes(count, [&](std::uint32_t k) {
     Aabb box = random_box(random, 10, 5);
-    if (k % 8 == 1) return Aabb{{infinity, infinity, infinity}, {-infinity, -infinity, -infinity}};
+    if (k % 8 == 1) return empty_aabb();
     if (k % 2 == 1) std::swap(box.lower[k / 2 % 3], box.upper[k / 2 % 3]);
     return box;
   });
