@@ -78,7 +78,7 @@ class Extents : public ::testing::TestWithParam<std::string> {
   void expect(const std::vector<Aabb>& boxes) { expect_extent(context_, extent_, boxes); }
 
  private:
-  ScopedVariable shape_{"BROADCL_SHAPE", GetParam()};
+  ScopedVariable shape_{"BROADCL_TUNING", GetParam()};
   opencl::Context context_{select_device(), false};
   Extent extent_{context_};
 };

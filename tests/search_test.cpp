@@ -217,7 +217,7 @@ TEST(BruteForce, IdsPast24Bits) {
   constexpr std::uint32_t n = 17'000'000;
   constexpr std::uint32_t past = (1U << 24) + 1;
   const auto algorithm = make_algorithm({.algorithm = "brute-force"});
-  algorithm->reserve(n);
+  algorithm->reserve(n, false);
   std::ranges::fill(algorithm->boxes(), packed_empty());
   // More pairs than are put in order without sorting.
   std::vector<std::uint32_t> changed{n - 1,    0, past,      past - 1,  past - 2,
@@ -342,7 +342,7 @@ TEST_P(EachAlgorithm, TheSameCallsTellTheSameInBothShapesAndEveryRun) {
   ASSERT_GT(expected.size(), 2 * 79'800U);
   const int runs = is_slow() ? 1 : 5;
   for (const std::string shape : {"cpu", "gpu"}) {
-    const ScopedVariable variable("BROADCL_SHAPE", shape);
+    const ScopedVariable variable("BROADCL_TUNING", shape);
     for (int run = 0; run < runs; ++run) {
       ASSERT_TRUE(same("told", play(std::string(GetParam().name)), expected)) << shape << ", run " << run;
     }
