@@ -4,6 +4,7 @@
 #include <bit>
 #include <cstdint>
 #include <deque>
+#include <initializer_list>
 #include <limits>
 #include <list>
 #include <random>
@@ -391,12 +392,17 @@ struct Ball {
 };
 
 TEST(BoxView, ContiguousRangesOfAabbAreViewedOthersCopied) {
-  static_assert(std::is_convertible_v<std::vector<Aabb>, BoxView>);
+  static_assert(std::is_convertible_v<std::vector<Aabb>&, BoxView>);
   static_assert(std::is_convertible_v<const std::vector<Aabb>&, BoxView>);
   static_assert(std::is_convertible_v<std::span<const Aabb>, BoxView>);
   static_assert(std::is_convertible_v<std::span<Aabb, 3>, BoxView>);
   static_assert(std::is_convertible_v<std::array<Aabb, 3>&, BoxView>);
   static_assert(std::is_convertible_v<const Aabb(&)[3], BoxView>);  // NOLINT(modernize-avoid-c-arrays)
+  static_assert(!std::constructible_from<BoxView, std::vector<Aabb>>);
+  static_assert(!std::constructible_from<BoxView, const std::vector<Aabb>>);
+  static_assert(!std::constructible_from<BoxView, std::array<Aabb, 3>>);
+  static_assert(!std::constructible_from<BoxView, std::initializer_list<Aabb>>);
+  static_assert(AabbRange<std::vector<Aabb>> && AabbRange<std::initializer_list<Aabb>>);
   static_assert(!AabbRange<std::vector<Aabb>&> && !AabbRange<std::span<const Aabb>>);
   static_assert(AabbRange<std::list<Aabb>&> && AabbRange<std::vector<Ball>&>);
   static_assert(!std::is_convertible_v<std::list<Aabb>, BoxView>);
@@ -420,6 +426,8 @@ TEST(BoxView, PairsOfEveryKindOfRange) {
   EXPECT_EQ(overlapping_pairs(boxes, oracle), expected);
   EXPECT_EQ(overlapping_pairs(boxes), expected);
   EXPECT_EQ(overlapping_pairs(std::vector(boxes), oracle), expected);
+  EXPECT_EQ(overlapping_pairs(std::initializer_list<Aabb>{boxes[0], boxes[2]}, oracle),
+            (std::vector<Pair>{{0, 1}}));
   EXPECT_EQ(overlapping_pairs(std::span(boxes), oracle), expected);
   EXPECT_EQ(overlapping_pairs(std::span(boxes).first(3), oracle), (std::vector<Pair>{{0, 2}}));
   EXPECT_EQ(overlapping_pairs(array, oracle), expected);
@@ -521,6 +529,22 @@ TYPED_TEST(BoxViewOf, EigenMatricesOfEitherOrderAndTheirParts) {
   EXPECT_EQ(bits_of(columns), expected);
 }
 
+template <class Boxes>
+concept HasBoxView = requires(Boxes boxes()) {
+  box_view(boxes());
+};
+
+/// Temporaries that own their memory are refused.
+template <class S, class Box = Eigen::AlignedBox<S, 3>, class Matrix = Eigen::Matrix<S, Eigen::Dynamic, 6>>
+constexpr bool only_what_lasts_has_a_view =
+    HasBoxView<std::vector<Box>&>&& HasBoxView<const std::vector<Box>&>&& HasBoxView<std::span<Box>> &&
+    !HasBoxView<std::vector<Box>> && !HasBoxView<const std::vector<Box>> && HasBoxView<Matrix&> &&
+    HasBoxView<const Matrix&> && HasBoxView<Eigen::Map<const Matrix>> && HasBoxView<Eigen::Block<Matrix>> &&
+    HasBoxView<Eigen::Ref<Matrix>> && !HasBoxView<Matrix> && !HasBoxView<const Matrix> &&
+    !HasBoxView<Eigen::Array<S, 9, 6>> && HasBoxView<const Eigen::Ref<const Matrix>&> &&
+    !HasBoxView<Eigen::Ref<const Matrix>>;
+static_assert(only_what_lasts_has_a_view<float> && only_what_lasts_has_a_view<double>);
+
 TYPED_TEST(BoxViewOf, EigenMatricesAreViewedNotCopied) {
   Eigen::Matrix<TypeParam, Eigen::Dynamic, 6> matrix(2, 6);
   matrix << 0, 0, 0, 1, 1, 1, 5, 5, 5, 6, 6, 6;
@@ -532,8 +556,8 @@ TYPED_TEST(BoxViewOf, EigenMatricesAreViewedNotCopied) {
 
 TYPED_TEST(BoxViewOf, EigenMatricesHaveSixColumns) {
   using Matrix = Eigen::Matrix<TypeParam, Eigen::Dynamic, Eigen::Dynamic>;
-  EXPECT_EQ(box_view(Matrix(0, 6)).size(), 0U);
-  EXPECT_EQ(box_view(Eigen::Matrix<TypeParam, Eigen::Dynamic, 6, Eigen::RowMajor>()).size(), 0U);
+  const Matrix no_rows(0, 6);
+  EXPECT_EQ(box_view(no_rows).size(), 0U);
   for (const Eigen::Index columns : {0, 1, 5, 7}) {
     const Matrix matrix = Matrix::Zero(6, columns);
     EXPECT_THAT(test::error_of([&] { (void)box_view(matrix); }),

@@ -14,10 +14,11 @@ namespace broadcl {
 template <class S>
 concept Bound = std::same_as<S, float> || std::same_as<S, double>;
 
-/// Any contiguous range of Aabb: std::vector, std::span, an array.
+/// A contiguous range of Aabb that does not end with the expression: a std::vector or an array that has a
+/// name, or a range that owns no boxes, such as std::span. A temporary std::vector is none.
 template <class Range>
-concept AabbArray = std::ranges::contiguous_range<const Range> && std::ranges::sized_range<const Range> &&
-    std::same_as<std::ranges::range_value_t<const Range>, Aabb>;
+concept AabbArray = std::ranges::contiguous_range<Range> && std::ranges::sized_range<Range> &&
+    std::ranges::borrowed_range<Range> && std::same_as<std::ranges::range_value_t<Range>, Aabb>;
 
 /// Boxes where they lie in the caller's memory, in any layout that has one distance between boxes: a
 /// read-only view, which copies nothing.
@@ -40,7 +41,7 @@ class BoxView {
 
   /// The boxes of an array.
   template <AabbArray Range>
-  BoxView(const Range& boxes)
+  BoxView(Range&& boxes)
       : BoxView(interleaved(reinterpret_cast<const float*>(std::ranges::data(boxes)),
                             static_cast<std::size_t>(std::ranges::size(boxes)))) {}
 
@@ -122,7 +123,7 @@ class BoxView {
   std::array<const std::byte*, 6> bounds_{};  // of box 0: lower x, y, z, upper x, y, z
 };
 
-/// Any other range whose elements convert to Aabb: it has to be copied before it can be viewed.
+/// Any other range whose elements convert to Aabb.
 template <class Range>
 concept AabbRange = std::ranges::input_range<Range> && !std::convertible_to<Range, BoxView> &&
                     std::convertible_to<std::ranges::range_reference_t<Range>, Aabb>;
