@@ -63,10 +63,15 @@ TEST(KernelSource, PlacesInALogAreNamedByFileAndLine) {
   EXPECT_EQ(with_file_names("<kernel>: error", source), "<kernel>: error");
 }
 
-TEST(KernelSource, AMissingFileIsNamed) {
+TEST(KernelSource, AFileThatIsMissingOrCannotBeReadIsNamed) {
   EXPECT_THAT(test::error_of([] { (void)kernel_source("none.cl"); }), HasSubstr("none.cl"));
-  const test::ScopedVariable variable("BROADCL_KERNEL_DIR", "/nowhere");
-  EXPECT_THAT(test::error_of([] { (void)kernel_source("gpu_bf.cl"); }), HasSubstr("/nowhere/gpu_bf.cl"));
+  const test::ScopedFolder folder;
+  fs::create_directory(folder.path() / "folder.cl");
+  const test::ScopedVariable variable("BROADCL_KERNEL_DIR", folder.path());
+  for (const std::string name : {"none.cl", "folder.cl"}) {
+    EXPECT_THAT(test::error_of([&] { (void)kernel_source(name); }),
+                HasSubstr((folder.path() / name).string()));
+  }
 }
 
 class Cache : public ::testing::Test {
@@ -113,6 +118,11 @@ TEST_F(Cache, AFileThatBelongsToAnotherKeyIsNotUsed) {
   cache_.store("key", bytes_);
   fs::rename(cache_.file_of("key"), cache_.file_of("yek"));
   EXPECT_EQ(cache_.load("yek"), std::nullopt);
+}
+
+TEST_F(Cache, AFileThatCannotBeReadIsNotUsed) {
+  fs::create_directories(cache_.file_of("key"));
+  EXPECT_EQ(cache_.load("key"), std::nullopt);
 }
 
 TEST_F(Cache, AFolderThatWasAskedForMustBeWritable) {

@@ -5,7 +5,7 @@
 #include <cstdint>
 #include <cstring>
 #include <fstream>
-#include <iterator>
+#include <sstream>
 #include <system_error>
 #include <utility>
 
@@ -80,7 +80,9 @@ fs::path DiskCache::file_of(std::string_view key) const {
 std::optional<DiskCache::Bytes> DiskCache::load(std::string_view key) const {
   if (folder_.empty()) return std::nullopt;
   std::ifstream file(file_of(key), std::ios::binary);
-  const std::string all{std::istreambuf_iterator<char>(file), {}};
+  std::ostringstream text;
+  text << file.rdbuf();  // as much as can be read
+  const std::string all = std::move(text).str();
   Header header{};
   if (all.size() < sizeof header + key.size()) return std::nullopt;
   std::memcpy(&header, all.data(), sizeof header);

@@ -4,10 +4,10 @@
 #include <filesystem>
 #include <fstream>
 #include <iomanip>
-#include <iterator>
 #include <optional>
 #include <set>
 #include <sstream>
+#include <utility>
 
 #include <broadcl/error.hpp>
 
@@ -20,12 +20,12 @@ std::string read(std::string_view name) {
   if (const auto folder = environment("BROADCL_KERNEL_DIR")) {
     const auto path = std::filesystem::path(*folder) / name;
     std::ifstream file(path, std::ios::binary);
-    std::string text{std::istreambuf_iterator<char>(file), {}};
-    if (!file) {
+    std::ostringstream text;
+    if (!(text << file.rdbuf())) {
       throw Error("cannot read " + path.string() +
                   "; point BROADCL_KERNEL_DIR to the folder with BroadCL's kernels, or unset it");
     }
-    return text;
+    return std::move(text).str();
   }
   const auto files = embedded_kernel_files();
   const auto file =
