@@ -6,6 +6,7 @@
 #include <mutex>
 #include <optional>
 #include <string>
+#include <utility>
 
 #include "opencl/error.hpp"
 #include "system.hpp"
@@ -15,12 +16,14 @@ namespace {
 
 constexpr cl_int no_platform = -1001;  // CL_PLATFORM_NOT_FOUND_KHR: the loader found no implementation
 
+// Of these, all_platforms(), all_devices() and describe() throw cl::Error.
+
 std::vector<cl::Platform> all_platforms() {
   std::vector<cl::Platform> platforms;
   try {
     cl::Platform::get(&platforms);
   } catch (const cl::Error& error) {
-    if (error.err() != no_platform) throw opencl::to_error(error, "OpenCL");
+    if (error.err() != no_platform) throw;
   }
   return platforms;
 }
@@ -30,8 +33,7 @@ std::vector<cl::Device> all_devices(const cl::Platform& platform) {
   try {
     platform.getDevices(CL_DEVICE_TYPE_ALL, &found);
   } catch (const cl::Error& error) {
-    if (error.err() != CL_DEVICE_NOT_FOUND)
-      throw opencl::to_error(error, platform.getInfo<CL_PLATFORM_NAME>());
+    if (error.err() != CL_DEVICE_NOT_FOUND) throw;
   }
   return found;
 }
@@ -132,11 +134,11 @@ std::vector<Device> devices() {
   // PoCL 3.1 gives out devices that another thread's first call is still setting up.
   static std::mutex mutex;
   const std::scoped_lock lock(mutex);
+  const auto platforms = opencl::translate_errors("OpenCL", all_platforms);
   std::vector<Device> result;
-  const std::vector<cl::Platform> platforms = all_platforms();
   for (std::size_t p = 0; p < platforms.size(); ++p) {
-    const std::vector<cl::Device> found = all_devices(platforms[p]);
     opencl::translate_errors("OpenCL platform " + std::to_string(p), [&] {
+      const std::vector<cl::Device> found = all_devices(platforms[p]);
       for (std::size_t d = 0; d < found.size(); ++d) result.push_back(describe(platforms[p], found[d], p, d));
     });
   }
@@ -168,11 +170,14 @@ Device select_device(std::string_view selector, const std::vector<Device>& among
 namespace opencl {
 
 cl::Device open(const Device& device) {
-  const std::vector<cl::Platform> platforms = all_platforms();
-  if (device.platform < platforms.size()) {
+  const auto find = [&]() -> std::optional<cl::Device> {
+    const std::vector<cl::Platform> platforms = all_platforms();
+    if (device.platform >= platforms.size()) return std::nullopt;
     const std::vector<cl::Device> found = all_devices(platforms[device.platform]);
-    if (device.index < found.size()) return found[device.index];
-  }
+    if (device.index >= found.size()) return std::nullopt;
+    return found[device.index];
+  };
+  if (auto found = translate_errors(device.label(), find)) return *std::move(found);
   throw Error("device " + device.id() + " (" + device.label() + ") is no longer there; choose another");
 }
 
