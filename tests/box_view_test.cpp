@@ -35,7 +35,7 @@ constexpr S nan_of = std::numeric_limits<S>::quiet_NaN();
 template <class S>
 using Numbers = std::array<S, 6>;
 
-/// Boxes of every kind but NaN: of random numbers, a tenth of them empty, then those of the ends of the type.
+/// Boxes of every kind but NaN: random ones, about a tenth of them empty, and the limits of the type.
 template <class S>
 std::vector<Numbers<S>> boxes_of_every_kind(std::size_t n) {
   using Limits = std::numeric_limits<S>;
@@ -49,8 +49,8 @@ std::vector<Numbers<S>> boxes_of_every_kind(std::size_t n) {
       {S(1) + Limits::epsilon(), 0, 0, S(1), 1, 1},
       {S(0.1), S(0.2), S(-0.3), S(0.1), S(0.2), S(-0.3)}};
   std::mt19937 random(7);
-  std::uniform_real_distribution<S> place(-10, 10);
-  std::uniform_real_distribution<S> extent(S(-0.1), 2);
+  std::uniform_real_distribution<S> position(-10, 10);
+  std::uniform_real_distribution<S> edge(S(-0.1), 2);
   std::vector<Numbers<S>> boxes;
   for (std::size_t k = 0; k < n; ++k) {
     if (k % 50 < special.size()) {
@@ -59,8 +59,8 @@ std::vector<Numbers<S>> boxes_of_every_kind(std::size_t n) {
     }
     Numbers<S> box{};
     for (std::size_t axis = 0; axis < 3; ++axis) {
-      box[axis] = place(random);
-      box[axis + 3] = box[axis] + extent(random);
+      box[axis] = position(random);
+      box[axis + 3] = box[axis] + edge(random);
     }
     boxes.push_back(box);
   }
@@ -109,7 +109,7 @@ std::vector<Aabb> packed(const BoxView& view) {
   return out;
 }
 
-/// Boxes in memory that ends with the last of them and holds NaN where no bound lies.
+/// Boxes in memory that ends with the last of them, with NaN between the bounds.
 template <class S>
 struct Layout {
   std::string name;
@@ -118,7 +118,7 @@ struct Layout {
 };
 
 /// @param step Numbers from a box to the next.
-/// @param make Makes the view, given a function that returns where bound `index` of box 0 lies.
+/// @param make Makes the view, given a function that returns the address of bound `index` of box 0.
 template <class S, class Make>
 Layout<S> lay_out(std::string name, const std::vector<Numbers<S>>& boxes,
                   const std::array<std::size_t, 6>& first, std::ptrdiff_t step, const Make& make) {
@@ -126,15 +126,15 @@ Layout<S> lay_out(std::string name, const std::vector<Numbers<S>>& boxes,
   std::array<std::size_t, 6> origin = first;
   const std::size_t last = boxes.empty() ? 0 : boxes.size() - 1;
   if (step < 0) {
-    for (std::size_t& place : origin) place += last * static_cast<std::size_t>(-step);
+    for (std::size_t& index : origin) index += last * static_cast<std::size_t>(-step);
   }
   const std::size_t end = *std::max_element(first.begin(), first.end()) + 1 +
                           last * static_cast<std::size_t>(step < 0 ? -step : step);
   layout.memory.assign(end, nan_of<S>);
   for (std::size_t k = 0; k < boxes.size(); ++k) {
     for (std::size_t index = 0; index < 6; ++index) {
-      const auto place = static_cast<std::ptrdiff_t>(origin[index]) + static_cast<std::ptrdiff_t>(k) * step;
-      layout.memory[static_cast<std::size_t>(place)] = boxes[k][index];
+      const auto offset = static_cast<std::ptrdiff_t>(origin[index]) + static_cast<std::ptrdiff_t>(k) * step;
+      layout.memory[static_cast<std::size_t>(offset)] = boxes[k][index];
     }
   }
   const auto bound = [&](std::size_t index) -> const S* { return layout.memory.data() + origin[index]; };
@@ -210,7 +210,7 @@ TYPED_TEST(BoxViewOf, AStrideOfZeroRepeatsABox) {
   EXPECT_EQ(packed(BoxView::interleaved(box.data(), 3, 0)), std::vector(3, Aabb{{0, 1, 2}, {3, 4, 5}}));
 }
 
-TYPED_TEST(BoxViewOf, ANaNIsNamedWhereverItStands) {
+TYPED_TEST(BoxViewOf, ANaNIsNamedWhicheverBoundItIs) {
   for (std::size_t index = 0; index < 6; ++index) {
     std::vector<Numbers<TypeParam>> boxes(5, {0, 0, 0, 1, 1, 1});
     boxes[2] = {1, 1, 1, 0, 0, 0};  // empty, and no error
@@ -229,26 +229,26 @@ TYPED_TEST(BoxViewOf, ANaNIsNamedWhereverItStands) {
 
 TYPED_TEST(BoxViewOf, OfManyNaNsTheFirstIsNamedWhateverTheThreadsDo) {
   const auto boxes = boxes_of_every_kind<TypeParam>(of_many_threads);
-  // Among them the last of a thread and the first of the next, where there are two threads or three.
+  // Among them the last of a thread and the first of the next, with two threads and with three.
   for (const std::size_t first :
        std::array<std::size_t, 6>{0, 66'666, 66'667, 100'000, 100'001, of_many_threads - 1}) {
-    auto bad = boxes;
+    auto invalid = boxes;
     for (const std::size_t later : std::array<std::size_t, 6>{0, 1, 500, 40'000, 90'000, 130'000}) {
-      if (first + later < bad.size()) bad[first + later][later % 6] = nan_of<TypeParam>;
+      if (first + later < invalid.size()) invalid[first + later][later % 6] = nan_of<TypeParam>;
     }
-    const auto view = BoxView::interleaved(bad[0].data(), bad.size());
+    const auto view = BoxView::interleaved(invalid[0].data(), invalid.size());
     EXPECT_THAT(test::error_of([&] { (void)packed(view); }),
                 HasSubstr("box " + std::to_string(first) + " has"));
   }
 }
 
-TYPED_TEST(BoxViewOf, BadMemoryIsAnErrorThatSaysWhatToDo) {
+TYPED_TEST(BoxViewOf, InvalidMemoryIsAnErrorThatSaysWhatToDo) {
   using S = TypeParam;
   const std::vector<S> numbers(20);
   const S* some = numbers.data();
   const S* null = nullptr;
-  const auto* odd = reinterpret_cast<const S*>(reinterpret_cast<const std::byte*>(some) + 2);
-  const std::string multiple = "no multiple of " + std::to_string(sizeof(S));
+  const auto* misaligned = reinterpret_cast<const S*>(reinterpret_cast<const std::byte*>(some) + 2);
+  const std::string multiple = "not a multiple of " + std::to_string(sizeof(S));
   const auto error_of = [](const auto& make) { return test::error_of([&] { (void)make(); }); };
 
   EXPECT_THAT(error_of([&] { return BoxView::interleaved(null, 2); }),
@@ -256,7 +256,7 @@ TYPED_TEST(BoxViewOf, BadMemoryIsAnErrorThatSaysWhatToDo) {
   EXPECT_THAT(error_of([&] { return BoxView::corners(null, some, 2); }), HasSubstr("null"));
   EXPECT_THAT(error_of([&] { return BoxView::corners(some, null, 2); }), HasSubstr("null"));
   for (std::size_t index = 0; index < 6; ++index) {
-    for (const S* wrong : {null, odd}) {
+    for (const S* wrong : {null, misaligned}) {
       std::array<const S*, 6> bounds{some, some, some, some, some, some};
       bounds[index] = wrong;
       EXPECT_THAT(error_of([&] {
@@ -266,8 +266,8 @@ TYPED_TEST(BoxViewOf, BadMemoryIsAnErrorThatSaysWhatToDo) {
                   HasSubstr(wrong == null ? "null" : multiple + " bytes; copy"));
     }
   }
-  EXPECT_THAT(error_of([&] { return BoxView::interleaved(odd, 2); }), HasSubstr(multiple));
-  EXPECT_THAT(error_of([&] { return BoxView::corners(some, odd, 2); }), HasSubstr(multiple));
+  EXPECT_THAT(error_of([&] { return BoxView::interleaved(misaligned, 2); }), HasSubstr(multiple));
+  EXPECT_THAT(error_of([&] { return BoxView::corners(some, misaligned, 2); }), HasSubstr(multiple));
 
   EXPECT_THAT(error_of([&] { return BoxView::interleaved(some, 2, 25); }),
               AllOf(HasSubstr("stride of 25 bytes"), HasSubstr(multiple), HasSubstr("copy the boxes")));
@@ -294,11 +294,11 @@ TYPED_TEST(BoxViewOf, ACopyThatDoesNotFitIsAnError) {
   std::vector<Aabb> out(1);
   for (const auto copy : {&BoxView::copy_to, &BoxView::pack_to}) {
     EXPECT_THAT(test::error_of([&] { (view.*copy)(out); }),
-                AllOf(HasSubstr("2 boxes do not fit where 1"), HasSubstr("give memory for all")));
+                AllOf(HasSubstr("2 boxes do not fit into memory for 1;"), HasSubstr("give memory for all")));
   }
-  std::vector<Aabb> roomy(3, unit);
-  view.pack_to(roomy);
-  EXPECT_EQ(roomy, (std::vector<Aabb>{Aabb{}, Aabb{}, unit}));
+  std::vector<Aabb> larger(3, unit);
+  view.pack_to(larger);
+  EXPECT_EQ(larger, (std::vector<Aabb>{Aabb{}, Aabb{}, unit}));
 }
 
 TEST(BoxView, PairsOfDoublesAreASupersetByTheirRounding) {
@@ -315,7 +315,7 @@ TEST(BoxView, PairsOfDoublesAreASupersetByTheirRounding) {
   EXPECT_TRUE(touch(1 + 5e-8, 1 + 5e-8));
 }
 
-TEST(BoxView, BoxesInAStructAreViewedWhereTheyLie) {
+TEST(BoxView, BoxesInAStructAreViewedInPlace) {
   struct Particle {
     std::array<double, 3> lower;
     float mass;
@@ -329,7 +329,7 @@ TEST(BoxView, BoxesInAStructAreViewedWhereTheyLie) {
   EXPECT_EQ(overlapping_pairs(view), (std::vector<Pair>{{0, 2}}));
 }
 
-/// Converts to Aabb, and is none.
+/// Converts to Aabb, but is not one.
 struct Ball {
   std::array<float, 3> centre;
   float radius;
@@ -382,9 +382,9 @@ TEST(BoxView, PairsOfEveryKindOfRange) {
   EXPECT_EQ(overlapping_pairs(balls, oracle), expected);
   EXPECT_EQ(overlapping_pairs(std::list(boxes.begin(), boxes.end()), oracle), expected);
   EXPECT_EQ(overlapping_pairs(std::deque(balls.begin(), balls.end()), oracle), expected);
-  std::list<Aabb> bad(3, unit);
-  bad.back().lower[1] = nan_of<float>;
-  EXPECT_THAT(test::error_of([&] { (void)overlapping_pairs(bad, oracle); }), HasSubstr("box 2"));
+  std::list<Aabb> invalid(3, unit);
+  invalid.back().lower[1] = nan_of<float>;
+  EXPECT_THAT(test::error_of([&] { (void)overlapping_pairs(invalid, oracle); }), HasSubstr("box 2"));
 }
 
 #if !defined(__clang__) || __clang_major__ >= 16  // before, Clang does not compile the views of libstdc++

@@ -131,7 +131,7 @@ std::string Device::label() const {
 }
 
 std::vector<Device> devices() {
-  // PoCL 3.1 gives out devices that another thread's first call is still setting up.
+  // PoCL 3.1 returns devices that another thread's first call is still setting up.
   static std::mutex mutex;
   const std::scoped_lock lock(mutex);
   const auto platforms = opencl::translate_errors("OpenCL", all_platforms);
@@ -164,7 +164,7 @@ Device select_device(std::string_view selector, const std::vector<Device>& among
     return among.front();
   }
   if (const auto device = best_of(among, matcher_of(selector))) return *device;
-  throw Error("no OpenCL device matches '" + std::string(selector) + "'; there is: " + list_of(among));
+  throw Error("no OpenCL device matches '" + std::string(selector) + "'; use one of: " + list_of(among));
 }
 
 namespace opencl {
@@ -178,24 +178,24 @@ cl::Device open(const Device& device) {
     return found[device.index];
   };
   if (auto found = translate_errors(device.label(), find)) return *std::move(found);
-  throw Error("device " + device.id() + " (" + device.label() + ") is no longer there; choose another");
+  throw Error("device " + device.id() + " (" + device.label() + ") is no longer available; choose another");
 }
 
 Device describe(const cl::CommandQueue& queue) {
   return translate_errors("the queue's device", [&] {
     const auto device = queue.getInfo<CL_QUEUE_DEVICE>();
-    cl::Device whole = device;
+    cl::Device root = device;
     for (cl::Device part = device; part() != nullptr; part = part.getInfo<CL_DEVICE_PARENT_DEVICE>())
-      whole = part;
+      root = part;
     const cl::Platform platform(device.getInfo<CL_DEVICE_PLATFORM>(), true);
     const std::vector<cl::Platform> platforms = all_platforms();
     const std::vector<cl::Device> siblings = all_devices(platform);
-    const auto place = [](const auto& list, const auto& one) {
+    const auto index_of = [](const auto& list, const auto& one) {
       return static_cast<std::size_t>(
           std::find_if(list.begin(), list.end(), [&](const auto& other) { return other() == one(); }) -
           list.begin());
     };
-    return broadcl::describe(platform, device, place(platforms, platform), place(siblings, whole));
+    return broadcl::describe(platform, device, index_of(platforms, platform), index_of(siblings, root));
   });
 }
 

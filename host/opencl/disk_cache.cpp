@@ -62,13 +62,13 @@ bool write(const fs::path& path, const Header& header, std::string_view key, std
 DiskCache::DiskCache() {
   if (const auto folder = environment("BROADCL_CACHE_DIR")) {
     folder_ = *folder;
-    asked_for_ = true;
+    is_named_ = true;
   } else if (const auto caches = user_cache_directory()) {
     folder_ = *caches / "broadcl";
   }
 }
 
-DiskCache::DiskCache(fs::path folder) : folder_(std::move(folder)), asked_for_(true) {}
+DiskCache::DiskCache(fs::path folder) : folder_(std::move(folder)), is_named_(true) {}
 
 fs::path DiskCache::file_of(std::string_view key) const {
   constexpr std::string_view digits = "0123456789abcdef";
@@ -103,7 +103,7 @@ void DiskCache::store(std::string_view key, const Bytes& bytes) const {
   if (written && !failure) return;
   std::error_code ignored;
   fs::remove(temporary, ignored);
-  if (asked_for_) {
+  if (is_named_) {
     throw Error("cannot write the cache of kernels in " + folder_.string() +
                 "; set BROADCL_CACHE_DIR to a folder that can be written, or unset it");
   }

@@ -23,7 +23,7 @@ std::string read(std::string_view name) {
     std::ostringstream text;
     if (!(text << file.rdbuf())) {
       throw Error("cannot read " + path.string() +
-                  "; point BROADCL_KERNEL_DIR to the folder with BroadCL's kernels, or unset it");
+                  "; set BROADCL_KERNEL_DIR to the folder with BroadCL's kernels, or unset it");
     }
     return std::move(text).str();
   }
@@ -58,8 +58,8 @@ void append(std::string& out, const std::string& name, std::set<std::string>& se
   }
 }
 
-/// "file:line" of a line of a source, counted from 1, from the `#line` directive before it.
-std::string place_of(std::size_t line, const std::string& source) {
+/// "file:line" of a line (from 1) of a source, by the `#line` directive before it.
+std::string location_of(std::size_t line, const std::string& source) {
   std::istringstream lines(source);
   std::string file;
   std::size_t number = 0;
@@ -86,7 +86,7 @@ std::string with_file_names(const std::string& log, const std::string& source) {
     const std::size_t digits = at + mark.size();
     const std::size_t end = log.find_first_not_of("0123456789", digits);
     if (end == digits || end == std::string::npos) break;
-    result += log.substr(done, at - done) + place_of(std::stoul(log.substr(digits, end - digits)), source);
+    result += log.substr(done, at - done) + location_of(std::stoul(log.substr(digits, end - digits)), source);
     done = end;
   }
   return result + log.substr(done);
