@@ -103,7 +103,7 @@ TEST(Aabb, PackingMakesEveryEmptyBoxTheSame) {
   }
 }
 
-TEST(Aabb, NaNIsFoundInEveryPlace) {
+TEST(Aabb, NaNIsFoundInEveryBound) {
   EXPECT_FALSE(has_nan(unit));
   for (std::size_t axis = 0; axis < 3; ++axis) {
     Aabb box = unit;

@@ -21,7 +21,7 @@ struct Aabb {
 
   friend bool operator==(const Aabb&, const Aabb&) = default;
 };
-static_assert(sizeof(Aabb) == 24, "24 bytes a box cross the bus");
+static_assert(sizeof(Aabb) == 24, "24 bytes per box cross the bus");
 
 namespace detail {
 

@@ -114,14 +114,19 @@ class BroadPhase {
 [[nodiscard]] std::vector<Pair> overlapping_pairs(const BoxView& boxes,
                                                   const BroadPhase::Config& config = BroadPhase::Config());
 
-/// The same for boxes that a BoxView cannot view; it copies them.
+/// The same for any other range of boxes, temporary ones included. Those that no BoxView could view are
+/// copied.
 template <AabbRange Range>
 [[nodiscard]] std::vector<Pair> overlapping_pairs(Range&& boxes,
                                                   const BroadPhase::Config& config = BroadPhase::Config()) {
-  std::vector<Aabb> copy;
-  if constexpr (std::ranges::sized_range<Range>) copy.reserve(std::ranges::size(boxes));
-  for (auto&& box : boxes) copy.push_back(std::forward<decltype(box)>(box));
-  return overlapping_pairs(copy, config);
+  if constexpr (AabbArray<Range&>) {
+    return overlapping_pairs(BoxView(boxes), config);
+  } else {
+    std::vector<Aabb> copy;
+    if constexpr (std::ranges::sized_range<Range>) copy.reserve(std::ranges::size(boxes));
+    for (auto&& box : boxes) copy.push_back(std::forward<decltype(box)>(box));
+    return overlapping_pairs(copy, config);
+  }
 }
 
 }  // namespace broadcl
