@@ -20,7 +20,7 @@
 namespace broadcl {
 namespace {
 
-/// Objects that all are other ones than in the last frame, so that each search finds all pairs.
+/// Objects that are all new in every frame, so that each search finds all pairs.
 Search renewed(const opencl::Context& context, const std::vector<Aabb>& boxes) {
   const std::size_t n = boxes.size();
   const cl::CommandQueue& queue = context.queue();
@@ -57,9 +57,9 @@ void time_whole_list(benchmark::State& state, const std::filesystem::path& file)
     delta.begin({.search = search, .find = find});
     return delta.finish().added.size();
   };
-  const std::size_t overlapping = pairs();  // which makes room
+  const std::size_t overlapping = pairs();  // the lists grow here, untimed
   for ([[maybe_unused]] auto _ : state) {
-    if (pairs() != overlapping) state.SkipWithError("the number of pairs changes");
+    if (pairs() != overlapping) state.SkipWithError("the number of pairs changed");
     state.SetIterationTime(seconds);
   }
   state.counters["overlapping"] = static_cast<double>(overlapping);
