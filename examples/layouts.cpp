@@ -1,4 +1,4 @@
-// Boxes that lie in memory of your own, as they lie there: which of them overlap?
+// Finds the overlapping pairs of boxes in your own memory, in whatever layout they have.
 #include <array>
 #include <cstdio>
 #include <exception>

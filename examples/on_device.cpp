@@ -1,4 +1,4 @@
-// Boxes that a program of one's own has on the device already: pairs are found there and stay there.
+// Boxes that your program has on the device already: pairs are found there and stay there.
 #include <algorithm>
 #include <cstdio>
 #include <cstdlib>
@@ -17,7 +17,7 @@ void check(cl_int code, const char* call) {
   std::exit(1);
 }
 
-/// The first device of the first platform that has one.
+/// The first device of the first platform that has any.
 cl_device_id first_device() {
   std::vector<cl_platform_id> platforms(16);
   cl_uint count = 0;
@@ -40,7 +40,7 @@ int main() {
   cl_command_queue queue = clCreateCommandQueue(context, device, 0, &code);
   check(code, "clCreateCommandQueue");
 
-  // A row of boxes, each of which reaches into the next.
+  // A row of boxes, each of which overlaps the next.
   std::vector<broadcl::Aabb> boxes;
   for (int k = 0; k < 1000; ++k) {
     const auto x = static_cast<float>(k);
@@ -52,7 +52,7 @@ int main() {
   {
     broadcl::DeviceBroadPhase broad_phase(queue);
     const auto result = broad_phase.update({.buffer = buffer, .count = boxes.size()});
-    // A kernel of one's own would read result.added.buffer now, in the same queue.
+    // Your own kernel would now read result.added.buffer, in the same queue.
     std::printf("%s: %zu boxes, %zu pairs, %zu of them new\n", broad_phase.device().name.c_str(),
                 boxes.size(), result.pairs, result.added.count);
   }
