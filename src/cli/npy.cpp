@@ -133,8 +133,7 @@ class HeaderParser {
 
 /// Reads up to `size` bytes; fewer if the stream ends early.
 std::string read_bytes(std::istream& stream, std::size_t size) {
-  constexpr std::size_t chunk =
-      1'048'576;  // a header may claim more than there is, so memory grows with the data
+  constexpr std::size_t chunk = 1'048'576;  // memory grows with the data, whatever the header claims
   std::string bytes;
   while (bytes.size() < size) {
     const std::size_t old_size = bytes.size();

@@ -87,8 +87,7 @@ class RecordingReader {
   std::uint32_t boxes_ = 0;
   std::uint32_t frames_ = 0;
   BoundType bounds_;
-  std::size_t corner_size_ =
-      0;  // bytes from a box's lower corner to its upper one, and from there to the next box
+  std::size_t corner_size_ = 0;  // bytes from a box's lower corner to its upper one; half a box
   std::streamoff data_begin_ = 0;
   std::uint64_t next_block_ = 0;
   std::string bytes_;  // of a block

@@ -249,8 +249,7 @@ Exit run(const Options& options) {
   const StudySettings settings = document ? settings_of(*document) : new_settings(options);
   const std::vector<Device> devices =
       chosen_devices(options, settings, document ? device_labels(*document) : std::vector<std::string>());
-  if (!options.frames_csv.empty())
-    (void)OutputFile(options.frames_csv);  // fails early if it cannot be written
+  if (!options.frames_csv.empty()) (void)OutputFile(options.frames_csv);  // fails now if it cannot be written
   const nlohmann::ordered_json before = document.value_or(nullptr);
   if (!document) document = new_document(settings);
   for (const Device& device : devices) add_device(*document, device);

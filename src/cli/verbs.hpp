@@ -18,9 +18,8 @@ enum class Exit {
 
 /// A verb of the program.
 struct Verb {
-  CLI::App* arguments;  ///< Owned by the program's parser.
-  std::function<Exit()>
-      run;  ///< To be called after parsing. For bad input it throws Error before it prints anything.
+  CLI::App* arguments;        ///< Owned by the program's parser.
+  std::function<Exit()> run;  ///< Called after parsing. For bad input it throws Error and prints nothing.
 };
 
 [[nodiscard]] Verb add_devices(CLI::App& program);
