@@ -3,7 +3,6 @@
 #include <BulletCollision/BroadphaseCollision/btBroadphaseProxy.h>
 
 #include <cstdint>
-#include <limits>
 
 #include <broadcl/aabb.hpp>
 
@@ -49,10 +48,7 @@ struct Proxy : btBroadphaseProxy {
 /// The box as the core has it, rounded outward where Bullet's precision is double. One that overlaps nothing
 /// becomes an empty box without NaN, which equals itself.
 [[nodiscard]] inline Aabb box_of(const btVector3& lower, const btVector3& upper) {
-  constexpr float infinity = std::numeric_limits<float>::infinity();
-  if (!overlaps(lower, upper, lower, upper)) {
-    return {{infinity, infinity, infinity}, {-infinity, -infinity, -infinity}};
-  }
+  if (!overlaps(lower, upper, lower, upper)) return empty_aabb();
 #ifdef BT_USE_DOUBLE_PRECISION
   return round_outward({lower.x(), lower.y(), lower.z()}, {upper.x(), upper.y(), upper.z()});
 #else
