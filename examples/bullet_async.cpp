@@ -11,7 +11,7 @@
 
 constexpr int frames = 60;
 
-// What the program does besides: a water surface of many waves, some milliseconds of computation.
+// The other work: a water surface of many waves, some milliseconds of computation.
 float water(int frame) {
   float highest = 0;
   for (int x = 0; x < 300; ++x) {

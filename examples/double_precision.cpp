@@ -15,23 +15,23 @@ int main() try {
   broadcl::BulletBroadphase broadphase;
   btDiscreteDynamicsWorld world(&dispatcher, &broadphase, &solver, &configuration);
 
-  const btVector3 place(1e8, 0, 0);
+  const btVector3 far_away(1e8, 0, 0);
   btBoxShape floor_shape({10, 1, 10});
   btRigidBody floor(btRigidBody::btRigidBodyConstructionInfo(0, nullptr, &floor_shape));
-  floor.getWorldTransform().setOrigin(place - btVector3(0, 1, 0));
+  floor.getWorldTransform().setOrigin(far_away - btVector3(0, 1, 0));
   world.addRigidBody(&floor);
 
   btSphereShape ball_shape(0.5);
   btVector3 inertia;
   ball_shape.calculateLocalInertia(1, inertia);
   btRigidBody::btRigidBodyConstructionInfo info(1, nullptr, &ball_shape, inertia);
-  info.m_startWorldTransform.setOrigin(place + btVector3(0.25, 3, 0));
+  info.m_startWorldTransform.setOrigin(far_away + btVector3(0.25, 3, 0));
   btRigidBody ball(info);
   world.addRigidBody(&ball);
 
   for (int frame = 0; frame < 240; ++frame) world.stepSimulation(1.0 / 60, 0);
-  const btVector3 rest = ball.getWorldTransform().getOrigin() - place;
-  std::printf("the ball rests %.3f m above the floor and %.3f m beside its middle\n", rest.y() - 0.5,
+  const btVector3 rest = ball.getWorldTransform().getOrigin() - far_away;
+  std::printf("the ball rests %.3f m above the floor and %.3f m beside its centre\n", rest.y() - 0.5,
               rest.x());
   world.removeRigidBody(&ball);
   world.removeRigidBody(&floor);

@@ -1,4 +1,4 @@
-// Boxes that lie in memory of your own, as they lie there: which of them overlap?
+// Which boxes overlap? They stay in your own memory, in your own layout.
 #include <array>
 #include <cstdio>
 #include <exception>

@@ -1,4 +1,4 @@
-// Boxes that a program of one's own has on the device already: pairs are found there and stay there.
+// Boxes that a program already has on the device: pairs are found there and stay there.
 #include <algorithm>
 #include <cstdio>
 #include <cstdlib>
@@ -52,7 +52,7 @@ int main() {
   {
     broadcl::DeviceBroadPhase broad_phase(queue);
     const auto result = broad_phase.update({.buffer = buffer, .count = boxes.size()});
-    // A kernel of one's own would read result.added.buffer now, in the same queue.
+    // The program's own kernel would read result.added.buffer now, in the same queue.
     std::printf("%s: %zu boxes, %zu pairs, %zu of them new\n", broad_phase.device().name.c_str(),
                 boxes.size(), result.pairs, result.added.count);
   }

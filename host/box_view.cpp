@@ -11,12 +11,14 @@
 
 #include <broadcl/error.hpp>
 
+#include "packed_box.hpp"
+
 namespace broadcl {
 namespace {
 
 using Bounds = std::array<const std::byte*, 6>;
 
-/// Boxes that lie as an array of Aabb does.
+/// Boxes in the layout of an array of Aabb.
 struct Packed {
   const std::byte* boxes;
 
@@ -57,14 +59,14 @@ struct Strided {
 /// Splits 0 .. n-1 among threads and returns the least of what `part(begin, end)` returns.
 template <class Part>
 std::size_t least_of_parts(std::size_t n, const Part& part) {
-  constexpr std::size_t boxes_a_thread = std::size_t{1} << 16U;
-  if (n < 2 * boxes_a_thread) return part(0, n);
+  constexpr std::size_t boxes_per_thread = std::size_t{1} << 16U;
+  if (n < 2 * boxes_per_thread) return part(0, n);
   const std::size_t threads =
-      std::clamp<std::size_t>(std::thread::hardware_concurrency(), 1, n / boxes_a_thread);
+      std::clamp<std::size_t>(std::thread::hardware_concurrency(), 1, n / boxes_per_thread);
   const auto begin = [&](std::size_t thread) { return n / threads * thread + std::min(thread, n % threads); };
   std::vector<std::future<std::size_t>> others;
   for (std::size_t thread = 1; thread < threads; ++thread) {
-    // Where no thread can be had, get() below runs the part.
+    // If no thread can be started, get() below runs the part.
     others.push_back(
         std::async(std::launch::async | std::launch::deferred, part, begin(thread), begin(thread + 1)));
   }
@@ -79,16 +81,16 @@ void BoxView::check(const void* pointer, std::size_t alignment, std::size_t n, s
   const auto refuse = [n](const std::string& why) {
     throw Error("a view of " + std::to_string(n) + " boxes " + why);
   };
-  if (pointer == nullptr) refuse("has a null pointer; give 0 boxes where there are none");
+  if (pointer == nullptr) refuse("has a null pointer; give 0 boxes if there are none");
   if (reinterpret_cast<std::uintptr_t>(pointer) % alignment != 0) {
-    refuse("has a pointer that is no multiple of " + std::to_string(alignment) +
+    refuse("has a pointer that is not a multiple of " + std::to_string(alignment) +
            " bytes; copy the boxes to aligned memory");
   }
   if (stride % static_cast<std::ptrdiff_t>(alignment) != 0) {
-    refuse("has a stride of " + std::to_string(stride) + " bytes, which is no multiple of " +
+    refuse("has a stride of " + std::to_string(stride) + " bytes, which is not a multiple of " +
            std::to_string(alignment) + "; give the bytes from one box to the next, or copy the boxes");
   }
-  // Neither the boxes nor a copy of them may be larger than a pointer difference can tell.
+  // Neither the boxes nor a copy of them may be larger than the largest pointer difference.
   const std::size_t distance =
       stride < 0 ? std::size_t{0} - static_cast<std::size_t>(stride) : static_cast<std::size_t>(stride);
   if (n > std::numeric_limits<std::ptrdiff_t>::max() / std::max(distance, sizeof(Aabb))) {
@@ -107,13 +109,13 @@ auto BoxView::with_layout(const Function& function) const {
   return is_packed ? function(Packed{bounds_[0]}) : function(Strided<float>{bounds_, stride_});
 }
 
-/// Copies the boxes. Stops at one for which `prepare(box)` is false and returns its position: the lowest
-/// such, and size() where there is none.
+/// Copies the boxes. Stops at one for which `prepare(box)` is false and returns its index: the lowest such,
+/// or size() if there is none.
 template <class Prepare>
 std::size_t BoxView::copy(std::span<Aabb> out, const Prepare& prepare) const {
   if (out.size() < size_) {
-    throw Error(std::to_string(size_) + " boxes do not fit where " + std::to_string(out.size()) +
-                " have room; give memory for all boxes of the view");
+    throw Error(std::to_string(size_) + " boxes do not fit into memory for " + std::to_string(out.size()) +
+                "; give memory for all boxes of the view");
   }
   return with_layout([&](const auto& boxes) {
     return least_of_parts(size_, [boxes, out, n = size_, &prepare](std::size_t begin, std::size_t end) {
@@ -136,14 +138,14 @@ void BoxView::copy_to(std::span<Aabb> out) const {
 }
 
 void BoxView::pack_to(std::span<Aabb> out) const {
-  const std::size_t bad = copy(out, [](Aabb& box) {
-    if (!is_empty(box)) return true;
+  const std::size_t invalid = copy(out, [](Aabb& box) {
+    if (packed_overlaps(box, box)) return true;
     if (has_nan(box)) return false;
-    box = empty_aabb();
+    box = packed_empty();
     return true;
   });
-  if (bad < size_) {
-    throw Error("box " + std::to_string(bad) +
+  if (invalid < size_) {
+    throw Error("box " + std::to_string(invalid) +
                 " has a NaN bound; give an empty box (lower > upper) for an object without one");
   }
 }

@@ -1,9 +1,17 @@
+#include <algorithm>
+#include <array>
+#include <bit>
 #include <cmath>
+#include <cstdint>
 #include <limits>
+#include <vector>
 
 #include <gtest/gtest.h>
 
 #include <broadcl/eigen.hpp>
+
+#include "fast_math.hpp"
+#include "packed_box.hpp"
 
 namespace broadcl {
 namespace {
@@ -32,11 +40,70 @@ TEST(Aabb, EmptyBoxesAreInvertedOrNaN) {
   EXPECT_FALSE(is_empty(unit));
   EXPECT_FALSE(is_empty({{1, 1, 1}, {1, 1, 1}}));
   EXPECT_TRUE(is_empty({{0, 2, 0}, {1, 1, 1}}));
-  EXPECT_TRUE(is_empty(empty_aabb()));
-  EXPECT_FALSE(overlaps(empty_aabb(), {{-infinity, -infinity, -infinity}, {infinity, infinity, infinity}}));
+  EXPECT_TRUE(is_empty({{0, 0, 0}, {1, 1, nan_value}}));
+  EXPECT_TRUE(is_empty(packed_empty()));
 }
 
-TEST(Aabb, NaNIsFoundInEveryPlace) {
+TEST(Aabb, EmptyBoxesOverlapNothingNotEvenInfiniteBoxes) {
+  constexpr Aabb all{{-infinity, -infinity, -infinity}, {infinity, infinity, infinity}};
+  EXPECT_TRUE(overlaps(all, all));
+  EXPECT_EQ(empty_aabb(), (Aabb{all.upper, all.lower}));
+  for (const Aabb& empty : {empty_aabb(), packed_empty(), Aabb{{0, 2, 0}, {1, 1, 1}},
+                            Aabb{{0, 0, infinity}, {1, 1, -infinity}}, Aabb{{0, 0, 0}, {1, nan_value, 1}}}) {
+    EXPECT_TRUE(is_empty(empty));
+    for (const Aabb& other : {all, unit, empty}) {
+      EXPECT_FALSE(overlaps(empty, other));
+      EXPECT_FALSE(overlaps(other, empty));
+    }
+  }
+}
+
+/// Boxes whose bounds are special numbers, most of them empty.
+std::vector<Aabb> special_boxes() {
+  constexpr float denormal = std::numeric_limits<float>::denorm_min();
+  constexpr float largest = std::numeric_limits<float>::max();
+  const std::array numbers{-nan_value, -infinity, -largest, -1.0F,   -denormal, -0.0F,
+                           0.0F,       denormal,  1.0F,     largest, infinity,  nan_value};
+  std::vector<Aabb> boxes;
+  for (const float lower : numbers) {
+    for (const float upper : numbers) {
+      boxes.push_back({{0, lower, 0}, {1, upper, 1}});
+      boxes.push_back({{lower, lower, lower}, {upper, upper, upper}});
+    }
+  }
+  return boxes;
+}
+
+/// By floating-point comparisons.
+test::Answers defined_answers(const Aabb& s, const Aabb& t) {
+  const auto is_nan = [](float bound) { return std::isnan(bound); };
+  return {.has_nan = std::ranges::any_of(s.lower, is_nan) || std::ranges::any_of(s.upper, is_nan),
+          .is_empty = !packed_overlaps(s, s),
+          .overlap = packed_overlaps(s, s) && packed_overlaps(t, t) && packed_overlaps(s, t)};
+}
+
+TEST(Aabb, SpecialNumbersAreJudgedAsDefinedEvenByConsumersWithFastMath) {
+  const std::vector<Aabb> boxes = special_boxes();
+  for (std::size_t s = 0; s < boxes.size(); ++s) {
+    for (std::size_t t = 0; t < boxes.size(); ++t) {
+      const test::Answers expected = defined_answers(boxes[s], boxes[t]);
+      ASSERT_EQ(has_nan(boxes[s]), expected.has_nan) << s;
+      ASSERT_EQ(is_empty(boxes[s]), expected.is_empty) << s;
+      ASSERT_EQ(overlaps(boxes[s], boxes[t]), expected.overlap) << s << ", " << t;
+      ASSERT_TRUE(test::fast_math_answers(boxes[s], boxes[t]) == expected) << s << ", " << t;
+    }
+  }
+}
+
+TEST(Aabb, PackingMakesEveryEmptyBoxTheSame) {
+  for (const Aabb& box : special_boxes()) {
+    using Bits = std::array<std::uint32_t, 6>;
+    const Aabb expected = is_empty(box) ? packed_empty() : box;
+    EXPECT_EQ(std::bit_cast<Bits>(pack(box)), std::bit_cast<Bits>(expected));
+  }
+}
+
+TEST(Aabb, NaNIsFoundInEveryBound) {
   EXPECT_FALSE(has_nan(unit));
   for (std::size_t axis = 0; axis < 3; ++axis) {
     Aabb box = unit;

@@ -4,6 +4,7 @@
 #include <bit>
 #include <cstdint>
 #include <deque>
+#include <initializer_list>
 #include <limits>
 #include <list>
 #include <random>
@@ -16,6 +17,7 @@
 #include <broadcl/eigen.hpp>
 
 #include "expect_error.hpp"
+#include "packed_box.hpp"
 
 namespace broadcl {
 namespace {
@@ -33,7 +35,7 @@ constexpr S nan_of = std::numeric_limits<S>::quiet_NaN();
 template <class S>
 using Numbers = std::array<S, 6>;
 
-/// Boxes of every kind but NaN: of random numbers, a tenth of them empty, then those of the ends of the type.
+/// Boxes of every kind but NaN: random ones, about a tenth of them empty, and the limits of the type.
 template <class S>
 std::vector<Numbers<S>> boxes_of_every_kind(std::size_t n) {
   using Limits = std::numeric_limits<S>;
@@ -47,8 +49,8 @@ std::vector<Numbers<S>> boxes_of_every_kind(std::size_t n) {
       {S(1) + Limits::epsilon(), 0, 0, S(1), 1, 1},
       {S(0.1), S(0.2), S(-0.3), S(0.1), S(0.2), S(-0.3)}};
   std::mt19937 random(7);
-  std::uniform_real_distribution<S> place(-10, 10);
-  std::uniform_real_distribution<S> extent(S(-0.1), 2);
+  std::uniform_real_distribution<S> position(-10, 10);
+  std::uniform_real_distribution<S> edge(S(-0.1), 2);
   std::vector<Numbers<S>> boxes;
   for (std::size_t k = 0; k < n; ++k) {
     if (k % 50 < special.size()) {
@@ -57,8 +59,8 @@ std::vector<Numbers<S>> boxes_of_every_kind(std::size_t n) {
     }
     Numbers<S> box{};
     for (std::size_t axis = 0; axis < 3; ++axis) {
-      box[axis] = place(random);
-      box[axis + 3] = box[axis] + extent(random);
+      box[axis] = position(random);
+      box[axis + 3] = box[axis] + edge(random);
     }
     boxes.push_back(box);
   }
@@ -78,22 +80,13 @@ Aabb expected_box(const Numbers<double>& box) {
   return round_outward({box[0], box[1], box[2]}, {box[3], box[4], box[5]});
 }
 
-/// The boxes as a plain array.
-template <class S>
-std::vector<Aabb> plain_boxes(const std::vector<Numbers<S>>& boxes) {
-  constexpr Aabb inverted{{1, 1, 1}, {0, 0, 0}};
-  std::vector<Aabb> plain(boxes.size());
-  std::ranges::transform(boxes, plain.begin(), [&](const Numbers<S>& box) {
-    return is_empty_box(box) ? inverted : expected_box(box);
-  });
-  return plain;
-}
-
 /// What a view of the boxes packs.
 template <class S>
 std::vector<Aabb> packed_boxes(const std::vector<Numbers<S>>& boxes) {
-  std::vector<Aabb> packed = plain_boxes(boxes);
-  std::ranges::replace_if(packed, is_empty, empty_aabb());
+  std::vector<Aabb> packed(boxes.size());
+  std::ranges::transform(boxes, packed.begin(), [](const Numbers<S>& box) {
+    return is_empty_box(box) ? packed_empty() : expected_box(box);
+  });
   return packed;
 }
 
@@ -116,7 +109,7 @@ std::vector<Aabb> packed(const BoxView& view) {
   return out;
 }
 
-/// Boxes in memory that ends with the last of them and holds NaN where no bound lies.
+/// Boxes in memory that ends with the last of them, with NaN between the bounds.
 template <class S>
 struct Layout {
   std::string name;
@@ -125,7 +118,7 @@ struct Layout {
 };
 
 /// @param step Numbers from a box to the next.
-/// @param make Makes the view, given a function that returns where bound `index` of box 0 lies.
+/// @param make Makes the view, given a function that returns the address of bound `index` of box 0.
 template <class S, class Make>
 Layout<S> lay_out(std::string name, const std::vector<Numbers<S>>& boxes,
                   const std::array<std::size_t, 6>& first, std::ptrdiff_t step, const Make& make) {
@@ -133,15 +126,15 @@ Layout<S> lay_out(std::string name, const std::vector<Numbers<S>>& boxes,
   std::array<std::size_t, 6> origin = first;
   const std::size_t last = boxes.empty() ? 0 : boxes.size() - 1;
   if (step < 0) {
-    for (std::size_t& place : origin) place += last * static_cast<std::size_t>(-step);
+    for (std::size_t& index : origin) index += last * static_cast<std::size_t>(-step);
   }
   const std::size_t end = *std::max_element(first.begin(), first.end()) + 1 +
                           last * static_cast<std::size_t>(step < 0 ? -step : step);
   layout.memory.assign(end, nan_of<S>);
   for (std::size_t k = 0; k < boxes.size(); ++k) {
     for (std::size_t index = 0; index < 6; ++index) {
-      const auto place = static_cast<std::ptrdiff_t>(origin[index]) + static_cast<std::ptrdiff_t>(k) * step;
-      layout.memory[static_cast<std::size_t>(place)] = boxes[k][index];
+      const auto offset = static_cast<std::ptrdiff_t>(origin[index]) + static_cast<std::ptrdiff_t>(k) * step;
+      layout.memory[static_cast<std::size_t>(offset)] = boxes[k][index];
     }
   }
   const auto bound = [&](std::size_t index) -> const S* { return layout.memory.data() + origin[index]; };
@@ -166,10 +159,8 @@ std::vector<Layout<S>> layouts(const std::vector<Numbers<S>>& boxes) {
                        const auto& make) { all.push_back(lay_out(name, boxes, first, step, make)); };
   add("interleaved", {0, 1, 2, 3, 4, 5}, 6, interleaved);
   add("interleaved, padded", {3, 4, 5, 6, 7, 8}, 11, interleaved);
-  add("interleaved, reversed", {0, 1, 2, 3, 4, 5}, -6, interleaved);
   add("interleaved, reversed and padded", {1, 2, 3, 4, 5, 6}, -9, interleaved);
   add("corners", {0, 1, 2, 3 * n, 3 * n + 1, 3 * n + 2}, 3, corners);
-  add("corners, four numbers each", {0, 1, 2, 4 * n, 4 * n + 1, 4 * n + 2}, 4, corners);
   add("corners, upper first and apart", {5, 6, 7, 1, 2, 3}, 9, corners);
   add("corners, reversed", {3 * n, 3 * n + 1, 3 * n + 2, 0, 1, 2}, -3, corners);
   add("arrays", {0, n, 2 * n, 3 * n, 4 * n, 5 * n}, 1, arrays);
@@ -191,16 +182,13 @@ TYPED_TEST(BoxViewOf, EveryLayoutReadsTheSameBoxes) {
     for (const Layout<TypeParam>& layout : layouts(boxes)) {
       ASSERT_EQ(layout.view.size(), n) << layout.name;
       ASSERT_TRUE(bits(packed(layout.view)) == expected) << layout.name << ", " << n;
-      const std::vector<Aabb> out = copied(layout.view);
-      for (std::size_t k = 0; k < n; ++k) {
-        ASSERT_TRUE(bits(std::span(&out[k], 1)) == bits(std::vector{layout.view[k]})) << layout.name << k;
-        if (is_empty_box(boxes[k])) {
-          ASSERT_TRUE(is_empty(out[k]) && !has_nan(out[k])) << layout.name << k;
-        } else {
-          ASSERT_TRUE(bits(std::span(&out[k], 1)) == bits(std::vector{expected_box(boxes[k])}))
-              << layout.name << k;
-        }
-      }
+      std::vector<Aabb> out = copied(layout.view);
+      std::vector<Aabb> one_by_one;
+      for (std::size_t k = 0; k < n; ++k) one_by_one.push_back(layout.view[k]);
+      ASSERT_TRUE(bits(one_by_one) == bits(out)) << layout.name;
+      ASSERT_TRUE(std::ranges::none_of(out, has_nan)) << layout.name;
+      std::ranges::transform(out, out.begin(), pack);
+      ASSERT_TRUE(bits(out) == expected) << layout.name;
     }
   }
 }
@@ -213,43 +201,16 @@ TYPED_TEST(BoxViewOf, NoBoxesNeedNoMemory) {
     EXPECT_EQ(view.size(), 0U);
     view.copy_to({});
     view.pack_to({});
-    EXPECT_TRUE(overlapping_pairs(view, {.algorithm = "oracle"}).empty());
-    EXPECT_TRUE(overlapping_pairs(view).empty());
   }
-}
-
-TYPED_TEST(BoxViewOf, PartsOfAnArrayAreViewsToo) {
-  const auto boxes = boxes_of_every_kind<TypeParam>(100);
-  const std::vector<Aabb> all = packed_boxes(boxes);
-  const auto part = BoxView::interleaved(boxes[20].data(), 30);
-  EXPECT_EQ(bits(packed(part)), bits(std::span(all).subspan(20, 30)));
-  const auto every_third = BoxView::interleaved(boxes[1].data(), 33, 3 * sizeof(boxes[0]));
-  ASSERT_EQ(every_third.size(), 33U);
-  const std::vector<Aabb> out = packed(every_third);
-  for (std::size_t k = 0; k < 33; ++k)
-    EXPECT_EQ(bits(std::span(out).subspan(k, 1)), bits(std::span(all).subspan(1 + 3 * k, 1)));
+  EXPECT_TRUE(overlapping_pairs(BoxView()).empty());
 }
 
 TYPED_TEST(BoxViewOf, AStrideOfZeroRepeatsABox) {
   const Numbers<TypeParam> box{0, 1, 2, 3, 4, 5};
   EXPECT_EQ(packed(BoxView::interleaved(box.data(), 3, 0)), std::vector(3, Aabb{{0, 1, 2}, {3, 4, 5}}));
-  EXPECT_EQ(overlapping_pairs(BoxView::interleaved(box.data(), 3, 0), {.algorithm = "oracle"}),
-            (std::vector<Pair>{{0, 1}, {0, 2}, {1, 2}}));
 }
 
-TYPED_TEST(BoxViewOf, PairsAreThoseOfThePlainArray) {
-  const auto boxes = boxes_of_every_kind<TypeParam>(700);
-  for (const char* algorithm : {"oracle", "brute-force"}) {
-    const std::vector<Pair> expected = overlapping_pairs(plain_boxes(boxes), {.algorithm = algorithm});
-    ASSERT_GT(expected.size(), 700U);
-    for (const Layout<TypeParam>& layout : layouts(boxes)) {
-      EXPECT_EQ(overlapping_pairs(layout.view, {.algorithm = algorithm}), expected)
-          << algorithm << ", " << layout.name;
-    }
-  }
-}
-
-TYPED_TEST(BoxViewOf, ANaNIsNamedWhereverItStands) {
+TYPED_TEST(BoxViewOf, ANaNIsNamedWhicheverBoundItIs) {
   for (std::size_t index = 0; index < 6; ++index) {
     std::vector<Numbers<TypeParam>> boxes(5, {0, 0, 0, 1, 1, 1});
     boxes[2] = {1, 1, 1, 0, 0, 0};  // empty, and no error
@@ -262,34 +223,32 @@ TYPED_TEST(BoxViewOf, ANaNIsNamedWhereverItStands) {
           << layout.name;
       EXPECT_TRUE(has_nan(layout.view[3])) << layout.name;
       EXPECT_TRUE(has_nan(copied(layout.view)[3])) << layout.name;
-      EXPECT_THAT(test::error_of([&] { (void)overlapping_pairs(layout.view); }), HasSubstr("box 3"));
     }
   }
 }
 
 TYPED_TEST(BoxViewOf, OfManyNaNsTheFirstIsNamedWhateverTheThreadsDo) {
   const auto boxes = boxes_of_every_kind<TypeParam>(of_many_threads);
-  // Among them the last of a thread and the first of the next, where there are two threads or three.
+  // Among them the last of a thread and the first of the next, with two threads and with three.
   for (const std::size_t first :
        std::array<std::size_t, 6>{0, 66'666, 66'667, 100'000, 100'001, of_many_threads - 1}) {
-    auto bad = boxes;
+    auto invalid = boxes;
     for (const std::size_t later : std::array<std::size_t, 6>{0, 1, 500, 40'000, 90'000, 130'000}) {
-      if (first + later < bad.size()) bad[first + later][later % 6] = nan_of<TypeParam>;
+      if (first + later < invalid.size()) invalid[first + later][later % 6] = nan_of<TypeParam>;
     }
-    for (const Layout<TypeParam>& layout : layouts(bad)) {
-      const auto text = test::error_of([&] { (void)packed(layout.view); });
-      EXPECT_THAT(text, HasSubstr("box " + std::to_string(first) + " has")) << layout.name;
-    }
+    const auto view = BoxView::interleaved(invalid[0].data(), invalid.size());
+    EXPECT_THAT(test::error_of([&] { (void)packed(view); }),
+                HasSubstr("box " + std::to_string(first) + " has"));
   }
 }
 
-TYPED_TEST(BoxViewOf, BadMemoryIsAnErrorThatSaysWhatToDo) {
+TYPED_TEST(BoxViewOf, InvalidMemoryIsAnErrorThatSaysWhatToDo) {
   using S = TypeParam;
   const std::vector<S> numbers(20);
   const S* some = numbers.data();
   const S* null = nullptr;
-  const auto* odd = reinterpret_cast<const S*>(reinterpret_cast<const std::byte*>(some) + 2);
-  const std::string multiple = "no multiple of " + std::to_string(sizeof(S));
+  const auto* misaligned = reinterpret_cast<const S*>(reinterpret_cast<const std::byte*>(some) + 2);
+  const std::string multiple = "not a multiple of " + std::to_string(sizeof(S));
   const auto error_of = [](const auto& make) { return test::error_of([&] { (void)make(); }); };
 
   EXPECT_THAT(error_of([&] { return BoxView::interleaved(null, 2); }),
@@ -297,7 +256,7 @@ TYPED_TEST(BoxViewOf, BadMemoryIsAnErrorThatSaysWhatToDo) {
   EXPECT_THAT(error_of([&] { return BoxView::corners(null, some, 2); }), HasSubstr("null"));
   EXPECT_THAT(error_of([&] { return BoxView::corners(some, null, 2); }), HasSubstr("null"));
   for (std::size_t index = 0; index < 6; ++index) {
-    for (const S* wrong : {null, odd}) {
+    for (const S* wrong : {null, misaligned}) {
       std::array<const S*, 6> bounds{some, some, some, some, some, some};
       bounds[index] = wrong;
       EXPECT_THAT(error_of([&] {
@@ -307,8 +266,8 @@ TYPED_TEST(BoxViewOf, BadMemoryIsAnErrorThatSaysWhatToDo) {
                   HasSubstr(wrong == null ? "null" : multiple + " bytes; copy"));
     }
   }
-  EXPECT_THAT(error_of([&] { return BoxView::interleaved(odd, 2); }), HasSubstr(multiple));
-  EXPECT_THAT(error_of([&] { return BoxView::corners(some, odd, 2); }), HasSubstr(multiple));
+  EXPECT_THAT(error_of([&] { return BoxView::interleaved(misaligned, 2); }), HasSubstr(multiple));
+  EXPECT_THAT(error_of([&] { return BoxView::corners(some, misaligned, 2); }), HasSubstr(multiple));
 
   EXPECT_THAT(error_of([&] { return BoxView::interleaved(some, 2, 25); }),
               AllOf(HasSubstr("stride of 25 bytes"), HasSubstr(multiple), HasSubstr("copy the boxes")));
@@ -335,35 +294,28 @@ TYPED_TEST(BoxViewOf, ACopyThatDoesNotFitIsAnError) {
   std::vector<Aabb> out(1);
   for (const auto copy : {&BoxView::copy_to, &BoxView::pack_to}) {
     EXPECT_THAT(test::error_of([&] { (view.*copy)(out); }),
-                AllOf(HasSubstr("2 boxes do not fit where 1"), HasSubstr("give memory for all")));
+                AllOf(HasSubstr("2 boxes do not fit into memory for 1;"), HasSubstr("give memory for all")));
   }
-  std::vector<Aabb> roomy(3, unit);
-  view.pack_to(roomy);
-  EXPECT_EQ(roomy, (std::vector<Aabb>{Aabb{}, Aabb{}, unit}));
+  std::vector<Aabb> larger(3, unit);
+  view.pack_to(larger);
+  EXPECT_EQ(larger, (std::vector<Aabb>{Aabb{}, Aabb{}, unit}));
 }
 
-TEST(BoxView, DoublesRoundOutward) {
-  const auto pairs = [](const std::vector<Numbers<double>>& boxes) {
-    return overlapping_pairs(BoxView::interleaved(boxes[0].data(), boxes.size()));
+TEST(BoxView, PairsOfDoublesAreASupersetByTheirRounding) {
+  const auto touch = [](double upper, double lower) {
+    const std::vector<Numbers<double>> boxes{{0, 0, 0, upper, 1, 1}, {lower, 0, 0, 2, 1, 1}};
+    return !overlapping_pairs(BoxView::interleaved(boxes[0].data(), 2), {.algorithm = "oracle"}).empty();
   };
-  const std::vector<Pair> one{{0, 1}};
-  EXPECT_EQ(pairs({{0, 0, 0, 1, 1, 1}, {1, 0, 0, 2, 1, 1}}), one);
-  // Apart, by less than float32 resolves: the float32 boxes touch.
-  EXPECT_EQ(pairs({{0, 0, 0, 1, 1, 1}, {1 + 1e-12, 0, 0, 2, 1, 1}}), one);
-  EXPECT_EQ(pairs({{0, 0, 0, 1 - 1e-12, 1, 1}, {1, 0, 0, 2, 1, 1}}), one);
-  EXPECT_TRUE(pairs({{0, 0, 0, 1, 1, 1}, {1 + 1e-3, 0, 0, 2, 1, 1}}).empty());
+  EXPECT_TRUE(touch(1, 1));
+  // Apart, by less than float32 resolves.
+  EXPECT_TRUE(touch(1, 1 + 1e-12));
+  EXPECT_TRUE(touch(1 - 1e-12, 1));
+  EXPECT_FALSE(touch(1, 1 + 1e-3));
   // Both bounds between the same two float32: to the nearest they would part.
-  EXPECT_EQ(pairs({{0, 0, 0, 1 + 5e-8, 1, 1}, {1 + 5e-8, 0, 0, 2, 1, 1}}), one);
+  EXPECT_TRUE(touch(1 + 5e-8, 1 + 5e-8));
 }
 
-TEST(BoxView, ADoubleBoxThatIsBarelyInvertedIsEmpty) {
-  const std::vector<Numbers<double>> boxes{{0, 0, 0, 1, 1, 1}, {0.3 + 1e-12, 0, 0, 0.3, 1, 1}};
-  const auto view = BoxView::interleaved(boxes[0].data(), 2);
-  EXPECT_TRUE(is_empty(view[1]) && !has_nan(view[1]));
-  EXPECT_TRUE(overlapping_pairs(view, {.algorithm = "oracle"}).empty());
-}
-
-TEST(BoxView, BoxesInAStructAreViewedWhereTheyLie) {
+TEST(BoxView, BoxesInAStructAreViewedInPlace) {
   struct Particle {
     std::array<double, 3> lower;
     float mass;
@@ -372,13 +324,12 @@ TEST(BoxView, BoxesInAStructAreViewedWhereTheyLie) {
   std::vector<Particle> particles(3, {{0, 0, 0}, nan_of<float>, {1, 1, 1}});
   const auto view = BoxView::corners(particles[0].lower.data(), particles[0].upper.data(), particles.size(),
                                      sizeof(Particle));
-  EXPECT_EQ(copied(view), std::vector(3, unit));
   particles[1] = {{5, 5, 5}, 1, {6, 6, 6}};
   EXPECT_EQ(view[1], (Aabb{{5, 5, 5}, {6, 6, 6}}));
   EXPECT_EQ(overlapping_pairs(view), (std::vector<Pair>{{0, 2}}));
 }
 
-/// Converts to Aabb, and is none.
+/// Converts to Aabb, but is not one.
 struct Ball {
   std::array<float, 3> centre;
   float radius;
@@ -390,12 +341,17 @@ struct Ball {
 };
 
 TEST(BoxView, ContiguousRangesOfAabbAreViewedOthersCopied) {
-  static_assert(std::is_convertible_v<std::vector<Aabb>, BoxView>);
+  static_assert(std::is_convertible_v<std::vector<Aabb>&, BoxView>);
   static_assert(std::is_convertible_v<const std::vector<Aabb>&, BoxView>);
   static_assert(std::is_convertible_v<std::span<const Aabb>, BoxView>);
   static_assert(std::is_convertible_v<std::span<Aabb, 3>, BoxView>);
   static_assert(std::is_convertible_v<std::array<Aabb, 3>&, BoxView>);
   static_assert(std::is_convertible_v<const Aabb(&)[3], BoxView>);  // NOLINT(modernize-avoid-c-arrays)
+  static_assert(!std::constructible_from<BoxView, std::vector<Aabb>>);
+  static_assert(!std::constructible_from<BoxView, const std::vector<Aabb>>);
+  static_assert(!std::constructible_from<BoxView, std::array<Aabb, 3>>);
+  static_assert(!std::constructible_from<BoxView, std::initializer_list<Aabb>>);
+  static_assert(AabbRange<std::vector<Aabb>> && AabbRange<std::initializer_list<Aabb>>);
   static_assert(!AabbRange<std::vector<Aabb>&> && !AabbRange<std::span<const Aabb>>);
   static_assert(AabbRange<std::list<Aabb>&> && AabbRange<std::vector<Ball>&>);
   static_assert(!std::is_convertible_v<std::list<Aabb>, BoxView>);
@@ -405,7 +361,6 @@ TEST(BoxView, ContiguousRangesOfAabbAreViewedOthersCopied) {
   std::vector<Aabb> boxes(3, unit);
   const BoxView view = boxes;
   boxes[1] = {{5, 5, 5}, {6, 6, 6}};
-  EXPECT_EQ(view[1], boxes[1]);
   EXPECT_EQ(copied(view), boxes);
 }
 
@@ -416,21 +371,20 @@ TEST(BoxView, PairsOfEveryKindOfRange) {
   const BroadPhase::Config oracle{.algorithm = "oracle"};
   const std::array<Aabb, 4> array{boxes[0], boxes[1], boxes[2], boxes[3]};
   const Aabb c_array[] = {boxes[0], boxes[1], boxes[2], boxes[3]};  // NOLINT(modernize-avoid-c-arrays)
-  EXPECT_EQ(overlapping_pairs(boxes, oracle), expected);
   EXPECT_EQ(overlapping_pairs(boxes), expected);
   EXPECT_EQ(overlapping_pairs(std::vector(boxes), oracle), expected);
+  EXPECT_EQ(overlapping_pairs(std::initializer_list<Aabb>{boxes[0], boxes[2]}, oracle),
+            (std::vector<Pair>{{0, 1}}));
   EXPECT_EQ(overlapping_pairs(std::span(boxes), oracle), expected);
   EXPECT_EQ(overlapping_pairs(std::span(boxes).first(3), oracle), (std::vector<Pair>{{0, 2}}));
   EXPECT_EQ(overlapping_pairs(array, oracle), expected);
   EXPECT_EQ(overlapping_pairs(c_array, oracle), expected);
   EXPECT_EQ(overlapping_pairs(balls, oracle), expected);
   EXPECT_EQ(overlapping_pairs(std::list(boxes.begin(), boxes.end()), oracle), expected);
-  const std::deque<Ball> deque(balls.begin(), balls.end());
-  EXPECT_EQ(overlapping_pairs(deque, oracle), expected);
-  EXPECT_EQ(overlapping_pairs(deque), expected);
-  std::list<Aabb> bad(3, unit);
-  bad.back().lower[1] = nan_of<float>;
-  EXPECT_THAT(test::error_of([&] { (void)overlapping_pairs(bad, oracle); }), HasSubstr("box 2"));
+  EXPECT_EQ(overlapping_pairs(std::deque(balls.begin(), balls.end()), oracle), expected);
+  std::list<Aabb> invalid(3, unit);
+  invalid.back().lower[1] = nan_of<float>;
+  EXPECT_THAT(test::error_of([&] { (void)overlapping_pairs(invalid, oracle); }), HasSubstr("box 2"));
 }
 
 #if !defined(__clang__) || __clang_major__ >= 16  // before, Clang does not compile the views of libstdc++
@@ -445,8 +399,8 @@ TEST(BoxView, PairsOfViewsOfTheStandardLibrary) {
             (std::vector<Pair>{{0, 2}, {1, 2}}));
   const auto is_left = [](const Aabb& box) { return box.lower[0] < 3; };
   EXPECT_EQ(overlapping_pairs(boxes | std::views::filter(is_left), oracle), (std::vector<Pair>{{0, 1}}));
-  EXPECT_EQ(overlapping_pairs(boxes | std::views::reverse, oracle), (std::vector<Pair>{{0, 2}}));
-  EXPECT_EQ(overlapping_pairs(boxes | std::views::drop(1) | std::views::reverse), std::vector<Pair>{});
+  EXPECT_EQ(overlapping_pairs(boxes | std::views::reverse | std::views::drop(1), oracle),
+            std::vector<Pair>{});
   static_assert(std::is_convertible_v<decltype(boxes | std::views::drop(1)), BoxView>);
 }
 #endif
@@ -485,24 +439,18 @@ TYPED_TEST(BoxViewOf, EigenMatricesOfEitherOrderAndTheirParts) {
     Matrix larger = Matrix::Constant(70, 9, nan_of<S>);
     larger.block(4, 2, 60, 6) = matrix;
     EXPECT_EQ(bits_of(larger.block(4, 2, 60, 6)), expected);
-    EXPECT_EQ(bits_of(larger.template block<60, 6>(4, 2)), expected);
-    EXPECT_EQ(bits_of(larger.middleRows(4, 60).middleCols(2, 6)), expected);
     EXPECT_EQ(bits_of(std::as_const(larger).middleRows(4, 60).middleCols(2, 6)), expected);
-    EXPECT_EQ(bits_of(larger.block(9, 2, 1, 6)), bits(packed(BoxView::interleaved(boxes[5].data(), 1))));
     const Eigen::Ref<const Matrix> ref = larger.block(4, 2, 60, 6);
     EXPECT_EQ(bits_of(ref), expected);
     const Eigen::Ref<Matrix, 0, AnyStride> strided_ref = larger.block(4, 2, 60, 6);
     EXPECT_EQ(bits_of(strided_ref), expected);
     const Eigen::Map<const Matrix> map(matrix.data(), 60, 6);
-    EXPECT_EQ(bits_of(map), expected);
     EXPECT_EQ(bits_of(map.array()), expected);
     const Matrix across = matrix.transpose();
     EXPECT_EQ(bits_of(across.transpose()), expected);
-    EXPECT_EQ(overlapping_pairs(box_view(matrix)), overlapping_pairs(plain_boxes(boxes)));
   };
   test_order(matrix_of<ColumnMajor>(boxes));
   test_order(matrix_of<RowMajor>(boxes));
-  EXPECT_EQ(bits_of(matrix_of<Eigen::Matrix<S, Eigen::Dynamic, 6>>(boxes)), expected);
   EXPECT_EQ(bits_of(matrix_of<Eigen::Matrix<S, 60, 6, Eigen::RowMajor>>(boxes)), expected);
   EXPECT_EQ(bits_of(matrix_of<Eigen::Array<S, Eigen::Dynamic, 6>>(boxes)), expected);
   Eigen::Matrix<S, 1, 6> row;
@@ -520,6 +468,22 @@ TYPED_TEST(BoxViewOf, EigenMatricesOfEitherOrderAndTheirParts) {
   EXPECT_EQ(bits_of(columns), expected);
 }
 
+template <class Boxes>
+concept HasBoxView = requires(Boxes boxes()) {
+  box_view(boxes());
+};
+
+/// Temporaries that own their memory are refused.
+template <class S, class Box = Eigen::AlignedBox<S, 3>, class Matrix = Eigen::Matrix<S, Eigen::Dynamic, 6>>
+constexpr bool only_what_lasts_has_a_view =
+    HasBoxView<std::vector<Box>&>&& HasBoxView<const std::vector<Box>&>&& HasBoxView<std::span<Box>> &&
+    !HasBoxView<std::vector<Box>> && !HasBoxView<const std::vector<Box>> && HasBoxView<Matrix&> &&
+    HasBoxView<const Matrix&> && HasBoxView<Eigen::Map<const Matrix>> && HasBoxView<Eigen::Block<Matrix>> &&
+    HasBoxView<Eigen::Ref<Matrix>> && !HasBoxView<Matrix> && !HasBoxView<const Matrix> &&
+    !HasBoxView<Eigen::Array<S, 9, 6>> && HasBoxView<const Eigen::Ref<const Matrix>&> &&
+    !HasBoxView<Eigen::Ref<const Matrix>>;
+static_assert(only_what_lasts_has_a_view<float> && only_what_lasts_has_a_view<double>);
+
 TYPED_TEST(BoxViewOf, EigenMatricesAreViewedNotCopied) {
   Eigen::Matrix<TypeParam, Eigen::Dynamic, 6> matrix(2, 6);
   matrix << 0, 0, 0, 1, 1, 1, 5, 5, 5, 6, 6, 6;
@@ -531,8 +495,8 @@ TYPED_TEST(BoxViewOf, EigenMatricesAreViewedNotCopied) {
 
 TYPED_TEST(BoxViewOf, EigenMatricesHaveSixColumns) {
   using Matrix = Eigen::Matrix<TypeParam, Eigen::Dynamic, Eigen::Dynamic>;
-  EXPECT_EQ(box_view(Matrix(0, 6)).size(), 0U);
-  EXPECT_EQ(box_view(Eigen::Matrix<TypeParam, Eigen::Dynamic, 6, Eigen::RowMajor>()).size(), 0U);
+  const Matrix no_rows(0, 6);
+  EXPECT_EQ(box_view(no_rows).size(), 0U);
   for (const Eigen::Index columns : {0, 1, 5, 7}) {
     const Matrix matrix = Matrix::Zero(6, columns);
     EXPECT_THAT(test::error_of([&] { (void)box_view(matrix); }),
@@ -554,11 +518,7 @@ TYPED_TEST(BoxViewOf, EigenBoxes) {
   EXPECT_EQ(bits(packed(box_view(eigen_boxes))), expected);
   EXPECT_EQ(bits(packed(box_view(std::span<const Box>(eigen_boxes)))), expected);
   const std::array<Box, 2> empty_boxes{};
-  EXPECT_EQ(bits(packed(box_view(empty_boxes))), bits(std::vector(2, empty_aabb())));
-  const BoxView view = box_view(eigen_boxes);
-  eigen_boxes[7].min().setZero();
-  eigen_boxes[7].max().setOnes();
-  EXPECT_EQ(view[7], unit);
+  EXPECT_EQ(bits(packed(box_view(empty_boxes))), bits(std::vector(2, packed_empty())));
   eigen_boxes.clear();
   EXPECT_EQ(box_view(eigen_boxes).size(), 0U);
 }

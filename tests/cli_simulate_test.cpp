@@ -126,7 +126,7 @@ TEST(Simulate, EndsWhereTheDeviceFails) {
       if (++frames == 2) failing.emplace(0, 1'000'000);
     });
   });
-  EXPECT_TRUE(error.starts_with("stopped in frame 2, where the broad phase said: ")) << error;
+  EXPECT_TRUE(error.starts_with("stopped in frame 2, when the broad phase reported: ")) << error;
   EXPECT_EQ(frames, 2);
 }
 

@@ -141,7 +141,7 @@ TEST_P(ProgramBadInput, IsRefusedAndLeavesNothing) {
 }
 
 const std::vector<BadInput> bad_inputs = {
-    {"NoVerb", "", "verb is missing"},
+    {"NoVerb", "", "give a verb"},
     {"UnknownVerb", "frobnicate", "frobnicate"},
     {"TwoVerbs", "devices check", "check"},
     {"UnknownOption", "--frobnicate", "--frobnicate"},
@@ -165,7 +165,7 @@ const std::vector<BadInput> bad_inputs = {
     {"PairsText", "pairs text.npy", "not a NumPy array"},
     {"PairsWrongShape", "pairs wrong-shape.npy", "(8, 3)"},
     {"PairsNan", "pairs nan.npy --out pairs.npy", "row 1 "},
-    {"PairsCut", "pairs cut.npy --out pairs.npy", "is cut"},
+    {"PairsCut", "pairs cut.npy --out pairs.npy", "is truncated"},
     {"PairsUnknownAlgorithm", "pairs four.npy --algorithm frobnicate --out pairs.npy", "gpu-bf"},
     {"PairsUnknownDevice", "pairs four.npy --device frobnicate --out pairs.npy", "'frobnicate'"},
     {"PairsUnknownDeviceOnHost", "pairs four.npy --algorithm oracle --device frobnicate", "'frobnicate'"},

@@ -36,7 +36,7 @@ const std::vector<Device>& machine() {
   return devices;
 }
 
-TEST(SelectDevice, NothingAskedForTakesTheBestGpuElseACpu) {
+TEST(SelectDevice, AnEmptySelectorTakesTheBestGpuOtherwiseACpu) {
   EXPECT_EQ(select_device("", machine()).name, "NVIDIA H200");
   EXPECT_EQ(select_device("", {machine()[2], machine()[0]}).name, "pthread-EPYC");
   EXPECT_EQ(select_device("", {machine()[2]}).name, "FPGA Board");
@@ -62,7 +62,7 @@ TEST(SelectDevice, ByAPartOfItsLabelInAnyCase) {
   EXPECT_EQ(select_device("intel(r)", machine()).name, "UHD Graphics") << "the best of several";
 }
 
-TEST(SelectDevice, WhatIsNotThereIsAnErrorThatListsWhatIs) {
+TEST(SelectDevice, AnUnknownDeviceIsAnErrorThatListsTheDevices) {
   const std::string text = test::error_of([] { (void)select_device("radeon", machine()); });
   EXPECT_THAT(text, HasSubstr("'radeon'"));
   for (const Device& device : machine()) {
@@ -74,7 +74,7 @@ TEST(SelectDevice, NoDeviceAtAllSaysWhatToInstall) {
   EXPECT_THAT(test::error_of([] { (void)select_device("", {}); }), HasSubstr("pocl-opencl-icd"));
 }
 
-TEST(SelectDevice, TheEnvironmentStandsInForAnEmptySelector) {
+TEST(SelectDevice, TheEnvironmentReplacesAnEmptySelector) {
   const test::ScopedVariable variable("BROADCL_DEVICE", "no such device");
   EXPECT_THAT(test::error_of([] { (void)select_device(); }), HasSubstr("'no such device'"));
   EXPECT_NO_THROW((void)select_device(devices().front().id()));

@@ -11,11 +11,11 @@
 
 #include <gtest/gtest.h>
 
-#include <broadcl/aabb.hpp>
 #include <broadcl/device.hpp>
 
 #include "environment.hpp"
 #include "opencl/context.hpp"
+#include "packed_box.hpp"
 #include "scenes/random.hpp"
 
 namespace broadcl::test {
@@ -78,7 +78,7 @@ class Extents : public ::testing::TestWithParam<std::string> {
   void expect(const std::vector<Aabb>& boxes) { expect_extent(context_, extent_, boxes); }
 
  private:
-  ScopedVariable shape_{"BROADCL_SHAPE", GetParam()};
+  ScopedVariable shape_{"BROADCL_TUNING", GetParam()};
   opencl::Context context_{select_device(), false};
   Extent extent_{context_};
 };
@@ -107,8 +107,8 @@ TEST_P(Extents, SmallBoxesWithoutAMiddleCountForNothing) {
   const Aabb plane{{-infinity, -infinity, -infinity}, {infinity, 0, infinity}};
   const Aabb half{{0, 0, 0}, {infinity, 1, 1}};
   const Aabb huge = point(1e30F, 0, 0);
-  expect({empty_aabb(), plane, half, huge});
-  expect({empty_aabb(), point(-0.0F, 0, -1), plane, half, point(0, -0.0F, 5), huge});
+  expect({packed_empty(), plane, half, huge});
+  expect({packed_empty(), point(-0.0F, 0, -1), plane, half, point(0, -0.0F, 5), huge});
 }
 
 INSTANTIATE_TEST_SUITE_P(Shape, Extents, ::testing::Values("cpu", "gpu"),

@@ -136,7 +136,7 @@ TEST_P(IdenticalRun, OnEveryDeviceInEveryShapeWithEveryAlgorithm) {
   EXPECT_GT(changes, 100U);
   for (const Device& device : devices()) {
     for (const std::string& shape : shapes_for(device)) {
-      const test::ScopedVariable variable("BROADCL_SHAPE", shape);
+      const test::ScopedVariable variable("BROADCL_TUNING", shape);
       for (const AlgorithmInfo& algorithm : algorithms()) {
         if (!algorithm.on_device) continue;
         SCOPED_TRACE(std::string(algorithm.name) + " in shape " + shape + " on " + device.label());

@@ -214,7 +214,7 @@ TEST_P(EachAlgorithm, RealBoxesHaveThePairsThatWereCounted) {
   const std::string name(GetParam().name);
   std::size_t most = 30'000;
   if (name == "gpu-bf" || is_slow()) most = 20'000;
-  if (name == "brute-force" && !is_slow() && std::getenv("BROADCL_SHAPE") == nullptr) most = 100'000;
+  if (name == "brute-force" && !is_slow() && std::getenv("BROADCL_TUNING") == nullptr) most = 100'000;
   if (name == "tiles") most = 200'000;
   const std::string other = name == "tiles" ? "sweep-and-prune" : "tiles";
   for (const RealBoxes& real : {RealBoxes{"cloth-funnel-faces.npy", 18'484, 153'821},

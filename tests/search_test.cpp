@@ -15,6 +15,7 @@
 #include "algorithms/algorithm.hpp"
 #include "each_algorithm.hpp"
 #include "environment.hpp"
+#include "packed_box.hpp"
 #include "scenes/generators.hpp"
 
 /// Whether searches find exactly what there is: any numbers, any size, any number of pairs, each time the
@@ -73,7 +74,7 @@ TEST_P(EachAlgorithm, SmallSpecialBoundsAgreeWithTheOraclePairByPair) {
     for (std::uint32_t b = 0; b < boxes.size(); ++b) {
       for (std::uint32_t a = 0; a < b; ++a) {
         const bool found = at < pairs.size() && pairs[at] == Pair{a, b};
-        const bool expected = !is_empty(boxes[a]) && !is_empty(boxes[b]) && overlaps(boxes[a], boxes[b]);
+        const bool expected = overlaps(boxes[a], boxes[b]);
         ASSERT_EQ(found, expected) << a << ", " << b << " of seed " << seed;
         at += found ? 1 : 0;
       }
@@ -216,8 +217,8 @@ TEST(BruteForce, IdsPast24Bits) {
   constexpr std::uint32_t n = 17'000'000;
   constexpr std::uint32_t past = (1U << 24) + 1;
   const auto algorithm = make_algorithm({.algorithm = "brute-force"});
-  algorithm->reserve(n);
-  std::ranges::fill(algorithm->boxes(), empty_aabb());
+  algorithm->reserve(n, false);
+  std::ranges::fill(algorithm->boxes(), packed_empty());
   // More pairs than are put in order without sorting.
   std::vector<std::uint32_t> changed{n - 1,    0, past,      past - 1,  past - 2,
                                      past + 1, 1, past + 15, past + 16, past + 63};
@@ -341,7 +342,7 @@ TEST_P(EachAlgorithm, TheSameCallsTellTheSameInBothShapesAndEveryRun) {
   ASSERT_GT(expected.size(), 2 * 79'800U);
   const int runs = is_slow() ? 1 : 5;
   for (const std::string shape : {"cpu", "gpu"}) {
-    const ScopedVariable variable("BROADCL_SHAPE", shape);
+    const ScopedVariable variable("BROADCL_TUNING", shape);
     for (int run = 0; run < runs; ++run) {
       ASSERT_TRUE(same("told", play(std::string(GetParam().name)), expected)) << shape << ", run " << run;
     }

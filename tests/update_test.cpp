@@ -259,7 +259,7 @@ TEST_P(EachAlgorithm, SmallSignedZerosAndEmptyBoxesThatMove) {
     twins.move(id, inverted);
     ASSERT_TRUE(twins.agree());
     EXPECT_EQ(twins.tested().pairs().size(), 28U);
-    twins.move(id, {{infinity, infinity, infinity}, {-infinity, -infinity, -infinity}});
+    twins.move(id, empty_aabb());
     ASSERT_TRUE(twins.agree());
     twins.move(id, negative);
     ASSERT_TRUE(twins.agree());

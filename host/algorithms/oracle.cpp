@@ -1,4 +1,5 @@
 #include "algorithms/host_engine.hpp"
+#include "packed_box.hpp"
 
 namespace broadcl {
 namespace {
@@ -9,7 +10,7 @@ std::vector<Pair> find_pairs(std::span<const Aabb> boxes, std::span<const Filter
   for (std::uint32_t b = 0; b < boxes.size(); ++b) {
     const Aabb box = boxes[b];
     for (std::uint32_t a = 0; a < b; ++a) {
-      if (overlaps(boxes[a], box) && (filters.empty() || may_pair(filters[a], filters[b]))) {
+      if (packed_overlaps(boxes[a], box) && (filters.empty() || may_pair(filters[a], filters[b]))) {
         found.push_back({a, b});
       }
     }
@@ -19,7 +20,7 @@ std::vector<Pair> find_pairs(std::span<const Aabb> boxes, std::span<const Filter
 
 }  // namespace
 
-std::unique_ptr<Algorithm> make_oracle(const BroadPhase::Config& /*config*/) {
+std::unique_ptr<Algorithm> make_oracle(const Config& /*config*/) {
   return make_host_engine(find_pairs);
 }
 

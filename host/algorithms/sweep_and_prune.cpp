@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "algorithms/host_engine.hpp"
+#include "packed_box.hpp"
 
 namespace broadcl {
 namespace {
@@ -20,7 +21,7 @@ class SweepAndPrune {
     std::vector<Pair> found;
     for (auto s = order_.begin(); s != order_.end(); ++s) {
       for (auto t = s + 1; t != order_.end() && t->box.lower[axis_] <= s->box.upper[axis_]; ++t) {
-        if (!overlaps(s->box, t->box)) continue;
+        if (!packed_overlaps(s->box, t->box)) continue;
         if (!filters.empty() && !may_pair(filters[s->slot], filters[t->slot])) continue;
         found.push_back({std::min(s->slot, t->slot), std::max(s->slot, t->slot)});
       }
@@ -69,7 +70,7 @@ class SweepAndPrune {
 
 }  // namespace
 
-std::unique_ptr<Algorithm> make_sweep_and_prune(const BroadPhase::Config& /*config*/) {
+std::unique_ptr<Algorithm> make_sweep_and_prune(const Config& /*config*/) {
   return make_host_engine(SweepAndPrune());
 }
 

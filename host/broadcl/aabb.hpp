@@ -1,7 +1,9 @@
 #pragma once
 
 #include <array>
+#include <bit>
 #include <cstddef>
+#include <cstdint>
 #include <limits>
 
 namespace broadcl {
@@ -10,37 +12,67 @@ namespace broadcl {
 ///
 /// Boxes are closed, so boxes that only touch overlap. Bounds may be infinite. A box whose lower bound
 /// exceeds its upper bound on some axis is empty and overlaps nothing, not even a box that surrounds it.
+///
+/// The functions below test bits, not floating-point numbers, so they also hold in code that is compiled with
+/// -ffast-math. (== compares numbers.)
 struct Aabb {
   std::array<float, 3> lower;
   std::array<float, 3> upper;
 
   friend bool operator==(const Aabb&, const Aabb&) = default;
 };
-static_assert(sizeof(Aabb) == 24, "24 bytes a box cross the bus");
+static_assert(sizeof(Aabb) == 24, "24 bytes per box cross the bus");
 
-/// Whether two closed boxes share a point. False as soon as a bound is NaN.
-[[nodiscard]] constexpr bool overlaps(const Aabb& s, const Aabb& t) noexcept {
-  return s.lower[0] <= t.upper[0] && t.lower[0] <= s.upper[0] && s.lower[1] <= t.upper[1] &&
-         t.lower[1] <= s.upper[1] && s.lower[2] <= t.upper[2] && t.lower[2] <= s.upper[2];
+namespace detail {
+
+/// Of each bound, lower ones first, an integer: these compare as the bounds do, and those of NaNs lie outside
+/// -infinite_key .. infinite_key.
+[[nodiscard]] constexpr std::array<std::int32_t, 6> keys(const Aabb& box) noexcept {
+  auto bits = std::bit_cast<std::array<std::int32_t, 6>>(box);
+  for (std::int32_t& key : bits) {
+    if (key < 0) key = std::numeric_limits<std::int32_t>::min() - key;
+  }
+  return bits;
 }
 
-/// Whether the box contains no point: inverted on some axis, or with a NaN bound.
-[[nodiscard]] constexpr bool is_empty(const Aabb& box) noexcept {
-  return !overlaps(box, box);
-}
+inline constexpr std::int32_t infinite_key = 0x7f800000;
+
+}  // namespace detail
 
 /// Whether some bound is NaN.
 [[nodiscard]] constexpr bool has_nan(const Aabb& box) noexcept {
-  for (std::size_t axis = 0; axis < 3; ++axis) {
-    if (box.lower[axis] != box.lower[axis] || box.upper[axis] != box.upper[axis]) return true;
+  for (const std::int32_t key : detail::keys(box)) {
+    if (key < -detail::infinite_key || key > detail::infinite_key) return true;
   }
   return false;
 }
 
-/// The canonical empty box: six NaNs, for which every closed comparison is false.
+/// Whether the box contains no point: inverted on some axis, or with a NaN bound.
+[[nodiscard]] constexpr bool is_empty(const Aabb& box) noexcept {
+  const auto key = detail::keys(box);
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    const bool is_proper = -detail::infinite_key <= key[axis] && key[axis] <= key[axis + 3] &&
+                           key[axis + 3] <= detail::infinite_key;
+    if (!is_proper) return true;
+  }
+  return false;
+}
+
+/// Whether two closed boxes share a point. False if one of them is empty.
+[[nodiscard]] constexpr bool overlaps(const Aabb& s, const Aabb& t) noexcept {
+  if (is_empty(s) || is_empty(t)) return false;
+  const auto key_s = detail::keys(s);
+  const auto key_t = detail::keys(t);
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    if (key_s[axis] > key_t[axis + 3] || key_t[axis] > key_s[axis + 3]) return false;
+  }
+  return true;
+}
+
+/// An empty box, for an object that has none: lower bounds of infinity, upper ones of -infinity.
 [[nodiscard]] constexpr Aabb empty_aabb() noexcept {
-  constexpr float nan = std::numeric_limits<float>::quiet_NaN();
-  return {{nan, nan, nan}, {nan, nan, nan}};
+  constexpr float infinity = std::numeric_limits<float>::infinity();
+  return {{infinity, infinity, infinity}, {-infinity, -infinity, -infinity}};
 }
 
 /// The smallest float32 box that contains a float64 one: lower bounds round down, upper bounds round up, so

@@ -14,13 +14,14 @@ namespace broadcl {
 template <class S>
 concept Bound = std::same_as<S, float> || std::same_as<S, double>;
 
-/// Any contiguous range of Aabb: std::vector, std::span, an array.
+/// A contiguous range of Aabb that outlives the expression: a std::vector or an array that has a name, or a
+/// range that owns no boxes, such as std::span. A temporary std::vector does not qualify.
 template <class Range>
-concept AabbArray = std::ranges::contiguous_range<const Range> && std::ranges::sized_range<const Range> &&
-    std::same_as<std::ranges::range_value_t<const Range>, Aabb>;
+concept AabbArray = std::ranges::contiguous_range<Range> && std::ranges::sized_range<Range> &&
+    std::ranges::borrowed_range<Range> && std::same_as<std::ranges::range_value_t<Range>, Aabb>;
 
-/// Boxes where they lie in the caller's memory, in any layout that has one distance between boxes: a
-/// read-only view, which copies nothing.
+/// A read-only view of boxes in the caller's memory, in any layout with a constant distance between boxes.
+/// Nothing is copied.
 ///
 /// A view owns no memory. What it was made of must outlive it, and must not change while the view is read.
 /// Copying a view is cheap.
@@ -29,10 +30,10 @@ concept AabbArray = std::ranges::contiguous_range<const Range> && std::ranges::s
 /// stays empty.
 ///
 /// The functions that make a view take pointers to the bounds of box 0 and a stride, the distance in bytes
-/// from each box to the next: a multiple of the bounds' alignment, negative where the next box lies before, 0
-/// for n times the same box. What lies between the bounds is not read. They throw Error for a null or
-/// misaligned pointer, for a misaligned stride, and for more boxes than memory could hold; where n is 0 they
-/// take any pointers.
+/// from each box to the next: a multiple of the bounds' alignment, negative if the next box comes before, 0
+/// for n times the same box. Memory between the bounds is not read. They throw Error for a null or misaligned
+/// pointer, for a misaligned stride, and for more boxes than memory could hold; if n is 0, any pointers will
+/// do.
 class BoxView {
  public:
   /// No boxes.
@@ -40,11 +41,11 @@ class BoxView {
 
   /// The boxes of an array.
   template <AabbArray Range>
-  BoxView(const Range& boxes)
+  BoxView(Range&& boxes)
       : BoxView(interleaved(reinterpret_cast<const float*>(std::ranges::data(boxes)),
                             static_cast<std::size_t>(std::ranges::size(boxes)))) {}
 
-  /// Six numbers a box, lower x, y, z, upper x, y, z: n boxes, the first at `numbers`.
+  /// n boxes of six numbers each: lower x, y, z, upper x, y, z; the first box is at `numbers`.
   template <Bound S>
   [[nodiscard]] static BoxView interleaved(const S* numbers, std::size_t n,
                                            std::ptrdiff_t stride = 6 * sizeof(S)) {
@@ -53,7 +54,7 @@ class BoxView {
     return {corner_arrays(numbers), corner_arrays(numbers + 3), n, stride};
   }
 
-  /// Two arrays of corners, x, y, z each, both with the same stride.
+  /// Two arrays of corners (x, y, z), both with the same stride.
   template <Bound S>
   [[nodiscard]] static BoxView corners(const S* lower, const S* upper, std::size_t n,
                                        std::ptrdiff_t stride = 3 * sizeof(S)) {
@@ -62,7 +63,7 @@ class BoxView {
     return {corner_arrays(lower), corner_arrays(upper), n, stride};
   }
 
-  /// Six arrays, one a bound, all with the same stride: arrays<float>({x0, y0, z0}, {x1, y1, z1}, n).
+  /// Six arrays, one per bound, all with the same stride: arrays<float>({x0, y0, z0}, {x1, y1, z1}, n).
   template <Bound S>
   [[nodiscard]] static BoxView arrays(const std::array<const S*, 3>& lower,
                                       const std::array<const S*, 3>& upper, std::size_t n,
@@ -79,12 +80,12 @@ class BoxView {
   /// Box k, 0 <= k < size(), as float32.
   [[nodiscard]] Aabb operator[](std::size_t k) const noexcept;
 
-  /// Copies all boxes as float32, with several threads where there are many.
+  /// Copies all boxes as float32, with several threads if there are many.
   /// @param out Not in the memory viewed; boxes past the first size() are left alone.
-  /// @throws Error when `out` is smaller than the view.
+  /// @throws Error if `out` is smaller than the view.
   void copy_to(std::span<Aabb> out) const;
 
-  /// Copies all boxes as algorithms read them: like copy_to(), but every empty box becomes empty_aabb().
+  /// Copies all boxes as algorithms read them: like copy_to(), but every empty box becomes six NaNs.
   /// @throws Error also for a NaN bound (it names the first such box); what `out` holds is then unspecified.
   void pack_to(std::span<Aabb> out) const;
 
@@ -122,7 +123,7 @@ class BoxView {
   std::array<const std::byte*, 6> bounds_{};  // of box 0: lower x, y, z, upper x, y, z
 };
 
-/// Any other range whose elements convert to Aabb: it has to be copied before it can be viewed.
+/// Any other range whose elements convert to Aabb.
 template <class Range>
 concept AabbRange = std::ranges::input_range<Range> && !std::convertible_to<Range, BoxView> &&
                     std::convertible_to<std::ranges::range_reference_t<Range>, Aabb>;

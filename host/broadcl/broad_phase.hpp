@@ -5,13 +5,12 @@
 #include <memory>
 #include <ranges>
 #include <span>
-#include <string>
-#include <string_view>
 #include <utility>
 #include <vector>
 
 #include <broadcl/aabb.hpp>
 #include <broadcl/box_view.hpp>
+#include <broadcl/config.hpp>
 #include <broadcl/device.hpp>
 #include <broadcl/error.hpp>
 #include <broadcl/filter.hpp>
@@ -20,16 +19,6 @@
 #include <broadcl/profile.hpp>
 
 namespace broadcl {
-
-/// A row of the table of algorithms.
-struct AlgorithmInfo {
-  std::string_view name;     ///< As Config::algorithm takes it.
-  std::string_view summary;  ///< One line for people.
-  bool on_device;            ///< False for host algorithms, which need no OpenCL.
-};
-
-/// The table of algorithms, the only list there is: what is not in it does not exist.
-[[nodiscard]] std::span<const AlgorithmInfo> algorithms() noexcept;
 
 /// Keeps a set of moving boxes and tells at each update() which pairs began and which ceased to overlap.
 ///
@@ -40,11 +29,7 @@ struct AlgorithmInfo {
 /// and may live on different threads and on different devices. Can be moved, not copied.
 class BroadPhase {
  public:
-  struct Config {
-    std::string device{};            ///< As select_device() takes it.
-    std::string algorithm = "auto";  ///< A name of algorithms().
-    bool profile = false;  ///< Measure stages on the device too; costs a few microseconds an update.
-  };
+  using Config = broadcl::Config;
 
   /// Opens the device and builds the kernels.
   /// @throws Error for an unknown algorithm or device, and for whatever fails in OpenCL.
@@ -129,14 +114,19 @@ class BroadPhase {
 [[nodiscard]] std::vector<Pair> overlapping_pairs(const BoxView& boxes,
                                                   const BroadPhase::Config& config = BroadPhase::Config());
 
-/// The same for boxes that a BoxView cannot view; it copies them.
+/// The same for any other range of boxes, temporary ones included. Those that no BoxView could view are
+/// copied.
 template <AabbRange Range>
 [[nodiscard]] std::vector<Pair> overlapping_pairs(Range&& boxes,
                                                   const BroadPhase::Config& config = BroadPhase::Config()) {
-  std::vector<Aabb> copy;
-  if constexpr (std::ranges::sized_range<Range>) copy.reserve(std::ranges::size(boxes));
-  for (auto&& box : boxes) copy.push_back(std::forward<decltype(box)>(box));
-  return overlapping_pairs(copy, config);
+  if constexpr (AabbArray<Range&>) {
+    return overlapping_pairs(BoxView(boxes), config);
+  } else {
+    std::vector<Aabb> copy;
+    if constexpr (std::ranges::sized_range<Range>) copy.reserve(std::ranges::size(boxes));
+    for (auto&& box : boxes) copy.push_back(std::forward<decltype(box)>(box));
+    return overlapping_pairs(copy, config);
+  }
 }
 
 }  // namespace broadcl

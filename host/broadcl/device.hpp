@@ -12,17 +12,17 @@ enum class DeviceType { gpu, cpu, accelerator, other };
 /// "gpu", "cpu", "accelerator" or "other".
 [[nodiscard]] std::string_view to_string(DeviceType type) noexcept;
 
-/// What an OpenCL device reports of itself. A plain value: it holds no OpenCL object and stays valid.
+/// What an OpenCL device reports about itself. A plain value: it holds no OpenCL object and stays valid.
 struct Device {
-  unsigned platform;  ///< Position of its platform, as `clinfo -l` numbers them.
-  unsigned index;     ///< Position within the platform.
+  unsigned platform;  ///< Index of its platform, as in `clinfo -l`.
+  unsigned index;     ///< Index within the platform.
   DeviceType type;
   std::string platform_name;
   std::string name;
   std::string version;         ///< CL_DEVICE_VERSION, for instance "OpenCL 3.0 CUDA".
   std::string driver_version;  ///< CL_DRIVER_VERSION.
   unsigned compute_units;
-  unsigned clock_mhz;            ///< Highest clock frequency, 0 where the device does not say.
+  unsigned clock_mhz;            ///< Highest clock frequency, 0 if the device does not say.
   std::uint64_t memory;          ///< Global memory, bytes.
   std::uint64_t max_allocation;  ///< Largest single buffer, bytes.
   bool host_unified;             ///< Host and device share memory.
@@ -34,18 +34,17 @@ struct Device {
 };
 
 /// Every usable device of every OpenCL platform, in the order of `clinfo -l`. Platforms without devices add
-/// none. Empty where no OpenCL implementation is installed.
-/// @throws Error when an implementation is there but fails to answer.
+/// none. Empty if no OpenCL implementation is installed.
+/// @throws Error if an implementation fails to answer.
 [[nodiscard]] std::vector<Device> devices();
 
 /// Picks a device.
 ///
 /// @param selector "P:D" with the numbers of `clinfo -l`; "gpu", "cpu" or "accelerator"; or a part of
-///   "platform / name" in any case. Where it is empty, the environment variable BROADCL_DEVICE stands in;
-///   where that is unset or empty too, the best GPU is taken, else a CPU, else whatever there is. Of several
-///   that match, the best is taken: most compute units times clock.
-/// @throws Error that lists the devices there are when none matches, and that says what to install when there
-/// is none.
+///   "platform / name" in any case. If it is empty, the environment variable BROADCL_DEVICE is used instead;
+///   if that is unset or empty too, the best GPU is chosen, otherwise the best CPU, otherwise the first
+///   device. The best of several has the most compute units times clock frequency.
+/// @throws Error if no device matches (it lists the devices), and if there is none (it says what to install).
 [[nodiscard]] Device select_device(std::string_view selector = {});
 
 /// The same choice among given devices, without asking OpenCL or the environment.

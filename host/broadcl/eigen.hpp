@@ -1,6 +1,6 @@
 #pragma once
 
-/// Boxes of Eigen. Optional: the library itself does not need Eigen.
+/// Eigen's boxes. Optional: the library itself does not need Eigen.
 
 #include <array>
 #include <concepts>
@@ -31,24 +31,24 @@ namespace broadcl {
   return {Eigen::Vector3f(box.lower.data()), Eigen::Vector3f(box.upper.data())};
 }
 
-/// Any contiguous range of Eigen::AlignedBox3f or AlignedBox3d.
+/// A contiguous range of Eigen::AlignedBox3f or AlignedBox3d that outlives the expression: see AabbArray.
 template <class Range>
-concept AlignedBoxArray = std::ranges::contiguous_range<const Range> &&
-    (std::same_as<std::ranges::range_value_t<const Range>, Eigen::AlignedBox3f> ||
-     std::same_as<std::ranges::range_value_t<const Range>, Eigen::AlignedBox3d>);
+concept AlignedBoxArray = std::ranges::contiguous_range<Range> && std::ranges::borrowed_range<Range> &&
+    (std::same_as<std::ranges::range_value_t<Range>, Eigen::AlignedBox3f> ||
+     std::same_as<std::ranges::range_value_t<Range>, Eigen::AlignedBox3d>);
 
-/// Boxes of Eigen where they lie: see BoxView.
+/// A view of Eigen's boxes: see BoxView.
 template <AlignedBoxArray Range>
-[[nodiscard]] BoxView box_view(const Range& boxes) {
+[[nodiscard]] BoxView box_view(Range&& boxes) {
   const auto n = static_cast<std::size_t>(std::ranges::size(boxes));
   if (n == 0) return {};
   const auto& first = *std::ranges::data(boxes);
   return BoxView::corners(first.min().data(), first.max().data(), n, sizeof(first));
 }
 
-/// The rows of an n x 6 matrix or array (lower x, y, z, upper x, y, z) of float or double where they lie, in
-/// either storage order: see BoxView. Maps, blocks and transposes of matrices have memory too; an expression
-/// that is yet to be computed has none, and does not compile.
+/// A view of the rows of an n x 6 matrix or array (lower x, y, z, upper x, y, z) of float or double in either
+/// storage order: see BoxView. Maps, blocks and transposes of matrices can be viewed too. An expression that
+/// is yet to be computed and a temporary matrix cannot: neither compiles.
 /// @throws Error unless there are six columns, and as BoxView does.
 template <class Derived>
 [[nodiscard]] BoxView box_view(const Eigen::DenseBase<Derived>& boxes) {
@@ -76,5 +76,12 @@ template <class Derived>
                               matrix.rowStride() * static_cast<Eigen::Index>(sizeof(S)));
   }
 }
+
+template <class Derived>
+BoxView box_view(const Eigen::PlainObjectBase<Derived>&& temporary) = delete;
+
+/// A Ref to constant numbers may own a copy of them.
+template <class Plain, int options, class Stride>
+BoxView box_view(const Eigen::Ref<const Plain, options, Stride>&& temporary) = delete;
 
 }  // namespace broadcl

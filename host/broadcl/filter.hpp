@@ -4,13 +4,13 @@
 
 namespace broadcl {
 
-/// What decides, beside the boxes, whether two objects pair: see may_pair().
+/// Decides, besides the boxes, whether two objects pair: see may_pair().
 struct Filter {
-  /// Of `body`: the object is a body of its own.
+  /// Value of `body`: the object is a body of its own.
   static constexpr std::uint32_t no_body = 0xffffffff;
 
-  std::uint32_t group = 1;          ///< A bit for each group that the object is in.
-  std::uint32_t mask = 0xffffffff;  ///< A bit for each group that the object pairs with.
+  std::uint32_t group = 1;          ///< One bit per group that the object is in.
+  std::uint32_t mask = 0xffffffff;  ///< One bit per group that the object pairs with.
   std::uint32_t body = no_body;     ///< Objects of the same body never pair.
   std::uint32_t world = 0;          ///< Objects of different worlds never pair.
 
@@ -18,8 +18,8 @@ struct Filter {
 };
 static_assert(sizeof(Filter) == 16, "kernels read it as a uint4");
 
-/// Whether the filters of two objects let them pair: each is in a group that the other's mask asks for, they
-/// are in the same world and not of the same body.
+/// Whether the filters of two objects let them pair: each is in a group of the other's mask, and they are in
+/// the same world and not of the same body.
 [[nodiscard]] constexpr bool may_pair(const Filter& s, const Filter& t) noexcept {
   return (s.group & t.mask) != 0 && (t.group & s.mask) != 0 && s.world == t.world &&
          (s.body != t.body || s.body == Filter::no_body);

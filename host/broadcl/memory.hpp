@@ -4,12 +4,11 @@
 
 namespace broadcl {
 
-/// Memory of OpenCL that an object holds, in bytes. Program code and what a driver keeps for itself are not
-/// counted.
+/// OpenCL memory that an object holds, in bytes. Program code and the driver's own memory are not counted.
 struct MemoryUse {
   std::size_t device = 0;       ///< On the device, now.
-  std::size_t device_peak = 0;  ///< The most that there was on the device at any time.
-  std::size_t pinned = 0;  ///< Pinned memory of the host, through which data pass to the device and back.
+  std::size_t device_peak = 0;  ///< The largest value of `device` so far.
+  std::size_t pinned = 0;       ///< Pinned memory of the host, for transfers.
 };
 
 }  // namespace broadcl

@@ -6,7 +6,7 @@
 
 namespace broadcl {
 
-/// Two overlapping boxes by id (BroadPhase) or by position in the array (overlapping_pairs), a < b.
+/// Two overlapping boxes by id (BroadPhase) or by index in the array (overlapping_pairs), a < b.
 ///
 /// Pairs compare in canonical order: by b, then by a, which is the order of the triangular index b(b-1)/2 +
 /// a. Every list of pairs that the library returns is in this order, on every device and in every run.
@@ -23,9 +23,8 @@ struct Pair {
 
 /// What changed between two updates, each list in canonical order.
 ///
-/// Apply `removed` first, then `added`: where an object was removed and its id given to a new one in between,
-/// the same pair of ids can stand in both lists. The spans belong to the BroadPhase and live until its next
-/// update.
+/// Apply `removed` first, then `added`: if an object was removed and a new one got its id in between, the
+/// same pair of ids may be in both lists. The spans belong to the BroadPhase and live until its next update.
 struct Delta {
   std::span<const Pair> added;
   std::span<const Pair> removed;

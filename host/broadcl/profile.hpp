@@ -4,7 +4,7 @@
 
 namespace broadcl {
 
-/// One stage of an update, for instance "upload" or "test". A name may come several times in an update, and
+/// One stage of an update, for instance "upload" or "test". A name may occur several times in an update, and
 /// there may be time between stages.
 ///
 /// The clocks of host and device cannot be compared: their times are two timelines.

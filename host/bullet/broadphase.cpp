@@ -78,8 +78,8 @@ btBroadphaseProxy* BulletBroadphase::createProxy(const btVector3& aabbMin, const
 void BulletBroadphase::destroyProxy(btBroadphaseProxy* proxy, btDispatcher* dispatcher) {
   auto& own = static_cast<Proxy&>(*proxy);
   const std::uint32_t id = own.id();
-  impl_->pairs.remove_pairs_of(own, dispatcher);
   impl_->search.remove(id);
+  impl_->pairs.remove_pairs_of(own, dispatcher);
   impl_->pool.free(own);
   impl_->queries.touch(id);
 }
@@ -93,7 +93,7 @@ void BulletBroadphase::setAabb(btBroadphaseProxy* proxy, const btVector3& aabbMi
   own.m_aabbMin = aabbMin;
   own.m_aabbMax = aabbMax;
   impl_->pool.mark_changed(own);
-  impl_->search.move(own.id(), is_good ? proper_box(aabbMin, aabbMax) : no_box);
+  impl_->search.move(own.id(), is_good ? proper_box(aabbMin, aabbMax) : empty_aabb());
   impl_->queries.touch(own.id());
   if (turns_nan) impl_->report_nan(own);
   impl_->add_at_once(own);

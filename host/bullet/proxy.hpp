@@ -3,7 +3,6 @@
 #include <BulletCollision/BroadphaseCollision/btBroadphaseProxy.h>
 
 #include <cstdint>
-#include <limits>
 
 #include <broadcl/aabb.hpp>
 
@@ -61,10 +60,6 @@ struct Proxy : btBroadphaseProxy {
   return is_proper(proxy.m_aabbMin, proxy.m_aabbMax);
 }
 
-/// What the core has for a box that is not proper.
-constexpr float infinity = std::numeric_limits<float>::infinity();
-constexpr Aabb no_box{{infinity, infinity, infinity}, {-infinity, -infinity, -infinity}};
-
 /// A proper box as the core has it: rounded outward if Bullet's precision is double.
 [[nodiscard]] inline Aabb proper_box(const btVector3& lower, const btVector3& upper) {
 #ifdef BT_USE_DOUBLE_PRECISION
@@ -75,7 +70,7 @@ constexpr Aabb no_box{{infinity, infinity, infinity}, {-infinity, -infinity, -in
 }
 
 [[nodiscard]] inline Aabb box_of(const btBroadphaseProxy& proxy) {
-  return is_proper(proxy) ? proper_box(proxy.m_aabbMin, proxy.m_aabbMax) : no_box;
+  return is_proper(proxy) ? proper_box(proxy.m_aabbMin, proxy.m_aabbMax) : empty_aabb();
 }
 
 }  // namespace broadcl

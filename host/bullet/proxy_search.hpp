@@ -45,6 +45,7 @@ class ProxySearch {
     attempt([&] { core_.move(id, box); });
   }
 
+  /// @throws std::bad_alloc if memory is exhausted again and again, and nothing has changed.
   void remove(std::uint32_t id) {
     is_late_ = true;
     if (attempt([&] { core_.remove(id); })) return;
@@ -142,7 +143,7 @@ class ProxySearch {
   void give_filters() {
     must_decide_anew_ |= filters_.look([this](const Proxy& proxy) {
       is_late_ = true;
-      attempt([&] { core_.set_filter(proxy.id(), filters_.filter(proxy)); });
+      attempt([&] { on_core([&] { core_.set_filter(proxy.id(), filters_.filter(proxy)); }); });
     });
   }
 

@@ -1,9 +1,9 @@
 #pragma once
 
-/// The OpenCL C++ bindings, for the floor of this library: OpenCL 1.2, failures thrown as cl::Error.
+/// The OpenCL C++ bindings, for the lowest layer of this library: OpenCL 1.2, failures thrown as cl::Error.
 ///
-/// Of the bindings, cl::Platform::getDefault() and its siblings keep OpenCL objects in globals: never call
-/// them.
+/// Never call cl::Platform::getDefault() or the bindings' other defaults: they store OpenCL objects in
+/// globals.
 
 #define CL_TARGET_OPENCL_VERSION 120
 #define CL_HPP_TARGET_OPENCL_VERSION 120

@@ -6,6 +6,7 @@
 #include <mutex>
 #include <optional>
 #include <string>
+#include <utility>
 
 #include "opencl/error.hpp"
 #include "system.hpp"
@@ -15,12 +16,14 @@ namespace {
 
 constexpr cl_int no_platform = -1001;  // CL_PLATFORM_NOT_FOUND_KHR: the loader found no implementation
 
+// Of these, all_platforms(), all_devices() and describe() throw cl::Error.
+
 std::vector<cl::Platform> all_platforms() {
   std::vector<cl::Platform> platforms;
   try {
     cl::Platform::get(&platforms);
   } catch (const cl::Error& error) {
-    if (error.err() != no_platform) throw opencl::to_error(error, "OpenCL");
+    if (error.err() != no_platform) throw;
   }
   return platforms;
 }
@@ -30,8 +33,7 @@ std::vector<cl::Device> all_devices(const cl::Platform& platform) {
   try {
     platform.getDevices(CL_DEVICE_TYPE_ALL, &found);
   } catch (const cl::Error& error) {
-    if (error.err() != CL_DEVICE_NOT_FOUND)
-      throw opencl::to_error(error, platform.getInfo<CL_PLATFORM_NAME>());
+    if (error.err() != CL_DEVICE_NOT_FOUND) throw;
   }
   return found;
 }
@@ -129,14 +131,14 @@ std::string Device::label() const {
 }
 
 std::vector<Device> devices() {
-  // PoCL 3.1 gives out devices that another thread's first call is still setting up.
+  // PoCL 3.1 returns devices that another thread's first call is still setting up.
   static std::mutex mutex;
   const std::scoped_lock lock(mutex);
+  const auto platforms = opencl::translate_errors("OpenCL", all_platforms);
   std::vector<Device> result;
-  const std::vector<cl::Platform> platforms = all_platforms();
   for (std::size_t p = 0; p < platforms.size(); ++p) {
-    const std::vector<cl::Device> found = all_devices(platforms[p]);
     opencl::translate_errors("OpenCL platform " + std::to_string(p), [&] {
+      const std::vector<cl::Device> found = all_devices(platforms[p]);
       for (std::size_t d = 0; d < found.size(); ++d) result.push_back(describe(platforms[p], found[d], p, d));
     });
   }
@@ -162,35 +164,38 @@ Device select_device(std::string_view selector, const std::vector<Device>& among
     return among.front();
   }
   if (const auto device = best_of(among, matcher_of(selector))) return *device;
-  throw Error("no OpenCL device matches '" + std::string(selector) + "'; there is: " + list_of(among));
+  throw Error("no OpenCL device matches '" + std::string(selector) + "'; use one of: " + list_of(among));
 }
 
 namespace opencl {
 
 cl::Device open(const Device& device) {
-  const std::vector<cl::Platform> platforms = all_platforms();
-  if (device.platform < platforms.size()) {
+  const auto find = [&]() -> std::optional<cl::Device> {
+    const std::vector<cl::Platform> platforms = all_platforms();
+    if (device.platform >= platforms.size()) return std::nullopt;
     const std::vector<cl::Device> found = all_devices(platforms[device.platform]);
-    if (device.index < found.size()) return found[device.index];
-  }
-  throw Error("device " + device.id() + " (" + device.label() + ") is no longer there; choose another");
+    if (device.index >= found.size()) return std::nullopt;
+    return found[device.index];
+  };
+  if (auto found = translate_errors(device.label(), find)) return *std::move(found);
+  throw Error("device " + device.id() + " (" + device.label() + ") is no longer available; choose another");
 }
 
 Device describe(const cl::CommandQueue& queue) {
   return translate_errors("the queue's device", [&] {
     const auto device = queue.getInfo<CL_QUEUE_DEVICE>();
-    cl::Device whole = device;
+    cl::Device root = device;
     for (cl::Device part = device; part() != nullptr; part = part.getInfo<CL_DEVICE_PARENT_DEVICE>())
-      whole = part;
+      root = part;
     const cl::Platform platform(device.getInfo<CL_DEVICE_PLATFORM>(), true);
     const std::vector<cl::Platform> platforms = all_platforms();
     const std::vector<cl::Device> siblings = all_devices(platform);
-    const auto place = [](const auto& list, const auto& one) {
+    const auto index_of = [](const auto& list, const auto& one) {
       return static_cast<std::size_t>(
           std::find_if(list.begin(), list.end(), [&](const auto& other) { return other() == one(); }) -
           list.begin());
     };
-    return broadcl::describe(platform, device, place(platforms, platform), place(siblings, whole));
+    return broadcl::describe(platform, device, index_of(platforms, platform), index_of(siblings, root));
   });
 }
 

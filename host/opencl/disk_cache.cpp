@@ -5,7 +5,7 @@
 #include <cstdint>
 #include <cstring>
 #include <fstream>
-#include <iterator>
+#include <sstream>
 #include <system_error>
 #include <utility>
 
@@ -62,13 +62,13 @@ bool write(const fs::path& path, const Header& header, std::string_view key, std
 DiskCache::DiskCache() {
   if (const auto folder = environment("BROADCL_CACHE_DIR")) {
     folder_ = *folder;
-    asked_for_ = true;
+    is_named_ = true;
   } else if (const auto caches = user_cache_directory()) {
     folder_ = *caches / "broadcl";
   }
 }
 
-DiskCache::DiskCache(fs::path folder) : folder_(std::move(folder)), asked_for_(true) {}
+DiskCache::DiskCache(fs::path folder) : folder_(std::move(folder)), is_named_(true) {}
 
 fs::path DiskCache::file_of(std::string_view key) const {
   constexpr std::string_view digits = "0123456789abcdef";
@@ -80,7 +80,9 @@ fs::path DiskCache::file_of(std::string_view key) const {
 std::optional<DiskCache::Bytes> DiskCache::load(std::string_view key) const {
   if (folder_.empty()) return std::nullopt;
   std::ifstream file(file_of(key), std::ios::binary);
-  const std::string all{std::istreambuf_iterator<char>(file), {}};
+  std::ostringstream text;
+  text << file.rdbuf();  // as much as can be read
+  const std::string all = std::move(text).str();
   Header header{};
   if (all.size() < sizeof header + key.size()) return std::nullopt;
   std::memcpy(&header, all.data(), sizeof header);
@@ -101,7 +103,7 @@ void DiskCache::store(std::string_view key, const Bytes& bytes) const {
   if (written && !failure) return;
   std::error_code ignored;
   fs::remove(temporary, ignored);
-  if (asked_for_) {
+  if (is_named_) {
     throw Error("cannot write the cache of kernels in " + folder_.string() +
                 "; set BROADCL_CACHE_DIR to a folder that can be written, or unset it");
   }

@@ -13,8 +13,7 @@ struct Code {
 };
 
 constexpr std::string_view memory_remedy = "use fewer boxes, another algorithm or a device with more memory";
-constexpr std::string_view driver_remedy =
-    "see whether `broadcl check` passes on this device, and update its driver";
+constexpr std::string_view driver_remedy = "check this device with `broadcl check`, and update its driver";
 
 constexpr std::array codes{
     Code{CL_DEVICE_NOT_AVAILABLE, "CL_DEVICE_NOT_AVAILABLE", "choose another device"},
@@ -27,7 +26,7 @@ constexpr std::array codes{
     Code{CL_BUILD_PROGRAM_FAILURE, "CL_BUILD_PROGRAM_FAILURE", driver_remedy},
     Code{CL_INVALID_BINARY, "CL_INVALID_BINARY", driver_remedy},
     Code{CL_INVALID_WORK_GROUP_SIZE, "CL_INVALID_WORK_GROUP_SIZE", driver_remedy},
-    Code{CL_INVALID_COMMAND_QUEUE, "CL_INVALID_COMMAND_QUEUE", "the device was lost: make a new object"},
+    Code{CL_INVALID_COMMAND_QUEUE, "CL_INVALID_COMMAND_QUEUE", "the device was lost: create a new object"},
 };
 
 const Code* find(cl_int code) {

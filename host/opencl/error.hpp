@@ -13,10 +13,10 @@ namespace broadcl::opencl {
 /// "CL_OUT_OF_RESOURCES (-5)".
 [[nodiscard]] std::string code_name(cl_int code);
 
-/// An Error that names the device, the call, the code and what to do about it.
+/// An Error that names the device, the call, the code and the remedy.
 [[nodiscard]] Error to_error(const cl::Error& error, std::string_view device);
 
-/// Runs a function and turns what OpenCL throws in it into an Error.
+/// Calls a function and turns an OpenCL error that it throws into an Error.
 template <class Function>
 decltype(auto) translate_errors(std::string_view device, Function&& function) {
   try {

@@ -4,10 +4,10 @@
 #include <filesystem>
 #include <fstream>
 #include <iomanip>
-#include <iterator>
 #include <optional>
 #include <set>
 #include <sstream>
+#include <utility>
 
 #include <broadcl/error.hpp>
 
@@ -20,12 +20,12 @@ std::string read(std::string_view name) {
   if (const auto folder = environment("BROADCL_KERNEL_DIR")) {
     const auto path = std::filesystem::path(*folder) / name;
     std::ifstream file(path, std::ios::binary);
-    std::string text{std::istreambuf_iterator<char>(file), {}};
-    if (!file) {
+    std::ostringstream text;
+    if (!(text << file.rdbuf())) {
       throw Error("cannot read " + path.string() +
-                  "; point BROADCL_KERNEL_DIR to the folder with BroadCL's kernels, or unset it");
+                  "; set BROADCL_KERNEL_DIR to the folder with BroadCL's kernels, or unset it");
     }
-    return text;
+    return std::move(text).str();
   }
   const auto files = embedded_kernel_files();
   const auto file =
@@ -58,8 +58,8 @@ void append(std::string& out, const std::string& name, std::set<std::string>& se
   }
 }
 
-/// "file:line" of a line of a source, counted from 1, from the `#line` directive before it.
-std::string place_of(std::size_t line, const std::string& source) {
+/// "file:line" of a line (from 1) of a source, by the `#line` directive before it.
+std::string location_of(std::size_t line, const std::string& source) {
   std::istringstream lines(source);
   std::string file;
   std::size_t number = 0;
@@ -86,7 +86,7 @@ std::string with_file_names(const std::string& log, const std::string& source) {
     const std::size_t digits = at + mark.size();
     const std::size_t end = log.find_first_not_of("0123456789", digits);
     if (end == digits || end == std::string::npos) break;
-    result += log.substr(done, at - done) + place_of(std::stoul(log.substr(digits, end - digits)), source);
+    result += log.substr(done, at - done) + location_of(std::stoul(log.substr(digits, end - digits)), source);
     done = end;
   }
   return result + log.substr(done);

@@ -8,7 +8,6 @@
 #include <broadcl/broad_phase.hpp>
 #include <cstdint>
 #include <iterator>
-#include <limits>
 #include <span>
 #include <unordered_map>
 #include <vector>
@@ -32,8 +31,7 @@ Aabb box_of(const btBroadphaseInterface& broadphase, btBroadphaseProxy& proxy) {
   btVector3 upper;
   broadphase.getAabb(&proxy, lower, upper);
   const Aabb box = {{lower.x(), lower.y(), lower.z()}, {upper.x(), upper.y(), upper.z()}};
-  constexpr float infinity = std::numeric_limits<float>::infinity();
-  return has_nan(box) ? Aabb{{infinity, infinity, infinity}, {-infinity, -infinity, -infinity}} : box;
+  return has_nan(box) ? empty_aabb() : box;
 }
 
 bool pass_filters(const btBroadphaseProxy& s, const btBroadphaseProxy& t) {
@@ -47,7 +45,7 @@ std::vector<Pair> expected_pairs(Proxies proxies, std::span<const Aabb> boxes) {
   return pairs;
 }
 
-/// A proxy that is not among them gets an id beyond all others.
+/// A pair's proxy that is not among `proxies` gets an id beyond all others.
 std::vector<Pair> cached_pairs(btOverlappingPairCache& cache, Proxies proxies) {
   std::unordered_map<const btBroadphaseProxy*, std::uint32_t> ids;
   for (const btBroadphaseProxy* proxy : proxies) ids.emplace(proxy, static_cast<std::uint32_t>(ids.size()));
