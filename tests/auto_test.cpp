@@ -31,6 +31,8 @@
 namespace broadcl::test {
 namespace {
 
+SUITE_NOT_IN(Calibration, sanitizers, "measures time");
+
 // Choosing, with costs that are told and not measured.
 
 /// All pairs, or what is linear: they cost the same at 100,000 tests a second and 1,000 slots.

@@ -16,6 +16,7 @@
 #include <broadcl/eigen.hpp>
 
 #include "expect_error.hpp"
+#include "runs.hpp"
 
 namespace broadcl {
 namespace {
@@ -267,6 +268,7 @@ TYPED_TEST(BoxViewOf, ANaNIsNamedWhereverItStands) {
   }
 }
 
+NOT_IN(sanitizers, "takes long");
 TYPED_TEST(BoxViewOf, OfManyNaNsTheFirstIsNamedWhateverTheThreadsDo) {
   const auto boxes = boxes_of_every_kind<TypeParam>(of_many_threads);
   // Among them the last of a thread and the first of the next, where there are two threads or three.

@@ -15,6 +15,8 @@
 namespace broadcl {
 namespace {
 
+SUITE_ALSO_IN(BruteForce, gpu_profile | rusticl);
+
 using test::apart;
 using test::EachAlgorithm;
 using test::unit;
@@ -50,6 +52,7 @@ TEST_P(EachAlgorithm, EveryPairIsFoundAlone) {
   }
 }
 
+NOT_IN(gpu_profile | sanitizers, "takes long, and rusticl has this tuning profile");
 TEST_P(EachAlgorithm, SizesToAHundredAgreeWithTheOracle) {
   for (std::uint32_t n = 0; n <= 100; ++n) {
     expect_oracle(scenes::MovingBoxes(n, scenes::MovingBoxes::Sizes::mixed, n).boxes(), std::to_string(n));
@@ -62,6 +65,7 @@ TEST_P(EachAlgorithm, SizesAroundPowersOfTwoAgreeWithTheOracle) {
   }
 }
 
+NOT_IN(gpu_profile | sanitizers, "takes long, and rusticl has this tuning profile");
 TEST_P(EachAlgorithm, EveryKindOfSceneAgreesWithTheOracle) {
   for (const std::uint32_t count : {10U, 100U, 500U}) {
     for (const scenes::BoxScene& scene : scenes::box_scenes(count)) {
@@ -70,12 +74,14 @@ TEST_P(EachAlgorithm, EveryKindOfSceneAgreesWithTheOracle) {
   }
 }
 
+ALSO_IN(oclgrind);
 TEST_P(EachAlgorithm, SmallEmptyBoxesOverlapNothing) {
   const Aabb all{{-infinity, -infinity, -infinity}, {infinity, infinity, infinity}};
   const Aabb inverted{{0.5F, 0.75F, 0.5F}, {0.5F, 0.25F, 0.5F}};
   EXPECT_EQ(overlapping_pairs(std::vector{all, inverted, unit}, config()), (std::vector<Pair>{{0, 2}}));
 }
 
+ALSO_IN(oclgrind);
 TEST_P(EachAlgorithm, SmallIdsAreTheLowestFree) {
   BroadPhase broad_phase(config());
   for (std::uint32_t k = 0; k < 10; ++k) EXPECT_EQ(broad_phase.add(unit), k);
@@ -84,6 +90,7 @@ TEST_P(EachAlgorithm, SmallIdsAreTheLowestFree) {
   for (const std::uint32_t id : {2U, 5U, 7U, 10U}) EXPECT_EQ(broad_phase.add(unit), id);
 }
 
+ALSO_IN(oclgrind | oclgrind_gpu_profile);
 TEST_P(EachAlgorithm, SmallARemovedAndReusedIdEndsItsPairs) {
   BroadPhase broad_phase(config());
   for (int k = 0; k < 3; ++k) broad_phase.add(unit);
@@ -225,6 +232,7 @@ TEST(Algorithms, AnUnknownOneIsAnErrorThatListsThem) {
   for (const AlgorithmInfo& info : algorithms()) EXPECT_THAT(text, HasSubstr(std::string(info.name)));
 }
 
+ALSO_IN(gpu_profile | rusticl);
 TEST(GpuBf, ReportsItsStages) {
   BroadPhase broad_phase({.algorithm = "gpu-bf", .profile = true});
   for (int k = 0; k < 100; ++k) broad_phase.add(unit);

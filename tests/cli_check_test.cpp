@@ -10,12 +10,16 @@
 #include <broadcl/device.hpp>
 
 #include "program.hpp"
+#include "runs.hpp"
 
 namespace broadcl::test {
 namespace {
 
+SUITE_NOT_IN(ProgramWrongKernels, sanitizers, "compiles all kernels anew");
+
 using nlohmann::json;
 
+NOT_IN(sanitizers, "takes long");
 TEST_F(Program, CheckWorksHere) {
   const Outcome outcome = run("check");
   expect_success(outcome);
@@ -25,6 +29,7 @@ TEST_F(Program, CheckWorksHere) {
   }
 }
 
+NOT_IN(sanitizers, "takes long");
 TEST_F(Program, CheckTakesADevice) {
   const Outcome outcome = run("check --device " + select_device().id());
   expect_success(outcome);

@@ -23,6 +23,7 @@
 #include "cli/study_run_file.hpp"
 
 #include "program.hpp"
+#include "runs.hpp"
 #include "system.hpp"
 
 namespace broadcl::test {
@@ -349,6 +350,7 @@ TEST_F(ProgramStudy, RefusesTimesOfAnotherHostOrBuildAndDamagedDocuments) {
   expect_refused(run("study --out s"), "'s' has runs but no study.json");
 }
 
+NOT_IN(sanitizers, "compiles the kernels of several devices");
 TEST_F(ProgramStudy, AddsAnotherDevice) {
   const std::string both = "RUSTICL_ENABLE=llvmpipe";
   const json devices = json::parse(run("devices --json", both).out);

@@ -44,6 +44,7 @@ void expect_pairs(const BroadPhase::Config& config, std::span<const Filter> filt
   EXPECT_EQ(twins.tested().pairs(), expected);
 }
 
+ALSO_IN(oclgrind);
 TEST_P(EachAlgorithm, SmallGroupsAndMasksFilterBothWays) {
   constexpr std::uint32_t high = 0x80000000;
   constexpr std::array filters{Filter{.group = 1},
@@ -57,6 +58,7 @@ TEST_P(EachAlgorithm, SmallGroupsAndMasksFilterBothWays) {
   expect_pairs(config(), filters, {{0, 1}, {0, 5}, {5, 6}, {2, 7}});
 }
 
+ALSO_IN(oclgrind);
 TEST_P(EachAlgorithm, SmallObjectsOfABodyNeverPair) {
   constexpr std::array filters{of_body(7), of_body(7), of_body(8), Filter{},
                                Filter{},   of_body(0), of_body(0)};
@@ -68,6 +70,7 @@ TEST_P(EachAlgorithm, SmallObjectsOfABodyNeverPair) {
 
 /// Worlds are compared as they are, though kernels carry them among floats: those here would be zeros,
 /// denormals, infinities and NaNs.
+ALSO_IN(oclgrind | oclgrind_gpu_profile);
 TEST_P(EachAlgorithm, SmallWorldsAreComparedBitByBit) {
   constexpr std::array<std::uint32_t, 9> worlds{0,          1,          2,          0x7f800000, 0x7f800001,
                                                 0x7fc00000, 0x80000000, 0x80000001, 0xffffffff};
@@ -80,6 +83,7 @@ TEST_P(EachAlgorithm, SmallWorldsAreComparedBitByBit) {
   expect_pairs(config(), filters, expected);
 }
 
+ALSO_IN(oclgrind);
 TEST_P(EachAlgorithm, SmallSizesWithFiltersAgreeWithTheOracle) {
   std::mt19937 random(1);
   for (const std::uint32_t n : {1U, 2U, 17U, 33U}) {
@@ -96,6 +100,7 @@ TEST_P(EachAlgorithm, SmallSizesWithFiltersAgreeWithTheOracle) {
   }
 }
 
+ALSO_IN(oclgrind);
 TEST_P(EachAlgorithm, SmallFiltersOfBoxesThatStandStillEndPairsAndBringThemBack) {
   BroadPhase broad_phase(config());
   for (int k = 0; k < 40; ++k) broad_phase.add(unit);
@@ -123,6 +128,7 @@ TEST_P(EachAlgorithm, SmallFiltersOfBoxesThatStandStillEndPairsAndBringThemBack)
   EXPECT_EQ(broad_phase.pairs().size(), 780U);
 }
 
+ALSO_IN(oclgrind);
 TEST_P(EachAlgorithm, SmallFiltersAndBoxesThatChangeTogether) {
   BroadPhase broad_phase(config());
   for (std::uint32_t k = 0; k < 20; ++k) broad_phase.add(apart(k), in_world(k % 2));
@@ -138,6 +144,7 @@ TEST_P(EachAlgorithm, SmallFiltersAndBoxesThatChangeTogether) {
   EXPECT_TRUE(same(broad_phase.update(), Pairs{{5, 7}}, {}));
 }
 
+ALSO_IN(oclgrind);
 TEST_P(EachAlgorithm, SmallAReusedIdHasTheFilterOfItsNewObject) {
   BroadPhase broad_phase(config());
   for (int k = 0; k < 18; ++k) broad_phase.add(unit, in_world(3));
@@ -156,6 +163,7 @@ TEST_P(EachAlgorithm, SmallAReusedIdHasTheFilterOfItsNewObject) {
   EXPECT_TRUE(same(broad_phase.update(), of_2, of_2));
 }
 
+ALSO_IN(oclgrind);
 TEST_P(EachAlgorithm, SmallFiltersFirstUsedAfterSomeUpdates) {
   Twins twins(config());
   for (int k = 0; k < 30; ++k) twins.add(unit);
@@ -172,6 +180,7 @@ TEST_P(EachAlgorithm, SmallFiltersFirstUsedAfterSomeUpdates) {
 }
 
 /// No filter changed since the last update, but there is one more.
+ALSO_IN(oclgrind);
 TEST_P(EachAlgorithm, SmallTheDefaultFilterOfANewObjectReachesTheDevice) {
   for (const Filter& other : {Filter{.body = 4}, in_world(1)}) {
     BroadPhase broad_phase(config());
@@ -190,6 +199,7 @@ TEST_P(EachAlgorithm, SmallTheDefaultFilterOfANewObjectReachesTheDevice) {
 }
 
 /// An update without pairs to test has nothing to tell the device, but must not forget the filter.
+ALSO_IN(oclgrind);
 TEST_P(EachAlgorithm, SmallAFilterSetWhileAloneTakesEffect) {
   BroadPhase broad_phase(config());
   broad_phase.add(unit, of_body(1));
@@ -218,6 +228,7 @@ TEST_P(EachAlgorithm, AFilterOfAnUnknownObjectIsAnError) {
 
 /// Many small worlds in one search, all in the same place: interleaved, where each vector of boxes holds many
 /// worlds, and in blocks.
+NOT_IN(gpu_profile | rusticl | sanitizers, "takes long");
 TEST_P(EachAlgorithm, ThousandsOfWorldsInOneSearch) {
   constexpr std::uint32_t size = 20;
   const std::uint32_t worlds = is_slow() ? 100 : 300;
@@ -286,6 +297,7 @@ void live_at_random(const BroadPhase::Config& config, std::uint32_t seeds, int f
   }
 }
 
+ALSO_IN(oclgrind);
 TEST_P(EachAlgorithm, SmallRandomLivesWithFiltersFollowTheOracle) {
   live_at_random(config(), 1, 12);
 }

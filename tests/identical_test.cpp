@@ -20,10 +20,15 @@
 #include <broadcl/bullet.hpp>
 
 #include "environment.hpp"
+#include "runs.hpp"
 #include "scenes/world.hpp"
 
 namespace broadcl {
 namespace {
+
+// ctest has the tests of this file run with rusticl on (CMakeLists.txt).
+SUITE_NOT_IN(Identical, sanitizers, "needs Mesa, which leaks when it is loaded");
+SUITE_NOT_IN(IdenticalRun, sanitizers, "needs Mesa, which leaks when it is loaded");
 
 /// A pair that enters or leaves a pair cache.
 struct Change {
@@ -152,7 +157,6 @@ TEST_P(IdenticalRun, WhereverTheHeapPutsThings) {
   expect_same(run_on({}), expected);
 }
 
-// ctest has the tests of this file run where rusticl is on (CMakeLists.txt).
 TEST(Identical, DevicesAreOfTwoImplementationsWhereRusticlIsOn) {
   const char* rusticl = std::getenv("RUSTICL_ENABLE");  // NOLINT(concurrency-mt-unsafe)
   if (rusticl == nullptr) GTEST_SKIP() << "RUSTICL_ENABLE is not set";

@@ -14,9 +14,13 @@
 #include "opencl/context.hpp"
 #include "opencl/radix_sort.hpp"
 #include "opencl/scan.hpp"
+#include "runs.hpp"
 
 namespace broadcl::opencl {
 namespace {
+
+SUITE_ALSO_IN(Scan, gpu_profile | rusticl);
+SUITE_ALSO_IN(RadixSort, gpu_profile | rusticl);
 
 using Element = std::uint64_t;  // as RadixSort::Bits numbers its bits
 using Keys = std::vector<RadixSort::Bits>;
@@ -112,6 +116,7 @@ std::vector<Element> random_elements(std::size_t n) {
 
 const Keys by_key{{32, 32}};
 
+ALSO_IN(oclgrind | oclgrind_gpu_profile);
 TEST(Scan, SmallListsOfEachSize) {
   in_both_shapes([](const Context& context) {
     Scan scan(context);
@@ -122,6 +127,7 @@ TEST(Scan, SmallListsOfEachSize) {
 }
 
 /// The fewest values that make several blocks, in each shape.
+ALSO_IN(oclgrind | oclgrind_gpu_profile);
 TEST(Scan, SmallestListsOfSeveralBlocks) {
   in_both_shapes([](const Context& context) {
     Scan scan(context);
@@ -139,6 +145,7 @@ TEST(Scan, ListsOfEachSize) {
   });
 }
 
+NOT_IN(sanitizers, "takes long");
 TEST(Scan, AMillion) {
   in_both_shapes([](const Context& context) {
     Scan scan(context);
@@ -148,6 +155,7 @@ TEST(Scan, AMillion) {
 }
 
 /// More than one work-item of some devices can go through: see cut_into_blocks.
+NOT_IN(sanitizers, "takes long");
 TEST(Scan, NineMillion) {
   in_both_shapes([](const Context& context) {
     Scan scan(context);
@@ -155,6 +163,7 @@ TEST(Scan, NineMillion) {
   });
 }
 
+ALSO_IN(oclgrind);
 TEST(RadixSort, SmallListsOfEachSize) {
   in_both_shapes([](const Context& context) {
     RadixSort sort(context);
@@ -165,6 +174,7 @@ TEST(RadixSort, SmallListsOfEachSize) {
 }
 
 /// The fewest elements that make several blocks.
+ALSO_IN(oclgrind | oclgrind_gpu_profile);
 TEST(RadixSort, SmallestListsOfSeveralBlocks) {
   in_both_shapes([](const Context& context) {
     RadixSort sort(context);
@@ -240,6 +250,7 @@ TEST(RadixSort, SortsInARowDoNotDisturbEachOther) {
   });
 }
 
+NOT_IN(sanitizers, "takes long");
 TEST(RadixSort, AMillion) {
   in_both_shapes([](const Context& context) {
     RadixSort sort(context);
@@ -249,6 +260,7 @@ TEST(RadixSort, AMillion) {
 }
 
 /// More than one work-item of some devices can go through: see cut_into_blocks.
+NOT_IN(sanitizers, "takes long");
 TEST(RadixSort, ThreeMillion) {
   in_both_shapes([](const Context& context) {
     RadixSort sort(context);

@@ -15,6 +15,7 @@
 #include <vector>
 
 #include "expect_error.hpp"
+#include "runs.hpp"
 
 namespace broadcl::scenes {
 namespace {
@@ -55,6 +56,7 @@ std::string without_hyphens(std::string name) {
 
 class EachScenario : public testing::TestWithParam<std::string> {};
 
+NOT_IN(sanitizers, "takes long");
 TEST_P(EachScenario, StartsWithoutOverlapInsideTheContainer) {
   for (const std::uint32_t objects : {1U, 2U, 3U, 6U, 7U, 9U, 100U, 500U, 1250U, 2000U, 2750U, 3500U}) {
     for (const std::uint64_t seed : {1U, 2U, 3U, 4U, 5U}) {
@@ -78,6 +80,7 @@ TEST_P(EachScenario, StartsAnywhereInTheContainer) {
   EXPECT_THAT(count_by_octant, testing::Each(testing::AllOf(testing::Gt(350), testing::Lt(525))));
 }
 
+NOT_IN(sanitizers, "measures time");
 TEST_P(EachScenario, FindsPlaceForManyObjectsQuickly) {
   const auto start = std::chrono::steady_clock::now();
   const Scenario scenario({.name = GetParam(), .objects = 100'000});

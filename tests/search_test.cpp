@@ -65,6 +65,7 @@ std::vector<Aabb> special_boxes(std::uint32_t n, std::uint32_t seed) {
   return boxes;
 }
 
+ALSO_IN(oclgrind);
 TEST_P(EachAlgorithm, SmallSpecialBoundsAgreeWithTheOraclePairByPair) {
   for (std::uint32_t seed = 1; seed <= 3; ++seed) {
     const std::vector<Aabb> boxes = special_boxes(90, seed);
@@ -82,6 +83,7 @@ TEST_P(EachAlgorithm, SmallSpecialBoundsAgreeWithTheOraclePairByPair) {
   }
 }
 
+NOT_IN(gpu_profile | sanitizers, "takes long, and rusticl has this tuning profile");
 TEST_P(EachAlgorithm, ManySpecialBoundsAgreeWithTheOracle) {
   const std::uint32_t draws = is_slow() ? 5 : 60;
   for (std::uint32_t seed = 1; seed <= draws; ++seed) {
@@ -90,6 +92,7 @@ TEST_P(EachAlgorithm, ManySpecialBoundsAgreeWithTheOracle) {
 }
 
 /// The same when few moved, with worlds and without.
+ALSO_IN(oclgrind);
 TEST_P(EachAlgorithm, SmallSpecialBoundsThatMoveAgreeWithTheOracle) {
   for (const bool worlds : {false, true}) {
     Twins twins(config());
@@ -106,6 +109,7 @@ TEST_P(EachAlgorithm, SmallSpecialBoundsThatMoveAgreeWithTheOracle) {
 }
 
 /// Each axis alone keeps two boxes apart, by as little as there is.
+ALSO_IN(oclgrind);
 TEST_P(EachAlgorithm, SmallTouchingAndBarelyApart) {
   const float tiny = Limits::denorm_min();
   const float large = Limits::max();
@@ -159,6 +163,7 @@ TEST_P(EachAlgorithm, SmallTouchingAndBarelyApart) {
 
 // Sizes.
 
+NOT_IN(sanitizers, "takes long");
 TEST_P(EachAlgorithm, SizesAroundPowersOfTwoWithWorldsAndFewMoved) {
   for (const std::uint32_t n : {1U, 2U, 31U, 32U, 33U, 255U, 256U, 257U, 4097U}) {
     if (n > 1000 && is_slow()) continue;
@@ -193,6 +198,7 @@ Pairs sweep(std::span<const Aabb> boxes) {
   return pairs;
 }
 
+NOT_IN(gpu_profile | rusticl | sanitizers, "takes minutes");
 TEST(BruteForce, AHundredThousandBoxes) {
   if (is_slow_device()) GTEST_SKIP() << "takes minutes on this device";
   constexpr std::uint32_t n = 100'000;
@@ -211,6 +217,7 @@ TEST(BruteForce, AHundredThousandBoxes) {
 }
 
 /// Ids that a float cannot count. All against all would take hours, so few of 17 million objects change.
+NOT_IN(sanitizers, "takes long");
 TEST(BruteForce, IdsPast24Bits) {
   if (is_slow_device()) GTEST_SKIP() << "takes minutes on this device";
   constexpr std::uint32_t n = 17'000'000;
@@ -265,6 +272,7 @@ TEST(BruteForce, IdsPast24Bits) {
 }
 
 /// More pairs than there is room for at first, and changes that are sorted.
+ALSO_IN(oclgrind);
 TEST_P(EachAlgorithm, SmallListsOfPairsGrow) {
   constexpr std::uint32_t n = 184;  // room for 16,384 pairs at first
   BroadPhase broad_phase(config());
@@ -275,6 +283,7 @@ TEST_P(EachAlgorithm, SmallListsOfPairsGrow) {
 }
 
 /// Far more: none is dropped.
+NOT_IN(gpu_profile | rusticl | sanitizers, "takes long");
 TEST_P(EachAlgorithm, EveryPairOfThousandsIsFound) {
   const std::uint32_t n = is_slow() ? 1000 : 5000;
   const std::size_t all = std::size_t{n} * (n - 1) / 2;

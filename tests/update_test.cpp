@@ -21,6 +21,7 @@ std::vector<std::string_view> stages(const BroadPhase& broad_phase) {
   return names;
 }
 
+ALSO_IN(oclgrind);
 TEST_P(EachAlgorithm, SmallWhereNothingMovedTheDeviceIsNotAsked) {
   BroadPhase broad_phase(config());
   EXPECT_TRUE(same(broad_phase.update(), {}, {}));
@@ -74,6 +75,7 @@ TEST(BruteForce, AppliesAndCarriesWhereFewMoved) {
 }
 
 /// In either shape more changes than are compared each with every other.
+ALSO_IN(oclgrind | oclgrind_gpu_profile);
 TEST_P(EachAlgorithm, SmallManyChangesAreInOrder) {
   constexpr std::uint32_t n = 100;
   BroadPhase broad_phase(config());
@@ -114,6 +116,7 @@ TEST_P(EachAlgorithm, ManyChangesAreInOrder) {
   }
 }
 
+ALSO_IN(oclgrind);
 TEST_P(EachAlgorithm, SmallPairsOfTwoThatStandStillStay) {
   BroadPhase broad_phase(config());
   for (std::uint32_t k = 0; k < 64; ++k) broad_phase.add(apart(k / 2));
@@ -176,6 +179,8 @@ void follow_fresh_searches(const BroadPhase::Config& config, std::uint32_t n, st
   }
 }
 
+ALSO_IN(oclgrind);
+NOT_IN(sanitizers, "takes long");
 TEST_P(EachAlgorithm, SmallFewMovedFindWhatANewSearchFinds) {
   for (const std::uint32_t n : {3U, 18U}) {
     follow_fresh_searches(config(), n, n);
@@ -183,6 +188,7 @@ TEST_P(EachAlgorithm, SmallFewMovedFindWhatANewSearchFinds) {
   }
 }
 
+NOT_IN(gpu_profile | rusticl | sanitizers, "takes long");
 TEST_P(EachAlgorithm, FewMovedFindWhatANewSearchFinds) {
   for (const std::uint32_t n : {2U, 4U, 5U, 8U, 16U, 17U, 31U, 32U, 33U, 40U, 255U, 256U, 257U, 4097U}) {
     if (n > 1000 && is_slow()) continue;
@@ -207,6 +213,7 @@ TEST_P(EachAlgorithm, BoxesThatStandStillComeAlongWhenMemoryGrows) {
   EXPECT_EQ(twins.tested().pairs().size(), 428U);
 }
 
+ALSO_IN(oclgrind);
 TEST_P(EachAlgorithm, SmallTheLastOrAllRemovedAndAddedAgain) {
   Twins twins(config());
   for (std::uint32_t k = 0; k < 20; ++k) twins.add(k % 2 == 0 ? unit : apart(k / 2));
@@ -243,6 +250,7 @@ TEST_P(EachAlgorithm, UpdatesOfNothingFollowThatOfMuch) {
   }
 }
 
+ALSO_IN(oclgrind);
 TEST_P(EachAlgorithm, SmallSignedZerosAndEmptyBoxesThatMove) {
   Twins twins(config());
   const Aabb positive{{0, 0, 0}, {1, 1, 0}};

@@ -23,6 +23,7 @@
 #include <vector>
 
 #include "expect_error.hpp"
+#include "runs.hpp"
 #include "scenes/broadphases.hpp"
 #include "scenes/verify.hpp"
 
@@ -71,6 +72,7 @@ std::string without_hyphens(std::string name) {
 
 class EachScenarioWorld : public testing::TestWithParam<std::string> {};
 
+NOT_IN(sanitizers, "takes long");
 TEST_P(EachScenarioWorld, MissesNoPairWithAnyBroadPhase) {
   const Scenario::Config config{.name = GetParam(), .objects = 100};
   for (const BroadphaseInfo& info : broadphases()) {
@@ -88,6 +90,7 @@ TEST_P(EachScenarioWorld, MissesNoPairWithAnyBroadPhase) {
 }
 
 // At 50 g objects sink into the walls; what is past the middle of a wall would be pushed out on the far side.
+NOT_IN(sanitizers, "takes long");
 TEST_P(EachScenarioWorld, LosesNoObject) {
   btDbvtBroadphase tree;
   World world({.name = GetParam(), .objects = 100}, tree);
@@ -98,6 +101,7 @@ TEST_P(EachScenarioWorld, LosesNoObject) {
   }
 }
 
+NOT_IN(sanitizers, "takes long");
 TEST_P(EachScenarioWorld, FollowsFromItsSeed) {
   const auto positions_after = [](std::uint64_t seed) {
     btDbvtBroadphase tree;
