@@ -282,8 +282,10 @@ TEST_F(ProgramStudy, RefusesWhatContradictsTheFolder) {
   EXPECT_EQ(run_files(), before);
 }
 
-TEST_F(ProgramStudy, LeavesAFolderAloneThatAnotherStudyHas) {
+TEST_F(ProgramStudy, RefusesNewLimitsAndAFolderThatAnotherStudyHas) {
   expect_success(run(tiny_on_host));
+  expect_refused(run("study --out s --most bullet-bf=70"),
+                 "'s' holds a study with --most of no broad phase;");
   fs::remove(path("s/runs/free-fall-50-bullet-bf-1.csv"));
   const std::map<std::string, File> before = run_files();
   {
@@ -293,12 +295,6 @@ TEST_F(ProgramStudy, LeavesAFolderAloneThatAnotherStudyHas) {
   }
   expect_success(run("study --out s"));
   EXPECT_EQ(run_files().size(), before.size() + 1);
-}
-
-TEST_F(ProgramStudy, WithoutLimitsRefusesThem) {
-  expect_success(run(tiny_on_host));
-  expect_refused(run("study --out s --most bullet-bf=70"),
-                 "'s' holds a study with --most of no broad phase;");
 }
 
 TEST_F(ProgramStudy, LimitsOfThePresetStayButForThoseThatAreGiven) {

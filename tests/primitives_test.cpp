@@ -145,15 +145,6 @@ TEST(Scan, ListsOfEachSize) {
   });
 }
 
-NOT_IN(sanitizers, "takes long");
-TEST(Scan, AMillion) {
-  in_both_shapes([](const Context& context) {
-    Scan scan(context);
-    expect_scanned(context, scan, random_uints(1'000'000));
-    expect_scanned(context, scan, std::vector<std::uint32_t>(1'000'001, 1));
-  });
-}
-
 /// More than one work-item of some devices can go through: see cut_into_blocks.
 NOT_IN(sanitizers, "takes long");
 TEST(Scan, NineMillion) {
@@ -283,15 +274,6 @@ TEST(RadixSort, LongestListsOfOneLaunchByAllBits) {
 bool has_memory(std::size_t bytes) {
   const Device device = select_device();
   return device.max_allocation >= bytes && device.memory >= 2 * bytes;
-}
-
-TEST(Long, ScanOfTenMillion) {
-  constexpr std::size_t n = 10'000'001;
-  if (!has_memory(n * sizeof(std::uint32_t))) GTEST_SKIP() << "the device has no memory for 10 million uints";
-  in_both_shapes([](const Context& context) {
-    Scan scan(context);
-    expect_scanned(context, scan, random_uints(n));
-  });
 }
 
 TEST(Long, RadixSortOfTenMillion) {

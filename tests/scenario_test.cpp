@@ -14,6 +14,7 @@
 #include <string>
 #include <vector>
 
+#include "each_scenario.hpp"
 #include "expect_error.hpp"
 #include "runs.hpp"
 
@@ -41,17 +42,6 @@ bool have_same_start(const Scenario& s, const Scenario& t) {
                     [](const Scenario::Object& a, const Scenario::Object& b) {
                       return a.position == b.position && a.velocity == b.velocity && a.edge == b.edge;
                     });
-}
-
-std::vector<std::string> scenario_names() {
-  std::vector<std::string> names;
-  for (const ScenarioInfo& row : Scenario::list()) names.emplace_back(row.name);
-  return names;
-}
-
-std::string without_hyphens(std::string name) {
-  std::erase(name, '-');
-  return name;
 }
 
 class EachScenario : public testing::TestWithParam<std::string> {};
@@ -126,11 +116,11 @@ TEST_P(EachScenario, PlacesSpheresAsCubes) {
                               Scenario({.name = GetParam(), .objects = 1250, .seed = 1, .spheres = true})));
 }
 
-INSTANTIATE_TEST_SUITE_P(Scenario, EachScenario, testing::ValuesIn(scenario_names()),
-                         [](const auto& test) { return without_hyphens(test.param); });
+INSTANTIATE_TEST_SUITE_P(Scenario, EachScenario, testing::ValuesIn(test::scenario_names()),
+                         [](const auto& test) { return test::without_hyphens(test.param); });
 
 TEST(Scenario, ListsTheFourOfThePaperAndOneMore) {
-  EXPECT_THAT(scenario_names(),
+  EXPECT_THAT(test::scenario_names(),
               testing::ElementsAre("free-fall", "agitated", "rolling-gravity", "mixed-sizes", "streaming"));
 }
 
@@ -274,7 +264,7 @@ TEST_P(EachRollingScenario, PullsTowardsAllSixFaces) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Scenario, EachRollingScenario, testing::Values("rolling-gravity", "mixed-sizes"),
-                         [](const auto& test) { return without_hyphens(test.param); });
+                         [](const auto& test) { return test::without_hyphens(test.param); });
 
 }  // namespace
 }  // namespace broadcl::scenes
