@@ -95,6 +95,8 @@ class Life {
   std::mt19937 random_{1};  // NOLINT(bugprone-random-generator-seed): the same life each time
 };
 
+NOT_IN(gpu_profile | rusticl | sanitizers,
+       "fails on purpose, also where buffers are unmapped, and takes long");
 TEST_P(EachAlgorithm, ACallThatFailsMayBeRepeated) {
   for (long first = 0, calls = 1; first < calls; first += is_slow() ? 15 : 3) {
     SCOPED_TRACE("call " + std::to_string(first));
@@ -105,6 +107,8 @@ TEST_P(EachAlgorithm, ACallThatFailsMayBeRepeated) {
   }
 }
 
+NOT_IN(gpu_profile | rusticl | sanitizers,
+       "fails on purpose, also where buffers are unmapped, and takes long");
 TEST_P(EachAlgorithm, ADeviceThatFailsForGoodIsAnErrorEachTime) {
   bool failed = true;
   for (long first = 0; failed; first += is_slow() ? 35 : 7) {
