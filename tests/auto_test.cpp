@@ -25,6 +25,8 @@
 namespace broadcl::test {
 namespace {
 
+SUITE_NOT_IN(Calibration, sanitizers, "measures time");
+
 constexpr std::array finders{&make_brute_force, static_cast<MakePairFinder>(&make_tiles)};
 
 std::array<CostModel, 2> calibrated_in(const std::filesystem::path& folder) {

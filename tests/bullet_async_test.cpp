@@ -12,6 +12,7 @@
 
 #include <gtest/gtest.h>
 
+#include "runs.hpp"
 #include "scenes/world.hpp"
 
 namespace broadcl {
@@ -106,6 +107,7 @@ TEST(BulletAsync, NothingOfADestroyedProxyComesBack) {
 
 class EachScenarioAsync : public testing::TestWithParam<std::string> {};
 
+NOT_IN(sanitizers, "takes long");
 TEST_P(EachScenarioAsync, GoesTheSameWay) {
   const scenes::Scenario::Config config{.name = GetParam(), .objects = 300};
   BulletBroadphase begun;

@@ -23,6 +23,7 @@
 #include "cli/study_run_file.hpp"
 
 #include "program.hpp"
+#include "runs.hpp"
 #include "system.hpp"
 
 namespace broadcl::test {
@@ -281,8 +282,10 @@ TEST_F(ProgramStudy, RefusesWhatContradictsTheFolder) {
   EXPECT_EQ(run_files(), before);
 }
 
-TEST_F(ProgramStudy, LeavesAFolderAloneThatAnotherStudyHas) {
+TEST_F(ProgramStudy, RefusesNewLimitsAndAFolderThatAnotherStudyHas) {
   expect_success(run(tiny_on_host));
+  expect_refused(run("study --out s --most bullet-bf=70"),
+                 "'s' holds a study with --most of no broad phase;");
   fs::remove(path("s/runs/free-fall-50-bullet-bf-1.csv"));
   const std::map<std::string, File> before = run_files();
   {
@@ -292,12 +295,6 @@ TEST_F(ProgramStudy, LeavesAFolderAloneThatAnotherStudyHas) {
   }
   expect_success(run("study --out s"));
   EXPECT_EQ(run_files().size(), before.size() + 1);
-}
-
-TEST_F(ProgramStudy, WithoutLimitsRefusesThem) {
-  expect_success(run(tiny_on_host));
-  expect_refused(run("study --out s --most bullet-bf=70"),
-                 "'s' holds a study with --most for no broad phase;");
 }
 
 TEST_F(ProgramStudy, LimitsOfThePresetStayButForThoseThatAreGiven) {
@@ -349,6 +346,7 @@ TEST_F(ProgramStudy, RefusesTimesOfAnotherHostOrBuildAndDamagedDocuments) {
   expect_refused(run("study --out s"), "'s' has runs but no study.json");
 }
 
+NOT_IN(sanitizers, "compiles the kernels of several devices");
 TEST_F(ProgramStudy, AddsAnotherDevice) {
   const std::string both = "RUSTICL_ENABLE=llvmpipe";
   const json devices = json::parse(run("devices --json", both).out);

@@ -104,11 +104,13 @@ TEST_F(Program, WithoutAnyDeviceSaysWhatToInstall) {
 
 TEST_F(Program, FullDiskIsAnError) {
   expect_refused(run("pairs four.npy --out /dev/full"), "cannot write '/dev/full'");
-  for (const std::string option : {"--csv", "--json", "--trace"}) {
+  fs::create_symlink("/dev/full", path("full.npy"));
+  for (const std::string option :
+       {"--csv /dev/full", "--json /dev/full", "--trace /dev/full", "--record full.npy"}) {
     SCOPED_TRACE(option);
     const std::vector<std::string> before = files();
-    expect_refused(run("simulate --objects 5 --frames 2 --broadphase bullet-bf " + option + " /dev/full"),
-                   "cannot write '/dev/full'");
+    expect_refused(run("simulate --objects 5 --frames 2 --broadphase bullet-bf " + option),
+                   "cannot write '" + option.substr(option.find(' ') + 1) + "'");
     EXPECT_EQ(files(), before);
   }
 }

@@ -11,10 +11,13 @@
 
 #include "expect_error.hpp"
 #include "opencl/devices.hpp"
+#include "runs.hpp"
 #include "scenes/generators.hpp"
 
 namespace broadcl {
 namespace {
+
+SUITE_ALSO_IN(OnCallersQueue, gpu_profile | rusticl);
 
 using ::testing::HasSubstr;
 
@@ -47,6 +50,7 @@ class OnCallersQueue : public testing::Test {
 
 /// The same changes as a BroadPhase that is told of the same boxes, over frames in which all move and the
 /// number of boxes changes.
+ALSO_IN(oclgrind);
 TEST_F(OnCallersQueue, SmallFramesOfMotionHaveTheChangesOfTheOracle) {
   DeviceBroadPhase broad_phase(queue_());
   BroadPhase oracle({.algorithm = "oracle"});
@@ -68,6 +72,7 @@ TEST_F(OnCallersQueue, SmallFramesOfMotionHaveTheChangesOfTheOracle) {
   }
 }
 
+ALSO_IN(oclgrind | oclgrind_gpu_profile);
 TEST_F(OnCallersQueue, SmallOffsetStrideAndFiltersAreHeeded) {
   // A header of one float, then boxes of ten floats each, of which the last four are the caller's.
   const scenes::MovingBoxes boxes(200, scenes::MovingBoxes::Sizes::mixed);
@@ -102,6 +107,7 @@ TEST_F(OnCallersQueue, SmallOffsetStrideAndFiltersAreHeeded) {
   }
 }
 
+ALSO_IN(oclgrind);
 TEST_F(OnCallersQueue, SmallInvalidAndEmptyBoxesPairWithNothing) {
   const Aabb unit{{0, 0, 0}, {1, 1, 1}};
   std::vector<Aabb> boxes(40, unit);

@@ -13,6 +13,7 @@
 #include "each_algorithm.hpp"
 #include "environment.hpp"
 #include "failing_opencl.hpp"
+#include "runs.hpp"
 #include "short_life.hpp"
 #include "trouble.hpp"
 
@@ -47,10 +48,14 @@ void expect_short_lives(const BroadPhase::Config& config, long count, long step)
   }
 }
 
+NOT_IN(gpu_profile | rusticl | sanitizers,
+       "fails on purpose, also where buffers are unmapped, and takes long");
 TEST_P(EachAlgorithm, ACallThatFailsMayBeRepeated) {
   expect_short_lives(config(), 1, is_slow() ? 15 : 3);
 }
 
+NOT_IN(gpu_profile | rusticl | sanitizers,
+       "fails on purpose, also where buffers are unmapped, and takes long");
 TEST_P(EachAlgorithm, ADeviceThatFailsForSomeTimeLosesNothing) {
   expect_short_lives(config(), OpenClTrouble::for_good, is_slow() ? 35 : 7);
 }
@@ -76,10 +81,14 @@ void expect_device_lives(const std::string& algorithm, long count) {
   }
 }
 
+NOT_IN(gpu_profile | rusticl | sanitizers,
+       "fails on purpose, also where buffers are unmapped, and takes long");
 TEST_P(DeviceFailure, WhicheverCallOfADeviceBroadPhaseFailsMayBeRepeated) {
   expect_device_lives(GetParam(), 1);
 }
 
+NOT_IN(gpu_profile | rusticl | sanitizers,
+       "fails on purpose, also where buffers are unmapped, and takes long");
 TEST_P(DeviceFailure, ADeviceBroadPhaseGoesOnWhenTheDeviceWorksAgain) {
   expect_device_lives(GetParam(), OpenClTrouble::for_good);
 }
@@ -109,10 +118,14 @@ void expect_errors_alone(const Function& function) {
   }
 }
 
+NOT_IN(gpu_profile | rusticl | sanitizers,
+       "fails on purpose, also where buffers are unmapped, and takes long");
 TEST(DeviceFailure, ListingDevicesThrowsErrorsAlone) {
   expect_errors_alone([] { EXPECT_FALSE(devices().empty()); });
 }
 
+NOT_IN(gpu_profile | rusticl | sanitizers,
+       "fails on purpose, also where buffers are unmapped, and takes long");
 TEST_P(EachAlgorithm, ConstructorsOnAFailingDeviceThrowErrorsAlone) {
   if (!GetParam().on_device) return;
   const ScopedFolder folder;
@@ -121,6 +134,8 @@ TEST_P(EachAlgorithm, ConstructorsOnAFailingDeviceThrowErrorsAlone) {
 }
 
 /// As above, but with kernels that are compiled already, and a device that is measured each time.
+NOT_IN(gpu_profile | rusticl | sanitizers,
+       "fails on purpose, also where buffers are unmapped, and takes long");
 TEST(DeviceFailure, MeasuringAFailingDeviceThrowsErrorsAlone) {
   const ScopedFolder kernels;
   {
@@ -136,6 +151,8 @@ TEST(DeviceFailure, MeasuringAFailingDeviceThrowsErrorsAlone) {
 }
 
 /// The device fails in a life, and still does when the object goes.
+NOT_IN(gpu_profile | rusticl | sanitizers,
+       "fails on purpose, also where buffers are unmapped, and takes long");
 TEST_P(EachAlgorithm, AnObjectMayGoWhileItsDeviceFails) {
   if (!GetParam().on_device) return;
   for (long first = 0, calls = 1; first < calls; first += is_slow() ? 100 : 20) {

@@ -14,6 +14,8 @@
 
 #include <broadcl/broad_phase.hpp>
 
+#include "runs.hpp"
+
 namespace broadcl::test {
 
 using Pairs = std::vector<Pair>;
@@ -61,6 +63,8 @@ class EachAlgorithm : public ::testing::TestWithParam<AlgorithmInfo> {
 
   [[nodiscard]] static bool is_slow() { return GetParam().on_device && is_slow_device(); }
 };
+
+SUITE_ALSO_IN(EachAlgorithm, gpu_profile | rusticl);
 
 /// Two equal lists, or the first place where they differ: to print all of them would take long.
 inline ::testing::AssertionResult same(std::string_view what, std::span<const Pair> is,

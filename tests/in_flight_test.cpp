@@ -16,6 +16,7 @@ namespace {
 using ::testing::AllOf;
 using ::testing::HasSubstr;
 
+ALSO_IN(oclgrind);
 TEST_P(EachAlgorithm, SmallFinishIsOfTheMomentOfBegin) {
   BroadPhase broad_phase(config());
   for (std::uint32_t k = 0; k < 20; ++k) broad_phase.add(apart(k));
@@ -41,6 +42,7 @@ TEST_P(EachAlgorithm, SmallFinishIsOfTheMomentOfBegin) {
   EXPECT_EQ(broad_phase.pairs(), (Pairs{{0, 1}, {2, 3}, {4, 5}, {6, 7}, {8, 9}}));
 }
 
+ALSO_IN(oclgrind);
 TEST_P(EachAlgorithm, SmallWhatIsDoneAndUndoneInFlightIsNoChange) {
   BroadPhase broad_phase(config());
   for (std::uint32_t k = 0; k < 20; ++k) broad_phase.add(apart(k / 2));
@@ -55,6 +57,7 @@ TEST_P(EachAlgorithm, SmallWhatIsDoneAndUndoneInFlightIsNoChange) {
   EXPECT_TRUE(same(broad_phase.update(), {}, {}));
 }
 
+ALSO_IN(oclgrind);
 TEST_P(EachAlgorithm, SmallObjectsReplacedInFlightAreOthers) {
   BroadPhase broad_phase(config());
   for (std::uint32_t k = 0; k < 20; ++k) broad_phase.add(apart(k / 2));
@@ -85,6 +88,7 @@ TEST_P(EachAlgorithm, SmallObjectsReplacedInFlightAreOthers) {
   EXPECT_EQ(broad_phase.size(), 20U);
 }
 
+ALSO_IN(oclgrind);
 TEST_P(EachAlgorithm, SmallBadCallsInFlightAreErrorsAndChangeNothing) {
   BroadPhase broad_phase(config());
   for (int k = 0; k < 3; ++k) broad_phase.add(unit);
@@ -104,6 +108,7 @@ TEST_P(EachAlgorithm, SmallBadCallsInFlightAreErrorsAndChangeNothing) {
   EXPECT_EQ(broad_phase.map(2).size(), 2U);
 }
 
+ALSO_IN(oclgrind);
 TEST_P(EachAlgorithm, SmallOneInFlightMayBeMovedAndDestroyed) {
   BroadPhase one(config());
   for (int k = 0; k < 20; ++k) one.add(unit);
@@ -182,6 +187,7 @@ void operate_at_random(const BroadPhase::Config& config, std::uint32_t seeds, in
   }
 }
 
+ALSO_IN(oclgrind);
 TEST_P(EachAlgorithm, SmallRandomOperationsInFlightAreThoseOfOneUpdate) {
   operate_at_random(config(), 1, 15);
 }
@@ -192,6 +198,7 @@ TEST_P(EachAlgorithm, RandomOperationsInFlightAreThoseOfOneUpdate) {
 
 /// More pairs than the device has memory for: finish() is an error that says so, after which everything that
 /// was done before and in flight is there, and the next update has the right changes.
+NOT_IN(gpu_profile | sanitizers, "takes gigabytes");
 TEST(BruteForce, ExhaustedMemoryInFlightLosesNothing) {
   constexpr std::uint32_t few = 20;
   BroadPhase broad_phase({.algorithm = "brute-force"});

@@ -224,6 +224,7 @@ void expect_the_same_changes(std::uint32_t n, std::uint32_t frames, std::uint64_
   for (const Subject& subject : subjects) EXPECT_TRUE(same(subject.name, subject.algorithm->pairs(), pairs));
 }
 
+NOT_IN(sanitizers, "takes long");
 TEST(Tiles, ThousandsOfFramesChangeWhatBruteForceChangesHoweverOftenBoxesAreSorted) {
   expect_the_same_changes(300, is_slow_device() ? 50 : 2000, 1);
 }

@@ -13,9 +13,12 @@
 #include "opencl/kernel_source.hpp"
 #include "opencl/profiler.hpp"
 #include "opencl/shared_buffer.hpp"
+#include "runs.hpp"
 
 namespace broadcl::opencl {
 namespace {
+
+SUITE_ALSO_IN(OnDevice, gpu_profile | rusticl);
 
 namespace fs = std::filesystem;
 using ::testing::HasSubstr;

@@ -22,6 +22,9 @@
 namespace broadcl {
 namespace {
 
+SUITE_ALSO_IN(PairDelta, gpu_profile | rusticl);
+SUITE_ALSO_IN(Objects, gpu_profile | rusticl);
+
 using ::testing::HasSubstr;
 
 /// Finds what its kernel finds.
@@ -43,6 +46,7 @@ class FoundBy final : public PairFinder {
 
 /// The device's memory runs out in the middle of a frame: an error with the numbers, and the pairs of the
 /// last frame are known as before, so that the next, smaller frame has the right changes.
+NOT_IN(gpu_profile | sanitizers, "takes gigabytes");
 TEST(PairDelta, ExhaustedMemoryLeavesTheLastFrameKnown) {
   constexpr cl_uint n = 600;
   Device device = select_device();

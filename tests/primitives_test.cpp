@@ -14,9 +14,13 @@
 #include "opencl/context.hpp"
 #include "opencl/radix_sort.hpp"
 #include "opencl/scan.hpp"
+#include "runs.hpp"
 
 namespace broadcl::opencl {
 namespace {
+
+SUITE_ALSO_IN(Scan, gpu_profile | rusticl);
+SUITE_ALSO_IN(RadixSort, gpu_profile | rusticl);
 
 using Element = std::uint64_t;  // as RadixSort::Bits numbers its bits
 using Keys = std::vector<RadixSort::Bits>;
@@ -112,6 +116,7 @@ std::vector<Element> random_elements(std::size_t n) {
 
 const Keys by_key{{32, 32}};
 
+ALSO_IN(oclgrind | oclgrind_gpu_profile);
 TEST(Scan, SmallListsOfEachSize) {
   with_both_tunings([](const Context& context) {
     Scan scan(context);
@@ -122,6 +127,7 @@ TEST(Scan, SmallListsOfEachSize) {
 }
 
 /// The fewest values that make several blocks, with each tuning profile.
+ALSO_IN(oclgrind | oclgrind_gpu_profile);
 TEST(Scan, SmallestListsOfSeveralBlocks) {
   with_both_tunings([](const Context& context) {
     Scan scan(context);
@@ -139,15 +145,8 @@ TEST(Scan, ListsOfEachSize) {
   });
 }
 
-TEST(Scan, AMillion) {
-  with_both_tunings([](const Context& context) {
-    Scan scan(context);
-    expect_scanned(context, scan, random_uints(1'000'000));
-    expect_scanned(context, scan, std::vector<std::uint32_t>(1'000'001, 1));
-  });
-}
-
 /// More than one work-item of some devices can go through: see cut_into_blocks.
+NOT_IN(sanitizers, "takes long");
 TEST(Scan, NineMillion) {
   with_both_tunings([](const Context& context) {
     Scan scan(context);
@@ -155,6 +154,7 @@ TEST(Scan, NineMillion) {
   });
 }
 
+ALSO_IN(oclgrind);
 TEST(RadixSort, SmallListsOfEachSize) {
   with_both_tunings([](const Context& context) {
     RadixSort sort(context);
@@ -165,6 +165,7 @@ TEST(RadixSort, SmallListsOfEachSize) {
 }
 
 /// The fewest elements that make several blocks.
+ALSO_IN(oclgrind | oclgrind_gpu_profile);
 TEST(RadixSort, SmallestListsOfSeveralBlocks) {
   with_both_tunings([](const Context& context) {
     RadixSort sort(context);
@@ -240,6 +241,7 @@ TEST(RadixSort, SortsInARowDoNotDisturbEachOther) {
   });
 }
 
+NOT_IN(sanitizers, "takes long");
 TEST(RadixSort, AMillion) {
   with_both_tunings([](const Context& context) {
     RadixSort sort(context);
@@ -249,6 +251,7 @@ TEST(RadixSort, AMillion) {
 }
 
 /// More than one work-item of some devices can go through: see cut_into_blocks.
+NOT_IN(sanitizers, "takes long");
 TEST(RadixSort, ThreeMillion) {
   with_both_tunings([](const Context& context) {
     RadixSort sort(context);
@@ -271,15 +274,6 @@ TEST(RadixSort, LongestListsOfOneLaunchByAllBits) {
 bool has_memory(std::size_t bytes) {
   const Device device = select_device();
   return device.max_allocation >= bytes && device.memory >= 2 * bytes;
-}
-
-TEST(Long, ScanOfTenMillion) {
-  constexpr std::size_t n = 10'000'001;
-  if (!has_memory(n * sizeof(std::uint32_t))) GTEST_SKIP() << "the device has no memory for 10 million uints";
-  with_both_tunings([](const Context& context) {
-    Scan scan(context);
-    expect_scanned(context, scan, random_uints(n));
-  });
 }
 
 TEST(Long, RadixSortOfTenMillion) {
