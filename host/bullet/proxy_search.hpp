@@ -101,8 +101,8 @@ class ProxySearch {
       must_compare_ = true;
       if (!std::exchange(is_lost_, true)) {
         reports_.tell(
-            {"memory is exhausted; pairs may be missing until a calculation has enough of it, which ",
-             "searches all of them anew"});
+            {"memory is exhausted; pairs may be missing or outdated until a calculation has enough memory, ",
+             "which then compares all of them"});
       }
       return false;
     }
@@ -159,8 +159,10 @@ class ProxySearch {
     // A pair that parted and came back has stayed, unless an id of it was reused.
     std::vector<Pair> back = intersection(added_, removed_);
     std::erase_if(back, [&](const Pair& pair) { return !pool_.is_known(pair); });
-    added_ = difference(added_, back);
-    removed_ = difference(removed_, back);
+    if (!back.empty()) {
+      added_ = difference(added_, back);
+      removed_ = difference(removed_, back);
+    }
     return {.added = added_, .removed = removed_};
   }
 
