@@ -70,7 +70,7 @@ class Bounds : public test::Contract {
     EXPECT_EQ(state(world_, count), state(plain_, count));
     EXPECT_GT(height(*world_.bodies.all()[1]), 0.3F);
   }
-  /// Bullet's own tell nothing.
+  /// Bullet's own report nothing.
   void expect_errors(std::size_t count) {
     if (GetParam().name == "BroadCL") {
       EXPECT_EQ(errors_.size(), count);
@@ -110,41 +110,41 @@ btTransform at(const btVector3& position) {
 }
 
 // Bullet looks at the boxes of dynamic objects only before it hands them on.
-TEST_P(Bounds, AStaticBodyThatTurnsBadIsToldAndLeavesOthersAlone) {
+TEST_P(Bounds, AStaticBodyThatTurnsInvalidIsReportedAndLeavesOthersAlone) {
   btBoxShape shape({1, 1, 1});
-  btRigidBody& bad = world_.bodies.add(shape, 0, {50, 1, 0});
+  btRigidBody& invalid = world_.bodies.add(shape, 0, {50, 1, 0});
   btRigidBody& faller = world_.bodies.add_cube({80, 40, 0});
   step(20);
   expect_errors(0);
   for (std::size_t turn = 1; turn <= 3; ++turn) {
-    bad.setWorldTransform(nowhere);
+    invalid.setWorldTransform(nowhere);
     step(20);
     expect_errors(turn);
-    bad.setWorldTransform(at({80, 1, 0}));
+    invalid.setWorldTransform(at({80, 1, 0}));
     faller.setWorldTransform(at({80, 2.6F, 0}));
     faller.setLinearVelocity({0, 0, 0});
     faller.activate();
     step(20);
     expect_errors(turn);
     EXPECT_NEAR(height(faller), 2.5, 0.05) << "the object that was mended bears others";
-    bad.setWorldTransform(at({50, 1, 0}));
+    invalid.setWorldTransform(at({50, 1, 0}));
     faller.setWorldTransform(at({80, 40, 0}));
   }
   for (const std::string& error : errors_) {
-    EXPECT_THAT(error,
-                testing::StartsWith("proxy " + std::to_string(bad.getBroadphaseHandle()->m_uniqueId) + " "));
+    EXPECT_THAT(error, testing::StartsWith("proxy " +
+                                           std::to_string(invalid.getBroadphaseHandle()->m_uniqueId) + " "));
   }
   expect_same_cubes();
 }
 
-TEST_P(Bounds, ABodyThatIsBornBadIsToldAndLeavesOthersAlone) {
-  if (unfit("Sweep", "has no place for a NaN among sorted ends, and loses pairs of others")) return;
-  btRigidBody& bad = world_.bodies.add_cube(nowhere.getOrigin());
+TEST_P(Bounds, ABodyThatStartsInvalidIsReportedAndLeavesOthersAlone) {
+  if (unfit("Sweep", "cannot sort a NaN among the ends, and loses pairs of others")) return;
+  btRigidBody& invalid = world_.bodies.add_cube(nowhere.getOrigin());
   expect_errors(1);
   step(90);
   expect_errors(1);
   expect_same_cubes();
-  world_.bodies.remove(bad);
+  world_.bodies.remove(invalid);
   step(30);
   expect_same_cubes();
   const btRigidBody& next = world_.bodies.add_cube({80, 0.5F, 0});
@@ -154,21 +154,21 @@ TEST_P(Bounds, ABodyThatIsBornBadIsToldAndLeavesOthersAlone) {
 }
 
 // Bullet takes it out of the simulation; the broad phase never hears of it and keeps its last proper box.
-TEST_P(Bounds, ADynamicBodyThatTurnsBadIsKeptFromTheBroadPhase) {
-  btRigidBody& bad = world_.bodies.add_cube({50, 10, 0});
+TEST_P(Bounds, ADynamicBodyThatTurnsInvalidIsKeptFromTheBroadPhase) {
+  btRigidBody& invalid = world_.bodies.add_cube({50, 10, 0});
   step(20);
-  bad.setWorldTransform(nowhere);
+  invalid.setWorldTransform(nowhere);
   step(20);
-  EXPECT_EQ(bad.getActivationState(), DISABLE_SIMULATION);
-  EXPECT_GT(bad.getBroadphaseHandle()->m_aabbMin.y(), 5);
+  EXPECT_EQ(invalid.getActivationState(), DISABLE_SIMULATION);
+  EXPECT_GT(invalid.getBroadphaseHandle()->m_aabbMin.y(), 5);
   expect_errors(0);
   expect_same_cubes();
-  bad.setWorldTransform(at({50, 0.5F, 0}));
-  bad.setInterpolationWorldTransform(bad.getWorldTransform());
-  bad.setLinearVelocity({0, 0, 0});
-  bad.forceActivationState(ACTIVE_TAG);
+  invalid.setWorldTransform(at({50, 0.5F, 0}));
+  invalid.setInterpolationWorldTransform(invalid.getWorldTransform());
+  invalid.setLinearVelocity({0, 0, 0});
+  invalid.forceActivationState(ACTIVE_TAG);
   step(20);
-  EXPECT_NEAR(height(bad), 0.5, 0.05);
+  EXPECT_NEAR(height(invalid), 0.5, 0.05);
   expect_same_cubes();
 }
 

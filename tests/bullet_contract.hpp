@@ -21,7 +21,7 @@
 
 namespace broadcl::test {
 
-/// Where one of Bullet's own breaks a statement, the test says so and why, and must fail for it.
+/// If one of Bullet's own breaks a statement, the test says so and why, and must fail for it.
 class Contract : public testing::TestWithParam<Kind> {
  protected:
   void fails(std::string_view kind, std::string_view why) {
@@ -30,7 +30,7 @@ class Contract : public testing::TestWithParam<Kind> {
     reporter_.emplace(testing::ScopedFakeTestPartResultReporter::INTERCEPT_ONLY_CURRENT_THREAD,
                       &intercepted_);
   }
-  /// For what would not come back, or not always fail: the test is not run.
+  /// For what would never return, or not always fail: the test is not run.
   bool unfit(std::string_view kind, std::string_view why) {
     if (GetParam().name != kind) return false;
     RecordProperty("not_run", std::string(why));
@@ -49,7 +49,7 @@ class Contract : public testing::TestWithParam<Kind> {
   std::optional<testing::ScopedFakeTestPartResultReporter> reporter_;
 };
 
-/// What ghosts are told.
+/// What is reported to ghosts.
 class GhostRecorder final : public btOverlappingPairCallback {
  public:
   btBroadphasePair* addOverlappingPair(btBroadphaseProxy* s, btBroadphaseProxy* t) override {

@@ -122,7 +122,7 @@ class Life {
 
 class BulletFailure : public ::testing::TestWithParam<AlgorithmInfo> {};
 
-TEST_P(BulletFailure, WhicheverCallFailsFirstThePairsAreRightAndItIsToldOnce) {
+TEST_P(BulletFailure, WhicheverCallFailsFirstThePairsAreRightAndItIsReportedOnce) {
   long calls = 0;
   {
     Life life(GetParam().name);

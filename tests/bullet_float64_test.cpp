@@ -89,7 +89,7 @@ class Found final : public btBroadphaseAabbCallback {
   std::set<int> ids;
 };
 
-/// Queries look at the bounds themselves, also where a move is less than float32 tells apart.
+/// Queries look at the bounds themselves, also if a move is less than float32 can represent.
 TEST(BulletFloat64, QueriesAreExact) {
   Rig rig(kinds[0]);
   const auto found = [&](double x) {

@@ -29,15 +29,15 @@ using scenes::Random;
 
 struct Ghosts final : btOverlappingPairCallback {
   btBroadphasePair* addOverlappingPair(btBroadphaseProxy* s, btBroadphaseProxy* t) override {
-    told.push_back({'+', s, t});
+    calls.push_back({'+', s, t});
     return nullptr;
   }
   void* removeOverlappingPair(btBroadphaseProxy* s, btBroadphaseProxy* t, btDispatcher* /*d*/) override {
-    told.push_back({'-', s, t});
+    calls.push_back({'-', s, t});
     return nullptr;
   }
   void removeOverlappingPairsContainingProxy(btBroadphaseProxy* s, btDispatcher* /*d*/) override {
-    told.push_back({'x', s, nullptr});
+    calls.push_back({'x', s, nullptr});
   }
   struct Call {
     char what;
@@ -45,7 +45,7 @@ struct Ghosts final : btOverlappingPairCallback {
     const void* t;
     bool operator==(const Call&) const = default;
   };
-  std::vector<Call> told;
+  std::vector<Call> calls;
 };
 
 /// A cache and all that it does to others.
@@ -61,8 +61,8 @@ struct Side {
     }
     return result;
   }
-  void start_algorithm(int place, int number) {
-    btBroadphasePair& pair = cache.getOverlappingPairArray()[place];
+  void start_algorithm(int index, int number) {
+    btBroadphasePair& pair = cache.getOverlappingPairArray()[index];
     if (pair.m_algorithm != nullptr) return;
     pair.m_algorithm = test::MortalAlgorithm::make(dispatcher, [this, number] { ended.push_back(number); });
   }
@@ -124,11 +124,11 @@ class Twins {
         both([&](auto& side) { side.cache.sortOverlappingPairs(&side.dispatcher); });
       }
       ASSERT_EQ(ours_.pairs(), bullets_.pairs()) << "call " << call << ", " << what;
-      ASSERT_EQ(ours_.ghosts.told, bullets_.ghosts.told) << "call " << call << ", " << what;
+      ASSERT_EQ(ours_.ghosts.calls, bullets_.ghosts.calls) << "call " << call << ", " << what;
       ASSERT_EQ(ours_.ended, bullets_.ended) << "call " << call << ", " << what;
       most_ = std::max(most_, ours_.pairs().size());
-      ours_.ghosts.told.clear();
-      bullets_.ghosts.told.clear();
+      ours_.ghosts.calls.clear();
+      bullets_.ghosts.calls.clear();
     }
   }
   [[nodiscard]] std::size_t most_pairs() const { return most_; }
@@ -157,8 +157,8 @@ class Twins {
   void start_algorithm(Random& random, int number) {
     const int n = ours_.cache.getNumOverlappingPairs();
     if (n == 0) return;
-    const auto place = static_cast<int>(random.index(static_cast<std::uint32_t>(n)));
-    both([&](auto& side) { side.start_algorithm(place, number); });
+    const auto index = static_cast<int>(random.index(static_cast<std::uint32_t>(n)));
+    both([&](auto& side) { side.start_algorithm(index, number); });
   }
 
   std::vector<std::unique_ptr<btBroadphaseProxy>> proxies_;

@@ -236,7 +236,7 @@ TEST_P(Contract, S14PairsAreAddedAtOnce) {
 }
 
 TEST_P(Contract, S15WhatTheUserRemovedComesBackOnceAnObjectMoves) {
-  fails("Sweep", "pairs are added where the ends of intervals pass each other, and these have");
+  fails("Sweep", "pairs are added when the ends of intervals pass each other, and these have");
   Rig rig(GetParam());
   btBroadphaseProxy* first = rig.create_unit(0);
   btBroadphaseProxy* mover = rig.create_unit(0.5F);
@@ -295,11 +295,11 @@ TEST_P(Contract, S17PlanesAndInfiniteBoundsWork) {
   for (const btBroadphaseProxy* box : wide) EXPECT_TRUE(rig.has(box, half));
 }
 
-TEST_P(Contract, S18ABadBoxHurtsItsOwnerOnly) {
+TEST_P(Contract, S18AnInvalidBoxHurtsItsOwnerOnly) {
   fails("Tree", "a NaN leaf spoils the volumes of the nodes above it");
   Rig rig(GetParam());
   Random random(5);
-  btBroadphaseProxy* bad = rig.create({0, not_a_number, 0}, {1, 1, not_a_number});
+  btBroadphaseProxy* invalid = rig.create({0, not_a_number, 0}, {1, 1, not_a_number});
   btBroadphaseProxy* inverted = rig.create({9, 9, 9}, {0, 0, 0});
   std::vector<btBroadphaseProxy*> good;
   for (int k = 0; k < 60; ++k) {
@@ -307,7 +307,7 @@ TEST_P(Contract, S18ABadBoxHurtsItsOwnerOnly) {
     good.push_back(rig.create(lower, lower + btVector3(2, 2, 2)));
   }
   for (int frame = 0; frame < 20; ++frame) {
-    rig.move(bad, {not_a_number, 0, 0}, {not_a_number, 5, 5});
+    rig.move(invalid, {not_a_number, 0, 0}, {not_a_number, 5, 5});
     rig.move(inverted, {9, 9, 9}, {0, 0, 0});
     for (btBroadphaseProxy* proxy : good) {
       const btVector3 lower = random.point(9);
@@ -315,7 +315,7 @@ TEST_P(Contract, S18ABadBoxHurtsItsOwnerOnly) {
     }
     rig.calculate();
     for (const btBroadphaseProxy* s : good) {
-      ASSERT_FALSE(rig.has(bad, s)) << "frame " << frame;
+      ASSERT_FALSE(rig.has(invalid, s)) << "frame " << frame;
       ASSERT_FALSE(rig.has(inverted, s)) << "frame " << frame;
       for (const btBroadphaseProxy* t : good) {
         const bool overlap = TestAabbAgainstAabb2(s->m_aabbMin, s->m_aabbMax, t->m_aabbMin, t->m_aabbMax);
@@ -323,9 +323,9 @@ TEST_P(Contract, S18ABadBoxHurtsItsOwnerOnly) {
       }
     }
   }
-  rig.move(bad, {0, 0, 0}, {9, 9, 9});
+  rig.move(invalid, {0, 0, 0}, {9, 9, 9});
   rig.calculate();
-  EXPECT_TRUE(rig.has(bad, good[0]));
+  EXPECT_TRUE(rig.has(invalid, good[0]));
 }
 
 }  // namespace

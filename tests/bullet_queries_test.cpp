@@ -106,7 +106,7 @@ TEST_P(Contract, S27BoxQueriesAreInclusiveAndIgnoreFilters) {
   EXPECT_TRUE(rig.boxes(first->m_aabbMax, first->m_aabbMax).contains(first->m_clientObject));
 }
 
-constexpr std::string_view shared_stack = "all queries share a stack where Bullet has no BT_THREADSAFE";
+constexpr std::string_view shared_stack = "all queries share a stack if Bullet has no BT_THREADSAFE";
 
 TEST_P(Contract, S28AQueryMayAskAnother) {
   if (unfit("Tree", shared_stack) || unfit("Sweep", shared_stack)) return;

@@ -39,13 +39,13 @@ namespace broadcl::test {
 }
 
 /// Whether the box is none: NaN somewhere, or inverted. Bullet's own test finds overlaps of such boxes too.
-[[nodiscard]] inline bool is_bad(const Corners& box) {
+[[nodiscard]] inline bool is_invalid(const Corners& box) {
   return has_nan(box) || box.lower.x() > box.upper.x() || box.lower.y() > box.upper.y() ||
          box.lower.z() > box.upper.z();
 }
 
 [[nodiscard]] inline bool overlap(const Corners& s, const Corners& t) {
-  return !is_bad(s) && !is_bad(t) && TestAabbAgainstAabb2(s.lower, s.upper, t.lower, t.upper);
+  return !is_invalid(s) && !is_invalid(t) && TestAabbAgainstAabb2(s.lower, s.upper, t.lower, t.upper);
 }
 
 [[nodiscard]] inline bool contains(const std::vector<Pair>& sorted, const Pair& pair) {

@@ -21,7 +21,7 @@ constexpr int high_bit = std::numeric_limits<int>::min();
 constexpr std::array groups{1, 2, 3, high_bit, 0};
 constexpr std::array masks{-1, 1, 2, high_bit, 0};
 
-/// Verbs by how often they come, where none of the proxies is missing.
+/// Verbs by how often they come, if there are proxies.
 struct Weight {
   Verb verb;
   unsigned weight;

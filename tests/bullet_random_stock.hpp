@@ -92,7 +92,7 @@ class Stock {
 /// A box that Bullet's tree can bear, overlapping at least what the given one does: infinity minus infinity
 /// and NaN would spoil the nodes above it.
 [[nodiscard]] inline Corners for_tree(const Corners& box) {
-  if (is_bad(box)) return {{0, 0, 0}, {0, 0, 0}};
+  if (is_invalid(box)) return {{0, 0, 0}, {0, 0, 0}};
   Corners result = searched_box(box);
   const btVector3 most(btScalar(1e18), btScalar(1e18), btScalar(1e18));
   for (btVector3* corner : {&result.lower, &result.upper}) {

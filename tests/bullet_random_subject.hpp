@@ -37,7 +37,7 @@ namespace broadcl::test {
   return {static_cast<std::uint32_t>(a), static_cast<std::uint32_t>(b)};
 }
 
-/// What ghosts are told, pair by pair.
+/// What is reported to ghosts, pair by pair.
 struct GhostPairs final : btOverlappingPairCallback {
   btBroadphasePair* addOverlappingPair(btBroadphaseProxy* s, btBroadphaseProxy* t) override {
     added.push_back(pair_of(*s, *t));
@@ -48,7 +48,7 @@ struct GhostPairs final : btOverlappingPairCallback {
     return nullptr;
   }
   void removeOverlappingPairsContainingProxy(btBroadphaseProxy* /*s*/, btDispatcher* /*d*/) override {
-    fail("ghosts are told of a proxy instead of pairs");
+    fail("a proxy is reported to ghosts instead of pairs");
   }
   std::vector<Pair> added;
   std::vector<Pair> removed;
@@ -75,7 +75,7 @@ struct FoundByBox final : btBroadphaseAabbCallback {
 class UsersClassOfCache final : public btHashedOverlappingPairCache {};
 
 /// The broad phase under test with all that hangs on it, and the checks of it against a reference that was
-/// given the same calls. Each check throws where something is wrong.
+/// given the same calls. Each check throws if something is wrong.
 class Subject {
  public:
   Subject(const std::string& algorithm, CacheKind kind, btDispatcher& dispatcher)
@@ -143,10 +143,10 @@ class Subject {
     if (!removed.empty()) {
       std::erase_if(marked_, [&](const Marked& entry) { return contains(changes.removed, entry.pair); });
     }
-    // Caches with deferred removal tell ghosts of no removal, with any broad phase.
+    // Caches with deferred removal report no removal to ghosts, with any broad phase.
     if (cache().hasDeferredRemoval()) removed.clear();
-    check_told("added", std::exchange(ghosts_.added, {}), added);
-    check_told("removed", std::exchange(ghosts_.removed, {}), removed);
+    check_reported("added", std::exchange(ghosts_.added, {}), added);
+    check_reported("removed", std::exchange(ghosts_.removed, {}), removed);
     const auto marks = std::count_if(marked_.begin(), marked_.end(),
                                      [](const Marked& entry) { return entry.mark != nullptr; });
     if (alive_ != marks) fail(std::to_string(alive_) + " algorithms live, expected " + std::to_string(marks));
@@ -195,7 +195,7 @@ class Subject {
       fail("the cache has other pairs than the reference: " + difference(cached, reference.cached()));
   }
 
-  /// What the core found, which is all there is to see where the cache keeps nothing.
+  /// What the core found, which is all there is to see if the cache keeps nothing.
   void check_known(const Reference& reference) {
     const std::vector<Pair> known = broadphase_.broad_phase().pairs();
     const bool is_same =
@@ -209,7 +209,7 @@ class Subject {
     bool any = false;
     for (const int id : reference.live()) {
       const Corners& box = reference.box(id);
-      if (is_bad(box)) continue;
+      if (is_invalid(box)) continue;
       if (!std::exchange(any, true)) expected = box;
       expected.lower.setMin(box.lower);
       expected.upper.setMax(box.upper);
@@ -228,10 +228,10 @@ class Subject {
     const auto must_be_found = [&](const Corners& box) {
       const std::array bounds{box.lower - sweep.upper, box.upper - sweep.lower};
       btScalar hit = 1;
-      return !is_bad(box) && btRayAabb2(from, found.m_rayDirectionInverse, found.m_signs, bounds.data(), hit,
-                                        0, found.m_lambda_max);
+      return !is_invalid(box) && btRayAabb2(from, found.m_rayDirectionInverse, found.m_signs, bounds.data(),
+                                            hit, 0, found.m_lambda_max);
     };
-    const auto may_be_found = [](const Corners& box) { return !is_bad(box); };
+    const auto may_be_found = [](const Corners& box) { return !is_invalid(box); };
     check_found("the ray", reference, std::move(found.ids), must_be_found, may_be_found);
   }
 
@@ -313,7 +313,7 @@ class Subject {
     }
   }
 
-  /// The first place where two lists differ.
+  /// The first difference of two lists.
   [[nodiscard]] static std::string difference(const std::vector<Pair>& is,
                                               const std::vector<Pair>& expected) {
     const auto [place, other] = std::mismatch(is.begin(), is.end(), expected.begin(), expected.end());
@@ -322,9 +322,11 @@ class Subject {
            (other == expected.end() ? "none" : text(*other));
   }
 
-  static void check_told(const std::string& what, std::vector<Pair> is, const std::vector<Pair>& expected) {
+  static void check_reported(const std::string& what, std::vector<Pair> is,
+                             const std::vector<Pair>& expected) {
     std::sort(is.begin(), is.end());
-    if (is != expected) fail("ghosts were told of other pairs " + what + ": " + difference(is, expected));
+    if (is != expected)
+      fail("other pairs were reported to ghosts as " + what + ": " + difference(is, expected));
   }
 
   template <class Must, class May>

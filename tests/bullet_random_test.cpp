@@ -127,7 +127,7 @@ void Player::query(const Op& op) {
   for (unsigned k = 0; k < op.count; ++k) {
     const Corners box = test::corners(test::box_of_call(op, k));
     if (op.verb == Verb::box_queries) {
-      if (test::is_bad(box)) continue;
+      if (test::is_invalid(box)) continue;
       for_subjects([&](Subject& subject) { subject.check_box_query(reference_, box); });
       continue;
     }
@@ -159,8 +159,8 @@ void Player::step() {
   // Bullet's simple broad phase tests all pairs as well, but takes inverted boxes for boxes.
   std::vector<Pair> exact = simple_.calculate();
   std::erase_if(exact, [&](const Pair& pair) {
-    return test::is_bad(reference_.box(static_cast<int>(pair.a))) ||
-           test::is_bad(reference_.box(static_cast<int>(pair.b)));
+    return test::is_invalid(reference_.box(static_cast<int>(pair.a))) ||
+           test::is_invalid(reference_.box(static_cast<int>(pair.b)));
   });
   if (exact != reference_.overlapping()) test::fail("btSimpleBroadphase has other overlaps");
   // Its tree keeps pairs for longer than they overlap.

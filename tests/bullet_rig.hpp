@@ -75,7 +75,7 @@ class Random {
   std::mt19937 engine_;
 };
 
-/// Null where the cache does not have the pair, in whichever order.
+/// Null if the cache does not have the pair, in whichever order.
 inline btBroadphasePair* find(btOverlappingPairCache& cache, const btBroadphaseProxy* s,
                               const btBroadphaseProxy* t) {
   btBroadphasePairArray& pairs = cache.getOverlappingPairArray();

@@ -62,7 +62,7 @@ class SceneIn : public BulletScene {
     return result;
   }
 
-  /// Static where the mass is zero.
+  /// Static if the mass is zero.
   btRigidBody& add_body(btCollisionShape& shape, btScalar mass, const btTransform& transform) {
     btVector3 inertia(0, 0, 0);
     if (mass > 0) shape.calculateLocalInertia(mass, inertia);
@@ -247,7 +247,7 @@ class Ragdolls final : public RigidScene {
     btScalar radius;
     btScalar length;
     std::array<btScalar, 3> origin;
-    bool lies;  // along x; else it stands
+    bool lies;  // along x; otherwise it stands
   };
   enum Index : std::size_t {
     pelvis,

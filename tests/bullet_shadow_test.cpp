@@ -58,12 +58,12 @@ std::size_t count_of_wrong_ghosts(btCollisionWorld& world) {
       if (t == ghost) expected.push_back(s);
     }
     const btAlignedObjectArray<btCollisionObject*>& overlapping = ghost->getOverlappingPairs();
-    std::vector<const void*> told;
-    told.reserve(expected.size());
-    for (int j = 0; j < overlapping.size(); ++j) told.push_back(overlapping[j]);
+    std::vector<const void*> reported;
+    reported.reserve(expected.size());
+    for (int j = 0; j < overlapping.size(); ++j) reported.push_back(overlapping[j]);
     std::sort(expected.begin(), expected.end(), std::less<>());
-    std::sort(told.begin(), told.end(), std::less<>());
-    if (told != expected) ++wrong;
+    std::sort(reported.begin(), reported.end(), std::less<>());
+    if (reported != expected) ++wrong;
   }
   return wrong;
 }

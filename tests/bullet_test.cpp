@@ -240,22 +240,22 @@ TEST(BulletCache, AUsersClassIsOfferedEveryOverlappingPair) {
   EXPECT_EQ(cache.getNumOverlappingPairs(), 4);
 }
 
-TEST_F(Bullet, ANaNBoundIsToldOnceEachTimeItTurnsUp) {
+TEST_F(Bullet, ANaNBoundIsReportedOnceEachTimeItTurnsUp) {
   const btScalar nan_value = std::numeric_limits<btScalar>::quiet_NaN();
   std::vector<std::string> errors;
   broadphase_.set_error_handler([&](const std::string& error) { errors.push_back(error); });
   create_unit(0);
-  btBroadphaseProxy* bad = create({nan_value, 0, 0}, {1, 1, 1});
+  btBroadphaseProxy* invalid = create({nan_value, 0, 0}, {1, 1, 1});
   EXPECT_THAT(errors, testing::ElementsAre(testing::HasSubstr("proxy 1 has a NaN bound")));
-  broadphase_.setAabb(bad, {0, nan_value, 0}, {1, 1, 1}, &dispatcher_);
+  broadphase_.setAabb(invalid, {0, nan_value, 0}, {1, 1, 1}, &dispatcher_);
   calculate();
   EXPECT_EQ(errors.size(), 1U);
-  broadphase_.setAabb(bad, {0, 0, 0}, {1, 1, 1}, &dispatcher_);
+  broadphase_.setAabb(invalid, {0, 0, 0}, {1, 1, 1}, &dispatcher_);
   calculate();
   EXPECT_EQ(pairs().size(), 1U) << "the world goes on";
-  broadphase_.setAabb(bad, {0, 0, 0}, {1, 1, nan_value}, &dispatcher_);
+  broadphase_.setAabb(invalid, {0, 0, 0}, {1, 1, nan_value}, &dispatcher_);
   EXPECT_EQ(errors.size(), 2U);
-  broadphase_.setAabb(bad, {2, 2, 2}, {1, 1, 1}, &dispatcher_);
+  broadphase_.setAabb(invalid, {2, 2, 2}, {1, 1, 1}, &dispatcher_);
   EXPECT_EQ(errors.size(), 2U) << "an inverted box is a way to overlap nothing";
 }
 

@@ -29,7 +29,7 @@ inline namespace float64 {
 /// user's: then the cache is offered every overlapping pair. Every pair enters through addOverlappingPair().
 /// A pair that the cache refuses, or that somebody removed from it, is offered again by the next calculation
 /// after one of its two proxies got another box, group or mask. If the callback is set, cleared or exchanged,
-/// every overlapping pair is decided anew.
+/// the cache decides about every overlapping pair again.
 ///
 /// If Bullet is built for double precision (BT_USE_DOUBLE_PRECISION, the target broadcl::bullet-float64), the
 /// device has boxes in float32 that are rounded outward: every pair of exact boxes is found, and some that

@@ -73,12 +73,12 @@ class CachedPairs {
 
   /// The same after anything may have happened.
   /// @param all All pairs that overlap.
-  /// @param decide_anew Asks the cache of each of its pairs whether it would let it in.
-  void compare(std::span<const Pair> all, bool decide_anew, btDispatcher* dispatcher) {
+  /// @param decide_again Whether to ask the cache about each of its pairs whether it would let it in.
+  void compare(std::span<const Pair> all, bool decide_again, btDispatcher* dispatcher) {
     early_.clear();
     const std::vector<Pair> cached = all_cached();
     std::vector<Pair> rejected = intersection(cached, all);
-    std::erase_if(rejected, [&](const Pair& pair) { return !decide_anew || is_let_in(pair); });
+    std::erase_if(rejected, [&](const Pair& pair) { return !decide_again || is_let_in(pair); });
     refused_ = difference(all, cached);
     update({}, merge(difference(cached, all), rejected), dispatcher);
     refused_ = merge(refused_, rejected);

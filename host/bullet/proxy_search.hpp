@@ -24,7 +24,7 @@ namespace broadcl {
 /// every box and filter.
 ///
 /// If the device fails, a core on the host takes over for good. If memory is exhausted, the copy may be out
-/// of date; the next find() makes it anew from the proxies.
+/// of date; the next find() copies all proxies again.
 class ProxySearch {
  public:
   /// @param cache, pool, reports Must outlive this object.
@@ -79,16 +79,16 @@ class ProxySearch {
       }
       Found found{.delta = core_.finish(), .all = std::nullopt};
       if (is_begun_ && is_late_) found.delta = update_again(found.delta);
-      if (all_too || must_compare_ || must_decide_anew_) found.all = core_.pairs();
+      if (all_too || must_compare_ || must_decide_again_) found.all = core_.pairs();
       return found;
     });
   }
 
-  /// Whether the cache is to decide anew of all pairs.
-  [[nodiscard]] bool must_decide_anew() const noexcept { return must_decide_anew_; }
+  /// Whether the cache is to decide about all pairs again.
+  [[nodiscard]] bool must_decide_again() const noexcept { return must_decide_again_; }
 
   /// What was found is in the cache.
-  void end_calculation() noexcept { is_begun_ = is_lost_ = must_compare_ = must_decide_anew_ = false; }
+  void end_calculation() noexcept { is_begun_ = is_lost_ = must_compare_ = must_decide_again_ = false; }
 
   /// Does something. If memory for it cannot be had, the next find() starts from the proxies.
   /// @returns Whether it was done.
@@ -111,8 +111,7 @@ class ProxySearch {
   [[nodiscard]] const BroadPhase& core() const noexcept { return core_; }
 
  private:
-  /// Does something with the core. If its device fails, the host takes its place for good, and it is done
-  /// there.
+  /// Does something with the core. If its device fails, a core on the host replaces it for good and does it.
   template <class Function>
   std::invoke_result_t<Function> on_core(const Function& function) {
     try {
@@ -141,7 +140,7 @@ class ProxySearch {
   }
 
   void give_filters() {
-    must_decide_anew_ |= filters_.look([this](const Proxy& proxy) {
+    must_decide_again_ |= filters_.look([this](const Proxy& proxy) {
       is_late_ = true;
       attempt([&] { on_core([&] { core_.set_filter(proxy.id(), filters_.filter(proxy)); }); });
     });
@@ -174,7 +173,7 @@ class ProxySearch {
   bool is_late_ = false;               // something changed after it began
   bool is_lost_ = false;               // the core may have other boxes and filters than the proxies
   bool must_compare_ = false;          // the core may not know the pairs of the last calculation
-  bool must_decide_anew_ = false;      // the callback is another one than at the last calculation
+  bool must_decide_again_ = false;     // the callback is another one than at the last calculation
   std::vector<Pair> added_, removed_;  // by two updates together
 };
 

@@ -38,7 +38,7 @@ class QueryTree {
     }
   }
 
-  /// Scans of the last frame count no more.
+  /// Scans of the last frame no longer count.
   void start_frame() noexcept { scanned_ = 0; }
 
   /// As btBroadphaseInterface::rayTest().
@@ -54,7 +54,7 @@ class QueryTree {
     bool is_stale = false;
   };
 
-  /// Counts a query, and updates the tree where it is worth it.
+  /// Counts a query, and updates the tree if it is worth it.
   bool is_current();
   void update();
   /// Memory is exhausted: the next query starts with an empty tree.
