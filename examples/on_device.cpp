@@ -40,7 +40,7 @@ int main() {
   cl_command_queue queue = clCreateCommandQueue(context, device, 0, &code);
   check(code, "clCreateCommandQueue");
 
-  // A row of boxes, each of which reaches into the next.
+  // A row of boxes, each of which overlaps the next.
   std::vector<broadcl::Aabb> boxes;
   for (int k = 0; k < 1000; ++k) {
     const auto x = static_cast<float>(k);
