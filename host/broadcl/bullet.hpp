@@ -8,7 +8,6 @@
 
 #include <broadcl/broad_phase.hpp>
 
-class btCollisionWorld;
 class btOverlappingPairCache;
 
 namespace broadcl {
@@ -84,18 +83,6 @@ class BulletBroadphase : public btBroadphaseInterface {
   /// created, destroyed or filtered meanwhile is searched again by calculateOverlappingPairs(), whose result
   /// is always the same as without this. Nothing if one was started already.
   void begin();
-
-  /// The same with the boxes of the next step, to be called after a step: while the program does other work,
-  /// the device searches the pairs that stepSimulation() will ask for.
-  ///
-  /// Boxes are those that updateAabbs() of the world computes, and the world, its objects and their proxies
-  /// are then as before; queries and getAabb() see nothing of it. A prediction that comes out otherwise, for
-  /// an object that is moved, kicked or kinematic, costs no more than to search that object again.
-  /// @param world One that runs on this broad phase.
-  /// @param time_step The next time step in seconds, which a dynamics world predicts motion by: the fixed one
-  ///   of stepSimulation(), or its first argument where it makes no substeps; 0 for a world without dynamics.
-  /// @throws Error for a world on another broad phase.
-  void begin(btCollisionWorld& world, btScalar time_step);
 
   btOverlappingPairCache* getOverlappingPairCache() override;
   [[nodiscard]] const btOverlappingPairCache* getOverlappingPairCache() const override;

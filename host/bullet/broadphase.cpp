@@ -1,6 +1,5 @@
 #include <BulletCollision/BroadphaseCollision/btBroadphaseProxy.h>
 #include <BulletCollision/BroadphaseCollision/btOverlappingPairCache.h>
-#include <BulletCollision/CollisionDispatch/btCollisionWorld.h>
 
 #include <algorithm>
 #include <cstddef>
@@ -20,7 +19,6 @@
 
 #include "bullet/cached_pairs.hpp"
 #include "bullet/pair_cache.hpp"
-#include "bullet/prediction.hpp"
 #include "bullet/proxy_pool.hpp"
 #include "bullet/query_tree.hpp"
 #include "pair_lists.hpp"
@@ -83,17 +81,10 @@ class BulletBroadphase::Impl {
   }
 
   void move(Proxy& proxy, const btVector3& lower, const btVector3& upper) {
-    if (predicting_) {
-      core_.move(proxy.id(), box_of(lower, upper));
-      if (!proxy.is_predicted) predicted_.push_back(proxy.id());
-      proxy.is_predicted = true;
-      return;
-    }
     const bool turns_bad = has_nan(lower, upper) && !has_nan(proxy.m_aabbMin, proxy.m_aabbMax);
     const bool is_moved = lower != proxy.m_aabbMin || upper != proxy.m_aabbMax;
-    if (is_moved || proxy.is_predicted) core_.move(proxy.id(), box_of(lower, upper));
-    proxy.is_predicted = false;
     if (is_moved) {
+      core_.move(proxy.id(), box_of(lower, upper));
       mark_changed(proxy);
       queries_.touch(proxy.id());
     }
@@ -108,21 +99,7 @@ class BulletBroadphase::Impl {
     on_core([&] { core_.begin(); });
   }
 
-  void begin(btCollisionWorld& world, btScalar time_step) {
-    const Prediction prediction(world, time_step);
-    predicting_ = true;
-    try {
-      world.updateAabbs();
-    } catch (...) {
-      predicting_ = false;
-      throw;
-    }
-    predicting_ = false;
-    begin();
-  }
-
   void calculate(btDispatcher* dispatcher) {
-    take_predictions_back();
     send_filters();
     const bool cache_was_changed = cache_->getNumOverlappingPairs() != cached_;
     const Found found = find(is_filtered_anew_ || cache_was_changed);
@@ -279,15 +256,6 @@ class BulletBroadphase::Impl {
     });
   }
 
-  /// From now on the proxies' own boxes count again, where begin() gave the core predicted ones.
-  void take_predictions_back() {
-    for (const std::uint32_t id : predicted_) {
-      if (pool_[id].is_predicted) core_.move(id, box_of(pool_[id]));
-      pool_[id].is_predicted = false;
-    }
-    predicted_.clear();
-  }
-
   /// The pairs in the cache, in canonical order.
   [[nodiscard]] std::vector<Pair> cached_pairs() const {
     std::vector<Pair> cached;
@@ -380,8 +348,6 @@ class BulletBroadphase::Impl {
   std::vector<Pair> early_;            // added at once since the last calculation
   bool is_new_core_ = false;           // the core never calculated: it took over from a device
   std::vector<Pair> added_, removed_;  // in the calculation in which it did
-  bool predicting_ = false;            // what is set now are boxes of the next step
-  std::vector<std::uint32_t> predicted_;
   std::function<void(const std::string&)> on_error_ = print;
 };
 
@@ -423,13 +389,6 @@ void BulletBroadphase::aabbTest(const btVector3& aabbMin, const btVector3& aabbM
 
 void BulletBroadphase::begin() {
   impl_->begin();
-}
-
-void BulletBroadphase::begin(btCollisionWorld& world, btScalar time_step) {
-  if (world.getBroadphase() != this) {
-    throw Error("the world does not run on this broad phase; begin() needs the one whose objects are in it");
-  }
-  impl_->begin(world, time_step);
 }
 
 void BulletBroadphase::calculateOverlappingPairs(btDispatcher* dispatcher) {

@@ -26,7 +26,6 @@ struct Proxy : btBroadphaseProxy {
   int seen_mask = 0;
   std::uint32_t created = 0;  ///< Number of calculations before it was created.
   std::uint32_t changed = 0;  ///< Number of calculations before its box or filter was last changed.
-  bool is_predicted = false;  ///< The core has another box than the proxy: one that begin() predicted.
 };
 
 [[nodiscard]] inline bool has_nan(const btVector3& lower, const btVector3& upper) noexcept {
