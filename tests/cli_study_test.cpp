@@ -285,7 +285,7 @@ TEST_F(ProgramStudy, RefusesWhatContradictsTheFolder) {
 TEST_F(ProgramStudy, RefusesNewLimitsAndAFolderThatAnotherStudyHas) {
   expect_success(run(tiny_on_host));
   expect_refused(run("study --out s --most bullet-bf=70"),
-                 "'s' holds a study with --most of no broad phase;");
+                 "'s' holds a study with --most for no broad phase;");
   fs::remove(path("s/runs/free-fall-50-bullet-bf-1.csv"));
   const std::map<std::string, File> before = run_files();
   {
