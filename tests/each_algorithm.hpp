@@ -85,7 +85,7 @@ inline ::testing::AssertionResult same(const Delta& is, std::span<const Pair> ad
   return result ? same("removed", is.removed, removed) : result;
 }
 
-/// A BroadPhase and an oracle that live the same life. The oracle is never in flight.
+/// A BroadPhase and an oracle that live the same life.
 class Twins {
  public:
   explicit Twins(const BroadPhase::Config& config) : tested_(config), oracle_({.algorithm = "oracle"}) {}
@@ -113,11 +113,14 @@ class Twins {
     write(tested_.map(n));
     write(oracle_.map(n));
   }
-  void begin() { tested_.begin(); }
+  void begin() {
+    tested_.begin();
+    oracle_.begin();
+  }
 
   /// Ends an update of both; whether changes, all pairs and sizes are the same.
   [[nodiscard]] ::testing::AssertionResult agree() {
-    const Delta expected = oracle_.update();
+    const Delta expected = oracle_.finish();
     const Delta delta = tested_.finish();
     ::testing::AssertionResult result = same(delta, expected.added, expected.removed);
     if (result) result = same("pairs", tested_.pairs(), oracle_.pairs());

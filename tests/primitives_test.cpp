@@ -241,15 +241,6 @@ TEST(RadixSort, SortsInARowDoNotDisturbEachOther) {
   });
 }
 
-NOT_IN(sanitizers, "takes long");
-TEST(RadixSort, AMillion) {
-  in_both_shapes([](const Context& context) {
-    RadixSort sort(context);
-    std::mt19937 random(1);
-    expect_sorted(context, sort, numbered(1'000'000, [&](std::size_t) { return random(); }), by_key);
-  });
-}
-
 /// More than one work-item of some devices can go through: see cut_into_blocks.
 NOT_IN(sanitizers, "takes long");
 TEST(RadixSort, ThreeMillion) {

@@ -253,7 +253,7 @@ TEST(BruteForce, AHundredThousandBoxes) {
 }
 
 /// Ids that a float cannot count. All against all would take hours, so few of 17 million objects change.
-NOT_IN(sanitizers, "takes long");
+NOT_IN(rusticl | sanitizers, "takes long");
 TEST(BruteForce, IdsPast24Bits) {
   if (is_slow_device()) GTEST_SKIP() << "takes minutes on this device";
   constexpr std::uint32_t n = 17'000'000;

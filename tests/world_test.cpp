@@ -230,20 +230,6 @@ TEST(World, ExchangesObjectsThatStream) {
   EXPECT_GT(woken, 100U);
 }
 
-TEST(World, MeasuresTheStagesOfAFrame) {
-  btSimpleBroadphase brute_force;
-  World world({.name = "free-fall", .objects = 500}, brute_force);
-  FrameTimes least = world.step();
-  for (int frame = 1; frame < 10; ++frame) {
-    const FrameTimes times = world.step();
-    EXPECT_GE(times.total, times.update + times.broad_phase);
-    least.update = std::min(least.update, times.update);
-    least.broad_phase = std::min(least.broad_phase, times.broad_phase);
-  }
-  EXPECT_GT(least.update, 0);
-  EXPECT_GT(least.broad_phase, least.update);
-}
-
 TEST(World, KnowsTheBoxesOfItsBroadPhase) {
   btDbvtBroadphase tree;
   World world({.name = "free-fall", .objects = 10}, tree);
