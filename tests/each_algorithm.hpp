@@ -65,7 +65,7 @@ class EachAlgorithm : public ::testing::TestWithParam<AlgorithmInfo> {
 
 SUITE_ALSO_IN(EachAlgorithm, gpu_profile | rusticl);
 
-/// Two equal lists, or the first place where they differ: to print all of them would take long.
+/// Two equal lists, or the first difference: to print all of them would take long.
 inline ::testing::AssertionResult same(std::string_view what, std::span<const Pair> is,
                                        std::span<const Pair> expected) {
   const auto wrong = std::mismatch(is.begin(), is.end(), expected.begin(), expected.end());

@@ -66,21 +66,21 @@ std::ptrdiff_t count_bounds(const std::string& name, Predicate&& predicate) {
   return total;
 }
 
-TEST(MovingBoxes, OverlapAboutFourOthersWhereSizesAreUniform) {
+TEST(MovingBoxes, OverlapAboutFourOthersIfSizesAreUniform) {
   MovingBoxes boxes(3500, Sizes::uniform);
   EXPECT_NEAR(overlaps_per_box(boxes.boxes()), 4, 0.3);
   for (int frame = 0; frame < 100; ++frame) boxes.advance();
   EXPECT_NEAR(overlaps_per_box(boxes.boxes()), 4, 0.3);
 }
 
-TEST(MovingBoxes, OverlapAboutTwentyOthersWhereSizesAreMixed) {
+TEST(MovingBoxes, OverlapAboutTwentyOthersIfSizesAreMixed) {
   MovingBoxes boxes(3500, Sizes::mixed);
   EXPECT_NEAR(overlaps_per_box(boxes.boxes()), 20, 2);
   for (int frame = 0; frame < 100; ++frame) boxes.advance();
   EXPECT_NEAR(overlaps_per_box(boxes.boxes()), 20, 2);
 }
 
-TEST(MovingBoxes, HaveAThirdOfEachSizeWhereMixed) {
+TEST(MovingBoxes, HaveAThirdOfEachSizeIfMixed) {
   const MovingBoxes boxes(3500, Sizes::mixed);
   std::array<int, 3> count_by_class{};
   for (const Aabb& box : boxes.boxes()) {
