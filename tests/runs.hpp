@@ -4,7 +4,7 @@
 #include <string>
 #include <vector>
 
-/// Every test runs on the default device. Which other runs it belongs to is stated where it is:
+/// Every test runs on the default device. Which other runs it belongs to is stated beside it:
 ///
 ///   SUITE_ALSO_IN(Scan, gpu_profile | rusticl);   all tests of a suite
 ///   ALSO_IN(oclgrind);                            the test that follows
