@@ -231,7 +231,7 @@ class BroadPhase::Impl {
     const auto bad = std::find_if(boxes.begin(), boxes.end(), has_nan);
     if (bad != boxes.end()) throw_nan("box " + std::to_string(bad - boxes.begin()));
     for (Aabb& box : boxes) {
-      if (is_empty(box)) box = packed_empty();
+      if (!packed_overlaps(box, box)) box = packed_empty();
     }
     mapped_ = 0;
   }
