@@ -8,13 +8,13 @@
 
 namespace broadcl {
 
-/// A box as Bullet takes it.
+/// A box in Bullet's types.
 struct Bounds {
   btVector3 lower;
   btVector3 upper;
 };
 
-/// Boxes of a scene in units of its edge s: Bullet's margins suit objects of about one unit.
+/// Boxes of a scene in units of its edge s, because Bullet's margins suit objects of about one unit.
 [[nodiscard]] inline std::vector<Bounds> scaled(const scenes::MovingBoxes& boxes) {
   std::vector<Bounds> result;
   result.reserve(boxes.boxes().size());

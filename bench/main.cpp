@@ -1,14 +1,15 @@
-// Times kernels, and whole frames side by side with Bullet's own broad phases. `scripts/bench` runs it.
+// Times kernels, and whole frames side by side with Bullet's own broad phases. `scripts/bench` runs this
+// program.
 //
-// kernel/ALGORITHM/N        the device's time for the kernel that tests all pairs, and pairs tested a second
+// kernel/ALGORITHM/N        device time of the kernel that tests all pairs, and pairs tested per second
 // update/ALGORITHM/SCENE/N  BroadPhase::update(), from boxes in the library's staging memory to the changes
-//                           in the caller's hands, in 256 consecutive frames in which every box moves
+//                           on the host, in 256 consecutive frames in which every box moves
 // update-from-memory/...    the same from boxes in ordinary memory
 // some-moving/ALGORITHM/M/N the same as update, but only M of N boxes move
 // frame/NAME/SCENE/N        a frame through Bullet's interface in which every box moves: setAabb for each,
 //                           from ordinary memory, then calculateOverlappingPairs
 //
-// The other files of this folder have more.
+// The other files in this folder have more benchmarks.
 #include <algorithm>
 #include <array>
 #include <chrono>
@@ -62,7 +63,7 @@ void time_kernel(benchmark::State& state, const AlgorithmInfo& algorithm, std::u
       benchmark::Counter(static_cast<double>(n) * (n - 1) / 2, benchmark::Counter::kIsIterationInvariantRate);
 }
 
-/// Times frames one by one, and tells the mean, p95 and the longest.
+/// Times frames one by one, and reports the mean, the p95 and the longest.
 class Frames {
  public:
   explicit Frames(benchmark::State& state) : state_(state) {}
@@ -143,7 +144,7 @@ void time_frame(benchmark::State& state, const std::string& name, const Scene& s
   btDefaultCollisionConfiguration configuration;
   btCollisionDispatcher dispatcher(&configuration);
   std::vector<btBroadphaseProxy*> proxies;
-  // Bullet's brute force passes over proxies without a client.
+  // Bullet's brute force skips proxies without a client object.
   for (const Bounds& box : scaled(boxes)) {
     proxies.push_back(
         broadphase->createProxy(box.lower, box.upper, BOX_SHAPE_PROXYTYPE, &state, 1, -1, &dispatcher));
@@ -163,7 +164,7 @@ void time_frame(benchmark::State& state, const std::string& name, const Scene& s
   for (btBroadphaseProxy* proxy : proxies) broadphase->destroyProxy(proxy, &dispatcher);
 }
 
-/// The most boxes with which a frame takes no longer than some tenths of a second.
+/// The largest number of boxes for which a frame takes no more than some tenths of a second.
 std::uint32_t most_in_frames(const std::string& broadphase) {
   if (broadphase == "bullet-bf") return 3500;
   return broadphase == "auto" || broadphase == "tiles" || broadphase == "bullet-bvh" ||
@@ -197,7 +198,7 @@ void register_all() {
   for (const Scene& scene : scene_list) {
     for (const std::uint32_t n : {500U, 3500U, 16000U, 64000U, 256000U, 1'000'000U, 10'000'000U}) {
       for (const AlgorithmInfo& algorithm : algorithms()) {
-        // Those that test all pairs take too long beyond.
+        // Algorithms that test all pairs take too long beyond that.
         const std::uint32_t most = algorithm.name == "brute-force" ? 16000
                                    : algorithm.name == "gpu-bf"    ? 3500
                                                                    : 10'000'000;
@@ -221,8 +222,8 @@ void register_all() {
         auto* frames = benchmark::RegisterBenchmark(name.c_str(), time_frame, info.name, scene, n)
                            ->UseRealTime()
                            ->Unit(benchmark::kMicrosecond);
-        // Bullet's axis sweep takes minutes to make so many proxies, and would for each guess how many frames
-        // to time.
+        // Bullet's axis sweep takes minutes to make so many proxies, and would do so again for every estimate
+        // of how many frames to time.
         if (n > 3500) frames->Iterations(32);
       }
     }

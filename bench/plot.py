@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
-"""bench/plot.py RESULT.json: prints the times of frames, of updates, or of proxies that come, move and go, as a table in
-Markdown. bench/plot.py OUT.svg UPDATES.json [UPDATES.json ...]: draws how the time of an update grows with the number of
-boxes, a panel a device.
+"""bench/plot.py RESULT.json: prints the times of frames, of updates, or of proxies that come, move and go, as a Markdown
+table. bench/plot.py OUT.svg UPDATES.json [UPDATES.json ...]: draws how the time of an update grows with the number of
+boxes, one panel per device.
 
-A picture needs matplotlib (Debian, Ubuntu: apt install python3-matplotlib). The results are those of `scripts/bench`.
+Drawing needs matplotlib (Debian, Ubuntu: apt install python3-matplotlib). The results come from `scripts/bench`.
 """
 import json
 import math
@@ -17,14 +17,14 @@ def three_digits(x):
 
 
 def of_repetitions(rows):
-    """The medians of what was repeated, and what was not, not in the order in which they ran, which may be random, but in
-    that of the program."""
+    """The medians of repeated benchmarks, and those that ran once, in the program's order (they may have run in random
+    order)."""
     medians = [row for row in rows if row.get("aggregate_name", "median") == "median"]
     return sorted(medians, key=lambda row: row["family_index"])
 
 
 def print_proxies(result):
-    """A row an operation, in brackets how many times that of the reference they are, and pairs."""
+    """One row per operation: times, in brackets as multiples of the reference, and pairs."""
     rows = {}
     for row in of_repetitions(result["benchmarks"]):
         _, operation, name, scene, count = row["run_name"].split("/")[:5]
@@ -40,7 +40,7 @@ def print_proxies(result):
 
 
 def print_frames(result):
-    """A row a scene and number of boxes."""
+    """One row per scene and number of boxes."""
     rows = {}
     for row in of_repetitions(result["benchmarks"]):
         _, name, scene, count = row["run_name"].split("/")[:4]
@@ -53,8 +53,8 @@ def print_frames(result):
 
 
 def print_updates(result):
-    """A row a benchmark: mean, p95 and longest of its frames, and changes; of whole lists the mean and pairs, of kernels the
-    mean alone."""
+    """One row per benchmark: mean, p95 and longest of its frames, and changes; for whole lists the mean and pairs; for
+    kernels only the mean."""
     print(f"| {result['context']['device']}, microseconds | mean | p95 | longest | changes or pairs |")
     print("| --- |" + " ---: |" * 4)
     for row in of_repetitions(result["benchmarks"]):
@@ -64,7 +64,7 @@ def print_updates(result):
 
 
 def growth_of(result):
-    """For each scene the mean times of updates by tiles, as (boxes, microseconds)."""
+    """Per scene the mean times of updates with tiles, as (boxes, microseconds)."""
     series = {}
     for row in result["benchmarks"]:
         parts = row["run_name"].split("/")
@@ -74,7 +74,7 @@ def growth_of(result):
 
 
 def draw_growth(plt, results, out):
-    """A panel a device: the time of an update for each box, beside what grows as n log n."""
+    """One panel per device: the time of an update per box, next to n log n."""
     figure, axes = plt.subplots(1, len(results), figsize=(5.5 * len(results), 3.8), squeeze=False)
     for result, panel in zip(results, axes[0]):
         for scene, points in growth_of(result).items():
@@ -85,7 +85,7 @@ def draw_growth(plt, results, out):
         panel.set(title=result["context"]["device"].split(" / ")[-1], xlabel="boxes, all moving", xscale="log")
         panel.set_ylim(bottom=0)
         panel.grid(alpha=0.3)
-    axes[0][0].set_ylabel("one update, ns a box (dashed: n log n)")
+    axes[0][0].set_ylabel("one update, ns per box (dashed: n log n)")
     axes[0][0].legend()
     figure.tight_layout()
     figure.savefig(out, metadata={"Date": None})

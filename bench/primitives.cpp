@@ -30,7 +30,7 @@ std::vector<Word> random_words(std::size_t n) {
   return words;
 }
 
-/// Times a function on a fresh copy of its input, whose making is not timed.
+/// Times a function on a fresh copy of its input; making the copy is not timed.
 void time_on_copies(benchmark::State& state, std::size_t n, const std::function<void()>& copy,
                     const std::function<void()>& function) {
   for ([[maybe_unused]] auto _ : state) {
@@ -43,7 +43,7 @@ void time_on_copies(benchmark::State& state, std::size_t n, const std::function<
       benchmark::Counter(static_cast<double>(n), benchmark::Counter::kIsIterationInvariantRate);
 }
 
-/// Times what is enqueued, until the queue has finished.
+/// Times enqueued work until the queue has finished.
 template <class Word>
 void time_on_device(benchmark::State& state, const opencl::Context& context, const std::vector<Word>& input,
                     const std::function<void(const cl::Buffer&)>& enqueue) {
@@ -112,8 +112,8 @@ void sort_on_device(benchmark::State& state, std::size_t n) {
                  [&](const cl::Buffer& elements) { sort.enqueue(elements, scratch, n, keys); });
 }
 
-/// One thread's radix sort by the upper half, the least significant digit first; all digits are counted in
-/// one reading. (Four digits of 8 bits: three of 11 take longer.)
+/// Radix sort by the upper half on one thread, least significant digit first; all digits are counted in one
+/// pass. (Four digits of 8 bits; three of 11 take longer.)
 void sort_by_upper_half(std::vector<std::uint64_t>& elements, std::vector<std::uint64_t>& scratch) {
   constexpr unsigned digit_bits = 8;
   constexpr unsigned passes = 4;

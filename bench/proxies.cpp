@@ -32,12 +32,12 @@ using scenes::MovingBoxes;
 constexpr std::string_view stock = "+stock";
 constexpr std::array names{"brute-force", "tiles", "tiles+stock", "bullet-bvh", "bullet-sap"};
 
-/// A broad phase with a proxy a box, of which some live.
+/// A broad phase with one proxy per box, not all of which exist at a time.
 class Proxies {
  public:
   Proxies(std::string_view name, const MovingBoxes& boxes)
       : broadphase_(make(name, boxes)), boxes_(scaled(boxes)), proxies_(boxes_.size()) {
-    // The device has its kernels loaded.
+    // Load the kernels on the device.
     create(std::array{std::size_t{0}, std::size_t{1}});
     calculate();
     destroy(std::array{std::size_t{0}, std::size_t{1}});
@@ -81,7 +81,7 @@ class Proxies {
       const std::string algorithm(name.substr(0, name.size() - stock.size()));
       return std::make_unique<BulletBroadphase>(BroadPhase::Config{.algorithm = algorithm}, &stock_cache_);
     }
-    // Above 16,384 objects the axis sweep is the one of 32 bits.
+    // Above 16,384 objects the axis sweep is the 32-bit one.
     return scenes::make_broadphase({.name = std::string(name),
                                     .device = {},
                                     .objects = boxes.boxes().size() + 16385,
@@ -93,7 +93,7 @@ class Proxies {
   btHashedOverlappingPairCache stock_cache_;
   std::unique_ptr<btBroadphaseInterface> broadphase_;
   std::vector<Bounds> boxes_;
-  std::vector<btBroadphaseProxy*> proxies_;  // null for those that do not live
+  std::vector<btBroadphaseProxy*> proxies_;  // null for boxes without a proxy
 };
 
 std::vector<std::size_t> numbers(std::size_t first, std::size_t count) {
@@ -102,7 +102,7 @@ std::vector<std::size_t> numbers(std::size_t first, std::size_t count) {
   return result;
 }
 
-/// A random part of 0 .. of - 1, in random order.
+/// A random subset of 0 .. of - 1, in random order.
 std::vector<std::size_t> sample(std::size_t count, std::size_t of) {
   std::vector<std::size_t> result = numbers(0, of);
   scenes::Random(1).shuffle(std::span(result));

@@ -1,7 +1,9 @@
 #include "whole_list.hpp"
 
+#include <chrono>
 #include <cstdlib>
 #include <filesystem>
+#include <memory>
 #include <string>
 #include <vector>
 
@@ -10,9 +12,7 @@
 #include <broadcl/device.hpp>
 
 #include "algorithms/algorithm.hpp"
-#include "algorithms/pair_delta.hpp"
-#include "algorithms/pair_finder.hpp"
-#include "algorithms/scoped_timer.hpp"
+#include "algorithms/engine.hpp"
 #include "cli/npy.hpp"
 #include "opencl/context.hpp"
 #include "opencl/profiler.hpp"
@@ -20,47 +20,60 @@
 namespace broadcl {
 namespace {
 
-/// Objects that all are other ones than in the last frame, so that each search finds all pairs.
+/// Objects that are all other ones than in the last frame, so that each search finds all pairs.
 Search renewed(const opencl::Context& context, const std::vector<Aabb>& boxes) {
   const std::size_t n = boxes.size();
   const cl::CommandQueue& queue = context.queue();
-  const cl::Buffer buffer = context.buffer((n + Search::padding) * sizeof(Aabb));
-  queue.enqueueWriteBuffer(buffer, CL_TRUE, 0, n * sizeof(Aabb), boxes.data());
+  Generation objects{.slots = static_cast<cl_uint>(n),
+                     .boxes = context.buffer((n + Generation::padding) * sizeof(Aabb))};
+  queue.enqueueWriteBuffer(objects.boxes, CL_TRUE, 0, n * sizeof(Aabb), boxes.data());
   constexpr cl_uint stamp = 1;
   const cl::Buffer stamps = context.buffer(n * sizeof(cl_uint));
   queue.enqueueFillBuffer(stamps, cl_uint{stamp << 1 | 1}, 0, n * sizeof(cl_uint));
-  return {.slots = static_cast<cl_uint>(n),
-          .boxes = buffer,
-          .filters = stamps,
-          .changed = stamps,
-          .stamps = {.words = stamps, .stamp = stamp, .any_renewed = true},
-          .last_slots = static_cast<cl_uint>(n),
-          .last_boxes = buffer,
-          .last_filters = stamps};
+  return {.now = objects, .last = objects, .stamp = stamp, .stamps = stamps};
+}
+
+/// Tiles that sort in every frame, and tell what their search takes.
+class TimedTiles final : public PairFinder {
+ public:
+  explicit TimedTiles(const opencl::Context& context) : context_(context), tiles_(make_tiles(context, 0)) {}
+
+  void find(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) override {
+    context_.queue().finish();
+    const auto start = std::chrono::steady_clock::now();
+    tiles_->find(search, sink, profiler);
+    context_.queue().finish();
+    seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  }
+  [[nodiscard]] double expected_work(const Search& search, const PairDelta& sink) override {
+    return tiles_->expected_work(search, sink);
+  }
+
+  static inline double seconds = 0;  // of the last search
+
+ private:
+  const opencl::Context& context_;
+  std::unique_ptr<PairFinder> tiles_;
+};
+
+std::unique_ptr<PairFinder> make_timed_tiles(const opencl::Context& context) {
+  return std::make_unique<TimedTiles>(context);
 }
 
 void time_whole_list(benchmark::State& state, const std::filesystem::path& file) {
   const opencl::Context context(select_device(), false);
   opencl::Profiler profiler(false);
-  PairDelta delta(context, profiler);
-  const auto tiles = make_tiles(context, 0);
+  Engine engine(context, profiler, make_timed_tiles, Order::Target::host);
   const Search search = renewed(context, cli::read_boxes(file));
-  double seconds = 0;
-  const auto find = [&] {
-    context.queue().finish();
-    seconds = 0;
-    const ScopedTimer timer(seconds);
-    tiles->find(search, delta, profiler);
-    context.queue().finish();
-  };
   const auto pairs = [&] {
-    delta.begin({.search = search, .find = find});
-    return delta.finish().added.size();
+    engine.prepare();
+    engine.begin(search);
+    return engine.finish().added;
   };
   const std::size_t overlapping = pairs();  // which makes room
   for ([[maybe_unused]] auto _ : state) {
     if (pairs() != overlapping) state.SkipWithError("the number of pairs changes");
-    state.SetIterationTime(seconds);
+    state.SetIterationTime(TimedTiles::seconds);
   }
   state.counters["overlapping"] = static_cast<double>(overlapping);
 }

@@ -2,13 +2,13 @@
 
 namespace broadcl {
 
-/// Benchmarks of finding all pairs at once, as for a new scene, in sets of real boxes:
+/// Benchmarks of finding all pairs at once, as for a new scene, in sets of real-world boxes:
 ///
 ///   whole-list/SET
 ///
-/// From boxes on the device to the list of all pairs there, in no order, by `tiles`: sorting, building and
-/// searching, until the queue has finished. SET is a file of the folder that BROADCL_TEST_DATA names, without
-/// ".npy"; where that is not set there are no such benchmarks.
+/// From boxes on the device to the unordered list of all pairs there, with `tiles`: sorting, building the
+/// tree and searching, until the queue has finished. SET is the name, without ".npy", of a file in the folder
+/// that BROADCL_TEST_DATA names; if that is not set, these benchmarks do not exist.
 void register_whole_list();
 
 }  // namespace broadcl

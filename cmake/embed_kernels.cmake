@@ -1,5 +1,5 @@
 # cmake -D FILES=a.cl;b.h -D OUTPUT=embedded_kernels.cpp -P embed_kernels.cmake
-# Writes a source file that holds the bytes of each file.
+# Writes a source file that contains the bytes of each file.
 set(arrays "")
 set(rows "")
 set(number 0)

@@ -1,9 +1,9 @@
-# Link it PRIVATE: warnings are this project's own business.
+# Link it PRIVATE, so that these warnings do not apply to consumers.
 add_library(broadcl_warnings INTERFACE)
 if(MSVC)
   target_compile_options(broadcl_warnings INTERFACE /W4 $<$<BOOL:${BROADCL_WERROR}>:/WX>)
 else()
-  # GCC 12 finds overlapping copies in std::string that are not there (GCC bug 105651).
+  # GCC 12 reports overlapping copies in std::string that do not exist (GCC bug 105651).
   if(CMAKE_CXX_COMPILER_ID STREQUAL "GNU" AND CMAKE_CXX_COMPILER_VERSION VERSION_LESS 13)
     target_compile_options(broadcl_warnings INTERFACE -Wno-restrict)
   endif()

@@ -1,4 +1,4 @@
-// A world whose pairs are searched on the device while the program does other work between two steps.
+// A Bullet world whose pairs are found on the device while the program does other work between two steps.
 #include <chrono>
 #include <cmath>
 #include <cstdio>
@@ -13,7 +13,7 @@
 constexpr float time_step = 1.0F / 60;
 constexpr int frames = 60;
 
-// What the program does besides: a water surface of many waves, some milliseconds of computation.
+// The other work: a water surface of many waves, some milliseconds of computation.
 float water(int frame) {
   float highest = 0;
   for (int x = 0; x < 300; ++x) {
@@ -30,8 +30,8 @@ float water(int frame) {
 }
 
 struct Result {
-  double milliseconds;  // a frame
-  float height;         // of the last box, to show that the simulation is the same
+  double milliseconds;  // per frame
+  float height;         // of the last box, to show that the simulations are the same
   float water;
 };
 
@@ -76,7 +76,7 @@ Result simulate(bool async) {
 int main() try {
   const Result plain = simulate(false);
   const Result async = simulate(true);
-  std::printf("without begin(): %.2f ms a frame\nwith begin():    %.2f ms a frame\n", plain.milliseconds,
+  std::printf("without begin(): %.2f ms per frame\nwith begin():    %.2f ms per frame\n", plain.milliseconds,
               async.milliseconds);
   std::printf("gain:            %.2f ms; highest wave %.2f m\n", plain.milliseconds - async.milliseconds,
               static_cast<double>(async.water));

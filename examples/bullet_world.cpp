@@ -1,4 +1,4 @@
-// A Bullet world on BroadCL: the only line that differs from a world on btDbvtBroadphase is marked.
+// A Bullet world with BroadCL. The only line that differs from a world with btDbvtBroadphase is marked.
 #include <cstdio>
 #include <exception>
 #include <memory>

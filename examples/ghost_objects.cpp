@@ -1,4 +1,4 @@
-// A sensor: a zone that objects pass through, and that tells who enters it and who leaves.
+// A sensor: a zone that objects pass through and that reports which objects enter and leave it.
 #include <cstdio>
 #include <exception>
 #include <memory>
@@ -10,7 +10,7 @@
 
 #include <broadcl/bullet.hpp>
 
-// The objects whose boxes overlap the zone's, by their numbers.
+// The numbers of the objects whose boxes overlap the zone's.
 std::set<int> inside(const btGhostObject& zone) {
   std::set<int> numbers;
   for (int k = 0; k < zone.getNumOverlappingObjects(); ++k) {
@@ -24,7 +24,7 @@ int main() try {
   btCollisionDispatcher dispatcher(&configuration);
   btSequentialImpulseConstraintSolver solver;
   broadcl::BulletBroadphase broadphase;
-  btGhostPairCallback ghosts;  // without it no ghost object hears of its pairs
+  btGhostPairCallback ghosts;  // without it ghost objects are not notified of their pairs
   broadphase.getOverlappingPairCache()->setInternalGhostPairCallback(&ghosts);
   btDiscreteDynamicsWorld world(&dispatcher, &broadphase, &solver, &configuration);
   world.setGravity({0, 0, 0});

@@ -1,11 +1,11 @@
-// Moving boxes without a physics engine: what began and what ceased to overlap, frame by frame.
+// Moving boxes without a physics engine: which pairs began and which ceased to overlap, frame by frame.
 #include <cstdio>
 #include <exception>
 
 #include <broadcl/broad_phase.hpp>
 
 int main() try {
-  broadcl::BroadPhase broad_phase;  // the best device there is
+  broadcl::BroadPhase broad_phase;  // on the best device
   const auto at = [](float x) { return broadcl::Aabb{{x, 0, 0}, {x + 1, 1, 1}}; };
   for (int k = 0; k < 5; ++k) broad_phase.add(at(2.0F * static_cast<float>(k)));
   const std::uint32_t traveller = broad_phase.add(at(-1.5F));

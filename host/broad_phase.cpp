@@ -4,15 +4,12 @@
 #include <array>
 #include <bit>
 #include <functional>
-#include <optional>
-#include <queue>
 #include <string>
 #include <utility>
 
 #include "algorithms/algorithm.hpp"
 #include "change_set.hpp"
 #include "packed_box.hpp"
-#include "pair_lists.hpp"
 
 namespace broadcl {
 namespace {
@@ -26,38 +23,34 @@ bool same_bits(const Aabb& s, const Aabb& t) {
   return std::bit_cast<Bits>(s) == std::bit_cast<Bits>(t);
 }
 
-/// Changes of pairs that are nobody else's.
-struct OwnDelta {
-  std::vector<Pair> added;
-  std::vector<Pair> removed;
-};
-
-/// What two updates changed together. Where a pair ended in the first and began again in the second, nothing
-/// changed, unless an object of it was renewed in between.
-OwnDelta merge_deltas(const OwnDelta& first, const Delta& second, const SlotSet& renewed) {
-  OwnDelta both{.added = merge(difference(first.added, second.removed), second.added),
-                .removed = merge(first.removed, difference(second.removed, first.added))};
-  std::vector<Pair> back = intersection(both.added, both.removed);
-  std::erase_if(back, [&](const Pair& pair) { return renewed.contains(pair.a) || renewed.contains(pair.b); });
-  if (back.empty()) return both;
-  return {.added = difference(both.added, back), .removed = difference(both.removed, back)};
+/// Whether a box is neither empty nor has a NaN.
+bool is_proper(const Aabb& box) {
+  return packed_overlaps(box, box);
 }
 
 }  // namespace
 
+/// Objects, their ids, and what changed of them. Each function first does what may throw, then, from a
+/// comment on, what cannot, so that it does all of its work or none.
 class BroadPhase::Impl {
  public:
   explicit Impl(const Config& config)
-      : row_(find_algorithm(config.algorithm)), algorithm_(make_algorithm(config)) {}
+      : row_(find_algorithm(config.algorithm)),
+        algorithm_(make_algorithm(config)),
+        boxes_(algorithm_->boxes()) {}
 
   std::uint32_t add(const Aabb& box, const Filter& filter) {
     refuse_nan(box);
-    const auto id = free_.empty() ? static_cast<std::uint32_t>(states_.size()) : free_.top();
-    if (id == states_.size()) {
-      if (!in_flight_) algorithm_->reserve(states_.size() + 1);
+    const bool is_new = free_.empty();
+    const auto id = is_new ? static_cast<std::uint32_t>(states_.size()) : free_.front();
+    reserve(states_.size() + (is_new ? 1 : 0), filter != Filter());
+    reserve_late();
+    // Nothing below throws.
+    if (is_new) {
       grow(states_.size() + 1);
     } else {
-      free_.pop();
+      std::ranges::pop_heap(free_, std::greater<>());
+      free_.pop_back();
     }
     set_state(id, State::live);
     set_box(id, box);
@@ -73,102 +66,96 @@ class BroadPhase::Impl {
 
   void set_filter(std::uint32_t id, const Filter& filter) {
     refuse_unknown(id);
+    reserve(states_.size(), filter != Filter());
+    // Nothing below throws.
     store_filter(id, filter);
   }
 
   void remove(std::uint32_t id) {
     refuse_unknown(id);
-    free_.push(id);
-    set_state(id, State::free);
+    reserve_late();
+    // Nothing below throws.
+    make_free(id);
+    std::ranges::push_heap(free_, std::greater<>());
     set_box(id, empty_aabb());
   }
 
   std::span<Aabb> map(std::size_t n) {
-    if (in_flight_) throw Error("map() was called between begin() and finish(); call finish() first");
+    if (is_begun_) throw Error("map() was called between begin() and finish(); call finish() first");
     if (n > most_objects) throw Error("map() was asked for " + std::to_string(n) + " boxes; ask for fewer");
     apply_late();
-    algorithm_->reserve(n);
+    reserve(std::max(n, states_.size()), false);
+    // Nothing below throws.
     if (n > states_.size()) grow(n);
-    for (std::size_t id = n; id < states_.size(); ++id) {
-      if (states_[id] == State::live) remove(static_cast<std::uint32_t>(id));
+    const std::size_t own = std::exchange(mapped_, n);  // boxes that the caller has written before
+    free_.clear();
+    for (auto id = static_cast<std::uint32_t>(n); id < states_.size(); ++id) {
+      if (states_[id] == State::live) {
+        make_free(id);
+        set_box(id, empty_aabb());
+      } else {
+        free_.push_back(id);
+      }
     }
-    std::vector<std::uint32_t> free;
-    for (std::size_t id = n; id < states_.size(); ++id) free.push_back(static_cast<std::uint32_t>(id));
-    free_ = FreeIds(std::greater<>(), std::move(free));
-    const std::span<Aabb> boxes = algorithm_->boxes().first(n);
+    const std::span<Aabb> boxes = boxes_.first(n);
     for (std::uint32_t id = 0; id < n; ++id) {
       // The caller must not meet a NaN that is not his own.
-      const bool is_own = id < mapped_;
-      if (states_[id] == State::free || (!is_own && has_nan(boxes[id]))) boxes[id] = empty_aabb();
+      const bool is_own = id < own;
+      if (states_[id] == State::free || (!is_own && !is_proper(boxes[id]))) boxes[id] = empty_aabb();
       if (states_[id] == State::live) continue;
       set_state(id, State::live);
       store_filter(id, Filter());
     }
     changes_.all = true;
-    mapped_ = n;
     return boxes;
   }
 
   void begin() {
-    if (in_flight_) return;
+    if (is_begun_) return;
     apply_late();
     take_mapped();
+    is_begun_ = true;
     if (changes_.empty()) return;
-    const std::size_t slots = slot_count();
-    flight_.clear();
     std::swap(flight_, changes_);
-    flight_.renewed.sort();
-    try {
+    flight_.sort_renewed();
+    is_in_flight_ = true;
+    or_roll_back([&] {
+      const std::size_t slots = slot_count();
       algorithm_->begin(
           {.slots = slots,
-           .changed = flight_.changed.slots(),
-           // Where many changed, testing all pairs once is less work than testing those against all.
-           .all = flight_.all || flight_.changed.slots().size() > slots / 4,
-           .renewed = flight_.renewed.slots(),
+           .changed = flight_.changed(),
+           // If many changed, testing all pairs once is less work than testing those against all.
+           .all = flight_.all || flight_.changed().size() > slots / 4,
+           .renewed = flight_.renewed(),
            .filters = any_filters_ ? std::span<const Filter>(filters_) : std::span<const Filter>(),
            .filters_changed = flight_.filters,
            .worlds = any_worlds_});
-    } catch (...) {
-      take_back();
-      throw;
-    }
-    in_flight_ = true;
+    });
   }
 
   void flush() {
-    if (!in_flight_) return;
-    try {
-      algorithm_->flush();
-    } catch (...) {
-      take_back();
-      throw;
-    }
+    if (is_in_flight_) or_roll_back([&] { algorithm_->flush(); });
   }
 
   Delta finish() {
     begin();
-    asked_ = in_flight_;
-    if (in_flight_) {
-      const Delta delta = land();
-      if (late_.empty() && changes_.empty() && !pending_) return delta;
-      keep(delta);
-      begin();
-      if (in_flight_) keep(land());
-    }
-    if (!pending_) return {};
-    result_ = std::move(*pending_);
-    pending_.reset();
-    pending_renewed_.clear();
-    return {result_.added, result_.removed};
+    was_asked_ = is_in_flight_;
+    Delta delta;
+    if (is_in_flight_) or_roll_back([&] { delta = algorithm_->finish(); });
+    flight_.clear();
+    is_in_flight_ = is_begun_ = false;
+    // If there is no room yet for objects that were added meanwhile, the next update makes it.
+    if (has_room(states_.size(), any_filters_)) apply_late();
+    return delta;
   }
 
   [[nodiscard]] std::vector<Pair> pairs() const {
-    if (in_flight_) throw Error("pairs() was called between begin() and finish(); call finish() first");
+    if (is_begun_) throw Error("pairs() was called between begin() and finish(); call finish() first");
     return algorithm_->pairs();
   }
 
   [[nodiscard]] std::span<const Stage> profile() const noexcept {
-    return asked_ ? algorithm_->profile() : std::span<const Stage>();
+    return was_asked_ ? algorithm_->profile() : std::span<const Stage>();
   }
 
   [[nodiscard]] const AlgorithmRow& row() const noexcept { return row_; }
@@ -177,7 +164,6 @@ class BroadPhase::Impl {
 
  private:
   enum class State : std::uint8_t { free, live };
-  using FreeIds = std::priority_queue<std::uint32_t, std::vector<std::uint32_t>, std::greater<>>;
 
   static constexpr std::size_t most_objects = std::size_t{1} << 31;
 
@@ -186,88 +172,121 @@ class BroadPhase::Impl {
     Aabb box;
   };
 
-  void grow(std::size_t ids) {
+  /// Whether the algorithm has memory for so many boxes, and for filters if there are any.
+  [[nodiscard]] bool has_room(std::size_t ids, bool filters) const noexcept {
+    return boxes_.size() >= ids && (has_filter_memory_ || !filters);
+  }
+
+  /// Makes room for so many ids, so that nothing that concerns them has to allocate; the algorithm's memory
+  /// follows when the update in flight is over.
+  void reserve(std::size_t ids, bool filters) {
+    if (ids > most_objects) throw Error("more than 2147483648 objects; use fewer");
+    if (ids > capacity_) {
+      const std::size_t capacity = std::max(ids, capacity_ + capacity_ / 2);
+      states_.reserve(capacity);
+      filters_.reserve(capacity);
+      free_.reserve(capacity);
+      changes_.reserve(capacity);
+      flight_.reserve(capacity);
+      capacity_ = capacity;
+    }
+    if (!is_in_flight_) reserve_algorithm(ids, filters || any_filters_);
+  }
+
+  void reserve_algorithm(std::size_t ids, bool filters) {
+    if (has_room(ids, filters)) return;
+    algorithm_->reserve(ids, filters || has_filter_memory_);
+    boxes_ = algorithm_->boxes();
+    has_filter_memory_ = has_filter_memory_ || filters;
+  }
+
+  void reserve_late() {
+    if (is_late() && late_.size() == late_.capacity()) late_.reserve(2 * late_.size() + 16);
+  }
+
+  void grow(std::size_t ids) noexcept {
     states_.resize(ids, State::free);
     filters_.resize(ids);
   }
 
-  void set_state(std::uint32_t id, State state) {
+  void set_state(std::uint32_t id, State state) noexcept {
     states_[id] = state;
     size_ = state == State::live ? size_ + 1 : size_ - 1;
-    changes_.changed.insert(id);
-    changes_.renewed.insert(id);
+    changes_.renew(id);
   }
 
+  void make_free(std::uint32_t id) noexcept {
+    set_state(id, State::free);
+    free_.push_back(id);
+  }
+
+  /// Whether boxes that are set now are stored later: the algorithm reads its boxes, or earlier ones still
+  /// wait.
+  [[nodiscard]] bool is_late() const noexcept { return is_in_flight_ || !late_.empty(); }
+
   void set_box(std::uint32_t id, const Aabb& box) {
-    if (in_flight_ || !late_.empty()) return late_.push_back({id, box});
-    Aabb& old = algorithm_->boxes()[id];
+    if (is_late()) {
+      late_.push_back({id, box});
+    } else {
+      store_box(id, box);
+    }
+  }
+
+  void store_box(std::uint32_t id, const Aabb& box) noexcept {
+    Aabb& old = boxes_[id];
     const Aabb packed = id < mapped_ ? box : pack(box);
     if (same_bits(old, packed)) return;
     old = packed;
-    changes_.changed.insert(id);
+    changes_.insert(id);
   }
 
-  void store_filter(std::uint32_t id, const Filter& filter) {
+  void store_filter(std::uint32_t id, const Filter& filter) noexcept {
     if (filters_[id] == filter) return;
     filters_[id] = filter;
     any_filters_ = any_filters_ || filter != Filter();
     any_worlds_ = any_worlds_ || filter.world != 0;
-    changes_.changed.insert(id);
+    changes_.insert(id);
     changes_.filters = true;
   }
 
-  /// Boxes that were set between begin() and finish(), and, where that failed, since.
+  /// Stores the boxes that were set while an update was in flight.
   void apply_late() {
-    if (late_.empty()) return;
-    algorithm_->reserve(states_.size());
-    const std::vector<LateBox> late_boxes = std::exchange(late_, {});
-    for (const LateBox& late : late_boxes) set_box(late.id, late.box);
+    reserve_algorithm(states_.size(), any_filters_);
+    // Nothing below throws.
+    for (const LateBox& late : late_) store_box(late.id, late.box);
+    late_.clear();
   }
 
-  /// Boxes that the caller wrote in place.
+  /// Packs the boxes that the caller wrote in place.
   void take_mapped() {
-    if (mapped_ == 0) return;
-    const std::span<Aabb> boxes = algorithm_->boxes().first(mapped_);
-    const auto bad = std::find_if(boxes.begin(), boxes.end(), has_nan);
-    if (bad != boxes.end()) throw_nan("box " + std::to_string(bad - boxes.begin()));
-    for (Aabb& box : boxes) {
-      if (!packed_overlaps(box, box)) box = packed_empty();
+    const std::span<Aabb> boxes = boxes_.first(mapped_);
+    bool any_empty = false;
+    for (std::size_t id = 0; id < boxes.size(); ++id) {
+      if (is_proper(boxes[id])) continue;
+      if (has_nan(boxes[id])) throw_nan("box " + std::to_string(id));
+      any_empty = true;
     }
+    // Nothing below throws.
+    if (any_empty) std::ranges::transform(boxes, boxes.begin(), pack);
     mapped_ = 0;
   }
 
-  /// Ends the update that is in flight.
-  Delta land() {
+  /// Does a part of an update. If it fails, what the update was to find is still to be found.
+  template <class Function>
+  void or_roll_back(const Function& function) {
     try {
-      const Delta delta = algorithm_->finish();
-      in_flight_ = false;
-      return delta;
+      function();
     } catch (...) {
-      take_back();
+      is_in_flight_ = is_begun_ = false;
+      changes_.insert(flight_);
+      changes_.all = changes_.filters = true;
+      flight_.clear();
       throw;
     }
   }
 
-  /// The update that was begun failed: what it was to find is still to be found.
-  void take_back() {
-    in_flight_ = false;
-    changes_.add(flight_);
-    changes_.all = changes_.filters = true;
-  }
-
-  /// Adds what the update that ended changed to what the caller was not told yet.
-  void keep(const Delta& delta) {
-    pending_renewed_.insert(flight_.renewed.slots());
-    if (pending_) {
-      pending_ = merge_deltas(*pending_, delta, pending_renewed_);
-    } else {
-      pending_ = OwnDelta{.added = {delta.added.begin(), delta.added.end()},
-                          .removed = {delta.removed.begin(), delta.removed.end()}};
-    }
-  }
-
   /// Slots up to the last object.
-  [[nodiscard]] std::size_t slot_count() const {
+  [[nodiscard]] std::size_t slot_count() const noexcept {
     const auto last = std::find(states_.rbegin(), states_.rend(), State::live);
     return static_cast<std::size_t>(states_.rend() - last);
   }
@@ -279,14 +298,17 @@ class BroadPhase::Impl {
   }
 
   static void refuse_nan(const Aabb& box) {
-    if (has_nan(box)) throw_nan("a box");
+    if (!is_proper(box) && has_nan(box)) throw_nan("a box");
   }
 
   const AlgorithmRow& row_;
   std::unique_ptr<Algorithm> algorithm_;
-  std::vector<State> states_;    // a slot each
-  std::vector<Filter> filters_;  // a slot each
-  FreeIds free_;
+  std::span<Aabb> boxes_;            // the algorithm's
+  bool has_filter_memory_ = false;   // in the algorithm
+  std::size_t capacity_ = 0;         // ids for which the following have room
+  std::vector<State> states_;        // by id
+  std::vector<Filter> filters_;      // by id
+  std::vector<std::uint32_t> free_;  // a heap, the lowest id first
   std::size_t size_ = 0;
   bool any_filters_ = false;  // some object ever had another than the default one
   bool any_worlds_ = false;
@@ -294,13 +316,10 @@ class BroadPhase::Impl {
 
   ChangeSet changes_;  // since the last update began
   ChangeSet flight_;   // what that update takes in
-  bool in_flight_ = false;
-  bool asked_ = false;         // the algorithm, in the last update
-  std::vector<LateBox> late_;  // not stored yet: set while it was in flight
-
-  std::optional<OwnDelta> pending_;  // what changed in updates that the caller was not told of
-  SlotSet pending_renewed_;          // in these
-  OwnDelta result_;
+  bool is_begun_ = false;
+  bool is_in_flight_ = false;  // it was begun, and there was something to do
+  bool was_asked_ = false;     // the algorithm, in the last update
+  std::vector<LateBox> late_;
 };
 
 BroadPhase::BroadPhase() : BroadPhase(Config()) {}
@@ -368,7 +387,7 @@ std::span<const Stage> BroadPhase::profile() const noexcept {
 
 std::vector<Pair> overlapping_pairs(const BoxView& boxes, const BroadPhase::Config& config) {
   const auto algorithm = make_algorithm(config);
-  algorithm->reserve(boxes.size());
+  algorithm->reserve(boxes.size(), false);
   boxes.pack_to(algorithm->boxes());
   algorithm->begin({.slots = boxes.size(), .all = true});
   const Delta delta = algorithm->finish();

@@ -8,55 +8,59 @@
 
 namespace broadcl {
 
-/// A set of slots that remembers the order in which they came, and is emptied at once.
-class SlotSet {
+/// Which slots changed since some time. It allocates in reserve() only.
+class ChangeSet {
  public:
-  void insert(std::uint32_t slot) {
-    if (slot >= since_.size()) since_.resize(std::max<std::size_t>(slot + 1, 2 * since_.size()));
-    if (since_[slot] == epoch_) return;
-    since_[slot] = epoch_;
-    slots_.push_back(slot);
-  }
-  void insert(std::span<const std::uint32_t> slots) {
-    for (const std::uint32_t slot : slots) insert(slot);
-  }
-  void clear() {
-    slots_.clear();
-    if (++epoch_ != 0) return;
-    std::fill(since_.begin(), since_.end(), 0);
-    epoch_ = 1;
-  }
-  [[nodiscard]] bool contains(std::uint32_t slot) const {
-    return slot < since_.size() && since_[slot] == epoch_;
-  }
-  [[nodiscard]] const std::vector<std::uint32_t>& slots() const noexcept { return slots_; }
-  void sort() { std::sort(slots_.begin(), slots_.end()); }
+  bool all = false;      ///< All slots count as changed.
+  bool filters = false;  ///< A filter changed.
 
- private:
-  std::vector<std::uint32_t> slots_;
-  std::vector<std::uint32_t> since_;  // the epoch in which a slot came
-  std::uint32_t epoch_ = 1;
-};
-
-/// What changed of the objects in some time.
-struct ChangeSet {
-  SlotSet changed;
-  SlotSet renewed;       // of changed, those whose object is another one
-  bool all = false;      // all changed
-  bool filters = false;  // a filter changed
-
-  [[nodiscard]] bool empty() const noexcept { return !all && changed.slots().empty(); }
-  void clear() {
-    changed.clear();
-    renewed.clear();
-    all = filters = false;
+  /// Makes room for the slots below this one.
+  /// @throws std::bad_alloc
+  void reserve(std::size_t slots) {
+    changed_.reserve(slots);
+    renewed_.reserve(slots);
+    if (slots > flags_.size()) flags_.resize(slots);
   }
-  void add(const ChangeSet& other) {
-    changed.insert(other.changed.slots());
-    renewed.insert(other.renewed.slots());
+
+  void insert(std::uint32_t slot) noexcept { insert(slot, is_changed, changed_); }
+  /// The object of the slot is another one.
+  void renew(std::uint32_t slot) noexcept {
+    insert(slot);
+    insert(slot, is_renewed, renewed_);
+  }
+  void insert(const ChangeSet& other) noexcept {
+    for (const std::uint32_t slot : other.changed_) insert(slot);
+    for (const std::uint32_t slot : other.renewed_) renew(slot);
     all = all || other.all;
     filters = filters || other.filters;
   }
+  void clear() noexcept {
+    for (const std::uint32_t slot : changed_) flags_[slot] = 0;
+    changed_.clear();
+    renewed_.clear();
+    all = filters = false;
+  }
+
+  void sort_renewed() noexcept { std::ranges::sort(renewed_); }
+  [[nodiscard]] bool empty() const noexcept { return !all && changed_.empty(); }
+  /// Each once.
+  [[nodiscard]] std::span<const std::uint32_t> changed() const noexcept { return changed_; }
+  /// Those of changed() whose object is another one, each once.
+  [[nodiscard]] std::span<const std::uint32_t> renewed() const noexcept { return renewed_; }
+
+ private:
+  static constexpr std::uint8_t is_changed = 1;
+  static constexpr std::uint8_t is_renewed = 2;
+
+  void insert(std::uint32_t slot, std::uint8_t flag, std::vector<std::uint32_t>& slots) noexcept {
+    if ((flags_[slot] & flag) != 0) return;
+    flags_[slot] |= flag;
+    slots.push_back(slot);
+  }
+
+  std::vector<std::uint32_t> changed_;
+  std::vector<std::uint32_t> renewed_;
+  std::vector<std::uint8_t> flags_;  // by slot
 };
 
 }  // namespace broadcl

@@ -4,90 +4,59 @@
 #include <broadcl/opencl.hpp>
 
 #include <array>
-#include <cstring>
 #include <utility>
 
 #include "algorithms/algorithm.hpp"
-#include "algorithms/pair_delta.hpp"
-#include "algorithms/pair_finder.hpp"
-#include "algorithms/scoped_timer.hpp"
+#include "algorithms/engine.hpp"
 #include "opencl/context.hpp"
 #include "opencl/error.hpp"
+#include "opencl/growing_buffer.hpp"
 #include "opencl/launch.hpp"
 #include "opencl/profiler.hpp"
-#include "opencl/shared_buffer.hpp"
 
 namespace broadcl {
 namespace {
 
 constexpr std::size_t group = 64;
+constexpr std::size_t most_boxes = 0x7fffffff;
 
-/// As kernels/changes.cl counts them.
-struct Bad {
-  cl_uint count = 0;
-  cl_uint first = 0xffffffff;
-};
-
-cl::CommandQueue retained(cl_command_queue queue) {
+cl::CommandQueue retained(cl_command_queue queue, bool profile) {
   if (queue == nullptr) throw Error("the queue is null; give one that was made by clCreateCommandQueue");
-  return cl::CommandQueue(queue, true);
-}
-
-void refuse_short(const char* what, const cl::Buffer& buffer, std::size_t bytes) {
-  const auto size = buffer.getInfo<CL_MEM_SIZE>();
-  if (size < bytes) {
-    throw Error(std::string("the buffer of ") + what + " has " + std::to_string(size) + " bytes, of which " +
-                std::to_string(bytes) + " were to be read; check count, offset and stride");
+  cl::CommandQueue result(queue, true);
+  const auto properties =
+      opencl::translate_errors("the queue", [&] { return result.getInfo<CL_QUEUE_PROPERTIES>(); });
+  if (profile && (properties & CL_QUEUE_PROFILING_ENABLE) == 0) {
+    throw Error(
+        "Config::profile is set, but the queue does not measure; make it with CL_QUEUE_PROFILING_ENABLE");
   }
+  return result;
 }
 
 }  // namespace
 
 class DeviceBroadPhase::Impl {
-  template <class Function>
-  decltype(auto) translate(Function&& function) {
-    return opencl::translate_errors(context_.device().label(), std::forward<Function>(function));
-  }
-
  public:
   Impl(cl_command_queue queue, const Config& config)
-      : context_(retained(queue)),
+      : context_(retained(queue, config.profile)),
         profiler_(config.profile),
-        delta_(context_, profiler_),
-        finder_(find_pair_finder(config.algorithm)(context_)) {
-    const cl::Program program = context_.program("changes.cl");
-    translate([&] {
-      gather_ = cl::Kernel(program, "gather_boxes");
-      bad_ = opencl::SharedBuffer(context_, sizeof(Bad));
-      unused_ = context_.buffer(sizeof(cl_uint));
-    });
-  }
+        engine_(context_.guard([&] {
+          return std::make_unique<Engine>(context_, profiler_, find_pair_finder(config.algorithm),
+                                          Order::Target::device);
+        })),
+        gather_(context_.guard([&] { return cl::Kernel(context_.program("changes.cl"), "gather_boxes"); })) {}
 
   void begin(const Boxes& boxes) {
     if (in_flight_) throw Error("begin() was called twice; call finish() in between");
-    seconds_ = 0;
-    const ScopedTimer timer(seconds_);
-    translate([&] {
+    context_.guard([&] {
       check(boxes);
       profiler_.begin();
+      engine_->prepare();
       gather(boxes);
       copy_filters(boxes);
-      const Frame& last = frames_[turn_];
-      const Frame& next = frames_[1 - turn_];
-      search_ = {.slots = static_cast<cl_uint>(boxes.count),
-                 .boxes = next.boxes,
-                 .filters = next.any_filters ? next.filters : unused_,
-                 .any_filters = next.any_filters,
-                 .worlds = boxes.worlds && next.any_filters,
-                 .changed = unused_,
-                 .stamps = {.words = unused_},
-                 .last_slots = last.slots,
-                 .last_boxes = last.boxes,
-                 .last_filters = last.any_filters ? last.filters : unused_,
-                 .any_last_filters = last.any_filters};
-      delta_.begin({.search = search_,
-                    .find = [this] { finder_->find(search_, delta_, profiler_); },
-                    .stays_on_device = true});
+      const Generation& now = frames_.at(1 - turn_).objects;
+      engine_->begin({.now = now,
+                      .last = frames_.at(turn_).objects,
+                      .worlds = boxes.worlds && boxes.filters != nullptr});
       context_.queue().flush();
     });
     in_flight_ = true;
@@ -96,26 +65,22 @@ class DeviceBroadPhase::Impl {
   Result finish() {
     if (!in_flight_) throw Error("finish() was called without begin()");
     in_flight_ = false;
-    const PairDelta::OnDevice changes = [&] {
-      const ScopedTimer timer(seconds_);
-      return translate([&] { return delta_.finish_on_device(); });
-    }();
+    const PairDelta::Counts counts = context_.guard([&] { return engine_->finish(); });
     turn_ = 1 - turn_;
-    finder_->ended(seconds_);
-    Bad bad;
-    std::memcpy(&bad, bad_.host(), sizeof(Bad));
-    return {.added = {changes.added(), changes.added_count},
-            .removed = {changes.removed(), changes.removed_count},
-            .pairs = changes.found,
-            .bad_boxes = bad.count,
-            .first_bad = bad.count > 0 ? bad.first : 0};
+    Result result{.added = {engine_->changes().added()(), counts.added},
+                  .removed = {engine_->changes().removed()(), counts.removed},
+                  .pair_count = counts.found,
+                  .invalid_boxes = counts.invalid_boxes,
+                  .first_invalid = {}};
+    if (counts.invalid_boxes > 0) result.first_invalid = static_cast<std::uint32_t>(counts.first_invalid);
+    return result;
   }
 
   PairBuffer pairs() {
     if (in_flight_) throw Error("pairs() was called between begin() and finish(); call finish() first");
-    return translate([&]() -> PairBuffer {
-      pairs_ = delta_.sorted_pairs();
-      return {pairs_(), delta_.pair_count()};
+    return context_.guard([&]() -> PairBuffer {
+      pairs_ = engine_->sorted_pairs();
+      return {pairs_(), engine_->pair_count()};
     });
   }
 
@@ -123,76 +88,75 @@ class DeviceBroadPhase::Impl {
   [[nodiscard]] std::span<const Stage> profile() const noexcept { return profiler_.stages(); }
 
  private:
-  static void check(const Boxes& boxes) {
+  /// Objects as of one update.
+  struct Frame {  // NOLINT(bugprone-exception-escape): handles do not throw when moved
+    Generation objects;
+    opencl::GrowingBuffer boxes, filters;
+  };
+
+  void check(const Boxes& boxes) const {
     if (boxes.count == 0) return;
     if (boxes.buffer == nullptr) throw Error("the buffer of boxes is null; give one of the queue's context");
-    if (boxes.count > 0x7fffffff) throw Error("more than 2147483647 boxes; give fewer");
+    if (boxes.count > most_boxes) throw Error("more than 2147483647 boxes; give fewer");
     if (boxes.offset % sizeof(float) != 0 || boxes.stride % sizeof(float) != 0) {
       throw Error("offset and stride of the boxes must be multiples of 4 bytes");
     }
-    refuse_short("boxes", cl::Buffer(boxes.buffer, true),
-                 boxes.offset + (boxes.count - 1) * boxes.stride + sizeof(Aabb));
+    check_buffer("boxes", boxes.buffer, boxes.count, boxes.offset, boxes.stride, sizeof(Aabb));
     if (boxes.filters == nullptr) return;
-    refuse_short("filters", cl::Buffer(boxes.filters, true), boxes.count * sizeof(Filter));
+    check_buffer("filters", boxes.filters, boxes.count, 0, sizeof(Filter), sizeof(Filter));
+  }
+
+  /// Refuses a buffer of another context, and one that does not hold so many items.
+  void check_buffer(const std::string& what, cl_mem memory, std::size_t count, std::size_t offset,
+                    std::size_t stride, std::size_t size) const {
+    const cl::Buffer buffer(memory, true);
+    if (buffer.getInfo<CL_MEM_CONTEXT>()() != context_.context()()) {
+      throw Error("the buffer of " + what + " is of another context; give one of the queue's context");
+    }
+    const auto bytes = buffer.getInfo<CL_MEM_SIZE>();
+    const bool fits = offset <= bytes && size <= bytes - offset &&
+                      (count == 1 || stride <= (bytes - offset - size) / (count - 1));
+    if (!fits) {
+      throw Error("the buffer of " + what + " has " + std::to_string(bytes) + " bytes, too few for " +
+                  std::to_string(count) + " at " + std::to_string(offset) + " with a stride of " +
+                  std::to_string(stride) + "; check count, offset and stride");
+    }
   }
 
   void gather(const Boxes& boxes) {
-    Frame& next = frames_[1 - turn_];
-    next.slots = static_cast<cl_uint>(boxes.count);
-    grow(next.boxes, boxes.count, sizeof(Aabb));
-    const Bad none;
-    std::memcpy(bad_.host(), &none, sizeof(Bad));
+    Frame& next = frames_.at(1 - turn_);
+    next.boxes.reserve(context_, (boxes.count + Generation::padding) * sizeof(Aabb), "boxes");
+    next.objects.slots = static_cast<cl_uint>(boxes.count);
+    next.objects.boxes = next.boxes.get();
+    if (boxes.count == 0) return;
     opencl::Profiler::Scope stage(profiler_, "gather");
-    bad_.upload(sizeof(Bad));
-    if (boxes.count > 0) {
-      opencl::set_arguments(gather_, 0, static_cast<cl_uint>(boxes.count), cl::Buffer(boxes.buffer, true),
-                            static_cast<cl_ulong>(boxes.offset / sizeof(float)),
-                            static_cast<cl_ulong>(boxes.stride / sizeof(float)), next.boxes, bad_.device());
-      context_.queue().enqueueNDRangeKernel(gather_, cl::NullRange,
-                                            cl::NDRange(opencl::round_up(boxes.count, group)),
-                                            cl::NDRange(group), nullptr, stage.event());
-    }
-    bad_.download(sizeof(Bad));
+    opencl::set_arguments(gather_, 0, static_cast<cl_uint>(boxes.count), cl::Buffer(boxes.buffer, true),
+                          static_cast<cl_ulong>(boxes.offset / sizeof(float)),
+                          static_cast<cl_ulong>(boxes.stride / sizeof(float)), next.objects.boxes,
+                          engine_->counts());
+    context_.queue().enqueueNDRangeKernel(gather_, cl::NullRange,
+                                          cl::NDRange(opencl::round_up(boxes.count, group)),
+                                          cl::NDRange(group), nullptr, stage.event());
   }
 
   void copy_filters(const Boxes& boxes) {
-    Frame& next = frames_[1 - turn_];
-    next.any_filters = boxes.filters != nullptr;
-    if (!next.any_filters) return;
-    grow(next.filters, boxes.count, sizeof(Filter));
-    if (boxes.count == 0) return;
-    context_.queue().enqueueCopyBuffer(cl::Buffer(boxes.filters, true), next.filters, 0, 0,
+    Frame& next = frames_.at(1 - turn_);
+    next.objects.filters = {};
+    if (boxes.filters == nullptr || boxes.count == 0) return;
+    next.filters.reserve(context_, (boxes.count + Generation::padding) * sizeof(Filter), "filters");
+    next.objects.filters = next.filters.get();
+    context_.queue().enqueueCopyBuffer(cl::Buffer(boxes.filters, true), next.objects.filters, 0, 0,
                                        boxes.count * sizeof(Filter));
   }
 
-  /// Makes room for so many items, and for kernels that read past the last one.
-  void grow(cl::Buffer& buffer, std::size_t count, std::size_t size) const {
-    const std::size_t bytes = (count + Search::padding) * size;
-    if (buffer() != nullptr && buffer.getInfo<CL_MEM_SIZE>() >= bytes) return;
-    buffer = context_.buffer(bytes + bytes / 2);
-  }
-
-  /// Objects as of one update.
-  struct Frame {  // NOLINT(bugprone-exception-escape): handles do not throw when moved
-    cl_uint slots = 0;
-    cl::Buffer boxes;
-    bool any_filters = false;
-    cl::Buffer filters;
-  };
-
   opencl::Context context_;
   opencl::Profiler profiler_;
-  PairDelta delta_;
-  std::unique_ptr<PairFinder> finder_;
-  Search search_;  // of the update that was begun
+  std::unique_ptr<Engine> engine_;
   cl::Kernel gather_;
   std::array<Frame, 2> frames_;  // of the last update and of the next, in turn
-  std::size_t turn_ = 0;
-  cl::Buffer unused_;  // stands where a kernel reads nothing
+  std::size_t turn_ = 0;         // that of the last update
   cl::Buffer pairs_;
-  opencl::SharedBuffer bad_;
   bool in_flight_ = false;
-  double seconds_ = 0;  // that the update has taken of the caller's time
 };
 
 DeviceBroadPhase::DeviceBroadPhase(cl_command_queue queue) : DeviceBroadPhase(queue, Config()) {}
@@ -221,6 +185,10 @@ DeviceBroadPhase::PairBuffer DeviceBroadPhase::pairs() {
 
 const Device& DeviceBroadPhase::device() const noexcept {
   return impl_->context().device();
+}
+
+MemoryUse DeviceBroadPhase::memory() const noexcept {
+  return impl_->context().memory();
 }
 
 std::span<const Stage> DeviceBroadPhase::profile() const noexcept {

@@ -111,7 +111,7 @@ typedef INTS may_t;
    every slot is a row and pairs are tested with a < b; else the rows are those slots that changed. */
 kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void brute_force(
     const uint n, const uint row_count, const uint rows, global const float* restrict boxes,
-    global const uint* restrict changed, const uint any_filters, global const uint4* restrict filters,
+    global const uint* restrict changed, global const uint4* restrict filters,
     PAIR_SINK_PARAMETERS) {
   const pair_sink_t sink = PAIR_SINK;
   local uint2 hits[LOCAL_HITS];
@@ -176,12 +176,12 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void brute_force(
 #if GROUP > 1
           if (!overlap(boxes, s_a, b)) continue;
 #endif
-          if (any_filters != 0U && !may_pair(filters[s_a], filters[b])) continue;
+          if (filters != 0 && !may_pair(filters[s_a], filters[b])) continue;
           const uint2 pair = (uint2)(min(s_a, b), max(s_a, b));
           if (was_in_last_frame(&sink, pair)) continue;
           const uint k = atomic_inc(&found);
           if (pass == 1U) {
-            put_pair(&sink, base, k, pair);
+            append_pair(&sink, base, k, pair);
           } else if (k < LOCAL_HITS) {
             hits[k] = pair;
           }
@@ -199,7 +199,7 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void brute_force(
     }
     barrier(CLK_LOCAL_MEM_FENCE);
     if (total > LOCAL_HITS) continue;
-    for (uint k = (uint)get_local_id(0); k < total; k += GROUP) put_pair(&sink, base, k, hits[k]);
+    for (uint k = (uint)get_local_id(0); k < total; k += GROUP) append_pair(&sink, base, k, hits[k]);
     break;
   }
 }

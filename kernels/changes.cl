@@ -1,10 +1,9 @@
 /* Brings the device's copy of the objects up to date. */
 
 #include "aabb.h"
+#include "delta.h"
 
-#define CHANGE_WORDS (1 + AABB_FLOATS) /* slot << 1 | renewed, and the box */
-
-/* Copies the boxes of some slots, a work-item a slot. */
+/* Copies the boxes of some slots, a work-item per slot. */
 kernel void copy_boxes(const uint count, global const uint* restrict slots, global const float* restrict from,
                        global float* restrict to) {
   const uint k = (uint)get_global_id(0);
@@ -13,23 +12,24 @@ kernel void copy_boxes(const uint count, global const uint* restrict slots, glob
   for (uint i = 0; i < AABB_FLOATS; ++i) to[first + i] = from[first + i];
 }
 
-/* Takes over what changed, a work-item a change. */
+/* Takes over what changed, a work-item per change. `changes` has a word for each, slot << 1 | renewed, and behind these the
+   boxes; unless all boxes came at once, in which case `boxes` and `changed` are null and only stamps are set. */
 kernel void apply_changes(const uint count, global const uint* restrict changes, const uint stamp,
                           global uint* restrict boxes, global uint* restrict stamps, global uint* restrict changed) {
   const uint k = (uint)get_global_id(0);
   if (k >= count) return;
-  global const uint* change = changes + (size_t)k * CHANGE_WORDS;
-  const uint slot = change[0] >> 1;
+  const uint slot = changes[k] >> 1;
+  stamps[slot] = stamp << 1 | (changes[k] & 1U);
+  if (boxes == 0) return;
   changed[k] = slot;
-  stamps[slot] = stamp << 1 | (change[0] & 1U);
-  for (uint i = 0; i < AABB_FLOATS; ++i) boxes[(size_t)slot * AABB_FLOATS + i] = change[1U + i];
+  global const uint* box = changes + count + (size_t)k * AABB_FLOATS;
+  for (uint i = 0; i < AABB_FLOATS; ++i) boxes[(size_t)slot * AABB_FLOATS + i] = box[i];
 }
 
 /* Takes over boxes that lie elsewhere on the device, the six floats of one `stride` floats after those of the one before,
-   a work-item a box. Empty boxes become NaNs, as the host packs them. Those with a NaN bound are counted; `bad` holds
-   their number and the lowest place of one. */
+   a work-item per box. Empty boxes become NaNs, as the host packs them. Those with a NaN bound are counted. */
 kernel void gather_boxes(const uint n, global const float* restrict source, const ulong offset, const ulong stride,
-                         global float* restrict boxes, global uint* restrict bad) {
+                         global float* restrict boxes, global uint* restrict counts) {
   const uint k = (uint)get_global_id(0);
   if (k >= n) return;
   global const float* p = source + offset + k * stride;
@@ -40,8 +40,8 @@ kernel void gather_boxes(const uint n, global const float* restrict source, cons
     bool has_nan = false;
     for (uint i = 0; i < AABB_FLOATS; ++i) has_nan = has_nan || isnan(p[i]) != 0;
     if (has_nan) {
-      atomic_inc(&bad[0]);
-      atomic_min(&bad[1], k);
+      atomic_inc(&counts[COUNT_INVALID]);
+      atomic_max(&counts[COUNT_INVALID_FIRST], UINT_MAX - k);
     }
   }
   for (uint i = 0; i < AABB_FLOATS; ++i) q[i] = proper ? p[i] : NAN;

@@ -1,10 +1,10 @@
-/* Where a kernel puts the pairs that it finds, in no particular order.
+/* The list to which a kernel appends the pairs that it finds, in no particular order.
 
-   The boxes and filters of the last frame are kept: two objects were a pair then where their boxes of then overlap. So only
-   pairs that are new are put; those of the last frame's list that still are pairs, delta_keep has copied before. What was
-   put is what was added: it stands behind what was kept.
+   The boxes and filters of the last frame are still there: two objects were a pair then if those overlap. So only pairs that
+   are new are appended; delta_keep has copied the pairs of the last frame that still are pairs before. What is appended is
+   what was added: it stands behind what was kept.
 
-   All pairs are counted, those that fit are put: where the count exceeds the capacity the host makes the list larger and
+   All pairs are counted, those that fit are appended: if the count exceeds the capacity the host makes the list larger and
    runs the frame again. Nothing of the last frame is overwritten. */
 #ifndef BROADCL_DELTA_H
 #define BROADCL_DELTA_H
@@ -18,33 +18,33 @@
 #define COUNT_FOUND_HIGH 1
 #define COUNT_REMOVED 2
 #define COUNT_WORK 3      /* what an algorithm counts for itself */
-#define COUNT_UNORDERED 4 /* not 0 where order.cl leaves the changes to the host */
-#define COUNTS 6          /* an even number, so that pairs can follow */
+#define COUNT_UNORDERED 4 /* not 0 if order.cl leaves the changes to the host */
+#define COUNT_INVALID 5   /* boxes with a NaN bound, if boxes are gathered on the device */
+#define COUNT_INVALID_FIRST 6 /* UINT_MAX minus the index of the first of them */
+#define COUNTS 8          /* an even number, so that pairs can follow */
 
 typedef struct {
   uint capacity;                      /* of the list */
   global uint2* pairs;                /* the list of this frame */
   global const float* last_boxes;     /* of the last frame */
   uint last_slots;                    /* boxes of the last frame */
-  global const uint4* last_filters;   /* of the last frame, where it had any */
-  uint any_last_filters;              /* whether these may have kept objects apart that pair now */
-  uint any_renewed;                   /* whether some object is another one than in the last frame */
+  global const uint4* last_filters;   /* of the last frame; null if they kept nothing apart that may pair now */
   uint stamp;                         /* of this frame */
-  global const uint* stamps;          /* a word a slot: stamp.h */
+  global const uint* stamps;          /* a word per slot: stamp.h; null if all changed and none is another object */
   global uint* counts;
 } pair_sink_t;
 
 #define PAIR_SINK_PARAMETERS                                                                                        \
   const uint capacity, global uint2 *restrict pairs, global const float *restrict last_boxes, const uint last_slots, \
-      global const uint4 *restrict last_filters, const uint any_last_filters, const uint any_renewed,               \
-      const uint stamp, global const uint *restrict stamps, global uint *restrict counts
+      global const uint4 *restrict last_filters, const uint stamp, global const uint *restrict stamps,              \
+      global uint *restrict counts
 #define PAIR_SINK                                                                                                    \
-  {capacity, pairs, last_boxes, last_slots, last_filters, any_last_filters, any_renewed, stamp, stamps, counts}
+  {capacity, pairs, last_boxes, last_slots, last_filters, stamp, stamps, counts}
 
-/* The box that a slot's object had in the last frame; an empty one where it was not there. */
+/* The box that a slot's object had in the last frame; an empty one if it was not there. */
 static inline void load_last_box(box_t* box, const pair_sink_t* sink, const uint slot) {
   const bool was_there =
-      slot < sink->last_slots && (sink->any_renewed == 0U || !is_renewed(sink->stamps[slot], sink->stamp));
+      slot < sink->last_slots && (sink->stamps == 0 || !is_renewed(sink->stamps[slot], sink->stamp));
   if (was_there) {
     load_box(box, sink->last_boxes, slot);
   } else {
@@ -54,7 +54,7 @@ static inline void load_last_box(box_t* box, const pair_sink_t* sink, const uint
 
 /* Whether two objects whose boxes of the last frame overlap were a pair. */
 static inline bool could_pair(const pair_sink_t* sink, const uint2 pair) {
-  return sink->any_last_filters == 0U || may_pair(sink->last_filters[pair.x], sink->last_filters[pair.y]);
+  return sink->last_filters == 0 || may_pair(sink->last_filters[pair.x], sink->last_filters[pair.y]);
 }
 
 static inline bool was_in_last_frame(const pair_sink_t* sink, const uint2 pair) {
@@ -65,7 +65,7 @@ static inline bool was_in_last_frame(const pair_sink_t* sink, const uint2 pair) 
   return boxes_overlap(&s, &t) && could_pair(sink, pair);
 }
 
-/* Reserves places for `total` pairs; returns the first. Where there are too many pairs for 32 bits, places would come a
+/* Reserves indices for `total` pairs; returns the first. If there are too many pairs for 32 bits, indices would come a
    second time: it is the largest uint then, from which on nothing fits. */
 static inline uint reserve_pairs(const pair_sink_t* sink, const uint total) {
   const uint high = sink->counts[COUNT_FOUND_HIGH];
@@ -75,13 +75,13 @@ static inline uint reserve_pairs(const pair_sink_t* sink, const uint total) {
   return high != 0U || wraps ? UINT_MAX : base;
 }
 
-/* Puts the k-th pair of a reservation. */
-static inline void put_pair(const pair_sink_t* sink, const uint base, const uint k, const uint2 pair) {
-  const uint place = base + k;
-  if (place >= base && place < sink->capacity) sink->pairs[place] = pair;
+/* Appends the k-th pair of a reservation. */
+static inline void append_pair(const pair_sink_t* sink, const uint base, const uint k, const uint2 pair) {
+  const uint index = base + k;
+  if (index >= base && index < sink->capacity) sink->pairs[index] = pair;
 }
 
-/* Whether every pair found was put. */
+/* Whether every pair found was appended. */
 static inline bool all_fit(global const uint* counts, const uint capacity) {
   return counts[COUNT_FOUND_HIGH] == 0 && counts[COUNT_FOUND] <= capacity;
 }

@@ -44,7 +44,7 @@ INTS filter_lanes(const INTS lanes, global const uint4* restrict filters, const 
 
 /* A seam: pairs from the end of row b - 1 on, through the starts of row b and perhaps of rows after it. Bytes past the
    last row n - 1 become 0. */
-void test_seam(const uint b, const uint n, global const float* restrict boxes, const uint any_filters,
+void test_seam(const uint b, const uint n, global const float* restrict boxes,
                global const uint4* restrict filters, global uint* restrict words) {
   const ulong seam = row_start(b) - row_start(b) % WIDTH;
   uint s = (uint)(seam - row_start(b - 1U));
@@ -60,7 +60,7 @@ void test_seam(const uint b, const uint n, global const float* restrict boxes, c
         global const float* p = boxes + (size_t)s * AABB_FLOATS;
         global const float* q = boxes + (size_t)t * AABB_FLOATS;
         uint hit = (uint)AABB_OVERLAPS(p[0], p[1], p[2], p[3], p[4], p[5], q[0], q[1], q[2], q[3], q[4], q[5]);
-        if (hit != 0U && any_filters != 0U) hit = may_pair(filters[s], filters[t]) ? 1U : 0U;
+        if (hit != 0U && filters != 0) hit = may_pair(filters[s], filters[t]) ? 1U : 0U;
         packed |= hit << (8U * k);
       }
     }
@@ -71,12 +71,12 @@ void test_seam(const uint b, const uint n, global const float* restrict boxes, c
 /* Work-items of dimension 0 stand for the words of a row. Of dimension 1, the first PERIOD * chunks stand for a class of
    rows (b modulo PERIOD) and a chunk of `rows` rows of that class; the rest for seams, of which they need n in all. */
 kernel void gpu_bf(const uint n, const uint rows, const uint chunks, global const float* restrict boxes,
-                   const uint any_filters, global const uint4* restrict filters, global word_t* restrict words) {
+                   global const uint4* restrict filters, global word_t* restrict words) {
   const uint x = (uint)get_global_id(0);
   const uint y = (uint)get_global_id(1);
   if (y >= PERIOD * chunks) {
     const uint b = (y - PERIOD * chunks) * (uint)get_global_size(0) + x + 1U;
-    if (b <= n && owns_seam(b, WIDTH)) test_seam(b, n, boxes, any_filters, filters, (global uint*)words);
+    if (b <= n && owns_seam(b, WIDTH)) test_seam(b, n, boxes, filters, (global uint*)words);
     return;
   }
 
@@ -99,7 +99,7 @@ kernel void gpu_bf(const uint n, const uint rows, const uint chunks, global cons
   for (; b < end; b += PERIOD) {
     global const float* q = boxes + (size_t)b * AABB_FLOATS;
     INTS lanes = AABB_OVERLAPS(lower_x, lower_y, lower_z, upper_x, upper_y, upper_z, q[0], q[1], q[2], q[3], q[4], q[5]);
-    if (any_filters != 0U) lanes = filter_lanes(lanes, filters, a, b);
+    if (filters != 0) lanes = filter_lanes(lanes, filters, a, b);
     const INTS bits = BYTE_BITS & lanes;
     words[(row_start(b) + a) / WIDTH] = PACK(bits);
   }

@@ -1,16 +1,17 @@
-/* Puts the changes of a frame in canonical order, by b, then by a: to `result`, behind the counts, what was added, then what
-   was removed. Leaves the counts of the next frame all zero.
+/* Puts the changes of a frame in canonical order, by b, then by a. The counts go to `result`, and so do the changes, behind
+   them, first what was added, then what was removed; unless these two have buffers of their own. Leaves the counts of the
+   next frame all zero.
 
    Few are compared each with every other, in one launch. Many are counted by their list and their b into buckets, whose
    prefix sums say where each bucket begins, and within a bucket each is compared with every other. Neither is written
-   where there is no room in `result`; where a bucket is large, that is left to the host, which sorts. */
+   if there is no room for all; if a bucket is large, that is left to the host, which sorts. */
 
 #include "delta.h"
 
 #ifndef PARTS
-#define PARTS 128 /* work-items of a team, which places pairs together */
+#define PARTS 128 /* work-items per team, which places pairs together */
 #endif
-#define TEAMS 2 /* teams of so many work-items a work-group */
+#define TEAMS 2 /* teams per work-group */
 #define KEYS 4  /* pairs that a team places at once */
 #define LARGEST_BUCKET 4096U
 
@@ -36,28 +37,43 @@ static inline void find_changes(changes_t* changes, const uint last_found, globa
   changes->removed = removed;
 }
 
-/* For few changes: puts each pair at the place that the number of smaller ones in its list gives it. Work-items of
-   dimension 2 stand for the two lists, those of dimension 1 for KEYS pairs each. Where a list has more pairs than they
+/* What tells the changes of a frame, and where they go. `added` and `removed` are null if they go behind the counts. */
+#define CHANGES_PARAMETERS                                                                        \
+  const uint capacity, const uint last_found, global const uint2 *restrict pairs,                 \
+      global const uint2 *restrict removed_pairs, global uint *restrict counts
+#define RESULT_PARAMETERS \
+  global uint *restrict next_counts, global uint *result, global uint2 *added, global uint2 *removed
+
+/* Copies a count, and clears it for the next frame. */
+static inline void pass_count(const uint k, global const uint* counts, global uint* next_counts, global uint* result) {
+  result[k] = counts[k];
+  next_counts[k] = 0;
+}
+
+/* Where a list of changes goes. */
+static inline global uint2* result_list(const bool is_added, const changes_t* changes, global uint* result,
+                                        global uint2* added, global uint2* removed) {
+  global uint2* behind_counts = (global uint2*)(result + COUNTS);
+  if (is_added) return added != 0 ? added : behind_counts;
+  return removed != 0 ? removed : behind_counts + changes->added_count;
+}
+
+/* For few changes: puts each pair at the index that the number of smaller ones in its list gives it. Work-items of
+   dimension 2 stand for the two lists, those of dimension 1 for KEYS pairs each. If a list has more pairs than they
    stand for, none is written. */
-kernel __attribute__((reqd_work_group_size(PARTS, TEAMS, 1))) void order_few(
-    const uint capacity, const uint last_found, global const uint2* restrict pairs,
-    global const uint2* restrict removed, global const uint* restrict counts, global uint* restrict next_counts,
-    global uint* restrict result) {
+kernel __attribute__((reqd_work_group_size(PARTS, TEAMS, 1))) void order_few(CHANGES_PARAMETERS, RESULT_PARAMETERS) {
   local uint places[TEAMS * KEYS];
   const uint part = (uint)get_local_id(0);
   const bool is_added = get_group_id(2) == 0;
   const uint first = (uint)get_global_id(1) * KEYS;
-  if (is_added && part == 0 && get_global_id(1) < COUNTS) {
-    result[get_global_id(1)] = counts[get_global_id(1)];
-    next_counts[get_global_id(1)] = 0;
-  }
+  if (is_added && part == 0 && get_global_id(1) < COUNTS) pass_count((uint)get_global_id(1), counts, next_counts, result);
   if (!all_fit(counts, capacity)) return;
 
   changes_t changes;
-  find_changes(&changes, last_found, pairs, removed, counts);
+  find_changes(&changes, last_found, pairs, removed_pairs, counts);
   const uint size = is_added ? changes.added_count : changes.removed_count;
   global const uint2* list = is_added ? changes.added : changes.removed;
-  global uint2* to = (global uint2*)(result + COUNTS) + (is_added ? 0U : changes.added_count);
+  global uint2* to = result_list(is_added, &changes, result, added, removed);
   if (max(changes.added_count, changes.removed_count) > (uint)get_global_size(1) * KEYS) return;
   if ((uint)get_group_id(1) * (TEAMS * KEYS) >= size) return;
 
@@ -82,7 +98,7 @@ kernel __attribute__((reqd_work_group_size(PARTS, TEAMS, 1))) void order_few(
   }
 }
 
-/* Number of changes where they are to be ordered, else 0. */
+/* Number of changes if they are to be ordered, otherwise 0. */
 static inline uint changes_to_order(const changes_t* changes, const uint room, const uint capacity,
                                     global const uint* counts) {
   const bool has_room = changes->added_count <= room && changes->removed_count <= room - changes->added_count;
@@ -97,15 +113,13 @@ static inline uint bucket_of(const changes_t* changes, const uint k, const uint2
   return (k < changes->added_count ? 0U : slots) + pair.y;
 }
 
-#define CHANGES_PARAMETERS                                                                                          \
-  const uint room, const uint slots, const uint capacity, const uint last_found, global const uint2 *restrict pairs, \
-      global const uint2 *restrict removed, global uint *restrict counts, global uint *restrict buckets,            \
-      global uint2 *restrict scattered
+#define BUCKET_PARAMETERS \
+  const uint room, const uint slots, global uint *restrict buckets, global uint2 *restrict scattered
 
 /* Adds up the changes of each bucket: `slots` for what was added, as many for what was removed. */
-kernel void order_count(CHANGES_PARAMETERS) {
+kernel void order_count(CHANGES_PARAMETERS, BUCKET_PARAMETERS) {
   changes_t changes;
-  find_changes(&changes, last_found, pairs, removed, counts);
+  find_changes(&changes, last_found, pairs, removed_pairs, counts);
   const uint n = changes_to_order(&changes, room, capacity, counts);
   (void)scattered;
   for (uint k = (uint)get_global_id(0); k < n; k += (uint)get_global_size(0)) {
@@ -115,9 +129,9 @@ kernel void order_count(CHANGES_PARAMETERS) {
 }
 
 /* Puts the changes into their buckets. Where a bucket began, it ends afterwards. */
-kernel void order_scatter(CHANGES_PARAMETERS) {
+kernel void order_scatter(CHANGES_PARAMETERS, BUCKET_PARAMETERS) {
   changes_t changes;
-  find_changes(&changes, last_found, pairs, removed, counts);
+  find_changes(&changes, last_found, pairs, removed_pairs, counts);
   const uint n = changes_to_order(&changes, room, capacity, counts);
   for (uint k = (uint)get_global_id(0); k < n; k += (uint)get_global_size(0)) {
     const uint2 pair = change(&changes, k);
@@ -126,23 +140,21 @@ kernel void order_scatter(CHANGES_PARAMETERS) {
 }
 
 /* Puts the pairs of each bucket in order. */
-kernel void order_place(CHANGES_PARAMETERS, global uint* restrict next_counts, global uint* restrict result) {
+kernel void order_place(CHANGES_PARAMETERS, BUCKET_PARAMETERS, RESULT_PARAMETERS) {
   const uint item = (uint)get_global_id(0);
-  for (uint i = item; i < COUNTS; i += (uint)get_global_size(0)) {
-    result[i] = counts[i];
-    next_counts[i] = 0;
-  }
+  for (uint i = item; i < COUNTS; i += (uint)get_global_size(0)) pass_count(i, counts, next_counts, result);
   if (counts[COUNT_UNORDERED] != 0U) return;
   changes_t changes;
-  find_changes(&changes, last_found, pairs, removed, counts);
+  find_changes(&changes, last_found, pairs, removed_pairs, counts);
   const uint n = changes_to_order(&changes, room, capacity, counts);
   for (uint k = item; k < n; k += (uint)get_global_size(0)) {
     const uint2 pair = scattered[k];
     const uint bucket = bucket_of(&changes, k, pair, slots);
     const uint begin = bucket == 0 ? 0U : buckets[bucket - 1U];
     const uint end = buckets[bucket];
-    uint place = begin;
-    for (uint other = begin; other < end; ++other) place += scattered[other].x < pair.x ? 1U : 0U;
-    ((global uint2*)(result + COUNTS))[place] = pair;
+    uint index = begin;
+    for (uint other = begin; other < end; ++other) index += scattered[other].x < pair.x ? 1U : 0U;
+    const bool is_added = k < changes.added_count;
+    result_list(is_added, &changes, result, added, removed)[index - (is_added ? 0U : changes.added_count)] = pair;
   }
 }

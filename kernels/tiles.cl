@@ -33,8 +33,8 @@
 #define AXIS_BITS 10U
 #define LARGE_CODE (1U << (3U * AXIS_BITS))
 #define EMPTY_CODE (LARGE_CODE + 1U)
-#define FLUSH 64U      /* hits that are worth being put */
-#define OWN 8U         /* boxes of a tile that are tested before hits are put */
+#define FLUSH 64U      /* hits that are worth being appended */
+#define OWN 8U         /* boxes of a tile that are tested before hits are appended */
 #define CANDIDATES 96U /* boxes that overlap a tile's bounds that are worth being tested */
 
 /* Place of a cell on Hilbert's curve. */
@@ -194,14 +194,14 @@ static inline box_t child_of(global const float* tree, const uint node, const ui
 }
 
 /* Whether two slots whose boxes overlap are a new pair; `s` and `t` are their boxes of the last frame. */
-static inline bool is_new(const uint2 pair, const box_t* s, const box_t* t, const uint any_filters,
-                          global const uint4* filters, const pair_sink_t* sink) {
-  if (any_filters != 0U && !may_pair(filters[pair.x], filters[pair.y])) return false;
+static inline bool is_new(const uint2 pair, const box_t* s, const box_t* t, global const uint4* filters,
+                          const pair_sink_t* sink) {
+  if (filters != 0 && !may_pair(filters[pair.x], filters[pair.y])) return false;
   return !boxes_overlap(s, t) || !could_pair(sink, pair);
 }
 
-/* Puts hits where they are many, or the last ones. All work-items must call it. */
-INLINE void put_hits(const pair_sink_t* sink, local const uint2* hits, local uint* found, local uint* base,
+/* Appends hits if they are many, or the last ones. All work-items must call it. */
+INLINE void append_hits(const pair_sink_t* sink, local const uint2* hits, local uint* found, local uint* base,
                             const bool all) {
   barrier(CLK_LOCAL_MEM_FENCE);
   const uint total = *found;
@@ -212,7 +212,7 @@ INLINE void put_hits(const pair_sink_t* sink, local const uint2* hits, local uin
       *found = 0;
     }
     barrier(CLK_LOCAL_MEM_FENCE);
-    for (uint k = (uint)get_local_id(0); k < total; k += GROUP) put_pair(sink, *base, k, hits[k]);
+    for (uint k = (uint)get_local_id(0); k < total; k += GROUP) append_pair(sink, *base, k, hits[k]);
     barrier(CLK_LOCAL_MEM_FENCE);
   }
 }
@@ -226,7 +226,7 @@ typedef struct {
 
 /* Tests candidates, one a work-item at a time. All work-items must call it. */
 INLINE void test_candidates(local const candidate_t* candidates, const uint count, local const candidate_t* own,
-                            local const box_t* own_last, const uint any_filters, global const uint4* filters,
+                            local const box_t* own_last, global const uint4* filters,
                             const pair_sink_t* sink, local uint2* hits, local uint* found, local uint* base) {
   barrier(CLK_LOCAL_MEM_FENCE);
   for (uint first = 0; first < count; first += GROUP) {
@@ -242,9 +242,9 @@ INLINE void test_candidates(local const candidate_t* candidates, const uint coun
         }
         const uint2 pair = (uint2)(min(mine.slot, other.slot), max(mine.slot, other.slot));
         const box_t mine_last = own_last[i];
-        if (is_new(pair, &mine_last, &last, any_filters, filters, sink)) hits[atomic_inc(found)] = pair;
+        if (is_new(pair, &mine_last, &last, filters, sink)) hits[atomic_inc(found)] = pair;
       }
-      put_hits(sink, hits, found, base, false);
+      append_hits(sink, hits, found, base, false);
     }
   }
   barrier(CLK_LOCAL_MEM_FENCE);
@@ -256,7 +256,7 @@ INLINE void test_candidates(local const candidate_t* candidates, const uint coun
    tiles that the first of them visits are those whose bit is in `share`, among each 32, the next one's are one further. */
 kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_search(
     const uint4 starts, const uint roots, const uint share, global const float* restrict tree,
-    global const float* restrict changed, global const uint2* restrict elements, const uint any_filters,
+    global const float* restrict changed, global const uint2* restrict elements,
     global const uint4* restrict filters, PAIR_SINK_PARAMETERS) {
   const pair_sink_t sink = PAIR_SINK;
   const uint start_of[LEVELS] = {starts.x, starts.y, starts.z, starts.w};
@@ -320,7 +320,7 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_search(
       }
       count += popcount(bits);
       if (count >= CANDIDATES) {
-        test_candidates(candidates, count, own, own_last, any_filters, filters, &sink, hits, &found, &base);
+        test_candidates(candidates, count, own, own_last, filters, &sink, hits, &found, &base);
         count = 0;
       }
 #else
@@ -338,9 +338,9 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_search(
           const uint my_slot = elements[tile * NODE + mine].x;
           const uint2 pair = (uint2)(min(my_slot, slot), max(my_slot, slot));
           const box_t mine_last = own_last[mine];
-          if (is_new(pair, &mine_last, &last, any_filters, filters, &sink)) hits[found++] = pair;
+          if (is_new(pair, &mine_last, &last, filters, &sink)) hits[found++] = pair;
         }
-        put_hits(&sink, hits, &found, &base, false);
+        append_hits(&sink, hits, &found, &base, false);
       }
 #endif
     }
@@ -360,8 +360,8 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_search(
   }
 
 #if GROUP > 1
-  test_candidates(candidates, count, own, own_last, any_filters, filters, &sink, hits, &found, &base);
+  test_candidates(candidates, count, own, own_last, filters, &sink, hits, &found, &base);
 #endif
-  put_hits(&sink, hits, &found, &base, true);
+  append_hits(&sink, hits, &found, &base, true);
   if (get_local_id(0) == 0) atomic_add(&sink.counts[COUNT_WORK], work);
 }

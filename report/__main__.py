@@ -1,4 +1,4 @@
-"""python3 -m report DIR: makes DIR/report.html and DIR/figures/ from the folder of a study."""
+"""python3 -m report DIR: makes DIR/report.html and DIR/figures/ from the study in DIR."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from report.verdict import as_text
 
 
 def make(folder: Path) -> Path:
-    """Makes the report, and replaces the one that was there once all of it is made."""
+    """Makes the report; an existing one is replaced only when everything is done."""
     matplotlib.use("Agg")
     study = read_study(folder)
     recordings = read_recordings(folder, study.scenarios)
@@ -37,7 +37,7 @@ def make(folder: Path) -> Path:
 
 
 def main() -> int:
-    """What the command line asks for; the exit status."""
+    """Runs the command line; returns the exit status."""
     if len(sys.argv) != 2:
         print("usage: scripts/report DIR", file=sys.stderr)
         return 2

@@ -1,4 +1,4 @@
-// Figures 2 to 6: lines that a legend of buttons shows and hides in all of them, with linear and logarithmic axes.
+// Figures 2 to 6, with linear or logarithmic axes, and a legend of buttons that show and hide a line in all of them.
 "use strict";
 
 (() => {
@@ -15,7 +15,7 @@
     return made;
   }
 
-  // A row of buttons of which one is pressed.
+  // A row of buttons, one of which is pressed.
   function segments(parent, name, choices, chosen, choose) {
     const group = element(parent, "span", { className: "segments" });
     group.setAttribute("role", "group");
@@ -80,7 +80,7 @@
     return Math.log10(most / least);
   }
 
-  // Rows and columns of panels, each with its axes and its title.
+  // Rows and columns of panels, each with axes and a title.
   function grid(count, columns, titles, scale, values, xaxis) {
     const rows = Math.ceil(count / columns);
     const gap = { x: columns > 1 ? 0.09 : 0, y: (narrow.matches ? 0.24 : 0.2) / rows };
@@ -91,7 +91,7 @@
       const left = (k % columns) * (size.x + gap.x);
       const top = 1 - Math.floor(k / columns) * (size.y + gap.y);
       const span = decades(values(k));
-      const dtick = span > 2.2 ? 1 : span > 0.6 ? "D2" : undefined;  // a short axis gets ticks as a linear one
+      const dtick = span > 2.2 ? 1 : span > 0.6 ? "D2" : undefined;  // a short axis gets ticks like a linear one
       const type = scale === "log" ? { type: "log", dtick } : { rangemode: "tozero" };
       layout["xaxis" + number] = axis({ ...xaxis(k), domain: [left, left + size.x], anchor: "y" + number });
       layout["yaxis" + number] =
@@ -189,7 +189,7 @@
     legend(parent);
     figure.plot = element(parent, "div", { className: "plot" });
     figures.push(figure);
-    setTimeout(() => draw(figure));  // one at a time, so that the page answers meanwhile
+    setTimeout(() => draw(figure));  // one at a time, so that the page stays responsive
   }
   document.addEventListener("themechange", () => figures.forEach(draw));
   narrow.addEventListener("change", () => figures.forEach(draw));

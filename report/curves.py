@@ -1,4 +1,4 @@
-"""The numbers behind Figures 2 to 6, for the page's figures and for those in files alike."""
+"""The numbers behind Figures 2 to 6, both on the page and in files."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from report.study import METRICS, Series, Study
 from report.verdict import enumerated
 
 PAPER_OBJECTS = 1250  # in Figures 2 to 5
-DIGITS = 4  # that figures show of a time
+DIGITS = 4  # significant digits of the times on the page
 
 
 @dataclass(frozen=True)
 class OverObjects:
-    """One line of Figure 6: time of a whole run, s; the repeats' median, least and greatest."""
+    """One line of Figure 6: seconds per run; median, minimum and maximum of the repeats."""
 
     objects: list[int]
     median: np.ndarray
@@ -27,18 +27,18 @@ class OverObjects:
 
 
 def figure_names(study: Study) -> dict[str, str]:
-    """Scenario to the figure of it: 2 to 5 in the order of the study, as in the paper, then 7 and on."""
+    """The figure of each scenario: 2 to 5 in the order of the study, as in the paper, then from 7 on."""
     return {s: f"figure-{k + (2 if k < 4 else 3)}" for k, s in enumerate(study.info["scenarios"])}
 
 
 def shown_objects(study: Study, scenario: str) -> int:
-    """The number of objects that Figures 2 to 5 show at first: the paper's, else the most."""
+    """The number of objects that Figures 2 to 5 show first: the paper's if it ran, otherwise the largest."""
     objects = study.objects(scenario)
     return PAPER_OBJECTS if PAPER_OBJECTS in objects else objects[-1]
 
 
 def over_objects(study: Study, scenario: str, series: Series, metric: str) -> OverObjects:
-    """Whole runs of one series over the number of objects; frame 0 is left out as everywhere."""
+    """Whole runs of one series against the number of objects, without frame 0, as everywhere."""
     sizes = [n for n in study.objects(scenario) if series in study.cells_of(scenario, n)]
     seconds = []
     for n in sizes:
@@ -64,7 +64,7 @@ def _rounded(values: np.ndarray) -> list[float]:
 
 
 def page_data(study: Study) -> dict[str, Any]:
-    """All that the page's figures show."""
+    """All data that the page's figures show."""
     styles = styles_of(study)
     series = [{"label": study.label(s), **style_json(styles[s])} for s in study.series]
     totals: dict[str, Any] = {}
@@ -101,6 +101,6 @@ def page_data(study: Study) -> dict[str, Any]:
 
 
 def frames_counted(study: Study) -> str:
-    """How many frames the runs have, in words."""
+    """The numbers of frames of the runs, as text."""
     counts = sorted({r.frames.shape[1] for r in study.cells.values()})
     return enumerated([f"{n:,}" for n in counts])

@@ -1,4 +1,4 @@
-"""Figure 1: four key frames of each recorded scenario, drawn in matplotlib's 3-D axes."""
+"""Figure 1: four key frames of each recorded scenario, drawn with matplotlib's 3-D axes."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 from report.recording import Recording
 
 COLOUR_MAP = "viridis"
-LIGHT = {0: 0.82, 1: 1.0, 2: 0.66}  # of the faces towards +x, +y and +z
-DOTS = 150  # an inch
+LIGHT = {0: 0.82, 1: 1.0, 2: 0.66}  # brightness of the faces towards +x, +y and +z
+DOTS = 150  # per inch
 INCHES = 2.6
 
 
 def _to_plot(points: np.ndarray) -> np.ndarray:
-    """The simulation has y up, matplotlib z."""
+    """From the simulation's axes, y up, to matplotlib's, z up."""
     return points[..., [2, 0, 1]]
 
 
 def _faces(boxes: np.ndarray, axis: int) -> np.ndarray:
-    """The face of each box that looks along an axis: (n, 4, 3)."""
+    """The face of each box towards an axis: (n, 4, 3)."""
     u, v = (axis + 1) % 3, (axis + 2) % 3
     faces = np.empty((len(boxes), 4, 3))
     faces[:, :, axis] = boxes[:, 3 + axis, None]
@@ -42,7 +42,7 @@ def _outline(low: np.ndarray, high: np.ndarray) -> list[np.ndarray]:
 
 
 def draw(recording: Recording, frame: int) -> np.ndarray:
-    """One key frame as an image (pixels, pixels, 4) on a transparent ground, coloured by speed."""
+    """One key frame as an image (pixels, pixels, 4), coloured by speed, with a transparent background."""
     boxes = np.asarray(recording.boxes[frame], dtype=float)
     top = max(np.quantile(recording.speeds(f), 0.98) for f in recording.key_frames) or 1.0
     colours = plt.get_cmap(COLOUR_MAP)(Normalize(0, top)(recording.speeds(frame)))

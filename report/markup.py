@@ -13,7 +13,7 @@ def escaped(text: Any) -> str:
 
 
 def prose(text: str) -> str:
-    """Escaped text in which `names` are set as code."""
+    """Escaped text, with `names` set as code."""
     return re.sub("`([^`]+)`", r"<code>\1</code>", escaped(text))
 
 
@@ -22,11 +22,11 @@ def listed(sentences: list[str]) -> str:
 
 
 def script_json(name: str, data: Any) -> str:
-    """Data for the page's scripts; nothing in it can end the element."""
+    """Data for the page's scripts, which cannot end the element early."""
     text = json.dumps(data, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
     return f'<script type="application/json" id="{escaped(name)}">{text}</script>'
 
 
 def inline_script(source: str) -> str:
-    """A script as it is, but that nothing in its strings or comments can end the element."""
+    """A script, with its strings and comments kept from ending the element early."""
     return "<script>" + re.sub("</(script)", r"<\\/\1", source, flags=re.I) + "</script>"

@@ -6,15 +6,15 @@ import numpy as np
 
 
 def count_overlaps(boxes: np.ndarray) -> np.ndarray:
-    """Number of other boxes that each of (n, 6) boxes touches or overlaps; a sweep along one axis.
+    """The number of other boxes that each of (n, 6) boxes touches or overlaps, by a sweep along one axis.
 
-    Exact: coordinates are compared as they are, and bounds are closed, as in the broad phases.
+    Exact: coordinates are compared unrounded, and boxes are closed, as in the broad phases.
     """
     low, high = boxes[:, :3], boxes[:, 3:]
     axis = int(np.argmax(np.var(low, axis=0)))
     order = np.argsort(low[:, axis], kind="stable")
     low, high = low[order], high[order]
-    # Behind each box come those that begin before it ends.
+    # Each box is followed by the boxes that begin before it ends.
     ends = np.searchsorted(low[:, axis], high[:, axis], side="right")
     behind = ends - np.arange(len(boxes)) - 1
     first = np.repeat(np.arange(len(boxes)), behind)

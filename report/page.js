@@ -1,4 +1,4 @@
-// The theme, and which of the tables is shown.
+// The theme, and the choice of the table.
 "use strict";
 
 (() => {

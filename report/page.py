@@ -1,4 +1,4 @@
-"""The page: everything in one file."""
+"""The page, self-contained in one file."""
 
 from __future__ import annotations
 
@@ -34,12 +34,12 @@ def _library(path: Path) -> str:
     try:
         return inline_script(path.read_text(encoding="utf-8"))
     except OSError as error:
-        raise StudyError(f"{error}: scripts/setup report installs it") from None
+        raise StudyError(f"{error}: run 'scripts/setup report' to install it") from None
 
 
 def _facts(study: Study) -> str:
     info, host = study.info, study.info["host"]
-    devices = [d["label"] for d in info["devices"]] or ["none: host broad phases only"]
+    devices = [d["label"] for d in info["devices"]] or ["none: only broad phases on the host"]
     facts = {
         "Measured": info["date"].replace("T", " ").replace("Z", " UTC"),
         "Processor": f"{host['cpu']}, {host['threads']} threads",
@@ -48,7 +48,7 @@ def _facts(study: Study) -> str:
         "Versions": f"BroadCL {info['versions']['broadcl']}, Bullet {info['versions']['bullet']}",
         "Objects": ", ".join(f"{n:,}" for n in info["objects"]),
         "Runs": f"{sum(len(r.frames) for r in study.cells.values()):,}, of {frames_counted(study)}"
-        f" frames; {info['repeat']} repeats",
+        f" frames each; {info['repeat']} repeats",
         "Command": f"`{info['command']}`",
     }
     return "".join(f"<div><dt>{escaped(k)}</dt><dd>{prose(v)}</dd></div>" for k, v in facts.items())
@@ -59,7 +59,7 @@ def _broadphases(study: Study) -> str:
     items = ""
     for row in study.info["broadphases"]:
         colour = colours.get(row["name"], "transparent")
-        exact = "" if row["exact"] else "; its boxes have margins, so it may keep more pairs"
+        exact = "" if row["exact"] else "; its boxes have margins, so it may have extra pairs"
         items += (
             f'<li><div><i class="swatch" style="background:{colour}"></i>'
             f"<code>{escaped(row['name'])}</code></div>"
@@ -92,12 +92,12 @@ def _card(study: Study, scenario: str) -> str:
         f'<article class="card" data-scenario="{escaped(scenario)}"><h3>{escaped(scenario)}</h3>'
         f'<p class="first"><span><i class="swatch" style="background:{colour}"></i></span>'
         f"<code>{escaped(study.label(first))}</code><span>{three_digits(place.milliseconds[first])}"
-        f" ms a frame with {objects:,} objects, {clear}</span></p>"
+        f" ms per frame with {objects:,} objects, {clear}</span></p>"
     )
     for metric in ("total", SEARCH):
         text += f"<h4>{COMPARED[metric].capitalize()}</h4>"
         text += listed(sentences(study, scenario, metric))
-    text += "<details><summary>Update and broad phase, each alone</summary>"
+    text += "<details><summary>Update and broad phase separately</summary>"
     for metric in ("update", "broad_phase"):
         text += f"<h4>{COMPARED[metric].capitalize()}</h4>"
         text += listed(sentences(study, scenario, metric))
@@ -108,7 +108,7 @@ def _frame_figures(study: Study) -> str:
     return "".join(
         f'<figure class="chart" id="{name}" data-kind="frames" data-scenario="{escaped(scenario)}">'
         f"<figcaption><b>Figure {name[-1]}.</b> {escaped(scenario)}: update, broad phase, total and"
-        " pairs over the frames.</figcaption></figure>"
+        " pairs in each frame.</figcaption></figure>"
         for scenario, name in figure_names(study).items()
         if scenario in study.scenarios
     )
@@ -127,10 +127,10 @@ def _tables(study: Study) -> str:
         pairs += pairs_table(study, scenario, styles)
         pairs += listed(agreement(study, scenario))
     about = (
-        "Pairs in the pair cache, time of a whole run and of frame 0: medians over the repeats."
-        " Of exact broad phases those are named together that had the same number of pairs in every frame of"
-        " every repeat. Where the order of pairs differs, the solver takes contacts in another order, and"
-        " the same scenario takes another course."
+        "Pairs in the pair cache, and times of the whole run and of frame 0: medians of the repeats."
+        " Exact broad phases are listed together if they had the same number of pairs in every frame of"
+        " every repeat. If the order of the pairs differs, the solver processes contacts in another order,"
+        " and the same scenario takes another course."
     )
     return text + f'<div data-table="pairs" data-title="Pairs"><p>{about}</p>{pairs}</div>'
 
@@ -140,22 +140,22 @@ def _method(study: Study) -> str:
     first = "Frame 0 is warm-up" if warm_up == 1 else f"The first {warm_up} frames are warm-up"
     return listed(
         [
-            "All times are wall clock, measured by the same code for all broad phases. Update:"
-            " `btCollisionWorld::updateAabbs()`, every object's box computed and handed to `setAabb()`;"
-            " before it, where objects come and go, their removal and addition."
+            "All times are wall-clock times, measured by the same code for all broad phases. Update:"
+            " `btCollisionWorld::updateAabbs()`, which computes every object's box and passes it to"
+            " `setAabb()`, plus the removal and addition of objects if the scenario has them."
             " Broad phase: `btCollisionWorld::computeOverlappingPairs()`. Total: the whole"
-            " `stepSimulation()`, collision response included, and objects that come and go; so a broad phase that takes half as long"
-            " does not halve it.",
-            f"One step of 1/30 s a frame. {first} and left out, but in “frame 0” of the table of"
-            " pairs and in Figures 2 to 5. The order of the runs is random (seed"
-            f" {study.info['seed']}), so that a machine that drifts favours none.",
-            "Mean, median and p95 are taken over the frames of a run; a table shows the median over the"
-            " repeats. Ratios are of these medians of the mean a frame, which is the time of the whole run.",
-            f"Intervals: bootstrap over the repeats. The repeats of either side are drawn again with"
+            " `stepSimulation()`, including collision response, plus the removal and addition of objects;"
+            " so a broad phase that takes half as long does not halve the total.",
+            f"One step of 1/30 s per frame. {first} and excluded, except from “frame 0” in the table of"
+            " pairs and from Figures 2 to 5. The order of the runs is random (seed"
+            f" {study.info['seed']}), so that a drift in the machine's speed favours none of them.",
+            "Mean, median and p95 are taken over the frames of a run; the tables show their medians over the"
+            " repeats. Ratios are of these medians of the mean, which stands for the time of the whole run.",
+            f"Intervals: bootstrap over the repeats. The repeats of both sides are resampled with"
             f" replacement {RESAMPLES:,} times (numpy's default generator, seed {SEED}), and the interval"
-            " goes from the 2.5th to the 97.5th percentile of the ratio of medians. With few repeats it"
-            " spans little more than the repeats themselves. Every comparison stands for itself: of twenty"
-            " that make no difference, about one is expected to look clear.",
+            " is from the 2.5th to the 97.5th percentile of the ratio of medians. With few repeats it"
+            " spans little more than the repeats themselves. There is no correction for multiple"
+            " comparisons: of twenty comparisons without a difference, about one is expected to look clear.",
         ]
     )
 

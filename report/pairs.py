@@ -1,4 +1,4 @@
-"""What is said of the pairs found: which broad phases had the same number of them in every frame."""
+"""Which broad phases found the same number of pairs in every frame."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def groups_alike(study: Study, scenario: str, objects: int) -> list[list[Series]
 
 
 def agreement(study: Study, scenario: str) -> list[str]:
-    """A sentence for each number of objects."""
+    """One sentence per number of objects."""
     lines = []
     for objects in study.objects(scenario):
         groups = groups_alike(study, scenario, objects)

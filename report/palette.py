@@ -1,4 +1,4 @@
-"""How each broad phase looks, the same in every figure. Bullet's own are dashed, in warm colours."""
+"""The style of each broad phase, the same in every figure. Bullet's own are dashed, in warm colours."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from report.study import Series, Study
 
 @dataclass(frozen=True)
 class Style:
-    """Colour, for light and dark ground alike; dash and marker, as plotly.js names them."""
+    """Colour, for light and dark backgrounds; dash and marker, as plotly.js names them."""
 
     colour: str
     dash: str
@@ -30,7 +30,7 @@ DEVICE_DASHES = ("solid", "dashdot", "longdash", "dot")
 
 
 def styles_of(study: Study) -> dict[Series, Style]:
-    """A style for each series; further devices of a broad phase get another dash."""
+    """One style per series; further devices of a broad phase get another dash."""
     styles: dict[Series, Style] = {}
     unknown: list[str] = []
     for series in study.series:

@@ -1,4 +1,4 @@
-"""Recorded runs for the replay: read, thinned, quantised and packed."""
+"""Recorded runs for the replay: reads, thins, quantises and packs them."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from report.study import StudyError
 
 FRAME_SECONDS = 1 / 30
 BUDGET = 10_000_000  # characters of all recordings together
-STRIDES = (1, 2, 4)  # frames from one kept to the next; what lies between is interpolated
+STRIDES = (1, 2, 4)  # every how many frames one is stored; those in between are interpolated
 LEVELS = 65535
 KEY_FRAMES = 4
 
@@ -24,7 +24,7 @@ KEY_FRAMES = 4
 @dataclass(frozen=True)
 class Recording:
     scenario: str
-    boxes: np.ndarray  # (frames, n, 6) float32, mapped: the initial state, then a block a frame
+    boxes: np.ndarray  # (frames, n, 6) float32, memory-mapped: the initial state, then each frame
     low: np.ndarray  # (3,) corners of the world
     high: np.ndarray
 
@@ -34,11 +34,11 @@ class Recording:
 
     @property
     def key_frames(self) -> list[int]:
-        """The first, the last, and two between, evenly."""
+        """The first frame, the last one, and two evenly spaced between them."""
         return [round(x) for x in np.linspace(0, len(self.boxes) - 1, KEY_FRAMES)]
 
     def speeds(self, frame: int, stride: int = 1) -> np.ndarray:
-        """Of the centres, m/s, from the frame before (in the first: to the next)."""
+        """Speeds of the centres, m/s, since the previous frame (for the first frame: to the next)."""
         after = max(frame, min(stride, len(self.boxes) - 1))
         before = max(0, after - stride)
         moved = (self.boxes[after] - self.boxes[before]).reshape(-1, 2, 3).mean(axis=1)
@@ -46,7 +46,7 @@ class Recording:
 
 
 def read_recordings(folder: Path, scenarios: list[str]) -> list[Recording]:
-    """Those of the scenarios that have one."""
+    """The recordings of those scenarios that have one."""
     paths = {s: folder / "recordings" / f"{s}.npy" for s in scenarios}
     return [_read(s, path) for s, path in paths.items() if path.exists()]
 
@@ -55,27 +55,27 @@ def _read(scenario: str, path: Path) -> Recording:
     try:
         boxes = np.load(path, mmap_mode="r", allow_pickle=False)
     except (ValueError, OSError) as error:
-        raise StudyError(f"{path} is no recording: {error}") from None
+        raise StudyError(f"{path} is not a recording: {error}") from None
     if boxes.dtype != np.float32 or boxes.ndim != 3 or boxes.shape[2] != 6 or min(boxes.shape) < 1:
         raise StudyError(f"{path}: float32 of shape (frames, n, 6) is needed, not {boxes.shape}")
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
     for block in boxes:
         if not np.all(np.isfinite(block)) or np.any(block[:, :3] > block[:, 3:]):
-            raise StudyError(f"{path}: a box is not finite, or its corners are exchanged")
+            raise StudyError(f"{path}: a box is not finite, or its corners are swapped")
         low, high = np.minimum(low, block[:, :3].min(0)), np.maximum(high, block[:, 3:].max(0))
     return Recording(scenario, boxes, low, high)
 
 
 def quantised(boxes: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Coordinates as uint16 between the world's corners."""
+    """Coordinates as uint16, scaled between the world's corners."""
     size = np.where(high > low, high - low, 1)
     return np.rint((boxes - np.tile(low, 2)) / np.tile(size, 2) * LEVELS).astype(np.uint16)
 
 
 def pack(rows: Iterable[np.ndarray], budget: float = np.inf) -> tuple[str, int]:
-    """As many of these uint16 rows as fit into a budget of characters, two at least: text, and how many.
+    """Packs as many uint16 rows as fit into a budget of characters, at least two; the text and their number.
 
-    Of each row what changed since the one before, low bytes first, then high bytes; deflated, in base64.
+    Each row is the difference from the previous one, low bytes first, then high bytes; deflated, in base64.
     """
     compressor = zlib.compressobj()
     before: np.ndarray | None = None
@@ -92,10 +92,10 @@ def pack(rows: Iterable[np.ndarray], budget: float = np.inf) -> tuple[str, int]:
 
 
 def replay_data(recording: Recording, budget: int) -> dict[str, Any]:
-    """A recording as the page's replay reads it, in at most that many characters or in two frames."""
+    """A recording as the page's replay reads it, within a budget of characters, but at least two frames."""
     low, high = recording.low, recording.high
     for stride in STRIDES:
-        # A coordinate of all objects lies together, so that what is alike does.
+        # Grouped by coordinate, so that similar values are adjacent and compress better.
         steps = (quantised(block, low, high).T for block in recording.boxes[::stride])
         boxes, kept = pack(steps, budget * 0.9)
         if kept * stride >= len(recording.boxes):

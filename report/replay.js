@@ -1,4 +1,4 @@
-// The replay of recorded runs: boxes as instances, moved in real time between the kept frames.
+// The replay of recorded runs: boxes as instances, interpolated between the stored frames in real time.
 "use strict";
 
 (() => {
@@ -12,18 +12,18 @@
   function say(text) { note.textContent = text; }
 
   if (!document.createElement("canvas").getContext("webgl")) {
-    say("The replay needs WebGL, which this browser does not offer or has switched off. Figure 1 above shows the same runs.");
+    say("The replay needs WebGL, which this browser does not support or has disabled. Figure 1 above shows the same runs.");
     return;
   }
 
-  // (rows, width) numbers, each row stored as the change since the one before, low bytes first, then high bytes; deflated.
+  // (rows, width) numbers, each row stored as the difference from the previous one, low bytes first, then high bytes; deflated.
   async function unpack(text, width) {
     const packed = Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
     const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("deflate"));
     const bytes = new Uint8Array(await new Response(stream).arrayBuffer());
     const values = new Uint16Array(bytes.length / 2);
     for (let k = 0; k < values.length; ++k) {
-      const low = 2 * k - k % width;  // bytes of rows before, and of this one
+      const low = 2 * k - k % width;  // bytes of the rows before, plus the index in this row
       values[k] = (k < width ? 0 : values[k - width]) + (bytes[low] | (bytes[low + width] << 8));
     }
     return values;
@@ -51,8 +51,8 @@
   const container = new THREE.LineSegments(edges, new THREE.LineBasicMaterial({ color: 0x8b8f98 }));
   scene.add(container);
 
-  let run = null;  // the recording that is shown, with its meshes
-  let at = 0;  // kept frames, with a fraction
+  let run = null;  // the recording shown, with its meshes
+  let at = 0;  // position in stored frames, with a fraction
   let playing = false;
   let drawn = true;
   let last = 0;
@@ -88,7 +88,7 @@
     const from = recordings.runs[index];
     say("Loading.");
     const [boxes, overlaps] = [await unpack(from.boxes, 6 * from.objects), await unpack(from.overlaps, from.objects)];
-    if (Number(item("scenario").value) !== index) return;  // another was chosen meanwhile
+    if (Number(item("scenario").value) !== index) return;  // another one has been chosen in the meantime
     if (run) scene.remove(run.meshes.solid, run.meshes.outlines);
     run = { ...from, boxes, overlaps, meshes: meshesOf(from.objects) };
     scene.add(run.meshes.solid, run.meshes.outlines);
@@ -96,20 +96,20 @@
     frameCamera(run.low, run.high);
     const left = run.recorded_frames - (run.frames - 1) * run.stride - 1;
     say("");
-    item("kept").textContent = `${run.objects.toLocaleString("en")} objects, ${run.frames} frames kept` +
-      (run.stride > 1 ? ` (one of ${run.stride})` : "") +
+    item("kept").textContent = `${run.objects.toLocaleString("en")} objects, ${run.frames} frames stored` +
+      (run.stride > 1 ? ` (one in ${run.stride})` : "") +
       (left >= run.stride ? `, the first ${((run.frames - 1) * run.stride * run.frame_seconds).toFixed(1)} s of the recording.` : ".");
     seek(0);
   }
 
-  // Boxes, colours and outlines of the moment.
+  // Sets the current boxes, colours and outlines.
   function place() {
     const { objects: n, boxes, meshes, low, high } = run;
     const before = Math.min(Math.floor(at), run.frames - 1);
     const after = Math.min(before + 1, run.frames - 1);
     const part = at - before;
     const [a, b] = [before * 6 * n, after * 6 * n];
-    // Speed is that from the frame before the nearest one, as in Figure 1.
+    // The speed since the frame before the nearest one, as in Figure 1.
     const nearest = Math.round(at);
     const to = Math.max(nearest, Math.min(1, run.frames - 1)) * 6 * n;
     const from = Math.max(0, to - 6 * n);
@@ -179,7 +179,7 @@
     requestAnimationFrame(tick);
   }
 
-  // Turns by degrees, and goes nearer or farther by a factor.
+  // Turns the camera by degrees, and scales its distance by a factor.
   function turn(sideways, upward, factor) {
     const spherical = new THREE.Spherical().setFromVector3(camera.position.clone().sub(controls.target));
     spherical.theta += THREE.Math.degToRad(sideways);
@@ -222,7 +222,7 @@
     }
   }
 
-  // A key frame of Figure 1 takes the replay there.
+  // A key frame of Figure 1 moves the replay to its frame.
   for (const button of document.querySelectorAll("[data-key-frame]")) {
     button.addEventListener("click", async () => {
       const index = recordings.runs.findIndex((each) => each.scenario === button.dataset.scenario);

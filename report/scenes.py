@@ -1,4 +1,4 @@
-"""The part of the page that shows the scenes: Figure 1 and the replay."""
+"""The section of the page that shows the scenes: Figure 1 and the replay."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from report.recording import BUDGET, FRAME_SECONDS, Recording, replay_data
 
 
 def figure_1(recordings: list[Recording], images: dict[str, list[np.ndarray]]) -> str:
-    """Key frames as pictures in the page; each is a button that takes the replay there."""
+    """The key frames as pictures; each is a button that moves the replay to its frame."""
     text = '<figure id="figure-1"><figcaption><b>Figure 1.</b> Four key frames of each scenario, coloured'
-    text += " by speed. A picture takes the replay below to its frame.</figcaption>"
+    text += " by speed. Click a picture to move the replay below to its frame.</figcaption>"
     text += '<div class="frames">'
     for recording in recordings:
         text += f"<h3>{escaped(recording.scenario)} <span>{recording.objects:,} objects</span></h3>"
@@ -34,7 +34,7 @@ def figure_1(recordings: list[Recording], images: dict[str, list[np.ndarray]]) -
 
 
 def recordings_data(recordings: list[Recording]) -> dict[str, Any]:
-    """What the replay reads: the runs, and 256 colours as bytes."""
+    """The data of the replay: the runs, and 256 colours as bytes."""
     ramp = np.rint(plt.get_cmap(COLOUR_MAP)(np.arange(256))[:, :3] * 255).astype(int)
     runs = [replay_data(r, BUDGET // len(recordings)) for r in recordings]
     return {"runs": runs, "ramp": ramp.ravel().tolist()}

@@ -1,4 +1,4 @@
-"""Who is faster: broad phases in the order of the time that their runs took."""
+"""Which broad phase is faster: broad phases ordered by the time of their runs."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from report.statistics import Ratio, ratio_of_medians
 from report.study import Repeats, Series, Study
 
 
-# A broad phase may do its work in either of the two, so only their sum compares all of them.
+# A broad phase may do its work in either of the two, so only their sum is comparable.
 SEARCH = "search"
 COMPARED = {
     "total": "total time",
@@ -21,7 +21,7 @@ COMPARED = {
 
 
 def run_times(repeats: Repeats, metric: str) -> np.ndarray:
-    """What a frame took on average, ms, in each repeat: the time of the run over its frames."""
+    """The mean time per frame, ms, of each repeat: the time of the run divided by its frames."""
     if metric == SEARCH:
         return run_times(repeats, "update") + run_times(repeats, "broad_phase")
     return repeats.summary[f"{metric}_mean_ms"]
@@ -33,7 +33,7 @@ class Standing:
 
     objects: int
     milliseconds: dict[Series, float]  # fastest first: median over the repeats
-    over_first: dict[Series, Ratio]  # of all but the fastest
+    over_first: dict[Series, Ratio]  # time over that of the fastest, for all others
 
     @property
     def first(self) -> Series:
@@ -41,7 +41,7 @@ class Standing:
 
     @property
     def ties(self) -> list[Series]:
-        """Those that are not clearly slower than the first."""
+        """The series that are not clearly slower than the first."""
         return [s for s, ratio in self.over_first.items() if not ratio.is_clear]
 
     @property
@@ -50,7 +50,7 @@ class Standing:
 
 
 def standing(study: Study, scenario: str, objects: int, metric: str) -> Standing:
-    """Orders what ran with that scenario and number of objects."""
+    """Orders the series that ran with one scenario and number of objects."""
     times = {s: run_times(r, metric) for s, r in study.cells_of(scenario, objects).items()}
     order = sorted(times, key=lambda s: float(np.median(times[s])))
     first = order[0]
@@ -62,9 +62,9 @@ def standing(study: Study, scenario: str, objects: int, metric: str) -> Standing
 
 
 def reference(study: Study, cells: dict[Series, Repeats]) -> Series:
-    """What the others are compared with: btDbvtBroadphase, the one that Bullet's examples use.
+    """The series that the others are compared with: btDbvtBroadphase, which Bullet's examples use.
 
-    Where it did not run, the first of Bullet's that did, else the first of all.
+    If it did not run, the first of Bullet's that did, otherwise the first of all.
     """
     by_preference = sorted(
         cells, key=lambda s: (s.broadphase != "bullet-bvh", not study.is_bullet(s))
@@ -73,7 +73,7 @@ def reference(study: Study, cells: dict[Series, Repeats]) -> Series:
 
 
 def ours_over_bullet(study: Study, place: Standing) -> tuple[Series, Series] | None:
-    """The fastest of BroadCL's and the fastest of Bullet's, where both ran."""
+    """The fastest of BroadCL's and the fastest of Bullet's, if both ran."""
     ours = [s for s in place.milliseconds if not study.is_bullet(s)]
     bullets = [s for s in place.milliseconds if study.is_bullet(s)]
     return (ours[0], bullets[0]) if ours and bullets else None

@@ -1,4 +1,4 @@
-"""Figures 1 to 6 as SVG and PNG files, the same bytes from the same study."""
+"""Figures 1 to 6 as SVG and PNG files. The same study gives the same bytes."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from report.study import METRICS, Series, Study
 DASHES = {"solid": "-", "dash": "--", "dot": ":", "dashdot": "-.", "longdash": (0, (8, 3))}
 MARKERS = {"circle": "o", "square": "s", "diamond": "D", "triangle-up": "^", "cross": "P"}
 TITLES = {"update": "update", "broad_phase": "broad phase", "total": "total"}
-MOST_POINTS = 512  # of a line over the frames
+MOST_POINTS = 512  # per line in Figures 2 to 5
 SETTINGS: dict[str, Any] = {
     "svg.hashsalt": "broadcl",
     "svg.fonttype": "none",
@@ -46,7 +46,7 @@ def _line_style(study: Study, series: Series) -> dict[str, Any]:
 
 
 def _legend(figure: Figure, axes: Any) -> None:
-    """One for all panels, below them."""
+    """One legend for all panels, below them."""
     entries: dict[str, Any] = {}
     for panel in np.ravel(axes):
         handles, labels = panel.get_legend_handles_labels()
@@ -60,7 +60,7 @@ def _legend(figure: Figure, axes: Any) -> None:
 
 
 def _label_decades(panel: Any, digits: list[int]) -> None:
-    """Ticks at these digits of each decade, written plainly."""
+    """Ticks at these digits of each decade, without exponents."""
     panel.yaxis.set_major_locator(LogLocator(subs=digits))
     panel.yaxis.set_major_formatter("{x:g}")
     panel.yaxis.set_minor_formatter("")
@@ -100,7 +100,7 @@ def times_over_objects(study: Study) -> Figure:
 
 
 def medians_of(times: np.ndarray, step: int) -> tuple[np.ndarray, np.ndarray]:
-    """Of each so many consecutive frames the middle one's number and the median; a rest is left out."""
+    """The middle frame number and the median of each block of `step` frames, without an incomplete one."""
     count = len(times) // step
     blocks = times[: count * step].reshape(count, step)
     return np.arange(count) * step + (step - 1) / 2, np.median(blocks, axis=1)
@@ -120,7 +120,7 @@ def times_over_frames(study: Study, scenario: str) -> Figure:
         panel.set(title=TITLES[metric], yscale="log", ylabel="ms", xlim=(0, len(times) - 1))
         _label_decades(panel, [1])
         panel.grid(True)
-    axes[-1].set_xlabel("frame" + (f", medians of {step} each" if step > 1 else ""))
+    axes[-1].set_xlabel("frame" + (f" (medians of {step} frames)" if step > 1 else ""))
     figure.suptitle(f"{scenario}, {objects:,} objects", x=0.01, ha="left", fontsize=11)
     figure.tight_layout(rect=(0, 0.03, 1, 1))
     _legend(figure, axes)
@@ -128,7 +128,7 @@ def times_over_frames(study: Study, scenario: str) -> Figure:
 
 
 def key_frames(recordings: list[Recording], images: dict[str, list[np.ndarray]]) -> Figure:
-    """Figure 1: a row a recorded scenario."""
+    """Figure 1: one row per recorded scenario."""
     columns = len(next(iter(images.values())))
     size = (2.2 * columns, 2.45 * len(recordings))
     figure, axes = plt.subplots(len(recordings), columns, figsize=size, squeeze=False)
@@ -145,7 +145,7 @@ def key_frames(recordings: list[Recording], images: dict[str, list[np.ndarray]])
 
 
 def save(figure: Figure, folder: Path, name: str) -> None:
-    """As NAME.svg and NAME.png."""
+    """Saves a figure as NAME.svg and NAME.png."""
     figure.savefig(folder / f"{name}.svg", metadata={"Date": None, "Creator": None})
     figure.savefig(folder / f"{name}.png", dpi=150, metadata={"Software": None})
     plt.close(figure)

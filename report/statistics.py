@@ -1,4 +1,4 @@
-"""Medians over the repeats, and how far their ratios can be trusted."""
+"""Ratios of medians over the repeats, and their confidence intervals."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ CONFIDENCE = 0.95
 
 @dataclass(frozen=True)
 class Ratio:
-    """Ratio of two medians, and its confidence interval; no interval where runs were not repeated."""
+    """A ratio of two medians and its confidence interval; no interval if runs were not repeated."""
 
     value: float
     interval: tuple[float, float] | None
 
     @property
     def is_clear(self) -> bool:
-        """Whether the interval leaves 1 out."""
+        """Whether the interval excludes 1."""
         return self.interval is not None and not self.interval[0] <= 1 <= self.interval[1]
 
 
 def ratio_of_medians(a: np.ndarray, b: np.ndarray) -> Ratio:
-    """Median of a over median of b, one value a repeat each; bootstrap over the repeats, percentiles.
+    """Median of a over median of b, one value per repeat each, with a percentile bootstrap over the repeats.
 
-    Each call draws from a generator of its own with the same seed, first for a, then for b, so that an
-    interval depends on its own runs only.
+    Each call uses a generator of its own with the same seed, first for a, then for b, so that an interval
+    depends only on its own runs.
     """
     value = float(np.median(a) / np.median(b))
     if min(len(a), len(b)) < 2:
@@ -43,7 +43,7 @@ def ratio_of_medians(a: np.ndarray, b: np.ndarray) -> Ratio:
 
 
 def three_digits(x: float) -> str:
-    """A number for people: three significant digits, or all before the point; no exponent."""
+    """A number for people: three significant digits, but all digits before the point; no exponent."""
     if x == 0:
         return "0"
     magnitude = int(np.floor(np.log10(abs(float(f"{x:.2e}")))))
@@ -51,5 +51,5 @@ def three_digits(x: float) -> str:
 
 
 def ratio_digits(x: float) -> str:
-    """A ratio for people: three digits, or four just above 1, where it matters on which side it is."""
+    """A ratio for people: three digits, or four just above 1, to show on which side of 1 it is."""
     return f"{x:.3f}" if 1 <= x < 1.1 else three_digits(x)

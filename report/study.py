@@ -1,4 +1,4 @@
-"""Reads the folder that `broadcl study` writes, and refuses it where it is not whole."""
+"""Reads the folder that `broadcl study` writes, and refuses it if it is incomplete or damaged."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ SUMMARY_COLUMNS = (
 
 
 class StudyError(Exception):
-    """What is wrong with a study, in one line for people."""
+    """One line that says what is wrong with a study."""
 
 
 @dataclass(frozen=True)
@@ -45,9 +45,9 @@ class Cell:
 
 @dataclass(frozen=True)
 class Repeats:
-    """What was measured of a cell."""
+    """The measurements of a cell."""
 
-    summary: dict[str, np.ndarray]  # a column of study.csv each: a value a repeat
+    summary: dict[str, np.ndarray]  # columns of study.csv, with one value per repeat
     frames: np.ndarray  # (repeats, frames, 4): update, broad phase and total in ms, pairs
 
 
@@ -59,12 +59,12 @@ class Study:
 
     @property
     def scenarios(self) -> list[str]:
-        """Those that have runs, in the order of the study."""
+        """The scenarios that have runs, in the order of the study."""
         return [s for s in self.info["scenarios"] if any(c.scenario == s for c in self.cells)]
 
     @property
     def series(self) -> list[Series]:
-        """Those that have runs, by broad phase in the order of the study, then by device."""
+        """The series that have runs, by broad phase in the order of the study, then by device."""
         names = [b["name"] for b in self.info["broadphases"]]
         found = {cell.series for cell in self.cells}
         return sorted(found, key=lambda s: (names.index(s.broadphase), s.device))
@@ -74,12 +74,12 @@ class Study:
         return sorted({cell.objects for cell in self.cells if cell.scenario == scenario})
 
     def cells_of(self, scenario: str, objects: int) -> dict[Series, Repeats]:
-        """What ran with one scenario and number of objects, in the order of series."""
+        """The series that ran with one scenario and number of objects, in the order of `series`."""
         cells = {s: self.cells.get(Cell(scenario, objects, s)) for s in self.series}
         return {s: repeats for s, repeats in cells.items() if repeats is not None}
 
     def label(self, series: Series) -> str:
-        """The broad phase, and its device where the study has it on several."""
+        """The broad phase, and its device if the study has it on several."""
         devices = {s.device for s in self.series if s.broadphase == series.broadphase}
         return f"{series.broadphase} · {series.device}" if len(devices) > 1 else series.broadphase
 
@@ -98,7 +98,7 @@ def read_study(folder: Path) -> Study:
     for row in rows:
         path = _run_file(folder / "runs", row)
         if path not in files:
-            raise StudyError(f"{path} is missing or twice in study.csv")
+            raise StudyError(f"{path} is missing, or listed twice in study.csv")
         files.remove(path)
         frames = _read_run(path)
         if len(frames) != int(row["frames"]):
@@ -107,7 +107,7 @@ def read_study(folder: Path) -> Study:
         summary = {column: float(row[column]) for column in SUMMARY_COLUMNS}
         runs.setdefault(cell, []).append((int(row["repeat"]), summary, frames))
     if files:
-        raise StudyError(f"{min(files)} is not in study.csv: start the study again to finish it")
+        raise StudyError(f"{min(files)} is not in study.csv: run the study again to finish it")
     return Study(folder, info, {cell: _merge(cell, repeats) for cell, repeats in runs.items()})
 
 
@@ -123,11 +123,11 @@ def _read_info(path: Path) -> dict[str, Any]:
     try:
         info = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
-        raise StudyError(f"{path} is missing: this is no folder of `broadcl study`") from None
+        raise StudyError(f"{path} is missing: this is not a folder of `broadcl study`") from None
     except ValueError as error:
-        raise StudyError(f"{path} is no JSON: {error}") from None
+        raise StudyError(f"{path} is not JSON: {error}") from None
     if not isinstance(info, dict) or info.get("format") != 1:
-        raise StudyError(f"{path} is not of format 1")
+        raise StudyError(f"{path} does not have format 1")
     needed = "preset command date versions host seed repeat frames scenarios objects broadphases"
     needed += " scenario_summaries"
     for key in (*needed.split(), "devices", "cut"):
@@ -152,12 +152,12 @@ def _read_summary(path: Path, info: dict[str, Any]) -> list[dict[str, str]]:
     broadphases = {b["name"] for b in info["broadphases"]}
     for line, row in enumerate(rows, start=2):
         if row["scenario"] not in info["scenarios"] or row["broadphase"] not in broadphases:
-            raise StudyError(f"{path}, row {line}: not of this study: {', '.join(row.values())}")
+            raise StudyError(f"{path}, row {line}: not part of this study: {', '.join(row.values())}")
         try:
             numbers = [float(int(row[c])) for c in ("objects", "frames", "repeat")]
             numbers += [float(row[c]) for c in SUMMARY_COLUMNS]
         except (TypeError, ValueError):
-            raise StudyError(f"{path}, row {line}: a number is missing or none") from None
+            raise StudyError(f"{path}, row {line}: a number is missing or malformed") from None
         if not np.all(np.isfinite(numbers)) or min(numbers) < 0:
             raise StudyError(f"{path}, row {line}: a number is negative or not finite")
         if min(float(row[f"{metric}_mean_ms"]) for metric in METRICS) == 0:
@@ -166,7 +166,7 @@ def _read_summary(path: Path, info: dict[str, Any]) -> list[dict[str, str]]:
 
 
 def slug(text: str) -> str:
-    """What a device's label becomes in the names of files."""
+    """A device's label as part of a file name."""
     return re.sub("[^a-z0-9]+", "-", text.lower()).strip("-") or "device"
 
 
@@ -183,11 +183,11 @@ def _read_run(path: Path) -> np.ndarray:
     try:
         frames = np.array([[float(x) for x in line.split(",")] for line in lines[1:]], ndmin=2)
     except ValueError:
-        raise StudyError(f"{path}: a row has too few or too many numbers, or none") from None
+        raise StudyError(f"{path}: a row has too few or too many numbers, or something else") from None
     if frames.shape[1] != 5 or len(frames) < 2:
-        raise StudyError(f"{path}: rows of 5 columns are needed, for two frames at least")
+        raise StudyError(f"{path}: rows of 5 columns are needed, for at least two frames")
     if not np.all(np.isfinite(frames)) or frames.min() < 0:
         raise StudyError(f"{path}: a number is negative or not finite")
     if not np.array_equal(frames[:, 0], np.arange(len(frames))):
-        raise StudyError(f"{path}: the frames do not count from 0")
+        raise StudyError(f"{path}: the frames are not numbered from 0")
     return frames[:, 1:]

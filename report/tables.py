@@ -1,4 +1,4 @@
-"""The tables. Each number is a cell with its column's name, each row has its configuration."""
+"""The tables. Each number is a cell that names its column, each row names its configuration."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def _label(study: Study, series: Series, style: Style) -> str:
 
 
 def _rows(study: Study, scenario: str, styles: dict[Series, Style], cells_of_row) -> str:
-    """A body for each number of objects, a row for each series in it."""
+    """One table body per number of objects, with one row per series."""
     text = ""
     for objects in study.objects(scenario):
         cells = study.cells_of(scenario, objects)
@@ -67,7 +67,7 @@ def times_table(study: Study, scenario: str, metric: str, styles: dict[Series, S
             text += _number(column, three_digits(float(np.median(repeats.summary[column]))))
         base = reference(study, cells)
         if series == base:
-            return text + '<td class="number base" colspan="3">compared with this</td>'
+            return text + '<td class="number base" colspan="3">reference</td>'
         ratio = ratio_of_medians(run_times(repeats, metric), run_times(cells[base], metric))
         text += _number("ratio", ratio_digits(ratio.value), "" if ratio.is_clear else " unclear")
         for end in (0, 1):
@@ -81,22 +81,22 @@ def times_table(study: Study, scenario: str, metric: str, styles: dict[Series, S
 
 
 def about_times(study: Study) -> str:
-    """What the columns of times_table mean."""
+    """Explains the columns of times_table."""
     bases = {
         study.label(reference(study, study.cells_of(scenario, n)))
         for scenario in study.scenarios
         for n in study.objects(scenario)
     }
-    interval = ", with the ends of its 95 % interval; grey where that holds 1"
+    interval = ", with the ends of its 95 % interval; grey if that contains 1"
     return prose(
-        "Milliseconds a frame: medians over the repeats. Ratio: times as long as"
-        f" {' or '.join(f'`{base}`' for base in sorted(bases))} by the mean"
-        f"{'' if is_of_single_runs(study) else interval}. Bold: the least mean."
+        "Milliseconds per frame: medians of the repeats. Ratio: mean over that of"
+        f" {' or '.join(f'`{base}`' for base in sorted(bases))}"
+        f"{'' if is_of_single_runs(study) else interval}. Bold: the lowest mean."
     )
 
 
 def pairs_table(study: Study, scenario: str, styles: dict[Series, Style]) -> str:
-    """Pairs found, over the frames and in the last one, and the time of the first frame."""
+    """Mean number of pairs, pairs in the last frame, and times of the whole run and of the first frame."""
 
     def cells_of_row(cells: dict[Series, Repeats], series: Series, repeats: Repeats) -> str:
         summary = {column: float(np.median(x)) for column, x in repeats.summary.items()}

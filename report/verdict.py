@@ -1,4 +1,4 @@
-"""The verdict in words. Every claim is computed; `code` marks names."""
+"""The verdict as text. Every claim is computed; names are marked as `code`."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from report.study import Series, Study
 
 
 def times_as_long(study: Study, ratio: Ratio) -> str:
-    """The ratio, with its interval in brackets; without one, where nothing has one."""
+    """The ratio, with its interval in brackets; says so if it has none but others do."""
     if ratio.interval is None:
         missing = "" if is_of_single_runs(study) else " (one run: no interval)"
         return ratio_digits(ratio.value) + missing
@@ -17,7 +17,7 @@ def times_as_long(study: Study, ratio: Ratio) -> str:
 
 
 def enumerated(items: list[str]) -> str:
-    """a, b and c."""
+    """Returns "a, b and c"."""
     return " and ".join(filter(None, (", ".join(items[:-1]), items[-1])))
 
 
@@ -26,22 +26,22 @@ def name(study: Study, series: Series) -> str:
 
 
 def is_of_single_runs(study: Study) -> bool:
-    """Whether nothing ran twice, so that nothing can be said of how sure a difference is."""
+    """Whether nothing ran twice, so that no difference can be called certain."""
     return all(len(repeats.frames) < 2 for repeats in study.cells.values())
 
 
 def certainty(study: Study) -> str:
-    """What tells how sure a difference is."""
+    """Explains how certain a difference is."""
     if is_of_single_runs(study):
-        return "Each ran once, so nothing tells how sure a difference is."
+        return "Each ran once, so there is no measure of how certain a difference is."
     return (
-        "“Times as long” comes with its 95 % interval; a difference is clear where that interval"
-        " leaves out 1."
+        "“Times as long” comes with its 95 % interval; a difference is clear if that interval"
+        " excludes 1."
     )
 
 
 def headline(study: Study) -> list[str]:
-    """What the whole study says of the total time where there are most objects."""
+    """What the whole study says about the total time with the most objects."""
     places = {s: standing(study, s, study.objects(s)[-1], "total") for s in study.scenarios}
     claims = []
     for series in dict.fromkeys(place.first for place in places.values()):
@@ -67,14 +67,14 @@ def headline(study: Study) -> list[str]:
         if low != high:
             ends = f"from {ends} to {times_as_long(study, high[0])} times in {high[1]}"
         sentences.append(
-            "Against the fastest of Bullet's own broad phases, the fastest of BroadCL's makes"
-            f" the same simulation take {ends}."
+            "Compared with the fastest of Bullet's own broad phases, the same simulation with the"
+            f" fastest of BroadCL's takes {ends}."
         )
     return sentences
 
 
 def sentences(study: Study, scenario: str, metric: str) -> list[str]:
-    """One scenario by one metric: most objects, against Bullet, and how it changes."""
+    """One scenario by one metric: who is first with the most objects, against Bullet, and in general."""
     places = [standing(study, scenario, n, metric) for n in study.objects(scenario)]
     result = [_who_is_first(study, places[-1], metric)]
     rivals = ours_over_bullet(study, places[-1])
@@ -87,7 +87,7 @@ def sentences(study: Study, scenario: str, metric: str) -> list[str]:
 
 def _who_is_first(study: Study, place: Standing, metric: str) -> str:
     first, milliseconds = name(study, place.first), three_digits(place.milliseconds[place.first])
-    text = f"With {place.objects:,} objects, {first} is first: {milliseconds} ms a frame."
+    text = f"With {place.objects:,} objects, {first} is first: {milliseconds} ms per frame."
     if not place.over_first:
         return text + " Nothing else ran."
     if is_of_single_runs(study):
@@ -132,7 +132,7 @@ def _against_bullet(
 
 
 def _over_objects(study: Study, places: list[Standing]) -> str:
-    """Ranges of objects with the same first, as far as the study has them."""
+    """Ranges of numbers of objects with the same first."""
     ranges: list[list[Standing]] = []
     for place in places:
         if ranges and ranges[-1][-1].first == place.first:
@@ -154,11 +154,11 @@ def _over_objects(study: Study, places: list[Standing]) -> str:
         texts.append(f"{name(study, same[0].first)} with {sizes} ({clearly})")
     if len(ranges) == 1:
         return f"First at every number of objects: {texts[0]}."
-    return f"Who is first changes with the number of objects: {', then '.join(texts)}."
+    return f"The first changes with the number of objects: {', then '.join(texts)}."
 
 
 def _by_sizes(missing: dict[str, list[int]]) -> list[tuple[list[str], list[str]]]:
-    """Scenarios that lack the same numbers of objects, together: those numbers, those scenarios."""
+    """Groups scenarios that lack the same numbers of objects: those numbers, and the scenarios."""
     groups: dict[tuple[int, ...], list[str]] = {}
     for scenario, sizes in missing.items():
         if sizes:
@@ -172,7 +172,7 @@ def absent(study: Study) -> list[str]:
     for broadphase in (row["name"] for row in study.info["broadphases"]):
         ran = {(c.scenario, c.objects) for c in study.cells if c.series.broadphase == broadphase}
         if not ran:
-            lines.append(f"`{broadphase}` has no runs, so nothing is said of it.")
+            lines.append(f"`{broadphase}` has no runs.")
             continue
         missing = {
             scenario: [n for n in study.info["objects"] if (scenario, n) not in ran]
@@ -188,7 +188,7 @@ def absent(study: Study) -> list[str]:
 
 
 def as_text(study: Study) -> str:
-    """All of it, for a terminal."""
+    """The whole verdict, for a terminal."""
     lines = headline(study)
     for scenario in study.scenarios:
         lines.append(f"\n{scenario}")

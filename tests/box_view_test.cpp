@@ -18,6 +18,7 @@
 
 #include "expect_error.hpp"
 #include "packed_box.hpp"
+#include "runs.hpp"
 
 namespace broadcl {
 namespace {
@@ -227,6 +228,7 @@ TYPED_TEST(BoxViewOf, ANaNIsNamedWhicheverBoundItIs) {
   }
 }
 
+NOT_IN(sanitizers, "takes long");
 TYPED_TEST(BoxViewOf, OfManyNaNsTheFirstIsNamedWhateverTheThreadsDo) {
   const auto boxes = boxes_of_every_kind<TypeParam>(of_many_threads);
   // Among them the last of a thread and the first of the next, with two threads and with three.

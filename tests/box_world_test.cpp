@@ -59,18 +59,6 @@ TEST_F(BoxWorldOnBulletBf, MeasuresUpdateAndBroadPhase) {
   EXPECT_EQ(times.total, times.update + times.broad_phase);
 }
 
-TEST_F(BoxWorldOnBulletBf, VerifyFindsMissingAndExtraPairs) {
-  const btBroadphasePair pair = cache().getOverlappingPairArray()[0];
-  cache().removeOverlappingPair(pair.m_pProxy0, pair.m_pProxy1, nullptr);
-  expect(in_a_row, 1, 0);
-  btBroadphaseProxy stranger({0, 0, 0}, {1, 1, 1}, nullptr, btBroadphaseProxy::DefaultFilter,
-                             btBroadphaseProxy::AllFilter);
-  stranger.m_uniqueId = 100;
-  cache().addOverlappingPair(pair.m_pProxy0, &stranger);
-  expect(in_a_row, 1, 1);
-  cache().removeOverlappingPair(pair.m_pProxy0, &stranger, nullptr);
-}
-
 TEST_F(BoxWorldOnBulletBf, VerifyTrustsNoBoxOfTheBroadPhase) {
   // As if the broad phase had not heard of the move: its own boxes and pairs agree.
   expect(moved, 1, 2);

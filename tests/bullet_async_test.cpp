@@ -24,6 +24,7 @@
 #include <gtest/gtest.h>
 
 #include "expect_error.hpp"
+#include "runs.hpp"
 #include "scenes/world.hpp"
 
 namespace broadcl {
@@ -381,6 +382,7 @@ TEST(BulletAsync, AWorldOnAnotherBroadPhaseIsAnError) {
 
 class EachScenarioAsync : public testing::TestWithParam<std::string> {};
 
+NOT_IN(sanitizers, "takes long");
 TEST_P(EachScenarioAsync, GoesTheSameWay) {
   const scenes::Scenario::Config config{.name = GetParam(), .objects = 300};
   BulletBroadphase begun;

@@ -13,6 +13,7 @@
 #include "bullet_contract.hpp"
 #include "bullet_rig.hpp"
 #include "rigid_world.hpp"
+#include "runs.hpp"
 
 namespace broadcl {
 namespace {
@@ -146,6 +147,7 @@ TEST_P(Changes, AFilterCallbackDecidesOfPairsAsLongAsItIsSet) {
   EXPECT_NEAR(height(onto), 1.5, 0.1);
 }
 
+NOT_IN(sanitizers, "takes long");
 TEST_P(Changes, ThousandsOfObjectsComeAndGoInOneFrame) {
   if (unfit("Sweep", "crashes when it is full") || unfit("Simple", "stops the program when it is full"))
     return;

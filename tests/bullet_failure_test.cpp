@@ -18,9 +18,12 @@
 #include <broadcl/bullet.hpp>
 
 #include "failing_opencl.hpp"
+#include "runs.hpp"
 
 namespace broadcl {
 namespace {
+
+SUITE_NOT_IN(BulletFailure, sanitizers, "fails on purpose, also where buffers are unmapped, and takes long");
 
 using test::FailingOpenCl;
 using ::testing::ElementsAre;

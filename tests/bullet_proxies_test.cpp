@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "bullet_contract.hpp"
+#include "runs.hpp"
 
 namespace broadcl::test {
 namespace {
@@ -168,6 +169,7 @@ TEST_P(Contract, S06DispatcherAndClientMayBeNull) {
   broadphase.destroyProxy(second, nullptr);
 }
 
+NOT_IN(sanitizers, "takes long");
 TEST_P(Contract, S06ThereIsNoCapacity) {
   if (unfit("Sweep", "crashes when it is full") || unfit("Simple", "stops the program when it is full"))
     return;

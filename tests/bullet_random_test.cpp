@@ -339,6 +339,7 @@ INSTANTIATE_TEST_SUITE_P(Table, RandomCalls, testing::ValuesIn(device_algorithms
   return name;
 });
 
+NOT_IN(sanitizers, "takes long; SomeRandomCallsByBullet is in it");
 TEST_P(RandomCalls, AHundredThousandByBullet) {
   const std::size_t n = device_algorithms().size();
   play(std::string(GetParam().name), (100'000 + n - 1) / n, seed_of_ci);

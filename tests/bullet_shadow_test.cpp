@@ -13,12 +13,15 @@
 #include <broadcl/bullet.hpp>
 
 #include "bullet_scenes.hpp"
+#include "runs.hpp"
 #include "scenes/broadphases.hpp"
 #include "scenes/verify.hpp"
 #include "shadow_broadphase.hpp"
 
 namespace broadcl::test {
 namespace {
+
+SUITE_NOT_IN(EachScene, sanitizers, "takes long, above all in Bullet");
 
 class EachScene : public testing::TestWithParam<BulletSceneInfo> {
  protected:

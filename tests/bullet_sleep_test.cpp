@@ -13,9 +13,12 @@
 
 #include "cli/statistics.hpp"
 #include "rigid_world.hpp"
+#include "runs.hpp"
 
 namespace broadcl {
 namespace {
+
+SUITE_NOT_IN(SleepingWorld, sanitizers, "takes long, above all in Bullet");
 
 using test::grid_cell;
 using test::RigidWorld;

@@ -10,8 +10,12 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "runs.hpp"
+
 namespace broadcl {
 namespace {
+
+SUITE_ALSO_IN(Bullet, gpu_profile | rusticl | oclgrind_bullet);
 
 constexpr int all_bits = -1;
 using IdPairs = std::set<std::pair<int, int>>;

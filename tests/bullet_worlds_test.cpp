@@ -28,6 +28,7 @@
 #include "bullet_contract.hpp"
 #include "bullet_rig.hpp"
 #include "rigid_world.hpp"
+#include "runs.hpp"
 
 namespace broadcl {
 namespace {
@@ -111,6 +112,7 @@ TEST_P(Worlds, OnANullCache) {
 }
 
 // Debian's Bullet is built without threads: there these classes do their work one after the other.
+NOT_IN(sanitizers, "takes long");
 TEST_P(Worlds, OfRigidBodiesWithTheClassesForThreads) {
   btSetTaskScheduler(btGetSequentialTaskScheduler());
   btDefaultCollisionConfiguration configuration;

@@ -10,25 +10,24 @@
 #include <broadcl/device.hpp>
 
 #include "program.hpp"
+#include "runs.hpp"
 
 namespace broadcl::test {
 namespace {
 
+SUITE_NOT_IN(ProgramWrongKernels, sanitizers, "compiles all kernels anew");
+
 using nlohmann::json;
 
+NOT_IN(sanitizers, "takes long");
 TEST_F(Program, CheckWorksHere) {
-  const Outcome outcome = run("check");
+  const Outcome outcome = run("check --device " + select_device().id());
   expect_success(outcome);
+  EXPECT_TRUE(outcome.out.starts_with(select_device().label())) << outcome.out;
   EXPECT_EQ(lines_of(outcome.out).back(), "BroadCL works here.");
   for (const AlgorithmInfo& algorithm : algorithms()) {
     EXPECT_NE(outcome.out.find("\n  " + std::string(algorithm.name) + " "), std::string::npos) << outcome.out;
   }
-}
-
-TEST_F(Program, CheckTakesADevice) {
-  const Outcome outcome = run("check --device " + select_device().id());
-  expect_success(outcome);
-  EXPECT_TRUE(outcome.out.starts_with(select_device().label())) << outcome.out;
 }
 
 /// Kernels that find pairs where there are none.

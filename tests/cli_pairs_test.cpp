@@ -9,6 +9,7 @@
 #include <broadcl/broad_phase.hpp>
 
 #include "program.hpp"
+#include "runs.hpp"
 
 namespace broadcl::test {
 namespace {
@@ -73,6 +74,7 @@ class ProgramRealData : public Program {
   fs::path data_;
 };
 
+SUITE_NOT_IN(ProgramRealData, sanitizers, "takes long, and boxes may be missing");
 TEST_F(ProgramRealData, ClothFunnelEdges) {
   const Outcome outcome = run("pairs " + data("cloth-funnel-edges.npy"));
   expect_success(outcome);

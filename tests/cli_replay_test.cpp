@@ -1,12 +1,10 @@
 // `broadcl simulate --record` and `broadcl replay`, run as their users do.
 #include <BulletCollision/BroadphaseCollision/btBroadphaseInterface.h>
 
-#include <algorithm>
 #include <cstddef>
 #include <limits>
 #include <memory>
 #include <span>
-#include <sstream>
 #include <string>
 #include <vector>
 
@@ -40,14 +38,6 @@ std::string recording(const std::vector<std::vector<float>>& blocks) {
 const std::vector<float> four_boxes_apart = {0, 0, 0, 1, 1, 1, 3, 0, 0, 4,  1,  1,  //
                                              6, 0, 0, 7, 1, 1, 9, 9, 9, 10, 10, 10};
 
-/// The last column of a table in CSV, the heading left out.
-std::vector<std::string> last_column(const std::string& csv) {
-  std::vector<std::string> values;
-  for (const std::string& row : lines_of(csv)) values.push_back(row.substr(row.rfind(',') + 1));
-  values.erase(values.begin());
-  return values;
-}
-
 class ProgramReplay : public Program {
  protected:
   void SetUp() override {
@@ -76,11 +66,11 @@ TEST_F(ProgramReplay, RecordHasTheBoxesOfTheBroadPhase) {
     cli::RecordingReader reader(path("run.aabbs"));
     ASSERT_EQ(reader.boxes(), 40U);
     ASSERT_EQ(reader.frames(), 12U);
-    std::vector<std::string> pairs;
+    std::vector<std::size_t> pairs;
     for (int block = 0; block <= 12; ++block) {
       if (block > 0) {
         world.step();
-        pairs.push_back(std::to_string(world.pair_count()));
+        pairs.push_back(world.pair_count());
       }
       const std::span<const Aabb> boxes = reader.next();
       for (std::size_t k = 0; k < boxes.size(); ++k) {
@@ -90,21 +80,7 @@ TEST_F(ProgramReplay, RecordHasTheBoxesOfTheBroadPhase) {
         ASSERT_EQ(boxes[k], expected) << "block " << block << ", object " << k;
       }
     }
-    EXPECT_EQ(last_column(read_file(path("run.csv"))), pairs);
-  }
-}
-
-TEST_F(ProgramReplay, EitherFormatHasTheSameBoxes) {
-  record("--record run.aabbs");
-  record("--record run.npy");
-  cli::RecordingReader aabbs(path("run.aabbs"));
-  cli::RecordingReader npy(path("run.npy"));
-  ASSERT_EQ(npy.boxes(), 40U);
-  ASSERT_EQ(npy.frames(), 12U);
-  for (int block = 0; block <= 12; ++block) {
-    const std::span<const Aabb> boxes = aabbs.next();
-    const std::span<const Aabb> same = npy.next();
-    EXPECT_TRUE(std::equal(boxes.begin(), boxes.end(), same.begin(), same.end())) << block;
+    EXPECT_EQ(pairs_in(path("run.csv")), pairs);
   }
 }
 
@@ -126,24 +102,9 @@ TEST_F(ProgramReplay, VerifiesAndReports) {
       EXPECT_NE(outcome.out.find(part), std::string::npos) << part << " is not in\n" << outcome.out;
     }
 
-    const std::vector<std::string> rows = lines_of(read_file(path("run.csv")));
-    ASSERT_EQ(rows.size(), 13U);
-    EXPECT_EQ(rows[0], "frame,update_ms,broad_phase_ms,total_ms,pairs");
-    std::size_t frame = 0;
-    std::size_t pairs = 0;
-    for (std::size_t i = 1; i < rows.size(); ++i) {
-      double update = 0;
-      double broad_phase = 0;
-      double total = 0;
-      char comma = 0;
-      std::istringstream row(rows[i]);
-      row >> frame >> comma >> update >> comma >> broad_phase >> comma >> total >> comma >> pairs;
-      ASSERT_TRUE(row && row.peek() == EOF) << rows[i];
-      EXPECT_EQ(frame, i - 1);
-      EXPECT_GT(update, 0);
-      EXPECT_GT(broad_phase, 0);
-      EXPECT_NEAR(total, update + broad_phase, 3e-6);
-    }
+    const std::vector<CsvRow> rows = csv_rows(path("run.csv"));
+    ASSERT_EQ(rows.size(), 12U);
+    for (const CsvRow& row : rows) EXPECT_NEAR(row.total, row.update + row.broad_phase, 3e-6);
 
     const json summary = json::parse(read_file(path("run.json")));
     const json config = {{"recording", "run.aabbs"},
@@ -154,7 +115,7 @@ TEST_F(ProgramReplay, VerifiesAndReports) {
     EXPECT_EQ(summary["config"], config);
     EXPECT_EQ(summary["device"].is_null(), broadphase != "gpu-bf");
     EXPECT_TRUE(summary["stages"].is_null());
-    EXPECT_EQ(summary["pairs"]["last"], pairs);
+    EXPECT_EQ(summary["pairs"]["last"], rows.back().pairs);
     EXPECT_EQ(summary["verify"]["equal"], true);
     EXPECT_EQ(summary["verify"]["missing_pairs"], 0);
   }
@@ -162,27 +123,9 @@ TEST_F(ProgramReplay, VerifiesAndReports) {
 
 TEST_F(ProgramReplay, CountsThePairsOfTheFramesAfterTheFirstState) {
   expect_success(run("replay rows.npy --csv run.csv --broadphase bullet-bf"));
-  EXPECT_EQ(last_column(read_file(path("run.csv"))), (std::vector<std::string>{"2", "0", "2"}));
+  EXPECT_EQ(pairs_in(path("run.csv")), (std::vector<std::size_t>{2, 0, 2}));
   expect_success(run("replay rows.npy --csv run.csv --broadphase gpu-bf --frames 2"));
-  EXPECT_EQ(last_column(read_file(path("run.csv"))), (std::vector<std::string>{"2", "0"}));
-}
-
-TEST_F(ProgramReplay, AChangedRecordingHasOtherPairsAndVerifies) {
-  record("--record run.aabbs");
-  const std::string command = "replay run.aabbs --verify --csv run.csv --broadphase gpu-bf";
-  expect_success(run(command));
-  const std::vector<std::string> pairs = last_column(read_file(path("run.csv")));
-  std::string bytes = read_file(path("run.aabbs"));
-  for (std::size_t k = 1; k < 40; ++k) {  // in the last frame all are at one place
-    bytes.replace(bytes.size() - k * 32, 32, bytes.substr(bytes.size() - 40 * std::size_t{32}, 32));
-  }
-  write_file(path("run.aabbs"), bytes);
-  expect_success(run(command));
-  std::vector<std::string> changed = last_column(read_file(path("run.csv")));
-  EXPECT_EQ(changed.back(), "780");
-  EXPECT_NE(pairs.back(), "780");
-  changed.back() = pairs.back();
-  EXPECT_EQ(changed, pairs);
+  EXPECT_EQ(pairs_in(path("run.csv")), (std::vector<std::size_t>{2, 0}));
 }
 
 TEST_F(ProgramReplay, BoxesWithoutBoundsAndPointsAreLegal) {
@@ -208,7 +151,7 @@ TEST_F(ProgramReplay, EmptyBoxesAreForThoseThatKnowThem) {
       expect_success(run("replay barely.npy --verify --frames 1 --broadphase " + info.name));
     } else {
       expect_success(outcome);
-      EXPECT_EQ(last_column(read_file(path("run.csv"))), (std::vector<std::string>{"2", "0"}));
+      EXPECT_EQ(pairs_in(path("run.csv")), (std::vector<std::size_t>{2, 0}));
     }
   }
 }
@@ -241,15 +184,6 @@ TEST_F(ProgramReplay, BadInputIsRefusedAndLeavesNothing) {
   expect_nothing("simulate --csv run.npy --record ./run.npy", "--csv and --record name the same file");
   expect_nothing("simulate --scenario frobnicate --record run.npy", "mixed-sizes");
   expect_nothing("simulate --device frobnicate --record run.npy", "'frobnicate'");
-}
-
-TEST_F(ProgramReplay, FullDiskIsAnError) {
-  fs::create_symlink("/dev/full", path("full.npy"));
-  const std::vector<std::string> before = files();
-  expect_refused(
-      run("simulate --objects 5 --frames 2 --broadphase bullet-bf --csv run.csv --record full.npy"),
-      "cannot write 'full.npy'");
-  EXPECT_EQ(files(), before);
 }
 
 }  // namespace

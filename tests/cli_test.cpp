@@ -104,11 +104,13 @@ TEST_F(Program, WithoutAnyDeviceSaysWhatToInstall) {
 
 TEST_F(Program, FullDiskIsAnError) {
   expect_refused(run("pairs four.npy --out /dev/full"), "cannot write '/dev/full'");
-  for (const std::string option : {"--csv", "--json", "--trace"}) {
+  fs::create_symlink("/dev/full", path("full.npy"));
+  for (const std::string option :
+       {"--csv /dev/full", "--json /dev/full", "--trace /dev/full", "--record full.npy"}) {
     SCOPED_TRACE(option);
     const std::vector<std::string> before = files();
-    expect_refused(run("simulate --objects 5 --frames 2 --broadphase bullet-bf " + option + " /dev/full"),
-                   "cannot write '/dev/full'");
+    expect_refused(run("simulate --objects 5 --frames 2 --broadphase bullet-bf " + option),
+                   "cannot write '" + option.substr(option.find(' ') + 1) + "'");
     EXPECT_EQ(files(), before);
   }
 }
@@ -141,7 +143,7 @@ TEST_P(ProgramBadInput, IsRefusedAndLeavesNothing) {
 }
 
 const std::vector<BadInput> bad_inputs = {
-    {"NoVerb", "", "verb is missing"},
+    {"NoVerb", "", "give a verb"},
     {"UnknownVerb", "frobnicate", "frobnicate"},
     {"TwoVerbs", "devices check", "check"},
     {"UnknownOption", "--frobnicate", "--frobnicate"},
@@ -165,7 +167,7 @@ const std::vector<BadInput> bad_inputs = {
     {"PairsText", "pairs text.npy", "not a NumPy array"},
     {"PairsWrongShape", "pairs wrong-shape.npy", "(8, 3)"},
     {"PairsNan", "pairs nan.npy --out pairs.npy", "row 1 "},
-    {"PairsCut", "pairs cut.npy --out pairs.npy", "is cut"},
+    {"PairsCut", "pairs cut.npy --out pairs.npy", "is truncated"},
     {"PairsUnknownAlgorithm", "pairs four.npy --algorithm frobnicate --out pairs.npy", "gpu-bf"},
     {"PairsUnknownDevice", "pairs four.npy --device frobnicate --out pairs.npy", "'frobnicate'"},
     {"PairsUnknownDeviceOnHost", "pairs four.npy --algorithm oracle --device frobnicate", "'frobnicate'"},

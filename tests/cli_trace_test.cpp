@@ -34,27 +34,6 @@ struct TraceEvent {
   }
 };
 
-/// The columns of a file as --csv writes it.
-struct CsvRow {
-  double update;
-  double broad_phase;
-  double total;
-  std::size_t pairs;
-};
-
-std::vector<CsvRow> csv_rows(const std::string& text) {
-  std::vector<CsvRow> rows;
-  for (const std::string& line : lines_of(text)) {
-    if (line.starts_with("frame")) continue;
-    std::istringstream stream(line.substr(line.find(',') + 1));
-    char comma = 0;
-    CsvRow row{};
-    stream >> row.update >> comma >> row.broad_phase >> comma >> row.total >> comma >> row.pairs;
-    rows.push_back(row);
-  }
-  return rows;
-}
-
 std::int64_t nanoseconds(const json& microseconds) {
   return std::llround(microseconds.get<double>() * 1e3);
 }
@@ -115,7 +94,7 @@ class ProgramTrace : public Program, public testing::WithParamInterface<std::str
     trace_ = json::parse(read_file(path("trace.json")));
     host_ = thread_events(trace_, "host");
     device_ = thread_events(trace_, "device");
-    csv_ = csv_rows(read_file(path("run.csv")));
+    csv_ = csv_rows(path("run.csv"));
   }
 
   json trace_;

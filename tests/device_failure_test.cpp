@@ -1,121 +1,176 @@
 #include <algorithm>
 #include <cstdint>
+#include <exception>
+#include <filesystem>
 #include <optional>
-#include <random>
 #include <string>
-#include <vector>
 
 #include <gtest/gtest.h>
 
 #include <broadcl/broad_phase.hpp>
 
+#include "device_life.hpp"
 #include "each_algorithm.hpp"
+#include "environment.hpp"
 #include "failing_opencl.hpp"
-#include "pair_lists.hpp"
+#include "runs.hpp"
+#include "short_life.hpp"
+#include "trouble.hpp"
 
-namespace broadcl {
+/// Devices that fail: every call does all of its work or none.
+namespace broadcl::test {
 namespace {
 
-using test::EachAlgorithm;
-using test::FailingOpenCl;
+using OpenClTrouble = Trouble<FailingOpenCl, FailingOpenCl::calls>;
 
-/// Objects that are added, moved, filtered and removed, by calls each of which is made again where it fails.
-class Life {
- public:
-  Life(const BroadPhase::Config& config, int attempts) : broad_phase_(config), attempts_(attempts) {}
+/// That all memory of the device that was made since then is gone, unless the device failed to give it back.
+void expect_nothing_left(const OpenClUse& before, long failures) {
+  EXPECT_EQ(opencl_use().memory_references, before.memory_references);
+  if (failures > 1 || FailingOpenCl::last_failed() == "clEnqueueUnmapMemObject") return;
+  EXPECT_EQ(opencl_use().mapped_regions, before.mapped_regions) << FailingOpenCl::last_failed();
+}
 
-  /// @returns Whether every call succeeded in the end.
-  bool live() {
-    for (int frame = 0; frame < 5; ++frame) {
-      bool lives = change() && (frame % 2 == 0 || (attempt([&] { broad_phase_.begin(); }) && change()));
-      lives = lives && attempt([&] {
-                const Delta delta = broad_phase_.finish();
-                known_ = merge(difference(known_, delta.removed), delta.added);
-              });
-      if (!lives) return false;
-      EXPECT_TRUE(test::same("pairs", known_, expected())) << "frame " << frame;
+std::string name_of(long first, long count) {
+  return "call " + std::to_string(first) + (count == 1 ? "" : " and those after it");
+}
+
+/// Lives a life in which OpenCL call 0 fails, one in which call `step` fails, and so on.
+void expect_short_lives(const BroadPhase::Config& config, long count, long step) {
+  for (long first = 0, points = 1; first < points; first += step) {
+    SCOPED_TRACE(name_of(first, count));
+    const OpenClUse before = opencl_use();
+    {
+      ShortLife life(config, OpenClTrouble(first, count), {.looks = first % 2 == 0, .worlds = true});
+      ASSERT_TRUE(life.live());
+      points = life.trouble().points();
     }
-    std::vector<Pair> pairs;
-    if (!attempt([&] { pairs = broad_phase_.pairs(); })) return false;
-    EXPECT_TRUE(test::same("all", pairs, known_));
-    return true;
-  }
-
- private:
-  template <class Function>
-  [[nodiscard]] bool attempt(const Function& function) const {
-    for (int k = 0; k < attempts_; ++k) {
-      try {
-        function();
-        return true;
-      } catch (const Error&) {
-        continue;
-      }
-    }
-    return false;
-  }
-
-  bool change() {
-    std::uniform_real_distribution<float> place(0, 6);
-    for (int k = 0; k < 12; ++k) {
-      const float x = place(random_);
-      const Aabb box{{x, 0, 0}, {x + 1, 1, 1}};
-      std::uint32_t id = 0;
-      if (!attempt([&] { id = broad_phase_.add(box); })) return false;
-      if (id == boxes_.size()) boxes_.emplace_back();
-      boxes_[id] = box;
-    }
-    for (std::uint32_t id = 0; id < boxes_.size(); id += 3) {
-      if (is_empty(boxes_[id])) continue;
-      boxes_[id].upper[0] += 1;
-      if (!attempt([&] { broad_phase_.move(id, boxes_[id]); })) return false;
-    }
-    for (std::uint32_t id = 1; id < boxes_.size(); id += 7) {
-      if (is_empty(boxes_[id])) continue;
-      boxes_[id] = empty_aabb();
-      if (!attempt([&] { broad_phase_.remove(id); })) return false;
-    }
-    return true;
-  }
-
-  [[nodiscard]] std::vector<Pair> expected() const {
-    std::vector<Pair> pairs;
-    for (std::uint32_t b = 0; b < boxes_.size(); ++b) {
-      for (std::uint32_t a = 0; a < b; ++a) {
-        if (overlaps(boxes_[a], boxes_[b])) pairs.push_back({a, b});
-      }
-    }
-    return pairs;
-  }
-
-  BroadPhase broad_phase_;
-  int attempts_;
-  std::vector<Aabb> boxes_;
-  std::vector<Pair> known_;
-  std::mt19937 random_{1};  // NOLINT(bugprone-random-generator-seed): the same life each time
-};
-
-TEST_P(EachAlgorithm, ACallThatFailsMayBeRepeated) {
-  for (long first = 0, calls = 1; first < calls; first += is_slow() ? 15 : 3) {
-    SCOPED_TRACE("call " + std::to_string(first));
-    Life life(config(), 2);
-    const FailingOpenCl one_fails(first, 1);
-    ASSERT_TRUE(life.live());
-    calls = FailingOpenCl::calls();
+    expect_nothing_left(before, count);
   }
 }
 
-TEST_P(EachAlgorithm, ADeviceThatFailsForGoodIsAnErrorEachTime) {
-  bool failed = true;
-  for (long first = 0; failed; first += is_slow() ? 35 : 7) {
-    SCOPED_TRACE("from call " + std::to_string(first) + " on");
-    std::optional<Life> life(std::in_place, config(), 3);
-    const FailingOpenCl all_fail(first, 1'000'000);
-    failed = !life->live();
-    EXPECT_EQ(failed, FailingOpenCl::calls() > first);
-    life.reset();  // while calls fail
+NOT_IN(gpu_profile | rusticl | sanitizers,
+       "fails on purpose, also where buffers are unmapped, and takes long");
+TEST_P(EachAlgorithm, ACallThatFailsMayBeRepeated) {
+  expect_short_lives(config(), 1, is_slow() ? 15 : 3);
+}
+
+NOT_IN(gpu_profile | rusticl | sanitizers,
+       "fails on purpose, also where buffers are unmapped, and takes long");
+TEST_P(EachAlgorithm, ADeviceThatFailsForSomeTimeLosesNothing) {
+  expect_short_lives(config(), OpenClTrouble::for_good, is_slow() ? 35 : 7);
+}
+
+class DeviceFailure : public ::testing::TestWithParam<std::string> {};
+INSTANTIATE_TEST_SUITE_P(Table, DeviceFailure, ::testing::Values("brute-force", "tiles"),
+                         [](const auto& test) { return test.param == "tiles" ? "tiles" : "brute_force"; });
+
+/// Lives a life of a DeviceBroadPhase for each OpenCL call that may fail.
+void expect_device_lives(const std::string& algorithm, long count) {
+  const CallersQueue queue;
+  const long step = is_slow_device() ? 20 : 1;
+  for (long first = 0, points = 1; first < points; first += step) {
+    SCOPED_TRACE(name_of(first, count));
+    const OpenClUse before = opencl_use();
+    {
+      DeviceLife life(queue, {.algorithm = algorithm}, OpenClTrouble(first, count),
+                      {.looks = first % 2 == 0});
+      ASSERT_TRUE(life.live());
+      points = life.trouble().points();
+    }
+    expect_nothing_left(before, count);
+  }
+}
+
+NOT_IN(gpu_profile | rusticl | sanitizers,
+       "fails on purpose, also where buffers are unmapped, and takes long");
+TEST_P(DeviceFailure, WhicheverCallOfADeviceBroadPhaseFailsMayBeRepeated) {
+  expect_device_lives(GetParam(), 1);
+}
+
+NOT_IN(gpu_profile | rusticl | sanitizers,
+       "fails on purpose, also where buffers are unmapped, and takes long");
+TEST_P(DeviceFailure, ADeviceBroadPhaseGoesOnWhenTheDeviceWorksAgain) {
+  expect_device_lives(GetParam(), OpenClTrouble::for_good);
+}
+
+/// Calls a function while OpenCL calls of it fail, each of the first in turn, then some. It may throw Error,
+/// and nothing else.
+template <class Function>
+void expect_errors_alone(const Function& function) {
+  for (const long count : {1L, OpenClTrouble::for_good}) {
+    long errors = 0;
+    bool is_over = false;
+    for (long first = 0; !is_over; first += is_slow_device() || first > 150 ? 23 : 1) {
+      SCOPED_TRACE(name_of(first, count));
+      const OpenClUse before = opencl_use();
+      const FailingOpenCl fails(first, count);
+      try {
+        function();
+        is_over = FailingOpenCl::calls() <= first;
+      } catch (const Error&) {
+        ++errors;
+        expect_nothing_left(before, count);
+      } catch (const std::exception& error) {
+        ADD_FAILURE() << "what escapes is no Error: " << error.what();
+      }
+    }
+    EXPECT_GT(errors, 1);
+  }
+}
+
+NOT_IN(gpu_profile | rusticl | sanitizers,
+       "fails on purpose, also where buffers are unmapped, and takes long");
+TEST(DeviceFailure, ListingDevicesThrowsErrorsAlone) {
+  expect_errors_alone([] { EXPECT_FALSE(devices().empty()); });
+}
+
+NOT_IN(gpu_profile | rusticl | sanitizers,
+       "fails on purpose, also where buffers are unmapped, and takes long");
+TEST_P(EachAlgorithm, ConstructorsOnAFailingDeviceThrowErrorsAlone) {
+  if (!GetParam().on_device) return;
+  const ScopedFolder folder;
+  const ScopedVariable variable("BROADCL_CACHE_DIR", folder.path().string());
+  expect_errors_alone([] { BroadPhase broad_phase(config()); });
+}
+
+/// As above, but with kernels that are compiled already, and a device that is measured each time.
+NOT_IN(gpu_profile | rusticl | sanitizers,
+       "fails on purpose, also where buffers are unmapped, and takes long");
+TEST(DeviceFailure, MeasuringAFailingDeviceThrowsErrorsAlone) {
+  const ScopedFolder kernels;
+  {
+    const ScopedVariable variable("BROADCL_CACHE_DIR", kernels.path().string());
+    for (const std::string algorithm : {"brute-force", "tiles"}) BroadPhase({.algorithm = algorithm});
+  }
+  expect_errors_alone([&] {
+    const ScopedFolder folder;
+    std::filesystem::copy(kernels.path(), folder.path());
+    const ScopedVariable variable("BROADCL_CACHE_DIR", folder.path().string());
+    BroadPhase broad_phase({.algorithm = "auto"});
+  });
+}
+
+/// The device fails in a life, and still does when the object goes.
+NOT_IN(gpu_profile | rusticl | sanitizers,
+       "fails on purpose, also where buffers are unmapped, and takes long");
+TEST_P(EachAlgorithm, AnObjectMayGoWhileItsDeviceFails) {
+  if (!GetParam().on_device) return;
+  for (long first = 0, calls = 1; first < calls; first += is_slow() ? 100 : 20) {
+    SCOPED_TRACE(name_of(first, OpenClTrouble::for_good));
+    std::optional<BroadPhase> broad_phase(config());
+    const FailingOpenCl all_fail(first, OpenClTrouble::for_good);
+    try {
+      for (std::uint32_t k = 0; k < 300; ++k) broad_phase->add(unit);
+      (void)broad_phase->update();
+      broad_phase->move(1, apart(1));
+      broad_phase->begin();
+    } catch (const Error&) {
+      calls = first + 1000;
+    }
+    calls = std::max(calls, FailingOpenCl::calls());
+    broad_phase.reset();
   }
 }
 
 }  // namespace
-}  // namespace broadcl
+}  // namespace broadcl::test

@@ -16,10 +16,13 @@
 #include "environment.hpp"
 #include "opencl/context.hpp"
 #include "packed_box.hpp"
+#include "runs.hpp"
 #include "scenes/random.hpp"
 
 namespace broadcl::test {
 namespace {
+
+SUITE_ALSO_IN(Extents, gpu_profile | rusticl);
 
 constexpr float infinity = std::numeric_limits<float>::infinity();
 
@@ -78,11 +81,12 @@ class Extents : public ::testing::TestWithParam<std::string> {
   void expect(const std::vector<Aabb>& boxes) { expect_extent(context_, extent_, boxes); }
 
  private:
-  ScopedVariable shape_{"BROADCL_SHAPE", GetParam()};
+  ScopedVariable shape_{"BROADCL_TUNING", GetParam()};
   opencl::Context context_{select_device(), false};
   Extent extent_{context_};
 };
 
+ALSO_IN(oclgrind);
 TEST_P(Extents, SmallSetsOfEachSize) {
   for (const std::size_t n : {0U, 1U, 2U, 3U, 63U, 64U, 65U, 127U, 129U}) expect(random_boxes(n));
 }
@@ -91,6 +95,7 @@ TEST_P(Extents, SetsOfEachSize) {
   for (const std::size_t n : {1023U, 4095U, 4097U, 54'321U, 1'000'000U}) expect(random_boxes(n));
 }
 
+ALSO_IN(oclgrind);
 TEST_P(Extents, SmallSetsInEachOrder) {
   std::vector<Aabb> boxes(501, point(1, -2, 3));
   expect(boxes);
@@ -103,6 +108,7 @@ TEST_P(Extents, SmallSetsInEachOrder) {
   expect(boxes);
 }
 
+ALSO_IN(oclgrind);
 TEST_P(Extents, SmallBoxesWithoutAMiddleCountForNothing) {
   const Aabb plane{{-infinity, -infinity, -infinity}, {infinity, 0, infinity}};
   const Aabb half{{0, 0, 0}, {infinity, 1, 1}};

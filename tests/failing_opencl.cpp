@@ -2,8 +2,14 @@
 
 #include <dlfcn.h>
 
+#include <algorithm>
+#include <array>
 #include <atomic>
+#include <cstddef>
 #include <limits>
+#include <string_view>
+#include <tuple>
+#include <type_traits>
 
 #include "opencl/api.hpp"
 
@@ -15,6 +21,23 @@ std::atomic<long> calls_made = 0;
 std::atomic<long> first_failing = never;
 std::atomic<long> first_succeeding = never;
 
+std::atomic<const char*> last_name = "";  // of those that failed
+std::atomic<cl_command_queue> last_queue = nullptr;
+std::atomic<long> blocking_calls = 0;
+std::atomic<long> memory_references = 0;
+std::atomic<long> mapped_regions = 0;
+
+constinit thread_local int depth = 0;  // of OpenCL calls
+
+struct Inside {
+  Inside() { ++depth; }
+  ~Inside() { --depth; }
+  Inside(const Inside&) = delete;
+  Inside& operator=(const Inside&) = delete;
+  Inside(Inside&&) = delete;
+  Inside& operator=(Inside&&) = delete;
+};
+
 bool fails() {
   const long call = calls_made++;
   return call >= first_failing && call < first_succeeding;
@@ -23,24 +46,87 @@ bool fails() {
 /// Calls the function that this program would call without the one of the same name here.
 template <class Function, class... Arguments>
 auto call_next(Function* /*type*/, const char* name, Arguments... arguments) {
+  const Inside inside;
   return reinterpret_cast<Function*>(dlsym(RTLD_NEXT, name))(arguments...);
 }
 
 /// A device that has failed does nothing any more, so what it was given before is done first.
-cl_int end_of(cl_command_queue queue) {
+void drain(cl_command_queue queue) {
   cl_event end = nullptr;
   call_next(clEnqueueMarkerWithWaitList, "clEnqueueMarkerWithWaitList", queue, cl_uint{0},
             static_cast<const cl_event*>(nullptr), &end);
   call_next(clWaitForEvents, "clWaitForEvents", cl_uint{1}, static_cast<const cl_event*>(&end));
-  clReleaseEvent(end);
-  return CL_OUT_OF_RESOURCES;
+  call_next(clReleaseEvent, "clReleaseEvent", end);
 }
+
+/// The name of a function, as an argument of a template.
+template <std::size_t n>
+struct Name {
+  // NOLINTNEXTLINE(modernize-avoid-c-arrays): a literal stands for it
+  constexpr Name(const char (&name)[n]) { std::copy_n(name, n, text.begin()); }
+  [[nodiscard]] constexpr std::string_view view() const { return {text.data(), n - 1}; }
+  std::array<char, n> text{};
+};
+
+/// What this program calls in place of an OpenCL function.
+template <Name name, class Function>
+struct Watched;
+
+template <Name name, class Result, class... Arguments>
+struct Watched<name, Result(Arguments...)> {
+  static Result call(Arguments... arguments) {
+    const std::tuple<Arguments...> all(arguments...);
+    if (blocks(all)) ++blocking_calls;
+    if constexpr (text.starts_with("clEnqueue")) last_queue = std::get<0>(all);
+    if (!is_reference && fails()) return failure(all);
+    const Result result =
+        call_next(static_cast<Result (*)(Arguments...)>(nullptr), name.text.data(), arguments...);
+    count(result);
+    return result;
+  }
+
+ private:
+  using All = std::tuple<Arguments...>;
+  static constexpr std::string_view text = name.view();
+  static constexpr bool is_reference = text.starts_with("clRetain") || text.starts_with("clRelease");
+  static constexpr bool always_blocks = text == "clFinish" || text == "clWaitForEvents";
+  static constexpr bool may_block = text.starts_with("clEnqueueRead") || text.starts_with("clEnqueueWrite") ||
+                                    text.starts_with("clEnqueueMap");
+
+  static bool blocks(const All& all) {
+    if constexpr (may_block) return std::get<2>(all) == CL_TRUE;
+    return always_blocks;
+  }
+
+  static Result failure(const All& all) {
+    last_name = name.text.data();
+    using First = std::tuple_element_t<0, All>;
+    if constexpr (std::is_same_v<First, cl_command_queue>) drain(std::get<0>(all));
+    if constexpr (text == "clWaitForEvents") std::apply(waits, all);
+    if constexpr (std::is_pointer_v<Result>) {
+      cl_int* const error = std::get<sizeof...(Arguments) - 1>(all);
+      if (error != nullptr) *error = CL_OUT_OF_RESOURCES;
+      return nullptr;
+    } else {
+      return CL_OUT_OF_RESOURCES;
+    }
+  }
+  static void waits(Arguments... arguments) { call_next(clWaitForEvents, "clWaitForEvents", arguments...); }
+
+  static void count(const Result& result) {
+    if constexpr (text == "clCreateBuffer") memory_references += result != nullptr ? 1 : 0;
+    if constexpr (text == "clRetainMemObject") memory_references += result == CL_SUCCESS ? 1 : 0;
+    if constexpr (text == "clReleaseMemObject") memory_references -= result == CL_SUCCESS ? 1 : 0;
+    if constexpr (text == "clEnqueueMapBuffer") mapped_regions += result != nullptr ? 1 : 0;
+    if constexpr (text == "clEnqueueUnmapMemObject") mapped_regions -= result == CL_SUCCESS ? 1 : 0;
+  }
+};
 
 }  // namespace
 
 FailingOpenCl::FailingOpenCl(long first, long count) {
   calls_made = 0;
-  first_succeeding = count > never - first ? never : first + count;
+  first_succeeding = first > never - count ? never : first + count;
   first_failing = first;
 }
 
@@ -52,101 +138,85 @@ long FailingOpenCl::calls() noexcept {
   return calls_made;
 }
 
+std::string_view FailingOpenCl::last_failed() noexcept {
+  return last_name.load();
+}
+
+OpenClUse opencl_use() noexcept {
+  return {.blocking_calls = blocking_calls,
+          .memory_references = memory_references,
+          .mapped_regions = mapped_regions};
+}
+
+void wait_for_last_queue() {
+  if (last_queue != nullptr) drain(last_queue);
+}
+
+bool is_inside_opencl() noexcept {
+  return depth > 0;
+}
+
 }  // namespace broadcl::test
 
-using broadcl::test::call_next;
-using broadcl::test::end_of;
-using broadcl::test::fails;
+// Each stands before the loader's function of the same name, since a program's own symbols come first. The
+// linker asks a function (which runs before sanitizers are ready) for what stands behind the symbol; thus no
+// list of parameters needs to be repeated.
+// NOLINTBEGIN(bugprone-macro-parentheses): names in declarations take none
+#define WATCH(function)                                                                           \
+  __attribute__((no_sanitize("address", "undefined"))) decltype(function)* watched_##function() { \
+    return &broadcl::test::Watched<#function, decltype(function)>::call;                          \
+  }                                                                                               \
+  decltype(function) function __attribute__((ifunc("watched_" #function)))
+// NOLINTEND(bugprone-macro-parentheses)
 
-// Each stands before the loader's function of the same name, since a program's own symbols come first.
+// All that the library and these tests call; opencl-calls-are-watched fails for one that is missing.
 extern "C" {
-
-cl_mem clCreateBuffer(cl_context context, cl_mem_flags flags, size_t size, void* host, cl_int* error) {
-  if (fails()) {
-    if (error != nullptr) *error = CL_OUT_OF_RESOURCES;
-    return nullptr;
-  }
-  return call_next(clCreateBuffer, "clCreateBuffer", context, flags, size, host, error);
+WATCH(clBuildProgram);
+WATCH(clCreateBuffer);
+WATCH(clCreateCommandQueue);
+WATCH(clCreateContext);
+WATCH(clCreateKernel);
+WATCH(clCreateProgramWithBinary);
+WATCH(clCreateProgramWithSource);
+WATCH(clEnqueueBarrierWithWaitList);
+WATCH(clEnqueueCopyBuffer);
+WATCH(clEnqueueFillBuffer);
+WATCH(clEnqueueMapBuffer);
+WATCH(clEnqueueMarkerWithWaitList);
+WATCH(clEnqueueNDRangeKernel);
+WATCH(clEnqueueReadBuffer);
+WATCH(clEnqueueUnmapMemObject);
+WATCH(clEnqueueWriteBuffer);
+WATCH(clFinish);
+WATCH(clFlush);
+WATCH(clGetCommandQueueInfo);
+WATCH(clGetContextInfo);
+WATCH(clGetDeviceIDs);
+WATCH(clGetDeviceInfo);
+WATCH(clGetEventInfo);
+WATCH(clGetEventProfilingInfo);
+WATCH(clGetKernelWorkGroupInfo);
+WATCH(clGetMemObjectInfo);
+WATCH(clGetPlatformIDs);
+WATCH(clGetPlatformInfo);
+WATCH(clGetProgramBuildInfo);
+WATCH(clGetProgramInfo);
+WATCH(clReleaseCommandQueue);
+WATCH(clReleaseContext);
+WATCH(clReleaseDevice);
+WATCH(clReleaseEvent);
+WATCH(clReleaseKernel);
+WATCH(clReleaseMemObject);
+WATCH(clReleaseProgram);
+WATCH(clRetainCommandQueue);
+WATCH(clRetainContext);
+WATCH(clRetainDevice);
+WATCH(clRetainEvent);
+WATCH(clRetainKernel);
+WATCH(clRetainMemObject);
+WATCH(clRetainProgram);
+WATCH(clSetEventCallback);
+WATCH(clSetKernelArg);
+WATCH(clSetMemObjectDestructorCallback);
+WATCH(clWaitForEvents);
 }
-
-cl_int clSetKernelArg(cl_kernel kernel, cl_uint index, size_t size, const void* value) {
-  if (fails()) return CL_OUT_OF_RESOURCES;
-  return call_next(clSetKernelArg, "clSetKernelArg", kernel, index, size, value);
-}
-
-cl_int clEnqueueNDRangeKernel(cl_command_queue queue, cl_kernel kernel, cl_uint dimensions,
-                              const size_t* offset, const size_t* global, const size_t* local, cl_uint count,
-                              const cl_event* events, cl_event* event) {
-  if (fails()) return end_of(queue);
-  return call_next(clEnqueueNDRangeKernel, "clEnqueueNDRangeKernel", queue, kernel, dimensions, offset,
-                   global, local, count, events, event);
-}
-
-cl_int clEnqueueReadBuffer(cl_command_queue queue, cl_mem buffer, cl_bool blocking, size_t offset,
-                           size_t size, void* host, cl_uint count, const cl_event* events, cl_event* event) {
-  if (fails()) return end_of(queue);
-  return call_next(clEnqueueReadBuffer, "clEnqueueReadBuffer", queue, buffer, blocking, offset, size, host,
-                   count, events, event);
-}
-
-cl_int clEnqueueWriteBuffer(cl_command_queue queue, cl_mem buffer, cl_bool blocking, size_t offset,
-                            size_t size, const void* host, cl_uint count, const cl_event* events,
-                            cl_event* event) {
-  if (fails()) return end_of(queue);
-  return call_next(clEnqueueWriteBuffer, "clEnqueueWriteBuffer", queue, buffer, blocking, offset, size, host,
-                   count, events, event);
-}
-
-cl_int clEnqueueCopyBuffer(cl_command_queue queue, cl_mem from, cl_mem to, size_t from_offset,
-                           size_t to_offset, size_t size, cl_uint count, const cl_event* events,
-                           cl_event* event) {
-  if (fails()) return end_of(queue);
-  return call_next(clEnqueueCopyBuffer, "clEnqueueCopyBuffer", queue, from, to, from_offset, to_offset, size,
-                   count, events, event);
-}
-
-cl_int clEnqueueFillBuffer(cl_command_queue queue, cl_mem buffer, const void* pattern, size_t pattern_size,
-                           size_t offset, size_t size, cl_uint count, const cl_event* events,
-                           cl_event* event) {
-  if (fails()) return end_of(queue);
-  return call_next(clEnqueueFillBuffer, "clEnqueueFillBuffer", queue, buffer, pattern, pattern_size, offset,
-                   size, count, events, event);
-}
-
-void* clEnqueueMapBuffer(cl_command_queue queue, cl_mem buffer, cl_bool blocking, cl_map_flags flags,
-                         size_t offset, size_t size, cl_uint count, const cl_event* events, cl_event* event,
-                         cl_int* error) {
-  if (fails()) {
-    const cl_int code = end_of(queue);
-    if (error != nullptr) *error = code;
-    return nullptr;
-  }
-  return call_next(clEnqueueMapBuffer, "clEnqueueMapBuffer", queue, buffer, blocking, flags, offset, size,
-                   count, events, event, error);
-}
-
-cl_int clEnqueueUnmapMemObject(cl_command_queue queue, cl_mem buffer, void* host, cl_uint count,
-                               const cl_event* events, cl_event* event) {
-  if (fails()) return end_of(queue);
-  return call_next(clEnqueueUnmapMemObject, "clEnqueueUnmapMemObject", queue, buffer, host, count, events,
-                   event);
-}
-
-cl_int clFlush(cl_command_queue queue) {
-  if (fails()) return end_of(queue);
-  return call_next(clFlush, "clFlush", queue);
-}
-
-cl_int clEnqueueMarkerWithWaitList(cl_command_queue queue, cl_uint count, const cl_event* events,
-                                   cl_event* event) {
-  if (fails()) return end_of(queue);
-  return call_next(clEnqueueMarkerWithWaitList, "clEnqueueMarkerWithWaitList", queue, count, events, event);
-}
-
-cl_int clWaitForEvents(cl_uint count, const cl_event* events) {
-  const bool is_to_fail = fails();
-  const cl_int code = call_next(clWaitForEvents, "clWaitForEvents", count, events);
-  return is_to_fail ? CL_OUT_OF_RESOURCES : code;
-}
-
-}  // extern "C"

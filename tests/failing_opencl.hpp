@@ -1,8 +1,10 @@
 #pragma once
 
+#include <string_view>
+
 namespace broadcl::test {
 
-/// Has OpenCL calls of this program fail with CL_OUT_OF_RESOURCES as long as it lives. One at a time.
+/// Makes OpenCL calls of this program fail with CL_OUT_OF_RESOURCES as long as it lives. One at a time.
 class FailingOpenCl {
  public:
   /// @param first Calls that succeed before.
@@ -14,9 +16,25 @@ class FailingOpenCl {
   FailingOpenCl(FailingOpenCl&&) = delete;
   FailingOpenCl& operator=(FailingOpenCl&&) = delete;
 
-  /// Calls that were made since it began, among those that can fail: all that allocate, enqueue or wait, and
-  /// that set arguments.
+  /// Calls that were made since it began, among those that can fail: all but those that retain and release.
   [[nodiscard]] static long calls() noexcept;
+
+  /// The name of the function that failed last; empty if none ever did.
+  [[nodiscard]] static std::string_view last_failed() noexcept;
 };
+
+/// What this program's OpenCL calls have done since it started, in all threads.
+struct OpenClUse {
+  long blocking_calls = 0;     ///< Calls that waited for the device.
+  long memory_references = 0;  ///< To memory objects: one per creation and retain, less one per release.
+  long mapped_regions = 0;     ///< Mappings, less those that were ended.
+};
+[[nodiscard]] OpenClUse opencl_use() noexcept;
+
+/// Waits until the device has done all that the queue which was used last was given. It must still exist.
+void wait_for_last_queue();
+
+/// Whether the calling thread is inside an OpenCL call.
+[[nodiscard]] bool is_inside_opencl() noexcept;
 
 }  // namespace broadcl::test

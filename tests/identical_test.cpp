@@ -19,11 +19,17 @@
 
 #include <broadcl/bullet.hpp>
 
+#include "each_scenario.hpp"
 #include "environment.hpp"
+#include "runs.hpp"
 #include "scenes/world.hpp"
 
 namespace broadcl {
 namespace {
+
+// ctest has the tests of this file run with rusticl on (CMakeLists.txt).
+SUITE_NOT_IN(Identical, sanitizers, "needs Mesa, which leaks when it is loaded");
+SUITE_NOT_IN(IdenticalRun, sanitizers, "needs Mesa, which leaks when it is loaded");
 
 /// A pair that enters or leaves a pair cache.
 struct Change {
@@ -136,7 +142,7 @@ TEST_P(IdenticalRun, OnEveryDeviceInEveryShapeWithEveryAlgorithm) {
   EXPECT_GT(changes, 100U);
   for (const Device& device : devices()) {
     for (const std::string& shape : shapes_for(device)) {
-      const test::ScopedVariable variable("BROADCL_SHAPE", shape);
+      const test::ScopedVariable variable("BROADCL_TUNING", shape);
       for (const AlgorithmInfo& algorithm : algorithms()) {
         if (!algorithm.on_device) continue;
         SCOPED_TRACE(std::string(algorithm.name) + " in shape " + shape + " on " + device.label());
@@ -152,7 +158,6 @@ TEST_P(IdenticalRun, WhereverTheHeapPutsThings) {
   expect_same(run_on({}), expected);
 }
 
-// ctest has the tests of this file run where rusticl is on (CMakeLists.txt).
 TEST(Identical, DevicesAreOfTwoImplementationsWhereRusticlIsOn) {
   const char* rusticl = std::getenv("RUSTICL_ENABLE");  // NOLINT(concurrency-mt-unsafe)
   if (rusticl == nullptr) GTEST_SKIP() << "RUSTICL_ENABLE is not set";
@@ -161,24 +166,14 @@ TEST(Identical, DevicesAreOfTwoImplementationsWhereRusticlIsOn) {
   EXPECT_GE(platforms.size(), 2U);
 }
 
-std::vector<std::string> scenario_names() {
-  std::vector<std::string> names;
-  for (const scenes::ScenarioInfo& row : scenes::Scenario::list()) names.emplace_back(row.name);
-  return names;
-}
-
-const auto name_of = [](const auto& test) {
-  std::string name = std::get<0>(test.param);
-  std::erase(name, '-');
-  return name;
-};
+const auto name_of = [](const auto& test) { return test::without_hyphens(std::get<0>(test.param)); };
 
 INSTANTIATE_TEST_SUITE_P(Identical, IdenticalRun,
-                         testing::Combine(testing::ValuesIn(scenario_names()), testing::Values(200U),
+                         testing::Combine(testing::ValuesIn(test::scenario_names()), testing::Values(200U),
                                           testing::Values(64)),
                          name_of);
 INSTANTIATE_TEST_SUITE_P(Long, IdenticalRun,
-                         testing::Combine(testing::ValuesIn(scenario_names()), testing::Values(1000U),
+                         testing::Combine(testing::ValuesIn(test::scenario_names()), testing::Values(1000U),
                                           testing::Values(512)),
                          name_of);
 

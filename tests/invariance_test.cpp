@@ -12,7 +12,7 @@
 #include <gtest/gtest.h>
 
 #include "algorithms/algorithm.hpp"
-#include "algorithms/delta_engine.hpp"
+#include "algorithms/engine.hpp"
 #include "each_algorithm.hpp"
 #include "scenes/generators.hpp"
 #include "scenes/random.hpp"
@@ -187,8 +187,8 @@ struct Subject {
 void expect_the_same_changes(std::uint32_t n, std::uint32_t frames, std::uint64_t seed) {
   std::vector<Subject> subjects;
   const auto add = [&](const std::string& name, MakePairFinder make) {
-    subjects.push_back({name, make_delta_engine({}, make)});
-    subjects.back().algorithm->reserve(n);
+    subjects.push_back({name, make_device_algorithm({}, make)});
+    subjects.back().algorithm->reserve(n, false);
   };
   add("brute force", make_brute_force);
   add("sorts now and then", make_tiles);
@@ -224,6 +224,7 @@ void expect_the_same_changes(std::uint32_t n, std::uint32_t frames, std::uint64_
   for (const Subject& subject : subjects) EXPECT_TRUE(same(subject.name, subject.algorithm->pairs(), pairs));
 }
 
+NOT_IN(sanitizers, "takes long");
 TEST(Tiles, ThousandsOfFramesChangeWhatBruteForceChangesHoweverOftenBoxesAreSorted) {
   expect_the_same_changes(300, is_slow_device() ? 50 : 2000, 1);
 }

@@ -14,6 +14,7 @@ namespace {
 
 using ::testing::HasSubstr;
 
+ALSO_IN(oclgrind);
 TEST_P(EachAlgorithm, SmallMappedBoxesAreThoseOfTheObjects) {
   BroadPhase broad_phase(config());
   const std::span<Aabb> boxes = broad_phase.map(40);
@@ -28,6 +29,7 @@ TEST_P(EachAlgorithm, SmallMappedBoxesAreThoseOfTheObjects) {
   EXPECT_TRUE(same(broad_phase.update(), {}, {})) << "not mapped any more";
 }
 
+ALSO_IN(oclgrind);
 TEST_P(EachAlgorithm, SmallNewObjectsOfAMapAreEmpty) {
   BroadPhase broad_phase(config());
   for (const std::size_t n : {std::size_t{3}, std::size_t{50}, std::size_t{500}}) {
@@ -44,6 +46,7 @@ TEST_P(EachAlgorithm, SmallNewObjectsOfAMapAreEmpty) {
   EXPECT_EQ(broad_phase.update().removed.size(), 30U * 29 / 2 - 45);
 }
 
+ALSO_IN(oclgrind);
 TEST_P(EachAlgorithm, SmallMapGrowsAndShrinks) {
   Twins twins(config());
   for (const std::size_t n : {5U, 40U, 39U, 7U, 1U, 0U, 33U, 0U, 0U, 2U}) {
@@ -59,6 +62,7 @@ TEST_P(EachAlgorithm, SmallMapGrowsAndShrinks) {
   EXPECT_EQ(twins.tested().pairs().size(), 36U);  // of 10 boxes, less one
 }
 
+ALSO_IN(oclgrind);
 TEST_P(EachAlgorithm, SmallANaNInAMapIsNamedAndMended) {
   BroadPhase broad_phase(config());
   for (int k = 0; k < 3; ++k) broad_phase.add(unit);
@@ -84,6 +88,7 @@ TEST_P(EachAlgorithm, SmallANaNInAMapIsNamedAndMended) {
   EXPECT_TRUE(same("removed", delta.removed, Pairs{{0, 2}, {1, 2}}));
 }
 
+ALSO_IN(oclgrind);
 TEST_P(EachAlgorithm, SmallEmptyMappedBoxesComeAndGo) {
   Twins twins(config());
   for (const std::size_t step : {1U, 2U, 3U, 7U}) {
@@ -100,6 +105,7 @@ TEST_P(EachAlgorithm, SmallEmptyMappedBoxesComeAndGo) {
   EXPECT_EQ(twins.tested().pairs().size(), 15U);  // 0, 7, 14, 21, 28, and 1
 }
 
+ALSO_IN(oclgrind);
 TEST_P(EachAlgorithm, SmallMapMixesWithEverythingElse) {
   Twins twins(config());
   const auto write = [](std::span<Aabb> boxes) {

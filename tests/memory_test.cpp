@@ -11,7 +11,7 @@
 
 #include "each_algorithm.hpp"
 #include "opencl/context.hpp"
-#include "opencl/pinned_buffer.hpp"
+#include "opencl/mapped_buffer.hpp"
 #include "opencl/shared_buffer.hpp"
 #include "scenes/generators.hpp"
 
@@ -43,7 +43,7 @@ TEST(Memory, BuffersCountUntilNothingRefersToThem) {
   EXPECT_EQ(context.memory().device_peak, 1500U);
   EXPECT_EQ(context.memory().pinned, 0U);
   {
-    const opencl::PinnedBuffer pinned(context, 100);
+    const auto pinned = opencl::MappedBuffer::pinned(context, 100);
     EXPECT_EQ(context.memory().pinned, 100U);
     const opencl::SharedBuffer shared(context, 10);
     EXPECT_EQ(context.memory().device, 10U);

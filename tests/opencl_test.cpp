@@ -13,9 +13,12 @@
 #include "opencl/kernel_source.hpp"
 #include "opencl/profiler.hpp"
 #include "opencl/shared_buffer.hpp"
+#include "runs.hpp"
 
 namespace broadcl::opencl {
 namespace {
+
+SUITE_ALSO_IN(OnDevice, gpu_profile | rusticl);
 
 namespace fs = std::filesystem;
 using ::testing::HasSubstr;
@@ -158,13 +161,13 @@ class OnDevice : public ::testing::Test {
   static int run(const Context& context) {
     return translate_errors("test", [&] {
       SharedBuffer out(context, 64 * sizeof(int));
-      std::memset(out.host(), 0, out.bytes());
-      out.lend();
+      out.release();
       cl::Kernel kernel(context.program("fill.cl"), "fill");
       kernel.setArg(0, out.device());
       context.queue().enqueueNDRangeKernel(kernel, cl::NullRange, cl::NDRange(64));
-      out.download(out.bytes());
-      context.queue().finish();
+      cl::Event read;
+      out.download(out.bytes(), &read);
+      read.wait();
       int first = 0;
       std::memcpy(&first, out.host(), sizeof first);
       return first;
@@ -234,16 +237,18 @@ TEST_F(OnDevice, FailuresNameTheDeviceTheCallAndTheCode) {
   EXPECT_THAT(text, HasSubstr("CL_INVALID_BUFFER_SIZE (-61)"));
 }
 
-TEST_F(OnDevice, SharedBuffersKeepTheirContentThroughTheDevice) {
+TEST_F(OnDevice, SharedBuffersBringWhatTheDeviceWrote) {
   const Context context(select_device(), false);
   SharedBuffer buffer(context, 1000);
-  for (std::size_t k = 0; k < 1000; ++k) buffer.host()[k] = static_cast<std::byte>(k * 7);
-  buffer.upload(1000);
-  buffer.download(1000);
-  context.queue().finish();
-  for (std::size_t k = 0; k < 1000; ++k) ASSERT_EQ(buffer.host()[k], static_cast<std::byte>(k * 7));
-
-  SharedBuffer moved = std::move(buffer);
+  for (const std::uint8_t value : {std::uint8_t{7}, std::uint8_t{21}}) {
+    buffer.release();
+    context.queue().enqueueFillBuffer(buffer.device(), value, 0, 1000);
+    cl::Event read;
+    buffer.download(1000, &read);
+    read.wait();
+    for (std::size_t k = 0; k < 1000; ++k) ASSERT_EQ(buffer.host()[k], std::byte{value});
+  }
+  const SharedBuffer moved = std::move(buffer);
   EXPECT_EQ(moved.bytes(), 1000U);
   EXPECT_EQ(moved.host()[3], std::byte{21});
 }

@@ -4,6 +4,9 @@
 #include <array>
 #include <filesystem>
 #include <fstream>
+#include <functional>
+#include <memory>
+#include <utility>
 #include <vector>
 
 #include <gtest/gtest.h>
@@ -11,6 +14,7 @@
 #include <broadcl/aabb.hpp>
 
 #include "algorithms/device_objects.hpp"
+#include "algorithms/engine.hpp"
 #include "each_algorithm.hpp"
 #include "environment.hpp"
 #include "expect_error.hpp"
@@ -18,38 +22,46 @@
 namespace broadcl {
 namespace {
 
+SUITE_ALSO_IN(PairDelta, gpu_profile | rusticl);
+SUITE_ALSO_IN(Objects, gpu_profile | rusticl);
+
 using ::testing::HasSubstr;
+
+/// Finds what its kernel finds.
+class FoundBy final : public PairFinder {
+ public:
+  using Enqueue = std::function<void(const Search&, const PairDelta&)>;
+  explicit FoundBy(Enqueue enqueue) : enqueue_(std::move(enqueue)) {}
+
+  void find(const Search& search, const PairDelta& sink, opencl::Profiler& /*profiler*/) override {
+    enqueue_(search, sink);
+  }
+  [[nodiscard]] double expected_work(const Search& /*search*/, const PairDelta& /*sink*/) override {
+    return 0;
+  }
+
+ private:
+  Enqueue enqueue_;
+};
 
 /// The device's memory runs out in the middle of a frame: an error with the numbers, and the pairs of the
 /// last frame are known as before, so that the next, smaller frame has the right changes.
+NOT_IN(gpu_profile | sanitizers, "takes gigabytes");
 TEST(PairDelta, ExhaustedMemoryLeavesTheLastFrameKnown) {
-  static constexpr cl_uint n = 600;
+  constexpr cl_uint n = 600;
   Device device = select_device();
   device.max_allocation = 1 << 20;  // room for 131,072 pairs, not for 179,700
   const opencl::Context context(device, false);
   opencl::Profiler profiler(false);
-  PairDelta delta(context, profiler);
-  cl::Kernel kernel(context.program("brute_force.cl", "-DWIDTH=4 -DGROUP=1 -DMAX_ROWS=600"), "brute_force");
   DeviceObjects objects(context, profiler);
-  objects.reserve(n);
+  objects.reserve(n, false);
+  Engine engine(context, profiler, make_brute_force, Order::Target::host);
   const auto update = [&] {
-    const Search search = objects.upload({.slots = n, .all = true});
-    const auto find = [&, search] {
-      cl_uint k = 0;
-      for (const cl_uint number : {n, n, n}) kernel.setArg(k++, number);
-      kernel.setArg(k++, search.boxes);
-      kernel.setArg(k++, search.changed);
-      kernel.setArg(k++, cl_uint{0});
-      kernel.setArg(k++, search.filters);
-      delta.set_sink(kernel, k);
-      constexpr unsigned width = 4;
-      context.queue().enqueueNDRangeKernel(kernel, cl::NullRange, cl::NDRange(n / width, 1),
-                                           cl::NDRange(1, 1));
-    };
-    delta.begin({.search = search, .find = find});
-    const Delta changes = delta.finish();
+    engine.prepare();
+    engine.begin(objects.upload({.slots = n, .all = true}));
+    const PairDelta::Counts counts = engine.finish();
     objects.commit();
-    return changes;
+    return engine.changes().on_host(counts);
   };
   const auto place = [&](cl_uint together) {
     for (cl_uint k = 0; k < n; ++k) {
@@ -62,17 +74,33 @@ TEST(PairDelta, ExhaustedMemoryLeavesTheLastFrameKnown) {
   EXPECT_EQ(update().added.size(), 190U);
   place(n);
   EXPECT_THAT(test::error_of([&] { update(); }), HasSubstr("1048576"));
-  EXPECT_EQ(delta.pairs().size(), 190U);
+  EXPECT_EQ(engine.pairs().size(), 190U);
   place(19);
   const Delta changes = update();
   EXPECT_TRUE(changes.added.empty());
   EXPECT_EQ(changes.removed.size(), 19U);
-  EXPECT_EQ(delta.pairs().size(), 171U);
+  EXPECT_EQ(engine.pairs().size(), 171U);
 }
 
-/// A pair is counted with 64 bits, but its place has 32: no place is given twice, or tables and lists would
-/// overflow before the host can see that there are too many pairs.
-TEST(PairDelta, NoPlaceIsGivenTwiceHoweverManyPairsThereAre) {
+/// A list that would fit the device's largest allocation is not refused because there is no room for growth.
+TEST(PairDelta, AListMayBeAsLargeAsTheLargestAllocation) {
+  constexpr cl_uint n = 512;
+  Device device = select_device();
+  device.max_allocation = n * (n - 1) / 2 * sizeof(Pair);
+  const opencl::Context context(device, false);
+  opencl::Profiler profiler(false);
+  DeviceObjects objects(context, profiler);
+  objects.reserve(n, false);
+  std::ranges::fill(objects.boxes().first(n), test::unit);
+  Engine engine(context, profiler, make_brute_force, Order::Target::device);
+  engine.prepare();
+  engine.begin(objects.upload({.slots = n, .all = true}));
+  EXPECT_EQ(engine.finish().found, n * (n - 1) / 2);
+}
+
+/// A pair is counted with 64 bits, but its index has 32: no index is given twice, or lists would overflow
+/// before the host can see that there are too many pairs.
+TEST(PairDelta, NoIndexIsGivenTwiceHoweverManyPairsThereAre) {
   const test::ScopedFolder folder;
   std::filesystem::copy(BROADCL_KERNEL_FOLDER, folder.path());
   std::ofstream(folder.path() / "reserve.cl") << R"(
@@ -82,31 +110,38 @@ kernel void reserve(const uint times, global uint* below, PAIR_SINK_PARAMETERS) 
   for (uint k = 0; k < times; ++k) {
     const uint base = reserve_pairs(&sink, 1U << 30);
     if (base < capacity) ++*below;
-    for (uint i = 0; i < 3; ++i) put_pair(&sink, base, i, (uint2)(k, 100 + i));
+    for (uint i = 0; i < 3; ++i) append_pair(&sink, base, i, (uint2)(k, 100 + i));
   }
 }
 )";
   const test::ScopedVariable variable("BROADCL_KERNEL_DIR", folder.path().string());
   const opencl::Context context(select_device(), false);
   opencl::Profiler profiler(false);
-  PairDelta delta(context, profiler);
   DeviceObjects objects(context, profiler);
-  cl::Kernel kernel(context.program("reserve.cl"), "reserve");
   const cl::Buffer below(context.context(), CL_MEM_READ_WRITE, sizeof(cl_uint));
   context.queue().enqueueFillBuffer(below, cl_uint{0}, 0, sizeof(cl_uint));
-  const auto find = [&] {
-    kernel.setArg(0, cl_uint{40});
-    kernel.setArg(1, below);
-    delta.set_sink(kernel, 2);
-    context.queue().enqueueNDRangeKernel(kernel, cl::NullRange, cl::NDRange(1), cl::NDRange(1));
-  };
-  objects.reserve(200);
-  delta.begin({.search = objects.upload({.slots = 200, .all = true}), .find = find});
-  EXPECT_THAT(test::error_of([&] { (void)delta.finish(); }), HasSubstr("more than 2147483648 pairs"));
+  static const cl::Buffer* the_below = nullptr;
+  the_below = &below;
+  Engine engine(
+      context, profiler,
+      [](const opencl::Context& in) -> std::unique_ptr<PairFinder> {
+        return std::make_unique<FoundBy>([&in](const Search& search, const PairDelta& sink) {
+          cl::Kernel kernel(in.program("reserve.cl"), "reserve");
+          kernel.setArg(0, cl_uint{40});
+          kernel.setArg(1, *the_below);
+          sink.set_sink(kernel, 2, search);
+          in.queue().enqueueNDRangeKernel(kernel, cl::NullRange, cl::NDRange(1), cl::NDRange(1));
+        });
+      },
+      Order::Target::host);
+  objects.reserve(200, false);
+  engine.prepare();
+  engine.begin(objects.upload({.slots = 200, .all = true}));
+  EXPECT_THAT(test::error_of([&] { (void)engine.finish(); }), HasSubstr("more than 2147483648 pairs"));
   cl_uint count = 0;
   context.queue().enqueueReadBuffer(below, CL_TRUE, 0, sizeof(count), &count);
   EXPECT_EQ(count, 1U);
-  EXPECT_TRUE(delta.pairs().empty());
+  EXPECT_TRUE(engine.pairs().empty());
 }
 
 /// The device's copy of the objects: what changed crosses the bus, nothing else; and where memory grew, all
@@ -122,8 +157,8 @@ class Objects : public ::testing::Test {
   /// Boxes on the device after an update, before which it had others.
   std::vector<Aabb> update(const Changes& changes, const std::vector<Aabb>& before) {
     const Search search = objects_.upload(changes);
-    EXPECT_EQ(read<Aabb>(search.last_boxes, search.last_slots), before);
-    std::vector<Aabb> boxes = read<Aabb>(search.boxes, search.slots);
+    EXPECT_EQ(read<Aabb>(search.last.boxes, search.last.slots), before);
+    std::vector<Aabb> boxes = read<Aabb>(search.now.boxes, search.now.slots);
     objects_.commit();
     return boxes;
   }
@@ -135,7 +170,7 @@ class Objects : public ::testing::Test {
 
 TEST_F(Objects, OnlyWhatChangedCrossesTheBus) {
   constexpr std::uint32_t n = 100;
-  objects_.reserve(n);
+  objects_.reserve(n, false);
   std::vector<Aabb> expected(n);
   for (std::uint32_t k = 0; k < n; ++k) expected[k] = objects_.boxes()[k] = test::apart(k);
   EXPECT_EQ(update({.slots = n, .all = true}, {}), expected);
@@ -151,7 +186,7 @@ TEST_F(Objects, OnlyWhatChangedCrossesTheBus) {
 
 TEST_F(Objects, AnUpdateThatDoesNotSucceedLeavesTheLastOne) {
   constexpr std::uint32_t n = 10;
-  objects_.reserve(n);
+  objects_.reserve(n, false);
   for (std::uint32_t k = 0; k < n; ++k) objects_.boxes()[k] = test::apart(k);
   const std::vector<Aabb> before = update({.slots = n, .all = true}, {});
   for (std::uint32_t k = 0; k < n; ++k) objects_.boxes()[k] = test::unit;
@@ -164,14 +199,15 @@ TEST_F(Objects, BoxesThatStandStillComeAlongWhenMemoryGrows) {
   std::uint32_t n = 0;
   std::vector<Aabb> expected;
   for (const std::uint32_t next : {2U, 256U, 257U, 258U, 1000U, 1001U}) {
-    objects_.reserve(next);
+    objects_.reserve(next, false);
     const std::vector<Aabb> before = expected;
     std::vector<std::uint32_t> changed;
     for (; n < next; ++n) {
       expected.push_back(objects_.boxes()[n] = test::apart(n));
       changed.push_back(n);
     }
-    EXPECT_EQ(update({.slots = n, .changed = changed, .all = n == 2}, before), expected) << n;
+    const bool all = changed.size() > n / 4;
+    EXPECT_EQ(update({.slots = n, .changed = changed, .all = all}, before), expected) << n;
   }
 }
 
@@ -181,14 +217,14 @@ TEST_F(Objects, NewFiltersComeAlongAndThoseOfTheLastUpdateStay) {
   const auto expect_uploaded = [&](bool changed) {
     const Search search = objects_.upload(
         {.slots = filters.size(), .all = true, .filters = filters, .filters_changed = changed});
-    EXPECT_EQ(read<Filter>(search.filters, filters.size()), filters);
-    EXPECT_EQ(search.any_last_filters, !before.empty());
-    EXPECT_EQ(read<Filter>(search.last_filters, before.size()), before);
+    EXPECT_EQ(read<Filter>(search.now.filters, filters.size()), filters);
+    EXPECT_EQ(search.last.filters() != nullptr, !before.empty());
+    EXPECT_EQ(read<Filter>(search.last.filters, before.size()), before);
     objects_.commit();
     before = filters;
   };
   for (std::uint32_t n = 1; n < 600; n += 1 + n / 2) {
-    objects_.reserve(n);
+    objects_.reserve(n, true);
     while (filters.size() < n) filters.push_back({.body = static_cast<std::uint32_t>(filters.size())});
     expect_uploaded(n == 1);
   }

@@ -44,6 +44,46 @@ inline std::vector<std::string> lines_of(const std::string& text) {
   return lines;
 }
 
+/// A frame in a file that --csv has written: milliseconds, and pairs.
+struct CsvRow {
+  double update;
+  double broad_phase;
+  double total;
+  std::size_t pairs;
+};
+
+/// All frames of such a file, which must be as it should.
+inline std::vector<CsvRow> csv_rows(const fs::path& file) {
+  const std::vector<std::string> lines = lines_of(read_file(file));
+  std::vector<CsvRow> rows;
+  for (const std::string& line : lines) {
+    if (&line == &lines.front()) {
+      EXPECT_EQ(line, "frame,update_ms,broad_phase_ms,total_ms,pairs");
+      continue;
+    }
+    std::istringstream stream(line);
+    std::size_t frame = 0;
+    std::string commas(4, ' ');
+    CsvRow row{};
+    stream >> frame >> commas[0] >> row.update >> commas[1] >> row.broad_phase >> commas[2] >> row.total >>
+        commas[3] >> row.pairs;
+    EXPECT_TRUE(stream && stream.peek() == EOF) << line;
+    EXPECT_EQ(commas, ",,,,");
+    EXPECT_EQ(frame, rows.size());
+    EXPECT_GT(row.update, 0);
+    EXPECT_GT(row.broad_phase, 0);
+    rows.push_back(row);
+  }
+  return rows;
+}
+
+/// The number of pairs in each frame of such a file.
+inline std::vector<std::size_t> pairs_in(const fs::path& file) {
+  std::vector<std::size_t> pairs;
+  for (const CsvRow& row : csv_rows(file)) pairs.push_back(row.pairs);
+  return pairs;
+}
+
 /// A .npy array of float32 of shape (rows, columns).
 inline std::string npy(const std::vector<float>& values, std::size_t columns = 6) {
   const std::string header = "{'descr': '<f4', 'fortran_order': False, 'shape': (" +

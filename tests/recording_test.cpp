@@ -257,14 +257,14 @@ TEST_F(Recording, WhatIsWrongWithAFileIsTold) {
     std::string message;
   };
   const std::vector<Bad> bad_files = {
-      {"x.aabbs", "", "cut within its header"},
-      {"x.aabbs", good.substr(0, 303), "cut within its header"},
+      {"x.aabbs", "", "ends within its header"},
+      {"x.aabbs", good.substr(0, 303), "ends within its header"},
       {"x.aabbs", good.substr(0, 304),
-       "it is cut: 2 boxes, initially and in 2 frames, need 32 bytes each; it "
+       "it is truncated: 2 boxes, initially and in each of 2 frames, need 32 bytes per box; it "
        "has 0 bytes"},
       {"x.aabbs", good.substr(0, good.size() - 1), "it has 191 bytes"},
-      {"x.aabbs", good + "x", "bytes follow its boxes"},
-      {"x.aabbs", array, "cut within its header"},
+      {"x.aabbs", good + "x", "bytes after its boxes"},
+      {"x.aabbs", array, "ends within its header"},
       {"x.aabbs", array + std::string(304, 'x'), "two zeros in its header"},
       {"x.aabbs", aabbs_header(2, 2, 1, 0) + good.substr(304), "two zeros in its header"},
       {"x.aabbs", aabbs_header(2, 2, 0, 1) + good.substr(304), "two zeros in its header"},
@@ -272,14 +272,11 @@ TEST_F(Recording, WhatIsWrongWithAFileIsTold) {
       {"x.aabbs", aabbs_header(0xfffffffb, 2) + good.substr(304), "-5 boxes"},
       {"x.aabbs", aabbs_header(2, 0) + good.substr(304, 64), "0 frames"},
       {"x.aabbs", aabbs_header(2, 0x80000000) + good.substr(304), "-2147483648 frames"},
-      {"x.aabbs", aabbs_header(0x7fffffff, 0x7fffffff) + good.substr(304), "it is cut: 2147483647 boxes"},
-      {"x.aabbs", aabbs_header(0x40000000, 0x1fffffff) + good.substr(304), "it is cut"},  // 2^64 bytes in all
-      {"x.npy", "", "magic bytes"},
+      {"x.aabbs", aabbs_header(0x7fffffff, 0x7fffffff) + good.substr(304), "it is truncated: 2147483647 boxes"},
+      {"x.aabbs", aabbs_header(0x40000000, 0x1fffffff) + good.substr(304), "it is truncated"},  // 2^64 bytes in all
       {"x.npy", good, "magic bytes"},
-      {"x.npy", array.substr(0, 40), "cut within its header"},
-      {"x.npy", array.substr(0, array.size() - 1), "it is cut: 2 boxes, initially and in 2 frames, need 24"},
-      {"x.npy", array + "x", "bytes follow its boxes"},
-      {"x.npy", npy(dictionary("<i4", "(3, 2, 6)"), numbers), "dtype is '<i4'"},
+      {"x.npy", array.substr(0, array.size() - 1), "it is truncated: 2 boxes, initially and in each of 2 frames, need 24"},
+      {"x.npy", array + "x", "bytes after its boxes"},
       {"x.npy", npy(dictionary("<f4", "(3, 2, 6)", "True"), numbers), "Fortran order"},
       {"x.npy", array_of("(6, 6)"), "(frames, n, 6) is needed"},
       {"x.npy", array_of("(3, 6, 2)"), "(frames, n, 6) is needed"},
@@ -287,10 +284,9 @@ TEST_F(Recording, WhatIsWrongWithAFileIsTold) {
       {"x.npy", array_of("(1, 6, 6)"), "at least one frame"},
       {"x.npy", array_of("(0, 2, 6)"), "at least one frame"},
       {"x.npy", array_of("(3, 0, 6)"), "at least one box"},
-      {"x.npy", array_of("(3, -2, 6)"), "not a tuple"},
       {"x.npy", array_of("(3, 4294967296, 6)"), "too large"},
       {"x.npy", array_of("(18446744073709551615, 2, 6)"), "too large"},
-      {"x.npy", array_of("(2147483648, 2147483647, 6)"), "it is cut"},
+      {"x.npy", array_of("(2147483648, 2147483647, 6)"), "it is truncated"},
   };
   for (const Bad& bad : bad_files) {
     const std::string error = refusal_of(bad.name, bad.bytes);
@@ -305,7 +301,7 @@ TEST_F(Recording, WhatIsNoFileIsRefused) {
   fs::create_symlink("/dev/zero", path("zero.aabbs"));
   EXPECT_THAT(error_of([&] { (void)read("missing.npy"); }), testing::HasSubstr("cannot read"));
   EXPECT_THAT(error_of([&] { (void)read("folder.npy"); }), testing::HasSubstr("is a directory"));
-  EXPECT_THAT(error_of([&] { (void)read("zero.aabbs"); }), testing::HasSubstr("no regular file"));
+  EXPECT_THAT(error_of([&] { (void)read("zero.aabbs"); }), testing::HasSubstr("not a regular file"));
 }
 
 TEST_F(Recording, AFileThatIsCutMeanwhileIsRefused) {

@@ -14,7 +14,9 @@
 #include <string>
 #include <vector>
 
+#include "each_scenario.hpp"
 #include "expect_error.hpp"
+#include "runs.hpp"
 
 namespace broadcl::scenes {
 namespace {
@@ -42,19 +44,9 @@ bool have_same_start(const Scenario& s, const Scenario& t) {
                     });
 }
 
-std::vector<std::string> scenario_names() {
-  std::vector<std::string> names;
-  for (const ScenarioInfo& row : Scenario::list()) names.emplace_back(row.name);
-  return names;
-}
-
-std::string without_hyphens(std::string name) {
-  std::erase(name, '-');
-  return name;
-}
-
 class EachScenario : public testing::TestWithParam<std::string> {};
 
+NOT_IN(sanitizers, "takes long");
 TEST_P(EachScenario, StartsWithoutOverlapInsideTheContainer) {
   for (const std::uint32_t objects : {1U, 2U, 3U, 6U, 7U, 9U, 100U, 500U, 1250U, 2000U, 2750U, 3500U}) {
     for (const std::uint64_t seed : {1U, 2U, 3U, 4U, 5U}) {
@@ -78,6 +70,7 @@ TEST_P(EachScenario, StartsAnywhereInTheContainer) {
   EXPECT_THAT(count_by_octant, testing::Each(testing::AllOf(testing::Gt(350), testing::Lt(525))));
 }
 
+NOT_IN(sanitizers, "measures time");
 TEST_P(EachScenario, FindsPlaceForManyObjectsQuickly) {
   const auto start = std::chrono::steady_clock::now();
   const Scenario scenario({.name = GetParam(), .objects = 100'000});
@@ -123,11 +116,11 @@ TEST_P(EachScenario, PlacesSpheresAsCubes) {
                               Scenario({.name = GetParam(), .objects = 1250, .seed = 1, .spheres = true})));
 }
 
-INSTANTIATE_TEST_SUITE_P(Scenario, EachScenario, testing::ValuesIn(scenario_names()),
-                         [](const auto& test) { return without_hyphens(test.param); });
+INSTANTIATE_TEST_SUITE_P(Scenario, EachScenario, testing::ValuesIn(test::scenario_names()),
+                         [](const auto& test) { return test::without_hyphens(test.param); });
 
 TEST(Scenario, ListsTheFourOfThePaperAndOneMore) {
-  EXPECT_THAT(scenario_names(),
+  EXPECT_THAT(test::scenario_names(),
               testing::ElementsAre("free-fall", "agitated", "rolling-gravity", "mixed-sizes", "streaming"));
 }
 
@@ -271,7 +264,7 @@ TEST_P(EachRollingScenario, PullsTowardsAllSixFaces) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Scenario, EachRollingScenario, testing::Values("rolling-gravity", "mixed-sizes"),
-                         [](const auto& test) { return without_hyphens(test.param); });
+                         [](const auto& test) { return test::without_hyphens(test.param); });
 
 }  // namespace
 }  // namespace broadcl::scenes

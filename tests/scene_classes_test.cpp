@@ -171,6 +171,7 @@ std::vector<Aabb> draw(const SceneClass& scene, std::uint32_t n, std::uint64_t s
   return result;
 }
 
+NOT_IN(gpu_profile | sanitizers, "takes long, and rusticl has this tuning profile");
 TEST_P(EachAlgorithm, EveryClassOfScenesInMotionFollowsTheOracle) {
   for (const std::uint32_t n : {33U, 300U, 1100U}) {
     if (n > 1000 && is_slow()) continue;
@@ -181,20 +182,24 @@ TEST_P(EachAlgorithm, EveryClassOfScenesInMotionFollowsTheOracle) {
   }
 }
 
+NOT_IN(gpu_profile | sanitizers, "takes long, and rusticl has this tuning profile");
 TEST_P(EachAlgorithm, EveryKindOfSceneInMotionFollowsTheOracle) {
-  const std::uint32_t n = is_slow() ? 100 : 400;
-  const std::size_t count = scenes::box_scenes(n).size();
-  for (std::size_t k = 0; k < count; ++k) {
-    const auto scene = [&](std::uint64_t seed) { return scenes::box_scenes(n, seed)[k].boxes; };
-    EXPECT_TRUE(follow(config(), scene)) << scenes::box_scenes(n)[k].name;
+  for (const std::uint32_t n : {10U, is_slow() ? 100U : 400U}) {
+    for (std::size_t k = 0; k < scenes::box_scenes(n).size(); ++k) {
+      const auto scene = [&](std::uint64_t seed) { return scenes::box_scenes(n, seed)[k].boxes; };
+      EXPECT_TRUE(follow(config(), scene)) << scenes::box_scenes(n)[k].name << ", " << n;
+    }
   }
 }
 
+ALSO_IN(oclgrind);
+NOT_IN(sanitizers, "takes long");
 TEST_P(EachAlgorithm, SmallClassesOfScenesAgreeWithTheOracle) {
   for (const SceneClass& scene : classes()) expect_oracle(draw(scene, 40, 1), scene.name);
 }
 
 /// Sizes at which an order of space has several levels.
+NOT_IN(gpu_profile | rusticl | sanitizers, "takes long");
 TEST_P(EachAlgorithm, ThousandsOfBoxesOfEveryClassAgreeWithTheOracle) {
   const std::uint32_t n = is_slow() ? 1025 : 2049;
   for (const SceneClass& scene : classes()) expect_oracle(draw(scene, n, 1), scene.name);
@@ -207,6 +212,7 @@ struct RealBoxes {
   std::size_t boxes, pairs;
 };
 
+NOT_IN(gpu_profile | rusticl | sanitizers, "takes long, and boxes may be missing");
 TEST_P(EachAlgorithm, RealBoxesHaveThePairsThatWereCounted) {
   const char* folder = std::getenv("BROADCL_TEST_DATA");
   if (folder == nullptr) GTEST_SKIP() << "BROADCL_TEST_DATA does not name the folder of the real boxes";
@@ -214,7 +220,7 @@ TEST_P(EachAlgorithm, RealBoxesHaveThePairsThatWereCounted) {
   const std::string name(GetParam().name);
   std::size_t most = 30'000;
   if (name == "gpu-bf" || is_slow()) most = 20'000;
-  if (name == "brute-force" && !is_slow() && std::getenv("BROADCL_SHAPE") == nullptr) most = 100'000;
+  if (name == "brute-force" && !is_slow() && std::getenv("BROADCL_TUNING") == nullptr) most = 100'000;
   if (name == "tiles") most = 200'000;
   const std::string other = name == "tiles" ? "sweep-and-prune" : "tiles";
   for (const RealBoxes& real : {RealBoxes{"cloth-funnel-faces.npy", 18'484, 153'821},
@@ -272,6 +278,7 @@ TEST(Tiles, TheOrderIsRenewedSoonerWhereBoxesLeap) {
   EXPECT_GT(leaping, drifting);
 }
 
+NOT_IN(sanitizers, "takes long");
 TEST(Tiles, MoreThanAMillionBoxes) {
   if (is_slow_device()) GTEST_SKIP() << "takes minutes on this device";
   constexpr std::uint32_t edge = 102;

@@ -128,7 +128,7 @@ TEST(StudyPlan, LargeSaysWhatItLeavesOut) {
 
 TEST(StudyPlan, UnknownPresetIsAnErrorThatListsThem) {
   EXPECT_EQ(error_of([] { (void)find_study_preset("slow"); }),
-            "no preset is named 'slow'; there is: paper, quick, large");
+            "no preset is named 'slow'; the presets are: paper, quick, large");
 }
 
 TEST(StudyPlan, SlugsAreFitForFileNames) {

@@ -18,6 +18,7 @@
 #include "bullet_rig.hpp"
 #include "environment.hpp"
 #include "query_rig.hpp"
+#include "runs.hpp"
 
 namespace broadcl::test {
 namespace {
@@ -132,6 +133,7 @@ std::vector<std::vector<Pair>> walk(std::string_view algorithm, std::size_t stri
   return frames;
 }
 
+NOT_IN(sanitizers, "compiles everything anew, and ThreadSanitizer sees it");
 TEST(Threads, TwoBroadPhasesShareAFolderOfPrograms) {
   const std::array expected{walk("oracle", 1), walk("oracle", 2)};
   EXPECT_GT(expected[0].back().size(), 5U);

@@ -22,7 +22,9 @@
 #include <string>
 #include <vector>
 
+#include "each_scenario.hpp"
 #include "expect_error.hpp"
+#include "runs.hpp"
 #include "scenes/broadphases.hpp"
 #include "scenes/verify.hpp"
 
@@ -50,44 +52,10 @@ float farthest_out(const World& world) {
   return std::max(0.0F, farthest - world.scenario().container_edge() / 2);
 }
 
-std::unique_ptr<btBroadphaseInterface> broadphase_for(const std::string& name,
-                                                      const Scenario::Config& config) {
-  return make_broadphase({.name = name,
-                          .device = {},
-                          .objects = config.objects + World::walls,
-                          .world_edge = World::outer_edge(Scenario(config))});
-}
-
-std::vector<std::string> scenario_names() {
-  std::vector<std::string> names;
-  for (const ScenarioInfo& row : Scenario::list()) names.emplace_back(row.name);
-  return names;
-}
-
-std::string without_hyphens(std::string name) {
-  std::erase(name, '-');
-  return name;
-}
-
 class EachScenarioWorld : public testing::TestWithParam<std::string> {};
 
-TEST_P(EachScenarioWorld, MissesNoPairWithAnyBroadPhase) {
-  const Scenario::Config config{.name = GetParam(), .objects = 100};
-  for (const BroadphaseInfo& info : broadphases()) {
-    const auto broadphase = broadphase_for(info.name, config);
-    World world(config, *broadphase);
-    for (int frame = 0; frame < 100; ++frame) {
-      world.step();
-      const Difference difference = verify(world.bullet());
-      ASSERT_EQ(difference.missing, 0U) << info.name << ", frame " << frame;
-      if (info.exact) {
-        ASSERT_EQ(difference.extra, 0U) << info.name << ", frame " << frame;
-      }
-    }
-  }
-}
-
 // At 50 g objects sink into the walls; what is past the middle of a wall would be pushed out on the far side.
+NOT_IN(sanitizers, "takes long");
 TEST_P(EachScenarioWorld, LosesNoObject) {
   btDbvtBroadphase tree;
   World world({.name = GetParam(), .objects = 100}, tree);
@@ -98,19 +66,8 @@ TEST_P(EachScenarioWorld, LosesNoObject) {
   }
 }
 
-TEST_P(EachScenarioWorld, FollowsFromItsSeed) {
-  const auto positions_after = [](std::uint64_t seed) {
-    btDbvtBroadphase tree;
-    World world({.name = GetParam(), .objects = 200, .seed = seed}, tree);
-    for (int frame = 0; frame < 100; ++frame) world.step();
-    return positions(world);
-  };
-  EXPECT_EQ(positions_after(1), positions_after(1));
-  EXPECT_NE(positions_after(1), positions_after(2));
-}
-
-INSTANTIATE_TEST_SUITE_P(World, EachScenarioWorld, testing::ValuesIn(scenario_names()),
-                         [](const auto& test) { return without_hyphens(test.param); });
+INSTANTIATE_TEST_SUITE_P(World, EachScenarioWorld, testing::ValuesIn(test::scenario_names()),
+                         [](const auto& test) { return test::without_hyphens(test.param); });
 
 TEST(World, ComesToRestOnTheFloorInFreeFall) {
   btDbvtBroadphase tree;

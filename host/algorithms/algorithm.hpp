@@ -4,23 +4,31 @@
 #include <cstdint>
 #include <memory>
 #include <span>
+#include <string_view>
 #include <vector>
 
-#include <broadcl/broad_phase.hpp>
+#include <broadcl/aabb.hpp>
+#include <broadcl/config.hpp>
+#include <broadcl/device.hpp>
+#include <broadcl/filter.hpp>
+#include <broadcl/memory.hpp>
+#include <broadcl/pair.hpp>
+#include <broadcl/profile.hpp>
 
 namespace broadcl {
 
-/// What an update starts from. The spans are the caller's and stay as they are until the update is finished.
+/// What an update starts from. The spans are the caller's and stay as they are until the update is finished,
+/// but for the filters.
 struct Changes {
   std::size_t slots = 0;  ///< Slots 0 .. slots-1 are tested.
-  /// Slots whose box or filter changed since the last update, or whose object is another one; each once. With
-  /// `all`, every slot counts as changed, and only those whose object is another one must be here.
+  /// Slots whose box or filter changed since the last update, or whose object is another one; each once, and
+  /// at most a quarter of the slots. With `all`, every slot counts as changed, and this is not read.
   std::span<const std::uint32_t> changed{};
   bool all = false;
-  /// Of `changed`, those whose object is another one than at the last update: what was known of their pairs
-  /// ends. Ascending.
+  /// Slots whose object is another one than at the last update: what was known of their pairs ends.
+  /// Ascending.
   std::span<const std::uint32_t> renewed{};
-  /// A filter a slot; none where all objects have the default one. Read when the update begins.
+  /// A filter per slot; none if all objects have the default one. Read in begin() only.
   std::span<const Filter> filters{};
   bool filters_changed = false;  ///< Since the last update.
   bool worlds = false;           ///< Whether some object is in another world than 0.
@@ -39,23 +47,26 @@ class Algorithm {
   Algorithm(Algorithm&&) = delete;
   Algorithm& operator=(Algorithm&&) = delete;
 
-  /// Makes room for at least this many boxes and keeps those that are there. Not during an update.
-  virtual void reserve(std::size_t boxes) = 0;
+  /// Makes room for at least this many slots, and keeps the boxes that are there. Not during an update. May
+  /// block, so that begin() need not.
+  /// @param filters Whether updates will have filters.
+  /// @throws Error, std::bad_alloc; nothing has changed then.
+  virtual void reserve(std::size_t slots, bool filters) = 0;
 
   /// Where the boxes lie, in memory that is the caller's to write between updates; at least as many as were
   /// reserved. Valid until the next reserve().
   [[nodiscard]] virtual std::span<Aabb> boxes() noexcept = 0;
 
-  /// Starts an update; finish() must follow.
+  /// Starts an update without waiting for the device; finish() must follow.
   virtual void begin(const Changes& changes) = 0;
   /// Has the device start at once with what begin() gave it.
   virtual void flush() {}
-  /// Ends it. Where one of the two throws, the pairs of the last update are still known, and the next update
-  /// must be one of `all`.
+  /// Ends it. If one of the three throws, the pairs of the last update are still known, and the next update
+  /// must be one of `all`. What is returned stays as it is until the next finish(), whatever begins before.
   virtual Delta finish() = 0;
 
   /// All pairs as of the last update.
-  [[nodiscard]] virtual std::vector<Pair> pairs() const = 0;
+  [[nodiscard]] virtual std::vector<Pair> pairs() = 0;
   /// The device in use, null on the host.
   [[nodiscard]] virtual const Device* device() const noexcept = 0;
   /// What it holds on the device and for it; nothing on the host.
@@ -69,13 +80,14 @@ class Context;
 }
 
 /// Makes what finds pairs on a device; the context must outlive it.
+/// @throws cl::Error, Error
 using MakePairFinder = std::unique_ptr<PairFinder> (*)(const opencl::Context& context);
 
 /// A row of the table of algorithms, with what makes it: either all of it, or the part that finds pairs on
 /// the device.
 struct AlgorithmRow {
   AlgorithmInfo info;
-  std::unique_ptr<Algorithm> (*make)(const BroadPhase::Config& config) = nullptr;
+  std::unique_ptr<Algorithm> (*make)(const Config& config) = nullptr;
   MakePairFinder make_finder = nullptr;
 };
 
@@ -83,21 +95,21 @@ struct AlgorithmRow {
 [[nodiscard]] const AlgorithmRow& find_algorithm(std::string_view name);
 
 /// @throws Error as find_algorithm() and the algorithm's constructor do.
-[[nodiscard]] std::unique_ptr<Algorithm> make_algorithm(const BroadPhase::Config& config);
+[[nodiscard]] std::unique_ptr<Algorithm> make_algorithm(const Config& config);
 
 /// @throws Error as find_algorithm() does, and for an algorithm that is not one that finds pairs on the
 /// device.
 [[nodiscard]] MakePairFinder find_pair_finder(std::string_view name);
 
-// One line an algorithm, each defined in the file of its name.
+// One line per algorithm, each defined in the file of its name.
 [[nodiscard]] std::unique_ptr<PairFinder> make_auto(const opencl::Context& context);
 [[nodiscard]] std::unique_ptr<PairFinder> make_brute_force(const opencl::Context& context);
 [[nodiscard]] std::unique_ptr<PairFinder> make_tiles(const opencl::Context& context);
 /// @param stale Work that is reason enough to sort again, as a multiple of what there was when the order was
 ///   new: 0 sorts in every frame, infinity only where the number of slots changed.
 [[nodiscard]] std::unique_ptr<PairFinder> make_tiles(const opencl::Context& context, double stale);
-[[nodiscard]] std::unique_ptr<Algorithm> make_gpu_bf(const BroadPhase::Config& config);
-[[nodiscard]] std::unique_ptr<Algorithm> make_sweep_and_prune(const BroadPhase::Config& config);
-[[nodiscard]] std::unique_ptr<Algorithm> make_oracle(const BroadPhase::Config& config);
+[[nodiscard]] std::unique_ptr<Algorithm> make_gpu_bf(const Config& config);
+[[nodiscard]] std::unique_ptr<Algorithm> make_sweep_and_prune(const Config& config);
+[[nodiscard]] std::unique_ptr<Algorithm> make_oracle(const Config& config);
 
 }  // namespace broadcl

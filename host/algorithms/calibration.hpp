@@ -1,31 +1,28 @@
 #pragma once
 
 #include <array>
+#include <cstddef>
 
 #include "algorithms/algorithm.hpp"
-#include "algorithms/chooser.hpp"
 #include "opencl/context.hpp"
 
 namespace broadcl {
 
-/// What makes a finder of pairs, and what its searches are thought to cost.
-struct Contestant {
-  MakePairFinder make = nullptr;
-  CostModel model;
+/// What an update costs with a finder, in seconds.
+struct CostModel {
+  double frame = 0;  ///< Whatever there is to do.
+  double slot = 0;   ///< For each slot.
+  double work = 0;   ///< For each unit of PairFinder::expected_work().
+
+  [[nodiscard]] double seconds(std::size_t slots, double units) const noexcept {
+    return frame + slot * static_cast<double>(slots) + work * units;
+  }
 };
 
-/// What was measured of a contestant.
-struct Calibration {
-  CostModel model;
-  double grain = 1;  ///< That suits the device: one of PairFinder::grains, or what the environment asks for.
-};
-
-/// Brings models to what searches really cost on a device: a frame, a slot, and what else the model has in
-/// its proportion; and chooses the grain, but for one that the environment asks for. That is measured in some
-/// milliseconds, the first time that a device is met by this version of the kernels, and kept on disk from
-/// then on.
+/// The models of two finders on a device. They are measured in some milliseconds, the first time that a
+/// device is met by this version of the kernels, and stored on disk.
 /// @throws cl::Error, Error
-[[nodiscard]] std::array<Calibration, 2> calibrate(const opencl::Context& context,
-                                                   const std::array<Contestant, 2>& contestants);
+[[nodiscard]] std::array<CostModel, 2> calibrate(const opencl::Context& context,
+                                                 const std::array<MakePairFinder, 2>& finders);
 
 }  // namespace broadcl

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <array>
 #include <cstddef>
 #include <span>
 
@@ -8,45 +9,44 @@
 #include "algorithms/algorithm.hpp"
 #include "algorithms/search.hpp"
 #include "opencl/context.hpp"
-#include "opencl/pinned_buffer.hpp"
+#include "opencl/growing_buffer.hpp"
+#include "opencl/mapped_buffer.hpp"
 #include "opencl/profiler.hpp"
 
 namespace broadcl {
 
-/// The objects of an algorithm that runs on a device: the host writes boxes in place; the device gets what
-/// changed of them in each update, and keeps them as they were in the one before.
+/// The objects of a BroadPhase on a device: the host writes boxes in place; in each frame the device gets
+/// what changed of them, and keeps them as they were in the frame before.
 class DeviceObjects {
  public:
   /// @param context, profiler Must outlive this object.
+  /// @throws cl::Error, Error
   DeviceObjects(const opencl::Context& context, opencl::Profiler& profiler);
 
-  /// Makes room for at least this many slots and keeps the boxes that are there.
-  /// @throws Error
-  void reserve(std::size_t slots);
+  /// As Algorithm::reserve().
+  /// @throws cl::Error, Error; nothing has changed then.
+  void reserve(std::size_t slots, bool filters);
 
-  /// Where the host writes boxes, but not during an update.
+  /// Where the host writes boxes, but not between upload() and the end of the frame.
   [[nodiscard]] std::span<Aabb> boxes() const noexcept;
 
-  /// Enqueues an update of the device's boxes: of all, or of those that changed.
-  /// @throws cl::Error
+  /// Enqueues what brings the device's objects up to date.
+  /// @throws cl::Error, Error; the objects of the last frame are then as before.
   Search upload(const Changes& changes);
-  /// The update succeeded: what it searched is the last one's from now on.
-  void commit();
+  /// The frame succeeded: what it searched is the last one from now on.
+  void commit() noexcept;
 
  private:
-  /// Objects as of one update.
-  struct Generation {  // NOLINT(bugprone-exception-escape): handles do not throw when moved
-    cl::Buffer boxes;
-    cl_uint slots = 0;
-    bool all = true;     // came at once, not those alone that are in `changed`
-    cl::Buffer changed;  // slots
-    std::size_t changed_capacity = 0;
+  /// Objects as of one frame, and how they came there.
+  struct Frame {  // NOLINT(bugprone-exception-escape): handles do not throw when moved
+    Generation objects;
+    std::size_t filter_count = 0;
+    bool all = true;  // all boxes came, not only those in `changed`
+    opencl::GrowingBuffer changed;
     cl_uint changed_count = 0;
-    cl::Buffer filters;
-    std::size_t filter_capacity = 0;
-    std::size_t filter_count = 0;  // 0 where there were none
   };
 
+  void reserve_boxes(std::size_t slots);
   void upload_filters(const Changes& changes);
   void upload_boxes(const Changes& changes);
   void upload_changes(const Changes& changes);
@@ -54,14 +54,19 @@ class DeviceObjects {
   const opencl::Context& context_;
   opencl::Profiler& profiler_;
   cl::Kernel apply_, copy_;
-  opencl::PinnedBuffer boxes_;
-  Generation last_;                      // of the last update
-  Generation next_;                      // of the one that is begun
-  bool are_filters_new_ = false;         // in next_; else those of last_ are still right
-  opencl::PinnedBuffer staged_changes_;  // as kernels/changes.cl reads them
-  cl::Buffer changes_;
-  cl::Buffer stamps_;  // a word a slot
-  cl_uint stamp_ = 0;  // of the last update
+  std::size_t capacity_ = 0;  // slots
+  // Pinned memory, from which the device is brought up to date.
+  opencl::MappedBuffer boxes_;
+  opencl::MappedBuffer staged_changes_;  // as kernels/changes.cl reads them
+  opencl::MappedBuffer staged_filters_;
+  Frame last_;  // of the last frame
+  Frame next_;  // of the one that is begun
+  std::array<opencl::GrowingBuffer, 2> filters_;
+  std::size_t filter_turn_ = 0;    // which of the two is that of last_
+  bool are_filters_new_ = false;   // in next_; otherwise they are those of last_
+  opencl::GrowingBuffer changes_;  // staged_changes_ on the device
+  cl::Buffer stamps_;              // a word per slot
+  cl_uint stamp_ = 0;              // of the last frame
 };
 
 }  // namespace broadcl

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 
-#include "opencl/error.hpp"
 #include "opencl/launch.hpp"
 
 namespace broadcl {
@@ -16,11 +15,8 @@ constexpr std::size_t half = 3 * sizeof(cl_uint);  // of the result: minima, max
 }  // namespace
 
 Extent::Extent(const opencl::Context& context) : context_(context) {
-  const cl::Program program = context.program("extent.cl");
-  opencl::translate_errors(context.device().label(), [&] {
-    kernel_ = cl::Kernel(program, "extent");
-    result_ = context.buffer(2 * half);
-  });
+  kernel_ = cl::Kernel(context.program("extent.cl"), "extent");
+  result_ = context.buffer(2 * half);
 }
 
 void Extent::enqueue(const cl::Buffer& boxes, std::size_t n) {

@@ -13,8 +13,8 @@ class HostEngine final : public Algorithm {
  public:
   explicit HostEngine(FindOnHost find) : find_(std::move(find)) {}
 
-  void reserve(std::size_t boxes) override {
-    if (boxes > boxes_.size()) boxes_.resize(boxes, packed_empty());
+  void reserve(std::size_t slots, bool /*filters*/) override {
+    if (slots > boxes_.size()) boxes_.resize(std::max(slots, boxes_.size() * 3 / 2), packed_empty());
   }
 
   [[nodiscard]] std::span<Aabb> boxes() noexcept override { return boxes_; }
@@ -37,7 +37,7 @@ class HostEngine final : public Algorithm {
     return {added_, removed_};
   }
 
-  [[nodiscard]] std::vector<Pair> pairs() const override { return pairs_; }
+  [[nodiscard]] std::vector<Pair> pairs() override { return pairs_; }
   [[nodiscard]] const Device* device() const noexcept override { return nullptr; }
   [[nodiscard]] std::span<const Stage> profile() const noexcept override { return {}; }
 

@@ -20,7 +20,7 @@ std::vector<Pair> find_pairs(std::span<const Aabb> boxes, std::span<const Filter
 
 }  // namespace
 
-std::unique_ptr<Algorithm> make_oracle(const BroadPhase::Config& /*config*/) {
+std::unique_ptr<Algorithm> make_oracle(const Config& /*config*/) {
   return make_host_engine(find_pairs);
 }
 

@@ -2,142 +2,95 @@
 
 #include <array>
 #include <cstddef>
-#include <cstdint>
-#include <functional>
-#include <span>
-#include <vector>
 
 #include <broadcl/pair.hpp>
 
 #include "algorithms/search.hpp"
 #include "opencl/context.hpp"
+#include "opencl/growing_buffer.hpp"
 #include "opencl/profiler.hpp"
-#include "opencl/radix_sort.hpp"
-#include "opencl/scan.hpp"
-#include "opencl/shared_buffer.hpp"
 
 namespace broadcl {
 
-/// The list of all pairs, and what changes in it in each frame, on the device: kernels/delta.h,
-/// kernels/delta.cl.
+/// The list of all pairs on the device, in no particular order, and what a frame changes in it:
+/// kernels/delta.h, kernels/delta.cl. It grows as needed: no pair is dropped.
 ///
-/// Algorithms that find pairs share it. The list grows as needed: no pair is dropped.
+/// A frame is begin(), keep() and a PairFinder's find(), all enqueued; then commit(), or, if the pairs did
+/// not fit, all of it again with more room. Until commit() the pairs of the last frame are known.
 class PairDelta {
  public:
-  /// What a frame needs.
-  struct Frame {  // NOLINT(bugprone-exception-escape): handles do not throw when moved
-    Search search;
-    /// Enqueues what puts every new pair to the sink; called again with a larger sink where they did not fit.
-    std::function<void()> find;
-    bool stays_on_device = false;  ///< Whether finish_on_device() is to end the frame.
-  };
-
-  /// What changed, each list in canonical order, in buffers that stay as they are until the next frame.
-  struct OnDevice {  // NOLINT(bugprone-exception-escape): as above
-    cl::Buffer added;
-    std::size_t added_count = 0;
-    cl::Buffer removed;
-    std::size_t removed_count = 0;
+  /// What kernels count in a frame: kernels/delta.h.
+  struct Counts {
     std::size_t found = 0;  ///< Pairs of this frame.
+    std::size_t added = 0;
+    std::size_t removed = 0;
+    std::size_t work = 0;           ///< What the finder counts for itself.
+    bool is_unordered = false;      ///< Whether the changes are left to be sorted.
+    std::size_t invalid_boxes = 0;  ///< If boxes were gathered on the device.
+    std::size_t first_invalid = 0;
   };
 
   /// @param context, profiler Must outlive this object.
+  /// @throws cl::Error, Error
   PairDelta(const opencl::Context& context, opencl::Profiler& profiler);
 
-  /// Enqueues a frame.
-  /// @throws cl::Error, Error; the pairs of the last frame are then still known.
-  void begin(Frame frame);
-  /// Waits for it and brings its changes to the host. Waits once; again only where the list was too small or
-  /// more pairs changed than usual.
-  /// @throws cl::Error, Error; the pairs of the last frame are then still known.
-  Delta finish();
-  /// Waits for the counts and enqueues what leaves the changes on the device.
-  /// @throws cl::Error, Error; the pairs of the last frame are then still known.
-  OnDevice finish_on_device();
+  /// Starts a frame: all counts are 0, and there is room for so many pairs, at least as many as the last
+  /// frame had.
+  /// @throws cl::Error, Error
+  void begin(std::size_t pairs);
+  /// Enqueues what parts the pairs of the last frame into those that stay and those that are removed.
+  /// @throws cl::Error
+  void keep(const Search& search);
+  /// Sets a kernel's PAIR_SINK_PARAMETERS, from the given index on; returns the index after the last of them.
+  /// @throws cl::Error
+  cl_uint set_sink(cl::Kernel& kernel, cl_uint first, const Search& search) const;
+  /// Sets a kernel's CHANGES_PARAMETERS of kernels/order.cl likewise.
+  /// @throws cl::Error
+  cl_uint set_changes(cl::Kernel& kernel, cl_uint first) const;
 
-  /// Sets a kernel's PAIR_SINK_PARAMETERS, from the given index on. Between begin() and finish() only.
-  void set_sink(cl::Kernel& kernel, cl_uint first) const;
+  /// What the host read of the counts.
+  [[nodiscard]] Counts counts_of(const std::byte* counts) const;
+  [[nodiscard]] bool fits(const Counts& counts) const noexcept { return counts.found <= now_.capacity; }
+  /// The frame succeeded. Its counts must be read and the next one's be cleared (kernels/order.cl does both).
+  void commit(const Counts& counts) noexcept;
 
-  /// All pairs of the last frame.
-  [[nodiscard]] std::vector<Pair> pairs() const;
-  /// Enqueues what puts them into a new buffer, in canonical order.
-  [[nodiscard]] cl::Buffer sorted_pairs() const;
+  /// The counts of this frame and of the next.
+  [[nodiscard]] const cl::Buffer& counts() const noexcept { return counts_[turn_]; }
+  [[nodiscard]] const cl::Buffer& next_counts() const noexcept { return counts_[1 - turn_]; }
+  /// This frame's pairs, of which those that were added come last; and those that were removed.
+  [[nodiscard]] const cl::Buffer& list() const noexcept { return now_.pairs.get(); }
+  [[nodiscard]] const cl::Buffer& removed() const noexcept { return removed_.get(); }
+
+  /// The pairs of the last frame.
+  [[nodiscard]] const cl::Buffer& last_list() const noexcept { return last_.pairs.get(); }
   [[nodiscard]] std::size_t pair_count() const noexcept { return last_.found; }
-  /// What kernels counted as COUNT_WORK in the last frame.
+  /// What the finder counted as work in the last frame.
   [[nodiscard]] std::size_t work() const noexcept { return work_; }
-  /// Frames that have ended.
+  /// Frames that have succeeded.
   [[nodiscard]] std::size_t frames() const noexcept { return frames_; }
 
+  static constexpr std::size_t count_bytes = 8 * sizeof(cl_uint);  ///< Of all counts.
+
  private:
-  struct Counts {
-    std::size_t found = 0;
-    std::size_t added = 0;
-    std::size_t removed = 0;
-    std::size_t work = 0;
-    bool is_unordered = false;  // left to be sorted
-  };
   /// The pairs of a frame.
   struct List {  // NOLINT(bugprone-exception-escape): handles do not throw when moved
-    cl_uint capacity = 0;
-    cl_uint found = 0;
-    cl::Buffer pairs;
+    opencl::GrowingBuffer pairs;
+    std::size_t capacity = 0;
+    std::size_t found = 0;
   };
 
-  [[nodiscard]] List make_list(std::size_t capacity) const;
-  [[nodiscard]] cl::Buffer buffer(std::size_t bytes) const;
-  void reserve(std::size_t capacity);
-  void reserve_result(std::size_t changes);
-  [[nodiscard]] std::size_t bucket_count() const;
-  void reserve_buckets();
-  void reserve_scattered(std::size_t changes);
-  void enqueue();
-  void enqueue_keep();
-  /// Brings the counts and the first changes to the host.
-  void enqueue_read(std::size_t changes);
-  void wait();
-  /// Waits until all pairs fit, and returns how many there are.
-  Counts settle();
-  /// This frame becomes the last one.
-  void commit(const Counts& counts);
-  /// As they must be when a frame begins.
-  void clear_counts();
-  /// Puts the first n pairs of a buffer in canonical order.
-  void sort(const cl::Buffer& pairs, std::size_t n, const cl::Buffer& scratch) const;
-  void sort_lists(const cl::Buffer& added, const Counts& counts);
-  void copy_added(const Counts& counts, const cl::Buffer& to) const;
-  void sort_changes(const Counts& counts);
-  void enqueue_order_few();
-  void enqueue_order_many();
-  [[nodiscard]] const cl_uint* counts() const;
-  [[nodiscard]] std::span<Pair> changes(std::size_t total) const;
+  void reserve(std::size_t pairs);
 
   const opencl::Context& context_;
   opencl::Profiler& profiler_;
-  mutable opencl::RadixSort sort_;  // changes only what it sorts
-  mutable opencl::Scan scan_;
-  cl::Kernel keep_, order_few_, order_count_, order_scatter_, order_place_;
-  Frame frame_;
+  cl::Kernel keep_;
   List now_, last_;
-  List next_;                         // for the next frame, where this one needed more room than the last
-  std::array<cl::Buffer, 2> counts_;  // of this frame and of the next, in turn
+  opencl::GrowingBuffer removed_;  // as many as the last frame had pairs
+  std::array<cl::Buffer, 2> counts_;
   std::size_t turn_ = 0;
-  cl::Buffer removed_;           // as many as the last frame had pairs
-  cl::Buffer added_;             // in order, where they stay on the device
-  opencl::SharedBuffer result_;  // counts, added, removed
-  cl::Event read_;               // when it is the host's again
-  bool is_half_done_ = false;    // a frame began and did not end
-  std::size_t slots_ = 0;        // of the last frame
-  std::size_t expected_ = 0;     // changes read together with the counts
-  std::size_t room_ = 0;         // for changes in result_
-  bool many_ = false;            // changes are ordered by buckets
-  cl::Buffer buckets_;           // two a slot
-  std::size_t bucket_capacity_ = 0;
-  cl::Buffer scattered_;  // changes by bucket
-  std::size_t scattered_capacity_ = 0;
+  bool is_clean_ = false;  // both counts are 0
   std::size_t work_ = 0;
   std::size_t frames_ = 0;
-  std::size_t last_changes_ = 0;
-  std::size_t last_longest_ = 0;  // the longer of added and removed
 };
 
 }  // namespace broadcl

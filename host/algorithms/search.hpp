@@ -6,33 +6,30 @@
 
 namespace broadcl {
 
-/// Which slots changed in an update: a word a slot, as kernels/stamp.h has them.
-struct Stamps {  // NOLINT(bugprone-exception-escape): handles do not throw when moved
-  cl::Buffer words;
-  cl_uint stamp = 0;         ///< Of this update.
-  bool any_renewed = false;  ///< Whether the object of some slot is another one.
-};
-
-/// Objects on the device, to be searched for pairs.
-struct Search {  // NOLINT(bugprone-exception-escape): as above
+/// Objects on the device as of one frame.
+struct Generation {  // NOLINT(bugprone-exception-escape): handles do not throw when moved
   cl_uint slots = 0;
-  cl::Buffer boxes;  ///< Six floats a slot; readable, though not used, `Search::padding` slots past the last.
-  cl::Buffer filters;  ///< A uint4 a slot, padded alike; not read unless any_filters.
-  bool any_filters = false;
-  bool worlds = false;  ///< Whether objects are in different worlds.
-  bool all = true;      ///< Whether all slots changed; else those in `changed` did.
-  cl_uint changed_count = 0;
-  cl::Buffer changed;  ///< Slots, each once.
-  Stamps stamps;       ///< Which slots changed.
-
-  // As of the last update, which tells what was a pair then.
-  cl_uint last_slots = 0;
-  cl::Buffer last_boxes;
-  cl::Buffer last_filters;
-  bool any_last_filters = false;
-  bool same_filters = false;  ///< Whether no filter changed since.
+  cl::Buffer boxes{};    ///< Six floats per slot; readable, though not used, `padding` slots past the last.
+  cl::Buffer filters{};  ///< A uint4 per slot, padded alike; null if all objects have the default filter.
 
   static constexpr std::size_t padding = 16;
+};
+
+/// Objects on the device, to be searched for pairs. The pairs of the last frame follow from `last`.
+struct Search {  // NOLINT(bugprone-exception-escape): as above
+  Generation now;
+  Generation last{};
+  bool same_filters = false;  ///< Whether no filter changed since the last frame.
+  bool worlds = false;        ///< Whether objects are in different worlds.
+  bool all = true;            ///< Whether all slots count as changed; otherwise those in `changed` did.
+  cl_uint changed_count = 0;
+  cl::Buffer changed{};  ///< Slots, each once.
+  cl_uint stamp = 0;     ///< Of this frame.
+  /// A word per slot that tells whether it changed (unless `all`), and whether its object is another one than
+  /// in the last frame: kernels/stamp.h. Null if there is nothing to tell.
+  cl::Buffer stamps{};
+
+  [[nodiscard]] cl_uint changed_slots() const noexcept { return all ? now.slots : changed_count; }
 };
 
 }  // namespace broadcl

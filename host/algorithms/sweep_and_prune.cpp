@@ -70,7 +70,7 @@ class SweepAndPrune {
 
 }  // namespace
 
-std::unique_ptr<Algorithm> make_sweep_and_prune(const BroadPhase::Config& /*config*/) {
+std::unique_ptr<Algorithm> make_sweep_and_prune(const Config& /*config*/) {
   return make_host_engine(SweepAndPrune());
 }
 

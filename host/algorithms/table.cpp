@@ -2,16 +2,17 @@
 #include <array>
 #include <string>
 
+#include <broadcl/error.hpp>
+
 #include "algorithms/algorithm.hpp"
-#include "algorithms/delta_engine.hpp"
-#include "algorithms/pair_finder.hpp"
+#include "algorithms/engine.hpp"
 
 namespace broadcl {
 namespace {
 
 constexpr std::array rows{
     AlgorithmRow{{.name = "auto",
-                  .summary = "brute-force or tiles, whichever frames have shown to be faster",
+                  .summary = "brute-force or tiles, whichever is expected to be faster",
                   .on_device = true},
                  nullptr,
                  make_auto},
@@ -65,9 +66,9 @@ const AlgorithmRow& find_algorithm(std::string_view name) {
   throw Error("no algorithm is named '" + std::string(name) + "'; there is: " + names);
 }
 
-std::unique_ptr<Algorithm> make_algorithm(const BroadPhase::Config& config) {
+std::unique_ptr<Algorithm> make_algorithm(const Config& config) {
   const AlgorithmRow& row = find_algorithm(config.algorithm);
-  return row.make != nullptr ? row.make(config) : make_delta_engine(config, row.make_finder);
+  return row.make != nullptr ? row.make(config) : make_device_algorithm(config, row.make_finder);
 }
 
 MakePairFinder find_pair_finder(std::string_view name) {

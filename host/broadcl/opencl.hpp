@@ -8,12 +8,14 @@
 #include <cstddef>
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <span>
 #include <string>
 
 #include <broadcl/device.hpp>
 #include <broadcl/error.hpp>
 #include <broadcl/filter.hpp>
+#include <broadcl/memory.hpp>
 #include <broadcl/pair.hpp>
 #include <broadcl/profile.hpp>
 
@@ -22,9 +24,11 @@ namespace broadcl {
 /// A BroadPhase for callers who have their boxes on a device and go on working there. It works in the
 /// caller's context and queue; only counts come to the host.
 ///
-/// Object k is the box at place k, in every update the same object. Every update tests all of them.
+/// Object k is the box at index k, in every update the same object. Every update tests all of them.
 ///
-/// Not synchronised: one thread at a time may use an object. Can be moved, not copied.
+/// Not synchronised: one thread at a time may use an object, and nothing else may use its queue meanwhile.
+/// Different objects are independent of each other. Can be moved, not copied; one that was moved from may
+/// only be destroyed or assigned to.
 class DeviceBroadPhase {
  public:
   struct Config {
@@ -33,13 +37,14 @@ class DeviceBroadPhase {
   };
 
   /// Boxes of the caller, in a buffer of the queue's context. Only read, and only by commands that begin()
-  /// enqueues.
+  /// enqueues. Bounds may be infinite; an empty box (lower > upper), and one with a NaN bound, overlaps
+  /// nothing.
   struct Boxes {
     cl_mem buffer = nullptr;   ///< Floats: lower x, y, z, upper x, y, z of each box.
     std::size_t count = 0;     ///< Number of boxes.
     std::size_t offset = 0;    ///< Of the first box, in bytes, a multiple of 4.
     std::size_t stride = 24;   ///< From each box to the next, in bytes, a multiple of 4.
-    cl_mem filters = nullptr;  ///< A Filter for each box, or null: all pair.
+    cl_mem filters = nullptr;  ///< A Filter for each box, also of the queue's context; or null: all pair.
     bool worlds = false;       ///< Whether the filters have different worlds.
   };
 
@@ -54,15 +59,15 @@ class DeviceBroadPhase {
   struct Result {
     PairBuffer added;
     PairBuffer removed;
-    std::size_t pairs = 0;        ///< How many overlap now.
-    std::size_t bad_boxes = 0;    ///< Boxes with a NaN bound. They overlap nothing.
-    std::uint32_t first_bad = 0;  ///< The place of the first of these.
+    std::size_t pair_count = 0;                  ///< How many overlap now.
+    std::size_t invalid_boxes = 0;               ///< Boxes with a NaN bound. They overlap nothing.
+    std::optional<std::uint32_t> first_invalid;  ///< The index of the first of these.
   };
 
   /// Builds the kernels.
   /// @param queue In order. Retained; its context and device are those that are used.
-  /// @throws Error for an out-of-order queue, an unknown algorithm or one that works on the host, and for
-  /// whatever fails in OpenCL.
+  /// @throws Error for a null or an out-of-order queue, for one without profiling if Config::profile is set,
+  /// for an unknown algorithm or one that works on the host, and for whatever fails in OpenCL.
   explicit DeviceBroadPhase(cl_command_queue queue);
   DeviceBroadPhase(cl_command_queue queue, const Config& config);
   ~DeviceBroadPhase();
@@ -71,24 +76,28 @@ class DeviceBroadPhase {
 
   /// Finds every pair of overlapping boxes that their filters let pair. The same as begin() and finish();
   /// waits for the queue once, for the counts.
-  /// @throws Error when the device fails or memory is exhausted, and for a buffer that is too small; the
-  /// known pairs are then as before.
+  /// @throws Error when the device fails or its memory is exhausted, and for a buffer that is null, too small
+  /// or of another context; std::bad_alloc. The known pairs are then as before, and the next update works.
   Result update(const Boxes& boxes);
 
   /// Enqueues an update behind what is in the queue, has the device start, and returns at once.
-  /// @throws Error as update() does, and where one was begun already.
+  /// @throws as update() does, and Error if one was begun already.
   void begin(const Boxes& boxes);
 
   /// Waits for the update that was begun.
-  /// @throws Error as update() does, and where none was begun.
+  /// @throws as update() does, and Error if none was begun. The update that was begun is then over.
   Result finish();
 
-  /// Enqueues what puts all pairs as of the last update in order. Valid until the next call or update.
-  /// @throws Error as update() does, and between begin() and finish().
+  /// Enqueues what puts all pairs as of the last update in order. The buffer is valid until the next call.
+  /// @throws as update() does, and Error between begin() and finish().
   PairBuffer pairs();
 
   /// The device in use. Owned by this object.
   [[nodiscard]] const Device& device() const noexcept;
+
+  /// Memory of this object on the device and for it, without the caller's buffers. Buffers grow with boxes
+  /// and pairs, and never shrink.
+  [[nodiscard]] MemoryUse memory() const noexcept;
 
   /// The stages of the last update. Valid until the next.
   [[nodiscard]] std::span<const Stage> profile() const noexcept;

@@ -26,7 +26,7 @@ struct Blocks {
 [[nodiscard]] inline Blocks cut_into_blocks(const Context& context, std::size_t n, std::size_t tile,
                                             std::size_t longest) {
   const std::size_t enough = std::min<std::size_t>(
-      4096, std::size_t{context.device().compute_units} * (context.shape() == Shape::cpu ? 4 : 8));
+      4096, std::size_t{context.device().compute_units} * (context.tuning() == Tuning::cpu ? 4 : 8));
   const std::size_t tiles = (n + tile - 1) / tile;
   const std::size_t length = std::min((tiles + enough - 1) / enough * tile, longest);
   return {.count = static_cast<cl_uint>((n + length - 1) / length), .length = static_cast<cl_uint>(length)};

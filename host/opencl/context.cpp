@@ -1,9 +1,7 @@
 #include "opencl/context.hpp"
 
 #include <algorithm>
-#include <charconv>
 #include <optional>
-#include <system_error>
 #include <utility>
 #include <vector>
 
@@ -21,23 +19,12 @@ bool wants_few_work_items(const Device& device) {
   return device.type == DeviceType::cpu && device.name.find("llvmpipe") == std::string::npos;
 }
 
-Shape shape_of(const Device& device) {
-  const auto wanted = environment("BROADCL_SHAPE");
-  if (!wanted) return wants_few_work_items(device) ? Shape::cpu : Shape::gpu;
+Tuning tuning_of(const Device& device) {
+  const auto wanted = environment("BROADCL_TUNING");
+  if (!wanted) return wants_few_work_items(device) ? Tuning::cpu : Tuning::gpu;
   if (*wanted != "gpu" && *wanted != "cpu")
-    throw Error("BROADCL_SHAPE is '" + *wanted + "'; set it to gpu or cpu");
-  return *wanted == "cpu" ? Shape::cpu : Shape::gpu;
-}
-
-std::optional<double> grain_asked_for() {
-  const auto wanted = environment("BROADCL_GRAIN");
-  if (!wanted) return std::nullopt;
-  double grain = 0;
-  const char* const end = wanted->data() + wanted->size();
-  const auto parsed = std::from_chars(wanted->data(), end, grain);
-  if (parsed.ec != std::errc() || parsed.ptr != end || !(grain >= 0.01 && grain <= 100))
-    throw Error("BROADCL_GRAIN is '" + *wanted + "'; set it to a number from 0.01 to 100");
-  return grain;
+    throw Error("BROADCL_TUNING is '" + *wanted + "'; set it to gpu or cpu");
+  return *wanted == "cpu" ? Tuning::cpu : Tuning::gpu;
 }
 
 /// A key of this device and its driver alone.
@@ -64,18 +51,14 @@ std::optional<cl::Program> from_binary(const cl::Context& context, const cl::Dev
 }  // namespace
 
 Context::Context(Device device, bool profile)
-    : device_(std::move(device)),
-      shape_(shape_of(device_)),
-      grain_(grain_asked_for()),
-      cl_device_(open(device_)) {
+    : device_(std::move(device)), tuning_(tuning_of(device_)), cl_device_(open(device_)) {
   translate_errors(device_.label(), [&] {
     context_ = cl::Context(cl_device_);
     queue_ = cl::CommandQueue(context_, cl_device_, profile ? CL_QUEUE_PROFILING_ENABLE : 0);
   });
 }
 
-Context::Context(const cl::CommandQueue& queue)
-    : device_(describe(queue)), shape_(shape_of(device_)), grain_(grain_asked_for()) {
+Context::Context(const cl::CommandQueue& queue) : device_(describe(queue)), tuning_(tuning_of(device_)) {
   translate_errors(device_.label(), [&] {
     if ((queue.getInfo<CL_QUEUE_PROPERTIES>() & CL_QUEUE_OUT_OF_ORDER_EXEC_MODE_ENABLE) != 0) {
       throw Error(device_.label() + ": the queue is out of order; give one that is in order");
@@ -119,11 +102,11 @@ MemoryUse Context::memory() const noexcept {
   return {.device = memory_->device, .device_peak = memory_->device_peak, .pinned = memory_->pinned};
 }
 
-std::optional<DiskCache::Bytes> Context::kept(std::string_view key) const {
+std::optional<DiskCache::Bytes> Context::load(std::string_view key) const {
   return disk_cache_.load(key_of(device_, key));
 }
 
-void Context::keep(std::string_view key, const DiskCache::Bytes& bytes) const {
+void Context::store(std::string_view key, const DiskCache::Bytes& bytes) const {
   disk_cache_.store(key_of(device_, key), bytes);
 }
 
@@ -132,7 +115,7 @@ cl::Program Context::program(std::string_view file, const std::string& options) 
   const std::string all_options = "-cl-std=CL1.2 " + options;
   const std::string key = all_options + '\0' + source;
   return translate_errors(device_.label(), [&] {
-    if (const auto binary = kept(key)) {
+    if (const auto binary = load(key)) {
       if (auto program = from_binary(context_, cl_device_, *binary, all_options)) return *program;
     }
     cl::Program program(context_, source);
@@ -143,7 +126,7 @@ cl::Program Context::program(std::string_view file, const std::string& options) 
                   with_file_names(program.getBuildInfo<CL_PROGRAM_BUILD_LOG>(cl_device_), source));
     }
     const auto binaries = program.getInfo<CL_PROGRAM_BINARIES>();
-    if (binaries.size() == 1 && !binaries.front().empty()) keep(key, binaries.front());
+    if (binaries.size() == 1 && !binaries.front().empty()) store(key, binaries.front());
     return program;
   });
 }

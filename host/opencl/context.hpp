@@ -6,18 +6,21 @@
 #include <optional>
 #include <string>
 #include <string_view>
+#include <utility>
 
 #include <broadcl/device.hpp>
 #include <broadcl/memory.hpp>
 
 #include "opencl/api.hpp"
 #include "opencl/disk_cache.hpp"
+#include "opencl/error.hpp"
+#include "opencl/launch.hpp"
 
 namespace broadcl::opencl {
 
-/// What kernels are cut for: many small work-items that share local memory, or few that each do a long run of
-/// work.
-enum class Shape { gpu, cpu };
+/// What kernels are tuned for: many small work-items that share local memory, or few that each do a long run
+/// of work.
+enum class Tuning { gpu, cpu };
 
 /// A device that was opened: its context, one in-order queue, and programs built for it.
 class Context {
@@ -32,12 +35,9 @@ class Context {
   [[nodiscard]] const Device& device() const noexcept { return device_; }
   [[nodiscard]] const cl::Context& context() const noexcept { return context_; }
   [[nodiscard]] const cl::CommandQueue& queue() const noexcept { return queue_; }
-  /// What suits the device; the environment variable BROADCL_SHAPE ("gpu" or "cpu") overrides it, so that
-  /// each shape can be tested on any device.
-  [[nodiscard]] Shape shape() const noexcept { return shape_; }
-
-  /// The grain (PairFinder::set_grain()) that the environment variable BROADCL_GRAIN asks for, if any.
-  [[nodiscard]] std::optional<double> grain() const noexcept { return grain_; }
+  /// What suits the device; the environment variable BROADCL_TUNING ("gpu" or "cpu") overrides it, so that
+  /// each tuning profile can be tested on any device.
+  [[nodiscard]] Tuning tuning() const noexcept { return tuning_; }
 
   /// A buffer on the device, not initialised.
   /// @param bytes At least 1.
@@ -50,17 +50,32 @@ class Context {
   /// and kernel arguments included.
   [[nodiscard]] MemoryUse memory() const noexcept;
 
-  /// What was kept on disk for this device and driver under a key; none where nothing was.
-  [[nodiscard]] std::optional<DiskCache::Bytes> kept(std::string_view key) const;
-  /// Keeps that.
+  /// What is stored on disk for this device and driver under a key, if anything.
+  [[nodiscard]] std::optional<DiskCache::Bytes> load(std::string_view key) const;
+  /// Stores that.
   /// @throws Error as DiskCache::store() does.
-  void keep(std::string_view key, const DiskCache::Bytes& bytes) const;
+  void store(std::string_view key, const DiskCache::Bytes& bytes) const;
 
   /// Builds a kernel file, or takes its binary from the cache.
   /// @param file Name of a file of kernels/.
   /// @param options For the compiler, for instance "-DWIDTH=8".
   /// @throws Error with the compiler's log, which names file and line, where it does not compile.
   [[nodiscard]] cl::Program program(std::string_view file, const std::string& options = {}) const;
+
+  /// Runs a part of an update. If it fails, it waits until the queue has done what it was given, so that
+  /// nothing uses the memory of the update any more.
+  /// @throws Error in place of cl::Error, and whatever else the function does.
+  template <class Function>
+  decltype(auto) guard(Function&& function) const {
+    return translate_errors(device_.label(), [&]() -> decltype(auto) {
+      try {
+        return std::forward<Function>(function)();
+      } catch (...) {
+        wait_after_failure(queue_);
+        throw;
+      }
+    });
+  }
 
  private:
   /// Bytes of buffers. A driver may free one on a thread of its own, and after the context.
@@ -74,8 +89,7 @@ class Context {
                                    std::atomic<std::size_t> Memory::*place) const;
 
   Device device_;
-  Shape shape_;
-  std::optional<double> grain_;
+  Tuning tuning_;
   cl::Device cl_device_;
   cl::Context context_;
   cl::CommandQueue queue_;

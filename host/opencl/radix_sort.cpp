@@ -20,36 +20,36 @@ constexpr std::size_t longest_block = 8 * tile;
 /// Elements of a bucket, about, so that going through counters takes little besides.
 constexpr std::size_t bucket = 2048;
 
-/// How the kernels are cut.
-struct Cut {
-  std::size_t group;  ///< Work-items a work-group.
-  std::size_t small;  ///< Elements that are sorted in one launch a range of bits, at the most.
+/// Launch parameters.
+struct Launch {
+  std::size_t group;  ///< Work-items per work-group.
+  std::size_t small;  ///< Elements that are sorted in one launch per range of bits, at the most.
 };
 
-constexpr Cut gpu_cut{.group = 256, .small = tile};
+constexpr Launch gpu_launch{.group = 256, .small = tile};
 /// One work-item goes through all elements 16 times for a range of 64 bits: see cut_into_blocks.
-constexpr Cut cpu_cut{.group = 1, .small = 3584};
+constexpr Launch cpu_launch{.group = 1, .small = 3584};
 
-const Cut& cut_of(const Context& context) {
-  return context.shape() == Shape::cpu ? cpu_cut : gpu_cut;
+const Launch& launch_of(const Context& context) {
+  return context.tuning() == Tuning::cpu ? cpu_launch : gpu_launch;
 }
 
 }  // namespace
 
 RadixSort::RadixSort(const Context& context) : context_(context), scan_(context) {
   const cl::Program program = context.program(
-      "radix_sort.cl", "-DGROUP=" + std::to_string(cut_of(context).group) +
+      "radix_sort.cl", "-DGROUP=" + std::to_string(launch_of(context).group) +
                            " -DTILE=" + std::to_string(tile) + " -DDIGIT_BITS=" + std::to_string(digit_bits));
   count_ = cl::Kernel(program, "radix_sort_count");
   scatter_ = cl::Kernel(program, "radix_sort_scatter");
   small_ = cl::Kernel(program, "radix_sort_small");
-  if (context.shape() == Shape::cpu) buckets_ = cl::Kernel(program, "radix_sort_buckets");
+  if (context.tuning() == Tuning::cpu) buckets_ = cl::Kernel(program, "radix_sort_buckets");
 }
 
 void RadixSort::enqueue_small(const cl::Buffer& elements, const cl::Buffer& scratch, cl_uint n, Bits key) {
   set_arguments(small_, 0, n, cl_uint{key.first}, cl_uint{key.count}, elements, scratch);
-  context_.queue().enqueueNDRangeKernel(small_, cl::NullRange, cl::NDRange(cut_of(context_).group),
-                                        cl::NDRange(cut_of(context_).group));
+  context_.queue().enqueueNDRangeKernel(small_, cl::NullRange, cl::NDRange(launch_of(context_).group),
+                                        cl::NDRange(launch_of(context_).group));
 }
 
 void RadixSort::enqueue_pass(const cl::Buffer& source, const cl::Buffer& target, cl_uint n, Blocks blocks,
@@ -59,8 +59,8 @@ void RadixSort::enqueue_pass(const cl::Buffer& source, const cl::Buffer& target,
   }
   set_arguments(count_, 5, counts_);
   set_arguments(scatter_, 5, target, counts_);
-  const cl::NDRange group(cut_of(context_).group);
-  const cl::NDRange items(blocks.count * cut_of(context_).group);
+  const cl::NDRange group(launch_of(context_).group);
+  const cl::NDRange items(blocks.count * launch_of(context_).group);
   context_.queue().enqueueNDRangeKernel(count_, cl::NullRange, items, group);
   scan_.enqueue(counts_, std::size_t{blocks.count} << digit.count);
   context_.queue().enqueueNDRangeKernel(scatter_, cl::NullRange, items, group);
@@ -106,7 +106,7 @@ void RadixSort::enqueue(const cl::Buffer& elements, const cl::Buffer& scratch, s
                         std::span<const Bits> keys) {
   if (n < 2) return;
   const auto count = static_cast<cl_uint>(n);
-  if (n <= cut_of(context_).small) {
+  if (n <= launch_of(context_).small) {
     for (const Bits& key : keys) {
       if (key.count > 0) enqueue_small(elements, scratch, count, key);
     }
@@ -117,7 +117,7 @@ void RadixSort::enqueue(const cl::Buffer& elements, const cl::Buffer& scratch, s
     counts_ = context_.buffer((std::size_t{blocks.count} << digit_bits) * sizeof(cl_uint));
     most_blocks_ = blocks.count;
   }
-  if (context_.shape() == Shape::cpu) {
+  if (context_.tuning() == Tuning::cpu) {
     enqueue_buckets(elements, scratch, count, blocks, keys);
   } else {
     enqueue_digits(elements, scratch, count, blocks, keys);

@@ -8,27 +8,28 @@
 namespace broadcl::opencl {
 namespace {
 
-/// How the kernels are cut.
-struct Cut {
-  std::size_t group;  ///< Work-items a work-group.
+/// Launch parameters.
+struct Launch {
+  std::size_t group;  ///< Work-items per work-group.
   std::size_t tile;   ///< Values of a block, at the least, and a multiple of 4 * group.
 };
 
-constexpr Cut gpu_cut{.group = 256, .tile = 4096};
-constexpr Cut cpu_cut{.group = 1, .tile = 16384};
+constexpr Launch gpu_launch{.group = 256, .tile = 4096};
+constexpr Launch cpu_launch{.group = 1, .tile = 16384};
 
 /// Values of a block, at the most: a work-item takes up to four in an iteration.
 constexpr std::size_t longest_block = std::size_t{1} << 17;
 constexpr std::size_t most_blocks = (std::size_t{1} << 31) / longest_block;
 
-const Cut& cut_of(const Context& context) {
-  return context.shape() == Shape::cpu ? cpu_cut : gpu_cut;
+const Launch& launch_of(const Context& context) {
+  return context.tuning() == Tuning::cpu ? cpu_launch : gpu_launch;
 }
 
 }  // namespace
 
 Scan::Scan(const Context& context) : context_(context) {
-  const cl::Program program = context.program("scan.cl", "-DGROUP=" + std::to_string(cut_of(context).group));
+  const cl::Program program =
+      context.program("scan.cl", "-DGROUP=" + std::to_string(launch_of(context).group));
   sums_ = cl::Kernel(program, "scan_sums");
   blocks_ = cl::Kernel(program, "scan_blocks");
   block_sums_ = context.buffer(most_blocks * sizeof(cl_uint));
@@ -36,8 +37,8 @@ Scan::Scan(const Context& context) : context_(context) {
 
 void Scan::enqueue(const cl::Buffer& values, std::size_t n) {
   if (n == 0) return;
-  const std::size_t group = cut_of(context_).group;
-  const Blocks blocks = cut_into_blocks(context_, n, cut_of(context_).tile, longest_block);
+  const std::size_t group = launch_of(context_).group;
+  const Blocks blocks = cut_into_blocks(context_, n, launch_of(context_).tile, longest_block);
   const auto enqueue_blocks = [&](const cl::Buffer& list, Blocks cut, std::size_t size) {
     set_arguments(blocks_, 0, static_cast<cl_uint>(size), cut.length, list, block_sums_);
     context_.queue().enqueueNDRangeKernel(blocks_, cl::NullRange, cl::NDRange(cut.count * group),

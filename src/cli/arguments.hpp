@@ -17,7 +17,7 @@ namespace broadcl::cli {
 inline constexpr std::uint32_t most_objects = 1'000'000;
 inline constexpr std::uint32_t most_frames = 10'000'000;
 
-/// The whole decimal number between two bounds, which are allowed, that an option was given.
+/// Parses the value of an option: a whole decimal number from `lowest` to `highest`, inclusive.
 template <std::unsigned_integral Number>
 [[nodiscard]] Number parse_number(const std::string& name, const std::string& text, Number lowest,
                                   Number highest) {
@@ -31,7 +31,7 @@ template <std::unsigned_integral Number>
   return value;
 }
 
-/// Adds an option for a whole decimal number between two bounds, which are allowed.
+/// Adds an option whose value is a whole decimal number from `lowest` to `highest`, inclusive.
 template <std::unsigned_integral Number>
 void add_number(CLI::App& verb, const std::string& name, Number& value, Number lowest, Number highest,
                 const std::string& description) {
@@ -43,7 +43,7 @@ void add_number(CLI::App& verb, const std::string& name, Number& value, Number l
       ->default_str(std::to_string(value));
 }
 
-/// Adds an option for a name of a table. Names are one line, so that errors which quote them are.
+/// Adds an option whose value is a name from a table. The name is made one line, so that errors can quote it.
 inline CLI::Option* add_name(CLI::App& verb, const std::string& name, std::string& value,
                              const std::string& description) {
   return verb.add_option(name, value, description)
@@ -54,12 +54,12 @@ inline CLI::Option* add_name(CLI::App& verb, const std::string& name, std::strin
 
 inline void add_device(CLI::App& verb, std::string& device) {
   add_name(verb, "--device", device,
-           "P:D as 'broadcl devices' lists them, gpu, cpu, accelerator, or a part of a name; "
-           "else BROADCL_DEVICE, else the best GPU, else a CPU")
+           "P:D as listed by 'broadcl devices', gpu, cpu, accelerator, or part of a name; "
+           "default: BROADCL_DEVICE, or the best GPU, or a CPU")
       ->type_name("DEVICE");
 }
 
-/// A line of a table: a name and what there is to say of it.
+/// A line of a table: a name and its description.
 [[nodiscard]] inline std::string named_row(std::string_view name, std::string_view summary) {
   constexpr std::size_t width = 18;
   std::string row = "  " + std::string(name);
@@ -67,7 +67,7 @@ inline void add_device(CLI::App& verb, std::string& device) {
   return row + std::string(summary) + "\n";
 }
 
-/// The table of broad phases, as --broadphase takes them.
+/// The table of broad phases, with the names that --broadphase takes.
 [[nodiscard]] inline std::string broadphase_rows() {
   std::string text = "Broad phases:\n";
   for (const scenes::BroadphaseInfo& info : scenes::broadphases()) text += named_row(info.name, info.summary);

@@ -20,14 +20,14 @@ namespace {
 
 using scenes::BoxScene;
 
-/// Inverted, so that it overlaps nothing: stands where an id is free.
+/// Inverted, so that it overlaps nothing; stands for a free id.
 constexpr Aabb nowhere = {{1, 1, 1}, {-1, -1, -1}};
 
 std::vector<Pair> oracle(const std::vector<Aabb>& boxes) {
   return overlapping_pairs(boxes, {.algorithm = "oracle"});
 }
 
-/// What is wrong with a list of pairs; none where it is as expected.
+/// What is wrong with a list of pairs; none if it is as expected.
 std::optional<std::string> difference(const std::vector<Pair>& pairs, const std::vector<Pair>& expected) {
   if (pairs == expected) return std::nullopt;
   if (!std::is_sorted(pairs.begin(), pairs.end())) return "pairs out of order";
@@ -42,7 +42,7 @@ std::optional<std::string> difference(const std::vector<Pair>& pairs, const std:
          " extra, the first (" + std::to_string(first.a) + ", " + std::to_string(first.b) + ")";
 }
 
-/// Applies a delta to a sorted list of pairs. False where it removes what is not there or adds what is.
+/// Applies a delta to a sorted list of pairs. False if it removes a missing pair or adds one that is there.
 bool apply_delta(const Delta& delta, std::vector<Pair>& pairs) {
   if (!std::includes(pairs.begin(), pairs.end(), delta.removed.begin(), delta.removed.end())) return false;
   std::vector<Pair> kept;
@@ -62,7 +62,7 @@ std::vector<BoxScene> still_scenes() {
   return scenes;
 }
 
-/// One scene after the other on one broad phase: to open a device anew for each would take minutes on some.
+/// Runs all scenes on one broad phase: opening the device for each scene would take minutes on some devices.
 std::optional<std::string> check_still(const std::vector<BoxScene>& scenes,
                                        const BroadPhase::Config& config) {
   BroadPhase broad_phase(config);
@@ -76,7 +76,7 @@ std::optional<std::string> check_still(const std::vector<BoxScene>& scenes,
   return std::nullopt;
 }
 
-/// Moving boxes of which some leave and some come back in each frame.
+/// Moving boxes, some of which leave and some of which come back in each frame.
 std::optional<std::string> check_moving(unsigned frames, const BroadPhase::Config& config) {
   constexpr std::uint32_t count = 500;
   constexpr std::uint32_t stride = 7;
@@ -96,10 +96,10 @@ std::optional<std::string> check_moving(unsigned frames, const BroadPhase::Confi
       if (!ids[i] && i % stride != frame % stride) ids[i] = broad_phase.add(box);
       if (ids[i]) boxes.at(*ids[i]) = box;
     }
-    const std::string where = "frame " + std::to_string(frame) + " of moving boxes: ";
+    const std::string place = "frame " + std::to_string(frame) + " of moving boxes: ";
     const bool applied = apply_delta(broad_phase.update(), followed);
-    if (const auto wrong = difference(broad_phase.pairs(), oracle(boxes))) return where + *wrong;
-    if (!applied || followed != broad_phase.pairs()) return where + "the changes do not lead to its pairs";
+    if (const auto wrong = difference(broad_phase.pairs(), oracle(boxes))) return place + *wrong;
+    if (!applied || followed != broad_phase.pairs()) return place + "the changes do not lead to its pairs";
     scene.advance();
   }
   return std::nullopt;

@@ -16,7 +16,7 @@ namespace {
 
 using Row = std::array<std::string, 8>;
 
-constexpr std::size_t first_number = 4;  // columns of numbers are aligned to the right
+constexpr std::size_t first_number = 4;  // from this column on: numbers, aligned to the right
 
 Row to_row(const Device& device, bool is_default) {
   return {is_default ? "*" : "",
@@ -59,7 +59,7 @@ Exit run(bool json) {
       {"", "id", "type", "platform / device", "memory", "largest buffer", "units", "driver"}};
   for (const Device& device : found) rows.push_back(to_row(device, device.id() == default_id));
   print(rows);
-  std::cout << "* is taken where none is asked for.\n";
+  std::cout << "* is the default.\n";
   return Exit::success;
 }
 

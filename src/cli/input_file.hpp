@@ -11,8 +11,8 @@
 
 namespace broadcl::cli {
 
-/// Opens a file to be read.
-/// @throws Error that names the file where it cannot be read.
+/// Opens a file for reading.
+/// @throws Error, naming the file, if it cannot be read.
 [[nodiscard]] inline std::ifstream open_input(const std::filesystem::path& file) {
   std::error_code ignored;
   if (std::filesystem::is_directory(file, ignored)) {

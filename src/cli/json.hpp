@@ -20,7 +20,8 @@ namespace broadcl::cli {
           {"host_unified", device.host_unified}};
 }
 
-/// The text of a document. JSON is UTF-8, names of devices need not be: what is not UTF-8 is replaced.
+/// The text of a document. Device names may contain bytes that are not UTF-8, as JSON must be; these are
+/// replaced.
 [[nodiscard]] inline std::string text_of(const nlohmann::ordered_json& document) {
   return document.dump(2, ' ', false, nlohmann::ordered_json::error_handler_t::replace) + "\n";
 }

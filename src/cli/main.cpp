@@ -13,7 +13,7 @@
 namespace broadcl::cli {
 namespace {
 
-/// What to ask for help: the verb where it is known.
+/// The command that shows help: that of the verb, if one was given.
 std::string help_hint(const CLI::App& program) {
   const auto verbs = program.get_subcommands();
   const std::string verb = verbs.empty() ? "" : verbs.front()->get_name() + " ";
@@ -39,7 +39,7 @@ Exit run(int argc, const char* const* argv) {
   for (const Verb& verb : verbs) {
     if (verb.arguments->parsed()) return verb.run();
   }
-  throw Error("a verb is missing: devices, simulate, replay, study, pairs or check; see 'broadcl --help'");
+  throw Error("give a verb: devices, simulate, replay, study, pairs or check; see 'broadcl --help'");
 }
 
 Exit report(const char* error) noexcept {

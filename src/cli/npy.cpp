@@ -44,7 +44,7 @@ class HeaderParser {
       } else if (key == "shape" && !shape) {
         shape = tuple();
       } else {
-        fail("the key '" + key + "' is unknown or there twice");
+        fail("the key '" + key + "' is unknown or repeated");
       }
       if (!accept(',')) {
         expect('}');
@@ -52,7 +52,7 @@ class HeaderParser {
       }
     }
     skip_spaces();
-    if (!rest_.empty()) fail("something follows the dictionary");
+    if (!rest_.empty()) fail("there is text after the dictionary");
     if (!dtype || !fortran_order || !shape) fail("'descr', 'fortran_order' or 'shape' is missing");
     return {.bounds = bound_type(*dtype), .fortran_order = *fortran_order, .shape = *shape};
   }
@@ -81,14 +81,14 @@ class HeaderParser {
     const char quote = rest_.empty() ? '\0' : rest_.front();
     if (quote != '\'' && quote != '"') fail("a string is missing");
     const std::size_t end = rest_.find(quote, 1);
-    if (end == std::string_view::npos) fail("a string does not end");
+    if (end == std::string_view::npos) fail("a string has no closing quote");
     std::string text(rest_.substr(1, end - 1));
     rest_.remove_prefix(end + 1);
     return text;
   }
 
   std::string dtype_string() {
-    if (accept('[')) throw Error("its dtype is that of records; float32 or float64 is needed");
+    if (accept('[')) throw Error("its dtype is a record; float32 or float64 is needed");
     return string();
   }
 
@@ -131,9 +131,9 @@ class HeaderParser {
   std::string_view rest_;
 };
 
-/// Reads up to `size` bytes; fewer where the stream ends before.
+/// Reads up to `size` bytes; fewer if the stream ends early.
 std::string read_bytes(std::istream& stream, std::size_t size) {
-  constexpr std::size_t chunk = 1'048'576;  // what a header claims is not allocated before it is there
+  constexpr std::size_t chunk = 1'048'576;  // memory grows with the data, whatever the header claims
   std::string bytes;
   while (bytes.size() < size) {
     const std::size_t old_size = bytes.size();
@@ -193,13 +193,13 @@ NpyHeader read_npy_header(std::istream& stream) {
   }
   const std::size_t length_size = version.starts_with('\1') ? 2 : 4;
   std::string length_bytes = read_bytes(stream, length_size);
-  if (version.size() < 2 || length_bytes.size() < length_size) throw Error("it is cut within its header");
+  if (version.size() < 2 || length_bytes.size() < length_size) throw Error("it ends within its header");
   length_bytes.resize(4);
   const auto length = load<std::uint32_t>(length_bytes.data(), false);
   if (length > longest_header)
     throw Error("its header is malformed: it claims " + std::to_string(length) + " bytes");
   const std::string text = read_bytes(stream, length);
-  if (text.size() < length) throw Error("it is cut within its header");
+  if (text.size() < length) throw Error("it ends within its header");
   return HeaderParser(text).parse();
 }
 
@@ -238,12 +238,12 @@ std::vector<Aabb> read_boxes(std::istream& stream) {
   const std::size_t size = rows * columns * header.bounds.size();
   const std::string data = read_bytes(stream, size);
   if (data.size() < size) {
-    throw Error("it is cut: its shape " + header.shape_text() + " needs " + std::to_string(size) +
-                " bytes of data, it has " + std::to_string(data.size()));
+    throw Error("it is truncated: its shape " + header.shape_text() + " needs " + std::to_string(size) +
+                " bytes of data, but it has " + std::to_string(data.size()));
   }
   if (stream.peek() != std::istream::traits_type::eof()) {
-    throw Error("bytes follow the " + std::to_string(size) + " that its shape " + header.shape_text() +
-                " needs");
+    throw Error("it has more than the " + std::to_string(size) + " bytes of data that its shape " +
+                header.shape_text() + " needs");
   }
 
   const std::size_t number = header.bounds.size();

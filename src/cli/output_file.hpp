@@ -9,12 +9,12 @@
 
 namespace broadcl::cli {
 
-/// A file that appears whole or not at all: it is written beside its target and takes the target's name at
-/// commit(). A target that is no regular file, a pipe for instance, is written in place.
+/// A file that appears whole or not at all: it is written next to its target and renamed to it by commit().
+/// A target that is not a regular file, such as a pipe, is written in place.
 class OutputFile {
  public:
-  /// Finds out whether the target can be written, so that this is known before the work starts.
-  /// @throws Error where it cannot.
+  /// Checks that the target can be written, so that this is known before the work starts.
+  /// @throws Error if it cannot.
   explicit OutputFile(const std::filesystem::path& target);
   ~OutputFile();
   OutputFile(const OutputFile&) = delete;
@@ -22,10 +22,10 @@ class OutputFile {
   OutputFile(OutputFile&&) = delete;
   OutputFile& operator=(OutputFile&&) = delete;
 
-  /// @throws Error where the disk is full and the like.
+  /// @throws Error if writing fails, for example because the disk is full.
   void write(std::string_view bytes);
 
-  /// Puts the file in its place. Where it is not called, the target stays as it was.
+  /// Moves the file into place. If it is never called, the target stays as it was.
   /// @throws Error as write() does.
   void commit();
 
@@ -41,19 +41,19 @@ class OutputFile {
   [[nodiscard]] File open_beside_target();
   [[noreturn]] void fail(int error) const;
 
-  std::string name_;  // the target as it was given, for errors
+  std::string name_;  // the target as given, for errors
   std::filesystem::path target_;
-  std::filesystem::path temporary_;  // empty where there is none
+  std::filesystem::path temporary_;  // empty if there is none
   File file_;
 };
 
 /// A file that an option names.
 struct NamedFile {
   std::string_view option;
-  const OutputFile* file;  ///< Null where the option is not there.
+  const OutputFile* file;  ///< Null if the option was not given.
 };
 
-/// @throws Error where two options name the same file.
+/// @throws Error if two options name the same file.
 void refuse_same_file(std::initializer_list<NamedFile> files);
 
 }  // namespace broadcl::cli

@@ -25,8 +25,8 @@ struct Options {
   BroadPhase::Config broad_phase;
 };
 
-/// The device that will be used; none for an algorithm of the host. One that was asked for must be there in
-/// any case.
+/// The device that will be used; none for an algorithm that runs on the host. A device that was asked for
+/// must exist in either case.
 std::optional<Device> device_of(const BroadPhase::Config& config) {
   const std::span<const AlgorithmInfo> table = algorithms();
   const bool on_host = std::any_of(table.begin(), table.end(), [&](const AlgorithmInfo& algorithm) {
@@ -66,16 +66,16 @@ Verb add_pairs(CLI::App& program) {
   CLI::App* verb = program.add_subcommand("pairs", "Find all overlapping pairs of an array of boxes");
   verb->add_option(
           "FILE", options->file,
-          "NumPy array (.npy) of shape (n, 6), a row a box: min x, y, z, max x, y, z; float32, or float64, "
-          "which is rounded outward")
+          "NumPy array (.npy) of shape (n, 6), one row per box: min x, y, z, max x, y, z; float32, or "
+          "float64, which is rounded outward")
       ->required()
       ->type_name("");
-  add_name(*verb, "--algorithm", options->broad_phase.algorithm, "How pairs are found; see below");
+  add_name(*verb, "--algorithm", options->broad_phase.algorithm, "How to find the pairs; see below");
   add_device(*verb, options->broad_phase.device);
   verb->add_option(
           "--out", options->out,
-          "Where to write the pairs: .npy, shape (m, 2), uint32, a row the numbers a < b of two boxes, in "
-          "order of b, then of a")
+          "Write the pairs here: .npy, shape (m, 2), uint32, one row per pair: the indices a < b of its "
+          "boxes; sorted by b, then by a")
       ->type_name("FILE");
   std::string footer = "Algorithms:\n";
   for (const AlgorithmInfo& algorithm : algorithms()) footer += named_row(algorithm.name, algorithm.summary);

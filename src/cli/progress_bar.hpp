@@ -12,11 +12,11 @@
 
 namespace broadcl::cli {
 
-/// A bar on stderr that shows how far a piece of work is and how long it still takes. Shows nothing where
-/// stderr is no terminal, and is gone in the end.
+/// A bar on stderr that shows how much of the work is done and how long the rest will take. It shows nothing
+/// if stderr is not a terminal, and disappears at the end.
 class ProgressBar {
  public:
-  /// @param steps That advance() counts.
+  /// @param steps How often advance() will be called.
   explicit ProgressBar(std::uint64_t steps = 1) : steps_(steps), visible_(is_terminal(stderr)) {}
   ~ProgressBar() { clear(); }
   ProgressBar(const ProgressBar&) = delete;
@@ -24,14 +24,14 @@ class ProgressBar {
   ProgressBar(ProgressBar&&) = delete;
   ProgressBar& operator=(ProgressBar&&) = delete;
 
-  /// One of many steps that take about as long as each other is done.
+  /// One more step is done; all steps are expected to take about the same time.
   void advance() {
     ++done_;
     const double share = static_cast<double>(done_) / static_cast<double>(steps_);
     show(share, seconds_since(begin_) * (1 - share) / share);
   }
 
-  /// @param share What is done of all, 0 to 1.
+  /// @param share How much of the work is done, 0 to 1.
   void show(double share, double seconds_left) {
     constexpr double interval = 0.1;
     constexpr double width = 50;
@@ -45,7 +45,7 @@ class ProgressBar {
     std::fflush(stderr);
   }
 
-  /// Puts a line on stderr, be it a terminal or not.
+  /// Prints a line to stderr, whether or not it is a terminal.
   void say(const std::string& line) {
     clear();
     shown_.reset();

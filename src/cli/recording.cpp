@@ -18,11 +18,12 @@ constexpr std::size_t aabbs_header_size = 304;
 constexpr std::uint64_t columns = 6;
 constexpr std::uint32_t most = std::numeric_limits<std::int32_t>::max();
 
-/// Whether the format is Broadmark's; else it is NumPy's.
+/// Whether the format is Broadmark's; otherwise it is NumPy's.
 bool is_aabbs(const std::filesystem::path& file) {
   if (file.extension() == ".aabbs") return true;
   if (file.extension() == ".npy") return false;
-  throw Error(quoted(file) + " is no recording by its extension; name a file that ends in .aabbs or .npy");
+  throw Error(quoted(file) +
+              " does not have the extension of a recording; name a file that ends in .aabbs or .npy");
 }
 
 void append(std::string& bytes, std::uint32_t value) {
@@ -33,7 +34,7 @@ void append(std::string& bytes, float value) {
   append(bytes, std::bit_cast<std::uint32_t>(value));
 }
 
-/// Each corner is followed by a zero where it is padded.
+/// @param padded Append a zero to each corner.
 void append(std::string& bytes, const Aabb& box, bool padded) {
   for (const std::array<float, 3>& corner : {box.lower, box.upper}) {
     for (const float bound : corner) append(bytes, bound);
@@ -70,7 +71,7 @@ RecordingWriter::RecordingWriter(const std::filesystem::path& file, const Record
 
 void RecordingWriter::write(std::span<const Aabb> boxes) {
   if (boxes.size() != boxes_ || missing_blocks_ == 0) {
-    throw Error("a recording got another number of boxes or frames than was announced");
+    throw Error("a recording got more frames, or another number of boxes, than was announced");
   }
   block_.clear();
   for (const Aabb& box : boxes) append(block_, box, is_aabbs_);
@@ -87,7 +88,7 @@ RecordingReader::RecordingReader(const std::filesystem::path& file) : name_(quot
   const bool aabbs = is_aabbs(file);
   stream_ = open_input(file);
   if (!std::filesystem::is_regular_file(file)) {
-    throw Error(name_ + " is no regular file, and a recording is read twice; save it to a file");
+    throw Error(name_ + " is not a regular file, and a recording is read twice; save it to a file");
   }
   try {
     if (aabbs) {
@@ -105,17 +106,17 @@ void RecordingReader::read_aabbs_header() {
   std::array<char, aabbs_header_size> header{};
   stream_.read(header.data(), header.size());
   if (stream_.gcount() < std::streamsize{aabbs_header_size}) {
-    throw Error("it is cut within its header of " + std::to_string(aabbs_header_size) + " bytes");
+    throw Error("it ends within its header of " + std::to_string(aabbs_header_size) + " bytes");
   }
   const char* const numbers = header.data() + 2 * name_size;
   const std::int32_t boxes = load_int32(numbers);
   const std::int32_t frames = load_int32(numbers + 4);
   if (load_int32(numbers + 8) != 0 || load_int32(numbers + 12) != 0) {
-    throw Error("it is no recording of Broadmark's: the two zeros in its header are missing");
+    throw Error("it is not a recording of Broadmark's: the two zeros in its header are missing");
   }
-  if (boxes < 1) throw Error("its header tells of " + std::to_string(boxes) + " boxes; at least 1 is needed");
+  if (boxes < 1) throw Error("its header says " + std::to_string(boxes) + " boxes; at least 1 is needed");
   if (frames < 1) {
-    throw Error("its header tells of " + std::to_string(frames) + " frames; at least 1 is needed");
+    throw Error("its header says " + std::to_string(frames) + " frames; at least 1 is needed");
   }
   boxes_ = static_cast<std::uint32_t>(boxes);
   frames_ = static_cast<std::uint32_t>(frames);
@@ -147,11 +148,11 @@ void RecordingReader::check_size() {
   const auto there = static_cast<std::uint64_t>(stream_.tellg() - data_begin_);
   const std::uint64_t boxes = (std::uint64_t{1} + frames_) * boxes_;  // below 2^62, but their bytes are not
   const std::uint64_t box_size = 2 * corner_size_;
-  const std::string needed = std::to_string(boxes_) + " boxes, initially and in " + std::to_string(frames_) +
-                             " frames, need " + std::to_string(box_size) + " bytes each; it has " +
-                             std::to_string(there) + " bytes of them";
-  if (boxes > there / box_size) throw Error("it is cut: " + needed);
-  if (boxes * box_size < there) throw Error("bytes follow its boxes: " + needed);
+  const std::string needed = std::to_string(boxes_) + " boxes, initially and in each of " +
+                             std::to_string(frames_) + " frames, need " + std::to_string(box_size) +
+                             " bytes per box; it has " + std::to_string(there) + " bytes of boxes";
+  if (boxes > there / box_size) throw Error("it is truncated: " + needed);
+  if (boxes * box_size < there) throw Error("it has bytes after its boxes: " + needed);
   bytes_.resize(std::size_t{boxes_} * box_size);
   block_.resize(boxes_);
   rewind();
@@ -159,7 +160,7 @@ void RecordingReader::check_size() {
 
 std::span<const Aabb> RecordingReader::next() {
   if (!stream_.read(bytes_.data(), static_cast<std::streamsize>(bytes_.size()))) {
-    throw Error("cannot read " + name_ + " to its end; has it changed meanwhile?");
+    throw Error("cannot read " + name_ + " to its end; has it changed in the meantime?");
   }
   const char* lower = bytes_.data();
   for (Aabb& box : block_) {
@@ -170,7 +171,7 @@ std::span<const Aabb> RecordingReader::next() {
   if (nan != block_.end()) {
     throw Error("cannot use " + name_ + ": frame " + std::to_string(next_block_) + ", row " +
                 std::to_string(nan - block_.begin()) +
-                " holds a NaN (the first are 0, frame 0 is the initial state); give it bounds");
+                " holds a NaN (both count from 0, frame 0 is the initial state); give it bounds");
   }
   ++next_block_;
   return block_;

@@ -44,10 +44,10 @@ struct Options {
   bool verify = false;
 };
 
-/// What must be known of the boxes before they are replayed.
+/// What must be known about the boxes before they are replayed.
 struct Survey {
-  float world_edge = 0;  ///< Of a cube around the origin that holds every bound that is finite.
-  std::optional<std::string> first_empty;  ///< Where a box is empty.
+  float world_edge = 0;  ///< Edge of a cube around the origin that contains every finite bound.
+  std::optional<std::string> first_empty;  ///< Frame and row of the first empty box, if there is one.
 };
 
 Survey survey(RecordingReader& recording, std::uint32_t frames) {
@@ -82,12 +82,12 @@ bool is_bullets_own(const std::string& broadphase) {
 
 std::unique_ptr<btBroadphaseInterface> make_broadphase(const Options& options, const Survey& survey,
                                                        std::uint32_t boxes) {
-  // An unknown device is an error even where the broad phase runs on the host.
+  // An unknown device is an error even if the broad phase runs on the host.
   if (!options.device.empty()) (void)select_device(options.device);
   if (survey.first_empty && is_bullets_own(options.broadphase)) {
     throw Error(quoted(options.file) + " has an empty box, whose min exceeds its max, at " +
-                *survey.first_empty + " (the first are 0); " + options.broadphase +
-                " would take it for one that is not, so use a broad phase of BroadCL's");
+                *survey.first_empty + " (both count from 0), and " + options.broadphase +
+                " cannot handle empty boxes; use one of BroadCL's broad phases");
   }
   return scenes::make_broadphase({.name = options.broadphase,
                                   .device = options.device,
@@ -163,20 +163,21 @@ Exit run(const Options& options) {
 Verb add_replay(CLI::App& program) {
   auto options = std::make_shared<Options>();
   CLI::App* verb = program.add_subcommand("replay", "Time a broad phase on a recording of moving boxes");
-  verb->add_option("FILE", options->file,
-                   "What 'broadcl simulate --record' or Broadmark wrote (.aabbs), or a NumPy array (.npy) of "
-                   "shape (frames, n, 6): min x, y, z, max x, y, z; float32, or float64, which is rounded "
-                   "outward. What comes first is the initial state and is not timed")
+  verb->add_option(
+          "FILE", options->file,
+          "A recording by 'broadcl simulate --record' or Broadmark (.aabbs), or a NumPy array (.npy) "
+          "of shape (frames, n, 6): min x, y, z, max x, y, z; float32, or float64, which is rounded "
+          "outward. The initial state comes first and is not timed")
       ->required()
       ->type_name("");
-  add_name(*verb, "--broadphase", options->broadphase, "What is timed; see below");
+  add_name(*verb, "--broadphase", options->broadphase, "The broad phase to time; see below");
   add_device(*verb, options->device);
   add_number(*verb, "--frames", options->frames, 1U, all_frames, "Only the first N frames");
   verb->get_option("--frames")->default_str("all");
-  verb->add_option("--csv", options->csv, "Where to write the times of each frame")->type_name("FILE");
-  verb->add_option("--json", options->json, "Where to write the summary")->type_name("FILE");
+  verb->add_option("--csv", options->csv, "Write the times of each frame here")->type_name("FILE");
+  verb->add_option("--json", options->json, "Write the summary here")->type_name("FILE");
   verb->add_flag("--verify", options->verify,
-                 "Compare the pairs of each frame with the oracle, off the clock");
+                 "Compare the pairs of each frame with the oracle; not part of the times");
   verb->footer(broadphase_rows());
   return {verb, [options] { return run(*options); }};
 }

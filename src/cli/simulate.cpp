@@ -70,30 +70,30 @@ Verb add_simulate(CLI::App& program) {
   SimulationConfig& simulation = options->simulation;
   CLI::App* verb =
       program.add_subcommand("simulate", "Simulate a scenario in a Bullet world and time its frames");
-  add_name(*verb, "--scenario", simulation.scenario.name, "What is simulated; see below");
+  add_name(*verb, "--scenario", simulation.scenario.name, "The scenario to simulate; see below");
   add_number(*verb, "--objects", simulation.scenario.objects, 1U, most_objects, "Number of objects");
   add_number(*verb, "--frames", simulation.frames, 1U, most_frames, "Number of frames, of 1/30 s each");
   add_number(*verb, "--seed", simulation.scenario.seed, std::uint64_t{0}, UINT64_MAX,
              "Seed of the random numbers");
-  verb->add_flag("--spheres", simulation.scenario.spheres, "Spheres in place of cubes");
+  verb->add_flag("--spheres", simulation.scenario.spheres, "Spheres instead of cubes");
   add_name(*verb, "--broadphase", simulation.broadphase, "The broad phase of the world; see below");
   add_device(*verb, simulation.device);
-  verb->add_option("--csv", options->csv, "Where to write the times of each frame")->type_name("FILE");
-  verb->add_option("--json", options->json, "Where to write the summary")->type_name("FILE");
+  verb->add_option("--csv", options->csv, "Write the times of each frame here")->type_name("FILE");
+  verb->add_option("--json", options->json, "Write the summary here")->type_name("FILE");
   verb->add_option("--trace", options->trace,
-                   "Where to write a trace of all frames, for ui.perfetto.dev and chrome://tracing; measures "
-                   "as --profile does")
+                   "Write a trace of all frames here, for ui.perfetto.dev and chrome://tracing; measures "
+                   "what --profile does")
       ->type_name("FILE");
   verb->add_option(
           "--record", options->record,
-          "Where to write the boxes of all objects, initially and in each frame, for 'broadcl replay': "
+          "Write the boxes of all objects here, initially and after each frame, for 'broadcl replay': "
           ".aabbs or .npy, shape (1 + frames, objects, 6)")
       ->type_name("FILE");
   verb->add_flag("--profile", simulation.profile,
-                 "Report the stages of the broad phase; device times are measured then, which "
-                 "costs a few microseconds a frame");
+                 "Report the stages of the broad phase; this measures device times too, which "
+                 "costs a few microseconds per frame");
   verb->add_flag("--verify", simulation.verify,
-                 "Compare the pairs of each frame with the oracle, off the clock");
+                 "Compare the pairs of each frame with the oracle; not part of the times");
   verb->footer(footer());
   return {verb, [options] {
             options->simulation.trace = !options->trace.empty();

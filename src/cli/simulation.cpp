@@ -26,16 +26,16 @@ std::unique_ptr<btBroadphaseInterface> make_broadphase(const SimulationConfig& c
        .world_edge = scenes::World::outer_edge(scenes::Scenario(config.scenario))});
 }
 
-/// What a broad phase tells of its troubles from now on.
-std::shared_ptr<const std::string> troubles_of(btBroadphaseInterface& broadphase) {
-  auto troubles = std::make_shared<std::string>();
+/// The last error that the broad phase reports from now on; empty while there is none.
+std::shared_ptr<const std::string> watch_errors(btBroadphaseInterface& broadphase) {
+  auto last_error = std::make_shared<std::string>();
   if (auto* own = dynamic_cast<BulletBroadphase*>(&broadphase)) {
-    own->set_error_handler([troubles](const std::string& error) { *troubles = error; });
+    own->set_error_handler([last_error](const std::string& error) { *last_error = error; });
   }
-  return troubles;
+  return last_error;
 }
 
-/// What is underneath; null for Bullet's own broad phases.
+/// The core under the adapter; null for Bullet's own broad phases.
 const BroadPhase* core_of(const btBroadphaseInterface& broadphase) {
   const auto* own = dynamic_cast<const BulletBroadphase*>(&broadphase);
   return own != nullptr ? &own->broad_phase() : nullptr;
@@ -85,15 +85,16 @@ void add_frame(Verdict& verdict, std::uint32_t frame, const scenes::Difference& 
 SimulationResult measure(const Frames& frames, const std::string& name, btBroadphaseInterface& broadphase,
                          bool stages) {
   SimulationResult result;
-  const std::shared_ptr<const std::string> troubles = troubles_of(broadphase);
+  const std::shared_ptr<const std::string> last_error = watch_errors(broadphase);
   const BroadPhase* const core = core_of(broadphase);
   const btOverlappingPairCache& cache = *broadphase.getOverlappingPairCache();
   result.device = device_of(core);
   if (frames.verify) result.verdict.emplace().exact = scenes::find_broadphase(name).exact;
   for (std::uint32_t frame = 0; frame < frames.count; ++frame) {
     const scenes::FrameTimes times = frames.step();
-    if (!troubles->empty()) {
-      throw Error("stopped in frame " + std::to_string(frame) + ", where the broad phase said: " + *troubles);
+    if (!last_error->empty()) {
+      throw Error("stopped in frame " + std::to_string(frame) +
+                  ", when the broad phase reported: " + *last_error);
     }
     add_times(result, times);
     result.stages.push_back(stages ? stages_of(core) : std::vector<Stage>());
@@ -106,7 +107,7 @@ SimulationResult measure(const Frames& frames, const std::string& name, btBroadp
 
 SimulationResult simulate(const SimulationConfig& config, const std::function<void()>& frame_ended,
                           RecordingWriter* recording) {
-  // An unknown device is an error even where the broad phase runs on the host.
+  // An unknown device is an error even if the broad phase runs on the host.
   if (!config.device.empty()) (void)select_device(config.device);
   const std::unique_ptr<btBroadphaseInterface> broadphase = make_broadphase(config);
   scenes::World world(config.scenario, *broadphase);

@@ -35,7 +35,8 @@ ordered_json json_of(const Verdict& verdict) {
   return json;
 }
 
-/// A stage of the broad phase: milliseconds, a value a frame, the sum where a frame has it several times.
+/// A stage of the broad phase: milliseconds, one value per frame, the sum if a frame has the stage several
+/// times.
 struct StageTimes {
   std::string_view name;
   std::vector<double> host;
@@ -59,7 +60,7 @@ std::vector<StageTimes> stage_times(const SimulationResult& result) {
   return all;
 }
 
-/// What a stage takes of the wall clock of the broad phase, over all frames.
+/// The share of a stage in the wall-clock time of the broad phase, over all frames.
 double share_of(const StageTimes& stage, const SimulationResult& result) {
   return summarize(stage.host).mean / summarize(result.broad_phase).mean;
 }
@@ -86,7 +87,7 @@ std::string stages_table(const SimulationConfig& config, const SimulationResult&
   if (stages.empty()) return "\nThe broad phase " + config.broadphase + " has no stages.\n";
   std::string text =
       "\nstages of the broad phase      host                               device\n"
-      "ms a frame           mean     median        p95       mean     median        p95    share\n";
+      "ms per frame         mean     median        p95       mean     median        p95    share\n";
   double host = 0;
   double device = 0;
   double share = 0;
@@ -106,7 +107,7 @@ std::string stages_table(const SimulationConfig& config, const SimulationResult&
   const std::string gap(2 * width, ' ');
   return text + left("all stages", 14) + right(fixed(host, decimals), width) + gap +
          right(fixed(device, decimals), width) + gap + percent(share) +
-         "\nShare: of the broad phase's wall clock; the rest is bookkeeping and Bullet's pair cache.\n";
+         "\nShare: of the broad phase's wall-clock time; the rest is bookkeeping and Bullet's pair cache.\n";
 }
 
 std::string table_row(const std::string& name, const std::vector<double>& milliseconds) {
@@ -122,13 +123,13 @@ std::string table_row(const std::string& name, const std::vector<double>& millis
 
 std::string text_of(const Verdict& verdict) {
   if (verdict.first_wrong_frame) {
-    return "WRONG, first in frame " + std::to_string(*verdict.first_wrong_frame) + "; over all frames " +
+    return "WRONG, first in frame " + std::to_string(*verdict.first_wrong_frame) + "; over all frames, " +
            std::to_string(verdict.missing) + " pairs are missing and " + std::to_string(verdict.extra) +
-           " extra";
+           " are extra";
   }
   if (verdict.exact) return "every frame has exactly the pairs of the oracle";
   return "no frame misses a pair of the oracle; " + std::to_string(verdict.extra) +
-         " extra pairs over all frames, as this broad phase may have";
+         " extra pairs over all frames, which this broad phase may have";
 }
 
 ordered_json json_of(const SimulationConfig& config) {
@@ -206,11 +207,11 @@ std::string table_report_of(const std::string& heading, const SimulationResult& 
   text += "pairs         mean " + fixed(mean_of(result.pairs), 1) + ", last " +
           std::to_string(result.pairs.back()) + "\n";
   if (result.verdict) text += "verified      " + text_of(*result.verdict) + "\n";
-  text += "\nms a frame           mean     median        p95    frame 0\n";
+  text += "\nms per frame         mean     median        p95    frame 0\n";
   text += table_row("update", result.update);
   text += table_row("broad phase", result.broad_phase);
   text += table_row("total", result.total);
-  return text + "Frame 0 holds the warm-up; the other columns count it too.\n";
+  return text + "Frame 0 includes the warm-up; the other columns include frame 0.\n";
 }
 
 }  // namespace broadcl::cli

@@ -14,7 +14,7 @@ struct Summary {
   double p95;  ///< 95th percentile.
 };
 
-/// A quantile (0 .. 1) of a sorted sample that is not empty, interpolated between neighbours.
+/// A quantile (0 to 1) of a sorted, non-empty sample, interpolated between neighbours.
 [[nodiscard]] inline double quantile(const std::vector<double>& sorted, double q) {
   const double position = q * static_cast<double>(sorted.size() - 1);
   const auto below = static_cast<std::size_t>(position);
@@ -22,7 +22,7 @@ struct Summary {
   return sorted[below] + (position - static_cast<double>(below)) * (sorted[above] - sorted[below]);
 }
 
-/// Summary of a sample that is not empty.
+/// Summary of a non-empty sample.
 [[nodiscard]] inline Summary summarize(std::vector<double> sample) {
   std::sort(sample.begin(), sample.end());
   const double sum = std::accumulate(sample.begin(), sample.end(), 0.0);

@@ -29,8 +29,8 @@
 namespace broadcl::cli {
 namespace {
 
-/// What the command line says; what it leaves open is the folder's, where there is a study in it, else the
-/// preset's.
+/// The command line. Whatever it leaves out is taken from the study in the folder if there is one, otherwise
+/// from the preset.
 struct Options {
   std::optional<std::string> preset;
   std::optional<std::vector<std::string>> scenarios;
@@ -45,7 +45,7 @@ struct Options {
   std::string frames_csv;
 };
 
-/// Two lists of the same elements, in whatever order.
+/// Whether two lists have the same elements, in any order.
 template <class Value>
 bool are_same(std::vector<Value> a, std::vector<Value> b) {
   std::sort(a.begin(), a.end());
@@ -53,13 +53,13 @@ bool are_same(std::vector<Value> a, std::vector<Value> b) {
   return a == b;
 }
 
-/// In the place of another one of the same broad phase; one that is the same keeps its reason.
+/// Adds a limit, or replaces the one of the same broad phase; an equal one stays, with its reason.
 /// @throws Error for a broad phase that is not measured.
 void set_limit(StudySettings& settings, const StudyLimit& limit) {
   const std::vector<std::string>& names = settings.broadphases;
   if (std::find(names.begin(), names.end(), limit.broadphase) == names.end()) {
     throw Error("--most: '" + limit.broadphase +
-                "' is none of the broad phases that are measured: " + list_of(names));
+                "' is not one of the measured broad phases: " + list_of(names));
   }
   std::vector<StudyLimit>& limits = settings.limits;
   const auto other = std::find_if(limits.begin(), limits.end(), [&](const StudyLimit& known) {
@@ -78,7 +78,7 @@ StudySettings new_settings(const Options& options) {
   if (options.scenarios) settings.scenarios = *options.scenarios;
   if (options.objects) settings.objects = *options.objects;
   if (options.broadphases && !are_same(*options.broadphases, settings.broadphases)) {
-    // Who names others wants them.
+    // Limits of the preset do not apply to a user's own choice.
     settings.broadphases = *options.broadphases;
     settings.limits.clear();
     settings.left_out.clear();
@@ -86,7 +86,7 @@ StudySettings new_settings(const Options& options) {
   std::set<std::string> limited;
   for (const StudyLimit& limit : options.most.value_or(std::vector<StudyLimit>())) {
     if (!limited.insert(limit.broadphase).second) {
-      throw Error("--most: '" + limit.broadphase + "' is there twice");
+      throw Error("--most: '" + limit.broadphase + "' is given twice");
     }
     set_limit(settings, limit);
   }
@@ -98,13 +98,13 @@ StudySettings new_settings(const Options& options) {
   return settings;
 }
 
-/// @throws Error where what is asked for contradicts the study that is there.
+/// @throws Error if the options contradict the study in the folder.
 void refuse_contradictions(const Options& options, const nlohmann::ordered_json& document) {
   const std::string holds = quoted(std::filesystem::path(options.out)) + " holds a study with ";
   const auto expect = [&](bool same, const std::string& option, const std::string& there) {
     if (same) return;
     throw Error(holds + option + " " + there + "; leave " + option +
-                " out to go on with it, or name another folder with --out");
+                " out to continue it, or name another folder with --out");
   };
   const StudySettings there = settings_of(document);
   const auto expect_number = [&](const std::string& option, const auto& asked, const auto& number) {
@@ -120,7 +120,7 @@ void refuse_contradictions(const Options& options, const nlohmann::ordered_json&
   const std::vector<std::string> limits = limit_texts(there.limits);
   for (const std::string& limit : limit_texts(options.most.value_or(std::vector<StudyLimit>()))) {
     expect(std::find(limits.begin(), limits.end(), limit) != limits.end(), "--most",
-           limits.empty() ? "of no broad phase" : list_of(limits));
+           limits.empty() ? "for no broad phase" : list_of(limits));
   }
   expect_number("--frames", options.frames, there.frames);
   expect_number("--repeat", options.repeat, there.repeat);
@@ -134,10 +134,10 @@ Device device_labelled(const std::string& label) {
     if (device.label() == label) return device;
   }
   throw Error("the study has times of '" + one_line(label) +
-              "', which is not among the devices now; name those to go on with in --devices");
+              "', which is not among the devices now; name the devices to continue with in --devices");
 }
 
-/// The devices that are measured now: those asked for, else those of the study, else the best.
+/// The devices to measure on: those asked for, otherwise those of the study, otherwise the best one.
 std::vector<Device> chosen_devices(const Options& options, const StudySettings& settings,
                                    const std::vector<std::string>& known) {
   std::vector<Device> chosen;
@@ -146,7 +146,7 @@ std::vector<Device> chosen_devices(const Options& options, const StudySettings& 
     for (const Device& other : chosen) {
       if (other.label() == device.label()) {
         throw Error("--devices: '" + selector + "' is '" + one_line(device.label()) +
-                    "', which is there already");
+                    "', which is given already");
       }
     }
     chosen.push_back(device);
@@ -165,14 +165,14 @@ double seconds_since(std::chrono::steady_clock::time_point begin) {
   return std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
 }
 
-/// Measures what is missing.
+/// Does the runs that are missing.
 class Measurement {
  public:
   Measurement(StudyFolder& folder, const StudySettings& settings, const std::vector<Device>& devices)
       : folder_(folder), settings_(settings), devices_(devices), cost_(settings.frames) {}
 
-  /// @param runs In the order in which they are measured.
-  /// @returns A line for each run that failed.
+  /// @param runs In the order to measure them.
+  /// @returns One line per failed run.
   std::vector<std::string> measure(const std::vector<StudyRun>& runs) {
     std::vector<StudyRun> missing;
     for (const StudyRun& run : runs) {
@@ -206,8 +206,8 @@ class Measurement {
     spent_ += seconds;
   }
 
-  /// @param later Seconds that the runs after this one will take.
-  /// @returns Why it failed, where it did.
+  /// @param later Expected seconds of the runs after this one.
+  /// @returns Why the run failed, if it did.
   std::optional<std::string> measure_one(const StudyRun& run, double later) {
     const Device* device = device_of(run);
     SimulationConfig config;
@@ -238,7 +238,7 @@ class Measurement {
   const StudySettings& settings_;
   const std::vector<Device>& devices_;
   StudyCost cost_;
-  double spent_ = 0;  // seconds, on all runs that are done
+  double spent_ = 0;  // seconds, for all runs that are done
   ProgressBar progress_;
 };
 
@@ -249,7 +249,7 @@ Exit run(const Options& options) {
   const StudySettings settings = document ? settings_of(*document) : new_settings(options);
   const std::vector<Device> devices =
       chosen_devices(options, settings, document ? device_labels(*document) : std::vector<std::string>());
-  if (!options.frames_csv.empty()) (void)OutputFile(options.frames_csv);  // it can be written
+  if (!options.frames_csv.empty()) (void)OutputFile(options.frames_csv);  // fails now if it cannot be written
   const nlohmann::ordered_json before = document.value_or(nullptr);
   if (!document) document = new_document(settings);
   for (const Device& device : devices) add_device(*document, device);
@@ -260,7 +260,7 @@ Exit run(const Options& options) {
 
   const std::vector<StudyRun> runs = planned_runs(settings, device_labels(*document));
   for (const std::filesystem::path& file : folder.open(runs, settings.frames)) {
-    std::cerr << "broadcl: " << quoted(file) << " is damaged; its run is made again\n";
+    std::cerr << "broadcl: " << quoted(file) << " is damaged; its run is repeated\n";
   }
   const std::vector<std::string> failed =
       Measurement(folder, settings, devices).measure(in_random_order(runs, settings.seed));
@@ -273,12 +273,12 @@ Exit run(const Options& options) {
   std::cout << study_report(folder, settings, runs);
   if (failed.empty()) return Exit::success;
   std::cerr << "broadcl: " << failed.size() << " of " << runs.size()
-            << " runs failed; the same command tries them again:\n";
+            << " runs failed; run the same command again to retry them:\n";
   for (const std::string& line : failed) std::cerr << "  " << line << '\n';
   return Exit::failure;
 }
 
-/// Adds an option for a list with commas between its elements, each of them once.
+/// Adds an option for a comma-separated list of distinct elements.
 template <class Value, class Parse>
 void add_list(CLI::App& verb, const std::string& name, std::optional<std::vector<Value>>& values,
               const std::string& type, const Parse& parse, const std::string& description) {
@@ -290,7 +290,7 @@ void add_list(CLI::App& verb, const std::string& name, std::optional<std::vector
       if (element.empty()) throw CLI::ValidationError(name, "an element of the list is empty");
       const Value value = parse(element);
       if (std::find(values->begin(), values->end(), value) != values->end()) {
-        throw CLI::ValidationError(name, "'" + element + "' is there twice");
+        throw CLI::ValidationError(name, "'" + element + "' is given twice");
       }
       values->push_back(value);
       begin = end + 1;
@@ -299,7 +299,7 @@ void add_list(CLI::App& verb, const std::string& name, std::optional<std::vector
   verb.add_option_function<std::string>(name, split, description)->type_name(type);
 }
 
-/// Adds an option for a number that has no value where it is not given.
+/// Adds an option for a number that has no value unless it is given.
 template <class Number>
 void add_optional_number(CLI::App& verb, const std::string& name, std::optional<Number>& value, Number lowest,
                          Number highest, const std::string& description) {
@@ -325,12 +325,12 @@ constexpr std::uint32_t most_repeats = 1000;
 
 std::string footer() {
   std::string text =
-      "What is not given is the preset's. In a folder with a study of the same settings, what is missing of "
-      "it is measured, and devices are added.\nPresets:\n";
+      "Options that are not given are taken from the preset. If the folder holds a study with the same "
+      "settings, only its missing runs are done, and new devices are added to it.\nPresets:\n";
   for (const StudyPreset& preset : study_presets()) {
     text += named_row(preset.settings.preset, preset.summary);
   }
-  return text + "Scenarios and broad phases are those of 'broadcl simulate --help'.\n";
+  return text + "For scenarios and broad phases, see 'broadcl simulate --help'.\n";
 }
 
 }  // namespace
@@ -338,11 +338,11 @@ std::string footer() {
 Verb add_study(CLI::App& program) {
   auto options = std::make_shared<Options>();
   CLI::App* verb = program.add_subcommand(
-      "study", "Measure scenarios, numbers of objects and broad phases, and keep it all in a folder");
+      "study", "Measure scenarios, numbers of objects and broad phases, and store the results in a folder");
   const auto as_is = [](const std::string& text) { return text; };
   verb->add_option_function<std::string>(
           "--preset", [options](const std::string& name) { options->preset = one_line(name); },
-          "What is measured; see below")
+          "What to measure; see below")
       ->type_name("NAME")
       ->default_str("quick");
   add_list(*verb, "--scenarios", options->scenarios, "A,B", as_is, "Scenarios");
@@ -352,12 +352,12 @@ Verb add_study(CLI::App& program) {
       "Numbers of objects");
   add_list(*verb, "--broadphases", options->broadphases, "A,B", as_is, "Broad phases");
   add_list(*verb, "--most", options->most, "A=N,B=M", parse_limit,
-           "The most objects that a broad phase is measured with, for those that get too slow");
+           "Limit the number of objects of a broad phase that gets too slow");
   add_list(*verb, "--devices", options->devices, "A,B", as_is,
-           "Devices, each as --device of the other verbs takes it");
+           "Devices, each as for --device of the other verbs");
   add_optional_number(*verb, "--frames", options->frames, 2U, most_frames,
-                      "Frames of a run, the first of which is the warm-up");
-  add_optional_number(*verb, "--repeat", options->repeat, 1U, most_repeats, "Runs of each combination");
+                      "Frames per run; the first is the warm-up");
+  add_optional_number(*verb, "--repeat", options->repeat, 1U, most_repeats, "Runs per combination");
   add_optional_number(*verb, "--seed", options->seed, std::uint64_t{0}, UINT64_MAX,
                       "Seed of the simulations and of the order of the runs");
   verb->add_option("--out", options->out, "The folder")
@@ -365,7 +365,7 @@ Verb add_study(CLI::App& program) {
       ->type_name("DIR")
       ->capture_default_str();
   verb->add_option("--frames-csv", options->frames_csv,
-                   "Where to write all frames of all runs in the folder, a row a frame")
+                   "Write all frames of all runs in the folder here, one row per frame")
       ->type_name("FILE");
   verb->footer(footer());
   return {verb, [options] { return run(*options); }};

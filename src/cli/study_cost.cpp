@@ -7,15 +7,15 @@
 namespace broadcl::cli {
 namespace {
 
-/// Milliseconds a frame: factor * objects^exponent.
+/// Milliseconds per frame: factor * objects^exponent.
 struct Growth {
   std::string_view broadphase;
   double factor;
   double exponent;
 };
 
-// Orders of magnitude, from two cores of a CPU through PoCL.
-constexpr double response_ms = 0.01;  // an object
+// Orders of magnitude, measured with PoCL on two cores of a CPU.
+constexpr double response_ms = 0.01;  // per object
 constexpr std::array growths{
     Growth{.broadphase = "bullet-bf", .factor = 1e-5, .exponent = 2},
     Growth{.broadphase = "oracle", .factor = 1e-5, .exponent = 2},
@@ -23,24 +23,24 @@ constexpr std::array growths{
     Growth{.broadphase = "bullet-sap", .factor = 1e-4, .exponent = 1.5},
 };
 
-/// What shares a measurement with a run, from the most alike to all.
-std::array<std::string, 3> kin_of(const StudyRun& run) {
+/// The groups of runs that a run belongs to, from the most similar runs to all of them.
+std::array<std::string, 3> groups_of(const StudyRun& run) {
   return {combination_of(run), run.broadphase + " " + run.device, ""};
 }
 
 }  // namespace
 
 void StudyCost::add(const StudyRun& run, double seconds) {
-  for (const std::string& kin : kin_of(run)) {
-    Sums& sums = sums_[kin];
+  for (const std::string& group : groups_of(run)) {
+    Sums& sums = sums_[group];
     sums.measured += seconds;
     sums.guessed += guess(run);
   }
 }
 
 double StudyCost::expected(const StudyRun& run) const {
-  for (const std::string& kin : kin_of(run)) {
-    const auto found = sums_.find(kin);
+  for (const std::string& group : groups_of(run)) {
+    const auto found = sums_.find(group);
     if (found != sums_.end()) return guess(run) * found->second.measured / found->second.guessed;
   }
   return guess(run);

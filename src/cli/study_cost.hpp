@@ -8,17 +8,18 @@
 
 namespace broadcl::cli {
 
-/// How long the runs of a study take: guessed at first, and the better the more of them were measured. For
-/// telling the time left, not for results.
+/// Estimates how long the runs of a study take, better the more of them have been measured. Used to show the
+/// time left, not for results.
 class StudyCost {
  public:
   explicit StudyCost(std::uint32_t frames) : frames_(frames) {}
 
-  /// A run took so long.
+  /// Records how long a run took.
   void add(const StudyRun& run, double seconds);
 
-  /// What a run takes, in seconds: the mean of its combination where that was measured; else the guess,
-  /// corrected by how far it was off for the same broad phase and device, else for all that was measured.
+  /// The expected time of a run in seconds: the mean of its combination if that was measured; otherwise the
+  /// guess, corrected by how far guesses were off for the same broad phase and device, or, if there are none,
+  /// for all measured runs.
   [[nodiscard]] double expected(const StudyRun& run) const;
 
  private:

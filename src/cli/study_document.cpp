@@ -43,7 +43,7 @@ ordered_json json_of(const scenes::BroadphaseInfo& info) {
   return {{"name", info.name}, {"summary", info.summary}, {"exact", info.exact}, {"bullet", info.bullet}};
 }
 
-/// As a shell takes it.
+/// Quoted for a shell if necessary.
 std::string as_argument(const std::string& text) {
   constexpr const char* plain = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789-_./,:+=@%";
   if (!text.empty() && text.find_first_not_of(plain) == std::string::npos) return text;
@@ -117,11 +117,11 @@ void add_device(ordered_json& document, const Device& device) {
     if (known.at("label") == label) {
       if (known.at("driver_version") == device.driver_version) return;
       throw Error("the study has times of '" + one_line(label) + "' with the driver '" +
-                  one_line(known.at("driver_version")) + "', and here it has '" +
+                  one_line(known.at("driver_version")) + "', but its driver here is '" +
                   one_line(device.driver_version) + "'; name another folder with --out");
     }
     if (known.at("slug") == slug(label)) {
-      throw Error("files of '" + one_line(label) + "' would have the names of those of '" +
+      throw Error("the files of '" + one_line(label) + "' would have the same names as those of '" +
                   one_line(known.at("label")) + "'; name another folder with --out");
     }
   }
@@ -154,7 +154,7 @@ std::string difference_from_here(const ordered_json& document) {
     const ordered_json& there = document.at(part);
     for (const std::string key : {"broadcl", "bullet", "cpu", "threads"}) {
       if (here.contains(key) && there.at(key) != here.at(key)) {
-        return key + " " + one_line(there.at(key).dump()) + ", and here it is " +
+        return key + " " + one_line(there.at(key).dump()) + ", but here it is " +
                one_line(here.at(key).dump());
       }
     }

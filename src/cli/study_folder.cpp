@@ -16,9 +16,9 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr int decimals = 6;  // of milliseconds, as csv_report() has them
+constexpr int decimals = 6;  // of milliseconds, as in csv_report()
 
-/// None where there is no such file.
+/// None if there is no such file.
 std::optional<std::string> read(const fs::path& path) {
   std::error_code ignored;
   if (!fs::exists(path, ignored)) return std::nullopt;
@@ -82,21 +82,21 @@ std::optional<nlohmann::ordered_json> StudyFolder::read_document() const {
   }
 }
 
-void StudyFolder::keep() {
+void StudyFolder::lock() {
   make_folder(folder_);
   if (!lock_) lock_ = lock_folder(folder_);
   if (lock_) return;
-  throw Error("another study is being made in " + quoted(folder_) +
+  throw Error("another study is running in " + quoted(folder_) +
               "; wait for its end, or name another folder with --out");
 }
 
 void StudyFolder::write_document(const nlohmann::ordered_json& document) {
-  keep();
+  lock();
   write(folder_ / "study.json", text_of(document));
 }
 
 std::vector<fs::path> StudyFolder::open(const std::vector<StudyRun>& runs, std::uint32_t frames) {
-  keep();
+  lock();
   make_folder(folder_ / "runs");
   runs_ = runs;
   frames_ = frames;

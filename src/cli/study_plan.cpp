@@ -34,7 +34,7 @@ std::string text_of(std::uint32_t number) {
   return grouped(number);
 }
 
-/// What only the first list has, for people.
+/// The elements that only the first list has, for people.
 template <class Value>
 std::string only_in(const std::vector<Value>& list, const std::vector<Value>& other) {
   std::string text;
@@ -61,7 +61,7 @@ std::vector<StudyPreset> study_presets() {
                     .repeat = 5,
                     .limits = {},
                     .left_out = {}}},
-      {.summary = "500 and 1,250 objects, 48 frames; ends within two minutes on two cores",
+      {.summary = "500 and 1,250 objects, 48 frames; takes less than two minutes on two cores",
        .settings = {.preset = "quick",
                     .scenarios = all_scenarios(),
                     .objects = {500, 1250},
@@ -70,7 +70,7 @@ std::vector<StudyPreset> study_presets() {
                     .repeat = 3,
                     .limits = {},
                     .left_out = {}}},
-      {.summary = "2,000 to 16,000 objects, 256 frames, without the broad phases that are too slow for them",
+      {.summary = "2,000 to 16,000 objects, 256 frames, without the broad phases that are too slow for that",
        .settings = {.preset = "large",
                     .scenarios = all_scenarios(),
                     .objects = {2000, 8000, 16000},
@@ -79,9 +79,9 @@ std::vector<StudyPreset> study_presets() {
                     .repeat = 3,
                     .limits = {{.broadphase = "gpu-bf",
                                 .objects = 8000,
-                                .why = "a byte a pair is 128 MB a frame at 16,000"}},
-                    .left_out = {"bullet-bf: at 16,000 objects a frame takes it seconds",
-                                 "bullet-sap: at 16,000 objects a frame takes it half a second"}}},
+                                .why = "one byte per pair is 128 MB per frame at 16,000"}},
+                    .left_out = {"bullet-bf: takes seconds per frame at 16,000 objects",
+                                 "bullet-sap: takes half a second per frame at 16,000 objects"}}},
   };
 }
 
@@ -91,18 +91,18 @@ StudySettings find_study_preset(std::string_view name) {
     if (preset.settings.preset == name) return preset.settings;
     names += (names.empty() ? "" : ", ") + preset.settings.preset;
   }
-  throw Error("no preset is named '" + std::string(name) + "'; there is: " + names);
+  throw Error("no preset is named '" + std::string(name) + "'; the presets are: " + names);
 }
 
 std::vector<std::string> cut_of(const StudySettings& settings) {
   std::vector<std::string> cut = settings.left_out;
   for (const StudyLimit& limit : settings.limits) {
-    const bool bites =
+    const bool applies =
         std::any_of(settings.broadphases.begin(), settings.broadphases.end(), [&](const std::string& name) {
           return std::any_of(settings.objects.begin(), settings.objects.end(),
                              [&](std::uint32_t n) { return name == limit.broadphase && n > limit.objects; });
         });
-    if (!bites) continue;
+    if (!applies) continue;
     cut.push_back(limit.broadphase + " at more than " + grouped(limit.objects) + " objects" +
                   (limit.why.empty() ? "" : ": " + limit.why));
   }

@@ -13,22 +13,22 @@ namespace broadcl::cli {
 struct StudyLimit {
   std::string broadphase;
   std::uint32_t objects;
-  std::string why;  ///< For people; empty where it was asked for.
+  std::string why;  ///< The reason, for people; empty if the user asked for it.
 
   friend bool operator==(const StudyLimit&, const StudyLimit&) = default;
 };
 
-/// All combinations of scenario, number of objects and broad phase are simulated, several times each.
+/// Every combination of scenario, number of objects and broad phase is simulated several times.
 struct StudySettings {
-  std::string preset;                    ///< The name of what the rest started from.
+  std::string preset;                    ///< The name of the preset that the rest is derived from.
   std::vector<std::string> scenarios;    ///< Names of scenes::Scenario::list().
   std::vector<std::uint32_t> objects;    ///< Numbers of objects.
   std::vector<std::string> broadphases;  ///< Names of scenes::broadphases().
-  std::uint32_t frames;                  ///< Of a run, the warm-up included.
-  std::uint32_t repeat;                  ///< Runs of a combination.
-  std::uint64_t seed = 1;                ///< Of the simulations, and of the order of the runs.
+  std::uint32_t frames;                  ///< Per run, including the warm-up.
+  std::uint32_t repeat;                  ///< Runs per combination.
+  std::uint64_t seed = 1;                ///< Of the simulations and of the order of the runs.
   std::vector<StudyLimit> limits;
-  std::vector<std::string> left_out;  ///< What else the preset leaves out, and why; for people.
+  std::vector<std::string> left_out;  ///< What the preset leaves out besides, and why; for people.
 };
 
 /// A row of the table of presets.
@@ -40,13 +40,13 @@ struct StudyPreset {
 /// paper, quick and large.
 [[nodiscard]] std::vector<StudyPreset> study_presets();
 
-/// @throws Error for an unknown name; it lists those there are.
+/// @throws Error for an unknown name, listing the known ones.
 [[nodiscard]] StudySettings find_study_preset(std::string_view name);
 
-/// What of the preset is not measured, and why, a line each.
+/// The parts of the preset that are not measured, and why, one per line.
 [[nodiscard]] std::vector<std::string> cut_of(const StudySettings& settings);
 
-/// Limits as options give them: "NAME=N" each.
+/// The limits as an option takes them: "NAME=N" each.
 [[nodiscard]] std::vector<std::string> limit_texts(const std::vector<StudyLimit>& limits);
 
 /// One simulation of a study.
@@ -64,20 +64,20 @@ struct StudyRun {
 /// "free-fall, 500 objects, tiles on PLATFORM / DEVICE, repetition 1"
 [[nodiscard]] std::string describe(const StudyRun& run);
 
-/// What the runs of a combination have in common: SCENARIO-OBJECTS-BROADPHASE[-DEVICE].
+/// The name of a run's combination: SCENARIO-OBJECTS-BROADPHASE[-DEVICE].
 [[nodiscard]] std::string combination_of(const StudyRun& run);
 
-/// The name of a run's file: its combination, its repetition and `.csv`.
+/// The name of a run's file: its combination and repetition, and `.csv`.
 [[nodiscard]] std::string file_name(const StudyRun& run);
 
 /// All runs, sorted by scenario, objects, broad phase, device and repetition, each in the order of the
-/// settings. Broad phases that need a device run on each one.
-/// @param devices Labels.
+/// settings. Broad phases that need a device run on every device.
+/// @param devices Their labels.
 [[nodiscard]] std::vector<StudyRun> planned_runs(const StudySettings& settings,
                                                  std::span<const std::string> devices);
 
-/// The same runs in a random order that depends on the seed only, so that what drifts on the machine meets
-/// all alike.
+/// The same runs in a random order that depends only on the seed, so that drifts of the machine's speed
+/// affect all of them alike.
 [[nodiscard]] std::vector<StudyRun> in_random_order(std::vector<StudyRun> runs, std::uint64_t seed);
 
 }  // namespace broadcl::cli

@@ -5,10 +5,10 @@
 
 namespace broadcl::cli {
 
-/// Records one run of each scenario, for those who want to see it: recordings/SCENARIO.npy in the study's
-/// folder, as many objects as the middle one of its numbers, 3,500 at most, and 300 frames at most. Those
-/// that are there already stay. Pairs are found on the host: every exact broad phase makes the same run.
-/// @throws Error where one cannot be written.
+/// Records one run of each scenario for the replay: recordings/SCENARIO.npy in the study's folder, with the
+/// middle one of the study's numbers of objects, at most 3,500, and at most 300 frames. Existing recordings
+/// stay. The pairs are found on the host, since every exact broad phase leads to the same run.
+/// @throws Error if a recording cannot be written.
 void record_scenes(const StudyFolder& folder, const StudySettings& settings);
 
 }  // namespace broadcl::cli

@@ -11,7 +11,7 @@ namespace {
 constexpr std::size_t name_width = 17;
 constexpr std::size_t number_width = 8;
 
-/// The median over the runs of a combination of the median over their frames; none where none is done.
+/// The median over the runs of a combination of the median over the frames; none if no run is done.
 std::optional<double> median_total(const StudyFolder& folder, StudyRun run, std::uint32_t repeats) {
   std::vector<double> totals;
   for (run.repeat = 1; run.repeat <= repeats; ++run.repeat) {
@@ -65,10 +65,11 @@ std::string study_report(const StudyFolder& folder, const StudySettings& setting
                      " frames each\n";
   for (const std::string& device : devices) {
     text += "device        " + (device.empty() ? "host" : one_line(device)) +
-            "\n\nmedian total, ms a frame (without frame 0)\n" + table(folder, settings, device, runs) + "\n";
+            "\n\nmedian total, ms per frame (without frame 0)\n" + table(folder, settings, device, runs) +
+            "\n";
   }
   return text + "files         study.json, study.csv and runs/ in " + quoted(folder.path()) +
-         "\nreport        'scripts/report " + one_line(folder.path().string()) + "' makes one\n";
+         "\nreport        run 'scripts/report " + one_line(folder.path().string()) + "' to make one\n";
 }
 
 }  // namespace broadcl::cli

@@ -8,8 +8,8 @@
 
 namespace broadcl::cli {
 
-/// For people: the median total of the frames by scenario and number of objects, a column a broad phase, a
-/// table a device; and where the files are.
+/// For people: the median total time of the frames by scenario and number of objects, one column per broad
+/// phase, one table per device, and where the files are.
 [[nodiscard]] std::string study_report(const StudyFolder& folder, const StudySettings& settings,
                                        const std::vector<StudyRun>& runs);
 

@@ -8,7 +8,7 @@
 namespace broadcl::cli {
 namespace {
 
-/// Takes a number and the character after it from the front of a text. False where they are not there.
+/// Takes a number and the character after it from the front of a text. False if they are not there.
 template <class Number>
 bool take(std::string_view& text, Number& value, char end) {
   const char* const last = text.data() + text.size();
@@ -18,7 +18,7 @@ bool take(std::string_view& text, Number& value, char end) {
   return true;
 }
 
-/// Times as they can be: the stages are parts of the whole, but for what rounding makes of it.
+/// Whether times are possible: the parts must not exceed the total, except by rounding.
 bool are_sound(double update, double broad_phase, double total) {
   constexpr double rounding = 2e-6;
   return update >= 0 && broad_phase >= 0 && std::isfinite(total) && total + rounding >= update + broad_phase;

@@ -8,10 +8,10 @@
 
 #include "cli/statistics.hpp"
 
-/// The file of one run of a study, which is what csv_report() writes.
+/// The file of one run of a study, as csv_report() writes it.
 namespace broadcl::cli {
 
-/// A value a frame each; times in milliseconds.
+/// One value per frame each; times in milliseconds.
 struct RunFrames {
   std::vector<double> update;
   std::vector<double> broad_phase;
@@ -19,7 +19,7 @@ struct RunFrames {
   std::vector<std::size_t> pairs;
 };
 
-/// Times in milliseconds. Frame 0, the warm-up, counts in `first_frame_total` only.
+/// Times in milliseconds. Frame 0, the warm-up, is left out of everything but `first_frame_total`.
 struct RunSummary {
   Summary update;
   Summary broad_phase;
@@ -30,7 +30,7 @@ struct RunSummary {
   double first_frame_total;
 };
 
-/// Reads a file; none where it is not whole: where a frame is missing or a row is not what it must be.
+/// Reads a file; none if it is damaged: if a frame is missing or a row is malformed.
 [[nodiscard]] std::optional<RunFrames> parse_run_file(std::string_view text, std::uint32_t frames);
 
 /// @param frames At least two.

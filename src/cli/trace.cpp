@@ -15,8 +15,7 @@ namespace {
 
 using nlohmann::ordered_json;
 
-/// Clocks tick in whole nanoseconds. In these, sums are exact, and what lies within another event stays
-/// there.
+/// In whole nanoseconds, as clocks tick, sums are exact, so that nested events stay nested.
 using Nanoseconds = std::int64_t;
 
 constexpr int process = 1;
@@ -39,7 +38,7 @@ std::string line(const ordered_json& json) {
   return json.dump(-1, ' ', false, ordered_json::error_handler_t::replace);
 }
 
-/// Writes events, one a line.
+/// Writes events, one per line.
 class Events {
  public:
   explicit Events(OutputFile& file) : file_(file) {}
@@ -77,8 +76,9 @@ class Events {
   bool first_ = true;
 };
 
-/// Device stages, as late as can be: each command has ended when the next wait has.
-/// @param update When the update began; @param end and when it ended at the latest.
+/// Writes the device stages as late as possible: each command ends before the next stage "wait" does.
+/// @param update When the update began.
+/// @param end When it ended at the latest.
 void write_device_stages(Events& events, const std::vector<Stage>& stages, Nanoseconds update,
                          Nanoseconds end, std::size_t frame) {
   Nanoseconds origin = end;
@@ -95,7 +95,7 @@ void write_device_stages(Events& events, const std::vector<Stage>& stages, Nanos
   }
 }
 
-/// An event comes before those within it.
+/// Writes the events of a frame, each before the events nested in it.
 void write_frame(Events& events, const SimulationResult& result, std::size_t frame) {
   const Nanoseconds begin =
       std::chrono::duration_cast<std::chrono::nanoseconds>(result.start[frame] - result.start.front())

@@ -12,15 +12,14 @@ namespace broadcl::cli {
 /// How the program ends.
 enum class Exit {
   success = 0,
-  difference = 1,  ///< Something was computed, and it is not what it must be.
-  failure = 2,     ///< Bad input, or no way to compute.
+  difference = 1,  ///< A result was computed, and it is wrong.
+  failure = 2,     ///< Bad input, or the result could not be computed.
 };
 
 /// A verb of the program.
 struct Verb {
-  CLI::App* arguments;  ///< Owned by the program's parser.
-  std::function<Exit()>
-      run;  ///< Call it after parsing. Throws Error before it prints anything for bad input.
+  CLI::App* arguments;        ///< Owned by the program's parser.
+  std::function<Exit()> run;  ///< Called after parsing. For bad input it throws Error and prints nothing.
 };
 
 [[nodiscard]] Verb add_devices(CLI::App& program);

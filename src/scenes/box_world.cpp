@@ -19,7 +19,7 @@ btVector3 to_bullet(const std::array<float, 3>& corner) {
 
 BoxWorld::BoxWorld(btBroadphaseInterface& broadphase, std::span<const Aabb> boxes) : broadphase_(broadphase) {
   proxies_.reserve(boxes.size());
-  void* const owner = this;  // btSimpleBroadphase passes over proxies of nobody
+  void* const owner = this;  // btSimpleBroadphase skips proxies that have no client object
   for (const Aabb& box : boxes) {
     proxies_.push_back(broadphase.createProxy(to_bullet(box.lower), to_bullet(box.upper), 0, owner,
                                               btBroadphaseProxy::DefaultFilter, btBroadphaseProxy::AllFilter,

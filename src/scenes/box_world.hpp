@@ -9,11 +9,11 @@
 
 namespace broadcl::scenes {
 
-/// Boxes on a broad phase and nothing else: no bodies, no collision response. All may pair with all.
+/// Boxes in a broad phase and nothing else: no bodies, no collision response. Any two boxes may form a pair.
 class BoxWorld {
  public:
-  /// Makes a proxy a box.
-  /// @param broadphase Not owned; must outlive the world, and nobody else may have proxies in it.
+  /// Creates one proxy per box.
+  /// @param broadphase Not owned; must outlive the world, and must have no other proxies.
   BoxWorld(btBroadphaseInterface& broadphase, std::span<const Aabb> boxes);
   ~BoxWorld();
   BoxWorld(const BoxWorld&) = delete;
@@ -22,13 +22,13 @@ class BoxWorld {
   BoxWorld& operator=(BoxWorld&&) = delete;
 
   /// One frame: setAabb() for all boxes, then calculateOverlappingPairs().
-  /// @param boxes As many as the world was made of, in their order.
-  /// @return What a World measures, but `update` is the calls of setAabb(), and `total` is `update` and
-  /// `broad_phase` together.
+  /// @param boxes As many as the world was made with, in the same order.
+  /// @return As World::step(), except that `update` is the calls of setAabb() and `total` is the sum of
+  /// `update` and `broad_phase`.
   FrameTimes step(std::span<const Aabb> boxes);
 
   /// Compares the pairs with the oracle's.
-  /// @param boxes Those of the last step, no NaN among them.
+  /// @param boxes Those of the last step, without NaNs.
   [[nodiscard]] Difference verify(std::span<const Aabb> boxes);
 
  private:

@@ -81,7 +81,7 @@ BroadphaseInfo find_broadphase(std::string_view name) {
     if (info.name == name) return info;
     names += (names.empty() ? "" : ", ") + info.name;
   }
-  throw Error("no broad phase is named '" + std::string(name) + "'; there is: " + names);
+  throw Error("no broad phase is named '" + std::string(name) + "'; the broad phases are: " + names);
 }
 
 std::unique_ptr<btBroadphaseInterface> make_broadphase(const BroadphaseConfig& config) {

@@ -10,12 +10,12 @@ class btBroadphaseInterface;
 
 namespace broadcl::scenes {
 
-/// A row of the table of broad phases that a World can run on: Bullet's own three, then every algorithm of
-/// broadcl::algorithms() by its name.
+/// A row of the table of broad phases that a World can use: Bullet's own three, then every algorithm of
+/// broadcl::algorithms(), by name.
 struct BroadphaseInfo {
   std::string name;
   std::string summary;  ///< One line for people.
-  bool exact;           ///< Its pairs are those of the exact boxes; Bullet's axis sweep and tree keep more.
+  bool exact;           ///< Whether it has no extra pairs; Bullet's axis sweep and tree have some.
   bool bullet;          ///< One of Bullet's own.
   bool on_device;       ///< Needs an OpenCL device.
 };
@@ -23,21 +23,20 @@ struct BroadphaseInfo {
 /// bullet-bf (btSimpleBroadphase), bullet-sap (btAxisSweep3), bullet-bvh (btDbvtBroadphase), then BroadCL's.
 [[nodiscard]] std::vector<BroadphaseInfo> broadphases();
 
-/// The row of a name.
-/// @throws broadcl::Error for an unknown one; it lists those there are.
+/// The row with a name.
+/// @throws broadcl::Error for an unknown name, listing the known ones.
 [[nodiscard]] BroadphaseInfo find_broadphase(std::string_view name);
 
-/// What a broad phase is made for.
+/// How to make a broad phase, and for what.
 struct BroadphaseConfig {
   std::string name;      ///< A name of broadphases().
-  std::string device;    ///< As broadcl::select_device() takes it; only BroadCL's own use it.
+  std::string device;    ///< As broadcl::select_device() takes it; ignored by Bullet's own.
   bool profile = false;  ///< As broadcl::BroadPhase::Config.
-  std::size_t
-      objects;  ///< For those with a fixed capacity: the number of proxies that will be made, walls included.
-  float world_edge;  ///< For those with fixed bounds: edge of a cube around the origin that holds everything.
+  std::size_t objects;   ///< Number of proxies including walls; needed by broad phases with a fixed capacity.
+  float world_edge;  ///< Edge of a cube around the origin that holds everything; for those with fixed bounds.
 };
 
-/// @throws broadcl::Error for an unknown name (it lists the known ones), and as broadcl::BroadPhase does.
+/// @throws broadcl::Error for an unknown name, listing the known ones, and as broadcl::BroadPhase does.
 [[nodiscard]] std::unique_ptr<btBroadphaseInterface> make_broadphase(const BroadphaseConfig& config);
 
 }  // namespace broadcl::scenes

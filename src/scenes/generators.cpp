@@ -13,7 +13,7 @@ namespace {
 
 constexpr float infinity = std::numeric_limits<float>::infinity();
 
-/// The edge with which each of n cubes, their centres uniform in the unit cube, overlaps about four others.
+/// The edge for which each of n cubes, with centres uniform in the unit cube, overlaps about four others.
 float edge_for_four_overlaps(std::uint32_t count) {
   return static_cast<float>(1 - std::sqrt(1 - std::min(1.0, std::cbrt(4.0 / count))));
 }
@@ -39,7 +39,7 @@ Aabb random_box(Random& random, float world_edge, float largest_edge) {
   return to_aabb(lower, lower + random.vector(0, largest_edge));
 }
 
-/// The given number of boxes from a function that makes the k-th.
+/// Makes the given number of boxes with a function that makes the k-th.
 template <class Function>
 std::vector<Aabb> make_boxes(std::uint32_t count, Function&& make) {
   std::vector<Aabb> boxes;
@@ -48,7 +48,7 @@ std::vector<Aabb> make_boxes(std::uint32_t count, Function&& make) {
   return boxes;
 }
 
-/// Coordinates of the k-th point of a cubic grid that holds the given number of points.
+/// The k-th point of a cubic grid that has at least the given number of points.
 Eigen::Vector3f grid_point(std::uint32_t k, std::uint32_t count) {
   std::uint32_t edge = 1;
   while (std::uint64_t{edge} * edge * edge < count) ++edge;
@@ -62,7 +62,7 @@ std::vector<Aabb> moving_boxes(std::uint32_t count, MovingBoxes::Sizes sizes, st
 
 std::vector<Aabb> points(std::uint32_t count, Random& random) {
   return make_boxes(count, [&](std::uint32_t k) {
-    // Half as many places as boxes, so that points coincide; every other box is not a point.
+    // Half as many grid points as boxes, so that points coincide; every other box is not a point.
     const Eigen::Vector3f corner = grid_point(random.index(count / 2 + 1), count);
     return to_aabb(corner, corner + Eigen::Vector3f::Constant(k % 2 == 0 ? 0.0F : 0.5F));
   });
@@ -75,7 +75,7 @@ std::vector<Aabb> touching(std::uint32_t count) {
   });
 }
 
-/// One unit in the last place apart along x, in place of touching.
+/// Boxes one unit in the last place apart along x instead of touching.
 std::vector<Aabb> almost_touching(std::uint32_t count) {
   return make_boxes(count, [&](std::uint32_t k) {
     const Eigen::Vector3f corner = grid_point(k, count);
@@ -102,7 +102,7 @@ std::vector<Aabb> line(std::uint32_t count, Random& random) {
   });
 }
 
-/// Long thin boxes along all three axes, which cross each other.
+/// Long thin boxes along all three axes that cross each other.
 std::vector<Aabb> needles(std::uint32_t count, Random& random) {
   return make_boxes(count, [&](std::uint32_t k) {
     Aabb box = random_box(random, 100, 2);
@@ -119,7 +119,7 @@ std::vector<Aabb> clusters(std::uint32_t count, Random& random) {
   });
 }
 
-/// Every other box is inverted on at least one axis, though a surrounding box is there.
+/// Every other box is inverted on at least one axis, although the others surround it.
 std::vector<Aabb> empty(std::uint32_t count, Random& random) {
   return make_boxes(count, [&](std::uint32_t k) {
     Aabb box = random_box(random, 10, 5);
@@ -129,7 +129,7 @@ std::vector<Aabb> empty(std::uint32_t count, Random& random) {
   });
 }
 
-/// Half-spaces, slabs, all of space, and boxes that lie wholly at infinity, among ordinary ones.
+/// Half-spaces, slabs, all of space, and boxes entirely at infinity, among ordinary boxes.
 std::vector<Aabb> infinite(std::uint32_t count, Random& random) {
   return make_boxes(count, [&](std::uint32_t k) {
     Aabb box = random_box(random, 10, 2);
@@ -156,7 +156,7 @@ std::vector<Aabb> infinite(std::uint32_t count, Random& random) {
   });
 }
 
-/// Bounds of a magnitude whose square or volume overflows, among ordinary boxes.
+/// Bounds so large that squares or volumes overflow, among ordinary boxes.
 std::vector<Aabb> huge(std::uint32_t count, float magnitude, Random& random) {
   return make_boxes(count, [&](std::uint32_t k) {
     Aabb box = random_box(random, 10, 2);
@@ -169,7 +169,7 @@ std::vector<Aabb> huge(std::uint32_t count, float magnitude, Random& random) {
   });
 }
 
-/// Coordinates of a few units of the smallest number there is: to flush them to zero makes all boxes touch.
+/// Coordinates of a few times the smallest positive float: if they are flushed to zero, all boxes touch.
 std::vector<Aabb> denormal(std::uint32_t count, Random& random) {
   constexpr float unit = std::numeric_limits<float>::denorm_min();
   return make_boxes(count, [&](std::uint32_t /*k*/) {
@@ -179,7 +179,7 @@ std::vector<Aabb> denormal(std::uint32_t count, Random& random) {
   });
 }
 
-/// Boxes that touch at zero, which is written with either sign.
+/// Boxes that touch at zero, with either sign.
 std::vector<Aabb> negative_zero(std::uint32_t count) {
   return make_boxes(count, [&](std::uint32_t k) {
     const float zero = k % 2 == 0 ? 0.0F : -0.0F;
@@ -191,7 +191,7 @@ std::vector<Aabb> negative_zero(std::uint32_t count) {
   });
 }
 
-/// Where neighbouring floats are a whole unit apart.
+/// Boxes so far away that adjacent floats are a whole unit apart.
 std::vector<Aabb> far_from_origin(std::uint32_t count, Random& random) {
   return make_boxes(count, [&](std::uint32_t /*k*/) {
     const Eigen::Vector3f lower = random.vector(0, 100).array() + 1e7F;

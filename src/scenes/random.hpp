@@ -9,8 +9,8 @@
 
 namespace broadcl::scenes {
 
-/// Random numbers that are the same on every machine: the standard fixes the engine's output, but not that of
-/// the standard distributions, so those here are our own.
+/// Random numbers that are the same on every machine. The standard specifies the output of its engines but
+/// not that of its distributions, so these are our own.
 class Random {
  public:
   explicit Random(std::uint64_t seed) : engine_(seed) {}
@@ -30,7 +30,7 @@ class Random {
     const float z = uniform(lower, upper);
     return {x, y, z};
   }
-  /// Puts the elements in random order.
+  /// Shuffles the elements.
   template <class T>
   void shuffle(std::span<T> elements) {
     for (std::size_t k = elements.size(); k > 1; --k) {

@@ -4,8 +4,8 @@
 
 namespace broadcl::scenes {
 
-/// Empties a pair cache before proxies are destroyed: destroying one searches all pairs for its own, which is
-/// quick only where there are none.
+/// Empties a pair cache before proxies are destroyed: destroying a proxy searches all pairs for its own,
+/// which is quick only if there are none.
 inline void remove_all_pairs(btOverlappingPairCache& cache, btDispatcher* dispatcher) {
   struct RemoveAll final : btOverlapCallback {
     bool processOverlap(btBroadphasePair& /*pair*/) override { return true; }

@@ -35,26 +35,26 @@ constexpr std::array rules{
           .agitates = false,
           .rotates = false},
     Rules{.info = {.name = "agitated",
-                   .summary = "as free-fall, and 25 objects a frame get a new random velocity"},
+                   .summary = "free-fall, but 25 objects per frame get a new random velocity"},
           .sizes = equal_sizes,
           .gravity = earth_gravity,
           .agitates = true,
           .rotates = false},
     Rules{.info = {.name = "rolling-gravity",
-                   .summary = "strong gravity that rotates throws all objects from face to face"},
+                   .summary = "strong, rotating gravity throws all objects from face to face"},
           .sizes = equal_sizes,
           .gravity = 50 * earth_gravity,
           .agitates = false,
           .rotates = true},
     Rules{.info = {.name = "mixed-sizes",
-                   .summary = "as rolling-gravity, with a third each of small, average and large objects"},
+                   .summary = "rolling-gravity with small, average and large objects, a third each"},
           .sizes = mixed_sizes,
           .gravity = 50 * earth_gravity,
           .agitates = false,
           .rotates = true},
     Rules{.info = {.name = "streaming",
                    .summary =
-                       "as free-fall, and 5 % of the objects a second leave while others come in on top"},
+                       "free-fall, but every second 5 % of the objects leave and as many come in on top"},
           .sizes = equal_sizes,
           .gravity = earth_gravity,
           .agitates = false,
@@ -74,10 +74,10 @@ const Rules& find_rules(std::string_view name) {
   if (row != rules.end()) return *row;
   std::string names;
   for (const Rules& r : rules) names += (names.empty() ? "" : ", ") + std::string(r.info.name);
-  throw Error("no scenario is named '" + std::string(name) + "'; there is: " + names);
+  throw Error("no scenario is named '" + std::string(name) + "'; the scenarios are: " + names);
 }
 
-/// Twice the edge of a cube that has the volume of all objects together, on average.
+/// Twice the edge of a cube whose volume is the expected volume of all objects together.
 float container_edge_for(std::span<const SizeClass> sizes, std::uint32_t objects) {
   double mean_volume = 0;
   for (const auto [lower, upper] : sizes) {
@@ -88,7 +88,7 @@ float container_edge_for(std::span<const SizeClass> sizes, std::uint32_t objects
   return static_cast<float>(2 * std::cbrt(objects * mean_volume));
 }
 
-/// Cubic cells that fill the container. Each holds one object at most, and each object is inside its cell.
+/// Cubic cells that fill the container. Each cell contains at most one object, which lies inside it.
 class Lattice {
  public:
   Lattice(float container_edge, std::uint32_t cells_per_axis)
@@ -141,7 +141,7 @@ class Placement {
  public:
   Placement(float container_edge, Random& random) : container_edge_(container_edge), random_(random) {}
 
-  /// Call it with the largest class first. False where an object finds no place: the placement is then
+  /// To be called with the largest class first. False if an object does not fit; the placement is then
   /// useless.
   [[nodiscard]] bool add(const SizeClass& sizes, std::uint32_t count) {
     if (count == 0) return true;
@@ -173,12 +173,12 @@ class Placement {
   [[nodiscard]] std::vector<Scenario::Object>& objects() { return objects_; }
 
  private:
-  static constexpr float clearance = 0.01F;  // between objects: far above rounding
+  static constexpr float clearance = 0.01F;  // between objects; far above rounding errors
 
   [[nodiscard]] std::uint32_t cells_per_axis(const SizeClass& sizes, std::uint32_t count) const {
     const auto fits = static_cast<std::uint32_t>(container_edge_ / (sizes.upper + clearance));
     const std::uint64_t wanted =
-        lattices_.empty() ? count : std::uint64_t{8} * count;  // room to avoid the larger
+        lattices_.empty() ? count : std::uint64_t{8} * count;  // spare cells, to avoid larger objects
     std::uint32_t cells = 1;
     while (std::uint64_t{cells} * cells * cells < wanted) ++cells;
     return lattices_.empty() ? cells : std::clamp(fits, 1U, cells);
@@ -197,7 +197,7 @@ class Placement {
   std::vector<Scenario::Object> objects_;
 };
 
-/// None where the sizes drawn do not fit beside each other, which happens with a handful of objects.
+/// None if the drawn sizes do not fit next to each other, which happens with a handful of objects.
 std::optional<std::vector<Scenario::Object>> try_to_place(std::span<const SizeClass> sizes,
                                                           std::uint32_t objects, float container_edge,
                                                           Random& random) {
@@ -219,11 +219,11 @@ std::vector<Scenario::Object> place(const Rules& rule, std::uint32_t objects, fl
       return std::move(*placed);
     }
   }
-  throw Error("scenario '" + std::string(rule.info.name) + "' finds no room for " + std::to_string(objects) +
-              " objects; take another seed or more objects");
+  throw Error("scenario '" + std::string(rule.info.name) + "' cannot place " + std::to_string(objects) +
+              " objects; use another seed or more objects");
 }
 
-/// An object that is in no row yet.
+/// A random object that is in none of the rows.
 template <class Row>
 std::uint32_t draw_other(const std::vector<Row>& rows, std::uint32_t objects, Random& random) {
   for (;;) {

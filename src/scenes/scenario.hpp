@@ -24,27 +24,27 @@ struct SizeClass {
   float upper;
 };
 
-/// Small, average and large: a third of the objects each.
+/// Small, average and large objects, a third each.
 inline constexpr std::array<SizeClass, 3> mixed_sizes{{{0.1F, 0.4F}, {0.8F, 1.2F}, {1.6F, 4.0F}}};
 
 /// The four scenarios of Serpa and Rodrigues, "Parallelizing Broad Phase Collision Detection for Animation in
 /// Games: A Performance Comparison of CPU and GPU Algorithms", SBGames 2014: objects in a cubic container
-/// that fall, are agitated, or are thrown about by a rotating gravity. And one of our own, for what
-/// the authors leave to others: objects that come and go.
+/// that fall, are agitated, or are thrown about by rotating gravity. A fifth scenario covers what the paper
+/// leaves out: objects that come and go.
 ///
-/// This is the script of a run, free of any physics engine: where objects start, and what gravity and the
-/// velocities do at each frame. Metres, seconds, kilograms; y is up; the container is centred at the origin.
-/// The same configuration gives the same script on every machine.
+/// This is the script of a run, independent of any physics engine: where objects start, and how gravity and
+/// velocities change in each frame. Metres, seconds, kilograms; y is up; the container is centred at the
+/// origin. The same configuration gives the same script on every machine.
 class Scenario {
  public:
   struct Config {
     std::string name;              ///< A name of list().
     std::uint32_t objects = 1250;  ///< 1 to max_objects.
     std::uint64_t seed = 1;
-    bool spheres = false;  ///< Spheres of the same extent in place of cubes.
+    bool spheres = false;  ///< Spheres of the same size instead of cubes.
   };
   struct Object {
-    Eigen::Vector3f position;  ///< Of the centre, at frame 0. No two objects overlap there.
+    Eigen::Vector3f position;  ///< Of the centre, at frame 0, when no two objects overlap.
     Eigen::Vector3f velocity;  ///< At frame 0.
     float edge;                ///< Edge of the cube, or diameter of the sphere.
   };
@@ -54,14 +54,14 @@ class Scenario {
     Eigen::Vector3f velocity;
   };
 
-  /// An object that leaves, while one of its size comes.
+  /// An object that is replaced by one of the same size.
   struct Exchange {
     std::uint32_t object;
-    Eigen::Vector3f position;  ///< Of the centre of the one that comes.
+    Eigen::Vector3f position;  ///< Of the new object's centre.
     Eigen::Vector3f velocity;
   };
 
-  /// @throws broadcl::Error for an unknown name (it lists the known ones) and for zero or too many objects.
+  /// @throws broadcl::Error for an unknown name, listing the known ones, and for zero or too many objects.
   explicit Scenario(const Config& config);
 
   /// The table of scenarios.
@@ -77,9 +77,9 @@ class Scenario {
   [[nodiscard]] std::span<const Kick> kicks() const noexcept { return kicks_; }
   /// Objects to exchange before the current frame is simulated; each once.
   [[nodiscard]] std::span<const Exchange> exchanges() const noexcept { return exchanges_; }
-  /// Whether gravity changes from frame to frame, so that nothing may sleep through it.
+  /// Whether gravity changes from frame to frame, so that no body may sleep.
   [[nodiscard]] bool gravity_rotates() const noexcept { return rotates_; }
-  /// Goes to the next frame. Frame 0 is current after construction.
+  /// Advances to the next frame. After construction the current frame is 0.
   void advance();
 
   static constexpr float frame_seconds = 1.0F / 30.0F;
@@ -94,7 +94,7 @@ class Scenario {
   std::vector<Object> objects_;
   std::vector<Kick> kicks_;
   std::vector<Exchange> exchanges_;
-  double due_ = 0;  // exchanges, of which a part may be left for later frames
+  double due_ = 0;  // exchanges still to be made; the fraction is carried over to later frames
   float container_edge_ = 0;
   Eigen::Vector3f gravity_;
   Eigen::Matrix3d axes_;  // the columns are e1, e2, e3 of the rotating gravity

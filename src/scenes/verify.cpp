@@ -45,7 +45,7 @@ std::vector<Pair> expected_pairs(Proxies proxies, std::span<const Aabb> boxes) {
   return pairs;
 }
 
-/// A proxy that is not among them gets an id beyond all others.
+/// A pair's proxy that is not among `proxies` gets an id beyond all others.
 std::vector<Pair> cached_pairs(btOverlappingPairCache& cache, Proxies proxies) {
   std::unordered_map<const btBroadphaseProxy*, std::uint32_t> ids;
   for (const btBroadphaseProxy* proxy : proxies) ids.emplace(proxy, static_cast<std::uint32_t>(ids.size()));

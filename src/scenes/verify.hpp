@@ -16,14 +16,14 @@ struct Difference {
   std::size_t extra = 0;    ///< Pairs in the cache that do not overlap or do not pass the filters.
 };
 
-/// Compares a world's pair cache with the `oracle` algorithm over the boxes that its proxies have now,
-/// filtered by group and mask both ways. Call it after a step: the boxes are those that the step's broad
-/// phase saw.
+/// Compares a world's pair cache with what the algorithm `oracle` finds for the boxes that its proxies have
+/// now, filtered by group and mask both ways. To be called after a step, when these are still the boxes that
+/// the step's broad phase used.
 [[nodiscard]] Difference verify(btCollisionWorld& world);
 
-/// The same where there is no world.
-/// @param proxies All that the cache may know.
-/// @param boxes What they should have now, a box a proxy, no NaN among them.
+/// The same without a world.
+/// @param proxies All proxies that may be in the cache.
+/// @param boxes The boxes that they should have now, one per proxy, without NaNs.
 [[nodiscard]] Difference verify(btOverlappingPairCache& cache, std::span<btBroadphaseProxy* const> proxies,
                                 std::span<const Aabb> boxes);
 

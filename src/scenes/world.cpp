@@ -70,7 +70,7 @@ class TimedWorld final : public btDiscreteDynamicsWorld {
   Interval broad_phase_;
 };
 
-/// What the two stages of a frame need.
+/// The parts of a world without objects.
 struct EmptyWorld {
   btDefaultCollisionConfiguration config;
   btCollisionDispatcher dispatcher{&config};
@@ -78,7 +78,7 @@ struct EmptyWorld {
   btSequentialImpulseConstraintSolver solver;
 };
 
-/// Seconds of a call, the least of several means.
+/// Seconds per call: the minimum of several means.
 template <class Function>
 double least_seconds(Function&& function) {
   constexpr int batches = 20;
@@ -93,7 +93,7 @@ double least_seconds(Function&& function) {
   return least;
 }
 
-/// Half a wall is more than what falls across the container travels in a frame.
+/// Half a wall is thicker than the distance that an object falling across the container travels in a frame.
 float wall_thickness(const Scenario& scenario) {
   return std::max(20.0F, scenario.container_edge() / 4);
 }
@@ -117,7 +117,7 @@ class World::Impl {
 
   FrameTimes step() {
     if (scenario_.gravity_rotates()) {
-      // The gravity of a world reaches only the bodies that are awake.
+      // The gravity of a world affects only bodies that are awake.
       for (std::size_t k = walls; k < bodies_.size(); ++k) bodies_[k]->activate();
       world_.setGravity(to_bullet(scenario_.gravity()));
     }
@@ -171,7 +171,7 @@ class World::Impl {
     body.setLinearVelocity(to_bullet(object.velocity));
   }
 
-  /// What rests on an object that leaves is to fall: Bullet would let it sleep on.
+  /// Objects that rest on one that leaves must fall, but Bullet would let them sleep.
   void wake_neighbours() {
     std::set<const btCollisionObject*> leaving;
     for (const Scenario::Exchange& exchange : scenario_.exchanges()) {
@@ -220,7 +220,7 @@ class World::Impl {
     return *shapes_.back();
   }
 
-  /// Static where the mass is zero.
+  /// Static if the mass is zero.
   btRigidBody& add_body(btCollisionShape& shape, float mass, const Eigen::Vector3f& position) {
     btVector3 inertia(0, 0, 0);
     if (mass > 0) shape.calculateLocalInertia(mass, inertia);
@@ -231,7 +231,7 @@ class World::Impl {
     return *bodies_.back();
   }
 
-  // The world goes first: it still needs everything above it.
+  // The world is destroyed first, since it needs everything above it.
   Scenario scenario_;
   btDefaultCollisionConfiguration config_;
   btCollisionDispatcher dispatcher_;

@@ -12,33 +12,34 @@ class btDiscreteDynamicsWorld;
 
 namespace broadcl::scenes {
 
-/// Wall-clock seconds of one frame, measured the same way for every broad phase: by two readings of the clock
-/// for each of update, broad phase and total. measuring_overhead() tells what that
-/// costs: most of it lies in the total, and one reading's share in each of the other two.
+/// Wall-clock seconds of one frame, measured the same way for every broad phase: with two clock readings for
+/// each of update, broad phase and total. measuring_overhead() measures their cost, most of which is part of
+/// the total; update and broad phase each contain the cost of one reading.
 struct FrameTimes {
-  std::chrono::steady_clock::time_point start;  ///< When the frame began; the other starts count from it.
+  std::chrono::steady_clock::time_point start;  ///< Start of the frame; the other starts are relative to it.
   double update_start;
-  /// btCollisionWorld::updateAabbs(): every object's box computed and handed to setAabb(). And before the
-  /// step, objects that come and go added and removed; update_start is as if that ran right before.
+  /// btCollisionWorld::updateAabbs(), which computes every object's box and passes it to setAabb(), plus the
+  /// exchange of objects before the step; update_start is shifted as if the exchange ran right before
+  /// updateAabbs().
   double update;
   double broad_phase_start;
   double broad_phase;  ///< btCollisionWorld::computeOverlappingPairs().
-  double total;  ///< The exchange of objects and the whole stepSimulation(), collision response included.
+  double total;  ///< The exchange of objects and the whole stepSimulation(), including collision response.
 };
 
-/// Seconds that measuring adds to a frame: what the same calls take more where they are measured, in a world
-/// without objects. 0.1 to 0.2 microseconds on CPUs of today.
+/// Seconds that measuring adds to a frame: the extra time that the same calls take when they are measured, in
+/// a world without objects. 0.1 to 0.2 microseconds on today's CPUs.
 [[nodiscard]] double measuring_overhead();
 
-/// A Bullet rigid-body world in which a scenario is simulated: the objects, and six static walls around the
+/// A Bullet rigid-body world that simulates a scenario: its objects, and six static walls around the
 /// container. Default friction, restitution 0, mass = volume, sleeping on.
 ///
-/// The walls are 20 m thick, or a quarter of the container's edge where that is more: at 50 g objects cross
-/// several metres a frame, so they sink into a wall that far before it pushes them back.
+/// The walls are 20 m thick, or a quarter of the container's edge if that is more: at 50 g objects travel
+/// several metres per frame, and sink that far into a wall before it pushes them back.
 class World {
  public:
   static constexpr std::size_t walls = 6;
-  /// Edge of the cube that the container and its walls fill.
+  /// Edge of the cube that contains the container and its walls.
   [[nodiscard]] static float outer_edge(const Scenario& scenario);
 
   /// @param broadphase Not owned; must outlive the world.
@@ -49,13 +50,13 @@ class World {
   World(World&&) = delete;
   World& operator=(World&&) = delete;
 
-  /// Simulates one frame: the script's gravity, kicks and exchanges, then stepSimulation(1/30 s, 0), in which
-  /// one broad phase runs.
+  /// Simulates one frame: the script's gravity, kicks and exchanges, then stepSimulation(1/30 s, 0), which
+  /// runs the broad phase once.
   FrameTimes step();
 
   [[nodiscard]] const Scenario& scenario() const noexcept;
-  /// For what this interface leaves out. The first six collision objects are the walls, then come the objects
-  /// in order, until one is exchanged.
+  /// Access to what this interface leaves out. The first six collision objects are the walls, followed by the
+  /// objects in order, until the first exchange.
   [[nodiscard]] btDiscreteDynamicsWorld& bullet() noexcept;
   /// Number of pairs in the pair cache.
   [[nodiscard]] std::size_t pair_count() const;

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Tests of what makes the report, without a browser."""
+"""Tests of the report, without a browser."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from report.verdict import absent, headline, sentences
 
 
 class SmallStudy(unittest.TestCase):
-    """A test with a folder that holds the small study."""
+    """A test with the small study in a folder."""
 
     def setUp(self) -> None:
         folder = tempfile.TemporaryDirectory()
@@ -68,7 +68,7 @@ class Report(SmallStudy):
 
 class BadInput(SmallStudy):
     def expect(self, reason: str, spoil: Callable[[], object]) -> None:
-        """One clear error, and what was there before stays as it was."""
+        """Expects one clear error, which leaves everything in the folder as it was."""
         (self.folder / "report.html").write_text("before", encoding="utf-8")
         spoil()
         files = set(self.folder.iterdir())
@@ -83,10 +83,10 @@ class BadInput(SmallStudy):
         path.write_text(text.replace(old, new, 1), encoding="utf-8")
 
     def test_no_study(self) -> None:
-        self.expect("no folder of `broadcl study`", (self.folder / "study.json").unlink)
+        self.expect("not a folder of `broadcl study`", (self.folder / "study.json").unlink)
 
     def test_no_json(self) -> None:
-        self.expect("no JSON", lambda: (self.folder / "study.json").write_text("{"))
+        self.expect("not JSON", lambda: (self.folder / "study.json").write_text("{"))
 
     def test_another_format(self) -> None:
         self.expect(
@@ -145,7 +145,7 @@ class Words(SmallStudy):
     def test_name_who_is_first_and_whether_clearly(self) -> None:
         study = read_study(self.folder)
         total = " ".join(sentences(study, "free-fall", "total"))
-        self.assertIn("With 20 objects, `tiles` is first: 4.00 ms a frame.", total)
+        self.assertIn("With 20 objects, `tiles` is first: 4.00 ms per frame.", total)
         self.assertIn("Not clearly slower: `auto` at 1.000 (", total)
         self.assertIn("Clearly slower is `bullet-bvh`, 2.00", total)
         self.assertIn("takes 0.500 (0.499 to 0.501) times as long as Bullet's fastest", total)
@@ -164,12 +164,12 @@ class Words(SmallStudy):
         table.write_text("".join(rows[:1] + [row for row in rows if row.split(",")[3] == "1"]))
         study = read_study(self.folder)
         total = " ".join(sentences(study, "free-fall", "total"))
-        self.assertRegex(total, r"`tiles` is first: \S+ ms a frame. Times as long: `auto` 1.\d+")
+        self.assertRegex(total, r"`tiles` is first: \S+ ms per frame. Times as long: `auto` 1.\d+")
         self.assertNotIn("clear", total + " ".join(headline(study)))
         self.assertIn("Each ran once", " ".join(headline(study)))
         self.assertNotIn("interval", about_times(study))
 
-    def test_say_where_one_of_several_ran_once(self) -> None:
+    def test_say_if_one_of_several_ran_once(self) -> None:
         for repeat in (2, 3):
             (self.folder / "runs" / f"free-fall-20-bullet-bvh-{repeat}.csv").unlink()
         table = self.folder / "study.csv"
@@ -191,7 +191,7 @@ class Words(SmallStudy):
 
     def test_name_what_was_left_out(self) -> None:
         lines = absent(read_study(self.folder))
-        self.assertIn("`gpu-bf` has no runs, so nothing is said of it.", lines)
+        self.assertIn("`gpu-bf` has no runs.", lines)
         self.assertIn("Left out of the preset `small`: gpu-bf: would take 3 h.", lines)
 
 

@@ -1,0 +1,68 @@
+#include <utility>
+
+#include "algorithms/device_objects.hpp"
+#include "algorithms/engine.hpp"
+#include "opencl/context.hpp"
+#include "opencl/error.hpp"
+#include "opencl/profiler.hpp"
+
+namespace broadcl {
+namespace {
+
+/// The engine with objects that come from the host, and changes that go there.
+class DeviceAlgorithm final : public Algorithm {
+ public:
+  DeviceAlgorithm(const Config& config, const Device& device, MakePairFinder make_finder)
+      : context_(device, config.profile),
+        profiler_(config.profile),
+        objects_(context_, profiler_),
+        engine_(context_, profiler_, make_finder, Order::Target::host) {}
+
+  void reserve(std::size_t slots, bool filters) override {
+    context_.guard([&] { objects_.reserve(slots, filters); });
+  }
+
+  [[nodiscard]] std::span<Aabb> boxes() noexcept override { return objects_.boxes(); }
+
+  void begin(const Changes& changes) override {
+    profiler_.begin();
+    context_.guard([&] {
+      engine_.prepare();
+      engine_.begin(objects_.upload(changes));
+    });
+  }
+
+  void flush() override {
+    context_.guard([&] { context_.queue().flush(); });
+  }
+
+  Delta finish() override {
+    const PairDelta::Counts counts = context_.guard([&] { return engine_.finish(); });
+    objects_.commit();
+    return engine_.changes().on_host(counts);
+  }
+
+  [[nodiscard]] std::vector<Pair> pairs() override {
+    return context_.guard([&] { return engine_.pairs(); });
+  }
+
+  [[nodiscard]] const Device* device() const noexcept override { return &context_.device(); }
+  [[nodiscard]] MemoryUse memory() const noexcept override { return context_.memory(); }
+  [[nodiscard]] std::span<const Stage> profile() const noexcept override { return profiler_.stages(); }
+
+ private:
+  opencl::Context context_;
+  opencl::Profiler profiler_;
+  DeviceObjects objects_;
+  Engine engine_;
+};
+
+}  // namespace
+
+std::unique_ptr<Algorithm> make_device_algorithm(const Config& config, MakePairFinder make_finder) {
+  const Device device = select_device(config.device);
+  return opencl::translate_errors(
+      device.label(), [&] { return std::make_unique<DeviceAlgorithm>(config, device, make_finder); });
+}
+
+}  // namespace broadcl

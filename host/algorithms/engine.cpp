@@ -1,0 +1,63 @@
+#include "algorithms/engine.hpp"
+
+#include <algorithm>
+#include <utility>
+
+namespace broadcl {
+
+Engine::Engine(const opencl::Context& context, opencl::Profiler& profiler, MakePairFinder make_finder,
+               Order::Target target)
+    : context_(context),
+      profiler_(profiler),
+      delta_(context, profiler),
+      order_(context, profiler, target),
+      finder_(make_finder(context)) {}
+
+void Engine::begin(Search search) {
+  search_ = std::move(search);
+  order_.begin(search_);
+  enqueue();
+}
+
+void Engine::enqueue() {
+  delta_.keep(search_);
+  finder_->find(search_, delta_, profiler_);
+  order_.enqueue(delta_);
+}
+
+PairDelta::Counts Engine::finish() {
+  PairDelta::Counts counts = order_.wait(delta_);
+  const PairDelta::Counts first = counts;
+  while (!delta_.fits(counts)) {
+    delta_.begin(counts.found);
+    enqueue();
+    counts = order_.wait(delta_);
+  }
+  counts.invalid_boxes = first.invalid_boxes;
+  counts.first_invalid = first.first_invalid;
+  order_.complete(delta_, counts);
+  profiler_.resolve();
+  delta_.commit(counts);
+  order_.commit(counts);
+  last_slots_ = search_.now.slots;
+  return counts;
+}
+
+cl::Buffer Engine::sorted_pairs() {
+  const std::size_t n = pair_count();
+  const std::size_t bytes = std::max<std::size_t>(1, n) * sizeof(Pair);
+  cl::Buffer sorted = context_.buffer(bytes);
+  if (n == 0) return sorted;
+  context_.queue().enqueueCopyBuffer(delta_.last_list(), sorted, 0, 0, bytes);
+  order_.sort(sorted, n, last_slots_, context_.buffer(bytes));
+  return sorted;
+}
+
+std::vector<Pair> Engine::pairs() {
+  std::vector<Pair> pairs(pair_count());
+  if (pairs.empty()) return pairs;
+  context_.queue().enqueueReadBuffer(sorted_pairs(), CL_TRUE, 0, pairs.size() * sizeof(Pair), pairs.data());
+  return pairs;
+}
+
+}  // namespace broadcl

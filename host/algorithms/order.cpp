@@ -1,0 +1,186 @@
+#include "algorithms/order.hpp"
+
+#include <algorithm>
+#include <bit>
+#include <string>
+#include <utility>
+
+#include "opencl/launch.hpp"
+
+namespace broadcl {
+namespace {
+
+/// Changes that are read with the counts, and room for them, at least.
+constexpr std::size_t least_changes = 512;
+
+// As kernels/order.cl has them.
+constexpr std::size_t teams = 2;
+constexpr std::size_t keys = 4;
+constexpr std::size_t changes_multiple = 2 * teams * keys;
+
+constexpr std::size_t group = 64;  // work-items per work-group that orders many changes
+
+/// Launch parameters.
+struct Launch {
+  std::size_t parts;  ///< Work-items that place pairs together.
+  std::size_t few;    ///< Changes of a list that are compared each with every other.
+};
+Launch launch_of(const opencl::Context& context) {
+  if (context.tuning() == opencl::Tuning::cpu) return {.parts = 1, .few = 256};
+  return {.parts = 128, .few = 4096};
+}
+
+using opencl::round_up;
+
+constexpr std::string_view what = "changes of overlapping pairs";
+
+}  // namespace
+
+Order::Order(const opencl::Context& context, opencl::Profiler& profiler, Target target)
+    : context_(context),
+      profiler_(profiler),
+      target_(target),
+      few_(launch_of(context).few),
+      sort_(context),
+      scan_(context) {
+  const cl::Program program =
+      context.program("order.cl", "-DPARTS=" + std::to_string(launch_of(context).parts));
+  few_kernel_ = cl::Kernel(program, "order_few");
+  count_ = cl::Kernel(program, "order_count");
+  scatter_ = cl::Kernel(program, "order_scatter");
+  place_ = cl::Kernel(program, "order_place");
+}
+
+void Order::begin(const Search& search) {
+  slots_ = std::max<std::size_t>({1, search.last.slots, search.now.slots});
+  many_ = last_longest_ > few_;
+  room_ = round_up(std::max(least_changes, many_ ? last_changes_ + last_changes_ / 4 : 3 * last_longest_),
+                   changes_multiple);
+  expected_ = std::clamp(last_changes_ + last_changes_ / 8, least_changes, room_);
+  reserve_result(room_);
+  if (many_) {
+    buckets_.reserve(context_, 2 * slots_ * sizeof(cl_uint), what);
+    scattered_.reserve(context_, room_ * sizeof(Pair), what);
+  }
+}
+
+void Order::reserve_result(std::size_t changes) {
+  std::size_t bytes = PairDelta::count_bytes;
+  if (target_ == Target::host) {
+    bytes += changes * sizeof(Pair);
+  } else {
+    added_.reserve(context_, changes * sizeof(Pair), what);
+    removed_.reserve(context_, changes * sizeof(Pair), what);
+  }
+  if (result().bytes() >= bytes) return;
+  result() = {};
+  result() = opencl::SharedBuffer(context_, opencl::grown(context_, bytes, what));
+}
+
+cl_uint Order::set_results(cl::Kernel& kernel, cl_uint first, const PairDelta& delta) {
+  const bool on_host = target_ == Target::host;
+  return opencl::set_arguments(kernel, first, delta.next_counts(), result().device(),
+                               on_host ? cl::Buffer() : added(), on_host ? cl::Buffer() : removed());
+}
+
+void Order::enqueue_few(const PairDelta& delta) {
+  opencl::Profiler::Scope stage(profiler_, "order");
+  const std::size_t parts = launch_of(context_).parts;
+  set_results(few_kernel_, delta.set_changes(few_kernel_, 0), delta);
+  context_.queue().enqueueNDRangeKernel(few_kernel_, cl::NullRange, cl::NDRange(parts, room_ / 2 / keys, 2),
+                                        cl::NDRange(parts, teams, 1), nullptr, stage.event());
+}
+
+void Order::enqueue_many(const PairDelta& delta) {
+  opencl::Profiler::Scope stage(profiler_, "order");
+  const cl::CommandQueue& queue = context_.queue();
+  queue.enqueueFillBuffer(buckets_.get(), cl_uint{0}, 0, 2 * slots_ * sizeof(cl_uint));
+  // Each goes through some changes, but never so many that llvmpipe would end it (see tuning_of()).
+  const std::size_t items = round_up(
+      std::clamp(room_, context_.device().compute_units * std::size_t{64}, std::size_t{1} << 20), group);
+  for (cl::Kernel* kernel : {&count_, &scatter_, &place_}) {
+    const cl_uint next =
+        opencl::set_arguments(*kernel, delta.set_changes(*kernel, 0), static_cast<cl_uint>(room_),
+                              static_cast<cl_uint>(slots_), buckets_.get(), scattered_.get());
+    if (kernel == &place_) set_results(*kernel, next, delta);
+    queue.enqueueNDRangeKernel(*kernel, cl::NullRange, cl::NDRange(items), cl::NDRange(group), nullptr,
+                               kernel == &place_ ? stage.event() : nullptr);
+    if (kernel == &count_) scan_.enqueue(buckets_.get(), 2 * slots_);
+  }
+}
+
+void Order::read(std::size_t changes) {
+  opencl::Profiler::Scope stage(profiler_, "download");
+  const std::size_t bytes = target_ == Target::host ? changes * sizeof(Pair) : 0;
+  result().download(PairDelta::count_bytes + bytes, &read_);
+  if (stage.event() != nullptr) *stage.event() = read_;
+}
+
+void Order::enqueue(const PairDelta& delta) {
+  result().release();
+  many_ ? enqueue_many(delta) : enqueue_few(delta);
+  read(expected_);
+}
+
+PairDelta::Counts Order::wait(const PairDelta& delta) {
+  const opencl::Profiler::Scope stage(profiler_, "wait");
+  read_.wait();
+  return delta.counts_of(result().host());
+}
+
+void Order::complete(const PairDelta& delta, const PairDelta::Counts& counts) {
+  const std::size_t changes = counts.added + counts.removed;
+  const std::size_t needed = many_ ? changes : 2 * std::max(counts.added, counts.removed);
+  if (needed > room_ || counts.is_unordered) {
+    sort_changes(delta, counts);
+  } else if (changes <= expected_) {
+    return;
+  }
+  if (target_ == Target::device) return;
+  read(changes);
+  (void)wait(delta);
+}
+
+void Order::sort_changes(const PairDelta& delta, const PairDelta::Counts& counts) {
+  const opencl::Profiler::Scope stage(profiler_, "sort");
+  const cl::CommandQueue& queue = context_.queue();
+  const auto sort_list = [&](opencl::GrowingBuffer& to, const cl::Buffer& from, std::size_t first,
+                             std::size_t n) {
+    to.reserve(context_, n * sizeof(Pair), what);
+    if (n == 0) return;
+    queue.enqueueCopyBuffer(from, to.get(), first * sizeof(Pair), 0, n * sizeof(Pair));
+    scattered_.reserve(context_, n * sizeof(Pair), what);
+    sort(to.get(), n, slots_, scattered_.get());
+  };
+  sort_list(added_, delta.list(), counts.found - counts.added, counts.added);
+  sort_list(removed_, delta.removed(), 0, counts.removed);
+  if (target_ == Target::device) return;
+  reserve_result(counts.added + counts.removed);
+  result().release();
+  std::size_t offset = PairDelta::count_bytes;
+  for (const auto& [list, n] : {std::pair(added_.get(), counts.added), {removed_.get(), counts.removed}}) {
+    if (n > 0) queue.enqueueCopyBuffer(list, result().device(), 0, offset, n * sizeof(Pair));
+    offset += n * sizeof(Pair);
+  }
+  added_.clear();
+  removed_.clear();
+}
+
+void Order::commit(const PairDelta::Counts& counts) noexcept {
+  last_changes_ = counts.added + counts.removed;
+  last_longest_ = std::max(counts.added, counts.removed);
+  turn_ = 1 - turn_;
+}
+
+Delta Order::on_host(const PairDelta::Counts& counts) const noexcept {
+  const auto* changes = reinterpret_cast<const Pair*>(results_.at(1 - turn_).host() + PairDelta::count_bytes);
+  return {{changes, counts.added}, {changes + counts.added, counts.removed}};
+}
+
+void Order::sort(const cl::Buffer& pairs, std::size_t n, std::size_t slots, const cl::Buffer& scratch) {
+  const auto bits = static_cast<unsigned>(std::bit_width(slots));
+  sort_.enqueue(pairs, scratch, n,
+                std::array{opencl::RadixSort::Bits{0, bits}, opencl::RadixSort::Bits{32, bits}});
+}
+
+}  // namespace broadcl

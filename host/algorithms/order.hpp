@@ -1,0 +1,94 @@
+#pragma once
+
+#include <array>
+#include <cstddef>
+
+#include <broadcl/pair.hpp>
+
+#include "algorithms/pair_delta.hpp"
+#include "algorithms/search.hpp"
+#include "opencl/context.hpp"
+#include "opencl/growing_buffer.hpp"
+#include "opencl/profiler.hpp"
+#include "opencl/radix_sort.hpp"
+#include "opencl/scan.hpp"
+#include "opencl/shared_buffer.hpp"
+
+namespace broadcl {
+
+/// Puts the changes of a frame in canonical order, in buffers that are kept between frames, and brings the
+/// counts to the host, and the changes too if they are wanted there: kernels/order.cl.
+class Order {
+ public:
+  /// Where the changes are wanted.
+  enum class Target { host, device };
+
+  /// @param context, profiler Must outlive this object.
+  /// @throws cl::Error, Error
+  Order(const opencl::Context& context, opencl::Profiler& profiler, Target target);
+
+  /// Starts a frame: chooses how to order, by how much changed in the last one, and makes room.
+  /// @throws cl::Error, Error
+  void begin(const Search& search);
+  /// Enqueues what orders the changes of a frame and reads them.
+  /// @throws cl::Error
+  void enqueue(const PairDelta& delta);
+  /// Waits for that.
+  /// @throws cl::Error
+  [[nodiscard]] PairDelta::Counts wait(const PairDelta& delta);
+  /// Does what is left to do if more changed than was expected, once all pairs fit. The changes are then as
+  /// below.
+  /// @throws cl::Error, Error
+  void complete(const PairDelta& delta, const PairDelta::Counts& counts);
+  /// The frame succeeded.
+  void commit(const PairDelta::Counts& counts) noexcept;
+
+  /// The changes of the last frame on the host. They stay as they are until the frame after the next begins.
+  [[nodiscard]] Delta on_host(const PairDelta::Counts& counts) const noexcept;
+  /// The changes of the last frame on the device, until the next begins.
+  [[nodiscard]] const cl::Buffer& added() const noexcept { return added_.get(); }
+  [[nodiscard]] const cl::Buffer& removed() const noexcept { return removed_.get(); }
+
+  /// Enqueues what puts pairs of slots in canonical order.
+  /// @param slots Those of the pairs are below it.
+  /// @param scratch As large as `pairs`; overwritten.
+  /// @throws cl::Error
+  void sort(const cl::Buffer& pairs, std::size_t n, std::size_t slots, const cl::Buffer& scratch);
+
+ private:
+  [[nodiscard]] opencl::SharedBuffer& result() noexcept { return results_.at(turn_); }
+  void reserve_result(std::size_t changes);
+  void enqueue_few(const PairDelta& delta);
+  void enqueue_many(const PairDelta& delta);
+  cl_uint set_results(cl::Kernel& kernel, cl_uint first, const PairDelta& delta);
+  void read(std::size_t changes);
+  void sort_changes(const PairDelta& delta, const PairDelta::Counts& counts);
+
+  const opencl::Context& context_;
+  opencl::Profiler& profiler_;
+  Target target_;
+  std::size_t few_;  // changes of a list that are compared each with every other
+  opencl::RadixSort sort_;
+  opencl::Scan scan_;
+  cl::Kernel few_kernel_, count_, scatter_, place_;
+  // The counts, and behind them the changes if they are wanted on the host: of this frame and of the last, in
+  // turn.
+  std::array<opencl::SharedBuffer, 2> results_;
+  std::size_t turn_ = 0;                   // that of the frame which begins or runs
+  opencl::GrowingBuffer added_, removed_;  // if they are wanted on the device, or while they are sorted
+  opencl::GrowingBuffer buckets_;          // two per slot
+  opencl::GrowingBuffer scattered_;        // changes by bucket; pairs while they are sorted
+  cl::Event read_;                         // when this frame's result is the host's
+
+  // Of this frame.
+  bool many_ = false;         // changes are ordered by buckets
+  std::size_t room_ = 0;      // for changes
+  std::size_t expected_ = 0;  // changes that are read together with the counts
+  std::size_t slots_ = 0;     // those of all pairs are below it
+
+  // Of the last frame.
+  std::size_t last_changes_ = 0;
+  std::size_t last_longest_ = 0;  // the longer of added and removed
+};
+
+}  // namespace broadcl

@@ -1,0 +1,28 @@
+#include "opencl/growing_buffer.hpp"
+
+#include <algorithm>
+#include <string>
+
+#include <broadcl/error.hpp>
+
+namespace broadcl::opencl {
+
+std::size_t grown(const Context& context, std::size_t bytes, std::string_view what) {
+  const std::uint64_t most = context.device().max_allocation;
+  if (bytes > most) {
+    throw Error(context.device().label() + ": needs a buffer of " + std::to_string(bytes) +
+                " bytes for the " + std::string(what) + ", but the device allocates at most " +
+                std::to_string(most) + "; use fewer boxes, or a device with more memory");
+  }
+  return std::min<std::uint64_t>(most, std::uint64_t{bytes} + bytes / 4);
+}
+
+void GrowingBuffer::reserve(const Context& context, std::size_t bytes, std::string_view what) {
+  if (bytes <= bytes_) return;
+  clear();
+  const std::size_t size = grown(context, bytes, what);
+  buffer_ = context.buffer(size);
+  bytes_ = size;
+}
+
+}  // namespace broadcl::opencl

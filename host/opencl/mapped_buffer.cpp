@@ -1,0 +1,49 @@
+#include "opencl/mapped_buffer.hpp"
+
+#include <utility>
+
+namespace broadcl::opencl {
+
+MappedBuffer::MappedBuffer(const Context& context, cl::Buffer buffer, std::size_t bytes)
+    : queue_(context.queue()), buffer_(std::move(buffer)), bytes_(bytes) {}
+
+MappedBuffer MappedBuffer::pinned(const Context& context, std::size_t bytes) {
+  MappedBuffer result(context, context.pinned(bytes), bytes);
+  result.map(CL_TRUE);
+  return result;
+}
+
+MappedBuffer::~MappedBuffer() {
+  if (host_ == nullptr) return;
+  // A destructor cannot report: the C call, whose code is ignored.
+  (void)clEnqueueUnmapMemObject(queue_(), buffer_(), host_, 0, nullptr, nullptr);
+}
+
+// Moving handles of the bindings does not throw, though they do not say so.
+// NOLINTNEXTLINE(bugprone-exception-escape)
+MappedBuffer::MappedBuffer(MappedBuffer&& other) noexcept {
+  *this = std::move(other);
+}
+
+// NOLINTNEXTLINE(bugprone-exception-escape)
+MappedBuffer& MappedBuffer::operator=(MappedBuffer&& other) noexcept {
+  std::swap(queue_, other.queue_);
+  std::swap(buffer_, other.buffer_);
+  std::swap(bytes_, other.bytes_);
+  std::swap(host_, other.host_);
+  return *this;
+}
+
+void MappedBuffer::map(cl_bool blocking, cl::Event* event) {
+  if (host_ != nullptr) return;
+  host_ = static_cast<std::byte*>(
+      queue_.enqueueMapBuffer(buffer_, blocking, CL_MAP_READ | CL_MAP_WRITE, 0, bytes_, nullptr, event));
+}
+
+void MappedBuffer::unmap(cl::Event* event) {
+  if (host_ == nullptr) return;
+  queue_.enqueueUnmapMemObject(buffer_, host_, nullptr, event);
+  host_ = nullptr;
+}
+
+}  // namespace broadcl::opencl

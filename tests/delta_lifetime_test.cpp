@@ -1,0 +1,63 @@
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include <gtest/gtest.h>
+
+#include <broadcl/broad_phase.hpp>
+
+#include "each_algorithm.hpp"
+#include "failing_opencl.hpp"
+
+/// A Delta stays as it is until the next finish() or update().
+namespace broadcl::test {
+namespace {
+
+TEST_P(EachAlgorithm, ADeltaOutlivesBeginAndWhatTheDeviceDoesThen) {
+  const std::uint32_t n = is_slow() ? 100 : 300;
+  BroadPhase broad_phase(config());
+  for (std::uint32_t k = 0; k < n; ++k) broad_phase.add(unit);
+  Delta delta = broad_phase.update();
+  ASSERT_EQ(delta.added.size(), n * (n - 1) / 2);
+  for (int frame = 0; frame < 9; ++frame) {
+    const Pairs added = to_vector(delta.added);
+    const Pairs removed = to_vector(delta.removed);
+    EXPECT_GE(added.size() + removed.size(), n / 3);
+    const auto expect_unchanged = [&](const char* what) {
+      EXPECT_TRUE(same(delta, added, removed)) << what << ", frame " << frame;
+    };
+    // Apart, together, in pairs of two: lists that are as long, or much shorter.
+    for (std::uint32_t id = 0; id < n; ++id) {
+      broad_phase.move(id, frame % 3 == 0 ? apart(id) : frame % 3 == 1 ? unit : apart(id / 2));
+    }
+    EXPECT_GE(broad_phase.pairs().size(), added.size());
+    expect_unchanged("pairs()");
+    broad_phase.set_filter(1, {.mask = frame % 2 == 0 ? 0U : 1U});
+    broad_phase.begin();
+    expect_unchanged("begin()");
+    if (GetParam().on_device) wait_for_last_queue();
+    expect_unchanged("the update on the device");
+    if (frame % 2 == 0) {
+      broad_phase.remove(0);
+      EXPECT_EQ(broad_phase.add(unit), 0U);
+      broad_phase.move(2, apart(3));
+      for (int k = 0; k < 500; ++k) broad_phase.add(apart(n + 1));
+      for (std::uint32_t id = n + 500; id-- > n;) broad_phase.remove(id);
+      expect_unchanged("changes after begin()");
+    }
+    delta = broad_phase.finish();
+  }
+}
+
+/// map() may get new memory for the boxes.
+TEST_P(EachAlgorithm, ADeltaOutlivesMap) {
+  BroadPhase broad_phase(config());
+  for (Aabb& box : broad_phase.map(100)) box = unit;
+  const Delta delta = broad_phase.update();
+  for (Aabb& box : broad_phase.map(5000)) box = apart(7);
+  EXPECT_TRUE(same(delta, all_pairs(100), {}));
+}
+
+}  // namespace
+}  // namespace broadcl::test

@@ -1,0 +1,126 @@
+#pragma once
+
+#include "opencl/api.hpp"  // before <CL/cl.h>: it chooses the version
+
+#include <algorithm>
+#include <cstddef>
+#include <cstdint>
+#include <exception>
+#include <utility>
+#include <vector>
+
+#include <gtest/gtest.h>
+
+#include <broadcl/opencl.hpp>
+
+#include "each_algorithm.hpp"
+#include "opencl/devices.hpp"
+#include "reference.hpp"
+#include "trouble.hpp"
+
+namespace broadcl::test {
+
+/// A caller's queue, and buffers in its context.
+class CallersQueue {
+ public:
+  template <class T>
+  [[nodiscard]] cl::Buffer buffer_of(const std::vector<T>& values) const {
+    const std::size_t bytes = std::max<std::size_t>(1, values.size() * sizeof(T));
+    cl::Buffer buffer(context_, CL_MEM_READ_WRITE, bytes);
+    if (!values.empty()) queue_.enqueueWriteBuffer(buffer, CL_TRUE, 0, bytes, values.data());
+    return buffer;
+  }
+
+  [[nodiscard]] Pairs read(const DeviceBroadPhase::PairBuffer& list) const {
+    Pairs pairs(list.count);
+    if (!pairs.empty()) {
+      queue_.enqueueReadBuffer(cl::Buffer(list.buffer, true), CL_TRUE, 0, pairs.size() * sizeof(Pair),
+                               pairs.data());
+    }
+    return pairs;
+  }
+
+  [[nodiscard]] cl_command_queue operator()() const { return queue_(); }
+
+ private:
+  cl::Device device_{opencl::open(select_device())};
+  cl::Context context_{device_};
+  cl::CommandQueue queue_{context_, device_};
+};
+
+/// A DeviceBroadPhase in a few frames, each update repeated if it fails, with answers that are always those
+/// of the reference.
+template <class Trouble>
+class DeviceLife {
+ public:
+  DeviceLife(const CallersQueue& queue, const DeviceBroadPhase::Config& config, Trouble trouble,
+             Habits habits)
+      : queue_(queue), broad_phase_(queue(), config), trouble_(trouble), habits_(habits) {}
+
+  /// @returns Whether every answer was right; it ends with the first that is not.
+  bool live() {
+    try {
+      update(20, 0.7F);
+      update(30, 0.6F, 3);
+      update(200, 0.001F);  // all pair
+      update(25, 0.3F, 5);
+      update(0, 1);
+      update(24, 0.4F);
+    } catch (const std::exception& error) {
+      expect(::testing::AssertionFailure() << "a call fails though nothing does: " << error.what());
+    }
+    return is_right_;
+  }
+
+  [[nodiscard]] const Trouble& trouble() const { return trouble_; }
+
+ private:
+  void expect(const ::testing::AssertionResult& result) {
+    EXPECT_TRUE(result);
+    is_right_ = is_right_ && result;
+  }
+
+  /// Boxes in a row, of as many groups as asked for.
+  void update(std::uint32_t n, float distance, std::uint32_t groups = 0) {
+    if (!is_right_) return;
+    std::vector<Aabb> boxes;
+    std::vector<Filter> filters;
+    reference_.map(n);
+    for (std::uint32_t k = 0; k < n; ++k) {
+      const float x = static_cast<float>(k) * distance;
+      boxes.push_back({{x, 0, 0}, {x + 1, 1, 1}});
+      filters.push_back(groups == 0 ? Filter()
+                                    : Filter{.mask = k % groups == 0 ? 0U : 1U, .body = k / groups});
+      reference_.move(k, boxes[k]);
+      reference_.set_filter(k, filters[k]);
+    }
+    const cl::Buffer box_buffer = queue_.buffer_of(boxes);
+    const cl::Buffer filter_buffer = queue_.buffer_of(filters);
+    const DeviceBroadPhase::Boxes given{
+        .buffer = box_buffer(), .count = n, .filters = groups == 0 ? nullptr : filter_buffer()};
+    const Pairs known = reference_.pairs();
+    const auto result = trouble_.call(
+        [&] {
+          broad_phase_.begin(given);
+          return broad_phase_.finish();
+        },
+        [&] {
+          if (habits_.looks) expect(same("known", queue_.read(broad_phase_.pairs()), known));
+        });
+    const Reference::Changes changes = reference_.finish();
+    expect(same("added", queue_.read(result.added), changes.added));
+    expect(same("removed", queue_.read(result.removed), changes.removed));
+    if (!is_right_) return;
+    const auto all = trouble_.call([&] { return broad_phase_.pairs(); }, [] {});
+    expect(same("all", queue_.read(all), reference_.pairs()));
+  }
+
+  const CallersQueue& queue_;
+  DeviceBroadPhase broad_phase_;
+  Reference reference_;
+  Trouble trouble_;
+  Habits habits_;
+  bool is_right_ = true;
+};
+
+}  // namespace broadcl::test

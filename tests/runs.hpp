@@ -1,0 +1,68 @@
+#pragma once
+
+#include <cstddef>
+#include <string>
+#include <vector>
+
+/// Every test runs on the default device. Which other runs it belongs to is stated where it is:
+///
+///   SUITE_ALSO_IN(Scan, gpu_profile | rusticl);   all tests of a suite
+///   ALSO_IN(oclgrind);                            the test that follows
+///   NOT_IN(sanitizers, "takes a minute");         the test that follows; SUITE_NOT_IN for a suite
+///
+/// What is said of a test counts more than what is said of its suite. `broadcl_tests --run=NAME` (main.cpp)
+/// does a run, and with --gtest_list_tests lists its tests. A statement about no test, and a run without
+/// tests, are errors.
+namespace broadcl::test {
+
+using Runs = unsigned;
+
+namespace runs {
+
+inline constexpr Runs gpu_profile = 1;  ///< On the default device, kernels tuned for GPUs.
+inline constexpr Runs rusticl = 2;      ///< On Mesa's rusticl.
+inline constexpr Runs oclgrind = 4;  ///< Under Oclgrind, kernels tuned for CPUs: a few work-items at a time.
+inline constexpr Runs oclgrind_gpu_profile =
+    8;                                       ///< Under Oclgrind, kernels tuned for GPUs: seconds per test.
+inline constexpr Runs oclgrind_bullet = 16;  ///< Under Oclgrind, tests of the adapter; in the long run only.
+/// Under AddressSanitizer and UndefinedBehaviorSanitizer, ten times slower. Every test is in it unless it
+/// says otherwise.
+inline constexpr Runs sanitizers = 32;
+
+}  // namespace runs
+
+/// A statement about the test that follows its line, or about a suite if that is named.
+struct RunStatement {
+  std::string file;
+  int line;
+  std::string suite;
+  Runs also;
+  Runs never;
+};
+
+/// All statements of the program.
+inline std::vector<RunStatement>& run_statements() {
+  static std::vector<RunStatement> statements;
+  return statements;
+}
+
+inline std::size_t state_runs(RunStatement statement) {
+  run_statements().push_back(std::move(statement));
+  return run_statements().size();
+}
+
+}  // namespace broadcl::test
+
+#define BROADCL_JOIN2(a, b) a##b
+#define BROADCL_JOIN(a, b) BROADCL_JOIN2(a, b)
+#define BROADCL_STATE_RUNS(suite, also, never)                                            \
+  [[maybe_unused]] static const std::size_t BROADCL_JOIN(run_statement_, __COUNTER__) =   \
+      ::broadcl::test::state_runs([] {                                                    \
+        using namespace ::broadcl::test::runs; /* NOLINT(google-build-using-namespace) */ \
+        return ::broadcl::test::RunStatement{__FILE__, __LINE__, suite, also, never};     \
+      }())
+
+#define ALSO_IN(runs) BROADCL_STATE_RUNS("", runs, 0)
+#define NOT_IN(runs, why) BROADCL_STATE_RUNS("", 0, runs)
+#define SUITE_ALSO_IN(suite, runs) BROADCL_STATE_RUNS(#suite, runs, 0)
+#define SUITE_NOT_IN(suite, runs, why) BROADCL_STATE_RUNS(#suite, 0, runs)
