@@ -398,7 +398,7 @@ Pairs play(const std::string& algorithm) {
 TEST_P(EachAlgorithm, TheSameCallsReportTheSameWithBothProfilesInEveryRun) {
   const Pairs expected = play("oracle");
   ASSERT_GT(expected.size(), 2 * 79'800U);
-  const int runs = is_slow() ? 1 : 5;
+  const int runs = is_slow() ? 1 : 3;
   for (const std::string profile : {"cpu", "gpu"}) {
     const ScopedVariable variable("BROADCL_TUNING", profile);
     for (int run = 0; run < runs; ++run) {
