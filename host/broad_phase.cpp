@@ -113,6 +113,7 @@ class BroadPhase::Impl {
   void begin() {
     if (is_begun_) return;
     apply_late();
+    flight_.reserve(capacity_);  // here, for an update in flight reads it
     take_mapped();
     is_begun_ = true;
     if (changes_.empty()) return;
@@ -187,7 +188,6 @@ class BroadPhase::Impl {
       filters_.reserve(capacity);
       free_.reserve(capacity);
       changes_.reserve(capacity);
-      flight_.reserve(capacity);
       capacity_ = capacity;
     }
     if (!is_in_flight_) reserve_algorithm(ids, filters || any_filters_);

@@ -1,11 +1,7 @@
 // What users do to a world while it runs, on BroadCL's broad phase and on Bullet's own.
-#include <BulletDynamics/Dynamics/btActionInterface.h>
 #include <btBulletDynamicsCommon.h>
 
-#include <cstddef>
-#include <functional>
 #include <memory>
-#include <utility>
 #include <vector>
 
 #include <gtest/gtest.h>
@@ -19,12 +15,10 @@ namespace broadcl {
 namespace {
 
 using test::grid_cell;
-using test::height;
 using test::kinds;
 using test::Random;
 using test::RigidWorld;
 using test::state;
-using test::time_step;
 
 class Changes : public test::Contract {
  protected:
@@ -42,109 +36,6 @@ void add_falling_cubes(RigidWorld& world, int count) {
   Random random(1);
   world.bodies.add_floor();
   for (int k = 0; k < count; ++k) world.bodies.add_cube(random.point(8) + btVector3(0, 1, 0));
-}
-
-/// What a user's own code does in each step.
-class Action final : public btActionInterface {
- public:
-  explicit Action(std::function<void()> function) : function_(std::move(function)) {}
-  void updateAction(btCollisionWorld* /*world*/, btScalar /*step*/) override { function_(); }
-  void debugDraw(btIDebugDraw* /*drawer*/) override {}
-
- private:
-  std::function<void()> function_;
-};
-
-TEST_P(Changes, ActionsMayAddAndRemove) {
-  RigidWorld world(*broadphase_);
-  add_falling_cubes(world, 40);
-  Random random(2);
-  Action action([&] {
-    world.bodies.remove(*world.bodies.all()[1 + random.below(40)]);
-    world.bodies.add_cube(random.point(8) + btVector3(0, 1, 0));
-  });
-  world.world.addAction(&action);
-  world.world.stepSimulation(2, 120, time_step);
-  world.world.removeAction(&action);
-  world.step();
-  EXPECT_EQ(world.bodies.all().size(), 41U);
-  EXPECT_GT(broadphase_->getOverlappingPairCache()->getNumOverlappingPairs(), 20);
-  expect_right_pairs(world);
-}
-
-TEST_P(Changes, AGroupThatIsRefreshedTakesEffectInTheNextStep) {
-  RigidWorld world(*broadphase_);
-  world.bodies.add_floor();
-  btRigidBody& lower = world.bodies.add_cube({0, 0.5F, 0});
-  const btRigidBody& upper = world.bodies.add_cube({0, 1.5F, 0});
-  world.step(10);
-  EXPECT_NEAR(height(upper), 1.5, 0.05);
-  const auto refresh = [&](int mask) {
-    lower.getBroadphaseHandle()->m_collisionFilterMask = mask;
-    world.world.refreshBroadphaseProxy(&lower);
-    lower.activate();
-    world.step();
-    expect_right_pairs(world);
-  };
-  refresh(btBroadphaseProxy::StaticFilter);
-  lower.setLinearVelocity({5, 0, 0});  // out from under the other, which it no longer meets
-  world.step(60);
-  EXPECT_NEAR(height(lower), 0.5, 0.05);
-  EXPECT_NEAR(height(upper), 0.5, 0.05);
-  EXPECT_GT(lower.getWorldTransform().getOrigin().x(), 1.5F);
-  refresh(0);
-  world.step(10);
-  EXPECT_LT(height(lower), 0.45F) << "nothing holds it";
-}
-
-TEST_P(Changes, AMaskWrittenInPlaceIsThatOfThePairsToCome) {
-  RigidWorld world(*broadphase_);
-  world.bodies.add_floor();
-  world.bodies.add_cube({0, 0.5F, 0});
-  btRigidBody& faller = world.bodies.add_cube({0, 4, 0});
-  world.step();
-  faller.getBroadphaseHandle()->m_collisionFilterMask = btBroadphaseProxy::StaticFilter;
-  world.step(90);
-  expect_right_pairs(world);
-  EXPECT_LT(height(faller), 1) << "through the other cube";
-  EXPECT_GT(height(faller), 0.4F);
-}
-
-TEST_P(Changes, AMaskWrittenInPlaceEndsPairs) {
-  for (const char* kind : {"Tree", "Sweep", "Simple"}) fails(kind, "pairs are not filtered again");
-  RigidWorld world(*broadphase_);
-  world.bodies.add_floor();
-  btRigidBody& cube = world.bodies.add_cube({0, 0.5F, 0});
-  world.step(10);
-  cube.getBroadphaseHandle()->m_collisionFilterMask = 0;
-  world.step(30);
-  expect_right_pairs(world);
-  EXPECT_LT(height(cube), -0.5F);
-}
-
-/// Dynamic objects do not meet each other.
-struct StaticOnly final : btOverlapFilterCallback {
-  bool needBroadphaseCollision(btBroadphaseProxy* s, btBroadphaseProxy* t) const override {
-    return ((s->m_collisionFilterGroup | t->m_collisionFilterGroup) & btBroadphaseProxy::StaticFilter) != 0;
-  }
-};
-
-TEST_P(Changes, AFilterCallbackDecidesOfPairsAsLongAsItIsSet) {
-  RigidWorld world(*broadphase_);
-  world.bodies.add_floor();
-  world.bodies.add_cube({0, 0.5F, 0});
-  const btRigidBody& through = world.bodies.add_cube({0, 4, 0});
-  StaticOnly callback;
-  broadphase_->getOverlappingPairCache()->setOverlapFilterCallback(&callback);
-  world.step(90);
-  EXPECT_NEAR(height(through), 0.5, 0.1);
-  EXPECT_EQ(broadphase_->getOverlappingPairCache()->getNumOverlappingPairs(), 2);
-  world.bodies.remove(*world.bodies.all()[2]);
-  broadphase_->getOverlappingPairCache()->setOverlapFilterCallback(nullptr);
-  const btRigidBody& onto = world.bodies.add_cube({0, 4, 0});
-  world.step(90);
-  expect_right_pairs(world);
-  EXPECT_NEAR(height(onto), 1.5, 0.1);
 }
 
 NOT_IN(sanitizers, "takes long");
@@ -172,27 +63,6 @@ TEST_P(Changes, ThousandsOfObjectsComeAndGoInOneFrame) {
   for (int k = 0; k < many; ++k) world.bodies.remove(*world.bodies.all().back());
   world.step();
   EXPECT_EQ(pair_count(), 0);
-}
-
-TEST_P(Changes, ABodyInTheSlotOfAnotherInheritsNothing) {
-  RigidWorld world(*broadphase_);
-  world.bodies.add_floor();
-  btRigidBody& old = world.bodies.add_cube({0, 0.5F, 0});
-  world.step(10);
-  EXPECT_EQ(world.world.getDispatcher()->getNumManifolds(), 1);
-  world.bodies.remove(old);
-  EXPECT_EQ(world.world.getDispatcher()->getNumManifolds(), 0);
-  const btRigidBody& free = world.bodies.add_cube({50, 100, 0});
-  const btRigidBody& resting = world.bodies.add_cube({0, 0.5F, 0});
-  world.step(10);
-  expect_right_pairs(world);
-  EXPECT_NEAR(height(resting), 0.5, 0.01);
-  EXPECT_LT(free.getLinearVelocity().y(), -1.5F) << "it falls freely";
-  for (int k = 0; k < world.world.getDispatcher()->getNumManifolds(); ++k) {
-    const btPersistentManifold& manifold = *world.world.getDispatcher()->getManifoldByIndexInternal(k);
-    EXPECT_TRUE(manifold.getNumContacts() == 0 ||
-                (manifold.getBody0() != &free && manifold.getBody1() != &free));
-  }
 }
 
 TEST_P(Changes, BodiesMayLeapAnywhere) {

@@ -46,77 +46,6 @@ class Bullet : public ::testing::Test {
   BulletBroadphase broadphase_;
 };
 
-TEST_F(Bullet, ProxiesCarryWhatTheyWereGiven) {
-  int client = 0;
-  btBroadphaseProxy* proxy =
-      broadphase_.createProxy({0, 1, 2}, {3, 4, 5}, 0, &client, 1 << 20, 1 << 30, nullptr);
-  ASSERT_NE(proxy, nullptr);
-  EXPECT_EQ(proxy->m_clientObject, &client);
-  EXPECT_EQ(proxy->m_collisionFilterGroup, 1 << 20);
-  EXPECT_EQ(proxy->m_collisionFilterMask, 1 << 30);
-  EXPECT_EQ(proxy->m_aabbMin, btVector3(0, 1, 2));
-  broadphase_.setAabb(proxy, {6, 7, 8}, {9, 10, 11}, nullptr);
-  btVector3 lower;
-  btVector3 upper;
-  broadphase_.getAabb(proxy, lower, upper);
-  EXPECT_EQ(lower, btVector3(6, 7, 8));
-  EXPECT_EQ(upper, btVector3(9, 10, 11));
-  broadphase_.destroyProxy(proxy, nullptr);
-}
-
-TEST_F(Bullet, PairsComeAndGoWithTheBoxes) {
-  create_unit(0);
-  btBroadphaseProxy* mover = create_unit(1);
-  create_unit(5);
-  calculate();
-  EXPECT_EQ(pairs(), (IdPairs{{0, 1}})) << "touching counts";
-  broadphase_.setAabb(mover, {3, 0, 0}, {4, 1, 1}, &dispatcher_);
-  broadphase_.setAabb(mover, {4.5, 0, 0}, {5.5, 1, 1}, &dispatcher_);
-  calculate();
-  EXPECT_EQ(pairs(), (IdPairs{{1, 2}})) << "the last of several moves wins";
-}
-
-TEST_F(Bullet, GroupsAndMasksFilterBothWays) {
-  create_unit(0, 1, 2);
-  create_unit(0, 2, 1);
-  create_unit(0, 2, 4);
-  create_unit(0, 4, 2);
-  create_unit(0, static_cast<int>(0x80000000U), static_cast<int>(0x80000000U));
-  create_unit(0, static_cast<int>(0x80000000U), static_cast<int>(0x80000000U));
-  calculate();
-  EXPECT_EQ(pairs(), (IdPairs{{0, 1}, {2, 3}, {4, 5}}));
-}
-
-TEST_F(Bullet, AFilterChangedByARefreshTakesEffect) {
-  btBroadphaseProxy* first = create_unit(0);
-  create_unit(0);
-  calculate();
-  EXPECT_EQ(pairs().size(), 1U);
-  broadphase_.destroyProxy(first, &dispatcher_);
-  EXPECT_TRUE(pairs().empty());
-  first = create_unit(0, 1, 0);
-  EXPECT_EQ(first->m_uniqueId, 0) << "ids are reused";
-  calculate();
-  EXPECT_TRUE(pairs().empty());
-  broadphase_.destroyProxy(first, &dispatcher_);
-  create_unit(0);
-  calculate();
-  EXPECT_EQ(pairs().size(), 1U);
-}
-
-TEST_F(Bullet, DestroyingEndsPairsAtOnceAndReuseBringsNewOnes) {
-  std::vector<btBroadphaseProxy*> proxies(20);
-  for (btBroadphaseProxy*& proxy : proxies) proxy = create_unit(0);
-  calculate();
-  EXPECT_EQ(pairs().size(), 190U);
-  for (int k = 0; k < 10; ++k) broadphase_.destroyProxy(proxies[static_cast<std::size_t>(k)], &dispatcher_);
-  EXPECT_EQ(pairs().size(), 45U);
-  for (int k = 0; k < 5; ++k) create_unit(0);
-  EXPECT_EQ(pairs().size(), 45U) << "pairs form in the calculation";
-  calculate();
-  EXPECT_EQ(pairs().size(), 105U);
-}
-
 TEST_F(Bullet, FiltersWrittenInPlaceTakeEffectInTheNextCalculation) {
   btBroadphaseProxy* first = create_unit(0);
   create_unit(0);
@@ -240,19 +169,6 @@ TEST_F(Bullet, ARefusedPairThatPartsIsForgotten) {
   EXPECT_EQ(gate.asked, 3);
 }
 
-TEST_F(Bullet, APairThatTheUserRemovedComesBackOnceAnObjectOfItMoves) {
-  btBroadphaseProxy* mover = create_unit(0);
-  btBroadphaseProxy* other = create_unit(0);
-  create_unit(0);
-  calculate();
-  broadphase_.getOverlappingPairCache()->removeOverlappingPair(mover, other, &dispatcher_);
-  calculate();
-  EXPECT_EQ(pairs(), (IdPairs{{0, 2}, {1, 2}}));
-  broadphase_.setAabb(mover, {0.1F, 0, 0}, {1.1F, 1, 1}, &dispatcher_);
-  calculate();
-  EXPECT_EQ(pairs().size(), 3U);
-}
-
 /// One pair taken from the cache and another put in between two calculations leave as many as before.
 TEST_F(Bullet, APairThatTheUserPutInGoesWhenItParts) {
   btBroadphaseProxy* s = create_unit(0);
@@ -324,23 +240,6 @@ TEST(BulletCache, AUsersClassIsOfferedEveryOverlappingPair) {
   EXPECT_EQ(cache.getNumOverlappingPairs(), 4);
 }
 
-TEST_F(Bullet, ABadBoxHurtsItsOwnerOnly) {
-  const btScalar nan_value = std::numeric_limits<btScalar>::quiet_NaN();
-  create_unit(0);
-  btBroadphaseProxy* bad = create({nan_value, 0, 0}, {1, 1, 1});
-  btBroadphaseProxy* inverted = create({1, 1, 1}, {0, 0, 0});
-  create_unit(0.5);
-  calculate();
-  EXPECT_EQ(pairs(), (IdPairs{{0, 3}}));
-  broadphase_.setAabb(bad, {0, 0, 0}, {1, 1, 1}, &dispatcher_);
-  broadphase_.setAabb(inverted, {0, 0, 0}, {1, 1, 1}, &dispatcher_);
-  calculate();
-  EXPECT_EQ(pairs().size(), 6U);
-  broadphase_.setAabb(bad, {0, 0, 0}, {1, nan_value, 1}, &dispatcher_);
-  calculate();
-  EXPECT_EQ(pairs().size(), 3U);
-}
-
 TEST_F(Bullet, ANaNBoundIsToldOnceEachTimeItTurnsUp) {
   const btScalar nan_value = std::numeric_limits<btScalar>::quiet_NaN();
   std::vector<std::string> errors;
@@ -358,42 +257,6 @@ TEST_F(Bullet, ANaNBoundIsToldOnceEachTimeItTurnsUp) {
   EXPECT_EQ(errors.size(), 2U);
   broadphase_.setAabb(bad, {2, 2, 2}, {1, 1, 1}, &dispatcher_);
   EXPECT_EQ(errors.size(), 2U) << "an inverted box is a way to overlap nothing";
-}
-
-TEST_F(Bullet, PlanesAndInfiniteBoundsMeetEverything) {
-  const btScalar infinity = std::numeric_limits<btScalar>::infinity();
-  create({-1e18F, -1e18F, -1e18F}, {1e18F, 1e18F, 1e18F});
-  create({-infinity, -infinity, -infinity}, {infinity, infinity, infinity});
-  create_unit(1e6F);
-  calculate();
-  EXPECT_EQ(pairs().size(), 3U);
-}
-
-TEST_F(Bullet, TheUnionOfAllBoxes) {
-  btVector3 lower;
-  btVector3 upper;
-  broadphase_.getBroadphaseAabb(lower, upper);
-  EXPECT_EQ(lower, btVector3(0, 0, 0));
-  EXPECT_EQ(upper, btVector3(0, 0, 0));
-  create_unit(-3);
-  create({2, 3, 4}, {5, 6, 7});
-  create({1, 1, 1}, {-99, -99, -99});
-  broadphase_.getBroadphaseAabb(lower, upper);
-  EXPECT_EQ(lower, btVector3(-3, 0, 0));
-  EXPECT_EQ(upper, btVector3(5, 6, 7));
-}
-
-TEST(BulletCache, AUsersOwnIsUsedAndLeftAlive) {
-  btHashedOverlappingPairCache cache;
-  {
-    BulletBroadphase broadphase({}, &cache);
-    EXPECT_EQ(broadphase.getOverlappingPairCache(), &cache);
-    broadphase.createProxy({0, 0, 0}, {1, 1, 1}, 0, nullptr, 1, all_bits, nullptr);
-    broadphase.createProxy({0, 0, 0}, {1, 1, 1}, 0, nullptr, 1, all_bits, nullptr);
-    broadphase.calculateOverlappingPairs(nullptr);
-    EXPECT_EQ(cache.getNumOverlappingPairs(), 1);
-  }
-  EXPECT_EQ(cache.getNumOverlappingPairs(), 1);
 }
 
 }  // namespace

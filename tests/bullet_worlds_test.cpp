@@ -9,14 +9,10 @@
 #include <BulletDynamics/Featherstone/btMultiBodyConstraintSolver.h>
 #include <BulletDynamics/Featherstone/btMultiBodyDynamicsWorld.h>
 #include <BulletDynamics/Featherstone/btMultiBodyLinkCollider.h>
-#include <BulletSoftBody/btSoftBodyHelpers.h>
-#include <BulletSoftBody/btSoftBodyRigidBodyCollisionConfiguration.h>
-#include <BulletSoftBody/btSoftRigidDynamicsWorld.h>
 #include <LinearMath/btThreads.h>
 #include <btBulletDynamicsCommon.h>
 
 #include <algorithm>
-#include <array>
 #include <cstddef>
 #include <memory>
 #include <set>
@@ -74,41 +70,6 @@ TEST_P(Worlds, OfRigidBodies) {
     expect_right_pairs(world.world, GetParam());
   }
   expect_towers(world.bodies);
-}
-
-TEST_P(Worlds, OnASortedCache) {
-  fails("Simple", "it cleans no cache that it does not own");
-  btSortedOverlappingPairCache cache;  // which leaves removal to the broad phase
-  broadphase_ = GetParam().make(&cache);
-  RigidWorld world(*broadphase_);
-  build_towers(world.bodies);
-  world.bodies.add_cube({20, 0.5F, 0});
-  btRigidBody& leaper = world.bodies.add_cube({20, 1.5F, 0});
-  for (int frame = 0; frame < 120; ++frame) {
-    if (frame == 60) leaper.setWorldTransform(btTransform(btQuaternion::getIdentity(), {30, 0.5F, 0}));
-    world.step();
-    expect_right_pairs(world.world, GetParam());
-  }
-  expect_towers(world.bodies);
-  // Bullet's tree takes its time.
-  for (int frame = 0; frame < 200 && cache.getNumOverlappingPairs() > 29; ++frame) world.step();
-  EXPECT_EQ(cache.getNumOverlappingPairs(), 29) << "17 cubes and the floor, 12 cubes on cubes";
-}
-
-TEST_P(Worlds, OnANullCache) {
-  btNullPairCache cache;
-  broadphase_ = GetParam().make(&cache);
-  RigidWorld world(*broadphase_);
-  world.bodies.add_floor();
-  const btRigidBody& cube = world.bodies.add_cube({0, 0.5F, 0});
-  world.step(30);
-  const btVector3& position = cube.getWorldTransform().getOrigin();
-  EXPECT_LT(position.y(), 0) << "nothing meets anything";
-  const btVector3 from = position - btVector3(5, 0, 0);
-  const btVector3 to = position + btVector3(5, 0, 0);
-  btCollisionWorld::ClosestRayResultCallback closest(from, to);
-  world.world.rayTest(from, to, closest);
-  EXPECT_EQ(closest.m_collisionObject, &cube);
 }
 
 // Debian's Bullet is built without threads: there these classes do their work one after the other.
@@ -172,42 +133,6 @@ TEST_P(Worlds, OfMultiBodies) {
   }
   EXPECT_GT(target.getWorldTransform().getOrigin().y(), 0.4F);
   world.removeMultiBody(&chain);
-}
-
-TEST_P(Worlds, OfSoftBodies) {
-  btSoftBodyRigidBodyCollisionConfiguration configuration;
-  btCollisionDispatcher dispatcher(&configuration);
-  btSequentialImpulseConstraintSolver solver;
-  btSoftRigidDynamicsWorld world(&dispatcher, broadphase_.get(), &solver, &configuration);
-  world.getWorldInfo().m_sparsesdf.Initialize();
-  RigidBodies bodies(world);
-  btBoxShape ground({10, 1, 10});
-  bodies.add(ground, 0, {0, -1, 0});
-  const btRigidBody& cube = bodies.add_cube({0, 3, 0});
-  // A cloth that hangs by its corners catches the cube; a ball falls beside it.
-  const std::unique_ptr<btSoftBody> cloth(btSoftBodyHelpers::CreatePatch(
-      world.getWorldInfo(), {-2, 2, -2}, {2, 2, -2}, {-2, 2, 2}, {2, 2, 2}, 9, 9, 15, true));
-  cloth->setTotalMass(20);
-  cloth->m_cfg.collisions |= btSoftBody::fCollision::VF_SS;
-  const std::unique_ptr<btSoftBody> ball(
-      btSoftBodyHelpers::CreateEllipsoid(world.getWorldInfo(), {5, 2, 0}, {0.7F, 0.7F, 0.7F}, 64));
-  ball->m_cfg.kPR = 20;
-  ball->setTotalMass(1);
-  for (btSoftBody* body : {cloth.get(), ball.get()}) world.addSoftBody(body);
-  for (int frame = 0; frame < 120; ++frame) {
-    world.stepSimulation(time_step, 0);
-    expect_right_pairs(world, GetParam());
-  }
-  EXPECT_GT(cube.getWorldTransform().getOrigin().y(), 0.7F) << "it lies in the cloth";
-  EXPECT_LT(cube.getWorldTransform().getOrigin().y(), 2.5F);
-  btVector3 lower;
-  btVector3 upper;
-  ball->getAabb(lower, upper);
-  EXPECT_NEAR(lower.y(), 0, 0.3) << "it lies on the ground";
-  world.removeSoftBody(ball.get());
-  world.stepSimulation(time_step, 0);
-  expect_right_pairs(world, GetParam());
-  world.removeSoftBody(cloth.get());
 }
 
 /// Balls without dynamics, moved about at random.

@@ -12,45 +12,52 @@ class btOverlappingPairCache;
 
 namespace broadcl {
 #ifdef BT_USE_DOUBLE_PRECISION
-// Linked against the library for the other precision, a program has an undefined symbol, not a wrong layout.
+// A program that is linked against the library for the other precision has an undefined symbol, not a wrong
+// layout.
 inline namespace float64 {
 #endif
 
-/// A Bullet broad phase whose pairs are found by a BroadPhase, on an OpenCL device: use it where a
-/// `btDbvtBroadphase` stands.
+/// A Bullet broad phase whose pairs are found by a BroadPhase, on an OpenCL device. Use it in place of a
+/// `btDbvtBroadphase`.
 ///
 /// Overlaps are those of the exact boxes that Bullet sets, touching included, as of
 /// calculateOverlappingPairs(). A pair that stays overlapped keeps its entry in the pair cache and its
 /// collision algorithm. The order in which pairs are added and removed depends on the sequence of calls only.
 ///
-/// Groups and masks, which may be written in place, are those of the moment of the calculation, for pairs in
-/// the cache too. The device tests them, but where the cache has an overlap filter callback or is of a class
-/// of the user's: then the cache is offered every overlapping pair. Every pair enters through
-/// addOverlappingPair(), and one that the cache refuses, or that somebody removed from it, is offered again
-/// in each calculation before which one of its two proxies got another box, group or mask. Setting, clearing
-/// or exchanging the callback has every overlapping pair decided anew.
+/// Groups and masks may be written in place. Those at the time of the calculation count, for pairs in the
+/// cache too. The device tests them, unless the cache has an overlap filter callback or is of a class of the
+/// user's: then the cache is offered every overlapping pair. Every pair enters through addOverlappingPair().
+/// A pair that the cache refuses, or that somebody removed from it, is offered again by the next calculation
+/// after one of its two proxies got another box, group or mask. If the callback is set, cleared or exchanged,
+/// every overlapping pair is decided anew.
 ///
-/// Where Bullet is built for double precision (BT_USE_DOUBLE_PRECISION, the target broadcl::bullet-float64),
-/// the device has boxes in float32 that are rounded outward: every pair of exact boxes is found, and some
-/// that are apart by less than that. Bounds of proxies and queries stay exact.
+/// If Bullet is built for double precision (BT_USE_DOUBLE_PRECISION, the target broadcl::bullet-float64), the
+/// device has boxes in float32 that are rounded outward: every pair of exact boxes is found, and some that
+/// are apart by less than the rounding. Bounds of proxies and queries stay exact.
 ///
-/// Where the device fails, the error handler is told once, and in that calculation and all later ones the
-/// pairs are found on the host, by sweep and prune: broad_phase().device() is null from then on.
+/// If the device fails, this is reported once, and from that calculation on pairs are found on the host, by
+/// sweep and prune: broad_phase().device() is null from then on.
+///
+/// Nothing is thrown inside Bullet's step. If an allocation fails in a calculation or in setAabb(), this is
+/// reported, pairs may be missing, and the next calculation compares all pairs with the cache; it is reported
+/// once until that has succeeded. createProxy(), destroyProxy() and begin() do all of their work or throw
+/// std::bad_alloc and have changed nothing; destroyProxy() does so only if memory is exhausted twice in a row
+/// after begin(). Queries need no memory.
 ///
 /// A calculation costs as much as what changed since the last one, and a look at each proxy's group and mask.
 ///
 /// A proxy with a NaN bound, or with a lower bound above the upper one, overlaps nothing until it gets a
-/// proper box. A NaN bound is told to the error handler, once each time it turns up.
+/// proper box. A NaN bound is reported once each time it turns up.
 ///
-/// Ray and box queries see every change at once, in a btDbvt of the boxes that is brought up to date only
-/// where queries are made. They may run in several threads at once and from within one another, as long as no
+/// Ray and box queries see every change at once, in a btDbvt of the boxes that is brought up to date only if
+/// queries are made. They may run in several threads at once and from within one another, as long as no
 /// thread calls anything else.
 class BulletBroadphase : public btBroadphaseInterface {
  public:
   /// Opens the device.
   /// @param config The device and the algorithm.
-  /// @param cache Where pairs go; not owned, must outlive this object. Where null, the object makes one of
-  /// its own: a btHashedOverlappingPairCache in which removing a proxy costs as much as the proxy has pairs.
+  /// @param cache Gets the pairs; not owned, must outlive this object. If null, the object makes one of its
+  ///   own: a btHashedOverlappingPairCache in which removing a proxy costs as much as the proxy has pairs.
   /// @throws Error as BroadPhase does.
   explicit BulletBroadphase(const BroadPhase::Config& config = BroadPhase::Config(),
                             btOverlappingPairCache* cache = nullptr);
@@ -64,7 +71,7 @@ class BulletBroadphase : public btBroadphaseInterface {
   btBroadphaseProxy* createProxy(const btVector3& aabbMin, const btVector3& aabbMax, int shapeType,
                                  void* userPtr, int collisionFilterGroup, int collisionFilterMask,
                                  btDispatcher* dispatcher) override;
-  /// Removes the proxy's pairs from the cache first.
+  /// Removes the proxy's pairs from the cache, too.
   void destroyProxy(btBroadphaseProxy* proxy, btDispatcher* dispatcher) override;
   void setAabb(btBroadphaseProxy* proxy, const btVector3& aabbMin, const btVector3& aabbMax,
                btDispatcher* dispatcher) override;
@@ -79,35 +86,36 @@ class BulletBroadphase : public btBroadphaseInterface {
   /// Brings the pair cache up to date: removals first, then additions, each in canonical order.
   void calculateOverlappingPairs(btDispatcher* dispatcher) override;
 
-  /// Starts the next calculation on the device with the boxes that are set, and returns at once. What is set,
-  /// created, destroyed or filtered meanwhile is searched again by calculateOverlappingPairs(), whose result
-  /// is always the same as without this. Nothing if one was started already.
+  /// Starts the next calculation on the device with the boxes that are set, and returns at once. If something
+  /// is set, created, destroyed or filtered meanwhile, calculateOverlappingPairs() does a second update for
+  /// it; its result is always the same as without begin(). No-op if a calculation was started already.
   void begin();
 
   btOverlappingPairCache* getOverlappingPairCache() override;
   [[nodiscard]] const btOverlappingPairCache* getOverlappingPairCache() const override;
 
-  /// The union of all boxes that are not empty; a point at the origin where there is none.
+  /// The union of all boxes that are not empty; a point at the origin if there is none.
   void getBroadphaseAabb(btVector3& aabbMin, btVector3& aabbMax) const override;
 
-  /// From now on createProxy() and setAabb() add the pairs that a new box makes to the cache at once, for
-  /// those who look there between two calculations: btKinematicCharacterController does. Pairs still end in
-  /// the calculation. Every box that is set then costs an update of the tree for queries and a search in it,
-  /// as with a btDbvtBroadphase. Off at first.
+  /// If true, createProxy() and setAabb() add the pairs of a new box to the cache at once, for those who look
+  /// there between two calculations, as btKinematicCharacterController does. Pairs still end in the
+  /// calculation. Every box that is set then costs an update of the tree for queries and a search in it, as
+  /// with a btDbvtBroadphase. False at first.
   void set_pairs_at_once(bool at_once) noexcept;
 
-  /// @param handler Called with one line that says what is wrong: with which proxy, or with the device. Not
-  ///   empty. Until this is called, errors are printed to stderr.
+  /// @param handler Called with one line that says what is wrong with a proxy, the device or memory. Not
+  ///   empty, and must not throw. Until this is called, errors are printed to stderr.
   void set_error_handler(std::function<void(const std::string&)> handler);
 
-  /// Nothing: printing is left to the caller, see broad_phase().
+  /// Prints nothing: that is left to the caller, see broad_phase().
   void printStats() override {}
 
-  /// The core underneath, for its device, algorithm and profile. It is another one after the device failed.
+  /// The core underneath, for its device, algorithm and profile. After the device failed, it is another
+  /// one.
   [[nodiscard]] const BroadPhase& broad_phase() const noexcept;
 
  private:
-  class Impl;
+  struct Impl;
   std::unique_ptr<Impl> impl_;
 };
 

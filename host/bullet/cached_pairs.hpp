@@ -2,28 +2,208 @@
 
 #include <BulletCollision/BroadphaseCollision/btOverlappingPairCache.h>
 
+#include <algorithm>
+#include <cstddef>
 #include <cstdint>
+#include <functional>
+#include <memory>
 #include <span>
+#include <vector>
 
 #include <broadcl/pair.hpp>
 
+#include "bullet/pair_cache.hpp"
+#include "bullet/proxy_pool.hpp"
+#include "bullet/query_tree.hpp"
+#include "pair_lists.hpp"
+
 namespace broadcl {
 
-// What the adapter asks of pair caches, its own and users'.
+/// Brings a pair cache up to date, the adapter's own or a user's, which others may change too.
+class CachedPairs {
+ public:
+  /// @param cache If null, the object makes one of its own. Must outlive this object, as must the pool.
+  CachedPairs(btOverlappingPairCache* cache, const ProxyPool& pool)
+      : own_(cache == nullptr ? new PairCache : nullptr),
+        cache_(cache == nullptr ? *own_ : *cache),
+        pool_(pool) {}
 
-/// A cached pair by the ids of its proxies, of which neither is null.
-[[nodiscard]] inline Pair pair_of(const btBroadphasePair& pair) {
-  return {static_cast<std::uint32_t>(pair.m_pProxy0->m_uniqueId),
-          static_cast<std::uint32_t>(pair.m_pProxy1->m_uniqueId)};
-}
+  [[nodiscard]] btOverlappingPairCache& cache() const noexcept { return cache_; }
 
-/// Whether a cache of this very class lets pairs in by their groups and masks, unless it has a callback. What
-/// another class does cannot be known.
-[[nodiscard]] bool filters_by_masks(const btOverlappingPairCache& cache);
+  /// Whether somebody else changed the number of pairs in the cache.
+  [[nodiscard]] bool were_changed() const { return cache_.getNumOverlappingPairs() != count_; }
 
-/// Removes from a cache that removes nothing by itself what it holds but should not: what does not overlap,
-/// and what it holds twice, of which the one with an algorithm stays.
-/// @param removed What else is to go, in canonical order.
-void remove_stale(btOverlappingPairCache& cache, std::span<const Pair> removed, btDispatcher* dispatcher);
+  void remove_pairs_of(Proxy& proxy, btDispatcher* dispatcher) {
+    const int before = cache_.getNumOverlappingPairs();
+    cache_.removeOverlappingPairsContainingProxy(&proxy, dispatcher);
+    count_ += cache_.getNumOverlappingPairs() - before;
+    std::erase_if(early_, [&](const Pair& pair) { return pair.a == proxy.id() || pair.b == proxy.id(); });
+  }
+
+  /// Adds what overlaps a proxy's box now and is not in the cache.
+  void add_at_once(const Proxy& proxy, QueryTree& tree) {
+    if (!is_proper(proxy)) return;
+    Partners partners;
+    tree.aabb_test(proxy.m_aabbMin, proxy.m_aabbMax, partners);
+    std::sort(partners.ids.begin(), partners.ids.end());
+    for (const std::uint32_t id : partners.ids) {
+      if (id == proxy.id()) continue;
+      const Pair pair{std::min(id, proxy.id()), std::max(id, proxy.id())};
+      if (cache_.findPair(&pool_[pair.a], &pool_[pair.b]) != nullptr) continue;
+      early_.push_back(pair);
+      const int before = cache_.getNumOverlappingPairs();
+      if (cache_.addOverlappingPair(&pool_[pair.a], &pool_[pair.b]) == nullptr) early_.pop_back();
+      count_ += cache_.getNumOverlappingPairs() - before;
+    }
+  }
+
+  /// Applies what changed since the last calculation.
+  void apply(const Delta& delta, btDispatcher* dispatcher) {
+    std::span<const Pair> removed = delta.removed;
+    std::vector<Pair> to_remove;
+    if (!refused_.empty() || !early_.empty() || !pool_.are_all_known()) {
+      to_remove.assign(removed.begin(), removed.end());
+      std::erase_if(to_remove, [&](const Pair& pair) { return !is_cached(pair); });
+      to_remove = merge(to_remove, take_early_to_remove());
+      refused_ = difference(refused_, removed);
+      removed = to_remove;
+    }
+    update(delta.added, removed, dispatcher);
+  }
+
+  /// The same after anything may have happened.
+  /// @param all All pairs that overlap.
+  /// @param decide_anew Asks the cache of each of its pairs whether it would let it in.
+  void compare(std::span<const Pair> all, bool decide_anew, btDispatcher* dispatcher) {
+    early_.clear();
+    const std::vector<Pair> cached = all_cached();
+    std::vector<Pair> rejected = intersection(cached, all);
+    std::erase_if(rejected, [&](const Pair& pair) { return !decide_anew || is_let_in(pair); });
+    refused_ = difference(all, cached);
+    update({}, merge(difference(cached, all), rejected), dispatcher);
+    refused_ = merge(refused_, rejected);
+  }
+
+ private:
+  /// By the ids of its proxies, of which neither is null.
+  static Pair pair_of(const btBroadphasePair& pair) {
+    return {static_cast<std::uint32_t>(pair.m_pProxy0->m_uniqueId),
+            static_cast<std::uint32_t>(pair.m_pProxy1->m_uniqueId)};
+  }
+
+  /// The ids of proxies that a query finds.
+  struct Partners final : btBroadphaseAabbCallback {
+    bool process(const btBroadphaseProxy* proxy) override {
+      ids.push_back(static_cast<std::uint32_t>(proxy->m_uniqueId));
+      return true;
+    }
+    std::vector<std::uint32_t> ids;
+  };
+
+  /// Removes pairs from the cache, and adds others and those of the refused ones that are offered again.
+  void update(std::span<const Pair> added, std::span<const Pair> removed, btDispatcher* dispatcher) {
+    if (cache_.hasDeferredRemoval()) {
+      if (!removed.empty() || were_changed()) remove_stale(removed, dispatcher);
+    } else {
+      for (const Pair& pair : removed) {
+        cache_.removeOverlappingPair(&pool_[pair.a], &pool_[pair.b], dispatcher);
+      }
+    }
+    std::vector<Pair> offered;
+    if (!refused_.empty() && pool_.is_any_changed()) {
+      offered = merge(added, take_if(refused_, [&](const Pair& pair) { return pool_.is_changed(pair); }));
+      added = offered;
+    }
+    std::vector<Pair> refused;
+    for (const Pair& pair : added) {
+      if (!early_.empty() && std::binary_search(early_.begin(), early_.end(), pair)) continue;
+      if (cache_.addOverlappingPair(&pool_[pair.a], &pool_[pair.b]) == nullptr) refused.push_back(pair);
+    }
+    if (!refused.empty()) refused_ = merge(refused_, refused);
+    early_.clear();
+    count_ = cache_.getNumOverlappingPairs();
+  }
+
+  /// For a cache that removes nothing by itself: what parted, and what is there twice. As Bullet's own broad
+  /// phases do, this sorts the cache, so that of two that are the same the one with an algorithm stays.
+  /// @param removed What else is to go.
+  void remove_stale(std::span<const Pair> removed, btDispatcher* dispatcher) {
+    btBroadphasePairArray& pairs = cache_.getOverlappingPairArray();
+    pairs.quickSort(btBroadphasePairSortPredicate());
+    int staying = 0;
+    for (int k = 0; k < pairs.size(); ++k) {
+      btBroadphasePair& pair = pairs[k];
+      const bool stays = pair.m_pProxy0 != nullptr && pair.m_pProxy1 != nullptr &&
+                         overlaps(box_of(*pair.m_pProxy0), box_of(*pair.m_pProxy1)) &&
+                         !std::binary_search(removed.begin(), removed.end(), pair_of(pair)) &&
+                         (staying == 0 || !(pair == pairs[staying - 1]));
+      if (stays) {
+        pairs[staying++] = pair;
+      } else {
+        cache_.cleanOverlappingPair(pair, dispatcher);
+      }
+    }
+    pairs.resize(staying);
+  }
+
+  /// Whether a pair that parted is in the cache. The pairs of a destroyed proxy went with it, though its id
+  /// may be in use again; somebody may have put in a refused one.
+  [[nodiscard]] bool is_cached(const Pair& pair) const {
+    return pool_.is_known(pair) && (!std::binary_search(refused_.begin(), refused_.end(), pair) ||
+                                    cache_.findPair(&pool_[pair.a], &pool_[pair.b]) != nullptr);
+  }
+
+  [[nodiscard]] bool is_let_in(const Pair& pair) const {
+    return cache_.needsBroadphaseCollision(&pool_[pair.a], &pool_[pair.b]);
+  }
+
+  /// The pairs of the pool's proxies in the cache, in canonical order. A user's cache may have others too.
+  [[nodiscard]] std::vector<Pair> all_cached() const {
+    const auto is_own = [&](const btBroadphaseProxy* proxy) {
+      const auto id = proxy == nullptr ? pool_.slots() : static_cast<std::uint32_t>(proxy->m_uniqueId);
+      return id < pool_.slots() && &pool_[static_cast<std::uint32_t>(id)] == proxy;
+    };
+    std::vector<Pair> cached;
+    const int n = cache_.getNumOverlappingPairs();
+    cached.reserve(static_cast<std::size_t>(n));
+    for (int k = 0; k < n; ++k) {
+      const btBroadphasePair& pair = cache_.getOverlappingPairArrayPtr()[k];
+      if (is_own(pair.m_pProxy0) && is_own(pair.m_pProxy1)) cached.push_back(pair_of(pair));
+    }
+    sort(cached);
+    return cached;
+  }
+
+  /// Puts early pairs in order, and takes out those that overlap no more or that the cache would not let in.
+  std::vector<Pair> take_early_to_remove() {
+    sort(early_);
+    return take_if(early_, [&](const Pair& pair) {
+      return !overlaps(box_of(pool_[pair.a]), box_of(pool_[pair.b])) || !is_let_in(pair);
+    });
+  }
+
+  static void sort(std::vector<Pair>& pairs) {
+    std::sort(pairs.begin(), pairs.end());
+    pairs.erase(std::unique(pairs.begin(), pairs.end()), pairs.end());
+  }
+
+  /// Takes those out of a list that meet a condition; both parts stay in order.
+  template <class Condition>
+  static std::vector<Pair> take_if(std::vector<Pair>& pairs, const Condition& condition) {
+    const auto first = std::stable_partition(pairs.begin(), pairs.end(), std::not_fn(condition));
+    std::vector<Pair> taken(first, pairs.end());
+    pairs.erase(first, pairs.end());
+    return taken;
+  }
+
+  std::unique_ptr<btOverlappingPairCache> own_;
+  btOverlappingPairCache& cache_;
+  const ProxyPool& pool_;
+  int count_ = cache_.getNumOverlappingPairs();  // unless somebody else changes it
+  // Pairs that overlap, but the cache refused them or somebody removed them there. They are offered again
+  // once one of their proxies has changed.
+  std::vector<Pair> refused_;
+  std::vector<Pair> early_;  // added at once since the last calculation, in any order
+};
 
 }  // namespace broadcl

@@ -1,6 +1,7 @@
 #include "bullet/pair_cache.hpp"
 
 #include <algorithm>
+#include <new>
 
 namespace broadcl {
 namespace {
@@ -18,26 +19,29 @@ bool has_list(int id) {
 btBroadphasePair* PairCache::addOverlappingPair(btBroadphaseProxy* proxy0, btBroadphaseProxy* proxy1) {
   const int before = getNumOverlappingPairs();
   btBroadphasePair* pair = btHashedOverlappingPairCache::addOverlappingPair(proxy0, proxy1);
-  if (is_listed_ && getNumOverlappingPairs() != before) {
+  if (!is_listed_ || getNumOverlappingPairs() == before) return pair;
+  try {
     entries_.push_back({pair->m_pProxy0->getUid(), pair->m_pProxy1->getUid(), none, none});
     is_listed_ = entries_.size() < most_;
+  } catch (const std::bad_alloc&) {
+    is_listed_ = false;
   }
   return pair;
 }
 
 void PairCache::removeOverlappingPairsContainingProxy(btBroadphaseProxy* proxy, btDispatcher* dispatcher) {
-  if (!has_list(proxy->getUid())) {
+  const std::optional<std::vector<int>> places = places_of(*proxy);
+  if (!places) {
     btHashedOverlappingPairCache::removeOverlappingPairsContainingProxy(proxy, dispatcher);
     return;
   }
-  const std::vector<int> places = places_of(*proxy);
   const btBroadphasePairArray& pairs = getOverlappingPairArray();
   std::size_t first = 0;
-  std::size_t end = places.size();
+  std::size_t end = places->size();
   while (first < end) {
-    const btBroadphasePair pair = pairs[places[first]];
+    const btBroadphasePair pair = pairs[(*places)[first]];
     // The last pair of all comes to the place of the one that is removed; it may be the next to go.
-    const bool next_comes_here = end - first > 1 && places[end - 1] == pairs.size() - 1;
+    const bool next_comes_here = end - first > 1 && (*places)[end - 1] == pairs.size() - 1;
     removeOverlappingPair(pair.m_pProxy0, pair.m_pProxy1, dispatcher);
     if (next_comes_here) {
       --end;
@@ -48,16 +52,26 @@ void PairCache::removeOverlappingPairsContainingProxy(btBroadphaseProxy* proxy, 
 }
 
 void PairCache::cleanProxyFromPairs(btBroadphaseProxy* proxy, btDispatcher* dispatcher) {
-  if (!has_list(proxy->getUid())) {
+  const std::optional<std::vector<int>> places = places_of(*proxy);
+  if (!places) {
     btHashedOverlappingPairCache::cleanProxyFromPairs(proxy, dispatcher);
     return;
   }
-  for (const int place : places_of(*proxy))
-    cleanOverlappingPair(getOverlappingPairArray()[place], dispatcher);
+  for (const int place : *places) cleanOverlappingPair(getOverlappingPairArray()[place], dispatcher);
 }
 
-std::vector<int> PairCache::places_of(btBroadphaseProxy& proxy) {
-  bring_lists_up_to_date();
+std::optional<std::vector<int>> PairCache::places_of(btBroadphaseProxy& proxy) {
+  if (!has_list(proxy.getUid())) return std::nullopt;
+  try {
+    bring_lists_up_to_date();
+    return listed_places_of(proxy);
+  } catch (const std::bad_alloc&) {
+    is_listed_ = false;  // a list may be half changed
+    return std::nullopt;
+  }
+}
+
+std::vector<int> PairCache::listed_places_of(btBroadphaseProxy& proxy) {
   std::vector<int> places;
   const int id = proxy.getUid();
   if (static_cast<std::size_t>(id) >= newest_.size()) return places;

@@ -3,6 +3,7 @@
 #include <BulletCollision/BroadphaseCollision/btOverlappingPairCache.h>
 
 #include <cstddef>
+#include <optional>
 #include <vector>
 
 namespace broadcl {
@@ -14,7 +15,7 @@ namespace broadcl {
 /// Partners of proxies are listed when a proxy is removed or cleaned. From then on the lists take every pair
 /// that is added. They forget none that is removed: what they say is looked up in the cache. After as many
 /// additions as there were pairs they are given up until they are needed again, so they cost little where
-/// pairs come and go but no proxy does.
+/// pairs come and go but no proxy does. If memory for them cannot be had, it does as Bullet's own does.
 class PairCache final : public btHashedOverlappingPairCache {
  public:
   btBroadphasePair* addOverlappingPair(btBroadphaseProxy* proxy0, btBroadphaseProxy* proxy1) override;
@@ -30,8 +31,10 @@ class PairCache final : public btHashedOverlappingPairCache {
     int next_of_b;
   };
 
-  /// Where the pairs of a proxy are in the array, ascending. What is gone leaves its list.
-  std::vector<int> places_of(btBroadphaseProxy& proxy);
+  /// Where the pairs of a proxy are in the array, ascending; none if it has no list or memory is exhausted.
+  std::optional<std::vector<int>> places_of(btBroadphaseProxy& proxy);
+  /// The same from its list, which forgets what is gone.
+  std::vector<int> listed_places_of(btBroadphaseProxy& proxy);
   void bring_lists_up_to_date();
   void link(int id, int entry, int& next);
 

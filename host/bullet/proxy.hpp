@@ -24,8 +24,9 @@ struct Proxy : btBroadphaseProxy {
   // Users write m_collisionFilterGroup and m_collisionFilterMask in place: these are the values last seen.
   int seen_group = 0;
   int seen_mask = 0;
-  std::uint32_t created = 0;  ///< Number of calculations before it was created.
-  std::uint32_t changed = 0;  ///< Number of calculations before its box or filter was last changed.
+  // The number of the calculation that comes next, at the time when
+  std::uint32_t created = 0;  ///< it was created;
+  std::uint32_t changed = 0;  ///< its box or filter was last changed.
 };
 
 [[nodiscard]] inline bool has_nan(const btVector3& lower, const btVector3& upper) noexcept {
@@ -33,6 +34,11 @@ struct Proxy : btBroadphaseProxy {
     if (lower[axis] != lower[axis] || upper[axis] != upper[axis]) return true;
   }
   return false;
+}
+
+/// Without the fourth component, which Bullet leaves undefined.
+[[nodiscard]] inline bool is_same(const btVector3& s, const btVector3& t) noexcept {
+  return s.x() == t.x() && s.y() == t.y() && s.z() == t.z();
 }
 
 /// Whether two closed boxes share a point. False as soon as a bound is NaN.
@@ -44,10 +50,18 @@ struct Proxy : btBroadphaseProxy {
   return true;
 }
 
-/// The box as the core has it, rounded outward where Bullet's precision is double. One that overlaps nothing
-/// becomes an empty box without NaN, which equals itself.
-[[nodiscard]] inline Aabb box_of(const btVector3& lower, const btVector3& upper) {
-  if (!overlaps(lower, upper, lower, upper)) return empty_aabb();
+/// Whether the lower bound is at most the upper one on every axis. A box of which this is not true overlaps
+/// nothing.
+[[nodiscard]] inline bool is_proper(const btVector3& lower, const btVector3& upper) noexcept {
+  return lower.x() <= upper.x() && lower.y() <= upper.y() && lower.z() <= upper.z();
+}
+
+[[nodiscard]] inline bool is_proper(const btBroadphaseProxy& proxy) noexcept {
+  return is_proper(proxy.m_aabbMin, proxy.m_aabbMax);
+}
+
+/// A proper box as the core has it: rounded outward if Bullet's precision is double.
+[[nodiscard]] inline Aabb proper_box(const btVector3& lower, const btVector3& upper) {
 #ifdef BT_USE_DOUBLE_PRECISION
   return round_outward({lower.x(), lower.y(), lower.z()}, {upper.x(), upper.y(), upper.z()});
 #else
@@ -56,7 +70,7 @@ struct Proxy : btBroadphaseProxy {
 }
 
 [[nodiscard]] inline Aabb box_of(const btBroadphaseProxy& proxy) {
-  return box_of(proxy.m_aabbMin, proxy.m_aabbMax);
+  return is_proper(proxy) ? proper_box(proxy.m_aabbMin, proxy.m_aabbMax) : empty_aabb();
 }
 
 }  // namespace broadcl

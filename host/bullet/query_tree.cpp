@@ -41,8 +41,8 @@ void QueryTree::ray_test(const btVector3& from, btBroadphaseRayCallback& callbac
   pool_.for_each([&](const Proxy& proxy) {
     const std::array bounds{proxy.m_aabbMin - upper, proxy.m_aabbMax - lower};
     btScalar hit = 1;
-    if (!is_empty(box_of(proxy)) && btRayAabb2(from, callback.m_rayDirectionInverse, callback.m_signs,
-                                               bounds.data(), hit, 0, callback.m_lambda_max)) {
+    if (is_proper(proxy) && btRayAabb2(from, callback.m_rayDirectionInverse, callback.m_signs, bounds.data(),
+                                       hit, 0, callback.m_lambda_max)) {
       callback.process(&proxy);
     }
   });
@@ -57,7 +57,7 @@ void QueryTree::aabb_test(const btVector3& lower, const btVector3& upper,
   }
   pool_.for_each([&](const Proxy& proxy) {
     const bool is_found = overlaps(proxy.m_aabbMin, proxy.m_aabbMax, lower, upper);
-    if (is_found && !is_empty(box_of(proxy))) callback.process(&proxy);
+    if (is_found && is_proper(proxy)) callback.process(&proxy);
   });
 }
 
@@ -70,7 +70,7 @@ bool QueryTree::is_current() {
     pool_.for_each([this](const Proxy& proxy) { touch(proxy.id()); });
   }
   scanned_ += pool_.slots();
-  if (scanned_ < scans_per_update * stale_.size()) return false;
+  if (!is_in_use_ || scanned_ < scans_per_update * stale_.size()) return false;
   update();
   is_current_.store(true, std::memory_order_release);
   return true;
@@ -81,7 +81,7 @@ void QueryTree::update() {
     Node& node = nodes_[id];
     Proxy& proxy = pool_[id];
     btDbvtVolume box = btDbvtVolume::FromMM(proxy.m_aabbMin, proxy.m_aabbMax);
-    const bool is_found = proxy.is_live() && !is_empty(box_of(proxy));
+    const bool is_found = proxy.is_live() && is_proper(proxy);
     if (is_found && node.leaf != nullptr) {
       tree_.update(node.leaf, box);
     } else if (is_found) {

@@ -7,6 +7,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <mutex>
+#include <new>
 #include <vector>
 
 #include "bullet/proxy_pool.hpp"
@@ -17,20 +18,24 @@ namespace broadcl {
 /// worth it: a query scans all proxies until the scans of a frame have cost about as much as the tree would.
 ///
 /// Queries may run in several threads at once and from within one another, but not beside the other
-/// functions. Empty boxes are never found.
+/// functions. Empty boxes are never found. If memory for the tree cannot be had, queries scan.
 class QueryTree {
  public:
   /// @param pool Of all proxies; must outlive this object.
   explicit QueryTree(const ProxyPool& pool) : pool_(pool) {}
 
   /// To be called after a proxy was created, destroyed or got another box.
-  void touch(std::uint32_t id) {
+  void touch(std::uint32_t id) noexcept {
     if (!is_in_use_) return;
-    if (id >= nodes_.size()) nodes_.resize(id + 1);
-    if (nodes_[id].is_stale) return;
-    nodes_[id].is_stale = true;
-    stale_.push_back(id);
     is_current_.store(false, std::memory_order_relaxed);
+    try {
+      if (id >= nodes_.size()) nodes_.resize(id + 1);
+      if (nodes_[id].is_stale) return;
+      stale_.push_back(id);
+      nodes_[id].is_stale = true;
+    } catch (const std::bad_alloc&) {
+      give_up();
+    }
   }
 
   /// Scans of the last frame count no more.
@@ -52,6 +57,13 @@ class QueryTree {
   /// Counts a query, and updates the tree where it is worth it.
   bool is_current();
   void update();
+  /// Memory is exhausted: the next query starts with an empty tree.
+  void give_up() noexcept {
+    tree_.clear();
+    nodes_.clear();
+    stale_.clear();
+    is_in_use_ = false;
+  }
 
   const ProxyPool& pool_;
   btDbvt tree_;

@@ -1,0 +1,179 @@
+#pragma once
+
+#include <BulletCollision/BroadphaseCollision/btOverlappingPairCache.h>
+
+#include <cstddef>
+#include <cstdint>
+#include <new>
+#include <optional>
+#include <span>
+#include <type_traits>
+#include <utility>
+#include <vector>
+
+#include <broadcl/broad_phase.hpp>
+
+#include "bullet/filter_watch.hpp"
+#include "bullet/proxy_pool.hpp"
+#include "bullet/reports.hpp"
+#include "pair_lists.hpp"
+
+namespace broadcl {
+
+/// Finds the pairs of proxies that overlap and whose filters let them pair, with a core that has a copy of
+/// every box and filter.
+///
+/// If the device fails, a core on the host takes over for good. If memory is exhausted, the copy may be out
+/// of date; the next find() makes it anew from the proxies.
+class ProxySearch {
+ public:
+  /// @param cache, pool, reports Must outlive this object.
+  ProxySearch(const BroadPhase::Config& config, btOverlappingPairCache& cache, ProxyPool& pool,
+              Reports& reports)
+      : core_(config), pool_(pool), filters_(cache, pool), reports_(reports) {}
+
+  /// @param proxy Not in the pool yet.
+  /// @returns Its id.
+  /// @throws std::bad_alloc, and nothing has changed.
+  std::uint32_t add(const Proxy& proxy) {
+    is_late_ = true;
+    return on_core([&] { return core_.add(box_of(proxy), filters_.filter(proxy)); });
+  }
+
+  void move(std::uint32_t id, const Aabb& box) {
+    is_late_ = true;
+    attempt([&] { core_.move(id, box); });
+  }
+
+  /// @throws std::bad_alloc if memory is exhausted again and again, and nothing has changed.
+  void remove(std::uint32_t id) {
+    is_late_ = true;
+    if (attempt([&] { core_.remove(id); })) return;
+    // It takes memory only while an update is under way, which ends here, even if it fails.
+    attempt([&] { on_core([&] { core_.finish(); }); });
+    core_.remove(id);
+  }
+
+  /// As BulletBroadphase::begin().
+  void begin() {
+    if (is_begun_ || is_lost_) return;
+    give_filters();
+    on_core([&] { core_.begin(); });
+    is_begun_ = true;
+    is_late_ = false;
+  }
+
+  struct Found {
+    Delta delta;                           ///< Since the last calculation.
+    std::optional<std::vector<Pair>> all;  ///< All pairs, if they were asked for or there is no delta.
+  };
+
+  /// Pairs as boxes and filters are now; valid until the next call.
+  /// @throws std::bad_alloc
+  Found find(bool all_too) {
+    give_filters();
+    return on_core([&] {
+      if (is_lost_) {
+        core_.finish();
+        fill(core_);
+      }
+      Found found{.delta = core_.finish(), .all = std::nullopt};
+      if (is_begun_ && is_late_) found.delta = update_again(found.delta);
+      if (all_too || must_compare_ || must_decide_anew_) found.all = core_.pairs();
+      return found;
+    });
+  }
+
+  /// Whether the cache is to decide anew of all pairs.
+  [[nodiscard]] bool must_decide_anew() const noexcept { return must_decide_anew_; }
+
+  /// What was found is in the cache.
+  void end_calculation() noexcept { is_begun_ = is_lost_ = must_compare_ = must_decide_anew_ = false; }
+
+  /// Does something. If memory for it cannot be had, the next find() starts from the proxies.
+  /// @returns Whether it was done.
+  template <class Function>
+  bool attempt(const Function& function) {
+    try {
+      function();
+      return true;
+    } catch (const std::bad_alloc&) {
+      must_compare_ = true;
+      if (!std::exchange(is_lost_, true)) {
+        reports_.tell(
+            {"memory is exhausted; pairs may be missing until a calculation has enough of it, which ",
+             "searches all of them anew"});
+      }
+      return false;
+    }
+  }
+
+  [[nodiscard]] const BroadPhase& core() const noexcept { return core_; }
+
+ private:
+  /// Does something with the core. If its device fails, the host takes its place for good, and it is done
+  /// there.
+  template <class Function>
+  std::invoke_result_t<Function> on_core(const Function& function) {
+    try {
+      return function();
+    } catch (const Error& error) {
+      if (core_.device() == nullptr) throw;
+      BroadPhase host({.algorithm = "sweep-and-prune"});
+      fill(host);
+      core_ = std::move(host);
+      must_compare_ = true;
+      reports_.tell({error.what(), "; from now on pairs are found on the host, by sweep and prune"});
+    }
+    return function();
+  }
+
+  /// Gives a core all boxes and filters. If that fails, it has the right ids all the same, or is as it was.
+  void fill(BroadPhase& core) const {
+    std::size_t slots = 0;
+    pool_.for_each([&](const Proxy& proxy) { slots = std::size_t{proxy.id()} + 1; });
+    const std::span<Aabb> boxes = core.map(slots);
+    pool_.for_each([&](const Proxy& proxy) { boxes[proxy.id()] = box_of(proxy); });
+    for (std::uint32_t id = 0; id < slots; ++id) {
+      if (!pool_[id].is_live()) core.remove(id);
+    }
+    pool_.for_each([&](const Proxy& proxy) { core.set_filter(proxy.id(), filters_.filter(proxy)); });
+  }
+
+  void give_filters() {
+    must_decide_anew_ |= filters_.look([this](const Proxy& proxy) {
+      is_late_ = true;
+      attempt([&] { on_core([&] { core_.set_filter(proxy.id(), filters_.filter(proxy)); }); });
+    });
+  }
+
+  /// Does a second update.
+  /// @param first What the first changed.
+  /// @returns What both changed together.
+  Delta update_again(const Delta& first) {
+    const std::vector<Pair> added(first.added.begin(), first.added.end());
+    const std::vector<Pair> removed(first.removed.begin(), first.removed.end());
+    const Delta second = core_.update();
+    added_ = merge(difference(added, second.removed), second.added);
+    removed_ = merge(removed, difference(second.removed, added));
+    // A pair that parted and came back has stayed, unless an id of it was reused.
+    std::vector<Pair> back = intersection(added_, removed_);
+    std::erase_if(back, [&](const Pair& pair) { return !pool_.is_known(pair); });
+    added_ = difference(added_, back);
+    removed_ = difference(removed_, back);
+    return {.added = added_, .removed = removed_};
+  }
+
+  BroadPhase core_;
+  ProxyPool& pool_;
+  FilterWatch filters_;
+  Reports& reports_;
+  bool is_begun_ = false;              // the next calculation
+  bool is_late_ = false;               // something changed after it began
+  bool is_lost_ = false;               // the core may have other boxes and filters than the proxies
+  bool must_compare_ = false;          // the core may not know the pairs of the last calculation
+  bool must_decide_anew_ = false;      // the callback is another one than at the last calculation
+  std::vector<Pair> added_, removed_;  // by two updates together
+};
+
+}  // namespace broadcl
