@@ -20,8 +20,8 @@
 namespace broadcl {
 namespace {
 
-/// Objects that are all other ones than in the last frame, so that each search finds all pairs.
-Search renewed(const opencl::Context& context, const std::vector<Aabb>& boxes) {
+/// Objects that are all new in every frame, so that each search finds all pairs.
+Search all_new(const opencl::Context& context, const std::vector<Aabb>& boxes) {
   const std::size_t n = boxes.size();
   const cl::CommandQueue& queue = context.queue();
   Generation objects{.slots = static_cast<cl_uint>(n),
@@ -33,7 +33,7 @@ Search renewed(const opencl::Context& context, const std::vector<Aabb>& boxes) {
   return {.now = objects, .last = objects, .stamp = stamp, .stamps = stamps};
 }
 
-/// Tiles that sort in every frame, and tell what their search takes.
+/// Tiles that sort in every frame, with the time of their last search.
 class TimedTiles final : public PairFinder {
  public:
   explicit TimedTiles(const opencl::Context& context) : context_(context), tiles_(make_tiles(context, 0)) {}
@@ -49,7 +49,7 @@ class TimedTiles final : public PairFinder {
     return tiles_->expected_work(search, sink);
   }
 
-  static inline double seconds = 0;  // of the last search
+  static inline double seconds = 0;
 
  private:
   const opencl::Context& context_;
@@ -64,15 +64,15 @@ void time_whole_list(benchmark::State& state, const std::filesystem::path& file)
   const opencl::Context context(select_device(), false);
   opencl::Profiler profiler(false);
   Engine engine(context, profiler, make_timed_tiles, Order::Target::host);
-  const Search search = renewed(context, cli::read_boxes(file));
+  const Search search = all_new(context, cli::read_boxes(file));
   const auto pairs = [&] {
     engine.prepare();
     engine.begin(search);
     return engine.finish().added;
   };
-  const std::size_t overlapping = pairs();  // which makes room
+  const std::size_t overlapping = pairs();  // the lists grow here, untimed
   for ([[maybe_unused]] auto _ : state) {
-    if (pairs() != overlapping) state.SkipWithError("the number of pairs changes");
+    if (pairs() != overlapping) state.SkipWithError("the number of pairs changed");
     state.SetIterationTime(TimedTiles::seconds);
   }
   state.counters["overlapping"] = static_cast<double>(overlapping);

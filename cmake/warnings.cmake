@@ -7,8 +7,8 @@ else()
   if(CMAKE_CXX_COMPILER_ID STREQUAL "GNU" AND CMAKE_CXX_COMPILER_VERSION VERSION_LESS 13)
     target_compile_options(broadcl_warnings INTERFACE -Wno-restrict)
   endif()
-  # Comparisons with NaN count, whatever CMAKE_CXX_FLAGS say; no fused multiply-add behind our back: scenes are the
-  # same on every machine.
+  # No -ffast-math, whatever CMAKE_CXX_FLAGS say, since comparisons with NaN must work; no fused multiply-add, so that
+  # scenes are the same on every machine.
   target_compile_options(broadcl_warnings INTERFACE
     -Wall -Wextra -Wpedantic -Wconversion -Wsign-conversion -Wshadow -Wold-style-cast -Wnon-virtual-dtor
     -Woverloaded-virtual -Wdouble-promotion -fno-fast-math -ffp-contract=off $<$<BOOL:${BROADCL_WERROR}>:-Werror>)

@@ -1,4 +1,4 @@
-// A world without dynamics whose pairs are searched on the device while the program does other work.
+// A Bullet world without dynamics whose pairs are found on the device while the program does other work.
 #include <chrono>
 #include <cmath>
 #include <cstdio>
@@ -29,7 +29,7 @@ float water(int frame) {
 
 struct Result {
   double milliseconds;  // per frame
-  int manifolds;        // the sum over all frames, to show that the results are the same
+  int manifolds;        // summed over all frames, to show that the results are the same
   float water;
 };
 

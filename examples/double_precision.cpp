@@ -1,6 +1,6 @@
-// A Bullet world in double precision, a hundred thousand kilometres from the origin, where float32 has steps
-// of eight metres: the device finds pairs of boxes that are rounded outward, and Bullet does the rest
-// exactly.
+// A Bullet world in double precision, a hundred thousand kilometres from the origin, where adjacent float32
+// values are eight metres apart: the device finds pairs of boxes that are rounded outward, and Bullet does
+// the rest exactly.
 #include <cstdio>
 #include <exception>
 
@@ -31,8 +31,7 @@ int main() try {
 
   for (int frame = 0; frame < 240; ++frame) world.stepSimulation(1.0 / 60, 0);
   const btVector3 rest = ball.getWorldTransform().getOrigin() - far_away;
-  std::printf("the ball rests %.3f m above the floor and %.3f m beside its centre\n", rest.y() - 0.5,
-              rest.x());
+  std::printf("the ball rests %.3f m above the floor and %.3f m from its centre\n", rest.y() - 0.5, rest.x());
   world.removeRigidBody(&ball);
   world.removeRigidBody(&floor);
 } catch (const std::exception& error) {

@@ -1,4 +1,4 @@
-// Which boxes overlap? They stay in your own memory, in your own layout.
+// Finds the overlapping pairs of boxes in your own memory, in whatever layout they have.
 #include <array>
 #include <cstdio>
 #include <exception>

@@ -40,7 +40,7 @@ int main() {
   cl_command_queue queue = clCreateCommandQueue(context, device, 0, &code);
   check(code, "clCreateCommandQueue");
 
-  // A row of boxes, each of which reaches into the next.
+  // A row of boxes, each of which overlaps the next.
   std::vector<broadcl::Aabb> boxes;
   for (int k = 0; k < 1000; ++k) {
     const auto x = static_cast<float>(k);
@@ -54,7 +54,7 @@ int main() {
     const auto result = broad_phase.update({.buffer = buffer, .count = boxes.size()});
     // The program's own kernel would read result.added.buffer now, in the same queue.
     std::printf("%s: %zu boxes, %zu pairs, %zu of them new\n", broad_phase.device().name.c_str(),
-                boxes.size(), result.pairs, result.added.count);
+                boxes.size(), result.pair_count, result.added.count);
   }
   clReleaseMemObject(buffer);
   clReleaseCommandQueue(queue);

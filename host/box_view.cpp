@@ -64,7 +64,9 @@ std::size_t least_of_parts(std::size_t n, const Part& part) {
   const std::size_t threads =
       std::clamp<std::size_t>(std::thread::hardware_concurrency(), 1, n / boxes_per_thread);
   const auto begin = [&](std::size_t thread) { return n / threads * thread + std::min(thread, n % threads); };
+  // Whatever throws, no thread outlives this call: futures of std::async wait when they are destroyed.
   std::vector<std::future<std::size_t>> others;
+  others.reserve(threads - 1);
   for (std::size_t thread = 1; thread < threads; ++thread) {
     // If no thread can be started, get() below runs the part.
     others.push_back(

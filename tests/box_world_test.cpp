@@ -48,17 +48,6 @@ TEST_F(BoxWorldOnBulletBf, HasThePairsOfTheLastStep) {
   expect(moved, 0, 0);
 }
 
-TEST_F(BoxWorldOnBulletBf, MeasuresUpdateAndBroadPhase) {
-  const std::vector<Aabb> boxes(1000, in_a_row[0]);
-  btSimpleBroadphase broadphase(1000);
-  BoxWorld world(broadphase, boxes);
-  const FrameTimes times = world.step(boxes);
-  EXPECT_GT(times.update, 0);
-  EXPECT_GT(times.broad_phase, times.update);
-  EXPECT_EQ(times.broad_phase_start, times.update);
-  EXPECT_EQ(times.total, times.update + times.broad_phase);
-}
-
 TEST_F(BoxWorldOnBulletBf, VerifyTrustsNoBoxOfTheBroadPhase) {
   // As if the broad phase had not heard of the move: its own boxes and pairs agree.
   expect(moved, 1, 2);

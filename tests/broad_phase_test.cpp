@@ -36,7 +36,7 @@ std::string test_name(const ::testing::TestParamInfo<AlgorithmInfo>& info) {
   return name;
 }
 
-// For all files: gtest gathers the tests of the suite wherever they are.
+// For all files: gtest gathers the tests of the suite from all of them.
 INSTANTIATE_TEST_SUITE_P(Table, EachAlgorithm, ::testing::ValuesIn(algorithms_but_the_oracle()), test_name);
 
 TEST_P(EachAlgorithm, EveryPairIsFoundAlone) {
@@ -111,7 +111,7 @@ TEST_P(EachAlgorithm, TwoObjectsDoNotDisturbEachOther) {
   EXPECT_EQ(moved.pairs().size(), 1U);
 }
 
-TEST_P(EachAlgorithm, TellsWhatItRunsOn) {
+TEST_P(EachAlgorithm, ReportsWhatItRunsOn) {
   const BroadPhase broad_phase(config());
   EXPECT_EQ(broad_phase.algorithm().name, GetParam().name);
   EXPECT_EQ(broad_phase.device() != nullptr, GetParam().on_device);
@@ -138,7 +138,7 @@ TEST(GpuBf, ReportsItsStages) {
   EXPECT_EQ(names, (std::vector<std::string_view>{"upload", "test", "download", "wait", "xor"}));
 }
 
-/// Too many boxes for one byte a pair: an error with the numbers, after which fewer boxes work as before.
+/// Too many boxes for one byte per pair: an error with the numbers, after which fewer boxes work as before.
 TEST(GpuBf, BeyondTheLargestAllocationIsAnErrorAndStateIsKept) {
   BroadPhase broad_phase({.algorithm = "gpu-bf"});
   const std::uint64_t limit = broad_phase.device()->max_allocation;
@@ -158,7 +158,7 @@ TEST(GpuBf, BeyondTheLargestAllocationIsAnErrorAndStateIsKept) {
   EXPECT_EQ(broad_phase.update().added.size(), 2U);
 }
 
-/// The index of the last rows is past 32 bits; 4.3 GB a frame. With --long only.
+/// The index of the last rows is past 32 bits; 4.3 GB per frame. With --long only.
 TEST(Long, GpuBfFindsPairsWhoseIndexIsPast32Bits) {
   constexpr std::uint32_t n = 92'700;
   if (select_device().max_allocation < 4'400'000'000U)

@@ -1,4 +1,4 @@
-// `broadcl check`, run as its users do, and what tells that kernels are wrong.
+// `broadcl check`, run as its users do, and what it reports of wrong kernels.
 #include <filesystem>
 #include <regex>
 #include <string>
@@ -30,7 +30,7 @@ TEST_F(Program, CheckWorksHere) {
   }
 }
 
-/// Kernels that find pairs where there are none.
+/// Kernels that find pairs that are not there.
 class ProgramWrongKernels : public Program {
  protected:
   ProgramWrongKernels() {

@@ -1,6 +1,4 @@
 // `broadcl pairs`, run as its users do.
-#include <cstddef>
-#include <cstdlib>
 #include <filesystem>
 #include <string>
 
@@ -9,7 +7,6 @@
 #include <broadcl/broad_phase.hpp>
 
 #include "program.hpp"
-#include "runs.hpp"
 
 namespace broadcl::test {
 namespace {
@@ -56,42 +53,6 @@ TEST_F(Program, PairsWritesThroughALinkAndToADevice) {
   EXPECT_TRUE(read_file(path("target.npy")).starts_with("\x93NUMPY"));
   expect_success(run("pairs four.npy --out /dev/null"));
   EXPECT_TRUE(fs::is_character_file("/dev/null"));
-}
-
-class ProgramRealData : public Program {
- protected:
-  void SetUp() override {
-    const char* folder = std::getenv("BROADCL_TEST_DATA");
-    if (folder == nullptr) GTEST_SKIP() << "BROADCL_TEST_DATA does not name the folder of the real boxes";
-    data_ = folder;
-  }
-  /// The file as an argument.
-  [[nodiscard]] std::string data(const std::string& name) const {
-    return "'" + (data_ / name).string() + "'";
-  }
-
- private:
-  fs::path data_;
-};
-
-SUITE_NOT_IN(ProgramRealData, sanitizers, "takes long, and boxes may be missing");
-TEST_F(ProgramRealData, ClothFunnelEdges) {
-  const Outcome outcome = run("pairs " + data("cloth-funnel-edges.npy"));
-  expect_success(outcome);
-  EXPECT_TRUE(outcome.out.starts_with("172385 overlapping pairs of 27930 boxes (")) << outcome.out;
-}
-
-TEST_F(ProgramRealData, ClothFunnelFacesIsTheSameInEveryRunAndAlgorithm) {
-  for (const std::string options :
-       {"--out first.npy", "--out second.npy", "--out oracle.npy --algorithm oracle"}) {
-    const Outcome outcome = run("pairs " + data("cloth-funnel-faces.npy") + " " + options);
-    expect_success(outcome);
-    EXPECT_TRUE(outcome.out.starts_with("153821 overlapping pairs of 18484 boxes (")) << outcome.out;
-  }
-  const std::string first = read_file(path("first.npy"));
-  EXPECT_EQ(first.size(), 128 + 8 * 153'821U);
-  EXPECT_TRUE(first == read_file(path("second.npy")));
-  EXPECT_TRUE(first == read_file(path("oracle.npy")));
 }
 
 }  // namespace

@@ -95,7 +95,7 @@ TEST_F(Program, SimulateSaysThatABroadPhaseHasNoStages) {
   }
 }
 
-TEST(Simulate, EndsWhereTheDeviceFails) {
+TEST(Simulate, EndsWhenTheDeviceFails) {
   cli::SimulationConfig config;
   config.scenario.objects = 40;
   config.frames = 5;

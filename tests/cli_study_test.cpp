@@ -155,7 +155,7 @@ TEST_F(ProgramStudy, WritesARowAndAFileForEachRun) {
   }
 }
 
-TEST_F(ProgramStudy, TellsAllThatIsNeededToRepeatIt) {
+TEST_F(ProgramStudy, StoresAllThatIsNeededToRepeatIt) {
   expect_success(run(tiny + " --seed 3 --most bullet-bf=70"));
   const json study = json::parse(read_file(path("s/study.json")));
   EXPECT_EQ(study["format"], 1);
@@ -196,7 +196,7 @@ TEST_F(ProgramStudy, TellsAllThatIsNeededToRepeatIt) {
   EXPECT_EQ(again, study);
 }
 
-TEST_F(ProgramStudy, GoesOnWhereItWasInterrupted) {
+TEST_F(ProgramStudy, GoesOnAfterAnInterruption) {
   // Runs that take long enough to be killed in.
   const std::string longer =
       "study --scenarios free-fall,mixed-sizes --objects 200,300 --frames 30 "
@@ -234,7 +234,7 @@ TEST_F(ProgramStudy, MakesDamagedRunsAgainAndNoOthers) {
   cut_at(damaged[0], 0);
   cut_at(damaged[1], before.at(damaged[1]).bytes.size() - 3);
   const std::string& whole = before.at(damaged[2]).bytes;
-  cut_at(damaged[2], whole.rfind('\n', whole.size() - 2) + 1);  // a row less
+  cut_at(damaged[2], whole.rfind('\n', whole.size() - 2) + 1);  // one row less
   fs::remove(path("s/study.csv"));
 
   const Outcome outcome = run(tiny_on_host);
@@ -285,7 +285,7 @@ TEST_F(ProgramStudy, RefusesWhatContradictsTheFolder) {
 TEST_F(ProgramStudy, RefusesNewLimitsAndAFolderThatAnotherStudyHas) {
   expect_success(run(tiny_on_host));
   expect_refused(run("study --out s --most bullet-bf=70"),
-                 "'s' holds a study with --most of no broad phase;");
+                 "'s' holds a study with --most for no broad phase;");
   fs::remove(path("s/runs/free-fall-50-bullet-bf-1.csv"));
   const std::map<std::string, File> before = run_files();
   {
@@ -383,7 +383,7 @@ TEST_F(ProgramStudy, AddsAnotherDevice) {
   expect_refused(run("study --out s", both), "'ACME / Rocket', which is not among the devices now");
 }
 
-TEST_F(ProgramStudy, GoesOnWithTheOthersWhereARunFails) {
+TEST_F(ProgramStudy, GoesOnWithTheOthersIfARunFails) {
   const Outcome outcome = run(tiny, "BROADCL_CACHE_DIR=/proc/nowhere");
   EXPECT_EQ(outcome.exit_code, 2);
   EXPECT_THAT(outcome.out, HasSubstr("8 of 16 runs done"));

@@ -1,4 +1,4 @@
-// `broadcl simulate` with --trace and --profile: what it tells of where the time went.
+// `broadcl simulate` with --trace and --profile: what they report about time.
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
@@ -143,7 +143,7 @@ TEST_P(ProgramTrace, CountsThePairs) {
   EXPECT_GT(counted.back(), 0U);
 }
 
-TEST_P(ProgramTrace, TellsWhatWasRun) {
+TEST_P(ProgramTrace, ReportsWhatWasRun) {
   EXPECT_EQ(trace_["displayTimeUnit"], "ms");
   const json& facts = trace_["otherData"];
   EXPECT_EQ(facts["config"]["scenario"], "mixed-sizes");
@@ -235,12 +235,12 @@ TEST_P(ProgramStages, AreReportedWithProfile) {
   Names names;
   const std::size_t table = outcome.out.find("\nstages of the broad phase ");
   ASSERT_NE(table, std::string::npos) << outcome.out;
-  std::size_t place = table;
+  std::size_t offset = table;
   for (const json& stage : summary["stages"]) {
     names.push_back(stage["name"]);
-    place = outcome.out.find("\n" + names.back() + " ", place + 1);
-    ASSERT_NE(place, std::string::npos) << names.back() << " is not in its place in\n" << outcome.out;
-    std::istringstream row(outcome.out.substr(place + 1 + names.back().size()));
+    offset = outcome.out.find("\n" + names.back() + " ", offset + 1);
+    ASSERT_NE(offset, std::string::npos) << names.back() << " is not in its row in\n" << outcome.out;
+    std::istringstream row(outcome.out.substr(offset + 1 + names.back().size()));
     for (const std::string side : {"host", "device"}) {
       for (const std::string column : {"mean", "median", "p95"}) {
         double shown = -1;

@@ -34,73 +34,86 @@ std::string name_of(long first, long count) {
   return "call " + std::to_string(first) + (count == 1 ? "" : " and those after it");
 }
 
-/// Lives a life in which OpenCL call 0 fails, one in which call `step` fails, and so on.
-void expect_short_lives(const BroadPhase::Config& config, long count, long step) {
-  for (long first = 0, points = 1; first < points; first += step) {
-    SCOPED_TRACE(name_of(first, count));
+/// Lives in each of which OpenCL calls fail from another one on, on a device that works again later.
+/// @param count How many fail.
+void expect_short_lives(const BroadPhase::Config& config, long count, long most) {
+  expect_right_lives(most, [&](long first) -> std::optional<long> {
     const OpenClUse before = opencl_use();
+    long points = 0;
     {
-      ShortLife life(config, OpenClTrouble(first, count), {.looks = first % 2 == 0, .worlds = true});
-      ASSERT_TRUE(life.live());
+      ShortLife life(config, OpenClTrouble(first, count), {.looks = first % 4 < 2, .worlds = true});
+      if (!life.live()) return std::nullopt;
       points = life.trouble().points();
     }
     expect_nothing_left(before, count);
-  }
+    return points;
+  });
 }
 
 NOT_IN(gpu_profile | rusticl | sanitizers,
        "fails on purpose, also where buffers are unmapped, and takes long");
 TEST_P(EachAlgorithm, ACallThatFailsMayBeRepeated) {
-  expect_short_lives(config(), 1, is_slow() ? 15 : 3);
+  if (!GetParam().on_device) return;
+  expect_short_lives(config(), 1, is_slow() ? 30 : 150);
 }
 
 NOT_IN(gpu_profile | rusticl | sanitizers,
        "fails on purpose, also where buffers are unmapped, and takes long");
 TEST_P(EachAlgorithm, ADeviceThatFailsForSomeTimeLosesNothing) {
-  expect_short_lives(config(), OpenClTrouble::for_good, is_slow() ? 35 : 7);
+  if (!GetParam().on_device) return;
+  expect_short_lives(config(), OpenClTrouble::for_good, is_slow() ? 15 : 75);
 }
 
 class DeviceFailure : public ::testing::TestWithParam<std::string> {};
-INSTANTIATE_TEST_SUITE_P(Table, DeviceFailure, ::testing::Values("brute-force", "tiles"),
-                         [](const auto& test) { return test.param == "tiles" ? "tiles" : "brute_force"; });
+SUITE_NOT_IN(DeviceFailure, gpu_profile | rusticl | sanitizers,
+             "fails on purpose, also where buffers are unmapped, and takes long");
+const auto finders = ::testing::Values("brute-force", "tiles");
+std::string name_of_finder(const ::testing::TestParamInfo<std::string>& test) {
+  return test.param == "tiles" ? "tiles" : "brute_force";
+}
+INSTANTIATE_TEST_SUITE_P(Table, DeviceFailure, finders, name_of_finder);
 
-/// Lives a life of a DeviceBroadPhase for each OpenCL call that may fail.
-void expect_device_lives(const std::string& algorithm, long count) {
+void expect_device_lives(const std::string& algorithm, long count, long most) {
   const CallersQueue queue;
-  const long step = is_slow_device() ? 20 : 1;
-  for (long first = 0, points = 1; first < points; first += step) {
-    SCOPED_TRACE(name_of(first, count));
+  expect_right_lives(most, [&](long first) -> std::optional<long> {
     const OpenClUse before = opencl_use();
+    long points = 0;
     {
-      DeviceLife life(queue, {.algorithm = algorithm}, OpenClTrouble(first, count),
-                      {.looks = first % 2 == 0});
-      ASSERT_TRUE(life.live());
+      DeviceLife life(queue, {.algorithm = algorithm}, OpenClTrouble(first, count), {.looks = first % 4 < 2});
+      if (!life.live()) return std::nullopt;
       points = life.trouble().points();
     }
     expect_nothing_left(before, count);
+    return points;
+  });
+}
+
+TEST_P(DeviceFailure, WhicheverCallOfADeviceBroadPhaseFailsMayBeRepeated) {
+  expect_device_lives(GetParam(), 1, is_slow_device() ? 30 : 200);
+}
+
+TEST_P(DeviceFailure, ADeviceBroadPhaseGoesOnWhenTheDeviceWorksAgain) {
+  expect_device_lives(GetParam(), OpenClTrouble::for_good, is_slow_device() ? 15 : 75);
+}
+
+/// Every call, once and from there on.
+class LongDeviceFailure : public DeviceFailure {};
+INSTANTIATE_TEST_SUITE_P(Long, LongDeviceFailure, finders, name_of_finder);
+TEST_P(LongDeviceFailure, OfEveryCallIsMadeGood) {
+  for (const long count : {1L, OpenClTrouble::for_good}) {
+    expect_device_lives(GetParam(), count, OpenClTrouble::for_good);
+    expect_short_lives({.algorithm = GetParam()}, count, OpenClTrouble::for_good);
   }
 }
 
-NOT_IN(gpu_profile | rusticl | sanitizers,
-       "fails on purpose, also where buffers are unmapped, and takes long");
-TEST_P(DeviceFailure, WhicheverCallOfADeviceBroadPhaseFailsMayBeRepeated) {
-  expect_device_lives(GetParam(), 1);
-}
-
-NOT_IN(gpu_profile | rusticl | sanitizers,
-       "fails on purpose, also where buffers are unmapped, and takes long");
-TEST_P(DeviceFailure, ADeviceBroadPhaseGoesOnWhenTheDeviceWorksAgain) {
-  expect_device_lives(GetParam(), OpenClTrouble::for_good);
-}
-
-/// Calls a function while OpenCL calls of it fail, each of the first in turn, then some. It may throw Error,
-/// and nothing else.
+/// Calls a function while OpenCL calls of it fail, from one on each of the first 150 in turn, then some. It
+/// may throw Error, and nothing else.
 template <class Function>
-void expect_errors_alone(const Function& function) {
+void expect_errors_alone(long from, const Function& function) {
   for (const long count : {1L, OpenClTrouble::for_good}) {
     long errors = 0;
     bool is_over = false;
-    for (long first = 0; !is_over; first += is_slow_device() || first > 150 ? 23 : 1) {
+    for (long first = from; !is_over; first += is_slow_device() || first > 150 ? 101 : 1) {
       SCOPED_TRACE(name_of(first, count));
       const OpenClUse before = opencl_use();
       const FailingOpenCl fails(first, count);
@@ -118,10 +131,8 @@ void expect_errors_alone(const Function& function) {
   }
 }
 
-NOT_IN(gpu_profile | rusticl | sanitizers,
-       "fails on purpose, also where buffers are unmapped, and takes long");
 TEST(DeviceFailure, ListingDevicesThrowsErrorsAlone) {
-  expect_errors_alone([] { EXPECT_FALSE(devices().empty()); });
+  expect_errors_alone(0, [] { EXPECT_FALSE(devices().empty()); });
 }
 
 NOT_IN(gpu_profile | rusticl | sanitizers,
@@ -130,19 +141,17 @@ TEST_P(EachAlgorithm, ConstructorsOnAFailingDeviceThrowErrorsAlone) {
   if (!GetParam().on_device) return;
   const ScopedFolder folder;
   const ScopedVariable variable("BROADCL_CACHE_DIR", folder.path().string());
-  expect_errors_alone([] { BroadPhase broad_phase(config()); });
+  expect_errors_alone(0, [] { BroadPhase broad_phase(config()); });
 }
 
 /// As above, but with kernels that are compiled already, and a device that is measured each time.
-NOT_IN(gpu_profile | rusticl | sanitizers,
-       "fails on purpose, also where buffers are unmapped, and takes long");
 TEST(DeviceFailure, MeasuringAFailingDeviceThrowsErrorsAlone) {
   const ScopedFolder kernels;
   {
     const ScopedVariable variable("BROADCL_CACHE_DIR", kernels.path().string());
     for (const std::string algorithm : {"brute-force", "tiles"}) BroadPhase({.algorithm = algorithm});
   }
-  expect_errors_alone([&] {
+  expect_errors_alone(100, [&] {
     const ScopedFolder folder;
     std::filesystem::copy(kernels.path(), folder.path());
     const ScopedVariable variable("BROADCL_CACHE_DIR", folder.path().string());

@@ -4,6 +4,8 @@
 
 #include "environment.hpp"
 #include "expect_error.hpp"
+#include "failing_opencl.hpp"
+#include "opencl/devices.hpp"
 
 namespace broadcl {
 namespace {
@@ -87,6 +89,36 @@ TEST(Devices, EachCanBeSelectedByItsId) {
     EXPECT_GT(device.max_allocation, 0U);
     EXPECT_GT(device.compute_units, 0U);
   }
+}
+
+/// Makes each OpenCL call of a function fail, alone and together with all later ones.
+template <class Function>
+void expect_errors(const Function& function) {
+  constexpr long all = 1'000'000;
+  long calls = 0;
+  {
+    const test::FailingOpenCl none(all, 0);
+    function();
+    calls = test::FailingOpenCl::calls();
+  }
+  EXPECT_GT(calls, 1);
+  for (const long count : {1L, all}) {
+    for (long first = 0; first < calls; ++first) {
+      const test::FailingOpenCl failing(first, count);
+      EXPECT_THAT(test::error_of(function), HasSubstr("CL_OUT_OF_RESOURCES")) << "call " << first;
+    }
+  }
+}
+
+TEST(Devices, EveryCallThatFailsIsAnError) {
+  const Device device = select_device();
+  const cl::Device opened = opencl::open(device);
+  const cl::Context context(opened);
+  const cl::CommandQueue queue(context, opened);
+  expect_errors([] { (void)devices(); });
+  expect_errors([&] { (void)select_device(device.id()); });
+  expect_errors([&] { (void)opencl::open(device); });
+  expect_errors([&] { (void)opencl::describe(queue); });
 }
 
 }  // namespace

@@ -149,7 +149,7 @@ TEST_P(EachAlgorithm, SmallTheDefaultFilterOfANewObjectReachesTheDevice) {
   }
 }
 
-/// An update without pairs to test has nothing to tell the device, but must not forget the filter.
+/// An update without pairs to test uploads nothing, but must not forget the filter.
 ALSO_IN(oclgrind);
 TEST_P(EachAlgorithm, SmallAFilterSetWhileAloneTakesEffect) {
   BroadPhase broad_phase(config());
@@ -165,8 +165,8 @@ TEST_P(EachAlgorithm, SmallAFilterSetWhileAloneTakesEffect) {
   EXPECT_TRUE(same(broad_phase.update(), Pairs{{0, 1}}, {}));
 }
 
-/// Many small worlds in one search, all in the same place: interleaved, where each vector of boxes holds many
-/// worlds, and in blocks.
+/// Many small worlds in one search, all in the same place: interleaved, so that each vector of boxes holds
+/// many worlds, and in blocks.
 NOT_IN(gpu_profile | rusticl | sanitizers, "takes long");
 TEST_P(EachAlgorithm, ThousandsOfWorldsInOneSearch) {
   constexpr std::uint32_t size = 20;

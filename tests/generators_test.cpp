@@ -8,8 +8,12 @@
 #include <broadcl/broad_phase.hpp>
 #include <cmath>
 #include <cstddef>
+#include <functional>
 #include <limits>
 #include <set>
+#include <string>
+#include <utility>
+#include <vector>
 
 #include "scenes/scenario.hpp"
 
@@ -62,21 +66,21 @@ std::ptrdiff_t count_bounds(const std::string& name, Predicate&& predicate) {
   return total;
 }
 
-TEST(MovingBoxes, OverlapAboutFourOthersWhereSizesAreUniform) {
+TEST(MovingBoxes, OverlapAboutFourOthersIfSizesAreUniform) {
   MovingBoxes boxes(3500, Sizes::uniform);
   EXPECT_NEAR(overlaps_per_box(boxes.boxes()), 4, 0.3);
   for (int frame = 0; frame < 100; ++frame) boxes.advance();
   EXPECT_NEAR(overlaps_per_box(boxes.boxes()), 4, 0.3);
 }
 
-TEST(MovingBoxes, OverlapAboutTwentyOthersWhereSizesAreMixed) {
+TEST(MovingBoxes, OverlapAboutTwentyOthersIfSizesAreMixed) {
   MovingBoxes boxes(3500, Sizes::mixed);
   EXPECT_NEAR(overlaps_per_box(boxes.boxes()), 20, 2);
   for (int frame = 0; frame < 100; ++frame) boxes.advance();
   EXPECT_NEAR(overlaps_per_box(boxes.boxes()), 20, 2);
 }
 
-TEST(MovingBoxes, HaveAThirdOfEachSizeWhereMixed) {
+TEST(MovingBoxes, HaveAThirdOfEachSizeIfMixed) {
   const MovingBoxes boxes(3500, Sizes::mixed);
   std::array<int, 3> count_by_class{};
   for (const Aabb& box : boxes.boxes()) {
@@ -157,19 +161,14 @@ TEST_P(EachSizes, ExistInAnyNumber) {
 INSTANTIATE_TEST_SUITE_P(MovingBoxes, EachSizes, testing::Values(Sizes::uniform, Sizes::mixed),
                          [](const auto& test) { return test.param == Sizes::uniform ? "uniform" : "mixed"; });
 
-TEST(BoxScenes, HaveDistinctNamesAndTheSizeAskedFor) {
+TEST(BoxScenes, HaveDistinctNamesTheSizeAskedForAndNoNan) {
   for (const std::uint32_t n : {0U, 1U, 2U, 33U, 400U}) {
     std::set<std::string> names;
     for (const BoxScene& scene : box_scenes(n)) {
       EXPECT_EQ(scene.boxes.size(), n) << scene.name;
       EXPECT_TRUE(names.insert(scene.name).second) << scene.name;
+      EXPECT_TRUE(std::none_of(scene.boxes.begin(), scene.boxes.end(), has_nan)) << scene.name;
     }
-  }
-}
-
-TEST(BoxScenes, HoldNoNan) {
-  for (const BoxScene& scene : box_scenes(400)) {
-    EXPECT_TRUE(std::none_of(scene.boxes.begin(), scene.boxes.end(), has_nan)) << scene.name;
   }
 }
 
@@ -194,18 +193,14 @@ TEST(BoxScenes, HavePairsAndBoxesApart) {
   }
 }
 
-TEST(BoxScenes, HoldPoints) {
-  EXPECT_GT(count("points", [](const Aabb& box) { return box.lower == box.upper; }), 100);
-  std::set<std::array<float, 3>> places;
+TEST(BoxScenes, HoldPointsOfWhichSomeCoincide) {
+  std::set<std::array<float, 3>> points;
+  const auto is_point = [](const Aabb& box) { return box.lower == box.upper; };
   for (const Aabb& box : scene("points")) {
-    if (box.lower == box.upper) places.insert(box.lower);
+    if (is_point(box)) points.insert(box.lower);
   }
-  EXPECT_LT(places.size(), 190U) << "no two points coincide";
-}
-
-TEST(BoxScenes, HoldIdenticalBoxes) {
-  const std::vector<Aabb> boxes = scene("identical");
-  EXPECT_THAT(boxes, testing::Each(boxes.front()));
+  EXPECT_GT(count("points", is_point), 100);
+  EXPECT_LT(points.size(), 190U);
 }
 
 TEST(BoxScenes, HoldTouchingAndAlmostTouchingBoxes) {
@@ -217,13 +212,29 @@ TEST(BoxScenes, HoldTouchingAndAlmostTouchingBoxes) {
   EXPECT_EQ(std::nextafter(apart[0].upper[0], 2.0F), apart[1].lower[0]);
 }
 
-TEST(BoxScenes, HoldFlatAndLineLikeSets) {
-  EXPECT_EQ(count("flat", [](const Aabb& box) { return box.lower[1] == 3 && box.upper[1] == 3; }), 400);
-  EXPECT_EQ(
-      count("line",
-            [](const Aabb& box) { return box.lower[0] == box.upper[0] && box.lower[2] == box.upper[2]; }),
-      400);
-  EXPECT_EQ(count("needles", [](const Aabb& box) { return extent(box).maxCoeff() == 100; }), 400);
+TEST(BoxScenes, HoldWhatTheirNamesSay) {
+  struct Case {
+    std::string scene;
+    std::function<bool(const Aabb&)> holds;
+    std::ptrdiff_t boxes;
+  };
+  const Aabb identical = scene("identical").front();
+  const std::vector<Aabb> around = scene("one-around-all");
+  const std::vector<Case> cases{
+      {"identical", [&](const Aabb& box) { return box == identical; }, 400},
+      {"flat", [](const Aabb& box) { return box.lower[1] == 3 && box.upper[1] == 3; }, 400},
+      {"line", [](const Aabb& box) { return box.lower[0] == box.upper[0] && box.lower[2] == box.upper[2]; },
+       400},
+      {"needles", [](const Aabb& box) { return extent(box).maxCoeff() == 100; }, 400},
+      {"one-around-all",
+       [&](const Aabb& box) {
+         return std::ranges::all_of(around, [&](const Aabb& other) { return overlaps(box, other); });
+       },
+       1},
+      {"clusters", [](const Aabb& box) { return box.lower[0] < 2; }, 100},
+      {"clusters", [](const Aabb& box) { return box.lower[0] > 2999 && box.upper[0] < 3002; }, 100}};
+  for (const Case& expected : cases)
+    EXPECT_EQ(count(expected.scene, expected.holds), expected.boxes) << expected.scene;
 }
 
 TEST(BoxScenes, HoldEmptyBoxesInsideOthers) {
@@ -253,49 +264,22 @@ TEST(BoxScenes, HoldInfiniteBounds) {
   EXPECT_EQ(count("infinite", [&](const Aabb& box) { return extent(box).minCoeff() == infinity; }), 1);
 }
 
-TEST(BoxScenes, HoldHugeBounds) {
-  constexpr float largest = std::numeric_limits<float>::max();
+TEST(BoxScenes, HoldUnusualNumbers) {
   const auto is = [](float magnitude) { return [=](float bound) { return std::abs(bound) == magnitude; }; };
-  EXPECT_GT(count_bounds("huge-1e18", is(1e18F)), 100);
-  EXPECT_GT(count_bounds("huge-1e30", is(1e30F)), 100);
-  EXPECT_GT(count_bounds("huge-flt-max", is(largest)), 100);
-  for (const char* name : {"huge-1e18", "huge-1e30", "huge-flt-max"}) {
-    EXPECT_EQ(count(name, is_empty), 0);
-    EXPECT_EQ(count_bounds(name, [](float bound) { return std::isinf(bound); }), 0);
-  }
-}
-
-TEST(BoxScenes, HoldDenormalsThatAreNotAllZero) {
-  EXPECT_EQ(count_bounds("denormal", [](float bound) { return std::isnormal(bound); }), 0);
-  EXPECT_GT(count_bounds("denormal", [](float bound) { return bound != 0; }), 2000);
-}
-
-TEST(BoxScenes, HoldZerosOfBothSigns) {
   const auto is_zero = [](bool negative) {
     return [=](float bound) { return bound == 0 && std::signbit(bound) == negative; };
   };
+  for (const auto& [name, magnitude] : {std::pair("huge-1e18", 1e18F), std::pair("huge-1e30", 1e30F),
+                                        std::pair("huge-flt-max", std::numeric_limits<float>::max())}) {
+    EXPECT_GT(count_bounds(name, is(magnitude)), 100);
+    EXPECT_EQ(count(name, is_empty), 0);
+    EXPECT_EQ(count_bounds(name, [](float bound) { return std::isinf(bound); }), 0);
+  }
+  EXPECT_EQ(count_bounds("denormal", [](float bound) { return std::isnormal(bound); }), 0);
+  EXPECT_GT(count_bounds("denormal", [](float bound) { return bound != 0; }), 2000);
   EXPECT_GT(count_bounds("negative-zero", is_zero(true)), 100);
   EXPECT_GT(count_bounds("negative-zero", is_zero(false)), 100);
-}
-
-TEST(BoxScenes, HoldCoordinatesFarFromTheOrigin) {
   EXPECT_EQ(count_bounds("far-from-origin", [](float bound) { return bound >= 1e7F; }), 2400);
-}
-
-TEST(BoxScenes, HoldOneBoxAroundAll) {
-  const std::vector<Aabb> boxes = scene("one-around-all");
-  EXPECT_EQ(count("one-around-all",
-                  [&](const Aabb& box) {
-                    return std::all_of(boxes.begin(), boxes.end(),
-                                       [&](const Aabb& other) { return overlaps(box, other); });
-                  }),
-            1);
-}
-
-TEST(BoxScenes, HoldClustersFarApart) {
-  EXPECT_EQ(count("clusters", [](const Aabb& box) { return box.lower[0] < 2; }), 100);
-  EXPECT_EQ(count("clusters", [](const Aabb& box) { return box.lower[0] > 2999 && box.upper[0] < 3002; }),
-            100);
 }
 
 }  // namespace

@@ -39,7 +39,7 @@ struct Change {
   friend bool operator==(const Change&, const Change&) = default;
 };
 
-/// Is told by a pair cache of every change.
+/// A pair cache reports every change to it.
 class ChangeRecorder final : public btOverlappingPairCallback {
  public:
   btBroadphasePair* addOverlappingPair(btBroadphaseProxy* s, btBroadphaseProxy* t) override {
@@ -103,8 +103,8 @@ void expect_same(const Traces& is, const Traces& expected) {
   }
 }
 
-/// Memory in blocks of many sizes with holes between them: what is allocated while it lives lies elsewhere
-/// and in another order.
+/// Memory in blocks of many sizes with holes between them: what is allocated while it lives has
+/// other addresses, in another order.
 class FragmentedHeap {
  public:
   FragmentedHeap() {
@@ -129,36 +129,37 @@ class IdenticalRun : public testing::TestWithParam<Parameters> {
   }
 };
 
-/// The shapes that a device can work in: few work-items are too much for llvmpipe (host/opencl/context.cpp).
-std::vector<std::string> shapes_for(const Device& device) {
+/// The tuning profiles that a device can work with: few work-items are too much for llvmpipe
+/// (host/opencl/context.cpp).
+std::vector<std::string> profiles_for(const Device& device) {
   if (device.name.find("llvmpipe") != std::string::npos) return {"gpu"};
   return {"gpu", "cpu"};
 }
 
-TEST_P(IdenticalRun, OnEveryDeviceInEveryShapeWithEveryAlgorithm) {
+TEST_P(IdenticalRun, OnEveryDeviceInEveryProfileWithEveryAlgorithm) {
   const Traces expected = run_on({.algorithm = "oracle"});
   std::size_t changes = 0;
   for (const std::vector<Change>& frame : expected.changes) changes += frame.size();
   EXPECT_GT(changes, 100U);
   for (const Device& device : devices()) {
-    for (const std::string& shape : shapes_for(device)) {
-      const test::ScopedVariable variable("BROADCL_TUNING", shape);
+    for (const std::string& profile : profiles_for(device)) {
+      const test::ScopedVariable variable("BROADCL_TUNING", profile);
       for (const AlgorithmInfo& algorithm : algorithms()) {
         if (!algorithm.on_device) continue;
-        SCOPED_TRACE(std::string(algorithm.name) + " in shape " + shape + " on " + device.label());
+        SCOPED_TRACE(std::string(algorithm.name) + ", profile " + profile + ", on " + device.label());
         expect_same(run_on({.device = device.id(), .algorithm = std::string(algorithm.name)}), expected);
       }
     }
   }
 }
 
-TEST_P(IdenticalRun, WhereverTheHeapPutsThings) {
+TEST_P(IdenticalRun, OnAFragmentedHeap) {
   const Traces expected = run_on({});
   const FragmentedHeap heap;
   expect_same(run_on({}), expected);
 }
 
-TEST(Identical, DevicesAreOfTwoImplementationsWhereRusticlIsOn) {
+TEST(Identical, DevicesAreOfTwoImplementationsIfRusticlIsOn) {
   const char* rusticl = std::getenv("RUSTICL_ENABLE");  // NOLINT(concurrency-mt-unsafe)
   if (rusticl == nullptr) GTEST_SKIP() << "RUSTICL_ENABLE is not set";
   std::set<std::string> platforms;

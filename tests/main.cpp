@@ -4,13 +4,9 @@
 #include <cstddef>
 #include <exception>
 #include <iostream>
-#include <map>
-#include <ostream>
-#include <set>
 #include <stdexcept>
 #include <string>
 #include <string_view>
-#include <utility>
 #include <vector>
 
 #include <gmock/gmock.h>
@@ -34,15 +30,11 @@ constexpr std::array all_runs{Run{"gpu-profile", runs::gpu_profile},
                               Run{"oclgrind-bullet", runs::oclgrind_bullet},
                               Run{"sanitizers", runs::sanitizers}};
 
-std::vector<const testing::TestInfo*> all_tests() {
-  std::vector<const testing::TestInfo*> tests;
-  const testing::UnitTest& program = *testing::UnitTest::GetInstance();
-  for (int s = 0; s < program.total_test_suite_count(); ++s) {
-    const testing::TestSuite& suite = *program.GetTestSuite(s);
-    for (int t = 0; t < suite.total_test_count(); ++t) tests.push_back(suite.GetTestInfo(t));
-  }
-  return tests;
-}
+/// A test and the runs that it belongs to.
+struct Test {
+  const testing::TestInfo* info;
+  Runs runs;
+};
 
 /// The suite as the source has it: without the name of an instance, or the number of a type.
 std::string suite_of(const testing::TestInfo& test) {
@@ -68,61 +60,62 @@ Runs left_out_for_parameter(std::string_view parameter) {
   return 0;
 }
 
-/// The runs of each test.
-std::map<const testing::TestInfo*, Runs> runs_of_tests() {
-  const std::vector<const testing::TestInfo*> tests = all_tests();
-  std::map<const testing::TestInfo*, RunStatement> of_suite;
-  std::map<const testing::TestInfo*, RunStatement> of_test;
-  for (const RunStatement& statement : run_statements()) {
-    // The test that a statement is about begins in one of the next lines.
-    const auto is_meant = [&](const testing::TestInfo* test) {
-      if (!statement.suite.empty()) return suite_of(*test) == statement.suite;
-      const int distance = test->line() - statement.line;
-      return statement.file == test->file() && 0 < distance && distance <= 3;
-    };
-    bool found = false;
-    for (const testing::TestInfo* test : tests) {
-      if (!is_meant(test)) continue;
-      found = true;
-      RunStatement& all = (statement.suite.empty() ? of_test : of_suite)[test];
-      all.also |= statement.also;
-      all.never |= statement.never;
-    }
-    if (!found) {
-      throw std::runtime_error(statement.file + ":" + std::to_string(statement.line) +
-                               ": this statement about runs is followed by no test, or names no suite");
-    }
-  }
-  std::map<const testing::TestInfo*, Runs> result;
-  for (const testing::TestInfo* test : tests) {
-    Runs runs = runs::sanitizers;
-    for (const RunStatement& all : {of_suite[test], of_test[test]}) runs = (runs | all.also) & ~all.never;
-    const std::string_view name = test->name();
-    const std::size_t slash = name.rfind('/');
-    if (slash != std::string_view::npos) runs &= ~left_out_for_parameter(name.substr(slash + 1));
-    if (std::string_view(test->test_suite_name()).starts_with("Long")) runs = 0;
-    result[test] = runs;
-  }
-  return result;
+/// Whether a statement is about a test: that of its suite, or the one that begins in the next lines.
+bool is_about(const RunStatement& statement, const testing::TestInfo& test) {
+  if (!statement.suite.empty()) return suite_of(test) == statement.suite;
+  const int distance = test.line() - statement.line;
+  return statement.file == test.file() && 0 < distance && distance <= 3;
 }
 
-/// Selects the tests of a run.
-void select(std::string_view name, const std::map<const testing::TestInfo*, Runs>& runs) {
-  const auto* run =
-      std::find_if(all_runs.begin(), all_runs.end(), [&](const Run& known) { return known.name == name; });
-  if (run == all_runs.end()) {
-    std::string names;
-    for (const Run& known : all_runs) names.append(" ").append(known.name);
-    throw std::runtime_error("no run is named '" + std::string(name) + "'; there is:" + names);
+Test with_runs(const testing::TestInfo& test, std::vector<RunStatement>& unused) {
+  Runs runs = runs::sanitizers;
+  for (const bool of_suite : {true, false}) {
+    for (const RunStatement& statement : run_statements()) {
+      if (statement.suite.empty() == of_suite || !is_about(statement, test)) continue;
+      runs = (runs | statement.also) & ~statement.never;
+      std::erase_if(unused, [&](const RunStatement& other) {
+        return other.file == statement.file && other.line == statement.line;
+      });
+    }
   }
-  std::string filter;
-  for (const auto& [test, runs_of_test] : runs) {
-    if ((runs_of_test & run->bit) != 0)
-      filter.append(test->test_suite_name()).append(".").append(test->name()).append(":");
+  const std::string_view name = test.name();
+  const std::size_t slash = name.rfind('/');
+  if (slash != std::string_view::npos) runs &= ~left_out_for_parameter(name.substr(slash + 1));
+  if (std::string_view(test.test_suite_name()).starts_with("Long")) runs = 0;
+  return {.info = &test, .runs = runs};
+}
+
+std::vector<Test> all_tests() {
+  std::vector<Test> tests;
+  std::vector<RunStatement> unused = run_statements();
+  const testing::UnitTest& program = *testing::UnitTest::GetInstance();
+  for (int s = 0; s < program.total_test_suite_count(); ++s) {
+    const testing::TestSuite& suite = *program.GetTestSuite(s);
+    for (int t = 0; t < suite.total_test_count(); ++t)
+      tests.push_back(with_runs(*suite.GetTestInfo(t), unused));
   }
-  if (filter.empty()) throw std::runtime_error("no test belongs to the run '" + std::string(name) + "'");
-  GTEST_FLAG_SET(filter, filter);
-  GTEST_FLAG_SET(brief, true);  // the usual output begins with the whole filter
+  if (!unused.empty()) {
+    throw std::runtime_error(unused.front().file + ":" + std::to_string(unused.front().line) +
+                             ": this statement about runs is followed by no test, or names no suite");
+  }
+  return tests;
+}
+
+/// The filter of gtest that selects the tests of a run.
+std::string filter_of(std::string_view name, const std::vector<Test>& tests) {
+  std::string names;
+  for (const Run& run : all_runs) {
+    names.append(" ").append(run.name);
+    if (run.name != name) continue;
+    std::string filter;
+    for (const Test& test : tests) {
+      if ((test.runs & run.bit) != 0)
+        filter.append(test.info->test_suite_name()).append(".").append(test.info->name()).append(":");
+    }
+    if (filter.empty()) throw std::runtime_error("no test belongs to the run '" + std::string(name) + "'");
+    return filter;
+  }
+  throw std::runtime_error("no run is named '" + std::string(name) + "'; there is:" + names);
 }
 
 /// Names each test that starts, which the brief output does not.
@@ -133,20 +126,21 @@ class TestNames : public testing::EmptyTestEventListener {
 };
 
 int run(int argc, char** argv) {
-  const std::map<const testing::TestInfo*, Runs> runs = runs_of_tests();
+  const std::vector<Test> tests = all_tests();
   const std::string_view argument = argc > 1 ? argv[1] : "";
   constexpr std::string_view option = "--run=";
   if (argc > 2 || (argc == 2 && !argument.starts_with(option)))
     throw std::runtime_error("unknown argument " + std::string(argument));
   if (argc == 2) {
-    select(argument.substr(option.size()), runs);
+    GTEST_FLAG_SET(filter, filter_of(argument.substr(option.size()), tests));
+    GTEST_FLAG_SET(brief, true);  // the usual output begins with the whole filter
     testing::UnitTest::GetInstance()->listeners().Append(new TestNames);
   }
   const int result = RUN_ALL_TESTS();
   const testing::UnitTest& program = *testing::UnitTest::GetInstance();
   if (program.test_to_run_count() == 0) throw std::runtime_error("no test is selected");
   if (argc == 2 && program.skipped_test_count() > 0)
-    throw std::runtime_error("a test that is skipped here must state that it is not in this run");
+    throw std::runtime_error("a test was skipped; it must state that it is not in this run");
   return result;
 }
 

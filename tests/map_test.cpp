@@ -79,7 +79,7 @@ TEST_P(EachAlgorithm, SmallANaNInAMapIsNamedAndMended) {
   EXPECT_EQ(broad_phase.size(), 40U);
   boxes[17] = apart(8);
   EXPECT_THAT(error_of([&] { (void)broad_phase.finish(); }), HasSubstr("box 31 "));
-  // One that is still bad does not become an empty one by being mapped again.
+  // One that is still invalid does not become an empty one by being mapped again.
   (void)broad_phase.map(40);
   EXPECT_THAT(error_of([&] { (void)broad_phase.update(); }), HasSubstr("box 31 "));
   broad_phase.move(31, apart(15));
@@ -139,7 +139,7 @@ TEST_P(EachAlgorithm, SmallMapMixesWithEverythingElse) {
   ASSERT_TRUE(twins.agree());
   EXPECT_TRUE(same("pairs", twins.tested().pairs(),
                    Pairs{{0, 2}, {1, 2}, {0, 4}, {1, 4}, {2, 4}, {0, 5}, {1, 5}, {2, 5}, {4, 5}}));
-  // And before a search that is begun.
+  // And before an update that is begun.
   twins.map(6, write);
   twins.begin();
   twins.move(0, apart(4));

@@ -28,7 +28,7 @@ std::vector<Aabb> read(const std::string& file) {
   return read_boxes(stream);
 }
 
-/// The text of the error that a file gives, empty where it gives none.
+/// The text of the error that a file gives, empty if it gives none.
 std::string error_of(const std::string& file) {
   try {
     (void)read(file);

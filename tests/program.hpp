@@ -109,10 +109,8 @@ class Program : public testing::Test {
     std::vector<float> boxes = four_boxes;
     boxes[8] = std::numeric_limits<float>::quiet_NaN();
     write_file(path("nan.npy"), npy(boxes));
-    write_file(path("wrong-shape.npy"), npy(four_boxes, 3));
     write_file(path("cut.npy"), npy(four_boxes).substr(0, 150));
     write_file(path("text.npy"), "0 0 0 1 1 1\n");
-    write_file(path("empty.npy"), "");
     fs::create_symlink("nowhere/to/be/found", path("dangling"));
   }
 

@@ -246,7 +246,7 @@ TEST_F(Recording, NanNamesFrameAndRow) {
   }
 }
 
-TEST_F(Recording, WhatIsWrongWithAFileIsTold) {
+TEST_F(Recording, WhatIsWrongWithAFileIsReported) {
   const std::string good = aabbs(three_blocks);
   const std::string numbers = bytes_of(numbers_of(three_blocks, false));
   const std::string array = npy(dictionary("<f4", "(3, 2, 6)"), numbers);

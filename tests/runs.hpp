@@ -2,9 +2,10 @@
 
 #include <cstddef>
 #include <string>
+#include <utility>
 #include <vector>
 
-/// Every test runs on the default device. Which other runs it belongs to is stated where it is:
+/// Every test runs on the default device. Which other runs it belongs to is stated beside it:
 ///
 ///   SUITE_ALSO_IN(Scan, gpu_profile | rusticl);   all tests of a suite
 ///   ALSO_IN(oclgrind);                            the test that follows
@@ -19,14 +20,18 @@ using Runs = unsigned;
 
 namespace runs {
 
-inline constexpr Runs gpu_profile = 1;  ///< On the default device, kernels tuned for GPUs.
-inline constexpr Runs rusticl = 2;      ///< On Mesa's rusticl.
-inline constexpr Runs oclgrind = 4;  ///< Under Oclgrind, kernels tuned for CPUs: a few work-items at a time.
-inline constexpr Runs oclgrind_gpu_profile =
-    8;                                       ///< Under Oclgrind, kernels tuned for GPUs: seconds per test.
-inline constexpr Runs oclgrind_bullet = 16;  ///< Under Oclgrind, tests of the adapter; in the long run only.
-/// Under AddressSanitizer and UndefinedBehaviorSanitizer, ten times slower. Every test is in it unless it
-/// says otherwise.
+/// On the default device, with kernels tuned for GPUs.
+inline constexpr Runs gpu_profile = 1;
+/// On Mesa's rusticl.
+inline constexpr Runs rusticl = 2;
+/// Under Oclgrind, with kernels tuned for CPUs: a few work-items at a time.
+inline constexpr Runs oclgrind = 4;
+/// Under Oclgrind, with kernels tuned for GPUs: seconds per test.
+inline constexpr Runs oclgrind_gpu_profile = 8;
+/// Under Oclgrind, tests of the adapter; in the long run only.
+inline constexpr Runs oclgrind_bullet = 16;
+/// Under AddressSanitizer and UndefinedBehaviorSanitizer, some ten times slower. Every test is in it unless
+/// it says otherwise.
 inline constexpr Runs sanitizers = 32;
 
 }  // namespace runs
@@ -55,14 +60,18 @@ inline std::size_t state_runs(RunStatement statement) {
 
 #define BROADCL_JOIN2(a, b) a##b
 #define BROADCL_JOIN(a, b) BROADCL_JOIN2(a, b)
-#define BROADCL_STATE_RUNS(suite, also, never)                                            \
-  [[maybe_unused]] static const std::size_t BROADCL_JOIN(run_statement_, __COUNTER__) =   \
-      ::broadcl::test::state_runs([] {                                                    \
-        using namespace ::broadcl::test::runs; /* NOLINT(google-build-using-namespace) */ \
-        return ::broadcl::test::RunStatement{__FILE__, __LINE__, suite, also, never};     \
+#define BROADCL_STATE_RUNS(suite, also, never)                                          \
+  [[maybe_unused]] static const std::size_t BROADCL_JOIN(run_statement_, __COUNTER__) = \
+      ::broadcl::test::state_runs([] {                                                  \
+        using namespace ::broadcl::test::runs;                                          \
+        return ::broadcl::test::RunStatement{__FILE__, __LINE__, suite, also, never};   \
       }())
 
 #define ALSO_IN(runs) BROADCL_STATE_RUNS("", runs, 0)
-#define NOT_IN(runs, why) BROADCL_STATE_RUNS("", 0, runs)
+#define NOT_IN(runs, why)                             \
+  static_assert(sizeof("" why) > 1, "give a reason"); \
+  BROADCL_STATE_RUNS("", 0, runs)
 #define SUITE_ALSO_IN(suite, runs) BROADCL_STATE_RUNS(#suite, runs, 0)
-#define SUITE_NOT_IN(suite, runs, why) BROADCL_STATE_RUNS(#suite, 0, runs)
+#define SUITE_NOT_IN(suite, runs, why)                \
+  static_assert(sizeof("" why) > 1, "give a reason"); \
+  BROADCL_STATE_RUNS(#suite, 0, runs)

@@ -210,11 +210,11 @@ TEST(Scenario, KicksTwentyFiveDistinctObjectsAFrame) {
   EXPECT_EQ(ever.size(), 30U);
 }
 
-TEST(Scenario, KicksAllObjectsWhereThereAreFewer) {
+TEST(Scenario, KicksAllObjectsIfThereAreFewer) {
   EXPECT_EQ(Scenario({.name = "agitated", .objects = 7}).kicks().size(), 7U);
 }
 
-TEST(Scenario, KicksNobodyElsewhere) {
+TEST(Scenario, KicksNobodyInOtherScenarios) {
   for (const char* name : {"free-fall", "rolling-gravity", "mixed-sizes"}) {
     Scenario scenario({.name = name});
     EXPECT_TRUE(scenario.kicks().empty());

@@ -236,10 +236,9 @@ TEST_P(EachAlgorithm, RealBoxesHaveThePairsThatWereCounted) {
   }
 }
 
-/// More than fit below one root. Ids are scattered; each box touches the next along x, and no other.
-/// The number of frames in which the order is renewed, where a few boxes move in each.
-/// @param leap Each goes to where another one was; else by a tenth of its edge.
-int sorts_where_boxes(bool leap) {
+/// The number of frames in which boxes are sorted again, if a few move in each.
+/// @param leap Each goes to where another one was; otherwise by a tenth of its edge.
+int count_sorts(bool leap) {
   constexpr std::uint32_t n = 4000;
   constexpr std::uint32_t moving = 40;
   const scenes::MovingBoxes scene(n, scenes::MovingBoxes::Sizes::uniform);
@@ -268,16 +267,17 @@ int sorts_where_boxes(bool leap) {
   return sorts;
 }
 
-/// Boxes that leap soon stand far from their neighbours in the order, which has to be renewed long before all
-/// have leapt; where they only drift, it may stay.
-TEST(Tiles, TheOrderIsRenewedSoonerWhereBoxesLeap) {
-  const int drifting = sorts_where_boxes(false);
-  const int leaping = sorts_where_boxes(true);
+/// Boxes that leap soon stand far from their neighbours in the order, which is made anew long before all have
+/// leapt; if they only drift, it may stay.
+TEST(Tiles, BoxesAreSortedAgainSoonerIfTheyLeap) {
+  const int drifting = count_sorts(false);
+  const int leaping = count_sorts(true);
   EXPECT_LE(drifting, 8);
   EXPECT_GE(leaping, 3);
   EXPECT_GT(leaping, drifting);
 }
 
+/// More than fit below one root. Ids are scattered; each box touches the next along x, and no other.
 NOT_IN(sanitizers, "takes long");
 TEST(Tiles, MoreThanAMillionBoxes) {
   if (is_slow_device()) GTEST_SKIP() << "takes minutes on this device";

@@ -189,7 +189,7 @@ TEST(RunFile, WhatIsNotWholeIsNotRead) {
   }
 }
 
-TEST(Text, FieldsOfCsvAreQuotedWhereTheyHaveToBe) {
+TEST(Text, FieldsOfCsvAreQuotedIfNecessary) {
   EXPECT_EQ(csv_field(""), "");
   EXPECT_EQ(csv_field("ACME / Rocket (TM)"), "ACME / Rocket (TM)");
   EXPECT_EQ(csv_field("a, \"b\""), R"("a, ""b""")");

@@ -1,7 +1,11 @@
 #pragma once
 
+#include <algorithm>
 #include <limits>
 #include <new>
+#include <optional>
+
+#include <gtest/gtest.h>
 
 #include <broadcl/error.hpp>
 
@@ -61,6 +65,20 @@ class Trouble {
   long made_ = 0;
   int failures_ = 0;
 };
+
+/// Has a life be lived in which nothing fails, and then one for each point at which something may fail.
+/// @param most If there are more points, about so many that are spread evenly.
+/// @param live Takes the point that fails first, and returns how many there were, or none after a wrong
+/// answer.
+template <class Function>
+void expect_right_lives(long most, const Function& live) {
+  const std::optional<long> points = live(std::numeric_limits<long>::max());
+  ASSERT_TRUE(points) << "though nothing fails";
+  const long step = std::max(1L, (*points + most - 1) / most);
+  for (long first = 0; first < *points; first += step) {
+    ASSERT_TRUE(live(first)) << "failure " << first << " of " << *points;
+  }
+}
 
 /// What a life does besides.
 struct Habits {

@@ -10,7 +10,7 @@
 #include "each_algorithm.hpp"
 #include "scenes/generators.hpp"
 
-/// What an update costs and what it finds where little moved.
+/// What an update costs and what it finds if little moved.
 namespace broadcl::test {
 namespace {
 
@@ -21,7 +21,7 @@ std::vector<std::string_view> stages(const BroadPhase& broad_phase) {
 }
 
 ALSO_IN(oclgrind);
-TEST_P(EachAlgorithm, SmallWhereNothingMovedTheDeviceIsNotAsked) {
+TEST_P(EachAlgorithm, SmallTheDeviceIsNotAskedIfNothingMoved) {
   BroadPhase broad_phase(config());
   EXPECT_TRUE(same(broad_phase.update(), {}, {}));
   EXPECT_TRUE(broad_phase.profile().empty());
@@ -55,8 +55,8 @@ TEST_P(EachAlgorithm, SmallWhereNothingMovedTheDeviceIsNotAsked) {
 }
 
 /// Few moved: they are applied to the boxes of the last update; many: all boxes are uploaded and tested. One
-/// wait an update.
-TEST(BruteForce, AppliesAndCarriesWhereFewMoved) {
+/// wait per update.
+TEST(BruteForce, AppliesAndKeepsIfFewMoved) {
   using Names = std::vector<std::string_view>;
   BroadPhase broad_phase({.algorithm = "brute-force", .profile = true});
   for (std::uint32_t k = 0; k < 200; ++k) broad_phase.add(apart(k / 2));
@@ -73,8 +73,8 @@ TEST(BruteForce, AppliesAndCarriesWhereFewMoved) {
   EXPECT_EQ(stages(broad_phase), (Names{"upload", "keep", "test", "order", "download", "wait"}));
 }
 
-/// So many changes that they are counted into buckets, a few a bucket; then so many in one bucket, that of an
-/// object that meets all others, that they are sorted.
+/// So many changes that they are counted into buckets, a few per bucket; then so many in one bucket, that of
+/// an object that meets all others, that they are sorted.
 TEST_P(EachAlgorithm, ManyChangesAreInOrder) {
   constexpr std::uint32_t n = 10'000;
   const auto twin = [](std::uint32_t id) { return apart(id % (n / 2)); };
@@ -133,8 +133,8 @@ TEST_P(EachAlgorithm, FewMovedFollowTheOracle) {
   }
 }
 
-/// Room for 256, 384, ... boxes: a new object makes the boxes lie elsewhere, and those that stand still must
-/// come along.
+/// A capacity of 256, 384, ... boxes: a new object makes the boxes move to other memory, and those that stand
+/// still must come along.
 TEST_P(EachAlgorithm, BoxesThatStandStillComeAlongWhenMemoryGrows) {
   Twins twins(config());
   for (std::uint32_t k = 0; k < 256; ++k) twins.add(apart(k), {.body = k});

@@ -14,7 +14,8 @@ namespace broadcl {
 /// exceeds its upper bound on some axis is empty and overlaps nothing, not even a box that surrounds it.
 ///
 /// The functions below test bits, not floating-point numbers, so they also hold in code that is compiled with
-/// -ffast-math. (== compares numbers.)
+/// -ffast-math; == compares numbers. A program that is linked with -ffast-math, however, may have its
+/// processors take denormal numbers for 0, in this library too.
 struct Aabb {
   std::array<float, 3> lower;
   std::array<float, 3> upper;
@@ -41,8 +42,8 @@ inline constexpr std::int32_t infinite_key = 0x7f800000;
 
 /// Whether some bound is NaN.
 [[nodiscard]] constexpr bool has_nan(const Aabb& box) noexcept {
-  for (const std::int32_t key : detail::keys(box)) {
-    if (key < -detail::infinite_key || key > detail::infinite_key) return true;
+  for (const std::uint32_t bits : std::bit_cast<std::array<std::uint32_t, 6>>(box)) {
+    if (bits << 1U > 0xff000000U) return true;  // above infinity, whatever the sign
   }
   return false;
 }

@@ -24,7 +24,7 @@ concept AabbArray = std::ranges::contiguous_range<Range> && std::ranges::sized_r
 /// Nothing is copied.
 ///
 /// A view owns no memory. What it was made of must outlive it, and must not change while the view is read.
-/// Copying a view is cheap.
+/// Any number of threads may read a view at the same time. Copying a view is cheap.
 ///
 /// Bounds are float32 or float64; float64 rounds outward as round_outward() does, except that an empty box
 /// stays empty.
@@ -41,7 +41,7 @@ class BoxView {
 
   /// The boxes of an array.
   template <AabbArray Range>
-  BoxView(Range&& boxes)
+  BoxView(Range&& boxes)  // NOLINT(bugprone-forwarding-reference-overload): a BoxView is not an AabbArray
       : BoxView(interleaved(reinterpret_cast<const float*>(std::ranges::data(boxes)),
                             static_cast<std::size_t>(std::ranges::size(boxes)))) {}
 
@@ -82,11 +82,13 @@ class BoxView {
 
   /// Copies all boxes as float32, with several threads if there are many.
   /// @param out Not in the memory viewed; boxes past the first size() are left alone.
-  /// @throws Error if `out` is smaller than the view.
+  /// @throws Error if `out` is smaller than the view; nothing is copied then. After std::bad_alloc the
+  ///   content of `out` is unspecified.
   void copy_to(std::span<Aabb> out) const;
 
   /// Copies all boxes as algorithms read them: like copy_to(), but every empty box becomes six NaNs.
-  /// @throws Error also for a NaN bound (it names the first such box); what `out` holds is then unspecified.
+  /// @throws Error also for a NaN bound (it names the first such box); the content of `out` is then
+  ///   unspecified.
   void pack_to(std::span<Aabb> out) const;
 
  private:

@@ -24,7 +24,8 @@ struct Pair {
 /// What changed between two updates, each list in canonical order.
 ///
 /// Apply `removed` first, then `added`: if an object was removed and a new one got its id in between, the
-/// same pair of ids may be in both lists. The spans belong to the BroadPhase and live until its next update.
+/// same pair of ids may be in both lists. The spans belong to the BroadPhase: they are valid until its next
+/// finish() or update(). begin() leaves them alone.
 struct Delta {
   std::span<const Pair> added;
   std::span<const Pair> removed;
