@@ -24,7 +24,7 @@ struct BulletBroadphase::Impl {
   void calculate(btDispatcher* dispatcher) {
     const ProxySearch::Found found = search.find(pairs.were_changed());
     if (found.all) {
-      pairs.compare(*found.all, search.must_decide_anew(), dispatcher);
+      pairs.compare(*found.all, search.must_recheck(), dispatcher);
     } else {
       pairs.apply(found.delta, dispatcher);
     }

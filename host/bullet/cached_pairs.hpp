@@ -71,14 +71,14 @@ class CachedPairs {
     update(delta.added, removed, dispatcher);
   }
 
-  /// The same after anything may have happened.
+  /// The same if anything may have happened to the cache or the pairs.
   /// @param all All pairs that overlap.
-  /// @param decide_anew Asks the cache of each of its pairs whether it would let it in.
-  void compare(std::span<const Pair> all, bool decide_anew, btDispatcher* dispatcher) {
+  /// @param recheck Whether to ask the cache for each of its pairs if it would still accept it.
+  void compare(std::span<const Pair> all, bool recheck, btDispatcher* dispatcher) {
     early_.clear();
     const std::vector<Pair> cached = all_cached();
     std::vector<Pair> rejected = intersection(cached, all);
-    std::erase_if(rejected, [&](const Pair& pair) { return !decide_anew || is_let_in(pair); });
+    std::erase_if(rejected, [&](const Pair& pair) { return !recheck || is_accepted(pair); });
     refused_ = difference(all, cached);
     update({}, merge(difference(cached, all), rejected), dispatcher);
     refused_ = merge(refused_, rejected);
@@ -100,7 +100,8 @@ class CachedPairs {
     std::vector<std::uint32_t> ids;
   };
 
-  /// Removes pairs from the cache, and adds others and those of the refused ones that are offered again.
+  /// Removes pairs from the cache, and adds others, including those of the refused ones that are offered
+  /// again.
   void update(std::span<const Pair> added, std::span<const Pair> removed, btDispatcher* dispatcher) {
     if (cache_.hasDeferredRemoval()) {
       if (!removed.empty() || were_changed()) remove_stale(removed, dispatcher);
@@ -124,9 +125,10 @@ class CachedPairs {
     count_ = cache_.getNumOverlappingPairs();
   }
 
-  /// For a cache that removes nothing by itself: what parted, and what is there twice. As Bullet's own broad
-  /// phases do, this sorts the cache, so that of two that are the same the one with an algorithm stays.
-  /// @param removed What else is to go.
+  /// For a cache that removes nothing by itself: removes pairs that no longer overlap, and duplicates. As
+  /// Bullet's own broad phases do, this sorts the cache, so that of two equal pairs the one with an algorithm
+  /// stays.
+  /// @param removed More pairs to remove.
   void remove_stale(std::span<const Pair> removed, btDispatcher* dispatcher) {
     btBroadphasePairArray& pairs = cache_.getOverlappingPairArray();
     pairs.quickSort(btBroadphasePairSortPredicate());
@@ -146,14 +148,14 @@ class CachedPairs {
     pairs.resize(staying);
   }
 
-  /// Whether a pair that parted is in the cache. The pairs of a destroyed proxy went with it, though its id
-  /// may be in use again; somebody may have put in a refused one.
+  /// Whether a pair that no longer overlaps is in the cache. The pairs of a destroyed proxy were removed with
+  /// it, though its id may be in use again; somebody may have added a refused one.
   [[nodiscard]] bool is_cached(const Pair& pair) const {
     return pool_.is_known(pair) && (!std::binary_search(refused_.begin(), refused_.end(), pair) ||
                                     cache_.findPair(&pool_[pair.a], &pool_[pair.b]) != nullptr);
   }
 
-  [[nodiscard]] bool is_let_in(const Pair& pair) const {
+  [[nodiscard]] bool is_accepted(const Pair& pair) const {
     return cache_.needsBroadphaseCollision(&pool_[pair.a], &pool_[pair.b]);
   }
 
@@ -174,11 +176,11 @@ class CachedPairs {
     return cached;
   }
 
-  /// Puts early pairs in order, and takes out those that overlap no more or that the cache would not let in.
+  /// Sorts the early pairs, and takes out those that no longer overlap or that the cache would not accept.
   std::vector<Pair> take_early_to_remove() {
     sort(early_);
     return take_if(early_, [&](const Pair& pair) {
-      return !overlaps(box_of(pool_[pair.a]), box_of(pool_[pair.b])) || !is_let_in(pair);
+      return !overlaps(box_of(pool_[pair.a]), box_of(pool_[pair.b])) || !is_accepted(pair);
     });
   }
 
@@ -187,7 +189,7 @@ class CachedPairs {
     pairs.erase(std::unique(pairs.begin(), pairs.end()), pairs.end());
   }
 
-  /// Takes those out of a list that meet a condition; both parts stay in order.
+  /// Takes the pairs that meet a condition out of a list; both parts stay in order.
   template <class Condition>
   static std::vector<Pair> take_if(std::vector<Pair>& pairs, const Condition& condition) {
     const auto first = std::stable_partition(pairs.begin(), pairs.end(), std::not_fn(condition));

@@ -12,7 +12,7 @@
 
 namespace broadcl {
 
-/// Looks for groups and masks that users wrote in place, and for another overlap filter callback.
+/// Looks for groups and masks that users wrote in place, and for a new overlap filter callback.
 class FilterWatch {
  public:
   FilterWatch(btOverlappingPairCache& cache, ProxyPool& pool) : cache_(cache), pool_(pool) {
@@ -22,15 +22,15 @@ class FilterWatch {
                         type == typeid(btSortedOverlappingPairCache) || type == typeid(btNullPairCache);
   }
 
-  /// As of the last look. If only the cache knows what may pair, all proxies may.
+  /// The filter as of the last look. If only the cache knows what may pair, it lets all proxies pair.
   [[nodiscard]] Filter filter(const Proxy& proxy) const {
     if (!filters_by_masks_ || callback_ != nullptr) return {};
     return {.group = static_cast<std::uint32_t>(proxy.seen_group),
             .mask = static_cast<std::uint32_t>(proxy.seen_mask)};
   }
 
-  /// @param give Called with each proxy whose filter() may be another one since the last look.
-  /// @returns Whether the callback is another one.
+  /// @param give Called with each proxy whose filter() may have changed since the last look.
+  /// @returns Whether the callback has changed.
   template <class Function>
   bool look(const Function& give) {
     const bool is_new_callback = cache_.getOverlapFilterCallback() != callback_;

@@ -8,7 +8,7 @@ namespace {
 
 constexpr int none = -1;
 
-/// Proxies that are not the adapter's may have any id; those without a list have every pair looked at.
+/// Proxies that are not the adapter's may have any id; for those without a list every pair is looked at.
 bool has_list(int id) {
   constexpr int end = 1 << 24;
   return 0 <= id && id < end;
@@ -30,18 +30,18 @@ btBroadphasePair* PairCache::addOverlappingPair(btBroadphaseProxy* proxy0, btBro
 }
 
 void PairCache::removeOverlappingPairsContainingProxy(btBroadphaseProxy* proxy, btDispatcher* dispatcher) {
-  const std::optional<std::vector<int>> places = places_of(*proxy);
-  if (!places) {
+  const std::optional<std::vector<int>> indices = indices_of(*proxy);
+  if (!indices) {
     btHashedOverlappingPairCache::removeOverlappingPairsContainingProxy(proxy, dispatcher);
     return;
   }
   const btBroadphasePairArray& pairs = getOverlappingPairArray();
   std::size_t first = 0;
-  std::size_t end = places->size();
+  std::size_t end = indices->size();
   while (first < end) {
-    const btBroadphasePair pair = pairs[(*places)[first]];
-    // The last pair of all comes to the place of the one that is removed; it may be the next to go.
-    const bool next_comes_here = end - first > 1 && (*places)[end - 1] == pairs.size() - 1;
+    const btBroadphasePair pair = pairs[(*indices)[first]];
+    // The last pair of the array moves to the index of the removed one; it may be the next to be removed.
+    const bool next_comes_here = end - first > 1 && (*indices)[end - 1] == pairs.size() - 1;
     removeOverlappingPair(pair.m_pProxy0, pair.m_pProxy1, dispatcher);
     if (next_comes_here) {
       --end;
@@ -52,30 +52,30 @@ void PairCache::removeOverlappingPairsContainingProxy(btBroadphaseProxy* proxy, 
 }
 
 void PairCache::cleanProxyFromPairs(btBroadphaseProxy* proxy, btDispatcher* dispatcher) {
-  const std::optional<std::vector<int>> places = places_of(*proxy);
-  if (!places) {
+  const std::optional<std::vector<int>> indices = indices_of(*proxy);
+  if (!indices) {
     btHashedOverlappingPairCache::cleanProxyFromPairs(proxy, dispatcher);
     return;
   }
-  for (const int place : *places) cleanOverlappingPair(getOverlappingPairArray()[place], dispatcher);
+  for (const int index : *indices) cleanOverlappingPair(getOverlappingPairArray()[index], dispatcher);
 }
 
-std::optional<std::vector<int>> PairCache::places_of(btBroadphaseProxy& proxy) {
+std::optional<std::vector<int>> PairCache::indices_of(btBroadphaseProxy& proxy) {
   if (!has_list(proxy.getUid())) return std::nullopt;
   try {
     bring_lists_up_to_date();
-    return listed_places_of(proxy);
+    return listed_indices_of(proxy);
   } catch (const std::bad_alloc&) {
     is_listed_ = false;  // a list may be half changed
     return std::nullopt;
   }
 }
 
-std::vector<int> PairCache::listed_places_of(btBroadphaseProxy& proxy) {
-  std::vector<int> places;
+std::vector<int> PairCache::listed_indices_of(btBroadphaseProxy& proxy) {
+  std::vector<int> indices;
   const int id = proxy.getUid();
-  if (static_cast<std::size_t>(id) >= newest_.size()) return places;
-  btBroadphaseProxy partner;  // found by its id alone: one in the list may be dead
+  if (static_cast<std::size_t>(id) >= newest_.size()) return indices;
+  btBroadphaseProxy partner;  // found by its id alone: one in the list may no longer exist
   int* next = &newest_[static_cast<std::size_t>(id)];
   for (int k = *next; k != none;) {
     Entry& entry = entries_[static_cast<std::size_t>(k)];
@@ -88,15 +88,15 @@ std::vector<int> PairCache::listed_places_of(btBroadphaseProxy& proxy) {
       next = &after;
       // Proxies that are not the adapter's may share an id.
       if (pair->m_pProxy0 == &proxy || pair->m_pProxy1 == &proxy) {
-        places.push_back(static_cast<int>(pair - getOverlappingPairArrayPtr()));
+        indices.push_back(static_cast<int>(pair - getOverlappingPairArrayPtr()));
       }
     }
     k = after;
   }
   *next = none;
-  std::sort(places.begin(), places.end());
-  places.erase(std::unique(places.begin(), places.end()), places.end());
-  return places;
+  std::sort(indices.begin(), indices.end());
+  indices.erase(std::unique(indices.begin(), indices.end()), indices.end());
+  return indices;
 }
 
 void PairCache::bring_lists_up_to_date() {

@@ -8,14 +8,15 @@
 
 namespace broadcl {
 
-/// Bullet's hashed pair cache, but removing or cleaning a proxy costs as much as the proxy has pairs, where
-/// Bullet's own looks at every pair there is. It holds the same pairs in the same order, and tells ghosts and
-/// frees algorithms in the same order, after any sequence of calls.
+/// Bullet's hashed pair cache, except that removing or cleaning a proxy takes time in proportion to the
+/// proxy's pairs, while Bullet's own looks at every pair. It holds the same pairs in the same order, and
+/// notifies ghosts and frees algorithms in the same order, after any sequence of calls.
 ///
-/// Partners of proxies are listed when a proxy is removed or cleaned. From then on the lists take every pair
-/// that is added. They forget none that is removed: what they say is looked up in the cache. After as many
-/// additions as there were pairs they are given up until they are needed again, so they cost little where
-/// pairs come and go but no proxy does. If memory for them cannot be had, it does as Bullet's own does.
+/// Partners of proxies are listed when a proxy is removed or cleaned. From then on every pair that is added
+/// is listed too. Pairs that are removed stay listed: what the lists say is looked up in the cache. After as
+/// many additions as there were pairs the lists are dropped until they are needed again, so they cost little
+/// if pairs come and go but no proxy does. If there is no memory for them, this cache does what Bullet's own
+/// does.
 class PairCache final : public btHashedOverlappingPairCache {
  public:
   btBroadphasePair* addOverlappingPair(btBroadphaseProxy* proxy0, btBroadphaseProxy* proxy1) override;
@@ -31,17 +32,17 @@ class PairCache final : public btHashedOverlappingPairCache {
     int next_of_b;
   };
 
-  /// Where the pairs of a proxy are in the array, ascending; none if it has no list or memory is exhausted.
-  std::optional<std::vector<int>> places_of(btBroadphaseProxy& proxy);
-  /// The same from its list, which forgets what is gone.
-  std::vector<int> listed_places_of(btBroadphaseProxy& proxy);
+  /// The indices of a proxy's pairs in the array, ascending; none if it has no list or memory is exhausted.
+  std::optional<std::vector<int>> indices_of(btBroadphaseProxy& proxy);
+  /// The same from its list, from which this drops removed pairs.
+  std::vector<int> listed_indices_of(btBroadphaseProxy& proxy);
   void bring_lists_up_to_date();
   void link(int id, int entry, int& next);
 
   bool is_listed_ = false;
   std::vector<Entry> entries_;
-  std::size_t most_ = 0;     // entries before the lists are given up
-  std::size_t linked_ = 0;   // entries that are in lists; the rest came since they were last needed
+  std::size_t most_ = 0;     // entries before the lists are dropped
+  std::size_t linked_ = 0;   // entries that are in lists; the rest were added since they were last needed
   std::vector<int> newest_;  // by id: the first entry of its list, or none
 };
 

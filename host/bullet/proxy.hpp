@@ -24,7 +24,7 @@ struct Proxy : btBroadphaseProxy {
   // Users write m_collisionFilterGroup and m_collisionFilterMask in place: these are the values last seen.
   int seen_group = 0;
   int seen_mask = 0;
-  // The number of the calculation that comes next, at the time when
+  // The number of the next calculation at the time when
   std::uint32_t created = 0;  ///< it was created;
   std::uint32_t changed = 0;  ///< its box or filter was last changed.
 };
@@ -50,8 +50,7 @@ struct Proxy : btBroadphaseProxy {
   return true;
 }
 
-/// Whether the lower bound is at most the upper one on every axis. A box of which this is not true overlaps
-/// nothing.
+/// Whether the lower bound is at most the upper one on every axis. Any other box overlaps nothing.
 [[nodiscard]] inline bool is_proper(const btVector3& lower, const btVector3& upper) noexcept {
   return lower.x() <= upper.x() && lower.y() <= upper.y() && lower.z() <= upper.z();
 }

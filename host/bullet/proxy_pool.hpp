@@ -12,11 +12,11 @@
 
 namespace broadcl {
 
-/// Proxies by id, and which of them are new or changed since the last calculation. They lie together, so that
-/// looking at all of them is quick, and never move.
+/// Proxies by id, and which of them are new or changed since the last calculation. They are stored together,
+/// so that looking at all of them is quick, and never move.
 class ProxyPool {
  public:
-  /// Makes the slots of all ids below n.
+  /// Creates the slots of all ids below n.
   void reserve(std::size_t n) {
     while (slots() < n) chunks_.push_back(std::make_unique<Chunk>());
   }
@@ -25,10 +25,10 @@ class ProxyPool {
     return (*chunks_[id / chunk_size])[id % chunk_size];
   }
 
-  /// Number of slots, free ones too.
+  /// Number of slots, including free ones.
   [[nodiscard]] std::size_t slots() const noexcept { return chunks_.size() * chunk_size; }
 
-  /// Free slots too.
+  /// Including free slots.
   template <class Function>
   void for_each_slot(Function&& function) const {
     for (const auto& chunk : chunks_) {
@@ -44,21 +44,21 @@ class ProxyPool {
   }
 
   void mark_created(Proxy& proxy) noexcept {
-    proxy.created = last_renewal_ = next_calculation_;
+    proxy.created = last_id_change_ = next_calculation_;
     mark_changed(proxy);
   }
-  /// Of its box or filter.
+  /// Its box or filter changed.
   void mark_changed(Proxy& proxy) noexcept { proxy.changed = last_change_ = next_calculation_; }
   void free(Proxy& proxy) noexcept {
     proxy = Proxy();
-    last_renewal_ = next_calculation_;
+    last_id_change_ = next_calculation_;
   }
   void end_calculation() noexcept { ++next_calculation_; }
 
-  /// Whether both proxies live since before the last calculation.
+  /// Whether both proxies have existed since before the last calculation.
   [[nodiscard]] bool is_known(const Pair& pair) const { return is_known(pair.a) && is_known(pair.b); }
   /// Whether all ids stand for the same proxies as at the last calculation.
-  [[nodiscard]] bool are_all_known() const noexcept { return last_renewal_ != next_calculation_; }
+  [[nodiscard]] bool are_all_known() const noexcept { return last_id_change_ != next_calculation_; }
   [[nodiscard]] bool is_changed(const Pair& pair) const {
     return (*this)[pair.a].changed == next_calculation_ || (*this)[pair.b].changed == next_calculation_;
   }
@@ -75,7 +75,7 @@ class ProxyPool {
   std::vector<std::unique_ptr<Chunk>> chunks_;
   std::uint32_t next_calculation_ = 1;  // its number
   std::uint32_t last_change_ = 0;       // the calculation before which a proxy was last changed
-  std::uint32_t last_renewal_ = 0;      // and created or destroyed
+  std::uint32_t last_id_change_ = 0;    // the same for created or destroyed
 };
 
 }  // namespace broadcl

@@ -24,7 +24,7 @@ namespace broadcl {
 /// every box and filter.
 ///
 /// If the device fails, a core on the host takes over for good. If memory is exhausted, the copy may be out
-/// of date; the next find() makes it anew from the proxies.
+/// of date; the next find() rebuilds it from the proxies.
 class ProxySearch {
  public:
   /// @param cache, pool, reports Must outlive this object.
@@ -49,7 +49,7 @@ class ProxySearch {
   void remove(std::uint32_t id) {
     is_late_ = true;
     if (attempt([&] { core_.remove(id); })) return;
-    // It takes memory only while an update is under way, which ends here, even if it fails.
+    // Removing needs memory only during an update, which ends here, even if it fails.
     attempt([&] { on_core([&] { core_.finish(); }); });
     core_.remove(id);
   }
@@ -79,18 +79,18 @@ class ProxySearch {
       }
       Found found{.delta = core_.finish(), .all = std::nullopt};
       if (is_begun_ && is_late_) found.delta = update_again(found.delta);
-      if (all_too || must_compare_ || must_decide_anew_) found.all = core_.pairs();
+      if (all_too || must_compare_ || must_recheck_) found.all = core_.pairs();
       return found;
     });
   }
 
-  /// Whether the cache is to decide anew of all pairs.
-  [[nodiscard]] bool must_decide_anew() const noexcept { return must_decide_anew_; }
+  /// Whether the cache must be asked again about all pairs.
+  [[nodiscard]] bool must_recheck() const noexcept { return must_recheck_; }
 
   /// What was found is in the cache.
-  void end_calculation() noexcept { is_begun_ = is_lost_ = must_compare_ = must_decide_anew_ = false; }
+  void end_calculation() noexcept { is_begun_ = is_lost_ = must_compare_ = must_recheck_ = false; }
 
-  /// Does something. If memory for it cannot be had, the next find() starts from the proxies.
+  /// Calls a function. If memory for it is exhausted, the next find() starts from the proxies.
   /// @returns Whether it was done.
   template <class Function>
   bool attempt(const Function& function) {
@@ -102,7 +102,7 @@ class ProxySearch {
       if (!std::exchange(is_lost_, true)) {
         reports_.tell(
             {"memory is exhausted; pairs may be missing until a calculation has enough of it, which ",
-             "searches all of them anew"});
+             "searches all of them again"});
       }
       return false;
     }
@@ -111,8 +111,8 @@ class ProxySearch {
   [[nodiscard]] const BroadPhase& core() const noexcept { return core_; }
 
  private:
-  /// Does something with the core. If its device fails, the host takes its place for good, and it is done
-  /// there.
+  /// Calls a function that uses the core. If the device fails, a core on the host replaces this one for good,
+  /// and the function is called again.
   template <class Function>
   std::invoke_result_t<Function> on_core(const Function& function) {
     try {
@@ -128,7 +128,8 @@ class ProxySearch {
     return function();
   }
 
-  /// Gives a core all boxes and filters. If that fails, it has the right ids all the same, or is as it was.
+  /// Sets all boxes and filters of a core. If that fails, the core has the right ids nevertheless, or is
+  /// unchanged.
   void fill(BroadPhase& core) const {
     std::size_t slots = 0;
     pool_.for_each([&](const Proxy& proxy) { slots = std::size_t{proxy.id()} + 1; });
@@ -141,7 +142,7 @@ class ProxySearch {
   }
 
   void give_filters() {
-    must_decide_anew_ |= filters_.look([this](const Proxy& proxy) {
+    must_recheck_ |= filters_.look([this](const Proxy& proxy) {
       is_late_ = true;
       attempt([&] { on_core([&] { core_.set_filter(proxy.id(), filters_.filter(proxy)); }); });
     });
@@ -156,7 +157,7 @@ class ProxySearch {
     const Delta second = core_.update();
     added_ = merge(difference(added, second.removed), second.added);
     removed_ = merge(removed, difference(second.removed, added));
-    // A pair that parted and came back has stayed, unless an id of it was reused.
+    // A pair that was removed and then added again has stayed, unless one of its ids was reused.
     std::vector<Pair> back = intersection(added_, removed_);
     std::erase_if(back, [&](const Pair& pair) { return !pool_.is_known(pair); });
     added_ = difference(added_, back);
@@ -168,11 +169,11 @@ class ProxySearch {
   ProxyPool& pool_;
   FilterWatch filters_;
   Reports& reports_;
-  bool is_begun_ = false;              // the next calculation
+  bool is_begun_ = false;              // the next calculation has begun
   bool is_late_ = false;               // something changed after it began
   bool is_lost_ = false;               // the core may have other boxes and filters than the proxies
   bool must_compare_ = false;          // the core may not know the pairs of the last calculation
-  bool must_decide_anew_ = false;      // the callback is another one than at the last calculation
+  bool must_recheck_ = false;          // the callback changed since the last calculation
   std::vector<Pair> added_, removed_;  // by two updates together
 };
 

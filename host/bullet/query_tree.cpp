@@ -7,7 +7,7 @@
 namespace broadcl {
 namespace {
 
-/// To take a box out of the tree and put it in again costs as much as to scan so many.
+/// Removing a box from the tree and inserting it again costs as much as scanning this many boxes.
 constexpr std::size_t scans_per_update = 50;
 
 /// Passes on what the tree finds.
@@ -30,7 +30,7 @@ void QueryTree::ray_test(const btVector3& from, btBroadphaseRayCallback& callbac
                          const btVector3& upper) {
   if (is_current()) {
     Report report(callback);
-    // The tree's own would be shared by all queries.
+    // The tree's own stack would be shared by all queries.
     btAlignedObjectArray<const btDbvtNode*> stack;
     std::array<const btDbvtNode*, btDbvt::DOUBLE_STACKSIZE> memory;
     stack.initializeFromBuffer(memory.data(), 0, btDbvt::DOUBLE_STACKSIZE);

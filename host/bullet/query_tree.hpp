@@ -17,14 +17,14 @@ namespace broadcl {
 /// Answers ray and box queries with a tree of the proxies' boxes, which is brought up to date when it is
 /// worth it: a query scans all proxies until the scans of a frame have cost about as much as the tree would.
 ///
-/// Queries may run in several threads at once and from within one another, but not beside the other
-/// functions. Empty boxes are never found. If memory for the tree cannot be had, queries scan.
+/// Queries may run in several threads at once and from within one another, but not while one of the other
+/// functions runs. Empty boxes are never found. If there is no memory for the tree, queries scan.
 class QueryTree {
  public:
   /// @param pool Of all proxies; must outlive this object.
   explicit QueryTree(const ProxyPool& pool) : pool_(pool) {}
 
-  /// To be called after a proxy was created, destroyed or got another box.
+  /// To be called after a proxy was created or destroyed or its box changed.
   void touch(std::uint32_t id) noexcept {
     if (!is_in_use_) return;
     is_current_.store(false, std::memory_order_relaxed);
@@ -38,7 +38,7 @@ class QueryTree {
     }
   }
 
-  /// Scans of the last frame count no more.
+  /// Scans of the last frame no longer count.
   void start_frame() noexcept { scanned_ = 0; }
 
   /// As btBroadphaseInterface::rayTest().
@@ -54,7 +54,7 @@ class QueryTree {
     bool is_stale = false;
   };
 
-  /// Counts a query, and updates the tree where it is worth it.
+  /// Counts a query, and updates the tree if it is worth it.
   bool is_current();
   void update();
   /// Memory is exhausted: the next query starts with an empty tree.

@@ -10,7 +10,7 @@
 
 namespace broadcl {
 
-/// Tells the user what is wrong. Takes no memory for lines of usual length.
+/// Reports to the user what is wrong. Allocates nothing for lines of usual length.
 class Reports {
  public:
   using Handler = std::function<void(const std::string&)>;
