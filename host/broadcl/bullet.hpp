@@ -28,8 +28,8 @@ inline namespace float64 {
 /// cache too. The device tests them, unless the cache has an overlap filter callback or is of a class of the
 /// user's: then the cache is offered every overlapping pair. Every pair enters through addOverlappingPair().
 /// A pair that the cache refuses, or that somebody removed from it, is offered again by the next calculation
-/// after one of its two proxies got another box, group or mask. If the callback is set, cleared or exchanged,
-/// every overlapping pair is decided anew.
+/// after one of its two proxies got a new box, group or mask. If the callback is set, cleared or replaced,
+/// the cache is asked again about every overlapping pair.
 ///
 /// If Bullet is built for double precision (BT_USE_DOUBLE_PRECISION, the target broadcl::bullet-float64), the
 /// device has boxes in float32 that are rounded outward: every pair of exact boxes is found, and some that
@@ -110,8 +110,7 @@ class BulletBroadphase : public btBroadphaseInterface {
   /// Prints nothing: that is left to the caller, see broad_phase().
   void printStats() override {}
 
-  /// The core underneath, for its device, algorithm and profile. After the device failed, it is another
-  /// one.
+  /// The core underneath, for its device, algorithm and profile. If the device failed, it works on the host.
   [[nodiscard]] const BroadPhase& broad_phase() const noexcept;
 
  private:
