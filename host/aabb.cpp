@@ -6,7 +6,8 @@
 namespace broadcl {
 namespace {
 
-/// By arithmetic on the bits, in place of std::nextafter and branches, which random numbers mispredict.
+/// By arithmetic on the bits, instead of std::nextafter and branches, which are mispredicted for random
+/// numbers.
 float round_down(double value) {
   const auto nearest = static_cast<float>(value);
   if (nearest == 0 && value < 0) return -std::numeric_limits<float>::denorm_min();

@@ -111,8 +111,8 @@ auto BoxView::with_layout(const Function& function) const {
   return is_packed ? function(Packed{bounds_[0]}) : function(Strided<float>{bounds_, stride_});
 }
 
-/// Copies the boxes. Stops at one for which `prepare(box)` is false and returns its index: the lowest such,
-/// or size() if there is none.
+/// Copies the boxes until `prepare(box)` is false for one. Returns the lowest index of such a box, or size()
+/// if there is none.
 template <class Prepare>
 std::size_t BoxView::copy(std::span<Aabb> out, const Prepare& prepare) const {
   if (out.size() < size_) {

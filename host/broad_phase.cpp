@@ -30,8 +30,8 @@ bool is_proper(const Aabb& box) {
 
 }  // namespace
 
-/// Objects, their ids, and what changed of them. Each function first does what may throw, then, from a
-/// comment on, what cannot, so that it does all of its work or none.
+/// Objects, their ids, and what changed. Each function first does what may throw and then, after a comment
+/// that says so, what cannot, so that it does all of its work or none.
 class BroadPhase::Impl {
  public:
   explicit Impl(const Config& config)
@@ -99,7 +99,7 @@ class BroadPhase::Impl {
     }
     const std::span<Aabb> boxes = boxes_.first(n);
     for (std::uint32_t id = 0; id < n; ++id) {
-      // The caller must not meet a NaN that is not his own.
+      // The caller must not see a NaN that he did not write.
       const bool is_own = id < own;
       if (states_[id] == State::free || (!is_own && !is_proper(boxes[id]))) boxes[id] = empty_aabb();
       if (states_[id] == State::live) continue;
@@ -113,7 +113,7 @@ class BroadPhase::Impl {
   void begin() {
     if (is_begun_) return;
     apply_late();
-    flight_.reserve(capacity_);  // here, for an update in flight reads it
+    flight_.reserve(capacity_);  // here, since an update in flight reads it
     take_mapped();
     is_begun_ = true;
     if (changes_.empty()) return;
@@ -145,8 +145,8 @@ class BroadPhase::Impl {
     if (is_in_flight_) or_roll_back([&] { delta = algorithm_->finish(); });
     flight_.clear();
     is_in_flight_ = is_begun_ = false;
-    // If there is no room yet for objects that were added meanwhile, the next update makes it.
-    if (has_room(states_.size(), any_filters_)) apply_late();
+    // If there is no memory yet for objects that were added meanwhile, the next update allocates it.
+    if (has_memory_for(states_.size(), any_filters_)) apply_late();
     return delta;
   }
 
@@ -173,13 +173,13 @@ class BroadPhase::Impl {
     Aabb box;
   };
 
-  /// Whether the algorithm has memory for so many boxes, and for filters if there are any.
-  [[nodiscard]] bool has_room(std::size_t ids, bool filters) const noexcept {
+  /// Whether the algorithm has memory for this many boxes, and for filters if there are any.
+  [[nodiscard]] bool has_memory_for(std::size_t ids, bool filters) const noexcept {
     return boxes_.size() >= ids && (has_filter_memory_ || !filters);
   }
 
-  /// Makes room for so many ids, so that nothing that concerns them has to allocate; the algorithm's memory
-  /// follows when the update in flight is over.
+  /// Reserves memory for this many ids, so that nothing that concerns them has to allocate; during an update
+  /// the algorithm's memory is not reserved until the update is over.
   void reserve(std::size_t ids, bool filters) {
     if (ids > most_objects) throw Error("more than 2147483648 objects; use fewer");
     if (ids > capacity_) {
@@ -194,7 +194,7 @@ class BroadPhase::Impl {
   }
 
   void reserve_algorithm(std::size_t ids, bool filters) {
-    if (has_room(ids, filters)) return;
+    if (has_memory_for(ids, filters)) return;
     algorithm_->reserve(ids, filters || has_filter_memory_);
     boxes_ = algorithm_->boxes();
     has_filter_memory_ = has_filter_memory_ || filters;
@@ -220,8 +220,8 @@ class BroadPhase::Impl {
     free_.push_back(id);
   }
 
-  /// Whether boxes that are set now are stored later: the algorithm reads its boxes, or earlier ones still
-  /// wait.
+  /// Whether boxes that are set now are stored later: the algorithm is reading its boxes, or earlier ones are
+  /// still waiting.
   [[nodiscard]] bool is_late() const noexcept { return is_in_flight_ || !late_.empty(); }
 
   void set_box(std::uint32_t id, const Aabb& box) {
@@ -271,7 +271,7 @@ class BroadPhase::Impl {
     mapped_ = 0;
   }
 
-  /// Does a part of an update. If it fails, what the update was to find is still to be found.
+  /// Does a part of an update. If it fails, the next update finds what this one would have.
   template <class Function>
   void or_roll_back(const Function& function) {
     try {
@@ -305,20 +305,20 @@ class BroadPhase::Impl {
   std::unique_ptr<Algorithm> algorithm_;
   std::span<Aabb> boxes_;            // the algorithm's
   bool has_filter_memory_ = false;   // in the algorithm
-  std::size_t capacity_ = 0;         // ids for which the following have room
+  std::size_t capacity_ = 0;         // ids that the following have capacity for
   std::vector<State> states_;        // by id
   std::vector<Filter> filters_;      // by id
   std::vector<std::uint32_t> free_;  // a heap, the lowest id first
   std::size_t size_ = 0;
-  bool any_filters_ = false;  // some object ever had another than the default one
+  bool any_filters_ = false;  // some object has had another than the default one
   bool any_worlds_ = false;
   std::size_t mapped_ = 0;  // boxes that the caller may have written in place
 
   ChangeSet changes_;  // since the last update began
-  ChangeSet flight_;   // what that update takes in
+  ChangeSet flight_;   // the changes that the update in flight applies
   bool is_begun_ = false;
   bool is_in_flight_ = false;  // it was begun, and there was something to do
-  bool was_asked_ = false;     // the algorithm, in the last update
+  bool was_asked_ = false;     // the algorithm took part in the last update
   std::vector<LateBox> late_;
 };
 

@@ -8,13 +8,13 @@
 
 namespace broadcl {
 
-/// Which slots changed since some time. It allocates in reserve() only.
+/// The slots that changed since it was last cleared. Only reserve() allocates.
 class ChangeSet {
  public:
   bool all = false;      ///< All slots count as changed.
   bool filters = false;  ///< A filter changed.
 
-  /// Makes room for the slots below this one.
+  /// Reserves memory for all slots below this one.
   /// @throws std::bad_alloc
   void reserve(std::size_t slots) {
     changed_.reserve(slots);
@@ -23,7 +23,7 @@ class ChangeSet {
   }
 
   void insert(std::uint32_t slot) noexcept { insert(slot, is_changed, changed_); }
-  /// The object of the slot is another one.
+  /// The slot has a different object now.
   void recycle(std::uint32_t slot) noexcept {
     insert(slot);
     insert(slot, is_recycled, recycled_);
@@ -45,7 +45,7 @@ class ChangeSet {
   [[nodiscard]] bool empty() const noexcept { return !all && changed_.empty(); }
   /// Each once.
   [[nodiscard]] std::span<const std::uint32_t> changed() const noexcept { return changed_; }
-  /// Those of changed() whose object is another one, each once.
+  /// Those of changed() whose object is a different one, each once.
   [[nodiscard]] std::span<const std::uint32_t> recycled() const noexcept { return recycled_; }
 
  private:

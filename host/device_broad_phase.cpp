@@ -106,7 +106,7 @@ class DeviceBroadPhase::Impl {
     check_buffer("filters", boxes.filters, boxes.count, 0, sizeof(Filter), sizeof(Filter));
   }
 
-  /// Refuses a buffer of another context, and one that does not hold so many items.
+  /// Refuses a buffer of another context, and one that is too small for this many items.
   void check_buffer(const std::string& what, cl_mem memory, std::size_t count, std::size_t offset,
                     std::size_t stride, std::size_t size) const {
     const cl::Buffer buffer(memory, true);
@@ -154,7 +154,7 @@ class DeviceBroadPhase::Impl {
   std::unique_ptr<Engine> engine_;
   cl::Kernel gather_;
   std::array<Frame, 2> frames_;  // of the last update and of the next, in turn
-  std::size_t turn_ = 0;         // that of the last update
+  std::size_t turn_ = 0;         // index of the frame of the last update
   cl::Buffer pairs_;
   bool in_flight_ = false;
 };

@@ -78,7 +78,7 @@ std::string system_name() {
 namespace {
 
 /// The rest of the first line of a file that begins with a key, without the characters around it that are not
-/// wanted; empty where there is none.
+/// wanted; empty if there is none.
 std::string value_in(const char* file, std::string_view key, const char* unwanted) {
   std::ifstream stream(file);
   for (std::string line; std::getline(stream, line);) {

@@ -4,11 +4,11 @@
 
 #define AABB_FLOATS 6
 
-/* Whether boxes s and t overlap: closed, so touching counts, and false as soon as a bound is NaN. Of scalars it gives
-   0 or 1, of vectors 0 or -1 a lane. */
-#define AABB_OVERLAPS(s_lower_x, s_lower_y, s_lower_z, s_upper_x, s_upper_y, s_upper_z, t_lower_x, t_lower_y,     \
-                      t_lower_z, t_upper_x, t_upper_y, t_upper_z)                                                 \
-  (((s_lower_x) <= (t_upper_x)) & ((t_lower_x) <= (s_upper_x)) & ((s_lower_y) <= (t_upper_y)) &                   \
+/* Whether boxes s and t overlap: closed, so touching counts, and false as soon as a bound is NaN. For scalars it
+   gives 0 or 1, for vectors 0 or -1 per lane. */
+#define AABB_OVERLAPS(s_lower_x, s_lower_y, s_lower_z, s_upper_x, s_upper_y, s_upper_z, t_lower_x, t_lower_y, \
+                      t_lower_z, t_upper_x, t_upper_y, t_upper_z)                                             \
+  (((s_lower_x) <= (t_upper_x)) & ((t_lower_x) <= (s_upper_x)) & ((s_lower_y) <= (t_upper_y)) &               \
    ((t_lower_y) <= (s_upper_y)) & ((s_lower_z) <= (t_upper_z)) & ((t_lower_z) <= (s_upper_z)))
 
 /* A box in registers. */
@@ -16,8 +16,8 @@ typedef struct {
   float bound[AABB_FLOATS];
 } box_t;
 
-/* (Not returned as a value: Oclgrind 21.10 does not know what its compiler makes of that in a function that was inlined
-   twice.) */
+/* (Not returned as a value: Oclgrind 21.10 does not support what its compiler makes of that in a function that was
+   inlined twice.) */
 static inline void load_box(box_t* box, global const float* boxes, const uint slot) {
   global const float2* p = (global const float2*)(boxes + (size_t)slot * AABB_FLOATS);
   for (uint i = 0; i < AABB_FLOATS / 2U; ++i) {

@@ -1,13 +1,14 @@
-/* Brute force: tests every pair of boxes of which one changed, and appends those that overlap and that their filters let
-   pair, and that did not do so in the last frame, to a list, in no particular order.
+/* Brute force: tests every pair of boxes of which one changed, and appends to a list, in no particular order, those
+   that overlap and that their filters let pair, unless they did so in the last frame.
 
-   A work-item holds WIDTH boxes a in registers and walks down rows, each a box b, the same for the whole work-group. Hits
-   gather in local memory; a work-group reserves its part of the list with one atomic. Where local memory was too small it
-   walks again and writes to its part directly.
+   A work-item holds WIDTH boxes `a` in registers and walks down rows. Each row is a box `b`, the same for the whole
+   work-group. Hits are collected in local memory; a work-group reserves its part of the list with one atomic. If
+   local memory was too small, the work-group walks again and writes to its part directly.
 
-   A GPU does not compare bounds, it subtracts them: boxes overlap where none of six differences is negative. Additions and
-   the merging of signs run on different units, which share the work that compares would put on one. Bounds are made finite
-   for that and zeros positive, so that differences have the right sign; what is found is tested again as it is. */
+   A GPU does not compare bounds, it subtracts them: boxes overlap if none of six differences is negative. Additions
+   and the merging of signs run on different units, which share the work that comparisons would give to one of them.
+   Bounds are made finite for that, and zeros positive, so that differences have the right sign; hits are tested
+   again with the original bounds. */
 
 #include "aabb.h"
 #include "delta.h"
@@ -15,16 +16,16 @@
 #include "lanes.h"
 
 #ifndef GROUP
-#define GROUP 64 /* work-items a work-group; 1 in the shape for CPUs, in which rows are read where they lie */
+#define GROUP 64 /* work-items per work-group; 1 with the tuning profile for CPUs: rows are not copied then */
 #endif
 #ifndef MAX_ROWS
-#define MAX_ROWS 128 /* rows of a work-group, at the most */
+#define MAX_ROWS 128 /* rows of a work-group, at most */
 #endif
 #ifndef ROWS
 #define ROWS 4 /* rows that a work-item tests before it looks for hits */
 #endif
 #ifndef WORLDS
-#define WORLDS 0 /* 1 where objects are in different worlds */
+#define WORLDS 0 /* 1 if objects are in different worlds */
 #endif
 #define LOCAL_HITS 512U
 
@@ -50,7 +51,7 @@ static inline row_t load_row(global const float* boxes, global const uint4* filt
   return row;
 }
 
-/* Lanes are -1 where the boxes overlap. */
+/* Lanes are -1 if the boxes overlap. */
 static inline INTS test_boxes(const boxes_t* s, const row_t t) {
   return AABB_OVERLAPS(s->lower_x, s->lower_y, s->lower_z, s->upper_x, s->upper_y, s->upper_z, t.lower.x, t.lower.y,
                        t.lower.z, t.upper.x, t.upper.y, t.upper.z);
@@ -81,11 +82,12 @@ static inline row_t finite_row(const row_t row) {
   return result;
 }
 
-/* Negative where a lane may overlap. */
+/* Negative if a lane may overlap. */
 typedef int may_t;
 static inline may_t may_overlap(const boxes_t* s, const row_t t) {
-  const INTS apart = (AS_INTS(t.upper.x - s->lower_x) | AS_INTS(t.upper.y - s->lower_y) | AS_INTS(t.upper.z - s->lower_z)) |
-                     (AS_INTS(s->upper_x - t.lower.x) | AS_INTS(s->upper_y - t.lower.y) | AS_INTS(s->upper_z - t.lower.z));
+  const INTS apart =
+      (AS_INTS(t.upper.x - s->lower_x) | AS_INTS(t.upper.y - s->lower_y) | AS_INTS(t.upper.z - s->lower_z)) |
+      (AS_INTS(s->upper_x - t.lower.x) | AS_INTS(s->upper_y - t.lower.y) | AS_INTS(s->upper_z - t.lower.z));
   return ~and_lanes(apart);
 }
 
@@ -107,8 +109,8 @@ typedef INTS may_t;
 #define LANES(may, s, t) (may)
 #endif
 
-/* Work-items of dimension 0 stand for WIDTH boxes a each, those of dimension 1 for `rows` rows each. Where row_count is n
-   every slot is a row and pairs are tested with a < b; else the rows are those slots that changed. */
+/* Work-items of dimension 0 stand for WIDTH boxes `a` each, those of dimension 1 for `rows` rows each. If row_count
+   is n, every slot is a row and pairs are tested with a < b; otherwise the rows are the slots that changed. */
 kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void brute_force(
     const uint n, const uint row_count, const uint rows, global const float* restrict boxes,
     global const uint* restrict changed, global const uint4* restrict filters,

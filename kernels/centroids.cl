@@ -1,4 +1,4 @@
-/* The reduction of boxes to the bounds of their centroids. Those that have none count for nothing. */
+/* The reduction of boxes to the bounds of their centroids. Boxes without a centroid are ignored. */
 
 #include "centroids.h"
 

@@ -4,7 +4,7 @@
 
 #include "aabb.h"
 
-/* Numbers in the order of floats. */
+/* Maps floats to numbers in the same order, and back. */
 static inline uint ordered(const float value) {
   const uint bits = as_uint(value);
   return (bits >> 31) != 0U ? ~bits : bits | 0x80000000U;
@@ -13,7 +13,7 @@ static inline float from_ordered(const uint word) {
   return as_float((word >> 31) != 0U ? word & 0x7fffffffU : ~word);
 }
 
-/* The centroid of a box; not finite where that makes no sense. */
+/* The centroid of a box; NaN if that makes no sense. */
 static inline float3 centroid(global const float* box) {
   const float3 sum = vload3(0, box) * 0.5F + vload3(1, box) * 0.5F;
   return all(fabs(sum) < 1e30F) != 0 ? sum : (float3)(NAN);

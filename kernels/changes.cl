@@ -3,7 +3,7 @@
 #include "aabb.h"
 #include "delta.h"
 
-/* Copies the boxes of some slots, a work-item per slot. */
+/* Copies the boxes of some slots, one work-item per slot. */
 kernel void copy_boxes(const uint count, global const uint* restrict slots, global const float* restrict from,
                        global float* restrict to) {
   const uint k = (uint)get_global_id(0);
@@ -12,8 +12,8 @@ kernel void copy_boxes(const uint count, global const uint* restrict slots, glob
   for (uint i = 0; i < AABB_FLOATS; ++i) to[first + i] = from[first + i];
 }
 
-/* Takes over what changed, a work-item per change. `changes` has a word for each, slot << 1 | recycled, and behind these the
-   boxes; unless all boxes came at once, in which case `boxes` and `changed` are null and only stamps are set. */
+/* Applies changes, one work-item per change. `changes` has one word per change, slot << 1 | recycled, followed by
+   the boxes; unless all boxes were uploaded at once: then `boxes` and `changed` are null and only stamps are set. */
 kernel void apply_changes(const uint count, global const uint* restrict changes, const uint stamp,
                           global uint* restrict boxes, global uint* restrict stamps, global uint* restrict changed) {
   const uint k = (uint)get_global_id(0);
@@ -26,8 +26,8 @@ kernel void apply_changes(const uint count, global const uint* restrict changes,
   for (uint i = 0; i < AABB_FLOATS; ++i) boxes[(size_t)slot * AABB_FLOATS + i] = box[i];
 }
 
-/* Takes over boxes that lie elsewhere on the device, the six floats of one `stride` floats after those of the one before,
-   a work-item per box. Empty boxes become NaNs, as the host packs them. Those with a NaN bound are counted. */
+/* Copies boxes from elsewhere on the device, where each box begins `stride` floats after the one before, one
+   work-item per box. Empty boxes become NaNs, as the host packs them. Those with a NaN bound are counted. */
 kernel void gather_boxes(const uint n, global const float* restrict source, const ulong offset, const ulong stride,
                          global float* restrict boxes, global uint* restrict counts) {
   const uint k = (uint)get_global_id(0);

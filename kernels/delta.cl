@@ -1,4 +1,4 @@
-/* What is left of the last frame in this one: delta.h says what stands where. */
+/* Which pairs of the last frame are left in this one: delta.h describes the lists. */
 
 #include "delta.h"
 
@@ -26,12 +26,13 @@ static inline bool is_kept(const uint2 pair, const uint slots, global const floa
   return boxes_overlap(&s, &t) && (filters == 0 || may_pair(filters[pair.x], filters[pair.y]));
 }
 
-/* Parts the pairs of the last frame: those that still are pairs are appended, before any other, the rest is collected.
-   `filters` is null if they keep nothing apart that was a pair. `all` tells whether all slots count as changed. */
+/* Splits the pairs of the last frame: those that still are pairs are appended before any others, the rest go to
+   `removed`. `filters` is null if they separate no pair of the last frame. `all` says whether all slots count as
+   changed. */
 kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void delta_keep(
     const uint last_found, global const uint2* restrict last, const uint slots, global const float* restrict boxes,
-    global const uint4* restrict filters, const uint all, const uint stamp, global const uint* restrict stamps, const uint capacity, global uint2* restrict pairs,
-    global uint2* restrict removed, global uint* restrict counts) {
+    global const uint4* restrict filters, const uint all, const uint stamp, global const uint* restrict stamps,
+    const uint capacity, global uint2* restrict pairs, global uint2* restrict removed, global uint* restrict counts) {
   local uint totals[2]; /* pairs removed and kept */
   local uint bases[2];
   const uint lane = (uint)get_local_id(0);

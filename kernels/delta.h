@@ -1,11 +1,11 @@
 /* The list to which a kernel appends the pairs that it finds, in no particular order.
 
-   The boxes and filters of the last frame are still there: two objects were a pair then if those overlap. So only pairs that
-   are new are appended; delta_keep has copied the pairs of the last frame that still are pairs before. What is appended is
-   what was added: it stands behind what was kept.
+   The boxes and filters of the last frame are still available: two objects were a pair then if those boxes overlap
+   and those filters let them pair. So only new pairs are appended. Before that, delta_keep has copied the pairs of
+   the last frame that still are pairs; added pairs come after the kept ones.
 
-   All pairs are counted, those that fit are appended: if the count exceeds the capacity the host makes the list larger and
-   runs the frame again. Nothing of the last frame is overwritten. */
+   All pairs are counted, but only those that fit are appended: if the count exceeds the capacity, the host makes the
+   list larger and runs the frame again. Nothing of the last frame is overwritten. */
 #ifndef BROADCL_DELTA_H
 #define BROADCL_DELTA_H
 
@@ -14,31 +14,31 @@
 #include "stamp.h"
 
 /* What is counted, as uints. The number of pairs found has 64 bits in two: no 64-bit atomics are needed. */
-#define COUNT_FOUND 0 /* kept and added */
+#define COUNT_FOUND 0         /* kept and added */
 #define COUNT_FOUND_HIGH 1
 #define COUNT_REMOVED 2
-#define COUNT_WORK 3      /* what an algorithm counts for itself */
-#define COUNT_UNORDERED 4 /* not 0 if order.cl leaves the changes to the host */
-#define COUNT_INVALID 5   /* boxes with a NaN bound, if boxes are gathered on the device */
+#define COUNT_WORK 3          /* what an algorithm counts for itself */
+#define COUNT_UNORDERED 4     /* not 0 if order.cl leaves the changes to the host */
+#define COUNT_INVALID 5       /* boxes with a NaN bound, if boxes are gathered on the device */
 #define COUNT_INVALID_FIRST 6 /* UINT_MAX minus the index of the first of them */
-#define COUNTS 8          /* an even number, so that pairs can follow */
+#define COUNTS 8              /* an even number, so that pairs can follow */
 
 typedef struct {
-  uint capacity;                      /* of the list */
-  global uint2* pairs;                /* the list of this frame */
-  global const float* last_boxes;     /* of the last frame */
-  uint last_slots;                    /* boxes of the last frame */
-  global const uint4* last_filters;   /* of the last frame; null if they kept nothing apart that may pair now */
-  uint stamp;                         /* of this frame */
-  global const uint* stamps;          /* a word per slot: stamp.h; null if all changed and none is another object */
+  uint capacity;                    /* of the list */
+  global uint2* pairs;              /* the list of this frame */
+  global const float* last_boxes;   /* of the last frame */
+  uint last_slots;                  /* boxes of the last frame */
+  global const uint4* last_filters; /* of the last frame; null if they separated no objects that may pair now */
+  uint stamp;                       /* of this frame */
+  global const uint* stamps;        /* one word per slot: stamp.h; null if all changed and no object was replaced */
   global uint* counts;
 } pair_sink_t;
 
-#define PAIR_SINK_PARAMETERS                                                                                        \
+#define PAIR_SINK_PARAMETERS                                                                                         \
   const uint capacity, global uint2 *restrict pairs, global const float *restrict last_boxes, const uint last_slots, \
-      global const uint4 *restrict last_filters, const uint stamp, global const uint *restrict stamps,              \
+      global const uint4 *restrict last_filters, const uint stamp, global const uint *restrict stamps,               \
       global uint *restrict counts
-#define PAIR_SINK                                                                                                    \
+#define PAIR_SINK \
   {capacity, pairs, last_boxes, last_slots, last_filters, stamp, stamps, counts}
 
 /* The box that a slot's object had in the last frame; an empty one if it was not there. */
@@ -65,8 +65,8 @@ static inline bool was_in_last_frame(const pair_sink_t* sink, const uint2 pair) 
   return boxes_overlap(&s, &t) && could_pair(sink, pair);
 }
 
-/* Reserves indices for `total` pairs; returns the first. If there are too many pairs for 32 bits, indices would come a
-   second time: it is the largest uint then, from which on nothing fits. */
+/* Reserves indices for `total` pairs; returns the first. If there are too many pairs for 32 bits, indices would
+   repeat: it then returns the largest uint, so that nothing fits. */
 static inline uint reserve_pairs(const pair_sink_t* sink, const uint total) {
   const uint high = sink->counts[COUNT_FOUND_HIGH];
   const uint base = atomic_add(&sink->counts[COUNT_FOUND], total);

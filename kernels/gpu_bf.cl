@@ -1,9 +1,9 @@
-/* GPU-BF: tests every pair of boxes and stores one byte a pair, 1 where they overlap.
+/* GPU-BF: tests every pair of boxes and stores one byte per pair, 1 if they overlap.
 
    After Serpa and Rodrigues, "Parallelizing Broad Phase Collision Detection for Animation in Games: A Performance
-   Comparison of CPU and GPU Algorithms", SBGames 2014. There a work-item tests one pair and stores one byte; here it
-   tests WIDTH consecutive pairs of a row and stores them as one aligned word, and does so for several rows in which its
-   words begin at the same a, so that it reads its WIDTH boxes once. */
+   Comparison of CPU and GPU Algorithms", SBGames 2014. In the paper a work-item tests one pair and stores one byte;
+   here it tests WIDTH consecutive pairs of a row and stores them as one aligned word, and does so for several rows
+   in which its words begin at the same `a`, so that it reads its WIDTH boxes once. */
 
 #include "aabb.h"
 #include "filter.h"
@@ -68,8 +68,8 @@ void test_seam(const uint b, const uint n, global const float* restrict boxes,
   }
 }
 
-/* Work-items of dimension 0 stand for the words of a row. Of dimension 1, the first PERIOD * chunks stand for a class of
-   rows (b modulo PERIOD) and a chunk of `rows` rows of that class; the rest for seams, of which they need n in all. */
+/* Work-items of dimension 0 stand for the words of a row. Of dimension 1, the first PERIOD * chunks stand for a class
+   of rows (b modulo PERIOD) and a chunk of `rows` rows of that class; the rest for seams, n work-items in all. */
 kernel void gpu_bf(const uint n, const uint rows, const uint chunks, global const float* restrict boxes,
                    global const uint4* restrict filters, global word_t* restrict words) {
   const uint x = (uint)get_global_id(0);
@@ -98,7 +98,8 @@ kernel void gpu_bf(const uint n, const uint rows, const uint chunks, global cons
   const FLOATS upper_z = BOUNDS(p + 5);
   for (; b < end; b += PERIOD) {
     global const float* q = boxes + (size_t)b * AABB_FLOATS;
-    INTS lanes = AABB_OVERLAPS(lower_x, lower_y, lower_z, upper_x, upper_y, upper_z, q[0], q[1], q[2], q[3], q[4], q[5]);
+    INTS lanes = AABB_OVERLAPS(lower_x, lower_y, lower_z, upper_x, upper_y, upper_z, q[0], q[1], q[2], q[3],
+                               q[4], q[5]);
     if (filters != 0) lanes = filter_lanes(lanes, filters, a, b);
     const INTS bits = BYTE_BITS & lanes;
     words[(row_start(b) + a) / WIDTH] = PACK(bits);

@@ -1,4 +1,4 @@
-/* Vectors of WIDTH lanes: on a GPU that many registers, on a CPU one. */
+/* Vectors of WIDTH lanes: WIDTH registers on a GPU, one on a CPU. */
 #ifndef BROADCL_LANES_H
 #define BROADCL_LANES_H
 
@@ -38,7 +38,7 @@ static inline int and_lanes(const INTS lanes) {
   return of_4.x & of_4.y & of_4.z & of_4.w;
 }
 
-/* A bit a lane, from lanes that are each 0 or -1. */
+/* One bit per lane, from lanes that are each 0 or -1. */
 #define LANE_BITS_4 1, 2, 4, 8
 #define LANE_BITS_8 LANE_BITS_4, 16, 32, 64, 128
 #define LANE_BITS_16 LANE_BITS_8, 1 << 8, 1 << 9, 1 << 10, 1 << 11, 1 << 12, 1 << 13, 1 << 14, 1 << 15

@@ -1,18 +1,19 @@
-/* Puts the changes of a frame in canonical order, by b, then by a. The counts go to `result`, and so do the changes, behind
-   them, first what was added, then what was removed; unless these two have buffers of their own. Leaves the counts of the
-   next frame all zero.
+/* Sorts the changes of a frame into canonical order, by b, then by a. Writes the counts to `result`, followed by the
+   added pairs, then the removed ones, unless these two have buffers of their own. Sets all counts of the next frame
+   to zero.
 
-   Few are compared each with every other, in one launch. Many are counted by their list and their b into buckets, whose
-   prefix sums say where each bucket begins, and within a bucket each is compared with every other. Neither is written
-   if there is no room for all; if a bucket is large, that is left to the host, which sorts. */
+   If there are few changes, each is compared with every other, in one launch. Many are counted in buckets, by their
+   list and their b. Prefix sums say where each bucket begins, and within a bucket each change is compared with every
+   other. In either case nothing is written if there is not enough memory for all; if a bucket is large, the host
+   sorts instead. */
 
 #include "delta.h"
 
 #ifndef PARTS
-#define PARTS 128 /* work-items per team, which places pairs together */
+#define PARTS 128 /* work-items per team, which finds the indices of its pairs together */
 #endif
 #define TEAMS 2 /* teams per work-group */
-#define KEYS 4  /* pairs that a team places at once */
+#define KEYS 4  /* pairs whose indices a team finds at once */
 #define LARGEST_BUCKET 4096U
 
 /* Position in canonical order: by b, then by a. */
@@ -20,14 +21,14 @@ static inline ulong order_of(const uint2 pair) {
   return ((ulong)pair.y << 32) | pair.x;
 }
 
-/* The changes of a frame: `added` stands behind what was kept of the last one, in `pairs`. */
+/* The changes of a frame: in `pairs`, `added` follows the pairs kept from the last frame. */
 typedef struct {
   uint added_count, removed_count;
   global const uint2* added;
   global const uint2* removed;
 } changes_t;
 
-/* (Not returned as a value: Oclgrind 21.10 does not know what its compiler makes of that.) */
+/* (Not returned as a value: Oclgrind 21.10 does not support what its compiler makes of that.) */
 static inline void find_changes(changes_t* changes, const uint last_found, global const uint2* pairs,
                                 global const uint2* removed, global const uint* counts) {
   const uint kept = last_found - counts[COUNT_REMOVED];
@@ -37,9 +38,10 @@ static inline void find_changes(changes_t* changes, const uint last_found, globa
   changes->removed = removed;
 }
 
-/* What tells the changes of a frame, and where they go. `added` and `removed` are null if they go behind the counts. */
-#define CHANGES_PARAMETERS                                                                        \
-  const uint capacity, const uint last_found, global const uint2 *restrict pairs,                 \
+/* The changes of a frame, and the buffers for the result. `added` and `removed` are null if the changes follow the
+   counts. */
+#define CHANGES_PARAMETERS                                                        \
+  const uint capacity, const uint last_found, global const uint2 *restrict pairs, \
       global const uint2 *restrict removed_pairs, global uint *restrict counts
 #define RESULT_PARAMETERS \
   global uint *restrict next_counts, global uint *result, global uint2 *added, global uint2 *removed
@@ -50,7 +52,7 @@ static inline void pass_count(const uint k, global const uint* counts, global ui
   next_counts[k] = 0;
 }
 
-/* Where a list of changes goes. */
+/* Where to write a list of changes. */
 static inline global uint2* result_list(const bool is_added, const changes_t* changes, global uint* result,
                                         global uint2* added, global uint2* removed) {
   global uint2* behind_counts = (global uint2*)(result + COUNTS);
@@ -58,15 +60,15 @@ static inline global uint2* result_list(const bool is_added, const changes_t* ch
   return removed != 0 ? removed : behind_counts + changes->added_count;
 }
 
-/* For few changes: puts each pair at the index that the number of smaller ones in its list gives it. Work-items of
-   dimension 2 stand for the two lists, those of dimension 1 for KEYS pairs each. If a list has more pairs than they
-   stand for, none is written. */
+/* For few changes: the index of each pair is the number of smaller ones in its list. Work-items of dimension 2 stand
+   for the two lists, those of dimension 1 for KEYS pairs each. If a list has more pairs than that, none is written. */
 kernel __attribute__((reqd_work_group_size(PARTS, TEAMS, 1))) void order_few(CHANGES_PARAMETERS, RESULT_PARAMETERS) {
   local uint places[TEAMS * KEYS];
   const uint part = (uint)get_local_id(0);
   const bool is_added = get_group_id(2) == 0;
   const uint first = (uint)get_global_id(1) * KEYS;
-  if (is_added && part == 0 && get_global_id(1) < COUNTS) pass_count((uint)get_global_id(1), counts, next_counts, result);
+  if (is_added && part == 0 && get_global_id(1) < COUNTS)
+    pass_count((uint)get_global_id(1), counts, next_counts, result);
   if (!all_fit(counts, capacity)) return;
 
   changes_t changes;
@@ -116,7 +118,7 @@ static inline uint bucket_of(const changes_t* changes, const uint k, const uint2
 #define BUCKET_PARAMETERS \
   const uint room, const uint slots, global uint *restrict buckets, global uint2 *restrict scattered
 
-/* Adds up the changes of each bucket: `slots` for what was added, as many for what was removed. */
+/* Counts the changes of each bucket: there are `slots` buckets for added pairs, then as many for removed ones. */
 kernel void order_count(CHANGES_PARAMETERS, BUCKET_PARAMETERS) {
   changes_t changes;
   find_changes(&changes, last_found, pairs, removed_pairs, counts);
@@ -128,7 +130,8 @@ kernel void order_count(CHANGES_PARAMETERS, BUCKET_PARAMETERS) {
   }
 }
 
-/* Puts the changes into their buckets. Where a bucket began, it ends afterwards. */
+/* Moves the changes to their buckets. Each entry of `buckets` is the start of its bucket before, and the end
+   afterwards. */
 kernel void order_scatter(CHANGES_PARAMETERS, BUCKET_PARAMETERS) {
   changes_t changes;
   find_changes(&changes, last_found, pairs, removed_pairs, counts);
@@ -139,7 +142,7 @@ kernel void order_scatter(CHANGES_PARAMETERS, BUCKET_PARAMETERS) {
   }
 }
 
-/* Puts the pairs of each bucket in order. */
+/* Orders the pairs of each bucket. */
 kernel void order_place(CHANGES_PARAMETERS, BUCKET_PARAMETERS, RESULT_PARAMETERS) {
   const uint item = (uint)get_global_id(0);
   for (uint i = item; i < COUNTS; i += (uint)get_global_size(0)) pass_count(i, counts, next_counts, result);

@@ -1,23 +1,25 @@
 /* Stable ascending radix sort of 8-byte elements by ranges of their bits, the least significant digit first.
 
-   A pass sorts by one digit of at most DIGIT_BITS bits. The elements are cut into blocks of `length`, one a work-group:
+   A pass sorts by one digit of at most DIGIT_BITS bits. The elements are split into blocks of `length`, one per
+   work-group:
 
-     radix_sort_count     counts the digits of each block; counts stand by digit, then by block
-     (scan.cl)            their prefix sums are the places where each block's elements of each digit begin
-     radix_sort_scatter   moves each element to its place
+     radix_sort_count     counts the digits of each block; counts are stored by digit, then by block
+     (scan.cl)            their prefix sums are the indices at which each block's elements of each digit begin
+     radix_sort_scatter   moves each element to its index
 
-   as in Satish, Harris and Garland 2009, "Designing Efficient Sorting Algorithms for Manycore GPUs", with the fixed number
-   of blocks of Merrill and Grimshaw 2011, "High Performance and Scalable Radix Sorting". No work-group waits for another.
+   as in Satish, Harris and Garland 2009, "Designing Efficient Sorting Algorithms for Manycore GPUs", with the fixed
+   number of blocks of Merrill and Grimshaw 2011, "High Performance and Scalable Radix Sorting". No work-group waits for
+   another.
 
    On a GPU, scatter first sorts each tile of TILE elements by the digit in local memory, so that elements which belong
-   together are written together. It does so by RANK_BITS bits at a time: work-items count their own VALUES elements in
-   counters of their own, whose prefix sums are ranks (Merrill and Grimshaw's, two counters a word).
+   together are written together. It sorts by RANK_BITS bits at a time: work-items count their own VALUES elements in
+   counters of their own, whose prefix sums are ranks (as Merrill and Grimshaw do, two counters per word).
 
    radix_sort_small sorts few elements by a whole range of bits in one launch, with one work-group.
 
-   With GROUP 1 a single work-item does a block, with private counters and neither local memory nor barriers. There only
-   the most significant digit is sorted by in this way. It parts the elements into buckets that fit into a processor's
-   cache, and radix_sort_buckets has a work-item sort each of them by what is left. */
+   With GROUP 1 a single work-item processes a block, with private counters and neither local memory nor barriers. Then
+   only the most significant digit is sorted by in this way. That splits the elements into buckets that fit into a
+   processor's cache, each of which one work-item of radix_sort_buckets sorts by the remaining bits. */
 
 #include "scan.h"
 
@@ -35,20 +37,20 @@ static inline uint digit_of(const ulong element, const uint first, const uint bi
 #ifndef TILE
 #define TILE 4096 /* a multiple of GROUP, less than 2^16 */
 #endif
-#define VALUES (TILE / GROUP) /* elements a work-item */
+#define VALUES (TILE / GROUP) /* elements per work-item */
 #define RANK_BITS 4
-#define COUNTERS (1 << (RANK_BITS - 1)) /* words a work-item, with two counters each */
-/* Words a work-item of the scan of all counters. One more, which holds zeros: odd strides keep the banks apart. */
+#define COUNTERS (1 << (RANK_BITS - 1)) /* words per work-item, with two counters each */
+/* Words per work-item in the scan of all counters. The extra one holds zeros: odd strides avoid bank conflicts. */
 #define RAKE (COUNTERS + 1)
-/* Where the word of an element of the tile lies in local memory: a gap in 32 keeps the banks apart. */
+/* Index in local memory of the word of the tile's k-th element: a gap after every 32 avoids bank conflicts. */
 #define PLACE(k) ((k) + (k) / 32U)
 #define POOL PLACE(TILE)
 #if RAKE * GROUP > POOL
 #error "TILE is too small for GROUP"
 #endif
 
-/* Moves the k-th element of each work-item to the place ranks[k] of the tile and takes those at the places first,
-   first + step, ... in return. */
+/* Moves the k-th element of each work-item to index ranks[k] of the tile and takes those at first, first + step, ...
+   in return. */
 static inline void exchange(ulong elements[VALUES], const uint ranks[VALUES], const uint first, const uint step,
                             local uint* pool) {
   uint2 words[VALUES];
@@ -68,7 +70,7 @@ static inline void exchange(ulong elements[VALUES], const uint ranks[VALUES], co
   for (uint k = 0; k < VALUES; ++k) elements[k] = (ulong)words[k].y << 32 | words[k].x;
 }
 
-/* The places of the elements of this work-item in the tile's stable order by a digit of at most RANK_BITS bits, when
+/* The indices of the elements of this work-item in the tile's stable order by a digit of at most RANK_BITS bits, if
    work-items hold VALUES consecutive elements each. */
 static inline void rank_tile(const ulong elements[VALUES], uint ranks[VALUES], const uint first, const uint bits,
                              local uint* pool, local uint* scan_pool) {
@@ -175,7 +177,7 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void radix_sort_scatte
     global ulong* restrict target, global const uint* restrict starts) {
   local uint pool[POOL];
   local uint scan_pool[SCAN_POOL];
-  local uint next[DIGITS]; /* the place of the next element of a digit */
+  local uint next[DIGITS]; /* the index of the next element of a digit */
   const uint item = (uint)get_local_id(0);
   const uint block = (uint)get_group_id(0);
   const uint begin = block * length;
@@ -194,7 +196,7 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void radix_sort_scatte
 #pragma unroll
     for (uint k = 0; k < VALUES; ++k) digits[k * GROUP + item] = digit_of(elements[k], first, bits);
     barrier(CLK_LOCAL_MEM_FENCE);
-    /* For a while `next` is less the position in the tile where the digit begins. */
+    /* For a while, the position in the tile at which the digit begins is subtracted from `next`. */
 #pragma unroll
     for (uint k = 0; k < VALUES; ++k) {
       const uint position = k * GROUP + item;
@@ -252,7 +254,7 @@ kernel __attribute__((reqd_work_group_size(1, 1, 1))) void radix_sort_count(
 kernel __attribute__((reqd_work_group_size(1, 1, 1))) void radix_sort_scatter(
     const uint n, const uint length, const uint first, const uint bits, global const ulong* restrict source,
     global ulong* restrict target, global const uint* restrict starts) {
-  uint next[DIGITS]; /* the place of the next element of a digit */
+  uint next[DIGITS]; /* the index of the next element of a digit */
   const uint block = (uint)get_group_id(0);
   const uint begin = block * length;
   const uint end = min(n, begin + length);
@@ -263,17 +265,17 @@ kernel __attribute__((reqd_work_group_size(1, 1, 1))) void radix_sort_scatter(
   }
 }
 
-/* Sorts n elements of `source` by a range of bits, the least significant digit first, to and fro between two buffers.
-   Returns the one that has them in the end. */
+/* Sorts n elements of `source` by a range of bits, the least significant digit first, back and forth between two
+   buffers. Returns the one that has them in the end. */
 static inline global ulong* sort_run(const uint n, const uint first, const uint bits, global ulong* source,
                                      global ulong* target) {
-  /* As few digits as will do, and about as long as each other. */
+  /* As few digits as possible, of about equal length. */
   uint left = (bits + DIGIT_BITS - 1U) / DIGIT_BITS;
   for (uint done = 0; left > 0; --left) {
     const uint digit_first = first + done;
     const uint digit_bits = (bits - done + left - 1U) / left;
     const uint digits = 1U << digit_bits;
-    uint next[DIGITS]; /* the place of the next element of a digit */
+    uint next[DIGITS]; /* the index of the next element of a digit */
     for (uint digit = 0; digit < digits; ++digit) next[digit] = 0;
     for (uint k = 0; k < n; ++k) ++next[digit_of(source[k], digit_first, digit_bits)];
     uint place = 0;
@@ -302,17 +304,18 @@ kernel __attribute__((reqd_work_group_size(1, 1, 1))) void radix_sort_small(
   for (uint k = 0; k < n; ++k) elements[k] = sorted[k];
 }
 
-/* Sorts each bucket by a range of bits; a work-item has one. The n elements stand in one of the two buffers, and in
-   `elements` afterwards. Bucket k begins at starts[k * blocks]. */
+/* Sorts each bucket by a range of bits, one work-item per bucket. The n elements are in one of the two buffers
+   before, and in `elements` afterwards. Bucket k begins at starts[k * blocks]. */
 kernel __attribute__((reqd_work_group_size(1, 1, 1))) void radix_sort_buckets(
-    const uint n, const uint blocks, const uint first, const uint bits, const uint is_in_scratch, global ulong* elements,
-    global ulong* scratch, global const uint* restrict starts) {
+    const uint n, const uint blocks, const uint first, const uint bits, const uint is_in_scratch,
+    global ulong* elements, global ulong* scratch, global const uint* restrict starts) {
   const uint bucket = (uint)get_group_id(0);
   const uint begin = starts[bucket * blocks];
   const uint end = bucket + 1U < (uint)get_num_groups(0) ? starts[(bucket + 1U) * blocks] : n;
   global ulong* const own = elements + begin;
   global ulong* const other = scratch + begin;
-  global const ulong* sorted = sort_run(end - begin, first, bits, is_in_scratch ? other : own, is_in_scratch ? own : other);
+  global const ulong* sorted =
+      sort_run(end - begin, first, bits, is_in_scratch ? other : own, is_in_scratch ? own : other);
   if (sorted == own) return;
   for (uint k = 0; k < end - begin; ++k) own[k] = sorted[k];
 }

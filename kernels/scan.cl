@@ -1,12 +1,12 @@
 /* Exclusive prefix sum of uints, in place, modulo 2^32: reduce, then scan.
 
-   The values are cut into blocks of `length`, one a work-group. scan_sums adds up each block, scan_blocks turns these
-   sums into where each block begins, then each block into its prefix sums: three launches, however many values, and no
-   work-group waits for another. Where one block is enough, scan_blocks alone does it. (Blelloch 1990, "Prefix Sums and
-   Their Applications", on vectors longer than the number of processors.)
+   The values are split into blocks of `length`, one per work-group. scan_sums adds up each block, scan_blocks turns
+   these sums into the start value of each block, then each block into its prefix sums: three launches, however many
+   values, and no work-group waits for another. If one block is enough, scan_blocks alone does it. (Blelloch 1990,
+   "Prefix Sums and Their Applications", on vectors longer than the number of processors.)
 
-   A work-group goes through its block in tiles of four values a work-item, so that each reads and writes one aligned
-   uint4. */
+   A work-group goes through its block in tiles of four values per work-item, so that each reads and writes one
+   aligned uint4. */
 
 #include "scan.h"
 

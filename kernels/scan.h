@@ -1,9 +1,9 @@
-/* The exclusive prefix sum of one value a work-item over a work-group. */
+/* The exclusive prefix sum of one value per work-item over a work-group. */
 #ifndef BROADCL_SCAN_H
 #define BROADCL_SCAN_H
 
 #ifndef GROUP
-#define GROUP 256 /* work-items a work-group; with 1 there is no barrier */
+#define GROUP 256 /* work-items per work-group; with 1 there is no barrier */
 #endif
 #define SCAN_POOL (2 * GROUP) /* uints of local memory that it takes */
 

@@ -1,5 +1,6 @@
-/* Which slots changed in which frame: a word a slot, the frame's number in the upper 31 bits, and in the lowest whether its
-   object is another one than in the frame before. Frames are counted from 1, so that 0 is no frame. */
+/* Which slots changed in which frame: one word per slot, with the frame's number in the upper 31 bits, and in the
+   lowest bit whether its object is a different one than in the frame before. Frames are counted from 1, so that 0 is
+   no frame. */
 #ifndef BROADCL_STAMP_H
 #define BROADCL_STAMP_H
 

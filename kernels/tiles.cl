@@ -1,16 +1,17 @@
-/* Tiles: the boxes stand in an order in which neighbours in space are mostly neighbours, 32 of them to a tile, under a tree
-   of bounds in which every node has 32 children. Each tile searches the tree for what overlaps its own bounds, from itself
-   on, so that each pair is found once. Where not all boxes changed, there is a second tree, of those that did: a tile searches
-   it, and searches the first one for what overlaps the bounds of its own boxes that changed. What did not change since it
-   was last tested is not tested again.
+/* Tiles: the boxes are in an order in which neighbours in space are mostly neighbours, 32 boxes per tile, under a
+   tree of bounds in which every node has 32 children. Each tile searches the tree for what overlaps its own bounds,
+   from itself on, so that each pair is found once. If not all boxes changed, there is a second tree, of those that
+   did: a tile searches that one, and searches the first one for what overlaps the bounds of its own boxes that
+   changed. What did not change since it was last tested is not tested again.
 
-   The order may be an old one: bounds are made anew each frame, so that results are exact, and only the work grows as boxes
-   move away from those they were put beside. The search counts its work for the host, which sorts when it has grown.
+   The order may be an old one: bounds are computed in each frame, so that results are exact, and only the work grows
+   as boxes move away from their neighbours in the order. The search counts its work for the host, which sorts again
+   when it has grown.
 
-   The order is that of Hilbert's curve through a grid of 1024^3 cells (J. Skilling, "Programming the Hilbert curve", AIP
-   Conference Proceedings 707, 2004). It never leaps, as Morton's does: a tile that lies across a leap would meet half of
-   the world. Boxes much larger than others stand at the end, where they do not widen the bounds of small ones, and every
-   tile meets them. */
+   The order is that of Hilbert's curve through a grid of 1024^3 cells (J. Skilling, "Programming the Hilbert curve",
+   AIP Conference Proceedings 707, 2004). Unlike Morton's it never jumps: a tile across a jump would overlap half of
+   the world. Boxes much larger than others come at the end, where they do not widen the bounds of small ones, and
+   every tile visits them. */
 
 #include "aabb.h"
 #include "delta.h"
@@ -19,13 +20,13 @@
 #include "lanes.h"
 
 #ifndef GROUP
-#define GROUP 32 /* one work-item a child; 1 in the shape for CPUs, where it does all children */
+#define GROUP 32 /* one work-item per child; 1 with the tuning profile for CPUs: it handles all children */
 #endif
-/* For functions with barriers: PoCL 3.1 gives wrong results where one is called from two places and not inlined. */
+/* For functions with barriers: PoCL 3.1 gives wrong results if one is called from two places and not inlined. */
 #define INLINE static inline __attribute__((always_inline))
 
 #ifndef SOME_CHANGED
-#define SOME_CHANGED 0 /* 1 where not all boxes changed: the fill is that of the second tree then */
+#define SOME_CHANGED 0 /* 1 if not all boxes changed: tiles_fill then fills the second tree */
 #endif
 
 #define NODE 32U                        /* children of a node; boxes of a tile are a node's children too */
@@ -33,11 +34,11 @@
 #define AXIS_BITS 10U
 #define LARGE_CODE (1U << (3U * AXIS_BITS))
 #define EMPTY_CODE (LARGE_CODE + 1U)
-#define FLUSH 64U      /* hits that are worth being appended */
+#define FLUSH 64U      /* hits are appended once there are this many */
 #define OWN 8U         /* boxes of a tile that are tested before hits are appended */
-#define CANDIDATES 96U /* boxes that overlap a tile's bounds that are worth being tested */
+#define CANDIDATES 96U /* boxes that overlap a tile's bounds are tested once there are this many */
 
-/* Place of a cell on Hilbert's curve. */
+/* Index of a cell on Hilbert's curve. */
 static inline uint hilbert(uint cell[3]) {
   for (uint bit = 1U << (AXIS_BITS - 1U); bit > 1U; bit >>= 1) {
     const uint below = bit - 1U;
@@ -60,7 +61,7 @@ static inline uint hilbert(uint cell[3]) {
   return code;
 }
 
-/* Elements to sort: slot, and place in the order of space. */
+/* Elements to sort: slot, and index in spatial order. */
 kernel void tiles_keys(const uint n, global const float* restrict boxes, global const uint* restrict bounds,
                        global uint2* restrict elements) {
   const uint k = (uint)get_global_id(0);
@@ -89,8 +90,8 @@ kernel void tiles_keys(const uint n, global const float* restrict boxes, global 
   elements[k] = (uint2)(k, code);
 }
 
-/* Levels of the tree lie one behind the other. Children of the nodes of level 0, which are the tiles, are boxes; those of
-   the nodes of level 1 are bounds of tiles, and so on. */
+/* Levels of the tree are stored one after the other. Children of the nodes of level 0, which are the tiles, are
+   boxes; those of the nodes of level 1 are bounds of tiles, and so on. */
 #define LEVELS 4U
 
 static inline size_t child_at(const uint node, const uint bound, const uint child) {
@@ -103,7 +104,8 @@ static inline size_t child_at(const uint node, const uint bound, const uint chil
 #define FOR_EACH_CHILD(child) for (uint child = 0; child < NODE; ++child)
 #endif
 
-/* Makes the bounds of the children of node k of a level, which are child k of the level above; NaNs where there is none. */
+/* Computes the bounds of the children of node k of a level, which are child k of the level above; NaNs if there is
+   no such node. */
 static inline void raise(global float* tree, const uint start, const uint k, const bool exists, const uint parents) {
   for (uint i = (uint)get_local_id(0); i < AABB_FLOATS; i += GROUP) {
     float bound = NAN;
@@ -115,8 +117,8 @@ static inline void raise(global float* tree, const uint start, const uint k, con
   }
 }
 
-/* Puts the boxes into their tiles and makes the bounds of these; a work-group a tile. Tiles past the last one have no
-   bounds. */
+/* Copies the boxes to their tiles and computes the bounds of these, one work-group per tile. Tiles past the last one
+   have no bounds. */
 kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_fill(
     const uint n, const uint tiles, const uint parents, global const float* restrict boxes,
     global const uint2* restrict elements, const uint stamp, global const uint* restrict stamps, global float* tree) {
@@ -142,14 +144,14 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_fill(
   raise(tree, 0, tile, tile < tiles, parents);
 }
 
-/* Makes the bounds of a level's nodes, for the level above; a work-group a node. */
+/* Computes the bounds of a level's nodes, for the level above, one work-group per node. */
 kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_raise(const uint start, const uint nodes,
                                                                           const uint parents, global float* tree) {
   const uint k = (uint)get_group_id(0);
   raise(tree, start, k, k < nodes, parents);
 }
 
-/* A bit a child of a node: which overlap a box. All work-items must call it. */
+/* One bit per child of a node: whether it overlaps a box. All work-items must call it. */
 #if GROUP > 1
 INLINE uint overlapping(global const float* tree, const uint node, const box_t* box, local uint* children) {
   global const float* p = tree + child_at(node, 0, (uint)get_local_id(0));
@@ -177,7 +179,7 @@ INLINE uint overlapping(global const float* tree, const uint node, const box_t* 
 }
 #endif
 
-/* Of the children of a node, a bit each, those that do not come before a node of their level. */
+/* Of the children of a node, one bit each, those that do not come before a node of their level. */
 static inline uint not_before(const uint bits, const uint node, const uint first) {
   const uint child = node * NODE;
   return first <= child ? bits : first - child < NODE ? bits & (0xffffffffU << (first - child)) : 0U;
@@ -202,7 +204,7 @@ static inline bool is_new(const uint2 pair, const box_t* s, const box_t* t, glob
 
 /* Appends hits if they are many, or the last ones. All work-items must call it. */
 INLINE void append_hits(const pair_sink_t* sink, local const uint2* hits, local uint* found, local uint* base,
-                            const bool all) {
+                        const bool all) {
   barrier(CLK_LOCAL_MEM_FENCE);
   const uint total = *found;
   barrier(CLK_LOCAL_MEM_FENCE);
@@ -224,7 +226,7 @@ typedef struct {
   uint place, slot;
 } candidate_t;
 
-/* Tests candidates, one a work-item at a time. All work-items must call it. */
+/* Tests candidates, one per work-item at a time. All work-items must call it. */
 INLINE void test_candidates(local const candidate_t* candidates, const uint count, local const candidate_t* own,
                             local const box_t* own_last, global const uint4* filters,
                             const pair_sink_t* sink, local uint2* hits, local uint* found, local uint* base) {
@@ -251,9 +253,10 @@ INLINE void test_candidates(local const candidate_t* candidates, const uint coun
 }
 #endif
 
-/* Finds the pairs of a tile with itself and later ones. `changed` is the tree of the boxes that changed. `starts` are the first nodes of the levels, `roots` is the number of
-   nodes of the last one. Work-groups of dimension 0 stand for a tile each; those of dimension 1 share its search: the
-   tiles that the first of them visits are those whose bit is in `share`, among each 32, the next one's are one further. */
+/* Finds the pairs of a tile with itself and later ones. `changed` is the tree of the boxes that changed. `starts`
+   are the first nodes of the levels, `roots` is the number of nodes of the last one. Work-groups of dimension 0
+   stand for a tile each; those of dimension 1 share its search: the first of them visits the tiles whose bit, among
+   each 32, is in `share`, and each further one visits tiles one further on. */
 kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_search(
     const uint4 starts, const uint roots, const uint share, global const float* restrict tree,
     global const float* restrict changed, global const uint2* restrict elements,

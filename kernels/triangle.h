@@ -1,8 +1,8 @@
-/* The triangle of pairs (a, b), a < b, laid out row by row: row b holds a = 0 .. b-1, so pair (a, b) has the dense index
-   b(b-1)/2 + a, which does not depend on the number of boxes.
+/* The triangle of pairs (a, b), a < b, laid out row by row: row b holds a = 0 .. b-1, so pair (a, b) has the dense
+   index b(b-1)/2 + a, which does not depend on the number of boxes.
 
-   Results are stored in words of WIDTH consecutive pairs. A word either lies within one row or is a seam, in which at
-   least one row starts behind the word's first byte. Valid OpenCL C and C++: the host sizes launches with it. */
+   Results are stored in words of WIDTH consecutive pairs. A word either lies within one row or is a seam, in which
+   at least one row starts after the word's first byte. Valid OpenCL C and C++: the host sizes launches with it. */
 #ifndef BROADCL_TRIANGLE_H
 #define BROADCL_TRIANGLE_H
 
@@ -17,7 +17,7 @@ static inline ulong row_head(uint b, uint width) {
   return (0U - row_start(b)) & (width - 1U);
 }
 
-/* Whether row b >= 1 is the first to start inside a seam, behind the seam's first byte. Row n, which is past the last
+/* Whether row b >= 1 is the first to start inside a seam, after the seam's first byte. Row n, which is past the last
    one, owns the word that the last row leaves incomplete. */
 static inline bool owns_seam(uint b, uint width) {
   const ulong start = row_start(b);

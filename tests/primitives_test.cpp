@@ -145,7 +145,7 @@ TEST(Scan, ListsOfEachSize) {
   });
 }
 
-/// More than one work-item of some devices can go through: see cut_into_blocks.
+/// More than one work-item of some devices can go through: see split_into_blocks.
 NOT_IN(sanitizers, "takes long");
 TEST(Scan, NineMillion) {
   with_both_profiles([](const Context& context) {
@@ -241,7 +241,7 @@ TEST(RadixSort, SortsInARowDoNotDisturbEachOther) {
   });
 }
 
-/// More than one work-item of some devices can go through: see cut_into_blocks.
+/// More than one work-item of some devices can go through: see split_into_blocks.
 NOT_IN(sanitizers, "takes long");
 TEST(RadixSort, ThreeMillion) {
   with_both_profiles([](const Context& context) {

@@ -17,21 +17,20 @@
 
 namespace broadcl {
 
-/// What an update starts from. The spans are the caller's and stay as they are until the update is finished,
-/// but for the filters.
+/// What an update starts from. The spans belong to the caller and stay unchanged until the update is
+/// finished, except for the filters.
 struct Changes {
   std::size_t slots = 0;  ///< Slots 0 .. slots-1 are tested.
-  /// Slots whose box or filter changed since the last update, or whose object is another one; each once, and
-  /// at most a quarter of the slots. With `all`, every slot counts as changed, and this is not read.
+  /// Slots whose box or filter changed since the last update, or whose object is a different one; each once,
+  /// and at most a quarter of the slots. With `all`, every slot counts as changed, and this is not read.
   std::span<const std::uint32_t> changed{};
   bool all = false;
-  /// Slots whose object is another one than at the last update: what was known of their pairs ends.
-  /// Ascending.
+  /// Slots whose object is not the one of the last update: the pairs of the old one end. Ascending.
   std::span<const std::uint32_t> recycled{};
-  /// A filter per slot; none if all objects have the default one. Read in begin() only.
+  /// One filter per slot; none if all objects have the default one. Read in begin() only.
   std::span<const Filter> filters{};
   bool filters_changed = false;  ///< Since the last update.
-  bool worlds = false;           ///< Whether some object is in another world than 0.
+  bool worlds = false;           ///< Whether some object is in a world other than 0.
 };
 
 /// What an algorithm does for a BroadPhase: it stores the boxes, finds the pairs, and remembers those of the
@@ -47,29 +46,30 @@ class Algorithm {
   Algorithm(Algorithm&&) = delete;
   Algorithm& operator=(Algorithm&&) = delete;
 
-  /// Makes room for at least this many slots, and keeps the boxes that are there. Not during an update. May
+  /// Reserves memory for at least this many slots, and keeps the existing boxes. Not during an update. May
   /// block, so that begin() need not.
   /// @param filters Whether updates will have filters.
   /// @throws Error, std::bad_alloc; nothing has changed then.
   virtual void reserve(std::size_t slots, bool filters) = 0;
 
-  /// Where the boxes lie, in memory that is the caller's to write between updates; at least as many as were
-  /// reserved. Valid until the next reserve().
+  /// The boxes, in memory that the caller may write between updates; at least as many as were reserved. Valid
+  /// until the next reserve().
   [[nodiscard]] virtual std::span<Aabb> boxes() noexcept = 0;
 
   /// Starts an update without waiting for the device; finish() must follow.
   virtual void begin(const Changes& changes) = 0;
-  /// Has the device start at once with what begin() gave it.
+  /// Makes the device start at once on what begin() enqueued.
   virtual void flush() {}
-  /// Ends it. If one of the three throws, the pairs of the last update are still known, and the next update
-  /// must be one of `all`. What is returned stays as it is until the next finish(), whatever begins before.
+  /// Ends the update. If one of the three throws, the pairs of the last update are still known, and the next
+  /// update must have `all` set. What is returned stays unchanged until the next finish(), even if another
+  /// update begins before that.
   virtual Delta finish() = 0;
 
   /// All pairs as of the last update.
   [[nodiscard]] virtual std::vector<Pair> pairs() = 0;
   /// The device in use, null on the host.
   [[nodiscard]] virtual const Device* device() const noexcept = 0;
-  /// What it holds on the device and for it; nothing on the host.
+  /// Its memory on the device, and on the host for the device; none for an algorithm of the host.
   [[nodiscard]] virtual MemoryUse memory() const noexcept { return {}; }
   [[nodiscard]] virtual std::span<const Stage> profile() const noexcept = 0;
 };
@@ -79,34 +79,33 @@ namespace opencl {
 class Context;
 }
 
-/// Makes what finds pairs on a device; the context must outlive it.
+/// Makes a PairFinder; the context must outlive it.
 /// @throws cl::Error, Error
 using MakePairFinder = std::unique_ptr<PairFinder> (*)(const opencl::Context& context);
 
-/// A row of the table of algorithms, with what makes it: either all of it, or the part that finds pairs on
-/// the device.
+/// A row of the table of algorithms, with the function that makes it: either the whole algorithm, or its
+/// PairFinder.
 struct AlgorithmRow {
   AlgorithmInfo info;
   std::unique_ptr<Algorithm> (*make)(const Config& config) = nullptr;
   MakePairFinder make_finder = nullptr;
 };
 
-/// @throws Error that lists the names there are.
+/// @throws Error that lists the algorithms.
 [[nodiscard]] const AlgorithmRow& find_algorithm(std::string_view name);
 
 /// @throws Error as find_algorithm() and the algorithm's constructor do.
 [[nodiscard]] std::unique_ptr<Algorithm> make_algorithm(const Config& config);
 
-/// @throws Error as find_algorithm() does, and for an algorithm that is not one that finds pairs on the
-/// device.
+/// @throws Error as find_algorithm() does, and for an algorithm without a PairFinder.
 [[nodiscard]] MakePairFinder find_pair_finder(std::string_view name);
 
 // One line per algorithm, each defined in the file of its name.
 [[nodiscard]] std::unique_ptr<PairFinder> make_auto(const opencl::Context& context);
 [[nodiscard]] std::unique_ptr<PairFinder> make_brute_force(const opencl::Context& context);
 [[nodiscard]] std::unique_ptr<PairFinder> make_tiles(const opencl::Context& context);
-/// @param stale Work that is reason enough to sort again, as a multiple of what there was when the order was
-///   new: 0 sorts in every frame, infinity only where the number of slots changed.
+/// @param stale Sort again once the work exceeds this multiple of the work in a new order: 0 sorts in every
+/// frame, infinity only if the number of slots changed.
 [[nodiscard]] std::unique_ptr<PairFinder> make_tiles(const opencl::Context& context, double stale);
 [[nodiscard]] std::unique_ptr<Algorithm> make_gpu_bf(const Config& config);
 [[nodiscard]] std::unique_ptr<Algorithm> make_sweep_and_prune(const Config& config);

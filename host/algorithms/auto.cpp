@@ -13,18 +13,19 @@ namespace {
 constexpr std::array<std::string_view, 2> names{"brute-force", "tiles"};
 constexpr std::array<MakePairFinder, 2> finders{make_brute_force, make_tiles};
 
-/// The other one must take no more than so much of the time of the one that did the last frame.
+/// Switch only if the other finder is expected to take less than this share of the time of the one that did
+/// the last frame.
 constexpr double clearly_less = 0.95;
 
-/// The one of two finders that is expected to take less time, frame by frame, by cost models of the device
-/// and by the work that each expects. A stage of its name tells which it was.
+/// Chooses in each frame the finder that is expected to take less time, by cost models of the device and by
+/// the work that each finder expects. A stage with the finder's name says which one it was.
 class Auto final : public PairFinder {
  public:
   explicit Auto(const opencl::Context& context)
       : models_(calibrate(context, finders)), finders_{make_brute_force(context), make_tiles(context)} {}
 
   void find(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) override {
-    // A frame that is run again, since the sink was too small, is the same finder's.
+    // A frame that is repeated because the sink was too small stays with the same finder.
     if (sink.frames() != frame_) choose(search, sink);
     { const opencl::Profiler::Scope stage(profiler, names.at(chosen_)); }
     finders_.at(chosen_)->find(search, sink, profiler);
@@ -48,7 +49,7 @@ class Auto final : public PairFinder {
   std::array<CostModel, 2> models_;
   std::array<std::unique_ptr<PairFinder>, 2> finders_;
   std::size_t chosen_ = 1;
-  std::size_t frame_ = static_cast<std::size_t>(-1);  // for which it was chosen
+  std::size_t frame_ = static_cast<std::size_t>(-1);  // of the last choice
 };
 
 }  // namespace

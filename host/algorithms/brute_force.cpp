@@ -12,12 +12,12 @@ namespace {
 
 /// Launch parameters.
 struct Launch {
-  unsigned width;     ///< Boxes a that a work-item holds in registers.
+  unsigned width;     ///< Boxes `a` that a work-item holds in registers.
   unsigned group;     ///< Work-items per work-group.
   unsigned at_once;   ///< Rows that a work-item tests before it looks for hits.
-  unsigned min_rows;  ///< Rows that a work-item goes through, at least.
+  unsigned min_rows;  ///< Rows per work-item, at least.
   unsigned max_rows;  ///< And at most.
-  unsigned items;     ///< Work-items wanted for each compute unit, as far as min_rows and max_rows allow.
+  unsigned items;     ///< Work-items wanted per compute unit, as far as min_rows and max_rows allow.
 };
 
 constexpr Launch gpu_launch{
@@ -25,7 +25,7 @@ constexpr Launch gpu_launch{
 constexpr Launch cpu_launch{
     .width = 16, .group = 1, .at_once = 4, .min_rows = 256, .max_rows = 4096, .items = 256};
 
-/// Every pair tested on the device: kernels/brute_force.cl.
+/// Tests every pair on the device: kernels/brute_force.cl.
 class BruteForce final : public PairFinder {
  public:
   explicit BruteForce(const opencl::Context& context)
@@ -56,7 +56,7 @@ class BruteForce final : public PairFinder {
   }
 
  private:
-  /// Rows that a work-item goes through.
+  /// Rows per work-item.
   [[nodiscard]] std::size_t rows_per_item(const Search& search) const {
     // Half of the rows of an average column come before its boxes.
     const std::size_t columns = opencl::divide_up(search.now.slots, launch_.width);

@@ -16,12 +16,12 @@ Block load(const std::byte* bytes) {
   return block;
 }
 
-/// The first block from an offset on that has something to look at; up to the end where both frames have
-/// whole blocks.
+/// The offset of the first block, from the given one on, that must be looked at; at most the end of the whole
+/// blocks that both frames have.
 /// @param look_at_previous A mask: all ones to look at every pair of the last frame, 0 to look at changes
 /// only.
-std::size_t skip_dull_blocks(std::span<const std::byte> previous, std::span<const std::byte> current,
-                             std::size_t offset, std::uint64_t look_at_previous) {
+std::size_t skip_unchanged_blocks(std::span<const std::byte> previous, std::span<const std::byte> current,
+                                  std::size_t offset, std::uint64_t look_at_previous) {
   const std::size_t both = std::min(previous.size(), current.size());
   for (; offset + block_bytes <= both; offset += block_bytes) {
     const Block was = load(previous.data() + offset);
@@ -34,7 +34,7 @@ std::size_t skip_dull_blocks(std::span<const std::byte> previous, std::span<cons
   return offset;
 }
 
-/// Goes through the triangle in the order of the index.
+/// Walks through the triangle in the order of the index.
 struct Cursor {
   std::uint32_t b = 1;
   std::size_t row_start = 0;
@@ -57,12 +57,11 @@ void find_changes(std::span<const std::byte> previous, std::span<const std::byte
     return std::binary_search(recycled.begin(), recycled.end(), pair.a) ||
            std::binary_search(recycled.begin(), recycled.end(), pair.b);
   };
-  // With recycled objects around, pairs of the last frame must be looked at even where the byte stayed the
-  // same.
+  // If objects were recycled, pairs of the last frame must be looked at even if their byte stayed the same.
   const std::uint64_t look_at_previous = recycled.empty() ? 0 : ~std::uint64_t{0};
   Cursor cursor;
   for (std::size_t offset = 0; offset < size; offset += block_bytes) {
-    offset = skip_dull_blocks(previous, current, offset, look_at_previous);
+    offset = skip_unchanged_blocks(previous, current, offset, look_at_previous);
     const std::size_t end = std::min(size, offset + block_bytes);
     for (std::size_t index = offset; index < end; ++index) {
       const bool before = index < previous.size() && previous[index] != std::byte{0};

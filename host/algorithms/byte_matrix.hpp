@@ -9,10 +9,11 @@
 
 namespace broadcl {
 
-/// The changes between two frames of GPU-BF's results, one byte a pair in the order of the triangular index.
+/// The changes between two frames of GPU-BF's results, one byte per pair in the order of the triangular
+/// index.
 ///
-/// The two are XORed: where that is not zero the pair changed, and the byte of this frame says how. A pair of
-/// which an object was recycled counts as another pair: it is removed if it was there, and added if it is
+/// The two are XORed: if the result is not zero, the pair changed, and the byte of this frame says how. A
+/// pair with a recycled object counts as a different pair: it is removed if it was there, and added if it is
 /// there.
 ///
 /// @param previous Bytes of the last frame, row b for box b; may have fewer or more rows than `current`.

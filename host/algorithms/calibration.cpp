@@ -19,16 +19,17 @@
 namespace broadcl {
 namespace {
 
-/// Few boxes tell what a frame costs whatever there is to do, many the rest.
+/// A few boxes show the fixed cost of a frame, many boxes the rest.
 constexpr std::size_t few_boxes = 128;
 constexpr std::size_t many_boxes_of_cpu = 4096;
 constexpr std::size_t many_boxes_of_gpu = 32768;
-/// The shortest of so many searches counts, and of more, up to that many, if they take no longer together.
+/// The shortest search counts: of at least `fewest_searches`, and of up to `most_searches` until they have
+/// taken `long_enough` together.
 constexpr int fewest_searches = 5;
 constexpr int most_searches = 100;
 constexpr double long_enough = 5e-3;  // seconds
 
-/// Cubes in the unit cube, of which each overlaps about four others.
+/// Cubes in the unit cube, each of which overlaps about four others.
 std::vector<Aabb> random_boxes(std::size_t n) {
   std::mt19937 random;  // NOLINT(bugprone-random-generator-seed): the same boxes each time
   std::uniform_real_distribution<float> coordinate;
@@ -44,8 +45,7 @@ std::vector<Aabb> random_boxes(std::size_t n) {
   return boxes;
 }
 
-/// What updates with a finder take, of boxes that stay where they are, and of which all or one count as
-/// moved.
+/// Measures updates with a finder, of boxes that do not move, all or one of which count as moved.
 class Trial {
  public:
   struct Sample {
@@ -59,7 +59,7 @@ class Trial {
     if (n != search_.now.slots) set_boxes(n);
     search_.all = all;
     search_.changed_count = all ? 0 : 1;
-    (void)seconds();  // which makes room
+    (void)seconds();  // which grows the buffers
     double shortest = std::numeric_limits<double>::infinity();
     double sum = 0;
     for (int k = 0; k < fewest_searches || (k < most_searches && sum < long_enough); ++k) {
@@ -112,7 +112,7 @@ CostModel measure(const opencl::Context& context, MakePairFinder make) {
   const Trial::Sample few = trial.sample(few_boxes, true);
   const Trial::Sample all = trial.sample(many, true);
   const Trial::Sample one = trial.sample(many, false);
-  // Three equations for three terms, of which noise must make none negative.
+  // Three equations for three terms, none of which may turn negative because of noise.
   const double work = std::max(all.seconds - one.seconds, all.seconds / 100) / (all.work - one.work);
   const double rest = one.seconds - few.seconds - work * (one.work - few.work);
   const double slot = std::max(rest, all.seconds / 100) / (one.slots - few.slots);
@@ -120,7 +120,7 @@ CostModel measure(const opencl::Context& context, MakePairFinder make) {
   return {.frame = frame, .slot = slot, .work = work};
 }
 
-/// Other kernels are to be measured anew.
+/// Contains the kernels: if they change, they are measured again.
 std::string key_of(const opencl::Context& context) {
   std::string key = context.tuning() == opencl::Tuning::cpu ? "cost models, cpu" : "cost models, gpu";
   for (const opencl::KernelFile& file : opencl::embedded_kernel_files()) key += file.text;
@@ -139,7 +139,7 @@ std::array<CostModel, 2> calibrate(const opencl::Context& context,
     std::memcpy(models.data(), stored->data(), sizeof models);
     return models;
   }
-  const opencl::Context own(context.queue());  // whose memory does not count as the caller's
+  const opencl::Context own(context.queue());  // so that its memory does not count as the caller's
   std::ranges::transform(finders, models.begin(), [&](MakePairFinder make) { return measure(own, make); });
   opencl::DiskCache::Bytes bytes(sizeof models);
   std::memcpy(bytes.data(), models.data(), sizeof models);

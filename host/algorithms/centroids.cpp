@@ -8,8 +8,8 @@ namespace broadcl {
 namespace {
 
 constexpr std::size_t group = 64;
-constexpr std::size_t most_rounds = 4096;          // of a work-item's loop: llvmpipe ends it after 65,535
-constexpr std::size_t groups_per_unit = 8;         // as far as there are boxes for them
+constexpr std::size_t most_rounds = 4096;          // of a work-item's loop, which llvmpipe ends after 65,535
+constexpr std::size_t groups_per_unit = 8;         // if there are enough boxes
 constexpr std::size_t half = 3 * sizeof(cl_uint);  // of the result: minima, maxima
 
 }  // namespace

@@ -9,7 +9,7 @@
 namespace broadcl {
 namespace {
 
-/// The engine with objects that come from the host, and changes that go there.
+/// The engine with objects from the host and changes for the host.
 class DeviceAlgorithm final : public Algorithm {
  public:
   DeviceAlgorithm(const Config& config, const Device& device, MakePairFinder make_finder)

@@ -18,7 +18,7 @@ constexpr std::size_t most_slots = std::size_t{1} << 31;  // a slot and a bit sh
 constexpr std::size_t least_slots = 256;
 constexpr cl_uint last_stamp = 0x7fffffff;
 
-/// Bytes that changes take while they are staged: a word each, and the boxes if not all boxes come.
+/// Bytes of staged changes: one word each, and their boxes unless all boxes are uploaded.
 std::size_t staged_bytes(std::size_t changes, bool boxes) {
   return changes * (sizeof(cl_uint) + (boxes ? sizeof(Aabb) : 0));
 }
@@ -53,8 +53,8 @@ void DeviceObjects::reserve_boxes(std::size_t slots) {
   const std::size_t needed = (std::max(slots, least_slots) + Generation::padding) * sizeof(Aabb);
   const std::size_t bytes = opencl::grown(context_, needed, "boxes");
   const std::size_t capacity = std::min(most_slots, bytes / sizeof(Aabb) - Generation::padding);
-  // An update has at most a quarter of the slots in `changed` with their boxes, or all of them recycled
-  // without.
+  // An update has at most a quarter of the slots in `changed`, with their boxes, or all slots recycled,
+  // without boxes.
   const std::size_t staged = std::max(staged_bytes(capacity / 4 + 1, true), staged_bytes(capacity, false));
   auto boxes = opencl::MappedBuffer::pinned(context_, bytes);
   auto staged_changes = opencl::MappedBuffer::pinned(context_, staged);
@@ -94,7 +94,8 @@ void DeviceObjects::upload_filters(const Changes& changes) {
   next_.objects.filters = filters.get();
 }
 
-/// The boxes of this frame: all from the host, or those of the last frame, which are then changed.
+/// The boxes of this frame: all from the host, or those of the last frame, to which the changes are applied
+/// afterwards.
 void DeviceObjects::upload_boxes(const Changes& changes) {
   const cl::CommandQueue& queue = context_.queue();
   const Generation& last = last_.objects;
@@ -120,8 +121,8 @@ void DeviceObjects::upload_boxes(const Changes& changes) {
   }
 }
 
-/// Boxes that changed, and the stamps of this frame. If all changed, only objects that took the place of
-/// others need a stamp.
+/// Boxes that changed, and the stamps of this frame. If all changed, only objects that replaced others need a
+/// stamp.
 void DeviceObjects::upload_changes(const Changes& changes) {
   const auto new_slots =
       std::ranges::lower_bound(changes.recycled, static_cast<std::uint32_t>(last_.objects.slots));

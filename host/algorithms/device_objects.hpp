@@ -16,7 +16,7 @@
 namespace broadcl {
 
 /// The objects of a BroadPhase on a device: the host writes boxes in place; in each frame the device gets
-/// what changed of them, and keeps them as they were in the frame before.
+/// those that changed, and it keeps the boxes of the frame before.
 class DeviceObjects {
  public:
   /// @param context, profiler Must outlive this object.
@@ -27,21 +27,21 @@ class DeviceObjects {
   /// @throws cl::Error, Error; nothing has changed then.
   void reserve(std::size_t slots, bool filters);
 
-  /// Where the host writes boxes, but not between upload() and the end of the frame.
+  /// The boxes, for the host to write, but not between upload() and the end of the frame.
   [[nodiscard]] std::span<Aabb> boxes() const noexcept;
 
-  /// Enqueues what brings the device's objects up to date.
-  /// @throws cl::Error, Error; the objects of the last frame are then as before.
+  /// Enqueues the commands that bring the device's objects up to date.
+  /// @throws cl::Error, Error; the objects of the last frame are then unchanged.
   Search upload(const Changes& changes);
-  /// The frame succeeded: what it searched is the last one from now on.
+  /// The frame succeeded: its objects are those of the last frame from now on.
   void commit() noexcept;
 
  private:
-  /// Objects as of one frame, and how they came there.
+  /// Objects as of one frame, and how they were uploaded.
   struct Frame {  // NOLINT(bugprone-exception-escape): handles do not throw when moved
     Generation objects;
     std::size_t filter_count = 0;
-    bool all = true;  // all boxes came, not only those in `changed`
+    bool all = true;  // all boxes were uploaded, not only those in `changed`
     opencl::GrowingBuffer changed;
     cl_uint changed_count = 0;
   };
@@ -62,10 +62,10 @@ class DeviceObjects {
   Frame last_;  // of the last frame
   Frame next_;  // of the one that is begun
   std::array<opencl::GrowingBuffer, 2> filters_;
-  std::size_t filter_turn_ = 0;    // which of the two is that of last_
+  std::size_t filter_turn_ = 0;    // index of the filters of last_
   bool are_filters_new_ = false;   // in next_; otherwise they are those of last_
   opencl::GrowingBuffer changes_;  // staged_changes_ on the device
-  cl::Buffer stamps_;              // a word per slot
+  cl::Buffer stamps_;              // one word per slot
   cl_uint stamp_ = 0;              // of the last frame
 };
 

@@ -15,11 +15,12 @@
 
 namespace broadcl {
 
-/// One frame, whoever brings the objects and wherever the changes go: the engine of BroadPhase and
-/// DeviceBroadPhase.
+/// The engine of BroadPhase and DeviceBroadPhase: does one frame at a time, wherever the objects come from
+/// and the changes go.
 ///
-/// prepare(), then what brings the objects up to date, then begin() and finish(). If one of them fails, the
-/// pairs of the last frame are still known, and the next frame begins with prepare() again.
+/// A frame is prepare(), then the commands that bring the objects up to date, then begin() and finish(). If
+/// one of them fails, the pairs of the last frame are still known, and the next frame begins with prepare()
+/// again.
 class Engine {
  public:
   /// @param context, profiler Must outlive this object.
@@ -29,23 +30,24 @@ class Engine {
 
   /// @throws cl::Error, Error
   void prepare() { delta_.begin(0); }
-  /// What kernels that bring the objects up to date count in: kernels/delta.h.
+  /// The counts, for kernels that bring the objects up to date: kernels/delta.h.
   [[nodiscard]] const cl::Buffer& counts() const noexcept { return delta_.counts(); }
-  /// Enqueues the search of objects that are up to date, and the reading of what it finds.
+  /// Enqueues the search of objects, which are up to date by then, and the reading of what it finds.
   /// @throws cl::Error, Error
   void begin(Search search);
-  /// Waits for it; a second time only if the lists were too small or far more changed than in the last frame.
+  /// Waits for the search; waits again only if the lists were too small or far more changed than in the last
+  /// frame.
   /// @throws cl::Error, Error
   PairDelta::Counts finish();
 
   /// As PairFinder::expected_work().
   [[nodiscard]] double expected_work(const Search& search) { return finder_->expected_work(search, delta_); }
 
-  /// The changes of the last frame, as the target is.
+  /// The changes of the last frame, on the target.
   [[nodiscard]] const Order& changes() const noexcept { return order_; }
-  /// How many pairs there are as of the last frame.
+  /// Number of pairs as of the last frame.
   [[nodiscard]] std::size_t pair_count() const noexcept { return delta_.pair_count(); }
-  /// Enqueues what puts these, in canonical order, into a new buffer.
+  /// Enqueues the commands that write these, in canonical order, to a new buffer.
   /// @throws cl::Error, Error
   [[nodiscard]] cl::Buffer sorted_pairs();
   /// The same on the host.

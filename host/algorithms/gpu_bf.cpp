@@ -20,9 +20,9 @@ namespace {
 struct Launch {
   unsigned width;       ///< Pairs that a work-item packs into one store.
   unsigned group_size;  ///< Work-items per work-group.
-  unsigned min_rows;    ///< Rows that a work-item goes through, at least.
+  unsigned min_rows;    ///< Rows per work-item, at least.
   unsigned max_rows;    ///< And at most.
-  unsigned items;       ///< Work-items wanted for each compute unit, as far as min_rows and max_rows allow.
+  unsigned items;       ///< Work-items wanted per compute unit, as far as min_rows and max_rows allow.
 };
 
 constexpr Launch gpu_launch{.width = 4, .group_size = 128, .min_rows = 8, .max_rows = 128, .items = 4096};
@@ -98,7 +98,7 @@ class GpuBf final : public Algorithm {
     return {results.host(), pairs};
   }
 
-  /// Makes room for the results of this frame. Those of the last one stay where they are.
+  /// Grows the buffer of this frame's results. Those of the last frame are not touched.
   void grow_results(std::size_t n, std::size_t pairs) {
     const std::size_t bytes = round_up(pairs, launch_.width);
     if (bytes <= current_.bytes()) return;
@@ -111,8 +111,8 @@ class GpuBf final : public Algorithm {
   void test(const Changes& changes) {
     Changes all = changes;
     all.all = true;
-    all.filters_changed = true;  // perhaps in an update that had no pairs to test
-    all.recycled = {};           // the host looks at them
+    all.filters_changed = true;  // they may have, in an update without pairs to test
+    all.recycled = {};           // the host takes care of them
     const Search search = objects_.upload(all);
     {
       opencl::Profiler::Scope stage(profiler_, "test");
@@ -154,7 +154,7 @@ class GpuBf final : public Algorithm {
   DeviceObjects objects_;
   opencl::SharedBuffer current_;   // bytes of this frame while it runs
   opencl::SharedBuffer previous_;  // bytes of the last frame
-  cl::Event read_;                 // when the bytes of this frame are the host's
+  cl::Event read_;                 // after which the host may read the bytes of this frame
   std::size_t current_pairs_ = 0;
   std::size_t previous_pairs_ = 0;
   std::vector<std::uint32_t> recycled_;

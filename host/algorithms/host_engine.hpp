@@ -9,12 +9,13 @@
 
 namespace broadcl {
 
-/// Finds all pairs of boxes that overlap and may pair, in canonical order, on the host. Where there are
-/// filters, there is one for each box.
+/// Finds all pairs of boxes that overlap and may pair, in canonical order, on the host. `filters` is empty,
+/// or has one filter per box.
 using FindOnHost =
     std::function<std::vector<Pair>(std::span<const Aabb> boxes, std::span<const Filter> filters)>;
 
-/// An algorithm of the host, which needs no OpenCL, of what finds its pairs. It has no profile.
+/// Makes an algorithm of the host from the function that finds its pairs. It needs no OpenCL and has no
+/// profile.
 [[nodiscard]] std::unique_ptr<Algorithm> make_host_engine(FindOnHost find);
 
 }  // namespace broadcl

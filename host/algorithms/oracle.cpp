@@ -4,7 +4,7 @@
 namespace broadcl {
 namespace {
 
-/// Every pair tested by the definition: the reference that everything else is compared with.
+/// Tests every pair by the definition: the reference that everything else is compared with.
 std::vector<Pair> find_pairs(std::span<const Aabb> boxes, std::span<const Filter> filters) {
   std::vector<Pair> found;
   for (std::uint32_t b = 0; b < boxes.size(); ++b) {

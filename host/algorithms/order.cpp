@@ -10,7 +10,7 @@
 namespace broadcl {
 namespace {
 
-/// Changes that are read with the counts, and room for them, at least.
+/// The least number of changes to read with the counts, and the least capacity for them.
 constexpr std::size_t least_changes = 512;
 
 // As kernels/order.cl has them.
@@ -22,8 +22,8 @@ constexpr std::size_t group = 64;  // work-items per work-group that orders many
 
 /// Launch parameters.
 struct Launch {
-  std::size_t parts;  ///< Work-items that place pairs together.
-  std::size_t few;    ///< Changes of a list that are compared each with every other.
+  std::size_t parts;  ///< Work-items per team; a team finds the indices of its pairs together.
+  std::size_t few;    ///< Changes of a list, at most, that are compared each with every other.
 };
 Launch launch_of(const opencl::Context& context) {
   if (context.tuning() == opencl::Tuning::cpu) return {.parts = 1, .few = 256};
@@ -54,13 +54,13 @@ Order::Order(const opencl::Context& context, opencl::Profiler& profiler, Target 
 void Order::begin(const Search& search) {
   slots_ = std::max<std::size_t>({1, search.last.slots, search.now.slots});
   many_ = last_longest_ > few_;
-  room_ = round_up(std::max(least_changes, many_ ? last_changes_ + last_changes_ / 4 : 3 * last_longest_),
-                   changes_multiple);
-  expected_ = std::clamp(last_changes_ + last_changes_ / 8, least_changes, room_);
-  reserve_result(room_);
+  capacity_ = round_up(std::max(least_changes, many_ ? last_changes_ + last_changes_ / 4 : 3 * last_longest_),
+                       changes_multiple);
+  expected_ = std::clamp(last_changes_ + last_changes_ / 8, least_changes, capacity_);
+  reserve_result(capacity_);
   if (many_) {
     buckets_.reserve(context_, 2 * slots_ * sizeof(cl_uint), what);
-    scattered_.reserve(context_, room_ * sizeof(Pair), what);
+    scattered_.reserve(context_, capacity_ * sizeof(Pair), what);
   }
 }
 
@@ -87,7 +87,8 @@ void Order::enqueue_few(const PairDelta& delta) {
   opencl::Profiler::Scope stage(profiler_, "order");
   const std::size_t parts = launch_of(context_).parts;
   set_results(few_kernel_, delta.set_changes(few_kernel_, 0), delta);
-  context_.queue().enqueueNDRangeKernel(few_kernel_, cl::NullRange, cl::NDRange(parts, room_ / 2 / keys, 2),
+  context_.queue().enqueueNDRangeKernel(few_kernel_, cl::NullRange,
+                                        cl::NDRange(parts, capacity_ / 2 / keys, 2),
                                         cl::NDRange(parts, teams, 1), nullptr, stage.event());
 }
 
@@ -95,12 +96,12 @@ void Order::enqueue_many(const PairDelta& delta) {
   opencl::Profiler::Scope stage(profiler_, "order");
   const cl::CommandQueue& queue = context_.queue();
   queue.enqueueFillBuffer(buckets_.get(), cl_uint{0}, 0, 2 * slots_ * sizeof(cl_uint));
-  // Each goes through some changes, but never so many that llvmpipe would end it (see tuning_of()).
+  // Each work-item handles some changes, but never so many that llvmpipe would end it (see tuning_of()).
   const std::size_t items = round_up(
-      std::clamp(room_, context_.device().compute_units * std::size_t{64}, std::size_t{1} << 20), group);
+      std::clamp(capacity_, context_.device().compute_units * std::size_t{64}, std::size_t{1} << 20), group);
   for (cl::Kernel* kernel : {&count_, &scatter_, &place_}) {
     const cl_uint next =
-        opencl::set_arguments(*kernel, delta.set_changes(*kernel, 0), static_cast<cl_uint>(room_),
+        opencl::set_arguments(*kernel, delta.set_changes(*kernel, 0), static_cast<cl_uint>(capacity_),
                               static_cast<cl_uint>(slots_), buckets_.get(), scattered_.get());
     if (kernel == &place_) set_results(*kernel, next, delta);
     queue.enqueueNDRangeKernel(*kernel, cl::NullRange, cl::NDRange(items), cl::NDRange(group), nullptr,
@@ -131,7 +132,7 @@ PairDelta::Counts Order::wait(const PairDelta& delta) {
 void Order::complete(const PairDelta& delta, const PairDelta::Counts& counts) {
   const std::size_t changes = counts.added + counts.removed;
   const std::size_t needed = many_ ? changes : 2 * std::max(counts.added, counts.removed);
-  if (needed > room_ || counts.is_unordered) {
+  if (needed > capacity_ || counts.is_unordered) {
     sort_changes(delta, counts);
   } else if (changes <= expected_) {
     return;

@@ -16,8 +16,8 @@
 
 namespace broadcl {
 
-/// Puts the changes of a frame in canonical order, in buffers that are kept between frames, and brings the
-/// counts to the host, and the changes too if they are wanted there: kernels/order.cl.
+/// Sorts the changes of a frame into canonical order, in buffers that are reused by later frames, and brings
+/// the counts to the host, and the changes too if they are wanted there: kernels/order.cl.
 class Order {
  public:
   /// Where the changes are wanted.
@@ -27,30 +27,30 @@ class Order {
   /// @throws cl::Error, Error
   Order(const opencl::Context& context, opencl::Profiler& profiler, Target target);
 
-  /// Starts a frame: chooses how to order, by how much changed in the last one, and makes room.
+  /// Starts a frame: chooses how to order, by how much changed in the last one, and grows the buffers.
   /// @throws cl::Error, Error
   void begin(const Search& search);
-  /// Enqueues what orders the changes of a frame and reads them.
+  /// Enqueues the commands that order the changes of a frame and read them.
   /// @throws cl::Error
   void enqueue(const PairDelta& delta);
   /// Waits for that.
   /// @throws cl::Error
   [[nodiscard]] PairDelta::Counts wait(const PairDelta& delta);
-  /// Does what is left to do if more changed than was expected, once all pairs fit. The changes are then as
-  /// below.
+  /// Does what is left to do if more changed than was expected. All pairs must fit by then. Afterwards the
+  /// changes are available as below.
   /// @throws cl::Error, Error
   void complete(const PairDelta& delta, const PairDelta::Counts& counts);
   /// The frame succeeded.
   void commit(const PairDelta::Counts& counts) noexcept;
 
-  /// The changes of the last frame on the host. They stay as they are until the frame after the next begins.
+  /// The changes of the last frame on the host. They stay unchanged until the frame after the next begins.
   [[nodiscard]] Delta on_host(const PairDelta::Counts& counts) const noexcept;
   /// The changes of the last frame on the device, until the next begins.
   [[nodiscard]] const cl::Buffer& added() const noexcept { return added_.get(); }
   [[nodiscard]] const cl::Buffer& removed() const noexcept { return removed_.get(); }
 
-  /// Enqueues what puts pairs of slots in canonical order.
-  /// @param slots Those of the pairs are below it.
+  /// Enqueues the commands that sort pairs of slots into canonical order.
+  /// @param slots Greater than every slot of the pairs.
   /// @param scratch As large as `pairs`; overwritten.
   /// @throws cl::Error
   void sort(const cl::Buffer& pairs, std::size_t n, std::size_t slots, const cl::Buffer& scratch);
@@ -67,24 +67,24 @@ class Order {
   const opencl::Context& context_;
   opencl::Profiler& profiler_;
   Target target_;
-  std::size_t few_;  // changes of a list that are compared each with every other
+  std::size_t few_;  // changes of a list, at most, that are compared each with every other
   opencl::RadixSort sort_;
   opencl::Scan scan_;
   cl::Kernel few_kernel_, count_, scatter_, place_;
-  // The counts, and behind them the changes if they are wanted on the host: of this frame and of the last, in
+  // The counts, followed by the changes if they are wanted on the host: of this frame and of the last, in
   // turn.
   std::array<opencl::SharedBuffer, 2> results_;
-  std::size_t turn_ = 0;                   // that of the frame which begins or runs
+  std::size_t turn_ = 0;                   // index of the frame that begins or runs
   opencl::GrowingBuffer added_, removed_;  // if they are wanted on the device, or while they are sorted
   opencl::GrowingBuffer buckets_;          // two per slot
   opencl::GrowingBuffer scattered_;        // changes by bucket; pairs while they are sorted
-  cl::Event read_;                         // when this frame's result is the host's
+  cl::Event read_;                         // after which the host may read this frame's result
 
   // Of this frame.
   bool many_ = false;         // changes are ordered by buckets
-  std::size_t room_ = 0;      // for changes
+  std::size_t capacity_ = 0;  // changes that there is memory for
   std::size_t expected_ = 0;  // changes that are read together with the counts
-  std::size_t slots_ = 0;     // those of all pairs are below it
+  std::size_t slots_ = 0;     // greater than every slot of the pairs
 
   // Of the last frame.
   std::size_t last_changes_ = 0;

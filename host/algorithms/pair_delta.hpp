@@ -16,7 +16,7 @@ namespace broadcl {
 /// kernels/delta.h, kernels/delta.cl. It grows as needed: no pair is dropped.
 ///
 /// A frame is begin(), keep() and a PairFinder's find(), all enqueued; then commit(), or, if the pairs did
-/// not fit, all of it again with more room. Until commit() the pairs of the last frame are known.
+/// not fit, all of it again with more capacity. Until commit() the pairs of the last frame are still known.
 class PairDelta {
  public:
   /// What kernels count in a frame: kernels/delta.h.
@@ -24,8 +24,8 @@ class PairDelta {
     std::size_t found = 0;  ///< Pairs of this frame.
     std::size_t added = 0;
     std::size_t removed = 0;
-    std::size_t work = 0;           ///< What the finder counts for itself.
-    bool is_unordered = false;      ///< Whether the changes are left to be sorted.
+    std::size_t work = 0;           ///< The finder's own count.
+    bool is_unordered = false;      ///< Whether the changes are still to be sorted.
     std::size_t invalid_boxes = 0;  ///< If boxes were gathered on the device.
     std::size_t first_invalid = 0;
   };
@@ -34,11 +34,12 @@ class PairDelta {
   /// @throws cl::Error, Error
   PairDelta(const opencl::Context& context, opencl::Profiler& profiler);
 
-  /// Starts a frame: all counts are 0, and there is room for so many pairs, at least as many as the last
-  /// frame had.
+  /// Starts a frame: all counts are 0, and the list has capacity for this many pairs, and at least for those
+  /// of the last frame.
   /// @throws cl::Error, Error
   void begin(std::size_t pairs);
-  /// Enqueues what parts the pairs of the last frame into those that stay and those that are removed.
+  /// Enqueues the kernel that splits the pairs of the last frame into those that stay and those that are
+  /// removed.
   /// @throws cl::Error
   void keep(const Search& search);
   /// Sets a kernel's PAIR_SINK_PARAMETERS, from the given index on; returns the index after the last of them.
@@ -48,16 +49,17 @@ class PairDelta {
   /// @throws cl::Error
   cl_uint set_changes(cl::Kernel& kernel, cl_uint first) const;
 
-  /// What the host read of the counts.
+  /// The counts, from what the host has read.
   [[nodiscard]] Counts counts_of(const std::byte* counts) const;
   [[nodiscard]] bool fits(const Counts& counts) const noexcept { return counts.found <= now_.capacity; }
-  /// The frame succeeded. Its counts must be read and the next one's be cleared (kernels/order.cl does both).
+  /// The frame succeeded. Its counts must have been read and those of the next frame cleared
+  /// (kernels/order.cl does both).
   void commit(const Counts& counts) noexcept;
 
   /// The counts of this frame and of the next.
   [[nodiscard]] const cl::Buffer& counts() const noexcept { return counts_[turn_]; }
   [[nodiscard]] const cl::Buffer& next_counts() const noexcept { return counts_[1 - turn_]; }
-  /// This frame's pairs, of which those that were added come last; and those that were removed.
+  /// This frame's pairs, the added ones last; and the removed pairs.
   [[nodiscard]] const cl::Buffer& list() const noexcept { return now_.pairs.get(); }
   [[nodiscard]] const cl::Buffer& removed() const noexcept { return removed_.get(); }
 
@@ -85,7 +87,7 @@ class PairDelta {
   opencl::Profiler& profiler_;
   cl::Kernel keep_;
   List now_, last_;
-  opencl::GrowingBuffer removed_;  // as many as the last frame had pairs
+  opencl::GrowingBuffer removed_;  // with capacity for all pairs of the last frame
   std::array<cl::Buffer, 2> counts_;
   std::size_t turn_ = 0;
   bool is_clean_ = false;  // both counts are 0

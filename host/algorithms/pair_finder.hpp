@@ -17,12 +17,13 @@ class PairFinder {
   PairFinder(PairFinder&&) = delete;
   PairFinder& operator=(PairFinder&&) = delete;
 
-  /// Enqueues what appends every pair that was none in the last frame to the sink, each once. May be called
-  /// again for the same search, if the sink was too small.
+  /// Enqueues the kernels that append every pair that was not a pair in the last frame to the sink, each
+  /// once. May be called again for the same search if the sink was too small.
   /// @throws cl::Error, Error
   virtual void find(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) = 0;
 
-  /// How much work that is expected to be, in units of the finder's own, all of which take about as long.
+  /// The work that find() is expected to do, in units of the finder's own, each of which takes about equally
+  /// long.
   [[nodiscard]] virtual double expected_work(const Search& search, const PairDelta& sink) = 0;
 };
 

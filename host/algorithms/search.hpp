@@ -9,8 +9,8 @@ namespace broadcl {
 /// Objects on the device as of one frame.
 struct Generation {  // NOLINT(bugprone-exception-escape): handles do not throw when moved
   cl_uint slots = 0;
-  cl::Buffer boxes{};    ///< Six floats per slot; readable, though not used, `padding` slots past the last.
-  cl::Buffer filters{};  ///< A uint4 per slot, padded alike; null if all objects have the default filter.
+  cl::Buffer boxes{};    ///< Six floats per slot; `padding` more slots can be read, but are not used.
+  cl::Buffer filters{};  ///< One uint4 per slot, padded likewise; null if all have the default filter.
 
   static constexpr std::size_t padding = 16;
 };
@@ -25,8 +25,8 @@ struct Search {  // NOLINT(bugprone-exception-escape): as above
   cl_uint changed_count = 0;
   cl::Buffer changed{};  ///< Slots, each once.
   cl_uint stamp = 0;     ///< Of this frame.
-  /// A word per slot that tells whether it changed (unless `all`), and whether its object is another one than
-  /// in the last frame: kernels/stamp.h. Null if there is nothing to tell.
+  /// One word per slot that says whether it changed (unless `all`), and whether its object is a different one
+  /// than in the last frame: kernels/stamp.h. Null if there is nothing to say.
   cl::Buffer stamps{};
 
   [[nodiscard]] cl_uint changed_slots() const noexcept { return all ? now.slots : changed_count; }

@@ -46,7 +46,7 @@ class SweepAndPrune {
               [this](const Item& s, const Item& t) { return s.box.lower[axis_] < t.box.lower[axis_]; });
   }
 
-  /// The axis along which lower bounds are spread most: by quartiles, for a few boxes may be anywhere.
+  /// The axis along which lower bounds are spread most, by quartiles, since a few boxes may be anywhere.
   static std::size_t widest_axis(std::span<const Aabb> boxes) {
     std::array<float, 3> spreads{};
     std::vector<float> bounds;

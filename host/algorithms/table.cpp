@@ -22,14 +22,14 @@ constexpr std::array rows{
                  nullptr,
                  make_brute_force},
     AlgorithmRow{{.name = "tiles",
-                  .summary = "boxes sorted in space once in a while, and tested tile by tile",
+                  .summary = "boxes sorted in space from time to time, and tested tile by tile",
                   .on_device = true},
                  nullptr,
                  make_tiles},
     AlgorithmRow{
         {.name = "gpu-bf",
          .summary =
-             "brute force, one byte a pair, changes found by XOR on the host (Serpa and Rodrigues 2014)",
+             "brute force, one byte per pair, changes found by XOR on the host (Serpa and Rodrigues 2014)",
          .on_device = true},
         make_gpu_bf,
         nullptr},
@@ -63,7 +63,7 @@ const AlgorithmRow& find_algorithm(std::string_view name) {
   if (row != rows.end()) return *row;
   std::string names;
   for (const AlgorithmRow& r : rows) names += (names.empty() ? "" : ", ") + std::string(r.info.name);
-  throw Error("no algorithm is named '" + std::string(name) + "'; there is: " + names);
+  throw Error("no algorithm is named '" + std::string(name) + "'; the algorithms are: " + names);
 }
 
 std::unique_ptr<Algorithm> make_algorithm(const Config& config) {

@@ -21,18 +21,18 @@ constexpr std::size_t node_bytes = node * sizeof(Aabb);
 constexpr unsigned code_bits = 31;
 constexpr std::size_t levels = 4;  // as many as a cl_uint4 has numbers
 
-constexpr std::size_t group = 64;  // of kernels that do a box per work-item
+constexpr std::size_t group = 64;  // of kernels with one work-item per box
 constexpr std::size_t most_sharers = 8;
-constexpr std::size_t groups_per_unit = 64;  // of the search, as far as sharers can make so many
+constexpr std::size_t groups_per_unit = 64;  // of the search, as far as most_sharers allows
 constexpr double default_stale = 1.25;
-/// How often all boxes may move before the order is taken to be old if its work is not known.
+/// How often all boxes may move before the order counts as old, if its work is not known.
 constexpr std::size_t unwatched = 8;
-/// At least one box in so many must have moved before the order may be old.
+/// At least 1 / fewest_moved of the boxes must have moved before the order may be old.
 constexpr std::size_t fewest_moved = 64;
-/// What searches of some and of all need of boxes of one size, as a multiple of usual_work().
+/// The work of searches of some and of all boxes, if they have one size, as a multiple of usual_work().
 constexpr std::array default_factors{0.9, 0.25};
 
-/// Whether two numbers are so alike that what was seen of the one holds for the other.
+/// Whether two numbers are so close that what was observed for the one holds for the other.
 bool alike(std::size_t s, std::size_t t) {
   return 2 * s <= 3 * t && 2 * t <= 3 * s;
 }
@@ -40,7 +40,7 @@ bool alike(std::size_t s, std::size_t t) {
 using opencl::divide_up;
 using opencl::round_up;
 
-/// Boxes in an order of space, under a tree of bounds: kernels/tiles.cl.
+/// Boxes in spatial order, under a tree of bounds: kernels/tiles.cl.
 class Tiles final : public PairFinder {
  public:
   Tiles(const opencl::Context& context, double stale)
@@ -67,8 +67,8 @@ class Tiles final : public PairFinder {
     usual_is_of_all_ = search.all;
   }
 
-  /// Nodes and boxes to visit: as many as in the last search of the kind, in proportion. If the scene is
-  /// another one since, or there was none, as many as among boxes of one size.
+  /// Nodes and boxes to visit: in proportion to those of the last search of this kind. If the scene has
+  /// changed much since, or there was no such search, as many as for boxes of one size.
   [[nodiscard]] double expected_work(const Search& search, const PairDelta& sink) override {
     observe(sink);
     const bool is_known = alike(seen_.slots, search.now.slots) && alike(seen_.pairs, sink.pair_count());
@@ -116,25 +116,25 @@ class Tiles final : public PairFinder {
     capacity_ = capacity;
   }
 
-  /// Takes note of what the last search of these tiles needed.
+  /// Records the work of the last search of these tiles.
   void observe(const PairDelta& sink) {
     if (!searched_frame_ || sink.frames() != *searched_frame_ + 1) return;
     seen_ = {.pairs = sink.pair_count(), .slots = sorted_slots_};
     factors_.at(usual_is_of_all_ ? 1 : 0) = static_cast<double>(sink.work()) / usual_work_;
   }
 
-  /// Takes note of a search that begins.
+  /// Records that a search begins.
   void age(const Search& search, const PairDelta& sink) {
-    if (searched_frame_ == sink.frames()) return;  // once more
-    // Another finder did the frames between; all boxes may have moved in them.
+    if (searched_frame_ == sink.frames()) return;  // the same frame again
+    // Another finder did the frames in between; all boxes may have moved in them.
     if (searched_frame_) moved_ += (sink.frames() - *searched_frame_ - 1) * std::size_t{search.now.slots};
     moved_ += search.changed_slots();
     searched_frame_ = sink.frames();
   }
 
-  /// Whether the order is of other slots, or has made the last frame's work grow. The first frame in a new
-  /// order that is followed by another one here says how much work there is to be, for searches of all and
-  /// for those of some. If another finder did that frame, it must do how many boxes moved.
+  /// Whether the order is for another number of slots, or has made the last frame's work grow. It is compared
+  /// with the first frame in this order that was followed by another one here, separately for searches of all
+  /// boxes and of some. If another finder did the last frame, the number of boxes that moved decides.
   bool is_stale(const Search& search, const PairDelta& sink) {
     if (search.now.slots != sorted_slots_) return true;
     if (sink.frames() == sorted_frame_) return false;
@@ -142,21 +142,20 @@ class Tiles final : public PairFinder {
     const std::size_t kind = usual_is_of_all_ ? 1 : 0;
     double& fresh = fresh_factors_.at(kind);
     if (fresh == 0) fresh = factors_.at(kind);
-    // How much few boxes need says little: not before some have moved.
+    // The work for a few boxes says little, so wait until some have moved.
     const bool may_be_old =
         static_cast<double>(moved_ * fewest_moved) >= stale_ * static_cast<double>(search.now.slots);
     return factors_.at(kind) > stale_ * fresh && may_be_old;
   }
 
-  /// What a search needs while the order is new, but for a factor: something for each tile, more for each box
-  /// that changed.
+  /// The work of a search in a new order, up to a factor: some per tile, more per box that changed.
   static double usual_work(const Search& search) {
     return 4 * static_cast<double>(divide_up(search.now.slots, node)) + 12 * search.changed_slots();
   }
 
   void sort(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) {
     const opencl::Profiler::Scope stage(profiler, "sort");
-    sorted_slots_ = 0;  // until all of it is enqueued: half a sort may have a slot twice
+    sorted_slots_ = 0;  // until all of it is enqueued: an incomplete sort may have a slot twice
     centroids_.enqueue(search.now.boxes, search.now.slots);
     opencl::set_arguments(keys_, 0, search.now.slots, search.now.boxes, centroids_.result(), elements_);
     context_.queue().enqueueNDRangeKernel(keys_, cl::NullRange,
@@ -168,7 +167,7 @@ class Tiles final : public PairFinder {
     moved_ = 0;
   }
 
-  /// Puts boxes and bounds into the trees.
+  /// Fills the trees with boxes and bounds.
   void build(const Search& search, opencl::Profiler& profiler) {
     opencl::Profiler::Scope stage(profiler, "build");
     build(search, of_all_.fill, tree_, stage.event());
@@ -204,8 +203,8 @@ class Tiles final : public PairFinder {
                                           cl::NDRange(group_, 1), nullptr, stage.event());
   }
 
-  /// Work-groups that share the search of a tile: if there are few tiles, a GPU has too little to do
-  /// otherwise.
+  /// Work-groups that share the search of a tile: with few tiles, a GPU would otherwise have too little to
+  /// do.
   [[nodiscard]] std::size_t sharers(std::size_t tiles) const {
     if (group_ == 1) return 1;
     const std::size_t useful = context_.device().compute_units * groups_per_unit;
@@ -237,11 +236,11 @@ class Tiles final : public PairFinder {
   std::size_t sorted_slots_ = 0;
   std::size_t sorted_frame_ = 0;
   std::optional<std::size_t> searched_frame_;
-  std::size_t moved_ = 0;  // boxes since the order was new, each as often as it did
+  std::size_t moved_ = 0;  // boxes since the order was new, each counted as often as it moved
   double usual_work_ = 1;  // of the last search
   bool usual_is_of_all_ = true;
-  // What searches needed as a multiple of usual_work(), of some and of all: the last ones, and the first ones
-  // in this order; 0 before there was one.
+  // The work of searches of some and of all boxes, as a multiple of usual_work(): of the last ones, and of
+  // the first ones in this order, 0 before there was one.
   std::array<double, 2> factors_ = default_factors;
   std::array<double, 2> fresh_factors_{};
   struct {

@@ -26,7 +26,7 @@ static_assert(sizeof(Aabb) == 24, "24 bytes per box cross the bus");
 
 namespace detail {
 
-/// Of each bound, lower ones first, an integer: these compare as the bounds do, and those of NaNs lie outside
+/// One integer per bound, lower ones first: they compare as the bounds do, and those of NaNs lie outside
 /// -infinite_key .. infinite_key.
 [[nodiscard]] constexpr std::array<std::int32_t, 6> keys(const Aabb& box) noexcept {
   auto bits = std::bit_cast<std::array<std::int32_t, 6>>(box);

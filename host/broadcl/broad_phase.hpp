@@ -20,7 +20,7 @@
 
 namespace broadcl {
 
-/// Keeps a set of moving boxes and reports at each update() which pairs began and which ceased to overlap.
+/// Holds a set of moving boxes and reports at each update() which pairs began and which ceased to overlap.
 ///
 /// An update costs as much as what moved: if nothing did, the device is not asked; if little did, only that
 /// is uploaded and tested against all; pairs of two objects that did not move stay.
@@ -48,7 +48,7 @@ class BroadPhase {
   /// @throws Error for a NaN bound, and if there is no memory for the box.
   std::uint32_t add(const Aabb& box, const Filter& filter = Filter());
 
-  /// Replaces the box of an object. One that is equal to the old one is no movement.
+  /// Replaces the box of an object. A box that is equal to the old one does not count as movement.
   /// @throws Error for an unknown id and for a NaN bound.
   void move(std::uint32_t id, const Aabb& box);
 
@@ -74,8 +74,7 @@ class BroadPhase {
   /// Finds every pair of overlapping boxes that their filters let pair, and returns what changed since the
   /// last update. The same as begin() and finish().
   /// @throws Error if the device fails or its memory is exhausted, and for a NaN that was written to the
-  /// memory of map();
-  ///   the call may be repeated.
+  /// memory of map(); the call may be repeated.
   Delta update();
 
   /// Starts an update on the device and returns at once: the thread is free until finish(). Objects may be

@@ -1,7 +1,7 @@
 #pragma once
 
-/// Boxes that lie on an OpenCL device already, pairs and their changes left there. Only this header shows
-/// OpenCL.
+/// For boxes that are already on an OpenCL device: pairs and their changes stay there too. Only this header
+/// exposes OpenCL.
 
 #include <CL/cl.h>
 
@@ -44,12 +44,12 @@ class DeviceBroadPhase {
     std::size_t count = 0;     ///< Number of boxes.
     std::size_t offset = 0;    ///< Of the first box, in bytes, a multiple of 4.
     std::size_t stride = 24;   ///< From each box to the next, in bytes, a multiple of 4.
-    cl_mem filters = nullptr;  ///< A Filter for each box, also of the queue's context; or null: all pair.
+    cl_mem filters = nullptr;  ///< One Filter per box, also of the queue's context; or null: all pair.
     bool worlds = false;       ///< Whether the filters have different worlds.
   };
 
-  /// Pairs in canonical order, as Pair lays them out. The buffer is this object's and stays as it is until
-  /// its next update; commands that are enqueued to the same queue find it filled.
+  /// Pairs in canonical order, as Pair lays them out. The buffer belongs to this object and stays unchanged
+  /// until its next update; commands that are enqueued to the same queue find it filled.
   struct PairBuffer {
     cl_mem buffer = nullptr;
     std::size_t count = 0;
@@ -76,11 +76,11 @@ class DeviceBroadPhase {
 
   /// Finds every pair of overlapping boxes that their filters let pair. The same as begin() and finish();
   /// waits for the queue once, for the counts.
-  /// @throws Error when the device fails or its memory is exhausted, and for a buffer that is null, too small
+  /// @throws Error if the device fails or its memory is exhausted, and for a buffer that is null, too small
   /// or of another context; std::bad_alloc. The known pairs are then as before, and the next update works.
   Result update(const Boxes& boxes);
 
-  /// Enqueues an update behind what is in the queue, has the device start, and returns at once.
+  /// Enqueues an update behind what is in the queue, makes the device start, and returns at once.
   /// @throws as update() does, and Error if one was begun already.
   void begin(const Boxes& boxes);
 
@@ -88,7 +88,8 @@ class DeviceBroadPhase {
   /// @throws as update() does, and Error if none was begun. The update that was begun is then over.
   Result finish();
 
-  /// Enqueues what puts all pairs as of the last update in order. The buffer is valid until the next call.
+  /// Enqueues the commands that sort all pairs as of the last update. The buffer is valid until the next
+  /// call.
   /// @throws as update() does, and Error between begin() and finish().
   PairBuffer pairs();
 

@@ -8,23 +8,23 @@
 
 namespace broadcl::opencl {
 
-/// How a list is cut into blocks that work-groups go through one after the other: block k has the elements
-/// k * length and on, and the last may be shorter.
+/// How a list is split into blocks, which work-groups process from their first element to the last: block k
+/// begins at element k * length, and the last block may be shorter.
 struct Blocks {
   cl_uint count;
   cl_uint length;
 };
 
-/// Cuts a list into as many blocks as keep the device busy; more would only be more to put together again.
+/// Splits a list into as many blocks as keep the device busy; more would only add to the work of combining
+/// their results.
 ///
-/// But no block is longer than `longest`, for the sake of llvmpipe, on which Mesa's rusticl runs: a work-item
-/// that has been through 65,535 iterations of loops, all of them together, leaves every loop, without an
-/// error.
+/// But no block is longer than `longest`, because of llvmpipe, on which Mesa's rusticl runs: after 65,535
+/// iterations, counted over all of its loops, a work-item leaves every loop without an error.
 /// @param n At least 1, less than 2^31.
 /// @param tile Lengths are multiples of it.
 /// @param longest A multiple of tile.
-[[nodiscard]] inline Blocks cut_into_blocks(const Context& context, std::size_t n, std::size_t tile,
-                                            std::size_t longest) {
+[[nodiscard]] inline Blocks split_into_blocks(const Context& context, std::size_t n, std::size_t tile,
+                                              std::size_t longest) {
   const std::size_t enough = std::min<std::size_t>(
       4096, std::size_t{context.device().compute_units} * (context.tuning() == Tuning::cpu ? 4 : 8));
   const std::size_t tiles = (n + tile - 1) / tile;

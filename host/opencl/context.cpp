@@ -13,8 +13,8 @@
 namespace broadcl::opencl {
 namespace {
 
-/// A CPU, but for Mesa's llvmpipe: it silently ends a work-item after 65,535 rounds of its loops, so that few
-/// work-items cannot do much.
+/// Any CPU except Mesa's llvmpipe, which silently ends a work-item after 65,535 iterations of its loops, so
+/// that few work-items cannot do much.
 bool wants_few_work_items(const Device& device) {
   return device.type == DeviceType::cpu && device.name.find("llvmpipe") == std::string::npos;
 }
@@ -27,7 +27,7 @@ Tuning tuning_of(const Device& device) {
   return *wanted == "cpu" ? Tuning::cpu : Tuning::gpu;
 }
 
-/// A key of this device and its driver alone.
+/// A key for this device and its driver only.
 std::string key_of(const Device& device, std::string_view key) {
   std::string result;
   for (const std::string& part : {device.platform_name, device.name, device.version, device.driver_version}) {
@@ -36,7 +36,7 @@ std::string key_of(const Device& device, std::string_view key) {
   return result += key;
 }
 
-/// A program from a cached binary; none where the driver does not take it.
+/// A program from a cached binary; none if the driver rejects it.
 std::optional<cl::Program> from_binary(const cl::Context& context, const cl::Device& device,
                                        const DiskCache::Bytes& binary, const std::string& options) {
   try {
@@ -70,22 +70,22 @@ Context::Context(const cl::CommandQueue& queue) : device_(describe(queue)), tuni
 }
 
 cl::Buffer Context::counted(std::size_t bytes, cl_mem_flags flags,
-                            std::atomic<std::size_t> Memory::*place) const {
+                            std::atomic<std::size_t> Memory::*counter) const {
   struct Claim {
     std::shared_ptr<Memory> memory;
-    std::atomic<std::size_t> Memory::*place;
+    std::atomic<std::size_t> Memory::*counter;
     std::size_t bytes;
   };
-  std::unique_ptr<Claim> claim(new Claim{memory_, place, bytes});
+  std::unique_ptr<Claim> claim(new Claim{memory_, counter, bytes});
   cl::Buffer buffer(context_, CL_MEM_READ_WRITE | flags, bytes);
   buffer.setDestructorCallback(
       [](cl_mem /*buffer*/, void* data) {
         const std::unique_ptr<Claim> ended(static_cast<Claim*>(data));
-        *ended->memory.*ended->place -= ended->bytes;
+        *ended->memory.*ended->counter -= ended->bytes;
       },
       claim.get());
-  (void)claim.release();  // it is the callback's
-  *memory_.*place += bytes;
+  (void)claim.release();  // the callback owns it now
+  *memory_.*counter += bytes;
   memory_->device_peak = std::max<std::size_t>(memory_->device_peak, memory_->device);
   return buffer;
 }

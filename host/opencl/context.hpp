@@ -35,8 +35,8 @@ class Context {
   [[nodiscard]] const Device& device() const noexcept { return device_; }
   [[nodiscard]] const cl::Context& context() const noexcept { return context_; }
   [[nodiscard]] const cl::CommandQueue& queue() const noexcept { return queue_; }
-  /// What suits the device; the environment variable BROADCL_TUNING ("gpu" or "cpu") overrides it, so that
-  /// each tuning profile can be tested on any device.
+  /// The tuning profile that suits the device; the environment variable BROADCL_TUNING ("gpu" or "cpu")
+  /// overrides it, so that each tuning profile can be tested on any device.
   [[nodiscard]] Tuning tuning() const noexcept { return tuning_; }
 
   /// A buffer on the device, not initialised.
@@ -46,25 +46,25 @@ class Context {
   [[nodiscard]] cl::Buffer buffer(std::size_t bytes, cl_mem_flags flags = 0) const;
   /// The same in pinned memory of the host.
   [[nodiscard]] cl::Buffer pinned(std::size_t bytes) const;
-  /// What the buffers that buffer() and pinned() made hold. One counts until nothing refers to it, commands
-  /// and kernel arguments included.
+  /// The memory of the buffers that buffer() and pinned() made. A buffer counts until nothing refers to it
+  /// any more, commands and kernel arguments included.
   [[nodiscard]] MemoryUse memory() const noexcept;
 
-  /// What is stored on disk for this device and driver under a key, if anything.
+  /// What is stored on disk under a key for this device and driver, if anything.
   [[nodiscard]] std::optional<DiskCache::Bytes> load(std::string_view key) const;
-  /// Stores that.
+  /// Stores data on disk under a key for this device and driver.
   /// @throws Error as DiskCache::store() does.
   void store(std::string_view key, const DiskCache::Bytes& bytes) const;
 
-  /// Builds a kernel file, or takes its binary from the cache.
+  /// Builds a kernel file, or loads its binary from the cache.
   /// @param file Name of a file of kernels/.
   /// @param options For the compiler, for instance "-DWIDTH=8".
-  /// @throws Error with the compiler's log, which names file and line, where it does not compile.
+  /// @throws Error with the compiler's log, which names file and line, if it does not compile.
   [[nodiscard]] cl::Program program(std::string_view file, const std::string& options = {}) const;
 
-  /// Runs a part of an update. If it fails, it waits until the queue has done what it was given, so that
+  /// Runs a part of an update. If that fails, waits until the queue has completed all commands, so that
   /// nothing uses the memory of the update any more.
-  /// @throws Error in place of cl::Error, and whatever else the function does.
+  /// @throws Error instead of cl::Error, and whatever else the function throws.
   template <class Function>
   decltype(auto) guard(Function&& function) const {
     return translate_errors(device_.label(), [&]() -> decltype(auto) {
@@ -86,7 +86,7 @@ class Context {
   };
 
   [[nodiscard]] cl::Buffer counted(std::size_t bytes, cl_mem_flags flags,
-                                   std::atomic<std::size_t> Memory::*place) const;
+                                   std::atomic<std::size_t> Memory::*counter) const;
 
   Device device_;
   Tuning tuning_;

@@ -16,7 +16,7 @@ namespace {
 
 constexpr cl_int no_platform = -1001;  // CL_PLATFORM_NOT_FOUND_KHR: the loader found no implementation
 
-// Of these, all_platforms(), all_devices() and describe() throw cl::Error.
+// Of the functions below, all_platforms(), all_devices() and describe() throw cl::Error.
 
 std::vector<cl::Platform> all_platforms() {
   std::vector<cl::Platform> platforms;

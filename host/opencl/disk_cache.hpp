@@ -8,7 +8,7 @@
 
 namespace broadcl::opencl {
 
-/// Stores data between runs, above all binaries of programs, in one file per key. Files are written under
+/// Stores data between runs, mainly binaries of programs, in one file per key. Files are written under
 /// another name and renamed, so that processes may share the folder. A file is used only if its length, its
 /// checksum and its whole key are right: drivers crash on damaged binaries.
 class DiskCache {

@@ -8,17 +8,17 @@
 
 namespace broadcl::opencl {
 
-/// How large a buffer is to be that must hold so many bytes: a quarter more, as far as the device allocates
-/// as much at once, so that a buffer that grows step by step is seldom replaced.
-/// @param what It holds, for the error: "overlapping pairs".
+/// The size of a new buffer that must hold this many bytes: a quarter more, but at most what the device
+/// allocates at once, so that a buffer that grows step by step is seldom replaced.
+/// @param what What it holds, for the error message: "overlapping pairs".
 /// @throws Error if the device does not even allocate what is needed.
 [[nodiscard]] std::size_t grown(const Context& context, std::size_t bytes, std::string_view what);
 
 /// A buffer on the device that is replaced by a larger one if it is too small.
 class GrowingBuffer {
  public:
-  /// Has room for at least so many bytes afterwards. If it must grow, what it held is lost, and is released
-  /// first: memory need not hold both.
+  /// Ensures a capacity of at least this many bytes. If the buffer must grow, its content is lost, and its
+  /// memory is released first, so that there need not be memory for both.
   /// @throws Error, cl::Error; it is then empty.
   void reserve(const Context& context, std::size_t bytes, std::string_view what);
   void clear() { *this = {}; }

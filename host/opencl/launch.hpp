@@ -6,12 +6,12 @@
 
 namespace broadcl::opencl {
 
-/// The least multiple that is not less than a value.
+/// The smallest multiple that is not less than a value.
 [[nodiscard]] constexpr std::size_t round_up(std::size_t value, std::size_t multiple) noexcept {
   return (value + multiple - 1) / multiple * multiple;
 }
 
-/// How many pieces of a size a number of items makes, the last perhaps smaller.
+/// The number of pieces of the given size that some items fill; the last may be smaller.
 [[nodiscard]] constexpr std::size_t divide_up(std::size_t items, std::size_t size) noexcept {
   return (items + size - 1) / size;
 }
@@ -24,8 +24,8 @@ cl_uint set_arguments(cl::Kernel& kernel, cl_uint first, const Arguments&... arg
   return first;
 }
 
-/// Waits until the queue has done all it was given, as its finish() should: Mesa's rusticl 22.3 returns early
-/// from one that follows a flush.
+/// Waits until the queue has completed all commands, as its finish() should: Mesa's rusticl 22.3 returns
+/// early from a finish() that follows a flush.
 /// @throws cl::Error
 inline void wait_for_all(const cl::CommandQueue& queue) {
   cl::Event end;
@@ -33,7 +33,7 @@ inline void wait_for_all(const cl::CommandQueue& queue) {
   end.wait();
 }
 
-/// The same after something has failed, whose error the caller tells: another one is let go.
+/// The same after a failure that the caller reports: a further error is ignored.
 inline void wait_after_failure(const cl::CommandQueue& queue) noexcept {
   try {
     wait_for_all(queue);

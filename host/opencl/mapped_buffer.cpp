@@ -15,7 +15,7 @@ MappedBuffer MappedBuffer::pinned(const Context& context, std::size_t bytes) {
 
 MappedBuffer::~MappedBuffer() {
   if (host_ == nullptr) return;
-  // A destructor cannot report: the C call, whose code is ignored.
+  // A destructor cannot report errors: hence the C call, whose error code is ignored.
   (void)clEnqueueUnmapMemObject(queue_(), buffer_(), host_, 0, nullptr, nullptr);
 }
 

@@ -7,15 +7,15 @@
 
 namespace broadcl::opencl {
 
-/// A buffer that host and device both reach: mapped while it is the host's, unmapped while it is the
-/// device's.
+/// A buffer that both host and device access: mapped while it belongs to the host, unmapped while it belongs
+/// to the device.
 class MappedBuffer {
  public:
   MappedBuffer() = default;
-  /// Takes a buffer that belongs to the device.
+  /// Takes over a buffer, which belongs to the device at first.
   MappedBuffer(const Context& context, cl::Buffer buffer, std::size_t bytes);
-  /// Pinned host memory that stays the host's: copies to and from the device run at the full speed of the
-  /// bus. Not initialised; waits until it is mapped.
+  /// Pinned host memory that always belongs to the host: copies to and from the device run at the full speed
+  /// of the bus. Not initialised; waits until it is mapped.
   /// @param bytes At least 1.
   /// @throws cl::Error
   [[nodiscard]] static MappedBuffer pinned(const Context& context, std::size_t bytes);
@@ -27,13 +27,14 @@ class MappedBuffer {
 
   [[nodiscard]] std::size_t bytes() const noexcept { return bytes_; }
   [[nodiscard]] const cl::Buffer& buffer() const noexcept { return buffer_; }
-  /// Null while it is the device's.
+  /// Null while it belongs to the device.
   [[nodiscard]] std::byte* host() const noexcept { return host_; }
 
-  /// Enqueues what gives it to the host, which may touch it after the event. No-op if the host has it.
+  /// Enqueues its mapping for the host, which may access it after the event. No-op if it belongs to the host
+  /// already.
   /// @throws cl::Error
   void map(cl_bool blocking = CL_FALSE, cl::Event* event = nullptr);
-  /// Enqueues what gives it to the device. No-op if the device has it.
+  /// Enqueues its release to the device. No-op if it belongs to the device already.
   /// @throws cl::Error
   void unmap(cl::Event* event = nullptr);
 

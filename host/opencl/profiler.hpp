@@ -29,7 +29,7 @@ class Profiler {
     Scope(Scope&&) = delete;
     Scope& operator=(Scope&&) = delete;
 
-    /// Where to put the event of the stage's command; null where device times are not wanted.
+    /// Where to store the event of the stage's command; null if device times are not wanted.
     [[nodiscard]] cl::Event* event() noexcept;
 
    private:
@@ -40,7 +40,7 @@ class Profiler {
 
   /// Forgets the stages of the last update and starts the clock of this one. No scope may be open.
   void begin();
-  /// Reads device times, once an update; the queue must have finished.
+  /// Reads device times, once per update; the queue must have completed all commands.
   void resolve();
   [[nodiscard]] std::span<const Stage> stages() const noexcept { return stages_; }
 
@@ -48,7 +48,7 @@ class Profiler {
   bool device_times_;
   std::chrono::steady_clock::time_point begin_ = std::chrono::steady_clock::now();
   std::vector<Stage> stages_;
-  std::deque<cl::Event> events_;  // one a stage, null where it enqueued nothing; stays in place as it grows
+  std::deque<cl::Event> events_;  // one per stage, null if it enqueued nothing; they never move
 };
 
 }  // namespace broadcl::opencl

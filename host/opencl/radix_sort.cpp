@@ -11,23 +11,23 @@
 namespace broadcl::opencl {
 namespace {
 
-constexpr unsigned digit_bits = 8;  // at most, of a pass
-/// Elements that a work-group of the GPU shape sorts in local memory; in both shapes the length of a block is
-/// a multiple of it.
+constexpr unsigned digit_bits = 8;  // of a pass, at most
+/// Elements that a work-group sorts in local memory, with the tuning profile for GPUs; with both profiles the
+/// length of a block is a multiple of it.
 constexpr std::size_t tile = 4096;
 constexpr std::size_t longest_block = 8 * tile;
 
-/// Elements of a bucket, about, so that going through counters takes little besides.
+/// Approximate number of elements per bucket: enough that counters cost little in comparison.
 constexpr std::size_t bucket = 2048;
 
 /// Launch parameters.
 struct Launch {
   std::size_t group;  ///< Work-items per work-group.
-  std::size_t small;  ///< Elements that are sorted in one launch per range of bits, at the most.
+  std::size_t small;  ///< Elements, at most, that are sorted in one launch per range of bits.
 };
 
 constexpr Launch gpu_launch{.group = 256, .small = tile};
-/// One work-item goes through all elements 16 times for a range of 64 bits: see cut_into_blocks.
+/// One work-item goes through all elements 16 times for a range of 64 bits: see split_into_blocks.
 constexpr Launch cpu_launch{.group = 1, .small = 3584};
 
 const Launch& launch_of(const Context& context) {
@@ -70,7 +70,7 @@ void RadixSort::enqueue_digits(const cl::Buffer& elements, const cl::Buffer& scr
                                Blocks blocks, std::span<const Bits> keys) {
   std::array<const cl::Buffer*, 2> buffers{&elements, &scratch};
   for (const Bits& key : keys) {
-    // As few digits as will do, and about as long as each other.
+    // As few digits as possible, of about equal length.
     unsigned digits = (key.count + digit_bits - 1) / digit_bits;
     for (Bits digit{key.first, 0}; digits > 0; --digits, digit.first += digit.count) {
       digit.count = (key.first + key.count - digit.first + digits - 1) / digits;
@@ -112,7 +112,7 @@ void RadixSort::enqueue(const cl::Buffer& elements, const cl::Buffer& scratch, s
     }
     return;
   }
-  const Blocks blocks = cut_into_blocks(context_, n, tile, longest_block);
+  const Blocks blocks = split_into_blocks(context_, n, tile, longest_block);
   if (blocks.count > most_blocks_) {
     counts_ = context_.buffer((std::size_t{blocks.count} << digit_bits) * sizeof(cl_uint));
     most_blocks_ = blocks.count;

@@ -12,13 +12,13 @@ namespace broadcl::opencl {
 
 /// Stable sorting of 8-byte elements on the device: kernels/radix_sort.cl, which names the sources.
 ///
-/// It takes a pass over the elements for each 8 bits or part of them of each range, or, where there are few
-/// elements, one launch for each range. On CPUs it takes one pass by the upper bits and a launch for each
-/// range, in which those elements that agree in the upper bits are one work-item's.
+/// It makes one pass over the elements per 8 bits, or part of them, of each range; if there are few elements,
+/// one launch per range. On CPUs it makes one pass by the upper bits and one launch per range, in which each
+/// work-item sorts the elements that agree in the upper bits.
 class RadixSort {
  public:
-  /// A range of the bits of an element, taken as the 64-bit number that it is on a little-endian device: bit
-  /// 0 is the lowest of its first uint. first + count is 64 at most.
+  /// A range of the bits of an element, read as the 64-bit number that it is on a little-endian device: bit 0
+  /// is the lowest of its first uint. first + count is at most 64.
   struct Bits {
     unsigned first;
     unsigned count;
@@ -29,11 +29,11 @@ class RadixSort {
   explicit RadixSort(const Context& context);
 
   /// Enqueues a stable ascending sort, in place. Does not wait. Sorts of one object must go to the queue one
-  /// after the other, as those of one thread do. Its own memory, for counters, is 256 bytes for each 8192
-  /// elements at the most, and grows before anything is enqueued.
+  /// after the other, as those of one thread do. Its own memory, for counters, is at most 256 bytes per 8192
+  /// elements, and grows before anything is enqueued.
   ///
-  /// Pairs {a, b} of uints with k bits sorted by {{0, k}, {32, k}} stand by b, then by a; {value, key} is
-  /// sorted by {{32, 32}}.
+  /// Pairs {a, b} of uints with k bits sorted by {{0, k}, {32, k}} come out in order of b, then of a; {value,
+  /// key} is sorted by {{32, 32}}.
   /// @param elements, scratch Two buffers of at least n elements each. Scratch is overwritten.
   /// @param n Less than 2^31.
   /// @param keys What to sort by, the least significant range first.
@@ -52,9 +52,9 @@ class RadixSort {
   const Context& context_;
   Scan scan_;
   cl::Kernel count_, scatter_, small_;
-  cl::Kernel buckets_;       // in the shape for CPUs
+  cl::Kernel buckets_;       // with the tuning profile for CPUs
   cl::Buffer counts_;        // by digit, then by block
-  cl_uint most_blocks_ = 0;  // for which there are counts
+  cl_uint most_blocks_ = 0;  // blocks that counts_ has capacity for
 };
 
 }  // namespace broadcl::opencl

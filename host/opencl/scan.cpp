@@ -11,13 +11,13 @@ namespace {
 /// Launch parameters.
 struct Launch {
   std::size_t group;  ///< Work-items per work-group.
-  std::size_t tile;   ///< Values of a block, at the least, and a multiple of 4 * group.
+  std::size_t tile;   ///< Values per block, at least; a multiple of 4 * group.
 };
 
 constexpr Launch gpu_launch{.group = 256, .tile = 4096};
 constexpr Launch cpu_launch{.group = 1, .tile = 16384};
 
-/// Values of a block, at the most: a work-item takes up to four in an iteration.
+/// Values per block, at most: a work-item handles up to four per iteration.
 constexpr std::size_t longest_block = std::size_t{1} << 17;
 constexpr std::size_t most_blocks = (std::size_t{1} << 31) / longest_block;
 
@@ -38,10 +38,10 @@ Scan::Scan(const Context& context) : context_(context) {
 void Scan::enqueue(const cl::Buffer& values, std::size_t n) {
   if (n == 0) return;
   const std::size_t group = launch_of(context_).group;
-  const Blocks blocks = cut_into_blocks(context_, n, launch_of(context_).tile, longest_block);
-  const auto enqueue_blocks = [&](const cl::Buffer& list, Blocks cut, std::size_t size) {
-    set_arguments(blocks_, 0, static_cast<cl_uint>(size), cut.length, list, block_sums_);
-    context_.queue().enqueueNDRangeKernel(blocks_, cl::NullRange, cl::NDRange(cut.count * group),
+  const Blocks blocks = split_into_blocks(context_, n, launch_of(context_).tile, longest_block);
+  const auto enqueue_blocks = [&](const cl::Buffer& list, Blocks split, std::size_t size) {
+    set_arguments(blocks_, 0, static_cast<cl_uint>(size), split.length, list, block_sums_);
+    context_.queue().enqueueNDRangeKernel(blocks_, cl::NullRange, cl::NDRange(split.count * group),
                                           cl::NDRange(group));
   };
   if (blocks.count > 1) {

@@ -9,8 +9,8 @@
 namespace broadcl::opencl {
 
 /// Memory that the device writes and the host reads. If they share memory it is one buffer, mapped while it
-/// is the host's, and nothing is ever copied; otherwise a buffer on the device and its twin in pinned host
-/// memory.
+/// belongs to the host, and nothing is ever copied; otherwise a buffer on the device and its twin in pinned
+/// host memory.
 class SharedBuffer {
  public:
   SharedBuffer() = default;
@@ -25,11 +25,11 @@ class SharedBuffer {
     return device_() != nullptr ? device_ : host_.buffer();
   }
 
-  /// Enqueues what releases it to the device.
+  /// Enqueues its release to the device.
   /// @throws cl::Error
   void release();
-  /// Enqueues what brings the first `bytes` bytes, as the device wrote them, to the host, which may touch
-  /// them after the event.
+  /// Enqueues the transfer of the first `bytes` bytes, as the device wrote them, to the host, which may
+  /// access them after the event.
   /// @throws cl::Error
   void download(std::size_t bytes, cl::Event* event);
 
