@@ -19,14 +19,20 @@ class ChangeSet {
   void reserve(std::size_t slots) {
     changed_.reserve(slots);
     recycled_.reserve(slots);
-    if (slots > flags_.size()) flags_.resize(slots);
+    if (slots > words_.size()) words_.resize(slots);
   }
 
-  void insert(std::uint32_t slot) noexcept { insert(slot, is_changed, changed_); }
-  /// The slot has a different object now.
+  void insert(std::uint32_t slot) noexcept {
+    if (is_in(slot)) return;
+    words_[slot] = epoch_ << 1U;
+    changed_.push_back(slot);
+  }
+  /// The object of the slot is another one.
   void recycle(std::uint32_t slot) noexcept {
     insert(slot);
-    insert(slot, is_recycled, recycled_);
+    if ((words_[slot] & 1U) != 0) return;
+    words_[slot] |= 1U;
+    recycled_.push_back(slot);
   }
   void insert(const ChangeSet& other) noexcept {
     for (const std::uint32_t slot : other.changed_) insert(slot);
@@ -35,10 +41,12 @@ class ChangeSet {
     filters = filters || other.filters;
   }
   void clear() noexcept {
-    for (const std::uint32_t slot : changed_) flags_[slot] = 0;
     changed_.clear();
     recycled_.clear();
     all = filters = false;
+    if (++epoch_ <= last_epoch) return;
+    std::ranges::fill(words_, 0U);
+    epoch_ = 1;
   }
 
   void sort_recycled() noexcept { std::ranges::sort(recycled_); }
@@ -49,18 +57,16 @@ class ChangeSet {
   [[nodiscard]] std::span<const std::uint32_t> recycled() const noexcept { return recycled_; }
 
  private:
-  static constexpr std::uint8_t is_changed = 1;
-  static constexpr std::uint8_t is_recycled = 2;
+  static constexpr std::uint32_t last_epoch = 0x7fffffff;
 
-  void insert(std::uint32_t slot, std::uint8_t flag, std::vector<std::uint32_t>& slots) noexcept {
-    if ((flags_[slot] & flag) != 0) return;
-    flags_[slot] |= flag;
-    slots.push_back(slot);
-  }
+  [[nodiscard]] bool is_in(std::uint32_t slot) const noexcept { return words_[slot] >> 1U == epoch_; }
 
   std::vector<std::uint32_t> changed_;
   std::vector<std::uint32_t> recycled_;
-  std::vector<std::uint8_t> flags_;  // by slot
+  // By slot: the epoch in which it was inserted, and in the lowest bit whether it is in recycled_. So clear()
+  // need not go through the slots.
+  std::vector<std::uint32_t> words_;
+  std::uint32_t epoch_ = 1;
 };
 
 }  // namespace broadcl

@@ -44,8 +44,9 @@ TEST(Calibration, NoTermOfAModelIsNegative) {
   for (const CostModel& model : calibrated_in(folder.path())) {
     EXPECT_GT(model.frame, 0);
     EXPECT_GT(model.slot, 0);
-    EXPECT_GT(model.work, 0);
-    EXPECT_LT(model.seconds(128, 128), 10);
+    EXPECT_GT(model.work[0], 0);
+    EXPECT_GT(model.work[1], 0);
+    EXPECT_LT(model.seconds(128, true, 128), 10);
   }
 }
 

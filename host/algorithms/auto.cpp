@@ -43,7 +43,8 @@ class Auto final : public PairFinder {
   }
 
   [[nodiscard]] double seconds(std::size_t which, const Search& search, const PairDelta& sink) const {
-    return models_.at(which).seconds(search.now.slots, finders_.at(which)->expected_work(search, sink));
+    const double work = finders_.at(which)->expected_work(search, sink);
+    return models_.at(which).seconds(search.now.slots, search.all, work);
   }
 
   std::array<CostModel, 2> models_;

@@ -45,7 +45,7 @@ std::vector<Aabb> random_boxes(std::size_t n) {
   return boxes;
 }
 
-/// Measures updates with a finder, of boxes that do not move, all or one of which count as moved.
+/// Measures updates with a finder, of boxes that do not move, some of which count as moved.
 class Trial {
  public:
   struct Sample {
@@ -55,10 +55,9 @@ class Trial {
   Trial(const opencl::Context& context, MakePairFinder make)
       : context_(context), engine_(context, profiler_, make, Order::Target::host) {}
 
-  Sample sample(std::size_t n, bool all) {
-    if (n != search_.now.slots) set_boxes(n);
-    search_.all = all;
-    search_.changed_count = all ? 0 : 1;
+  /// @param changed Of n boxes, evenly spread.
+  Sample sample(std::size_t n, std::size_t changed) {
+    set_boxes(n, changed);
     (void)seconds();  // which grows the buffers
     double shortest = std::numeric_limits<double>::infinity();
     double sum = 0;
@@ -71,25 +70,33 @@ class Trial {
   }
 
  private:
-  void set_boxes(std::size_t n) {
-    const std::vector<Aabb> boxes = random_boxes(n);
+  void set_boxes(std::size_t n, std::size_t changed) {
     const cl::CommandQueue& queue = context_.queue();
-    const cl::Buffer buffer = context_.buffer((n + Generation::padding) * sizeof(Aabb));
-    queue.enqueueWriteBuffer(buffer, CL_TRUE, 0, n * sizeof(Aabb), boxes.data());
-    const cl::Buffer stamps = context_.buffer(n * sizeof(cl_uint));
-    queue.enqueueFillBuffer(stamps, cl_uint{0}, 0, n * sizeof(cl_uint));
+    if (n != search_.now.slots) {
+      const std::vector<Aabb> boxes = random_boxes(n);
+      search_ = {.now = {.slots = static_cast<cl_uint>(n),
+                         .boxes = context_.buffer((n + Generation::padding) * sizeof(Aabb))},
+                 .last = search_.now};
+      queue.enqueueWriteBuffer(search_.now.boxes, CL_TRUE, 0, n * sizeof(Aabb), boxes.data());
+      (void)seconds();
+      search_.last = search_.now;
+    }
     constexpr cl_uint stamp = 1;
-    queue.enqueueFillBuffer(stamps, cl_uint{stamp << 1}, 0, sizeof(cl_uint));
-    const cl::Buffer changed = context_.buffer(sizeof(cl_uint));
-    queue.enqueueFillBuffer(changed, cl_uint{0}, 0, sizeof(cl_uint));
-    const Generation last = search_.now;
-    search_ = {.now = {.slots = static_cast<cl_uint>(n), .boxes = buffer},
-               .last = last,
-               .changed = changed,
-               .stamp = stamp,
-               .stamps = stamps};
-    (void)seconds();
-    search_.last = search_.now;
+    std::vector<cl_uint> stamps(n);
+    std::vector<cl_uint> slots(changed);
+    for (std::size_t k = 0; k < changed; ++k) {
+      slots[k] = static_cast<cl_uint>(k * (n / changed));
+      stamps[slots[k]] = stamp << 1U;
+    }
+    search_.all = changed == n;
+    search_.changed_count = static_cast<cl_uint>(changed);
+    search_.changed = context_.buffer(changed * sizeof(cl_uint));
+    queue.enqueueWriteBuffer(search_.changed, CL_TRUE, 0, changed * sizeof(cl_uint), slots.data());
+    search_.stamp = stamp;
+    search_.stamps = {};
+    if (search_.all) return;
+    search_.stamps = context_.buffer(n * sizeof(cl_uint));
+    queue.enqueueWriteBuffer(search_.stamps, CL_TRUE, 0, n * sizeof(cl_uint), stamps.data());
   }
 
   double seconds() {
@@ -109,15 +116,17 @@ class Trial {
 CostModel measure(const opencl::Context& context, MakePairFinder make) {
   const std::size_t many = context.tuning() == opencl::Tuning::cpu ? many_boxes_of_cpu : many_boxes_of_gpu;
   Trial trial(context, make);
-  const Trial::Sample few = trial.sample(few_boxes, true);
-  const Trial::Sample all = trial.sample(many, true);
-  const Trial::Sample one = trial.sample(many, false);
-  // Three equations for three terms, none of which may turn negative because of noise.
-  const double work = std::max(all.seconds - one.seconds, all.seconds / 100) / (all.work - one.work);
-  const double rest = one.seconds - few.seconds - work * (one.work - few.work);
-  const double slot = std::max(rest, all.seconds / 100) / (one.slots - few.slots);
-  const double frame = std::max(few.seconds - slot * few.slots - work * few.work, few.seconds / 2);
-  return {.frame = frame, .slot = slot, .work = work};
+  const Trial::Sample few = trial.sample(few_boxes, few_boxes);
+  const Trial::Sample one = trial.sample(many, 1);
+  const Trial::Sample some = trial.sample(many, many / 8);
+  const Trial::Sample all = trial.sample(many, many);
+  // Four equations for four terms, of which noise must make none negative.
+  const auto work = [&](const Trial::Sample& sample) {
+    return std::max(sample.seconds - one.seconds, sample.seconds / 100) / (sample.work - one.work);
+  };
+  const double slot = std::max(one.seconds - few.seconds, one.seconds / 100) / (one.slots - few.slots);
+  const double frame = std::max(few.seconds - slot * few.slots - work(all) * few.work, few.seconds / 2);
+  return {.frame = frame, .slot = slot, .work = {work(some), work(all)}};
 }
 
 /// Contains the kernels: if they change, they are measured again.

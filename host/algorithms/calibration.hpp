@@ -12,10 +12,11 @@ namespace broadcl {
 struct CostModel {
   double frame = 0;  ///< Per frame, whatever there is to do.
   double slot = 0;   ///< Per slot.
-  double work = 0;   ///< Per unit of PairFinder::expected_work().
+  /// Per unit of PairFinder::expected_work(), if some slots changed and if all did.
+  std::array<double, 2> work{};
 
-  [[nodiscard]] double seconds(std::size_t slots, double units) const noexcept {
-    return frame + slot * static_cast<double>(slots) + work * units;
+  [[nodiscard]] double seconds(std::size_t slots, bool all, double units) const noexcept {
+    return frame + slot * static_cast<double>(slots) + work.at(all ? 1 : 0) * units;
   }
 };
 
