@@ -13,7 +13,7 @@
 
 #include <benchmark/benchmark.h>
 
-#include "algorithms/extent.hpp"
+#include "algorithms/centroids.hpp"
 #include "opencl/context.hpp"
 #include "opencl/radix_sort.hpp"
 #include "opencl/scan.hpp"
@@ -69,22 +69,22 @@ std::vector<Aabb> random_boxes(std::size_t n) {
   return {boxes.boxes().begin(), boxes.boxes().end()};
 }
 
-void extent_on_device(benchmark::State& state, std::size_t n) {
+void centroids_on_device(benchmark::State& state, std::size_t n) {
   const opencl::Context context(select_device(), false);
-  Extent extent(context);
-  time_on_device(state, context, random_boxes(n), [&](const cl::Buffer& boxes) { extent.enqueue(boxes, n); });
+  CentroidBounds bounds(context);
+  time_on_device(state, context, random_boxes(n), [&](const cl::Buffer& boxes) { bounds.enqueue(boxes, n); });
 }
 
-void extent_on_host(benchmark::State& state, std::size_t n) {
+void centroids_on_host(benchmark::State& state, std::size_t n) {
   const std::vector<Aabb> boxes = random_boxes(n);
   time_on_copies(
       state, n, [] {},
       [&] {
-        Eigen::AlignedBox3f extent;
+        Eigen::AlignedBox3f bounds;
         for (const auto& [lower, upper] : boxes) {
-          extent.extend((Eigen::Vector3f::Map(lower.data()) + Eigen::Vector3f::Map(upper.data())) / 2);
+          bounds.extend((Eigen::Vector3f::Map(lower.data()) + Eigen::Vector3f::Map(upper.data())) / 2);
         }
-        benchmark::DoNotOptimize(extent);
+        benchmark::DoNotOptimize(bounds);
       });
 }
 
@@ -150,8 +150,8 @@ void register_primitives() {
         ->Unit(benchmark::kMicrosecond);
   };
   for (const std::size_t n : {3500U, 65536U, 1'000'000U}) {
-    add("extent/device", n, extent_on_device);
-    add("extent/host", n, extent_on_host);
+    add("centroids/device", n, centroids_on_device);
+    add("centroids/host", n, centroids_on_host);
     add("scan/device", n, scan_on_device);
     add("scan/host", n, scan_on_host);
     add("radix-sort/device", n, sort_on_device);

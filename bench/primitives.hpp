@@ -4,7 +4,7 @@ namespace broadcl {
 
 /// Benchmarks of the primitives, each next to a host thread that does the same:
 ///
-///   extent/NAME/N       bounds of the centroids of N boxes
+///   centroids/NAME/N    bounds of the centroids of N boxes
 ///   scan/NAME/N         exclusive prefix sum of N uints
 ///   radix-sort/NAME/N   N random pairs {value, key} of uints, sorted by key
 ///

@@ -118,7 +118,7 @@ class BroadPhase::Impl {
     is_begun_ = true;
     if (changes_.empty()) return;
     std::swap(flight_, changes_);
-    flight_.sort_renewed();
+    flight_.sort_recycled();
     is_in_flight_ = true;
     or_roll_back([&] {
       const std::size_t slots = slot_count();
@@ -127,7 +127,7 @@ class BroadPhase::Impl {
            .changed = flight_.changed(),
            // If many changed, testing all pairs once is less work than testing those against all.
            .all = flight_.all || flight_.changed().size() > slots / 4,
-           .renewed = flight_.renewed(),
+           .recycled = flight_.recycled(),
            .filters = any_filters_ ? std::span<const Filter>(filters_) : std::span<const Filter>(),
            .filters_changed = flight_.filters,
            .worlds = any_worlds_});
@@ -212,7 +212,7 @@ class BroadPhase::Impl {
   void set_state(std::uint32_t id, State state) noexcept {
     states_[id] = state;
     size_ = state == State::live ? size_ + 1 : size_ - 1;
-    changes_.renew(id);
+    changes_.recycle(id);
   }
 
   void make_free(std::uint32_t id) noexcept {

@@ -12,7 +12,7 @@ kernel void copy_boxes(const uint count, global const uint* restrict slots, glob
   for (uint i = 0; i < AABB_FLOATS; ++i) to[first + i] = from[first + i];
 }
 
-/* Takes over what changed, a work-item per change. `changes` has a word for each, slot << 1 | renewed, and behind these the
+/* Takes over what changed, a work-item per change. `changes` has a word for each, slot << 1 | recycled, and behind these the
    boxes; unless all boxes came at once, in which case `boxes` and `changed` are null and only stamps are set. */
 kernel void apply_changes(const uint count, global const uint* restrict changes, const uint stamp,
                           global uint* restrict boxes, global uint* restrict stamps, global uint* restrict changed) {

@@ -16,7 +16,7 @@ static inline bool is_kept(const uint2 pair, const uint slots, global const floa
   if (stamps != 0) {
     const uint s = stamps[pair.x];
     const uint t = stamps[pair.y];
-    if (is_renewed(s, stamp) || is_renewed(t, stamp)) return false;
+    if (is_recycled(s, stamp) || is_recycled(t, stamp)) return false;
     if (all == 0U && !is_changed(s, stamp) && !is_changed(t, stamp)) return true;
   }
   box_t s;

@@ -44,7 +44,7 @@ typedef struct {
 /* The box that a slot's object had in the last frame; an empty one if it was not there. */
 static inline void load_last_box(box_t* box, const pair_sink_t* sink, const uint slot) {
   const bool was_there =
-      slot < sink->last_slots && (sink->stamps == 0 || !is_renewed(sink->stamps[slot], sink->stamp));
+      slot < sink->last_slots && (sink->stamps == 0 || !is_recycled(sink->stamps[slot], sink->stamp));
   if (was_there) {
     load_box(box, sink->last_boxes, slot);
   } else {

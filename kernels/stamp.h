@@ -7,7 +7,7 @@ static inline bool is_changed(const uint word, const uint stamp) {
   return word >> 1 == stamp;
 }
 
-static inline bool is_renewed(const uint word, const uint stamp) {
+static inline bool is_recycled(const uint word, const uint stamp) {
   return word == (stamp << 1 | 1U);
 }
 

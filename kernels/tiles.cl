@@ -14,7 +14,7 @@
 
 #include "aabb.h"
 #include "delta.h"
-#include "extent.h"
+#include "centroids.h"
 #include "filter.h"
 #include "lanes.h"
 
@@ -61,7 +61,7 @@ static inline uint hilbert(uint cell[3]) {
 }
 
 /* Elements to sort: slot, and place in the order of space. */
-kernel void tiles_keys(const uint n, global const float* restrict boxes, global const uint* restrict extent,
+kernel void tiles_keys(const uint n, global const float* restrict boxes, global const uint* restrict bounds,
                        global uint2* restrict elements) {
   const uint k = (uint)get_global_id(0);
   if (k >= n) return;
@@ -69,10 +69,10 @@ kernel void tiles_keys(const uint n, global const float* restrict boxes, global 
   float corner[3];
   float longest = 0;
   for (uint i = 0; i < 3U; ++i) {
-    corner[i] = from_ordered(extent[i]);
-    longest = max(longest, from_ordered(extent[3 + i]) - corner[i]);
+    corner[i] = from_ordered(bounds[i]);
+    longest = max(longest, from_ordered(bounds[3 + i]) - corner[i]);
   }
-  const float3 m = middle(box);
+  const float3 m = centroid(box);
   const float3 edges = vload3(1, box) - vload3(0, box);
   uint code = EMPTY_CODE;
   if (isnan(m.x) || !(max(edges.x, max(edges.y, edges.z)) <= longest * 0.125F)) {

@@ -172,7 +172,7 @@ TEST(Auto, FindersThatTakeTurnsFindWhatTheOracleFinds) {
       for (int k = 0; k < 5; ++k) boxes.advance();
       const bool all = frame == 0 || random() % 2 == 0;
       std::vector<std::uint32_t> changed;
-      std::vector<std::uint32_t> renewed;
+      std::vector<std::uint32_t> recycled;
       if (all) {
         if (random() % 2 == 0) slots = most / 3 + static_cast<std::uint32_t>(random() % (most - most / 3));
         for (std::uint32_t slot = 0; slot < slots; ++slot) both.write(slot, boxes.boxes()[slot]);
@@ -181,16 +181,16 @@ TEST(Auto, FindersThatTakeTurnsFindWhatTheOracleFinds) {
           changed.push_back(slot);
           const bool goes = random() % 8 == 0;
           both.write(slot, goes ? packed_empty() : boxes.boxes()[slot]);
-          if (goes || random() % 4 == 0) renewed.push_back(slot);
+          if (goes || random() % 4 == 0) recycled.push_back(slot);
         }
       }
-      ASSERT_TRUE(both.agree({.slots = slots, .changed = changed, .all = all, .renewed = renewed}))
+      ASSERT_TRUE(both.agree({.slots = slots, .changed = changed, .all = all, .recycled = recycled}))
           << "seed " << seed << ", frame " << frame;
     }
   }
 }
 
-/// Tiles that are asked in every second frame cannot watch how their order ages, and renew it all the same,
+/// Tiles that are asked in every second frame cannot watch how their order ages, and recycle it all the same,
 /// though not each time.
 TEST(Auto, TilesThatTakeTurnsSortOnceInAWhile) {
   constexpr std::uint32_t n = 500;
@@ -201,7 +201,7 @@ TEST(Auto, TilesThatTakeTurnsSortOnceInAWhile) {
   for (int frame = 0; frame < 40; ++frame) {
     boxes.advance();
     for (std::uint32_t slot = 0; slot < n; ++slot) both.write(slot, boxes.boxes()[slot]);
-    ASSERT_TRUE(both.agree({.slots = n, .changed = {}, .all = true, .renewed = {}}));
+    ASSERT_TRUE(both.agree({.slots = n, .changed = {}, .all = true, .recycled = {}}));
     std::string_view last;
     for (const Stage& stage : both.profile()) {
       if (stage.name == "build") {

@@ -1,5 +1,8 @@
 #include "opencl/api.hpp"  // before <CL/cl.h>: it chooses the version
 
+#include <algorithm>
+#include <array>
+#include <cstddef>
 #include <cstdint>
 #include <span>
 #include <string>
@@ -37,36 +40,36 @@ void move(BroadPhase& broad_phase, MovingBoxes& scene, std::uint32_t first, std:
   for (std::uint32_t id = first; id < end; ++id) broad_phase.move(id, scene.boxes()[id]);
 }
 
-constexpr Step steps[]{
+constexpr std::array steps{
     // NOLINT(modernize-avoid-c-arrays)
-    {"the first boxes", [](BroadPhase& b, MovingBoxes& s) { map(b, s, 500); }},
-    {"all move", [](BroadPhase& b, MovingBoxes& s) { map(b, s, 500); }},
-    {"all move, one by one", [](BroadPhase& b, MovingBoxes& s) { move(b, s, 0, 500); }},
-    {"some move", [](BroadPhase& b, MovingBoxes& s) { move(b, s, 30, 50); }},
-    {"others move", [](BroadPhase& b, MovingBoxes& s) { move(b, s, 40, 90); }},
-    {"one has a filter", [](BroadPhase& b, MovingBoxes& /*s*/) { b.set_filter(3, {.mask = 0}); }},
-    {"many have filters",
-     [](BroadPhase& b, MovingBoxes& s) {
-       for (std::uint32_t id = 0; id < 400; ++id) b.set_filter(id, {.body = id / 4});
-       move(b, s, 0, 400);
-     }},
-    {"worlds", [](BroadPhase& b, MovingBoxes& /*s*/) { b.set_filter(7, {.world = 1}); }},
-    {"some go",
-     [](BroadPhase& b, MovingBoxes& /*s*/) {
-       for (const std::uint32_t id : {1U, 70U, 499U}) b.remove(id);
-     }},
-    {"some come",
-     [](BroadPhase& b, MovingBoxes& /*s*/) {
-       for (int k = 0; k < 20; ++k) b.add(unit, {.group = 3});
-     }},
-    {"many more", [](BroadPhase& b, MovingBoxes& s) { map(b, s, 2000); }},
-    {"many more move", [](BroadPhase& b, MovingBoxes& s) { map(b, s, 2000); }},
-    {"all are at one place",
-     [](BroadPhase& b, MovingBoxes& /*s*/) {
-       for (Aabb& box : b.map(300)) box = unit;
-     }},
-    {"after the lists have grown", [](BroadPhase& b, MovingBoxes& s) { move(b, s, 0, 300); }},
-    {"nothing", [](BroadPhase& /*b*/, MovingBoxes& /*s*/) {}},
+    Step{"the first boxes", [](BroadPhase& b, MovingBoxes& s) { map(b, s, 500); }},
+    Step{"all move", [](BroadPhase& b, MovingBoxes& s) { map(b, s, 500); }},
+    Step{"all move, one by one", [](BroadPhase& b, MovingBoxes& s) { move(b, s, 0, 500); }},
+    Step{"some move", [](BroadPhase& b, MovingBoxes& s) { move(b, s, 30, 50); }},
+    Step{"others move", [](BroadPhase& b, MovingBoxes& s) { move(b, s, 40, 90); }},
+    Step{"one has a filter", [](BroadPhase& b, MovingBoxes& /*s*/) { b.set_filter(3, {.mask = 0}); }},
+    Step{"many have filters",
+         [](BroadPhase& b, MovingBoxes& s) {
+           for (std::uint32_t id = 0; id < 400; ++id) b.set_filter(id, {.body = id / 4});
+           move(b, s, 0, 400);
+         }},
+    Step{"worlds", [](BroadPhase& b, MovingBoxes& /*s*/) { b.set_filter(7, {.world = 1}); }},
+    Step{"some go",
+         [](BroadPhase& b, MovingBoxes& /*s*/) {
+           for (const std::uint32_t id : {1U, 70U, 499U}) b.remove(id);
+         }},
+    Step{"some come",
+         [](BroadPhase& b, MovingBoxes& /*s*/) {
+           for (int k = 0; k < 20; ++k) b.add(unit, {.group = 3});
+         }},
+    Step{"many more", [](BroadPhase& b, MovingBoxes& s) { map(b, s, 2000); }},
+    Step{"many more move", [](BroadPhase& b, MovingBoxes& s) { map(b, s, 2000); }},
+    Step{"all are at one place",
+         [](BroadPhase& b, MovingBoxes& /*s*/) {
+           for (Aabb& box : b.map(300)) box = unit;
+         }},
+    Step{"after the lists have grown", [](BroadPhase& b, MovingBoxes& s) { move(b, s, 0, 300); }},
+    Step{"nothing", [](BroadPhase& /*b*/, MovingBoxes& /*s*/) {}},
 };
 
 TEST_P(EachAlgorithm, BeginDoesNotBlock) {

@@ -31,17 +31,17 @@ std::set<Pair> pairs_of(const std::vector<std::byte>& bytes) {
 }
 
 void check(const std::vector<std::byte>& previous, const std::vector<std::byte>& current,
-           const std::vector<std::uint32_t>& renewed) {
+           const std::vector<std::uint32_t>& recycled) {
   std::vector<Pair> added{{7, 8}};
   std::vector<Pair> removed{{7, 8}};
-  find_changes(previous, current, renewed, added, removed);
+  find_changes(previous, current, recycled, added, removed);
 
   const std::set<Pair> before = pairs_of(previous);
   const std::set<Pair> now = pairs_of(current);
   std::vector<Pair> kept;
   std::copy_if(before.begin(), before.end(), std::back_inserter(kept), [&](const Pair& pair) {
-    return now.contains(pair) && std::find(renewed.begin(), renewed.end(), pair.a) == renewed.end() &&
-           std::find(renewed.begin(), renewed.end(), pair.b) == renewed.end();
+    return now.contains(pair) && std::find(recycled.begin(), recycled.end(), pair.a) == recycled.end() &&
+           std::find(recycled.begin(), recycled.end(), pair.b) == recycled.end();
   });
   std::vector<Pair> expected;
   std::set_difference(now.begin(), now.end(), kept.begin(), kept.end(), std::back_inserter(expected));
@@ -73,7 +73,7 @@ TEST(ByteMatrix, FramesMayDifferInSize) {
   }
 }
 
-TEST(ByteMatrix, PairsOfRenewedObjectsAreOtherPairs) {
+TEST(ByteMatrix, PairsOfRecycledSlotsAreOtherPairs) {
   std::mt19937 random(3);
   const auto previous = random_bytes(60, 0.1, random);
   const auto current = random_bytes(64, 0.1, random);

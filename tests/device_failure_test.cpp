@@ -53,12 +53,14 @@ void expect_short_lives(const BroadPhase::Config& config, long count, long most)
 NOT_IN(gpu_profile | rusticl | sanitizers,
        "fails on purpose, also where buffers are unmapped, and takes long");
 TEST_P(EachAlgorithm, ACallThatFailsMayBeRepeated) {
+  if (!GetParam().on_device) return;
   expect_short_lives(config(), 1, is_slow() ? 30 : 150);
 }
 
 NOT_IN(gpu_profile | rusticl | sanitizers,
        "fails on purpose, also where buffers are unmapped, and takes long");
 TEST_P(EachAlgorithm, ADeviceThatFailsForSomeTimeLosesNothing) {
+  if (!GetParam().on_device) return;
   expect_short_lives(config(), OpenClTrouble::for_good, is_slow() ? 15 : 75);
 }
 

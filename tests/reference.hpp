@@ -1,11 +1,11 @@
 #pragma once
 
 #include <algorithm>
-#include <compare>
 #include <cstddef>
 #include <cstdint>
 #include <iterator>
 #include <optional>
+#include <tuple>
 #include <utility>
 #include <vector>
 
@@ -77,7 +77,9 @@ class Reference {
     Pair pair;
     int birth_a;
     int birth_b;
-    auto operator<=>(const Met&) const = default;
+    friend bool operator<(const Met& s, const Met& t) {
+      return std::tie(s.pair, s.birth_a, s.birth_b) < std::tie(t.pair, t.birth_a, t.birth_b);
+    }
   };
 
   static std::vector<Met> pairs_of(const std::vector<Object>& objects) {
@@ -98,8 +100,8 @@ class Reference {
   static std::vector<Pair> pairs_in_first(const std::vector<Met>& first, const std::vector<Met>& second) {
     std::vector<Met> met;
     std::set_difference(first.begin(), first.end(), second.begin(), second.end(), std::back_inserter(met));
-    std::vector<Pair> pairs;
-    for (const Met& one : met) pairs.push_back(one.pair);
+    std::vector<Pair> pairs(met.size());
+    std::transform(met.begin(), met.end(), pairs.begin(), [](const Met& one) { return one.pair; });
     return pairs;
   }
 

@@ -76,7 +76,7 @@ TEST(Oracle, FollowsTheDefinitions) {
   std::vector<Filter> filters(n);
   BroadPhase oracle({.algorithm = "oracle"});
   for (const Aabb& box : boxes) oracle.add(box);
-  std::set<std::uint32_t> renewed;
+  std::set<std::uint32_t> recycled;
   Pairs known;
   for (std::uint32_t frame = 0; frame < 30; ++frame) {
     Pairs now;
@@ -89,7 +89,7 @@ TEST(Oracle, FollowsTheDefinitions) {
     Pairs stay;
     std::ranges::set_intersection(known, now, std::back_inserter(stay));
     std::erase_if(stay,
-                  [&](const Pair& pair) { return renewed.contains(pair.a) || renewed.contains(pair.b); });
+                  [&](const Pair& pair) { return recycled.contains(pair.a) || recycled.contains(pair.b); });
     Pairs added;
     Pairs removed;
     std::ranges::set_difference(now, stay, std::back_inserter(added));
@@ -97,7 +97,7 @@ TEST(Oracle, FollowsTheDefinitions) {
     ASSERT_TRUE(same(oracle.update(), added, removed)) << frame;
     ASSERT_TRUE(same("pairs", oracle.pairs(), now)) << frame;
     known = now;
-    renewed.clear();
+    recycled.clear();
     for (const Aabb& box : special_boxes(8, 30 + frame)) {
       const std::uint32_t id = below(n);
       oracle.move(id, boxes[id] = box);
@@ -108,7 +108,7 @@ TEST(Oracle, FollowsTheDefinitions) {
     if (const std::uint32_t gone = below(2 * n); gone < n) {
       oracle.remove(gone);
       EXPECT_EQ(oracle.add(boxes[gone], filters[gone]), gone);
-      renewed.insert(gone);
+      recycled.insert(gone);
     }
   }
   EXPECT_GT(known.size(), 100U);
@@ -274,7 +274,7 @@ TEST(BruteForce, IdsPast24Bits) {
       if (a < b) expected.push_back({a, b});
     }
   }
-  algorithm->begin({.slots = n, .changed = changed, .renewed = {}});
+  algorithm->begin({.slots = n, .changed = changed, .recycled = {}});
   EXPECT_TRUE(same(algorithm->finish(), expected, {}));
   EXPECT_TRUE(same("pairs", algorithm->pairs(), expected));
 
@@ -287,8 +287,8 @@ TEST(BruteForce, IdsPast24Bits) {
                        [](const Pair& pair) { return pair.b == n - 1 && pair.a != past; });
   std::ranges::copy_if(expected, std::back_inserter(ended),
                        [](const Pair& pair) { return pair.b == n - 1 || pair.a == past || pair.b == past; });
-  const std::vector<std::uint32_t> renewed{n - 1};
-  algorithm->begin({.slots = n, .changed = next, .renewed = renewed});
+  const std::vector<std::uint32_t> recycled{n - 1};
+  algorithm->begin({.slots = n, .changed = next, .recycled = recycled});
   EXPECT_TRUE(same(algorithm->finish(), of_last, ended));
 }
 

@@ -27,7 +27,7 @@ struct Changes {
   bool all = false;
   /// Slots whose object is another one than at the last update: what was known of their pairs ends.
   /// Ascending.
-  std::span<const std::uint32_t> renewed{};
+  std::span<const std::uint32_t> recycled{};
   /// A filter per slot; none if all objects have the default one. Read in begin() only.
   std::span<const Filter> filters{};
   bool filters_changed = false;  ///< Since the last update.

@@ -48,18 +48,18 @@ struct Cursor {
 }  // namespace
 
 void find_changes(std::span<const std::byte> previous, std::span<const std::byte> current,
-                  std::span<const std::uint32_t> renewed, std::vector<Pair>& added,
+                  std::span<const std::uint32_t> recycled, std::vector<Pair>& added,
                   std::vector<Pair>& removed) {
   added.clear();
   removed.clear();
   const std::size_t size = std::max(previous.size(), current.size());
-  const auto is_renewed = [&](const Pair& pair) {
-    return std::binary_search(renewed.begin(), renewed.end(), pair.a) ||
-           std::binary_search(renewed.begin(), renewed.end(), pair.b);
+  const auto is_recycled = [&](const Pair& pair) {
+    return std::binary_search(recycled.begin(), recycled.end(), pair.a) ||
+           std::binary_search(recycled.begin(), recycled.end(), pair.b);
   };
-  // With renewed objects around, pairs of the last frame must be looked at even where the byte stayed the
+  // With recycled objects around, pairs of the last frame must be looked at even where the byte stayed the
   // same.
-  const std::uint64_t look_at_previous = renewed.empty() ? 0 : ~std::uint64_t{0};
+  const std::uint64_t look_at_previous = recycled.empty() ? 0 : ~std::uint64_t{0};
   Cursor cursor;
   for (std::size_t offset = 0; offset < size; offset += block_bytes) {
     offset = skip_dull_blocks(previous, current, offset, look_at_previous);
@@ -69,7 +69,7 @@ void find_changes(std::span<const std::byte> previous, std::span<const std::byte
       const bool now = index < current.size() && current[index] != std::byte{0};
       if (!before && !now) continue;
       const Pair pair = cursor.pair_at(index);
-      const bool other_pair = before && now && !renewed.empty() && is_renewed(pair);
+      const bool other_pair = before && now && !recycled.empty() && is_recycled(pair);
       if (before && (!now || other_pair)) removed.push_back(pair);
       if (now && (!before || other_pair)) added.push_back(pair);
     }

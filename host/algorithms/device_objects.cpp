@@ -53,7 +53,7 @@ void DeviceObjects::reserve_boxes(std::size_t slots) {
   const std::size_t needed = (std::max(slots, least_slots) + Generation::padding) * sizeof(Aabb);
   const std::size_t bytes = opencl::grown(context_, needed, "boxes");
   const std::size_t capacity = std::min(most_slots, bytes / sizeof(Aabb) - Generation::padding);
-  // An update has at most a quarter of the slots in `changed` with their boxes, or all of them renewed
+  // An update has at most a quarter of the slots in `changed` with their boxes, or all of them recycled
   // without.
   const std::size_t staged = std::max(staged_bytes(capacity / 4 + 1, true), staged_bytes(capacity, false));
   auto boxes = opencl::MappedBuffer::pinned(context_, bytes);
@@ -124,9 +124,9 @@ void DeviceObjects::upload_boxes(const Changes& changes) {
 /// others need a stamp.
 void DeviceObjects::upload_changes(const Changes& changes) {
   const auto new_slots =
-      std::ranges::lower_bound(changes.renewed, static_cast<std::uint32_t>(last_.objects.slots));
+      std::ranges::lower_bound(changes.recycled, static_cast<std::uint32_t>(last_.objects.slots));
   const std::span<const std::uint32_t> slots =
-      changes.all ? std::span(changes.renewed.begin(), new_slots) : changes.changed;
+      changes.all ? std::span(changes.recycled.begin(), new_slots) : changes.changed;
   const auto count = static_cast<cl_uint>(slots.size());
   next_.changed_count = count;
   if (count == 0) return;
@@ -136,8 +136,8 @@ void DeviceObjects::upload_changes(const Changes& changes) {
   auto* words = reinterpret_cast<cl_uint*>(staged_changes_.host());
   auto* boxes = reinterpret_cast<Aabb*>(words + count);
   for (const std::uint32_t slot : slots) {
-    const bool renewed = std::ranges::binary_search(changes.renewed, slot);
-    *words++ = slot << 1 | (renewed ? 1U : 0U);
+    const bool recycled = std::ranges::binary_search(changes.recycled, slot);
+    *words++ = slot << 1 | (recycled ? 1U : 0U);
     if (!changes.all) *boxes++ = this->boxes()[slot];
   }
   const cl::CommandQueue& queue = context_.queue();

@@ -51,7 +51,7 @@ class GpuBf final : public Algorithm {
   /// Tests all pairs, whatever changed, and brings the results to the host.
   void begin(const Changes& changes) override {
     profiler_.begin();
-    renewed_.assign(changes.renewed.begin(), changes.renewed.end());
+    recycled_.assign(changes.recycled.begin(), changes.recycled.end());
     current_pairs_ = triangle::row_start(static_cast<std::uint32_t>(changes.slots));
     context_.guard([&] {
       grow_results(changes.slots, current_pairs_);
@@ -72,8 +72,8 @@ class GpuBf final : public Algorithm {
     }
     {
       const opencl::Profiler::Scope stage(profiler_, "xor");
-      find_changes(bytes_of(previous_, previous_pairs_), bytes_of(current_, current_pairs_), renewed_, added_,
-                   removed_);
+      find_changes(bytes_of(previous_, previous_pairs_), bytes_of(current_, current_pairs_), recycled_,
+                   added_, removed_);
     }
     if (current_pairs_ > 0) objects_.commit();
     std::swap(previous_, current_);
@@ -112,7 +112,7 @@ class GpuBf final : public Algorithm {
     Changes all = changes;
     all.all = true;
     all.filters_changed = true;  // perhaps in an update that had no pairs to test
-    all.renewed = {};            // the host looks at them
+    all.recycled = {};           // the host looks at them
     const Search search = objects_.upload(all);
     {
       opencl::Profiler::Scope stage(profiler_, "test");
@@ -157,7 +157,7 @@ class GpuBf final : public Algorithm {
   cl::Event read_;                 // when the bytes of this frame are the host's
   std::size_t current_pairs_ = 0;
   std::size_t previous_pairs_ = 0;
-  std::vector<std::uint32_t> renewed_;
+  std::vector<std::uint32_t> recycled_;
   std::vector<Pair> added_;
   std::vector<Pair> removed_;
 };

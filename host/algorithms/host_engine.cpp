@@ -26,11 +26,11 @@ class HostEngine final : public Algorithm {
 
   Delta finish() override {
     std::vector<Pair> now = find_(std::span(boxes_).first(changes_.slots), filters_);
-    const auto is_renewed = [&](std::uint32_t slot) {
-      return std::binary_search(changes_.renewed.begin(), changes_.renewed.end(), slot);
+    const auto is_recycled = [&](std::uint32_t slot) {
+      return std::binary_search(changes_.recycled.begin(), changes_.recycled.end(), slot);
     };
     std::vector<Pair> kept = intersection(pairs_, now);
-    std::erase_if(kept, [&](const Pair& pair) { return is_renewed(pair.a) || is_renewed(pair.b); });
+    std::erase_if(kept, [&](const Pair& pair) { return is_recycled(pair.a) || is_recycled(pair.b); });
     added_ = difference(now, kept);
     removed_ = difference(pairs_, kept);
     pairs_ = std::move(now);

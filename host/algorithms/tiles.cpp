@@ -6,7 +6,7 @@
 #include <string>
 
 #include "algorithms/algorithm.hpp"
-#include "algorithms/extent.hpp"
+#include "algorithms/centroids.hpp"
 #include "algorithms/pair_finder.hpp"
 #include "opencl/growing_buffer.hpp"
 #include "opencl/launch.hpp"
@@ -47,7 +47,7 @@ class Tiles final : public PairFinder {
       : context_(context),
         stale_(stale),
         group_(context.tuning() == opencl::Tuning::cpu ? 1 : node),
-        extent_(context),
+        centroids_(context),
         sort_(context) {
     const cl::Program program = this->program(true);
     keys_ = cl::Kernel(program, "tiles_keys");
@@ -157,8 +157,8 @@ class Tiles final : public PairFinder {
   void sort(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) {
     const opencl::Profiler::Scope stage(profiler, "sort");
     sorted_slots_ = 0;  // until all of it is enqueued: half a sort may have a slot twice
-    extent_.enqueue(search.now.boxes, search.now.slots);
-    opencl::set_arguments(keys_, 0, search.now.slots, search.now.boxes, extent_.result(), elements_);
+    centroids_.enqueue(search.now.boxes, search.now.slots);
+    opencl::set_arguments(keys_, 0, search.now.slots, search.now.boxes, centroids_.result(), elements_);
     context_.queue().enqueueNDRangeKernel(keys_, cl::NullRange,
                                           cl::NDRange(round_up(search.now.slots, group)), cl::NDRange(group));
     sort_.enqueue(elements_, scratch_, search.now.slots, std::array{opencl::RadixSort::Bits{32, code_bits}});
@@ -222,7 +222,7 @@ class Tiles final : public PairFinder {
   const opencl::Context& context_;
   double stale_;  // see make_tiles()
   std::size_t group_;
-  Extent extent_;
+  CentroidBounds centroids_;
   opencl::RadixSort sort_;
   cl::Kernel keys_, raise_;
   Kernels of_all_;

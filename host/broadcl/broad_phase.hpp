@@ -20,13 +20,17 @@
 
 namespace broadcl {
 
-/// Keeps a set of moving boxes and tells at each update() which pairs began and which ceased to overlap.
+/// Keeps a set of moving boxes and reports at each update() which pairs began and which ceased to overlap.
 ///
-/// An update costs as much as what moved: where nothing did, the device is not asked; where little did, only
-/// that is uploaded and tested against all; pairs of two objects that did not move stay.
+/// An update costs as much as what moved: if nothing did, the device is not asked; if little did, only that
+/// is uploaded and tested against all; pairs of two objects that did not move stay.
+///
+/// Every function does all of its work or none: if it throws, objects and known pairs are as before. Besides
+/// Error, functions that allocate throw std::bad_alloc.
 ///
 /// Not synchronised: one thread at a time may use an object. Different objects are independent of each other
-/// and may live on different threads and on different devices. Can be moved, not copied.
+/// and may live on different threads and on different devices. Can be moved, not copied; an object that was
+/// moved from may only be destroyed or assigned to.
 class BroadPhase {
  public:
   using Config = broadcl::Config;
@@ -41,7 +45,7 @@ class BroadPhase {
 
   /// Adds an object and returns its id: the lowest that is free, so that ids stay dense and depend on the
   /// sequence of calls only.
-  /// @throws Error for a NaN bound, and where memory for the box cannot be had.
+  /// @throws Error for a NaN bound, and if there is no memory for the box.
   std::uint32_t add(const Aabb& box, const Filter& filter = Filter());
 
   /// Replaces the box of an object. One that is equal to the old one is no movement.
@@ -49,7 +53,7 @@ class BroadPhase {
   void move(std::uint32_t id, const Aabb& box);
 
   /// Replaces the filter of an object: from the next update on its pairs are those that the new one allows.
-  /// @throws Error for an unknown id.
+  /// @throws Error for an unknown id, and if there is no memory for filters.
   void set_filter(std::uint32_t id, const Filter& filter);
 
   /// Removes an object; its id may be given to the next one added. Its pairs appear in `removed` of the next
@@ -57,34 +61,40 @@ class BroadPhase {
   /// @throws Error for an unknown id.
   void remove(std::uint32_t id);
 
-  /// For callers whose boxes all move, or lie elsewhere: makes 0 .. n-1 the ids of the objects, adding those
-  /// that are missing and removing those beyond, and returns the memory that the device reads their boxes
-  /// from, to be written in place. New objects have empty boxes until then. All of them count as moved.
+  /// For callers whose boxes all move, or are stored elsewhere: makes 0 .. n-1 the ids of the objects, adding
+  /// those that are missing and removing those beyond, and returns the memory that the device reads their
+  /// boxes from, to be written in place. New objects have empty boxes until then. All of them count as moved.
   /// @returns n boxes, valid until the next call of any other function of this object. A NaN bound among them
-  /// is an error of the next update(), which names the first and changes nothing; write a proper box and call
-  /// it again.
-  /// @throws Error while an update that begin() started is not finished, and where memory for the boxes
-  /// cannot be had.
+  /// is an error of the next update() or begin(), which names the first and changes nothing; write a proper
+  /// box and call it again.
+  /// @throws Error while an update that begin() started is not finished, and if there is no memory for the
+  /// boxes.
   std::span<Aabb> map(std::size_t n);
 
   /// Finds every pair of overlapping boxes that their filters let pair, and returns what changed since the
   /// last update. The same as begin() and finish().
-  /// @throws Error when the device fails or memory is exhausted; objects and known pairs are then as before,
-  ///   and the call may be repeated.
+  /// @throws Error if the device fails or its memory is exhausted, and for a NaN that was written to the
+  /// memory of map();
+  ///   the call may be repeated.
   Delta update();
 
   /// Starts an update on the device and returns at once: the thread is free until finish(). Objects may be
-  /// added, moved, removed and filtered meanwhile. Nothing if one was started already.
+  /// added, moved, removed and filtered meanwhile; that belongs to the next update. No-op if one was started
+  /// already.
+  ///
+  /// It does not wait for the device, unless memory must grow for objects that were added during the last
+  /// update.
   /// @throws Error as update() does.
   void begin();
 
-  /// Waits for the update that was begun, or does one if none was. What was added, moved, removed or filtered
-  /// since begin() is then searched again, so that the result is that of an update() called now.
-  /// @throws Error as update() does; the update that was begun is then over.
+  /// Waits for the update that was begun, or does one if none was, and returns what it changed: the state of
+  /// the objects is that of the moment of begin().
+  /// @throws Error as update() does; the update that was begun is then over, and the next one finds what it
+  /// would have.
   Delta finish();
 
   /// All pairs as of the last update, in canonical order.
-  /// @throws Error while an update that begin() started is not finished, and when the device fails.
+  /// @throws Error while an update that begin() started is not finished, and if the device fails.
   [[nodiscard]] std::vector<Pair> pairs() const;
 
   /// Number of objects.
@@ -100,7 +110,7 @@ class BroadPhase {
   /// and never shrink.
   [[nodiscard]] MemoryUse memory() const noexcept;
 
-  /// The stages of the last update, in order; none where nothing had moved. Valid until the next.
+  /// The stages of the last update, in order; none if nothing had moved. Valid until the next.
   [[nodiscard]] std::span<const Stage> profile() const noexcept;
 
  private:
@@ -108,9 +118,10 @@ class BroadPhase {
   std::unique_ptr<Impl> impl_;
 };
 
-/// All overlapping pairs of boxes that lie in the caller's memory, in any layout, by position, in canonical
-/// order. The boxes are read once, and not kept.
-/// @throws Error for a NaN bound (it names the first such box), and as BroadPhase does.
+/// All overlapping pairs of boxes in the caller's memory, in any layout, by index, in canonical order. The
+/// boxes are read once, and not stored. It opens the device each time; if you call it often, keep a
+/// BroadPhase. Any number of threads may call it at once, also with the same boxes.
+/// @throws Error for a NaN bound (it names the first such box), and as BroadPhase does; std::bad_alloc.
 [[nodiscard]] std::vector<Pair> overlapping_pairs(const BoxView& boxes,
                                                   const BroadPhase::Config& config = BroadPhase::Config());
 

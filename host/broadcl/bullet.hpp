@@ -39,10 +39,10 @@ inline namespace float64 {
 /// sweep and prune: broad_phase().device() is null from then on.
 ///
 /// Nothing is thrown inside Bullet's step. If an allocation fails in a calculation or in setAabb(), this is
-/// reported, pairs may be missing, and the next calculation compares all pairs with the cache; it is reported
-/// once until that has succeeded. createProxy(), destroyProxy() and begin() do all of their work or throw
-/// std::bad_alloc and have changed nothing; destroyProxy() does so only if memory is exhausted twice in a row
-/// after begin(). Queries need no memory.
+/// reported, pairs may be missing or outdated, and the next calculation compares all pairs with the cache; it
+/// is reported once until that has succeeded. createProxy(), destroyProxy() and begin() do all of their work
+/// or throw std::bad_alloc and have changed nothing; destroyProxy() does so only if memory is exhausted twice
+/// in a row after begin(). Queries need no memory.
 ///
 /// A calculation costs as much as what changed since the last one, and a look at each proxy's group and mask.
 ///

@@ -8,8 +8,8 @@ SharedBuffer::SharedBuffer(const Context& context, std::size_t bytes) : queue_(c
   } else {
     device_ = context.buffer(bytes);
     host_ = MappedBuffer(context, context.pinned(bytes), bytes);
+    host_.map();
   }
-  host_.map();
 }
 
 void SharedBuffer::release() {

@@ -14,7 +14,7 @@ namespace broadcl::opencl {
 class SharedBuffer {
  public:
   SharedBuffer() = default;
-  /// Belongs to the host, not initialised; the host may touch it once the queue has done what it was given.
+  /// Belongs to the device, not initialised.
   /// @param bytes At least 1.
   /// @throws cl::Error
   SharedBuffer(const Context& context, std::size_t bytes);

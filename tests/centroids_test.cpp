@@ -1,4 +1,4 @@
-#include "algorithms/extent.hpp"
+#include "algorithms/centroids.hpp"
 
 #include <algorithm>
 #include <array>
@@ -22,11 +22,11 @@
 namespace broadcl::test {
 namespace {
 
-SUITE_ALSO_IN(Extents, gpu_profile | rusticl);
+SUITE_ALSO_IN(CentroidBoundsOf, gpu_profile | rusticl);
 
 constexpr float infinity = std::numeric_limits<float>::infinity();
 
-/// As ordered() of kernels/extent.h.
+/// As ordered() of kernels/centroids.h.
 std::uint32_t ordered(float value) {
   const auto bits = std::bit_cast<std::uint32_t>(value);
   return bits >> 31 != 0 ? ~bits : bits | 0x80000000U;
@@ -37,27 +37,27 @@ using Words = std::array<std::uint32_t, 6>;
 Words expected_of(const std::vector<Aabb>& boxes) {
   Words words{~0U, ~0U, ~0U, 0, 0, 0};
   for (const auto& [lower, upper] : boxes) {
-    std::array<float, 3> middle{};
-    for (std::size_t k = 0; k < 3; ++k) middle.at(k) = lower[k] * 0.5F + upper[k] * 0.5F;
-    if (!std::ranges::all_of(middle, [](float x) { return x > -1e30F && x < 1e30F; })) continue;
+    std::array<float, 3> centroid{};
+    for (std::size_t k = 0; k < 3; ++k) centroid.at(k) = lower[k] * 0.5F + upper[k] * 0.5F;
+    if (!std::ranges::all_of(centroid, [](float x) { return x > -1e30F && x < 1e30F; })) continue;
     for (std::size_t k = 0; k < 3; ++k) {
-      words.at(k) = std::min(words.at(k), ordered(middle.at(k)));
-      words.at(3 + k) = std::max(words.at(3 + k), ordered(middle.at(k)));
+      words.at(k) = std::min(words.at(k), ordered(centroid.at(k)));
+      words.at(3 + k) = std::max(words.at(3 + k), ordered(centroid.at(k)));
     }
   }
   return words;
 }
 
-void expect_extent(const opencl::Context& context, Extent& extent, std::vector<Aabb> boxes) {
+void expect_bounds(const opencl::Context& context, CentroidBounds& bounds, std::vector<Aabb> boxes) {
   SCOPED_TRACE(boxes.size());
   const std::size_t n = boxes.size();
   const Words expected = expected_of(boxes);
   boxes.push_back({{-1e9F, -1e9F, -1e9F}, {1e9F, 1e9F, 1e9F}});  // one that does not count
   const cl::Buffer buffer = context.buffer(boxes.size() * sizeof(Aabb));
   context.queue().enqueueWriteBuffer(buffer, CL_TRUE, 0, boxes.size() * sizeof(Aabb), boxes.data());
-  extent.enqueue(buffer, n);
+  bounds.enqueue(buffer, n);
   Words words{};
-  context.queue().enqueueReadBuffer(extent.result(), CL_TRUE, 0, sizeof words, words.data());
+  context.queue().enqueueReadBuffer(bounds.result(), CL_TRUE, 0, sizeof words, words.data());
   EXPECT_EQ(words, expected);
 }
 
@@ -76,27 +76,27 @@ std::vector<Aabb> random_boxes(std::size_t n) {
   return boxes;
 }
 
-class Extents : public ::testing::TestWithParam<std::string> {
+class CentroidBoundsOf : public ::testing::TestWithParam<std::string> {
  protected:
-  void expect(const std::vector<Aabb>& boxes) { expect_extent(context_, extent_, boxes); }
+  void expect(const std::vector<Aabb>& boxes) { expect_bounds(context_, centroids_, boxes); }
 
  private:
   ScopedVariable shape_{"BROADCL_TUNING", GetParam()};
   opencl::Context context_{select_device(), false};
-  Extent extent_{context_};
+  CentroidBounds centroids_{context_};
 };
 
 ALSO_IN(oclgrind);
-TEST_P(Extents, SmallSetsOfEachSize) {
+TEST_P(CentroidBoundsOf, SmallSetsOfEachSize) {
   for (const std::size_t n : {0U, 1U, 2U, 3U, 63U, 64U, 65U, 127U, 129U}) expect(random_boxes(n));
 }
 
-TEST_P(Extents, SetsOfEachSize) {
+TEST_P(CentroidBoundsOf, SetsOfEachSize) {
   for (const std::size_t n : {1023U, 4095U, 4097U, 54'321U, 1'000'000U}) expect(random_boxes(n));
 }
 
 ALSO_IN(oclgrind);
-TEST_P(Extents, SmallSetsInEachOrder) {
+TEST_P(CentroidBoundsOf, SmallSetsInEachOrder) {
   std::vector<Aabb> boxes(501, point(1, -2, 3));
   expect(boxes);
   for (std::size_t k = 0; k < boxes.size(); ++k) {
@@ -109,7 +109,7 @@ TEST_P(Extents, SmallSetsInEachOrder) {
 }
 
 ALSO_IN(oclgrind);
-TEST_P(Extents, SmallBoxesWithoutAMiddleCountForNothing) {
+TEST_P(CentroidBoundsOf, SmallBoxesWithoutACentroidCountForNothing) {
   const Aabb plane{{-infinity, -infinity, -infinity}, {infinity, 0, infinity}};
   const Aabb half{{0, 0, 0}, {infinity, 1, 1}};
   const Aabb huge = point(1e30F, 0, 0);
@@ -117,7 +117,7 @@ TEST_P(Extents, SmallBoxesWithoutAMiddleCountForNothing) {
   expect({packed_empty(), point(-0.0F, 0, -1), plane, half, point(0, -0.0F, 5), huge});
 }
 
-INSTANTIATE_TEST_SUITE_P(Shape, Extents, ::testing::Values("cpu", "gpu"),
+INSTANTIATE_TEST_SUITE_P(Tuning, CentroidBoundsOf, ::testing::Values("cpu", "gpu"),
                          [](const auto& test) { return test.param; });
 
 }  // namespace

@@ -1,13 +1,13 @@
-/* The reduction of boxes to the bounds of their middles. Those that have none count for nothing. */
+/* The reduction of boxes to the bounds of their centroids. Those that have none count for nothing. */
 
-#include "extent.h"
+#include "centroids.h"
 
-/* The bounds of the middles: three minima, three maxima, as ordered() makes them. */
-kernel void extent(const uint n, global const float* restrict boxes, global uint* restrict result) {
+/* The bounds of the centroids: three minima, three maxima, as ordered() makes them. */
+kernel void centroids(const uint n, global const float* restrict boxes, global uint* restrict result) {
   uint lower[3] = {0xffffffffU, 0xffffffffU, 0xffffffffU};
   uint upper[3] = {0, 0, 0};
   for (uint k = (uint)get_global_id(0); k < n; k += (uint)get_global_size(0)) {
-    const float3 m = middle(boxes + (size_t)k * AABB_FLOATS);
+    const float3 m = centroid(boxes + (size_t)k * AABB_FLOATS);
     if (isnan(m.x)) continue;
     const uint words[3] = {ordered(m.x), ordered(m.y), ordered(m.z)};
     for (uint i = 0; i < 3U; ++i) {

@@ -1,4 +1,4 @@
-#include "algorithms/extent.hpp"
+#include "algorithms/centroids.hpp"
 
 #include <algorithm>
 
@@ -14,12 +14,12 @@ constexpr std::size_t half = 3 * sizeof(cl_uint);  // of the result: minima, max
 
 }  // namespace
 
-Extent::Extent(const opencl::Context& context) : context_(context) {
-  kernel_ = cl::Kernel(context.program("extent.cl"), "extent");
+CentroidBounds::CentroidBounds(const opencl::Context& context) : context_(context) {
+  kernel_ = cl::Kernel(context.program("centroids.cl"), "centroids");
   result_ = context.buffer(2 * half);
 }
 
-void Extent::enqueue(const cl::Buffer& boxes, std::size_t n) {
+void CentroidBounds::enqueue(const cl::Buffer& boxes, std::size_t n) {
   const cl::CommandQueue& queue = context_.queue();
   queue.enqueueFillBuffer(result_, ~cl_uint{0}, 0, half);
   queue.enqueueFillBuffer(result_, cl_uint{0}, half, half);
