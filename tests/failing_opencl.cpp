@@ -160,13 +160,13 @@ bool is_inside_opencl() noexcept {
 
 // Each stands before the loader's function of the same name, since a program's own symbols come first. The
 // linker asks a function (which runs before sanitizers are ready) for what stands behind the symbol; thus no
-// list of parameters needs to be repeated.
+// list of parameters needs to be repeated. Hidden: Oclgrind, which is loaded with the program, calls its own.
 // NOLINTBEGIN(bugprone-macro-parentheses): names in declarations take none
 #define WATCH(function)                                                                           \
   __attribute__((no_sanitize("address", "undefined"))) decltype(function)* watched_##function() { \
     return &broadcl::test::Watched<#function, decltype(function)>::call;                          \
   }                                                                                               \
-  decltype(function) function __attribute__((ifunc("watched_" #function)))
+  decltype(function) function __attribute__((ifunc("watched_" #function), visibility("hidden")))
 // NOLINTEND(bugprone-macro-parentheses)
 
 // All that the library and these tests call; opencl-calls-are-watched fails for one that is missing.

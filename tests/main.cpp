@@ -19,6 +19,8 @@
 namespace broadcl::test {
 namespace {
 
+constexpr std::string_view option = "--run=";
+
 struct Run {
   std::string_view name;
   Runs bit;
@@ -128,12 +130,10 @@ class TestNames : public testing::EmptyTestEventListener {
 int run(int argc, char** argv) {
   const std::vector<Test> tests = all_tests();
   const std::string_view argument = argc > 1 ? argv[1] : "";
-  constexpr std::string_view option = "--run=";
   if (argc > 2 || (argc == 2 && !argument.starts_with(option)))
     throw std::runtime_error("unknown argument " + std::string(argument));
   if (argc == 2) {
     GTEST_FLAG_SET(filter, filter_of(argument.substr(option.size()), tests));
-    GTEST_FLAG_SET(brief, true);  // the usual output begins with the whole filter
     testing::UnitTest::GetInstance()->listeners().Append(new TestNames);
   }
   const int result = RUN_ALL_TESTS();
@@ -148,6 +148,8 @@ int run(int argc, char** argv) {
 }  // namespace broadcl::test
 
 int main(int argc, char** argv) {
+  // The usual output begins with the whole filter.
+  if (argc > 1 && std::string_view(argv[1]).starts_with(broadcl::test::option)) GTEST_FLAG_SET(brief, true);
   testing::InitGoogleMock(&argc, argv);
   try {
     return broadcl::test::run(argc, argv);
