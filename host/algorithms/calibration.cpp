@@ -28,6 +28,7 @@ constexpr std::size_t many_boxes_of_gpu = 32768;
 constexpr int fewest_searches = 5;
 constexpr int most_searches = 100;
 constexpr double long_enough = 5e-3;  // seconds
+constexpr double long_search = 5e-3;
 
 /// Cubes in the unit cube, each of which overlaps about four others.
 std::vector<Aabb> random_boxes(std::size_t n) {
@@ -114,12 +115,17 @@ class Trial {
 };
 
 CostModel measure(const opencl::Context& context, MakePairFinder make) {
-  const std::size_t many = context.tuning() == opencl::Tuning::cpu ? many_boxes_of_cpu : many_boxes_of_gpu;
+  const std::size_t most = context.tuning() == opencl::Tuning::cpu ? many_boxes_of_cpu : many_boxes_of_gpu;
   Trial trial(context, make);
   const Trial::Sample few = trial.sample(few_boxes, few_boxes);
-  const Trial::Sample one = trial.sample(many, 1);
+  std::size_t many = 2 * few_boxes;
+  Trial::Sample all = trial.sample(many, many);
+  while (many < most && all.seconds < long_search) {
+    many = std::min(most, 8 * many);
+    all = trial.sample(many, many);
+  }
   const Trial::Sample some = trial.sample(many, many / 8);
-  const Trial::Sample all = trial.sample(many, many);
+  const Trial::Sample one = trial.sample(many, 1);
   // Four equations for four terms, of which noise must make none negative.
   const auto work = [&](const Trial::Sample& sample) {
     return std::max(sample.seconds - one.seconds, sample.seconds / 100) / (sample.work - one.work);

@@ -54,14 +54,27 @@ Order::Order(const opencl::Context& context, opencl::Profiler& profiler, Target 
 void Order::begin(const Search& search) {
   slots_ = std::max<std::size_t>({1, search.last.slots, search.now.slots});
   many_ = last_longest_ > few_;
-  capacity_ = round_up(std::max(least_changes, many_ ? last_changes_ + last_changes_ / 4 : 3 * last_longest_),
+  // More memory only if it was wanted twice in a row: a first frame finds all pairs, the next one what
+  // changed.
+  const std::size_t wanted = many_ ? last_changes_ + last_changes_ / 4 : 3 * last_longest_;
+  capacity_ = round_up(std::max(least_changes, std::min(wanted, std::max(last_wanted_, allocated()))),
                        changes_multiple);
+  last_wanted_ = wanted;
   expected_ = std::clamp(last_changes_ + last_changes_ / 8, least_changes, capacity_);
   reserve_result(capacity_);
   if (many_) {
     buckets_.reserve(context_, 2 * slots_ * sizeof(cl_uint), what);
     scattered_.reserve(context_, capacity_ * sizeof(Pair), what);
   }
+}
+
+/// Changes that there is memory for already.
+std::size_t Order::allocated() const noexcept {
+  const std::size_t bytes =
+      target_ == Target::device
+          ? std::min(added_.bytes(), removed_.bytes())
+          : std::max(results_.at(turn_).bytes(), PairDelta::count_bytes) - PairDelta::count_bytes;
+  return bytes / sizeof(Pair) / changes_multiple * changes_multiple;
 }
 
 void Order::reserve_result(std::size_t changes) {

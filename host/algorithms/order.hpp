@@ -57,6 +57,7 @@ class Order {
 
  private:
   [[nodiscard]] opencl::SharedBuffer& result() noexcept { return results_.at(turn_); }
+  [[nodiscard]] std::size_t allocated() const noexcept;
   void reserve_result(std::size_t changes);
   void enqueue_few(const PairDelta& delta);
   void enqueue_many(const PairDelta& delta);
@@ -89,6 +90,7 @@ class Order {
   // Of the last frame.
   std::size_t last_changes_ = 0;
   std::size_t last_longest_ = 0;  // the longer of added and removed
+  std::size_t last_wanted_ = 0;   // memory for so many changes
 };
 
 }  // namespace broadcl

@@ -12,7 +12,7 @@ std::size_t grown(const Context& context, std::size_t bytes, std::string_view wh
   if (bytes > most) {
     throw Error(context.device().label() + ": needs a buffer of " + std::to_string(bytes) +
                 " bytes for the " + std::string(what) + ", but the device allocates at most " +
-                std::to_string(most) + "; use fewer boxes, or a device with more memory");
+                std::to_string(most) + "; use fewer boxes, another algorithm or a device with more memory");
   }
   return std::min<std::uint64_t>(most, std::uint64_t{bytes} + bytes / 4);
 }
