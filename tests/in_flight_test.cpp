@@ -203,9 +203,9 @@ TEST(BruteForce, ExhaustedMemoryInFlightLosesNothing) {
   constexpr std::uint32_t few = 20;
   BroadPhase broad_phase({.algorithm = "brute-force"});
   const std::uint64_t limit = broad_phase.device()->max_allocation;
-  // The list of pairs alone takes 8 bytes a pair.
-  const auto n = static_cast<std::uint32_t>(std::sqrt(static_cast<double>(limit) / 4)) + 2;
-  if (n > 30'000) GTEST_SKIP() << "the device allocates more than 3.6 GB at once";
+  // The list of pairs alone takes 8 bytes per pair, and almost all boxes overlap.
+  const auto n = few + 3 + static_cast<std::uint32_t>(std::sqrt(static_cast<double>(limit) / 4));
+  if (n > 50'000) GTEST_SKIP() << "the device allocates more than 10 GB at once";
   if (broad_phase.device()->platform_name.find("rusticl") != std::string::npos)
     GTEST_SKIP() << "takes minutes";
   for (std::uint32_t k = 0; k < few; ++k) broad_phase.add(apart(k / 2));

@@ -272,10 +272,13 @@ TEST_F(Recording, WhatIsWrongWithAFileIsReported) {
       {"x.aabbs", aabbs_header(0xfffffffb, 2) + good.substr(304), "-5 boxes"},
       {"x.aabbs", aabbs_header(2, 0) + good.substr(304, 64), "0 frames"},
       {"x.aabbs", aabbs_header(2, 0x80000000) + good.substr(304), "-2147483648 frames"},
-      {"x.aabbs", aabbs_header(0x7fffffff, 0x7fffffff) + good.substr(304), "it is truncated: 2147483647 boxes"},
-      {"x.aabbs", aabbs_header(0x40000000, 0x1fffffff) + good.substr(304), "it is truncated"},  // 2^64 bytes in all
+      {"x.aabbs", aabbs_header(0x7fffffff, 0x7fffffff) + good.substr(304),
+       "it is truncated: 2147483647 boxes"},
+      {"x.aabbs", aabbs_header(0x40000000, 0x1fffffff) + good.substr(304),
+       "it is truncated"},  // 2^64 bytes in all
       {"x.npy", good, "magic bytes"},
-      {"x.npy", array.substr(0, array.size() - 1), "it is truncated: 2 boxes, initially and in each of 2 frames, need 24"},
+      {"x.npy", array.substr(0, array.size() - 1),
+       "it is truncated: 2 boxes, initially and in each of 2 frames, need 24"},
       {"x.npy", array + "x", "bytes after its boxes"},
       {"x.npy", npy(dictionary("<f4", "(3, 2, 6)", "True"), numbers), "Fortran order"},
       {"x.npy", array_of("(6, 6)"), "(frames, n, 6) is needed"},
