@@ -30,7 +30,7 @@ Search all_new(const opencl::Context& context, const std::vector<Aabb>& boxes) {
   constexpr cl_uint stamp = 1;
   const cl::Buffer stamps = context.buffer(n * sizeof(cl_uint));
   queue.enqueueFillBuffer(stamps, cl_uint{stamp << 1 | 1}, 0, n * sizeof(cl_uint));
-  return {.now = objects, .last = objects, .stamp = stamp, .stamps = stamps};
+  return {.now = objects, .last = objects, .any_recycled = true, .stamp = stamp, .stamps = stamps};
 }
 
 /// Tiles that sort in every frame, with the time of their last search.

@@ -113,7 +113,8 @@ typedef INTS may_t;
    is n, every slot is a row and pairs are tested with a < b; otherwise the rows are the slots that changed. */
 kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void brute_force(
     const uint n, const uint row_count, const uint rows, global const float* restrict boxes,
-    global const uint* restrict changed, global const uint4* restrict filters,
+    global const uint* restrict changed, global const uint* restrict changed_stamps,
+    global const uint4* restrict filters,
     PAIR_SINK_PARAMETERS) {
   const pair_sink_t sink = PAIR_SINK;
   local uint2 hits[LOCAL_HITS];
@@ -174,7 +175,7 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void brute_force(
         const uint b = all ? first + r : changed[first + r];
         for (uint s_a = a; bits != 0; ++s_a, bits >>= 1) {
           if ((bits & 1U) == 0) continue;
-          if (s_a >= n || s_a == b || (s_a > b && (all || is_changed(stamps[s_a], stamp)))) continue;
+          if (s_a >= n || s_a == b || (s_a > b && (all || is_changed(changed_stamps[s_a], stamp)))) continue;
 #if GROUP > 1
           if (!overlap(boxes, s_a, b)) continue;
 #endif

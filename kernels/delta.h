@@ -30,7 +30,7 @@ typedef struct {
   uint last_slots;                  /* boxes of the last frame */
   global const uint4* last_filters; /* of the last frame; null if they separated no objects that may pair now */
   uint stamp;                       /* of this frame */
-  global const uint* stamps;        /* one word per slot: stamp.h; null if all changed and no object was replaced */
+  global const uint* stamps;         /* one word per slot: stamp.h; null if no object is another one than in the last frame */
   global uint* counts;
 } pair_sink_t;
 

@@ -41,8 +41,9 @@ class BruteForce final : public PairFinder {
     opencl::Profiler::Scope stage(profiler, "test");
     const std::size_t columns = opencl::divide_up(n, launch_.width);
     const std::size_t rows = rows_per_item(search);
-    const cl_uint k = opencl::set_arguments(kernel, 0, n, row_count, static_cast<cl_uint>(rows),
-                                            search.now.boxes, search.changed, search.now.filters);
+    const cl_uint k =
+        opencl::set_arguments(kernel, 0, n, row_count, static_cast<cl_uint>(rows), search.now.boxes,
+                              search.changed, search.stamps, search.now.filters);
     sink.set_sink(kernel, k, search);
     context_.queue().enqueueNDRangeKernel(
         kernel, cl::NullRange,

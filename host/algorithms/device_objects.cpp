@@ -171,10 +171,12 @@ Search DeviceObjects::upload(const Changes& changes) {
           .all = changes.all,
           .changed_count = changes.all ? 0 : next_.changed_count,
           .changed = next_.changed.get(),
+          .any_recycled = !changes.recycled.empty(),
           .stamp = stamp_,
           .stamps = changes.all && next_.changed_count == 0 ? cl::Buffer() : stamps_};
 }
 
+// NOLINTNEXTLINE(bugprone-exception-escape): handles do not throw when moved
 void DeviceObjects::commit() noexcept {
   std::swap(last_, next_);
   if (are_filters_new_) filter_turn_ = 1 - filter_turn_;

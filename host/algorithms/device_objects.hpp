@@ -34,7 +34,7 @@ class DeviceObjects {
   /// @throws cl::Error, Error; the objects of the last frame are then unchanged.
   Search upload(const Changes& changes);
   /// The frame succeeded: its objects are those of the last frame from now on.
-  void commit() noexcept;
+  void commit() noexcept;  // NOLINT(bugprone-exception-escape)
 
  private:
   /// Objects as of one frame, and how they were uploaded.

@@ -80,7 +80,7 @@ void PairDelta::keep(const Search& search) {
 cl_uint PairDelta::set_sink(cl::Kernel& kernel, cl_uint first, const Search& search) const {
   return opencl::set_arguments(kernel, first, static_cast<cl_uint>(now_.capacity), list(), search.last.boxes,
                                search.last.slots, search.same_filters ? cl::Buffer() : search.last.filters,
-                               search.stamp, search.stamps, counts());
+                               search.stamp, search.any_recycled ? search.stamps : cl::Buffer(), counts());
 }
 
 cl_uint PairDelta::set_changes(cl::Kernel& kernel, cl_uint first) const {
@@ -100,6 +100,7 @@ PairDelta::Counts PairDelta::counts_of(const std::byte* counts) const {
           .first_invalid = ~words[count_invalid_first]};
 }
 
+// NOLINTNEXTLINE(bugprone-exception-escape): handles do not throw when moved
 void PairDelta::commit(const Counts& counts) noexcept {
   now_.found = counts.found;
   work_ = counts.work;

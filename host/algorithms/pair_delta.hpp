@@ -54,7 +54,7 @@ class PairDelta {
   [[nodiscard]] bool fits(const Counts& counts) const noexcept { return counts.found <= now_.capacity; }
   /// The frame succeeded. Its counts must have been read and those of the next frame cleared
   /// (kernels/order.cl does both).
-  void commit(const Counts& counts) noexcept;
+  void commit(const Counts& counts) noexcept;  // NOLINT(bugprone-exception-escape)
 
   /// The counts of this frame and of the next.
   [[nodiscard]] const cl::Buffer& counts() const noexcept { return counts_[turn_]; }

@@ -23,8 +23,9 @@ struct Search {  // NOLINT(bugprone-exception-escape): as above
   bool worlds = false;        ///< Whether objects are in different worlds.
   bool all = true;            ///< Whether all slots count as changed; otherwise those in `changed` did.
   cl_uint changed_count = 0;
-  cl::Buffer changed{};  ///< Slots, each once.
-  cl_uint stamp = 0;     ///< Of this frame.
+  cl::Buffer changed{};       ///< Slots, each once.
+  bool any_recycled = false;  ///< Whether the object of some slot is another one than in the last frame.
+  cl_uint stamp = 0;          ///< Of this frame.
   /// One word per slot that says whether it changed (unless `all`), and whether its object is a different one
   /// than in the last frame: kernels/stamp.h. Null if there is nothing to say.
   cl::Buffer stamps{};

@@ -15,7 +15,7 @@ namespace broadcl::opencl {
 [[nodiscard]] std::size_t grown(const Context& context, std::size_t bytes, std::string_view what);
 
 /// A buffer on the device that is replaced by a larger one if it is too small.
-class GrowingBuffer {
+class GrowingBuffer {  // NOLINT(bugprone-exception-escape): handles do not throw when moved
  public:
   /// Ensures a capacity of at least this many bytes. If the buffer must grow, its content is lost, and its
   /// memory is released first, so that there need not be memory for both.

@@ -11,7 +11,7 @@ namespace broadcl::opencl {
 /// Memory that the device writes and the host reads. If they share memory it is one buffer, mapped while it
 /// belongs to the host, and nothing is ever copied; otherwise a buffer on the device and its twin in pinned
 /// host memory.
-class SharedBuffer {
+class SharedBuffer {  // NOLINT(bugprone-exception-escape): handles do not throw when moved
  public:
   SharedBuffer() = default;
   /// Belongs to the device, not initialised.
