@@ -30,7 +30,7 @@ typedef struct {
   uint last_slots;                  /* boxes of the last frame */
   global const uint4* last_filters; /* of the last frame; null if they separated no objects that may pair now */
   uint stamp;                       /* of this frame */
-  global const uint* stamps;         /* one word per slot: stamp.h; null if no object is another one than in the last frame */
+  global const uint* stamps;        /* one word per slot: stamp.h; null if no object was replaced */
   global uint* counts;
 } pair_sink_t;
 
@@ -65,20 +65,17 @@ static inline bool was_in_last_frame(const pair_sink_t* sink, const uint2 pair) 
   return boxes_overlap(&s, &t) && could_pair(sink, pair);
 }
 
-/* Reserves indices for `total` pairs; returns the first. If there are too many pairs for 32 bits, indices would
-   repeat: it then returns the largest uint, so that nothing fits. */
+/* Reserves indices for `total` pairs; returns the first. (If there are too many pairs for 32 bits, indices come a second time,
+   but then the frame is run again or fails, whatever its list holds.) */
 static inline uint reserve_pairs(const pair_sink_t* sink, const uint total) {
-  const uint high = sink->counts[COUNT_FOUND_HIGH];
   const uint base = atomic_add(&sink->counts[COUNT_FOUND], total);
-  const bool wraps = base + total < base;
-  if (wraps) atomic_inc(&sink->counts[COUNT_FOUND_HIGH]);
-  return high != 0U || wraps ? UINT_MAX : base;
+  if (base + total < base) atomic_inc(&sink->counts[COUNT_FOUND_HIGH]);
+  return base;
 }
 
 /* Appends the k-th pair of a reservation. */
 static inline void append_pair(const pair_sink_t* sink, const uint base, const uint k, const uint2 pair) {
-  const uint index = base + k;
-  if (index >= base && index < sink->capacity) sink->pairs[index] = pair;
+  if (base + k < sink->capacity) sink->pairs[base + k] = pair;
 }
 
 /* Whether every pair found was appended. */
