@@ -9,8 +9,8 @@
 
 #include <gtest/gtest.h>
 
+#include "device_life.hpp"
 #include "expect_error.hpp"
-#include "opencl/devices.hpp"
 #include "runs.hpp"
 #include "scenes/generators.hpp"
 
@@ -24,29 +24,7 @@ using ::testing::HasSubstr;
 constexpr float nan_value = std::numeric_limits<float>::quiet_NaN();
 
 /// A caller with a context and a queue of his own.
-class OnCallersQueue : public testing::Test {
- protected:
-  template <class T>
-  [[nodiscard]] cl::Buffer buffer_of(const std::vector<T>& values) const {
-    const std::size_t bytes = std::max<std::size_t>(1, values.size() * sizeof(T));
-    cl::Buffer buffer(context_, CL_MEM_READ_WRITE, bytes);
-    if (!values.empty()) queue_.enqueueWriteBuffer(buffer, CL_TRUE, 0, bytes, values.data());
-    return buffer;
-  }
-
-  [[nodiscard]] std::vector<Pair> read(const DeviceBroadPhase::PairBuffer& list) const {
-    std::vector<Pair> pairs(list.count);
-    if (!pairs.empty()) {
-      queue_.enqueueReadBuffer(cl::Buffer(list.buffer, true), CL_TRUE, 0, pairs.size() * sizeof(Pair),
-                               pairs.data());
-    }
-    return pairs;
-  }
-
-  cl::Device device_{opencl::open(select_device())};
-  cl::Context context_{device_};
-  cl::CommandQueue queue_{context_, device_};
-};
+class OnCallersQueue : public testing::Test, protected test::CallersQueue {};
 
 /// The same changes as a BroadPhase that is told of the same boxes, over frames in which all move and the
 /// number of boxes changes.

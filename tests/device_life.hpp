@@ -42,7 +42,7 @@ class CallersQueue {
 
   [[nodiscard]] cl_command_queue operator()() const { return queue_(); }
 
- private:
+ protected:
   cl::Device device_{opencl::open(select_device())};
   cl::Context context_{device_};
   cl::CommandQueue queue_{context_, device_};

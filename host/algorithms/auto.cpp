@@ -13,8 +13,7 @@ namespace {
 constexpr std::array<std::string_view, 2> names{"brute-force", "tiles"};
 constexpr std::array<MakePairFinder, 2> finders{make_brute_force, make_tiles};
 
-/// Switch only if the other finder is expected to take less than this share of the time of the one that did
-/// the last frame.
+/// Switch only if the other finder is expected to take less than this share of the current one's time.
 constexpr double clearly_less = 0.95;
 
 /// Chooses in each frame the finder that is expected to take less time, by cost models of the device and by

@@ -4,10 +4,8 @@
 #include <chrono>
 #include <cmath>
 #include <cstring>
-#include <limits>
 #include <random>
 #include <string>
-#include <type_traits>
 #include <vector>
 
 #include <broadcl/aabb.hpp>
@@ -19,28 +17,27 @@
 namespace broadcl {
 namespace {
 
-/// A few boxes show the fixed cost of a frame, many boxes the rest.
+/// A few boxes show the fixed cost of a frame, many boxes the rest; fewer if their search takes
+/// `long_enough`.
 constexpr std::size_t few_boxes = 128;
 constexpr std::size_t many_boxes_of_cpu = 4096;
 constexpr std::size_t many_boxes_of_gpu = 32768;
-/// The shortest search counts: of at least `fewest_searches`, and of up to `most_searches` until they have
-/// taken `long_enough` together.
+/// The shortest of at least so many searches counts, and of up to so many until they have taken
+/// `long_enough`.
 constexpr int fewest_searches = 5;
 constexpr int most_searches = 100;
 constexpr double long_enough = 5e-3;  // seconds
-constexpr double long_search = 5e-3;
 
 /// Cubes in the unit cube, each of which overlaps about four others.
 std::vector<Aabb> random_boxes(std::size_t n) {
   std::mt19937 random;  // NOLINT(bugprone-random-generator-seed): the same boxes each time
   std::uniform_real_distribution<float> coordinate;
-  const float half_edge = std::cbrt(0.5F / static_cast<float>(n)) / 2;
+  const float edge = std::cbrt(0.5F / static_cast<float>(n));
   std::vector<Aabb> boxes(n);
   for (Aabb& box : boxes) {
     for (std::size_t axis = 0; axis < 3; ++axis) {
-      const float centre = coordinate(random);
-      box.lower[axis] = centre - half_edge;
-      box.upper[axis] = centre + half_edge;
+      box.lower[axis] = coordinate(random);
+      box.upper[axis] = box.lower[axis] + edge;
     }
   }
   return boxes;
@@ -60,9 +57,9 @@ class Trial {
   Sample sample(std::size_t n, std::size_t changed) {
     set_boxes(n, changed);
     (void)seconds();  // which grows the buffers
-    double shortest = std::numeric_limits<double>::infinity();
-    double sum = 0;
-    for (int k = 0; k < fewest_searches || (k < most_searches && sum < long_enough); ++k) {
+    double shortest = seconds();
+    double sum = shortest;
+    for (int k = 1; k < fewest_searches || (k < most_searches && sum < long_enough); ++k) {
       const double taken = seconds();
       shortest = std::min(shortest, taken);
       sum += taken;
@@ -82,18 +79,17 @@ class Trial {
       (void)seconds();
       search_.last = search_.now;
     }
-    constexpr cl_uint stamp = 1;
+    search_.stamp = 1;
     std::vector<cl_uint> stamps(n);
     std::vector<cl_uint> slots(changed);
     for (std::size_t k = 0; k < changed; ++k) {
       slots[k] = static_cast<cl_uint>(k * (n / changed));
-      stamps[slots[k]] = stamp << 1U;
+      stamps[slots[k]] = search_.stamp << 1U;
     }
     search_.all = changed == n;
     search_.changed_count = static_cast<cl_uint>(changed);
     search_.changed = context_.buffer(changed * sizeof(cl_uint));
     queue.enqueueWriteBuffer(search_.changed, CL_TRUE, 0, changed * sizeof(cl_uint), slots.data());
-    search_.stamp = stamp;
     search_.stamps = {};
     if (search_.all) return;
     search_.stamps = context_.buffer(n * sizeof(cl_uint));
@@ -120,7 +116,7 @@ CostModel measure(const opencl::Context& context, MakePairFinder make) {
   const Trial::Sample few = trial.sample(few_boxes, few_boxes);
   std::size_t many = 2 * few_boxes;
   Trial::Sample all = trial.sample(many, many);
-  while (many < most && all.seconds < long_search) {
+  while (many < most && all.seconds < long_enough) {
     many = std::min(most, 8 * many);
     all = trial.sample(many, many);
   }
@@ -147,7 +143,6 @@ std::string key_of(const opencl::Context& context) {
 std::array<CostModel, 2> calibrate(const opencl::Context& context,
                                    const std::array<MakePairFinder, 2>& finders) {
   std::array<CostModel, 2> models{};
-  static_assert(std::is_trivially_copyable_v<CostModel>);
   const std::string key = key_of(context);
   const auto stored = context.load(key);
   if (stored && stored->size() == sizeof models) {
