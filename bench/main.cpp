@@ -29,23 +29,19 @@
 #include <broadcl/broad_phase.hpp>
 
 #include "bounds.hpp"
+#include "device_frames.hpp"
+#include "frames.hpp"
 #include "primitives.hpp"
 #include "proxies.hpp"
 #include "scenes/broadphases.hpp"
 #include "scenes/generators.hpp"
 #include "whole_list.hpp"
+#include "worlds.hpp"
 
 namespace broadcl {
 namespace {
 
 using scenes::MovingBoxes;
-
-struct Scene {
-  const char* name;
-  MovingBoxes::Sizes sizes;
-};
-constexpr std::array scene_list{Scene{"uniform", MovingBoxes::Sizes::uniform},
-                                Scene{"mixed", MovingBoxes::Sizes::mixed}};
 
 void time_kernel(benchmark::State& state, const AlgorithmInfo& algorithm, std::uint32_t n) {
   BroadPhase broad_phase({.algorithm = std::string(algorithm.name), .profile = true});
@@ -62,32 +58,6 @@ void time_kernel(benchmark::State& state, const AlgorithmInfo& algorithm, std::u
   state.counters["pairs"] =
       benchmark::Counter(static_cast<double>(n) * (n - 1) / 2, benchmark::Counter::kIsIterationInvariantRate);
 }
-
-/// Times frames one by one, and reports the mean, the p95 and the longest.
-class Frames {
- public:
-  explicit Frames(benchmark::State& state) : state_(state) {}
-
-  template <class Function>
-  void time(Function&& frame) {
-    const auto start = std::chrono::steady_clock::now();
-    changes_ += frame();
-    times_.push_back(std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count());
-    state_.SetIterationTime(times_.back());
-  }
-
-  void report() {
-    std::sort(times_.begin(), times_.end());
-    state_.counters["p95_us"] = times_[times_.size() * 95 / 100] * 1e6;
-    state_.counters["max_us"] = times_.back() * 1e6;
-    state_.counters["changes"] = static_cast<double>(changes_) / static_cast<double>(times_.size());
-  }
-
- private:
-  benchmark::State& state_;
-  std::vector<double> times_;
-  std::size_t changes_ = 0;
-};
 
 std::size_t size(const Delta& delta) {
   return delta.added.size() + delta.removed.size();
@@ -241,6 +211,8 @@ int main(int argc, char** argv) try {
   broadcl::register_primitives();
   broadcl::register_proxies();
   broadcl::register_whole_list();
+  broadcl::register_device_frames();
+  broadcl::register_worlds();
   benchmark::RunSpecifiedBenchmarks();
 } catch (const std::exception& error) {
   std::fprintf(stderr, "%s\n", error.what());

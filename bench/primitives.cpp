@@ -72,7 +72,8 @@ std::vector<Aabb> random_boxes(std::size_t n) {
 void centroids_on_device(benchmark::State& state, std::size_t n) {
   const opencl::Context context(select_device(), false);
   CentroidBounds bounds(context);
-  time_on_device(state, context, random_boxes(n), [&](const cl::Buffer& boxes) { bounds.enqueue(boxes, n); });
+  time_on_device(state, context, random_boxes(n),
+                 [&](const cl::Buffer& boxes) { bounds.enqueue(boxes, cl::Buffer(), n); });
 }
 
 void centroids_on_host(benchmark::State& state, std::size_t n) {

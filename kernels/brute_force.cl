@@ -162,7 +162,7 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void brute_force(
       for (uint r = 0; r < ROWS; ++r) {
         const row_t t = ROW(first, r);
 #if WORLDS
-        may[r] = any(s.world == as_int(t.lower.w)) ? may_overlap(&s, t) : (may_t)(0);
+        may[r] = any((s.world == as_int(t.lower.w)) | (s.world == (int)ALL_WORLDS)) || as_uint(t.lower.w) == ALL_WORLDS ? may_overlap(&s, t) : (may_t)(0);
 #else
         may[r] = may_overlap(&s, t);
 #endif

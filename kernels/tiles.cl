@@ -1,8 +1,4 @@
-/* Tiles: the boxes are in an order in which neighbours in space are mostly neighbours, 32 boxes per tile, under a
-   tree of bounds in which every node has 32 children. Each tile searches the tree for what overlaps its own bounds,
-   from itself on, so that each pair is found once. If not all boxes changed, there is a second tree, of those that
-   did: a tile searches that one, and searches the first one for what overlaps the bounds of its own boxes that
-   changed. What did not change since it was last tested is not tested again.
+/* The order of the boxes in tiles, and the tree over them: tiles.h.
 
    The order may be an old one: bounds are computed in each frame, so that results are exact, and only the work grows
    as boxes move away from their neighbours in the order. The search counts its work for the host, which sorts again
@@ -11,32 +7,15 @@
    The order is that of Hilbert's curve through a grid of 1024^3 cells (J. Skilling, "Programming the Hilbert curve",
    AIP Conference Proceedings 707, 2004). Unlike Morton's it never jumps: a tile across a jump would overlap half of
    the world. Boxes much larger than others come at the end, where they do not widen the bounds of small ones, and
-   every tile visits them. */
+   every tile visits them. If there are worlds, each has a curve of its own; objects of all worlds come last. */
 
-#include "aabb.h"
-#include "delta.h"
+#include "tiles.h"
 #include "centroids.h"
-#include "filter.h"
-#include "lanes.h"
+#include "stamp.h"
 
-#ifndef GROUP
-#define GROUP 32 /* one work-item per child; 1 with the tuning profile for CPUs: it handles all children */
-#endif
-/* For functions with barriers: PoCL 3.1 gives wrong results if one is called from two places and not inlined. */
-#define INLINE static inline __attribute__((always_inline))
-
-#ifndef SOME_CHANGED
-#define SOME_CHANGED 0 /* 1 if not all boxes changed: tiles_fill then fills the second tree */
-#endif
-
-#define NODE 32U                        /* children of a node; boxes of a tile are a node's children too */
-#define NODE_FLOATS (NODE * AABB_FLOATS) /* lower x of all children, then lower y, ... */
 #define AXIS_BITS 10U
 #define LARGE_CODE (1U << (3U * AXIS_BITS))
 #define EMPTY_CODE (LARGE_CODE + 1U)
-#define FLUSH 64U      /* hits are appended once there are this many */
-#define OWN 8U         /* boxes of a tile that are tested before hits are appended */
-#define CANDIDATES 96U /* boxes that overlap a tile's bounds are tested once there are this many */
 
 /* Index of a cell on Hilbert's curve. */
 static inline uint hilbert(uint cell[3]) {
@@ -61,17 +40,18 @@ static inline uint hilbert(uint cell[3]) {
   return code;
 }
 
-/* Elements to sort: slot, and index in spatial order. */
-kernel void tiles_keys(const uint n, global const float* restrict boxes, global const uint* restrict bounds,
-                       global uint2* restrict elements) {
+/* Elements to sort: slot, and index in spatial order. `bounds` are those of centroids.cl. */
+kernel void tiles_keys(const uint n, global const float* restrict boxes, global const uint4* restrict filters,
+                       const uint buckets, global const uint* restrict bounds, global uint2* restrict elements) {
   const uint k = (uint)get_global_id(0);
   if (k >= n) return;
   global const float* box = boxes + (size_t)k * AABB_FLOATS;
+  const uint bucket = WORLDS ? bucket_of_world(filters[k].w, buckets) : 0U;
   float corner[3];
   float longest = 0;
   for (uint i = 0; i < 3U; ++i) {
-    corner[i] = from_ordered(bounds[i]);
-    longest = max(longest, from_ordered(bounds[3 + i]) - corner[i]);
+    corner[i] = from_ordered(bounds[3U * bucket + i]);
+    longest = max(longest, from_ordered(bounds[3U * (buckets + bucket) + i]) - corner[i]);
   }
   const float3 m = centroid(box);
   const float3 edges = vload3(1, box) - vload3(0, box);
@@ -90,24 +70,91 @@ kernel void tiles_keys(const uint n, global const float* restrict boxes, global 
   elements[k] = (uint2)(k, code);
 }
 
-/* Levels of the tree are stored one after the other. Children of the nodes of level 0, which are the tiles, are
-   boxes; those of the nodes of level 1 are bounds of tiles, and so on. */
-#define LEVELS 4U
+/* Replaces the indices in spatial order by worlds, to sort by these next. */
+kernel void tiles_world_keys(const uint n, global const uint4* restrict filters, global uint2* restrict elements) {
+  const uint k = (uint)get_global_id(0);
+  if (k < n) elements[k].y = filters[elements[k].x].w;
+}
 
-static inline size_t child_at(const uint node, const uint bound, const uint child) {
-  return (size_t)node * NODE_FLOATS + bound * NODE + child;
+/* The bounds of an object, from box and filter; those of none if it has no box. */
+static inline void load_object(bounds_t* bounds, const uint slot, const bool exists, global const float* boxes,
+                               global const uint4* filters) {
+  for (uint i = 0; i < AABB_FLOATS; ++i) bounds->bound[i] = NAN;
+#if WORLDS
+  bounds->first_world = NO_FIRST_WORLD;
+  bounds->last_world = NO_LAST_WORLD;
+#else
+  (void)filters;
+#endif
+  if (!exists) return;
+  box_t box;
+  load_box(&box, boxes, slot);
+  for (uint i = 0; i < AABB_FLOATS; ++i) bounds->bound[i] = box.bound[i];
+#if WORLDS
+  if (isnan(box.bound[0])) return;
+  bounds->first_world = first_world(filters[slot].w);
+  bounds->last_world = last_world(filters[slot].w);
+#endif
 }
 
 #if GROUP > 1
 #define FOR_EACH_CHILD(child) const uint child = (uint)get_local_id(0);
+
+#define WORDS 8U               /* six bounds, and two worlds if there are any */
+#define PART (NODE / (GROUP / WORDS)) /* children that a work-item merges */
+
+typedef struct {
+  uint words[WORDS][NODE + 1U];
+  uint parts[WORDS][GROUP / WORDS];
+} scratch_t;
+
+/* In words of which those of lower bounds shrink and the others grow, so that the largest and 0 stand for none. */
+static inline bool shrinks(const uint word) {
+  return word < 3U || word == FIRST_WORLD;
+}
+
+/* Stores the bounds of all children of node k of a level, one of which each work-item has, as child k of the level
+   above. All work-items must call it. */
+INLINE void raise(const bounds_t* mine, local scratch_t* scratch, global float* tree, const uint k,
+                  const uint parents) {
+  const uint item = (uint)get_local_id(0);
+  for (uint i = 0; i < AABB_FLOATS; ++i) {
+    scratch->words[i][item] = isnan(mine->bound[i]) ? (shrinks(i) ? UINT_MAX : 0U) : ordered(mine->bound[i]);
+  }
+#if WORLDS
+  scratch->words[FIRST_WORLD][item] = mine->first_world;
+  scratch->words[LAST_WORLD][item] = mine->last_world;
+#else
+  scratch->words[FIRST_WORLD][item] = scratch->words[LAST_WORLD][item] = 0;
+#endif
+  barrier(CLK_LOCAL_MEM_FENCE);
+  const uint word = item % WORDS;
+  const uint part = item / WORDS;
+  uint merged = scratch->words[word][part * PART];
+  for (uint child = 1; child < PART; ++child) {
+    const uint other = scratch->words[word][part * PART + child];
+    merged = shrinks(word) ? min(merged, other) : max(merged, other);
+  }
+  scratch->parts[word][part] = merged;
+  barrier(CLK_LOCAL_MEM_FENCE);
+  if (part > 0U || word >= BOUNDS_OF_CHILD) return;
+  for (uint i = 1; i < GROUP / WORDS; ++i) {
+    merged = shrinks(word) ? min(merged, scratch->parts[word][i]) : max(merged, scratch->parts[word][i]);
+  }
+  const size_t at = child_at(parents + k / NODE, word, k % NODE);
+  if (word < AABB_FLOATS) {
+    tree[at] = from_ordered(merged);
+  } else {
+    ((global uint*)tree)[at] = merged;
+  }
+}
 #else
 #define FOR_EACH_CHILD(child) for (uint child = 0; child < NODE; ++child)
-#endif
 
-/* Computes the bounds of the children of node k of a level, which are child k of the level above; NaNs if there is
-   no such node. */
+/* Computes the bounds of the children of node k of a level, which are child k of the level above; those of none if
+   there is no such node. */
 static inline void raise(global float* tree, const uint start, const uint k, const bool exists, const uint parents) {
-  for (uint i = (uint)get_local_id(0); i < AABB_FLOATS; i += GROUP) {
+  for (uint i = 0; i < AABB_FLOATS; ++i) {
     float bound = NAN;
     for (uint child = 0; exists && child < NODE; ++child) {
       const float other = tree[child_at(start + k, i, child)];
@@ -115,256 +162,65 @@ static inline void raise(global float* tree, const uint start, const uint k, con
     }
     tree[child_at(parents + k / NODE, i, k % NODE)] = bound;
   }
+#if WORLDS
+  global uint* worlds = (global uint*)tree;
+  uint first = NO_FIRST_WORLD;
+  uint last = NO_LAST_WORLD;
+  for (uint child = 0; exists && child < NODE; ++child) {
+    first = min(first, worlds[child_at(start + k, FIRST_WORLD, child)]);
+    last = max(last, worlds[child_at(start + k, LAST_WORLD, child)]);
+  }
+  worlds[child_at(parents + k / NODE, FIRST_WORLD, k % NODE)] = first;
+  worlds[child_at(parents + k / NODE, LAST_WORLD, k % NODE)] = last;
+#endif
 }
+#endif
 
 /* Copies the boxes to their tiles and computes the bounds of these, one work-group per tile. Tiles past the last one
    have no bounds. */
 kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_fill(
     const uint n, const uint tiles, const uint parents, global const float* restrict boxes,
-    global const uint2* restrict elements, const uint stamp, global const uint* restrict stamps, global float* tree) {
+    global const uint4* restrict filters, global const uint2* restrict elements, const uint stamp,
+    global const uint* restrict stamps, global float* tree) {
 #if !SOME_CHANGED
   (void)stamp;
   (void)stamps;
 #endif
-  const uint tile = (uint)get_group_id(0);
-  if (tile < tiles) {
-    FOR_EACH_CHILD(child) {
-      const uint place = tile * NODE + child;
-      const uint slot = place < n ? elements[place].x : 0U;
-#if SOME_CHANGED
-      const bool is_in = place < n && is_changed(stamps[slot], stamp);
-#else
-      const bool is_in = place < n;
+#if GROUP > 1
+  local scratch_t scratch;
 #endif
-      global const float* box = boxes + (size_t)slot * AABB_FLOATS;
-      for (uint i = 0; i < AABB_FLOATS; ++i) tree[child_at(tile, i, child)] = is_in ? box[i] : NAN;
-    }
+  const uint tile = (uint)get_group_id(0);
+  FOR_EACH_CHILD(child) {
+    const uint place = tile * NODE + child;
+    const uint slot = place < n ? elements[place].x : 0U;
+#if SOME_CHANGED
+    const bool is_in = place < n && is_changed(stamps[slot], stamp);
+#else
+    const bool is_in = place < n;
+#endif
+    bounds_t bounds;
+    load_object(&bounds, slot, is_in, boxes, filters);
+    if (tile < tiles) store_child(&bounds, tree, tile, child);
+#if GROUP > 1
+    raise(&bounds, &scratch, tree, tile, parents);
+#endif
   }
-  barrier(CLK_GLOBAL_MEM_FENCE);
+#if GROUP == 1
   raise(tree, 0, tile, tile < tiles, parents);
+#endif
 }
 
 /* Computes the bounds of a level's nodes, for the level above, one work-group per node. */
 kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_raise(const uint start, const uint nodes,
                                                                           const uint parents, global float* tree) {
   const uint k = (uint)get_group_id(0);
+#if GROUP > 1
+  local scratch_t scratch;
+  bounds_t bounds;
+  load_object(&bounds, 0, false, 0, 0);
+  if (k < nodes) load_child(&bounds, tree, start + k, (uint)get_local_id(0));
+  raise(&bounds, &scratch, tree, k, parents);
+#else
   raise(tree, start, k, k < nodes, parents);
-}
-
-/* One bit per child of a node: whether it overlaps a box. All work-items must call it. */
-#if GROUP > 1
-INLINE uint overlapping(global const float* tree, const uint node, const box_t* box, local uint* children) {
-  global const float* p = tree + child_at(node, 0, (uint)get_local_id(0));
-  const int hit = AABB_OVERLAPS(p[0], p[NODE], p[2 * NODE], p[3 * NODE], p[4 * NODE], p[5 * NODE], box->bound[0],
-                                box->bound[1], box->bound[2], box->bound[3], box->bound[4], box->bound[5]);
-  barrier(CLK_LOCAL_MEM_FENCE);
-  if (get_local_id(0) == 0) *children = 0;
-  barrier(CLK_LOCAL_MEM_FENCE);
-  if (hit != 0) atomic_or(children, 1U << (uint)get_local_id(0));
-  barrier(CLK_LOCAL_MEM_FENCE);
-  return *children;
-}
-#else
-INLINE uint overlapping(global const float* tree, const uint node, const box_t* box, local uint* children) {
-  (void)children;
-  uint bits = 0;
-  for (uint part = 0; part < NODE / WIDTH; ++part) {
-    global const float* p = tree + child_at(node, 0, part * WIDTH);
-#define LOAD(i) PASTE(vload, WIDTH)(0, p + (i)*NODE)
-    bits |= lane_mask(AABB_OVERLAPS(LOAD(0), LOAD(1), LOAD(2), LOAD(3), LOAD(4), LOAD(5), box->bound[0], box->bound[1],
-                                    box->bound[2], box->bound[3], box->bound[4], box->bound[5]))
-            << (part * WIDTH);
-  }
-  return bits;
-}
 #endif
-
-/* Of the children of a node, one bit each, those that do not come before a node of their level. */
-static inline uint not_before(const uint bits, const uint node, const uint first) {
-  const uint child = node * NODE;
-  return first <= child ? bits : first - child < NODE ? bits & (0xffffffffU << (first - child)) : 0U;
-}
-
-static inline uint lowest_bit(const uint bits) {
-  return 31U - clz(bits & (0U - bits));
-}
-
-static inline box_t child_of(global const float* tree, const uint node, const uint child) {
-  box_t box;
-  for (uint i = 0; i < AABB_FLOATS; ++i) box.bound[i] = tree[child_at(node, i, child)];
-  return box;
-}
-
-/* Whether two slots whose boxes overlap are a new pair; `s` and `t` are their boxes of the last frame. */
-static inline bool is_new(const uint2 pair, const box_t* s, const box_t* t, global const uint4* filters,
-                          const pair_sink_t* sink) {
-  if (filters != 0 && !may_pair(filters[pair.x], filters[pair.y])) return false;
-  return !boxes_overlap(s, t) || !could_pair(sink, pair);
-}
-
-/* Appends hits if they are many, or the last ones. All work-items must call it. */
-INLINE void append_hits(const pair_sink_t* sink, local const uint2* hits, local uint* found, local uint* base,
-                        const bool all) {
-  barrier(CLK_LOCAL_MEM_FENCE);
-  const uint total = *found;
-  barrier(CLK_LOCAL_MEM_FENCE);
-  if (total >= (all ? 1U : FLUSH)) {
-    if (get_local_id(0) == 0) {
-      *base = reserve_pairs(sink, total);
-      *found = 0;
-    }
-    barrier(CLK_LOCAL_MEM_FENCE);
-    for (uint k = (uint)get_local_id(0); k < total; k += GROUP) append_pair(sink, *base, k, hits[k]);
-    barrier(CLK_LOCAL_MEM_FENCE);
-  }
-}
-
-#if GROUP > 1
-/* Boxes that overlap the bounds of a work-group's tile, to be tested against its boxes. */
-typedef struct {
-  box_t box;
-  uint place, slot;
-} candidate_t;
-
-/* Tests candidates, one per work-item at a time. All work-items must call it. */
-INLINE void test_candidates(local const candidate_t* candidates, const uint count, local const candidate_t* own,
-                            local const box_t* own_last, global const uint4* filters,
-                            const pair_sink_t* sink, local uint2* hits, local uint* found, local uint* base) {
-  barrier(CLK_LOCAL_MEM_FENCE);
-  for (uint first = 0; first < count; first += GROUP) {
-    const uint k = min(first + (uint)get_local_id(0), count - 1U);
-    const candidate_t other = candidates[k];
-    box_t last;
-    load_last_box(&last, sink, other.slot);
-    for (uint part = 0; part < NODE; part += OWN) {
-      for (uint i = part; i < part + OWN; ++i) {
-        const candidate_t mine = own[i];
-        if (k != first + (uint)get_local_id(0) || mine.place >= other.place || !boxes_overlap(&mine.box, &other.box)) {
-          continue;
-        }
-        const uint2 pair = (uint2)(min(mine.slot, other.slot), max(mine.slot, other.slot));
-        const box_t mine_last = own_last[i];
-        if (is_new(pair, &mine_last, &last, filters, sink)) hits[atomic_inc(found)] = pair;
-      }
-      append_hits(sink, hits, found, base, false);
-    }
-  }
-  barrier(CLK_LOCAL_MEM_FENCE);
-}
-#endif
-
-/* Finds the pairs of a tile with itself and later ones. `changed` is the tree of the boxes that changed. `starts`
-   are the first nodes of the levels, `roots` is the number of nodes of the last one. Work-groups of dimension 0
-   stand for a tile each; those of dimension 1 share its search: the first of them visits the tiles whose bit, among
-   each 32, is in `share`, and each further one visits tiles one further on. */
-kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_search(
-    const uint4 starts, const uint roots, const uint share, global const float* restrict tree,
-    global const float* restrict changed, global const uint2* restrict elements,
-    global const uint4* restrict filters, PAIR_SINK_PARAMETERS) {
-  const pair_sink_t sink = PAIR_SINK;
-  const uint start_of[LEVELS] = {starts.x, starts.y, starts.z, starts.w};
-  local uint2 hits[FLUSH + OWN * NODE];
-  local box_t own_last[NODE];
-  local uint children;
-  local uint found;
-  local uint base;
-  const uint tile = (uint)get_group_id(0);
-  const box_t bounds = child_of(tree, start_of[1] + tile / NODE, tile % NODE);
-#if SOME_CHANGED
-  const box_t changed_bounds = child_of(changed, start_of[1] + tile / NODE, tile % NODE);
-#else
-  (void)changed;
-#endif
-#if GROUP > 1
-  local candidate_t own[NODE];
-  local candidate_t candidates[CANDIDATES + NODE];
-  const uint lane = (uint)get_local_id(0);
-  const uint my_place = tile * NODE + lane;
-  own[lane].box = child_of(tree, tile, lane);
-  own[lane].place = my_place;
-  own[lane].slot = elements[my_place].x;
-  box_t mine;
-  load_last_box(&mine, &sink, own[lane].slot);
-  own_last[lane] = mine;
-  uint count = 0;
-#else
-  for (uint child = 0; child < NODE; ++child) {
-    box_t mine;
-    load_last_box(&mine, &sink, elements[tile * NODE + child].x);
-    own_last[child] = mine;
-  }
-#endif
-  if (get_local_id(0) == 0) found = 0;
-
-  uint work = 0;
-  uint rest[LEVELS] = {0, 0, 0, 0}; /* children of the nodes on the way down that are still to be searched */
-  uint level = LEVELS - 1U;
-  uint root = tile / (NODE * NODE * NODE);
-  uint node = root;
-  while (root < roots) {
-#if SOME_CHANGED
-    uint bits = overlapping(changed, start_of[level] + node, &bounds, &children);
-    bits |= overlapping(tree, start_of[level] + node, &changed_bounds, &children);
-#else
-    uint bits = overlapping(tree, start_of[level] + node, &bounds, &children);
-#endif
-    ++work;
-    if (level > 0U) {
-      if (level == 1U) bits &= share << (uint)get_group_id(1);
-      rest[level] = not_before(bits, node, tile >> (5U * (level - 1U)));
-    } else {
-      work += popcount(bits);
-#if GROUP > 1
-      if ((bits >> lane & 1U) != 0U) {
-        local candidate_t* candidate = &candidates[count + popcount(bits & ((1U << lane) - 1U))];
-        candidate->box = child_of(tree, node, lane);
-        candidate->place = node * NODE + lane;
-        candidate->slot = elements[node * NODE + lane].x;
-      }
-      count += popcount(bits);
-      if (count >= CANDIDATES) {
-        test_candidates(candidates, count, own, own_last, filters, &sink, hits, &found, &base);
-        count = 0;
-      }
-#else
-      for (; bits != 0U; bits &= bits - 1U) {
-        const uint child = lowest_bit(bits);
-        const box_t box = child_of(tree, node, child);
-        const uint slot = elements[node * NODE + child].x;
-        uint own = overlapping(tree, tile, &box, &children);
-        if (node == tile) own &= (1U << child) - 1U;
-        if (own == 0U) continue;
-        box_t last;
-        load_last_box(&last, &sink, slot);
-        for (; own != 0U; own &= own - 1U) {
-          const uint mine = lowest_bit(own);
-          const uint my_slot = elements[tile * NODE + mine].x;
-          const uint2 pair = (uint2)(min(my_slot, slot), max(my_slot, slot));
-          const box_t mine_last = own_last[mine];
-          if (is_new(pair, &mine_last, &last, filters, &sink)) hits[found++] = pair;
-        }
-        append_hits(&sink, hits, &found, &base, false);
-      }
-#endif
-    }
-
-    while (level < LEVELS && rest[level] == 0U) {
-      ++level;
-      node /= NODE;
-    }
-    if (level == LEVELS) {
-      level = LEVELS - 1U;
-      node = ++root;
-    } else {
-      node = node * NODE + lowest_bit(rest[level]);
-      rest[level] &= rest[level] - 1U;
-      --level;
-    }
-  }
-
-#if GROUP > 1
-  test_candidates(candidates, count, own, own_last, filters, &sink, hits, &found, &base);
-#endif
-  append_hits(&sink, hits, &found, &base, true);
-  if (get_local_id(0) == 0) atomic_add(&sink.counts[COUNT_WORK], work);
 }

@@ -55,7 +55,7 @@ void expect_bounds(const opencl::Context& context, CentroidBounds& bounds, std::
   boxes.push_back({{-1e9F, -1e9F, -1e9F}, {1e9F, 1e9F, 1e9F}});  // one that does not count
   const cl::Buffer buffer = context.buffer(boxes.size() * sizeof(Aabb));
   context.queue().enqueueWriteBuffer(buffer, CL_TRUE, 0, boxes.size() * sizeof(Aabb), boxes.data());
-  bounds.enqueue(buffer, n);
+  bounds.enqueue(buffer, cl::Buffer(), n);
   Words words{};
   context.queue().enqueueReadBuffer(bounds.result(), CL_TRUE, 0, sizeof words, words.data());
   EXPECT_EQ(words, expected);

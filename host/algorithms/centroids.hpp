@@ -3,6 +3,7 @@
 #include <cstddef>
 
 #include "opencl/context.hpp"
+#include "opencl/growing_buffer.hpp"
 
 namespace broadcl {
 
@@ -15,17 +16,21 @@ class CentroidBounds {
 
   /// Enqueues the reduction of the first n boxes, six floats each; those without a finite centroid, in
   /// particular empty ones, are ignored. Does not wait.
-  /// @throws cl::Error
-  void enqueue(const cl::Buffer& boxes, std::size_t n);
+  /// @param filters If not null, each world has bounds of its own, and so have objects of all worlds.
+  /// @throws cl::Error, Error
+  void enqueue(const cl::Buffer& boxes, const cl::Buffer& filters, std::size_t n);
 
-  /// Six uints: the least x, y, z, then the greatest, as ordered() of kernels/centroids.h makes them; if no
-  /// box counts, the greatest uint and 0. The same buffer for all reductions.
-  [[nodiscard]] const cl::Buffer& result() const noexcept { return result_; }
+  /// Uints: the least x, y, z for each bucket, then the greatest, as ordered() of kernels/centroids.h makes
+  /// them; if no box counts, the greatest uint and 0. Valid until the next reduction.
+  [[nodiscard]] const cl::Buffer& result() const noexcept { return result_.get(); }
+  /// One, or with filters as many as bucket_of_world() of kernels/centroids.h takes.
+  [[nodiscard]] cl_uint buckets() const noexcept { return buckets_; }
 
  private:
   const opencl::Context& context_;
-  cl::Kernel kernel_;
-  cl::Buffer result_;
+  cl::Kernel kernel_, kernel_of_worlds_;  // the latter made when first needed
+  opencl::GrowingBuffer result_;
+  cl_uint buckets_ = 1;
 };
 
 }  // namespace broadcl

@@ -17,7 +17,9 @@ namespace {
 
 // As kernels/tiles.cl has them.
 constexpr std::size_t node = 32;
+/// The bounds of its children, and their worlds if there are any.
 constexpr std::size_t node_bytes = node * sizeof(Aabb);
+constexpr std::size_t node_bytes_of_worlds = node_bytes + 2 * node * sizeof(cl_uint);
 constexpr unsigned code_bits = 31;
 constexpr std::size_t levels = 4;  // as many as a cl_uint4 has numbers
 
@@ -49,10 +51,7 @@ class Tiles final : public PairFinder {
         group_(context.tuning() == opencl::Tuning::cpu ? 1 : node),
         centroids_(context),
         sort_(context) {
-    const cl::Program program = this->program(true);
-    keys_ = cl::Kernel(program, "tiles_keys");
-    raise_ = cl::Kernel(program, "tiles_raise");
-    of_all_ = kernels_of(program);
+    (void)kernels(true, false);
   }
 
   void find(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) override {
@@ -76,31 +75,45 @@ class Tiles final : public PairFinder {
   }
 
  private:
-  /// Kernels that differ if not all boxes changed.
   struct Kernels {  // NOLINT(bugprone-exception-escape): handles do not throw when moved
-    cl::Kernel fill, search;
+    cl::Kernel keys, world_keys, fill, raise, search;
   };
 
-  [[nodiscard]] cl::Program program(bool all) const {
-    return context_.program("tiles.cl",
-                            "-DGROUP=" + std::to_string(group_) + (all ? "" : " -DSOME_CHANGED=1"));
+  /// The kernels for searches of all boxes or of some, in one world or in several, built when they are first
+  /// needed.
+  Kernels& kernels(bool all, bool worlds) {
+    Kernels& kernels = kernels_.at((all ? 0U : 1U) + (worlds ? 2U : 0U));
+    if (kernels.search() != nullptr) return kernels;
+    const std::string options = "-DGROUP=" + std::to_string(group_) + (all ? "" : " -DSOME_CHANGED=1") +
+                                (worlds ? " -DWORLDS=1" : "") +
+                                (context_.has_nvidia_vote() ? " -DNVIDIA" : "");
+    const cl::Program build = context_.program("tiles.cl", options);
+    kernels = {.keys = cl::Kernel(build, "tiles_keys"),
+               .world_keys = cl::Kernel(build, "tiles_world_keys"),
+               .fill = cl::Kernel(build, "tiles_fill"),
+               .raise = cl::Kernel(build, "tiles_raise"),
+               .search = cl::Kernel(context_.program("tiles_search.cl", options), "tiles_search")};
+    return kernels;
   }
 
-  static Kernels kernels_of(const cl::Program& program) {
-    return {cl::Kernel(program, "tiles_fill"), cl::Kernel(program, "tiles_search")};
-  }
+  Kernels& kernels(const Search& search) { return kernels(search.all, search.worlds); }
+
+  struct Tree {  // NOLINT(bugprone-exception-escape): handles do not throw when moved
+    cl::Buffer nodes;
+    std::size_t bytes = 0;
+  };
 
   void prepare(const Search& search) {
     if (search.now.slots > capacity_) reserve(search.now.slots);
-    if (search.all) return;
-    if (changed_tree_() == nullptr) changed_tree_ = context_.buffer(nodes_ * node_bytes);
-    if (of_some_.search() == nullptr) of_some_ = kernels_of(program(false));
+    reserve_tree(tree_, search.worlds);
+    if (!search.all) reserve_tree(changed_tree_, search.worlds);
   }
 
   void reserve(std::size_t slots) {
     capacity_ = 0;
     sorted_slots_ = 0;
-    elements_ = scratch_ = tree_ = changed_tree_ = {};
+    elements_ = scratch_ = {};
+    tree_ = changed_tree_ = {};
     const std::size_t bytes =
         opencl::grown(context_, round_up(slots, node) * sizeof(cl_ulong), "order of boxes");
     const std::size_t capacity = bytes / sizeof(cl_ulong) / node * node;
@@ -112,8 +125,14 @@ class Tiles final : public PairFinder {
       size = divide_up(size, node);
       nodes_ += size;
     }
-    tree_ = context_.buffer(nodes_ * node_bytes);
     capacity_ = capacity;
+  }
+
+  void reserve_tree(Tree& tree, bool worlds) const {
+    const std::size_t bytes = nodes_ * (worlds ? node_bytes_of_worlds : node_bytes);
+    if (tree.bytes >= bytes) return;
+    tree = {};
+    tree = {.nodes = context_.buffer(bytes), .bytes = bytes};
   }
 
   /// Records the work of the last search of these tiles.
@@ -136,7 +155,7 @@ class Tiles final : public PairFinder {
   /// with the first frame in this order that was followed by another one here, separately for searches of all
   /// boxes and of some. If another finder did the last frame, the number of boxes that moved decides.
   bool is_stale(const Search& search, const PairDelta& sink) {
-    if (search.now.slots != sorted_slots_) return true;
+    if (search.now.slots != sorted_slots_ || search.worlds != sorted_by_world_) return true;
     if (sink.frames() == sorted_frame_) return false;
     if (sink.work() == 0) return moved_ > unwatched * search.now.slots;
     const std::size_t kind = usual_is_of_all_ ? 1 : 0;
@@ -156,11 +175,19 @@ class Tiles final : public PairFinder {
   void sort(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) {
     const opencl::Profiler::Scope stage(profiler, "sort");
     sorted_slots_ = 0;  // until all of it is enqueued: an incomplete sort may have a slot twice
-    centroids_.enqueue(search.now.boxes, search.now.slots);
-    opencl::set_arguments(keys_, 0, search.now.slots, search.now.boxes, centroids_.result(), elements_);
-    context_.queue().enqueueNDRangeKernel(keys_, cl::NullRange,
-                                          cl::NDRange(round_up(search.now.slots, group)), cl::NDRange(group));
+    Kernels& kernels = this->kernels(search);
+    const cl::Buffer& filters = search.worlds ? search.now.filters : cl::Buffer();
+    centroids_.enqueue(search.now.boxes, filters, search.now.slots);
+    opencl::set_arguments(kernels.keys, 0, search.now.slots, search.now.boxes, filters, centroids_.buckets(),
+                          centroids_.result(), elements_);
+    enqueue_per_box(kernels.keys, search.now.slots);
     sort_.enqueue(elements_, scratch_, search.now.slots, std::array{opencl::RadixSort::Bits{32, code_bits}});
+    if (search.worlds) {  // the world counts first, so it is sorted by last
+      opencl::set_arguments(kernels.world_keys, 0, search.now.slots, filters, elements_);
+      enqueue_per_box(kernels.world_keys, search.now.slots);
+      sort_.enqueue(elements_, scratch_, search.now.slots, std::array{opencl::RadixSort::Bits{32, 32}});
+    }
+    sorted_by_world_ = search.worlds;
     sorted_slots_ = search.now.slots;
     sorted_frame_ = sink.frames();
     fresh_factors_ = {};
@@ -170,22 +197,24 @@ class Tiles final : public PairFinder {
   /// Fills the trees with boxes and bounds.
   void build(const Search& search, opencl::Profiler& profiler) {
     opencl::Profiler::Scope stage(profiler, "build");
-    build(search, of_all_.fill, tree_, stage.event());
-    if (!search.all) build(search, of_some_.fill, changed_tree_, nullptr);
+    build(search, kernels(true, search.worlds), tree_, stage.event());
+    if (!search.all) build(search, kernels(false, search.worlds), changed_tree_, nullptr);
   }
 
-  void build(const Search& search, cl::Kernel& fill, const cl::Buffer& tree, cl::Event* event) {
+  void build(const Search& search, Kernels& kernels, const Tree& tree, cl::Event* event) {
     std::size_t nodes = divide_up(search.now.slots, node);
-    opencl::set_arguments(fill, 0, search.now.slots, static_cast<cl_uint>(nodes), starts_.s[1],
-                          search.now.boxes, elements_, search.stamp, search.stamps, tree);
-    enqueue(fill, round_up(nodes, node), event);
-    for (std::size_t level = 1; level + 1 < levels; ++level) {
-      nodes = divide_up(nodes, node);
-      opencl::set_arguments(raise_, 0, starts_.s[level], static_cast<cl_uint>(nodes), starts_.s[level + 1],
-                            tree);
-      enqueue(raise_, round_up(nodes, node), nullptr);
+    opencl::set_arguments(kernels.fill, 0, search.now.slots, static_cast<cl_uint>(nodes), starts_.s[1],
+                          search.now.boxes, search.worlds ? search.now.filters : cl::Buffer(), elements_,
+                          search.stamp, search.stamps, tree.nodes);
+    enqueue(kernels.fill, round_up(nodes, node), event);
+    nodes = divide_up(nodes, node);
+    // The search starts at the first level that has one node, or at the last.
+    for (top_ = 1; nodes > 1 && top_ + 1 < levels; ++top_, nodes = divide_up(nodes, node)) {
+      opencl::set_arguments(kernels.raise, 0, starts_.s[top_], static_cast<cl_uint>(nodes),
+                            starts_.s[top_ + 1], tree.nodes);
+      enqueue(kernels.raise, round_up(nodes, node), nullptr);
     }
-    roots_ = static_cast<cl_uint>(divide_up(nodes, node));
+    roots_ = static_cast<cl_uint>(nodes);
   }
 
   void enqueue_search(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) {
@@ -194,10 +223,10 @@ class Tiles final : public PairFinder {
     const std::size_t sharers = this->sharers(tiles);
     cl_uint share = 0;
     for (std::size_t k = 0; k < node; k += sharers) share |= cl_uint{1} << k;
-    cl::Kernel& kernel = search.all ? of_all_.search : of_some_.search;
+    cl::Kernel& kernel = kernels(search).search;
     const cl_uint first =
-        opencl::set_arguments(kernel, 0, starts_, roots_, share, tree_, search.all ? tree_ : changed_tree_,
-                              elements_, search.now.filters);
+        opencl::set_arguments(kernel, 0, starts_, static_cast<cl_uint>(top_), roots_, share, tree_.nodes,
+                              (search.all ? tree_ : changed_tree_).nodes, elements_, search.now.filters);
     sink.set_sink(kernel, first, search);
     context_.queue().enqueueNDRangeKernel(kernel, cl::NullRange, cl::NDRange(tiles * group_, sharers),
                                           cl::NDRange(group_, 1), nullptr, stage.event());
@@ -213,6 +242,11 @@ class Tiles final : public PairFinder {
     return sharers;
   }
 
+  void enqueue_per_box(const cl::Kernel& kernel, std::size_t boxes) const {
+    context_.queue().enqueueNDRangeKernel(kernel, cl::NullRange, cl::NDRange(round_up(boxes, group)),
+                                          cl::NDRange(group));
+  }
+
   void enqueue(const cl::Kernel& kernel, std::size_t groups, cl::Event* event) {
     context_.queue().enqueueNDRangeKernel(kernel, cl::NullRange, cl::NDRange(groups * group_),
                                           cl::NDRange(group_), nullptr, event);
@@ -223,17 +257,17 @@ class Tiles final : public PairFinder {
   std::size_t group_;
   CentroidBounds centroids_;
   opencl::RadixSort sort_;
-  cl::Kernel keys_, raise_;
-  Kernels of_all_;
-  Kernels of_some_;                // made when first needed
+  std::array<Kernels, 4> kernels_;
   cl::Buffer elements_, scratch_;  // slots in order
-  cl::Buffer tree_;
-  cl::Buffer changed_tree_;   // of boxes that changed, if not all did
+  Tree tree_;
+  Tree changed_tree_;         // of boxes that changed, if not all did
   std::size_t nodes_ = 0;     // of a tree
   cl_uint4 starts_{};         // the first nodes of its levels
   std::size_t capacity_ = 0;  // slots
-  cl_uint roots_ = 0;
+  std::size_t top_ = 1;       // the level at which the search starts
+  cl_uint roots_ = 0;         // its nodes
   std::size_t sorted_slots_ = 0;
+  bool sorted_by_world_ = false;
   std::size_t sorted_frame_ = 0;
   std::optional<std::size_t> searched_frame_;
   std::size_t moved_ = 0;  // boxes since the order was new, each counted as often as it moved

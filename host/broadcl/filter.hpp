@@ -9,6 +9,9 @@ struct Filter {
   /// Value of `body`: the object is a body of its own.
   static constexpr std::uint32_t no_body = 0xffffffff;
 
+  /// Value of `world`: the object is in all worlds.
+  static constexpr std::uint32_t all_worlds = 0xffffffff;
+
   std::uint32_t group = 1;          ///< One bit per group that the object is in.
   std::uint32_t mask = 0xffffffff;  ///< One bit per group that the object pairs with.
   std::uint32_t body = no_body;     ///< Objects of the same body never pair.
@@ -19,9 +22,11 @@ struct Filter {
 static_assert(sizeof(Filter) == 16, "kernels read it as a uint4");
 
 /// Whether the filters of two objects let them pair: each is in a group of the other's mask, and they are in
-/// the same world and not of the same body.
+/// the same world, or one of them in all worlds, and not of the same body.
 [[nodiscard]] constexpr bool may_pair(const Filter& s, const Filter& t) noexcept {
-  return (s.group & t.mask) != 0 && (t.group & s.mask) != 0 && s.world == t.world &&
+  const bool worlds_meet =
+      s.world == t.world || s.world == Filter::all_worlds || t.world == Filter::all_worlds;
+  return (s.group & t.mask) != 0 && (t.group & s.mask) != 0 && worlds_meet &&
          (s.body != t.body || s.body == Filter::no_body);
 }
 

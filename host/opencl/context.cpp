@@ -27,6 +27,22 @@ Tuning tuning_of(const Device& device) {
   return *wanted == "cpu" ? Tuning::cpu : Tuning::gpu;
 }
 
+bool has_nvidia_vote(const cl::Device& device) {
+  // From cl_ext.h, which declares them for other versions of OpenCL only.
+  constexpr cl_device_info compute_capability_major = 0x4000;
+  constexpr cl_device_info warp_size = 0x4003;
+  constexpr cl_uint volta = 7;
+  if (environment("BROADCL_TUNING")) return false;
+  if (device.getInfo<CL_DEVICE_EXTENSIONS>().find("cl_nv_device_attribute_query") == std::string::npos)
+    return false;
+  const auto number = [&](cl_device_info name) {
+    cl_uint value = 0;
+    device.getInfo(name, &value);
+    return value;
+  };
+  return number(warp_size) == 32 && number(compute_capability_major) >= volta;
+}
+
 /// A key for this device and its driver only.
 std::string key_of(const Device& device, std::string_view key) {
   std::string result;
@@ -55,6 +71,7 @@ Context::Context(Device device, bool profile)
   translate_errors(device_.label(), [&] {
     context_ = cl::Context(cl_device_);
     queue_ = cl::CommandQueue(context_, cl_device_, profile ? CL_QUEUE_PROFILING_ENABLE : 0);
+    has_nvidia_vote_ = opencl::has_nvidia_vote(cl_device_);
   });
 }
 
@@ -66,6 +83,7 @@ Context::Context(const cl::CommandQueue& queue) : device_(describe(queue)), tuni
     cl_device_ = queue.getInfo<CL_QUEUE_DEVICE>();
     context_ = queue.getInfo<CL_QUEUE_CONTEXT>();
     queue_ = queue;
+    has_nvidia_vote_ = opencl::has_nvidia_vote(cl_device_);
   });
 }
 

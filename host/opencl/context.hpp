@@ -39,6 +39,10 @@ class Context {
   /// overrides it, so that each tuning profile can be tested on any device.
   [[nodiscard]] Tuning tuning() const noexcept { return tuning_; }
 
+  /// Whether 32 work-items that form a work-group can vote by an instruction of NVIDIA's: kernels/vote.h. Not
+  /// if BROADCL_TUNING is set, so that kernels can be tested without it.
+  [[nodiscard]] bool has_nvidia_vote() const noexcept { return has_nvidia_vote_; }
+
   /// A buffer on the device, not initialised.
   /// @param bytes At least 1.
   /// @param flags Besides CL_MEM_READ_WRITE.
@@ -93,6 +97,7 @@ class Context {
   cl::Device cl_device_;
   cl::Context context_;
   cl::CommandQueue queue_;
+  bool has_nvidia_vote_;
   DiskCache disk_cache_;
   std::shared_ptr<Memory> memory_ = std::make_shared<Memory>();
 };

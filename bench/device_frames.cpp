@@ -1,0 +1,62 @@
+#include "device_frames.hpp"
+
+#include <cstddef>
+#include <cstdint>
+#include <string>
+
+#include <benchmark/benchmark.h>
+
+#include <broadcl/broad_phase.hpp>
+
+#include "frames.hpp"
+#include "opencl/context.hpp"
+// After "opencl/api.hpp", which chooses the version of OpenCL.
+#include <broadcl/opencl.hpp>
+
+namespace broadcl {
+namespace {
+
+void time_update(benchmark::State& state, const AlgorithmInfo& algorithm, const Scene& scene,
+                 std::uint32_t n) {
+  const opencl::Context context(select_device(), false);
+  const cl::CommandQueue& queue = context.queue();
+  DeviceBroadPhase broad_phase(queue(), {.algorithm = std::string(algorithm.name)});
+  scenes::MovingBoxes boxes(n, scene.sizes);
+  const std::size_t bytes = n * sizeof(Aabb);
+  const cl::Buffer buffer = context.buffer(bytes);
+  const auto update = [&] {
+    const DeviceBroadPhase::Result result = broad_phase.update({.buffer = buffer(), .count = n});
+    queue.finish();
+    return result.added.count + result.removed.count;
+  };
+  queue.enqueueWriteBuffer(buffer, CL_TRUE, 0, bytes, boxes.boxes().data());
+  (void)update();
+  Frames frames(state);
+  for ([[maybe_unused]] auto _ : state) {
+    boxes.advance();
+    queue.enqueueWriteBuffer(buffer, CL_TRUE, 0, bytes, boxes.boxes().data());
+    frames.time(update);
+  }
+  frames.report();
+}
+
+}  // namespace
+
+void register_device_frames() {
+  for (const Scene& scene : scene_list) {
+    for (const std::uint32_t n : {3500U, 16000U, 64000U, 256000U, 1'000'000U}) {
+      for (const AlgorithmInfo& algorithm : algorithms()) {
+        if (!algorithm.on_device || algorithm.name == "gpu-bf") continue;
+        if (algorithm.name == "brute-force" && n > 16000) continue;  // it tests all pairs
+        const std::string name =
+            "update-device/" + std::string(algorithm.name) + "/" + scene.name + "/" + std::to_string(n);
+        benchmark::RegisterBenchmark(name.c_str(), time_update, algorithm, scene, n)
+            ->UseManualTime()
+            ->Iterations(256)
+            ->Unit(benchmark::kMicrosecond);
+      }
+    }
+  }
+}
+
+}  // namespace broadcl

@@ -1,0 +1,49 @@
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <chrono>
+#include <cstddef>
+#include <vector>
+
+#include <benchmark/benchmark.h>
+
+#include "scenes/generators.hpp"
+
+namespace broadcl {
+
+struct Scene {
+  const char* name;
+  scenes::MovingBoxes::Sizes sizes;
+};
+inline constexpr std::array scene_list{Scene{"uniform", scenes::MovingBoxes::Sizes::uniform},
+                                       Scene{"mixed", scenes::MovingBoxes::Sizes::mixed}};
+
+/// Times frames one by one, and reports the mean, the median, the p95 and the longest.
+class Frames {
+ public:
+  explicit Frames(benchmark::State& state) : state_(state) {}
+
+  template <class Function>
+  void time(Function&& frame) {
+    const auto start = std::chrono::steady_clock::now();
+    changes_ += frame();
+    times_.push_back(std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count());
+    state_.SetIterationTime(times_.back());
+  }
+
+  void report() {
+    std::sort(times_.begin(), times_.end());
+    state_.counters["median_us"] = times_[times_.size() / 2] * 1e6;
+    state_.counters["p95_us"] = times_[times_.size() * 95 / 100] * 1e6;
+    state_.counters["max_us"] = times_.back() * 1e6;
+    state_.counters["changes"] = static_cast<double>(changes_) / static_cast<double>(times_.size());
+  }
+
+ private:
+  benchmark::State& state_;
+  std::vector<double> times_;
+  std::size_t changes_ = 0;
+};
+
+}  // namespace broadcl

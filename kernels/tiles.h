@@ -1,0 +1,70 @@
+/* Tiles: the boxes are in an order in which neighbours in space are mostly neighbours, 32 boxes per tile, under a
+   tree of bounds in which every node has 32 children. Objects in different worlds never pair, so if there are worlds
+   they come first in the order, and the bounds of a node have a fourth dimension, its worlds.
+
+   Levels of the tree are stored one after the other. Children of the nodes of level 0, which are the tiles, are
+   boxes; those of the nodes of level 1 are bounds of tiles, and so on. */
+#ifndef BROADCL_TILES_H
+#define BROADCL_TILES_H
+
+#include "aabb.h"
+#include "filter.h"
+#include "lanes.h"
+
+#ifndef GROUP
+#define GROUP 32 /* one work-item per child; 1 with the tuning profile for CPUs: it handles all children */
+#endif
+#ifndef SOME_CHANGED
+#define SOME_CHANGED 0 /* 1 if not all boxes changed: there is a second tree, of those that did */
+#endif
+#ifndef WORLDS
+#define WORLDS 0 /* 1 if objects are in different worlds */
+#endif
+/* For functions with barriers: PoCL 3.1 gives wrong results if one is called from two places and not inlined. */
+#define INLINE static inline __attribute__((always_inline))
+
+#define LEVELS 4U
+#define NODE 32U /* children of a node; boxes of a tile are a node's children too */
+#define BOUNDS_OF_CHILD (WORLDS ? 8U : 6U)
+#define NODE_WORDS (NODE * BOUNDS_OF_CHILD) /* lower x of all children, then lower y, ... */
+#define FIRST_WORLD 6U /* after the floats, as uints */
+#define LAST_WORLD 7U
+
+/* Bounds of a child: of a box, or of all boxes below a node. NaN, and no world, if there is none. */
+typedef struct {
+  float bound[AABB_FLOATS];
+#if WORLDS
+  uint first_world, last_world;
+#endif
+} bounds_t;
+
+static inline size_t child_at(const uint node, const uint bound, const uint child) {
+  return (size_t)node * NODE_WORDS + bound * NODE + child;
+}
+
+static inline void load_child(bounds_t* bounds, global const float* tree, const uint node, const uint child) {
+  for (uint i = 0; i < AABB_FLOATS; ++i) bounds->bound[i] = tree[child_at(node, i, child)];
+#if WORLDS
+  bounds->first_world = ((global const uint*)tree)[child_at(node, FIRST_WORLD, child)];
+  bounds->last_world = ((global const uint*)tree)[child_at(node, LAST_WORLD, child)];
+#endif
+}
+
+static inline void store_child(const bounds_t* bounds, global float* tree, const uint node, const uint child) {
+  for (uint i = 0; i < AABB_FLOATS; ++i) tree[child_at(node, i, child)] = bounds->bound[i];
+#if WORLDS
+  ((global uint*)tree)[child_at(node, FIRST_WORLD, child)] = bounds->first_world;
+  ((global uint*)tree)[child_at(node, LAST_WORLD, child)] = bounds->last_world;
+#endif
+}
+
+static inline bool bounds_overlap(const bounds_t* s, const bounds_t* t) {
+  int overlap = AABB_OVERLAPS(s->bound[0], s->bound[1], s->bound[2], s->bound[3], s->bound[4], s->bound[5], t->bound[0],
+                              t->bound[1], t->bound[2], t->bound[3], t->bound[4], t->bound[5]);
+#if WORLDS
+  overlap &= (s->first_world <= t->last_world) & (t->first_world <= s->last_world);
+#endif
+  return overlap != 0;
+}
+
+#endif

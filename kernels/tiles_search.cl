@@ -1,0 +1,304 @@
+/* The search of tiles: tiles.h. Each tile searches the tree for what overlaps its own bounds, from itself on, so that
+   each pair is found once. If not all boxes changed, there is a second tree, of those that did: a tile searches that
+   one, and searches the first one for what overlaps the bounds of its own boxes that changed. What did not change
+   since it was last tested is not tested again. */
+
+#include "tiles.h"
+#include "delta.h"
+#include "vote.h"
+
+/* Of the children of a node, one bit each, those that do not come before a node of their level. */
+static inline uint not_before(const uint bits, const uint node, const uint first) {
+  const uint child = node * NODE;
+  return first <= child ? bits : first - child < NODE ? bits & (0xffffffffU << (first - child)) : 0U;
+}
+
+/* The component of a level: 0 for the tiles. (No array, since GPUs keep one in memory if its index varies.) */
+static inline uint of_level(const uint4 values, const uint level) {
+  return level == 0U ? values.x : level == 1U ? values.y : level == 2U ? values.z : values.w;
+}
+static inline uint4 with_level(const uint4 values, const uint level, const uint value) {
+  return (uint4)(values.x, level == 1U ? value : values.y, level == 2U ? value : values.z,
+                 level == 3U ? value : values.w);
+}
+
+static inline uint lowest_bit(const uint bits) {
+  return 31U - clz(bits & (0U - bits));
+}
+
+/* Whether two slots whose boxes overlap are a new pair; `s` and `t` are their boxes of the last frame. */
+static inline bool is_new_pair(const uint2 pair, const box_t* s, const box_t* t, global const uint4* filters,
+                               const pair_sink_t* sink) {
+  if (filters != 0 && !may_pair(filters[pair.x], filters[pair.y])) return false;
+  return !boxes_overlap(s, t) || !could_pair(sink, pair);
+}
+
+#if GROUP > 1
+#define BATCH 32U   /* candidates that are tested at a time: a work-item has a bit for each */
+#define HITS 256U   /* room for hits */
+#define ENOUGH 128U /* hits are compared with the last frame once there are this many */
+
+typedef struct {
+  ballots_t ballots;
+  /* The boxes of the tile. */
+  box_t own_last[NODE];
+  uint own_slots[NODE];
+  /* Boxes that overlap the bounds of the tile, with their places in lower.w. */
+  float4 lower[2U * BATCH];
+  float4 upper[2U * BATCH];
+#if WORLDS
+  uint2 worlds[2U * BATCH];
+#endif
+  uint slots[2U * BATCH];
+  uint2 hits[HITS]; /* an own box, and a slot; those that are new pairs become pairs */
+  uint found;
+  uint found_new;
+  uint base;
+} scratch_t;
+
+/* Bits of the children of a node that the tile has to visit, and this work-item's child. All work-items must call
+   it. */
+INLINE uint visit(const uint node, global const float* tree, const bounds_t* bounds, global const float* changed,
+                  const bounds_t* changed_bounds, bounds_t* child, local ballots_t* ballots, uint* turn) {
+  bool overlaps = false;
+#if SOME_CHANGED
+  load_child(child, changed, node, (uint)get_local_id(0));
+  overlaps = bounds_overlap(child, bounds);
+  load_child(child, tree, node, (uint)get_local_id(0));
+  overlaps = overlaps || bounds_overlap(child, changed_bounds);
+#else
+  (void)changed;
+  (void)changed_bounds;
+  load_child(child, tree, node, (uint)get_local_id(0));
+  overlaps = bounds_overlap(child, bounds);
+#endif
+  return vote(overlaps, ballots, turn);
+}
+#define VISIT(node) visit(node, tree, &bounds, changed, &changed_bounds, &child, &scratch.ballots, &turn)
+
+/* Appends those hits that are new pairs. All work-items must call it. */
+INLINE void append_new(local scratch_t* scratch, const uint count, global const uint4* filters,
+                       const pair_sink_t* sink) {
+  const uint item = (uint)get_local_id(0);
+  for (uint first = 0; first < count; first += GROUP) {
+    const uint2 hit = scratch->hits[min(first + item, count - 1U)];
+    const uint own = scratch->own_slots[hit.x];
+    const uint2 pair = (uint2)(min(own, hit.y), max(own, hit.y));
+    const box_t own_last = scratch->own_last[hit.x];
+    box_t last;
+    load_last_box(&last, sink, hit.y);
+    const bool is_new = first + item < count && is_new_pair(pair, &own_last, &last, filters, sink);
+    barrier(CLK_LOCAL_MEM_FENCE);
+    if (is_new) scratch->hits[atomic_inc(&scratch->found_new)] = pair;
+    barrier(CLK_LOCAL_MEM_FENCE);
+  }
+  const uint total = scratch->found_new;
+  if (total > 0U) {
+    if (item == 0U) scratch->base = reserve_pairs(sink, total);
+    barrier(CLK_LOCAL_MEM_FENCE);
+    for (uint k = item; k < total; k += GROUP) append_pair(sink, scratch->base, k, scratch->hits[k]);
+  }
+  barrier(CLK_LOCAL_MEM_FENCE);
+  if (item == 0U) scratch->found = scratch->found_new = 0;
+  barrier(CLK_LOCAL_MEM_FENCE);
+}
+
+/* Tests the candidates, each of which all work-items compare with their own boxes. All work-items must call it. */
+INLINE void test_candidates(local scratch_t* scratch, const uint count, const bounds_t* own, const uint place,
+                            global const uint4* filters, const pair_sink_t* sink) {
+  barrier(CLK_LOCAL_MEM_FENCE);
+  for (uint first = 0; first < count; first += BATCH) {
+    const uint size = min(BATCH, count - first);
+    uint bits = 0;
+#pragma unroll 4
+    for (uint k = 0; k < size; ++k) {
+      const float4 lower = scratch->lower[first + k];
+      const float4 upper = scratch->upper[first + k];
+      int hit = AABB_OVERLAPS(own->bound[0], own->bound[1], own->bound[2], own->bound[3],
+                              own->bound[4], own->bound[5], lower.x, lower.y, lower.z, upper.x, upper.y,
+                              upper.z);
+      hit &= place < as_uint(lower.w);
+#if WORLDS
+      const uint2 worlds = scratch->worlds[first + k];
+      hit &= (own->first_world <= worlds.y) & (worlds.x <= own->last_world);
+#endif
+      bits |= (hit != 0 ? 1U : 0U) << k;
+    }
+    bool more = true;
+    while (more) {
+      uint k = bits == 0U ? 0U : atomic_add(&scratch->found, popcount(bits));
+      for (; bits != 0U && k < HITS; bits &= bits - 1U) {
+        scratch->hits[k++] = (uint2)((uint)get_local_id(0), scratch->slots[first + lowest_bit(bits)]);
+      }
+      barrier(CLK_LOCAL_MEM_FENCE);
+      const uint found = scratch->found;
+      barrier(CLK_LOCAL_MEM_FENCE);
+      if (found >= ENOUGH) append_new(scratch, min(found, HITS), filters, sink);
+      more = found > HITS;
+    }
+  }
+}
+#else
+#define FLUSH 64U /* hits are appended once there are this many */
+
+/* One bit per child of a node: whether it overlaps these bounds. */
+static inline uint overlapping(global const float* tree, const uint node, const bounds_t* bounds) {
+  uint bits = 0;
+  for (uint part = 0; part < NODE / WIDTH; ++part) {
+    global const float* p = tree + child_at(node, 0, part * WIDTH);
+#define LOAD(i) PASTE(vload, WIDTH)(0, p + (i)*NODE)
+    INTS overlap = AABB_OVERLAPS(LOAD(0), LOAD(1), LOAD(2), LOAD(3), LOAD(4), LOAD(5), bounds->bound[0],
+                                 bounds->bound[1], bounds->bound[2], bounds->bound[3], bounds->bound[4],
+                                 bounds->bound[5]);
+#if WORLDS
+    global const uint* worlds = (global const uint*)p;
+    overlap &= (PASTE(vload, WIDTH)(0, worlds + FIRST_WORLD * NODE) <= bounds->last_world) &
+               (PASTE(vload, WIDTH)(0, worlds + LAST_WORLD * NODE) >= bounds->first_world);
+#endif
+    bits |= lane_mask(overlap) << (part * WIDTH);
+  }
+  return bits;
+}
+
+/* Bits of the children of a node that the tile has to visit. */
+static inline uint visit(const uint node, global const float* tree, const bounds_t* bounds,
+                         global const float* changed, const bounds_t* changed_bounds) {
+#if SOME_CHANGED
+  return overlapping(changed, node, bounds) | overlapping(tree, node, changed_bounds);
+#else
+  (void)changed;
+  (void)changed_bounds;
+  return overlapping(tree, node, bounds);
+#endif
+}
+#define VISIT(node) visit(node, tree, &bounds, changed, &changed_bounds)
+
+static inline void append_hits(const pair_sink_t* sink, const uint2* hits, const uint count) {
+  if (count == 0U) return;
+  const uint base = reserve_pairs(sink, count);
+  for (uint k = 0; k < count; ++k) append_pair(sink, base, k, hits[k]);
+}
+#endif
+
+/* Finds the pairs of a tile with itself and later ones. `changed` is the tree of the boxes that changed. `starts`
+   are the first nodes of the levels, `top` is the level of which there are `roots` nodes. Work-groups of dimension 0
+   stand for a tile each; those of dimension 1 share its search: the first of them visits the tiles whose bit, among
+   each 32, is in `share`, and each further one visits tiles one further on. */
+kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_search(
+    const uint4 starts, const uint top, const uint roots, const uint share, global const float* restrict tree,
+    global const float* restrict changed, global const uint2* restrict elements,
+    global const uint4* restrict filters, PAIR_SINK_PARAMETERS) {
+  const pair_sink_t sink = PAIR_SINK;
+  const uint tile = (uint)get_group_id(0);
+  bounds_t bounds;
+  load_child(&bounds, tree, starts.y + tile / NODE, tile % NODE);
+  bounds_t changed_bounds;
+#if SOME_CHANGED
+  load_child(&changed_bounds, changed, starts.y + tile / NODE, tile % NODE);
+#else
+  changed_bounds = bounds;
+#endif
+
+#if GROUP > 1
+  local scratch_t scratch;
+  const uint item = (uint)get_local_id(0);
+  const uint own_place = tile * NODE + item;
+  const uint own_slot = elements[own_place].x;
+  bounds_t own;
+  load_child(&own, tree, tile, item);
+  box_t own_last;
+  load_last_box(&own_last, &sink, own_slot);
+  scratch.own_last[item] = own_last;
+  scratch.own_slots[item] = own_slot;
+  if (item == 0U) scratch.found = scratch.found_new = 0;
+  uint turn = 0;
+  uint count = 0; /* of candidates */
+  bounds_t child;
+#else
+  uint2 hits[FLUSH + NODE];
+  uint found = 0;
+  box_t own_last[NODE];
+  for (uint child = 0; child < NODE; ++child) {
+    load_last_box(&own_last[child], &sink, elements[tile * NODE + child].x);
+  }
+#endif
+
+  uint work = 0;
+  uint4 rest = 0; /* by level, children of the nodes on the way down that are still to be visited; in registers */
+  uint level = top;
+  uint root = top == LEVELS - 1U ? tile / (NODE * NODE * NODE) : 0U;
+  uint node = root;
+  while (root < roots) {
+    uint bits = VISIT(of_level(starts, level) + node);
+    ++work;
+    if (level > 0U) {
+      if (level == 1U) bits &= share << (uint)get_group_id(1);
+      rest = with_level(rest, level, not_before(bits, node, tile >> (5U * (level - 1U))));
+    } else {
+      work += popcount(bits);
+#if GROUP > 1
+      if ((bits >> item & 1U) != 0U) {
+        const uint k = count + popcount(bits & ((1U << item) - 1U));
+        const uint place = node * NODE + item;
+        scratch.lower[k] = (float4)(child.bound[0], child.bound[1], child.bound[2], as_float(place));
+        scratch.upper[k] = (float4)(child.bound[3], child.bound[4], child.bound[5], 0.0F);
+#if WORLDS
+        scratch.worlds[k] = (uint2)(child.first_world, child.last_world);
+#endif
+        scratch.slots[k] = elements[place].x;
+      }
+      count += popcount(bits);
+#else
+      for (; bits != 0U; bits &= bits - 1U) {
+        const uint child = lowest_bit(bits);
+        bounds_t box;
+        load_child(&box, tree, node, child);
+        const uint slot = elements[node * NODE + child].x;
+        uint own = overlapping(tree, tile, &box);
+        if (node == tile) own &= (1U << child) - 1U;
+        if (own == 0U) continue;
+        box_t last;
+        load_last_box(&last, &sink, slot);
+        for (; own != 0U; own &= own - 1U) {
+          const uint mine = lowest_bit(own);
+          const uint my_slot = elements[tile * NODE + mine].x;
+          const uint2 pair = (uint2)(min(my_slot, slot), max(my_slot, slot));
+          const box_t mine_last = own_last[mine];
+          if (is_new_pair(pair, &mine_last, &last, filters, &sink)) hits[found++] = pair;
+        }
+        if (found < FLUSH) continue;
+        append_hits(&sink, hits, found);
+        found = 0;
+      }
+#endif
+    }
+
+    while (level <= top && of_level(rest, level) == 0U) {
+      ++level;
+      node /= NODE;
+    }
+    if (level > top) {
+      level = top;
+      node = ++root;
+    } else {
+      const uint children = of_level(rest, level);
+      node = node * NODE + lowest_bit(children);
+      rest = with_level(rest, level, children & (children - 1U));
+      --level;
+    }
+#if GROUP > 1
+    if (count > BATCH || root >= roots) {
+      test_candidates(&scratch, count, &own, own_place, filters, &sink);
+      count = 0;
+    }
+#endif
+  }
+
+#if GROUP > 1
+  append_new(&scratch, scratch.found, filters, &sink);
+  if (item == 0U) atomic_add(&sink.counts[COUNT_WORK], work);
+#else
+  append_hits(&sink, hits, found);
+  atomic_add(&sink.counts[COUNT_WORK], work);
+#endif
+}

@@ -1,0 +1,42 @@
+/* A vote of the 32 work-items of a work-group. */
+#ifndef BROADCL_VOTE_H
+#define BROADCL_VOTE_H
+
+#define VOTERS 32U
+
+/* The ballots of the last vote and of this one. */
+typedef struct {
+  uint4 bytes[2][VOTERS / sizeof(uint4)];
+} ballots_t;
+
+/* The bits of four bytes that are each 0 or 1. */
+static inline uint bits_of_bytes(const uint bytes) {
+  return bytes * 0x10204080U >> 28;
+}
+
+static inline uint bits_of_16(const uint4 bytes) {
+  return bits_of_bytes(bytes.x) | bits_of_bytes(bytes.y) << 4 | bits_of_bytes(bytes.z) << 8 |
+         bits_of_bytes(bytes.w) << 12;
+}
+
+/* One bit per work-item, which says whether it voted yes. All work-items must call it. `turn` is 0 before the first
+   vote. A barrier between any two votes keeps what a slow work-item still reads from being overwritten. */
+INLINE uint vote(const bool yes, local ballots_t* ballots, uint* turn) {
+#ifdef NVIDIA
+  (void)ballots;
+  (void)turn;
+  uint bits;
+  __asm__ volatile("{ .reg .pred p; setp.ne.u32 p, %1, 0; vote.sync.ballot.b32 %0, p, 0xffffffff; }"
+                   : "=r"(bits)
+                   : "r"((uint)yes));
+  return bits;
+#else
+  local uint4* box = ballots->bytes[*turn];
+  *turn = 1U - *turn;
+  ((local uchar*)box)[get_local_id(0)] = yes ? 1 : 0;
+  barrier(CLK_LOCAL_MEM_FENCE);
+  return bits_of_16(box[0]) | bits_of_16(box[1]) << 16;
+#endif
+}
+
+#endif
