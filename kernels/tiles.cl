@@ -100,7 +100,7 @@ static inline void load_object(bounds_t* bounds, const uint slot, const bool exi
 #if GROUP > 1
 #define FOR_EACH_CHILD(child) const uint child = (uint)get_local_id(0);
 
-#define WORDS 8U               /* six bounds, and two worlds if there are any */
+#define WORDS 8U                      /* six bounds, and two worlds if there are any */
 #define PART (NODE / (GROUP / WORDS)) /* children that a work-item merges */
 
 typedef struct {
@@ -108,9 +108,12 @@ typedef struct {
   uint parts[WORDS][GROUP / WORDS];
 } scratch_t;
 
-/* In words of which those of lower bounds shrink and the others grow, so that the largest and 0 stand for none. */
-static inline bool shrinks(const uint word) {
-  return word < 3U || word == FIRST_WORLD;
+/* Bounds as words of which the larger one is the wider, and 0 is none. */
+static inline uint word_of_lower(const float bound) {
+  return isnan(bound) ? 0U : ~ordered(bound);
+}
+static inline uint word_of_upper(const float bound) {
+  return isnan(bound) ? 0U : ordered(bound);
 }
 
 /* Stores the bounds of all children of node k of a level, one of which each work-item has, as child k of the level
@@ -118,11 +121,12 @@ static inline bool shrinks(const uint word) {
 INLINE void raise(const bounds_t* mine, local scratch_t* scratch, global float* tree, const uint k,
                   const uint parents) {
   const uint item = (uint)get_local_id(0);
-  for (uint i = 0; i < AABB_FLOATS; ++i) {
-    scratch->words[i][item] = isnan(mine->bound[i]) ? (shrinks(i) ? UINT_MAX : 0U) : ordered(mine->bound[i]);
+  for (uint i = 0; i < 3U; ++i) {
+    scratch->words[i][item] = word_of_lower(mine->bound[i]);
+    scratch->words[i + 3U][item] = word_of_upper(mine->bound[i + 3U]);
   }
 #if WORLDS
-  scratch->words[FIRST_WORLD][item] = mine->first_world;
+  scratch->words[FIRST_WORLD][item] = ~mine->first_world;
   scratch->words[LAST_WORLD][item] = mine->last_world;
 #else
   scratch->words[FIRST_WORLD][item] = scratch->words[LAST_WORLD][item] = 0;
@@ -130,22 +134,20 @@ INLINE void raise(const bounds_t* mine, local scratch_t* scratch, global float* 
   barrier(CLK_LOCAL_MEM_FENCE);
   const uint word = item % WORDS;
   const uint part = item / WORDS;
-  uint merged = scratch->words[word][part * PART];
-  for (uint child = 1; child < PART; ++child) {
-    const uint other = scratch->words[word][part * PART + child];
-    merged = shrinks(word) ? min(merged, other) : max(merged, other);
+  uint widest = 0;
+  for (uint child = part * PART; child < (part + 1U) * PART; ++child) {
+    widest = max(widest, scratch->words[word][child]);
   }
-  scratch->parts[word][part] = merged;
+  scratch->parts[word][part] = widest;
   barrier(CLK_LOCAL_MEM_FENCE);
   if (part > 0U || word >= BOUNDS_OF_CHILD) return;
-  for (uint i = 1; i < GROUP / WORDS; ++i) {
-    merged = shrinks(word) ? min(merged, scratch->parts[word][i]) : max(merged, scratch->parts[word][i]);
-  }
+  for (uint i = 1; i < GROUP / WORDS; ++i) widest = max(widest, scratch->parts[word][i]);
   const size_t at = child_at(parents + k / NODE, word, k % NODE);
+  const uint value = word < 3U || word == FIRST_WORLD ? ~widest : widest;
   if (word < AABB_FLOATS) {
-    tree[at] = from_ordered(merged);
+    tree[at] = from_ordered(value);
   } else {
-    ((global uint*)tree)[at] = merged;
+    ((global uint*)tree)[at] = value;
   }
 }
 #else
