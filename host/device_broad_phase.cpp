@@ -3,6 +3,7 @@
 #include <broadcl/aabb.hpp>
 #include <broadcl/opencl.hpp>
 
+#include <algorithm>
 #include <array>
 #include <utility>
 
@@ -46,17 +47,13 @@ class DeviceBroadPhase::Impl {
         gather_(context_.guard([&] { return cl::Kernel(context_.program("changes.cl"), "gather_boxes"); })) {}
 
   void begin(const Boxes& boxes) {
-    if (in_flight_) throw Error("begin() was called twice; call finish() in between");
+    refuse_in_flight("begin()");
     context_.guard([&] {
       check(boxes);
+      settle();
       profiler_.begin();
       engine_->prepare();
-      gather(boxes);
-      copy_filters(boxes);
-      const Generation& now = frames_.at(1 - turn_).objects;
-      engine_->begin({.now = now,
-                      .last = frames_.at(turn_).objects,
-                      .worlds = boxes.worlds && boxes.filters != nullptr});
+      engine_->begin(gather(boxes), tag_of(boxes));
       context_.queue().flush();
     });
     in_flight_ = true;
@@ -71,14 +68,56 @@ class DeviceBroadPhase::Impl {
                   .removed = {engine_->changes().removed()(), counts.removed},
                   .pair_count = counts.found,
                   .invalid_boxes = counts.invalid_boxes,
-                  .first_invalid = {}};
+                  .first_invalid = {},
+                  .incomplete = std::exchange(incomplete_, 0)};
     if (counts.invalid_boxes > 0) result.first_invalid = static_cast<std::uint32_t>(counts.first_invalid);
     return result;
   }
 
+  void reserve(std::size_t boxes, std::size_t pairs, bool filters) {
+    refuse_in_flight("reserve()");
+    if (boxes > most_boxes) throw Error("more than 2147483647 boxes; give fewer");
+    context_.guard([&] {
+      settle();
+      const std::size_t slots = std::max<std::size_t>(boxes, frames_.at(turn_).objects.slots);
+      engine_->reserve_ahead(slots, pairs);
+      reserve(frames_.at(1 - turn_), slots, filters);
+      Frame larger = frames_.at(turn_);
+      reserve(larger, slots, filters);
+      copy(frames_.at(turn_), larger);
+      frames_.at(turn_) = std::move(larger);
+      reserved_ = boxes;
+      reserved_filters_ = filters;
+    });
+  }
+
+  void enqueue(const Boxes& boxes, const ChangeBuffers& changes) {
+    refuse_in_flight("enqueue()");
+    if (boxes.count > reserved_) {
+      throw Error("enqueue() was given " + std::to_string(boxes.count) +
+                  " boxes, but reserve() was told of " + std::to_string(reserved_) + "; call reserve()");
+    }
+    if (boxes.filters != nullptr && !reserved_filters_) {
+      throw Error("enqueue() was given filters, but reserve() was not told of any; call reserve()");
+    }
+    context_.guard([&] {
+      check(boxes);
+      check(changes);
+      if (engine_->was_interrupted()) settle();
+      engine_->prepare();
+      engine_->enqueue(gather(boxes), tag_of(boxes),
+                       {.added = cl::Buffer(changes.added, true),
+                        .removed = cl::Buffer(changes.removed, true),
+                        .counts = cl::Buffer(changes.counts, true),
+                        .capacity = changes.capacity});
+    });
+    turn_ = 1 - turn_;
+  }
+
   PairBuffer pairs() {
-    if (in_flight_) throw Error("pairs() was called between begin() and finish(); call finish() first");
+    refuse_in_flight("pairs()");
     return context_.guard([&]() -> PairBuffer {
+      settle();
       pairs_ = engine_->sorted_pairs();
       return {pairs_(), engine_->pair_count()};
     });
@@ -94,9 +133,56 @@ class DeviceBroadPhase::Impl {
     opencl::GrowingBuffer boxes, filters;
   };
 
+  void refuse_in_flight(const std::string& call) const {
+    if (in_flight_) throw Error(call + " was called between begin() and finish(); call finish() first");
+  }
+
+  /// Finds out what became of the updates that nobody waited for.
+  void settle() {
+    if (!engine_->is_unsettled()) return;
+    const PairDelta::Settled settled = engine_->settle();
+    const std::size_t incomplete = settled.frames - settled.complete;
+    if (incomplete % 2 != 0) turn_ = 1 - turn_;
+    Frame& last = frames_.at(turn_);
+    last.objects = {.slots = settled.tag >> 1U,
+                    .boxes = last.boxes.get(),
+                    .filters = (settled.tag & 1U) != 0 ? last.filters.get() : cl::Buffer()};
+    incomplete_ += incomplete;
+  }
+
+  /// What the generation of an update is like, for settle().
+  static cl_uint tag_of(const Boxes& boxes) {
+    return static_cast<cl_uint>(boxes.count) << 1U | (boxes.filters != nullptr ? 1U : 0U);
+  }
+
+  void reserve(Frame& frame, std::size_t boxes, bool filters) const {
+    frame.boxes.reserve(context_, (boxes + Generation::padding) * sizeof(Aabb), "boxes");
+    if (filters) frame.filters.reserve(context_, (boxes + Generation::padding) * sizeof(Filter), "filters");
+  }
+
+  /// Copies objects to a frame with memory of its own, if it has.
+  void copy(const Frame& from, Frame& to) const {
+    const std::size_t slots = from.objects.slots;
+    if (slots == 0) return;
+    if (to.boxes.get()() != from.boxes.get()()) {
+      context_.queue().enqueueCopyBuffer(from.boxes.get(), to.boxes.get(), 0, 0, slots * sizeof(Aabb));
+      to.objects.boxes = to.boxes.get();
+    }
+    if (from.objects.filters() == nullptr || to.filters.get()() == from.filters.get()()) return;
+    context_.queue().enqueueCopyBuffer(from.filters.get(), to.filters.get(), 0, 0, slots * sizeof(Filter));
+    to.objects.filters = to.filters.get();
+  }
+
+  void check(const ChangeBuffers& changes) const {
+    if (changes.capacity == 0) throw Error("the capacity for changes is 0; give at least 1");
+    const std::size_t capacity = changes.capacity;
+    check_buffer("added pairs", changes.added, capacity, 0, sizeof(Pair), sizeof(Pair));
+    check_buffer("removed pairs", changes.removed, capacity, 0, sizeof(Pair), sizeof(Pair));
+    check_buffer("counts", changes.counts, 1, 0, 4 * sizeof(cl_uint), 4 * sizeof(cl_uint));
+  }
+
   void check(const Boxes& boxes) const {
     if (boxes.count == 0) return;
-    if (boxes.buffer == nullptr) throw Error("the buffer of boxes is null; give one of the queue's context");
     if (boxes.count > most_boxes) throw Error("more than 2147483647 boxes; give fewer");
     if (boxes.offset % sizeof(float) != 0 || boxes.stride % sizeof(float) != 0) {
       throw Error("offset and stride of the boxes must be multiples of 4 bytes");
@@ -109,6 +195,7 @@ class DeviceBroadPhase::Impl {
   /// Refuses a buffer of another context, and one that is too small for this many items.
   void check_buffer(const std::string& what, cl_mem memory, std::size_t count, std::size_t offset,
                     std::size_t stride, std::size_t size) const {
+    if (memory == nullptr) throw Error("the buffer of " + what + " is null; give one of the queue's context");
     const cl::Buffer buffer(memory, true);
     if (buffer.getInfo<CL_MEM_CONTEXT>()() != context_.context()()) {
       throw Error("the buffer of " + what + " is of another context; give one of the queue's context");
@@ -123,30 +210,26 @@ class DeviceBroadPhase::Impl {
     }
   }
 
-  void gather(const Boxes& boxes) {
+  /// Enqueues the command that copies the caller's objects; returns their search.
+  Search gather(const Boxes& boxes) {
     Frame& next = frames_.at(1 - turn_);
-    next.boxes.reserve(context_, (boxes.count + Generation::padding) * sizeof(Aabb), "boxes");
-    next.objects.slots = static_cast<cl_uint>(boxes.count);
-    next.objects.boxes = next.boxes.get();
-    if (boxes.count == 0) return;
-    opencl::Profiler::Scope stage(profiler_, "gather");
-    opencl::set_arguments(gather_, 0, static_cast<cl_uint>(boxes.count), cl::Buffer(boxes.buffer, true),
-                          static_cast<cl_ulong>(boxes.offset / sizeof(float)),
-                          static_cast<cl_ulong>(boxes.stride / sizeof(float)), next.objects.boxes,
-                          engine_->counts());
-    context_.queue().enqueueNDRangeKernel(gather_, cl::NullRange,
-                                          cl::NDRange(opencl::round_up(boxes.count, group)),
-                                          cl::NDRange(group), nullptr, stage.event());
-  }
-
-  void copy_filters(const Boxes& boxes) {
-    Frame& next = frames_.at(1 - turn_);
-    next.objects.filters = {};
-    if (boxes.filters == nullptr || boxes.count == 0) return;
-    next.filters.reserve(context_, (boxes.count + Generation::padding) * sizeof(Filter), "filters");
-    next.objects.filters = next.filters.get();
-    context_.queue().enqueueCopyBuffer(cl::Buffer(boxes.filters, true), next.objects.filters, 0, 0,
-                                       boxes.count * sizeof(Filter));
+    const bool filters = boxes.filters != nullptr;
+    reserve(next, boxes.count, filters);
+    next.objects = {.slots = static_cast<cl_uint>(boxes.count),
+                    .boxes = next.boxes.get(),
+                    .filters = filters ? next.filters.get() : cl::Buffer()};
+    if (boxes.count > 0) {
+      opencl::Profiler::Scope stage(profiler_, "gather");
+      opencl::set_arguments(gather_, 0, static_cast<cl_uint>(boxes.count), cl::Buffer(boxes.buffer, true),
+                            static_cast<cl_ulong>(boxes.offset / sizeof(float)),
+                            static_cast<cl_ulong>(boxes.stride / sizeof(float)),
+                            filters ? cl::Buffer(boxes.filters, true) : cl::Buffer(), next.objects.boxes,
+                            next.objects.filters, engine_->counts());
+      context_.queue().enqueueNDRangeKernel(gather_, cl::NullRange,
+                                            cl::NDRange(opencl::round_up(boxes.count, group)),
+                                            cl::NDRange(group), nullptr, stage.event());
+    }
+    return {.now = next.objects, .last = frames_.at(turn_).objects, .worlds = boxes.worlds && filters};
   }
 
   opencl::Context context_;
@@ -157,6 +240,9 @@ class DeviceBroadPhase::Impl {
   std::size_t turn_ = 0;         // index of the frame of the last update
   cl::Buffer pairs_;
   bool in_flight_ = false;
+  std::size_t reserved_ = 0;  // boxes of an update that nobody waits for
+  bool reserved_filters_ = false;
+  std::size_t incomplete_ = 0;  // such updates that were, since the last result
 };
 
 DeviceBroadPhase::DeviceBroadPhase(cl_command_queue queue) : DeviceBroadPhase(queue, Config()) {}
@@ -177,6 +263,14 @@ void DeviceBroadPhase::begin(const Boxes& boxes) {
 
 DeviceBroadPhase::Result DeviceBroadPhase::finish() {
   return impl_->finish();
+}
+
+void DeviceBroadPhase::reserve(std::size_t boxes, std::size_t pairs, bool filters) {
+  impl_->reserve(boxes, pairs, filters);
+}
+
+void DeviceBroadPhase::enqueue(const Boxes& boxes, const ChangeBuffers& changes) {
+  impl_->enqueue(boxes, changes);
 }
 
 DeviceBroadPhase::PairBuffer DeviceBroadPhase::pairs() {

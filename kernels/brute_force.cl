@@ -124,10 +124,10 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void brute_force(
 
   const bool all = row_count == n;
   const uint first_row = (uint)get_global_id(1) * rows;
-  const uint end = min(row_count, first_row + rows);
+  const uint end = is_halted(counts) ? 0U : min(row_count, first_row + rows);
 #if GROUP > 1
   local row_t tile[MAX_ROWS + ROWS];
-  const bool has_work = !all || (uint)get_group_id(0) * (GROUP * WIDTH) < end;
+  const bool has_work = first_row < end && (!all || (uint)get_group_id(0) * (GROUP * WIDTH) < end);
   for (uint k = (uint)get_local_id(0); has_work && k < rows + ROWS; k += GROUP) {
     const uint row = min(first_row + k, end - 1U);
     tile[k] = finite_row(load_row(boxes, filters, all ? row : changed[row]));

@@ -26,12 +26,15 @@ kernel void apply_changes(const uint count, global const uint* restrict changes,
   for (uint i = 0; i < AABB_FLOATS; ++i) boxes[(size_t)slot * AABB_FLOATS + i] = box[i];
 }
 
-/* Copies boxes from elsewhere on the device, where each box begins `stride` floats after the one before, one
-   work-item per box. Empty boxes become NaNs, as the host packs them. Those with a NaN bound are counted. */
+/* Copies boxes from elsewhere on the device, where each box begins `stride` floats after the one before, and filters,
+   unless they are null, one work-item per box. Empty boxes become NaNs, as the host packs them. Those with a NaN bound
+   are counted. */
 kernel void gather_boxes(const uint n, global const float* restrict source, const ulong offset, const ulong stride,
-                         global float* restrict boxes, global uint* restrict counts) {
+                         global const uint4* restrict source_filters, global float* restrict boxes,
+                         global uint4* restrict filters, global uint* restrict counts) {
   const uint k = (uint)get_global_id(0);
-  if (k >= n) return;
+  if (k >= n || is_halted(counts)) return;
+  if (filters != 0) filters[k] = source_filters[k];
   global const float* p = source + offset + k * stride;
   global float* q = boxes + (size_t)k * AABB_FLOATS;
   bool proper = true;

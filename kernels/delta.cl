@@ -30,12 +30,13 @@ static inline bool is_kept(const uint2 pair, const uint slots, global const floa
    `removed`. `filters` is null if they separate no pair of the last frame. `all` says whether all slots count as
    changed. */
 kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void delta_keep(
-    const uint last_found, global const uint2* restrict last, const uint slots, global const float* restrict boxes,
+    global const uint2* restrict last, const uint slots, global const float* restrict boxes,
     global const uint4* restrict filters, const uint all, const uint stamp, global const uint* restrict stamps,
     const uint capacity, global uint2* restrict pairs, global uint2* restrict removed, global uint* restrict counts) {
   local uint totals[2]; /* pairs removed and kept */
   local uint bases[2];
   const uint lane = (uint)get_local_id(0);
+  const uint last_found = is_halted(counts) ? 0U : counts[COUNT_LAST_FOUND];
   const uint first = (uint)get_group_id(0) * (GROUP * CHUNK) + lane;
   if (lane < 1U) totals[0] = totals[1] = 0;
   barrier(CLK_LOCAL_MEM_FENCE);

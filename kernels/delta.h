@@ -21,7 +21,12 @@
 #define COUNT_UNORDERED 4     /* not 0 if order.cl leaves the changes to the host */
 #define COUNT_INVALID 5       /* boxes with a NaN bound, if boxes are gathered on the device */
 #define COUNT_INVALID_FIRST 6 /* UINT_MAX minus the index of the first of them */
-#define COUNTS 8              /* an even number, so that pairs can follow */
+/* What is known of the frames before, so that frames can follow each other without the host: order.cl passes it on. */
+#define COUNT_LAST_FOUND 7 /* pairs of the last complete frame */
+#define COUNT_LAST_TAG 8   /* what the host said of it */
+#define COUNT_COMPLETE 9   /* complete frames since the last one that was waited for */
+#define COUNT_HALTED 10    /* not 0 if the frame before was not complete: then this one changes nothing either */
+#define COUNTS 12          /* an even number, so that pairs can follow */
 
 typedef struct {
   uint capacity;                    /* of the list */
@@ -76,6 +81,11 @@ static inline uint reserve_pairs(const pair_sink_t* sink, const uint total) {
 /* Appends the k-th pair of a reservation. */
 static inline void append_pair(const pair_sink_t* sink, const uint base, const uint k, const uint2 pair) {
   if (base + k < sink->capacity) sink->pairs[base + k] = pair;
+}
+
+/* Whether an earlier frame was not complete. */
+static inline bool is_halted(global const uint* counts) {
+  return counts[COUNT_HALTED] != 0U;
 }
 
 /* Whether every pair found was appended. */

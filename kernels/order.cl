@@ -1,6 +1,6 @@
 /* Sorts the changes of a frame into canonical order, by b, then by a. Writes the counts to `result`, followed by the
-   added pairs, then the removed ones, unless these two have buffers of their own. Sets all counts of the next frame
-   to zero.
+   added pairs, then the removed ones, unless these two have buffers of their own. Prepares the counts of the next
+   frame.
 
    If there are few changes, each is compared with every other, in one launch. Many are counted in buckets, by their
    list and their b. Prefix sums say where each bucket begins, and within a bucket each change is compared with every
@@ -29,27 +29,56 @@ typedef struct {
 } changes_t;
 
 /* (Not returned as a value: Oclgrind 21.10 does not support what its compiler makes of that.) */
-static inline void find_changes(changes_t* changes, const uint last_found, global const uint2* pairs,
-                                global const uint2* removed, global const uint* counts) {
-  const uint kept = last_found - counts[COUNT_REMOVED];
+static inline void find_changes(changes_t* changes, global const uint2* pairs, global const uint2* removed,
+                                global const uint* counts) {
+  const uint kept = counts[COUNT_LAST_FOUND] - counts[COUNT_REMOVED];
   changes->added_count = counts[COUNT_FOUND] - kept;
   changes->removed_count = counts[COUNT_REMOVED];
   changes->added = pairs + kept;
   changes->removed = removed;
 }
 
-/* The changes of a frame, and the buffers for the result. `added` and `removed` are null if the changes follow the
-   counts. */
-#define CHANGES_PARAMETERS                                                        \
-  const uint capacity, const uint last_found, global const uint2 *restrict pairs, \
-      global const uint2 *restrict removed_pairs, global uint *restrict counts
-#define RESULT_PARAMETERS \
-  global uint *restrict next_counts, global uint *result, global uint2 *added, global uint2 *removed
+/* The changes of a frame: what there is room for in each list and in both together, and buffers for the result.
+   `added` and `removed` are null if the changes follow the counts. `report` is null or gets what a caller who does not
+   wait has to know: the numbers of added, removed and all pairs, and whether the frame was not complete. `tag` is what
+   the host says of the frame. */
+#define CHANGES_PARAMETERS                                                                                       \
+  const uint capacity, global const uint2 *restrict pairs, global const uint2 *restrict removed_pairs,           \
+      global uint *restrict counts, const uint room, const uint room_of_both
+#define RESULT_PARAMETERS                                                                                          \
+  const uint tag, global uint *restrict next_counts, global uint *result, global uint *report, global uint2 *added, \
+      global uint2 *removed
 
-/* Copies a count, and clears it for the next frame. */
-static inline void pass_count(const uint k, global const uint* counts, global uint* next_counts, global uint* result) {
+/* Whether all pairs were found and there is room for all changes. */
+static inline bool fits(const changes_t* changes, const uint capacity, global const uint* counts, const uint room,
+                        const uint room_of_both) {
+  const bool has_room = changes->added_count <= room && changes->removed_count <= room &&
+                        changes->removed_count <= room_of_both &&
+                        changes->added_count <= room_of_both - changes->removed_count;
+  return !is_halted(counts) && all_fit(counts, capacity) && has_room;
+}
+
+/* Whether the changes are also ordered. */
+static inline bool is_complete(const changes_t* changes, const uint capacity, global const uint* counts,
+                               const uint room, const uint room_of_both) {
+  return fits(changes, capacity, counts, room, room_of_both) && counts[COUNT_UNORDERED] == 0U;
+}
+
+/* Copies a count, and prepares it for the next frame. */
+static inline void pass_count(const uint k, const changes_t* changes, const bool complete, global const uint* counts,
+                              const uint tag, global uint* next_counts, global uint* result, global uint* report) {
   result[k] = counts[k];
-  next_counts[k] = 0;
+  uint next = 0;
+  if (k == COUNT_LAST_FOUND) next = complete ? counts[COUNT_FOUND] : counts[k];
+  if (k == COUNT_LAST_TAG) next = complete ? tag : counts[k];
+  if (k == COUNT_COMPLETE && report != 0) next = counts[k] + (complete ? 1U : 0U);
+  if (k == COUNT_HALTED) next = complete ? 0U : 1U;
+  next_counts[k] = next;
+  if (report == 0 || k != 0U) return;
+  report[0] = complete ? changes->added_count : 0U;
+  report[1] = complete ? changes->removed_count : 0U;
+  report[2] = complete ? counts[COUNT_FOUND] : counts[COUNT_LAST_FOUND];
+  report[3] = complete ? 0U : 1U;
 }
 
 /* Where to write a list of changes. */
@@ -61,22 +90,23 @@ static inline global uint2* result_list(const bool is_added, const changes_t* ch
 }
 
 /* For few changes: the index of each pair is the number of smaller ones in its list. Work-items of dimension 2 stand
-   for the two lists, those of dimension 1 for KEYS pairs each. If a list has more pairs than that, none is written. */
+   for the two lists, those of dimension 1 for KEYS pairs each, at least `room` in all. */
 kernel __attribute__((reqd_work_group_size(PARTS, TEAMS, 1))) void order_few(CHANGES_PARAMETERS, RESULT_PARAMETERS) {
   local uint places[TEAMS * KEYS];
   const uint part = (uint)get_local_id(0);
   const bool is_added = get_group_id(2) == 0;
   const uint first = (uint)get_global_id(1) * KEYS;
-  if (is_added && part == 0 && get_global_id(1) < COUNTS)
-    pass_count((uint)get_global_id(1), counts, next_counts, result);
-  if (!all_fit(counts, capacity)) return;
-
   changes_t changes;
-  find_changes(&changes, last_found, pairs, removed_pairs, counts);
+  find_changes(&changes, pairs, removed_pairs, counts);
+  const bool complete = is_complete(&changes, capacity, counts, room, room_of_both);
+  if (is_added && part == 0 && get_global_id(1) < COUNTS) {
+    pass_count((uint)get_global_id(1), &changes, complete, counts, tag, next_counts, result, report);
+  }
+  if (!complete) return;
+
   const uint size = is_added ? changes.added_count : changes.removed_count;
   global const uint2* list = is_added ? changes.added : changes.removed;
   global uint2* to = result_list(is_added, &changes, result, added, removed);
-  if (max(changes.added_count, changes.removed_count) > (uint)get_global_size(1) * KEYS) return;
   if ((uint)get_group_id(1) * (TEAMS * KEYS) >= size) return;
 
   ulong orders[KEYS];
@@ -100,11 +130,10 @@ kernel __attribute__((reqd_work_group_size(PARTS, TEAMS, 1))) void order_few(CHA
   }
 }
 
-/* Number of changes if they are to be ordered, otherwise 0. */
-static inline uint changes_to_order(const changes_t* changes, const uint room, const uint capacity,
-                                    global const uint* counts) {
-  const bool has_room = changes->added_count <= room && changes->removed_count <= room - changes->added_count;
-  return all_fit(counts, capacity) && has_room ? changes->added_count + changes->removed_count : 0U;
+/* Number of changes if there is room for all, otherwise 0. */
+static inline uint number_to_order(const changes_t* changes, const uint capacity, global const uint* counts,
+                                   const uint room, const uint room_of_both) {
+  return fits(changes, capacity, counts, room, room_of_both) ? changes->added_count + changes->removed_count : 0U;
 }
 
 static inline uint2 change(const changes_t* changes, const uint k) {
@@ -116,13 +145,13 @@ static inline uint bucket_of(const changes_t* changes, const uint k, const uint2
 }
 
 #define BUCKET_PARAMETERS \
-  const uint room, const uint slots, global uint *restrict buckets, global uint2 *restrict scattered
+  const uint slots, global uint *restrict buckets, global uint2 *restrict scattered
 
 /* Counts the changes of each bucket: there are `slots` buckets for added pairs, then as many for removed ones. */
 kernel void order_count(CHANGES_PARAMETERS, BUCKET_PARAMETERS) {
   changes_t changes;
-  find_changes(&changes, last_found, pairs, removed_pairs, counts);
-  const uint n = changes_to_order(&changes, room, capacity, counts);
+  find_changes(&changes, pairs, removed_pairs, counts);
+  const uint n = number_to_order(&changes, capacity, counts, room, room_of_both);
   (void)scattered;
   for (uint k = (uint)get_global_id(0); k < n; k += (uint)get_global_size(0)) {
     const uint before = atomic_inc(&buckets[bucket_of(&changes, k, change(&changes, k), slots)]);
@@ -134,8 +163,8 @@ kernel void order_count(CHANGES_PARAMETERS, BUCKET_PARAMETERS) {
    afterwards. */
 kernel void order_scatter(CHANGES_PARAMETERS, BUCKET_PARAMETERS) {
   changes_t changes;
-  find_changes(&changes, last_found, pairs, removed_pairs, counts);
-  const uint n = changes_to_order(&changes, room, capacity, counts);
+  find_changes(&changes, pairs, removed_pairs, counts);
+  const uint n = number_to_order(&changes, capacity, counts, room, room_of_both);
   for (uint k = (uint)get_global_id(0); k < n; k += (uint)get_global_size(0)) {
     const uint2 pair = change(&changes, k);
     scattered[atomic_inc(&buckets[bucket_of(&changes, k, pair, slots)])] = pair;
@@ -145,11 +174,13 @@ kernel void order_scatter(CHANGES_PARAMETERS, BUCKET_PARAMETERS) {
 /* Orders the pairs of each bucket. */
 kernel void order_place(CHANGES_PARAMETERS, BUCKET_PARAMETERS, RESULT_PARAMETERS) {
   const uint item = (uint)get_global_id(0);
-  for (uint i = item; i < COUNTS; i += (uint)get_global_size(0)) pass_count(i, counts, next_counts, result);
-  if (counts[COUNT_UNORDERED] != 0U) return;
   changes_t changes;
-  find_changes(&changes, last_found, pairs, removed_pairs, counts);
-  const uint n = changes_to_order(&changes, room, capacity, counts);
+  find_changes(&changes, pairs, removed_pairs, counts);
+  const bool complete = is_complete(&changes, capacity, counts, room, room_of_both);
+  for (uint i = item; i < COUNTS; i += (uint)get_global_size(0)) {
+    pass_count(i, &changes, complete, counts, tag, next_counts, result, report);
+  }
+  const uint n = complete ? changes.added_count + changes.removed_count : 0U;
   for (uint k = item; k < n; k += (uint)get_global_size(0)) {
     const uint2 pair = scattered[k];
     const uint bucket = bucket_of(&changes, k, pair, slots);

@@ -226,9 +226,10 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_search(
   uint work = 0;
   uint4 rest = 0; /* by level, children of the nodes on the way down that are still to be visited; in registers */
   uint level = top;
+  const uint end = is_halted(counts) ? 0U : roots;
   uint root = top == LEVELS - 1U ? tile / (NODE * NODE * NODE) : 0U;
   uint node = root;
-  while (root < roots) {
+  while (root < end) {
     uint bits = VISIT(of_level(starts, level) + node);
     ++work;
     if (level > 0U) {
@@ -287,7 +288,7 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_search(
       --level;
     }
 #if GROUP > 1
-    if (count > BATCH || root >= roots) {
+    if (count > BATCH || root >= end) {
       test_candidates(&scratch, count, &own, own_place, filters, &sink);
       count = 0;
     }

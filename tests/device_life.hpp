@@ -3,6 +3,7 @@
 #include "opencl/api.hpp"  // before <CL/cl.h>: it chooses the version
 
 #include <algorithm>
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <exception>
@@ -29,6 +30,13 @@ class CallersQueue {
     cl::Buffer buffer(context_, CL_MEM_READ_WRITE, bytes);
     if (!values.empty()) queue_.enqueueWriteBuffer(buffer, CL_TRUE, 0, bytes, values.data());
     return buffer;
+  }
+
+  /// The four numbers that enqueue() reports.
+  [[nodiscard]] std::array<std::uint32_t, 4> read_counts(const cl::Buffer& counts) const {
+    std::array<std::uint32_t, 4> words{};
+    queue_.enqueueReadBuffer(counts, CL_TRUE, 0, sizeof words, words.data());
+    return words;
   }
 
   [[nodiscard]] Pairs read(const DeviceBroadPhase::PairBuffer& list) const {
@@ -64,6 +72,8 @@ class DeviceLife {
       update(30, 0.6F, 3);
       update(200, 0.001F);  // all pair
       update(25, 0.3F, 5);
+      enqueue(28, 0.5F, 3);
+      enqueue(30, 0.4F);
       update(0, 1);
       update(24, 0.4F);
     } catch (const std::exception& error) {
@@ -80,9 +90,12 @@ class DeviceLife {
     is_right_ = is_right_ && result;
   }
 
-  /// Boxes in a row, of as many groups as asked for.
-  void update(std::uint32_t n, float distance, std::uint32_t groups = 0) {
-    if (!is_right_) return;
+  /// Boxes in a row, of as many groups as asked for, on the device.
+  struct Given {
+    cl::Buffer boxes, filters;
+    DeviceBroadPhase::Boxes arguments;
+  };
+  Given give(std::uint32_t n, float distance, std::uint32_t groups) {
     std::vector<Aabb> boxes;
     std::vector<Filter> filters;
     reference_.map(n);
@@ -94,19 +107,26 @@ class DeviceLife {
       reference_.move(k, boxes[k]);
       reference_.set_filter(k, filters[k]);
     }
-    const cl::Buffer box_buffer = queue_.buffer_of(boxes);
-    const cl::Buffer filter_buffer = queue_.buffer_of(filters);
-    const DeviceBroadPhase::Boxes given{
-        .buffer = box_buffer(), .count = n, .filters = groups == 0 ? nullptr : filter_buffer()};
+    Given given{.boxes = queue_.buffer_of(boxes), .filters = queue_.buffer_of(filters), .arguments = {}};
+    given.arguments = {
+        .buffer = given.boxes(), .count = n, .filters = groups == 0 ? nullptr : given.filters()};
+    return given;
+  }
+
+  void look(const Pairs& known) {
+    if (habits_.looks) expect(same("known", queue_.read(broad_phase_.pairs()), known));
+  }
+
+  void update(std::uint32_t n, float distance, std::uint32_t groups = 0) {
+    if (!is_right_) return;
+    const Given given = give(n, distance, groups);
     const Pairs known = reference_.pairs();
     const auto result = trouble_.call(
         [&] {
-          broad_phase_.begin(given);
+          broad_phase_.begin(given.arguments);
           return broad_phase_.finish();
         },
-        [&] {
-          if (habits_.looks) expect(same("known", queue_.read(broad_phase_.pairs()), known));
-        });
+        [&] { look(known); });
     const Reference::Changes changes = reference_.finish();
     expect(same("added", queue_.read(result.added), changes.added));
     expect(same("removed", queue_.read(result.removed), changes.removed));
@@ -114,6 +134,33 @@ class DeviceLife {
     const auto all = trouble_.call([&] { return broad_phase_.pairs(); }, [] {});
     expect(same("all", queue_.read(all), reference_.pairs()));
   }
+
+  void enqueue(std::uint32_t n, float distance, std::uint32_t groups = 0) {
+    if (!is_right_) return;
+    const Given given = give(n, distance, groups);
+    const Pairs known = reference_.pairs();
+    const cl::Buffer added = queue_.buffer_of(Pairs(most_changes));
+    const cl::Buffer removed = queue_.buffer_of(Pairs(most_changes));
+    const cl::Buffer counts = queue_.buffer_of(std::vector<std::uint32_t>(4));
+    trouble_.call([&] { broad_phase_.reserve(30, 2 * most_changes, true); }, [&] { look(known); });
+    trouble_.call(
+        [&] {
+          broad_phase_.enqueue(
+              given.arguments,
+              {.added = added(), .removed = removed(), .capacity = most_changes, .counts = counts()});
+        },
+        [&] { look(known); });
+    const Reference::Changes changes = reference_.finish();
+    const auto words = queue_.read_counts(counts);
+    expect(words[2] == reference_.pairs().size() && words[3] == 0
+               ? ::testing::AssertionSuccess()
+               : ::testing::AssertionFailure() << "counts " << ::testing::PrintToString(words));
+    if (!is_right_) return;
+    expect(same("added", queue_.read({.buffer = added(), .count = words[0]}), changes.added));
+    expect(same("removed", queue_.read({.buffer = removed(), .count = words[1]}), changes.removed));
+  }
+
+  static constexpr std::size_t most_changes = 435;  // every pair of 30
 
   const CallersQueue& queue_;
   DeviceBroadPhase broad_phase_;

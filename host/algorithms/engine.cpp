@@ -13,16 +13,34 @@ Engine::Engine(const opencl::Context& context, opencl::Profiler& profiler, MakeP
       order_(context, profiler, target),
       finder_(make_finder(context)) {}
 
-void Engine::begin(Search search) {
+void Engine::begin(Search search, cl_uint tag) {
   search_ = std::move(search);
+  tag_ = tag;
   order_.begin(search_);
   enqueue();
 }
 
+void Engine::reserve_ahead(std::size_t slots, std::size_t pairs) {
+  order_.reserve_ahead(slots, pairs);
+  delta_.reserve_ahead(pairs);
+}
+
+void Engine::enqueue(Search search, cl_uint tag, const Order::Report& report) {
+  search_ = std::move(search);
+  tag_ = tag;
+  order_.begin(search_, report);
+  enqueue();
+  context_.queue().flush();
+  // Nothing below throws.
+  delta_.commit_unread();
+  order_.commit_unread();
+}
+
 void Engine::enqueue() {
+  most_slots_ = std::max<std::size_t>(most_slots_, search_.now.slots);
   delta_.keep(search_);
   finder_->find(search_, delta_, profiler_);
-  order_.enqueue(delta_);
+  order_.enqueue(delta_, tag_);
 }
 
 PairDelta::Counts Engine::finish() {
@@ -35,11 +53,10 @@ PairDelta::Counts Engine::finish() {
   }
   counts.invalid_boxes = first.invalid_boxes;
   counts.first_invalid = first.first_invalid;
-  order_.complete(delta_, counts);
+  const bool is_next_ready = order_.complete(delta_, counts);
   profiler_.resolve();
-  delta_.commit(counts);
+  delta_.commit(counts, tag_, is_next_ready);
   order_.commit(counts);
-  last_slots_ = search_.now.slots;
   return counts;
 }
 
@@ -49,7 +66,7 @@ cl::Buffer Engine::sorted_pairs() {
   cl::Buffer sorted = context_.buffer(bytes);
   if (n == 0) return sorted;
   context_.queue().enqueueCopyBuffer(delta_.last_list(), sorted, 0, 0, bytes);
-  order_.sort(sorted, n, last_slots_, context_.buffer(bytes));
+  order_.sort(sorted, n, most_slots_, context_.buffer(bytes));
   return sorted;
 }
 

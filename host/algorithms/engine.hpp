@@ -18,9 +18,9 @@ namespace broadcl {
 /// The engine of BroadPhase and DeviceBroadPhase: does one frame at a time, wherever the objects come from
 /// and the changes go.
 ///
-/// A frame is prepare(), then the commands that bring the objects up to date, then begin() and finish(). If
-/// one of them fails, the pairs of the last frame are still known, and the next frame begins with prepare()
-/// again.
+/// A frame is prepare(), then the commands that bring the objects up to date, then begin() and finish(), or
+/// enqueue() if nobody waits for it. If one of them fails, the pairs of the last frame are still known, and
+/// the next frame begins with prepare() again.
 class Engine {
  public:
   /// @param context, profiler Must outlive this object.
@@ -28,17 +28,33 @@ class Engine {
   Engine(const opencl::Context& context, opencl::Profiler& profiler, MakePairFinder make_finder,
          Order::Target target);
 
+  /// Not while there are unsettled frames, unless the new one is to be enqueued behind them.
   /// @throws cl::Error, Error
   void prepare() { delta_.begin(0); }
   /// The counts, for kernels that bring the objects up to date: kernels/delta.h.
   [[nodiscard]] const cl::Buffer& counts() const noexcept { return delta_.counts(); }
   /// Enqueues the search of objects, which are up to date by then, and the reading of what it finds.
+  /// @param tag Anything, to be told again by settle().
   /// @throws cl::Error, Error
-  void begin(Search search);
+  void begin(Search search, cl_uint tag = 0);
   /// Waits for the search; waits again only if the lists were too small or far more changed than in the last
   /// frame.
   /// @throws cl::Error, Error
   PairDelta::Counts finish();
+
+  /// Reserves memory for frames that nobody waits for, of this many slots and pairs.
+  /// @throws cl::Error, Error; nothing has changed then.
+  void reserve_ahead(std::size_t slots, std::size_t pairs);
+  /// Enqueues the search of objects, of which reserve_ahead() knows, and the ordering of its changes into
+  /// buffers of the caller, and makes the device start. The frame is then unsettled.
+  /// @throws cl::Error, Error
+  void enqueue(Search search, cl_uint tag, const Order::Report& report);
+  /// Waits for all unsettled frames.
+  /// @throws cl::Error
+  PairDelta::Settled settle() { return delta_.settle(); }
+  [[nodiscard]] bool is_unsettled() const noexcept { return delta_.is_unsettled(); }
+  /// Whether a frame failed after prepare(): unsettled ones must then be settled before the next.
+  [[nodiscard]] bool was_interrupted() const noexcept { return delta_.was_interrupted(); }
 
   /// As PairFinder::expected_work().
   [[nodiscard]] double expected_work(const Search& search) { return finder_->expected_work(search, delta_); }
@@ -62,8 +78,9 @@ class Engine {
   PairDelta delta_;
   Order order_;
   std::unique_ptr<PairFinder> finder_;
-  Search search_;           // of the frame that was begun
-  cl_uint last_slots_ = 0;  // of the last frame
+  Search search_;               // of the frame that was begun
+  cl_uint tag_ = 0;             // of that frame
+  std::size_t most_slots_ = 1;  // of all frames: greater than every slot of a pair
 };
 
 /// An algorithm that finds pairs on the device, for a BroadPhase.

@@ -61,11 +61,29 @@ void Order::begin(const Search& search) {
                        changes_multiple);
   last_wanted_ = wanted;
   expected_ = std::clamp(last_changes_ + last_changes_ / 8, least_changes, capacity_);
+  room_ = many_ ? capacity_ : capacity_ / 2;
+  report_ = {};
+  is_awaited_ = true;
   reserve_result(capacity_);
   if (many_) {
     buckets_.reserve(context_, 2 * slots_ * sizeof(cl_uint), what);
     scattered_.reserve(context_, capacity_ * sizeof(Pair), what);
   }
+}
+
+void Order::begin(const Search& search, const Report& report) {
+  slots_ = std::max<std::size_t>({1, search.last.slots, search.now.slots});
+  report_ = report;
+  is_awaited_ = false;
+  room_ = report.capacity;
+  many_ = room_ > few_;
+  capacity_ = std::min(2 * room_, scattered_.bytes() / sizeof(Pair));
+  if (result().bytes() == 0) reserve_result(least_changes);
+}
+
+void Order::reserve_ahead(std::size_t slots, std::size_t pairs) {
+  buckets_.reserve(context_, 2 * std::max<std::size_t>(1, slots) * sizeof(cl_uint), what);
+  scattered_.reserve(context_, 2 * std::max(least_changes, pairs) * sizeof(Pair), what);
 }
 
 /// Changes that there is memory for already.
@@ -90,22 +108,31 @@ void Order::reserve_result(std::size_t changes) {
   result() = opencl::SharedBuffer(context_, opencl::grown(context_, bytes, what));
 }
 
-cl_uint Order::set_results(cl::Kernel& kernel, cl_uint first, const PairDelta& delta) {
-  const bool on_host = target_ == Target::host;
-  return opencl::set_arguments(kernel, first, delta.next_counts(), result().device(),
-                               on_host ? cl::Buffer() : added(), on_host ? cl::Buffer() : removed());
+void Order::set_results(cl::Kernel& kernel, cl_uint first, const PairDelta& delta, cl_uint tag) {
+  const bool in_result = is_awaited_ && target_ == Target::host;
+  const cl::Buffer none;
+  opencl::set_arguments(kernel, first, tag, delta.next_counts(), result().device(), report_.counts,
+                        !is_awaited_ ? report_.added
+                        : in_result  ? none
+                                     : added(),
+                        !is_awaited_ ? report_.removed
+                        : in_result  ? none
+                                     : removed());
 }
 
-void Order::enqueue_few(const PairDelta& delta) {
+void Order::enqueue_few(const PairDelta& delta, cl_uint tag) {
   opencl::Profiler::Scope stage(profiler_, "order");
   const std::size_t parts = launch_of(context_).parts;
-  set_results(few_kernel_, delta.set_changes(few_kernel_, 0), delta);
+  const cl_uint next = opencl::set_arguments(few_kernel_, delta.set_changes(few_kernel_, 0),
+                                             static_cast<cl_uint>(room_), static_cast<cl_uint>(capacity_));
+  set_results(few_kernel_, next, delta, tag);
+  const std::size_t keys_of_list = round_up(std::max(room_, least_changes), changes_multiple);
   context_.queue().enqueueNDRangeKernel(few_kernel_, cl::NullRange,
-                                        cl::NDRange(parts, capacity_ / 2 / keys, 2),
+                                        cl::NDRange(parts, keys_of_list / keys, 2),
                                         cl::NDRange(parts, teams, 1), nullptr, stage.event());
 }
 
-void Order::enqueue_many(const PairDelta& delta) {
+void Order::enqueue_many(const PairDelta& delta, cl_uint tag) {
   opencl::Profiler::Scope stage(profiler_, "order");
   const cl::CommandQueue& queue = context_.queue();
   queue.enqueueFillBuffer(buckets_.get(), cl_uint{0}, 0, 2 * slots_ * sizeof(cl_uint));
@@ -113,10 +140,10 @@ void Order::enqueue_many(const PairDelta& delta) {
   const std::size_t items = round_up(
       std::clamp(capacity_, context_.device().compute_units * std::size_t{64}, std::size_t{1} << 20), group);
   for (cl::Kernel* kernel : {&count_, &scatter_, &place_}) {
-    const cl_uint next =
-        opencl::set_arguments(*kernel, delta.set_changes(*kernel, 0), static_cast<cl_uint>(capacity_),
-                              static_cast<cl_uint>(slots_), buckets_.get(), scattered_.get());
-    if (kernel == &place_) set_results(*kernel, next, delta);
+    const cl_uint next = opencl::set_arguments(
+        *kernel, delta.set_changes(*kernel, 0), static_cast<cl_uint>(room_), static_cast<cl_uint>(capacity_),
+        static_cast<cl_uint>(slots_), buckets_.get(), scattered_.get());
+    if (kernel == &place_) set_results(*kernel, next, delta, tag);
     queue.enqueueNDRangeKernel(*kernel, cl::NullRange, cl::NDRange(items), cl::NDRange(group), nullptr,
                                kernel == &place_ ? stage.event() : nullptr);
     if (kernel == &count_) scan_.enqueue(buckets_.get(), 2 * slots_);
@@ -130,10 +157,10 @@ void Order::read(std::size_t changes) {
   if (stage.event() != nullptr) *stage.event() = read_;
 }
 
-void Order::enqueue(const PairDelta& delta) {
+void Order::enqueue(const PairDelta& delta, cl_uint tag) {
   result().release();
-  many_ ? enqueue_many(delta) : enqueue_few(delta);
-  read(expected_);
+  many_ ? enqueue_many(delta, tag) : enqueue_few(delta, tag);
+  if (is_awaited_) read(expected_);
 }
 
 PairDelta::Counts Order::wait(const PairDelta& delta) {
@@ -142,17 +169,16 @@ PairDelta::Counts Order::wait(const PairDelta& delta) {
   return delta.counts_of(result().host());
 }
 
-void Order::complete(const PairDelta& delta, const PairDelta::Counts& counts) {
+bool Order::complete(const PairDelta& delta, const PairDelta::Counts& counts) {
   const std::size_t changes = counts.added + counts.removed;
-  const std::size_t needed = many_ ? changes : 2 * std::max(counts.added, counts.removed);
-  if (needed > capacity_ || counts.is_unordered) {
-    sort_changes(delta, counts);
-  } else if (changes <= expected_) {
-    return;
+  const bool is_ordered =
+      std::max(counts.added, counts.removed) <= room_ && changes <= capacity_ && !counts.is_unordered;
+  if (!is_ordered) sort_changes(delta, counts);
+  if (target_ == Target::host && (!is_ordered || changes > expected_)) {
+    read(changes);
+    (void)wait(delta);
   }
-  if (target_ == Target::device) return;
-  read(changes);
-  (void)wait(delta);
+  return is_ordered;
 }
 
 void Order::sort_changes(const PairDelta& delta, const PairDelta::Counts& counts) {

@@ -27,21 +27,38 @@ class Order {
   /// @throws cl::Error, Error
   Order(const opencl::Context& context, opencl::Profiler& profiler, Target target);
 
+  /// Where a frame that nobody waits for puts its changes: buffers of the caller, each for `capacity` pairs,
+  /// and for their numbers, as kernels/order.cl reports them.
+  struct Report {
+    cl::Buffer added{}, removed{}, counts{};
+    std::size_t capacity = 0;
+  };
+
   /// Starts a frame: chooses how to order, by how much changed in the last one, and grows the buffers.
   /// @throws cl::Error, Error
   void begin(const Search& search);
-  /// Enqueues the commands that order the changes of a frame and read them.
+  /// Starts a frame that nobody waits for.
+  /// @throws cl::Error, Error if there is no memory for so many slots.
+  void begin(const Search& search, const Report& report);
+  /// Reserves memory for such frames.
+  /// @throws cl::Error, Error; nothing has changed then.
+  void reserve_ahead(std::size_t slots, std::size_t pairs);
+  /// Enqueues the commands that order the changes of a frame and, unless nobody waits, read them.
+  /// @param tag Of the frame: see PairDelta.
   /// @throws cl::Error
-  void enqueue(const PairDelta& delta);
+  void enqueue(const PairDelta& delta, cl_uint tag);
   /// Waits for that.
   /// @throws cl::Error
   [[nodiscard]] PairDelta::Counts wait(const PairDelta& delta);
   /// Does what is left to do if more changed than was expected. All pairs must fit by then. Afterwards the
   /// changes are available as below.
+  /// @returns Whether kernels had ordered all of them.
   /// @throws cl::Error, Error
-  void complete(const PairDelta& delta, const PairDelta::Counts& counts);
+  bool complete(const PairDelta& delta, const PairDelta::Counts& counts);
   /// The frame succeeded.
   void commit(const PairDelta::Counts& counts) noexcept;
+  /// The frame is enqueued, and nobody waits for it.
+  void commit_unread() noexcept { turn_ = 1 - turn_; }
 
   /// The changes of the last frame on the host. They stay unchanged until the frame after the next begins.
   [[nodiscard]] Delta on_host(const PairDelta::Counts& counts) const noexcept;
@@ -59,9 +76,9 @@ class Order {
   [[nodiscard]] opencl::SharedBuffer& result() noexcept { return results_.at(turn_); }
   [[nodiscard]] std::size_t allocated() const noexcept;
   void reserve_result(std::size_t changes);
-  void enqueue_few(const PairDelta& delta);
-  void enqueue_many(const PairDelta& delta);
-  cl_uint set_results(cl::Kernel& kernel, cl_uint first, const PairDelta& delta);
+  void enqueue_few(const PairDelta& delta, cl_uint tag);
+  void enqueue_many(const PairDelta& delta, cl_uint tag);
+  void set_results(cl::Kernel& kernel, cl_uint first, const PairDelta& delta, cl_uint tag);
   void read(std::size_t changes);
   void sort_changes(const PairDelta& delta, const PairDelta::Counts& counts);
 
@@ -82,8 +99,11 @@ class Order {
   cl::Event read_;                         // after which the host may read this frame's result
 
   // Of this frame.
-  bool many_ = false;         // changes are ordered by buckets
+  bool many_ = false;  // changes are ordered by buckets
+  Report report_;      // if nobody waits
+  bool is_awaited_ = true;
   std::size_t capacity_ = 0;  // changes that there is memory for
+  std::size_t room_ = 0;      // those of one list
   std::size_t expected_ = 0;  // changes that are read together with the counts
   std::size_t slots_ = 0;     // greater than every slot of the pairs
 

@@ -19,6 +19,9 @@ constexpr std::size_t count_work = 3;
 constexpr std::size_t count_unordered = 4;
 constexpr std::size_t count_invalid = 5;
 constexpr std::size_t count_invalid_first = 6;
+constexpr std::size_t count_last_found = 7;
+constexpr std::size_t count_last_tag = 8;
+constexpr std::size_t count_complete = 9;
 
 constexpr std::size_t least_pairs = 1 << 14;
 constexpr std::size_t most_pairs = std::size_t{1} << 31;  // indices in a list are 32-bit numbers
@@ -57,22 +60,47 @@ void PairDelta::reserve(std::size_t pairs) {
 }
 
 void PairDelta::begin(std::size_t pairs) {
-  reserve(std::max(pairs, last_.found));
-  for (const cl::Buffer& counts : counts_) {
-    if (!is_clean_) context_.queue().enqueueFillBuffer(counts, cl_uint{0}, 0, count_bytes);
-  }
+  if (unread_ == 0) reserve(std::max(pairs, last_.found));
+  if (!is_clean_) clear_counts();
   is_clean_ = false;
 }
 
+void PairDelta::clear_counts() {
+  const cl::CommandQueue& queue = context_.queue();
+  for (const cl::Buffer& counts : counts_) queue.enqueueFillBuffer(counts, cl_uint{0}, 0, count_bytes);
+  const auto set = [&](std::size_t count, std::size_t value) {
+    queue.enqueueFillBuffer(counts(), static_cast<cl_uint>(value), count * sizeof(cl_uint), sizeof(cl_uint));
+  };
+  set(count_last_found, last_.found);
+  set(count_last_tag, last_tag_);
+}
+
+void PairDelta::reserve_ahead(std::size_t pairs) {
+  reserve(std::max(pairs, last_.found));
+  removed_.reserve(context_, now_.pairs.bytes(), "overlapping pairs");
+  if (last_.capacity >= now_.capacity) return;
+  List larger;
+  larger.pairs.reserve(context_, now_.capacity * sizeof(Pair), "overlapping pairs");
+  larger.capacity = now_.capacity;
+  larger.found = last_.found;
+  if (last_.found > 0) {
+    context_.queue().enqueueCopyBuffer(last_.pairs.get(), larger.pairs.get(), 0, 0,
+                                       last_.found * sizeof(Pair));
+  }
+  last_ = std::move(larger);
+}
+
 void PairDelta::keep(const Search& search) {
-  if (last_.found == 0) return;
+  // At most so many pairs, if nobody has waited for the last frame.
+  const std::size_t last_found = unread_ > 0 ? last_.capacity : last_.found;
+  if (last_found == 0) return;
   opencl::Profiler::Scope stage(profiler_, "keep");
-  opencl::set_arguments(keep_, 0, static_cast<cl_uint>(last_.found), last_.pairs.get(), search.now.slots,
-                        search.now.boxes, search.same_filters ? cl::Buffer() : search.now.filters,
+  opencl::set_arguments(keep_, 0, last_.pairs.get(), search.now.slots, search.now.boxes,
+                        search.same_filters ? cl::Buffer() : search.now.filters,
                         search.all ? cl_uint{1} : cl_uint{0}, search.stamp, search.stamps,
                         static_cast<cl_uint>(now_.capacity), list(), removed(), counts());
   const Launch launch = launch_of(context_);
-  const std::size_t groups = opencl::divide_up(last_.found, launch.group * launch.chunk);
+  const std::size_t groups = opencl::divide_up(last_found, launch.group * launch.chunk);
   context_.queue().enqueueNDRangeKernel(keep_, cl::NullRange, cl::NDRange(groups * launch.group),
                                         cl::NDRange(launch.group), nullptr, stage.event());
 }
@@ -84,8 +112,8 @@ cl_uint PairDelta::set_sink(cl::Kernel& kernel, cl_uint first, const Search& sea
 }
 
 cl_uint PairDelta::set_changes(cl::Kernel& kernel, cl_uint first) const {
-  return opencl::set_arguments(kernel, first, static_cast<cl_uint>(now_.capacity),
-                               static_cast<cl_uint>(last_.found), list(), removed(), counts());
+  return opencl::set_arguments(kernel, first, static_cast<cl_uint>(now_.capacity), list(), removed(),
+                               counts());
 }
 
 PairDelta::Counts PairDelta::counts_of(const std::byte* counts) const {
@@ -101,13 +129,38 @@ PairDelta::Counts PairDelta::counts_of(const std::byte* counts) const {
 }
 
 // NOLINTNEXTLINE(bugprone-exception-escape): handles do not throw when moved
-void PairDelta::commit(const Counts& counts) noexcept {
+void PairDelta::commit(const Counts& counts, cl_uint tag, bool is_next_ready) noexcept {
   now_.found = counts.found;
   work_ = counts.work;
+  last_tag_ = tag;
   ++frames_;
   turn_ = 1 - turn_;
-  is_clean_ = true;
+  is_clean_ = is_next_ready;
   std::swap(now_, last_);
+}
+
+// NOLINTNEXTLINE(bugprone-exception-escape): as above
+void PairDelta::commit_unread() noexcept {
+  work_ = 0;
+  ++frames_;
+  ++unread_;
+  turn_ = 1 - turn_;
+  is_clean_ = true;
+  now_.found = last_.found;  // as good a guess as any
+  std::swap(now_, last_);
+}
+
+PairDelta::Settled PairDelta::settle() {
+  std::array<cl_uint, count_bytes / sizeof(cl_uint)> words{};
+  context_.queue().enqueueReadBuffer(counts(), CL_TRUE, 0, count_bytes, words.data());
+  const Settled settled{
+      .frames = unread_, .complete = words.at(count_complete), .tag = words.at(count_last_tag)};
+  if ((settled.frames - settled.complete) % 2 != 0) std::swap(now_, last_);
+  last_.found = words.at(count_last_found);
+  last_tag_ = settled.tag;
+  unread_ = 0;
+  is_clean_ = false;
+  return settled;
 }
 
 }  // namespace broadcl

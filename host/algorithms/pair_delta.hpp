@@ -17,6 +17,9 @@ namespace broadcl {
 ///
 /// A frame is begin(), keep() and a PairFinder's find(), all enqueued; then commit(), or, if the pairs did
 /// not fit, all of it again with more capacity. Until commit() the pairs of the last frame are still known.
+///
+/// Or nobody waits for it: then commit_unread() assumes that the frame was complete, and if it was not,
+/// kernels leave all that is known as it was, in later frames too. settle() finds out.
 class PairDelta {
  public:
   /// What kernels count in a frame: kernels/delta.h.
@@ -34,10 +37,20 @@ class PairDelta {
   /// @throws cl::Error, Error
   PairDelta(const opencl::Context& context, opencl::Profiler& profiler);
 
+  /// What became of frames that nobody waited for.
+  struct Settled {
+    std::size_t frames = 0;
+    std::size_t complete = 0;  ///< The first of them; the others changed nothing.
+    cl_uint tag = 0;           ///< Of the last complete frame, whether it was one of them or not.
+  };
+
   /// Starts a frame: all counts are 0, and the list has capacity for this many pairs, and at least for those
   /// of the last frame.
   /// @throws cl::Error, Error
   void begin(std::size_t pairs);
+  /// Reserves memory for frames of this many pairs that nobody waits for.
+  /// @throws cl::Error, Error; nothing has changed then.
+  void reserve_ahead(std::size_t pairs);
   /// Enqueues the kernel that splits the pairs of the last frame into those that stay and those that are
   /// removed.
   /// @throws cl::Error
@@ -52,9 +65,20 @@ class PairDelta {
   /// The counts, from what the host has read.
   [[nodiscard]] Counts counts_of(const std::byte* counts) const;
   [[nodiscard]] bool fits(const Counts& counts) const noexcept { return counts.found <= now_.capacity; }
-  /// The frame succeeded. Its counts must have been read and those of the next frame cleared
-  /// (kernels/order.cl does both).
-  void commit(const Counts& counts) noexcept;  // NOLINT(bugprone-exception-escape)
+  /// The frame succeeded. Its counts must have been read.
+  /// @param tag Anything, to be told again by settle().
+  /// @param is_next_ready Whether kernels/order.cl has prepared the counts of the next frame.
+  void commit(const Counts& counts, cl_uint tag,
+              bool is_next_ready) noexcept;  // NOLINT(bugprone-exception-escape)
+  /// The frame is enqueued, and nobody waits for it.
+  void commit_unread() noexcept;  // NOLINT(bugprone-exception-escape)
+  /// Waits for such frames. Afterwards the pairs of the last complete frame are known again.
+  /// @throws cl::Error
+  Settled settle();
+  /// Whether there are such frames.
+  [[nodiscard]] bool is_unsettled() const noexcept { return unread_ > 0; }
+  /// Whether a frame was begun that was neither committed nor replaced by another.
+  [[nodiscard]] bool was_interrupted() const noexcept { return !is_clean_; }
 
   /// The counts of this frame and of the next.
   [[nodiscard]] const cl::Buffer& counts() const noexcept { return counts_[turn_]; }
@@ -63,7 +87,7 @@ class PairDelta {
   [[nodiscard]] const cl::Buffer& list() const noexcept { return now_.pairs.get(); }
   [[nodiscard]] const cl::Buffer& removed() const noexcept { return removed_.get(); }
 
-  /// The pairs of the last frame.
+  /// The pairs of the last frame. (Their number is that of the last settled one.)
   [[nodiscard]] const cl::Buffer& last_list() const noexcept { return last_.pairs.get(); }
   [[nodiscard]] std::size_t pair_count() const noexcept { return last_.found; }
   /// What the finder counted as work in the last frame.
@@ -71,7 +95,7 @@ class PairDelta {
   /// Frames that have succeeded.
   [[nodiscard]] std::size_t frames() const noexcept { return frames_; }
 
-  static constexpr std::size_t count_bytes = 8 * sizeof(cl_uint);  ///< Of all counts.
+  static constexpr std::size_t count_bytes = 12 * sizeof(cl_uint);  ///< Of all counts.
 
  private:
   /// The pairs of a frame.
@@ -82,6 +106,7 @@ class PairDelta {
   };
 
   void reserve(std::size_t pairs);
+  void clear_counts();
 
   const opencl::Context& context_;
   opencl::Profiler& profiler_;
@@ -90,7 +115,9 @@ class PairDelta {
   opencl::GrowingBuffer removed_;  // with capacity for all pairs of the last frame
   std::array<cl::Buffer, 2> counts_;
   std::size_t turn_ = 0;
-  bool is_clean_ = false;  // both counts are 0
+  bool is_clean_ = false;  // the counts of the next frame are ready
+  cl_uint last_tag_ = 0;
+  std::size_t unread_ = 0;  // frames that nobody has waited for
   std::size_t work_ = 0;
   std::size_t frames_ = 0;
 };

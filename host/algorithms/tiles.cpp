@@ -137,7 +137,7 @@ class Tiles final : public PairFinder {
 
   /// Records the work of the last search of these tiles.
   void observe(const PairDelta& sink) {
-    if (!searched_frame_ || sink.frames() != *searched_frame_ + 1) return;
+    if (!searched_frame_ || sink.frames() != *searched_frame_ + 1 || sink.work() == 0) return;
     seen_ = {.pairs = sink.pair_count(), .slots = sorted_slots_};
     factors_.at(usual_is_of_all_ ? 1 : 0) = static_cast<double>(sink.work()) / usual_work_;
   }

@@ -62,6 +62,19 @@ class DeviceBroadPhase {
     std::size_t pair_count = 0;                  ///< How many overlap now.
     std::size_t invalid_boxes = 0;               ///< Boxes with a NaN bound. They overlap nothing.
     std::optional<std::uint32_t> first_invalid;  ///< The index of the first of these.
+    /// How many updates that enqueue() enqueued since the last waiting call changed nothing, since something
+    /// did not fit. This result has their changes, too.
+    std::size_t incomplete = 0;
+  };
+
+  /// The caller's buffers, of the queue's context, for the changes of an update that nobody waits for.
+  struct ChangeBuffers {
+    cl_mem added = nullptr;    ///< For `capacity` pairs, as Pair lays them out.
+    cl_mem removed = nullptr;  ///< Likewise.
+    std::size_t capacity = 0;  ///< At least 1.
+    /// For four uint32: the number of added pairs, of removed ones, and of all that overlap now; and 1 if the
+    /// update is incomplete, otherwise 0.
+    cl_mem counts = nullptr;
   };
 
   /// Builds the kernels.
@@ -87,6 +100,27 @@ class DeviceBroadPhase {
   /// Waits for the update that was begun.
   /// @throws as update() does, and Error if none was begun. The update that was begun is then over.
   Result finish();
+
+  /// Reserves memory for updates that nobody waits for.
+  /// @param boxes Boxes of an update, at most.
+  /// @param pairs Pairs that overlap at a time, at most; what is added in an update counts on top of those
+  /// that overlapped before.
+  /// @param filters Whether there will be filters.
+  /// @throws as update() does, and Error between begin() and finish().
+  void reserve(std::size_t boxes, std::size_t pairs, bool filters = false);
+
+  /// Enqueues an update behind what is in the queue, and its changes, in canonical order, into buffers of the
+  /// caller, where commands enqueued after it find them. Never waits, except after a call that failed, or, if
+  /// boxes have worlds for the first time, to build kernels. Memory must have been reserved.
+  ///
+  /// If more pairs overlap than was reserved, if more changed than the buffers hold, or if more than 4,096
+  /// changes have the same b, the update is incomplete: nothing changes, neither the known pairs nor the
+  /// boxes that are compared with, and so it is with all updates that are enqueued after it. The next waiting
+  /// call (update(), begin() or pairs()) ends that: it waits for the queue, and goes on from the last
+  /// complete update. Invalid boxes overlap nothing, and are not counted.
+  /// @throws as update() does, and Error between begin() and finish(), and if there are more boxes than
+  /// reserve() was told of. The update does then not take place.
+  void enqueue(const Boxes& boxes, const ChangeBuffers& changes);
 
   /// Enqueues the commands that sort all pairs as of the last update. The buffer is valid until the next
   /// call.

@@ -1,0 +1,238 @@
+#include "opencl/api.hpp"  // before <CL/cl.h>: it chooses the version
+
+#include <broadcl/broad_phase.hpp>
+#include <broadcl/opencl.hpp>
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <string>
+#include <vector>
+
+#include <gtest/gtest.h>
+
+#include "device_life.hpp"
+#include "each_algorithm.hpp"
+#include "expect_error.hpp"
+#include "failing_opencl.hpp"
+#include "scenes/generators.hpp"
+
+/// Updates that nobody waits for.
+namespace broadcl::test {
+namespace {
+
+using scenes::MovingBoxes;
+using ::testing::HasSubstr;
+
+/// Buffers for the changes of an update.
+struct Lists {
+  Lists(const CallersQueue& queue, std::size_t capacity)
+      : added(queue.buffer_of(Pairs(capacity))),
+        removed(queue.buffer_of(Pairs(capacity))),
+        counts(queue.buffer_of(std::vector<std::uint32_t>(4, 77))),
+        arguments{.added = added(), .removed = removed(), .capacity = capacity, .counts = counts()} {}
+
+  cl::Buffer added, removed, counts;
+  DeviceBroadPhase::ChangeBuffers arguments;
+};
+
+/// The same boxes on the host for an oracle, and on the device.
+class Scene {
+ public:
+  Scene(const CallersQueue& queue, std::uint32_t n) : queue_(queue), motion_(n, MovingBoxes::Sizes::mixed) {}
+
+  /// The next frame, of the first n boxes.
+  DeviceBroadPhase::Boxes advance(std::size_t n, bool with_filters = false) {
+    motion_.advance();
+    boxes_.assign(motion_.boxes().begin(), motion_.boxes().begin() + static_cast<std::ptrdiff_t>(n));
+    filters_.assign(n, Filter());
+    for (std::size_t k = 0; with_filters && k < n; ++k) filters_[k].world = static_cast<std::uint32_t>(k % 3);
+    buffers_.push_back(queue_.buffer_of(boxes_));
+    const auto boxes = buffers_.back()();
+    buffers_.push_back(queue_.buffer_of(filters_));
+    return {.buffer = boxes,
+            .count = n,
+            .filters = with_filters ? buffers_.back()() : nullptr,
+            .worlds = with_filters};
+  }
+
+  /// The oracle's changes since its last update.
+  Delta oracle() {
+    const std::span<Aabb> mapped = oracle_.map(boxes_.size());
+    std::copy(boxes_.begin(), boxes_.end(), mapped.begin());
+    for (std::uint32_t k = 0; k < boxes_.size(); ++k) oracle_.set_filter(k, filters_[k]);
+    return oracle_.update();
+  }
+  [[nodiscard]] Pairs oracle_pairs() const { return oracle_.pairs(); }
+
+ private:
+  const CallersQueue& queue_;
+  MovingBoxes motion_;
+  std::vector<Aabb> boxes_;
+  std::vector<Filter> filters_;
+  std::vector<cl::Buffer> buffers_;  // enqueued commands read them
+  BroadPhase oracle_{{.algorithm = "oracle"}};
+};
+
+class Enqueue : public ::testing::TestWithParam<std::string> {
+ protected:
+  /// Frames of motion, of which only every tenth is waited for, have the changes of the oracle.
+  /// @param capacity Of the lists of changes.
+  void follow_oracle(std::uint32_t n, std::size_t capacity) {
+    Scene scene(queue_, n);
+    broad_phase_.reserve(n, std::size_t{n} * 40, true);
+    const std::array counts{n, n, n, n / 2, n, 1U, 0U, n, n, n - 1};
+    for (int frame = 0; frame < 25; ++frame) {
+      const Lists lists(queue_, capacity);
+      const auto boxes =
+          scene.advance(counts.at(static_cast<std::size_t>(frame) % counts.size()), frame > 12);
+      if (frame % 10 == 9) {
+        const auto result = broad_phase_.update(boxes);
+        const Delta expected = scene.oracle();
+        ASSERT_TRUE(same("added", queue_.read(result.added), expected.added)) << "frame " << frame;
+        ASSERT_TRUE(same("removed", queue_.read(result.removed), expected.removed)) << "frame " << frame;
+        ASSERT_EQ(result.incomplete, 0U);
+        continue;
+      }
+      broad_phase_.enqueue(boxes, lists.arguments);
+      const Delta expected = scene.oracle();
+      ASSERT_TRUE(has_changes(lists, expected, scene.oracle_pairs().size())) << "frame " << frame;
+    }
+    ASSERT_TRUE(same("all", queue_.read(broad_phase_.pairs()), scene.oracle_pairs()));
+  }
+
+  [[nodiscard]] ::testing::AssertionResult has_changes(const Lists& lists, const Delta& expected,
+                                                       std::size_t pairs) const {
+    const auto words = queue_.read_counts(lists.counts);
+    if (words[3] != 0) return ::testing::AssertionFailure() << "the update is incomplete";
+    if (words[2] != pairs) return ::testing::AssertionFailure() << words[2] << " pairs, expected " << pairs;
+    const auto added = same("added", queue_.read({lists.added(), words[0]}), expected.added);
+    return added ? same("removed", queue_.read({lists.removed(), words[1]}), expected.removed) : added;
+  }
+
+  const CallersQueue queue_;
+  DeviceBroadPhase broad_phase_{queue_(), {.algorithm = GetParam()}};
+};
+
+SUITE_ALSO_IN(Enqueue, gpu_profile | rusticl);
+
+ALSO_IN(oclgrind | oclgrind_gpu_profile);
+TEST_P(Enqueue, SmallFramesFollowTheOracle) {
+  follow_oracle(100, 1500);
+}
+
+TEST_P(Enqueue, FramesFollowTheOracle) {
+  follow_oracle(400, 4000);
+}
+
+/// So many that they are ordered by buckets.
+TEST_P(Enqueue, FramesWithLongListsFollowTheOracle) {
+  follow_oracle(600, 20'000);
+}
+
+/// Whichever of some updates does not fit, it and those that follow change nothing and say so; the next
+/// waiting call has all changes since the last that fitted.
+ALSO_IN(oclgrind);
+TEST_P(Enqueue, SmallUpdatesThatDoNotFitChangeNothing) {
+  constexpr std::uint32_t n = 60;
+  for (std::size_t too_large = 0; too_large < 4; ++too_large) {
+    Scene scene(queue_, n);
+    DeviceBroadPhase broad_phase(queue_(), {.algorithm = GetParam()});
+    (void)broad_phase.update(scene.advance(n));
+    (void)scene.oracle();
+    broad_phase.reserve(n, 5000, true);
+    std::vector<Lists> lists;
+    for (std::size_t frame = 0; frame < 5; ++frame) {
+      lists.emplace_back(queue_, frame == too_large ? 1 : 5000);
+      const auto boxes = scene.advance(frame == 3 ? n / 2 : n, frame >= too_large);
+      broad_phase.enqueue(boxes, lists.back().arguments);
+      const auto pairs = static_cast<std::uint32_t>(scene.oracle_pairs().size());
+      if (frame < too_large) {
+        const Delta expected = scene.oracle();
+        ASSERT_TRUE(has_changes(lists.back(), expected, scene.oracle_pairs().size())) << frame;
+      } else {
+        EXPECT_EQ(queue_.read_counts(lists.back().counts), (std::array<std::uint32_t, 4>{0, 0, pairs, 1}));
+      }
+    }
+    EXPECT_TRUE(same("known", queue_.read(broad_phase.pairs()), scene.oracle_pairs()));
+    const auto result = broad_phase.update(scene.advance(n));
+    const Delta expected = scene.oracle();
+    EXPECT_TRUE(same("added", queue_.read(result.added), expected.added)) << too_large;
+    EXPECT_TRUE(same("removed", queue_.read(result.removed), expected.removed)) << too_large;
+    EXPECT_EQ(result.incomplete, 5 - too_large);
+  }
+}
+
+/// More pairs than there is room for: until there is.
+TEST_P(Enqueue, PairsThatDoNotFitWaitForRoom) {
+  constexpr std::uint32_t n = 300;
+  constexpr std::size_t all = n * (n - 1) / 2;
+  const cl::Buffer apart_buffer = [&] {
+    std::vector<Aabb> boxes;
+    for (std::uint32_t k = 0; k < n; ++k) boxes.push_back(apart(k));
+    return queue_.buffer_of(boxes);
+  }();
+  const cl::Buffer together = queue_.buffer_of(std::vector<Aabb>(n, unit));
+  const Lists lists(queue_, all);
+  broad_phase_.reserve(n, 100);
+  broad_phase_.enqueue({.buffer = apart_buffer(), .count = n}, lists.arguments);
+  EXPECT_EQ(queue_.read_counts(lists.counts), (std::array<std::uint32_t, 4>{0, 0, 0, 0}));
+  for (int k = 0; k < 3; ++k) {
+    broad_phase_.enqueue({.buffer = together(), .count = n}, lists.arguments);
+    EXPECT_EQ(queue_.read_counts(lists.counts), (std::array<std::uint32_t, 4>{0, 0, 0, 1}));
+  }
+  EXPECT_EQ(broad_phase_.pairs().count, 0U);
+  broad_phase_.reserve(n, all);
+  broad_phase_.enqueue({.buffer = together(), .count = n}, lists.arguments);
+  EXPECT_EQ(queue_.read_counts(lists.counts), (std::array<std::uint32_t, 4>{all, 0, all, 0}));
+  EXPECT_TRUE(same("added", queue_.read({lists.added(), all}), all_pairs(n)));
+  const auto result = broad_phase_.update({.buffer = apart_buffer(), .count = n});
+  EXPECT_EQ(result.removed.count, all);
+  EXPECT_EQ(result.incomplete, 3U);
+}
+
+TEST_P(Enqueue, DoesNotBlock) {
+  Scene scene(queue_, 500);
+  broad_phase_.reserve(500, 20'000, true);
+  const Lists lists(queue_, 5000);
+  std::vector<DeviceBroadPhase::Boxes> frames;
+  for (int frame = 0; frame < 12; ++frame) frames.push_back(scene.advance(500, frame > 6));
+  const long start = opencl_use().blocking_calls;
+  for (const auto& boxes : frames) broad_phase_.enqueue(boxes, lists.arguments);
+  EXPECT_EQ(opencl_use().blocking_calls, start);
+  EXPECT_EQ(queue_.read_counts(lists.counts)[3], 0U);
+}
+
+TEST_P(Enqueue, BadInputIsNamed) {
+  Scene scene(queue_, 10);
+  const auto boxes = scene.advance(10);
+  const auto filtered = scene.advance(10, true);
+  const Lists lists(queue_, 45);
+  const auto error = [&](const DeviceBroadPhase::Boxes& given, DeviceBroadPhase::ChangeBuffers changes) {
+    return error_of([&] { broad_phase_.enqueue(given, changes); });
+  };
+  EXPECT_THAT(error(boxes, lists.arguments), HasSubstr("10 boxes, but reserve() was told of 0"));
+  broad_phase_.reserve(10, 45);
+  EXPECT_THAT(error(filtered, lists.arguments), HasSubstr("filters, but reserve() was not told"));
+  auto bad = lists.arguments;
+  bad.capacity = 46;
+  EXPECT_THAT(error(boxes, bad), HasSubstr("added pairs has 360 bytes, too few for 46"));
+  bad.capacity = 0;
+  EXPECT_THAT(error(boxes, bad), HasSubstr("capacity for changes is 0"));
+  bad = lists.arguments;
+  bad.counts = nullptr;
+  EXPECT_THAT(error(boxes, bad), HasSubstr("counts is null"));
+  broad_phase_.begin(boxes);
+  EXPECT_THAT(error(boxes, lists.arguments), HasSubstr("call finish() first"));
+  EXPECT_THAT(error_of([&] { broad_phase_.reserve(1, 1); }), HasSubstr("call finish() first"));
+  EXPECT_EQ(broad_phase_.finish().incomplete, 0U);
+}
+
+INSTANTIATE_TEST_SUITE_P(Finders, Enqueue, ::testing::Values("auto", "brute-force", "tiles"),
+                         [](const auto& test) {
+                           return test.param == "brute-force" ? std::string("brute_force") : test.param;
+                         });
+
+}  // namespace
+}  // namespace broadcl::test
