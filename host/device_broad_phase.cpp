@@ -64,8 +64,9 @@ class DeviceBroadPhase::Impl {
     in_flight_ = false;
     const PairDelta::Counts counts = context_.guard([&] { return engine_->finish(); });
     turn_ = 1 - turn_;
-    Result result{.added = {engine_->changes().added()(), counts.added},
-                  .removed = {engine_->changes().removed()(), counts.removed},
+    const Order& changes = engine_->changes();
+    Result result{.added = {changes.added()(), counts.added, changes.added_offsets()()},
+                  .removed = {changes.removed()(), counts.removed, changes.removed_offsets()()},
                   .pair_count = counts.found,
                   .invalid_boxes = counts.invalid_boxes,
                   .first_invalid = {},
@@ -102,14 +103,16 @@ class DeviceBroadPhase::Impl {
     }
     context_.guard([&] {
       check(boxes);
-      check(changes);
+      check(changes, boxes);
       if (engine_->was_interrupted()) settle();
       engine_->prepare();
       engine_->enqueue(gather(boxes), tag_of(boxes),
                        {.added = cl::Buffer(changes.added, true),
                         .removed = cl::Buffer(changes.removed, true),
                         .counts = cl::Buffer(changes.counts, true),
-                        .capacity = changes.capacity});
+                        .capacity = changes.capacity,
+                        .added_offsets = cl::Buffer(changes.added_offsets, true),
+                        .removed_offsets = cl::Buffer(changes.removed_offsets, true)});
     });
     turn_ = 1 - turn_;
   }
@@ -173,15 +176,24 @@ class DeviceBroadPhase::Impl {
     to.objects.filters = to.filters.get();
   }
 
-  void check(const ChangeBuffers& changes) const {
+  void check(const ChangeBuffers& changes, const Boxes& boxes) const {
     if (changes.capacity == 0) throw Error("the capacity for changes is 0; give at least 1");
     const std::size_t capacity = changes.capacity;
     check_buffer("added pairs", changes.added, capacity, 0, sizeof(Pair), sizeof(Pair));
     check_buffer("removed pairs", changes.removed, capacity, 0, sizeof(Pair), sizeof(Pair));
-    check_buffer("counts", changes.counts, 1, 0, 4 * sizeof(cl_uint), 4 * sizeof(cl_uint));
+    check_buffer("counts", changes.counts, 4, 0, sizeof(cl_uint), sizeof(cl_uint));
+    if (boxes.ordered_worlds == 0) return;
+    const std::size_t offsets = boxes.ordered_worlds + 2;
+    check_buffer("added offsets", changes.added_offsets, offsets, 0, sizeof(cl_uint), sizeof(cl_uint));
+    check_buffer("removed offsets", changes.removed_offsets, offsets, 0, sizeof(cl_uint), sizeof(cl_uint));
+    if (boxes.ordered_worlds > reserved_) {
+      throw Error("enqueue() was given " + std::to_string(boxes.ordered_worlds) +
+                  " worlds, more than reserve() was told of boxes; call reserve() with as many");
+    }
   }
 
   void check(const Boxes& boxes) const {
+    if (boxes.ordered_worlds > most_boxes) throw Error("more than 2147483647 worlds; give fewer");
     if (boxes.count == 0) return;
     if (boxes.count > most_boxes) throw Error("more than 2147483647 boxes; give fewer");
     if (boxes.offset % sizeof(float) != 0 || boxes.stride % sizeof(float) != 0) {
@@ -229,7 +241,10 @@ class DeviceBroadPhase::Impl {
                                             cl::NDRange(opencl::round_up(boxes.count, group)),
                                             cl::NDRange(group), nullptr, stage.event());
     }
-    return {.now = next.objects, .last = frames_.at(turn_).objects, .worlds = boxes.worlds && filters};
+    return {.now = next.objects,
+            .last = frames_.at(turn_).objects,
+            .worlds = boxes.worlds && filters,
+            .ordered_worlds = static_cast<cl_uint>(boxes.ordered_worlds)};
   }
 
   opencl::Context context_;

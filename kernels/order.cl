@@ -1,9 +1,9 @@
-/* Sorts the changes of a frame into canonical order, by b, then by a. Writes the counts to `result`, followed by the
+/* Sorts the changes of a frame into canonical order, by b, then by a, or by world first. Writes the counts to `result`, followed by the
    added pairs, then the removed ones, unless these two have buffers of their own. Prepares the counts of the next
    frame.
 
    If there are few changes, each is compared with every other, in one launch. Many are counted in buckets, by their
-   list and their b. Prefix sums say where each bucket begins, and within a bucket each change is compared with every
+   list and their b or their world. Prefix sums say where each bucket begins, and within a bucket each change is compared with every
    other. In either case nothing is written if there is not enough memory for all; if a bucket is large, the host
    sorts instead. */
 
@@ -140,21 +140,36 @@ static inline uint2 change(const changes_t* changes, const uint k) {
   return k < changes->added_count ? changes->added[k] : changes->removed[k - changes->added_count];
 }
 
-static inline uint bucket_of(const changes_t* changes, const uint k, const uint2 pair, const uint slots) {
-  return (k < changes->added_count ? 0U : slots) + pair.y;
+/* The world of a pair: that of both objects, or of the one that is not in all of them; `worlds` for two such objects, and
+   for worlds from there on. */
+static inline uint world_of(const uint2 pair, const uint worlds, global const uint4* filters) {
+  if (filters == 0) return 0;
+  const uint world = filters[pair.y].w != ALL_WORLDS ? filters[pair.y].w : filters[pair.x].w;
+  return min(world, worlds);
 }
 
-#define BUCKET_PARAMETERS \
-  const uint slots, global uint *restrict buckets, global uint2 *restrict scattered
+/* There are `buckets_of_list` buckets for added pairs, then as many for removed ones. Unless `worlds` is 0, they are for
+   worlds, which filters of this frame and the last one tell. */
+#define BUCKET_PARAMETERS                                                                                           \
+  const uint buckets_of_list, global uint *restrict buckets, global uint2 *restrict scattered, const uint worlds, \
+      global const uint4 *restrict filters, global const uint4 *restrict last_filters
+#define BUCKET_OF(k, pair) bucket_of(&changes, k, pair, buckets_of_list, worlds, filters, last_filters)
 
-/* Counts the changes of each bucket: there are `slots` buckets for added pairs, then as many for removed ones. */
+static inline uint bucket_of(const changes_t* changes, const uint k, const uint2 pair, const uint buckets_of_list,
+                             const uint worlds, global const uint4* filters, global const uint4* last_filters) {
+  const bool is_added = k < changes->added_count;
+  const uint bucket = worlds == 0U ? pair.y : world_of(pair, worlds, is_added ? filters : last_filters);
+  return is_added ? bucket : buckets_of_list + bucket;
+}
+
+/* Counts the changes of each bucket. */
 kernel void order_count(CHANGES_PARAMETERS, BUCKET_PARAMETERS) {
   changes_t changes;
   find_changes(&changes, pairs, removed_pairs, counts);
   const uint n = number_to_order(&changes, capacity, counts, room, room_of_both);
   (void)scattered;
   for (uint k = (uint)get_global_id(0); k < n; k += (uint)get_global_size(0)) {
-    const uint before = atomic_inc(&buckets[bucket_of(&changes, k, change(&changes, k), slots)]);
+    const uint before = atomic_inc(&buckets[BUCKET_OF(k, change(&changes, k))]);
     if (before == LARGEST_BUCKET) counts[COUNT_UNORDERED] = 1;
   }
 }
@@ -167,7 +182,7 @@ kernel void order_scatter(CHANGES_PARAMETERS, BUCKET_PARAMETERS) {
   const uint n = number_to_order(&changes, capacity, counts, room, room_of_both);
   for (uint k = (uint)get_global_id(0); k < n; k += (uint)get_global_size(0)) {
     const uint2 pair = change(&changes, k);
-    scattered[atomic_inc(&buckets[bucket_of(&changes, k, pair, slots)])] = pair;
+    scattered[atomic_inc(&buckets[BUCKET_OF(k, pair)])] = pair;
   }
 }
 
@@ -183,12 +198,54 @@ kernel void order_place(CHANGES_PARAMETERS, BUCKET_PARAMETERS, RESULT_PARAMETERS
   const uint n = complete ? changes.added_count + changes.removed_count : 0U;
   for (uint k = item; k < n; k += (uint)get_global_size(0)) {
     const uint2 pair = scattered[k];
-    const uint bucket = bucket_of(&changes, k, pair, slots);
+    const uint bucket = BUCKET_OF(k, pair);
     const uint begin = bucket == 0 ? 0U : buckets[bucket - 1U];
     const uint end = buckets[bucket];
     uint index = begin;
-    for (uint other = begin; other < end; ++other) index += scattered[other].x < pair.x ? 1U : 0U;
+    for (uint other = begin; other < end; ++other) {
+      index += order_of(scattered[other]) < order_of(pair) ? 1U : 0U;
+    }
     const bool is_added = k < changes.added_count;
     result_list(is_added, &changes, result, added, removed)[index - (is_added ? 0U : changes.added_count)] = pair;
   }
+}
+
+/* Finds where each world begins in lists that are ordered by world, one work-item per world; after the worlds come the
+   pairs of none and the end. The lengths are those of `report`, unless it is null. */
+kernel void order_offsets(const uint worlds, const uint added_count, const uint removed_count,
+                          global const uint* restrict report, global const uint2* restrict added,
+                          global const uint2* restrict removed, global const uint4* restrict filters,
+                          global const uint4* restrict last_filters, global uint* restrict added_offsets,
+                          global uint* restrict removed_offsets) {
+  const uint world = (uint)get_global_id(0);
+  if (world > worlds + 1U) return;
+  for (uint list = 0; list < 2U; ++list) {
+    const bool is_added = list == 0U;
+    uint begin = 0;
+    uint end = report != 0 ? report[list] : is_added ? added_count : removed_count;
+    while (begin < end) {
+      const uint middle = begin + (end - begin) / 2U;
+      const uint2 pair = is_added ? added[middle] : removed[middle];
+      if (world_of(pair, worlds, is_added ? filters : last_filters) < world) {
+        begin = middle + 1U;
+      } else {
+        end = middle;
+      }
+    }
+    (is_added ? added_offsets : removed_offsets)[world] = begin;
+  }
+}
+
+/* For a stable sort by world: elements are indices of a list, and the worlds of its pairs. */
+kernel void order_world_keys(const uint n, const uint worlds, global const uint2* restrict list,
+                             global const uint4* restrict filters, global uint2* restrict elements) {
+  const uint k = (uint)get_global_id(0);
+  if (k < n) elements[k] = (uint2)(k, world_of(list[k], worlds, filters));
+}
+
+/* Moves the pairs of a list to where such elements say. */
+kernel void order_pick(const uint n, global const uint2* restrict elements, global const uint2* restrict list,
+                       global uint2* restrict to) {
+  const uint k = (uint)get_global_id(0);
+  if (k < n) to[k] = list[elements[k].x];
 }

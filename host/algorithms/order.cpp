@@ -49,11 +49,26 @@ Order::Order(const opencl::Context& context, opencl::Profiler& profiler, Target 
   count_ = cl::Kernel(program, "order_count");
   scatter_ = cl::Kernel(program, "order_scatter");
   place_ = cl::Kernel(program, "order_place");
+  offsets_ = cl::Kernel(program, "order_offsets");
+  world_keys_ = cl::Kernel(program, "order_world_keys");
+  pick_ = cl::Kernel(program, "order_pick");
+}
+
+void Order::set_search(const Search& search) {
+  slots_ = std::max<std::size_t>({1, search.last.slots, search.now.slots});
+  worlds_ = search.ordered_worlds;
+  filters_ = search.now.filters;
+  last_filters_ = search.last.filters;
+}
+
+/// After the worlds come the pairs of none.
+std::size_t Order::buckets_of_list() const noexcept {
+  return worlds_ == 0 ? slots_ : worlds_ + 1;
 }
 
 void Order::begin(const Search& search) {
-  slots_ = std::max<std::size_t>({1, search.last.slots, search.now.slots});
-  many_ = last_longest_ > few_;
+  set_search(search);
+  many_ = last_longest_ > few_ || worlds_ > 0;
   // More memory only if it was wanted twice in a row: a first frame finds all pairs, the next one what
   // changed.
   const std::size_t wanted = many_ ? last_changes_ + last_changes_ / 4 : 3 * last_longest_;
@@ -66,23 +81,30 @@ void Order::begin(const Search& search) {
   is_awaited_ = true;
   reserve_result(capacity_);
   if (many_) {
-    buckets_.reserve(context_, 2 * slots_ * sizeof(cl_uint), what);
+    buckets_.reserve(context_, 2 * buckets_of_list() * sizeof(cl_uint), what);
     scattered_.reserve(context_, capacity_ * sizeof(Pair), what);
+  }
+  for (opencl::GrowingBuffer* offsets : {&added_offsets_, &removed_offsets_}) {
+    if (worlds_ == 0) {
+      offsets->clear();
+    } else {
+      offsets->reserve(context_, (worlds_ + 2) * sizeof(cl_uint), what);
+    }
   }
 }
 
 void Order::begin(const Search& search, const Report& report) {
-  slots_ = std::max<std::size_t>({1, search.last.slots, search.now.slots});
+  set_search(search);
   report_ = report;
   is_awaited_ = false;
   room_ = report.capacity;
-  many_ = room_ > few_;
+  many_ = room_ > few_ || worlds_ > 0;
   capacity_ = std::min(2 * room_, scattered_.bytes() / sizeof(Pair));
   if (result().bytes() == 0) reserve_result(least_changes);
 }
 
 void Order::reserve_ahead(std::size_t slots, std::size_t pairs) {
-  buckets_.reserve(context_, 2 * std::max<std::size_t>(1, slots) * sizeof(cl_uint), what);
+  buckets_.reserve(context_, 2 * (slots + 1) * sizeof(cl_uint), what);
   scattered_.reserve(context_, 2 * std::max(least_changes, pairs) * sizeof(Pair), what);
 }
 
@@ -135,18 +157,20 @@ void Order::enqueue_few(const PairDelta& delta, cl_uint tag) {
 void Order::enqueue_many(const PairDelta& delta, cl_uint tag) {
   opencl::Profiler::Scope stage(profiler_, "order");
   const cl::CommandQueue& queue = context_.queue();
-  queue.enqueueFillBuffer(buckets_.get(), cl_uint{0}, 0, 2 * slots_ * sizeof(cl_uint));
+  const std::size_t buckets = buckets_of_list();
+  queue.enqueueFillBuffer(buckets_.get(), cl_uint{0}, 0, 2 * buckets * sizeof(cl_uint));
   // Each work-item handles some changes, but never so many that llvmpipe would end it (see tuning_of()).
   const std::size_t items = round_up(
       std::clamp(capacity_, context_.device().compute_units * std::size_t{64}, std::size_t{1} << 20), group);
   for (cl::Kernel* kernel : {&count_, &scatter_, &place_}) {
-    const cl_uint next = opencl::set_arguments(
-        *kernel, delta.set_changes(*kernel, 0), static_cast<cl_uint>(room_), static_cast<cl_uint>(capacity_),
-        static_cast<cl_uint>(slots_), buckets_.get(), scattered_.get());
+    const cl_uint next =
+        opencl::set_arguments(*kernel, delta.set_changes(*kernel, 0), static_cast<cl_uint>(room_),
+                              static_cast<cl_uint>(capacity_), static_cast<cl_uint>(buckets), buckets_.get(),
+                              scattered_.get(), static_cast<cl_uint>(worlds_), filters_, last_filters_);
     if (kernel == &place_) set_results(*kernel, next, delta, tag);
     queue.enqueueNDRangeKernel(*kernel, cl::NullRange, cl::NDRange(items), cl::NDRange(group), nullptr,
                                kernel == &place_ ? stage.event() : nullptr);
-    if (kernel == &count_) scan_.enqueue(buckets_.get(), 2 * slots_);
+    if (kernel == &count_) scan_.enqueue(buckets_.get(), 2 * buckets);
   }
 }
 
@@ -160,7 +184,21 @@ void Order::read(std::size_t changes) {
 void Order::enqueue(const PairDelta& delta, cl_uint tag) {
   result().release();
   many_ ? enqueue_many(delta, tag) : enqueue_few(delta, tag);
-  if (is_awaited_) read(expected_);
+  if (is_awaited_) {
+    read(expected_);
+  } else if (worlds_ > 0) {
+    enqueue_offsets({});
+  }
+}
+
+void Order::enqueue_offsets(const PairDelta::Counts& counts) {
+  opencl::set_arguments(offsets_, 0, static_cast<cl_uint>(worlds_), static_cast<cl_uint>(counts.added),
+                        static_cast<cl_uint>(counts.removed), report_.counts,
+                        is_awaited_ ? added() : report_.added, is_awaited_ ? removed() : report_.removed,
+                        filters_, last_filters_, is_awaited_ ? added_offsets() : report_.added_offsets,
+                        is_awaited_ ? removed_offsets() : report_.removed_offsets);
+  context_.queue().enqueueNDRangeKernel(offsets_, cl::NullRange, cl::NDRange(round_up(worlds_ + 2, group)),
+                                        cl::NDRange(group));
 }
 
 PairDelta::Counts Order::wait(const PairDelta& delta) {
@@ -174,6 +212,7 @@ bool Order::complete(const PairDelta& delta, const PairDelta::Counts& counts) {
   const bool is_ordered =
       std::max(counts.added, counts.removed) <= room_ && changes <= capacity_ && !counts.is_unordered;
   if (!is_ordered) sort_changes(delta, counts);
+  if (worlds_ > 0) enqueue_offsets(counts);
   if (target_ == Target::host && (!is_ordered || changes > expected_)) {
     read(changes);
     (void)wait(delta);
@@ -185,15 +224,16 @@ void Order::sort_changes(const PairDelta& delta, const PairDelta::Counts& counts
   const opencl::Profiler::Scope stage(profiler_, "sort");
   const cl::CommandQueue& queue = context_.queue();
   const auto sort_list = [&](opencl::GrowingBuffer& to, const cl::Buffer& from, std::size_t first,
-                             std::size_t n) {
+                             std::size_t n, const cl::Buffer& filters) {
     to.reserve(context_, n * sizeof(Pair), what);
     if (n == 0) return;
     queue.enqueueCopyBuffer(from, to.get(), first * sizeof(Pair), 0, n * sizeof(Pair));
     scattered_.reserve(context_, n * sizeof(Pair), what);
     sort(to.get(), n, slots_, scattered_.get());
+    if (worlds_ > 0) sort_by_world(to.get(), n, filters);
   };
-  sort_list(added_, delta.list(), counts.found - counts.added, counts.added);
-  sort_list(removed_, delta.removed(), 0, counts.removed);
+  sort_list(added_, delta.list(), counts.found - counts.added, counts.added, filters_);
+  sort_list(removed_, delta.removed(), 0, counts.removed, last_filters_);
   if (target_ == Target::device) return;
   reserve_result(counts.added + counts.removed);
   result().release();
@@ -204,6 +244,20 @@ void Order::sort_changes(const PairDelta& delta, const PairDelta::Counts& counts
   }
   added_.clear();
   removed_.clear();
+}
+
+/// Sorts a list that is in canonical order by world, in which order it stays otherwise.
+void Order::sort_by_world(const cl::Buffer& pairs, std::size_t n, const cl::Buffer& filters) {
+  const cl::CommandQueue& queue = context_.queue();
+  const cl::Buffer elements = context_.buffer(n * sizeof(Pair));
+  const auto count = static_cast<cl_uint>(n);
+  opencl::set_arguments(world_keys_, 0, count, static_cast<cl_uint>(worlds_), pairs, filters, elements);
+  queue.enqueueNDRangeKernel(world_keys_, cl::NullRange, cl::NDRange(round_up(n, group)), cl::NDRange(group));
+  const auto bits = static_cast<unsigned>(std::bit_width(worlds_));
+  sort_.enqueue(elements, scattered_.get(), n, std::array{opencl::RadixSort::Bits{32, bits}});
+  opencl::set_arguments(pick_, 0, count, elements, pairs, scattered_.get());
+  queue.enqueueNDRangeKernel(pick_, cl::NullRange, cl::NDRange(round_up(n, group)), cl::NDRange(group));
+  queue.enqueueCopyBuffer(scattered_.get(), pairs, 0, 0, n * sizeof(Pair));
 }
 
 void Order::commit(const PairDelta::Counts& counts) noexcept {

@@ -32,6 +32,7 @@ class Order {
   struct Report {
     cl::Buffer added{}, removed{}, counts{};
     std::size_t capacity = 0;
+    cl::Buffer added_offsets{}, removed_offsets{};  ///< Where worlds begin, if changes are ordered by world.
   };
 
   /// Starts a frame: chooses how to order, by how much changed in the last one, and grows the buffers.
@@ -65,6 +66,9 @@ class Order {
   /// The changes of the last frame on the device, until the next begins.
   [[nodiscard]] const cl::Buffer& added() const noexcept { return added_.get(); }
   [[nodiscard]] const cl::Buffer& removed() const noexcept { return removed_.get(); }
+  /// Where worlds begin in these, if they are ordered by world; otherwise null.
+  [[nodiscard]] const cl::Buffer& added_offsets() const noexcept { return added_offsets_.get(); }
+  [[nodiscard]] const cl::Buffer& removed_offsets() const noexcept { return removed_offsets_.get(); }
 
   /// Enqueues the commands that sort pairs of slots into canonical order.
   /// @param slots Greater than every slot of the pairs.
@@ -75,12 +79,16 @@ class Order {
  private:
   [[nodiscard]] opencl::SharedBuffer& result() noexcept { return results_.at(turn_); }
   [[nodiscard]] std::size_t allocated() const noexcept;
+  void set_search(const Search& search);
   void reserve_result(std::size_t changes);
   void enqueue_few(const PairDelta& delta, cl_uint tag);
   void enqueue_many(const PairDelta& delta, cl_uint tag);
   void set_results(cl::Kernel& kernel, cl_uint first, const PairDelta& delta, cl_uint tag);
   void read(std::size_t changes);
   void sort_changes(const PairDelta& delta, const PairDelta::Counts& counts);
+  void sort_by_world(const cl::Buffer& pairs, std::size_t n, const cl::Buffer& filters);
+  void enqueue_offsets(const PairDelta::Counts& counts);
+  [[nodiscard]] std::size_t buckets_of_list() const noexcept;
 
   const opencl::Context& context_;
   opencl::Profiler& profiler_;
@@ -88,15 +96,16 @@ class Order {
   std::size_t few_;  // changes of a list, at most, that are compared each with every other
   opencl::RadixSort sort_;
   opencl::Scan scan_;
-  cl::Kernel few_kernel_, count_, scatter_, place_;
+  cl::Kernel few_kernel_, count_, scatter_, place_, offsets_, world_keys_, pick_;
   // The counts, followed by the changes if they are wanted on the host: of this frame and of the last, in
   // turn.
   std::array<opencl::SharedBuffer, 2> results_;
   std::size_t turn_ = 0;                   // index of the frame that begins or runs
   opencl::GrowingBuffer added_, removed_;  // if they are wanted on the device, or while they are sorted
-  opencl::GrowingBuffer buckets_;          // two per slot
-  opencl::GrowingBuffer scattered_;        // changes by bucket; pairs while they are sorted
-  cl::Event read_;                         // after which the host may read this frame's result
+  opencl::GrowingBuffer added_offsets_, removed_offsets_;  // of worlds in these
+  opencl::GrowingBuffer buckets_;                          // two per slot or world
+  opencl::GrowingBuffer scattered_;                        // changes by bucket; pairs while they are sorted
+  cl::Event read_;  // after which the host may read this frame's result
 
   // Of this frame.
   bool many_ = false;  // changes are ordered by buckets
@@ -106,6 +115,8 @@ class Order {
   std::size_t room_ = 0;      // those of one list
   std::size_t expected_ = 0;  // changes that are read together with the counts
   std::size_t slots_ = 0;     // greater than every slot of the pairs
+  std::size_t worlds_ = 0;    // by which changes are ordered, or 0
+  cl::Buffer filters_, last_filters_;
 
   // Of the last frame.
   std::size_t last_changes_ = 0;

@@ -21,7 +21,9 @@ struct Search {  // NOLINT(bugprone-exception-escape): as above
   Generation last{};
   bool same_filters = false;  ///< Whether no filter changed since the last frame.
   bool worlds = false;        ///< Whether objects are in different worlds.
-  bool all = true;            ///< Whether all slots count as changed; otherwise those in `changed` did.
+  /// If not 0, changes are ordered by world first, of which there are this many.
+  cl_uint ordered_worlds = 0;
+  bool all = true;  ///< Whether all slots count as changed; otherwise those in `changed` did.
   cl_uint changed_count = 0;
   cl::Buffer changed{};       ///< Slots, each once.
   bool any_recycled = false;  ///< Whether the object of some slot is another one than in the last frame.

@@ -46,6 +46,9 @@ class DeviceBroadPhase {
     std::size_t stride = 24;   ///< From each box to the next, in bytes, a multiple of 4.
     cl_mem filters = nullptr;  ///< One Filter per box, also of the queue's context; or null: all pair.
     bool worlds = false;       ///< Whether the filters have different worlds.
+    /// If not 0, changes are in order of their worlds first: 0 .. ordered_worlds-1, then all others. A pair
+    /// with an object of all worlds is of the other one's world; pairs of two such objects come last.
+    std::size_t ordered_worlds = 0;
   };
 
   /// Pairs in canonical order, as Pair lays them out. The buffer belongs to this object and stays unchanged
@@ -53,6 +56,9 @@ class DeviceBroadPhase {
   struct PairBuffer {
     cl_mem buffer = nullptr;
     std::size_t count = 0;
+    /// If they are in order of worlds, Boxes::ordered_worlds + 2 uint32: the index at which the pairs of each
+    /// world begin, that at which those of no such world do, and the count. Otherwise null.
+    cl_mem offsets = nullptr;
   };
 
   /// What changed since the last update.
@@ -75,6 +81,8 @@ class DeviceBroadPhase {
     /// For four uint32: the number of added pairs, of removed ones, and of all that overlap now; and 1 if the
     /// update is incomplete, otherwise 0.
     cl_mem counts = nullptr;
+    cl_mem added_offsets = nullptr;    ///< As PairBuffer::offsets, if Boxes::ordered_worlds is not 0.
+    cl_mem removed_offsets = nullptr;  ///< Likewise.
   };
 
   /// Builds the kernels.
@@ -114,10 +122,11 @@ class DeviceBroadPhase {
   /// boxes have worlds for the first time, to build kernels. Memory must have been reserved.
   ///
   /// If more pairs overlap than was reserved, if more changed than the buffers hold, or if more than 4,096
-  /// changes have the same b, the update is incomplete: nothing changes, neither the known pairs nor the
-  /// boxes that are compared with, and so it is with all updates that are enqueued after it. The next waiting
-  /// call (update(), begin() or pairs()) ends that: it waits for the queue, and goes on from the last
-  /// complete update. Invalid boxes overlap nothing, and are not counted.
+  /// changes have the same b (or the same world, if they are in order of worlds), the update is incomplete:
+  /// nothing changes, neither the known pairs nor the boxes that are compared with, and so it is with all
+  /// updates that are enqueued after it. The next waiting call (update(), begin() or pairs()) ends that: it
+  /// waits for the queue, and goes on from the last complete update. Invalid boxes overlap nothing, and are
+  /// not counted.
   /// @throws as update() does, and Error between begin() and finish(), and if there are more boxes than
   /// reserve() was told of. The update does then not take place.
   void enqueue(const Boxes& boxes, const ChangeBuffers& changes);
