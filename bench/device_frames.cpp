@@ -1,5 +1,7 @@
 #include "device_frames.hpp"
 
+#include <algorithm>
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <string>
@@ -40,6 +42,56 @@ void time_update(benchmark::State& state, const AlgorithmInfo& algorithm, const 
   frames.report();
 }
 
+void time_enqueue(benchmark::State& state, const AlgorithmInfo& algorithm, const Scene& scene,
+                  std::uint32_t n) {
+  constexpr std::size_t at_once = 8;
+  const opencl::Context context(select_device(), false);
+  const cl::CommandQueue& queue = context.queue();
+  DeviceBroadPhase broad_phase(queue(), {.algorithm = std::string(algorithm.name)});
+  scenes::MovingBoxes boxes(n, scene.sizes);
+  const std::size_t bytes = n * sizeof(Aabb);
+  std::array<cl::Buffer, at_once> buffers;
+  const auto advance = [&] {
+    for (cl::Buffer& buffer : buffers) {
+      boxes.advance();
+      if (buffer() == nullptr) buffer = context.buffer(bytes);
+      queue.enqueueWriteBuffer(buffer, CL_TRUE, 0, bytes, boxes.boxes().data());
+    }
+  };
+  advance();
+  std::size_t changes = 0;
+  std::size_t pairs = 0;
+  for (const cl::Buffer& buffer : buffers) {
+    const DeviceBroadPhase::Result result = broad_phase.update({.buffer = buffer(), .count = n});
+    changes = std::max(result.added.count, result.removed.count);
+    pairs = result.pair_count;
+  }
+  const std::size_t capacity = changes + changes / 2 + 64;
+  broad_phase.reserve(n, pairs + pairs / 4 + capacity);
+  const cl::Buffer added = context.buffer(capacity * sizeof(Pair));
+  const cl::Buffer removed = context.buffer(capacity * sizeof(Pair));
+  std::array<std::uint32_t, 4> words{};
+  const cl::Buffer counts = context.buffer(sizeof words);
+  Frames frames(state);
+  for ([[maybe_unused]] auto _ : state) {
+    advance();
+    frames.time(
+        [&] {
+          for (const cl::Buffer& buffer : buffers) {
+            broad_phase.enqueue(
+                {.buffer = buffer(), .count = n},
+                {.added = added(), .removed = removed(), .capacity = capacity, .counts = counts()});
+          }
+          queue.finish();
+          return std::size_t{0};
+        },
+        at_once);
+    queue.enqueueReadBuffer(counts, CL_TRUE, 0, sizeof words, words.data());
+    if (words[3] != 0) state.SkipWithError("an update is incomplete");
+  }
+  frames.report();
+}
+
 }  // namespace
 
 void register_device_frames() {
@@ -53,6 +105,11 @@ void register_device_frames() {
         benchmark::RegisterBenchmark(name.c_str(), time_update, algorithm, scene, n)
             ->UseManualTime()
             ->Iterations(256)
+            ->Unit(benchmark::kMicrosecond);
+        benchmark::RegisterBenchmark(("update-enqueue" + name.substr(name.find('/'))).c_str(), time_enqueue,
+                                     algorithm, scene, n)
+            ->UseManualTime()
+            ->Iterations(32)
             ->Unit(benchmark::kMicrosecond);
       }
     }

@@ -24,11 +24,13 @@ class Frames {
  public:
   explicit Frames(benchmark::State& state) : state_(state) {}
 
+  /// @param count Frames that are one call.
   template <class Function>
-  void time(Function&& frame) {
+  void time(Function&& frame, std::size_t count = 1) {
     const auto start = std::chrono::steady_clock::now();
     changes_ += frame();
-    times_.push_back(std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count());
+    const std::chrono::duration<double> taken = std::chrono::steady_clock::now() - start;
+    times_.push_back(taken.count() / static_cast<double>(count));
     state_.SetIterationTime(times_.back());
   }
 
