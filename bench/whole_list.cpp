@@ -38,12 +38,11 @@ class TimedTiles final : public PairFinder {
  public:
   explicit TimedTiles(const opencl::Context& context) : context_(context), tiles_(make_tiles(context, 0)) {}
 
+  void build(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) override {
+    seconds = time([&] { tiles_->build(search, sink, profiler); });
+  }
   void find(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) override {
-    context_.queue().finish();
-    const auto start = std::chrono::steady_clock::now();
-    tiles_->find(search, sink, profiler);
-    context_.queue().finish();
-    seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+    seconds += time([&] { tiles_->find(search, sink, profiler); });
   }
   [[nodiscard]] double expected_work(const Search& search, const PairDelta& sink) override {
     return tiles_->expected_work(search, sink);
@@ -52,6 +51,15 @@ class TimedTiles final : public PairFinder {
   static inline double seconds = 0;
 
  private:
+  template <class Function>
+  double time(const Function& function) const {
+    context_.queue().finish();
+    const auto start = std::chrono::steady_clock::now();
+    function();
+    context_.queue().finish();
+    return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  }
+
   const opencl::Context& context_;
   std::unique_ptr<PairFinder> tiles_;
 };

@@ -9,16 +9,15 @@
 
 #include "algorithms/algorithm.hpp"
 #include "algorithms/engine.hpp"
+#include "algorithms/source.hpp"
 #include "opencl/context.hpp"
 #include "opencl/error.hpp"
 #include "opencl/growing_buffer.hpp"
-#include "opencl/launch.hpp"
 #include "opencl/profiler.hpp"
 
 namespace broadcl {
 namespace {
 
-constexpr std::size_t group = 64;
 constexpr std::size_t most_boxes = 0x7fffffff;
 
 cl::CommandQueue retained(cl_command_queue queue, bool profile) {
@@ -44,7 +43,7 @@ class DeviceBroadPhase::Impl {
           return std::make_unique<Engine>(context_, profiler_, find_pair_finder(config.algorithm),
                                           Order::Target::device);
         })),
-        gather_(context_.guard([&] { return cl::Kernel(context_.program("changes.cl"), "gather_boxes"); })) {}
+        source_(context_.guard([&] { return Source(context_); })) {}
 
   void begin(const Boxes& boxes) {
     refuse_in_flight("begin()");
@@ -53,7 +52,7 @@ class DeviceBroadPhase::Impl {
       settle();
       profiler_.begin();
       engine_->prepare();
-      engine_->begin(gather(boxes), tag_of(boxes));
+      engine_->begin(search_of(boxes), tag_of(boxes));
       context_.queue().flush();
     });
     in_flight_ = true;
@@ -106,7 +105,7 @@ class DeviceBroadPhase::Impl {
       check(changes, boxes);
       if (engine_->was_interrupted()) settle();
       engine_->prepare();
-      engine_->enqueue(gather(boxes), tag_of(boxes),
+      engine_->enqueue(search_of(boxes), tag_of(boxes),
                        {.added = cl::Buffer(changes.added, true),
                         .removed = cl::Buffer(changes.removed, true),
                         .counts = cl::Buffer(changes.counts, true),
@@ -222,27 +221,19 @@ class DeviceBroadPhase::Impl {
     }
   }
 
-  /// Enqueues the command that copies the caller's objects; returns their search.
-  Search gather(const Boxes& boxes) {
+  /// The search of the caller's objects, which are still to be gathered.
+  Search search_of(const Boxes& boxes) {
     Frame& next = frames_.at(1 - turn_);
     const bool filters = boxes.filters != nullptr;
     reserve(next, boxes.count, filters);
     next.objects = {.slots = static_cast<cl_uint>(boxes.count),
                     .boxes = next.boxes.get(),
                     .filters = filters ? next.filters.get() : cl::Buffer()};
-    if (boxes.count > 0) {
-      opencl::Profiler::Scope stage(profiler_, "gather");
-      opencl::set_arguments(gather_, 0, static_cast<cl_uint>(boxes.count), cl::Buffer(boxes.buffer, true),
-                            static_cast<cl_ulong>(boxes.offset / sizeof(float)),
-                            static_cast<cl_ulong>(boxes.stride / sizeof(float)),
-                            filters ? cl::Buffer(boxes.filters, true) : cl::Buffer(), next.objects.boxes,
-                            next.objects.filters, engine_->counts());
-      context_.queue().enqueueNDRangeKernel(gather_, cl::NullRange,
-                                            cl::NDRange(opencl::round_up(boxes.count, group)),
-                                            cl::NDRange(group), nullptr, stage.event());
-    }
+    source_.set(cl::Buffer(boxes.buffer, true), boxes.offset / sizeof(float), boxes.stride / sizeof(float),
+                cl::Buffer(boxes.filters, true));
     return {.now = next.objects,
             .last = frames_.at(turn_).objects,
+            .source = &source_,
             .worlds = boxes.worlds && filters,
             .ordered_worlds = static_cast<cl_uint>(boxes.ordered_worlds)};
   }
@@ -250,7 +241,7 @@ class DeviceBroadPhase::Impl {
   opencl::Context context_;
   opencl::Profiler profiler_;
   std::unique_ptr<Engine> engine_;
-  cl::Kernel gather_;
+  Source source_;
   std::array<Frame, 2> frames_;  // of the last update and of the next, in turn
   std::size_t turn_ = 0;         // index of the frame of the last update
   cl::Buffer pairs_;

@@ -11,6 +11,7 @@
 
 #include "tiles.h"
 #include "centroids.h"
+#include "gather.h"
 #include "stamp.h"
 
 #define AXIS_BITS 10U
@@ -76,24 +77,26 @@ kernel void tiles_world_keys(const uint n, global const uint4* restrict filters,
   if (k < n) elements[k].y = filters[elements[k].x].w;
 }
 
-/* The bounds of an object, from box and filter; those of none if it has no box. */
-static inline void load_object(bounds_t* bounds, const uint slot, const bool exists, global const float* boxes,
-                               global const uint4* filters) {
+/* Bounds of nothing. */
+static inline void make_none(bounds_t* bounds) {
   for (uint i = 0; i < AABB_FLOATS; ++i) bounds->bound[i] = NAN;
 #if WORLDS
   bounds->first_world = NO_FIRST_WORLD;
   bounds->last_world = NO_LAST_WORLD;
-#else
-  (void)filters;
 #endif
-  if (!exists) return;
-  box_t box;
-  load_box(&box, boxes, slot);
-  for (uint i = 0; i < AABB_FLOATS; ++i) bounds->bound[i] = box.bound[i];
+}
+
+/* The bounds of an object. */
+static inline void make_bounds(bounds_t* bounds, const box_t* box, const uint slot, global const uint4* filters) {
+  make_none(bounds);
+  for (uint i = 0; i < AABB_FLOATS; ++i) bounds->bound[i] = box->bound[i];
 #if WORLDS
-  if (isnan(box.bound[0])) return;
+  if (isnan(box->bound[0])) return;
   bounds->first_world = first_world(filters[slot].w);
   bounds->last_world = last_world(filters[slot].w);
+#else
+  (void)slot;
+  (void)filters;
 #endif
 }
 
@@ -178,16 +181,22 @@ static inline void raise(global float* tree, const uint start, const uint k, con
 }
 #endif
 
+#ifndef GATHER
+#define GATHER 0 /* 1 if the objects are still to be gathered */
+#endif
+#if GATHER
+#define OBJECT_PARAMETERS GATHER_PARAMETERS
+#else
+#define OBJECT_PARAMETERS \
+  global const float *restrict boxes, global const uint4 *restrict filters, const uint stamp, \
+      global const uint *restrict stamps
+#endif
+
 /* Copies the boxes to their tiles and computes the bounds of these, one work-group per tile. Tiles past the last one
    have no bounds. */
 kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_fill(
-    const uint n, const uint tiles, const uint parents, global const float* restrict boxes,
-    global const uint4* restrict filters, global const uint2* restrict elements, const uint stamp,
-    global const uint* restrict stamps, global float* tree) {
-#if !SOME_CHANGED
-  (void)stamp;
-  (void)stamps;
-#endif
+    const uint n, const uint tiles, const uint parents, global const uint2* restrict elements, global float* tree,
+    OBJECT_PARAMETERS) {
 #if GROUP > 1
   local scratch_t scratch;
 #endif
@@ -195,18 +204,31 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_fill(
   FOR_EACH_CHILD(child) {
     const uint place = tile * NODE + child;
     const uint slot = place < n ? elements[place].x : 0U;
+    bounds_t bounds;
+    make_none(&bounds);
 #if SOME_CHANGED
     const bool is_in = place < n && is_changed(stamps[slot], stamp);
 #else
     const bool is_in = place < n;
 #endif
-    bounds_t bounds;
-    load_object(&bounds, slot, is_in, boxes, filters);
+    if (is_in) {
+      box_t box;
+#if GATHER
+      gather_object(&box, slot, source, offset, stride, source_filters, boxes, filters, counts);
+#else
+      load_box(&box, boxes, slot);
+#endif
+      make_bounds(&bounds, &box, slot, filters);
+    }
     if (tile < tiles) store_child(&bounds, tree, tile, child);
 #if GROUP > 1
     raise(&bounds, &scratch, tree, tile, parents);
 #endif
   }
+#if !SOME_CHANGED && !GATHER
+  (void)stamp;
+  (void)stamps;
+#endif
 #if GROUP == 1
   raise(tree, 0, tile, tile < tiles, parents);
 #endif
@@ -219,7 +241,7 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_raise(const
 #if GROUP > 1
   local scratch_t scratch;
   bounds_t bounds;
-  load_object(&bounds, 0, false, 0, 0);
+  make_none(&bounds);
   if (k < nodes) load_child(&bounds, tree, start + k, (uint)get_local_id(0));
   raise(&bounds, &scratch, tree, k, parents);
 #else

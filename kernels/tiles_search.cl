@@ -227,7 +227,7 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_search(
   uint4 rest = 0; /* by level, children of the nodes on the way down that are still to be visited; in registers */
   uint level = top;
   const uint end = is_halted(counts) ? 0U : roots;
-  uint root = top == LEVELS - 1U ? tile / (NODE * NODE * NODE) : 0U;
+  uint root = tile >> (5U * top);
   uint node = root;
   while (root < end) {
     uint bits = VISIT(of_level(starts, level) + node);

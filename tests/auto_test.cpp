@@ -120,8 +120,12 @@ class Turns final : public PairFinder {
  public:
   explicit Turns(const opencl::Context& context) : finders_{make_brute_force(context), make_tiles(context)} {}
 
+  void build(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) override {
+    turn_ = 1 - turn_;
+    finders_.at(turn_)->build(search, sink, profiler);
+  }
   void find(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) override {
-    finders_.at(turn_++ % finders_.size())->find(search, sink, profiler);
+    finders_.at(turn_)->find(search, sink, profiler);
   }
   [[nodiscard]] double expected_work(const Search& /*search*/, const PairDelta& /*sink*/) override {
     return 0;

@@ -23,9 +23,12 @@ class Auto final : public PairFinder {
   explicit Auto(const opencl::Context& context)
       : models_(calibrate(context, finders)), finders_{make_brute_force(context), make_tiles(context)} {}
 
+  void build(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) override {
+    choose(search, sink);
+    finders_.at(chosen_)->build(search, sink, profiler);
+  }
+
   void find(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) override {
-    // A frame that is repeated because the sink was too small stays with the same finder.
-    if (sink.frames() != frame_) choose(search, sink);
     { const opencl::Profiler::Scope stage(profiler, names.at(chosen_)); }
     finders_.at(chosen_)->find(search, sink, profiler);
   }
@@ -36,7 +39,6 @@ class Auto final : public PairFinder {
 
  private:
   void choose(const Search& search, const PairDelta& sink) {
-    frame_ = sink.frames();
     const std::size_t other = 1 - chosen_;
     if (seconds(other, search, sink) < clearly_less * seconds(chosen_, search, sink)) chosen_ = other;
   }
@@ -49,7 +51,6 @@ class Auto final : public PairFinder {
   std::array<CostModel, 2> models_;
   std::array<std::unique_ptr<PairFinder>, 2> finders_;
   std::size_t chosen_ = 1;
-  std::size_t frame_ = static_cast<std::size_t>(-1);  // of the last choice
 };
 
 }  // namespace

@@ -17,6 +17,7 @@ void Engine::begin(Search search, cl_uint tag) {
   search_ = std::move(search);
   tag_ = tag;
   order_.begin(search_);
+  finder_->build(search_, delta_, profiler_);
   enqueue();
 }
 
@@ -29,6 +30,7 @@ void Engine::enqueue(Search search, cl_uint tag, const Order::Report& report) {
   search_ = std::move(search);
   tag_ = tag;
   order_.begin(search_, report);
+  finder_->build(search_, delta_, profiler_);
   enqueue();
   context_.queue().flush();
   // Nothing below throws.

@@ -31,9 +31,8 @@ class Engine {
   /// Not while there are unsettled frames, unless the new one is to be enqueued behind them.
   /// @throws cl::Error, Error
   void prepare() { delta_.begin(0); }
-  /// The counts, for kernels that bring the objects up to date: kernels/delta.h.
-  [[nodiscard]] const cl::Buffer& counts() const noexcept { return delta_.counts(); }
-  /// Enqueues the search of objects, which are up to date by then, and the reading of what it finds.
+  /// Enqueues the search of objects, which are up to date by then unless the search has a source, and the
+  /// reading of what it finds.
   /// @param tag Anything, to be told again by settle().
   /// @throws cl::Error, Error
   void begin(Search search, cl_uint tag = 0);

@@ -2,6 +2,7 @@
 
 #include "algorithms/pair_delta.hpp"
 #include "algorithms/search.hpp"
+#include "algorithms/source.hpp"
 #include "opencl/context.hpp"
 #include "opencl/profiler.hpp"
 
@@ -16,6 +17,13 @@ class PairFinder {
   PairFinder& operator=(const PairFinder&) = delete;
   PairFinder(PairFinder&&) = delete;
   PairFinder& operator=(PairFinder&&) = delete;
+
+  /// Enqueues the kernels that prepare a search: they gather the objects that are still to be gathered, and
+  /// count those that are invalid in the counts of the sink.
+  /// @throws cl::Error, Error
+  virtual void build(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) {
+    if (search.source != nullptr) search.source->gather(search.now, sink.counts(), profiler);
+  }
 
   /// Enqueues the kernels that append every pair that was not a pair in the last frame to the sink, each
   /// once. May be called again for the same search if the sink was too small.

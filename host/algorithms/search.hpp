@@ -15,10 +15,14 @@ struct Generation {  // NOLINT(bugprone-exception-escape): handles do not throw 
   static constexpr std::size_t padding = 16;
 };
 
+class Source;
+
 /// Objects on the device, to be searched for pairs. The pairs of the last frame follow from `last`.
 struct Search {  // NOLINT(bugprone-exception-escape): as above
   Generation now;
   Generation last{};
+  /// From where `now` is still to be gathered by PairFinder::build(); null if it is there.
+  const Source* source = nullptr;
   bool same_filters = false;  ///< Whether no filter changed since the last frame.
   bool worlds = false;        ///< Whether objects are in different worlds.
   /// If not 0, changes are ordered by world first, of which there are this many.

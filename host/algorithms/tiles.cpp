@@ -49,21 +49,31 @@ class Tiles final : public PairFinder {
       : context_(context),
         stale_(stale),
         group_(context.tuning() == opencl::Tuning::cpu ? 1 : node),
+        most_roots_(context.tuning() == opencl::Tuning::cpu ? 1 : 8),
         centroids_(context),
         sort_(context) {
     (void)kernels(true, false);
   }
 
-  void find(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) override {
-    if (search.now.slots < 2 || search.changed_slots() == 0) return;
+  void build(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) override {
+    is_built_ = search.now.slots > 1 && search.changed_slots() > 0;
+    if (!is_built_) return PairFinder::build(search, sink, profiler);
     prepare(search);
     observe(sink);
     age(search, sink);
-    if (is_stale(search, sink)) sort(search, sink, profiler);
-    build(search, profiler);
-    enqueue_search(search, sink, profiler);
+    const bool stale = is_stale(search, sink);
+    if (stale) {
+      PairFinder::build(search, sink, profiler);
+      sort(search, sink, profiler);
+    }
+    const bool gathers = search.source != nullptr && !stale;
+    fill_trees(search, gathers, sink, profiler);
     usual_work_ = usual_work(search);
     usual_is_of_all_ = search.all;
+  }
+
+  void find(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) override {
+    if (is_built_) enqueue_search(search, sink, profiler);
   }
 
   /// Nodes and boxes to visit: in proportion to those of the last search of this kind. If the scene has
@@ -84,9 +94,7 @@ class Tiles final : public PairFinder {
   Kernels& kernels(bool all, bool worlds) {
     Kernels& kernels = kernels_.at((all ? 0U : 1U) + (worlds ? 2U : 0U));
     if (kernels.search() != nullptr) return kernels;
-    const std::string options = "-DGROUP=" + std::to_string(group_) + (all ? "" : " -DSOME_CHANGED=1") +
-                                (worlds ? " -DWORLDS=1" : "") +
-                                (context_.has_nvidia_vote() ? " -DNVIDIA" : "");
+    const std::string options = this->options(worlds) + (all ? "" : " -DSOME_CHANGED=1");
     const cl::Program build = context_.program("tiles.cl", options);
     kernels = {.keys = cl::Kernel(build, "tiles_keys"),
                .world_keys = cl::Kernel(build, "tiles_world_keys"),
@@ -97,6 +105,20 @@ class Tiles final : public PairFinder {
   }
 
   Kernels& kernels(const Search& search) { return kernels(search.all, search.worlds); }
+
+  /// The kernel that gathers all boxes and fills the tree with them.
+  cl::Kernel& gathering_fill(bool worlds) {
+    cl::Kernel& fill = gathering_fills_.at(worlds ? 1 : 0);
+    if (fill() == nullptr) {
+      fill = cl::Kernel(context_.program("tiles.cl", options(worlds) + " -DGATHER=1"), "tiles_fill");
+    }
+    return fill;
+  }
+
+  [[nodiscard]] std::string options(bool worlds) const {
+    return "-DGROUP=" + std::to_string(group_) + (worlds ? " -DWORLDS=1" : "") +
+           (context_.has_nvidia_vote() ? " -DNVIDIA" : "");
+  }
 
   struct Tree {  // NOLINT(bugprone-exception-escape): handles do not throw when moved
     cl::Buffer nodes;
@@ -144,7 +166,6 @@ class Tiles final : public PairFinder {
 
   /// Records that a search begins.
   void age(const Search& search, const PairDelta& sink) {
-    if (searched_frame_ == sink.frames()) return;  // the same frame again
     // Another finder did the frames in between; all boxes may have moved in them.
     if (searched_frame_) moved_ += (sink.frames() - *searched_frame_ - 1) * std::size_t{search.now.slots};
     moved_ += search.changed_slots();
@@ -195,24 +216,41 @@ class Tiles final : public PairFinder {
   }
 
   /// Fills the trees with boxes and bounds.
-  void build(const Search& search, opencl::Profiler& profiler) {
+  void fill_trees(const Search& search, bool gathers, const PairDelta& sink, opencl::Profiler& profiler) {
     opencl::Profiler::Scope stage(profiler, "build");
-    build(search, kernels(true, search.worlds), tree_, stage.event());
-    if (!search.all) build(search, kernels(false, search.worlds), changed_tree_, nullptr);
+    if (gathers) {
+      cl::Kernel& fill = gathering_fill(search.worlds);
+      search.source->set_arguments(fill, set_fill(fill, search, tree_), search.now, sink.counts());
+      fill_tree(search, fill, tree_, stage.event());
+      return;
+    }
+    fill_tree(search, true, tree_, stage.event());
+    if (!search.all) fill_tree(search, false, changed_tree_, nullptr);
   }
 
-  void build(const Search& search, Kernels& kernels, const Tree& tree, cl::Event* event) {
+  void fill_tree(const Search& search, bool all, const Tree& tree, cl::Event* event) {
+    cl::Kernel& fill = kernels(all, search.worlds).fill;
+    opencl::set_arguments(fill, set_fill(fill, search, tree), search.now.boxes,
+                          search.worlds ? search.now.filters : cl::Buffer(), search.stamp, search.stamps);
+    fill_tree(search, fill, tree, event);
+  }
+
+  cl_uint set_fill(cl::Kernel& fill, const Search& search, const Tree& tree) const {
+    return opencl::set_arguments(fill, 0, search.now.slots,
+                                 static_cast<cl_uint>(divide_up(search.now.slots, node)), starts_.s[1],
+                                 elements_, tree.nodes);
+  }
+
+  void fill_tree(const Search& search, const cl::Kernel& fill, const Tree& tree, cl::Event* event) {
     std::size_t nodes = divide_up(search.now.slots, node);
-    opencl::set_arguments(kernels.fill, 0, search.now.slots, static_cast<cl_uint>(nodes), starts_.s[1],
-                          search.now.boxes, search.worlds ? search.now.filters : cl::Buffer(), elements_,
-                          search.stamp, search.stamps, tree.nodes);
-    enqueue(kernels.fill, round_up(nodes, node), event);
+    enqueue(fill, round_up(nodes, node), event);
     nodes = divide_up(nodes, node);
-    // The search starts at the first level that has one node, or at the last.
-    for (top_ = 1; nodes > 1 && top_ + 1 < levels; ++top_, nodes = divide_up(nodes, node)) {
-      opencl::set_arguments(kernels.raise, 0, starts_.s[top_], static_cast<cl_uint>(nodes),
-                            starts_.s[top_ + 1], tree.nodes);
-      enqueue(kernels.raise, round_up(nodes, node), nullptr);
+    cl::Kernel& raise = kernels(search).raise;
+    // The search starts at the first level that has few nodes.
+    for (top_ = 1; nodes > most_roots_ && top_ + 1 < levels; ++top_, nodes = divide_up(nodes, node)) {
+      opencl::set_arguments(raise, 0, starts_.s[top_], static_cast<cl_uint>(nodes), starts_.s[top_ + 1],
+                            tree.nodes);
+      enqueue(raise, round_up(nodes, node), nullptr);
     }
     roots_ = static_cast<cl_uint>(nodes);
   }
@@ -255,9 +293,11 @@ class Tiles final : public PairFinder {
   const opencl::Context& context_;
   double stale_;  // see make_tiles()
   std::size_t group_;
+  std::size_t most_roots_;  // of the search: a launch more would leave fewer
   CentroidBounds centroids_;
   opencl::RadixSort sort_;
   std::array<Kernels, 4> kernels_;
+  std::array<cl::Kernel, 2> gathering_fills_;
   cl::Buffer elements_, scratch_;  // slots in order
   Tree tree_;
   Tree changed_tree_;         // of boxes that changed, if not all did
@@ -266,6 +306,7 @@ class Tiles final : public PairFinder {
   std::size_t capacity_ = 0;  // slots
   std::size_t top_ = 1;       // the level at which the search starts
   cl_uint roots_ = 0;         // its nodes
+  bool is_built_ = false;     // for this search
   std::size_t sorted_slots_ = 0;
   bool sorted_by_world_ = false;
   std::size_t sorted_frame_ = 0;

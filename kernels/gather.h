@@ -1,0 +1,36 @@
+/* Objects of the caller, in his layout. */
+#ifndef BROADCL_GATHER_H
+#define BROADCL_GATHER_H
+
+#include "aabb.h"
+#include "delta.h"
+
+/* Boxes, of which the first one begins at `offset` and each other `stride` floats after the one before, and filters,
+   which are null if there are none; where to copy both; and where to count. */
+#define GATHER_PARAMETERS                                                                              \
+  global const float *restrict source, const ulong offset, const ulong stride,                         \
+      global const uint4 *restrict source_filters, global float *restrict boxes, global uint4 *filters, \
+      global uint *restrict counts
+
+/* Copies object k. Its box becomes NaNs if it is empty, as the host packs it; one with a NaN bound is counted. */
+static inline void gather_object(box_t* box, const uint k, GATHER_PARAMETERS) {
+  make_empty(box);
+  if (is_halted(counts)) return;
+  if (filters != 0) filters[k] = source_filters[k];
+  global const float* p = source + offset + k * stride;
+  bool proper = true;
+  for (uint i = 0; i < 3U; ++i) proper = proper && p[i] <= p[i + 3U];
+  if (proper) {
+    for (uint i = 0; i < AABB_FLOATS; ++i) box->bound[i] = p[i];
+  } else {
+    bool has_nan = false;
+    for (uint i = 0; i < AABB_FLOATS; ++i) has_nan = has_nan || isnan(p[i]) != 0;
+    if (has_nan) {
+      atomic_inc(&counts[COUNT_INVALID]);
+      atomic_max(&counts[COUNT_INVALID_FIRST], UINT_MAX - k);
+    }
+  }
+  for (uint i = 0; i < AABB_FLOATS; ++i) boxes[(size_t)k * AABB_FLOATS + i] = box->bound[i];
+}
+
+#endif
