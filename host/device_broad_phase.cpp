@@ -19,10 +19,6 @@ namespace broadcl {
 namespace {
 
 constexpr std::size_t most_boxes = 0x7fffffff;
-/// Boxes are padded, so that a box is read from one sector of memory, not from two: kernels/aabb.h. (Not
-/// those from the host, where the padding would cross the bus, too.)
-constexpr std::size_t box_bytes = 8 * sizeof(float);
-constexpr const char* options = "-DBOX_FLOATS=8";
 
 cl::CommandQueue retained(cl_command_queue queue, bool profile) {
   if (queue == nullptr) throw Error("the queue is null; give one that was made by clCreateCommandQueue");
@@ -41,7 +37,7 @@ cl::CommandQueue retained(cl_command_queue queue, bool profile) {
 class DeviceBroadPhase::Impl {
  public:
   Impl(cl_command_queue queue, const Config& config)
-      : context_(retained(queue, config.profile), options),
+      : context_(retained(queue, config.profile)),
         profiler_(config.profile),
         engine_(context_.guard([&] {
           return std::make_unique<Engine>(context_, profiler_, find_pair_finder(config.algorithm),
@@ -162,7 +158,7 @@ class DeviceBroadPhase::Impl {
   }
 
   void reserve(Frame& frame, std::size_t boxes, bool filters) const {
-    frame.boxes.reserve(context_, (boxes + Generation::padding) * box_bytes, "boxes");
+    frame.boxes.reserve(context_, (boxes + Generation::padding) * sizeof(Aabb), "boxes");
     if (filters) frame.filters.reserve(context_, (boxes + Generation::padding) * sizeof(Filter), "filters");
   }
 
@@ -171,7 +167,7 @@ class DeviceBroadPhase::Impl {
     const std::size_t slots = from.objects.slots;
     if (slots == 0) return;
     if (to.boxes.get()() != from.boxes.get()()) {
-      context_.queue().enqueueCopyBuffer(from.boxes.get(), to.boxes.get(), 0, 0, slots * box_bytes);
+      context_.queue().enqueueCopyBuffer(from.boxes.get(), to.boxes.get(), 0, 0, slots * sizeof(Aabb));
       to.objects.boxes = to.boxes.get();
     }
     if (from.objects.filters() == nullptr || to.filters.get()() == from.filters.get()()) return;

@@ -1,11 +1,8 @@
-/* Boxes as the host packs them: six floats, lower x y z, upper x y z; or the same with padding. */
+/* Boxes as the host packs them: six floats, lower x y z, upper x y z. */
 #ifndef BROADCL_AABB_H
 #define BROADCL_AABB_H
 
 #define AABB_FLOATS 6
-#ifndef BOX_FLOATS
-#define BOX_FLOATS AABB_FLOATS /* from each box to the next; 8 if each is in one sector of memory */
-#endif
 
 /* Whether boxes s and t overlap: closed, so touching counts, and false as soon as a bound is NaN. For scalars it
    gives 0 or 1, for vectors 0 or -1 per lane. */
@@ -22,34 +19,12 @@ typedef struct {
 /* (Not returned as a value: Oclgrind 21.10 does not support what its compiler makes of that in a function that was
    inlined twice.) */
 static inline void load_box(box_t* box, global const float* boxes, const uint slot) {
-#if BOX_FLOATS == 8
-  global const float4* p = (global const float4*)boxes + 2U * (size_t)slot;
-  const float4 first = p[0];
-  const float2 rest = p[1].xy;
-  box->bound[0] = first.x;
-  box->bound[1] = first.y;
-  box->bound[2] = first.z;
-  box->bound[3] = first.w;
-  box->bound[4] = rest.x;
-  box->bound[5] = rest.y;
-#else
-  global const float2* p = (global const float2*)(boxes + (size_t)slot * BOX_FLOATS);
+  global const float2* p = (global const float2*)(boxes + (size_t)slot * AABB_FLOATS);
   for (uint i = 0; i < AABB_FLOATS / 2U; ++i) {
     const float2 two = p[i];
     box->bound[2U * i] = two.x;
     box->bound[2U * i + 1U] = two.y;
   }
-#endif
-}
-
-static inline void store_box(const box_t* box, global float* boxes, const uint slot) {
-#if BOX_FLOATS == 8
-  global float4* p = (global float4*)boxes + 2U * (size_t)slot;
-  p[0] = (float4)(box->bound[0], box->bound[1], box->bound[2], box->bound[3]);
-  p[1] = (float4)(box->bound[4], box->bound[5], 0.0F, 0.0F);
-#else
-  for (uint i = 0; i < AABB_FLOATS; ++i) boxes[(size_t)slot * BOX_FLOATS + i] = box->bound[i];
-#endif
 }
 
 /* A box that overlaps nothing. */

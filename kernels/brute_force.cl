@@ -42,7 +42,7 @@ typedef struct {
 } row_t;
 
 static inline row_t load_row(global const float* boxes, global const uint4* filters, const uint slot) {
-  global const float2* p = (global const float2*)(boxes + (size_t)slot * BOX_FLOATS);
+  global const float2* p = (global const float2*)(boxes + (size_t)slot * AABB_FLOATS);
   const float2 p0 = p[0];
   const float2 p1 = p[1];
   const float2 p2 = p[2];
@@ -143,7 +143,7 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void brute_force(
   const uint begin = a >= n ? end : all ? max(first_row, a + 1U) : first_row;
   boxes_t s;
   if (begin < end) {
-    global const float* p = boxes + (size_t)a * BOX_FLOATS;
+    global const float* p = boxes + (size_t)a * AABB_FLOATS;
     s.lower_x = FINITE(BOUNDS(p));
     s.lower_y = FINITE(BOUNDS(p + 1));
     s.lower_z = FINITE(BOUNDS(p + 2));

@@ -23,7 +23,7 @@ kernel void centroids(const uint n, global const float* restrict boxes, global c
   uint bucket = 0;
 #endif
   for (uint k = (uint)get_global_id(0); k < n; k += (uint)get_global_size(0)) {
-    const float3 m = centroid(boxes + (size_t)k * BOX_FLOATS);
+    const float3 m = centroid(boxes + (size_t)k * AABB_FLOATS);
     if (isnan(m.x)) continue;
 #if WORLDS
     const uint other = bucket_of_world(filters[k].w, buckets);

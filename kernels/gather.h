@@ -30,7 +30,7 @@ static inline void gather_object(box_t* box, const uint k, GATHER_PARAMETERS) {
       atomic_max(&counts[COUNT_INVALID_FIRST], UINT_MAX - k);
     }
   }
-  store_box(box, boxes, k);
+  for (uint i = 0; i < AABB_FLOATS; ++i) boxes[(size_t)k * AABB_FLOATS + i] = box->bound[i];
 }
 
 #endif

@@ -2,8 +2,6 @@
 #ifndef BROADCL_LANES_H
 #define BROADCL_LANES_H
 
-#include "aabb.h"
-
 #ifndef WIDTH
 #define WIDTH 16 /* 4, 8 or 16 */
 #endif
@@ -16,9 +14,9 @@
 #define AS_FLOATS PASTE(as_float, WIDTH)
 
 /* The same bound of WIDTH boxes that follow each other. */
-#define BOUNDS_4(p) (p)[0], (p)[BOX_FLOATS], (p)[2 * BOX_FLOATS], (p)[3 * BOX_FLOATS]
-#define BOUNDS_8(p) BOUNDS_4(p), BOUNDS_4((p) + 4 * BOX_FLOATS)
-#define BOUNDS_16(p) BOUNDS_8(p), BOUNDS_8((p) + 8 * BOX_FLOATS)
+#define BOUNDS_4(p) (p)[0], (p)[6], (p)[12], (p)[18]
+#define BOUNDS_8(p) BOUNDS_4(p), BOUNDS_4((p) + 24)
+#define BOUNDS_16(p) BOUNDS_8(p), BOUNDS_8((p) + 48)
 #define BOUNDS(p) ((FLOATS)(PASTE(BOUNDS_, WIDTH)(p)))
 
 /* The worlds of WIDTH objects that follow each other, from their filters. */

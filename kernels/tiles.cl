@@ -46,7 +46,7 @@ kernel void tiles_keys(const uint n, global const float* restrict boxes, global 
                        const uint buckets, global const uint* restrict bounds, global uint2* restrict elements) {
   const uint k = (uint)get_global_id(0);
   if (k >= n) return;
-  global const float* box = boxes + (size_t)k * BOX_FLOATS;
+  global const float* box = boxes + (size_t)k * AABB_FLOATS;
   const uint bucket = WORLDS ? bucket_of_world(filters[k].w, buckets) : 0U;
   float corner[3];
   float longest = 0;

@@ -9,7 +9,7 @@ namespace broadcl {
 /// Objects on the device as of one frame.
 struct Generation {  // NOLINT(bugprone-exception-escape): handles do not throw when moved
   cl_uint slots = 0;
-  cl::Buffer boxes{};    ///< As kernels/aabb.h has them; `padding` more slots can be read, but are not used.
+  cl::Buffer boxes{};    ///< Six floats per slot; `padding` more slots can be read, but are not used.
   cl::Buffer filters{};  ///< One uint4 per slot, padded likewise; null if all have the default filter.
 
   static constexpr std::size_t padding = 16;

@@ -75,8 +75,7 @@ Context::Context(Device device, bool profile)
   });
 }
 
-Context::Context(const cl::CommandQueue& queue, std::string options)
-    : device_(describe(queue)), tuning_(tuning_of(device_)), options_(std::move(options)) {
+Context::Context(const cl::CommandQueue& queue) : device_(describe(queue)), tuning_(tuning_of(device_)) {
   translate_errors(device_.label(), [&] {
     if ((queue.getInfo<CL_QUEUE_PROPERTIES>() & CL_QUEUE_OUT_OF_ORDER_EXEC_MODE_ENABLE) != 0) {
       throw Error(device_.label() + ": the queue is out of order; give one that is in order");
@@ -131,7 +130,7 @@ void Context::store(std::string_view key, const DiskCache::Bytes& bytes) const {
 
 cl::Program Context::program(std::string_view file, const std::string& options) const {
   const std::string source = kernel_source(file);
-  const std::string all_options = "-cl-std=CL1.2 " + options_ + " " + options;
+  const std::string all_options = "-cl-std=CL1.2 " + options;
   const std::string key = all_options + '\0' + source;
   return translate_errors(device_.label(), [&] {
     if (const auto binary = load(key)) {

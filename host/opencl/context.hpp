@@ -29,9 +29,8 @@ class Context {
   /// @throws Error naming the device.
   Context(Device device, bool profile);
   /// Works in the context of a queue of the caller, which is retained.
-  /// @param options For the compiler, of all programs.
   /// @throws Error for a queue that is not in order.
-  explicit Context(const cl::CommandQueue& queue, std::string options = {});
+  explicit Context(const cl::CommandQueue& queue);
 
   [[nodiscard]] const Device& device() const noexcept { return device_; }
   [[nodiscard]] const cl::Context& context() const noexcept { return context_; }
@@ -99,7 +98,6 @@ class Context {
   cl::Context context_;
   cl::CommandQueue queue_;
   bool has_nvidia_vote_;
-  std::string options_;
   DiskCache disk_cache_;
   std::shared_ptr<Memory> memory_ = std::make_shared<Memory>();
 };
