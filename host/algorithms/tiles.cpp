@@ -34,6 +34,10 @@ constexpr std::size_t fewest_moved = 64;
 /// The work of searches of some and of all boxes, if they have one size, as a multiple of usual_work().
 constexpr std::array default_factors{0.9, 0.25};
 
+/// For up to so many boxes it takes less time to gather objects in the order of tiles, which saves a launch,
+/// than one after the other.
+constexpr std::size_t most_gathered = 131072;
+
 /// Whether two numbers are so close that what was observed for the one holds for the other.
 bool alike(std::size_t s, std::size_t t) {
   return 2 * s <= 3 * t && 2 * t <= 3 * s;
@@ -62,11 +66,9 @@ class Tiles final : public PairFinder {
     observe(sink);
     age(search, sink);
     const bool stale = is_stale(search, sink);
-    if (stale) {
-      PairFinder::build(search, sink, profiler);
-      sort(search, sink, profiler);
-    }
-    const bool gathers = search.source != nullptr && !stale;
+    const bool gathers = search.source != nullptr && !stale && search.now.slots <= most_gathered;
+    if (!gathers) PairFinder::build(search, sink, profiler);
+    if (stale) sort(search, sink, profiler);
     fill_trees(search, gathers, sink, profiler);
     usual_work_ = usual_work(search);
     usual_is_of_all_ = search.all;
