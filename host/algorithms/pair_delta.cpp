@@ -33,7 +33,7 @@ struct Launch {
 };
 Launch launch_of(const opencl::Context& context) {
   if (context.tuning() == opencl::Tuning::cpu) return {.group = 1, .chunk = 256};
-  return {.group = 256, .chunk = 4};
+  return {.group = 256, .chunk = 1};
 }
 
 }  // namespace
