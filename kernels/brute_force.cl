@@ -13,6 +13,7 @@
 #include "aabb.h"
 #include "delta.h"
 #include "filter.h"
+#include "keep.h"
 #include "lanes.h"
 
 #ifndef GROUP
@@ -114,9 +115,16 @@ typedef INTS may_t;
 kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void brute_force(
     const uint n, const uint row_count, const uint rows, global const float* restrict boxes,
     global const uint* restrict changed, global const uint* restrict changed_stamps,
-    global const uint4* restrict filters,
-    PAIR_SINK_PARAMETERS) {
+    global const uint4* restrict filters, KEEP_PARAMETERS, PAIR_SINK_PARAMETERS) {
   const pair_sink_t sink = PAIR_SINK;
+#if GROUP > 1
+  local uint keep_scratch[4];
+  if (keeps != 0U) {
+    keep_pairs(last, last_capacity, removed, keep_filters, keep_all, keep_stamps, n, boxes, stamp, pairs, counts,
+               (uint)(get_group_id(1) * get_num_groups(0) + get_group_id(0)),
+               (uint)(get_num_groups(0) * get_num_groups(1)), GROUP, keep_scratch);
+  }
+#endif
   local uint2 hits[LOCAL_HITS];
   local uint found;
   local uint base;

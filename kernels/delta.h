@@ -1,11 +1,12 @@
 /* The list to which a kernel appends the pairs that it finds, in no particular order.
 
    The boxes and filters of the last frame are still available: two objects were a pair then if those boxes overlap
-   and those filters let them pair. So only new pairs are appended. Before that, delta_keep has copied the pairs of
-   the last frame that still are pairs; added pairs come after the kept ones.
+   and those filters let them pair. So only new pairs are appended, from the end of the list on backwards. What is kept
+   of the last frame's pairs comes from its beginning on: by delta.cl, before kernels append, or by those kernels
+   themselves, which is a launch less.
 
-   All pairs are counted, but only those that fit are appended: if the count exceeds the capacity, the host makes the
-   list larger and runs the frame again. Nothing of the last frame is overwritten. */
+   All pairs are counted, but only those that fit are appended: if there are more, the host makes the list larger and
+   runs the frame again. Nothing of the last frame is overwritten. */
 #ifndef BROADCL_DELTA_H
 #define BROADCL_DELTA_H
 
@@ -13,23 +14,26 @@
 #include "filter.h"
 #include "stamp.h"
 
-/* What is counted, as uints. The number of pairs found has 64 bits in two: no 64-bit atomics are needed. */
-#define COUNT_FOUND 0         /* kept and added */
-#define COUNT_FOUND_HIGH 1
-#define COUNT_REMOVED 2
-#define COUNT_WORK 3          /* what an algorithm counts for itself */
-#define COUNT_UNORDERED 4     /* not 0 if order.cl leaves the changes to the host */
-#define COUNT_INVALID 5       /* boxes with a NaN bound, if boxes are gathered on the device */
-#define COUNT_INVALID_FIRST 6 /* UINT_MAX minus the index of the first of them */
+/* What is counted, as uints. The number of added pairs has 64 bits in two: no 64-bit atomics are needed. */
+#define COUNT_KEPT 0
+#define COUNT_REMOVED 1
+#define COUNT_ADDED 2
+#define COUNT_ADDED_HIGH 3
+#define COUNT_WORK 4          /* what an algorithm counts for itself */
+#define COUNT_UNORDERED 5     /* not 0 if order.cl leaves the changes to the host */
+#define COUNT_INVALID 6       /* boxes with a NaN bound, if boxes are gathered on the device */
+#define COUNT_INVALID_FIRST 7 /* UINT_MAX minus the index of the first of them */
 /* What is known of the frames before, so that frames can follow each other without the host: order.cl passes it on. */
-#define COUNT_LAST_FOUND 7 /* pairs of the last complete frame */
-#define COUNT_LAST_TAG 8   /* what the host said of it */
-#define COUNT_COMPLETE 9   /* complete frames since the last one that was waited for */
-#define COUNT_HALTED 10    /* not 0 if the frame before was not complete: then this one changes nothing either */
-#define COUNTS 12          /* an even number, so that pairs can follow */
+#define COUNT_LAST_KEPT 8  /* pairs at the beginning of the last complete frame's list */
+#define COUNT_LAST_ADDED 9 /* and at its end */
+#define COUNT_LAST_TAG 10  /* what the host said of it */
+#define COUNT_COMPLETE 11  /* complete frames since the last one that was waited for */
+#define COUNT_HALTED 12    /* not 0 if the frame before was not complete: then this one changes nothing either */
+#define COUNTS 14          /* an even number, so that pairs can follow */
 
 typedef struct {
   uint capacity;                    /* of the list */
+  uint room;                        /* for added pairs */
   global uint2* pairs;              /* the list of this frame */
   global const float* last_boxes;   /* of the last frame */
   uint last_slots;                  /* boxes of the last frame */
@@ -42,9 +46,21 @@ typedef struct {
 #define PAIR_SINK_PARAMETERS                                                                                         \
   const uint capacity, global uint2 *restrict pairs, global const float *restrict last_boxes, const uint last_slots, \
       global const uint4 *restrict last_filters, const uint stamp, global const uint *restrict stamps,               \
-      global uint *restrict counts
-#define PAIR_SINK \
-  {capacity, pairs, last_boxes, last_slots, last_filters, stamp, stamps, counts}
+      const uint keeps, global uint *restrict counts
+#define PAIR_SINK                                                                                                \
+  {capacity, room_for_added(counts, capacity, keeps), pairs, last_boxes, last_slots, last_filters, stamp, stamps, \
+   counts}
+
+/* Pairs of the last frame. */
+static inline uint last_found(global const uint* counts) {
+  return counts[COUNT_LAST_KEPT] + counts[COUNT_LAST_ADDED];
+}
+
+/* Room for added pairs in the list: behind those that were kept, or, if `keeps` says that this is not known since it
+   happens at the same time, behind those that might be. */
+static inline uint room_for_added(global const uint* counts, const uint capacity, const uint keeps) {
+  return capacity - (keeps != 0U ? last_found(counts) : counts[COUNT_KEPT]);
+}
 
 /* The box that a slot's object had in the last frame; an empty one if it was not there. */
 static inline void load_last_box(box_t* box, const pair_sink_t* sink, const uint slot) {
@@ -73,14 +89,14 @@ static inline bool was_in_last_frame(const pair_sink_t* sink, const uint2 pair) 
 /* Reserves indices for `total` pairs; returns the first. (If there are too many pairs for 32 bits, indices come a second time,
    but then the frame is run again or fails, whatever its list holds.) */
 static inline uint reserve_pairs(const pair_sink_t* sink, const uint total) {
-  const uint base = atomic_add(&sink->counts[COUNT_FOUND], total);
-  if (base + total < base) atomic_inc(&sink->counts[COUNT_FOUND_HIGH]);
+  const uint base = atomic_add(&sink->counts[COUNT_ADDED], total);
+  if (base + total < base) atomic_inc(&sink->counts[COUNT_ADDED_HIGH]);
   return base;
 }
 
 /* Appends the k-th pair of a reservation. */
 static inline void append_pair(const pair_sink_t* sink, const uint base, const uint k, const uint2 pair) {
-  if (base + k < sink->capacity) sink->pairs[base + k] = pair;
+  if (base + k < sink->room) sink->pairs[sink->capacity - 1U - (base + k)] = pair;
 }
 
 /* Whether an earlier frame was not complete. */
@@ -89,8 +105,8 @@ static inline bool is_halted(global const uint* counts) {
 }
 
 /* Whether every pair found was appended. */
-static inline bool all_fit(global const uint* counts, const uint capacity) {
-  return counts[COUNT_FOUND_HIGH] == 0 && counts[COUNT_FOUND] <= capacity;
+static inline bool all_fit(global const uint* counts, const uint capacity, const uint keeps) {
+  return counts[COUNT_ADDED_HIGH] == 0U && counts[COUNT_ADDED] <= room_for_added(counts, capacity, keeps);
 }
 
 #endif

@@ -21,7 +21,7 @@ static inline ulong order_of(const uint2 pair) {
   return ((ulong)pair.y << 32) | pair.x;
 }
 
-/* The changes of a frame: in `pairs`, `added` follows the pairs kept from the last frame. */
+/* The changes of a frame. */
 typedef struct {
   uint added_count, removed_count;
   global const uint2* added;
@@ -29,12 +29,11 @@ typedef struct {
 } changes_t;
 
 /* (Not returned as a value: Oclgrind 21.10 does not support what its compiler makes of that.) */
-static inline void find_changes(changes_t* changes, global const uint2* pairs, global const uint2* removed,
-                                global const uint* counts) {
-  const uint kept = counts[COUNT_LAST_FOUND] - counts[COUNT_REMOVED];
-  changes->added_count = counts[COUNT_FOUND] - kept;
+static inline void find_changes(changes_t* changes, const uint capacity, global const uint2* pairs,
+                                global const uint2* removed, global const uint* counts) {
+  changes->added_count = counts[COUNT_ADDED];
   changes->removed_count = counts[COUNT_REMOVED];
-  changes->added = pairs + kept;
+  changes->added = pairs + (capacity - changes->added_count);
   changes->removed = removed;
 }
 
@@ -43,25 +42,25 @@ static inline void find_changes(changes_t* changes, global const uint2* pairs, g
    wait has to know: the numbers of added, removed and all pairs, and whether the frame was not complete. `tag` is what
    the host says of the frame. */
 #define CHANGES_PARAMETERS                                                                                       \
-  const uint capacity, global const uint2 *restrict pairs, global const uint2 *restrict removed_pairs,           \
-      global uint *restrict counts, const uint room, const uint room_of_both
+  const uint capacity, const uint keeps, global const uint2 *restrict pairs,                                     \
+      global const uint2 *restrict removed_pairs, global uint *restrict counts, const uint room, const uint room_of_both
 #define RESULT_PARAMETERS                                                                                          \
   const uint tag, global uint *restrict next_counts, global uint *result, global uint *report, global uint2 *added, \
       global uint2 *removed
 
 /* Whether all pairs were found and there is room for all changes. */
-static inline bool fits(const changes_t* changes, const uint capacity, global const uint* counts, const uint room,
+static inline bool fits(const changes_t* changes, const uint capacity, const uint keeps, global const uint* counts, const uint room,
                         const uint room_of_both) {
   const bool has_room = changes->added_count <= room && changes->removed_count <= room &&
                         changes->removed_count <= room_of_both &&
                         changes->added_count <= room_of_both - changes->removed_count;
-  return !is_halted(counts) && all_fit(counts, capacity) && has_room;
+  return !is_halted(counts) && all_fit(counts, capacity, keeps) && has_room;
 }
 
 /* Whether the changes are also ordered. */
-static inline bool is_complete(const changes_t* changes, const uint capacity, global const uint* counts,
+static inline bool is_complete(const changes_t* changes, const uint capacity, const uint keeps, global const uint* counts,
                                const uint room, const uint room_of_both) {
-  return fits(changes, capacity, counts, room, room_of_both) && counts[COUNT_UNORDERED] == 0U;
+  return fits(changes, capacity, keeps, counts, room, room_of_both) && counts[COUNT_UNORDERED] == 0U;
 }
 
 /* Copies a count, and prepares it for the next frame. */
@@ -69,7 +68,8 @@ static inline void pass_count(const uint k, const changes_t* changes, const bool
                               const uint tag, global uint* next_counts, global uint* result, global uint* report) {
   result[k] = counts[k];
   uint next = 0;
-  if (k == COUNT_LAST_FOUND) next = complete ? counts[COUNT_FOUND] : counts[k];
+  if (k == COUNT_LAST_KEPT) next = complete ? counts[COUNT_KEPT] : counts[k];
+  if (k == COUNT_LAST_ADDED) next = complete ? counts[COUNT_ADDED] : counts[k];
   if (k == COUNT_LAST_TAG) next = complete ? tag : counts[k];
   if (k == COUNT_COMPLETE && report != 0) next = counts[k] + (complete ? 1U : 0U);
   if (k == COUNT_HALTED) next = complete ? 0U : 1U;
@@ -77,7 +77,7 @@ static inline void pass_count(const uint k, const changes_t* changes, const bool
   if (report == 0 || k != 0U) return;
   report[0] = complete ? changes->added_count : 0U;
   report[1] = complete ? changes->removed_count : 0U;
-  report[2] = complete ? counts[COUNT_FOUND] : counts[COUNT_LAST_FOUND];
+  report[2] = complete ? counts[COUNT_KEPT] + counts[COUNT_ADDED] : last_found(counts);
   report[3] = complete ? 0U : 1U;
 }
 
@@ -97,8 +97,8 @@ kernel __attribute__((reqd_work_group_size(PARTS, TEAMS, 1))) void order_few(CHA
   const bool is_added = get_group_id(2) == 0;
   const uint first = (uint)get_global_id(1) * KEYS;
   changes_t changes;
-  find_changes(&changes, pairs, removed_pairs, counts);
-  const bool complete = is_complete(&changes, capacity, counts, room, room_of_both);
+  find_changes(&changes, capacity, pairs, removed_pairs, counts);
+  const bool complete = is_complete(&changes, capacity, keeps, counts, room, room_of_both);
   if (is_added && part == 0 && get_global_id(1) < COUNTS) {
     pass_count((uint)get_global_id(1), &changes, complete, counts, tag, next_counts, result, report);
   }
@@ -131,9 +131,9 @@ kernel __attribute__((reqd_work_group_size(PARTS, TEAMS, 1))) void order_few(CHA
 }
 
 /* Number of changes if there is room for all, otherwise 0. */
-static inline uint number_to_order(const changes_t* changes, const uint capacity, global const uint* counts,
+static inline uint number_to_order(const changes_t* changes, const uint capacity, const uint keeps, global const uint* counts,
                                    const uint room, const uint room_of_both) {
-  return fits(changes, capacity, counts, room, room_of_both) ? changes->added_count + changes->removed_count : 0U;
+  return fits(changes, capacity, keeps, counts, room, room_of_both) ? changes->added_count + changes->removed_count : 0U;
 }
 
 static inline uint2 change(const changes_t* changes, const uint k) {
@@ -165,8 +165,8 @@ static inline uint bucket_of(const changes_t* changes, const uint k, const uint2
 /* Counts the changes of each bucket. */
 kernel void order_count(CHANGES_PARAMETERS, BUCKET_PARAMETERS) {
   changes_t changes;
-  find_changes(&changes, pairs, removed_pairs, counts);
-  const uint n = number_to_order(&changes, capacity, counts, room, room_of_both);
+  find_changes(&changes, capacity, pairs, removed_pairs, counts);
+  const uint n = number_to_order(&changes, capacity, keeps, counts, room, room_of_both);
   (void)scattered;
   for (uint k = (uint)get_global_id(0); k < n; k += (uint)get_global_size(0)) {
     const uint before = atomic_inc(&buckets[BUCKET_OF(k, change(&changes, k))]);
@@ -178,8 +178,8 @@ kernel void order_count(CHANGES_PARAMETERS, BUCKET_PARAMETERS) {
    afterwards. */
 kernel void order_scatter(CHANGES_PARAMETERS, BUCKET_PARAMETERS) {
   changes_t changes;
-  find_changes(&changes, pairs, removed_pairs, counts);
-  const uint n = number_to_order(&changes, capacity, counts, room, room_of_both);
+  find_changes(&changes, capacity, pairs, removed_pairs, counts);
+  const uint n = number_to_order(&changes, capacity, keeps, counts, room, room_of_both);
   for (uint k = (uint)get_global_id(0); k < n; k += (uint)get_global_size(0)) {
     const uint2 pair = change(&changes, k);
     scattered[atomic_inc(&buckets[BUCKET_OF(k, pair)])] = pair;
@@ -190,8 +190,8 @@ kernel void order_scatter(CHANGES_PARAMETERS, BUCKET_PARAMETERS) {
 kernel void order_place(CHANGES_PARAMETERS, BUCKET_PARAMETERS, RESULT_PARAMETERS) {
   const uint item = (uint)get_global_id(0);
   changes_t changes;
-  find_changes(&changes, pairs, removed_pairs, counts);
-  const bool complete = is_complete(&changes, capacity, counts, room, room_of_both);
+  find_changes(&changes, capacity, pairs, removed_pairs, counts);
+  const bool complete = is_complete(&changes, capacity, keeps, counts, room, room_of_both);
   for (uint i = item; i < COUNTS; i += (uint)get_global_size(0)) {
     pass_count(i, &changes, complete, counts, tag, next_counts, result, report);
   }

@@ -33,6 +33,10 @@ class Auto final : public PairFinder {
     finders_.at(chosen_)->find(search, sink, profiler);
   }
 
+  [[nodiscard]] bool can_keep(const Search& search) const override {
+    return finders_.at(chosen_)->can_keep(search);
+  }
+
   [[nodiscard]] double expected_work(const Search& search, const PairDelta& sink) override {
     return finders_.at(chosen_)->expected_work(search, sink);
   }

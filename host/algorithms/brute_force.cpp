@@ -47,11 +47,15 @@ class BruteForce final : public PairFinder {
     const cl_uint k =
         opencl::set_arguments(kernel, 0, n, row_count, static_cast<cl_uint>(rows), search.now.boxes,
                               search.changed, search.stamps, search.now.filters);
-    sink.set_sink(kernel, k, search);
+    sink.set_sink(kernel, sink.set_keep(kernel, k, search), search);
     context_.queue().enqueueNDRangeKernel(
         kernel, cl::NullRange,
         cl::NDRange(opencl::round_up(columns, launch_.group), opencl::divide_up(row_count, rows)),
         cl::NDRange(launch_.group, 1), nullptr, stage.event());
+  }
+
+  [[nodiscard]] bool can_keep(const Search& search) const override {
+    return launch_.group > 1 && search.now.slots > 1 && search.changed_slots() > 0;
   }
 
   /// Pairs to test; those that overlap are more work.

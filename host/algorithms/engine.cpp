@@ -18,7 +18,7 @@ void Engine::begin(Search search, cl_uint tag) {
   tag_ = tag;
   order_.begin(search_);
   finder_->build(search_, delta_, profiler_);
-  enqueue();
+  enqueue(true);
 }
 
 void Engine::reserve_ahead(std::size_t slots, std::size_t pairs) {
@@ -31,16 +31,20 @@ void Engine::enqueue(Search search, cl_uint tag, const Order::Report& report) {
   tag_ = tag;
   order_.begin(search_, report);
   finder_->build(search_, delta_, profiler_);
-  enqueue();
+  enqueue(true);
   context_.queue().flush();
   // Nothing below throws.
   delta_.commit_unread();
   order_.commit_unread();
 }
 
-void Engine::enqueue() {
+void Engine::enqueue(bool together) {
   most_slots_ = std::max<std::size_t>(most_slots_, search_.now.slots);
-  delta_.keep(search_);
+  if (together && delta_.is_keeping_short() && finder_->can_keep(search_)) {
+    delta_.leave_keeping_to_finder();
+  } else {
+    delta_.keep(search_);
+  }
   finder_->find(search_, delta_, profiler_);
   order_.enqueue(delta_, tag_);
 }
@@ -50,7 +54,7 @@ PairDelta::Counts Engine::finish() {
   const PairDelta::Counts first = counts;
   while (!delta_.fits(counts)) {
     delta_.begin(counts.found);
-    enqueue();
+    enqueue(false);
     counts = order_.wait(delta_);
   }
   counts.invalid_boxes = first.invalid_boxes;
@@ -67,7 +71,7 @@ cl::Buffer Engine::sorted_pairs() {
   const std::size_t bytes = std::max<std::size_t>(1, n) * sizeof(Pair);
   cl::Buffer sorted = context_.buffer(bytes);
   if (n == 0) return sorted;
-  context_.queue().enqueueCopyBuffer(delta_.last_list(), sorted, 0, 0, bytes);
+  delta_.copy_pairs(sorted);
   order_.sort(sorted, n, most_slots_, context_.buffer(bytes));
   return sorted;
 }

@@ -70,7 +70,8 @@ class Engine {
   [[nodiscard]] std::vector<Pair> pairs();
 
  private:
-  void enqueue();
+  /// @param together Whether the finder may keep pairs besides, for which lists must be larger.
+  void enqueue(bool together);
 
   const opencl::Context& context_;
   opencl::Profiler& profiler_;

@@ -232,7 +232,7 @@ void Order::sort_changes(const PairDelta& delta, const PairDelta::Counts& counts
     sort(to.get(), n, slots_, scattered_.get());
     if (worlds_ > 0) sort_by_world(to.get(), n, filters);
   };
-  sort_list(added_, delta.list(), counts.found - counts.added, counts.added, filters_);
+  sort_list(added_, delta.list(), delta.list_capacity() - counts.added, counts.added, filters_);
   sort_list(removed_, delta.removed(), 0, counts.removed, last_filters_);
   if (target_ == Target::device) return;
   reserve_result(counts.added + counts.removed);

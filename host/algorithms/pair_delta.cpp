@@ -12,17 +12,20 @@ namespace broadcl {
 namespace {
 
 // As kernels/delta.h has them.
-constexpr std::size_t count_found = 0;
-constexpr std::size_t count_found_high = 1;
-constexpr std::size_t count_removed = 2;
-constexpr std::size_t count_work = 3;
-constexpr std::size_t count_unordered = 4;
-constexpr std::size_t count_invalid = 5;
-constexpr std::size_t count_invalid_first = 6;
-constexpr std::size_t count_last_found = 7;
-constexpr std::size_t count_last_tag = 8;
-constexpr std::size_t count_complete = 9;
+constexpr std::size_t count_removed = 1;
+constexpr std::size_t count_added = 2;
+constexpr std::size_t count_added_high = 3;
+constexpr std::size_t count_work = 4;
+constexpr std::size_t count_unordered = 5;
+constexpr std::size_t count_invalid = 6;
+constexpr std::size_t count_invalid_first = 7;
+constexpr std::size_t count_last_kept = 8;
+constexpr std::size_t count_last_added = 9;
+constexpr std::size_t count_last_tag = 10;
+constexpr std::size_t count_complete = 11;
 
+/// So many pairs are kept by a finder's work-groups for less than a launch more takes.
+constexpr std::size_t short_keeping = 1 << 18;
 constexpr std::size_t least_pairs = 1 << 14;
 constexpr std::size_t most_pairs = std::size_t{1} << 31;  // indices in a list are 32-bit numbers
 
@@ -52,7 +55,7 @@ void PairDelta::reserve(std::size_t pairs) {
     throw Error(context_.device().label() + ": more than " + std::to_string(most_pairs) +
                 " pairs overlap; use fewer boxes");
   }
-  removed_.reserve(context_, std::max(last_.found, least_pairs) * sizeof(Pair), "overlapping pairs");
+  removed_.reserve(context_, std::max(last_.found(), least_pairs) * sizeof(Pair), "overlapping pairs");
   if (now_.capacity >= std::max(pairs, least_pairs)) return;
   now_.capacity = 0;
   now_.pairs.reserve(context_, std::max(pairs, least_pairs) * sizeof(Pair), "overlapping pairs");
@@ -60,9 +63,10 @@ void PairDelta::reserve(std::size_t pairs) {
 }
 
 void PairDelta::begin(std::size_t pairs) {
-  if (unread_ == 0) reserve(std::max(pairs, last_.found));
+  if (unread_ == 0) reserve(std::max(pairs, last_.found()));
   if (!is_clean_) clear_counts();
   is_clean_ = false;
+  is_kept_by_finder_ = false;
 }
 
 void PairDelta::clear_counts() {
@@ -71,34 +75,56 @@ void PairDelta::clear_counts() {
   const auto set = [&](std::size_t count, std::size_t value) {
     queue.enqueueFillBuffer(counts(), static_cast<cl_uint>(value), count * sizeof(cl_uint), sizeof(cl_uint));
   };
-  set(count_last_found, last_.found);
+  set(count_last_kept, last_.kept);
+  set(count_last_added, last_.added);
   set(count_last_tag, last_tag_);
 }
 
 void PairDelta::reserve_ahead(std::size_t pairs) {
-  reserve(std::max(pairs, last_.found));
+  reserve(std::max(pairs, last_.found()));
   removed_.reserve(context_, now_.pairs.bytes(), "overlapping pairs");
   if (last_.capacity >= now_.capacity) return;
   List larger;
   larger.pairs.reserve(context_, now_.capacity * sizeof(Pair), "overlapping pairs");
   larger.capacity = now_.capacity;
-  larger.found = last_.found;
-  if (last_.found > 0) {
-    context_.queue().enqueueCopyBuffer(last_.pairs.get(), larger.pairs.get(), 0, 0,
-                                       last_.found * sizeof(Pair));
-  }
+  larger.kept = last_.kept;
+  larger.added = last_.added;
+  copy_pairs(last_, larger.pairs.get(), larger.capacity);
   last_ = std::move(larger);
+}
+
+/// Copies the kept pairs to the beginning of a list, and the others so that they end at `end`.
+void PairDelta::copy_pairs(const List& from, const cl::Buffer& to, std::size_t end) const {
+  const auto copy = [&](std::size_t first, std::size_t n, std::size_t at) {
+    if (n == 0) return;
+    context_.queue().enqueueCopyBuffer(from.pairs.get(), to, first * sizeof(Pair), at * sizeof(Pair),
+                                       n * sizeof(Pair));
+  };
+  copy(0, from.kept, 0);
+  copy(from.capacity - from.added, from.added, end - from.added);
+}
+
+void PairDelta::copy_pairs(const cl::Buffer& to) const {
+  copy_pairs(last_, to, last_.found());
+}
+
+bool PairDelta::is_keeping_short() const noexcept {
+  return last_.found() <= short_keeping;
+}
+
+cl_uint PairDelta::set_keep(cl::Kernel& kernel, cl_uint first, const Search& search) const {
+  return opencl::set_arguments(kernel, first, last_.pairs.get(), static_cast<cl_uint>(last_.capacity),
+                               removed(), search.same_filters ? cl::Buffer() : search.now.filters,
+                               search.all ? cl_uint{1} : cl_uint{0}, search.stamps);
 }
 
 void PairDelta::keep(const Search& search) {
   // At most so many pairs, if nobody has waited for the last frame.
-  const std::size_t last_found = unread_ > 0 ? last_.capacity : last_.found;
+  const std::size_t last_found = unread_ > 0 ? last_.capacity : last_.found();
   if (last_found == 0) return;
   opencl::Profiler::Scope stage(profiler_, "keep");
-  opencl::set_arguments(keep_, 0, last_.pairs.get(), search.now.slots, search.now.boxes,
-                        search.same_filters ? cl::Buffer() : search.now.filters,
-                        search.all ? cl_uint{1} : cl_uint{0}, search.stamp, search.stamps,
-                        static_cast<cl_uint>(now_.capacity), list(), removed(), counts());
+  opencl::set_arguments(keep_, set_keep(keep_, 0, search), search.now.slots, search.now.boxes, search.stamp,
+                        list(), counts());
   const Launch launch = launch_of(context_);
   const std::size_t groups = opencl::divide_up(last_found, launch.group * launch.chunk);
   context_.queue().enqueueNDRangeKernel(keep_, cl::NullRange, cl::NDRange(groups * launch.group),
@@ -108,19 +134,20 @@ void PairDelta::keep(const Search& search) {
 cl_uint PairDelta::set_sink(cl::Kernel& kernel, cl_uint first, const Search& search) const {
   return opencl::set_arguments(kernel, first, static_cast<cl_uint>(now_.capacity), list(), search.last.boxes,
                                search.last.slots, search.same_filters ? cl::Buffer() : search.last.filters,
-                               search.stamp, search.any_recycled ? search.stamps : cl::Buffer(), counts());
+                               search.stamp, search.any_recycled ? search.stamps : cl::Buffer(),
+                               is_kept_by_finder_ ? cl_uint{1} : cl_uint{0}, counts());
 }
 
 cl_uint PairDelta::set_changes(cl::Kernel& kernel, cl_uint first) const {
-  return opencl::set_arguments(kernel, first, static_cast<cl_uint>(now_.capacity), list(), removed(),
-                               counts());
+  return opencl::set_arguments(kernel, first, static_cast<cl_uint>(now_.capacity),
+                               is_kept_by_finder_ ? cl_uint{1} : cl_uint{0}, list(), removed(), counts());
 }
 
 PairDelta::Counts PairDelta::counts_of(const std::byte* counts) const {
   const auto* words = reinterpret_cast<const cl_uint*>(counts);
-  const std::size_t pairs = words[count_found] | std::uint64_t{words[count_found_high]} << 32;
-  return {.found = pairs,
-          .added = pairs + words[count_removed] - last_.found,
+  const std::size_t added = words[count_added] | std::uint64_t{words[count_added_high]} << 32;
+  return {.found = last_.found() - words[count_removed] + added,
+          .added = added,
           .removed = words[count_removed],
           .work = words[count_work],
           .is_unordered = words[count_unordered] != 0,
@@ -128,9 +155,15 @@ PairDelta::Counts PairDelta::counts_of(const std::byte* counts) const {
           .first_invalid = ~words[count_invalid_first]};
 }
 
+bool PairDelta::fits(const Counts& counts) const noexcept {
+  const std::size_t before = is_kept_by_finder_ ? last_.found() : counts.found - counts.added;
+  return before + counts.added <= now_.capacity;
+}
+
 // NOLINTNEXTLINE(bugprone-exception-escape): handles do not throw when moved
 void PairDelta::commit(const Counts& counts, cl_uint tag, bool is_next_ready) noexcept {
-  now_.found = counts.found;
+  now_.kept = counts.found - counts.added;
+  now_.added = counts.added;
   work_ = counts.work;
   last_tag_ = tag;
   ++frames_;
@@ -146,7 +179,8 @@ void PairDelta::commit_unread() noexcept {
   ++unread_;
   turn_ = 1 - turn_;
   is_clean_ = true;
-  now_.found = last_.found;  // as good a guess as any
+  now_.kept = last_.found();  // as good a guess as any
+  now_.added = 0;
   std::swap(now_, last_);
 }
 
@@ -156,7 +190,8 @@ PairDelta::Settled PairDelta::settle() {
   const Settled settled{
       .frames = unread_, .complete = words.at(count_complete), .tag = words.at(count_last_tag)};
   if ((settled.frames - settled.complete) % 2 != 0) std::swap(now_, last_);
-  last_.found = words.at(count_last_found);
+  last_.kept = words.at(count_last_kept);
+  last_.added = words.at(count_last_added);
   last_tag_ = settled.tag;
   unread_ = 0;
   is_clean_ = false;

@@ -55,6 +55,13 @@ class PairDelta {
   /// removed.
   /// @throws cl::Error
   void keep(const Search& search);
+  /// The finder's kernel does that besides.
+  void leave_keeping_to_finder() noexcept { is_kept_by_finder_ = true; }
+  /// Whether the pairs of the last frame are so few that this takes less time.
+  [[nodiscard]] bool is_keeping_short() const noexcept;
+  /// Sets a kernel's KEEP_PARAMETERS, from the given index on; returns the index after the last of them.
+  /// @throws cl::Error
+  cl_uint set_keep(cl::Kernel& kernel, cl_uint first, const Search& search) const;
   /// Sets a kernel's PAIR_SINK_PARAMETERS, from the given index on; returns the index after the last of them.
   /// @throws cl::Error
   cl_uint set_sink(cl::Kernel& kernel, cl_uint first, const Search& search) const;
@@ -64,7 +71,7 @@ class PairDelta {
 
   /// The counts, from what the host has read.
   [[nodiscard]] Counts counts_of(const std::byte* counts) const;
-  [[nodiscard]] bool fits(const Counts& counts) const noexcept { return counts.found <= now_.capacity; }
+  [[nodiscard]] bool fits(const Counts& counts) const noexcept;
   /// The frame succeeded. Its counts must have been read.
   /// @param tag Anything, to be told again by settle().
   /// @param is_next_ready Whether kernels/order.cl has prepared the counts of the next frame.
@@ -83,30 +90,36 @@ class PairDelta {
   /// The counts of this frame and of the next.
   [[nodiscard]] const cl::Buffer& counts() const noexcept { return counts_[turn_]; }
   [[nodiscard]] const cl::Buffer& next_counts() const noexcept { return counts_[1 - turn_]; }
-  /// This frame's pairs, the added ones last; and the removed pairs.
+  /// This frame's pairs, of which the added ones end at the end of the list; and the removed pairs.
   [[nodiscard]] const cl::Buffer& list() const noexcept { return now_.pairs.get(); }
+  [[nodiscard]] std::size_t list_capacity() const noexcept { return now_.capacity; }
   [[nodiscard]] const cl::Buffer& removed() const noexcept { return removed_.get(); }
 
-  /// The pairs of the last frame. (Their number is that of the last settled one.)
-  [[nodiscard]] const cl::Buffer& last_list() const noexcept { return last_.pairs.get(); }
-  [[nodiscard]] std::size_t pair_count() const noexcept { return last_.found; }
+  /// Enqueues the commands that copy the pairs of the last frame.
+  /// @throws cl::Error
+  void copy_pairs(const cl::Buffer& to) const;
+  /// The number of pairs of the last frame; of the last settled one if there are others.
+  [[nodiscard]] std::size_t pair_count() const noexcept { return last_.found(); }
   /// What the finder counted as work in the last frame.
   [[nodiscard]] std::size_t work() const noexcept { return work_; }
   /// Frames that have succeeded.
   [[nodiscard]] std::size_t frames() const noexcept { return frames_; }
 
-  static constexpr std::size_t count_bytes = 12 * sizeof(cl_uint);  ///< Of all counts.
+  static constexpr std::size_t count_bytes = 14 * sizeof(cl_uint);  ///< Of all counts.
 
  private:
   /// The pairs of a frame.
   struct List {  // NOLINT(bugprone-exception-escape): handles do not throw when moved
     opencl::GrowingBuffer pairs;
     std::size_t capacity = 0;
-    std::size_t found = 0;
+    std::size_t kept = 0;   // at the beginning
+    std::size_t added = 0;  // at the end
+    [[nodiscard]] std::size_t found() const noexcept { return kept + added; }
   };
 
   void reserve(std::size_t pairs);
   void clear_counts();
+  void copy_pairs(const List& from, const cl::Buffer& to, std::size_t end) const;
 
   const opencl::Context& context_;
   opencl::Profiler& profiler_;
@@ -115,7 +128,8 @@ class PairDelta {
   opencl::GrowingBuffer removed_;  // with capacity for all pairs of the last frame
   std::array<cl::Buffer, 2> counts_;
   std::size_t turn_ = 0;
-  bool is_clean_ = false;  // the counts of the next frame are ready
+  bool is_kept_by_finder_ = false;  // in this frame
+  bool is_clean_ = false;           // the counts of the next frame are ready
   cl_uint last_tag_ = 0;
   std::size_t unread_ = 0;  // frames that nobody has waited for
   std::size_t work_ = 0;

@@ -25,6 +25,9 @@ class PairFinder {
     if (search.source != nullptr) search.source->gather(search.now, sink.counts(), profiler);
   }
 
+  /// Whether find() can keep the pairs of the last frame besides, if the sink leaves that to it.
+  [[nodiscard]] virtual bool can_keep(const Search& /*search*/) const { return false; }
+
   /// Enqueues the kernels that append every pair that was not a pair in the last frame to the sink, each
   /// once. May be called again for the same search if the sink was too small.
   /// @throws cl::Error, Error

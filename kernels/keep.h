@@ -1,0 +1,68 @@
+/* Which pairs of the last frame are left in this one: delta.h describes the lists. */
+#ifndef BROADCL_KEEP_H
+#define BROADCL_KEEP_H
+
+#include "delta.h"
+
+/* The list of the last frame and where to put what is removed from it. Filters are null if they separate no pair of
+   it. `keep_all` says whether all slots count as changed; if not, stamps tell which did. */
+#define KEEP_PARAMETERS                                                                                 \
+  global const uint2 *restrict last, const uint last_capacity, global uint2 *restrict removed,          \
+      global const uint4 *restrict keep_filters, const uint keep_all, global const uint *restrict keep_stamps
+
+/* A pair of the last frame's list. */
+static inline uint2 last_pair(global const uint2* last, const uint last_capacity, const uint k,
+                              global const uint* counts) {
+  const uint kept = counts[COUNT_LAST_KEPT];
+  return last[k < kept ? k : last_capacity - 1U - (k - kept)];
+}
+
+/* Whether a pair of the last frame is one of this frame. */
+static inline bool is_kept(const uint2 pair, const uint slots, global const float* boxes, global const uint4* filters,
+                           const uint all, const uint stamp, global const uint* stamps) {
+  if (pair.y >= slots) return false;
+  if (stamps != 0) {
+    const uint s = stamps[pair.x];
+    const uint t = stamps[pair.y];
+    if (is_recycled(s, stamp) || is_recycled(t, stamp)) return false;
+    if (all == 0U && !is_changed(s, stamp) && !is_changed(t, stamp)) return true;
+  }
+  box_t s;
+  box_t t;
+  load_box(&s, boxes, pair.x);
+  load_box(&t, boxes, pair.y);
+  return boxes_overlap(&s, &t) && (filters == 0 || may_pair(filters[pair.x], filters[pair.y]));
+}
+
+/* Keeps the pairs of the last frame that still are pairs, and collects the others. All work-items of a work-group of
+   `size` must call it; those of all work-groups, of which this is number `group` of `groups`, share the work. */
+static inline __attribute__((always_inline)) void keep_pairs(
+    KEEP_PARAMETERS, const uint slots, global const float* boxes, const uint stamp, global uint2* pairs,
+    global uint* counts, const uint group, const uint groups, const uint size, local uint* totals) {
+  const uint item = (uint)get_local_id(0);
+  const uint end = is_halted(counts) ? 0U : last_found(counts);
+  local uint* bases = totals + 2; /* of removed and kept, as totals */
+  for (uint first = group * size; first < end; first += groups * size) {
+    const bool exists = first + item < end;
+    uint2 pair = 0;
+    uint kept = 0;
+    if (item < 1U) totals[0] = totals[1] = 0;
+    barrier(CLK_LOCAL_MEM_FENCE);
+    uint k = 0;
+    if (exists) {
+      pair = last_pair(last, last_capacity, first + item, counts);
+      if (is_kept(pair, slots, boxes, keep_filters, keep_all, stamp, keep_stamps)) kept = 1;
+      k = atomic_inc(&totals[kept]);
+    }
+    barrier(CLK_LOCAL_MEM_FENCE);
+    if (item < 1U) {
+      bases[0] = totals[0] == 0U ? 0U : atomic_add(&counts[COUNT_REMOVED], totals[0]);
+      bases[1] = totals[1] == 0U ? 0U : atomic_add(&counts[COUNT_KEPT], totals[1]);
+    }
+    barrier(CLK_LOCAL_MEM_FENCE);
+    if (exists) (kept != 0U ? pairs : removed)[bases[kept] + k] = pair;
+    barrier(CLK_LOCAL_MEM_FENCE);
+  }
+}
+
+#endif
