@@ -268,14 +268,14 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_search(
         uint own = overlapping(tree, tile, &box);
         if (node == tile) own &= (1U << child) - 1U;
         if (own == 0U) continue;
-        box_t last;
-        load_last_box(&last, &sink, slot);
+        box_t other_last;
+        load_last_box(&other_last, &sink, slot);
         for (; own != 0U; own &= own - 1U) {
           const uint mine = lowest_bit(own);
           const uint my_slot = elements[tile * NODE + mine].x;
           const uint2 pair = (uint2)(min(my_slot, slot), max(my_slot, slot));
           const box_t mine_last = own_last[mine];
-          if (is_new_pair(pair, &mine_last, &last, filters, &sink)) hits[found++] = pair;
+          if (is_new_pair(pair, &mine_last, &other_last, filters, &sink)) hits[found++] = pair;
         }
         if (found < FLUSH) continue;
         append_hits(&sink, hits, found);
