@@ -7,13 +7,15 @@
 
 /* Boxes, of which the first one begins at `offset` and each other `stride` floats after the one before, and filters,
    which are null if there are none; where to copy both; and where to count. */
-#define GATHER_PARAMETERS                                                                              \
-  global const float *restrict source, const ulong offset, const ulong stride,                         \
-      global const uint4 *restrict source_filters, global float *restrict boxes, global uint4 *filters, \
-      global uint *restrict counts
+#define GATHER_PARAMETERS GATHER_PARAMETERS_OF(restrict)
+/* (Without `restrict` in functions: what its inlining leaves behind is unknown to Oclgrind 21.10.) */
+#define GATHER_PARAMETERS_OF(restrict_)                                                                      \
+  global const float *restrict_ source, const ulong offset, const ulong stride,                              \
+      global const uint4 *restrict_ source_filters, global float *restrict_ boxes, global uint4 *filters, \
+      global uint *restrict_ counts
 
 /* Copies object k. Its box becomes NaNs if it is empty, as the host packs it; one with a NaN bound is counted. */
-static inline void gather_object(box_t* box, const uint k, GATHER_PARAMETERS) {
+static inline void gather_object(box_t* box, const uint k, GATHER_PARAMETERS_OF()) {
   make_empty(box);
   if (is_halted(counts)) return;
   if (filters != 0) filters[k] = source_filters[k];

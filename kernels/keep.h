@@ -6,9 +6,11 @@
 
 /* The list of the last frame and where to put what is removed from it. Filters are null if they separate no pair of
    it. `keep_all` says whether all slots count as changed; if not, stamps tell which did. */
-#define KEEP_PARAMETERS                                                                                 \
-  global const uint2 *restrict last, const uint last_capacity, global uint2 *restrict removed,          \
-      global const uint4 *restrict keep_filters, const uint keep_all, global const uint *restrict keep_stamps
+#define KEEP_PARAMETERS KEEP_PARAMETERS_OF(restrict)
+/* (Without `restrict` in functions: what its inlining leaves behind is unknown to Oclgrind 21.10.) */
+#define KEEP_PARAMETERS_OF(restrict_)                                                                     \
+  global const uint2 *restrict_ last, const uint last_capacity, global uint2 *restrict_ removed,          \
+      global const uint4 *restrict_ keep_filters, const uint keep_all, global const uint *restrict_ keep_stamps
 
 /* A pair of the last frame's list. */
 static inline uint2 last_pair(global const uint2* last, const uint last_capacity, const uint k,
@@ -37,7 +39,7 @@ static inline bool is_kept(const uint2 pair, const uint slots, global const floa
 /* Keeps the pairs of the last frame that still are pairs, and collects the others. All work-items of a work-group of
    `size` must call it; those of all work-groups, of which this is number `group` of `groups`, share the work. */
 static inline __attribute__((always_inline)) void keep_pairs(
-    KEEP_PARAMETERS, const uint slots, global const float* boxes, const uint stamp, global uint2* pairs,
+    KEEP_PARAMETERS_OF(), const uint slots, global const float* boxes, const uint stamp, global uint2* pairs,
     global uint* counts, const uint group, const uint groups, const uint size, local uint* totals) {
   const uint item = (uint)get_local_id(0);
   const uint end = is_halted(counts) ? 0U : last_found(counts);

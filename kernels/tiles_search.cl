@@ -14,14 +14,36 @@ static inline uint not_before(const uint bits, const uint node, const uint first
   return first <= child ? bits : first - child < NODE ? bits & (0xffffffffU << (first - child)) : 0U;
 }
 
-/* The component of a level: 0 for the tiles. (No array, since GPUs keep one in memory if its index varies.) */
+/* The component of a level: 0 for the tiles. */
 static inline uint of_level(const uint4 values, const uint level) {
   return level == 0U ? values.x : level == 1U ? values.y : level == 2U ? values.z : values.w;
 }
-static inline uint4 with_level(const uint4 values, const uint level, const uint value) {
-  return (uint4)(values.x, level == 1U ? value : values.y, level == 2U ? value : values.z,
-                 level == 3U ? value : values.w);
+
+/* By level, children of the nodes on the way down that are still to be visited. */
+#if GROUP > 1
+/* (No array, since a GPU keeps one in memory if its index varies.) */
+typedef uint4 rest_t;
+static inline uint rest_of(const rest_t* rest, const uint level) {
+  return of_level(*rest, level);
 }
+static inline void set_rest(rest_t* rest, const uint level, const uint children) {
+  if (level == 0U) rest->x = children;
+  if (level == 1U) rest->y = children;
+  if (level == 2U) rest->z = children;
+  if (level == 3U) rest->w = children;
+}
+#else
+/* (An array, since llvmpipe in Mesa 22.3 loses pairs with the above.) */
+typedef struct {
+  uint children[LEVELS];
+} rest_t;
+static inline uint rest_of(const rest_t* rest, const uint level) {
+  return rest->children[level];
+}
+static inline void set_rest(rest_t* rest, const uint level, const uint children) {
+  rest->children[level] = children;
+}
+#endif
 
 static inline uint lowest_bit(const uint bits) {
   return 31U - clz(bits & (0U - bits));
@@ -174,7 +196,7 @@ static inline uint visit(const uint node, global const float* tree, const bounds
 }
 #define VISIT(node) visit(node, tree, &bounds, changed, &changed_bounds)
 
-static inline void append_hits(const pair_sink_t* sink, const uint2* hits, const uint count) {
+static inline void append_hits(const pair_sink_t* sink, local const uint2* hits, const uint count) {
   if (count == 0U) return;
   const uint base = reserve_pairs(sink, count);
   for (uint k = 0; k < count; ++k) append_pair(sink, base, k, hits[k]);
@@ -225,16 +247,19 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_search(
   uint count = 0; /* of candidates */
   bounds_t child;
 #else
-  uint2 hits[FLUSH + NODE];
+  local uint2 hits[FLUSH + NODE];
+  local box_t own_last[NODE];
   uint found = 0;
-  box_t own_last[NODE];
   for (uint child = 0; child < NODE; ++child) {
-    load_last_box(&own_last[child], &sink, elements[tile * NODE + child].x);
+    box_t box;
+    load_last_box(&box, &sink, elements[tile * NODE + child].x);
+    own_last[child] = box;
   }
 #endif
 
   uint work = 0;
-  uint4 rest = 0; /* by level, children of the nodes on the way down that are still to be visited; in registers */
+  rest_t rest;
+  for (uint k = 0; k < LEVELS; ++k) set_rest(&rest, k, 0);
   uint level = top;
   const uint end = is_halted(counts) ? 0U : roots;
   uint root = tile >> (5U * top);
@@ -244,7 +269,7 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_search(
     ++work;
     if (level > 0U) {
       if (level == 1U) bits &= share << (uint)get_group_id(1);
-      rest = with_level(rest, level, not_before(bits, node, tile >> (5U * (level - 1U))));
+      set_rest(&rest, level, not_before(bits, node, tile >> (5U * (level - 1U))));
     } else {
       work += popcount(bits);
 #if GROUP > 1
@@ -284,7 +309,7 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_search(
 #endif
     }
 
-    while (level <= top && of_level(rest, level) == 0U) {
+    while (level <= top && rest_of(&rest, level) == 0U) {
       ++level;
       node /= NODE;
     }
@@ -292,9 +317,9 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_search(
       level = top;
       node = ++root;
     } else {
-      const uint children = of_level(rest, level);
+      const uint children = rest_of(&rest, level);
       node = node * NODE + lowest_bit(children);
-      rest = with_level(rest, level, children & (children - 1U));
+      set_rest(&rest, level, children & (children - 1U));
       --level;
     }
 #if GROUP > 1

@@ -1,0 +1,14 @@
+#pragma once
+
+#include <broadcl/device.hpp>
+
+#include "opencl/context.hpp"
+
+namespace broadcl::test {
+
+/// Whether few pairs are kept in a stage of their own, as they are with kernels tuned for CPUs.
+inline bool has_keep_stage() {
+  return opencl::Context(select_device(), false).tuning() == opencl::Tuning::cpu;
+}
+
+}  // namespace broadcl::test
