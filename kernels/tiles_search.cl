@@ -5,7 +5,6 @@
 
 #include "tiles.h"
 #include "delta.h"
-#include "keep.h"
 #include "vote.h"
 
 /* Of the children of a node, one bit each, those that do not come before a node of their level. */
@@ -210,17 +209,8 @@ static inline void append_hits(const pair_sink_t* sink, local const uint2* hits,
 kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_search(
     const uint4 starts, const uint top, const uint roots, const uint share, global const float* restrict tree,
     global const float* restrict changed, global const uint2* restrict elements,
-    global const uint4* restrict filters, const uint n, global const float* restrict boxes, KEEP_PARAMETERS,
-    PAIR_SINK_PARAMETERS) {
+    global const uint4* restrict filters, PAIR_SINK_PARAMETERS) {
   const pair_sink_t sink = PAIR_SINK;
-#if GROUP > 1
-  local uint keep_scratch[4];
-  if (keeps != 0U) {
-    keep_pairs(last, last_capacity, removed, keep_filters, keep_all, keep_stamps, n, boxes, stamp, pairs, counts,
-               (uint)(get_group_id(1) * get_num_groups(0) + get_group_id(0)),
-               (uint)(get_num_groups(0) * get_num_groups(1)), GROUP, keep_scratch);
-  }
-#endif
   const uint tile = (uint)get_group_id(0);
   bounds_t bounds;
   load_child(&bounds, tree, starts.y + tile / NODE, tile % NODE);

@@ -78,8 +78,6 @@ class Tiles final : public PairFinder {
     if (is_built_) enqueue_search(search, sink, profiler);
   }
 
-  [[nodiscard]] bool can_keep(const Search& /*search*/) const override { return is_built_ && group_ > 1; }
-
   /// Nodes and boxes to visit: in proportion to those of the last search of this kind. If the scene has
   /// changed much since, or there was no such search, as many as for boxes of one size.
   [[nodiscard]] double expected_work(const Search& search, const PairDelta& sink) override {
@@ -268,9 +266,8 @@ class Tiles final : public PairFinder {
     cl::Kernel& kernel = kernels(search).search;
     const cl_uint first =
         opencl::set_arguments(kernel, 0, starts_, static_cast<cl_uint>(top_), roots_, share, tree_.nodes,
-                              (search.all ? tree_ : changed_tree_).nodes, elements_, search.now.filters,
-                              search.now.slots, search.now.boxes);
-    sink.set_sink(kernel, sink.set_keep(kernel, first, search), search);
+                              (search.all ? tree_ : changed_tree_).nodes, elements_, search.now.filters);
+    sink.set_sink(kernel, first, search);
     context_.queue().enqueueNDRangeKernel(kernel, cl::NullRange, cl::NDRange(tiles * group_, sharers),
                                           cl::NDRange(group_, 1), nullptr, stage.event());
   }
