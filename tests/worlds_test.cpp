@@ -94,7 +94,7 @@ void follow_oracle(const AlgorithmInfo& algorithm, std::uint32_t objects, std::u
   follow_oracle(std::string(algorithm.name), algorithm.on_device, Scene(objects, in_place, world_of));
 }
 
-ALSO_IN(oclgrind | oclgrind_gpu_profile);
+ALSO_IN(oclgrind);
 TEST_P(EachAlgorithm, SmallWorldsInBlocks) {
   follow_oracle(GetParam(), 150, 30, [](std::uint32_t k) { return k / 30; });
 }
