@@ -96,7 +96,7 @@ def read(path):
         return json.load(file)
 
 
-UPDATES = ("update", "update-from-memory", "some-moving", "whole-list", "kernel")
+UPDATES = ("update", "update-from-memory", "update-device", "update-enqueue", "worlds", "some-moving", "whole-list", "kernel")
 PRINTERS = {"frame": print_frames, "proxies": print_proxies, **dict.fromkeys(UPDATES, print_updates)}
 
 

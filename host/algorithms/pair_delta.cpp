@@ -25,7 +25,7 @@ constexpr std::size_t count_last_tag = 10;
 constexpr std::size_t count_complete = 11;
 
 /// So many pairs are kept by a finder's work-groups for less than a launch more takes.
-constexpr std::size_t short_keeping = 1 << 15;
+constexpr std::size_t short_keeping = 1 << 16;
 constexpr std::size_t least_pairs = 1 << 14;
 constexpr std::size_t most_pairs = std::size_t{1} << 31;  // indices in a list are 32-bit numbers
 

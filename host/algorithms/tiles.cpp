@@ -66,6 +66,7 @@ class Tiles final : public PairFinder {
     observe(sink);
     age(search, sink);
     const bool stale = is_stale(search, sink);
+    if (search.source != nullptr) (void)gathering_fill(search.worlds);  // builds it in the first frame
     const bool gathers = search.source != nullptr && !stale && search.now.slots <= most_gathered;
     if (!gathers) PairFinder::build(search, sink, profiler);
     if (stale) sort(search, sink, profiler);
