@@ -104,6 +104,7 @@ class DeviceBroadPhase::Impl {
       check(boxes);
       check(changes, boxes);
       if (engine_->was_interrupted()) settle();
+      profiler_.begin();
       engine_->prepare();
       engine_->enqueue(search_of(boxes), tag_of(boxes),
                        {.added = cl::Buffer(changes.added, true),

@@ -112,6 +112,26 @@ TEST_F(OnCallersQueue, MorePairsThanAnyGuessAreAllFoundAndInOrder) {
   EXPECT_EQ(broad_phase.update({.buffer = buffer(), .count = n}).added.count, 0U);
 }
 
+/// So many that they are gathered before they are put into tiles.
+NOT_IN(gpu_profile | rusticl | sanitizers, "takes long");
+TEST_F(OnCallersQueue, ManyBoxesHaveTheChangesOfBoxesFromTheHost) {
+  constexpr std::uint32_t n = 140'000;
+  DeviceBroadPhase broad_phase(queue_(), {.algorithm = "tiles"});
+  BroadPhase from_host({.algorithm = "tiles"});
+  scenes::MovingBoxes boxes(n, scenes::MovingBoxes::Sizes::uniform);
+  for (int frame = 0; frame < 3; ++frame) {
+    boxes.advance();
+    const std::vector<Aabb> now(boxes.boxes().begin(), boxes.boxes().end());
+    const cl::Buffer buffer = buffer_of(now);
+    const auto result = broad_phase.update({.buffer = buffer(), .count = n});
+    std::ranges::copy(now, from_host.map(n).begin());
+    const Delta expected = from_host.update();
+    ASSERT_GT(expected.added.size(), 1000U);
+    EXPECT_TRUE(test::same("added", read(result.added), expected.added)) << frame;
+    EXPECT_TRUE(test::same("removed", read(result.removed), expected.removed)) << frame;
+  }
+}
+
 TEST_F(OnCallersQueue, BeginLeavesTheThreadFreeUntilFinish) {
   const std::vector<Aabb> boxes(10, Aabb{{0, 0, 0}, {1, 1, 1}});
   const cl::Buffer buffer = buffer_of(boxes);

@@ -101,7 +101,8 @@ class DeviceBroadPhase {
   /// or of another context; std::bad_alloc. The known pairs are then as before, and the next update works.
   Result update(const Boxes& boxes);
 
-  /// Enqueues an update behind what is in the queue, makes the device start, and returns at once.
+  /// Enqueues an update behind what is in the queue, makes the device start, and returns at once; unless the
+  /// last one was enqueued by enqueue(): then it waits for that first.
   /// @throws as update() does, and Error if one was begun already.
   void begin(const Boxes& boxes);
 
@@ -118,8 +119,8 @@ class DeviceBroadPhase {
   void reserve(std::size_t boxes, std::size_t pairs, bool filters = false);
 
   /// Enqueues an update behind what is in the queue, and its changes, in canonical order, into buffers of the
-  /// caller, where commands enqueued after it find them. Never waits, except after a call that failed, or, if
-  /// boxes have worlds for the first time, to build kernels. Memory must have been reserved.
+  /// caller, where commands enqueued after it find them. Never waits for the device, except after a call
+  /// that failed. The first one, and the first with worlds, build kernels. Memory must have been reserved.
   ///
   /// If more pairs overlap than was reserved, if more changed than the buffers hold, or if more than 4,096
   /// changes have the same b (or the same world, if they are in order of worlds), the update is incomplete:
@@ -143,7 +144,7 @@ class DeviceBroadPhase {
   /// and pairs, and never shrink.
   [[nodiscard]] MemoryUse memory() const noexcept;
 
-  /// The stages of the last update. Valid until the next.
+  /// The stages of the last update, with device times if it was waited for. Valid until the next.
   [[nodiscard]] std::span<const Stage> profile() const noexcept;
 
  private:
