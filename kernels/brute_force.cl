@@ -111,11 +111,12 @@ typedef INTS may_t;
 #endif
 
 /* Work-items of dimension 0 stand for WIDTH boxes `a` each, those of dimension 1 for `rows` rows each. If row_count
-   is n, every slot is a row and pairs are tested with a < b; otherwise the rows are the slots that changed. */
+   is n, every slot is a row and pairs are tested with a < b; otherwise the rows are the slots that changed. `keeps` says
+   whether to keep the pairs of the last frame besides. */
 kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void brute_force(
     const uint n, const uint row_count, const uint rows, global const float* restrict boxes,
     global const uint* restrict changed, global const uint* restrict changed_stamps,
-    global const uint4* restrict filters, KEEP_PARAMETERS, PAIR_SINK_PARAMETERS) {
+    global const uint4* restrict filters, const uint keeps, KEEP_PARAMETERS, PAIR_SINK_PARAMETERS) {
   const pair_sink_t sink = PAIR_SINK;
 #if GROUP > 1
   local uint keep_scratch[4];

@@ -33,7 +33,6 @@
 
 typedef struct {
   uint capacity;                    /* of the list */
-  uint room;                        /* for added pairs */
   global uint2* pairs;              /* the list of this frame */
   global const float* last_boxes;   /* of the last frame */
   uint last_slots;                  /* boxes of the last frame */
@@ -46,20 +45,13 @@ typedef struct {
 #define PAIR_SINK_PARAMETERS                                                                                         \
   const uint capacity, global uint2 *restrict pairs, global const float *restrict last_boxes, const uint last_slots, \
       global const uint4 *restrict last_filters, const uint stamp, global const uint *restrict stamps,               \
-      const uint keeps, global uint *restrict counts
-#define PAIR_SINK                                                                                                \
-  {capacity, room_for_added(counts, capacity, keeps), pairs, last_boxes, last_slots, last_filters, stamp, stamps, \
-   counts}
+      global uint *restrict counts
+#define PAIR_SINK \
+  {capacity, pairs, last_boxes, last_slots, last_filters, stamp, stamps, counts}
 
 /* Pairs of the last frame. */
 static inline uint last_found(global const uint* counts) {
   return counts[COUNT_LAST_KEPT] + counts[COUNT_LAST_ADDED];
-}
-
-/* Room for added pairs in the list: behind those that were kept, or, if `keeps` says that this is not known since it
-   happens at the same time, behind those that might be. */
-static inline uint room_for_added(global const uint* counts, const uint capacity, const uint keeps) {
-  return capacity - (keeps != 0U ? last_found(counts) : counts[COUNT_KEPT]);
 }
 
 /* The box that a slot's object had in the last frame; an empty one if it was not there. */
@@ -96,7 +88,7 @@ static inline uint reserve_pairs(const pair_sink_t* sink, const uint total) {
 
 /* Appends the k-th pair of a reservation. */
 static inline void append_pair(const pair_sink_t* sink, const uint base, const uint k, const uint2 pair) {
-  if (base + k < sink->room) sink->pairs[sink->capacity - 1U - (base + k)] = pair;
+  if (base + k < sink->capacity) sink->pairs[sink->capacity - 1U - (base + k)] = pair;
 }
 
 /* Whether an earlier frame was not complete. */
@@ -104,9 +96,9 @@ static inline bool is_halted(global const uint* counts) {
   return counts[COUNT_HALTED] != 0U;
 }
 
-/* Whether every pair found was appended. */
-static inline bool all_fit(global const uint* counts, const uint capacity, const uint keeps) {
-  return counts[COUNT_ADDED_HIGH] == 0U && counts[COUNT_ADDED] <= room_for_added(counts, capacity, keeps);
+/* Whether there was room for every pair found. (If not, those from the end met those from the beginning.) */
+static inline bool all_fit(global const uint* counts, const uint capacity) {
+  return counts[COUNT_ADDED_HIGH] == 0U && counts[COUNT_ADDED] <= capacity - counts[COUNT_KEPT];
 }
 
 #endif

@@ -42,25 +42,25 @@ static inline void find_changes(changes_t* changes, const uint capacity, global 
    wait has to know: the numbers of added, removed and all pairs, and whether the frame was not complete. `tag` is what
    the host says of the frame. */
 #define CHANGES_PARAMETERS                                                                                       \
-  const uint capacity, const uint keeps, global const uint2 *restrict pairs,                                     \
+  const uint capacity, global const uint2 *restrict pairs,                                     \
       global const uint2 *restrict removed_pairs, global uint *restrict counts, const uint room, const uint room_of_both
 #define RESULT_PARAMETERS                                                                                          \
   const uint tag, global uint *restrict next_counts, global uint *result, global uint *report, global uint2 *added, \
       global uint2 *removed
 
 /* Whether all pairs were found and there is room for all changes. */
-static inline bool fits(const changes_t* changes, const uint capacity, const uint keeps, global const uint* counts, const uint room,
+static inline bool fits(const changes_t* changes, const uint capacity, global const uint* counts, const uint room,
                         const uint room_of_both) {
   const bool has_room = changes->added_count <= room && changes->removed_count <= room &&
                         changes->removed_count <= room_of_both &&
                         changes->added_count <= room_of_both - changes->removed_count;
-  return !is_halted(counts) && all_fit(counts, capacity, keeps) && has_room;
+  return !is_halted(counts) && all_fit(counts, capacity) && has_room;
 }
 
 /* Whether the changes are also ordered. */
-static inline bool is_complete(const changes_t* changes, const uint capacity, const uint keeps, global const uint* counts,
+static inline bool is_complete(const changes_t* changes, const uint capacity, global const uint* counts,
                                const uint room, const uint room_of_both) {
-  return fits(changes, capacity, keeps, counts, room, room_of_both) && counts[COUNT_UNORDERED] == 0U;
+  return fits(changes, capacity, counts, room, room_of_both) && counts[COUNT_UNORDERED] == 0U;
 }
 
 /* Copies a count, and prepares it for the next frame. */
@@ -98,7 +98,7 @@ kernel __attribute__((reqd_work_group_size(PARTS, TEAMS, 1))) void order_few(CHA
   const uint first = (uint)get_global_id(1) * KEYS;
   changes_t changes;
   find_changes(&changes, capacity, pairs, removed_pairs, counts);
-  const bool complete = is_complete(&changes, capacity, keeps, counts, room, room_of_both);
+  const bool complete = is_complete(&changes, capacity, counts, room, room_of_both);
   if (is_added && part == 0 && get_global_id(1) < COUNTS) {
     pass_count((uint)get_global_id(1), &changes, complete, counts, tag, next_counts, result, report);
   }
@@ -131,9 +131,9 @@ kernel __attribute__((reqd_work_group_size(PARTS, TEAMS, 1))) void order_few(CHA
 }
 
 /* Number of changes if there is room for all, otherwise 0. */
-static inline uint number_to_order(const changes_t* changes, const uint capacity, const uint keeps, global const uint* counts,
+static inline uint number_to_order(const changes_t* changes, const uint capacity, global const uint* counts,
                                    const uint room, const uint room_of_both) {
-  return fits(changes, capacity, keeps, counts, room, room_of_both) ? changes->added_count + changes->removed_count : 0U;
+  return fits(changes, capacity, counts, room, room_of_both) ? changes->added_count + changes->removed_count : 0U;
 }
 
 static inline uint2 change(const changes_t* changes, const uint k) {
@@ -166,7 +166,7 @@ static inline uint bucket_of(const changes_t* changes, const uint k, const uint2
 kernel void order_count(CHANGES_PARAMETERS, BUCKET_PARAMETERS) {
   changes_t changes;
   find_changes(&changes, capacity, pairs, removed_pairs, counts);
-  const uint n = number_to_order(&changes, capacity, keeps, counts, room, room_of_both);
+  const uint n = number_to_order(&changes, capacity, counts, room, room_of_both);
   (void)scattered;
   for (uint k = (uint)get_global_id(0); k < n; k += (uint)get_global_size(0)) {
     const uint before = atomic_inc(&buckets[BUCKET_OF(k, change(&changes, k))]);
@@ -179,7 +179,7 @@ kernel void order_count(CHANGES_PARAMETERS, BUCKET_PARAMETERS) {
 kernel void order_scatter(CHANGES_PARAMETERS, BUCKET_PARAMETERS) {
   changes_t changes;
   find_changes(&changes, capacity, pairs, removed_pairs, counts);
-  const uint n = number_to_order(&changes, capacity, keeps, counts, room, room_of_both);
+  const uint n = number_to_order(&changes, capacity, counts, room, room_of_both);
   for (uint k = (uint)get_global_id(0); k < n; k += (uint)get_global_size(0)) {
     const uint2 pair = change(&changes, k);
     scattered[atomic_inc(&buckets[BUCKET_OF(k, pair)])] = pair;
@@ -191,7 +191,7 @@ kernel void order_place(CHANGES_PARAMETERS, BUCKET_PARAMETERS, RESULT_PARAMETERS
   const uint item = (uint)get_global_id(0);
   changes_t changes;
   find_changes(&changes, capacity, pairs, removed_pairs, counts);
-  const bool complete = is_complete(&changes, capacity, keeps, counts, room, room_of_both);
+  const bool complete = is_complete(&changes, capacity, counts, room, room_of_both);
   for (uint i = item; i < COUNTS; i += (uint)get_global_size(0)) {
     pass_count(i, &changes, complete, counts, tag, next_counts, result, report);
   }

@@ -44,9 +44,9 @@ class BruteForce final : public PairFinder {
     opencl::Profiler::Scope stage(profiler, "test");
     const std::size_t columns = opencl::divide_up(n, launch_.width);
     const std::size_t rows = rows_per_item(search);
-    const cl_uint k =
-        opencl::set_arguments(kernel, 0, n, row_count, static_cast<cl_uint>(rows), search.now.boxes,
-                              search.changed, search.stamps, search.now.filters);
+    const cl_uint k = opencl::set_arguments(
+        kernel, 0, n, row_count, static_cast<cl_uint>(rows), search.now.boxes, search.changed, search.stamps,
+        search.now.filters, sink.is_kept_by_finder() ? cl_uint{1} : cl_uint{0});
     sink.set_sink(kernel, sink.set_keep(kernel, k, search), search);
     context_.queue().enqueueNDRangeKernel(
         kernel, cl::NullRange,

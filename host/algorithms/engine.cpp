@@ -18,7 +18,7 @@ void Engine::begin(Search search, cl_uint tag) {
   tag_ = tag;
   order_.begin(search_);
   finder_->build(search_, delta_, profiler_);
-  enqueue(true);
+  enqueue();
 }
 
 void Engine::reserve_ahead(std::size_t slots, std::size_t pairs) {
@@ -31,16 +31,16 @@ void Engine::enqueue(Search search, cl_uint tag, const Order::Report& report) {
   tag_ = tag;
   order_.begin(search_, report);
   finder_->build(search_, delta_, profiler_);
-  enqueue(true);
+  enqueue();
   context_.queue().flush();
   // Nothing below throws.
   delta_.commit_unread();
   order_.commit_unread();
 }
 
-void Engine::enqueue(bool together) {
+void Engine::enqueue() {
   most_slots_ = std::max<std::size_t>(most_slots_, search_.now.slots);
-  if (together && delta_.is_keeping_short() && finder_->can_keep(search_)) {
+  if (delta_.is_keeping_short() && finder_->can_keep(search_)) {
     delta_.leave_keeping_to_finder();
   } else {
     delta_.keep(search_);
@@ -54,7 +54,7 @@ PairDelta::Counts Engine::finish() {
   const PairDelta::Counts first = counts;
   while (!delta_.fits(counts)) {
     delta_.begin(counts.found);
-    enqueue(false);
+    enqueue();
     counts = order_.wait(delta_);
   }
   counts.invalid_boxes = first.invalid_boxes;

@@ -70,8 +70,7 @@ class Engine {
   [[nodiscard]] std::vector<Pair> pairs();
 
  private:
-  /// @param together Whether the finder may keep pairs besides, for which lists must be larger.
-  void enqueue(bool together);
+  void enqueue();
 
   const opencl::Context& context_;
   opencl::Profiler& profiler_;

@@ -134,13 +134,12 @@ void PairDelta::keep(const Search& search) {
 cl_uint PairDelta::set_sink(cl::Kernel& kernel, cl_uint first, const Search& search) const {
   return opencl::set_arguments(kernel, first, static_cast<cl_uint>(now_.capacity), list(), search.last.boxes,
                                search.last.slots, search.same_filters ? cl::Buffer() : search.last.filters,
-                               search.stamp, search.any_recycled ? search.stamps : cl::Buffer(),
-                               is_kept_by_finder_ ? cl_uint{1} : cl_uint{0}, counts());
+                               search.stamp, search.any_recycled ? search.stamps : cl::Buffer(), counts());
 }
 
 cl_uint PairDelta::set_changes(cl::Kernel& kernel, cl_uint first) const {
-  return opencl::set_arguments(kernel, first, static_cast<cl_uint>(now_.capacity),
-                               is_kept_by_finder_ ? cl_uint{1} : cl_uint{0}, list(), removed(), counts());
+  return opencl::set_arguments(kernel, first, static_cast<cl_uint>(now_.capacity), list(), removed(),
+                               counts());
 }
 
 PairDelta::Counts PairDelta::counts_of(const std::byte* counts) const {
@@ -153,11 +152,6 @@ PairDelta::Counts PairDelta::counts_of(const std::byte* counts) const {
           .is_unordered = words[count_unordered] != 0,
           .invalid_boxes = words[count_invalid],
           .first_invalid = ~words[count_invalid_first]};
-}
-
-bool PairDelta::fits(const Counts& counts) const noexcept {
-  const std::size_t before = is_kept_by_finder_ ? last_.found() : counts.found - counts.added;
-  return before + counts.added <= now_.capacity;
 }
 
 // NOLINTNEXTLINE(bugprone-exception-escape): handles do not throw when moved

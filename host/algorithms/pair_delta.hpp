@@ -57,6 +57,7 @@ class PairDelta {
   void keep(const Search& search);
   /// The finder's kernel does that besides.
   void leave_keeping_to_finder() noexcept { is_kept_by_finder_ = true; }
+  [[nodiscard]] bool is_kept_by_finder() const noexcept { return is_kept_by_finder_; }
   /// Whether the pairs of the last frame are so few that this takes less time.
   [[nodiscard]] bool is_keeping_short() const noexcept;
   /// Sets a kernel's KEEP_PARAMETERS, from the given index on; returns the index after the last of them.
@@ -71,7 +72,7 @@ class PairDelta {
 
   /// The counts, from what the host has read.
   [[nodiscard]] Counts counts_of(const std::byte* counts) const;
-  [[nodiscard]] bool fits(const Counts& counts) const noexcept;
+  [[nodiscard]] bool fits(const Counts& counts) const noexcept { return counts.found <= now_.capacity; }
   /// The frame succeeded. Its counts must have been read.
   /// @param tag Anything, to be told again by settle().
   /// @param is_next_ready Whether kernels/order.cl has prepared the counts of the next frame.

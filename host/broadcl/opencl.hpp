@@ -112,8 +112,7 @@ class DeviceBroadPhase {
 
   /// Reserves memory for updates that nobody waits for.
   /// @param boxes Boxes of an update, at most.
-  /// @param pairs Pairs that overlap at a time, at most; what is added in an update counts on top of those
-  /// that overlapped before.
+  /// @param pairs Pairs that overlap at a time, at most.
   /// @param filters Whether there will be filters.
   /// @throws as update() does, and Error between begin() and finish().
   void reserve(std::size_t boxes, std::size_t pairs, bool filters = false);
