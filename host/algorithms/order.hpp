@@ -29,7 +29,7 @@ class Order {
 
   /// Where a frame that nobody waits for puts its changes: buffers of the caller, each for `capacity` pairs,
   /// and for their numbers, as kernels/order.cl reports them.
-  struct Report {
+  struct Report {  // NOLINT(bugprone-exception-escape): handles do not throw when moved
     cl::Buffer added{}, removed{}, counts{};
     std::size_t capacity = 0;
     cl::Buffer added_offsets{}, removed_offsets{};  ///< Where worlds begin, if changes are ordered by world.

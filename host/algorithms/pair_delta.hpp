@@ -76,8 +76,8 @@ class PairDelta {
   /// The frame succeeded. Its counts must have been read.
   /// @param tag Anything, to be told again by settle().
   /// @param is_next_ready Whether kernels/order.cl has prepared the counts of the next frame.
-  void commit(const Counts& counts, cl_uint tag,
-              bool is_next_ready) noexcept;  // NOLINT(bugprone-exception-escape)
+  // NOLINTNEXTLINE(bugprone-exception-escape): handles do not throw when moved
+  void commit(const Counts& counts, cl_uint tag, bool is_next_ready) noexcept;
   /// The frame is enqueued, and nobody waits for it.
   void commit_unread() noexcept;  // NOLINT(bugprone-exception-escape)
   /// Waits for such frames. Afterwards the pairs of the last complete frame are known again.
