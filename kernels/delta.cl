@@ -16,6 +16,7 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void delta_keep(
   local uint bases[2];
   const uint lane = (uint)get_local_id(0);
   const uint end = is_halted(counts) ? 0U : last_found(counts);
+  const uint last_kept = counts[COUNT_LAST_KEPT];
   const uint first = (uint)get_group_id(0) * (GROUP * CHUNK) + lane;
   if (lane < 1U) totals[0] = totals[1] = 0;
   barrier(CLK_LOCAL_MEM_FENCE);
@@ -27,7 +28,7 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void delta_keep(
     const uint index = first + k * GROUP;
     if (index >= end) break;
     /* (By a branch: what Oclgrind 21.10 makes of this condition as a number is not always 1.) */
-    if (is_kept(last_pair(last, last_capacity, index, counts), slots, boxes, keep_filters, keep_all, stamp, keep_stamps)) {
+    if (is_kept(last_pair(last, last_capacity, index, last_kept), slots, boxes, keep_filters, keep_all, stamp, keep_stamps)) {
       kept[k] = 1;
       ++kept_count;
     } else {
@@ -48,7 +49,7 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void delta_keep(
   for (uint k = 0; k < CHUNK; ++k) {
     const uint index = first + k * GROUP;
     if (index >= end) break;
-    const uint2 pair = last_pair(last, last_capacity, index, counts);
+    const uint2 pair = last_pair(last, last_capacity, index, last_kept);
     if (kept[k] == 0) {
       removed[next_removed++] = pair;
     } else {

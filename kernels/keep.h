@@ -12,10 +12,8 @@
   global const uint2 *restrict_ last, const uint last_capacity, global uint2 *restrict_ removed,          \
       global const uint4 *restrict_ keep_filters, const uint keep_all, global const uint *restrict_ keep_stamps
 
-/* A pair of the last frame's list. */
-static inline uint2 last_pair(global const uint2* last, const uint last_capacity, const uint k,
-                              global const uint* counts) {
-  const uint kept = counts[COUNT_LAST_KEPT];
+/* A pair of the last frame's list, of which `kept` are at the beginning. */
+static inline uint2 last_pair(global const uint2* last, const uint last_capacity, const uint k, const uint kept) {
   return last[k < kept ? k : last_capacity - 1U - (k - kept)];
 }
 
@@ -43,6 +41,7 @@ static inline __attribute__((always_inline)) void keep_pairs(
     global uint* counts, const uint group, const uint groups, const uint size, local uint* totals) {
   const uint item = (uint)get_local_id(0);
   const uint end = is_halted(counts) ? 0U : last_found(counts);
+  const uint last_kept = counts[COUNT_LAST_KEPT];
   local uint* bases = totals + 2; /* of removed and kept, as totals */
   for (uint first = group * size; first < end; first += groups * size) {
     const bool exists = first + item < end;
@@ -52,7 +51,7 @@ static inline __attribute__((always_inline)) void keep_pairs(
     barrier(CLK_LOCAL_MEM_FENCE);
     uint k = 0;
     if (exists) {
-      pair = last_pair(last, last_capacity, first + item, counts);
+      pair = last_pair(last, last_capacity, first + item, last_kept);
       if (is_kept(pair, slots, boxes, keep_filters, keep_all, stamp, keep_stamps)) kept = 1;
       k = atomic_inc(&totals[kept]);
     }
