@@ -121,8 +121,8 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void brute_force(
 #if GROUP > 1
   local uint keep_scratch[4];
   if (keeps != 0U) {
-    keep_pairs(last, last_capacity, removed, keep_filters, keep_all, keep_stamps, n, boxes, stamp, pairs, counts,
-               (uint)(get_group_id(1) * get_num_groups(0) + get_group_id(0)),
+    keep_pairs(last, last_capacity, removed, keep_filters, keep_all, keep_stamps, n, boxes, stamp, capacity, pairs,
+               counts, (uint)(get_group_id(1) * get_num_groups(0) + get_group_id(0)),
                (uint)(get_num_groups(0) * get_num_groups(1)), GROUP, keep_scratch);
   }
 #endif
@@ -171,7 +171,9 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void brute_force(
       for (uint r = 0; r < ROWS; ++r) {
         const row_t t = ROW(first, r);
 #if WORLDS
-        may[r] = any((s.world == as_int(t.lower.w)) | (s.world == (int)ALL_WORLDS)) || as_uint(t.lower.w) == ALL_WORLDS ? may_overlap(&s, t) : (may_t)(0);
+        const bool meet =
+            any((s.world == as_int(t.lower.w)) | (s.world == (int)ALL_WORLDS)) || as_uint(t.lower.w) == ALL_WORLDS;
+        may[r] = meet ? may_overlap(&s, t) : (may_t)(0);
 #else
         may[r] = may_overlap(&s, t);
 #endif

@@ -3,6 +3,7 @@
 #define BROADCL_CENTROIDS_H
 
 #include "aabb.h"
+#include "filter.h"
 
 #ifndef WORLDS
 #define WORLDS 0 /* 1 if objects are in different worlds, whose bounds are kept apart */
@@ -11,7 +12,7 @@
 /* Where the bounds of a world are kept: worlds may share a place, except with objects of all worlds. `buckets` is
    2^k + 1. */
 static inline uint bucket_of_world(const uint world, const uint buckets) {
-  return world == 0xffffffffU ? buckets - 1U : world & (buckets - 2U);
+  return world == ALL_WORLDS ? buckets - 1U : world & (buckets - 2U);
 }
 
 /* Maps floats to numbers in the same order, and back. */

@@ -98,7 +98,8 @@ static inline bool is_halted(global const uint* counts) {
 
 /* Whether there was room for every pair found. (If not, those from the end met those from the beginning.) */
 static inline bool all_fit(global const uint* counts, const uint capacity) {
-  return counts[COUNT_ADDED_HIGH] == 0U && counts[COUNT_ADDED] <= capacity - counts[COUNT_KEPT];
+  return counts[COUNT_KEPT] <= capacity && counts[COUNT_ADDED] <= capacity - counts[COUNT_KEPT] &&
+         counts[COUNT_ADDED_HIGH] == 0U;
 }
 
 #endif

@@ -37,8 +37,8 @@ static inline bool is_kept(const uint2 pair, const uint slots, global const floa
 /* Keeps the pairs of the last frame that still are pairs, and collects the others. All work-items of a work-group of
    `size` must call it; those of all work-groups, of which this is number `group` of `groups`, share the work. */
 static inline __attribute__((always_inline)) void keep_pairs(
-    KEEP_PARAMETERS_OF(), const uint slots, global const float* boxes, const uint stamp, global uint2* pairs,
-    global uint* counts, const uint group, const uint groups, const uint size, local uint* totals) {
+    KEEP_PARAMETERS_OF(), const uint slots, global const float* boxes, const uint stamp, const uint capacity,
+    global uint2* pairs, global uint* counts, const uint group, const uint groups, const uint size, local uint* totals) {
   const uint item = (uint)get_local_id(0);
   const uint end = is_halted(counts) ? 0U : last_found(counts);
   const uint last_kept = counts[COUNT_LAST_KEPT];
@@ -61,7 +61,9 @@ static inline __attribute__((always_inline)) void keep_pairs(
       bases[1] = totals[1] == 0U ? 0U : atomic_add(&counts[COUNT_KEPT], totals[1]);
     }
     barrier(CLK_LOCAL_MEM_FENCE);
-    if (exists) (kept != 0U ? pairs : removed)[bases[kept] + k] = pair;
+    k += bases[kept];
+    if (exists && kept == 0U) removed[k] = pair;
+    if (exists && kept != 0U && k < capacity) pairs[k] = pair;
     barrier(CLK_LOCAL_MEM_FENCE);
   }
 }

@@ -27,6 +27,8 @@ void Engine::reserve_ahead(std::size_t slots, std::size_t pairs) {
 }
 
 void Engine::enqueue(Search search, cl_uint tag, const Order::Report& report) {
+  // Lists may have grown since reserve_ahead().
+  if (!delta_.is_unsettled()) delta_.reserve_ahead(0);
   search_ = std::move(search);
   tag_ = tag;
   order_.begin(search_, report);

@@ -100,10 +100,13 @@ void Order::begin(const Search& search, const Report& report) {
   room_ = report.capacity;
   many_ = room_ > few_ || worlds_ > 0;
   capacity_ = std::min(2 * room_, scattered_.bytes() / sizeof(Pair));
-  if (result().bytes() == 0) reserve_result(least_changes);
+  if (many_) buckets_.reserve(context_, 2 * buckets_of_list() * sizeof(cl_uint), what);
 }
 
 void Order::reserve_ahead(std::size_t slots, std::size_t pairs) {
+  for (opencl::SharedBuffer& result : results_) {  // which may block
+    if (result.bytes() == 0) result = opencl::SharedBuffer(context_, PairDelta::count_bytes);
+  }
   buckets_.reserve(context_, 2 * (slots + 1) * sizeof(cl_uint), what);
   scattered_.reserve(context_, 2 * std::max(least_changes, pairs) * sizeof(Pair), what);
 }

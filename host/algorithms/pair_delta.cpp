@@ -82,7 +82,8 @@ void PairDelta::clear_counts() {
 
 void PairDelta::reserve_ahead(std::size_t pairs) {
   reserve(std::max(pairs, last_.found()));
-  removed_.reserve(context_, now_.pairs.bytes(), "overlapping pairs");
+  // Each of the two lists will be the last one.
+  removed_.reserve(context_, std::max(now_.capacity, last_.capacity) * sizeof(Pair), "overlapping pairs");
   if (last_.capacity >= now_.capacity) return;
   List larger;
   larger.pairs.reserve(context_, now_.capacity * sizeof(Pair), "overlapping pairs");
@@ -124,7 +125,7 @@ void PairDelta::keep(const Search& search) {
   if (last_found == 0) return;
   opencl::Profiler::Scope stage(profiler_, "keep");
   opencl::set_arguments(keep_, set_keep(keep_, 0, search), search.now.slots, search.now.boxes, search.stamp,
-                        list(), counts());
+                        static_cast<cl_uint>(now_.capacity), list(), counts());
   const Launch launch = launch_of(context_);
   const std::size_t groups = opencl::divide_up(last_found, launch.group * launch.chunk);
   context_.queue().enqueueNDRangeKernel(keep_, cl::NullRange, cl::NDRange(groups * launch.group),
