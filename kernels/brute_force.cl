@@ -47,8 +47,8 @@ static inline row_t load_row(global const float* boxes, global const uint4* filt
   const float2 p0 = p[0];
   const float2 p1 = p[1];
   const float2 p2 = p[2];
-  const row_t row = {(float4)(p0.x, p0.y, p1.x, WORLDS ? as_float(filters[slot].w) : 0.0F),
-                     (float4)(p1.y, p2.x, p2.y, 0.0F)};
+  const row_t row = {
+      (float4)(p0.x, p0.y, p1.x, WORLDS ? as_float(filters[slot].w) : 0.0F), (float4)(p1.y, p2.x, p2.y, 0.0F)};
   return row;
 }
 
@@ -111,8 +111,8 @@ typedef INTS may_t;
 #endif
 
 /* Work-items of dimension 0 stand for WIDTH boxes `a` each, those of dimension 1 for `rows` rows each. If row_count
-   is n, every slot is a row and pairs are tested with a < b; otherwise the rows are the slots that changed. `keeps` says
-   whether to keep the pairs of the last frame besides. */
+   is n, every slot is a row and pairs are tested with a < b; otherwise the rows are the slots that changed. `keeps`
+   says whether to keep the pairs of the last frame besides. */
 kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void brute_force(
     const uint n, const uint row_count, const uint rows, global const float* restrict boxes,
     global const uint* restrict changed, global const uint* restrict changed_stamps,

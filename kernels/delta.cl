@@ -20,19 +20,26 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void delta_keep(
   const uint last_kept = counts[COUNT_LAST_KEPT];
   const uint first = (uint)get_global_id(0) * CHUNK;
   const uint end = is_halted(counts) ? 0U : min(first + CHUNK, last_found(counts));
-  bool kept[CHUNK];
+  uchar kept[CHUNK];
   uint kept_count = 0;
+  uint removed_count = 0;
   for (uint k = first; k < end; ++k) {
     const uint2 pair = last_pair(last, last_capacity, k, last_kept);
-    kept[k - first] = is_kept(pair, slots, boxes, keep_filters, keep_all, stamp, keep_stamps);
-    if (kept[k - first]) ++kept_count;
+    /* (By a branch: what Oclgrind 21.10 makes of this condition as a number is not always 1.) */
+    if (is_kept(pair, slots, boxes, keep_filters, keep_all, stamp, keep_stamps)) {
+      kept[k - first] = 1;
+      ++kept_count;
+    } else {
+      kept[k - first] = 0;
+      ++removed_count;
+    }
   }
   if (first >= end) return;
-  uint next_removed = atomic_add(&counts[COUNT_REMOVED], end - first - kept_count);
+  uint next_removed = atomic_add(&counts[COUNT_REMOVED], removed_count);
   uint next_kept = atomic_add(&counts[COUNT_KEPT], kept_count);
   for (uint k = first; k < end; ++k) {
     const uint2 pair = last_pair(last, last_capacity, k, last_kept);
-    if (!kept[k - first]) {
+    if (kept[k - first] == 0) {
       removed[next_removed++] = pair;
     } else {
       if (next_kept < capacity) pairs[next_kept] = pair;

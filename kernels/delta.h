@@ -47,7 +47,7 @@ typedef struct {
       global const uint4 *restrict last_filters, const uint stamp, global const uint *restrict stamps,               \
       global uint *restrict counts
 #define PAIR_SINK \
-  {capacity, pairs, last_boxes, last_slots, last_filters, stamp, stamps, counts}
+  { capacity, pairs, last_boxes, last_slots, last_filters, stamp, stamps, counts }
 
 /* Pairs of the last frame. */
 static inline uint last_found(global const uint* counts) {
@@ -78,8 +78,8 @@ static inline bool was_in_last_frame(const pair_sink_t* sink, const uint2 pair) 
   return boxes_overlap(&s, &t) && could_pair(sink, pair);
 }
 
-/* Reserves indices for `total` pairs; returns the first. (If there are too many pairs for 32 bits, indices come a second time,
-   but then the frame is run again or fails, whatever its list holds.) */
+/* Reserves indices for `total` pairs; returns the first. (If there are too many pairs for 32 bits, indices come a
+   second time, but then the frame is run again or fails, whatever its list holds.) */
 static inline uint reserve_pairs(const pair_sink_t* sink, const uint total) {
   const uint base = atomic_add(&sink->counts[COUNT_ADDED], total);
   if (base + total < base) atomic_inc(&sink->counts[COUNT_ADDED_HIGH]);

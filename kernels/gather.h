@@ -9,8 +9,8 @@
    which are null if there are none; where to copy both; and where to count. */
 #define GATHER_PARAMETERS GATHER_PARAMETERS_OF(restrict)
 /* (Without `restrict` in functions: what its inlining leaves behind is unknown to Oclgrind 21.10.) */
-#define GATHER_PARAMETERS_OF(restrict_)                                                                      \
-  global const float *restrict_ source, const ulong offset, const ulong stride,                              \
+#define GATHER_PARAMETERS_OF(restrict_)                                                                   \
+  global const float *restrict_ source, const ulong offset, const ulong stride,                           \
       global const uint4 *restrict_ source_filters, global float *restrict_ boxes, global uint4 *filters, \
       global uint *restrict_ counts
 

@@ -44,8 +44,8 @@ INTS filter_lanes(const INTS lanes, global const uint4* restrict filters, const 
 
 /* A seam: pairs from the end of row b - 1 on, through the starts of row b and perhaps of rows after it. Bytes past the
    last row n - 1 become 0. */
-void test_seam(const uint b, const uint n, global const float* restrict boxes,
-               global const uint4* restrict filters, global uint* restrict words) {
+void test_seam(const uint b, const uint n, global const float* restrict boxes, global const uint4* restrict filters,
+               global uint* restrict words) {
   const ulong seam = row_start(b) - row_start(b) % WIDTH;
   uint s = (uint)(seam - row_start(b - 1U));
   uint t = b - 1U;
@@ -98,8 +98,8 @@ kernel void gpu_bf(const uint n, const uint rows, const uint chunks, global cons
   const FLOATS upper_z = BOUNDS(p + 5);
   for (; b < end; b += PERIOD) {
     global const float* q = boxes + (size_t)b * AABB_FLOATS;
-    INTS lanes = AABB_OVERLAPS(lower_x, lower_y, lower_z, upper_x, upper_y, upper_z, q[0], q[1], q[2], q[3],
-                               q[4], q[5]);
+    INTS lanes =
+        AABB_OVERLAPS(lower_x, lower_y, lower_z, upper_x, upper_y, upper_z, q[0], q[1], q[2], q[3], q[4], q[5]);
     if (filters != 0) lanes = filter_lanes(lanes, filters, a, b);
     const INTS bits = BYTE_BITS & lanes;
     words[(row_start(b) + a) / WIDTH] = PACK(bits);

@@ -3,13 +3,14 @@
 #define BROADCL_KEEP_H
 
 #include "delta.h"
+#include "inline.h"
 
 /* The list of the last frame and where to put what is removed from it. Filters are null if they separate no pair of
    it. `keep_all` says whether all slots count as changed; if not, stamps tell which did. */
 #define KEEP_PARAMETERS KEEP_PARAMETERS_OF(restrict)
 /* (Without `restrict` in functions: what its inlining leaves behind is unknown to Oclgrind 21.10.) */
-#define KEEP_PARAMETERS_OF(restrict_)                                                                     \
-  global const uint2 *restrict_ last, const uint last_capacity, global uint2 *restrict_ removed,          \
+#define KEEP_PARAMETERS_OF(restrict_)                                                            \
+  global const uint2 *restrict_ last, const uint last_capacity, global uint2 *restrict_ removed, \
       global const uint4 *restrict_ keep_filters, const uint keep_all, global const uint *restrict_ keep_stamps
 
 /* A pair of the last frame's list, of which `kept` are at the beginning. */
@@ -36,9 +37,9 @@ static inline bool is_kept(const uint2 pair, const uint slots, global const floa
 
 /* Keeps the pairs of the last frame that still are pairs, and collects the others. All work-items of a work-group of
    `size` must call it; those of all work-groups, of which this is number `group` of `groups`, share the work. */
-static inline __attribute__((always_inline)) void keep_pairs(
-    KEEP_PARAMETERS_OF(), const uint slots, global const float* boxes, const uint stamp, const uint capacity,
-    global uint2* pairs, global uint* counts, const uint group, const uint groups, const uint size, local uint* totals) {
+INLINE void keep_pairs(KEEP_PARAMETERS_OF(), const uint slots, global const float* boxes, const uint stamp,
+                       const uint capacity, global uint2* pairs, global uint* counts, const uint group,
+                       const uint groups, const uint size, local uint* totals) {
   const uint item = (uint)get_local_id(0);
   const uint end = is_halted(counts) ? 0U : last_found(counts);
   const uint last_kept = counts[COUNT_LAST_KEPT];

@@ -1,11 +1,11 @@
-/* Sorts the changes of a frame into canonical order, by b, then by a, or by world first. Writes the counts to `result`, followed by the
-   added pairs, then the removed ones, unless these two have buffers of their own. Prepares the counts of the next
-   frame.
+/* Sorts the changes of a frame into canonical order, by b, then by a, or by world first. Writes the counts to
+   `result`, followed by the added pairs, then the removed ones, unless these two have buffers of their own. Prepares
+   the counts of the next frame.
 
    If there are few changes, each is compared with every other, in one launch. Many are counted in buckets, by their
-   list and their b or their world. Prefix sums say where each bucket begins, and within a bucket each change is compared with every
-   other. In either case nothing is written if there is not enough memory for all; if a bucket is large, the host
-   sorts instead. */
+   list and their b or their world. Prefix sums say where each bucket begins, and within a bucket each change is
+   compared with every other. In either case nothing is written if there is not enough memory for all; if a bucket is
+   large, the host sorts instead. */
 
 #include "delta.h"
 
@@ -41,19 +41,19 @@ static inline void find_changes(changes_t* changes, const uint capacity, global 
    `added` and `removed` are null if the changes follow the counts. `report` is null or gets what a caller who does not
    wait has to know: the numbers of added, removed and all pairs, and whether the frame was not complete. `tag` is what
    the host says of the frame. */
-#define CHANGES_PARAMETERS                                                                                       \
-  const uint capacity, global const uint2 *restrict pairs,                                     \
-      global const uint2 *restrict removed_pairs, global uint *restrict counts, const uint room, const uint room_of_both
-#define RESULT_PARAMETERS                                                                                          \
+#define CHANGES_PARAMETERS                                                                             \
+  const uint capacity, global const uint2 *restrict pairs, global const uint2 *restrict removed_pairs, \
+      global uint *restrict counts, const uint room, const uint room_of_both
+#define RESULT_PARAMETERS                                                                                           \
   const uint tag, global uint *restrict next_counts, global uint *result, global uint *report, global uint2 *added, \
       global uint2 *removed
 
 /* Whether all pairs were found and there is room for all changes. */
 static inline bool fits(const changes_t* changes, const uint capacity, global const uint* counts, const uint room,
                         const uint room_of_both) {
-  const bool has_room = changes->added_count <= room && changes->removed_count <= room &&
-                        changes->removed_count <= room_of_both &&
-                        changes->added_count <= room_of_both - changes->removed_count;
+  const bool has_room =
+      changes->added_count <= room && changes->removed_count <= room && changes->removed_count <= room_of_both &&
+      changes->added_count <= room_of_both - changes->removed_count;
   return !is_halted(counts) && all_fit(counts, capacity) && has_room;
 }
 
@@ -140,17 +140,17 @@ static inline uint2 change(const changes_t* changes, const uint k) {
   return k < changes->added_count ? changes->added[k] : changes->removed[k - changes->added_count];
 }
 
-/* The world of a pair: that of both objects, or of the one that is not in all of them; `worlds` for two such objects, and
-   for worlds from there on. */
+/* The world of a pair: that of both objects, or of the one that is not in all of them; `worlds` for two such objects,
+   and for worlds from there on. */
 static inline uint world_of(const uint2 pair, const uint worlds, global const uint4* filters) {
   if (filters == 0) return 0;
   const uint world = filters[pair.y].w != ALL_WORLDS ? filters[pair.y].w : filters[pair.x].w;
   return min(world, worlds);
 }
 
-/* There are `buckets_of_list` buckets for added pairs, then as many for removed ones. Unless `worlds` is 0, they are for
-   worlds, which filters of this frame and the last one tell. */
-#define BUCKET_PARAMETERS                                                                                           \
+/* There are `buckets_of_list` buckets for added pairs, then as many for removed ones. Unless `worlds` is 0, they are
+   for worlds, which filters of this frame and the last one tell. */
+#define BUCKET_PARAMETERS                                                                                         \
   const uint buckets_of_list, global uint *restrict buckets, global uint2 *restrict scattered, const uint worlds, \
       global const uint4 *restrict filters, global const uint4 *restrict last_filters
 #define BUCKET_OF(k, pair) bucket_of(&changes, k, pair, buckets_of_list, worlds, filters, last_filters)

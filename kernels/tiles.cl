@@ -9,10 +9,11 @@
    the world. Boxes much larger than others come at the end, where they do not widen the bounds of small ones, and
    every tile visits them. If there are worlds, each has a curve of its own; objects of all worlds come last. */
 
-#include "tiles.h"
 #include "centroids.h"
 #include "gather.h"
+#include "inline.h"
 #include "stamp.h"
+#include "tiles.h"
 
 #define AXIS_BITS 10U
 #define LARGE_CODE (1U << (3U * AXIS_BITS))
@@ -187,7 +188,7 @@ static inline void raise(global float* tree, const uint start, const uint k, con
 #if GATHER
 #define OBJECT_PARAMETERS GATHER_PARAMETERS
 #else
-#define OBJECT_PARAMETERS \
+#define OBJECT_PARAMETERS                                                                     \
   global const float *restrict boxes, global const uint4 *restrict filters, const uint stamp, \
       global const uint *restrict stamps
 #endif
@@ -236,7 +237,7 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_fill(
 
 /* Computes the bounds of a level's nodes, for the level above, one work-group per node. */
 kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_raise(const uint start, const uint nodes,
-                                                                          const uint parents, global float* tree) {
+                                                                           const uint parents, global float* tree) {
   const uint k = (uint)get_group_id(0);
 #if GROUP > 1
   local scratch_t scratch;

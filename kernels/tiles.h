@@ -20,14 +20,12 @@
 #ifndef WORLDS
 #define WORLDS 0 /* 1 if objects are in different worlds */
 #endif
-/* For functions with barriers: PoCL 3.1 gives wrong results if one is called from two places and not inlined. */
-#define INLINE static inline __attribute__((always_inline))
 
 #define LEVELS 4U
 #define NODE 32U /* children of a node; boxes of a tile are a node's children too */
 #define BOUNDS_OF_CHILD (WORLDS ? 8U : 6U)
 #define NODE_WORDS (NODE * BOUNDS_OF_CHILD) /* lower x of all children, then lower y, ... */
-#define FIRST_WORLD 6U /* after the floats, as uints */
+#define FIRST_WORLD 6U                      /* after the floats, as uints */
 #define LAST_WORLD 7U
 
 /* Bounds of a child: of a box, or of all boxes below a node. NaN, and no world, if there is none. */

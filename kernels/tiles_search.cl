@@ -3,8 +3,8 @@
    one, and searches the first one for what overlaps the bounds of its own boxes that changed. What did not change
    since it was last tested is not tested again. */
 
-#include "tiles.h"
 #include "delta.h"
+#include "tiles.h"
 #include "vote.h"
 
 /* Of the children of a node, one bit each, those that do not come before a node of their level. */
@@ -136,9 +136,8 @@ INLINE void test_candidates(local scratch_t* scratch, const uint count, const bo
     for (uint k = 0; k < size; ++k) {
       const float4 lower = scratch->lower[first + k];
       const float4 upper = scratch->upper[first + k];
-      int hit = AABB_OVERLAPS(own->bound[0], own->bound[1], own->bound[2], own->bound[3],
-                              own->bound[4], own->bound[5], lower.x, lower.y, lower.z, upper.x, upper.y,
-                              upper.z);
+      int hit = AABB_OVERLAPS(own->bound[0], own->bound[1], own->bound[2], own->bound[3], own->bound[4], own->bound[5],
+                              lower.x, lower.y, lower.z, upper.x, upper.y, upper.z);
       hit &= place < as_uint(lower.w);
 #if WORLDS
       const uint2 worlds = scratch->worlds[first + k];
@@ -169,9 +168,9 @@ static inline uint overlapping(global const float* tree, const uint node, const 
   for (uint part = 0; part < NODE / WIDTH; ++part) {
     global const float* p = tree + child_at(node, 0, part * WIDTH);
 #define LOAD(i) PASTE(vload, WIDTH)(0, p + (i)*NODE)
-    INTS overlap = AABB_OVERLAPS(LOAD(0), LOAD(1), LOAD(2), LOAD(3), LOAD(4), LOAD(5), bounds->bound[0],
-                                 bounds->bound[1], bounds->bound[2], bounds->bound[3], bounds->bound[4],
-                                 bounds->bound[5]);
+    INTS overlap =
+        AABB_OVERLAPS(LOAD(0), LOAD(1), LOAD(2), LOAD(3), LOAD(4), LOAD(5), bounds->bound[0], bounds->bound[1],
+                      bounds->bound[2], bounds->bound[3], bounds->bound[4], bounds->bound[5]);
 #if WORLDS
     global const uint* worlds = (global const uint*)p;
     overlap &= (PASTE(vload, WIDTH)(0, worlds + FIRST_WORLD * NODE) <= bounds->last_world) &
@@ -183,8 +182,8 @@ static inline uint overlapping(global const float* tree, const uint node, const 
 }
 
 /* Bits of the children of a node that the tile has to visit. */
-static inline uint visit(const uint node, global const float* tree, const bounds_t* bounds,
-                         global const float* changed, const bounds_t* changed_bounds) {
+static inline uint visit(const uint node, global const float* tree, const bounds_t* bounds, global const float* changed,
+                         const bounds_t* changed_bounds) {
 #if SOME_CHANGED
   return overlapping(changed, node, bounds) | overlapping(tree, node, changed_bounds);
 #else
@@ -208,8 +207,8 @@ static inline void append_hits(const pair_sink_t* sink, local const uint2* hits,
    each 32, is in `share`, and each further one visits tiles one further on. */
 kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_search(
     const uint4 starts, const uint top, const uint roots, const uint share, global const float* restrict tree,
-    global const float* restrict changed, global const uint2* restrict elements,
-    global const uint4* restrict filters, PAIR_SINK_PARAMETERS) {
+    global const float* restrict changed, global const uint2* restrict elements, global const uint4* restrict filters,
+    PAIR_SINK_PARAMETERS) {
   const pair_sink_t sink = PAIR_SINK;
   const uint tile = (uint)get_group_id(0);
   bounds_t bounds;

@@ -2,6 +2,8 @@
 #ifndef BROADCL_VOTE_H
 #define BROADCL_VOTE_H
 
+#include "inline.h"
+
 #define VOTERS 32U
 
 /* The ballots of the last vote and of this one. */

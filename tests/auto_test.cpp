@@ -76,10 +76,6 @@ TEST(Calibration, LeavesNoMemoryBehind) {
   EXPECT_EQ(context.memory().device_peak, 0U);
 }
 
-bool has_stage(std::span<const Stage> stages, std::string_view name) {
-  return std::ranges::any_of(stages, [&](const Stage& stage) { return stage.name == name; });
-}
-
 TEST(Auto, AStageTellsWhichIsAsked) {
   constexpr std::uint32_t n = 200'000;
   if (is_slow_device()) GTEST_SKIP() << "takes long on this device";

@@ -24,6 +24,8 @@ namespace broadcl::test {
 /// A caller's queue, and buffers in its context.
 class CallersQueue {
  public:
+  explicit CallersQueue(cl_command_queue_properties properties = 0) : queue_(context_, device_, properties) {}
+
   template <class T>
   [[nodiscard]] cl::Buffer buffer_of(const std::vector<T>& values) const {
     const std::size_t bytes = std::max<std::size_t>(1, values.size() * sizeof(T));
@@ -53,7 +55,7 @@ class CallersQueue {
  protected:
   cl::Device device_{opencl::open(select_device())};
   cl::Context context_{device_};
-  cl::CommandQueue queue_{context_, device_};
+  cl::CommandQueue queue_;
 };
 
 /// A DeviceBroadPhase in a few frames, each update repeated if it fails, with answers that are always those

@@ -26,6 +26,10 @@ inline constexpr Aabb unit{{0, 0, 0}, {1, 1, 1}};
 /// An empty box.
 inline constexpr Aabb inverted{{1, 0, 0}, {0, 1, 1}};
 
+inline bool has_stage(std::span<const Stage> stages, std::string_view name) {
+  return std::ranges::any_of(stages, [&](const Stage& stage) { return stage.name == name; });
+}
+
 /// Box k of a row in which none overlaps another.
 inline Aabb apart(std::size_t k) {
   const float x = 2 * static_cast<float>(k);

@@ -194,6 +194,50 @@ TEST_P(Enqueue, PairsThatDoNotFitWaitForRoom) {
   EXPECT_EQ(result.incomplete, 3U);
 }
 
+/// With more boxes and far more pairs than reserve() was told of, after which lists differ in size.
+TEST_P(Enqueue, WaitingUpdatesInBetweenMayBeLarger) {
+  constexpr std::uint32_t few = 200;
+  constexpr std::uint32_t many = 300;
+  const cl::Buffer together = queue_.buffer_of(std::vector<Aabb>(many, unit));
+  const Lists lists(queue_, many * (many - 1) / 2);
+  broad_phase_.reserve(few, 100);
+  for (const std::size_t waiting : {many, 10U, many, few + 50U}) {
+    std::size_t known = queue_.read(broad_phase_.pairs()).size();
+    const std::size_t all = waiting * (waiting - 1) / 2;
+    ASSERT_EQ(broad_phase_.update({.buffer = together(), .count = waiting}).pair_count, all);
+    known = all;
+    for (const std::uint32_t count : {few, 0U, few - 1U, few}) {
+      const auto found = std::uint32_t{count * (count > 0 ? count - 1 : 0) / 2};
+      broad_phase_.enqueue({.buffer = together(), .count = count}, lists.arguments);
+      const auto words = queue_.read_counts(lists.counts);
+      ASSERT_EQ(words[0], found > known ? found - known : 0U) << waiting << ", " << count;
+      ASSERT_EQ(words[1], found < known ? known - found : 0U) << waiting << ", " << count;
+      ASSERT_EQ(words[2], found);
+      ASSERT_EQ(words[3], 0U);
+      known = found;
+    }
+    ASSERT_TRUE(same("all", queue_.read(broad_phase_.pairs()), all_pairs(few)));
+  }
+}
+
+/// Tiles may have been sorted in an update that was halted, by boxes that it did not get.
+TEST(EnqueueTiles, AreSortedAgainAfterIncompleteUpdates) {
+  constexpr std::uint32_t n = 500;
+  const CallersQueue queue(CL_QUEUE_PROFILING_ENABLE);
+  DeviceBroadPhase broad_phase(queue(), {.algorithm = "tiles", .profile = true});
+  Scene scene(queue, n);
+  (void)broad_phase.update(scene.advance(n));
+  (void)broad_phase.update(scene.advance(n));
+  EXPECT_FALSE(has_stage(broad_phase.profile(), "sort"));
+  const Lists lists(queue, 1);
+  broad_phase.reserve(n, 20'000);
+  broad_phase.enqueue(scene.advance(n), lists.arguments);
+  EXPECT_EQ(broad_phase.update(scene.advance(n)).incomplete, 1U);
+  EXPECT_TRUE(has_stage(broad_phase.profile(), "sort"));
+  (void)broad_phase.update(scene.advance(n));
+  EXPECT_FALSE(has_stage(broad_phase.profile(), "sort"));
+}
+
 TEST_P(Enqueue, DoesNotBlock) {
   Scene scene(queue_, 500);
   broad_phase_.reserve(500, 20'000, true);

@@ -37,6 +37,10 @@ class Auto final : public PairFinder {
     return finders_.at(chosen_)->can_keep(search);
   }
 
+  void forget() noexcept override {
+    for (const auto& finder : finders_) finder->forget();
+  }
+
   [[nodiscard]] double expected_work(const Search& search, const PairDelta& sink) override {
     return finders_.at(chosen_)->expected_work(search, sink);
   }

@@ -40,6 +40,12 @@ void Engine::enqueue(Search search, cl_uint tag, const Order::Report& report) {
   order_.commit_unread();
 }
 
+PairDelta::Settled Engine::settle() {
+  const PairDelta::Settled settled = delta_.settle();
+  if (settled.complete < settled.frames) finder_->forget();
+  return settled;
+}
+
 void Engine::enqueue() {
   most_slots_ = std::max<std::size_t>(most_slots_, search_.now.slots);
   if (delta_.is_keeping_short() && finder_->can_keep(search_)) {

@@ -50,7 +50,7 @@ class Engine {
   void enqueue(Search search, cl_uint tag, const Order::Report& report);
   /// Waits for all unsettled frames.
   /// @throws cl::Error
-  PairDelta::Settled settle() { return delta_.settle(); }
+  PairDelta::Settled settle();
   [[nodiscard]] bool is_unsettled() const noexcept { return delta_.is_unsettled(); }
   /// Whether a frame failed after prepare(): unsettled ones must then be settled before the next.
   [[nodiscard]] bool was_interrupted() const noexcept { return delta_.was_interrupted(); }

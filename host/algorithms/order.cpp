@@ -77,7 +77,7 @@ void Order::begin(const Search& search) {
   last_wanted_ = wanted;
   expected_ = std::clamp(last_changes_ + last_changes_ / 8, least_changes, capacity_);
   room_ = many_ ? capacity_ : capacity_ / 2;
-  report_ = {};
+  report_ = {};  // lists that grow do not exist twice
   is_awaited_ = true;
   reserve_result(capacity_);
   if (many_) {
@@ -91,6 +91,17 @@ void Order::begin(const Search& search) {
       offsets->reserve(context_, (worlds_ + 2) * sizeof(cl_uint), what);
     }
   }
+  report_to_own_lists();
+}
+
+/// Host changes follow the counts, so they have no lists.
+void Order::report_to_own_lists() {
+  if (target_ == Target::host) return;
+  report_ = {.added = added(),
+             .removed = removed(),
+             .capacity = room_,
+             .added_offsets = added_offsets(),
+             .removed_offsets = removed_offsets()};
 }
 
 void Order::begin(const Search& search, const Report& report) {
@@ -134,15 +145,8 @@ void Order::reserve_result(std::size_t changes) {
 }
 
 void Order::set_results(cl::Kernel& kernel, cl_uint first, const PairDelta& delta, cl_uint tag) {
-  const bool in_result = is_awaited_ && target_ == Target::host;
-  const cl::Buffer none;
   opencl::set_arguments(kernel, first, tag, delta.next_counts(), result().device(), report_.counts,
-                        !is_awaited_ ? report_.added
-                        : in_result  ? none
-                                     : added(),
-                        !is_awaited_ ? report_.removed
-                        : in_result  ? none
-                                     : removed());
+                        report_.added, report_.removed);
 }
 
 void Order::enqueue_few(const PairDelta& delta, cl_uint tag) {
@@ -196,10 +200,8 @@ void Order::enqueue(const PairDelta& delta, cl_uint tag) {
 
 void Order::enqueue_offsets(const PairDelta::Counts& counts) {
   opencl::set_arguments(offsets_, 0, static_cast<cl_uint>(worlds_), static_cast<cl_uint>(counts.added),
-                        static_cast<cl_uint>(counts.removed), report_.counts,
-                        is_awaited_ ? added() : report_.added, is_awaited_ ? removed() : report_.removed,
-                        filters_, last_filters_, is_awaited_ ? added_offsets() : report_.added_offsets,
-                        is_awaited_ ? removed_offsets() : report_.removed_offsets);
+                        static_cast<cl_uint>(counts.removed), report_.counts, report_.added, report_.removed,
+                        filters_, last_filters_, report_.added_offsets, report_.removed_offsets);
   context_.queue().enqueueNDRangeKernel(offsets_, cl::NullRange, cl::NDRange(round_up(worlds_ + 2, group)),
                                         cl::NDRange(group));
 }
@@ -235,8 +237,10 @@ void Order::sort_changes(const PairDelta& delta, const PairDelta::Counts& counts
     sort(to.get(), n, slots_, scattered_.get());
     if (worlds_ > 0) sort_by_world(to.get(), n, filters);
   };
+  report_ = {};  // as in begin()
   sort_list(added_, delta.list(), delta.list_capacity() - counts.added, counts.added, filters_);
   sort_list(removed_, delta.removed(), 0, counts.removed, last_filters_);
+  report_to_own_lists();
   if (target_ == Target::device) return;
   reserve_result(counts.added + counts.removed);
   result().release();

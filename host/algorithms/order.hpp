@@ -81,6 +81,7 @@ class Order {
   [[nodiscard]] std::size_t allocated() const noexcept;
   void set_search(const Search& search);
   void reserve_result(std::size_t changes);
+  void report_to_own_lists();
   void enqueue_few(const PairDelta& delta, cl_uint tag);
   void enqueue_many(const PairDelta& delta, cl_uint tag);
   void set_results(cl::Kernel& kernel, cl_uint first, const PairDelta& delta, cl_uint tag);
@@ -109,7 +110,7 @@ class Order {
 
   // Of this frame.
   bool many_ = false;  // changes are ordered by buckets
-  Report report_;      // if nobody waits
+  Report report_;      // to the caller, or to the lists above
   bool is_awaited_ = true;
   std::size_t capacity_ = 0;  // changes that there is memory for
   std::size_t room_ = 0;      // those of one list

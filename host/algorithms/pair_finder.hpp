@@ -33,6 +33,9 @@ class PairFinder {
   /// @throws cl::Error, Error
   virtual void find(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) = 0;
 
+  /// Forgets what was derived from boxes of earlier frames: some of them never came to be.
+  virtual void forget() noexcept {}
+
   /// The work that find() is expected to do, in units of the finder's own, each of which takes about equally
   /// long.
   [[nodiscard]] virtual double expected_work(const Search& search, const PairDelta& sink) = 0;

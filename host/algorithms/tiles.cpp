@@ -66,8 +66,9 @@ class Tiles final : public PairFinder {
     observe(sink);
     age(search, sink);
     const bool stale = is_stale(search, sink);
-    if (search.source != nullptr) (void)gathering_fill(search.worlds);  // builds it in the first frame
-    const bool gathers = search.source != nullptr && !stale && search.now.slots <= most_gathered;
+    const bool may_gather = search.source != nullptr && search.now.slots <= most_gathered;
+    if (may_gather) (void)gathering_fill(search.worlds);  // builds it in the first frame, which sorts
+    const bool gathers = may_gather && !stale;
     if (!gathers) PairFinder::build(search, sink, profiler);
     if (stale) sort(search, sink, profiler);
     fill_trees(search, gathers, sink, profiler);
@@ -78,6 +79,9 @@ class Tiles final : public PairFinder {
   void find(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) override {
     if (is_built_) enqueue_search(search, sink, profiler);
   }
+
+  /// (An order may be of boxes of a frame that was incomplete.)
+  void forget() noexcept override { sorted_slots_ = 0; }
 
   /// Nodes and boxes to visit: in proportion to those of the last search of this kind. If the scene has
   /// changed much since, or there was no such search, as many as for boxes of one size.
