@@ -25,7 +25,7 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void delta_keep(
   uint removed_count = 0;
   for (uint k = first; k < end; ++k) {
     const uint2 pair = last_pair(last, last_capacity, k, last_kept);
-    /* (By a branch: what Oclgrind 21.10 makes of this condition as a number is not always 1.) */
+    /* (By a branch: what Oclgrind 21.10 makes of such a condition as a number is not always 1.) */
     if (is_kept(pair, slots, boxes, keep_filters, keep_all, stamp, keep_stamps)) {
       kept[k - first] = 1;
       ++kept_count;

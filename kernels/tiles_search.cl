@@ -52,7 +52,9 @@ static inline uint lowest_bit(const uint bits) {
 static inline bool is_new_pair(const uint2 pair, const box_t* s, const box_t* t, global const uint4* filters,
                                const pair_sink_t* sink) {
   if (filters != 0 && !may_pair(filters[pair.x], filters[pair.y])) return false;
-  return !boxes_overlap(s, t) || !could_pair(sink, pair);
+  /* (By branches: Oclgrind 21.10 takes some conditions that were negated for true.) */
+  if (boxes_overlap(s, t) && could_pair(sink, pair)) return false;
+  return true;
 }
 
 #if GROUP > 1

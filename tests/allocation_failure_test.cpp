@@ -13,6 +13,7 @@
 #include "each_algorithm.hpp"
 #include "failing_allocations.hpp"
 #include "short_life.hpp"
+#include "test_name.hpp"
 #include "trouble.hpp"
 
 /// Memory of the host that cannot be had: every call does all of its work or none.
@@ -21,13 +22,8 @@ namespace {
 
 using AllocationTrouble = Trouble<FailingAllocations, FailingAllocations::allocations>;
 
-std::string name_of(const ::testing::TestParamInfo<AlgorithmInfo>& test) {
-  std::string name(test.param.name);
-  std::replace(name.begin(), name.end(), '-', '_');
-  return name;
-}
 INSTANTIATE_TEST_SUITE_P(Table, EachAlgorithm, ::testing::ValuesIn(algorithms().begin(), algorithms().end()),
-                         name_of);
+                         named_by_parameter);
 
 /// Lives in each of which allocations fail from another one on.
 /// @param count How many fail.
@@ -68,7 +64,7 @@ TEST(AllocationFailure, OfADeviceBroadPhaseIsMadeGood) {
 /// Every allocation, those of kernels that are built in between included.
 class LongFailure : public EachAlgorithm {};
 INSTANTIATE_TEST_SUITE_P(Long, LongFailure, ::testing::ValuesIn(algorithms().begin(), algorithms().end()),
-                         name_of);
+                         named_by_parameter);
 TEST_P(LongFailure, OfEveryAllocationIsMadeGood) {
   for (const long count : {1L, AllocationTrouble::for_good}) {
     expect_short_lives(config(), count, true, AllocationTrouble::for_good);

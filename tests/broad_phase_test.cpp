@@ -9,6 +9,7 @@
 #include "each_algorithm.hpp"
 #include "expect_error.hpp"
 #include "scenes/generators.hpp"
+#include "test_name.hpp"
 
 namespace broadcl {
 namespace {
@@ -30,14 +31,9 @@ std::vector<AlgorithmInfo> algorithms_but_the_oracle() {
   return rows;
 }
 
-std::string test_name(const ::testing::TestParamInfo<AlgorithmInfo>& info) {
-  std::string name(info.param.name);
-  std::replace(name.begin(), name.end(), '-', '_');
-  return name;
-}
-
 // For all files: gtest gathers the tests of the suite from all of them.
-INSTANTIATE_TEST_SUITE_P(Table, EachAlgorithm, ::testing::ValuesIn(algorithms_but_the_oracle()), test_name);
+INSTANTIATE_TEST_SUITE_P(Table, EachAlgorithm, ::testing::ValuesIn(algorithms_but_the_oracle()),
+                         test::named_by_parameter);
 
 TEST_P(EachAlgorithm, EveryPairIsFoundAlone) {
   for (const std::uint32_t n : {2U, 7U, 19U}) {

@@ -19,6 +19,7 @@
 #include <broadcl/bullet.hpp>
 
 #include "failing_allocations.hpp"
+#include "test_name.hpp"
 #include "trouble.hpp"
 
 namespace broadcl::test {
@@ -208,7 +209,7 @@ INSTANTIATE_TEST_SUITE_P(
                       Kind{"Hashed", "sweep-and-prune", false, make<btHashedOverlappingPairCache>},
                       Kind{"UsersAtOnce", "sweep-and-prune", true, make<UsersCache>},
                       Kind{"SortedAtOnce", "sweep-and-prune", true, make<btSortedOverlappingPairCache>}),
-    [](const auto& test) { return std::string(test.param.name); });
+    named_by_parameter);
 
 }  // namespace
 }  // namespace broadcl::test

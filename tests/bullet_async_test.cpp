@@ -14,6 +14,7 @@
 
 #include "runs.hpp"
 #include "scenes/world.hpp"
+#include "test_name.hpp"
 
 namespace broadcl {
 namespace {
@@ -132,11 +133,8 @@ std::vector<std::string> scenario_names() {
   return names;
 }
 
-INSTANTIATE_TEST_SUITE_P(World, EachScenarioAsync, testing::ValuesIn(scenario_names()), [](const auto& test) {
-  std::string name = test.param;
-  std::erase(name, '-');
-  return name;
-});
+INSTANTIATE_TEST_SUITE_P(World, EachScenarioAsync, testing::ValuesIn(scenario_names()),
+                         test::named_by_parameter);
 
 }  // namespace
 }  // namespace broadcl

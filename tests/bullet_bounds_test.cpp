@@ -17,6 +17,7 @@
 #include "bullet_contract.hpp"
 #include "bullet_rig.hpp"
 #include "rigid_world.hpp"
+#include "test_name.hpp"
 
 namespace broadcl {
 namespace {
@@ -84,8 +85,7 @@ class Bounds : public test::Contract {
   RigidWorld plain_{*plain_broadphase_};
 };
 
-INSTANTIATE_TEST_SUITE_P(World, Bounds, testing::ValuesIn(kinds),
-                         [](const auto& test) { return test.param.name; });
+INSTANTIATE_TEST_SUITE_P(World, Bounds, testing::ValuesIn(kinds), test::named_by_parameter);
 
 TEST_P(Bounds, EmptyAndEndlessShapesLeaveOthersAlone) {
   btEmptyShape empty;

@@ -10,6 +10,7 @@
 #include "bullet_rig.hpp"
 #include "rigid_world.hpp"
 #include "runs.hpp"
+#include "test_name.hpp"
 
 namespace broadcl {
 namespace {
@@ -28,8 +29,7 @@ class Changes : public test::Contract {
   std::unique_ptr<btBroadphaseInterface> broadphase_ = GetParam().make(nullptr);
 };
 
-INSTANTIATE_TEST_SUITE_P(World, Changes, testing::ValuesIn(kinds),
-                         [](const auto& test) { return test.param.name; });
+INSTANTIATE_TEST_SUITE_P(World, Changes, testing::ValuesIn(kinds), test::named_by_parameter);
 
 /// Cubes that fall on a floor.
 void add_falling_cubes(RigidWorld& world, int count) {

@@ -19,6 +19,7 @@
 
 #include "failing_opencl.hpp"
 #include "runs.hpp"
+#include "test_name.hpp"
 
 namespace broadcl {
 namespace {
@@ -165,11 +166,8 @@ std::vector<AlgorithmInfo> device_algorithms() {
   return result;
 }
 
-INSTANTIATE_TEST_SUITE_P(Table, BulletFailure, testing::ValuesIn(device_algorithms()), [](const auto& test) {
-  std::string name(test.param.name);
-  std::replace(name.begin(), name.end(), '-', '_');
-  return name;
-});
+INSTANTIATE_TEST_SUITE_P(Table, BulletFailure, testing::ValuesIn(device_algorithms()),
+                         test::named_by_parameter);
 
 }  // namespace
 }  // namespace broadcl

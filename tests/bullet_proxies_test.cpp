@@ -9,12 +9,12 @@
 
 #include "bullet_contract.hpp"
 #include "runs.hpp"
+#include "test_name.hpp"
 
 namespace broadcl::test {
 namespace {
 
-INSTANTIATE_TEST_SUITE_P(Bullet, Contract, testing::ValuesIn(kinds),
-                         [](const auto& test) { return test.param.name; });
+INSTANTIATE_TEST_SUITE_P(Bullet, Contract, testing::ValuesIn(kinds), named_by_parameter);
 
 TEST_P(Contract, S01AProxyHasWhatItWasGiven) {
   fails("Sweep", "the bounds are garbage until the first setAabb");

@@ -24,6 +24,7 @@
 #include "bullet_random_stock.hpp"
 #include "bullet_random_subject.hpp"
 #include "each_algorithm.hpp"
+#include "test_name.hpp"
 
 namespace broadcl {
 namespace {
@@ -333,11 +334,8 @@ TEST_P(EachAlgorithm, SomeRandomCallsByBullet) {
 // Each algorithm gets its share.
 class RandomCalls : public testing::TestWithParam<AlgorithmInfo> {};
 
-INSTANTIATE_TEST_SUITE_P(Table, RandomCalls, testing::ValuesIn(device_algorithms()), [](const auto& test) {
-  std::string name(test.param.name);
-  std::replace(name.begin(), name.end(), '-', '_');
-  return name;
-});
+INSTANTIATE_TEST_SUITE_P(Table, RandomCalls, testing::ValuesIn(device_algorithms()),
+                         test::named_by_parameter);
 
 NOT_IN(sanitizers, "takes long; SomeRandomCallsByBullet is in it");
 TEST_P(RandomCalls, AHundredThousandByBullet) {

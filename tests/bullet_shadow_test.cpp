@@ -17,6 +17,7 @@
 #include "scenes/broadphases.hpp"
 #include "scenes/verify.hpp"
 #include "shadow_broadphase.hpp"
+#include "test_name.hpp"
 
 namespace broadcl::test {
 namespace {
@@ -104,8 +105,7 @@ TEST_P(EachScene, HasTheSamePairsWithEveryBroadPhaseInEveryFrame) {
   EXPECT_GT(went, 10U);
 }
 
-INSTANTIATE_TEST_SUITE_P(World, EachScene, testing::ValuesIn(bullet_scenes()),
-                         [](const auto& test) { return test.param.name; });
+INSTANTIATE_TEST_SUITE_P(World, EachScene, testing::ValuesIn(bullet_scenes()), named_by_parameter);
 
 std::vector<BulletSceneInfo> long_scenes() {
   std::vector<BulletSceneInfo> rows = bullet_scenes();
@@ -113,8 +113,7 @@ std::vector<BulletSceneInfo> long_scenes() {
   return rows;
 }
 
-INSTANTIATE_TEST_SUITE_P(Long, EachScene, testing::ValuesIn(long_scenes()),
-                         [](const auto& test) { return test.param.name; });
+INSTANTIATE_TEST_SUITE_P(Long, EachScene, testing::ValuesIn(long_scenes()), named_by_parameter);
 
 }  // namespace
 }  // namespace broadcl::test

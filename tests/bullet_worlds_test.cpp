@@ -25,6 +25,7 @@
 #include "bullet_rig.hpp"
 #include "rigid_world.hpp"
 #include "runs.hpp"
+#include "test_name.hpp"
 
 namespace broadcl {
 namespace {
@@ -42,8 +43,7 @@ class Worlds : public test::Contract {
   std::unique_ptr<btBroadphaseInterface> broadphase_ = GetParam().make(nullptr);
 };
 
-INSTANTIATE_TEST_SUITE_P(World, Worlds, testing::ValuesIn(kinds),
-                         [](const auto& test) { return test.param.name; });
+INSTANTIATE_TEST_SUITE_P(World, Worlds, testing::ValuesIn(kinds), test::named_by_parameter);
 
 /// Three towers of five cubes, a little apart, on the floor.
 void build_towers(RigidBodies& bodies) {

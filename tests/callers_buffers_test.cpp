@@ -12,6 +12,7 @@
 #include "device_life.hpp"
 #include "each_algorithm.hpp"
 #include "expect_error.hpp"
+#include "test_name.hpp"
 
 /// Buffers and queues of the caller that cannot be used are refused at the call, which changes nothing.
 namespace broadcl::test {
@@ -21,7 +22,7 @@ using ::testing::HasSubstr;
 
 class CallersBuffers : public ::testing::TestWithParam<std::string> {};
 INSTANTIATE_TEST_SUITE_P(Table, CallersBuffers, ::testing::Values("brute-force", "tiles"),
-                         [](const auto& test) { return test.param == "tiles" ? "tiles" : "brute_force"; });
+                         named_by_parameter);
 
 TEST_P(CallersBuffers, ThatCannotBeUsedAreRefusedAndNothingChanges) {
   constexpr std::size_t most = std::numeric_limits<std::size_t>::max();

@@ -18,6 +18,7 @@
 #include "packed_box.hpp"
 #include "runs.hpp"
 #include "scenes/random.hpp"
+#include "test_name.hpp"
 
 namespace broadcl::test {
 namespace {
@@ -117,8 +118,7 @@ TEST_P(CentroidBoundsOf, SmallBoxesWithoutACentroidCountForNothing) {
   expect({packed_empty(), point(-0.0F, 0, -1), plane, half, point(0, -0.0F, 5), huge});
 }
 
-INSTANTIATE_TEST_SUITE_P(Tuning, CentroidBoundsOf, ::testing::Values("cpu", "gpu"),
-                         [](const auto& test) { return test.param; });
+INSTANTIATE_TEST_SUITE_P(Tuning, CentroidBoundsOf, ::testing::Values("cpu", "gpu"), named_by_parameter);
 
 }  // namespace
 }  // namespace broadcl::test

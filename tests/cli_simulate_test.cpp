@@ -1,5 +1,4 @@
 // `broadcl simulate`, run as its users do.
-#include <algorithm>
 #include <cstddef>
 #include <optional>
 #include <string>
@@ -14,6 +13,7 @@
 #include "expect_error.hpp"
 #include "failing_opencl.hpp"
 #include "program.hpp"
+#include "test_name.hpp"
 
 namespace broadcl::test {
 namespace {
@@ -62,11 +62,7 @@ TEST_P(ProgramSimulate, VerifiesAndReports) {
 
 INSTANTIATE_TEST_SUITE_P(BroadPhases, ProgramSimulate,
                          testing::Values("bullet-bf", "bullet-sap", "bullet-bvh", "gpu-bf"),
-                         [](const auto& test) {
-                           std::string name = test.param;
-                           std::replace(name.begin(), name.end(), '-', '_');
-                           return name;
-                         });
+                         named_by_parameter);
 
 TEST_F(Program, SimulateHasTheSamePairsInEveryRun) {
   std::vector<std::vector<std::size_t>> pairs;

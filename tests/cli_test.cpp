@@ -14,6 +14,7 @@
 #include <broadcl/device.hpp>
 
 #include "program.hpp"
+#include "test_name.hpp"
 
 namespace broadcl::test {
 namespace {
@@ -208,8 +209,7 @@ const std::vector<BadInput> bad_inputs = {
     {"CheckDeviceNumberTooLarge", "check --device 99:0", "'99:0'"},
 };
 
-INSTANTIATE_TEST_SUITE_P(All, ProgramBadInput, testing::ValuesIn(bad_inputs),
-                         [](const auto& test) { return test.param.name; });
+INSTANTIATE_TEST_SUITE_P(All, ProgramBadInput, testing::ValuesIn(bad_inputs), named_by_parameter);
 
 }  // namespace
 }  // namespace broadcl::test

@@ -17,6 +17,7 @@
 
 #include "keep_stage.hpp"
 #include "program.hpp"
+#include "test_name.hpp"
 
 namespace broadcl::test {
 namespace {
@@ -159,11 +160,7 @@ TEST_P(ProgramTrace, ReportsWhatWasRun) {
 }
 
 INSTANTIATE_TEST_SUITE_P(BroadPhases, ProgramTrace, testing::Values("bullet-bvh", "gpu-bf", "brute-force"),
-                         [](const auto& test) {
-                           std::string name = test.param;
-                           std::replace(name.begin(), name.end(), '-', '_');
-                           return name;
-                         });
+                         named_by_parameter);
 
 class ProgramStages : public ProgramTrace {
  protected:
@@ -224,11 +221,7 @@ TEST_P(ProgramStages, OfTheDeviceFollowOneAnother) {
 }
 
 INSTANTIATE_TEST_SUITE_P(BroadPhases, ProgramStages, testing::Values("gpu-bf", "brute-force"),
-                         [](const auto& test) {
-                           std::string name = test.param;
-                           std::replace(name.begin(), name.end(), '-', '_');
-                           return name;
-                         });
+                         named_by_parameter);
 
 TEST_P(ProgramStages, AreReportedWithProfile) {
   const Outcome outcome =

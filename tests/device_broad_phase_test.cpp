@@ -13,11 +13,13 @@
 #include "expect_error.hpp"
 #include "runs.hpp"
 #include "scenes/generators.hpp"
+#include "test_name.hpp"
 
 namespace broadcl {
 namespace {
 
 SUITE_ALSO_IN(OnCallersQueue, gpu_profile | rusticl);
+SUITE_ALSO_IN(FindersOnCallersQueue, gpu_profile | rusticl);
 
 using ::testing::HasSubstr;
 
@@ -26,11 +28,16 @@ constexpr float nan_value = std::numeric_limits<float>::quiet_NaN();
 /// A caller with a context and a queue of his own.
 class OnCallersQueue : public testing::Test, protected test::CallersQueue {};
 
+/// The same for each algorithm of a DeviceBroadPhase.
+class FindersOnCallersQueue : public testing::TestWithParam<std::string>, protected test::CallersQueue {
+ protected:
+  DeviceBroadPhase broad_phase_{queue_(), {.algorithm = GetParam()}};
+};
+
 /// The same changes as a BroadPhase that is told of the same boxes, over frames in which all move and the
 /// number of boxes changes.
 ALSO_IN(oclgrind);
-TEST_F(OnCallersQueue, SmallFramesOfMotionHaveTheChangesOfTheOracle) {
-  DeviceBroadPhase broad_phase(queue_());
+TEST_P(FindersOnCallersQueue, SmallFramesOfMotionHaveTheChangesOfTheOracle) {
   BroadPhase oracle({.algorithm = "oracle"});
   scenes::MovingBoxes boxes(300, scenes::MovingBoxes::Sizes::mixed);
   for (const std::size_t count : {300U, 300U, 300U, 120U, 1U, 0U, 256U, 300U}) {
@@ -38,20 +45,20 @@ TEST_F(OnCallersQueue, SmallFramesOfMotionHaveTheChangesOfTheOracle) {
     const std::vector<Aabb> now(boxes.boxes().begin(),
                                 boxes.boxes().begin() + static_cast<std::ptrdiff_t>(count));
     const cl::Buffer buffer = buffer_of(now);
-    const auto result = broad_phase.update({.buffer = buffer(), .count = count});
+    const auto result = broad_phase_.update({.buffer = buffer(), .count = count});
     const std::span<Aabb> mapped = oracle.map(count);
     std::copy(now.begin(), now.end(), mapped.begin());
     const Delta expected = oracle.update();
     EXPECT_EQ(read(result.added), std::vector<Pair>(expected.added.begin(), expected.added.end()));
     EXPECT_EQ(read(result.removed), std::vector<Pair>(expected.removed.begin(), expected.removed.end()));
     EXPECT_EQ(result.pair_count, oracle.pairs().size());
-    EXPECT_EQ(read(broad_phase.pairs()), oracle.pairs());
+    EXPECT_EQ(read(broad_phase_.pairs()), oracle.pairs());
     EXPECT_EQ(result.invalid_boxes, 0U);
   }
 }
 
 ALSO_IN(oclgrind | oclgrind_gpu_profile);
-TEST_F(OnCallersQueue, SmallOffsetStrideAndFiltersAreHeeded) {
+TEST_P(FindersOnCallersQueue, SmallOffsetStrideAndFiltersAreHeeded) {
   // A header of one float, then boxes of ten floats each, of which the last four are the caller's.
   const scenes::MovingBoxes boxes(200, scenes::MovingBoxes::Sizes::mixed);
   std::vector<float> floats{nan_value};
@@ -65,7 +72,6 @@ TEST_F(OnCallersQueue, SmallOffsetStrideAndFiltersAreHeeded) {
   }
   const cl::Buffer buffer = buffer_of(floats);
   const cl::Buffer filter_buffer = buffer_of(filters);
-  DeviceBroadPhase broad_phase(queue_());
   for (const bool worlds : {true, false}) {
     std::vector<Pair> expected;
     for (std::uint32_t b = 0; b < 200; ++b) {
@@ -75,42 +81,43 @@ TEST_F(OnCallersQueue, SmallOffsetStrideAndFiltersAreHeeded) {
       }
     }
     ASSERT_GT(expected.size(), 10U);
-    broad_phase.update({.buffer = buffer(),
-                        .count = 200,
-                        .offset = 4,
-                        .stride = 40,
-                        .filters = filter_buffer(),
-                        .worlds = worlds});
-    EXPECT_EQ(read(broad_phase.pairs()), expected) << worlds;
+    broad_phase_.update({.buffer = buffer(),
+                         .count = 200,
+                         .offset = 4,
+                         .stride = 40,
+                         .filters = filter_buffer(),
+                         .worlds = worlds});
+    EXPECT_EQ(read(broad_phase_.pairs()), expected) << worlds;
   }
 }
 
 ALSO_IN(oclgrind);
-TEST_F(OnCallersQueue, SmallInvalidAndEmptyBoxesPairWithNothing) {
+TEST_P(FindersOnCallersQueue, SmallInvalidAndEmptyBoxesPairWithNothing) {
   const Aabb unit{{0, 0, 0}, {1, 1, 1}};
   std::vector<Aabb> boxes(40, unit);
   boxes[7].upper[2] = nan_value;
   boxes[5].lower[0] = nan_value;
   boxes[9] = {{0.5F, 0.75F, 0.5F}, {0.5F, 0.25F, 0.5F}};
   const cl::Buffer buffer = buffer_of(boxes);
-  DeviceBroadPhase broad_phase(queue_());
-  const auto result = broad_phase.update({.buffer = buffer(), .count = boxes.size()});
+  const auto result = broad_phase_.update({.buffer = buffer(), .count = boxes.size()});
   EXPECT_EQ(result.invalid_boxes, 2U);
   EXPECT_EQ(result.first_invalid, 5U);
   EXPECT_EQ(result.pair_count, 37U * 36 / 2);
 }
 
-TEST_F(OnCallersQueue, MorePairsThanAnyGuessAreAllFoundAndInOrder) {
+TEST_P(FindersOnCallersQueue, MorePairsThanAnyGuessAreAllFoundAndInOrder) {
   constexpr std::uint32_t n = 700;
   const std::vector<Aabb> boxes(n, Aabb{{0, 0, 0}, {1, 1, 1}});
   const cl::Buffer buffer = buffer_of(boxes);
-  DeviceBroadPhase broad_phase(queue_());
-  const std::vector<Pair> added = read(broad_phase.update({.buffer = buffer(), .count = n}).added);
+  const std::vector<Pair> added = read(broad_phase_.update({.buffer = buffer(), .count = n}).added);
   ASSERT_EQ(added.size(), n * (n - 1) / 2);
   EXPECT_TRUE(std::is_sorted(added.begin(), added.end()));
   EXPECT_EQ(std::adjacent_find(added.begin(), added.end()), added.end());
-  EXPECT_EQ(broad_phase.update({.buffer = buffer(), .count = n}).added.count, 0U);
+  EXPECT_EQ(broad_phase_.update({.buffer = buffer(), .count = n}).added.count, 0U);
 }
+
+INSTANTIATE_TEST_SUITE_P(All, FindersOnCallersQueue, ::testing::Values("auto", "brute-force", "tiles"),
+                         test::named_by_parameter);
 
 /// So many that they are gathered before they are put into tiles.
 NOT_IN(gpu_profile | rusticl | sanitizers, "takes long");

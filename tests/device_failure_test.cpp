@@ -15,6 +15,7 @@
 #include "failing_opencl.hpp"
 #include "runs.hpp"
 #include "short_life.hpp"
+#include "test_name.hpp"
 #include "trouble.hpp"
 
 /// Devices that fail: every call does all of its work or none.
@@ -68,10 +69,7 @@ class DeviceFailure : public ::testing::TestWithParam<std::string> {};
 SUITE_NOT_IN(DeviceFailure, gpu_profile | rusticl | sanitizers,
              "fails on purpose, also where buffers are unmapped, and takes long");
 const auto finders = ::testing::Values("brute-force", "tiles");
-std::string name_of_finder(const ::testing::TestParamInfo<std::string>& test) {
-  return test.param == "tiles" ? "tiles" : "brute_force";
-}
-INSTANTIATE_TEST_SUITE_P(Table, DeviceFailure, finders, name_of_finder);
+INSTANTIATE_TEST_SUITE_P(Table, DeviceFailure, finders, named_by_parameter);
 
 void expect_device_lives(const std::string& algorithm, long count, long most) {
   const CallersQueue queue;
@@ -98,7 +96,7 @@ TEST_P(DeviceFailure, ADeviceBroadPhaseGoesOnWhenTheDeviceWorksAgain) {
 
 /// Every call, once and from there on.
 class LongDeviceFailure : public DeviceFailure {};
-INSTANTIATE_TEST_SUITE_P(Long, LongDeviceFailure, finders, name_of_finder);
+INSTANTIATE_TEST_SUITE_P(Long, LongDeviceFailure, finders, named_by_parameter);
 TEST_P(LongDeviceFailure, OfEveryCallIsMadeGood) {
   for (const long count : {1L, OpenClTrouble::for_good}) {
     expect_device_lives(GetParam(), count, OpenClTrouble::for_good);

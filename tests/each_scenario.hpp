@@ -13,10 +13,4 @@ inline std::vector<std::string> scenario_names() {
   return names;
 }
 
-/// As gtest needs the name of a parameter.
-inline std::string without_hyphens(std::string name) {
-  std::erase(name, '-');
-  return name;
-}
-
 }  // namespace broadcl::test

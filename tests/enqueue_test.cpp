@@ -17,6 +17,7 @@
 #include "expect_error.hpp"
 #include "failing_opencl.hpp"
 #include "scenes/generators.hpp"
+#include "test_name.hpp"
 
 /// Updates that nobody waits for.
 namespace broadcl::test {
@@ -277,9 +278,7 @@ TEST_P(Enqueue, BadInputIsNamed) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Finders, Enqueue, ::testing::Values("auto", "brute-force", "tiles"),
-                         [](const auto& test) {
-                           return test.param == "brute-force" ? std::string("brute_force") : test.param;
-                         });
+                         named_by_parameter);
 
 }  // namespace
 }  // namespace broadcl::test

@@ -23,6 +23,7 @@
 #include "environment.hpp"
 #include "runs.hpp"
 #include "scenes/world.hpp"
+#include "test_name.hpp"
 
 namespace broadcl {
 namespace {
@@ -167,7 +168,7 @@ TEST(Identical, DevicesAreOfTwoImplementationsIfRusticlIsOn) {
   EXPECT_GE(platforms.size(), 2U);
 }
 
-const auto name_of = [](const auto& test) { return test::without_hyphens(std::get<0>(test.param)); };
+const auto name_of = [](const auto& test) { return test::test_name(std::get<0>(test.param)); };
 
 INSTANTIATE_TEST_SUITE_P(Identical, IdenticalRun,
                          testing::Combine(testing::ValuesIn(test::scenario_names()), testing::Values(200U),

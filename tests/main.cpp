@@ -15,6 +15,7 @@
 #include <broadcl/broad_phase.hpp>
 
 #include "runs.hpp"
+#include "test_name.hpp"
 
 namespace broadcl::test {
 namespace {
@@ -53,10 +54,8 @@ Runs left_out_for_parameter(std::string_view parameter) {
     if (parameter == control) return ~0U;
   }
   for (const AlgorithmInfo& algorithm : algorithms()) {
-    std::string name(algorithm.name);
-    std::replace(name.begin(), name.end(), '-', '_');
-    if (parameter != name) continue;
-    if (name == "auto") return ~0U;  // asks the other algorithms
+    if (parameter != test_name(algorithm.name)) continue;
+    if (algorithm.name == "auto") return ~0U;  // asks the other algorithms
     return algorithm.on_device ? 0 : ~runs::sanitizers;
   }
   return 0;

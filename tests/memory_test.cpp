@@ -14,6 +14,7 @@
 #include "opencl/mapped_buffer.hpp"
 #include "opencl/shared_buffer.hpp"
 #include "scenes/generators.hpp"
+#include "test_name.hpp"
 
 /// How much memory there is on the device.
 namespace broadcl::test {
@@ -136,8 +137,7 @@ TEST_P(MemoryOf, PairsThatMultiplyOrChangeAllAtOnceIsBounded) {
   }
 }
 
-INSTANTIATE_TEST_SUITE_P(Table, MemoryOf, ::testing::Values("brute-force", "tiles"),
-                         [](const auto& test) { return test.param == "tiles" ? "tiles" : "brute_force"; });
+INSTANTIATE_TEST_SUITE_P(Table, MemoryOf, ::testing::Values("brute-force", "tiles"), named_by_parameter);
 
 }  // namespace
 }  // namespace broadcl::test

@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "npy_bytes.hpp"
+#include "test_name.hpp"
 
 namespace broadcl::cli {
 namespace {
@@ -204,8 +205,7 @@ std::vector<BadFile> bad_files() {
   };
 }
 
-INSTANTIATE_TEST_SUITE_P(All, NpyBadFile, testing::ValuesIn(bad_files()),
-                         [](const auto& test) { return test.param.name; });
+INSTANTIATE_TEST_SUITE_P(All, NpyBadFile, testing::ValuesIn(bad_files()), test::named_by_parameter);
 
 TEST(NpyWrite, HeaderIsAsNumpyWritesIt) {
   const std::string file = to_npy(std::vector<Pair>{{0, 1}, {0x01020304, 0x05060708}});

@@ -17,6 +17,7 @@
 #include "each_scenario.hpp"
 #include "expect_error.hpp"
 #include "runs.hpp"
+#include "test_name.hpp"
 
 namespace broadcl::scenes {
 namespace {
@@ -117,7 +118,7 @@ TEST_P(EachScenario, PlacesSpheresAsCubes) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Scenario, EachScenario, testing::ValuesIn(test::scenario_names()),
-                         [](const auto& test) { return test::without_hyphens(test.param); });
+                         test::named_by_parameter);
 
 TEST(Scenario, ListsTheFourOfThePaperAndOneMore) {
   EXPECT_THAT(test::scenario_names(),
@@ -264,7 +265,7 @@ TEST_P(EachRollingScenario, PullsTowardsAllSixFaces) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Scenario, EachRollingScenario, testing::Values("rolling-gravity", "mixed-sizes"),
-                         [](const auto& test) { return test::without_hyphens(test.param); });
+                         test::named_by_parameter);
 
 }  // namespace
 }  // namespace broadcl::scenes

@@ -27,6 +27,7 @@
 #include "runs.hpp"
 #include "scenes/broadphases.hpp"
 #include "scenes/verify.hpp"
+#include "test_name.hpp"
 
 namespace broadcl::scenes {
 namespace {
@@ -67,7 +68,7 @@ TEST_P(EachScenarioWorld, LosesNoObject) {
 }
 
 INSTANTIATE_TEST_SUITE_P(World, EachScenarioWorld, testing::ValuesIn(test::scenario_names()),
-                         [](const auto& test) { return test::without_hyphens(test.param); });
+                         test::named_by_parameter);
 
 TEST(World, ComesToRestOnTheFloorInFreeFall) {
   btDbvtBroadphase tree;
