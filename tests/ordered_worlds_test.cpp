@@ -62,7 +62,7 @@ class OrderedWorlds : public ::testing::Test, protected CallersQueue {
   /// Frames of which every third is waited for.
   void follow_oracle(std::uint32_t n, std::uint32_t worlds, int frames) {
     scenes::MovingBoxes motion(n, scenes::MovingBoxes::Sizes::mixed);
-    DeviceBroadPhase broad_phase(queue_());
+    DeviceBroadPhase broad_phase(queue_(), {.algorithm = "tiles"});
     broad_phase.reserve(n, std::size_t{n} * 40, true);
     BroadPhase oracle({.algorithm = "oracle"});
     std::vector<Filter> filters(n);
