@@ -389,9 +389,7 @@ std::vector<Pair> overlapping_pairs(const BoxView& boxes, const BroadPhase::Conf
   const auto algorithm = make_algorithm(config);
   algorithm->reserve(boxes.size(), false);
   boxes.pack_to(algorithm->boxes());
-  algorithm->begin({.slots = boxes.size(), .all = true});
-  const Delta delta = algorithm->finish();
-  return {delta.added.begin(), delta.added.end()};
+  return algorithm->find_all({.slots = boxes.size(), .all = true});
 }
 
 }  // namespace broadcl

@@ -384,7 +384,7 @@ TEST_F(ProgramStudy, AddsAnotherDevice) {
 }
 
 TEST_F(ProgramStudy, GoesOnWithTheOthersIfARunFails) {
-  const Outcome outcome = run(tiny, "BROADCL_CACHE_DIR=/proc/nowhere");
+  const Outcome outcome = run(tiny, "BROADCL_KERNEL_DIR=/nowhere");
   EXPECT_EQ(outcome.exit_code, 2);
   EXPECT_THAT(outcome.out, HasSubstr("8 of 16 runs done"));
   EXPECT_THAT(outcome.err, HasSubstr("8 of 16 runs failed"));

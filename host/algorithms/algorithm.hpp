@@ -65,6 +65,14 @@ class Algorithm {
   /// update begins before that.
   virtual Delta finish() = 0;
 
+  /// The pairs of an algorithm that is used only once, instead of an update.
+  /// @throws As begin() and finish().
+  [[nodiscard]] virtual std::vector<Pair> find_all(const Changes& changes) {
+    begin(changes);
+    const Delta delta = finish();
+    return {delta.added.begin(), delta.added.end()};
+  }
+
   /// All pairs as of the last update.
   [[nodiscard]] virtual std::vector<Pair> pairs() = 0;
   /// The device in use, null on the host.

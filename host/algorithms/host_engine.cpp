@@ -4,7 +4,6 @@
 #include <utility>
 
 #include "packed_box.hpp"
-#include "pair_lists.hpp"
 
 namespace broadcl {
 namespace {
@@ -25,16 +24,27 @@ class HostEngine final : public Algorithm {
   }
 
   Delta finish() override {
-    std::vector<Pair> now = find_(std::span(boxes_).first(changes_.slots), filters_);
-    const auto is_recycled = [&](std::uint32_t slot) {
-      return std::binary_search(changes_.recycled.begin(), changes_.recycled.end(), slot);
-    };
-    std::vector<Pair> kept = intersection(pairs_, now);
-    std::erase_if(kept, [&](const Pair& pair) { return is_recycled(pair.a) || is_recycled(pair.b); });
-    added_ = difference(now, kept);
-    removed_ = difference(pairs_, kept);
-    pairs_ = std::move(now);
+    find_(std::span(boxes_).first(changes_.slots), filters_, now_);
+    added_.clear();
+    removed_.clear();
+    auto last = pairs_.cbegin();
+    for (const Pair& pair : now_) {
+      for (; last != pairs_.cend() && *last < pair; ++last) removed_.push_back(*last);
+      const bool was_pair = last != pairs_.cend() && *last == pair;
+      const bool is_new = !was_pair || is_recycled(pair.a) || is_recycled(pair.b);
+      if (is_new) added_.push_back(pair);
+      if (is_new && was_pair) removed_.push_back(pair);
+      if (was_pair) ++last;
+    }
+    removed_.insert(removed_.end(), last, pairs_.cend());
+    std::swap(pairs_, now_);
     return {added_, removed_};
+  }
+
+  [[nodiscard]] std::vector<Pair> find_all(const Changes& changes) override {
+    std::vector<Pair> pairs;
+    find_(std::span(boxes_).first(changes.slots), changes.filters, pairs);
+    return pairs;
   }
 
   [[nodiscard]] std::vector<Pair> pairs() override { return pairs_; }
@@ -42,11 +52,16 @@ class HostEngine final : public Algorithm {
   [[nodiscard]] std::span<const Stage> profile() const noexcept override { return {}; }
 
  private:
+  [[nodiscard]] bool is_recycled(std::uint32_t slot) const {
+    return std::ranges::binary_search(changes_.recycled, slot);
+  }
+
   FindOnHost find_;
   std::vector<Aabb> boxes_;
   std::vector<Filter> filters_;
   Changes changes_;
-  std::vector<Pair> pairs_, added_, removed_;
+  std::vector<Pair> pairs_, added_, removed_;  // as of the last update
+  std::vector<Pair> now_;
 };
 
 }  // namespace

@@ -5,17 +5,16 @@ namespace broadcl {
 namespace {
 
 /// Tests every pair by the definition: the reference that everything else is compared with.
-std::vector<Pair> find_pairs(std::span<const Aabb> boxes, std::span<const Filter> filters) {
-  std::vector<Pair> found;
+void find_pairs(std::span<const Aabb> boxes, std::span<const Filter> filters, std::vector<Pair>& pairs) {
+  pairs.clear();
   for (std::uint32_t b = 0; b < boxes.size(); ++b) {
     const Aabb box = boxes[b];
     for (std::uint32_t a = 0; a < b; ++a) {
       if (packed_overlaps(boxes[a], box) && (filters.empty() || may_pair(filters[a], filters[b]))) {
-        found.push_back({a, b});
+        pairs.push_back({a, b});
       }
     }
   }
-  return found;
 }
 
 }  // namespace

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cstddef>
 #include <span>
 #include <string>
 #include <string_view>
@@ -14,6 +15,10 @@ struct Config {
 
   /// The name of a row of algorithms(). The default chooses among the algorithms of the device.
   std::string algorithm = "auto";
+
+  /// Threads that an algorithm of the host may use, the caller's included; 0 for as many as there are
+  /// processors.
+  std::size_t threads = 0;
 
   /// Measure stages on the device too: see Stage. Costs a few microseconds per update.
   bool profile = false;

@@ -125,7 +125,7 @@ std::optional<DiskCache::Bytes> Context::load(std::string_view key) const {
 }
 
 void Context::store(std::string_view key, const DiskCache::Bytes& bytes) const {
-  disk_cache_.store(key_of(device_, key), bytes);
+  (void)disk_cache_.store(key_of(device_, key), bytes);
 }
 
 cl::Program Context::program(std::string_view file, const std::string& options) const {

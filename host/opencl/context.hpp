@@ -56,8 +56,7 @@ class Context {
 
   /// What is stored on disk under a key for this device and driver, if anything.
   [[nodiscard]] std::optional<DiskCache::Bytes> load(std::string_view key) const;
-  /// Stores data on disk under a key for this device and driver.
-  /// @throws Error as DiskCache::store() does.
+  /// Stores data on disk under a key for this device and driver, if that is possible.
   void store(std::string_view key, const DiskCache::Bytes& bytes) const;
 
   /// Builds a kernel file, or loads its binary from the cache.

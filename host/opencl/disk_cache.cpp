@@ -9,8 +9,6 @@
 #include <system_error>
 #include <utility>
 
-#include <broadcl/error.hpp>
-
 #include "system.hpp"
 
 namespace broadcl::opencl {
@@ -62,13 +60,12 @@ bool write(const fs::path& path, const Header& header, std::string_view key, std
 DiskCache::DiskCache() {
   if (const auto folder = environment("BROADCL_CACHE_DIR")) {
     folder_ = *folder;
-    is_named_ = true;
   } else if (const auto caches = user_cache_directory()) {
     folder_ = *caches / "broadcl";
   }
 }
 
-DiskCache::DiskCache(fs::path folder) : folder_(std::move(folder)), is_named_(true) {}
+DiskCache::DiskCache(fs::path folder) : folder_(std::move(folder)) {}
 
 fs::path DiskCache::file_of(std::string_view key) const {
   constexpr std::string_view digits = "0123456789abcdef";
@@ -92,21 +89,18 @@ std::optional<DiskCache::Bytes> DiskCache::load(std::string_view key) const {
   return Bytes(content.begin(), content.end());
 }
 
-void DiskCache::store(std::string_view key, const Bytes& bytes) const {
-  if (folder_.empty()) return;
+bool DiskCache::store(std::string_view key, const Bytes& bytes) const {
+  if (folder_.empty()) return false;
   const fs::path target = file_of(key);
   const fs::path temporary = temporary_name(target);
   std::error_code failure;
   fs::create_directories(folder_, failure);
   const bool written = write(temporary, header_of(key, as_text(bytes)), key, as_text(bytes));
   if (written) fs::rename(temporary, target, failure);
-  if (written && !failure) return;
+  if (written && !failure) return true;
   std::error_code ignored;
   fs::remove(temporary, ignored);
-  if (is_named_) {
-    throw Error("cannot write the cache of kernels in " + folder_.string() +
-                "; set BROADCL_CACHE_DIR to a folder that can be written, or unset it");
-  }
+  return false;
 }
 
 }  // namespace broadcl::opencl

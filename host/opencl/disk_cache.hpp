@@ -23,16 +23,16 @@ class DiskCache {
   /// What was stored under a key, if anything was and its file can be read and is not damaged.
   [[nodiscard]] std::optional<Bytes> load(std::string_view key) const;
 
-  /// Stores data under a key. A default folder that cannot be written only costs time, and is ignored.
-  /// @throws Error if a folder was named and cannot be written.
-  void store(std::string_view key, const Bytes& bytes) const;
+  /// Stores data under a key. Whatever goes wrong with the folder or the file costs no more than the time to
+  /// make the data again.
+  /// @returns Whether the data was stored.
+  bool store(std::string_view key, const Bytes& bytes) const;
 
   /// The file of a key.
   [[nodiscard]] std::filesystem::path file_of(std::string_view key) const;
 
  private:
   std::filesystem::path folder_;
-  bool is_named_ = false;
 };
 
 }  // namespace broadcl::opencl

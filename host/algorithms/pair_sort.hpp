@@ -1,0 +1,27 @@
+#pragma once
+
+#include <cstddef>
+#include <span>
+#include <vector>
+
+#include <broadcl/pair.hpp>
+
+namespace broadcl {
+
+/// Brings pairs into canonical order on the host: moves them to partitions by the upper bits of b, each of
+/// which fits a cache, and sorts these digit by digit.
+class PairSort {
+ public:
+  /// @param lists Lists of pairs, each found by a thread of its own, say.
+  /// @param slots Greater than every slot of the pairs.
+  /// @param sorted Gets all pairs.
+  /// @throws std::bad_alloc
+  void operator()(std::span<const std::span<const Pair>> lists, std::size_t slots, std::size_t threads,
+                  std::vector<Pair>& sorted);
+
+ private:
+  std::vector<std::vector<Pair>> scratch_;           // one per thread
+  std::vector<std::vector<std::size_t>> positions_;  // of the next pair of a list in a partition
+};
+
+}  // namespace broadcl
