@@ -28,6 +28,7 @@
 #include <embree3/rtcore.h>
 #include <boost/geometry.hpp>
 #include <boost/geometry/index/rtree.hpp>
+#include <boost/iterator/function_output_iterator.hpp>
 
 #include <broadcl/broad_phase.hpp>
 
@@ -83,7 +84,8 @@ Finder make_cgal(const std::vector<Aabb>& boxes) {
     Pairs pairs;
     CGAL::box_self_intersection_d(
         items.begin(), items.end(),
-        [&](const Box& s, const Box& t) { pairs.push_back(ordered(s.info(), t.info())); }, 200);
+        [&](const Box& s, const Box& t) { pairs.push_back(ordered(s.info(), t.info())); },
+        CGAL::Box_intersection_d::Box_traits_d<Box>(), 200);
     return pairs;
   };
 }
@@ -187,7 +189,6 @@ Finder make_embree(const std::vector<Aabb>& boxes) {
   return [embree] { return embree->find(); };
 }
 
-/// The sort of Embree's pairs decides whether it reports each once or twice: both are taken.
 void time_all_pairs(benchmark::State& state, const MakeFinder& make, const std::vector<Aabb>& boxes,
                     bool sorted) {
   const auto opening = std::chrono::steady_clock::now();

@@ -90,18 +90,18 @@ TEST_F(Cache, LoadsWhatWasStored) {
   EXPECT_TRUE(cache_.store("key", bytes_));
   EXPECT_EQ(cache_.load("key"), bytes_);
   EXPECT_EQ(cache_.load("other"), std::nullopt);
-  cache_.store("key", {});
+  ASSERT_TRUE(cache_.store("key", {}));
   EXPECT_EQ(cache_.load("key"), DiskCache::Bytes());
 }
 
 TEST_F(Cache, LeavesNoTemporaryFile) {
-  cache_.store("key", bytes_);
-  cache_.store("key", bytes_);
+  ASSERT_TRUE(cache_.store("key", bytes_));
+  ASSERT_TRUE(cache_.store("key", bytes_));
   EXPECT_EQ(std::distance(fs::directory_iterator(folder_.path() / "new"), {}), 1);
 }
 
 TEST_F(Cache, EveryDamagedByteAndEveryTruncationIsDetected) {
-  cache_.store("key", bytes_);
+  ASSERT_TRUE(cache_.store("key", bytes_));
   const fs::path file = cache_.file_of("key");
   const std::string good = content(file);
   for (std::size_t k = 0; k < good.size(); ++k) {
@@ -119,7 +119,7 @@ TEST_F(Cache, EveryDamagedByteAndEveryTruncationIsDetected) {
 }
 
 TEST_F(Cache, AFileThatBelongsToAnotherKeyIsNotUsed) {
-  cache_.store("key", bytes_);
+  ASSERT_TRUE(cache_.store("key", bytes_));
   fs::rename(cache_.file_of("key"), cache_.file_of("yek"));
   EXPECT_EQ(cache_.load("yek"), std::nullopt);
 }

@@ -26,7 +26,7 @@ class DiskCache {
   /// Stores data under a key. Whatever goes wrong with the folder or the file costs no more than the time to
   /// make the data again.
   /// @returns Whether the data was stored.
-  bool store(std::string_view key, const Bytes& bytes) const;
+  [[nodiscard]] bool store(std::string_view key, const Bytes& bytes) const;
 
   /// The file of a key.
   [[nodiscard]] std::filesystem::path file_of(std::string_view key) const;
