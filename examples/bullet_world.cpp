@@ -30,10 +30,11 @@ int main() try {
   }
 
   for (int frame = 0; frame < 120; ++frame) world.stepSimulation(1.0F / 60.0F, 0);
+  const broadcl::Device* device = broadphase.broad_phase().device();
   std::printf("after 2 s the top box is at a height of %.2f m, with %d pairs found on %s\n",
               static_cast<double>(tower.back()->getWorldTransform().getOrigin().y()),
               broadphase.getOverlappingPairCache()->getNumOverlappingPairs(),
-              broadphase.broad_phase().device()->label().c_str());
+              device != nullptr ? device->label().c_str() : "the host");
   for (const auto& body : tower) world.removeRigidBody(body.get());
   world.removeRigidBody(&ground);
 } catch (const std::exception& error) {

@@ -5,12 +5,14 @@
 #include <broadcl/broad_phase.hpp>
 
 int main() try {
-  broadcl::BroadPhase broad_phase;  // on the best device
+  broadcl::BroadPhase broad_phase;  // on the best GPU, or on the host if there is none
   const auto at = [](float x) { return broadcl::Aabb{{x, 0, 0}, {x + 1, 1, 1}}; };
   for (int k = 0; k < 5; ++k) broad_phase.add(at(2.0F * static_cast<float>(k)));
   const std::uint32_t traveller = broad_phase.add(at(-1.5F));
 
-  std::printf("%s on %s\n", broad_phase.algorithm().name.data(), broad_phase.device()->label().c_str());
+  const broadcl::Device* device = broad_phase.device();
+  std::printf("%s on %s\n", broad_phase.algorithm().name.data(),
+              device != nullptr ? device->label().c_str() : "the host");
   for (int frame = 0; frame < 6; ++frame) {
     broad_phase.move(traveller, at(-1.5F + 2.0F * static_cast<float>(frame)));
     const broadcl::Delta delta = broad_phase.update();

@@ -37,7 +37,7 @@ cl::CommandQueue retained(cl_command_queue queue, bool profile) {
 class DeviceBroadPhase::Impl {
  public:
   Impl(cl_command_queue queue, const Config& config)
-      : context_(retained(queue, config.profile)),
+      : context_(retained(queue, config.profile), config.on_compile),
         profiler_(config.profile),
         engine_(context_.guard([&] {
           return std::make_unique<Engine>(context_, profiler_, find_pair_finder(config.algorithm),

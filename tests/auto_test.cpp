@@ -3,6 +3,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <memory>
+#include <optional>
 #include <random>
 #include <span>
 #include <string_view>
@@ -18,12 +19,15 @@
 #include "algorithms/pair_finder.hpp"
 #include "each_algorithm.hpp"
 #include "environment.hpp"
+#include "expect_error.hpp"
 #include "opencl/context.hpp"
 #include "packed_box.hpp"
 #include "scenes/generators.hpp"
 
 namespace broadcl::test {
 namespace {
+
+using ::testing::HasSubstr;
 
 SUITE_NOT_IN(Calibration, sanitizers, "measures time");
 
@@ -74,6 +78,35 @@ TEST(Calibration, LeavesNoMemoryBehind) {
   const opencl::Context context(select_device(), false);
   (void)calibrate(context, finders);
   EXPECT_EQ(context.memory().device_peak, 0U);
+}
+
+class DeviceFor : public ::testing::Test {
+ protected:
+  const Device best_ = select_device();
+  const ScopedVariable none_{"BROADCL_DEVICE", ""};
+};
+
+TEST_F(DeviceFor, NothingIsTheBestDeviceUnlessThatIsACpu) {
+  const std::optional<Device> device = device_for({});
+  BroadPhase broad_phase;
+  EXPECT_EQ(broad_phase.algorithm().name, "auto");
+  EXPECT_EQ(broad_phase.device() != nullptr, device.has_value());
+  EXPECT_FALSE(best_.type == DeviceType::cpu && device.has_value());
+  for (std::uint32_t k = 0; k < 10; ++k) broad_phase.add(unit);
+  EXPECT_EQ(broad_phase.update().added.size(), 45U);
+}
+
+TEST_F(DeviceFor, ANameIsThatDevice) {
+  const auto id_of = [](const std::optional<Device>& device) { return device ? device->id() : "none"; };
+  EXPECT_EQ(id_of(device_for({.device = best_.id()})), best_.id());
+  EXPECT_EQ(id_of(device_for({.device = best_.id(), .algorithm = "sweep-and-prune"})), "none");
+  EXPECT_EQ(id_of(device_for({.algorithm = "tiles"})), select_device().id());
+  {
+    const ScopedVariable variable("BROADCL_DEVICE", best_.id());
+    EXPECT_EQ(id_of(device_for({})), best_.id());
+  }
+  EXPECT_THAT(error_of([] { (void)device_for({.device = "abacus"}); }), HasSubstr("'abacus'"));
+  EXPECT_THAT(error_of([] { (void)device_for({.algorithm = "abacus"}); }), HasSubstr("'abacus'"));
 }
 
 TEST(Auto, AStageTellsWhichIsAsked) {

@@ -17,6 +17,30 @@ TEST_F(Program, HostAlgorithmNeedsNoDevice) {
   EXPECT_TRUE(outcome.out.starts_with("2 overlapping pairs of 4 boxes (oracle on the host)")) << outcome.out;
 }
 
+TEST_F(Program, PairsAreFoundOnTheHostIfThereIsNoDevice) {
+  const Outcome outcome = run("pairs four.npy", "BROADCL_DEVICE= OCL_ICD_VENDORS=/nonexistent");
+  expect_success(outcome);
+  if (run("devices", "BROADCL_DEVICE= OCL_ICD_VENDORS=/nonexistent").exit_code == 0) {
+    GTEST_SKIP() << "this OpenCL loader does not heed OCL_ICD_VENDORS, so devices cannot be hidden";
+  }
+  EXPECT_EQ(outcome.out, "2 overlapping pairs of 4 boxes (auto on the host)\n");
+}
+
+TEST_F(Program, SaysOnceThatItBuildsKernels) {
+  const auto line_of = [&](const std::string& algorithm, const std::string& environment) {
+    const Outcome outcome = run("pairs four.npy --algorithm " + algorithm, environment);
+    expect_success(outcome);
+    return outcome.compiling;
+  };
+  const std::string label = select_device().label();
+  EXPECT_EQ(line_of("brute-force", "BROADCL_CACHE_DIR=new"),
+            "building kernels for " + label + ", once; kept in 'new'\n");
+  EXPECT_EQ(line_of("brute-force", "BROADCL_CACHE_DIR=new"), "");
+  EXPECT_EQ(line_of("brute-force", "BROADCL_CACHE_DIR= XDG_CACHE_HOME= HOME="),
+            "building kernels for " + label + ", once; not kept, as there is no folder for caches\n");
+  EXPECT_EQ(line_of("sweep-and-prune", "BROADCL_CACHE_DIR=other"), "");
+}
+
 TEST_F(Program, PairsOfEveryAlgorithm) {
   for (const AlgorithmInfo& algorithm : algorithms()) {
     const Outcome outcome = run("pairs four.npy --out pairs.npy --algorithm " + std::string(algorithm.name));

@@ -117,7 +117,7 @@ TEST_F(Program, FullDiskIsAnError) {
 }
 
 TEST_F(Program, LostStandardOutputIsAnError) {
-  for (const std::string arguments : {"--version", "devices", "pairs four.npy"}) {
+  for (const std::string arguments : {"--version", "devices", "pairs four.npy --algorithm oracle"}) {
     const std::string command = "cd '" + path("").string() + "' && '" BROADCL_PROGRAM_PATH "' " + arguments +
                                 " >/dev/full 2>stderr.txt";
     EXPECT_EQ(WEXITSTATUS(std::system(command.c_str())), 2) << arguments;

@@ -26,6 +26,7 @@ struct Outcome {
   int exit_code;
   std::string out;
   std::string err;
+  std::string compiling;  ///< The lines about kernels that were built, which are not in `err`.
 };
 
 inline std::string read_file(const fs::path& path) {
@@ -119,8 +120,16 @@ class Program : public testing::Test {
     const std::string command = "cd '" + folder_.path().string() + "' && " + environment +
                                 " '" BROADCL_PROGRAM_PATH "' " + arguments + " >stdout.txt 2>stderr.txt";
     const int status = std::system(command.c_str());
-    return {WIFEXITED(status) ? WEXITSTATUS(status) : -1, read_file(path("stdout.txt")),
-            read_file(path("stderr.txt"))};
+    Outcome outcome{.exit_code = WIFEXITED(status) ? WEXITSTATUS(status) : -1,
+                    .out = read_file(path("stdout.txt")),
+                    .err = {},
+                    .compiling = {}};
+    std::istringstream lines(read_file(path("stderr.txt")));
+    for (std::string line; std::getline(lines, line);) {
+      const bool is_about_kernels = line.starts_with("building kernels for ");
+      (is_about_kernels ? outcome.compiling : outcome.err) += line + (lines.eof() ? "" : "\n");
+    }
+    return outcome;
   }
 
   /// The names of all files in the folder, but for those that catch the output.

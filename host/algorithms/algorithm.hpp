@@ -108,7 +108,9 @@ struct AlgorithmRow {
 /// @throws Error as find_algorithm() does, and for an algorithm without a PairFinder.
 [[nodiscard]] MakePairFinder find_pair_finder(std::string_view name);
 
-// One line per algorithm, each defined in the file of its name.
+// One line per algorithm, each defined in the file of its name. For `auto`, one chooses between the device
+// and the host, the other among the algorithms of the device.
+[[nodiscard]] std::unique_ptr<Algorithm> make_auto(const Config& config);
 [[nodiscard]] std::unique_ptr<PairFinder> make_auto(const opencl::Context& context);
 [[nodiscard]] std::unique_ptr<PairFinder> make_brute_force(const opencl::Context& context);
 [[nodiscard]] std::unique_ptr<PairFinder> make_tiles(const opencl::Context& context);

@@ -5,6 +5,7 @@
 
 #include "algorithms/algorithm.hpp"
 #include "algorithms/calibration.hpp"
+#include "algorithms/engine.hpp"
 #include "algorithms/pair_finder.hpp"
 
 namespace broadcl {
@@ -65,6 +66,10 @@ class Auto final : public PairFinder {
 
 std::unique_ptr<PairFinder> make_auto(const opencl::Context& context) {
   return std::make_unique<Auto>(context);
+}
+
+std::unique_ptr<Algorithm> make_auto(const Config& config) {
+  return device_for(config) ? make_device_algorithm(config, make_auto) : make_sweep_and_prune(config);
 }
 
 }  // namespace broadcl

@@ -13,7 +13,7 @@ namespace {
 class DeviceAlgorithm final : public Algorithm {
  public:
   DeviceAlgorithm(const Config& config, const Device& device, MakePairFinder make_finder)
-      : context_(device, config.profile),
+      : context_(device, config.profile, config.on_compile),
         profiler_(config.profile),
         objects_(context_, profiler_),
         engine_(context_, profiler_, make_finder, Order::Target::host) {}

@@ -36,7 +36,7 @@ using opencl::round_up;
 class GpuBf final : public Algorithm {
  public:
   GpuBf(const Config& config, const Device& device)
-      : context_(device, config.profile),
+      : context_(device, config.profile, config.on_compile),
         profiler_(config.profile),
         launch_(context_.tuning() == opencl::Tuning::cpu ? cpu_launch : gpu_launch),
         kernel_(context_.program("gpu_bf.cl", "-DWIDTH=" + std::to_string(launch_.width)), "gpu_bf"),

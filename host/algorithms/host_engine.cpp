@@ -10,7 +10,7 @@ namespace {
 
 class HostEngine final : public Algorithm {
  public:
-  explicit HostEngine(FindOnHost find) : find_(std::move(find)) {}
+  explicit HostEngine(std::unique_ptr<HostFinder> finder) : finder_(std::move(finder)) {}
 
   void reserve(std::size_t slots, bool /*filters*/) override {
     if (slots > boxes_.size()) boxes_.resize(std::max(slots, boxes_.size() * 3 / 2), packed_empty());
@@ -20,30 +20,32 @@ class HostEngine final : public Algorithm {
 
   void begin(const Changes& changes) override {
     changes_ = changes;
-    filters_.assign(changes.filters.begin(), changes.filters.end());
+    if (changes.all || changes.filters_changed || filters_.size() != changes.filters.size()) {
+      filters_.assign(changes.filters.begin(), changes.filters.end());
+    }
   }
 
   Delta finish() override {
-    find_(std::span(boxes_).first(changes_.slots), filters_, now_);
-    added_.clear();
-    removed_.clear();
-    auto last = pairs_.cbegin();
-    for (const Pair& pair : now_) {
-      for (; last != pairs_.cend() && *last < pair; ++last) removed_.push_back(*last);
-      const bool was_pair = last != pairs_.cend() && *last == pair;
-      const bool is_new = !was_pair || is_recycled(pair.a) || is_recycled(pair.b);
-      if (is_new) added_.push_back(pair);
-      if (is_new && was_pair) removed_.push_back(pair);
-      if (was_pair) ++last;
+    const HostObjects objects{
+        .boxes = std::span(boxes_).first(changes_.slots), .filters = filters_, .worlds = changes_.worlds};
+    if (!changes_.all && finder_->find_changed(objects, changes_.changed, found_)) {
+      find_known();
+      compare(known_, found_);
+      if (!added_.empty() || !removed_.empty()) apply_changes();
+    } else {
+      finder_->find(objects, found_);
+      compare(pairs_, found_);
+      std::swap(pairs_, found_);
     }
-    removed_.insert(removed_.end(), last, pairs_.cend());
-    std::swap(pairs_, now_);
     return {added_, removed_};
   }
 
   [[nodiscard]] std::vector<Pair> find_all(const Changes& changes) override {
     std::vector<Pair> pairs;
-    find_(std::span(boxes_).first(changes.slots), changes.filters, pairs);
+    finder_->find({.boxes = std::span(boxes_).first(changes.slots),
+                   .filters = changes.filters,
+                   .worlds = changes.worlds},
+                  pairs);
     return pairs;
   }
 
@@ -52,22 +54,70 @@ class HostEngine final : public Algorithm {
   [[nodiscard]] std::span<const Stage> profile() const noexcept override { return {}; }
 
  private:
+  /// The pairs of the last update in which a slot that changed took part.
+  void find_known() {
+    std::size_t slots = changes_.slots;
+    for (const std::uint32_t slot : changes_.changed) slots = std::max<std::size_t>(slots, slot + 1);
+    if (!pairs_.empty()) slots = std::max<std::size_t>(slots, pairs_.back().b + 1);
+    has_changed_.assign(slots, 0);
+    for (const std::uint32_t slot : changes_.changed) has_changed_[slot] = 1;
+    known_.clear();
+    for (const Pair& pair : pairs_) {
+      if ((has_changed_[pair.a] | has_changed_[pair.b]) != 0) known_.push_back(pair);
+    }
+  }
+
   [[nodiscard]] bool is_recycled(std::uint32_t slot) const {
     return std::ranges::binary_search(changes_.recycled, slot);
   }
 
-  FindOnHost find_;
+  /// Finds what was added and removed between two lists in canonical order.
+  void compare(const std::vector<Pair>& before, const std::vector<Pair>& now) {
+    added_.clear();
+    removed_.clear();
+    auto last = before.begin();
+    for (const Pair& pair : now) {
+      for (; last != before.end() && *last < pair; ++last) removed_.push_back(*last);
+      const bool was_pair = last != before.end() && *last == pair;
+      const bool is_new = !was_pair || is_recycled(pair.a) || is_recycled(pair.b);
+      if (is_new) added_.push_back(pair);
+      if (is_new && was_pair) removed_.push_back(pair);
+      if (was_pair) ++last;
+    }
+    removed_.insert(removed_.end(), last, before.end());
+  }
+
+  /// Brings the list of pairs up to date.
+  void apply_changes() {
+    found_.clear();
+    found_.reserve(pairs_.size() + added_.size());
+    auto added = added_.begin();
+    auto removed = removed_.begin();
+    for (const Pair& pair : pairs_) {
+      for (; added != added_.end() && *added < pair; ++added) found_.push_back(*added);
+      if (removed != removed_.end() && *removed == pair) {
+        ++removed;
+      } else {
+        found_.push_back(pair);
+      }
+    }
+    found_.insert(found_.end(), added, added_.end());
+    std::swap(pairs_, found_);
+  }
+
+  std::unique_ptr<HostFinder> finder_;
   std::vector<Aabb> boxes_;
   std::vector<Filter> filters_;
   Changes changes_;
   std::vector<Pair> pairs_, added_, removed_;  // as of the last update
-  std::vector<Pair> now_;
+  std::vector<Pair> found_, known_;
+  std::vector<char> has_changed_;  // by slot
 };
 
 }  // namespace
 
-std::unique_ptr<Algorithm> make_host_engine(FindOnHost find) {
-  return std::make_unique<HostEngine>(std::move(find));
+std::unique_ptr<Algorithm> make_host_engine(std::unique_ptr<HostFinder> finder) {
+  return std::make_unique<HostEngine>(std::move(finder));
 }
 
 }  // namespace broadcl

@@ -1,6 +1,6 @@
 #pragma once
 
-#include <functional>
+#include <cstdint>
 #include <memory>
 #include <span>
 #include <vector>
@@ -9,13 +9,38 @@
 
 namespace broadcl {
 
-/// Finds all pairs of boxes that overlap and may pair, on the host, and puts them into `pairs` in canonical
-/// order. `filters` is empty, or has one filter per box.
-using FindOnHost = std::function<void(std::span<const Aabb> boxes, std::span<const Filter> filters,
-                                      std::vector<Pair>& pairs)>;
+/// The objects that are searched for pairs on the host.
+struct HostObjects {
+  std::span<const Aabb> boxes;
+  std::span<const Filter> filters{};  ///< One per box, or none.
+  bool worlds = false;                ///< Whether some are in a world other than 0.
+};
 
-/// Makes an algorithm of the host from the function that finds its pairs. It needs no OpenCL and has no
-/// profile.
-[[nodiscard]] std::unique_ptr<Algorithm> make_host_engine(FindOnHost find);
+/// The part of an algorithm that finds pairs on the host, in canonical order.
+class HostFinder {
+ public:
+  HostFinder() = default;
+  virtual ~HostFinder() = default;
+  HostFinder(const HostFinder&) = delete;
+  HostFinder& operator=(const HostFinder&) = delete;
+  HostFinder(HostFinder&&) = delete;
+  HostFinder& operator=(HostFinder&&) = delete;
+
+  /// Finds all pairs of boxes that overlap and may pair.
+  /// @throws std::bad_alloc
+  virtual void find(const HostObjects& objects, std::vector<Pair>& pairs) = 0;
+
+  /// Finds those of them in which one of these slots takes part, if that takes less time than to find all.
+  /// No other slot changed since the last call of find() or this function, which succeeded.
+  /// @returns Whether it did so.
+  /// @throws std::bad_alloc
+  virtual bool find_changed(const HostObjects& /*objects*/, std::span<const std::uint32_t> /*changed*/,
+                            std::vector<Pair>& /*pairs*/) {
+    return false;
+  }
+};
+
+/// Makes an algorithm of the host. It needs no OpenCL and has no profile.
+[[nodiscard]] std::unique_ptr<Algorithm> make_host_engine(std::unique_ptr<HostFinder> finder);
 
 }  // namespace broadcl

@@ -1,11 +1,8 @@
 #include <algorithm>
 #include <array>
-#include <atomic>
 #include <bit>
-#include <cmath>
 #include <cstddef>
 #include <cstdint>
-#include <future>
 #include <limits>
 #include <memory>
 #include <thread>
@@ -14,17 +11,15 @@
 
 #include "algorithms/host_engine.hpp"
 #include "algorithms/pair_sort.hpp"
+#include "algorithms/tile_search.hpp"
 #include "packed_box.hpp"
 #include "parallel.hpp"
 
 namespace broadcl {
 namespace {
 
-/// Boxes per tile, and tiles per node: as many as a word has bits.
-constexpr std::size_t node_size = 32;
-constexpr std::uint32_t no_slot = 0xffffffff;
 constexpr float infinity = std::numeric_limits<float>::infinity();
-constexpr float nan = std::numeric_limits<float>::quiet_NaN();
+constexpr float not_a_number = std::numeric_limits<float>::quiet_NaN();
 
 /// Classes of sizes, which do not share tiles: up to 4 times the median, up to 16 times, and so on. The last
 /// class has everything larger, and the objects of all worlds.
@@ -35,177 +30,14 @@ constexpr double stale = 1.25;
 
 /// With fewer boxes, starting threads takes longer than what they save.
 constexpr std::size_t fewest_for_threads = 2048;
+
 constexpr std::size_t tiles_at_once = 8;
 
-/// Lower and upper bounds along each axis. If objects are in different worlds, these are a fourth axis.
-template <std::size_t axes>
-struct Bounds {
-  std::array<float, axes> lower, upper;
-};
+/// Some boxes are searched alone if there are so many more for each of them.
+constexpr std::size_t fewest_per_changed = 16;
 
-template <std::size_t axes>
-Bounds<axes> make_bounds(float lower, float upper) {
-  Bounds<axes> bounds;
-  bounds.lower.fill(lower);
-  bounds.upper.fill(upper);
-  return bounds;
-}
-
-template <std::size_t axes>
-void extend(Bounds<axes>& bounds, const Bounds<axes>& by) {
-  for (std::size_t axis = 0; axis < axes; ++axis) {  // NaN changes nothing
-    bounds.lower[axis] = by.lower[axis] < bounds.lower[axis] ? by.lower[axis] : bounds.lower[axis];
-    bounds.upper[axis] = by.upper[axis] > bounds.upper[axis] ? by.upper[axis] : bounds.upper[axis];
-  }
-}
-
-/// The bounds of boxes or of tiles, by component, so that one instruction compares several of them. NaN where
-/// there is none.
-template <std::size_t axes>
-struct alignas(64) Node {
-  std::array<std::array<float, node_size>, axes> lower, upper;
-  std::array<std::uint32_t, node_size> index;  // slots or tiles
-
-  void set(std::size_t k, const Bounds<axes>& bounds, std::uint32_t index_of_k) {
-    for (std::size_t axis = 0; axis < axes; ++axis) {
-      lower[axis][k] = bounds.lower[axis];
-      upper[axis][k] = bounds.upper[axis];
-    }
-    index[k] = index_of_k;
-  }
-  [[nodiscard]] Bounds<axes> get(std::size_t k) const {
-    Bounds<axes> bounds;
-    for (std::size_t axis = 0; axis < axes; ++axis) {
-      bounds.lower[axis] = lower[axis][k];
-      bounds.upper[axis] = upper[axis][k];
-    }
-    return bounds;
-  }
-};
-
-// What follows is compiled twice, for any processor and for those with AVX2, so it must be inlined.
-#define BROADCL_INLINE [[gnu::always_inline]] inline
-
-constexpr std::array<std::uint32_t, node_size> bit_of = [] {
-  std::array<std::uint32_t, node_size> bits{};
-  for (std::size_t k = 0; k < node_size; ++k) bits[k] = 1U << k;
-  return bits;
-}();
-
-/// One bit per child of a node: whether it overlaps these bounds.
-template <std::size_t axes>
-BROADCL_INLINE std::uint32_t overlapping(const Node<axes>& node, const Bounds<axes>& bounds) {
-  std::uint32_t bits = 0;
-  for (std::size_t k = 0; k < node_size; ++k) {
-    bool overlaps = true;
-    for (std::size_t axis = 0; axis < axes; ++axis) {
-      overlaps = overlaps & (node.lower[axis][k] <= bounds.upper[axis]) &
-                 (bounds.lower[axis] <= node.upper[axis][k]);
-    }
-    bits |= overlaps ? bit_of[k] : 0;
-  }
-  return bits;
-}
-
-/// Boxes in tiles, under nodes of tiles that are in the order of a sweep.
-template <std::size_t axes>
-struct Tiles {
-  std::vector<Node<axes>> tiles;
-  std::vector<Bounds<axes>> bounds;  // of the tiles
-  std::vector<Node<axes>> nodes;
-  std::size_t axis = 0;  // of the sweep: lower bounds of tiles ascend along it
-};
-
-/// What a thread finds.
-struct Found {
-  std::vector<Pair> pairs;  // of which the first `count` were found
-  std::size_t count = 0;
-  std::size_t work = 0;
-};
-
-/// Appends the pairs of box k of a tile with some boxes of another.
-template <std::size_t axes>
-BROADCL_INLINE void append(Found& found, const Node<axes>& tile, std::uint32_t bits, std::uint32_t other,
-                           std::span<const Filter> filters) {
-  for (; bits != 0; bits &= bits - 1) {
-    const std::uint32_t slot = tile.index[static_cast<std::size_t>(std::countr_zero(bits))];
-    if (!filters.empty() && !may_pair(filters[slot], filters[other])) continue;
-    found.pairs[found.count++] = {std::min(slot, other), std::max(slot, other)};
-  }
-}
-
-/// Tests the boxes of two tiles.
-template <std::size_t axes>
-BROADCL_INLINE void test(Found& found, const Tiles<axes>& all, std::size_t s, std::size_t t,
-                         std::span<const Filter> filters) {
-  const std::uint32_t of_s = overlapping(all.tiles[s], all.bounds[t]);
-  if (of_s == 0) return;
-  const std::uint32_t of_t = overlapping(all.tiles[t], all.bounds[s]);
-  const bool few_in_s = std::popcount(of_s) < std::popcount(of_t);
-  const Node<axes>& few = all.tiles[few_in_s ? s : t];
-  const Node<axes>& many = all.tiles[few_in_s ? t : s];
-  for (std::uint32_t bits = few_in_s ? of_s : of_t; bits != 0; bits &= bits - 1) {
-    const auto k = static_cast<std::size_t>(std::countr_zero(bits));
-    append(found, many, overlapping(many, few.get(k)), few.index[k], filters);
-  }
-}
-
-/// Tests a tile with itself and with those after it in the sweep whose lower bounds do not exceed its upper
-/// one.
-template <std::size_t axes>
-BROADCL_INLINE void search(Found& found, const Tiles<axes>& all, std::size_t position,
-                           std::span<const Filter> filters) {
-  const auto reserve = [&] {
-    constexpr std::size_t most = node_size * node_size;  // pairs of two tiles
-    if (found.pairs.size() < found.count + most) found.pairs.resize(2 * found.pairs.size() + most);
-  };
-  const std::size_t first = position / node_size;
-  const std::size_t s = all.nodes[first].index[position % node_size];
-  const Node<axes>& tile = all.tiles[s];
-  const Bounds<axes> bounds = all.bounds[s];
-  reserve();
-  for (std::size_t k = 1; k < node_size; ++k) {
-    append(found, tile, overlapping(tile, tile.get(k)) & (bit_of[k] - 1), tile.index[k], filters);
-  }
-  std::uint32_t after = 0xfffffffeU << position % node_size;
-  std::size_t node = first;
-  do {
-    for (std::uint32_t bits = overlapping(all.nodes[node], bounds) & after; bits != 0; bits &= bits - 1) {
-      reserve();
-      ++found.work;
-      test(found, all, s, all.nodes[node].index[static_cast<std::size_t>(std::countr_zero(bits))], filters);
-    }
-    after = 0xffffffff;
-    ++node;
-  } while (node < all.nodes.size() && all.nodes[node].lower[all.axis][0] <= bounds.upper[all.axis]);
-}
-
-template <std::size_t axes>
-using SearchRange = void (*)(Found& found, const Tiles<axes>& all, std::size_t begin, std::size_t end,
-                             std::span<const Filter> filters);
-
-template <std::size_t axes>
-void search_range(Found& found, const Tiles<axes>& all, std::size_t begin, std::size_t end,
-                  std::span<const Filter> filters) {
-  for (std::size_t position = begin; position < end; ++position) search(found, all, position, filters);
-}
-
-#if defined(__x86_64__) && defined(__GNUC__)
-template <std::size_t axes>
-[[gnu::target("avx2")]] void search_range_avx2(Found& found, const Tiles<axes>& all, std::size_t begin,
-                                               std::size_t end, std::span<const Filter> filters) {
-  for (std::size_t position = begin; position < end; ++position) search(found, all, position, filters);
-}
-template <std::size_t axes>
-SearchRange<axes> best_search() {
-  return __builtin_cpu_supports("avx2") != 0 ? search_range_avx2<axes> : search_range<axes>;
-}
-#else
-template <std::size_t axes>
-SearchRange<axes> best_search() {
-  return search_range<axes>;
-}
-#endif
+/// How often all boxes may move before the order counts as old, if they are searched alone.
+constexpr std::size_t most_moved = 4;
 
 /// The position of a box in its order.
 template <std::size_t axes>
@@ -279,21 +111,70 @@ unsigned exponent_of(const Aabb& box) {
   return std::bit_cast<std::uint32_t>(edge) >> 23U;
 }
 
+/// The bounds of all children of a node.
+template <std::size_t axes>
+Bounds<axes> bounds_of(const Node<axes>& node) {
+  Bounds<axes> bounds = make_bounds<axes>(infinity, -infinity);
+  for (std::size_t k = 0; k < node_size; ++k) extend(bounds, node.get(k));
+  return bounds;
+}
+
+/// The axis along which a tile overlaps the fewest others, as some of them tell.
+template <std::size_t axes>
+std::size_t best_axis(std::span<const Bounds<axes>> tiles) {
+  constexpr std::size_t samples = 16;
+  std::array<std::size_t, axes> overlaps{};
+  for (std::size_t s = 0; s < tiles.size(); s += tiles.size() / samples + 1) {
+    for (std::size_t axis = 0; axis < axes; ++axis) {
+      const float lower = tiles[s].lower[axis];
+      const float upper = tiles[s].upper[axis];
+      for (const Bounds<axes>& tile : tiles) {
+        if (lower <= tile.upper[axis] && tile.lower[axis] <= upper) ++overlaps[axis];
+      }
+    }
+  }
+  return static_cast<std::size_t>(std::ranges::min_element(overlaps) - overlaps.begin());
+}
+
+/// Appends a child to the last of some nodes, or to a new one.
+template <std::size_t axes>
+void append_child(std::vector<Node<axes>>& nodes, std::size_t k, const Bounds<axes>& bounds) {
+  if (k % node_size == 0) {
+    Node<axes>& node = nodes.emplace_back();
+    for (std::size_t child = 0; child < node_size; ++child)
+      node.set(child, make_bounds<axes>(not_a_number, not_a_number), no_slot);
+  }
+  nodes.back().set(k % node_size, bounds, static_cast<std::uint32_t>(k));
+}
+
 /// Sweep and prune (Cohen, Lin, Manocha, Ponamgi, "I-COLLIDE: An Interactive and Exact Collision Detection
 /// System for Large-Scale Environments", I3D 1995), not of boxes, but of tiles of neighbouring boxes, which
 /// are then tested with each other.
-class SweepAndPrune {
+class SweepAndPrune final : public HostFinder {
  public:
   explicit SweepAndPrune(std::size_t threads)
       : threads_(threads > 0 ? threads : std::max(1U, std::thread::hardware_concurrency())) {}
 
-  void operator()(std::span<const Aabb> boxes, std::span<const Filter> filters, std::vector<Pair>& pairs) {
-    const bool worlds =
-        std::ranges::any_of(filters, [&](const Filter& f) { return f.world != filters[0].world; });
-    worlds ? find(four_, boxes, filters) : find(three_, boxes, filters);
+  void find(const HostObjects& objects, std::vector<Pair>& pairs) override {
+    objects.worlds ? find(four_, objects) : find(three_, objects);
     std::vector<std::span<const Pair>> lists;
     for (const Found& found : found_) lists.emplace_back(found.pairs.data(), found.count);
-    sort_pairs_(lists, boxes.size(), threads_of(boxes.size()), pairs);
+    sort_pairs_(lists, objects.boxes.size(), threads_of(objects.boxes.size()), pairs);
+  }
+
+  bool find_changed(const HostObjects& objects, std::span<const std::uint32_t> changed,
+                    std::vector<Pair>& pairs) override {
+    const std::size_t axes = objects.worlds ? 4 : 3;
+    if (sorted_axes_ != axes || changed.size() * fewest_per_changed > objects.boxes.size()) return false;
+    moved_ += changed.size();
+    if (moved_ > most_moved * objects.boxes.size()) sorted_axes_ = 0;
+    if (sorted_axes_ == 0) return false;
+    objects.worlds ? find_changed(four_, objects, changed) : find_changed(three_, objects, changed);
+    pairs.assign(found_[0].pairs.begin(),
+                 found_[0].pairs.begin() + static_cast<std::ptrdiff_t>(found_[0].count));
+    std::ranges::sort(pairs);
+    pairs.erase(std::unique(pairs.begin(), pairs.end()), pairs.end());  // of two that changed
+    return true;
   }
 
  private:
@@ -302,43 +183,54 @@ class SweepAndPrune {
   }
 
   template <std::size_t axes>
-  void find(Tiles<axes>& all, std::span<const Aabb> boxes, std::span<const Filter> filters) {
-    const std::size_t threads = threads_of(boxes.size());
-    const bool is_stale = boxes.size() != sorted_slots_ || axes != sorted_axes_ ||
+  void find(Tiles<axes>& all, const HostObjects& objects) {
+    const std::size_t slots = objects.boxes.size();
+    const std::size_t threads = threads_of(slots);
+    const bool is_stale = axes != sorted_axes_ || slots > places_.size() + places_.size() / 4 ||
                           static_cast<double>(work_) > stale * static_cast<double>(fresh_work_);
-    if (is_stale) sort<axes>(boxes, filters, threads);
-    fill(all, boxes, filters, threads);
-    search_all(all, filters, threads);
+    sorted_axes_ = 0;  // until all is done
+    if (is_stale) sort<axes>(objects, threads);
+    while (places_.size() < slots) place_next();
+    fill(all, objects, threads);
+    sweep(all);
+    search_all(all, objects.filters, threads);
     if (is_stale) fresh_work_ = work_;
+    sorted_axes_ = axes;
   }
 
   template <std::size_t axes>
-  void sort(std::span<const Aabb> boxes, std::span<const Filter> filters, std::size_t threads);
+  void find_changed(Tiles<axes>& all, const HostObjects& objects, std::span<const std::uint32_t> changed);
   template <std::size_t axes>
-  void fill(Tiles<axes>& all, std::span<const Aabb> boxes, std::span<const Filter> filters,
-            std::size_t threads);
+  void sort(const HostObjects& objects, std::size_t threads);
+  void place_next();
+  template <std::size_t axes>
+  static void store(Tiles<axes>& all, const HostObjects& objects, std::uint32_t slot, std::size_t place);
+  template <std::size_t axes>
+  void fill(Tiles<axes>& all, const HostObjects& objects, std::size_t threads);
   template <std::size_t axes>
   void sweep(Tiles<axes>& all);
   template <std::size_t axes>
   void search_all(const Tiles<axes>& all, std::span<const Filter> filters, std::size_t threads);
 
   std::size_t threads_;
-  std::vector<std::uint32_t> order_;  // slots by tile; no_slot where a tile has no more
-  std::size_t sorted_slots_ = 0;
-  std::size_t sorted_axes_ = 0;
-  std::size_t work_ = 0;        // of the last search
-  std::size_t fresh_work_ = 0;  // of the first one in this order
+  std::vector<std::uint32_t> order_;   // slots by tile; no_slot where a tile has no more
+  std::vector<std::uint32_t> places_;  // of slots in this order
+  std::size_t sorted_axes_ = 0;        // of the tiles; 0 if they are not as of the last update
+  std::size_t moved_ = 0;              // boxes since the order was new that were searched alone
+  std::size_t work_ = 0;               // of the last search of all
+  std::size_t fresh_work_ = 0;         // of the first one in this order
   Tiles<3> three_;
   Tiles<4> four_;
   std::vector<std::pair<float, std::uint32_t>> swept_;
+  std::vector<std::uint32_t> dirty_;
   std::vector<Found> found_;  // by each thread
   PairSort sort_pairs_;
 };
 
 /// Puts the slots into an order in which neighbours in space mostly share a tile.
 template <std::size_t axes>
-void SweepAndPrune::sort(std::span<const Aabb> boxes, std::span<const Filter> filters, std::size_t threads) {
-  sorted_slots_ = 0;
+void SweepAndPrune::sort(const HostObjects& objects, std::size_t threads) {
+  const std::span<const Aabb> boxes = objects.boxes;
   std::array<std::size_t, 256> exponents{};
   std::size_t rest = 0;
   for (const Aabb& box : boxes) {
@@ -356,60 +248,54 @@ void SweepAndPrune::sort(std::span<const Aabb> boxes, std::span<const Filter> fi
     const unsigned exponent = exponent_of(box);
     std::size_t size =
         std::min<std::size_t>(size_classes - 1, exponent < median ? 0 : (exponent - median) / 2);
-    if (axes > 3 && filters[slot].world == Filter::all_worlds) size = size_classes - 1;
+    if (axes > 3 && objects.filters[slot].world == Filter::all_worlds) size = size_classes - 1;
     if (is_empty(box)) size = size_classes;
-    classes.at(size).push_back(centre_of(bounds_of<axes>(box, filters, slot), slot));
+    classes.at(size).push_back(centre_of(bounds_of<axes>(box, objects.filters, slot), slot));
   }
   order_.clear();
+  places_.resize(boxes.size());
   for (std::vector<Centre<axes>>& centres : classes) {
     if (&centres != &classes.back()) split(std::span(centres), threads);
-    for (const Centre<axes>& centre : centres) order_.push_back(centre.slot);
     while (order_.size() % node_size != 0) order_.push_back(no_slot);
+    for (const Centre<axes>& centre : centres) {
+      places_[centre.slot] = static_cast<std::uint32_t>(order_.size());
+      order_.push_back(centre.slot);
+    }
   }
-  sorted_slots_ = boxes.size();
-  sorted_axes_ = axes;
+  moved_ = 0;
 }
 
-/// Copies the boxes to their tiles.
+/// Gives the next slot a place in the last tile, or in a new one.
+void SweepAndPrune::place_next() {
+  places_.push_back(static_cast<std::uint32_t>(order_.size()));
+  order_.push_back(static_cast<std::uint32_t>(places_.size() - 1));
+}
+
+/// Stores the box of a slot in its tile.
 template <std::size_t axes>
-void SweepAndPrune::fill(Tiles<axes>& all, std::span<const Aabb> boxes, std::span<const Filter> filters,
-                         std::size_t threads) {
-  const std::size_t tiles = order_.size() / node_size;
+void SweepAndPrune::store(Tiles<axes>& all, const HostObjects& objects, std::uint32_t slot,
+                          std::size_t place) {
+  const bool exists = slot < objects.boxes.size();  // it may be no_slot
+  all.tiles[place / node_size].set(place % node_size,
+                                   exists ? bounds_of<axes>(objects.boxes[slot], objects.filters, slot)
+                                          : make_bounds<axes>(not_a_number, not_a_number),
+                                   slot);
+}
+
+template <std::size_t axes>
+void SweepAndPrune::fill(Tiles<axes>& all, const HostObjects& objects, std::size_t threads) {
+  const std::size_t tiles = (order_.size() + node_size - 1) / node_size;
   all.tiles.resize(tiles);
   all.bounds.resize(tiles);
   constexpr std::size_t at_once = 64;
   parallel_for((tiles + at_once - 1) / at_once, threads, [&](std::size_t part, std::size_t /*thread*/) {
     for (std::size_t tile = part * at_once; tile < std::min(tiles, (part + 1) * at_once); ++tile) {
-      Bounds<axes> bounds = make_bounds<axes>(infinity, -infinity);
-      for (std::size_t k = 0; k < node_size; ++k) {
-        const std::uint32_t slot = order_[tile * node_size + k];
-        const Bounds<axes> box =
-            slot == no_slot ? make_bounds<axes>(nan, nan) : bounds_of<axes>(boxes[slot], filters, slot);
-        all.tiles[tile].set(k, box, slot);
-        extend(bounds, box);
+      for (std::size_t place = tile * node_size; place < (tile + 1) * node_size; ++place) {
+        store(all, objects, place < order_.size() ? order_[place] : no_slot, place);
       }
-      all.bounds[tile] = bounds;
+      all.bounds[tile] = bounds_of(all.tiles[tile]);
     }
   });
-  sweep(all);
-}
-
-/// The axis along which a tile overlaps the fewest others, as some of them tell.
-template <std::size_t axes>
-std::size_t best_axis(std::span<const Bounds<axes>> tiles) {
-  constexpr std::size_t samples = 16;
-  std::array<std::size_t, axes> overlaps{};
-  for (std::size_t s = 0; s < tiles.size(); s += tiles.size() / samples + 1) {
-    for (std::size_t axis = 0; axis < axes; ++axis) {
-      const float lower = tiles[s].lower[axis];
-      const float upper = tiles[s].upper[axis];
-      for (const Bounds<axes>& tile : tiles) {
-        overlaps[axis] += static_cast<unsigned>(lower <= tile.upper[axis]) &
-                          static_cast<unsigned>(tile.lower[axis] <= upper);
-      }
-    }
-  }
-  return static_cast<std::size_t>(std::ranges::min_element(overlaps) - overlaps.begin());
 }
 
 /// Puts the tiles into the order of the sweep.
@@ -418,40 +304,84 @@ void SweepAndPrune::sweep(Tiles<axes>& all) {
   all.axis = best_axis<axes>(all.bounds);
   swept_.clear();
   for (std::uint32_t tile = 0; tile < all.bounds.size(); ++tile) {
-    const Bounds<axes>& bounds = all.bounds[tile];
-    if (bounds.lower[all.axis] <= bounds.upper[all.axis]) swept_.emplace_back(bounds.lower[all.axis], tile);
+    swept_.emplace_back(all.bounds[tile].lower[all.axis], tile);
   }
   std::ranges::sort(swept_);
   all.nodes.clear();
+  all.roots.clear();
+  all.positions.resize(swept_.size());
   for (std::size_t k = 0; k < swept_.size(); ++k) {
-    if (k % node_size == 0) {
-      all.nodes.emplace_back();
-      for (std::size_t child = 0; child < node_size; ++child)
-        all.nodes.back().set(child, make_bounds<axes>(nan, nan), no_slot);
-    }
-    all.nodes.back().set(k % node_size, all.bounds[swept_[k].second], swept_[k].second);
+    const std::uint32_t tile = swept_[k].second;
+    append_child(all.nodes, k, all.bounds[tile]);
+    all.nodes.back().index[k % node_size] = tile;
+    all.positions[tile] = static_cast<std::uint32_t>(k);
   }
+  for (std::size_t k = 0; k < all.nodes.size(); ++k) append_child(all.roots, k, bounds_of(all.nodes[k]));
 }
 
 template <std::size_t axes>
 void SweepAndPrune::search_all(const Tiles<axes>& all, std::span<const Filter> filters, std::size_t threads) {
-  static const SearchRange<axes> search_range = best_search<axes>();
+  const TileSearch<axes> search = tile_search<axes>();
   found_.resize(std::max(found_.size(), threads));
   for (Found& found : found_) found.count = found.work = 0;
-  const std::size_t tiles = swept_.size();
+  const std::size_t tiles = all.tiles.size();
   parallel_for((tiles + tiles_at_once - 1) / tiles_at_once, threads,
                [&](std::size_t part, std::size_t thread) {
-                 search_range(found_[thread], all, part * tiles_at_once,
+                 search.tiles(found_[thread], all, part * tiles_at_once,
                               std::min(tiles, (part + 1) * tiles_at_once), filters);
                });
   work_ = 0;
   for (const Found& found : found_) work_ += found.work;
 }
 
+template <std::size_t axes>
+void SweepAndPrune::find_changed(Tiles<axes>& all, const HostObjects& objects,
+                                 std::span<const std::uint32_t> changed) {
+  sorted_axes_ = 0;  // until all is done
+  while (places_.size() < objects.boxes.size()) {
+    place_next();
+    if (order_.size() <= all.tiles.size() * node_size) continue;
+    const auto tile = static_cast<std::uint32_t>(all.tiles.size());
+    append_child(all.tiles, tile * node_size, make_bounds<axes>(not_a_number, not_a_number));
+    all.bounds.push_back(make_bounds<axes>(infinity, -infinity));
+    all.positions.push_back(tile);
+    if (tile % node_size == 0) append_child(all.roots, all.nodes.size(), all.bounds.back());
+    append_child(all.nodes, tile, all.bounds.back());
+  }
+  std::vector<std::uint32_t> places;
+  dirty_.clear();
+  for (const std::uint32_t slot : changed) {
+    if (slot >= places_.size()) continue;  // added and removed since the last update
+    const std::uint32_t place = places_[slot];
+    store(all, objects, slot, place);
+    dirty_.push_back(place / node_size);
+    if (slot < objects.boxes.size() && !is_empty(objects.boxes[slot])) places.push_back(place);
+  }
+  const auto each_dirty = [&](const auto& update) {
+    std::ranges::sort(dirty_);
+    dirty_.erase(std::unique(dirty_.begin(), dirty_.end()), dirty_.end());
+    for (std::uint32_t& index : dirty_) index = update(index);
+  };
+  each_dirty([&](std::uint32_t tile) {
+    all.bounds[tile] = bounds_of(all.tiles[tile]);
+    const std::uint32_t position = all.positions[tile];
+    all.nodes[position / node_size].set(position % node_size, all.bounds[tile], tile);
+    return static_cast<std::uint32_t>(position / node_size);
+  });
+  each_dirty([&](std::uint32_t node) {
+    all.roots[node / node_size].set(node % node_size, bounds_of(all.nodes[node]), node);
+    return node;
+  });
+  found_.resize(std::max<std::size_t>(1, found_.size()));
+  found_[0].count = 0;
+  tile_search<axes>().boxes(found_[0], all, places, objects.filters);
+  sorted_axes_ = axes;
+}
+
 }  // namespace
 
 std::unique_ptr<Algorithm> make_sweep_and_prune(const Config& config) {
-  return make_host_engine(SweepAndPrune(config.threads));
+  return make_host_engine(std::make_unique<SweepAndPrune>(config.threads));
 }
 
 }  // namespace broadcl

@@ -1,21 +1,26 @@
 #include <algorithm>
 #include <array>
+#include <optional>
 #include <string>
+#include <vector>
 
 #include <broadcl/error.hpp>
 
 #include "algorithms/algorithm.hpp"
 #include "algorithms/engine.hpp"
+#include "system.hpp"
 
 namespace broadcl {
 namespace {
 
 constexpr std::array rows{
-    AlgorithmRow{{.name = "auto",
-                  .summary = "brute-force or tiles, whichever is expected to be faster",
-                  .on_device = true},
-                 nullptr,
-                 make_auto},
+    AlgorithmRow{
+        {.name = "auto",
+         .summary = "brute-force or tiles, whichever is expected to be faster; without a GPU and unless a "
+                    "device is named, sweep-and-prune",
+         .on_device = true},
+        make_auto,
+        make_auto},
     AlgorithmRow{{.name = "brute-force",
                   .summary = "brute force, pairs and their changes found on the device",
                   .on_device = true},
@@ -64,6 +69,17 @@ const AlgorithmRow& find_algorithm(std::string_view name) {
   std::string names;
   for (const AlgorithmRow& r : rows) names += (names.empty() ? "" : ", ") + std::string(r.info.name);
   throw Error("no algorithm is named '" + std::string(name) + "'; the algorithms are: " + names);
+}
+
+std::optional<Device> device_for(const Config& config) {
+  if (!find_algorithm(config.algorithm).info.on_device) return std::nullopt;
+  const bool is_named = !config.device.empty() || environment("BROADCL_DEVICE");
+  if (config.algorithm != "auto" || is_named) return select_device(config.device);
+  // A device that is a CPU has no more to offer than the host, but compiles for seconds.
+  const std::vector<Device> all = devices();
+  if (all.empty()) return std::nullopt;
+  const Device best = select_device({}, all);
+  return best.type == DeviceType::cpu ? std::nullopt : std::optional(best);
 }
 
 std::unique_ptr<Algorithm> make_algorithm(const Config& config) {

@@ -12,6 +12,7 @@
 #include <span>
 #include <string>
 
+#include <broadcl/config.hpp>
 #include <broadcl/device.hpp>
 #include <broadcl/error.hpp>
 #include <broadcl/filter.hpp>
@@ -34,6 +35,7 @@ class DeviceBroadPhase {
   struct Config {
     std::string algorithm = "auto";  ///< A name of algorithms() that finds pairs on the device.
     bool profile = false;            ///< Measure stages on the device: the queue must have profiling enabled.
+    CompileHandler on_compile{};     ///< As broadcl::Config has it.
   };
 
   /// Boxes of the caller, in a buffer of the queue's context. Only read, and only by commands that begin()

@@ -66,8 +66,11 @@ std::optional<cl::Program> from_binary(const cl::Context& context, const cl::Dev
 
 }  // namespace
 
-Context::Context(Device device, bool profile)
-    : device_(std::move(device)), tuning_(tuning_of(device_)), cl_device_(open(device_)) {
+Context::Context(Device device, bool profile, CompileHandler on_compile)
+    : device_(std::move(device)),
+      tuning_(tuning_of(device_)),
+      cl_device_(open(device_)),
+      on_compile_(std::move(on_compile)) {
   translate_errors(device_.label(), [&] {
     context_ = cl::Context(cl_device_);
     queue_ = cl::CommandQueue(context_, cl_device_, profile ? CL_QUEUE_PROFILING_ENABLE : 0);
@@ -75,7 +78,8 @@ Context::Context(Device device, bool profile)
   });
 }
 
-Context::Context(const cl::CommandQueue& queue) : device_(describe(queue)), tuning_(tuning_of(device_)) {
+Context::Context(const cl::CommandQueue& queue, CompileHandler on_compile)
+    : device_(describe(queue)), tuning_(tuning_of(device_)), on_compile_(std::move(on_compile)) {
   translate_errors(device_.label(), [&] {
     if ((queue.getInfo<CL_QUEUE_PROPERTIES>() & CL_QUEUE_OUT_OF_ORDER_EXEC_MODE_ENABLE) != 0) {
       throw Error(device_.label() + ": the queue is out of order; give one that is in order");
@@ -135,6 +139,9 @@ cl::Program Context::program(std::string_view file, const std::string& options) 
   return translate_errors(device_.label(), [&] {
     if (const auto binary = load(key)) {
       if (auto program = from_binary(context_, cl_device_, *binary, all_options)) return *program;
+    }
+    if (const CompileHandler on_compile = std::exchange(on_compile_, {})) {
+      on_compile(device_, disk_cache_.folder().string());
     }
     cl::Program program(context_, source);
     try {

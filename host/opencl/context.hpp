@@ -8,6 +8,7 @@
 #include <string_view>
 #include <utility>
 
+#include <broadcl/config.hpp>
 #include <broadcl/device.hpp>
 #include <broadcl/memory.hpp>
 
@@ -26,11 +27,12 @@ enum class Tuning { gpu, cpu };
 class Context {
  public:
   /// @param profile Whether the queue records device times.
+  /// @param on_compile Called before the first program is built from its source.
   /// @throws Error naming the device.
-  Context(Device device, bool profile);
+  Context(Device device, bool profile, CompileHandler on_compile = {});
   /// Works in the context of a queue of the caller, which is retained.
   /// @throws Error for a queue that is not in order.
-  explicit Context(const cl::CommandQueue& queue);
+  explicit Context(const cl::CommandQueue& queue, CompileHandler on_compile = {});
 
   [[nodiscard]] const Device& device() const noexcept { return device_; }
   [[nodiscard]] const cl::Context& context() const noexcept { return context_; }
@@ -98,6 +100,7 @@ class Context {
   cl::CommandQueue queue_;
   bool has_nvidia_vote_;
   DiskCache disk_cache_;
+  mutable CompileHandler on_compile_;  // empty once it was called
   std::shared_ptr<Memory> memory_ = std::make_shared<Memory>();
 };
 

@@ -28,6 +28,8 @@ class DiskCache {
   /// @returns Whether the data was stored.
   [[nodiscard]] bool store(std::string_view key, const Bytes& bytes) const;
 
+  /// Empty if nothing is cached.
+  [[nodiscard]] const std::filesystem::path& folder() const noexcept { return folder_; }
   /// The file of a key.
   [[nodiscard]] std::filesystem::path file_of(std::string_view key) const;
 

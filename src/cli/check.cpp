@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "cli/arguments.hpp"
+#include "cli/compiling.hpp"
 #include "cli/text.hpp"
 #include "cli/verbs.hpp"
 #include "scenes/generators.hpp"
@@ -112,7 +113,8 @@ Exit run(const std::string& selector) {
   std::cout << one_line(device.label()) << " (" << device.id() << ")\n";
   bool works = true;
   for (const AlgorithmInfo& algorithm : algorithms()) {
-    const BroadPhase::Config config = {.device = device.id(), .algorithm = std::string(algorithm.name)};
+    const BroadPhase::Config config = {
+        .device = device.id(), .algorithm = std::string(algorithm.name), .on_compile = announce_compiling};
     std::optional<std::string> wrong;
     try {
       wrong = check_still(scenes, config);

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "cli/arguments.hpp"
+#include "cli/compiling.hpp"
 #include "cli/npy.hpp"
 #include "cli/output_file.hpp"
 #include "cli/text.hpp"
@@ -22,20 +23,8 @@ namespace {
 struct Options {
   std::string file;
   std::string out;
-  BroadPhase::Config broad_phase;
+  BroadPhase::Config broad_phase{.on_compile = announce_compiling};
 };
-
-/// The device that will be used; none for an algorithm that runs on the host. A device that was asked for
-/// must exist in either case.
-std::optional<Device> device_of(const BroadPhase::Config& config) {
-  const std::span<const AlgorithmInfo> table = algorithms();
-  const bool on_host = std::any_of(table.begin(), table.end(), [&](const AlgorithmInfo& algorithm) {
-    return algorithm.name == config.algorithm && !algorithm.on_device;
-  });
-  if (on_host && config.device.empty()) return std::nullopt;
-  const Device device = select_device(config.device);
-  return on_host ? std::nullopt : std::optional(device);
-}
 
 Exit run(const Options& options) {
   const std::vector<Aabb> boxes = read_boxes(options.file);
@@ -47,7 +36,9 @@ Exit run(const Options& options) {
     }
     out.emplace(options.out);
   }
-  const std::optional<Device> device = device_of(options.broad_phase);
+  // A device that was asked for must exist, even if the algorithm runs on the host.
+  if (!options.broad_phase.device.empty()) (void)select_device(options.broad_phase.device);
+  const std::optional<Device> device = device_for(options.broad_phase);
   const std::vector<Pair> pairs = overlapping_pairs(boxes, options.broad_phase);
   if (out) {
     out->write(to_npy(pairs));

@@ -20,6 +20,7 @@
 #include <vector>
 
 #include "cli/arguments.hpp"
+#include "cli/compiling.hpp"
 #include "cli/output_file.hpp"
 #include "cli/progress_bar.hpp"
 #include "cli/recording.hpp"
@@ -91,6 +92,7 @@ std::unique_ptr<btBroadphaseInterface> make_broadphase(const Options& options, c
   }
   return scenes::make_broadphase({.name = options.broadphase,
                                   .device = options.device,
+                                  .on_compile = announce_compiling,
                                   .objects = boxes,
                                   .world_edge = survey.world_edge});
 }

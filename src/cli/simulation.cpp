@@ -1,4 +1,5 @@
 #include "cli/simulation.hpp"
+#include "cli/compiling.hpp"
 
 #include <BulletCollision/BroadphaseCollision/btBroadphaseInterface.h>
 #include <BulletCollision/BroadphaseCollision/btOverlappingPairCache.h>
@@ -22,6 +23,7 @@ std::unique_ptr<btBroadphaseInterface> make_broadphase(const SimulationConfig& c
       {.name = config.broadphase,
        .device = config.device,
        .profile = measures_stages(config),
+       .on_compile = announce_compiling,
        .objects = config.scenario.objects + scenes::World::walls,
        .world_edge = scenes::World::outer_edge(scenes::Scenario(config.scenario))});
 }

@@ -88,8 +88,10 @@ std::unique_ptr<btBroadphaseInterface> make_broadphase(const BroadphaseConfig& c
   const auto* row = std::find_if(bullet_rows.begin(), bullet_rows.end(),
                                  [&](const BulletRow& own) { return own.name == config.name; });
   if (row != bullet_rows.end()) return row->make(config);
-  return std::make_unique<BulletBroadphase>(BroadPhase::Config{
-      .device = config.device, .algorithm = find_broadphase(config.name).name, .profile = config.profile});
+  return std::make_unique<BulletBroadphase>(BroadPhase::Config{.device = config.device,
+                                                               .algorithm = find_broadphase(config.name).name,
+                                                               .profile = config.profile,
+                                                               .on_compile = config.on_compile});
 }
 
 }  // namespace broadcl::scenes

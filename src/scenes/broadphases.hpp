@@ -6,6 +6,8 @@
 #include <string_view>
 #include <vector>
 
+#include <broadcl/config.hpp>
+
 class btBroadphaseInterface;
 
 namespace broadcl::scenes {
@@ -29,10 +31,11 @@ struct BroadphaseInfo {
 
 /// How to make a broad phase, and for what.
 struct BroadphaseConfig {
-  std::string name;      ///< A name of broadphases().
-  std::string device;    ///< As broadcl::select_device() takes it; ignored by Bullet's own.
-  bool profile = false;  ///< As broadcl::BroadPhase::Config.
-  std::size_t objects;   ///< Number of proxies including walls; needed by broad phases with a fixed capacity.
+  std::string name;             ///< A name of broadphases().
+  std::string device;           ///< As broadcl::select_device() takes it; ignored by Bullet's own.
+  bool profile = false;         ///< As broadcl::BroadPhase::Config.
+  CompileHandler on_compile{};  ///< Likewise.
+  std::size_t objects;  ///< Number of proxies including walls; needed by broad phases with a fixed capacity.
   float world_edge;  ///< Edge of a cube around the origin that holds everything; for those with fixed bounds.
 };
 

@@ -1,0 +1,153 @@
+#include "algorithms/tile_search.hpp"
+
+#include <algorithm>
+#include <bit>
+
+namespace broadcl {
+namespace {
+
+// What follows is compiled twice, for any processor and for those with AVX2, so it must be inlined.
+#define BROADCL_INLINE [[gnu::always_inline]] inline
+
+constexpr std::array<std::uint32_t, node_size> bit_of = [] {
+  std::array<std::uint32_t, node_size> bits{};
+  for (std::size_t k = 0; k < node_size; ++k) bits[k] = 1U << k;
+  return bits;
+}();
+
+BROADCL_INLINE std::size_t lowest_bit(std::uint32_t bits) {
+  return static_cast<std::size_t>(std::countr_zero(bits));
+}
+
+/// One bit per child of a node: whether it overlaps these bounds.
+template <std::size_t axes>
+BROADCL_INLINE std::uint32_t overlapping(const Node<axes>& node, const Bounds<axes>& bounds) {
+  std::uint32_t bits = 0;
+  for (std::size_t k = 0; k < node_size; ++k) {
+    bool overlaps = true;
+    for (std::size_t axis = 0; axis < axes; ++axis) {
+      overlaps = overlaps & (node.lower[axis][k] <= bounds.upper[axis]) &
+                 (bounds.lower[axis] <= node.upper[axis][k]);
+    }
+    bits |= overlaps ? bit_of[k] : 0;
+  }
+  return bits;
+}
+
+/// Appends the pairs of box k of a tile with some boxes of another.
+template <std::size_t axes>
+BROADCL_INLINE void append(Found& found, const Node<axes>& tile, std::uint32_t bits, std::uint32_t other,
+                           std::span<const Filter> filters) {
+  for (; bits != 0; bits &= bits - 1) {
+    const std::uint32_t slot = tile.index[lowest_bit(bits)];
+    if (!filters.empty() && !may_pair(filters[slot], filters[other])) continue;
+    found.pairs[found.count++] = {std::min(slot, other), std::max(slot, other)};
+  }
+}
+
+/// Tests the boxes of two tiles.
+template <std::size_t axes>
+BROADCL_INLINE void test(Found& found, const Tiles<axes>& all, std::size_t s, std::size_t t,
+                         std::span<const Filter> filters) {
+  const std::uint32_t of_s = overlapping(all.tiles[s], all.bounds[t]);
+  if (of_s == 0) return;
+  const std::uint32_t of_t = overlapping(all.tiles[t], all.bounds[s]);
+  const bool few_in_s = std::popcount(of_s) < std::popcount(of_t);
+  const Node<axes>& few = all.tiles[few_in_s ? s : t];
+  const Node<axes>& many = all.tiles[few_in_s ? t : s];
+  for (std::uint32_t bits = few_in_s ? of_s : of_t; bits != 0; bits &= bits - 1) {
+    const auto k = lowest_bit(bits);
+    append(found, many, overlapping(many, few.get(k)), few.index[k], filters);
+  }
+}
+
+/// Tests a tile with itself and with those after it in the sweep whose lower bounds do not exceed its upper
+/// one.
+template <std::size_t axes>
+BROADCL_INLINE void search(Found& found, const Tiles<axes>& all, std::size_t position,
+                           std::span<const Filter> filters) {
+  constexpr std::size_t most = node_size * node_size;  // pairs of two tiles
+  const std::size_t first = position / node_size;
+  const std::size_t s = all.nodes[first].index[position % node_size];
+  const Node<axes>& tile = all.tiles[s];
+  const Bounds<axes> bounds = all.bounds[s];
+  found.reserve(most);
+  for (std::size_t k = 1; k < node_size; ++k) {
+    append(found, tile, overlapping(tile, tile.get(k)) & (bit_of[k] - 1), tile.index[k], filters);
+  }
+  std::uint32_t after = 0xfffffffeU << position % node_size;
+  std::size_t node = first;
+  do {
+    for (std::uint32_t bits = overlapping(all.nodes[node], bounds) & after; bits != 0; bits &= bits - 1) {
+      found.reserve(most);
+      ++found.work;
+      test(found, all, s, all.nodes[node].index[lowest_bit(bits)], filters);
+    }
+    after = 0xffffffff;
+    ++node;
+  } while (node < all.nodes.size() && all.nodes[node].lower[all.axis][0] <= bounds.upper[all.axis]);
+}
+
+/// Tests some boxes with all others.
+template <std::size_t axes>
+BROADCL_INLINE void search_boxes(Found& found, const Tiles<axes>& all, std::span<const std::uint32_t> places,
+                                 std::span<const Filter> filters) {
+  for (const std::uint32_t place : places) {
+    const Node<axes>& own = all.tiles[place / node_size];
+    const Bounds<axes> bounds = own.get(place % node_size);
+    const std::uint32_t slot = own.index[place % node_size];
+    for (const Node<axes>& root : all.roots) {
+      for (std::uint32_t nodes = overlapping(root, bounds); nodes != 0; nodes &= nodes - 1) {
+        const Node<axes>& node = all.nodes[root.index[lowest_bit(nodes)]];
+        for (std::uint32_t tiles = overlapping(node, bounds); tiles != 0; tiles &= tiles - 1) {
+          const Node<axes>& tile = all.tiles[node.index[lowest_bit(tiles)]];
+          std::uint32_t hits = overlapping(tile, bounds);
+          if (&tile == &own) hits &= ~bit_of[place % node_size];
+          found.reserve(node_size);
+          append(found, tile, hits, slot, filters);
+        }
+      }
+    }
+  }
+}
+
+template <std::size_t axes>
+BROADCL_INLINE void search_tiles(Found& found, const Tiles<axes>& all, std::size_t begin, std::size_t end,
+                                 std::span<const Filter> filters) {
+  for (std::size_t position = begin; position < end; ++position) search(found, all, position, filters);
+}
+
+#if defined(__x86_64__) && defined(__GNUC__)
+template <std::size_t axes>
+[[gnu::target("avx2")]] void search_tiles_avx2(Found& found, const Tiles<axes>& all, std::size_t begin,
+                                               std::size_t end, std::span<const Filter> filters) {
+  search_tiles(found, all, begin, end, filters);
+}
+template <std::size_t axes>
+[[gnu::target("avx2")]] void search_boxes_avx2(Found& found, const Tiles<axes>& all,
+                                               std::span<const std::uint32_t> places,
+                                               std::span<const Filter> filters) {
+  search_boxes(found, all, places, filters);
+}
+template <std::size_t axes>
+TileSearch<axes> vectorised() {
+  if (__builtin_cpu_supports("avx2") == 0) return {search_tiles<axes>, search_boxes<axes>};
+  return {search_tiles_avx2<axes>, search_boxes_avx2<axes>};
+}
+#else
+template <std::size_t axes>
+TileSearch<axes> vectorised() {
+  return {search_tiles<axes>, search_boxes<axes>};
+}
+#endif
+
+}  // namespace
+
+template <std::size_t axes>
+TileSearch<axes> tile_search(bool plain) {
+  return plain ? TileSearch<axes>{search_tiles<axes>, search_boxes<axes>} : vectorised<axes>();
+}
+template TileSearch<3> tile_search<3>(bool);
+template TileSearch<4> tile_search<4>(bool);
+
+}  // namespace broadcl

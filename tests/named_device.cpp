@@ -1,0 +1,23 @@
+#include <cstdlib>
+#include <vector>
+
+#include <gtest/gtest.h>
+
+#include <broadcl/device.hpp>
+
+namespace broadcl::test {
+namespace {
+
+/// Tests name a device, so that `auto` uses it. Otherwise it would work on the host if the device is a CPU.
+class NamedDevice : public ::testing::Environment {
+ public:
+  void SetUp() override {
+    const char* variable = std::getenv("BROADCL_DEVICE");
+    if (variable != nullptr && *variable != '\0') return;
+    if (!devices().empty()) setenv("BROADCL_DEVICE", select_device().id().c_str(), 1);
+  }
+};
+const ::testing::Environment* const named_device = ::testing::AddGlobalTestEnvironment(new NamedDevice);
+
+}  // namespace
+}  // namespace broadcl::test

@@ -1,0 +1,136 @@
+#include <algorithm>
+#include <array>
+#include <atomic>
+#include <cstdint>
+#include <new>
+#include <numeric>
+#include <random>
+#include <vector>
+
+#include <gtest/gtest.h>
+
+#include "algorithms/pair_sort.hpp"
+#include "algorithms/tile_search.hpp"
+#include "each_algorithm.hpp"
+#include "parallel.hpp"
+
+/// The parts of sweep and prune.
+namespace broadcl::test {
+namespace {
+
+/// Tiles of random boxes, in one node. Every seventh box is missing.
+Tiles<3> random_tiles(std::size_t tiles) {
+  std::mt19937 random(7);
+  std::uniform_int_distribution<int> coordinate(0, 9);  // so that bounds often touch
+  Tiles<3> all;
+  all.nodes.resize(1);
+  for (std::size_t k = 0; k < node_size; ++k) all.nodes[0].set(k, make_bounds<3>(nan_value, nan_value), 0);
+  for (std::size_t tile = 0; tile < tiles; ++tile) {
+    Bounds<3> bounds = make_bounds<3>(infinity, -infinity);
+    Node<3>& node = all.tiles.emplace_back();
+    for (std::size_t k = 0; k < node_size; ++k) {
+      Bounds<3> box = make_bounds<3>(nan_value, nan_value);
+      for (std::size_t axis = 0; k % 7 != 3 && axis < 3; ++axis) {
+        box.lower[axis] = static_cast<float>(coordinate(random));
+        box.upper[axis] = box.lower[axis] + static_cast<float>(axis);
+      }
+      node.set(k, box, static_cast<std::uint32_t>(tile * node_size + k));
+      extend(bounds, box);
+    }
+    all.bounds.push_back(bounds);
+    all.nodes[0].set(tile, bounds, static_cast<std::uint32_t>(tile));
+  }
+  all.roots.resize(1);
+  for (std::size_t k = 0; k < node_size; ++k) all.roots[0].set(k, make_bounds<3>(nan_value, nan_value), 0);
+  all.roots[0].set(0, make_bounds<3>(-infinity, infinity), 0);
+  return all;
+}
+
+Pairs sorted(const Found& found) {
+  Pairs pairs(found.pairs.begin(), found.pairs.begin() + static_cast<std::ptrdiff_t>(found.count));
+  std::ranges::sort(pairs);
+  return pairs;
+}
+
+/// By the definition.
+Pairs expected_pairs(const Tiles<3>& all, const std::vector<Filter>& filters) {
+  Pairs pairs;
+  const auto box_of = [&](std::uint32_t slot) { return all.tiles[slot / node_size].get(slot % node_size); };
+  for (std::uint32_t b = 0; b < all.tiles.size() * node_size; ++b) {
+    for (std::uint32_t a = 0; a < b; ++a) {
+      const Bounds<3> s = box_of(a);
+      const Bounds<3> t = box_of(b);
+      if (overlaps({s.lower, s.upper}, {t.lower, t.upper}) &&
+          (filters.empty() || may_pair(filters[a], filters[b]))) {
+        pairs.push_back({a, b});
+      }
+    }
+  }
+  return pairs;
+}
+
+TEST(TileSearch, ForEachProcessorFindsTheSamePairs) {
+  const Tiles<3> all = random_tiles(9);
+  std::vector<std::uint32_t> places(9 * node_size);
+  std::iota(places.begin(), places.end(), 0U);
+  for (const bool with_filters : {false, true}) {
+    std::vector<Filter> filters;
+    for (std::uint32_t k = 0; with_filters && k < places.size(); ++k)
+      filters.push_back({.group = 1U << k % 3, .mask = 5});
+    const Pairs expected = expected_pairs(all, filters);
+    ASSERT_GT(expected.size(), 100U);
+    for (const bool plain : {true, false}) {
+      Found found;
+      tile_search<3>(plain).tiles(found, all, 0, 4, filters);
+      tile_search<3>(plain).tiles(found, all, 4, 9, filters);
+      EXPECT_TRUE(same("of tiles", sorted(found), expected)) << plain;
+      Found of_boxes;
+      tile_search<3>(plain).boxes(of_boxes, all, places, filters);
+      Pairs pairs = sorted(of_boxes);
+      EXPECT_EQ(pairs.size(), 2 * expected.size()) << "each is found by both boxes";
+      pairs.erase(std::unique(pairs.begin(), pairs.end()), pairs.end());
+      EXPECT_TRUE(same("of boxes", pairs, expected)) << plain;
+    }
+  }
+}
+
+TEST(PairSort, ListsOfAnyLengthAndWidth) {
+  std::mt19937_64 random(3);
+  PairSort sort;
+  Pairs sorted;
+  for (const std::uint64_t slots :
+       {2ULL, 3ULL, 255ULL, 256ULL, 1000ULL, 70'000ULL, 1ULL << 24U, 1ULL << 31U}) {
+    for (const std::size_t n : {0U, 1U, 200U, 5000U, 60'000U, 700'000U}) {
+      if (n > 60'000 && slots > 1000) continue;  // all in few partitions
+      Pairs pairs(n);
+      for (Pair& pair : pairs) {
+        pair = {static_cast<std::uint32_t>(random() % slots), static_cast<std::uint32_t>(random() % slots)};
+      }
+      const std::span<const Pair> all = pairs;
+      const std::array lists{all.first(n / 3), all.subspan(n / 3, 0), all.subspan(n / 3)};
+      sort(lists, slots, 1 + n % 4, sorted);
+      std::ranges::sort(pairs);
+      ASSERT_TRUE(same("sorted", sorted, pairs)) << n << " of " << slots;
+    }
+  }
+}
+
+TEST(ParallelFor, CallsOnceForEachAndPassesErrorsOn) {
+  for (const std::size_t threads : {1U, 3U, 100U}) {
+    std::vector<std::atomic<int>> calls(1000);
+    parallel_for(calls.size(), threads, [&](std::size_t k, std::size_t thread) {
+      EXPECT_LT(thread, threads);
+      ++calls[k];
+    });
+    EXPECT_TRUE(std::ranges::all_of(calls, [](const auto& count) { return count == 1; }));
+    EXPECT_THROW(parallel_for(calls.size(), threads,
+                              [](std::size_t k, std::size_t /*thread*/) {
+                                if (k == 500) throw std::bad_alloc();
+                              }),
+                 std::bad_alloc);
+  }
+  parallel_for(0, 4, [](std::size_t /*k*/, std::size_t /*thread*/) { FAIL(); });
+}
+
+}  // namespace
+}  // namespace broadcl::test
