@@ -8,6 +8,7 @@
 // some-moving/ALGORITHM/M/N the same as update, but only M of N boxes move
 // frame/NAME/SCENE/N        a frame through Bullet's interface in which every box moves: setAabb for each,
 //                           from ordinary memory, then calculateOverlappingPairs
+// frame-some-moving/NAME/M/N  the same, but only M of N boxes move
 //
 // The other files in this folder have more benchmarks.
 #include <algorithm>
@@ -107,7 +108,8 @@ void time_some_moving(benchmark::State& state, const AlgorithmInfo& algorithm, s
   frames.report();
 }
 
-void time_frame(benchmark::State& state, const std::string& name, const Scene& scene, std::uint32_t n) {
+void time_frame(benchmark::State& state, const std::string& name, const Scene& scene, std::uint32_t n,
+                std::uint32_t moving) {
   MovingBoxes boxes(n, scene.sizes);
   const auto broadphase =
       scenes::make_broadphase({.name = name, .device = {}, .objects = n, .world_edge = 4 / boxes.edge()});
@@ -125,7 +127,7 @@ void time_frame(benchmark::State& state, const std::string& name, const Scene& s
     boxes.advance();
     const std::vector<Bounds> moved = scaled(boxes);
     state.ResumeTiming();
-    for (std::size_t k = 0; k < proxies.size(); ++k) {
+    for (std::size_t k = 0; k < n; k += n / moving) {
       broadphase->setAabb(proxies[k], moved[k].lower, moved[k].upper, &dispatcher);
     }
     broadphase->calculateOverlappingPairs(&dispatcher);
@@ -137,10 +139,7 @@ void time_frame(benchmark::State& state, const std::string& name, const Scene& s
 /// The largest number of boxes for which a frame takes no more than some tenths of a second.
 std::uint32_t most_in_frames(const std::string& broadphase) {
   if (broadphase == "bullet-bf") return 3500;
-  return broadphase == "auto" || broadphase == "tiles" || broadphase == "bullet-bvh" ||
-                 broadphase == "bullet-sap"
-             ? 64000
-             : 16000;
+  return broadphase == "brute-force" || broadphase == "gpu-bf" ? 16000 : 64000;
 }
 
 void register_all() {
@@ -154,16 +153,28 @@ void register_all() {
           ->Unit(benchmark::kMicrosecond);
     }
   }
-  for (const std::uint32_t moving : {0U, 30U, 300U, 3000U, 30000U}) {
+  struct SomeMoving {
+    std::uint32_t moving, of;
+  };
+  for (const SomeMoving some :
+       {SomeMoving{30, 10'000}, {0, 30'000}, {30, 30'000}, {300, 30'000}, {3000, 30'000}, {30'000, 30'000}}) {
     for (const AlgorithmInfo& algorithm : algorithms()) {
-      if (!algorithm.on_device || algorithm.name == "gpu-bf") continue;
-      const std::string name =
-          "some-moving/" + std::string(algorithm.name) + "/" + std::to_string(moving) + "/30000";
-      benchmark::RegisterBenchmark(name.c_str(), time_some_moving, algorithm, 30000U, moving)
+      if (algorithm.name == "oracle" || algorithm.name == "gpu-bf") continue;
+      const std::string name = "some-moving/" + std::string(algorithm.name) + "/" +
+                               std::to_string(some.moving) + "/" + std::to_string(some.of);
+      benchmark::RegisterBenchmark(name.c_str(), time_some_moving, algorithm, some.of, some.moving)
           ->UseManualTime()
           ->Iterations(256)
           ->Unit(benchmark::kMicrosecond);
     }
+  }
+  for (const scenes::BroadphaseInfo& info : scenes::broadphases()) {
+    if (info.name == "oracle" || most_in_frames(info.name) < 16000) continue;
+    const std::string name = "frame-some-moving/" + info.name + "/30/10000";
+    benchmark::RegisterBenchmark(name.c_str(), time_frame, info.name, scene_list[0], 10'000U, 30U)
+        ->UseRealTime()
+        ->Iterations(256)
+        ->Unit(benchmark::kMicrosecond);
   }
   for (const Scene& scene : scene_list) {
     for (const std::uint32_t n : {500U, 3500U, 16000U, 64000U, 256000U, 1'000'000U, 10'000'000U}) {
@@ -172,8 +183,9 @@ void register_all() {
         const std::uint32_t most = algorithm.name == "brute-force" ? 16000
                                    : algorithm.name == "gpu-bf"    ? 3500
                                                                    : 10'000'000;
-        if (!algorithm.on_device || n > most) continue;
-        if (n > 1'000'000 && (algorithm.name == "auto" || scene.sizes == MovingBoxes::Sizes::mixed)) continue;
+        if (algorithm.name == "oracle" || n > most) continue;
+        if (n > 1'000'000 && (algorithm.name != "tiles" || scene.sizes == MovingBoxes::Sizes::mixed))
+          continue;
         for (const From from : {From::staging, From::memory}) {
           if (n > 1'000'000 && from == From::memory) continue;
           const std::string name = std::string(from == From::staging ? "update/" : "update-from-memory/") +
@@ -185,11 +197,11 @@ void register_all() {
         }
       }
     }
-    for (const std::uint32_t n : {500U, 1250U, 2000U, 2750U, 3500U, 16000U, 64000U}) {
+    for (const std::uint32_t n : {10U, 100U, 300U, 500U, 1250U, 2000U, 2750U, 3500U, 16000U, 64000U}) {
       for (const scenes::BroadphaseInfo& info : scenes::broadphases()) {
         if (info.name == "oracle" || n > most_in_frames(info.name)) continue;
         const std::string name = "frame/" + info.name + "/" + scene.name + "/" + std::to_string(n);
-        auto* frames = benchmark::RegisterBenchmark(name.c_str(), time_frame, info.name, scene, n)
+        auto* frames = benchmark::RegisterBenchmark(name.c_str(), time_frame, info.name, scene, n, n)
                            ->UseRealTime()
                            ->Unit(benchmark::kMicrosecond);
         // Bullet's axis sweep takes minutes to make so many proxies, and would do so again for every estimate

@@ -61,10 +61,13 @@ class HostEngine final : public Algorithm {
     if (!pairs_.empty()) slots = std::max<std::size_t>(slots, pairs_.back().b + 1);
     has_changed_.assign(slots, 0);
     for (const std::uint32_t slot : changes_.changed) has_changed_[slot] = 1;
-    known_.clear();
-    for (const Pair& pair : pairs_) {
-      if ((has_changed_[pair.a] | has_changed_[pair.b]) != 0) known_.push_back(pair);
+    known_.resize(pairs_.size());
+    std::size_t count = 0;
+    for (const Pair& pair : pairs_) {  // few of them, at random: a branch would be slower
+      known_[count] = pair;
+      count += static_cast<std::size_t>(has_changed_[pair.a] | has_changed_[pair.b]);
     }
+    known_.resize(count);
   }
 
   [[nodiscard]] bool is_recycled(std::uint32_t slot) const {
@@ -91,17 +94,24 @@ class HostEngine final : public Algorithm {
   void apply_changes() {
     found_.clear();
     found_.reserve(pairs_.size() + added_.size());
-    auto added = added_.begin();
+    auto rest = pairs_.begin();
     auto removed = removed_.begin();
-    for (const Pair& pair : pairs_) {
-      for (; added != added_.end() && *added < pair; ++added) found_.push_back(*added);
-      if (removed != removed_.end() && *removed == pair) {
-        ++removed;
-      } else {
-        found_.push_back(pair);
+    const auto take_until = [&](const Pair& end) {
+      for (; removed != removed_.end() && *removed <= end; ++removed) {
+        const auto at = std::lower_bound(rest, pairs_.end(), *removed);
+        found_.insert(found_.end(), rest, at);
+        rest = at + 1;
       }
+      const auto at = std::lower_bound(rest, pairs_.end(), end);
+      found_.insert(found_.end(), rest, at);
+      rest = at;
+    };
+    for (const Pair& added : added_) {
+      take_until(added);
+      found_.push_back(added);
     }
-    found_.insert(found_.end(), added, added_.end());
+    if (!removed_.empty()) take_until(removed_.back());
+    found_.insert(found_.end(), rest, pairs_.end());
     std::swap(pairs_, found_);
   }
 
