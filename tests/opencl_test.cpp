@@ -146,8 +146,13 @@ TEST_F(Cache, TheEnvironmentNamesTheFolder) {
     const test::ScopedVariable none("BROADCL_CACHE_DIR", "");
     EXPECT_EQ(DiskCache().file_of("key").parent_path(), folder_.path() / "xdg" / "broadcl");
   }
-  const test::ScopedVariable own("BROADCL_CACHE_DIR", folder_.path() / "own");
-  EXPECT_EQ(DiskCache().file_of("key").parent_path(), folder_.path() / "own");
+  {
+    const test::ScopedVariable own("BROADCL_CACHE_DIR", folder_.path() / "own");
+    EXPECT_EQ(DiskCache().file_of("key").parent_path(), folder_.path() / "own");
+  }
+  const test::ScopedVariable off("BROADCL_CACHE_DIR", "/dev/null");
+  EXPECT_TRUE(DiskCache().folder().empty());
+  EXPECT_FALSE(DiskCache().store("key", bytes_));
 }
 
 class OnDevice : public ::testing::Test {

@@ -1,11 +1,13 @@
 // What may run in several threads at once. This file alone is also a program for ThreadSanitizer.
 #include <broadcl/broad_phase.hpp>
 
+#include <algorithm>
 #include <array>
 #include <cstddef>
 #include <cstdint>
 #include <filesystem>
 #include <latch>
+#include <random>
 #include <set>
 #include <string>
 #include <string_view>
@@ -16,6 +18,7 @@
 #include <gtest/gtest.h>
 
 #include "bullet_rig.hpp"
+#include "each_algorithm.hpp"
 #include "environment.hpp"
 #include "query_rig.hpp"
 #include "runs.hpp"
@@ -152,6 +155,28 @@ TEST(Threads, TwoBroadPhasesShareAFolderOfPrograms) {
       ++programs;
     }
     EXPECT_GT(programs, 0U) << algorithm.name;
+  }
+}
+
+TEST(Threads, OfTheHostFindTheSamePairs) {
+  constexpr std::uint32_t n = 40'000;
+  std::mt19937 random(1);
+  std::uniform_real_distribution<float> coordinate(0, 1);
+  std::vector<Aabb> boxes(n);
+  BroadPhase alone({.algorithm = "sweep-and-prune", .threads = 1});
+  BroadPhase together({.algorithm = "sweep-and-prune", .threads = 3});
+  for (int frame = 0; frame < 3; ++frame) {
+    for (Aabb& box : boxes) {
+      for (std::size_t axis = 0; axis < 3; ++axis) {
+        box.lower[axis] = coordinate(random);
+        box.upper[axis] = box.lower[axis] + 0.05F * coordinate(random);
+      }
+    }
+    std::ranges::copy(boxes, alone.map(n).begin());
+    std::ranges::copy(boxes, together.map(n).begin());
+    const Delta expected = alone.update();
+    ASSERT_GT(expected.added.size(), 1000U);
+    EXPECT_TRUE(same(together.update(), expected.added, expected.removed)) << frame;
   }
 }
 

@@ -1,13 +1,17 @@
 #include <broadcl/broad_phase.hpp>
 
 #include <algorithm>
+#include <filesystem>
+#include <fstream>
 #include <numeric>
 #include <random>
+#include <string>
 #include <vector>
 
 #include <gtest/gtest.h>
 
 #include "each_algorithm.hpp"
+#include "environment.hpp"
 #include "keep_stage.hpp"
 #include "scenes/generators.hpp"
 
@@ -188,6 +192,32 @@ TEST_P(EachAlgorithm, UpdatesOfNothingFollowThatOfMuch) {
       EXPECT_TRUE(same(broad_phase.update(), {}, {}));
     }
   }
+}
+
+/// Kernels that are first needed later are compiled later, too.
+NOT_IN(sanitizers, "compiles");
+TEST(BruteForce, ACacheThatCannotBeWrittenCostsNothingElse) {
+  const ScopedFolder folder;
+  const std::filesystem::path file = folder.path() / "file";
+  std::ofstream(file) << "not a folder";
+  const ScopedVariable variable("BROADCL_CACHE_DIR", file.string());
+  int compiled = 0;
+  BroadPhase broad_phase(
+      {.algorithm = "brute-force", .on_compile = [&](const Device& device, const std::string& kept_in) {
+         ++compiled;
+         EXPECT_EQ(device.label(), select_device().label());
+         EXPECT_EQ(kept_in, file.string());
+       }});
+  EXPECT_EQ(compiled, 1);
+  for (std::uint32_t k = 0; k < 50; ++k) broad_phase.add(apart(k));
+  (void)broad_phase.update();
+  broad_phase.move(3, apart(4));
+  EXPECT_EQ(broad_phase.update().added.size(), 1U);
+  broad_phase.set_filter(4, {.world = 1});
+  EXPECT_EQ(broad_phase.update().removed.size(), 1U);
+  broad_phase.set_filter(3, {.world = 1});
+  EXPECT_EQ(broad_phase.update().added.size(), 1U);
+  EXPECT_EQ(compiled, 1);
 }
 
 }  // namespace

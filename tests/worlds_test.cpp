@@ -128,7 +128,7 @@ TEST_P(EachAlgorithm, WorldsOneThatIsMuchLargerThanTheOthers) {
 /// A ground plane, and others that are shared by all.
 ALSO_IN(oclgrind | oclgrind_gpu_profile);
 TEST_P(EachAlgorithm, SmallWorldsWithObjectsInAllOfThem) {
-  follow_oracle(GetParam(), 150, 30,
+  follow_oracle(GetParam(), 100, 30,
                 [](std::uint32_t k) { return k % 40 == 5 ? Filter::all_worlds : k / 30; });
 }
 

@@ -20,7 +20,7 @@ class HostEngine final : public Algorithm {
 
   void begin(const Changes& changes) override {
     changes_ = changes;
-    if (changes.all || changes.filters_changed || filters_.size() != changes.filters.size()) {
+    if (changes.filters_changed || filters_.size() != changes.filters.size()) {
       filters_.assign(changes.filters.begin(), changes.filters.end());
     }
   }

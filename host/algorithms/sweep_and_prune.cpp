@@ -28,8 +28,8 @@ constexpr std::size_t size_classes = 4;
 /// The order is made anew once the work exceeds this multiple of the work in a new order.
 constexpr double stale = 1.25;
 
-/// With fewer boxes, starting threads takes longer than what they save.
-constexpr std::size_t fewest_for_threads = 2048;
+/// With fewer boxes for each, starting threads takes longer than what they save.
+constexpr std::size_t boxes_per_thread = 4096;
 
 constexpr std::size_t tiles_at_once = 8;
 
@@ -75,8 +75,7 @@ void split(std::span<Centre<axes>> centres, std::size_t threads) {
                    [axis](const Centre<axes>& s, const Centre<axes>& t) { return s.at[axis] < t.at[axis]; });
   const std::array halves{centres.first(static_cast<std::size_t>(middle)),
                           centres.subspan(static_cast<std::size_t>(middle))};
-  const std::size_t share = centres.size() < fewest_for_threads ? 1 : threads;
-  parallel_for(2, share, [&](std::size_t k, std::size_t /*thread*/) { split(halves.at(k), share / 2); });
+  parallel_for(2, threads, [&](std::size_t k, std::size_t /*thread*/) { split(halves.at(k), threads / 2); });
 }
 
 template <std::size_t axes>
@@ -179,7 +178,7 @@ class SweepAndPrune final : public HostFinder {
 
  private:
   [[nodiscard]] std::size_t threads_of(std::size_t boxes) const {
-    return boxes < fewest_for_threads ? 1 : threads_;
+    return std::clamp<std::size_t>(boxes / boxes_per_thread, 1, threads_);
   }
 
   template <std::size_t axes>

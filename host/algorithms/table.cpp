@@ -76,7 +76,8 @@ std::optional<Device> device_for(const Config& config) {
   const bool is_named = !config.device.empty() || environment("BROADCL_DEVICE");
   if (config.algorithm != "auto" || is_named) return select_device(config.device);
   // A device that is a CPU has no more to offer than the host, but compiles for seconds.
-  const std::vector<Device> all = devices();
+  std::vector<std::string> failures;
+  const std::vector<Device> all = devices(&failures);
   if (all.empty()) return std::nullopt;
   const Device best = select_device({}, all);
   return best.type == DeviceType::cpu ? std::nullopt : std::optional(best);

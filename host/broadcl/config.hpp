@@ -47,7 +47,8 @@ struct AlgorithmInfo {
 
 /// The device that an object with this Config uses, or none if it works on the host. Any number of threads
 /// may call it at once.
-/// @throws Error for an unknown algorithm or device, and if OpenCL fails.
+/// @throws Error for an unknown algorithm or device, and if OpenCL fails. (The default then works on the
+/// host; devices() tells what failed.)
 [[nodiscard]] std::optional<Device> device_for(const Config& config);
 
 /// The table of algorithms, which is the only list of them. The rows are constant and always valid; any

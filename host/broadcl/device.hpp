@@ -26,6 +26,7 @@ struct Device {
   std::uint64_t memory;          ///< Global memory, bytes.
   std::uint64_t max_allocation;  ///< Largest single buffer, bytes.
   bool host_unified;             ///< Host and device share memory.
+  std::uint32_t vendor_id;       ///< CL_DEVICE_VENDOR_ID: the number of the PCI bus, if there is one.
 
   /// "P:D", as the selector takes it.
   [[nodiscard]] std::string id() const;
@@ -33,22 +34,29 @@ struct Device {
   [[nodiscard]] std::string label() const;
 };
 
-/// Every usable device of every OpenCL platform, in the order of `clinfo -l`. Platforms without devices add
-/// none. Empty if no OpenCL implementation is installed.
-/// @throws Error if an implementation fails to answer.
-[[nodiscard]] std::vector<Device> devices();
+/// Every usable device of every OpenCL platform, in the order of `clinfo -l`: those that are available and
+/// have a compiler. Platforms without devices add none. Empty if no OpenCL implementation is installed.
+/// @param failures Gets a line for each platform and device that cannot be used, and why, if it is not null.
+/// @throws Error if there is no usable device, but one that failed, unless `failures` tells; and if the
+/// loader fails.
+[[nodiscard]] std::vector<Device> devices(std::vector<std::string>* failures = nullptr);
 
 /// Picks a device.
 ///
 /// @param selector "P:D" with the numbers of `clinfo -l`; "gpu", "cpu" or "accelerator"; or a part of
 ///   "platform / name" in any case. If it is empty, the environment variable BROADCL_DEVICE is used instead;
 ///   if that is unset or empty too, the best GPU is chosen, otherwise the best CPU, otherwise the first
-///   device. The best of several has the most compute units times clock frequency.
+///   device. Of several GPUs, those with memory of their own come first; then the most arithmetic units times
+///   clock frequency count, as far as devices tell.
 /// @throws Error if no device matches (it lists the devices), and if there is none (it says what to install).
 [[nodiscard]] Device select_device(std::string_view selector = {});
 
 /// The same choice among given devices, without asking OpenCL or the environment.
 /// @throws Error as above.
 [[nodiscard]] Device select_device(std::string_view selector, const std::vector<Device>& among);
+
+/// Why an empty selector takes which of these devices, for a person: "it is the only GPU", for instance.
+/// @throws Error as above.
+[[nodiscard]] std::string reason_for_default(const std::vector<Device>& among);
 
 }  // namespace broadcl

@@ -57,7 +57,15 @@ Device describe(const cl::Platform& platform, const cl::Device& device, std::siz
           .clock_mhz = device.getInfo<CL_DEVICE_MAX_CLOCK_FREQUENCY>(),
           .memory = device.getInfo<CL_DEVICE_GLOBAL_MEM_SIZE>(),
           .max_allocation = device.getInfo<CL_DEVICE_MAX_MEM_ALLOC_SIZE>(),
-          .host_unified = device.getInfo<CL_DEVICE_HOST_UNIFIED_MEMORY>() == CL_TRUE};
+          .host_unified = device.getInfo<CL_DEVICE_HOST_UNIFIED_MEMORY>() == CL_TRUE,
+          .vendor_id = device.getInfo<CL_DEVICE_VENDOR_ID>()};
+}
+
+/// Why a device cannot be used, or nothing if it can.
+std::string why_unusable(const cl::Device& device) {
+  if (device.getInfo<CL_DEVICE_AVAILABLE>() == CL_FALSE) return "is not available";
+  if (device.getInfo<CL_DEVICE_COMPILER_AVAILABLE>() == CL_FALSE) return "has no compiler for kernels";
+  return {};
 }
 
 std::string lower_case(std::string_view text) {
@@ -77,14 +85,34 @@ std::string list_of(const std::vector<Device>& devices) {
 
 using Matcher = std::function<bool(const Device&)>;
 
-/// The best device that matches: most compute units times clock, the first of equals.
+/// Arithmetic units per compute unit: what drivers count as one differs by vendor.
+unsigned arithmetic_units(const Device& device) {
+  if (device.type != DeviceType::gpu) return 1;
+  switch (device.vendor_id) {
+    case 0x10de:  // NVIDIA: multiprocessors
+      return 128;
+    case 0x8086:  // Intel: execution units
+      return 8;
+    default:  // AMD: compute units
+      return 64;
+  }
+}
+
+bool is_discrete(const Device& device) {
+  return device.type == DeviceType::gpu && !device.host_unified;
+}
+
+/// What makes one device better than another.
+std::pair<bool, std::uint64_t> rank(const Device& device) {
+  return {is_discrete(device),
+          std::uint64_t{device.compute_units} * arithmetic_units(device) * std::max(1U, device.clock_mhz)};
+}
+
+/// The best device that matches, the first of equals.
 std::optional<Device> best_of(const std::vector<Device>& devices, const Matcher& matches) {
   std::optional<Device> best;
-  const auto power = [](const Device& d) {
-    return std::uint64_t{d.compute_units} * std::max(1U, d.clock_mhz);
-  };
   for (const Device& device : devices) {
-    if (matches(device) && (!best || power(device) > power(*best))) best = device;
+    if (matches(device) && (!best || rank(device) > rank(*best))) best = device;
   }
   return best;
 }
@@ -130,18 +158,37 @@ std::string Device::label() const {
   return platform_name + " / " + name;
 }
 
-std::vector<Device> devices() {
+std::vector<Device> devices(std::vector<std::string>* failures) {
   // PoCL 3.1 returns devices that another thread's first call is still setting up.
   static std::mutex mutex;
   const std::scoped_lock lock(mutex);
   const auto platforms = opencl::translate_errors("OpenCL", all_platforms);
   std::vector<Device> result;
+  std::vector<std::string> failed;
+  /// What fails here must not hide what works.
+  const auto attempt = [&](const std::string& what, const auto& function) {
+    try {
+      opencl::translate_errors(what, function);
+    } catch (const Error& error) {
+      failed.emplace_back(error.what());
+    }
+  };
   for (std::size_t p = 0; p < platforms.size(); ++p) {
-    opencl::translate_errors("OpenCL platform " + std::to_string(p), [&] {
-      const std::vector<cl::Device> found = all_devices(platforms[p]);
-      for (std::size_t d = 0; d < found.size(); ++d) result.push_back(describe(platforms[p], found[d], p, d));
-    });
+    std::vector<cl::Device> found;
+    attempt("OpenCL platform " + std::to_string(p), [&] { found = all_devices(platforms[p]); });
+    for (std::size_t d = 0; d < found.size(); ++d) {
+      attempt("OpenCL device " + std::to_string(p) + ":" + std::to_string(d), [&] {
+        const Device device = describe(platforms[p], found[d], p, d);
+        if (const std::string why = why_unusable(found[d]); !why.empty()) {
+          failed.push_back(device.label() + " (" + device.id() + ") " + why);
+        } else {
+          result.push_back(device);
+        }
+      });
+    }
   }
+  if (result.empty() && !failed.empty() && failures == nullptr) throw Error(failed.front());
+  if (failures != nullptr) *failures = std::move(failed);
   return result;
 }
 
@@ -155,7 +202,8 @@ Device select_device(std::string_view selector, const std::vector<Device>& among
   if (among.empty()) {
     throw Error(
         "no OpenCL device found; install the driver of your GPU, or a CPU implementation such as PoCL "
-        "(Debian, Ubuntu: apt install pocl-opencl-icd)");
+        "(Debian, Ubuntu: apt install pocl-opencl-icd). Mesa's rusticl shows no device unless RUSTICL_ENABLE "
+        "names its driver, radeonsi for instance");
   }
   if (selector.empty()) {
     for (const DeviceType type : {DeviceType::gpu, DeviceType::cpu}) {
@@ -165,6 +213,24 @@ Device select_device(std::string_view selector, const std::vector<Device>& among
   }
   if (const auto device = best_of(among, matcher_of(selector))) return *device;
   throw Error("no OpenCL device matches '" + std::string(selector) + "'; use one of: " + list_of(among));
+}
+
+std::string reason_for_default(const std::vector<Device>& among) {
+  if (const std::optional<std::string> variable = environment("BROADCL_DEVICE")) {
+    return "BROADCL_DEVICE is '" + *variable + "'";
+  }
+  const Device best = select_device({}, among);
+  if (among.size() == 1) return "it is the only device";
+  const auto count = [&](const auto& matches) { return std::ranges::count_if(among, matches); };
+  const bool is_gpu = best.type == DeviceType::gpu;
+  const std::string kind = is_gpu ? "GPU" : best.type == DeviceType::cpu ? "CPU" : "device";
+  const std::string no_gpu = is_gpu ? "" : "there is no GPU, and ";
+  if (count(of_type(best.type)) == 1) return no_gpu + "it is the only " + kind;
+  if (is_discrete(best) && count(is_discrete) == 1) return "it is the only GPU with memory of its own";
+  if (is_discrete(best) && count(is_discrete) < count(of_type(best.type))) {
+    return "it has the most arithmetic units times clock frequency of the GPUs with memory of their own";
+  }
+  return no_gpu + "it has the most arithmetic units times clock frequency of the " + kind + "s";
 }
 
 namespace opencl {

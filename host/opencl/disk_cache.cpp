@@ -16,6 +16,8 @@ namespace {
 
 namespace fs = std::filesystem;
 
+constexpr std::string_view nowhere = "/dev/null";
+
 /// FNV-1a, 64 bits.
 std::uint64_t checksum(std::string_view bytes, std::uint64_t hash = 0xcbf29ce484222325U) {
   for (const char c : bytes) hash = (hash ^ static_cast<unsigned char>(c)) * 0x100000001b3U;
@@ -59,7 +61,7 @@ bool write(const fs::path& path, const Header& header, std::string_view key, std
 
 DiskCache::DiskCache() {
   if (const auto folder = environment("BROADCL_CACHE_DIR")) {
-    folder_ = *folder;
+    if (*folder != nowhere) folder_ = *folder;
   } else if (const auto caches = user_cache_directory()) {
     folder_ = *caches / "broadcl";
   }

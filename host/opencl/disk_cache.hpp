@@ -15,8 +15,8 @@ class DiskCache {
  public:
   using Bytes = std::vector<unsigned char>;
 
-  /// In the folder that BROADCL_CACHE_DIR names, otherwise in `broadcl` in the user's folder for caches;
-  /// without either, nothing is cached.
+  /// In the folder that BROADCL_CACHE_DIR names, otherwise in `broadcl` in the user's folder for caches.
+  /// Without either, and if the variable is /dev/null, nothing is cached.
   DiskCache();
   explicit DiskCache(std::filesystem::path folder);
 

@@ -1,6 +1,7 @@
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <array>
+#include <broadcl/config.hpp>
 #include <broadcl/device.hpp>
 #include <iostream>
 #include <memory>
@@ -44,8 +45,11 @@ void print(const std::vector<Row>& rows) {
 }
 
 Exit run(bool json) {
-  const std::string default_id = select_device().id();
-  const std::vector<Device> found = devices();
+  std::vector<std::string> failures;
+  const std::vector<Device> found = devices(&failures);
+  for (const std::string& failure : failures) std::cerr << one_line(failure) << '\n';
+  const Device best = select_device();
+  const std::string default_id = best.id();
   if (json) {
     auto document = nlohmann::ordered_json::array();
     for (const Device& device : found) {
@@ -59,7 +63,8 @@ Exit run(bool json) {
       {"", "id", "type", "platform / device", "memory", "largest buffer", "units", "driver"}};
   for (const Device& device : found) rows.push_back(to_row(device, device.id() == default_id));
   print(rows);
-  std::cout << "* is the default.\n";
+  std::cout << "* is the default: " << one_line(reason_for_default(found)) << ".\n";
+  if (!device_for({})) std::cout << "The algorithm auto works on the host unless a device is named.\n";
   return Exit::success;
 }
 

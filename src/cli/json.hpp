@@ -17,7 +17,8 @@ namespace broadcl::cli {
           {"clock_mhz", device.clock_mhz},
           {"memory", device.memory},
           {"max_allocation", device.max_allocation},
-          {"host_unified", device.host_unified}};
+          {"host_unified", device.host_unified},
+          {"vendor_id", device.vendor_id}};
 }
 
 /// The text of a document. Device names may contain bytes that are not UTF-8, as JSON must be; these are
