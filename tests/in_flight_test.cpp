@@ -198,8 +198,7 @@ TEST_P(EachAlgorithm, RandomOperationsInFlightAreThoseOfOneUpdate) {
 
 /// More pairs than the device has memory for: finish() is an error that says so, after which everything that
 /// was done before and in flight is there, and the next update has the right changes.
-NOT_IN(gpu_profile | rusticl | sanitizers, "takes gigabytes, and minutes on rusticl");
-TEST(BruteForce, ExhaustedMemoryInFlightLosesNothing) {
+TEST(Long, ExhaustedMemoryInFlightLosesNothing) {
   constexpr std::uint32_t few = 20;
   BroadPhase broad_phase({.algorithm = "brute-force"});
   const std::uint64_t limit = broad_phase.device()->max_allocation;

@@ -159,13 +159,13 @@ TEST(Threads, TwoBroadPhasesShareAFolderOfPrograms) {
 }
 
 TEST(Threads, OfTheHostFindTheSamePairs) {
-  constexpr std::uint32_t n = 40'000;
+  constexpr std::uint32_t n = 13'000;  // enough for three threads
   std::mt19937 random(1);
   std::uniform_real_distribution<float> coordinate(0, 1);
   std::vector<Aabb> boxes(n);
   BroadPhase alone({.algorithm = "sweep-and-prune", .threads = 1});
   BroadPhase together({.algorithm = "sweep-and-prune", .threads = 3});
-  for (int frame = 0; frame < 3; ++frame) {
+  for (int frame = 0; frame < 2; ++frame) {
     for (Aabb& box : boxes) {
       for (std::size_t axis = 0; axis < 3; ++axis) {
         box.lower[axis] = coordinate(random);
@@ -175,7 +175,7 @@ TEST(Threads, OfTheHostFindTheSamePairs) {
     std::ranges::copy(boxes, alone.map(n).begin());
     std::ranges::copy(boxes, together.map(n).begin());
     const Delta expected = alone.update();
-    ASSERT_GT(expected.added.size(), 1000U);
+    ASSERT_GT(expected.added.size(), 100U);
     EXPECT_TRUE(same(together.update(), expected.added, expected.removed)) << frame;
   }
 }

@@ -31,10 +31,11 @@ constexpr double stale = 1.25;
 /// With fewer boxes for each, starting threads takes longer than what they save.
 constexpr std::size_t boxes_per_thread = 4096;
 
+/// Tiles that a thread takes at a time.
 constexpr std::size_t tiles_at_once = 8;
 
-/// Some boxes are searched alone if there are so many more for each of them.
-constexpr std::size_t fewest_per_changed = 16;
+/// Boxes that changed are searched alone if they are at most one in so many.
+constexpr std::size_t boxes_per_changed = 16;
 
 /// How often all boxes may move before the order counts as old, if they are searched alone.
 constexpr std::size_t most_moved = 4;
@@ -164,7 +165,7 @@ class SweepAndPrune final : public HostFinder {
   bool find_changed(const HostObjects& objects, std::span<const std::uint32_t> changed,
                     std::vector<Pair>& pairs) override {
     const std::size_t axes = objects.worlds ? 4 : 3;
-    if (sorted_axes_ != axes || changed.size() * fewest_per_changed > objects.boxes.size()) return false;
+    if (sorted_axes_ != axes || changed.size() * boxes_per_changed > objects.boxes.size()) return false;
     moved_ += changed.size();
     if (moved_ > most_moved * objects.boxes.size()) sorted_axes_ = 0;
     if (sorted_axes_ == 0) return false;
