@@ -11,8 +11,8 @@
 
 namespace broadcl {
 
-/// Called once by an object that has to compile kernels, before it does so, which may take many seconds: each
-/// device and driver needs that once, and after that if no cache keeps them.
+/// Called once by an object that has to compile kernels, before it does so, which may take many seconds. Each
+/// device and driver needs that once; without a cache, every start does.
 /// @param kept_in The folder of that cache, empty if there is none.
 using CompileHandler = std::function<void(const Device& device, const std::string& kept_in)>;
 
