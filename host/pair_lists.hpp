@@ -1,6 +1,7 @@
 #pragma once
 
 #include <algorithm>
+#include <cstdint>
 #include <iterator>
 #include <span>
 #include <vector>
@@ -27,6 +28,27 @@ namespace broadcl {
   std::vector<Pair> result;
   std::set_intersection(s.begin(), s.end(), t.begin(), t.end(), std::back_inserter(result));
   return result;
+}
+
+/// Finds what was added and removed between two such lists. Pairs of a recycled slot ended and may have
+/// begun anew.
+/// @param recycled Ascending.
+inline void compare(std::span<const Pair> before, std::span<const Pair> now,
+                    std::span<const std::uint32_t> recycled, std::vector<Pair>& added,
+                    std::vector<Pair>& removed) {
+  const auto is_recycled = [&](std::uint32_t slot) { return std::ranges::binary_search(recycled, slot); };
+  added.clear();
+  removed.clear();
+  auto last = before.begin();
+  for (const Pair& pair : now) {
+    for (; last != before.end() && *last < pair; ++last) removed.push_back(*last);
+    const bool was_pair = last != before.end() && *last == pair;
+    const bool is_new = !was_pair || is_recycled(pair.a) || is_recycled(pair.b);
+    if (is_new) added.push_back(pair);
+    if (is_new && was_pair) removed.push_back(pair);
+    if (was_pair) ++last;
+  }
+  removed.insert(removed.end(), last, before.end());
 }
 
 }  // namespace broadcl

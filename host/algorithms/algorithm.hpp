@@ -53,7 +53,7 @@ class Algorithm {
   virtual void reserve(std::size_t slots, bool filters) = 0;
 
   /// The boxes, in memory that the caller may write between updates; at least as many as were reserved. Valid
-  /// until the next reserve().
+  /// until the next reserve() or finish().
   [[nodiscard]] virtual std::span<Aabb> boxes() noexcept = 0;
 
   /// Starts an update without waiting for the device; finish() must follow.
@@ -71,6 +71,11 @@ class Algorithm {
     begin(changes);
     const Delta delta = finish();
     return {delta.added.begin(), delta.added.end()};
+  }
+
+  /// The seconds that an update is expected to take at least, if it is known.
+  [[nodiscard]] virtual double expected_seconds(std::size_t /*slots*/, std::size_t /*changed*/) const {
+    return 0;
   }
 
   /// All pairs as of the last update.
@@ -108,8 +113,8 @@ struct AlgorithmRow {
 /// @throws Error as find_algorithm() does, and for an algorithm without a PairFinder.
 [[nodiscard]] MakePairFinder find_pair_finder(std::string_view name);
 
-// One line per algorithm, each defined in the file of its name. For `auto`, one chooses between the device
-// and the host, the other among the algorithms of the device.
+// One line per algorithm, each defined in the file of its name. For `auto`, one chooses between the host and
+// the device, the other among the algorithms of the device.
 [[nodiscard]] std::unique_ptr<Algorithm> make_auto(const Config& config);
 [[nodiscard]] std::unique_ptr<PairFinder> make_auto(const opencl::Context& context);
 [[nodiscard]] std::unique_ptr<PairFinder> make_brute_force(const opencl::Context& context);

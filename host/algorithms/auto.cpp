@@ -1,11 +1,15 @@
+#include <algorithm>
 #include <array>
 #include <cstddef>
 #include <memory>
+#include <optional>
 #include <string_view>
+#include <utility>
 
 #include "algorithms/algorithm.hpp"
 #include "algorithms/calibration.hpp"
 #include "algorithms/engine.hpp"
+#include "algorithms/hybrid.hpp"
 #include "algorithms/pair_finder.hpp"
 
 namespace broadcl {
@@ -46,6 +50,13 @@ class Auto final : public PairFinder {
     return finders_.at(chosen_)->expected_work(search, sink);
   }
 
+  /// As if no boxes overlapped. What tiles find depends on where the boxes are.
+  [[nodiscard]] double expected_seconds(std::size_t slots, std::size_t changed) const override {
+    const bool all = changed == slots;
+    const auto tests = static_cast<double>(slots) * static_cast<double>(changed) * (all ? 0.5 : 1);
+    return std::min(models_[0].seconds(slots, all, tests), models_[1].seconds(slots, all, 0));
+  }
+
  private:
   void choose(const Search& search, const PairDelta& sink) {
     const std::size_t other = 1 - chosen_;
@@ -69,7 +80,15 @@ std::unique_ptr<PairFinder> make_auto(const opencl::Context& context) {
 }
 
 std::unique_ptr<Algorithm> make_auto(const Config& config) {
-  return device_for(config) ? make_device_algorithm(config, make_auto) : make_sweep_and_prune(config);
+  const MakePairFinder finder = make_auto;
+  if (const std::optional<Device> device = device_for(config)) {
+    auto algorithm = make_device_algorithm(config, finder);
+    if (device->type == DeviceType::cpu) return algorithm;
+    return make_hybrid(make_sweep_and_prune(config), std::move(algorithm));
+  }
+  return make_hybrid(make_sweep_and_prune(config), [config, finder]() -> std::unique_ptr<Algorithm> {
+    return select_device().type == DeviceType::cpu ? nullptr : make_device_algorithm(config, finder);
+  });
 }
 
 }  // namespace broadcl

@@ -42,6 +42,10 @@ class DeviceAlgorithm final : public Algorithm {
     return engine_.changes().on_host(counts);
   }
 
+  [[nodiscard]] double expected_seconds(std::size_t slots, std::size_t changed) const override {
+    return engine_.expected_seconds(slots, changed);
+  }
+
   [[nodiscard]] std::vector<Pair> pairs() override {
     return context_.guard([&] { return engine_.pairs(); });
   }

@@ -58,6 +58,11 @@ class Engine {
   /// As PairFinder::expected_work().
   [[nodiscard]] double expected_work(const Search& search) { return finder_->expected_work(search, delta_); }
 
+  /// As Algorithm::expected_seconds().
+  [[nodiscard]] double expected_seconds(std::size_t slots, std::size_t changed) const {
+    return finder_->expected_seconds(slots, changed);
+  }
+
   /// The changes of the last frame, on the target.
   [[nodiscard]] const Order& changes() const noexcept { return order_; }
   /// Number of pairs as of the last frame.

@@ -4,6 +4,7 @@
 #include <utility>
 
 #include "packed_box.hpp"
+#include "pair_lists.hpp"
 
 namespace broadcl {
 namespace {
@@ -30,11 +31,11 @@ class HostEngine final : public Algorithm {
         .boxes = std::span(boxes_).first(changes_.slots), .filters = filters_, .worlds = changes_.worlds};
     if (!changes_.all && finder_->find_changed(objects, changes_.changed, found_)) {
       find_known();
-      compare(known_, found_);
+      compare(known_, found_, changes_.recycled, added_, removed_);
       if (!added_.empty() || !removed_.empty()) apply_changes();
     } else {
       finder_->find(objects, found_);
-      compare(pairs_, found_);
+      compare(pairs_, found_, changes_.recycled, added_, removed_);
       std::swap(pairs_, found_);
     }
     return {added_, removed_};
@@ -68,26 +69,6 @@ class HostEngine final : public Algorithm {
       count += static_cast<std::size_t>(has_changed_[pair.a] | has_changed_[pair.b]);
     }
     known_.resize(count);
-  }
-
-  [[nodiscard]] bool is_recycled(std::uint32_t slot) const {
-    return std::ranges::binary_search(changes_.recycled, slot);
-  }
-
-  /// Finds what was added and removed between two lists in canonical order.
-  void compare(const std::vector<Pair>& before, const std::vector<Pair>& now) {
-    added_.clear();
-    removed_.clear();
-    auto last = before.begin();
-    for (const Pair& pair : now) {
-      for (; last != before.end() && *last < pair; ++last) removed_.push_back(*last);
-      const bool was_pair = last != before.end() && *last == pair;
-      const bool is_new = !was_pair || is_recycled(pair.a) || is_recycled(pair.b);
-      if (is_new) added_.push_back(pair);
-      if (is_new && was_pair) removed_.push_back(pair);
-      if (was_pair) ++last;
-    }
-    removed_.insert(removed_.end(), last, before.end());
   }
 
   /// Brings the list of pairs up to date.

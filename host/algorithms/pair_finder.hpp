@@ -1,5 +1,7 @@
 #pragma once
 
+#include <cstddef>
+
 #include "algorithms/pair_delta.hpp"
 #include "algorithms/search.hpp"
 #include "algorithms/source.hpp"
@@ -39,6 +41,11 @@ class PairFinder {
   /// The work that find() is expected to do, in units of the finder's own, each of which takes about equally
   /// long.
   [[nodiscard]] virtual double expected_work(const Search& search, const PairDelta& sink) = 0;
+
+  /// As Algorithm::expected_seconds().
+  [[nodiscard]] virtual double expected_seconds(std::size_t /*slots*/, std::size_t /*changed*/) const {
+    return 0;
+  }
 };
 
 }  // namespace broadcl

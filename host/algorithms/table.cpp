@@ -16,8 +16,8 @@ namespace {
 constexpr std::array rows{
     AlgorithmRow{
         {.name = "auto",
-         .summary = "brute-force or tiles, whichever is expected to be faster; without a GPU and unless a "
-                    "device is named, sweep-and-prune",
+         .summary = "sweep-and-prune, or brute-force or tiles on a GPU, whichever is expected to be faster; "
+                    "on a CPU that is named as the device, one of the latter two",
          .on_device = true},
         make_auto,
         make_auto},
@@ -39,7 +39,8 @@ constexpr std::array rows{
         make_gpu_bf,
         nullptr},
     AlgorithmRow{{.name = "sweep-and-prune",
-                  .summary = "boxes swept along one axis, on one thread of the host; needs no OpenCL",
+                  .summary = "boxes sorted into tiles, which are swept along one axis, on threads of the host; needs no "
+                             "OpenCL",
                   .on_device = false},
                  make_sweep_and_prune,
                  nullptr},
@@ -74,13 +75,8 @@ const AlgorithmRow& find_algorithm(std::string_view name) {
 std::optional<Device> device_for(const Config& config) {
   if (!find_algorithm(config.algorithm).info.on_device) return std::nullopt;
   const bool is_named = !config.device.empty() || environment("BROADCL_DEVICE");
-  if (config.algorithm != "auto" || is_named) return select_device(config.device);
-  // A device that is a CPU has no more to offer than the host, but compiles for seconds.
-  std::vector<std::string> failures;
-  const std::vector<Device> all = devices(&failures);
-  if (all.empty()) return std::nullopt;
-  const Device best = select_device({}, all);
-  return best.type == DeviceType::cpu ? std::nullopt : std::optional(best);
+  if (config.algorithm == "auto" && !is_named) return std::nullopt;
+  return select_device(config.device);
 }
 
 std::unique_ptr<Algorithm> make_algorithm(const Config& config) {

@@ -35,7 +35,7 @@ class BroadPhase {
  public:
   using Config = broadcl::Config;
 
-  /// Opens the device and builds the kernels.
+  /// Opens the device and builds the kernels, unless it works on the host at first: see Config::algorithm.
   /// @throws Error for an unknown algorithm or device, and for whatever fails in OpenCL.
   BroadPhase();
   explicit BroadPhase(const Config& config);
@@ -99,13 +99,13 @@ class BroadPhase {
   /// Number of objects.
   [[nodiscard]] std::size_t size() const noexcept;
 
-  /// The device in use, null for an algorithm of the host. Owned by this object.
+  /// The device that does the next update, null if that is the host. Owned by this object.
   [[nodiscard]] const Device* device() const noexcept;
 
   /// The algorithm in use.
   [[nodiscard]] const AlgorithmInfo& algorithm() const noexcept;
 
-  /// Memory on the device and for it; none for an algorithm of the host. Buffers grow with boxes and pairs,
+  /// Memory on the device and for it; none if no device was opened. Buffers grow with boxes and pairs,
   /// and never shrink.
   [[nodiscard]] MemoryUse memory() const noexcept;
 

@@ -22,9 +22,13 @@ struct Config {
   /// A selector as select_device() takes it; not used by an algorithm of the host.
   std::string device{};
 
-  /// The name of a row of algorithms(). The default uses the device that is named, here or by BROADCL_DEVICE.
-  /// If none is, it uses a GPU, and works on the host if there is none: a device that is a CPU has no more to
-  /// offer than that.
+  /// The name of a row of algorithms().
+  ///
+  /// The default works on the host or on a device, whichever is expected to be faster. If a device is named,
+  /// here or by BROADCL_DEVICE, it is opened when the object is made. (One that is a CPU does all updates
+  /// then, although the host would be faster.) Otherwise no device is opened before updates on the host take
+  /// more than 0.1 ms each; then the best GPU is, if there is one, on a thread of its own, and updates go on
+  /// on the host until its kernels are built. The destructor waits for that thread.
   std::string algorithm = "auto";
 
   /// Threads that an algorithm of the host may use, the caller's included; 0 for as many as there are
@@ -34,7 +38,8 @@ struct Config {
   /// Measure stages on the device too: see Stage. Costs a few microseconds per update.
   bool profile = false;
 
-  /// What it throws passes through the call that compiles.
+  /// What it throws passes through the call that compiles. `auto` may call it on another thread, and does not
+  /// use the device then if it throws.
   CompileHandler on_compile{};
 };
 
@@ -45,10 +50,9 @@ struct AlgorithmInfo {
   bool on_device;            ///< False for an algorithm of the host; `auto` may use either.
 };
 
-/// The device that an object with this Config uses, or none if it works on the host. Any number of threads
-/// may call it at once.
-/// @throws Error for an unknown algorithm or device, and if OpenCL fails. (The default then works on the
-/// host; devices() tells what failed.)
+/// The device that an object with this Config opens when it is made; none if it works on the host, always or
+/// at first. Any number of threads may call it at once.
+/// @throws Error for an unknown algorithm or device, and if OpenCL fails.
 [[nodiscard]] std::optional<Device> device_for(const Config& config);
 
 /// The table of algorithms, which is the only list of them. The rows are constant and always valid; any

@@ -64,7 +64,11 @@ Exit run(bool json) {
   for (const Device& device : found) rows.push_back(to_row(device, device.id() == default_id));
   print(rows);
   std::cout << "* is the default: " << one_line(reason_for_default(found)) << ".\n";
-  if (!device_for({})) std::cout << "The algorithm auto works on the host unless a device is named.\n";
+  if (!device_for({})) {
+    std::cout << "The algorithm auto works on the host"
+              << (best.type == DeviceType::cpu ? ", unless a device is named.\n"
+                                               : ", and on the default once there is much to do.\n");
+  }
   return Exit::success;
 }
 

@@ -1,0 +1,191 @@
+#include "algorithms/hybrid.hpp"
+
+#include <algorithm>
+#include <chrono>
+#include <future>
+#include <utility>
+
+#include "pair_lists.hpp"
+
+namespace broadcl {
+namespace {
+
+/// To change over costs a search of all boxes, so the other one must be expected to take less than this share
+/// of the time in some updates in a row, and in twice as many after each change.
+constexpr double clearly_less = 0.9;
+constexpr int first_patience = 8;
+constexpr int most_patience = 1024;
+
+/// A device is opened if updates take longer than any device needs for few boxes.
+constexpr double worth_opening = 100e-6;  // seconds
+
+using Clock = std::chrono::steady_clock;
+
+double seconds_since(Clock::time_point start) {
+  return std::chrono::duration<double>(Clock::now() - start).count();
+}
+
+/// What an update is expected to take, corrected by what the last ones took.
+class Estimate {
+ public:
+  void learn(double expected, double taken) noexcept {
+    constexpr double weight = 0.25;
+    if (expected > 0) factor_ += weight * (taken / expected - factor_);
+  }
+  [[nodiscard]] double seconds(double expected) const noexcept { return factor_ * expected; }
+
+ private:
+  double factor_ = 1;
+};
+
+/// What an update on the host takes, about; how many boxes overlap makes a difference of several times.
+double host_seconds(std::size_t slots, std::size_t changed) {
+  return 1e-6 + 4e-9 * static_cast<double>(slots) + 150e-9 * static_cast<double>(changed);
+}
+
+class Hybrid final : public Algorithm {
+ public:
+  Hybrid(std::unique_ptr<Algorithm> host, std::unique_ptr<Algorithm> device, OpenDevice open)
+      : host_(std::move(host)), device_(std::move(device)), open_(std::move(open)) {}
+
+  void reserve(std::size_t slots, bool filters) override {
+    if (!was_updated_ && !is_on_device() && device_ != nullptr && is_device_faster(slots, slots)) {
+      change_to(*device_, slots, filters || filters_);
+    } else {
+      current_->reserve(slots, filters);
+    }
+    filters_ = filters || filters_;
+  }
+
+  [[nodiscard]] std::span<Aabb> boxes() noexcept override { return current_->boxes(); }
+
+  void begin(const Changes& changes) override {
+    const auto start = Clock::now();
+    changes_ = changes;
+    Changes own = changes;
+    if (has_changed_) {
+      own.all = own.filters_changed = true;
+      own.changed = own.recycled = {};
+    }
+    current_->begin(own);
+    seconds_ = seconds_since(start);
+  }
+
+  void flush() override { current_->flush(); }
+
+  Delta finish() override {
+    const auto start = Clock::now();
+    Delta delta = current_->finish();
+    if (has_changed_) {
+      compare(before_, current_->pairs(), changes_.recycled, added_, removed_);
+      delta = {added_, removed_};
+    } else {
+      learn(seconds_ + seconds_since(start));
+    }
+    // Nothing below throws.
+    has_changed_ = false;
+    was_updated_ = true;
+    before_.clear();
+    asked_ = current_;
+    choose();
+    return delta;
+  }
+
+  [[nodiscard]] std::vector<Pair> find_all(const Changes& changes) override {
+    return current_->find_all(changes);
+  }
+
+  [[nodiscard]] std::vector<Pair> pairs() override { return has_changed_ ? before_ : current_->pairs(); }
+
+  [[nodiscard]] const Device* device() const noexcept override { return current_->device(); }
+  [[nodiscard]] MemoryUse memory() const noexcept override {
+    return device_ != nullptr ? device_->memory() : MemoryUse();
+  }
+  [[nodiscard]] std::span<const Stage> profile() const noexcept override { return asked_->profile(); }
+
+ private:
+  [[nodiscard]] bool is_on_device() const noexcept { return current_ == device_.get(); }
+
+  [[nodiscard]] double seconds_on_host(std::size_t slots, std::size_t changed) const {
+    return host_estimate_.seconds(host_seconds(slots, changed));
+  }
+  [[nodiscard]] double seconds_on_device(std::size_t slots, std::size_t changed) const {
+    return device_estimate_.seconds(device_->expected_seconds(slots, changed));
+  }
+  [[nodiscard]] bool is_device_faster(std::size_t slots, std::size_t changed) const {
+    return seconds_on_device(slots, changed) < seconds_on_host(slots, changed);
+  }
+
+  [[nodiscard]] std::size_t changed_slots() const noexcept {
+    return changes_.all ? changes_.slots : changes_.changed.size();
+  }
+
+  void learn(double taken) {
+    if (is_on_device()) {
+      device_estimate_.learn(device_->expected_seconds(changes_.slots, changed_slots()), taken);
+    } else {
+      host_estimate_.learn(host_seconds(changes_.slots, changed_slots()), taken);
+    }
+  }
+
+  /// Decides where the next update is done.
+  void choose() noexcept try {
+    if (opening_.valid() && opening_.wait_for(std::chrono::seconds(0)) == std::future_status::ready) {
+      device_ = opening_.get();
+    }
+    const double on_host = seconds_on_host(changes_.slots, changed_slots());
+    if (device_ == nullptr) {
+      waited_ = on_host > worth_opening ? waited_ + 1 : 0;
+      if (waited_ >= first_patience && open_) opening_ = std::async(std::launch::async, std::exchange(open_, {}));
+      return;
+    }
+    const double on_device = seconds_on_device(changes_.slots, changed_slots());
+    const bool is_other_faster =
+        is_on_device() ? on_host < clearly_less * on_device : on_device < clearly_less * on_host;
+    waited_ = is_other_faster ? waited_ + 1 : 0;
+    if (waited_ < patience_) return;
+    waited_ = 0;
+    before_ = current_->pairs();
+    change_to(is_on_device() ? *host_ : *device_, 0, filters_);
+    has_changed_ = true;
+    patience_ = std::min(2 * patience_, most_patience);
+  } catch (...) {
+    // The next update is done where the last one was.
+  }
+
+  void change_to(Algorithm& next, std::size_t slots, bool filters) {
+    const std::span<const Aabb> boxes = current_->boxes();
+    next.reserve(std::max(slots, boxes.size()), filters);
+    std::ranges::copy(boxes, next.boxes().begin());
+    current_ = &next;
+  }
+
+  std::unique_ptr<Algorithm> host_;
+  std::unique_ptr<Algorithm> device_;  // if it was opened
+  OpenDevice open_;                    // until it is opened
+  std::future<std::unique_ptr<Algorithm>> opening_;
+  Algorithm* current_ = host_.get();   // does the next update
+  Algorithm* asked_ = host_.get();     // did the last one
+  bool filters_ = false;  // whether there is memory for filters
+  bool was_updated_ = false;
+  Changes changes_;     // of the last update
+  double seconds_ = 0;  // that its begin() took
+  Estimate host_estimate_, device_estimate_;
+  int patience_ = first_patience;
+  int waited_ = 0;                     // updates in which the other one was expected to be faster
+  bool has_changed_ = false;           // and the current one was not asked since then
+  std::vector<Pair> before_;           // the pairs until then
+  std::vector<Pair> added_, removed_;  // since then
+};
+
+}  // namespace
+
+std::unique_ptr<Algorithm> make_hybrid(std::unique_ptr<Algorithm> host, std::unique_ptr<Algorithm> device) {
+  return std::make_unique<Hybrid>(std::move(host), std::move(device), OpenDevice());
+}
+
+std::unique_ptr<Algorithm> make_hybrid(std::unique_ptr<Algorithm> host, OpenDevice open) {
+  return std::make_unique<Hybrid>(std::move(host), nullptr, std::move(open));
+}
+
+}  // namespace broadcl

@@ -1,0 +1,330 @@
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <span>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include <broadcl/aabb.hpp>
+#include <broadcl/error.hpp>
+#include <broadcl/filter.hpp>
+#include <broadcl/pair.hpp>
+#include <broadcl/profile.hpp>
+
+#include "algorithms/algorithm.hpp"
+#include "change_set.hpp"
+#include "packed_box.hpp"
+
+namespace broadcl {
+
+[[noreturn]] inline void throw_nan(const std::string& what) {
+  throw Error(what + " has a NaN bound; give an empty box (lower > upper) for an object without one");
+}
+
+inline bool same_bits(const Aabb& s, const Aabb& t) {
+  using Bits = std::array<std::uint32_t, 6>;
+  return std::bit_cast<Bits>(s) == std::bit_cast<Bits>(t);
+}
+
+/// Whether a box is neither empty nor has a NaN.
+inline bool is_proper(const Aabb& box) {
+  return packed_overlaps(box, box);
+}
+
+/// Objects, their ids, and what changed. Each function first does what may throw and then, after a comment
+/// that says so, what cannot, so that it does all of its work or none.
+class Core {
+ public:
+  explicit Core(std::unique_ptr<Algorithm> algorithm)
+      : algorithm_(std::move(algorithm)), boxes_(algorithm_->boxes()) {}
+
+  std::uint32_t add(const Aabb& box, const Filter& filter) {
+    refuse_nan(box);
+    const bool is_new = free_.empty();
+    const auto id = is_new ? static_cast<std::uint32_t>(states_.size()) : free_.front();
+    reserve(states_.size() + (is_new ? 1 : 0), filter != Filter());
+    reserve_late();
+    // Nothing below throws.
+    if (is_new) {
+      grow(states_.size() + 1);
+    } else {
+      std::ranges::pop_heap(free_, std::greater<>());
+      free_.pop_back();
+    }
+    set_state(id, State::live);
+    set_box(id, box);
+    store_filter(id, filter);
+    return id;
+  }
+
+  void move(std::uint32_t id, const Aabb& box) {
+    refuse_unknown(id);
+    refuse_nan(box);
+    set_box(id, box);
+  }
+
+  void set_filter(std::uint32_t id, const Filter& filter) {
+    refuse_unknown(id);
+    reserve(states_.size(), filter != Filter());
+    // Nothing below throws.
+    store_filter(id, filter);
+  }
+
+  void remove(std::uint32_t id) {
+    refuse_unknown(id);
+    reserve_late();
+    // Nothing below throws.
+    make_free(id);
+    std::ranges::push_heap(free_, std::greater<>());
+    set_box(id, empty_aabb());
+  }
+
+  std::span<Aabb> map(std::size_t n) {
+    if (is_begun_) throw Error("map() was called between begin() and finish(); call finish() first");
+    if (n > most_objects) throw Error("map() was asked for " + std::to_string(n) + " boxes; ask for fewer");
+    apply_late();
+    reserve(std::max(n, states_.size()), false);
+    // Nothing below throws.
+    if (n > states_.size()) grow(n);
+    const std::size_t own = std::exchange(mapped_, n);  // boxes that the caller has written before
+    free_.clear();
+    for (auto id = static_cast<std::uint32_t>(n); id < states_.size(); ++id) {
+      if (states_[id] == State::live) {
+        make_free(id);
+        set_box(id, empty_aabb());
+      } else {
+        free_.push_back(id);
+      }
+    }
+    const std::span<Aabb> boxes = boxes_.first(n);
+    for (std::uint32_t id = 0; id < n; ++id) {
+      // The caller must not see a NaN that he did not write.
+      const bool is_own = id < own;
+      if (states_[id] == State::free || (!is_own && !is_proper(boxes[id]))) boxes[id] = empty_aabb();
+      if (states_[id] == State::live) continue;
+      set_state(id, State::live);
+      store_filter(id, Filter());
+    }
+    changes_.all = true;
+    return boxes;
+  }
+
+  void begin() {
+    if (is_begun_) return;
+    apply_late();
+    flight_.reserve(capacity_);  // here, since an update in flight reads it
+    take_mapped();
+    is_begun_ = true;
+    if (changes_.empty()) return;
+    std::swap(flight_, changes_);
+    flight_.sort_recycled();
+    is_in_flight_ = true;
+    or_roll_back([&] {
+      const std::size_t slots = slot_count();
+      algorithm_->begin(
+          {.slots = slots,
+           .changed = flight_.changed(),
+           // If many changed, testing all pairs once is less work than testing those against all.
+           .all = flight_.all || flight_.changed().size() > slots / 4,
+           .recycled = flight_.recycled(),
+           .filters = any_filters_ ? std::span<const Filter>(filters_) : std::span<const Filter>(),
+           .filters_changed = flight_.filters,
+           .worlds = any_worlds_});
+    });
+  }
+
+  void flush() {
+    if (is_in_flight_) or_roll_back([&] { algorithm_->flush(); });
+  }
+
+  Delta finish() {
+    begin();
+    was_asked_ = is_in_flight_;
+    Delta delta;
+    if (is_in_flight_) or_roll_back([&] { delta = algorithm_->finish(); });
+    boxes_ = algorithm_->boxes();
+    flight_.clear();
+    is_in_flight_ = is_begun_ = false;
+    // If there is no memory yet for objects that were added meanwhile, the next update allocates it.
+    if (has_memory_for(states_.size(), any_filters_)) apply_late();
+    return delta;
+  }
+
+  [[nodiscard]] std::vector<Pair> pairs() const {
+    if (is_begun_) throw Error("pairs() was called between begin() and finish(); call finish() first");
+    return algorithm_->pairs();
+  }
+
+  [[nodiscard]] std::span<const Stage> profile() const noexcept {
+    return was_asked_ ? algorithm_->profile() : std::span<const Stage>();
+  }
+
+  [[nodiscard]] const Algorithm& algorithm() const noexcept { return *algorithm_; }
+  [[nodiscard]] std::size_t size() const noexcept { return size_; }
+
+ private:
+  enum class State : std::uint8_t { free, live };
+
+  static constexpr std::size_t most_objects = std::size_t{1} << 31;
+
+  struct LateBox {
+    std::uint32_t id;
+    Aabb box;
+  };
+
+  /// Whether the algorithm has memory for this many boxes, and for filters if there are any.
+  [[nodiscard]] bool has_memory_for(std::size_t ids, bool filters) const noexcept {
+    return boxes_.size() >= ids && (has_filter_memory_ || !filters);
+  }
+
+  /// Reserves memory for this many ids, so that nothing that concerns them has to allocate; during an update
+  /// the algorithm's memory is not reserved until the update is over.
+  void reserve(std::size_t ids, bool filters) {
+    if (ids > most_objects) throw Error("more than 2147483648 objects; use fewer");
+    if (ids > capacity_) {
+      const std::size_t capacity = std::max(ids, capacity_ + capacity_ / 2);
+      states_.reserve(capacity);
+      filters_.reserve(capacity);
+      free_.reserve(capacity);
+      changes_.reserve(capacity);
+      capacity_ = capacity;
+    }
+    if (!is_in_flight_) reserve_algorithm(ids, filters || any_filters_);
+  }
+
+  void reserve_algorithm(std::size_t ids, bool filters) {
+    if (has_memory_for(ids, filters)) return;
+    algorithm_->reserve(ids, filters || has_filter_memory_);
+    boxes_ = algorithm_->boxes();
+    has_filter_memory_ = has_filter_memory_ || filters;
+  }
+
+  void reserve_late() {
+    if (is_late() && late_.size() == late_.capacity()) late_.reserve(2 * late_.size() + 16);
+  }
+
+  void grow(std::size_t ids) noexcept {
+    states_.resize(ids, State::free);
+    filters_.resize(ids);
+  }
+
+  void set_state(std::uint32_t id, State state) noexcept {
+    states_[id] = state;
+    size_ = state == State::live ? size_ + 1 : size_ - 1;
+    changes_.recycle(id);
+  }
+
+  void make_free(std::uint32_t id) noexcept {
+    set_state(id, State::free);
+    free_.push_back(id);
+  }
+
+  /// Whether boxes that are set now are stored later: the algorithm is reading its boxes, or earlier ones are
+  /// still waiting.
+  [[nodiscard]] bool is_late() const noexcept { return is_in_flight_ || !late_.empty(); }
+
+  void set_box(std::uint32_t id, const Aabb& box) {
+    if (is_late()) {
+      late_.push_back({id, box});
+    } else {
+      store_box(id, box);
+    }
+  }
+
+  void store_box(std::uint32_t id, const Aabb& box) noexcept {
+    Aabb& old = boxes_[id];
+    const Aabb packed = id < mapped_ ? box : pack(box);
+    if (same_bits(old, packed)) return;
+    old = packed;
+    changes_.insert(id);
+  }
+
+  void store_filter(std::uint32_t id, const Filter& filter) noexcept {
+    if (filters_[id] == filter) return;
+    filters_[id] = filter;
+    any_filters_ = any_filters_ || filter != Filter();
+    any_worlds_ = any_worlds_ || filter.world != 0;
+    changes_.insert(id);
+    changes_.filters = true;
+  }
+
+  /// Stores the boxes that were set while an update was in flight.
+  void apply_late() {
+    reserve_algorithm(states_.size(), any_filters_);
+    // Nothing below throws.
+    for (const LateBox& late : late_) store_box(late.id, late.box);
+    late_.clear();
+  }
+
+  /// Packs the boxes that the caller wrote in place.
+  void take_mapped() {
+    const std::span<Aabb> boxes = boxes_.first(mapped_);
+    bool any_empty = false;
+    for (std::size_t id = 0; id < boxes.size(); ++id) {
+      if (is_proper(boxes[id])) continue;
+      if (has_nan(boxes[id])) throw_nan("box " + std::to_string(id));
+      any_empty = true;
+    }
+    // Nothing below throws.
+    if (any_empty) std::ranges::transform(boxes, boxes.begin(), pack);
+    mapped_ = 0;
+  }
+
+  /// Does a part of an update. If it fails, the next update finds what this one would have.
+  template <class Function>
+  void or_roll_back(const Function& function) {
+    try {
+      function();
+    } catch (...) {
+      boxes_ = algorithm_->boxes();
+      is_in_flight_ = is_begun_ = false;
+      changes_.insert(flight_);
+      changes_.all = changes_.filters = true;
+      flight_.clear();
+      throw;
+    }
+  }
+
+  /// Slots up to the last object.
+  [[nodiscard]] std::size_t slot_count() const noexcept {
+    const auto last = std::find(states_.rbegin(), states_.rend(), State::live);
+    return static_cast<std::size_t>(states_.rend() - last);
+  }
+
+  void refuse_unknown(std::uint32_t id) const {
+    if (id >= states_.size() || states_[id] == State::free) {
+      throw Error("no object has the id " + std::to_string(id) + "; use the ids that add() returned");
+    }
+  }
+
+  static void refuse_nan(const Aabb& box) {
+    if (!is_proper(box) && has_nan(box)) throw_nan("a box");
+  }
+
+  std::unique_ptr<Algorithm> algorithm_;
+  std::span<Aabb> boxes_;            // the algorithm's
+  bool has_filter_memory_ = false;   // in the algorithm
+  std::size_t capacity_ = 0;         // ids that the following have capacity for
+  std::vector<State> states_;        // by id
+  std::vector<Filter> filters_;      // by id
+  std::vector<std::uint32_t> free_;  // a heap, the lowest id first
+  std::size_t size_ = 0;
+  bool any_filters_ = false;  // some object has had another than the default one
+  bool any_worlds_ = false;
+  std::size_t mapped_ = 0;  // boxes that the caller may have written in place
+
+  ChangeSet changes_;  // since the last update began
+  ChangeSet flight_;   // the changes that the update in flight applies
+  bool is_begun_ = false;
+  bool is_in_flight_ = false;  // it was begun, and there was something to do
+  bool was_asked_ = false;     // the algorithm took part in the last update
+  std::vector<LateBox> late_;
+};
+
+}  // namespace broadcl

@@ -1,0 +1,309 @@
+#include "algorithms/hybrid.hpp"
+
+#include <chrono>
+#include <cstdint>
+#include <limits>
+#include <memory>
+#include <new>
+#include <random>
+#include <span>
+#include <thread>
+#include <utility>
+#include <vector>
+
+#include <gtest/gtest.h>
+
+#include <broadcl/device.hpp>
+#include <broadcl/error.hpp>
+
+#include "algorithms/algorithm.hpp"
+#include "core.hpp"
+#include "each_algorithm.hpp"
+#include "expect_error.hpp"
+#include "reference.hpp"
+#include "scenes/generators.hpp"
+
+namespace broadcl::test {
+namespace {
+
+constexpr double at_once = 0;
+constexpr double never = std::numeric_limits<double>::max();
+
+/// What the device of a hybrid is made to do.
+struct Orders {
+  double expected_seconds = never;
+  bool has_no_memory = false;  ///< reserve() throws.
+  bool fails = false;          ///< finish() throws.
+};
+
+/// An algorithm that says it works on a device, and follows orders.
+class Pretender final : public Algorithm {
+ public:
+  explicit Pretender(const Orders& orders, std::string_view algorithm = "oracle")
+      : orders_(orders), inner_(make_algorithm({.algorithm = std::string(algorithm)})) {}
+
+  void reserve(std::size_t slots, bool filters) override {
+    if (orders_.has_no_memory) throw Error("no memory");
+    inner_->reserve(slots, filters);
+  }
+  [[nodiscard]] std::span<Aabb> boxes() noexcept override { return inner_->boxes(); }
+  void begin(const Changes& changes) override { inner_->begin(changes); }
+  void flush() override { inner_->flush(); }
+  Delta finish() override {
+    if (orders_.fails) throw Error("the device failed");
+    return inner_->finish();
+  }
+  [[nodiscard]] double expected_seconds(std::size_t /*slots*/, std::size_t /*changed*/) const override {
+    return orders_.expected_seconds;
+  }
+  [[nodiscard]] std::vector<Pair> pairs() override { return inner_->pairs(); }
+  [[nodiscard]] const Device* device() const noexcept override { return &device_; }
+  [[nodiscard]] MemoryUse memory() const noexcept override { return {.device = 1}; }
+  [[nodiscard]] std::span<const Stage> profile() const noexcept override { return inner_->profile(); }
+
+ private:
+  const Orders& orders_;
+  std::unique_ptr<Algorithm> inner_;
+  Device device_;
+};
+
+std::unique_ptr<Algorithm> host() {
+  return make_algorithm({.algorithm = "sweep-and-prune"});
+}
+
+/// Objects of which some move, come, go or get another filter in each update; some while one is in flight.
+class Script {
+ public:
+  Script(Core& core, unsigned seed) : core_(core), random_(seed) {}
+
+  void update() {
+    change();
+    if (below(4) == 0) {
+      core_.begin();
+      reference_.begin();
+      change();
+    }
+    const Delta delta = core_.finish();
+    const Reference::Changes expected = reference_.finish();
+    ASSERT_EQ(to_vector(delta.added), expected.added);
+    ASSERT_EQ(to_vector(delta.removed), expected.removed);
+    ASSERT_EQ(core_.pairs(), reference_.pairs());
+  }
+
+ private:
+  std::uint32_t below(std::uint32_t n) { return static_cast<std::uint32_t>(random_() % n); }
+
+  Aabb box() {
+    Aabb box;
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      box.lower[axis] = static_cast<float>(below(8));
+      box.upper[axis] = box.lower[axis] + static_cast<float>(below(3));
+    }
+    return below(10) == 0 ? empty_aabb() : box;
+  }
+
+  Filter filter() { return {.group = 1 + below(3), .mask = 1 + below(3), .world = below(2)}; }
+
+  void change() {
+    for (std::uint32_t k = below(below(2) == 0 ? 4 : 40) + 1; k > 0; --k) {
+      const std::uint32_t what = below(10);
+      if (ids_.empty() || (what < 3 && ids_.size() < 60)) {
+        const Aabb at = box();
+        const Filter with = below(2) == 0 ? filter() : Filter();
+        ids_.push_back(core_.add(at, with));
+        ASSERT_EQ(reference_.add(at, with), ids_.back());
+        continue;
+      }
+      const std::size_t which = below(static_cast<std::uint32_t>(ids_.size()));
+      const std::uint32_t id = ids_[which];
+      if (what < 8) {
+        const Aabb at = box();
+        core_.move(id, at);
+        reference_.move(id, at);
+      } else if (what == 8) {
+        const Filter with = filter();
+        core_.set_filter(id, with);
+        reference_.set_filter(id, with);
+      } else {
+        core_.remove(id);
+        reference_.remove(id);
+        ids_.erase(ids_.begin() + static_cast<std::ptrdiff_t>(which));
+      }
+    }
+  }
+
+  Core& core_;
+  Reference reference_;
+  std::mt19937 random_;
+  std::vector<std::uint32_t> ids_;
+};
+
+/// Updates it until it is on the device, or on the host; gives up after many.
+void update_until(Core& core, Script& script, bool on_device) {
+  for (int k = 0; k < 2000 && (core.algorithm().device() != nullptr) != on_device; ++k) script.update();
+  ASSERT_EQ(core.algorithm().device() != nullptr, on_device);
+}
+
+class Hybrid : public ::testing::TestWithParam<std::string_view> {};
+
+TEST_P(Hybrid, FindsTheSameOnEitherSide) {
+  for (const unsigned seed : {1U, 2U, 3U}) {
+    Orders orders;
+    Core core(make_hybrid(host(), std::make_unique<Pretender>(orders, GetParam())));
+    Script script(core, seed);
+    for (int turn = 0; turn < 3; ++turn) {
+      for (int k = 0; k < 5; ++k) script.update();
+      orders.expected_seconds = at_once;
+      update_until(core, script, true);
+      for (int k = 0; k < 5; ++k) script.update();
+      orders.expected_seconds = never;
+      update_until(core, script, false);
+    }
+    if (HasFailure()) break;
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(Device, Hybrid, ::testing::Values("oracle", "brute-force", "tiles"),
+                         [](const auto& test) {
+                           return test.param == "brute-force" ? std::string("brute_force")
+                                                              : std::string(test.param);
+                         });
+
+TEST(HybridStart, ManyObjectsBeginOnTheDeviceAndFewOnTheHost) {
+  Orders orders{.expected_seconds = 1e-3};
+  Core few(make_hybrid(host(), std::make_unique<Pretender>(orders)));
+  (void)few.map(100);
+  EXPECT_EQ(few.algorithm().device(), nullptr);
+  Core many(make_hybrid(host(), std::make_unique<Pretender>(orders)));
+  for (std::uint32_t k = 0; k < 100; ++k) many.add(unit, {.body = 1});
+  std::ranges::fill(many.map(100'000), apart(1));
+  EXPECT_NE(many.algorithm().device(), nullptr);
+  EXPECT_EQ(many.algorithm().memory().device, 1U);
+}
+
+TEST(HybridStart, NoMemoryOnTheDeviceIsAnErrorAtFirst) {
+  Orders orders{.expected_seconds = at_once, .has_no_memory = true};
+  Core core(make_hybrid(host(), std::make_unique<Pretender>(orders)));
+  EXPECT_EQ(error_of([&] { core.add(unit, {}); }), "no memory");
+  orders.has_no_memory = false;
+  EXPECT_EQ(core.add(unit, {}), 0U);
+}
+
+TEST(HybridFailure, NoMemoryOnTheDeviceLaterLeavesTheHost) {
+  Orders orders;
+  Core core(make_hybrid(host(), std::make_unique<Pretender>(orders)));
+  Script script(core, 1);
+  script.update();
+  orders = {.expected_seconds = at_once, .has_no_memory = true};
+  for (int k = 0; k < 50; ++k) script.update();
+  EXPECT_EQ(core.algorithm().device(), nullptr);
+  orders.has_no_memory = false;
+  update_until(core, script, true);
+}
+
+TEST(HybridFailure, OfTheFirstUpdateOnTheDeviceLosesNothing) {
+  Orders orders;
+  Core core(make_hybrid(host(), std::make_unique<Pretender>(orders)));
+  for (std::uint32_t k = 0; k < 3; ++k) core.add(unit, {});
+  EXPECT_EQ(core.finish().added.size(), 3U);
+  orders.expected_seconds = at_once;
+  for (int k = 0; core.algorithm().device() == nullptr && k < 1000; ++k) {
+    core.move(0, k % 2 == 0 ? apart(1) : unit);
+    (void)core.finish();
+  }
+  core.move(0, unit);
+  core.remove(2);
+  const Pairs before = core.pairs();
+  orders.fails = true;
+  EXPECT_EQ(error_of([&] { (void)core.finish(); }), "the device failed");
+  EXPECT_EQ(core.pairs(), before);
+  orders.fails = false;
+  core.move(1, apart(2));
+  const Delta delta = core.finish();
+  EXPECT_EQ(to_vector(delta.added), Pairs());
+  EXPECT_EQ(to_vector(delta.removed), before);
+  EXPECT_EQ(core.pairs(), Pairs());
+}
+
+/// Updates of so many boxes that the oracle takes long for them.
+void update_many(Core& core, int updates) {
+  constexpr std::uint32_t n = 1000;
+  for (int k = 0; k < updates; ++k) {
+    const std::span<Aabb> boxes = core.map(n);
+    for (std::uint32_t id = 0; id < n; ++id) boxes[id] = apart((id + static_cast<std::uint32_t>(k)) % (n - 1));
+    (void)core.finish();
+    ASSERT_EQ(core.pairs().size(), 1U);
+  }
+}
+
+TEST(HybridOpens, ADeviceOnceUpdatesTakeLong) {
+  const Orders orders{.expected_seconds = at_once};
+  std::thread::id opened_by;
+  Core core(make_hybrid(make_algorithm({.algorithm = "oracle"}), [&]() -> std::unique_ptr<Algorithm> {
+    opened_by = std::this_thread::get_id();
+    return std::make_unique<Pretender>(orders);
+  }));
+  EXPECT_EQ(core.algorithm().memory().device, 0U);
+  for (int k = 0; k < 1000 && core.algorithm().device() == nullptr; ++k) update_many(core, 1);
+  EXPECT_NE(core.algorithm().device(), nullptr);
+  EXPECT_NE(opened_by, std::this_thread::get_id());
+  update_many(core, 3);
+}
+
+TEST(HybridOpens, NoDeviceForFewObjects) {
+  bool was_opened = false;
+  {
+    Core core(make_hybrid(host(), [&]() -> std::unique_ptr<Algorithm> {
+      was_opened = true;
+      return nullptr;
+    }));
+    core.add(unit, {});
+    for (int k = 0; k < 100; ++k) {
+      core.move(0, apart(static_cast<std::size_t>(k % 2)));
+      (void)core.finish();
+    }
+  }
+  EXPECT_FALSE(was_opened);
+}
+
+TEST(HybridOpens, OnceEvenIfThereIsNone) {
+  int calls = 0;
+  {
+    Core core(make_hybrid(make_algorithm({.algorithm = "oracle"}), [&]() -> std::unique_ptr<Algorithm> {
+      ++calls;
+      return nullptr;
+    }));
+    update_many(core, 100);
+    EXPECT_EQ(core.algorithm().device(), nullptr);
+  }
+  EXPECT_EQ(calls, 1);
+}
+
+TEST(HybridOpens, AFailureLeavesTheHost) {
+  int calls = 0;
+  {
+    Core core(make_hybrid(make_algorithm({.algorithm = "oracle"}), [&]() -> std::unique_ptr<Algorithm> {
+      ++calls;
+      throw Error("the driver is broken");
+    }));
+    update_many(core, 100);
+    EXPECT_EQ(core.algorithm().device(), nullptr);
+  }
+  EXPECT_EQ(calls, 1);
+}
+
+TEST(HybridOpens, TheDestructorWaitsForIt) {
+  bool is_over = false;
+  {
+    Core core(make_hybrid(make_algorithm({.algorithm = "oracle"}), [&]() -> std::unique_ptr<Algorithm> {
+      std::this_thread::sleep_for(std::chrono::milliseconds(50));
+      is_over = true;
+      return nullptr;
+    }));
+    update_many(core, 8);
+  }
+  EXPECT_TRUE(is_over);
+}
+
+}  // namespace
+}  // namespace broadcl::test
