@@ -1,5 +1,6 @@
 #include <algorithm>
 #include <cstdint>
+#include <memory>
 #include <new>
 #include <optional>
 #include <string>
@@ -9,9 +10,12 @@
 
 #include <broadcl/broad_phase.hpp>
 
+#include "algorithms/hybrid.hpp"
+#include "core.hpp"
 #include "device_life.hpp"
 #include "each_algorithm.hpp"
 #include "failing_allocations.hpp"
+#include "pretender.hpp"
 #include "short_life.hpp"
 #include "test_name.hpp"
 #include "trouble.hpp"
@@ -58,6 +62,23 @@ TEST(AllocationFailure, OfADeviceBroadPhaseIsMadeGood) {
     SCOPED_TRACE(algorithm);
     expect_device_lives(algorithm, 1, 100);
     expect_device_lives(algorithm, AllocationTrouble::for_good, 30);
+  }
+}
+
+/// Once one object has moved a few times, it changes over from the host to what it takes for a device.
+TEST(AllocationFailure, OfAHybridIsMadeGood) {
+  for (const long count : {1L, AllocationTrouble::for_good}) {
+    int changed_over = 0;
+    expect_right_lives(200, [&](long first) -> std::optional<long> {
+      const Pretender::Orders orders{.expected_seconds = 0, .expected_for_all = 1};
+      ShortLife<AllocationTrouble, Core> life(
+          make_hybrid(make_algorithm({.algorithm = "oracle"}), std::make_unique<Pretender>(orders)),
+          AllocationTrouble(first, count), {.looks = first % 4 < 2, .worlds = true, .updates = 12});
+      if (!life.live()) return std::nullopt;
+      if (life.subject().algorithm().device() != nullptr) ++changed_over;
+      return life.trouble().points();
+    });
+    EXPECT_GT(changed_over, 0);
   }
 }
 

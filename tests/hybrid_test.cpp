@@ -20,6 +20,7 @@
 #include "core.hpp"
 #include "each_algorithm.hpp"
 #include "expect_error.hpp"
+#include "pretender.hpp"
 #include "reference.hpp"
 #include "scenes/generators.hpp"
 
@@ -27,45 +28,6 @@ namespace broadcl::test {
 namespace {
 
 constexpr double at_once = 0;
-constexpr double never = std::numeric_limits<double>::max();
-
-/// What the device of a hybrid is made to do.
-struct Orders {
-  double expected_seconds = never;
-  bool has_no_memory = false;  ///< reserve() throws.
-  bool fails = false;          ///< finish() throws.
-};
-
-/// An algorithm that says it works on a device, and follows orders.
-class Pretender final : public Algorithm {
- public:
-  explicit Pretender(const Orders& orders, std::string_view algorithm = "oracle")
-      : orders_(orders), inner_(make_algorithm({.algorithm = std::string(algorithm)})) {}
-
-  void reserve(std::size_t slots, bool filters) override {
-    if (orders_.has_no_memory) throw Error("no memory");
-    inner_->reserve(slots, filters);
-  }
-  [[nodiscard]] std::span<Aabb> boxes() noexcept override { return inner_->boxes(); }
-  void begin(const Changes& changes) override { inner_->begin(changes); }
-  void flush() override { inner_->flush(); }
-  Delta finish() override {
-    if (orders_.fails) throw Error("the device failed");
-    return inner_->finish();
-  }
-  [[nodiscard]] double expected_seconds(std::size_t /*slots*/, std::size_t /*changed*/) const override {
-    return orders_.expected_seconds;
-  }
-  [[nodiscard]] std::vector<Pair> pairs() override { return inner_->pairs(); }
-  [[nodiscard]] const Device* device() const noexcept override { return &device_; }
-  [[nodiscard]] MemoryUse memory() const noexcept override { return {.device = 1}; }
-  [[nodiscard]] std::span<const Stage> profile() const noexcept override { return inner_->profile(); }
-
- private:
-  const Orders& orders_;
-  std::unique_ptr<Algorithm> inner_;
-  Device device_;
-};
 
 std::unique_ptr<Algorithm> host() {
   return make_algorithm({.algorithm = "sweep-and-prune"});
@@ -148,15 +110,15 @@ class Hybrid : public ::testing::TestWithParam<std::string_view> {};
 
 TEST_P(Hybrid, FindsTheSameOnEitherSide) {
   for (const unsigned seed : {1U, 2U, 3U}) {
-    Orders orders;
+    Pretender::Orders orders;
     Core core(make_hybrid(host(), std::make_unique<Pretender>(orders, GetParam())));
     Script script(core, seed);
     for (int turn = 0; turn < 3; ++turn) {
       for (int k = 0; k < 5; ++k) script.update();
-      orders.expected_seconds = at_once;
+      orders = {.expected_seconds = at_once};
       update_until(core, script, true);
       for (int k = 0; k < 5; ++k) script.update();
-      orders.expected_seconds = never;
+      orders = {.expected_seconds = 1e-3, .sleep = std::chrono::milliseconds(1)};
       update_until(core, script, false);
     }
     if (HasFailure()) break;
@@ -170,7 +132,7 @@ INSTANTIATE_TEST_SUITE_P(Device, Hybrid, ::testing::Values("oracle", "brute-forc
                          });
 
 TEST(HybridStart, ManyObjectsBeginOnTheDeviceAndFewOnTheHost) {
-  Orders orders{.expected_seconds = 1e-3};
+  Pretender::Orders orders{.expected_seconds = 1e-3};
   Core few(make_hybrid(host(), std::make_unique<Pretender>(orders)));
   (void)few.map(100);
   EXPECT_EQ(few.algorithm().device(), nullptr);
@@ -182,7 +144,7 @@ TEST(HybridStart, ManyObjectsBeginOnTheDeviceAndFewOnTheHost) {
 }
 
 TEST(HybridStart, NoMemoryOnTheDeviceIsAnErrorAtFirst) {
-  Orders orders{.expected_seconds = at_once, .has_no_memory = true};
+  Pretender::Orders orders{.expected_seconds = at_once, .has_no_memory = true};
   Core core(make_hybrid(host(), std::make_unique<Pretender>(orders)));
   EXPECT_EQ(error_of([&] { core.add(unit, {}); }), "no memory");
   orders.has_no_memory = false;
@@ -190,7 +152,7 @@ TEST(HybridStart, NoMemoryOnTheDeviceIsAnErrorAtFirst) {
 }
 
 TEST(HybridFailure, NoMemoryOnTheDeviceLaterLeavesTheHost) {
-  Orders orders;
+  Pretender::Orders orders;
   Core core(make_hybrid(host(), std::make_unique<Pretender>(orders)));
   Script script(core, 1);
   script.update();
@@ -202,7 +164,7 @@ TEST(HybridFailure, NoMemoryOnTheDeviceLaterLeavesTheHost) {
 }
 
 TEST(HybridFailure, OfTheFirstUpdateOnTheDeviceLosesNothing) {
-  Orders orders;
+  Pretender::Orders orders;
   Core core(make_hybrid(host(), std::make_unique<Pretender>(orders)));
   for (std::uint32_t k = 0; k < 3; ++k) core.add(unit, {});
   EXPECT_EQ(core.finish().added.size(), 3U);
@@ -237,7 +199,7 @@ void update_many(Core& core, int updates) {
 }
 
 TEST(HybridOpens, ADeviceOnceUpdatesTakeLong) {
-  const Orders orders{.expected_seconds = at_once};
+  const Pretender::Orders orders{.expected_seconds = at_once};
   std::thread::id opened_by;
   Core core(make_hybrid(make_algorithm({.algorithm = "oracle"}), [&]() -> std::unique_ptr<Algorithm> {
     opened_by = std::this_thread::get_id();

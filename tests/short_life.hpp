@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <exception>
 #include <span>
+#include <utility>
 
 #include <gtest/gtest.h>
 
@@ -17,11 +18,14 @@ namespace broadcl::test {
 
 /// Every function of a BroadPhase in a few frames, each call repeated if it fails, with answers that are
 /// always those of the reference.
-template <class Trouble>
+/// @tparam Subject BroadPhase, or the Core of one.
+template <class Trouble, class Subject = BroadPhase>
 class ShortLife {
  public:
-  ShortLife(const BroadPhase::Config& config, Trouble trouble, Habits habits)
-      : broad_phase_(config), trouble_(trouble), habits_(habits) {}
+  /// @param argument Of the subject's constructor.
+  template <class Argument>
+  ShortLife(Argument&& argument, Trouble trouble, Habits habits)
+      : broad_phase_(std::forward<Argument>(argument)), trouble_(trouble), habits_(habits) {}
 
   /// @returns Whether every answer was right; it ends with the first that is not.
   bool live() {
@@ -34,11 +38,16 @@ class ShortLife {
   }
 
   [[nodiscard]] const Trouble& trouble() const { return trouble_; }
+  [[nodiscard]] const Subject& subject() const { return broad_phase_; }
 
  private:
   void live_on() {
     for (std::uint32_t k = 0; k < 10; ++k) add(at(k), {.group = 1U + k % 2, .mask = k % 5 == 0 ? 1U : 3U});
     update();
+    for (int k = 0; k < habits_.updates; ++k) {
+      move(3, at(k % 2 == 0 ? 5 : 3));
+      update();
+    }
     move(3, at(7));
     set_filter(4, {.mask = 0});
     remove(2);
@@ -125,7 +134,10 @@ class ShortLife {
     reference_.begin();
   }
   void update() {
-    expect_changes([this] { return broad_phase_.update(); });
+    expect_changes([this] {
+      if constexpr (requires { broad_phase_.update(); }) return broad_phase_.update();
+      return broad_phase_.finish();
+    });
   }
   void finish() {
     expect_changes([this] { return broad_phase_.finish(); });
@@ -149,7 +161,7 @@ class ShortLife {
     return ::testing::AssertionFailure() << what << " is " << is << ", expected " << expected;
   }
 
-  BroadPhase broad_phase_;
+  Subject broad_phase_;
   Reference reference_;
   Trouble trouble_;
   Habits habits_;

@@ -86,6 +86,8 @@ struct Habits {
   bool looks = false;
   /// Whether objects get worlds, for which some algorithms build a kernel in the middle of it.
   bool worlds = false;
+  /// Updates at the beginning in which one object moves.
+  int updates = 0;
 };
 
 }  // namespace broadcl::test

@@ -12,7 +12,7 @@ namespace {
 
 /// To change over costs a search of all boxes, so the other one must be expected to take less than this share
 /// of the time in some updates in a row, and in twice as many after each change.
-constexpr double clearly_less = 0.9;
+constexpr double clearly_less = 0.85;
 constexpr int first_patience = 8;
 constexpr int most_patience = 1024;
 
@@ -25,17 +25,21 @@ double seconds_since(Clock::time_point start) {
   return std::chrono::duration<double>(Clock::now() - start).count();
 }
 
-/// What an update is expected to take, corrected by what the last ones took.
+/// What an update is expected to take, corrected by what earlier ones took: by their mean at first, then less
+/// and less by old ones.
 class Estimate {
  public:
   void learn(double expected, double taken) noexcept {
-    constexpr double weight = 0.25;
-    if (expected > 0) factor_ += weight * (taken / expected - factor_);
+    if (expected <= 0) return;
+    constexpr double most_samples = 16;
+    samples_ = std::min(samples_ + 1, most_samples);
+    factor_ += (taken / expected - factor_) / samples_;
   }
   [[nodiscard]] double seconds(double expected) const noexcept { return factor_ * expected; }
 
  private:
   double factor_ = 1;
+  double samples_ = 0;
 };
 
 /// What an update on the host takes, about; how many boxes overlap makes a difference of several times.
@@ -79,7 +83,7 @@ class Hybrid final : public Algorithm {
     if (has_changed_) {
       compare(before_, current_->pairs(), changes_.recycled, added_, removed_);
       delta = {added_, removed_};
-    } else {
+    } else if (was_updated_) {  // the first update of all boxes takes longer
       learn(seconds_ + seconds_since(start));
     }
     // Nothing below throws.

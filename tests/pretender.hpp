@@ -1,0 +1,63 @@
+#pragma once
+
+#include <chrono>
+#include <cstddef>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+#include <string_view>
+#include <thread>
+#include <vector>
+
+#include <broadcl/device.hpp>
+#include <broadcl/error.hpp>
+
+#include "algorithms/algorithm.hpp"
+
+namespace broadcl::test {
+
+/// An algorithm that says it works on a device, and follows orders.
+class Pretender final : public Algorithm {
+ public:
+  /// What it is made to do.
+  struct Orders {
+    double expected_seconds = 1;
+    std::optional<double> expected_for_all{};  ///< If all slots changed; the same if none.
+    std::chrono::microseconds sleep{0};        ///< In finish().
+    bool has_no_memory = false;  ///< reserve() throws.
+    bool fails = false;          ///< finish() throws.
+  };
+
+  /// @param orders Must outlive it.
+  explicit Pretender(const Orders& orders, std::string_view algorithm = "oracle")
+      : orders_(orders), inner_(make_algorithm({.algorithm = std::string(algorithm)})) {}
+
+  void reserve(std::size_t slots, bool filters) override {
+    if (orders_.has_no_memory) throw Error("no memory");
+    inner_->reserve(slots, filters);
+  }
+  [[nodiscard]] std::span<Aabb> boxes() noexcept override { return inner_->boxes(); }
+  void begin(const Changes& changes) override { inner_->begin(changes); }
+  void flush() override { inner_->flush(); }
+  Delta finish() override {
+    if (orders_.fails) throw Error("the device failed");
+    if (orders_.sleep.count() > 0) std::this_thread::sleep_for(orders_.sleep);
+    return inner_->finish();
+  }
+  [[nodiscard]] double expected_seconds(std::size_t slots, std::size_t changed) const override {
+    return slots == changed ? orders_.expected_for_all.value_or(orders_.expected_seconds)
+                            : orders_.expected_seconds;
+  }
+  [[nodiscard]] std::vector<Pair> pairs() override { return inner_->pairs(); }
+  [[nodiscard]] const Device* device() const noexcept override { return &device_; }
+  [[nodiscard]] MemoryUse memory() const noexcept override { return {.device = 1}; }
+  [[nodiscard]] std::span<const Stage> profile() const noexcept override { return inner_->profile(); }
+
+ private:
+  const Orders& orders_;
+  std::unique_ptr<Algorithm> inner_;
+  Device device_;
+};
+
+}  // namespace broadcl::test
