@@ -11,6 +11,7 @@
 #include <utility>
 #include <vector>
 
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <broadcl/device.hpp>
@@ -163,9 +164,8 @@ TEST(HybridFailure, NoMemoryOnTheDeviceLaterLeavesTheHost) {
   update_until(core, script, true);
 }
 
-TEST(HybridFailure, OfTheFirstUpdateOnTheDeviceLosesNothing) {
-  Pretender::Orders orders;
-  Core core(make_hybrid(host(), std::make_unique<Pretender>(orders)));
+/// Adds three equal boxes, and moves one until the next update is the device's.
+void meet_on_host(Core& core, Pretender::Orders& orders) {
   for (std::uint32_t k = 0; k < 3; ++k) core.add(unit, {});
   EXPECT_EQ(core.finish().added.size(), 3U);
   orders.expected_seconds = at_once;
@@ -174,6 +174,23 @@ TEST(HybridFailure, OfTheFirstUpdateOnTheDeviceLosesNothing) {
     (void)core.finish();
   }
   core.move(0, unit);
+}
+
+TEST(HybridStart, AnIdThatIsUsedAgainForTheFirstUpdateOnTheDeviceIsAnotherObject) {
+  Pretender::Orders orders;
+  Core core(make_hybrid(host(), std::make_unique<Pretender>(orders)));
+  meet_on_host(core, orders);
+  core.remove(2);
+  EXPECT_EQ(core.add(unit, {}), 2U);
+  const Delta delta = core.finish();
+  EXPECT_THAT(to_vector(delta.added), ::testing::IsSupersetOf(Pairs{{0, 2}, {1, 2}}));
+  EXPECT_THAT(to_vector(delta.removed), ::testing::Contains(Pair{1, 2}));
+}
+
+TEST(HybridFailure, OfTheFirstUpdateOnTheDeviceLosesNothing) {
+  Pretender::Orders orders;
+  Core core(make_hybrid(host(), std::make_unique<Pretender>(orders)));
+  meet_on_host(core, orders);
   core.remove(2);
   const Pairs before = core.pairs();
   orders.fails = true;
@@ -192,7 +209,8 @@ void update_many(Core& core, int updates) {
   constexpr std::uint32_t n = 1000;
   for (int k = 0; k < updates; ++k) {
     const std::span<Aabb> boxes = core.map(n);
-    for (std::uint32_t id = 0; id < n; ++id) boxes[id] = apart((id + static_cast<std::uint32_t>(k)) % (n - 1));
+    for (std::uint32_t id = 0; id < n; ++id)
+      boxes[id] = apart((id + static_cast<std::uint32_t>(k)) % (n - 1));
     (void)core.finish();
     ASSERT_EQ(core.pairs().size(), 1U);
   }

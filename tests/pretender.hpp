@@ -25,8 +25,8 @@ class Pretender final : public Algorithm {
     double expected_seconds = 1;
     std::optional<double> expected_for_all{};  ///< If all slots changed; the same if none.
     std::chrono::microseconds sleep{0};        ///< In finish().
-    bool has_no_memory = false;  ///< reserve() throws.
-    bool fails = false;          ///< finish() throws.
+    bool has_no_memory = false;                ///< reserve() throws.
+    bool fails = false;                        ///< finish() throws.
   };
 
   /// @param orders Must outlive it.

@@ -140,7 +140,8 @@ class Hybrid final : public Algorithm {
     const double on_host = seconds_on_host(changes_.slots, changed_slots());
     if (device_ == nullptr) {
       waited_ = on_host > worth_opening ? waited_ + 1 : 0;
-      if (waited_ >= first_patience && open_) opening_ = std::async(std::launch::async, std::exchange(open_, {}));
+      if (waited_ >= first_patience && open_)
+        opening_ = std::async(std::launch::async, std::exchange(open_, {}));
       return;
     }
     const double on_device = seconds_on_device(changes_.slots, changed_slots());
@@ -168,9 +169,9 @@ class Hybrid final : public Algorithm {
   std::unique_ptr<Algorithm> device_;  // if it was opened
   OpenDevice open_;                    // until it is opened
   std::future<std::unique_ptr<Algorithm>> opening_;
-  Algorithm* current_ = host_.get();   // does the next update
-  Algorithm* asked_ = host_.get();     // did the last one
-  bool filters_ = false;  // whether there is memory for filters
+  Algorithm* current_ = host_.get();  // does the next update
+  Algorithm* asked_ = host_.get();    // did the last one
+  bool filters_ = false;              // whether there is memory for filters
   bool was_updated_ = false;
   Changes changes_;     // of the last update
   double seconds_ = 0;  // that its begin() took

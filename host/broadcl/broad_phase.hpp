@@ -118,8 +118,9 @@ class BroadPhase {
 };
 
 /// All overlapping pairs of boxes in the caller's memory, in any layout, by index, in canonical order. The
-/// boxes are read once, and not stored. It opens the device each time; if you call it often, keep a
-/// BroadPhase. Any number of threads may call it at once, also with the same boxes.
+/// boxes are read once, and not stored. By default the host does it; a device that is named is opened each
+/// time, so if you call it often, keep a BroadPhase. Any number of threads may call it at once, also with the
+/// same boxes.
 /// @throws Error for a NaN bound (it names the first such box), and as BroadPhase does; std::bad_alloc.
 [[nodiscard]] std::vector<Pair> overlapping_pairs(const BoxView& boxes,
                                                   const BroadPhase::Config& config = BroadPhase::Config());
