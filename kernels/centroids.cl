@@ -61,9 +61,9 @@ kernel void centroids(const uint n, global const float* restrict boxes, global c
     atomic_max(&all_upper[i], upper[i]);
   }
   barrier(CLK_LOCAL_MEM_FENCE);
-  if (get_local_id(0) < 3) {
-    atomic_min(&result[get_local_id(0)], all_lower[get_local_id(0)]);
-    atomic_max(&result[3 + get_local_id(0)], all_upper[get_local_id(0)]);
+  for (uint i = (uint)get_local_id(0); i < 3U; i += (uint)get_local_size(0)) {
+    atomic_min(&result[i], all_lower[i]);
+    atomic_max(&result[3U + i], all_upper[i]);
   }
 #endif
 }

@@ -12,8 +12,10 @@
 #ifndef PARTS
 #define PARTS 128 /* work-items per team, which finds the indices of its pairs together */
 #endif
+#ifndef TEAMS
 #define TEAMS 2 /* teams per work-group */
-#define KEYS 4  /* pairs whose indices a team finds at once */
+#endif
+#define KEYS 4 /* pairs whose indices a team finds at once */
 #define LARGEST_BUCKET 4096U
 
 /* Position in canonical order: by b, then by a. */

@@ -11,6 +11,7 @@
 #include <tuple>
 #include <type_traits>
 
+#include "device_limits.hpp"
 #include "opencl/api.hpp"
 
 namespace broadcl::test {
@@ -78,10 +79,12 @@ struct Watched<name, Result(Arguments...)> {
     const std::tuple<Arguments...> all(arguments...);
     if (blocks(all)) ++blocking_calls;
     if constexpr (text.starts_with("clEnqueue")) last_queue = std::get<0>(all);
-    if (!is_reference && fails()) return failure(all);
+    if (!is_reference && fails()) return failure(all, CL_OUT_OF_RESOURCES);
+    if (const cl_int error = refusal(all); error != CL_SUCCESS) return failure(all, error);
     const Result result =
         call_next(static_cast<Result (*)(Arguments...)>(nullptr), name.text.data(), arguments...);
     count(result);
+    limit(all);
     return result;
   }
 
@@ -98,17 +101,35 @@ struct Watched<name, Result(Arguments...)> {
     return always_blocks;
   }
 
-  static Result failure(const All& all) {
+  /// Why a device of the limits that are set does not do this.
+  static cl_int refusal(const All& all) {
+    const Inside inside;
+    if constexpr (text == "clEnqueueNDRangeKernel")
+      return refusal_of_launch(std::get<1>(all), std::get<2>(all), std::get<5>(all));
+    if constexpr (text == "clCreateBuffer") return refusal_of_buffer(std::get<2>(all));
+    if constexpr (text == "clCreateCommandQueue") return refusal_of_queue(std::get<2>(all));
+    return CL_SUCCESS;
+  }
+
+  /// Has an answer be that of such a device.
+  static void limit(const All& all) {
+    if constexpr (text == "clGetDeviceInfo")
+      limit_device_info(std::get<1>(all), std::get<2>(all), std::get<3>(all));
+    if constexpr (text == "clGetKernelWorkGroupInfo")
+      limit_kernel_info(std::get<2>(all), std::get<3>(all), std::get<4>(all));
+  }
+
+  static Result failure(const All& all, cl_int code) {
     last_name = name.text.data();
     using First = std::tuple_element_t<0, All>;
     if constexpr (std::is_same_v<First, cl_command_queue>) drain(std::get<0>(all));
     if constexpr (text == "clWaitForEvents") std::apply(waits, all);
     if constexpr (std::is_pointer_v<Result>) {
       cl_int* const error = std::get<sizeof...(Arguments) - 1>(all);
-      if (error != nullptr) *error = CL_OUT_OF_RESOURCES;
+      if (error != nullptr) *error = code;
       return nullptr;
     } else {
-      return CL_OUT_OF_RESOURCES;
+      return code;
     }
   }
   static void waits(Arguments... arguments) { call_next(clWaitForEvents, "clWaitForEvents", arguments...); }
@@ -195,6 +216,7 @@ WATCH(clGetDeviceIDs);
 WATCH(clGetDeviceInfo);
 WATCH(clGetEventInfo);
 WATCH(clGetEventProfilingInfo);
+WATCH(clGetKernelInfo);
 WATCH(clGetKernelWorkGroupInfo);
 WATCH(clGetMemObjectInfo);
 WATCH(clGetPlatformIDs);

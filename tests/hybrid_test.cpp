@@ -23,7 +23,7 @@
 #include "expect_error.hpp"
 #include "pretender.hpp"
 #include "reference.hpp"
-#include "scenes/generators.hpp"
+#include "test_name.hpp"
 
 namespace broadcl::test {
 namespace {
@@ -127,10 +127,7 @@ TEST_P(Hybrid, FindsTheSameOnEitherSide) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Device, Hybrid, ::testing::Values("oracle", "brute-force", "tiles"),
-                         [](const auto& test) {
-                           return test.param == "brute-force" ? std::string("brute_force")
-                                                              : std::string(test.param);
-                         });
+                         named_by_parameter);
 
 TEST(HybridStart, ManyObjectsBeginOnTheDeviceAndFewOnTheHost) {
   Pretender::Orders orders{.expected_seconds = 1e-3};

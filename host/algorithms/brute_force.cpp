@@ -84,7 +84,7 @@ class BruteForce final : public PairFinder {
           "-DWIDTH=" + std::to_string(launch_.width) + " -DGROUP=" + std::to_string(launch_.group) +
           " -DROWS=" + std::to_string(launch_.at_once) + " -DMAX_ROWS=" + std::to_string(launch_.max_rows) +
           (worlds ? " -DWORLDS=1" : "");
-      kernel = cl::Kernel(context_.program("brute_force.cl", options), "brute_force");
+      kernel = context_.kernel(context_.program("brute_force.cl", options), "brute_force", launch_.group);
     }
     return kernel;
   }

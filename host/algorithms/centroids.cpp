@@ -8,36 +8,36 @@
 namespace broadcl {
 namespace {
 
-constexpr std::size_t group = 64;
 constexpr std::size_t most_rounds = 4096;   // of a work-item's loop, which llvmpipe ends after 65,535
 constexpr std::size_t groups_per_unit = 8;  // if there are enough boxes
-constexpr std::size_t corner_bytes = 3 * sizeof(cl_uint);
+constexpr std::size_t corner_words = 3;
 constexpr std::size_t boxes_per_bucket = 32;  // worlds of fewer boxes may as well share one
 
 }  // namespace
 
-CentroidBounds::CentroidBounds(const opencl::Context& context) : context_(context) {
-  kernel_ = cl::Kernel(context.program("centroids.cl"), "centroids");
-}
+CentroidBounds::CentroidBounds(const opencl::Context& context)
+    : context_(context),
+      group_(context.group()),
+      kernel_(context.kernel(context.program("centroids.cl"), "centroids", group_)) {}
 
 void CentroidBounds::enqueue(const cl::Buffer& boxes, const cl::Buffer& filters, std::size_t n) {
   const bool worlds = filters() != nullptr;
   if (worlds && kernel_of_worlds_() == nullptr) {
-    kernel_of_worlds_ = cl::Kernel(context_.program("centroids.cl", "-DWORLDS=1"), "centroids");
+    kernel_of_worlds_ = context_.kernel(context_.program("centroids.cl", "-DWORLDS=1"), "centroids", group_);
   }
   buckets_ = worlds ? static_cast<cl_uint>(std::bit_ceil(n / boxes_per_bucket + 1)) + 1 : 1;
-  const std::size_t half = buckets_ * corner_bytes;
-  result_.reserve(context_, 2 * half, "bounds of worlds");
-  const cl::CommandQueue& queue = context_.queue();
-  queue.enqueueFillBuffer(result_.get(), ~cl_uint{0}, 0, half);
-  queue.enqueueFillBuffer(result_.get(), cl_uint{0}, half, half);
+  const std::size_t half = buckets_ * corner_words;
+  result_.reserve(context_, 2 * half * sizeof(cl_uint), "bounds of worlds");
+  context_.fill(result_.get(), ~cl_uint{0}, 0, half);
+  context_.fill(result_.get(), 0, half, half);
   if (n == 0) return;
   const std::size_t useful = std::size_t{context_.device().compute_units} * groups_per_unit;
   const std::size_t groups =
-      std::max(opencl::divide_up(n, group * most_rounds), std::min(opencl::divide_up(n, group), useful));
+      std::max(opencl::divide_up(n, group_ * most_rounds), std::min(opencl::divide_up(n, group_), useful));
   cl::Kernel& kernel = worlds ? kernel_of_worlds_ : kernel_;
   opencl::set_arguments(kernel, 0, static_cast<cl_uint>(n), boxes, filters, buckets_, result_.get());
-  queue.enqueueNDRangeKernel(kernel, cl::NullRange, cl::NDRange(groups * group), cl::NDRange(group));
+  context_.queue().enqueueNDRangeKernel(kernel, cl::NullRange, cl::NDRange(groups * group_),
+                                        cl::NDRange(group_));
 }
 
 }  // namespace broadcl

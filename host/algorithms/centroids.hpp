@@ -28,6 +28,7 @@ class CentroidBounds {
 
  private:
   const opencl::Context& context_;
+  std::size_t group_;
   cl::Kernel kernel_, kernel_of_worlds_;  // the latter made when first needed
   opencl::GrowingBuffer result_;
   cl_uint buckets_ = 1;

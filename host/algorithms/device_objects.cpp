@@ -13,7 +13,6 @@
 namespace broadcl {
 namespace {
 
-constexpr std::size_t group = 64;
 constexpr std::size_t most_slots = std::size_t{1} << 31;  // a slot and a bit share a word
 constexpr std::size_t least_slots = 256;
 constexpr cl_uint last_stamp = 0x7fffffff;
@@ -26,10 +25,10 @@ std::size_t staged_bytes(std::size_t changes, bool boxes) {
 }  // namespace
 
 DeviceObjects::DeviceObjects(const opencl::Context& context, opencl::Profiler& profiler)
-    : context_(context), profiler_(profiler) {
+    : context_(context), profiler_(profiler), group_(context.group()) {
   const cl::Program program = context.program("changes.cl");
-  apply_ = cl::Kernel(program, "apply_changes");
-  copy_ = cl::Kernel(program, "copy_boxes");
+  apply_ = context.kernel(program, "apply_changes", group_);
+  copy_ = context.kernel(program, "copy_boxes", group_);
   reserve_boxes(1);
 }
 
@@ -62,7 +61,7 @@ void DeviceObjects::reserve_boxes(std::size_t slots) {
   cl::Buffer next = context_.buffer(bytes);
   cl::Buffer stamps = context_.buffer(capacity * sizeof(cl_uint));
   const cl::CommandQueue& queue = context_.queue();
-  queue.enqueueFillBuffer(stamps, cl_uint{0}, 0, capacity * sizeof(cl_uint));
+  context_.fill(stamps, 0, 0, capacity);
   if (last_.objects.slots > 0) {
     queue.enqueueCopyBuffer(last_.objects.boxes, last, 0, 0, last_.objects.slots * sizeof(Aabb));
   }
@@ -116,8 +115,8 @@ void DeviceObjects::upload_boxes(const Changes& changes) {
     opencl::set_arguments(copy_, 0, last_.changed_count, last_.changed.get(), last.boxes,
                           next_.objects.boxes);
     queue.enqueueNDRangeKernel(copy_, cl::NullRange,
-                               cl::NDRange(opencl::round_up(last_.changed_count, group)), cl::NDRange(group),
-                               nullptr, stage.event());
+                               cl::NDRange(opencl::round_up(last_.changed_count, group_)),
+                               cl::NDRange(group_), nullptr, stage.event());
   }
 }
 
@@ -151,13 +150,13 @@ void DeviceObjects::upload_changes(const Changes& changes) {
   const cl::Buffer none;
   opencl::set_arguments(apply_, 0, count, changes_.get(), stamp_, changes.all ? none : next_.objects.boxes,
                         stamps_, changes.all ? none : next_.changed.get());
-  queue.enqueueNDRangeKernel(apply_, cl::NullRange, cl::NDRange(opencl::round_up(count, group)),
-                             cl::NDRange(group), nullptr, stage.event());
+  queue.enqueueNDRangeKernel(apply_, cl::NullRange, cl::NDRange(opencl::round_up(count, group_)),
+                             cl::NDRange(group_), nullptr, stage.event());
 }
 
 Search DeviceObjects::upload(const Changes& changes) {
   if (stamp_ == last_stamp) {
-    context_.queue().enqueueFillBuffer(stamps_, cl_uint{0}, 0, capacity_ * sizeof(cl_uint));
+    context_.fill(stamps_, 0, 0, capacity_);
     stamp_ = 0;
   }
   ++stamp_;

@@ -53,6 +53,7 @@ class DeviceObjects {
 
   const opencl::Context& context_;
   opencl::Profiler& profiler_;
+  std::size_t group_;
   cl::Kernel apply_, copy_;
   std::size_t capacity_ = 0;  // slots
   // Pinned memory, from which the device is brought up to date.

@@ -39,7 +39,9 @@ class GpuBf final : public Algorithm {
       : context_(device, config.profile, config.on_compile),
         profiler_(config.profile),
         launch_(context_.tuning() == opencl::Tuning::cpu ? cpu_launch : gpu_launch),
-        kernel_(context_.program("gpu_bf.cl", "-DWIDTH=" + std::to_string(launch_.width)), "gpu_bf"),
+        group_(context_.group(launch_.group_size)),
+        kernel_(context_.kernel(context_.program("gpu_bf.cl", "-DWIDTH=" + std::to_string(launch_.width)),
+                                "gpu_bf", group_)),
         objects_(context_, profiler_) {}
 
   void reserve(std::size_t slots, bool filters) override {
@@ -132,7 +134,7 @@ class GpuBf final : public Algorithm {
   void enqueue_kernel(const Search& search, cl::Event* event) {
     const cl_uint n = search.now.slots;
     const unsigned period = 2 * launch_.width;
-    const std::size_t columns = round_up(divide_up(n, launch_.width), launch_.group_size);
+    const std::size_t columns = round_up(divide_up(n, launch_.width), group_);
     const std::size_t class_rows = (n + period - 1) / period;
     // Half of the columns of an average row are past its end.
     const std::size_t wanted_items = std::size_t{context_.device().compute_units} * launch_.items;
@@ -144,12 +146,13 @@ class GpuBf final : public Algorithm {
                           search.now.boxes, search.now.filters, current_.device());
     context_.queue().enqueueNDRangeKernel(kernel_, cl::NullRange,
                                           cl::NDRange(columns, period * chunks + seam_lines),
-                                          cl::NDRange(launch_.group_size, 1), nullptr, event);
+                                          cl::NDRange(group_, 1), nullptr, event);
   }
 
   opencl::Context context_;
   opencl::Profiler profiler_;
   Launch launch_;
+  std::size_t group_;
   cl::Kernel kernel_;
   DeviceObjects objects_;
   opencl::SharedBuffer current_;   // bytes of this frame while it runs

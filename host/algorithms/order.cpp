@@ -14,20 +14,18 @@ namespace {
 constexpr std::size_t least_changes = 512;
 
 // As kernels/order.cl has them.
-constexpr std::size_t teams = 2;
 constexpr std::size_t keys = 4;
-constexpr std::size_t changes_multiple = 2 * teams * keys;
-
-constexpr std::size_t group = 64;  // work-items per work-group that orders many changes
+constexpr std::size_t changes_multiple = 16;  // of what two work-groups order
 
 /// Launch parameters.
 struct Launch {
   std::size_t parts;  ///< Work-items per team; a team finds the indices of its pairs together.
+  std::size_t teams;  ///< Per work-group.
   std::size_t few;    ///< Changes of a list, at most, that are compared each with every other.
 };
 Launch launch_of(const opencl::Context& context) {
-  if (context.tuning() == opencl::Tuning::cpu) return {.parts = 1, .few = 256};
-  return {.parts = 128, .few = 4096};
+  if (context.tuning() == opencl::Tuning::cpu) return {.parts = 1, .teams = 1, .few = 256};
+  return {.parts = 128, .teams = 2, .few = 4096};
 }
 
 using opencl::round_up;
@@ -41,17 +39,19 @@ Order::Order(const opencl::Context& context, opencl::Profiler& profiler, Target 
       profiler_(profiler),
       target_(target),
       few_(launch_of(context).few),
+      group_(context.group()),
       sort_(context),
       scan_(context) {
   const cl::Program program =
-      context.program("order.cl", "-DPARTS=" + std::to_string(launch_of(context).parts));
-  few_kernel_ = cl::Kernel(program, "order_few");
-  count_ = cl::Kernel(program, "order_count");
-  scatter_ = cl::Kernel(program, "order_scatter");
-  place_ = cl::Kernel(program, "order_place");
-  offsets_ = cl::Kernel(program, "order_offsets");
-  world_keys_ = cl::Kernel(program, "order_world_keys");
-  pick_ = cl::Kernel(program, "order_pick");
+      context.program("order.cl", "-DPARTS=" + std::to_string(launch_of(context).parts) +
+                                      " -DTEAMS=" + std::to_string(launch_of(context).teams));
+  few_kernel_ = context.kernel(program, "order_few", launch_of(context).parts * launch_of(context).teams);
+  count_ = context.kernel(program, "order_count", group_);
+  scatter_ = context.kernel(program, "order_scatter", group_);
+  place_ = context.kernel(program, "order_place", group_);
+  offsets_ = context.kernel(program, "order_offsets", group_);
+  world_keys_ = context.kernel(program, "order_world_keys", group_);
+  pick_ = context.kernel(program, "order_pick", group_);
 }
 
 void Order::set_search(const Search& search) {
@@ -151,31 +151,31 @@ void Order::set_results(cl::Kernel& kernel, cl_uint first, const PairDelta& delt
 
 void Order::enqueue_few(const PairDelta& delta, cl_uint tag) {
   opencl::Profiler::Scope stage(profiler_, "order");
-  const std::size_t parts = launch_of(context_).parts;
+  const Launch launch = launch_of(context_);
   const cl_uint next = opencl::set_arguments(few_kernel_, delta.set_changes(few_kernel_, 0),
                                              static_cast<cl_uint>(room_), static_cast<cl_uint>(capacity_));
   set_results(few_kernel_, next, delta, tag);
   const std::size_t keys_of_list = round_up(std::max(room_, least_changes), changes_multiple);
   context_.queue().enqueueNDRangeKernel(few_kernel_, cl::NullRange,
-                                        cl::NDRange(parts, keys_of_list / keys, 2),
-                                        cl::NDRange(parts, teams, 1), nullptr, stage.event());
+                                        cl::NDRange(launch.parts, keys_of_list / keys, 2),
+                                        cl::NDRange(launch.parts, launch.teams, 1), nullptr, stage.event());
 }
 
 void Order::enqueue_many(const PairDelta& delta, cl_uint tag) {
   opencl::Profiler::Scope stage(profiler_, "order");
   const cl::CommandQueue& queue = context_.queue();
   const std::size_t buckets = buckets_of_list();
-  queue.enqueueFillBuffer(buckets_.get(), cl_uint{0}, 0, 2 * buckets * sizeof(cl_uint));
+  context_.fill(buckets_.get(), 0, 0, 2 * buckets);
   // Each work-item handles some changes, but never so many that llvmpipe would end it (see tuning_of()).
   const std::size_t items = round_up(
-      std::clamp(capacity_, context_.device().compute_units * std::size_t{64}, std::size_t{1} << 20), group);
+      std::clamp(capacity_, context_.device().compute_units * std::size_t{64}, std::size_t{1} << 20), group_);
   for (cl::Kernel* kernel : {&count_, &scatter_, &place_}) {
     const cl_uint next =
         opencl::set_arguments(*kernel, delta.set_changes(*kernel, 0), static_cast<cl_uint>(room_),
                               static_cast<cl_uint>(capacity_), static_cast<cl_uint>(buckets), buckets_.get(),
                               scattered_.get(), static_cast<cl_uint>(worlds_), filters_, last_filters_);
     if (kernel == &place_) set_results(*kernel, next, delta, tag);
-    queue.enqueueNDRangeKernel(*kernel, cl::NullRange, cl::NDRange(items), cl::NDRange(group), nullptr,
+    queue.enqueueNDRangeKernel(*kernel, cl::NullRange, cl::NDRange(items), cl::NDRange(group_), nullptr,
                                kernel == &place_ ? stage.event() : nullptr);
     if (kernel == &count_) scan_.enqueue(buckets_.get(), 2 * buckets);
   }
@@ -202,8 +202,8 @@ void Order::enqueue_offsets(const PairDelta::Counts& counts) {
   opencl::set_arguments(offsets_, 0, static_cast<cl_uint>(worlds_), static_cast<cl_uint>(counts.added),
                         static_cast<cl_uint>(counts.removed), report_.counts, report_.added, report_.removed,
                         filters_, last_filters_, report_.added_offsets, report_.removed_offsets);
-  context_.queue().enqueueNDRangeKernel(offsets_, cl::NullRange, cl::NDRange(round_up(worlds_ + 2, group)),
-                                        cl::NDRange(group));
+  context_.queue().enqueueNDRangeKernel(offsets_, cl::NullRange, cl::NDRange(round_up(worlds_ + 2, group_)),
+                                        cl::NDRange(group_));
 }
 
 PairDelta::Counts Order::wait(const PairDelta& delta) {
@@ -259,11 +259,12 @@ void Order::sort_by_world(const cl::Buffer& pairs, std::size_t n, const cl::Buff
   const cl::Buffer elements = context_.buffer(n * sizeof(Pair));
   const auto count = static_cast<cl_uint>(n);
   opencl::set_arguments(world_keys_, 0, count, static_cast<cl_uint>(worlds_), pairs, filters, elements);
-  queue.enqueueNDRangeKernel(world_keys_, cl::NullRange, cl::NDRange(round_up(n, group)), cl::NDRange(group));
+  queue.enqueueNDRangeKernel(world_keys_, cl::NullRange, cl::NDRange(round_up(n, group_)),
+                             cl::NDRange(group_));
   const auto bits = static_cast<unsigned>(std::bit_width(worlds_));
   sort_.enqueue(elements, scattered_.get(), n, std::array{opencl::RadixSort::Bits{32, bits}});
   opencl::set_arguments(pick_, 0, count, elements, pairs, scattered_.get());
-  queue.enqueueNDRangeKernel(pick_, cl::NullRange, cl::NDRange(round_up(n, group)), cl::NDRange(group));
+  queue.enqueueNDRangeKernel(pick_, cl::NullRange, cl::NDRange(round_up(n, group_)), cl::NDRange(group_));
   queue.enqueueCopyBuffer(scattered_.get(), pairs, 0, 0, n * sizeof(Pair));
 }
 

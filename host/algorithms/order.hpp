@@ -94,7 +94,8 @@ class Order {
   const opencl::Context& context_;
   opencl::Profiler& profiler_;
   Target target_;
-  std::size_t few_;  // changes of a list, at most, that are compared each with every other
+  std::size_t few_;    // changes of a list, at most, that are compared each with every other
+  std::size_t group_;  // work-items per work-group that orders many
   opencl::RadixSort sort_;
   opencl::Scan scan_;
   cl::Kernel few_kernel_, count_, scatter_, place_, offsets_, world_keys_, pick_;

@@ -46,7 +46,7 @@ PairDelta::PairDelta(const opencl::Context& context, opencl::Profiler& profiler)
   const Launch launch = launch_of(context);
   const cl::Program program = context.program(
       "delta.cl", "-DGROUP=" + std::to_string(launch.group) + " -DCHUNK=" + std::to_string(launch.chunk));
-  keep_ = cl::Kernel(program, "delta_keep");
+  keep_ = context.kernel(program, "delta_keep", launch.group);
   for (cl::Buffer& counts : counts_) counts = context.buffer(count_bytes);
 }
 
@@ -70,10 +70,9 @@ void PairDelta::begin(std::size_t pairs) {
 }
 
 void PairDelta::clear_counts() {
-  const cl::CommandQueue& queue = context_.queue();
-  for (const cl::Buffer& counts : counts_) queue.enqueueFillBuffer(counts, cl_uint{0}, 0, count_bytes);
+  for (const cl::Buffer& counts : counts_) context_.fill(counts, 0, 0, count_bytes / sizeof(cl_uint));
   const auto set = [&](std::size_t count, std::size_t value) {
-    queue.enqueueFillBuffer(counts(), static_cast<cl_uint>(value), count * sizeof(cl_uint), sizeof(cl_uint));
+    context_.fill(counts(), static_cast<cl_uint>(value), count, 1);
   };
   set(count_last_kept, last_.kept);
   set(count_last_added, last_.added);

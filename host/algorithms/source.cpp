@@ -5,14 +5,10 @@
 #include "opencl/launch.hpp"
 
 namespace broadcl {
-namespace {
-
-constexpr std::size_t group = 64;
-
-}  // namespace
-
 Source::Source(const opencl::Context& context)
-    : context_(context), gather_(context.program("changes.cl"), "gather_boxes") {}
+    : context_(context),
+      group_(context.group()),
+      gather_(context.kernel(context.program("changes.cl"), "gather_boxes", group_)) {}
 
 void Source::set(cl::Buffer boxes, cl_ulong offset, cl_ulong stride, cl::Buffer filters) {
   boxes_ = std::move(boxes);
@@ -26,7 +22,7 @@ void Source::gather(const Generation& to, const cl::Buffer& counts, opencl::Prof
   opencl::Profiler::Scope stage(profiler, "gather");
   set_arguments(gather_, opencl::set_arguments(gather_, 0, to.slots), to, counts);
   context_.queue().enqueueNDRangeKernel(gather_, cl::NullRange,
-                                        cl::NDRange(opencl::round_up(to.slots, group)), cl::NDRange(group),
+                                        cl::NDRange(opencl::round_up(to.slots, group_)), cl::NDRange(group_),
                                         nullptr, stage.event());
 }
 

@@ -31,6 +31,7 @@ class Source {
 
  private:
   const opencl::Context& context_;
+  std::size_t group_;
   mutable cl::Kernel gather_;
   cl::Buffer boxes_, filters_;
   cl_ulong offset_ = 0;

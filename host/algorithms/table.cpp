@@ -38,12 +38,14 @@ constexpr std::array rows{
          .on_device = true},
         make_gpu_bf,
         nullptr},
-    AlgorithmRow{{.name = "sweep-and-prune",
-                  .summary = "boxes sorted into tiles, which are swept along one axis, on threads of the host; needs no "
-                             "OpenCL",
-                  .on_device = false},
-                 make_sweep_and_prune,
-                 nullptr},
+    AlgorithmRow{
+        {.name = "sweep-and-prune",
+         .summary =
+             "boxes sorted into tiles, which are swept along one axis, on threads of the host; needs no "
+             "OpenCL",
+         .on_device = false},
+        make_sweep_and_prune,
+        nullptr},
     AlgorithmRow{{.name = "oracle",
                   .summary = "brute force on one thread of the host, the reference for tests",
                   .on_device = false},

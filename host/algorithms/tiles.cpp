@@ -23,7 +23,6 @@ constexpr std::size_t node_bytes_of_worlds = node_bytes + 2 * node * sizeof(cl_u
 constexpr unsigned code_bits = 31;
 constexpr std::size_t levels = 4;  // as many as a cl_uint4 has numbers
 
-constexpr std::size_t group = 64;  // of kernels with one work-item per box
 constexpr std::size_t most_sharers = 8;
 constexpr std::size_t groups_per_unit = 64;  // of the search, as far as most_sharers allows
 constexpr double default_stale = 1.25;
@@ -53,6 +52,7 @@ class Tiles final : public PairFinder {
       : context_(context),
         stale_(stale),
         group_(context.tuning() == opencl::Tuning::cpu ? 1 : node),
+        group_per_box_(context.group()),
         most_roots_(context.tuning() == opencl::Tuning::cpu ? 1 : 8),
         centroids_(context),
         sort_(context) {
@@ -103,11 +103,12 @@ class Tiles final : public PairFinder {
     if (kernels.search() != nullptr) return kernels;
     const std::string options = this->options(worlds) + (all ? "" : " -DSOME_CHANGED=1");
     const cl::Program build = context_.program("tiles.cl", options);
-    kernels = {.keys = cl::Kernel(build, "tiles_keys"),
-               .world_keys = cl::Kernel(build, "tiles_world_keys"),
-               .fill = cl::Kernel(build, "tiles_fill"),
-               .raise = cl::Kernel(build, "tiles_raise"),
-               .search = cl::Kernel(context_.program("tiles_search.cl", options), "tiles_search")};
+    kernels = {
+        .keys = context_.kernel(build, "tiles_keys", group_per_box_),
+        .world_keys = context_.kernel(build, "tiles_world_keys", group_per_box_),
+        .fill = context_.kernel(build, "tiles_fill", group_),
+        .raise = context_.kernel(build, "tiles_raise", group_),
+        .search = context_.kernel(context_.program("tiles_search.cl", options), "tiles_search", group_)};
     return kernels;
   }
 
@@ -117,7 +118,8 @@ class Tiles final : public PairFinder {
   cl::Kernel& gathering_fill(bool worlds) {
     cl::Kernel& fill = gathering_fills_.at(worlds ? 1 : 0);
     if (fill() == nullptr) {
-      fill = cl::Kernel(context_.program("tiles.cl", options(worlds) + " -DGATHER=1"), "tiles_fill");
+      fill = context_.kernel(context_.program("tiles.cl", options(worlds) + " -DGATHER=1"), "tiles_fill",
+                             group_);
     }
     return fill;
   }
@@ -288,8 +290,8 @@ class Tiles final : public PairFinder {
   }
 
   void enqueue_per_box(const cl::Kernel& kernel, std::size_t boxes) const {
-    context_.queue().enqueueNDRangeKernel(kernel, cl::NullRange, cl::NDRange(round_up(boxes, group)),
-                                          cl::NDRange(group));
+    context_.queue().enqueueNDRangeKernel(kernel, cl::NullRange, cl::NDRange(round_up(boxes, group_per_box_)),
+                                          cl::NDRange(group_per_box_));
   }
 
   void enqueue(const cl::Kernel& kernel, std::size_t groups, cl::Event* event) {
@@ -300,6 +302,7 @@ class Tiles final : public PairFinder {
   const opencl::Context& context_;
   double stale_;  // see make_tiles()
   std::size_t group_;
+  std::size_t group_per_box_;
   std::size_t most_roots_;  // of the search: a launch more would leave fewer
   CentroidBounds centroids_;
   opencl::RadixSort sort_;

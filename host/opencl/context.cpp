@@ -1,6 +1,7 @@
 #include "opencl/context.hpp"
 
 #include <algorithm>
+#include <bit>
 #include <optional>
 #include <utility>
 #include <vector>
@@ -19,9 +20,24 @@ bool wants_few_work_items(const Device& device) {
   return device.type == DeviceType::cpu && device.name.find("llvmpipe") == std::string::npos;
 }
 
-Tuning tuning_of(const Device& device) {
+/// Work-items per work-group, at most.
+std::size_t largest_group(const cl::Device& device) {
+  return std::min(device.getInfo<CL_DEVICE_MAX_WORK_GROUP_SIZE>(),
+                  device.getInfo<CL_DEVICE_MAX_WORK_ITEM_SIZES>().front());
+}
+
+/// Whether the device has what kernels that are tuned for GPUs use.
+bool has_large_groups(const cl::Device& device) {
+  constexpr std::size_t group = 256;
+  constexpr cl_ulong local_memory = 32 << 10;
+  return largest_group(device) >= group && device.getInfo<CL_DEVICE_LOCAL_MEM_SIZE>() >= local_memory;
+}
+
+Tuning tuning_of(const Device& device, const cl::Device& cl_device) {
   const auto wanted = environment("BROADCL_TUNING");
-  if (!wanted) return wants_few_work_items(device) ? Tuning::cpu : Tuning::gpu;
+  if (!wanted) {
+    return wants_few_work_items(device) || !has_large_groups(cl_device) ? Tuning::cpu : Tuning::gpu;
+  }
   if (*wanted != "gpu" && *wanted != "cpu")
     throw Error("BROADCL_TUNING is '" + *wanted + "'; set it to gpu or cpu");
   return *wanted == "cpu" ? Tuning::cpu : Tuning::gpu;
@@ -67,28 +83,54 @@ std::optional<cl::Program> from_binary(const cl::Context& context, const cl::Dev
 }  // namespace
 
 Context::Context(Device device, bool profile, CompileHandler on_compile)
-    : device_(std::move(device)),
-      tuning_(tuning_of(device_)),
-      cl_device_(open(device_)),
-      on_compile_(std::move(on_compile)) {
+    : device_(std::move(device)), cl_device_(opencl::open(device_)), on_compile_(std::move(on_compile)) {
   translate_errors(device_.label(), [&] {
+    if (profile && (cl_device_.getInfo<CL_DEVICE_QUEUE_PROPERTIES>() & CL_QUEUE_PROFILING_ENABLE) == 0) {
+      throw Error(device_.label() + ": the device has no profiling; leave Config::profile off");
+    }
     context_ = cl::Context(cl_device_);
-    queue_ = cl::CommandQueue(context_, cl_device_, profile ? CL_QUEUE_PROFILING_ENABLE : 0);
-    has_nvidia_vote_ = opencl::has_nvidia_vote(cl_device_);
+    open(cl::CommandQueue(context_, cl_device_, profile ? CL_QUEUE_PROFILING_ENABLE : 0));
   });
 }
 
 Context::Context(const cl::CommandQueue& queue, CompileHandler on_compile)
-    : device_(describe(queue)), tuning_(tuning_of(device_)), on_compile_(std::move(on_compile)) {
+    : device_(describe(queue)), on_compile_(std::move(on_compile)) {
   translate_errors(device_.label(), [&] {
     if ((queue.getInfo<CL_QUEUE_PROPERTIES>() & CL_QUEUE_OUT_OF_ORDER_EXEC_MODE_ENABLE) != 0) {
       throw Error(device_.label() + ": the queue is out of order; give one that is in order");
     }
     cl_device_ = queue.getInfo<CL_QUEUE_DEVICE>();
     context_ = queue.getInfo<CL_QUEUE_CONTEXT>();
-    queue_ = queue;
-    has_nvidia_vote_ = opencl::has_nvidia_vote(cl_device_);
+    open(queue);
   });
+}
+
+void Context::open(const cl::CommandQueue& queue) {
+  queue_ = queue;
+  tuning_ = tuning_of(device_, cl_device_);
+  largest_group_ = largest_group(cl_device_);
+  has_nvidia_vote_ = opencl::has_nvidia_vote(cl_device_);
+}
+
+std::size_t Context::group(std::size_t wanted) const noexcept {
+  return std::bit_floor(std::min(wanted, largest_group_));
+}
+
+cl::Kernel Context::kernel(const cl::Program& program, const char* name, std::size_t group) const {
+  cl::Kernel kernel(program, name);
+  const std::size_t most = kernel.getWorkGroupInfo<CL_KERNEL_WORK_GROUP_SIZE>(cl_device_);
+  if (most >= group && largest_group_ >= group) return kernel;
+  throw Error(device_.label() + ": the kernel " + name + " needs work-groups of " + std::to_string(group) +
+              ", but the device allows " + std::to_string(std::min(most, largest_group_)) +
+              (tuning_ == Tuning::gpu ? "; set BROADCL_TUNING=cpu, which uses smaller ones"
+                                      : "; use another device"));
+}
+
+void Context::fill(const cl::Buffer& buffer, cl_uint value, std::size_t first, std::size_t count) const {
+  const std::size_t group = this->group();
+  if (fill_() == nullptr) fill_ = kernel(program("fill.cl"), "fill", group);
+  set_arguments(fill_, 0, static_cast<cl_uint>(count), value, static_cast<cl_ulong>(first), buffer);
+  queue_.enqueueNDRangeKernel(fill_, cl::NullRange, cl::NDRange(round_up(count, group)), cl::NDRange(group));
 }
 
 cl::Buffer Context::counted(std::size_t bytes, cl_mem_flags flags,

@@ -41,6 +41,10 @@ class Context {
   /// overrides it, so that each tuning profile can be tested on any device.
   [[nodiscard]] Tuning tuning() const noexcept { return tuning_; }
 
+  /// Work-items per work-group: the largest power of two that is not more than wanted or than the device
+  /// allows. (As many as a wave of any GPU has, for kernels whose work-items work alone.)
+  [[nodiscard]] std::size_t group(std::size_t wanted = 64) const noexcept;
+
   /// Whether 32 work-items that form a work-group can vote by an instruction of NVIDIA's: kernels/vote.h. Not
   /// if BROADCL_TUNING is set, so that kernels can be tested without it.
   [[nodiscard]] bool has_nvidia_vote() const noexcept { return has_nvidia_vote_; }
@@ -66,6 +70,17 @@ class Context {
   /// @param options For the compiler, for instance "-DWIDTH=8".
   /// @throws Error with the compiler's log, which names file and line, if it does not compile.
   [[nodiscard]] cl::Program program(std::string_view file, const std::string& options = {}) const;
+
+  /// A kernel of a program.
+  /// @param group Work-items per work-group that it will be launched with.
+  /// @throws cl::Error; Error if the device runs this kernel in smaller work-groups only.
+  [[nodiscard]] cl::Kernel kernel(const cl::Program& program, const char* name, std::size_t group) const;
+
+  /// Sets all words of a part of a buffer. (Not by clEnqueueFillBuffer, which some drivers do not do
+  /// reliably.)
+  /// @param first, count Of words.
+  /// @throws cl::Error, Error
+  void fill(const cl::Buffer& buffer, cl_uint value, std::size_t first, std::size_t count) const;
 
   /// Runs a part of an update. If that fails, waits until the queue has completed all commands, so that
   /// nothing uses the memory of the update any more.
@@ -93,12 +108,16 @@ class Context {
   [[nodiscard]] cl::Buffer counted(std::size_t bytes, cl_mem_flags flags,
                                    std::atomic<std::size_t> Memory::*counter) const;
 
+  void open(const cl::CommandQueue& queue);
+
   Device device_;
-  Tuning tuning_;
   cl::Device cl_device_;
   cl::Context context_;
   cl::CommandQueue queue_;
-  bool has_nvidia_vote_;
+  Tuning tuning_ = Tuning::gpu;
+  std::size_t largest_group_ = 1;
+  bool has_nvidia_vote_ = false;
+  mutable cl::Kernel fill_;  // built when it is first needed
   DiskCache disk_cache_;
   mutable CompileHandler on_compile_;  // empty once it was called
   std::shared_ptr<Memory> memory_ = std::make_shared<Memory>();

@@ -40,10 +40,11 @@ RadixSort::RadixSort(const Context& context) : context_(context), scan_(context)
   const cl::Program program = context.program(
       "radix_sort.cl", "-DGROUP=" + std::to_string(launch_of(context).group) +
                            " -DTILE=" + std::to_string(tile) + " -DDIGIT_BITS=" + std::to_string(digit_bits));
-  count_ = cl::Kernel(program, "radix_sort_count");
-  scatter_ = cl::Kernel(program, "radix_sort_scatter");
-  small_ = cl::Kernel(program, "radix_sort_small");
-  if (context.tuning() == Tuning::cpu) buckets_ = cl::Kernel(program, "radix_sort_buckets");
+  const std::size_t group = launch_of(context).group;
+  count_ = context.kernel(program, "radix_sort_count", group);
+  scatter_ = context.kernel(program, "radix_sort_scatter", group);
+  small_ = context.kernel(program, "radix_sort_small", group);
+  if (context.tuning() == Tuning::cpu) buckets_ = context.kernel(program, "radix_sort_buckets", group);
 }
 
 void RadixSort::enqueue_small(const cl::Buffer& elements, const cl::Buffer& scratch, cl_uint n, Bits key) {

@@ -30,8 +30,8 @@ const Launch& launch_of(const Context& context) {
 Scan::Scan(const Context& context) : context_(context) {
   const cl::Program program =
       context.program("scan.cl", "-DGROUP=" + std::to_string(launch_of(context).group));
-  sums_ = cl::Kernel(program, "scan_sums");
-  blocks_ = cl::Kernel(program, "scan_blocks");
+  sums_ = context.kernel(program, "scan_sums", launch_of(context).group);
+  blocks_ = context.kernel(program, "scan_blocks", launch_of(context).group);
   block_sums_ = context.buffer(most_blocks * sizeof(cl_uint));
 }
 

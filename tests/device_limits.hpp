@@ -1,0 +1,40 @@
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <limits>
+
+#include "opencl/api.hpp"
+
+namespace broadcl::test {
+
+/// What other devices allow less of than the one at hand.
+struct Limits {
+  std::size_t work_group = std::numeric_limits<std::size_t>::max();  ///< Work-items.
+  cl_ulong local_memory = std::numeric_limits<cl_ulong>::max();      ///< Bytes per work-group.
+  cl_ulong allocation = std::numeric_limits<cl_ulong>::max();        ///< Bytes per buffer.
+  bool has_profiling = true;
+  bool has_compiler = true;
+};
+
+/// Makes all devices report, and this program's OpenCL calls keep to, these limits as long as it lives. One
+/// at a time, and not while objects live that know other limits.
+class LimitedDevices {
+ public:
+  explicit LimitedDevices(const Limits& limits);
+  ~LimitedDevices();
+  LimitedDevices(const LimitedDevices&) = delete;
+  LimitedDevices& operator=(const LimitedDevices&) = delete;
+  LimitedDevices(LimitedDevices&&) = delete;
+  LimitedDevices& operator=(LimitedDevices&&) = delete;
+};
+
+// What the shim of failing_opencl.cpp asks: the error of a call that exceeds the limits, or CL_SUCCESS, and
+// what is to be changed in an answer.
+[[nodiscard]] cl_int refusal_of_launch(cl_kernel kernel, cl_uint dimensions, const std::size_t* local);
+[[nodiscard]] cl_int refusal_of_buffer(std::size_t bytes);
+[[nodiscard]] cl_int refusal_of_queue(cl_command_queue_properties properties);
+void limit_device_info(cl_device_info name, std::size_t bytes, void* value);
+void limit_kernel_info(cl_kernel_work_group_info name, std::size_t bytes, void* value);
+
+}  // namespace broadcl::test

@@ -1,0 +1,133 @@
+#include "device_limits.hpp"
+
+#include <algorithm>
+#include <cstdint>
+#include <iterator>
+#include <span>
+#include <string>
+#include <vector>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <broadcl/broad_phase.hpp>
+#include <broadcl/device.hpp>
+
+#include "each_algorithm.hpp"
+#include "environment.hpp"
+#include "expect_error.hpp"
+#include "opencl/context.hpp"
+#include "scenes/generators.hpp"
+#include "test_name.hpp"
+
+namespace broadcl::test {
+namespace {
+
+using ::testing::AllOf;
+using ::testing::HasSubstr;
+
+std::vector<Aabb> copy(std::span<const Aabb> boxes) {
+  return {boxes.begin(), boxes.end()};
+}
+
+/// Still scenes of every kind, and moving boxes in several worlds, of which first all and then a few move.
+void expect_right_pairs(const std::string& algorithm) {
+  BroadPhase broad_phase({.algorithm = algorithm});
+  const auto expect_pairs_of = [&](const std::vector<Aabb>& boxes, const std::string& what) {
+    EXPECT_TRUE(same(what.c_str(), broad_phase.pairs(), overlapping_pairs(boxes, {.algorithm = "oracle"})));
+  };
+  for (const scenes::BoxScene& scene : scenes::box_scenes(150)) {
+    std::ranges::copy(scene.boxes, broad_phase.map(scene.boxes.size()).begin());
+    (void)broad_phase.update();
+    expect_pairs_of(scene.boxes, scene.name);
+  }
+  scenes::MovingBoxes moving(3000, scenes::MovingBoxes::Sizes::mixed);
+  for (int frame = 0; frame < 3; ++frame) {
+    std::ranges::copy(moving.boxes(), broad_phase.map(3000).begin());
+    (void)broad_phase.update();
+    expect_pairs_of(copy(moving.boxes()), "all moved");
+    moving.advance();
+  }
+  std::vector<Aabb> boxes = copy(moving.boxes());
+  std::ranges::copy(boxes, broad_phase.map(boxes.size()).begin());
+  (void)broad_phase.update();
+  for (std::uint32_t id = 0; id < 100; ++id) {
+    boxes[id] = boxes[id + 100];
+    broad_phase.move(id, boxes[id]);
+  }
+  (void)broad_phase.update();
+  expect_pairs_of(boxes, "few moved");
+  const Pairs all = broad_phase.pairs();
+  for (std::uint32_t id = 0; id < boxes.size(); ++id) broad_phase.set_filter(id, {.world = id % 2});
+  (void)broad_phase.update();
+  Pairs of_one_world;
+  std::ranges::copy_if(all, std::back_inserter(of_one_world),
+                       [](const Pair& pair) { return pair.a % 2 == pair.b % 2; });
+  EXPECT_TRUE(same("two worlds", broad_phase.pairs(), of_one_world));
+}
+
+class OnLimitedDevice : public ::testing::TestWithParam<std::string> {};
+
+TEST_P(OnLimitedDevice, SmallWorkGroupsFindWhatTheOracleFinds) {
+  for (const std::size_t most : {64U, 16U, 1U}) {
+    SCOPED_TRACE(most);
+    const LimitedDevices limited({.work_group = most, .local_memory = 16 << 10});
+    expect_right_pairs(GetParam());
+  }
+}
+
+/// Which GPUs have at least.
+TEST_P(OnLimitedDevice, TheTuningProfileForGpusNeedsNoMoreThanWorkGroupsOf256And32KiB) {
+  const ScopedVariable tuning("BROADCL_TUNING", "gpu");
+  const LimitedDevices limited({.work_group = 256, .local_memory = 32 << 10});
+  expect_right_pairs(GetParam());
+}
+
+INSTANTIATE_TEST_SUITE_P(Device, OnLimitedDevice, ::testing::Values("brute-force", "tiles", "gpu-bf"),
+                         named_by_parameter);
+
+TEST(LimitedDevice, WithSmallWorkGroupsOrLittleLocalMemoryGetsTheTuningProfileForCpus) {
+  for (const Limits& limits : {Limits{.work_group = 128}, Limits{.local_memory = 16 << 10}}) {
+    const LimitedDevices limited(limits);
+    EXPECT_EQ(opencl::Context(select_device(), false).tuning(), opencl::Tuning::cpu);
+  }
+}
+
+TEST(LimitedDevice, ThatCannotRunAKernelSaysSoAtOnce) {
+  const LimitedDevices limited({.work_group = 64});
+  const ScopedVariable tuning("BROADCL_TUNING", "gpu");
+  EXPECT_THAT(error_of([] { BroadPhase({.algorithm = "tiles"}); }),
+              AllOf(HasSubstr("256"), HasSubstr("allows 64"), HasSubstr("BROADCL_TUNING=cpu")));
+}
+
+TEST(LimitedDevice, WithSmallAllocationsRefusesPairsThatDoNotFitAndGoesOn) {
+  const LimitedDevices limited({.allocation = 1 << 20});
+  BroadPhase broad_phase({.algorithm = "brute-force"});
+  for (std::uint32_t k = 0; k < 300; ++k) broad_phase.add(unit);
+  EXPECT_EQ(broad_phase.update().added.size(), 300U * 299 / 2);
+  for (std::uint32_t k = 0; k < 700; ++k) broad_phase.add(unit);
+  EXPECT_THAT(error_of([&] { (void)broad_phase.update(); }), HasSubstr("overlapping pairs"));
+  EXPECT_EQ(broad_phase.pairs().size(), 300U * 299 / 2);
+  for (std::uint32_t id = 300; id < 1000; ++id) broad_phase.remove(id);
+  EXPECT_TRUE(broad_phase.update().added.empty());
+}
+
+TEST(LimitedDevice, WithoutProfilingRefusesItAtOnce) {
+  const LimitedDevices limited({.has_profiling = false});
+  EXPECT_THAT(error_of([] { BroadPhase({.algorithm = "brute-force", .profile = true}); }),
+              HasSubstr("profil"));
+  BroadPhase broad_phase({.algorithm = "brute-force"});
+  broad_phase.add(unit);
+  broad_phase.add(unit);
+  EXPECT_EQ(broad_phase.update().added.size(), 1U);
+}
+
+TEST(LimitedDevice, WithoutACompilerIsNotUsed) {
+  const LimitedDevices limited({.has_compiler = false});
+  std::vector<std::string> failures;
+  EXPECT_TRUE(devices(&failures).empty());
+  EXPECT_THAT(failures, ::testing::Contains(HasSubstr("compiler")));
+}
+
+}  // namespace
+}  // namespace broadcl::test
