@@ -4,12 +4,32 @@
 
 #define AABB_FLOATS 6
 
-/* Whether boxes s and t overlap: closed, so touching counts, and false as soon as a bound is NaN. For scalars it
-   gives 0 or 1, for vectors 0 or -1 per lane. */
-#define AABB_OVERLAPS(s_lower_x, s_lower_y, s_lower_z, s_upper_x, s_upper_y, s_upper_z, t_lower_x, t_lower_y, \
-                      t_lower_z, t_upper_x, t_upper_y, t_upper_z)                                             \
-  (((s_lower_x) <= (t_upper_x)) & ((t_lower_x) <= (s_upper_x)) & ((s_lower_y) <= (t_upper_y)) &               \
-   ((t_lower_y) <= (s_upper_y)) & ((s_lower_z) <= (t_upper_z)) & ((t_lower_z) <= (s_upper_z)))
+#ifndef FLUSHES
+#define FLUSHES 0 /* 1 if the device takes denormal numbers for zeros: arithmetic.cl */
+#endif
+
+/* Whether s <= t, which is false for a NaN: 0 or 1. */
+#if FLUSHES
+static inline int not_above(const float s, const float t) {
+  /* As integers in the same order, of which those beyond the infinities are NaNs. */
+  const int x = as_int(s) < 0 ? INT_MIN - as_int(s) : as_int(s);
+  const int y = as_int(t) < 0 ? INT_MIN - as_int(t) : as_int(t);
+  return (x <= y) & (x >= -as_int(INFINITY)) & (y <= as_int(INFINITY));
+}
+#define NOT_ABOVE(s, t) not_above(s, t)
+#else
+#define NOT_ABOVE(s, t) ((s) <= (t))
+#endif
+
+/* Whether boxes s and t overlap: closed, so touching counts, and false as soon as a bound is NaN. It is 0 or 1. */
+#define AABB_OVERLAPS(s_lower_x, s_lower_y, s_lower_z, s_upper_x, s_upper_y, s_upper_z, t_lower_x, t_lower_y,         \
+                      t_lower_z, t_upper_x, t_upper_y, t_upper_z)                                                     \
+  AABB_OVERLAPS_BY(NOT_ABOVE, s_lower_x, s_lower_y, s_lower_z, s_upper_x, s_upper_y, s_upper_z, t_lower_x, t_lower_y, \
+                   t_lower_z, t_upper_x, t_upper_y, t_upper_z)
+#define AABB_OVERLAPS_BY(test, s_lower_x, s_lower_y, s_lower_z, s_upper_x, s_upper_y, s_upper_z, t_lower_x, t_lower_y, \
+                         t_lower_z, t_upper_x, t_upper_y, t_upper_z)                                                   \
+  (test(s_lower_x, t_upper_x) & test(t_lower_x, s_upper_x) & test(s_lower_y, t_upper_y) & test(t_lower_y, s_upper_y) & \
+   test(s_lower_z, t_upper_z) & test(t_lower_z, s_upper_z))
 
 /* A box in registers. */
 typedef struct {

@@ -54,8 +54,8 @@ static inline row_t load_row(global const float* boxes, global const uint4* filt
 
 /* Lanes are -1 if the boxes overlap. */
 static inline INTS test_boxes(const boxes_t* s, const row_t t) {
-  return AABB_OVERLAPS(s->lower_x, s->lower_y, s->lower_z, s->upper_x, s->upper_y, s->upper_z, t.lower.x, t.lower.y,
-                       t.lower.z, t.upper.x, t.upper.y, t.upper.z);
+  return AABB_OVERLAPS_LANES(s->lower_x, s->lower_y, s->lower_z, s->upper_x, s->upper_y, s->upper_z, t.lower.x,
+                             t.lower.y, t.lower.z, t.upper.x, t.upper.y, t.upper.z);
 }
 
 #if GROUP > 1
@@ -110,11 +110,11 @@ typedef INTS may_t;
 #define LANES(may, s, t) (may)
 #endif
 
-/* Work-items of dimension 0 stand for WIDTH boxes `a` each, those of dimension 1 for `rows` rows each. If row_count
-   is n, every slot is a row and pairs are tested with a < b; otherwise the rows are the slots that changed. `keeps`
-   says whether to keep the pairs of the last frame besides. */
+/* Work-items of dimension 0 stand for WIDTH boxes `a` each, those of dimension 1 for a run of `rows` rows each, from
+   `first_run` on. If row_count is n, every slot is a row and pairs are tested with a < b; otherwise the rows are the
+   slots that changed. `keeps` says whether to keep the pairs of the last frame besides. */
 kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void brute_force(
-    const uint n, const uint row_count, const uint rows, global const float* restrict boxes,
+    const uint n, const uint row_count, const uint rows, const uint first_run, global const float* restrict boxes,
     global const uint* restrict changed, global const uint* restrict changed_stamps,
     global const uint4* restrict filters, const uint keeps, KEEP_PARAMETERS, PAIR_SINK_PARAMETERS) {
   const pair_sink_t sink = PAIR_SINK;
@@ -132,7 +132,7 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void brute_force(
   if (get_local_id(0) == 0) found = 0;
 
   const bool all = row_count == n;
-  const uint first_row = (uint)get_global_id(1) * rows;
+  const uint first_row = (first_run + (uint)get_global_id(1)) * rows;
   const uint end = is_halted(counts) ? 0U : min(row_count, first_row + rows);
 #if GROUP > 1
   local row_t tile[MAX_ROWS + ROWS];

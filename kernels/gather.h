@@ -21,7 +21,7 @@ static inline void gather_object(box_t* box, const uint k, GATHER_PARAMETERS_OF(
   if (filters != 0) filters[k] = source_filters[k];
   global const float* p = source + offset + k * stride;
   bool proper = true;
-  for (uint i = 0; i < 3U; ++i) proper = proper && p[i] <= p[i + 3U];
+  for (uint i = 0; i < 3U; ++i) proper = proper && NOT_ABOVE(p[i], p[i + 3U]) != 0;
   if (proper) {
     for (uint i = 0; i < AABB_FLOATS; ++i) box->bound[i] = p[i];
   } else {

@@ -68,12 +68,14 @@ void test_seam(const uint b, const uint n, global const float* restrict boxes, g
   }
 }
 
-/* Work-items of dimension 0 stand for the words of a row. Of dimension 1, the first PERIOD * chunks stand for a class
-   of rows (b modulo PERIOD) and a chunk of `rows` rows of that class; the rest for seams, n work-items in all. */
-kernel void gpu_bf(const uint n, const uint rows, const uint chunks, global const float* restrict boxes,
-                   global const uint4* restrict filters, global word_t* restrict words) {
+/* Work-items of dimension 0 stand for the words of a row. Those of dimension 1, from `first` on, stand for a class of
+   rows (b modulo PERIOD) and a chunk of `rows` rows of that class; from PERIOD * chunks on for seams, n work-items in
+   all. */
+kernel void gpu_bf(const uint n, const uint rows, const uint chunks, const uint first,
+                   global const float* restrict boxes, global const uint4* restrict filters,
+                   global word_t* restrict words) {
   const uint x = (uint)get_global_id(0);
-  const uint y = (uint)get_global_id(1);
+  const uint y = first + (uint)get_global_id(1);
   if (y >= PERIOD * chunks) {
     const uint b = (y - PERIOD * chunks) * (uint)get_global_size(0) + x + 1U;
     if (b <= n && owns_seam(b, WIDTH)) test_seam(b, n, boxes, filters, (global uint*)words);
@@ -99,7 +101,7 @@ kernel void gpu_bf(const uint n, const uint rows, const uint chunks, global cons
   for (; b < end; b += PERIOD) {
     global const float* q = boxes + (size_t)b * AABB_FLOATS;
     INTS lanes =
-        AABB_OVERLAPS(lower_x, lower_y, lower_z, upper_x, upper_y, upper_z, q[0], q[1], q[2], q[3], q[4], q[5]);
+        AABB_OVERLAPS_LANES(lower_x, lower_y, lower_z, upper_x, upper_y, upper_z, q[0], q[1], q[2], q[3], q[4], q[5]);
     if (filters != 0) lanes = filter_lanes(lanes, filters, a, b);
     const INTS bits = BYTE_BITS & lanes;
     words[(row_start(b) + a) / WIDTH] = PACK(bits);

@@ -2,6 +2,8 @@
 #ifndef BROADCL_LANES_H
 #define BROADCL_LANES_H
 
+#include "aabb.h"
+
 #ifndef WIDTH
 #define WIDTH 16 /* 4, 8 or 16 */
 #endif
@@ -24,6 +26,22 @@
 #define WORLD_OF_8(p) WORLD_OF_4(p), WORLD_OF_4((p) + 4)
 #define WORLD_OF_16(p) WORLD_OF_8(p), WORLD_OF_8((p) + 8)
 #define WORLD_OF(p) ((INTS)(PASTE(WORLD_OF_, WIDTH)(p)))
+
+/* As NOT_ABOVE and AABB_OVERLAPS, for vectors and what is the same in all lanes: 0 or -1 per lane. */
+#if FLUSHES
+static inline INTS not_above_lanes(const FLOATS s, const FLOATS t) {
+  const INTS x = select(AS_INTS(s), INT_MIN - AS_INTS(s), AS_INTS(s));
+  const INTS y = select(AS_INTS(t), INT_MIN - AS_INTS(t), AS_INTS(t));
+  return (x <= y) & (x >= -as_int(INFINITY)) & (y <= as_int(INFINITY));
+}
+#define NOT_ABOVE_LANES(s, t) not_above_lanes((FLOATS)(s), (FLOATS)(t))
+#else
+#define NOT_ABOVE_LANES(s, t) ((s) <= (t))
+#endif
+#define AABB_OVERLAPS_LANES(s_lower_x, s_lower_y, s_lower_z, s_upper_x, s_upper_y, s_upper_z, t_lower_x, t_lower_y, \
+                            t_lower_z, t_upper_x, t_upper_y, t_upper_z)                                             \
+  AABB_OVERLAPS_BY(NOT_ABOVE_LANES, s_lower_x, s_lower_y, s_lower_z, s_upper_x, s_upper_y, s_upper_z, t_lower_x,    \
+                   t_lower_y, t_lower_z, t_upper_x, t_upper_y, t_upper_z)
 
 /* The bits that all lanes have. */
 static inline int and_lanes(const INTS lanes) {

@@ -164,7 +164,13 @@ static inline void raise(global float* tree, const uint start, const uint k, con
     float bound = NAN;
     for (uint child = 0; exists && child < NODE; ++child) {
       const float other = tree[child_at(start + k, i, child)];
+#if FLUSHES
+      const bool is_wider =
+          NOT_ABOVE(other, other) != 0 && (i < 3U ? NOT_ABOVE(bound, other) : NOT_ABOVE(other, bound)) == 0;
+      bound = is_wider ? other : bound;
+#else
       bound = i < 3U ? fmin(bound, other) : fmax(bound, other);
+#endif
     }
     tree[child_at(parents + k / NODE, i, k % NODE)] = bound;
   }

@@ -170,9 +170,9 @@ static inline uint overlapping(global const float* tree, const uint node, const 
   for (uint part = 0; part < NODE / WIDTH; ++part) {
     global const float* p = tree + child_at(node, 0, part * WIDTH);
 #define LOAD(i) PASTE(vload, WIDTH)(0, p + (i)*NODE)
-    INTS overlap =
-        AABB_OVERLAPS(LOAD(0), LOAD(1), LOAD(2), LOAD(3), LOAD(4), LOAD(5), bounds->bound[0], bounds->bound[1],
-                      bounds->bound[2], bounds->bound[3], bounds->bound[4], bounds->bound[5]);
+    INTS overlap = AABB_OVERLAPS_LANES(
+        LOAD(0), LOAD(1), LOAD(2), LOAD(3), LOAD(4), LOAD(5), bounds->bound[0], bounds->bound[1], bounds->bound[2],
+        bounds->bound[3], bounds->bound[4], bounds->bound[5]);
 #if WORLDS
     global const uint* worlds = (global const uint*)p;
     overlap &= (PASTE(vload, WIDTH)(0, worlds + FIRST_WORLD * NODE) <= bounds->last_world) &

@@ -36,8 +36,8 @@ class ProgramWrongKernels : public Program {
   ProgramWrongKernels() {
     fs::copy(BROADCL_KERNEL_FOLDER, path("kernels"));
     std::string header = read_file(path("kernels/aabb.h"));
-    const std::string condition = "(s_lower_x) <= (t_upper_x)";
-    header.replace(header.find(condition), condition.size(), "(s_lower_x) == (s_lower_x)");
+    const std::string condition = "test(s_lower_x, t_upper_x)";
+    header.replace(header.find(condition), condition.size(), "((s_lower_x) == (s_lower_x))");
     write_file(path("kernels/aabb.h"), header);
   }
   const std::string environment_ = "BROADCL_KERNEL_DIR=kernels BROADCL_CACHE_DIR=cache";

@@ -18,12 +18,12 @@ void limit(std::size_t bytes, void* value, Number most) {
 
 }  // namespace
 
-LimitedDevices::LimitedDevices(const Limits& limits) {
+LimitedDevices::LimitedDevices(const Limits& limits) : before_(current) {
   current = limits;
 }
 
 LimitedDevices::~LimitedDevices() {
-  current.reset();
+  current = before_;
 }
 
 cl_int refusal_of_launch(cl_kernel kernel, cl_uint dimensions, const std::size_t* local) {
@@ -44,6 +44,12 @@ cl_int refusal_of_buffer(std::size_t bytes) {
 cl_int refusal_of_queue(cl_command_queue_properties properties) {
   const bool is_unknown = current && !current->has_profiling && (properties & CL_QUEUE_PROFILING_ENABLE) != 0;
   return is_unknown ? CL_INVALID_QUEUE_PROPERTIES : CL_SUCCESS;
+}
+
+std::string limited_options(const char* options) {
+  std::string result = options != nullptr ? options : "";
+  if (current && !current->has_denormals) result += " -cl-denorms-are-zero";
+  return result;
 }
 
 void limit_device_info(cl_device_info name, std::size_t bytes, void* value) {

@@ -3,6 +3,8 @@
 #include <cstddef>
 #include <cstdint>
 #include <limits>
+#include <optional>
+#include <string>
 
 #include "opencl/api.hpp"
 
@@ -15,10 +17,11 @@ struct Limits {
   cl_ulong allocation = std::numeric_limits<cl_ulong>::max();        ///< Bytes per buffer.
   bool has_profiling = true;
   bool has_compiler = true;
+  bool has_denormals = true;  ///< If not, programs are built with -cl-denorms-are-zero.
 };
 
-/// Makes all devices report, and this program's OpenCL calls keep to, these limits as long as it lives. One
-/// at a time, and not while objects live that know other limits.
+/// Makes all devices report, and this program's OpenCL calls keep to, these limits as long as it lives,
+/// instead of others that are set. Not while objects live that know those.
 class LimitedDevices {
  public:
   explicit LimitedDevices(const Limits& limits);
@@ -27,6 +30,9 @@ class LimitedDevices {
   LimitedDevices& operator=(const LimitedDevices&) = delete;
   LimitedDevices(LimitedDevices&&) = delete;
   LimitedDevices& operator=(LimitedDevices&&) = delete;
+
+ private:
+  std::optional<Limits> before_;
 };
 
 // What the shim of failing_opencl.cpp asks: the error of a call that exceeds the limits, or CL_SUCCESS, and
@@ -34,6 +40,8 @@ class LimitedDevices {
 [[nodiscard]] cl_int refusal_of_launch(cl_kernel kernel, cl_uint dimensions, const std::size_t* local);
 [[nodiscard]] cl_int refusal_of_buffer(std::size_t bytes);
 [[nodiscard]] cl_int refusal_of_queue(cl_command_queue_properties properties);
+/// @param options As the caller gave them, or null.
+[[nodiscard]] std::string limited_options(const char* options);
 void limit_device_info(cl_device_info name, std::size_t bytes, void* value);
 void limit_kernel_info(cl_kernel_work_group_info name, std::size_t bytes, void* value);
 

@@ -1,8 +1,10 @@
 #include "device_limits.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cstdint>
 #include <iterator>
+#include <limits>
 #include <span>
 #include <string>
 #include <vector>
@@ -16,7 +18,9 @@
 #include "each_algorithm.hpp"
 #include "environment.hpp"
 #include "expect_error.hpp"
+#include "opencl/arithmetic.hpp"
 #include "opencl/context.hpp"
+#include "runs.hpp"
 #include "scenes/generators.hpp"
 #include "test_name.hpp"
 
@@ -76,11 +80,38 @@ TEST_P(OnLimitedDevice, SmallWorkGroupsFindWhatTheOracleFinds) {
   }
 }
 
-/// Which GPUs have at least.
-TEST_P(OnLimitedDevice, TheTuningProfileForGpusNeedsNoMoreThanWorkGroupsOf256And32KiB) {
-  const ScopedVariable tuning("BROADCL_TUNING", "gpu");
-  const LimitedDevices limited({.work_group = 256, .local_memory = 32 << 10});
-  expect_right_pairs(GetParam());
+/// Boxes whose bounds are denormal numbers and their neighbours: some overlap, some touch, some are empty.
+std::vector<Aabb> small_boxes() {
+  constexpr float step = std::numeric_limits<float>::denorm_min();
+  const std::array bounds{-3 * step, -step, -0.0F, 0.0F, step, 2 * step, std::numeric_limits<float>::min(),
+                          1.0F};
+  std::vector<Aabb> boxes;
+  for (const float lower : bounds) {
+    for (const float upper : bounds) {
+      boxes.push_back({{lower, 0, 0}, {upper, step, 1}});
+      boxes.push_back({{0, lower, step}, {step, upper, step}});
+      boxes.push_back({{-1, -1, lower}, {1, 1, upper}});
+    }
+  }
+  return boxes;
+}
+
+void expect_right_small_pairs(const std::string& algorithm) {
+  const std::vector<Aabb> boxes = small_boxes();
+  EXPECT_TRUE(same("small", overlapping_pairs(boxes, {.algorithm = algorithm}),
+                   overlapping_pairs(boxes, {.algorithm = "oracle"})));
+}
+
+ALSO_IN(gpu_profile | rusticl | oclgrind);
+TEST_P(OnLimitedDevice, DenormalNumbersAreNotZeros) {
+  expect_right_small_pairs(GetParam());
+}
+
+ALSO_IN(gpu_profile);
+TEST_P(OnLimitedDevice, DenormalNumbersAreNotZerosEvenIfTheDeviceTakesThemForThat) {
+  const LimitedDevices limited({.has_denormals = false});
+  const ScopedVariable cache("BROADCL_CACHE_DIR", "/dev/null");
+  expect_right_small_pairs(GetParam());
 }
 
 INSTANTIATE_TEST_SUITE_P(Device, OnLimitedDevice, ::testing::Values("brute-force", "tiles", "gpu-bf"),
@@ -120,6 +151,14 @@ TEST(LimitedDevice, WithoutProfilingRefusesItAtOnce) {
   broad_phase.add(unit);
   broad_phase.add(unit);
   EXPECT_EQ(broad_phase.update().added.size(), 1U);
+}
+
+NOT_IN(rusticl, "-cl-denorms-are-zero changes nothing there");
+TEST(LimitedDevice, WithoutDenormalNumbersIsRecognised) {
+  const ScopedVariable cache("BROADCL_CACHE_DIR", "/dev/null");
+  EXPECT_FALSE(opencl::flushes_denormals(opencl::Context(select_device(), false)));
+  const LimitedDevices limited({.has_denormals = false});
+  EXPECT_TRUE(opencl::flushes_denormals(opencl::Context(select_device(), false)));
 }
 
 TEST(LimitedDevice, WithoutACompilerIsNotUsed) {

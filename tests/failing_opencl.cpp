@@ -7,6 +7,7 @@
 #include <atomic>
 #include <cstddef>
 #include <limits>
+#include <string>
 #include <string_view>
 #include <tuple>
 #include <type_traits>
@@ -81,8 +82,7 @@ struct Watched<name, Result(Arguments...)> {
     if constexpr (text.starts_with("clEnqueue")) last_queue = std::get<0>(all);
     if (!is_reference && fails()) return failure(all, CL_OUT_OF_RESOURCES);
     if (const cl_int error = refusal(all); error != CL_SUCCESS) return failure(all, error);
-    const Result result =
-        call_next(static_cast<Result (*)(Arguments...)>(nullptr), name.text.data(), arguments...);
+    const Result result = call_limited(all);
     count(result);
     limit(all);
     return result;
@@ -99,6 +99,19 @@ struct Watched<name, Result(Arguments...)> {
   static bool blocks(const All& all) {
     if constexpr (may_block) return std::get<2>(all) == CL_TRUE;
     return always_blocks;
+  }
+
+  static Result call_limited(All all) {
+    std::string options;
+    if constexpr (text == "clBuildProgram") {
+      options = limited_options(std::get<3>(all));
+      std::get<3>(all) = options.c_str();
+    }
+    return std::apply(
+        [](Arguments... arguments) {
+          return call_next(static_cast<Result (*)(Arguments...)>(nullptr), name.text.data(), arguments...);
+        },
+        all);
   }
 
   /// Why a device of the limits that are set does not do this.

@@ -4,6 +4,7 @@
 #include <cstddef>
 #include <exception>
 #include <iostream>
+#include <optional>
 #include <stdexcept>
 #include <string>
 #include <string_view>
@@ -14,6 +15,7 @@
 
 #include <broadcl/broad_phase.hpp>
 
+#include "device_limits.hpp"
 #include "runs.hpp"
 #include "test_name.hpp"
 
@@ -135,6 +137,9 @@ int run(int argc, char** argv) {
     GTEST_FLAG_SET(filter, filter_of(argument.substr(option.size()), tests));
     testing::UnitTest::GetInstance()->listeners().Append(new TestNames);
   }
+  // What GPUs have at least.
+  std::optional<LimitedDevices> limited;
+  if (argument == "--run=gpu-profile") limited.emplace(Limits{.work_group = 256, .local_memory = 32 << 10});
   const int result = RUN_ALL_TESTS();
   const testing::UnitTest& program = *testing::UnitTest::GetInstance();
   if (program.test_to_run_count() == 0) throw std::runtime_error("no test is selected");

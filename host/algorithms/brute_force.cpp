@@ -12,18 +12,29 @@ namespace {
 
 /// Launch parameters.
 struct Launch {
-  unsigned width;     ///< Boxes `a` that a work-item holds in registers.
-  unsigned group;     ///< Work-items per work-group.
-  unsigned at_once;   ///< Rows that a work-item tests before it looks for hits.
-  unsigned min_rows;  ///< Rows per work-item, at least.
-  unsigned max_rows;  ///< And at most.
-  unsigned items;     ///< Work-items wanted per compute unit, as far as min_rows and max_rows allow.
+  unsigned width;          ///< Boxes `a` that a work-item holds in registers.
+  unsigned group;          ///< Work-items per work-group.
+  unsigned at_once;        ///< Rows that a work-item tests before it looks for hits.
+  unsigned min_rows;       ///< Rows per work-item, at least.
+  unsigned max_rows;       ///< And at most.
+  unsigned items;          ///< Work-items wanted per compute unit, as far as min_rows and max_rows allow.
+  std::size_t most_tests;  ///< Per launch, so that no watchdog ends it.
 };
 
-constexpr Launch gpu_launch{
-    .width = 4, .group = 128, .at_once = 2, .min_rows = 16, .max_rows = 256, .items = 2500};
-constexpr Launch cpu_launch{
-    .width = 16, .group = 1, .at_once = 4, .min_rows = 256, .max_rows = 4096, .items = 256};
+constexpr Launch gpu_launch{.width = 4,
+                            .group = 128,
+                            .at_once = 2,
+                            .min_rows = 16,
+                            .max_rows = 256,
+                            .items = 2500,
+                            .most_tests = std::size_t{1} << 32};
+constexpr Launch cpu_launch{.width = 16,
+                            .group = 1,
+                            .at_once = 4,
+                            .min_rows = 256,
+                            .max_rows = 4096,
+                            .items = 256,
+                            .most_tests = std::size_t{1} << 26};
 
 /// What it takes to find out whether boxes that overlap are a new pair, in tests; 70 to 190 on PoCL 3.1.
 constexpr double tests_per_hit = 100;
@@ -41,17 +52,21 @@ class BruteForce final : public PairFinder {
     const cl_uint row_count = search.changed_slots();
     if (n < 2 || row_count == 0) return;
     cl::Kernel& kernel = this->kernel(search.worlds);
-    opencl::Profiler::Scope stage(profiler, "test");
-    const std::size_t columns = opencl::divide_up(n, launch_.width);
+    const std::size_t columns = opencl::round_up(opencl::divide_up(n, launch_.width), launch_.group);
     const std::size_t rows = rows_per_item(search);
-    const cl_uint k = opencl::set_arguments(
-        kernel, 0, n, row_count, static_cast<cl_uint>(rows), search.now.boxes, search.changed, search.stamps,
-        search.now.filters, sink.is_kept_by_finder() ? cl_uint{1} : cl_uint{0});
-    sink.set_sink(kernel, sink.set_keep(kernel, k, search), search);
-    context_.queue().enqueueNDRangeKernel(
-        kernel, cl::NullRange,
-        cl::NDRange(opencl::round_up(columns, launch_.group), opencl::divide_up(row_count, rows)),
-        cl::NDRange(launch_.group, 1), nullptr, stage.event());
+    const std::size_t runs = opencl::divide_up(row_count, rows);
+    const std::size_t at_once = std::max<std::size_t>(1, launch_.most_tests / (rows * n));
+    for (std::size_t first = 0; first < runs; first += at_once) {
+      opencl::Profiler::Scope stage(profiler, "test");
+      const bool keeps = first == 0 && sink.is_kept_by_finder();
+      const cl_uint k = opencl::set_arguments(
+          kernel, 0, n, row_count, static_cast<cl_uint>(rows), static_cast<cl_uint>(first), search.now.boxes,
+          search.changed, search.stamps, search.now.filters, keeps ? cl_uint{1} : cl_uint{0});
+      sink.set_sink(kernel, sink.set_keep(kernel, k, search), search);
+      context_.queue().enqueueNDRangeKernel(kernel, cl::NullRange,
+                                            cl::NDRange(columns, std::min(at_once, runs - first)),
+                                            cl::NDRange(launch_.group, 1), nullptr, stage.event());
+    }
   }
 
   [[nodiscard]] bool can_keep(const Search& search) const override {

@@ -18,15 +18,26 @@ namespace {
 
 /// Launch parameters.
 struct Launch {
-  unsigned width;       ///< Pairs that a work-item packs into one store.
-  unsigned group_size;  ///< Work-items per work-group.
-  unsigned min_rows;    ///< Rows per work-item, at least.
-  unsigned max_rows;    ///< And at most.
-  unsigned items;       ///< Work-items wanted per compute unit, as far as min_rows and max_rows allow.
+  unsigned width;          ///< Pairs that a work-item packs into one store.
+  unsigned group_size;     ///< Work-items per work-group.
+  unsigned min_rows;       ///< Rows per work-item, at least.
+  unsigned max_rows;       ///< And at most.
+  unsigned items;          ///< Work-items wanted per compute unit, as far as min_rows and max_rows allow.
+  std::size_t most_tests;  ///< Per launch, so that no watchdog ends it.
 };
 
-constexpr Launch gpu_launch{.width = 4, .group_size = 128, .min_rows = 8, .max_rows = 128, .items = 4096};
-constexpr Launch cpu_launch{.width = 16, .group_size = 64, .min_rows = 64, .max_rows = 512, .items = 1024};
+constexpr Launch gpu_launch{.width = 4,
+                            .group_size = 128,
+                            .min_rows = 8,
+                            .max_rows = 128,
+                            .items = 4096,
+                            .most_tests = std::size_t{1} << 32};
+constexpr Launch cpu_launch{.width = 16,
+                            .group_size = 64,
+                            .min_rows = 64,
+                            .max_rows = 512,
+                            .items = 1024,
+                            .most_tests = std::size_t{1} << 26};
 
 using opencl::divide_up;
 using opencl::round_up;
@@ -116,11 +127,8 @@ class GpuBf final : public Algorithm {
     all.filters_changed = true;  // they may have, in an update without pairs to test
     all.recycled = {};           // the host takes care of them
     const Search search = objects_.upload(all);
-    {
-      opencl::Profiler::Scope stage(profiler_, "test");
-      current_.release();
-      enqueue_kernel(search, stage.event());
-    }
+    current_.release();
+    enqueue_kernel(search);
     opencl::Profiler::Scope stage(profiler_, "download");
     current_.download(current_pairs_, &read_);
     if (stage.event() != nullptr) *stage.event() = read_;
@@ -131,7 +139,7 @@ class GpuBf final : public Algorithm {
     read_.wait();
   }
 
-  void enqueue_kernel(const Search& search, cl::Event* event) {
+  void enqueue_kernel(const Search& search) {
     const cl_uint n = search.now.slots;
     const unsigned period = 2 * launch_.width;
     const std::size_t columns = round_up(divide_up(n, launch_.width), group_);
@@ -142,11 +150,17 @@ class GpuBf final : public Algorithm {
                                                      launch_.min_rows, launch_.max_rows);
     const std::size_t chunks = (class_rows + rows - 1) / rows;
     const std::size_t seam_lines = (n + columns - 1) / columns;
-    opencl::set_arguments(kernel_, 0, n, static_cast<cl_uint>(rows), static_cast<cl_uint>(chunks),
-                          search.now.boxes, search.now.filters, current_.device());
-    context_.queue().enqueueNDRangeKernel(kernel_, cl::NullRange,
-                                          cl::NDRange(columns, period * chunks + seam_lines),
-                                          cl::NDRange(group_, 1), nullptr, event);
+    const std::size_t lines = period * chunks + seam_lines;
+    const std::size_t at_once = std::max<std::size_t>(1, launch_.most_tests / (rows * n));
+    for (std::size_t first = 0; first < lines; first += at_once) {
+      opencl::set_arguments(kernel_, 0, n, static_cast<cl_uint>(rows), static_cast<cl_uint>(chunks),
+                            static_cast<cl_uint>(first), search.now.boxes, search.now.filters,
+                            current_.device());
+      opencl::Profiler::Scope stage(profiler_, "test");
+      context_.queue().enqueueNDRangeKernel(kernel_, cl::NullRange,
+                                            cl::NDRange(columns, std::min(at_once, lines - first)),
+                                            cl::NDRange(group_, 1), nullptr, stage.event());
+    }
   }
 
   opencl::Context context_;

@@ -6,6 +6,7 @@
 #include <utility>
 #include <vector>
 
+#include "opencl/arithmetic.hpp"
 #include "opencl/devices.hpp"
 #include "opencl/error.hpp"
 #include "opencl/kernel_source.hpp"
@@ -110,6 +111,7 @@ void Context::open(const cl::CommandQueue& queue) {
   tuning_ = tuning_of(device_, cl_device_);
   largest_group_ = largest_group(cl_device_);
   has_nvidia_vote_ = opencl::has_nvidia_vote(cl_device_);
+  if (flushes_denormals(*this)) options_ += " -DFLUSHES=1";
 }
 
 std::size_t Context::group(std::size_t wanted) const noexcept {
@@ -176,7 +178,7 @@ void Context::store(std::string_view key, const DiskCache::Bytes& bytes) const {
 
 cl::Program Context::program(std::string_view file, const std::string& options) const {
   const std::string source = kernel_source(file);
-  const std::string all_options = "-cl-std=CL1.2 " + options;
+  const std::string all_options = options_ + " " + options;
   const std::string key = all_options + '\0' + source;
   return translate_errors(device_.label(), [&] {
     if (const auto binary = load(key)) {

@@ -117,6 +117,7 @@ class Context {
   Tuning tuning_ = Tuning::gpu;
   std::size_t largest_group_ = 1;
   bool has_nvidia_vote_ = false;
+  std::string options_ = "-cl-std=CL1.2";  // for all programs
   mutable cl::Kernel fill_;  // built when it is first needed
   DiskCache disk_cache_;
   mutable CompileHandler on_compile_;  // empty once it was called

@@ -13,6 +13,10 @@ struct Code {
 };
 
 constexpr std::string_view memory_remedy = "use fewer boxes, another algorithm or a device with more memory";
+constexpr std::string_view lost_remedy =
+    "the device was lost: create a new object; if a watchdog ended a kernel that took long, use fewer boxes "
+    "or the "
+    "algorithm tiles";
 constexpr std::string_view driver_remedy = "check this device with `broadcl check`, and update its driver";
 
 constexpr std::array codes{
@@ -26,7 +30,9 @@ constexpr std::array codes{
     Code{CL_BUILD_PROGRAM_FAILURE, "CL_BUILD_PROGRAM_FAILURE", driver_remedy},
     Code{CL_INVALID_BINARY, "CL_INVALID_BINARY", driver_remedy},
     Code{CL_INVALID_WORK_GROUP_SIZE, "CL_INVALID_WORK_GROUP_SIZE", driver_remedy},
-    Code{CL_INVALID_COMMAND_QUEUE, "CL_INVALID_COMMAND_QUEUE", "the device was lost: create a new object"},
+    Code{CL_INVALID_COMMAND_QUEUE, "CL_INVALID_COMMAND_QUEUE", lost_remedy},
+    Code{CL_EXEC_STATUS_ERROR_FOR_EVENTS_IN_WAIT_LIST, "CL_EXEC_STATUS_ERROR_FOR_EVENTS_IN_WAIT_LIST",
+         lost_remedy},
 };
 
 const Code* find(cl_int code) {

@@ -1,0 +1,32 @@
+/* Whether the device's numbers are those of IEEE 754, as far as the other kernels rely on it. */
+
+#define HAS_DENORMALS 1U
+#define HAS_ZEROS 2U
+#define HAS_INFINITIES 4U
+#define HAS_NANS 8U
+#define HAS_SIGNS 16U
+
+/* `numbers` are 0, -0, two denormal numbers, 1, the greatest number, infinity and NaN: unknown to the compiler. Adds
+   one bit to `result` for each that is as it should be. */
+kernel void arithmetic(global const float* restrict numbers, global uint* restrict result) {
+  const float zero = numbers[0];
+  const float negative_zero = numbers[1];
+  const float small = numbers[2];
+  const float less_small = numbers[3];
+  const float one = numbers[4];
+  const float greatest = numbers[5];
+  const float infinite = numbers[6];
+  const float not_a_number = numbers[7];
+  uint bits = 0;
+  if (zero < small && small < less_small && less_small <= less_small && -small < zero && less_small - small > zero) {
+    bits |= HAS_DENORMALS;
+  }
+  if (zero <= negative_zero && negative_zero <= zero) bits |= HAS_ZEROS;
+  if (greatest < infinite && infinite <= infinite && -infinite < -greatest) bits |= HAS_INFINITIES;
+  if (!(not_a_number <= one) && !(one <= not_a_number) && !(not_a_number <= not_a_number) && isnan(not_a_number) &&
+      !isnan(one)) {
+    bits |= HAS_NANS;
+  }
+  if (as_int(one - greatest) < 0 && as_int(greatest - one) >= 0 && as_int(one - one) == 0) bits |= HAS_SIGNS;
+  result[0] = bits;
+}
