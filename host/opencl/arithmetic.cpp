@@ -3,10 +3,10 @@
 #include <array>
 #include <limits>
 #include <string>
-#include <string_view>
 
 #include <broadcl/error.hpp>
 
+#include "opencl/kernel_source.hpp"
 #include "opencl/launch.hpp"
 
 namespace broadcl::opencl {
@@ -36,7 +36,7 @@ cl_uint measure(const Context& context) {
 }  // namespace
 
 bool flushes_denormals(const Context& context) {
-  constexpr std::string_view key = "arithmetic";
+  const std::string key = "arithmetic" + kernel_source("arithmetic.cl");
   cl_uint result = 0;
   if (const auto stored = context.load(key); stored && stored->size() == 1) {
     result = stored->front();
