@@ -110,6 +110,7 @@ TEST_P(EachAlgorithm, TwoObjectsDoNotDisturbEachOther) {
 TEST_P(EachAlgorithm, ReportsWhatItRunsOn) {
   const BroadPhase broad_phase(config());
   EXPECT_EQ(broad_phase.algorithm().name, GetParam().name);
+  if (GetParam().name == "auto") return;  // on either
   EXPECT_EQ(broad_phase.device() != nullptr, GetParam().on_device);
 }
 

@@ -85,7 +85,7 @@ class Sleepers {
 
 TEST(SleepingWorld, AsksNothingOfTheDeviceAndTheCache) {
   CountingCache cache;
-  BulletBroadphase broadphase({}, &cache);
+  BulletBroadphase broadphase({.algorithm = "brute-force"}, &cache);
   Sleepers sleepers(broadphase);
   btDiscreteDynamicsWorld& world = sleepers.world.world;
   EXPECT_EQ(cache.getNumOverlappingPairs(), Sleepers::count / 10);
