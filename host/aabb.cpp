@@ -13,7 +13,7 @@ float round_down(double value) {
   if (nearest == 0 && value < 0) return -std::numeric_limits<float>::denorm_min();
   const auto bits = std::bit_cast<std::int32_t>(nearest);
   const std::int32_t step = bits < 0 ? 1 : -1;  // to the next number below, for either sign
-  return std::bit_cast<float>(bits + step * std::int32_t{double{nearest} > value});
+  return std::bit_cast<float>(bits + step * std::int32_t{static_cast<double>(nearest) > value});
 }
 
 float round_up(double value) {

@@ -21,7 +21,6 @@ using test::EachAlgorithm;
 using test::unit;
 using ::testing::HasSubstr;
 
-constexpr float infinity = std::numeric_limits<float>::infinity();
 constexpr float nan_value = std::numeric_limits<float>::quiet_NaN();
 
 /// The oracle is what the others are compared with; search_test.cpp compares it with the definitions.

@@ -96,11 +96,11 @@ TEST_P(Contract, S08ThePairArrayIsSound) {
 }
 
 TEST_P(Contract, S09APairThatStaysKeepsItsAlgorithm) {
+  int ends = 0;
   Rig rig(GetParam());
   btBroadphaseProxy* first = rig.create_unit(0);
   btBroadphaseProxy* mover = rig.create_unit(0.5F);
   rig.calculate();
-  int ends = 0;
   btCollisionAlgorithm* algorithm = MortalAlgorithm::make(rig.dispatcher(), [&] { ++ends; });
   rig.find(first, mover)->m_algorithm = algorithm;
   for (int frame = 0; frame < 20; ++frame) {

@@ -24,12 +24,12 @@ template <std::size_t axes>
 BROADCL_INLINE std::uint32_t overlapping(const Node<axes>& node, const Bounds<axes>& bounds) {
   std::uint32_t bits = 0;
   for (std::size_t k = 0; k < node_size; ++k) {
-    bool overlaps = true;
+    unsigned overlaps = 1;  // not a branch per axis
     for (std::size_t axis = 0; axis < axes; ++axis) {
-      overlaps = overlaps & (node.lower[axis][k] <= bounds.upper[axis]) &
-                 (bounds.lower[axis] <= node.upper[axis][k]);
+      overlaps &= unsigned{node.lower[axis][k] <= bounds.upper[axis]} &
+                  unsigned{bounds.lower[axis] <= node.upper[axis][k]};
     }
-    bits |= overlaps ? bit_of[k] : 0;
+    bits |= overlaps != 0 ? bit_of[k] : 0;
   }
   return bits;
 }

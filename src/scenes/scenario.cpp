@@ -81,8 +81,8 @@ const Rules& find_rules(std::string_view name) {
 float container_edge_for(std::span<const SizeClass> sizes, std::uint32_t objects) {
   double mean_volume = 0;
   for (const auto [lower, upper] : sizes) {
-    const double a = lower;
-    const double b = upper;
+    const auto a = static_cast<double>(lower);
+    const auto b = static_cast<double>(upper);
     mean_volume += (a + b) * (a * a + b * b) / 4 / static_cast<double>(sizes.size());
   }
   return static_cast<float>(2 * std::cbrt(objects * mean_volume));
@@ -282,7 +282,7 @@ void Scenario::draw_kicks() {
 
 void Scenario::draw_exchanges() {
   exchanges_.clear();
-  for (due_ += config_.objects * exchanged_per_second * double{frame_seconds}; due_ >= 1; --due_) {
+  for (due_ += config_.objects * exchanged_per_second * static_cast<double>(frame_seconds); due_ >= 1; --due_) {
     const std::uint32_t object = draw_other(exchanges_, config_.objects, random_);
     const float reach = (container_edge_ - objects_[object].edge) / 2;
     Eigen::Vector3f position = random_.vector(-reach, reach);
