@@ -313,9 +313,10 @@ kernel __attribute__((reqd_work_group_size(1, 1, 1))) void radix_sort_buckets(
   const uint begin = starts[bucket * blocks];
   const uint end = bucket + 1U < (uint)get_num_groups(0) ? starts[(bucket + 1U) * blocks] : n;
   global ulong* const own = elements + begin;
-  global ulong* const other = scratch + begin;
-  global const ulong* sorted =
-      sort_run(end - begin, first, bits, is_in_scratch ? other : own, is_in_scratch ? own : other);
+  /* (Chosen before `begin` is added: Intel's compiler 1.0.12504 crashes otherwise.) */
+  global ulong* const source = (is_in_scratch ? scratch : elements) + begin;
+  global ulong* const target = (is_in_scratch ? elements : scratch) + begin;
+  global const ulong* sorted = sort_run(end - begin, first, bits, source, target);
   if (sorted == own) return;
   for (uint k = 0; k < end - begin; ++k) own[k] = sorted[k];
 }

@@ -1,0 +1,99 @@
+#include <algorithm>
+#include <filesystem>
+#include <fstream>
+#include <iterator>
+#include <set>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <broadcl/broad_phase.hpp>
+
+#include "device_life.hpp"
+#include "each_algorithm.hpp"
+#include "environment.hpp"
+
+namespace broadcl::test {
+namespace {
+
+/// Names of files, with options.
+using Programs = std::set<std::string>;
+
+/// Those of kernels/programs.txt for a tuning profile.
+Programs listed_programs(const std::string& profile) {
+  Programs programs;
+  std::ifstream file(BROADCL_KERNEL_FOLDER "/programs.txt");
+  for (std::string line; std::getline(file, line);) {
+    for (const std::string& prefix : {profile + " ", std::string("both ")}) {
+      if (line.starts_with(prefix)) programs.insert(line.substr(prefix.size()));
+    }
+  }
+  return programs;
+}
+
+std::string_view between(std::string_view text, std::string_view before, std::string_view after) {
+  const std::size_t begin = text.find(before);
+  if (begin == std::string_view::npos) return {};
+  text.remove_prefix(begin + before.size());
+  return text.substr(0, text.find(after));
+}
+
+/// Those in a cache: their keys have the options and the source.
+Programs cached_programs(const std::filesystem::path& folder) {
+  Programs programs;
+  for (const auto& entry : std::filesystem::directory_iterator(folder)) {
+    std::ifstream file(entry.path(), std::ios::binary);
+    const std::string text{std::istreambuf_iterator<char>(file), {}};
+    const std::string_view options = between(text, "-cl-std=CL1.2 ", {"\0", 1});
+    const std::string_view name = between(text, "#line 1 \"", "\"");
+    programs.insert(std::string(name) + (options.empty() ? "" : " ") + std::string(options));
+  }
+  return programs;
+}
+
+/// All boxes change, and then some; the same in two worlds.
+void live_on_the_host(const std::string& algorithm) {
+  BroadPhase broad_phase({.algorithm = algorithm});
+  for (std::uint32_t k = 0; k < 40; ++k) broad_phase.add(apart(k));
+  for (const std::uint32_t worlds : {1U, 2U}) {
+    for (std::uint32_t id = 0; id < 40; ++id) broad_phase.set_filter(id, {.world = id % worlds});
+    for (std::uint32_t id = 0; id < 40; ++id) broad_phase.move(id, unit);
+    (void)broad_phase.update();
+    broad_phase.move(7, apart(7));
+    (void)broad_phase.update();
+  }
+}
+
+void live_on_the_device(const std::string& algorithm) {
+  const CallersQueue queue;
+  DeviceBroadPhase broad_phase(queue(), {.algorithm = algorithm});
+  const cl::Buffer boxes = queue.buffer_of(std::vector<Aabb>(40, unit));
+  const cl::Buffer filters = queue.buffer_of(std::vector<Filter>(40));
+  for (const bool worlds : {false, true}) {
+    (void)broad_phase.update({.buffer = boxes(), .count = 40, .filters = filters(), .worlds = worlds});
+  }
+}
+
+class ProgramList : public ::testing::TestWithParam<std::string> {};
+
+/// Other compilers than the one at hand are given those of the list (scripts/check-compilers).
+TEST_P(ProgramList, ThatAreBuiltAreThoseOfTheList) {
+  const ScopedFolder folder;
+  const ScopedVariable cache("BROADCL_CACHE_DIR", folder.path().string());
+  const ScopedVariable tuning("BROADCL_TUNING", GetParam());
+  for (const char* algorithm : {"brute-force", "tiles"}) {
+    live_on_the_host(algorithm);
+    live_on_the_device(algorithm);
+  }
+  live_on_the_host("gpu-bf");
+  EXPECT_THAT(cached_programs(folder.path()), ::testing::ContainerEq(listed_programs(GetParam())));
+}
+
+INSTANTIATE_TEST_SUITE_P(Tuned, ProgramList, ::testing::Values("gpu", "cpu"),
+                         [](const auto& test) { return "for_" + test.param; });
+
+}  // namespace
+}  // namespace broadcl::test
