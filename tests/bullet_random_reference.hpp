@@ -60,9 +60,9 @@ struct CacheChanges {
 
 /// What a broad phase and its pair cache are to hold, from the definitions: boxes in a list, every pair
 /// tested, the filter that of Bullet's cache.
-class Reference {
+class BulletReference {
  public:
-  explicit Reference(CacheKind cache) : cache_(cache) {}
+  explicit BulletReference(CacheKind cache) : cache_(cache) {}
 
   // The calls, which are those of the broad phase.
 
@@ -178,7 +178,7 @@ class Reference {
   int nans_ = 0;
 };
 
-inline void Reference::look_at_filters() {
+inline void BulletReference::look_at_filters() {
   const bool is_new_callback = filter_.getOverlapFilterCallback() != seen_callback_;
   seen_callback_ = filter_.getOverlapFilterCallback();
   is_filtered_anew_ |= is_new_callback;
@@ -194,7 +194,7 @@ inline void Reference::look_at_filters() {
 
 // A pair that is cached stays, and one that is not, although it overlapped at the last calculation too, was
 // refused or removed: it is offered again when one of its two objects has changed.
-inline void Reference::calculate() {
+inline void BulletReference::calculate() {
   look_at_filters();
   const std::vector<Pair> known_before = std::exchange(known_, {});
   const std::vector<Pair> cached_before = std::exchange(cached_, {});

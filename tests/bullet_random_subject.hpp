@@ -118,7 +118,7 @@ class Subject {
   void clean_pairs_of(int id) {
     cache().cleanProxyFromPairs(&proxy(id), &dispatcher_);
     for (Marked& entry : marked_) {
-      if (Reference::has_object(entry.pair, id)) entry.mark = nullptr;
+      if (BulletReference::has_object(entry.pair, id)) entry.mark = nullptr;
     }
   }
   void add_again(const Pair& pair) {
@@ -136,7 +136,7 @@ class Subject {
 
   /// After every call.
   /// @param changes Since the last check.
-  void check(const Reference& reference, CacheChanges changes) {
+  void check(const BulletReference& reference, CacheChanges changes) {
     auto& [added, removed] = changes;
     std::sort(added.begin(), added.end());
     std::sort(removed.begin(), removed.end());
@@ -161,7 +161,7 @@ class Subject {
   }
 
   /// After a step; marks the pairs that are new.
-  void check_pairs(const Reference& reference) {
+  void check_pairs(const BulletReference& reference) {
     btBroadphasePairArray& pairs = cache().getOverlappingPairArray();
     const int n = pairs.size();
     std::vector<Marked> marked;
@@ -196,7 +196,7 @@ class Subject {
   }
 
   /// What the core found, which is all there is to see if the cache keeps nothing.
-  void check_known(const Reference& reference) {
+  void check_known(const BulletReference& reference) {
     const std::vector<Pair> known = broadphase_.broad_phase().pairs();
     const bool is_same =
         std::equal(known.begin(), known.end(), reference.known().begin(), reference.known().end());
@@ -204,7 +204,7 @@ class Subject {
   }
 
   /// The union of all boxes.
-  void check_bounds(const Reference& reference) {
+  void check_bounds(const BulletReference& reference) {
     Corners expected{{0, 0, 0}, {0, 0, 0}};
     bool any = false;
     for (const int id : reference.live()) {
@@ -220,7 +220,7 @@ class Subject {
       fail("the union of all boxes is wrong");
   }
 
-  void check_ray(const Reference& reference, const Corners& ends, const Corners& sweep) {
+  void check_ray(const BulletReference& reference, const Corners& ends, const Corners& sweep) {
     const btVector3& from = ends.lower;
     const btVector3& to = ends.upper;
     FoundByRay found(from, to);
@@ -235,7 +235,7 @@ class Subject {
     check_found("the ray", reference, std::move(found.ids), must_be_found, may_be_found);
   }
 
-  void check_box_query(const Reference& reference, const Corners& query) {
+  void check_box_query(const BulletReference& reference, const Corners& query) {
     FoundByBox found;
     broadphase_.aabbTest(query.lower, query.upper, found);
     const auto must_be_found = [&](const Corners& box) { return overlap(box, query); };
@@ -293,7 +293,7 @@ class Subject {
     return MortalAlgorithm::make(dispatcher_, [this] { --alive_; });
   }
 
-  bool is_live(const Reference& reference, const btBroadphaseProxy* proxy) {
+  bool is_live(const BulletReference& reference, const btBroadphaseProxy* proxy) {
     const int id = proxy == nullptr ? -1 : proxy->m_uniqueId;
     return id >= 0 && reference.is_live(id) && proxy == proxies_[static_cast<std::size_t>(id)];
   }
@@ -330,7 +330,7 @@ class Subject {
   }
 
   template <class Must, class May>
-  static void check_found(const std::string& who, const Reference& reference, std::vector<int> found,
+  static void check_found(const std::string& who, const BulletReference& reference, std::vector<int> found,
                           const Must& must_be_found, const May& may_be_found) {
     std::sort(found.begin(), found.end());
     if (std::adjacent_find(found.begin(), found.end()) != found.end()) fail(who + " finds a proxy twice");

@@ -29,12 +29,12 @@
 namespace broadcl {
 namespace {
 
+using test::BulletReference;
 using test::CacheKind;
 using test::Corners;
 using test::EachAlgorithm;
 using test::gates;
 using test::Op;
-using test::Reference;
 using test::Script;
 using test::Stock;
 using test::Subject;
@@ -87,7 +87,7 @@ class Player {
   // number of pairs, so that a script does one of the two in a step.
   bool pairs_were_added_ = false;
   bool pairs_were_removed_ = false;
-  Reference reference_;
+  BulletReference reference_;
   Subject subject_;
   Subject oracle_;
   btSimpleBroadphase simple_broadphase_{test::most_proxies};
