@@ -30,6 +30,7 @@ namespace {
 
 // ctest has the tests of this file run with rusticl on (CMakeLists.txt).
 SUITE_NOT_IN(Identical, sanitizers, "needs Mesa, which leaks when it is loaded");
+SUITE_ALSO_IN(IdenticalRun, intel);
 SUITE_NOT_IN(IdenticalRun, sanitizers, "needs Mesa, which leaks when it is loaded");
 
 /// A pair that enters or leaves a pair cache.

@@ -26,14 +26,15 @@ constexpr std::string_view option = "--run=";
 
 struct Run {
   std::string_view name;
-  Runs bit;
+  Runs any_of;
 };
 constexpr std::array all_runs{Run{"gpu-profile", runs::gpu_profile},
                               Run{"rusticl", runs::rusticl},
                               Run{"oclgrind", runs::oclgrind},
                               Run{"oclgrind-gpu-profile", runs::oclgrind_gpu_profile},
                               Run{"oclgrind-bullet", runs::oclgrind_bullet},
-                              Run{"sanitizers", runs::sanitizers}};
+                              Run{"sanitizers", runs::sanitizers},
+                              Run{"intel", runs::intel | runs::gpu_profile | runs::rusticl}};
 
 /// A test and the runs that it belongs to.
 struct Test {
@@ -112,7 +113,7 @@ std::string filter_of(std::string_view name, const std::vector<Test>& tests) {
     if (run.name != name) continue;
     std::string filter;
     for (const Test& test : tests) {
-      if ((test.runs & run.bit) != 0)
+      if ((test.runs & run.any_of) != 0)
         filter.append(test.info->test_suite_name()).append(".").append(test.info->name()).append(":");
     }
     if (filter.empty()) throw std::runtime_error("no test belongs to the run '" + std::string(name) + "'");

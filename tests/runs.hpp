@@ -33,6 +33,8 @@ inline constexpr Runs oclgrind_bullet = 16;
 /// Under AddressSanitizer and UndefinedBehaviorSanitizer, some ten times slower. Every test is in it unless
 /// it says otherwise.
 inline constexpr Runs sanitizers = 32;
+/// On Intel's OpenCL for CPUs. What is in the runs gpu_profile and rusticl is in it, too.
+inline constexpr Runs intel = 64;
 
 }  // namespace runs
 
