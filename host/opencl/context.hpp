@@ -118,7 +118,7 @@ class Context {
   std::size_t largest_group_ = 1;
   bool has_nvidia_vote_ = false;
   std::string options_ = "-cl-std=CL1.2";  // for all programs
-  mutable cl::Kernel fill_;  // built when it is first needed
+  mutable cl::Kernel fill_;                // built when it is first needed
   DiskCache disk_cache_;
   mutable CompileHandler on_compile_;  // empty once it was called
   std::shared_ptr<Memory> memory_ = std::make_shared<Memory>();

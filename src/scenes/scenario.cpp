@@ -282,7 +282,8 @@ void Scenario::draw_kicks() {
 
 void Scenario::draw_exchanges() {
   exchanges_.clear();
-  for (due_ += config_.objects * exchanged_per_second * static_cast<double>(frame_seconds); due_ >= 1; --due_) {
+  for (due_ += config_.objects * exchanged_per_second * static_cast<double>(frame_seconds); due_ >= 1;
+       --due_) {
     const std::uint32_t object = draw_other(exchanges_, config_.objects, random_);
     const float reach = (container_edge_ - objects_[object].edge) / 2;
     Eigen::Vector3f position = random_.vector(-reach, reach);
