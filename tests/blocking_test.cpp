@@ -84,6 +84,7 @@ TEST_P(EachAlgorithm, BeginDoesNotBlock) {
     EXPECT_EQ(opencl_use().blocking_calls, before) << step.what;
     (void)broad_phase.finish();
   }
+  if (broad_phase.device() == nullptr) return;  // `auto`, which may work on the host
   EXPECT_GT(opencl_use().blocking_calls, start + 5) << "nothing is counted";
 }
 

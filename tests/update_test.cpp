@@ -33,7 +33,7 @@ TEST_P(EachAlgorithm, SmallTheDeviceIsNotAskedIfNothingMoved) {
   for (std::uint32_t k = 0; k < 10; ++k) broad_phase.add(unit, {.body = k});
   broad_phase.add(inverted);
   const auto expect_work = [&](bool expected) {
-    EXPECT_EQ(!broad_phase.profile().empty(), expected && GetParam().on_device);
+    EXPECT_EQ(!broad_phase.profile().empty(), expected && broad_phase.device() != nullptr);
   };
   EXPECT_EQ(broad_phase.update().added.size(), 45U);
   expect_work(true);
