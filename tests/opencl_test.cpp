@@ -277,6 +277,21 @@ TEST_F(OnDevice, SharedBuffersBringWhatTheDeviceWrote) {
   EXPECT_EQ(moved.host()[3], std::byte{21});
 }
 
+/// A process may end then, and with it the driver.
+NOT_IN(rusticl, "an event there is not known to be complete until it is waited for");
+TEST_F(OnDevice, NothingIsLeftInTheQueueOfADestroyedContext) {
+  cl::Event end;
+  {
+    const Context context(select_device(), false);
+    constexpr std::size_t bytes = 16 << 20;
+    const cl::Buffer from = context.buffer(bytes);
+    const cl::Buffer to = context.buffer(bytes);
+    for (int k = 0; k < 20; ++k) context.queue().enqueueCopyBuffer(from, to, 0, 0, bytes);
+    context.queue().enqueueMarkerWithWaitList(nullptr, &end);
+  }
+  EXPECT_EQ(end.getInfo<CL_EVENT_COMMAND_EXECUTION_STATUS>(), CL_COMPLETE);
+}
+
 /// Run under the race checker, which must report it: proof that the check works.
 TEST_F(OnDevice, DISABLED_ARace) {
   write_kernel("(int)get_global_id(0)");

@@ -93,6 +93,7 @@ class DeviceBroadPhase {
   /// for an unknown algorithm or one that works on the host, and for whatever fails in OpenCL.
   explicit DeviceBroadPhase(cl_command_queue queue);
   DeviceBroadPhase(cl_command_queue queue, const Config& config);
+  /// Waits for nothing. Wait for the queue before the process ends: not every driver bears that otherwise.
   ~DeviceBroadPhase();
   DeviceBroadPhase(DeviceBroadPhase&&) noexcept;
   DeviceBroadPhase& operator=(DeviceBroadPhase&&) noexcept;

@@ -91,6 +91,7 @@ Context::Context(Device device, bool profile, CompileHandler on_compile)
     }
     context_ = cl::Context(cl_device_);
     open(cl::CommandQueue(context_, cl_device_, profile ? CL_QUEUE_PROFILING_ENABLE : 0));
+    owns_queue_ = true;
   });
 }
 
@@ -104,6 +105,10 @@ Context::Context(const cl::CommandQueue& queue, CompileHandler on_compile)
     context_ = queue.getInfo<CL_QUEUE_CONTEXT>();
     open(queue);
   });
+}
+
+Context::~Context() {
+  if (owns_queue_) wait_if_possible(queue_);
 }
 
 void Context::open(const cl::CommandQueue& queue) {

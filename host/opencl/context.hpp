@@ -33,6 +33,11 @@ class Context {
   /// Works in the context of a queue of the caller, which is retained.
   /// @throws Error for a queue that is not in order.
   explicit Context(const cl::CommandQueue& queue, CompileHandler on_compile = {});
+  /// Waits for what is left in its own queue, the release of mapped memory for instance: Intel's runtime may
+  /// crash if the process ends before that.
+  ~Context();
+  Context(const Context&) = delete;
+  Context& operator=(const Context&) = delete;
 
   [[nodiscard]] const Device& device() const noexcept { return device_; }
   [[nodiscard]] const cl::Context& context() const noexcept { return context_; }
@@ -91,7 +96,7 @@ class Context {
       try {
         return std::forward<Function>(function)();
       } catch (...) {
-        wait_after_failure(queue_);
+        wait_if_possible(queue_);
         throw;
       }
     });
@@ -114,6 +119,7 @@ class Context {
   cl::Device cl_device_;
   cl::Context context_;
   cl::CommandQueue queue_;
+  bool owns_queue_ = false;
   Tuning tuning_ = Tuning::gpu;
   std::size_t largest_group_ = 1;
   bool has_nvidia_vote_ = false;

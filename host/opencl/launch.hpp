@@ -33,8 +33,8 @@ inline void wait_for_all(const cl::CommandQueue& queue) {
   end.wait();
 }
 
-/// The same after a failure that the caller reports: a further error is ignored.
-inline void wait_after_failure(const cl::CommandQueue& queue) noexcept {
+/// The same for destructors, and after a failure that is reported anyway: an error is ignored.
+inline void wait_if_possible(const cl::CommandQueue& queue) noexcept {
   try {
     wait_for_all(queue);
   } catch (const cl::Error&) {
