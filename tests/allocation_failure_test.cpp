@@ -40,11 +40,11 @@ void expect_short_lives(const BroadPhase::Config& config, long count, bool world
 }
 
 TEST_P(EachAlgorithm, AnAllocationThatFailsIsMadeGood) {
-  expect_short_lives(config(), 1, false, 300);
+  expect_short_lives(config(), 1, false, 150);
 }
 
 TEST_P(EachAlgorithm, AllocationsThatFailFromOneOnAreMadeGood) {
-  expect_short_lives(config(), AllocationTrouble::for_good, true, 100);
+  expect_short_lives(config(), AllocationTrouble::for_good, true, 60);
 }
 
 void expect_device_lives(const std::string& algorithm, long count, long most) {
@@ -60,7 +60,7 @@ void expect_device_lives(const std::string& algorithm, long count, long most) {
 TEST(AllocationFailure, OfADeviceBroadPhaseIsMadeGood) {
   for (const std::string algorithm : {"brute-force", "tiles"}) {
     SCOPED_TRACE(algorithm);
-    expect_device_lives(algorithm, 1, 100);
+    expect_device_lives(algorithm, 1, 60);
     expect_device_lives(algorithm, AllocationTrouble::for_good, 30);
   }
 }

@@ -55,14 +55,14 @@ NOT_IN(gpu_profile | rusticl | sanitizers,
        "fails on purpose, also where buffers are unmapped, and takes long");
 TEST_P(EachAlgorithm, ACallThatFailsMayBeRepeated) {
   if (!GetParam().on_device) return;
-  expect_short_lives(config(), 1, is_slow() ? 30 : 150);
+  expect_short_lives(config(), 1, is_slow() ? 30 : 80);
 }
 
 NOT_IN(gpu_profile | rusticl | sanitizers,
        "fails on purpose, also where buffers are unmapped, and takes long");
 TEST_P(EachAlgorithm, ADeviceThatFailsForSomeTimeLosesNothing) {
   if (!GetParam().on_device) return;
-  expect_short_lives(config(), OpenClTrouble::for_good, is_slow() ? 15 : 75);
+  expect_short_lives(config(), OpenClTrouble::for_good, is_slow() ? 15 : 40);
 }
 
 class DeviceFailure : public ::testing::TestWithParam<std::string> {};
@@ -87,11 +87,11 @@ void expect_device_lives(const std::string& algorithm, long count, long most) {
 }
 
 TEST_P(DeviceFailure, WhicheverCallOfADeviceBroadPhaseFailsMayBeRepeated) {
-  expect_device_lives(GetParam(), 1, is_slow_device() ? 30 : 200);
+  expect_device_lives(GetParam(), 1, is_slow_device() ? 30 : 100);
 }
 
 TEST_P(DeviceFailure, ADeviceBroadPhaseGoesOnWhenTheDeviceWorksAgain) {
-  expect_device_lives(GetParam(), OpenClTrouble::for_good, is_slow_device() ? 15 : 75);
+  expect_device_lives(GetParam(), OpenClTrouble::for_good, is_slow_device() ? 15 : 40);
 }
 
 /// Every call, once and from there on.
