@@ -23,6 +23,7 @@
 #include "expect_error.hpp"
 #include "pretender.hpp"
 #include "reference.hpp"
+#include "runs.hpp"
 #include "test_name.hpp"
 
 namespace broadcl::test {
@@ -108,6 +109,7 @@ void update_until(Core& core, Script& script, bool on_device) {
 }
 
 class Hybrid : public ::testing::TestWithParam<std::string_view> {};
+SUITE_NOT_IN(Hybrid, sanitizers, "compares times");
 
 TEST_P(Hybrid, FindsTheSameOnEitherSide) {
   for (const unsigned seed : {1U, 2U, 3U}) {
