@@ -36,6 +36,7 @@
 #include "proxies.hpp"
 #include "scenes/broadphases.hpp"
 #include "scenes/generators.hpp"
+#include "two_sets.hpp"
 #include "whole_list.hpp"
 #include "worlds.hpp"
 
@@ -225,6 +226,7 @@ int main(int argc, char** argv) try {
   broadcl::register_whole_list();
   broadcl::register_device_frames();
   broadcl::register_worlds();
+  broadcl::register_two_sets();
   benchmark::RunSpecifiedBenchmarks();
 } catch (const std::exception& error) {
   std::fprintf(stderr, "%s\n", error.what());

@@ -30,7 +30,7 @@ struct Packed {
 };
 
 /// Boxes in any other layout.
-template <class S>
+template <class S, std::size_t dimensions>
 struct Strided {
   Bounds bounds;
   std::ptrdiff_t stride;
@@ -42,8 +42,12 @@ struct Strided {
       std::memcpy(&value, bounds[index] + offset, sizeof(S));
       return value;
     };
-    const std::array<S, 3> lower{bound(0), bound(1), bound(2)};
-    const std::array<S, 3> upper{bound(3), bound(4), bound(5)};
+    std::array<S, 3> lower{bound(0), bound(1)};
+    std::array<S, 3> upper{bound(3), bound(4)};
+    if constexpr (dimensions > 2) {
+      lower[2] = bound(2);
+      upper[2] = bound(5);
+    }
     if constexpr (std::same_as<S, float>) {
       return {lower, upper};
     } else if (lower[0] > upper[0] || lower[1] > upper[1] || lower[2] > upper[2]) {
@@ -103,12 +107,16 @@ void BoxView::check(const void* pointer, std::size_t alignment, std::size_t n, s
 
 template <class Function>
 auto BoxView::with_layout(const Function& function) const {
-  if (is_double_) return function(Strided<double>{bounds_, stride_});
+  if (bounds_[2] == nullptr && size_ > 0) {
+    if (is_double_) return function(Strided<double, 2>{bounds_, stride_});
+    return function(Strided<float, 2>{bounds_, stride_});
+  }
+  if (is_double_) return function(Strided<double, 3>{bounds_, stride_});
   bool is_packed = stride_ == sizeof(Aabb);
   for (std::size_t index = 1; index < bounds_.size(); ++index) {
     is_packed = is_packed && bounds_[index] == bounds_[index - 1] + sizeof(float);
   }
-  return is_packed ? function(Packed{bounds_[0]}) : function(Strided<float>{bounds_, stride_});
+  return is_packed ? function(Packed{bounds_[0]}) : function(Strided<float, 3>{bounds_, stride_});
 }
 
 /// Copies the boxes until `prepare(box)` is false for one. Returns the lowest index of such a box, or size()

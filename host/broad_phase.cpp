@@ -1,9 +1,24 @@
 #include <broadcl/broad_phase.hpp>
 
+#include <algorithm>
+#include <string>
+
 #include "algorithms/algorithm.hpp"
 #include "core.hpp"
 
 namespace broadcl {
+namespace {
+
+/// As BoxView::pack_to(); an error says which set it is of.
+void pack_to(const BoxView& boxes, std::span<Aabb> out, const std::string& set) {
+  try {
+    boxes.pack_to(out);
+  } catch (const Error& error) {
+    throw Error(set + ": " + error.what());
+  }
+}
+
+}  // namespace
 
 class BroadPhase::Impl final : public Core {
  public:
@@ -84,6 +99,25 @@ std::vector<Pair> overlapping_pairs(const BoxView& boxes, const BroadPhase::Conf
   algorithm->reserve(boxes.size(), false);
   boxes.pack_to(algorithm->boxes());
   return algorithm->find_all({.slots = boxes.size(), .all = true});
+}
+
+std::vector<Pair> overlapping_pairs(const BoxView& first, const BoxView& second,
+                                    const BroadPhase::Config& config) {
+  constexpr std::size_t most_boxes = std::size_t{1} << 31;
+  if (first.size() > most_boxes || second.size() > most_boxes - first.size()) {
+    throw Error("more than 2147483648 boxes in both sets; use fewer");
+  }
+  const std::size_t boxes = first.size() + second.size();
+  const auto algorithm = make_algorithm(config);
+  algorithm->reserve(boxes, true);
+  pack_to(first, algorithm->boxes(), "the first set");
+  pack_to(second, algorithm->boxes().subspan(first.size()), "the second set");
+  std::vector<Filter> filters(boxes, second_set);
+  std::fill_n(filters.begin(), first.size(), first_set);
+  std::vector<Pair> pairs = algorithm->find_all(
+      {.slots = boxes, .all = true, .filters = filters, .filters_changed = true, .sets = true});
+  for (Pair& pair : pairs) pair.b -= static_cast<std::uint32_t>(first.size());
+  return pairs;
 }
 
 }  // namespace broadcl

@@ -20,6 +20,7 @@
 #include "algorithms/algorithm.hpp"
 #include "change_set.hpp"
 #include "packed_box.hpp"
+#include "two_sets.hpp"
 
 namespace broadcl {
 
@@ -125,6 +126,7 @@ class Core {
     std::swap(flight_, changes_);
     flight_.sort_recycled();
     is_in_flight_ = true;
+    if (any_filters_ && (flight_.filters || !flight_.recycled().empty())) find_sets();
     or_roll_back([&] {
       const std::size_t slots = slot_count();
       algorithm_->begin(
@@ -135,7 +137,8 @@ class Core {
            .recycled = flight_.recycled(),
            .filters = any_filters_ ? std::span<const Filter>(filters_) : std::span<const Filter>(),
            .filters_changed = flight_.filters,
-           .worlds = any_worlds_});
+           .worlds = any_worlds_,
+           .sets = are_two_sets_});
     });
   }
 
@@ -291,6 +294,14 @@ class Core {
     }
   }
 
+  void find_sets() noexcept {
+    TwoSets sets;
+    for (std::size_t id = 0; id < states_.size(); ++id) {
+      if (states_[id] == State::live) sets.add(filters_[id]);
+    }
+    are_two_sets_ = sets.are_apart();
+  }
+
   /// Slots up to the last object.
   [[nodiscard]] std::size_t slot_count() const noexcept {
     const auto last = std::find(states_.rbegin(), states_.rend(), State::live);
@@ -317,7 +328,8 @@ class Core {
   std::size_t size_ = 0;
   bool any_filters_ = false;  // some object has had another than the default one
   bool any_worlds_ = false;
-  std::size_t mapped_ = 0;  // boxes that the caller may have written in place
+  bool are_two_sets_ = false;  // as TwoSets says, as of the last update
+  std::size_t mapped_ = 0;     // boxes that the caller may have written in place
 
   ChangeSet changes_;  // since the last update began
   ChangeSet flight_;   // the changes that the update in flight applies

@@ -19,6 +19,8 @@ namespace broadcl {
 namespace {
 
 constexpr std::size_t most_boxes = 0x7fffffff;
+/// In place of the number of boxes of the first of two sets.
+constexpr std::size_t no_second_set = ~std::size_t{0};
 
 cl::CommandQueue retained(cl_command_queue queue, bool profile) {
   if (queue == nullptr) throw Error("the queue is null; give one that was made by clCreateCommandQueue");
@@ -54,6 +56,7 @@ class DeviceBroadPhase::Impl {
       engine_->prepare();
       engine_->begin(search_of(boxes), tag_of(boxes));
       context_.queue().flush();
+      first_count_ = first_count_of(boxes);
     });
     in_flight_ = true;
   }
@@ -93,12 +96,14 @@ class DeviceBroadPhase::Impl {
 
   void enqueue(const Boxes& boxes, const ChangeBuffers& changes) {
     refuse_in_flight("enqueue()");
-    if (boxes.count > reserved_) {
-      throw Error("enqueue() was given " + std::to_string(boxes.count) +
+    if (count_of(boxes) > reserved_) {
+      throw Error("enqueue() was given " + std::to_string(count_of(boxes)) +
                   " boxes, but reserve() was told of " + std::to_string(reserved_) + "; call reserve()");
     }
-    if (boxes.filters != nullptr && !reserved_filters_) {
-      throw Error("enqueue() was given filters, but reserve() was not told of any; call reserve()");
+    if (has_filters(boxes) && !reserved_filters_) {
+      throw Error(
+          "enqueue() was given filters or a second set, which takes as much memory, but reserve() was not "
+          "told of any; call reserve()");
     }
     context_.guard([&] {
       check(boxes);
@@ -115,6 +120,7 @@ class DeviceBroadPhase::Impl {
                         .removed_offsets = cl::Buffer(changes.removed_offsets, true)});
     });
     turn_ = 1 - turn_;
+    first_count_ = first_count_of(boxes);
   }
 
   PairBuffer pairs() {
@@ -155,7 +161,20 @@ class DeviceBroadPhase::Impl {
 
   /// What the generation of an update is like, for settle().
   static cl_uint tag_of(const Boxes& boxes) {
-    return static_cast<cl_uint>(boxes.count) << 1U | (boxes.filters != nullptr ? 1U : 0U);
+    return static_cast<cl_uint>(count_of(boxes)) << 1U | (has_filters(boxes) ? 1U : 0U);
+  }
+
+  static bool has_filters(const Boxes& boxes) {
+    return boxes.filters != nullptr || boxes.second.buffer != nullptr;
+  }
+
+  /// What must be the same in every update.
+  static std::size_t first_count_of(const Boxes& boxes) {
+    return boxes.second.buffer != nullptr ? boxes.count : no_second_set;
+  }
+
+  static std::size_t count_of(const Boxes& boxes) {
+    return boxes.count + (boxes.second.buffer != nullptr ? boxes.second.count : 0);
   }
 
   void reserve(Frame& frame, std::size_t boxes, bool filters) const {
@@ -194,14 +213,33 @@ class DeviceBroadPhase::Impl {
 
   void check(const Boxes& boxes) const {
     if (boxes.ordered_worlds > most_boxes) throw Error("more than 2147483647 worlds; give fewer");
-    if (boxes.count == 0) return;
-    if (boxes.count > most_boxes) throw Error("more than 2147483647 boxes; give fewer");
-    if (boxes.offset % sizeof(float) != 0 || boxes.stride % sizeof(float) != 0) {
-      throw Error("offset and stride of the boxes must be multiples of 4 bytes");
+    const SecondSet& second = boxes.second;
+    if (second.buffer == nullptr && second.count > 0) {
+      throw Error("the buffer of the second set is null; give one of the queue's context, or a count of 0");
     }
-    check_buffer("boxes", boxes.buffer, boxes.count, boxes.offset, boxes.stride, sizeof(Aabb));
-    if (boxes.filters == nullptr) return;
-    check_buffer("filters", boxes.filters, boxes.count, 0, sizeof(Filter), sizeof(Filter));
+    if (boxes.count > most_boxes || second.count > most_boxes - boxes.count) {
+      throw Error("more than 2147483647 boxes; give fewer");
+    }
+    check_set("boxes", boxes.buffer, boxes.count, boxes.offset, boxes.stride);
+    check_set("the second set", second.buffer, second.count, second.offset, second.stride);
+    if (first_count_ && *first_count_ != first_count_of(boxes)) {
+      throw Error(
+          "a second set, and the number of boxes of the first one then, must be the same in every update; "
+          "give "
+          "empty boxes for those that are gone, or make a new object");
+    }
+    const std::size_t count = count_of(boxes);
+    if (boxes.filters == nullptr || count == 0) return;
+    check_buffer("filters", boxes.filters, count, 0, sizeof(Filter), sizeof(Filter));
+  }
+
+  void check_set(const std::string& what, cl_mem buffer, std::size_t count, std::size_t offset,
+                 std::size_t stride) const {
+    if (count == 0) return;
+    if (offset % sizeof(float) != 0 || stride % sizeof(float) != 0) {
+      throw Error("offset and stride of " + what + " must be multiples of 4 bytes");
+    }
+    check_buffer(what, buffer, count, offset, stride, sizeof(Aabb));
   }
 
   /// Refuses a buffer of another context, and one that is too small for this many items.
@@ -225,18 +263,29 @@ class DeviceBroadPhase::Impl {
   /// The search of the caller's objects, which are still to be gathered.
   Search search_of(const Boxes& boxes) {
     Frame& next = frames_.at(1 - turn_);
-    const bool filters = boxes.filters != nullptr;
-    reserve(next, boxes.count, filters);
-    next.objects = {.slots = static_cast<cl_uint>(boxes.count),
+    const bool filters = has_filters(boxes);
+    const SecondSet& second = boxes.second;
+    const bool is_of_two = second.buffer != nullptr;
+    reserve(next, count_of(boxes), filters);
+    next.objects = {.slots = static_cast<cl_uint>(count_of(boxes)),
                     .boxes = next.boxes.get(),
                     .filters = filters ? next.filters.get() : cl::Buffer()};
-    source_.set(cl::Buffer(boxes.buffer, true), boxes.offset / sizeof(float), boxes.stride / sizeof(float),
+    source_.set({.buffer = cl::Buffer(boxes.buffer, true),
+                 .count = boxes.count,
+                 .offset = boxes.offset / sizeof(float),
+                 .stride = boxes.stride / sizeof(float)},
+                {.buffer = cl::Buffer(second.buffer, true),
+                 .count = second.count,
+                 .offset = second.offset / sizeof(float),
+                 .stride = second.stride / sizeof(float)},
                 cl::Buffer(boxes.filters, true));
     return {.now = next.objects,
             .last = frames_.at(turn_).objects,
             .source = &source_,
-            .worlds = boxes.worlds && filters,
-            .ordered_worlds = static_cast<cl_uint>(boxes.ordered_worlds)};
+            .worlds = boxes.worlds && boxes.filters != nullptr,
+            .sets = is_of_two,
+            .ordered_worlds = static_cast<cl_uint>(boxes.ordered_worlds),
+            .second_set = is_of_two ? static_cast<cl_uint>(boxes.count) : 0};
   }
 
   opencl::Context context_;
@@ -249,7 +298,8 @@ class DeviceBroadPhase::Impl {
   bool in_flight_ = false;
   std::size_t reserved_ = 0;  // boxes of an update that nobody waits for
   bool reserved_filters_ = false;
-  std::size_t incomplete_ = 0;  // such updates that were, since the last result
+  std::optional<std::size_t> first_count_;  // boxes of the first set in the updates until now
+  std::size_t incomplete_ = 0;              // such updates that were, since the last result
 };
 
 DeviceBroadPhase::DeviceBroadPhase(cl_command_queue queue) : DeviceBroadPhase(queue, Config()) {}

@@ -32,5 +32,6 @@ kernel void gather_boxes(const uint n, GATHER_PARAMETERS) {
   const uint k = (uint)get_global_id(0);
   if (k >= n) return;
   box_t box;
-  gather_object(&box, k, source, offset, stride, source_filters, boxes, filters, counts);
+  gather_object(&box, k, source, offset, stride, first_count, second, second_offset, second_stride, source_filters,
+                boxes, filters, counts);
 }

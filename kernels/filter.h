@@ -10,12 +10,16 @@ static inline bool worlds_meet(const uint s, const uint t) {
   return s == t || s == ALL_WORLDS || t == ALL_WORLDS;
 }
 
-/* The same as intervals that overlap: those of a world, and of nothing. */
-static inline uint first_world(const uint world) {
-  return world == ALL_WORLDS ? 0U : world;
+/* Worlds as intervals, which overlap if objects may pair: those of an object, and of nothing. If `sets` is 1, the
+   lowest bit of the group parts the objects of each world into two sets, of which only one object of each may pair:
+   then intervals overlap those that tiles_search.cl makes of them to look for the other set. Otherwise it is 0. (Worlds
+   that share a number here are told apart by may_pair().) */
+static inline uint first_world(const uint4 filter, const uint sets) {
+  if (filter.w == ALL_WORLDS) return 0;
+  return sets == 0U ? filter.w : min(filter.w, 0x7ffffffeU) << 1 | (sets & ~filter.x);
 }
-static inline uint last_world(const uint world) {
-  return world;
+static inline uint last_world(const uint4 filter, const uint sets) {
+  return filter.w == ALL_WORLDS ? 0xffffffffU : first_world(filter, sets);
 }
 #define NO_FIRST_WORLD 0xffffffffU
 #define NO_LAST_WORLD 0U

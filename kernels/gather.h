@@ -6,11 +6,13 @@
 #include "delta.h"
 
 /* Boxes, of which the first one begins at `offset` and each other `stride` floats after the one before, and filters,
-   which are null if there are none; where to copy both; and where to count. */
+   which are null if there are none; where to copy both; and where to count. If there are two sets, objects from
+   `first_count` on are of the second one, and the sets determine the groups and masks. */
 #define GATHER_PARAMETERS GATHER_PARAMETERS_OF(restrict)
 /* (Without `restrict` in functions: what its inlining leaves behind is unknown to Oclgrind 21.10.) */
 #define GATHER_PARAMETERS_OF(restrict_)                                                                   \
-  global const float *restrict_ source, const ulong offset, const ulong stride,                           \
+  global const float *restrict_ source, const ulong offset, const ulong stride, const uint first_count,   \
+      global const float *restrict_ second, const ulong second_offset, const ulong second_stride,         \
       global const uint4 *restrict_ source_filters, global float *restrict_ boxes, global uint4 *filters, \
       global uint *restrict_ counts
 
@@ -18,8 +20,17 @@
 static inline void gather_object(box_t* box, const uint k, GATHER_PARAMETERS_OF()) {
   make_empty(box);
   if (is_halted(counts)) return;
-  if (filters != 0) filters[k] = source_filters[k];
-  global const float* p = source + offset + k * stride;
+  const bool is_second = k >= first_count;
+  if (filters != 0) {
+    uint4 filter = source_filters != 0 ? source_filters[k] : (uint4)(0, 0, NO_BODY, 0);
+    if (second != 0) {
+      filter.x = is_second ? 2 : 1;
+      filter.y = is_second ? 1 : 2;
+    }
+    filters[k] = filter;
+  }
+  global const float* p =
+      is_second ? second + second_offset + (k - first_count) * second_stride : source + offset + k * stride;
   bool proper = true;
   for (uint i = 0; i < 3U; ++i) proper = proper && NOT_ABOVE(p[i], p[i + 3U]) != 0;
   if (proper) {

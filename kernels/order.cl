@@ -238,6 +238,22 @@ kernel void order_offsets(const uint worlds, const uint added_count, const uint 
   }
 }
 
+/* In lists of pairs of two sets, replaces the slots of the second set, of which `first` is the first, by indices in
+   it. The lengths are those of `report`, unless it is null. */
+kernel void order_renumber(const uint first, const uint added_count, const uint removed_count,
+                           global const uint* restrict report, global uint2* restrict added,
+                           global uint2* restrict removed) {
+  const uint added_end = report != 0 ? report[0] : added_count;
+  const uint end = added_end + (report != 0 ? report[1] : removed_count);
+  for (uint k = (uint)get_global_id(0); k < end; k += (uint)get_global_size(0)) {
+    if (k < added_end) {
+      added[k].y -= first;
+    } else {
+      removed[k - added_end].y -= first;
+    }
+  }
+}
+
 /* For a stable sort by world: elements are indices of a list, and the worlds of its pairs. */
 kernel void order_world_keys(const uint n, const uint worlds, global const uint2* restrict list,
                              global const uint4* restrict filters, global uint2* restrict elements) {

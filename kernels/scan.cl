@@ -10,7 +10,7 @@
 
 #include "scan.h"
 
-#define TILE (4U * GROUP)
+#define SCAN_TILE (4U * GROUP)
 
 /* The values first .. first + 3, those from `end` on as 0. */
 static inline uint4 load_values(global const uint* restrict values, const uint first, const uint end) {
@@ -40,7 +40,7 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void scan_sums(
   const uint begin = block * length;
   const uint end = min(n, begin + length);
   uint4 four = 0;
-  for (uint first = begin + 4U * (uint)get_local_id(0); first < end; first += TILE) {
+  for (uint first = begin + 4U * (uint)get_local_id(0); first < end; first += SCAN_TILE) {
     four += load_values(values, first, end);
   }
   uint total;
@@ -57,7 +57,7 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void scan_blocks(
   const uint begin = block * length;
   const uint end = min(n, begin + length);
   uint start = get_num_groups(0) == 1 ? 0U : starts[block];
-  for (uint tile = begin; tile < end; tile += TILE) {
+  for (uint tile = begin; tile < end; tile += SCAN_TILE) {
     const uint first = tile + 4U * (uint)get_local_id(0);
     const uint4 four = load_values(values, first, end);
     uint total;

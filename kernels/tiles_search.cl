@@ -57,6 +57,19 @@ static inline bool is_new_pair(const uint2 pair, const box_t* s, const box_t* t,
   return true;
 }
 
+/* Turns bounds into those to look for: in two sets, the other set of the same world. (An interval of several is made
+   wider, to all sets of its worlds.) */
+static inline void seek(bounds_t* bounds, const uint sets) {
+#if WORLDS
+  const bool is_one = bounds->first_world == bounds->last_world;
+  bounds->first_world = is_one ? bounds->first_world ^ sets : bounds->first_world & ~sets;
+  bounds->last_world = is_one ? bounds->last_world ^ sets : bounds->last_world | sets;
+#else
+  (void)bounds;
+  (void)sets;
+#endif
+}
+
 #if GROUP > 1
 #define BATCH 32U   /* candidates that are tested at a time: a work-item has a bit for each */
 #define HITS 256U   /* room for hits */
@@ -78,7 +91,7 @@ typedef struct {
   uint found;
   uint found_new;
   uint base;
-} scratch_t;
+} search_t;
 
 /* Bits of the children of a node that the tile has to visit, and this work-item's child. All work-items must call
    it. */
@@ -101,7 +114,7 @@ INLINE uint visit(const uint node, global const float* tree, const bounds_t* bou
 #define VISIT(node) visit(node, tree, &bounds, changed, &changed_bounds, &child, &scratch.ballots, &turn)
 
 /* Appends those hits that are new pairs. All work-items must call it. */
-INLINE void append_new(local scratch_t* scratch, const uint count, global const uint4* filters,
+INLINE void append_new(local search_t* scratch, const uint count, global const uint4* filters,
                        const pair_sink_t* sink) {
   const uint item = (uint)get_local_id(0);
   for (uint first = 0; first < count; first += GROUP) {
@@ -128,7 +141,7 @@ INLINE void append_new(local scratch_t* scratch, const uint count, global const 
 }
 
 /* Tests the candidates, each of which all work-items compare with their own boxes. All work-items must call it. */
-INLINE void test_candidates(local scratch_t* scratch, const uint count, const bounds_t* own, const uint place,
+INLINE void test_candidates(local search_t* scratch, const uint count, const bounds_t* own, const uint place,
                             global const uint4* filters, const pair_sink_t* sink) {
   barrier(CLK_LOCAL_MEM_FENCE);
   for (uint first = 0; first < count; first += BATCH) {
@@ -208,27 +221,30 @@ static inline void append_hits(const pair_sink_t* sink, local const uint2* hits,
    stand for a tile each; those of dimension 1 share its search: the first of them visits the tiles whose bit, among
    each 32, is in `share`, and each further one visits tiles one further on. */
 kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_search(
-    const uint4 starts, const uint top, const uint roots, const uint share, global const float* restrict tree,
-    global const float* restrict changed, global const uint2* restrict elements, global const uint4* restrict filters,
-    PAIR_SINK_PARAMETERS) {
+    const uint4 starts, const uint top, const uint roots, const uint share, const uint sets,
+    global const float* restrict tree, global const float* restrict changed, global const uint2* restrict elements,
+    global const uint4* restrict filters, PAIR_SINK_PARAMETERS) {
   const pair_sink_t sink = PAIR_SINK;
   const uint tile = (uint)get_group_id(0);
   bounds_t bounds;
   load_child(&bounds, tree, starts.y + tile / NODE, tile % NODE);
+  seek(&bounds, sets);
   bounds_t changed_bounds;
 #if SOME_CHANGED
   load_child(&changed_bounds, changed, starts.y + tile / NODE, tile % NODE);
+  seek(&changed_bounds, sets);
 #else
   changed_bounds = bounds;
 #endif
 
 #if GROUP > 1
-  local scratch_t scratch;
+  local search_t scratch;
   const uint item = (uint)get_local_id(0);
   const uint own_place = tile * NODE + item;
   const uint own_slot = elements[own_place].x;
   bounds_t own;
   load_child(&own, tree, tile, item);
+  seek(&own, sets);
   box_t own_last;
   load_last_box(&own_last, &sink, own_slot);
   scratch.own_last[item] = own_last;
@@ -280,6 +296,7 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_search(
         const uint child = lowest_bit(bits);
         bounds_t box;
         load_child(&box, tree, node, child);
+        seek(&box, sets);
         const uint slot = elements[node * NODE + child].x;
         uint own = overlapping(tree, tile, &box);
         if (node == tile) own &= (1U << child) - 1U;

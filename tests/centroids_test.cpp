@@ -49,14 +49,15 @@ Words expected_of(const std::vector<Aabb>& boxes) {
   return words;
 }
 
-void expect_bounds(const opencl::Context& context, CentroidBounds& bounds, std::vector<Aabb> boxes) {
+void expect_bounds(const opencl::Context& context, cl::Kernel& kernel, CentroidBounds& bounds,
+                   std::vector<Aabb> boxes) {
   SCOPED_TRACE(boxes.size());
   const std::size_t n = boxes.size();
   const Words expected = expected_of(boxes);
   boxes.push_back({{-1e9F, -1e9F, -1e9F}, {1e9F, 1e9F, 1e9F}});  // one that does not count
   const cl::Buffer buffer = context.buffer(boxes.size() * sizeof(Aabb));
   context.queue().enqueueWriteBuffer(buffer, CL_TRUE, 0, boxes.size() * sizeof(Aabb), boxes.data());
-  bounds.enqueue(buffer, cl::Buffer(), n);
+  bounds.enqueue(kernel, buffer, cl::Buffer(), n);
   Words words{};
   context.queue().enqueueReadBuffer(bounds.result(), CL_TRUE, 0, sizeof words, words.data());
   EXPECT_EQ(words, expected);
@@ -79,11 +80,12 @@ std::vector<Aabb> random_boxes(std::size_t n) {
 
 class CentroidBoundsOf : public ::testing::TestWithParam<std::string> {
  protected:
-  void expect(const std::vector<Aabb>& boxes) { expect_bounds(context_, centroids_, boxes); }
+  void expect(const std::vector<Aabb>& boxes) { expect_bounds(context_, kernel_, centroids_, boxes); }
 
  private:
   ScopedVariable shape_{"BROADCL_TUNING", GetParam()};
   opencl::Context context_{select_device(), false};
+  cl::Kernel kernel_{context_.kernel(context_.program("centroids.cl"), "centroids", context_.group())};
   CentroidBounds centroids_{context_};
 };
 

@@ -31,6 +31,7 @@ struct Changes {
   std::span<const Filter> filters{};
   bool filters_changed = false;  ///< Since the last update.
   bool worlds = false;           ///< Whether some object is in a world other than 0.
+  bool sets = false;             ///< Whether the filters part the objects into two sets: TwoSets.
 };
 
 /// What an algorithm does for a BroadPhase: it stores the boxes, finds the pairs, and remembers those of the

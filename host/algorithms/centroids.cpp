@@ -15,16 +15,11 @@ constexpr std::size_t boxes_per_bucket = 32;  // worlds of fewer boxes may as we
 
 }  // namespace
 
-CentroidBounds::CentroidBounds(const opencl::Context& context)
-    : context_(context),
-      group_(context.group()),
-      kernel_(context.kernel(context.program("centroids.cl"), "centroids", group_)) {}
+CentroidBounds::CentroidBounds(const opencl::Context& context) : context_(context), group_(context.group()) {}
 
-void CentroidBounds::enqueue(const cl::Buffer& boxes, const cl::Buffer& filters, std::size_t n) {
+void CentroidBounds::enqueue(cl::Kernel& kernel, const cl::Buffer& boxes, const cl::Buffer& filters,
+                             std::size_t n) {
   const bool worlds = filters() != nullptr;
-  if (worlds && kernel_of_worlds_() == nullptr) {
-    kernel_of_worlds_ = context_.kernel(context_.program("centroids.cl", "-DWORLDS=1"), "centroids", group_);
-  }
   buckets_ = worlds ? static_cast<cl_uint>(std::bit_ceil(n / boxes_per_bucket + 1)) + 1 : 1;
   const std::size_t half = buckets_ * corner_words;
   result_.reserve(context_, 2 * half * sizeof(cl_uint), "bounds of worlds");
@@ -34,7 +29,6 @@ void CentroidBounds::enqueue(const cl::Buffer& boxes, const cl::Buffer& filters,
   const std::size_t useful = std::size_t{context_.device().compute_units} * groups_per_unit;
   const std::size_t groups =
       std::max(opencl::divide_up(n, group_ * most_rounds), std::min(opencl::divide_up(n, group_), useful));
-  cl::Kernel& kernel = worlds ? kernel_of_worlds_ : kernel_;
   opencl::set_arguments(kernel, 0, static_cast<cl_uint>(n), boxes, filters, buckets_, result_.get());
   context_.queue().enqueueNDRangeKernel(kernel, cl::NullRange, cl::NDRange(groups * group_),
                                         cl::NDRange(group_));

@@ -11,14 +11,14 @@ namespace broadcl {
 class CentroidBounds {
  public:
   /// @param context Must outlive this object.
-  /// @throws Error, cl::Error
   explicit CentroidBounds(const opencl::Context& context);
 
   /// Enqueues the reduction of the first n boxes, six floats each; those without a finite centroid, in
   /// particular empty ones, are ignored. Does not wait.
+  /// @param kernel centroids, of a program with -DWORLDS=1 if there are filters.
   /// @param filters If not null, each world has bounds of its own, and so have objects of all worlds.
   /// @throws cl::Error, Error
-  void enqueue(const cl::Buffer& boxes, const cl::Buffer& filters, std::size_t n);
+  void enqueue(cl::Kernel& kernel, const cl::Buffer& boxes, const cl::Buffer& filters, std::size_t n);
 
   /// Uints: the least x, y, z for each bucket, then the greatest, as ordered() of kernels/centroids.h makes
   /// them; if no box counts, the greatest uint and 0. Valid until the next reduction.
@@ -29,7 +29,6 @@ class CentroidBounds {
  private:
   const opencl::Context& context_;
   std::size_t group_;
-  cl::Kernel kernel_, kernel_of_worlds_;  // the latter made when first needed
   opencl::GrowingBuffer result_;
   cl_uint buckets_ = 1;
 };

@@ -8,6 +8,7 @@
 
 #include <broadcl/error.hpp>
 
+#include "algorithms/engine_program.hpp"
 #include "opencl/launch.hpp"
 
 namespace broadcl {
@@ -26,7 +27,7 @@ std::size_t staged_bytes(std::size_t changes, bool boxes) {
 
 DeviceObjects::DeviceObjects(const opencl::Context& context, opencl::Profiler& profiler)
     : context_(context), profiler_(profiler), group_(context.group()) {
-  const cl::Program program = context.program("changes.cl");
+  const cl::Program program = engine_program(context);
   apply_ = context.kernel(program, "apply_changes", group_);
   copy_ = context.kernel(program, "copy_boxes", group_);
   reserve_boxes(1);
@@ -167,6 +168,7 @@ Search DeviceObjects::upload(const Changes& changes) {
           .last = last_.objects,
           .same_filters = !are_filters_new_,
           .worlds = changes.worlds,
+          .sets = changes.sets,
           .all = changes.all,
           .changed_count = changes.all ? 0 : next_.changed_count,
           .changed = next_.changed.get(),

@@ -27,8 +27,10 @@ class HostEngine final : public Algorithm {
   }
 
   Delta finish() override {
-    const HostObjects objects{
-        .boxes = std::span(boxes_).first(changes_.slots), .filters = filters_, .worlds = changes_.worlds};
+    const HostObjects objects{.boxes = std::span(boxes_).first(changes_.slots),
+                              .filters = filters_,
+                              .worlds = changes_.worlds,
+                              .sets = changes_.sets};
     if (!changes_.all && finder_->find_changed(objects, changes_.changed, found_)) {
       find_known();
       compare(known_, found_, changes_.recycled, added_, removed_);
@@ -45,7 +47,8 @@ class HostEngine final : public Algorithm {
     std::vector<Pair> pairs;
     finder_->find({.boxes = std::span(boxes_).first(changes.slots),
                    .filters = changes.filters,
-                   .worlds = changes.worlds},
+                   .worlds = changes.worlds,
+                   .sets = changes.sets},
                   pairs);
     return pairs;
   }

@@ -2,9 +2,9 @@
 
 #include <algorithm>
 #include <bit>
-#include <string>
 #include <utility>
 
+#include "algorithms/engine_program.hpp"
 #include "opencl/launch.hpp"
 
 namespace broadcl {
@@ -17,15 +17,9 @@ constexpr std::size_t least_changes = 512;
 constexpr std::size_t keys = 4;
 constexpr std::size_t changes_multiple = 16;  // of what two work-groups order
 
-/// Launch parameters.
-struct Launch {
-  std::size_t parts;  ///< Work-items per team; a team finds the indices of its pairs together.
-  std::size_t teams;  ///< Per work-group.
-  std::size_t few;    ///< Changes of a list, at most, that are compared each with every other.
-};
-Launch launch_of(const opencl::Context& context) {
-  if (context.tuning() == opencl::Tuning::cpu) return {.parts = 1, .teams = 1, .few = 256};
-  return {.parts = 128, .teams = 2, .few = 4096};
+/// Changes of a list, at most, that are compared each with every other.
+std::size_t most_few(const opencl::Context& context) {
+  return context.tuning() == opencl::Tuning::cpu ? 256 : 4096;
 }
 
 using opencl::round_up;
@@ -38,25 +32,26 @@ Order::Order(const opencl::Context& context, opencl::Profiler& profiler, Target 
     : context_(context),
       profiler_(profiler),
       target_(target),
-      few_(launch_of(context).few),
+      few_(most_few(context)),
       group_(context.group()),
       sort_(context),
       scan_(context) {
-  const cl::Program program =
-      context.program("order.cl", "-DPARTS=" + std::to_string(launch_of(context).parts) +
-                                      " -DTEAMS=" + std::to_string(launch_of(context).teams));
-  few_kernel_ = context.kernel(program, "order_few", launch_of(context).parts * launch_of(context).teams);
+  const cl::Program program = engine_program(context);
+  const EngineLaunch& launch = engine_launch(context);
+  few_kernel_ = context.kernel(program, "order_few", launch.parts * launch.teams);
   count_ = context.kernel(program, "order_count", group_);
   scatter_ = context.kernel(program, "order_scatter", group_);
   place_ = context.kernel(program, "order_place", group_);
   offsets_ = context.kernel(program, "order_offsets", group_);
   world_keys_ = context.kernel(program, "order_world_keys", group_);
+  renumber_ = context.kernel(program, "order_renumber", group_);
   pick_ = context.kernel(program, "order_pick", group_);
 }
 
 void Order::set_search(const Search& search) {
   slots_ = std::max<std::size_t>({1, search.last.slots, search.now.slots});
   worlds_ = search.ordered_worlds;
+  second_set_ = search.second_set;
   filters_ = search.now.filters;
   last_filters_ = search.last.filters;
 }
@@ -151,7 +146,7 @@ void Order::set_results(cl::Kernel& kernel, cl_uint first, const PairDelta& delt
 
 void Order::enqueue_few(const PairDelta& delta, cl_uint tag) {
   opencl::Profiler::Scope stage(profiler_, "order");
-  const Launch launch = launch_of(context_);
+  const EngineLaunch& launch = engine_launch(context_);
   const cl_uint next = opencl::set_arguments(few_kernel_, delta.set_changes(few_kernel_, 0),
                                              static_cast<cl_uint>(room_), static_cast<cl_uint>(capacity_));
   set_results(few_kernel_, next, delta, tag);
@@ -193,9 +188,10 @@ void Order::enqueue(const PairDelta& delta, cl_uint tag) {
   many_ ? enqueue_many(delta, tag) : enqueue_few(delta, tag);
   if (is_awaited_) {
     read(expected_);
-  } else if (worlds_ > 0) {
-    enqueue_offsets({});
+    return;
   }
+  if (worlds_ > 0) enqueue_offsets({});
+  if (second_set_ > 0) renumber(report_.added, 0, report_.removed, 0, report_.counts, capacity_);
 }
 
 void Order::enqueue_offsets(const PairDelta::Counts& counts) {
@@ -203,6 +199,19 @@ void Order::enqueue_offsets(const PairDelta::Counts& counts) {
                         static_cast<cl_uint>(counts.removed), report_.counts, report_.added, report_.removed,
                         filters_, last_filters_, report_.added_offsets, report_.removed_offsets);
   context_.queue().enqueueNDRangeKernel(offsets_, cl::NullRange, cl::NDRange(round_up(worlds_ + 2, group_)),
+                                        cl::NDRange(group_));
+}
+
+/// @param counts Of the lists; if null, they are as long as the host says.
+/// @param pairs In both, at most.
+void Order::renumber(const cl::Buffer& added, std::size_t added_count, const cl::Buffer& removed,
+                     std::size_t removed_count, const cl::Buffer& counts, std::size_t pairs) {
+  if (pairs == 0) return;
+  constexpr std::size_t most_items = std::size_t{1} << 20;
+  opencl::set_arguments(renumber_, 0, second_set_, static_cast<cl_uint>(added_count),
+                        static_cast<cl_uint>(removed_count), counts, added, removed);
+  context_.queue().enqueueNDRangeKernel(renumber_, cl::NullRange,
+                                        cl::NDRange(round_up(std::min(pairs, most_items), group_)),
                                         cl::NDRange(group_));
 }
 
@@ -218,6 +227,7 @@ bool Order::complete(const PairDelta& delta, const PairDelta::Counts& counts) {
       std::max(counts.added, counts.removed) <= room_ && changes <= capacity_ && !counts.is_unordered;
   if (!is_ordered) sort_changes(delta, counts);
   if (worlds_ > 0) enqueue_offsets(counts);
+  if (second_set_ > 0) renumber(added(), counts.added, removed(), counts.removed, {}, changes);
   if (target_ == Target::host && (!is_ordered || changes > expected_)) {
     read(changes);
     (void)wait(delta);

@@ -75,6 +75,12 @@ class Order {
   /// @param scratch As large as `pairs`; overwritten.
   /// @throws cl::Error
   void sort(const cl::Buffer& pairs, std::size_t n, std::size_t slots, const cl::Buffer& scratch);
+  /// Enqueues the command that replaces the slots of a second set by indices in it, if the last search was of
+  /// two sets.
+  /// @throws cl::Error
+  void renumber(const cl::Buffer& pairs, std::size_t n) {
+    if (second_set_ > 0) renumber(pairs, n, {}, 0, {}, n);
+  }
 
  private:
   [[nodiscard]] opencl::SharedBuffer& result() noexcept { return results_.at(turn_); }
@@ -89,6 +95,8 @@ class Order {
   void sort_changes(const PairDelta& delta, const PairDelta::Counts& counts);
   void sort_by_world(const cl::Buffer& pairs, std::size_t n, const cl::Buffer& filters);
   void enqueue_offsets(const PairDelta::Counts& counts);
+  void renumber(const cl::Buffer& added, std::size_t added_count, const cl::Buffer& removed,
+                std::size_t removed_count, const cl::Buffer& counts, std::size_t pairs);
   [[nodiscard]] std::size_t buckets_of_list() const noexcept;
 
   const opencl::Context& context_;
@@ -98,7 +106,7 @@ class Order {
   std::size_t group_;  // work-items per work-group that orders many
   opencl::RadixSort sort_;
   opencl::Scan scan_;
-  cl::Kernel few_kernel_, count_, scatter_, place_, offsets_, world_keys_, pick_;
+  cl::Kernel few_kernel_, count_, scatter_, place_, offsets_, world_keys_, pick_, renumber_;
   // The counts, followed by the changes if they are wanted on the host: of this frame and of the last, in
   // turn.
   std::array<opencl::SharedBuffer, 2> results_;
@@ -118,6 +126,7 @@ class Order {
   std::size_t expected_ = 0;  // changes that are read together with the counts
   std::size_t slots_ = 0;     // greater than every slot of the pairs
   std::size_t worlds_ = 0;    // by which changes are ordered, or 0
+  cl_uint second_set_ = 0;    // its first slot, or 0
   cl::Buffer filters_, last_filters_;
 
   // Of the last frame.

@@ -6,6 +6,7 @@
 
 #include <broadcl/error.hpp>
 
+#include "algorithms/engine_program.hpp"
 #include "opencl/launch.hpp"
 
 namespace broadcl {
@@ -29,24 +30,11 @@ constexpr std::size_t short_keeping = 1 << 16;
 constexpr std::size_t least_pairs = 1 << 14;
 constexpr std::size_t most_pairs = std::size_t{1} << 31;  // indices in a list are 32-bit numbers
 
-/// Launch parameters of the kernel that keeps pairs.
-struct Launch {
-  std::size_t group;  ///< Work-items per work-group.
-  std::size_t chunk;  ///< Pairs per work-item.
-};
-Launch launch_of(const opencl::Context& context) {
-  if (context.tuning() == opencl::Tuning::cpu) return {.group = 1, .chunk = 256};
-  return {.group = 256, .chunk = 1};
-}
-
 }  // namespace
 
 PairDelta::PairDelta(const opencl::Context& context, opencl::Profiler& profiler)
     : context_(context), profiler_(profiler) {
-  const Launch launch = launch_of(context);
-  const cl::Program program = context.program(
-      "delta.cl", "-DGROUP=" + std::to_string(launch.group) + " -DCHUNK=" + std::to_string(launch.chunk));
-  keep_ = context.kernel(program, "delta_keep", launch.group);
+  keep_ = context.kernel(engine_program(context), "delta_keep", engine_launch(context).keep_group);
   for (cl::Buffer& counts : counts_) counts = context.buffer(count_bytes);
 }
 
@@ -125,10 +113,10 @@ void PairDelta::keep(const Search& search) {
   opencl::Profiler::Scope stage(profiler_, "keep");
   opencl::set_arguments(keep_, set_keep(keep_, 0, search), search.now.slots, search.now.boxes, search.stamp,
                         static_cast<cl_uint>(now_.capacity), list(), counts());
-  const Launch launch = launch_of(context_);
-  const std::size_t groups = opencl::divide_up(last_found, launch.group * launch.chunk);
-  context_.queue().enqueueNDRangeKernel(keep_, cl::NullRange, cl::NDRange(groups * launch.group),
-                                        cl::NDRange(launch.group), nullptr, stage.event());
+  const EngineLaunch& launch = engine_launch(context_);
+  const std::size_t groups = opencl::divide_up(last_found, launch.keep_group * launch.keep_chunk);
+  context_.queue().enqueueNDRangeKernel(keep_, cl::NullRange, cl::NDRange(groups * launch.keep_group),
+                                        cl::NDRange(launch.keep_group), nullptr, stage.event());
 }
 
 cl_uint PairDelta::set_sink(cl::Kernel& kernel, cl_uint first, const Search& search) const {

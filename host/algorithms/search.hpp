@@ -25,8 +25,11 @@ struct Search {  // NOLINT(bugprone-exception-escape): as above
   const Source* source = nullptr;
   bool same_filters = false;  ///< Whether no filter changed since the last frame.
   bool worlds = false;        ///< Whether objects are in different worlds.
+  bool sets = false;          ///< Whether filters part the objects into two sets: TwoSets.
   /// If not 0, changes are ordered by world first, of which there are this many.
   cl_uint ordered_worlds = 0;
+  /// If not 0, the first slot of the second of two sets, whose pairs are reported by their indices in it.
+  cl_uint second_set = 0;
   bool all = true;  ///< Whether all slots count as changed; otherwise those in `changed` did.
   cl_uint changed_count = 0;
   cl::Buffer changed{};       ///< Slots, each once.

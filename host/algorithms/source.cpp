@@ -2,18 +2,18 @@
 
 #include <utility>
 
+#include "algorithms/engine_program.hpp"
 #include "opencl/launch.hpp"
 
 namespace broadcl {
 Source::Source(const opencl::Context& context)
     : context_(context),
       group_(context.group()),
-      gather_(context.kernel(context.program("changes.cl"), "gather_boxes", group_)) {}
+      gather_(context.kernel(engine_program(context), "gather_boxes", group_)) {}
 
-void Source::set(cl::Buffer boxes, cl_ulong offset, cl_ulong stride, cl::Buffer filters) {
+void Source::set(Boxes boxes, Boxes second, cl::Buffer filters) {
   boxes_ = std::move(boxes);
-  offset_ = offset;
-  stride_ = stride;
+  second_ = std::move(second);
   filters_ = std::move(filters);
 }
 
@@ -28,8 +28,9 @@ void Source::gather(const Generation& to, const cl::Buffer& counts, opencl::Prof
 
 cl_uint Source::set_arguments(cl::Kernel& kernel, cl_uint first, const Generation& to,
                               const cl::Buffer& counts) const {
-  return opencl::set_arguments(kernel, first, boxes_, offset_, stride_, filters_, to.boxes, to.filters,
-                               counts);
+  return opencl::set_arguments(kernel, first, boxes_.buffer, boxes_.offset, boxes_.stride,
+                               static_cast<cl_uint>(boxes_.count), second_.buffer, second_.offset,
+                               second_.stride, filters_, to.boxes, to.filters, counts);
 }
 
 }  // namespace broadcl

@@ -13,11 +13,18 @@ class Source {
   /// @throws cl::Error, Error
   explicit Source(const opencl::Context& context);
 
+  /// Boxes in a buffer.
+  struct Boxes {  // NOLINT(bugprone-exception-escape): handles do not throw when moved
+    cl::Buffer buffer{};
+    std::size_t count = 0;
+    cl_ulong offset = 0;  ///< Of the first box, in floats.
+    cl_ulong stride = 0;  ///< From each box to the next, in floats.
+  };
+
   /// What to gather next.
-  /// @param offset Of the first box, in floats.
-  /// @param stride From each box to the next, in floats.
+  /// @param second The second of two sets; its buffer is null if there is one only.
   /// @param filters Null if there are none.
-  void set(cl::Buffer boxes, cl_ulong offset, cl_ulong stride, cl::Buffer filters);
+  void set(Boxes boxes, Boxes second, cl::Buffer filters);
 
   /// Enqueues the command that copies the objects.
   /// @param counts Of PairDelta.
@@ -33,9 +40,8 @@ class Source {
   const opencl::Context& context_;
   std::size_t group_;
   mutable cl::Kernel gather_;
-  cl::Buffer boxes_, filters_;
-  cl_ulong offset_ = 0;
-  cl_ulong stride_ = 0;
+  Boxes boxes_, second_;
+  cl::Buffer filters_;
 };
 
 }  // namespace broadcl

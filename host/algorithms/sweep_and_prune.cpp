@@ -79,17 +79,25 @@ void split(std::span<Centre<axes>> centres, std::size_t threads) {
   parallel_for(2, threads, [&](std::size_t k, std::size_t /*thread*/) { split(halves.at(k), threads / 2); });
 }
 
+/// A number that a float can represent.
+std::uint32_t place_of_set(const Filter& filter) {
+  constexpr std::uint32_t most = (1U << 23U) - 1;
+  return 2 * std::min(filter.world, most) + (filter.group & 1U);
+}
+
 template <std::size_t axes>
-Bounds<axes> bounds_of(const Aabb& box, std::span<const Filter> filters, std::size_t slot) {
+Bounds<axes> bounds_of(const HostObjects& objects, std::size_t slot) {
+  const Aabb& box = objects.boxes[slot];
   Bounds<axes> bounds;
   std::ranges::copy(box.lower, bounds.lower.begin());
   std::ranges::copy(box.upper, bounds.upper.begin());
   if constexpr (axes > 3) {
     // Rounded, so that a few worlds may seem to be one: may_pair() knows better.
-    const std::uint32_t world = filters[slot].world;
-    const bool is_in_all = world == Filter::all_worlds;
-    bounds.lower[3] = is_in_all ? 0 : static_cast<float>(world);
-    bounds.upper[3] = is_in_all ? infinity : static_cast<float>(world);
+    const Filter& filter = objects.filters[slot];
+    const bool is_in_all = filter.world == Filter::all_worlds;
+    const float place = static_cast<float>(objects.sets ? place_of_set(filter) : filter.world);
+    bounds.lower[3] = is_in_all ? 0 : place;
+    bounds.upper[3] = is_in_all ? infinity : place;
   }
   return bounds;
 }
@@ -156,7 +164,7 @@ class SweepAndPrune final : public HostFinder {
       : threads_(threads > 0 ? threads : std::max(1U, std::thread::hardware_concurrency())) {}
 
   void find(const HostObjects& objects, std::vector<Pair>& pairs) override {
-    objects.worlds ? find(four_, objects) : find(three_, objects);
+    axes_of(objects) == 4 ? find(four_, objects) : find(three_, objects);
     std::vector<std::span<const Pair>> lists;
     for (const Found& found : found_) lists.emplace_back(found.pairs.data(), found.count);
     sort_pairs_(lists, objects.boxes.size(), threads_of(objects.boxes.size()), pairs);
@@ -164,12 +172,14 @@ class SweepAndPrune final : public HostFinder {
 
   bool find_changed(const HostObjects& objects, std::span<const std::uint32_t> changed,
                     std::vector<Pair>& pairs) override {
-    const std::size_t axes = objects.worlds ? 4 : 3;
-    if (sorted_axes_ != axes || changed.size() * boxes_per_changed > objects.boxes.size()) return false;
+    const std::size_t axes = axes_of(objects);
+    if (sorted_axes_ != axes || four_.sets != objects.sets ||
+        changed.size() * boxes_per_changed > objects.boxes.size())
+      return false;
     moved_ += changed.size();
     if (moved_ > most_moved * objects.boxes.size()) sorted_axes_ = 0;
     if (sorted_axes_ == 0) return false;
-    objects.worlds ? find_changed(four_, objects, changed) : find_changed(three_, objects, changed);
+    axes == 4 ? find_changed(four_, objects, changed) : find_changed(three_, objects, changed);
     pairs.assign(found_[0].pairs.begin(),
                  found_[0].pairs.begin() + static_cast<std::ptrdiff_t>(found_[0].count));
     std::ranges::sort(pairs);
@@ -178,6 +188,10 @@ class SweepAndPrune final : public HostFinder {
   }
 
  private:
+  [[nodiscard]] static std::size_t axes_of(const HostObjects& objects) {
+    return objects.worlds || objects.sets ? 4 : 3;
+  }
+
   [[nodiscard]] std::size_t threads_of(std::size_t boxes) const {
     return std::clamp<std::size_t>(boxes / boxes_per_thread, 1, threads_);
   }
@@ -186,9 +200,11 @@ class SweepAndPrune final : public HostFinder {
   void find(Tiles<axes>& all, const HostObjects& objects) {
     const std::size_t slots = objects.boxes.size();
     const std::size_t threads = threads_of(slots);
-    const bool is_stale = axes != sorted_axes_ || slots > places_.size() + places_.size() / 4 ||
+    const bool is_stale = axes != sorted_axes_ || all.sets != objects.sets ||
+                          slots > places_.size() + places_.size() / 4 ||
                           static_cast<double>(work_) > stale * static_cast<double>(fresh_work_);
     sorted_axes_ = 0;  // until all is done
+    all.sets = objects.sets;
     if (is_stale) sort<axes>(objects, threads);
     while (places_.size() < slots) place_next();
     fill(all, objects, threads);
@@ -250,7 +266,7 @@ void SweepAndPrune::sort(const HostObjects& objects, std::size_t threads) {
         std::min<std::size_t>(size_classes - 1, exponent < median ? 0 : (exponent - median) / 2);
     if (axes > 3 && objects.filters[slot].world == Filter::all_worlds) size = size_classes - 1;
     if (is_empty(box)) size = size_classes;
-    classes.at(size).push_back(centre_of(bounds_of<axes>(box, objects.filters, slot), slot));
+    classes.at(size).push_back(centre_of(bounds_of<axes>(objects, slot), slot));
   }
   order_.clear();
   places_.resize(boxes.size());
@@ -276,10 +292,9 @@ template <std::size_t axes>
 void SweepAndPrune::store(Tiles<axes>& all, const HostObjects& objects, std::uint32_t slot,
                           std::size_t place) {
   const bool exists = slot < objects.boxes.size();  // it may be no_slot
-  all.tiles[place / node_size].set(place % node_size,
-                                   exists ? bounds_of<axes>(objects.boxes[slot], objects.filters, slot)
-                                          : make_bounds<axes>(not_a_number, not_a_number),
-                                   slot);
+  all.tiles[place / node_size].set(
+      place % node_size,
+      exists ? bounds_of<axes>(objects, slot) : make_bounds<axes>(not_a_number, not_a_number), slot);
 }
 
 template <std::size_t axes>

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <bit>
+#include <cmath>
 
 namespace broadcl {
 namespace {
@@ -34,6 +35,22 @@ BROADCL_INLINE std::uint32_t overlapping(const Node<axes>& node, const Bounds<ax
   return bits;
 }
 
+/// What to look for, for something with these bounds: in two sets, the other set of the same world; if it is
+/// several, all sets of its worlds.
+template <std::size_t axes>
+BROADCL_INLINE Bounds<axes> sought(const Tiles<axes>& all, Bounds<axes> bounds) {
+  if constexpr (axes > 3) {
+    if (!all.sets) return bounds;
+    const bool is_one = bounds.lower[3] == bounds.upper[3];
+    const float first = 2 * std::floor(bounds.lower[3] / 2);
+    const float last = 2 * std::floor(bounds.upper[3] / 2) + 1;
+    const bool is_first = bounds.lower[3] == first;
+    bounds.lower[3] = is_one && is_first ? last : first;
+    bounds.upper[3] = is_one && !is_first ? first : last;
+  }
+  return bounds;
+}
+
 /// Appends the pairs of box k of a tile with some boxes of another.
 template <std::size_t axes>
 BROADCL_INLINE void append(Found& found, const Node<axes>& tile, std::uint32_t bits, std::uint32_t other,
@@ -49,15 +66,15 @@ BROADCL_INLINE void append(Found& found, const Node<axes>& tile, std::uint32_t b
 template <std::size_t axes>
 BROADCL_INLINE void test(Found& found, const Tiles<axes>& all, std::size_t s, std::size_t t,
                          std::span<const Filter> filters) {
-  const std::uint32_t of_s = overlapping(all.tiles[s], all.bounds[t]);
+  const std::uint32_t of_s = overlapping(all.tiles[s], sought(all, all.bounds[t]));
   if (of_s == 0) return;
-  const std::uint32_t of_t = overlapping(all.tiles[t], all.bounds[s]);
+  const std::uint32_t of_t = overlapping(all.tiles[t], sought(all, all.bounds[s]));
   const bool few_in_s = std::popcount(of_s) < std::popcount(of_t);
   const Node<axes>& few = all.tiles[few_in_s ? s : t];
   const Node<axes>& many = all.tiles[few_in_s ? t : s];
   for (std::uint32_t bits = few_in_s ? of_s : of_t; bits != 0; bits &= bits - 1) {
     const auto k = lowest_bit(bits);
-    append(found, many, overlapping(many, few.get(k)), few.index[k], filters);
+    append(found, many, overlapping(many, sought(all, few.get(k))), few.index[k], filters);
   }
 }
 
@@ -70,10 +87,11 @@ BROADCL_INLINE void search(Found& found, const Tiles<axes>& all, std::size_t pos
   const std::size_t first = position / node_size;
   const std::size_t s = all.nodes[first].index[position % node_size];
   const Node<axes>& tile = all.tiles[s];
-  const Bounds<axes> bounds = all.bounds[s];
+  const Bounds<axes> bounds = sought(all, all.bounds[s]);
   found.reserve(most);
   for (std::size_t k = 1; k < node_size; ++k) {
-    append(found, tile, overlapping(tile, tile.get(k)) & (bit_of[k] - 1), tile.index[k], filters);
+    append(found, tile, overlapping(tile, sought(all, tile.get(k))) & (bit_of[k] - 1), tile.index[k],
+           filters);
   }
   std::uint32_t after = 0xfffffffeU << position % node_size;
   std::size_t node = first;
@@ -94,7 +112,7 @@ BROADCL_INLINE void search_boxes(Found& found, const Tiles<axes>& all, std::span
                                  std::span<const Filter> filters) {
   for (const std::uint32_t place : places) {
     const Node<axes>& own = all.tiles[place / node_size];
-    const Bounds<axes> bounds = own.get(place % node_size);
+    const Bounds<axes> bounds = sought(all, own.get(place % node_size));
     const std::uint32_t slot = own.index[place % node_size];
     for (const Node<axes>& root : all.roots) {
       for (std::uint32_t nodes = overlapping(root, bounds); nodes != 0; nodes &= nodes - 1) {

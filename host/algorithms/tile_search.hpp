@@ -70,6 +70,9 @@ struct Tiles {
   std::vector<Node<axes>> nodes;
   std::vector<Node<axes>> roots;
   std::size_t axis = 0;  // of the sweep: lower bounds of tiles ascend along it, until boxes change
+  /// Whether there are two sets: along the fourth axis, set s of world w is at 2 w + s, and only pairs of one
+  /// of each set are sought.
+  bool sets = false;
 };
 
 /// What a thread finds.

@@ -15,7 +15,7 @@
 namespace broadcl {
 namespace {
 
-// As kernels/tiles.cl has them.
+// As kernels/tiles.h has them.
 constexpr std::size_t node = 32;
 /// The bounds of its children, and their worlds if there are any.
 constexpr std::size_t node_bytes = node * sizeof(Aabb);
@@ -36,6 +36,16 @@ constexpr std::array default_factors{0.9, 0.25};
 /// For up to so many boxes it takes less time to gather objects in the order of tiles, which saves a launch,
 /// than one after the other.
 constexpr std::size_t most_gathered = 131072;
+
+/// Whether the tiles are of objects of one world, and of one set of two, which are a fourth dimension.
+bool has_worlds(const Search& search) {
+  return search.worlds || search.sets;
+}
+
+/// As kernels/filter.h has it.
+cl_uint sets(const Search& search) {
+  return search.sets ? 1 : 0;
+}
 
 /// Whether two numbers are so close that what was observed for the one holds for the other.
 bool alike(std::size_t s, std::size_t t) {
@@ -67,7 +77,7 @@ class Tiles final : public PairFinder {
     age(search, sink);
     const bool stale = is_stale(search, sink);
     const bool may_gather = search.source != nullptr && search.now.slots <= most_gathered;
-    if (may_gather) (void)gathering_fill(search.worlds);  // builds it in the first frame, which sorts
+    if (may_gather) (void)gathering_fill(has_worlds(search));  // builds it in the first frame, which sorts
     const bool gathers = may_gather && !stale;
     if (!gathers) PairFinder::build(search, sink, profiler);
     if (stale) sort(search, sink, profiler);
@@ -93,7 +103,7 @@ class Tiles final : public PairFinder {
 
  private:
   struct Kernels {  // NOLINT(bugprone-exception-escape): handles do not throw when moved
-    cl::Kernel keys, world_keys, fill, raise, search;
+    cl::Kernel centroids, keys, world_keys, fill, raise, search;
   };
 
   /// The kernels for searches of all boxes or of some, in one world or in several, built when they are first
@@ -102,24 +112,24 @@ class Tiles final : public PairFinder {
     Kernels& kernels = kernels_.at((all ? 0U : 1U) + (worlds ? 2U : 0U));
     if (kernels.search() != nullptr) return kernels;
     const std::string options = this->options(worlds) + (all ? "" : " -DSOME_CHANGED=1");
-    const cl::Program build = context_.program("tiles.cl", options);
-    kernels = {
-        .keys = context_.kernel(build, "tiles_keys", group_per_box_),
-        .world_keys = context_.kernel(build, "tiles_world_keys", group_per_box_),
-        .fill = context_.kernel(build, "tiles_fill", group_),
-        .raise = context_.kernel(build, "tiles_raise", group_),
-        .search = context_.kernel(context_.program("tiles_search.cl", options), "tiles_search", group_)};
+    const cl::Program program = context_.program("tiles.cl", options);
+    kernels = {.centroids = context_.kernel(program, "centroids", group_per_box_),
+               .keys = context_.kernel(program, "tiles_keys", group_per_box_),
+               .world_keys = context_.kernel(program, "tiles_world_keys", group_per_box_),
+               .fill = context_.kernel(program, "tiles_fill", group_),
+               .raise = context_.kernel(program, "tiles_raise", group_),
+               .search = context_.kernel(program, "tiles_search", group_)};
     return kernels;
   }
 
-  Kernels& kernels(const Search& search) { return kernels(search.all, search.worlds); }
+  Kernels& kernels(const Search& search) { return kernels(search.all, has_worlds(search)); }
 
   /// The kernel that gathers all boxes and fills the tree with them.
   cl::Kernel& gathering_fill(bool worlds) {
     cl::Kernel& fill = gathering_fills_.at(worlds ? 1 : 0);
     if (fill() == nullptr) {
-      fill = context_.kernel(context_.program("tiles.cl", options(worlds) + " -DGATHER=1"), "tiles_fill",
-                             group_);
+      fill = context_.kernel(context_.program("tiles_build.cl", options(worlds) + " -DGATHER=1"),
+                             "tiles_fill", group_);
     }
     return fill;
   }
@@ -136,8 +146,8 @@ class Tiles final : public PairFinder {
 
   void prepare(const Search& search) {
     if (search.now.slots > capacity_) reserve(search.now.slots);
-    reserve_tree(tree_, search.worlds);
-    if (!search.all) reserve_tree(changed_tree_, search.worlds);
+    reserve_tree(tree_, has_worlds(search));
+    if (!search.all) reserve_tree(changed_tree_, has_worlds(search));
   }
 
   void reserve(std::size_t slots) {
@@ -185,7 +195,9 @@ class Tiles final : public PairFinder {
   /// with the first frame in this order that was followed by another one here, separately for searches of all
   /// boxes and of some. If another finder did the last frame, the number of boxes that moved decides.
   bool is_stale(const Search& search, const PairDelta& sink) {
-    if (search.now.slots != sorted_slots_ || search.worlds != sorted_by_world_) return true;
+    if (search.now.slots != sorted_slots_ || search.worlds != sorted_by_world_ ||
+        search.sets != sorted_by_set_)
+      return true;
     if (sink.frames() == sorted_frame_) return false;
     if (sink.work() == 0) return moved_ > unwatched * search.now.slots;
     const std::size_t kind = usual_is_of_all_ ? 1 : 0;
@@ -206,18 +218,20 @@ class Tiles final : public PairFinder {
     const opencl::Profiler::Scope stage(profiler, "sort");
     sorted_slots_ = 0;  // until all of it is enqueued: an incomplete sort may have a slot twice
     Kernels& kernels = this->kernels(search);
-    const cl::Buffer& filters = search.worlds ? search.now.filters : cl::Buffer();
-    centroids_.enqueue(search.now.boxes, filters, search.now.slots);
+    const cl::Buffer& filters = has_worlds(search) ? search.now.filters : cl::Buffer();
+    centroids_.enqueue(kernels.centroids, search.now.boxes, filters, search.now.slots);
     opencl::set_arguments(kernels.keys, 0, search.now.slots, search.now.boxes, filters, centroids_.buckets(),
                           centroids_.result(), elements_);
     enqueue_per_box(kernels.keys, search.now.slots);
     sort_.enqueue(elements_, scratch_, search.now.slots, std::array{opencl::RadixSort::Bits{32, code_bits}});
-    if (search.worlds) {  // the world counts first, so it is sorted by last
-      opencl::set_arguments(kernels.world_keys, 0, search.now.slots, filters, elements_);
+    if (has_worlds(search)) {  // they count first, so they are sorted by last
+      opencl::set_arguments(kernels.world_keys, 0, search.now.slots, sets(search), filters, elements_);
       enqueue_per_box(kernels.world_keys, search.now.slots);
-      sort_.enqueue(elements_, scratch_, search.now.slots, std::array{opencl::RadixSort::Bits{32, 32}});
+      const unsigned bits = search.worlds ? 32 : 1;
+      sort_.enqueue(elements_, scratch_, search.now.slots, std::array{opencl::RadixSort::Bits{32, bits}});
     }
     sorted_by_world_ = search.worlds;
+    sorted_by_set_ = search.sets;
     sorted_slots_ = search.now.slots;
     sorted_frame_ = sink.frames();
     fresh_factors_ = {};
@@ -228,7 +242,7 @@ class Tiles final : public PairFinder {
   void fill_trees(const Search& search, bool gathers, const PairDelta& sink, opencl::Profiler& profiler) {
     opencl::Profiler::Scope stage(profiler, "build");
     if (gathers) {
-      cl::Kernel& fill = gathering_fill(search.worlds);
+      cl::Kernel& fill = gathering_fill(has_worlds(search));
       search.source->set_arguments(fill, set_fill(fill, search, tree_), search.now, sink.counts());
       fill_tree(search, fill, tree_, stage.event());
       return;
@@ -238,16 +252,17 @@ class Tiles final : public PairFinder {
   }
 
   void fill_tree(const Search& search, bool all, const Tree& tree, cl::Event* event) {
-    cl::Kernel& fill = kernels(all, search.worlds).fill;
+    cl::Kernel& fill = kernels(all, has_worlds(search)).fill;
     opencl::set_arguments(fill, set_fill(fill, search, tree), search.now.boxes,
-                          search.worlds ? search.now.filters : cl::Buffer(), search.stamp, search.stamps);
+                          has_worlds(search) ? search.now.filters : cl::Buffer(), search.stamp,
+                          search.stamps);
     fill_tree(search, fill, tree, event);
   }
 
   cl_uint set_fill(cl::Kernel& fill, const Search& search, const Tree& tree) const {
     return opencl::set_arguments(fill, 0, search.now.slots,
                                  static_cast<cl_uint>(divide_up(search.now.slots, node)), starts_.s[1],
-                                 elements_, tree.nodes);
+                                 sets(search), elements_, tree.nodes);
   }
 
   void fill_tree(const Search& search, const cl::Kernel& fill, const Tree& tree, cl::Event* event) {
@@ -271,9 +286,9 @@ class Tiles final : public PairFinder {
     cl_uint share = 0;
     for (std::size_t k = 0; k < node; k += sharers) share |= cl_uint{1} << k;
     cl::Kernel& kernel = kernels(search).search;
-    const cl_uint first =
-        opencl::set_arguments(kernel, 0, starts_, static_cast<cl_uint>(top_), roots_, share, tree_.nodes,
-                              (search.all ? tree_ : changed_tree_).nodes, elements_, search.now.filters);
+    const cl_uint first = opencl::set_arguments(
+        kernel, 0, starts_, static_cast<cl_uint>(top_), roots_, share, sets(search), tree_.nodes,
+        (search.all ? tree_ : changed_tree_).nodes, elements_, search.now.filters);
     sink.set_sink(kernel, first, search);
     context_.queue().enqueueNDRangeKernel(kernel, cl::NullRange, cl::NDRange(tiles * group_, sharers),
                                           cl::NDRange(group_, 1), nullptr, stage.event());
@@ -319,6 +334,7 @@ class Tiles final : public PairFinder {
   bool is_built_ = false;     // for this search
   std::size_t sorted_slots_ = 0;
   bool sorted_by_world_ = false;
+  bool sorted_by_set_ = false;
   std::size_t sorted_frame_ = 0;
   std::optional<std::size_t> searched_frame_;
   std::size_t moved_ = 0;  // boxes since the order was new, each counted as often as it moved

@@ -74,6 +74,17 @@ class BoxView {
     return {lower, upper, n, stride};
   }
 
+  /// n boxes in two dimensions, of four numbers each: lower x, y, upper x, y; the first box is at `numbers`.
+  /// In z they go from 0 to 0.
+  template <Bound S>
+  [[nodiscard]] static BoxView rectangles(const S* numbers, std::size_t n,
+                                          std::ptrdiff_t stride = 4 * sizeof(S)) {
+    if (n == 0) return {};
+    check(std::array{numbers}, n, stride);
+    return BoxView(std::array<const S*, 3>{numbers, numbers + 1, nullptr},
+                   std::array<const S*, 3>{numbers + 2, numbers + 3, nullptr}, n, stride);
+  }
+
   /// Number of boxes.
   [[nodiscard]] std::size_t size() const noexcept { return size_; }
 
@@ -122,7 +133,8 @@ class BoxView {
   bool is_double_ = false;
   std::ptrdiff_t stride_ = 0;
   std::size_t size_ = 0;
-  std::array<const std::byte*, 6> bounds_{};  // of box 0: lower x, y, z, upper x, y, z
+  std::array<const std::byte*, 6>
+      bounds_{};  // of box 0: lower x, y, z, upper x, y, z; no z in two dimensions
 };
 
 /// Any other range whose elements convert to Aabb.

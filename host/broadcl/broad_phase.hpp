@@ -125,8 +125,17 @@ class BroadPhase {
 [[nodiscard]] std::vector<Pair> overlapping_pairs(const BoxView& boxes,
                                                   const BroadPhase::Config& config = BroadPhase::Config());
 
-/// The same for any other range of boxes, temporary ones included. Those that no BoxView could view are
-/// copied.
+/// All overlapping pairs of a box of one set and a box of another: `a` is the index of the former, `b` that
+/// of the latter. Nothing is tested inside a set. (For two sets that move, keep a BroadPhase with the filters
+/// first_set and second_set.)
+/// @returns Pairs in canonical order: by b, then by a, which may be greater.
+/// @throws Error for a NaN bound (it names the first such box), for more than 2^31 boxes together, and as
+/// BroadPhase does; std::bad_alloc.
+[[nodiscard]] std::vector<Pair> overlapping_pairs(const BoxView& first, const BoxView& second,
+                                                  const BroadPhase::Config& config = BroadPhase::Config());
+
+/// The same as with one set, for any other range of boxes, temporary ones included. Those that no BoxView
+/// could view are copied.
 template <AabbRange Range>
 [[nodiscard]] std::vector<Pair> overlapping_pairs(Range&& boxes,
                                                   const BroadPhase::Config& config = BroadPhase::Config()) {

@@ -21,6 +21,11 @@ struct Filter {
 };
 static_assert(sizeof(Filter) == 16, "kernels read it as a uint4");
 
+/// Filters of two sets, of which only one object of each may pair: nothing is tested inside a set. (That is
+/// so whenever the lowest bit of `group` parts all objects into two such sets.)
+inline constexpr Filter first_set{.group = 1, .mask = 2};
+inline constexpr Filter second_set{.group = 2, .mask = 1};
+
 /// Whether the filters of two objects let them pair: each is in a group of the other's mask, and they are in
 /// the same world, or one of them in all worlds, and not of the same body.
 [[nodiscard]] constexpr bool may_pair(const Filter& s, const Filter& t) noexcept {

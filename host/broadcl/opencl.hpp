@@ -38,6 +38,14 @@ class DeviceBroadPhase {
     CompileHandler on_compile{};     ///< As broadcl::Config has it.
   };
 
+  /// The second of two sets of boxes, of the same kind as the first.
+  struct SecondSet {
+    cl_mem buffer = nullptr;  ///< As Boxes::buffer; null if there is no second set.
+    std::size_t count = 0;
+    std::size_t offset = 0;
+    std::size_t stride = 24;
+  };
+
   /// Boxes of the caller, in a buffer of the queue's context. Only read, and only by commands that begin()
   /// enqueues. Bounds may be infinite; an empty box (lower > upper), and one with a NaN bound, overlaps
   /// nothing.
@@ -51,6 +59,12 @@ class DeviceBroadPhase {
     /// If not 0, changes are in order of their worlds first: 0 .. ordered_worlds-1, then all others. A pair
     /// with an object of all worlds is of the other one's world; pairs of two such objects come last.
     std::size_t ordered_worlds = 0;
+    /// If there is a second set, only pairs of a box of the first with one of the second are found, and
+    /// nothing is tested inside a set: `a` is an index in the first set, `b` in the second, and the order is
+    /// by b, then by a. Filters are then those of the first set followed by those of the second; of theirs,
+    /// body and world count. The number of boxes of the first set must be the same in every update: give
+    /// empty ones for those that are gone. Invalid boxes are counted as if the second set followed the first.
+    SecondSet second{};
   };
 
   /// Pairs in canonical order, as Pair lays them out. The buffer belongs to this object and stays unchanged

@@ -10,6 +10,7 @@
 #include "opencl/devices.hpp"
 #include "opencl/error.hpp"
 #include "opencl/kernel_source.hpp"
+#include "opencl/primitives.hpp"
 #include "system.hpp"
 
 namespace broadcl::opencl {
@@ -67,6 +68,13 @@ std::string key_of(const Device& device, std::string_view key) {
     result += part + '\0';
   }
   return result += key;
+}
+
+/// Whether the driver keeps what it compiles. PoCL does, and to make it a binary takes longer than all else:
+/// that compiles every kernel once more, for work-groups of any size. Then only that there is a program is
+/// stored, so that it is not announced again.
+bool keeps_programs(const Device& device) {
+  return device.platform_name == "Portable Computing Language";
 }
 
 /// A program from a cached binary; none if the driver rejects it.
@@ -138,7 +146,7 @@ cl::Kernel Context::kernel(const cl::Program& program, const char* name, std::si
 
 void Context::fill(const cl::Buffer& buffer, cl_uint value, std::size_t first, std::size_t count) const {
   const std::size_t group = this->group();
-  if (fill_() == nullptr) fill_ = kernel(program("fill.cl"), "fill", group);
+  if (fill_() == nullptr) fill_ = kernel(primitives(*this), "fill", group);
   set_arguments(fill_, 0, static_cast<cl_uint>(count), value, static_cast<cl_ulong>(first), buffer);
   queue_.enqueueNDRangeKernel(fill_, cl::NullRange, cl::NDRange(round_up(count, group)), cl::NDRange(group));
 }
@@ -188,24 +196,38 @@ cl::Program Context::program(std::string_view file, const std::string& options) 
   const std::string source = kernel_source(file);
   const std::string all_options = options_ + " " + options;
   const std::string key = all_options + '\0' + source;
-  return translate_errors(device_.label(), [&] {
-    if (const auto binary = load(key)) {
-      if (auto program = from_binary(context_, cl_device_, *binary, all_options)) return *program;
-    }
+  const auto known = programs_.find(key);
+  if (known != programs_.end()) return known->second;
+  return programs_[key] = translate_errors(device_.label(), [&] { return build(file, source, all_options); });
+}
+
+cl::Program Context::build(std::string_view file, const std::string& source,
+                           const std::string& options) const {
+  const std::string key = options + '\0' + source;
+  const auto binary = load(key);
+  if (binary && !binary->empty()) {
+    if (auto program = from_binary(context_, cl_device_, *binary, options)) return *program;
+  }
+  const bool is_kept_by_driver = keeps_programs(device_);
+  if (!is_kept_by_driver || !binary) {
     if (const CompileHandler on_compile = std::exchange(on_compile_, {})) {
       on_compile(device_, disk_cache_.folder().string());
     }
-    cl::Program program(context_, source);
-    try {
-      program.build(cl_device_, all_options.c_str());
-    } catch (const cl::BuildError&) {
-      throw Error(device_.label() + ": " + std::string(file) + " does not compile:\n" +
-                  with_file_names(program.getBuildInfo<CL_PROGRAM_BUILD_LOG>(cl_device_), source));
-    }
-    const auto binaries = program.getInfo<CL_PROGRAM_BINARIES>();
-    if (binaries.size() == 1 && !binaries.front().empty()) store(key, binaries.front());
+  }
+  cl::Program program(context_, source);
+  try {
+    program.build(cl_device_, options.c_str());
+  } catch (const cl::BuildError&) {
+    throw Error(device_.label() + ": " + std::string(file) + " does not compile:\n" +
+                with_file_names(program.getBuildInfo<CL_PROGRAM_BUILD_LOG>(cl_device_), source));
+  }
+  if (is_kept_by_driver) {
+    if (!binary) store(key, {});
     return program;
-  });
+  }
+  const auto binaries = program.getInfo<CL_PROGRAM_BINARIES>();
+  if (binaries.size() == 1 && !binaries.front().empty()) store(key, binaries.front());
+  return program;
 }
 
 }  // namespace broadcl::opencl

@@ -2,6 +2,7 @@
 
 #include <atomic>
 #include <cstddef>
+#include <map>
 #include <memory>
 #include <optional>
 #include <string>
@@ -70,7 +71,7 @@ class Context {
   /// Stores data on disk under a key for this device and driver, if that is possible.
   void store(std::string_view key, const DiskCache::Bytes& bytes) const;
 
-  /// Builds a kernel file, or loads its binary from the cache.
+  /// Builds a kernel file, or loads its binary from the cache, if it has not done so before.
   /// @param file Name of a file of kernels/.
   /// @param options For the compiler, for instance "-DWIDTH=8".
   /// @throws Error with the compiler's log, which names file and line, if it does not compile.
@@ -115,6 +116,9 @@ class Context {
 
   void open(const cl::CommandQueue& queue);
 
+  [[nodiscard]] cl::Program build(std::string_view file, const std::string& source,
+                                  const std::string& options) const;
+
   Device device_;
   cl::Device cl_device_;
   cl::Context context_;
@@ -123,8 +127,9 @@ class Context {
   Tuning tuning_ = Tuning::gpu;
   std::size_t largest_group_ = 1;
   bool has_nvidia_vote_ = false;
-  std::string options_ = "-cl-std=CL1.2";  // for all programs
-  mutable cl::Kernel fill_;                // built when it is first needed
+  std::string options_ = "-cl-std=CL1.2";                // for all programs
+  mutable std::map<std::string, cl::Program> programs_;  // by options and source
+  mutable cl::Kernel fill_;                              // built when it is first needed
   DiskCache disk_cache_;
   mutable CompileHandler on_compile_;  // empty once it was called
   std::shared_ptr<Memory> memory_ = std::make_shared<Memory>();

@@ -3,44 +3,30 @@
 #include <algorithm>
 #include <array>
 #include <bit>
-#include <string>
 #include <utility>
 
 #include "opencl/launch.hpp"
+#include "opencl/primitives.hpp"
 
 namespace broadcl::opencl {
 namespace {
 
-constexpr unsigned digit_bits = 8;  // of a pass, at most
-/// Elements that a work-group sorts in local memory, with the tuning profile for GPUs; with both profiles the
-/// length of a block is a multiple of it.
-constexpr std::size_t tile = 4096;
-constexpr std::size_t longest_block = 8 * tile;
+constexpr std::size_t longest_block = 8 * sort_tile;
 
 /// Approximate number of elements per bucket: enough that counters cost little in comparison.
 constexpr std::size_t bucket = 2048;
 
-/// Launch parameters.
-struct Launch {
-  std::size_t group;  ///< Work-items per work-group.
-  std::size_t small;  ///< Elements, at most, that are sorted in one launch per range of bits.
-};
-
-constexpr Launch gpu_launch{.group = 256, .small = tile};
-/// One work-item goes through all elements 16 times for a range of 64 bits: see split_into_blocks.
-constexpr Launch cpu_launch{.group = 1, .small = 3584};
-
-const Launch& launch_of(const Context& context) {
-  return context.tuning() == Tuning::cpu ? cpu_launch : gpu_launch;
+/// Elements, at most, that are sorted in one launch per range of bits. (On a CPU one work-item goes through
+/// all of them 16 times for a range of 64 bits: see split_into_blocks.)
+std::size_t most_small(const Context& context) {
+  return context.tuning() == Tuning::cpu ? 3584 : sort_tile;
 }
 
 }  // namespace
 
 RadixSort::RadixSort(const Context& context) : context_(context), scan_(context) {
-  const cl::Program program = context.program(
-      "radix_sort.cl", "-DGROUP=" + std::to_string(launch_of(context).group) +
-                           " -DTILE=" + std::to_string(tile) + " -DDIGIT_BITS=" + std::to_string(digit_bits));
-  const std::size_t group = launch_of(context).group;
+  const cl::Program program = primitives(context);
+  const std::size_t group = primitives_group(context);
   count_ = context.kernel(program, "radix_sort_count", group);
   scatter_ = context.kernel(program, "radix_sort_scatter", group);
   small_ = context.kernel(program, "radix_sort_small", group);
@@ -49,8 +35,8 @@ RadixSort::RadixSort(const Context& context) : context_(context), scan_(context)
 
 void RadixSort::enqueue_small(const cl::Buffer& elements, const cl::Buffer& scratch, cl_uint n, Bits key) {
   set_arguments(small_, 0, n, cl_uint{key.first}, cl_uint{key.count}, elements, scratch);
-  context_.queue().enqueueNDRangeKernel(small_, cl::NullRange, cl::NDRange(launch_of(context_).group),
-                                        cl::NDRange(launch_of(context_).group));
+  context_.queue().enqueueNDRangeKernel(small_, cl::NullRange, cl::NDRange(primitives_group(context_)),
+                                        cl::NDRange(primitives_group(context_)));
 }
 
 void RadixSort::enqueue_pass(const cl::Buffer& source, const cl::Buffer& target, cl_uint n, Blocks blocks,
@@ -60,8 +46,8 @@ void RadixSort::enqueue_pass(const cl::Buffer& source, const cl::Buffer& target,
   }
   set_arguments(count_, 5, counts_);
   set_arguments(scatter_, 5, target, counts_);
-  const cl::NDRange group(launch_of(context_).group);
-  const cl::NDRange items(blocks.count * launch_of(context_).group);
+  const cl::NDRange group(primitives_group(context_));
+  const cl::NDRange items(blocks.count * primitives_group(context_));
   context_.queue().enqueueNDRangeKernel(count_, cl::NullRange, items, group);
   scan_.enqueue(counts_, std::size_t{blocks.count} << digit.count);
   context_.queue().enqueueNDRangeKernel(scatter_, cl::NullRange, items, group);
@@ -107,13 +93,13 @@ void RadixSort::enqueue(const cl::Buffer& elements, const cl::Buffer& scratch, s
                         std::span<const Bits> keys) {
   if (n < 2) return;
   const auto count = static_cast<cl_uint>(n);
-  if (n <= launch_of(context_).small) {
+  if (n <= most_small(context_)) {
     for (const Bits& key : keys) {
       if (key.count > 0) enqueue_small(elements, scratch, count, key);
     }
     return;
   }
-  const Blocks blocks = split_into_blocks(context_, n, tile, longest_block);
+  const Blocks blocks = split_into_blocks(context_, n, sort_tile, longest_block);
   if (blocks.count > most_blocks_) {
     counts_ = context_.buffer((std::size_t{blocks.count} << digit_bits) * sizeof(cl_uint));
     most_blocks_ = blocks.count;

@@ -1,0 +1,22 @@
+#pragma once
+
+#include <cstddef>
+
+#include "opencl/context.hpp"
+
+namespace broadcl {
+
+/// Launch parameters of the kernels that surround any search.
+struct EngineLaunch {
+  std::size_t keep_group;  ///< Work-items per work-group that keep pairs.
+  std::size_t keep_chunk;  ///< Pairs per work-item that keeps pairs.
+  std::size_t parts;       ///< Work-items per team that orders: it finds the indices of its pairs together.
+  std::size_t teams;       ///< Teams per work-group.
+};
+[[nodiscard]] const EngineLaunch& engine_launch(const opencl::Context& context) noexcept;
+
+/// The program of these kernels: kernels/engine.cl.
+/// @throws cl::Error, Error
+[[nodiscard]] cl::Program engine_program(const opencl::Context& context);
+
+}  // namespace broadcl

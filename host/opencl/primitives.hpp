@@ -1,0 +1,23 @@
+#pragma once
+
+#include <cstddef>
+
+#include "opencl/context.hpp"
+
+namespace broadcl::opencl {
+
+/// The program of the kernels that know no boxes: kernels/primitives.cl.
+/// @throws cl::Error, Error
+[[nodiscard]] cl::Program primitives(const Context& context);
+
+/// Work-items per work-group of those kernels that sort and scan.
+[[nodiscard]] inline std::size_t primitives_group(const Context& context) noexcept {
+  return context.tuning() == Tuning::cpu ? 1 : 256;
+}
+
+/// Elements that a work-group sorts in local memory, with the tuning profile for GPUs; with both profiles the
+/// length of a block to sort is a multiple of it.
+constexpr std::size_t sort_tile = 4096;
+constexpr unsigned digit_bits = 8;  // of a pass of a sort, at most
+
+}  // namespace broadcl::opencl

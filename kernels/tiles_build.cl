@@ -1,0 +1,260 @@
+/* The order of the boxes in tiles, and the tree over them: tiles.h.
+
+   The order may be an old one: bounds are computed in each frame, so that results are exact, and only the work grows
+   as boxes move away from their neighbours in the order. The search counts its work for the host, which sorts again
+   when it has grown.
+
+   The order is that of Hilbert's curve through a grid of 1024^3 cells (J. Skilling, "Programming the Hilbert curve",
+   AIP Conference Proceedings 707, 2004). Unlike Morton's it never jumps: a tile across a jump would overlap half of
+   the world. Boxes much larger than others come at the end, where they do not widen the bounds of small ones, and
+   every tile visits them. If there are worlds, each has a curve of its own; objects of all worlds come last. */
+
+#include "centroids.h"
+#include "gather.h"
+#include "inline.h"
+#include "stamp.h"
+#include "tiles.h"
+
+#define AXIS_BITS 10U
+#define LARGE_CODE (1U << (3U * AXIS_BITS))
+#define EMPTY_CODE (LARGE_CODE + 1U)
+
+/* Index of a cell on Hilbert's curve. */
+static inline uint hilbert(uint cell[3]) {
+  for (uint bit = 1U << (AXIS_BITS - 1U); bit > 1U; bit >>= 1) {
+    const uint below = bit - 1U;
+    for (uint i = 0; i < 3U; ++i) {
+      const uint swapped = (cell[i] & bit) != 0U ? 0U : (cell[0] ^ cell[i]) & below;
+      cell[0] ^= (cell[i] & bit) != 0U ? below : swapped;
+      if (i > 0U) cell[i] ^= swapped;
+    }
+  }
+  cell[1] ^= cell[0];
+  cell[2] ^= cell[1];
+  uint flips = 0;
+  for (uint bit = 1U << (AXIS_BITS - 1U); bit > 1U; bit >>= 1) {
+    if ((cell[2] & bit) != 0U) flips ^= bit - 1U;
+  }
+  uint code = 0;
+  for (uint bit = AXIS_BITS; bit-- > 0U;) {
+    for (uint i = 0; i < 3U; ++i) code = code << 1 | ((cell[i] ^ flips) >> bit & 1U);
+  }
+  return code;
+}
+
+/* Elements to sort: slot, and index in spatial order. `bounds` are those of centroids.cl. */
+kernel void tiles_keys(const uint n, global const float* restrict boxes, global const uint4* restrict filters,
+                       const uint buckets, global const uint* restrict bounds, global uint2* restrict elements) {
+  const uint k = (uint)get_global_id(0);
+  if (k >= n) return;
+  global const float* box = boxes + (size_t)k * AABB_FLOATS;
+  const uint bucket = WORLDS ? bucket_of_world(filters[k].w, buckets) : 0U;
+  float corner[3];
+  float longest = 0;
+  for (uint i = 0; i < 3U; ++i) {
+    corner[i] = from_ordered(bounds[3U * bucket + i]);
+    longest = max(longest, from_ordered(bounds[3U * (buckets + bucket) + i]) - corner[i]);
+  }
+  const float3 m = centroid(box);
+  const float3 edges = vload3(1, box) - vload3(0, box);
+  uint code = EMPTY_CODE;
+  if (isnan(m.x) || !(max(edges.x, max(edges.y, edges.z)) <= longest * 0.125F)) {
+    if (!isnan(box[0])) code = LARGE_CODE;
+  } else {
+    const float cells = (float)(1U << AXIS_BITS);
+    const float place[3] = {m.x, m.y, m.z};
+    uint cell[3];
+    for (uint i = 0; i < 3U; ++i) {
+      cell[i] = longest > 0 ? (uint)min((place[i] - corner[i]) / longest * cells, cells - 1.0F) : 0U;
+    }
+    code = hilbert(cell);
+  }
+  elements[k] = (uint2)(k, code);
+}
+
+/* Replaces the indices in spatial order by worlds and sets, to sort by these next. Objects of all worlds come last. */
+kernel void tiles_world_keys(const uint n, const uint sets, global const uint4* restrict filters,
+                             global uint2* restrict elements) {
+  const uint k = (uint)get_global_id(0);
+  if (k < n) elements[k].y = last_world(filters[elements[k].x], sets);
+}
+
+/* Bounds of nothing. */
+static inline void make_none(bounds_t* bounds) {
+  for (uint i = 0; i < AABB_FLOATS; ++i) bounds->bound[i] = NAN;
+#if WORLDS
+  bounds->first_world = NO_FIRST_WORLD;
+  bounds->last_world = NO_LAST_WORLD;
+#endif
+}
+
+/* The bounds of an object. */
+static inline void make_bounds(bounds_t* bounds, const box_t* box, const uint slot, const uint sets,
+                               global const uint4* filters) {
+  make_none(bounds);
+  for (uint i = 0; i < AABB_FLOATS; ++i) bounds->bound[i] = box->bound[i];
+#if WORLDS
+  if (isnan(box->bound[0])) return;
+  bounds->first_world = first_world(filters[slot], sets);
+  bounds->last_world = last_world(filters[slot], sets);
+#else
+  (void)slot;
+  (void)sets;
+  (void)filters;
+#endif
+}
+
+#if GROUP > 1
+#define FOR_EACH_CHILD(child) const uint child = (uint)get_local_id(0);
+
+#define WORDS 8U                      /* six bounds, and two worlds if there are any */
+#define PART (NODE / (GROUP / WORDS)) /* children that a work-item merges */
+
+typedef struct {
+  uint words[WORDS][NODE + 1U];
+  uint parts[WORDS][GROUP / WORDS];
+} raise_t;
+
+/* Bounds as words of which the larger one is the wider, and 0 is none. */
+static inline uint word_of_lower(const float bound) {
+  return isnan(bound) ? 0U : ~ordered(bound);
+}
+static inline uint word_of_upper(const float bound) {
+  return isnan(bound) ? 0U : ordered(bound);
+}
+
+/* Stores the bounds of all children of node k of a level, one of which each work-item has, as child k of the level
+   above. All work-items must call it. */
+INLINE void raise(const bounds_t* mine, local raise_t* scratch, global float* tree, const uint k, const uint parents) {
+  const uint item = (uint)get_local_id(0);
+  for (uint i = 0; i < 3U; ++i) {
+    scratch->words[i][item] = word_of_lower(mine->bound[i]);
+    scratch->words[i + 3U][item] = word_of_upper(mine->bound[i + 3U]);
+  }
+#if WORLDS
+  scratch->words[FIRST_WORLD][item] = ~mine->first_world;
+  scratch->words[LAST_WORLD][item] = mine->last_world;
+#else
+  scratch->words[FIRST_WORLD][item] = scratch->words[LAST_WORLD][item] = 0;
+#endif
+  barrier(CLK_LOCAL_MEM_FENCE);
+  const uint word = item % WORDS;
+  const uint part = item / WORDS;
+  uint widest = 0;
+  for (uint child = part * PART; child < (part + 1U) * PART; ++child) {
+    widest = max(widest, scratch->words[word][child]);
+  }
+  scratch->parts[word][part] = widest;
+  barrier(CLK_LOCAL_MEM_FENCE);
+  if (part > 0U || word >= BOUNDS_OF_CHILD) return;
+  for (uint i = 1; i < GROUP / WORDS; ++i) widest = max(widest, scratch->parts[word][i]);
+  const size_t at = child_at(parents + k / NODE, word, k % NODE);
+  const uint value = word < 3U || word == FIRST_WORLD ? ~widest : widest;
+  if (word < AABB_FLOATS) {
+    tree[at] = from_ordered(value);
+  } else {
+    ((global uint*)tree)[at] = value;
+  }
+}
+#else
+#define FOR_EACH_CHILD(child) for (uint child = 0; child < NODE; ++child)
+
+/* Computes the bounds of the children of node k of a level, which are child k of the level above; those of none if
+   there is no such node. */
+static inline void raise(global float* tree, const uint start, const uint k, const bool exists, const uint parents) {
+  for (uint i = 0; i < AABB_FLOATS; ++i) {
+    float bound = NAN;
+    for (uint child = 0; exists && child < NODE; ++child) {
+      const float other = tree[child_at(start + k, i, child)];
+#if FLUSHES
+      const bool is_wider =
+          NOT_ABOVE(other, other) != 0 && (i < 3U ? NOT_ABOVE(bound, other) : NOT_ABOVE(other, bound)) == 0;
+      bound = is_wider ? other : bound;
+#else
+      bound = i < 3U ? fmin(bound, other) : fmax(bound, other);
+#endif
+    }
+    tree[child_at(parents + k / NODE, i, k % NODE)] = bound;
+  }
+#if WORLDS
+  global uint* worlds = (global uint*)tree;
+  uint first = NO_FIRST_WORLD;
+  uint last = NO_LAST_WORLD;
+  for (uint child = 0; exists && child < NODE; ++child) {
+    first = min(first, worlds[child_at(start + k, FIRST_WORLD, child)]);
+    last = max(last, worlds[child_at(start + k, LAST_WORLD, child)]);
+  }
+  worlds[child_at(parents + k / NODE, FIRST_WORLD, k % NODE)] = first;
+  worlds[child_at(parents + k / NODE, LAST_WORLD, k % NODE)] = last;
+#endif
+}
+#endif
+
+#ifndef GATHER
+#define GATHER 0 /* 1 if the objects are still to be gathered */
+#endif
+#if GATHER
+#define OBJECT_PARAMETERS GATHER_PARAMETERS
+#else
+#define OBJECT_PARAMETERS                                                                     \
+  global const float *restrict boxes, global const uint4 *restrict filters, const uint stamp, \
+      global const uint *restrict stamps
+#endif
+
+/* Copies the boxes to their tiles and computes the bounds of these, one work-group per tile. Tiles past the last one
+   have no bounds. */
+kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_fill(
+    const uint n, const uint tiles, const uint parents, const uint sets, global const uint2* restrict elements,
+    global float* tree, OBJECT_PARAMETERS) {
+#if GROUP > 1
+  local raise_t scratch;
+#endif
+  const uint tile = (uint)get_group_id(0);
+  FOR_EACH_CHILD(child) {
+    const uint place = tile * NODE + child;
+    const uint slot = place < n ? elements[place].x : 0U;
+    bounds_t bounds;
+    make_none(&bounds);
+#if SOME_CHANGED
+    const bool is_in = place < n && is_changed(stamps[slot], stamp);
+#else
+    const bool is_in = place < n;
+#endif
+    if (is_in) {
+      box_t box;
+#if GATHER
+      gather_object(&box, slot, source, offset, stride, first_count, second, second_offset, second_stride,
+                    source_filters, boxes, filters, counts);
+#else
+      load_box(&box, boxes, slot);
+#endif
+      make_bounds(&bounds, &box, slot, sets, filters);
+    }
+    if (tile < tiles) store_child(&bounds, tree, tile, child);
+#if GROUP > 1
+    raise(&bounds, &scratch, tree, tile, parents);
+#endif
+  }
+#if !SOME_CHANGED && !GATHER
+  (void)stamp;
+  (void)stamps;
+#endif
+#if GROUP == 1
+  raise(tree, 0, tile, tile < tiles, parents);
+#endif
+}
+
+/* Computes the bounds of a level's nodes, for the level above, one work-group per node. */
+kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_raise(const uint start, const uint nodes,
+                                                                           const uint parents, global float* tree) {
+  const uint k = (uint)get_group_id(0);
+#if GROUP > 1
+  local raise_t scratch;
+  bounds_t bounds;
+  make_none(&bounds);
+  if (k < nodes) load_child(&bounds, tree, start + k, (uint)get_local_id(0));
+  raise(&bounds, &scratch, tree, k, parents);
+#else
+  raise(tree, start, k, k < nodes, parents);
+#endif
+}

@@ -1,0 +1,297 @@
+#include "opencl/api.hpp"  // before <CL/cl.h>: it chooses the version
+
+#include <broadcl/broad_phase.hpp>
+#include <broadcl/opencl.hpp>
+
+#include <algorithm>
+#include <array>
+#include <cstdint>
+#include <span>
+#include <string>
+#include <vector>
+
+#include <gtest/gtest.h>
+
+#include "device_life.hpp"
+#include "each_algorithm.hpp"
+#include "expect_error.hpp"
+#include "scenes/generators.hpp"
+#include "test_name.hpp"
+#include "two_sets.hpp"
+
+/// Two sets of boxes, of which only one of each pair.
+namespace broadcl::test {
+namespace {
+
+using scenes::MovingBoxes;
+using ::testing::HasSubstr;
+
+Pairs expected_pairs(std::span<const Aabb> first, std::span<const Aabb> second) {
+  Pairs pairs;
+  for (std::uint32_t b = 0; b < second.size(); ++b) {
+    for (std::uint32_t a = 0; a < first.size(); ++a) {
+      if (overlaps(first[a], second[b])) pairs.push_back({a, b});
+    }
+  }
+  return pairs;
+}
+
+/// Two sets at one place.
+struct Scene {
+  Scene(std::uint32_t first_count, std::uint32_t second_count)
+      : motion(first_count + second_count, MovingBoxes::Sizes::mixed), count(first_count) {}
+
+  [[nodiscard]] std::vector<Aabb> first() const { return boxes(0, count); }
+  [[nodiscard]] std::vector<Aabb> second() const { return boxes(count, motion.boxes().size()); }
+  [[nodiscard]] std::vector<Aabb> boxes(std::size_t begin, std::size_t end) const {
+    const auto all = motion.boxes();
+    return {all.begin() + static_cast<std::ptrdiff_t>(begin), all.begin() + static_cast<std::ptrdiff_t>(end)};
+  }
+
+  MovingBoxes motion;
+  std::size_t count;
+};
+
+void expect_pairs(const BroadPhase::Config& config, std::uint32_t first_count, std::uint32_t second_count) {
+  SCOPED_TRACE(std::to_string(first_count) + " and " + std::to_string(second_count));
+  const Scene scene(first_count, second_count);
+  const std::vector<Aabb> first = scene.first();
+  const std::vector<Aabb> second = scene.second();
+  EXPECT_TRUE(same("pairs", overlapping_pairs(first, second, config), expected_pairs(first, second)));
+}
+
+ALSO_IN(oclgrind);
+TEST_P(EachAlgorithm, SmallTwoSetsAtOnce) {
+  for (const auto& [first, second] : {std::pair(0U, 0U), {0U, 9U}, {9U, 0U}, {1U, 1U}, {40U, 60U}}) {
+    expect_pairs(config(), first, second);
+  }
+}
+
+TEST_P(EachAlgorithm, TwoSetsAtOnce) {
+  for (const auto& [first, second] : {std::pair(1000U, 31U), {33U, 2000U}, {1500U, 1500U}}) {
+    expect_pairs(config(), first, second);
+  }
+}
+
+TEST_P(EachAlgorithm, TwoSetsInTwoDimensionsAndDoublePrecision) {
+  const std::array<double, 8> first{0, 0, 1, 1, 5, 5, 6, 6};
+  const std::array<float, 8> second{1, 1, 2, 2, 5.5F, 0, 6, 5};
+  EXPECT_EQ(overlapping_pairs(BoxView::rectangles(first.data(), 2), BoxView::rectangles(second.data(), 2),
+                              config()),
+            (Pairs{{0, 0}, {1, 1}}));
+}
+
+TEST_P(EachAlgorithm, OfTwoSetsAnErrorSaysWhichOneHasANaN) {
+  std::vector<Aabb> boxes(3, unit);
+  const std::vector<Aabb> good(2, unit);
+  boxes[1].lower[0] = nan_value;
+  EXPECT_THAT(error_of([&] { (void)overlapping_pairs(boxes, good, config()); }),
+              HasSubstr("the first set: box 1 has a NaN"));
+  EXPECT_THAT(error_of([&] { (void)overlapping_pairs(good, boxes, config()); }),
+              HasSubstr("the second set: box 1 has a NaN"));
+}
+
+/// Objects come, go, move, and change sets.
+void follow_oracle(const BroadPhase::Config& config, std::uint32_t n, std::uint32_t worlds) {
+  Twins twins(config);
+  MovingBoxes motion(n, MovingBoxes::Sizes::mixed);
+  const auto filter = [&](std::uint32_t k) {
+    Filter result = k % 3 == 0 ? first_set : second_set;
+    result.world = k % 10 == 9 && worlds > 1 ? Filter::all_worlds : k / 10 % worlds;
+    return result;
+  };
+  for (std::uint32_t k = 0; k < n; ++k) twins.add(motion.boxes()[k], filter(k));
+  ASSERT_TRUE(twins.agree());
+  for (std::uint32_t frame = 0; frame < 12; ++frame) {
+    motion.advance();
+    for (std::uint32_t k = 0; k < n; ++k) {
+      if (frame < 3 || k % 20 == frame) twins.move(k, motion.boxes()[k]);
+    }
+    if (frame == 5) twins.set_filter(n / 2, filter(n / 2 + 1));
+    if (frame == 6) {
+      twins.remove(3);
+      twins.remove(n - 15);
+    }
+    if (frame == 7) twins.add(motion.boxes()[3], Filter());  // not of two sets any more
+    if (frame == 9) twins.set_filter(3, filter(3));
+    if (frame == 10) twins.set_filter(7, {.group = 8, .mask = 0});
+    ASSERT_TRUE(twins.agree()) << "frame " << frame;
+  }
+}
+
+ALSO_IN(oclgrind | oclgrind_gpu_profile);
+TEST_P(EachAlgorithm, SmallTwoSetsInMotion) {
+  follow_oracle(config(), 90, 1);
+}
+
+TEST_P(EachAlgorithm, TwoSetsInMotion) {
+  follow_oracle(config(), 1500, 1);
+}
+
+TEST_P(EachAlgorithm, TwoSetsInEachOfManyWorlds) {
+  follow_oracle(config(), 1000, 17);
+}
+
+/// Numbers that floats and shifted words cannot tell apart.
+TEST_P(EachAlgorithm, TwoSetsInWorldsOfLargeNumbers) {
+  Twins twins(config());
+  for (const std::uint32_t world : {0U, 8'388'606U, 8'388'607U, 8'388'608U, 16'777'217U, 0x7ffffffdU,
+                                    0x7ffffffeU, 0x80000000U, 0xfffffffeU, Filter::all_worlds}) {
+    for (const Filter& set : {first_set, second_set, first_set}) {
+      twins.add(unit, {.group = set.group, .mask = set.mask, .world = world});
+    }
+  }
+  ASSERT_TRUE(twins.agree());
+  EXPECT_EQ(twins.tested().pairs().size(), 9U * (2 + 2 + 2) + 2);
+}
+
+TEST(TwoSets, AreApartIfNothingPairsInside) {
+  const auto are_apart = [](std::initializer_list<Filter> filters) {
+    TwoSets sets;
+    for (const Filter& filter : filters) sets.add(filter);
+    return sets.are_apart();
+  };
+  EXPECT_TRUE(are_apart({}));
+  EXPECT_TRUE(are_apart({first_set, second_set, first_set}));
+  EXPECT_TRUE(are_apart({first_set, {.group = 4, .mask = 0}}));
+  EXPECT_FALSE(are_apart({first_set, Filter()}));
+  EXPECT_FALSE(are_apart({second_set, {.group = 4, .mask = 2}}));
+}
+
+class TwoSetsOnTheDevice : public ::testing::TestWithParam<std::string> {
+ protected:
+  /// The scene in buffers of which the second has other things between its boxes.
+  DeviceBroadPhase::Boxes give(const Scene& scene) {
+    buffers_.push_back(queue_.buffer_of(scene.first()));
+    std::vector<float> second(5, nan_value);
+    for (const Aabb& box : scene.second()) {
+      second.insert(second.end(), {box.lower[0], box.lower[1], box.lower[2], box.upper[0], box.upper[1],
+                                   box.upper[2], nan_value, nan_value});
+    }
+    buffers_.push_back(queue_.buffer_of(second));
+    return {.buffer = buffers_[buffers_.size() - 2](),
+            .count = scene.first().size(),
+            .second = {.buffer = buffers_.back()(),
+                       .count = scene.second().size(),
+                       .offset = 5 * sizeof(float),
+                       .stride = 8 * sizeof(float)}};
+  }
+
+  void follow(std::uint32_t first_count, std::uint32_t second_count) {
+    Scene scene(first_count, second_count);
+    DeviceBroadPhase broad_phase(queue_(), {.algorithm = GetParam()});
+    Pairs last;
+    for (int frame = 0; frame < 4; ++frame) {
+      const auto result = broad_phase.update(give(scene));
+      const Pairs now = expected_pairs(scene.first(), scene.second());
+      Pairs added;
+      Pairs removed;
+      std::ranges::set_difference(now, last, std::back_inserter(added));
+      std::ranges::set_difference(last, now, std::back_inserter(removed));
+      ASSERT_TRUE(same("added", queue_.read(result.added), added)) << "frame " << frame;
+      ASSERT_TRUE(same("removed", queue_.read(result.removed), removed)) << "frame " << frame;
+      ASSERT_TRUE(same("all", queue_.read(broad_phase.pairs()), now)) << "frame " << frame;
+      last = now;
+      for (int k = 0; k < 5; ++k) scene.motion.advance();
+    }
+  }
+
+  const CallersQueue queue_;
+  std::vector<cl::Buffer> buffers_;
+};
+
+SUITE_ALSO_IN(TwoSetsOnTheDevice, gpu_profile | rusticl);
+
+ALSO_IN(oclgrind);
+TEST_P(TwoSetsOnTheDevice, SmallSetsHaveTheirPairs) {
+  follow(30, 50);
+}
+
+TEST_P(TwoSetsOnTheDevice, SetsHaveTheirPairs) {
+  follow(700, 900);
+}
+
+TEST_P(TwoSetsOnTheDevice, AnEmptyFirstSetHasNone) {
+  follow(0, 50);
+}
+
+/// More changes than are expected, and one box with so many that they are sorted in another way.
+TEST_P(TwoSetsOnTheDevice, ManyPairsOfABox) {
+  const std::vector<Aabb> first(6000, unit);
+  const std::vector<Aabb> second{unit, inverted, unit};
+  const cl::Buffer first_buffer = queue_.buffer_of(first);
+  const cl::Buffer second_buffer = queue_.buffer_of(second);
+  DeviceBroadPhase broad_phase(queue_(), {.algorithm = GetParam()});
+  const auto result = broad_phase.update({.buffer = first_buffer(),
+                                          .count = first.size(),
+                                          .second = {.buffer = second_buffer(), .count = second.size()}});
+  EXPECT_TRUE(same("added", queue_.read(result.added), expected_pairs(first, second)));
+}
+
+TEST_P(TwoSetsOnTheDevice, UpdatesThatNobodyWaitsFor) {
+  Scene scene(300, 200);
+  DeviceBroadPhase broad_phase(queue_(), {.algorithm = GetParam()});
+  broad_phase.reserve(500, 20'000, true);
+  Pairs last;
+  for (int frame = 0; frame < 3; ++frame) {
+    const cl::Buffer added = queue_.buffer_of(Pairs(20'000));
+    const cl::Buffer removed = queue_.buffer_of(Pairs(20'000));
+    const cl::Buffer counts = queue_.buffer_of(std::vector<std::uint32_t>(4));
+    broad_phase.enqueue(give(scene),
+                        {.added = added(), .removed = removed(), .capacity = 20'000, .counts = counts()});
+    const Pairs now = expected_pairs(scene.first(), scene.second());
+    const auto words = queue_.read_counts(counts);
+    ASSERT_EQ(words[3], 0U);
+    Pairs followed;
+    std::ranges::set_difference(last, queue_.read({removed(), words[1]}), std::back_inserter(followed));
+    const Pairs new_pairs = queue_.read({added(), words[0]});
+    last.clear();
+    std::ranges::merge(followed, new_pairs, std::back_inserter(last));
+    ASSERT_TRUE(same("all", last, now)) << "frame " << frame;
+    for (int k = 0; k < 5; ++k) scene.motion.advance();
+  }
+}
+
+/// Body and world count, group and mask do not.
+TEST_P(TwoSetsOnTheDevice, FiltersOfBothSets) {
+  const cl::Buffer first = queue_.buffer_of(std::vector<Aabb>(2, unit));
+  const cl::Buffer second = queue_.buffer_of(std::vector<Aabb>(3, unit));
+  const cl::Buffer filters = queue_.buffer_of(std::vector<Filter>{
+      {.body = 4}, {.mask = 0, .world = 1}, {.body = 4}, {.group = 0}, {.world = Filter::all_worlds}});
+  DeviceBroadPhase broad_phase(queue_(), {.algorithm = GetParam()});
+  const auto result = broad_phase.update({.buffer = first(),
+                                          .count = 2,
+                                          .filters = filters(),
+                                          .worlds = true,
+                                          .second = {.buffer = second(), .count = 3}});
+  EXPECT_EQ(queue_.read(result.added), (Pairs{{0, 1}, {0, 2}, {1, 2}}));
+}
+
+TEST_P(TwoSetsOnTheDevice, BadSetsAreRefused) {
+  const cl::Buffer boxes = queue_.buffer_of(std::vector<Aabb>(4, unit));
+  DeviceBroadPhase broad_phase(queue_(), {.algorithm = GetParam()});
+  DeviceBroadPhase::Boxes given{.buffer = boxes(), .count = 4, .second = {.count = 1}};
+  EXPECT_THAT(error_of([&] { (void)broad_phase.update(given); }),
+              HasSubstr("the buffer of the second set is null"));
+  given.second.buffer = boxes();
+  given.second.count = 5;
+  EXPECT_THAT(error_of([&] { (void)broad_phase.update(given); }), HasSubstr("too few for 5"));
+  given.second.count = 4;
+  given.second.offset = 2;
+  EXPECT_THAT(error_of([&] { (void)broad_phase.update(given); }),
+              HasSubstr("offset and stride of the second set must be multiples of 4"));
+  given.second.offset = 0;
+  EXPECT_EQ(broad_phase.update(given).pair_count, 16U);
+  given.count = 3;
+  EXPECT_THAT(error_of([&] { (void)broad_phase.update(given); }),
+              HasSubstr("must be the same in every update"));
+  given.count = 4;
+  given.second.count = 2;
+  EXPECT_EQ(broad_phase.update(given).removed.count, 8U);
+}
+
+INSTANTIATE_TEST_SUITE_P(Algorithms, TwoSetsOnTheDevice, ::testing::Values("auto", "brute-force", "tiles"),
+                         named_by_parameter);
+
+}  // namespace
+}  // namespace broadcl::test
