@@ -1,12 +1,20 @@
 #include "device_limits.hpp"
 
 #include <algorithm>
+#include <cstring>
 #include <optional>
+#include <set>
+#include <string>
+#include <string_view>
 
 namespace broadcl::test {
 namespace {
 
 std::optional<Limits> current;
+
+constexpr cl_mem_flags large_buffer = 1 << 23;  // CL_MEM_ALLOW_UNRESTRICTED_SIZE_INTEL
+std::set<cl_mem> large_buffers;
+std::set<cl_program> large_programs;
 
 /// Makes a number in an answer smaller, if there is an answer.
 template <class Number>
@@ -37,8 +45,30 @@ cl_int refusal_of_launch(cl_kernel kernel, cl_uint dimensions, const std::size_t
   return used > current->local_memory ? CL_OUT_OF_RESOURCES : CL_SUCCESS;
 }
 
-cl_int refusal_of_buffer(std::size_t bytes) {
-  return current && bytes > current->allocation ? CL_INVALID_BUFFER_SIZE : CL_SUCCESS;
+cl_int refusal_of_buffer(cl_mem_flags flags, std::size_t bytes) {
+  if (!current || bytes <= current->allocation) return CL_SUCCESS;
+  return current->has_large_buffers && (flags & large_buffer) != 0 ? CL_SUCCESS : CL_INVALID_BUFFER_SIZE;
+}
+
+cl_mem_flags known_flags(cl_mem_flags flags) {
+  return current && current->has_large_buffers ? flags & ~large_buffer : flags;
+}
+
+void note_buffer(cl_mem buffer, std::size_t bytes) {
+  if (!current || bytes <= current->allocation) {
+    large_buffers.erase(buffer);
+  } else {
+    large_buffers.insert(buffer);
+  }
+}
+
+cl_int refusal_of_argument(cl_kernel kernel, std::size_t bytes, const void* value) {
+  if (large_buffers.empty() || bytes != sizeof(cl_mem) || value == nullptr) return CL_SUCCESS;
+  cl_mem buffer = nullptr;
+  std::memcpy(static_cast<void*>(&buffer), value, bytes);
+  const auto program = cl::Kernel(kernel, true).getInfo<CL_KERNEL_PROGRAM>();
+  return large_buffers.contains(buffer) && !large_programs.contains(program()) ? CL_INVALID_ARG_VALUE
+                                                                               : CL_SUCCESS;
 }
 
 cl_int refusal_of_queue(cl_command_queue_properties properties) {
@@ -46,10 +76,31 @@ cl_int refusal_of_queue(cl_command_queue_properties properties) {
   return is_unknown ? CL_INVALID_QUEUE_PROPERTIES : CL_SUCCESS;
 }
 
-std::string limited_options(const char* options) {
+std::string limited_options(cl_program program, const char* options) {
+  constexpr std::string_view for_large_buffers = "-cl-intel-greater-than-4GB-buffer-required";
   std::string result = options != nullptr ? options : "";
+  large_programs.erase(program);
+  if (const std::size_t place = result.find(for_large_buffers);
+      place != std::string::npos && current && current->has_large_buffers) {
+    result.erase(place, for_large_buffers.size());
+    large_programs.insert(program);
+  }
   if (current && !current->has_denormals) result += " -cl-denorms-are-zero";
   return result;
+}
+
+bool is_answered(cl_uint name, std::size_t bytes, void* value, std::size_t* size) {
+  if (!current || !current->answers.contains(name)) return false;
+  const std::string& text = current->answers.at(name);
+  if (size != nullptr) *size = text.size();
+  if (value != nullptr) std::memcpy(value, text.data(), std::min(bytes, text.size()));
+  return true;
+}
+
+void list_twice(cl_uint entries, cl_platform_id* platforms, cl_uint* count) {
+  if (!current || !current->is_offered_twice) return;
+  if (count != nullptr) *count *= 2;
+  if (platforms != nullptr) std::copy_n(platforms, entries / 2, platforms + entries / 2);
 }
 
 void limit_device_info(cl_device_info name, std::size_t bytes, void* value) {

@@ -3,6 +3,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <limits>
+#include <map>
 #include <optional>
 #include <string>
 
@@ -10,15 +11,25 @@
 
 namespace broadcl::test {
 
-/// What other devices allow less of than the one at hand.
+/// What other devices allow less of than the one at hand, or say otherwise.
 struct Limits {
   std::size_t work_group = std::numeric_limits<std::size_t>::max();  ///< Work-items.
   cl_ulong local_memory = std::numeric_limits<cl_ulong>::max();      ///< Bytes per work-group.
   cl_ulong allocation = std::numeric_limits<cl_ulong>::max();        ///< Bytes per buffer.
   bool has_profiling = true;
   bool has_compiler = true;
-  bool has_denormals = true;  ///< If not, programs are built with -cl-denorms-are-zero.
+  bool has_denormals = true;       ///< If not, programs are built with -cl-denorms-are-zero.
+  bool is_offered_twice = false;   ///< By platforms that follow the others.
+  bool has_large_buffers = false;  ///< By Intel's flag, for kernels built with Intel's option.
+  std::map<cl_uint, std::string>
+      answers{};  ///< The bytes of what platforms and devices say, in place of their own.
 };
+
+/// The bytes of an answer.
+template <class Value>
+[[nodiscard]] std::string answer(const Value& value) {
+  return {reinterpret_cast<const char*>(&value), sizeof(value)};
+}
 
 /// Makes all devices report, and this program's OpenCL calls keep to, these limits as long as it lives,
 /// instead of others that are set. Not while objects live that know those.
@@ -38,10 +49,17 @@ class LimitedDevices {
 // What the shim of failing_opencl.cpp asks: the error of a call that exceeds the limits, or CL_SUCCESS, and
 // what is to be changed in an answer.
 [[nodiscard]] cl_int refusal_of_launch(cl_kernel kernel, cl_uint dimensions, const std::size_t* local);
-[[nodiscard]] cl_int refusal_of_buffer(std::size_t bytes);
+[[nodiscard]] cl_int refusal_of_buffer(cl_mem_flags flags, std::size_t bytes);
+[[nodiscard]] cl_mem_flags known_flags(cl_mem_flags flags);
+[[nodiscard]] cl_int refusal_of_argument(cl_kernel kernel, std::size_t bytes, const void* value);
 [[nodiscard]] cl_int refusal_of_queue(cl_command_queue_properties properties);
 /// @param options As the caller gave them, or null.
-[[nodiscard]] std::string limited_options(const char* options);
+[[nodiscard]] std::string limited_options(cl_program program, const char* options);
+/// @param buffer What clCreateBuffer returned, or null.
+void note_buffer(cl_mem buffer, std::size_t bytes);
+/// Whether an answer stands in place of a platform's or device's own; then it was given.
+[[nodiscard]] bool is_answered(cl_uint name, std::size_t bytes, void* value, std::size_t* size);
+void list_twice(cl_uint entries, cl_platform_id* platforms, cl_uint* count);
 void limit_device_info(cl_device_info name, std::size_t bytes, void* value);
 void limit_kernel_info(cl_kernel_work_group_info name, std::size_t bytes, void* value);
 

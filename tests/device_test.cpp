@@ -1,11 +1,15 @@
 #include <algorithm>
+#include <array>
+#include <map>
 #include <string>
 #include <vector>
 
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <broadcl/device.hpp>
 
+#include "device_limits.hpp"
 #include "environment.hpp"
 #include "expect_error.hpp"
 #include "failing_opencl.hpp"
@@ -16,114 +20,7 @@ namespace {
 
 using ::testing::HasSubstr;
 
-Device make(unsigned platform, unsigned index, DeviceType type, const char* platform_name, const char* name,
-            unsigned compute_units) {
-  return {.platform = platform,
-          .index = index,
-          .type = type,
-          .platform_name = platform_name,
-          .name = name,
-          .version = "OpenCL 1.2",
-          .driver_version = "1",
-          .compute_units = compute_units,
-          .clock_mhz = 1000,
-          .memory = 1 << 30,
-          .max_allocation = 1 << 28,
-          .host_unified = false,
-          .vendor_id = 0};
-}
-
-/// A graphics card, or one in a processor.
-Device gpu(const char* name, std::uint32_t vendor_id, unsigned compute_units, unsigned clock_mhz,
-           bool host_unified) {
-  Device device = make(0, 0, DeviceType::gpu, "Some", name, compute_units);
-  device.vendor_id = vendor_id;
-  device.clock_mhz = clock_mhz;
-  device.host_unified = host_unified;
-  return device;
-}
-const Device iris = gpu("Iris Xe", 0x8086, 96, 1300, true);
-const Device uhd = gpu("UHD Graphics", 0x8086, 32, 1500, true);
-const Device radeon = gpu("Radeon RX 7900 XTX", 0x1002, 48, 2300, false);
-const Device arc = gpu("Arc A770", 0x8086, 512, 2400, false);
-const Device geforce = gpu("GeForce RTX 4090", 0x10de, 128, 2520, false);
-
-const std::vector<Device>& machine() {
-  static const std::vector<Device> devices{
-      make(0, 0, DeviceType::cpu, "Portable Computing Language", "pthread-EPYC", 16),
-      make(2, 0, DeviceType::gpu, "Intel(R) OpenCL", "UHD Graphics", 24),
-      make(2, 1, DeviceType::accelerator, "Intel(R) OpenCL", "FPGA Board", 1),
-      make(11, 0, DeviceType::gpu, "NVIDIA CUDA", "NVIDIA H200", 132),
-  };
-  return devices;
-}
-
-TEST(SelectDevice, AnEmptySelectorTakesTheBestGpuOtherwiseACpu) {
-  EXPECT_EQ(select_device("", machine()).name, "NVIDIA H200");
-  EXPECT_EQ(select_device("", {machine()[2], machine()[0]}).name, "pthread-EPYC");
-  EXPECT_EQ(select_device("", {machine()[2]}).name, "FPGA Board");
-}
-
-TEST(SelectDevice, TheBestGpuHasItsOwnMemoryThenTheMostArithmeticUnits) {
-  const auto best = [](std::vector<Device> among) {
-    const std::string name = select_device("", among).name;
-    std::ranges::reverse(among);
-    EXPECT_EQ(select_device("", among).name, name) << "in another order";
-    return name;
-  };
-  EXPECT_EQ(best({iris, radeon}), radeon.name) << "fewer and larger units";
-  EXPECT_EQ(best({iris, uhd}), iris.name);
-  EXPECT_EQ(best({arc, geforce, iris}), geforce.name);
-  EXPECT_EQ(best({arc, uhd, machine()[0]}), arc.name);
-}
-
-TEST(SelectDevice, TheDefaultHasAReason) {
-  const test::ScopedVariable none("BROADCL_DEVICE", "");
-  EXPECT_EQ(reason_for_default({iris}), "it is the only device");
-  EXPECT_EQ(reason_for_default({iris, machine()[0]}), "it is the only GPU");
-  EXPECT_EQ(reason_for_default({iris, radeon}), "it is the only GPU with memory of its own");
-  EXPECT_EQ(reason_for_default({iris, radeon, geforce}),
-            "it has the most arithmetic units times clock frequency of the GPUs with memory of their own");
-  EXPECT_EQ(reason_for_default({iris, uhd}),
-            "it has the most arithmetic units times clock frequency of the GPUs");
-  EXPECT_EQ(reason_for_default({machine()[0], machine()[2]}), "there is no GPU, and it is the only CPU");
-  const test::ScopedVariable named("BROADCL_DEVICE", "gpu");
-  EXPECT_EQ(reason_for_default({iris, radeon}), "BROADCL_DEVICE is 'gpu'");
-}
-
-TEST(SelectDevice, ByNumbers) {
-  EXPECT_EQ(select_device("2:1", machine()).name, "FPGA Board");
-  EXPECT_EQ(select_device("11:0", machine()).name, "NVIDIA H200");
-  EXPECT_THROW((void)select_device("1:0", machine()), Error) << "not a part of 11:0";
-}
-
-TEST(SelectDevice, ByType) {
-  EXPECT_EQ(select_device("gpu", machine()).name, "NVIDIA H200");
-  EXPECT_EQ(select_device("CPU", machine()).name, "pthread-EPYC");
-  EXPECT_EQ(select_device("accelerator", machine()).name, "FPGA Board");
-  EXPECT_THROW((void)select_device("accelerator", {machine()[0]}), Error);
-}
-
-TEST(SelectDevice, ByAPartOfItsLabelInAnyCase) {
-  EXPECT_EQ(select_device("h200", machine()).name, "NVIDIA H200");
-  EXPECT_EQ(select_device("portable", machine()).name, "pthread-EPYC");
-  EXPECT_EQ(select_device("OpenCL / uhd", machine()).name, "UHD Graphics");
-  EXPECT_EQ(select_device("intel(r)", machine()).name, "UHD Graphics") << "the best of several";
-}
-
-TEST(SelectDevice, AnUnknownDeviceIsAnErrorThatListsTheDevices) {
-  const std::string text = test::error_of([] { (void)select_device("radeon", machine()); });
-  EXPECT_THAT(text, HasSubstr("'radeon'"));
-  for (const Device& device : machine()) {
-    EXPECT_THAT(text, HasSubstr(device.id() + " (" + device.label() + ")"));
-  }
-}
-
-TEST(SelectDevice, NoDeviceAtAllSaysWhatToInstall) {
-  EXPECT_THAT(test::error_of([] { (void)select_device("", {}); }), HasSubstr("pocl-opencl-icd"));
-}
-
-TEST(SelectDevice, TheEnvironmentReplacesAnEmptySelector) {
+TEST(Devices, TheEnvironmentReplacesAnEmptySelector) {
   const test::ScopedVariable variable("BROADCL_DEVICE", "no such device");
   EXPECT_THAT(test::error_of([] { (void)select_device(); }), HasSubstr("'no such device'"));
   EXPECT_NO_THROW((void)select_device(devices().front().id()));
@@ -136,6 +33,52 @@ TEST(Devices, EachCanBeSelectedByItsId) {
     EXPECT_GT(device.max_allocation, 0U);
     EXPECT_GT(device.compute_units, 0U);
   }
+}
+
+TEST(Devices, SayWhichCardTheyAre) {
+  constexpr cl_device_info khr_bus = 0x410f;
+  constexpr cl_device_info nv_bus = 0x4008;
+  constexpr cl_device_info nv_slot = 0x4009;
+  constexpr cl_device_info nv_domain = 0x400a;
+  constexpr cl_device_info amd_topology = 0x4037;
+  constexpr cl_device_info khr_uuid = 0x106a;
+  using test::answer;
+  const auto first = [](std::map<cl_device_info, std::string> answers, const std::string& extensions) {
+    answers.emplace(CL_DEVICE_EXTENSIONS, extensions + '\0');
+    const test::LimitedDevices limited({.answers = answers});
+    return devices().front();
+  };
+  const auto khr = answer(std::array<cl_uint, 4>{0x1, 0x3b, 0x1f, 7});
+  EXPECT_EQ(first({{khr_bus, khr}}, "cl_khr_pci_bus_info").pci_address, "0001:3b:1f.7");
+  EXPECT_EQ(first({{khr_bus, khr}}, "").pci_address, "") << "not asked for what is not there";
+  std::map<cl_device_info, std::string> nv{{nv_bus, answer(cl_uint{0xc1})}, {nv_slot, answer(cl_uint{0x9})}};
+  EXPECT_EQ(first(nv, "cl_nv_device_attribute_query").pci_address, "0000:c1:01.1");
+  nv.emplace(nv_domain, answer(cl_uint{0x12}));
+  EXPECT_EQ(first(nv, "cl_nv_device_attribute_query").pci_address, "0012:c1:01.1");
+  std::array<cl_uchar, 24> topology{1};  // PCIe; the last three bytes are the address
+  std::ranges::copy(std::array<cl_uchar, 3>{0x83, 2, 1}, topology.end() - 3);
+  const std::string amd = "cl_amd_device_attribute_query";
+  EXPECT_EQ(first({{amd_topology, answer(topology)}}, amd).pci_address, "0000:83:02.1");
+  topology.front() = 2;
+  EXPECT_EQ(first({{amd_topology, answer(topology)}}, amd).pci_address, "") << "not on the PCI bus";
+  std::array<cl_uchar, 16> uuid{};
+  uuid[1] = 0x5a;
+  EXPECT_EQ(first({{khr_uuid, answer(uuid)}}, "cl_khr_device_uuid").uuid, "005a0000000000000000000000000000");
+}
+
+TEST(Devices, OfOneCardAreAllListedAndOneIsTheDefault) {
+  const test::ScopedVariable none("BROADCL_DEVICE", "");
+  const std::size_t found = devices().size();
+  const test::LimitedDevices limited(
+      {.is_offered_twice = true,
+       .answers = {{CL_DEVICE_TYPE, test::answer(cl_device_type{CL_DEVICE_TYPE_GPU})}}});
+  const std::vector<Device> listed = devices();
+  ASSERT_EQ(listed.size(), 2 * found);
+  const Device& again = listed[found];
+  EXPECT_TRUE(is_same_card(listed.front(), again)) << "by name and memory";
+  EXPECT_EQ(select_device("", {listed.front(), again}).id(), listed.front().id());
+  EXPECT_THAT(reason_for_default(listed), HasSubstr(" is the same card with another driver"));
+  EXPECT_NO_THROW((void)opencl::open(again));
 }
 
 /// The text of the Error that a function throws, if it does.

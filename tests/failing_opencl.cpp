@@ -82,8 +82,13 @@ struct Watched<name, Result(Arguments...)> {
     if constexpr (text.starts_with("clEnqueue")) last_queue = std::get<0>(all);
     if (!is_reference && fails()) return failure(all, CL_OUT_OF_RESOURCES);
     if (const cl_int error = refusal(all); error != CL_SUCCESS) return failure(all, error);
+    if constexpr (text == "clGetDeviceInfo" || text == "clGetPlatformInfo") {
+      if (is_answered(std::get<1>(all), std::get<2>(all), std::get<3>(all), std::get<4>(all)))
+        return CL_SUCCESS;
+    }
     const Result result = call_limited(all);
     count(result);
+    if constexpr (text == "clCreateBuffer") note_buffer(result, std::get<2>(all));
     limit(all);
     return result;
   }
@@ -104,9 +109,10 @@ struct Watched<name, Result(Arguments...)> {
   static Result call_limited(All all) {
     std::string options;
     if constexpr (text == "clBuildProgram") {
-      options = limited_options(std::get<3>(all));
+      options = limited_options(std::get<0>(all), std::get<3>(all));
       std::get<3>(all) = options.c_str();
     }
+    if constexpr (text == "clCreateBuffer") std::get<1>(all) = known_flags(std::get<1>(all));
     return std::apply(
         [](Arguments... arguments) {
           return call_next(static_cast<Result (*)(Arguments...)>(nullptr), name.text.data(), arguments...);
@@ -119,13 +125,17 @@ struct Watched<name, Result(Arguments...)> {
     const Inside inside;
     if constexpr (text == "clEnqueueNDRangeKernel")
       return refusal_of_launch(std::get<1>(all), std::get<2>(all), std::get<5>(all));
-    if constexpr (text == "clCreateBuffer") return refusal_of_buffer(std::get<2>(all));
+    if constexpr (text == "clCreateBuffer") return refusal_of_buffer(std::get<1>(all), std::get<2>(all));
+    if constexpr (text == "clSetKernelArg")
+      return refusal_of_argument(std::get<0>(all), std::get<2>(all), std::get<3>(all));
     if constexpr (text == "clCreateCommandQueue") return refusal_of_queue(std::get<2>(all));
     return CL_SUCCESS;
   }
 
   /// Has an answer be that of such a device.
   static void limit(const All& all) {
+    if constexpr (text == "clGetPlatformIDs")
+      list_twice(std::get<0>(all), std::get<1>(all), std::get<2>(all));
     if constexpr (text == "clGetDeviceInfo")
       limit_device_info(std::get<1>(all), std::get<2>(all), std::get<3>(all));
     if constexpr (text == "clGetKernelWorkGroupInfo")

@@ -27,12 +27,18 @@ struct Device {
   std::uint64_t max_allocation;  ///< Largest single buffer, bytes.
   bool host_unified;             ///< Host and device share memory.
   std::uint32_t vendor_id;       ///< CL_DEVICE_VENDOR_ID: the number of the PCI bus, if there is one.
+  std::string pci_address{};     ///< "0000:3b:00.0"; empty if the device does not say.
+  std::string uuid{};            ///< CL_DEVICE_UUID_KHR, 32 hexadecimal digits; empty if there is none.
 
   /// "P:D", as the selector takes it.
   [[nodiscard]] std::string id() const;
   /// "platform / name".
   [[nodiscard]] std::string label() const;
 };
+
+/// Whether two devices are the same card, offered by two drivers. It is recognised by its PCI address,
+/// otherwise by its UUID, otherwise by name and memory. CPUs, and devices of the same platform, never are.
+[[nodiscard]] bool is_same_card(const Device& a, const Device& b);
 
 /// Every usable device of every OpenCL platform, in the order of `clinfo -l`: those that are available and
 /// have a compiler. Platforms without devices add none. Empty if no OpenCL implementation is installed.
@@ -47,7 +53,8 @@ struct Device {
 ///   "platform / name" in any case. If it is empty, the environment variable BROADCL_DEVICE is used instead;
 ///   if that is unset or empty too, the best GPU is chosen, otherwise the best CPU, otherwise the first
 ///   device. Of several GPUs, those with memory of their own come first; then the most arithmetic units times
-///   clock frequency count, as far as devices tell.
+///   clock frequency count, as far as devices tell. The same decides
+///   between the drivers of one card.
 /// @throws Error if no device matches (it lists the devices), and if there is none (it says what to install).
 [[nodiscard]] Device select_device(std::string_view selector = {});
 
@@ -55,7 +62,8 @@ struct Device {
 /// @throws Error as above.
 [[nodiscard]] Device select_device(std::string_view selector, const std::vector<Device>& among);
 
-/// Why an empty selector takes which of these devices, for a person: "it is the only GPU", for instance.
+/// Why an empty selector takes which of these devices, for a person: "it is the only GPU", for instance. A
+/// card that several drivers offer counts once.
 /// @throws Error as above.
 [[nodiscard]] std::string reason_for_default(const std::vector<Device>& among);
 

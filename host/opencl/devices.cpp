@@ -1,12 +1,14 @@
 #include "opencl/devices.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cctype>
 #include <functional>
 #include <mutex>
 #include <optional>
 #include <string>
 #include <utility>
+#include <vector>
 
 #include "opencl/error.hpp"
 #include "system.hpp"
@@ -45,7 +47,71 @@ DeviceType to_type(cl_device_type type) {
   return DeviceType::other;
 }
 
+/// What a device says of itself by an extension; nothing if it does not know, in spite of the extension.
+template <class Value>
+std::optional<Value> ask(const cl::Device& device, cl_device_info name) {
+  Value value{};
+  const cl_int error = clGetDeviceInfo(device(), name, sizeof(value), &value, nullptr);
+  if (error == CL_INVALID_VALUE) return std::nullopt;
+  if (error != CL_SUCCESS) throw cl::Error(error, "clGetDeviceInfo");
+  return value;
+}
+
+std::string hexadecimal(unsigned value, unsigned digits) {
+  std::string text;
+  while (digits-- > 0) text += "0123456789abcdef"[value >> (4 * digits) & 15];
+  return text;
+}
+
+std::string pci_address(unsigned domain, unsigned bus, unsigned device, unsigned function) {
+  return hexadecimal(domain, 4) + ':' + hexadecimal(bus, 2) + ':' + hexadecimal(device, 2) + '.' +
+         hexadecimal(function, 1);
+}
+
+// The following is from cl_ext.h, which declares it for some versions of the headers only.
+
+std::string pci_address_of(const cl::Device& device, const std::string& extensions) {
+  if (extensions.find("cl_khr_pci_bus_info") != std::string::npos) {
+    constexpr cl_device_info bus_info = 0x410f;
+    if (const auto info = ask<std::array<cl_uint, 4>>(device, bus_info)) {
+      return pci_address((*info)[0], (*info)[1], (*info)[2], (*info)[3]);
+    }
+  }
+  if (extensions.find("cl_nv_device_attribute_query") != std::string::npos) {
+    constexpr cl_device_info bus_id = 0x4008;
+    constexpr cl_device_info slot_id = 0x4009;
+    constexpr cl_device_info domain_id = 0x400a;  // not in old drivers
+    const auto bus = ask<cl_uint>(device, bus_id);
+    const auto slot = ask<cl_uint>(device, slot_id);
+    if (bus && slot)
+      return pci_address(ask<cl_uint>(device, domain_id).value_or(0), *bus, *slot >> 3, *slot & 7);
+  }
+  if (extensions.find("cl_amd_device_attribute_query") != std::string::npos) {
+    struct Topology {
+      cl_uint type;
+      std::array<cl_uchar, 17> unused;
+      cl_uchar bus, device, function;
+    };
+    constexpr cl_device_info topology = 0x4037;
+    constexpr cl_uint pcie = 1;
+    const auto info = ask<Topology>(device, topology);
+    if (info && info->type == pcie) return pci_address(0, info->bus, info->device, info->function);
+  }
+  return {};
+}
+
+std::string uuid_of(const cl::Device& device, const std::string& extensions) {
+  if (extensions.find("cl_khr_device_uuid") == std::string::npos) return {};
+  constexpr cl_device_info uuid = 0x106a;
+  std::string text;
+  if (const auto bytes = ask<std::array<cl_uchar, 16>>(device, uuid)) {
+    for (const cl_uchar byte : *bytes) text += hexadecimal(byte, 2);
+  }
+  return text;
+}
+
 Device describe(const cl::Platform& platform, const cl::Device& device, std::size_t p, std::size_t d) {
+  const auto extensions = device.getInfo<CL_DEVICE_EXTENSIONS>();
   return {.platform = static_cast<unsigned>(p),
           .index = static_cast<unsigned>(d),
           .type = to_type(device.getInfo<CL_DEVICE_TYPE>()),
@@ -58,7 +124,9 @@ Device describe(const cl::Platform& platform, const cl::Device& device, std::siz
           .memory = device.getInfo<CL_DEVICE_GLOBAL_MEM_SIZE>(),
           .max_allocation = device.getInfo<CL_DEVICE_MAX_MEM_ALLOC_SIZE>(),
           .host_unified = device.getInfo<CL_DEVICE_HOST_UNIFIED_MEMORY>() == CL_TRUE,
-          .vendor_id = device.getInfo<CL_DEVICE_VENDOR_ID>()};
+          .vendor_id = device.getInfo<CL_DEVICE_VENDOR_ID>(),
+          .pci_address = pci_address_of(device, extensions),
+          .uuid = uuid_of(device, extensions)};
 }
 
 /// Why a device cannot be used, or nothing if it can.
@@ -117,8 +185,39 @@ std::optional<Device> best_of(const std::vector<Device>& devices, const Matcher&
   return best;
 }
 
+/// Of each card the device of the driver that reports most, the first of equals.
+std::vector<Device> one_per_card(const std::vector<Device>& devices) {
+  std::vector<Device> cards;
+  for (const Device& device : devices) {
+    const auto known =
+        std::ranges::find_if(cards, [&](const Device& other) { return is_same_card(device, other); });
+    if (known == cards.end()) {
+      cards.push_back(device);
+    } else if (rank(device) > rank(*known)) {
+      *known = device;
+    }
+  }
+  return cards;
+}
+
 Matcher of_type(DeviceType type) {
   return [type](const Device& device) { return device.type == type; };
+}
+
+/// Why the default is what it is.
+/// @param among One device per card.
+std::string why_best(const Device& best, const std::vector<Device>& among) {
+  if (among.size() == 1) return "it is the only device";
+  const auto count = [&](const auto& matches) { return std::ranges::count_if(among, matches); };
+  const bool is_gpu = best.type == DeviceType::gpu;
+  const std::string kind = is_gpu ? "GPU" : best.type == DeviceType::cpu ? "CPU" : "device";
+  const std::string no_gpu = is_gpu ? "" : "there is no GPU, and ";
+  if (count(of_type(best.type)) == 1) return no_gpu + "it is the only " + kind;
+  if (is_discrete(best) && count(is_discrete) == 1) return "it is the only GPU with memory of its own";
+  if (is_discrete(best) && count(is_discrete) < count(of_type(best.type))) {
+    return "it has the most arithmetic units times clock frequency of the GPUs with memory of their own";
+  }
+  return no_gpu + "it has the most arithmetic units times clock frequency of the " + kind + "s";
 }
 
 Matcher matcher_of(std::string_view selector) {
@@ -156,6 +255,13 @@ std::string Device::id() const {
 
 std::string Device::label() const {
   return platform_name + " / " + name;
+}
+
+bool is_same_card(const Device& a, const Device& b) {
+  if (a.platform == b.platform || a.type == DeviceType::cpu || b.type == DeviceType::cpu) return false;
+  if (!a.pci_address.empty() && !b.pci_address.empty()) return a.pci_address == b.pci_address;
+  if (!a.uuid.empty() && !b.uuid.empty()) return a.uuid == b.uuid;
+  return a.name == b.name && a.memory == b.memory;
 }
 
 std::vector<Device> devices(std::vector<std::string>* failures) {
@@ -220,17 +326,11 @@ std::string reason_for_default(const std::vector<Device>& among) {
     return "BROADCL_DEVICE is '" + *variable + "'";
   }
   const Device best = select_device({}, among);
-  if (among.size() == 1) return "it is the only device";
-  const auto count = [&](const auto& matches) { return std::ranges::count_if(among, matches); };
-  const bool is_gpu = best.type == DeviceType::gpu;
-  const std::string kind = is_gpu ? "GPU" : best.type == DeviceType::cpu ? "CPU" : "device";
-  const std::string no_gpu = is_gpu ? "" : "there is no GPU, and ";
-  if (count(of_type(best.type)) == 1) return no_gpu + "it is the only " + kind;
-  if (is_discrete(best) && count(is_discrete) == 1) return "it is the only GPU with memory of its own";
-  if (is_discrete(best) && count(is_discrete) < count(of_type(best.type))) {
-    return "it has the most arithmetic units times clock frequency of the GPUs with memory of their own";
+  std::string reason = why_best(best, one_per_card(among));
+  for (const Device& device : among) {
+    if (is_same_card(device, best)) reason += "; " + device.id() + " is the same card with another driver";
   }
-  return no_gpu + "it has the most arithmetic units times clock frequency of the " + kind + "s";
+  return reason;
 }
 
 namespace opencl {
@@ -253,7 +353,9 @@ Device describe(const cl::CommandQueue& queue) {
     cl::Device root = device;
     for (cl::Device part = device; part() != nullptr; part = part.getInfo<CL_DEVICE_PARENT_DEVICE>())
       root = part;
-    const cl::Platform platform(device.getInfo<CL_DEVICE_PLATFORM>(), true);
+    cl_platform_id platform_id = nullptr;  // the bindings' type for it depends on their version
+    device.getInfo(CL_DEVICE_PLATFORM, &platform_id);
+    const cl::Platform platform(platform_id, true);
     const std::vector<cl::Platform> platforms = all_platforms();
     const std::vector<cl::Device> siblings = all_devices(platform);
     const auto index_of = [](const auto& list, const auto& one) {
