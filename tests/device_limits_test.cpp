@@ -143,6 +143,27 @@ TEST(LimitedDevice, WithSmallAllocationsRefusesPairsThatDoNotFitAndGoesOn) {
   EXPECT_TRUE(broad_phase.update().added.empty());
 }
 
+/// On Intel's GPUs they need a flag and an option, which only gpu-bf uses.
+TEST(LimitedDevice, OfIntelHasLargeBuffersForGpuBf) {
+  const ScopedVariable cache("BROADCL_CACHE_DIR", "/dev/null");
+  const Limits small{.allocation = 1 << 20};
+  Limits intel{.allocation = 1 << 20,
+               .has_large_buffers = true,
+               .answers = {{CL_PLATFORM_NAME, std::string("Intel(R) OpenCL Graphics") + '\0'},
+                           {CL_DEVICE_TYPE, answer(cl_device_type{CL_DEVICE_TYPE_GPU})}}};
+  const std::vector<Aabb> boxes(2000, unit);
+  const auto pairs_of = [&](const Limits& limits, const std::string& algorithm) {
+    const LimitedDevices limited(limits);
+    return overlapping_pairs(boxes, {.algorithm = algorithm}).size();
+  };
+  EXPECT_EQ(pairs_of(intel, "gpu-bf"), 2000U * 1999 / 2);
+  EXPECT_THAT(error_of([&] { (void)pairs_of(intel, "brute-force"); }),
+              HasSubstr("allocates at most 1048576"));
+  EXPECT_THAT(error_of([&] { (void)pairs_of(small, "gpu-bf"); }), HasSubstr("allocates at most 1048576"));
+  intel.answers.emplace(CL_DEVICE_GLOBAL_MEM_SIZE, answer(cl_ulong{1 << 19}));
+  EXPECT_THAT(error_of([&] { (void)pairs_of(intel, "gpu-bf"); }), HasSubstr("allocates at most 524288"));
+}
+
 TEST(LimitedDevice, WithoutProfilingRefusesItAtOnce) {
   const LimitedDevices limited({.has_profiling = false});
   EXPECT_THAT(error_of([] { BroadPhase({.algorithm = "brute-force", .profile = true}); }),

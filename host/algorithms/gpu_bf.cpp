@@ -51,8 +51,7 @@ class GpuBf final : public Algorithm {
         profiler_(config.profile),
         launch_(context_.tuning() == opencl::Tuning::cpu ? cpu_launch : gpu_launch),
         group_(context_.group(launch_.group_size)),
-        kernel_(context_.kernel(context_.program("gpu_bf.cl", "-DWIDTH=" + std::to_string(launch_.width)),
-                                "gpu_bf", group_)),
+        kernel_(make_kernel()),
         objects_(context_, profiler_) {}
 
   void reserve(std::size_t slots, bool filters) override {
@@ -111,14 +110,25 @@ class GpuBf final : public Algorithm {
     return {results.host(), pairs};
   }
 
+  [[nodiscard]] cl::Kernel make_kernel(const std::string& option = {}) const {
+    const std::string width = "-DWIDTH=" + std::to_string(launch_.width);
+    return context_.kernel(context_.program("gpu_bf.cl", width + option), "gpu_bf", group_);
+  }
+
   /// Grows the buffer of this frame's results. Those of the last frame are not touched.
   void grow_results(std::size_t n, std::size_t pairs) {
     const std::size_t bytes = round_up(pairs, launch_.width);
     if (bytes <= current_.bytes()) return;
     current_ = {};
+    std::uint64_t most = context_.device().max_allocation;
+    if (const auto large = context_.large_buffers(); large && bytes > most) {
+      most = large->most;
+      kernel_ = make_kernel(large->option);
+    }
     current_ = opencl::SharedBuffer(
-        context_, opencl::grown(context_, bytes,
-                                "results of gpu-bf, one byte per pair of " + std::to_string(n) + " boxes"));
+        context_,
+        opencl::grown(context_, bytes,
+                      "results of gpu-bf, one byte per pair of " + std::to_string(n) + " boxes", most));
   }
 
   void test(const Changes& changes) {

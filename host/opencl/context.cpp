@@ -61,6 +61,11 @@ bool has_nvidia_vote(const cl::Device& device) {
   return number(warp_size) == 32 && number(compute_capability_major) >= volta;
 }
 
+/// Whether this is Intel's own driver (not Mesa's or Apple's) for its GPUs.
+bool is_intels_gpu(const Device& device) {
+  return device.type == DeviceType::gpu && device.platform_name.starts_with("Intel(R) OpenCL");
+}
+
 /// A key for this device and its driver only.
 std::string key_of(const Device& device, std::string_view key) {
   std::string result;
@@ -151,6 +156,11 @@ void Context::fill(const cl::Buffer& buffer, cl_uint value, std::size_t first, s
   queue_.enqueueNDRangeKernel(fill_, cl::NullRange, cl::NDRange(round_up(count, group)), cl::NDRange(group));
 }
 
+std::optional<Context::LargeBuffers> Context::large_buffers() const {
+  if (!is_intels_gpu(device_)) return std::nullopt;
+  return LargeBuffers{.option = " -cl-intel-greater-than-4GB-buffer-required", .most = device_.memory};
+}
+
 cl::Buffer Context::counted(std::size_t bytes, cl_mem_flags flags,
                             std::atomic<std::size_t> Memory::*counter) const {
   struct Claim {
@@ -159,6 +169,10 @@ cl::Buffer Context::counted(std::size_t bytes, cl_mem_flags flags,
     std::size_t bytes;
   };
   std::unique_ptr<Claim> claim(new Claim{memory_, counter, bytes});
+  if (bytes > device_.max_allocation && is_intels_gpu(device_)) {
+    constexpr cl_mem_flags allow_unrestricted_size = 1 << 23;  // CL_MEM_ALLOW_UNRESTRICTED_SIZE_INTEL
+    flags |= allow_unrestricted_size;
+  }
   cl::Buffer buffer(context_, CL_MEM_READ_WRITE | flags, bytes);
   buffer.setDestructorCallback(
       [](cl_mem /*buffer*/, void* data) {

@@ -2,6 +2,7 @@
 
 #include <atomic>
 #include <cstddef>
+#include <cstdint>
 #include <map>
 #include <memory>
 #include <optional>
@@ -55,8 +56,16 @@ class Context {
   /// if BROADCL_TUNING is set, so that kernels can be tested without it.
   [[nodiscard]] bool has_nvidia_vote() const noexcept { return has_nvidia_vote_; }
 
+  /// Buffers larger than Device::max_allocation.
+  struct LargeBuffers {
+    std::string option;  ///< What kernels that use them must be built with. It makes addresses 64 bits wide.
+    std::uint64_t most;  ///< Bytes per buffer.
+  };
+  /// On Intel's GPUs buffers may be as large as the memory; on other devices there are none.
+  [[nodiscard]] std::optional<LargeBuffers> large_buffers() const;
+
   /// A buffer on the device, not initialised.
-  /// @param bytes At least 1.
+  /// @param bytes At least 1. More than Device::max_allocation is for kernels that were built for large_buffers().
   /// @param flags Besides CL_MEM_READ_WRITE.
   /// @throws cl::Error
   [[nodiscard]] cl::Buffer buffer(std::size_t bytes, cl_mem_flags flags = 0) const;

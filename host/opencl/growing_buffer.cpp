@@ -7,8 +7,7 @@
 
 namespace broadcl::opencl {
 
-std::size_t grown(const Context& context, std::size_t bytes, std::string_view what) {
-  const std::uint64_t most = context.device().max_allocation;
+std::size_t grown(const Context& context, std::size_t bytes, std::string_view what, std::uint64_t most) {
   if (bytes > most) {
     throw Error(context.device().label() + ": needs a buffer of " + std::to_string(bytes) +
                 " bytes for the " + std::string(what) + ", but the device allocates at most " +

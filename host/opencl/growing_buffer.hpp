@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstddef>
+#include <cstdint>
 #include <string_view>
 
 #include "opencl/api.hpp"
@@ -11,8 +12,13 @@ namespace broadcl::opencl {
 /// The size of a new buffer that must hold this many bytes: a quarter more, but at most what the device
 /// allocates at once, so that a buffer that grows step by step is seldom replaced.
 /// @param what What it holds, for the error message: "overlapping pairs".
-/// @throws Error if the device does not even allocate what is needed.
-[[nodiscard]] std::size_t grown(const Context& context, std::size_t bytes, std::string_view what);
+/// @param most What kernels may use: Device::max_allocation, or Context::large_buffers().
+/// @throws Error if not even what is needed may be allocated.
+[[nodiscard]] std::size_t grown(const Context& context, std::size_t bytes, std::string_view what,
+                                std::uint64_t most);
+[[nodiscard]] inline std::size_t grown(const Context& context, std::size_t bytes, std::string_view what) {
+  return grown(context, bytes, what, context.device().max_allocation);
+}
 
 /// A buffer on the device that is replaced by a larger one if it is too small.
 class GrowingBuffer {  // NOLINT(bugprone-exception-escape): handles do not throw when moved
