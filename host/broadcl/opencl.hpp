@@ -3,7 +3,11 @@
 /// For boxes that are already on an OpenCL device: pairs and their changes stay there too. Only this header
 /// exposes OpenCL.
 
+#ifdef __APPLE__
+#include <OpenCL/opencl.h>
+#else
 #include <CL/cl.h>
+#endif
 
 #include <cstddef>
 #include <cstdint>

@@ -2,19 +2,34 @@
 
 #include <charconv>
 #include <cmath>
+#include <concepts>
+#include <locale>
 #include <numeric>
+#include <sstream>
+#include <string>
 #include <system_error>
 
 namespace broadcl::cli {
 namespace {
 
+/// Reads a text that is a number as a whole.
+bool read(std::string_view text, std::unsigned_integral auto& value) {
+  const char* const end = text.data() + text.size();
+  const auto [rest, error] = std::from_chars(text.data(), end, value);
+  return error == std::errc() && rest == end;
+}
+// (libc++ has no std::from_chars for them.)
+bool read(std::string_view text, double& value) {
+  std::istringstream stream{std::string(text)};
+  stream.imbue(std::locale::classic());
+  return (stream >> std::noskipws >> value) && stream.peek() == std::istringstream::traits_type::eof();
+}
+
 /// Takes a number and the character after it from the front of a text. False if they are not there.
-template <class Number>
-bool take(std::string_view& text, Number& value, char end) {
-  const char* const last = text.data() + text.size();
-  const auto [rest, error] = std::from_chars(text.data(), last, value);
-  if (error != std::errc() || rest == last || *rest != end) return false;
-  text.remove_prefix(static_cast<std::size_t>(rest - text.data()) + 1);
+bool take(std::string_view& text, auto& value, char end) {
+  const std::size_t size = text.find(end);
+  if (size == std::string_view::npos || !read(text.substr(0, size), value)) return false;
+  text.remove_prefix(size + 1);
   return true;
 }
 
