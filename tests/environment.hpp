@@ -3,26 +3,29 @@
 #include <cstdlib>
 #include <filesystem>
 #include <optional>
+#include <random>
 #include <string>
 
-#include <unistd.h>
-
 namespace broadcl::test {
+
+/// @param value Null unsets it.
+inline void set_variable(const char* name, const char* value) {
+#ifdef _WIN32
+  _putenv_s(name, value != nullptr ? value : "");
+#else
+  // NOLINTNEXTLINE(concurrency-mt-unsafe)
+  value != nullptr ? setenv(name, value, 1) : unsetenv(name);
+#endif
+}
 
 /// Sets an environment variable for as long as it lives.
 class ScopedVariable {
  public:
   ScopedVariable(const char* name, const std::string& value) : name_(name) {
     if (const char* old = std::getenv(name)) old_ = old;  // NOLINT(concurrency-mt-unsafe)
-    setenv(name, value.c_str(), 1);                       // NOLINT(concurrency-mt-unsafe)
+    set_variable(name, value.c_str());
   }
-  ~ScopedVariable() {
-    if (old_) {
-      setenv(name_, old_->c_str(), 1);  // NOLINT(concurrency-mt-unsafe)
-    } else {
-      unsetenv(name_);  // NOLINT(concurrency-mt-unsafe)
-    }
-  }
+  ~ScopedVariable() { set_variable(name_, old_ ? old_->c_str() : nullptr); }
   ScopedVariable(const ScopedVariable&) = delete;
   ScopedVariable& operator=(const ScopedVariable&) = delete;
   ScopedVariable(ScopedVariable&&) = delete;
@@ -37,8 +40,10 @@ class ScopedVariable {
 class ScopedFolder {
  public:
   ScopedFolder() {
-    std::string name = (std::filesystem::temp_directory_path() / "broadcl-test-XXXXXX").string();
-    path_ = mkdtemp(name.data());
+    std::random_device random;
+    do {
+      path_ = std::filesystem::temp_directory_path() / ("broadcl-test-" + std::to_string(random()));
+    } while (!std::filesystem::create_directory(path_));
   }
   ~ScopedFolder() { std::filesystem::remove_all(path_); }
   ScopedFolder(const ScopedFolder&) = delete;

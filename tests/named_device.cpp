@@ -1,9 +1,10 @@
 #include <cstdlib>
-#include <vector>
 
 #include <gtest/gtest.h>
 
 #include <broadcl/device.hpp>
+
+#include "environment.hpp"
 
 namespace broadcl::test {
 namespace {
@@ -14,7 +15,7 @@ class NamedDevice : public ::testing::Environment {
   void SetUp() override {
     const char* variable = std::getenv("BROADCL_DEVICE");
     if (variable != nullptr && *variable != '\0') return;
-    if (!devices().empty()) setenv("BROADCL_DEVICE", select_device().id().c_str(), 1);
+    if (!devices().empty()) set_variable("BROADCL_DEVICE", select_device().id().c_str());
   }
 };
 const ::testing::Environment* const named_device = ::testing::AddGlobalTestEnvironment(new NamedDevice);

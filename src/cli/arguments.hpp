@@ -9,7 +9,6 @@
 #include <system_error>
 
 #include "cli/text.hpp"
-#include "scenes/broadphases.hpp"
 
 /// Options that several verbs share.
 namespace broadcl::cli {
@@ -65,13 +64,6 @@ inline void add_device(CLI::App& verb, std::string& device) {
   std::string row = "  " + std::string(name);
   row.resize(row.size() < width ? width : row.size() + 1, ' ');
   return row + std::string(summary) + "\n";
-}
-
-/// The table of broad phases, with the names that --broadphase takes.
-[[nodiscard]] inline std::string broadphase_rows() {
-  std::string text = "Broad phases:\n";
-  for (const scenes::BroadphaseInfo& info : scenes::broadphases()) text += named_row(info.name, info.summary);
-  return text;
 }
 
 }  // namespace broadcl::cli

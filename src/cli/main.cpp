@@ -1,11 +1,11 @@
 #include <CLI/CLI.hpp>
-#include <array>
 #include <broadcl/error.hpp>
 #include <cstdio>
 #include <exception>
 #include <iostream>
 #include <new>
 #include <string>
+#include <vector>
 
 #include "cli/text.hpp"
 #include "cli/verbs.hpp"
@@ -20,12 +20,27 @@ std::string help_hint(const CLI::App& program) {
   return "; see 'broadcl " + verb + "--help'";
 }
 
+std::vector<Verb> add_verbs(CLI::App& program) {
+  return {
+      add_devices(program),
+#ifdef BROADCL_WITH_BULLET
+      add_simulate(program), add_replay(program), add_study(program),
+#endif
+      add_pairs(program),    add_check(program),
+  };
+}
+
+std::string names_of(const std::vector<Verb>& verbs) {
+  std::string names;
+  for (const Verb& verb : verbs) names += (names.empty() ? "" : ", ") + verb.arguments->get_name();
+  return names;
+}
+
 Exit run(int argc, const char* const* argv) {
   CLI::App program("Broad-phase collision detection on OpenCL devices.", "broadcl");
   program.set_version_flag("--version", "broadcl " BROADCL_VERSION);
   program.require_subcommand(0, 1);
-  const std::array verbs = {add_devices(program), add_simulate(program), add_replay(program),
-                            add_study(program),   add_pairs(program),    add_check(program)};
+  const std::vector<Verb> verbs = add_verbs(program);
   program.get_formatter()->label("SUBCOMMAND", "VERB");
   for (const Verb& verb : verbs) verb.arguments->group("Verbs");
   try {
@@ -39,7 +54,7 @@ Exit run(int argc, const char* const* argv) {
   for (const Verb& verb : verbs) {
     if (verb.arguments->parsed()) return verb.run();
   }
-  throw Error("give a verb: devices, simulate, replay, study, pairs or check; see 'broadcl --help'");
+  throw Error("give a verb: " + names_of(verbs) + "; see 'broadcl --help'");
 }
 
 Exit report(const char* error) noexcept {

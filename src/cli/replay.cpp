@@ -20,6 +20,7 @@
 #include <vector>
 
 #include "cli/arguments.hpp"
+#include "cli/broadphase_rows.hpp"
 #include "cli/compiling.hpp"
 #include "cli/output_file.hpp"
 #include "cli/progress_bar.hpp"
