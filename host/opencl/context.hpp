@@ -65,7 +65,8 @@ class Context {
   [[nodiscard]] std::optional<LargeBuffers> large_buffers() const;
 
   /// A buffer on the device, not initialised.
-  /// @param bytes At least 1. More than Device::max_allocation is for kernels that were built for large_buffers().
+  /// @param bytes At least 1. More than Device::max_allocation is for kernels that were built for
+  /// large_buffers().
   /// @param flags Besides CL_MEM_READ_WRITE.
   /// @throws cl::Error
   [[nodiscard]] cl::Buffer buffer(std::size_t bytes, cl_mem_flags flags = 0) const;
