@@ -1,25 +1,39 @@
-# cmake -D BUILD=build-tree -D SOURCE=project -D FLOAT64=ON|OFF -P consume.cmake
-# Installs a build into a new folder, then builds the project against what was installed and runs its programs.
-function(run)
-  execute_process(COMMAND ${ARGV} RESULT_VARIABLE failed OUTPUT_VARIABLE output ERROR_VARIABLE output)
-  if(failed)
-    message(FATAL_ERROR "${ARGV}\n${output}")
-  endif()
-  set(output "${output}" PARENT_SCOPE)
-endfunction()
+# cmake -D BUILD=build-tree -D SOURCE=examples -D FLOAT64=ON|OFF -P consume.cmake
+# Installs a build into a new folder, then builds projects against what was installed, each in its own way, and runs their
+# programs.
+include(${CMAKE_CURRENT_LIST_DIR}/projects.cmake)
 
 set(folder ${BUILD}/consumer)
+set(prefix ${folder}/prefix)
 file(REMOVE_RECURSE ${folder})
-run(${CMAKE_COMMAND} --install ${BUILD} --prefix ${folder}/prefix)
-run(${CMAKE_COMMAND} -S ${SOURCE} -B ${folder}/build -D CMAKE_PREFIX_PATH=${folder}/prefix
-  -D CMAKE_CXX_FLAGS=-Werror)
-run(${CMAKE_COMMAND} --build ${folder}/build)
-set(examples pairs layouts on_device bullet_world bullet_async ghost_objects)
+set(ENV{CMAKE_PREFIX_PATH} ${prefix})
+run(${CMAKE_COMMAND} --install ${BUILD} --prefix ${prefix})
+run(${prefix}/bin/broadcl --version)
+
+configure(examples .)
+set(examples pairs layouts on_device bullet_world bullet_async ghost_objects moving_boxes)
 if(FLOAT64)
   list(APPEND examples double_precision)
 endif()
-foreach(example ${examples})
-  run(${folder}/build/${example})
-  message(STATUS "${example}: ${output}")
-endforeach()
-run(${folder}/prefix/bin/broadcl --version)
+build(examples ${examples})
+
+# The core alone, as on a machine without Bullet, OpenCL's headers and pkg-config's files.
+set(without_bullet -D CMAKE_DISABLE_FIND_PACKAGE_Bullet=ON -D PKG_CONFIG_EXECUTABLE=/nonexistent)
+configure(core consume/find_package ${without_bullet} -D CMAKE_DISABLE_FIND_PACKAGE_OpenCL=ON)
+build(core consumer)
+expect_refused("component bullet: Bullet (float32) was found neither by pkg-config"
+  ${CMAKE_COMMAND} ${folder}/core -D WITH_BULLET=ON)
+# Bullet by its own CMake package.
+configure(bullet consume/find_package -D WITH_BULLET=ON -D PKG_CONFIG_EXECUTABLE=/nonexistent)
+build(bullet bullet_consumer)
+configure(c consume/c)
+build(c consumer)
+
+# pkg-config.
+run(${CMAKE_COMMAND} -E copy_directory ${SOURCE}/consume ${folder}/consume)
+file(GLOB pkg_config_files ${prefix}/lib*/pkgconfig ${prefix}/lib/*/pkgconfig)
+set(in_prefix ${CMAKE_COMMAND} -E env PKG_CONFIG_PATH=${pkg_config_files})
+cmake_path(GET pkg_config_files PARENT_PATH libraries)
+run(${in_prefix} make -C ${folder}/consume/pkg_config BULLET=1
+  CXXFLAGS=-Werror "CFLAGS=-Wall -Wextra -Werror -pedantic" LDFLAGS=-Wl,-rpath,${libraries})
+run_programs(${folder}/consume/pkg_config consumer c_consumer bullet_consumer)

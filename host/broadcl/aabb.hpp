@@ -6,6 +6,8 @@
 #include <cstdint>
 #include <limits>
 
+#include <broadcl/export.h>
+
 namespace broadcl {
 
 /// An axis-aligned bounding box: two corners, float32, in the caller's unit of length.
@@ -78,7 +80,7 @@ inline constexpr std::int32_t infinite_key = 0x7f800000;
 
 /// The smallest float32 box that contains a float64 one: lower bounds round down, upper bounds round up, so
 /// pairs of the rounded boxes are a superset of the pairs of the originals. NaN stays NaN.
-[[nodiscard]] Aabb round_outward(const std::array<double, 3>& lower,
-                                 const std::array<double, 3>& upper) noexcept;
+[[nodiscard]] BROADCL_API Aabb round_outward(const std::array<double, 3>& lower,
+                                             const std::array<double, 3>& upper) noexcept;
 
 }  // namespace broadcl

@@ -6,6 +6,7 @@
 #include <ranges>
 #include <span>
 
+#include <broadcl/export.h>
 #include <broadcl/aabb.hpp>
 
 namespace broadcl {
@@ -34,7 +35,7 @@ concept AabbArray = std::ranges::contiguous_range<Range> && std::ranges::sized_r
 /// for n times the same box. Memory between the bounds is not read. They throw Error for a null or misaligned
 /// pointer, for a misaligned stride, and for more boxes than memory could hold; if n is 0, any pointers will
 /// do.
-class BoxView {
+class BROADCL_API BoxView {
  public:
   /// No boxes.
   BoxView() = default;

@@ -8,6 +8,7 @@
 #include <utility>
 #include <vector>
 
+#include <broadcl/export.h>
 #include <broadcl/aabb.hpp>
 #include <broadcl/box_view.hpp>
 #include <broadcl/config.hpp>
@@ -31,7 +32,7 @@ namespace broadcl {
 /// Not synchronised: one thread at a time may use an object. Different objects are independent of each other
 /// and may live on different threads and on different devices. Can be moved, not copied; an object that was
 /// moved from may only be destroyed or assigned to.
-class BroadPhase {
+class BROADCL_API BroadPhase {
  public:
   using Config = broadcl::Config;
 
@@ -122,8 +123,8 @@ class BroadPhase {
 /// time, so if you call it often, keep a BroadPhase. Any number of threads may call it at once, also with the
 /// same boxes.
 /// @throws Error for a NaN bound (it names the first such box), and as BroadPhase does; std::bad_alloc.
-[[nodiscard]] std::vector<Pair> overlapping_pairs(const BoxView& boxes,
-                                                  const BroadPhase::Config& config = BroadPhase::Config());
+[[nodiscard]] BROADCL_API std::vector<Pair> overlapping_pairs(
+    const BoxView& boxes, const BroadPhase::Config& config = BroadPhase::Config());
 
 /// All overlapping pairs of a box of one set and a box of another: `a` is the index of the former, `b` that
 /// of the latter. Nothing is tested inside a set. (For two sets that move, keep a BroadPhase with the filters

@@ -6,6 +6,7 @@
 
 #include <BulletCollision/BroadphaseCollision/btBroadphaseInterface.h>
 
+#include <broadcl/export.h>
 #include <broadcl/broad_phase.hpp>
 
 class btOverlappingPairCache;
@@ -52,7 +53,7 @@ inline namespace float64 {
 /// Ray and box queries see every change at once, in a btDbvt of the boxes that is brought up to date only if
 /// queries are made. They may run in several threads at once and from within one another, as long as no
 /// thread calls anything else.
-class BulletBroadphase : public btBroadphaseInterface {
+class BROADCL_BULLET_API BulletBroadphase : public btBroadphaseInterface {
  public:
   /// Opens the device.
   /// @param config The device and the algorithm.

@@ -7,6 +7,7 @@
 #include <string>
 #include <string_view>
 
+#include <broadcl/export.h>
 #include <broadcl/device.hpp>
 
 namespace broadcl {
@@ -53,10 +54,10 @@ struct AlgorithmInfo {
 /// The device that an object with this Config opens when it is made; none if it works on the host, always or
 /// at first. Any number of threads may call it at once.
 /// @throws Error for an unknown algorithm or device, and if OpenCL fails.
-[[nodiscard]] std::optional<Device> device_for(const Config& config);
+[[nodiscard]] BROADCL_API std::optional<Device> device_for(const Config& config);
 
 /// The table of algorithms, which is the only list of them. The rows are constant and always valid; any
 /// number of threads may read them.
-[[nodiscard]] std::span<const AlgorithmInfo> algorithms() noexcept;
+[[nodiscard]] BROADCL_API std::span<const AlgorithmInfo> algorithms() noexcept;
 
 }  // namespace broadcl

@@ -5,15 +5,17 @@
 #include <string_view>
 #include <vector>
 
+#include <broadcl/export.h>
+
 namespace broadcl {
 
 enum class DeviceType { gpu, cpu, accelerator, other };
 
 /// "gpu", "cpu", "accelerator" or "other".
-[[nodiscard]] std::string_view to_string(DeviceType type) noexcept;
+[[nodiscard]] BROADCL_API std::string_view to_string(DeviceType type) noexcept;
 
 /// What an OpenCL device reports about itself. A plain value: it holds no OpenCL object and stays valid.
-struct Device {
+struct BROADCL_API Device {
   unsigned platform;  ///< Index of its platform, as in `clinfo -l`.
   unsigned index;     ///< Index within the platform.
   DeviceType type;
@@ -45,7 +47,7 @@ struct Device {
 /// @param failures Gets a line for each platform and device that cannot be used, and why, if it is not null.
 /// @throws Error if there is no usable device, but one that failed, unless `failures` tells; and if the
 /// loader fails.
-[[nodiscard]] std::vector<Device> devices(std::vector<std::string>* failures = nullptr);
+[[nodiscard]] BROADCL_API std::vector<Device> devices(std::vector<std::string>* failures = nullptr);
 
 /// Picks a device.
 ///
@@ -56,15 +58,15 @@ struct Device {
 ///   clock frequency count, as far as devices tell. The same decides
 ///   between the drivers of one card.
 /// @throws Error if no device matches (it lists the devices), and if there is none (it says what to install).
-[[nodiscard]] Device select_device(std::string_view selector = {});
+[[nodiscard]] BROADCL_API Device select_device(std::string_view selector = {});
 
 /// The same choice among given devices, without asking OpenCL or the environment.
 /// @throws Error as above.
-[[nodiscard]] Device select_device(std::string_view selector, const std::vector<Device>& among);
+[[nodiscard]] BROADCL_API Device select_device(std::string_view selector, const std::vector<Device>& among);
 
 /// Why an empty selector takes which of these devices, for a person: "it is the only GPU", for instance. A
 /// card that several drivers offer counts once.
 /// @throws Error as above.
-[[nodiscard]] std::string reason_for_default(const std::vector<Device>& among);
+[[nodiscard]] BROADCL_API std::string reason_for_default(const std::vector<Device>& among);
 
 }  // namespace broadcl

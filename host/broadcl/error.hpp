@@ -2,6 +2,8 @@
 
 #include <stdexcept>
 
+#include <broadcl/export.h>
+
 namespace broadcl {
 
 /// The one exception type of the library. Its text names what failed (for an OpenCL failure the device and
@@ -15,7 +17,7 @@ namespace broadcl {
 ///   time; different objects are independent of each other. Some functions read environment variables, so no
 ///   thread may set one meanwhile.
 /// - Moves: an object that was moved from may be destroyed and assigned to, and nothing else.
-class Error : public std::runtime_error {
+class BROADCL_API Error : public std::runtime_error {
  public:
   using std::runtime_error::runtime_error;
 };

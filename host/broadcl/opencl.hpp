@@ -16,6 +16,7 @@
 #include <span>
 #include <string>
 
+#include <broadcl/export.h>
 #include <broadcl/config.hpp>
 #include <broadcl/device.hpp>
 #include <broadcl/error.hpp>
@@ -34,7 +35,7 @@ namespace broadcl {
 /// Not synchronised: one thread at a time may use an object, and nothing else may use its queue meanwhile.
 /// Different objects are independent of each other. Can be moved, not copied; one that was moved from may
 /// only be destroyed or assigned to.
-class DeviceBroadPhase {
+class BROADCL_API DeviceBroadPhase {
  public:
   struct Config {
     std::string algorithm = "auto";  ///< A name of algorithms() that finds pairs on the device.

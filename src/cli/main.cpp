@@ -1,3 +1,4 @@
+#include <broadcl/version.h>
 #include <CLI/CLI.hpp>
 #include <broadcl/error.hpp>
 #include <cstdio>
@@ -38,7 +39,7 @@ std::string names_of(const std::vector<Verb>& verbs) {
 
 Exit run(int argc, const char* const* argv) {
   CLI::App program("Broad-phase collision detection on OpenCL devices.", "broadcl");
-  program.set_version_flag("--version", "broadcl " BROADCL_VERSION);
+  program.set_version_flag("--version", "broadcl " BROADCL_VERSION_STRING);
   program.require_subcommand(0, 1);
   const std::vector<Verb> verbs = add_verbs(program);
   program.get_formatter()->label("SUBCOMMAND", "VERB");

@@ -1,5 +1,6 @@
 #include <LinearMath/btScalar.h>
 
+#include <broadcl/version.h>
 #include <algorithm>
 #include <string_view>
 #include <utility>
@@ -175,7 +176,7 @@ std::string csv_report(const SimulationResult& result) {
 
 ordered_json versions() {
   const int bullet = btGetVersion();
-  return {{"broadcl", BROADCL_VERSION},
+  return {{"broadcl", BROADCL_VERSION_STRING},
           {"bullet", std::to_string(bullet / 100) + "." + std::to_string(bullet % 100)}};
 }
 

@@ -1,0 +1,62 @@
+/* Moving boxes in C: which pairs began and which ceased to overlap, frame by frame; and all pairs of an
+ * array, once. */
+#include <broadcl/broadcl.h>
+#include <stdio.h>
+#include <stdlib.h>
+
+static void check(broadcl_status status) {
+  if (status == BROADCL_SUCCESS) return;
+  fprintf(stderr, "%s\n", broadcl_last_error());
+  exit(1);
+}
+
+static broadcl_aabb cube_at(float x) {
+  broadcl_aabb box = {{x, 0, 0}, {x + 1, 1, 1}};
+  return box;
+}
+
+static void print(int frame, const char* verb, broadcl_pairs pairs) {
+  for (size_t k = 0; k < pairs.count; ++k) {
+    printf("frame %d: %u and %u %s\n", frame, (unsigned)pairs.data[k].a, (unsigned)pairs.data[k].b, verb);
+  }
+}
+
+static void move_a_box_past_others(void) {
+  broadcl_config config = {.size = sizeof config}; /* all default: on the best GPU, or on the host */
+  broadcl_broad_phase* broad_phase = NULL;
+  check(broadcl_broad_phase_create(&config, &broad_phase));
+  uint32_t id = 0;
+  for (int k = 0; k < 5; ++k) {
+    const broadcl_aabb box = cube_at(2.0F * (float)k);
+    check(broadcl_broad_phase_add(broad_phase, &box, NULL, &id));
+  }
+  const broadcl_aabb start = cube_at(-1.5F);
+  check(broadcl_broad_phase_add(broad_phase, &start, NULL, &id));
+  for (int frame = 0; frame < 6; ++frame) {
+    const broadcl_aabb box = cube_at(-1.5F + 2.0F * (float)frame);
+    broadcl_delta delta;
+    check(broadcl_broad_phase_move(broad_phase, id, &box));
+    check(broadcl_broad_phase_update(broad_phase, &delta));
+    print(frame, "part", delta.removed);
+    print(frame, "meet", delta.added);
+  }
+  check(broadcl_broad_phase_destroy(broad_phase));
+}
+
+static void find_all_pairs(void) {
+  const double numbers[3][6] = {{0, 0, 0, 1, 1, 1}, {1, 0, 0, 2, 1, 1}, {9, 9, 9, 10, 10, 10}};
+  broadcl_boxes boxes = {.size = sizeof boxes, .data = numbers, .count = 3, .type = BROADCL_FLOAT64};
+  broadcl_pair_list* list = NULL;
+  broadcl_pairs pairs;
+  check(broadcl_pair_list_create(&boxes, NULL, &list));
+  check(broadcl_pair_list_get(list, &pairs));
+  printf("%u of %u boxes overlap: %u pair\n", (unsigned)pairs.count * 2, (unsigned)boxes.count,
+         (unsigned)pairs.count);
+  check(broadcl_pair_list_destroy(list));
+}
+
+int main(void) {
+  move_a_box_past_others();
+  find_all_pairs();
+  return 0;
+}

@@ -1,0 +1,406 @@
+#ifndef BROADCL_BROADCL_H
+#define BROADCL_BROADCL_H
+
+/// BroadCL for C, from C99 on, and for languages that call C. This is the one interface whose binary form is
+/// promised: a program runs with every later library of the same SONAME.
+///
+/// What holds for all of it:
+/// - Every function returns a status, but broadcl_last_error() and broadcl_version(). After any status but
+///   BROADCL_SUCCESS nothing has changed, and what should have been returned is not written to; the call may
+///   be repeated.
+/// - Structs that begin with `size` may grow. Set all of them to zero and `size` to sizeof, as in
+///   `broadcl_config config = {.size = sizeof config};`. Zero always stands for the default.
+/// - Handles are made by functions that end in `_create`, belong to the caller, and end with `_destroy`.
+///   Whatever else is returned belongs to the object that returned it.
+/// - One object may be used by one thread at a time; different objects are independent of each other.
+///   Functions that take no handle may be called by any number of threads at once. Some functions read
+///   environment variables, so no thread may set one meanwhile.
+/// - Pairs are in canonical order, as struct broadcl_pair has it.
+
+#include <stddef.h>
+#include <stdint.h>
+
+#include <broadcl/export.h>
+#include <broadcl/version.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/// What became of a call.
+typedef enum broadcl_status {
+  BROADCL_SUCCESS = 0,
+  BROADCL_INVALID_ARGUMENT = 1,  ///< A null pointer, a struct without a proper size, an unknown constant.
+  BROADCL_FAILED = 2,            ///< Anything else that broadcl_last_error() describes.
+  BROADCL_OUT_OF_MEMORY = 3      ///< Memory of the host is exhausted.
+} broadcl_status;
+
+/// What failed in the last call that did in this thread, and what to do; "" if none has. Valid until the next
+/// call of the library in this thread.
+BROADCL_API const char* broadcl_last_error(void);
+
+/// BROADCL_VERSION_NUMBER of the library, which may be later than that of this header.
+BROADCL_API uint32_t broadcl_version(void);
+
+// --- Boxes and pairs
+
+/// An axis-aligned box. Boxes are closed, so boxes that only touch overlap. Bounds may be infinite. A box
+/// whose lower bound exceeds its upper bound on some axis is empty and overlaps nothing.
+typedef struct broadcl_aabb {
+  float lower[3];
+  float upper[3];
+} broadcl_aabb;
+
+/// Two overlapping boxes by id or by index, a < b. Canonical order is by b, then by a.
+typedef struct broadcl_pair {
+  uint32_t a;
+  uint32_t b;
+} broadcl_pair;
+
+/// A list of pairs that belongs to the object that returned it.
+typedef struct broadcl_pairs {
+  const broadcl_pair* data;
+  size_t count;
+} broadcl_pairs;
+
+/// What changed between two updates. Apply `removed` first: an id may have been reused in between.
+typedef struct broadcl_delta {
+  broadcl_pairs added;
+  broadcl_pairs removed;
+} broadcl_delta;
+
+/// Value of broadcl_filter.body: the object is a body of its own.
+#define BROADCL_NO_BODY UINT32_C(0xffffffff)
+/// Value of broadcl_filter.world: the object is in all worlds.
+#define BROADCL_ALL_WORLDS UINT32_C(0xffffffff)
+
+/// Decides, besides the boxes, whether two objects pair: if each is in a group of the other's mask, they are
+/// in the same world, or one of them in all worlds, and not of the same body.
+typedef struct broadcl_filter {
+  uint32_t group;  ///< One bit per group that the object is in.
+  uint32_t mask;   ///< One bit per group that the object pairs with.
+  uint32_t body;   ///< Objects of the same body never pair.
+  uint32_t world;  ///< Objects of different worlds never pair.
+} broadcl_filter;
+
+/// The filter that lets all pair, as an initialiser.
+#define BROADCL_DEFAULT_FILTER \
+  { 1, UINT32_C(0xffffffff), BROADCL_NO_BODY, 0 }
+
+typedef enum broadcl_type { BROADCL_FLOAT32 = 0, BROADCL_FLOAT64 = 1 } broadcl_type;
+
+/// Boxes in the caller's memory, which are only read, and only during the call.
+typedef struct broadcl_boxes {
+  size_t size;       ///< sizeof(broadcl_boxes)
+  const void* data;  ///< Lower x, y, z, upper x, y, z of the first box. May be null if there are no boxes.
+  size_t count;      ///< Number of boxes.
+  ptrdiff_t stride;  ///< Bytes from each box to the next, a multiple of the numbers' size; 0 if without gaps.
+  int32_t type;      ///< broadcl_type of the numbers. float64 rounds outward: pairs are then a superset.
+  uint32_t dimensions;  ///< 3; 0 stands for it.
+} broadcl_boxes;
+
+// --- Devices and algorithms
+
+typedef enum broadcl_device_type {
+  BROADCL_GPU = 0,
+  BROADCL_CPU = 1,
+  BROADCL_ACCELERATOR = 2,
+  BROADCL_OTHER_DEVICE = 3
+} broadcl_device_type;
+
+/// What an OpenCL device reports about itself.
+typedef struct broadcl_device_info {
+  size_t size;        ///< sizeof(broadcl_device_info)
+  const char* id;     ///< "P:D", platform and device as `clinfo -l` numbers them.
+  const char* label;  ///< "platform / device".
+  const char* platform_name;
+  const char* name;
+  const char* version;  ///< For instance "OpenCL 3.0 CUDA".
+  const char* driver_version;
+  broadcl_device_type type;
+  uint32_t compute_units;
+  uint32_t clock_mhz;       ///< Highest clock frequency, 0 if the device does not say.
+  uint32_t vendor_id;       ///< The number of the PCI bus, if there is one.
+  uint64_t memory;          ///< Global memory, bytes.
+  uint64_t max_allocation;  ///< Largest single buffer, bytes.
+  int host_unified;         ///< Whether host and device share memory.
+} broadcl_device_info;
+
+/// The devices of this machine at one time.
+typedef struct broadcl_device_list broadcl_device_list;
+
+/// Asks for every usable device of every OpenCL platform, in the order of `clinfo -l`. There may be none.
+BROADCL_API broadcl_status broadcl_device_list_create(broadcl_device_list** list);
+/// No-op for null.
+BROADCL_API broadcl_status broadcl_device_list_destroy(broadcl_device_list* list);
+BROADCL_API broadcl_status broadcl_device_list_count(const broadcl_device_list* list, size_t* count);
+/// @param info Its strings belong to the list.
+BROADCL_API broadcl_status broadcl_device_list_get(const broadcl_device_list* list, size_t index,
+                                                   broadcl_device_info* info);
+/// How many platforms and devices cannot be used.
+BROADCL_API broadcl_status broadcl_device_list_failure_count(const broadcl_device_list* list, size_t* count);
+/// A line that says which, and why. It belongs to the list.
+BROADCL_API broadcl_status broadcl_device_list_failure(const broadcl_device_list* list, size_t index,
+                                                       const char** line);
+/// The index of the device that a selector picks, see broadcl_config.device.
+/// @returns BROADCL_FAILED if none matches; the error lists the devices.
+BROADCL_API broadcl_status broadcl_device_list_select(const broadcl_device_list* list, const char* selector,
+                                                      size_t* index);
+
+/// A row of the table of algorithms.
+typedef struct broadcl_algorithm {
+  const char* name;     ///< As broadcl_config.algorithm takes it.
+  const char* summary;  ///< One line for people.
+  int on_device;        ///< 0 for an algorithm of the host; "auto" may use either.
+} broadcl_algorithm;
+
+/// All algorithms. The rows are constant and always valid.
+BROADCL_API broadcl_status broadcl_algorithms(const broadcl_algorithm** rows, size_t* count);
+
+/// Called once by an object that has to compile kernels, before it does so, which may take many seconds. With
+/// "auto" it may be another thread that calls. Must return.
+/// @param device Valid during the call, and so is the other string.
+/// @param kept_in The folder in which the kernels are stored for the next start, "" if nowhere.
+typedef void (*broadcl_compile_handler)(const broadcl_device_info* device, const char* kept_in, void* data);
+
+/// How an object works. Read once, when it is made.
+typedef struct broadcl_config {
+  size_t size;  ///< sizeof(broadcl_config)
+  /// "P:D" with the numbers of `clinfo -l`; "gpu", "cpu" or "accelerator"; or a part of "platform / device"
+  /// in any case. If it is null or empty, the environment variable BROADCL_DEVICE is used instead, otherwise
+  /// the best GPU, otherwise the best CPU.
+  const char* device;
+  const char* algorithm;  ///< A name of broadcl_algorithms(); "auto" if it is null.
+  size_t threads;         ///< Of an algorithm of the host; 0 for as many as there are processors.
+  int profile;            ///< Whether to measure stages on the device, too.
+  broadcl_compile_handler on_compile;  ///< May be null.
+  void* on_compile_data;               ///< Passed to it.
+} broadcl_config;
+
+/// OpenCL memory that an object holds, in bytes. Buffers grow with boxes and pairs, and never shrink.
+typedef struct broadcl_memory_use {
+  size_t size;         ///< sizeof(broadcl_memory_use)
+  size_t device;       ///< On the device, now.
+  size_t device_peak;  ///< The largest value of `device` so far.
+  size_t pinned;       ///< Pinned memory of the host, for transfers.
+} broadcl_memory_use;
+
+/// One stage of an update. The clocks of host and device cannot be compared.
+typedef struct broadcl_stage {
+  const char* name;       ///< Always valid. May occur several times in an update.
+  double host_start;      ///< Seconds from the beginning of the update.
+  double host_seconds;    ///< Wall clock that the calling thread spent in this stage, waiting included.
+  double device_start;    ///< Seconds from the start of the update's first command.
+  double device_seconds;  ///< Both are 0 for host stages and without broadcl_config.profile.
+} broadcl_stage;
+
+// --- All pairs of a set of boxes, once
+
+/// A list of pairs of its own.
+typedef struct broadcl_pair_list broadcl_pair_list;
+
+/// Finds all overlapping pairs of boxes, by index. By default the host does it; a device that is named is
+/// opened each time, so if you call it often, keep a broadcl_broad_phase.
+/// @param config May be null.
+/// @returns BROADCL_FAILED for a NaN bound, too; the error names the first such box.
+BROADCL_API broadcl_status broadcl_pair_list_create(const broadcl_boxes* boxes, const broadcl_config* config,
+                                                    broadcl_pair_list** list);
+/// No-op for null.
+BROADCL_API broadcl_status broadcl_pair_list_destroy(broadcl_pair_list* list);
+/// @param pairs Valid until the list is destroyed.
+BROADCL_API broadcl_status broadcl_pair_list_get(const broadcl_pair_list* list, broadcl_pairs* pairs);
+
+// --- Moving boxes
+
+/// A set of moving boxes that reports at each update which pairs began and which ceased to overlap. An update
+/// costs as much as what moved.
+typedef struct broadcl_broad_phase broadcl_broad_phase;
+
+/// @param config May be null.
+BROADCL_API broadcl_status broadcl_broad_phase_create(const broadcl_config* config,
+                                                      broadcl_broad_phase** broad_phase);
+/// No-op for null.
+BROADCL_API broadcl_status broadcl_broad_phase_destroy(broadcl_broad_phase* broad_phase);
+
+/// Adds an object. Its id is the lowest that is free.
+/// @param filter Null for BROADCL_DEFAULT_FILTER.
+BROADCL_API broadcl_status broadcl_broad_phase_add(broadcl_broad_phase* broad_phase, const broadcl_aabb* box,
+                                                   const broadcl_filter* filter, uint32_t* id);
+BROADCL_API broadcl_status broadcl_broad_phase_move(broadcl_broad_phase* broad_phase, uint32_t id,
+                                                    const broadcl_aabb* box);
+BROADCL_API broadcl_status broadcl_broad_phase_set_filter(broadcl_broad_phase* broad_phase, uint32_t id,
+                                                          const broadcl_filter* filter);
+/// The pairs of the object are in `removed` of the next update.
+BROADCL_API broadcl_status broadcl_broad_phase_remove(broadcl_broad_phase* broad_phase, uint32_t id);
+
+/// Makes 0 .. count-1 the ids of the objects, adding those that are missing, with empty boxes, and removing
+/// those beyond, and returns the memory that their boxes are read from, to be written in place. All of them
+/// count as moved. A NaN that is written there is an error of the next update, which then changes nothing.
+/// @param boxes `count` boxes, valid until the next call with this object.
+/// @returns BROADCL_FAILED between begin and finish, too.
+BROADCL_API broadcl_status broadcl_broad_phase_map(broadcl_broad_phase* broad_phase, size_t count,
+                                                   broadcl_aabb** boxes);
+/// The same, and copies all boxes from memory of the caller, in any layout. If memory is exhausted, boxes are
+/// unspecified.
+BROADCL_API broadcl_status broadcl_broad_phase_set_boxes(broadcl_broad_phase* broad_phase,
+                                                         const broadcl_boxes* boxes);
+
+/// Finds every pair of overlapping boxes that their filters let pair, and returns what changed since the last
+/// update. The same as begin and finish.
+/// @param delta May be null. Valid until the next update or finish.
+BROADCL_API broadcl_status broadcl_broad_phase_update(broadcl_broad_phase* broad_phase, broadcl_delta* delta);
+/// Starts an update on the device and returns at once. What is changed meanwhile belongs to the next update.
+/// No-op if one was started already.
+BROADCL_API broadcl_status broadcl_broad_phase_begin(broadcl_broad_phase* broad_phase);
+/// Waits for the update that was begun, or does one if none was. If it fails, that update is over.
+/// @param delta As above.
+BROADCL_API broadcl_status broadcl_broad_phase_finish(broadcl_broad_phase* broad_phase, broadcl_delta* delta);
+
+/// All pairs as of the last update.
+/// @param pairs Valid until the next call of this function, update or finish.
+/// @returns BROADCL_FAILED between begin and finish, too.
+BROADCL_API broadcl_status broadcl_broad_phase_pairs(broadcl_broad_phase* broad_phase, broadcl_pairs* pairs);
+/// The number of objects.
+BROADCL_API broadcl_status broadcl_broad_phase_count(const broadcl_broad_phase* broad_phase, size_t* count);
+/// The device that does the next update.
+/// @param info Its strings are valid until the next call with this object; if that update is done by the
+/// host,
+///   all of its members but `size` are 0.
+BROADCL_API broadcl_status broadcl_broad_phase_device(broadcl_broad_phase* broad_phase,
+                                                      broadcl_device_info* info);
+/// The row of the algorithm in use.
+BROADCL_API broadcl_status broadcl_broad_phase_algorithm(const broadcl_broad_phase* broad_phase,
+                                                         const broadcl_algorithm** row);
+BROADCL_API broadcl_status broadcl_broad_phase_memory(const broadcl_broad_phase* broad_phase,
+                                                      broadcl_memory_use* use);
+/// The stages of the last update, in order; none if nothing had moved.
+/// @param stages Valid until the next call with this object.
+BROADCL_API broadcl_status broadcl_broad_phase_profile(broadcl_broad_phase* broad_phase,
+                                                       const broadcl_stage** stages, size_t* count);
+
+// --- Boxes that are on an OpenCL device already
+
+struct _cl_command_queue;  // NOLINT(bugprone-reserved-identifier): cl_command_queue points to it
+struct _cl_mem;            // NOLINT(bugprone-reserved-identifier): cl_mem points to it
+
+/// Finds pairs of boxes in a cl_mem, in the caller's context and queue; only counts come to the host. Object
+/// k is the box at index k, in every update the same object. Nothing else may use the queue during a call.
+typedef struct broadcl_device_broad_phase broadcl_device_broad_phase;
+
+typedef struct broadcl_device_config {
+  size_t size;            ///< sizeof(broadcl_device_config)
+  const char* algorithm;  ///< A name of broadcl_algorithms() that finds pairs on the device; null for "auto".
+  int profile;            ///< Whether to measure on the device: the queue must have profiling enabled.
+  broadcl_compile_handler on_compile;  ///< May be null.
+  void* on_compile_data;               ///< Passed to it.
+} broadcl_device_config;
+
+/// Boxes in a buffer of the queue's context. They are only read, by commands that are enqueued during the
+/// call. Empty boxes and those with a NaN bound overlap nothing.
+typedef struct broadcl_device_boxes {
+  size_t size;              ///< sizeof(broadcl_device_boxes)
+  struct _cl_mem* buffer;   ///< float32: lower x, y, z, upper x, y, z of each box.
+  size_t count;             ///< Number of boxes.
+  size_t offset;            ///< Of the first box, in bytes, a multiple of 4.
+  size_t stride;            ///< From each box to the next, in bytes, a multiple of 4; 0 if without gaps.
+  struct _cl_mem* filters;  ///< A broadcl_filter per box, also of the queue's context; or null: all pair.
+  int worlds;               ///< Whether the filters have different worlds.
+  /// If not 0, changes are in order of their worlds first: 0 .. ordered_worlds-1, then all others. A pair
+  /// with an object of all worlds is of the other one's world; pairs of two such objects come last.
+  size_t ordered_worlds;
+} broadcl_device_boxes;
+
+/// Pairs on the device, as broadcl_pair lays them out. The buffer belongs to the broad phase and stays
+/// unchanged until its next update; commands enqueued to the same queue find it filled.
+typedef struct broadcl_pair_buffer {
+  struct _cl_mem* buffer;
+  size_t count;
+  /// If they are in order of worlds, ordered_worlds + 2 uint32: the index at which the pairs of each world
+  /// begin, that at which those of no such world do, and the count. Otherwise null.
+  struct _cl_mem* offsets;
+} broadcl_pair_buffer;
+
+/// What changed since the last update.
+typedef struct broadcl_device_result {
+  size_t size;  ///< sizeof(broadcl_device_result)
+  broadcl_pair_buffer added;
+  broadcl_pair_buffer removed;
+  size_t pair_count;       ///< How many overlap now.
+  size_t invalid_boxes;    ///< Boxes with a NaN bound.
+  uint32_t first_invalid;  ///< The index of the first of these; 0 if there are none.
+  /// How many enqueued updates since the last waiting call changed nothing, since something did not fit. This
+  /// result has their changes, too.
+  size_t incomplete;
+} broadcl_device_result;
+
+/// The caller's buffers, of the queue's context, for the changes of an update that nobody waits for.
+typedef struct broadcl_change_buffers {
+  size_t size;              ///< sizeof(broadcl_change_buffers)
+  struct _cl_mem* added;    ///< For `capacity` pairs.
+  struct _cl_mem* removed;  ///< Likewise.
+  size_t capacity;          ///< At least 1.
+  /// For four uint32: the number of added pairs, of removed ones, and of all that overlap now; and 1 if the
+  /// update is incomplete, otherwise 0.
+  struct _cl_mem* counts;
+  struct _cl_mem* added_offsets;    ///< As broadcl_pair_buffer.offsets, if worlds are ordered.
+  struct _cl_mem* removed_offsets;  ///< Likewise.
+} broadcl_change_buffers;
+
+/// @param queue A cl_command_queue, in order. Retained.
+/// @param config May be null.
+BROADCL_API broadcl_status broadcl_device_broad_phase_create(struct _cl_command_queue* queue,
+                                                             const broadcl_device_config* config,
+                                                             broadcl_device_broad_phase** broad_phase);
+/// No-op for null. Waits for nothing. Wait for the queue before the process ends.
+BROADCL_API broadcl_status broadcl_device_broad_phase_destroy(broadcl_device_broad_phase* broad_phase);
+
+/// Finds every pair of overlapping boxes that their filters let pair. The same as begin and finish; waits for
+/// the queue once.
+/// @param result May be null.
+BROADCL_API broadcl_status broadcl_device_broad_phase_update(broadcl_device_broad_phase* broad_phase,
+                                                             const broadcl_device_boxes* boxes,
+                                                             broadcl_device_result* result);
+/// Enqueues an update behind what is in the queue and returns at once; unless the last one was enqueued by
+/// enqueue: then it waits for that first.
+BROADCL_API broadcl_status broadcl_device_broad_phase_begin(broadcl_device_broad_phase* broad_phase,
+                                                            const broadcl_device_boxes* boxes);
+/// Waits for the update that was begun. If it fails, that update is over.
+/// @param result May be null.
+BROADCL_API broadcl_status broadcl_device_broad_phase_finish(broadcl_device_broad_phase* broad_phase,
+                                                             broadcl_device_result* result);
+
+/// Reserves memory for updates that nobody waits for: of at most so many boxes, with filters or without, of
+/// which at most so many pairs overlap at a time.
+BROADCL_API broadcl_status broadcl_device_broad_phase_reserve(broadcl_device_broad_phase* broad_phase,
+                                                              size_t boxes, size_t pairs, int filters);
+/// Enqueues an update and its changes, in canonical order, into buffers of the caller, where commands
+/// enqueued after it find them. Never waits for the device, except after a call that failed. Memory must have
+/// been reserved.
+///
+/// If more pairs overlap than was reserved, if more changed than the buffers hold, or if more than 4,096
+/// changes have the same b (or world, if worlds are ordered), the update is incomplete: nothing changes, and
+/// so it is with all that are enqueued after it. The next waiting call ends that: it goes on from the last
+/// complete update.
+BROADCL_API broadcl_status broadcl_device_broad_phase_enqueue(broadcl_device_broad_phase* broad_phase,
+                                                              const broadcl_device_boxes* boxes,
+                                                              const broadcl_change_buffers* changes);
+
+/// Enqueues the commands that sort all pairs as of the last update.
+/// @param pairs Valid until the next call with this object.
+BROADCL_API broadcl_status broadcl_device_broad_phase_pairs(broadcl_device_broad_phase* broad_phase,
+                                                            broadcl_pair_buffer* pairs);
+/// @param info Its strings belong to the broad phase.
+BROADCL_API broadcl_status broadcl_device_broad_phase_device(const broadcl_device_broad_phase* broad_phase,
+                                                             broadcl_device_info* info);
+/// Without the caller's buffers.
+BROADCL_API broadcl_status broadcl_device_broad_phase_memory(const broadcl_device_broad_phase* broad_phase,
+                                                             broadcl_memory_use* use);
+/// As broadcl_broad_phase_profile(), with device times if the update was waited for.
+BROADCL_API broadcl_status broadcl_device_broad_phase_profile(broadcl_device_broad_phase* broad_phase,
+                                                              const broadcl_stage** stages, size_t* count);
+
+#ifdef __cplusplus
+}  // extern "C"
+#endif
+
+#endif

@@ -1,0 +1,172 @@
+#include <broadcl/broadcl.h>
+#include <broadcl/broad_phase.hpp>
+
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "c/call.hpp"
+#include "c/convert.hpp"
+
+struct broadcl_pair_list {
+  std::vector<broadcl::Pair> pairs;
+};
+
+struct broadcl_broad_phase {
+  broadcl::BroadPhase broad_phase;
+  std::vector<broadcl::Pair> pairs{};               ///< What broadcl_broad_phase_pairs() has returned.
+  std::optional<broadcl::c::DeviceFacts> device{};  ///< And ..._device(),
+  std::vector<broadcl_stage> stages{};              ///< ..._profile().
+};
+
+using namespace broadcl;
+
+namespace {
+
+BroadPhase& object(broadcl_broad_phase* handle) {
+  return c::required(handle, "broad_phase").broad_phase;
+}
+
+const BroadPhase& object(const broadcl_broad_phase* handle) {
+  return c::required(handle, "broad_phase").broad_phase;
+}
+
+void finish(broadcl_broad_phase* broad_phase, broadcl_delta* delta) {
+  const Delta changes = object(broad_phase).finish();
+  if (delta != nullptr) *delta = c::to_c(changes);
+}
+
+}  // namespace
+
+broadcl_status broadcl_pair_list_create(const broadcl_boxes* boxes, const broadcl_config* config,
+                                        broadcl_pair_list** list) {
+  return c::call(__func__, [&] {
+    c::required(list, "list");
+    auto made = std::make_unique<broadcl_pair_list>();
+    made->pairs = overlapping_pairs(c::to_view(boxes), c::to_config(config));
+    *list = made.release();
+  });
+}
+
+broadcl_status broadcl_pair_list_destroy(broadcl_pair_list* list) {
+  return c::call(__func__, [&] { delete list; });
+}
+
+broadcl_status broadcl_pair_list_get(const broadcl_pair_list* list, broadcl_pairs* pairs) {
+  return c::call(__func__, [&] { c::required(pairs, "pairs") = c::to_c(c::required(list, "list").pairs); });
+}
+
+broadcl_status broadcl_broad_phase_create(const broadcl_config* config, broadcl_broad_phase** broad_phase) {
+  return c::call(__func__, [&] {
+    c::required(broad_phase, "broad_phase");
+    *broad_phase = new broadcl_broad_phase{.broad_phase = BroadPhase(c::to_config(config))};
+  });
+}
+
+broadcl_status broadcl_broad_phase_destroy(broadcl_broad_phase* broad_phase) {
+  return c::call(__func__, [&] { delete broad_phase; });
+}
+
+broadcl_status broadcl_broad_phase_add(broadcl_broad_phase* broad_phase, const broadcl_aabb* box,
+                                       const broadcl_filter* filter, std::uint32_t* id) {
+  return c::call(__func__, [&] {
+    c::required(id, "id");
+    const Filter rule = filter == nullptr ? Filter() : c::to_filter(*filter);
+    *id = object(broad_phase).add(c::to_aabb(c::required(box, "box")), rule);
+  });
+}
+
+broadcl_status broadcl_broad_phase_move(broadcl_broad_phase* broad_phase, std::uint32_t id,
+                                        const broadcl_aabb* box) {
+  return c::call(__func__, [&] { object(broad_phase).move(id, c::to_aabb(c::required(box, "box"))); });
+}
+
+broadcl_status broadcl_broad_phase_set_filter(broadcl_broad_phase* broad_phase, std::uint32_t id,
+                                              const broadcl_filter* filter) {
+  return c::call(__func__,
+                 [&] { object(broad_phase).set_filter(id, c::to_filter(c::required(filter, "filter"))); });
+}
+
+broadcl_status broadcl_broad_phase_remove(broadcl_broad_phase* broad_phase, std::uint32_t id) {
+  return c::call(__func__, [&] { object(broad_phase).remove(id); });
+}
+
+broadcl_status broadcl_broad_phase_map(broadcl_broad_phase* broad_phase, std::size_t count,
+                                       broadcl_aabb** boxes) {
+  return c::call(__func__, [&] {
+    c::required(boxes, "boxes");
+    *boxes = reinterpret_cast<broadcl_aabb*>(object(broad_phase).map(count).data());
+  });
+}
+
+broadcl_status broadcl_broad_phase_set_boxes(broadcl_broad_phase* broad_phase, const broadcl_boxes* boxes) {
+  return c::call(__func__, [&] {
+    const BoxView view = c::to_view(boxes);
+    view.copy_to(object(broad_phase).map(view.size()));
+  });
+}
+
+broadcl_status broadcl_broad_phase_update(broadcl_broad_phase* broad_phase, broadcl_delta* delta) {
+  return c::call(__func__, [&] { finish(broad_phase, delta); });
+}
+
+broadcl_status broadcl_broad_phase_begin(broadcl_broad_phase* broad_phase) {
+  return c::call(__func__, [&] { object(broad_phase).begin(); });
+}
+
+broadcl_status broadcl_broad_phase_finish(broadcl_broad_phase* broad_phase, broadcl_delta* delta) {
+  return c::call(__func__, [&] { finish(broad_phase, delta); });
+}
+
+broadcl_status broadcl_broad_phase_pairs(broadcl_broad_phase* broad_phase, broadcl_pairs* pairs) {
+  return c::call(__func__, [&] {
+    c::required(pairs, "pairs");
+    broadcl_broad_phase& handle = c::required(broad_phase, "broad_phase");
+    handle.pairs = handle.broad_phase.pairs();
+    *pairs = c::to_c(handle.pairs);
+  });
+}
+
+broadcl_status broadcl_broad_phase_count(const broadcl_broad_phase* broad_phase, std::size_t* count) {
+  return c::call(__func__, [&] { c::required(count, "count") = object(broad_phase).size(); });
+}
+
+broadcl_status broadcl_broad_phase_device(broadcl_broad_phase* broad_phase, broadcl_device_info* info) {
+  return c::call(__func__, [&] {
+    const c::Out out(info, "info");
+    broadcl_broad_phase& handle = c::required(broad_phase, "broad_phase");
+    const Device* device = handle.broad_phase.device();
+    if (device == nullptr) {
+      out.write({});
+    } else {
+      out.write(handle.device.emplace(*device).info());
+    }
+  });
+}
+
+broadcl_status broadcl_broad_phase_algorithm(const broadcl_broad_phase* broad_phase,
+                                             const broadcl_algorithm** row) {
+  return c::call(__func__, [&] { c::required(row, "row") = &c::row_of(object(broad_phase).algorithm()); });
+}
+
+broadcl_status broadcl_broad_phase_memory(const broadcl_broad_phase* broad_phase, broadcl_memory_use* use) {
+  return c::call(__func__, [&] {
+    const c::Out out(use, "use");
+    out.write(c::to_c(object(broad_phase).memory()));
+  });
+}
+
+broadcl_status broadcl_broad_phase_profile(broadcl_broad_phase* broad_phase, const broadcl_stage** stages,
+                                           std::size_t* count) {
+  return c::call(__func__, [&] {
+    c::required(stages, "stages");
+    c::required(count, "count");
+    broadcl_broad_phase& handle = c::required(broad_phase, "broad_phase");
+    handle.stages = c::to_c(handle.broad_phase.profile());
+    *stages = handle.stages.data();
+    *count = handle.stages.size();
+  });
+}

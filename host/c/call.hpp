@@ -1,0 +1,109 @@
+#pragma once
+
+#include <cstddef>
+#include <cstring>
+#include <exception>
+#include <new>
+#include <string>
+#include <type_traits>
+
+#include <broadcl/broadcl.h>
+#include <broadcl/error.hpp>
+
+/// What all functions of the C interface have in common: statuses, the last error, arguments, structs with a
+/// size.
+namespace broadcl::c {
+
+/// What BROADCL_INVALID_ARGUMENT stands for.
+class InvalidArgument : public Error {
+ public:
+  using Error::Error;
+};
+
+/// Makes this the thread's last error.
+void set_last_error(const char* function, const char* text) noexcept;
+
+/// Does the work of a function. Nothing passes through.
+template <class Function>
+broadcl_status call(const char* name, const Function& function) noexcept {
+  try {
+    function();
+    return BROADCL_SUCCESS;
+  } catch (const InvalidArgument& error) {
+    set_last_error(name, error.what());
+    return BROADCL_INVALID_ARGUMENT;
+  } catch (const std::bad_alloc&) {
+    set_last_error(name, "memory of the host is exhausted; use fewer or smaller objects");
+    return BROADCL_OUT_OF_MEMORY;
+  } catch (const std::exception& error) {
+    set_last_error(name, error.what());
+    return BROADCL_FAILED;
+  } catch (...) {
+    set_last_error(name, "something that is no std::exception was thrown");
+    return BROADCL_FAILED;
+  }
+}
+
+/// What a pointer points to, which must not be null.
+template <class T>
+T& required(T* pointer, const char* name) {
+  if (pointer == nullptr) throw InvalidArgument(std::string(name) + " is null; it must not be");
+  return *pointer;
+}
+
+/// Refuses sizes that no version of a struct has: it has members after its size, and no gap at its end.
+template <class Struct>
+void check_size(const Struct& given, const char* name) {
+  if (given.size <= sizeof(std::size_t) || given.size % alignof(Struct) != 0) {
+    throw InvalidArgument(std::string(name) + "->size is " + std::to_string(given.size) +
+                          "; set it to sizeof, here " + std::to_string(sizeof(Struct)));
+  }
+}
+
+/// A struct of the caller, which may be of an earlier version: members that it lacks are 0, the default. Of a
+/// later version it must not use what this library does not know.
+template <class Struct>
+[[nodiscard]] Struct read(const Struct* given, const char* name) {
+  static_assert(std::is_trivially_copyable_v<Struct>);
+  check_size(required(given, name), name);
+  const auto* bytes = reinterpret_cast<const unsigned char*>(given);
+  for (std::size_t k = sizeof(Struct); k < given->size; ++k) {
+    if (bytes[k] != 0) {
+      throw InvalidArgument(std::string(name) +
+                            " sets members that this library is too old for; update it, or leave them 0");
+    }
+  }
+  Struct result{};
+  std::memcpy(&result, given, given->size < sizeof(Struct) ? given->size : sizeof(Struct));
+  result.size = sizeof(Struct);
+  return result;
+}
+
+/// The same for a struct that may be left out, and is then all default.
+template <class Struct>
+[[nodiscard]] Struct read_optional(const Struct* given, const char* name) {
+  Struct none{};
+  none.size = sizeof(Struct);
+  return read(given == nullptr ? &none : given, name);
+}
+
+/// A struct that a function returns through a pointer. Checked before the function does anything, since a
+/// call that fails changes nothing.
+template <class Struct>
+class Out {
+ public:
+  Out(Struct* to, const char* name) : to_(&required(to, name)) { check_size(*to_, name); }
+
+  /// Fills it as far as the caller's version goes; later members are 0.
+  void write(Struct value) const noexcept {
+    const std::size_t size = to_->size;
+    value.size = size;
+    std::memset(static_cast<void*>(to_), 0, size);
+    std::memcpy(static_cast<void*>(to_), &value, size < sizeof(Struct) ? size : sizeof(Struct));
+  }
+
+ private:
+  Struct* to_;
+};
+
+}  // namespace broadcl::c

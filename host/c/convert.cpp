@@ -1,0 +1,112 @@
+#include "c/convert.hpp"
+
+#include <algorithm>
+#include <cstddef>
+#include <string>
+#include <utility>
+
+#include "c/call.hpp"
+
+namespace broadcl::c {
+namespace {
+
+template <Bound S>
+BoxView view_of(const broadcl_boxes& boxes) {
+  const std::ptrdiff_t packed = 6 * sizeof(S);
+  return BoxView::interleaved(static_cast<const S*>(boxes.data), boxes.count,
+                              boxes.stride == 0 ? packed : boxes.stride);
+}
+
+}  // namespace
+
+BoxView to_view(const broadcl_boxes* boxes) {
+  const broadcl_boxes given = read(boxes, "boxes");
+  if (given.dimensions != 0 && given.dimensions != 3) {
+    throw InvalidArgument("boxes->dimensions is " + std::to_string(given.dimensions) + "; give 3");
+  }
+  try {
+    switch (given.type) {
+      case BROADCL_FLOAT32:
+        return view_of<float>(given);
+      case BROADCL_FLOAT64:
+        return view_of<double>(given);
+    }
+  } catch (const Error& error) {
+    throw InvalidArgument(error.what());
+  }
+  throw InvalidArgument("boxes->type is " + std::to_string(given.type) +
+                        "; give BROADCL_FLOAT32 or BROADCL_FLOAT64");
+}
+
+CompileHandler to_handler(broadcl_compile_handler handler, void* data) {
+  if (handler == nullptr) return {};
+  return [handler, data](const Device& device, const std::string& kept_in) {
+    const DeviceFacts facts(device);
+    const broadcl_device_info info = facts.info();
+    handler(&info, kept_in.c_str(), data);
+  };
+}
+
+Config to_config(const broadcl_config* config) {
+  const broadcl_config given = read_optional(config, "config");
+  Config result;
+  if (given.device != nullptr) result.device = given.device;
+  if (given.algorithm != nullptr) result.algorithm = given.algorithm;
+  result.threads = given.threads;
+  result.profile = given.profile != 0;
+  result.on_compile = to_handler(given.on_compile, given.on_compile_data);
+  return result;
+}
+
+DeviceFacts::DeviceFacts(Device device)
+    : device_(std::move(device)), id_(device_.id()), label_(device_.label()) {}
+
+broadcl_device_info DeviceFacts::info() const noexcept {
+  return {.size = sizeof(broadcl_device_info),
+          .id = id_.c_str(),
+          .label = label_.c_str(),
+          .platform_name = device_.platform_name.c_str(),
+          .name = device_.name.c_str(),
+          .version = device_.version.c_str(),
+          .driver_version = device_.driver_version.c_str(),
+          .type = static_cast<broadcl_device_type>(device_.type),
+          .compute_units = device_.compute_units,
+          .clock_mhz = device_.clock_mhz,
+          .vendor_id = device_.vendor_id,
+          .memory = device_.memory,
+          .max_allocation = device_.max_allocation,
+          .host_unified = device_.host_unified ? 1 : 0};
+}
+static_assert(static_cast<int>(DeviceType::gpu) == BROADCL_GPU &&
+              static_cast<int>(DeviceType::cpu) == BROADCL_CPU &&
+              static_cast<int>(DeviceType::accelerator) == BROADCL_ACCELERATOR &&
+              static_cast<int>(DeviceType::other) == BROADCL_OTHER_DEVICE);
+
+std::vector<broadcl_stage> to_c(std::span<const Stage> stages) {
+  std::vector<broadcl_stage> result;
+  result.reserve(stages.size());
+  for (const Stage& stage : stages) {  // names are literals, so they end with a zero
+    result.push_back(
+        {stage.name.data(), stage.host_start, stage.host_seconds, stage.device_start, stage.device_seconds});
+  }
+  return result;
+}
+
+std::span<const broadcl_algorithm> rows() {
+  static const std::vector<broadcl_algorithm> table = [] {
+    std::vector<broadcl_algorithm> result;
+    for (const AlgorithmInfo& row : algorithms()) {  // literals, too
+      result.push_back({row.name.data(), row.summary.data(), row.on_device ? 1 : 0});
+    }
+    return result;
+  }();
+  return table;
+}
+
+const broadcl_algorithm& row_of(const AlgorithmInfo& algorithm) {
+  const std::span<const AlgorithmInfo> table = algorithms();
+  const auto row = std::ranges::find(table, algorithm.name, &AlgorithmInfo::name);
+  return rows()[static_cast<std::size_t>(row - table.begin())];
+}
+
+}  // namespace broadcl::c

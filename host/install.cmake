@@ -1,0 +1,52 @@
+# What others build against: components of CMake (cmake/broadcl-config.cmake.in), of pkg-config, headers and the licence.
+include(CMakePackageConfigHelpers)
+set(package_folder ${CMAKE_INSTALL_LIBDIR}/cmake/broadcl)
+configure_package_config_file(
+  ${PROJECT_SOURCE_DIR}/cmake/broadcl-config.cmake.in broadcl-config.cmake INSTALL_DESTINATION ${package_folder})
+write_basic_package_version_file(broadcl-config-version.cmake COMPATIBILITY SameMinorVersion)
+install(FILES
+  ${CMAKE_CURRENT_BINARY_DIR}/broadcl-config.cmake ${CMAKE_CURRENT_BINARY_DIR}/broadcl-config-version.cmake
+  DESTINATION ${package_folder})
+install(FILES ${PROJECT_SOURCE_DIR}/cmake/bullet.cmake
+  DESTINATION ${package_folder} RENAME broadcl-bullet-library.cmake)
+install(FILES ${PROJECT_SOURCE_DIR}/LICENSE DESTINATION ${CMAKE_INSTALL_DOCDIR})
+install(DIRECTORY broadcl DESTINATION ${CMAKE_INSTALL_INCLUDEDIR} PATTERN bullet.hpp EXCLUDE)
+install(TARGETS broadcl broadcl_c EXPORT broadcl-targets)
+install(EXPORT broadcl-targets NAMESPACE broadcl:: DESTINATION ${package_folder})
+foreach(adapter IN LISTS adapters)
+  string(REPLACE - _ target broadcl_${adapter})
+  install(TARGETS ${target} EXPORT broadcl-${adapter}-targets)
+  install(EXPORT broadcl-${adapter}-targets NAMESPACE broadcl:: DESTINATION ${package_folder})
+endforeach()
+if(adapters)
+  install(FILES broadcl/bullet.hpp DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/broadcl)
+endif()
+
+# Files for pkg-config. They find the prefix from where they are, unless libraries have a place outside of it.
+set(prefix ${CMAKE_INSTALL_PREFIX})
+if(NOT IS_ABSOLUTE ${CMAKE_INSTALL_LIBDIR})
+  file(RELATIVE_PATH prefix /${CMAKE_INSTALL_LIBDIR}/pkgconfig /)
+  set(prefix "\${pcfiledir}/${prefix}")
+endif()
+set(static_libraries -lOpenCL -pthread -lstdc++)
+if("c++" IN_LIST CMAKE_CXX_IMPLICIT_LINK_LIBRARIES)
+  list(TRANSFORM static_libraries REPLACE "-lstdc\\+\\+" "-lc++")
+endif()
+list(JOIN static_libraries " " static_libraries)
+function(install_pkg_config name description requires libraries)
+  configure_file(${PROJECT_SOURCE_DIR}/cmake/pkg-config.pc.in ${name}.pc @ONLY)
+  install(FILES ${CMAKE_CURRENT_BINARY_DIR}/${name}.pc DESTINATION ${CMAKE_INSTALL_LIBDIR}/pkgconfig)
+endfunction()
+if(BUILD_SHARED_LIBS)
+  install_pkg_config(broadcl "${PROJECT_DESCRIPTION}" "" -lbroadcl)
+else()
+  install_pkg_config(broadcl "${PROJECT_DESCRIPTION}" "" "-lbroadcl ${static_libraries}")
+endif()
+foreach(adapter IN LISTS adapters)
+  # Only if pkg-config knows Bullet.
+  if(TARGET PkgConfig::broadcl_${adapter})
+    string(REPLACE - _ library broadcl_${adapter})
+    install_pkg_config(
+      broadcl-${adapter} "BroadCL for Bullet" "broadcl = ${PROJECT_VERSION}, ${adapter}" -l${library})
+  endif()
+endforeach()

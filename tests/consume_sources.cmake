@@ -1,0 +1,26 @@
+# cmake -D BUILD=build-tree -D SOURCE=examples -D COMPILE=ON|OFF -P consume_sources.cmake
+# Projects of which BroadCL is a part: they get the library and nothing else. Compiling it takes a minute each.
+include(${CMAKE_CURRENT_LIST_DIR}/projects.cmake)
+
+set(folder ${BUILD}/consumer-sources)
+file(REMOVE_RECURSE ${folder})
+configure(part consume/add_subdirectory -D CMAKE_CXX_FLAGS=-O0)
+file(STRINGS ${folder}/part/CMakeCache.txt entries REGEX "^[A-Za-z]")
+list(FILTER entries EXCLUDE REGEX
+  "^(CMAKE_|BROADCL_|broadcl_|consumer_|OpenCL_|OPENCL_|FIND_PACKAGE_|EXECUTABLE_|LIBRARY_)")
+if(entries)
+  message(FATAL_ERROR "add_subdirectory() leaves more than its own in the cache: ${entries}")
+endif()
+file(STRINGS ${folder}/part/CMakeCache.txt type REGEX "^CMAKE_BUILD_TYPE:[A-Z]*=.")
+if(type)
+  message(FATAL_ERROR "add_subdirectory() chooses the type of build: ${type}")
+endif()
+run(${CMAKE_COMMAND} --install ${folder}/part --prefix ${folder}/prefix)
+if(EXISTS ${folder}/prefix)
+  message(FATAL_ERROR "add_subdirectory() installs something")
+endif()
+configure(fetched consume/fetch_content -D CMAKE_CXX_FLAGS=-O0)
+if(COMPILE)
+  build(part consumer)
+  build(fetched consumer bullet_consumer)
+endif()

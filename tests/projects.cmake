@@ -1,0 +1,36 @@
+# What consume.cmake and consume_sources.cmake have in common. SOURCE is the folder of the examples, `folder` one to build in.
+function(run)
+  execute_process(COMMAND ${ARGV} RESULT_VARIABLE failed OUTPUT_VARIABLE output ERROR_VARIABLE output)
+  if(failed)
+    message(FATAL_ERROR "${ARGV}\n${output}")
+  endif()
+  set(output "${output}" PARENT_SCOPE)
+endfunction()
+
+# Whether a command fails with an error that has this text. (CMake breaks lines.)
+function(expect_refused text)
+  execute_process(COMMAND ${ARGN} RESULT_VARIABLE failed OUTPUT_VARIABLE output ERROR_VARIABLE output)
+  string(REGEX REPLACE "[ \n]+" " " output "${output}")
+  string(FIND "${output}" "${text}" position)
+  if(NOT failed OR position EQUAL -1)
+    message(FATAL_ERROR "${ARGN}\nshould fail with '${text}':\n${output}")
+  endif()
+endfunction()
+
+function(run_programs folder)
+  foreach(program IN LISTS ARGN)
+    run(${folder}/${program})
+    message(STATUS "${program}: ${output}")
+  endforeach()
+endfunction()
+
+# configure(name project ...), build(name program ...): a project, and its programs, which are run.
+function(configure name project)
+  run(${CMAKE_COMMAND} -S ${SOURCE}/${project} -B ${folder}/${name}
+    -D CMAKE_CXX_FLAGS=-Werror "-DCMAKE_C_FLAGS=-Wall -Wextra -Werror -pedantic" ${ARGN})
+endfunction()
+function(build name)
+  run(${CMAKE_COMMAND} --build ${folder}/${name} --target ${ARGN})
+  run_programs(${folder}/${name} ${ARGN})
+endfunction()
+
