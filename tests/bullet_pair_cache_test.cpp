@@ -86,6 +86,15 @@ struct RemoveSome final : btOverlapCallback {
   unsigned remainder;
 };
 
+/// The pairs of one cache after the other.
+struct Record final : btOverlapCallback {
+  bool processOverlap(btBroadphasePair& pair) override {
+    pairs.back().push_back({pair.m_pProxy0, pair.m_pProxy1});
+    return false;
+  }
+  std::vector<std::vector<std::array<const void*, 2>>> pairs{1};
+};
+
 /// Both caches, and proxies that end up in both.
 class Twins {
  public:
@@ -119,7 +128,12 @@ class Twins {
         if (what < 95) proxies_[k] = make(proxy->m_uniqueId);
       } else if (what < 99) {
         RemoveSome some(random.index(5));
-        both([&](auto& side) { side.cache.processAllOverlappingPairs(&some, &side.dispatcher); });
+        if (what == 97) {
+          both([&](auto& side) { side.cache.processAllOverlappingPairs(&some, &side.dispatcher); });
+        } else {
+          both([&](auto& side) { side.cache.processAllOverlappingPairs(&some, &side.dispatcher, {}); });
+        }
+        process_all(random);
       } else {
         both([&](auto& side) { side.cache.sortOverlappingPairs(&side.dispatcher); });
       }
@@ -159,6 +173,18 @@ class Twins {
     if (n == 0) return;
     const auto index = static_cast<int>(random.index(static_cast<std::uint32_t>(n)));
     both([&](auto& side) { side.start_algorithm(index, number); });
+  }
+
+  /// As a dispatcher does.
+  void process_all(Random& random) {
+    btDispatcherInfo info;
+    info.m_deterministicOverlappingPairs = random.index(2) == 0;
+    Record record;
+    both([&](auto& side) {
+      side.cache.processAllOverlappingPairs(&record, &side.dispatcher, info);
+      record.pairs.emplace_back();
+    });
+    EXPECT_EQ(record.pairs[0], record.pairs[1]);
   }
 
   std::vector<std::unique_ptr<btBroadphaseProxy>> proxies_;

@@ -105,23 +105,47 @@ class CachedPairs {
     if (cache_.hasDeferredRemoval()) {
       if (!removed.empty() || were_changed()) remove_stale(removed, dispatcher);
     } else {
-      for (const Pair& pair : removed) {
-        cache_.removeOverlappingPair(&pool_[pair.a], &pool_[pair.b], dispatcher);
-      }
+      remove(removed, dispatcher);
     }
     std::vector<Pair> offered;
     if (!refused_.empty() && pool_.is_any_changed()) {
       offered = merge(added, take_if(refused_, [&](const Pair& pair) { return pool_.is_changed(pair); }));
       added = offered;
     }
-    std::vector<Pair> refused;
-    for (const Pair& pair : added) {
-      if (!early_.empty() && std::binary_search(early_.begin(), early_.end(), pair)) continue;
-      if (cache_.addOverlappingPair(&pool_[pair.a], &pool_[pair.b]) == nullptr) refused.push_back(pair);
-    }
+    const std::vector<Pair> refused = add(added);
     if (!refused.empty()) refused_ = merge(refused_, refused);
     early_.clear();
     count_ = cache_.getNumOverlappingPairs();
+  }
+
+  void remove(std::span<const Pair> pairs, btDispatcher* dispatcher) {
+    for_each_part(pairs, [&](std::span<const Pair> part) {
+      if (own_ != nullptr) own_->prefetch_removals(part);
+      for (const Pair& pair : part) {
+        cache_.removeOverlappingPair(&pool_[pair.a], &pool_[pair.b], dispatcher);
+      }
+    });
+  }
+
+  /// @returns Those that the cache refused.
+  std::vector<Pair> add(std::span<const Pair> pairs) {
+    std::vector<Pair> refused;
+    for_each_part(pairs, [&](std::span<const Pair> part) {
+      if (own_ != nullptr) own_->prefetch_lookups(part);
+      for (const Pair& pair : part) {
+        if (!early_.empty() && std::binary_search(early_.begin(), early_.end(), pair)) continue;
+        if (cache_.addOverlappingPair(&pool_[pair.a], &pool_[pair.b]) == nullptr) refused.push_back(pair);
+      }
+    });
+    return refused;
+  }
+
+  /// Calls a function with as many pairs at once as the adapter's own cache prefetches.
+  template <class Function>
+  static void for_each_part(std::span<const Pair> pairs, const Function& function) {
+    for (std::size_t k = 0; k < pairs.size(); k += PairCache::pairs_at_once) {
+      function(pairs.subspan(k, std::min(pairs.size() - k, PairCache::pairs_at_once)));
+    }
   }
 
   /// For a cache that removes nothing by itself: what parted, and what is there twice. As Bullet's own broad
@@ -196,7 +220,7 @@ class CachedPairs {
     return taken;
   }
 
-  std::unique_ptr<btOverlappingPairCache> own_;
+  std::unique_ptr<PairCache> own_;
   btOverlappingPairCache& cache_;
   const ProxyPool& pool_;
   int count_ = cache_.getNumOverlappingPairs();  // unless somebody else changes it

@@ -1,12 +1,37 @@
 #include "bullet/pair_cache.hpp"
 
+#include <BulletCollision/BroadphaseCollision/btDispatcher.h>
+#include <BulletCollision/CollisionDispatch/btCollisionObject.h>
+#include <BulletCollision/NarrowPhaseCollision/btPersistentManifold.h>
+
 #include <algorithm>
+#include <array>
 #include <new>
+
+#include "prefetch.hpp"
 
 namespace broadcl {
 namespace {
 
 constexpr int none = -1;
+
+/// Proxies and algorithms are prefetched so many pairs ahead, and what these refer to half as many.
+constexpr int ahead = 8;
+
+/// As btHashedOverlappingPairCache has it (by Thomas Wang). With another one, the wrong memory would be
+/// prefetched, and nothing else.
+unsigned hash_of(const Pair& pair) {
+  unsigned key = pair.a | pair.b << 16U;
+  key += ~(key << 15U);
+  key ^= key >> 10U;
+  key += key << 3U;
+  key ^= key >> 6U;
+  key += ~(key << 11U);
+  return key ^ key >> 16U;
+}
+
+/// An algorithm for two convex shapes, and the start of any other.
+constexpr std::size_t algorithm_bytes = 128;
 
 /// Proxies that are not the adapter's may have any id; for those without a list, every pair is looked at.
 bool has_list(int id) {
@@ -58,6 +83,76 @@ void PairCache::cleanProxyFromPairs(btBroadphaseProxy* proxy, btDispatcher* disp
     return;
   }
   for (const int index : *indices) cleanOverlappingPair(getOverlappingPairArray()[index], dispatcher);
+}
+
+void PairCache::processAllOverlappingPairs(btOverlapCallback* callback, btDispatcher* dispatcher,
+                                           const btDispatcherInfo& info) {
+  if (info.m_deterministicOverlappingPairs) {
+    btHashedOverlappingPairCache::processAllOverlappingPairs(callback, dispatcher, info);
+    return;
+  }
+  for (int k = 0; k < getNumOverlappingPairs();) {
+    prefetch_after(k);
+    btBroadphasePair& pair = getOverlappingPairArray()[k];
+    if (callback->processOverlap(pair)) {
+      removeOverlappingPair(pair.m_pProxy0, pair.m_pProxy1, dispatcher);
+    } else {
+      ++k;
+    }
+  }
+}
+
+void PairCache::prefetch_after(int k) {
+  const btBroadphasePairArray& pairs = getOverlappingPairArray();
+  if (k + ahead < pairs.size()) {
+    const btBroadphasePair& later = pairs[k + ahead];
+    prefetch(later.m_pProxy0);
+    prefetch(later.m_pProxy1);
+    prefetch(later.m_algorithm, algorithm_bytes);
+  }
+  if (k + ahead / 2 < pairs.size()) {
+    const btBroadphasePair& next = pairs[k + ahead / 2];
+    prefetch(next.m_pProxy0->m_clientObject, sizeof(btCollisionObject));
+    prefetch(next.m_pProxy1->m_clientObject, sizeof(btCollisionObject));
+    if (next.m_algorithm != nullptr) prefetch_contacts(*next.m_algorithm);
+  }
+}
+
+void PairCache::prefetch_removals(std::span<const Pair> pairs) {
+  prefetch_lookups(pairs);
+  std::array<btCollisionAlgorithm*, pairs_at_once> algorithms{};
+  std::size_t count = 0;
+  btBroadphaseProxy a;  // found by their ids alone
+  btBroadphaseProxy b;
+  for (const Pair& pair : pairs) {
+    a.m_uniqueId = static_cast<int>(pair.a);
+    b.m_uniqueId = static_cast<int>(pair.b);
+    const btBroadphasePair* found = findPair(&a, &b);
+    if (found == nullptr || found->m_algorithm == nullptr) continue;
+    algorithms[count++] = found->m_algorithm;
+    prefetch(found->m_algorithm, algorithm_bytes);
+  }
+  for (btCollisionAlgorithm* algorithm : std::span(algorithms).first(count)) prefetch_contacts(*algorithm);
+}
+
+void PairCache::prefetch_lookups(std::span<const Pair> pairs) {
+  if (m_hashTable.size() == 0) return;
+  std::array<const int*, pairs_at_once> slots{};
+  for (std::size_t k = 0; k < pairs.size(); ++k) {
+    slots[k] = &m_hashTable[static_cast<int>(hash_of(pairs[k]) % static_cast<unsigned>(m_hashTable.size()))];
+    prefetch(slots[k]);
+  }
+  for (const int* slot : std::span(slots).first(pairs.size())) {
+    if (*slot == BT_NULL_PAIR) continue;
+    prefetch(&getOverlappingPairArray()[*slot]);
+    prefetch(&m_next[*slot]);
+  }
+}
+
+void PairCache::prefetch_contacts(btCollisionAlgorithm& algorithm) {
+  manifolds_.resizeNoInitialize(0);
+  algorithm.getAllContactManifolds(manifolds_);
+  for (int k = 0; k < manifolds_.size(); ++k) prefetch(manifolds_[k], sizeof(btPersistentManifold));
 }
 
 std::optional<std::vector<int>> PairCache::indices_of(btBroadphaseProxy& proxy) {

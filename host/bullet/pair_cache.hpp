@@ -1,10 +1,14 @@
 #pragma once
 
+#include <BulletCollision/BroadphaseCollision/btCollisionAlgorithm.h>
 #include <BulletCollision/BroadphaseCollision/btOverlappingPairCache.h>
 
 #include <cstddef>
 #include <optional>
+#include <span>
 #include <vector>
+
+#include <broadcl/pair.hpp>
 
 namespace broadcl {
 
@@ -16,11 +20,28 @@ namespace broadcl {
 /// that is added. They forget none that is removed: what they say is looked up in the cache. After as many
 /// additions as there were pairs they are given up until they are needed again, so they cost little if pairs
 /// come and go but no proxy does. If memory for them cannot be had, it does as Bullet's own does.
+///
+/// What Bullet does with a pair, when it collides two objects or frees their contacts, is mostly waiting for
+/// memory. So the cache prefetches what the next pairs need.
 class PairCache final : public btHashedOverlappingPairCache {
  public:
+  PairCache() { manifolds_.reserve(1); }
+
   btBroadphasePair* addOverlappingPair(btBroadphaseProxy* proxy0, btBroadphaseProxy* proxy1) override;
   void removeOverlappingPairsContainingProxy(btBroadphaseProxy* proxy, btDispatcher* dispatcher) override;
   void cleanProxyFromPairs(btBroadphaseProxy* proxy, btDispatcher* dispatcher) override;
+
+  using btHashedOverlappingPairCache::processAllOverlappingPairs;
+  /// The one that dispatchers call.
+  void processAllOverlappingPairs(btOverlapCallback* callback, btDispatcher* dispatcher,
+                                  const btDispatcherInfo& info) override;
+
+  /// As many pairs as the following two take, by the ids of their proxies.
+  static constexpr std::size_t pairs_at_once = 32;
+  /// To be called before these pairs are added.
+  void prefetch_lookups(std::span<const Pair> pairs);
+  /// To be called before these pairs are removed.
+  void prefetch_removals(std::span<const Pair> pairs);
 
  private:
   /// Two ids whose pair was in the cache at some time, and the next entry in the list of each.
@@ -38,11 +59,17 @@ class PairCache final : public btHashedOverlappingPairCache {
   void bring_lists_up_to_date();
   void link(int id, int entry, int& next);
 
+  /// For the pairs that follow the k-th when all are processed.
+  void prefetch_after(int k);
+  /// All that the narrow phase remembers of a pair, whose algorithm was prefetched itself.
+  void prefetch_contacts(btCollisionAlgorithm& algorithm);
+
   bool is_listed_ = false;
   std::vector<Entry> entries_;
-  std::size_t most_ = 0;     // entries before the lists are given up
-  std::size_t linked_ = 0;   // entries that are in lists; the rest came since they were last needed
-  std::vector<int> newest_;  // by id: the first entry of its list, or none
+  std::size_t most_ = 0;       // entries before the lists are given up
+  std::size_t linked_ = 0;     // entries that are in lists; the rest came since they were last needed
+  std::vector<int> newest_;    // by id: the first entry of its list, or none
+  btManifoldArray manifolds_;  // of the algorithm at hand
 };
 
 }  // namespace broadcl
