@@ -62,6 +62,18 @@ TEST_F(Bullet, FiltersWrittenInPlaceTakeEffectInTheNextCalculation) {
   EXPECT_EQ(pairs().size(), 3U);
 }
 
+TEST_F(Bullet, FiltersAreLookedAtWhereverAProxyLies) {
+  std::vector<btBroadphaseProxy*> proxies;
+  for (int k = 0; k < 600; ++k) proxies.push_back(create_unit(static_cast<btScalar>(k / 2 * 2)));
+  calculate();
+  std::size_t left = pairs().size();
+  for (const std::size_t k : {0U, 63U, 64U, 190U, 193U, 254U, 256U, 511U, 512U, 599U}) {
+    proxies[k]->m_collisionFilterMask = 0;
+    calculate();
+    EXPECT_EQ(pairs().size(), --left) << k;
+  }
+}
+
 TEST_F(Bullet, ANewProxyPairsWithThoseThatHaveFilters) {
   create_unit(0, 2, all_bits);
   calculate();

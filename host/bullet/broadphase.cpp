@@ -60,14 +60,15 @@ btBroadphaseProxy* BulletBroadphase::createProxy(const btVector3& aabbMin, const
                                                  int collisionFilterMask, btDispatcher* /*dispatcher*/) {
   Proxy made;
   made.m_clientObject = userPtr;
-  made.m_collisionFilterGroup = made.seen_group = collisionFilterGroup;
-  made.m_collisionFilterMask = made.seen_mask = collisionFilterMask;
+  made.m_collisionFilterGroup = collisionFilterGroup;
+  made.m_collisionFilterMask = collisionFilterMask;
   made.m_aabbMin = aabbMin;
   made.m_aabbMax = aabbMax;
   impl_->pool.reserve(impl_->search.core().size() + 1);  // the lowest free id is at most the number in use
   const std::uint32_t id = impl_->search.add(made);
   made.m_uniqueId = static_cast<int>(id);
   Proxy& proxy = impl_->pool[id] = made;
+  impl_->pool.seen(id) = masks_of(made);
   impl_->pool.mark_created(proxy);
   impl_->queries.touch(id);
   if (has_nan(aabbMin, aabbMax)) impl_->report_nan(proxy);

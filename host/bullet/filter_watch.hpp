@@ -22,30 +22,25 @@ class FilterWatch {
                         type == typeid(btSortedOverlappingPairCache) || type == typeid(btNullPairCache);
   }
 
-  /// As of the last look. If only the cache knows what may pair, all proxies may.
-  [[nodiscard]] Filter filter(const Proxy& proxy) const {
+  /// Of a proxy with these masks. If only the cache knows what may pair, all proxies may.
+  [[nodiscard]] Filter filter(const Masks& masks) const {
     if (!filters_by_masks_ || callback_ != nullptr) return {};
-    return {.group = static_cast<std::uint32_t>(proxy.seen_group),
-            .mask = static_cast<std::uint32_t>(proxy.seen_mask)};
+    return {.group = static_cast<std::uint32_t>(masks.group), .mask = static_cast<std::uint32_t>(masks.mask)};
   }
 
-  /// @param give Called with each proxy whose filter() may be another one since the last look.
+  /// @param give Called with each proxy whose filter may be another one since the last look.
   /// @returns Whether the callback is another one.
   template <class Function>
   bool look(const Function& give) {
-    const bool is_new_callback = cache_.getOverlapFilterCallback() != callback_;
-    callback_ = cache_.getOverlapFilterCallback();
-    pool_.for_each_slot([&](Proxy& proxy) {
-      const int group = proxy.m_collisionFilterGroup;
-      const int mask = proxy.m_collisionFilterMask;
-      const bool is_written = group != proxy.seen_group || mask != proxy.seen_mask;
-      if (!is_written && !(is_new_callback && proxy.is_live())) return;
-      proxy.seen_group = group;
-      proxy.seen_mask = mask;
+    const auto take = [&](Proxy& proxy) {
       pool_.mark_changed(proxy);
       give(proxy);
-    });
-    return is_new_callback;
+    };
+    pool_.for_each_written(take);
+    if (cache_.getOverlapFilterCallback() == callback_) return false;
+    callback_ = cache_.getOverlapFilterCallback();
+    pool_.for_each(take);
+    return true;
   }
 
  private:

@@ -8,8 +8,9 @@
 
 namespace broadcl {
 
-/// A proxy, and what the adapter remembers of it.
-struct Proxy : btBroadphaseProxy {
+/// A proxy, and what the adapter remembers of it: a line of memory in single precision, since what users
+/// write in place is looked for in all of them.
+struct alignas(64) Proxy : btBroadphaseProxy {
   Proxy() {
     m_uniqueId = no_id;
     m_collisionFilterGroup = 0;
@@ -21,13 +22,21 @@ struct Proxy : btBroadphaseProxy {
   [[nodiscard]] bool is_live() const noexcept { return m_uniqueId != no_id; }
   [[nodiscard]] std::uint32_t id() const noexcept { return static_cast<std::uint32_t>(m_uniqueId); }
 
-  // Users write m_collisionFilterGroup and m_collisionFilterMask in place: these are the values last seen.
-  int seen_group = 0;
-  int seen_mask = 0;
   // The number of the calculation that comes next, at the time when
   std::uint32_t created = 0;  ///< it was created;
   std::uint32_t changed = 0;  ///< its box or filter was last changed.
 };
+
+/// The group and mask of a proxy. Users write them in place.
+struct Masks {
+  int group = 0;
+  int mask = 0;
+  bool operator==(const Masks&) const = default;
+};
+
+[[nodiscard]] inline Masks masks_of(const btBroadphaseProxy& proxy) noexcept {
+  return {proxy.m_collisionFilterGroup, proxy.m_collisionFilterMask};
+}
 
 [[nodiscard]] inline bool has_nan(const btVector3& lower, const btVector3& upper) noexcept {
   for (int axis = 0; axis < 3; ++axis) {

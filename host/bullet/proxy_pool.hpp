@@ -1,5 +1,6 @@
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstddef>
 #include <cstdint>
@@ -9,11 +10,12 @@
 #include <broadcl/pair.hpp>
 
 #include "bullet/proxy.hpp"
+#include "prefetch.hpp"
 
 namespace broadcl {
 
 /// Proxies by id, and which of them are new or changed since the last calculation. They lie together, so that
-/// looking at all of them is quick, and never move.
+/// looking at all of them is quick, and never move. Beside them lies what was last seen of their masks.
 class ProxyPool {
  public:
   /// Makes the slots of all ids below n.
@@ -22,25 +24,41 @@ class ProxyPool {
   }
 
   [[nodiscard]] Proxy& operator[](std::uint32_t id) const {
-    return (*chunks_[id / chunk_size])[id % chunk_size];
+    return chunks_[id / chunk_size]->proxies[id % chunk_size];
+  }
+  [[nodiscard]] Masks& seen(std::uint32_t id) const {
+    return chunks_[id / chunk_size]->seen[id % chunk_size];
   }
 
   /// Number of slots, free ones too.
   [[nodiscard]] std::size_t slots() const noexcept { return chunks_.size() * chunk_size; }
 
-  /// Free slots too.
   template <class Function>
-  void for_each_slot(Function&& function) const {
+  void for_each(Function&& function) const {
     for (const auto& chunk : chunks_) {
-      for (Proxy& proxy : *chunk) function(proxy);
+      for (Proxy& proxy : chunk->proxies) {
+        if (proxy.is_live()) function(proxy);
+      }
     }
   }
 
+  /// Calls function(proxy) with each proxy whose masks are not those last seen, which they are from then on.
   template <class Function>
-  void for_each(Function&& function) const {
-    for_each_slot([&](Proxy& proxy) {
-      if (proxy.is_live()) function(proxy);
-    });
+  void for_each_written(Function&& function) const {
+    for (std::size_t c = 0; c < chunks_.size(); ++c) {
+      Chunk& chunk = *chunks_[c];
+      const Chunk& next = *chunks_[std::min(c + 1, chunks_.size() - 1)];
+      for (std::size_t k = 0; k < chunk_size; ++k) {
+        // Processors do not look ahead far enough by themselves.
+        const Chunk& later = k + ahead < chunk_size ? chunk : next;
+        prefetch(&later.proxies[(k + ahead) % chunk_size]);
+        if (k % 8 == 0) prefetch(&later.seen[(k + ahead) % chunk_size]);
+        Proxy& proxy = chunk.proxies[k];
+        if (masks_of(proxy) == chunk.seen[k] || !proxy.is_live()) continue;
+        chunk.seen[k] = masks_of(proxy);
+        function(proxy);
+      }
+    }
   }
 
   void mark_created(Proxy& proxy) noexcept {
@@ -50,6 +68,7 @@ class ProxyPool {
   /// Of its box or filter.
   void mark_changed(Proxy& proxy) noexcept { proxy.changed = last_change_ = next_calculation_; }
   void free(Proxy& proxy) noexcept {
+    seen(proxy.id()) = {};
     proxy = Proxy();
     last_renewal_ = next_calculation_;
   }
@@ -66,7 +85,11 @@ class ProxyPool {
 
  private:
   static constexpr std::size_t chunk_size = 256;
-  using Chunk = std::array<Proxy, chunk_size>;
+  static constexpr std::size_t ahead = 64;  // proxies to prefetch
+  struct Chunk {
+    std::array<Proxy, chunk_size> proxies;
+    std::array<Masks, chunk_size> seen;
+  };
 
   [[nodiscard]] bool is_known(std::uint32_t id) const {
     return (*this)[id].is_live() && (*this)[id].created != next_calculation_;

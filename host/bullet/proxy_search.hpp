@@ -37,7 +37,7 @@ class ProxySearch {
   /// @throws std::bad_alloc, and nothing has changed.
   std::uint32_t add(const Proxy& proxy) {
     is_late_ = true;
-    return on_core([&] { return core_.add(box_of(proxy), filters_.filter(proxy)); });
+    return on_core([&] { return core_.add(box_of(proxy), filters_.filter(masks_of(proxy))); });
   }
 
   void move(std::uint32_t id, const Aabb& box) {
@@ -136,13 +136,14 @@ class ProxySearch {
     for (std::uint32_t id = 0; id < slots; ++id) {
       if (!pool_[id].is_live()) core.remove(id);
     }
-    pool_.for_each([&](const Proxy& proxy) { core.set_filter(proxy.id(), filters_.filter(proxy)); });
+    pool_.for_each(
+        [&](const Proxy& proxy) { core.set_filter(proxy.id(), filters_.filter(pool_.seen(proxy.id()))); });
   }
 
   void give_filters() {
     must_decide_again_ |= filters_.look([this](const Proxy& proxy) {
       is_late_ = true;
-      attempt([&] { on_core([&] { core_.set_filter(proxy.id(), filters_.filter(proxy)); }); });
+      attempt([&] { on_core([&] { core_.set_filter(proxy.id(), filters_.filter(masks_of(proxy))); }); });
     });
   }
 
