@@ -2,8 +2,8 @@
 
 namespace broadcl {
 
-/// Benchmarks of finding all pairs of two sets at once, from boxes on the host to the list there, and of one
-/// set of all these boxes:
+/// Benchmarks of finding all pairs of two sets at once, from boxes on the host to the list there, with a
+/// device that is open, and of one set of all these boxes:
 ///
 ///   two-sets/ALGORITHM/edges-faces, two-sets/ALGORITHM/edges-points
 ///   two-sets/ALGORITHM/edges-faces/as-one, two-sets/ALGORITHM/edges-points/as-one

@@ -219,7 +219,9 @@ class Tiles final : public PairFinder {
     sorted_slots_ = 0;  // until all of it is enqueued: an incomplete sort may have a slot twice
     Kernels& kernels = this->kernels(search);
     const cl::Buffer& filters = has_worlds(search) ? search.now.filters : cl::Buffer();
-    centroids_.enqueue(kernels.centroids, search.now.boxes, filters, search.now.slots);
+    // (Sets of one world share their bounds.)
+    centroids_.enqueue(this->kernels(search.all, search.worlds).centroids, search.now.boxes,
+                       search.worlds ? filters : cl::Buffer(), search.now.slots);
     opencl::set_arguments(kernels.keys, 0, search.now.slots, search.now.boxes, filters, centroids_.buckets(),
                           centroids_.result(), elements_);
     enqueue_per_box(kernels.keys, search.now.slots);

@@ -1,5 +1,6 @@
 #include "c/call.hpp"
 
+#include <cstdint>
 #include <string>
 
 namespace broadcl::c {
