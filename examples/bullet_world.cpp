@@ -9,11 +9,13 @@
 #include <broadcl/bullet.hpp>
 
 int main() try {
+  // [world]
   btDefaultCollisionConfiguration configuration;
   btCollisionDispatcher dispatcher(&configuration);
   btSequentialImpulseConstraintSolver solver;
   broadcl::BulletBroadphase broadphase;  // was: btDbvtBroadphase broadphase;
   btDiscreteDynamicsWorld world(&dispatcher, &broadphase, &solver, &configuration);
+  // [world]
 
   btStaticPlaneShape plane({0, 1, 0}, 0);
   btRigidBody ground(btRigidBody::btRigidBodyConstructionInfo(0, nullptr, &plane));

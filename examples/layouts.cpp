@@ -22,10 +22,12 @@ void print_pairs(const char* layout, const broadcl::BoxView& boxes) {
 }
 
 int main() try {
+  // [corners]
   const std::vector<Particle> particles{
       {{0, 0, 0}, 1, {1, 1, 1}}, {{5, 0, 0}, 2, {6, 1, 1}}, {{1, 0, 0}, 3, {2, 1, 1}}};
   print_pairs("particles", broadcl::BoxView::corners(particles[0].lower.data(), particles[0].upper.data(),
                                                      particles.size(), sizeof(Particle)));
+  // [corners]
 
   const std::vector<float> left{0, 5, 1};
   const std::vector<float> right{1, 6, 2};

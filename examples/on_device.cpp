@@ -50,11 +50,13 @@ int main() {
                                  boxes.size() * sizeof(broadcl::Aabb), boxes.data(), &code);
   check(code, "clCreateBuffer");
   {
+    // [device]
     broadcl::DeviceBroadPhase broad_phase(queue);
     const auto result = broad_phase.update({.buffer = buffer, .count = boxes.size()});
     // The program's own kernel would read result.added.buffer now, in the same queue.
     std::printf("%s: %zu boxes, %zu pairs, %zu of them new\n", broad_phase.device().name.c_str(),
                 boxes.size(), result.pair_count, result.added.count);
+    // [device]
   }
   clReleaseMemObject(buffer);
   clReleaseCommandQueue(queue);

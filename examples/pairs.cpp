@@ -5,6 +5,7 @@
 #include <broadcl/broad_phase.hpp>
 
 int main() try {
+  // [core]
   broadcl::BroadPhase broad_phase;  // on the best GPU, or on the host if there is none
   const auto at = [](float x) { return broadcl::Aabb{{x, 0, 0}, {x + 1, 1, 1}}; };
   for (int k = 0; k < 5; ++k) broad_phase.add(at(2.0F * static_cast<float>(k)));
@@ -21,6 +22,7 @@ int main() try {
     for (const broadcl::Pair& pair : delta.added)
       std::printf("frame %d: %u and %u meet\n", frame, pair.a, pair.b);
   }
+  // [core]
 } catch (const std::exception& error) {
   std::fprintf(stderr, "%s\n", error.what());
   return 1;

@@ -125,18 +125,18 @@ class BROADCL_API DeviceBroadPhase {
 
   /// Enqueues an update behind what is in the queue, makes the device start, and returns at once; unless the
   /// last one was enqueued by enqueue(): then it waits for that first.
-  /// @throws as update() does, and Error if one was begun already.
+  /// @throws Error as update() does, and if one was begun already.
   void begin(const Boxes& boxes);
 
   /// Waits for the update that was begun.
-  /// @throws as update() does, and Error if none was begun. The update that was begun is then over.
+  /// @throws Error as update() does, and if none was begun. The update that was begun is then over.
   Result finish();
 
   /// Reserves memory for updates that nobody waits for.
   /// @param boxes Boxes of an update, at most.
   /// @param pairs Pairs that overlap at a time, at most.
   /// @param filters Whether there will be filters.
-  /// @throws as update() does, and Error between begin() and finish().
+  /// @throws Error as update() does, and between begin() and finish().
   void reserve(std::size_t boxes, std::size_t pairs, bool filters = false);
 
   /// Enqueues an update behind what is in the queue, and its changes, in canonical order, into buffers of the
@@ -149,13 +149,13 @@ class BROADCL_API DeviceBroadPhase {
   /// updates that are enqueued after it. The next waiting call (update(), begin() or pairs()) ends that: it
   /// waits for the queue, and goes on from the last complete update. Invalid boxes overlap nothing, and are
   /// not counted.
-  /// @throws as update() does, and Error between begin() and finish(), and if there are more boxes than
+  /// @throws Error as update() does, and between begin() and finish(), and if there are more boxes than
   /// reserve() was told of. The update does then not take place.
   void enqueue(const Boxes& boxes, const ChangeBuffers& changes);
 
   /// Enqueues the commands that sort all pairs as of the last update. The buffer is valid until the next
   /// call.
-  /// @throws as update() does, and Error between begin() and finish().
+  /// @throws Error as update() does, and between begin() and finish().
   PairBuffer pairs();
 
   /// The device in use. Owned by this object.

@@ -1,0 +1,41 @@
+// Pairs of two sets: which edges of a mesh may touch which faces. Once, and then while some of them move.
+#include <cstdio>
+#include <exception>
+#include <vector>
+
+#include <broadcl/broad_phase.hpp>
+
+namespace {
+
+void find_once() {
+  // [once]
+  const std::vector<broadcl::Aabb> edges{{{0, 0, 0}, {1, 0, 0}}, {{5, 0, 0}, {6, 1, 0}}};
+  const std::vector<broadcl::Aabb> faces{
+      {{0, 0, 0}, {2, 2, 0}}, {{5, 1, 0}, {7, 2, 0}}, {{9, 9, 9}, {9, 9, 9}}};
+  for (const broadcl::Pair& pair : broadcl::overlapping_pairs(edges, faces)) {
+    std::printf("edge %u and face %u\n", pair.a, pair.b);
+  }
+  // [once]
+}
+
+void follow() {
+  // [moving]
+  broadcl::BroadPhase broad_phase;
+  const auto edge = broad_phase.add({{0, 0, 0}, {1, 0, 0}}, broadcl::first_set);
+  broad_phase.add({{0, 0, 0}, {2, 0, 0}}, broadcl::first_set);  // never pairs with the other edge
+  broad_phase.add({{4, 0, 0}, {5, 1, 0}}, broadcl::second_set);
+  (void)broad_phase.update();
+  broad_phase.move(edge, {{3, 0, 0}, {4, 0, 0}});
+  std::printf("%zu new pair\n", broad_phase.update().added.size());
+  // [moving]
+}
+
+}  // namespace
+
+int main() try {
+  find_once();
+  follow();
+} catch (const std::exception& error) {
+  std::fprintf(stderr, "%s\n", error.what());
+  return 1;
+}
