@@ -9,6 +9,7 @@
 #include <broadcl/export.h>
 #include <broadcl/broad_phase.hpp>
 
+class btCollisionWorld;
 class btOverlappingPairCache;
 
 namespace broadcl {
@@ -23,7 +24,8 @@ inline namespace float64 {
 ///
 /// Overlaps are those of the exact boxes that Bullet sets, touching included, as of
 /// calculateOverlappingPairs(). A pair that stays overlapped keeps its entry in the pair cache and its
-/// collision algorithm. The order in which pairs are added and removed depends on the sequence of calls only.
+/// collision algorithm (but see set_shape_culling()). The order in which pairs are added and removed depends
+/// on the sequence of calls only.
 ///
 /// Groups and masks may be written in place. Those at the time of the calculation count, for pairs in the
 /// cache too. The device tests them, unless the cache has an overlap filter callback or is of a class of the
@@ -103,6 +105,30 @@ class BROADCL_BULLET_API BulletBroadphase : public btBroadphaseInterface {
   /// calculation. Every box that is set then costs an update of the tree for queries and a search in it, as
   /// with a btDbvtBroadphase. False at first.
   void set_pairs_at_once(bool at_once) noexcept;
+
+  /// Keeps pairs of which the boxes overlap, but not the shapes, from the narrow phase, which spends a third
+  /// of its time on them if many boxes of different sizes are close together.
+  ///
+  /// All overlapping pairs stay in the pair cache, for ghosts, islands and everybody else who looks there.
+  /// But a btCollisionDispatcher passes to its near callback only those pairs whose objects may touch: an
+  /// object is bounded by a box that turns with it, or by a sphere or capsule if it is one, and the bounds of
+  /// two must be apart by more than the distance at which Bullet makes contacts. A pair that is not passed
+  /// on, and of which no contact is left, loses its collision algorithm until it is passed on again;
+  /// otherwise an algorithm stays as long as boxes overlap. So contacts are the same, but Bullet may list and
+  /// solve them in another order.
+  ///
+  /// That is so for btBoxShape, btSphereShape, btCapsuleShape, btCylinderShape, btConeShape,
+  /// btMultiSphereShape and btConvexHullShape. Pairs with another shape, of a class that a user derived from
+  /// one of these, or of an object that is not in the world are passed on always, and so are all pairs if
+  /// dispatching is continuous (btDispatcherInfo::DISPATCH_CONTINUOUS). Do not use it with collision
+  /// algorithms of your own that make contacts at a larger distance than gContactBreakingThreshold allows.
+  /// @param world The one whose objects are culled; null for none, as at first. Not owned: call this with
+  /// null
+  ///   before it is destroyed if this object lives longer and is used again.
+  /// @throws Error if somebody else walks the pairs: this object was given a pair cache, the world has
+  /// another
+  ///   broad phase, or its dispatcher is a btCollisionDispatcherMt.
+  void set_shape_culling(const btCollisionWorld* world);
 
   /// @param handler Called with one line that says what is wrong with a proxy, the device or memory. Not
   ///   empty, and must not throw. Until this is called, errors are printed to stderr.

@@ -2,6 +2,8 @@
 
 #include <BulletCollision/BroadphaseCollision/btBroadphaseProxy.h>
 #include <BulletCollision/BroadphaseCollision/btOverlappingPairCache.h>
+#include <BulletCollision/CollisionDispatch/btCollisionDispatcherMt.h>
+#include <BulletCollision/CollisionDispatch/btCollisionWorld.h>
 
 #include <cstdint>
 #include <functional>
@@ -14,6 +16,7 @@
 #include "bullet/proxy_search.hpp"
 #include "bullet/query_tree.hpp"
 #include "bullet/reports.hpp"
+#include "bullet/shape_culling.hpp"
 
 namespace broadcl {
 
@@ -42,8 +45,32 @@ struct BulletBroadphase::Impl {
                   "a proper box; look for NaN in the transform, the velocities and the shape of its object"});
   }
 
+  void set_culling(const btCollisionWorld* world, const btBroadphaseInterface& self) {
+    if (world == nullptr) {
+      culling.set_world(nullptr);
+      if (pairs.own() != nullptr) pairs.own()->set_culling(nullptr);
+      return;
+    }
+    if (pairs.own() == nullptr) {
+      throw Error(
+          "shape culling needs a broad phase with a pair cache of its own; pass no cache to its constructor");
+    }
+    if (world->getBroadphase() != &self) {
+      throw Error(
+          "shape culling was asked for a world with another broad phase; pass the world that has this one");
+    }
+    if (dynamic_cast<const btCollisionDispatcherMt*>(world->getDispatcher()) != nullptr) {
+      throw Error(
+          "a btCollisionDispatcherMt dispatches all pairs by itself, so shape culling would do nothing; "
+          "use a btCollisionDispatcher");
+    }
+    culling.set_world(world);
+    pairs.own()->set_culling(&culling);
+  }
+
   Reports reports;
   ProxyPool pool;
+  ShapeCulling culling{pool};
   CachedPairs pairs;
   ProxySearch search;
   QueryTree queries{pool};
@@ -71,6 +98,7 @@ btBroadphaseProxy* BulletBroadphase::createProxy(const btVector3& aabbMin, const
   impl_->pool.seen(id) = masks_of(made);
   impl_->pool.mark_created(proxy);
   impl_->queries.touch(id);
+  impl_->culling.forget(id);
   if (has_nan(aabbMin, aabbMax)) impl_->report_nan(proxy);
   impl_->add_at_once(proxy);
   return &proxy;
@@ -149,6 +177,10 @@ void BulletBroadphase::getBroadphaseAabb(btVector3& aabbMin, btVector3& aabbMax)
 
 void BulletBroadphase::set_pairs_at_once(bool at_once) noexcept {
   impl_->are_pairs_added_at_once = at_once;
+}
+
+void BulletBroadphase::set_shape_culling(const btCollisionWorld* world) {
+  impl_->set_culling(world, *this);
 }
 
 void BulletBroadphase::set_error_handler(std::function<void(const std::string&)> handler) {

@@ -30,6 +30,9 @@ class CachedPairs {
 
   [[nodiscard]] btOverlappingPairCache& cache() const noexcept { return cache_; }
 
+  /// The same cache if it is the adapter's own, otherwise null.
+  [[nodiscard]] PairCache* own() const noexcept { return own_.get(); }
+
   /// Whether somebody else changed the number of pairs in the cache.
   [[nodiscard]] bool were_changed() const { return cache_.getNumOverlappingPairs() != count_; }
 

@@ -15,8 +15,8 @@ namespace {
 
 constexpr int none = -1;
 
-/// Proxies and algorithms are prefetched so many pairs ahead, and what these refer to half as many.
-constexpr int ahead = 8;
+/// What proxies and algorithms refer to is prefetched so many pairs ahead, and they themselves twice as many.
+constexpr int ahead = 4;
 
 /// As btHashedOverlappingPairCache has it (by Thomas Wang). With another one, the wrong memory would be
 /// prefetched, and nothing else.
@@ -38,6 +38,26 @@ bool has_list(int id) {
   constexpr int end = 1 << 24;
   return 0 <= id && id < end;
 }
+
+/// Passes on pairs that are not idle.
+class CulledCallback final : public btOverlapCallback {
+ public:
+  CulledCallback(btOverlapCallback& callback, ShapeCulling& culling, btOverlappingPairCache& cache,
+                 btDispatcher* dispatcher)
+      : callback_(callback), culling_(culling), cache_(cache), dispatcher_(dispatcher) {}
+
+  bool processOverlap(btBroadphasePair& pair) override {
+    if (!culling_.is_idle(pair)) return callback_.processOverlap(pair);
+    if (pair.m_algorithm != nullptr) cache_.cleanOverlappingPair(pair, dispatcher_);
+    return false;
+  }
+
+ private:
+  btOverlapCallback& callback_;
+  ShapeCulling& culling_;
+  btOverlappingPairCache& cache_;
+  btDispatcher* dispatcher_;
+};
 
 }  // namespace
 
@@ -87,14 +107,25 @@ void PairCache::cleanProxyFromPairs(btBroadphaseProxy* proxy, btDispatcher* disp
 
 void PairCache::processAllOverlappingPairs(btOverlapCallback* callback, btDispatcher* dispatcher,
                                            const btDispatcherInfo& info) {
+  // Otherwise objects may touch within the step.
+  const bool is_discrete = info.m_dispatchFunc == btDispatcherInfo::DISPATCH_DISCRETE;
+  if (culling_ != nullptr && is_discrete && culling_->begin_dispatch()) {
+    CulledCallback culled(*callback, *culling_, *this, dispatcher);
+    process(culled, dispatcher, info);
+  } else {
+    process(*callback, dispatcher, info);
+  }
+}
+
+void PairCache::process(btOverlapCallback& callback, btDispatcher* dispatcher, const btDispatcherInfo& info) {
   if (info.m_deterministicOverlappingPairs) {
-    btHashedOverlappingPairCache::processAllOverlappingPairs(callback, dispatcher, info);
+    btHashedOverlappingPairCache::processAllOverlappingPairs(&callback, dispatcher, info);
     return;
   }
   for (int k = 0; k < getNumOverlappingPairs();) {
     prefetch_after(k);
     btBroadphasePair& pair = getOverlappingPairArray()[k];
-    if (callback->processOverlap(pair)) {
+    if (callback.processOverlap(pair)) {
       removeOverlappingPair(pair.m_pProxy0, pair.m_pProxy1, dispatcher);
     } else {
       ++k;
@@ -104,17 +135,23 @@ void PairCache::processAllOverlappingPairs(btOverlapCallback* callback, btDispat
 
 void PairCache::prefetch_after(int k) {
   const btBroadphasePairArray& pairs = getOverlappingPairArray();
-  if (k + ahead < pairs.size()) {
-    const btBroadphasePair& later = pairs[k + ahead];
-    prefetch(later.m_pProxy0);
-    prefetch(later.m_pProxy1);
-    prefetch(later.m_algorithm, algorithm_bytes);
+  if (k + 2 * ahead < pairs.size()) {
+    const btBroadphasePair& pair = pairs[k + 2 * ahead];
+    prefetch(pair.m_pProxy0);
+    prefetch(pair.m_pProxy1);
+    prefetch(pair.m_algorithm, algorithm_bytes);
   }
-  if (k + ahead / 2 < pairs.size()) {
-    const btBroadphasePair& next = pairs[k + ahead / 2];
-    prefetch(next.m_pProxy0->m_clientObject, sizeof(btCollisionObject));
-    prefetch(next.m_pProxy1->m_clientObject, sizeof(btCollisionObject));
-    if (next.m_algorithm != nullptr) prefetch_contacts(*next.m_algorithm);
+  if (culling_ != nullptr && k + 3 * ahead / 2 < pairs.size()) {
+    culling_->prefetch_known(pairs[k + 3 * ahead / 2]);
+  }
+  if (k + ahead < pairs.size()) {
+    const btBroadphasePair& pair = pairs[k + ahead];
+    if (culling_ != nullptr) culling_->prefetch_objects(pair);
+    // A pair without an algorithm is new, or needs none.
+    if (pair.m_algorithm == nullptr) return;
+    prefetch(pair.m_pProxy0->m_clientObject, sizeof(btCollisionObject));
+    prefetch(pair.m_pProxy1->m_clientObject, sizeof(btCollisionObject));
+    prefetch_contacts(*pair.m_algorithm);
   }
 }
 

@@ -10,6 +10,8 @@
 
 #include <broadcl/pair.hpp>
 
+#include "bullet/shape_culling.hpp"
+
 namespace broadcl {
 
 /// Bullet's hashed pair cache, but removing or cleaning a proxy costs as much as the proxy has pairs;
@@ -35,6 +37,9 @@ class PairCache final : public btHashedOverlappingPairCache {
   /// The one that dispatchers call.
   void processAllOverlappingPairs(btOverlapCallback* callback, btDispatcher* dispatcher,
                                   const btDispatcherInfo& info) override;
+  /// Pairs that are idle are not dispatched any more, and lose their algorithms.
+  /// @param culling Must outlive this object; null to dispatch all pairs.
+  void set_culling(ShapeCulling* culling) noexcept { culling_ = culling; }
 
   /// As many pairs as the following two take, by the ids of their proxies.
   static constexpr std::size_t pairs_at_once = 32;
@@ -59,6 +64,8 @@ class PairCache final : public btHashedOverlappingPairCache {
   void bring_lists_up_to_date();
   void link(int id, int entry, int& next);
 
+  /// All pairs, if they are not asked for in another order.
+  void process(btOverlapCallback& callback, btDispatcher* dispatcher, const btDispatcherInfo& info);
   /// For the pairs that follow the k-th when all are processed.
   void prefetch_after(int k);
   /// All that the narrow phase remembers of a pair, whose algorithm was prefetched itself.
@@ -70,6 +77,7 @@ class PairCache final : public btHashedOverlappingPairCache {
   std::size_t linked_ = 0;     // entries that are in lists; the rest came since they were last needed
   std::vector<int> newest_;    // by id: the first entry of its list, or none
   btManifoldArray manifolds_;  // of the algorithm at hand
+  ShapeCulling* culling_ = nullptr;
 };
 
 }  // namespace broadcl

@@ -1,0 +1,83 @@
+#pragma once
+
+#include <BulletCollision/BroadphaseCollision/btCollisionAlgorithm.h>
+#include <BulletCollision/BroadphaseCollision/btOverlappingPairCache.h>
+#include <BulletCollision/CollisionDispatch/btCollisionWorld.h>
+
+#include <cstddef>
+#include <cstdint>
+#include <optional>
+#include <vector>
+
+#include "bullet/proxy_pool.hpp"
+#include "bullet/shape_bounds.hpp"
+#include "prefetch.hpp"
+
+namespace broadcl {
+
+/// Tells which pairs need no narrow phase, because the shapes of their objects are apart, though their boxes
+/// overlap. Objects are those of one world; others are never apart. It looks at shapes and transforms as they
+/// are in the dispatch, once per object.
+class ShapeCulling {
+ public:
+  /// @param pool Must outlive this object.
+  explicit ShapeCulling(const ProxyPool& pool) : pool_(pool) { manifolds_.reserve(1); }
+
+  /// @param world Must outlive its use here; null to cull nothing.
+  void set_world(const btCollisionWorld* world) {
+    world_ = world;
+    entries_.clear();
+  }
+
+  /// To be called when a proxy is created.
+  void forget(std::uint32_t id) noexcept {
+    if (id < entries_.size()) entries_[id] = Entry();
+  }
+
+  /// Starts anew, since objects may have moved.
+  /// @returns Whether to ask about each pair; false too if there is no memory to do so.
+  bool begin_dispatch() noexcept;
+
+  /// What is_idle() will need of a pair: first what is known of its objects, then the objects.
+  void prefetch_known(const btBroadphasePair& pair) const noexcept {
+    for (const btBroadphaseProxy* proxy : {pair.m_pProxy0, pair.m_pProxy1}) {
+      const auto id = static_cast<std::uint32_t>(proxy->m_uniqueId);
+      if (id < entries_.size()) prefetch(&entries_[id], sizeof(Entry));
+    }
+  }
+  void prefetch_objects(const btBroadphasePair& pair) const noexcept {
+    for (const btBroadphaseProxy* proxy : {pair.m_pProxy0, pair.m_pProxy1}) {
+      const auto id = static_cast<std::uint32_t>(proxy->m_uniqueId);
+      if (id < entries_.size() && entries_[id].dispatch != dispatch_) {
+        prefetch(proxy->m_clientObject, sizeof(btCollisionObject));
+      }
+    }
+  }
+
+  /// Whether the objects of a pair are apart and no contact of theirs is left.
+  [[nodiscard]] bool is_idle(const btBroadphasePair& pair);
+
+ private:
+  enum class Owner : std::uint8_t { unknown, world, another };
+
+  /// What is known of a proxy.
+  struct Entry {
+    Owner owner = Owner::unknown;  // of its object
+    bool is_active = false;
+    std::uint32_t dispatch = 0;  // for which the rest is right
+    std::optional<ShapeBounds> bounds;
+  };
+
+  /// Null for a proxy whose object has no bounds.
+  const Entry* find(const btBroadphaseProxy& proxy);
+  void find_owner(const btBroadphaseProxy& proxy);
+
+  const ProxyPool& pool_;
+  const btCollisionWorld* world_ = nullptr;
+  std::vector<Entry> entries_;  // by id
+  std::uint32_t dispatch_ = 0;
+  btScalar breaking_ = 0;      // gContactBreakingThreshold in this dispatch
+  btManifoldArray manifolds_;  // of the pair at hand
+};
+
+}  // namespace broadcl

@@ -1,0 +1,487 @@
+// BulletBroadphase::set_shape_culling() beside a world without it: the same objects in both, moved in the
+// same way. Contacts must be the same to the last bit, with fewer pairs dispatched.
+#include <BulletCollision/CollisionDispatch/btCollisionDispatcherMt.h>
+#include <BulletCollision/CollisionShapes/btBox2dShape.h>
+#include <BulletSoftBody/btSoftBody.h>
+#include <BulletSoftBody/btSoftBodyHelpers.h>
+#include <LinearMath/btThreads.h>
+#include <btBulletCollisionCommon.h>
+
+#include <algorithm>
+#include <array>
+#include <cstddef>
+#include <limits>
+#include <map>
+#include <memory>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <broadcl/bullet.hpp>
+
+#include "bullet/shape_bounds.hpp"
+#include "bullet_rig.hpp"
+#include "expect_error.hpp"
+
+namespace broadcl {
+namespace {
+
+using test::error_of;
+using test::Random;
+using testing::HasSubstr;
+
+/// By the user indices of two objects, the numbers of each of their contacts.
+using Contacts = std::map<std::pair<int, int>, std::vector<std::array<btScalar, 10>>>;
+
+/// A world in which nothing moves by itself.
+class World {
+ public:
+  explicit World(bool culls) {
+    world.getDispatchInfo().m_dispatchFunc = btDispatcherInfo::DISPATCH_DISCRETE;
+    dispatcher.setNearCallback(count);
+    if (culls) broadphase.set_shape_culling(&world);
+  }
+  ~World() {
+    for (const auto& object : objects) {
+      if (object->getBroadphaseHandle() != nullptr) world.removeCollisionObject(object.get());
+    }
+  }
+  World(const World&) = delete;
+  World& operator=(const World&) = delete;
+  World(World&&) = delete;
+  World& operator=(World&&) = delete;
+
+  btCollisionObject& add(btCollisionShape& shape, const btTransform& transform) {
+    objects.push_back(std::make_unique<btCollisionObject>());
+    btCollisionObject& object = *objects.back();
+    object.setCollisionFlags(0);
+    object.setUserIndex(static_cast<int>(objects.size() - 1));
+    object.setCollisionShape(&shape);
+    object.setWorldTransform(transform);
+    world.addCollisionObject(&object);
+    return object;
+  }
+  void collide() {
+    dispatched = 0;
+    world.performDiscreteCollisionDetection();
+  }
+  [[nodiscard]] Contacts contacts() {
+    Contacts result;
+    for (int k = 0; k < dispatcher.getNumManifolds(); ++k) {
+      const btPersistentManifold& manifold = *dispatcher.getManifoldByIndexInternal(k);
+      if (manifold.getNumContacts() == 0) continue;
+      auto& points = result[{manifold.getBody0()->getUserIndex(), manifold.getBody1()->getUserIndex()}];
+      for (int p = 0; p < manifold.getNumContacts(); ++p) {
+        const btManifoldPoint& point = manifold.getContactPoint(p);
+        const btVector3& a = point.m_positionWorldOnA;
+        const btVector3& b = point.m_positionWorldOnB;
+        const btVector3& normal = point.m_normalWorldOnB;
+        points.push_back({a.x(), a.y(), a.z(), b.x(), b.y(), b.z(), normal.x(), normal.y(), normal.z(),
+                          point.getDistance()});
+      }
+    }
+    for (auto& [pair, points] : result) std::sort(points.begin(), points.end());  // of several manifolds
+    return result;
+  }
+  [[nodiscard]] int pair_count() { return world.getPairCache()->getNumOverlappingPairs(); }
+
+  static inline int dispatched = 0;  // by the last world that collided
+
+  btDefaultCollisionConfiguration configuration;
+  btCollisionDispatcher dispatcher{&configuration};
+  BulletBroadphase broadphase{{.algorithm = "sweep-and-prune"}};
+  btCollisionWorld world{&dispatcher, &broadphase, &configuration};
+  std::vector<std::unique_ptr<btCollisionObject>> objects;
+
+ private:
+  static void count(btBroadphasePair& pair, btCollisionDispatcher& dispatcher, const btDispatcherInfo& info) {
+    ++dispatched;
+    btCollisionDispatcher::defaultNearCallback(pair, dispatcher, info);
+  }
+};
+
+btTransform at(const btVector3& position, const btQuaternion& rotation = btQuaternion::getIdentity()) {
+  return btTransform(rotation, position);
+}
+
+/// Of a class of the user's: as a box, but with a contact of its own, if only the user knows.
+class UsersBox final : public btBoxShape {
+ public:
+  using btBoxShape::btBoxShape;
+};
+
+/// Shapes of all kinds, about 1 large.
+struct Shapes {
+  Shapes() {
+    Random random(1);
+    for (int k = 0; k < 12; ++k) hull.addPoint(random.point(1) - btVector3(0.2F, 0.5F, 0.5F));
+    compound.addChildShape(at({0.4F, 0, 0}), &small);
+    compound.addChildShape(at({-0.4F, 0, 0}), &ball);
+    for (const btVector3& corner : {btVector3(0, 0, 0), btVector3(1, 0, 0), btVector3(0, 1, 0)}) {
+      triangles.addTriangle(corner, corner + btVector3(0, 0.5F, 1), corner + btVector3(1, 0, 0.5F));
+    }
+    mesh = std::make_unique<btBvhTriangleMeshShape>(&triangles, true);
+    scaled.setLocalScaling({1, 2, 0.5F});
+  }
+  [[nodiscard]] std::vector<btCollisionShape*> bounded() {
+    return {&box,      &small, &flat,   &ball,   &upright, &along_x, &along_z,
+            &cylinder, &cone,  &cone_x, &spokes, &hull,    &scaled,  &large};
+  }
+  [[nodiscard]] std::vector<btCollisionShape*> unbounded() {
+    return {&compound, mesh.get(), &plane, &users, &flat_world, &empty};
+  }
+
+  btBoxShape box{{0.5F, 0.5F, 0.5F}};
+  btBoxShape small{{0.2F, 0.1F, 0.3F}};
+  btBoxShape flat{{1.5F, 0.05F, 1}};
+  btBoxShape large{{4, 0.5F, 3}};  // whose contact breaking threshold is 0.1
+  btBoxShape scaled{{0.5F, 0.2F, 0.7F}};
+  btSphereShape ball{0.4F};
+  btCapsuleShape upright{0.2F, 1};
+  btCapsuleShapeX along_x{0.3F, 0.5F};
+  btCapsuleShapeZ along_z{0.1F, 1.5F};
+  btCylinderShape cylinder{{0.4F, 0.3F, 0.4F}};
+  btConeShape cone{0.5F, 1};
+  btConeShapeX cone_x{0.3F, 0.7F};
+  std::array<btVector3, 2> centres{btVector3(-0.5F, 0, 0), btVector3(0.5F, 0.3F, 0)};
+  std::array<btScalar, 2> radii{0.2F, 0.4F};
+  btMultiSphereShape spokes{centres.data(), radii.data(), 2};
+  btConvexHullShape hull;
+  btCompoundShape compound;
+  btTriangleMesh triangles;
+  std::unique_ptr<btBvhTriangleMeshShape> mesh;
+  btStaticPlaneShape plane{{0, 1, 0}, -3};
+  UsersBox users{{0.5F, 0.5F, 0.5F}};
+  btBox2dShape flat_world{{0.5F, 0.5F, 0.5F}};
+  btEmptyShape empty;
+};
+
+/// The same objects in a world with and in one without culling.
+class Twins {
+ public:
+  explicit Twins(Random& random) : random_(random) {}
+
+  btTransform somewhere() {
+    const btQuaternion rotation(random_.coordinate(6), random_.coordinate(6), random_.coordinate(6));
+    return at(random_.point(6) * btVector3(1, 0.5F, 1), rotation);
+  }
+  void add(btCollisionShape& shape) {
+    const btTransform transform = somewhere();
+    for (World* world : {&with, &without}) world->add(shape, transform);
+  }
+  /// By so little that contacts mostly last, but now and then to another place.
+  void move() {
+    for (std::size_t k = 0; k < with.objects.size(); ++k) {
+      btTransform transform = with.objects[k]->getWorldTransform();
+      if (random_.below(40) == 0) {
+        transform = somewhere();
+      } else if (random_.below(3) != 0) {
+        transform.getOrigin() += (random_.point(2) - btVector3(0.95F, 0.95F, 0.95F)) / 40;
+        transform.setRotation(transform.getRotation() *
+                              btQuaternion({0, 1, 0}, (random_.coordinate(2) - 1) / 20));
+      }
+      for (World* world : {&with, &without}) world->objects[k]->setWorldTransform(transform);
+    }
+  }
+  /// Takes an object out and puts it back, or another in its place.
+  void exchange(btCollisionShape& shape) {
+    const std::size_t k = random_.below(static_cast<unsigned>(with.objects.size()));
+    for (World* world : {&with, &without}) {
+      btCollisionObject& object = *world->objects[k];
+      world->world.removeCollisionObject(&object);
+      object.setCollisionShape(&shape);
+      world->world.addCollisionObject(&object);
+    }
+  }
+  void fall_asleep() {
+    const std::size_t k = random_.below(static_cast<unsigned>(with.objects.size()));
+    const int state = random_.below(2) == 0 ? ISLAND_SLEEPING : ACTIVE_TAG;
+    for (World* world : {&with, &without}) world->objects[k]->forceActivationState(state);
+  }
+  void collide() {
+    without.collide();
+    all_ += World::dispatched;
+    with.collide();
+    dispatched_ += World::dispatched;
+  }
+  [[nodiscard]] double dispatched() const { return double(dispatched_) / double(all_); }
+
+  World with{true};
+  World without{false};
+
+ private:
+  Random& random_;
+  long dispatched_ = 0;
+  long all_ = 0;
+};
+
+void expect_same_contacts(Twins& twins, Random& random, std::vector<btCollisionShape*> shapes,
+                          std::size_t& contacts) {
+  for (int frame = 0; frame < 100; ++frame) {
+    ASSERT_NO_FATAL_FAILURE(twins.collide());
+    const Contacts expected = twins.without.contacts();
+    ASSERT_EQ(twins.with.contacts(), expected) << "frame " << frame;
+    ASSERT_EQ(twins.with.pair_count(), twins.without.pair_count());
+    contacts += expected.size();
+    twins.move();
+    twins.exchange(*shapes[random.below(static_cast<unsigned>(shapes.size()))]);
+    twins.fall_asleep();
+  }
+}
+
+TEST(ShapeCulling, NoContactIsLost) {
+  Shapes shapes;
+  const std::vector<btCollisionShape*> all = shapes.bounded();
+  for (const unsigned seed : {1U, 2U}) {
+    Random random(seed);
+    Twins twins(random);
+    for (int k = 0; k < 90; ++k) twins.add(*all[static_cast<std::size_t>(k) % all.size()]);
+    std::size_t contacts = 0;
+    ASSERT_NO_FATAL_FAILURE(expect_same_contacts(twins, random, all, contacts));
+    EXPECT_GT(contacts, 2000U);
+    EXPECT_LT(twins.dispatched(), 0.75);
+  }
+}
+
+TEST(ShapeCulling, NoContactIsLostThatComesOfTurningShapes) {
+  Shapes shapes;
+  const std::vector<btCollisionShape*> hulls{&shapes.hull, &shapes.cylinder, &shapes.cone};
+  Random random(3);
+  Twins twins(random);
+  for (World* world : {&twins.with, &twins.without}) {
+    world->configuration.setConvexConvexMultipointIterations(4, 4);
+    world->world.getDispatchInfo().m_deterministicOverlappingPairs = true;
+  }
+  for (std::size_t k = 0; k < 60; ++k) twins.add(*hulls[k % hulls.size()]);
+  std::size_t contacts = 0;
+  ASSERT_NO_FATAL_FAILURE(expect_same_contacts(twins, random, hulls, contacts));
+  EXPECT_GT(contacts, 1000U);
+  EXPECT_LT(twins.dispatched(), 0.9);
+}
+
+TEST(ShapeCulling, NoContactOfOtherShapesIsLost) {
+  Shapes shapes;
+  std::vector<btCollisionShape*> all = shapes.bounded();
+  for (btCollisionShape* shape :
+       {static_cast<btCollisionShape*>(&shapes.compound), static_cast<btCollisionShape*>(&shapes.users)}) {
+    all.push_back(shape);
+  }
+  Random random(4);
+  Twins twins(random);
+  for (World* world : {&twins.with, &twins.without}) {
+    for (btCollisionShape* shape :
+         {static_cast<btCollisionShape*>(shapes.mesh.get()), static_cast<btCollisionShape*>(&shapes.plane)}) {
+      world->add(*shape, at({2, 0, 2}));
+    }
+  }
+  for (std::size_t k = 0; k < 70; ++k) twins.add(*all[k % all.size()]);
+  std::size_t contacts = 0;
+  ASSERT_NO_FATAL_FAILURE(expect_same_contacts(twins, random, shapes.bounded(), contacts));
+  EXPECT_GT(contacts, 1000U);
+}
+
+/// Two plates that stand on edge beside each other, turned by 45 degrees: their boxes overlap, they do not.
+class Plates : public testing::Test {
+ protected:
+  static btTransform plate(btScalar distance) {
+    const btQuaternion turn({0, 0, 1}, SIMD_PI / 4);
+    return at(quatRotate(turn, {0, distance, 0}), turn);
+  }
+  /// How many pairs are dispatched if an object takes the place of one plate.
+  int dispatched(World& world, btCollisionShape& shape) {
+    world.add(flat_, plate(0));
+    world.add(shape, plate(1));
+    world.collide();
+    EXPECT_EQ(world.pair_count(), 1);
+    return World::dispatched;
+  }
+
+  btBoxShape flat_{{2, 0.1F, 2}};
+};
+
+TEST_F(Plates, AreNotDispatched) {
+  World with(true);
+  World without(false);
+  EXPECT_EQ(dispatched(without, flat_), 1);
+  EXPECT_EQ(dispatched(with, flat_), 0);
+  EXPECT_EQ(with.dispatcher.getNumManifolds(), 0);
+  with.broadphase.set_shape_culling(nullptr);
+  with.collide();
+  EXPECT_EQ(World::dispatched, 1);
+}
+
+TEST_F(Plates, LoseTheirAlgorithmWhenTheyMoveApartAndGetItBack) {
+  World world(true);
+  world.add(flat_, plate(0));
+  btCollisionObject& mover = world.add(flat_, plate(0.19F));
+  for (int k = 0; k < 3; ++k) {
+    mover.setWorldTransform(plate(0.19F));
+    world.collide();
+    EXPECT_EQ(world.contacts().size(), 1U);
+    mover.setWorldTransform(plate(1));
+    world.collide();  // in which Bullet ends the contacts
+    EXPECT_TRUE(world.contacts().empty());
+    world.collide();
+    EXPECT_EQ(world.dispatcher.getNumManifolds(), 0);
+    const btBroadphasePair& pair = world.world.getPairCache()->getOverlappingPairArray()[0];
+    EXPECT_EQ(pair.m_algorithm, nullptr);
+    EXPECT_EQ(world.pair_count(), 1);
+  }
+}
+
+/// Bullet keeps a contact of which the points came past each other, and so pushes things back.
+TEST_F(Plates, KeepAContactThroughWhichTheyPassed) {
+  World with(true);
+  World without(false);
+  for (World* world : {&with, &without}) {
+    world->add(flat_, plate(0));
+    btCollisionObject& mover = world->add(flat_, plate(0.19F));
+    world->collide();
+    mover.setWorldTransform(plate(-0.5F));
+    for (int k = 0; k < 3; ++k) world->collide();
+  }
+  ASSERT_EQ(without.contacts().size(), 1U);
+  EXPECT_LT(without.contacts().begin()->second[0].back(), -0.5F);
+  EXPECT_EQ(with.contacts(), without.contacts());
+}
+
+TEST_F(Plates, AreDispatchedIfTheWorldIsNotTheirs) {
+  World world(true);
+  World other(false);
+  world.broadphase.set_shape_culling(nullptr);
+  // An object of another world, in this one's broad phase: nobody says that it is one.
+  btCollisionObject stranger;
+  stranger.setCollisionShape(&flat_);
+  stranger.setWorldTransform(plate(1));
+  world.broadphase.set_shape_culling(&world.world);
+  world.add(flat_, plate(0));
+  btVector3 lower;
+  btVector3 upper;
+  flat_.getAabb(plate(1), lower, upper);
+  btBroadphaseProxy* proxy = world.broadphase.createProxy(lower, upper, BOX_SHAPE_PROXYTYPE, &stranger, 1,
+                                                          test::all_bits, &world.dispatcher);
+  world.collide();
+  EXPECT_EQ(World::dispatched, 1);
+  world.broadphase.destroyProxy(proxy, &world.dispatcher);
+  // Its slot, with an object of the world.
+  world.add(flat_, plate(1));
+  world.collide();
+  EXPECT_EQ(World::dispatched, 0);
+}
+
+TEST_F(Plates, AreDispatchedIfTheyMayTouchWithinTheStep) {
+  World world(true);
+  world.world.getDispatchInfo().m_dispatchFunc = btDispatcherInfo::DISPATCH_CONTINUOUS;
+  EXPECT_EQ(dispatched(world, flat_), 1);
+}
+
+TEST_F(Plates, AreDispatchedIfTheirTransformIsNone) {
+  for (const btScalar factor : {btScalar(1.01), btScalar(0), std::numeric_limits<btScalar>::quiet_NaN()}) {
+    World world(true);
+    world.add(flat_, plate(0));
+    btCollisionObject& object = world.add(flat_, plate(1));
+    world.collide();
+    EXPECT_EQ(World::dispatched, 0);
+    const btTransform& transform = object.getWorldTransform();
+    object.getWorldTransform().setBasis(transform.getBasis().scaled({factor, factor, factor}));
+    world.dispatcher.dispatchAllCollisionPairs(world.world.getPairCache(), world.world.getDispatchInfo(),
+                                               &world.dispatcher);
+    EXPECT_EQ(World::dispatched, 1) << factor;
+  }
+}
+
+TEST_F(Plates, AreDispatchedIfAManifoldIsOlderThanTheShape) {
+  World world(true);
+  world.add(flat_, plate(0));
+  btCollisionObject& mover = world.add(flat_, plate(0.19F));
+  world.collide();
+  world.dispatcher.getManifoldByIndexInternal(0)->setContactBreakingThreshold(2);
+  world.dispatcher.clearManifold(world.dispatcher.getManifoldByIndexInternal(0));
+  mover.setWorldTransform(plate(1));
+  world.collide();
+  EXPECT_EQ(World::dispatched, 1);
+}
+
+TEST(ShapeBounds, AreThoseOfShapesThatAreKnownToBeBounded) {
+  Shapes shapes;
+  for (btCollisionShape* shape : shapes.bounded()) {
+    btCollisionObject object;
+    object.setCollisionShape(shape);
+    object.setWorldTransform(at({1, 2, 3}, {1, 2, 3}));
+    const std::optional<ShapeBounds> bounds = bounds_of(object, gContactBreakingThreshold);
+    ASSERT_TRUE(bounds) << shape->getName();
+    EXPECT_GE(bounds->breaking, shape->getContactBreakingThreshold(gContactBreakingThreshold) * 0.999F)
+        << shape->getName();
+  }
+  for (btCollisionShape* shape : shapes.unbounded()) {
+    btCollisionObject object;
+    object.setCollisionShape(shape);
+    object.setWorldTransform(at({1, 2, 3}));
+    EXPECT_FALSE(bounds_of(object, gContactBreakingThreshold)) << shape->getName();
+  }
+  btSoftBodyWorldInfo info;
+  const std::unique_ptr<btSoftBody> soft(btSoftBodyHelpers::CreateRope(info, {0, 0, 0}, {1, 0, 0}, 3, 0));
+  EXPECT_FALSE(bounds_of(*soft, gContactBreakingThreshold));
+}
+
+/// Whether two objects are apart by this much along x is found out with an error of no more than this.
+void expect_tight(btCollisionShape& s, const btTransform& of_s, btCollisionShape& t, const btTransform& of_t,
+                  btScalar touching) {
+  for (const btScalar gap : {btScalar(0.02), btScalar(0.12)}) {
+    btCollisionObject a;
+    a.setCollisionShape(&s);
+    a.setWorldTransform(of_s);
+    btCollisionObject b;
+    b.setCollisionShape(&t);
+    b.setWorldTransform(at({touching + gap, 0, 0}) * of_t);
+    EXPECT_EQ(are_apart(*bounds_of(a, 0.02F), *bounds_of(b, 0.02F), 0.02F), gap > 0.1F)
+        << s.getName() << " and " << t.getName() << ", " << gap;
+  }
+}
+
+TEST(ShapeBounds, AreTight) {
+  btSphereShape ball(1);
+  btBoxShape cube({0.5F, 0.5F, 0.5F});
+  btBoxShape needle({0.01F, 0.5F, 0.01F});
+  btCapsuleShape capsule(0.3F, 1);
+  const btTransform straight = at({0, 0, 0});
+  const btTransform tilted = at({0, 0, 0}, {1, 2, 3});
+  const btTransform on_edge = at({0, 0, 0}, btQuaternion({0, 0, 1}, SIMD_PI / 4));
+  const btTransform on_side = at({0, 0, 0}, btQuaternion({0, 1, 0}, SIMD_PI / 4));
+  const btTransform flat = at({0, 0, 0}, btQuaternion({0, 0, 1}, SIMD_PI / 2));
+  expect_tight(ball, straight, ball, on_edge, 2);
+  expect_tight(ball, tilted, ball, tilted, 2);
+  expect_tight(cube, straight, cube, straight, 1);
+  expect_tight(cube, straight, cube, on_edge, 0.5F + std::sqrt(0.5F));
+  expect_tight(cube, on_side, cube, on_edge, 2 * std::sqrt(0.5F));  // edges that cross
+  expect_tight(capsule, straight, capsule, straight, 0.6F);
+  expect_tight(capsule, straight, capsule, flat, 1.1F);
+  expect_tight(ball, straight, capsule, flat, 1.8F);
+  expect_tight(ball, straight, cube, on_edge, 1 + std::sqrt(0.5F));
+  expect_tight(needle, straight, needle, on_edge, 0.01F + 0.51F * std::sqrt(0.5F));
+}
+
+TEST(ShapeCulling, IsRefusedIfSomebodyElseWalksThePairs) {
+  btSetTaskScheduler(btGetSequentialTaskScheduler());
+  btDefaultCollisionConfiguration configuration;
+  btCollisionDispatcher dispatcher(&configuration);
+  btCollisionDispatcherMt dispatcher_mt(&configuration);
+  btHashedOverlappingPairCache cache;
+  const BroadPhase::Config config{.algorithm = "sweep-and-prune"};
+  BulletBroadphase own(config);
+  BulletBroadphase users(config, &cache);
+  btCollisionWorld world(&dispatcher, &own, &configuration);
+  btCollisionWorld world_of_user(&dispatcher, &users, &configuration);
+  btCollisionWorld world_mt(&dispatcher_mt, &own, &configuration);
+  own.set_shape_culling(&world);
+  EXPECT_THAT(error_of([&] { users.set_shape_culling(&world_of_user); }), HasSubstr("pair cache of its own"));
+  EXPECT_THAT(error_of([&] { own.set_shape_culling(&world_mt); }), HasSubstr("btCollisionDispatcherMt"));
+  EXPECT_THAT(error_of([&] { own.set_shape_culling(&world_of_user); }), HasSubstr("another broad phase"));
+  users.set_shape_culling(nullptr);
+}
+
+}  // namespace
+}  // namespace broadcl
