@@ -12,6 +12,7 @@
 #include <algorithm>
 #include <array>
 #include <chrono>
+#include <cstdint>
 #include <limits>
 #include <map>
 #include <numbers>
@@ -93,6 +94,17 @@ double least_seconds(Function&& function) {
   return least;
 }
 
+/// Pools with room for the contacts of crowded scenes. Those that Bullet makes by default hold 4,096 pairs;
+/// the others come from the heap.
+btDefaultCollisionConstructionInfo with_pools_for(std::uint32_t objects) {
+  btDefaultCollisionConstructionInfo info;
+  const auto pairs =
+      static_cast<int>(std::clamp<std::uint64_t>(std::uint64_t{16} * objects, 4096, 1U << 18U));
+  info.m_defaultMaxPersistentManifoldPoolSize = pairs;
+  info.m_defaultMaxCollisionAlgorithmPoolSize = pairs;
+  return info;
+}
+
 /// Half a wall is thicker than the distance that an object falling across the container travels in a frame.
 float wall_thickness(const Scenario& scenario) {
   return std::max(20.0F, scenario.container_edge() / 4);
@@ -103,7 +115,10 @@ float wall_thickness(const Scenario& scenario) {
 class World::Impl {
  public:
   Impl(const Scenario::Config& config, btBroadphaseInterface& broadphase)
-      : scenario_(config), dispatcher_(&config_), world_(&dispatcher_, &broadphase, &solver_, &config_) {
+      : scenario_(config),
+        config_(with_pools_for(config.objects)),
+        dispatcher_(&config_),
+        world_(&dispatcher_, &broadphase, &solver_, &config_) {
     world_.setGravity(to_bullet(scenario_.gravity()));
     add_walls();
     for (const Scenario::Object& object : scenario_.objects()) add_object(object);

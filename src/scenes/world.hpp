@@ -32,7 +32,8 @@ struct FrameTimes {
 [[nodiscard]] double measuring_overhead();
 
 /// A Bullet rigid-body world that simulates a scenario: its objects, and six static walls around the
-/// container. Default friction, restitution 0, mass = volume, sleeping on.
+/// container. Default friction, restitution 0, mass = volume, sleeping on. Bullet's pools hold the contacts
+/// of 16 pairs per object, of 4,096 to 262,144 in all.
 ///
 /// The walls are 20 m thick, or a quarter of the container's edge if that is more: at 50 g objects travel
 /// several metres per frame, and sink that far into a wall before it pushes them back.
