@@ -18,7 +18,7 @@ from report.standing import COMPARED, SEARCH, standing
 from report.statistics import RESAMPLES, SEED, three_digits
 from report.study import METRICS, Study, StudyError
 from report.tables import about_times, pairs_table, times_table
-from report.verdict import absent, certainty, headline, sentences
+from report.verdict import UPDATE_COUNTS, absent, certainty, headline, sentences
 
 HERE = Path(__file__).parent
 PLOTLY = Path("/usr/share/python3-plotly/plotly.js")
@@ -185,6 +185,7 @@ def page(study: Study, recordings: list[Recording], images: dict[str, list[np.nd
         certainty=prose(certainty(study)),
         verdict="".join(_card(study, s) for s in study.scenarios),
         frame_figures=_frame_figures(study),
+        update_counts=prose(UPDATE_COUNTS),
         scenes=scenes(recordings, images),
         tables=_tables(study),
         method=_method(study),

@@ -7,6 +7,13 @@ from report.statistics import Ratio, ratio_digits, ratio_of_medians, three_digit
 from report.study import Series, Study
 
 
+# For whoever looks at one of the two alone.
+UPDATE_COUNTS = (
+    "The work of a broad phase in `setAabb()` counts as update; `bullet-sap` does nearly all of its work"
+    " there."
+)
+
+
 def times_as_long(study: Study, ratio: Ratio) -> str:
     """The ratio, with its interval in brackets; says so if it has none but others do."""
     if ratio.interval is None:
@@ -190,6 +197,7 @@ def absent(study: Study) -> list[str]:
 def as_text(study: Study) -> str:
     """The whole verdict, for a terminal."""
     lines = headline(study)
+    lines.append(UPDATE_COUNTS)
     for scenario in study.scenarios:
         lines.append(f"\n{scenario}")
         for metric, title in COMPARED.items():

@@ -1,5 +1,6 @@
 // `broadcl simulate --record` and `broadcl replay`, run as their users do.
 #include <BulletCollision/BroadphaseCollision/btBroadphaseInterface.h>
+#include <BulletCollision/BroadphaseCollision/btOverlappingPairCache.h>
 
 #include <cstddef>
 #include <limits>
@@ -8,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <nlohmann/json.hpp>
 
@@ -119,6 +121,52 @@ TEST_F(ProgramReplay, VerifiesAndReports) {
     EXPECT_EQ(summary["verify"]["equal"], true);
     EXPECT_EQ(summary["verify"]["missing_pairs"], 0);
   }
+}
+
+/// The walls of the simulation are not recorded, and nothing else is missing.
+TEST_F(ProgramReplay, LacksThePairsWithWallsAndSaysSo) {
+  const Outcome outcome =
+      run("simulate --objects 40 --frames 12 --seed 7 --broadphase bullet-bf --csv run.csv --record run.npy");
+  expect_success(outcome);
+  EXPECT_NE(outcome.out.find("not the 6 walls around them: a replay lacks the pairs with those.\n"),
+            std::string::npos)
+      << outcome.out;
+  expect_success(run("replay run.npy --broadphase bullet-bf --csv replay.csv"));
+  const scenes::Scenario::Config config{.name = "mixed-sizes", .objects = 40, .seed = 7};
+  const auto broadphase = scenes::make_broadphase(
+      {.name = "bullet-bf", .device = {}, .objects = 40 + scenes::World::walls, .world_edge = 1});
+  scenes::World world(config, *broadphase);
+  std::vector<std::size_t> with_walls;
+  for (int frame = 0; frame < 12; ++frame) {
+    world.step();
+    const btBroadphasePairArray& pairs = broadphase->getOverlappingPairCache()->getOverlappingPairArray();
+    std::size_t count = 0;
+    for (int k = 0; k < pairs.size(); ++k) {
+      const auto is_wall = [](const btBroadphaseProxy* proxy) {
+        return proxy->m_collisionFilterGroup == btBroadphaseProxy::StaticFilter;
+      };
+      if (is_wall(pairs[k].m_pProxy0) || is_wall(pairs[k].m_pProxy1)) ++count;
+    }
+    with_walls.push_back(count);
+  }
+  const std::vector<std::size_t> simulated = pairs_in(path("run.csv"));
+  const std::vector<std::size_t> replayed = pairs_in(path("replay.csv"));
+  for (std::size_t frame = 0; frame < 12; ++frame) {
+    EXPECT_EQ(replayed.at(frame) + with_walls.at(frame), simulated.at(frame)) << "frame " << frame;
+  }
+  EXPECT_GT(with_walls.back(), 0U);
+}
+
+TEST_F(ProgramReplay, SaysWhichBroadPhasesCountMore) {
+  write_file(path("rows.npy"), recording({four_boxes_apart, four_boxes_apart}));
+  const auto pairs_line = [&](const std::string& broadphase) {
+    const std::string out = run("replay rows.npy --broadphase " + broadphase).out;
+    const std::size_t begin = out.find("pairs  ");
+    return out.substr(begin, out.find('\n', begin) - begin);
+  };
+  EXPECT_THAT(pairs_line("bullet-bvh"), testing::EndsWith("; bullet-bvh counts boxes that are apart by less "
+                                                          "than its margin, too"));
+  EXPECT_THAT(pairs_line("auto"), testing::EndsWith(", last 0"));
 }
 
 TEST_F(ProgramReplay, CountsThePairsOfTheFramesAfterTheFirstState) {

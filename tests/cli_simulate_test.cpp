@@ -28,8 +28,9 @@ TEST_P(ProgramSimulate, VerifiesAndReports) {
           "--json run.json --broadphase " +
           GetParam());
   expect_success(outcome);
-  for (const std::string part : {"mixed-sizes, 40 cubes, 12 frames, seed 7", "\nupdate ", "\nbroad phase ",
-                                 "\ntotal ", "\npairs ", "\ndevice ", "\nverified "}) {
+  for (const std::string part :
+       {"mixed-sizes, 40 cubes, 12 frames, seed 7", "\nupdate ", "\nbroad phase ", "\ntotal ", "\npairs ",
+        "\ndevice ", "\nverified ", "\nUpdate: updateAabbs(), "}) {
     EXPECT_NE(outcome.out.find(part), std::string::npos) << part << " is not in\n" << outcome.out;
   }
 

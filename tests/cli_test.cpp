@@ -35,6 +35,23 @@ TEST_F(Program, HelpForAll) {
   }
 }
 
+TEST_F(Program, TheManPageHasEveryVerbAndOption) {
+  std::string page = read_file(BROADCL_KERNEL_FOLDER "/../docs/broadcl.1");
+  std::erase(page, '\\');
+  std::size_t options = 0;
+  for (const std::string verb : {"devices", "simulate", "replay", "study", "pairs", "check"}) {
+    EXPECT_NE(page.find("\n.SS " + verb + "\n"), std::string::npos) << verb;
+    const std::string help = run(verb + " --help").out;
+    const std::regex option("\n  (?:-h,)?(--[a-z-]+)");
+    for (std::sregex_iterator match(help.begin(), help.end(), option), end; match != end;
+         ++match, ++options) {
+      const std::regex word((*match)[1].str() + "[^a-z-]");
+      EXPECT_TRUE(std::regex_search(page, word)) << verb << " " << (*match)[1];
+    }
+  }
+  EXPECT_GT(options, 30U);
+}
+
 TEST_F(Program, HelpListsTheTables) {
   const std::string simulate = run("simulate --help").out;
   const std::string replay = run("replay --help").out;
@@ -144,8 +161,11 @@ TEST_P(ProgramBadInput, IsRefusedAndLeavesNothing) {
 }
 
 const std::vector<BadInput> bad_inputs = {
-    {"NoVerb", "", "give a verb"},
-    {"UnknownVerb", "frobnicate", "frobnicate"},
+    {"NoVerb", "", "give a verb: devices, simulate, replay, study, pairs or check; see"},
+    {"UnknownVerb", "frobnicate",
+     "'frobnicate' is no verb; give devices, simulate, replay, study, pairs or check; see 'broadcl --help'"},
+    {"UnknownVerbWithOptions", "frobnicate --json", "'frobnicate' is no verb"},
+    {"LineBreakInVerb", "'frob\nnicate'", "'frob nicate' is no verb"},
     {"TwoVerbs", "devices check", "check"},
     {"UnknownOption", "--frobnicate", "--frobnicate"},
     {"LineBreakInOption", "\"--frob\nnicate\"", "--frob nicate"},
@@ -173,6 +193,7 @@ const std::vector<BadInput> bad_inputs = {
     {"PairsOutInMissingFolder", "pairs four.npy --out missing/pairs.npy", "missing/pairs.npy"},
     {"PairsOutInFile", "pairs four.npy --out text.npy/pairs.npy", "text.npy/pairs.npy"},
     {"PairsOutCannotBeReplaced", "pairs four.npy --out /proc/version", "'/proc/version'"},
+    {"PairsOutIsText", "pairs four.npy --out p.csv", "pairs are written as .npy, not as .csv: 'p.csv'"},
     {"PairsOutIsInput", "pairs four.npy --out ./four.npy", "--out"},
 
     {"SimulateUnknownScenario", "simulate --scenario frobnicate --csv run.csv", "mixed-sizes"},

@@ -124,8 +124,8 @@ Exit run(const std::string& selector) {
     }
     works = works && !wrong;
     std::cout << named_row(algorithm.name, wrong ? "WRONG: " + *wrong
-                                                 : "right in " + std::to_string(scenes.size()) +
-                                                       " scenes and " + std::to_string(frames) + " frames")
+                                                 : "right in " + counted(scenes.size(), "scene") + " and " +
+                                                       counted(frames, "frame"))
               << std::flush;
   }
   std::cout << (works ? "BroadCL works here.\n" : "BroadCL does not work here.\n");

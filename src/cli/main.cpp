@@ -5,6 +5,7 @@
 #include <exception>
 #include <iostream>
 #include <new>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -13,6 +14,23 @@
 
 namespace broadcl::cli {
 namespace {
+
+/// "devices, simulate, ... or check".
+std::string list_of(const std::vector<CLI::App*>& verbs) {
+  std::string text;
+  for (const CLI::App* verb : verbs) {
+    if (!text.empty()) text += verb == verbs.back() ? " or " : ", ";
+    text += verb->get_name();
+  }
+  return text;
+}
+
+/// The verb that was given, if it is none.
+std::optional<std::string> unknown_verb(const CLI::App& program) {
+  const std::vector<std::string> rest = program.remaining();
+  if (!program.get_subcommands().empty() || rest.empty() || rest.front().starts_with('-')) return {};
+  return one_line(rest.front());
+}
 
 /// The command that shows help: that of the verb, if one was given.
 std::string help_hint(const CLI::App& program) {
@@ -31,12 +49,6 @@ std::vector<Verb> add_verbs(CLI::App& program) {
   };
 }
 
-std::string names_of(const std::vector<Verb>& verbs) {
-  std::string names;
-  for (const Verb& verb : verbs) names += (names.empty() ? "" : ", ") + verb.arguments->get_name();
-  return names;
-}
-
 Exit run(int argc, const char* const* argv) {
   CLI::App program("Broad-phase collision detection on OpenCL devices.", "broadcl");
   program.set_version_flag("--version", "broadcl " BROADCL_VERSION_STRING);
@@ -50,12 +62,16 @@ Exit run(int argc, const char* const* argv) {
     program.exit(request);  // prints what --help or --version asked for
     return Exit::success;
   } catch (const CLI::ParseError& error) {
+    if (const auto verb = unknown_verb(program)) {
+      throw Error("'" + *verb + "' is no verb; give " + list_of(program.get_subcommands({})) +
+                  help_hint(program));
+    }
     throw Error(one_line(error.what()) + help_hint(program));
   }
   for (const Verb& verb : verbs) {
     if (verb.arguments->parsed()) return verb.run();
   }
-  throw Error("give a verb: " + names_of(verbs) + "; see 'broadcl --help'");
+  throw Error("give a verb: " + list_of(program.get_subcommands({})) + help_hint(program));
 }
 
 Exit report(const char* error) noexcept {

@@ -1,6 +1,7 @@
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <broadcl/broad_phase.hpp>
+#include <chrono>
 #include <filesystem>
 #include <iostream>
 #include <memory>
@@ -8,6 +9,7 @@
 #include <span>
 #include <string>
 #include <system_error>
+#include <utility>
 #include <vector>
 
 #include "cli/arguments.hpp"
@@ -26,27 +28,56 @@ struct Options {
   BroadPhase::Config broad_phase{.on_compile = announce_compiling};
 };
 
+/// "0.123", for the seconds that passed since it was made or last asked.
+class Stopwatch {
+ public:
+  [[nodiscard]] std::string lap() {
+    const Clock::time_point now = Clock::now();
+    const std::chrono::duration<double> passed = now - std::exchange(begin_, now);
+    return fixed(passed.count(), 3);
+  }
+
+ private:
+  using Clock = std::chrono::steady_clock;
+  Clock::time_point begin_ = Clock::now();
+};
+
 Exit run(const Options& options) {
-  const std::vector<Aabb> boxes = read_boxes(options.file);
   std::optional<OutputFile> out;
   if (!options.out.empty()) {
+    const std::filesystem::path path = options.out;
+    if (path.has_extension() && path.extension() != ".npy") {
+      throw Error("--out: pairs are written as .npy, not as " + one_line(path.extension().string()) + ": " +
+                  quoted(path));
+    }
     std::error_code ignored;
     if (std::filesystem::equivalent(options.file, options.out, ignored)) {
       throw Error("--out names the file of the boxes itself; name another");
     }
     out.emplace(options.out);
   }
+  Stopwatch stopwatch;
+  const std::vector<Aabb> boxes = read_boxes(options.file);
+  std::string times = "reading " + stopwatch.lap() + " s";
   // A device that was asked for must exist, even if the algorithm runs on the host.
   if (!options.broad_phase.device.empty()) (void)select_device(options.broad_phase.device);
   const std::optional<Device> device = device_for(options.broad_phase);
   const std::vector<Pair> pairs = overlapping_pairs(boxes, options.broad_phase);
+  times += ", searching " + stopwatch.lap() + " s";
   if (out) {
     out->write(to_npy(pairs));
     out->commit();
+    times += ", writing " + stopwatch.lap() + " s";
   }
-  std::cout << pairs.size() << " overlapping pairs of " << boxes.size() << " boxes ("
+  std::cout << counted(pairs.size(), "overlapping pair") << " of " << counted(boxes.size(), "box") << " ("
             << options.broad_phase.algorithm << " on " << (device ? one_line(device->label()) : "the host")
             << ")\n";
+  const auto empty = static_cast<std::size_t>(std::ranges::count_if(boxes, is_empty));
+  if (empty > 0) {
+    std::cout << counted(empty, "box") << (empty == 1 ? " is" : " are")
+              << " inverted (min > max) and took no part\n";
+  }
+  std::cout << times << (device ? "; searching includes opening the device" : "") << "\n";
   return Exit::success;
 }
 

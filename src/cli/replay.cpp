@@ -113,8 +113,8 @@ SimulationResult replay(RecordingReader& recording, std::uint32_t frames, const 
 }
 
 std::string heading(const Options& options, const RecordingReader& recording, std::uint32_t frames) {
-  return "recording     " + one_line(options.file.string()) + ", " + std::to_string(recording.boxes()) +
-         " boxes, " + std::to_string(frames) + " frames\nbroad phase   " + options.broadphase + "\n";
+  return "recording     " + one_line(options.file.string()) + ", " + counted(recording.boxes(), "box") +
+         ", " + counted(frames, "frame") + "\nbroad phase   " + options.broadphase + "\n";
 }
 
 nlohmann::ordered_json json_of(const Options& options, const RecordingReader& recording,
@@ -140,8 +140,7 @@ void open(std::optional<OutputFile>& out, const std::string& option, const std::
 Exit run(const Options& options) {
   RecordingReader recording(options.file);
   if (options.frames != all_frames && options.frames > recording.frames()) {
-    throw Error("--frames: " + quoted(options.file) + " has only " + std::to_string(recording.frames()) +
-                " frames");
+    throw Error("--frames: " + quoted(options.file) + " has only " + counted(recording.frames(), "frame"));
   }
   const std::uint32_t frames = std::min(options.frames, recording.frames());
   std::optional<OutputFile> csv;
@@ -156,7 +155,7 @@ Exit run(const Options& options) {
   if (csv) csv->commit();
   if (json) json->commit();
   std::cout
-      << table_report_of(heading(options, recording, frames), result)
+      << table_report_of(heading(options, recording, frames), options.broadphase, result)
       << "Update: setAabb() of every box; broad phase: calculateOverlappingPairs(); total: their sum.\n";
   return result.verdict && result.verdict->first_wrong_frame ? Exit::difference : Exit::success;
 }

@@ -14,6 +14,7 @@
 #include "cli/trace.hpp"
 #include "cli/verbs.hpp"
 #include "scenes/scenario.hpp"
+#include "scenes/world.hpp"
 
 namespace broadcl::cli {
 namespace {
@@ -53,6 +54,10 @@ Exit run(const Options& options) {
   if (json) json->commit();
   if (trace) trace->commit();
   std::cout << table_report(options.simulation, result);
+  if (recording) {
+    std::cout << "Recorded are the objects, not the " << scenes::World::walls
+              << " walls around them: a replay lacks the pairs with those.\n";
+  }
   return result.verdict && result.verdict->first_wrong_frame ? Exit::difference : Exit::success;
 }
 

@@ -99,6 +99,8 @@ struct Frames {
                                          const SimulationResult& result);
 /// table_report() for frames from another source.
 /// @param heading Lines that say where the frames come from and which broad phase ran.
-[[nodiscard]] std::string table_report_of(const std::string& heading, const SimulationResult& result);
+/// @param broadphase Its name.
+[[nodiscard]] std::string table_report_of(const std::string& heading, const std::string& broadphase,
+                                          const SimulationResult& result);
 
 }  // namespace broadcl::cli

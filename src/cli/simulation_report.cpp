@@ -9,6 +9,7 @@
 #include "cli/simulation.hpp"
 #include "cli/statistics.hpp"
 #include "cli/text.hpp"
+#include "scenes/broadphases.hpp"
 
 namespace broadcl::cli {
 namespace {
@@ -194,19 +195,27 @@ std::string json_report_of(const ordered_json& config, const SimulationResult& r
 
 std::string table_report(const SimulationConfig& config, const SimulationResult& result) {
   const scenes::Scenario::Config& scenario = config.scenario;
-  const std::string heading = "scenario      " + scenario.name + ", " + std::to_string(scenario.objects) +
-                              (scenario.spheres ? " spheres, " : " cubes, ") + std::to_string(config.frames) +
-                              " frames, seed " + std::to_string(scenario.seed) + "\nbroad phase   " +
-                              config.broadphase + "\n";
-  const std::string text = table_report_of(heading, result);
+  const std::string heading = "scenario      " + scenario.name + ", " +
+                              counted(scenario.objects, scenario.spheres ? "sphere" : "cube") + ", " +
+                              counted(config.frames, "frame") + ", seed " + std::to_string(scenario.seed) +
+                              "\nbroad phase   " + config.broadphase + "\n";
+  const std::string text =
+      table_report_of(heading, config.broadphase, result) +
+      "Update: updateAabbs(), which computes every object's box and passes it to setAabb(); broad phase:\n"
+      "computeOverlappingPairs(); total: the whole stepSimulation().\n";
   return config.profile ? text + stages_table(config, result) : text;
 }
 
-std::string table_report_of(const std::string& heading, const SimulationResult& result) {
+std::string table_report_of(const std::string& heading, const std::string& broadphase,
+                            const SimulationResult& result) {
   std::string text = heading;
   text += "device        " + (result.device ? one_line(result.device->label()) : "host") + "\n";
   text += "pairs         mean " + fixed(mean_of(result.pairs), 1) + ", last " +
-          std::to_string(result.pairs.back()) + "\n";
+          std::to_string(result.pairs.back());
+  if (!scenes::find_broadphase(broadphase).exact) {
+    text += "; " + broadphase + " counts boxes that are apart by less than its margin, too";
+  }
+  text += "\n";
   if (result.verdict) text += "verified      " + text_of(*result.verdict) + "\n";
   text += "\nms per frame         mean     median        p95    frame 0\n";
   text += table_row("update", result.update);

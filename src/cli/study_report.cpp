@@ -61,8 +61,8 @@ std::string study_report(const StudyFolder& folder, const StudySettings& setting
   }
   if (devices.empty()) devices.emplace_back();
   std::string text = "study         " + settings.preset + ", " + std::to_string(done) + " of " +
-                     std::to_string(runs.size()) + " runs done, of " + std::to_string(settings.frames) +
-                     " frames each\n";
+                     std::to_string(runs.size()) + " runs done, of " + counted(settings.frames, "frame") +
+                     " each\n";
   for (const std::string& device : devices) {
     text += "device        " + (device.empty() ? "host" : one_line(device)) +
             "\n\nmedian total, ms per frame (without frame 0)\n" + table(folder, settings, device, runs) +

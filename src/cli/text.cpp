@@ -61,6 +61,11 @@ std::string grouped(std::uint64_t value) {
   return text;
 }
 
+std::string counted(std::uint64_t count, const std::string& noun) {
+  const std::string ending = noun.ends_with('x') ? "es" : "s";
+  return std::to_string(count) + " " + noun + (count == 1 ? "" : ending);
+}
+
 std::string duration_text(double seconds) {
   constexpr std::uint64_t minute = 60;
   constexpr std::uint64_t hour = 60 * minute;

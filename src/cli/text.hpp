@@ -29,6 +29,9 @@ namespace broadcl::cli {
 /// "16,000".
 [[nodiscard]] std::string grouped(std::uint64_t value);
 
+/// "1 frame", "12 frames", "1 box", "2 boxes".
+[[nodiscard]] std::string counted(std::uint64_t count, const std::string& noun);
+
 /// "95 s", "12 min" or "3 h 5 min", for at least 0 seconds.
 [[nodiscard]] std::string duration_text(double seconds);
 

@@ -24,7 +24,7 @@ from report.static_figures import medians_of
 from report.statistics import ratio_of_medians, three_digits
 from report.study import StudyError, read_study
 from report.tables import about_times
-from report.verdict import absent, headline, sentences
+from report.verdict import UPDATE_COUNTS, absent, as_text, headline, sentences
 
 
 class SmallStudy(unittest.TestCase):
@@ -54,6 +54,11 @@ class Report(SmallStudy):
         self.make()
         self.assertEqual({name: (self.folder / name).read_bytes() for name in names}, first)
         self.assertFalse(list(self.folder.glob(".report-*")))
+
+    def test_explains_update_and_broad_phase_wherever_they_stand_alone(self) -> None:
+        explained = UPDATE_COUNTS.replace("`", "")
+        self.assertIn(explained, as_text(read_study(self.folder)))
+        self.assertIn("The work of a broad phase in <code>setAabb()</code>", self.make().read_text())
 
     def test_asks_for_nothing_and_escapes_names(self) -> None:
         text = self.make().read_text(encoding="utf-8")
