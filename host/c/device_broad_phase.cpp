@@ -1,4 +1,4 @@
-#include "opencl/api.hpp"  // before <CL/cl.h>: it chooses the version
+#define CL_TARGET_OPENCL_VERSION 120  // before <CL/cl.h>
 
 #include <broadcl/broadcl.h>
 #include <broadcl/opencl.hpp>
