@@ -49,6 +49,10 @@ void BroadPhase::set_filter(std::uint32_t id, const Filter& filter) {
   impl_->set_filter(id, filter);
 }
 
+void BroadPhase::set_exclusions(std::span<const Pair> pairs) {
+  impl_->set_exclusions(pairs);
+}
+
 void BroadPhase::remove(std::uint32_t id) {
   impl_->remove(id);
 }
@@ -92,6 +96,28 @@ const AlgorithmInfo& BroadPhase::algorithm() const noexcept {
 
 std::span<const Stage> BroadPhase::profile() const noexcept {
   return impl_->profile();
+}
+
+std::vector<Pair> pairs_that_share(std::span<const std::uint32_t> labels, std::size_t per_object) {
+  if (per_object == 0 ? !labels.empty() : labels.size() % per_object != 0) {
+    throw Error(std::to_string(labels.size()) + " labels are not " + std::to_string(per_object) +
+                " for each object; give as many for each");
+  }
+  std::vector<std::pair<std::uint32_t, std::uint32_t>> objects_of_labels;
+  objects_of_labels.reserve(labels.size());
+  for (std::size_t k = 0; k < labels.size(); ++k) {
+    objects_of_labels.emplace_back(labels[k], static_cast<std::uint32_t>(k / per_object));
+  }
+  std::ranges::sort(objects_of_labels);
+  std::vector<Pair> pairs;
+  for (auto b = objects_of_labels.begin(); b != objects_of_labels.end(); ++b) {
+    for (auto a = b; a != objects_of_labels.begin() && (a - 1)->first == b->first; --a) {
+      if ((a - 1)->second != b->second) pairs.push_back({(a - 1)->second, b->second});
+    }
+  }
+  std::ranges::sort(pairs);
+  pairs.erase(std::unique(pairs.begin(), pairs.end()), pairs.end());
+  return pairs;
 }
 
 std::vector<Pair> overlapping_pairs(const BoxView& boxes, const BroadPhase::Config& config) {

@@ -5,6 +5,7 @@
 #include <bit>
 #include <cstdint>
 #include <functional>
+#include <iterator>
 #include <memory>
 #include <span>
 #include <string>
@@ -77,6 +78,29 @@ class Core {
     store_filter(id, filter);
   }
 
+  void set_exclusions(std::span<const Pair> pairs) {
+    std::vector<Pair> sorted(pairs.begin(), pairs.end());
+    for (Pair& pair : sorted) {
+      if (pair.a == pair.b) {
+        throw Error("an exclusion is of " + std::to_string(pair.a) + " and itself; give pairs of two ids");
+      }
+      if (pair.a > pair.b) std::swap(pair.a, pair.b);
+    }
+    std::ranges::sort(sorted);
+    sorted.erase(std::unique(sorted.begin(), sorted.end()), sorted.end());
+    if (sorted.size() >= most_objects) throw Error("more than 2147483647 exclusions; give fewer");
+    std::vector<Pair> changed;
+    std::ranges::set_symmetric_difference(exclusions_, sorted, std::back_inserter(changed));
+    // Nothing below throws.
+    exclusions_ = std::move(sorted);
+    for (const Pair& pair : changed) {
+      if (pair.b >= states_.size()) continue;
+      changes_.insert(pair.a);
+      changes_.insert(pair.b);
+    }
+    changes_.filters = changes_.filters || !changed.empty();
+  }
+
   void remove(std::uint32_t id) {
     refuse_unknown(id);
     reserve_late();
@@ -120,6 +144,7 @@ class Core {
     if (is_begun_) return;
     apply_late();
     flight_.reserve(capacity_);  // here, since an update in flight reads it
+    algorithm_->reserve_exclusions(exclusions_.size());
     take_mapped();
     is_begun_ = true;
     if (changes_.empty()) return;
@@ -136,6 +161,7 @@ class Core {
            .all = flight_.all || flight_.changed().size() > slots / 4,
            .recycled = flight_.recycled(),
            .filters = any_filters_ ? std::span<const Filter>(filters_) : std::span<const Filter>(),
+           .exclusions = exclusions_,
            .filters_changed = flight_.filters,
            .worlds = any_worlds_,
            .sets = are_two_sets_});
@@ -324,6 +350,7 @@ class Core {
   std::size_t capacity_ = 0;         // ids that the following have capacity for
   std::vector<State> states_;        // by id
   std::vector<Filter> filters_;      // by id
+  std::vector<Pair> exclusions_;     // in canonical order
   std::vector<std::uint32_t> free_;  // a heap, the lowest id first
   std::size_t size_ = 0;
   bool any_filters_ = false;  // some object has had another than the default one

@@ -116,13 +116,14 @@ typedef INTS may_t;
 kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void brute_force(
     const uint n, const uint row_count, const uint rows, const uint first_run, global const float* restrict boxes,
     global const uint* restrict changed, global const uint* restrict changed_stamps,
-    global const uint4* restrict filters, const uint keeps, KEEP_PARAMETERS, PAIR_SINK_PARAMETERS) {
+    global const uint4* restrict filters, global const uint2* restrict exclusions, const uint keeps, KEEP_PARAMETERS,
+    PAIR_SINK_PARAMETERS) {
   const pair_sink_t sink = PAIR_SINK;
 #if GROUP > 1
   local uint keep_scratch[4];
   if (keeps != 0U) {
-    keep_pairs(last, last_capacity, removed, keep_filters, keep_all, keep_stamps, n, boxes, stamp, capacity, pairs,
-               counts, (uint)(get_group_id(1) * get_num_groups(0) + get_group_id(0)),
+    keep_pairs(last, last_capacity, removed, keep_filters, keep_exclusions, keep_all, keep_stamps, n, boxes, stamp,
+               capacity, pairs, counts, (uint)(get_group_id(1) * get_num_groups(0) + get_group_id(0)),
                (uint)(get_num_groups(0) * get_num_groups(1)), GROUP, keep_scratch);
   }
 #endif
@@ -192,6 +193,7 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void brute_force(
 #endif
           if (filters != 0 && !may_pair(filters[s_a], filters[b])) continue;
           const uint2 pair = (uint2)(min(s_a, b), max(s_a, b));
+          if (is_excluded(pair, exclusions)) continue;
           if (was_in_last_frame(&sink, pair)) continue;
           const uint k = atomic_inc(&found);
           if (pass == 1U) {

@@ -14,8 +14,8 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void delta_keep(
     global uint2* restrict pairs, global uint* restrict counts) {
 #if GROUP > 1
   local uint totals[4];
-  keep_pairs(last, last_capacity, removed, keep_filters, keep_all, keep_stamps, slots, boxes, stamp, capacity, pairs,
-             counts, (uint)get_group_id(0), (uint)get_num_groups(0), GROUP, totals);
+  keep_pairs(last, last_capacity, removed, keep_filters, keep_exclusions, keep_all, keep_stamps, slots, boxes, stamp,
+             capacity, pairs, counts, (uint)get_group_id(0), (uint)get_num_groups(0), GROUP, totals);
 #else
   const uint last_kept = counts[COUNT_LAST_KEPT];
   const uint first = (uint)get_global_id(0) * CHUNK;
@@ -26,7 +26,7 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void delta_keep(
   for (uint k = first; k < end; ++k) {
     const uint2 pair = last_pair(last, last_capacity, k, last_kept);
     /* (By a branch: what Oclgrind 21.10 makes of such a condition as a number is not always 1.) */
-    if (is_kept(pair, slots, boxes, keep_filters, keep_all, stamp, keep_stamps)) {
+    if (is_kept(pair, slots, boxes, keep_filters, keep_exclusions, keep_all, stamp, keep_stamps)) {
       kept[k - first] = 1;
       ++kept_count;
     } else {

@@ -32,22 +32,23 @@
 #define COUNTS 14          /* an even number, so that pairs can follow */
 
 typedef struct {
-  uint capacity;                    /* of the list */
-  global uint2* pairs;              /* the list of this frame */
-  global const float* last_boxes;   /* of the last frame */
-  uint last_slots;                  /* boxes of the last frame */
-  global const uint4* last_filters; /* of the last frame; null if they separated no objects that may pair now */
-  uint stamp;                       /* of this frame */
-  global const uint* stamps;        /* one word per slot: stamp.h; null if no object was replaced */
+  uint capacity;                       /* of the list */
+  global uint2* pairs;                 /* the list of this frame */
+  global const float* last_boxes;      /* of the last frame */
+  uint last_slots;                     /* boxes of the last frame */
+  global const uint4* last_filters;    /* of the last frame; null if they separated no objects that may pair now */
+  global const uint2* last_exclusions; /* likewise */
+  uint stamp;                          /* of this frame */
+  global const uint* stamps;           /* one word per slot: stamp.h; null if no object was replaced */
   global uint* counts;
 } pair_sink_t;
 
 #define PAIR_SINK_PARAMETERS                                                                                         \
   const uint capacity, global uint2 *restrict pairs, global const float *restrict last_boxes, const uint last_slots, \
-      global const uint4 *restrict last_filters, const uint stamp, global const uint *restrict stamps,               \
-      global uint *restrict counts
+      global const uint4 *restrict last_filters, global const uint2 *restrict last_exclusions, const uint stamp,     \
+      global const uint *restrict stamps, global uint *restrict counts
 #define PAIR_SINK \
-  { capacity, pairs, last_boxes, last_slots, last_filters, stamp, stamps, counts }
+  { capacity, pairs, last_boxes, last_slots, last_filters, last_exclusions, stamp, stamps, counts }
 
 /* Pairs of the last frame. */
 static inline uint last_found(global const uint* counts) {
@@ -67,6 +68,7 @@ static inline void load_last_box(box_t* box, const pair_sink_t* sink, const uint
 
 /* Whether two objects whose boxes of the last frame overlap were a pair. */
 static inline bool could_pair(const pair_sink_t* sink, const uint2 pair) {
+  if (is_excluded(pair, sink->last_exclusions)) return false;
   return sink->last_filters == 0 || may_pair(sink->last_filters[pair.x], sink->last_filters[pair.y]);
 }
 

@@ -29,4 +29,22 @@ static inline bool may_pair(const uint4 s, const uint4 t) {
   return (s.x & t.y) != 0U && (t.x & s.y) != 0U && worlds_meet(s.w, t.w) && (s.z != t.z || s.z == NO_BODY);
 }
 
+/* Whether a pair is in a list of exclusions: their number, then pairs in canonical order. Null if there are none. */
+static inline bool is_excluded(const uint2 pair, global const uint2* exclusions) {
+  if (exclusions == 0) return false;
+  uint begin = 1;
+  uint end = exclusions[0].x + 1U;
+  while (begin < end) {
+    const uint middle = begin + (end - begin) / 2U;
+    const uint2 other = exclusions[middle];
+    if (other.x == pair.x && other.y == pair.y) return true;
+    if (other.y < pair.y || (other.y == pair.y && other.x < pair.x)) {
+      begin = middle + 1U;
+    } else {
+      end = middle;
+    }
+  }
+  return false;
+}
+
 #endif

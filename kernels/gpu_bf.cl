@@ -68,6 +68,15 @@ void test_seam(const uint b, const uint n, global const float* restrict boxes, g
   }
 }
 
+/* Clears the bytes of exclusions (filter.h) among the first n objects, `count` of them, one work-item each. */
+kernel void gpu_bf_exclude(const uint count, const uint n, global const uint2* restrict exclusions,
+                           global uchar* restrict bytes) {
+  const uint k = (uint)get_global_id(0);
+  if (k >= count) return;
+  const uint2 pair = exclusions[k + 1U];
+  if (pair.y < n) bytes[row_start(pair.y) + pair.x] = 0;
+}
+
 /* Work-items of dimension 0 stand for the words of a row. Those of dimension 1, from `first` on, stand for a class of
    rows (b modulo PERIOD) and a chunk of `rows` rows of that class; from PERIOD * chunks on for seams, n work-items in
    all. */

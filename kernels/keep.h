@@ -6,12 +6,14 @@
 #include "inline.h"
 
 /* The list of the last frame and where to put what is removed from it. Filters are null if they separate no pair of
-   it. `keep_all` says whether all slots count as changed; if not, stamps tell which did. */
+   it, and exclusions if they have none of it. `keep_all` says whether all slots count as changed; if not, stamps tell
+   which did. */
 #define KEEP_PARAMETERS KEEP_PARAMETERS_OF(restrict)
 /* (Without `restrict` in functions: what its inlining leaves behind is unknown to Oclgrind 21.10.) */
-#define KEEP_PARAMETERS_OF(restrict_)                                                            \
-  global const uint2 *restrict_ last, const uint last_capacity, global uint2 *restrict_ removed, \
-      global const uint4 *restrict_ keep_filters, const uint keep_all, global const uint *restrict_ keep_stamps
+#define KEEP_PARAMETERS_OF(restrict_)                                                                                 \
+  global const uint2 *restrict_ last, const uint last_capacity, global uint2 *restrict_ removed,                      \
+      global const uint4 *restrict_ keep_filters, global const uint2 *restrict_ keep_exclusions, const uint keep_all, \
+      global const uint *restrict_ keep_stamps
 
 /* A pair of the last frame's list, of which `kept` are at the beginning. */
 static inline uint2 last_pair(global const uint2* last, const uint last_capacity, const uint k, const uint kept) {
@@ -20,7 +22,8 @@ static inline uint2 last_pair(global const uint2* last, const uint last_capacity
 
 /* Whether a pair of the last frame is one of this frame. */
 static inline bool is_kept(const uint2 pair, const uint slots, global const float* boxes, global const uint4* filters,
-                           const uint all, const uint stamp, global const uint* stamps) {
+                           global const uint2* exclusions, const uint all, const uint stamp,
+                           global const uint* stamps) {
   if (pair.y >= slots) return false;
   if (stamps != 0) {
     const uint s = stamps[pair.x];
@@ -28,6 +31,7 @@ static inline bool is_kept(const uint2 pair, const uint slots, global const floa
     if (is_recycled(s, stamp) || is_recycled(t, stamp)) return false;
     if (all == 0U && !is_changed(s, stamp) && !is_changed(t, stamp)) return true;
   }
+  if (is_excluded(pair, exclusions)) return false;
   box_t s;
   box_t t;
   load_box(&s, boxes, pair.x);
@@ -53,7 +57,7 @@ INLINE void keep_pairs(KEEP_PARAMETERS_OF(), const uint slots, global const floa
     uint k = 0;
     if (exists) {
       pair = last_pair(last, last_capacity, first + item, last_kept);
-      if (is_kept(pair, slots, boxes, keep_filters, keep_all, stamp, keep_stamps)) kept = 1;
+      if (is_kept(pair, slots, boxes, keep_filters, keep_exclusions, keep_all, stamp, keep_stamps)) kept = 1;
       k = atomic_inc(&totals[kept]);
     }
     barrier(CLK_LOCAL_MEM_FENCE);

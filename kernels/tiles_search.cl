@@ -50,8 +50,9 @@ static inline uint lowest_bit(const uint bits) {
 
 /* Whether two slots whose boxes overlap are a new pair; `s` and `t` are their boxes of the last frame. */
 static inline bool is_new_pair(const uint2 pair, const box_t* s, const box_t* t, global const uint4* filters,
-                               const pair_sink_t* sink) {
+                               global const uint2* exclusions, const pair_sink_t* sink) {
   if (filters != 0 && !may_pair(filters[pair.x], filters[pair.y])) return false;
+  if (is_excluded(pair, exclusions)) return false;
   /* (By branches: Oclgrind 21.10 takes some conditions that were negated for true.) */
   if (boxes_overlap(s, t) && could_pair(sink, pair)) return false;
   return true;
@@ -115,7 +116,7 @@ INLINE uint visit(const uint node, global const float* tree, const bounds_t* bou
 
 /* Appends those hits that are new pairs. All work-items must call it. */
 INLINE void append_new(local search_t* scratch, const uint count, global const uint4* filters,
-                       const pair_sink_t* sink) {
+                       global const uint2* exclusions, const pair_sink_t* sink) {
   const uint item = (uint)get_local_id(0);
   for (uint first = 0; first < count; first += GROUP) {
     const uint2 hit = scratch->hits[min(first + item, count - 1U)];
@@ -124,7 +125,7 @@ INLINE void append_new(local search_t* scratch, const uint count, global const u
     const box_t own_last = scratch->own_last[hit.x];
     box_t last;
     load_last_box(&last, sink, hit.y);
-    const bool is_new = first + item < count && is_new_pair(pair, &own_last, &last, filters, sink);
+    const bool is_new = first + item < count && is_new_pair(pair, &own_last, &last, filters, exclusions, sink);
     barrier(CLK_LOCAL_MEM_FENCE);
     if (is_new) scratch->hits[atomic_inc(&scratch->found_new)] = pair;
     barrier(CLK_LOCAL_MEM_FENCE);
@@ -142,7 +143,7 @@ INLINE void append_new(local search_t* scratch, const uint count, global const u
 
 /* Tests the candidates, each of which all work-items compare with their own boxes. All work-items must call it. */
 INLINE void test_candidates(local search_t* scratch, const uint count, const bounds_t* own, const uint place,
-                            global const uint4* filters, const pair_sink_t* sink) {
+                            global const uint4* filters, global const uint2* exclusions, const pair_sink_t* sink) {
   barrier(CLK_LOCAL_MEM_FENCE);
   for (uint first = 0; first < count; first += BATCH) {
     const uint size = min(BATCH, count - first);
@@ -169,7 +170,7 @@ INLINE void test_candidates(local search_t* scratch, const uint count, const bou
       barrier(CLK_LOCAL_MEM_FENCE);
       const uint found = scratch->found;
       barrier(CLK_LOCAL_MEM_FENCE);
-      if (found >= ENOUGH) append_new(scratch, min(found, HITS), filters, sink);
+      if (found >= ENOUGH) append_new(scratch, min(found, HITS), filters, exclusions, sink);
       more = found > HITS;
     }
   }
@@ -223,7 +224,7 @@ static inline void append_hits(const pair_sink_t* sink, local const uint2* hits,
 kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_search(
     const uint4 starts, const uint top, const uint roots, const uint share, const uint sets,
     global const float* restrict tree, global const float* restrict changed, global const uint2* restrict elements,
-    global const uint4* restrict filters, PAIR_SINK_PARAMETERS) {
+    global const uint4* restrict filters, global const uint2* restrict exclusions, PAIR_SINK_PARAMETERS) {
   const pair_sink_t sink = PAIR_SINK;
   const uint tile = (uint)get_group_id(0);
   bounds_t bounds;
@@ -308,7 +309,7 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_search(
           const uint my_slot = elements[tile * NODE + mine].x;
           const uint2 pair = (uint2)(min(my_slot, slot), max(my_slot, slot));
           const box_t mine_last = own_last[mine];
-          if (is_new_pair(pair, &mine_last, &other_last, filters, &sink)) hits[found++] = pair;
+          if (is_new_pair(pair, &mine_last, &other_last, filters, exclusions, &sink)) hits[found++] = pair;
         }
         if (found < FLUSH) continue;
         append_hits(&sink, hits, found);
@@ -332,14 +333,14 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_search(
     }
 #if GROUP > 1
     if (count > BATCH || root >= end) {
-      test_candidates(&scratch, count, &own, own_place, filters, &sink);
+      test_candidates(&scratch, count, &own, own_place, filters, exclusions, &sink);
       count = 0;
     }
 #endif
   }
 
 #if GROUP > 1
-  append_new(&scratch, scratch.found, filters, &sink);
+  append_new(&scratch, scratch.found, filters, exclusions, &sink);
   if (item == 0U) atomic_add(&sink.counts[COUNT_WORK], work);
 #else
   append_hits(&sink, hits, found);

@@ -29,7 +29,9 @@ struct Changes {
   std::span<const std::uint32_t> recycled{};
   /// One filter per slot; none if all objects have the default one. Read in begin() only.
   std::span<const Filter> filters{};
-  bool filters_changed = false;  ///< Since the last update.
+  /// Pairs of slots that are never reported, in canonical order, each once. Read in begin() only.
+  std::span<const Pair> exclusions{};
+  bool filters_changed = false;  ///< Filters or exclusions, since the last update.
   bool worlds = false;           ///< Whether some object is in a world other than 0.
   bool sets = false;             ///< Whether the filters part the objects into two sets: TwoSets.
 };
@@ -52,6 +54,9 @@ class Algorithm {
   /// @param filters Whether updates will have filters.
   /// @throws Error, std::bad_alloc; nothing has changed then.
   virtual void reserve(std::size_t slots, bool filters) = 0;
+
+  /// Reserves memory for this many exclusions of the next update. As reserve().
+  virtual void reserve_exclusions(std::size_t /*count*/) {}
 
   /// The boxes, in memory that the caller may write between updates; at least as many as were reserved. Valid
   /// until the next reserve() or finish().

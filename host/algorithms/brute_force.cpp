@@ -59,9 +59,10 @@ class BruteForce final : public PairFinder {
     for (std::size_t first = 0; first < runs; first += at_once) {
       opencl::Profiler::Scope stage(profiler, "test");
       const bool keeps = first == 0 && sink.is_kept_by_finder();
-      const cl_uint k = opencl::set_arguments(
-          kernel, 0, n, row_count, static_cast<cl_uint>(rows), static_cast<cl_uint>(first), search.now.boxes,
-          search.changed, search.stamps, search.now.filters, keeps ? cl_uint{1} : cl_uint{0});
+      const cl_uint k =
+          opencl::set_arguments(kernel, 0, n, row_count, static_cast<cl_uint>(rows),
+                                static_cast<cl_uint>(first), search.now.boxes, search.changed, search.stamps,
+                                search.now.filters, search.now.exclusions, keeps ? cl_uint{1} : cl_uint{0});
       sink.set_sink(kernel, sink.set_keep(kernel, k, search), search);
       context_.queue().enqueueNDRangeKernel(kernel, cl::NullRange,
                                             cl::NDRange(columns, std::min(at_once, runs - first)),

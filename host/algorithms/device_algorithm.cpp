@@ -22,6 +22,10 @@ class DeviceAlgorithm final : public Algorithm {
     context_.guard([&] { objects_.reserve(slots, filters); });
   }
 
+  void reserve_exclusions(std::size_t count) override {
+    context_.guard([&] { objects_.reserve_exclusions(count); });
+  }
+
   [[nodiscard]] std::span<Aabb> boxes() noexcept override { return objects_.boxes(); }
 
   void begin(const Changes& changes) override {

@@ -45,6 +45,13 @@ void DeviceObjects::reserve(std::size_t slots, bool filters) {
   }
 }
 
+void DeviceObjects::reserve_exclusions(std::size_t count) {
+  if (count == 0) return;
+  const std::size_t bytes = (count + 1) * sizeof(Pair);
+  if (staged_exclusions_.bytes() < bytes)
+    staged_exclusions_ = opencl::MappedBuffer::pinned(context_, opencl::grown(context_, bytes, "exclusions"));
+}
+
 void DeviceObjects::reserve_boxes(std::size_t slots) {
   if (slots > most_slots) {
     throw Error(context_.device().label() + ": more than " + std::to_string(most_slots) +
@@ -82,8 +89,10 @@ void DeviceObjects::upload_filters(const Changes& changes) {
   next_.filter_count = are_filters_new_ ? count : last_.filter_count;
   if (!are_filters_new_) {
     next_.objects.filters = last_.objects.filters;
+    next_.objects.exclusions = last_.objects.exclusions;
     return;
   }
+  upload_exclusions(changes.exclusions);
   next_.objects.filters = {};
   if (count == 0) return;
   opencl::GrowingBuffer& filters = filters_.at(1 - filter_turn_);
@@ -92,6 +101,19 @@ void DeviceObjects::upload_filters(const Changes& changes) {
   context_.queue().enqueueWriteBuffer(filters.get(), CL_FALSE, 0, changes.filters.size_bytes(),
                                       staged_filters_.host());
   next_.objects.filters = filters.get();
+}
+
+void DeviceObjects::upload_exclusions(std::span<const Pair> exclusions) {
+  next_.objects.exclusions = {};
+  if (exclusions.empty()) return;
+  const std::size_t bytes = (exclusions.size() + 1) * sizeof(Pair);
+  opencl::GrowingBuffer& buffer = exclusions_.at(1 - filter_turn_);
+  buffer.reserve(context_, bytes, "exclusions");
+  auto* staged = reinterpret_cast<Pair*>(staged_exclusions_.host());
+  *staged = {.a = static_cast<std::uint32_t>(exclusions.size()), .b = 0};
+  std::ranges::copy(exclusions, staged + 1);
+  context_.queue().enqueueWriteBuffer(buffer.get(), CL_FALSE, 0, bytes, staged);
+  next_.objects.exclusions = buffer.get();
 }
 
 /// The boxes of this frame: all from the host, or those of the last frame, to which the changes are applied

@@ -5,6 +5,7 @@
 #include <span>
 
 #include <broadcl/aabb.hpp>
+#include <broadcl/pair.hpp>
 
 #include "algorithms/algorithm.hpp"
 #include "algorithms/search.hpp"
@@ -27,6 +28,10 @@ class DeviceObjects {
   /// @throws cl::Error, Error; nothing has changed then.
   void reserve(std::size_t slots, bool filters);
 
+  /// As Algorithm::reserve_exclusions().
+  /// @throws cl::Error, Error; nothing has changed then.
+  void reserve_exclusions(std::size_t count);
+
   /// The boxes, for the host to write, but not between upload() and the end of the frame.
   [[nodiscard]] std::span<Aabb> boxes() const noexcept;
 
@@ -48,6 +53,7 @@ class DeviceObjects {
 
   void reserve_boxes(std::size_t slots);
   void upload_filters(const Changes& changes);
+  void upload_exclusions(std::span<const Pair> exclusions);
   void upload_boxes(const Changes& changes);
   void upload_changes(const Changes& changes);
 
@@ -60,10 +66,11 @@ class DeviceObjects {
   opencl::MappedBuffer boxes_;
   opencl::MappedBuffer staged_changes_;  // as kernels/changes.cl reads them
   opencl::MappedBuffer staged_filters_;
+  opencl::MappedBuffer staged_exclusions_;
   Frame last_;  // of the last frame
   Frame next_;  // of the one that is begun
-  std::array<opencl::GrowingBuffer, 2> filters_;
-  std::size_t filter_turn_ = 0;    // index of the filters of last_
+  std::array<opencl::GrowingBuffer, 2> filters_, exclusions_;
+  std::size_t filter_turn_ = 0;    // index of those of last_
   bool are_filters_new_ = false;   // in next_; otherwise they are those of last_
   opencl::GrowingBuffer changes_;  // staged_changes_ on the device
   cl::Buffer stamps_;              // one word per slot

@@ -51,11 +51,16 @@ class GpuBf final : public Algorithm {
         profiler_(config.profile),
         launch_(context_.tuning() == opencl::Tuning::cpu ? cpu_launch : gpu_launch),
         group_(context_.group(launch_.group_size)),
-        kernel_(make_kernel()),
+        kernel_(make_kernel("gpu_bf")),
+        exclude_(make_kernel("gpu_bf_exclude")),
         objects_(context_, profiler_) {}
 
   void reserve(std::size_t slots, bool filters) override {
     context_.guard([&] { objects_.reserve(slots, filters); });
+  }
+
+  void reserve_exclusions(std::size_t count) override {
+    context_.guard([&] { objects_.reserve_exclusions(count); });
   }
 
   [[nodiscard]] std::span<Aabb> boxes() noexcept override { return objects_.boxes(); }
@@ -110,9 +115,9 @@ class GpuBf final : public Algorithm {
     return {results.host(), pairs};
   }
 
-  [[nodiscard]] cl::Kernel make_kernel(const std::string& option = {}) const {
+  [[nodiscard]] cl::Kernel make_kernel(const char* name, const std::string& option = {}) const {
     const std::string width = "-DWIDTH=" + std::to_string(launch_.width);
-    return context_.kernel(context_.program("gpu_bf.cl", width + option), "gpu_bf", group_);
+    return context_.kernel(context_.program("gpu_bf.cl", width + option), name, group_);
   }
 
   /// Grows the buffer of this frame's results. Those of the last frame are not touched.
@@ -123,7 +128,8 @@ class GpuBf final : public Algorithm {
     std::uint64_t most = context_.device().max_allocation;
     if (const auto large = context_.large_buffers(); large && bytes > most) {
       most = large->most;
-      kernel_ = make_kernel(large->option);
+      kernel_ = make_kernel("gpu_bf", large->option);
+      exclude_ = make_kernel("gpu_bf_exclude", large->option);
     }
     current_ = opencl::SharedBuffer(
         context_,
@@ -139,9 +145,18 @@ class GpuBf final : public Algorithm {
     const Search search = objects_.upload(all);
     current_.release();
     enqueue_kernel(search);
+    exclude(search, changes.exclusions.size());
     opencl::Profiler::Scope stage(profiler_, "download");
     current_.download(current_pairs_, &read_);
     if (stage.event() != nullptr) *stage.event() = read_;
+  }
+
+  void exclude(const Search& search, std::size_t count) {
+    if (count == 0) return;
+    opencl::set_arguments(exclude_, 0, static_cast<cl_uint>(count), search.now.slots, search.now.exclusions,
+                          current_.device());
+    context_.queue().enqueueNDRangeKernel(exclude_, cl::NullRange, cl::NDRange(round_up(count, group_)),
+                                          cl::NDRange(group_));
   }
 
   void wait() {
@@ -177,7 +192,7 @@ class GpuBf final : public Algorithm {
   opencl::Profiler profiler_;
   Launch launch_;
   std::size_t group_;
-  cl::Kernel kernel_;
+  cl::Kernel kernel_, exclude_;
   DeviceObjects objects_;
   opencl::SharedBuffer current_;   // bytes of this frame while it runs
   opencl::SharedBuffer previous_;  // bytes of the last frame

@@ -23,6 +23,7 @@ class HostEngine final : public Algorithm {
     changes_ = changes;
     if (changes.filters_changed || filters_.size() != changes.filters.size()) {
       filters_.assign(changes.filters.begin(), changes.filters.end());
+      exclusions_.assign(changes.exclusions.begin(), changes.exclusions.end());
     }
   }
 
@@ -32,11 +33,13 @@ class HostEngine final : public Algorithm {
                               .worlds = changes_.worlds,
                               .sets = changes_.sets};
     if (!changes_.all && finder_->find_changed(objects, changes_.changed, found_)) {
+      exclude(exclusions_, found_);
       find_known();
       compare(known_, found_, changes_.recycled, added_, removed_);
       if (!added_.empty() || !removed_.empty()) apply_changes();
     } else {
       finder_->find(objects, found_);
+      exclude(exclusions_, found_);
       compare(pairs_, found_, changes_.recycled, added_, removed_);
       std::swap(pairs_, found_);
     }
@@ -50,6 +53,7 @@ class HostEngine final : public Algorithm {
                    .worlds = changes.worlds,
                    .sets = changes.sets},
                   pairs);
+    exclude(changes.exclusions, pairs);
     return pairs;
   }
 
@@ -58,6 +62,11 @@ class HostEngine final : public Algorithm {
   [[nodiscard]] std::span<const Stage> profile() const noexcept override { return {}; }
 
  private:
+  static void exclude(std::span<const Pair> exclusions, std::vector<Pair>& pairs) {
+    if (exclusions.empty()) return;
+    std::erase_if(pairs, [&](const Pair& pair) { return std::ranges::binary_search(exclusions, pair); });
+  }
+
   /// The pairs of the last update in which a slot that changed took part.
   void find_known() {
     std::size_t slots = changes_.slots;
@@ -102,6 +111,7 @@ class HostEngine final : public Algorithm {
   std::unique_ptr<HostFinder> finder_;
   std::vector<Aabb> boxes_;
   std::vector<Filter> filters_;
+  std::vector<Pair> exclusions_;
   Changes changes_;
   std::vector<Pair> pairs_, added_, removed_;  // as of the last update
   std::vector<Pair> found_, known_;

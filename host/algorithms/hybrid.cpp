@@ -61,6 +61,8 @@ class Hybrid final : public Algorithm {
     filters_ = filters || filters_;
   }
 
+  void reserve_exclusions(std::size_t count) override { current_->reserve_exclusions(count); }
+
   [[nodiscard]] std::span<Aabb> boxes() noexcept override { return current_->boxes(); }
 
   void begin(const Changes& changes) override {

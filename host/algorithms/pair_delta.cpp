@@ -103,6 +103,7 @@ bool PairDelta::is_keeping_short() const noexcept {
 cl_uint PairDelta::set_keep(cl::Kernel& kernel, cl_uint first, const Search& search) const {
   return opencl::set_arguments(kernel, first, last_.pairs.get(), static_cast<cl_uint>(last_.capacity),
                                removed(), search.same_filters ? cl::Buffer() : search.now.filters,
+                               search.same_filters ? cl::Buffer() : search.now.exclusions,
                                search.all ? cl_uint{1} : cl_uint{0}, search.stamps);
 }
 
@@ -122,7 +123,8 @@ void PairDelta::keep(const Search& search) {
 cl_uint PairDelta::set_sink(cl::Kernel& kernel, cl_uint first, const Search& search) const {
   return opencl::set_arguments(kernel, first, static_cast<cl_uint>(now_.capacity), list(), search.last.boxes,
                                search.last.slots, search.same_filters ? cl::Buffer() : search.last.filters,
-                               search.stamp, search.any_recycled ? search.stamps : cl::Buffer(), counts());
+                               search.same_filters ? cl::Buffer() : search.last.exclusions, search.stamp,
+                               search.any_recycled ? search.stamps : cl::Buffer(), counts());
 }
 
 cl_uint PairDelta::set_changes(cl::Kernel& kernel, cl_uint first) const {

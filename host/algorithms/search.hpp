@@ -9,8 +9,9 @@ namespace broadcl {
 /// Objects on the device as of one frame.
 struct Generation {  // NOLINT(bugprone-exception-escape): handles do not throw when moved
   cl_uint slots = 0;
-  cl::Buffer boxes{};    ///< Six floats per slot; `padding` more slots can be read, but are not used.
-  cl::Buffer filters{};  ///< One uint4 per slot, padded likewise; null if all have the default filter.
+  cl::Buffer boxes{};       ///< Six floats per slot; `padding` more slots can be read, but are not used.
+  cl::Buffer filters{};     ///< One uint4 per slot, padded likewise; null if all have the default filter.
+  cl::Buffer exclusions{};  ///< As kernels/filter.h has them; null if there are none.
 
   static constexpr std::size_t padding = 16;
 };
@@ -23,7 +24,7 @@ struct Search {  // NOLINT(bugprone-exception-escape): as above
   Generation last{};
   /// From where `now` is still to be gathered by PairFinder::build(); null if it is there.
   const Source* source = nullptr;
-  bool same_filters = false;  ///< Whether no filter changed since the last frame.
+  bool same_filters = false;  ///< Whether no filter and no exclusion changed since the last frame.
   bool worlds = false;        ///< Whether objects are in different worlds.
   bool sets = false;          ///< Whether filters part the objects into two sets: TwoSets.
   /// If not 0, changes are ordered by world first, of which there are this many.

@@ -290,7 +290,7 @@ class Tiles final : public PairFinder {
     cl::Kernel& kernel = kernels(search).search;
     const cl_uint first = opencl::set_arguments(
         kernel, 0, starts_, static_cast<cl_uint>(top_), roots_, share, sets(search), tree_.nodes,
-        (search.all ? tree_ : changed_tree_).nodes, elements_, search.now.filters);
+        (search.all ? tree_ : changed_tree_).nodes, elements_, search.now.filters, search.now.exclusions);
     sink.set_sink(kernel, first, search);
     context_.queue().enqueueNDRangeKernel(kernel, cl::NullRange, cl::NDRange(tiles * group_, sharers),
                                           cl::NDRange(group_, 1), nullptr, stage.event());

@@ -57,6 +57,13 @@ class BROADCL_API BroadPhase {
   /// @throws Error for an unknown id, and if there is no memory for filters.
   void set_filter(std::uint32_t id, const Filter& filter);
 
+  /// Replaces the list of pairs of ids that are never reported, whatever their boxes and filters: of joined
+  /// bodies, for instance, or of edges that share a vertex (pairs_that_share()). Each holds for whichever
+  /// objects have the ids. At first there are none.
+  /// @param pairs In any order; copied.
+  /// @throws Error for a pair of an id with itself.
+  void set_exclusions(std::span<const Pair> pairs);
+
   /// Removes an object; its id may be given to the next one added. Its pairs appear in `removed` of the next
   /// update.
   /// @throws Error for an unknown id.
@@ -117,6 +124,14 @@ class BROADCL_API BroadPhase {
   class Impl;
   std::unique_ptr<Impl> impl_;
 };
+
+/// All pairs of objects that have a label in common, in canonical order, for BroadPhase::set_exclusions(): if
+/// the objects are edges or faces of a mesh, labels are the numbers of their vertices. Any number of threads
+/// may call it at once.
+/// @param labels `per_object` labels of object 0, then as many of object 1, and so on.
+/// @throws Error if there are not as many for each; std::bad_alloc.
+[[nodiscard]] BROADCL_API std::vector<Pair> pairs_that_share(std::span<const std::uint32_t> labels,
+                                                             std::size_t per_object);
 
 /// All overlapping pairs of boxes in the caller's memory, in any layout, by index, in canonical order. The
 /// boxes are read once, and not stored. By default the host does it; a device that is named is opened each
