@@ -147,8 +147,8 @@ class BROADCL_API BroadPhase {
 /// @returns Pairs in canonical order: by b, then by a, which may be greater.
 /// @throws Error for a NaN bound (it names the first such box), for more than 2^31 boxes together, and as
 /// BroadPhase does; std::bad_alloc.
-[[nodiscard]] std::vector<Pair> overlapping_pairs(const BoxView& first, const BoxView& second,
-                                                  const BroadPhase::Config& config = BroadPhase::Config());
+[[nodiscard]] BROADCL_API std::vector<Pair> overlapping_pairs(
+    const BoxView& first, const BoxView& second, const BroadPhase::Config& config = BroadPhase::Config());
 
 /// The same as with one set, for any other range of boxes, temporary ones included. Those that no BoxView
 /// could view are copied.
