@@ -379,6 +379,42 @@ TEST(CPairList, HasAllPairsOfBoxesInAnyLayout) {
   EXPECT_THAT(pairs_of(view({})), IsEmpty());
 }
 
+TEST(CPairList, HasPairsOfTwoSetsAndOfRectangles) {
+  const std::vector<broadcl_aabb> boxes = random_boxes(200);
+  std::vector<std::array<double, 4>> rectangles;
+  std::vector<broadcl_aabb> flat = boxes;
+  for (broadcl_aabb& box : flat) {
+    box.lower[2] = box.upper[2] = 0;
+    rectangles.push_back({box.lower[0], box.lower[1], box.upper[0], box.upper[1]});
+  }
+  // The first 80 are one set, the others another.
+  constexpr std::uint32_t split = 80;
+  Pairs expected;
+  for (const broadcl_pair& pair : overlapping(flat)) {
+    if (pair.a < split && pair.b >= split) expected.push_back({pair.a, pair.b - split});
+  }
+  ASSERT_GT(expected.size(), 20U);
+  broadcl_boxes first = view(flat);
+  first.count = split;
+  auto second = sized<broadcl_boxes>();
+  second.data = &rectangles[split];
+  second.count = rectangles.size() - split;
+  second.type = BROADCL_FLOAT64;
+  second.dimensions = 2;
+  const broadcl_config config = on_host();
+  broadcl_pair_list* pairs = nullptr;
+  OK(broadcl_pair_list_create_between(&first, &second, &config, &pairs));
+  broadcl_pairs found{};
+  OK(broadcl_pair_list_get(pairs, &found));
+  EXPECT_EQ(list(found), expected);
+  OK(broadcl_pair_list_destroy(pairs));
+  EXPECT_INVALID("list is null", broadcl_pair_list_create_between, &first, &second, &config, nullptr);
+  EXPECT_INVALID("first is null", broadcl_pair_list_create_between, nullptr, &second, &config, &pairs);
+  EXPECT_INVALID("second is null", broadcl_pair_list_create_between, &first, nullptr, &config, &pairs);
+  second.stride = 7;
+  EXPECT_INVALID("second: ", broadcl_pair_list_create_between, &first, &second, &config, &pairs);
+}
+
 TEST(CPairList, RefusesBoxesThatAreNone) {
   const std::vector<broadcl_aabb> boxes = {cube(0), cube(nan_value)};
   broadcl_pair_list* pairs = nullptr;
@@ -456,6 +492,15 @@ TEST_F(CBroadPhase, FiltersByBodyAndWorld) {
   const std::uint32_t d = add(cube(0), &filter);
   const Pairs added = list(update().added);
   EXPECT_THAT(added, ElementsAre(broadcl_pair{a, d}, broadcl_pair{a + 1, d}, broadcl_pair{a + 2, d}));
+}
+
+TEST_F(CBroadPhase, TellsTwoSetsApart) {
+  const broadcl_filter first = BROADCL_FIRST_SET;
+  const broadcl_filter second = BROADCL_SECOND_SET;
+  add(cube(0), &first);
+  add(cube(0), &first);
+  add(cube(0), &second);
+  EXPECT_THAT(list(update().added), ElementsAre(broadcl_pair{0, 2}, broadcl_pair{1, 2}));
 }
 
 TEST_F(CBroadPhase, BoxesAreCopiedOrWrittenInPlace) {
@@ -654,6 +699,27 @@ TEST_F(COnDevice, FindsPairsAndChanges) {
   auto info = sized<broadcl_device_info>();
   OK(broadcl_device_broad_phase_device(handle_, &info));
   EXPECT_EQ(info.id, id_);
+}
+
+TEST_F(COnDevice, FindsPairsOfTwoSets) {
+  const std::vector<broadcl_aabb> boxes = random_boxes(150);
+  constexpr std::uint32_t split = 60;
+  Pairs expected;
+  for (const broadcl_pair& pair : overlapping(boxes)) {
+    if (pair.a < split && pair.b >= split) expected.push_back({pair.a, pair.b - split});
+  }
+  broadcl_device_boxes given = give(boxes);
+  given.count = split;
+  std::vector<std::array<float, 8>> apart(boxes.size() - split + 1);
+  for (std::size_t k = split; k < boxes.size(); ++k) {
+    std::memcpy(apart[k - split + 1].data(), &boxes[k], sizeof boxes[k]);
+  }
+  given.second_buffer = buffer_of(apart);
+  given.second_count = boxes.size() - split;
+  given.second_offset = given.second_stride = sizeof apart[0];
+  auto result = sized<broadcl_device_result>();
+  OK(broadcl_device_broad_phase_update(handle_, &given, &result));
+  EXPECT_EQ(read(result.added), expected);
 }
 
 TEST_F(COnDevice, EnqueuesWithoutWaiting) {

@@ -87,16 +87,24 @@ typedef struct broadcl_filter {
 #define BROADCL_DEFAULT_FILTER \
   { 1, UINT32_C(0xffffffff), BROADCL_NO_BODY, 0 }
 
+/// Filters of two sets, of which only one object of each may pair, as initialisers.
+#define BROADCL_FIRST_SET \
+  { 1, 2, BROADCL_NO_BODY, 0 }
+#define BROADCL_SECOND_SET \
+  { 2, 1, BROADCL_NO_BODY, 0 }
+
 typedef enum broadcl_type { BROADCL_FLOAT32 = 0, BROADCL_FLOAT64 = 1 } broadcl_type;
 
 /// Boxes in the caller's memory, which are only read, and only during the call.
 typedef struct broadcl_boxes {
-  size_t size;       ///< sizeof(broadcl_boxes)
-  const void* data;  ///< Lower x, y, z, upper x, y, z of the first box. May be null if there are no boxes.
+  size_t size;  ///< sizeof(broadcl_boxes)
+  /// Lower x, y, z, upper x, y, z of the first box; in two dimensions lower x, y, upper x, y. May be null if
+  /// there are no boxes.
+  const void* data;
   size_t count;      ///< Number of boxes.
   ptrdiff_t stride;  ///< Bytes from each box to the next, a multiple of the numbers' size; 0 if without gaps.
   int32_t type;      ///< broadcl_type of the numbers. float64 rounds outward: pairs are then a superset.
-  uint32_t dimensions;  ///< 3; 0 stands for it.
+  uint32_t dimensions;  ///< 2 or 3; 0 stands for 3. Boxes in two dimensions go from 0 to 0 in z.
 } broadcl_boxes;
 
 // --- Devices and algorithms
@@ -205,6 +213,15 @@ typedef struct broadcl_pair_list broadcl_pair_list;
 /// @returns BROADCL_FAILED for a NaN bound, too; the error names the first such box.
 BROADCL_API broadcl_status broadcl_pair_list_create(const broadcl_boxes* boxes, const broadcl_config* config,
                                                     broadcl_pair_list** list);
+/// Finds all overlapping pairs of a box of one set and a box of another: `a` is the index of the former, `b`
+/// that of the latter, and may be less. Nothing is tested inside a set. (For two sets that move, keep a
+/// broadcl_broad_phase with the filters BROADCL_FIRST_SET and BROADCL_SECOND_SET.)
+/// @param config May be null.
+/// @returns As broadcl_pair_list_create().
+BROADCL_API broadcl_status broadcl_pair_list_create_between(const broadcl_boxes* first,
+                                                            const broadcl_boxes* second,
+                                                            const broadcl_config* config,
+                                                            broadcl_pair_list** list);
 /// No-op for null.
 BROADCL_API broadcl_status broadcl_pair_list_destroy(broadcl_pair_list* list);
 /// @param pairs Valid until the list is destroyed.
@@ -308,6 +325,15 @@ typedef struct broadcl_device_boxes {
   /// If not 0, changes are in order of their worlds first: 0 .. ordered_worlds-1, then all others. A pair
   /// with an object of all worlds is of the other one's world; pairs of two such objects come last.
   size_t ordered_worlds;
+  /// If it is not null, the boxes of a second set: only pairs of a box of the first with one of the second
+  /// are found; `a` is an index in the first set, `b` in the second. Filters are then those of the first set
+  /// followed by those of the second; of theirs, body and world count. The first set must have the same
+  /// number of boxes in every update: give empty ones for those that are gone. Invalid boxes are counted as
+  /// if the second set followed the first.
+  struct _cl_mem* second_buffer;
+  size_t second_count;   ///< As `count`,
+  size_t second_offset;  ///< `offset`
+  size_t second_stride;  ///< and `stride`.
 } broadcl_device_boxes;
 
 /// Pairs on the device, as broadcl_pair lays them out. The buffer belongs to the broad phase and stays

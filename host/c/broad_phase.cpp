@@ -46,7 +46,18 @@ broadcl_status broadcl_pair_list_create(const broadcl_boxes* boxes, const broadc
   return c::call(__func__, [&] {
     c::required(list, "list");
     auto made = std::make_unique<broadcl_pair_list>();
-    made->pairs = overlapping_pairs(c::to_view(boxes), c::to_config(config));
+    made->pairs = overlapping_pairs(c::to_view(boxes, "boxes"), c::to_config(config));
+    *list = made.release();
+  });
+}
+
+broadcl_status broadcl_pair_list_create_between(const broadcl_boxes* first, const broadcl_boxes* second,
+                                                const broadcl_config* config, broadcl_pair_list** list) {
+  return c::call(__func__, [&] {
+    c::required(list, "list");
+    auto made = std::make_unique<broadcl_pair_list>();
+    made->pairs =
+        overlapping_pairs(c::to_view(first, "first"), c::to_view(second, "second"), c::to_config(config));
     *list = made.release();
   });
 }
@@ -104,7 +115,7 @@ broadcl_status broadcl_broad_phase_map(broadcl_broad_phase* broad_phase, std::si
 
 broadcl_status broadcl_broad_phase_set_boxes(broadcl_broad_phase* broad_phase, const broadcl_boxes* boxes) {
   return c::call(__func__, [&] {
-    const BoxView view = c::to_view(boxes);
+    const BoxView view = c::to_view(boxes, "boxes");
     view.copy_to(object(broad_phase).map(view.size()));
   });
 }

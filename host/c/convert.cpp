@@ -12,17 +12,21 @@ namespace {
 
 template <Bound S>
 BoxView view_of(const broadcl_boxes& boxes) {
-  const std::ptrdiff_t packed = 6 * sizeof(S);
-  return BoxView::interleaved(static_cast<const S*>(boxes.data), boxes.count,
-                              boxes.stride == 0 ? packed : boxes.stride);
+  const bool is_flat = boxes.dimensions == 2;
+  const auto* numbers = static_cast<const S*>(boxes.data);
+  const std::ptrdiff_t packed = is_flat ? 4 * sizeof(S) : 6 * sizeof(S);
+  const std::ptrdiff_t stride = boxes.stride == 0 ? packed : boxes.stride;
+  return is_flat ? BoxView::rectangles(numbers, boxes.count, stride)
+                 : BoxView::interleaved(numbers, boxes.count, stride);
 }
 
 }  // namespace
 
-BoxView to_view(const broadcl_boxes* boxes) {
-  const broadcl_boxes given = read(boxes, "boxes");
-  if (given.dimensions != 0 && given.dimensions != 3) {
-    throw InvalidArgument("boxes->dimensions is " + std::to_string(given.dimensions) + "; give 3");
+BoxView to_view(const broadcl_boxes* boxes, const char* name) {
+  const broadcl_boxes given = read(boxes, name);
+  if (given.dimensions == 1 || given.dimensions > 3) {
+    throw InvalidArgument(std::string(name) + "->dimensions is " + std::to_string(given.dimensions) +
+                          "; give 2 or 3");
   }
   try {
     switch (given.type) {
@@ -32,9 +36,9 @@ BoxView to_view(const broadcl_boxes* boxes) {
         return view_of<double>(given);
     }
   } catch (const Error& error) {
-    throw InvalidArgument(error.what());
+    throw InvalidArgument(std::string(name) + ": " + error.what());
   }
-  throw InvalidArgument("boxes->type is " + std::to_string(given.type) +
+  throw InvalidArgument(std::string(name) + "->type is " + std::to_string(given.type) +
                         "; give BROADCL_FLOAT32 or BROADCL_FLOAT64");
 }
 

@@ -41,7 +41,7 @@ static_assert(sizeof(broadcl_pair) == sizeof(Pair) && sizeof(broadcl_aabb) == si
 }
 
 /// @throws InvalidArgument for whatever a BoxView does not take.
-[[nodiscard]] BoxView to_view(const broadcl_boxes* boxes);
+[[nodiscard]] BoxView to_view(const broadcl_boxes* boxes, const char* name);
 
 /// @throws InvalidArgument
 [[nodiscard]] Config to_config(const broadcl_config* config);

@@ -40,7 +40,9 @@ DeviceBroadPhase::Boxes to_boxes(const broadcl_device_boxes* boxes) {
                                  .filters = given.filters,
                                  .worlds = given.worlds != 0,
                                  .ordered_worlds = given.ordered_worlds};
+  result.second = {.buffer = given.second_buffer, .count = given.second_count, .offset = given.second_offset};
   if (given.stride != 0) result.stride = given.stride;
+  if (given.second_stride != 0) result.second.stride = given.second_stride;
   return result;
 }
 
