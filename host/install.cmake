@@ -1,5 +1,9 @@
 # What others build against: components of CMake (cmake/broadcl-config.cmake.in), of pkg-config, headers and the licence.
 include(CMakePackageConfigHelpers)
+set(is_static TRUE)
+if(BUILD_SHARED_LIBS)
+  set(is_static FALSE)
+endif()
 set(package_folder ${CMAKE_INSTALL_LIBDIR}/cmake/broadcl)
 configure_package_config_file(
   ${PROJECT_SOURCE_DIR}/cmake/broadcl-config.cmake.in broadcl-config.cmake INSTALL_DESTINATION ${package_folder})
@@ -28,7 +32,7 @@ if(NOT IS_ABSOLUTE ${CMAKE_INSTALL_LIBDIR})
   file(RELATIVE_PATH prefix /${CMAKE_INSTALL_LIBDIR}/pkgconfig /)
   set(prefix "\${pcfiledir}/${prefix}")
 endif()
-set(static_libraries -lOpenCL -pthread -lstdc++)
+set(static_libraries -lOpenCL -pthread -lstdc++ -lm)
 if("c++" IN_LIST CMAKE_CXX_IMPLICIT_LINK_LIBRARIES)
   list(TRANSFORM static_libraries REPLACE "-lstdc\\+\\+" "-lc++")
 endif()

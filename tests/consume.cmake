@@ -29,11 +29,4 @@ build(bullet bullet_consumer)
 configure(c consume/c)
 build(c consumer)
 
-# pkg-config.
-run(${CMAKE_COMMAND} -E copy_directory ${SOURCE}/consume ${folder}/consume)
-file(GLOB pkg_config_files ${prefix}/lib*/pkgconfig ${prefix}/lib/*/pkgconfig)
-set(in_prefix ${CMAKE_COMMAND} -E env PKG_CONFIG_PATH=${pkg_config_files})
-cmake_path(GET pkg_config_files PARENT_PATH libraries)
-run(${in_prefix} make -C ${folder}/consume/pkg_config BULLET=1
-  CXXFLAGS=-Werror "CFLAGS=-Wall -Wextra -Werror -pedantic" LDFLAGS=-Wl,-rpath,${libraries})
-run_programs(${folder}/consume/pkg_config consumer c_consumer bullet_consumer)
+make_with_pkg_config(${prefix})
