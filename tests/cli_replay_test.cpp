@@ -221,6 +221,7 @@ TEST_F(ProgramReplay, BadInputIsRefusedAndLeavesNothing) {
   expect_nothing("replay rows.npy --frames 4", "'rows.npy' has only 3 frames");
   expect_nothing("replay rows.npy --frames 0", "--frames: '0'");
   expect_nothing("replay rows.npy --broadphase frobnicate --csv run.csv", "bullet-bvh");
+  expect_nothing("replay rows.npy --broadphase tiles+culling --csv run.csv", "leave out '+culling'");
   expect_nothing("replay rows.npy --device frobnicate --broadphase bullet-bf", "'frobnicate'");
   expect_nothing("replay rows.npy --csv ./rows.npy", "--csv names the recording itself");
   expect_nothing("replay rows.npy --json folder/../rows.npy", "--json names the recording itself");

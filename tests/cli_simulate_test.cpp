@@ -62,7 +62,7 @@ TEST_P(ProgramSimulate, VerifiesAndReports) {
 }
 
 INSTANTIATE_TEST_SUITE_P(BroadPhases, ProgramSimulate,
-                         testing::Values("bullet-bf", "bullet-sap", "bullet-bvh", "gpu-bf"),
+                         testing::Values("bullet-bf", "bullet-sap", "bullet-bvh", "gpu-bf", "tiles+culling"),
                          named_by_parameter);
 
 TEST_F(Program, SimulateHasTheSamePairsInEveryRun) {

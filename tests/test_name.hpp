@@ -6,10 +6,11 @@
 
 namespace broadcl::test {
 
-/// A name as gtest allows it in names of tests: without hyphens.
+/// A name as gtest allows it in names of tests: without hyphens and plus signs.
 inline std::string test_name(std::string_view name) {
   std::string result(name);
-  std::ranges::replace(result, '-', '_');
+  std::ranges::replace_if(
+      result, [](char c) { return c == '-' || c == '+'; }, '_');
   return result;
 }
 

@@ -336,6 +336,17 @@ TEST(Broadphases, RefuseAnUnknownName) {
       testing::AllOf(testing::HasSubstr("'bvh'"), testing::HasSubstr("bullet-bf, bullet-sap, bullet-bvh, ")));
 }
 
+TEST(Broadphases, OfBroadCLHaveCulling) {
+  EXPECT_FALSE(find_broadphase("tiles").culls);
+  const BroadphaseInfo info = find_broadphase("tiles+culling");
+  EXPECT_EQ(info.name, "tiles+culling");
+  EXPECT_TRUE(info.culls && info.on_device && info.exact);
+  EXPECT_THAT(test::error_of([] { static_cast<void>(find_broadphase("bullet-bvh+culling")); }),
+              testing::HasSubstr("'bullet-bvh+culling'"));
+  const auto made = make_broadphase({.name = "oracle+culling", .device = {}, .objects = 1, .world_edge = 1});
+  EXPECT_EQ(dynamic_cast<const BulletBroadphase&>(*made).broad_phase().algorithm().name, "oracle");
+}
+
 TEST(Broadphases, PassOnDeviceAndAlgorithm) {
   EXPECT_THAT(test::error_of([] {
                 static_cast<void>(make_broadphase(

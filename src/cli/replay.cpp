@@ -91,6 +91,9 @@ std::unique_ptr<btBroadphaseInterface> make_broadphase(const Options& options, c
                 *survey.first_empty + " (both count from 0), and " + options.broadphase +
                 " cannot handle empty boxes; use one of BroadCL's broad phases");
   }
+  if (scenes::find_broadphase(options.broadphase).culls) {
+    throw Error("a recording has boxes, but no shapes to cull; leave out '+culling'");
+  }
   return scenes::make_broadphase({.name = options.broadphase,
                                   .device = options.device,
                                   .on_compile = announce_compiling,

@@ -113,6 +113,9 @@ SimulationResult simulate(const SimulationConfig& config, const std::function<vo
   if (!config.device.empty()) (void)select_device(config.device);
   const std::unique_ptr<btBroadphaseInterface> broadphase = make_broadphase(config);
   scenes::World world(config.scenario, *broadphase);
+  if (scenes::find_broadphase(config.broadphase).culls) {
+    dynamic_cast<BulletBroadphase&>(*broadphase).set_shape_culling(&world.bullet());
+  }
 
   const auto record = [&] {
     if (recording != nullptr) recording->write(boxes_of(world));

@@ -24,7 +24,7 @@ namespace broadcl::cli {
 struct SimulationConfig {
   scenes::Scenario::Config scenario{.name = "mixed-sizes"};
   std::uint32_t frames = 2048;
-  std::string broadphase = "auto";  ///< A name of scenes::broadphases().
+  std::string broadphase = "auto";  ///< As scenes::find_broadphase() takes it.
   std::string device;               ///< As select_device() takes it.
   bool verify = false;              ///< Compare every frame with the oracle.
   bool profile = false;             ///< Report the stages of the broad phase.

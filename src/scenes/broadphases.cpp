@@ -53,6 +53,13 @@ constexpr std::array bullet_rows{
               .make = make_tree},
 };
 
+constexpr std::string_view culling = "+culling";
+
+std::string_view without_culling(std::string_view name) {
+  if (name.ends_with(culling)) name.remove_suffix(culling.size());
+  return name;
+}
+
 }  // namespace
 
 std::vector<BroadphaseInfo> broadphases() {
@@ -76,22 +83,32 @@ std::vector<BroadphaseInfo> broadphases() {
 }
 
 BroadphaseInfo find_broadphase(std::string_view name) {
+  const std::string_view base = without_culling(name);
+  const bool culls = base != name;
   std::string names;
-  for (const BroadphaseInfo& info : broadphases()) {
-    if (info.name == name) return info;
+  for (BroadphaseInfo& info : broadphases()) {
+    if (info.name == base && !(culls && info.bullet)) {
+      info.name = name;
+      info.culls = culls;
+      if (culls) info.summary += "; with shape culling";
+      return info;
+    }
     names += (names.empty() ? "" : ", ") + info.name;
   }
-  throw Error("no broad phase is named '" + std::string(name) + "'; the broad phases are: " + names);
+  throw Error("no broad phase is named '" + std::string(name) + "'; the broad phases are: " + names +
+              ", those after Bullet's also with '+culling'");
 }
 
 std::unique_ptr<btBroadphaseInterface> make_broadphase(const BroadphaseConfig& config) {
   const auto* row = std::find_if(bullet_rows.begin(), bullet_rows.end(),
                                  [&](const BulletRow& own) { return own.name == config.name; });
   if (row != bullet_rows.end()) return row->make(config);
-  return std::make_unique<BulletBroadphase>(BroadPhase::Config{.device = config.device,
-                                                               .algorithm = find_broadphase(config.name).name,
-                                                               .profile = config.profile,
-                                                               .on_compile = config.on_compile});
+  const std::string name = find_broadphase(config.name).name;
+  return std::make_unique<BulletBroadphase>(
+      BroadPhase::Config{.device = config.device,
+                         .algorithm = std::string(without_culling(name)),
+                         .profile = config.profile,
+                         .on_compile = config.on_compile});
 }
 
 }  // namespace broadcl::scenes

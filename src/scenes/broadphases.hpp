@@ -20,18 +20,20 @@ struct BroadphaseInfo {
   bool exact;           ///< Whether it has no extra pairs; Bullet's axis sweep and tree have some.
   bool bullet;          ///< One of Bullet's own.
   bool on_device;       ///< Needs an OpenCL device.
+  bool culls = false;   ///< To be used with BulletBroadphase::set_shape_culling().
 };
 
 /// bullet-bf (btSimpleBroadphase), bullet-sap (btAxisSweep3), bullet-bvh (btDbvtBroadphase), then BroadCL's.
 [[nodiscard]] std::vector<BroadphaseInfo> broadphases();
 
-/// The row with a name.
+/// The row with a name. After the name of one of BroadCL's may follow "+culling", which is part of the row's
+/// name.
 /// @throws broadcl::Error for an unknown name, listing the known ones.
 [[nodiscard]] BroadphaseInfo find_broadphase(std::string_view name);
 
 /// How to make a broad phase, and for what.
 struct BroadphaseConfig {
-  std::string name;             ///< A name of broadphases().
+  std::string name;             ///< As find_broadphase() takes it; culling is left to the caller.
   std::string device;           ///< As broadcl::select_device() takes it; ignored by Bullet's own.
   bool profile = false;         ///< As broadcl::BroadPhase::Config.
   CompileHandler on_compile{};  ///< Likewise.
