@@ -34,7 +34,7 @@ SUITE_NOT_IN(Calibration, sanitizers, "measures time");
 constexpr std::array finders{&make_brute_force, static_cast<MakePairFinder>(&make_tiles)};
 
 std::array<CostModel, 2> calibrated_in(const std::filesystem::path& folder) {
-  const ScopedVariable variable("BROADCL_CACHE_DIR", folder);
+  const ScopedVariable variable("BROADCL_CACHE_DIR", folder.string());
   return calibrate(opencl::Context(select_device(), false), finders);
 }
 
@@ -74,7 +74,7 @@ TEST(Calibration, WhatWasDamagedIsMeasuredAgain) {
 
 TEST(Calibration, LeavesNoMemoryBehind) {
   const ScopedFolder folder;
-  const ScopedVariable variable("BROADCL_CACHE_DIR", folder.path());
+  const ScopedVariable variable("BROADCL_CACHE_DIR", folder.path().string());
   const opencl::Context context(select_device(), false);
   (void)calibrate(context, finders);
   EXPECT_EQ(context.memory().device_peak, 0U);

@@ -52,7 +52,7 @@ TEST(KernelSource, IncludesAreInsertedOnceAndLinesPreserved) {
   write(folder.path() / "a.cl", "#include \"b.h\"\n#include \"c.h\"\nint a;\n");
   write(folder.path() / "b.h", "#include \"c.h\"\nint b;\n");
   write(folder.path() / "c.h", "int c;\n");
-  const test::ScopedVariable variable("BROADCL_KERNEL_DIR", folder.path());
+  const test::ScopedVariable variable("BROADCL_KERNEL_DIR", folder.path().string());
   EXPECT_EQ(kernel_source("a.cl"),
             "#line 1 \"a.cl\"\n#line 1 \"b.h\"\n#line 1 \"c.h\"\nint c;\n#line 2 \"b.h\"\nint b;\n#line 2 "
             "\"a.cl\"\n"
@@ -71,7 +71,7 @@ TEST(KernelSource, AFileThatIsMissingOrCannotBeReadIsNamed) {
   EXPECT_THAT(test::error_of([] { (void)kernel_source("none.cl"); }), HasSubstr("none.cl"));
   const test::ScopedFolder folder;
   fs::create_directory(folder.path() / "folder.cl");
-  const test::ScopedVariable variable("BROADCL_KERNEL_DIR", folder.path());
+  const test::ScopedVariable variable("BROADCL_KERNEL_DIR", folder.path().string());
   for (const std::string name : {"none.cl", "folder.cl"}) {
     EXPECT_THAT(test::error_of([&] { (void)kernel_source(name); }),
                 HasSubstr((folder.path() / name).string()));
@@ -141,13 +141,13 @@ TEST_F(Cache, AFileWhereTheFolderShouldBeStoresNothing) {
 }
 
 TEST_F(Cache, TheEnvironmentNamesTheFolder) {
-  const test::ScopedVariable xdg("XDG_CACHE_HOME", folder_.path() / "xdg");
+  const test::ScopedVariable xdg("XDG_CACHE_HOME", (folder_.path() / "xdg").string());
   {
     const test::ScopedVariable none("BROADCL_CACHE_DIR", "");
     EXPECT_EQ(DiskCache().file_of("key").parent_path(), folder_.path() / "xdg" / "broadcl");
   }
   {
-    const test::ScopedVariable own("BROADCL_CACHE_DIR", folder_.path() / "own");
+    const test::ScopedVariable own("BROADCL_CACHE_DIR", (folder_.path() / "own").string());
     EXPECT_EQ(DiskCache().file_of("key").parent_path(), folder_.path() / "own");
   }
   const test::ScopedVariable off("BROADCL_CACHE_DIR", "/dev/null");
@@ -165,8 +165,8 @@ class OnDevice : public ::testing::Test {
   }
 
   test::ScopedFolder folder_;
-  test::ScopedVariable kernels_{"BROADCL_KERNEL_DIR", folder_.path()};
-  test::ScopedVariable cache_{"BROADCL_CACHE_DIR", folder_.path() / "cache"};
+  test::ScopedVariable kernels_{"BROADCL_KERNEL_DIR", folder_.path().string()};
+  test::ScopedVariable cache_{"BROADCL_CACHE_DIR", (folder_.path() / "cache").string()};
 
   void write_kernel(const std::string& value) {
     write(folder_.path() / "store.cl",
