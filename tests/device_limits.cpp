@@ -15,6 +15,7 @@ std::optional<Limits> current;
 constexpr cl_mem_flags large_buffer = 1 << 23;  // CL_MEM_ALLOW_UNRESTRICTED_SIZE_INTEL
 std::set<cl_mem> large_buffers;
 std::set<cl_program> large_programs;
+std::set<cl_kernel> large_kernels;
 
 /// Makes a number in an answer smaller, if there is an answer.
 template <class Number>
@@ -62,13 +63,20 @@ void note_buffer(cl_mem buffer, std::size_t bytes) {
   }
 }
 
+void note_kernel(cl_kernel kernel, cl_program program) {
+  if (large_programs.contains(program)) {
+    large_kernels.insert(kernel);
+  } else {
+    large_kernels.erase(kernel);
+  }
+}
+
 cl_int refusal_of_argument(cl_kernel kernel, std::size_t bytes, const void* value) {
   if (large_buffers.empty() || bytes != sizeof(cl_mem) || value == nullptr) return CL_SUCCESS;
   cl_mem buffer = nullptr;
   std::memcpy(static_cast<void*>(&buffer), value, bytes);
-  const auto program = cl::Kernel(kernel, true).getInfo<CL_KERNEL_PROGRAM>();
-  return large_buffers.contains(buffer) && !large_programs.contains(program()) ? CL_INVALID_ARG_VALUE
-                                                                               : CL_SUCCESS;
+  return large_buffers.contains(buffer) && !large_kernels.contains(kernel) ? CL_INVALID_ARG_VALUE
+                                                                           : CL_SUCCESS;
 }
 
 cl_int refusal_of_queue(cl_command_queue_properties properties) {

@@ -57,6 +57,8 @@ class LimitedDevices {
 [[nodiscard]] std::string limited_options(cl_program program, const char* options);
 /// @param buffer What clCreateBuffer returned, or null.
 void note_buffer(cl_mem buffer, std::size_t bytes);
+/// @param kernel What clCreateKernel returned, or null.
+void note_kernel(cl_kernel kernel, cl_program program);
 /// Whether an answer stands in place of a platform's or device's own; then it was given.
 [[nodiscard]] bool is_answered(cl_uint name, std::size_t bytes, void* value, std::size_t* size);
 void list_twice(cl_uint entries, cl_platform_id* platforms, cl_uint* count);

@@ -89,6 +89,7 @@ struct Watched<name, Result(Arguments...)> {
     const Result result = call_limited(all);
     count(result);
     if constexpr (text == "clCreateBuffer") note_buffer(result, std::get<2>(all));
+    if constexpr (text == "clCreateKernel") note_kernel(result, std::get<0>(all));
     limit(all);
     return result;
   }
