@@ -68,7 +68,7 @@ TEST(SelectDevice, AnEmptySelectorTakesTheBestGpuOtherwiseACpu) {
 
 TEST(SelectDevice, TheBestGpuHasItsOwnMemoryThenTheMostArithmeticUnits) {
   const auto best = [](std::vector<Device> among) {
-    const std::string name = select_device("", among).name;
+    std::string name = select_device("", among).name;
     std::ranges::reverse(among);
     EXPECT_EQ(select_device("", among).name, name) << "in another order";
     return name;
