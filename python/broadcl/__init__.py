@@ -1,0 +1,38 @@
+"""Overlapping pairs of boxes, still or moving, on any OpenCL device or on the host.
+
+    pairs = broadcl.overlapping_pairs(boxes)            # (n, 6) -> (m, 2)
+
+    broad_phase = broadcl.BroadPhase()
+    ids = broad_phase.add(boxes)
+    added, removed = broad_phase.update()
+"""
+
+from broadcl._check import check
+from broadcl._core import (
+    ALL_WORLDS,
+    NO_BODY,
+    BroadPhase,
+    Delta,
+    Device,
+    Error,
+    __version__,
+    algorithms,
+    devices,
+    overlapping_pairs,
+    select_device,
+)
+
+__all__ = [
+    "ALL_WORLDS",
+    "NO_BODY",
+    "BroadPhase",
+    "Delta",
+    "Device",
+    "Error",
+    "__version__",
+    "algorithms",
+    "check",
+    "devices",
+    "overlapping_pairs",
+    "select_device",
+]

@@ -1,0 +1,72 @@
+"""python -m broadcl: see --help."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+
+import numpy as np
+
+import broadcl
+
+
+def _devices(_: argparse.Namespace) -> int:
+    found = broadcl.devices()
+    if not found:
+        print("No OpenCL device: the algorithms of the host work without one.")
+        return 0
+    default = broadcl.select_device().id
+    for device in found:
+        mark = "*" if device.id == default else " "
+        print(f"{mark} {device.id}  {device.type}  {device}  {device.memory / 2**30:.1f} GiB  {device.driver_version}")
+    print("* is the default.")
+    return 0
+
+
+def _check(arguments: argparse.Namespace) -> int:
+    results = broadcl.check(arguments.device)
+    for algorithm, result in results.items():
+        print(f"{algorithm:16} {result}")
+    works = set(results.values()) == {"right"}
+    print("BroadCL works here." if works else "BroadCL does not work here.")
+    return 0 if works else 1
+
+
+def _pairs(arguments: argparse.Namespace) -> int:
+    boxes = np.load(arguments.file)
+    pairs = broadcl.overlapping_pairs(boxes, device=arguments.device, algorithm=arguments.algorithm)
+    if arguments.out:
+        np.save(arguments.out, pairs)
+    print(f"{len(pairs)} overlapping pairs of {len(boxes)} boxes")
+    return 0
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(prog="python -m broadcl", description="Overlapping pairs of boxes.")
+    parser.add_argument("--version", action="version", version=broadcl.__version__)
+    verbs = parser.add_subparsers(required=True, metavar="VERB")
+
+    verb = verbs.add_parser("devices", help="list the OpenCL devices that can be used")
+    verb.set_defaults(run=_devices)
+
+    verb = verbs.add_parser("check", help="compare every algorithm on a device with the oracle")
+    verb.add_argument("--device", help='"P:D", gpu, cpu, or a part of the name')
+    verb.set_defaults(run=_check)
+
+    verb = verbs.add_parser("pairs", help="find all overlapping pairs of an array of boxes")
+    verb.add_argument("file", metavar="FILE", help=".npy: (n, 6), (n, 2, 3) or (n, 4), float32 or float64")
+    verb.add_argument("--out", metavar="FILE", help="write the pairs here: .npy, (m, 2) uint32")
+    verb.add_argument("--device", help='"P:D", gpu, cpu, or a part of the name')
+    verb.add_argument("--algorithm", default="auto", help=", ".join(broadcl.algorithms()))
+    verb.set_defaults(run=_pairs)
+
+    arguments = parser.parse_args()
+    try:
+        return arguments.run(arguments)
+    except (broadcl.Error, OSError, TypeError, ValueError) as error:
+        print(f"broadcl: {error}", file=sys.stderr)
+        return 2
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,62 @@
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from broadcl import _core
+
+
+def _scenes() -> Iterator[np.ndarray]:
+    """Boxes of the kinds that break broad phases."""
+    random = np.random.default_rng(1)
+    for count in (1, 2, 65, 257, 1000, 3000):
+        lower = random.uniform(0, count ** (1 / 3), (count, 3))
+        for size in (0.0, 0.5, random.lognormal(-1, 1, (count, 1))):
+            yield np.hstack([lower, lower + size]).astype(np.float32)
+        flat = lower * [1, 1, 0]
+        mixed = np.hstack([flat, flat + 0.5]).astype(np.float32)
+        mixed[::7] = [-np.inf, -np.inf, 0, np.inf, np.inf, 0]  # planes
+        mixed[::5] = [1, 1, 1, -1, -1, -1]  # empty
+        yield mixed
+
+
+def check(device: str | _core.Device | None = None) -> dict[str, str]:
+    """Compares every algorithm on a device with the oracle, in scenes that break broad phases and in motion.
+
+    device: as select_device() takes it; None for the default one, or for the host's algorithms alone if there is none.
+
+    Returns for each algorithm "right", or what is wrong. Raises Error for a device that is named and is not there.
+    """
+    if device is not None or _core.devices():
+        device = _core.select_device(device)
+    names = [name for name in _core.algorithms() if device is not None or name in ("sweep-and-prune", "oracle", "auto")]
+    return {name: _result(name, device) for name in names}
+
+
+def _result(algorithm: str, device: _core.Device | None) -> str:
+    try:
+        broad_phase = _core.BroadPhase(device=device, algorithm=algorithm)
+        known = np.empty((0, 2), np.uint32)
+        for number, boxes in enumerate(_scenes()):
+            for frame in range(2):
+                broad_phase.boxes(len(boxes))[:] = boxes
+                added, removed = broad_phase.update()
+                known = _apply(known, added, removed)
+                expected = _core.overlapping_pairs(boxes, algorithm="oracle")
+                for pairs in (broad_phase.pairs(), known):
+                    if not np.array_equal(pairs, expected):
+                        return f"wrong in scene {number}, frame {frame}: {len(pairs)} pairs, {len(expected)} expected"
+                boxes[::3, [0, 3]] += np.float32(0.25)
+    except _core.Error as error:
+        return str(error)
+    return "right"
+
+
+def _apply(known: np.ndarray, added: np.ndarray, removed: np.ndarray) -> np.ndarray:
+    def key(pairs: np.ndarray) -> np.ndarray:
+        return pairs[:, 1].astype(np.uint64) << np.uint64(32) | pairs[:, 0]
+
+    stays = known[~np.isin(key(known), key(removed))]
+    result = np.vstack([stays, added])
+    return result[np.argsort(key(result), kind="stable")]

@@ -1,0 +1,104 @@
+#include "arrays.hpp"
+
+#include <nanobind/ndarray.h>
+#include <nanobind/stl/string.h>
+
+#include <algorithm>
+#include <limits>
+#include <utility>
+
+namespace nb = nanobind;
+using namespace nb::literals;
+
+namespace broadcl::python {
+namespace {
+
+/// Hands an object to Python, which destroys it when the last array that shows it is gone.
+template <class Owner>
+nb::capsule keep(std::unique_ptr<Owner> owner) {
+  nb::capsule capsule(owner.get(), [](void* pointer) noexcept { delete static_cast<Owner*>(pointer); });
+  (void)owner.release();
+  return capsule;
+}
+
+nb::object pair_array(const Pair* pairs, std::size_t size, const nb::capsule& owner) {
+  // nanobind has no arrays of structures; a Pair is two words.
+  using Array = nb::ndarray<nb::numpy, std::uint32_t, nb::shape<-1, 2>>;
+  return Array(const_cast<Pair*>(pairs), {size, 2}, owner).cast(nb::rv_policy::reference);
+}
+
+std::uint32_t to_word(nb::handle number, const std::string& name) {
+  const auto integer = nb::steal<nb::object>(PyNumber_Index(number.ptr()));
+  if (!integer.is_valid()) throw nb::python_error();
+  std::uint32_t word = 0;
+  if (nb::try_cast(integer, word)) return word;
+  throw nb::value_error((name + " must be 0 to 4294967295, not " + nb::str(integer).c_str()).c_str());
+}
+
+}  // namespace
+
+OwnPairs::OwnPairs(std::span<const Pair> pairs)
+    : pairs_(std::make_unique_for_overwrite<Pair[]>(pairs.size())), size_(pairs.size()) {
+  std::ranges::copy(pairs, pairs_.get());
+}
+
+nb::object OwnPairs::to_array() && {
+  auto owner = std::make_unique<std::unique_ptr<Pair[]>>(std::move(pairs_));
+  const Pair* pairs = owner->get();
+  return pair_array(pairs, std::exchange(size_, 0), keep(std::move(owner)));
+}
+
+nb::object to_array(std::vector<Pair>&& pairs) {
+  auto owner = std::make_unique<std::vector<Pair>>(std::move(pairs));
+  const Pair* data = owner->data();
+  const std::size_t size = owner->size();
+  return pair_array(data, size, keep(std::move(owner)));
+}
+
+nb::object to_array(std::vector<std::uint32_t>&& words) {
+  auto owner = std::make_unique<std::vector<std::uint32_t>>(std::move(words));
+  std::uint32_t* data = owner->data();
+  const std::size_t size = owner->size();
+  using Array = nb::ndarray<nb::numpy, std::uint32_t, nb::ndim<1>>;
+  return Array(data, {size}, keep(std::move(owner))).cast(nb::rv_policy::reference);
+}
+
+Words::Words(nb::handle words, const std::string& name) {
+  if (PyLong_Check(words.ptr())) {
+    words_ = {to_word(words, name)};
+    is_single_ = true;
+    return;
+  }
+  using Array = nb::ndarray<const std::uint32_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
+  Array array;
+  if (!nb::try_cast(words, array, false)) {
+    const nb::object numpy = nb::module_::import_("numpy");
+    const nb::object any = numpy.attr("asarray")(words);
+    const nb::object dtype = any.attr("dtype");
+    const nb::object shape = any.attr("shape");
+    const auto kind = nb::cast<std::string>(dtype.attr("kind"));
+    const bool is_empty = nb::cast<std::size_t>(any.attr("size")) == 0;
+    const auto dimensions = nb::cast<std::size_t>(any.attr("ndim"));
+    if (kind != "i" && kind != "u" && !is_empty) {
+      throw nb::type_error(
+          (name + " must be an integer or an array of integers, not " + nb::str(nb::handle(dtype)).c_str())
+              .c_str());
+    }
+    if (dimensions == 0) {
+      words_ = {to_word(any.attr("item")(), name)};
+      is_single_ = true;
+      return;
+    }
+    if (dimensions != 1) {
+      throw nb::value_error(
+          (name + " must be of shape (n,), not " + nb::str(nb::handle(shape)).c_str()).c_str());
+    }
+    if (is_empty) return;
+    (void)to_word(any.attr("min")(), name);
+    (void)to_word(any.attr("max")(), name);
+    array = nb::cast<Array>(numpy.attr("ascontiguousarray")(any, "dtype"_a = "uint32"));
+  }
+  words_.assign(array.data(), array.data() + array.shape(0));
+}
+
+}  // namespace broadcl::python

@@ -1,0 +1,54 @@
+#pragma once
+
+#include <nanobind/nanobind.h>
+
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <string>
+#include <vector>
+
+#include <broadcl/pair.hpp>
+
+namespace broadcl::python {
+
+/// A list of pairs of its own, not yet an array: can be made without the GIL.
+class OwnPairs {
+ public:
+  OwnPairs() = default;
+  explicit OwnPairs(std::span<const Pair> pairs);
+
+  /// An (m, 2) uint32 array, which takes the pairs over. Needs the GIL.
+  [[nodiscard]] nanobind::object to_array() &&;
+
+ private:
+  std::unique_ptr<Pair[]> pairs_;
+  std::size_t size_ = 0;
+};
+
+/// An (m, 2) uint32 array, which takes the pairs over.
+[[nodiscard]] nanobind::object to_array(std::vector<Pair>&& pairs);
+
+/// An (n,) uint32 array, which takes the words over.
+[[nodiscard]] nanobind::object to_array(std::vector<std::uint32_t>&& words);
+
+/// Integers 0 .. 2^32 - 1 that a caller gives: one, or an array of them.
+class Words {
+ public:
+  /// @param name What messages call them.
+  /// @throws TypeError, ValueError
+  Words(nanobind::handle words, const std::string& name);
+
+  [[nodiscard]] bool is_single() const noexcept { return is_single_; }
+  /// 1 if it is a single one.
+  [[nodiscard]] std::size_t size() const noexcept { return words_.size(); }
+  /// A single one is the same at any k.
+  [[nodiscard]] std::uint32_t operator[](std::size_t k) const noexcept { return words_[is_single_ ? 0 : k]; }
+
+ private:
+  std::vector<std::uint32_t> words_;
+  bool is_single_ = false;
+};
+
+}  // namespace broadcl::python

@@ -1,0 +1,175 @@
+#include "box_array.hpp"
+
+#include <nanobind/stl/string.h>
+
+#include <cstddef>
+#include <cstdint>
+
+namespace nb = nanobind;
+using namespace nb::literals;
+
+namespace broadcl::python {
+namespace {
+
+using Array = nb::ndarray<nb::ro>;
+
+bool is_float64(const Array& array) {
+  return array.dtype() == nb::dtype<double>();
+}
+
+bool is_bounds(const Array& array) {
+  return array.dtype() == nb::dtype<float>() || is_float64(array);
+}
+
+bool is_aligned(const Array& array) {
+  return reinterpret_cast<std::uintptr_t>(array.data()) % array.itemsize() == 0;
+}
+
+std::size_t last(const Array& array) {
+  return array.ndim() == 0 ? 0 : array.shape(array.ndim() - 1);
+}
+
+bool is_sequence(nb::handle object) {
+  return nb::isinstance<nb::list>(object) || nb::isinstance<nb::tuple>(object);
+}
+
+}  // namespace
+
+BoxArray::BoxArray(nb::handle boxes, const std::string& name) : name_(name) {
+  const bool is_pair = nb::isinstance<nb::tuple>(boxes) && nb::len(boxes) == 2;
+  if (is_pair) {
+    take_two(boxes[0], boxes[1]);
+  } else {
+    take_one(boxes);
+  }
+}
+
+void BoxArray::refuse_nan() const {
+  for (std::size_t k = 0; k < view_.size(); ++k) {
+    if (!has_nan(view_[k])) continue;
+    throw nb::value_error(("row " + std::to_string(k) + " of " + name_ +
+                           " has a NaN bound; give an empty box (lower > upper) for an object without one")
+                              .c_str());
+  }
+}
+
+void BoxArray::refuse_type(nb::handle object) const {
+  std::string what = nb::cast<std::string>(object.type().attr("__name__"));
+  if (const nb::object dtype = nb::getattr(object, "dtype", nb::none()); !dtype.is_none()) {
+    what += std::string(" of ") + nb::str(nb::handle(dtype)).c_str();
+  }
+  throw nb::type_error(
+      (name_ +
+       " must be float32 or float64 in the host's memory: an array (NumPy, DLPack or buffer "
+       "protocol) of shape (n, 6), (n, 2, 3) or (n, 4), or a tuple (lower, upper) of two of shape "
+       "(n, 3); not " +
+       what)
+          .c_str());
+}
+
+void BoxArray::refuse_shape(const Array& array) const {
+  std::string shape;
+  for (std::size_t axis = 0; axis < array.ndim(); ++axis) {
+    shape += std::to_string(array.shape(axis)) + (axis + 1 < array.ndim() ? ", " : "");
+  }
+  if (array.ndim() == 1) shape += ",";
+  throw nb::value_error(
+      (name_ +
+       " must be of shape (n, 6), (n, 2, 3) or (n, 4), or a tuple (lower, upper) of two arrays of "
+       "shape (n, 3), or without n for one box; not (" +
+       shape + ")")
+          .c_str());
+}
+
+Array BoxArray::to_array(nb::handle object) const {
+  Array array;
+  if (!is_sequence(object) && nb::try_cast(object, array, false)) {
+    if (!is_bounds(array) || array.device_type() != nb::device::cpu::value) refuse_type(object);
+    if (is_aligned(array)) return array;
+  }
+  // Python's numbers are float64. Of other objects the type counts.
+  const nb::object numpy = nb::module_::import_("numpy");
+  const nb::object copy = is_sequence(object) ? numpy.attr("array")(object, "dtype"_a = "float64")
+                                              : numpy.attr("array")(object, "order"_a = "C");
+  if (!nb::try_cast(copy, array, false) || !is_bounds(array)) refuse_type(object);
+  return array;
+}
+
+void BoxArray::take_one(nb::handle boxes) {
+  arrays_[0] = to_array(boxes);
+  const Array& array = arrays_[0];
+  const std::size_t dimensions = array.ndim();
+  const bool is_corners = dimensions >= 2 && last(array) == 3 && array.shape(dimensions - 2) == 2;
+  const bool is_row = dimensions >= 1 && (last(array) == 6 || last(array) == 4);
+  const std::size_t own = is_corners ? 2 : 1;  // dimensions of one box
+  if ((!is_corners && !is_row) || dimensions > own + 1) refuse_shape(array);
+  is_single_ = dimensions == own;
+  if (last(array) == 4 && array.stride(dimensions - 1) != 1) {
+    const nb::object numpy = nb::module_::import_("numpy");
+    arrays_[0] = nb::cast<Array>(numpy.attr("ascontiguousarray")(arrays_[0].cast()));
+  }
+  if (is_float64(array)) {
+    view_one<double>();
+  } else {
+    view_one<float>();
+  }
+}
+
+template <class Bound>
+void BoxArray::view_one() {
+  const Array& array = arrays_[0];
+  const std::size_t axis = array.ndim() - 1;
+  const auto* numbers = static_cast<const Bound*>(array.data());
+  const std::size_t n = is_single_ ? 1 : array.shape(0);
+  constexpr auto bytes = static_cast<std::ptrdiff_t>(sizeof(Bound));
+  const std::ptrdiff_t stride = is_single_ ? 6 * bytes : array.stride(0) * bytes;
+  const std::ptrdiff_t step = array.stride(axis);
+  if (last(array) == 4) {
+    view_ = BoxView::rectangles(numbers, n, stride);
+    return;
+  }
+  const Bound* upper = numbers + (last(array) == 3 ? array.stride(axis - 1) : 3 * step);
+  view_ = BoxView::arrays<Bound>({numbers, numbers + step, numbers + 2 * step},
+                                 {upper, upper + step, upper + 2 * step}, n, stride);
+}
+
+void BoxArray::take_two(nb::handle lower, nb::handle upper) {
+  arrays_ = {to_array(lower), to_array(upper)};
+  for (const Array& array : arrays_) {
+    if (array.ndim() < 1 || array.ndim() > 2 || last(array) != 3) refuse_shape(array);
+  }
+  const auto& [first, second] = arrays_;
+  if (first.ndim() != second.ndim() || first.shape(0) != second.shape(0)) {
+    throw nb::value_error(("lower and upper corners of " + name_ + " must be of the same shape").c_str());
+  }
+  is_single_ = first.ndim() == 1;
+  const bool is_alike =
+      first.dtype() == second.dtype() && (is_single_ || first.stride(0) == second.stride(0));
+  if (!is_alike) {
+    const nb::object numpy = nb::module_::import_("numpy");
+    const char* type = is_float64(first) || is_float64(second) ? "float64" : "float32";
+    for (Array& array : arrays_) {
+      array = nb::cast<Array>(numpy.attr("ascontiguousarray")(array.cast(), "dtype"_a = type));
+    }
+  }
+  if (is_float64(first)) {
+    view_two<double>();
+  } else {
+    view_two<float>();
+  }
+}
+
+template <class Bound>
+void BoxArray::view_two() {
+  const auto corner = [this](const Array& array) {
+    const auto* numbers = static_cast<const Bound*>(array.data());
+    const std::ptrdiff_t step = array.stride(is_single_ ? 0 : 1);
+    return std::array{numbers, numbers + step, numbers + 2 * step};
+  };
+  const Array& lower = arrays_[0];
+  constexpr auto bytes = static_cast<std::ptrdiff_t>(sizeof(Bound));
+  view_ = BoxView::arrays<Bound>(corner(lower), corner(arrays_[1]), is_single_ ? 1 : lower.shape(0),
+                                 is_single_ ? 3 * bytes : lower.stride(0) * bytes);
+}
+
+}  // namespace broadcl::python

@@ -1,0 +1,453 @@
+#include <nanobind/nanobind.h>
+#include <nanobind/ndarray.h>
+
+#include <algorithm>
+#include <array>
+#include <atomic>
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <new>
+#include <optional>
+#include <span>
+#include <stdexcept>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include <broadcl/broad_phase.hpp>
+
+#include "arrays.hpp"
+#include "box_array.hpp"
+#include "classes.hpp"
+#include "config.hpp"
+
+namespace nb = nanobind;
+using namespace nb::literals;
+
+namespace broadcl::python {
+namespace {
+
+template <class Function>
+auto without_gil(const Function& function) {
+  const nb::gil_scoped_release released;
+  return function();
+}
+
+/// The changes of an update as arrays.
+struct Changes {
+  nb::object added;
+  nb::object removed;
+};
+
+/// One value or array per field of a Filter.
+class Filters {
+ public:
+  Filters(nb::handle group, nb::handle mask, nb::handle body, nb::handle world, std::size_t n)
+      : words_{Words(group, "group"), Words(mask, "mask"), Words(body, "body"), Words(world, "world")} {
+    for (const Words& words : words_) {
+      if (words.is_single() || words.size() == n) continue;
+      throw nb::value_error(("filters must be integers, or arrays of the length of what they are for, " +
+                             std::to_string(n) + ", not " + std::to_string(words.size()))
+                                .c_str());
+    }
+  }
+
+  Filter operator[](std::size_t k) const {
+    return {.group = words_[0][k], .mask = words_[1][k], .body = words_[2][k], .world = words_[3][k]};
+  }
+
+ private:
+  std::array<Words, 4> words_;
+};
+
+/// A BroadPhase for Python: one thread at a time, all or nothing for arrays too, and arrays that live as long
+/// as anybody looks at them.
+class Objects {
+ public:
+  explicit Objects(const Config& config) : broad_phase_(without_gil([&] { return BroadPhase(config); })) {}
+  Objects(const Objects&) = delete;
+  Objects& operator=(const Objects&) = delete;
+  /// May wait for the thread that opens a device.
+  ~Objects() {
+    const nb::gil_scoped_release released;
+    const std::optional<BroadPhase> last = std::move(broad_phase_);
+  }
+
+  nb::object add(nb::handle boxes, nb::handle group, nb::handle mask, nb::handle body, nb::handle world) {
+    const BoxArray array(boxes, "boxes");
+    array.refuse_nan();
+    const Filters filters(group, mask, body, world, array.view().size());
+    const Use use(*this);
+    take_staged();
+    std::vector<std::uint32_t> ids;
+    ids.reserve(array.view().size());
+    live_.reserve(broad_phase_->size() + array.view().size());  // ids are dense
+    try {
+      for (std::size_t k = 0; k < array.view().size(); ++k) {
+        ids.push_back(broad_phase_->add(array.view()[k], filters[k]));
+      }
+    } catch (...) {
+      for (const std::uint32_t id : ids) broad_phase_->remove(id);
+      throw;
+    }
+    for (const std::uint32_t id : ids) set_live(id, true);
+    is_staging_current_ = false;
+    return array.is_single() ? nb::int_(ids.front()) : to_array(std::move(ids));
+  }
+
+  void move(nb::handle ids, nb::handle boxes) {
+    const Words words(ids, "ids");
+    const BoxArray array(boxes, "boxes");
+    array.refuse_nan();
+    if (words.is_single() != array.is_single() || words.size() != array.view().size()) {
+      throw nb::value_error(("move() needs one id and one box, or as many ids as boxes; not " +
+                             std::to_string(words.size()) + " and " + std::to_string(array.view().size()))
+                                .c_str());
+    }
+    const Use use(*this);
+    refuse_unknown(words);
+    take_staged();
+    for (std::size_t k = 0; k < words.size(); ++k) broad_phase_->move(words[k], array.view()[k]);
+    is_staging_current_ = false;
+  }
+
+  void set_filter(nb::handle ids, nb::handle group, nb::handle mask, nb::handle body, nb::handle world) {
+    const Words words(ids, "ids");
+    const Filters filters(group, mask, body, world, words.size());
+    const Use use(*this);
+    refuse_unknown(words);
+    take_staged();
+    for (std::size_t k = 0; k < words.size(); ++k) broad_phase_->set_filter(words[k], filters[k]);
+  }
+
+  void remove(nb::handle ids) {
+    const Words words(ids, "ids");
+    const Use use(*this);
+    refuse_unknown(words);
+    std::vector<std::uint32_t> sorted;
+    for (std::size_t k = 0; k < words.size(); ++k) sorted.push_back(words[k]);
+    std::ranges::sort(sorted);
+    const auto twice = std::ranges::adjacent_find(sorted);
+    if (twice != sorted.end()) {
+      throw nb::value_error(("id " + std::to_string(*twice) + " is given twice; name each once").c_str());
+    }
+    take_staged();
+    for (std::size_t k = 0; k < words.size(); ++k) {
+      broad_phase_->remove(words[k]);
+      set_live(words[k], false);
+    }
+    is_staging_current_ = false;
+  }
+
+  nb::object boxes(std::size_t n) {
+    const Use use(*this);
+    take_staged();
+    {
+      const nb::gil_scoped_release released;
+      live_.reserve(n);
+      reserve_staging(n);
+      mapped_ = broad_phase_->map(n);
+      const std::size_t current = is_staging_current_ ? staged_ : 0;
+      if (current < n) std::ranges::copy(mapped_.subspan(current), staging_.get() + current);
+      live_.assign(n, 1);
+    }
+    staged_ = n;
+    is_staging_current_ = is_staged_ = is_unchecked_ = true;
+    using Memory = std::shared_ptr<Aabb[]>;
+    auto owner = std::make_unique<Memory>(staging_);
+    const nb::capsule capsule(owner.get(),
+                              [](void* memory) noexcept { delete static_cast<Memory*>(memory); });
+    (void)owner.release();
+    using Array = nb::ndarray<nb::numpy, float, nb::shape<-1, 6>>;
+    return Array(staging_.get(), {n, 6}, capsule).cast(nb::rv_policy::reference);
+  }
+
+  Changes update() {
+    return changes([&] { return broad_phase_->update(); });
+  }
+  Changes finish() {
+    return changes([&] { return broad_phase_->finish(); });
+  }
+  void begin() {
+    const Use use(*this);
+    or_refuse_nan([&] {
+      const nb::gil_scoped_release released;
+      copy_staged();
+      broad_phase_->begin();
+      is_staged_ = is_unchecked_ = false;
+    });
+  }
+
+  nb::object pairs() {
+    const Use use(*this);
+    return to_array(without_gil([&] { return broad_phase_->pairs(); }));
+  }
+
+  std::size_t size() {
+    const Use use(*this);
+    return broad_phase_->size();
+  }
+
+  std::optional<Device> device() {
+    const Use use(*this);
+    const Device* device = broad_phase_->device();
+    return device == nullptr ? std::nullopt : std::optional(*device);
+  }
+
+  std::string algorithm() { return std::string(broad_phase_->algorithm().name); }
+
+  nb::dict memory() {
+    const Use use(*this);
+    const MemoryUse memory = broad_phase_->memory();
+    nb::dict result;
+    result["device"] = memory.device;
+    result["device_peak"] = memory.device_peak;
+    result["pinned"] = memory.pinned;
+    return result;
+  }
+
+  nb::dict profile() {
+    const Use use(*this);
+    nb::dict result;
+    for (const Stage& stage : broad_phase_->profile()) {
+      const nb::str name(stage.name.data(), stage.name.size());
+      if (!result.contains(name)) {
+        nb::dict first;
+        first["host_seconds"] = 0.0;
+        first["device_seconds"] = 0.0;
+        result[name] = first;
+      }
+      const nb::object times = result[name];
+      times["host_seconds"] = nb::cast<double>(times["host_seconds"]) + stage.host_seconds;
+      times["device_seconds"] = nb::cast<double>(times["device_seconds"]) + stage.device_seconds;
+    }
+    return result;
+  }
+
+ private:
+  /// Holds the object for one thread; without the GIL another one might come.
+  class Use {
+   public:
+    explicit Use(Objects& objects) : objects_(objects) {
+      if (objects_.is_used_.test_and_set(std::memory_order_acquire)) {
+        throw std::runtime_error(
+            "another thread is using this BroadPhase; give each thread its own, or use a lock");
+      }
+    }
+    ~Use() { objects_.is_used_.clear(std::memory_order_release); }
+    Use(const Use&) = delete;
+    Use& operator=(const Use&) = delete;
+
+   private:
+    Objects& objects_;
+  };
+
+  template <class Function>
+  Changes changes(const Function& function) {
+    const Use use(*this);
+    OwnPairs added;
+    OwnPairs removed;
+    or_refuse_nan([&] {
+      const nb::gil_scoped_release released;
+      copy_staged();
+      const Delta delta = function();
+      is_staged_ = is_unchecked_ = false;
+      added = OwnPairs(delta.added);
+      removed = OwnPairs(delta.removed);
+    });
+    return {std::move(added).to_array(), std::move(removed).to_array()};
+  }
+
+  /// Gives the core what was written to the memory of boxes(). It stays staged until an update accepts it.
+  void copy_staged() {
+    if (!is_staged_) return;
+    BoxView(std::span<const Aabb>(staging_.get(), staged_)).copy_to(mapped_);
+  }
+
+  /// Before any other change: from now on what is written there has no effect.
+  void take_staged() {
+    copy_staged();
+    is_staged_ = false;
+  }
+
+  /// A NaN in the memory of boxes() is the caller's error, not the device's.
+  template <class Function>
+  void or_refuse_nan(const Function& function) {
+    try {
+      function();
+    } catch (const Error& error) {
+      const std::span<const Aabb> boxes(staging_.get(), staged_);
+      if (is_unchecked_ && std::ranges::any_of(boxes, [](const Aabb& box) { return has_nan(box); })) {
+        throw nb::value_error(error.what());
+      }
+      throw;
+    }
+  }
+
+  /// Arrays of the old memory keep it alive.
+  void reserve_staging(std::size_t n) {
+    if (n <= capacity_) return;
+    const std::size_t capacity = n + n / 4;
+    staging_ = std::make_shared_for_overwrite<Aabb[]>(capacity);
+    capacity_ = capacity;
+    staged_ = 0;
+  }
+
+  void refuse_unknown(const Words& ids) const {
+    for (std::size_t k = 0; k < ids.size(); ++k) {
+      if (ids[k] < live_.size() && live_[ids[k]] != 0) continue;
+      throw nb::value_error(
+          ("no object has the id " + std::to_string(ids[k]) + "; use the ids that add() returned").c_str());
+    }
+  }
+
+  void set_live(std::uint32_t id, bool is_live) {
+    if (id >= live_.size()) live_.resize(id + 1, 0);
+    live_[id] = is_live ? 1 : 0;
+  }
+
+  std::atomic_flag is_used_;
+  std::optional<BroadPhase> broad_phase_;
+  std::vector<std::uint8_t> live_;  // by id
+
+  // What boxes() shows. The memory that the device reads may move in any update, and arrays may outlive it,
+  // so it is copied.
+  std::shared_ptr<Aabb[]> staging_;
+  std::size_t capacity_ = 0;
+  std::size_t staged_ = 0;           // boxes that the last call of boxes() showed
+  std::span<Aabb> mapped_;           // the core's memory for them
+  bool is_staged_ = false;           // the next update takes them
+  bool is_unchecked_ = false;        // no update has accepted them
+  bool is_staging_current_ = false;  // they are those of the core
+};
+
+}  // namespace
+
+// NOLINTNEXTLINE(readability-function-size): a table
+void add_broad_phase(nb::module_& module) {
+  nb::class_<Changes>(
+      module, "Delta",
+      "What changed between two updates: ``added, removed = broad_phase.update()``.\n\n"
+      "Apply ``removed`` first: if an object was removed and a new one got its id in between, the same\n"
+      "pair of ids may be in both. The arrays own what they show.")
+      .def_ro("added", &Changes::added, nb::sig("def added(self) -> numpy.typing.NDArray[numpy.uint32]"),
+              "(m, 2) uint32: pairs that began to overlap, in canonical order.")
+      .def_ro("removed", &Changes::removed,
+              nb::sig("def removed(self) -> numpy.typing.NDArray[numpy.uint32]"),
+              "(m, 2) uint32: pairs that ceased to overlap, in canonical order.")
+      .def(
+          "__iter__",
+          [](const Changes& changes) { return nb::iter(nb::make_tuple(changes.added, changes.removed)); },
+          nb::sig("def __iter__(self) -> collections.abc.Iterator[numpy.typing.NDArray[numpy.uint32]]"))
+      .def("__repr__", [](const Changes& changes) {
+        return nb::str("Delta(added={!r}, removed={!r})").format(changes.added, changes.removed);
+      });
+
+  nb::class_<Objects>(
+      module, "BroadPhase",
+      "Holds a set of moving boxes and reports at each update() which pairs began and which ceased to "
+      "overlap.\n\n"
+      "An update costs as much as what moved. A call that raises has changed nothing, except that an array "
+      "of ids may be\n"
+      "done in part if memory runs out.\n\n"
+      "device: as select_device() takes it; None lets `algorithm` decide.\n"
+      "algorithm: a key of algorithms(). \"auto\" works on the host or on a GPU, whichever is expected to be "
+      "faster.\n"
+      "threads: that an algorithm of the host may use; 0 for as many as there are processors.\n"
+      "profile: measure stages on the device too.\n\n"
+      "One thread at a time may use an object: a second one gets a RuntimeError. The GIL is released while "
+      "boxes are\n"
+      "searched.\n\n"
+      "Raises ValueError for an unknown algorithm, Error for an unknown device and for whatever fails in "
+      "OpenCL.")
+      .def(
+          "__init__",
+          [](Objects* self, const Selector& device, const std::string& algorithm, std::size_t threads,
+             bool profile) { new (self) Objects(to_config(device, algorithm, threads, profile)); },
+          nb::kw_only(), "device"_a = nb::none(), "algorithm"_a = "auto", "threads"_a = 0,
+          "profile"_a = false)
+      .def(
+          "add", &Objects::add, "boxes"_a.none(), nb::kw_only(), "group"_a = 1, "mask"_a = 0xffffffffU,
+          "body"_a = Filter::no_body, "world"_a = 0,
+          nb::sig(
+              "def add(self, boxes: numpy.typing.ArrayLike | tuple[numpy.typing.ArrayLike, "
+              "numpy.typing.ArrayLike], *, group: numpy.typing.ArrayLike = 1, mask: numpy.typing.ArrayLike = "
+              "4294967295, body: numpy.typing.ArrayLike = 4294967295, world: numpy.typing.ArrayLike = 0) -> "
+              "int | numpy.typing.NDArray[numpy.uint32]"),
+          "Adds objects and returns their ids, an int for one box, otherwise (n,) uint32. Each is the lowest "
+          "that is\n"
+          "free, so ids depend on the sequence of calls only.\n\n"
+          "boxes: float32 or float64, in the forms that overlapping_pairs() takes; one box without the "
+          "first\n"
+          "dimension. float64 rounds outward.\n"
+          "group, mask, body, world: of the filter, integers or arrays (n,). Two objects pair if each is in "
+          "a group of\n"
+          "the other's mask, if they are in the same world or one in ALL_WORLDS, and not of the same "
+          "body.\n\n"
+          "Raises ValueError for a NaN (it names the row) and for a wrong shape, TypeError for another "
+          "dtype.")
+      .def("move", &Objects::move, "ids"_a.none(), "boxes"_a.none(),
+           nb::sig("def move(self, ids: numpy.typing.ArrayLike, boxes: numpy.typing.ArrayLike | "
+                   "tuple[numpy.typing.ArrayLike, numpy.typing.ArrayLike]) -> None"),
+           "Replaces the box of one object, or of n: ids (n,), boxes as add() takes them. A box that is "
+           "equal to the old\n"
+           "one does not count as movement.\n\n"
+           "Raises ValueError for an unknown id, a NaN or a wrong shape; TypeError. No object is moved then.")
+      .def(
+          "set_filter", &Objects::set_filter, "ids"_a.none(), nb::kw_only(), "group"_a = 1,
+          "mask"_a = 0xffffffffU, "body"_a = Filter::no_body, "world"_a = 0,
+          nb::sig(
+              "def set_filter(self, ids: numpy.typing.ArrayLike, *, group: numpy.typing.ArrayLike = 1, mask: "
+              "numpy.typing.ArrayLike = 4294967295, body: numpy.typing.ArrayLike = 4294967295, world: "
+              "numpy.typing.ArrayLike = 0) -> None"),
+          "Replaces the whole filter of one object, or of n: ids (n,), the rest as add() takes it.\n\n"
+          "Raises ValueError for an unknown id; TypeError.")
+      .def("remove", &Objects::remove, "ids"_a.none(),
+           nb::sig("def remove(self, ids: numpy.typing.ArrayLike) -> None"),
+           "Removes one object, or n: ids (n,). Their pairs are in `removed` of the next update; their ids "
+           "may be given\n"
+           "to the next ones added.\n\nRaises ValueError for an unknown id, or one that is given twice.")
+      .def("boxes", &Objects::boxes, "n"_a,
+           nb::sig("def boxes(self, n: int) -> numpy.typing.NDArray[numpy.float32]"),
+           "Makes 0 .. n-1 the ids of the objects, and returns their boxes, (n, 6) float32: lower x, y, z, "
+           "upper x, y, z,\n"
+           "to be written in place. New objects have empty boxes. All count as moved.\n\n"
+           "The next call of another method takes what the array then holds; after that, writing has no "
+           "effect until\n"
+           "boxes() is called again. With the same n or fewer the memory stays the same. The array owns its "
+           "memory, so it\n"
+           "may be kept. A NaN is a ValueError of the next update(), which names the first row; correct it "
+           "and call\n"
+           "update() again.\n\nRaises Error between begin() and finish().")
+      .def("update", &Objects::update,
+           "Finds every pair of overlapping boxes that their filters let pair, and returns what changed "
+           "since the last\n"
+           "update, as a Delta. Releases the GIL.\n\n"
+           "Raises Error if the device fails, ValueError for a NaN written to boxes(), MemoryError; it may "
+           "be repeated.")
+      .def("begin", &Objects::begin,
+           "Starts an update on the device and returns at once. Objects may be added, moved and removed "
+           "before finish();\n"
+           "that belongs to the next update. Raises as update() does.")
+      .def("finish", &Objects::finish,
+           "Waits for the update that begin() started, or does one, and returns what it changed. Releases "
+           "the GIL.\n"
+           "Raises as update() does.")
+      .def("pairs", &Objects::pairs, nb::sig("def pairs(self) -> numpy.typing.NDArray[numpy.uint32]"),
+           "All pairs as of the last update: (m, 2) uint32, a < b, in canonical order: by b, then by a.\n"
+           "Raises Error between begin() and finish().")
+      .def("profile", &Objects::profile, nb::sig("def profile(self) -> dict[str, dict[str, float]]"),
+           "The stages of the last update: for each name the seconds that the calling thread spent, "
+           "\"host_seconds\", and\n"
+           "with profile=True those of the device, \"device_seconds\". Empty on the host.")
+      .def_prop_ro("device", &Objects::device,
+                   "The device that does the next update; None if that is the host.")
+      .def_prop_ro("algorithm", &Objects::algorithm, "The name of the algorithm.")
+      .def_prop_ro(
+          "memory", &Objects::memory, nb::sig("def memory(self) -> dict[str, int]"),
+          "OpenCL memory in bytes: \"device\" now, \"device_peak\" at most so far, \"pinned\" on the host.")
+      .def("__len__", &Objects::size, "Number of objects.");
+}
+
+}  // namespace broadcl::python
