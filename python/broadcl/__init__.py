@@ -15,12 +15,12 @@ from broadcl._core import (
     Delta,
     Device,
     Error,
-    __version__,
     algorithms,
     devices,
     overlapping_pairs,
     select_device,
 )
+from broadcl._core import version as __version__
 
 __all__ = [
     "ALL_WORLDS",

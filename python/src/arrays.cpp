@@ -71,7 +71,7 @@ Words::Words(nb::handle words, const std::string& name) {
   }
   using Array = nb::ndarray<const std::uint32_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
   Array array;
-  if (!nb::try_cast(words, array, false)) {
+  if (!nb::hasattr(words, "__dlpack__") || !nb::try_cast(words, array, false)) {
     const nb::object numpy = nb::module_::import_("numpy");
     const nb::object any = numpy.attr("asarray")(words);
     const nb::object dtype = any.attr("dtype");

@@ -82,15 +82,20 @@ void BoxArray::refuse_shape(const Array& array) const {
 }
 
 Array BoxArray::to_array(nb::handle object) const {
+  const nb::object numpy = nb::module_::import_("numpy");
   Array array;
-  if (!is_sequence(object) && nb::try_cast(object, array, false)) {
+  if (is_sequence(object)) {
+    const nb::object numbers = numpy.attr("array")(object, "dtype"_a = "float64");
+    return nb::cast<Array>(numbers);
+  }
+  // NumPy reads buffers in place, also those of ctypes, which have no strides.
+  const nb::object any =
+      nb::hasattr(object, "__dlpack__") ? nb::borrow(object) : numpy.attr("asarray")(object);
+  if (nb::try_cast(any, array, false)) {
     if (!is_bounds(array) || array.device_type() != nb::device::cpu::value) refuse_type(object);
     if (is_aligned(array)) return array;
   }
-  // Python's numbers are float64. Of other objects the type counts.
-  const nb::object numpy = nb::module_::import_("numpy");
-  const nb::object copy = is_sequence(object) ? numpy.attr("array")(object, "dtype"_a = "float64")
-                                              : numpy.attr("array")(object, "order"_a = "C");
+  const nb::object copy = numpy.attr("array")(any, "order"_a = "C");
   if (!nb::try_cast(copy, array, false) || !is_bounds(array)) refuse_type(object);
   return array;
 }

@@ -106,7 +106,7 @@ NB_MODULE(_core, module) {
       "The device, or the driver, cannot do what was asked for. The text says what to do.";
   add_device(module);
   add_broad_phase(module);
-  module.attr("__version__") = BROADCL_VERSION_STRING;
+  module.attr("version") = BROADCL_VERSION_STRING;
   module.attr("NO_BODY") = broadcl::Filter::no_body;
   module.attr("ALL_WORLDS") = broadcl::Filter::all_worlds;
   module.def(

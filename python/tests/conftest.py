@@ -1,0 +1,67 @@
+"""Boxes for hypothesis, and the oracle: the definitions of the documentation in NumPy."""
+
+import os
+
+import hypothesis
+import hypothesis.extra.numpy as hnp
+import numpy as np
+from hypothesis import strategies as st
+
+hypothesis.settings.register_profile("default", deadline=None, max_examples=60, derandomize=True)
+hypothesis.settings.register_profile("long", deadline=None, max_examples=2000)
+hypothesis.settings.load_profile(os.environ.get("BROADCL_HYPOTHESIS", "default"))
+
+
+def rounded(boxes: np.ndarray) -> np.ndarray:
+    """(n, 6) float64 as float32, rounded outward, but not if that would fill an empty box."""
+    boxes = np.asarray(boxes)
+    if boxes.dtype == np.float32:
+        return boxes
+    with np.errstate(over="ignore", under="ignore"):
+        nearest = boxes.astype(np.float32)
+        down = np.where(nearest > boxes, np.nextafter(nearest, np.float32(-np.inf)), nearest)
+        up = np.where(nearest < boxes, np.nextafter(nearest, np.float32(np.inf)), nearest)
+    inverted = (boxes[:, :3] > boxes[:, 3:]).any(axis=1, keepdims=True)
+    return np.where(inverted, np.hstack([up[:, :3], down[:, 3:]]), np.hstack([down[:, :3], up[:, 3:]]))
+
+
+def oracle(a: np.ndarray, b: np.ndarray | None = None) -> np.ndarray:
+    """All overlapping pairs of (n, 6) boxes, in canonical order."""
+    first = rounded(a)
+    second = first if b is None else rounded(b)
+    overlap = np.ones((len(first), len(second)), bool)
+    for axis in range(3):
+        overlap &= first[:, None, axis] <= second[None, :, axis + 3]
+        overlap &= second[None, :, axis] <= first[:, None, axis + 3]
+    overlap &= (first[:, :3] <= first[:, 3:]).all(axis=1)[:, None]
+    overlap &= (second[:, :3] <= second[:, 3:]).all(axis=1)[None, :]
+    if b is None:
+        overlap &= np.triu(np.ones_like(overlap), 1)
+    column, row = np.nonzero(overlap.T)
+    return np.stack([row, column], axis=1).astype(np.uint32)
+
+
+def boxes(dtype=np.float32, most=40) -> st.SearchStrategy[np.ndarray]:
+    """(n, 6), some of them touching, infinite, huge, denormal or empty."""
+    bits = np.dtype(dtype).itemsize * 8
+    bound = st.one_of(
+        st.integers(-4, 4).map(float),
+        st.floats(width=bits, allow_nan=False),
+    )
+    rows = hnp.arrays(dtype, st.tuples(st.integers(0, most), st.just(6)), elements=bound)
+
+    def mostly_proper(array: np.ndarray) -> np.ndarray:
+        array = array.copy()
+        proper = np.arange(len(array)) % 5 != 4
+        corners = np.sort(array.reshape(-1, 2, 3), axis=1)
+        array[proper] = corners.reshape(-1, 6)[proper]
+        return array
+
+    return rows.map(mostly_proper)
+
+
+def uniform(n: int, overlaps: float = 3, seed: int = 0) -> np.ndarray:
+    """n cubes of size 1, each of which overlaps about so many."""
+    random = np.random.default_rng(seed)
+    lower = random.uniform(0, (8 * n / overlaps) ** (1 / 3), (n, 3))
+    return np.hstack([lower, lower + 1]).astype(np.float32)

@@ -1,0 +1,200 @@
+import numpy as np
+import pytest
+from hypothesis import settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
+
+import broadcl
+from conftest import boxes, oracle, uniform
+
+ALL = 2**32 - 1
+DEFAULT = (1, ALL, broadcl.NO_BODY, 0)
+
+
+def may_pair(s, t):
+    worlds = s[3] == t[3] or broadcl.ALL_WORLDS in (s[3], t[3])
+    return bool(s[0] & t[1]) and bool(t[0] & s[1]) and worlds and (s[2] != t[2] or s[2] == broadcl.NO_BODY)
+
+
+def as_set(pairs):
+    return {tuple(pair) for pair in pairs.tolist()}
+
+
+words = st.sampled_from([0, 1, 2, 3, ALL])
+filters = st.tuples(words, words, st.sampled_from([0, 1, ALL]), st.sampled_from([0, 1, ALL]))
+
+
+class Machine(RuleBasedStateMachine):
+    """Any sequence of calls, compared with a dictionary of boxes and the oracle."""
+
+    algorithm = "auto"
+
+    def __init__(self):
+        super().__init__()
+        self.broad_phase = broadcl.BroadPhase(algorithm=self.algorithm)
+        self.boxes = {}
+        self.filters = {}
+        self.followed = set()
+        self.begun = None  # the pairs of the update that was begun
+
+    def pairs_now(self):
+        ids = sorted(self.boxes)
+        found = oracle(np.array([self.boxes[id] for id in ids], np.float32).reshape(-1, 6))
+        pairs = ((ids[a], ids[b]) for a, b in found.tolist())
+        return {(a, b) for a, b in pairs if may_pair(self.filters[a], self.filters[b])}
+
+    def lowest_free(self):
+        return next(id for id in range(len(self.boxes) + 1) if id not in self.boxes)
+
+    def choose(self, data, least=0):
+        return data.draw(st.lists(st.sampled_from(sorted(self.boxes)), unique=True, min_size=least))
+
+    @rule(values=boxes(most=6), filter=filters, plain=st.booleans())
+    def add(self, values, filter, plain):
+        if plain:
+            ids = self.broad_phase.add(values)
+            filter = DEFAULT
+        else:
+            group, mask, body, world = filter
+            ids = self.broad_phase.add(values, group=group, mask=[mask] * len(values), body=body, world=world)
+        expected = []
+        for value in values:
+            expected.append(self.lowest_free())
+            self.boxes[expected[-1]] = value
+            self.filters[expected[-1]] = filter
+        assert ids.tolist() == expected
+
+    @precondition(lambda self: self.boxes)
+    @rule(data=st.data())
+    def move(self, data):
+        ids = self.choose(data)
+        values = data.draw(boxes(most=max(len(ids), 1)).filter(lambda array: len(array) >= len(ids)))[: len(ids)]
+        self.broad_phase.move(ids, values)
+        self.boxes.update(zip(ids, values))
+
+    @precondition(lambda self: self.boxes)
+    @rule(data=st.data(), filter=filters)
+    def set_filter(self, data, filter):
+        ids = self.choose(data)
+        group, mask, body, world = filter
+        self.broad_phase.set_filter(ids, group=group, mask=mask, body=body, world=[world] * len(ids))
+        self.filters.update((id, filter) for id in ids)
+
+    @precondition(lambda self: self.boxes)
+    @rule(data=st.data())
+    def remove(self, data):
+        ids = self.choose(data)
+        self.broad_phase.remove(np.array(ids, np.int64))
+        for id in ids:
+            del self.boxes[id], self.filters[id]
+
+    @precondition(lambda self: self.begun is None)
+    @rule(values=boxes(most=12))
+    def write(self, values):
+        n = len(values)
+        view = self.broad_phase.boxes(n)
+        assert view.shape == (n, 6) and view.dtype == np.float32
+        for id in range(n):
+            empty = [np.inf] * 3 + [-np.inf] * 3
+            old = self.boxes.get(id, np.float32(empty))
+            if (old[:3] <= old[3:]).all():
+                assert np.array_equal(view[id], old)
+            else:
+                assert (view[id, :3] > view[id, 3:]).any()
+        view[:] = values
+        self.filters = {id: self.filters.get(id, DEFAULT) for id in range(n)}
+        self.boxes = dict(enumerate(values))
+
+    @precondition(lambda self: self.begun is None)
+    @rule()
+    def begin(self):
+        self.begun = self.pairs_now()
+        self.broad_phase.begin()
+
+    @rule(call=st.sampled_from(["update", "finish"]))
+    def update(self, call):
+        expected = self.pairs_now() if self.begun is None else self.begun
+        self.begun = None
+        added, removed = getattr(self.broad_phase, call)()
+        assert as_set(removed) <= self.followed
+        self.followed -= as_set(removed)
+        assert not as_set(added) & self.followed
+        self.followed |= as_set(added)
+        assert self.followed == expected
+        assert as_set(self.broad_phase.pairs()) == expected
+        for pairs in (added, removed, self.broad_phase.pairs()):
+            assert pairs.tolist() == sorted(pairs.tolist(), key=lambda pair: pair[::-1])
+
+    @invariant()
+    def size(self):
+        assert len(self.broad_phase) == len(self.boxes)
+
+
+class TilesMachine(Machine):
+    algorithm = "tiles"
+
+
+TestAnyCalls = Machine.TestCase
+TestAnyCallsOnADevice = TilesMachine.TestCase
+TestAnyCallsOnADevice.settings = settings(max_examples=max(10, settings().max_examples // 6))
+
+
+@pytest.mark.parametrize("algorithm", broadcl.algorithms())
+def test_every_algorithm(algorithm):
+    broad_phase = broadcl.BroadPhase(algorithm=algorithm)
+    values = uniform(500)
+    ids = broad_phase.add(values)
+    delta = broad_phase.update()
+    assert np.array_equal(delta.added, oracle(values)) and len(delta.removed) == 0
+    values[:50] += 1
+    broad_phase.move(ids[:50], values[:50])
+    broad_phase.update()
+    assert np.array_equal(broad_phase.pairs(), oracle(values))
+    assert broad_phase.algorithm == algorithm
+
+
+def test_one_object():
+    broad_phase = broadcl.BroadPhase()
+    assert broad_phase.add([0, 0, 0, 1, 1, 1]) == 0
+    assert broad_phase.add(((1, 1, 1), (2, 2, 2))) == 1
+    assert broad_phase.add(np.zeros((2, 3), np.float32), world=1) == 2
+    assert isinstance(broad_phase.add((0, 0, 1, 1)), int)
+    assert broad_phase.update().added.tolist() == [[0, 1], [0, 3]]
+    broad_phase.move(1, (5, 5, 5, 6, 6, 6))
+    broad_phase.set_filter(np.uint32(2))
+    broad_phase.remove(3)
+    added, removed = broad_phase.update()
+    assert added.tolist() == [[0, 2]] and removed.tolist() == [[0, 1], [0, 3]]
+    assert "added=" in repr(broad_phase.update())
+
+
+def test_what_it_says_of_itself():
+    host = broadcl.BroadPhase(algorithm="sweep-and-prune")
+    assert host.device is None and host.profile() == {} and host.memory == {"device": 0, "device_peak": 0, "pinned": 0}
+    broad_phase = broadcl.BroadPhase(algorithm="tiles", profile=True)
+    broad_phase.add(uniform(1000))
+    broad_phase.update()
+    stages = broad_phase.profile()
+    assert {"upload", "test", "order"} <= stages.keys()
+    assert all(times["host_seconds"] >= 0 for times in stages.values())
+    assert sum(times["device_seconds"] for times in stages.values()) > 0
+    assert broad_phase.memory["device"] > 24_000
+    assert broad_phase.device.id == broadcl.select_device().id
+    assert broad_phase.device.type in ("gpu", "cpu", "accelerator", "other")
+    assert broad_phase.device.name in str(broad_phase.device) and broad_phase.device.id in repr(broad_phase.device)
+
+
+def test_writing_counts_once():
+    broad_phase = broadcl.BroadPhase()
+    view = broad_phase.boxes(2)
+    view[:] = [0, 0, 0, 1, 1, 1]
+    assert broad_phase.update().added.tolist() == [[0, 1]]
+    view[1] = [5, 5, 5, 6, 6, 6]
+    assert len(broad_phase.update().removed) == 0  # boxes() was not called
+    again = broad_phase.boxes(2)
+    assert np.shares_memory(again, view) and again[1, 0] == 5
+    assert broad_phase.update().removed.tolist() == [[0, 1]]
+    broad_phase.boxes(2)[:] = [0, 0, 0, 1, 1, 1]
+    broad_phase.move(1, [5, 5, 5, 6, 6, 6])  # after what was written
+    assert len(broad_phase.update().added) == 0
+    assert broad_phase.boxes(2)[1, 0] == 5

@@ -1,0 +1,142 @@
+import re
+import sys
+
+import numpy as np
+import pytest
+
+import broadcl
+from conftest import uniform
+
+NAN = np.float32(np.nan)
+
+
+def with_nan(row):
+    values = uniform(20)
+    values[row, 4] = NAN
+    return values
+
+
+@pytest.mark.parametrize("values", [
+    np.zeros((2, 6), np.int32), np.zeros((2, 6), np.float16), np.zeros((2, 6), ">f4"), np.zeros((2, 6), complex),
+    np.zeros((2, 6), object), 5, None, "boxes", object(), {1: 2},
+], ids=lambda values: f"{type(values).__name__}-{getattr(values, 'dtype', '')}")
+def test_another_type(values):
+    with pytest.raises(TypeError, match=re.escape("must be float32 or float64")):
+        broadcl.overlapping_pairs(values)
+    with pytest.raises(TypeError, match="must be float32 or float64"):
+        broadcl.BroadPhase().add(values)
+
+
+@pytest.mark.parametrize("shape", [(), (3,), (2, 5), (3, 3), (2, 3, 3), (1, 2, 2, 3), (0,), (2, 1, 6)])
+def test_another_shape(shape):
+    with pytest.raises(ValueError, match=r"must be of shape \(n, 6\)"):
+        broadcl.overlapping_pairs(np.zeros(shape))
+
+
+@pytest.mark.parametrize("pair", [
+    (np.zeros((2, 3)), np.zeros((3, 3))), (np.zeros(3), np.zeros((1, 3))), (np.zeros((2, 2)), np.zeros((2, 2))),
+], ids=["lengths", "dimensions", "columns"])
+def test_another_shape_of_two(pair):
+    with pytest.raises(ValueError, match="same shape|must be of shape"):
+        broadcl.overlapping_pairs(pair)
+
+
+def test_the_first_nan_is_named():
+    good = uniform(20)
+    with pytest.raises(ValueError, match="row 7 of boxes has a NaN"):
+        broadcl.overlapping_pairs(with_nan(7))
+    with pytest.raises(ValueError, match="row 7 of a has a NaN"):
+        broadcl.overlapping_pairs(with_nan(7), good)
+    with pytest.raises(ValueError, match="row 7 of b has a NaN"):
+        broadcl.overlapping_pairs(good, with_nan(7).astype(np.float64))
+    broad_phase = broadcl.BroadPhase()
+    with pytest.raises(ValueError, match="row 7 of boxes has a NaN"):
+        broad_phase.add(with_nan(7))
+    assert len(broad_phase) == 0
+    ids = broad_phase.add(good)
+    with pytest.raises(ValueError, match="row 7 of boxes has a NaN"):
+        broad_phase.move(ids, with_nan(7))
+
+
+@pytest.mark.parametrize("update", ["update", "begin", "finish"])
+def test_a_nan_that_was_written_can_be_corrected(update):
+    broad_phase = broadcl.BroadPhase()
+    boxes = broad_phase.boxes(20)
+    boxes[:] = with_nan(7)
+    for _ in range(2):
+        with pytest.raises(ValueError, match="box 7 has a NaN"):
+            getattr(broad_phase, update)()
+    boxes[:] = uniform(20)
+    getattr(broad_phase, update)()
+    broad_phase.finish()
+    assert np.array_equal(broad_phase.pairs(), broadcl.overlapping_pairs(uniform(20)))
+
+
+def test_ids():
+    broad_phase = broadcl.BroadPhase()
+    ids = broad_phase.add(uniform(5))
+    box = uniform(1)[0]
+    broad_phase.remove(2)
+    for unknown in (2, 5, 2**32 - 1, [0, 2]):
+        with pytest.raises(ValueError, match="no object has the id"):
+            broad_phase.remove(unknown)
+    with pytest.raises(ValueError, match="no object has the id 2"):
+        broad_phase.move([1, 2], [box, box])
+    with pytest.raises(ValueError, match="no object has the id 2"):
+        broad_phase.set_filter(2, group=4)
+    with pytest.raises(ValueError, match="given twice"):
+        broad_phase.remove([1, 3, 1])
+    for word in (-1, 2**32, [-1], np.array([2**40])):
+        with pytest.raises(ValueError, match="0 to 4294967295"):
+            broad_phase.remove(word)
+    for word in (0.5, [0.5], None, "1"):
+        with pytest.raises(TypeError, match="integer"):
+            broad_phase.remove(word)
+    with pytest.raises(ValueError, match="one id and one box"):
+        broad_phase.move([0, 1], box)
+    with pytest.raises(ValueError, match="one id and one box"):
+        broad_phase.move(0, [box])
+    with pytest.raises(ValueError, match=r"shape \(n,\)"):
+        broad_phase.remove([[0, 1]])
+    with pytest.raises(ValueError, match="filters must be"):
+        broad_phase.add(uniform(2), world=[1, 2, 3])
+    assert len(broad_phase) == 4  # nothing above did anything
+    broad_phase.remove(ids[[0, 1, 3, 4]])
+    assert len(broad_phase) == 0
+
+
+def test_names():
+    with pytest.raises(ValueError, match="no algorithm is named 'x'; there are auto,"):
+        broadcl.BroadPhase(algorithm="x")
+    with pytest.raises(ValueError, match="no algorithm is named 'x'"):
+        broadcl.overlapping_pairs(uniform(2), algorithm="x")
+    with pytest.raises(broadcl.Error, match="no OpenCL device matches"):
+        broadcl.BroadPhase(device="no such device")
+    with pytest.raises(TypeError):
+        broadcl.BroadPhase(device=3)
+    assert issubclass(broadcl.Error, RuntimeError)
+
+
+def test_calls_between_begin_and_finish():
+    broad_phase = broadcl.BroadPhase()
+    broad_phase.add(uniform(5))
+    broad_phase.begin()
+    with pytest.raises(broadcl.Error, match="finish"):
+        broad_phase.pairs()
+    with pytest.raises(broadcl.Error, match="finish"):
+        broad_phase.boxes(3)
+    broad_phase.finish()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="needs a limit of address space")
+def test_no_memory():
+    import resource
+
+    values = np.broadcast_to(np.float32([0, 0, 0, 1, 1, 1]), (100_000, 6))  # five billion pairs
+    old = resource.getrlimit(resource.RLIMIT_AS)
+    resource.setrlimit(resource.RLIMIT_AS, (4 << 30, old[1]))
+    try:
+        with pytest.raises(MemoryError):
+            broadcl.overlapping_pairs(values, threads=1)
+    finally:
+        resource.setrlimit(resource.RLIMIT_AS, old)

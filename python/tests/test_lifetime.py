@@ -1,0 +1,113 @@
+import gc
+import subprocess
+import sys
+import weakref
+
+import numpy as np
+import pytest
+
+import broadcl
+from conftest import oracle, uniform
+
+
+def resident() -> int:
+    with open("/proc/self/statm") as file:
+        return int(file.read().split()[1]) * 4096
+
+
+def test_arrays_outlive_their_object():
+    values = uniform(2000)
+    broad_phase = broadcl.BroadPhase()
+    view = broad_phase.boxes(len(values))
+    view[:] = values
+    first = broad_phase.update()
+    kept = first.added
+    copy = kept.copy()
+    broad_phase.boxes(100_000)[:] = uniform(100_000)  # other memory
+    second = broad_phase.update().added.copy()
+    all_pairs = broad_phase.pairs()
+    del broad_phase, first
+    gc.collect()
+    ballast = [np.full((2000, 6), np.nan, np.float32) for _ in range(20)]
+    assert np.array_equal(kept, copy) and np.array_equal(kept, oracle(values))
+    assert len(second) and len(all_pairs)
+    assert np.array_equal(view, values)
+    view[:] = 0
+    del ballast
+
+
+def test_boxes_may_die_before_the_update():
+    values = uniform(500)
+    broad_phase = broadcl.BroadPhase()
+    broad_phase.add(values.copy())
+    broad_phase.boxes(len(values))[:] = values
+    gc.collect()
+    assert np.array_equal(broad_phase.update().added, oracle(values))
+
+
+@pytest.mark.parametrize("bad", [False, True])
+def test_arguments_are_not_kept(bad):
+    values = uniform(50)
+    if bad:
+        values[3, 3] = np.nan
+    ids = np.arange(50, dtype=np.uint32)
+    broad_phase = broadcl.BroadPhase()
+    broad_phase.add(uniform(50))
+    corners = values[:, :3], values[:, 3:]
+    objects = [values, ids, *corners]
+    before = [sys.getrefcount(thing) for thing in objects]
+    for _ in range(10):
+        for call in (
+            lambda: broadcl.overlapping_pairs(values), lambda: broadcl.overlapping_pairs(corners, values),
+            lambda: broad_phase.move(ids, values), lambda: broad_phase.move(ids[:3], values),
+            lambda: broadcl.overlapping_pairs(values[:, :5]), lambda: broadcl.overlapping_pairs(values.astype("i4")),
+        ):
+            try:
+                call()
+            except (ValueError, TypeError, RuntimeWarning):
+                pass
+    gc.collect()
+    assert [sys.getrefcount(thing) for thing in objects] == before
+
+
+def test_nothing_leaks():
+    values = uniform(20_000)
+    broad_phase = broadcl.BroadPhase(algorithm="sweep-and-prune")
+    ids = broad_phase.add(values)
+
+    def use():
+        broadcl.overlapping_pairs(values.astype(np.float64))
+        broad_phase.move(ids[:2000], values[1000:3000])
+        broad_phase.update()
+        broad_phase.move(ids[:2000], values[:2000])
+        added, removed = broad_phase.update()
+        broad_phase.pairs()
+        other = broadcl.BroadPhase(algorithm="sweep-and-prune")
+        other.boxes(20_000)[:] = values
+        other.update()
+
+    for _ in range(10):
+        use()
+    before = resident()
+    for _ in range(100):
+        use()  # a list of pairs is 0.24 MB
+    assert resident() - before < 8 << 20
+
+
+def test_objects_are_collected():
+    class Own(broadcl.BroadPhase):
+        pass
+
+    own = Own()
+    own.me = own
+    reference = weakref.ref(own)
+    del own
+    gc.collect()
+    assert reference() is None
+
+
+def test_a_clean_exit():
+    # nanobind reports what was leaked when the interpreter ends.
+    code = "import broadcl as b; p = b.BroadPhase(); v = p.boxes(3); v[:] = 0; d = p.update(); a, r = d"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert run.stdout == "" and run.stderr == ""

@@ -1,0 +1,135 @@
+import array
+import ctypes
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import broadcl
+from conftest import boxes, oracle, uniform
+
+HOST = ["auto", "sweep-and-prune", "oracle"]
+
+
+class OnlyDlpack:
+    """What nothing but DLPack can read."""
+
+    def __init__(self, values):
+        self._values = values
+
+    def __dlpack__(self, **arguments):
+        return self._values.__dlpack__(**arguments)
+
+    def __dlpack_device__(self):
+        return self._values.__dlpack_device__()
+
+
+def in_columns(values):
+    return np.asfortranarray(values)
+
+
+def backwards(values):
+    return values[::-1].copy()[::-1]
+
+
+def every_second(values):
+    wide = np.full((2 * len(values), 9), np.nan, values.dtype)
+    wide[::2, 2:8] = values
+    return wide[::2, 2:8]
+
+
+def misaligned(values):
+    record = np.dtype([("tag", "u1"), ("box", values.dtype, 6)])  # not aligned
+    records = np.zeros(len(values), record)
+    records["box"] = values
+    return records["box"]
+
+
+def read_only(values):
+    values = values.copy()
+    values.flags.writeable = False
+    return values
+
+
+def corners(values):
+    return values.reshape(-1, 2, 3)
+
+
+def two_arrays(values):
+    return values[:, :3], values[:, 3:]
+
+
+def two_strides(values):
+    return values[:, :3].copy(), in_columns(values[:, 3:])
+
+
+def two_dtypes(values):
+    return values[:, :3].astype(np.float64), values[:, 3:].copy()
+
+
+FORMS = [
+    np.copy, in_columns, backwards, every_second, misaligned, read_only, corners, two_arrays, two_strides, two_dtypes,
+    OnlyDlpack, memoryview, np.ndarray.tolist,
+]
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+@pytest.mark.parametrize("form", FORMS, ids=lambda form: form.__name__)
+def test_reads_every_form(form, dtype):
+    values = uniform(60).astype(dtype)
+    assert np.array_equal(broadcl.overlapping_pairs(form(values)), oracle(values))
+    assert np.array_equal(broadcl.overlapping_pairs(values[:20], form(values)), oracle(values[:20], values))
+
+
+def test_reads_buffers_that_numpy_does_not_know():
+    assert broadcl.overlapping_pairs(((ctypes.c_float * 6) * 2)((0, 0, 0, 1, 1, 1), (1, 1, 1, 2, 2, 2))).tolist() == [[0, 1]]
+    one = array.array("d", [0, 0, 0, 1, 1, 1])
+    assert broadcl.overlapping_pairs(one, one).tolist() == [[0, 0]]
+
+
+def test_sizes_of_one_and_none():
+    assert broadcl.overlapping_pairs(np.empty((0, 6))).shape == (0, 2)
+    assert broadcl.overlapping_pairs(np.empty((0, 2, 3), np.float32), np.ones((1, 6))).shape == (0, 2)
+    assert broadcl.overlapping_pairs(np.broadcast_to(np.float32([0, 0, 0, 1, 1, 1]), (3, 6))).tolist() == [
+        [0, 1], [0, 2], [1, 2],
+    ]
+
+
+@pytest.mark.parametrize("form", [np.copy, in_columns, backwards, np.ndarray.tolist], ids=lambda form: form.__name__)
+def test_two_dimensions(form):
+    values = uniform(60)
+    flat = values.copy()
+    flat[:, [2, 5]] = 0
+    assert np.array_equal(broadcl.overlapping_pairs(form(values[:, [0, 1, 3, 4]])), oracle(flat))
+
+
+@given(boxes(np.float32))
+@pytest.mark.parametrize("algorithm", HOST)
+def test_pairs_of_float32(algorithm, values):
+    pairs = broadcl.overlapping_pairs(values, algorithm=algorithm)
+    assert pairs.dtype == np.uint32
+    assert np.array_equal(pairs, oracle(values))
+
+
+@given(boxes(np.float64))
+def test_pairs_of_float64_round_outward(values):
+    assert np.array_equal(broadcl.overlapping_pairs(values), oracle(values))
+
+
+@given(boxes(np.float32), boxes(np.float64))
+def test_two_sets(a, b):
+    assert np.array_equal(broadcl.overlapping_pairs(a, b), oracle(a, b))
+
+
+@given(st.integers(1, 3000), st.integers(0, 9))
+def test_many(n, seed):
+    values = uniform(n, seed=seed)
+    assert np.array_equal(broadcl.overlapping_pairs(values, threads=1 + seed % 3), oracle(values))
+
+
+def test_on_a_device():
+    values = uniform(2000)
+    device = broadcl.select_device()
+    for selector in (device, device.id, device.name):
+        assert np.array_equal(broadcl.overlapping_pairs(values, device=selector, algorithm="tiles"), oracle(values))

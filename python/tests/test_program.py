@@ -1,0 +1,96 @@
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import broadcl
+from conftest import oracle, uniform
+
+
+def program(*arguments, **environment):
+    return subprocess.run(
+        [sys.executable, "-m", "broadcl", *map(str, arguments)],
+        capture_output=True, text=True, env={**os.environ, **environment},
+    )
+
+
+@pytest.fixture
+def no_opencl(tmp_path):
+    (tmp_path / "libOpenCL.so.1").touch()  # found first, and no library
+    return {"LD_LIBRARY_PATH": str(tmp_path), "BROADCL_DEVICE": ""}
+
+
+def test_devices():
+    run = program("devices")
+    assert run.returncode == 0
+    for device in broadcl.devices():
+        assert f"{device.id}  {device.type}  {device}" in run.stdout
+    assert run.stdout.count("* ") == 2
+
+
+def test_check():
+    run = program("check")
+    assert run.returncode == 0, run.stdout
+    assert run.stdout.count(" right\n") == len(broadcl.algorithms())
+    assert set(broadcl.check().values()) == {"right"}
+
+
+def test_pairs(tmp_path):
+    values = uniform(100)
+    np.save(tmp_path / "boxes.npy", values)
+    run = program("pairs", tmp_path / "boxes.npy", "--out", tmp_path / "pairs.npy")
+    assert run.returncode == 0
+    assert np.array_equal(np.load(tmp_path / "pairs.npy"), oracle(values))
+    assert run.stdout == f"{len(oracle(values))} overlapping pairs of 100 boxes\n"
+    run = program("pairs", tmp_path / "none.npy")
+    assert run.returncode == 2 and "none.npy" in run.stderr and "Traceback" not in run.stderr
+
+
+def test_without_opencl(no_opencl):
+    code = """if True:
+        import broadcl
+        assert broadcl.devices() == []
+        assert broadcl.overlapping_pairs([[0, 0, 0, 1, 1, 1]] * 2).tolist() == [[0, 1]]
+        broad_phase = broadcl.BroadPhase()
+        broad_phase.add([[0, 0, 0, 1, 1, 1]] * 2)
+        assert broad_phase.update().added.tolist() == [[0, 1]]
+        assert set(broadcl.check()) == {"auto", "sweep-and-prune", "oracle"}
+        for call in (broadcl.select_device, lambda: broadcl.BroadPhase(device="gpu"),
+                     lambda: broadcl.BroadPhase(algorithm="tiles")):
+            try:
+                call()
+            except broadcl.Error as error:
+                assert "install the driver of your GPU" in str(error), error
+            else:
+                raise AssertionError
+    """
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env={**os.environ, **no_opencl})
+    assert run.returncode == 0, run.stderr
+    assert "No OpenCL device" in program("devices", **no_opencl).stdout
+    assert "works here" in program("check", **no_opencl).stdout
+
+
+def test_the_module_links_no_opencl():
+    from broadcl import _core
+
+    module = Path(_core.__file__).read_bytes()
+    assert module.count(b"libOpenCL.so") == 1  # the name that it opens
+
+
+def test_types():
+    package = Path(broadcl.__file__).parent
+    assert (package / "py.typed").exists()
+    stub = (package / "_core.pyi").read_text()
+    for name in broadcl.__all__:
+        if name not in ("check", "__version__"):
+            assert re.search(rf"^(class|def) {name}\b|^{name}\b", stub, re.MULTILINE), name
+    assert "nanobind" not in stub
+    undocumented = [
+        f"{name}.{member}" for name in ("BroadPhase", "Delta") for member, value in vars(getattr(broadcl, name)).items()
+        if not member.startswith("_") and not value.__doc__
+    ]
+    assert undocumented == []

@@ -1,0 +1,63 @@
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+
+import broadcl
+from conftest import oracle, uniform
+
+
+def test_a_second_thread_gets_an_error_and_others_go_on():
+    broad_phase = broadcl.BroadPhase(algorithm="oracle")  # slow
+    broad_phase.add(uniform(30_000))
+    results = []
+    thread = threading.Thread(target=lambda: results.append(broad_phase.update()))
+    refused = 0
+    thread.start()
+    while thread.is_alive():
+        try:
+            len(broad_phase)
+        except RuntimeError as error:
+            assert "another thread is using this BroadPhase" in str(error)
+            refused += 1
+            for call in (broad_phase.update, broad_phase.pairs, lambda: broad_phase.boxes(3), lambda: broad_phase.remove(0)):
+                with pytest.raises(RuntimeError, match="another thread") if thread.is_alive() else pytest.raises(Exception):
+                    call()
+                    break
+            break
+        time.sleep(0.001)
+    thread.join()
+    assert refused and len(results[0].added)
+    assert len(broad_phase) == 30_000
+
+
+def test_the_gil_is_released():
+    values = uniform(20_000)
+    done = threading.Event()
+
+    def search():
+        broadcl.overlapping_pairs(values, algorithm="oracle")
+        done.set()
+
+    thread = threading.Thread(target=search)
+    thread.start()
+    turns = 0
+    while not done.is_set():
+        turns += 1
+        time.sleep(0.001)
+    thread.join()
+    assert turns > 10
+
+
+def test_objects_of_many_threads():
+    def work(seed):
+        values = uniform(500, seed=seed)
+        broad_phase = broadcl.BroadPhase()
+        broad_phase.add(values)
+        first = broad_phase.update().added
+        return np.array_equal(first, oracle(values)) and np.array_equal(broadcl.overlapping_pairs(values), first)
+
+    with ThreadPoolExecutor(8) as pool:
+        assert all(pool.map(work, range(64)))
