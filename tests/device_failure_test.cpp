@@ -143,7 +143,7 @@ TEST_P(EachAlgorithm, ConstructorsOnAFailingDeviceThrowErrorsAlone) {
 }
 
 /// As above, but with kernels that are compiled already, and a device that is measured each time.
-TEST(DeviceFailure, MeasuringAFailingDeviceThrowsErrorsAlone) {
+TEST(LongDeviceFailure, MeasuringAFailingDeviceThrowsErrorsAlone) {
   const ScopedFolder kernels;
   {
     const ScopedVariable variable("BROADCL_CACHE_DIR", kernels.path().string());
