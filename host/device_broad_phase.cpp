@@ -101,9 +101,9 @@ class DeviceBroadPhase::Impl {
                   " boxes, but reserve() was told of " + std::to_string(reserved_) + "; call reserve()");
     }
     if (has_filters(boxes) && !reserved_filters_) {
-      throw Error(
-          "enqueue() was given filters or a second set, which takes as much memory, but reserve() was not "
-          "told of any; call reserve()");
+      throw Error("enqueue() was given " +
+                  std::string(boxes.filters != nullptr ? "filters" : "a second set, which takes filters") +
+                  ", but reserve() was not told of any; call reserve()");
     }
     context_.guard([&] {
       check(boxes);

@@ -503,6 +503,32 @@ TEST_F(CBroadPhase, TellsTwoSetsApart) {
   EXPECT_THAT(list(update().added), ElementsAre(broadcl_pair{0, 2}, broadcl_pair{1, 2}));
 }
 
+TEST_F(CBroadPhase, NeverReportsWhatIsExcluded) {
+  for (int k = 0; k < 3; ++k) add(cube(0));
+  // Two labels each: 0 and 1 share the label 5.
+  const std::vector<std::uint32_t> labels = {4, 5, 5, 6, 7, 8};
+  broadcl_pair_list* sharing = nullptr;
+  OK(broadcl_pair_list_create_sharing(labels.data(), labels.size(), 2, &sharing));
+  broadcl_pairs pairs{};
+  OK(broadcl_pair_list_get(sharing, &pairs));
+  EXPECT_THAT(list(pairs), ElementsAre(broadcl_pair{0, 1}));
+  OK(broadcl_broad_phase_set_exclusions(handle_, pairs.data, pairs.count));
+  OK(broadcl_pair_list_destroy(sharing));
+  EXPECT_THAT(list(update().added), ElementsAre(broadcl_pair{0, 2}, broadcl_pair{1, 2}));
+  OK(broadcl_broad_phase_set_exclusions(handle_, nullptr, 0));
+  EXPECT_THAT(list(update().added), ElementsAre(broadcl_pair{0, 1}));
+
+  const broadcl_pair itself{2, 2};
+  EXPECT_FAILED("2", broadcl_broad_phase_set_exclusions, handle_, &itself, 1);
+  EXPECT_INVALID("pairs is null", broadcl_broad_phase_set_exclusions, handle_, nullptr, 1);
+  EXPECT_INVALID("broad_phase is null", broadcl_broad_phase_set_exclusions, nullptr, &itself, 1);
+  sharing = nullptr;
+  EXPECT_FAILED("", broadcl_pair_list_create_sharing, labels.data(), 5, 2, &sharing);
+  EXPECT_INVALID("labels is null", broadcl_pair_list_create_sharing, nullptr, 6, 2, &sharing);
+  EXPECT_INVALID("list is null", broadcl_pair_list_create_sharing, labels.data(), 6, 2, nullptr);
+  EXPECT_EQ(sharing, nullptr);
+}
+
 TEST_F(CBroadPhase, BoxesAreCopiedOrWrittenInPlace) {
   const std::vector<broadcl_aabb> boxes = random_boxes(100);
   broadcl_boxes given = view(boxes);

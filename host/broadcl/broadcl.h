@@ -222,6 +222,13 @@ BROADCL_API broadcl_status broadcl_pair_list_create_between(const broadcl_boxes*
                                                             const broadcl_boxes* second,
                                                             const broadcl_config* config,
                                                             broadcl_pair_list** list);
+/// All pairs of objects that have a label in common, for broadcl_broad_phase_set_exclusions(): if the objects
+/// are edges or faces of a mesh, labels are the numbers of their vertices.
+/// @param labels `per_object` labels of object 0, then as many of object 1, and so on; `count` in all. May be
+///   null if there are none.
+/// @returns BROADCL_FAILED if there are not as many for each.
+BROADCL_API broadcl_status broadcl_pair_list_create_sharing(const uint32_t* labels, size_t count,
+                                                            size_t per_object, broadcl_pair_list** list);
 /// No-op for null.
 BROADCL_API broadcl_status broadcl_pair_list_destroy(broadcl_pair_list* list);
 /// @param pairs Valid until the list is destroyed.
@@ -249,6 +256,13 @@ BROADCL_API broadcl_status broadcl_broad_phase_set_filter(broadcl_broad_phase* b
                                                           const broadcl_filter* filter);
 /// The pairs of the object are in `removed` of the next update.
 BROADCL_API broadcl_status broadcl_broad_phase_remove(broadcl_broad_phase* broad_phase, uint32_t id);
+
+/// Replaces the list of pairs of ids that are never reported, whatever their boxes and filters: of joined
+/// bodies, for instance. Each holds for whichever objects have the ids. At first there are none.
+/// @param pairs In any order; copied. May be null if there are none.
+/// @returns BROADCL_FAILED for a pair of an id with itself.
+BROADCL_API broadcl_status broadcl_broad_phase_set_exclusions(broadcl_broad_phase* broad_phase,
+                                                              const broadcl_pair* pairs, size_t count);
 
 /// Makes 0 .. count-1 the ids of the objects, adding those that are missing, with empty boxes, and removing
 /// those beyond, and returns the memory that their boxes are read from, to be written in place. All of them

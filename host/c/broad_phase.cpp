@@ -62,6 +62,16 @@ broadcl_status broadcl_pair_list_create_between(const broadcl_boxes* first, cons
   });
 }
 
+broadcl_status broadcl_pair_list_create_sharing(const std::uint32_t* labels, std::size_t count,
+                                                std::size_t per_object, broadcl_pair_list** list) {
+  return c::call(__func__, [&] {
+    c::required(list, "list");
+    auto made = std::make_unique<broadcl_pair_list>();
+    made->pairs = pairs_that_share(c::array(labels, count, "labels"), per_object);
+    *list = made.release();
+  });
+}
+
 broadcl_status broadcl_pair_list_destroy(broadcl_pair_list* list) {
   return c::call(__func__, [&] { delete list; });
 }
@@ -103,6 +113,14 @@ broadcl_status broadcl_broad_phase_set_filter(broadcl_broad_phase* broad_phase, 
 
 broadcl_status broadcl_broad_phase_remove(broadcl_broad_phase* broad_phase, std::uint32_t id) {
   return c::call(__func__, [&] { object(broad_phase).remove(id); });
+}
+
+broadcl_status broadcl_broad_phase_set_exclusions(broadcl_broad_phase* broad_phase, const broadcl_pair* pairs,
+                                                  std::size_t count) {
+  return c::call(__func__, [&] {
+    const std::span<const broadcl_pair> given = c::array(pairs, count, "pairs");
+    object(broad_phase).set_exclusions({reinterpret_cast<const Pair*>(given.data()), given.size()});
+  });
 }
 
 broadcl_status broadcl_broad_phase_map(broadcl_broad_phase* broad_phase, std::size_t count,

@@ -4,6 +4,7 @@
 #include <cstring>
 #include <exception>
 #include <new>
+#include <span>
 #include <string>
 #include <type_traits>
 
@@ -49,6 +50,13 @@ template <class T>
 T& required(T* pointer, const char* name) {
   if (pointer == nullptr) throw InvalidArgument(std::string(name) + " is null; it must not be");
   return *pointer;
+}
+
+/// An array of the caller, which may be null if it is empty.
+template <class T>
+[[nodiscard]] std::span<const T> array(const T* items, std::size_t count, const char* name) {
+  if (count > 0) required(items, name);
+  return {items, count};
 }
 
 /// Refuses sizes that no version of a struct has: it has members after its size, and no gap at its end.
