@@ -3,8 +3,7 @@
 #include <nanobind/ndarray.h>
 #include <nanobind/stl/string.h>
 
-#include <algorithm>
-#include <limits>
+#include <memory>
 #include <utility>
 
 namespace nb = nanobind;
@@ -21,12 +20,6 @@ nb::capsule keep(std::unique_ptr<Owner> owner) {
   return capsule;
 }
 
-nb::object pair_array(const Pair* pairs, std::size_t size, const nb::capsule& owner) {
-  // nanobind has no arrays of structures; a Pair is two words.
-  using Array = nb::ndarray<nb::numpy, std::uint32_t, nb::shape<-1, 2>>;
-  return Array(const_cast<Pair*>(pairs), {size, 2}, owner).cast(nb::rv_policy::reference);
-}
-
 std::uint32_t to_word(nb::handle number, const std::string& name) {
   const auto integer = nb::steal<nb::object>(PyNumber_Index(number.ptr()));
   if (!integer.is_valid()) throw nb::python_error();
@@ -37,22 +30,13 @@ std::uint32_t to_word(nb::handle number, const std::string& name) {
 
 }  // namespace
 
-OwnPairs::OwnPairs(std::span<const Pair> pairs)
-    : pairs_(std::make_unique_for_overwrite<Pair[]>(pairs.size())), size_(pairs.size()) {
-  std::ranges::copy(pairs, pairs_.get());
-}
-
-nb::object OwnPairs::to_array() && {
-  auto owner = std::make_unique<std::unique_ptr<Pair[]>>(std::move(pairs_));
-  const Pair* pairs = owner->get();
-  return pair_array(pairs, std::exchange(size_, 0), keep(std::move(owner)));
-}
-
 nb::object to_array(std::vector<Pair>&& pairs) {
   auto owner = std::make_unique<std::vector<Pair>>(std::move(pairs));
-  const Pair* data = owner->data();
+  Pair* data = owner->data();
   const std::size_t size = owner->size();
-  return pair_array(data, size, keep(std::move(owner)));
+  // nanobind has no arrays of structures; a Pair is two words.
+  using Array = nb::ndarray<nb::numpy, std::uint32_t, nb::shape<-1, 2>>;
+  return Array(data, {size, 2}, keep(std::move(owner))).cast(nb::rv_policy::reference);
 }
 
 nb::object to_array(std::vector<std::uint32_t>&& words) {

@@ -4,28 +4,12 @@
 
 #include <cstddef>
 #include <cstdint>
-#include <memory>
-#include <span>
 #include <string>
 #include <vector>
 
 #include <broadcl/pair.hpp>
 
 namespace broadcl::python {
-
-/// A list of pairs of its own, not yet an array: can be made without the GIL.
-class OwnPairs {
- public:
-  OwnPairs() = default;
-  explicit OwnPairs(std::span<const Pair> pairs);
-
-  /// An (m, 2) uint32 array, which takes the pairs over. Needs the GIL.
-  [[nodiscard]] nanobind::object to_array() &&;
-
- private:
-  std::unique_ptr<Pair[]> pairs_;
-  std::size_t size_ = 0;
-};
 
 /// An (m, 2) uint32 array, which takes the pairs over.
 [[nodiscard]] nanobind::object to_array(std::vector<Pair>&& pairs);

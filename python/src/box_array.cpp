@@ -4,6 +4,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <utility>
 
 namespace nb = nanobind;
 using namespace nb::literals;
@@ -35,7 +36,7 @@ bool is_sequence(nb::handle object) {
 
 }  // namespace
 
-BoxArray::BoxArray(nb::handle boxes, const std::string& name) : name_(name) {
+BoxArray::BoxArray(nb::handle boxes, std::string name) : name_(std::move(name)) {
   const bool is_pair = nb::isinstance<nb::tuple>(boxes) && nb::len(boxes) == 2;
   if (is_pair) {
     take_two(boxes[0], boxes[1]);
@@ -54,7 +55,7 @@ void BoxArray::refuse_nan() const {
 }
 
 void BoxArray::refuse_type(nb::handle object) const {
-  std::string what = nb::cast<std::string>(object.type().attr("__name__"));
+  auto what = nb::cast<std::string>(object.type().attr("__name__"));
   if (const nb::object dtype = nb::getattr(object, "dtype", nb::none()); !dtype.is_none()) {
     what += std::string(" of ") + nb::str(nb::handle(dtype)).c_str();
   }

@@ -19,7 +19,7 @@ class BoxArray {
  public:
   /// @param name What messages call the boxes.
   /// @throws TypeError, ValueError
-  BoxArray(nanobind::handle boxes, const std::string& name);
+  BoxArray(nanobind::handle boxes, std::string name);
 
   [[nodiscard]] const BoxView& view() const noexcept { return view_; }
   /// Whether the caller gave one box, rather than an array of one.

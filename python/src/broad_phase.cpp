@@ -149,18 +149,18 @@ class Objects {
       reserve_staging(n);
       mapped_ = broad_phase_->map(n);
       const std::size_t current = is_staging_current_ ? staged_ : 0;
-      if (current < n) std::ranges::copy(mapped_.subspan(current), staging_.get() + current);
+      if (current < n) std::ranges::copy(mapped_.subspan(current), staging_->data() + current);
       live_.assign(n, 1);
     }
     staged_ = n;
     is_staging_current_ = is_staged_ = is_unchecked_ = true;
-    using Memory = std::shared_ptr<Aabb[]>;
+    using Memory = std::shared_ptr<std::vector<Aabb>>;
     auto owner = std::make_unique<Memory>(staging_);
     const nb::capsule capsule(owner.get(),
                               [](void* memory) noexcept { delete static_cast<Memory*>(memory); });
     (void)owner.release();
     using Array = nb::ndarray<nb::numpy, float, nb::shape<-1, 6>>;
-    return Array(staging_.get(), {n, 6}, capsule).cast(nb::rv_policy::reference);
+    return Array(staging_->data(), {n, 6}, capsule).cast(nb::rv_policy::reference);
   }
 
   Changes update() {
@@ -246,23 +246,23 @@ class Objects {
   template <class Function>
   Changes changes(const Function& function) {
     const Use use(*this);
-    OwnPairs added;
-    OwnPairs removed;
+    std::vector<Pair> added;
+    std::vector<Pair> removed;
     or_refuse_nan([&] {
       const nb::gil_scoped_release released;
       copy_staged();
       const Delta delta = function();
       is_staged_ = is_unchecked_ = false;
-      added = OwnPairs(delta.added);
-      removed = OwnPairs(delta.removed);
+      added.assign(delta.added.begin(), delta.added.end());
+      removed.assign(delta.removed.begin(), delta.removed.end());
     });
-    return {std::move(added).to_array(), std::move(removed).to_array()};
+    return {to_array(std::move(added)), to_array(std::move(removed))};
   }
 
   /// Gives the core what was written to the memory of boxes(). It stays staged until an update accepts it.
   void copy_staged() {
     if (!is_staged_) return;
-    BoxView(std::span<const Aabb>(staging_.get(), staged_)).copy_to(mapped_);
+    BoxView(std::span<const Aabb>(staging_->data(), staged_)).copy_to(mapped_);
   }
 
   /// Before any other change: from now on what is written there has no effect.
@@ -277,7 +277,7 @@ class Objects {
     try {
       function();
     } catch (const Error& error) {
-      const std::span<const Aabb> boxes(staging_.get(), staged_);
+      const std::span<const Aabb> boxes(staging_->data(), staged_);
       if (is_unchecked_ && std::ranges::any_of(boxes, [](const Aabb& box) { return has_nan(box); })) {
         throw nb::value_error(error.what());
       }
@@ -287,10 +287,8 @@ class Objects {
 
   /// Arrays of the old memory keep it alive.
   void reserve_staging(std::size_t n) {
-    if (n <= capacity_) return;
-    const std::size_t capacity = n + n / 4;
-    staging_ = std::make_shared_for_overwrite<Aabb[]>(capacity);
-    capacity_ = capacity;
+    if (n <= staging_->size()) return;
+    staging_ = std::make_shared<std::vector<Aabb>>(n + n / 4);
     staged_ = 0;
   }
 
@@ -313,8 +311,7 @@ class Objects {
 
   // What boxes() shows. The memory that the device reads may move in any update, and arrays may outlive it,
   // so it is copied.
-  std::shared_ptr<Aabb[]> staging_;
-  std::size_t capacity_ = 0;
+  std::shared_ptr<std::vector<Aabb>> staging_ = std::make_shared<std::vector<Aabb>>();
   std::size_t staged_ = 0;           // boxes that the last call of boxes() showed
   std::span<Aabb> mapped_;           // the core's memory for them
   bool is_staged_ = false;           // the next update takes them
@@ -352,7 +349,7 @@ void add_broad_phase(nb::module_& module) {
       "of ids may be\n"
       "done in part if memory runs out.\n\n"
       "device: as select_device() takes it; None lets `algorithm` decide.\n"
-      "algorithm: a key of algorithms(). \"auto\" works on the host or on a GPU, whichever is expected to be "
+      "algorithm: a key of algorithms(). auto works on the host or on a GPU, whichever is expected to be "
       "faster.\n"
       "threads: that an algorithm of the host may use; 0 for as many as there are processors.\n"
       "profile: measure stages on the device too.\n\n"
@@ -439,14 +436,13 @@ void add_broad_phase(nb::module_& module) {
            "Raises Error between begin() and finish().")
       .def("profile", &Objects::profile, nb::sig("def profile(self) -> dict[str, dict[str, float]]"),
            "The stages of the last update: for each name the seconds that the calling thread spent, "
-           "\"host_seconds\", and\n"
-           "with profile=True those of the device, \"device_seconds\". Empty on the host.")
+           "host_seconds, and\n"
+           "with profile=True those of the device, device_seconds. Empty on the host.")
       .def_prop_ro("device", &Objects::device,
                    "The device that does the next update; None if that is the host.")
       .def_prop_ro("algorithm", &Objects::algorithm, "The name of the algorithm.")
-      .def_prop_ro(
-          "memory", &Objects::memory, nb::sig("def memory(self) -> dict[str, int]"),
-          "OpenCL memory in bytes: \"device\" now, \"device_peak\" at most so far, \"pinned\" on the host.")
+      .def_prop_ro("memory", &Objects::memory, nb::sig("def memory(self) -> dict[str, int]"),
+                   "OpenCL memory in bytes: device, now; device_peak, at most so far; pinned, of the host.")
       .def("__len__", &Objects::size, "Number of objects.");
 }
 

@@ -77,10 +77,10 @@ Device choose_device(const Selector& selector) {
 
 void add_device(nb::module_& module) {
   nb::class_<Device>(module, "Device", "What an OpenCL device reports about itself. Holds no OpenCL object.")
-      .def_prop_ro("id", &Device::id, "\"P:D\", numbers of platform and device as in `clinfo -l`.")
+      .def_prop_ro("id", &Device::id, "P:D, the numbers of platform and device as in `clinfo -l`.")
       .def_prop_ro(
           "type", [](const Device& device) { return std::string(to_string(device.type)); },
-          "\"gpu\", \"cpu\", \"accelerator\" or \"other\".")
+          "gpu, cpu, accelerator or other.")
       .def_ro("platform_name", &Device::platform_name)
       .def_ro("name", &Device::name)
       .def_ro("version", &Device::version, "Of OpenCL.")
@@ -141,12 +141,11 @@ NB_MODULE(_core, module) {
       "devices", &all_devices,
       "Every OpenCL device that can be used, in the order of `clinfo -l`; empty without an OpenCL driver.\n\n"
       "Raises Error if there are devices, but all fail.");
-  module.def("select_device", &choose_device, "selector"_a = nb::none(),
-             "The device that a selector picks: \"P:D\", \"gpu\", \"cpu\" or \"accelerator\", or a part of "
-             "\"platform /\n"
-             "device name\". None: what the environment variable BROADCL_DEVICE says, otherwise the best "
-             "GPU, otherwise\n"
-             "the best CPU.\n\nRaises Error if there is none; it says what to install.");
+  module.def(
+      "select_device", &choose_device, "selector"_a = nb::none(),
+      "The device that a selector picks: P:D, gpu, cpu or accelerator, or a part of platform / name.\n"
+      "None: what the environment variable BROADCL_DEVICE says, otherwise the best GPU, otherwise the\n"
+      "best CPU.\n\nRaises Error if there is none; it says what to install.");
   module.def("algorithms", &algorithm_summaries, nb::sig("def algorithms() -> dict[str, str]"),
              "The names that `algorithm` takes, each with one line about it.");
 }
