@@ -60,6 +60,10 @@ def two_arrays(values):
     return values[:, :3], values[:, 3:]
 
 
+def two_in_columns(values):
+    return in_columns(values[:, :3]), in_columns(values[:, 3:])
+
+
 def two_strides(values):
     return values[:, :3].copy(), in_columns(values[:, 3:])
 
@@ -69,7 +73,7 @@ def two_dtypes(values):
 
 
 FORMS = [
-    np.copy, in_columns, backwards, every_second, misaligned, read_only, corners, two_arrays, two_strides, two_dtypes,
+    np.copy, in_columns, backwards, every_second, misaligned, read_only, corners, two_arrays, two_in_columns, two_strides, two_dtypes,
     OnlyDlpack, memoryview, np.ndarray.tolist,
 ]
 
