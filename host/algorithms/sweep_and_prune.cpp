@@ -95,7 +95,7 @@ Bounds<axes> bounds_of(const HostObjects& objects, std::size_t slot) {
     // Rounded, so that a few worlds may seem to be one: may_pair() knows better.
     const Filter& filter = objects.filters[slot];
     const bool is_in_all = filter.world == Filter::all_worlds;
-    const float place = static_cast<float>(objects.sets ? place_of_set(filter) : filter.world);
+    const auto place = static_cast<float>(objects.sets ? place_of_set(filter) : filter.world);
     bounds.lower[3] = is_in_all ? 0 : place;
     bounds.upper[3] = is_in_all ? infinity : place;
   }
