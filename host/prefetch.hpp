@@ -20,8 +20,9 @@ inline void prefetch(const void* address) noexcept {
 #endif
 }
 
-/// The same for all lines of some bytes.
+/// The same for all lines of some bytes; nothing if the address is null.
 inline void prefetch(const void* address, std::size_t bytes) noexcept {
+  if (address == nullptr) return;
   constexpr std::size_t line = 64;
   for (std::size_t at = 0; at < bytes; at += line) prefetch(static_cast<const char*>(address) + at);
 }
