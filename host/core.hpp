@@ -20,6 +20,7 @@
 
 #include "algorithms/algorithm.hpp"
 #include "change_set.hpp"
+#include "exclusions.hpp"
 #include "packed_box.hpp"
 #include "two_sets.hpp"
 
@@ -79,16 +80,7 @@ class Core {
   }
 
   void set_exclusions(std::span<const Pair> pairs) {
-    std::vector<Pair> sorted(pairs.begin(), pairs.end());
-    for (Pair& pair : sorted) {
-      if (pair.a == pair.b) {
-        throw Error("an exclusion is of " + std::to_string(pair.a) + " and itself; give pairs of two ids");
-      }
-      if (pair.a > pair.b) std::swap(pair.a, pair.b);
-    }
-    std::ranges::sort(sorted);
-    sorted.erase(std::unique(sorted.begin(), sorted.end()), sorted.end());
-    if (sorted.size() >= most_objects) throw Error("more than 2147483647 exclusions; give fewer");
+    std::vector<Pair> sorted = sorted_exclusions(pairs);
     std::vector<Pair> changed;
     std::ranges::set_symmetric_difference(exclusions_, sorted, std::back_inserter(changed));
     // Nothing below throws.

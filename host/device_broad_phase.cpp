@@ -10,6 +10,7 @@
 #include "algorithms/algorithm.hpp"
 #include "algorithms/engine.hpp"
 #include "algorithms/source.hpp"
+#include "exclusions.hpp"
 #include "opencl/context.hpp"
 #include "opencl/error.hpp"
 #include "opencl/growing_buffer.hpp"
@@ -66,6 +67,7 @@ class DeviceBroadPhase::Impl {
     in_flight_ = false;
     const PairDelta::Counts counts = context_.guard([&] { return engine_->finish(); });
     turn_ = 1 - turn_;
+    complete_exclusions_ = exclusions_;
     const Order& changes = engine_->changes();
     Result result{.added = {changes.added()(), counts.added, changes.added_offsets()()},
                   .removed = {changes.removed()(), counts.removed, changes.removed_offsets()()},
@@ -91,6 +93,26 @@ class DeviceBroadPhase::Impl {
       frames_.at(turn_) = std::move(larger);
       reserved_ = boxes;
       reserved_filters_ = filters;
+    });
+  }
+
+  void set_exclusions(std::span<const Pair> pairs) {
+    refuse_in_flight("set_exclusions()");
+    std::vector<Pair> list = sorted_exclusions(pairs);
+    context_.guard([&] {
+      settle();
+      cl::Buffer buffer;
+      if (!list.empty()) {
+        list.insert(list.begin(), {.a = static_cast<std::uint32_t>(list.size()), .b = 0});
+        const std::size_t bytes = list.size() * sizeof(Pair);
+        if (bytes > context_.device().max_allocation) {
+          throw Error("the device allocates at most " + std::to_string(context_.device().max_allocation) +
+                      " bytes, too few for the exclusions; give fewer");
+        }
+        buffer = context_.buffer(bytes);
+        context_.queue().enqueueWriteBuffer(buffer, CL_TRUE, 0, bytes, list.data());
+      }
+      exclusions_ = buffer;
     });
   }
 
@@ -152,10 +174,12 @@ class DeviceBroadPhase::Impl {
     const PairDelta::Settled settled = engine_->settle();
     const std::size_t incomplete = settled.frames - settled.complete;
     if (incomplete % 2 != 0) turn_ = 1 - turn_;
+    if (settled.complete > 0) complete_exclusions_ = exclusions_;
     Frame& last = frames_.at(turn_);
     last.objects = {.slots = settled.tag >> 1U,
                     .boxes = last.boxes.get(),
-                    .filters = (settled.tag & 1U) != 0 ? last.filters.get() : cl::Buffer()};
+                    .filters = (settled.tag & 1U) != 0 ? last.filters.get() : cl::Buffer(),
+                    .exclusions = complete_exclusions_};
     incomplete_ += incomplete;
   }
 
@@ -269,7 +293,8 @@ class DeviceBroadPhase::Impl {
     reserve(next, count_of(boxes), filters);
     next.objects = {.slots = static_cast<cl_uint>(count_of(boxes)),
                     .boxes = next.boxes.get(),
-                    .filters = filters ? next.filters.get() : cl::Buffer()};
+                    .filters = filters ? next.filters.get() : cl::Buffer(),
+                    .exclusions = exclusions_};
     source_.set({.buffer = cl::Buffer(boxes.buffer, true),
                  .count = boxes.count,
                  .offset = boxes.offset / sizeof(float),
@@ -295,6 +320,8 @@ class DeviceBroadPhase::Impl {
   std::array<Frame, 2> frames_;  // of the last update and of the next, in turn
   std::size_t turn_ = 0;         // index of the frame of the last update
   cl::Buffer pairs_;
+  // As kernels/filter.h has them: of the updates to come, and of the last one that is known to be complete.
+  cl::Buffer exclusions_, complete_exclusions_;
   bool in_flight_ = false;
   std::size_t reserved_ = 0;  // boxes of an update that nobody waits for
   bool reserved_filters_ = false;
@@ -324,6 +351,10 @@ DeviceBroadPhase::Result DeviceBroadPhase::finish() {
 
 void DeviceBroadPhase::reserve(std::size_t boxes, std::size_t pairs, bool filters) {
   impl_->reserve(boxes, pairs, filters);
+}
+
+void DeviceBroadPhase::set_exclusions(std::span<const Pair> pairs) {
+  impl_->set_exclusions(pairs);
 }
 
 void DeviceBroadPhase::enqueue(const Boxes& boxes, const ChangeBuffers& changes) {

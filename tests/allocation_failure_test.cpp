@@ -40,11 +40,11 @@ void expect_short_lives(const BroadPhase::Config& config, long count, bool world
 }
 
 TEST_P(EachAlgorithm, AnAllocationThatFailsIsMadeGood) {
-  expect_short_lives(config(), 1, false, 150);
+  expect_short_lives(config(), 1, false, 50);
 }
 
 TEST_P(EachAlgorithm, AllocationsThatFailFromOneOnAreMadeGood) {
-  expect_short_lives(config(), AllocationTrouble::for_good, true, 60);
+  expect_short_lives(config(), AllocationTrouble::for_good, true, 25);
 }
 
 void expect_device_lives(const std::string& algorithm, long count, long most) {
@@ -60,8 +60,8 @@ void expect_device_lives(const std::string& algorithm, long count, long most) {
 TEST(AllocationFailure, OfADeviceBroadPhaseIsMadeGood) {
   for (const std::string algorithm : {"brute-force", "tiles"}) {
     SCOPED_TRACE(algorithm);
-    expect_device_lives(algorithm, 1, 60);
-    expect_device_lives(algorithm, AllocationTrouble::for_good, 30);
+    expect_device_lives(algorithm, 1, 25);
+    expect_device_lives(algorithm, AllocationTrouble::for_good, 12);
   }
 }
 
@@ -97,7 +97,7 @@ TEST_P(LongFailure, OfEveryAllocationIsMadeGood) {
 template <class Function>
 void expect_errors_until_it_succeeds(long first, long all, const Function& function) {
   long errors = 0;
-  for (bool is_done = false; !is_done && !::testing::Test::HasFailure(); first += first < all ? 1 : 11) {
+  for (bool is_done = false; !is_done && !::testing::Test::HasFailure(); first += first < all ? 1 : 53) {
     SCOPED_TRACE("allocation " + std::to_string(first));
     try {
       const FailingAllocations one_fails(first, 1);
@@ -116,7 +116,7 @@ void expect_errors_until_it_succeeds(long first, long all, const Function& funct
 
 /// Most of them are those of texts of kernels, which are all alike.
 TEST_P(EachAlgorithm, ConstructorsThrowOnlyErrorsAndBadAlloc) {
-  expect_errors_until_it_succeeds(0, 50, [] { BroadPhase broad_phase(config()); });
+  expect_errors_until_it_succeeds(0, 10, [] { BroadPhase broad_phase(config()); });
 }
 
 TEST_P(EachAlgorithm, AllPairsAtOnceAreRightOrAnError) {
@@ -128,7 +128,7 @@ TEST_P(EachAlgorithm, AllPairsAtOnceAreRightOrAnError) {
     const BroadPhase broad_phase(config());
     in_constructor = FailingAllocations::allocations();
   }
-  expect_errors_until_it_succeeds(std::max(0L, in_constructor - 10), in_constructor + 200, [&] {
+  expect_errors_until_it_succeeds(std::max(0L, in_constructor - 10), in_constructor + 50, [&] {
     const Pairs pairs = overlapping_pairs(boxes, config());
     const FailingAllocations::Pause pause;
     EXPECT_TRUE(same("pairs", pairs, expected));

@@ -202,6 +202,7 @@ TEST(C, NullHandlesAreRefused) {
   EXPECT_INVALID("broad_phase is null", broadcl_device_broad_phase_begin, nullptr, &device_boxes);
   EXPECT_INVALID("broad_phase is null", broadcl_device_broad_phase_finish, nullptr, &result);
   EXPECT_INVALID("broad_phase is null", broadcl_device_broad_phase_reserve, nullptr, 1, 1, 0);
+  EXPECT_INVALID("broad_phase is null", broadcl_device_broad_phase_set_exclusions, nullptr, nullptr, 0);
   EXPECT_INVALID("broad_phase is null", broadcl_device_broad_phase_enqueue, nullptr, &device_boxes, &changes);
   EXPECT_INVALID("broad_phase is null", broadcl_device_broad_phase_pairs, nullptr, &buffer);
   EXPECT_INVALID("broad_phase is null", broadcl_device_broad_phase_device, nullptr, &info);
@@ -674,6 +675,21 @@ class COnDevice : public testing::Test {
   broadcl_device_broad_phase* handle_ = nullptr;
   std::vector<cl_mem> buffers_;
 };
+
+TEST_F(COnDevice, NeverReportsWhatIsExcluded) {
+  const broadcl_device_boxes given = give(std::vector<broadcl_aabb>(3, cube(0)));
+  const broadcl_pair excluded{2, 0};
+  OK(broadcl_device_broad_phase_set_exclusions(handle_, &excluded, 1));
+  auto result = sized<broadcl_device_result>();
+  OK(broadcl_device_broad_phase_update(handle_, &given, &result));
+  EXPECT_THAT(read(result.added), ElementsAre(broadcl_pair{0, 1}, broadcl_pair{1, 2}));
+  OK(broadcl_device_broad_phase_set_exclusions(handle_, nullptr, 0));
+  OK(broadcl_device_broad_phase_update(handle_, &given, &result));
+  EXPECT_THAT(read(result.added), ElementsAre(broadcl_pair{0, 2}));
+  const broadcl_pair itself{2, 2};
+  EXPECT_FAILED("2", broadcl_device_broad_phase_set_exclusions, handle_, &itself, 1);
+  EXPECT_INVALID("pairs is null", broadcl_device_broad_phase_set_exclusions, handle_, nullptr, 1);
+}
 
 TEST_F(COnDevice, FindsPairsAndChanges) {
   std::vector<broadcl_aabb> boxes = random_boxes(200);

@@ -297,6 +297,7 @@ TEST_F(ProgramStudy, RefusesNewLimitsAndAFolderThatAnotherStudyHas) {
   EXPECT_EQ(run_files().size(), before.size() + 1);
 }
 
+NOT_IN(sanitizers, "takes long");
 TEST_F(ProgramStudy, LimitsOfThePresetStayButForThoseThatAreGiven) {
   const std::string few = "study --preset large --scenarios free-fall --objects 5,6 --frames 2 --repeat 1 ";
   const auto limits_in = [&](const std::string& folder) {

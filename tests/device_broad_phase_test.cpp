@@ -11,6 +11,7 @@
 
 #include "device_life.hpp"
 #include "expect_error.hpp"
+#include "pair_lists.hpp"
 #include "runs.hpp"
 #include "scenes/generators.hpp"
 #include "test_name.hpp"
@@ -89,6 +90,59 @@ TEST_P(FindersOnCallersQueue, SmallOffsetStrideAndFiltersAreHeeded) {
                          .worlds = worlds});
     EXPECT_EQ(read(broad_phase_.pairs()), expected) << worlds;
   }
+}
+
+ALSO_IN(oclgrind);
+TEST_P(FindersOnCallersQueue, SmallExclusionsAreNotReported) {
+  constexpr std::uint32_t n = 150;
+  BroadPhase oracle({.algorithm = "oracle"});
+  scenes::MovingBoxes boxes(n, scenes::MovingBoxes::Sizes::mixed);
+  std::vector<Pair> exclusions;
+  std::vector<Pair> known;
+  const auto expect_changes = [&](const std::string& what) {
+    std::ranges::copy(boxes.boxes(), oracle.map(n).begin());
+    (void)oracle.update();
+    const std::vector<Pair> now = difference(oracle.pairs(), exclusions);
+    const cl::Buffer buffer = buffer_of(std::vector<Aabb>(boxes.boxes().begin(), boxes.boxes().end()));
+    const auto result = broad_phase_.update({.buffer = buffer(), .count = n});
+    EXPECT_EQ(read(result.added), difference(now, known)) << what;
+    EXPECT_EQ(read(result.removed), difference(known, now)) << what;
+    EXPECT_EQ(read(broad_phase_.pairs()), now) << what;
+    known = now;
+  };
+  expect_changes("none are excluded");
+  ASSERT_GT(known.size(), 30U);
+  for (std::size_t k = 0; k < known.size(); k += 2) exclusions.push_back(known[k]);
+  broad_phase_.set_exclusions(exclusions);
+  expect_changes("some that are known");
+  boxes.advance();
+  expect_changes("while all move");
+  exclusions.clear();
+  for (std::uint32_t b = 1; b < n; ++b) exclusions.push_back({b / 2, b});
+  std::vector<Pair> reversed;
+  for (const Pair& pair : exclusions) reversed.insert(reversed.begin(), {pair.b, pair.a});
+  broad_phase_.set_exclusions(reversed);
+  boxes.advance();
+  expect_changes("others");
+  EXPECT_THAT(test::error_of([&] {
+                broad_phase_.set_exclusions(std::vector<Pair>{{3, 3}});
+              }),
+              HasSubstr("an exclusion is of 3 and itself"));
+  boxes.advance();
+  expect_changes("those before the error");
+  broad_phase_.set_exclusions({});
+  exclusions.clear();
+  expect_changes("none again");
+}
+
+ALSO_IN(oclgrind);
+TEST_P(FindersOnCallersQueue, SmallExclusionsOfTwoSetsCountTheSecondBehindTheFirst) {
+  const cl::Buffer first = buffer_of(std::vector<Aabb>(3, Aabb{{0, 0, 0}, {1, 1, 1}}));
+  const cl::Buffer second = buffer_of(std::vector<Aabb>(2, Aabb{{0, 0, 0}, {1, 1, 1}}));
+  broad_phase_.set_exclusions(std::vector<Pair>{{4, 0}, {1, 3}});
+  const auto result =
+      broad_phase_.update({.buffer = first(), .count = 3, .second = {.buffer = second(), .count = 2}});
+  EXPECT_EQ(read(result.added), (std::vector<Pair>{{0, 0}, {2, 0}, {1, 1}, {2, 1}}));
 }
 
 ALSO_IN(oclgrind);

@@ -72,6 +72,7 @@ void expect_right_pairs(const std::string& algorithm) {
 
 class OnLimitedDevice : public ::testing::TestWithParam<std::string> {};
 
+NOT_IN(sanitizers, "takes long, in kernels only");
 TEST_P(OnLimitedDevice, SmallWorkGroupsFindWhatTheOracleFinds) {
   for (const std::size_t most : {64U, 16U, 1U}) {
     SCOPED_TRACE(most);
@@ -145,6 +146,7 @@ TEST(LimitedDevice, WithSmallAllocationsRefusesPairsThatDoNotFitAndGoesOn) {
 
 /// On Intel's GPUs they need a flag and an option, which only gpu-bf uses.
 TEST(LimitedDevice, OfIntelHasLargeBuffersForGpuBf) {
+  const ScopedVariable any("BROADCL_DEVICE", "");
   const ScopedVariable cache("BROADCL_CACHE_DIR", "/dev/null");
   const Limits small{.allocation = 1 << 20};
   Limits intel{.allocation = 1 << 20,

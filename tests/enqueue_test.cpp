@@ -167,6 +167,31 @@ TEST_P(Enqueue, SmallUpdatesThatDoNotFitChangeNothing) {
   }
 }
 
+/// What they excluded is not taken for what the last complete update did.
+ALSO_IN(oclgrind);
+TEST_P(Enqueue, SmallUpdatesThatDoNotFitExcludeNothing) {
+  constexpr std::uint32_t n = 8;
+  const cl::Buffer together = queue_.buffer_of(std::vector<Aabb>(n, unit));
+  const DeviceBroadPhase::Boxes boxes{.buffer = together(), .count = n};
+  const Lists short_lists(queue_, 1);
+  const Lists lists(queue_, 100);
+  broad_phase_.reserve(n, 100);
+  const Pairs excluded{{0, 1}, {0, 2}, {3, 5}};
+  const Pairs others{{0, 1}, {6, 7}};
+  (void)broad_phase_.update(boxes);
+  broad_phase_.set_exclusions(excluded);
+  for (int k = 0; k < 2; ++k) broad_phase_.enqueue(boxes, short_lists.arguments);
+  EXPECT_EQ(queue_.read(broad_phase_.pairs()), all_pairs(n));
+  broad_phase_.enqueue(boxes, lists.arguments);
+  EXPECT_TRUE(has_changes(lists, {.added = {}, .removed = excluded}, 25));
+  broad_phase_.set_exclusions(others);
+  broad_phase_.enqueue(boxes, short_lists.arguments);
+  const auto result = broad_phase_.update(boxes);
+  EXPECT_EQ(queue_.read(result.added), (Pairs{{0, 2}, {3, 5}}));
+  EXPECT_EQ(queue_.read(result.removed), (Pairs{{6, 7}}));
+  EXPECT_EQ(result.incomplete, 3U);
+}
+
 /// More pairs than there is room for: until there is.
 TEST_P(Enqueue, PairsThatDoNotFitWaitForRoom) {
   constexpr std::uint32_t n = 300;

@@ -15,6 +15,7 @@
 #include <utility>
 #include <vector>
 
+#include "runs.hpp"
 #include "scenes/scenario.hpp"
 
 namespace broadcl::scenes {
@@ -96,6 +97,7 @@ TEST(MovingBoxes, HaveAThirdOfEachSizeIfMixed) {
 
 class EachSizes : public testing::TestWithParam<Sizes> {};
 
+NOT_IN(sanitizers, "takes long");
 TEST_P(EachSizes, StayBetweenReflectingWalls) {
   constexpr std::size_t n = 500;
   const float step = uniform_edge(n) / 10;

@@ -73,6 +73,7 @@ std::size_t allowed(std::size_t boxes, std::size_t pairs) {
 
 class MemoryOf : public ::testing::TestWithParam<std::string> {};
 
+NOT_IN(sanitizers, "takes long; measures memory of the device");
 TEST_P(MemoryOf, BoxesAndPairsIsBounded) {
   for (const MovingBoxes::Sizes sizes : {MovingBoxes::Sizes::uniform, MovingBoxes::Sizes::mixed}) {
     for (const std::uint32_t n : {1000U, 10'000U, 40'000U}) {

@@ -101,14 +101,17 @@ TEST_P(EachAlgorithm, SmallWorldsInBlocks) {
   follow_oracle(GetParam(), 150, 30, [](std::uint32_t k) { return k / 30; });
 }
 
+NOT_IN(sanitizers, "takes long; smaller ones are in it");
 TEST_P(EachAlgorithm, WorldsInBlocks) {
   follow_oracle(GetParam(), 2000, 250, [](std::uint32_t k) { return k / 250; });
 }
 
+NOT_IN(sanitizers, "takes long; smaller ones are in it");
 TEST_P(EachAlgorithm, WorldsInterleaved) {
   follow_oracle(GetParam(), 2000, 40, [](std::uint32_t k) { return k % 50; });
 }
 
+NOT_IN(sanitizers, "takes long; smaller ones are in it");
 TEST_P(EachAlgorithm, WorldsWithHolesInTheirNumbers) {
   follow_oracle(GetParam(), 1500, 100, [](std::uint32_t k) { return (k % 15) * 0x11111111U; });
 }
@@ -121,6 +124,7 @@ TEST_P(EachAlgorithm, WorldsOnePerObject) {
   follow_oracle(GetParam(), 1000, 10, [](std::uint32_t k) { return k; });
 }
 
+NOT_IN(sanitizers, "takes long; smaller ones are in it");
 TEST_P(EachAlgorithm, WorldsOneThatIsMuchLargerThanTheOthers) {
   follow_oracle(GetParam(), 1500, 400, [](std::uint32_t k) { return k < 1000 ? 3 : k; });
 }

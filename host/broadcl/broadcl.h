@@ -413,6 +413,13 @@ BROADCL_API broadcl_status broadcl_device_broad_phase_finish(broadcl_device_broa
 /// which at most so many pairs overlap at a time.
 BROADCL_API broadcl_status broadcl_device_broad_phase_reserve(broadcl_device_broad_phase* broad_phase,
                                                               size_t boxes, size_t pairs, int filters);
+/// Replaces the list of pairs of indices that are never reported, whatever their boxes and filters; those of
+/// a second set are counted as if it followed the first. At first there are none. Waits for the queue.
+/// @param pairs In any order; copied. May be null if there are none.
+/// @returns BROADCL_FAILED for a pair of an index with itself, and between begin and finish, too.
+BROADCL_API broadcl_status broadcl_device_broad_phase_set_exclusions(broadcl_device_broad_phase* broad_phase,
+                                                                     const broadcl_pair* pairs, size_t count);
+
 /// Enqueues an update and its changes, in canonical order, into buffers of the caller, where commands
 /// enqueued after it find them. Never waits for the device, except after a call that failed. Memory must have
 /// been reserved.

@@ -139,6 +139,13 @@ class BROADCL_API DeviceBroadPhase {
   /// @throws Error as update() does, and between begin() and finish().
   void reserve(std::size_t boxes, std::size_t pairs, bool filters = false);
 
+  /// Replaces the list of pairs of indices that are never reported, whatever their boxes and filters; those
+  /// of a second set are counted as if it followed the first. At first there are none. Waits for the queue.
+  /// @param pairs In any order; copied.
+  /// @throws Error as update() does, for a pair of an index with itself, and between begin() and finish();
+  /// std::bad_alloc. The old ones then stay.
+  void set_exclusions(std::span<const Pair> pairs);
+
   /// Enqueues an update behind what is in the queue, and its changes, in canonical order, into buffers of the
   /// caller, where commands enqueued after it find them. Never waits for the device, except after a call
   /// that failed. The first one, and the first with worlds, build kernels. Memory must have been reserved.

@@ -117,10 +117,7 @@ broadcl_status broadcl_broad_phase_remove(broadcl_broad_phase* broad_phase, std:
 
 broadcl_status broadcl_broad_phase_set_exclusions(broadcl_broad_phase* broad_phase, const broadcl_pair* pairs,
                                                   std::size_t count) {
-  return c::call(__func__, [&] {
-    const std::span<const broadcl_pair> given = c::array(pairs, count, "pairs");
-    object(broad_phase).set_exclusions({reinterpret_cast<const Pair*>(given.data()), given.size()});
-  });
+  return c::call(__func__, [&] { object(broad_phase).set_exclusions(c::to_pairs(pairs, count)); });
 }
 
 broadcl_status broadcl_broad_phase_map(broadcl_broad_phase* broad_phase, std::size_t count,

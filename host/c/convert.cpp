@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cstddef>
+#include <span>
 #include <string>
 #include <utility>
 
@@ -40,6 +41,11 @@ BoxView to_view(const broadcl_boxes* boxes, const char* name) {
   }
   throw InvalidArgument(std::string(name) + "->type is " + std::to_string(given.type) +
                         "; give BROADCL_FLOAT32 or BROADCL_FLOAT64");
+}
+
+std::span<const Pair> to_pairs(const broadcl_pair* pairs, std::size_t count) {
+  const std::span<const broadcl_pair> given = array(pairs, count, "pairs");
+  return {reinterpret_cast<const Pair*>(given.data()), given.size()};
 }
 
 CompileHandler to_handler(broadcl_compile_handler handler, void* data) {

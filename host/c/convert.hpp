@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cstddef>
 #include <span>
 #include <string>
 #include <vector>
@@ -39,6 +40,10 @@ static_assert(sizeof(broadcl_pair) == sizeof(Pair) && sizeof(broadcl_aabb) == si
 [[nodiscard]] inline broadcl_memory_use to_c(const MemoryUse& use) noexcept {
   return {sizeof(broadcl_memory_use), use.device, use.device_peak, use.pinned};
 }
+
+/// Pairs of the caller.
+/// @throws InvalidArgument if there are some and the pointer is null.
+[[nodiscard]] std::span<const Pair> to_pairs(const broadcl_pair* pairs, std::size_t count);
 
 /// @throws InvalidArgument for whatever a BoxView does not take.
 [[nodiscard]] BoxView to_view(const broadcl_boxes* boxes, const char* name);
