@@ -34,6 +34,7 @@
 #include "frames.hpp"
 #include "primitives.hpp"
 #include "proxies.hpp"
+#include "rectangles.hpp"
 #include "scenes/broadphases.hpp"
 #include "scenes/generators.hpp"
 #include "two_sets.hpp"
@@ -227,6 +228,7 @@ int main(int argc, char** argv) try {
   broadcl::register_device_frames();
   broadcl::register_worlds();
   broadcl::register_two_sets();
+  broadcl::register_rectangles();
   benchmark::RunSpecifiedBenchmarks();
 } catch (const std::exception& error) {
   std::fprintf(stderr, "%s\n", error.what());
