@@ -3,7 +3,7 @@
 
 (() => {
   const data = JSON.parse(document.getElementById("data").textContent);
-  const panels = [["update", "update, ms"], ["broad_phase", "broad phase, ms"], ["total", "total, ms"], ["pairs", "pairs"]];
+  const panels = [["total", "total, ms"], ["update", "update, ms"], ["broad_phase", "broad phase, ms"], ["pairs", "pairs"]];
   const hidden = new Set();
   const figures = [];
   const narrow = window.matchMedia("(max-width: 760px)");

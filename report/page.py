@@ -107,7 +107,7 @@ def _card(study: Study, scenario: str) -> str:
 def _frame_figures(study: Study) -> str:
     return "".join(
         f'<figure class="chart" id="{name}" data-kind="frames" data-scenario="{escaped(scenario)}">'
-        f"<figcaption><b>Figure {name[-1]}.</b> {escaped(scenario)}: update, broad phase, total and"
+        f"<figcaption><b>Figure {name[-1]}.</b> {escaped(scenario)}: total, update, broad phase and"
         " pairs in each frame.</figcaption></figure>"
         for scenario, name in figure_names(study).items()
         if scenario in study.scenarios

@@ -24,6 +24,7 @@ STYLES = {
     "brute-force": Style("#3b82d6", "solid", "square"),
     "tiles": Style("#9a63d8", "solid", "diamond"),
     "auto": Style("#d6387f", "solid", "circle"),
+    "auto+culling": Style("#12a5b8", "solid", "circle-open"),
 }
 OTHERS = ("#7d8f1d", "#5f7fa3", "#a86b4c", "#3a9fb0")
 DEVICE_DASHES = ("solid", "dashdot", "longdash", "dot")

@@ -45,8 +45,9 @@ def _line_style(study: Study, series: Series) -> dict[str, Any]:
     }
 
 
-def _legend(figure: Figure, axes: Any) -> None:
-    """One legend for all panels, below them."""
+def _add_legend(figure: Figure, axes: Any) -> None:
+    """One legend for all panels, below them, in two rows."""
+    figure.tight_layout(rect=(0, 0.5 / figure.get_figheight(), 1, 1))
     entries: dict[str, Any] = {}
     for panel in np.ravel(axes):
         handles, labels = panel.get_legend_handles_labels()
@@ -55,7 +56,7 @@ def _legend(figure: Figure, axes: Any) -> None:
         entries.values(),
         entries.keys(),
         loc="lower center",
-        ncol=min(7, len(entries)),
+        ncol=min(4, len(entries)),
     )
 
 
@@ -94,8 +95,7 @@ def times_over_objects(study: Study) -> Figure:
         panel.grid(True)
     for panel in axes.flat[len(study.scenarios) :]:
         panel.set_visible(False)
-    figure.tight_layout(rect=(0, 0.05, 1, 1))
-    _legend(figure, axes)
+    _add_legend(figure, axes)
     return figure
 
 
@@ -111,9 +111,9 @@ def times_over_frames(study: Study, scenario: str) -> Figure:
     objects = shown_objects(study, scenario)
     step = 1
     figure, axes = plt.subplots(len(METRICS), 1, figsize=(9, 9), sharex=True)
-    for column, (panel, metric) in enumerate(zip(axes, METRICS)):
+    for panel, metric in zip(axes, ("total", "update", "broad_phase")):
         for series in study.cells_of(scenario, objects):
-            times = over_frames(study, scenario, objects, series)[:, column]
+            times = over_frames(study, scenario, objects, series)[:, METRICS.index(metric)]
             step = -(-len(times) // MOST_POINTS)
             frames, medians = medians_of(times, step)
             panel.plot(frames, medians, linewidth=1, **_line_style(study, series))
@@ -122,8 +122,7 @@ def times_over_frames(study: Study, scenario: str) -> Figure:
         panel.grid(True)
     axes[-1].set_xlabel("frame" + (f" (medians of {step} frames)" if step > 1 else ""))
     figure.suptitle(f"{scenario}, {objects:,} objects", x=0.01, ha="left", fontsize=11)
-    figure.tight_layout(rect=(0, 0.03, 1, 1))
-    _legend(figure, axes)
+    _add_legend(figure, axes)
     return figure
 
 

@@ -88,9 +88,10 @@ TEST(StudyPlan, SaysWhatOfThePresetIsMissing) {
   settings.broadphases = {"tiles", "bullet-sap", "bullet-bvh", "gpu-bf", "brute-force", "auto"};
   settings.frames = 256;
   settings.repeat = 3;
-  EXPECT_THAT(cut_of(settings), ElementsAre("scenarios: free-fall, rolling-gravity",
-                                            "numbers of objects: 3,500", "broad phases: bullet-bf",
-                                            "frames beyond 256 of 2,048", "repetitions beyond 3 of 5"));
+  EXPECT_THAT(cut_of(settings),
+              ElementsAre("scenarios: free-fall, rolling-gravity", "numbers of objects: 3,500",
+                          "broad phases: bullet-bf, auto+culling", "frames beyond 256 of 2,048",
+                          "repetitions beyond 3 of 5"));
   settings = find_study_preset("paper");
   settings.frames = 4096;
   settings.repeat = 6;
@@ -110,8 +111,8 @@ TEST(StudyPlan, PaperIsThePapersSetUp) {
   const StudySettings paper = find_study_preset("paper");
   EXPECT_THAT(paper.scenarios, ElementsAre("free-fall", "agitated", "rolling-gravity", "mixed-sizes"));
   EXPECT_THAT(paper.objects, ElementsAre(500, 1250, 2000, 2750, 3500));
-  EXPECT_THAT(paper.broadphases,
-              ElementsAre("bullet-bf", "bullet-sap", "bullet-bvh", "gpu-bf", "brute-force", "tiles", "auto"));
+  EXPECT_THAT(paper.broadphases, ElementsAre("bullet-bf", "bullet-sap", "bullet-bvh", "gpu-bf", "brute-force",
+                                             "tiles", "auto", "auto+culling"));
   EXPECT_EQ(paper.frames, 2048U);
   EXPECT_EQ(paper.repeat, 5U);
   EXPECT_THAT(cut_of(paper), IsEmpty());

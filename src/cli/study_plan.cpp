@@ -49,7 +49,7 @@ std::string only_in(const std::vector<Value>& list, const std::vector<Value>& ot
 
 std::vector<StudyPreset> study_presets() {
   const std::vector<std::string> all = {"bullet-bf",   "bullet-sap", "bullet-bvh", "gpu-bf",
-                                        "brute-force", "tiles",      "auto"};
+                                        "brute-force", "tiles",      "auto",       "auto+culling"};
   return {
       {.summary =
            "the set-up of Serpa and Rodrigues 2014: 500 to 3,500 objects, 2,048 frames; takes many hours",
@@ -74,7 +74,7 @@ std::vector<StudyPreset> study_presets() {
        .settings = {.preset = "large",
                     .scenarios = all_scenarios(),
                     .objects = {2000, 8000, 16000},
-                    .broadphases = {"bullet-bvh", "gpu-bf", "brute-force", "tiles", "auto"},
+                    .broadphases = {"bullet-bvh", "gpu-bf", "brute-force", "tiles", "auto", "auto+culling"},
                     .frames = 256,
                     .repeat = 3,
                     .limits = {{.broadphase = "gpu-bf",
