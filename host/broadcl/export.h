@@ -1,8 +1,8 @@
 #ifndef BROADCL_EXPORT_H
 #define BROADCL_EXPORT_H
 
-/* Marks what the libraries export, the core (BROADCL_API) and the adapter (BROADCL_BULLET_API); all else is
-   hidden. BROADCL_SHARED is defined for whoever builds or uses shared ones on Windows. */
+/* Marks what the libraries export, the core (BROADCL_API), the adapter (BROADCL_BULLET_API) and what needs
+   MPI (BROADCL_MPI_API); all else is hidden. BROADCL_SHARED is defined for whoever builds or uses shared ones on Windows. */
 #if defined(_WIN32) && defined(BROADCL_SHARED)
 #define BROADCL_EXPORTED __declspec(dllexport)
 #define BROADCL_IMPORTED __declspec(dllimport)
@@ -23,6 +23,11 @@
 #define BROADCL_BULLET_API BROADCL_EXPORTED
 #else
 #define BROADCL_BULLET_API BROADCL_IMPORTED
+#endif
+#ifdef broadcl_mpi_EXPORTS
+#define BROADCL_MPI_API BROADCL_EXPORTED
+#else
+#define BROADCL_MPI_API BROADCL_IMPORTED
 #endif
 
 #endif

@@ -1,0 +1,153 @@
+#include "mpi/objects.hpp"
+
+#include <algorithm>
+#include <functional>
+#include <string>
+#include <utility>
+
+#include <broadcl/error.hpp>
+
+#include "parallel.hpp"
+
+namespace broadcl::mpi {
+namespace {
+
+constexpr std::size_t most_objects = std::size_t{1} << 30U;
+
+void refuse_nan(const Aabb& box) {
+  if (has_nan(box)) {
+    throw Error("a box has a NaN bound; give an empty box (lower > upper) for an object without one");
+  }
+}
+
+/// Copies boxes, of which there may be gigabytes.
+void copy_boxes(std::span<const Aabb> from, std::span<Aabb> to, std::size_t threads) {
+  constexpr std::size_t part = std::size_t{1} << 16U;
+  parallel_for((from.size() + part - 1) / part, threads, [&](std::size_t k, std::size_t /*thread*/) {
+    const auto boxes = from.subspan(k * part, std::min(part, from.size() - k * part));
+    std::ranges::copy(boxes, to.subspan(k * part).begin());
+  });
+}
+
+}  // namespace
+
+std::uint32_t Objects::add(const Aabb& box, const Filter& filter) {
+  refuse_nan(box);
+  const bool is_new = free_.empty();
+  const auto id = is_new ? static_cast<std::uint32_t>(ids()) : free_.front();
+  reserve(ids() + (is_new ? 1 : 0));
+  // Nothing below throws.
+  if (is_new) {
+    grow(ids() + 1);
+  } else {
+    std::ranges::pop_heap(free_, std::greater<>());
+    free_.pop_back();
+  }
+  give(id, true);
+  now_[id] = box;
+  store_filter(id, filter);
+  return id;
+}
+
+void Objects::move(std::uint32_t id, const Aabb& box) {
+  refuse_unknown(id);
+  refuse_nan(box);
+  now_[id] = box;
+  changes_.insert(id);
+}
+
+void Objects::set_filter(std::uint32_t id, const Filter& filter) {
+  refuse_unknown(id);
+  store_filter(id, filter);
+}
+
+void Objects::remove(std::uint32_t id) {
+  refuse_unknown(id);
+  // Nothing below throws.
+  give(id, false);
+  std::ranges::push_heap(free_, std::greater<>());
+}
+
+std::span<Aabb> Objects::map(std::size_t n) {
+  reserve(std::max(n, ids()));
+  // Nothing below throws.
+  if (n > ids()) grow(n);
+  free_.clear();
+  for (auto id = static_cast<std::uint32_t>(n); id < ids(); ++id) {
+    if (is_live_[id] != 0) {
+      give(id, false);
+    } else {
+      free_.push_back(id);
+    }
+  }
+  for (std::uint32_t id = 0; id < n; ++id) {
+    if (is_live_[id] != 0) continue;
+    give(id, true);
+    store_filter(id, Filter());
+  }
+  changes_.all = true;
+  return std::span(now_).first(n);
+}
+
+void Objects::prepare(std::size_t threads) {
+  if (!changes_.all) return;
+  spare_.reserve(now_.capacity());
+  spare_.resize(now_.size());
+  copy_boxes(now_, spare_, threads);
+}
+
+void Objects::commit() noexcept {
+  if (changes_.all) {
+    std::swap(last_, now_);
+    std::swap(now_, spare_);
+  }
+  for (const std::uint32_t id : changes_.changed()) {
+    last_[id] = now_[id];
+    last_filters_[id] = filters_[id];
+  }
+  changes_.clear();
+}
+
+void Objects::reserve(std::size_t ids) {
+  if (ids > most_objects) throw Error("more than 1073741824 objects on a rank; use more ranks");
+  if (ids <= capacity_) return;
+  const std::size_t capacity = std::max(ids, capacity_ + capacity_ / 2);
+  for (std::vector<Aabb>* boxes : {&now_, &last_}) boxes->reserve(capacity);
+  for (std::vector<Filter>* filters : {&filters_, &last_filters_}) filters->reserve(capacity);
+  free_.reserve(capacity);
+  changes_.reserve(capacity);
+  is_live_.reserve(capacity);
+  capacity_ = capacity;
+}
+
+void Objects::grow(std::size_t ids) noexcept {
+  for (std::vector<Aabb>* boxes : {&now_, &last_}) boxes->resize(ids, empty_aabb());
+  for (std::vector<Filter>* filters : {&filters_, &last_filters_}) filters->resize(ids);
+  is_live_.resize(ids, 0);
+}
+
+/// An id gets an object, or loses it.
+void Objects::give(std::uint32_t id, bool is_live) noexcept {
+  is_live_[id] = is_live ? 1 : 0;
+  size_ = is_live ? size_ + 1 : size_ - 1;
+  now_[id] = empty_aabb();
+  if (!is_live) free_.push_back(id);
+  changes_.recycle(id);
+}
+
+void Objects::store_filter(std::uint32_t id, const Filter& filter) noexcept {
+  if (filters_[id] == filter) return;
+  filters_[id] = filter;
+  any_filters_ = true;
+  changes_.insert(id);
+  changes_.filters = true;
+}
+
+void Objects::refuse_unknown(std::uint32_t id) const {
+  if (id >= ids() || is_live_[id] == 0) {
+    throw Error("no object of this rank has the id " + std::to_string(id) +
+                "; use the ids that add() returned");
+  }
+}
+
+}  // namespace broadcl::mpi

@@ -1,0 +1,121 @@
+#pragma once
+
+#include <mpi.h>
+
+#include <cstddef>
+#include <cstdint>
+#include <exception>
+#include <memory>
+#include <new>
+#include <span>
+#include <string>
+#include <type_traits>
+#include <utility>
+#include <vector>
+
+namespace broadcl::mpi {
+
+/// Memory for a message, which grows without being filled.
+class Bytes {
+ public:
+  /// What it held is lost.
+  void resize(std::size_t size) {
+    if (size > capacity_) {
+      capacity_ = 0;
+      bytes_.reset();
+      bytes_ = std::make_unique_for_overwrite<std::byte[]>(size);  // NOLINT(modernize-avoid-c-arrays)
+      capacity_ = size;
+    }
+    size_ = size;
+  }
+  [[nodiscard]] std::byte* data() noexcept { return bytes_.get(); }
+  [[nodiscard]] const std::byte* data() const noexcept { return bytes_.get(); }
+  [[nodiscard]] std::size_t size() const noexcept { return size_; }
+
+ private:
+  std::unique_ptr<std::byte[]> bytes_;  // NOLINT(modernize-avoid-c-arrays)
+  std::size_t size_ = 0;
+  std::size_t capacity_ = 0;
+};
+
+/// The ranks of a communicator, and what they do together. All of its functions are collective, except
+/// rank() and count().
+class Ranks {
+ public:
+  /// @param comm Duplicated.
+  explicit Ranks(MPI_Comm comm);
+  ~Ranks();
+  Ranks(Ranks&& other) noexcept
+      : comm_(std::exchange(other.comm_, MPI_COMM_NULL)), rank_(other.rank_), count_(other.count_) {}
+  Ranks(const Ranks&) = delete;
+  Ranks& operator=(const Ranks&) = delete;
+  Ranks& operator=(Ranks&&) = delete;
+
+  [[nodiscard]] int rank() const noexcept { return rank_; }
+  [[nodiscard]] int count() const noexcept { return count_; }
+
+  /// How many ranks share this one's host, and how many of them come before it.
+  struct Host {
+    int ranks;
+    int rank;
+  };
+  [[nodiscard]] Host host() const;
+
+  /// Calls a function that does not communicate.
+  /// @throws Error on all ranks if it throws on one: what the lowest such rank says.
+  template <class Function>
+  void together(const Function& function) const {
+    try {
+      function();
+    } catch (const std::bad_alloc&) {
+      agree("no memory on the host");
+      return;
+    } catch (const std::exception& error) {
+      agree(error.what());
+      return;
+    } catch (...) {
+      agree("an exception that is no std::exception");
+      return;
+    }
+    agree(nullptr);
+  }
+
+  /// The values of all ranks.
+  template <class Value>
+  [[nodiscard]] std::vector<Value> gather(const Value& value) const {
+    static_assert(std::is_trivially_copyable_v<Value>);
+    std::vector<Value> values;
+    together([&] { values.resize(static_cast<std::size_t>(count_)); });
+    gather_bytes(&value, sizeof(Value), values.data());
+    return values;
+  }
+
+  /// The values of all ranks, by rank.
+  template <class Value>
+  [[nodiscard]] std::vector<Value> gather_all(std::span<const Value> values) const {
+    static_assert(std::is_trivially_copyable_v<Value>);
+    const std::vector<std::uint64_t> sizes = gather(std::uint64_t{values.size_bytes()});
+    std::vector<Value> all;
+    std::size_t bytes = 0;
+    for (const std::uint64_t size : sizes) bytes += size;
+    together([&] { all.resize(bytes / sizeof(Value)); });
+    gather_all_bytes(values.data(), sizes, all.data());
+    return all;
+  }
+
+  /// Sends out[r] to rank r, and receives in[r] from there; but for this rank's own. Any number of bytes.
+  void exchange(const std::vector<Bytes>& out, std::vector<Bytes>& in) const;
+
+ private:
+  /// @param failure What failed here, or null.
+  /// @throws Error
+  void agree(const char* failure) const;
+  void gather_bytes(const void* value, std::size_t size, void* values) const;
+  void gather_all_bytes(const void* values, const std::vector<std::uint64_t>& sizes, void* all) const;
+
+  MPI_Comm comm_ = MPI_COMM_NULL;
+  int rank_ = 0;
+  int count_ = 0;
+};
+
+}  // namespace broadcl::mpi

@@ -1,0 +1,170 @@
+#include "mpi/region.hpp"
+
+#include <algorithm>
+
+#include "parallel.hpp"
+
+namespace broadcl::mpi {
+namespace {
+
+/// Of slots for guests that have none: pairs with nothing, and does not keep two sets from being told apart.
+constexpr Filter no_pairs{.group = 0, .mask = 0};
+
+}  // namespace
+
+Region::Region(const Config& config, std::size_t ranks, std::size_t threads)
+    : broad_phase_(config), threads_(threads), guest_of_(ranks) {}
+
+void Region::clear(std::size_t base) {
+  (void)broad_phase_.finish();  // there may be one under way
+  (void)broad_phase_.map(0);
+  (void)broad_phase_.update();
+  guests_ = {};
+  free_.clear();
+  for (std::vector<std::uint32_t>& guests : guest_of_) guests.clear();
+  tidings_.clear();
+  entered_.clear();
+  left_.clear();
+  pair_count_ = 0;
+  any_filters_ = false;
+  // Ids that come one by one must not have all of this done each time.
+  base_ = base_ == 0 || base <= base_ ? std::max(base, base_) : std::max(base, base_ + base_ / 4 + 64);
+  slots_ = base_;
+  (void)broad_phase_.map(slots_);
+}
+
+void Region::set_filter(std::uint32_t slot, const Filter& filter) {
+  if (!any_filters_) {
+    if (filter == Filter()) return;
+    any_filters_ = true;
+    for (const std::uint32_t guest : free_) broad_phase_.set_filter(this->slot(guest), no_pairs);
+  }
+  broad_phase_.set_filter(slot, filter);
+}
+
+void Region::replace(std::uint32_t slot, const Filter& filter) {
+  broad_phase_.remove(slot);
+  (void)broad_phase_.add(empty_aabb());  // gets the only id that is free
+  set_filter(slot, filter);
+}
+
+void Region::receive(const std::vector<Bytes>& in, bool in_place) {
+  tidings_.clear();
+  for (const Bytes& message : in) tidings_.emplace_back(message);
+  for (std::size_t rank = 0; rank < tidings_.size(); ++rank) {
+    take_leaves(rank, tidings_[rank].leaves);
+    take_enters(rank, tidings_[rank].enters);
+  }
+  free_.reserve(guests_.id.size());
+  reserve_slots(in_place);
+  take_filters();
+  take_boxes(in_place ? map() : std::span<Aabb>());
+}
+
+void Region::take_leaves(std::size_t rank, std::span<const Leave> leaves) {
+  for (const Leave& leave : leaves) {
+    const std::uint32_t guest = guest_of_[rank][leave.copy];
+    guests_.now[guest] = leave.box;
+    guests_.filter[guest] = leave.filter;
+    left_.push_back(guest);
+  }
+}
+
+void Region::take_enters(std::size_t rank, std::span<const Enter> enters) {
+  for (const Enter& enter : enters) {
+    auto guest = static_cast<std::uint32_t>(guests_.id.size());
+    if (free_.empty()) {
+      guests_.id.emplace_back();
+      guests_.now.emplace_back();
+      guests_.last.emplace_back();
+      guests_.filter.emplace_back();
+      guests_.last_filter.emplace_back();
+    } else {
+      guest = free_.back();
+      free_.pop_back();
+    }
+    guests_.id[guest] = mpi_id(static_cast<int>(rank), enter.id);
+    guests_.now[guest] = enter.box;
+    guests_.last[guest] = enter.last;
+    guests_.filter[guest] = enter.filter;
+    guests_.last_filter[guest] = enter.last_filter;
+    std::vector<std::uint32_t>& guest_of = guest_of_[rank];
+    if (enter.copy >= guest_of.size()) guest_of.resize(enter.copy + std::size_t{1});
+    guest_of[enter.copy] = guest;
+    entered_.push_back(guest);
+  }
+}
+
+void Region::reserve_slots(bool in_place) {
+  const std::size_t needed = base_ + guests_.id.size();
+  if (in_place) {
+    slots_ = needed;
+    (void)map();
+  }
+  for (; slots_ < needed; ++slots_) (void)broad_phase_.add(empty_aabb());
+}
+
+void Region::take_filters() {
+  if (any_filters_) {
+    for (const std::uint32_t guest : left_) broad_phase_.set_filter(slot(guest), no_pairs);
+  }
+  for (const std::uint32_t guest : entered_) set_filter(slot(guest), guests_.filter[guest]);
+  for (std::size_t rank = 0; rank < tidings_.size(); ++rank) {
+    for (const Refilter& refilter : tidings_[rank].refilters) {
+      const std::uint32_t guest = guest_of_[rank][refilter.copy];
+      guests_.filter[guest] = refilter.filter;
+      set_filter(slot(guest), refilter.filter);
+    }
+  }
+}
+
+void Region::take_boxes(std::span<Aabb> in_place) {
+  const auto set = [&](std::uint32_t guest, const Aabb& box) {
+    if (in_place.empty()) {
+      broad_phase_.move(slot(guest), box);
+    } else {
+      in_place[slot(guest)] = box;
+    }
+  };
+  for (const std::uint32_t guest : left_) set(guest, empty_aabb());
+  for (const std::uint32_t guest : entered_) set(guest, guests_.now[guest]);
+  for_each_move(
+      [&](std::uint32_t guest, const Aabb& box) {
+        guests_.now[guest] = box;
+        set(guest, box);
+      },
+      !in_place.empty());
+}
+
+/// Calls function(guest, box) for each guest that moved.
+template <class Function>
+void Region::for_each_move(const Function& function, bool in_threads) const {
+  constexpr std::size_t part = std::size_t{1} << 14U;
+  for (std::size_t rank = 0; rank < tidings_.size(); ++rank) {
+    const std::span<const Move> moves = tidings_[rank].moves;
+    parallel_for((moves.size() + part - 1) / part, in_threads ? threads_ : 1,
+                 [&](std::size_t k, std::size_t /*thread*/) {
+                   for (const Move& move : moves.subspan(k * part, std::min(part, moves.size() - k * part))) {
+                     function(guest_of_[rank][move.copy], move.box);
+                   }
+                 });
+  }
+}
+
+void Region::commit() noexcept {
+  const auto settle = [&](std::uint32_t guest) {
+    guests_.last[guest] = guests_.now[guest];
+    guests_.last_filter[guest] = guests_.filter[guest];
+  };
+  for (std::size_t rank = 0; rank < tidings_.size(); ++rank) {
+    for (const Move& move : tidings_[rank].moves) guests_.last[guest_of_[rank][move.copy]] = move.box;
+    for (const Refilter& refilter : tidings_[rank].refilters) settle(guest_of_[rank][refilter.copy]);
+  }
+  std::ranges::for_each(entered_, settle);
+  free_.insert(free_.end(), left_.begin(), left_.end());
+  tidings_.clear();
+  entered_.clear();
+  left_.clear();
+}
+
+}  // namespace broadcl::mpi

@@ -1,0 +1,67 @@
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include <broadcl/mpi.hpp>
+#include <broadcl/pair.hpp>
+
+#include "mpi/cuts.hpp"
+#include "mpi/messages.hpp"
+#include "mpi/objects.hpp"
+#include "mpi/region.hpp"
+#include "mpi/routes.hpp"
+
+namespace broadcl::mpi {
+
+/// Tells which changes in a region are changes of pairs, and this region's to report.
+///
+/// A broad phase of a region reports, besides changes of pairs, those of what it knows: objects came and left
+/// that overlap now as they did before. A change is real if the pair, tested again, was one in the last
+/// update and is none now, or the other way round. It is reported by the region that holds the componentwise
+/// maximum of the lower corners of the two boxes, now for a new pair, and at the last update for one that
+/// ends: a point of both boxes, so that this region has both.
+class Report {
+ public:
+  Report(std::size_t rank, std::size_t ranks, std::size_t threads)
+      : rank_(rank), ranks_(ranks), threads_(threads) {}
+
+  enum class Of {
+    added,
+    removed,
+    all,  ///< Not changes but all pairs, as of the last update.
+  };
+
+  /// Sorts out which of the pairs of a region's broad phase are reported, and to whom.
+  /// @param cuts At the last update, but for pairs that were added.
+  void sift(std::span<const Pair> pairs, Of of, const Cuts& cuts, const Objects& objects,
+            const Region& region, const Routes& routes);
+
+  /// Writes what other ranks must know.
+  /// @param out By rank.
+  void write(std::vector<Bytes>& out) const;
+
+  /// What concerns this rank, in canonical order; all pairs are in `added`.
+  /// @param in By rank.
+  void collect(const std::vector<Bytes>& in, std::vector<MpiPair>& added,
+               std::vector<MpiPair>& removed) const;
+
+ private:
+  /// What one thread finds at a time.
+  struct Part {
+    std::vector<MpiPair> own;                  // of two objects of this rank, in canonical order
+    std::vector<std::vector<MpiPair>> others;  // by rank of the first object, in any order
+  };
+
+  void collect(const std::vector<Part>& parts, const std::vector<std::span<const MpiPair>>& received,
+               std::vector<MpiPair>& pairs) const;
+
+  std::size_t rank_;
+  std::size_t ranks_;
+  std::size_t threads_;
+  std::vector<Part> added_, removed_;
+};
+
+}  // namespace broadcl::mpi

@@ -1,0 +1,417 @@
+#include <broadcl/mpi.hpp>
+
+#include <mpi.h>
+
+#include <algorithm>
+#include <array>
+#include <cstdint>
+#include <cstdlib>
+#include <limits>
+#include <random>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "failing_allocations.hpp"
+#include "failing_opencl.hpp"
+#include "mpi_twins.hpp"
+
+/// MpiBroadPhase against one device that has all objects. Started by mpirun with any number of ranks, which
+/// all do the same tests at the same time; the first argument may name an algorithm.
+namespace broadcl::test {
+namespace {
+
+using ::testing::AllOf;
+using ::testing::HasSubstr;
+using ::testing::StartsWith;
+
+std::string algorithm_under_test = "sweep-and-prune";
+
+/// Fewer frames on a device that is a CPU.
+int frames(int on_the_host) {
+  return algorithm_under_test == "sweep-and-prune" ? on_the_host : on_the_host / 8 + 2;
+}
+
+Config config() {
+  return {.algorithm = algorithm_under_test, .threads = 2};
+}
+
+constexpr float infinity = std::numeric_limits<float>::infinity();
+
+/// The same random numbers on every rank.
+class Dice {
+ public:
+  explicit Dice(std::uint32_t seed) : engine_(seed) {}
+
+  std::uint32_t below(std::uint32_t end) { return static_cast<std::uint32_t>(engine_() % end); }
+  float uniform(float lower, float upper) {
+    return lower + (upper - lower) * static_cast<float>(engine_() >> 8U) * 0x1p-24F;
+  }
+  int rank() { return static_cast<int>(below(static_cast<std::uint32_t>(world_size()))); }
+
+  Aabb cube(float edge, float world = 1) {
+    Aabb box{};
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      box.lower[axis] = uniform(0, world);
+      box.upper[axis] = box.lower[axis] + edge;
+    }
+    return box;
+  }
+  /// On a lattice, so that boxes touch each other and the cuts.
+  Aabb on_lattice() {
+    Aabb box{};
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      box.lower[axis] = static_cast<float>(below(7)) - 3;
+      box.upper[axis] = box.lower[axis] + static_cast<float>(below(3));
+    }
+    return box;
+  }
+  Aabb any() {
+    switch (below(16)) {
+      case 0:
+        return empty_aabb();
+      case 1: {  // half of space
+        Aabb box = cube(0.1F);
+        (below(2) == 0 ? box.lower : box.upper)[below(3)] = below(2) == 0 ? -infinity : infinity;
+        return box;
+      }
+      case 2:
+        return {{-infinity, -infinity, -infinity}, {infinity, infinity, infinity}};
+      case 3:  // at the end of space
+        return {{infinity, 0.5F, 0.5F}, {infinity, 0.6F, 0.6F}};
+      case 4:
+        return {{-infinity, 0, 0}, {-infinity, 1, 1}};
+      case 5:
+        return cube(1.5F);
+      case 6:
+        return cube(0);
+      case 7:
+      case 8:
+      case 9:
+        return on_lattice();
+      default:
+        return cube(0.2F);
+    }
+  }
+  Filter filter() {
+    return {.group = 1U << below(3),
+            .mask = below(8),
+            .body = below(4) == 0 ? below(4) : Filter::no_body,
+            .world = below(4) == 0 ? Filter::all_worlds : below(2)};
+  }
+
+ private:
+  std::mt19937 engine_;
+};
+
+template <class Function>
+std::string error_of(const Function& function) {
+  try {
+    function();
+  } catch (const Error& error) {
+    return error.what();
+  }
+  return "";
+}
+
+/// Does something to an object of some rank, whichever.
+void do_anything(MpiTwins& twins, Dice& dice, bool filters) {
+  const int rank = dice.rank();
+  const std::uint32_t id = dice.below(48);
+  const std::uint32_t what = dice.below(8);
+  const Aabb box = dice.any();
+  const Filter filter = filters && dice.below(2) == 0 ? dice.filter() : Filter();
+  if (!twins.is_live(rank, id)) {
+    twins.add(rank, box, filter);
+  } else if (what == 0) {
+    twins.remove(rank, id);
+  } else if (what == 1) {  // the same place for another object
+    twins.remove(rank, id);
+    twins.add(rank, box, filter);
+  } else if (what == 2) {
+    twins.set_filter(rank, id, filter);
+  } else {
+    twins.move(rank, id, box);
+  }
+}
+
+void play_random_calls(std::uint32_t seed, bool filters, int updates) {
+  SCOPED_TRACE("seed " + std::to_string(seed));
+  MpiTwins twins(config());
+  Dice dice(seed);
+  for (int k = 0; k < updates && !::testing::Test::HasFailure(); ++k) {
+    const std::uint32_t calls = dice.below(3) == 0 ? dice.below(200) : dice.below(6);
+    for (std::uint32_t call = 0; call < calls; ++call) do_anything(twins, dice, filters);
+    if (dice.below(8) == 0) {
+      std::vector<Aabb> boxes(dice.below(60));
+      for (Aabb& box : boxes) box = dice.any();
+      twins.map(dice.rank(), boxes);
+    }
+    twins.update();
+    if (dice.below(8) == 0) twins.compare_pairs();
+  }
+  EXPECT_GT(twins.changes(), 1000U);
+}
+
+TEST(Mpi, RandomCalls) {
+  play_random_calls(1, false, frames(120));
+}
+
+TEST(Mpi, RandomCallsWithFiltersAndWorlds) {
+  play_random_calls(2, true, frames(120));
+}
+
+TEST(LongMpi, ManyRandomCalls) {
+  for (std::uint32_t seed = 10; seed < 40 && !HasFailure(); ++seed) {
+    play_random_calls(seed, seed % 2 == 0, frames(400));
+  }
+}
+
+TEST(Mpi, BoxesInMotionCrossRegions) {
+  MpiTwins twins(config());
+  Dice dice(3);
+  constexpr std::uint32_t n = 200;
+  std::vector<std::vector<Aabb>> boxes(static_cast<std::size_t>(world_size()), std::vector<Aabb>(n));
+  std::vector<std::array<float, 3>> steps(n);
+  for (auto& step : steps) step = {dice.uniform(-1, 1), dice.uniform(-1, 1), dice.uniform(-1, 1)};
+  for (auto& of_rank : boxes) {
+    for (Aabb& box : of_rank) box = dice.cube(0.08F);
+  }
+  for (int frame = 0; frame < frames(40); ++frame) {
+    for (int rank = 0; rank < world_size(); ++rank) {
+      std::vector<Aabb>& of_rank = boxes[static_cast<std::size_t>(rank)];
+      for (std::uint32_t id = 0; id < n; ++id) {
+        for (std::size_t axis = 0; axis < 3; ++axis) {
+          of_rank[id].lower[axis] += 0.02F * steps[id][axis];
+          of_rank[id].upper[axis] += 0.02F * steps[id][axis];
+        }
+      }
+      twins.map(rank, of_rank);
+    }
+    twins.update();
+  }
+  twins.compare_pairs();
+  EXPECT_GT(twins.changes(), 400U);
+}
+
+TEST(Mpi, RegionsAreCutAnewWhenWorkIsOffBalance) {
+  if (world_size() == 1) return;
+  MpiTwins twins(config());
+  Dice dice(4);
+  const auto place_all = [&](float at) {
+    for (int rank = 0; rank < world_size(); ++rank) {
+      std::vector<Aabb> boxes(100);
+      for (Aabb& box : boxes) {
+        box = dice.cube(0.1F);
+        box.lower[0] += at;
+        box.upper[0] += at;
+      }
+      twins.map(rank, boxes);
+    }
+    twins.update();
+  };
+  const auto regions_near = [&](float at) {
+    std::vector<bool> is_there(static_cast<std::size_t>(world_size()));
+    for (int k = 0; k < 4096; ++k) {
+      const Aabb box = dice.cube(0);
+      const std::array<float, 3> point{box.lower[0] + at, box.lower[1], box.lower[2]};
+      is_there[static_cast<std::size_t>(twins.tested().region_of(point))] = true;
+    }
+    return std::ranges::count(is_there, true);
+  };
+  place_all(0);
+  EXPECT_EQ(regions_near(0), world_size());
+  for (int k = 0; k < 6; ++k) place_all(100);
+  EXPECT_EQ(regions_near(100), world_size());
+  twins.compare_pairs();
+}
+
+TEST(Mpi, AllObjectsOfOneRank) {
+  for (const int rank : {0, world_size() - 1}) {
+    MpiTwins twins(config());
+    Dice dice(5);
+    twins.update();
+    twins.compare_pairs();
+    for (std::uint32_t id = 0; id < 200; ++id) twins.add(rank, dice.cube(0.2F));
+    twins.update();
+    for (int frame = 0; frame < frames(10); ++frame) {
+      for (std::uint32_t id = 0; id < 200; id += 7) twins.move(rank, id, dice.cube(0.2F));
+      twins.update();
+    }
+    twins.compare_pairs();
+    for (std::uint32_t id = 0; id < 200; ++id) twins.remove(rank, id);
+    twins.update();
+    twins.compare_pairs();
+  }
+}
+
+TEST(Mpi, AllBoxesAtOnePlace) {
+  MpiTwins twins(config());
+  const Aabb place{{1, 2, 3}, {2, 3, 4}};
+  for (int rank = 0; rank < world_size(); ++rank) {
+    for (int k = 0; k < 20; ++k) twins.add(rank, place);
+  }
+  for (int frame = 0; frame < 3; ++frame) twins.update();
+  for (int rank = 0; rank < world_size(); ++rank) {
+    for (std::uint32_t id = 0; id < 20; ++id) twins.move(rank, id, {{-1, -2, -3}, {0, 0, 0}});
+  }
+  twins.update();
+  twins.compare_pairs();
+}
+
+TEST(Mpi, TwoSets) {
+  MpiTwins twins(config());
+  Dice dice(6);
+  for (int rank = 0; rank < world_size(); ++rank) {
+    for (int k = 0; k < 100; ++k) twins.add(rank, dice.cube(0.2F), k % 3 == 0 ? first_set : second_set);
+  }
+  for (int frame = 0; frame < frames(10); ++frame) {
+    for (std::uint32_t id = 0; id < 100; id += 3) twins.move(dice.rank(), id, dice.cube(0.2F));
+    twins.update();
+  }
+  twins.compare_pairs();
+}
+
+TEST(Mpi, AnObjectThatTakesTheIdOfAnotherIsAnother) {
+  MpiTwins twins(config());
+  const Aabb place{{0, 0, 0}, {1, 1, 1}};
+  const int last = world_size() - 1;
+  for (int k = 0; k < 3; ++k) {
+    twins.add(0, place);
+    twins.add(last, place);
+  }
+  twins.update();
+  for (const int rank : {0, last}) {
+    twins.remove(rank, 1);
+    twins.add(rank, place);
+  }
+  const MpiDelta delta = twins.tested().update();
+  EXPECT_EQ(delta.removed.empty(), world_rank() != 0 && world_rank() != last);
+  twins.compare(delta);
+}
+
+TEST(Mpi, ANaNIsNamedOnAllRanksAndMended) {
+  MpiTwins twins(config());
+  const int last = world_size() - 1;
+  const Aabb unit{{0, 0, 0}, {1, 1, 1}};
+  for (int rank = 0; rank <= last; ++rank) twins.map(rank, std::vector(5, unit));
+  twins.update();
+  if (world_rank() == last) {
+    twins.tested().map(5)[3].upper[1] = std::numeric_limits<float>::quiet_NaN();
+    EXPECT_THAT(error_of([&] {
+                  twins.tested().move(2, {{0, 0, 0}, {std::nanf(""), 1, 1}});
+                }),
+                HasSubstr("NaN"));
+  }
+  for (int time = 0; time < 2; ++time) {
+    EXPECT_THAT(error_of([&] { (void)twins.tested().update(); }),
+                AllOf(StartsWith("rank " + std::to_string(last) + ": "), HasSubstr("box 3 has a NaN")));
+    twins.compare_pairs();
+  }
+  twins.move(last, 3, {{5, 5, 5}, {6, 6, 6}});
+  twins.update();
+  twins.compare_pairs();
+}
+
+TEST(Mpi, UnknownIdsAreRefused) {
+  MpiBroadPhase tested(MPI_COMM_WORLD, config());
+  EXPECT_THAT(error_of([&] { tested.move(0, empty_aabb()); }),
+              HasSubstr("no object of this rank has the id 0"));
+  EXPECT_THAT(error_of([&] { tested.remove(7); }), HasSubstr("the id 7"));
+  EXPECT_THAT(error_of([&] { tested.set_filter(1, first_set); }), HasSubstr("the id 1"));
+}
+
+TEST(Mpi, AnAlgorithmThatOneRankDoesNotKnowIsRefusedOnAll) {
+  const int last = world_size() - 1;
+  Config wrong = config();
+  if (world_rank() == last) wrong.algorithm = "guesswork";
+  EXPECT_THAT(error_of([&] { const MpiBroadPhase tested(MPI_COMM_WORLD, wrong); }),
+              AllOf(StartsWith("rank " + std::to_string(last) + ": "), HasSubstr("guesswork")));
+}
+
+/// Updates while something fails on one rank, and again: all ranks hear of it, know the last state, and go
+/// on.
+/// @param make_failing Returns what makes something fail as long as it lives.
+/// @returns Whether it failed.
+template <class MakeFailing>
+bool update_in_trouble(MpiTwins& twins, int failing_rank, const MakeFailing& make_failing) {
+  std::string failure;
+  MpiDelta delta;
+  if (world_rank() == failing_rank) {
+    const auto failing = make_failing();
+    failure = error_of([&] { delta = twins.tested().update(); });
+  } else {
+    failure = error_of([&] { delta = twins.tested().update(); });
+  }
+  int failures = failure.empty() ? 0 : 1;
+  MPI_Allreduce(MPI_IN_PLACE, &failures, 1, MPI_INT, MPI_SUM, MPI_COMM_WORLD);
+  if (failures == 0) {
+    twins.compare(delta);
+    return false;
+  }
+  EXPECT_EQ(failures, world_size()) << "all ranks must hear of it";
+  EXPECT_THAT(failure, StartsWith("rank " + std::to_string(failing_rank) + ": "));
+  return true;
+}
+
+TEST(Mpi, WhereverMemoryIsExhaustedTheCallMayBeRepeated) {
+  constexpr long most = 2000;
+  const long step = algorithm_under_test == "sweep-and-prune" ? 1 : 37;
+  int failures = 0;
+  int successes = 0;  // in a row: each rank has as many points as it has
+  for (long first = 0; first < most && successes < world_size() && !HasFailure(); first += step) {
+    SCOPED_TRACE(first);
+    MpiTwins twins(config());
+    Dice dice(7);
+    for (int call = 0; call < 60; ++call) do_anything(twins, dice, true);
+    twins.update();
+    for (int call = 0; call < 40; ++call) do_anything(twins, dice, true);
+    const auto make_failing = [&] { return FailingAllocations(first, 1); };
+    if (!update_in_trouble(twins, static_cast<int>(first) % world_size(), make_failing)) {
+      ++successes;
+      continue;
+    }
+    successes = 0;
+    ++failures;
+    if (first % 2 == 0) twins.compare_pairs();
+    for (int call = 0; call < 5; ++call) do_anything(twins, dice, true);
+    twins.update();
+    twins.compare_pairs();
+  }
+  EXPECT_GT(failures, 2);
+}
+
+/// For one call, and for good until the next update.
+TEST(Mpi, ADeviceThatFailsOnOneRankLosesNothingOnAny) {
+  if (algorithm_under_test == "sweep-and-prune") return;
+  MpiTwins twins(config());
+  Dice dice(8);
+  int failures = 0;
+  for (int first = 0; first < 60 && !HasFailure(); ++first) {
+    SCOPED_TRACE(first);
+    for (int call = 0; call < 20; ++call) do_anything(twins, dice, true);
+    const auto make_failing = [&] { return FailingOpenCl(first % 30, first < 30 ? 1 : 1000); };
+    if (!update_in_trouble(twins, first % world_size(), make_failing)) continue;
+    ++failures;
+    if (first % 2 == 0) twins.compare_pairs();
+    twins.update();
+  }
+  twins.compare_pairs();
+  EXPECT_GT(failures, 20);
+}
+
+}  // namespace
+}  // namespace broadcl::test
+
+int main(int argc, char** argv) {
+  int provided = 0;
+  MPI_Init_thread(&argc, &argv, MPI_THREAD_FUNNELED, &provided);
+  ::testing::InitGoogleMock(&argc, argv);
+  if (argc > 1) broadcl::test::algorithm_under_test = argv[1];
+  const int result = RUN_ALL_TESTS();
+  MPI_Finalize();
+  return result;
+}

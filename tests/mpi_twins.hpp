@@ -1,0 +1,134 @@
+#pragma once
+
+#include <mpi.h>
+
+#include <algorithm>
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <string>
+#include <vector>
+
+#include <gtest/gtest.h>
+
+#include <broadcl/broad_phase.hpp>
+#include <broadcl/mpi.hpp>
+
+namespace broadcl::test {
+
+inline int world_rank() {
+  int rank = 0;
+  MPI_Comm_rank(MPI_COMM_WORLD, &rank);
+  return rank;
+}
+inline int world_size() {
+  int size = 0;
+  MPI_Comm_size(MPI_COMM_WORLD, &size);
+  return size;
+}
+
+/// An MpiBroadPhase, and one BroadPhase that has the objects of all ranks. Every rank does all of what any
+/// does, to the latter; so each knows what must come out without asking.
+class MpiTwins {
+ public:
+  /// @param most Ids of each rank.
+  explicit MpiTwins(const Config& config, std::uint32_t most = 256)
+      : rank_(world_rank()),
+        most_(most),
+        tested_(MPI_COMM_WORLD, config),
+        expected_({.algorithm = "sweep-and-prune", .threads = 1}),
+        is_live_(static_cast<std::size_t>(world_size()), std::vector<bool>(most)) {
+    (void)expected_.map(most * is_live_.size());
+  }
+
+  [[nodiscard]] MpiBroadPhase& tested() { return tested_; }
+
+  // What a rank does. All call these with the same arguments.
+
+  std::uint32_t add(int rank, const Aabb& box, const Filter& filter = Filter()) {
+    std::vector<bool>& is_live = of(rank);
+    const auto free = std::find(is_live.begin(), is_live.end(), false);
+    const auto id = static_cast<std::uint32_t>(free - is_live.begin());
+    *free = true;
+    if (rank == rank_) {
+      EXPECT_EQ(tested_.add(box, filter), id);
+    }
+    expected_.remove(slot(rank, id));
+    EXPECT_EQ(expected_.add(box, filter), slot(rank, id));
+    return id;
+  }
+  void remove(int rank, std::uint32_t id) {
+    of(rank)[id] = false;
+    if (rank == rank_) tested_.remove(id);
+    expected_.remove(slot(rank, id));
+    EXPECT_EQ(expected_.add(empty_aabb()), slot(rank, id));
+  }
+  void move(int rank, std::uint32_t id, const Aabb& box) {
+    if (rank == rank_) tested_.move(id, box);
+    expected_.move(slot(rank, id), box);
+  }
+  void set_filter(int rank, std::uint32_t id, const Filter& filter) {
+    if (rank == rank_) tested_.set_filter(id, filter);
+    expected_.set_filter(slot(rank, id), filter);
+  }
+  void map(int rank, std::span<const Aabb> boxes) {
+    if (rank == rank_) std::ranges::copy(boxes, tested_.map(boxes.size()).begin());
+    for (std::uint32_t id = 0; id < most_; ++id) {
+      const bool stays = id < boxes.size();
+      if (stays && of(rank)[id]) {
+        expected_.move(slot(rank, id), boxes[id]);
+      } else if (stays || of(rank)[id]) {
+        expected_.remove(slot(rank, id));
+        EXPECT_EQ(expected_.add(stays ? boxes[id] : empty_aabb()), slot(rank, id));
+      }
+      of(rank)[id] = stays;
+    }
+  }
+
+  [[nodiscard]] bool is_live(int rank, std::uint32_t id) { return of(rank)[id]; }
+  [[nodiscard]] std::uint32_t most() const { return most_; }
+
+  /// Updates both and compares what changed.
+  void update() { compare(tested_.update()); }
+  void compare(const MpiDelta& delta) {
+    const Delta expected = expected_.update();
+    EXPECT_EQ(std::vector(delta.added.begin(), delta.added.end()), own(expected.added));
+    EXPECT_EQ(std::vector(delta.removed.begin(), delta.removed.end()), own(expected.removed));
+    changes_ += expected.added.size() + expected.removed.size();
+  }
+  void compare_pairs() { EXPECT_EQ(tested_.pairs(), own(expected_.pairs())); }
+
+  /// Of all ranks, so far: to make sure that something happened.
+  [[nodiscard]] std::size_t changes() const { return changes_; }
+
+ private:
+  std::vector<bool>& of(int rank) { return is_live_[static_cast<std::size_t>(rank)]; }
+  [[nodiscard]] std::uint32_t slot(int rank, std::uint32_t id) const {
+    return static_cast<std::uint32_t>(rank) * most_ + id;
+  }
+  [[nodiscard]] MpiId mpi(std::uint32_t slot) const {
+    return mpi_id(static_cast<int>(slot / most_), slot % most_);
+  }
+  [[nodiscard]] std::vector<MpiPair> own(std::span<const Pair> pairs) const {
+    std::vector<MpiPair> own;
+    for (const Pair& pair : pairs) {
+      if (rank_of(mpi(pair.a)) == rank_) own.push_back({mpi(pair.a), mpi(pair.b)});
+    }
+    return own;
+  }
+
+  int rank_;
+  std::uint32_t most_;
+  MpiBroadPhase tested_;
+  BroadPhase expected_;
+  std::vector<std::vector<bool>> is_live_;  // by rank and id
+  std::size_t changes_ = 0;
+};
+
+}  // namespace broadcl::test
+
+namespace broadcl {
+inline void PrintTo(const MpiPair& pair, std::ostream* out) {
+  *out << rank_of(pair.a) << '.' << local_id(pair.a) << '-' << rank_of(pair.b) << '.' << local_id(pair.b);
+}
+}  // namespace broadcl
