@@ -1,4 +1,4 @@
-# cmake -D BUILD=build-tree -D SOURCE=examples -D FLOAT64=ON|OFF -P consume.cmake
+# cmake -D BUILD=build-tree -D SOURCE=examples -D FLOAT64=ON|OFF -D MPIEXEC=|mpiexec -P consume.cmake
 # Installs a build into a new folder, then builds projects against what was installed, each in its own way, and runs their
 # programs.
 include(${CMAKE_CURRENT_LIST_DIR}/projects.cmake)
@@ -28,5 +28,23 @@ configure(bullet consume/find_package -D WITH_BULLET=ON -D PKG_CONFIG_EXECUTABLE
 build(bullet bullet_consumer)
 configure(c consume/c)
 build(c consumer)
+
+if(MPIEXEC)
+  # Open MPI has more ranks than processors, and perhaps root, by these.
+  set(ENV{OMPI_ALLOW_RUN_AS_ROOT} 1)
+  set(ENV{OMPI_ALLOW_RUN_AS_ROOT_CONFIRM} 1)
+  set(ENV{OMPI_MCA_rmaps_base_oversubscribe} 1)
+  run(${CMAKE_COMMAND} --build ${folder}/examples --target mpi)
+  run(${MPIEXEC} -n 3 ${folder}/examples/mpi --objects 3000 --frames 4 --check)
+  message(STATUS "mpi: ${output}")
+  run(${CMAKE_COMMAND} -E chdir ${folder} ${prefix}/bin/broadcl simulate --scenario agitated --objects 300 --frames 6
+    --broadphase sweep-and-prune --record trace.aabbs)
+  run(${MPIEXEC} -n 2 ${folder}/examples/mpi --trace ${folder}/trace.aabbs --placement random --check)
+  message(STATUS "mpi: ${output}")
+  configure(mpi consume/mpi)
+  run(${CMAKE_COMMAND} --build ${folder}/mpi)
+  run(${MPIEXEC} -n 3 ${folder}/mpi/mpi_consumer)
+  message(STATUS "mpi_consumer: ${output}")
+endif()
 
 make_with_pkg_config(${prefix})

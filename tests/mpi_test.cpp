@@ -117,6 +117,13 @@ std::string error_of(const Function& function) {
   return "";
 }
 
+/// The same on all ranks, so that none stops while others go on.
+bool has_failed() {
+  int failed = ::testing::Test::HasFailure() ? 1 : 0;
+  MPI_Allreduce(MPI_IN_PLACE, &failed, 1, MPI_INT, MPI_MAX, MPI_COMM_WORLD);
+  return failed != 0;
+}
+
 /// Does something to an object of some rank, whichever.
 void do_anything(MpiTwins& twins, Dice& dice, bool filters) {
   const int rank = dice.rank();
@@ -142,7 +149,7 @@ void play_random_calls(std::uint32_t seed, bool filters, int updates) {
   SCOPED_TRACE("seed " + std::to_string(seed));
   MpiTwins twins(config());
   Dice dice(seed);
-  for (int k = 0; k < updates && !::testing::Test::HasFailure(); ++k) {
+  for (int k = 0; k < updates && !has_failed(); ++k) {
     const std::uint32_t calls = dice.below(3) == 0 ? dice.below(200) : dice.below(6);
     for (std::uint32_t call = 0; call < calls; ++call) do_anything(twins, dice, filters);
     if (dice.below(8) == 0) {
@@ -165,7 +172,7 @@ TEST(Mpi, RandomCallsWithFiltersAndWorlds) {
 }
 
 TEST(LongMpi, ManyRandomCalls) {
-  for (std::uint32_t seed = 10; seed < 40 && !HasFailure(); ++seed) {
+  for (std::uint32_t seed = 10; seed < 40 && !has_failed(); ++seed) {
     play_random_calls(seed, seed % 2 == 0, frames(400));
   }
 }
@@ -362,7 +369,7 @@ TEST(Mpi, WhereverMemoryIsExhaustedTheCallMayBeRepeated) {
   const long step = algorithm_under_test == "sweep-and-prune" ? 1 : 37;
   int failures = 0;
   int successes = 0;  // in a row: each rank has as many points as it has
-  for (long first = 0; first < most && successes < world_size() && !HasFailure(); first += step) {
+  for (long first = 0; first < most && successes < world_size() && !has_failed(); first += step) {
     SCOPED_TRACE(first);
     MpiTwins twins(config());
     Dice dice(7);
@@ -390,7 +397,7 @@ TEST(Mpi, ADeviceThatFailsOnOneRankLosesNothingOnAny) {
   MpiTwins twins(config());
   Dice dice(8);
   int failures = 0;
-  for (int first = 0; first < 60 && !HasFailure(); ++first) {
+  for (int first = 0; first < 60 && !has_failed(); ++first) {
     SCOPED_TRACE(first);
     for (int call = 0; call < 20; ++call) do_anything(twins, dice, true);
     const auto make_failing = [&] { return FailingOpenCl(first % 30, first < 30 ? 1 : 1000); };
