@@ -1,8 +1,7 @@
 #pragma once
 
 #include <algorithm>
-#include <array>
-#include <bit>
+#include <atomic>
 #include <cstdint>
 #include <functional>
 #include <iterator>
@@ -22,22 +21,13 @@
 #include "change_set.hpp"
 #include "exclusions.hpp"
 #include "packed_box.hpp"
+#include "parallel.hpp"
 #include "two_sets.hpp"
 
 namespace broadcl {
 
 [[noreturn]] inline void throw_nan(const std::string& what) {
   throw Error(what + " has a NaN bound; give an empty box (lower > upper) for an object without one");
-}
-
-inline bool same_bits(const Aabb& s, const Aabb& t) {
-  using Bits = std::array<std::uint32_t, 6>;
-  return std::bit_cast<Bits>(s) == std::bit_cast<Bits>(t);
-}
-
-/// Whether a box is neither empty nor has a NaN.
-inline bool is_proper(const Aabb& box) {
-  return packed_overlaps(box, box);
 }
 
 /// Objects, their ids, and what changed. Each function first does what may throw and then, after a comment
@@ -120,11 +110,16 @@ class Core {
       }
     }
     const std::span<Aabb> boxes = boxes_.first(n);
-    for (std::uint32_t id = 0; id < n; ++id) {
-      // The caller must not see a NaN that he did not write.
-      const bool is_own = id < own;
-      if (states_[id] == State::free || (!is_own && !is_proper(boxes[id]))) boxes[id] = empty_aabb();
+    if (n > own) {  // the caller must not see a NaN that he did not write
+      for_each_part(n - own, [&](std::size_t begin, std::size_t end) {
+        for (Aabb& box : boxes.subspan(own + begin, end - begin)) {
+          if (!is_proper(box)) box = empty_aabb();
+        }
+      });
+    }
+    for (std::uint32_t id = 0; size_ < n; ++id) {
       if (states_[id] == State::live) continue;
+      boxes[id] = empty_aabb();
       set_state(id, State::live);
       store_filter(id, Filter());
     }
@@ -286,14 +281,29 @@ class Core {
   /// Packs the boxes that the caller wrote in place.
   void take_mapped() {
     const std::span<Aabb> boxes = boxes_.first(mapped_);
-    bool any_empty = false;
-    for (std::size_t id = 0; id < boxes.size(); ++id) {
-      if (is_proper(boxes[id])) continue;
-      if (has_nan(boxes[id])) throw_nan("box " + std::to_string(id));
-      any_empty = true;
-    }
+    std::atomic<bool> any_empty = false;
+    std::atomic<std::size_t> first_nan = boxes.size();
+    for_each_part(boxes.size(), [&](std::size_t begin, std::size_t end) {
+      bool is_any_empty = false;
+      for (std::size_t id = begin; id < end; ++id) {
+        if (is_proper(boxes[id])) continue;
+        is_any_empty = true;
+        if (!has_nan(boxes[id])) continue;
+        for (std::size_t first = first_nan; id < first && !first_nan.compare_exchange_weak(first, id);) {
+        }
+        break;
+      }
+      if (is_any_empty) any_empty = true;
+    });
+    if (first_nan < boxes.size()) throw_nan("box " + std::to_string(first_nan));
     // Nothing below throws.
-    if (any_empty) std::ranges::transform(boxes, boxes.begin(), pack);
+    if (any_empty) {
+      for_each_part(boxes.size(), [&](std::size_t begin, std::size_t end) {
+        for (Aabb& box : boxes.subspan(begin, end - begin)) {
+          if (!is_proper(box)) box = packed_empty();
+        }
+      });
+    }
     mapped_ = 0;
   }
 

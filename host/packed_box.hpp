@@ -1,5 +1,8 @@
 #pragma once
 
+#include <array>
+#include <bit>
+#include <cstdint>
 #include <limits>
 
 #include <broadcl/aabb.hpp>
@@ -19,8 +22,18 @@ namespace broadcl {
          t.lower[1] <= s.upper[1] && s.lower[2] <= t.upper[2] && t.lower[2] <= s.upper[2];
 }
 
+/// Whether a box is neither empty nor has a NaN.
+[[nodiscard]] constexpr bool is_proper(const Aabb& box) noexcept {
+  return packed_overlaps(box, box);
+}
+
 [[nodiscard]] constexpr Aabb pack(const Aabb& box) noexcept {
-  return packed_overlaps(box, box) ? box : packed_empty();
+  return is_proper(box) ? box : packed_empty();
+}
+
+[[nodiscard]] constexpr bool same_bits(const Aabb& s, const Aabb& t) noexcept {
+  using Bits = std::array<std::uint32_t, 6>;
+  return std::bit_cast<Bits>(s) == std::bit_cast<Bits>(t);
 }
 
 }  // namespace broadcl

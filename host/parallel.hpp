@@ -4,7 +4,9 @@
 #include <atomic>
 #include <cstddef>
 #include <future>
+#include <new>
 #include <system_error>
+#include <thread>
 #include <vector>
 
 namespace broadcl {
@@ -33,6 +35,25 @@ void parallel_for(std::size_t n, std::size_t threads, const Function& function) 
   }
   work(0);
   for (std::future<void>& other : others) other.get();
+}
+
+/// Calls function(begin, end) for parts of 0 .. n-1 that together are all of it, on all processors if there
+/// is much to do.
+/// @param function Must not throw; calling it again for the same part must do no harm.
+template <class Function>
+void for_each_part(std::size_t n, const Function& function) noexcept {
+  constexpr std::size_t part = std::size_t{1} << 18U;
+  if (n < 4 * part) {
+    function(std::size_t{0}, n);
+    return;
+  }
+  try {
+    parallel_for(
+        (n + part - 1) / part, std::thread::hardware_concurrency(),
+        [&](std::size_t k, std::size_t /*thread*/) { function(k * part, std::min(n, (k + 1) * part)); });
+  } catch (const std::bad_alloc&) {  // there is no memory for more threads
+    function(std::size_t{0}, n);
+  }
 }
 
 }  // namespace broadcl

@@ -148,5 +148,26 @@ TEST_P(EachAlgorithm, SmallMapMixesWithEverythingElse) {
   ASSERT_TRUE(twins.agree());
 }
 
+/// So many that several threads look at them.
+NOT_IN(sanitizers, "has a million boxes");
+TEST(Map, AMillionBoxesAreLookedAtInParts) {
+  constexpr std::size_t n = (std::size_t{1} << 20U) + 77;
+  BroadPhase broad_phase({.algorithm = "sweep-and-prune"});
+  const std::span<Aabb> boxes = broad_phase.map(n);
+  for (std::size_t k = 0; k < n; ++k) boxes[k] = apart(k);
+  boxes[n - 1].lower[0] = nan_value;
+  boxes[700'000].upper[2] = nan_value;
+  EXPECT_THAT(error_of([&] { (void)broad_phase.update(); }), HasSubstr("box 700000 "));
+  broad_phase.move(700'000, inverted);
+  EXPECT_THAT(error_of([&] { (void)broad_phase.update(); }), HasSubstr("box 1048652 "));
+  broad_phase.move(n - 1, apart(5));
+  EXPECT_TRUE(same(broad_phase.update(), Pairs{{5, n - 1}}, {}));
+  const std::span<Aabb> again = broad_phase.map(n);
+  EXPECT_TRUE(is_empty(again[700'000]) && !has_nan(again[700'000]));
+  EXPECT_EQ(again[999'999], apart(999'999));
+  again[700'000] = apart(7);
+  EXPECT_TRUE(same(broad_phase.update(), Pairs{{7, 700'000}}, {}));
+}
+
 }  // namespace
 }  // namespace broadcl::test

@@ -176,7 +176,7 @@ class MpiBroadPhase::Impl {
     std::vector<Sample> sample;
     for (std::size_t id = 0; id < boxes.size(); id += stride) {
       const Aabb& box = boxes[id];
-      if (!packed_overlaps(box, box)) continue;
+      if (!is_proper(box)) continue;
       const Condition& around = conditions[cuts_.region_of(box.lower)];
       const double work = around.boxes == 0 ? 1 : around.work() / static_cast<double>(around.boxes);
       sample.push_back(

@@ -68,7 +68,7 @@ void Ranks::agree(const char* failure) const {
   check(MPI_Allreduce(MPI_IN_PLACE, &first, 1, MPI_INT, MPI_MIN, comm_), "MPI_Allreduce");
   if (first == count_) return;
   std::array<char, 4096> text{};
-  if (first == rank_) std::strncpy(text.data(), failure, text.size() - 1);
+  if (failure != nullptr && first == rank_) std::strncpy(text.data(), failure, text.size() - 1);
   check(MPI_Bcast(text.data(), static_cast<int>(text.size()), MPI_CHAR, first, comm_), "MPI_Bcast");
   throw Error("rank " + std::to_string(first) + ": " + text.data());
 }

@@ -97,7 +97,7 @@ void Region::take_enters(std::size_t rank, std::span<const Enter> enters) {
 
 void Region::reserve_slots(bool in_place) {
   const std::size_t needed = base_ + guests_.id.size();
-  if (in_place) {
+  if (in_place && slots_ < needed) {
     slots_ = needed;
     (void)map();
   }

@@ -35,9 +35,9 @@ class Judge {
   [[nodiscard]] bool is_own(std::uint32_t slot) const { return slot < region_.base(); }
 
   [[nodiscard]] bool reports(const Pair& pair) const {
-    // Then the broad phase of no other region knows them, and this one has always known them.
-    if (is_own(pair.b) && is_own(pair.a) && routes_.is_settled(pair.a) && routes_.is_settled(pair.b))
-      return true;
+    // What overlaps a settled object is in this region, where that has always been known, and no other
+    // reports it; what is not in this region does not overlap it.
+    if (is_settled(pair.a) || is_settled(pair.b)) return true;
     const Occupant a = occupant(pair.a);
     const Occupant b = occupant(pair.b);
     const bool is_now = of_ == Report::Of::added;
@@ -52,6 +52,8 @@ class Judge {
   }
 
  private:
+  [[nodiscard]] bool is_settled(std::uint32_t slot) const { return is_own(slot) && routes_.is_settled(slot); }
+
   static bool are_pair(const Aabb& a, const Aabb& b, const Filter& filter_a, const Filter& filter_b) {
     return overlaps(a, b) && may_pair(filter_a, filter_b);
   }

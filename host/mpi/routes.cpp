@@ -1,8 +1,6 @@
 #include "mpi/routes.hpp"
 
 #include <algorithm>
-#include <array>
-#include <bit>
 #include <cstring>
 #include <string>
 
@@ -15,14 +13,6 @@ namespace broadcl::mpi {
 namespace {
 
 constexpr std::size_t objects_per_part = std::size_t{1} << 14U;
-
-bool same_bits(const Aabb& s, const Aabb& t) {
-  return std::memcmp(&s, &t, sizeof(Aabb)) == 0;
-}
-
-bool is_proper(const Aabb& box) {
-  return packed_overlaps(box, box);
-}
 
 /// Bytes to copy into a message.
 struct Piece {
