@@ -85,4 +85,16 @@ Words::Words(nb::handle words, const std::string& name) {
   words_.assign(array.data(), array.data() + array.shape(0));
 }
 
+Words Words::of_table(nb::handle table, const std::string& name, std::size_t columns) {
+  const nb::object any = nb::module_::import_("numpy").attr("asarray")(table);
+  const nb::object shape = any.attr("shape");
+  const bool is_table = nb::len(shape) == 2 && nb::cast<std::size_t>(shape[1]) == columns;
+  if (!is_table && nb::cast<std::size_t>(any.attr("size")) != 0) {
+    throw nb::value_error((name + " must be of shape (n, " + std::to_string(columns) + "), not " +
+                           nb::str(nb::handle(shape)).c_str())
+                              .c_str());
+  }
+  return Words(any.attr("reshape")(-1), name);
+}
+
 }  // namespace broadcl::python

@@ -24,6 +24,10 @@ class Words {
   /// @throws TypeError, ValueError
   Words(nanobind::handle words, const std::string& name);
 
+  /// Those of an array (n, columns), row after row.
+  /// @throws TypeError, ValueError
+  [[nodiscard]] static Words of_table(nanobind::handle table, const std::string& name, std::size_t columns);
+
   [[nodiscard]] bool is_single() const noexcept { return is_single_; }
   /// 1 if it is a single one.
   [[nodiscard]] std::size_t size() const noexcept { return words_.size(); }

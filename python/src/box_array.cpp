@@ -6,6 +6,8 @@
 #include <cstdint>
 #include <utility>
 
+#include "device_array.hpp"
+
 namespace nb = nanobind;
 using namespace nb::literals;
 
@@ -83,6 +85,12 @@ void BoxArray::refuse_shape(const Array& array) const {
 }
 
 Array BoxArray::to_array(nb::handle object) const {
+  if (is_on_device(object)) {
+    throw nb::type_error((name_ +
+                          " must be in the host's memory here; take its get(), or for boxes on a device "
+                          "a DeviceBroadPhase, or overlapping_pairs() with all of them there")
+                             .c_str());
+  }
   const nb::object numpy = nb::module_::import_("numpy");
   Array array;
   if (is_sequence(object)) {

@@ -3,14 +3,12 @@
 
 #include <algorithm>
 #include <array>
-#include <atomic>
 #include <cstddef>
 #include <cstdint>
 #include <memory>
 #include <new>
 #include <optional>
 #include <span>
-#include <stdexcept>
 #include <string>
 #include <utility>
 #include <vector>
@@ -21,6 +19,8 @@
 #include "box_array.hpp"
 #include "classes.hpp"
 #include "config.hpp"
+#include "one_thread.hpp"
+#include "profile.hpp"
 
 namespace nb = nanobind;
 using namespace nb::literals;
@@ -78,7 +78,7 @@ class Objects {
     const BoxArray array(boxes, "boxes");
     array.refuse_nan();
     const Filters filters(group, mask, body, world, array.view().size());
-    const Use use(*this);
+    const OneThread::Use use(thread_);
     take_staged();
     std::vector<std::uint32_t> ids;
     ids.reserve(array.view().size());
@@ -105,7 +105,7 @@ class Objects {
                              std::to_string(words.size()) + " and " + std::to_string(array.view().size()))
                                 .c_str());
     }
-    const Use use(*this);
+    const OneThread::Use use(thread_);
     refuse_unknown(words);
     take_staged();
     for (std::size_t k = 0; k < words.size(); ++k) broad_phase_->move(words[k], array.view()[k]);
@@ -115,7 +115,7 @@ class Objects {
   void set_filter(nb::handle ids, nb::handle group, nb::handle mask, nb::handle body, nb::handle world) {
     const Words words(ids, "ids");
     const Filters filters(group, mask, body, world, words.size());
-    const Use use(*this);
+    const OneThread::Use use(thread_);
     refuse_unknown(words);
     take_staged();
     for (std::size_t k = 0; k < words.size(); ++k) broad_phase_->set_filter(words[k], filters[k]);
@@ -123,7 +123,7 @@ class Objects {
 
   void remove(nb::handle ids) {
     const Words words(ids, "ids");
-    const Use use(*this);
+    const OneThread::Use use(thread_);
     refuse_unknown(words);
     std::vector<std::uint32_t> sorted;
     for (std::size_t k = 0; k < words.size(); ++k) sorted.push_back(words[k]);
@@ -140,8 +140,25 @@ class Objects {
     is_staging_current_ = false;
   }
 
+  void set_exclusions(nb::handle pairs) {
+    const Words words = Words::of_table(pairs, "pairs", 2);
+    std::vector<Pair> exclusions;
+    exclusions.reserve(words.size() / 2);
+    for (std::size_t k = 0; k < words.size(); k += 2) {
+      exclusions.push_back({words[k], words[k + 1]});
+      if (words[k] != words[k + 1]) continue;
+      throw nb::value_error(("row " + std::to_string(k / 2) + " of pairs has the id " +
+                             std::to_string(words[k]) + " twice; give pairs of two ids")
+                                .c_str());
+    }
+    const OneThread::Use use(thread_);
+    const nb::gil_scoped_release released;
+    take_staged();
+    broad_phase_->set_exclusions(exclusions);
+  }
+
   nb::object boxes(std::size_t n) {
-    const Use use(*this);
+    const OneThread::Use use(thread_);
     take_staged();
     {
       const nb::gil_scoped_release released;
@@ -170,7 +187,7 @@ class Objects {
     return changes([&] { return broad_phase_->finish(); });
   }
   void begin() {
-    const Use use(*this);
+    const OneThread::Use use(thread_);
     or_refuse_nan([&] {
       const nb::gil_scoped_release released;
       copy_staged();
@@ -180,17 +197,17 @@ class Objects {
   }
 
   nb::object pairs() {
-    const Use use(*this);
+    const OneThread::Use use(thread_);
     return to_array(without_gil([&] { return broad_phase_->pairs(); }));
   }
 
   std::size_t size() {
-    const Use use(*this);
+    const OneThread::Use use(thread_);
     return broad_phase_->size();
   }
 
   std::optional<Device> device() {
-    const Use use(*this);
+    const OneThread::Use use(thread_);
     const Device* device = broad_phase_->device();
     return device == nullptr ? std::nullopt : std::optional(*device);
   }
@@ -198,54 +215,19 @@ class Objects {
   std::string algorithm() { return std::string(broad_phase_->algorithm().name); }
 
   nb::dict memory() {
-    const Use use(*this);
-    const MemoryUse memory = broad_phase_->memory();
-    nb::dict result;
-    result["device"] = memory.device;
-    result["device_peak"] = memory.device_peak;
-    result["pinned"] = memory.pinned;
-    return result;
+    const OneThread::Use use(thread_);
+    return to_dict(broad_phase_->memory());
   }
 
   nb::dict profile() {
-    const Use use(*this);
-    nb::dict result;
-    for (const Stage& stage : broad_phase_->profile()) {
-      const nb::str name(stage.name.data(), stage.name.size());
-      if (!result.contains(name)) {
-        nb::dict first;
-        first["host_seconds"] = 0.0;
-        first["device_seconds"] = 0.0;
-        result[name] = first;
-      }
-      const nb::object times = result[name];
-      times["host_seconds"] = nb::cast<double>(times["host_seconds"]) + stage.host_seconds;
-      times["device_seconds"] = nb::cast<double>(times["device_seconds"]) + stage.device_seconds;
-    }
-    return result;
+    const OneThread::Use use(thread_);
+    return to_dict(broad_phase_->profile());
   }
 
  private:
-  /// Holds the object for one thread; without the GIL another one might come.
-  class Use {
-   public:
-    explicit Use(Objects& objects) : objects_(objects) {
-      if (objects_.is_used_.test_and_set(std::memory_order_acquire)) {
-        throw std::runtime_error(
-            "another thread is using this BroadPhase; give each thread its own, or use a lock");
-      }
-    }
-    ~Use() { objects_.is_used_.clear(std::memory_order_release); }
-    Use(const Use&) = delete;
-    Use& operator=(const Use&) = delete;
-
-   private:
-    Objects& objects_;
-  };
-
   template <class Function>
   Changes changes(const Function& function) {
-    const Use use(*this);
+    const OneThread::Use use(thread_);
     std::vector<Pair> added;
     std::vector<Pair> removed;
     or_refuse_nan([&] {
@@ -305,7 +287,7 @@ class Objects {
     live_[id] = is_live ? 1 : 0;
   }
 
-  std::atomic_flag is_used_;
+  OneThread thread_;
   std::optional<BroadPhase> broad_phase_;
   std::vector<std::uint8_t> live_;  // by id
 
@@ -400,6 +382,12 @@ void add_broad_phase(nb::module_& module) {
               "numpy.typing.ArrayLike = 0) -> None"),
           "Replaces the whole filter of one object, or of n: ids (n,), the rest as add() takes it.\n\n"
           "Raises ValueError for an unknown id; TypeError.")
+      .def("set_exclusions", &Objects::set_exclusions, "pairs"_a.none(),
+           nb::sig("def set_exclusions(self, pairs: numpy.typing.ArrayLike) -> None"),
+           "Replaces the list of pairs of ids that are never reported: (m, 2) integers, in any order. At "
+           "first "
+           "there are none.\n\n"
+           "Raises ValueError for a pair of an id with itself, and for a wrong shape; TypeError.")
       .def("remove", &Objects::remove, "ids"_a.none(),
            nb::sig("def remove(self, ids: numpy.typing.ArrayLike) -> None"),
            "Removes one object, or n: ids (n,). Their pairs are in `removed` of the next update; their ids "

@@ -13,6 +13,7 @@
 #include "box_array.hpp"
 #include "classes.hpp"
 #include "config.hpp"
+#include "device_array.hpp"
 
 namespace nb = nanobind;
 using namespace nb::literals;
@@ -40,6 +41,7 @@ namespace {
 
 nb::object find_pairs(nb::handle a, nb::handle b, const Selector& device, const std::string& algorithm,
                       std::size_t threads) {
+  if (is_on_device(a)) throw nb::next_overload();
   const Config config = to_config(device, algorithm, threads);
   const BoxArray first(a, b.is_none() ? "boxes" : "a");
   std::optional<BoxArray> second;
@@ -55,6 +57,16 @@ nb::object find_pairs(nb::handle a, nb::handle b, const Selector& device, const 
     throw;
   }
   return to_array(std::move(pairs));
+}
+
+/// The overload for what is on a device; whatever the other one does not take comes here, too.
+nb::object find_pairs_on_device(nb::handle a, nb::handle b, nb::handle queue, const std::string& algorithm) {
+  if (!is_on_device(a)) {
+    throw nb::type_error(
+        "device must be a string, a row of devices() or None; a queue of pyopencl only for arrays of "
+        "pyopencl");
+  }
+  return find_on_device(a, b, queue, algorithm);
 }
 
 nb::dict algorithm_summaries() {
@@ -106,6 +118,7 @@ NB_MODULE(_core, module) {
       "The device, or the driver, cannot do what was asked for. The text says what to do.";
   add_device(module);
   add_broad_phase(module);
+  add_device_broad_phase(module);
   module.attr("version") = BROADCL_VERSION_STRING;
   module.attr("NO_BODY") = broadcl::Filter::no_body;
   module.attr("ALL_WORLDS") = broadcl::Filter::all_worlds;
@@ -137,6 +150,18 @@ NB_MODULE(_core, module) {
       "Raises ValueError for a NaN (it names the row), a wrong shape or an unknown algorithm; TypeError for "
       "another\n"
       "dtype or kind of object; Error for the device; MemoryError.");
+  module.def(
+      "overlapping_pairs", &find_pairs_on_device, "a"_a.none(), "b"_a = nb::none(), nb::kw_only(),
+      "device"_a = nb::none(), "algorithm"_a = "auto",
+      nb::sig("def overlapping_pairs(a: pyopencl.array.Array | pyopencl.Buffer, b: pyopencl.array.Array | "
+              "pyopencl.Buffer | None = None, *, device: pyopencl.CommandQueue | None = None, algorithm: str "
+              "= 'auto') -> pyopencl.array.Array"),
+      "The same for boxes that are on a device, in arrays or buffers of pyopencl: float32, (n, 6) or (n, 2, "
+      "3), each\n"
+      "box without gaps. The pairs stay there, in an array whose get() makes a NumPy array of it.\n\n"
+      "device: the queue to work in, in order; None for that of `a`. Kernels are made ready in each call. If "
+      "you call\n"
+      "often, keep a DeviceBroadPhase.");
   module.def(
       "devices", &all_devices,
       "Every OpenCL device that can be used, in the order of `clinfo -l`; empty without an OpenCL driver.\n\n"

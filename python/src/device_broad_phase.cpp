@@ -1,0 +1,239 @@
+#include <nanobind/nanobind.h>
+#include <nanobind/stl/optional.h>
+#include <nanobind/stl/string.h>
+
+#include <cstddef>
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <utility>
+
+#include <broadcl/opencl.hpp>
+
+#include "classes.hpp"
+#include "config.hpp"
+#include "device_array.hpp"
+#include "one_thread.hpp"
+#include "profile.hpp"
+
+namespace nb = nanobind;
+using namespace nb::literals;
+
+namespace broadcl::python {
+namespace {
+
+/// The changes of an update, in arrays of pyopencl.
+struct DeviceChanges {
+  nb::object added;
+  nb::object removed;
+  std::size_t pair_count;
+  std::size_t invalid_boxes;
+  std::optional<std::uint32_t> first_invalid;
+};
+
+/// A DeviceBroadPhase for Python: one thread at a time, with arrays of pyopencl.
+class DeviceObjects {
+ public:
+  DeviceObjects(nb::handle queue, const std::string& algorithm, bool profile)
+      : queue_(nb::borrow(queue)), broad_phase_(open(queue, algorithm, profile)) {}
+  DeviceObjects(const DeviceObjects&) = delete;
+  DeviceObjects& operator=(const DeviceObjects&) = delete;
+  ~DeviceObjects() = default;
+
+  DeviceChanges update(nb::handle boxes, nb::handle second, nb::handle filters, bool worlds) {
+    begin(boxes, second, filters, worlds);
+    return finish();
+  }
+
+  void begin(nb::handle boxes, nb::handle second, nb::handle filters, bool worlds) {
+    const OneThread::Use use(thread_);
+    const DeviceBroadPhase::Boxes all = to_boxes(queue_, boxes, second, filters, worlds);
+    {
+      const nb::gil_scoped_release released;
+      broad_phase_.begin(all);
+    }
+    inputs_ = nb::make_tuple(boxes, second, filters);
+  }
+
+  DeviceChanges finish() {
+    const OneThread::Use use(thread_);
+    const nb::object inputs = std::exchange(inputs_, nb::none());
+    DeviceBroadPhase::Result result;
+    {
+      const nb::gil_scoped_release released;
+      result = broad_phase_.finish();
+    }
+    return {copy_on_device(result.added, queue_), copy_on_device(result.removed, queue_), result.pair_count,
+            result.invalid_boxes, result.first_invalid};
+  }
+
+  nb::object pairs() {
+    const OneThread::Use use(thread_);
+    DeviceBroadPhase::PairBuffer pairs;
+    {
+      const nb::gil_scoped_release released;
+      pairs = broad_phase_.pairs();
+    }
+    return copy_on_device(pairs, queue_);
+  }
+
+  nb::object queue() const { return queue_; }
+  Device device() const { return broad_phase_.device(); }
+  nb::dict memory() {
+    const OneThread::Use use(thread_);
+    return to_dict(broad_phase_.memory());
+  }
+  nb::dict profile() {
+    const OneThread::Use use(thread_);
+    return to_dict(broad_phase_.profile());
+  }
+
+  /// See `find_on_device`.
+  static nb::object find(nb::handle a, nb::handle b, nb::handle queue, const std::string& algorithm) {
+    const DeviceBroadPhase::Boxes boxes = to_boxes(queue, a, b, nb::none(), false);
+    const cl_command_queue handle = to_queue(queue);
+    DeviceBroadPhase::Result result;
+    std::optional<DeviceBroadPhase> broad_phase;
+    {
+      const nb::gil_scoped_release released;
+      broad_phase.emplace(handle, DeviceBroadPhase::Config{.algorithm = algorithm});
+      result = broad_phase->update(boxes);
+    }
+    if (result.first_invalid) {
+      const bool is_first = *result.first_invalid < boxes.count;
+      const std::size_t row = *result.first_invalid - (is_first ? 0 : boxes.count);
+      const std::string name = is_first ? (b.is_none() ? "boxes" : "a") : "b";
+      throw nb::value_error(("row " + std::to_string(row) + " of " + name + " has a NaN bound; " +
+                             "give an empty box (lower > upper) for an object without one")
+                                .c_str());
+    }
+    return show_on_device(result.added, queue);
+  }
+
+ private:
+  static DeviceBroadPhase open(nb::handle queue, const std::string& algorithm, bool profile) {
+    (void)to_config(std::nullopt, algorithm, 0);
+    const cl_command_queue handle = to_queue(queue);
+    const nb::gil_scoped_release released;
+    return DeviceBroadPhase(handle, {.algorithm = algorithm, .profile = profile});
+  }
+
+  static DeviceBroadPhase::Boxes to_boxes(nb::handle queue, nb::handle boxes, nb::handle second,
+                                          nb::handle filters, bool worlds) {
+    const DeviceBoxes first(boxes, queue, second.is_none() ? "boxes" : "the first set");
+    DeviceBroadPhase::Boxes all{.buffer = first.buffer,
+                                .count = first.count,
+                                .offset = first.offset,
+                                .stride = first.stride,
+                                .worlds = worlds};
+    if (!second.is_none()) {
+      const DeviceBoxes other(second, queue, "the second set");
+      all.second = {
+          .buffer = other.buffer, .count = other.count, .offset = other.offset, .stride = other.stride};
+    }
+    all.filters = to_filters(filters, queue, all.count + all.second.count);
+    return all;
+  }
+
+  OneThread thread_;
+  nb::object queue_;
+  DeviceBroadPhase broad_phase_;
+  nb::object inputs_ = nb::none();  // of the update that was begun
+};
+
+}  // namespace
+
+nb::object find_on_device(nb::handle a, nb::handle b, nb::handle queue, const std::string& algorithm) {
+  (void)to_config(std::nullopt, algorithm, 0);
+  const nb::object own = queue_of(a, queue);
+  return DeviceObjects::find(a, b, own, algorithm);
+}
+
+// NOLINTNEXTLINE(readability-function-size): a table
+void add_device_broad_phase(nb::module_& module) {
+  nb::class_<DeviceChanges>(module, "DeviceDelta",
+                            "What changed between two updates of a DeviceBroadPhase: ``added, removed = "
+                            "broad_phase.update(boxes)``.\n\n"
+                            "The arrays own what they show; their get() makes NumPy arrays of them.")
+      .def_ro("added", &DeviceChanges::added, nb::sig("def added(self) -> pyopencl.array.Array"),
+              "(m, 2) uint32: pairs that began to overlap, in canonical order.")
+      .def_ro("removed", &DeviceChanges::removed, nb::sig("def removed(self) -> pyopencl.array.Array"),
+              "(m, 2) uint32: pairs that ceased to overlap, in canonical order.")
+      .def_ro("pair_count", &DeviceChanges::pair_count, "How many overlap now.")
+      .def_ro("invalid_boxes", &DeviceChanges::invalid_boxes, "Boxes with a NaN bound. They overlap nothing.")
+      .def_ro("first_invalid", &DeviceChanges::first_invalid,
+              "The index of the first of these, or None. Those of a second set follow the first set's.")
+      .def(
+          "__iter__",
+          [](const DeviceChanges& changes) {
+            return nb::iter(nb::make_tuple(changes.added, changes.removed));
+          },
+          nb::sig("def __iter__(self) -> collections.abc.Iterator[pyopencl.array.Array]"))
+      .def("__repr__", [](const DeviceChanges& changes) {
+        return nb::str("DeviceDelta(added={!r}, removed={!r})").format(changes.added, changes.removed);
+      });
+
+  nb::class_<DeviceObjects>(
+      module, "DeviceBroadPhase",
+      "A BroadPhase for boxes that are in arrays or buffers of pyopencl: pairs and their changes stay on "
+      "the\n"
+      "device, too.\n\n"
+      "Object k is the box at index k, in every update the same object. Every update tests all of them.\n\n"
+      "queue: a pyopencl.CommandQueue, in order. All work is done in it, and nothing else may use it during "
+      "a\n"
+      "call.\n"
+      "algorithm: a key of algorithms() that works on the device.\n"
+      "profile: measure stages on the device; the queue must have profiling enabled.\n\n"
+      "One thread at a time may use an object: a second one gets a RuntimeError. The GIL is released while "
+      "the\n"
+      "device works.\n\n"
+      "Raises TypeError for another kind of queue, ValueError for an unknown algorithm, Error for one of "
+      "the\n"
+      "host, for a queue that is out of order, and for whatever fails in OpenCL.")
+      .def(nb::init<nb::handle, const std::string&, bool>(), "queue"_a.none(), nb::kw_only(),
+           "algorithm"_a = "auto", "profile"_a = false,
+           nb::sig("def __init__(self, queue: pyopencl.CommandQueue, *, algorithm: str = 'auto', "
+                   "profile: bool = False) -> None"))
+      .def(
+          "update", &DeviceObjects::update, "boxes"_a.none(), "second"_a = nb::none(), nb::kw_only(),
+          "filters"_a = nb::none(), "worlds"_a = false,
+          nb::sig("def update(self, boxes: pyopencl.array.Array | pyopencl.Buffer, second: "
+                  "pyopencl.array.Array | pyopencl.Buffer | None = None, *, filters: pyopencl.array.Array | "
+                  "pyopencl.Buffer | None = None, worlds: bool = False) -> DeviceDelta"),
+          "Finds every pair of overlapping boxes that their filters let pair, and returns what changed since "
+          "the last\n"
+          "update. Waits for the queue once, for the counts.\n\n"
+          "boxes: float32, (n, 6) or (n, 2, 3), each box without gaps; or a buffer of such. Only read. A box "
+          "with a NaN\n"
+          "overlaps nothing, and is counted.\n"
+          "second: a second set. Only pairs of a box of the first with one of the second are found then; how "
+          "many the\n"
+          "first has must be the same in every update.\n"
+          "filters: (n, 4) uint32, for each box, also of the second set, its group, mask, body and world.\n"
+          "worlds: whether the filters have different worlds.\n\n"
+          "Raises TypeError for what is not on the device or not float32, ValueError for a wrong shape or "
+          "another queue,\n"
+          "Error if the device fails. The known pairs are then as before.")
+      .def("begin", &DeviceObjects::begin, "boxes"_a.none(), "second"_a = nb::none(), nb::kw_only(),
+           "filters"_a = nb::none(), "worlds"_a = false,
+           nb::sig("def begin(self, boxes: pyopencl.array.Array | pyopencl.Buffer, second: "
+                   "pyopencl.array.Array | pyopencl.Buffer | None = None, *, filters: pyopencl.array.Array | "
+                   "pyopencl.Buffer | None = None, worlds: bool = False) -> None"),
+           "Starts an update behind what is in the queue, and returns at once. As update().")
+      .def("finish", &DeviceObjects::finish,
+           "Waits for the update that begin() started, and returns what it changed.\n"
+           "Raises Error as update() does, and if none was begun.")
+      .def("pairs", &DeviceObjects::pairs, nb::sig("def pairs(self) -> pyopencl.array.Array"),
+           "All pairs as of the last update: (m, 2) uint32 in canonical order, by b, then by a; of one set, "
+           "a < b.\n"
+           "Raises Error between begin() and finish().")
+      .def("profile", &DeviceObjects::profile, nb::sig("def profile(self) -> dict[str, dict[str, float]]"),
+           "The stages of the last update, as BroadPhase.profile() has them.")
+      .def_prop_ro("queue", &DeviceObjects::queue, nb::sig("def queue(self) -> pyopencl.CommandQueue"),
+                   "The queue.")
+      .def_prop_ro("device", &DeviceObjects::device, "The device of the queue.")
+      .def_prop_ro("memory", &DeviceObjects::memory, nb::sig("def memory(self) -> dict[str, int]"),
+                   "Memory of this object, without the caller's arrays, as BroadPhase.memory has it.");
+}
+
+}  // namespace broadcl::python
