@@ -25,9 +25,10 @@ constexpr std::size_t no_second_set = ~std::size_t{0};
 
 cl::CommandQueue retained(cl_command_queue queue, bool profile) {
   if (queue == nullptr) throw Error("the queue is null; give one that was made by clCreateCommandQueue");
-  cl::CommandQueue result(queue, true);
-  const auto properties =
-      opencl::translate_errors("the queue", [&] { return result.getInfo<CL_QUEUE_PROPERTIES>(); });
+  auto [result, properties] = opencl::translate_errors("the queue", [&] {
+    const cl::CommandQueue own(queue, true);
+    return std::pair(own, own.getInfo<CL_QUEUE_PROPERTIES>());
+  });
   if (profile && (properties & CL_QUEUE_PROFILING_ENABLE) == 0) {
     throw Error(
         "Config::profile is set, but the queue does not measure; make it with CL_QUEUE_PROFILING_ENABLE");

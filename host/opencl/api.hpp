@@ -11,3 +11,10 @@
 #define CL_HPP_ENABLE_EXCEPTIONS
 
 #include <CL/opencl.hpp>
+
+namespace broadcl::opencl {
+
+/// CL_PLATFORM_NOT_FOUND_KHR: the loader finds no implementation, or there is no loader.
+inline constexpr cl_int no_platform = -1001;
+
+}  // namespace broadcl::opencl

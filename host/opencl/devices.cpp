@@ -16,8 +16,6 @@
 namespace broadcl {
 namespace {
 
-constexpr cl_int no_platform = -1001;  // CL_PLATFORM_NOT_FOUND_KHR: the loader found no implementation
-
 // Of the functions below, all_platforms(), all_devices() and describe() throw cl::Error.
 
 std::vector<cl::Platform> all_platforms() {
@@ -25,7 +23,7 @@ std::vector<cl::Platform> all_platforms() {
   try {
     cl::Platform::get(&platforms);
   } catch (const cl::Error& error) {
-    if (error.err() != no_platform) throw;
+    if (error.err() != opencl::no_platform) throw;
   }
   return platforms;
 }

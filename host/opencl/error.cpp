@@ -33,6 +33,8 @@ constexpr std::array codes{
     Code{CL_INVALID_COMMAND_QUEUE, "CL_INVALID_COMMAND_QUEUE", lost_remedy},
     Code{CL_EXEC_STATUS_ERROR_FOR_EVENTS_IN_WAIT_LIST, "CL_EXEC_STATUS_ERROR_FOR_EVENTS_IN_WAIT_LIST",
          lost_remedy},
+    Code{no_platform, "CL_PLATFORM_NOT_FOUND_KHR",
+         "install OpenCL's loader, libOpenCL.so.1 (Debian, Ubuntu: apt install ocl-icd-libopencl1)"},
 };
 
 const Code* find(cl_int code) {

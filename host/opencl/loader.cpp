@@ -11,9 +11,6 @@
 
 namespace {
 
-constexpr cl_int no_platform =
-    -1001;  // CL_PLATFORM_NOT_FOUND_KHR, as from a loader that finds no implementation
-
 /// Opened once, by whichever thread comes first, and never closed: drivers have threads of their own.
 void* library() noexcept {
   static void* const handle = dlopen("libOpenCL.so.1", RTLD_NOW | RTLD_LOCAL);
@@ -32,12 +29,11 @@ struct Signature<Result_(Arguments...)> {
   template <std::size_t index>
   using Argument = std::tuple_element_t<index, std::tuple<Arguments...>>;
 
-  /// Nothing but clGetPlatformIDs is called before it has found a platform, so the others need no error of
-  /// their own.
+  /// Before a platform is found only clGetPlatformIDs is called, or what retains a caller's object.
   static Result call(void* function, Arguments... arguments) {
     if (function != nullptr) return reinterpret_cast<Result (*)(Arguments...)>(function)(arguments...);
     if constexpr (std::is_same_v<Result, cl_int>) {
-      return no_platform;
+      return broadcl::opencl::no_platform;
     } else {
       return Result();
     }

@@ -5,9 +5,11 @@ import os
 import hypothesis
 import hypothesis.extra.numpy as hnp
 import numpy as np
+import pytest
 from hypothesis import strategies as st
 
 hypothesis.settings.register_profile("default", deadline=None, max_examples=60, derandomize=True)
+hypothesis.settings.register_profile("quick", deadline=None, max_examples=15, derandomize=True)
 hypothesis.settings.register_profile("long", deadline=None, max_examples=2000)
 hypothesis.settings.load_profile(os.environ.get("BROADCL_HYPOTHESIS", "default"))
 
@@ -65,3 +67,9 @@ def uniform(n: int, overlaps: float = 3, seed: int = 0) -> np.ndarray:
     random = np.random.default_rng(seed)
     lower = random.uniform(0, (8 * n / overlaps) ** (1 / 3), (n, 3))
     return np.hstack([lower, lower + 1]).astype(np.float32)
+
+
+@pytest.fixture
+def no_opencl(tmp_path):
+    (tmp_path / "libOpenCL.so.1").touch()  # found first, and no library
+    return {"LD_LIBRARY_PATH": str(tmp_path), "BROADCL_DEVICE": ""}

@@ -198,3 +198,19 @@ def test_writing_counts_once():
     broad_phase.move(1, [5, 5, 5, 6, 6, 6])  # after what was written
     assert len(broad_phase.update().added) == 0
     assert broad_phase.boxes(2)[1, 0] == 5
+
+
+def test_exclusions():
+    values = uniform(200)
+    expected = oracle(values)
+    broad_phase = broadcl.BroadPhase()
+    broad_phase.add(values)
+    broad_phase.set_exclusions(expected[::2, ::-1])
+    assert np.array_equal(broad_phase.update().added, expected[1::2])
+    broad_phase.set_exclusions([])
+    assert np.array_equal(broad_phase.update().added, expected[::2])
+    view = broad_phase.boxes(2)
+    view[:] = [0, 0, 0, 1, 1, 1]
+    broad_phase.set_exclusions([[1, 0]])  # after what was written
+    broad_phase.update()
+    assert len(broad_phase.pairs()) == 0

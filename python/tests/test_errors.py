@@ -98,6 +98,10 @@ def test_ids():
         broad_phase.move(0, [box])
     with pytest.raises(ValueError, match=r"shape \(n,\)"):
         broad_phase.remove([[0, 1]])
+    with pytest.raises(ValueError, match="row 1 of pairs has the id 2 twice"):
+        broad_phase.set_exclusions([[0, 1], [2, 2]])
+    with pytest.raises(ValueError, match=r"shape \(n, 2\)"):
+        broad_phase.set_exclusions([0, 1])
     with pytest.raises(ValueError, match="filters must be"):
         broad_phase.add(uniform(2), world=[1, 2, 3])
     assert len(broad_phase) == 4  # nothing above did anything
@@ -134,7 +138,9 @@ def test_no_memory():
 
     values = np.broadcast_to(np.float32([0, 0, 0, 1, 1, 1]), (100_000, 6))  # five billion pairs
     old = resource.getrlimit(resource.RLIMIT_AS)
-    resource.setrlimit(resource.RLIMIT_AS, (4 << 30, old[1]))
+    with open("/proc/self/statm") as file:
+        used = int(file.read().split()[0]) * resource.getpagesize()
+    resource.setrlimit(resource.RLIMIT_AS, (used + (256 << 20), old[1]))
     try:
         with pytest.raises(MemoryError):
             broadcl.overlapping_pairs(values, threads=1)

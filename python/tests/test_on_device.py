@@ -1,6 +1,7 @@
 """Arrays and buffers of pyopencl."""
 
 import gc
+import os
 import subprocess
 import sys
 
@@ -168,3 +169,18 @@ def test_what_it_says_of_itself(queue):
 def test_pyopencl_is_optional():
     code = "import sys, broadcl; broadcl.overlapping_pairs([[0] * 6] * 2); assert 'pyopencl' not in sys.modules"
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_without_the_loader_of_the_system(no_opencl):
+    code = """if True:
+        import broadcl, numpy, pyopencl, pyopencl.array
+        queue = pyopencl.CommandQueue(pyopencl.create_some_context(interactive=False))
+        try:
+            broadcl.overlapping_pairs(pyopencl.array.zeros(queue, (3, 6), numpy.float32))
+        except broadcl.Error as error:
+            assert "install OpenCL's loader, libOpenCL.so.1" in str(error), error
+        else:
+            raise AssertionError
+    """
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env={**os.environ, **no_opencl})
+    assert run.returncode == 0, run.stderr

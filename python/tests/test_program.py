@@ -18,12 +18,6 @@ def program(*arguments, **environment):
     )
 
 
-@pytest.fixture
-def no_opencl(tmp_path):
-    (tmp_path / "libOpenCL.so.1").touch()  # found first, and no library
-    return {"LD_LIBRARY_PATH": str(tmp_path), "BROADCL_DEVICE": ""}
-
-
 def test_devices():
     run = program("devices")
     assert run.returncode == 0
@@ -36,7 +30,6 @@ def test_check():
     run = program("check")
     assert run.returncode == 0, run.stdout
     assert run.stdout.count(" right\n") == len(broadcl.algorithms())
-    assert set(broadcl.check().values()) == {"right"}
 
 
 def test_pairs(tmp_path):
@@ -78,7 +71,7 @@ def test_the_module_links_no_opencl():
     from broadcl import _core
 
     module = Path(_core.__file__).read_bytes()
-    assert module.count(b"libOpenCL.so") == 1  # the name that it opens
+    assert module.count(b"\0libOpenCL.so.1\0") == 1  # the name that it opens
 
 
 def test_types():
