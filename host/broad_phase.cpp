@@ -1,6 +1,7 @@
 #include <broadcl/broad_phase.hpp>
 
 #include <algorithm>
+#include <memory>
 #include <string>
 
 #include "algorithms/algorithm.hpp"
@@ -59,6 +60,10 @@ void BroadPhase::remove(std::uint32_t id) {
 
 std::span<Aabb> BroadPhase::map(std::size_t n) {
   return impl_->map(n);
+}
+
+std::shared_ptr<const void> BroadPhase::mapped_memory() const {
+  return impl_->algorithm().boxes_owner();
 }
 
 Delta BroadPhase::update() {

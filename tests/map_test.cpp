@@ -1,6 +1,8 @@
 #include <broadcl/broad_phase.hpp>
 
 #include <algorithm>
+#include <memory>
+#include <span>
 #include <vector>
 
 #include <gtest/gtest.h>
@@ -27,6 +29,22 @@ TEST_P(EachAlgorithm, SmallMappedBoxesAreThoseOfTheObjects) {
   EXPECT_TRUE(same(broad_phase.update(), {}, {}));
   again[0] = apart(1);
   EXPECT_TRUE(same(broad_phase.update(), {}, {})) << "not mapped any more";
+}
+
+TEST_P(EachAlgorithm, SmallMappedMemoryOutlivesTheObject) {
+  std::span<const Aabb> boxes;
+  std::shared_ptr<const void> memory;
+  {
+    BroadPhase broad_phase(config());
+    const std::span<Aabb> mapped = broad_phase.map(40);
+    memory = broad_phase.mapped_memory();
+    boxes = mapped;
+    for (std::uint32_t k = 0; k < 40; ++k) mapped[k] = apart(k);
+    EXPECT_TRUE(same(broad_phase.update(), {}, {}));
+    for (Aabb& box : broad_phase.map(4000)) box = apart(0);  // elsewhere
+    EXPECT_NE(broad_phase.mapped_memory(), memory);
+  }
+  for (std::uint32_t k = 0; k < 40; ++k) ASSERT_EQ(boxes[k], apart(k));
 }
 
 ALSO_IN(oclgrind);

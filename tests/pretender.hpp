@@ -38,6 +38,7 @@ class Pretender final : public Algorithm {
     inner_->reserve(slots, filters);
   }
   [[nodiscard]] std::span<Aabb> boxes() noexcept override { return inner_->boxes(); }
+  [[nodiscard]] std::shared_ptr<const void> boxes_owner() const override { return inner_->boxes_owner(); }
   void begin(const Changes& changes) override { inner_->begin(changes); }
   void flush() override { inner_->flush(); }
   Delta finish() override {

@@ -62,6 +62,10 @@ class Algorithm {
   /// until the next reserve() or finish().
   [[nodiscard]] virtual std::span<Aabb> boxes() noexcept = 0;
 
+  /// Keeps the memory of boxes() from being freed for as long as it lives, which may be longer than this
+  /// object.
+  [[nodiscard]] virtual std::shared_ptr<const void> boxes_owner() const = 0;
+
   /// Starts an update without waiting for the device; finish() must follow.
   virtual void begin(const Changes& changes) = 0;
   /// Makes the device start at once on what begin() enqueued.

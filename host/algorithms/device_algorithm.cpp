@@ -27,6 +27,7 @@ class DeviceAlgorithm final : public Algorithm {
   }
 
   [[nodiscard]] std::span<Aabb> boxes() noexcept override { return objects_.boxes(); }
+  [[nodiscard]] std::shared_ptr<const void> boxes_owner() const override { return objects_.boxes_owner(); }
 
   void begin(const Changes& changes) override {
     profiler_.begin();

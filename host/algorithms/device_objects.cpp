@@ -34,7 +34,7 @@ DeviceObjects::DeviceObjects(const opencl::Context& context, opencl::Profiler& p
 }
 
 std::span<Aabb> DeviceObjects::boxes() const noexcept {
-  return {reinterpret_cast<Aabb*>(boxes_.host()), capacity_};
+  return {reinterpret_cast<Aabb*>(boxes_->host()), capacity_};
 }
 
 void DeviceObjects::reserve(std::size_t slots, bool filters) {
@@ -63,7 +63,13 @@ void DeviceObjects::reserve_boxes(std::size_t slots) {
   // An update has at most a quarter of the slots in `changed`, with their boxes, or all slots recycled,
   // without boxes.
   const std::size_t staged = std::max(staged_bytes(capacity / 4 + 1, true), staged_bytes(capacity, false));
-  auto boxes = opencl::MappedBuffer::pinned(context_, bytes);
+  // Whoever has it last waits until it is released: Context, which waits for its queue, may be gone.
+  const std::shared_ptr<opencl::MappedBuffer> boxes(
+      new opencl::MappedBuffer(opencl::MappedBuffer::pinned(context_, bytes)),
+      [queue = context_.queue()](const opencl::MappedBuffer* last) {
+        delete last;
+        opencl::wait_if_possible(queue);
+      });
   auto staged_changes = opencl::MappedBuffer::pinned(context_, staged);
   cl::Buffer last = context_.buffer(bytes);
   cl::Buffer next = context_.buffer(bytes);
@@ -73,8 +79,8 @@ void DeviceObjects::reserve_boxes(std::size_t slots) {
   if (last_.objects.slots > 0) {
     queue.enqueueCopyBuffer(last_.objects.boxes, last, 0, 0, last_.objects.slots * sizeof(Aabb));
   }
-  if (capacity_ > 0) std::memcpy(boxes.host(), boxes_.host(), capacity_ * sizeof(Aabb));
-  boxes_ = std::move(boxes);
+  if (capacity_ > 0) std::memcpy(boxes->host(), boxes_->host(), capacity_ * sizeof(Aabb));
+  boxes_ = boxes;
   staged_changes_ = std::move(staged_changes);
   last_.objects.boxes = std::move(last);
   last_.all = true;  // next_ has none of them
@@ -126,7 +132,7 @@ void DeviceObjects::upload_boxes(const Changes& changes) {
   if (next_.all) {
     opencl::Profiler::Scope stage(profiler_, "upload");
     queue.enqueueWriteBuffer(next_.objects.boxes, CL_FALSE, 0,
-                             std::max<std::size_t>(1, changes.slots) * sizeof(Aabb), boxes_.host(), nullptr,
+                             std::max<std::size_t>(1, changes.slots) * sizeof(Aabb), boxes_->host(), nullptr,
                              stage.event());
   } else if (last_.all) {
     opencl::Profiler::Scope stage(profiler_, "copy");

@@ -2,6 +2,7 @@
 
 #include <array>
 #include <cstddef>
+#include <memory>
 #include <span>
 
 #include <broadcl/aabb.hpp>
@@ -34,6 +35,8 @@ class DeviceObjects {
 
   /// The boxes, for the host to write, but not between upload() and the end of the frame.
   [[nodiscard]] std::span<Aabb> boxes() const noexcept;
+  /// As Algorithm::boxes_owner().
+  [[nodiscard]] std::shared_ptr<const void> boxes_owner() const noexcept { return boxes_; }
 
   /// Enqueues the commands that bring the device's objects up to date.
   /// @throws cl::Error, Error; the objects of the last frame are then unchanged.
@@ -63,7 +66,7 @@ class DeviceObjects {
   cl::Kernel apply_, copy_;
   std::size_t capacity_ = 0;  // slots
   // Pinned memory, from which the device is brought up to date.
-  opencl::MappedBuffer boxes_;
+  std::shared_ptr<opencl::MappedBuffer> boxes_;
   opencl::MappedBuffer staged_changes_;  // as kernels/changes.cl reads them
   opencl::MappedBuffer staged_filters_;
   opencl::MappedBuffer staged_exclusions_;

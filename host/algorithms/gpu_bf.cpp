@@ -64,6 +64,7 @@ class GpuBf final : public Algorithm {
   }
 
   [[nodiscard]] std::span<Aabb> boxes() noexcept override { return objects_.boxes(); }
+  [[nodiscard]] std::shared_ptr<const void> boxes_owner() const override { return objects_.boxes_owner(); }
 
   /// Tests all pairs, whatever changed, and brings the results to the host.
   void begin(const Changes& changes) override {

@@ -1,6 +1,7 @@
 #include "algorithms/host_engine.hpp"
 
 #include <algorithm>
+#include <memory>
 #include <utility>
 
 #include "packed_box.hpp"
@@ -14,10 +15,15 @@ class HostEngine final : public Algorithm {
   explicit HostEngine(std::unique_ptr<HostFinder> finder) : finder_(std::move(finder)) {}
 
   void reserve(std::size_t slots, bool /*filters*/) override {
-    if (slots > boxes_.size()) boxes_.resize(std::max(slots, boxes_.size() * 3 / 2), packed_empty());
+    if (slots <= boxes_->size()) return;
+    auto larger =
+        std::make_shared<std::vector<Aabb>>(std::max(slots, boxes_->size() * 3 / 2), packed_empty());
+    std::ranges::copy(*boxes_, larger->begin());
+    boxes_ = std::move(larger);
   }
 
-  [[nodiscard]] std::span<Aabb> boxes() noexcept override { return boxes_; }
+  [[nodiscard]] std::span<Aabb> boxes() noexcept override { return *boxes_; }
+  [[nodiscard]] std::shared_ptr<const void> boxes_owner() const override { return boxes_; }
 
   void begin(const Changes& changes) override {
     changes_ = changes;
@@ -28,7 +34,7 @@ class HostEngine final : public Algorithm {
   }
 
   Delta finish() override {
-    const HostObjects objects{.boxes = std::span(boxes_).first(changes_.slots),
+    const HostObjects objects{.boxes = std::span(*boxes_).first(changes_.slots),
                               .filters = filters_,
                               .worlds = changes_.worlds,
                               .sets = changes_.sets};
@@ -48,7 +54,7 @@ class HostEngine final : public Algorithm {
 
   [[nodiscard]] std::vector<Pair> find_all(const Changes& changes) override {
     std::vector<Pair> pairs;
-    finder_->find({.boxes = std::span(boxes_).first(changes.slots),
+    finder_->find({.boxes = std::span(*boxes_).first(changes.slots),
                    .filters = changes.filters,
                    .worlds = changes.worlds,
                    .sets = changes.sets},
@@ -109,7 +115,7 @@ class HostEngine final : public Algorithm {
   }
 
   std::unique_ptr<HostFinder> finder_;
-  std::vector<Aabb> boxes_;
+  std::shared_ptr<std::vector<Aabb>> boxes_ = std::make_shared<std::vector<Aabb>>();
   std::vector<Filter> filters_;
   std::vector<Pair> exclusions_;
   Changes changes_;

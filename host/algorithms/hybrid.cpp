@@ -64,6 +64,7 @@ class Hybrid final : public Algorithm {
   void reserve_exclusions(std::size_t count) override { current_->reserve_exclusions(count); }
 
   [[nodiscard]] std::span<Aabb> boxes() noexcept override { return current_->boxes(); }
+  [[nodiscard]] std::shared_ptr<const void> boxes_owner() const override { return current_->boxes_owner(); }
 
   void begin(const Changes& changes) override {
     const auto start = Clock::now();

@@ -79,6 +79,11 @@ class BROADCL_API BroadPhase {
   /// boxes.
   std::span<Aabb> map(std::size_t n);
 
+  /// Keeps the memory that map() just returned from being freed, even if it moves or this object is
+  /// destroyed, for callers who cannot know when somebody looks at it last. It may be read then, but not
+  /// written.
+  [[nodiscard]] std::shared_ptr<const void> mapped_memory() const;
+
   /// Finds every pair of overlapping boxes that their filters let pair, and returns what changed since the
   /// last update. The same as begin() and finish().
   /// @throws Error if the device fails or its memory is exhausted, and for a NaN that was written to the

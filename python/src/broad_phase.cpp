@@ -79,7 +79,7 @@ class Objects {
     array.refuse_nan();
     const Filters filters(group, mask, body, world, array.view().size());
     const OneThread::Use use(thread_);
-    take_staged();
+    take_mapped();
     std::vector<std::uint32_t> ids;
     ids.reserve(array.view().size());
     live_.reserve(broad_phase_->size() + array.view().size());  // ids are dense
@@ -92,7 +92,6 @@ class Objects {
       throw;
     }
     for (const std::uint32_t id : ids) set_live(id, true);
-    is_staging_current_ = false;
     return array.is_single() ? nb::int_(ids.front()) : to_array(std::move(ids));
   }
 
@@ -107,9 +106,8 @@ class Objects {
     }
     const OneThread::Use use(thread_);
     refuse_unknown(words);
-    take_staged();
+    take_mapped();
     for (std::size_t k = 0; k < words.size(); ++k) broad_phase_->move(words[k], array.view()[k]);
-    is_staging_current_ = false;
   }
 
   void set_filter(nb::handle ids, nb::handle group, nb::handle mask, nb::handle body, nb::handle world) {
@@ -117,7 +115,7 @@ class Objects {
     const Filters filters(group, mask, body, world, words.size());
     const OneThread::Use use(thread_);
     refuse_unknown(words);
-    take_staged();
+    take_mapped();
     for (std::size_t k = 0; k < words.size(); ++k) broad_phase_->set_filter(words[k], filters[k]);
   }
 
@@ -132,12 +130,11 @@ class Objects {
     if (twice != sorted.end()) {
       throw nb::value_error(("id " + std::to_string(*twice) + " is given twice; name each once").c_str());
     }
-    take_staged();
+    take_mapped();
     for (std::size_t k = 0; k < words.size(); ++k) {
       broad_phase_->remove(words[k]);
       set_live(words[k], false);
     }
-    is_staging_current_ = false;
   }
 
   void set_exclusions(nb::handle pairs) {
@@ -152,32 +149,29 @@ class Objects {
                                 .c_str());
     }
     const OneThread::Use use(thread_);
+    take_mapped();
     const nb::gil_scoped_release released;
-    take_staged();
     broad_phase_->set_exclusions(exclusions);
   }
 
   nb::object boxes(std::size_t n) {
     const OneThread::Use use(thread_);
-    take_staged();
+    take_mapped();
     {
       const nb::gil_scoped_release released;
       live_.reserve(n);
-      reserve_staging(n);
       mapped_ = broad_phase_->map(n);
-      const std::size_t current = is_staging_current_ ? staged_ : 0;
-      if (current < n) std::ranges::copy(mapped_.subspan(current), staging_->data() + current);
+      memory_ = broad_phase_->mapped_memory();
       live_.assign(n, 1);
     }
-    staged_ = n;
-    is_staging_current_ = is_staged_ = is_unchecked_ = true;
-    using Memory = std::shared_ptr<std::vector<Aabb>>;
-    auto owner = std::make_unique<Memory>(staging_);
+    using Memory = std::shared_ptr<const void>;
+    auto owner = std::make_unique<Memory>(memory_);
     const nb::capsule capsule(owner.get(),
                               [](void* memory) noexcept { delete static_cast<Memory*>(memory); });
     (void)owner.release();
     using Array = nb::ndarray<nb::numpy, float, nb::shape<-1, 6>>;
-    return Array(staging_->data(), {n, 6}, capsule).cast(nb::rv_policy::reference);
+    array_ = Array(mapped_.data(), {n, 6}, capsule).cast(nb::rv_policy::reference);
+    return array_;
   }
 
   Changes update() {
@@ -190,9 +184,7 @@ class Objects {
     const OneThread::Use use(thread_);
     or_refuse_nan([&] {
       const nb::gil_scoped_release released;
-      copy_staged();
       broad_phase_->begin();
-      is_staged_ = is_unchecked_ = false;
     });
   }
 
@@ -232,46 +224,35 @@ class Objects {
     std::vector<Pair> removed;
     or_refuse_nan([&] {
       const nb::gil_scoped_release released;
-      copy_staged();
       const Delta delta = function();
-      is_staged_ = is_unchecked_ = false;
       added.assign(delta.added.begin(), delta.added.end());
       removed.assign(delta.removed.begin(), delta.removed.end());
     });
     return {to_array(std::move(added)), to_array(std::move(removed))};
   }
 
-  /// Gives the core what was written to the memory of boxes(). It stays staged until an update accepts it.
-  void copy_staged() {
-    if (!is_staged_) return;
-    BoxView(std::span<const Aabb>(staging_->data(), staged_)).copy_to(mapped_);
+  /// Ends the writing to the array of boxes(): it can only be read from now on.
+  void take_mapped() {
+    if (!array_.is_valid()) return;
+    array_.attr("setflags")("write"_a = false);
+    array_.reset();
   }
 
-  /// Before any other change: from now on what is written there has no effect.
-  void take_staged() {
-    copy_staged();
-    is_staged_ = false;
-  }
-
-  /// A NaN in the memory of boxes() is the caller's error, not the device's.
+  /// Does an update, or begins one. A NaN in the array of boxes() is the caller's error, not the device's,
+  /// and can be corrected there.
   template <class Function>
   void or_refuse_nan(const Function& function) {
     try {
       function();
     } catch (const Error& error) {
-      const std::span<const Aabb> boxes(staging_->data(), staged_);
-      if (is_unchecked_ && std::ranges::any_of(boxes, [](const Aabb& box) { return has_nan(box); })) {
+      if (std::ranges::any_of(mapped_, [](const Aabb& box) { return has_nan(box); })) {
         throw nb::value_error(error.what());
       }
       throw;
     }
-  }
-
-  /// Arrays of the old memory keep it alive.
-  void reserve_staging(std::size_t n) {
-    if (n <= staging_->size()) return;
-    staging_ = std::make_shared<std::vector<Aabb>>(n + n / 4);
-    staged_ = 0;
+    take_mapped();
+    mapped_ = {};
+    memory_.reset();
   }
 
   void refuse_unknown(const Words& ids) const {
@@ -291,14 +272,10 @@ class Objects {
   std::optional<BroadPhase> broad_phase_;
   std::vector<std::uint8_t> live_;  // by id
 
-  // What boxes() shows. The memory that the device reads may move in any update, and arrays may outlive it,
-  // so it is copied.
-  std::shared_ptr<std::vector<Aabb>> staging_ = std::make_shared<std::vector<Aabb>>();
-  std::size_t staged_ = 0;           // boxes that the last call of boxes() showed
-  std::span<Aabb> mapped_;           // the core's memory for them
-  bool is_staged_ = false;           // the next update takes them
-  bool is_unchecked_ = false;        // no update has accepted them
-  bool is_staging_current_ = false;  // they are those of the core
+  // The boxes that may be written since boxes() was called, until an update accepts them.
+  std::span<Aabb> mapped_;
+  std::shared_ptr<const void> memory_;  // in which they are, even if those of the core have moved
+  nb::object array_;                    // that shows them, as long as what is written there counts
 };
 
 }  // namespace
@@ -393,18 +370,21 @@ void add_broad_phase(nb::module_& module) {
            "Removes one object, or n: ids (n,). Their pairs are in `removed` of the next update; their ids "
            "may be given\n"
            "to the next ones added.\n\nRaises ValueError for an unknown id, or one that is given twice.")
-      .def("boxes", &Objects::boxes, "n"_a,
-           nb::sig("def boxes(self, n: int) -> numpy.typing.NDArray[numpy.float32]"),
-           "Makes 0 .. n-1 the ids of the objects, and returns their boxes, (n, 6) float32: lower x, y, z, "
-           "upper x, y, z,\n"
-           "to be written in place. New objects have empty boxes. All count as moved.\n\n"
-           "The next call of another method takes what the array then holds; after that, writing has no "
-           "effect until\n"
-           "boxes() is called again. With the same n or fewer the memory stays the same. The array owns its "
-           "memory, so it\n"
-           "may be kept. A NaN is a ValueError of the next update(), which names the first row; correct it "
-           "and call\n"
-           "update() again.\n\nRaises Error between begin() and finish().")
+      .def(
+          "boxes", &Objects::boxes, "n"_a,
+          nb::sig("def boxes(self, n: int) -> numpy.typing.NDArray[numpy.float32]"),
+          "Makes 0 .. n-1 the ids of the objects, and returns their boxes, (n, 6) float32: lower x, y, z, "
+          "upper x, y, z,\n"
+          "to be written in place. New objects have empty boxes. All count as moved.\n\n"
+          "It is the memory that the device, or an algorithm of the host, reads. The next call that changes "
+          "or updates\n"
+          "anything takes what it then holds, and makes the array read-only; call boxes() again for the next "
+          "frame. (What\n"
+          "was sliced from it before must not be written any more, either.) The array keeps its memory "
+          "alive, so it may\n"
+          "be kept. A NaN is a ValueError of the next update(), which names the first row; correct it and "
+          "call update()\n"
+          "again.\n\nRaises Error between begin() and finish().")
       .def("update", &Objects::update,
            "Finds every pair of overlapping boxes that their filters let pair, and returns what changed "
            "since the last\n"

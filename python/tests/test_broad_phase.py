@@ -189,13 +189,16 @@ def test_writing_counts_once():
     view = broad_phase.boxes(2)
     view[:] = [0, 0, 0, 1, 1, 1]
     assert broad_phase.update().added.tolist() == [[0, 1]]
-    view[1] = [5, 5, 5, 6, 6, 6]
-    assert len(broad_phase.update().removed) == 0  # boxes() was not called
+    with pytest.raises(ValueError, match="read-only"):  # boxes() was not called
+        view[1] = [5, 5, 5, 6, 6, 6]
     again = broad_phase.boxes(2)
-    assert np.shares_memory(again, view) and again[1, 0] == 5
+    assert np.shares_memory(again, view) and again[1, 0] == 0  # the memory of the core, without a copy
+    again[1] = [5, 5, 5, 6, 6, 6]
     assert broad_phase.update().removed.tolist() == [[0, 1]]
-    broad_phase.boxes(2)[:] = [0, 0, 0, 1, 1, 1]
+    view = broad_phase.boxes(2)
+    view[:] = [0, 0, 0, 1, 1, 1]
     broad_phase.move(1, [5, 5, 5, 6, 6, 6])  # after what was written
+    assert not view.flags.writeable
     assert len(broad_phase.update().added) == 0
     assert broad_phase.boxes(2)[1, 0] == 5
 
