@@ -1,9 +1,12 @@
 #include <broadcl/broad_phase.hpp>
 
+#include <algorithm>
+#include <chrono>
 #include <cmath>
 #include <cstdlib>
 #include <filesystem>
 #include <functional>
+#include <limits>
 #include <span>
 #include <string>
 #include <vector>
@@ -275,6 +278,31 @@ TEST(Tiles, BoxesAreSortedAgainSoonerIfTheyLeap) {
   EXPECT_LE(drifting, 8);
   EXPECT_GE(leaping, 3);
   EXPECT_GT(leaping, drifting);
+}
+
+/// If all boxes leap at once, the order is of no use; the search must notice that before it has tested all
+/// pairs.
+NOT_IN(sanitizers, "measures time");
+TEST(SweepAndPrune, BoxesThatAllLeapAreSortedAtOnce) {
+  constexpr std::uint32_t n = 200'000;
+  const scenes::MovingBoxes scene(n, scenes::MovingBoxes::Sizes::uniform);
+  BroadPhase broad_phase({.algorithm = "sweep-and-prune", .threads = 1});
+  const auto seconds_of_leap = [&](std::uint64_t step) {
+    const std::span<Aabb> boxes = broad_phase.map(n);
+    for (std::uint64_t k = 0; k < n; ++k) boxes[k] = scene.boxes()[(k * step) % n];
+    const auto start = std::chrono::steady_clock::now();
+    (void)broad_phase.update();
+    return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  };
+  const double first = seconds_of_leap(1);
+  const std::size_t pairs = broad_phase.pairs().size();
+  ASSERT_GT(pairs, n / 2);
+  double leap = std::numeric_limits<double>::infinity();
+  for (const std::uint64_t step : {77'777U, 33'331U}) {
+    leap = std::min(leap, seconds_of_leap(step));
+    EXPECT_EQ(broad_phase.pairs().size(), pairs);
+  }
+  EXPECT_LT(leap, 4 * first);
 }
 
 /// More than fit below one root. Ids are scattered; each box touches the next along x, and no other.

@@ -1,5 +1,6 @@
 #include <algorithm>
 #include <array>
+#include <atomic>
 #include <bit>
 #include <cstddef>
 #include <cstdint>
@@ -27,6 +28,9 @@ constexpr std::size_t size_classes = 4;
 
 /// The order is made anew once the work exceeds this multiple of the work in a new order.
 constexpr double stale = 1.25;
+
+/// A search in an order that is of no use, since boxes leapt, ends at this multiple; it is made anew then.
+constexpr double useless = 4;
 
 /// With fewer boxes for each, starting threads takes longer than what they save.
 constexpr std::size_t boxes_per_thread = 4096;
@@ -205,13 +209,22 @@ class SweepAndPrune final : public HostFinder {
                           static_cast<double>(work_) > stale * static_cast<double>(fresh_work_);
     sorted_axes_ = 0;  // until all is done
     all.sets = objects.sets;
-    if (is_stale) sort<axes>(objects, threads);
-    while (places_.size() < slots) place_next();
+    if (is_stale || !search(all, objects, threads, useless * static_cast<double>(fresh_work_))) {
+      sort<axes>(objects, threads);
+      (void)search(all, objects, threads, std::numeric_limits<double>::infinity());
+      fresh_work_ = work_;
+    }
+    sorted_axes_ = axes;
+  }
+
+  /// Finds all pairs in the order as it is.
+  /// @returns False if that takes more work than it may.
+  template <std::size_t axes>
+  bool search(Tiles<axes>& all, const HostObjects& objects, std::size_t threads, double most_work) {
+    while (places_.size() < objects.boxes.size()) place_next();
     fill(all, objects, threads);
     sweep(all);
-    search_all(all, objects.filters, threads);
-    if (is_stale) fresh_work_ = work_;
-    sorted_axes_ = axes;
+    return search_all(all, objects.filters, threads, most_work);
   }
 
   template <std::size_t axes>
@@ -226,7 +239,8 @@ class SweepAndPrune final : public HostFinder {
   template <std::size_t axes>
   void sweep(Tiles<axes>& all);
   template <std::size_t axes>
-  void search_all(const Tiles<axes>& all, std::span<const Filter> filters, std::size_t threads);
+  bool search_all(const Tiles<axes>& all, std::span<const Filter> filters, std::size_t threads,
+                  double most_work);
 
   std::size_t threads_;
   std::vector<std::uint32_t> order_;   // slots by tile; no_slot where a tile has no more
@@ -335,18 +349,23 @@ void SweepAndPrune::sweep(Tiles<axes>& all) {
 }
 
 template <std::size_t axes>
-void SweepAndPrune::search_all(const Tiles<axes>& all, std::span<const Filter> filters, std::size_t threads) {
+bool SweepAndPrune::search_all(const Tiles<axes>& all, std::span<const Filter> filters, std::size_t threads,
+                               double most_work) {
   const TileSearch<axes> search = tile_search<axes>();
   found_.resize(std::max(found_.size(), threads));
   for (Found& found : found_) found.count = found.work = 0;
   const std::size_t tiles = all.tiles.size();
-  parallel_for((tiles + tiles_at_once - 1) / tiles_at_once, threads,
-               [&](std::size_t part, std::size_t thread) {
-                 search.tiles(found_[thread], all, part * tiles_at_once,
-                              std::min(tiles, (part + 1) * tiles_at_once), filters);
-               });
-  work_ = 0;
-  for (const Found& found : found_) work_ += found.work;
+  std::atomic<std::size_t> work = 0;
+  parallel_for(
+      (tiles + tiles_at_once - 1) / tiles_at_once, threads, [&](std::size_t part, std::size_t thread) {
+        if (static_cast<double>(work) > most_work) return;
+        Found& found = found_[thread];
+        const std::size_t before = found.work;
+        search.tiles(found, all, part * tiles_at_once, std::min(tiles, (part + 1) * tiles_at_once), filters);
+        work += found.work - before;
+      });
+  work_ = work;
+  return static_cast<double>(work_) <= most_work;
 }
 
 template <std::size_t axes>
