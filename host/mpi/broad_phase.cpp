@@ -41,9 +41,10 @@ constexpr std::size_t most_stages = 16;
 /// What each rank tells all others before an update.
 struct Condition {
   std::uint64_t objects;
-  std::uint64_t boxes;  ///< In its region.
-  std::uint64_t pairs;  ///< There.
-  bool is_lost;         ///< What its region has is unknown, or too small.
+  std::uint64_t last_objects;  ///< At the last update.
+  std::uint64_t boxes;         ///< In its region.
+  std::uint64_t pairs;         ///< There.
+  bool is_lost;                ///< What its region has is unknown, or too small.
 
   [[nodiscard]] double work() const { return static_cast<double>(boxes) + static_cast<double>(pairs); }
 };
@@ -114,6 +115,7 @@ class MpiBroadPhase::Impl {
 
   [[nodiscard]] Condition condition() const noexcept {
     return {.objects = objects_.size(),
+            .last_objects = objects_.last_size(),
             .boxes = routes_.here_count() + region_.guests(),
             .pairs = region_.pair_count(),
             .is_lost = is_lost_ || objects_.ids() > region_.base()};
@@ -127,11 +129,14 @@ class MpiBroadPhase::Impl {
       routes_.clear();
       region_.clear(objects_.ids());
     });
-    next_cuts_ = cuts_;
-    step(Routes::To::last, true);
-    // Nothing below throws.
-    routes_.commit(objects_);
-    region_.commit();
+    const auto had_objects = [](const Condition& condition) { return condition.last_objects > 0; };
+    if (std::ranges::any_of(conditions, had_objects)) {
+      next_cuts_ = cuts_;
+      step(Routes::To::last, true);
+      // Nothing below throws.
+      routes_.commit(objects_);
+      region_.commit();
+    }
     is_lost_ = false;
   }
 

@@ -106,6 +106,7 @@ void Objects::commit() noexcept {
     last_filters_[id] = filters_[id];
   }
   changes_.clear();
+  last_size_ = size_;
 }
 
 void Objects::reserve(std::size_t ids) {

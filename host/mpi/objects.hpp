@@ -23,6 +23,8 @@ class Objects {
   void remove(std::uint32_t id);
   std::span<Aabb> map(std::size_t n);
   [[nodiscard]] std::size_t size() const noexcept { return size_; }
+  /// As of the last update.
+  [[nodiscard]] std::size_t last_size() const noexcept { return last_size_; }
 
   /// Ids 0 .. ids()-1 have been given to objects. Boxes of ids that are free are empty.
   [[nodiscard]] std::size_t ids() const noexcept { return now_.size(); }
@@ -57,6 +59,7 @@ class Objects {
   std::vector<std::uint32_t> free_;  // a heap, the lowest id first
   std::size_t capacity_ = 0;         // ids that all of these, but for spare_, have capacity for
   std::size_t size_ = 0;
+  std::size_t last_size_ = 0;
   bool any_filters_ = false;
   ChangeSet changes_;
 };

@@ -37,7 +37,7 @@ void Region::set_filter(std::uint32_t slot, const Filter& filter) {
   if (!any_filters_) {
     if (filter == Filter()) return;
     any_filters_ = true;
-    for (const std::uint32_t guest : free_) broad_phase_.set_filter(this->slot(guest), no_pairs);
+    part_free_slots();
   }
   broad_phase_.set_filter(slot, filter);
 }
@@ -55,7 +55,6 @@ void Region::receive(const std::vector<Bytes>& in, bool in_place) {
     take_leaves(rank, tidings_[rank].leaves);
     take_enters(rank, tidings_[rank].enters);
   }
-  free_.reserve(guests_.id.size());
   reserve_slots(in_place);
   take_filters();
   take_boxes(in_place ? map() : std::span<Aabb>());
@@ -72,17 +71,9 @@ void Region::take_leaves(std::size_t rank, std::span<const Leave> leaves) {
 
 void Region::take_enters(std::size_t rank, std::span<const Enter> enters) {
   for (const Enter& enter : enters) {
-    auto guest = static_cast<std::uint32_t>(guests_.id.size());
-    if (free_.empty()) {
-      guests_.id.emplace_back();
-      guests_.now.emplace_back();
-      guests_.last.emplace_back();
-      guests_.filter.emplace_back();
-      guests_.last_filter.emplace_back();
-    } else {
-      guest = free_.back();
-      free_.pop_back();
-    }
+    if (free_.empty()) make_guests();
+    const std::uint32_t guest = free_.back();
+    free_.pop_back();
     guests_.id[guest] = mpi_id(static_cast<int>(rank), enter.id);
     guests_.now[guest] = enter.box;
     guests_.last[guest] = enter.last;
@@ -95,13 +86,33 @@ void Region::take_enters(std::size_t rank, std::span<const Enter> enters) {
   }
 }
 
+/// More at once than are needed: devices sort anew if the number of slots changes.
+void Region::make_guests() {
+  const std::size_t before = guests_.id.size();
+  const std::size_t count = before + before / 8 + 64;
+  guests_.id.resize(count);
+  guests_.now.resize(count);
+  guests_.last.resize(count);
+  guests_.filter.resize(count);
+  guests_.last_filter.resize(count);
+  free_.reserve(count);
+  for (std::size_t guest = count; guest > before; --guest)
+    free_.push_back(static_cast<std::uint32_t>(guest - 1));
+}
+
 void Region::reserve_slots(bool in_place) {
   const std::size_t needed = base_ + guests_.id.size();
-  if (in_place && slots_ < needed) {
+  if (slots_ == needed) return;
+  if (in_place) {
     slots_ = needed;
     (void)map();
   }
   for (; slots_ < needed; ++slots_) (void)broad_phase_.add(empty_aabb());
+  if (any_filters_) part_free_slots();
+}
+
+void Region::part_free_slots() {
+  for (const std::uint32_t guest : free_) broad_phase_.set_filter(slot(guest), no_pairs);
 }
 
 void Region::take_filters() {
@@ -157,7 +168,12 @@ void Region::commit() noexcept {
     guests_.last_filter[guest] = guests_.filter[guest];
   };
   for (std::size_t rank = 0; rank < tidings_.size(); ++rank) {
-    for (const Move& move : tidings_[rank].moves) guests_.last[guest_of_[rank][move.copy]] = move.box;
+    const std::span<const Move> moves = tidings_[rank].moves;
+    for_each_part(moves.size(), [&](std::size_t begin, std::size_t end) {
+      for (const Move& move : moves.subspan(begin, end - begin)) {
+        guests_.last[guest_of_[rank][move.copy]] = move.box;
+      }
+    });
     for (const Refilter& refilter : tidings_[rank].refilters) settle(guest_of_[rank][refilter.copy]);
   }
   std::ranges::for_each(entered_, settle);

@@ -70,6 +70,8 @@ class Region {
  private:
   void take_leaves(std::size_t rank, std::span<const Leave> leaves);
   void take_enters(std::size_t rank, std::span<const Enter> enters);
+  void make_guests();
+  void part_free_slots();
   void take_filters();
   void take_boxes(std::span<Aabb> in_place);
   void reserve_slots(bool in_place);
