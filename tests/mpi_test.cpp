@@ -204,6 +204,32 @@ TEST(Mpi, BoxesInMotionCrossRegions) {
   EXPECT_GT(twins.changes(), 400U);
 }
 
+/// So many that several threads share the work.
+TEST(Mpi, ManyBoxesAreRoutedInParts) {
+  if (world_size() != 2 || algorithm_under_test != "sweep-and-prune") return;
+  constexpr std::uint32_t n = 40000;
+  MpiTwins twins(config(), n);
+  Dice dice(9);
+  std::array<std::vector<Aabb>, 2> boxes{std::vector<Aabb>(n), std::vector<Aabb>(n)};
+  for (auto& of_rank : boxes) {
+    for (Aabb& box : of_rank) box = dice.cube(0.02F);
+  }
+  for (int frame = 0; frame < 3; ++frame) {
+    for (int rank = 0; rank < 2; ++rank) {
+      std::vector<Aabb>& of_rank = boxes.at(static_cast<std::size_t>(rank));
+      for (std::uint32_t id = 0; id < n; ++id) {
+        const float step = id % 2 == 0 ? 0.002F : -0.002F;
+        of_rank[id].lower[id % 3] += step;
+        of_rank[id].upper[id % 3] += step;
+      }
+      twins.map(rank, of_rank);
+    }
+    twins.update();
+  }
+  twins.compare_pairs();
+  EXPECT_GT(twins.changes(), 20000U);
+}
+
 TEST(Mpi, RegionsAreCutAnewWhenWorkIsOffBalance) {
   if (world_size() == 1) return;
   MpiTwins twins(config());
