@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cstddef>
 #include <cstdint>
+#include <ostream>
 #include <span>
 #include <string>
 #include <vector>
@@ -128,7 +129,9 @@ class MpiTwins {
 }  // namespace broadcl::test
 
 namespace broadcl {
-inline void PrintTo(const MpiPair& pair, std::ostream* out) {
-  *out << rank_of(pair.a) << '.' << local_id(pair.a) << '-' << rank_of(pair.b) << '.' << local_id(pair.b);
+/// For messages of tests.
+inline std::ostream& operator<<(std::ostream& out, const MpiPair& pair) {
+  return out << rank_of(pair.a) << '.' << local_id(pair.a) << '-' << rank_of(pair.b) << '.'
+             << local_id(pair.b);
 }
 }  // namespace broadcl

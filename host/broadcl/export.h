@@ -2,7 +2,8 @@
 #define BROADCL_EXPORT_H
 
 /* Marks what the libraries export, the core (BROADCL_API), the adapter (BROADCL_BULLET_API) and what needs
-   MPI (BROADCL_MPI_API); all else is hidden. BROADCL_SHARED is defined for whoever builds or uses shared ones on Windows. */
+   MPI (BROADCL_MPI_API); all else is hidden. BROADCL_SHARED is defined for whoever builds or uses shared ones
+   on Windows. */
 #if defined(_WIN32) && defined(BROADCL_SHARED)
 #define BROADCL_EXPORTED __declspec(dllexport)
 #define BROADCL_IMPORTED __declspec(dllimport)
