@@ -113,6 +113,9 @@ void add_device(nb::module_& module) {
 
 NB_MODULE(_core, module) {
   using namespace broadcl::python;
+  if (PyInterpreterState_GetID(PyInterpreterState_Get()) != 0) {
+    throw nb::import_error("broadcl works in the main interpreter only; start another process");
+  }
   module.doc() = "The C++ core of BroadCL.";
   nb::exception<broadcl::Error>(module, "Error", PyExc_RuntimeError).attr("__doc__") =
       "The device, or the driver, cannot do what was asked for. The text says what to do.";

@@ -1,3 +1,5 @@
+import subprocess
+import sys
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
@@ -61,3 +63,18 @@ def test_objects_of_many_threads():
 
     with ThreadPoolExecutor(8) as pool:
         assert all(pool.map(work, range(64)))
+
+
+def test_sub_interpreters_are_refused():
+    code = """if True:
+        try:
+            import _interpreters as interpreters
+        except ImportError:
+            import _xxsubinterpreters as interpreters
+        try:
+            failure = interpreters.run_string(interpreters.create(), "import broadcl")
+        except Exception as error:
+            failure = error
+        assert "ImportError" in str(failure), failure
+    """
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=60)
