@@ -7,6 +7,17 @@ import numpy as np
 from broadcl import _core
 
 
+def _frames() -> list[tuple[str, np.ndarray, np.ndarray]]:
+    """Two frames of each scene: their name, the boxes, and the pairs by definition."""
+    frames = []
+    for number, boxes in enumerate(_scenes()):
+        for frame in range(2):
+            boxes[::3, [0, 3]] += np.float32(0.25 * frame)
+            expected = _core.overlapping_pairs(boxes, algorithm="oracle")
+            frames.append((f"scene {number}, frame {frame}", boxes.copy(), expected))
+    return frames
+
+
 def _scenes() -> Iterator[np.ndarray]:
     """Boxes of the kinds that break broad phases."""
     random = np.random.default_rng(1)
@@ -31,23 +42,21 @@ def check(device: str | _core.Device | None = None) -> dict[str, str]:
     if device is not None or _core.devices():
         device = _core.select_device(device)
     names = [name for name in _core.algorithms() if device is not None or name in ("sweep-and-prune", "oracle", "auto")]
-    return {name: _result(name, device) for name in names}
+    frames = _frames()
+    return {name: _result(name, device, frames) for name in names}
 
 
-def _result(algorithm: str, device: _core.Device | None) -> str:
+def _result(algorithm: str, device: _core.Device | None, frames: list[tuple[str, np.ndarray, np.ndarray]]) -> str:
     try:
         broad_phase = _core.BroadPhase(device=device, algorithm=algorithm)
         known = np.empty((0, 2), np.uint32)
-        for number, boxes in enumerate(_scenes()):
-            for frame in range(2):
-                broad_phase.boxes(len(boxes))[:] = boxes
-                added, removed = broad_phase.update()
-                known = _apply(known, added, removed)
-                expected = _core.overlapping_pairs(boxes, algorithm="oracle")
-                for pairs in (broad_phase.pairs(), known):
-                    if not np.array_equal(pairs, expected):
-                        return f"wrong in scene {number}, frame {frame}: {len(pairs)} pairs, {len(expected)} expected"
-                boxes[::3, [0, 3]] += np.float32(0.25)
+        for frame, boxes, expected in frames:
+            broad_phase.boxes(len(boxes))[:] = boxes
+            added, removed = broad_phase.update()
+            known = _apply(known, added, removed)
+            for pairs in (broad_phase.pairs(), known):
+                if not np.array_equal(pairs, expected):
+                    return f"wrong in {frame}: {len(pairs)} pairs, {len(expected)} expected"
     except _core.Error as error:
         return str(error)
     return "right"

@@ -136,7 +136,7 @@ class TilesMachine(Machine):
 
 TestAnyCalls = Machine.TestCase
 TestAnyCallsOnADevice = TilesMachine.TestCase
-TestAnyCallsOnADevice.settings = settings(max_examples=max(10, settings().max_examples // 6))
+TestAnyCallsOnADevice.settings = settings(max_examples=max(5, settings().max_examples // 6))
 
 
 @pytest.mark.parametrize("algorithm", broadcl.algorithms())
