@@ -284,7 +284,7 @@ TEST(Tiles, BoxesAreSortedAgainSoonerIfTheyLeap) {
 /// pairs.
 NOT_IN(sanitizers, "measures time");
 TEST(SweepAndPrune, BoxesThatAllLeapAreSortedAtOnce) {
-  constexpr std::uint32_t n = 100'000;
+  constexpr std::uint32_t n = 200'000;
   const scenes::MovingBoxes scene(n, scenes::MovingBoxes::Sizes::uniform);
   std::vector<Aabb> boxes(scene.boxes().begin(), scene.boxes().end());
   BroadPhase broad_phase({.algorithm = "sweep-and-prune", .threads = 1});
