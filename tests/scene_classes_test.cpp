@@ -6,7 +6,6 @@
 #include <cstdlib>
 #include <filesystem>
 #include <functional>
-#include <limits>
 #include <span>
 #include <string>
 #include <vector>
@@ -284,7 +283,7 @@ TEST(Tiles, BoxesAreSortedAgainSoonerIfTheyLeap) {
 /// pairs.
 NOT_IN(sanitizers, "measures time");
 TEST(SweepAndPrune, BoxesThatAllLeapAreSortedAtOnce) {
-  constexpr std::uint32_t n = 200'000;
+  constexpr std::uint32_t n = 100'000;
   const scenes::MovingBoxes scene(n, scenes::MovingBoxes::Sizes::uniform);
   std::vector<Aabb> boxes(scene.boxes().begin(), scene.boxes().end());
   BroadPhase broad_phase({.algorithm = "sweep-and-prune", .threads = 1});
@@ -297,14 +296,14 @@ TEST(SweepAndPrune, BoxesThatAllLeapAreSortedAtOnce) {
   const double first = seconds_of_update();
   const std::size_t pairs = broad_phase.pairs().size();
   ASSERT_GT(pairs, n / 2);
-  double leap = std::numeric_limits<double>::infinity();
+  double slowest = 0;
   scenes::Random random(1);
   for (int k = 0; k < 3; ++k) {
     random.shuffle(std::span(boxes));
-    leap = std::min(leap, seconds_of_update());
+    slowest = std::max(slowest, seconds_of_update());
     EXPECT_EQ(broad_phase.pairs().size(), pairs);
   }
-  EXPECT_LT(leap, 6 * first);
+  EXPECT_LT(slowest, 8 * first);
 }
 
 /// More than fit below one root. Ids are scattered; each box touches the next along x, and no other.
