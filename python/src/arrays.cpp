@@ -97,4 +97,18 @@ Words Words::of_table(nb::handle table, const std::string& name, std::size_t col
   return Words(any.attr("reshape")(-1), name);
 }
 
+std::vector<Pair> to_exclusions(nb::handle pairs) {
+  const Words words = Words::of_table(pairs, "pairs", 2);
+  std::vector<Pair> exclusions;
+  exclusions.reserve(words.size() / 2);
+  for (std::size_t k = 0; k < words.size(); k += 2) {
+    exclusions.push_back({words[k], words[k + 1]});
+    if (words[k] != words[k + 1]) continue;
+    throw nb::value_error(("row " + std::to_string(k / 2) + " of pairs has the id " +
+                           std::to_string(words[k]) + " twice; give pairs of two ids")
+                              .c_str());
+  }
+  return exclusions;
+}
+
 }  // namespace broadcl::python

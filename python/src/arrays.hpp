@@ -39,4 +39,8 @@ class Words {
   bool is_single_ = false;
 };
 
+/// An (m, 2) array of pairs that are never to be reported.
+/// @throws TypeError, ValueError; also for a pair of an object with itself.
+[[nodiscard]] std::vector<Pair> to_exclusions(nanobind::handle pairs);
+
 }  // namespace broadcl::python

@@ -138,16 +138,7 @@ class Objects {
   }
 
   void set_exclusions(nb::handle pairs) {
-    const Words words = Words::of_table(pairs, "pairs", 2);
-    std::vector<Pair> exclusions;
-    exclusions.reserve(words.size() / 2);
-    for (std::size_t k = 0; k < words.size(); k += 2) {
-      exclusions.push_back({words[k], words[k + 1]});
-      if (words[k] != words[k + 1]) continue;
-      throw nb::value_error(("row " + std::to_string(k / 2) + " of pairs has the id " +
-                             std::to_string(words[k]) + " twice; give pairs of two ids")
-                                .c_str());
-    }
+    const std::vector<Pair> exclusions = to_exclusions(pairs);
     const OneThread::Use use(thread_);
     take_mapped();
     const nb::gil_scoped_release released;

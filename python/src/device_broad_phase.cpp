@@ -7,9 +7,11 @@
 #include <optional>
 #include <string>
 #include <utility>
+#include <vector>
 
 #include <broadcl/opencl.hpp>
 
+#include "arrays.hpp"
 #include "classes.hpp"
 #include "config.hpp"
 #include "device_array.hpp"
@@ -65,6 +67,13 @@ class DeviceObjects {
     }
     return {copy_on_device(result.added, queue_), copy_on_device(result.removed, queue_), result.pair_count,
             result.invalid_boxes, result.first_invalid};
+  }
+
+  void set_exclusions(nb::handle pairs) {
+    const std::vector<Pair> exclusions = to_exclusions(pairs);
+    const OneThread::Use use(thread_);
+    const nb::gil_scoped_release released;
+    broad_phase_.set_exclusions(exclusions);
   }
 
   nb::object pairs() {
@@ -223,6 +232,16 @@ void add_device_broad_phase(nb::module_& module) {
       .def("finish", &DeviceObjects::finish,
            "Waits for the update that begin() started, and returns what it changed.\n"
            "Raises Error as update() does, and if none was begun.")
+      .def("set_exclusions", &DeviceObjects::set_exclusions, "pairs"_a.none(),
+           nb::sig("def set_exclusions(self, pairs: numpy.typing.ArrayLike) -> None"),
+           "Replaces the list of pairs of indices that are never reported: (m, 2) integers in the host's "
+           "memory, in any\n"
+           "order; those of a second set are counted as if it followed the first. At first there are none. "
+           "Waits for the\n"
+           "queue.\n\n"
+           "Raises ValueError for a pair of an index with itself, and for a wrong shape; TypeError; Error "
+           "between begin()\n"
+           "and finish().")
       .def("pairs", &DeviceObjects::pairs, nb::sig("def pairs(self) -> pyopencl.array.Array"),
            "All pairs as of the last update: (m, 2) uint32 in canonical order, by b, then by a; of one set, "
            "a < b.\n"

@@ -111,6 +111,21 @@ def test_filters(queue):
     assert broad_phase.update(boxes, filters=to_device(queue, rows)).pair_count == 0
 
 
+def test_exclusions(queue):
+    values = uniform(300)
+    expected = oracle(values)
+    boxes = to_device(queue, values)
+    broad_phase = broadcl.DeviceBroadPhase(queue)
+    broad_phase.update(boxes)
+    broad_phase.set_exclusions(expected[::2, ::-1])
+    assert np.array_equal(broad_phase.update(boxes).removed.get(), expected[::2])
+    with pytest.raises(ValueError, match="row 1 of pairs has the id 2 twice"):
+        broad_phase.set_exclusions([[0, 1], [2, 2]])
+    assert np.array_equal(broad_phase.pairs().get(), expected[1::2])
+    broad_phase.set_exclusions([])
+    assert np.array_equal(broad_phase.update(boxes).added.get(), expected[::2])
+
+
 def test_nan(queue):
     values = uniform(100)
     values[[17, 30], 4] = np.nan
