@@ -28,7 +28,8 @@ struct Run {
   std::string_view name;
   Runs any_of;
 };
-constexpr std::array all_runs{Run{"gpu-profile", runs::gpu_profile},
+constexpr std::array all_runs{Run{"default", runs::all_default},
+                              Run{"gpu-profile", runs::gpu_profile},
                               Run{"rusticl", runs::rusticl},
                               Run{"oclgrind", runs::oclgrind},
                               Run{"oclgrind-gpu-profile", runs::oclgrind_gpu_profile},
@@ -52,14 +53,15 @@ std::string suite_of(const testing::TestInfo& test) {
 
 /// Runs that a test leaves out because of its parameter.
 Runs left_out_for_parameter(std::string_view parameter) {
+  constexpr Runs others = ~runs::all_default;
   // Bullet's own broad phases, which our contract is checked against.
   for (const std::string_view control : {"Tree", "Sweep", "Simple"}) {
-    if (parameter == control) return ~0U;
+    if (parameter == control) return others;
   }
   for (const AlgorithmInfo& algorithm : algorithms()) {
     if (parameter != test_name(algorithm.name)) continue;
-    if (algorithm.name == "auto") return ~0U;  // asks the other algorithms
-    return algorithm.on_device ? 0 : ~runs::sanitizers;
+    if (algorithm.name == "auto") return others;  // asks the other algorithms
+    return algorithm.on_device ? 0 : others & ~runs::sanitizers;
   }
   return 0;
 }
@@ -72,7 +74,7 @@ bool is_about(const RunStatement& statement, const testing::TestInfo& test) {
 }
 
 Test with_runs(const testing::TestInfo& test, std::vector<RunStatement>& unused) {
-  Runs runs = runs::sanitizers;
+  Runs runs = runs::sanitizers | runs::all_default;
   for (const bool of_suite : {true, false}) {
     for (const RunStatement& statement : run_statements()) {
       if (statement.suite.empty() == of_suite || !is_about(statement, test)) continue;
