@@ -92,6 +92,7 @@ typedef struct {
   uint found;
   uint found_new;
   uint base;
+  uint all_work; /* of all work-groups */
 } search_t;
 
 /* Bits of the children of a node that the tile has to visit, and this work-item's child. All work-items must call
@@ -141,10 +142,12 @@ INLINE void append_new(local search_t* scratch, const uint count, global const u
   barrier(CLK_LOCAL_MEM_FENCE);
 }
 
-/* Tests the candidates, each of which all work-items compare with their own boxes. All work-items must call it. */
-INLINE void test_candidates(local search_t* scratch, const uint count, const bounds_t* own, const uint place,
+/* Tests the candidates, each of which all work-items compare with their own boxes, and returns what the first of them
+   has written to all_work. All work-items must call it. */
+INLINE uint test_candidates(local search_t* scratch, const uint count, const bounds_t* own, const uint place,
                             global const uint4* filters, global const uint2* exclusions, const pair_sink_t* sink) {
   barrier(CLK_LOCAL_MEM_FENCE);
+  const uint all_work = scratch->all_work;
   for (uint first = 0; first < count; first += BATCH) {
     const uint size = min(BATCH, count - first);
     uint bits = 0;
@@ -174,6 +177,7 @@ INLINE void test_candidates(local search_t* scratch, const uint count, const bou
       more = found > HITS;
     }
   }
+  return all_work;
 }
 #else
 #define FLUSH 64U /* hits are appended once there are this many */
@@ -217,12 +221,16 @@ static inline void append_hits(const pair_sink_t* sink, local const uint2* hits,
 }
 #endif
 
+/* How much work a work-group does until it adds it to that of all. */
+#define REPORT 1024U
+
 /* Finds the pairs of a tile with itself and later ones. `changed` is the tree of the boxes that changed. `starts`
    are the first nodes of the levels, `top` is the level of which there are `roots` nodes. Work-groups of dimension 0
    stand for a tile each; those of dimension 1 share its search: the first of them visits the tiles whose bit, among
-   each 32, is in `share`, and each further one visits tiles one further on. */
+   each 32, is in `share`, and each further one visits tiles one further on. All give up if together they have done
+   more than `most_work`. */
 kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_search(
-    const uint4 starts, const uint top, const uint roots, const uint share, const uint sets,
+    const uint4 starts, const uint top, const uint roots, const uint share, const uint most_work, const uint sets,
     global const float* restrict tree, global const float* restrict changed, global const uint2* restrict elements,
     global const uint4* restrict filters, global const uint2* restrict exclusions, PAIR_SINK_PARAMETERS) {
   const pair_sink_t sink = PAIR_SINK;
@@ -250,7 +258,7 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_search(
   load_last_box(&own_last, &sink, own_slot);
   scratch.own_last[item] = own_last;
   scratch.own_slots[item] = own_slot;
-  if (item == 0U) scratch.found = scratch.found_new = 0;
+  if (item == 0U) scratch.found = scratch.found_new = scratch.all_work = 0;
   uint turn = 0;
   uint count = 0; /* of candidates */
   bounds_t child;
@@ -333,8 +341,16 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_search(
     }
 #if GROUP > 1
     if (count > BATCH || root >= end) {
-      test_candidates(&scratch, count, &own, own_place, filters, exclusions, &sink);
+      const bool reports = work >= REPORT;
+      if (reports && item == 0U) scratch.all_work = atomic_add(&counts[COUNT_WORK], work) + work;
+      if (reports) work = 0;
+      if (test_candidates(&scratch, count, &own, own_place, filters, exclusions, &sink) > most_work) root = end;
       count = 0;
+    }
+#else
+    if (work >= REPORT) {
+      if (atomic_add(&counts[COUNT_WORK], work) + work > most_work) root = end;
+      work = 0;
     }
 #endif
   }

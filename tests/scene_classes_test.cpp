@@ -6,6 +6,7 @@
 #include <cstdlib>
 #include <filesystem>
 #include <functional>
+#include <numeric>
 #include <span>
 #include <string>
 #include <vector>
@@ -304,6 +305,44 @@ TEST(SweepAndPrune, BoxesThatAllLeapAreSortedAtOnce) {
     EXPECT_EQ(broad_phase.pairs().size(), pairs);
   }
   EXPECT_LT(slowest, 8 * first);
+}
+
+/// In the old order the search would be one of all boxes with all: it is given up, and made again in a new
+/// order. The pairs are those of the places, whichever boxes are there.
+ALSO_IN(gpu_profile | rusticl);
+TEST(Tiles, BoxesThatAllLeapAreSortedAtOnce) {
+  constexpr std::uint32_t n = 20'000;
+  const scenes::MovingBoxes scene(n, scenes::MovingBoxes::Sizes::uniform);
+  std::vector<std::uint32_t> places(n);
+  std::iota(places.begin(), places.end(), 0U);
+  BroadPhase broad_phase({.algorithm = "tiles", .profile = true});
+  const auto update = [&] {
+    const std::span<Aabb> boxes = broad_phase.map(n);
+    for (std::uint32_t id = 0; id < n; ++id) boxes[id] = scene.boxes()[places[id]];
+    (void)broad_phase.update();
+    const auto stages = broad_phase.profile();
+    return std::ranges::any_of(stages, [](const Stage& stage) { return stage.name == "sort"; });
+  };
+  const auto pairs_of_places = [&] {
+    Pairs pairs = broad_phase.pairs();
+    for (Pair& pair : pairs) {
+      const std::uint32_t s = places[pair.a];
+      const std::uint32_t t = places[pair.b];
+      pair = {std::min(s, t), std::max(s, t)};
+    }
+    std::ranges::sort(pairs);
+    return pairs;
+  };
+  EXPECT_TRUE(update());
+  const Pairs expected = pairs_of_places();
+  ASSERT_GT(expected.size(), n / 2);
+  scenes::Random random(1);
+  for (int k = 0; k < 3; ++k) {
+    EXPECT_FALSE(update()) << "nothing moved";
+    random.shuffle(std::span(places));
+    EXPECT_TRUE(update());
+    EXPECT_TRUE(same("pairs", pairs_of_places(), expected));
+  }
 }
 
 /// More than fit below one root. Ids are scattered; each box touches the next along x, and no other.

@@ -42,6 +42,14 @@ class Auto final : public PairFinder {
     return finders_.at(chosen_)->can_keep(search);
   }
 
+  [[nodiscard]] bool gave_up(const PairDelta::Counts& counts) const override {
+    return finders_.at(chosen_)->gave_up(counts);
+  }
+
+  void rebuild(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) override {
+    finders_.at(chosen_)->rebuild(search, sink, profiler);
+  }
+
   void forget() noexcept override {
     for (const auto& finder : finders_) finder->forget();
   }

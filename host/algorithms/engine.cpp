@@ -30,6 +30,7 @@ void Engine::enqueue(Search search, cl_uint tag, const Order::Report& report) {
   // Lists may have grown since reserve_ahead().
   if (!delta_.is_unsettled()) delta_.reserve_ahead(0);
   search_ = std::move(search);
+  search_.may_give_up = false;
   tag_ = tag;
   order_.begin(search_, report);
   finder_->build(search_, delta_, profiler_);
@@ -60,8 +61,10 @@ void Engine::enqueue() {
 PairDelta::Counts Engine::finish() {
   PairDelta::Counts counts = order_.wait(delta_);
   const PairDelta::Counts first = counts;
-  while (!delta_.fits(counts)) {
+  for (bool gave_up = finder_->gave_up(counts); gave_up || !delta_.fits(counts);
+       gave_up = finder_->gave_up(counts)) {
     delta_.begin(counts.found);
+    if (gave_up) finder_->rebuild(search_, delta_, profiler_);
     enqueue();
     counts = order_.wait(delta_);
   }

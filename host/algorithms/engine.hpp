@@ -36,8 +36,8 @@ class Engine {
   /// @param tag Anything, to be told again by settle().
   /// @throws cl::Error, Error
   void begin(Search search, cl_uint tag = 0);
-  /// Waits for the search; waits again only if the lists were too small or far more changed than in the last
-  /// frame.
+  /// Waits for the search; waits again only if the lists were too small, far more changed than in the last
+  /// frame, or the finder gave up.
   /// @throws cl::Error, Error
   PairDelta::Counts finish();
 

@@ -35,6 +35,14 @@ class PairFinder {
   /// @throws cl::Error, Error
   virtual void find(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) = 0;
 
+  /// Whether find() gave up, as what it counted tells: what build() prepared was hopelessly out of date.
+  [[nodiscard]] virtual bool gave_up(const PairDelta::Counts& /*counts*/) const { return false; }
+
+  /// Enqueues the kernels that prepare the same search, of objects that have been gathered, so that find()
+  /// does not give up again.
+  /// @throws cl::Error, Error
+  virtual void rebuild(const Search& /*search*/, const PairDelta& /*sink*/, opencl::Profiler& /*profiler*/) {}
+
   /// Forgets what was derived from boxes of earlier frames: some of them never came to be.
   virtual void forget() noexcept {}
 

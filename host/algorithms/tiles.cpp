@@ -1,6 +1,7 @@
 #include <algorithm>
 #include <array>
 #include <cstddef>
+#include <limits>
 #include <memory>
 #include <optional>
 #include <string>
@@ -24,7 +25,7 @@ constexpr unsigned code_bits = 31;
 constexpr std::size_t levels = 4;  // as many as a cl_uint4 has numbers
 
 constexpr std::size_t most_sharers = 8;
-constexpr std::size_t groups_per_unit = 64;  // of the search, as far as most_sharers allows
+constexpr std::size_t searches_per_unit = 64;  // of the search, as far as most_sharers allows
 constexpr double default_stale = 1.25;
 /// How often all boxes may move before the order counts as old, if its work is not known.
 constexpr std::size_t unwatched = 8;
@@ -32,6 +33,10 @@ constexpr std::size_t unwatched = 8;
 constexpr std::size_t fewest_moved = 64;
 /// The work of searches of some and of all boxes, if they have one size, as a multiple of usual_work().
 constexpr std::array default_factors{0.9, 0.25};
+
+/// A search is given up, and the boxes are sorted, if it takes more work than this many searches of all boxes
+/// in a new order: far more than is_stale() waits for. Boxes that all leap to other places would take n^2.
+constexpr double hopeless = 4;
 
 /// For up to so many boxes it takes less time to gather objects in the order of tiles, which saves a launch,
 /// than one after the other.
@@ -88,6 +93,15 @@ class Tiles final : public PairFinder {
 
   void find(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) override {
     if (is_built_) enqueue_search(search, sink, profiler);
+  }
+
+  [[nodiscard]] bool gave_up(const PairDelta::Counts& counts) const override {
+    return is_built_ && counts.work > most_work_;
+  }
+
+  void rebuild(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) override {
+    sort(search, sink, profiler);
+    fill_trees(search, false, sink, profiler);
   }
 
   /// (An order may be of boxes of a frame that was incomplete.)
@@ -211,7 +225,19 @@ class Tiles final : public PairFinder {
 
   /// The work of a search in a new order, up to a factor: some per tile, more per box that changed.
   static double usual_work(const Search& search) {
-    return 4 * static_cast<double>(divide_up(search.now.slots, node)) + 12 * search.changed_slots();
+    return usual_work(search.now.slots, search.changed_slots());
+  }
+  static double usual_work(std::size_t slots, std::size_t changed) {
+    return 4 * static_cast<double>(divide_up(slots, node)) + 12 * static_cast<double>(changed);
+  }
+
+  /// The work at which the search is given up; the largest number if it must not be.
+  [[nodiscard]] cl_uint most_work(const Search& search, const PairDelta& sink) const {
+    constexpr cl_uint any = std::numeric_limits<cl_uint>::max();
+    if (!search.may_give_up || sink.frames() == sorted_frame_) return any;
+    const double factor = std::max({default_factors[1], factors_[1], fresh_factors_[1]});
+    return static_cast<cl_uint>(
+        std::min<double>(any, hopeless * factor * usual_work(search.now.slots, search.now.slots)));
   }
 
   void sort(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) {
@@ -287,9 +313,10 @@ class Tiles final : public PairFinder {
     const std::size_t sharers = this->sharers(tiles);
     cl_uint share = 0;
     for (std::size_t k = 0; k < node; k += sharers) share |= cl_uint{1} << k;
+    most_work_ = most_work(search, sink);
     cl::Kernel& kernel = kernels(search).search;
     const cl_uint first = opencl::set_arguments(
-        kernel, 0, starts_, static_cast<cl_uint>(top_), roots_, share, sets(search), tree_.nodes,
+        kernel, 0, starts_, static_cast<cl_uint>(top_), roots_, share, most_work_, sets(search), tree_.nodes,
         (search.all ? tree_ : changed_tree_).nodes, elements_, search.now.filters, search.now.exclusions);
     sink.set_sink(kernel, first, search);
     context_.queue().enqueueNDRangeKernel(kernel, cl::NullRange, cl::NDRange(tiles * group_, sharers),
@@ -300,7 +327,7 @@ class Tiles final : public PairFinder {
   /// do.
   [[nodiscard]] std::size_t sharers(std::size_t tiles) const {
     if (group_ == 1) return 1;
-    const std::size_t useful = context_.device().compute_units * groups_per_unit;
+    const std::size_t useful = context_.device().compute_units * searches_per_unit;
     std::size_t sharers = 1;
     while (sharers < most_sharers && tiles * sharers * 2 <= useful) sharers *= 2;
     return sharers;
@@ -341,6 +368,7 @@ class Tiles final : public PairFinder {
   std::optional<std::size_t> searched_frame_;
   std::size_t moved_ = 0;  // boxes since the order was new, each counted as often as it moved
   double usual_work_ = 1;  // of the last search
+  cl_uint most_work_ = 0;  // at which it is given up
   bool usual_is_of_all_ = true;
   // The work of searches of some and of all boxes, as a multiple of usual_work(): of the last ones, and of
   // the first ones in this order, 0 before there was one.
