@@ -16,7 +16,7 @@
 namespace broadcl {
 namespace {
 
-using Bounds = std::array<const std::byte*, 6>;
+using BoundPointers = std::array<const std::byte*, 6>;
 
 /// Boxes in the layout of an array of Aabb.
 struct Packed {
@@ -32,7 +32,7 @@ struct Packed {
 /// Boxes in any other layout.
 template <class S, std::size_t dimensions>
 struct Strided {
-  Bounds bounds;
+  BoundPointers bounds;
   std::ptrdiff_t stride;
 
   Aabb operator[](std::size_t k) const noexcept {

@@ -19,10 +19,10 @@ namespace broadcl::test {
 namespace {
 
 /// Tiles of random boxes, in one node. Every seventh box is missing.
-Tiles<3> random_tiles(std::size_t tiles) {
+HostTiles<3> random_tiles(std::size_t tiles) {
   std::mt19937 random(7);
   std::uniform_int_distribution<int> coordinate(0, 9);  // so that bounds often touch
-  Tiles<3> all;
+  HostTiles<3> all;
   all.nodes.resize(1);
   for (std::size_t k = 0; k < node_size; ++k) all.nodes[0].set(k, make_bounds<3>(nan_value, nan_value), 0);
   for (std::size_t tile = 0; tile < tiles; ++tile) {
@@ -53,7 +53,7 @@ Pairs sorted(const Found& found) {
 }
 
 /// By the definition.
-Pairs expected_pairs(const Tiles<3>& all, const std::vector<Filter>& filters) {
+Pairs expected_pairs(const HostTiles<3>& all, const std::vector<Filter>& filters) {
   Pairs pairs;
   const auto box_of = [&](std::uint32_t slot) { return all.tiles[slot / node_size].get(slot % node_size); };
   for (std::uint32_t b = 0; b < all.tiles.size() * node_size; ++b) {
@@ -70,7 +70,7 @@ Pairs expected_pairs(const Tiles<3>& all, const std::vector<Filter>& filters) {
 }
 
 TEST(TileSearch, ForEachProcessorFindsTheSamePairs) {
-  const Tiles<3> all = random_tiles(9);
+  const HostTiles<3> all = random_tiles(9);
   std::vector<std::uint32_t> places(9 * node_size);
   std::iota(places.begin(), places.end(), 0U);
   for (const bool with_filters : {false, true}) {

@@ -11,7 +11,7 @@ namespace broadcl {
 namespace {
 
 /// Launch parameters.
-struct Launch {
+struct BruteForceLaunch {
   unsigned width;          ///< Boxes `a` that a work-item holds in registers.
   unsigned group;          ///< Work-items per work-group.
   unsigned at_once;        ///< Rows that a work-item tests before it looks for hits.
@@ -21,20 +21,20 @@ struct Launch {
   std::size_t most_tests;  ///< Per launch, so that no watchdog ends it.
 };
 
-constexpr Launch gpu_launch{.width = 4,
-                            .group = 128,
-                            .at_once = 2,
-                            .min_rows = 16,
-                            .max_rows = 256,
-                            .items = 2500,
-                            .most_tests = std::size_t{1} << 32};
-constexpr Launch cpu_launch{.width = 16,
-                            .group = 1,
-                            .at_once = 4,
-                            .min_rows = 256,
-                            .max_rows = 4096,
-                            .items = 256,
-                            .most_tests = std::size_t{1} << 26};
+constexpr BruteForceLaunch brute_force_on_gpus{.width = 4,
+                                               .group = 128,
+                                               .at_once = 2,
+                                               .min_rows = 16,
+                                               .max_rows = 256,
+                                               .items = 2500,
+                                               .most_tests = std::size_t{1} << 32};
+constexpr BruteForceLaunch brute_force_on_cpus{.width = 16,
+                                               .group = 1,
+                                               .at_once = 4,
+                                               .min_rows = 256,
+                                               .max_rows = 4096,
+                                               .items = 256,
+                                               .most_tests = std::size_t{1} << 26};
 
 /// What it takes to find out whether boxes that overlap are a new pair, in tests; 70 to 190 on PoCL 3.1.
 constexpr double tests_per_hit = 100;
@@ -43,7 +43,8 @@ constexpr double tests_per_hit = 100;
 class BruteForce final : public PairFinder {
  public:
   explicit BruteForce(const opencl::Context& context)
-      : context_(context), launch_(context.tuning() == opencl::Tuning::cpu ? cpu_launch : gpu_launch) {
+      : context_(context),
+        launch_(context.tuning() == opencl::Tuning::cpu ? brute_force_on_cpus : brute_force_on_gpus) {
     (void)kernel(false);
   }
 
@@ -106,7 +107,7 @@ class BruteForce final : public PairFinder {
   }
 
   const opencl::Context& context_;
-  Launch launch_;
+  BruteForceLaunch launch_;
   std::array<cl::Kernel, 2> kernels_;
 };
 

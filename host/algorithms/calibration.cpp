@@ -110,7 +110,7 @@ class Trial {
   Search search_;
 };
 
-CostModel measure(const opencl::Context& context, MakePairFinder make) {
+CostModel measure_model(const opencl::Context& context, MakePairFinder make) {
   const std::size_t most = context.tuning() == opencl::Tuning::cpu ? many_boxes_of_cpu : many_boxes_of_gpu;
   Trial trial(context, make);
   const Trial::Sample few = trial.sample(few_boxes, few_boxes);
@@ -132,7 +132,7 @@ CostModel measure(const opencl::Context& context, MakePairFinder make) {
 }
 
 /// Contains the kernels: if they change, they are measured again.
-std::string key_of(const opencl::Context& context) {
+std::string models_key(const opencl::Context& context) {
   std::string key = context.tuning() == opencl::Tuning::cpu ? "cost models, cpu" : "cost models, gpu";
   for (const opencl::KernelFile& file : opencl::embedded_kernel_files()) key += file.text;
   return key;
@@ -143,14 +143,15 @@ std::string key_of(const opencl::Context& context) {
 std::array<CostModel, 2> calibrate(const opencl::Context& context,
                                    const std::array<MakePairFinder, 2>& finders) {
   std::array<CostModel, 2> models{};
-  const std::string key = key_of(context);
+  const std::string key = models_key(context);
   const auto stored = context.load(key);
   if (stored && stored->size() == sizeof models) {
     std::memcpy(models.data(), stored->data(), sizeof models);
     return models;
   }
   const opencl::Context own(context.queue());  // so that its memory does not count as the caller's
-  std::ranges::transform(finders, models.begin(), [&](MakePairFinder make) { return measure(own, make); });
+  std::ranges::transform(finders, models.begin(),
+                         [&](MakePairFinder make) { return measure_model(own, make); });
   opencl::DiskCache::Bytes bytes(sizeof models);
   std::memcpy(bytes.data(), models.data(), sizeof models);
   context.store(key, bytes);

@@ -5,13 +5,13 @@
 namespace broadcl {
 namespace {
 
-constexpr EngineLaunch gpu_launch{.keep_group = 256, .keep_chunk = 1, .parts = 128, .teams = 2};
-constexpr EngineLaunch cpu_launch{.keep_group = 1, .keep_chunk = 256, .parts = 1, .teams = 1};
+constexpr EngineLaunch engine_on_gpus{.keep_group = 256, .keep_chunk = 1, .parts = 128, .teams = 2};
+constexpr EngineLaunch engine_on_cpus{.keep_group = 1, .keep_chunk = 256, .parts = 1, .teams = 1};
 
 }  // namespace
 
 const EngineLaunch& engine_launch(const opencl::Context& context) noexcept {
-  return context.tuning() == opencl::Tuning::cpu ? cpu_launch : gpu_launch;
+  return context.tuning() == opencl::Tuning::cpu ? engine_on_cpus : engine_on_gpus;
 }
 
 cl::Program engine_program(const opencl::Context& context) {

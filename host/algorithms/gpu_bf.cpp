@@ -17,7 +17,7 @@ namespace broadcl {
 namespace {
 
 /// Launch parameters.
-struct Launch {
+struct GpuBfLaunch {
   unsigned width;          ///< Pairs that a work-item packs into one store.
   unsigned group_size;     ///< Work-items per work-group.
   unsigned min_rows;       ///< Rows per work-item, at least.
@@ -26,18 +26,18 @@ struct Launch {
   std::size_t most_tests;  ///< Per launch, so that no watchdog ends it.
 };
 
-constexpr Launch gpu_launch{.width = 4,
-                            .group_size = 128,
-                            .min_rows = 8,
-                            .max_rows = 128,
-                            .items = 4096,
-                            .most_tests = std::size_t{1} << 32};
-constexpr Launch cpu_launch{.width = 16,
-                            .group_size = 64,
-                            .min_rows = 64,
-                            .max_rows = 512,
-                            .items = 1024,
-                            .most_tests = std::size_t{1} << 26};
+constexpr GpuBfLaunch gpu_bf_on_gpus{.width = 4,
+                                     .group_size = 128,
+                                     .min_rows = 8,
+                                     .max_rows = 128,
+                                     .items = 4096,
+                                     .most_tests = std::size_t{1} << 32};
+constexpr GpuBfLaunch gpu_bf_on_cpus{.width = 16,
+                                     .group_size = 64,
+                                     .min_rows = 64,
+                                     .max_rows = 512,
+                                     .items = 1024,
+                                     .most_tests = std::size_t{1} << 26};
 
 using opencl::divide_up;
 using opencl::round_up;
@@ -49,7 +49,7 @@ class GpuBf final : public Algorithm {
   GpuBf(const Config& config, const Device& device)
       : context_(device, config.profile, config.on_compile),
         profiler_(config.profile),
-        launch_(context_.tuning() == opencl::Tuning::cpu ? cpu_launch : gpu_launch),
+        launch_(context_.tuning() == opencl::Tuning::cpu ? gpu_bf_on_cpus : gpu_bf_on_gpus),
         group_(context_.group(launch_.group_size)),
         kernel_(make_kernel("gpu_bf")),
         exclude_(make_kernel("gpu_bf_exclude")),
@@ -191,7 +191,7 @@ class GpuBf final : public Algorithm {
 
   opencl::Context context_;
   opencl::Profiler profiler_;
-  Launch launch_;
+  GpuBfLaunch launch_;
   std::size_t group_;
   cl::Kernel kernel_, exclude_;
   DeviceObjects objects_;

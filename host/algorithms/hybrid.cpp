@@ -12,7 +12,7 @@ namespace {
 
 /// To change over costs a search of all boxes, so the other one must be expected to take less than this share
 /// of the time in some updates in a row, and in twice as many after each change.
-constexpr double clearly_less = 0.85;
+constexpr double clearly_less_time = 0.85;
 constexpr int first_patience = 8;
 constexpr int most_patience = 1024;
 
@@ -149,7 +149,7 @@ class Hybrid final : public Algorithm {
     }
     const double on_device = seconds_on_device(changes_.slots, changed_slots());
     const bool is_other_faster =
-        is_on_device() ? on_host < clearly_less * on_device : on_device < clearly_less * on_host;
+        is_on_device() ? on_host < clearly_less_time * on_device : on_device < clearly_less_time * on_host;
     waited_ = is_other_faster ? waited_ + 1 : 0;
     if (waited_ < patience_) return;
     waited_ = 0;

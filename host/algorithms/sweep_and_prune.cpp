@@ -35,7 +35,7 @@ constexpr double useless = 4;
 /// With fewer boxes for each, starting threads takes longer than what they save.
 constexpr std::size_t boxes_per_thread = 4096;
 
-/// Tiles that a thread takes at a time.
+/// HostTiles that a thread takes at a time.
 constexpr std::size_t tiles_at_once = 8;
 
 /// Boxes that changed are searched alone if they are at most one in so many.
@@ -201,7 +201,7 @@ class SweepAndPrune final : public HostFinder {
   }
 
   template <std::size_t axes>
-  void find(Tiles<axes>& all, const HostObjects& objects) {
+  void find(HostTiles<axes>& all, const HostObjects& objects) {
     const std::size_t slots = objects.boxes.size();
     const std::size_t threads = threads_of(slots);
     const bool is_stale = axes != sorted_axes_ || all.sets != objects.sets ||
@@ -220,7 +220,7 @@ class SweepAndPrune final : public HostFinder {
   /// Finds all pairs in the order as it is.
   /// @returns False if that takes more work than it may.
   template <std::size_t axes>
-  bool search(Tiles<axes>& all, const HostObjects& objects, std::size_t threads, double most_work) {
+  bool search(HostTiles<axes>& all, const HostObjects& objects, std::size_t threads, double most_work) {
     while (places_.size() < objects.boxes.size()) place_next();
     fill(all, objects, threads);
     sweep(all);
@@ -228,18 +228,18 @@ class SweepAndPrune final : public HostFinder {
   }
 
   template <std::size_t axes>
-  void find_changed(Tiles<axes>& all, const HostObjects& objects, std::span<const std::uint32_t> changed);
+  void find_changed(HostTiles<axes>& all, const HostObjects& objects, std::span<const std::uint32_t> changed);
   template <std::size_t axes>
   void sort(const HostObjects& objects, std::size_t threads);
   void place_next();
   template <std::size_t axes>
-  static void store(Tiles<axes>& all, const HostObjects& objects, std::uint32_t slot, std::size_t place);
+  static void store(HostTiles<axes>& all, const HostObjects& objects, std::uint32_t slot, std::size_t place);
   template <std::size_t axes>
-  void fill(Tiles<axes>& all, const HostObjects& objects, std::size_t threads);
+  void fill(HostTiles<axes>& all, const HostObjects& objects, std::size_t threads);
   template <std::size_t axes>
-  void sweep(Tiles<axes>& all);
+  void sweep(HostTiles<axes>& all);
   template <std::size_t axes>
-  bool search_all(const Tiles<axes>& all, std::span<const Filter> filters, std::size_t threads,
+  bool search_all(const HostTiles<axes>& all, std::span<const Filter> filters, std::size_t threads,
                   double most_work);
 
   std::size_t threads_;
@@ -249,8 +249,8 @@ class SweepAndPrune final : public HostFinder {
   std::size_t moved_ = 0;              // boxes since the order was new that were searched alone
   std::size_t work_ = 0;               // of the last search of all
   std::size_t fresh_work_ = 0;         // of the first one in this order
-  Tiles<3> three_;
-  Tiles<4> four_;
+  HostTiles<3> three_;
+  HostTiles<4> four_;
   std::vector<std::pair<float, std::uint32_t>> swept_;
   std::vector<std::uint32_t> dirty_;
   std::vector<Found> found_;  // by each thread
@@ -303,7 +303,7 @@ void SweepAndPrune::place_next() {
 
 /// Stores the box of a slot in its tile.
 template <std::size_t axes>
-void SweepAndPrune::store(Tiles<axes>& all, const HostObjects& objects, std::uint32_t slot,
+void SweepAndPrune::store(HostTiles<axes>& all, const HostObjects& objects, std::uint32_t slot,
                           std::size_t place) {
   const bool exists = slot < objects.boxes.size();  // it may be no_slot
   all.tiles[place / node_size].set(
@@ -312,7 +312,7 @@ void SweepAndPrune::store(Tiles<axes>& all, const HostObjects& objects, std::uin
 }
 
 template <std::size_t axes>
-void SweepAndPrune::fill(Tiles<axes>& all, const HostObjects& objects, std::size_t threads) {
+void SweepAndPrune::fill(HostTiles<axes>& all, const HostObjects& objects, std::size_t threads) {
   const std::size_t tiles = (order_.size() + node_size - 1) / node_size;
   all.tiles.resize(tiles);
   all.bounds.resize(tiles);
@@ -329,7 +329,7 @@ void SweepAndPrune::fill(Tiles<axes>& all, const HostObjects& objects, std::size
 
 /// Puts the tiles into the order of the sweep.
 template <std::size_t axes>
-void SweepAndPrune::sweep(Tiles<axes>& all) {
+void SweepAndPrune::sweep(HostTiles<axes>& all) {
   all.axis = best_axis<axes>(all.bounds);
   swept_.clear();
   for (std::uint32_t tile = 0; tile < all.bounds.size(); ++tile) {
@@ -349,8 +349,8 @@ void SweepAndPrune::sweep(Tiles<axes>& all) {
 }
 
 template <std::size_t axes>
-bool SweepAndPrune::search_all(const Tiles<axes>& all, std::span<const Filter> filters, std::size_t threads,
-                               double most_work) {
+bool SweepAndPrune::search_all(const HostTiles<axes>& all, std::span<const Filter> filters,
+                               std::size_t threads, double most_work) {
   const TileSearch<axes> search = tile_search<axes>();
   found_.resize(std::max(found_.size(), threads));
   for (Found& found : found_) found.count = found.work = 0;
@@ -369,7 +369,7 @@ bool SweepAndPrune::search_all(const Tiles<axes>& all, std::span<const Filter> f
 }
 
 template <std::size_t axes>
-void SweepAndPrune::find_changed(Tiles<axes>& all, const HostObjects& objects,
+void SweepAndPrune::find_changed(HostTiles<axes>& all, const HostObjects& objects,
                                  std::span<const std::uint32_t> changed) {
   sorted_axes_ = 0;  // until all is done
   while (places_.size() < objects.boxes.size()) {

@@ -38,7 +38,7 @@ BROADCL_INLINE std::uint32_t overlapping(const Node<axes>& node, const Bounds<ax
 /// What to look for, for something with these bounds: in two sets, the other set of the same world; if it is
 /// several, all sets of its worlds.
 template <std::size_t axes>
-BROADCL_INLINE Bounds<axes> sought(const Tiles<axes>& all, Bounds<axes> bounds) {
+BROADCL_INLINE Bounds<axes> sought(const HostTiles<axes>& all, Bounds<axes> bounds) {
   if constexpr (axes > 3) {
     if (!all.sets) return bounds;
     const bool is_one = bounds.lower[3] == bounds.upper[3];
@@ -53,8 +53,8 @@ BROADCL_INLINE Bounds<axes> sought(const Tiles<axes>& all, Bounds<axes> bounds) 
 
 /// Appends the pairs of box k of a tile with some boxes of another.
 template <std::size_t axes>
-BROADCL_INLINE void append(Found& found, const Node<axes>& tile, std::uint32_t bits, std::uint32_t other,
-                           std::span<const Filter> filters) {
+BROADCL_INLINE void append_found(Found& found, const Node<axes>& tile, std::uint32_t bits,
+                                 std::uint32_t other, std::span<const Filter> filters) {
   for (; bits != 0; bits &= bits - 1) {
     const std::uint32_t slot = tile.index[lowest_bit(bits)];
     if (!filters.empty() && !may_pair(filters[slot], filters[other])) continue;
@@ -64,7 +64,7 @@ BROADCL_INLINE void append(Found& found, const Node<axes>& tile, std::uint32_t b
 
 /// Tests the boxes of two tiles.
 template <std::size_t axes>
-BROADCL_INLINE void test(Found& found, const Tiles<axes>& all, std::size_t s, std::size_t t,
+BROADCL_INLINE void test(Found& found, const HostTiles<axes>& all, std::size_t s, std::size_t t,
                          std::span<const Filter> filters) {
   const std::uint32_t of_s = overlapping(all.tiles[s], sought(all, all.bounds[t]));
   if (of_s == 0) return;
@@ -74,14 +74,14 @@ BROADCL_INLINE void test(Found& found, const Tiles<axes>& all, std::size_t s, st
   const Node<axes>& many = all.tiles[few_in_s ? t : s];
   for (std::uint32_t bits = few_in_s ? of_s : of_t; bits != 0; bits &= bits - 1) {
     const auto k = lowest_bit(bits);
-    append(found, many, overlapping(many, sought(all, few.get(k))), few.index[k], filters);
+    append_found(found, many, overlapping(many, sought(all, few.get(k))), few.index[k], filters);
   }
 }
 
 /// Tests a tile with itself and with those after it in the sweep whose lower bounds do not exceed its upper
 /// one.
 template <std::size_t axes>
-BROADCL_INLINE void search(Found& found, const Tiles<axes>& all, std::size_t position,
+BROADCL_INLINE void search(Found& found, const HostTiles<axes>& all, std::size_t position,
                            std::span<const Filter> filters) {
   constexpr std::size_t most = node_size * node_size;  // pairs of two tiles
   const std::size_t first = position / node_size;
@@ -90,8 +90,8 @@ BROADCL_INLINE void search(Found& found, const Tiles<axes>& all, std::size_t pos
   const Bounds<axes> bounds = sought(all, all.bounds[s]);
   found.reserve(most);
   for (std::size_t k = 1; k < node_size; ++k) {
-    append(found, tile, overlapping(tile, sought(all, tile.get(k))) & (bit_of[k] - 1), tile.index[k],
-           filters);
+    append_found(found, tile, overlapping(tile, sought(all, tile.get(k))) & (bit_of[k] - 1), tile.index[k],
+                 filters);
   }
   std::uint32_t after = 0xfffffffeU << position % node_size;
   std::size_t node = first;
@@ -108,8 +108,8 @@ BROADCL_INLINE void search(Found& found, const Tiles<axes>& all, std::size_t pos
 
 /// Tests some boxes with all others.
 template <std::size_t axes>
-BROADCL_INLINE void search_boxes(Found& found, const Tiles<axes>& all, std::span<const std::uint32_t> places,
-                                 std::span<const Filter> filters) {
+BROADCL_INLINE void search_boxes(Found& found, const HostTiles<axes>& all,
+                                 std::span<const std::uint32_t> places, std::span<const Filter> filters) {
   for (const std::uint32_t place : places) {
     const Node<axes>& own = all.tiles[place / node_size];
     const Bounds<axes> bounds = sought(all, own.get(place % node_size));
@@ -122,7 +122,7 @@ BROADCL_INLINE void search_boxes(Found& found, const Tiles<axes>& all, std::span
           std::uint32_t hits = overlapping(tile, bounds);
           if (&tile == &own) hits &= ~bit_of[place % node_size];
           found.reserve(node_size);
-          append(found, tile, hits, slot, filters);
+          append_found(found, tile, hits, slot, filters);
         }
       }
     }
@@ -130,19 +130,19 @@ BROADCL_INLINE void search_boxes(Found& found, const Tiles<axes>& all, std::span
 }
 
 template <std::size_t axes>
-BROADCL_INLINE void search_tiles(Found& found, const Tiles<axes>& all, std::size_t begin, std::size_t end,
+BROADCL_INLINE void search_tiles(Found& found, const HostTiles<axes>& all, std::size_t begin, std::size_t end,
                                  std::span<const Filter> filters) {
   for (std::size_t position = begin; position < end; ++position) search(found, all, position, filters);
 }
 
 #if defined(__x86_64__) && defined(__GNUC__)
 template <std::size_t axes>
-[[gnu::target("avx2")]] void search_tiles_avx2(Found& found, const Tiles<axes>& all, std::size_t begin,
+[[gnu::target("avx2")]] void search_tiles_avx2(Found& found, const HostTiles<axes>& all, std::size_t begin,
                                                std::size_t end, std::span<const Filter> filters) {
   search_tiles(found, all, begin, end, filters);
 }
 template <std::size_t axes>
-[[gnu::target("avx2")]] void search_boxes_avx2(Found& found, const Tiles<axes>& all,
+[[gnu::target("avx2")]] void search_boxes_avx2(Found& found, const HostTiles<axes>& all,
                                                std::span<const std::uint32_t> places,
                                                std::span<const Filter> filters) {
   search_boxes(found, all, places, filters);

@@ -63,7 +63,7 @@ struct alignas(64) Node {
 
 /// Boxes in tiles, these in nodes in the order of a sweep, and these in roots.
 template <std::size_t axes>
-struct Tiles {
+struct HostTiles {
   std::vector<Node<axes>> tiles;
   std::vector<Bounds<axes>> bounds;      // of the tiles
   std::vector<std::uint32_t> positions;  // of the tiles in the sweep
@@ -91,10 +91,10 @@ template <std::size_t axes>
 struct TileSearch {
   /// Finds the pairs of some tiles, by their positions in the sweep, with themselves and with those after
   /// them.
-  void (*tiles)(Found& found, const Tiles<axes>& all, std::size_t begin, std::size_t end,
+  void (*tiles)(Found& found, const HostTiles<axes>& all, std::size_t begin, std::size_t end,
                 std::span<const Filter> filters);
   /// Finds the pairs of some boxes, by their places in the tiles, with all others.
-  void (*boxes)(Found& found, const Tiles<axes>& all, std::span<const std::uint32_t> places,
+  void (*boxes)(Found& found, const HostTiles<axes>& all, std::span<const std::uint32_t> places,
                 std::span<const Filter> filters);
 };
 

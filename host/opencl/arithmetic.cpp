@@ -20,7 +20,7 @@ using Float = std::numeric_limits<float>;
 constexpr std::array numbers{0.0F, -0.0F,        Float::denorm_min(), 3 * Float::denorm_min(),
                              1.0F, Float::max(), Float::infinity(),   Float::quiet_NaN()};
 
-cl_uint measure(const Context& context) {
+cl_uint measure_arithmetic(const Context& context) {
   cl::Kernel kernel = context.kernel(context.program("arithmetic.cl"), "arithmetic", 1);
   const cl::Buffer input(context.context(), CL_MEM_READ_ONLY, sizeof numbers);
   const cl::Buffer output(context.context(), CL_MEM_WRITE_ONLY, sizeof(cl_uint));
@@ -41,7 +41,7 @@ bool flushes_denormals(const Context& context) {
   if (const auto stored = context.load(key); stored && stored->size() == 1) {
     result = stored->front();
   } else {
-    result = measure(context);
+    result = measure_arithmetic(context);
     context.store(key, {static_cast<DiskCache::Bytes::value_type>(result)});
   }
   if ((result & all_others) != all_others) {

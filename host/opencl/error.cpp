@@ -37,7 +37,7 @@ constexpr std::array codes{
          "install OpenCL's loader, libOpenCL.so.1 (Debian, Ubuntu: apt install ocl-icd-libopencl1)"},
 };
 
-const Code* find(cl_int code) {
+const Code* row_of(cl_int code) {
   const auto* row = std::find_if(codes.begin(), codes.end(), [&](const Code& c) { return c.value == code; });
   return row == codes.end() ? nullptr : row;
 }
@@ -45,12 +45,12 @@ const Code* find(cl_int code) {
 }  // namespace
 
 std::string code_name(cl_int code) {
-  const Code* row = find(code);
+  const Code* row = row_of(code);
   return (row != nullptr ? std::string(row->name) + " " : "OpenCL error ") + "(" + std::to_string(code) + ")";
 }
 
 Error to_error(const cl::Error& error, std::string_view device) {
-  const Code* row = find(error.err());
+  const Code* row = row_of(error.err());
   return Error(std::string(device) + ": " + error.what() + " failed with " + code_name(error.err()) + "; " +
                std::string(row != nullptr ? row->remedy : driver_remedy));
 }

@@ -42,7 +42,7 @@ std::optional<std::string> included_file(std::string_view line) {
   return std::string(line.substr(0, line.find('"')));
 }
 
-void append(std::string& out, const std::string& name, std::set<std::string>& seen) {
+void append_file(std::string& out, const std::string& name, std::set<std::string>& seen) {
   const auto mark = [&](int line) { out += "#line " + std::to_string(line) + " \"" + name + "\"\n"; };
   std::istringstream lines(read(name));
   mark(1);
@@ -50,7 +50,7 @@ void append(std::string& out, const std::string& name, std::set<std::string>& se
   for (std::string line; std::getline(lines, line);) {
     ++number;
     if (const auto file = included_file(line)) {
-      if (seen.insert(*file).second) append(out, *file, seen);
+      if (seen.insert(*file).second) append_file(out, *file, seen);
       mark(number + 1);
     } else {
       out += line + '\n';
@@ -95,7 +95,7 @@ std::string with_file_names(const std::string& log, const std::string& source) {
 std::string kernel_source(std::string_view name) {
   std::string source;
   std::set<std::string> seen;
-  append(source, std::string(name), seen);
+  append_file(source, std::string(name), seen);
   return source;
 }
 

@@ -6,16 +6,14 @@
 namespace broadcl::opencl {
 namespace {
 
-using Clock = std::chrono::steady_clock;
-
-double seconds(Clock::duration duration) {
+double seconds(std::chrono::steady_clock::duration duration) {
   return std::chrono::duration<double>(duration).count();
 }
 
 }  // namespace
 
 Profiler::Scope::Scope(Profiler& profiler, std::string_view name)
-    : profiler_(profiler), stage_(profiler.stages_.size()), start_(Clock::now()) {
+    : profiler_(profiler), stage_(profiler.stages_.size()), start_(std::chrono::steady_clock::now()) {
   profiler_.stages_.push_back({.name = name,
                                .host_start = seconds(start_ - profiler_.begin_),
                                .host_seconds = 0,
@@ -25,7 +23,7 @@ Profiler::Scope::Scope(Profiler& profiler, std::string_view name)
 }
 
 Profiler::Scope::~Scope() {
-  profiler_.stages_[stage_].host_seconds = seconds(Clock::now() - start_);
+  profiler_.stages_[stage_].host_seconds = seconds(std::chrono::steady_clock::now() - start_);
 }
 
 cl::Event* Profiler::Scope::event() noexcept {
@@ -35,7 +33,7 @@ cl::Event* Profiler::Scope::event() noexcept {
 void Profiler::begin() {
   stages_.clear();
   events_.clear();
-  begin_ = Clock::now();
+  begin_ = std::chrono::steady_clock::now();
 }
 
 void Profiler::resolve() {

@@ -11,7 +11,7 @@
 namespace broadcl::opencl {
 namespace {
 
-constexpr std::size_t longest_block = 8 * sort_tile;
+constexpr std::size_t longest_sorted_block = 8 * sort_tile;
 
 /// Approximate number of elements per bucket: enough that counters cost little in comparison.
 constexpr std::size_t bucket = 2048;
@@ -99,7 +99,7 @@ void RadixSort::enqueue(const cl::Buffer& elements, const cl::Buffer& scratch, s
     }
     return;
   }
-  const Blocks blocks = split_into_blocks(context_, n, sort_tile, longest_block);
+  const Blocks blocks = split_into_blocks(context_, n, sort_tile, longest_sorted_block);
   if (blocks.count > most_blocks_) {
     counts_ = context_.buffer((std::size_t{blocks.count} << digit_bits) * sizeof(cl_uint));
     most_blocks_ = blocks.count;
