@@ -40,11 +40,11 @@ void expect_short_lives(const BroadPhase::Config& config, long count, bool world
 }
 
 TEST_P(EachAlgorithm, AnAllocationThatFailsIsMadeGood) {
-  expect_short_lives(config(), 1, false, 50);
+  expect_short_lives(config(), 1, false, 25);
 }
 
 TEST_P(EachAlgorithm, AllocationsThatFailFromOneOnAreMadeGood) {
-  expect_short_lives(config(), AllocationTrouble::for_good, true, 25);
+  expect_short_lives(config(), AllocationTrouble::for_good, true, 12);
 }
 
 void expect_device_lives(const std::string& algorithm, long count, long most) {
@@ -60,8 +60,8 @@ void expect_device_lives(const std::string& algorithm, long count, long most) {
 TEST(AllocationFailure, OfADeviceBroadPhaseIsMadeGood) {
   for (const std::string algorithm : {"brute-force", "tiles"}) {
     SCOPED_TRACE(algorithm);
-    expect_device_lives(algorithm, 1, 25);
-    expect_device_lives(algorithm, AllocationTrouble::for_good, 12);
+    expect_device_lives(algorithm, 1, 12);
+    expect_device_lives(algorithm, AllocationTrouble::for_good, 8);
   }
 }
 
@@ -97,7 +97,7 @@ TEST_P(LongFailure, OfEveryAllocationIsMadeGood) {
 template <class Function>
 void expect_errors_until_it_succeeds(long first, long all, const Function& function) {
   long errors = 0;
-  for (bool is_done = false; !is_done && !::testing::Test::HasFailure(); first += first < all ? 1 : 53) {
+  for (bool is_done = false; !is_done && !::testing::Test::HasFailure(); first += first < all ? 1 : 107) {
     SCOPED_TRACE("allocation " + std::to_string(first));
     try {
       const FailingAllocations one_fails(first, 1);

@@ -176,11 +176,11 @@ constexpr auto none = [] { return std::unique_ptr<btOverlappingPairCache>(); };
 class BulletAllocation : public ::testing::TestWithParam<Kind> {
  protected:
   /// Lives a life in which allocation 0 fails, one in which allocation 1 fails, and so on; on a device, where
-  /// each takes longer, every tenth.
+  /// each takes longer, every twentieth.
   static void live(long count) {
     const Kind& kind = GetParam();
     long failures_told = 0;
-    const long step = std::string_view(kind.algorithm) == "sweep-and-prune" ? 1 : 10;
+    const long step = std::string_view(kind.algorithm) == "sweep-and-prune" ? 1 : 20;
     for (long first = 0, points = 1; first < points; first += step) {
       SCOPED_TRACE("allocation " + std::to_string(first));
       const std::unique_ptr<btOverlappingPairCache> cache = kind.make_cache();

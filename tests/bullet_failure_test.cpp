@@ -31,7 +31,7 @@ using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::SizeIs;
 
-constexpr long most_lives = 50;
+constexpr long most_lives = 25;
 
 using IdPairs = std::vector<std::pair<int, int>>;
 

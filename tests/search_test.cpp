@@ -122,7 +122,7 @@ TEST_P(EachAlgorithm, SmallSpecialBoundsAgreeWithTheOracle) {
 
 NOT_IN(gpu_profile | sanitizers, "takes long, and rusticl has this tuning profile");
 TEST_P(EachAlgorithm, ManySpecialBoundsAgreeWithTheOracle) {
-  const std::uint32_t draws = is_slow() ? 5 : 60;
+  const std::uint32_t draws = is_slow() ? 5 : 20;
   for (std::uint32_t seed = 1; seed <= draws; ++seed) {
     expect_oracle(special_boxes(500, 100 + seed), "seed " + std::to_string(seed));
   }
@@ -398,7 +398,7 @@ Pairs play(const std::string& algorithm) {
 TEST_P(EachAlgorithm, TheSameCallsReportTheSameWithBothProfilesInEveryRun) {
   const Pairs expected = play("oracle");
   ASSERT_GT(expected.size(), 2 * 79'800U);
-  const int runs = is_slow() ? 1 : 3;
+  const int runs = is_slow() ? 1 : 2;
   for (const std::string profile : {"cpu", "gpu"}) {
     const ScopedVariable variable("BROADCL_TUNING", profile);
     for (int run = 0; run < runs; ++run) {

@@ -83,6 +83,7 @@ TEST(BruteForce, AppliesAndKeepsIfFewMoved) {
 
 /// So many changes that they are counted into buckets, a few per bucket; then so many in one bucket, that of
 /// an object that meets all others, that they are sorted.
+NOT_IN(rusticl, "takes long");
 TEST_P(EachAlgorithm, ManyChangesAreInOrder) {
   constexpr std::uint32_t n = 10'000;
   const auto twin = [](std::uint32_t id) { return apart(id % (n / 2)); };

@@ -101,12 +101,12 @@ TEST_P(EachAlgorithm, SmallWorldsInBlocks) {
   follow_oracle(GetParam(), 150, 30, [](std::uint32_t k) { return k / 30; });
 }
 
-NOT_IN(sanitizers, "takes long; smaller ones are in it");
+NOT_IN(rusticl | sanitizers, "takes long; smaller ones are in it");
 TEST_P(EachAlgorithm, WorldsInBlocks) {
   follow_oracle(GetParam(), 2000, 250, [](std::uint32_t k) { return k / 250; });
 }
 
-NOT_IN(sanitizers, "takes long; smaller ones are in it");
+NOT_IN(rusticl | sanitizers, "takes long; smaller ones are in it");
 TEST_P(EachAlgorithm, WorldsInterleaved) {
   follow_oracle(GetParam(), 2000, 40, [](std::uint32_t k) { return k % 50; });
 }
@@ -124,13 +124,13 @@ TEST_P(EachAlgorithm, WorldsOnePerObject) {
   follow_oracle(GetParam(), 1000, 10, [](std::uint32_t k) { return k; });
 }
 
-NOT_IN(sanitizers, "takes long; smaller ones are in it");
+NOT_IN(rusticl | sanitizers, "takes long; smaller ones are in it");
 TEST_P(EachAlgorithm, WorldsOneThatIsMuchLargerThanTheOthers) {
   follow_oracle(GetParam(), 1500, 400, [](std::uint32_t k) { return k < 1000 ? 3 : k; });
 }
 
 /// A ground plane, and others that are shared by all.
-ALSO_IN(oclgrind | oclgrind_gpu_profile);
+ALSO_IN(oclgrind);
 TEST_P(EachAlgorithm, SmallWorldsWithObjectsInAllOfThem) {
   follow_oracle(GetParam(), 100, 30,
                 [](std::uint32_t k) { return k % 40 == 5 ? Filter::all_worlds : k / 30; });
@@ -141,7 +141,7 @@ TEST_P(EachAlgorithm, WorldsWithObjectsInAllOfThem) {
                 [](std::uint32_t k) { return k % 100 == 5 ? Filter::all_worlds : k % 15; });
 }
 
-ALSO_IN(oclgrind);
+ALSO_IN(oclgrind | oclgrind_gpu_profile);
 TEST_P(EachAlgorithm, SmallObjectsOfAllWorldsPairWithEachOtherOnce) {
   Twins twins({.algorithm = std::string(GetParam().name)});
   for (const std::uint32_t world : {0U, 1U, Filter::all_worlds, 1U, Filter::all_worlds}) {
