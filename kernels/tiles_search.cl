@@ -71,6 +71,9 @@ static inline void seek(bounds_t* bounds, const uint sets) {
 #endif
 }
 
+/* How much work a work-group does until it adds it to that of all. */
+#define REPORT 256U
+
 #if GROUP > 1
 #define BATCH 32U   /* candidates that are tested at a time: a work-item has a bit for each */
 #define HITS 256U   /* room for hits */
@@ -92,7 +95,9 @@ typedef struct {
   uint found;
   uint found_new;
   uint base;
-  uint all_work; /* of all work-groups */
+  uint tested;   /* candidates, by this work-group */
+  uint reported; /* of these, to all */
+  uint all_work; /* of all work-groups, as far as it was reported */
 } search_t;
 
 /* Bits of the children of a node that the tile has to visit, and this work-item's child. All work-items must call
@@ -142,12 +147,21 @@ INLINE void append_new(local search_t* scratch, const uint count, global const u
   barrier(CLK_LOCAL_MEM_FENCE);
 }
 
-/* Tests the candidates, each of which all work-items compare with their own boxes, and returns what the first of them
-   has written to all_work. All work-items must call it. */
-INLINE uint test_candidates(local search_t* scratch, const uint count, const bounds_t* own, const uint place,
-                            global const uint4* filters, global const uint2* exclusions, const pair_sink_t* sink) {
+/* Tests the candidates, each of which all work-items compare with their own boxes. Returns whether to give up, since
+   all work-groups together have done more than `most_work`. All work-items must call it. */
+INLINE bool test_candidates(local search_t* scratch, const uint count, const bounds_t* own, const uint place,
+                            const uint most_work, global const uint4* filters, global const uint2* exclusions,
+                            const pair_sink_t* sink) {
+  if (get_local_id(0) == 0U) {
+    scratch->tested += count;
+    const uint news = scratch->tested - scratch->reported;
+    if (news >= REPORT) {
+      scratch->all_work = atomic_add(&sink->counts[COUNT_WORK], news) + news;
+      scratch->reported += news;
+    }
+  }
   barrier(CLK_LOCAL_MEM_FENCE);
-  const uint all_work = scratch->all_work;
+  const bool gives_up = scratch->all_work > most_work;
   for (uint first = 0; first < count; first += BATCH) {
     const uint size = min(BATCH, count - first);
     uint bits = 0;
@@ -177,7 +191,7 @@ INLINE uint test_candidates(local search_t* scratch, const uint count, const bou
       more = found > HITS;
     }
   }
-  return all_work;
+  return gives_up;
 }
 #else
 #define FLUSH 64U /* hits are appended once there are this many */
@@ -221,9 +235,6 @@ static inline void append_hits(const pair_sink_t* sink, local const uint2* hits,
 }
 #endif
 
-/* How much work a work-group does until it adds it to that of all. */
-#define REPORT 1024U
-
 /* Finds the pairs of a tile with itself and later ones. `changed` is the tree of the boxes that changed. `starts`
    are the first nodes of the levels, `top` is the level of which there are `roots` nodes. Work-groups of dimension 0
    stand for a tile each; those of dimension 1 share its search: the first of them visits the tiles whose bit, among
@@ -258,7 +269,7 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_search(
   load_last_box(&own_last, &sink, own_slot);
   scratch.own_last[item] = own_last;
   scratch.own_slots[item] = own_slot;
-  if (item == 0U) scratch.found = scratch.found_new = scratch.all_work = 0;
+  if (item == 0U) scratch.found = scratch.found_new = scratch.tested = scratch.reported = scratch.all_work = 0;
   uint turn = 0;
   uint count = 0; /* of candidates */
   bounds_t child;
@@ -341,10 +352,7 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_search(
     }
 #if GROUP > 1
     if (count > BATCH || root >= end) {
-      const bool reports = work >= REPORT;
-      if (reports && item == 0U) scratch.all_work = atomic_add(&counts[COUNT_WORK], work) + work;
-      if (reports) work = 0;
-      if (test_candidates(&scratch, count, &own, own_place, filters, exclusions, &sink) > most_work) root = end;
+      if (test_candidates(&scratch, count, &own, own_place, most_work, filters, exclusions, &sink)) root = end;
       count = 0;
     }
 #else
@@ -357,7 +365,7 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_search(
 
 #if GROUP > 1
   append_new(&scratch, scratch.found, filters, exclusions, &sink);
-  if (item == 0U) atomic_add(&sink.counts[COUNT_WORK], work);
+  if (item == 0U) atomic_add(&sink.counts[COUNT_WORK], work - scratch.reported);
 #else
   append_hits(&sink, hits, found);
   atomic_add(&sink.counts[COUNT_WORK], work);

@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <array>
 #include <cstddef>
+#include <cstdlib>
 #include <exception>
 #include <iostream>
 #include <optional>
@@ -146,7 +147,10 @@ int run(int argc, char** argv) {
   const int result = RUN_ALL_TESTS();
   const testing::UnitTest& program = *testing::UnitTest::GetInstance();
   if (program.test_to_run_count() == 0) throw std::runtime_error("no test is selected");
-  if (argc == 2 && program.skipped_test_count() > 0)
+  // (Real boxes may be missing from a developer's machine.)
+  const bool may_skip = argument == "--run=default" &&
+                        std::getenv("BROADCL_TEST_DATA") == nullptr;  // NOLINT(concurrency-mt-unsafe)
+  if (argc == 2 && !may_skip && program.skipped_test_count() > 0)
     throw std::runtime_error("a test was skipped; it must state that it is not in this run");
   return result;
 }
