@@ -83,14 +83,14 @@ class MpiBroadPhase::Impl {
     } else {
       next_cuts_ = cuts_;
     }
-    step(Routes::To::now, is_cut);
+    const MpiDelta delta = step(Routes::To::now, is_cut);
     // Nothing below throws.
     std::swap(cuts_, next_cuts_);
     routes_.commit(objects_);
     region_.commit();
     objects_.commit();
     is_lost_ = false;
-    return {added_, removed_};
+    return delta;
   }
 
   std::vector<MpiPair> pairs() {
@@ -104,7 +104,7 @@ class MpiBroadPhase::Impl {
     ranks_->exchange(out_, in_);
     std::vector<MpiPair> pairs;
     std::vector<MpiPair> none;
-    ranks_->together([&] { report_.collect(in_, pairs, none); });
+    ranks_->together([&] { (void)report_.collect(in_, pairs, none); });
     return pairs;
   }
 
@@ -132,7 +132,7 @@ class MpiBroadPhase::Impl {
     const auto had_objects = [](const Condition& condition) { return condition.last_objects > 0; };
     if (std::ranges::any_of(conditions, had_objects)) {
       next_cuts_ = cuts_;
-      step(Routes::To::last, true);
+      (void)step(Routes::To::last, true);
       // Nothing below throws.
       routes_.commit(objects_);
       region_.commit();
@@ -192,7 +192,7 @@ class MpiBroadPhase::Impl {
 
   /// Brings all regions to what is now, from what was at the last update, and finds what changed; or to what
   /// was at the last update, from nothing.
-  void step(Routes::To to, bool all) {
+  MpiDelta step(Routes::To to, bool all) {
     bool is_in_place = false;
     ranks_->together([&] { is_in_place = routes_.route(objects_, next_cuts_, to, all, region_, out_); });
     end_stage("route");
@@ -202,11 +202,13 @@ class MpiBroadPhase::Impl {
       region_.receive(in_, is_in_place);
       search(to);
     });
-    if (to == Routes::To::last) return;
+    MpiDelta delta;
+    if (to == Routes::To::last) return delta;
     ranks_->exchange(out_, pairs_in_);
     end_stage("return");
-    ranks_->together([&] { report_.collect(pairs_in_, added_, removed_); });
+    ranks_->together([&] { delta = report_.collect(pairs_in_, added_, removed_); });
     end_stage("collect");
+    return delta;
   }
 
   void search(Routes::To to) {
@@ -252,7 +254,7 @@ class MpiBroadPhase::Impl {
   std::size_t wait_ = 0;      // updates until regions may be cut again
 
   std::vector<Bytes> out_, in_, pairs_in_;  // messages, by rank
-  std::vector<MpiPair> added_, removed_;
+  std::vector<MpiPair> added_, removed_;    // memory of the last lists
   std::vector<Stage> profile_;
   Clock::time_point update_start_, stage_start_;
 };

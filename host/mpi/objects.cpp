@@ -80,7 +80,7 @@ std::span<Aabb> Objects::map(std::size_t n) {
       free_.push_back(id);
     }
   }
-  for (std::uint32_t id = 0; id < n; ++id) {
+  for (std::uint32_t id = 0; size_ < n; ++id) {
     if (is_live_[id] != 0) continue;
     give(id, true);
     store_filter(id, Filter());

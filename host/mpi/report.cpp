@@ -1,6 +1,7 @@
 #include "mpi/report.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cstring>
 
 #include <broadcl/filter.hpp>
@@ -84,6 +85,69 @@ class Judge {
   const Routes& routes_;
 };
 
+/// Puts pairs in canonical order, of which most are, piece by piece.
+class Merge {
+ public:
+  /// @param own Pairs in order, after all of those before.
+  /// @param others In any order. Copied.
+  void take(std::span<const MpiPair> own, std::span<const MpiPair> others) {
+    if (!own.empty()) pieces_.push_back({.own = own, .before = own_count_});
+    own_count_ += own.size();
+    others_.insert(others_.end(), others.begin(), others.end());
+  }
+
+  /// Divides the others into runs, to be sorted one by one, and returns how many.
+  std::size_t divide(std::size_t threads) {
+    if (pieces_.empty()) pieces_.emplace_back();
+    const std::size_t count = std::clamp<std::size_t>(others_.size() / pairs_per_part, 1, threads);
+    for (std::size_t k = 0; k < count; ++k) {
+      const std::size_t begin = others_.size() * k / count;
+      runs_.push_back(std::span(others_).subspan(begin, others_.size() * (k + 1) / count - begin));
+    }
+    return count;
+  }
+  void sort(std::size_t run) const { std::ranges::sort(runs_[run]); }
+
+  /// A list of all pairs, in memory that grows if need be.
+  [[nodiscard]] std::span<MpiPair> fit(std::vector<MpiPair>& memory) const {
+    const std::size_t count = own_count_ + others_.size();
+    if (memory.size() < count) memory.resize(count);
+    return std::span(memory).first(count);
+  }
+
+  [[nodiscard]] std::size_t pieces() const noexcept { return pieces_.size(); }
+  /// Writes the part of the list that begins with a piece and ends before the next one.
+  void write(std::size_t piece, std::span<MpiPair> list) const {
+    std::vector<MpiPair> others;
+    std::size_t before = pieces_[piece].before;
+    for (const std::span<const MpiPair> run : runs_) {
+      const auto begin = begin_of(piece, run);
+      others.insert(others.end(), begin, begin_of(piece + 1, run));
+      before += static_cast<std::size_t>(begin - run.begin());
+    }
+    if (runs_.size() > 1) std::ranges::sort(others);
+    std::ranges::merge(pieces_[piece].own, others, list.subspan(before).begin());
+  }
+
+ private:
+  struct Piece {
+    std::span<const MpiPair> own;
+    std::size_t before = 0;  // own pairs before it
+  };
+
+  [[nodiscard]] std::span<const MpiPair>::iterator begin_of(std::size_t piece,
+                                                            std::span<const MpiPair> run) const {
+    if (piece == 0) return run.begin();
+    if (piece == pieces_.size()) return run.end();
+    return std::ranges::lower_bound(run, pieces_[piece].own.front());
+  }
+
+  std::vector<Piece> pieces_;
+  std::size_t own_count_ = 0;
+  std::vector<MpiPair> others_;
+  std::vector<std::span<MpiPair>> runs_;
+};
+
 }  // namespace
 
 void Report::sift(std::span<const Pair> pairs, Of of, const Cuts& cuts, const Objects& objects,
@@ -137,42 +201,32 @@ void Report::write(std::vector<Bytes>& out) const {
   }
 }
 
-void Report::collect(const std::vector<Bytes>& in, std::vector<MpiPair>& added,
-                     std::vector<MpiPair>& removed) const {
-  std::vector<std::span<const MpiPair>> received_added;
-  std::vector<std::span<const MpiPair>> received_removed;
+MpiDelta Report::collect(const std::vector<Bytes>& in, std::vector<MpiPair>& added,
+                         std::vector<MpiPair>& removed) const {
+  std::array<Merge, 2> merges{};
+  std::size_t kind = 0;
+  for (const std::vector<Part>* parts : {&added_, &removed_}) {
+    for (const Part& part : *parts) merges[kind].take(part.own, part.others[rank_]);
+    ++kind;
+  }
   for (std::size_t rank = 0; rank < ranks_; ++rank) {
     if (rank == rank_) continue;
     const Changed changed(in[rank]);
-    received_added.push_back(changed.added);
-    received_removed.push_back(changed.removed);
+    merges[0].take({}, changed.added);
+    merges[1].take({}, changed.removed);
   }
-  parallel_for(2, threads_, [&](std::size_t k, std::size_t /*thread*/) {
-    k == 0 ? collect(added_, received_added, added) : collect(removed_, received_removed, removed);
-  });
-}
-
-void Report::collect(const std::vector<Part>& parts, const std::vector<std::span<const MpiPair>>& received,
-                     std::vector<MpiPair>& pairs) const {
-  std::vector<MpiPair> others;
-  for (const Part& part : parts) {
-    const std::vector<MpiPair>& list = part.others[rank_];
-    others.insert(others.end(), list.begin(), list.end());
-  }
-  for (const std::span<const MpiPair> list : received) others.insert(others.end(), list.begin(), list.end());
-  std::ranges::sort(others);
-  std::size_t count = others.size();
-  for (const Part& part : parts) count += part.own.size();
-  pairs.clear();
-  pairs.reserve(count);
-  auto other = others.begin();
-  for (const Part& part : parts) {
-    for (const MpiPair& own : part.own) {
-      for (; other != others.end() && *other < own; ++other) pairs.push_back(*other);
-      pairs.push_back(own);
-    }
-  }
-  pairs.insert(pairs.end(), other, others.end());
+  // Both lists at the same time.
+  const auto in_parts = [&](std::array<std::size_t, 2> counts, const auto& function) {
+    parallel_for(counts[0] + counts[1], threads_, [&](std::size_t k, std::size_t /*thread*/) {
+      k < counts[0] ? function(0, k) : function(1, k - counts[0]);
+    });
+  };
+  const std::array<std::size_t, 2> runs{merges[0].divide(threads_), merges[1].divide(threads_)};
+  in_parts(runs, [&](std::size_t list, std::size_t run) { merges.at(list).sort(run); });
+  const std::array<std::span<MpiPair>, 2> lists{merges[0].fit(added), merges[1].fit(removed)};
+  in_parts({merges[0].pieces(), merges[1].pieces()},
+           [&](std::size_t list, std::size_t piece) { merges.at(list).write(piece, lists.at(list)); });
+  return {lists[0], lists[1]};
 }
 
 }  // namespace broadcl::mpi

@@ -45,8 +45,9 @@ class Report {
 
   /// What concerns this rank, in canonical order; all pairs are in `added`.
   /// @param in By rank.
-  void collect(const std::vector<Bytes>& in, std::vector<MpiPair>& added,
-               std::vector<MpiPair>& removed) const;
+  /// @param added, removed Memory for the lists, which grows and may be longer than they are.
+  MpiDelta collect(const std::vector<Bytes>& in, std::vector<MpiPair>& added,
+                   std::vector<MpiPair>& removed) const;
 
  private:
   /// What one thread finds at a time.
@@ -54,9 +55,6 @@ class Report {
     std::vector<MpiPair> own;                  // of two objects of this rank, in canonical order
     std::vector<std::vector<MpiPair>> others;  // by rank of the first object, in any order
   };
-
-  void collect(const std::vector<Part>& parts, const std::vector<std::span<const MpiPair>>& received,
-               std::vector<MpiPair>& pairs) const;
 
   std::size_t rank_;
   std::size_t ranks_;

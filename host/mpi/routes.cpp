@@ -299,14 +299,15 @@ void Routes::write(std::vector<Bytes>& out) const {
 }
 
 void Routes::commit(const Objects& objects) noexcept {
-  const auto settle = [&](std::size_t id) {
+  for (const std::uint32_t id : objects.changes().recycled()) {
     next_[id] = static_cast<std::uint8_t>(next_[id] & ~another);
-    where_[id] = next_[id];
-  };
+  }
   if (is_all_routed_) {
-    for (std::size_t id = 0; id < next_.size(); ++id) settle(id);
+    for_each_part(next_.size(), [&](std::size_t begin, std::size_t end) {
+      std::copy(next_.data() + begin, next_.data() + end, where_.data() + begin);
+    });
   } else {
-    for (const std::uint32_t id : objects.changes().changed()) settle(id);
+    for (const std::uint32_t id : objects.changes().changed()) where_[id] = next_[id];
   }
 }
 
