@@ -62,6 +62,10 @@ std::span<Aabb> BroadPhase::map(std::size_t n) {
   return impl_->map(n);
 }
 
+std::span<Aabb> BroadPhase::map_packed(std::size_t n) {
+  return impl_->map_packed(n);
+}
+
 std::shared_ptr<const void> BroadPhase::mapped_memory() const {
   return impl_->algorithm().boxes_owner();
 }

@@ -93,23 +93,8 @@ class Core {
   }
 
   std::span<Aabb> map(std::size_t n) {
-    if (is_begun_) throw Error("map() was called between begin() and finish(); call finish() first");
-    if (n > most_objects) throw Error("map() was asked for " + std::to_string(n) + " boxes; ask for fewer");
-    apply_late();
-    reserve(std::max(n, states_.size()), false);
-    // Nothing below throws.
-    if (n > states_.size()) grow(n);
-    const std::size_t own = std::exchange(mapped_, n);  // boxes that the caller has written before
-    free_.clear();
-    for (auto id = static_cast<std::uint32_t>(n); id < states_.size(); ++id) {
-      if (states_[id] == State::live) {
-        make_free(id);
-        set_box(id, empty_aabb());
-      } else {
-        free_.push_back(id);
-      }
-    }
-    const std::span<Aabb> boxes = boxes_.first(n);
+    const std::size_t own = mapped_;  // boxes that the caller has written before
+    const std::span<Aabb> boxes = remap(n, n, empty_aabb());
     if (n > own) {  // the caller must not see a NaN that he did not write
       for_each_part(n - own, [&](std::size_t begin, std::size_t end) {
         for (Aabb& box : boxes.subspan(own + begin, end - begin)) {
@@ -117,15 +102,12 @@ class Core {
         }
       });
     }
-    for (std::uint32_t id = 0; size_ < n; ++id) {
-      if (states_[id] == State::live) continue;
-      boxes[id] = empty_aabb();
-      set_state(id, State::live);
-      store_filter(id, Filter());
-    }
-    changes_.all = true;
     return boxes;
   }
+
+  /// As map(), for packed boxes, of which begin() then has nothing to look at. Not to be called between map()
+  /// and begin().
+  std::span<Aabb> map_packed(std::size_t n) { return remap(n, 0, packed_empty()); }
 
   void begin() {
     if (is_begun_) return;
@@ -276,6 +258,36 @@ class Core {
     // Nothing below throws.
     for (const LateBox& late : late_) store_box(late.id, late.box);
     late_.clear();
+  }
+
+  /// @param mapped How many of the boxes begin() packs.
+  /// @param empty The boxes of new objects.
+  std::span<Aabb> remap(std::size_t n, std::size_t mapped, const Aabb& empty) {
+    if (is_begun_) throw Error("map() was called between begin() and finish(); call finish() first");
+    if (n > most_objects) throw Error("map() was asked for " + std::to_string(n) + " boxes; ask for fewer");
+    apply_late();
+    reserve(std::max(n, states_.size()), false);
+    // Nothing below throws.
+    if (n > states_.size()) grow(n);
+    mapped_ = mapped;
+    free_.clear();
+    for (auto id = static_cast<std::uint32_t>(n); id < states_.size(); ++id) {
+      if (states_[id] == State::live) {
+        make_free(id);
+        set_box(id, empty_aabb());
+      } else {
+        free_.push_back(id);
+      }
+    }
+    const std::span<Aabb> boxes = boxes_.first(n);
+    for (std::uint32_t id = 0; size_ < n; ++id) {
+      if (states_[id] == State::live) continue;
+      boxes[id] = empty;
+      set_state(id, State::live);
+      store_filter(id, Filter());
+    }
+    changes_.all = true;
+    return boxes;
   }
 
   /// Packs the boxes that the caller wrote in place.

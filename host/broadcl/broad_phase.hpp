@@ -21,6 +21,10 @@
 
 namespace broadcl {
 
+namespace mpi {
+class Region;
+}
+
 /// Holds a set of moving boxes and reports at each update() which pairs began and which ceased to overlap.
 ///
 /// An update costs as much as what moved: if nothing did, the device is not asked; if little did, only that
@@ -126,6 +130,10 @@ class BROADCL_API BroadPhase {
   [[nodiscard]] std::span<const Stage> profile() const noexcept;
 
  private:
+  friend class mpi::Region;
+  /// As map(), but its boxes are packed: proper, or all NaN if they are empty.
+  std::span<Aabb> map_packed(std::size_t n);
+
   class Impl;
   std::unique_ptr<Impl> impl_;
 };

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 
+#include "packed_box.hpp"
 #include "parallel.hpp"
 
 namespace broadcl::mpi {
@@ -17,7 +18,7 @@ Region::Region(const Config& config, std::size_t ranks, std::size_t threads)
 
 void Region::clear(std::size_t base) {
   (void)broad_phase_.finish();  // there may be one under way
-  (void)broad_phase_.map(0);
+  (void)broad_phase_.map_packed(0);
   (void)broad_phase_.update();
   guests_ = {};
   free_.clear();
@@ -30,7 +31,7 @@ void Region::clear(std::size_t base) {
   // Ids that come one by one must not have all of this done each time.
   base_ = base_ == 0 || base <= base_ ? std::max(base, base_) : std::max(base, base_ + base_ / 4 + 64);
   slots_ = base_;
-  (void)broad_phase_.map(slots_);
+  (void)map();
 }
 
 void Region::set_filter(std::uint32_t slot, const Filter& filter) {
@@ -134,7 +135,7 @@ void Region::take_boxes(std::span<Aabb> in_place) {
     if (in_place.empty()) {
       broad_phase_.move(slot(guest), box);
     } else {
-      in_place[slot(guest)] = box;
+      in_place[slot(guest)] = pack(box);
     }
   };
   for (const std::uint32_t guest : left_) set(guest, empty_aabb());

@@ -29,8 +29,8 @@ class Region {
 
   // The rank's own objects.
 
-  /// The boxes of all slots, to be written in place until any other function is called.
-  [[nodiscard]] std::span<Aabb> map() { return broad_phase_.map(slots_); }
+  /// The packed boxes of all slots, to be written in place until any other function is called.
+  [[nodiscard]] std::span<Aabb> map() { return broad_phase_.map_packed(slots_); }
   void move(std::uint32_t slot, const Aabb& box) { broad_phase_.move(slot, box); }
   void set_filter(std::uint32_t slot, const Filter& filter);
   /// Another object takes a slot, with an empty box.

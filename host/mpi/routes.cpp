@@ -154,7 +154,7 @@ void Routes::route_one(const Journey& journey, std::uint32_t id, Region& region,
   if (journey.in_place.empty()) {
     region.move(id, is_here ? box : empty_aabb());
   } else {
-    journey.in_place[id] = is_here ? box : empty_aabb();
+    journey.in_place[id] = is_here ? box : packed_empty();
   }
   std::uint8_t& next = next_[id];
   part.here_count += (is_here ? 1 : 0) - (next & here);
