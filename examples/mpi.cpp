@@ -36,7 +36,7 @@ using Clock = std::chrono::steady_clock;
 
 void usage() {
   std::puts(
-      "usage: mpi [OPTION VALUE]... [--check] [--plain]\n"
+      "usage: mpi [OPTION VALUE]... [--check] [--plain] [--profile]\n"
       "  --objects N      of all ranks together (100000)\n"
       "  --trace FILE     boxes of a recording, .aabbs, instead\n"
       "  --frames N       that are measured (20)\n"
@@ -47,7 +47,8 @@ void usage() {
       "  --device D       likewise; by default the ranks of a host share its GPUs\n"
       "  --threads N      of each rank; by default the ranks of a host share its processors\n"
       "  --check          compares changes with those of one BroadPhase that rank 0 has on the host\n"
-      "  --plain          one rank, with a BroadPhase and without the layer for MPI, to compare with");
+      "  --plain          one rank, with a BroadPhase and without the layer for MPI, to compare with\n"
+      "  --profile        the stages of an update on each rank");
 }
 
 struct Options {
@@ -70,6 +71,10 @@ Options read_options(std::span<char*> arguments) {
     }
     if (option == "--plain") {
       options.plain = true;
+      continue;
+    }
+    if (option == "--profile") {
+      options.config.profile = true;
       continue;
     }
     if (++k == arguments.size())
@@ -206,19 +211,74 @@ double seconds(Clock::time_point from, Clock::time_point to) {
 /// Times of frames, each that of the slowest rank.
 class Times {
  public:
-  void add(std::string_view stage, double taken) {
+  void add(std::string_view name, double taken) {
     MPI_Allreduce(MPI_IN_PLACE, &taken, 1, MPI_DOUBLE, MPI_MAX, MPI_COMM_WORLD);
-    seconds_[std::string(stage)].push_back(taken);
+    seconds_[std::string(name)].push_back(taken);
   }
   void print() const {
-    for (const auto& [stage, values] : seconds_) {
-      std::printf("%-10s %10.3f ms\n", stage.c_str(), 1e3 * median(values));
-    }
+    for (const auto& [name, values] : seconds_)
+      std::printf("%-8s %9.3f ms\n", name.c_str(), 1e3 * median(values));
   }
 
  private:
   std::map<std::string, std::vector<double>> seconds_;
 };
+
+/// What the frames of this rank consist of.
+class Breakdown {
+ public:
+  void add(std::span<const broadcl::Stage> stages, std::size_t bytes) {
+    std::map<std::string_view, Seconds> frame;
+    for (const broadcl::Stage& stage : stages) {
+      if (!stages_.contains(stage.name)) names_.push_back(stage.name);
+      stages_[stage.name];
+      frame[stage.name].host += stage.host_seconds;
+      frame[stage.name].device += stage.device_seconds;
+    }
+    for (const auto& [name, seconds] : frame) {
+      stages_[name].host.push_back(seconds.host);
+      stages_[name].device.push_back(seconds.device);
+    }
+    bytes_.push_back(static_cast<double>(bytes));
+  }
+  [[nodiscard]] std::string text() const {
+    if (bytes_.empty()) return {};
+    std::string text = "  " + std::to_string(std::llround(median(bytes_))) + " bytes sent\n";
+    for (const std::string_view name : names_) {
+      const Frames& frames = stages_.at(name);
+      std::array<char, 128> line{};
+      std::snprintf(line.data(), line.size(), "  %-12s %9.3f ms, device %9.3f ms\n",
+                    std::string(name).c_str(), 1e3 * median(frames.host), 1e3 * median(frames.device));
+      text += line.data();
+    }
+    return text;
+  }
+
+ private:
+  struct Seconds {
+    double host = 0;
+    double device = 0;
+  };
+  struct Frames {
+    std::vector<double> host, device;
+  };
+  std::vector<std::string_view> names_;  // in the order of an update
+  std::map<std::string_view, Frames> stages_;
+  std::vector<double> bytes_;
+};
+
+/// Prints a text of each rank, on rank 0.
+void print_in_turn(std::string text) {
+  int rank = 0;
+  int ranks = 1;
+  MPI_Comm_rank(MPI_COMM_WORLD, &rank);
+  MPI_Comm_size(MPI_COMM_WORLD, &ranks);
+  text.resize(4096);
+  std::vector<char> all(rank == 0 ? text.size() * static_cast<std::size_t>(ranks) : 0);
+  const int length = static_cast<int>(text.size());
+  MPI_Gather(text.data(), length, MPI_CHAR, all.data(), length, MPI_CHAR, 0, MPI_COMM_WORLD);
+  for (std::size_t k = 0; k < all.size(); k += text.size()) std::printf("%.*s", length, all.data() + k);
+}
 
 class Run {
  public:
@@ -246,7 +306,16 @@ class Run {
     bool is_right = true;
     // (The second frame is the first that moves; buffers grow in it.)
     for (int frame = 0; frame <= scene_.frames(); ++frame) is_right = play_frame(frame) && is_right;
-    if (rank_ != 0) return is_right;
+    if (rank_ == 0) print(is_right);
+    if (options_.config.profile) {
+      print_in_turn("rank " + std::to_string(rank_) + ", " + device_name() + ", " +
+                    std::to_string(objects_.size()) + " objects\n" + breakdown_.text());
+    }
+    return is_right;
+  }
+
+ private:
+  void print(bool is_right) const {
     std::printf("%zu objects, %d ranks%s, %zu threads each, %s, median of %d frames, slowest rank\n",
                 scene_.size(), ranks_, options_.plain ? " without the layer for MPI" : "", threads_,
                 device_name().c_str(), scene_.frames() - 1);
@@ -256,10 +325,8 @@ class Run {
                 !options_.check ? ""
                 : is_right      ? ", all of them right"
                                 : ", WRONG");
-    return is_right;
   }
 
- private:
   [[nodiscard]] static unsigned ranks_on_host() {
     MPI_Comm host = MPI_COMM_NULL;
     MPI_Comm_split_type(MPI_COMM_WORLD, MPI_COMM_TYPE_SHARED, 0, MPI_INFO_NULL, &host);
@@ -338,21 +405,10 @@ class Run {
       times_.add("= total", seconds(start, end));
       times_.add("= write", seconds(start, written));
       times_.add("= update", seconds(written, end));
-      if (!plain_) add_stages();
+      breakdown_.add(plain_ ? plain_->profile() : ranked_->profile(), plain_ ? 0 : ranked_->bytes_sent());
       changes_ += sums.count;
     }
     return !options_.check || is_right(sums);
-  }
-
-  void add_stages() {
-    std::map<std::string_view, double> stages;
-    for (const std::string_view name : {"agree", "route", "send", "search", "report", "return", "collect"}) {
-      stages[name] = 0;
-    }
-    for (const broadcl::Stage& stage : ranked_->profile()) {
-      if (stages.contains(stage.name)) stages[stage.name] += stage.host_seconds;
-    }
-    for (const auto& [name, taken] : stages) times_.add(name, taken);
   }
 
   template <class Delta, class ObjectOf>
@@ -418,6 +474,7 @@ class Run {
   std::vector<std::uint32_t> all_objects_;  // of all ranks, one after the other
   std::vector<std::size_t> offsets_;        // where those of each begin
   Times times_;
+  Breakdown breakdown_;
   std::uint64_t changes_ = 0;
 };
 

@@ -8,6 +8,7 @@
 #include <cstdlib>
 #include <limits>
 #include <random>
+#include <span>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -228,6 +229,49 @@ TEST(Mpi, ManyBoxesAreRoutedInParts) {
   }
   twins.compare_pairs();
   EXPECT_GT(twins.changes(), 20000U);
+}
+
+/// As docs/mpi.md has them, for an object in the regions of all ranks, which pairs with none of the others.
+TEST(Mpi, BytesSentAreThoseOfWhatChanged) {
+  MpiTwins twins(config());
+  Dice dice(10);
+  for (int rank = 0; rank < world_size(); ++rank) {
+    std::vector<Aabb> boxes(100);
+    for (Aabb& box : boxes) box = dice.cube(0.01F);
+    twins.map(rank, boxes);
+  }
+  twins.update();
+  twins.remove(0, 0);
+  twins.update();
+  const auto expect_to_each = [&](std::size_t bytes) {
+    twins.update();
+    const std::size_t others = static_cast<std::size_t>(world_size()) - 1;
+    EXPECT_EQ(twins.tested().bytes_sent(), world_rank() == 0 ? others * bytes : 0);
+  };
+  const Aabb everywhere{{-infinity, -infinity, -infinity}, {infinity, infinity, infinity}};
+  const std::uint32_t id = twins.add(0, everywhere, {.mask = 0});
+  expect_to_each(32 + 88);
+  expect_to_each(0);
+  twins.move(0, id, {everywhere.lower, {infinity, infinity, 2}});
+  expect_to_each(32 + 28);
+  twins.set_filter(0, id, {.group = 2, .mask = 0});
+  expect_to_each(32 + 20);
+  twins.remove(0, id);
+  expect_to_each(32 + 44);
+}
+
+TEST(Mpi, TheProfileHasThePartsOfTheSearch) {
+  if (algorithm_under_test == "sweep-and-prune") return;
+  MpiTwins twins(config());
+  for (int rank = 0; rank < world_size(); ++rank)
+    twins.map(rank, std::vector<Aabb>(2, {{0, 0, 0}, {1, 1, 1}}));
+  twins.update();
+  const std::span<const Stage> stages = twins.tested().profile();
+  const auto upload = std::ranges::find(stages, "upload", &Stage::name);
+  const auto search = std::ranges::find(stages, "search", &Stage::name);
+  ASSERT_LT(upload, search);
+  ASSERT_NE(search, stages.end());
+  EXPECT_GE(upload->host_start, search->host_start);
 }
 
 TEST(Mpi, RegionsAreCutAnewWhenWorkIsOffBalance) {

@@ -139,8 +139,12 @@ class BROADCL_MPI_API MpiBroadPhase {
   /// each other before; "divide" if regions were cut anew; "route", who gets which boxes; "send"; "search";
   /// "report", which changes are this region's; "return", to the ranks of the objects; "collect". Waiting for
   /// other ranks is part of "agree", "send" and "return". If the search had to be set up anew, the first ones
-  /// occur twice. Valid until the next update.
+  /// occur twice. Before "search" come its parts, as BroadPhase::profile() of this rank has them, with device
+  /// times if Config::profile is set. Valid until the next update.
   [[nodiscard]] std::span<const Stage> profile() const noexcept;
+
+  /// Bytes of boxes and pairs that this rank sent to others in the last update.
+  [[nodiscard]] std::size_t bytes_sent() const noexcept;
 
  private:
   class Impl;

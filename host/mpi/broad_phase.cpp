@@ -35,7 +35,7 @@ constexpr double most_imbalance = 1.25;
 /// If that does not help, it is tried again after so many updates at most.
 constexpr std::size_t most_patience = 1024;
 
-/// Of an update, the steps that set the search up anew included.
+/// Of an update, the steps that set the search up anew included, but for those of the region's broad phase.
 constexpr std::size_t most_stages = 16;
 
 /// What each rank tells all others before an update.
@@ -70,6 +70,7 @@ class MpiBroadPhase::Impl {
   [[nodiscard]] const BroadPhase& broad_phase() const noexcept { return region_.broad_phase(); }
   [[nodiscard]] const Cuts& cuts() const noexcept { return cuts_; }
   [[nodiscard]] std::span<const Stage> profile() const noexcept { return profile_; }
+  [[nodiscard]] std::size_t bytes_sent() const noexcept { return bytes_sent_; }
 
   MpiDelta update() {
     start();
@@ -196,7 +197,7 @@ class MpiBroadPhase::Impl {
     bool is_in_place = false;
     ranks_->together([&] { is_in_place = routes_.route(objects_, next_cuts_, to, all, region_, out_); });
     end_stage("route");
-    ranks_->exchange(out_, in_);
+    send(in_);
     end_stage("send");
     ranks_->together([&] {
       region_.receive(in_, is_in_place);
@@ -204,18 +205,30 @@ class MpiBroadPhase::Impl {
     });
     MpiDelta delta;
     if (to == Routes::To::last) return delta;
-    ranks_->exchange(out_, pairs_in_);
+    send(pairs_in_);
     end_stage("return");
     ranks_->together([&] { delta = report_.collect(pairs_in_, added_, removed_); });
     end_stage("collect");
     return delta;
   }
 
+  void send(std::vector<Bytes>& in) {
+    ranks_->exchange(out_, in);
+    for (const Bytes& message : out_) bytes_sent_ += message.size();
+  }
+
   void search(Routes::To to) {
     const bool is_now = to == Routes::To::now;
+    const std::chrono::duration<double> before = stage_start_ - update_start_;
     const Delta delta = region_.search([&] {
       if (is_now) objects_.prepare(threads_);
     });
+    const std::span<const Stage> stages = region_.broad_phase().profile();
+    profile_.reserve(profile_.size() + stages.size() + most_stages);
+    for (Stage stage : stages) {
+      stage.host_start += before.count();
+      profile_.push_back(stage);
+    }
     end_stage("search");
     if (!is_now) return;
     report_.sift(delta.added, Report::Of::added, next_cuts_, objects_, region_, routes_);
@@ -226,6 +239,7 @@ class MpiBroadPhase::Impl {
 
   void start() noexcept {
     profile_.clear();
+    bytes_sent_ = 0;
     update_start_ = stage_start_ = Clock::now();
   }
   void end_stage(std::string_view name) {
@@ -256,6 +270,7 @@ class MpiBroadPhase::Impl {
   std::vector<Bytes> out_, in_, pairs_in_;  // messages, by rank
   std::vector<MpiPair> added_, removed_;    // memory of the last lists
   std::vector<Stage> profile_;
+  std::size_t bytes_sent_ = 0;
   Clock::time_point update_start_, stage_start_;
 };
 
@@ -322,6 +337,10 @@ MemoryUse MpiBroadPhase::memory() const noexcept {
 
 std::span<const Stage> MpiBroadPhase::profile() const noexcept {
   return impl_->profile();
+}
+
+std::size_t MpiBroadPhase::bytes_sent() const noexcept {
+  return impl_->bytes_sent();
 }
 
 std::string mpi_device(MPI_Comm comm) {
