@@ -87,7 +87,7 @@ class MpiBroadPhase::Impl {
     const MpiDelta delta = step(Routes::To::now, is_cut);
     // Nothing below throws.
     std::swap(cuts_, next_cuts_);
-    routes_.commit(objects_);
+    routes_.commit();
     region_.commit();
     objects_.commit();
     is_lost_ = false;
@@ -135,7 +135,7 @@ class MpiBroadPhase::Impl {
       next_cuts_ = cuts_;
       (void)step(Routes::To::last, true);
       // Nothing below throws.
-      routes_.commit(objects_);
+      routes_.commit();
       region_.commit();
     }
     is_lost_ = false;

@@ -13,6 +13,8 @@ namespace broadcl::mpi {
 namespace {
 
 constexpr std::size_t objects_per_part = std::size_t{1} << 14U;
+/// Whose boxes stay in a processor's cache.
+constexpr std::size_t objects_per_block = 1024;
 
 /// Bytes to copy into a message.
 struct Piece {
@@ -34,6 +36,7 @@ void Routes::Part::clear() noexcept {
   for (std::vector<Move>& list : moves) list.clear();
   for (std::vector<Refilter>& list : refilters) list.clear();
   rerouted.clear();
+  altered.clear();
   here_count = 0;
   nan.reset();
 }
@@ -64,14 +67,14 @@ bool Routes::route(const Objects& objects, const Cuts& cuts, To to, bool all, Re
   for (std::vector<Leave>& list : leaves_) list.clear();
 
   const ChangeSet& changes = objects.changes();
-  is_all_routed_ = all || changes.all || to == To::last;
-  const std::size_t count = is_all_routed_ ? ids : changes.changed().size();
-  const bool is_in_place = is_all_routed_ || count > ids / 8;
+  const bool is_all_routed = all || changes.all || to == To::last;
+  const std::size_t count = is_all_routed ? ids : changes.changed().size();
+  const bool is_in_place = is_all_routed || count > ids / 8;
   Journey journey{.objects = objects,
                   .cuts = cuts,
                   .own = cuts.bounds(rank_),
                   .to = to,
-                  .all = is_all_routed_,
+                  .all = is_all_routed,
                   .boxes = to == To::now ? objects.now() : objects.last(),
                   .in_place = {}};
   filter_own(journey, region);
@@ -84,6 +87,7 @@ bool Routes::route(const Objects& objects, const Cuts& cuts, To to, bool all, Re
     parts_.resize(parts, Part{.moves = std::vector<std::vector<Move>>(numbers_.size()),
                               .refilters = std::vector<std::vector<Refilter>>(numbers_.size()),
                               .rerouted = {},
+                              .altered = {},
                               .touched = {},
                               .here_count = 0,
                               .nan = {}});
@@ -135,9 +139,20 @@ void Routes::end_replaced(const Journey& journey, Region& region) {
 
 void Routes::route_part(const Journey& journey, std::size_t begin, std::size_t end, Region& region,
                         Part& part) {
-  const std::span<const std::uint32_t> changed = journey.objects.changes().changed();
-  for (std::size_t k = begin; k < end; ++k) {
-    route_one(journey, journey.all ? static_cast<std::uint32_t>(k) : changed[k], region, part);
+  if (!journey.all) {
+    for (const std::uint32_t id : journey.objects.changes().changed().subspan(begin, end - begin)) {
+      route_one(journey, id, region, part);
+    }
+    return;
+  }
+  for (std::size_t block = begin; block < end; block += objects_per_block) {
+    const auto boxes = journey.boxes.subspan(block, std::min(objects_per_block, end - block));
+    std::ranges::copy(boxes, journey.in_place.subspan(block).begin());
+    for (std::size_t k = 0; k < boxes.size(); ++k) {
+      const auto id = static_cast<std::uint32_t>(block + k);
+      const bool stays = next_[id] == here && is_proper(boxes[k]) && journey.own.enclose(boxes[k]);
+      if (!stays) route_one(journey, id, region, part);
+    }
   }
 }
 
@@ -160,6 +175,7 @@ void Routes::route_one(const Journey& journey, std::uint32_t id, Region& region,
   part.here_count += (is_here ? 1 : 0) - (next & here);
   next = static_cast<std::uint8_t>((next & another) | (is_here ? here : 0) |
                                    (part.touched.empty() ? 0 : elsewhere));
+  if (next != where_[id]) part.altered.push_back(id);
 
   std::uint32_t copy = first_copy_[id];
   for (const std::uint32_t rank : part.touched) {
@@ -298,16 +314,12 @@ void Routes::write(std::vector<Bytes>& out) const {
                });
 }
 
-void Routes::commit(const Objects& objects) noexcept {
-  for (const std::uint32_t id : objects.changes().recycled()) {
-    next_[id] = static_cast<std::uint8_t>(next_[id] & ~another);
-  }
-  if (is_all_routed_) {
-    for_each_part(next_.size(), [&](std::size_t begin, std::size_t end) {
-      std::copy(next_.data() + begin, next_.data() + end, where_.data() + begin);
-    });
-  } else {
-    for (const std::uint32_t id : objects.changes().changed()) where_[id] = next_[id];
+void Routes::commit() noexcept {
+  for (const Part& part : parts_) {
+    for (const std::uint32_t id : part.altered) {
+      next_[id] = static_cast<std::uint8_t>(next_[id] & ~another);
+      where_[id] = next_[id];
+    }
   }
 }
 

@@ -35,7 +35,7 @@ class Routes {
   /// @throws Error for a NaN bound.
   bool route(const Objects& objects, const Cuts& cuts, To to, bool all, Region& region,
              std::vector<Bytes>& out);
-  void commit(const Objects& objects) noexcept;
+  void commit() noexcept;
 
   /// Whether an object is in this rank's region, and was at the last update, and in no other.
   [[nodiscard]] bool is_settled(std::uint32_t id) const noexcept {
@@ -65,6 +65,7 @@ class Routes {
     std::vector<std::vector<Move>> moves;          // by rank
     std::vector<std::vector<Refilter>> refilters;  // by rank
     std::vector<std::uint32_t> rerouted;           // objects that other regions than before have
+    std::vector<std::uint32_t> altered;            // those whose next_ is not their where_
     std::vector<std::uint32_t> touched;            // of one object
     std::ptrdiff_t here_count = 0;                 // what is added to it
     std::optional<std::uint32_t> nan;              // an object with a NaN bound
@@ -108,7 +109,6 @@ class Routes {
   };
   std::vector<Numbers> numbers_;  // by rank
   std::size_t here_count_ = 0;
-  bool is_all_routed_ = false;  // in the update that is under way
 
   std::vector<Part> parts_;
   std::vector<std::vector<Enter>> enters_;  // by rank
