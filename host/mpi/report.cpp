@@ -38,7 +38,8 @@ class Judge {
   [[nodiscard]] bool reports(const Pair& pair) const {
     // What overlaps a settled object is in this region, where that has always been known, and no other
     // reports it; what is not in this region does not overlap it.
-    if (is_settled(pair.a) || is_settled(pair.b)) return true;
+    // (Pairs are sorted by b, so what is known of it is at hand.)
+    if (is_settled(pair.b) || is_settled(pair.a)) return true;
     const Occupant a = occupant(pair.a);
     const Occupant b = occupant(pair.b);
     const bool is_now = of_ == Report::Of::added;
