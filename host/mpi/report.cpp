@@ -218,7 +218,8 @@ MpiDelta Report::collect(const std::vector<Bytes>& in, std::vector<MpiPair>& add
   }
   // Both lists at the same time.
   const auto in_parts = [&](std::array<std::size_t, 2> counts, const auto& function) {
-    parallel_for(counts[0] + counts[1], threads_, [&](std::size_t k, std::size_t /*thread*/) {
+    const std::size_t count = counts[0] + counts[1];
+    parallel_for(count, count > 2 ? threads_ : 1, [&](std::size_t k, std::size_t /*thread*/) {
       k < counts[0] ? function(0, k) : function(1, k - counts[0]);
     });
   };
