@@ -10,15 +10,16 @@
 
 #include <broadcl/eigen.hpp>
 
+#include "boxes.hpp"
 #include "fast_math.hpp"
 #include "packed_box.hpp"
 
 namespace broadcl {
 namespace {
 
-constexpr float infinity = std::numeric_limits<float>::infinity();
-constexpr float nan_value = std::numeric_limits<float>::quiet_NaN();
-constexpr Aabb unit{{0, 0, 0}, {1, 1, 1}};
+using test::infinity;
+using test::nan_value;
+using test::unit;
 
 TEST(Aabb, TouchingBoxesOverlap) {
   EXPECT_TRUE(overlaps(unit, {{1, 1, 1}, {2, 2, 2}}));

@@ -16,6 +16,7 @@
 #include <broadcl/broad_phase.hpp>
 #include <broadcl/eigen.hpp>
 
+#include "boxes.hpp"
 #include "expect_error.hpp"
 #include "packed_box.hpp"
 #include "runs.hpp"
@@ -23,10 +24,10 @@
 namespace broadcl {
 namespace {
 
+using test::unit;
 using ::testing::AllOf;
 using ::testing::HasSubstr;
 
-constexpr Aabb unit{{0, 0, 0}, {1, 1, 1}};
 constexpr std::size_t of_many_threads = 200'001;
 
 template <class S>

@@ -18,10 +18,9 @@ SUITE_ALSO_IN(BruteForce, gpu_profile | rusticl);
 
 using test::apart;
 using test::EachAlgorithm;
+using test::nan_value;
 using test::unit;
 using ::testing::HasSubstr;
-
-constexpr float nan_value = std::numeric_limits<float>::quiet_NaN();
 
 /// The oracle is what the others are compared with; search_test.cpp compares it with the definitions.
 std::vector<AlgorithmInfo> algorithms_but_the_oracle() {

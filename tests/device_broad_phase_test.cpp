@@ -9,6 +9,7 @@
 
 #include <gtest/gtest.h>
 
+#include "boxes.hpp"
 #include "device_life.hpp"
 #include "expect_error.hpp"
 #include "pair_lists.hpp"
@@ -22,9 +23,9 @@ namespace {
 SUITE_ALSO_IN(OnCallersQueue, gpu_profile | rusticl);
 SUITE_ALSO_IN(FindersOnCallersQueue, gpu_profile | rusticl);
 
+using test::nan_value;
+using test::unit;
 using ::testing::HasSubstr;
-
-constexpr float nan_value = std::numeric_limits<float>::quiet_NaN();
 
 /// A caller with a context and a queue of his own.
 class OnCallersQueue : public testing::Test, protected test::CallersQueue {};
@@ -147,7 +148,6 @@ TEST_P(FindersOnCallersQueue, SmallExclusionsOfTwoSetsCountTheSecondBehindTheFir
 
 ALSO_IN(oclgrind);
 TEST_P(FindersOnCallersQueue, SmallInvalidAndEmptyBoxesPairWithNothing) {
-  const Aabb unit{{0, 0, 0}, {1, 1, 1}};
   std::vector<Aabb> boxes(40, unit);
   boxes[7].upper[2] = nan_value;
   boxes[5].lower[0] = nan_value;

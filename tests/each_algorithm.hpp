@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cstdint>
-#include <limits>
 #include <span>
 #include <string>
 #include <string_view>
@@ -13,27 +12,15 @@
 
 #include <broadcl/broad_phase.hpp>
 
+#include "boxes.hpp"
 #include "runs.hpp"
 
 namespace broadcl::test {
 
 using Pairs = std::vector<Pair>;
 
-inline constexpr float infinity = std::numeric_limits<float>::infinity();
-inline constexpr float nan_value = std::numeric_limits<float>::quiet_NaN();
-
-inline constexpr Aabb unit{{0, 0, 0}, {1, 1, 1}};
-/// An empty box.
-inline constexpr Aabb inverted{{1, 0, 0}, {0, 1, 1}};
-
 inline bool has_stage(std::span<const Stage> stages, std::string_view name) {
   return std::ranges::any_of(stages, [&](const Stage& stage) { return stage.name == name; });
-}
-
-/// Box k of a row in which none overlaps another.
-inline Aabb apart(std::size_t k) {
-  const float x = 2 * static_cast<float>(k);
-  return {{x, 0, 0}, {x + 1, 1, 1}};
 }
 
 /// Every pair of n objects, in canonical order.

@@ -37,8 +37,8 @@ Pairs expected_pairs(std::span<const Aabb> first, std::span<const Aabb> second) 
 }
 
 /// Two sets at one place.
-struct Scene {
-  Scene(std::uint32_t first_count, std::uint32_t second_count)
+struct SceneOfSets {
+  SceneOfSets(std::uint32_t first_count, std::uint32_t second_count)
       : motion(first_count + second_count, MovingBoxes::Sizes::mixed), count(first_count) {}
 
   [[nodiscard]] std::vector<Aabb> first() const { return boxes(0, count); }
@@ -54,7 +54,7 @@ struct Scene {
 
 void expect_pairs(const BroadPhase::Config& config, std::uint32_t first_count, std::uint32_t second_count) {
   SCOPED_TRACE(std::to_string(first_count) + " and " + std::to_string(second_count));
-  const Scene scene(first_count, second_count);
+  const SceneOfSets scene(first_count, second_count);
   const std::vector<Aabb> first = scene.first();
   const std::vector<Aabb> second = scene.second();
   EXPECT_TRUE(same("pairs", overlapping_pairs(first, second, config), expected_pairs(first, second)));
@@ -162,7 +162,7 @@ TEST(TwoSets, AreApartIfNothingPairsInside) {
 class TwoSetsOnTheDevice : public ::testing::TestWithParam<std::string> {
  protected:
   /// The scene in buffers of which the second has other things between its boxes.
-  DeviceBroadPhase::Boxes give(const Scene& scene) {
+  DeviceBroadPhase::Boxes give(const SceneOfSets& scene) {
     buffers_.push_back(queue_.buffer_of(scene.first()));
     std::vector<float> second(5, nan_value);
     for (const Aabb& box : scene.second()) {
@@ -179,7 +179,7 @@ class TwoSetsOnTheDevice : public ::testing::TestWithParam<std::string> {
   }
 
   void follow(std::uint32_t first_count, std::uint32_t second_count) {
-    Scene scene(first_count, second_count);
+    SceneOfSets scene(first_count, second_count);
     DeviceBroadPhase broad_phase(queue_(), {.algorithm = GetParam()});
     Pairs last;
     for (int frame = 0; frame < 4; ++frame) {
@@ -231,7 +231,7 @@ TEST_P(TwoSetsOnTheDevice, ManyPairsOfABox) {
 }
 
 TEST_P(TwoSetsOnTheDevice, UpdatesThatNobodyWaitsFor) {
-  Scene scene(300, 200);
+  SceneOfSets scene(300, 200);
   DeviceBroadPhase broad_phase(queue_(), {.algorithm = GetParam()});
   broad_phase.reserve(500, 20'000, true);
   Pairs last;

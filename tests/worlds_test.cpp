@@ -22,11 +22,11 @@ namespace {
 
 /// Objects of several worlds at one place, the way in which they are spread over the worlds, and boxes that
 /// move.
-class Scene {
+class SceneOfWorlds {
  public:
   /// @param world_of The world of an object.
-  Scene(std::uint32_t objects, std::uint32_t boxes_in_place,
-        const std::function<std::uint32_t(std::uint32_t)>& world_of)
+  SceneOfWorlds(std::uint32_t objects, std::uint32_t boxes_in_place,
+                const std::function<std::uint32_t(std::uint32_t)>& world_of)
       : motion_(objects, scenes::MovingBoxes::Sizes::mixed), scale_(1) {
     // As crowded as a world of that many boxes would be.
     scale_ = scenes::MovingBoxes(boxes_in_place, scenes::MovingBoxes::Sizes::mixed).edge() / motion_.edge();
@@ -56,7 +56,7 @@ class Scene {
 
 /// A scene in motion has the pairs of the oracle with an algorithm, from the host and on the device. In the
 /// last frames some objects go to other worlds.
-void follow_oracle(const std::string& algorithm, bool on_device, Scene scene) {
+void follow_oracle(const std::string& algorithm, bool on_device, SceneOfWorlds scene) {
   Twins twins({.algorithm = algorithm});
   std::vector<Aabb> boxes = scene.boxes();
   std::vector<Filter>& filters = scene.filters();
@@ -93,7 +93,7 @@ void follow_oracle(const std::string& algorithm, bool on_device, Scene scene) {
 
 void follow_oracle(const AlgorithmInfo& algorithm, std::uint32_t objects, std::uint32_t in_place,
                    const std::function<std::uint32_t(std::uint32_t)>& world_of) {
-  follow_oracle(std::string(algorithm.name), algorithm.on_device, Scene(objects, in_place, world_of));
+  follow_oracle(std::string(algorithm.name), algorithm.on_device, SceneOfWorlds(objects, in_place, world_of));
 }
 
 ALSO_IN(oclgrind);

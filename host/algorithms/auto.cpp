@@ -15,8 +15,8 @@
 namespace broadcl {
 namespace {
 
-constexpr std::array<std::string_view, 2> names{"brute-force", "tiles"};
-constexpr std::array<MakePairFinder, 2> finders{make_brute_force, make_tiles};
+constexpr std::array<std::string_view, 2> finder_names{"brute-force", "tiles"};
+constexpr std::array<MakePairFinder, 2> both_finders{make_brute_force, make_tiles};
 
 /// Switch only if the other finder is expected to take less than this share of the current one's time.
 constexpr double clearly_less = 0.95;
@@ -26,7 +26,7 @@ constexpr double clearly_less = 0.95;
 class Auto final : public PairFinder {
  public:
   explicit Auto(const opencl::Context& context)
-      : models_(calibrate(context, finders)), finders_{make_brute_force(context), make_tiles(context)} {}
+      : models_(calibrate(context, both_finders)), finders_{make_brute_force(context), make_tiles(context)} {}
 
   void build(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) override {
     choose(search, sink);
@@ -34,7 +34,7 @@ class Auto final : public PairFinder {
   }
 
   void find(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) override {
-    { const opencl::Profiler::Scope stage(profiler, names.at(chosen_)); }
+    { const opencl::Profiler::Scope stage(profiler, finder_names.at(chosen_)); }
     finders_.at(chosen_)->find(search, sink, profiler);
   }
 

@@ -13,7 +13,7 @@ namespace {
 
 constexpr unsigned partition_bits = 8;
 /// So few pairs are compared instead.
-constexpr std::size_t few = 128;
+constexpr std::size_t few_pairs = 128;
 
 /// A pass of a radix sort, stable.
 template <class Digit>
@@ -31,7 +31,7 @@ void sort_by(std::span<const Pair> from, std::span<Pair> to, unsigned digits, co
 /// @param bits_of_a, bits_of_b The lowest bits, of which the rest are the same in all pairs.
 void sort_partition(std::span<Pair> pairs, unsigned bits_of_a, unsigned bits_of_b,
                     std::vector<Pair>& scratch) {
-  if (pairs.size() <= few) {
+  if (pairs.size() <= few_pairs) {
     std::ranges::sort(pairs);
     return;
   }

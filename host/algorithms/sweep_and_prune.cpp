@@ -27,7 +27,7 @@ constexpr float not_a_number = std::numeric_limits<float>::quiet_NaN();
 constexpr std::size_t size_classes = 4;
 
 /// The order is made anew once the work exceeds this multiple of the work in a new order.
-constexpr double stale = 1.25;
+constexpr double stale_growth = 1.25;
 
 /// A search in an order that is of no use, since boxes leapt, ends at this multiple; it is made anew then.
 constexpr double useless = 4;
@@ -206,7 +206,7 @@ class SweepAndPrune final : public HostFinder {
     const std::size_t threads = threads_of(slots);
     const bool is_stale = axes != sorted_axes_ || all.sets != objects.sets ||
                           slots > places_.size() + places_.size() / 4 ||
-                          static_cast<double>(work_) > stale * static_cast<double>(fresh_work_);
+                          static_cast<double>(work_) > stale_growth * static_cast<double>(fresh_work_);
     sorted_axes_ = 0;  // until all is done
     all.sets = objects.sets;
     if (is_stale || !search(all, objects, threads, useless * static_cast<double>(fresh_work_))) {

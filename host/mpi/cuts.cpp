@@ -16,15 +16,16 @@ std::uint32_t longest_axis(const Sample* begin, const Sample* end) {
   std::uint32_t longest = 0;
   double length = -1;
   for (std::uint32_t axis = 0; axis < 3; ++axis) {
-    double least = infinity;
-    double most = -infinity;
+    float least = infinity;
+    float most = -infinity;
     for (const Sample* sample = begin; sample != end; ++sample) {
-      least = std::min<double>(least, sample->point[axis]);
-      most = std::max<double>(most, sample->point[axis]);
+      least = std::min(least, sample->point[axis]);
+      most = std::max(most, sample->point[axis]);
     }
-    if (most - least > length) {
+    const double extent = static_cast<double>(most) - static_cast<double>(least);
+    if (extent > length) {
       longest = axis;
-      length = most - least;
+      length = extent;
     }
   }
   return longest;

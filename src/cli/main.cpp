@@ -16,7 +16,7 @@ namespace broadcl::cli {
 namespace {
 
 /// "devices, simulate, ... or check".
-std::string list_of(const std::vector<CLI::App*>& verbs) {
+std::string list_of_verbs(const std::vector<CLI::App*>& verbs) {
   std::string text;
   for (const CLI::App* verb : verbs) {
     if (!text.empty()) text += verb == verbs.back() ? " or " : ", ";
@@ -63,7 +63,7 @@ Exit run(int argc, const char* const* argv) {
     return Exit::success;
   } catch (const CLI::ParseError& error) {
     if (const auto verb = unknown_verb(program)) {
-      throw Error("'" + *verb + "' is no verb; give " + list_of(program.get_subcommands({})) +
+      throw Error("'" + *verb + "' is no verb; give " + list_of_verbs(program.get_subcommands({})) +
                   help_hint(program));
     }
     throw Error(one_line(error.what()) + help_hint(program));
@@ -71,7 +71,7 @@ Exit run(int argc, const char* const* argv) {
   for (const Verb& verb : verbs) {
     if (verb.arguments->parsed()) return verb.run();
   }
-  throw Error("give a verb: " + list_of(program.get_subcommands({})) + help_hint(program));
+  throw Error("give a verb: " + list_of_verbs(program.get_subcommands({})) + help_hint(program));
 }
 
 Exit report(const char* error) noexcept {

@@ -22,7 +22,7 @@
 namespace broadcl::cli {
 namespace {
 
-struct Options {
+struct PairsOptions {
   std::string file;
   std::string out;
   BroadPhase::Config broad_phase{.on_compile = announce_compiling};
@@ -42,7 +42,7 @@ class Stopwatch {
   Clock::time_point begin_ = Clock::now();
 };
 
-Exit run(const Options& options) {
+Exit run_pairs(const PairsOptions& options) {
   std::optional<OutputFile> out;
   if (!options.out.empty()) {
     const std::filesystem::path path = options.out;
@@ -84,7 +84,7 @@ Exit run(const Options& options) {
 }  // namespace
 
 Verb add_pairs(CLI::App& program) {
-  auto options = std::make_shared<Options>();
+  auto options = std::make_shared<PairsOptions>();
   CLI::App* verb = program.add_subcommand("pairs", "Find all overlapping pairs of an array of boxes");
   verb->add_option(
           "FILE", options->file,
@@ -102,7 +102,7 @@ Verb add_pairs(CLI::App& program) {
   std::string footer = "Algorithms:\n";
   for (const AlgorithmInfo& algorithm : algorithms()) footer += named_row(algorithm.name, algorithm.summary);
   verb->footer(footer);
-  return {verb, [options] { return run(*options); }};
+  return {verb, [options] { return run_pairs(*options); }};
 }
 
 }  // namespace broadcl::cli

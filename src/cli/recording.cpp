@@ -15,7 +15,7 @@ namespace {
 
 constexpr std::size_t name_size = 128;
 constexpr std::size_t aabbs_header_size = 304;
-constexpr std::uint64_t columns = 6;
+constexpr std::uint64_t box_columns = 6;
 constexpr std::uint32_t most = std::numeric_limits<std::int32_t>::max();
 
 /// Whether the format is Broadmark's; otherwise it is NumPy's.
@@ -66,7 +66,7 @@ RecordingWriter::RecordingWriter(const std::filesystem::path& file, const Record
       boxes_(info.boxes),
       missing_blocks_(std::uint64_t{1} + info.frames),
       file_(file) {
-  file_.write(is_aabbs_ ? aabbs_header(info) : npy_header("<f4", {missing_blocks_, boxes_, columns}));
+  file_.write(is_aabbs_ ? aabbs_header(info) : npy_header("<f4", {missing_blocks_, boxes_, box_columns}));
 }
 
 void RecordingWriter::write(std::span<const Aabb> boxes) {
@@ -126,7 +126,7 @@ void RecordingReader::read_aabbs_header() {
 void RecordingReader::read_npy_header() {
   const NpyHeader header = cli::read_npy_header(stream_);
   const std::string shape = "its shape is " + header.shape_text();
-  if (header.shape.size() != 3 || header.shape[2] != columns) {
+  if (header.shape.size() != 3 || header.shape[2] != box_columns) {
     throw Error(shape + "; (frames, n, 6) is needed: min x, y, z, max x, y, z");
   }
   if (header.fortran_order) {

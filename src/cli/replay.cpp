@@ -36,7 +36,7 @@ namespace {
 
 constexpr std::uint32_t all_frames = std::numeric_limits<std::int32_t>::max();
 
-struct Options {
+struct ReplayOptions {
   std::filesystem::path file;
   std::string broadphase = "auto";
   std::string device;
@@ -82,7 +82,7 @@ bool is_bullets_own(const std::string& broadphase) {
                      [&](const auto& info) { return info.name == broadphase && info.bullet; });
 }
 
-std::unique_ptr<btBroadphaseInterface> make_broadphase(const Options& options, const Survey& survey,
+std::unique_ptr<btBroadphaseInterface> make_broadphase(const ReplayOptions& options, const Survey& survey,
                                                        std::uint32_t boxes) {
   // An unknown device is an error even if the broad phase runs on the host.
   if (!options.device.empty()) (void)select_device(options.device);
@@ -101,7 +101,7 @@ std::unique_ptr<btBroadphaseInterface> make_broadphase(const Options& options, c
                                   .world_edge = survey.world_edge});
 }
 
-SimulationResult replay(RecordingReader& recording, std::uint32_t frames, const Options& options) {
+SimulationResult replay(RecordingReader& recording, std::uint32_t frames, const ReplayOptions& options) {
   const std::unique_ptr<btBroadphaseInterface> broadphase =
       make_broadphase(options, survey(recording, frames), recording.boxes());
   scenes::BoxWorld world(*broadphase, recording.next());
@@ -115,12 +115,12 @@ SimulationResult replay(RecordingReader& recording, std::uint32_t frames, const 
   return measure(measured, options.broadphase, *broadphase, false);
 }
 
-std::string heading(const Options& options, const RecordingReader& recording, std::uint32_t frames) {
+std::string heading(const ReplayOptions& options, const RecordingReader& recording, std::uint32_t frames) {
   return "recording     " + one_line(options.file.string()) + ", " + counted(recording.boxes(), "box") +
          ", " + counted(frames, "frame") + "\nbroad phase   " + options.broadphase + "\n";
 }
 
-nlohmann::ordered_json json_of(const Options& options, const RecordingReader& recording,
+nlohmann::ordered_json json_of(const ReplayOptions& options, const RecordingReader& recording,
                                std::uint32_t frames) {
   return {{"recording", options.file.string()},
           {"objects", recording.boxes()},
@@ -140,7 +140,7 @@ void open(std::optional<OutputFile>& out, const std::string& option, const std::
   out.emplace(file);
 }
 
-Exit run(const Options& options) {
+Exit run_replay(const ReplayOptions& options) {
   RecordingReader recording(options.file);
   if (options.frames != all_frames && options.frames > recording.frames()) {
     throw Error("--frames: " + quoted(options.file) + " has only " + counted(recording.frames(), "frame"));
@@ -166,7 +166,7 @@ Exit run(const Options& options) {
 }  // namespace
 
 Verb add_replay(CLI::App& program) {
-  auto options = std::make_shared<Options>();
+  auto options = std::make_shared<ReplayOptions>();
   CLI::App* verb = program.add_subcommand("replay", "Time a broad phase on a recording of moving boxes");
   verb->add_option(
           "FILE", options->file,
@@ -184,7 +184,7 @@ Verb add_replay(CLI::App& program) {
   verb->add_flag("--verify", options->verify,
                  "Compare the pairs of each frame with the oracle; not part of the times");
   verb->footer(broadphase_rows());
-  return {verb, [options] { return run(*options); }};
+  return {verb, [options] { return run_replay(*options); }};
 }
 
 }  // namespace broadcl::cli

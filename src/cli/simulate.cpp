@@ -19,7 +19,7 @@
 namespace broadcl::cli {
 namespace {
 
-struct Options {
+struct SimulateOptions {
   SimulationConfig simulation;
   std::string csv;
   std::string json;
@@ -27,7 +27,7 @@ struct Options {
   std::string record;
 };
 
-Exit run(const Options& options) {
+Exit run_simulate(const SimulateOptions& options) {
   std::optional<OutputFile> csv;
   std::optional<OutputFile> json;
   std::optional<OutputFile> trace;
@@ -61,7 +61,7 @@ Exit run(const Options& options) {
   return result.verdict && result.verdict->first_wrong_frame ? Exit::difference : Exit::success;
 }
 
-std::string footer() {
+std::string simulate_footer() {
   std::string text = "Scenarios:\n";
   for (const scenes::ScenarioInfo& scenario : scenes::Scenario::list()) {
     text += named_row(scenario.name, scenario.summary);
@@ -74,7 +74,7 @@ std::string footer() {
 }  // namespace
 
 Verb add_simulate(CLI::App& program) {
-  auto options = std::make_shared<Options>();
+  auto options = std::make_shared<SimulateOptions>();
   SimulationConfig& simulation = options->simulation;
   CLI::App* verb =
       program.add_subcommand("simulate", "Simulate a scenario in a Bullet world and time its frames");
@@ -102,10 +102,10 @@ Verb add_simulate(CLI::App& program) {
                  "costs a few microseconds per frame");
   verb->add_flag("--verify", simulation.verify,
                  "Compare the pairs of each frame with the oracle; not part of the times");
-  verb->footer(footer());
+  verb->footer(simulate_footer());
   return {verb, [options] {
             options->simulation.trace = !options->trace.empty();
-            return run(*options);
+            return run_simulate(*options);
           }};
 }
 

@@ -31,7 +31,7 @@ namespace {
 
 /// The command line. Whatever it leaves out is taken from the study in the folder if there is one, otherwise
 /// from the preset.
-struct Options {
+struct StudyOptions {
   std::optional<std::string> preset;
   std::optional<std::vector<std::string>> scenarios;
   std::optional<std::vector<std::uint32_t>> objects;
@@ -73,7 +73,7 @@ void set_limit(StudySettings& settings, const StudyLimit& limit) {
 }
 
 /// @throws Error for unknown names.
-StudySettings new_settings(const Options& options) {
+StudySettings new_settings(const StudyOptions& options) {
   StudySettings settings = find_study_preset(options.preset.value_or("quick"));
   if (options.scenarios) settings.scenarios = *options.scenarios;
   if (options.objects) settings.objects = *options.objects;
@@ -99,7 +99,7 @@ StudySettings new_settings(const Options& options) {
 }
 
 /// @throws Error if the options contradict the study in the folder.
-void refuse_contradictions(const Options& options, const nlohmann::ordered_json& document) {
+void refuse_contradictions(const StudyOptions& options, const nlohmann::ordered_json& document) {
   const std::string holds = quoted(std::filesystem::path(options.out)) + " holds a study with ";
   const auto expect = [&](bool same, const std::string& option, const std::string& there) {
     if (same) return;
@@ -138,7 +138,7 @@ Device device_labelled(const std::string& label) {
 }
 
 /// The devices to measure on: those asked for, otherwise those of the study, otherwise the best one.
-std::vector<Device> chosen_devices(const Options& options, const StudySettings& settings,
+std::vector<Device> chosen_devices(const StudyOptions& options, const StudySettings& settings,
                                    const std::vector<std::string>& known) {
   std::vector<Device> chosen;
   for (const std::string& selector : options.devices.value_or(std::vector<std::string>())) {
@@ -242,7 +242,7 @@ class Measurement {
   ProgressBar progress_;
 };
 
-Exit run(const Options& options) {
+Exit run_study(const StudyOptions& options) {
   StudyFolder folder(options.out);
   std::optional<nlohmann::ordered_json> document = folder.read_document();
   if (document) refuse_contradictions(options, *document);
@@ -323,9 +323,9 @@ StudyLimit parse_limit(const std::string& text) {
 
 constexpr std::uint32_t most_repeats = 1000;
 
-std::string footer() {
+std::string study_footer() {
   std::string text =
-      "Options that are not given are taken from the preset. If the folder holds a study with the same "
+      "StudyOptions that are not given are taken from the preset. If the folder holds a study with the same "
       "settings, only its missing runs are done, and new devices are added to it.\nPresets:\n";
   for (const StudyPreset& preset : study_presets()) {
     text += named_row(preset.settings.preset, preset.summary);
@@ -336,7 +336,7 @@ std::string footer() {
 }  // namespace
 
 Verb add_study(CLI::App& program) {
-  auto options = std::make_shared<Options>();
+  auto options = std::make_shared<StudyOptions>();
   CLI::App* verb = program.add_subcommand(
       "study", "Measure scenarios, numbers of objects and broad phases, and store the results in a folder");
   const auto as_is = [](const std::string& text) { return text; };
@@ -367,8 +367,8 @@ Verb add_study(CLI::App& program) {
   verb->add_option("--frames-csv", options->frames_csv,
                    "Write all frames of all runs in the folder here, one row per frame")
       ->type_name("FILE");
-  verb->footer(footer());
-  return {verb, [options] { return run(*options); }};
+  verb->footer(study_footer());
+  return {verb, [options] { return run_study(*options); }};
 }
 
 }  // namespace broadcl::cli
