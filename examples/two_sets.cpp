@@ -1,4 +1,6 @@
-// Pairs of two sets: which edges of a mesh may touch which faces. Once, and then while some of them move.
+// Pairs of two sets: which edges of a mesh may touch which faces. Once, without what has a vertex in common,
+// and then while some of them move.
+#include <cstdint>
 #include <cstdio>
 #include <exception>
 #include <vector>
@@ -18,6 +20,21 @@ void find_once() {
   // [once]
 }
 
+void leave_out_shared_vertices() {
+  // [sharing]
+  // The vertices of each face, of a mesh of two triangles, and the boxes of all faces and vertices.
+  const std::vector<std::uint32_t> corners{0, 1, 2, 2, 1, 3};
+  const std::vector<std::uint32_t> numbers{0, 1, 2, 3};
+  const std::vector<broadcl::Aabb> faces{{{0, 0, 0}, {1, 1, 0}}, {{0, 0, 0}, {1, 1, 0}}};
+  const std::vector<broadcl::Aabb> vertices{
+      {{0, 0, 0}, {0, 0, 0}}, {{1, 0, 0}, {1, 0, 0}}, {{0, 1, 0}, {0, 1, 0}}, {{1, 1, 0}, {1, 1, 0}}};
+  const std::vector<broadcl::Pair> own = broadcl::pairs_that_share(corners, 3, numbers, 1);
+  for (const broadcl::Pair& pair : broadcl::overlapping_pairs(faces, vertices, {}, own)) {
+    std::printf("face %u and vertex %u\n", pair.a, pair.b);
+  }
+  // [sharing]
+}
+
 void follow() {
   // [moving]
   broadcl::BroadPhase broad_phase;
@@ -34,6 +51,7 @@ void follow() {
 
 int main() try {
   find_once();
+  leave_out_shared_vertices();
   follow();
 } catch (const std::exception& error) {
   std::fprintf(stderr, "%s\n", error.what());

@@ -3,9 +3,11 @@
 #include <algorithm>
 #include <memory>
 #include <string>
+#include <utility>
 
 #include "algorithms/algorithm.hpp"
 #include "core.hpp"
+#include "exclusions.hpp"
 
 namespace broadcl {
 namespace {
@@ -17,6 +19,33 @@ void pack_to(const BoxView& boxes, std::span<Aabb> out, const std::string& set) 
   } catch (const Error& error) {
     throw Error(set + ": " + error.what());
   }
+}
+
+/// An object and one of its labels.
+struct Labelled {
+  std::uint32_t label;
+  std::uint32_t object;
+};
+
+/// The objects of pairs_that_share(), by label, each as often as it has labels.
+std::vector<Labelled> by_label(std::span<const std::uint32_t> labels, std::size_t per_object) {
+  if (per_object == 0 ? !labels.empty() : labels.size() % per_object != 0) {
+    throw Error(std::to_string(labels.size()) + " labels are not " + std::to_string(per_object) +
+                " for each object; give as many for each");
+  }
+  std::vector<Labelled> objects(labels.size());
+  for (std::size_t k = 0; k < labels.size(); ++k) {
+    objects[k] = {labels[k], static_cast<std::uint32_t>(k / per_object)};
+  }
+  std::ranges::sort(objects, {}, [](const Labelled& s) { return std::pair(s.label, s.object); });
+  return objects;
+}
+
+/// In canonical order.
+std::vector<Pair> each_once(std::vector<Pair> pairs) {
+  std::ranges::sort(pairs);
+  pairs.erase(std::unique(pairs.begin(), pairs.end()), pairs.end());
+  return pairs;
 }
 
 }  // namespace
@@ -108,49 +137,65 @@ std::span<const Stage> BroadPhase::profile() const noexcept {
 }
 
 std::vector<Pair> pairs_that_share(std::span<const std::uint32_t> labels, std::size_t per_object) {
-  if (per_object == 0 ? !labels.empty() : labels.size() % per_object != 0) {
-    throw Error(std::to_string(labels.size()) + " labels are not " + std::to_string(per_object) +
-                " for each object; give as many for each");
-  }
-  std::vector<std::pair<std::uint32_t, std::uint32_t>> objects_of_labels;
-  objects_of_labels.reserve(labels.size());
-  for (std::size_t k = 0; k < labels.size(); ++k) {
-    objects_of_labels.emplace_back(labels[k], static_cast<std::uint32_t>(k / per_object));
-  }
-  std::ranges::sort(objects_of_labels);
+  const std::vector<Labelled> objects = by_label(labels, per_object);
   std::vector<Pair> pairs;
-  for (auto b = objects_of_labels.begin(); b != objects_of_labels.end(); ++b) {
-    for (auto a = b; a != objects_of_labels.begin() && (a - 1)->first == b->first; --a) {
-      if ((a - 1)->second != b->second) pairs.push_back({(a - 1)->second, b->second});
+  for (auto b = objects.begin(); b != objects.end(); ++b) {
+    for (auto a = b; a != objects.begin() && (a - 1)->label == b->label; --a) {
+      if ((a - 1)->object != b->object) pairs.push_back({(a - 1)->object, b->object});
     }
   }
-  std::ranges::sort(pairs);
-  pairs.erase(std::unique(pairs.begin(), pairs.end()), pairs.end());
-  return pairs;
+  return each_once(std::move(pairs));
 }
 
-std::vector<Pair> overlapping_pairs(const BoxView& boxes, const BroadPhase::Config& config) {
+std::vector<Pair> pairs_that_share(std::span<const std::uint32_t> first_labels, std::size_t per_first,
+                                   std::span<const std::uint32_t> second_labels, std::size_t per_second) {
+  const std::vector<Labelled> first = by_label(first_labels, per_first);
+  const std::vector<Labelled> second = by_label(second_labels, per_second);
+  std::vector<Pair> pairs;
+  auto begin = first.begin();  // of the objects with the label of b
+  for (const Labelled& b : second) {
+    while (begin != first.end() && begin->label < b.label) ++begin;
+    for (auto a = begin; a != first.end() && a->label == b.label; ++a) pairs.push_back({a->object, b.object});
+  }
+  return each_once(std::move(pairs));
+}
+
+std::vector<Pair> overlapping_pairs(const BoxView& boxes, const BroadPhase::Config& config,
+                                    std::span<const Pair> exclusions) {
+  refuse_unknown(exclusions, boxes.size(), boxes.size());
+  const std::vector<Pair> sorted = sorted_exclusions(exclusions);
   const auto algorithm = make_algorithm(config);
   algorithm->reserve(boxes.size(), false);
+  algorithm->reserve_exclusions(sorted.size());
   boxes.pack_to(algorithm->boxes());
-  return algorithm->find_all({.slots = boxes.size(), .all = true});
+  return algorithm->find_all(
+      {.slots = boxes.size(), .all = true, .exclusions = sorted, .filters_changed = !sorted.empty()});
 }
 
 std::vector<Pair> overlapping_pairs(const BoxView& first, const BoxView& second,
-                                    const BroadPhase::Config& config) {
+                                    const BroadPhase::Config& config, std::span<const Pair> exclusions) {
   constexpr std::size_t most_boxes = std::size_t{1} << 31;
   if (first.size() > most_boxes || second.size() > most_boxes - first.size()) {
     throw Error("more than 2147483648 boxes in both sets; use fewer");
   }
   const std::size_t boxes = first.size() + second.size();
+  refuse_unknown(exclusions, first.size(), second.size());
+  std::vector<Pair> sorted(exclusions.begin(), exclusions.end());
+  for (Pair& pair : sorted) pair.b += static_cast<std::uint32_t>(first.size());
+  sorted = sorted_exclusions(sorted);
   const auto algorithm = make_algorithm(config);
   algorithm->reserve(boxes, true);
+  algorithm->reserve_exclusions(sorted.size());
   pack_to(first, algorithm->boxes(), "the first set");
   pack_to(second, algorithm->boxes().subspan(first.size()), "the second set");
   std::vector<Filter> filters(boxes, second_set);
   std::fill_n(filters.begin(), first.size(), first_set);
-  std::vector<Pair> pairs = algorithm->find_all(
-      {.slots = boxes, .all = true, .filters = filters, .filters_changed = true, .sets = true});
+  std::vector<Pair> pairs = algorithm->find_all({.slots = boxes,
+                                                 .all = true,
+                                                 .filters = filters,
+                                                 .exclusions = sorted,
+                                                 .filters_changed = true,
+                                                 .sets = true});
   for (Pair& pair : pairs) pair.b -= static_cast<std::uint32_t>(first.size());
   return pairs;
 }

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <algorithm>
+#include <cstddef>
 #include <span>
 #include <string>
 #include <utility>
@@ -21,10 +22,21 @@ namespace broadcl {
     }
     if (pair.a > pair.b) std::swap(pair.a, pair.b);
   }
-  std::ranges::sort(sorted);
+  if (!std::ranges::is_sorted(sorted)) std::ranges::sort(sorted);
   sorted.erase(std::unique(sorted.begin(), sorted.end()), sorted.end());
   if (sorted.size() >= 0x7fffffff) throw Error("more than 2147483646 exclusions; give fewer");
   return sorted;
+}
+
+/// Pairs of an index of one range with an index of another that are never to be reported.
+/// @throws Error if there is no such index.
+inline void refuse_unknown(std::span<const Pair> exclusions, std::size_t first, std::size_t second) {
+  for (const Pair& pair : exclusions) {
+    if (pair.a < first && pair.b < second) continue;
+    throw Error("the exclusion (" + std::to_string(pair.a) + ", " + std::to_string(pair.b) +
+                ") is of a box that is not there; give indices below " + std::to_string(first) +
+                (first == second ? "" : " and " + std::to_string(second)));
+  }
 }
 
 }  // namespace broadcl

@@ -416,6 +416,82 @@ TEST(CPairList, HasPairsOfTwoSetsAndOfRectangles) {
   EXPECT_INVALID("second: ", broadcl_pair_list_create_between, &first, &second, &config, &pairs);
 }
 
+TEST(CPairList, LacksWhatIsExcluded) {
+  const std::vector<broadcl_aabb> boxes = random_boxes(200);
+  const Pairs all = overlapping(boxes);
+  constexpr std::uint32_t split = 80;
+  Pairs exclusions;  // every other pair
+  Pairs expected;
+  Pairs exclusions_between;
+  Pairs expected_between;
+  for (std::size_t k = 0; k < all.size(); ++k) {
+    const auto [a, b] = all[k];
+    (k % 2 == 0 ? exclusions : expected).push_back(all[k]);
+    if (a < split && b >= split) {
+      (k % 2 == 0 ? exclusions_between : expected_between).push_back({a, b - split});
+    }
+  }
+  ASSERT_GT(expected_between.size(), 20U);
+  std::swap(exclusions[3].a, exclusions[3].b);
+  const broadcl_boxes both = view(boxes);
+  broadcl_boxes first = both;
+  first.count = split;
+  broadcl_boxes second = both;
+  second.data = &boxes[split];
+  second.count = boxes.size() - split;
+  const broadcl_config config = on_host();
+  const auto found = [&](const broadcl_boxes& s, const broadcl_boxes* t, const Pairs& without) {
+    broadcl_pair_list* made = nullptr;
+    broadcl_pairs pairs{};
+    EXPECT_EQ(broadcl_pair_list_create_excluding(&s, t, without.data(), without.size(), &config, &made),
+              BROADCL_SUCCESS)
+        << broadcl_last_error();
+    EXPECT_EQ(broadcl_pair_list_get(made, &pairs), BROADCL_SUCCESS);
+    Pairs result = list(pairs);
+    EXPECT_EQ(broadcl_pair_list_destroy(made), BROADCL_SUCCESS);
+    return result;
+  };
+  EXPECT_EQ(found(both, nullptr, exclusions), expected);
+  EXPECT_EQ(found(both, nullptr, {}), all);
+  EXPECT_EQ(found(first, &second, exclusions_between), expected_between);
+
+  broadcl_pair_list* none = nullptr;
+  const broadcl_pair itself{2, 2};
+  const broadcl_pair beyond{0, 120};
+  EXPECT_FAILED("2 and itself", broadcl_pair_list_create_excluding, &both, nullptr, &itself, 1, &config,
+                &none);
+  EXPECT_FAILED("(0, 120)", broadcl_pair_list_create_excluding, &first, &second, &beyond, 1, &config, &none);
+  EXPECT_INVALID("exclusions is null", broadcl_pair_list_create_excluding, &both, nullptr, nullptr, 1,
+                 &config, &none);
+  EXPECT_INVALID("first is null", broadcl_pair_list_create_excluding, nullptr, &both, nullptr, 0, &config,
+                 &none);
+  EXPECT_INVALID("list is null", broadcl_pair_list_create_excluding, &both, nullptr, nullptr, 0, &config,
+                 nullptr);
+  EXPECT_EQ(none, nullptr);
+}
+
+TEST(CPairList, HasWhatSharesALabel) {
+  const std::vector<std::uint32_t> faces = {1, 2, 3, 3, 2, 7};
+  const std::vector<std::uint32_t> vertices = {0, 1, 2};
+  broadcl_pair_list* made = nullptr;
+  OK(broadcl_pair_list_create_sharing_between(faces.data(), faces.size(), 3, vertices.data(), vertices.size(),
+                                              1, &made));
+  broadcl_pairs pairs{};
+  OK(broadcl_pair_list_get(made, &pairs));
+  EXPECT_THAT(list(pairs), ElementsAre(broadcl_pair{0, 1}, broadcl_pair{0, 2}, broadcl_pair{1, 2}));
+  OK(broadcl_pair_list_destroy(made));
+  made = nullptr;
+  EXPECT_FAILED("5 labels", broadcl_pair_list_create_sharing_between, faces.data(), 5, 3, vertices.data(), 3,
+                1, &made);
+  EXPECT_INVALID("first_labels is null", broadcl_pair_list_create_sharing_between, nullptr, 6, 3,
+                 vertices.data(), 3, 1, &made);
+  EXPECT_INVALID("second_labels is null", broadcl_pair_list_create_sharing_between, faces.data(), 6, 3,
+                 nullptr, 3, 1, &made);
+  EXPECT_INVALID("list is null", broadcl_pair_list_create_sharing_between, faces.data(), 6, 3,
+                 vertices.data(), 3, 1, nullptr);
+  EXPECT_EQ(made, nullptr);
+}
+
 TEST(CPairList, RefusesBoxesThatAreNone) {
   const std::vector<broadcl_aabb> boxes = {cube(0), cube(nan_value)};
   broadcl_pair_list* pairs = nullptr;

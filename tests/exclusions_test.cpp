@@ -1,5 +1,7 @@
 #include <algorithm>
 #include <cstdint>
+#include <list>
+#include <span>
 #include <string>
 #include <utility>
 #include <vector>
@@ -10,6 +12,7 @@
 #include <broadcl/broad_phase.hpp>
 
 #include "each_algorithm.hpp"
+#include "exclusions.hpp"
 #include "expect_error.hpp"
 #include "pair_lists.hpp"
 #include "scenes/generators.hpp"
@@ -19,6 +22,7 @@ namespace broadcl::test {
 namespace {
 
 using scenes::MovingBoxes;
+using ::testing::HasSubstr;
 
 /// A broad phase with exclusions, and an oracle without, of whose pairs they are taken.
 class Follower {
@@ -118,13 +122,80 @@ TEST_P(EachAlgorithm, ExclusionsHoldForIds) {
   EXPECT_TRUE(same(broad_phase.update(), Pairs{{0, 2}}, Pairs{{0, 1}}));
 }
 
+/// Exclusions of one search of n boxes, and of one of the same boxes as two sets.
+void search_once(const BroadPhase::Config& config, std::uint32_t n) {
+  const MovingBoxes motion(n, MovingBoxes::Sizes::mixed);
+  const std::span<const Aabb> boxes = motion.boxes();
+  const Pairs all = overlapping_pairs(boxes, {.algorithm = "oracle"});
+  ASSERT_GT(all.size(), n / 4);
+  const Pairs some = every(2, all);
+  Pairs given = every(3, all_pairs(std::min(n, 100U)));  // most of them do not overlap
+  given.insert(given.end(), some.begin(), some.end());
+  const Pairs expected = difference(all, sorted_exclusions(given));
+  for (Pair& pair : given) {
+    if (pair.a % 2 == 0) std::swap(pair.a, pair.b);
+  }
+  EXPECT_TRUE(same("one set", overlapping_pairs(boxes, config, given), expected));
+  EXPECT_TRUE(same("all", overlapping_pairs(boxes, config, all), {}));
+
+  const std::span<const Aabb> first = boxes.first(n / 3);
+  const std::span<const Aabb> second = boxes.subspan(n / 3);
+  const Pairs between = overlapping_pairs(first, second, {.algorithm = "oracle"});
+  Pairs without = every(2, between);
+  // Of one index and itself, and of those that would be a pair of one set.
+  for (std::uint32_t k = 0; k < first.size(); ++k) without.push_back({k, k});
+  Pairs sorted = without;
+  std::ranges::sort(sorted);
+  std::ranges::reverse(without);
+  EXPECT_TRUE(
+      same("two sets", overlapping_pairs(first, second, config, without), difference(between, sorted)));
+  EXPECT_TRUE(same("all of two sets", overlapping_pairs(first, second, config, between), {}));
+}
+
+ALSO_IN(oclgrind | oclgrind_gpu_profile);
+TEST_P(EachAlgorithm, SmallExclusionsOfOneSearch) {
+  search_once(config(), 60);
+}
+
+TEST_P(EachAlgorithm, ExclusionsOfOneSearch) {
+  search_once(config(), 1500);
+}
+
+TEST(Exclusions, OfOneSearchAreOfBoxesThatAreThere) {
+  const BroadPhase::Config oracle{.algorithm = "oracle"};
+  const std::vector<Aabb> three(3, unit);
+  const std::vector<Aabb> two(2, unit);
+  const auto one_set = [&](const Pairs& pairs) {
+    return error_of([&] { (void)overlapping_pairs(three, oracle, pairs); });
+  };
+  const auto two_sets = [&](const Pairs& pairs) {
+    return error_of([&] { (void)overlapping_pairs(three, two, oracle, pairs); });
+  };
+  EXPECT_THAT(one_set({{0, 1}, {1, 3}}), HasSubstr("exclusion (1, 3) is of a box that is not there; give "
+                                                   "indices below 3"));
+  EXPECT_THAT(one_set({{3, 1}}), HasSubstr("(3, 1)"));
+  EXPECT_THAT(one_set({{2, 2}}), HasSubstr("an exclusion is of 2 and itself"));
+  EXPECT_THAT(two_sets({{2, 1}, {1, 2}}), HasSubstr("(1, 2) is of a box that is not there; give indices "
+                                                    "below 3 and 2"));
+  EXPECT_THAT(two_sets({{3, 1}}), HasSubstr("(3, 1)"));
+  EXPECT_THAT(two_sets({{0, 0xffffffff}}), HasSubstr("(0, 4294967295)"));
+  EXPECT_EQ(overlapping_pairs(three, two, oracle, Pairs{{1, 1}, {0, 1}, {1, 0}, {2, 0}}),
+            (Pairs{{0, 0}, {2, 1}}));
+}
+
+/// A list, which no BoxView can view, has them, too.
+TEST(Exclusions, OfAnyRange) {
+  const std::list<Aabb> boxes(3, unit);
+  EXPECT_EQ(overlapping_pairs(boxes, {.algorithm = "oracle"}, Pairs{{2, 0}}), (Pairs{{0, 1}, {1, 2}}));
+}
+
 TEST(Exclusions, APairOfAnIdWithItselfIsRefused) {
   BroadPhase broad_phase({.algorithm = "sweep-and-prune"});
   broad_phase.set_exclusions(Pairs{{0, 1}});
   EXPECT_THAT(error_of([&] {
                 broad_phase.set_exclusions(Pairs{{0, 2}, {3, 3}});
               }),
-              ::testing::HasSubstr("an exclusion is of 3 and itself"));
+              HasSubstr("an exclusion is of 3 and itself"));
   for (int k = 0; k < 3; ++k) broad_phase.add(unit);
   EXPECT_EQ(to_vector(broad_phase.update().added), (Pairs{{0, 2}, {1, 2}})) << "the old ones still hold";
 }
@@ -137,9 +208,23 @@ TEST(Exclusions, OfObjectsThatShareLabels) {
   EXPECT_EQ(pairs_that_share({}, 3), Pairs());
   EXPECT_EQ(pairs_that_share({}, 0), Pairs());
   EXPECT_THAT(error_of([] { (void)pairs_that_share(std::vector<std::uint32_t>(5), 2); }),
-              ::testing::HasSubstr("5 labels are not 2 for each object"));
+              HasSubstr("5 labels are not 2 for each object"));
   EXPECT_THAT(error_of([] { (void)pairs_that_share(std::vector<std::uint32_t>(5), 0); }),
-              ::testing::HasSubstr("5 labels are not 0"));
+              HasSubstr("5 labels are not 0"));
+}
+
+TEST(Exclusions, OfTwoSetsThatShareLabels) {
+  const std::vector<std::uint32_t> faces{1, 2, 3, 3, 2, 7};
+  const std::vector<std::uint32_t> vertices{0, 1, 2, 3};
+  EXPECT_EQ(pairs_that_share(faces, 3, vertices, 1), (Pairs{{0, 1}, {0, 2}, {1, 2}, {0, 3}, {1, 3}}));
+  EXPECT_EQ(pairs_that_share(vertices, 1, faces, 3), (Pairs{{1, 0}, {2, 0}, {3, 0}, {2, 1}, {3, 1}}));
+  EXPECT_EQ(pairs_that_share(vertices, 2, faces, 3), (Pairs{{0, 0}, {1, 0}, {1, 1}})) << "each pair once";
+  EXPECT_EQ(pairs_that_share({}, 0, faces, 3), Pairs());
+  EXPECT_EQ(pairs_that_share(faces, 3, {}, 1), Pairs());
+  EXPECT_THAT(error_of([&] { (void)pairs_that_share(vertices, 1, faces, 4); }),
+              HasSubstr("6 labels are not 4 for each object"));
+  EXPECT_THAT(error_of([&] { (void)pairs_that_share(vertices, 3, faces, 3); }),
+              HasSubstr("4 labels are not 3 for each object"));
 }
 
 }  // namespace

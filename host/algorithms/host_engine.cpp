@@ -1,6 +1,7 @@
 #include "algorithms/host_engine.hpp"
 
 #include <algorithm>
+#include <cstddef>
 #include <memory>
 #include <utility>
 
@@ -68,9 +69,20 @@ class HostEngine final : public Algorithm {
   [[nodiscard]] std::span<const Stage> profile() const noexcept override { return {}; }
 
  private:
+  /// Both lists are in canonical order.
   static void exclude(std::span<const Pair> exclusions, std::vector<Pair>& pairs) {
     if (exclusions.empty()) return;
-    std::erase_if(pairs, [&](const Pair& pair) { return std::ranges::binary_search(exclusions, pair); });
+    auto kept = pairs.begin();
+    auto next = exclusions.begin();  // the first that is not before the pair at hand
+    for (const Pair& pair : pairs) {
+      // The steps double, since there may be far more exclusions than pairs.
+      for (std::ptrdiff_t step = 1; next != exclusions.end() && *next < pair; step *= 2) {
+        const auto end = next + std::min(step, exclusions.end() - next);
+        next = *(end - 1) < pair ? end : std::lower_bound(next, end, pair);
+      }
+      if (next == exclusions.end() || *next != pair) *kept++ = pair;
+    }
+    pairs.erase(kept, pairs.end());
   }
 
   /// The pairs of the last update in which a slot that changed took part.

@@ -146,35 +146,50 @@ class BROADCL_API BroadPhase {
 [[nodiscard]] BROADCL_API std::vector<Pair> pairs_that_share(std::span<const std::uint32_t> labels,
                                                              std::size_t per_object);
 
+/// All pairs of an object of one set and an object of another that have a label in common, in canonical
+/// order, for overlapping_pairs(): if the sets are the faces and the vertices of a mesh, three labels per
+/// face, and one per vertex, its number. As with one set.
+[[nodiscard]] BROADCL_API std::vector<Pair> pairs_that_share(std::span<const std::uint32_t> first_labels,
+                                                             std::size_t per_first,
+                                                             std::span<const std::uint32_t> second_labels,
+                                                             std::size_t per_second);
+
 /// All overlapping pairs of boxes in the caller's memory, in any layout, by index, in canonical order. The
 /// boxes are read once, and not stored. By default the host does it; a device that is named is opened each
 /// time, so if you call it often, keep a BroadPhase. Any number of threads may call it at once, also with the
 /// same boxes.
-/// @throws Error for a NaN bound (it names the first such box), and as BroadPhase does; std::bad_alloc.
+/// @param exclusions Pairs of indices that are not reported, in any order: see BroadPhase::set_exclusions().
+/// @throws Error for a NaN bound (it names the first such box), for an exclusion of a box with itself or of
+/// one that is not there, and as BroadPhase does; std::bad_alloc.
 [[nodiscard]] BROADCL_API std::vector<Pair> overlapping_pairs(
-    const BoxView& boxes, const BroadPhase::Config& config = BroadPhase::Config());
+    const BoxView& boxes, const BroadPhase::Config& config = BroadPhase::Config(),
+    std::span<const Pair> exclusions = {});
 
 /// All overlapping pairs of a box of one set and a box of another: `a` is the index of the former, `b` that
 /// of the latter. Nothing is tested inside a set. (For two sets that move, keep a BroadPhase with the filters
 /// first_set and second_set.)
+/// @param exclusions Pairs that are not reported, in any order: `a` is an index of the first set, `b` of the
+/// second.
 /// @returns Pairs in canonical order: by b, then by a, which may be greater.
-/// @throws Error for a NaN bound (it names the first such box), for more than 2^31 boxes together, and as
-/// BroadPhase does; std::bad_alloc.
+/// @throws Error for a NaN bound (it names the first such box), for an exclusion of a box that is not there,
+/// for more than 2^31 boxes together, and as BroadPhase does; std::bad_alloc.
 [[nodiscard]] BROADCL_API std::vector<Pair> overlapping_pairs(
-    const BoxView& first, const BoxView& second, const BroadPhase::Config& config = BroadPhase::Config());
+    const BoxView& first, const BoxView& second, const BroadPhase::Config& config = BroadPhase::Config(),
+    std::span<const Pair> exclusions = {});
 
 /// The same as with one set, for any other range of boxes, temporary ones included. Those that no BoxView
 /// could view are copied.
 template <AabbRange Range>
 [[nodiscard]] std::vector<Pair> overlapping_pairs(Range&& boxes,
-                                                  const BroadPhase::Config& config = BroadPhase::Config()) {
+                                                  const BroadPhase::Config& config = BroadPhase::Config(),
+                                                  std::span<const Pair> exclusions = {}) {
   if constexpr (AabbArray<Range&>) {
-    return overlapping_pairs(BoxView(boxes), config);
+    return overlapping_pairs(BoxView(boxes), config, exclusions);
   } else {
     std::vector<Aabb> copy;
     if constexpr (std::ranges::sized_range<Range>) copy.reserve(std::ranges::size(boxes));
     for (auto&& box : boxes) copy.push_back(std::forward<decltype(box)>(box));
-    return overlapping_pairs(copy, config);
+    return overlapping_pairs(copy, config, exclusions);
   }
 }
 

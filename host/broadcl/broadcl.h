@@ -222,13 +222,33 @@ BROADCL_API broadcl_status broadcl_pair_list_create_between(const broadcl_boxes*
                                                             const broadcl_boxes* second,
                                                             const broadcl_config* config,
                                                             broadcl_pair_list** list);
-/// All pairs of objects that have a label in common, for broadcl_broad_phase_set_exclusions(): if the objects
-/// are edges or faces of a mesh, labels are the numbers of their vertices.
+/// Finds the pairs of broadcl_pair_list_create(), or with a second set those of
+/// broadcl_pair_list_create_between(), but for some.
+/// @param second Null if there is one set.
+/// @param exclusions Pairs of indices, as they would be found, that are not reported: `count` of them, in any
+///   order; of one set also with a > b. May be null if there are none.
+/// @param config May be null.
+/// @returns BROADCL_FAILED for an exclusion of a box with itself, or of one that is not there, too.
+BROADCL_API broadcl_status broadcl_pair_list_create_excluding(const broadcl_boxes* first,
+                                                              const broadcl_boxes* second,
+                                                              const broadcl_pair* exclusions, size_t count,
+                                                              const broadcl_config* config,
+                                                              broadcl_pair_list** list);
+/// All pairs of objects that have a label in common, for broadcl_broad_phase_set_exclusions() and
+/// broadcl_pair_list_create_excluding(): if the objects are edges or faces of a mesh, labels are the numbers
+/// of their vertices.
 /// @param labels `per_object` labels of object 0, then as many of object 1, and so on; `count` in all. May be
 ///   null if there are none.
 /// @returns BROADCL_FAILED if there are not as many for each.
 BROADCL_API broadcl_status broadcl_pair_list_create_sharing(const uint32_t* labels, size_t count,
                                                             size_t per_object, broadcl_pair_list** list);
+/// The same for pairs of an object of one set and an object of another: if these are the faces and the
+/// vertices of a mesh, three labels per face, and one per vertex, its number.
+BROADCL_API broadcl_status broadcl_pair_list_create_sharing_between(const uint32_t* first_labels,
+                                                                    size_t first_count, size_t per_first,
+                                                                    const uint32_t* second_labels,
+                                                                    size_t second_count, size_t per_second,
+                                                                    broadcl_pair_list** list);
 /// No-op for null.
 BROADCL_API broadcl_status broadcl_pair_list_destroy(broadcl_pair_list* list);
 /// @param pairs Valid until the list is destroyed.

@@ -62,12 +62,41 @@ broadcl_status broadcl_pair_list_create_between(const broadcl_boxes* first, cons
   });
 }
 
+broadcl_status broadcl_pair_list_create_excluding(const broadcl_boxes* first, const broadcl_boxes* second,
+                                                  const broadcl_pair* exclusions, std::size_t count,
+                                                  const broadcl_config* config, broadcl_pair_list** list) {
+  return c::call(__func__, [&] {
+    c::required(list, "list");
+    auto made = std::make_unique<broadcl_pair_list>();
+    const std::span<const Pair> without = c::to_pairs(exclusions, count, "exclusions");
+    made->pairs = second == nullptr
+                      ? overlapping_pairs(c::to_view(first, "first"), c::to_config(config), without)
+                      : overlapping_pairs(c::to_view(first, "first"), c::to_view(second, "second"),
+                                          c::to_config(config), without);
+    *list = made.release();
+  });
+}
+
 broadcl_status broadcl_pair_list_create_sharing(const std::uint32_t* labels, std::size_t count,
                                                 std::size_t per_object, broadcl_pair_list** list) {
   return c::call(__func__, [&] {
     c::required(list, "list");
     auto made = std::make_unique<broadcl_pair_list>();
     made->pairs = pairs_that_share(c::array(labels, count, "labels"), per_object);
+    *list = made.release();
+  });
+}
+
+broadcl_status broadcl_pair_list_create_sharing_between(const std::uint32_t* first_labels,
+                                                        std::size_t first_count, std::size_t per_first,
+                                                        const std::uint32_t* second_labels,
+                                                        std::size_t second_count, std::size_t per_second,
+                                                        broadcl_pair_list** list) {
+  return c::call(__func__, [&] {
+    c::required(list, "list");
+    auto made = std::make_unique<broadcl_pair_list>();
+    made->pairs = pairs_that_share(c::array(first_labels, first_count, "first_labels"), per_first,
+                                   c::array(second_labels, second_count, "second_labels"), per_second);
     *list = made.release();
   });
 }
@@ -117,7 +146,7 @@ broadcl_status broadcl_broad_phase_remove(broadcl_broad_phase* broad_phase, std:
 
 broadcl_status broadcl_broad_phase_set_exclusions(broadcl_broad_phase* broad_phase, const broadcl_pair* pairs,
                                                   std::size_t count) {
-  return c::call(__func__, [&] { object(broad_phase).set_exclusions(c::to_pairs(pairs, count)); });
+  return c::call(__func__, [&] { object(broad_phase).set_exclusions(c::to_pairs(pairs, count, "pairs")); });
 }
 
 broadcl_status broadcl_broad_phase_map(broadcl_broad_phase* broad_phase, std::size_t count,

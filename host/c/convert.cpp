@@ -43,8 +43,8 @@ BoxView to_view(const broadcl_boxes* boxes, const char* name) {
                         "; give BROADCL_FLOAT32 or BROADCL_FLOAT64");
 }
 
-std::span<const Pair> to_pairs(const broadcl_pair* pairs, std::size_t count) {
-  const std::span<const broadcl_pair> given = array(pairs, count, "pairs");
+std::span<const Pair> to_pairs(const broadcl_pair* pairs, std::size_t count, const char* name) {
+  const std::span<const broadcl_pair> given = array(pairs, count, name);
   return {reinterpret_cast<const Pair*>(given.data()), given.size()};
 }
 

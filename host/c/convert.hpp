@@ -43,7 +43,7 @@ static_assert(sizeof(broadcl_pair) == sizeof(Pair) && sizeof(broadcl_aabb) == si
 
 /// Pairs of the caller.
 /// @throws InvalidArgument if there are some and the pointer is null.
-[[nodiscard]] std::span<const Pair> to_pairs(const broadcl_pair* pairs, std::size_t count);
+[[nodiscard]] std::span<const Pair> to_pairs(const broadcl_pair* pairs, std::size_t count, const char* name);
 
 /// @throws InvalidArgument for whatever a BoxView does not take.
 [[nodiscard]] BoxView to_view(const broadcl_boxes* boxes, const char* name);

@@ -120,7 +120,7 @@ broadcl_status broadcl_device_broad_phase_reserve(broadcl_device_broad_phase* br
 
 broadcl_status broadcl_device_broad_phase_set_exclusions(broadcl_device_broad_phase* broad_phase,
                                                          const broadcl_pair* pairs, std::size_t count) {
-  return c::call(__func__, [&] { object(broad_phase).set_exclusions(c::to_pairs(pairs, count)); });
+  return c::call(__func__, [&] { object(broad_phase).set_exclusions(c::to_pairs(pairs, count, "pairs")); });
 }
 
 broadcl_status broadcl_device_broad_phase_enqueue(broadcl_device_broad_phase* broad_phase,
