@@ -20,6 +20,7 @@ from broadcl._core import (
     algorithms,
     devices,
     overlapping_pairs,
+    pairs_that_share,
     select_device,
 )
 from broadcl._core import version as __version__
@@ -38,5 +39,6 @@ __all__ = [
     "check",
     "devices",
     "overlapping_pairs",
+    "pairs_that_share",
     "select_device",
 ]

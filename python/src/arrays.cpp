@@ -28,6 +28,20 @@ std::uint32_t to_word(nb::handle number, const std::string& name) {
   throw nb::value_error((name + " must be 0 to 4294967295, not " + nb::str(integer).c_str()).c_str());
 }
 
+std::vector<Pair> to_pairs(const Words& words) {
+  std::vector<Pair> pairs;
+  pairs.reserve(words.size() / 2);
+  for (std::size_t k = 0; k < words.size(); k += 2) pairs.push_back({words[k], words[k + 1]});
+  return pairs;
+}
+
+void refuse_itself(const Pair& pair, std::size_t row, const std::string& name) {
+  if (pair.a != pair.b) return;
+  throw nb::value_error(("row " + std::to_string(row) + " of " + name + " has the id " +
+                         std::to_string(pair.a) + " twice; give pairs of two ids")
+                            .c_str());
+}
+
 }  // namespace
 
 nb::object to_array(std::vector<Pair>&& pairs) {
@@ -88,27 +102,39 @@ Words::Words(nb::handle words, const std::string& name) {
 Words Words::of_table(nb::handle table, const std::string& name, std::size_t columns) {
   const nb::object any = nb::module_::import_("numpy").attr("asarray")(table);
   const nb::object shape = any.attr("shape");
-  const bool is_table = nb::len(shape) == 2 && nb::cast<std::size_t>(shape[1]) == columns;
+  const std::size_t found = nb::len(shape) == 2 ? nb::cast<std::size_t>(shape[1]) : 0;
+  const bool is_table = columns == 0 ? found > 0 : found == columns;
   if (!is_table && nb::cast<std::size_t>(any.attr("size")) != 0) {
-    throw nb::value_error((name + " must be of shape (n, " + std::to_string(columns) + "), not " +
-                           nb::str(nb::handle(shape)).c_str())
-                              .c_str());
+    const std::string expected = columns == 0 ? "k" : std::to_string(columns);
+    throw nb::value_error(
+        (name + " must be of shape (n, " + expected + "), not " + nb::str(nb::handle(shape)).c_str())
+            .c_str());
   }
-  return Words(any.attr("reshape")(-1), name);
+  Words words(any.attr("reshape")(-1), name);
+  words.columns_ = found;
+  return words;
 }
 
 std::vector<Pair> to_exclusions(nb::handle pairs) {
   const Words words = Words::of_table(pairs, "pairs", 2);
-  std::vector<Pair> exclusions;
-  exclusions.reserve(words.size() / 2);
-  for (std::size_t k = 0; k < words.size(); k += 2) {
-    exclusions.push_back({words[k], words[k + 1]});
-    if (words[k] != words[k + 1]) continue;
-    throw nb::value_error(("row " + std::to_string(k / 2) + " of pairs has the id " +
-                           std::to_string(words[k]) + " twice; give pairs of two ids")
+  std::vector<Pair> exclusions = to_pairs(words);
+  for (std::size_t k = 0; k < exclusions.size(); ++k) refuse_itself(exclusions[k], k, "pairs");
+  return exclusions;
+}
+
+std::vector<Pair> to_exclusions(nb::handle exclusions, std::size_t first, std::optional<std::size_t> second) {
+  if (exclusions.is_none()) return {};
+  std::vector<Pair> pairs = to_pairs(Words::of_table(exclusions, "exclusions", 2));
+  for (std::size_t k = 0; k < pairs.size(); ++k) {
+    if (!second) refuse_itself(pairs[k], k, "exclusions");
+    if (pairs[k].a < first && pairs[k].b < second.value_or(first)) continue;
+    throw nb::value_error(("row " + std::to_string(k) + " of exclusions is (" + std::to_string(pairs[k].a) +
+                           ", " + std::to_string(pairs[k].b) + "), but there are " + std::to_string(first) +
+                           (second ? " boxes in a and " + std::to_string(*second) + " in b" : " boxes") +
+                           "; give their indices")
                               .c_str());
   }
-  return exclusions;
+  return pairs;
 }
 
 }  // namespace broadcl::python

@@ -4,6 +4,8 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -25,10 +27,14 @@ class Words {
   Words(nanobind::handle words, const std::string& name);
 
   /// Those of an array (n, columns), row after row.
+  /// @param columns Any number if it is 0.
   /// @throws TypeError, ValueError
   [[nodiscard]] static Words of_table(nanobind::handle table, const std::string& name, std::size_t columns);
 
   [[nodiscard]] bool is_single() const noexcept { return is_single_; }
+  /// Of a table; 0 if it has neither rows nor columns.
+  [[nodiscard]] std::size_t columns() const noexcept { return columns_; }
+  [[nodiscard]] std::span<const std::uint32_t> all() const noexcept { return words_; }
   /// 1 if it is a single one.
   [[nodiscard]] std::size_t size() const noexcept { return words_.size(); }
   /// A single one is the same at any k.
@@ -37,10 +43,17 @@ class Words {
  private:
   std::vector<std::uint32_t> words_;
   bool is_single_ = false;
+  std::size_t columns_ = 0;
 };
 
 /// An (m, 2) array of pairs that are never to be reported.
 /// @throws TypeError, ValueError; also for a pair of an object with itself.
 [[nodiscard]] std::vector<Pair> to_exclusions(nanobind::handle pairs);
+
+/// Those of one search of n boxes, or of two sets; None if there are none.
+/// @param second The boxes of the second set, if there is one.
+/// @throws As above, and ValueError for a box that is not there.
+[[nodiscard]] std::vector<Pair> to_exclusions(nanobind::handle exclusions, std::size_t first,
+                                              std::optional<std::size_t> second);
 
 }  // namespace broadcl::python

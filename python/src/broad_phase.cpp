@@ -354,7 +354,8 @@ void add_broad_phase(nb::module_& module) {
            nb::sig("def set_exclusions(self, pairs: numpy.typing.ArrayLike) -> None"),
            "Replaces the list of pairs of ids that are never reported: (m, 2) integers, in any order. At "
            "first "
-           "there are none.\n\n"
+           "there are none.\n"
+           "pairs_that_share() lists those of a mesh.\n\n"
            "Raises ValueError for a pair of an id with itself, and for a wrong shape; TypeError.")
       .def("remove", &Objects::remove, "ids"_a.none(),
            nb::sig("def remove(self, ids: numpy.typing.ArrayLike) -> None"),

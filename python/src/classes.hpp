@@ -14,9 +14,11 @@ void add_device_broad_phase(nanobind::module_& module);
 
 /// All overlapping pairs of boxes in arrays or buffers of pyopencl, in such an array.
 /// @param b None for one set.
+/// @param exclusions As to_exclusions() takes them.
 /// @param queue Where to work; None for the queue of `a`.
 /// @throws TypeError, ValueError, Error
-[[nodiscard]] nanobind::object find_on_device(nanobind::handle a, nanobind::handle b, nanobind::handle queue,
+[[nodiscard]] nanobind::object find_on_device(nanobind::handle a, nanobind::handle b,
+                                              nanobind::handle exclusions, nanobind::handle queue,
                                               const std::string& algorithm);
 
 }  // namespace broadcl::python

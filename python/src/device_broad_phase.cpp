@@ -98,14 +98,21 @@ class DeviceObjects {
   }
 
   /// See `find_on_device`.
-  static nb::object find(nb::handle a, nb::handle b, nb::handle queue, const std::string& algorithm) {
+  static nb::object find(nb::handle a, nb::handle b, nb::handle exclusions, nb::handle queue,
+                         const std::string& algorithm) {
     const DeviceBroadPhase::Boxes boxes = to_boxes(queue, a, b, nb::none(), false);
+    std::vector<Pair> without = to_exclusions(exclusions, boxes.count,
+                                              b.is_none() ? std::nullopt : std::optional(boxes.second.count));
+    if (!b.is_none()) {  // they are counted as if the second set followed the first
+      for (Pair& pair : without) pair.b += static_cast<std::uint32_t>(boxes.count);
+    }
     const cl_command_queue handle = to_queue(queue);
     DeviceBroadPhase::Result result;
     std::optional<DeviceBroadPhase> broad_phase;
     {
       const nb::gil_scoped_release released;
       broad_phase.emplace(handle, DeviceBroadPhase::Config{.algorithm = algorithm});
+      if (!without.empty()) broad_phase->set_exclusions(without);
       result = broad_phase->update(boxes);
     }
     if (result.first_invalid) {
@@ -152,10 +159,11 @@ class DeviceObjects {
 
 }  // namespace
 
-nb::object find_on_device(nb::handle a, nb::handle b, nb::handle queue, const std::string& algorithm) {
+nb::object find_on_device(nb::handle a, nb::handle b, nb::handle exclusions, nb::handle queue,
+                          const std::string& algorithm) {
   (void)to_config(std::nullopt, algorithm, 0);
   const nb::object own = queue_of(a, queue);
-  return DeviceObjects::find(a, b, own, algorithm);
+  return DeviceObjects::find(a, b, exclusions, own, algorithm);
 }
 
 // NOLINTNEXTLINE(readability-function-size): a table

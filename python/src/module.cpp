@@ -39,18 +39,20 @@ Config to_config(const Selector& device, const std::string& algorithm, std::size
 
 namespace {
 
-nb::object find_pairs(nb::handle a, nb::handle b, const Selector& device, const std::string& algorithm,
-                      std::size_t threads) {
+nb::object find_pairs(nb::handle a, nb::handle b, nb::handle exclusions, const Selector& device,
+                      const std::string& algorithm, std::size_t threads) {
   if (is_on_device(a)) throw nb::next_overload();
   const Config config = to_config(device, algorithm, threads);
   const BoxArray first(a, b.is_none() ? "boxes" : "a");
   std::optional<BoxArray> second;
   if (!b.is_none()) second.emplace(b, "b");
+  const std::vector<Pair> without = to_exclusions(
+      exclusions, first.view().size(), second ? std::optional(second->view().size()) : std::nullopt);
   std::vector<Pair> pairs;
   try {
     const nb::gil_scoped_release released;
-    pairs = second ? overlapping_pairs(first.view(), second->view(), config)
-                   : overlapping_pairs(first.view(), config);
+    pairs = second ? overlapping_pairs(first.view(), second->view(), config, without)
+                   : overlapping_pairs(first.view(), config, without);
   } catch (const Error&) {
     first.refuse_nan();
     if (second) second->refuse_nan();
@@ -60,13 +62,27 @@ nb::object find_pairs(nb::handle a, nb::handle b, const Selector& device, const 
 }
 
 /// The overload for what is on a device; whatever the other one does not take comes here, too.
-nb::object find_pairs_on_device(nb::handle a, nb::handle b, nb::handle queue, const std::string& algorithm) {
+nb::object find_pairs_on_device(nb::handle a, nb::handle b, nb::handle exclusions, nb::handle queue,
+                                const std::string& algorithm) {
   if (!is_on_device(a)) {
     throw nb::type_error(
         "device must be a string, a row of devices() or None; a queue of pyopencl only for arrays of "
         "pyopencl");
   }
-  return find_on_device(a, b, queue, algorithm);
+  return find_on_device(a, b, exclusions, queue, algorithm);
+}
+
+nb::object find_sharing(nb::handle a, nb::handle b) {
+  const Words first = Words::of_table(a, "a", 0);
+  std::optional<Words> second;
+  if (!b.is_none()) second = Words::of_table(b, "b", 0);
+  std::vector<Pair> pairs;
+  {
+    const nb::gil_scoped_release released;
+    pairs = second ? pairs_that_share(first.all(), first.columns(), second->all(), second->columns())
+                   : pairs_that_share(first.all(), first.columns());
+  }
+  return to_array(std::move(pairs));
 }
 
 nb::dict algorithm_summaries() {
@@ -127,12 +143,12 @@ NB_MODULE(_core, module) {
   module.attr("ALL_WORLDS") = broadcl::Filter::all_worlds;
   module.def(
       "overlapping_pairs", &find_pairs, "a"_a.none(), "b"_a = nb::none(), nb::kw_only(),
-      "device"_a = nb::none(), "algorithm"_a = "auto", "threads"_a = 0,
-      nb::sig(
-          "def overlapping_pairs(a: numpy.typing.ArrayLike | tuple[numpy.typing.ArrayLike, "
-          "numpy.typing.ArrayLike], b: numpy.typing.ArrayLike | tuple[numpy.typing.ArrayLike, "
-          "numpy.typing.ArrayLike] | None = None, *, device: str | Device | None = None, algorithm: str = "
-          "'auto', threads: int = 0) -> numpy.typing.NDArray[numpy.uint32]"),
+      "exclusions"_a = nb::none(), "device"_a = nb::none(), "algorithm"_a = "auto", "threads"_a = 0,
+      nb::sig("def overlapping_pairs(a: numpy.typing.ArrayLike | tuple[numpy.typing.ArrayLike, "
+              "numpy.typing.ArrayLike], b: numpy.typing.ArrayLike | tuple[numpy.typing.ArrayLike, "
+              "numpy.typing.ArrayLike] | None = None, *, exclusions: numpy.typing.ArrayLike | None = None, "
+              "device: str | Device | None = None, algorithm: str = 'auto', threads: int = 0) -> "
+              "numpy.typing.NDArray[numpy.uint32]"),
       "All overlapping pairs of boxes: (m, 2) uint32, rows (i, j), i < j, by j, then by i. With two sets, "
       "all pairs\n"
       "of a box of `a` with a box of `b`: rows (index in a, index in b).\n\n"
@@ -144,27 +160,44 @@ NB_MODULE(_core, module) {
       "misaligned. Nothing may write to them meanwhile. Boxes are closed: touching counts. Bounds may be "
       "infinite;\n"
       "a box with lower > upper is empty and overlaps nothing. float64 rounds outward to float32.\n"
+      "exclusions: pairs that are not reported, (k, 2) integers, in any order; rows as those that are "
+      "found.\n"
+      "pairs_that_share() lists those of a mesh.\n"
       "device: as select_device() takes it, opened in each call; None for the host, unless BROADCL_DEVICE "
       "names\n"
       "one. If you call often, keep a BroadPhase.\n"
       "algorithm: a key of algorithms().\n"
       "threads: that an algorithm of the host may use; 0 for as many as there are processors.\n\n"
       "Any number of threads may call it; the GIL is released.\n\n"
-      "Raises ValueError for a NaN (it names the row), a wrong shape or an unknown algorithm; TypeError for "
-      "another\n"
-      "dtype or kind of object; Error for the device; MemoryError.");
+      "Raises ValueError for a NaN (it names the row), a wrong shape, an exclusion of a box that is not "
+      "there or an\n"
+      "unknown algorithm; TypeError for another dtype or kind of object; Error for the device; MemoryError.");
   module.def(
       "overlapping_pairs", &find_pairs_on_device, "a"_a.none(), "b"_a = nb::none(), nb::kw_only(),
-      "device"_a = nb::none(), "algorithm"_a = "auto",
+      "exclusions"_a = nb::none(), "device"_a = nb::none(), "algorithm"_a = "auto",
       nb::sig("def overlapping_pairs(a: pyopencl.array.Array | pyopencl.Buffer, b: pyopencl.array.Array | "
-              "pyopencl.Buffer | None = None, *, device: pyopencl.CommandQueue | None = None, algorithm: str "
-              "= 'auto') -> pyopencl.array.Array"),
+              "pyopencl.Buffer | None = None, *, exclusions: numpy.typing.ArrayLike | None = None, device: "
+              "pyopencl.CommandQueue | None = None, algorithm: str = 'auto') -> pyopencl.array.Array"),
       "The same for boxes that are on a device, in arrays or buffers of pyopencl: float32, (n, 6) or (n, 2, "
       "3), each\n"
       "box without gaps. The pairs stay there, in an array whose get() makes a NumPy array of it.\n\n"
+      "exclusions: in the host's memory.\n"
       "device: the queue to work in, in order; None for that of `a`. Kernels are made ready in each call. If "
       "you call\n"
       "often, keep a DeviceBroadPhase.");
+  module.def(
+      "pairs_that_share", &find_sharing, "a"_a.none(), "b"_a = nb::none(),
+      nb::sig("def pairs_that_share(a: numpy.typing.ArrayLike, b: numpy.typing.ArrayLike | None = None) -> "
+              "numpy.typing.NDArray[numpy.uint32]"),
+      "All pairs of objects that have a label in common, for overlapping_pairs(exclusions=...) and\n"
+      "set_exclusions(): (m, 2) uint32, in canonical order. With two sets, all pairs of an object of `a` "
+      "with one of\n"
+      "`b`.\n\n"
+      "a, b: integers 0 to 4294967295, one row per object: if the objects are edges or faces of a mesh, the "
+      "numbers of\n"
+      "their vertices, (n, 2) or (n, 3); if they are its vertices, numpy.arange(n)[:, None].\n\n"
+      "Any number of threads may call it; the GIL is released.\n\n"
+      "Raises ValueError for a wrong shape, TypeError for another dtype, MemoryError.");
   module.def(
       "devices", &all_devices,
       "Every OpenCL device that can be used, in the order of `clinfo -l`; empty without an OpenCL driver.\n\n"

@@ -109,6 +109,33 @@ def test_ids():
     assert len(broad_phase) == 0
 
 
+def test_exclusions():
+    values, others = uniform(5), uniform(3)
+    for message, rows, second in (
+        ("row 1 of exclusions has the id 2 twice", [[0, 1], [2, 2]], None),
+        (r"row 1 of exclusions is \(1, 5\), but there are 5 boxes; ", [[0, 1], [1, 5]], None),
+        (r"row 0 of exclusions is \(5, 1\), but there are 5 boxes in a and 3 in b; ", [[5, 1]], others),
+        (r"row 0 of exclusions is \(2, 3\), but there are 5 boxes in a and 3 in b; ", [[2, 3]], others),
+        (r"exclusions must be of shape \(n, 2\), not \(1, 3\)", [[0, 1, 2]], None),
+        ("exclusions must be 0 to 4294967295", [[-1, 1]], None),
+    ):
+        with pytest.raises(ValueError, match=message):
+            broadcl.overlapping_pairs(values, second, exclusions=rows)
+    with pytest.raises(TypeError, match="exclusions must be an integer or an array of integers"):
+        broadcl.overlapping_pairs(values, exclusions=[[0.5, 1]])
+
+
+def test_labels():
+    with pytest.raises(ValueError, match=r"a must be of shape \(n, k\), not \(3,\)"):
+        broadcl.pairs_that_share([0, 1, 2])
+    with pytest.raises(ValueError, match=r"b must be of shape \(n, k\), not \(1, 1, 1\)"):
+        broadcl.pairs_that_share([[0]], [[[1]]])
+    with pytest.raises(ValueError, match="b must be 0 to 4294967295"):
+        broadcl.pairs_that_share([[0]], [[-1]])
+    with pytest.raises(TypeError, match="a must be an integer or an array of integers"):
+        broadcl.pairs_that_share([[0.5]])
+
+
 def test_names():
     with pytest.raises(ValueError, match="no algorithm is named 'x'; there are auto,"):
         broadcl.BroadPhase(algorithm="x")

@@ -54,12 +54,14 @@ def test_arguments_are_not_kept(bad):
     broad_phase = broadcl.BroadPhase()
     broad_phase.add(uniform(50))
     corners = values[:, :3], values[:, 3:]
-    objects = [values, ids, *corners]
+    pairs = np.array([[0, 1], [1, 2]], np.uint32)
+    objects = [values, ids, pairs, *corners]
     before = [sys.getrefcount(thing) for thing in objects]
     for _ in range(10):
         for call in (
             lambda: broadcl.overlapping_pairs(values), lambda: broadcl.overlapping_pairs(corners, values),
             lambda: broad_phase.move(ids, values), lambda: broad_phase.move(ids[:3], values),
+            lambda: broadcl.overlapping_pairs(values, exclusions=pairs), lambda: broadcl.pairs_that_share(pairs, pairs),
             lambda: broadcl.overlapping_pairs(values[:, :5]), lambda: broadcl.overlapping_pairs(values.astype("i4")),
         ):
             try:

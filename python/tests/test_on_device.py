@@ -126,6 +126,18 @@ def test_exclusions(queue):
     assert np.array_equal(broad_phase.update(boxes).added.get(), expected[::2])
 
 
+def test_exclusions_of_one_search(queue):
+    first, second = uniform(300), uniform(200, seed=3)
+    a, b = to_device(queue, first), to_device(queue, second)
+    expected = oracle(first)
+    assert np.array_equal(broadcl.overlapping_pairs(a, exclusions=expected[::2, ::-1]).get(), expected[1::2])
+    assert np.array_equal(broadcl.overlapping_pairs(a, exclusions=[]).get(), expected)
+    expected = oracle(first, second)
+    assert np.array_equal(broadcl.overlapping_pairs(a, b, exclusions=expected[::2]).get(), expected[1::2])
+    with pytest.raises(ValueError, match=r"row 0 of exclusions is \(2, 200\), but there are 300 boxes in a and 200 in b"):
+        broadcl.overlapping_pairs(a, b, exclusions=[[2, 200]])
+
+
 def test_nan(queue):
     values = uniform(100)
     values[[17, 30], 4] = np.nan

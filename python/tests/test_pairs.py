@@ -1,6 +1,7 @@
 import array
 import ctypes
 
+import hypothesis.extra.numpy as hnp
 import numpy as np
 import pytest
 from hypothesis import given
@@ -124,6 +125,51 @@ def test_pairs_of_float64_round_outward(values):
 @given(boxes(np.float32), boxes(np.float64))
 def test_two_sets(a, b):
     assert np.array_equal(broadcl.overlapping_pairs(a, b), oracle(a, b))
+
+
+@given(boxes(np.float32), boxes(np.float32), st.integers(1, 4), st.sampled_from(["i8", "u4", "u2"]))
+@pytest.mark.parametrize("algorithm", HOST)
+def test_exclusions(algorithm, a, b, step, dtype):
+    expected = oracle(a)
+    kept = np.arange(len(expected)) % step != 0
+    given = expected[~kept].astype(dtype)[::-1, ::-1]  # in another order, and with i > j
+    assert np.array_equal(broadcl.overlapping_pairs(a, exclusions=given, algorithm=algorithm), expected[kept])
+    expected = oracle(a, b)
+    kept = np.arange(len(expected)) % step != 0
+    given = np.vstack([expected[~kept], np.arange(min(len(a), len(b)))[:, None].repeat(2, axis=1)])
+    kept &= expected[:, 0] != expected[:, 1]
+    assert np.array_equal(broadcl.overlapping_pairs(a, b, exclusions=given, algorithm=algorithm), expected[kept])
+
+
+def test_exclusions_on_a_device():
+    values = uniform(2000)
+    for second in (None, uniform(300)):
+        expected = oracle(values, second)
+        for algorithm in ("brute-force", "tiles"):
+            pairs = broadcl.overlapping_pairs(values, second, exclusions=expected[::2], device=broadcl.select_device(), algorithm=algorithm)
+            assert np.array_equal(pairs, expected[1::2])
+
+
+def shared(a, b):
+    """The rows of a and of b that have a number in common, by the definition."""
+    pairs = [(i, j) for j, t in enumerate(b) for i, s in enumerate(a) if set(s) & set(t)]
+    return np.array(pairs, np.uint32).reshape(-1, 2)
+
+
+@given(hnp.arrays(np.int64, st.tuples(st.integers(0, 20), st.integers(1, 3)), elements=st.integers(0, 12)),
+       hnp.arrays(np.uint32, st.tuples(st.integers(0, 20), st.integers(1, 3)), elements=st.integers(0, 12)))
+def test_pairs_that_share(a, b):
+    assert np.array_equal(broadcl.pairs_that_share(a, b), shared(a.tolist(), b.tolist()))
+    both = shared(a.tolist(), a.tolist())
+    assert np.array_equal(broadcl.pairs_that_share(a), both[both[:, 0] < both[:, 1]])
+
+
+def test_pairs_that_share_of_lists():
+    pairs = broadcl.pairs_that_share([[0, 1], [1, 2], [3, 4]])
+    assert pairs.dtype == np.uint32 and pairs.tolist() == [[0, 1]]
+    assert broadcl.pairs_that_share([[0, 1]], [[5], [1]]).tolist() == [[0, 1]]
+    assert broadcl.pairs_that_share([]).shape == (0, 2)
+    assert broadcl.pairs_that_share(np.empty((0, 3), int), [[1]]).shape == (0, 2)
 
 
 @given(st.integers(1, 3000), st.integers(0, 9))
