@@ -112,6 +112,10 @@ Delta BroadPhase::finish() {
   return impl_->finish();
 }
 
+std::shared_ptr<const void> BroadPhase::delta_memory() const {
+  return impl_->delta_memory();
+}
+
 std::vector<Pair> BroadPhase::pairs() const {
   return impl_->pairs();
 }

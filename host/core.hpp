@@ -154,6 +154,10 @@ class Core {
     return delta;
   }
 
+  [[nodiscard]] std::shared_ptr<const void> delta_memory() const {
+    return was_asked_ ? algorithm_->delta_owner() : nullptr;
+  }
+
   [[nodiscard]] std::vector<Pair> pairs() const {
     if (is_begun_) throw Error("pairs() was called between begin() and finish(); call finish() first");
     return algorithm_->pairs();

@@ -1,5 +1,9 @@
 #include <cstddef>
 #include <cstdint>
+#include <deque>
+#include <memory>
+#include <optional>
+#include <set>
 #include <span>
 #include <vector>
 
@@ -57,6 +61,60 @@ TEST_P(EachAlgorithm, ADeltaOutlivesMap) {
   const Delta delta = broad_phase.update();
   for (Aabb& box : broad_phase.map(5000)) box = apart(7);
   EXPECT_TRUE(same(delta, all_pairs(100), {}));
+}
+
+/// A Delta that its user keeps, and what was in it.
+struct Kept {
+  explicit Kept(const Delta& now)
+      : delta(now), added(to_vector(now.added)), removed(to_vector(now.removed)) {}
+  [[nodiscard]] ::testing::AssertionResult is_unchanged() const { return same(delta, added, removed); }
+
+  Delta delta;
+  Pairs added, removed;
+  std::shared_ptr<const void> memory{};
+};
+
+/// One that keeps all deltas, one that keeps those of two updates, one that keeps each until the next.
+TEST_P(EachAlgorithm, KeptDeltasOutliveUpdatesAndTheObject) {
+  constexpr std::uint32_t n = 60;
+  for (const std::size_t most : {std::size_t{20}, std::size_t{2}, std::size_t{1}}) {
+    std::deque<Kept> deltas;
+    std::optional<BroadPhase> broad_phase(config());
+    for (std::uint32_t k = 0; k < n; ++k) broad_phase->add(unit);
+    for (int frame = 0; frame < 12; ++frame) {
+      if (frame % 5 == 4) broad_phase->begin();
+      deltas.emplace_back(broad_phase->update());
+      deltas.back().memory = broad_phase->delta_memory();
+      EXPECT_GT(deltas.back().added.size() + deltas.back().removed.size(), n / 3);
+      EXPECT_NE(deltas.back().memory, nullptr);
+      if (deltas.size() > most) deltas.pop_front();
+      for (const Kept& kept : deltas) ASSERT_TRUE(kept.is_unchanged()) << most << ", frame " << frame;
+      for (std::uint32_t id = 0; id < n; ++id) {
+        broad_phase->move(id, frame % 3 == 0 ? apart(id) : frame % 3 == 1 ? unit : apart(id / 2));
+      }
+    }
+    broad_phase.reset();
+    for (const Kept& kept : deltas) ASSERT_TRUE(kept.is_unchanged()) << most << ", afterwards";
+  }
+}
+
+TEST_P(EachAlgorithm, MemoryOfDeltasThatNobodyKeepsIsUsedAgain) {
+  BroadPhase broad_phase(config());
+  broad_phase.add(unit);
+  const std::uint32_t id = broad_phase.add(unit);
+  std::set<const Pair*> memory;
+  for (int frame = 0; frame < 12; ++frame) {
+    const Delta delta = broad_phase.update();
+    ASSERT_EQ(delta.added.size() + delta.removed.size(), 1U);
+    memory.insert(delta.added.empty() ? delta.removed.data() : delta.added.data());
+    const auto owner = broad_phase.delta_memory();  // until the next frame
+    broad_phase.move(id, frame % 2 == 0 ? apart(3) : unit);
+  }
+  // Two buffers of two lists. (The device may have got more memory after the first frame.)
+  EXPECT_LE(memory.size(), 6U);
+  EXPECT_EQ(broad_phase.update().removed.size(), 0U);
+  EXPECT_EQ(broad_phase.update().added.size(), 0U);
+  EXPECT_EQ(broad_phase.delta_memory(), nullptr) << "nothing had moved";
 }
 
 }  // namespace

@@ -52,6 +52,13 @@ class Script {
     ASSERT_EQ(to_vector(delta.added), expected.added);
     ASSERT_EQ(to_vector(delta.removed), expected.removed);
     ASSERT_EQ(core_.pairs(), reference_.pairs());
+    // Some deltas are kept for a while.
+    ASSERT_EQ(to_vector(kept_.added), kept_changes_.added);
+    ASSERT_EQ(to_vector(kept_.removed), kept_changes_.removed);
+    if (below(2) == 0) return;
+    kept_ = delta;
+    kept_changes_ = expected;
+    kept_memory_ = core_.delta_memory();
   }
 
  private:
@@ -99,6 +106,9 @@ class Script {
   Core& core_;
   Reference reference_;
   std::mt19937 random_;
+  Delta kept_;
+  Reference::Changes kept_changes_;
+  std::shared_ptr<const void> kept_memory_;
   std::vector<std::uint32_t> ids_;
 };
 

@@ -46,6 +46,7 @@ class Pretender final : public Algorithm {
     if (orders_.sleep.count() > 0) std::this_thread::sleep_for(orders_.sleep);
     return inner_->finish();
   }
+  [[nodiscard]] std::shared_ptr<const void> delta_owner() const override { return inner_->delta_owner(); }
   [[nodiscard]] double expected_seconds(std::size_t slots, std::size_t changed) const override {
     return slots == changed ? orders_.expected_for_all.value_or(orders_.expected_seconds)
                             : orders_.expected_seconds;

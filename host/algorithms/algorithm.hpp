@@ -75,6 +75,10 @@ class Algorithm {
   /// update begins before that.
   virtual Delta finish() = 0;
 
+  /// Keeps the memory of what finish() last returned from being freed and from being reused, for as long as
+  /// it lives, which may be longer than this object.
+  [[nodiscard]] virtual std::shared_ptr<const void> delta_owner() const = 0;
+
   /// The pairs of an algorithm that is used only once, instead of an update.
   /// @throws As begin() and finish().
   [[nodiscard]] virtual std::vector<Pair> find_all(const Changes& changes) {

@@ -4,6 +4,7 @@
 
 #include "algorithms/algorithm.hpp"
 #include "algorithms/byte_matrix.hpp"
+#include "algorithms/change_lists.hpp"
 #include "algorithms/device_objects.hpp"
 #include "algorithms/triangle.hpp"
 #include "opencl/context.hpp"
@@ -88,16 +89,19 @@ class GpuBf final : public Algorithm {
         profiler_.resolve();
       });
     }
+    auto& [added, removed] = lists_.next();
     {
       const opencl::Profiler::Scope stage(profiler_, "xor");
-      find_changes(bytes_of(previous_, previous_pairs_), bytes_of(current_, current_pairs_), recycled_,
-                   added_, removed_);
+      find_changes(bytes_of(previous_, previous_pairs_), bytes_of(current_, current_pairs_), recycled_, added,
+                   removed);
     }
     if (current_pairs_ > 0) objects_.commit();
     std::swap(previous_, current_);
     previous_pairs_ = current_pairs_;
-    return {added_, removed_};
+    return {added, removed};
   }
+
+  [[nodiscard]] std::shared_ptr<const void> delta_owner() const override { return lists_.owner(); }
 
   [[nodiscard]] std::vector<Pair> pairs() override {
     std::vector<Pair> found;
@@ -201,8 +205,7 @@ class GpuBf final : public Algorithm {
   std::size_t current_pairs_ = 0;
   std::size_t previous_pairs_ = 0;
   std::vector<std::uint32_t> recycled_;
-  std::vector<Pair> added_;
-  std::vector<Pair> removed_;
+  ChangeLists lists_;
 };
 
 }  // namespace

@@ -5,6 +5,7 @@
 #include <memory>
 #include <utility>
 
+#include "algorithms/change_lists.hpp"
 #include "packed_box.hpp"
 #include "pair_lists.hpp"
 
@@ -39,19 +40,22 @@ class HostEngine final : public Algorithm {
                               .filters = filters_,
                               .worlds = changes_.worlds,
                               .sets = changes_.sets};
+    auto& [added, removed] = lists_.next();
     if (!changes_.all && finder_->find_changed(objects, changes_.changed, found_)) {
       exclude(exclusions_, found_);
       find_known();
-      compare(known_, found_, changes_.recycled, added_, removed_);
-      if (!added_.empty() || !removed_.empty()) apply_changes();
+      compare(known_, found_, changes_.recycled, added, removed);
+      if (!added.empty() || !removed.empty()) apply_changes(added, removed);
     } else {
       finder_->find(objects, found_);
       exclude(exclusions_, found_);
-      compare(pairs_, found_, changes_.recycled, added_, removed_);
+      compare(pairs_, found_, changes_.recycled, added, removed);
       std::swap(pairs_, found_);
     }
-    return {added_, removed_};
+    return {added, removed};
   }
+
+  [[nodiscard]] std::shared_ptr<const void> delta_owner() const override { return lists_.owner(); }
 
   [[nodiscard]] std::vector<Pair> find_all(const Changes& changes) override {
     std::vector<Pair> pairs;
@@ -102,14 +106,14 @@ class HostEngine final : public Algorithm {
   }
 
   /// Brings the list of pairs up to date.
-  void apply_changes() {
+  void apply_changes(std::span<const Pair> added, std::span<const Pair> removed) {
     found_.clear();
-    found_.reserve(pairs_.size() + added_.size());
+    found_.reserve(pairs_.size() + added.size());
     auto rest = pairs_.begin();
-    auto removed = removed_.begin();
+    auto gone = removed.begin();
     const auto take_until = [&](const Pair& end) {
-      for (; removed != removed_.end() && *removed <= end; ++removed) {
-        const auto at = std::lower_bound(rest, pairs_.end(), *removed);
+      for (; gone != removed.end() && *gone <= end; ++gone) {
+        const auto at = std::lower_bound(rest, pairs_.end(), *gone);
         found_.insert(found_.end(), rest, at);
         rest = at + 1;
       }
@@ -117,11 +121,11 @@ class HostEngine final : public Algorithm {
       found_.insert(found_.end(), rest, at);
       rest = at;
     };
-    for (const Pair& added : added_) {
-      take_until(added);
-      found_.push_back(added);
+    for (const Pair& pair : added) {
+      take_until(pair);
+      found_.push_back(pair);
     }
-    if (!removed_.empty()) take_until(removed_.back());
+    if (!removed.empty()) take_until(removed.back());
     found_.insert(found_.end(), rest, pairs_.end());
     std::swap(pairs_, found_);
   }
@@ -131,7 +135,8 @@ class HostEngine final : public Algorithm {
   std::vector<Filter> filters_;
   std::vector<Pair> exclusions_;
   Changes changes_;
-  std::vector<Pair> pairs_, added_, removed_;  // as of the last update
+  std::vector<Pair> pairs_;  // as of the last update
+  ChangeLists lists_;
   std::vector<Pair> found_, known_;
   std::vector<char> has_changed_;  // by slot
 };

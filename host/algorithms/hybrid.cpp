@@ -5,6 +5,7 @@
 #include <future>
 #include <utility>
 
+#include "algorithms/change_lists.hpp"
 #include "pair_lists.hpp"
 
 namespace broadcl {
@@ -84,18 +85,24 @@ class Hybrid final : public Algorithm {
     const auto start = Clock::now();
     Delta delta = current_->finish();
     if (has_changed_) {
-      compare(before_, current_->pairs(), changes_.recycled, added_, removed_);
-      delta = {added_, removed_};
+      auto& [added, removed] = lists_.next();
+      compare(before_, current_->pairs(), changes_.recycled, added, removed);
+      delta = {added, removed};
     } else if (was_updated_) {  // the first update of all boxes takes longer
       learn(seconds_ + seconds_since(start));
     }
     // Nothing below throws.
+    is_delta_own_ = has_changed_;
     has_changed_ = false;
     was_updated_ = true;
     before_.clear();
     asked_ = current_;
     choose();
     return delta;
+  }
+
+  [[nodiscard]] std::shared_ptr<const void> delta_owner() const override {
+    return is_delta_own_ ? lists_.owner() : asked_->delta_owner();
   }
 
   [[nodiscard]] std::vector<Pair> find_all(const Changes& changes) override {
@@ -180,10 +187,11 @@ class Hybrid final : public Algorithm {
   double seconds_ = 0;  // that its begin() took
   Estimate host_estimate_, device_estimate_;
   int patience_ = first_patience;
-  int waited_ = 0;                     // updates in which the other one was expected to be faster
-  bool has_changed_ = false;           // and the current one was not asked since then
-  std::vector<Pair> before_;           // the pairs until then
-  std::vector<Pair> added_, removed_;  // since then
+  int waited_ = 0;             // updates in which the other one was expected to be faster
+  bool has_changed_ = false;   // and the current one was not asked since then
+  std::vector<Pair> before_;   // the pairs until then
+  ChangeLists lists_;          // the changes since then
+  bool is_delta_own_ = false;  // those of the last update are these
 };
 
 }  // namespace

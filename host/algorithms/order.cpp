@@ -134,7 +134,7 @@ void Order::reserve_result(std::size_t changes) {
     added_.reserve(context_, changes * sizeof(Pair), what);
     removed_.reserve(context_, changes * sizeof(Pair), what);
   }
-  if (result().bytes() >= bytes) return;
+  if (result().bytes() >= bytes && !result().is_kept()) return;
   result() = {};
   result() = opencl::SharedBuffer(context_, opencl::grown(context_, bytes, what));
 }

@@ -2,6 +2,7 @@
 
 #include <array>
 #include <cstddef>
+#include <memory>
 
 #include <broadcl/pair.hpp>
 
@@ -63,6 +64,10 @@ class Order {
 
   /// The changes of the last frame on the host. They stay unchanged until the frame after the next begins.
   [[nodiscard]] Delta on_host(const PairDelta::Counts& counts) const noexcept;
+  /// Keeps them for as long as it lives.
+  [[nodiscard]] std::shared_ptr<const void> host_owner() const noexcept {
+    return results_.at(1 - turn_).host_owner();
+  }
   /// The changes of the last frame on the device, until the next begins.
   [[nodiscard]] const cl::Buffer& added() const noexcept { return added_.get(); }
   [[nodiscard]] const cl::Buffer& removed() const noexcept { return removed_.get(); }

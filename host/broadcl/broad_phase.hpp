@@ -109,6 +109,12 @@ class BROADCL_API BroadPhase {
   /// would have.
   Delta finish();
 
+  /// Keeps the Delta that update() or finish() last returned as it is, even if further updates follow or this
+  /// object is destroyed, for callers who cannot know when somebody looks at it last. The next updates then
+  /// use other memory, which takes longer if there is always another Delta that is kept; what is kept may be
+  /// much larger than the lists. Null if nothing had moved, and the lists are empty.
+  [[nodiscard]] std::shared_ptr<const void> delta_memory() const;
+
   /// All pairs as of the last update, in canonical order.
   /// @throws Error while an update that begin() started is not finished, and if the device fails.
   [[nodiscard]] std::vector<Pair> pairs() const;

@@ -25,7 +25,7 @@ struct Pair {
 ///
 /// Apply `removed` first, then `added`: if an object was removed and a new one got its id in between, the
 /// same pair of ids may be in both lists. The spans belong to the BroadPhase: they are valid until its next
-/// finish() or update(). begin() leaves them alone.
+/// finish() or update(), or longer by BroadPhase::delta_memory(). begin() leaves them alone.
 struct Delta {
   std::span<const Pair> added;
   std::span<const Pair> removed;

@@ -4,21 +4,21 @@ namespace broadcl::opencl {
 
 SharedBuffer::SharedBuffer(const Context& context, std::size_t bytes) : queue_(context.queue()) {
   if (context.device().host_unified) {
-    host_ = MappedBuffer(context, context.buffer(bytes, CL_MEM_ALLOC_HOST_PTR), bytes);
+    *host_ = MappedBuffer(context, context.buffer(bytes, CL_MEM_ALLOC_HOST_PTR), bytes);
   } else {
     device_ = context.buffer(bytes);
-    host_ = MappedBuffer(context, context.pinned(bytes), bytes);
-    host_.map();
+    *host_ = MappedBuffer(context, context.pinned(bytes), bytes);
+    host_->map();
   }
 }
 
 void SharedBuffer::release() {
-  if (device_() == nullptr) host_.unmap();
+  if (device_() == nullptr) host_->unmap();
 }
 
 void SharedBuffer::download(std::size_t bytes, cl::Event* event) {
-  if (device_() == nullptr) return host_.map(CL_FALSE, event);
-  queue_.enqueueReadBuffer(device_, CL_FALSE, 0, bytes, host_.host(), nullptr, event);
+  if (device_() == nullptr) return host_->map(CL_FALSE, event);
+  queue_.enqueueReadBuffer(device_, CL_FALSE, 0, bytes, host_->host(), nullptr, event);
 }
 
 }  // namespace broadcl::opencl

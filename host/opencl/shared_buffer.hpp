@@ -1,7 +1,9 @@
 #pragma once
 
 #include <cstddef>
+#include <memory>
 
+#include "kept.hpp"
 #include "opencl/api.hpp"
 #include "opencl/context.hpp"
 #include "opencl/mapped_buffer.hpp"
@@ -19,11 +21,16 @@ class SharedBuffer {  // NOLINT(bugprone-exception-escape): handles do not throw
   /// @throws cl::Error
   SharedBuffer(const Context& context, std::size_t bytes);
 
-  [[nodiscard]] std::size_t bytes() const noexcept { return host_.bytes(); }
-  [[nodiscard]] std::byte* host() const noexcept { return host_.host(); }
+  [[nodiscard]] std::size_t bytes() const noexcept { return host_->bytes(); }
+  [[nodiscard]] std::byte* host() const noexcept { return host_->host(); }
   [[nodiscard]] const cl::Buffer& device() const noexcept {
-    return device_() != nullptr ? device_ : host_.buffer();
+    return device_() != nullptr ? device_ : host_->buffer();
   }
+
+  /// Keeps host() from being freed. Do not release() or download() while somebody holds it.
+  [[nodiscard]] std::shared_ptr<const void> host_owner() const noexcept { return host_; }
+  /// Whether somebody does.
+  [[nodiscard]] bool is_kept() const noexcept { return broadcl::is_kept(host_); }
 
   /// Enqueues its release to the device.
   /// @throws cl::Error
@@ -36,7 +43,7 @@ class SharedBuffer {  // NOLINT(bugprone-exception-escape): handles do not throw
  private:
   cl::CommandQueue queue_;
   cl::Buffer device_;  // null if host and device share memory
-  MappedBuffer host_;
+  std::shared_ptr<MappedBuffer> host_ = std::make_shared<MappedBuffer>();
 };
 
 }  // namespace broadcl::opencl

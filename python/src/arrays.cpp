@@ -53,6 +53,18 @@ nb::object to_array(std::vector<Pair>&& pairs) {
   return Array(data, {size, 2}, keep(std::move(owner))).cast(nb::rv_policy::reference);
 }
 
+nb::object to_array(std::span<const Pair> pairs, const std::shared_ptr<const void>& memory) {
+  // To copy these takes a microsecond or two; to store them otherwise would keep a whole buffer of the
+  // device.
+  constexpr std::size_t few = 2048;
+  if (pairs.size() <= few) return to_array(std::vector<Pair>(pairs.begin(), pairs.end()));
+  // Whatever is written to the array, nobody but the caller reads it.
+  auto* words = const_cast<std::uint32_t*>(reinterpret_cast<const std::uint32_t*>(pairs.data()));
+  using Array = nb::ndarray<nb::numpy, std::uint32_t, nb::shape<-1, 2>>;
+  return Array(words, {pairs.size(), 2}, keep(std::make_unique<std::shared_ptr<const void>>(memory)))
+      .cast(nb::rv_policy::reference);
+}
+
 nb::object to_array(std::vector<std::uint32_t>&& words) {
   auto owner = std::make_unique<std::vector<std::uint32_t>>(std::move(words));
   std::uint32_t* data = owner->data();

@@ -4,6 +4,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <memory>
 #include <optional>
 #include <span>
 #include <string>
@@ -15,6 +16,11 @@ namespace broadcl::python {
 
 /// An (m, 2) uint32 array, which takes the pairs over.
 [[nodiscard]] nanobind::object to_array(std::vector<Pair>&& pairs);
+
+/// An (m, 2) uint32 array that shows pairs of the core, and keeps their memory alive; or owns a copy of them
+/// if they are few.
+[[nodiscard]] nanobind::object to_array(std::span<const Pair> pairs,
+                                        const std::shared_ptr<const void>& memory);
 
 /// An (n,) uint32 array, which takes the words over.
 [[nodiscard]] nanobind::object to_array(std::vector<std::uint32_t>&& words);

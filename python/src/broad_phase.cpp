@@ -211,15 +211,13 @@ class Objects {
   template <class Function>
   Changes changes(const Function& function) {
     const OneThread::Use use(thread_);
-    std::vector<Pair> added;
-    std::vector<Pair> removed;
+    Delta delta;
     or_refuse_nan([&] {
       const nb::gil_scoped_release released;
-      const Delta delta = function();
-      added.assign(delta.added.begin(), delta.added.end());
-      removed.assign(delta.removed.begin(), delta.removed.end());
+      delta = function();
     });
-    return {to_array(std::move(added)), to_array(std::move(removed))};
+    const std::shared_ptr<const void> memory = broad_phase_->delta_memory();
+    return {to_array(delta.added, memory), to_array(delta.removed, memory)};
   }
 
   /// Ends the writing to the array of boxes(): it can only be read from now on.
@@ -277,7 +275,11 @@ void add_broad_phase(nb::module_& module) {
       module, "Delta",
       "What changed between two updates: ``added, removed = broad_phase.update()``.\n\n"
       "Apply ``removed`` first: if an object was removed and a new one got its id in between, the same\n"
-      "pair of ids may be in both. The arrays own what they show.")
+      "pair of ids may be in both. The arrays may be kept for as long as you like: up to 2,048 pairs are a "
+      "copy; more are\n"
+      "shown where the core has them, in memory that it does not use again before the array is gone, and "
+      "which may be\n"
+      "several times as large. Copy those of many updates.")
       .def_ro("added", &Changes::added, nb::sig("def added(self) -> numpy.typing.NDArray[numpy.uint32]"),
               "(m, 2) uint32: pairs that began to overlap, in canonical order.")
       .def_ro("removed", &Changes::removed,

@@ -36,6 +36,66 @@ def test_arrays_outlive_their_object(algorithm):
     del ballast
 
 
+@pytest.mark.parametrize("algorithm", ["sweep-and-prune", "tiles", "gpu-bf"])
+@pytest.mark.parametrize("most", [1, 2, 100])
+def test_deltas_may_be_kept(algorithm, most):
+    n = 4000
+    broad_phase = broadcl.BroadPhase(algorithm=algorithm)
+    kept = []
+    known = set()
+    for frame in range(9):
+        values = uniform(n, overlaps=8, seed=frame // 2)
+        if frame % 2:
+            values[:10] += 1  # few changes
+        broad_phase.boxes(n)[:] = values
+        if frame % 3 == 0:
+            broad_phase.begin()
+        delta = broad_phase.update()
+        kept.append((*delta, delta.added.copy(), delta.removed.copy()))
+        known = (known - set(map(tuple, delta.removed.tolist()))) | set(map(tuple, delta.added.tolist()))
+        assert known == set(map(tuple, oracle(values).tolist()))
+        del kept[:-most], delta
+    sizes = [len(added) for added, *_ in kept]
+    del broad_phase
+    gc.collect()
+    for added, removed, *copies in kept:
+        assert np.array_equal(added, copies[0]) and np.array_equal(removed, copies[1])
+    assert most < 100 or (min(sizes) < 500 and sum(size > 5000 for size in sizes) >= 5)
+
+
+@pytest.mark.parametrize("algorithm", ["sweep-and-prune", "tiles"])
+def test_many_changes_are_not_copied(algorithm):
+    values = np.tile(np.float32([0, 0, 0, 1, 1, 1]), (300, 1))
+    apart = values + np.arange(300, dtype=np.float32)[:, None] * 2
+    broad_phase = broadcl.BroadPhase(algorithm=algorithm)
+    places = set()
+    for frame in range(10):
+        broad_phase.boxes(300)[:] = (values, apart)[frame % 2]
+        delta = broad_phase.update()  # the last one is kept until now
+        assert len(delta.added) + len(delta.removed) == 300 * 299 // 2
+        places.add((delta.added if len(delta.added) else delta.removed).ctypes.data)
+    assert len(places) < 6  # the same memory, in turn
+    del broad_phase
+    delta.removed[0] = 7, 8  # may be written, as every array that is returned
+    assert delta.removed[:2].tolist() == [[7, 8], [0, 2]]
+
+
+def test_deltas_at_exit():
+    """Arrays of a device's memory that live until the interpreter ends."""
+    code = """
+import broadcl, numpy
+broad_phase = broadcl.BroadPhase(algorithm="tiles")
+broad_phase.add(numpy.tile(numpy.float32([0, 0, 0, 1, 1, 1]), (300, 1)))
+delta = broad_phase.update()
+other = broadcl.BroadPhase(algorithm="tiles")
+other.add(delta.added.repeat(3, axis=1).astype(numpy.float32)[:100])
+other.begin()
+print(len(delta.added))
+"""
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert (run.returncode, run.stdout.strip(), run.stderr) == (0, "44850", "")
+
+
 def test_boxes_may_die_before_the_update():
     values = uniform(500)
     broad_phase = broadcl.BroadPhase()
