@@ -35,6 +35,14 @@ BROADCL_INLINE std::uint32_t overlapping(const Node<axes>& node, const Bounds<ax
   return bits;
 }
 
+template <std::size_t axes>
+BROADCL_INLINE bool overlaps(const Bounds<axes>& s, const Bounds<axes>& t) {
+  for (std::size_t axis = 0; axis < axes; ++axis) {
+    if (s.lower[axis] > t.upper[axis] || t.lower[axis] > s.upper[axis]) return false;
+  }
+  return true;
+}
+
 /// What to look for, for something with these bounds: in two sets, the other set of the same world; if it is
 /// several, all sets of its worlds.
 template <std::size_t axes>
@@ -89,7 +97,9 @@ BROADCL_INLINE void search(Found& found, const HostTiles<axes>& all, std::size_t
   const Node<axes>& tile = all.tiles[s];
   const Bounds<axes> bounds = sought(all, all.bounds[s]);
   found.reserve(most);
-  for (std::size_t k = 1; k < node_size; ++k) {
+  // In a tile of one set nothing pairs.
+  const std::size_t own = overlaps(all.bounds[s], bounds) ? node_size : 0;
+  for (std::size_t k = 1; k < own; ++k) {
     append_found(found, tile, overlapping(tile, sought(all, tile.get(k))) & (bit_of[k] - 1), tile.index[k],
                  filters);
   }
