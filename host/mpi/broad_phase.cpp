@@ -18,6 +18,7 @@
 #include "mpi/region.hpp"
 #include "mpi/report.hpp"
 #include "mpi/routes.hpp"
+#include "mpi/workers.hpp"
 #include "packed_box.hpp"
 
 namespace broadcl {
@@ -55,12 +56,12 @@ class MpiBroadPhase::Impl {
  public:
   /// Does not communicate, unlike all that follows join().
   Impl(std::size_t rank, std::size_t ranks, const Config& config)
-      : threads_(config.threads),
+      : workers_(config.threads),
         cuts_(ranks, {}),
         next_cuts_(cuts_),
-        region_(config, ranks, threads_),
-        routes_(rank, ranks, threads_),
-        report_(rank, ranks, threads_) {
+        region_(config, ranks, workers_),
+        routes_(rank, ranks, workers_),
+        report_(rank, ranks, workers_) {
     profile_.reserve(most_stages);
   }
   void join(Ranks&& ranks) noexcept { ranks_.emplace(std::move(ranks)); }
@@ -221,7 +222,7 @@ class MpiBroadPhase::Impl {
     const bool is_now = to == Routes::To::now;
     const std::chrono::duration<double> before = stage_start_ - update_start_;
     const Delta delta = region_.search([&] {
-      if (is_now) objects_.prepare(threads_);
+      if (is_now) objects_.prepare(workers_);
     });
     const std::span<const Stage> stages = region_.broad_phase().profile();
     profile_.reserve(profile_.size() + stages.size() + most_stages);
@@ -255,7 +256,7 @@ class MpiBroadPhase::Impl {
   }
 
   std::optional<Ranks> ranks_;
-  std::size_t threads_;
+  Workers workers_;
   Objects objects_;
   Cuts cuts_;       // of the last update
   Cuts next_cuts_;  // of the one that is under way

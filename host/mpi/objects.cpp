@@ -7,12 +7,11 @@
 
 #include <broadcl/error.hpp>
 
-#include "parallel.hpp"
-
 namespace broadcl::mpi {
 namespace {
 
 constexpr std::size_t most_objects = std::size_t{1} << 30U;
+constexpr std::size_t boxes_per_part = std::size_t{1} << 16U;
 
 void refuse_nan(const Aabb& box) {
   if (has_nan(box)) {
@@ -21,11 +20,9 @@ void refuse_nan(const Aabb& box) {
 }
 
 /// Copies boxes, of which there may be gigabytes.
-void copy_boxes(std::span<const Aabb> from, std::span<Aabb> to, std::size_t threads) {
-  constexpr std::size_t part = std::size_t{1} << 16U;
-  parallel_for((from.size() + part - 1) / part, threads, [&](std::size_t k, std::size_t /*thread*/) {
-    const auto boxes = from.subspan(k * part, std::min(part, from.size() - k * part));
-    std::ranges::copy(boxes, to.subspan(k * part).begin());
+void copy_boxes(std::span<const Aabb> from, std::span<Aabb> to, Workers& workers) {
+  workers.for_each_part(from.size(), boxes_per_part, [&](std::size_t begin, std::size_t end) {
+    std::ranges::copy(from.subspan(begin, end - begin), to.subspan(begin).begin());
   });
 }
 
@@ -89,11 +86,11 @@ std::span<Aabb> Objects::map(std::size_t n) {
   return std::span(now_).first(n);
 }
 
-void Objects::prepare(std::size_t threads) {
+void Objects::prepare(Workers& workers) {
   if (!changes_.all) return;
   spare_.reserve(now_.capacity());
   spare_.resize(now_.size());
-  copy_boxes(now_, spare_, threads);
+  copy_boxes(now_, spare_, workers);
 }
 
 void Objects::commit() noexcept {

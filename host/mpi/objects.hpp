@@ -9,6 +9,7 @@
 #include <broadcl/filter.hpp>
 
 #include "change_set.hpp"
+#include "mpi/workers.hpp"
 
 namespace broadcl::mpi {
 
@@ -40,7 +41,7 @@ class Objects {
   [[nodiscard]] const ChangeSet& changes() const noexcept { return changes_; }
 
   /// Makes it possible to commit() what is now. Takes as long as to copy the boxes if all changed.
-  void prepare(std::size_t threads);
+  void prepare(Workers& workers);
   /// What is now becomes what was at the last update.
   void commit() noexcept;
 

@@ -3,7 +3,6 @@
 #include <algorithm>
 
 #include "packed_box.hpp"
-#include "parallel.hpp"
 
 namespace broadcl::mpi {
 namespace {
@@ -11,10 +10,12 @@ namespace {
 /// Of slots for guests that have none: pairs with nothing, and does not keep two sets from being told apart.
 constexpr Filter no_pairs{.group = 0, .mask = 0};
 
+constexpr std::size_t moves_per_part = std::size_t{1} << 14U;
+
 }  // namespace
 
-Region::Region(const Config& config, std::size_t ranks, std::size_t threads)
-    : broad_phase_(config), threads_(threads), guest_of_(ranks) {}
+Region::Region(const Config& config, std::size_t ranks, Workers& workers)
+    : broad_phase_(config), workers_(workers), guest_of_(ranks) {}
 
 void Region::clear(std::size_t base) {
   (void)broad_phase_.finish();  // there may be one under way
@@ -150,16 +151,15 @@ void Region::take_boxes(std::span<Aabb> in_place) {
 
 /// Calls function(guest, box) for each guest that moved.
 template <class Function>
-void Region::for_each_move(const Function& function, bool in_threads) const {
-  constexpr std::size_t part = std::size_t{1} << 14U;
+void Region::for_each_move(const Function& function, bool in_threads) {
   for (std::size_t rank = 0; rank < tidings_.size(); ++rank) {
     const std::span<const Move> moves = tidings_[rank].moves;
-    parallel_for((moves.size() + part - 1) / part, in_threads ? threads_ : 1,
-                 [&](std::size_t k, std::size_t /*thread*/) {
-                   for (const Move& move : moves.subspan(k * part, std::min(part, moves.size() - k * part))) {
-                     function(guest_of_[rank][move.copy], move.box);
-                   }
-                 });
+    const std::size_t part = in_threads ? moves_per_part : std::max<std::size_t>(1, moves.size());
+    workers_.for_each_part(moves.size(), part, [&](std::size_t begin, std::size_t end) {
+      for (const Move& move : moves.subspan(begin, end - begin)) {
+        function(guest_of_[rank][move.copy], move.box);
+      }
+    });
   }
 }
 
@@ -168,13 +168,8 @@ void Region::commit() noexcept {
     guests_.last[guest] = guests_.now[guest];
     guests_.last_filter[guest] = guests_.filter[guest];
   };
+  for_each_move([&](std::uint32_t guest, const Aabb& box) { guests_.last[guest] = box; }, true);
   for (std::size_t rank = 0; rank < tidings_.size(); ++rank) {
-    const std::span<const Move> moves = tidings_[rank].moves;
-    for_each_part(moves.size(), [&](std::size_t begin, std::size_t end) {
-      for (const Move& move : moves.subspan(begin, end - begin)) {
-        guests_.last[guest_of_[rank][move.copy]] = move.box;
-      }
-    });
     for (const Refilter& refilter : tidings_[rank].refilters) settle(guest_of_[rank][refilter.copy]);
   }
   std::ranges::for_each(entered_, settle);

@@ -12,6 +12,7 @@
 
 #include "mpi/messages.hpp"
 #include "mpi/ranks.hpp"
+#include "mpi/workers.hpp"
 
 namespace broadcl::mpi {
 
@@ -20,7 +21,7 @@ namespace broadcl::mpi {
 /// other ranks. All slots always have an object, with an empty box if there is nothing to search.
 class Region {
  public:
-  Region(const Config& config, std::size_t ranks, std::size_t threads);
+  Region(const Config& config, std::size_t ranks, Workers& workers);
 
   /// Empties all slots.
   /// @param base At least.
@@ -79,10 +80,10 @@ class Region {
     return static_cast<std::uint32_t>(base_ + guest);
   }
   template <class Function>
-  void for_each_move(const Function& function, bool in_threads) const;
+  void for_each_move(const Function& function, bool in_threads);
 
   BroadPhase broad_phase_;
-  std::size_t threads_;
+  Workers& workers_;
   std::size_t base_ = 0;
   std::size_t slots_ = 0;
   std::size_t pair_count_ = 0;

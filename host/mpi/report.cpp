@@ -1,12 +1,9 @@
 #include "mpi/report.hpp"
 
 #include <algorithm>
-#include <array>
 #include <cstring>
 
 #include <broadcl/filter.hpp>
-
-#include "parallel.hpp"
 
 namespace broadcl::mpi {
 namespace {
@@ -86,83 +83,21 @@ class Judge {
   const Routes& routes_;
 };
 
-/// Puts pairs in canonical order, of which most are, piece by piece.
-class Merge {
- public:
-  /// @param own Pairs in order, after all of those before.
-  /// @param others In any order. Copied.
-  void take(std::span<const MpiPair> own, std::span<const MpiPair> others) {
-    if (!own.empty()) pieces_.push_back({.own = own, .before = own_count_});
-    own_count_ += own.size();
-    others_.insert(others_.end(), others.begin(), others.end());
-  }
-
-  /// Divides the others into runs, to be sorted one by one, and returns how many.
-  std::size_t divide(std::size_t threads) {
-    if (pieces_.empty()) pieces_.emplace_back();
-    const std::size_t count = std::clamp<std::size_t>(others_.size() / pairs_per_part, 1, threads);
-    for (std::size_t k = 0; k < count; ++k) {
-      const std::size_t begin = others_.size() * k / count;
-      runs_.push_back(std::span(others_).subspan(begin, others_.size() * (k + 1) / count - begin));
-    }
-    return count;
-  }
-  void sort(std::size_t run) const { std::ranges::sort(runs_[run]); }
-
-  /// A list of all pairs, in memory that grows if need be.
-  [[nodiscard]] std::span<MpiPair> fit(std::vector<MpiPair>& memory) const {
-    const std::size_t count = own_count_ + others_.size();
-    if (memory.size() < count) memory.resize(count);
-    return std::span(memory).first(count);
-  }
-
-  [[nodiscard]] std::size_t pieces() const noexcept { return pieces_.size(); }
-  /// Writes the part of the list that begins with a piece and ends before the next one.
-  void write(std::size_t piece, std::span<MpiPair> list) const {
-    std::vector<MpiPair> others;
-    std::size_t before = pieces_[piece].before;
-    for (const std::span<const MpiPair> run : runs_) {
-      const auto begin = begin_of(piece, run);
-      others.insert(others.end(), begin, begin_of(piece + 1, run));
-      before += static_cast<std::size_t>(begin - run.begin());
-    }
-    if (runs_.size() > 1) std::ranges::sort(others);
-    std::ranges::merge(pieces_[piece].own, others, list.subspan(before).begin());
-  }
-
- private:
-  struct Piece {
-    std::span<const MpiPair> own;
-    std::size_t before = 0;  // own pairs before it
-  };
-
-  [[nodiscard]] std::span<const MpiPair>::iterator begin_of(std::size_t piece,
-                                                            std::span<const MpiPair> run) const {
-    if (piece == 0) return run.begin();
-    if (piece == pieces_.size()) return run.end();
-    return std::ranges::lower_bound(run, pieces_[piece].own.front());
-  }
-
-  std::vector<Piece> pieces_;
-  std::size_t own_count_ = 0;
-  std::vector<MpiPair> others_;
-  std::vector<std::span<MpiPair>> runs_;
-};
-
 }  // namespace
 
 void Report::sift(std::span<const Pair> pairs, Of of, const Cuts& cuts, const Objects& objects,
                   const Region& region, const Routes& routes) {
   const Judge judge(rank_, of, cuts, objects, region, routes);
   std::vector<Part>& parts = of == Of::removed ? removed_ : added_;
-  const std::size_t count = std::clamp<std::size_t>(pairs.size() / pairs_per_part, 1, 4 * threads_);
+  const std::size_t count = std::clamp<std::size_t>(pairs.size() / pairs_per_part, 1, 4 * workers_.threads());
   parts.resize(std::max(count, parts.size()));
   for (Part& part : parts) {
     part.own.clear();
     part.others.resize(ranks_);
     for (std::vector<MpiPair>& list : part.others) list.clear();
   }
-  parallel_for(count, threads_, [&](std::size_t k, std::size_t /*thread*/) {
+  workers_.for_each(count, [&](std::size_t task) {
+    const std::size_t k = count - 1 - task;  // the last ones, with objects of other ranks, take longest
     const std::size_t begin = pairs.size() * k / count;
     const std::size_t end = pairs.size() * (k + 1) / count;
     for (const Pair& pair : pairs.subspan(begin, end - begin)) {
@@ -203,32 +138,42 @@ void Report::write(std::vector<Bytes>& out) const {
 }
 
 MpiDelta Report::collect(const std::vector<Bytes>& in, std::vector<MpiPair>& added,
-                         std::vector<MpiPair>& removed) const {
-  std::array<Merge, 2> merges{};
-  std::size_t kind = 0;
-  for (const std::vector<Part>* parts : {&added_, &removed_}) {
-    for (const Part& part : *parts) merges[kind].take(part.own, part.others[rank_]);
-    ++kind;
-  }
+                         std::vector<MpiPair>& removed) {
+  Merge& merge_added = merges_[0];
+  Merge& merge_removed = merges_[1];
+  const auto take = [this](const std::vector<Part>& parts, Merge& merge) {
+    merge.clear();
+    for (const Part& part : parts) {
+      merge.take_sorted(part.own);
+      merge.take(part.others[rank_]);
+    }
+  };
+  take(added_, merge_added);
+  take(removed_, merge_removed);
   for (std::size_t rank = 0; rank < ranks_; ++rank) {
     if (rank == rank_) continue;
     const Changed changed(in[rank]);
-    merges[0].take({}, changed.added);
-    merges[1].take({}, changed.removed);
+    merge_added.take(changed.added);
+    merge_removed.take(changed.removed);
   }
   // Both lists at the same time.
-  const auto in_parts = [&](std::array<std::size_t, 2> counts, const auto& function) {
-    const std::size_t count = counts[0] + counts[1];
-    parallel_for(count, count > 2 ? threads_ : 1, [&](std::size_t k, std::size_t /*thread*/) {
-      k < counts[0] ? function(0, k) : function(1, k - counts[0]);
-    });
+  const bool are_many = merge_added.size() + merge_removed.size() > 4 * pairs_per_part;
+  const auto for_each = [&](std::size_t of_added, std::size_t of_removed, const auto& function) {
+    const auto task = [&](std::size_t k) { k < of_added ? function(0, k) : function(1, k - of_added); };
+    if (are_many) {
+      workers_.for_each(of_added + of_removed, task);
+    } else {
+      for (std::size_t k = 0; k < of_added + of_removed; ++k) task(k);
+    }
   };
-  const std::array<std::size_t, 2> runs{merges[0].divide(threads_), merges[1].divide(threads_)};
-  in_parts(runs, [&](std::size_t list, std::size_t run) { merges.at(list).sort(run); });
-  const std::array<std::span<MpiPair>, 2> lists{merges[0].fit(added), merges[1].fit(removed)};
-  in_parts({merges[0].pieces(), merges[1].pieces()},
-           [&](std::size_t list, std::size_t piece) { merges.at(list).write(piece, lists.at(list)); });
-  return {lists[0], lists[1]};
+  const std::size_t runs = merge_added.begin_sort();
+  for_each(runs, merge_removed.begin_sort(),
+           [&](std::size_t list, std::size_t task) { merges_.at(list).sort(task); });
+  const std::size_t parts = merge_added.begin_merge(added);
+  for_each(parts, merge_removed.begin_merge(removed), [&](std::size_t list, std::size_t task) {
+    merges_.at(list).merge(task, list == 0 ? added : removed);
+  });
+  return {std::span(added).first(merge_added.size()), std::span(removed).first(merge_removed.size())};
 }
 
 }  // namespace broadcl::mpi

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <span>
@@ -9,10 +10,12 @@
 #include <broadcl/pair.hpp>
 
 #include "mpi/cuts.hpp"
+#include "mpi/merge.hpp"
 #include "mpi/messages.hpp"
 #include "mpi/objects.hpp"
 #include "mpi/region.hpp"
 #include "mpi/routes.hpp"
+#include "mpi/workers.hpp"
 
 namespace broadcl::mpi {
 
@@ -25,8 +28,8 @@ namespace broadcl::mpi {
 /// ends: a point of both boxes, so that this region has both.
 class Report {
  public:
-  Report(std::size_t rank, std::size_t ranks, std::size_t threads)
-      : rank_(rank), ranks_(ranks), threads_(threads) {}
+  Report(std::size_t rank, std::size_t ranks, Workers& workers)
+      : rank_(rank), ranks_(ranks), workers_(workers) {}
 
   enum class Of {
     added,
@@ -46,8 +49,7 @@ class Report {
   /// What concerns this rank, in canonical order; all pairs are in `added`.
   /// @param in By rank.
   /// @param added, removed Memory for the lists, which grows and may be longer than they are.
-  MpiDelta collect(const std::vector<Bytes>& in, std::vector<MpiPair>& added,
-                   std::vector<MpiPair>& removed) const;
+  MpiDelta collect(const std::vector<Bytes>& in, std::vector<MpiPair>& added, std::vector<MpiPair>& removed);
 
  private:
   /// What one thread finds at a time.
@@ -58,8 +60,9 @@ class Report {
 
   std::size_t rank_;
   std::size_t ranks_;
-  std::size_t threads_;
+  Workers& workers_;
   std::vector<Part> added_, removed_;
+  std::array<Merge, 2> merges_;
 };
 
 }  // namespace broadcl::mpi

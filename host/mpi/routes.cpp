@@ -7,7 +7,6 @@
 #include <broadcl/error.hpp>
 
 #include "packed_box.hpp"
-#include "parallel.hpp"
 
 namespace broadcl::mpi {
 namespace {
@@ -41,8 +40,8 @@ void Routes::Part::clear() noexcept {
   nan.reset();
 }
 
-Routes::Routes(std::size_t rank, std::size_t ranks, std::size_t threads)
-    : rank_(rank), threads_(threads), numbers_(ranks), enters_(ranks), leaves_(ranks) {}
+Routes::Routes(std::size_t rank, std::size_t ranks, Workers& workers)
+    : rank_(rank), workers_(workers), numbers_(ranks), enters_(ranks), leaves_(ranks) {}
 
 void Routes::clear() noexcept {
   std::ranges::fill(where_, std::uint8_t{0});
@@ -82,7 +81,7 @@ bool Routes::route(const Objects& objects, const Cuts& cuts, To to, bool all, Re
   if (is_in_place) journey.in_place = region.map();
 
   const std::size_t parts =
-      is_in_place ? std::clamp<std::size_t>(count / objects_per_part, 1, 4 * threads_) : 1;
+      is_in_place ? std::clamp<std::size_t>(count / objects_per_part, 1, 4 * workers_.threads()) : 1;
   if (parts > parts_.size()) {
     parts_.resize(parts, Part{.moves = std::vector<std::vector<Move>>(numbers_.size()),
                               .refilters = std::vector<std::vector<Refilter>>(numbers_.size()),
@@ -93,7 +92,7 @@ bool Routes::route(const Objects& objects, const Cuts& cuts, To to, bool all, Re
                               .nan = {}});
   }
   for (Part& part : parts_) part.clear();
-  parallel_for(parts, threads_, [&](std::size_t k, std::size_t /*thread*/) {
+  workers_.for_each(parts, [&](std::size_t k) {
     route_part(journey, count * k / parts, count * (k + 1) / parts, region, parts_[k]);
   });
   for (Part& part : parts_) {
@@ -283,7 +282,7 @@ std::uint32_t Routes::enter(const Journey& journey, std::uint32_t id, std::uint3
   return copy;
 }
 
-void Routes::write(std::vector<Bytes>& out) const {
+void Routes::write(std::vector<Bytes>& out) {
   const std::size_t ranks = numbers_.size();
   out.resize(ranks);
   std::vector<Piece> pieces;
@@ -308,10 +307,12 @@ void Routes::write(std::vector<Bytes>& out) const {
     append(leaves_[rank], end, pieces);
     for (const Part& part : parts_) append(part.refilters[rank], end, pieces);
   }
-  parallel_for(pieces.size(), pieces.size() > 2 * ranks ? threads_ : 1,
-               [&](std::size_t k, std::size_t /*thread*/) {
-                 std::memcpy(pieces[k].to, pieces[k].from, pieces[k].bytes);
-               });
+  const auto copy = [&](std::size_t k) { std::memcpy(pieces[k].to, pieces[k].from, pieces[k].bytes); };
+  if (pieces.size() > 2 * ranks) {
+    workers_.for_each(pieces.size(), copy);
+  } else {
+    for (std::size_t k = 0; k < pieces.size(); ++k) copy(k);
+  }
 }
 
 void Routes::commit() noexcept {

@@ -12,13 +12,14 @@
 #include "mpi/messages.hpp"
 #include "mpi/objects.hpp"
 #include "mpi/region.hpp"
+#include "mpi/workers.hpp"
 
 namespace broadcl::mpi {
 
 /// Which regions have copies of the objects of a rank, and what must be sent so that the right ones have.
 class Routes {
  public:
-  Routes(std::size_t rank, std::size_t ranks, std::size_t threads);
+  Routes(std::size_t rank, std::size_t ranks, Workers& workers);
 
   /// No region has any.
   void clear() noexcept;
@@ -94,10 +95,10 @@ class Routes {
   void keep_up(const Journey& journey, std::uint32_t id, const Copy& copy, Part& part) const;
   void leave(const Copy& copy, const Aabb& box, const Filter& filter);
   [[nodiscard]] std::uint32_t enter(const Journey& journey, std::uint32_t id, std::uint32_t rank);
-  void write(std::vector<Bytes>& out) const;
+  void write(std::vector<Bytes>& out);
 
   std::size_t rank_;
-  std::size_t threads_;
+  Workers& workers_;
   std::vector<std::uint8_t> where_,
       next_;  // by id: at the last update, and now; the same but for what changed
   std::vector<std::uint32_t> first_copy_;  // by id
