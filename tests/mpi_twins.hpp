@@ -15,6 +15,8 @@
 #include <broadcl/broad_phase.hpp>
 #include <broadcl/mpi.hpp>
 
+#include "packed_box.hpp"
+
 namespace broadcl::test {
 
 inline int world_rank() {
@@ -38,7 +40,8 @@ class MpiTwins {
         most_(most),
         tested_(MPI_COMM_WORLD, config),
         expected_({.algorithm = "sweep-and-prune", .threads = 1}),
-        is_live_(static_cast<std::size_t>(world_size()), std::vector<bool>(most)) {
+        is_live_(static_cast<std::size_t>(world_size()), std::vector<bool>(most)),
+        boxes_(most, empty_aabb()) {
     (void)expected_.map(most * is_live_.size());
   }
 
@@ -53,6 +56,7 @@ class MpiTwins {
     *free = true;
     if (rank == rank_) {
       EXPECT_EQ(tested_.add(box, filter), id);
+      boxes_[id] = box;
     }
     expected_.remove(slot(rank, id));
     EXPECT_EQ(expected_.add(box, filter), slot(rank, id));
@@ -60,12 +64,18 @@ class MpiTwins {
   }
   void remove(int rank, std::uint32_t id) {
     of(rank)[id] = false;
-    if (rank == rank_) tested_.remove(id);
+    if (rank == rank_) {
+      tested_.remove(id);
+      boxes_[id] = empty_aabb();
+    }
     expected_.remove(slot(rank, id));
     EXPECT_EQ(expected_.add(empty_aabb()), slot(rank, id));
   }
   void move(int rank, std::uint32_t id, const Aabb& box) {
-    if (rank == rank_) tested_.move(id, box);
+    if (rank == rank_) {
+      tested_.move(id, box);
+      boxes_[id] = box;
+    }
     expected_.move(slot(rank, id), box);
   }
   void set_filter(int rank, std::uint32_t id, const Filter& filter) {
@@ -73,7 +83,14 @@ class MpiTwins {
     expected_.set_filter(slot(rank, id), filter);
   }
   void map(int rank, std::span<const Aabb> boxes) {
-    if (rank == rank_) std::ranges::copy(boxes, tested_.map(boxes.size()).begin());
+    if (rank == rank_) {
+      const std::span<Aabb> mapped = tested_.map(boxes.size());
+      EXPECT_TRUE(std::ranges::equal(mapped, std::span(boxes_).first(boxes.size()), same_bits))
+          << "map() must return the boxes as they were given";
+      std::ranges::fill(boxes_, empty_aabb());
+      std::ranges::copy(boxes, boxes_.begin());
+      std::ranges::copy(boxes, mapped.begin());
+    }
     for (std::uint32_t id = 0; id < most_; ++id) {
       const bool stays = id < boxes.size();
       if (stays && of(rank)[id]) {
@@ -123,6 +140,7 @@ class MpiTwins {
   MpiBroadPhase tested_;
   BroadPhase expected_;
   std::vector<std::vector<bool>> is_live_;  // by rank and id
+  std::vector<Aabb> boxes_;                 // of this rank, by id
   std::size_t changes_ = 0;
 };
 

@@ -57,6 +57,7 @@ class MpiBroadPhase::Impl {
   /// Does not communicate, unlike all that follows join().
   Impl(std::size_t rank, std::size_t ranks, const Config& config)
       : workers_(config.threads),
+        objects_(workers_),
         cuts_(ranks, {}),
         next_cuts_(cuts_),
         region_(config, ranks, workers_),
@@ -66,8 +67,23 @@ class MpiBroadPhase::Impl {
   }
   void join(Ranks&& ranks) noexcept { ranks_.emplace(std::move(ranks)); }
 
-  [[nodiscard]] Objects& objects() noexcept { return objects_; }
-  [[nodiscard]] const Objects& objects() const noexcept { return objects_; }
+  /// To be changed.
+  [[nodiscard]] Objects& objects() noexcept {
+    objects_.take_back(region_.mapped());
+    return objects_;
+  }
+  [[nodiscard]] std::size_t size() const noexcept { return objects_.size(); }
+
+  /// If the region has boxes of these objects and no others, they are written where it has them.
+  std::span<Aabb> map(std::size_t n) {
+    if (is_lost_ || n > region_.base() || !objects_.can_be_lent(n)) return objects().map(n);
+    const std::span<Aabb> boxes = region_.map().first(n);
+    // Nothing below throws.
+    routes_.write_absent(objects_.now(), boxes);
+    objects_.lend();
+    return boxes;
+  }
+
   [[nodiscard]] const BroadPhase& broad_phase() const noexcept { return region_.broad_phase(); }
   [[nodiscard]] const Cuts& cuts() const noexcept { return cuts_; }
   [[nodiscard]] std::span<const Stage> profile() const noexcept { return profile_; }
@@ -81,6 +97,7 @@ class MpiBroadPhase::Impl {
     is_lost_ = true;  // until all of this is done
     const bool is_cut = is_off_balance(conditions);
     if (is_cut) {
+      objects_.take_back(region_.mapped());
       divide(conditions);
     } else {
       next_cuts_ = cuts_;
@@ -128,6 +145,7 @@ class MpiBroadPhase::Impl {
     if (std::ranges::none_of(conditions, &Condition::is_lost)) return;
     is_lost_ = true;
     ranks_->together([&] {
+      objects_.take_back(region_.mapped());
       routes_.clear();
       region_.clear(objects_.ids());
     });
@@ -222,7 +240,7 @@ class MpiBroadPhase::Impl {
     const bool is_now = to == Routes::To::now;
     const std::chrono::duration<double> before = stage_start_ - update_start_;
     const Delta delta = region_.search([&] {
-      if (is_now) objects_.prepare(workers_);
+      if (is_now) objects_.take_back(region_.mapped());
     });
     const std::span<const Stage> stages = region_.broad_phase().profile();
     profile_.reserve(profile_.size() + stages.size() + most_stages);
@@ -309,7 +327,7 @@ void MpiBroadPhase::remove(std::uint32_t id) {
 }
 
 std::span<Aabb> MpiBroadPhase::map(std::size_t n) {
-  return impl_->objects().map(n);
+  return impl_->map(n);
 }
 
 MpiDelta MpiBroadPhase::update() {
@@ -321,7 +339,7 @@ std::vector<MpiPair> MpiBroadPhase::pairs() {
 }
 
 std::size_t MpiBroadPhase::size() const noexcept {
-  return impl_->objects().size();
+  return impl_->size();
 }
 
 int MpiBroadPhase::region_of(const std::array<float, 3>& point) const noexcept {

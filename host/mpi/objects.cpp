@@ -19,13 +19,6 @@ void refuse_nan(const Aabb& box) {
   }
 }
 
-/// Copies boxes, of which there may be gigabytes.
-void copy_boxes(std::span<const Aabb> from, std::span<Aabb> to, Workers& workers) {
-  workers.for_each_part(from.size(), boxes_per_part, [&](std::size_t begin, std::size_t end) {
-    std::ranges::copy(from.subspan(begin, end - begin), to.subspan(begin).begin());
-  });
-}
-
 }  // namespace
 
 std::uint32_t Objects::add(const Aabb& box, const Filter& filter) {
@@ -34,6 +27,7 @@ std::uint32_t Objects::add(const Aabb& box, const Filter& filter) {
   const auto id = is_new ? static_cast<std::uint32_t>(ids()) : free_.front();
   reserve(ids() + (is_new ? 1 : 0));
   // Nothing below throws.
+  settle();
   if (is_new) {
     grow(ids() + 1);
   } else {
@@ -49,18 +43,21 @@ std::uint32_t Objects::add(const Aabb& box, const Filter& filter) {
 void Objects::move(std::uint32_t id, const Aabb& box) {
   refuse_unknown(id);
   refuse_nan(box);
+  settle();
   now_[id] = box;
   changes_.insert(id);
 }
 
 void Objects::set_filter(std::uint32_t id, const Filter& filter) {
   refuse_unknown(id);
+  settle();
   store_filter(id, filter);
 }
 
 void Objects::remove(std::uint32_t id) {
   refuse_unknown(id);
   // Nothing below throws.
+  settle();
   give(id, false);
   std::ranges::push_heap(free_, std::greater<>());
 }
@@ -68,6 +65,7 @@ void Objects::remove(std::uint32_t id) {
 std::span<Aabb> Objects::map(std::size_t n) {
   reserve(std::max(n, ids()));
   // Nothing below throws.
+  settle();
   if (n > ids()) grow(n);
   free_.clear();
   for (auto id = static_cast<std::uint32_t>(n); id < ids(); ++id) {
@@ -86,24 +84,43 @@ std::span<Aabb> Objects::map(std::size_t n) {
   return std::span(now_).first(n);
 }
 
-void Objects::prepare(Workers& workers) {
-  if (!changes_.all) return;
-  spare_.reserve(now_.capacity());
-  spare_.resize(now_.size());
-  copy_boxes(now_, spare_, workers);
+void Objects::lend() noexcept {
+  are_lent_ = true;
+  are_packed_ = is_now_last_ = false;
+  changes_.all = true;
+}
+
+void Objects::take_back(std::span<const Aabb> boxes) noexcept {
+  if (!are_lent_) return;
+  workers_.for_each_part(ids(), boxes_per_part, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t id = begin; id < end; ++id) {
+      if (!are_packed_ || !has_nan(boxes[id])) now_[id] = boxes[id];
+    }
+  });
+  are_lent_ = false;
 }
 
 void Objects::commit() noexcept {
   if (changes_.all) {
     std::swap(last_, now_);
-    std::swap(now_, spare_);
+    is_now_last_ = true;
   }
   for (const std::uint32_t id : changes_.changed()) {
-    last_[id] = now_[id];
+    if (!is_now_last_) last_[id] = now_[id];
     last_filters_[id] = filters_[id];
   }
   changes_.clear();
   last_size_ = size_;
+}
+
+/// Makes now_ what is now.
+void Objects::settle() noexcept {
+  if (!is_now_last_) return;
+  workers_.for_each_part(ids(), boxes_per_part, [&](std::size_t begin, std::size_t end) {
+    std::ranges::copy(std::span<const Aabb>(last_).subspan(begin, end - begin),
+                      std::span(now_).subspan(begin).begin());
+  });
+  is_now_last_ = false;
 }
 
 void Objects::reserve(std::size_t ids) {

@@ -31,7 +31,9 @@ class Region {
   // The rank's own objects.
 
   /// The packed boxes of all slots, to be written in place until any other function is called.
-  [[nodiscard]] std::span<Aabb> map() { return broad_phase_.map_packed(slots_); }
+  [[nodiscard]] std::span<Aabb> map() { return boxes_ = broad_phase_.map_packed(slots_); }
+  /// What map() returned last, where that is now: until the search is over, and if anything fails.
+  [[nodiscard]] std::span<Aabb> mapped() const noexcept { return boxes_; }
   void move(std::uint32_t slot, const Aabb& box) { broad_phase_.move(slot, box); }
   void set_filter(std::uint32_t slot, const Filter& filter);
   /// Another object takes a slot, with an empty box.
@@ -86,6 +88,7 @@ class Region {
   Workers& workers_;
   std::size_t base_ = 0;
   std::size_t slots_ = 0;
+  std::span<Aabb> boxes_;
   std::size_t pair_count_ = 0;
   bool any_filters_ = false;
 

@@ -38,6 +38,7 @@ void Routes::Part::clear() noexcept {
   altered.clear();
   here_count = 0;
   nan.reset();
+  failure = nullptr;
 }
 
 Routes::Routes(std::size_t rank, std::size_t ranks, Workers& workers)
@@ -56,7 +57,7 @@ void Routes::clear() noexcept {
   here_count_ = 0;
 }
 
-bool Routes::route(const Objects& objects, const Cuts& cuts, To to, bool all, Region& region,
+bool Routes::route(Objects& objects, const Cuts& cuts, To to, bool all, Region& region,
                    std::vector<Bytes>& out) {
   const std::size_t ids = objects.ids();
   where_.resize(ids, 0);
@@ -89,13 +90,16 @@ bool Routes::route(const Objects& objects, const Cuts& cuts, To to, bool all, Re
                               .altered = {},
                               .touched = {},
                               .here_count = 0,
-                              .nan = {}});
+                              .nan = {},
+                              .failure = {}});
   }
   for (Part& part : parts_) part.clear();
   workers_.for_each(parts, [&](std::size_t k) {
     route_part(journey, count * k / parts, count * (k + 1) / parts, region, parts_[k]);
   });
+  if (is_in_place) objects.packed();
   for (Part& part : parts_) {
+    if (part.failure != nullptr) std::rethrow_exception(part.failure);
     if (part.nan) {
       throw Error("box " + std::to_string(*part.nan) +
                   " has a NaN bound; give an empty box (lower > upper) for an object without one");
@@ -145,12 +149,20 @@ void Routes::route_part(const Journey& journey, std::size_t begin, std::size_t e
     return;
   }
   for (std::size_t block = begin; block < end; block += objects_per_block) {
-    const auto boxes = journey.boxes.subspan(block, std::min(objects_per_block, end - block));
-    std::ranges::copy(boxes, journey.in_place.subspan(block).begin());
+    const std::size_t count = std::min(objects_per_block, end - block);
+    const std::span<Aabb> boxes = journey.in_place.subspan(block, count);
+    if (!journey.objects.are_lent()) std::ranges::copy(journey.boxes.subspan(block, count), boxes.begin());
     for (std::size_t k = 0; k < boxes.size(); ++k) {
       const auto id = static_cast<std::uint32_t>(block + k);
       const bool stays = next_[id] == here && is_proper(boxes[k]) && journey.own.enclose(boxes[k]);
-      if (!stays) route_one(journey, id, region, part);
+      if (stays) continue;
+      if (journey.objects.are_lent()) journey.objects.keep(id, boxes[k]);
+      if (part.failure != nullptr) continue;
+      try {
+        route_one(journey, id, region, part);
+      } catch (...) {  // others must be kept
+        part.failure = std::current_exception();
+      }
     }
   }
 }
@@ -313,6 +325,14 @@ void Routes::write(std::vector<Bytes>& out) {
   } else {
     for (std::size_t k = 0; k < pieces.size(); ++k) copy(k);
   }
+}
+
+void Routes::write_absent(std::span<const Aabb> boxes, std::span<Aabb> to) {
+  workers_.for_each_part(boxes.size(), objects_per_part, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t id = begin; id < end; ++id) {
+      if ((where_[id] & here) == 0) to[id] = boxes[id];
+    }
+  });
 }
 
 void Routes::commit() noexcept {

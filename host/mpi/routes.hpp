@@ -2,6 +2,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <exception>
 #include <optional>
 #include <span>
 #include <vector>
@@ -30,13 +31,16 @@ class Routes {
   };
 
   /// Brings this rank's own region up to date, and writes what other ranks must know. Undone by clear() only.
+  /// @param objects If their boxes are lent, then to the region.
   /// @param all Whether any object may be in another region, not only those that changed.
   /// @param out By rank.
   /// @returns Whether the region's boxes were written in place.
   /// @throws Error for a NaN bound.
-  bool route(const Objects& objects, const Cuts& cuts, To to, bool all, Region& region,
-             std::vector<Bytes>& out);
+  bool route(Objects& objects, const Cuts& cuts, To to, bool all, Region& region, std::vector<Bytes>& out);
   void commit() noexcept;
+
+  /// Writes the boxes of those of this rank's objects that its region does not have, as of the last update.
+  void write_absent(std::span<const Aabb> boxes, std::span<Aabb> to);
 
   /// Whether an object is in this rank's region, and was at the last update, and in no other.
   [[nodiscard]] bool is_settled(std::uint32_t id) const noexcept {
@@ -70,13 +74,14 @@ class Routes {
     std::vector<std::uint32_t> touched;            // of one object
     std::ptrdiff_t here_count = 0;                 // what is added to it
     std::optional<std::uint32_t> nan;              // an object with a NaN bound
+    std::exception_ptr failure;
 
     void clear() noexcept;
   };
 
   /// What route() was called with.
   struct Journey {
-    const Objects& objects;
+    Objects& objects;
     const Cuts& cuts;
     Cuts::Bounds own;
     To to;
