@@ -7,6 +7,7 @@
 #include <broadcl/error.hpp>
 
 #include "packed_box.hpp"
+#include "prefetch.hpp"
 
 namespace broadcl::mpi {
 namespace {
@@ -89,6 +90,7 @@ bool Routes::route(Objects& objects, const Cuts& cuts, To to, bool all, Region& 
                               .rerouted = {},
                               .altered = {},
                               .touched = {},
+                              .leaving = std::vector<std::uint32_t>(objects_per_block),
                               .here_count = 0,
                               .nan = {},
                               .failure = {}});
@@ -152,18 +154,33 @@ void Routes::route_part(const Journey& journey, std::size_t begin, std::size_t e
     const std::size_t count = std::min(objects_per_block, end - block);
     const std::span<Aabb> boxes = journey.in_place.subspan(block, count);
     if (!journey.objects.are_lent()) std::ranges::copy(journey.boxes.subspan(block, count), boxes.begin());
-    for (std::size_t k = 0; k < boxes.size(); ++k) {
+    std::size_t leaving = 0;
+    for (std::size_t k = 0; k < count; ++k) {
       const auto id = static_cast<std::uint32_t>(block + k);
-      const bool stays = next_[id] == here && is_proper(boxes[k]) && journey.own.enclose(boxes[k]);
-      if (stays) continue;
-      if (journey.objects.are_lent()) journey.objects.keep(id, boxes[k]);
-      if (part.failure != nullptr) continue;
-      try {
-        route_one(journey, id, region, part);
-      } catch (...) {  // others must be kept
-        part.failure = std::current_exception();
-      }
+      part.leaving[leaving] = id;
+      leaving += next_[id] == here && is_proper(boxes[k]) && journey.own.enclose(boxes[k]) ? 0U : 1U;
     }
+    route_leaving(journey, std::span(part.leaving).first(leaving), region, part);
+  }
+}
+
+/// Routes objects that may be in other regions.
+void Routes::route_leaving(const Journey& journey, std::span<const std::uint32_t> leaving, Region& region,
+                           Part& part) {
+  for (const std::uint32_t id : leaving) {
+    prefetch(&first_copy_[id]);
+    prefetch(&journey.objects.last()[id]);
+    prefetch(&journey.boxes[id]);
+  }
+  for (const std::uint32_t id : leaving) {
+    if (first_copy_[id] != none) prefetch(&copies_[first_copy_[id]]);
+    if (journey.objects.are_lent()) journey.objects.keep(id, journey.in_place[id]);
+  }
+  if (part.failure != nullptr) return;
+  try {
+    for (const std::uint32_t id : leaving) route_one(journey, id, region, part);
+  } catch (...) {  // others must be kept
+    part.failure = std::current_exception();
   }
 }
 

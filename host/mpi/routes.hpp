@@ -72,6 +72,7 @@ class Routes {
     std::vector<std::uint32_t> rerouted;           // objects that other regions than before have
     std::vector<std::uint32_t> altered;            // those whose next_ is not their where_
     std::vector<std::uint32_t> touched;            // of one object
+    std::vector<std::uint32_t> leaving;            // of one block of objects: those that may be elsewhere
     std::ptrdiff_t here_count = 0;                 // what is added to it
     std::optional<std::uint32_t> nan;              // an object with a NaN bound
     std::exception_ptr failure;
@@ -94,6 +95,8 @@ class Routes {
   void filter_own(const Journey& journey, Region& region);
   void end_replaced(const Journey& journey, Region& region);
   void route_part(const Journey& journey, std::size_t begin, std::size_t end, Region& region, Part& part);
+  void route_leaving(const Journey& journey, std::span<const std::uint32_t> leaving, Region& region,
+                     Part& part);
   void route_one(const Journey& journey, std::uint32_t id, Region& region, Part& part);
   [[nodiscard]] bool touch(const Journey& journey, const Aabb& box, std::vector<std::uint32_t>& others) const;
   void reroute(const Journey& journey, std::uint32_t id, Part& part);
