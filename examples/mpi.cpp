@@ -250,6 +250,10 @@ class Breakdown {
       std::snprintf(line.data(), line.size(), "  %-12s %9.3f ms, device %9.3f ms\n",
                     std::string(name).c_str(), 1e3 * median(frames.host), 1e3 * median(frames.device));
       text += line.data();
+      if (frames.host.size() < bytes_.size()) {  // a few frames only: the median is that of those
+        text.insert(text.size() - 1, ", in " + std::to_string(frames.host.size()) + " of " +
+                                         std::to_string(bytes_.size()) + " frames");
+      }
     }
     return text;
   }

@@ -1,6 +1,7 @@
 #include "mpi/routes.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cstring>
 #include <string>
 
@@ -346,8 +347,19 @@ void Routes::write(std::vector<Bytes>& out) {
 
 void Routes::write_absent(std::span<const Aabb> boxes, std::span<Aabb> to) {
   workers_.for_each_part(boxes.size(), objects_per_part, [&](std::size_t begin, std::size_t end) {
-    for (std::size_t id = begin; id < end; ++id) {
-      if ((where_[id] & here) == 0) to[id] = boxes[id];
+    std::array<std::size_t, objects_per_block> absent;  // NOLINT(*-member-init): written first
+    for (std::size_t block = begin; block < end; block += objects_per_block) {
+      std::size_t count = 0;
+      for (std::size_t id = block; id < std::min(end, block + objects_per_block); ++id) {
+        absent[count] = id;
+        count += (where_[id] & here) == 0 ? 1U : 0U;
+      }
+      const auto ids = std::span(absent).first(count);
+      for (const std::size_t id : ids) {
+        prefetch(&boxes[id]);
+        prefetch(&to[id]);
+      }
+      for (const std::size_t id : ids) to[id] = boxes[id];
     }
   });
 }

@@ -19,7 +19,13 @@ void Workers::run(std::size_t n, Task task) {
   task_ = std::move(task);
   count_ = n;
   next_ = 0;
-  for (std::size_t k = 0; k < std::min(n - 1, others_.size()); ++k) begun_.notify_one();
+  lock.unlock();
+  if (n > others_.size()) {
+    begun_.notify_all();
+  } else {
+    for (std::size_t k = 1; k < n; ++k) begun_.notify_one();
+  }
+  lock.lock();
   work(lock);
   done_.wait(lock, [this] { return under_way_ == 0; });
   task_ = nullptr;
