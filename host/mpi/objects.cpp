@@ -1,6 +1,11 @@
 #include "mpi/objects.hpp"
 
+#if defined(__SSE2__)
+#include <emmintrin.h>
+#endif
+
 #include <algorithm>
+#include <cstdint>
 #include <functional>
 #include <string>
 #include <utility>
@@ -17,6 +22,39 @@ void refuse_nan(const Aabb& box) {
   if (has_nan(box)) {
     throw Error("a box has a NaN bound; give an empty box (lower > upper) for an object without one");
   }
+}
+
+/// @param nans Whether boxes with a NaN are copied, too.
+void copy_boxes(std::span<const Aabb> from, std::span<Aabb> to, bool nans) {
+  for (std::size_t k = 0; k < from.size(); ++k) {
+    if (nans || !has_nan(from[k])) to[k] = from[k];
+  }
+}
+
+/// The same for boxes that are not read again soon: if possible past the caches, which would load what is
+/// overwritten first.
+void stream_boxes(std::span<const Aabb> from, std::span<Aabb> to, bool nans) {
+  std::size_t copied = 0;
+#if defined(__SSE2__)
+  const bool is_aligned = reinterpret_cast<std::uintptr_t>(to.data()) % sizeof(__m128) == 0;
+  for (; is_aligned && copied + 1 < from.size(); copied += 2) {
+    const float* source = from[copied].lower.data();
+    const __m128 s = _mm_loadu_ps(source);
+    const __m128 t = _mm_loadu_ps(source + 4);
+    const __m128 u = _mm_loadu_ps(source + 8);
+    const __m128 is_nan = _mm_or_ps(_mm_cmpunord_ps(s, t), _mm_cmpunord_ps(u, u));
+    if (!nans && _mm_movemask_ps(is_nan) != 0) {
+      copy_boxes(from.subspan(copied, 2), to.subspan(copied, 2), false);
+      continue;
+    }
+    float* target = to[copied].lower.data();
+    _mm_stream_ps(target, s);
+    _mm_stream_ps(target + 4, t);
+    _mm_stream_ps(target + 8, u);
+  }
+  _mm_sfence();
+#endif
+  copy_boxes(from.subspan(copied), to.subspan(copied), nans);
 }
 
 }  // namespace
@@ -93,9 +131,8 @@ void Objects::lend() noexcept {
 void Objects::take_back(std::span<const Aabb> boxes) noexcept {
   if (!are_lent_) return;
   workers_.for_each_part(ids(), boxes_per_part, [&](std::size_t begin, std::size_t end) {
-    for (std::size_t id = begin; id < end; ++id) {
-      if (!are_packed_ || !has_nan(boxes[id])) now_[id] = boxes[id];
-    }
+    stream_boxes(boxes.subspan(begin, end - begin), std::span(now_).subspan(begin, end - begin),
+                 !are_packed_);
   });
   are_lent_ = false;
 }
