@@ -1,6 +1,7 @@
 /* Tiles: the boxes are in an order in which neighbours in space are mostly neighbours, 32 boxes per tile, under a
-   tree of bounds in which every node has 32 children. Objects in different worlds never pair, so if there are worlds
-   they come first in the order, and the bounds of a node have a fourth dimension, its worlds.
+   tree of bounds in which every node has 32 children; 64 of both on GPUs that run 64 work-items in step. Objects in
+   different worlds never pair, so if there are worlds they come first in the order, and the bounds of a node have a
+   fourth dimension, its worlds.
 
    Levels of the tree are stored one after the other. Children of the nodes of level 0, which are the tiles, are
    boxes; those of the nodes of level 1 are bounds of tiles, and so on. */
@@ -12,7 +13,7 @@
 #include "lanes.h"
 
 #ifndef GROUP
-#define GROUP 32 /* one work-item per child; 1 with the tuning profile for CPUs: it handles all children */
+#define GROUP 32 /* one work-item per child, 32 or 64; 1 with the tuning profile for CPUs: it handles all children */
 #endif
 #ifndef SOME_CHANGED
 #define SOME_CHANGED 0 /* 1 if not all boxes changed: there is a second tree, of those that did */
@@ -22,7 +23,18 @@
 #endif
 
 #define LEVELS 4U
-#define NODE 32U /* children of a node; boxes of a tile are a node's children too */
+/* Children of a node; boxes of a tile are a node's children too. A mask has a bit for each. */
+#if GROUP == 64
+#define NODE 64U
+#define NODE_BITS 6U
+typedef ulong mask_t;
+typedef ulong4 masks_t; /* one per level */
+#else
+#define NODE 32U
+#define NODE_BITS 5U
+typedef uint mask_t;
+typedef uint4 masks_t;
+#endif
 #define BOUNDS_OF_CHILD (WORLDS ? 8U : 6U)
 #define NODE_WORDS (NODE * BOUNDS_OF_CHILD) /* lower x of all children, then lower y, ... */
 #define FIRST_WORLD 6U                      /* after the floats, as uints */

@@ -8,9 +8,9 @@
 #include "vote.h"
 
 /* Of the children of a node, one bit each, those that do not come before a node of their level. */
-static inline uint not_before(const uint bits, const uint node, const uint first) {
+static inline mask_t not_before(const mask_t bits, const uint node, const uint first) {
   const uint child = node * NODE;
-  return first <= child ? bits : first - child < NODE ? bits & (0xffffffffU << (first - child)) : 0U;
+  return first <= child ? bits : first - child < NODE ? bits & (~(mask_t)0 << (first - child)) : 0U;
 }
 
 /* The component of a level: 0 for the tiles. */
@@ -21,11 +21,12 @@ static inline uint of_level(const uint4 values, const uint level) {
 /* By level, children of the nodes on the way down that are still to be visited. */
 #if GROUP > 1
 /* (No array, since a GPU keeps one in memory if its index varies.) */
-typedef uint4 rest_t;
-static inline uint rest_of(const rest_t* rest, const uint level) {
-  return of_level(*rest, level);
+typedef masks_t rest_t;
+static inline mask_t rest_of(const rest_t* rest, const uint level) {
+  const rest_t all = *rest;
+  return level == 0U ? all.x : level == 1U ? all.y : level == 2U ? all.z : all.w;
 }
-static inline void set_rest(rest_t* rest, const uint level, const uint children) {
+static inline void set_rest(rest_t* rest, const uint level, const mask_t children) {
   if (level == 0U) rest->x = children;
   if (level == 1U) rest->y = children;
   if (level == 2U) rest->z = children;
@@ -34,18 +35,18 @@ static inline void set_rest(rest_t* rest, const uint level, const uint children)
 #else
 /* (An array, since llvmpipe in Mesa 22.3 loses pairs with the above.) */
 typedef struct {
-  uint children[LEVELS];
+  mask_t children[LEVELS];
 } rest_t;
-static inline uint rest_of(const rest_t* rest, const uint level) {
+static inline mask_t rest_of(const rest_t* rest, const uint level) {
   return rest->children[level];
 }
-static inline void set_rest(rest_t* rest, const uint level, const uint children) {
+static inline void set_rest(rest_t* rest, const uint level, const mask_t children) {
   rest->children[level] = children;
 }
 #endif
 
-static inline uint lowest_bit(const uint bits) {
-  return 31U - clz(bits & (0U - bits));
+static inline uint lowest_bit(const mask_t bits) {
+  return (uint)(NODE - 1U - clz(bits & (0U - bits)));
 }
 
 /* Whether two slots whose boxes overlap are a new pair; `s` and `t` are their boxes of the last frame. */
@@ -75,9 +76,10 @@ static inline void seek(bounds_t* bounds, const uint sets) {
 #define REPORT 256U
 
 #if GROUP > 1
-#define BATCH 32U   /* candidates that are tested at a time: a work-item has a bit for each */
-#define HITS 256U   /* room for hits */
-#define ENOUGH 128U /* hits are compared with the last frame once there are this many */
+#define BATCH 32U /* candidates that are tested at a time: a work-item has a bit for each */
+/* Room for hits: the less there is, the more work-groups run on GPUs with waves of 64, which have 64 KiB per CU. */
+#define HITS (8192U / NODE)
+#define ENOUGH (HITS / 2U) /* hits are compared with the last frame once there are this many */
 
 typedef struct {
   ballots_t ballots;
@@ -85,12 +87,12 @@ typedef struct {
   box_t own_last[NODE];
   uint own_slots[NODE];
   /* Boxes that overlap the bounds of the tile, with their places in lower.w. */
-  float4 lower[2U * BATCH];
-  float4 upper[2U * BATCH];
+  float4 lower[BATCH + NODE];
+  float4 upper[BATCH + NODE];
 #if WORLDS
-  uint2 worlds[2U * BATCH];
+  uint2 worlds[BATCH + NODE];
 #endif
-  uint slots[2U * BATCH];
+  uint slots[BATCH + NODE];
   uint2 hits[HITS]; /* an own box, and a slot; those that are new pairs become pairs */
   uint found;
   uint found_new;
@@ -102,8 +104,8 @@ typedef struct {
 
 /* Bits of the children of a node that the tile has to visit, and this work-item's child. All work-items must call
    it. */
-INLINE uint visit(const uint node, global const float* tree, const bounds_t* bounds, global const float* changed,
-                  const bounds_t* changed_bounds, bounds_t* child, local ballots_t* ballots, uint* turn) {
+INLINE mask_t visit(const uint node, global const float* tree, const bounds_t* bounds, global const float* changed,
+                    const bounds_t* changed_bounds, bounds_t* child, local ballots_t* ballots, uint* turn) {
   bool overlaps = false;
 #if SOME_CHANGED
   load_child(child, changed, node, (uint)get_local_id(0));
@@ -197,8 +199,8 @@ INLINE bool test_candidates(local search_t* scratch, const uint count, const bou
 #define FLUSH 64U /* hits are appended once there are this many */
 
 /* One bit per child of a node: whether it overlaps these bounds. */
-static inline uint overlapping(global const float* tree, const uint node, const bounds_t* bounds) {
-  uint bits = 0;
+static inline mask_t overlapping(global const float* tree, const uint node, const bounds_t* bounds) {
+  mask_t bits = 0;
   for (uint part = 0; part < NODE / WIDTH; ++part) {
     global const float* p = tree + child_at(node, 0, part * WIDTH);
 #define LOAD(i) PASTE(vload, WIDTH)(0, p + (i)*NODE)
@@ -216,8 +218,8 @@ static inline uint overlapping(global const float* tree, const uint node, const 
 }
 
 /* Bits of the children of a node that the tile has to visit. */
-static inline uint visit(const uint node, global const float* tree, const bounds_t* bounds, global const float* changed,
-                         const bounds_t* changed_bounds) {
+static inline mask_t visit(const uint node, global const float* tree, const bounds_t* bounds,
+                           global const float* changed, const bounds_t* changed_bounds) {
 #if SOME_CHANGED
   return overlapping(changed, node, bounds) | overlapping(tree, node, changed_bounds);
 #else
@@ -238,10 +240,10 @@ static inline void append_hits(const pair_sink_t* sink, local const uint2* hits,
 /* Finds the pairs of a tile with itself and later ones. `changed` is the tree of the boxes that changed. `starts`
    are the first nodes of the levels, `top` is the level of which there are `roots` nodes. Work-groups of dimension 0
    stand for a tile each; those of dimension 1 share its search: the first of them visits the tiles whose bit, among
-   each 32, is in `share`, and each further one visits tiles one further on. All give up if together they have done
-   more than `most_work`. */
+   the children of a node, is in `share`, and each further one visits tiles one further on. All give up if together they
+   have done more than `most_work`. */
 kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_search(
-    const uint4 starts, const uint top, const uint roots, const uint share, const uint most_work, const uint sets,
+    const uint4 starts, const uint top, const uint roots, const mask_t share, const uint most_work, const uint sets,
     global const float* restrict tree, global const float* restrict changed, global const uint2* restrict elements,
     global const uint4* restrict filters, global const uint2* restrict exclusions, PAIR_SINK_PARAMETERS) {
   const pair_sink_t sink = PAIR_SINK;
@@ -289,19 +291,19 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_search(
   for (uint k = 0; k < LEVELS; ++k) set_rest(&rest, k, 0);
   uint level = top;
   const uint end = is_halted(counts) ? 0U : roots;
-  uint root = tile >> (5U * top);
+  uint root = tile >> (NODE_BITS * top);
   uint node = root;
   while (root < end) {
-    uint bits = VISIT(of_level(starts, level) + node);
+    mask_t bits = VISIT(of_level(starts, level) + node);
     ++work;
     if (level > 0U) {
       if (level == 1U) bits &= share << (uint)get_group_id(1);
-      set_rest(&rest, level, not_before(bits, node, tile >> (5U * (level - 1U))));
+      set_rest(&rest, level, not_before(bits, node, tile >> (NODE_BITS * (level - 1U))));
     } else {
-      work += popcount(bits);
+      work += (uint)popcount(bits);
 #if GROUP > 1
       if ((bits >> item & 1U) != 0U) {
-        const uint k = count + popcount(bits & ((1U << item) - 1U));
+        const uint k = count + (uint)popcount(bits & (((mask_t)1 << item) - 1U));
         const uint place = node * NODE + item;
         scratch.lower[k] = (float4)(child.bound[0], child.bound[1], child.bound[2], as_float(place));
         scratch.upper[k] = (float4)(child.bound[3], child.bound[4], child.bound[5], 0.0F);
@@ -310,7 +312,7 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_search(
 #endif
         scratch.slots[k] = elements[place].x;
       }
-      count += popcount(bits);
+      count += (uint)popcount(bits);
 #else
       for (; bits != 0U; bits &= bits - 1U) {
         const uint child = lowest_bit(bits);
@@ -318,8 +320,8 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_search(
         load_child(&box, tree, node, child);
         seek(&box, sets);
         const uint slot = elements[node * NODE + child].x;
-        uint own = overlapping(tree, tile, &box);
-        if (node == tile) own &= (1U << child) - 1U;
+        mask_t own = overlapping(tree, tile, &box);
+        if (node == tile) own &= ((mask_t)1 << child) - 1U;
         if (own == 0U) continue;
         box_t other_last;
         load_last_box(&other_last, &sink, slot);
@@ -345,7 +347,7 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_search(
       level = top;
       node = ++root;
     } else {
-      const uint children = rest_of(&rest, level);
+      const mask_t children = rest_of(&rest, level);
       node = node * NODE + lowest_bit(children);
       set_rest(&rest, level, children & (children - 1U));
       --level;

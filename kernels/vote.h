@@ -1,14 +1,13 @@
-/* A vote of the 32 work-items of a work-group. */
+/* A vote of the work-items of a work-group, one for each child of a node. */
 #ifndef BROADCL_VOTE_H
 #define BROADCL_VOTE_H
 
 #include "inline.h"
-
-#define VOTERS 32U
+#include "tiles.h"
 
 /* The ballots of the last vote and of this one. */
 typedef struct {
-  uint4 bytes[2][VOTERS / sizeof(uint4)];
+  uint4 bytes[2][NODE / sizeof(uint4)];
 } ballots_t;
 
 /* The bits of four bytes that are each 0 or 1. */
@@ -23,7 +22,7 @@ static inline uint bits_of_16(const uint4 bytes) {
 
 /* One bit per work-item, which says whether it voted yes. All work-items must call it. `turn` is 0 before the first
    vote. A barrier between any two votes keeps what a slow work-item still reads from being overwritten. */
-INLINE uint vote(const bool yes, local ballots_t* ballots, uint* turn) {
+INLINE mask_t vote(const bool yes, local ballots_t* ballots, uint* turn) {
 #ifdef NVIDIA
   (void)ballots;
   (void)turn;
@@ -37,7 +36,12 @@ INLINE uint vote(const bool yes, local ballots_t* ballots, uint* turn) {
   *turn = 1U - *turn;
   ((local uchar*)box)[get_local_id(0)] = yes ? 1 : 0;
   barrier(CLK_LOCAL_MEM_FENCE);
-  return bits_of_16(box[0]) | bits_of_16(box[1]) << 16;
+  const uint first = bits_of_16(box[0]) | bits_of_16(box[1]) << 16;
+#if GROUP == 64
+  return (mask_t)(bits_of_16(box[2]) | bits_of_16(box[3]) << 16) << 32 | first;
+#else
+  return first;
+#endif
 #endif
 }
 
