@@ -22,7 +22,7 @@ struct Limits {
   bool is_offered_twice = false;   ///< By platforms that follow the others.
   bool has_large_buffers = false;  ///< By Intel's flag, for kernels built with Intel's option.
   std::map<cl_uint, std::string>
-      answers{};  ///< The bytes of what platforms and devices say, in place of their own.
+      answers{};  ///< The bytes of what platforms, devices and kernels say, in place of their own.
 };
 
 /// The bytes of an answer.
@@ -59,7 +59,7 @@ class LimitedDevices {
 void note_buffer(cl_mem buffer, std::size_t bytes);
 /// @param kernel What clCreateKernel returned, or null.
 void note_kernel(cl_kernel kernel, cl_program program);
-/// Whether an answer stands in place of a platform's or device's own; then it was given.
+/// Whether an answer stands in place of a platform's, device's or kernel's own; then it was given.
 [[nodiscard]] bool is_answered(cl_uint name, std::size_t bytes, void* value, std::size_t* size);
 void list_twice(cl_uint entries, cl_platform_id* platforms, cl_uint* count);
 void limit_device_info(cl_device_info name, std::size_t bytes, void* value);

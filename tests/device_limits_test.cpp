@@ -125,6 +125,56 @@ TEST(LimitedDevice, WithSmallWorkGroupsOrLittleLocalMemoryGetsTheTuningProfileFo
   }
 }
 
+/// A GPU whose extensions, or kernels, say this of the work-items that it runs in step.
+Limits gpu_of(const char* extensions, cl_uint name, const std::string& width) {
+  return {.answers = {{CL_DEVICE_TYPE, answer(cl_device_type{CL_DEVICE_TYPE_GPU})},
+                      {CL_DEVICE_EXTENSIONS, std::string(extensions) + '\0'},
+                      {name, width}}};
+}
+
+constexpr cl_uint wavefront_width_of_amd = 0x4043;
+constexpr cl_uint warp_size_of_nvidia = 0x4003;
+constexpr cl_uint multiple = CL_KERNEL_PREFERRED_WORK_GROUP_SIZE_MULTIPLE;
+
+TEST(LimitedDevice, WithWavesOf64GetsATuningProfileOfItsOwn) {
+  const ScopedVariable any("BROADCL_DEVICE", "");
+  const auto tuning_of = [](Limits limits) {
+    const LimitedDevices limited(limits);
+    return opencl::Context(select_device(), false).tuning();
+  };
+  const auto say = [](cl_uint width) { return answer(width); };
+  const auto multiple_of = [](std::size_t width) { return gpu_of("", multiple, answer(width)); };
+  const char* const amd = "cl_khr_fp64 cl_amd_device_attribute_query";
+  const char* const nvidia = "cl_nv_device_attribute_query";
+  EXPECT_EQ(tuning_of(gpu_of(amd, wavefront_width_of_amd, say(64))), opencl::Tuning::gpu64);
+  EXPECT_EQ(tuning_of(gpu_of(amd, wavefront_width_of_amd, say(32))), opencl::Tuning::gpu);
+  EXPECT_EQ(tuning_of(gpu_of(nvidia, warp_size_of_nvidia, say(32))), opencl::Tuning::gpu);
+  EXPECT_EQ(tuning_of(multiple_of(64)), opencl::Tuning::gpu64);
+  for (const std::size_t width : {1U, 16U, 32U, 128U}) {
+    EXPECT_EQ(tuning_of(multiple_of(width)), opencl::Tuning::gpu) << width;
+  }
+  Limits embedded = multiple_of(64);
+  embedded.answers[CL_DEVICE_PROFILE] = std::string("EMBEDDED_PROFILE") + '\0';
+  EXPECT_EQ(tuning_of(embedded), opencl::Tuning::gpu);
+  Limits cpu = multiple_of(64);
+  cpu.answers.erase(CL_DEVICE_TYPE);
+  EXPECT_EQ(tuning_of(cpu), opencl::Tuning::cpu);
+}
+
+ALSO_IN(gpu_profile);
+NOT_IN(all_default | sanitizers, "takes long, in kernels and their compiler");
+TEST(LimitedDevice, WithWavesOf64FindsWhatTheOracleFinds) {
+  const ScopedVariable by_the_device("BROADCL_TUNING", "");
+  const LimitedDevices limited(
+      gpu_of("cl_amd_device_attribute_query", wavefront_width_of_amd, answer(cl_uint{64})));
+  ASSERT_EQ(opencl::Context(select_device(), false).tuning(), opencl::Tuning::gpu64);
+  expect_right_pairs("tiles");
+  // So many that the tree has another level, but too many for the oracle.
+  const scenes::MovingBoxes many(50'000, scenes::MovingBoxes::Sizes::mixed);
+  EXPECT_TRUE(same("many", overlapping_pairs(many.boxes(), {.algorithm = "tiles"}),
+                   overlapping_pairs(many.boxes(), {.algorithm = "sweep-and-prune"})));
+}
+
 TEST(LimitedDevice, ThatCannotRunAKernelSaysSoAtOnce) {
   const LimitedDevices limited({.work_group = 64});
   const ScopedVariable tuning("BROADCL_TUNING", "gpu");

@@ -26,8 +26,12 @@ using Programs = std::set<std::string>;
 Programs listed_programs(const std::string& profile) {
   Programs programs;
   std::ifstream file(BROADCL_KERNEL_FOLDER "/programs.txt");
+  const std::string group = "-DGROUP=32";
+  const bool has_waves_of_64 = profile == "gpu64";
   for (std::string line; std::getline(file, line);) {
-    for (const std::string& prefix : {profile + " ", std::string("both ")}) {
+    const std::size_t at = line.find(group);
+    if (has_waves_of_64 && at != std::string::npos) line.replace(at, group.size(), "-DGROUP=64");
+    for (const std::string& prefix : {(has_waves_of_64 ? "gpu" : profile) + " ", std::string("both ")}) {
       if (line.starts_with(prefix)) programs.insert(line.substr(prefix.size()));
     }
   }
@@ -77,19 +81,27 @@ void live_on_the_device(const std::string& algorithm) {
   }
 }
 
-class ProgramList : public ::testing::TestWithParam<std::string> {};
-
 /// Other compilers than the one at hand are given those of the list (scripts/check-compilers).
-TEST_P(ProgramList, ThatAreBuiltAreThoseOfTheList) {
+void expect_listed_programs(const std::string& profile) {
   const ScopedFolder folder;
   const ScopedVariable cache("BROADCL_CACHE_DIR", folder.path().string());
-  const ScopedVariable tuning("BROADCL_TUNING", GetParam());
+  const ScopedVariable tuning("BROADCL_TUNING", profile);
   for (const char* algorithm : {"brute-force", "tiles"}) {
     live_on_the_host(algorithm);
     live_on_the_device(algorithm);
   }
   live_on_the_host("gpu-bf");
-  EXPECT_THAT(cached_programs(folder.path()), ::testing::ContainerEq(listed_programs(GetParam())));
+  EXPECT_THAT(cached_programs(folder.path()), ::testing::ContainerEq(listed_programs(profile)));
+}
+
+class ProgramList : public ::testing::TestWithParam<std::string> {};
+
+TEST_P(ProgramList, ThatAreBuiltAreThoseOfTheList) {
+  expect_listed_programs(GetParam());
+}
+
+TEST(LongProgramList, ForWavesOf64AreThoseOfTheList) {
+  expect_listed_programs("gpu64");
 }
 
 INSTANTIATE_TEST_SUITE_P(Tuned, ProgramList, ::testing::Values("gpu", "cpu"),

@@ -133,7 +133,7 @@ CostModel measure_model(const opencl::Context& context, MakePairFinder make) {
 
 /// Contains the kernels: if they change, they are measured again.
 std::string models_key(const opencl::Context& context) {
-  std::string key = context.tuning() == opencl::Tuning::cpu ? "cost models, cpu" : "cost models, gpu";
+  std::string key = "cost models, " + std::string(to_string(context.tuning()));
   for (const opencl::KernelFile& file : opencl::embedded_kernel_files()) key += file.text;
   return key;
 }

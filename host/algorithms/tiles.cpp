@@ -17,10 +17,13 @@ namespace broadcl {
 namespace {
 
 // As kernels/tiles.h has them.
-constexpr std::size_t node = 32;
-/// The bounds of its children, and their worlds if there are any.
-constexpr std::size_t node_bytes = node * sizeof(Aabb);
-constexpr std::size_t node_bytes_of_worlds = node_bytes + 2 * node * sizeof(cl_uint);
+/// Children of a node: as many as a GPU runs work-items in step.
+std::size_t node_of(const opencl::Context& context) {
+  return context.tuning() == opencl::Tuning::gpu64 ? 64 : 32;
+}
+/// The bounds of a child, and its worlds if there are any.
+constexpr std::size_t child_bytes = sizeof(Aabb);
+constexpr std::size_t child_bytes_of_worlds = child_bytes + 2 * sizeof(cl_uint);
 constexpr unsigned code_bits = 31;
 constexpr std::size_t levels = 4;  // as many as a cl_uint4 has numbers
 
@@ -66,7 +69,8 @@ class Tiles final : public PairFinder {
   Tiles(const opencl::Context& context, double stale)
       : context_(context),
         stale_(stale),
-        group_(context.tuning() == opencl::Tuning::cpu ? 1 : node),
+        node_(node_of(context)),
+        group_(context.tuning() == opencl::Tuning::cpu ? 1 : node_),
         group_per_box_(context.group()),
         most_roots_(context.tuning() == opencl::Tuning::cpu ? 1 : 8),
         centroids_(context),
@@ -170,21 +174,21 @@ class Tiles final : public PairFinder {
     elements_ = scratch_ = {};
     tree_ = changed_tree_ = {};
     const std::size_t bytes =
-        opencl::grown(context_, round_up(slots, node) * sizeof(cl_ulong), "order of boxes");
-    const std::size_t capacity = bytes / sizeof(cl_ulong) / node * node;
+        opencl::grown(context_, round_up(slots, node_) * sizeof(cl_ulong), "order of boxes");
+    const std::size_t capacity = bytes / sizeof(cl_ulong) / node_ * node_;
     elements_ = context_.buffer(bytes);
     scratch_ = context_.buffer(bytes);
     nodes_ = 0;
     for (std::size_t level = 0, size = capacity; level < levels; ++level) {
       starts_.s[level] = static_cast<cl_uint>(nodes_);
-      size = divide_up(size, node);
+      size = divide_up(size, node_);
       nodes_ += size;
     }
     capacity_ = capacity;
   }
 
   void reserve_tree(Tree& tree, bool worlds) const {
-    const std::size_t bytes = nodes_ * (worlds ? node_bytes_of_worlds : node_bytes);
+    const std::size_t bytes = nodes_ * node_ * (worlds ? child_bytes_of_worlds : child_bytes);
     if (tree.bytes >= bytes) return;
     tree = {};
     tree = {.nodes = context_.buffer(bytes), .bytes = bytes};
@@ -224,11 +228,11 @@ class Tiles final : public PairFinder {
   }
 
   /// The work of a search in a new order, up to a factor: some per tile, more per box that changed.
-  static double usual_work(const Search& search) {
+  [[nodiscard]] double usual_work(const Search& search) const {
     return usual_work(search.now.slots, search.changed_slots());
   }
-  static double usual_work(std::size_t slots, std::size_t changed) {
-    return 4 * static_cast<double>(divide_up(slots, node)) + 12 * static_cast<double>(changed);
+  [[nodiscard]] double usual_work(std::size_t slots, std::size_t changed) const {
+    return 4 * static_cast<double>(divide_up(slots, node_)) + 12 * static_cast<double>(changed);
   }
 
   /// The work at which the search is given up; the largest number if it must not be.
@@ -289,36 +293,39 @@ class Tiles final : public PairFinder {
 
   cl_uint set_fill(cl::Kernel& fill, const Search& search, const Tree& tree) const {
     return opencl::set_arguments(fill, 0, search.now.slots,
-                                 static_cast<cl_uint>(divide_up(search.now.slots, node)), starts_.s[1],
+                                 static_cast<cl_uint>(divide_up(search.now.slots, node_)), starts_.s[1],
                                  sets(search), elements_, tree.nodes);
   }
 
   void fill_tree(const Search& search, const cl::Kernel& fill, const Tree& tree, cl::Event* event) {
-    std::size_t nodes = divide_up(search.now.slots, node);
-    enqueue(fill, round_up(nodes, node), event);
-    nodes = divide_up(nodes, node);
+    std::size_t nodes = divide_up(search.now.slots, node_);
+    enqueue(fill, round_up(nodes, node_), event);
+    nodes = divide_up(nodes, node_);
     cl::Kernel& raise = kernels(search).raise;
     // The search starts at the first level that has few nodes.
-    for (top_ = 1; nodes > most_roots_ && top_ + 1 < levels; ++top_, nodes = divide_up(nodes, node)) {
+    for (top_ = 1; nodes > most_roots_ && top_ + 1 < levels; ++top_, nodes = divide_up(nodes, node_)) {
       opencl::set_arguments(raise, 0, starts_.s[top_], static_cast<cl_uint>(nodes), starts_.s[top_ + 1],
                             tree.nodes);
-      enqueue(raise, round_up(nodes, node), nullptr);
+      enqueue(raise, round_up(nodes, node_), nullptr);
     }
     roots_ = static_cast<cl_uint>(nodes);
   }
 
   void enqueue_search(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) {
     opencl::Profiler::Scope stage(profiler, "test");
-    const std::size_t tiles = divide_up(search.now.slots, node);
+    const std::size_t tiles = divide_up(search.now.slots, node_);
     const std::size_t sharers = this->sharers(tiles);
-    cl_uint share = 0;
-    for (std::size_t k = 0; k < node; k += sharers) share |= cl_uint{1} << k;
     most_work_ = most_work(search, sink);
     cl::Kernel& kernel = kernels(search).search;
-    const cl_uint first = opencl::set_arguments(
-        kernel, 0, starts_, static_cast<cl_uint>(top_), roots_, share, most_work_, sets(search), tree_.nodes,
-        (search.all ? tree_ : changed_tree_).nodes, elements_, search.now.filters, search.now.exclusions);
-    sink.set_sink(kernel, first, search);
+    cl_uint next = opencl::set_arguments(kernel, 0, starts_, static_cast<cl_uint>(top_), roots_);
+    cl_ulong share = 0;
+    for (std::size_t k = 0; k < node_; k += sharers) share |= cl_ulong{1} << k;
+    next = node_ == 64 ? opencl::set_arguments(kernel, next, share)
+                       : opencl::set_arguments(kernel, next, static_cast<cl_uint>(share));
+    next = opencl::set_arguments(kernel, next, most_work_, sets(search), tree_.nodes,
+                                 (search.all ? tree_ : changed_tree_).nodes, elements_, search.now.filters,
+                                 search.now.exclusions);
+    sink.set_sink(kernel, next, search);
     context_.queue().enqueueNDRangeKernel(kernel, cl::NullRange, cl::NDRange(tiles * group_, sharers),
                                           cl::NDRange(group_, 1), nullptr, stage.event());
   }
@@ -344,7 +351,8 @@ class Tiles final : public PairFinder {
   }
 
   const opencl::Context& context_;
-  double stale_;  // see make_tiles()
+  double stale_;      // see make_tiles()
+  std::size_t node_;  // children of a node
   std::size_t group_;
   std::size_t group_per_box_;
   std::size_t most_roots_;  // of the search: a launch more would leave fewer

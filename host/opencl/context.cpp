@@ -1,6 +1,7 @@
 #include "opencl/context.hpp"
 
 #include <algorithm>
+#include <array>
 #include <bit>
 #include <optional>
 #include <utility>
@@ -35,14 +36,14 @@ bool has_large_groups(const cl::Device& device) {
   return largest_group(device) >= group && device.getInfo<CL_DEVICE_LOCAL_MEM_SIZE>() >= local_memory;
 }
 
-Tuning tuning_of(const Device& device, const cl::Device& cl_device) {
+/// The tuning profile that the environment names, if any.
+std::optional<Tuning> wanted_tuning() {
   const auto wanted = environment("BROADCL_TUNING");
-  if (!wanted) {
-    return wants_few_work_items(device) || !has_large_groups(cl_device) ? Tuning::cpu : Tuning::gpu;
+  if (!wanted) return std::nullopt;
+  for (const Tuning tuning : {Tuning::gpu, Tuning::gpu64, Tuning::cpu}) {
+    if (*wanted == to_string(tuning)) return tuning;
   }
-  if (*wanted != "gpu" && *wanted != "cpu")
-    throw Error("BROADCL_TUNING is '" + *wanted + "'; set it to gpu or cpu");
-  return *wanted == "cpu" ? Tuning::cpu : Tuning::gpu;
+  throw Error("BROADCL_TUNING is '" + *wanted + "'; set it to gpu, gpu64 or cpu");
 }
 
 bool has_nvidia_vote(const cl::Device& device) {
@@ -53,12 +54,7 @@ bool has_nvidia_vote(const cl::Device& device) {
   if (environment("BROADCL_TUNING")) return false;
   if (device.getInfo<CL_DEVICE_EXTENSIONS>().find("cl_nv_device_attribute_query") == std::string::npos)
     return false;
-  const auto number = [&](cl_device_info name) {
-    cl_uint value = 0;
-    device.getInfo(name, &value);
-    return value;
-  };
-  return number(warp_size) == 32 && number(compute_capability_major) >= volta;
+  return ask<cl_uint>(device, warp_size) == 32U && ask<cl_uint>(device, compute_capability_major) >= volta;
 }
 
 /// Whether this is Intel's own driver (not Mesa's or Apple's) for its GPUs.
@@ -96,6 +92,18 @@ std::optional<cl::Program> from_binary(const cl::Context& context, const cl::Dev
 
 }  // namespace
 
+std::string_view to_string(Tuning tuning) noexcept {
+  switch (tuning) {
+    case Tuning::gpu:
+      return "gpu";
+    case Tuning::gpu64:
+      return "gpu64";
+    case Tuning::cpu:
+      break;
+  }
+  return "cpu";
+}
+
 Context::Context(Device device, bool profile, CompileHandler on_compile)
     : device_(std::move(device)), cl_device_(opencl::open(device_)), on_compile_(std::move(on_compile)) {
   translate_errors(device_.label(), [&] {
@@ -126,10 +134,34 @@ Context::~Context() {
 
 void Context::open(const cl::CommandQueue& queue) {
   queue_ = queue;
-  tuning_ = tuning_of(device_, cl_device_);
   largest_group_ = largest_group(cl_device_);
+  const auto wanted = wanted_tuning();
+  tuning_ = wanted ? *wanted : suitable_tuning();
   has_nvidia_vote_ = opencl::has_nvidia_vote(cl_device_);
   if (flushes_denormals(*this)) options_ += " -DFLUSHES=1";
+}
+
+Tuning Context::suitable_tuning() const {
+  if (wants_few_work_items(device_) || !has_large_groups(cl_device_)) return Tuning::cpu;
+  return has_waves_of_64() ? Tuning::gpu64 : Tuning::gpu;
+}
+
+/// Whether a GPU runs 64 work-items in step. (With OpenCL's embedded profile it may lack integers with as
+/// many bits.)
+bool Context::has_waves_of_64() const {
+  constexpr std::size_t wave = 64;
+  if (device_.type != DeviceType::gpu || cl_device_.getInfo<CL_DEVICE_PROFILE>() != "FULL_PROFILE")
+    return false;
+  const auto extensions = cl_device_.getInfo<CL_DEVICE_EXTENSIONS>();
+  // From cl_ext.h, which declares them for other versions of OpenCL only.
+  constexpr std::array<std::pair<std::string_view, cl_device_info>, 2> by_extension{
+      {{"cl_amd_device_attribute_query", 0x4043}, {"cl_nv_device_attribute_query", 0x4003}}};
+  for (const auto& [extension, name] : by_extension) {
+    if (extensions.find(extension) == std::string::npos) continue;
+    if (const auto width = ask<cl_uint>(cl_device_, name)) return *width == wave;
+  }
+  const cl::Kernel any(program("arithmetic.cl"), "arithmetic");
+  return any.getWorkGroupInfo<CL_KERNEL_PREFERRED_WORK_GROUP_SIZE_MULTIPLE>(cl_device_) == wave;
 }
 
 std::size_t Context::group(std::size_t wanted) const noexcept {
@@ -145,8 +177,8 @@ cl::Kernel Context::kernel(const cl::Program& program, const char* name, std::si
   if (most >= group && largest_group_ >= group) return kernel;
   throw Error(device_.label() + ": the kernel " + name + " needs work-groups of " + std::to_string(group) +
               ", but the device allows " + std::to_string(std::min(most, largest_group_)) +
-              (tuning_ == Tuning::gpu ? "; set BROADCL_TUNING=cpu, which uses smaller ones"
-                                      : "; use another device"));
+              (tuning_ == Tuning::cpu ? "; use another device"
+                                      : "; set BROADCL_TUNING=cpu, which uses smaller ones"));
 }
 
 void Context::fill(const cl::Buffer& buffer, cl_uint value, std::size_t first, std::size_t count) const {

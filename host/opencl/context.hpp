@@ -21,9 +21,12 @@
 
 namespace broadcl::opencl {
 
-/// What kernels are tuned for: many small work-items that share local memory, or few that each do a long run
-/// of work.
-enum class Tuning { gpu, cpu };
+/// What kernels are tuned for: many small work-items that share local memory, the same on a GPU that runs 64
+/// of them in step, or few that each do a long run of work.
+enum class Tuning { gpu, gpu64, cpu };
+
+/// "gpu", "gpu64" or "cpu".
+[[nodiscard]] std::string_view to_string(Tuning tuning) noexcept;
 
 /// A device that was opened: its context, one in-order queue, and programs built for it.
 class Context {
@@ -44,8 +47,8 @@ class Context {
   [[nodiscard]] const Device& device() const noexcept { return device_; }
   [[nodiscard]] const cl::Context& context() const noexcept { return context_; }
   [[nodiscard]] const cl::CommandQueue& queue() const noexcept { return queue_; }
-  /// The tuning profile that suits the device; the environment variable BROADCL_TUNING ("gpu" or "cpu")
-  /// overrides it, so that each tuning profile can be tested on any device.
+  /// The tuning profile that suits the device; the environment variable BROADCL_TUNING names another one, so
+  /// that each can be tested on any device.
   [[nodiscard]] Tuning tuning() const noexcept { return tuning_; }
 
   /// Work-items per work-group: the largest power of two that is not more than wanted or than the device
@@ -125,6 +128,8 @@ class Context {
                                    std::atomic<std::size_t> Memory::*counter) const;
 
   void open(const cl::CommandQueue& queue);
+  [[nodiscard]] Tuning suitable_tuning() const;
+  [[nodiscard]] bool has_waves_of_64() const;
 
   [[nodiscard]] cl::Program build(std::string_view file, const std::string& source,
                                   const std::string& options) const;

@@ -16,6 +16,8 @@
 namespace broadcl {
 namespace {
 
+using opencl::ask;
+
 // Of the functions below, all_platforms(), all_devices() and describe() throw cl::Error.
 
 std::vector<cl::Platform> all_platforms() {
@@ -43,16 +45,6 @@ DeviceType to_type(cl_device_type type) {
   if ((type & CL_DEVICE_TYPE_CPU) != 0) return DeviceType::cpu;
   if ((type & CL_DEVICE_TYPE_ACCELERATOR) != 0) return DeviceType::accelerator;
   return DeviceType::other;
-}
-
-/// What a device says of itself by an extension; nothing if it does not know, in spite of the extension.
-template <class Value>
-std::optional<Value> ask(const cl::Device& device, cl_device_info name) {
-  Value value{};
-  const cl_int error = clGetDeviceInfo(device(), name, sizeof(value), &value, nullptr);
-  if (error == CL_INVALID_VALUE) return std::nullopt;
-  if (error != CL_SUCCESS) throw cl::Error(error, "clGetDeviceInfo");
-  return value;
 }
 
 std::string hexadecimal(unsigned value, unsigned digits) {

@@ -1,5 +1,7 @@
 #pragma once
 
+#include <optional>
+
 #include <broadcl/device.hpp>
 
 #include "opencl/api.hpp"
@@ -13,5 +15,16 @@ namespace broadcl::opencl {
 /// What a queue's device reports about itself. A sub-device has the id of its root device.
 /// @throws Error if OpenCL fails.
 [[nodiscard]] Device describe(const cl::CommandQueue& queue);
+
+/// What a device says of itself by an extension; nothing if it does not know, in spite of the extension.
+/// @throws cl::Error
+template <class Value>
+[[nodiscard]] std::optional<Value> ask(const cl::Device& device, cl_device_info name) {
+  Value value{};
+  const cl_int error = clGetDeviceInfo(device(), name, sizeof(value), &value, nullptr);
+  if (error == CL_INVALID_VALUE) return std::nullopt;
+  if (error != CL_SUCCESS) throw cl::Error(error, "clGetDeviceInfo");
+  return value;
+}
 
 }  // namespace broadcl::opencl
