@@ -25,6 +25,13 @@ void limit(std::size_t bytes, void* value, Number most) {
   *number = std::min(*number, most);
 }
 
+/// Work-items per work-group, at most.
+std::size_t most_work_items(const cl::Kernel& kernel) {
+  const auto special = current->work_group_of_kernel.find(kernel.getInfo<CL_KERNEL_FUNCTION_NAME>());
+  const bool is_special = special != current->work_group_of_kernel.end();
+  return is_special ? std::min(special->second, current->work_group) : current->work_group;
+}
+
 }  // namespace
 
 LimitedDevices::LimitedDevices(const Limits& limits) : before_(current) {
@@ -39,8 +46,8 @@ cl_int refusal_of_launch(cl_kernel kernel, cl_uint dimensions, const std::size_t
   if (!current) return CL_SUCCESS;
   std::size_t items = 1;
   for (cl_uint k = 0; local != nullptr && k < dimensions; ++k) items *= local[k];
-  if (items > current->work_group) return CL_INVALID_WORK_GROUP_SIZE;
   const cl::Kernel retained(kernel, true);
+  if (items > most_work_items(retained)) return CL_INVALID_WORK_GROUP_SIZE;
   const cl::Device device = retained.getInfo<CL_KERNEL_CONTEXT>().getInfo<CL_CONTEXT_DEVICES>().front();
   const cl_ulong used = retained.getWorkGroupInfo<CL_KERNEL_LOCAL_MEM_SIZE>(device);
   return used > current->local_memory ? CL_OUT_OF_RESOURCES : CL_SUCCESS;
@@ -128,8 +135,9 @@ void limit_device_info(cl_device_info name, std::size_t bytes, void* value) {
   if (name == CL_DEVICE_COMPILER_AVAILABLE && !current->has_compiler) limit(bytes, value, cl_bool{CL_FALSE});
 }
 
-void limit_kernel_info(cl_kernel_work_group_info name, std::size_t bytes, void* value) {
-  if (current && name == CL_KERNEL_WORK_GROUP_SIZE) limit(bytes, value, current->work_group);
+void limit_kernel_info(cl_kernel kernel, cl_kernel_work_group_info name, std::size_t bytes, void* value) {
+  if (current && name == CL_KERNEL_WORK_GROUP_SIZE)
+    limit(bytes, value, most_work_items(cl::Kernel(kernel, true)));
 }
 
 }  // namespace broadcl::test

@@ -14,6 +14,7 @@ namespace broadcl::test {
 /// What other devices allow less of than the one at hand, or say otherwise.
 struct Limits {
   std::size_t work_group = std::numeric_limits<std::size_t>::max();  ///< Work-items.
+  std::map<std::string, std::size_t> work_group_of_kernel{};         ///< The same for some kernels, by name.
   cl_ulong local_memory = std::numeric_limits<cl_ulong>::max();      ///< Bytes per work-group.
   cl_ulong allocation = std::numeric_limits<cl_ulong>::max();        ///< Bytes per buffer.
   bool has_profiling = true;
@@ -63,6 +64,6 @@ void note_kernel(cl_kernel kernel, cl_program program);
 [[nodiscard]] bool is_answered(cl_uint name, std::size_t bytes, void* value, std::size_t* size);
 void list_twice(cl_uint entries, cl_platform_id* platforms, cl_uint* count);
 void limit_device_info(cl_device_info name, std::size_t bytes, void* value);
-void limit_kernel_info(cl_kernel_work_group_info name, std::size_t bytes, void* value);
+void limit_kernel_info(cl_kernel kernel, cl_kernel_work_group_info name, std::size_t bytes, void* value);
 
 }  // namespace broadcl::test

@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <iterator>
 #include <limits>
+#include <map>
 #include <span>
 #include <string>
 #include <vector>
@@ -15,6 +16,7 @@
 #include <broadcl/broad_phase.hpp>
 #include <broadcl/device.hpp>
 
+#include "device_life.hpp"
 #include "each_algorithm.hpp"
 #include "environment.hpp"
 #include "expect_error.hpp"
@@ -173,6 +175,37 @@ TEST(LimitedDevice, WithWavesOf64FindsWhatTheOracleFinds) {
   const scenes::MovingBoxes many(50'000, scenes::MovingBoxes::Sizes::mixed);
   EXPECT_TRUE(same("many", overlapping_pairs(many.boxes(), {.algorithm = "tiles"}),
                    overlapping_pairs(many.boxes(), {.algorithm = "sweep-and-prune"})));
+}
+
+/// A GPU with few registers, for instance.
+TEST(LimitedDevice, ThatRunsKernelsInSmallWorkGroupsOnlyGetsSuchOnes) {
+  const ScopedVariable any("BROADCL_DEVICE", "");
+  const std::vector<Aabb> boxes(50, unit);
+  const auto expect_all_pairs = [&](const std::string& algorithm,
+                                    const std::map<std::string, std::size_t>& kernels) {
+    SCOPED_TRACE(algorithm + ", " + kernels.begin()->first);
+    Limits gpu = gpu_of("cl_nv_device_attribute_query", warp_size_of_nvidia, answer(cl_uint{32}));
+    gpu.work_group_of_kernel = kernels;
+    const LimitedDevices limited(gpu);
+    ASSERT_EQ(opencl::Context(select_device(), false).tuning(), opencl::Tuning::gpu);
+    const Config config{.device = select_device().id(), .algorithm = algorithm};
+    EXPECT_EQ(overlapping_pairs(boxes, config).size(), 1225U);
+    if (algorithm == "gpu-bf") return;
+    const CallersQueue queue;
+    DeviceBroadPhase on_device(queue(), {.algorithm = algorithm});
+    EXPECT_EQ(on_device.update({.buffer = queue.buffer_of(boxes)(), .count = 50}).pair_count, 1225U);
+  };
+  expect_all_pairs("tiles", {{"radix_sort_scatter", 128}, {"tiles_keys", 8}});
+  expect_all_pairs("tiles", {{"tiles_search", 16}});
+  expect_all_pairs("brute-force", {{"brute_force", 1}});
+  expect_all_pairs("auto", {{"order_few", 64}});
+  expect_all_pairs("gpu-bf", {{"gpu_bf", 64}});
+}
+
+TEST(LimitedDevice, ThatRunsNoKernelAtAllIsRefused) {
+  const LimitedDevices limited({.work_group_of_kernel = {{"tiles_keys", 0}}});
+  EXPECT_THAT(error_of([] { BroadPhase({.algorithm = "tiles"}); }),
+              HasSubstr("allows 0; use another device"));
 }
 
 TEST(LimitedDevice, ThatCannotRunAKernelSaysSoAtOnce) {

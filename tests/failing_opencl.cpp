@@ -139,12 +139,13 @@ struct Watched<name, Result(Arguments...)> {
 
   /// Has an answer be that of such a device.
   static void limit(const All& all) {
+    const Inside inside;
     if constexpr (text == "clGetPlatformIDs")
       list_twice(std::get<0>(all), std::get<1>(all), std::get<2>(all));
     if constexpr (text == "clGetDeviceInfo")
       limit_device_info(std::get<1>(all), std::get<2>(all), std::get<3>(all));
     if constexpr (text == "clGetKernelWorkGroupInfo")
-      limit_kernel_info(std::get<2>(all), std::get<3>(all), std::get<4>(all));
+      limit_kernel_info(std::get<0>(all), std::get<2>(all), std::get<3>(all), std::get<4>(all));
   }
 
   static Result failure(const All& all, cl_int code) {

@@ -149,7 +149,8 @@ std::array<CostModel, 2> calibrate(const opencl::Context& context,
     std::memcpy(models.data(), stored->data(), sizeof models);
     return models;
   }
-  const opencl::Context own(context.queue());  // so that its memory does not count as the caller's
+  // So that its memory does not count as the caller's.
+  const opencl::Context own(context.queue(), {}, context.largest_group());
   std::ranges::transform(finders, models.begin(),
                          [&](MakePairFinder make) { return measure_model(own, make); });
   opencl::DiskCache::Bytes bytes(sizeof models);

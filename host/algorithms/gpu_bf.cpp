@@ -47,8 +47,8 @@ using opencl::round_up;
 /// the host, which XORs them.
 class GpuBf final : public Algorithm {
  public:
-  GpuBf(const Config& config, const Device& device)
-      : context_(device, config.profile, config.on_compile),
+  GpuBf(const Config& config, const Device& device, std::size_t most_in_group)
+      : context_(device, config.profile, config.on_compile, most_in_group),
         profiler_(config.profile),
         launch_(context_.tuning() == opencl::Tuning::cpu ? gpu_bf_on_cpus : gpu_bf_on_gpus),
         group_(context_.group(launch_.group_size)),
@@ -212,7 +212,10 @@ class GpuBf final : public Algorithm {
 
 std::unique_ptr<Algorithm> make_gpu_bf(const Config& config) {
   const Device device = select_device(config.device);
-  return opencl::translate_errors(device.label(), [&] { return std::make_unique<GpuBf>(config, device); });
+  return opencl::translate_errors(device.label(), [&] {
+    return opencl::make_in_groups(
+        [&](std::size_t most) { return std::make_unique<GpuBf>(config, device, most); });
+  });
 }
 
 }  // namespace broadcl

@@ -29,13 +29,6 @@ std::size_t largest_group(const cl::Device& device) {
                   device.getInfo<CL_DEVICE_MAX_WORK_ITEM_SIZES>().front());
 }
 
-/// Whether the device has what kernels that are tuned for GPUs use.
-bool has_large_groups(const cl::Device& device) {
-  constexpr std::size_t group = 256;
-  constexpr cl_ulong local_memory = 32 << 10;
-  return largest_group(device) >= group && device.getInfo<CL_DEVICE_LOCAL_MEM_SIZE>() >= local_memory;
-}
-
 /// The tuning profile that the environment names, if any.
 std::optional<Tuning> wanted_tuning() {
   const auto wanted = environment("BROADCL_TUNING");
@@ -104,19 +97,19 @@ std::string_view to_string(Tuning tuning) noexcept {
   return "cpu";
 }
 
-Context::Context(Device device, bool profile, CompileHandler on_compile)
+Context::Context(Device device, bool profile, CompileHandler on_compile, std::size_t most)
     : device_(std::move(device)), cl_device_(opencl::open(device_)), on_compile_(std::move(on_compile)) {
   translate_errors(device_.label(), [&] {
     if (profile && (cl_device_.getInfo<CL_DEVICE_QUEUE_PROPERTIES>() & CL_QUEUE_PROFILING_ENABLE) == 0) {
       throw Error(device_.label() + ": the device has no profiling; leave Config::profile off");
     }
     context_ = cl::Context(cl_device_);
-    open(cl::CommandQueue(context_, cl_device_, profile ? CL_QUEUE_PROFILING_ENABLE : 0));
+    open(cl::CommandQueue(context_, cl_device_, profile ? CL_QUEUE_PROFILING_ENABLE : 0), most);
     owns_queue_ = true;
   });
 }
 
-Context::Context(const cl::CommandQueue& queue, CompileHandler on_compile)
+Context::Context(const cl::CommandQueue& queue, CompileHandler on_compile, std::size_t most)
     : device_(describe(queue)), on_compile_(std::move(on_compile)) {
   translate_errors(device_.label(), [&] {
     if ((queue.getInfo<CL_QUEUE_PROPERTIES>() & CL_QUEUE_OUT_OF_ORDER_EXEC_MODE_ENABLE) != 0) {
@@ -124,7 +117,7 @@ Context::Context(const cl::CommandQueue& queue, CompileHandler on_compile)
     }
     cl_device_ = queue.getInfo<CL_QUEUE_DEVICE>();
     context_ = queue.getInfo<CL_QUEUE_CONTEXT>();
-    open(queue);
+    open(queue, most);
   });
 }
 
@@ -132,9 +125,9 @@ Context::~Context() {
   if (owns_queue_) wait_if_possible(queue_);
 }
 
-void Context::open(const cl::CommandQueue& queue) {
+void Context::open(const cl::CommandQueue& queue, std::size_t most) {
   queue_ = queue;
-  largest_group_ = largest_group(cl_device_);
+  largest_group_ = std::max<std::size_t>(1, std::min(most, opencl::largest_group(cl_device_)));
   const auto wanted = wanted_tuning();
   tuning_ = wanted ? *wanted : suitable_tuning();
   has_nvidia_vote_ = opencl::has_nvidia_vote(cl_device_);
@@ -142,7 +135,12 @@ void Context::open(const cl::CommandQueue& queue) {
 }
 
 Tuning Context::suitable_tuning() const {
-  if (wants_few_work_items(device_) || !has_large_groups(cl_device_)) return Tuning::cpu;
+  // What kernels that are tuned for GPUs use.
+  constexpr std::size_t group = 256;
+  constexpr cl_ulong local_memory = 32 << 10;
+  if (wants_few_work_items(device_) || largest_group_ < group ||
+      cl_device_.getInfo<CL_DEVICE_LOCAL_MEM_SIZE>() < local_memory)
+    return Tuning::cpu;
   return has_waves_of_64() ? Tuning::gpu64 : Tuning::gpu;
 }
 
@@ -175,10 +173,12 @@ cl::Kernel Context::kernel(const cl::Program& program, const char* name, std::si
                                ? largest_group_
                                : kernel.getWorkGroupInfo<CL_KERNEL_WORK_GROUP_SIZE>(cl_device_);
   if (most >= group && largest_group_ >= group) return kernel;
-  throw Error(device_.label() + ": the kernel " + name + " needs work-groups of " + std::to_string(group) +
-              ", but the device allows " + std::to_string(std::min(most, largest_group_)) +
-              (tuning_ == Tuning::cpu ? "; use another device"
-                                      : "; set BROADCL_TUNING=cpu, which uses smaller ones"));
+  const std::size_t allowed = std::min(most, largest_group_);
+  throw GroupTooLarge(device_.label() + ": the kernel " + name + " needs work-groups of " +
+                          std::to_string(group) + ", but the device allows " + std::to_string(allowed) +
+                          (tuning_ == Tuning::cpu ? "; use another device"
+                                                  : "; set BROADCL_TUNING=cpu, which uses smaller ones"),
+                      allowed);
 }
 
 void Context::fill(const cl::Buffer& buffer, cl_uint value, std::size_t first, std::size_t count) const {

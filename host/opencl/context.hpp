@@ -3,6 +3,7 @@
 #include <atomic>
 #include <cstddef>
 #include <cstdint>
+#include <limits>
 #include <map>
 #include <memory>
 #include <optional>
@@ -12,6 +13,7 @@
 
 #include <broadcl/config.hpp>
 #include <broadcl/device.hpp>
+#include <broadcl/error.hpp>
 #include <broadcl/memory.hpp>
 
 #include "opencl/api.hpp"
@@ -28,16 +30,31 @@ enum class Tuning { gpu, gpu64, cpu };
 /// "gpu", "gpu64" or "cpu".
 [[nodiscard]] std::string_view to_string(Tuning tuning) noexcept;
 
+constexpr std::size_t any_group = std::numeric_limits<std::size_t>::max();
+
+/// The device runs a kernel in smaller work-groups only.
+class GroupTooLarge : public Error {
+ public:
+  /// @param most Work-items per work-group that it allows.
+  GroupTooLarge(const std::string& what, std::size_t most) : Error(what), most_(most) {}
+  [[nodiscard]] std::size_t most() const noexcept { return most_; }
+
+ private:
+  std::size_t most_;
+};
+
 /// A device that was opened: its context, one in-order queue, and programs built for it.
 class Context {
  public:
   /// @param profile Whether the queue records device times.
   /// @param on_compile Called before the first program is built from its source.
+  /// @param most Work-items per work-group, if the device does not allow less anyway.
   /// @throws Error naming the device.
-  Context(Device device, bool profile, CompileHandler on_compile = {});
+  Context(Device device, bool profile, CompileHandler on_compile = {}, std::size_t most = any_group);
   /// Works in the context of a queue of the caller, which is retained.
   /// @throws Error for a queue that is not in order.
-  explicit Context(const cl::CommandQueue& queue, CompileHandler on_compile = {});
+  explicit Context(const cl::CommandQueue& queue, CompileHandler on_compile = {},
+                   std::size_t most = any_group);
   /// Waits for what is left in its own queue, the release of mapped memory for instance: Intel's runtime may
   /// crash if the process ends before that.
   ~Context();
@@ -54,6 +71,7 @@ class Context {
   /// Work-items per work-group: the largest power of two that is not more than wanted or than the device
   /// allows. (As many as a wave of any GPU has, for kernels whose work-items work alone.)
   [[nodiscard]] std::size_t group(std::size_t wanted = 64) const noexcept;
+  [[nodiscard]] std::size_t largest_group() const noexcept { return largest_group_; }
 
   /// Whether 32 work-items that form a work-group can vote by an instruction of NVIDIA's: kernels/vote.h. Not
   /// if BROADCL_TUNING is set, so that kernels can be tested without it.
@@ -92,7 +110,7 @@ class Context {
 
   /// A kernel of a program.
   /// @param group Work-items per work-group that it will be launched with.
-  /// @throws cl::Error; Error if the device runs this kernel in smaller work-groups only.
+  /// @throws cl::Error; GroupTooLarge
   [[nodiscard]] cl::Kernel kernel(const cl::Program& program, const char* name, std::size_t group) const;
 
   /// Sets all words of a part of a buffer. (Not by clEnqueueFillBuffer, which some drivers do not do
@@ -127,7 +145,7 @@ class Context {
   [[nodiscard]] cl::Buffer counted(std::size_t bytes, cl_mem_flags flags,
                                    std::atomic<std::size_t> Memory::*counter) const;
 
-  void open(const cl::CommandQueue& queue);
+  void open(const cl::CommandQueue& queue, std::size_t most);
   [[nodiscard]] Tuning suitable_tuning() const;
   [[nodiscard]] bool has_waves_of_64() const;
 
@@ -149,5 +167,21 @@ class Context {
   mutable CompileHandler on_compile_;  // empty once it was called
   std::shared_ptr<Memory> memory_ = std::make_shared<Memory>();
 };
+
+/// Makes an object that works on a device; if the device runs a kernel in smaller work-groups only, for
+/// instance because it has too few registers, again with such ones.
+/// @param make Is given the most work-items per work-group, for the constructor of a Context.
+/// @throws What it throws; GroupTooLarge if the environment names a tuning profile with larger work-groups.
+template <class Make>
+auto make_in_groups(const Make& make) {
+  for (std::size_t most = any_group;;) {
+    try {
+      return make(most);
+    } catch (const GroupTooLarge& error) {
+      if (error.most() >= most) throw;
+      most = error.most();
+    }
+  }
+}
 
 }  // namespace broadcl::opencl
