@@ -140,7 +140,7 @@ constexpr cl_uint multiple = CL_KERNEL_PREFERRED_WORK_GROUP_SIZE_MULTIPLE;
 
 TEST(LimitedDevice, WithWavesOf64GetsATuningProfileOfItsOwn) {
   const ScopedVariable any("BROADCL_DEVICE", "");
-  const auto tuning_of = [](Limits limits) {
+  const auto tuning_of = [](const Limits& limits) {
     const LimitedDevices limited(limits);
     return opencl::Context(select_device(), false).tuning();
   };
