@@ -153,7 +153,9 @@ TEST_P(BulletFailure, ASingleFailureIsSurvivedToo) {
     const FailingOpenCl one_fails(first, 1);
     life.live();
     ASSERT_LE(life.errors().size(), 1U);
-    ASSERT_EQ(life.is_on_device(), life.errors().empty());
+    // (`auto` may work on the host by itself if the device is a GPU.)
+    const bool left_by_itself = GetParam().name == "auto" && !life.is_on_device() && life.errors().empty();
+    if (!left_by_itself) ASSERT_EQ(life.is_on_device(), life.errors().empty());
     if (FailingOpenCl::calls() < first) break;
   }
 }

@@ -159,7 +159,7 @@ TEST(LimitedDevice, WithWavesOf64GetsATuningProfileOfItsOwn) {
   embedded.answers[CL_DEVICE_PROFILE] = std::string("EMBEDDED_PROFILE") + '\0';
   EXPECT_EQ(tuning_of(embedded), opencl::Tuning::gpu);
   Limits cpu = multiple_of(64);
-  cpu.answers.erase(CL_DEVICE_TYPE);
+  cpu.answers[CL_DEVICE_TYPE] = answer(cl_device_type{CL_DEVICE_TYPE_CPU});
   EXPECT_EQ(tuning_of(cpu), opencl::Tuning::cpu);
 }
 

@@ -120,7 +120,7 @@ SUITE_ALSO_IN(Enqueue, gpu_profile | rusticl);
 
 ALSO_IN(oclgrind | oclgrind_gpu_profile);
 TEST_P(Enqueue, SmallFramesFollowTheOracle) {
-  follow_oracle(50, 1500, 11);
+  follow_oracle(50, 1500, 8);
 }
 
 TEST_P(Enqueue, FramesFollowTheOracle) {

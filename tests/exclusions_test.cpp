@@ -97,7 +97,7 @@ void follow(const BroadPhase::Config& config, std::uint32_t n) {
   ASSERT_TRUE(follower.agrees()) << "none";
 }
 
-ALSO_IN(oclgrind | oclgrind_gpu_profile);
+ALSO_IN(oclgrind);
 TEST_P(EachAlgorithm, SmallExclusionsAreNotReported) {
   follow(config(), 60);
 }
@@ -152,7 +152,7 @@ void search_once(const BroadPhase::Config& config, std::uint32_t n) {
   EXPECT_TRUE(same("all of two sets", overlapping_pairs(first, second, config, between), {}));
 }
 
-ALSO_IN(oclgrind | oclgrind_gpu_profile);
+ALSO_IN(oclgrind);
 TEST_P(EachAlgorithm, SmallExclusionsOfOneSearch) {
   search_once(config(), 60);
 }

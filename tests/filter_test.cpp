@@ -114,7 +114,7 @@ TEST_P(EachAlgorithm, SmallFiltersOfBoxesThatStandStillEndPairsAndBringThemBack)
   EXPECT_EQ(broad_phase.pairs().size(), 780U);
 }
 
-ALSO_IN(oclgrind | oclgrind_gpu_profile);
+ALSO_IN(oclgrind);
 TEST_P(EachAlgorithm, SmallAReusedIdHasTheFilterOfItsNewObject) {
   BroadPhase broad_phase(config());
   for (int k = 0; k < 18; ++k) broad_phase.add(unit, in_world(3));
