@@ -228,6 +228,7 @@ TEST(LimitedDevice, WithSmallAllocationsRefusesPairsThatDoNotFitAndGoesOn) {
 }
 
 /// On Intel's GPUs they need a flag and an option, which only gpu-bf uses.
+NOT_IN(all_default, "takes long, in the compiler");
 TEST(LimitedDevice, OfIntelHasLargeBuffersForGpuBf) {
   const ScopedVariable any("BROADCL_DEVICE", "");
   const ScopedVariable cache("BROADCL_CACHE_DIR", "/dev/null");

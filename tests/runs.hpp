@@ -20,8 +20,8 @@ using Runs = unsigned;
 
 namespace runs {
 
-/// On the default device, in a few processes, which saves a tenth of the time of one for each test. Every
-/// test is in it.
+/// On the default device, in a few processes, which saves half of the time of one for each test. Every test
+/// is in it unless it says otherwise.
 inline constexpr Runs all_default = 128;
 /// On the default device, with kernels tuned for GPUs.
 inline constexpr Runs gpu_profile = 1;

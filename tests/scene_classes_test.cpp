@@ -202,7 +202,7 @@ TEST_P(EachAlgorithm, SmallClassesOfScenesAgreeWithTheOracle) {
 }
 
 /// Sizes at which an order of space has several levels.
-NOT_IN(gpu_profile | rusticl | sanitizers, "takes long");
+NOT_IN(all_default | gpu_profile | rusticl | sanitizers, "takes long");
 TEST_P(EachAlgorithm, ThousandsOfBoxesOfEveryClassAgreeWithTheOracle) {
   const std::uint32_t n = is_slow() ? 1025 : 2049;
   for (const SceneClass& scene : classes()) expect_oracle(draw(scene, n, 1), scene.name);
