@@ -16,8 +16,8 @@ namespace broadcl {
 /// exceeds its upper bound on some axis is empty and overlaps nothing, not even a box that surrounds it.
 ///
 /// The functions below test bits, not floating-point numbers, so they also hold in code that is compiled with
-/// -ffast-math; == compares numbers. A program that is linked with -ffast-math, however, may have its
-/// processors take denormal numbers for 0, in this library too.
+/// -ffast-math; == compares numbers. A program that is linked with -ffast-math, however, may make the
+/// processor treat denormal numbers as 0, in this library too.
 struct Aabb {
   std::array<float, 3> lower;
   std::array<float, 3> upper;
@@ -28,7 +28,7 @@ static_assert(sizeof(Aabb) == 24, "24 bytes per box cross the bus");
 
 namespace detail {
 
-/// One integer per bound, lower ones first: they compare as the bounds do, and those of NaNs lie outside
+/// One integer per bound, lower bounds first. They compare as the bounds do; those of NaNs are outside
 /// -infinite_key .. infinite_key.
 [[nodiscard]] constexpr std::array<std::int32_t, 6> keys(const Aabb& box) noexcept {
   auto bits = std::bit_cast<std::array<std::int32_t, 6>>(box);

@@ -11,12 +11,12 @@
 
 namespace broadcl {
 
-/// What the caller's bounds may be: float or double.
+/// The type of the caller's bounds: float or double.
 template <class S>
 concept Bound = std::same_as<S, float> || std::same_as<S, double>;
 
-/// A contiguous range of Aabb that outlives the expression: a std::vector or an array that has a name, or a
-/// range that owns no boxes, such as std::span. A temporary std::vector does not qualify.
+/// A contiguous range of Aabb that outlives the expression: a named std::vector or array, or a range that
+/// does not own its boxes, such as std::span. A temporary std::vector does not qualify.
 template <class Range>
 concept AabbArray = std::ranges::contiguous_range<Range> && std::ranges::sized_range<Range> &&
     std::ranges::borrowed_range<Range> && std::same_as<std::ranges::range_value_t<Range>, Aabb>;
@@ -24,17 +24,17 @@ concept AabbArray = std::ranges::contiguous_range<Range> && std::ranges::sized_r
 /// A read-only view of boxes in the caller's memory, in any layout with a constant distance between boxes.
 /// Nothing is copied.
 ///
-/// A view owns no memory. What it was made of must outlive it, and must not change while the view is read.
-/// Any number of threads may read a view at the same time. Copying a view is cheap.
+/// A view owns no memory. The memory that it shows must outlive it, and must not change while the view is
+/// read. Any number of threads may read a view at the same time. Copying a view is cheap.
 ///
 /// Bounds are float32 or float64; float64 rounds outward as round_outward() does, except that an empty box
 /// stays empty.
 ///
 /// The functions that make a view take pointers to the bounds of box 0 and a stride, the distance in bytes
-/// from each box to the next: a multiple of the bounds' alignment, negative if the next box comes before, 0
-/// for n times the same box. Memory between the bounds is not read. They throw Error for a null or misaligned
-/// pointer, for a misaligned stride, and for more boxes than memory could hold; if n is 0, any pointers will
-/// do.
+/// from each box to the next. It must be a multiple of the bounds' alignment; it is negative if each box
+/// precedes the last one in memory, and 0 for n times the same box. Memory between the bounds is not read.
+/// They throw Error for a null or misaligned pointer, for a misaligned stride, and for more boxes than memory
+/// could hold; if n is 0, pointers are not checked.
 class BROADCL_API BoxView {
  public:
   /// No boxes.
@@ -76,7 +76,7 @@ class BROADCL_API BoxView {
   }
 
   /// n boxes in two dimensions, of four numbers each: lower x, y, upper x, y; the first box is at `numbers`.
-  /// In z they go from 0 to 0.
+  /// In z, they extend from 0 to 0.
   template <Bound S>
   [[nodiscard]] static BoxView rectangles(const S* numbers, std::size_t n,
                                           std::ptrdiff_t stride = 4 * sizeof(S)) {
@@ -93,14 +93,14 @@ class BROADCL_API BoxView {
   [[nodiscard]] Aabb operator[](std::size_t k) const noexcept;
 
   /// Copies all boxes as float32, with several threads if there are many.
-  /// @param out Not in the memory viewed; boxes past the first size() are left alone.
-  /// @throws Error if `out` is smaller than the view; nothing is copied then. After std::bad_alloc the
-  ///   content of `out` is unspecified.
+  /// @param out Must not overlap the viewed memory; boxes after the first size() are not changed.
+  /// @throws Error if `out` is smaller than the view; then nothing is copied. After std::bad_alloc the
+  /// content of `out` is unspecified.
   void copy_to(std::span<Aabb> out) const;
 
-  /// Copies all boxes as algorithms read them: like copy_to(), but every empty box becomes six NaNs.
-  /// @throws Error also for a NaN bound (it names the first such box); the content of `out` is then
-  ///   unspecified.
+  /// Copies all boxes in the form that algorithms read: like copy_to(), but every empty box becomes six NaNs.
+  /// @throws Error as copy_to() does, and for a NaN bound (it names the first such box); the content of `out`
+  /// is then unspecified.
   void pack_to(std::span<Aabb> out) const;
 
  private:

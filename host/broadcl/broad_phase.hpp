@@ -27,29 +27,29 @@ class Region;
 
 /// Holds a set of moving boxes and reports at each update() which pairs began and which ceased to overlap.
 ///
-/// An update costs as much as what moved: if nothing did, the device is not asked; if little did, only that
-/// is uploaded and tested against all; pairs of two objects that did not move stay.
+/// An update costs as much as what moved. If nothing moved, there is no search; if few objects moved, only
+/// their boxes are uploaded and tested against all others; pairs of two objects that did not move stay.
 ///
-/// Every function does all of its work or none: if it throws, objects and known pairs are as before. Besides
-/// Error, functions that allocate throw std::bad_alloc.
+/// If a function throws, it has changed nothing: objects and known pairs are as before. Functions that
+/// allocate may throw std::bad_alloc as well as Error.
 ///
-/// Not synchronised: one thread at a time may use an object. Different objects are independent of each other
-/// and may live on different threads and on different devices. Can be moved, not copied; an object that was
-/// moved from may only be destroyed or assigned to.
+/// Not synchronised: only one thread at a time may use an object. Different objects are independent of each
+/// other and may be used by different threads and use different devices. Movable, not copyable; an object
+/// that was moved from may only be destroyed or assigned to.
 class BROADCL_API BroadPhase {
  public:
   using Config = broadcl::Config;
 
-  /// Opens the device and builds the kernels, unless it works on the host at first: see Config::algorithm.
-  /// @throws Error for an unknown algorithm or device, and for whatever fails in OpenCL.
+  /// Opens the device and builds the kernels, unless the algorithm starts on the host: see Config::algorithm.
+  /// @throws Error for an unknown algorithm or device, and if OpenCL fails.
   BroadPhase();
   explicit BroadPhase(const Config& config);
   ~BroadPhase();
   BroadPhase(BroadPhase&&) noexcept;
   BroadPhase& operator=(BroadPhase&&) noexcept;
 
-  /// Adds an object and returns its id: the lowest that is free, so that ids stay dense and depend on the
-  /// sequence of calls only.
+  /// Adds an object and returns its id, the lowest that is free. So ids stay dense and depend only on the
+  /// sequence of calls.
   /// @throws Error for a NaN bound, and if there is no memory for the box.
   std::uint32_t add(const Aabb& box, const Filter& filter = Filter());
 
@@ -57,13 +57,13 @@ class BROADCL_API BroadPhase {
   /// @throws Error for an unknown id and for a NaN bound.
   void move(std::uint32_t id, const Aabb& box);
 
-  /// Replaces the filter of an object: from the next update on its pairs are those that the new one allows.
+  /// Replaces the filter of an object. From the next update on, it has the pairs that the new filter allows.
   /// @throws Error for an unknown id, and if there is no memory for filters.
   void set_filter(std::uint32_t id, const Filter& filter);
 
-  /// Replaces the list of pairs of ids that are never reported, whatever their boxes and filters: of joined
-  /// bodies, for instance, or of edges that share a vertex (pairs_that_share()). Each holds for whichever
-  /// objects have the ids. At first there are none.
+  /// Replaces the list of pairs of ids that are never reported, whatever their boxes and filters: for
+  /// instance joined bodies, or edges that share a vertex (pairs_that_share()). A pair applies to whichever
+  /// objects have the two ids. Initially the list is empty.
   /// @param pairs In any order; copied.
   /// @throws Error for a pair of an id with itself.
   void set_exclusions(std::span<const Pair> pairs);
@@ -73,118 +73,117 @@ class BROADCL_API BroadPhase {
   /// @throws Error for an unknown id.
   void remove(std::uint32_t id);
 
-  /// For callers whose boxes all move, or are stored elsewhere: makes 0 .. n-1 the ids of the objects, adding
-  /// those that are missing and removing those beyond, and returns the memory that the device reads their
-  /// boxes from, to be written in place. New objects have empty boxes until then. All of them count as moved.
-  /// @returns n boxes, valid until the next call of any other function of this object. A NaN bound among them
-  /// is an error of the next update() or begin(), which names the first and changes nothing; write a proper
-  /// box and call it again.
-  /// @throws Error while an update that begin() started is not finished, and if there is no memory for the
-  /// boxes.
+  /// For callers whose boxes all move, or are stored elsewhere. Makes 0 .. n-1 the ids of the objects, by
+  /// adding those that are missing and removing all others, and returns the memory from which the device
+  /// reads their boxes, for the caller to write. New objects have empty boxes until then. All objects count
+  /// as moved.
+  /// @returns n boxes, valid until the next call of any other function of this object. If one of them has a
+  /// NaN bound, the next update() or begin() throws an Error that names the first such box, and changes
+  /// nothing; write a valid box and call it again.
+  /// @throws Error between begin() and finish(), and if there is no memory for the boxes.
   std::span<Aabb> map(std::size_t n);
 
-  /// Keeps the memory that map() just returned from being freed, even if it moves or this object is
-  /// destroyed, for callers who cannot know when somebody looks at it last. It may be read then, but not
-  /// written.
+  /// Shares ownership of the memory that map() just returned, which is then not freed even if the boxes move
+  /// to other memory or this object is destroyed. For callers who cannot know when it is read last. It may
+  /// then be read, but not written.
   [[nodiscard]] std::shared_ptr<const void> mapped_memory() const;
 
-  /// Finds every pair of overlapping boxes that their filters let pair, and returns what changed since the
-  /// last update. The same as begin() and finish().
+  /// Finds every pair of overlapping boxes whose filters allow it, and returns what changed since the last
+  /// update. The same as begin() and finish().
   /// @throws Error if the device fails or its memory is exhausted, and for a NaN that was written to the
-  /// memory of map(); the call may be repeated.
+  /// memory of map(). The call may be repeated.
   Delta update();
 
-  /// Starts an update on the device and returns at once: the thread is free until finish(). Objects may be
-  /// added, moved, removed and filtered meanwhile; that belongs to the next update. No-op if one was started
-  /// already.
+  /// Starts an update on the device and returns at once. Until finish(), the thread is free, and objects may
+  /// be added, moved, removed and filtered; these changes belong to the next update. No-op if an update was
+  /// started already.
   ///
-  /// It does not wait for the device, unless memory must grow for objects that were added during the last
+  /// Does not wait for the device, unless memory must grow for objects that were added during the last
   /// update.
   /// @throws Error as update() does.
   void begin();
 
-  /// Waits for the update that was begun, or does one if none was, and returns what it changed: the state of
-  /// the objects is that of the moment of begin().
-  /// @throws Error as update() does; the update that was begun is then over, and the next one finds what it
-  /// would have.
+  /// Waits for the update that begin() started, or does one if none was started, and returns the changes, for
+  /// the state of the objects at begin().
+  /// @throws Error as update() does. The update that was started is then over, and the next one finds its
+  /// changes, too.
   Delta finish();
 
-  /// Keeps the Delta that update() or finish() last returned as it is, even if further updates follow or this
-  /// object is destroyed, for callers who cannot know when somebody looks at it last. The next updates then
-  /// use other memory, which takes longer if there is always another Delta that is kept; what is kept may be
-  /// much larger than the lists. Null if nothing had moved, and the lists are empty.
+  /// Shares ownership of the Delta that update() or finish() last returned, which then stays unchanged even
+  /// if further updates follow or this object is destroyed. For callers who cannot know when it is read last.
+  /// The next updates use other memory, which takes longer if every Delta is kept; that memory may be much
+  /// larger than the lists. Null if nothing had moved and the lists are empty.
   [[nodiscard]] std::shared_ptr<const void> delta_memory() const;
 
   /// All pairs as of the last update, in canonical order.
-  /// @throws Error while an update that begin() started is not finished, and if the device fails.
+  /// @throws Error between begin() and finish(), and if the device fails.
   [[nodiscard]] std::vector<Pair> pairs() const;
 
   /// Number of objects.
   [[nodiscard]] std::size_t size() const noexcept;
 
-  /// The device that does the next update, null if that is the host. Owned by this object.
+  /// The device that will do the next update; null for the host. Owned by this object.
   [[nodiscard]] const Device* device() const noexcept;
 
   /// The algorithm in use.
   [[nodiscard]] const AlgorithmInfo& algorithm() const noexcept;
 
-  /// Memory on the device and for it; none if no device was opened. Buffers grow with boxes and pairs,
-  /// and never shrink.
+  /// OpenCL memory in use; all 0 if no device was opened. Buffers grow with boxes and pairs, and never
+  /// shrink.
   [[nodiscard]] MemoryUse memory() const noexcept;
 
-  /// The stages of the last update, in order; none if nothing had moved. Valid until the next.
+  /// The stages of the last update, in order; none if nothing had moved. Valid until the next update.
   [[nodiscard]] std::span<const Stage> profile() const noexcept;
 
  private:
   friend class mpi::Region;
-  /// As map(), but its boxes are packed: proper, or all NaN if they are empty.
+  /// Like map(), but for packed boxes: valid, or all NaN if they are empty.
   std::span<Aabb> map_packed(std::size_t n);
 
   class Impl;
   std::unique_ptr<Impl> impl_;
 };
 
-/// All pairs of objects that have a label in common, in canonical order, for BroadPhase::set_exclusions(): if
-/// the objects are edges or faces of a mesh, labels are the numbers of their vertices. Any number of threads
-/// may call it at once.
+/// All pairs of objects that have a label in common, in canonical order, for BroadPhase::set_exclusions(). If
+/// the objects are the edges or faces of a mesh, their labels are the numbers of their vertices. Any number
+/// of threads may call this at the same time.
 /// @param labels `per_object` labels of object 0, then as many of object 1, and so on.
-/// @throws Error if there are not as many for each; std::bad_alloc.
+/// @throws Error if the number of labels is not a multiple of `per_object`; std::bad_alloc.
 [[nodiscard]] BROADCL_API std::vector<Pair> pairs_that_share(std::span<const std::uint32_t> labels,
                                                              std::size_t per_object);
 
 /// All pairs of an object of one set and an object of another that have a label in common, in canonical
-/// order, for overlapping_pairs(): if the sets are the faces and the vertices of a mesh, three labels per
-/// face, and one per vertex, its number. As with one set.
+/// order, for overlapping_pairs(). If the sets are the faces and the vertices of a mesh, a face has three
+/// labels and a vertex has one, its number. Otherwise as with one set.
 [[nodiscard]] BROADCL_API std::vector<Pair> pairs_that_share(std::span<const std::uint32_t> first_labels,
                                                              std::size_t per_first,
                                                              std::span<const std::uint32_t> second_labels,
                                                              std::size_t per_second);
 
 /// All overlapping pairs of boxes in the caller's memory, in any layout, by index, in canonical order. The
-/// boxes are read once, and not stored. By default the host does it; a device that is named is opened each
-/// time, so if you call it often, keep a BroadPhase. Any number of threads may call it at once, also with the
-/// same boxes.
+/// boxes are read once and not stored. By default the host does the search. If a device is named
+/// (Config::device, BROADCL_DEVICE), it is opened in each call, so for frequent searches keep a BroadPhase.
+/// Any number of threads may call this at the same time, also with the same boxes.
 /// @param exclusions Pairs of indices that are not reported, in any order: see BroadPhase::set_exclusions().
-/// @throws Error for a NaN bound (it names the first such box), for an exclusion of a box with itself or of
-/// one that is not there, and as BroadPhase does; std::bad_alloc.
+/// @throws Error for a NaN bound (it names the first such box), for an exclusion of a box and itself or of a
+/// box that does not exist, and as BroadPhase does; std::bad_alloc.
 [[nodiscard]] BROADCL_API std::vector<Pair> overlapping_pairs(
     const BoxView& boxes, const BroadPhase::Config& config = BroadPhase::Config(),
     std::span<const Pair> exclusions = {});
 
-/// All overlapping pairs of a box of one set and a box of another: `a` is the index of the former, `b` that
-/// of the latter. Nothing is tested inside a set. (For two sets that move, keep a BroadPhase with the filters
+/// All overlapping pairs of a box of one set and a box of another: `a` is an index in `first`, `b` in
+/// `second`. Nothing is tested inside a set. (For two sets that move, keep a BroadPhase with the filters
 /// first_set and second_set.)
-/// @param exclusions Pairs that are not reported, in any order: `a` is an index of the first set, `b` of the
-/// second.
-/// @returns Pairs in canonical order: by b, then by a, which may be greater.
-/// @throws Error for a NaN bound (it names the first such box), for an exclusion of a box that is not there,
-/// for more than 2^31 boxes together, and as BroadPhase does; std::bad_alloc.
+/// @param exclusions Pairs that are not reported, in any order: `a` is an index in `first`, `b` in `second`.
+/// @returns Pairs in canonical order: by b, then by a; a may be greater than b.
+/// @throws Error for a NaN bound (it names the first such box), for an exclusion of a box that does not
+/// exist, for more than 2^31 boxes together, and as BroadPhase does; std::bad_alloc.
 [[nodiscard]] BROADCL_API std::vector<Pair> overlapping_pairs(
     const BoxView& first, const BoxView& second, const BroadPhase::Config& config = BroadPhase::Config(),
     std::span<const Pair> exclusions = {});
 
-/// The same as with one set, for any other range of boxes, temporary ones included. Those that no BoxView
-/// could view are copied.
+/// The same for one set in any other range of boxes, including a temporary one. Boxes that no BoxView can
+/// view are copied.
 template <AabbRange Range>
 [[nodiscard]] std::vector<Pair> overlapping_pairs(Range&& boxes,
                                                   const BroadPhase::Config& config = BroadPhase::Config(),

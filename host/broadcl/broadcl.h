@@ -1,21 +1,21 @@
 #ifndef BROADCL_BROADCL_H
 #define BROADCL_BROADCL_H
 
-/// BroadCL for C, from C99 on, and for languages that call C. This is the one interface whose binary form is
-/// promised: a program runs with every later library of the same SONAME.
+/// BroadCL for C (C99 or later) and for languages that can call C. This is the only interface with a stable
+/// ABI: a program runs with every later library of the same SONAME.
 ///
-/// What holds for all of it:
-/// - Every function returns a status, but broadcl_last_error() and broadcl_version(). After any status but
-///   BROADCL_SUCCESS nothing has changed, and what should have been returned is not written to; the call may
+/// These rules hold for all of it:
+/// - Every function except broadcl_last_error() and broadcl_version() returns a status. After any status
+///   other than BROADCL_SUCCESS nothing has changed, and output parameters are not written to; the call may
 ///   be repeated.
-/// - Structs that begin with `size` may grow. Set all of them to zero and `size` to sizeof, as in
-///   `broadcl_config config = {.size = sizeof config};`. Zero always stands for the default.
-/// - Handles are made by functions that end in `_create`, belong to the caller, and end with `_destroy`.
-///   Whatever else is returned belongs to the object that returned it.
-/// - One object may be used by one thread at a time; different objects are independent of each other.
-///   Functions that take no handle may be called by any number of threads at once. Some functions read
-///   environment variables, so no thread may set one meanwhile.
-/// - Pairs are in canonical order, as struct broadcl_pair has it.
+/// - Structs that begin with `size` may grow in later versions. Set the whole struct to zero and `size` to
+///   sizeof, as in `broadcl_config config = {.size = sizeof config};`. Zero always means the default.
+/// - Handles are made by functions that end in `_create`. They belong to the caller, who destroys them with
+///   the matching `_destroy`. Everything else that is returned belongs to the object that returned it.
+/// - An object may be used by only one thread at a time; different objects are independent of each other.
+///   Functions that take no handle may be called by any number of threads at the same time. Some functions
+///   read environment variables, so no thread may set one at the same time.
+/// - Pairs are in canonical order: see struct broadcl_pair.
 
 #include <stddef.h>
 #include <stdint.h>
@@ -27,19 +27,19 @@
 extern "C" {
 #endif
 
-/// What became of a call.
+/// The result of a call.
 typedef enum broadcl_status {
   BROADCL_SUCCESS = 0,
-  BROADCL_INVALID_ARGUMENT = 1,  ///< A null pointer, a struct without a proper size, an unknown constant.
+  BROADCL_INVALID_ARGUMENT = 1,  ///< A null pointer, a struct with a wrong size, or an unknown constant.
   BROADCL_FAILED = 2,            ///< Anything else that broadcl_last_error() describes.
   BROADCL_OUT_OF_MEMORY = 3      ///< Memory of the host is exhausted.
 } broadcl_status;
 
-/// What failed in the last call that did in this thread, and what to do; "" if none has. Valid until the next
-/// call of the library in this thread.
+/// Describes the last failure in this thread, and what to do about it; "" if there was none. Valid until the
+/// next call of the library in this thread.
 BROADCL_API const char* broadcl_last_error(void);
 
-/// BROADCL_VERSION_NUMBER of the library, which may be later than that of this header.
+/// BROADCL_VERSION_NUMBER of the library, which may be later than this header.
 BROADCL_API uint32_t broadcl_version(void);
 
 // --- Boxes and pairs
@@ -69,13 +69,13 @@ typedef struct broadcl_delta {
   broadcl_pairs removed;
 } broadcl_delta;
 
-/// Value of broadcl_filter.body: the object is a body of its own.
+/// Value of broadcl_filter.body: the object belongs to no body.
 #define BROADCL_NO_BODY UINT32_C(0xffffffff)
 /// Value of broadcl_filter.world: the object is in all worlds.
 #define BROADCL_ALL_WORLDS UINT32_C(0xffffffff)
 
-/// Decides, besides the boxes, whether two objects pair: if each is in a group of the other's mask, they are
-/// in the same world, or one of them in all worlds, and not of the same body.
+/// Decides, besides the boxes, whether two objects pair. They do if each is in a group of the other's mask,
+/// if they are in the same world or one of them is in all worlds, and if they are not of the same body.
 typedef struct broadcl_filter {
   uint32_t group;  ///< One bit per group that the object is in.
   uint32_t mask;   ///< One bit per group that the object pairs with.
@@ -83,11 +83,11 @@ typedef struct broadcl_filter {
   uint32_t world;  ///< Objects of different worlds never pair.
 } broadcl_filter;
 
-/// The filter that lets all pair, as an initialiser.
+/// The default filter, with which everything pairs, as an initialiser.
 #define BROADCL_DEFAULT_FILTER \
   { 1, UINT32_C(0xffffffff), BROADCL_NO_BODY, 0 }
 
-/// Filters of two sets, of which only one object of each may pair, as initialisers.
+/// Filters for two sets, as initialisers: only pairs of one object of each set are found.
 #define BROADCL_FIRST_SET \
   { 1, 2, BROADCL_NO_BODY, 0 }
 #define BROADCL_SECOND_SET \
@@ -95,7 +95,7 @@ typedef struct broadcl_filter {
 
 typedef enum broadcl_type { BROADCL_FLOAT32 = 0, BROADCL_FLOAT64 = 1 } broadcl_type;
 
-/// Boxes in the caller's memory, which are only read, and only during the call.
+/// Boxes in the caller's memory. They are only read, and only during the call.
 typedef struct broadcl_boxes {
   size_t size;  ///< sizeof(broadcl_boxes)
   /// Lower x, y, z, upper x, y, z of the first box; in two dimensions lower x, y, upper x, y. May be null if
@@ -104,7 +104,7 @@ typedef struct broadcl_boxes {
   size_t count;      ///< Number of boxes.
   ptrdiff_t stride;  ///< Bytes from each box to the next, a multiple of the numbers' size; 0 if without gaps.
   int32_t type;      ///< broadcl_type of the numbers. float64 rounds outward: pairs are then a superset.
-  uint32_t dimensions;  ///< 2 or 3; 0 stands for 3. Boxes in two dimensions go from 0 to 0 in z.
+  uint32_t dimensions;  ///< 2 or 3; 0 means 3. Boxes in two dimensions extend from 0 to 0 in z.
 } broadcl_boxes;
 
 // --- Devices and algorithms
@@ -128,16 +128,16 @@ typedef struct broadcl_device_info {
   broadcl_device_type type;
   uint32_t compute_units;
   uint32_t clock_mhz;       ///< Highest clock frequency, 0 if the device does not say.
-  uint32_t vendor_id;       ///< The number of the PCI bus, if there is one.
+  uint32_t vendor_id;       ///< 0x10de for NVIDIA, for instance.
   uint64_t memory;          ///< Global memory, bytes.
   uint64_t max_allocation;  ///< Largest single buffer, bytes.
   int host_unified;         ///< Whether host and device share memory.
 } broadcl_device_info;
 
-/// The devices of this machine at one time.
+/// The devices of this machine when the list was made.
 typedef struct broadcl_device_list broadcl_device_list;
 
-/// Asks for every usable device of every OpenCL platform, in the order of `clinfo -l`. There may be none.
+/// Lists every usable device of every OpenCL platform, in the order of `clinfo -l`. There may be none.
 BROADCL_API broadcl_status broadcl_device_list_create(broadcl_device_list** list);
 /// No-op for null.
 BROADCL_API broadcl_status broadcl_device_list_destroy(broadcl_device_list* list);
@@ -147,17 +147,17 @@ BROADCL_API broadcl_status broadcl_device_list_get(const broadcl_device_list* li
                                                    broadcl_device_info* info);
 /// How many platforms and devices cannot be used.
 BROADCL_API broadcl_status broadcl_device_list_failure_count(const broadcl_device_list* list, size_t* count);
-/// A line that says which, and why. It belongs to the list.
+/// One line that says which platform or device cannot be used, and why. It belongs to the list.
 BROADCL_API broadcl_status broadcl_device_list_failure(const broadcl_device_list* list, size_t index,
                                                        const char** line);
-/// The index of the device that a selector picks, see broadcl_config.device.
+/// The index of the device that a selector chooses: see broadcl_config.device.
 /// @returns BROADCL_FAILED if none matches; the error lists the devices.
 BROADCL_API broadcl_status broadcl_device_list_select(const broadcl_device_list* list, const char* selector,
                                                       size_t* index);
 
 /// A row of the table of algorithms.
 typedef struct broadcl_algorithm {
-  const char* name;     ///< As broadcl_config.algorithm takes it.
+  const char* name;     ///< The value for broadcl_config.algorithm.
   const char* summary;  ///< One line for people.
   int on_device;        ///< 0 for an algorithm of the host; "auto" may use either.
 } broadcl_algorithm;
@@ -165,22 +165,22 @@ typedef struct broadcl_algorithm {
 /// All algorithms. The rows are constant and always valid.
 BROADCL_API broadcl_status broadcl_algorithms(const broadcl_algorithm** rows, size_t* count);
 
-/// Called once by an object that has to compile kernels, before it does so, which may take many seconds. With
-/// "auto" it may be another thread that calls. Must return.
-/// @param device Valid during the call, and so is the other string.
-/// @param kept_in The folder in which the kernels are stored for the next start, "" if nowhere.
+/// Called once by an object that has to compile kernels, before it does so, because that may take many
+/// seconds. With "auto", it may be called in another thread. Must return.
+/// @param device Valid during the call, like `kept_in`.
+/// @param kept_in The folder in which the kernels are stored for the next start; "" if there is none.
 typedef void (*broadcl_compile_handler)(const broadcl_device_info* device, const char* kept_in, void* data);
 
-/// How an object works. Read once, when it is made.
+/// How an object works. Read once, when the object is made.
 typedef struct broadcl_config {
   size_t size;  ///< sizeof(broadcl_config)
-  /// "P:D" with the numbers of `clinfo -l`; "gpu", "cpu" or "accelerator"; or a part of "platform / device"
-  /// in any case. If it is null or empty, the environment variable BROADCL_DEVICE is used instead, otherwise
-  /// the best GPU, otherwise the best CPU.
+  /// "P:D" as numbered by `clinfo -l`; "gpu", "cpu" or "accelerator"; or a part of "platform / device",
+  /// ignoring case. If it is null or empty, the environment variable BROADCL_DEVICE is used instead; if that
+  /// is not set either, the best GPU, otherwise the best CPU, except that "auto" then starts on the host.
   const char* device;
-  const char* algorithm;  ///< A name of broadcl_algorithms(); "auto" if it is null.
-  size_t threads;         ///< Of an algorithm of the host; 0 for as many as there are processors.
-  int profile;            ///< Whether to measure stages on the device, too.
+  const char* algorithm;               ///< A name of broadcl_algorithms(); null for "auto".
+  size_t threads;                      ///< Threads for an algorithm of the host; 0 for one per processor.
+  int profile;                         ///< Whether to measure stages on the device, too.
   broadcl_compile_handler on_compile;  ///< May be null.
   void* on_compile_data;               ///< Passed to it.
 } broadcl_config;
@@ -197,7 +197,7 @@ typedef struct broadcl_memory_use {
 typedef struct broadcl_stage {
   const char* name;       ///< Always valid. May occur several times in an update.
   double host_start;      ///< Seconds from the beginning of the update.
-  double host_seconds;    ///< Wall clock that the calling thread spent in this stage, waiting included.
+  double host_seconds;    ///< Wall-clock time of the calling thread in this stage, including waits.
   double device_start;    ///< Seconds from the start of the update's first command.
   double device_seconds;  ///< Both are 0 for host stages and without broadcl_config.profile.
 } broadcl_stage;
@@ -207,14 +207,14 @@ typedef struct broadcl_stage {
 /// A list of pairs of its own.
 typedef struct broadcl_pair_list broadcl_pair_list;
 
-/// Finds all overlapping pairs of boxes, by index. By default the host does it; a device that is named is
-/// opened each time, so if you call it often, keep a broadcl_broad_phase.
+/// Finds all overlapping pairs of boxes, by index. By default the host does the search. If a device is named,
+/// it is opened in each call, so for frequent searches keep a broadcl_broad_phase.
 /// @param config May be null.
-/// @returns BROADCL_FAILED for a NaN bound, too; the error names the first such box.
+/// @returns BROADCL_FAILED also for a NaN bound; the error names the first such box.
 BROADCL_API broadcl_status broadcl_pair_list_create(const broadcl_boxes* boxes, const broadcl_config* config,
                                                     broadcl_pair_list** list);
-/// Finds all overlapping pairs of a box of one set and a box of another: `a` is the index of the former, `b`
-/// that of the latter, and may be less. Nothing is tested inside a set. (For two sets that move, keep a
+/// Finds all overlapping pairs of a box of one set and a box of another: `a` is an index in `first`, `b` in
+/// `second`, so `a` may be greater. Nothing is tested inside a set. (For two sets that move, keep a
 /// broadcl_broad_phase with the filters BROADCL_FIRST_SET and BROADCL_SECOND_SET.)
 /// @param config May be null.
 /// @returns As broadcl_pair_list_create().
@@ -223,27 +223,27 @@ BROADCL_API broadcl_status broadcl_pair_list_create_between(const broadcl_boxes*
                                                             const broadcl_config* config,
                                                             broadcl_pair_list** list);
 /// Finds the pairs of broadcl_pair_list_create(), or with a second set those of
-/// broadcl_pair_list_create_between(), but for some.
+/// broadcl_pair_list_create_between(), except those in `exclusions`.
 /// @param second Null if there is one set.
-/// @param exclusions Pairs of indices, as they would be found, that are not reported: `count` of them, in any
-///   order; of one set also with a > b. May be null if there are none.
+/// @param exclusions `count` pairs of indices that are not reported, in any order; for one set also with a >
+/// b. May be null if `count` is 0.
 /// @param config May be null.
-/// @returns BROADCL_FAILED for an exclusion of a box with itself, or of one that is not there, too.
+/// @returns BROADCL_FAILED also for an exclusion of a box and itself, or of a box that does not exist.
 BROADCL_API broadcl_status broadcl_pair_list_create_excluding(const broadcl_boxes* first,
                                                               const broadcl_boxes* second,
                                                               const broadcl_pair* exclusions, size_t count,
                                                               const broadcl_config* config,
                                                               broadcl_pair_list** list);
 /// All pairs of objects that have a label in common, for broadcl_broad_phase_set_exclusions() and
-/// broadcl_pair_list_create_excluding(): if the objects are edges or faces of a mesh, labels are the numbers
-/// of their vertices.
+/// broadcl_pair_list_create_excluding(). If the objects are the edges or faces of a mesh, their labels are
+/// the numbers of their vertices.
 /// @param labels `per_object` labels of object 0, then as many of object 1, and so on; `count` in all. May be
 ///   null if there are none.
-/// @returns BROADCL_FAILED if there are not as many for each.
+/// @returns BROADCL_FAILED if `count` is not a multiple of `per_object`.
 BROADCL_API broadcl_status broadcl_pair_list_create_sharing(const uint32_t* labels, size_t count,
                                                             size_t per_object, broadcl_pair_list** list);
-/// The same for pairs of an object of one set and an object of another: if these are the faces and the
-/// vertices of a mesh, three labels per face, and one per vertex, its number.
+/// The same for pairs of an object of one set and an object of another. If these are the faces and the
+/// vertices of a mesh, a face has three labels and a vertex has one, its number.
 BROADCL_API broadcl_status broadcl_pair_list_create_sharing_between(const uint32_t* first_labels,
                                                                     size_t first_count, size_t per_first,
                                                                     const uint32_t* second_labels,
@@ -266,7 +266,7 @@ BROADCL_API broadcl_status broadcl_broad_phase_create(const broadcl_config* conf
 /// No-op for null.
 BROADCL_API broadcl_status broadcl_broad_phase_destroy(broadcl_broad_phase* broad_phase);
 
-/// Adds an object. Its id is the lowest that is free.
+/// Adds an object. Its id is the lowest free one.
 /// @param filter Null for BROADCL_DEFAULT_FILTER.
 BROADCL_API broadcl_status broadcl_broad_phase_add(broadcl_broad_phase* broad_phase, const broadcl_aabb* box,
                                                    const broadcl_filter* filter, uint32_t* id);
@@ -277,46 +277,46 @@ BROADCL_API broadcl_status broadcl_broad_phase_set_filter(broadcl_broad_phase* b
 /// The pairs of the object are in `removed` of the next update.
 BROADCL_API broadcl_status broadcl_broad_phase_remove(broadcl_broad_phase* broad_phase, uint32_t id);
 
-/// Replaces the list of pairs of ids that are never reported, whatever their boxes and filters: of joined
-/// bodies, for instance. Each holds for whichever objects have the ids. At first there are none.
+/// Replaces the list of pairs of ids that are never reported, whatever their boxes and filters: for instance
+/// joined bodies. A pair applies to whichever objects have the two ids. Initially the list is empty.
 /// @param pairs In any order; copied. May be null if there are none.
-/// @returns BROADCL_FAILED for a pair of an id with itself.
+/// @returns BROADCL_FAILED also for a pair of an id with itself.
 BROADCL_API broadcl_status broadcl_broad_phase_set_exclusions(broadcl_broad_phase* broad_phase,
                                                               const broadcl_pair* pairs, size_t count);
 
-/// Makes 0 .. count-1 the ids of the objects, adding those that are missing, with empty boxes, and removing
-/// those beyond, and returns the memory that their boxes are read from, to be written in place. All of them
-/// count as moved. A NaN that is written there is an error of the next update, which then changes nothing.
+/// Makes 0 .. count-1 the ids of the objects, by adding those that are missing, with empty boxes, and
+/// removing all others, and returns the memory from which their boxes are read, for the caller to write. All
+/// objects count as moved. If a box has a NaN bound, the next update fails and changes nothing.
 /// @param boxes `count` boxes, valid until the next call with this object.
-/// @returns BROADCL_FAILED between begin and finish, too.
+/// @returns BROADCL_FAILED also between begin and finish.
 BROADCL_API broadcl_status broadcl_broad_phase_map(broadcl_broad_phase* broad_phase, size_t count,
                                                    broadcl_aabb** boxes);
-/// The same, and copies all boxes from memory of the caller, in any layout. If memory is exhausted, boxes are
-/// unspecified.
+/// The same, but copies all boxes from the caller's memory, in any layout. If memory is exhausted, the boxes
+/// are unspecified.
 BROADCL_API broadcl_status broadcl_broad_phase_set_boxes(broadcl_broad_phase* broad_phase,
                                                          const broadcl_boxes* boxes);
 
-/// Finds every pair of overlapping boxes that their filters let pair, and returns what changed since the last
+/// Finds every pair of overlapping boxes whose filters allow it, and returns what changed since the last
 /// update. The same as begin and finish.
 /// @param delta May be null. Valid until the next update or finish.
 BROADCL_API broadcl_status broadcl_broad_phase_update(broadcl_broad_phase* broad_phase, broadcl_delta* delta);
-/// Starts an update on the device and returns at once. What is changed meanwhile belongs to the next update.
-/// No-op if one was started already.
+/// Starts an update on the device and returns at once. Changes that are made before finish belong to the next
+/// update. No-op if an update was started already.
 BROADCL_API broadcl_status broadcl_broad_phase_begin(broadcl_broad_phase* broad_phase);
-/// Waits for the update that was begun, or does one if none was. If it fails, that update is over.
+/// Waits for the update that begin started, or does one if none was started. If this fails, that update is
+/// over.
 /// @param delta As above.
 BROADCL_API broadcl_status broadcl_broad_phase_finish(broadcl_broad_phase* broad_phase, broadcl_delta* delta);
 
 /// All pairs as of the last update.
 /// @param pairs Valid until the next call of this function, update or finish.
-/// @returns BROADCL_FAILED between begin and finish, too.
+/// @returns BROADCL_FAILED also between begin and finish.
 BROADCL_API broadcl_status broadcl_broad_phase_pairs(broadcl_broad_phase* broad_phase, broadcl_pairs* pairs);
 /// The number of objects.
 BROADCL_API broadcl_status broadcl_broad_phase_count(const broadcl_broad_phase* broad_phase, size_t* count);
-/// The device that does the next update.
-/// @param info Its strings are valid until the next call with this object; if that update is done by the
-/// host,
-///   all of its members but `size` are 0.
+/// The device that will do the next update.
+/// @param info Its strings are valid until the next call with this object. If the host will do the update,
+/// all members except `size` are 0.
 BROADCL_API broadcl_status broadcl_broad_phase_device(broadcl_broad_phase* broad_phase,
                                                       broadcl_device_info* info);
 /// The row of the algorithm in use.
@@ -335,7 +335,7 @@ struct _cl_command_queue;  // NOLINT(bugprone-reserved-identifier): cl_command_q
 struct _cl_mem;            // NOLINT(bugprone-reserved-identifier): cl_mem points to it
 
 /// Finds pairs of boxes in a cl_mem, in the caller's context and queue; only counts come to the host. Object
-/// k is the box at index k, in every update the same object. Nothing else may use the queue during a call.
+/// k is the box at index k, the same object in every update. Nothing else may use the queue during a call.
 typedef struct broadcl_device_broad_phase broadcl_device_broad_phase;
 
 typedef struct broadcl_device_config {
@@ -354,29 +354,29 @@ typedef struct broadcl_device_boxes {
   size_t count;             ///< Number of boxes.
   size_t offset;            ///< Of the first box, in bytes, a multiple of 4.
   size_t stride;            ///< From each box to the next, in bytes, a multiple of 4; 0 if without gaps.
-  struct _cl_mem* filters;  ///< A broadcl_filter per box, also of the queue's context; or null: all pair.
+  struct _cl_mem* filters;  ///< One filter per box, also of the queue's context; or null: all may pair.
   int worlds;               ///< Whether the filters have different worlds.
-  /// If not 0, changes are in order of their worlds first: 0 .. ordered_worlds-1, then all others. A pair
-  /// with an object of all worlds is of the other one's world; pairs of two such objects come last.
+  /// If not 0, changes are sorted by world first: 0 .. ordered_worlds-1, then all others. A pair with an
+  /// object of all worlds counts as one of the other object's world; pairs of two such objects come last.
   size_t ordered_worlds;
-  /// If it is not null, the boxes of a second set: only pairs of a box of the first with one of the second
-  /// are found; `a` is an index in the first set, `b` in the second. Filters are then those of the first set
-  /// followed by those of the second; of theirs, body and world count. The first set must have the same
-  /// number of boxes in every update: give empty ones for those that are gone. Invalid boxes are counted as
-  /// if the second set followed the first.
+  /// If not null, the boxes of a second set: only pairs of a box of the first with a box of the second are
+  /// found; `a` is an index in the first set, `b` in the second. Filters are then those of the first set
+  /// followed by those of the second; only their body and world count. The first set must have the same
+  /// number of boxes in every update: give empty boxes for objects that are gone. In the index of an invalid
+  /// box, the second set follows the first.
   struct _cl_mem* second_buffer;
   size_t second_count;   ///< As `count`,
   size_t second_offset;  ///< `offset`
   size_t second_stride;  ///< and `stride`.
 } broadcl_device_boxes;
 
-/// Pairs on the device, as broadcl_pair lays them out. The buffer belongs to the broad phase and stays
-/// unchanged until its next update; commands enqueued to the same queue find it filled.
+/// Pairs on the device, in the layout of broadcl_pair. The buffer belongs to the broad phase and stays
+/// unchanged until its next update; commands that are enqueued to the same queue afterwards find it filled.
 typedef struct broadcl_pair_buffer {
   struct _cl_mem* buffer;
   size_t count;
-  /// If they are in order of worlds, ordered_worlds + 2 uint32: the index at which the pairs of each world
-  /// begin, that at which those of no such world do, and the count. Otherwise null.
+  /// If pairs are sorted by world, ordered_worlds + 2 uint32: for each world the index at which its pairs
+  /// begin, then the index at which all others begin, then the count. Otherwise null.
   struct _cl_mem* offsets;
 } broadcl_pair_buffer;
 
@@ -388,19 +388,19 @@ typedef struct broadcl_device_result {
   size_t pair_count;       ///< How many overlap now.
   size_t invalid_boxes;    ///< Boxes with a NaN bound.
   uint32_t first_invalid;  ///< The index of the first of these; 0 if there are none.
-  /// How many enqueued updates since the last waiting call changed nothing, since something did not fit. This
-  /// result has their changes, too.
+  /// How many enqueued updates since the last waiting call are incomplete, because something did not fit.
+  /// This result includes their changes.
   size_t incomplete;
 } broadcl_device_result;
 
-/// The caller's buffers, of the queue's context, for the changes of an update that nobody waits for.
+/// The caller's buffers, of the queue's context, for the changes of an enqueued update.
 typedef struct broadcl_change_buffers {
   size_t size;              ///< sizeof(broadcl_change_buffers)
   struct _cl_mem* added;    ///< For `capacity` pairs.
   struct _cl_mem* removed;  ///< Likewise.
   size_t capacity;          ///< At least 1.
-  /// For four uint32: the number of added pairs, of removed ones, and of all that overlap now; and 1 if the
-  /// update is incomplete, otherwise 0.
+  /// For four uint32: the numbers of added pairs, of removed pairs, and of all pairs that overlap now; and 1
+  /// if the update is incomplete, otherwise 0.
   struct _cl_mem* counts;
   struct _cl_mem* added_offsets;    ///< As broadcl_pair_buffer.offsets, if worlds are ordered.
   struct _cl_mem* removed_offsets;  ///< Likewise.
@@ -411,48 +411,49 @@ typedef struct broadcl_change_buffers {
 BROADCL_API broadcl_status broadcl_device_broad_phase_create(struct _cl_command_queue* queue,
                                                              const broadcl_device_config* config,
                                                              broadcl_device_broad_phase** broad_phase);
-/// No-op for null. Waits for nothing. Wait for the queue before the process ends.
+/// No-op for null. Does not wait. Wait for the queue before the process ends.
 BROADCL_API broadcl_status broadcl_device_broad_phase_destroy(broadcl_device_broad_phase* broad_phase);
 
-/// Finds every pair of overlapping boxes that their filters let pair. The same as begin and finish; waits for
-/// the queue once.
+/// Finds every pair of overlapping boxes whose filters allow it. The same as begin and finish; waits for the
+/// queue once.
 /// @param result May be null.
 BROADCL_API broadcl_status broadcl_device_broad_phase_update(broadcl_device_broad_phase* broad_phase,
                                                              const broadcl_device_boxes* boxes,
                                                              broadcl_device_result* result);
-/// Enqueues an update behind what is in the queue and returns at once; unless the last one was enqueued by
-/// enqueue: then it waits for that first.
+/// Enqueues an update and returns at once. (If enqueue did the last update, waits for that first.)
 BROADCL_API broadcl_status broadcl_device_broad_phase_begin(broadcl_device_broad_phase* broad_phase,
                                                             const broadcl_device_boxes* boxes);
-/// Waits for the update that was begun. If it fails, that update is over.
+/// Waits for the update that begin started. If this fails, that update is over.
 /// @param result May be null.
 BROADCL_API broadcl_status broadcl_device_broad_phase_finish(broadcl_device_broad_phase* broad_phase,
                                                              broadcl_device_result* result);
 
-/// Reserves memory for updates that nobody waits for: of at most so many boxes, with filters or without, of
-/// which at most so many pairs overlap at a time.
+/// Reserves memory for enqueued updates.
+/// @param boxes Largest number of boxes.
+/// @param pairs Largest number of pairs that overlap at a time.
+/// @param filters Whether there will be filters.
 BROADCL_API broadcl_status broadcl_device_broad_phase_reserve(broadcl_device_broad_phase* broad_phase,
                                                               size_t boxes, size_t pairs, int filters);
-/// Replaces the list of pairs of indices that are never reported, whatever their boxes and filters; those of
-/// a second set are counted as if it followed the first. At first there are none. Waits for the queue.
+/// Replaces the list of pairs of indices that are never reported, whatever their boxes and filters. For these
+/// indices, a second set follows the first. Initially the list is empty. Waits for the queue.
 /// @param pairs In any order; copied. May be null if there are none.
-/// @returns BROADCL_FAILED for a pair of an index with itself, and between begin and finish, too.
+/// @returns BROADCL_FAILED also for a pair of an index with itself, and between begin and finish.
 BROADCL_API broadcl_status broadcl_device_broad_phase_set_exclusions(broadcl_device_broad_phase* broad_phase,
                                                                      const broadcl_pair* pairs, size_t count);
 
-/// Enqueues an update and its changes, in canonical order, into buffers of the caller, where commands
-/// enqueued after it find them. Never waits for the device, except after a call that failed. Memory must have
-/// been reserved.
+/// Enqueues an update that writes its changes, in canonical order, to buffers of the caller, for commands
+/// that are enqueued after it. Does not wait for the device, except after a call that failed. Memory must
+/// have been reserved.
 ///
 /// If more pairs overlap than was reserved, if more changed than the buffers hold, or if more than 4,096
-/// changes have the same b (or world, if worlds are ordered), the update is incomplete: nothing changes, and
-/// so it is with all that are enqueued after it. The next waiting call ends that: it goes on from the last
-/// complete update.
+/// changes have the same b (or world, if changes are sorted by world), the update is incomplete: it and all
+/// updates that are enqueued after it change nothing. The next waiting call continues from the last complete
+/// update.
 BROADCL_API broadcl_status broadcl_device_broad_phase_enqueue(broadcl_device_broad_phase* broad_phase,
                                                               const broadcl_device_boxes* boxes,
                                                               const broadcl_change_buffers* changes);
 
-/// Enqueues the commands that sort all pairs as of the last update.
+/// All pairs as of the last update: enqueues the commands that sort them.
 /// @param pairs Valid until the next call with this object.
 BROADCL_API broadcl_status broadcl_device_broad_phase_pairs(broadcl_device_broad_phase* broad_phase,
                                                             broadcl_pair_buffer* pairs);
@@ -462,7 +463,7 @@ BROADCL_API broadcl_status broadcl_device_broad_phase_device(const broadcl_devic
 /// Without the caller's buffers.
 BROADCL_API broadcl_status broadcl_device_broad_phase_memory(const broadcl_device_broad_phase* broad_phase,
                                                              broadcl_memory_use* use);
-/// As broadcl_broad_phase_profile(), with device times if the update was waited for.
+/// As broadcl_broad_phase_profile(), with device times unless enqueue did the last update.
 BROADCL_API broadcl_status broadcl_device_broad_phase_profile(broadcl_device_broad_phase* broad_phase,
                                                               const broadcl_stage** stages, size_t* count);
 

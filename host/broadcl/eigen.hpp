@@ -16,7 +16,7 @@
 
 namespace broadcl {
 
-/// An empty Eigen box (its constructor makes lower bounds exceed upper ones) stays empty.
+/// An empty Eigen box, as its default constructor makes it, stays empty.
 [[nodiscard]] inline Aabb to_aabb(const Eigen::AlignedBox3f& box) noexcept {
   return {{box.min().x(), box.min().y(), box.min().z()}, {box.max().x(), box.max().y(), box.max().z()}};
 }
@@ -47,8 +47,8 @@ template <AlignedBoxArray Range>
 }
 
 /// A view of the rows of an n x 6 matrix or array (lower x, y, z, upper x, y, z) of float or double in either
-/// storage order: see BoxView. Maps, blocks and transposes of matrices can be viewed too. An expression that
-/// is yet to be computed and a temporary matrix cannot: neither compiles.
+/// storage order: see BoxView. Maps, blocks and transposes of matrices can be viewed, too. Unevaluated
+/// expressions and temporary matrices do not compile.
 /// @throws Error unless there are six columns, and as BoxView does.
 template <class Derived>
 [[nodiscard]] BoxView box_view(const Eigen::DenseBase<Derived>& boxes) {

@@ -1,9 +1,9 @@
 #ifndef BROADCL_EXPORT_H
 #define BROADCL_EXPORT_H
 
-/* Marks what the libraries export, the core (BROADCL_API), the adapter (BROADCL_BULLET_API) and what needs
-   MPI (BROADCL_MPI_API); all else is hidden. BROADCL_SHARED is defined for whoever builds or uses shared ones
-   on Windows. */
+/* Marks what the libraries export: the core (BROADCL_API), the adapter (BROADCL_BULLET_API) and the MPI
+   component (BROADCL_MPI_API); everything else is hidden. On Windows, BROADCL_SHARED is defined when shared
+   libraries are built or used. */
 #if defined(_WIN32) && defined(BROADCL_SHARED)
 #define BROADCL_EXPORTED __declspec(dllexport)
 #define BROADCL_IMPORTED __declspec(dllimport)

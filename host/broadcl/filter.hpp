@@ -6,7 +6,7 @@ namespace broadcl {
 
 /// Decides, besides the boxes, whether two objects pair: see may_pair().
 struct Filter {
-  /// Value of `body`: the object is a body of its own.
+  /// Value of `body`: the object belongs to no body.
   static constexpr std::uint32_t no_body = 0xffffffff;
 
   /// Value of `world`: the object is in all worlds.
@@ -21,13 +21,14 @@ struct Filter {
 };
 static_assert(sizeof(Filter) == 16, "kernels read it as a uint4");
 
-/// Filters of two sets, of which only one object of each may pair: nothing is tested inside a set. (That is
-/// so whenever the lowest bit of `group` parts all objects into two such sets.)
+/// Filters for two sets: only pairs of one object of each set are found, and nothing is tested inside a set.
+/// (Other filters have the same effect if the lowest bit of `group` divides all objects into two sets that
+/// pair only with each other.)
 inline constexpr Filter first_set{.group = 1, .mask = 2};
 inline constexpr Filter second_set{.group = 2, .mask = 1};
 
-/// Whether the filters of two objects let them pair: each is in a group of the other's mask, and they are in
-/// the same world, or one of them in all worlds, and not of the same body.
+/// Whether the filters of two objects let them pair: each is in a group of the other's mask, they are in the
+/// same world or one of them is in all worlds, and they are not of the same body.
 [[nodiscard]] constexpr bool may_pair(const Filter& s, const Filter& t) noexcept {
   const bool worlds_meet =
       s.world == t.world || s.world == Filter::all_worlds || t.world == Filter::all_worlds;

@@ -1,6 +1,7 @@
 #pragma once
 
-/// For boxes on the ranks of an MPI program, with a device each. Only this header needs MPI.
+/// For boxes that are distributed over the ranks of an MPI program, each of which has a device. Only this
+/// header needs MPI.
 
 #include <mpi.h>
 
@@ -24,8 +25,8 @@
 
 namespace broadcl {
 
-/// An object of any rank: the rank above 32 bits of the id that it has there. So ids compare by rank first,
-/// and those of a rank as its own ids do.
+/// Identifies an object of any rank: the rank in the upper 32 bits, the object's id on that rank in the lower
+/// 32 bits. So these ids compare by rank first, then by id.
 using MpiId = std::uint64_t;
 
 [[nodiscard]] constexpr MpiId mpi_id(int rank, std::uint32_t id) noexcept {
@@ -50,30 +51,30 @@ struct MpiPair {
   }
 };
 
-/// What changed between two updates among the pairs whose first object is of this rank; otherwise as Delta.
+/// What changed between two updates, of the pairs whose first object is on this rank; otherwise like Delta.
 /// The spans belong to the MpiBroadPhase and are valid until its next update().
 struct MpiDelta {
   std::span<const MpiPair> added;
   std::span<const MpiPair> removed;
 };
 
-/// A BroadPhase of all ranks of a communicator together. Each rank has its own objects, anywhere in space;
-/// pairs form among all of them. Whatever the number of ranks, and whichever objects each has, the lists of
-/// all ranks together are those of one BroadPhase that has all objects.
+/// A BroadPhase across all ranks of a communicator. Each rank has its own objects, anywhere in space; pairs
+/// form among all of them. For any number of ranks and any distribution of the objects, the lists of all
+/// ranks together are those of one BroadPhase that has all objects.
 ///
-/// Space is divided into regions, one for each rank, which its device searches. Who keeps objects on the rank
-/// of their region (region_of()) has little to send.
+/// Space is divided into regions, one for each rank, which its device searches. If objects are on the rank of
+/// their region (region_of()), there is little to send.
 ///
 /// The constructor, update(), pairs() and the destructor are collective: all ranks of the communicator call
-/// them, in the same order. All other functions concern this rank alone. MPI must have been initialised for
-/// MPI_THREAD_FUNNELED or more, and its functions are called by the thread that calls these.
+/// them, in the same order. All other functions concern only the calling rank. MPI must have been initialised
+/// for MPI_THREAD_FUNNELED or more; this class calls MPI in the thread that calls its functions.
 ///
-/// If a collective function fails on one rank, for lack of memory too, it throws the same Error on all, which
-/// names the rank. It has changed nothing then, on any rank, and may be repeated. (If MPI itself fails, it
-/// ends the program, unless the communicator has another error handler; then Error says so, on the ranks that
-/// notice.)
+/// If a collective function fails on one rank, also for lack of memory, it throws the same Error, which names
+/// that rank, on all ranks. It has then changed nothing on any rank, and may be repeated. (If MPI itself
+/// fails, it ends the program, unless the communicator has another error handler; then the ranks that notice
+/// the failure throw Error.)
 ///
-/// Not synchronised: one thread at a time may use an object. Can be moved, not copied; an object that was
+/// Not synchronised: only one thread at a time may use an object. Movable, not copyable; an object that was
 /// moved from may only be destroyed or assigned to.
 class BROADCL_MPI_API MpiBroadPhase {
  public:
@@ -81,7 +82,7 @@ class BROADCL_MPI_API MpiBroadPhase {
 
   /// Collective. Opens this rank's device: see mpi_device().
   /// @param comm Duplicated.
-  /// @param config Of this rank: ranks may differ. If Config::threads is 0, the ranks of a host share its
+  /// @param config For this rank; ranks may differ. If Config::threads is 0, the ranks of a host share its
   /// processors.
   /// @throws Error as BroadPhase does.
   explicit MpiBroadPhase(MPI_Comm comm, const Config& config = Config());
@@ -108,39 +109,40 @@ class BROADCL_MPI_API MpiBroadPhase {
   /// @throws Error for an unknown id.
   void remove(std::uint32_t id);
 
-  /// Makes 0 .. n-1 the ids of the objects of this rank, and returns their boxes, to be written in place. New
-  /// objects have empty boxes until then. All of them count as moved.
-  /// @returns n boxes, valid until the next call of any other function of this object. A NaN bound among them
-  /// is an error of the next update(), on all ranks.
+  /// Makes 0 .. n-1 the ids of the objects of this rank, and returns their boxes, for the caller to write.
+  /// New objects have empty boxes until then. All objects count as moved.
+  /// @returns n boxes, valid until the next call of any other function of this object. If one of them has a
+  /// NaN bound, the next update() throws an Error on all ranks.
   std::span<Aabb> map(std::size_t n);
 
-  /// Collective. Finds every pair of overlapping boxes that their filters let pair, and returns what changed
-  /// since the last update of those whose first object is of this rank.
+  /// Collective. Finds every pair of overlapping boxes whose filters allow it, and returns the changes since
+  /// the last update, of the pairs whose first object is on this rank.
   /// @throws Error on all ranks.
   MpiDelta update();
 
-  /// Collective. All pairs as of the last update whose first object is of this rank, in canonical order.
+  /// Collective. All pairs, as of the last update, whose first object is on this rank, in canonical order.
   /// @throws Error on all ranks.
   [[nodiscard]] std::vector<MpiPair> pairs();
 
   /// Number of objects of this rank.
   [[nodiscard]] std::size_t size() const noexcept;
 
-  /// The rank in whose region a point lies, as of the last update.
+  /// The rank whose region contains a point, as of the last update.
   [[nodiscard]] int region_of(const std::array<float, 3>& point) const noexcept;
 
-  /// This rank's device, null if that is the host. Owned by this object.
+  /// This rank's device; null for the host. Owned by this object.
   [[nodiscard]] const Device* device() const noexcept;
 
-  /// Memory on the device and for it.
+  /// OpenCL memory in use on this rank.
   [[nodiscard]] MemoryUse memory() const noexcept;
 
-  /// The stages of the last update on this rank, in order, by the host's clock: "agree", what the ranks tell
-  /// each other before; "divide" if regions were cut anew; "route", who gets which boxes; "send"; "search";
-  /// "report", which changes are this region's; "return", to the ranks of the objects; "collect". Waiting for
-  /// other ranks is part of "agree", "send" and "return". If the search had to be set up anew, the first ones
-  /// occur twice. Before "search" come its parts, as BroadPhase::profile() of this rank has them, with device
-  /// times if Config::profile is set. Valid until the next update.
+  /// The stages of the last update on this rank, in order, by the host's clock: "agree" (exchanges what all
+  /// ranks must know first), "divide" (if space was divided again), "route" (decides which rank gets which
+  /// boxes), "send", "search", "report" (decides which changes this region reports), "return" (sends them to
+  /// the ranks of the objects), "collect". "agree", "send" and "return" include waiting for other ranks. If
+  /// the search had to be set up again, the first stages occur twice. The parts of "search", as in
+  /// BroadPhase::profile() and with device times if Config::profile is set, precede it. Valid until the next
+  /// update.
   [[nodiscard]] std::span<const Stage> profile() const noexcept;
 
   /// Bytes of boxes and pairs that this rank sent to others in the last update.
@@ -151,8 +153,8 @@ class BROADCL_MPI_API MpiBroadPhase {
   std::unique_ptr<Impl> impl_;
 };
 
-/// Collective. A selector for Config::device, with which the ranks of a host share its GPUs in turn: the GPUs
-/// of the platform of the one that select_device("gpu") would take. Empty if the host has none, or if
+/// Collective. A selector for Config::device that distributes the GPUs of a host among its ranks in turn.
+/// These are the GPUs of one platform, that of select_device("gpu"). Empty if the host has no GPU, or if
 /// BROADCL_DEVICE names a device.
 /// @throws Error on all ranks if OpenCL fails on one.
 [[nodiscard]] BROADCL_MPI_API std::string mpi_device(MPI_Comm comm);
