@@ -6,7 +6,7 @@
 
 int main() try {
   // [core]
-  broadcl::BroadPhase broad_phase;  // on the best GPU, or on the host if there is none
+  broadcl::BroadPhase broad_phase;  // starts on the host, moves to the best GPU when that is faster
   const auto at = [](float x) { return broadcl::Aabb{{x, 0, 0}, {x + 1, 1, 1}}; };
   for (int k = 0; k < 5; ++k) broad_phase.add(at(2.0F * static_cast<float>(k)));
   const std::uint32_t traveller = broad_phase.add(at(-1.5F));

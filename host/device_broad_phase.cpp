@@ -121,12 +121,13 @@ class DeviceBroadPhase::Impl {
     refuse_in_flight("enqueue()");
     if (count_of(boxes) > reserved_) {
       throw Error("enqueue() was given " + std::to_string(count_of(boxes)) +
-                  " boxes, but reserve() was told of " + std::to_string(reserved_) + "; call reserve()");
+                  " boxes, but reserve() was called for " + std::to_string(reserved_) +
+                  "; call it for as many");
     }
     if (has_filters(boxes) && !reserved_filters_) {
       throw Error("enqueue() was given " +
                   std::string(boxes.filters != nullptr ? "filters" : "a second set, which takes filters") +
-                  ", but reserve() was not told of any; call reserve()");
+                  ", but reserve() was called without; call it with filters");
     }
     context_.guard([&] {
       check(boxes);
@@ -232,7 +233,7 @@ class DeviceBroadPhase::Impl {
     check_buffer("removed offsets", changes.removed_offsets, offsets, 0, sizeof(cl_uint), sizeof(cl_uint));
     if (boxes.ordered_worlds > reserved_) {
       throw Error("enqueue() was given " + std::to_string(boxes.ordered_worlds) +
-                  " worlds, more than reserve() was told of boxes; call reserve() with as many");
+                  " worlds, but reserve() was called for fewer boxes; call it for as many");
     }
   }
 
@@ -249,9 +250,8 @@ class DeviceBroadPhase::Impl {
     check_set("the second set", second.buffer, second.count, second.offset, second.stride);
     if (first_count_ && *first_count_ != first_count_of(boxes)) {
       throw Error(
-          "a second set, and the number of boxes of the first one then, must be the same in every update; "
-          "give "
-          "empty boxes for those that are gone, or make a new object");
+          "whether there is a second set, and the number of boxes of the first set then, must be the same in "
+          "every update; give empty boxes for objects that are gone, or make a new object");
     }
     const std::size_t count = count_of(boxes);
     if (boxes.filters == nullptr || count == 0) return;

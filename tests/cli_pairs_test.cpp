@@ -36,10 +36,10 @@ TEST_F(Program, SaysOnceThatItBuildsKernels) {
   };
   const std::string label = select_device().label();
   EXPECT_EQ(line_of("brute-force", "BROADCL_CACHE_DIR=new"),
-            "building kernels for " + label + ", once; kept in 'new'\n");
+            "compiling kernels for " + label + ", once; they are stored in 'new'\n");
   EXPECT_EQ(line_of("brute-force", "BROADCL_CACHE_DIR=new"), "");
   EXPECT_EQ(line_of("brute-force", "BROADCL_CACHE_DIR= XDG_CACHE_HOME= HOME="),
-            "building kernels for " + label + ", once; not kept, as there is no folder for caches\n");
+            "compiling kernels for " + label + ", at each start because there is no cache folder\n");
   EXPECT_EQ(line_of("sweep-and-prune", "BROADCL_CACHE_DIR=other"), "");
 }
 
@@ -81,8 +81,8 @@ TEST_F(Program, PairsSaysHowManyBoxesAreInverted) {
   boxes[0] = 5;
   write_file(path("two.npy"), npy(boxes));
   EXPECT_EQ(lines_of(run("pairs four.npy").out).size(), 2U);
-  EXPECT_EQ(lines_of(run("pairs one.npy").out).at(1), "1 box is inverted (min > max) and took no part");
-  EXPECT_EQ(lines_of(run("pairs two.npy").out).at(1), "2 boxes are inverted (min > max) and took no part");
+  EXPECT_EQ(lines_of(run("pairs one.npy").out).at(1), "1 box is inverted (min > max) and ignored");
+  EXPECT_EQ(lines_of(run("pairs two.npy").out).at(1), "2 boxes are inverted (min > max) and ignored");
 }
 
 TEST_F(Program, CountsOneInTheSingular) {

@@ -161,11 +161,11 @@ TEST_P(ProgramBadInput, IsRefusedAndLeavesNothing) {
 }
 
 const std::vector<BadInput> bad_inputs = {
-    {"NoVerb", "", "give a verb: devices, simulate, replay, study, pairs or check; see"},
+    {"NoVerb", "", "no verb given; use devices, simulate, replay, study, pairs or check; see"},
     {"UnknownVerb", "frobnicate",
-     "'frobnicate' is no verb; give devices, simulate, replay, study, pairs or check; see 'broadcl --help'"},
-    {"UnknownVerbWithOptions", "frobnicate --json", "'frobnicate' is no verb"},
-    {"LineBreakInVerb", "'frob\nnicate'", "'frob nicate' is no verb"},
+     "unknown verb 'frobnicate'; use devices, simulate, replay, study, pairs or check; see 'broadcl --help'"},
+    {"UnknownVerbWithOptions", "frobnicate --json", "unknown verb 'frobnicate'"},
+    {"LineBreakInVerb", "'frob\nnicate'", "unknown verb 'frob nicate'"},
     {"TwoVerbs", "devices check", "check"},
     {"UnknownOption", "--frobnicate", "--frobnicate"},
     {"LineBreakInOption", "\"--frob\nnicate\"", "--frob nicate"},

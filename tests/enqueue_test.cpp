@@ -285,9 +285,9 @@ TEST_P(Enqueue, BadInputIsNamed) {
   const auto error = [&](const DeviceBroadPhase::Boxes& given, DeviceBroadPhase::ChangeBuffers changes) {
     return error_of([&] { broad_phase_.enqueue(given, changes); });
   };
-  EXPECT_THAT(error(boxes, lists.arguments), HasSubstr("10 boxes, but reserve() was told of 0"));
+  EXPECT_THAT(error(boxes, lists.arguments), HasSubstr("10 boxes, but reserve() was called for 0"));
   broad_phase_.reserve(10, 45);
-  EXPECT_THAT(error(filtered, lists.arguments), HasSubstr("filters, but reserve() was not told"));
+  EXPECT_THAT(error(filtered, lists.arguments), HasSubstr("filters, but reserve() was called without"));
   auto bad = lists.arguments;
   bad.capacity = 46;
   EXPECT_THAT(error(boxes, bad), HasSubstr("added pairs has 360 bytes, too few for 46"));

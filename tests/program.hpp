@@ -126,7 +126,7 @@ class Program : public testing::Test {
                     .compiling = {}};
     std::istringstream lines(read_file(path("stderr.txt")));
     for (std::string line; std::getline(lines, line);) {
-      const bool is_about_kernels = line.starts_with("building kernels for ");
+      const bool is_about_kernels = line.starts_with("compiling kernels for ");
       (is_about_kernels ? outcome.compiling : outcome.err) += line + (lines.eof() ? "" : "\n");
     }
     return outcome;

@@ -42,7 +42,7 @@ struct BulletBroadphase::Impl {
   void report_nan(const Proxy& proxy) {
     reports.tell({"proxy ", std::to_string(proxy.id()),
                   " has a NaN bound and overlaps nothing until it gets ",
-                  "a proper box; look for NaN in the transform, the velocities and the shape of its object"});
+                  "a valid box; look for NaN in the transform, the velocities and the shape of its object"});
   }
 
   void set_culling(const btCollisionWorld* world, const btBroadphaseInterface& self) {
@@ -52,16 +52,14 @@ struct BulletBroadphase::Impl {
       return;
     }
     if (pairs.own() == nullptr) {
-      throw Error(
-          "shape culling needs a broad phase with a pair cache of its own; pass no cache to its constructor");
+      throw Error("shape culling needs the broad phase's own pair cache; pass no cache to its constructor");
     }
     if (world->getBroadphase() != &self) {
-      throw Error(
-          "shape culling was asked for a world with another broad phase; pass the world that has this one");
+      throw Error("the world for shape culling has another broad phase; pass the world that has this one");
     }
     if (dynamic_cast<const btCollisionDispatcherMt*>(world->getDispatcher()) != nullptr) {
       throw Error(
-          "a btCollisionDispatcherMt dispatches all pairs by itself, so shape culling would do nothing; "
+          "a btCollisionDispatcherMt dispatches the pairs itself, so shape culling would do nothing; "
           "use a btCollisionDispatcher");
     }
     culling.set_world(world);

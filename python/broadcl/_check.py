@@ -8,7 +8,7 @@ from broadcl import _core
 
 
 def _frames() -> list[tuple[str, np.ndarray, np.ndarray]]:
-    """Two frames of each scene: their name, the boxes, and the pairs by definition."""
+    """Two frames of each scene: its name, the boxes, and the pairs by definition."""
     frames = []
     for number, boxes in enumerate(_scenes()):
         for frame in range(2):
@@ -19,7 +19,7 @@ def _frames() -> list[tuple[str, np.ndarray, np.ndarray]]:
 
 
 def _scenes() -> Iterator[np.ndarray]:
-    """Boxes of the kinds that break broad phases."""
+    """Kinds of boxes that often break broad phases."""
     random = np.random.default_rng(1)
     for count in (1, 2, 65, 257, 1000, 3000):
         lower = random.uniform(0, count ** (1 / 3), (count, 3))
@@ -33,11 +33,11 @@ def _scenes() -> Iterator[np.ndarray]:
 
 
 def check(device: str | _core.Device | None = None) -> dict[str, str]:
-    """Compares every algorithm on a device with the oracle, in scenes that break broad phases and in motion.
+    """Compares every algorithm on a device with the oracle, in scenes that often break broad phases, still and moving.
 
-    device: as select_device() takes it; None for the default one, or for the host's algorithms alone if there is none.
+    device: as for select_device(); None for the default device, or for the host's algorithms only if there is no device.
 
-    Returns for each algorithm "right", or what is wrong. Raises Error for a device that is named and is not there.
+    Returns for each algorithm "right", or what is wrong. Raises Error if the named device does not exist.
     """
     if device is not None or _core.devices():
         device = _core.select_device(device)

@@ -63,7 +63,7 @@ void BoxArray::refuse_type(nb::handle object) const {
   }
   throw nb::type_error(
       (name_ +
-       " must be float32 or float64 in the host's memory: an array (NumPy, DLPack or buffer "
+       " must be float32 or float64 in host memory: an array (NumPy, DLPack or buffer "
        "protocol) of shape (n, 6), (n, 2, 3) or (n, 4), or a tuple (lower, upper) of two of shape "
        "(n, 3); not " +
        what)
@@ -87,8 +87,8 @@ void BoxArray::refuse_shape(const Array& array) const {
 Array BoxArray::to_array(nb::handle object) const {
   if (is_on_device(object)) {
     throw nb::type_error((name_ +
-                          " must be in the host's memory here; take its get(), or for boxes on a device "
-                          "a DeviceBroadPhase, or overlapping_pairs() with all of them there")
+                          " must be in host memory here; copy it with get(), or use a DeviceBroadPhase, "
+                          "or overlapping_pairs() with all boxes on the device")
                              .c_str());
   }
   const nb::object numpy = nb::module_::import_("numpy");

@@ -47,8 +47,8 @@ class Filters {
       : words_{Words(group, "group"), Words(mask, "mask"), Words(body, "body"), Words(world, "world")} {
     for (const Words& words : words_) {
       if (words.is_single() || words.size() == n) continue;
-      throw nb::value_error(("filters must be integers, or arrays of the length of what they are for, " +
-                             std::to_string(n) + ", not " + std::to_string(words.size()))
+      throw nb::value_error(("filters must be integers, or arrays of length " + std::to_string(n) + ", not " +
+                             std::to_string(words.size()))
                                 .c_str());
     }
   }
@@ -274,12 +274,11 @@ void add_broad_phase(nb::module_& module) {
   nb::class_<Changes>(
       module, "Delta",
       "What changed between two updates: ``added, removed = broad_phase.update()``.\n\n"
-      "Apply ``removed`` first: if an object was removed and a new one got its id in between, the same\n"
-      "pair of ids may be in both. The arrays may be kept for as long as you like: up to 2,048 pairs are a "
-      "copy; more are\n"
-      "shown where the core has them, in memory that it does not use again before the array is gone, and "
-      "which may be\n"
-      "several times as large. Copy those of many updates.")
+      "Apply ``removed`` first: if an object was removed and a new one got its id in between, the\n"
+      "same pair of ids may be in both. You may keep the arrays for as long as you like. Up to\n"
+      "2,048 pairs are a copy; a longer array is a view of the core's memory, which is not reused\n"
+      "as long as the array exists, and may be several times as large, so copy the arrays if you\n"
+      "keep those of many updates.")
       .def_ro("added", &Changes::added, nb::sig("def added(self) -> numpy.typing.NDArray[numpy.uint32]"),
               "(m, 2) uint32: pairs that began to overlap, in canonical order.")
       .def_ro("removed", &Changes::removed,
@@ -295,21 +294,18 @@ void add_broad_phase(nb::module_& module) {
 
   nb::class_<Objects>(
       module, "BroadPhase",
-      "Holds a set of moving boxes and reports at each update() which pairs began and which ceased to "
-      "overlap.\n\n"
-      "An update costs as much as what moved. A call that raises has changed nothing, except that an array "
-      "of ids may be\n"
-      "done in part if memory runs out.\n\n"
-      "device: as select_device() takes it; None lets `algorithm` decide.\n"
-      "algorithm: a key of algorithms(). auto works on the host or on a GPU, whichever is expected to be "
-      "faster.\n"
-      "threads: that an algorithm of the host may use; 0 for as many as there are processors.\n"
-      "profile: measure stages on the device too.\n\n"
-      "One thread at a time may use an object: a second one gets a RuntimeError. The GIL is released while "
-      "boxes are\n"
-      "searched.\n\n"
-      "Raises ValueError for an unknown algorithm, Error for an unknown device and for whatever fails in "
-      "OpenCL.")
+      "Holds a set of moving boxes and reports at each update() which pairs began and which ceased\n"
+      "to overlap.\n\n"
+      "An update costs as much as what moved. A call that raises has changed nothing, except that a\n"
+      "call with an array of ids may be done in part if memory runs out.\n\n"
+      "device: as for select_device(); with None, `algorithm` decides.\n"
+      "algorithm: a key of algorithms(). \"auto\" works on the host or on a GPU, whichever is\n"
+      "expected to be faster.\n"
+      "threads: number of threads that an algorithm of the host may use; 0 for one per processor.\n"
+      "profile: whether to measure stages on the device, too.\n\n"
+      "Only one thread at a time may use an object; a second one gets a RuntimeError. The GIL is\n"
+      "released during searches.\n\n"
+      "Raises ValueError for an unknown algorithm, Error for an unknown device and if OpenCL fails.")
       .def(
           "__init__",
           [](Objects* self, const Selector& device, const std::string& algorithm, std::size_t threads,
@@ -324,25 +320,22 @@ void add_broad_phase(nb::module_& module) {
               "numpy.typing.ArrayLike], *, group: numpy.typing.ArrayLike = 1, mask: numpy.typing.ArrayLike = "
               "4294967295, body: numpy.typing.ArrayLike = 4294967295, world: numpy.typing.ArrayLike = 0) -> "
               "int | numpy.typing.NDArray[numpy.uint32]"),
-          "Adds objects and returns their ids, an int for one box, otherwise (n,) uint32. Each is the lowest "
-          "that is\n"
-          "free, so ids depend on the sequence of calls only.\n\n"
-          "boxes: float32 or float64, in the forms that overlapping_pairs() takes; one box without the "
-          "first\n"
-          "dimension. float64 rounds outward.\n"
-          "group, mask, body, world: of the filter, integers or arrays (n,). Two objects pair if each is in "
-          "a group of\n"
-          "the other's mask, if they are in the same world or one in ALL_WORLDS, and not of the same "
-          "body.\n\n"
-          "Raises ValueError for a NaN (it names the row) and for a wrong shape, TypeError for another "
+          "Adds objects and returns their ids: an int for one box, otherwise (n,) uint32. Each is the\n"
+          "lowest free id, so ids depend only on the sequence of calls.\n\n"
+          "boxes: float32 or float64, in the forms that overlapping_pairs() accepts; one box without\n"
+          "the first dimension. float64 is rounded outward.\n"
+          "group, mask, body, world: the filter, integers or arrays (n,). Two objects pair if each is\n"
+          "in a group of the other's mask, if they are in the same world or one is in ALL_WORLDS, and\n"
+          "if they are not of the same body.\n\n"
+          "Raises ValueError for a NaN (it names the row) and for a wrong shape, TypeError for another\n"
           "dtype.")
       .def("move", &Objects::move, "ids"_a.none(), "boxes"_a.none(),
            nb::sig("def move(self, ids: numpy.typing.ArrayLike, boxes: numpy.typing.ArrayLike | "
                    "tuple[numpy.typing.ArrayLike, numpy.typing.ArrayLike]) -> None"),
-           "Replaces the box of one object, or of n: ids (n,), boxes as add() takes them. A box that is "
-           "equal to the old\n"
-           "one does not count as movement.\n\n"
-           "Raises ValueError for an unknown id, a NaN or a wrong shape; TypeError. No object is moved then.")
+           "Replaces the box of one object, or of n objects: ids (n,), boxes as for add(). A box that is\n"
+           "equal to the old one does not count as movement.\n\n"
+           "Raises ValueError for an unknown id, a NaN or a wrong shape; TypeError. Then no object has\n"
+           "moved.")
       .def(
           "set_filter", &Objects::set_filter, "ids"_a.none(), nb::kw_only(), "group"_a = 1,
           "mask"_a = 0xffffffffU, "body"_a = Filter::no_body, "world"_a = 0,
@@ -350,61 +343,55 @@ void add_broad_phase(nb::module_& module) {
               "def set_filter(self, ids: numpy.typing.ArrayLike, *, group: numpy.typing.ArrayLike = 1, mask: "
               "numpy.typing.ArrayLike = 4294967295, body: numpy.typing.ArrayLike = 4294967295, world: "
               "numpy.typing.ArrayLike = 0) -> None"),
-          "Replaces the whole filter of one object, or of n: ids (n,), the rest as add() takes it.\n\n"
+          "Replaces the whole filter of one object, or of n objects: ids (n,), the rest as for add().\n\n"
           "Raises ValueError for an unknown id; TypeError.")
       .def("set_exclusions", &Objects::set_exclusions, "pairs"_a.none(),
            nb::sig("def set_exclusions(self, pairs: numpy.typing.ArrayLike) -> None"),
-           "Replaces the list of pairs of ids that are never reported: (m, 2) integers, in any order. At "
-           "first "
-           "there are none.\n"
-           "pairs_that_share() lists those of a mesh.\n\n"
+           "Replaces the list of pairs of ids that are never reported: (m, 2) integers, in any order.\n"
+           "Initially it is empty. pairs_that_share() makes such a list for a mesh.\n\n"
            "Raises ValueError for a pair of an id with itself, and for a wrong shape; TypeError.")
       .def("remove", &Objects::remove, "ids"_a.none(),
            nb::sig("def remove(self, ids: numpy.typing.ArrayLike) -> None"),
-           "Removes one object, or n: ids (n,). Their pairs are in `removed` of the next update; their ids "
-           "may be given\n"
-           "to the next ones added.\n\nRaises ValueError for an unknown id, or one that is given twice.")
-      .def(
-          "boxes", &Objects::boxes, "n"_a,
-          nb::sig("def boxes(self, n: int) -> numpy.typing.NDArray[numpy.float32]"),
-          "Makes 0 .. n-1 the ids of the objects, and returns their boxes, (n, 6) float32: lower x, y, z, "
-          "upper x, y, z,\n"
-          "to be written in place. New objects have empty boxes. All count as moved.\n\n"
-          "It is the memory that the device, or an algorithm of the host, reads. The next call that changes "
-          "or updates\n"
-          "anything takes what it then holds, and makes the array read-only; call boxes() again for the next "
-          "frame. (What\n"
-          "was sliced from it before must not be written any more, either.) The array keeps its memory "
-          "alive, so it may\n"
-          "be kept. A NaN is a ValueError of the next update(), which names the first row; correct it and "
-          "call update()\n"
-          "again.\n\nRaises Error between begin() and finish().")
+           "Removes one object, or n objects: ids (n,). Their pairs are in `removed` of the next update;\n"
+           "their ids may be given to the next objects added.\n\n"
+           "Raises ValueError for an unknown id, or for one that is given twice.")
+      .def("boxes", &Objects::boxes, "n"_a,
+           nb::sig("def boxes(self, n: int) -> numpy.typing.NDArray[numpy.float32]"),
+           "Makes 0 .. n-1 the ids of the objects, and returns their boxes for you to write: (n, 6)\n"
+           "float32, lower x, y, z, upper x, y, z. New objects have empty boxes. All objects count as\n"
+           "moved.\n\n"
+           "The array is the memory that the device, or an algorithm of the host, reads. The next call\n"
+           "that changes or updates anything takes the boxes and makes the array read-only; call boxes()\n"
+           "again for the next frame. (Slices that were made from it before must not be written\n"
+           "afterwards, either.) The array keeps its memory alive, so you may keep it. A NaN is a\n"
+           "ValueError of the next update(), which names the first row; correct it and call update()\n"
+           "again.\n\n"
+           "Raises Error between begin() and finish().")
       .def("update", &Objects::update,
-           "Finds every pair of overlapping boxes that their filters let pair, and returns what changed "
-           "since the last\n"
-           "update, as a Delta. Releases the GIL.\n\n"
-           "Raises Error if the device fails, ValueError for a NaN written to boxes(), MemoryError; it may "
-           "be repeated.")
+           "Finds every pair of overlapping boxes whose filters allow it, and returns what changed since\n"
+           "the last update, as a Delta. Releases the GIL.\n\n"
+           "Raises Error if the device fails, ValueError for a NaN written to boxes(), MemoryError. The\n"
+           "call may be repeated.")
       .def("begin", &Objects::begin,
-           "Starts an update on the device and returns at once. Objects may be added, moved and removed "
-           "before finish();\n"
-           "that belongs to the next update. Raises as update() does.")
+           "Starts an update on the device and returns at once. Objects that are added, moved or removed\n"
+           "before finish() belong to the next update. Raises as update() does.")
       .def("finish", &Objects::finish,
-           "Waits for the update that begin() started, or does one, and returns what it changed. Releases "
+           "Waits for the update that begin() started, or does one, and returns the changes. Releases\n"
            "the GIL.\n"
            "Raises as update() does.")
       .def("pairs", &Objects::pairs, nb::sig("def pairs(self) -> numpy.typing.NDArray[numpy.uint32]"),
-           "All pairs as of the last update: (m, 2) uint32, a < b, in canonical order: by b, then by a.\n"
+           "All pairs as of the last update: (m, 2) uint32, a < b, in canonical order, that is, sorted\n"
+           "by b, then by a.\n"
            "Raises Error between begin() and finish().")
       .def("profile", &Objects::profile, nb::sig("def profile(self) -> dict[str, dict[str, float]]"),
-           "The stages of the last update: for each name the seconds that the calling thread spent, "
-           "host_seconds, and\n"
-           "with profile=True those of the device, device_seconds. Empty on the host.")
-      .def_prop_ro("device", &Objects::device,
-                   "The device that does the next update; None if that is the host.")
+           "The stages of the last update: for each name, host_seconds, the seconds that the calling\n"
+           "thread spent, and device_seconds, those of the device if profile=True. Empty on the host.")
+      .def_prop_ro("device", &Objects::device, "The device that will do the next update; None for the host.")
       .def_prop_ro("algorithm", &Objects::algorithm, "The name of the algorithm.")
-      .def_prop_ro("memory", &Objects::memory, nb::sig("def memory(self) -> dict[str, int]"),
-                   "OpenCL memory in bytes: device, now; device_peak, at most so far; pinned, of the host.")
+      .def_prop_ro(
+          "memory", &Objects::memory, nb::sig("def memory(self) -> dict[str, int]"),
+          "OpenCL memory in bytes: device, on the device now; device_peak, the largest value of device\n"
+          "so far; pinned, pinned host memory.")
       .def("__len__", &Objects::size, "Number of objects.");
 }
 

@@ -100,14 +100,14 @@ nb::object queue_of(nb::handle boxes, nb::handle queue) {
   const nb::object own = nb::getattr(boxes, "queue", nb::none());
   if (own.is_none()) {
     throw nb::value_error(
-        "neither a buffer nor an array without a queue says where to work; give device=queue");
+        "a buffer, or an array without a queue, does not say where to work; give device=queue");
   }
   return own;
 }
 
 DeviceBoxes::DeviceBoxes(nb::handle boxes, nb::handle queue, const std::string& name) {
   if (!is_on_device(boxes)) {
-    throw nb::type_error((name + " must be an array or a buffer of pyopencl, not " + kind_of(boxes) +
+    throw nb::type_error((name + " must be a pyopencl array or buffer, not " + kind_of(boxes) +
                           "; pyopencl.array.to_device() makes one")
                              .c_str());
   }
@@ -150,8 +150,7 @@ cl_mem to_filters(nb::handle filters, nb::handle queue, std::size_t count) {
   if (filters.is_none()) return nullptr;
   if (is_buffer(filters)) return to_handle<cl_mem>(filters);
   if (!is_array(filters)) {
-    throw nb::type_error(
-        ("filters must be an array or a buffer of pyopencl, not " + kind_of(filters)).c_str());
+    throw nb::type_error(("filters must be a pyopencl array or buffer, not " + kind_of(filters)).c_str());
   }
   refuse_other_queue(filters, queue, "filters");
   const Layout layout(filters);

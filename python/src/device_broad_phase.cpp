@@ -169,17 +169,18 @@ nb::object find_on_device(nb::handle a, nb::handle b, nb::handle exclusions, nb:
 // NOLINTNEXTLINE(readability-function-size): a table
 void add_device_broad_phase(nb::module_& module) {
   nb::class_<DeviceChanges>(module, "DeviceDelta",
-                            "What changed between two updates of a DeviceBroadPhase: ``added, removed = "
+                            "What changed between two updates of a DeviceBroadPhase: ``added, removed =\n"
                             "broad_phase.update(boxes)``.\n\n"
-                            "The arrays own what they show; their get() makes NumPy arrays of them.")
+                            "The arrays own their data; get() copies them to NumPy.")
       .def_ro("added", &DeviceChanges::added, nb::sig("def added(self) -> pyopencl.array.Array"),
               "(m, 2) uint32: pairs that began to overlap, in canonical order.")
       .def_ro("removed", &DeviceChanges::removed, nb::sig("def removed(self) -> pyopencl.array.Array"),
               "(m, 2) uint32: pairs that ceased to overlap, in canonical order.")
-      .def_ro("pair_count", &DeviceChanges::pair_count, "How many overlap now.")
-      .def_ro("invalid_boxes", &DeviceChanges::invalid_boxes, "Boxes with a NaN bound. They overlap nothing.")
+      .def_ro("pair_count", &DeviceChanges::pair_count, "Number of pairs that overlap now.")
+      .def_ro("invalid_boxes", &DeviceChanges::invalid_boxes,
+              "Number of boxes with a NaN bound. They overlap nothing.")
       .def_ro("first_invalid", &DeviceChanges::first_invalid,
-              "The index of the first of these, or None. Those of a second set follow the first set's.")
+              "The index of the first of these, or None. A second set follows the first.")
       .def(
           "__iter__",
           [](const DeviceChanges& changes) {
@@ -192,75 +193,65 @@ void add_device_broad_phase(nb::module_& module) {
 
   nb::class_<DeviceObjects>(
       module, "DeviceBroadPhase",
-      "A BroadPhase for boxes that are in arrays or buffers of pyopencl: pairs and their changes stay on "
-      "the\n"
-      "device, too.\n\n"
-      "Object k is the box at index k, in every update the same object. Every update tests all of them.\n\n"
-      "queue: a pyopencl.CommandQueue, in order. All work is done in it, and nothing else may use it during "
-      "a\n"
-      "call.\n"
+      "A BroadPhase for boxes in pyopencl arrays or buffers: pairs and changes stay on the device,\n"
+      "too.\n\n"
+      "Object k is the box at index k, the same object in every update. Every update tests all\n"
+      "boxes.\n\n"
+      "queue: a pyopencl.CommandQueue, in order. All work is done in it, and nothing else may use\n"
+      "it during a call.\n"
       "algorithm: a key of algorithms() that works on the device.\n"
-      "profile: measure stages on the device; the queue must have profiling enabled.\n\n"
-      "One thread at a time may use an object: a second one gets a RuntimeError. The GIL is released while "
-      "the\n"
-      "device works.\n\n"
-      "Raises TypeError for another kind of queue, ValueError for an unknown algorithm, Error for one of "
-      "the\n"
-      "host, for a queue that is out of order, and for whatever fails in OpenCL.")
+      "profile: whether to measure stages on the device; the queue must have profiling enabled.\n\n"
+      "Only one thread at a time may use an object; a second one gets a RuntimeError. The GIL is\n"
+      "released while the device works.\n\n"
+      "Raises TypeError for another kind of queue, ValueError for an unknown algorithm, and Error\n"
+      "for an algorithm of the host, an out-of-order queue, and if OpenCL fails.")
       .def(nb::init<nb::handle, const std::string&, bool>(), "queue"_a.none(), nb::kw_only(),
            "algorithm"_a = "auto", "profile"_a = false,
            nb::sig("def __init__(self, queue: pyopencl.CommandQueue, *, algorithm: str = 'auto', "
                    "profile: bool = False) -> None"))
-      .def(
-          "update", &DeviceObjects::update, "boxes"_a.none(), "second"_a = nb::none(), nb::kw_only(),
-          "filters"_a = nb::none(), "worlds"_a = false,
-          nb::sig("def update(self, boxes: pyopencl.array.Array | pyopencl.Buffer, second: "
-                  "pyopencl.array.Array | pyopencl.Buffer | None = None, *, filters: pyopencl.array.Array | "
-                  "pyopencl.Buffer | None = None, worlds: bool = False) -> DeviceDelta"),
-          "Finds every pair of overlapping boxes that their filters let pair, and returns what changed since "
-          "the last\n"
-          "update. Waits for the queue once, for the counts.\n\n"
-          "boxes: float32, (n, 6) or (n, 2, 3), each box without gaps; or a buffer of such. Only read. A box "
-          "with a NaN\n"
-          "overlaps nothing, and is counted.\n"
-          "second: a second set. Only pairs of a box of the first with one of the second are found then; how "
-          "many the\n"
-          "first has must be the same in every update.\n"
-          "filters: (n, 4) uint32, for each box, also of the second set, its group, mask, body and world.\n"
-          "worlds: whether the filters have different worlds.\n\n"
-          "Raises TypeError for what is not on the device or not float32, ValueError for a wrong shape or "
-          "another queue,\n"
-          "Error if the device fails. The known pairs are then as before.")
+      .def("update", &DeviceObjects::update, "boxes"_a.none(), "second"_a = nb::none(), nb::kw_only(),
+           "filters"_a = nb::none(), "worlds"_a = false,
+           nb::sig("def update(self, boxes: pyopencl.array.Array | pyopencl.Buffer, second: "
+                   "pyopencl.array.Array | pyopencl.Buffer | None = None, *, filters: pyopencl.array.Array | "
+                   "pyopencl.Buffer | None = None, worlds: bool = False) -> DeviceDelta"),
+           "Finds every pair of overlapping boxes whose filters allow it, and returns what changed since\n"
+           "the last update. Waits for the queue once, for the counts.\n\n"
+           "boxes: float32, (n, 6) or (n, 2, 3), the numbers of each box without gaps; or a buffer of\n"
+           "such boxes. Only read. A box with a NaN overlaps nothing, and is counted.\n"
+           "second: a second set. Then only pairs of a box of the first set with a box of the second are\n"
+           "found; the first set must have the same number of boxes in every update.\n"
+           "filters: (n, 4) uint32, the group, mask, body and world of each box, those of a second set\n"
+           "after the first.\n"
+           "worlds: whether the filters have different worlds.\n\n"
+           "Raises TypeError for arrays that are not on the device or not float32, ValueError for a\n"
+           "wrong shape or another queue, Error if the device fails. The known pairs are then as before.")
       .def("begin", &DeviceObjects::begin, "boxes"_a.none(), "second"_a = nb::none(), nb::kw_only(),
            "filters"_a = nb::none(), "worlds"_a = false,
            nb::sig("def begin(self, boxes: pyopencl.array.Array | pyopencl.Buffer, second: "
                    "pyopencl.array.Array | pyopencl.Buffer | None = None, *, filters: pyopencl.array.Array | "
                    "pyopencl.Buffer | None = None, worlds: bool = False) -> None"),
-           "Starts an update behind what is in the queue, and returns at once. As update().")
+           "Enqueues an update, and returns at once. Arguments and exceptions as for update().")
       .def("finish", &DeviceObjects::finish,
-           "Waits for the update that begin() started, and returns what it changed.\n"
-           "Raises Error as update() does, and if none was begun.")
+           "Waits for the update that begin() started, and returns the changes.\n"
+           "Raises Error as update() does, and if no update was begun.")
       .def("set_exclusions", &DeviceObjects::set_exclusions, "pairs"_a.none(),
            nb::sig("def set_exclusions(self, pairs: numpy.typing.ArrayLike) -> None"),
-           "Replaces the list of pairs of indices that are never reported: (m, 2) integers in the host's "
-           "memory, in any\n"
-           "order; those of a second set are counted as if it followed the first. At first there are none. "
-           "Waits for the\n"
-           "queue.\n\n"
-           "Raises ValueError for a pair of an index with itself, and for a wrong shape; TypeError; Error "
-           "between begin()\n"
-           "and finish().")
+           "Replaces the list of pairs of indices that are never reported: (m, 2) integers in host\n"
+           "memory, in any order. For these indices, a second set follows the first. Initially the list\n"
+           "is empty. Waits for the queue.\n\n"
+           "Raises ValueError for a pair of an index with itself, and for a wrong shape; TypeError;\n"
+           "Error between begin() and finish().")
       .def("pairs", &DeviceObjects::pairs, nb::sig("def pairs(self) -> pyopencl.array.Array"),
-           "All pairs as of the last update: (m, 2) uint32 in canonical order, by b, then by a; of one set, "
-           "a < b.\n"
+           "All pairs as of the last update: (m, 2) uint32 in canonical order, that is, sorted by b,\n"
+           "then by a; for one set, a < b.\n"
            "Raises Error between begin() and finish().")
       .def("profile", &DeviceObjects::profile, nb::sig("def profile(self) -> dict[str, dict[str, float]]"),
-           "The stages of the last update, as BroadPhase.profile() has them.")
+           "The stages of the last update, as in BroadPhase.profile().")
       .def_prop_ro("queue", &DeviceObjects::queue, nb::sig("def queue(self) -> pyopencl.CommandQueue"),
                    "The queue.")
       .def_prop_ro("device", &DeviceObjects::device, "The device of the queue.")
       .def_prop_ro("memory", &DeviceObjects::memory, nb::sig("def memory(self) -> dict[str, int]"),
-                   "Memory of this object, without the caller's arrays, as BroadPhase.memory has it.");
+                   "OpenCL memory of this object, without the caller's arrays, as in BroadPhase.memory.");
 }
 
 }  // namespace broadcl::python

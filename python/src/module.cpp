@@ -34,7 +34,7 @@ Config to_config(const Selector& device, const std::string& algorithm, std::size
     }
     known += (known.empty() ? "" : ", ") + std::string(row.name);
   }
-  throw nb::value_error(("no algorithm is named '" + algorithm + "'; there are " + known).c_str());
+  throw nb::value_error(("no algorithm is named '" + algorithm + "'; the algorithms are: " + known).c_str());
 }
 
 namespace {
@@ -66,8 +66,8 @@ nb::object find_pairs_on_device(nb::handle a, nb::handle b, nb::handle exclusion
                                 const std::string& algorithm) {
   if (!is_on_device(a)) {
     throw nb::type_error(
-        "device must be a string, a row of devices() or None; a queue of pyopencl only for arrays of "
-        "pyopencl");
+        "device must be a string, an element of devices() or None; a pyopencl queue works only for "
+        "pyopencl arrays");
   }
   return find_on_device(a, b, exclusions, queue, algorithm);
 }
@@ -104,14 +104,15 @@ Device choose_device(const Selector& selector) {
 }
 
 void add_device(nb::module_& module) {
-  nb::class_<Device>(module, "Device", "What an OpenCL device reports about itself. Holds no OpenCL object.")
-      .def_prop_ro("id", &Device::id, "P:D, the numbers of platform and device as in `clinfo -l`.")
+  nb::class_<Device>(module, "Device",
+                     "What an OpenCL device reports about itself. A plain value that holds no OpenCL object.")
+      .def_prop_ro("id", &Device::id, "\"P:D\": the numbers of platform and device in `clinfo -l`.")
       .def_prop_ro(
           "type", [](const Device& device) { return std::string(to_string(device.type)); },
           "gpu, cpu, accelerator or other.")
       .def_ro("platform_name", &Device::platform_name)
       .def_ro("name", &Device::name)
-      .def_ro("version", &Device::version, "Of OpenCL.")
+      .def_ro("version", &Device::version, "OpenCL version.")
       .def_ro("driver_version", &Device::driver_version)
       .def_ro("compute_units", &Device::compute_units)
       .def_ro("clock_mhz", &Device::clock_mhz, "Highest clock frequency, 0 if the device does not say.")
@@ -134,7 +135,7 @@ NB_MODULE(_core, module) {
   }
   module.doc() = "The C++ core of BroadCL.";
   nb::exception<broadcl::Error>(module, "Error", PyExc_RuntimeError).attr("__doc__") =
-      "The device, or the driver, cannot do what was asked for. The text says what to do.";
+      "The device or the driver cannot do what was requested. The text says what to do.";
   add_device(module);
   add_broad_phase(module);
   add_device_broad_phase(module);
@@ -149,64 +150,57 @@ NB_MODULE(_core, module) {
               "numpy.typing.ArrayLike] | None = None, *, exclusions: numpy.typing.ArrayLike | None = None, "
               "device: str | Device | None = None, algorithm: str = 'auto', threads: int = 0) -> "
               "numpy.typing.NDArray[numpy.uint32]"),
-      "All overlapping pairs of boxes: (m, 2) uint32, rows (i, j), i < j, by j, then by i. With two sets, "
-      "all pairs\n"
-      "of a box of `a` with a box of `b`: rows (index in a, index in b).\n\n"
-      "a, b: float32 or float64 in the host's memory, with any strides: NumPy arrays and whatever else has "
-      "the\n"
-      "buffer protocol or DLPack, (n, 6) with rows lower x, y, z, upper x, y, z; (n, 2, 3); (n, 4) in two\n"
-      "dimensions; or a tuple (lower, upper) of two (n, 3). Read without a copy, except for lists and what "
-      "is\n"
-      "misaligned. Nothing may write to them meanwhile. Boxes are closed: touching counts. Bounds may be "
-      "infinite;\n"
-      "a box with lower > upper is empty and overlaps nothing. float64 rounds outward to float32.\n"
-      "exclusions: pairs that are not reported, (k, 2) integers, in any order; rows as those that are "
-      "found.\n"
-      "pairs_that_share() lists those of a mesh.\n"
-      "device: as select_device() takes it, opened in each call; None for the host, unless BROADCL_DEVICE "
-      "names\n"
-      "one. If you call often, keep a BroadPhase.\n"
+      "All overlapping pairs of boxes: (m, 2) uint32, rows (i, j) with i < j, sorted by j, then by\n"
+      "i. With two sets, all pairs of a box of `a` with a box of `b`: rows (index in a, index in\n"
+      "b).\n\n"
+      "a, b: float32 or float64 in host memory, with any strides: NumPy arrays and other objects\n"
+      "with the buffer protocol or DLPack. (n, 6) with rows lower x, y, z, upper x, y, z; (n, 2,\n"
+      "3); (n, 4) in two dimensions; or a tuple (lower, upper) of two (n, 3). Read without a copy,\n"
+      "except lists and misaligned memory. Nothing may write to them during the call. Boxes are\n"
+      "closed, so touching counts. Bounds may be infinite; a box with lower > upper is empty and\n"
+      "overlaps nothing. float64 is rounded outward to float32.\n"
+      "exclusions: pairs that are not reported, (k, 2) integers in any order, with the same meaning\n"
+      "as the rows of the result. pairs_that_share() makes such a list for a mesh.\n"
+      "device: as for select_device(), opened in each call; None for the host, unless\n"
+      "BROADCL_DEVICE names a device. For frequent searches, keep a BroadPhase.\n"
       "algorithm: a key of algorithms().\n"
-      "threads: that an algorithm of the host may use; 0 for as many as there are processors.\n\n"
-      "Any number of threads may call it; the GIL is released.\n\n"
-      "Raises ValueError for a NaN (it names the row), a wrong shape, an exclusion of a box that is not "
-      "there or an\n"
-      "unknown algorithm; TypeError for another dtype or kind of object; Error for the device; MemoryError.");
+      "threads: number of threads that an algorithm of the host may use; 0 for one per processor.\n\n"
+      "Any number of threads may call this at the same time; the GIL is released.\n\n"
+      "Raises ValueError for a NaN (it names the row), a wrong shape, an exclusion of a box that\n"
+      "does not exist or an unknown algorithm; TypeError for another dtype or kind of object; Error\n"
+      "if the device fails; MemoryError.");
   module.def(
       "overlapping_pairs", &find_pairs_on_device, "a"_a.none(), "b"_a = nb::none(), nb::kw_only(),
       "exclusions"_a = nb::none(), "device"_a = nb::none(), "algorithm"_a = "auto",
       nb::sig("def overlapping_pairs(a: pyopencl.array.Array | pyopencl.Buffer, b: pyopencl.array.Array | "
               "pyopencl.Buffer | None = None, *, exclusions: numpy.typing.ArrayLike | None = None, device: "
               "pyopencl.CommandQueue | None = None, algorithm: str = 'auto') -> pyopencl.array.Array"),
-      "The same for boxes that are on a device, in arrays or buffers of pyopencl: float32, (n, 6) or (n, 2, "
-      "3), each\n"
-      "box without gaps. The pairs stay there, in an array whose get() makes a NumPy array of it.\n\n"
-      "exclusions: in the host's memory.\n"
-      "device: the queue to work in, in order; None for that of `a`. Kernels are made ready in each call. If "
-      "you call\n"
-      "often, keep a DeviceBroadPhase.");
+      "The same for boxes on a device, in pyopencl arrays or buffers: float32, (n, 6) or (n, 2, 3),\n"
+      "the numbers of each box without gaps. The pairs stay on the device; get() of the array\n"
+      "copies them to NumPy.\n\n"
+      "exclusions: in host memory.\n"
+      "device: the queue to work in, which must be in order; None for the queue of `a`. Kernels are\n"
+      "prepared in each call. For frequent searches, keep a DeviceBroadPhase.");
   module.def(
       "pairs_that_share", &find_sharing, "a"_a.none(), "b"_a = nb::none(),
       nb::sig("def pairs_that_share(a: numpy.typing.ArrayLike, b: numpy.typing.ArrayLike | None = None) -> "
               "numpy.typing.NDArray[numpy.uint32]"),
       "All pairs of objects that have a label in common, for overlapping_pairs(exclusions=...) and\n"
-      "set_exclusions(): (m, 2) uint32, in canonical order. With two sets, all pairs of an object of `a` "
-      "with one of\n"
-      "`b`.\n\n"
-      "a, b: integers 0 to 4294967295, one row per object: if the objects are edges or faces of a mesh, the "
-      "numbers of\n"
-      "their vertices, (n, 2) or (n, 3); if they are its vertices, numpy.arange(n)[:, None].\n\n"
-      "Any number of threads may call it; the GIL is released.\n\n"
+      "set_exclusions(): (m, 2) uint32, in canonical order. With two sets, all pairs of an object\n"
+      "of `a` with one of `b`.\n\n"
+      "a, b: integers 0 to 4294967295, one row per object. For the edges or faces of a mesh, the\n"
+      "numbers of their vertices, (n, 2) or (n, 3); for its vertices, numpy.arange(n)[:, None].\n\n"
+      "Any number of threads may call this at the same time; the GIL is released.\n\n"
       "Raises ValueError for a wrong shape, TypeError for another dtype, MemoryError.");
-  module.def(
-      "devices", &all_devices,
-      "Every OpenCL device that can be used, in the order of `clinfo -l`; empty without an OpenCL driver.\n\n"
-      "Raises Error if there are devices, but all fail.");
+  module.def("devices", &all_devices,
+             "Every usable OpenCL device, in the order of `clinfo -l`; empty without an OpenCL driver.\n\n"
+             "Raises Error if there are devices, but none is usable.");
   module.def(
       "select_device", &choose_device, "selector"_a = nb::none(),
-      "The device that a selector picks: P:D, gpu, cpu or accelerator, or a part of platform / name.\n"
-      "None: what the environment variable BROADCL_DEVICE says, otherwise the best GPU, otherwise the\n"
-      "best CPU.\n\nRaises Error if there is none; it says what to install.");
+      "The device that a selector chooses: \"P:D\", \"gpu\", \"cpu\" or \"accelerator\", or a part of\n"
+      "\"platform / name\". None: the environment variable BROADCL_DEVICE, otherwise the best GPU,\n"
+      "otherwise the best CPU.\n\n"
+      "Raises Error if no device matches, or if there is none (it says what to install).");
   module.def("algorithms", &algorithm_summaries, nb::sig("def algorithms() -> dict[str, str]"),
-             "The names that `algorithm` takes, each with one line about it.");
+             "The values for `algorithm`, each with a one-line description.");
 }

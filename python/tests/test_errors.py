@@ -137,7 +137,7 @@ def test_labels():
 
 
 def test_names():
-    with pytest.raises(ValueError, match="no algorithm is named 'x'; there are auto,"):
+    with pytest.raises(ValueError, match="no algorithm is named 'x'; the algorithms are: auto,"):
         broadcl.BroadPhase(algorithm="x")
     with pytest.raises(ValueError, match="no algorithm is named 'x'"):
         broadcl.overlapping_pairs(uniform(2), algorithm="x")

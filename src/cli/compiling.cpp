@@ -10,9 +10,9 @@ namespace broadcl::cli {
 void announce_compiling(const Device& device, const std::string& kept_in) {
   static std::set<std::string> announced;
   if (!announced.insert(device.label()).second) return;
-  std::cerr << "building kernels for " << one_line(device.label()) << ", once; "
-            << (kept_in.empty() ? "not kept, as there is no folder for caches"
-                                : "kept in " + cli::quoted(kept_in))
+  std::cerr << "compiling kernels for " << one_line(device.label())
+            << (kept_in.empty() ? ", at each start because there is no cache folder"
+                                : ", once; they are stored in " + cli::quoted(kept_in))
             << std::endl;
 }
 

@@ -65,9 +65,10 @@ Exit run(bool json) {
   print(rows);
   std::cout << "* is the default: " << one_line(reason_for_default(found)) << ".\n";
   if (!device_for({})) {
-    std::cout << "The algorithm auto works on the host"
-              << (best.type == DeviceType::cpu ? ", unless a device is named.\n"
-                                               : ", and on the default once there is much to do.\n");
+    std::cout << "The algorithm auto "
+              << (best.type == DeviceType::cpu
+                      ? "works on the host, unless a device is named.\n"
+                      : "starts on the host, and uses the default once that is faster.\n");
   }
   return Exit::success;
 }

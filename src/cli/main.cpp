@@ -63,7 +63,7 @@ Exit run(int argc, const char* const* argv) {
     return Exit::success;
   } catch (const CLI::ParseError& error) {
     if (const auto verb = unknown_verb(program)) {
-      throw Error("'" + *verb + "' is no verb; give " + list_of_verbs(program.get_subcommands({})) +
+      throw Error("unknown verb '" + *verb + "'; use " + list_of_verbs(program.get_subcommands({})) +
                   help_hint(program));
     }
     throw Error(one_line(error.what()) + help_hint(program));
@@ -71,7 +71,7 @@ Exit run(int argc, const char* const* argv) {
   for (const Verb& verb : verbs) {
     if (verb.arguments->parsed()) return verb.run();
   }
-  throw Error("give a verb: " + list_of_verbs(program.get_subcommands({})) + help_hint(program));
+  throw Error("no verb given; use " + list_of_verbs(program.get_subcommands({})) + help_hint(program));
 }
 
 Exit report(const char* error) noexcept {

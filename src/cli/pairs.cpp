@@ -75,7 +75,7 @@ Exit run_pairs(const PairsOptions& options) {
   const auto empty = static_cast<std::size_t>(std::ranges::count_if(boxes, is_empty));
   if (empty > 0) {
     std::cout << counted(empty, "box") << (empty == 1 ? " is" : " are")
-              << " inverted (min > max) and took no part\n";
+              << " inverted (min > max) and ignored\n";
   }
   std::cout << times << (device ? "; searching includes opening the device" : "") << "\n";
   return Exit::success;
@@ -92,7 +92,8 @@ Verb add_pairs(CLI::App& program) {
           "float64, which is rounded outward")
       ->required()
       ->type_name("");
-  add_name(*verb, "--algorithm", options->broad_phase.algorithm, "How to find the pairs; see below");
+  add_name(*verb, "--algorithm", options->broad_phase.algorithm,
+           "The algorithm that finds the pairs; see below");
   add_device(*verb, options->broad_phase.device);
   verb->add_option(
           "--out", options->out,

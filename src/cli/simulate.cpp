@@ -55,8 +55,8 @@ Exit run_simulate(const SimulateOptions& options) {
   if (trace) trace->commit();
   std::cout << table_report(options.simulation, result);
   if (recording) {
-    std::cout << "Recorded are the objects, not the " << scenes::World::walls
-              << " walls around them: a replay lacks the pairs with those.\n";
+    std::cout << "The recording contains the objects, but not the " << scenes::World::walls
+              << " walls around them, so a replay lacks the pairs with the walls.\n";
   }
   return result.verdict && result.verdict->first_wrong_frame ? Exit::difference : Exit::success;
 }
@@ -67,8 +67,8 @@ std::string simulate_footer() {
     text += named_row(scenario.name, scenario.summary);
   }
   return text + broadphase_rows() +
-         "With '+culling' after the name of one of BroadCL's, pairs whose shapes are apart cost no narrow "
-         "phase.\n";
+         "With '+culling' after the name of one of BroadCL's broad phases, pairs whose shapes do not "
+         "overlap are kept from the narrow phase.\n";
 }
 
 }  // namespace
@@ -90,7 +90,7 @@ Verb add_simulate(CLI::App& program) {
   verb->add_option("--json", options->json, "Write the summary here")->type_name("FILE");
   verb->add_option("--trace", options->trace,
                    "Write a trace of all frames here, for ui.perfetto.dev and chrome://tracing; measures "
-                   "what --profile does")
+                   "the same as --profile")
       ->type_name("FILE");
   verb->add_option(
           "--record", options->record,
@@ -98,7 +98,7 @@ Verb add_simulate(CLI::App& program) {
           ".aabbs or .npy, shape (1 + frames, objects, 6)")
       ->type_name("FILE");
   verb->add_flag("--profile", simulation.profile,
-                 "Report the stages of the broad phase; this measures device times too, which "
+                 "Report the stages of the broad phase; this also measures device times, which "
                  "costs a few microseconds per frame");
   verb->add_flag("--verify", simulation.verify,
                  "Compare the pairs of each frame with the oracle; not part of the times");

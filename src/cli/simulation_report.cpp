@@ -213,7 +213,7 @@ std::string table_report_of(const std::string& heading, const std::string& broad
   text += "pairs         mean " + fixed(mean_of(result.pairs), 1) + ", last " +
           std::to_string(result.pairs.back());
   if (!scenes::find_broadphase(broadphase).exact) {
-    text += "; " + broadphase + " counts boxes that are apart by less than its margin, too";
+    text += "; " + broadphase + " also counts boxes that are apart by less than its margin";
   }
   text += "\n";
   if (result.verdict) text += "verified      " + text_of(*result.verdict) + "\n";

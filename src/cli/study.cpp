@@ -325,8 +325,8 @@ constexpr std::uint32_t most_repeats = 1000;
 
 std::string study_footer() {
   std::string text =
-      "StudyOptions that are not given are taken from the preset. If the folder holds a study with the same "
-      "settings, only its missing runs are done, and new devices are added to it.\nPresets:\n";
+      "Options that are not given are taken from the preset. If the folder holds a study with the same "
+      "settings, only the missing runs are done, and new devices are added.\nPresets:\n";
   for (const StudyPreset& preset : study_presets()) {
     text += named_row(preset.settings.preset, preset.summary);
   }
@@ -352,7 +352,7 @@ Verb add_study(CLI::App& program) {
       "Numbers of objects");
   add_list(*verb, "--broadphases", options->broadphases, "A,B", as_is, "Broad phases");
   add_list(*verb, "--most", options->most, "A=N,B=M", parse_limit,
-           "Limit the number of objects of a broad phase that gets too slow");
+           "Limit the number of objects for a broad phase that becomes too slow");
   add_list(*verb, "--devices", options->devices, "A,B", as_is,
            "Devices, each as for --device of the other verbs");
   add_optional_number(*verb, "--frames", options->frames, 2U, most_frames,
