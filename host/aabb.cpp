@@ -6,7 +6,7 @@
 namespace broadcl {
 namespace {
 
-/// By arithmetic on the bits, instead of std::nextafter and branches, which are mispredicted for random
+/// Uses arithmetic on the bits instead of std::nextafter and branches, which are mispredicted for random
 /// numbers.
 float round_down(double value) {
   const auto nearest = static_cast<float>(value);

@@ -51,7 +51,8 @@ struct Strided {
     if constexpr (std::same_as<S, float>) {
       return {lower, upper};
     } else if (lower[0] > upper[0] || lower[1] > upper[1] || lower[2] > upper[2]) {
-      // Rounded outward, a box inverted by less than float32 resolves would cease to be empty.
+      // If it were rounded outward, a box that is inverted by less than the resolution of float32 would no
+      // longer be empty.
       const Aabb inward = round_outward(upper, lower);
       return {inward.upper, inward.lower};
     } else {
@@ -60,7 +61,7 @@ struct Strided {
   }
 };
 
-/// Splits 0 .. n-1 among threads and returns the least of what `part(begin, end)` returns.
+/// Splits 0 .. n-1 among threads and returns the smallest result of `part(begin, end)`.
 template <class Part>
 std::size_t least_of_parts(std::size_t n, const Part& part) {
   constexpr std::size_t boxes_per_thread = std::size_t{1} << 16U;
@@ -68,7 +69,8 @@ std::size_t least_of_parts(std::size_t n, const Part& part) {
   const std::size_t threads =
       std::clamp<std::size_t>(std::thread::hardware_concurrency(), 1, n / boxes_per_thread);
   const auto begin = [&](std::size_t thread) { return n / threads * thread + std::min(thread, n % threads); };
-  // Whatever throws, no thread outlives this call: futures of std::async wait when they are destroyed.
+  // Even if something throws, no thread outlives this call: futures of std::async wait when they are
+  // destroyed.
   std::vector<std::future<std::size_t>> others;
   others.reserve(threads - 1);
   for (std::size_t thread = 1; thread < threads; ++thread) {

@@ -12,7 +12,7 @@
 namespace broadcl {
 namespace {
 
-/// As BoxView::pack_to(); an error says which set it is of.
+/// Like BoxView::pack_to(), but the error names the set.
 void pack_to(const BoxView& boxes, std::span<Aabb> out, const std::string& set) {
   try {
     boxes.pack_to(out);
@@ -27,7 +27,7 @@ struct Labelled {
   std::uint32_t object;
 };
 
-/// The objects of pairs_that_share(), by label, each as often as it has labels.
+/// The objects of pairs_that_share(), sorted by label; each occurs once for each of its labels.
 std::vector<Labelled> by_label(std::span<const std::uint32_t> labels, std::size_t per_object) {
   if (per_object == 0 ? !labels.empty() : labels.size() % per_object != 0) {
     throw Error(std::to_string(labels.size()) + " labels are not " + std::to_string(per_object) +

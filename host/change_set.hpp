@@ -27,7 +27,7 @@ class ChangeSet {
     words_[slot] = epoch_ << 1U;
     changed_.push_back(slot);
   }
-  /// The object of the slot is another one.
+  /// Records that the slot now belongs to another object.
   void recycle(std::uint32_t slot) noexcept {
     insert(slot);
     if ((words_[slot] & 1U) != 0) return;
@@ -53,7 +53,7 @@ class ChangeSet {
   [[nodiscard]] bool empty() const noexcept { return !all && changed_.empty(); }
   /// Each once.
   [[nodiscard]] std::span<const std::uint32_t> changed() const noexcept { return changed_; }
-  /// Those of changed() whose object is a different one, each once.
+  /// Those slots of changed() that now belong to another object, each once.
   [[nodiscard]] std::span<const std::uint32_t> recycled() const noexcept { return recycled_; }
 
  private:
@@ -64,7 +64,7 @@ class ChangeSet {
   std::vector<std::uint32_t> changed_;
   std::vector<std::uint32_t> recycled_;
   // By slot: the epoch in which it was inserted, and in the lowest bit whether it is in recycled_. So clear()
-  // need not go through the slots.
+  // need not visit the slots.
   std::vector<std::uint32_t> words_;
   std::uint32_t epoch_ = 1;
 };

@@ -30,8 +30,8 @@ namespace broadcl {
   throw Error(what + " has a NaN bound; give an empty box (lower > upper) for an object without one");
 }
 
-/// Objects, their ids, and what changed. Each function first does what may throw and then, after a comment
-/// that says so, what cannot, so that it does all of its work or none.
+/// Objects, their ids, and what changed. Each function first does everything that may throw; a comment marks
+/// where the rest begins, which cannot throw. So a function that throws has changed nothing.
 class Core {
  public:
   explicit Core(std::unique_ptr<Algorithm> algorithm)
@@ -95,7 +95,7 @@ class Core {
   std::span<Aabb> map(std::size_t n) {
     const std::size_t own = mapped_;  // boxes that the caller has written before
     const std::span<Aabb> boxes = remap(n, n, empty_aabb());
-    if (n > own) {  // the caller must not see a NaN that he did not write
+    if (n > own) {  // the caller must not get an error for a NaN that somebody else wrote
       for_each_part(n - own, [&](std::size_t begin, std::size_t end) {
         for (Aabb& box : boxes.subspan(own + begin, end - begin)) {
           if (!is_proper(box)) box = empty_aabb();
@@ -105,8 +105,8 @@ class Core {
     return boxes;
   }
 
-  /// As map(), for packed boxes, of which begin() then has nothing to look at. Not to be called between map()
-  /// and begin().
+  /// Like map(), but for packed boxes, which begin() need not read. Must not be called between map() and
+  /// begin().
   std::span<Aabb> map_packed(std::size_t n) { return remap(n, 0, packed_empty()); }
 
   void begin() {
@@ -126,7 +126,8 @@ class Core {
       algorithm_->begin(
           {.slots = slots,
            .changed = flight_.changed(),
-           // If many changed, testing all pairs once is less work than testing those against all.
+           // If many boxes changed, testing all pairs once is less work than testing the changed boxes
+           // against all.
            .all = flight_.all || flight_.changed().size() > slots / 4,
            .recycled = flight_.recycled(),
            .filters = any_filters_ ? std::span<const Filter>(filters_) : std::span<const Filter>(),
@@ -185,8 +186,8 @@ class Core {
     return boxes_.size() >= ids && (has_filter_memory_ || !filters);
   }
 
-  /// Reserves memory for this many ids, so that nothing that concerns them has to allocate; during an update
-  /// the algorithm's memory is not reserved until the update is over.
+  /// Reserves memory for this many ids, so that functions that use these ids need not allocate. During an
+  /// update, the algorithm's memory is reserved only after the update.
   void reserve(std::size_t ids, bool filters) {
     if (ids > most_objects) throw Error("more than 2147483648 objects; use fewer");
     if (ids > capacity_) {
@@ -227,8 +228,8 @@ class Core {
     free_.push_back(id);
   }
 
-  /// Whether boxes that are set now are stored later: the algorithm is reading its boxes, or earlier ones are
-  /// still waiting.
+  /// Whether a box that is set now has to be stored later, because the algorithm is reading its boxes, or
+  /// because earlier boxes are still waiting.
   [[nodiscard]] bool is_late() const noexcept { return is_in_flight_ || !late_.empty(); }
 
   void set_box(std::uint32_t id, const Aabb& box) {
@@ -264,7 +265,7 @@ class Core {
     late_.clear();
   }
 
-  /// @param mapped How many of the boxes begin() packs.
+  /// @param mapped How many of the boxes begin() has to pack.
   /// @param empty The boxes of new objects.
   std::span<Aabb> remap(std::size_t n, std::size_t mapped, const Aabb& empty) {
     if (is_begun_) throw Error("map() was called between begin() and finish(); call finish() first");
@@ -323,7 +324,7 @@ class Core {
     mapped_ = 0;
   }
 
-  /// Does a part of an update. If it fails, the next update finds what this one would have.
+  /// Does a part of an update. If it fails, the next update finds the changes of this one, too.
   template <class Function>
   void or_roll_back(const Function& function) {
     try {
@@ -371,7 +372,7 @@ class Core {
   std::vector<Pair> exclusions_;     // in canonical order
   std::vector<std::uint32_t> free_;  // a heap, the lowest id first
   std::size_t size_ = 0;
-  bool any_filters_ = false;  // some object has had another than the default one
+  bool any_filters_ = false;  // some object has had a filter other than the default
   bool any_worlds_ = false;
   bool are_two_sets_ = false;  // as TwoSets says, as of the last update
   std::size_t mapped_ = 0;     // boxes that the caller may have written in place

@@ -20,7 +20,7 @@ namespace broadcl {
 namespace {
 
 constexpr std::size_t most_boxes = 0x7fffffff;
-/// In place of the number of boxes of the first of two sets.
+/// Instead of the number of boxes of the first of two sets, if there is only one set.
 constexpr std::size_t no_second_set = ~std::size_t{0};
 
 cl::CommandQueue retained(cl_command_queue queue, bool profile) {
@@ -170,7 +170,7 @@ class DeviceBroadPhase::Impl {
     if (in_flight_) throw Error(call + " was called between begin() and finish(); call finish() first");
   }
 
-  /// Finds out what became of the updates that nobody waited for.
+  /// Finds out which of the updates by enqueue() are complete.
   void settle() {
     if (!engine_->is_unsettled()) return;
     const PairDelta::Settled settled = engine_->settle();
@@ -185,7 +185,7 @@ class DeviceBroadPhase::Impl {
     incomplete_ += incomplete;
   }
 
-  /// What the generation of an update is like, for settle().
+  /// Encodes properties of the generation of an update, for settle().
   static cl_uint tag_of(const Boxes& boxes) {
     return static_cast<cl_uint>(count_of(boxes)) << 1U | (has_filters(boxes) ? 1U : 0U);
   }
@@ -208,7 +208,7 @@ class DeviceBroadPhase::Impl {
     if (filters) frame.filters.reserve(context_, (boxes + Generation::padding) * sizeof(Filter), "filters");
   }
 
-  /// Copies objects to a frame with memory of its own, if it has.
+  /// Copies objects to a frame, unless that shares the memory of the other one.
   void copy(const Frame& from, Frame& to) const {
     const std::size_t slots = from.objects.slots;
     if (slots == 0) return;
@@ -267,7 +267,7 @@ class DeviceBroadPhase::Impl {
     check_buffer(what, buffer, count, offset, stride, sizeof(Aabb));
   }
 
-  /// Refuses a buffer of another context, and one that is too small for this many items.
+  /// Throws for a buffer of another context, or one that is too small for this many items.
   void check_buffer(const std::string& what, cl_mem memory, std::size_t count, std::size_t offset,
                     std::size_t stride, std::size_t size) const {
     if (memory == nullptr) throw Error("the buffer of " + what + " is null; give one of the queue's context");
@@ -318,16 +318,17 @@ class DeviceBroadPhase::Impl {
   opencl::Profiler profiler_;
   std::unique_ptr<Engine> engine_;
   Source source_;
-  std::array<Frame, 2> frames_;  // of the last update and of the next, in turn
+  std::array<Frame, 2> frames_;  // of the last update and of the next, alternating
   std::size_t turn_ = 0;         // index of the frame of the last update
   cl::Buffer pairs_;
-  // As kernels/filter.h has them: of the updates to come, and of the last one that is known to be complete.
+  // In the format of kernels/filter.h: for the next updates, and of the last update that is known to be
+  // complete.
   cl::Buffer exclusions_, complete_exclusions_;
   bool in_flight_ = false;
-  std::size_t reserved_ = 0;  // boxes of an update that nobody waits for
+  std::size_t reserved_ = 0;  // boxes for which enqueue() has memory
   bool reserved_filters_ = false;
   std::optional<std::size_t> first_count_;  // boxes of the first set in the updates until now
-  std::size_t incomplete_ = 0;              // such updates that were, since the last result
+  std::size_t incomplete_ = 0;              // incomplete updates by enqueue() since the last result
 };
 
 DeviceBroadPhase::DeviceBroadPhase(cl_command_queue queue) : DeviceBroadPhase(queue, Config()) {}

@@ -28,7 +28,7 @@ namespace broadcl {
   return sorted;
 }
 
-/// Pairs of an index of one range with an index of another that are never to be reported.
+/// Checks pairs of an index below `first` with an index below `second` that are never to be reported.
 /// @throws Error if there is no such index.
 inline void refuse_unknown(std::span<const Pair> exclusions, std::size_t first, std::size_t second) {
   for (const Pair& pair : exclusions) {

@@ -5,8 +5,8 @@
 
 namespace broadcl {
 
-/// Whether anybody else holds what this points to. If nobody does, whoever did has finished with it, on
-/// whatever thread.
+/// Whether there are other owners of the object that this points to. If not, all former owners, in any
+/// thread, have finished with it.
 template <class T>
 [[nodiscard]] bool is_kept(const std::shared_ptr<T>& pointer) noexcept {
   if (pointer.use_count() > 1) return true;

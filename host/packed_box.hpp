@@ -9,7 +9,7 @@
 
 namespace broadcl {
 
-/// A packed box is what algorithms and kernels read: a box that is not empty, or packed_empty(), for which
+/// Algorithms and kernels read packed boxes: a packed box is either not empty, or packed_empty(), for which
 /// every closed comparison is false.
 [[nodiscard]] constexpr Aabb packed_empty() noexcept {
   constexpr float nan = std::numeric_limits<float>::quiet_NaN();

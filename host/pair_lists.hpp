@@ -30,8 +30,8 @@ namespace broadcl {
   return result;
 }
 
-/// Finds what was added and removed between two such lists. Pairs of a recycled slot ended and may have
-/// begun anew.
+/// Finds which pairs were added and removed between two such lists. Pairs of a recycled slot count as removed
+/// and, if they are in both lists, as added again.
 /// @param recycled Ascending.
 inline void compare(std::span<const Pair> before, std::span<const Pair> now,
                     std::span<const std::uint32_t> recycled, std::vector<Pair>& added,

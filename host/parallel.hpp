@@ -11,9 +11,9 @@
 
 namespace broadcl {
 
-/// Calls function(k, thread) once for each k < n, where `thread` is the number of the thread that does so,
-/// below `threads`. The caller's thread takes part; fewer threads do if the system gives no more.
-/// @throws What the function throws; the other calls are over then, or were left out.
+/// Calls function(k, thread) once for each k < n; `thread`, below `threads`, is the number of the calling
+/// thread. The caller's thread takes part. Uses fewer threads if the system cannot start more.
+/// @throws What the function throws; the other calls have then returned or were not made.
 template <class Function>
 void parallel_for(std::size_t n, std::size_t threads, const Function& function) {
   std::atomic<std::size_t> next{0};
@@ -37,9 +37,9 @@ void parallel_for(std::size_t n, std::size_t threads, const Function& function) 
   for (std::future<void>& other : others) other.get();
 }
 
-/// Calls function(begin, end) for parts of 0 .. n-1 that together are all of it, on all processors if there
-/// is much to do.
-/// @param function Must not throw; calling it again for the same part must do no harm.
+/// Splits 0 .. n-1 into parts and calls function(begin, end) for each, on all processors if there is much to
+/// do.
+/// @param function Must not throw; may be called again for the same part.
 template <class Function>
 void for_each_part(std::size_t n, const Function& function) noexcept {
   constexpr std::size_t part = std::size_t{1} << 18U;

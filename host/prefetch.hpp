@@ -8,8 +8,8 @@
 
 namespace broadcl {
 
-/// Begins to load a line of memory into the processor's cache, where the compiler can say so. Any address
-/// will do, even one at which there is nothing.
+/// Starts to load a cache line, if the compiler has an instruction for that. Any address is allowed, even an
+/// invalid one.
 inline void prefetch(const void* address) noexcept {
 #if defined(__GNUC__)
   __builtin_prefetch(address);
@@ -20,7 +20,7 @@ inline void prefetch(const void* address) noexcept {
 #endif
 }
 
-/// The same for all lines of some bytes; nothing if the address is null.
+/// The same for all cache lines of some bytes. No-op if the address is null.
 inline void prefetch(const void* address, std::size_t bytes) noexcept {
   if (address == nullptr) return;
   constexpr std::size_t line = 64;

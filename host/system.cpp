@@ -77,8 +77,8 @@ std::string system_name() {
 
 namespace {
 
-/// The rest of the first line of a file that begins with a key, without the characters around it that are not
-/// wanted; empty if there is none.
+/// The rest of the first line of a file that begins with a key, without unwanted characters around it; empty
+/// if there is no such line.
 std::string value_in(const char* file, std::string_view key, const char* unwanted) {
   std::ifstream stream(file);
   for (std::string line; std::getline(stream, line);) {

@@ -7,7 +7,7 @@
 #include <optional>
 #include <string>
 
-/// All that differs between operating systems.
+/// Everything that differs between operating systems.
 namespace broadcl {
 
 /// The value of an environment variable; none if it is unset or empty.
@@ -22,7 +22,7 @@ namespace broadcl {
 
 /// Locks a folder against other callers of this function, in any process, until the returned object is
 /// destroyed or the process ends, however it ends.
-/// @returns Null if somebody else has locked it.
+/// @returns Null if another caller has locked it.
 /// @throws Error if the folder cannot be opened or locked.
 [[nodiscard]] std::shared_ptr<const void> lock_folder(const std::filesystem::path& folder);
 

@@ -7,8 +7,8 @@
 
 namespace broadcl {
 
-/// Finds out whether filters part objects into two sets of which only one object of each may pair, so that
-/// nothing need be tested inside a set: those whose group has its lowest bit set, and the others.
+/// Finds out whether filters divide the objects into two sets, those whose group has its lowest bit set and
+/// all others, such that no objects of the same set may pair. Then nothing need be tested inside a set.
 class TwoSets {
  public:
   void add(const Filter& filter) noexcept {

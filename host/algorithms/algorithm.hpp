@@ -17,15 +17,15 @@
 
 namespace broadcl {
 
-/// What an update starts from. The spans belong to the caller and stay unchanged until the update is
-/// finished, except for the filters.
+/// The input of an update. The spans belong to the caller and, except for the filters, stay unchanged until
+/// the update is finished.
 struct Changes {
   std::size_t slots = 0;  ///< Slots 0 .. slots-1 are tested.
-  /// Slots whose box or filter changed since the last update, or whose object is a different one; each once,
-  /// and at most a quarter of the slots. With `all`, every slot counts as changed, and this is not read.
+  /// Slots whose box, filter or object changed since the last update; each once, and at most a quarter of the
+  /// slots. Not read if `all` is set, which means that every slot counts as changed.
   std::span<const std::uint32_t> changed{};
   bool all = false;
-  /// Slots whose object is not the one of the last update: the pairs of the old one end. Ascending.
+  /// Slots whose object is not that of the last update, so that all old pairs of the slot end. Ascending.
   std::span<const std::uint32_t> recycled{};
   /// One filter per slot; none if all objects have the default one. Read in begin() only.
   std::span<const Filter> filters{};
@@ -36,10 +36,10 @@ struct Changes {
   bool sets = false;             ///< Whether the filters part the objects into two sets: TwoSets.
 };
 
-/// What an algorithm does for a BroadPhase: it stores the boxes, finds the pairs, and remembers those of the
-/// last update.
+/// An algorithm for a BroadPhase: stores the boxes, finds the pairs, and remembers the pairs of the last
+/// update.
 ///
-/// Boxes lie in slots 0, 1, ...; a slot that is free or whose box is empty holds packed_empty().
+/// Boxes are in slots 0, 1, ...; a slot that is free, or whose box is empty, contains packed_empty().
 class Algorithm {
  public:
   Algorithm() = default;
@@ -49,34 +49,33 @@ class Algorithm {
   Algorithm(Algorithm&&) = delete;
   Algorithm& operator=(Algorithm&&) = delete;
 
-  /// Reserves memory for at least this many slots, and keeps the existing boxes. Not during an update. May
-  /// block, so that begin() need not.
+  /// Reserves memory for at least this many slots, and keeps the existing boxes. Must not be called during an
+  /// update. May block, so that begin() does not have to.
   /// @param filters Whether updates will have filters.
   /// @throws Error, std::bad_alloc; nothing has changed then.
   virtual void reserve(std::size_t slots, bool filters) = 0;
 
-  /// Reserves memory for this many exclusions of the next update. As reserve().
+  /// Reserves memory for this many exclusions of the next update. Otherwise like reserve().
   virtual void reserve_exclusions(std::size_t /*count*/) {}
 
   /// The boxes, in memory that the caller may write between updates; at least as many as were reserved. Valid
   /// until the next reserve() or finish().
   [[nodiscard]] virtual std::span<Aabb> boxes() noexcept = 0;
 
-  /// Keeps the memory of boxes() from being freed for as long as it lives, which may be longer than this
-  /// object.
+  /// An owner of the memory of boxes(), which may outlive this object.
   [[nodiscard]] virtual std::shared_ptr<const void> boxes_owner() const = 0;
 
   /// Starts an update without waiting for the device; finish() must follow.
   virtual void begin(const Changes& changes) = 0;
-  /// Makes the device start at once on what begin() enqueued.
+  /// Makes the device start the commands that begin() enqueued.
   virtual void flush() {}
-  /// Ends the update. If one of the three throws, the pairs of the last update are still known, and the next
-  /// update must have `all` set. What is returned stays unchanged until the next finish(), even if another
-  /// update begins before that.
+  /// Ends the update. If begin(), flush() or finish() throws, the pairs of the last update are still known,
+  /// and the next update must have `all` set. The returned lists stay unchanged until the next finish(), even
+  /// if another update begins before that.
   virtual Delta finish() = 0;
 
-  /// Keeps the memory of what finish() last returned from being freed and from being reused, for as long as
-  /// it lives, which may be longer than this object.
+  /// An owner of the lists that finish() last returned, which may outlive this object. As long as it exists,
+  /// their memory is neither freed nor reused.
   [[nodiscard]] virtual std::shared_ptr<const void> delta_owner() const = 0;
 
   /// The pairs of an algorithm that is used only once, instead of an update.
@@ -87,16 +86,16 @@ class Algorithm {
     return {delta.added.begin(), delta.added.end()};
   }
 
-  /// The seconds that an update is expected to take at least, if it is known.
+  /// The least number of seconds that an update is expected to take; 0 if unknown.
   [[nodiscard]] virtual double expected_seconds(std::size_t /*slots*/, std::size_t /*changed*/) const {
     return 0;
   }
 
   /// All pairs as of the last update.
   [[nodiscard]] virtual std::vector<Pair> pairs() = 0;
-  /// The device in use, null on the host.
+  /// The device in use; null on the host.
   [[nodiscard]] virtual const Device* device() const noexcept = 0;
-  /// Its memory on the device, and on the host for the device; none for an algorithm of the host.
+  /// OpenCL memory; none for an algorithm of the host.
   [[nodiscard]] virtual MemoryUse memory() const noexcept { return {}; }
   [[nodiscard]] virtual std::span<const Stage> profile() const noexcept = 0;
 };
@@ -110,8 +109,7 @@ class Context;
 /// @throws cl::Error, Error
 using MakePairFinder = std::unique_ptr<PairFinder> (*)(const opencl::Context& context);
 
-/// A row of the table of algorithms, with the function that makes it: either the whole algorithm, or its
-/// PairFinder.
+/// A row of the table of algorithms, with a function that makes either the whole algorithm or its PairFinder.
 struct AlgorithmRow {
   AlgorithmInfo info;
   std::unique_ptr<Algorithm> (*make)(const Config& config) = nullptr;
@@ -127,8 +125,8 @@ struct AlgorithmRow {
 /// @throws Error as find_algorithm() does, and for an algorithm without a PairFinder.
 [[nodiscard]] MakePairFinder find_pair_finder(std::string_view name);
 
-// One line per algorithm, each defined in the file of its name. For `auto`, one chooses between the host and
-// the device, the other among the algorithms of the device.
+// Each algorithm is defined in the file of its name. Of the two functions for `auto`, one makes the algorithm
+// that chooses between host and device, the other the PairFinder that chooses among those of the device.
 [[nodiscard]] std::unique_ptr<Algorithm> make_auto(const Config& config);
 [[nodiscard]] std::unique_ptr<PairFinder> make_auto(const opencl::Context& context);
 [[nodiscard]] std::unique_ptr<PairFinder> make_brute_force(const opencl::Context& context);

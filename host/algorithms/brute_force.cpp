@@ -14,7 +14,7 @@ namespace {
 struct BruteForceLaunch {
   unsigned width;          ///< Boxes `a` that a work-item holds in registers.
   unsigned group;          ///< Work-items per work-group.
-  unsigned at_once;        ///< Rows that a work-item tests before it looks for hits.
+  unsigned at_once;        ///< Rows that a work-item tests before it checks for hits.
   unsigned min_rows;       ///< Rows per work-item, at least.
   unsigned max_rows;       ///< And at most.
   unsigned items;          ///< Work-items wanted per compute unit, as far as min_rows and max_rows allow.
@@ -36,7 +36,7 @@ constexpr BruteForceLaunch brute_force_on_cpus{.width = 16,
                                                .items = 256,
                                                .most_tests = std::size_t{1} << 26};
 
-/// What it takes to find out whether boxes that overlap are a new pair, in tests; 70 to 190 on PoCL 3.1.
+/// The cost, in tests, of finding out whether boxes that overlap are a new pair; 70 to 190 on PoCL 3.1.
 constexpr double tests_per_hit = 100;
 
 /// Tests every pair on the device: kernels/brute_force.cl.
@@ -75,7 +75,7 @@ class BruteForce final : public PairFinder {
     return launch_.group > 1 && search.now.slots > 1 && search.changed_slots() > 0;
   }
 
-  /// Pairs to test; those that overlap are more work.
+  /// Pairs to test; pairs that overlap count more.
   [[nodiscard]] double expected_work(const Search& search, const PairDelta& sink) override {
     const auto slots = static_cast<double>(search.now.slots);
     const double share = search.all || slots == 0 ? 1 : std::min(1.0, 2 * search.changed_count / slots);
@@ -86,7 +86,7 @@ class BruteForce final : public PairFinder {
  private:
   /// Rows per work-item.
   [[nodiscard]] std::size_t rows_per_item(const Search& search) const {
-    // Half of the rows of an average column come before its boxes.
+    // In an average column, half of the rows come before its boxes.
     const std::size_t columns = opencl::divide_up(search.now.slots, launch_.width);
     const std::size_t runs = columns * search.changed_slots() / (search.all ? 2 : 1);
     const std::size_t items = std::size_t{context_.device().compute_units} * launch_.items;

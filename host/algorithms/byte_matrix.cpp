@@ -16,8 +16,8 @@ Block load(const std::byte* bytes) {
   return block;
 }
 
-/// The offset of the first block, from the given one on, that must be looked at; at most the end of the whole
-/// blocks that both frames have.
+/// The offset of the first block at or after the given offset that must be looked at; at most the end of the
+/// complete blocks that both frames have.
 /// @param look_at_previous A mask: all ones to look at every pair of the last frame, 0 to look at changes
 /// only.
 std::size_t skip_unchanged_blocks(std::span<const std::byte> previous, std::span<const std::byte> current,

@@ -12,9 +12,9 @@ namespace broadcl {
 /// The changes between two frames of GPU-BF's results, one byte per pair in the order of the triangular
 /// index.
 ///
-/// The two are XORed: if the result is not zero, the pair changed, and the byte of this frame says how. A
-/// pair with a recycled object counts as a different pair: it is removed if it was there, and added if it is
-/// there.
+/// The bytes of the two frames are XORed: if the result is not zero, the pair changed, and the byte of this
+/// frame tells how. A pair with a recycled slot counts as a different pair: it is removed if it overlapped in
+/// the last frame, and added if it overlaps in this one.
 ///
 /// @param previous Bytes of the last frame, row b for box b; may have fewer or more rows than `current`.
 /// @param current Bytes of this frame.

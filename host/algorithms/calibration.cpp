@@ -17,13 +17,13 @@
 namespace broadcl {
 namespace {
 
-/// A few boxes show the fixed cost of a frame, many boxes the rest; fewer if their search takes
+/// A few boxes show the fixed cost of a frame, many boxes show the rest. Fewer are used if their search takes
 /// `long_enough`.
 constexpr std::size_t few_boxes = 128;
 constexpr std::size_t many_boxes_of_cpu = 4096;
 constexpr std::size_t many_boxes_of_gpu = 32768;
-/// The shortest of at least so many searches counts, and of up to so many until they have taken
-/// `long_enough`.
+/// The shortest search counts, of at least fewest_searches, and of more until they have taken `long_enough`
+/// in all.
 constexpr int fewest_searches = 5;
 constexpr int most_searches = 100;
 constexpr double long_enough = 5e-3;  // seconds
@@ -122,7 +122,7 @@ CostModel measure_model(const opencl::Context& context, MakePairFinder make) {
   }
   const Trial::Sample some = trial.sample(many, many / 8);
   const Trial::Sample one = trial.sample(many, 1);
-  // Four equations for four terms, of which noise must make none negative.
+  // Four equations for four terms. Noise must not make a term negative.
   const auto work = [&](const Trial::Sample& sample) {
     return std::max(sample.seconds - one.seconds, sample.seconds / 100) / (sample.work - one.work);
   };
@@ -131,7 +131,7 @@ CostModel measure_model(const opencl::Context& context, MakePairFinder make) {
   return {.frame = frame, .slot = slot, .work = {work(some), work(all)}};
 }
 
-/// Contains the kernels: if they change, they are measured again.
+/// Contains the kernel sources: if these change, the models are measured again.
 std::string models_key(const opencl::Context& context) {
   std::string key = "cost models, " + std::string(to_string(context.tuning()));
   for (const opencl::KernelFile& file : opencl::embedded_kernel_files()) key += file.text;
@@ -149,7 +149,7 @@ std::array<CostModel, 2> calibrate(const opencl::Context& context,
     std::memcpy(models.data(), stored->data(), sizeof models);
     return models;
   }
-  // So that its memory does not count as the caller's.
+  // A separate context, so that its memory does not count as the caller's.
   const opencl::Context own(context.queue(), {}, context.largest_group());
   std::ranges::transform(finders, models.begin(),
                          [&](MakePairFinder make) { return measure_model(own, make); });

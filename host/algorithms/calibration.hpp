@@ -10,7 +10,7 @@ namespace broadcl {
 
 /// What an update with a finder costs, in seconds.
 struct CostModel {
-  double frame = 0;  ///< Per frame, whatever there is to do.
+  double frame = 0;  ///< Per frame, regardless of the work.
   double slot = 0;   ///< Per slot.
   /// Per unit of PairFinder::expected_work(), if some slots changed and if all did.
   std::array<double, 2> work{};
@@ -20,8 +20,8 @@ struct CostModel {
   }
 };
 
-/// The models of two finders on a device. They are measured, which takes some milliseconds, when a device is
-/// first used with this version of the kernels, and stored on disk.
+/// The models of two finders on a device. They are measured when a device is first used with this version of
+/// the kernels, which takes a few milliseconds, and then stored on disk.
 /// @throws cl::Error, Error
 [[nodiscard]] std::array<CostModel, 2> calibrate(const opencl::Context& context,
                                                  const std::array<MakePairFinder, 2>& finders);

@@ -16,14 +16,14 @@ class CentroidBounds {
   /// Enqueues the reduction of the first n boxes, six floats each; those without a finite centroid, in
   /// particular empty ones, are ignored. Does not wait.
   /// @param kernel centroids, of a program with -DWORLDS=1 if there are filters.
-  /// @param filters If not null, each world has bounds of its own, and so have objects of all worlds.
+  /// @param filters If not null, there are separate bounds for each world, and for the objects of all worlds.
   /// @throws cl::Error, Error
   void enqueue(cl::Kernel& kernel, const cl::Buffer& boxes, const cl::Buffer& filters, std::size_t n);
 
-  /// Uints: the least x, y, z for each bucket, then the greatest, as ordered() of kernels/centroids.h makes
-  /// them; if no box counts, the greatest uint and 0. Valid until the next reduction.
+  /// For each bucket the least x, y, z, then the greatest, as uints in the encoding of ordered() in
+  /// kernels/centroids.h; the greatest uint and 0 if no box counts. Valid until the next reduction.
   [[nodiscard]] const cl::Buffer& result() const noexcept { return result_.get(); }
-  /// One, or with filters as many as bucket_of_world() of kernels/centroids.h takes.
+  /// One, or with filters the number that bucket_of_world() of kernels/centroids.h expects.
   [[nodiscard]] cl_uint buckets() const noexcept { return buckets_; }
 
  private:

@@ -10,14 +10,14 @@
 
 namespace broadcl {
 
-/// The changes of an update on the host, which a caller may keep for longer than until the next one.
+/// The changes of an update on the host, which a caller may keep beyond the next update.
 class ChangeLists {
  public:
   struct Lists {
     std::vector<Pair> added, removed;
   };
 
-  /// The lists for this update: those of an earlier one that nobody keeps, otherwise new ones.
+  /// The lists for this update: those of an earlier update if nobody keeps them, otherwise new ones.
   /// @throws std::bad_alloc
   [[nodiscard]] Lists& next() {
     if (is_kept(lists_)) std::swap(lists_, others_);
@@ -25,7 +25,7 @@ class ChangeLists {
     return *lists_;
   }
 
-  /// Keeps those of the last update, if there was one.
+  /// An owner of the lists of the last update, if there was one.
   [[nodiscard]] std::shared_ptr<const void> owner() const noexcept { return lists_; }
 
  private:

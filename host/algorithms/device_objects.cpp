@@ -63,7 +63,8 @@ void DeviceObjects::reserve_boxes(std::size_t slots) {
   // An update has at most a quarter of the slots in `changed`, with their boxes, or all slots recycled,
   // without boxes.
   const std::size_t staged = std::max(staged_bytes(capacity / 4 + 1, true), staged_bytes(capacity, false));
-  // Whoever has it last waits until it is released: Context, which waits for its queue, may be gone.
+  // The last owner waits until the memory is released, because Context, which waits for its queue, may no
+  // longer exist.
   const std::shared_ptr<opencl::MappedBuffer> boxes(
       new opencl::MappedBuffer(opencl::MappedBuffer::pinned(context_, bytes)),
       [queue = context_.queue()](const opencl::MappedBuffer* last) {
@@ -149,8 +150,8 @@ void DeviceObjects::upload_boxes(const Changes& changes) {
   }
 }
 
-/// Boxes that changed, and the stamps of this frame. If all changed, only objects that replaced others need a
-/// stamp.
+/// Uploads the boxes that changed, and the stamps of this frame. If all changed, only objects that replaced
+/// others need a stamp.
 void DeviceObjects::upload_changes(const Changes& changes) {
   const auto new_slots =
       std::ranges::lower_bound(changes.recycled, static_cast<std::uint32_t>(last_.objects.slots));

@@ -17,8 +17,8 @@
 
 namespace broadcl {
 
-/// The objects of a BroadPhase on a device: the host writes boxes in place; in each frame the device gets
-/// those that changed, and it keeps the boxes of the frame before.
+/// The objects of a BroadPhase on a device. The host writes boxes to pinned memory; in each frame those that
+/// changed are uploaded, and the device keeps the boxes of the last frame as well.
 class DeviceObjects {
  public:
   /// @param context, profiler Must outlive this object.
@@ -33,15 +33,15 @@ class DeviceObjects {
   /// @throws cl::Error, Error; nothing has changed then.
   void reserve_exclusions(std::size_t count);
 
-  /// The boxes, for the host to write, but not between upload() and the end of the frame.
+  /// The boxes, for the host to write, except between upload() and the end of the frame.
   [[nodiscard]] std::span<Aabb> boxes() const noexcept;
   /// As Algorithm::boxes_owner().
   [[nodiscard]] std::shared_ptr<const void> boxes_owner() const noexcept { return boxes_; }
 
-  /// Enqueues the commands that bring the device's objects up to date.
+  /// Enqueues the commands that update the device's objects.
   /// @throws cl::Error, Error; the objects of the last frame are then unchanged.
   Search upload(const Changes& changes);
-  /// The frame succeeded: its objects are those of the last frame from now on.
+  /// The frame succeeded: its objects become those of the last frame.
   void commit() noexcept;  // NOLINT(bugprone-exception-escape)
 
  private:
@@ -65,7 +65,7 @@ class DeviceObjects {
   std::size_t group_;
   cl::Kernel apply_, copy_;
   std::size_t capacity_ = 0;  // slots
-  // Pinned memory, from which the device is brought up to date.
+  // Pinned memory, from which the device is updated.
   std::shared_ptr<opencl::MappedBuffer> boxes_;
   opencl::MappedBuffer staged_changes_;  // as kernels/changes.cl reads them
   opencl::MappedBuffer staged_filters_;

@@ -15,12 +15,12 @@
 
 namespace broadcl {
 
-/// The engine of BroadPhase and DeviceBroadPhase: does one frame at a time, wherever the objects come from
-/// and the changes go.
+/// The engine of BroadPhase and DeviceBroadPhase. It does one frame at a time, and does not depend on where
+/// objects come from and where changes go.
 ///
-/// A frame is prepare(), then the commands that bring the objects up to date, then begin() and finish(), or
-/// enqueue() if nobody waits for it. If one of them fails, the pairs of the last frame are still known, and
-/// the next frame begins with prepare() again.
+/// A frame consists of prepare(), the commands that update the objects, and begin() and finish(), or
+/// enqueue() if nobody waits for the frame. If one of these fails, the pairs of the last frame are still
+/// known, and the next frame starts with prepare() again.
 class Engine {
  public:
   /// @param context, profiler Must outlive this object.
@@ -28,31 +28,32 @@ class Engine {
   Engine(const opencl::Context& context, opencl::Profiler& profiler, MakePairFinder make_finder,
          Order::Target target);
 
-  /// Not while there are unsettled frames, unless the new one is to be enqueued behind them.
+  /// Must not be called while there are unsettled frames, unless the new frame will be enqueued, too.
   /// @throws cl::Error, Error
   void prepare() { delta_.begin(0); }
-  /// Enqueues the search of objects, which are up to date by then unless the search has a source, and the
-  /// reading of what it finds.
-  /// @param tag Anything, to be told again by settle().
+  /// Enqueues the search and the reading of its results. Unless the search has a source, commands that update
+  /// the objects must have been enqueued.
+  /// @param tag Any number; settle() returns that of the last complete frame.
   /// @throws cl::Error, Error
   void begin(Search search, cl_uint tag = 0);
-  /// Waits for the search; waits again only if the lists were too small, far more changed than in the last
-  /// frame, or the finder gave up.
+  /// Waits for the search. Waits again only if the lists were too small, if far more changed than in the last
+  /// frame, or if the finder gave up.
   /// @throws cl::Error, Error
   PairDelta::Counts finish();
 
   /// Reserves memory for frames that nobody waits for, of this many slots and pairs.
   /// @throws cl::Error, Error; nothing has changed then.
   void reserve_ahead(std::size_t slots, std::size_t pairs);
-  /// Enqueues the search of objects, of which reserve_ahead() knows, and the ordering of its changes into
-  /// buffers of the caller, and makes the device start. The frame is then unsettled.
+  /// Enqueues the search and the commands that write its changes, in order, to the caller's buffers, and
+  /// makes the device start. reserve_ahead() must have been called for as many objects. The frame is then
+  /// unsettled.
   /// @throws cl::Error, Error
   void enqueue(Search search, cl_uint tag, const Order::Report& report);
   /// Waits for all unsettled frames.
   /// @throws cl::Error
   PairDelta::Settled settle();
   [[nodiscard]] bool is_unsettled() const noexcept { return delta_.is_unsettled(); }
-  /// Whether a frame failed after prepare(): unsettled ones must then be settled before the next.
+  /// Whether a frame failed after prepare(): unsettled frames must then be settled before the next frame.
   [[nodiscard]] bool was_interrupted() const noexcept { return delta_.was_interrupted(); }
 
   /// As PairFinder::expected_work().
@@ -67,7 +68,7 @@ class Engine {
   [[nodiscard]] const Order& changes() const noexcept { return order_; }
   /// Number of pairs as of the last frame.
   [[nodiscard]] std::size_t pair_count() const noexcept { return delta_.pair_count(); }
-  /// Enqueues the commands that write these, in canonical order, to a new buffer.
+  /// Enqueues the commands that write all pairs of the last frame, in canonical order, to a new buffer.
   /// @throws cl::Error, Error
   [[nodiscard]] cl::Buffer sorted_pairs();
   /// The same on the host.

@@ -43,8 +43,8 @@ constexpr GpuBfLaunch gpu_bf_on_cpus{.width = 16,
 using opencl::divide_up;
 using opencl::round_up;
 
-/// The paper's algorithm: one byte of result per pair. The bytes of this frame and of the last one stay on
-/// the host, which XORs them.
+/// The paper's algorithm: one byte of result per pair. The host has the bytes of this frame and of the last
+/// one, and XORs them.
 class GpuBf final : public Algorithm {
  public:
   GpuBf(const Config& config, const Device& device, std::size_t most_in_group)
@@ -67,7 +67,7 @@ class GpuBf final : public Algorithm {
   [[nodiscard]] std::span<Aabb> boxes() noexcept override { return objects_.boxes(); }
   [[nodiscard]] std::shared_ptr<const void> boxes_owner() const override { return objects_.boxes_owner(); }
 
-  /// Tests all pairs, whatever changed, and brings the results to the host.
+  /// Tests all pairs, regardless of what changed, and copies the results to the host.
   void begin(const Changes& changes) override {
     profiler_.begin();
     recycled_.assign(changes.recycled.begin(), changes.recycled.end());
@@ -125,7 +125,7 @@ class GpuBf final : public Algorithm {
     return context_.kernel(context_.program("gpu_bf.cl", width + option), name, group_);
   }
 
-  /// Grows the buffer of this frame's results. Those of the last frame are not touched.
+  /// Grows the buffer of this frame's results. Those of the last frame are not changed.
   void grow_results(std::size_t n, std::size_t pairs) {
     const std::size_t bytes = round_up(pairs, launch_.width);
     if (bytes <= current_.bytes()) return;
@@ -174,7 +174,7 @@ class GpuBf final : public Algorithm {
     const unsigned period = 2 * launch_.width;
     const std::size_t columns = round_up(divide_up(n, launch_.width), group_);
     const std::size_t class_rows = (n + period - 1) / period;
-    // Half of the columns of an average row are past its end.
+    // In an average row, half of the columns are past the end.
     const std::size_t wanted_items = std::size_t{context_.device().compute_units} * launch_.items;
     const std::size_t rows = std::clamp<std::size_t>(columns / 2 * period * class_rows / wanted_items,
                                                      launch_.min_rows, launch_.max_rows);

@@ -89,7 +89,7 @@ class HostEngine final : public Algorithm {
     pairs.erase(kept, pairs.end());
   }
 
-  /// The pairs of the last update in which a slot that changed took part.
+  /// The pairs of the last update that contain a slot that changed.
   void find_known() {
     std::size_t slots = changes_.slots;
     for (const std::uint32_t slot : changes_.changed) slots = std::max<std::size_t>(slots, slot + 1);
@@ -105,7 +105,7 @@ class HostEngine final : public Algorithm {
     known_.resize(count);
   }
 
-  /// Brings the list of pairs up to date.
+  /// Updates the list of pairs.
   void apply_changes(std::span<const Pair> added, std::span<const Pair> removed) {
     found_.clear();
     found_.reserve(pairs_.size() + added.size());

@@ -31,9 +31,9 @@ class HostFinder {
   /// @throws std::bad_alloc
   virtual void find(const HostObjects& objects, std::vector<Pair>& pairs) = 0;
 
-  /// Finds those of them in which one of these slots takes part, if that takes less time than to find all.
-  /// No other slot changed since the last call of find() or this function, which succeeded.
-  /// @returns Whether it did so.
+  /// Finds only the pairs that contain one of these slots, if that takes less time than finding all pairs. No
+  /// other slot may have changed since the last successful call of find() or of this function.
+  /// @returns Whether it found them; if not, call find().
   /// @throws std::bad_alloc
   virtual bool find_changed(const HostObjects& /*objects*/, std::span<const std::uint32_t> /*changed*/,
                             std::vector<Pair>& /*pairs*/) {

@@ -11,13 +11,13 @@
 namespace broadcl {
 namespace {
 
-/// To change over costs a search of all boxes, so the other one must be expected to take less than this share
-/// of the time in some updates in a row, and in twice as many after each change.
+/// A switch costs a search of all boxes, so it requires that the other side is expected to take less than
+/// this share of the time in several updates in a row; after each switch, in twice as many.
 constexpr double clearly_less_time = 0.85;
 constexpr int first_patience = 8;
 constexpr int most_patience = 1024;
 
-/// A device is opened if updates take longer than any device needs for few boxes.
+/// A device is opened if updates take longer than any device takes for few boxes.
 constexpr double worth_opening = 100e-6;  // seconds
 
 using Clock = std::chrono::steady_clock;
@@ -26,8 +26,8 @@ double seconds_since(Clock::time_point start) {
   return std::chrono::duration<double>(Clock::now() - start).count();
 }
 
-/// What an update is expected to take, corrected by what earlier ones took: by their mean at first, then less
-/// and less by old ones.
+/// Corrects the expected time of an update by the measured times of earlier ones: first by their mean, then
+/// with less and less weight for old ones.
 class Estimate {
  public:
   void learn(double expected, double taken) noexcept {
@@ -43,7 +43,8 @@ class Estimate {
   double samples_ = 0;
 };
 
-/// What an update on the host takes, about; how many boxes overlap makes a difference of several times.
+/// A rough estimate of the time of an update on the host. It does not know how many boxes overlap, which can
+/// change the time several times over.
 double host_seconds(std::size_t slots, std::size_t changed) {
   return 1e-6 + 4e-9 * static_cast<double>(slots) + 150e-9 * static_cast<double>(changed);
 }
@@ -142,7 +143,7 @@ class Hybrid final : public Algorithm {
     }
   }
 
-  /// Decides where the next update is done.
+  /// Decides where to do the next update.
   void choose() noexcept try {
     if (opening_.valid() && opening_.wait_for(std::chrono::seconds(0)) == std::future_status::ready) {
       device_ = opening_.get();
@@ -184,14 +185,14 @@ class Hybrid final : public Algorithm {
   bool filters_ = false;              // whether there is memory for filters
   bool was_updated_ = false;
   Changes changes_;     // of the last update
-  double seconds_ = 0;  // that its begin() took
+  double seconds_ = 0;  // that begin() of the last update took
   Estimate host_estimate_, device_estimate_;
   int patience_ = first_patience;
-  int waited_ = 0;             // updates in which the other one was expected to be faster
-  bool has_changed_ = false;   // and the current one was not asked since then
-  std::vector<Pair> before_;   // the pairs until then
-  ChangeLists lists_;          // the changes since then
-  bool is_delta_own_ = false;  // those of the last update are these
+  int waited_ = 0;             // updates in a row in which the other side was expected to be faster
+  bool has_changed_ = false;   // current_ changed, and has done no update since
+  std::vector<Pair> before_;   // the pairs before that change
+  ChangeLists lists_;          // the changes from then to the next update
+  bool is_delta_own_ = false;  // the changes of the last update are in lists_
 };
 
 }  // namespace

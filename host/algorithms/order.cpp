@@ -17,7 +17,7 @@ constexpr std::size_t least_changes = 512;
 constexpr std::size_t keys = 4;
 constexpr std::size_t changes_multiple = 16;  // of what two work-groups order
 
-/// Changes of a list, at most, that are compared each with every other.
+/// Up to this many changes per list are sorted by comparing each with every other.
 std::size_t most_few(const opencl::Context& context) {
   return context.tuning() == opencl::Tuning::cpu ? 256 : 4096;
 }
@@ -56,7 +56,7 @@ void Order::set_search(const Search& search) {
   last_filters_ = search.last.filters;
 }
 
-/// After the worlds come the pairs of none.
+/// One bucket per world, and one for pairs of no such world.
 std::size_t Order::buckets_of_list() const noexcept {
   return worlds_ == 0 ? slots_ : worlds_ + 1;
 }
@@ -64,7 +64,7 @@ std::size_t Order::buckets_of_list() const noexcept {
 void Order::begin(const Search& search) {
   set_search(search);
   many_ = last_longest_ > few_ || worlds_ > 0;
-  // More memory only if it was wanted twice in a row: a first frame finds all pairs, the next one what
+  // Allocate more only if it was needed twice in a row: a first frame finds all pairs, the next one only what
   // changed.
   const std::size_t wanted = many_ ? last_changes_ + last_changes_ / 4 : 3 * last_longest_;
   capacity_ = round_up(std::max(least_changes, std::min(wanted, std::max(last_wanted_, allocated()))),
@@ -89,7 +89,7 @@ void Order::begin(const Search& search) {
   report_to_own_lists();
 }
 
-/// Host changes follow the counts, so they have no lists.
+/// Changes for the host are in the same buffer as the counts, so they need no lists.
 void Order::report_to_own_lists() {
   if (target_ == Target::host) return;
   report_ = {.added = added(),
@@ -161,7 +161,7 @@ void Order::enqueue_many(const PairDelta& delta, cl_uint tag) {
   const cl::CommandQueue& queue = context_.queue();
   const std::size_t buckets = buckets_of_list();
   context_.fill(buckets_.get(), 0, 0, 2 * buckets);
-  // Each work-item handles some changes, but never so many that llvmpipe would end it (see tuning_of()).
+  // Each work-item handles several changes, but not so many that llvmpipe would end it (see tuning_of()).
   const std::size_t items = round_up(
       std::clamp(capacity_, context_.device().compute_units * std::size_t{64}, std::size_t{1} << 20), group_);
   for (cl::Kernel* kernel : {&count_, &scatter_, &place_}) {
@@ -202,8 +202,8 @@ void Order::enqueue_offsets(const PairDelta::Counts& counts) {
                                         cl::NDRange(group_));
 }
 
-/// @param counts Of the lists; if null, they are as long as the host says.
-/// @param pairs In both, at most.
+/// @param counts The lengths of the lists; if null, the lengths are those given by the host.
+/// @param pairs The largest number of pairs in both lists.
 void Order::renumber(const cl::Buffer& added, std::size_t added_count, const cl::Buffer& removed,
                      std::size_t removed_count, const cl::Buffer& counts, std::size_t pairs) {
   if (pairs == 0) return;
@@ -263,7 +263,7 @@ void Order::sort_changes(const PairDelta& delta, const PairDelta::Counts& counts
   removed_.clear();
 }
 
-/// Sorts a list that is in canonical order by world, in which order it stays otherwise.
+/// Sorts a list that is in canonical order by world, and canonically within a world.
 void Order::sort_by_world(const cl::Buffer& pairs, std::size_t n, const cl::Buffer& filters) {
   const cl::CommandQueue& queue = context_.queue();
   const cl::Buffer elements = context_.buffer(n * sizeof(Pair));

@@ -17,26 +17,26 @@
 
 namespace broadcl {
 
-/// Sorts the changes of a frame into canonical order, in buffers that are reused by later frames, and brings
-/// the counts to the host, and the changes too if they are wanted there: kernels/order.cl.
+/// Sorts the changes of a frame into canonical order, in buffers that later frames reuse, and copies the
+/// counts, and the changes if the target is the host, to the host: kernels/order.cl.
 class Order {
  public:
-  /// Where the changes are wanted.
+  /// Where the changes are needed.
   enum class Target { host, device };
 
   /// @param context, profiler Must outlive this object.
   /// @throws cl::Error, Error
   Order(const opencl::Context& context, opencl::Profiler& profiler, Target target);
 
-  /// Where a frame that nobody waits for puts its changes: buffers of the caller, each for `capacity` pairs,
-  /// and for their numbers, as kernels/order.cl reports them.
+  /// The destination of a frame that nobody waits for: buffers of the caller for the changes, each for
+  /// `capacity` pairs, and for the counts, as kernels/order.cl reports them.
   struct Report {  // NOLINT(bugprone-exception-escape): handles do not throw when moved
     cl::Buffer added{}, removed{}, counts{};
     std::size_t capacity = 0;
     cl::Buffer added_offsets{}, removed_offsets{};  ///< Where worlds begin, if changes are ordered by world.
   };
 
-  /// Starts a frame: chooses how to order, by how much changed in the last one, and grows the buffers.
+  /// Starts a frame: chooses a way to sort, by how much changed in the last frame, and grows the buffers.
   /// @throws cl::Error, Error
   void begin(const Search& search);
   /// Starts a frame that nobody waits for.
@@ -45,16 +45,16 @@ class Order {
   /// Reserves memory for such frames.
   /// @throws cl::Error, Error; nothing has changed then.
   void reserve_ahead(std::size_t slots, std::size_t pairs);
-  /// Enqueues the commands that order the changes of a frame and, unless nobody waits, read them.
+  /// Enqueues the commands that sort the changes of a frame and, unless nobody waits for it, read them.
   /// @param tag Of the frame: see PairDelta.
   /// @throws cl::Error
   void enqueue(const PairDelta& delta, cl_uint tag);
-  /// Waits for that.
+  /// Waits for these commands.
   /// @throws cl::Error
   [[nodiscard]] PairDelta::Counts wait(const PairDelta& delta);
-  /// Does what is left to do if more changed than was expected. All pairs must fit by then. Afterwards the
-  /// changes are available as below.
-  /// @returns Whether kernels had ordered all of them.
+  /// Completes the sorting and reading if more changed than was expected. All pairs must have fitted.
+  /// Afterwards the functions below return the changes.
+  /// @returns Whether the kernels had sorted all changes already.
   /// @throws cl::Error, Error
   bool complete(const PairDelta& delta, const PairDelta::Counts& counts);
   /// The frame succeeded.
@@ -64,14 +64,14 @@ class Order {
 
   /// The changes of the last frame on the host. They stay unchanged until the frame after the next begins.
   [[nodiscard]] Delta on_host(const PairDelta::Counts& counts) const noexcept;
-  /// Keeps them for as long as it lives.
+  /// An owner of these changes.
   [[nodiscard]] std::shared_ptr<const void> host_owner() const noexcept {
     return results_.at(1 - turn_).host_owner();
   }
   /// The changes of the last frame on the device, until the next begins.
   [[nodiscard]] const cl::Buffer& added() const noexcept { return added_.get(); }
   [[nodiscard]] const cl::Buffer& removed() const noexcept { return removed_.get(); }
-  /// Where worlds begin in these, if they are ordered by world; otherwise null.
+  /// Where worlds begin in these, if they are sorted by world; otherwise null.
   [[nodiscard]] const cl::Buffer& added_offsets() const noexcept { return added_offsets_.get(); }
   [[nodiscard]] const cl::Buffer& removed_offsets() const noexcept { return removed_offsets_.get(); }
 
@@ -80,8 +80,8 @@ class Order {
   /// @param scratch As large as `pairs`; overwritten.
   /// @throws cl::Error
   void sort(const cl::Buffer& pairs, std::size_t n, std::size_t slots, const cl::Buffer& scratch);
-  /// Enqueues the command that replaces the slots of a second set by indices in it, if the last search was of
-  /// two sets.
+  /// Enqueues the command that replaces slots of the second set by indices in that set, if the last search
+  /// was of two sets.
   /// @throws cl::Error
   void renumber(const cl::Buffer& pairs, std::size_t n) {
     if (second_set_ > 0) renumber(pairs, n, {}, 0, {}, n);
@@ -112,8 +112,8 @@ class Order {
   opencl::RadixSort sort_;
   opencl::Scan scan_;
   cl::Kernel few_kernel_, count_, scatter_, place_, offsets_, world_keys_, pick_, renumber_;
-  // The counts, followed by the changes if they are wanted on the host: of this frame and of the last, in
-  // turn.
+  // The counts, followed by the changes if they are needed on the host; of this frame and of the last,
+  // alternating.
   std::array<opencl::SharedBuffer, 2> results_;
   std::size_t turn_ = 0;                   // index of the frame that begins or runs
   opencl::GrowingBuffer added_, removed_;  // if they are wanted on the device, or while they are sorted

@@ -25,7 +25,8 @@ constexpr std::size_t count_last_added = 9;
 constexpr std::size_t count_last_tag = 10;
 constexpr std::size_t count_complete = 11;
 
-/// So many pairs are kept by a finder's work-groups for less than a launch more takes.
+/// For up to this many pairs, it takes less time if the finder's work-groups keep them than if another launch
+/// does.
 constexpr std::size_t short_keeping = 1 << 16;
 constexpr std::size_t least_pairs = 1 << 14;
 constexpr std::size_t most_pairs = std::size_t{1} << 31;  // indices in a list are 32-bit numbers
@@ -69,7 +70,7 @@ void PairDelta::clear_counts() {
 
 void PairDelta::reserve_ahead(std::size_t pairs) {
   reserve(std::max(pairs, last_.found()));
-  // Each of the two lists will be the last one.
+  // Each of the two lists will be the last frame's list in turn.
   removed_.reserve(context_, std::max(now_.capacity, last_.capacity) * sizeof(Pair), "overlapping pairs");
   if (last_.capacity >= now_.capacity) return;
   List larger;
@@ -108,7 +109,7 @@ cl_uint PairDelta::set_keep(cl::Kernel& kernel, cl_uint first, const Search& sea
 }
 
 void PairDelta::keep(const Search& search) {
-  // At most so many pairs, if nobody has waited for the last frame.
+  // If nobody has waited for the last frame, only an upper bound is known.
   const std::size_t last_found = unread_ > 0 ? last_.capacity : last_.found();
   if (last_found == 0) return;
   opencl::Profiler::Scope stage(profiler_, "keep");

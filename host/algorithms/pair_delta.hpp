@@ -12,17 +12,18 @@
 
 namespace broadcl {
 
-/// The list of all pairs on the device, in no particular order, and what a frame changes in it:
-/// kernels/delta.h, kernels/delta.cl. It grows as needed: no pair is dropped.
+/// The list of all pairs on the device, in no particular order, and how a frame changes it: kernels/delta.h,
+/// kernels/delta.cl. The list grows as needed; no pair is lost.
 ///
-/// A frame is begin(), keep() and a PairFinder's find(), all enqueued; then commit(), or, if the pairs did
-/// not fit, all of it again with more capacity. Until commit() the pairs of the last frame are still known.
+/// A frame consists of begin(), keep() and a PairFinder's find(), all enqueued; then commit() or, if the
+/// pairs did not fit, all of it again with more capacity. Until commit(), the pairs of the last frame are
+/// still known.
 ///
-/// Or nobody waits for it: then commit_unread() assumes that the frame was complete, and if it was not,
-/// kernels leave all that is known as it was, in later frames too. settle() finds out.
+/// If nobody waits for the frame, commit_unread() assumes that it is complete. If it is not, the kernels of
+/// this and of all later frames leave everything unchanged. settle() finds out how many frames were complete.
 class PairDelta {
  public:
-  /// What kernels count in a frame: kernels/delta.h.
+  /// The counts of a frame: kernels/delta.h.
   struct Counts {
     std::size_t found = 0;  ///< Pairs of this frame.
     std::size_t added = 0;
@@ -37,28 +38,28 @@ class PairDelta {
   /// @throws cl::Error, Error
   PairDelta(const opencl::Context& context, opencl::Profiler& profiler);
 
-  /// What became of frames that nobody waited for.
+  /// The outcome of frames that nobody waited for.
   struct Settled {
     std::size_t frames = 0;
     std::size_t complete = 0;  ///< The first of them; the others changed nothing.
     cl_uint tag = 0;           ///< Of the last complete frame, whether it was one of them or not.
   };
 
-  /// Starts a frame: all counts are 0, and the list has capacity for this many pairs, and at least for those
-  /// of the last frame.
+  /// Starts a frame: sets all counts to 0, and makes room in the list for this many pairs, and at least for
+  /// those of the last frame.
   /// @throws cl::Error, Error
   void begin(std::size_t pairs);
-  /// Reserves memory for frames of this many pairs that nobody waits for.
+  /// Reserves memory for frames that nobody waits for, with this many pairs.
   /// @throws cl::Error, Error; nothing has changed then.
   void reserve_ahead(std::size_t pairs);
   /// Enqueues the kernel that splits the pairs of the last frame into those that stay and those that are
   /// removed.
   /// @throws cl::Error
   void keep(const Search& search);
-  /// The finder's kernel does that besides.
+  /// Leaves this to the finder's kernel.
   void leave_keeping_to_finder() noexcept { is_kept_by_finder_ = true; }
   [[nodiscard]] bool is_kept_by_finder() const noexcept { return is_kept_by_finder_; }
-  /// Whether the pairs of the last frame are so few that this takes less time.
+  /// Whether there are so few pairs of the last frame that this takes less time.
   [[nodiscard]] bool is_keeping_short() const noexcept;
   /// Sets a kernel's KEEP_PARAMETERS, from the given index on; returns the index after the last of them.
   /// @throws cl::Error
@@ -70,15 +71,15 @@ class PairDelta {
   /// @throws cl::Error
   cl_uint set_changes(cl::Kernel& kernel, cl_uint first) const;
 
-  /// The counts, from what the host has read.
+  /// Decodes the counts that the host has read.
   [[nodiscard]] Counts counts_of(const std::byte* counts) const;
   [[nodiscard]] bool fits(const Counts& counts) const noexcept { return counts.found <= now_.capacity; }
   /// The frame succeeded. Its counts must have been read.
-  /// @param tag Anything, to be told again by settle().
-  /// @param is_next_ready Whether kernels/order.cl has prepared the counts of the next frame.
+  /// @param tag Any number; settle() returns that of the last complete frame.
+  /// @param is_next_ready Whether the kernels of kernels/order.cl have prepared the counts of the next frame.
   // NOLINTNEXTLINE(bugprone-exception-escape): handles do not throw when moved
   void commit(const Counts& counts, cl_uint tag, bool is_next_ready) noexcept;
-  /// The frame is enqueued, and nobody waits for it.
+  /// The frame has been enqueued, and nobody waits for it.
   void commit_unread() noexcept;  // NOLINT(bugprone-exception-escape)
   /// Waits for such frames. Afterwards the pairs of the last complete frame are known again.
   /// @throws cl::Error
@@ -91,7 +92,7 @@ class PairDelta {
   /// The counts of this frame and of the next.
   [[nodiscard]] const cl::Buffer& counts() const noexcept { return counts_[turn_]; }
   [[nodiscard]] const cl::Buffer& next_counts() const noexcept { return counts_[1 - turn_]; }
-  /// This frame's pairs, of which the added ones end at the end of the list; and the removed pairs.
+  /// This frame's pairs, with the added ones at the end of the list; and the removed pairs.
   [[nodiscard]] const cl::Buffer& list() const noexcept { return now_.pairs.get(); }
   [[nodiscard]] std::size_t list_capacity() const noexcept { return now_.capacity; }
   [[nodiscard]] const cl::Buffer& removed() const noexcept { return removed_.get(); }
@@ -99,7 +100,7 @@ class PairDelta {
   /// Enqueues the commands that copy the pairs of the last frame.
   /// @throws cl::Error
   void copy_pairs(const cl::Buffer& to) const;
-  /// The number of pairs of the last frame; of the last settled one if there are others.
+  /// The number of pairs of the last frame, or of the last settled frame if some are unsettled.
   [[nodiscard]] std::size_t pair_count() const noexcept { return last_.found(); }
   /// What the finder counted as work in the last frame.
   [[nodiscard]] std::size_t work() const noexcept { return work_; }

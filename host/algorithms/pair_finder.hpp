@@ -20,14 +20,14 @@ class PairFinder {
   PairFinder(PairFinder&&) = delete;
   PairFinder& operator=(PairFinder&&) = delete;
 
-  /// Enqueues the kernels that prepare a search: they gather the objects that are still to be gathered, and
-  /// count those that are invalid in the counts of the sink.
+  /// Enqueues the kernels that prepare a search. They gather the objects if the search has a source, and
+  /// count invalid ones in the counts of the sink.
   /// @throws cl::Error, Error
   virtual void build(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) {
     if (search.source != nullptr) search.source->gather(search.now, sink.counts(), profiler);
   }
 
-  /// Whether find() can keep the pairs of the last frame besides, if the sink leaves that to it.
+  /// Whether find() can also keep the pairs of the last frame, if the sink leaves that to it.
   [[nodiscard]] virtual bool can_keep(const Search& /*search*/) const { return false; }
 
   /// Enqueues the kernels that append every pair that was not a pair in the last frame to the sink, each
@@ -35,19 +35,19 @@ class PairFinder {
   /// @throws cl::Error, Error
   virtual void find(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) = 0;
 
-  /// Whether find() gave up, as what it counted tells: what build() prepared was hopelessly out of date.
+  /// Whether, according to its counts, find() gave up because what build() prepared was far out of date.
   [[nodiscard]] virtual bool gave_up(const PairDelta::Counts& /*counts*/) const { return false; }
 
-  /// Enqueues the kernels that prepare the same search, of objects that have been gathered, so that find()
-  /// does not give up again.
+  /// Enqueues the kernels that prepare the same search again, such that find() does not give up. The objects
+  /// must have been gathered.
   /// @throws cl::Error, Error
   virtual void rebuild(const Search& /*search*/, const PairDelta& /*sink*/, opencl::Profiler& /*profiler*/) {}
 
-  /// Forgets what was derived from boxes of earlier frames: some of them never came to be.
+  /// Discards what was derived from the boxes of earlier frames, because some of these frames were
+  /// incomplete.
   virtual void forget() noexcept {}
 
-  /// The work that find() is expected to do, in units of the finder's own, each of which takes about equally
-  /// long.
+  /// The expected work of find(), in units of the finder, which all take about the same time.
   [[nodiscard]] virtual double expected_work(const Search& search, const PairDelta& sink) = 0;
 
   /// As Algorithm::expected_seconds().

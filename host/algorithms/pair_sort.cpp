@@ -12,7 +12,7 @@ namespace broadcl {
 namespace {
 
 constexpr unsigned partition_bits = 8;
-/// So few pairs are compared instead.
+/// Fewer pairs are sorted by comparison instead.
 constexpr std::size_t few_pairs = 128;
 
 /// A pass of a radix sort, stable.
@@ -28,7 +28,7 @@ void sort_by(std::span<const Pair> from, std::span<Pair> to, unsigned digits, co
 }
 
 /// Sorts a partition.
-/// @param bits_of_a, bits_of_b The lowest bits, of which the rest are the same in all pairs.
+/// @param bits_of_a, bits_of_b How many of the lowest bits may differ between pairs.
 void sort_partition(std::span<Pair> pairs, unsigned bits_of_a, unsigned bits_of_b,
                     std::vector<Pair>& scratch) {
   if (pairs.size() <= few_pairs) {

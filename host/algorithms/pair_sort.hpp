@@ -8,13 +8,13 @@
 
 namespace broadcl {
 
-/// Brings pairs into canonical order on the host: moves them to partitions by the upper bits of b, each of
-/// which fits a cache, and sorts these digit by digit.
+/// Sorts pairs into canonical order on the host: moves them to partitions by the upper bits of b, each of
+/// which fits into a cache, and sorts these with a radix sort.
 class PairSort {
  public:
-  /// @param lists Lists of pairs, each found by a thread of its own, say.
+  /// @param lists Lists of pairs, for instance one per thread.
   /// @param slots Greater than every slot of the pairs.
-  /// @param sorted Gets all pairs.
+  /// @param sorted Receives all pairs.
   /// @throws std::bad_alloc
   void operator()(std::span<const std::span<const Pair>> lists, std::size_t slots, std::size_t threads,
                   std::vector<Pair>& sorted);

@@ -22,14 +22,15 @@ class Source;
 struct Search {  // NOLINT(bugprone-exception-escape): as above
   Generation now;
   Generation last{};
-  /// From where `now` is still to be gathered by PairFinder::build(); null if it is there.
+  /// Where PairFinder::build() has to gather `now` from; null if `now` is up to date.
   const Source* source = nullptr;
   bool same_filters = false;  ///< Whether no filter and no exclusion changed since the last frame.
   bool worlds = false;        ///< Whether objects are in different worlds.
   bool sets = false;          ///< Whether filters part the objects into two sets: TwoSets.
-  /// If not 0, changes are ordered by world first, of which there are this many.
+  /// If not 0, changes are sorted by world first, and this is the number of worlds.
   cl_uint ordered_worlds = 0;
-  /// If not 0, the first slot of the second of two sets, whose pairs are reported by their indices in it.
+  /// If not 0, the first slot of the second of two sets, whose objects are reported by their indices in that
+  /// set.
   cl_uint second_set = 0;
   bool all = true;  ///< Whether all slots count as changed; otherwise those in `changed` did.
   cl_uint changed_count = 0;
@@ -37,8 +38,8 @@ struct Search {  // NOLINT(bugprone-exception-escape): as above
   cl::Buffer changed{};       ///< Slots, each once.
   bool any_recycled = false;  ///< Whether the object of some slot is another one than in the last frame.
   cl_uint stamp = 0;          ///< Of this frame.
-  /// One word per slot that says whether it changed (unless `all`), and whether its object is a different one
-  /// than in the last frame: kernels/stamp.h. Null if there is nothing to say.
+  /// One word per slot that says whether it changed (unless `all`), and whether its object is not that of the
+  /// last frame: kernels/stamp.h. Null if neither applies to any slot.
   cl::Buffer stamps{};
 
   [[nodiscard]] cl_uint changed_slots() const noexcept { return all ? now.slots : changed_count; }

@@ -6,7 +6,7 @@
 
 namespace broadcl {
 
-/// The caller's boxes and filters on the device, in his layout: kernels/gather.h.
+/// The caller's boxes and filters on the device, in the caller's layout: kernels/gather.h.
 class Source {
  public:
   /// @param context Must outlive this object.
@@ -22,7 +22,7 @@ class Source {
   };
 
   /// What to gather next.
-  /// @param second The second of two sets; its buffer is null if there is one only.
+  /// @param second The second of two sets; its buffer is null if there is only one set.
   /// @param filters Null if there are none.
   void set(Boxes boxes, Boxes second, cl::Buffer filters);
 
@@ -30,7 +30,7 @@ class Source {
   /// @param counts Of PairDelta.
   /// @throws cl::Error
   void gather(const Generation& to, const cl::Buffer& counts, opencl::Profiler& profiler) const;
-  /// Sets the GATHER_PARAMETERS of a kernel that does so besides, from the given index on; returns the index
+  /// Sets the GATHER_PARAMETERS of a kernel that also gathers, from the given index on; returns the index
   /// after the last of them.
   /// @throws cl::Error
   cl_uint set_arguments(cl::Kernel& kernel, cl_uint first, const Generation& to,

@@ -26,22 +26,24 @@ constexpr float not_a_number = std::numeric_limits<float>::quiet_NaN();
 /// class has everything larger, and the objects of all worlds.
 constexpr std::size_t size_classes = 4;
 
-/// The order is made anew once the work exceeds this multiple of the work in a new order.
+/// Boxes are sorted again once the work exceeds this multiple of the work in a new order.
 constexpr double stale_growth = 1.25;
 
-/// A search in an order that is of no use, since boxes leapt, ends at this multiple; it is made anew then.
+/// A search stops at this multiple, because the order has become useless (boxes leapt); then boxes are sorted
+/// again.
 constexpr double useless = 4;
 
-/// With fewer boxes for each, starting threads takes longer than what they save.
+/// With fewer boxes per thread, starting threads takes longer than they save.
 constexpr std::size_t boxes_per_thread = 4096;
 
-/// HostTiles that a thread takes at a time.
+/// Number of tiles that a thread takes at a time.
 constexpr std::size_t tiles_at_once = 8;
 
-/// Boxes that changed are searched alone if they are at most one in so many.
+/// If at most one in this many boxes changed, only those that changed are searched.
 constexpr std::size_t boxes_per_changed = 16;
 
-/// How often all boxes may move before the order counts as old, if they are searched alone.
+/// How often, on average, each box may move before the order counts as old, if only changed boxes are
+/// searched.
 constexpr std::size_t most_moved = 4;
 
 /// The position of a box in its order.
@@ -69,7 +71,7 @@ std::size_t widest_axis(std::span<const Centre<axes>> centres) {
   return widest;
 }
 
-/// Puts boxes into an order in which each run of node_size is compact, as a k-d tree has them.
+/// Puts boxes into the order of a k-d tree, in which each run of node_size boxes is compact.
 template <std::size_t axes>
 void split(std::span<Centre<axes>> centres, std::size_t threads) {
   if (centres.size() <= node_size) return;
@@ -96,7 +98,7 @@ Bounds<axes> bounds_of(const HostObjects& objects, std::size_t slot) {
   std::ranges::copy(box.lower, bounds.lower.begin());
   std::ranges::copy(box.upper, bounds.upper.begin());
   if constexpr (axes > 3) {
-    // Rounded, so that a few worlds may seem to be one: may_pair() knows better.
+    // Rounded, so several worlds may have the same coordinate; may_pair() distinguishes them.
     const Filter& filter = objects.filters[slot];
     const bool is_in_all = filter.world == Filter::all_worlds;
     const auto place = static_cast<float>(objects.sets ? place_of_set(filter) : filter.world);
@@ -131,7 +133,7 @@ Bounds<axes> bounds_of(const Node<axes>& node) {
   return bounds;
 }
 
-/// The axis along which a tile overlaps the fewest others, as some of them tell.
+/// The axis along which a tile overlaps the fewest others, estimated from a sample.
 template <std::size_t axes>
 std::size_t best_axis(std::span<const Bounds<axes>> tiles) {
   constexpr std::size_t samples = 16;
@@ -217,8 +219,8 @@ class SweepAndPrune final : public HostFinder {
     sorted_axes_ = axes;
   }
 
-  /// Finds all pairs in the order as it is.
-  /// @returns False if that takes more work than it may.
+  /// Finds all pairs, in the current order.
+  /// @returns False if that takes too much work.
   template <std::size_t axes>
   bool search(HostTiles<axes>& all, const HostObjects& objects, std::size_t threads, double most_work) {
     while (places_.size() < objects.boxes.size()) place_next();
@@ -257,7 +259,7 @@ class SweepAndPrune final : public HostFinder {
   PairSort sort_pairs_;
 };
 
-/// Puts the slots into an order in which neighbours in space mostly share a tile.
+/// Sorts the slots, such that neighbours in space mostly share a tile.
 template <std::size_t axes>
 void SweepAndPrune::sort(const HostObjects& objects, std::size_t threads) {
   const std::span<const Aabb> boxes = objects.boxes;
@@ -295,7 +297,7 @@ void SweepAndPrune::sort(const HostObjects& objects, std::size_t threads) {
   moved_ = 0;
 }
 
-/// Gives the next slot a place in the last tile, or in a new one.
+/// Puts the next slot into the last tile, or into a new one.
 void SweepAndPrune::place_next() {
   places_.push_back(static_cast<std::uint32_t>(order_.size()));
   order_.push_back(static_cast<std::uint32_t>(places_.size() - 1));

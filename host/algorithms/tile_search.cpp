@@ -7,7 +7,8 @@
 namespace broadcl {
 namespace {
 
-// What follows is compiled twice, for any processor and for those with AVX2, so it must be inlined.
+// The following functions are compiled twice, for any processor and for those with AVX2, so they must be
+// inlined.
 #define BROADCL_INLINE [[gnu::always_inline]] inline
 
 constexpr std::array<std::uint32_t, node_size> bit_of = [] {
@@ -43,8 +44,8 @@ BROADCL_INLINE bool overlaps(const Bounds<axes>& s, const Bounds<axes>& t) {
   return true;
 }
 
-/// What to look for, for something with these bounds: in two sets, the other set of the same world; if it is
-/// several, all sets of its worlds.
+/// The bounds to search for a box or tile with these bounds. With two sets, those of the other set in the
+/// same world; if the tile has several sets or worlds, all sets of its worlds.
 template <std::size_t axes>
 BROADCL_INLINE Bounds<axes> sought(const HostTiles<axes>& all, Bounds<axes> bounds) {
   if constexpr (axes > 3) {
@@ -86,8 +87,8 @@ BROADCL_INLINE void test(Found& found, const HostTiles<axes>& all, std::size_t s
   }
 }
 
-/// Tests a tile with itself and with those after it in the sweep whose lower bounds do not exceed its upper
-/// one.
+/// Tests a tile with itself and with later tiles in the sweep whose lower bounds do not exceed its upper
+/// bound.
 template <std::size_t axes>
 BROADCL_INLINE void search(Found& found, const HostTiles<axes>& all, std::size_t position,
                            std::span<const Filter> filters) {
@@ -97,7 +98,7 @@ BROADCL_INLINE void search(Found& found, const HostTiles<axes>& all, std::size_t
   const Node<axes>& tile = all.tiles[s];
   const Bounds<axes> bounds = sought(all, all.bounds[s]);
   found.reserve(most);
-  // In a tile of one set nothing pairs.
+  // In a tile of a single set, nothing pairs.
   const std::size_t own = overlaps(all.bounds[s], bounds) ? node_size : 0;
   for (std::size_t k = 1; k < own; ++k) {
     append_found(found, tile, overlapping(tile, sought(all, tile.get(k))) & (bit_of[k] - 1), tile.index[k],

@@ -37,8 +37,8 @@ void extend(Bounds<axes>& bounds, const Bounds<axes>& by) {
   }
 }
 
-/// The bounds of boxes or of tiles, by component, so that one instruction compares several of them. NaN where
-/// there is none.
+/// The bounds of boxes or of tiles, by component, so that one instruction compares several of them. Unused
+/// entries are NaN.
 template <std::size_t axes>
 struct alignas(64) Node {
   std::array<std::array<float, node_size>, axes> lower, upper;
@@ -61,7 +61,7 @@ struct alignas(64) Node {
   }
 };
 
-/// Boxes in tiles, these in nodes in the order of a sweep, and these in roots.
+/// Boxes in tiles, the tiles in nodes in the order of the sweep, and the nodes in roots.
 template <std::size_t axes>
 struct HostTiles {
   std::vector<Node<axes>> tiles;
@@ -71,11 +71,11 @@ struct HostTiles {
   std::vector<Node<axes>> roots;
   std::size_t axis = 0;  // of the sweep: lower bounds of tiles ascend along it, until boxes change
   /// Whether there are two sets: along the fourth axis, set s of world w is at 2 w + s, and only pairs of one
-  /// of each set are sought.
+  /// object of each set are sought.
   bool sets = false;
 };
 
-/// What a thread finds.
+/// The pairs that a thread found.
 struct Found {
   std::vector<Pair> pairs;  // of which the first `count` were found
   std::size_t count = 0;
@@ -86,19 +86,19 @@ struct Found {
   }
 };
 
-/// Searches, compiled for a processor.
+/// The searches, compiled for a type of processor.
 template <std::size_t axes>
 struct TileSearch {
-  /// Finds the pairs of some tiles, by their positions in the sweep, with themselves and with those after
-  /// them.
+  /// Finds the pairs of some tiles, given by their positions in the sweep, with themselves and with later
+  /// tiles.
   void (*tiles)(Found& found, const HostTiles<axes>& all, std::size_t begin, std::size_t end,
                 std::span<const Filter> filters);
-  /// Finds the pairs of some boxes, by their places in the tiles, with all others.
+  /// Finds the pairs of some boxes, given by their places in the tiles, with all others.
   void (*boxes)(Found& found, const HostTiles<axes>& all, std::span<const std::uint32_t> places,
                 std::span<const Filter> filters);
 };
 
-/// @param plain For any processor; otherwise for the one that this is.
+/// @param plain Whether to return the version for any processor, instead of the one for this processor.
 template <std::size_t axes>
 [[nodiscard]] TileSearch<axes> tile_search(bool plain = false);
 

@@ -30,7 +30,7 @@ constexpr std::size_t levels = 4;  // as many as a cl_uint4 has numbers
 constexpr std::size_t most_sharers = 8;
 constexpr std::size_t searches_per_unit = 64;  // of the search, as far as most_sharers allows
 constexpr double default_stale = 1.25;
-/// How often all boxes may move before the order counts as old, if its work is not known.
+/// How often, on average, each box may move before the order counts as old, if its work is not known.
 constexpr std::size_t unwatched = 8;
 /// At least 1 / fewest_moved of the boxes must have moved before the order may be old.
 constexpr std::size_t fewest_moved = 64;
@@ -38,24 +38,24 @@ constexpr std::size_t fewest_moved = 64;
 constexpr std::array default_factors{0.9, 0.25};
 
 /// A search is given up, and the boxes are sorted, if it takes more work than this many searches of all boxes
-/// in a new order: far more than is_stale() waits for. Boxes that all leap to other places would take n^2.
+/// in a new order, which is far more than is_stale() allows. If all boxes leapt, the work would be n^2.
 constexpr double hopeless = 4;
 
-/// For up to so many boxes it takes less time to gather objects in the order of tiles, which saves a launch,
-/// than one after the other.
+/// Up to this many objects are gathered in the order of the tiles, which saves a launch; with more, gathering
+/// them in their own order takes less time.
 constexpr std::size_t most_gathered = 131072;
 
-/// Whether the tiles are of objects of one world, and of one set of two, which are a fourth dimension.
+/// Whether worlds or sets are a fourth dimension, so that tiles have objects of one world or set.
 bool has_worlds(const Search& search) {
   return search.worlds || search.sets;
 }
 
-/// As kernels/filter.h has it.
+/// The parameter `sets` of kernels/filter.h.
 cl_uint sets(const Search& search) {
   return search.sets ? 1 : 0;
 }
 
-/// Whether two numbers are so close that what was observed for the one holds for the other.
+/// Whether two numbers are so close that an observation for one also holds for the other.
 bool alike(std::size_t s, std::size_t t) {
   return 2 * s <= 3 * t && 2 * t <= 3 * s;
 }
@@ -108,11 +108,11 @@ class Tiles final : public PairFinder {
     fill_trees(search, false, sink, profiler);
   }
 
-  /// (An order may be of boxes of a frame that was incomplete.)
+  /// (The order may come from boxes of an incomplete frame.)
   void forget() noexcept override { sorted_slots_ = 0; }
 
-  /// Nodes and boxes to visit: in proportion to those of the last search of this kind. If the scene has
-  /// changed much since, or there was no such search, as many as for boxes of one size.
+  /// Nodes and boxes to visit, in proportion to those of the last search of this kind. If the scene has
+  /// changed much since then, or there was no such search, the number for boxes of one size.
   [[nodiscard]] double expected_work(const Search& search, const PairDelta& sink) override {
     observe(sink);
     const bool is_known = alike(seen_.slots, search.now.slots) && alike(seen_.pairs, sink.pair_count());
@@ -209,9 +209,10 @@ class Tiles final : public PairFinder {
     searched_frame_ = sink.frames();
   }
 
-  /// Whether the order is for another number of slots, or has made the last frame's work grow. It is compared
-  /// with the first frame in this order that was followed by another one here, separately for searches of all
-  /// boxes and of some. If another finder did the last frame, the number of boxes that moved decides.
+  /// Whether the order is for another number of slots, or so old that the last frame's work has grown. That
+  /// work is compared with the first frame in this order that was followed by another one here, separately
+  /// for searches of all boxes and of some. If another finder did the last frame, the number of boxes that
+  /// moved decides.
   bool is_stale(const Search& search, const PairDelta& sink) {
     if (search.now.slots != sorted_slots_ || search.worlds != sorted_by_world_ ||
         search.sets != sorted_by_set_)
@@ -227,7 +228,7 @@ class Tiles final : public PairFinder {
     return factors_.at(kind) > stale_ * fresh && may_be_old;
   }
 
-  /// The work of a search in a new order, up to a factor: some per tile, more per box that changed.
+  /// The work of a search in a new order, up to a factor: a constant per tile, and more per box that changed.
   [[nodiscard]] double usual_work(const Search& search) const {
     return usual_work(search.now.slots, search.changed_slots());
   }
@@ -330,8 +331,8 @@ class Tiles final : public PairFinder {
                                           cl::NDRange(group_, 1), nullptr, stage.event());
   }
 
-  /// Work-groups that share the search of a tile: with few tiles, a GPU would otherwise have too little to
-  /// do.
+  /// Number of work-groups that share the search of a tile; if there are few tiles, a GPU would otherwise
+  /// have too little to do.
   [[nodiscard]] std::size_t sharers(std::size_t tiles) const {
     if (group_ == 1) return 1;
     const std::size_t useful = context_.device().compute_units * searches_per_unit;
@@ -378,8 +379,8 @@ class Tiles final : public PairFinder {
   double usual_work_ = 1;  // of the last search
   cl_uint most_work_ = 0;  // at which it is given up
   bool usual_is_of_all_ = true;
-  // The work of searches of some and of all boxes, as a multiple of usual_work(): of the last ones, and of
-  // the first ones in this order, 0 before there was one.
+  // The work of searches of some and of all boxes, as a multiple of usual_work(): of the last searches, and
+  // of the first ones in this order (0 if there was none).
   std::array<double, 2> factors_ = default_factors;
   std::array<double, 2> fresh_factors_{};
   struct {

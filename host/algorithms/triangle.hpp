@@ -2,7 +2,7 @@
 
 #include <cstdint>
 
-/// kernels/triangle.h for the host, so that the two cannot disagree.
+/// kernels/triangle.h for the host, so that host and kernels use the same index.
 namespace broadcl::triangle {
 
 using uint = std::uint32_t;
