@@ -15,8 +15,8 @@ struct Blocks {
   cl_uint length;
 };
 
-/// Splits a list into as many blocks as keep the device busy; more would only add to the work of combining
-/// their results.
+/// Splits a list into just enough blocks to keep the device busy; more would only add to the work of
+/// combining their results.
 ///
 /// But no block is longer than `longest`, because of llvmpipe, on which Mesa's rusticl runs: after 65,535
 /// iterations, counted over all of its loops, a work-item leaves every loop without an error.

@@ -18,12 +18,12 @@ namespace broadcl::opencl {
 namespace {
 
 /// Any CPU except Mesa's llvmpipe, which silently ends a work-item after 65,535 iterations of its loops, so
-/// that few work-items cannot do much.
+/// that few work-items could not do all the work.
 bool wants_few_work_items(const Device& device) {
   return device.type == DeviceType::cpu && device.name.find("llvmpipe") == std::string::npos;
 }
 
-/// Work-items per work-group, at most.
+/// The largest number of work-items per work-group.
 std::size_t largest_group(const cl::Device& device) {
   return std::min(device.getInfo<CL_DEVICE_MAX_WORK_GROUP_SIZE>(),
                   device.getInfo<CL_DEVICE_MAX_WORK_ITEM_SIZES>().front());
@@ -64,9 +64,9 @@ std::string key_of(const Device& device, std::string_view key) {
   return result += key;
 }
 
-/// Whether the driver keeps what it compiles. PoCL does, and to make it a binary takes longer than all else:
-/// that compiles every kernel once more, for work-groups of any size. Then only that there is a program is
-/// stored, so that it is not announced again.
+/// Whether the driver has its own cache of compiled programs. PoCL has, and exporting a binary takes it
+/// longer than everything else, because it compiles every kernel once more, for work-groups of any size. In
+/// that case only a marker is stored, so that on_compile is not called again.
 bool keeps_programs(const Device& device) {
   return device.platform_name == "Portable Computing Language";
 }
@@ -135,7 +135,7 @@ void Context::open(const cl::CommandQueue& queue, std::size_t most) {
 }
 
 Tuning Context::suitable_tuning() const {
-  // What kernels that are tuned for GPUs use.
+  // What kernels that are tuned for GPUs need.
   constexpr std::size_t group = 256;
   constexpr cl_ulong local_memory = 32 << 10;
   if (wants_few_work_items(device_) || largest_group_ < group ||
@@ -144,8 +144,8 @@ Tuning Context::suitable_tuning() const {
   return has_waves_of_64() ? Tuning::gpu64 : Tuning::gpu;
 }
 
-/// Whether a GPU runs 64 work-items in step. (With OpenCL's embedded profile it may lack integers with as
-/// many bits.)
+/// Whether a GPU runs 64 work-items in step. (With OpenCL's embedded profile, it may have no 64-bit
+/// integers.)
 bool Context::has_waves_of_64() const {
   constexpr std::size_t wave = 64;
   if (device_.type != DeviceType::gpu || cl_device_.getInfo<CL_DEVICE_PROFILE>() != "FULL_PROFILE")
@@ -168,7 +168,8 @@ std::size_t Context::group(std::size_t wanted) const noexcept {
 
 cl::Kernel Context::kernel(const cl::Program& program, const char* name, std::size_t group) const {
   cl::Kernel kernel(program, name);
-  // Mesa's rusticl 22.3 says 32 of each kernel, but runs them in as large work-groups as the device allows.
+  // Mesa's rusticl 22.3 reports 32 for each kernel, but runs kernels in work-groups as large as the device
+  // allows.
   const std::size_t most = device_.platform_name == "rusticl"
                                ? largest_group_
                                : kernel.getWorkGroupInfo<CL_KERNEL_WORK_GROUP_SIZE>(cl_device_);

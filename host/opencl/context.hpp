@@ -23,8 +23,8 @@
 
 namespace broadcl::opencl {
 
-/// What kernels are tuned for: many small work-items that share local memory, the same on a GPU that runs 64
-/// of them in step, or few that each do a long run of work.
+/// The tuning profile of kernels: many small work-items that share local memory (gpu), the same on a GPU that
+/// runs 64 of them in step (gpu64), or few work-items that each do a lot of work (cpu).
 enum class Tuning { gpu, gpu64, cpu };
 
 /// "gpu", "gpu64" or "cpu".
@@ -32,7 +32,7 @@ enum class Tuning { gpu, gpu64, cpu };
 
 constexpr std::size_t any_group = std::numeric_limits<std::size_t>::max();
 
-/// The device runs a kernel in smaller work-groups only.
+/// The device runs a kernel only in smaller work-groups.
 class GroupTooLarge : public Error {
  public:
   /// @param most Work-items per work-group that it allows.
@@ -48,15 +48,15 @@ class Context {
  public:
   /// @param profile Whether the queue records device times.
   /// @param on_compile Called before the first program is built from its source.
-  /// @param most Work-items per work-group, if the device does not allow less anyway.
+  /// @param most Upper limit for work-items per work-group, in addition to the device's own limit.
   /// @throws Error naming the device.
   Context(Device device, bool profile, CompileHandler on_compile = {}, std::size_t most = any_group);
   /// Works in the context of a queue of the caller, which is retained.
   /// @throws Error for a queue that is not in order.
   explicit Context(const cl::CommandQueue& queue, CompileHandler on_compile = {},
                    std::size_t most = any_group);
-  /// Waits for what is left in its own queue, the release of mapped memory for instance: Intel's runtime may
-  /// crash if the process ends before that.
+  /// Waits for the remaining commands in its own queue, for instance the release of mapped memory: Intel's
+  /// runtime may crash if the process ends earlier.
   ~Context();
   Context(const Context&) = delete;
   Context& operator=(const Context&) = delete;
@@ -64,40 +64,41 @@ class Context {
   [[nodiscard]] const Device& device() const noexcept { return device_; }
   [[nodiscard]] const cl::Context& context() const noexcept { return context_; }
   [[nodiscard]] const cl::CommandQueue& queue() const noexcept { return queue_; }
-  /// The tuning profile that suits the device; the environment variable BROADCL_TUNING names another one, so
-  /// that each can be tested on any device.
+  /// The tuning profile for the device. The environment variable BROADCL_TUNING overrides it, so that each
+  /// profile can be tested on any device.
   [[nodiscard]] Tuning tuning() const noexcept { return tuning_; }
 
-  /// Work-items per work-group: the largest power of two that is not more than wanted or than the device
-  /// allows. (As many as a wave of any GPU has, for kernels whose work-items work alone.)
+  /// Work-items per work-group: the largest power of two that is neither more than `wanted` nor more than the
+  /// device allows. (The default, for kernels without local memory, is the size of the largest wave of any
+  /// GPU.)
   [[nodiscard]] std::size_t group(std::size_t wanted = 64) const noexcept;
   [[nodiscard]] std::size_t largest_group() const noexcept { return largest_group_; }
 
-  /// Whether 32 work-items that form a work-group can vote by an instruction of NVIDIA's: kernels/vote.h. Not
-  /// if BROADCL_TUNING is set, so that kernels can be tested without it.
+  /// Whether the 32 work-items of a work-group can vote with NVIDIA's instruction: kernels/vote.h. False if
+  /// BROADCL_TUNING is set, so that kernels can be tested without the instruction.
   [[nodiscard]] bool has_nvidia_vote() const noexcept { return has_nvidia_vote_; }
 
   /// Buffers larger than Device::max_allocation.
   struct LargeBuffers {
-    std::string option;  ///< What kernels that use them must be built with. It makes addresses 64 bits wide.
+    std::string option;  ///< Compiler option for kernels that use them: makes addresses 64 bits wide.
     std::uint64_t most;  ///< Bytes per buffer.
   };
-  /// On Intel's GPUs buffers may be as large as the memory; on other devices there are none.
+  /// On Intel's GPUs, buffers may be as large as the memory; other devices do not allow larger ones.
   [[nodiscard]] std::optional<LargeBuffers> large_buffers() const;
 
   /// A buffer on the device, not initialised.
   /// @param bytes At least 1. More than Device::max_allocation is for kernels that were built for
   /// large_buffers().
-  /// @param flags Besides CL_MEM_READ_WRITE.
+  /// @param flags In addition to CL_MEM_READ_WRITE.
   /// @throws cl::Error
   [[nodiscard]] cl::Buffer buffer(std::size_t bytes, cl_mem_flags flags = 0) const;
   /// The same in pinned memory of the host.
   [[nodiscard]] cl::Buffer pinned(std::size_t bytes) const;
-  /// The memory of the buffers that buffer() and pinned() made. A buffer counts until nothing refers to it
-  /// any more, commands and kernel arguments included.
+  /// The memory of the buffers that buffer() and pinned() made. A buffer counts until nothing refers to it,
+  /// including commands and kernel arguments.
   [[nodiscard]] MemoryUse memory() const noexcept;
 
-  /// What is stored on disk under a key for this device and driver, if anything.
+  /// The data stored on disk under a key for this device and driver, if there is any.
   [[nodiscard]] std::optional<DiskCache::Bytes> load(std::string_view key) const;
   /// Stores data on disk under a key for this device and driver, if that is possible.
   void store(std::string_view key, const DiskCache::Bytes& bytes) const;
@@ -135,7 +136,7 @@ class Context {
   }
 
  private:
-  /// Bytes of buffers. A driver may free one on a thread of its own, and after the context.
+  /// Bytes of buffers. A driver may free a buffer in another thread, and after the context is destroyed.
   struct Memory {
     std::atomic<std::size_t> device{0};
     std::atomic<std::size_t> pinned{0};
@@ -168,10 +169,11 @@ class Context {
   std::shared_ptr<Memory> memory_ = std::make_shared<Memory>();
 };
 
-/// Makes an object that works on a device; if the device runs a kernel in smaller work-groups only, for
-/// instance because it has too few registers, again with such ones.
-/// @param make Is given the most work-items per work-group, for the constructor of a Context.
-/// @throws What it throws; GroupTooLarge if the environment names a tuning profile with larger work-groups.
+/// Makes an object that works on a device. If the device runs a kernel only in smaller work-groups, for
+/// instance because it has too few registers, makes the object again with smaller work-groups.
+/// @param make Called with the upper limit for work-items per work-group, for the constructor of a Context.
+/// @throws Exceptions of `make`; GroupTooLarge if the environment names a tuning profile with larger
+/// work-groups.
 template <class Make>
 auto make_in_groups(const Make& make) {
   for (std::size_t most = any_group;;) {

@@ -143,7 +143,7 @@ std::string list_of(const std::vector<Device>& devices) {
 
 using Matcher = std::function<bool(const Device&)>;
 
-/// Arithmetic units per compute unit: what drivers count as one differs by vendor.
+/// Arithmetic units per compute unit. What drivers count as a compute unit differs by vendor.
 unsigned arithmetic_units(const Device& device) {
   if (device.type != DeviceType::gpu) return 1;
   switch (device.vendor_id) {
@@ -160,7 +160,7 @@ bool is_discrete(const Device& device) {
   return device.type == DeviceType::gpu && !device.host_unified;
 }
 
-/// What makes one device better than another.
+/// The better of two devices has the greater rank.
 std::pair<bool, std::uint64_t> rank(const Device& device) {
   return {is_discrete(device),
           std::uint64_t{device.compute_units} * arithmetic_units(device) * std::max(1U, device.clock_mhz)};
@@ -175,7 +175,7 @@ std::optional<Device> best_of(const std::vector<Device>& devices, const Matcher&
   return best;
 }
 
-/// Of each card the device of the driver that reports most, the first of equals.
+/// For each card, the device of the driver with the greatest rank, the first of equals.
 std::vector<Device> one_per_card(const std::vector<Device>& devices) {
   std::vector<Device> cards;
   for (const Device& device : devices) {
@@ -261,7 +261,7 @@ std::vector<Device> devices(std::vector<std::string>* failures) {
   const auto platforms = opencl::translate_errors("OpenCL", all_platforms);
   std::vector<Device> result;
   std::vector<std::string> failed;
-  /// What fails here must not hide what works.
+  /// A platform or device that fails must not hide others that work.
   const auto attempt = [&](const std::string& what, const auto& function) {
     try {
       opencl::translate_errors(what, function);

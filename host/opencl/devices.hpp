@@ -8,7 +8,7 @@
 
 namespace broadcl::opencl {
 
-/// The OpenCL device that a description stands for.
+/// The OpenCL device of a description.
 /// @throws Error if the device is no longer available.
 [[nodiscard]] cl::Device open(const Device& device);
 
@@ -16,7 +16,7 @@ namespace broadcl::opencl {
 /// @throws Error if OpenCL fails.
 [[nodiscard]] Device describe(const cl::CommandQueue& queue);
 
-/// What a device says of itself by an extension; nothing if it does not know, in spite of the extension.
+/// A property that a device reports through an extension; none if the query fails in spite of the extension.
 /// @throws cl::Error
 template <class Value>
 [[nodiscard]] std::optional<Value> ask(const cl::Device& device, cl_device_info name) {

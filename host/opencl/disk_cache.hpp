@@ -20,10 +20,10 @@ class DiskCache {
   DiskCache();
   explicit DiskCache(std::filesystem::path folder);
 
-  /// What was stored under a key, if anything was and its file can be read and is not damaged.
+  /// The data stored under a key, if there is any, and its file can be read and is not damaged.
   [[nodiscard]] std::optional<Bytes> load(std::string_view key) const;
 
-  /// Stores data under a key. Whatever goes wrong with the folder or the file costs no more than the time to
+  /// Stores data under a key. Failures of the folder or the file are not errors: they only cost the time to
   /// make the data again.
   /// @returns Whether the data was stored.
   [[nodiscard]] bool store(std::string_view key, const Bytes& bytes) const;

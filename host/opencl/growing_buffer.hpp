@@ -13,7 +13,7 @@ namespace broadcl::opencl {
 /// allocates at once, so that a buffer that grows step by step is seldom replaced.
 /// @param what What it holds, for the error message: "overlapping pairs".
 /// @param most What kernels may use: Device::max_allocation, or Context::large_buffers().
-/// @throws Error if not even what is needed may be allocated.
+/// @throws Error if the device cannot allocate as much as is needed.
 [[nodiscard]] std::size_t grown(const Context& context, std::size_t bytes, std::string_view what,
                                 std::uint64_t most);
 [[nodiscard]] inline std::size_t grown(const Context& context, std::size_t bytes, std::string_view what) {

@@ -12,7 +12,7 @@ namespace broadcl::opencl {
 class MappedBuffer {
  public:
   MappedBuffer() = default;
-  /// Takes over a buffer, which belongs to the device at first.
+  /// Takes a buffer, which belongs to the device at first.
   MappedBuffer(const Context& context, cl::Buffer buffer, std::size_t bytes);
   /// Pinned host memory that always belongs to the host: copies to and from the device run at the full speed
   /// of the bus. Not initialised; waits until it is mapped.
@@ -30,11 +30,11 @@ class MappedBuffer {
   /// Null while it belongs to the device.
   [[nodiscard]] std::byte* host() const noexcept { return host_; }
 
-  /// Enqueues its mapping for the host, which may access it after the event. No-op if it belongs to the host
-  /// already.
+  /// Enqueues the command that maps it for the host, which may access it after the event. No-op if it belongs
+  /// to the host already.
   /// @throws cl::Error
   void map(cl_bool blocking = CL_FALSE, cl::Event* event = nullptr);
-  /// Enqueues its release to the device. No-op if it belongs to the device already.
+  /// Enqueues the command that releases it to the device. No-op if it belongs to the device already.
   /// @throws cl::Error
   void unmap(cl::Event* event = nullptr);
 

@@ -6,7 +6,7 @@
 
 namespace broadcl::opencl {
 
-/// The program of the kernels that know no boxes: kernels/primitives.cl.
+/// The program of the kernels that have nothing to do with boxes: kernels/primitives.cl.
 /// @throws cl::Error, Error
 [[nodiscard]] cl::Program primitives(const Context& context);
 

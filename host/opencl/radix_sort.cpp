@@ -16,7 +16,7 @@ constexpr std::size_t longest_sorted_block = 8 * sort_tile;
 /// Approximate number of elements per bucket: enough that counters cost little in comparison.
 constexpr std::size_t bucket = 2048;
 
-/// Elements, at most, that are sorted in one launch per range of bits. (On a CPU one work-item goes through
+/// Up to this many elements are sorted in one launch per range of bits. (On a CPU, one work-item goes through
 /// all of them 16 times for a range of 64 bits: see split_into_blocks.)
 std::size_t most_small(const Context& context) {
   return context.tuning() == Tuning::cpu ? 3584 : sort_tile;

@@ -12,9 +12,9 @@ namespace broadcl::opencl {
 
 /// Stable sorting of 8-byte elements on the device: kernels/radix_sort.cl, which names the sources.
 ///
-/// It makes one pass over the elements per 8 bits, or part of them, of each range; if there are few elements,
+/// It makes one pass over the elements for every 8 bits, or fewer, of each range; if there are few elements,
 /// one launch per range. On CPUs it makes one pass by the upper bits and one launch per range, in which each
-/// work-item sorts the elements that agree in the upper bits.
+/// work-item sorts the elements that have the same upper bits.
 class RadixSort {
  public:
   /// A range of the bits of an element, read as the 64-bit number that it is on a little-endian device: bit 0
@@ -28,12 +28,12 @@ class RadixSort {
   /// @throws Error, cl::Error
   explicit RadixSort(const Context& context);
 
-  /// Enqueues a stable ascending sort, in place. Does not wait. Sorts of one object must go to the queue one
-  /// after the other, as those of one thread do. Its own memory, for counters, is at most 256 bytes per 8192
+  /// Enqueues a stable ascending sort, in place. Does not wait. Sorts by one object must be enqueued one
+  /// after the other, as by a single thread. The object's memory, for counters, is at most 256 bytes per 8192
   /// elements, and grows before anything is enqueued.
   ///
-  /// Pairs {a, b} of uints with k bits sorted by {{0, k}, {32, k}} come out in order of b, then of a; {value,
-  /// key} is sorted by {{32, 32}}.
+  /// For instance, {{0, k}, {32, k}} sorts pairs {a, b} of uints with k bits by b, then by a; {{32, 32}}
+  /// sorts {value, key}.
   /// @param elements, scratch Two buffers of at least n elements each. Scratch is overwritten.
   /// @param n Less than 2^31.
   /// @param keys What to sort by, the least significant range first.

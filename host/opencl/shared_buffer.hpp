@@ -27,12 +27,12 @@ class SharedBuffer {  // NOLINT(bugprone-exception-escape): handles do not throw
     return device_() != nullptr ? device_ : host_->buffer();
   }
 
-  /// Keeps host() from being freed. Do not release() or download() while somebody holds it.
+  /// An owner of the memory of host(). Do not call release() or download() as long as it exists.
   [[nodiscard]] std::shared_ptr<const void> host_owner() const noexcept { return host_; }
-  /// Whether somebody does.
+  /// Whether there is such an owner besides this object.
   [[nodiscard]] bool is_kept() const noexcept { return broadcl::is_kept(host_); }
 
-  /// Enqueues its release to the device.
+  /// Enqueues the command that releases it to the device.
   /// @throws cl::Error
   void release();
   /// Enqueues the transfer of the first `bytes` bytes, as the device wrote them, to the host, which may
