@@ -19,10 +19,10 @@
 
 namespace broadcl {
 
-/// Brings a pair cache up to date, the adapter's own or a user's, which others may change too.
+/// Updates a pair cache, either the adapter's own or a user's. Others may change the cache, too.
 class CachedPairs {
  public:
-  /// @param cache If null, the object makes one of its own. Must outlive this object, as must the pool.
+  /// @param cache If null, the object makes its own. The cache and the pool must outlive this object.
   CachedPairs(btOverlappingPairCache* cache, const ProxyPool& pool)
       : own_(cache == nullptr ? new PairCache : nullptr),
         cache_(cache == nullptr ? *own_ : *cache),
@@ -43,7 +43,7 @@ class CachedPairs {
     std::erase_if(early_, [&](const Pair& pair) { return pair.a == proxy.id() || pair.b == proxy.id(); });
   }
 
-  /// Adds what overlaps a proxy's box now and is not in the cache.
+  /// Adds the proxies that overlap a proxy's box now and whose pairs with it are not in the cache.
   void add_at_once(const Proxy& proxy, QueryTree& tree) {
     if (!is_proper(proxy)) return;
     Partners partners;
@@ -74,9 +74,9 @@ class CachedPairs {
     update(delta.added, removed, dispatcher);
   }
 
-  /// The same after anything may have happened.
+  /// The same if anything may have changed.
   /// @param all All pairs that overlap.
-  /// @param decide_again Whether to ask the cache about each of its pairs whether it would let it in.
+  /// @param decide_again Whether to ask the cache again about each of its pairs whether it accepts it.
   void compare(std::span<const Pair> all, bool decide_again, btDispatcher* dispatcher) {
     early_.clear();
     const std::vector<Pair> cached = all_cached();
@@ -88,7 +88,7 @@ class CachedPairs {
   }
 
  private:
-  /// By the ids of its proxies, of which neither is null.
+  /// The ids of a pair's proxies, neither of which is null.
   static Pair pair_of(const btBroadphasePair& pair) {
     return {static_cast<std::uint32_t>(pair.m_pProxy0->m_uniqueId),
             static_cast<std::uint32_t>(pair.m_pProxy1->m_uniqueId)};
@@ -103,7 +103,7 @@ class CachedPairs {
     std::vector<std::uint32_t> ids;
   };
 
-  /// Removes pairs from the cache, and adds others and those of the refused ones that are offered again.
+  /// Removes pairs from the cache, adds others, and offers refused ones again if they changed.
   void update(std::span<const Pair> added, std::span<const Pair> removed, btDispatcher* dispatcher) {
     if (cache_.hasDeferredRemoval()) {
       if (!removed.empty() || were_changed()) remove_stale(removed, dispatcher);
@@ -143,7 +143,7 @@ class CachedPairs {
     return refused;
   }
 
-  /// Calls a function with as many pairs at once as the adapter's own cache prefetches.
+  /// Calls a function with batches of pairs, as large as the adapter's own cache prefetches.
   template <class Function>
   static void for_each_part(std::span<const Pair> pairs, const Function& function) {
     for (std::size_t k = 0; k < pairs.size(); k += PairCache::pairs_at_once) {
@@ -151,9 +151,9 @@ class CachedPairs {
     }
   }
 
-  /// For a cache that removes nothing by itself: what parted, and what is there twice. As Bullet's own broad
-  /// phases do, this sorts the cache, so that of two that are the same the one with an algorithm stays.
-  /// @param removed What else is to go.
+  /// For a cache with deferred removal: removes pairs that no longer overlap, and duplicates. Like Bullet's
+  /// own broad phases, this sorts the cache, so that of two equal pairs the one with an algorithm stays.
+  /// @param removed Other pairs to remove.
   void remove_stale(std::span<const Pair> removed, btDispatcher* dispatcher) {
     btBroadphasePairArray& pairs = cache_.getOverlappingPairArray();
     pairs.quickSort(btBroadphasePairSortPredicate());
@@ -173,8 +173,8 @@ class CachedPairs {
     pairs.resize(staying);
   }
 
-  /// Whether a pair that parted is in the cache. The pairs of a destroyed proxy went with it, though its id
-  /// may be in use again; somebody may have put in a refused one.
+  /// Whether a pair that no longer overlaps is in the cache. The pairs of a destroyed proxy are gone, though
+  /// its id may be in use again. A refused pair may have been added by somebody else.
   [[nodiscard]] bool is_cached(const Pair& pair) const {
     return pool_.is_known(pair) && (!std::binary_search(refused_.begin(), refused_.end(), pair) ||
                                     cache_.findPair(&pool_[pair.a], &pool_[pair.b]) != nullptr);
@@ -184,7 +184,8 @@ class CachedPairs {
     return cache_.needsBroadphaseCollision(&pool_[pair.a], &pool_[pair.b]);
   }
 
-  /// The pairs of the pool's proxies in the cache, in canonical order. A user's cache may have others too.
+  /// The pairs of the pool's proxies in the cache, in canonical order. A user's cache may also have other
+  /// pairs.
   [[nodiscard]] std::vector<Pair> all_cached() const {
     const auto is_own = [&](const btBroadphaseProxy* proxy) {
       const auto id = proxy == nullptr ? pool_.slots() : static_cast<std::uint32_t>(proxy->m_uniqueId);
@@ -201,7 +202,7 @@ class CachedPairs {
     return cached;
   }
 
-  /// Puts early pairs in order, and takes out those that overlap no more or that the cache would not let in.
+  /// Sorts the early pairs, and extracts those that no longer overlap or that the cache would refuse.
   std::vector<Pair> take_early_to_remove() {
     sort(early_);
     return take_if(early_, [&](const Pair& pair) {
@@ -214,7 +215,7 @@ class CachedPairs {
     pairs.erase(std::unique(pairs.begin(), pairs.end()), pairs.end());
   }
 
-  /// Takes those out of a list that meet a condition; both parts stay in order.
+  /// Extracts those pairs from a list that meet a condition; both parts stay in order.
   template <class Condition>
   static std::vector<Pair> take_if(std::vector<Pair>& pairs, const Condition& condition) {
     const auto first = std::stable_partition(pairs.begin(), pairs.end(), std::not_fn(condition));
@@ -227,7 +228,7 @@ class CachedPairs {
   btOverlappingPairCache& cache_;
   const ProxyPool& pool_;
   int count_ = cache_.getNumOverlappingPairs();  // unless somebody else changes it
-  // Pairs that overlap, but the cache refused them or somebody removed them there. They are offered again
+  // Pairs that overlap, but that the cache refused or that somebody removed from it. They are offered again
   // once one of their proxies has changed.
   std::vector<Pair> refused_;
   std::vector<Pair> early_;  // added at once since the last calculation, in any order

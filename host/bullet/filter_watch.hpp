@@ -12,24 +12,25 @@
 
 namespace broadcl {
 
-/// Looks for groups and masks that users wrote in place, and for another overlap filter callback.
+/// Detects groups and masks that users wrote in place, and a change of the overlap filter callback.
 class FilterWatch {
  public:
   FilterWatch(btOverlappingPairCache& cache, ProxyPool& pool) : cache_(cache), pool_(pool) {
     const std::type_info& type = typeid(cache);
-    // What a user's class does cannot be known.
+    // A user's class may filter in any way.
     filters_by_masks_ = type == typeid(PairCache) || type == typeid(btHashedOverlappingPairCache) ||
                         type == typeid(btSortedOverlappingPairCache) || type == typeid(btNullPairCache);
   }
 
-  /// Of a proxy with these masks. If only the cache knows what may pair, all proxies may.
+  /// The filter of a proxy with these masks. If only the cache can decide what pairs, the filter lets
+  /// everything pair.
   [[nodiscard]] Filter filter(const Masks& masks) const {
     if (!filters_by_masks_ || callback_ != nullptr) return {};
     return {.group = static_cast<std::uint32_t>(masks.group), .mask = static_cast<std::uint32_t>(masks.mask)};
   }
 
-  /// @param give Called with each proxy whose filter may be another one since the last look.
-  /// @returns Whether the callback is another one.
+  /// @param give Called with each proxy whose filter may have changed since the last call.
+  /// @returns Whether the callback has changed.
   template <class Function>
   bool look(const Function& give) {
     const auto take = [&](Proxy& proxy) {

@@ -15,11 +15,12 @@ namespace {
 
 constexpr int none = -1;
 
-/// What proxies and algorithms refer to is prefetched so many pairs ahead, and they themselves twice as many.
+/// What proxies and algorithms refer to is prefetched this many pairs ahead; proxies and algorithms
+/// themselves, twice as many.
 constexpr int ahead = 4;
 
-/// As btHashedOverlappingPairCache has it (by Thomas Wang). With another one, the wrong memory would be
-/// prefetched, and nothing else.
+/// The hash function of btHashedOverlappingPairCache (by Thomas Wang). If it differed, only the wrong memory
+/// would be prefetched.
 unsigned hash_of(const Pair& pair) {
   unsigned key = pair.a | pair.b << 16U;
   key += ~(key << 15U);
@@ -33,7 +34,7 @@ unsigned hash_of(const Pair& pair) {
 /// An algorithm for two convex shapes, and the start of any other.
 constexpr std::size_t algorithm_bytes = 128;
 
-/// Proxies that are not the adapter's may have any id; for those without a list, every pair is looked at.
+/// Proxies that are not the adapter's may have any id; if there is no list for it, all pairs are looked at.
 bool has_list(int id) {
   constexpr int end = 1 << 24;
   return 0 <= id && id < end;
@@ -85,7 +86,7 @@ void PairCache::removeOverlappingPairsContainingProxy(btBroadphaseProxy* proxy, 
   std::size_t end = indices->size();
   while (first < end) {
     const btBroadphasePair pair = pairs[(*indices)[first]];
-    // The last pair of all takes the index of the one that is removed; it may be the next to go.
+    // The last pair takes the index of the removed one; it may be the next one to be removed.
     const bool next_comes_here = end - first > 1 && (*indices)[end - 1] == pairs.size() - 1;
     removeOverlappingPair(pair.m_pProxy0, pair.m_pProxy1, dispatcher);
     if (next_comes_here) {

@@ -14,17 +14,18 @@
 
 namespace broadcl {
 
-/// Bullet's hashed pair cache, but removing or cleaning a proxy costs as much as the proxy has pairs;
-/// Bullet's own looks at every pair there is. It holds the same pairs in the same order, and notifies ghosts
-/// and frees algorithms in the same order, after any sequence of calls.
+/// Bullet's hashed pair cache, except that the cost of removing or cleaning a proxy depends on the number of
+/// its pairs, whereas Bullet's cache looks at all pairs. After any sequence of calls, it holds the same pairs
+/// in the same order; it notifies ghosts and frees algorithms in the same order.
 ///
-/// Partners of proxies are listed when a proxy is removed or cleaned. From then on the lists take every pair
-/// that is added. They forget none that is removed: what they say is looked up in the cache. After as many
-/// additions as there were pairs they are given up until they are needed again, so they cost little if pairs
-/// come and go but no proxy does. If memory for them cannot be had, it does as Bullet's own does.
+/// When a proxy is removed or cleaned, the partners of all proxies are listed. From then on, every pair that
+/// is added is added to the lists. Pairs that are removed stay in the lists, so each entry is looked up in
+/// the cache. After as many additions as there were pairs, the lists are discarded until they are needed
+/// again; so they cost little if pairs come and go, but proxies do not. If there is no memory for them, the
+/// cache does what Bullet's does.
 ///
-/// What Bullet does with a pair, when it collides two objects or frees their contacts, is mostly waiting for
-/// memory. So the cache prefetches what the next pairs need.
+/// When Bullet collides two objects or frees their contacts, it mostly waits for memory. So the cache
+/// prefetches what the next pairs need.
 class PairCache final : public btHashedOverlappingPairCache {
  public:
   PairCache() { manifolds_.reserve(1); }
@@ -34,14 +35,14 @@ class PairCache final : public btHashedOverlappingPairCache {
   void cleanProxyFromPairs(btBroadphaseProxy* proxy, btDispatcher* dispatcher) override;
 
   using btHashedOverlappingPairCache::processAllOverlappingPairs;
-  /// The one that dispatchers call.
+  /// The overload that dispatchers call.
   void processAllOverlappingPairs(btOverlapCallback* callback, btDispatcher* dispatcher,
                                   const btDispatcherInfo& info) override;
-  /// Pairs that are idle are not dispatched any more, and lose their algorithms.
+  /// From now on, idle pairs are not dispatched, and lose their algorithms.
   /// @param culling Must outlive this object; null to dispatch all pairs.
   void set_culling(ShapeCulling* culling) noexcept { culling_ = culling; }
 
-  /// As many pairs as the following two take, by the ids of their proxies.
+  /// The largest number of pairs for the following two functions.
   static constexpr std::size_t pairs_at_once = 32;
   /// To be called before these pairs are added.
   void prefetch_lookups(std::span<const Pair> pairs);
@@ -49,7 +50,7 @@ class PairCache final : public btHashedOverlappingPairCache {
   void prefetch_removals(std::span<const Pair> pairs);
 
  private:
-  /// Two ids whose pair was in the cache at some time, and the next entry in the list of each.
+  /// Two ids whose pair is or was in the cache, and the next entry in the list of each.
   struct Entry {
     int a;
     int b;
@@ -57,18 +58,18 @@ class PairCache final : public btHashedOverlappingPairCache {
     int next_of_b;
   };
 
-  /// Of the pairs of a proxy in the array, ascending; none if it has no list or memory is exhausted.
+  /// The indices of a proxy's pairs in the array, ascending; none if it has no list or memory is exhausted.
   std::optional<std::vector<int>> indices_of(btBroadphaseProxy& proxy);
-  /// The same from its list, which forgets what is gone.
+  /// The same from its list. Removes entries from the list whose pairs are gone.
   std::vector<int> listed_indices_of(btBroadphaseProxy& proxy);
   void bring_lists_up_to_date();
   void link(int id, int entry, int& next);
 
-  /// All pairs, if they are not asked for in another order.
+  /// Processes all pairs, in the order of the array.
   void process(btOverlapCallback& callback, btDispatcher* dispatcher, const btDispatcherInfo& info);
-  /// For the pairs that follow the k-th when all are processed.
+  /// Prefetches what the pairs after the k-th need when all are processed.
   void prefetch_after(int k);
-  /// All that the narrow phase remembers of a pair, whose algorithm was prefetched itself.
+  /// Prefetches what the narrow phase stores for a pair whose algorithm was already prefetched.
   void prefetch_contacts(btCollisionAlgorithm& algorithm);
 
   bool is_listed_ = false;

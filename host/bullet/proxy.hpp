@@ -8,8 +8,8 @@
 
 namespace broadcl {
 
-/// A proxy, and what the adapter remembers of it: a line of memory in single precision, since what users
-/// write in place is looked for in all of them.
+/// A proxy, and what the adapter stores about it. In single precision this is one cache line, because all
+/// proxies are read to detect what users wrote in place.
 struct alignas(64) Proxy : btBroadphaseProxy {
   Proxy() {
     m_uniqueId = no_id;
@@ -45,12 +45,12 @@ struct Masks {
   return false;
 }
 
-/// Without the fourth component, which Bullet leaves undefined.
+/// Ignores the fourth component, which Bullet leaves undefined.
 [[nodiscard]] inline bool is_same(const btVector3& s, const btVector3& t) noexcept {
   return s.x() == t.x() && s.y() == t.y() && s.z() == t.z();
 }
 
-/// Whether two closed boxes share a point. False as soon as a bound is NaN.
+/// Whether two closed boxes share a point. False if a bound is NaN.
 [[nodiscard]] inline bool overlaps(const btVector3& lower_s, const btVector3& upper_s,
                                    const btVector3& lower_t, const btVector3& upper_t) noexcept {
   for (int axis = 0; axis < 3; ++axis) {
@@ -59,7 +59,7 @@ struct Masks {
   return true;
 }
 
-/// Whether the lower bound is at most the upper one on every axis. A box of which this is not true overlaps
+/// Whether the lower bound is at most the upper one on every axis. A box for which this is false overlaps
 /// nothing.
 [[nodiscard]] inline bool is_proper(const btVector3& lower, const btVector3& upper) noexcept {
   return lower.x() <= upper.x() && lower.y() <= upper.y() && lower.z() <= upper.z();
@@ -69,7 +69,7 @@ struct Masks {
   return is_proper(proxy.m_aabbMin, proxy.m_aabbMax);
 }
 
-/// A proper box as the core has it: rounded outward if Bullet's precision is double.
+/// The core's version of a proper box: rounded outward if Bullet's precision is double.
 [[nodiscard]] inline Aabb proper_box(const btVector3& lower, const btVector3& upper) {
 #ifdef BT_USE_DOUBLE_PRECISION
   return round_outward({lower.x(), lower.y(), lower.z()}, {upper.x(), upper.y(), upper.z()});

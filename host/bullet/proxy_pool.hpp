@@ -14,11 +14,12 @@
 
 namespace broadcl {
 
-/// Proxies by id, and which of them are new or changed since the last calculation. They lie together, so that
-/// looking at all of them is quick, and never move. Beside them lies what was last seen of their masks.
+/// Proxies by id, and which of them are new or changed since the last calculation. They are stored
+/// contiguously in chunks, so that reading all of them is quick, and never move. The last known masks are
+/// stored next to them.
 class ProxyPool {
  public:
-  /// Makes the slots of all ids below n.
+  /// Makes slots for all ids below n.
   void reserve(std::size_t n) {
     while (slots() < n) chunks_.push_back(std::make_unique<Chunk>());
   }
@@ -30,7 +31,7 @@ class ProxyPool {
     return chunks_[id / chunk_size]->seen[id % chunk_size];
   }
 
-  /// Number of slots, free ones too.
+  /// Number of slots, including free ones.
   [[nodiscard]] std::size_t slots() const noexcept { return chunks_.size() * chunk_size; }
 
   template <class Function>
@@ -42,14 +43,14 @@ class ProxyPool {
     }
   }
 
-  /// Calls function(proxy) with each proxy whose masks are not those last seen, which they are from then on.
+  /// Calls function(proxy) with each proxy whose masks have changed since the last call.
   template <class Function>
   void for_each_written(Function&& function) const {
     for (std::size_t c = 0; c < chunks_.size(); ++c) {
       Chunk& chunk = *chunks_[c];
       const Chunk& next = *chunks_[std::min(c + 1, chunks_.size() - 1)];
       for (std::size_t k = 0; k < chunk_size; ++k) {
-        // Processors do not look ahead far enough by themselves.
+        // The processor's own prefetching does not look far enough ahead.
         const Chunk& later = k + ahead < chunk_size ? chunk : next;
         prefetch(&later.proxies[(k + ahead) % chunk_size]);
         if (k % 8 == 0) prefetch(&later.seen[(k + ahead) % chunk_size]);
@@ -65,7 +66,7 @@ class ProxyPool {
     proxy.created = last_renewal_ = next_calculation_;
     mark_changed(proxy);
   }
-  /// Of its box or filter.
+  /// Records that its box or filter changed.
   void mark_changed(Proxy& proxy) noexcept { proxy.changed = last_change_ = next_calculation_; }
   void free(Proxy& proxy) noexcept {
     seen(proxy.id()) = {};
@@ -74,9 +75,9 @@ class ProxyPool {
   }
   void end_calculation() noexcept { ++next_calculation_; }
 
-  /// Whether both proxies live since before the last calculation.
+  /// Whether both proxies already existed at the last calculation.
   [[nodiscard]] bool is_known(const Pair& pair) const { return is_known(pair.a) && is_known(pair.b); }
-  /// Whether all ids stand for the same proxies as at the last calculation.
+  /// Whether all ids belong to the same proxies as at the last calculation.
   [[nodiscard]] bool are_all_known() const noexcept { return last_renewal_ != next_calculation_; }
   [[nodiscard]] bool is_changed(const Pair& pair) const {
     return (*this)[pair.a].changed == next_calculation_ || (*this)[pair.b].changed == next_calculation_;

@@ -20,8 +20,8 @@
 
 namespace broadcl {
 
-/// Finds the pairs of proxies that overlap and whose filters let them pair, with a core that has a copy of
-/// every box and filter.
+/// Finds the pairs of overlapping proxies whose filters allow it, with a core that has a copy of every box
+/// and filter.
 ///
 /// If the device fails, a core on the host takes over for good. If memory is exhausted, the copy may be out
 /// of date; the next find() copies all proxies again.
@@ -34,7 +34,7 @@ class ProxySearch {
 
   /// @param proxy Not in the pool yet.
   /// @returns Its id.
-  /// @throws std::bad_alloc, and nothing has changed.
+  /// @throws std::bad_alloc; then nothing has changed.
   std::uint32_t add(const Proxy& proxy) {
     is_late_ = true;
     return on_core([&] { return core_.add(box_of(proxy), filters_.filter(masks_of(proxy))); });
@@ -45,11 +45,11 @@ class ProxySearch {
     attempt([&] { core_.move(id, box); });
   }
 
-  /// @throws std::bad_alloc if memory is exhausted again and again, and nothing has changed.
+  /// @throws std::bad_alloc if memory is exhausted repeatedly; then nothing has changed.
   void remove(std::uint32_t id) {
     is_late_ = true;
     if (attempt([&] { core_.remove(id); })) return;
-    // It takes memory only while an update is under way, which ends here, even if it fails.
+    // It needs memory only during an update, which this ends, even if it fails.
     attempt([&] { on_core([&] { core_.finish(); }); });
     core_.remove(id);
   }
@@ -68,7 +68,7 @@ class ProxySearch {
     std::optional<std::vector<Pair>> all;  ///< All pairs, if they were asked for or there is no delta.
   };
 
-  /// Pairs as boxes and filters are now; valid until the next call.
+  /// The pairs for the current boxes and filters; valid until the next call.
   /// @throws std::bad_alloc
   Found find(bool all_too) {
     give_filters();
@@ -87,11 +87,11 @@ class ProxySearch {
   /// Whether the cache is to decide about all pairs again.
   [[nodiscard]] bool must_decide_again() const noexcept { return must_decide_again_; }
 
-  /// What was found is in the cache.
+  /// Call this when the cache has what was found.
   void end_calculation() noexcept { is_begun_ = is_lost_ = must_compare_ = must_decide_again_ = false; }
 
-  /// Does something. If memory for it cannot be had, the next find() starts from the proxies.
-  /// @returns Whether it was done.
+  /// Calls a function. If that runs out of memory, the next find() copies all proxies again.
+  /// @returns Whether it succeeded.
   template <class Function>
   bool attempt(const Function& function) {
     try {
@@ -111,7 +111,8 @@ class ProxySearch {
   [[nodiscard]] const BroadPhase& core() const noexcept { return core_; }
 
  private:
-  /// Does something with the core. If its device fails, a core on the host replaces it for good and does it.
+  /// Calls a function that uses the core. If the device fails, a core on the host replaces the core for good,
+  /// and the function is called again.
   template <class Function>
   std::invoke_result_t<Function> on_core(const Function& function) {
     try {
@@ -127,7 +128,8 @@ class ProxySearch {
     return function();
   }
 
-  /// Gives a core all boxes and filters. If that fails, it has the right ids all the same, or is as it was.
+  /// Copies all boxes and filters to a core. If that fails, the core either has the right ids, or is
+  /// unchanged.
   void fill(BroadPhase& core) const {
     std::size_t slots = 0;
     pool_.for_each([&](const Proxy& proxy) { slots = std::size_t{proxy.id()} + 1; });
@@ -148,15 +150,15 @@ class ProxySearch {
   }
 
   /// Does a second update.
-  /// @param first What the first changed.
-  /// @returns What both changed together.
+  /// @param first The changes of the first update.
+  /// @returns The changes of both updates together.
   Delta update_again(const Delta& first) {
     const std::vector<Pair> added(first.added.begin(), first.added.end());
     const std::vector<Pair> removed(first.removed.begin(), first.removed.end());
     const Delta second = core_.update();
     added_ = merge(difference(added, second.removed), second.added);
     removed_ = merge(removed, difference(second.removed, added));
-    // A pair that parted and came back has stayed, unless an id of it was reused.
+    // A pair that was removed and added again has stayed, unless one of its ids was reused.
     std::vector<Pair> back = intersection(added_, removed_);
     std::erase_if(back, [&](const Pair& pair) { return !pool_.is_known(pair); });
     if (!back.empty()) {

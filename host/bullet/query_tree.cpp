@@ -7,10 +7,10 @@
 namespace broadcl {
 namespace {
 
-/// To take a box out of the tree and put it in again costs as much as to scan so many.
+/// Removing a box from the tree and inserting it again costs as much as scanning this many boxes.
 constexpr std::size_t scans_per_update = 50;
 
-/// Passes on what the tree finds.
+/// Passes the leaves that the tree finds to a callback.
 class Report final : public btDbvt::ICollide {
  public:
   explicit Report(btBroadphaseAabbCallback& callback) : callback_(callback) {}

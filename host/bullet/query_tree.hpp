@@ -14,14 +14,14 @@
 
 namespace broadcl {
 
-/// Answers ray and box queries with a tree of the proxies' boxes, which is brought up to date when it is
-/// worth it: a query scans all proxies until the scans of a frame have cost about as much as the tree would.
+/// Answers ray and box queries with a tree of the proxies' boxes, which is updated only if that pays off:
+/// queries scan all proxies until the scans of a frame have cost about as much as an update of the tree.
 ///
-/// Queries may run in several threads at once and from within one another, but not beside the other
-/// functions. Empty boxes are never found. If memory for the tree cannot be had, queries scan.
+/// Queries may run in several threads at the same time, and within one another, but not at the same time as
+/// other functions. Empty boxes are never found. If there is no memory for the tree, queries scan.
 class QueryTree {
  public:
-  /// @param pool Of all proxies; must outlive this object.
+  /// @param pool All proxies; must outlive this object.
   explicit QueryTree(const ProxyPool& pool) : pool_(pool) {}
 
   /// To be called after a proxy was created, destroyed or got another box.
@@ -38,7 +38,7 @@ class QueryTree {
     }
   }
 
-  /// Scans of the last frame no longer count.
+  /// Resets the count of scans.
   void start_frame() noexcept { scanned_ = 0; }
 
   /// As btBroadphaseInterface::rayTest().
@@ -54,10 +54,10 @@ class QueryTree {
     bool is_stale = false;
   };
 
-  /// Counts a query, and updates the tree if it is worth it.
+  /// Counts a query, and updates the tree if that pays off. Returns whether the tree is up to date.
   bool is_current();
   void update();
-  /// Memory is exhausted: the next query starts with an empty tree.
+  /// Discards the tree because memory is exhausted: the next query starts with an empty one.
   void give_up() noexcept {
     tree_.clear();
     nodes_.clear();

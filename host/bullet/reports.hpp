@@ -10,7 +10,7 @@
 
 namespace broadcl {
 
-/// Tells the user what is wrong. Takes no memory for lines of usual length.
+/// Reports errors to the user. Allocates nothing for lines of usual length.
 class Reports {
  public:
   using Handler = std::function<void(const std::string&)>;
@@ -18,7 +18,7 @@ class Reports {
   Reports() { line_.reserve(256); }
   void set_handler(Handler handler) { handler_ = std::move(handler); }
 
-  /// @param parts Of a line.
+  /// @param parts The parts of one line.
   void tell(std::initializer_list<std::string_view> parts) {
     try {
       line_.clear();

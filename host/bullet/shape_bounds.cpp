@@ -15,14 +15,14 @@
 namespace broadcl {
 namespace {
 
-/// A rounded box in a shape's own frame.
+/// A rounded box in the local frame of a shape.
 struct LocalBounds {
   btVector3 centre;
   btVector3 half;
   btScalar radius;
 };
 
-/// Whether an object is of one of these classes, not of one that a user derived from it.
+/// Whether an object is of exactly one of these classes, not of a derived class.
 template <class... Classes>
 bool is_exactly(const btCollisionShape& shape) {
   return ((typeid(shape) == typeid(Classes)) || ...);
@@ -70,7 +70,7 @@ std::optional<LocalBounds> local_bounds_of(const btCollisionShape& shape) {
   }
 }
 
-/// How far from orthonormal axes may be.
+/// How far axes may deviate from orthonormal ones.
 constexpr btScalar tolerance = btScalar(1e-5);
 
 bool are_orthonormal(const std::array<btVector3, 3>& axes) {
@@ -99,7 +99,7 @@ std::optional<ShapeBounds> bounds_of(const btCollisionObject& object, btScalar b
                      .breaking = 0,
                      .error = 0};
   if (!are_orthonormal(bounds.axes)) return std::nullopt;
-  // As btCollisionShape::getAngularMotionDisc() has it.
+  // Computed like btCollisionShape::getAngularMotionDisc().
   const btVector3 edges = local->half + btVector3(local->radius, local->radius, local->radius);
   const btScalar disc = edges.length() + local->centre.length();
   bounds.breaking = breaking * btMax(btScalar(1), disc);

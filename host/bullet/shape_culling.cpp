@@ -29,10 +29,10 @@ bool ShapeCulling::is_idle(const btBroadphasePair& pair) {
   if (s == nullptr) return false;
   const Entry* t = find(*pair.m_pProxy1);
   if (t == nullptr) return false;
-  // Bullet leaves pairs alone that sleep.
+  // Bullet does not process sleeping pairs.
   if ((!s->is_active && !t->is_active) || !are_apart(*s->bounds, *t->bounds, breaking_)) return false;
   for (int k = 0; k < manifolds_.size(); ++k) {
-    // It may be older than the shapes.
+    // The manifold may be older than the shapes.
     if (manifolds_[k]->getContactBreakingThreshold() > largest_breaking(*s->bounds, *t->bounds)) return false;
   }
   return true;

@@ -15,15 +15,15 @@
 
 namespace broadcl {
 
-/// Tells which pairs need no narrow phase, because the shapes of their objects are apart, though their boxes
-/// overlap. Objects are those of one world; others are never apart. It looks at shapes and transforms as they
-/// are in the dispatch, once per object.
+/// Decides which pairs need no narrow phase, because the shapes of their objects are apart, though their
+/// boxes overlap. Only objects of one world are culled. Shapes and transforms are read during the dispatch,
+/// once per object.
 class ShapeCulling {
  public:
   /// @param pool Must outlive this object.
   explicit ShapeCulling(const ProxyPool& pool) : pool_(pool) { manifolds_.reserve(1); }
 
-  /// @param world Must outlive its use here; null to cull nothing.
+  /// @param world Must not be destroyed while this object uses it; null to cull nothing.
   void set_world(const btCollisionWorld* world) {
     world_ = world;
     entries_.clear();
@@ -34,11 +34,11 @@ class ShapeCulling {
     if (id < entries_.size()) entries_[id] = Entry();
   }
 
-  /// Starts anew, since objects may have moved.
-  /// @returns Whether to ask about each pair; false too if there is no memory to do so.
+  /// Starts a dispatch, for which all objects may have moved.
+  /// @returns Whether to call is_idle() for each pair; false also if there is no memory for that.
   bool begin_dispatch() noexcept;
 
-  /// What is_idle() will need of a pair: first what is known of its objects, then the objects.
+  /// Prefetch what is_idle() needs for a pair: first the entries of its objects, then the objects.
   void prefetch_known(const btBroadphasePair& pair) const noexcept {
     for (const btBroadphaseProxy* proxy : {pair.m_pProxy0, pair.m_pProxy1}) {
       const auto id = static_cast<std::uint32_t>(proxy->m_uniqueId);
@@ -54,13 +54,13 @@ class ShapeCulling {
     }
   }
 
-  /// Whether the objects of a pair are apart and no contact of theirs is left.
+  /// Whether the objects of a pair are apart and have no contact left.
   [[nodiscard]] bool is_idle(const btBroadphasePair& pair);
 
  private:
   enum class Owner : std::uint8_t { unknown, world, another };
 
-  /// What is known of a proxy.
+  /// What is known about a proxy.
   struct Entry {
     Owner owner = Owner::unknown;  // of its object
     bool is_active = false;

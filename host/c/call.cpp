@@ -6,7 +6,7 @@
 namespace broadcl::c {
 namespace {
 
-/// The one thing that is neither in an object nor constant.
+/// The only mutable state outside of objects.
 struct LastError {
   std::string text;
   const char* shown = "";

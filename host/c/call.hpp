@@ -15,7 +15,7 @@
 /// size.
 namespace broadcl::c {
 
-/// What BROADCL_INVALID_ARGUMENT stands for.
+/// The exception that becomes BROADCL_INVALID_ARGUMENT.
 class InvalidArgument : public Error {
  public:
   using Error::Error;
@@ -24,7 +24,7 @@ class InvalidArgument : public Error {
 /// Makes this the thread's last error.
 void set_last_error(const char* function, const char* text) noexcept;
 
-/// Does the work of a function. Nothing passes through.
+/// Does the work of a function, and turns every exception into a status.
 template <class Function>
 broadcl_status call(const char* name, const Function& function) noexcept {
   try {
@@ -45,7 +45,7 @@ broadcl_status call(const char* name, const Function& function) noexcept {
   }
 }
 
-/// What a pointer points to, which must not be null.
+/// The target of a pointer, which must not be null.
 template <class T>
 T& required(T* pointer, const char* name) {
   if (pointer == nullptr) throw InvalidArgument(std::string(name) + " is null; it must not be");
@@ -59,7 +59,7 @@ template <class T>
   return {items, count};
 }
 
-/// Refuses sizes that no version of a struct has: it has members after its size, and no gap at its end.
+/// Throws for a size that no version of a struct has: there are members after `size`, and no gap at the end.
 template <class Struct>
 void check_size(const Struct& given, const char* name) {
   if (given.size <= sizeof(std::size_t) || given.size % alignof(Struct) != 0) {
@@ -68,8 +68,8 @@ void check_size(const Struct& given, const char* name) {
   }
 }
 
-/// A struct of the caller, which may be of an earlier version: members that it lacks are 0, the default. Of a
-/// later version it must not use what this library does not know.
+/// A struct of the caller. If it is of an earlier version, the missing members are 0, the default. If it is
+/// of a later version, members that this library does not know must be 0.
 template <class Struct>
 [[nodiscard]] Struct read(const Struct* given, const char* name) {
   static_assert(std::is_trivially_copyable_v<Struct>);
@@ -87,7 +87,7 @@ template <class Struct>
   return result;
 }
 
-/// The same for a struct that may be left out, and is then all default.
+/// The same for an optional struct: if the pointer is null, all members have their defaults.
 template <class Struct>
 [[nodiscard]] Struct read_optional(const Struct* given, const char* name) {
   Struct none{};
@@ -95,14 +95,14 @@ template <class Struct>
   return read(given == nullptr ? &none : given, name);
 }
 
-/// A struct that a function returns through a pointer. Checked before the function does anything, since a
-/// call that fails changes nothing.
+/// A struct that a function returns through a pointer. It is checked before the function does anything, since
+/// a call that fails must change nothing.
 template <class Struct>
 class Out {
  public:
   Out(Struct* to, const char* name) : to_(&required(to, name)) { check_size(*to_, name); }
 
-  /// Fills it as far as the caller's version goes; later members are 0.
+  /// Writes the members of the caller's version; members that are later than this library become 0.
   void write(Struct value) const noexcept {
     const std::size_t size = to_->size;
     value.size = size;

@@ -42,16 +42,16 @@ static_assert(sizeof(broadcl_pair) == sizeof(Pair) && sizeof(broadcl_aabb) == si
 }
 
 /// Pairs of the caller.
-/// @throws InvalidArgument if there are some and the pointer is null.
+/// @throws InvalidArgument if the pointer is null and the count is not 0.
 [[nodiscard]] std::span<const Pair> to_pairs(const broadcl_pair* pairs, std::size_t count, const char* name);
 
-/// @throws InvalidArgument for whatever a BoxView does not take.
+/// @throws InvalidArgument for arguments that BoxView does not accept.
 [[nodiscard]] BoxView to_view(const broadcl_boxes* boxes, const char* name);
 
 /// @throws InvalidArgument
 [[nodiscard]] Config to_config(const broadcl_config* config);
 
-/// Null if the handler is.
+/// Null if the handler is null.
 [[nodiscard]] CompileHandler to_handler(broadcl_compile_handler handler, void* data);
 
 /// A device and the strings about it.
@@ -59,7 +59,7 @@ class DeviceFacts {
  public:
   explicit DeviceFacts(Device device);
   [[nodiscard]] const Device& device() const noexcept { return device_; }
-  /// With strings of this object.
+  /// The strings belong to this object.
   [[nodiscard]] broadcl_device_info info() const noexcept;
 
  private:
