@@ -27,19 +27,19 @@ using namespace mpi;
 
 namespace {
 
-/// Points that each rank gives when regions are cut.
+/// Number of points that each rank contributes when space is divided.
 constexpr std::size_t samples_per_rank = 4096;
 
-/// Regions are cut anew if one has so many times the work of the mean.
+/// Space is divided again if a region has this many times the mean work.
 constexpr double most_imbalance = 1.25;
 
-/// If that does not help, it is tried again after so many updates at most.
+/// If that does not help, it is tried again after at most this many updates.
 constexpr std::size_t most_patience = 1024;
 
-/// Of an update, the steps that set the search up anew included, but for those of the region's broad phase.
+/// Of an update, including those that set up the search again, but without those of the region's broad phase.
 constexpr std::size_t most_stages = 16;
 
-/// What each rank tells all others before an update.
+/// What each rank sends to all others before an update.
 struct Condition {
   std::uint64_t objects;
   std::uint64_t last_objects;  ///< At the last update.
@@ -54,7 +54,7 @@ struct Condition {
 
 class MpiBroadPhase::Impl {
  public:
-  /// Does not communicate, unlike all that follows join().
+  /// Does not communicate.
   Impl(std::size_t rank, std::size_t ranks, const Config& config)
       : workers_(config.threads),
         objects_(workers_),
@@ -67,14 +67,14 @@ class MpiBroadPhase::Impl {
   }
   void join(Ranks&& ranks) noexcept { ranks_.emplace(std::move(ranks)); }
 
-  /// To be changed.
+  /// The objects, to be changed.
   [[nodiscard]] Objects& objects() noexcept {
     objects_.take_back(region_.mapped());
     return objects_;
   }
   [[nodiscard]] std::size_t size() const noexcept { return objects_.size(); }
 
-  /// If the region has boxes of these objects and no others, they are written where it has them.
+  /// If the region's own slots are exactly these objects, their boxes are written directly to the region.
   std::span<Aabb> map(std::size_t n) {
     if (is_lost_ || n > region_.base() || !objects_.can_be_lent(n)) return objects().map(n);
     const std::span<Aabb> boxes = region_.map().first(n);
@@ -140,7 +140,8 @@ class MpiBroadPhase::Impl {
             .is_lost = is_lost_ || objects_.ids() > region_.base()};
   }
 
-  /// If a rank does not know what its region has, all regions get what was there at the last update.
+  /// If the state of a rank's region is unknown, all regions are filled again with the state of the last
+  /// update.
   void prepare(const std::vector<Condition>& conditions) {
     if (std::ranges::none_of(conditions, &Condition::is_lost)) return;
     is_lost_ = true;
@@ -185,8 +186,8 @@ class MpiBroadPhase::Impl {
     return true;
   }
 
-  /// Cuts space into regions of the same work, as far as can be told: boxes and pairs count, and pairs are
-  /// taken to be spread evenly over the boxes of a region.
+  /// Divides space into regions of about the same work, which is the number of boxes and pairs; pairs are
+  /// assumed to be distributed evenly over the boxes of a region.
   void divide(const std::vector<Condition>& conditions) {
     std::vector<Sample> own;
     ranks_->together([&] { own = sample(conditions); });
@@ -210,8 +211,8 @@ class MpiBroadPhase::Impl {
     return sample;
   }
 
-  /// Brings all regions to what is now, from what was at the last update, and finds what changed; or to what
-  /// was at the last update, from nothing.
+  /// Updates all regions, from the state of the last update to the current one, and finds what changed; or
+  /// fills empty regions with the state of the last update.
   MpiDelta step(Routes::To to, bool all) {
     bool is_in_place = false;
     ranks_->together([&] { is_in_place = routes_.route(objects_, next_cuts_, to, all, region_, out_); });

@@ -11,7 +11,7 @@ namespace {
 constexpr float largest = std::numeric_limits<float>::max();
 constexpr float infinity = std::numeric_limits<float>::infinity();
 
-/// The axis along which the points are farthest apart.
+/// The axis along which the points extend farthest.
 std::uint32_t longest_axis(const Sample* begin, const Sample* end) {
   std::uint32_t longest = 0;
   double length = -1;

@@ -12,33 +12,34 @@ namespace broadcl::mpi {
 
 using Point = std::array<float, 3>;
 
-/// A point that stands for work around it.
+/// A point that represents the work around it.
 struct Sample {
   Point point;
   float weight;
 };
 
-/// Space, divided into regions by recursive bisection: each cut gives what is below it to the lower half of
-/// the regions, and the rest to the upper half. So every point, infinite ones included, is in one region.
+/// Space, divided into regions by recursive bisection: for each cut, points below it belong to the lower half
+/// of the regions, all others to the upper half. So every point, including infinite ones, is in exactly one
+/// region.
 class Cuts {
  public:
   /// @param regions At least 1.
-  /// @param sample Changed. Where there is none, cuts are arbitrary.
+  /// @param sample Modified. Where there are no samples, cuts are arbitrary.
   Cuts(std::size_t regions, std::vector<Sample> sample);
 
   [[nodiscard]] std::size_t regions() const noexcept { return regions_; }
 
   [[nodiscard]] std::size_t region_of(const Point& point) const noexcept;
 
-  /// Calls function(region) for each region that a box touches, in ascending order: those that may hold the
-  /// componentwise maximum of its lower corner and that of a box which overlaps it.
+  /// Calls function(region) for each region that a box touches, in ascending order. These are the regions
+  /// that may contain the componentwise maximum of its lower corner and that of an overlapping box.
   /// @param box Neither empty nor with a NaN.
   template <class Function>
   void for_each_touched(const Aabb& box, const Function& function) const {
     touch(0, regions_, box, function);
   }
 
-  /// A region: the points from `lower` on that are below `upper`; an upper bound of infinity is none.
+  /// A region: the points p with lower <= p < upper on each axis; an upper bound of infinity is no limit.
   struct Bounds {
     Point lower;
     Point upper;

@@ -6,7 +6,7 @@ namespace broadcl::mpi {
 namespace {
 
 constexpr std::size_t pairs_per_run = std::size_t{1} << 12U;
-/// If there are many; more of them than one, since a sample is uneven.
+/// More than one, because a sample is uneven.
 constexpr std::size_t samples_per_cut = 8;
 constexpr std::size_t others_per_sample = 256;
 constexpr std::size_t most_samples = 4096;
@@ -51,7 +51,7 @@ std::size_t Merge::begin_merge(std::vector<MpiPair>& memory) {
   return cuts_.size() + 1;
 }
 
-/// So that no part has pairs of more than one sorted list, nor very many others.
+/// Divides the list such that no part has pairs of more than one sorted list, or very many unsorted pairs.
 void Merge::divide() {
   cuts_.clear();
   const std::size_t stride = std::max(others_per_sample, others_count_ / most_samples);
@@ -64,7 +64,7 @@ void Merge::divide() {
   std::ranges::sort(cuts_);
 }
 
-/// Of pairs in order.
+/// The part of a task, of sorted pairs.
 std::span<const MpiPair> Merge::part(std::size_t task, std::span<const MpiPair> pairs) const {
   const auto begin = task == 0 ? pairs.begin() : std::ranges::lower_bound(pairs, cuts_[task - 1]);
   const auto end =

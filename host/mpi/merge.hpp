@@ -10,20 +10,20 @@
 
 namespace broadcl::mpi {
 
-/// Puts pairs in canonical order, of which most are. Several lists may be merged at a time: a step of all of
-/// them, whose tasks may be done at the same time, then the next step.
+/// Merges lists of pairs, most of which are sorted already, into canonical order. Several lists may be merged
+/// together: do the first step of all of them, whose tasks may run at the same time, then the second step.
 class Merge {
  public:
-  /// Begins a new list. What was given to the last one may be gone.
+  /// Begins a new list. The input of the last one is no longer used.
   void clear() noexcept;
-  /// @param pairs In order, after all of those before that were.
+  /// @param pairs Sorted, and greater than all sorted pairs that were given before.
   void take_sorted(std::span<const MpiPair> pairs);
   /// @param pairs In any order.
   void take(std::span<const MpiPair> pairs);
-  /// How many pairs it was given.
+  /// Number of pairs that were given.
   [[nodiscard]] std::size_t size() const noexcept { return sorted_count_ + others_count_; }
 
-  // The first step: those in any order are sorted, in runs.
+  // The first step: unsorted pairs are sorted, in runs.
 
   /// @returns The number of tasks.
   std::size_t begin_sort();
@@ -31,7 +31,7 @@ class Merge {
 
   // The second step: all are merged into one list.
 
-  /// @param memory For the list; grows if need be.
+  /// @param memory For the list; grows if necessary.
   /// @returns The number of tasks.
   std::size_t begin_merge(std::vector<MpiPair>& memory);
   void merge(std::size_t task, std::span<MpiPair> list) const;

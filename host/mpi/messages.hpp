@@ -13,8 +13,8 @@
 
 #include "mpi/ranks.hpp"
 
-/// What ranks send each other in an update. A copy of an object, in a region of another rank, goes by a
-/// number that the object's rank has given it, for that rank.
+/// The messages between ranks in an update. A copy of an object in the region of another rank is identified
+/// by a number, which the object's rank assigns for that other rank.
 namespace broadcl::mpi {
 
 struct Move {
@@ -38,11 +38,11 @@ struct Enter {
 
 struct Leave {
   std::uint32_t copy;
-  Aabb box;  ///< Where it is now: empty if it is no more.
+  Aabb box;  ///< Its current box; empty if it was removed.
   Filter filter;
 };
 
-/// Numbers of elements of a message that consists of two or four arrays, one after the other.
+/// The lengths of the arrays of a message, which has two or four arrays, one after the other.
 template <std::size_t arrays>
 struct Counts {
   std::array<std::uint64_t, arrays> of;
@@ -76,11 +76,11 @@ class Reader {
   bool is_empty_;
 };
 
-/// What one rank tells another about its objects.
+/// A message from a rank to another about its objects.
 struct Tidings {
   std::span<const Move> moves;
   std::span<const Enter> enters;
-  std::span<const Leave> leaves;  ///< Come before the others: a number may be given anew.
+  std::span<const Leave> leaves;  ///< Processed before the others, since a number may be reused.
   std::span<const Refilter> refilters;
 
   explicit Tidings(const Bytes& message) {
@@ -93,7 +93,7 @@ struct Tidings {
   }
 };
 
-/// Changes of pairs, for the rank of their first objects.
+/// A message about changed pairs, for the rank of their first objects.
 struct Changed {
   std::span<const MpiPair> added;
   std::span<const MpiPair> removed;

@@ -31,8 +31,8 @@ void copy_boxes(std::span<const Aabb> from, std::span<Aabb> to, bool nans) {
   }
 }
 
-/// The same for boxes that are not read again soon: if possible past the caches, which would load what is
-/// overwritten first.
+/// The same for boxes that are not read again soon: bypasses the caches, if possible, which would first load
+/// the memory that is overwritten.
 void stream_boxes(std::span<const Aabb> from, std::span<Aabb> to, bool nans) {
   std::size_t copied = 0;
 #if defined(__SSE2__)
@@ -150,7 +150,7 @@ void Objects::commit() noexcept {
   last_size_ = size_;
 }
 
-/// Makes now_ what is now.
+/// Brings now_ up to date.
 void Objects::settle() noexcept {
   if (!is_now_last_) return;
   workers_.for_each_part(ids(), boxes_per_part, [&](std::size_t begin, std::size_t end) {
@@ -178,7 +178,7 @@ void Objects::grow(std::size_t ids) noexcept {
   is_live_.resize(ids, 0);
 }
 
-/// An id gets an object, or loses it.
+/// Records that an id gets an object, or loses it.
 void Objects::give(std::uint32_t id, bool is_live) noexcept {
   is_live_[id] = is_live ? 1 : 0;
   size_ = is_live ? size_ + 1 : size_ - 1;

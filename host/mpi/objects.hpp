@@ -13,13 +13,13 @@
 
 namespace broadcl::mpi {
 
-/// The objects of a rank, as they are now and as they were at the last update. Each function first does what
-/// may throw, and then what cannot.
+/// The objects of a rank, as they are now and as they were at the last update. Each function first does
+/// everything that may throw.
 class Objects {
  public:
   explicit Objects(Workers& workers) : workers_(workers) {}
 
-  // As MpiBroadPhase has them.
+  // Like the functions of MpiBroadPhase.
   std::uint32_t add(const Aabb& box, const Filter& filter);
   void move(std::uint32_t id, const Aabb& box);
   void set_filter(std::uint32_t id, const Filter& filter);
@@ -31,20 +31,20 @@ class Objects {
 
   /// Ids 0 .. ids()-1 have been given to objects. Boxes of ids that are free are empty.
   [[nodiscard]] std::size_t ids() const noexcept { return now_.size(); }
-  /// If they are lent, only those that were kept().
+  /// While the boxes are lent, only those that were passed to keep() are valid.
   [[nodiscard]] std::span<const Aabb> now() const noexcept { return is_now_last_ ? last_ : now_; }
   [[nodiscard]] std::span<const Aabb> last() const noexcept { return last_; }
   [[nodiscard]] const Filter& filter(std::uint32_t id) const noexcept { return filters_[id]; }
   [[nodiscard]] const Filter& last_filter(std::uint32_t id) const noexcept { return last_filters_[id]; }
-  /// Whether some object has had another filter than the default one.
+  /// Whether some object has had a filter other than the default.
   [[nodiscard]] bool any_filters() const noexcept { return any_filters_; }
 
-  /// Since the last commit(); with `all`, every box may be another one. An id whose object is another one is
-  /// recycled.
+  /// The changes since the last commit(). With `all`, every box may have changed. An id that now belongs to
+  /// another object is recycled.
   [[nodiscard]] const ChangeSet& changes() const noexcept { return changes_; }
 
-  // All boxes may be lent: they are in other memory then, where they may be written, until they are taken
-  // back. No other function that changes objects may be called meanwhile.
+  // All boxes may be lent: until they are taken back, they are in other memory, where they may be written. No
+  // other function that changes objects may be called until then.
 
   /// Whether nothing changed, and ids 0 .. n-1 are those of the objects.
   [[nodiscard]] bool can_be_lent(std::size_t n) const noexcept {
@@ -52,14 +52,15 @@ class Objects {
   }
   void lend() noexcept;
   [[nodiscard]] bool are_lent() const noexcept { return are_lent_; }
-  /// A box that is about to be overwritten where it was lent to. Several threads may call it, for other ids.
+  /// Stores a lent box that is about to be overwritten. Several threads may call this at the same time, for
+  /// different ids.
   void keep(std::uint32_t id, const Aabb& box) noexcept { now_[id] = box; }
-  /// What is a NaN where they were lent to has been kept.
+  /// Call this when every box that is a NaN in the other memory has been passed to keep().
   void packed() noexcept { are_packed_ = true; }
   /// No-op if they are not lent.
   void take_back(std::span<const Aabb> boxes) noexcept;
 
-  /// What is now becomes what was at the last update.
+  /// Makes the current state that of the last update.
   void commit() noexcept;
 
  private:
@@ -71,7 +72,7 @@ class Objects {
   void refuse_unknown(std::uint32_t id) const;
 
   Workers& workers_;
-  // By id. The boxes of now_ are as the caller gave them.
+  // By id. The boxes of now_ are those given by the caller.
   std::vector<Aabb> now_, last_;
   std::vector<Filter> filters_, last_filters_;
   std::vector<char> is_live_;

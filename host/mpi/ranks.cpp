@@ -116,7 +116,7 @@ void Ranks::exchange(const std::vector<Bytes>& out, std::vector<Bytes>& in) cons
     }
     requests.reserve(count);
   });
-  // Each rank begins with its neighbour, so that not all send to the same one.
+  // Each rank begins with its neighbour, so that they do not all send to the same rank.
   for (std::size_t step = 1; step < ranks; ++step) {
     const std::size_t source = (self + ranks - step) % ranks;
     for_each_message(sizes[source], [&](std::size_t offset, int bytes) {

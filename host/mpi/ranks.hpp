@@ -18,7 +18,7 @@ namespace broadcl::mpi {
 /// Memory for a message, which grows without being filled.
 class Bytes {
  public:
-  /// What it held is lost.
+  /// The content is lost.
   void resize(std::size_t size) {
     if (size > capacity_) {
       capacity_ = 0;
@@ -38,8 +38,8 @@ class Bytes {
   std::size_t capacity_ = 0;
 };
 
-/// The ranks of a communicator, and what they do together. All of its functions are collective, except
-/// rank() and count().
+/// The ranks of a communicator, and their communication. All functions are collective, except rank() and
+/// count().
 class Ranks {
  public:
   /// @param comm Duplicated.
@@ -54,7 +54,7 @@ class Ranks {
   [[nodiscard]] int rank() const noexcept { return rank_; }
   [[nodiscard]] int count() const noexcept { return count_; }
 
-  /// How many ranks share this one's host, and how many of them come before it.
+  /// How many ranks are on this rank's host, and how many of them precede this rank.
   struct Host {
     int ranks;
     int rank;
@@ -62,7 +62,7 @@ class Ranks {
   [[nodiscard]] Host host() const;
 
   /// Calls a function that does not communicate.
-  /// @throws Error on all ranks if it throws on one: what the lowest such rank says.
+  /// @throws Error on all ranks if the function throws on one; the error is that of the lowest such rank.
   template <class Function>
   void together(const Function& function) const {
     try {
@@ -103,7 +103,7 @@ class Ranks {
     return all;
   }
 
-  /// Sends out[r] to rank r, and receives in[r] from there; but for this rank's own. Any number of bytes.
+  /// Sends out[r] to rank r, and receives in[r] from it, for all r except this rank. Any number of bytes.
   void exchange(const std::vector<Bytes>& out, std::vector<Bytes>& in) const;
 
  private:

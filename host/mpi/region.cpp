@@ -7,7 +7,8 @@
 namespace broadcl::mpi {
 namespace {
 
-/// Of slots for guests that have none: pairs with nothing, and does not keep two sets from being told apart.
+/// The filter of unused slots for guests: they pair with nothing, and do not prevent the detection of two
+/// sets.
 constexpr Filter no_pairs{.group = 0, .mask = 0};
 
 constexpr std::size_t moves_per_part = std::size_t{1} << 14U;
@@ -29,7 +30,7 @@ void Region::clear(std::size_t base) {
   left_.clear();
   pair_count_ = 0;
   any_filters_ = false;
-  // Ids that come one by one must not have all of this done each time.
+  // Grow by a share, so that ids that are added one by one do not cause this each time.
   base_ = base_ == 0 || base <= base_ ? std::max(base, base_) : std::max(base, base_ + base_ / 4 + 64);
   slots_ = base_;
   (void)map();
@@ -88,7 +89,7 @@ void Region::take_enters(std::size_t rank, std::span<const Enter> enters) {
   }
 }
 
-/// More at once than are needed: devices sort anew if the number of slots changes.
+/// Makes more slots than are needed, since devices sort again whenever the number of slots changes.
 void Region::make_guests() {
   const std::size_t before = guests_.id.size();
   const std::size_t count = before + before / 8 + 64;

@@ -16,15 +16,15 @@
 
 namespace broadcl::mpi {
 
-/// What a rank searches: an ordinary broad phase of all objects that touch its region. Its slots 0 ..
-/// base()-1 are for the rank's own objects, by their ids; those after them for guests, copies of objects of
-/// other ranks. All slots always have an object, with an empty box if there is nothing to search.
+/// The search of a rank: an ordinary broad phase of all objects that touch its region. Slots 0 .. base()-1
+/// are for the rank's own objects, by their ids; the following slots are for guests, which are copies of
+/// objects of other ranks. Every slot always has an object; unused ones have an empty box.
 class Region {
  public:
   Region(const Config& config, std::size_t ranks, Workers& workers);
 
   /// Empties all slots.
-  /// @param base At least.
+  /// @param base Lower limit for the new base().
   void clear(std::size_t base);
   [[nodiscard]] std::size_t base() const noexcept { return base_; }
 
@@ -32,19 +32,20 @@ class Region {
 
   /// The packed boxes of all slots, to be written in place until any other function is called.
   [[nodiscard]] std::span<Aabb> map() { return boxes_ = broad_phase_.map_packed(slots_); }
-  /// What map() returned last, where that is now: until the search is over, and if anything fails.
+  /// The boxes that map() last returned, at their current address; valid until the search is over, also if
+  /// something fails.
   [[nodiscard]] std::span<Aabb> mapped() const noexcept { return boxes_; }
   void move(std::uint32_t slot, const Aabb& box) { broad_phase_.move(slot, box); }
   void set_filter(std::uint32_t slot, const Filter& filter);
-  /// Another object takes a slot, with an empty box.
+  /// Gives a slot to another object, with an empty box.
   void replace(std::uint32_t slot, const Filter& filter);
 
   // Guests.
 
-  /// @param in By rank; to stay until the commit().
+  /// @param in By rank; must not change until commit().
   /// @param in_place Whether map() was called for this update.
   void receive(const std::vector<Bytes>& in, bool in_place);
-  /// How many guests there are.
+  /// Number of guests.
   [[nodiscard]] std::size_t guests() const noexcept { return guests_.id.size() - free_.size(); }
   [[nodiscard]] MpiId guest_id(std::size_t guest) const noexcept { return guests_.id[guest]; }
   [[nodiscard]] const Aabb& guest_now(std::size_t guest) const noexcept { return guests_.now[guest]; }
@@ -54,7 +55,7 @@ class Region {
     return guests_.last_filter[guest];
   }
 
-  /// Finds what changed in this broad phase. What the function does goes on at the same time.
+  /// Finds what changed in this broad phase, and calls a function while the device searches.
   template <class Function>
   [[nodiscard]] Delta search(const Function& meanwhile) {
     broad_phase_.begin();
@@ -63,7 +64,7 @@ class Region {
     pair_count_ += delta.added.size() - delta.removed.size();
     return delta;
   }
-  /// What is now becomes what was at the last update.
+  /// Makes the current state that of the last update.
   void commit() noexcept;
 
   [[nodiscard]] std::vector<Pair> pairs() const { return broad_phase_.pairs(); }

@@ -20,7 +20,7 @@ struct Occupant {
   bool is_another;
 };
 
-/// Tells what is reported.
+/// Decides whether a pair is reported.
 class Judge {
  public:
   Judge(std::size_t rank, Report::Of of, const Cuts& cuts, const Objects& objects, const Region& region,
@@ -33,9 +33,8 @@ class Judge {
   [[nodiscard]] bool is_own(std::uint32_t slot) const { return slot < region_.base(); }
 
   [[nodiscard]] bool reports(const Pair& pair) const {
-    // What overlaps a settled object is in this region, where that has always been known, and no other
-    // reports it; what is not in this region does not overlap it.
-    // (Pairs are sorted by b, so what is known of it is at hand.)
+    // A settled object is only in this region, now and before, so this region knows all objects that overlap
+    // it, and no other region reports its pairs. (Pairs are sorted by b, so what is known of it is at hand.)
     if (is_settled(pair.b) || is_settled(pair.a)) return true;
     const Occupant a = occupant(pair.a);
     const Occupant b = occupant(pair.b);

@@ -19,13 +19,13 @@
 
 namespace broadcl::mpi {
 
-/// Tells which changes in a region are changes of pairs, and this region's to report.
+/// Decides which changes in a region are real changes of pairs, and whether this region has to report them.
 ///
-/// A broad phase of a region reports, besides changes of pairs, those of what it knows: objects came and left
-/// that overlap now as they did before. A change is real if the pair, tested again, was one in the last
-/// update and is none now, or the other way round. It is reported by the region that holds the componentwise
-/// maximum of the lower corners of the two boxes, now for a new pair, and at the last update for one that
-/// ends: a point of both boxes, so that this region has both.
+/// The broad phase of a region also reports pairs that did not change, because their objects entered or left
+/// the region. A change is real if, tested again, the pair overlapped in the last update and does not overlap
+/// now, or the other way round. It is reported by the region that contains the componentwise maximum of the
+/// lower corners of the two boxes; for a new pair, the current boxes count, for one that ended, those of the
+/// last update. This point is in both boxes, so that region has both.
 class Report {
  public:
   Report(std::size_t rank, std::size_t ranks, Workers& workers)
@@ -37,22 +37,22 @@ class Report {
     all,  ///< Not changes but all pairs, as of the last update.
   };
 
-  /// Sorts out which of the pairs of a region's broad phase are reported, and to whom.
-  /// @param cuts At the last update, but for pairs that were added.
+  /// Selects the pairs of a region's broad phase that are reported, by rank.
+  /// @param cuts The current ones for added pairs, otherwise those of the last update.
   void sift(std::span<const Pair> pairs, Of of, const Cuts& cuts, const Objects& objects,
             const Region& region, const Routes& routes);
 
-  /// Writes what other ranks must know.
+  /// Writes the messages for other ranks.
   /// @param out By rank.
   void write(std::vector<Bytes>& out) const;
 
-  /// What concerns this rank, in canonical order; all pairs are in `added`.
+  /// The changes for this rank, in canonical order; all pairs, if they were selected, are in `added`.
   /// @param in By rank.
-  /// @param added, removed Memory for the lists, which grows and may be longer than they are.
+  /// @param added, removed Memory for the lists, which grows and may be longer than the lists.
   MpiDelta collect(const std::vector<Bytes>& in, std::vector<MpiPair>& added, std::vector<MpiPair>& removed);
 
  private:
-  /// What one thread finds at a time.
+  /// The results of one task.
   struct Part {
     std::vector<MpiPair> own;                  // of two objects of this rank, in canonical order
     std::vector<std::vector<MpiPair>> others;  // by rank of the first object, in any order

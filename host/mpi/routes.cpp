@@ -14,7 +14,7 @@ namespace broadcl::mpi {
 namespace {
 
 constexpr std::size_t objects_per_part = std::size_t{1} << 14U;
-/// Whose boxes stay in a processor's cache.
+/// So few that their boxes stay in the processor's cache.
 constexpr std::size_t objects_per_block = 1024;
 
 /// Bytes to copy into a message.
@@ -118,7 +118,7 @@ Filter Routes::filter(const Journey& journey, std::uint32_t id) const noexcept {
   return journey.to == To::now ? journey.objects.filter(id) : journey.objects.last_filter(id);
 }
 
-/// The filters of own objects in the region.
+/// Sets the filters of this rank's own objects in the region.
 void Routes::filter_own(const Journey& journey, Region& region) {
   const Objects& objects = journey.objects;
   if (!objects.any_filters()) return;
@@ -129,7 +129,7 @@ void Routes::filter_own(const Journey& journey, Region& region) {
   }
 }
 
-/// Objects whose id another one has now, or none, leave all regions.
+/// Makes objects whose id now belongs to another object, or to none, leave all regions.
 void Routes::end_replaced(const Journey& journey, Region& region) {
   if (journey.to == To::last) return;
   for (const std::uint32_t id : journey.objects.changes().recycled()) {
@@ -223,7 +223,7 @@ void Routes::route_one(const Journey& journey, std::uint32_t id, Region& region,
   }
 }
 
-/// Lists the regions that a box touches, but for this rank's, and returns whether it touches that.
+/// Lists the regions that a box touches, except this rank's region, and returns whether it touches that one.
 bool Routes::touch(const Journey& journey, const Aabb& box, std::vector<std::uint32_t>& others) const {
   bool is_here = false;
   journey.cuts.for_each_touched(box, [&](std::size_t region) {
@@ -236,7 +236,7 @@ bool Routes::touch(const Journey& journey, const Aabb& box, std::vector<std::uin
   return is_here;
 }
 
-/// Brings a copy that stays up to date.
+/// Updates a copy that stays.
 void Routes::keep_up(const Journey& journey, std::uint32_t id, const Copy& copy, Part& part) const {
   const Aabb& box = journey.boxes[id];
   if (!same_bits(box, journey.objects.last()[id])) {
@@ -248,7 +248,7 @@ void Routes::keep_up(const Journey& journey, std::uint32_t id, const Copy& copy,
   }
 }
 
-/// Makes and ends copies of an object.
+/// Creates and removes copies of an object.
 void Routes::reroute(const Journey& journey, std::uint32_t id, Part& part) {
   const Aabb& box = journey.boxes[id];
   part.touched.clear();

@@ -17,12 +17,12 @@
 
 namespace broadcl::mpi {
 
-/// Which regions have copies of the objects of a rank, and what must be sent so that the right ones have.
+/// Records which regions have copies of the objects of a rank, and determines what to send when that changes.
 class Routes {
  public:
   Routes(std::size_t rank, std::size_t ranks, Workers& workers);
 
-  /// No region has any.
+  /// Forgets all copies.
   void clear() noexcept;
 
   enum class To {
@@ -30,25 +30,25 @@ class Routes {
     last,  ///< From nothing to what was at the last update.
   };
 
-  /// Brings this rank's own region up to date, and writes what other ranks must know. Undone by clear() only.
-  /// @param objects If their boxes are lent, then to the region.
-  /// @param all Whether any object may be in another region, not only those that changed.
+  /// Updates this rank's own region, and writes the messages for other ranks. Can only be undone by clear().
+  /// @param objects If their boxes are lent, they must be lent to the region.
+  /// @param all Whether any object may have to change its region, not only those that changed.
   /// @param out By rank.
   /// @returns Whether the region's boxes were written in place.
   /// @throws Error for a NaN bound.
   bool route(Objects& objects, const Cuts& cuts, To to, bool all, Region& region, std::vector<Bytes>& out);
   void commit() noexcept;
 
-  /// Writes the boxes of those of this rank's objects that its region does not have, as of the last update.
+  /// Writes the boxes of the objects that are not in this rank's own region, as of the last update.
   void write_absent(std::span<const Aabb> boxes, std::span<Aabb> to);
 
-  /// Whether an object is in this rank's region, and was at the last update, and in no other.
+  /// Whether an object is, and was at the last update, in this rank's region and in no other.
   [[nodiscard]] bool is_settled(std::uint32_t id) const noexcept {
     return where_[id] == here && (next_[id] & ~another) == here;
   }
-  /// Whether the object with this id is not the one of the last update.
+  /// Whether this id belongs to another object than at the last update.
   [[nodiscard]] bool is_another(std::uint32_t id) const noexcept { return (next_[id] & another) != 0; }
-  /// How many objects are in this rank's region.
+  /// Number of objects in this rank's region.
   [[nodiscard]] std::size_t here_count() const noexcept { return here_count_; }
 
  private:
@@ -57,7 +57,7 @@ class Routes {
   static constexpr std::uint8_t elsewhere = 2;  // in others
   static constexpr std::uint8_t another = 4;    // the object is another one than at the last update
 
-  /// A copy in a region of another rank. Those of an object are a list, by rank.
+  /// A copy in the region of another rank. The copies of an object form a list, by rank.
   struct Copy {
     std::uint32_t rank;
     std::uint32_t number;
@@ -65,22 +65,22 @@ class Routes {
   };
   static constexpr std::uint32_t none = 0xffffffff;
 
-  /// What one thread does at a time.
+  /// The results of one task.
   struct Part {
     std::vector<std::vector<Move>> moves;          // by rank
     std::vector<std::vector<Refilter>> refilters;  // by rank
-    std::vector<std::uint32_t> rerouted;           // objects that other regions than before have
-    std::vector<std::uint32_t> altered;            // those whose next_ is not their where_
-    std::vector<std::uint32_t> touched;            // of one object
-    std::vector<std::uint32_t> leaving;            // of one block of objects: those that may be elsewhere
-    std::ptrdiff_t here_count = 0;                 // what is added to it
+    std::vector<std::uint32_t> rerouted;           // objects whose regions changed
+    std::vector<std::uint32_t> altered;            // objects whose next_ differs from where_
+    std::vector<std::uint32_t> touched;            // the regions of one object
+    std::vector<std::uint32_t> leaving;            // objects of one block that may be in other regions
+    std::ptrdiff_t here_count = 0;                 // added to Routes::here_count_
     std::optional<std::uint32_t> nan;              // an object with a NaN bound
     std::exception_ptr failure;
 
     void clear() noexcept;
   };
 
-  /// What route() was called with.
+  /// The arguments of route().
   struct Journey {
     Objects& objects;
     const Cuts& cuts;

@@ -11,12 +11,12 @@
 
 namespace broadcl::mpi {
 
-/// Threads that wait for work: several times per update, for which starting threads takes too long.
-/// One thread at a time may use an object, but for the work itself.
+/// Threads that wait for work. Work comes several times per update, and starting threads each time would take
+/// too long. Only one thread at a time may call functions of an object.
 class Workers {
  public:
-  /// @param threads That work at a time, the caller's included. They are started when they are needed, fewer
-  /// if the system gives no more.
+  /// @param threads Number of threads, including the caller's. They are started when they are first needed;
+  /// fewer if the system cannot start more.
   explicit Workers(std::size_t threads) : threads_(threads) {}
   ~Workers();
   Workers(const Workers&) = delete;
@@ -27,7 +27,7 @@ class Workers {
   [[nodiscard]] std::size_t threads() const noexcept { return threads_; }
 
   /// Calls function(k) once for each k < n; if that is more than one, on all threads.
-  /// @throws What the function throws, and nothing else; the other calls are over then, or were left out.
+  /// @throws What the function throws, and nothing else; the other calls have then returned or were not made.
   template <class Function>
   void for_each(std::size_t n, const Function& function) {
     if (n <= 1 || threads_ <= 1) {
@@ -37,7 +37,7 @@ class Workers {
     run(n, std::cref(function));
   }
 
-  /// Calls function(begin, end) for parts of 0 .. n-1 that together are all of it.
+  /// Splits 0 .. n-1 into parts and calls function(begin, end) for each.
   template <class Function>
   void for_each_part(std::size_t n, std::size_t part, const Function& function) {
     for_each((n + part - 1) / part, [&](std::size_t k) { function(k * part, std::min(n, (k + 1) * part)); });
