@@ -1,4 +1,4 @@
-/* Boxes as the host packs them: six floats, lower x y z, upper x y z. */
+/* Packed boxes, as the host makes them: six floats, lower x y z, upper x y z. */
 #ifndef BROADCL_AABB_H
 #define BROADCL_AABB_H
 
@@ -11,7 +11,7 @@
 /* Whether s <= t, which is false for a NaN: 0 or 1. */
 #if FLUSHES
 static inline int not_above(const float s, const float t) {
-  /* As integers in the same order, of which those beyond the infinities are NaNs. */
+  /* Floats as integers in the same order; integers beyond the infinities are NaNs. */
   const int x = as_int(s) < 0 ? INT_MIN - as_int(s) : as_int(s);
   const int y = as_int(t) < 0 ? INT_MIN - as_int(t) : as_int(t);
   return (x <= y) & (x >= -as_int(INFINITY)) & (y <= as_int(INFINITY));
@@ -21,7 +21,7 @@ static inline int not_above(const float s, const float t) {
 #define NOT_ABOVE(s, t) ((s) <= (t))
 #endif
 
-/* Whether boxes s and t overlap: closed, so touching counts, and false as soon as a bound is NaN. It is 0 or 1. */
+/* Whether the closed boxes s and t overlap: 0 or 1. Touching counts; 0 if a bound is NaN. */
 #define AABB_OVERLAPS(s_lower_x, s_lower_y, s_lower_z, s_upper_x, s_upper_y, s_upper_z, t_lower_x, t_lower_y,         \
                       t_lower_z, t_upper_x, t_upper_y, t_upper_z)                                                     \
   AABB_OVERLAPS_BY(NOT_ABOVE, s_lower_x, s_lower_y, s_lower_z, s_upper_x, s_upper_y, s_upper_z, t_lower_x, t_lower_y, \
@@ -36,8 +36,7 @@ typedef struct {
   float bound[AABB_FLOATS];
 } box_t;
 
-/* (Not returned as a value: Oclgrind 21.10 does not support what its compiler makes of that in a function that was
-   inlined twice.) */
+/* (Not returned as a value: Oclgrind 21.10 does not support the resulting code if the function is inlined twice.) */
 static inline void load_box(box_t* box, global const float* boxes, const uint slot) {
   global const float2* p = (global const float2*)(boxes + (size_t)slot * AABB_FLOATS);
   for (uint i = 0; i < AABB_FLOATS / 2U; ++i) {

@@ -1,4 +1,4 @@
-/* Whether the device's numbers are those of IEEE 754, as far as the other kernels rely on it. */
+/* Tests whether the device follows IEEE 754 as far as the other kernels rely on it. */
 
 #define HAS_DENORMALS 1U
 #define HAS_ZEROS 2U
@@ -6,8 +6,8 @@
 #define HAS_NANS 8U
 #define HAS_SIGNS 16U
 
-/* `numbers` are 0, -0, two denormal numbers, 1, the greatest number, infinity and NaN: unknown to the compiler. Adds
-   one bit to `result` for each that is as it should be. */
+/* `numbers` are 0, -0, two denormal numbers, 1, the greatest number, infinity and NaN, as arguments so that the
+   compiler does not know them. Sets one bit of `result` for each test that succeeds. */
 kernel void arithmetic(global const float* restrict numbers, global uint* restrict result) {
   const float zero = numbers[0];
   const float negative_zero = numbers[1];

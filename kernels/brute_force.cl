@@ -1,14 +1,14 @@
-/* Brute force: tests every pair of boxes of which one changed, and appends to a list, in no particular order, those
-   that overlap and that their filters let pair, unless they did so in the last frame.
+/* Brute force: tests every pair in which a box changed. Pairs that overlap and whose filters allow it are appended to a
+   list, in no particular order, unless they were pairs in the last frame.
 
    A work-item holds WIDTH boxes `a` in registers and walks down rows. Each row is a box `b`, the same for the whole
-   work-group. Hits are collected in local memory; a work-group reserves its part of the list with one atomic. If
-   local memory was too small, the work-group walks again and writes to its part directly.
+   work-group. Hits are collected in local memory; a work-group reserves its part of the list with one atomic. If local
+   memory was too small, the work-group walks again and writes to its part directly.
 
-   A GPU does not compare bounds, it subtracts them: boxes overlap if none of six differences is negative. Additions
-   and the merging of signs run on different units, which share the work that comparisons would give to one of them.
-   Bounds are made finite for that, and zeros positive, so that differences have the right sign; hits are tested
-   again with the original bounds. */
+   On a GPU, bounds are subtracted instead of compared: boxes overlap if none of six differences is negative.
+   Subtractions and the merging of signs run on different units, which share the work; comparisons would all run on one
+   of them. For this, bounds are made finite and zeros positive, so that differences have the right sign; hits are
+   tested again with the original bounds. */
 
 #include "aabb.h"
 #include "delta.h"
@@ -59,8 +59,8 @@ static inline INTS test_boxes(const boxes_t* s, const row_t t) {
 }
 
 #if GROUP > 1
-/* Bounds without infinities and negative zeros; boxes that overlap still do. (Zeros by their bits, since compilers drop
-   the addition of 0.) */
+/* Bounds without infinities and negative zeros; boxes that overlap still overlap. (Zeros are changed by their bits,
+   since compilers remove the addition of 0.) */
 static inline float finite(const float bound) {
   const float f = fmin(fmax(bound, -FLT_MAX), FLT_MAX);
   return as_uint(f) == 0x80000000U ? 0.0F : f;
@@ -92,7 +92,7 @@ static inline may_t may_overlap(const boxes_t* s, const row_t t) {
   return ~and_lanes(apart);
 }
 
-/* As lanes: finite bounds overlap, which may be more. */
+/* Lanes: whether the finite bounds overlap, which more boxes may do. */
 #define LANES(may, s, t) test_boxes(s, t)
 
 static inline bool overlap(global const float* boxes, const uint a, const uint b) {
@@ -110,9 +110,9 @@ typedef INTS may_t;
 #define LANES(may, s, t) (may)
 #endif
 
-/* Work-items of dimension 0 stand for WIDTH boxes `a` each, those of dimension 1 for a run of `rows` rows each, from
-   `first_run` on. If row_count is n, every slot is a row and pairs are tested with a < b; otherwise the rows are the
-   slots that changed. `keeps` says whether to keep the pairs of the last frame besides. */
+/* A work-item has WIDTH boxes `a`, by its index in dimension 0, and a run of `rows` rows, from `first_run` on, by its
+   index in dimension 1. If row_count is n, every slot is a row and pairs are tested with a < b; otherwise the rows are
+   the slots that changed. `keeps` says whether to do the work of delta.cl as well. */
 kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void brute_force(
     const uint n, const uint row_count, const uint rows, const uint first_run, global const float* restrict boxes,
     global const uint* restrict changed, global const uint* restrict changed_stamps,

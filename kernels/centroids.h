@@ -9,7 +9,7 @@
 #define WORLDS 0 /* 1 if objects are in different worlds, whose bounds are kept apart */
 #endif
 
-/* Where the bounds of a world are kept: worlds may share a place, except with objects of all worlds. `buckets` is
+/* The bucket with the bounds of a world. Worlds may share a bucket, but not with objects of all worlds. `buckets` is
    2^k + 1. */
 static inline uint bucket_of_world(const uint world, const uint buckets) {
   return world == ALL_WORLDS ? buckets - 1U : world & (buckets - 2U);
@@ -24,7 +24,7 @@ static inline float from_ordered(const uint word) {
   return as_float((word >> 31) != 0U ? word & 0x7fffffffU : ~word);
 }
 
-/* The centroid of a box; NaN if that makes no sense. */
+/* The centroid of a box; NaN if there is none. */
 static inline float3 centroid(global const float* box) {
   const float3 sum = vload3(0, box) * 0.5F + vload3(1, box) * 0.5F;
   return all(fabs(sum) < 1e30F) != 0 ? sum : (float3)(NAN);

@@ -1,4 +1,4 @@
-/* Brings the device's copy of the objects up to date. */
+/* Updates the device's copy of the objects. */
 
 #include "aabb.h"
 #include "gather.h"
@@ -13,8 +13,8 @@ kernel void copy_boxes(const uint count, global const uint* restrict slots, glob
   for (uint i = 0; i < AABB_FLOATS; ++i) to[first + i] = from[first + i];
 }
 
-/* Applies changes, one work-item per change. `changes` has one word per change, slot << 1 | recycled, followed by
-   the boxes; unless all boxes were uploaded at once: then `boxes` and `changed` are null and only stamps are set. */
+/* Applies changes, one work-item per change. `changes` has one word per change, slot << 1 | recycled, followed by the
+   boxes. If all boxes were uploaded at once, `boxes` and `changed` are null and only stamps are set. */
 kernel void apply_changes(const uint count, global const uint* restrict changes, const uint stamp,
                           global uint* restrict boxes, global uint* restrict stamps, global uint* restrict changed) {
   const uint k = (uint)get_global_id(0);

@@ -1,4 +1,4 @@
-/* Keeps the pairs of the last frame that still are pairs, and collects the others: keep.h. */
+/* Keeps the pairs of the last frame that are still pairs, and collects the others: keep.h. */
 
 #include "keep.h"
 
@@ -25,7 +25,7 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void delta_keep(
   uint removed_count = 0;
   for (uint k = first; k < end; ++k) {
     const uint2 pair = last_pair(last, last_capacity, k, last_kept);
-    /* (By a branch: what Oclgrind 21.10 makes of such a condition as a number is not always 1.) */
+    /* (A branch, because in Oclgrind 21.10 such a condition, used as a number, is not always 1.) */
     if (is_kept(pair, slots, boxes, keep_filters, keep_exclusions, keep_all, stamp, keep_stamps)) {
       kept[k - first] = 1;
       ++kept_count;

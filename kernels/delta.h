@@ -1,12 +1,12 @@
 /* The list to which a kernel appends the pairs that it finds, in no particular order.
 
-   The boxes and filters of the last frame are still available: two objects were a pair then if those boxes overlap
-   and those filters let them pair. So only new pairs are appended, from the end of the list on backwards. What is kept
-   of the last frame's pairs comes from its beginning on: by delta.cl, before kernels append, or by those kernels
-   themselves, which is a launch less.
+   The boxes and filters of the last frame are still available: two objects were a pair then if those boxes overlap and
+   those filters let them pair. So only new pairs are appended, from the end of the list backwards. The pairs that stay
+   from the last frame are written from the beginning: by delta.cl, before other kernels append, or by these kernels
+   themselves, which saves a launch.
 
-   All pairs are counted, but only those that fit are appended: if there are more, the host makes the list larger and
-   runs the frame again. Nothing of the last frame is overwritten. */
+   All pairs are counted, but only those that fit are appended; if there are more, the host enlarges the list and runs
+   the frame again. Nothing of the last frame is overwritten. */
 #ifndef BROADCL_DELTA_H
 #define BROADCL_DELTA_H
 
@@ -14,7 +14,7 @@
 #include "filter.h"
 #include "stamp.h"
 
-/* What is counted, as uints. The number of added pairs has 64 bits in two: no 64-bit atomics are needed. */
+/* The counts, as uints. The number of added pairs has 64 bits in two uints, so no 64-bit atomics are needed. */
 #define COUNT_KEPT 0
 #define COUNT_REMOVED 1
 #define COUNT_ADDED 2
@@ -23,7 +23,8 @@
 #define COUNT_UNORDERED 5     /* not 0 if order.cl leaves the changes to the host */
 #define COUNT_INVALID 6       /* boxes with a NaN bound, if boxes are gathered on the device */
 #define COUNT_INVALID_FIRST 7 /* UINT_MAX minus the index of the first of them */
-/* What is known of the frames before, so that frames can follow each other without the host: order.cl passes it on. */
+/* What a frame must know about earlier ones, so that frames can follow each other without the host: order.cl passes it
+   on. */
 #define COUNT_LAST_KEPT 8  /* pairs at the beginning of the last complete frame's list */
 #define COUNT_LAST_ADDED 9 /* and at its end */
 #define COUNT_LAST_TAG 10  /* what the host said of it */
@@ -36,7 +37,7 @@ typedef struct {
   global uint2* pairs;                 /* the list of this frame */
   global const float* last_boxes;      /* of the last frame */
   uint last_slots;                     /* boxes of the last frame */
-  global const uint4* last_filters;    /* of the last frame; null if they separated no objects that may pair now */
+  global const uint4* last_filters;    /* of the last frame; null if they forbade no pair that is allowed now */
   global const uint2* last_exclusions; /* likewise */
   uint stamp;                          /* of this frame */
   global const uint* stamps;           /* one word per slot: stamp.h; null if no object was replaced */
@@ -55,7 +56,7 @@ static inline uint last_found(global const uint* counts) {
   return counts[COUNT_LAST_KEPT] + counts[COUNT_LAST_ADDED];
 }
 
-/* The box that a slot's object had in the last frame; an empty one if it was not there. */
+/* The box of a slot's object in the last frame; empty if the object did not exist. */
 static inline void load_last_box(box_t* box, const pair_sink_t* sink, const uint slot) {
   const bool was_there =
       slot < sink->last_slots && (sink->stamps == 0 || !is_recycled(sink->stamps[slot], sink->stamp));
@@ -80,8 +81,8 @@ static inline bool was_in_last_frame(const pair_sink_t* sink, const uint2 pair) 
   return boxes_overlap(&s, &t) && could_pair(sink, pair);
 }
 
-/* Reserves indices for `total` pairs; returns the first. (If there are too many pairs for 32 bits, indices come a
-   second time, but then the frame is run again or fails, whatever its list holds.) */
+/* Reserves indices for `total` pairs; returns the first. (If there are too many pairs for 32 bits, indices repeat; but
+   then the frame runs again or fails, and its list is not used.) */
 static inline uint reserve_pairs(const pair_sink_t* sink, const uint total) {
   const uint base = atomic_add(&sink->counts[COUNT_ADDED], total);
   if (base + total < base) atomic_inc(&sink->counts[COUNT_ADDED_HIGH]);
@@ -93,12 +94,12 @@ static inline void append_pair(const pair_sink_t* sink, const uint base, const u
   if (base + k < sink->capacity) sink->pairs[sink->capacity - 1U - (base + k)] = pair;
 }
 
-/* Whether an earlier frame was not complete. */
+/* Whether an earlier frame was incomplete. */
 static inline bool is_halted(global const uint* counts) {
   return counts[COUNT_HALTED] != 0U;
 }
 
-/* Whether there was room for every pair found. (If not, those from the end met those from the beginning.) */
+/* Whether every pair found fitted. (If not, the pairs written from the end ran into those from the beginning.) */
 static inline bool all_fit(global const uint* counts, const uint capacity) {
   return counts[COUNT_KEPT] <= capacity && counts[COUNT_ADDED] <= capacity - counts[COUNT_KEPT] &&
          counts[COUNT_ADDED_HIGH] == 0U;

@@ -1,4 +1,5 @@
-/* The kernels that surround any search, in one program, as in tiles.cl: the objects, what stays, and what changed. */
+/* All kernels that are used with any search, in one program, for the reason in tiles.cl: they update objects, keep
+   pairs, and sort changes. */
 
 #include "changes.cl"
 #include "delta.cl"

@@ -1,4 +1,4 @@
-/* Filters as the host packs them: group, mask, body, world. */
+/* Filters, as the host stores them: group, mask, body, world. */
 #ifndef BROADCL_FILTER_H
 #define BROADCL_FILTER_H
 
@@ -10,10 +10,10 @@ static inline bool worlds_meet(const uint s, const uint t) {
   return s == t || s == ALL_WORLDS || t == ALL_WORLDS;
 }
 
-/* Worlds as intervals, which overlap if objects may pair: those of an object, and of nothing. If `sets` is 1, the
-   lowest bit of the group parts the objects of each world into two sets, of which only one object of each may pair:
-   then intervals overlap those that tiles_search.cl makes of them to look for the other set. Otherwise it is 0. (Worlds
-   that share a number here are told apart by may_pair().) */
+/* Worlds as intervals, which overlap if objects may pair: the interval of an object, and that of nothing. If `sets` is
+   1, the lowest bit of the group divides the objects of each world into two sets, and only pairs of one object of each
+   are sought: an interval then has to overlap the interval of the other set, which tiles_search.cl computes. Otherwise
+   `sets` is 0. (Worlds that have the same number here are distinguished by may_pair().) */
 static inline uint first_world(const uint4 filter, const uint sets) {
   if (filter.w == ALL_WORLDS) return 0;
   return sets == 0U ? filter.w : min(filter.w, 0x7ffffffeU) << 1 | (sets & ~filter.x);
@@ -29,7 +29,8 @@ static inline bool may_pair(const uint4 s, const uint4 t) {
   return (s.x & t.y) != 0U && (t.x & s.y) != 0U && worlds_meet(s.w, t.w) && (s.z != t.z || s.z == NO_BODY);
 }
 
-/* Whether a pair is in a list of exclusions: their number, then pairs in canonical order. Null if there are none. */
+/* Whether a pair is in a list of exclusions: the list has their number, then pairs in canonical order. Null if there
+   are none. */
 static inline bool is_excluded(const uint2 pair, global const uint2* exclusions) {
   if (exclusions == 0) return false;
   uint begin = 1;

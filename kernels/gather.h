@@ -1,22 +1,22 @@
-/* Objects of the caller, in his layout. */
+/* Objects of the caller, in the caller's layout. */
 #ifndef BROADCL_GATHER_H
 #define BROADCL_GATHER_H
 
 #include "aabb.h"
 #include "delta.h"
 
-/* Boxes, of which the first one begins at `offset` and each other `stride` floats after the one before, and filters,
-   which are null if there are none; where to copy both; and where to count. If there are two sets, objects from
-   `first_count` on are of the second one, and the sets determine the groups and masks. */
+/* Boxes, the first of which begins at `offset` and each further one `stride` floats later; filters, null if there are
+   none; where to copy both; and where to count. If there are two sets, objects from `first_count` on belong to the
+   second set, and the sets determine the groups and masks. */
 #define GATHER_PARAMETERS GATHER_PARAMETERS_OF(restrict)
-/* (Without `restrict` in functions: what its inlining leaves behind is unknown to Oclgrind 21.10.) */
+/* (No `restrict` in functions: Oclgrind 21.10 does not know what remains of it after inlining.) */
 #define GATHER_PARAMETERS_OF(restrict_)                                                                   \
   global const float *restrict_ source, const ulong offset, const ulong stride, const uint first_count,   \
       global const float *restrict_ second, const ulong second_offset, const ulong second_stride,         \
       global const uint4 *restrict_ source_filters, global float *restrict_ boxes, global uint4 *filters, \
       global uint *restrict_ counts
 
-/* Copies object k. Its box becomes NaNs if it is empty, as the host packs it; one with a NaN bound is counted. */
+/* Copies object k. An empty box becomes NaNs, as in packed boxes; a box with a NaN bound is counted. */
 static inline void gather_object(box_t* box, const uint k, GATHER_PARAMETERS_OF()) {
   make_empty(box);
   if (is_halted(counts)) return;

@@ -33,7 +33,7 @@ typedef int4 word_t;
 #define PACK(bits) ((bits).s048c | (bits).s159d | (bits).s26ae | (bits).s37bf)
 #endif
 
-/* Clears the lanes of pairs (a, b), (a + 1, b), ... that their filters do not let pair. */
+/* Clears the lanes of those pairs (a, b), (a + 1, b), ... whose filters do not allow it. */
 INTS filter_lanes(const INTS lanes, global const uint4* restrict filters, const uint a, const uint b) {
   if (!any(lanes)) return lanes;
   const uint4 filter = filters[b];
@@ -42,8 +42,8 @@ INTS filter_lanes(const INTS lanes, global const uint4* restrict filters, const 
   return select((INTS)(0), lanes, ((INTS)((int)allowed) & LANE_BITS) != 0);
 }
 
-/* A seam: pairs from the end of row b - 1 on, through the starts of row b and perhaps of rows after it. Bytes past the
-   last row n - 1 become 0. */
+/* A seam: the last pairs of row b - 1, then the first pairs of row b, and perhaps of later rows. Bytes after the last
+   row n - 1 become 0. */
 void test_seam(const uint b, const uint n, global const float* restrict boxes, global const uint4* restrict filters,
                global uint* restrict words) {
   const ulong seam = row_start(b) - row_start(b) % WIDTH;
@@ -77,9 +77,8 @@ kernel void gpu_bf_exclude(const uint count, const uint n, global const uint2* r
   if (pair.y < n) bytes[row_start(pair.y) + pair.x] = 0;
 }
 
-/* Work-items of dimension 0 stand for the words of a row. Those of dimension 1, from `first` on, stand for a class of
-   rows (b modulo PERIOD) and a chunk of `rows` rows of that class; from PERIOD * chunks on for seams, n work-items in
-   all. */
+/* The index in dimension 0 is a word of a row. The index in dimension 1, from `first` on, is a class of rows (b modulo
+   PERIOD) and a chunk of `rows` rows of that class; from PERIOD * chunks on, it is a seam, for n work-items in all. */
 kernel void gpu_bf(const uint n, const uint rows, const uint chunks, const uint first,
                    global const float* restrict boxes, global const uint4* restrict filters,
                    global word_t* restrict words) {

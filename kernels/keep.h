@@ -1,15 +1,15 @@
-/* Which pairs of the last frame are left in this one: delta.h describes the lists. */
+/* Which pairs of the last frame stay in this one: delta.h describes the lists. */
 #ifndef BROADCL_KEEP_H
 #define BROADCL_KEEP_H
 
 #include "delta.h"
 #include "inline.h"
 
-/* The list of the last frame and where to put what is removed from it. Filters are null if they separate no pair of
-   it, and exclusions if they have none of it. `keep_all` says whether all slots count as changed; if not, stamps tell
-   which did. */
+/* The list of the last frame, and where to put the pairs that are removed from it. Filters and exclusions are null if
+   they forbid no pair of the list. `keep_all` says whether all slots count as changed; if not, stamps tell which did.
+   */
 #define KEEP_PARAMETERS KEEP_PARAMETERS_OF(restrict)
-/* (Without `restrict` in functions: what its inlining leaves behind is unknown to Oclgrind 21.10.) */
+/* (No `restrict` in functions: Oclgrind 21.10 does not know what remains of it after inlining.) */
 #define KEEP_PARAMETERS_OF(restrict_)                                                                                 \
   global const uint2 *restrict_ last, const uint last_capacity, global uint2 *restrict_ removed,                      \
       global const uint4 *restrict_ keep_filters, global const uint2 *restrict_ keep_exclusions, const uint keep_all, \
@@ -39,8 +39,8 @@ static inline bool is_kept(const uint2 pair, const uint slots, global const floa
   return boxes_overlap(&s, &t) && (filters == 0 || may_pair(filters[pair.x], filters[pair.y]));
 }
 
-/* Keeps the pairs of the last frame that still are pairs, and collects the others. All work-items of a work-group of
-   `size` must call it; those of all work-groups, of which this is number `group` of `groups`, share the work. */
+/* Keeps the pairs of the last frame that are still pairs, and collects the others. All `size` work-items of a
+   work-group must call it; the work is shared by `groups` work-groups, of which this is number `group`. */
 INLINE void keep_pairs(KEEP_PARAMETERS_OF(), const uint slots, global const float* boxes, const uint stamp,
                        const uint capacity, global uint2* pairs, global uint* counts, const uint group,
                        const uint groups, const uint size, local uint* totals) {

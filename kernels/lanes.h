@@ -15,19 +15,19 @@
 #define AS_INTS PASTE(as_int, WIDTH)
 #define AS_FLOATS PASTE(as_float, WIDTH)
 
-/* The same bound of WIDTH boxes that follow each other. */
+/* The same bound of WIDTH consecutive boxes. */
 #define BOUNDS_4(p) (p)[0], (p)[6], (p)[12], (p)[18]
 #define BOUNDS_8(p) BOUNDS_4(p), BOUNDS_4((p) + 24)
 #define BOUNDS_16(p) BOUNDS_8(p), BOUNDS_8((p) + 48)
 #define BOUNDS(p) ((FLOATS)(PASTE(BOUNDS_, WIDTH)(p)))
 
-/* The worlds of WIDTH objects that follow each other, from their filters. */
+/* The worlds of WIDTH consecutive objects, from their filters. */
 #define WORLD_OF_4(p) (int)(p)[0].w, (int)(p)[1].w, (int)(p)[2].w, (int)(p)[3].w
 #define WORLD_OF_8(p) WORLD_OF_4(p), WORLD_OF_4((p) + 4)
 #define WORLD_OF_16(p) WORLD_OF_8(p), WORLD_OF_8((p) + 8)
 #define WORLD_OF(p) ((INTS)(PASTE(WORLD_OF_, WIDTH)(p)))
 
-/* As NOT_ABOVE and AABB_OVERLAPS, for vectors and what is the same in all lanes: 0 or -1 per lane. */
+/* Like NOT_ABOVE and AABB_OVERLAPS, for vectors and values that are the same in all lanes: 0 or -1 per lane. */
 #if FLUSHES
 static inline INTS not_above_lanes(const FLOATS s, const FLOATS t) {
   const INTS x = select(AS_INTS(s), INT_MIN - AS_INTS(s), AS_INTS(s));
@@ -43,7 +43,7 @@ static inline INTS not_above_lanes(const FLOATS s, const FLOATS t) {
   AABB_OVERLAPS_BY(NOT_ABOVE_LANES, s_lower_x, s_lower_y, s_lower_z, s_upper_x, s_upper_y, s_upper_z, t_lower_x,    \
                    t_lower_y, t_lower_z, t_upper_x, t_upper_y, t_upper_z)
 
-/* The bits that all lanes have. */
+/* The bits that are set in all lanes. */
 static inline int and_lanes(const INTS lanes) {
 #if WIDTH == 16
   const int8 of_8 = lanes.lo & lanes.hi;
@@ -56,7 +56,7 @@ static inline int and_lanes(const INTS lanes) {
   return of_4.x & of_4.y & of_4.z & of_4.w;
 }
 
-/* One bit per lane, from lanes that are each 0 or -1. */
+/* One bit per lane, from lanes that are 0 or -1. */
 #define LANE_BITS_4 1, 2, 4, 8
 #define LANE_BITS_8 LANE_BITS_4, 16, 32, 64, 128
 #define LANE_BITS_16 LANE_BITS_8, 1 << 8, 1 << 9, 1 << 10, 1 << 11, 1 << 12, 1 << 13, 1 << 14, 1 << 15

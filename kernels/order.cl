@@ -1,11 +1,11 @@
-/* Sorts the changes of a frame into canonical order, by b, then by a, or by world first. Writes the counts to
-   `result`, followed by the added pairs, then the removed ones, unless these two have buffers of their own. Prepares
-   the counts of the next frame.
+/* Sorts the changes of a frame into canonical order, by b, then by a, or by world first. Writes the counts to `result`,
+   followed by the added pairs, then the removed ones, unless these two have buffers of their own. Prepares the counts
+   of the next frame.
 
    If there are few changes, each is compared with every other, in one launch. Many are counted in buckets, by their
-   list and their b or their world. Prefix sums say where each bucket begins, and within a bucket each change is
-   compared with every other. In either case nothing is written if there is not enough memory for all; if a bucket is
-   large, the host sorts instead. */
+   list and their b or their world. Prefix sums tell where each bucket begins, and within a bucket each change is
+   compared with every other. In either case nothing is written if there is not enough memory for all changes; if a
+   bucket is large, the host enqueues a radix sort instead. */
 
 #include "delta.h"
 
@@ -30,7 +30,7 @@ typedef struct {
   global const uint2* removed;
 } changes_t;
 
-/* (Not returned as a value: Oclgrind 21.10 does not support what its compiler makes of that.) */
+/* (Not returned as a value: Oclgrind 21.10 does not support the resulting code.) */
 static inline void find_changes(changes_t* changes, const uint capacity, global const uint2* pairs,
                                 global const uint2* removed, global const uint* counts) {
   changes->added_count = counts[COUNT_ADDED];
@@ -39,10 +39,10 @@ static inline void find_changes(changes_t* changes, const uint capacity, global 
   changes->removed = removed;
 }
 
-/* The changes of a frame: what there is room for in each list and in both together, and buffers for the result.
-   `added` and `removed` are null if the changes follow the counts. `report` is null or gets what a caller who does not
-   wait has to know: the numbers of added, removed and all pairs, and whether the frame was not complete. `tag` is what
-   the host says of the frame. */
+/* The changes of a frame: the capacity of each list and of both together, and buffers for the result. `added` and
+   `removed` are null if the changes follow the counts. `report`, if not null, receives what a caller who does not wait
+   has to know: the numbers of added, removed and all pairs, and whether the frame is incomplete. `tag` is a number that
+   the host chooses for the frame. */
 #define CHANGES_PARAMETERS                                                                             \
   const uint capacity, global const uint2 *restrict pairs, global const uint2 *restrict removed_pairs, \
       global uint *restrict counts, const uint room, const uint room_of_both
@@ -50,7 +50,7 @@ static inline void find_changes(changes_t* changes, const uint capacity, global 
   const uint tag, global uint *restrict next_counts, global uint *result, global uint *report, global uint2 *added, \
       global uint2 *removed
 
-/* Whether all pairs were found and there is room for all changes. */
+/* Whether all pairs were found and all changes fit. */
 static inline bool fits(const changes_t* changes, const uint capacity, global const uint* counts, const uint room,
                         const uint room_of_both) {
   const bool has_room =
@@ -59,7 +59,7 @@ static inline bool fits(const changes_t* changes, const uint capacity, global co
   return !is_halted(counts) && all_fit(counts, capacity) && has_room;
 }
 
-/* Whether the changes are also ordered. */
+/* Whether the changes are also sorted. */
 static inline bool is_complete(const changes_t* changes, const uint capacity, global const uint* counts,
                                const uint room, const uint room_of_both) {
   return fits(changes, capacity, counts, room, room_of_both) && counts[COUNT_UNORDERED] == 0U;
@@ -91,8 +91,8 @@ static inline global uint2* result_list(const bool is_added, const changes_t* ch
   return removed != 0 ? removed : behind_counts + changes->added_count;
 }
 
-/* For few changes: the index of each pair is the number of smaller ones in its list. Work-items of dimension 2 stand
-   for the two lists, those of dimension 1 for KEYS pairs each, at least `room` in all. */
+/* For few changes: the index of each pair is the number of smaller pairs in its list. The index in dimension 2 is the
+   list; that in dimension 1 is a group of KEYS pairs, for at least `room` pairs in all. */
 kernel __attribute__((reqd_work_group_size(PARTS, TEAMS, 1))) void order_few(CHANGES_PARAMETERS, RESULT_PARAMETERS) {
   local uint places[TEAMS * KEYS];
   const uint part = (uint)get_local_id(0);
@@ -132,7 +132,7 @@ kernel __attribute__((reqd_work_group_size(PARTS, TEAMS, 1))) void order_few(CHA
   }
 }
 
-/* Number of changes if there is room for all, otherwise 0. */
+/* Number of changes if all fit, otherwise 0. */
 static inline uint number_to_order(const changes_t* changes, const uint capacity, global const uint* counts,
                                    const uint room, const uint room_of_both) {
   return fits(changes, capacity, counts, room, room_of_both) ? changes->added_count + changes->removed_count : 0U;
@@ -142,16 +142,16 @@ static inline uint2 change(const changes_t* changes, const uint k) {
   return k < changes->added_count ? changes->added[k] : changes->removed[k - changes->added_count];
 }
 
-/* The world of a pair: that of both objects, or of the one that is not in all of them; `worlds` for two such objects,
-   and for worlds from there on. */
+/* The world of a pair: that of both objects, or of the one that is not in all worlds; `worlds` if both are in all
+   worlds, or if the world is not less than `worlds`. */
 static inline uint world_of(const uint2 pair, const uint worlds, global const uint4* filters) {
   if (filters == 0) return 0;
   const uint world = filters[pair.y].w != ALL_WORLDS ? filters[pair.y].w : filters[pair.x].w;
   return min(world, worlds);
 }
 
-/* There are `buckets_of_list` buckets for added pairs, then as many for removed ones. Unless `worlds` is 0, they are
-   for worlds, which filters of this frame and the last one tell. */
+/* There are `buckets_of_list` buckets for added pairs, then as many for removed ones. Unless `worlds` is 0, a bucket is
+   a world, according to the filters of this frame and the last one. */
 #define BUCKET_PARAMETERS                                                                                         \
   const uint buckets_of_list, global uint *restrict buckets, global uint2 *restrict scattered, const uint worlds, \
       global const uint4 *restrict filters, global const uint4 *restrict last_filters
@@ -188,7 +188,7 @@ kernel void order_scatter(CHANGES_PARAMETERS, BUCKET_PARAMETERS) {
   }
 }
 
-/* Orders the pairs of each bucket. */
+/* Sorts the pairs of each bucket. */
 kernel void order_place(CHANGES_PARAMETERS, BUCKET_PARAMETERS, RESULT_PARAMETERS) {
   const uint item = (uint)get_global_id(0);
   changes_t changes;
@@ -212,8 +212,8 @@ kernel void order_place(CHANGES_PARAMETERS, BUCKET_PARAMETERS, RESULT_PARAMETERS
   }
 }
 
-/* Finds where each world begins in lists that are ordered by world, one work-item per world; after the worlds come the
-   pairs of none and the end. The lengths are those of `report`, unless it is null. */
+/* Finds where each world begins in lists that are sorted by world, one work-item per world; after the worlds come the
+   pairs of no such world and the end. The lengths are those of `report`, unless it is null. */
 kernel void order_offsets(const uint worlds, const uint added_count, const uint removed_count,
                           global const uint* restrict report, global const uint2* restrict added,
                           global const uint2* restrict removed, global const uint4* restrict filters,
@@ -238,8 +238,8 @@ kernel void order_offsets(const uint worlds, const uint added_count, const uint 
   }
 }
 
-/* In lists of pairs of two sets, replaces the slots of the second set, of which `first` is the first, by indices in
-   it. The lengths are those of `report`, unless it is null. */
+/* In lists of pairs of two sets, replaces the slots of the second set, which begins at slot `first`, by indices in that
+   set. The lengths are those of `report`, unless it is null. */
 kernel void order_renumber(const uint first, const uint added_count, const uint removed_count,
                            global const uint* restrict report, global uint2* restrict added,
                            global uint2* restrict removed) {
@@ -261,7 +261,7 @@ kernel void order_world_keys(const uint n, const uint worlds, global const uint2
   if (k < n) elements[k] = (uint2)(k, world_of(list[k], worlds, filters));
 }
 
-/* Moves the pairs of a list to where such elements say. */
+/* Moves the pairs of a list to the order of such elements. */
 kernel void order_pick(const uint n, global const uint2* restrict elements, global const uint2* restrict list,
                        global uint2* restrict to) {
   const uint k = (uint)get_global_id(0);

@@ -1,4 +1,4 @@
-/* Kernels that know no boxes, in one program, as in tiles.cl. */
+/* The kernels that have nothing to do with boxes, in one program, for the reason in tiles.cl. */
 
 #include "fill.cl"
 #include "radix_sort.cl"

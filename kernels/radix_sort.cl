@@ -12,8 +12,8 @@
    another.
 
    On a GPU, scatter first sorts each tile of TILE elements by the digit in local memory, so that elements which belong
-   together are written together. It sorts by RANK_BITS bits at a time: work-items count their own VALUES elements in
-   counters of their own, whose prefix sums are ranks (as Merrill and Grimshaw do, two counters per word).
+   together are written together. It sorts by RANK_BITS bits at a time: each work-item counts its VALUES elements in
+   private counters, whose prefix sums are ranks (as Merrill and Grimshaw do, with two counters per word).
 
    radix_sort_small sorts few elements by a whole range of bits in one launch, with one work-group.
 
@@ -49,8 +49,8 @@ static inline uint digit_of(const ulong element, const uint first, const uint bi
 #error "TILE is too small for GROUP"
 #endif
 
-/* Moves the k-th element of each work-item to index ranks[k] of the tile and takes those at first, first + step, ...
-   in return. */
+/* Moves the k-th element of each work-item to index ranks[k] of the tile, then reads those at first, first + step, ...
+ */
 static inline void exchange(ulong elements[VALUES], const uint ranks[VALUES], const uint first, const uint step,
                             local uint* pool) {
   uint2 words[VALUES];
@@ -110,7 +110,7 @@ static inline void rank_tile(const ulong elements[VALUES], uint ranks[VALUES], c
   }
 }
 
-/* The elements of the tile, GROUP apart, those from `end` on as ones: they come after all others. */
+/* The elements of the tile, GROUP apart. Those from `end` on have all bits set, so they come after all others. */
 static inline void load_tile(ulong elements[VALUES], global const ulong* restrict source, const uint tile,
                              const uint end) {
 #pragma unroll
@@ -196,7 +196,7 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void radix_sort_scatte
 #pragma unroll
     for (uint k = 0; k < VALUES; ++k) digits[k * GROUP + item] = digit_of(elements[k], first, bits);
     barrier(CLK_LOCAL_MEM_FENCE);
-    /* For a while, the position in the tile at which the digit begins is subtracted from `next`. */
+    /* Temporarily, the position in the tile at which the digit begins is subtracted from `next`. */
 #pragma unroll
     for (uint k = 0; k < VALUES; ++k) {
       const uint position = k * GROUP + item;

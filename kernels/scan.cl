@@ -1,12 +1,12 @@
 /* Exclusive prefix sum of uints, in place, modulo 2^32: reduce, then scan.
 
    The values are split into blocks of `length`, one per work-group. scan_sums adds up each block, scan_blocks turns
-   these sums into the start value of each block, then each block into its prefix sums: three launches, however many
+   these sums into the start value of each block, then each block into its prefix sums: three launches for any number of
    values, and no work-group waits for another. If one block is enough, scan_blocks alone does it. (Blelloch 1990,
    "Prefix Sums and Their Applications", on vectors longer than the number of processors.)
 
-   A work-group goes through its block in tiles of four values per work-item, so that each reads and writes one
-   aligned uint4. */
+   A work-group goes through its block in tiles of four values per work-item, so that each reads and writes one aligned
+   uint4. */
 
 #include "scan.h"
 
@@ -48,8 +48,8 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void scan_sums(
   if (get_local_id(0) == 0) sums[block] = total;
 }
 
-/* Replaces the values of each block by their prefix sums. Those of block k begin at starts[k]; those of a block that is
-   alone begin at 0, and `starts` is not read. */
+/* Replaces the values of each block by their prefix sums. The sums of block k start with starts[k]; if there is only
+   one block, they start with 0, and `starts` is not read. */
 kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void scan_blocks(
     const uint n, const uint length, global uint* restrict values, global const uint* restrict starts) {
   local uint scan_pool[SCAN_POOL];

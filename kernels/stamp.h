@@ -1,6 +1,6 @@
 /* Which slots changed in which frame: one word per slot, with the frame's number in the upper 31 bits, and in the
-   lowest bit whether its object is a different one than in the frame before. Frames are counted from 1, so that 0 is
-   no frame. */
+   lowest bit whether the slot has another object than in the frame before. Frames are counted from 1, so that 0 is no
+   frame. */
 #ifndef BROADCL_STAMP_H
 #define BROADCL_STAMP_H
 

@@ -1,5 +1,5 @@
-/* All kernels of tiles (tiles.h) in one program: a compiler starts anew for each program, which takes longer than the
-   kernels do. */
+/* All kernels of tiles (tiles.h) in one program: the compiler starts once per program, which takes longer than
+   compiling the kernels. */
 
 #include "centroids.cl"
 #include "tiles_build.cl"

@@ -1,10 +1,10 @@
-/* Tiles: the boxes are in an order in which neighbours in space are mostly neighbours, 32 boxes per tile, under a
-   tree of bounds in which every node has 32 children; 64 of both on GPUs that run 64 work-items in step. Objects in
-   different worlds never pair, so if there are worlds they come first in the order, and the bounds of a node have a
-   fourth dimension, its worlds.
+/* Tiles: the boxes are in an order in which neighbours in space are mostly neighbours, 32 boxes per tile, under a tree
+   of bounds in which every node has 32 children; 64 of both on GPUs that run 64 work-items in step. Objects in
+   different worlds never pair, so if there are several worlds, boxes are sorted by world first, and the bounds of a
+   node have a fourth dimension, its worlds.
 
-   Levels of the tree are stored one after the other. Children of the nodes of level 0, which are the tiles, are
-   boxes; those of the nodes of level 1 are bounds of tiles, and so on. */
+   Levels of the tree are stored one after the other. Children of the nodes of level 0, which are the tiles, are boxes;
+   those of the nodes of level 1 are bounds of tiles, and so on. */
 #ifndef BROADCL_TILES_H
 #define BROADCL_TILES_H
 
@@ -23,7 +23,7 @@
 #endif
 
 #define LEVELS 4U
-/* Children of a node; boxes of a tile are a node's children too. A mask has a bit for each. */
+/* Number of children of a node, and of boxes of a tile, which count as children, too. A mask has one bit for each. */
 #if GROUP == 64
 #define NODE 64U
 #define NODE_BITS 6U
@@ -40,7 +40,7 @@ typedef uint4 masks_t;
 #define FIRST_WORLD 6U                      /* after the floats, as uints */
 #define LAST_WORLD 7U
 
-/* Bounds of a child: of a box, or of all boxes below a node. NaN, and no world, if there is none. */
+/* Bounds of a child: of a box, or of all boxes below a node. NaN, and no world, if there is no child. */
 typedef struct {
   float bound[AABB_FLOATS];
 #if WORLDS

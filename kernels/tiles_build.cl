@@ -1,13 +1,14 @@
 /* The order of the boxes in tiles, and the tree over them: tiles.h.
 
-   The order may be an old one: bounds are computed in each frame, so that results are exact, and only the work grows
-   as boxes move away from their neighbours in the order. The search counts its work for the host, which sorts again
-   when it has grown.
+   The order is used for many frames. Bounds are computed in each frame, so results are exact; only the work grows as
+   boxes move away from their neighbours in the order. The search counts its work for the host, which sorts again when
+   the work has grown.
 
    The order is that of Hilbert's curve through a grid of 1024^3 cells (J. Skilling, "Programming the Hilbert curve",
-   AIP Conference Proceedings 707, 2004). Unlike Morton's it never jumps: a tile across a jump would overlap half of
-   the world. Boxes much larger than others come at the end, where they do not widen the bounds of small ones, and
-   every tile visits them. If there are worlds, each has a curve of its own; objects of all worlds come last. */
+   AIP Conference Proceedings 707, 2004). Unlike Morton's it never jumps: a tile across a jump would overlap half of the
+   world. Boxes that are much larger than others come at the end, where they do not enlarge the bounds of small ones,
+   and every tile visits them. If there are several worlds, each has a separate curve; objects of all worlds come last.
+   */
 
 #include "centroids.h"
 #include "gather.h"
@@ -115,7 +116,7 @@ typedef struct {
   uint parts[WORDS][GROUP / WORDS];
 } raise_t;
 
-/* Bounds as words of which the larger one is the wider, and 0 is none. */
+/* Bounds as words, such that the larger word is the wider bound, and 0 is no bound. */
 static inline uint word_of_lower(const float bound) {
   return isnan(bound) ? 0U : ~ordered(bound);
 }
@@ -123,7 +124,7 @@ static inline uint word_of_upper(const float bound) {
   return isnan(bound) ? 0U : ordered(bound);
 }
 
-/* Stores the bounds of all children of node k of a level, one of which each work-item has, as child k of the level
+/* Merges the bounds of all children of node k of a level, one per work-item, and stores them as child k of the level
    above. All work-items must call it. */
 INLINE void raise(const bounds_t* mine, local raise_t* scratch, global float* tree, const uint k, const uint parents) {
   const uint item = (uint)get_local_id(0);

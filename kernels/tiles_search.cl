@@ -1,26 +1,26 @@
-/* The search of tiles: tiles.h. Each tile searches the tree for what overlaps its own bounds, from itself on, so that
-   each pair is found once. If not all boxes changed, there is a second tree, of those that did: a tile searches that
-   one, and searches the first one for what overlaps the bounds of its own boxes that changed. What did not change
-   since it was last tested is not tested again. */
+/* The search of tiles: tiles.h. Each tile searches the tree, from itself on, for what overlaps its own bounds, so each
+   pair is found once. If not all boxes changed, there is a second tree of those that did: a tile searches the second
+   tree with its bounds, and the first tree with the bounds of its own boxes that changed. Boxes that did not change are
+   not tested against each other. */
 
 #include "delta.h"
 #include "tiles.h"
 #include "vote.h"
 
-/* Of the children of a node, one bit each, those that do not come before a node of their level. */
+/* The children of a node, one bit each, that do not precede a given node of their level. */
 static inline mask_t not_before(const mask_t bits, const uint node, const uint first) {
   const uint child = node * NODE;
   return first <= child ? bits : first - child < NODE ? bits & (~(mask_t)0 << (first - child)) : 0U;
 }
 
-/* The component of a level: 0 for the tiles. */
+/* The vector component of a level; component 0 is for the tiles. */
 static inline uint of_level(const uint4 values, const uint level) {
   return level == 0U ? values.x : level == 1U ? values.y : level == 2U ? values.z : values.w;
 }
 
 /* By level, children of the nodes on the way down that are still to be visited. */
 #if GROUP > 1
-/* (No array, since a GPU keeps one in memory if its index varies.) */
+/* (Not an array, because a GPU stores an array in memory if its index varies.) */
 typedef masks_t rest_t;
 static inline mask_t rest_of(const rest_t* rest, const uint level) {
   const rest_t all = *rest;
@@ -33,7 +33,7 @@ static inline void set_rest(rest_t* rest, const uint level, const mask_t childre
   if (level == 3U) rest->w = children;
 }
 #else
-/* (An array, since llvmpipe in Mesa 22.3 loses pairs with the above.) */
+/* (An array, because llvmpipe in Mesa 22.3 loses pairs with the code above.) */
 typedef struct {
   mask_t children[LEVELS];
 } rest_t;
@@ -54,13 +54,13 @@ static inline bool is_new_pair(const uint2 pair, const box_t* s, const box_t* t,
                                global const uint2* exclusions, const pair_sink_t* sink) {
   if (filters != 0 && !may_pair(filters[pair.x], filters[pair.y])) return false;
   if (is_excluded(pair, exclusions)) return false;
-  /* (By branches: Oclgrind 21.10 takes some conditions that were negated for true.) */
+  /* (Branches, because Oclgrind 21.10 evaluates some negated conditions as true.) */
   if (boxes_overlap(s, t) && could_pair(sink, pair)) return false;
   return true;
 }
 
-/* Turns bounds into those to look for: in two sets, the other set of the same world. (An interval of several is made
-   wider, to all sets of its worlds.) */
+/* Turns bounds into the bounds to search for: with two sets, those of the other set of the same world. (An interval of
+   several sets is extended to all sets of its worlds.) */
 static inline void seek(bounds_t* bounds, const uint sets) {
 #if WORLDS
   const bool is_one = bounds->first_world == bounds->last_world;
@@ -72,12 +72,13 @@ static inline void seek(bounds_t* bounds, const uint sets) {
 #endif
 }
 
-/* How much work a work-group does until it adds it to that of all. */
+/* How much work a work-group does before it adds that to the total. */
 #define REPORT 256U
 
 #if GROUP > 1
 #define BATCH 32U /* candidates that are tested at a time: a work-item has a bit for each */
-/* Room for hits: the less there is, the more work-groups run on GPUs with waves of 64, which have 64 KiB per CU. */
+/* Capacity for hits: the smaller it is, the more work-groups run at the same time on GPUs with waves of 64, which have
+   64 KiB per compute unit. */
 #define HITS (8192U / NODE)
 #define ENOUGH (HITS / 2U) /* hits are compared with the last frame once there are this many */
 
@@ -86,7 +87,7 @@ typedef struct {
   /* The boxes of the tile. */
   box_t own_last[NODE];
   uint own_slots[NODE];
-  /* Boxes that overlap the bounds of the tile, with their places in lower.w. */
+  /* Boxes that overlap the bounds of the tile, with their indices in lower.w. */
   float4 lower[BATCH + NODE];
   float4 upper[BATCH + NODE];
 #if WORLDS
@@ -149,7 +150,7 @@ INLINE void append_new(local search_t* scratch, const uint count, global const u
   barrier(CLK_LOCAL_MEM_FENCE);
 }
 
-/* Tests the candidates, each of which all work-items compare with their own boxes. Returns whether to give up, since
+/* Tests the candidates: all work-items compare each of them with their own boxes. Returns whether to give up, because
    all work-groups together have done more than `most_work`. All work-items must call it. */
 INLINE bool test_candidates(local search_t* scratch, const uint count, const bounds_t* own, const uint place,
                             const uint most_work, global const uint4* filters, global const uint2* exclusions,
@@ -237,11 +238,11 @@ static inline void append_hits(const pair_sink_t* sink, local const uint2* hits,
 }
 #endif
 
-/* Finds the pairs of a tile with itself and later ones. `changed` is the tree of the boxes that changed. `starts`
-   are the first nodes of the levels, `top` is the level of which there are `roots` nodes. Work-groups of dimension 0
-   stand for a tile each; those of dimension 1 share its search: the first of them visits the tiles whose bit, among
-   the children of a node, is in `share`, and each further one visits tiles one further on. All give up if together they
-   have done more than `most_work`. */
+/* Finds the pairs of a tile with itself and later ones. `changed` is the tree of the boxes that changed. `starts` are
+   the first nodes of the levels, `top` is the level of which there are `roots` nodes. The index of a work-group in
+   dimension 0 is a tile; the work-groups along dimension 1 share its search: the first of them visits the tiles whose
+   bit, among the children of a node, is in `share`, and each further one visits the next tiles. All give up if together
+   they have done more than `most_work`. */
 kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_search(
     const uint4 starts, const uint top, const uint roots, const mask_t share, const uint most_work, const uint sets,
     global const float* restrict tree, global const float* restrict changed, global const uint2* restrict elements,

@@ -10,7 +10,7 @@ typedef struct {
   uint4 bytes[2][NODE / sizeof(uint4)];
 } ballots_t;
 
-/* The bits of four bytes that are each 0 or 1. */
+/* The bits of four bytes, each of which is 0 or 1. */
 static inline uint bits_of_bytes(const uint bytes) {
   return bytes * 0x10204080U >> 28;
 }
@@ -20,8 +20,8 @@ static inline uint bits_of_16(const uint4 bytes) {
          bits_of_bytes(bytes.w) << 12;
 }
 
-/* One bit per work-item, which says whether it voted yes. All work-items must call it. `turn` is 0 before the first
-   vote. A barrier between any two votes keeps what a slow work-item still reads from being overwritten. */
+/* One bit per work-item: whether it voted yes. All work-items must call it. `turn` is 0 before the first vote. There
+   must be a barrier between any two votes, so that nothing is overwritten that a slow work-item still reads. */
 INLINE mask_t vote(const bool yes, local ballots_t* ballots, uint* turn) {
 #ifdef NVIDIA
   (void)ballots;
