@@ -204,7 +204,7 @@ typedef struct broadcl_stage {
 
 // --- All pairs of a set of boxes, once
 
-/// A list of pairs of its own.
+/// A list of pairs that belongs to the caller.
 typedef struct broadcl_pair_list broadcl_pair_list;
 
 /// Finds all overlapping pairs of boxes, by index. By default the host does the search. If a device is named,
