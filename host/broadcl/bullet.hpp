@@ -126,8 +126,8 @@ class BROADCL_BULLET_API BulletBroadphase : public btBroadphaseInterface {
   /// of these, or with an object that is not in the world are never skipped; nor is any pair if dispatching
   /// is continuous (btDispatcherInfo::DISPATCH_CONTINUOUS). Do not use this with your own collision
   /// algorithms if they make contacts at a larger distance than gContactBreakingThreshold allows.
-  /// @param world The world whose objects are culled; null, the default, for none. Not owned: if this object
-  /// is used after the world is destroyed, call this with null first.
+  /// @param world The world whose objects are culled; null, the default, for none. Not owned: call this with
+  /// null before the world is destroyed, if this object is used afterwards.
   /// @throws Error if this object does not control the dispatch: it was given a pair cache, the world has
   /// another broad phase, or its dispatcher is a btCollisionDispatcherMt.
   void set_shape_culling(const btCollisionWorld* world);
