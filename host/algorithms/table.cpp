@@ -16,8 +16,9 @@ namespace {
 constexpr std::array rows{
     AlgorithmRow{
         {.name = "auto",
-         .summary = "sweep-and-prune, or brute-force or tiles on a GPU, whichever is expected to be faster; "
-                    "on a CPU that is named as the device, one of the latter two",
+         .summary =
+             "starts as sweep-and-prune on the host, and uses brute-force or tiles on a GPU once that is "
+             "expected to be faster; if a CPU is named as the device, uses these two there",
          .on_device = true},
         make_auto,
         make_auto},

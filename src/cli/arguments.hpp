@@ -53,8 +53,8 @@ inline CLI::Option* add_name(CLI::App& verb, const std::string& name, std::strin
 
 inline void add_device(CLI::App& verb, std::string& device) {
   add_name(verb, "--device", device,
-           "P:D as listed by 'broadcl devices', gpu, cpu, accelerator, or part of a name; default: "
-           "BROADCL_DEVICE, or the best GPU, or a CPU; auto starts on the host if none is named")
+           "P:D as listed by 'broadcl devices', gpu, cpu, accelerator, or part of a name; "
+           "default: BROADCL_DEVICE, or the best GPU, or a CPU")
       ->type_name("DEVICE");
 }
 

@@ -136,7 +136,8 @@ Exit run(const std::string& selector) {
 
 Verb add_check(CLI::App& program) {
   auto device = std::make_shared<std::string>();
-  CLI::App* verb = program.add_subcommand("check", "Check every algorithm on a device against the oracle");
+  CLI::App* verb = program.add_subcommand(
+      "check", "Compare every algorithm on a device with the oracle, which is brute force on the host");
   add_device(*verb, *device);
   return {verb, [device] { return run(*device); }};
 }

@@ -345,12 +345,12 @@ Verb add_study(CLI::App& program) {
           "What to measure; see below")
       ->type_name("NAME")
       ->default_str("quick");
-  add_list(*verb, "--scenarios", options->scenarios, "A,B", as_is, "Scenarios");
+  add_list(*verb, "--scenarios", options->scenarios, "A,B", as_is, "Scenarios to simulate");
   add_list(
       *verb, "--objects", options->objects, "N,M",
       [](const std::string& text) { return parse_number("--objects", text, 1U, most_objects); },
       "Numbers of objects");
-  add_list(*verb, "--broadphases", options->broadphases, "A,B", as_is, "Broad phases");
+  add_list(*verb, "--broadphases", options->broadphases, "A,B", as_is, "Broad phases to measure");
   add_list(*verb, "--most", options->most, "A=N,B=M", parse_limit,
            "Limit the number of objects for a broad phase that becomes too slow");
   add_list(*verb, "--devices", options->devices, "A,B", as_is,
@@ -360,7 +360,7 @@ Verb add_study(CLI::App& program) {
   add_optional_number(*verb, "--repeat", options->repeat, 1U, most_repeats, "Runs per combination");
   add_optional_number(*verb, "--seed", options->seed, std::uint64_t{0}, UINT64_MAX,
                       "Seed of the simulations and of the order of the runs");
-  verb->add_option("--out", options->out, "The folder")
+  verb->add_option("--out", options->out, "The folder for the results")
       ->check([](const std::string& name) { return name.empty() ? "name a folder" : std::string(); }, "")
       ->type_name("DIR")
       ->capture_default_str();
