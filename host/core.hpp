@@ -150,7 +150,7 @@ class Core {
     boxes_ = algorithm_->boxes();
     flight_.clear();
     is_in_flight_ = is_begun_ = false;
-    // If there is no memory yet for objects that were added meanwhile, the next update allocates it.
+    // If there is no memory yet for objects that were added during the update, the next update allocates it.
     if (has_memory_for(states_.size(), any_filters_)) apply_late();
     return delta;
   }

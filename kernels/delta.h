@@ -27,7 +27,7 @@
    on. */
 #define COUNT_LAST_KEPT 8  /* pairs at the beginning of the last complete frame's list */
 #define COUNT_LAST_ADDED 9 /* and at its end */
-#define COUNT_LAST_TAG 10  /* what the host said of it */
+#define COUNT_LAST_TAG 10  /* its tag, a number chosen by the host */
 #define COUNT_COMPLETE 11  /* complete frames since the last one that was waited for */
 #define COUNT_HALTED 12    /* not 0 if the frame before was not complete: then this one changes nothing either */
 #define COUNTS 14          /* an even number, so that pairs can follow */

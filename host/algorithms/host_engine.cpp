@@ -77,7 +77,7 @@ class HostEngine final : public Algorithm {
   static void exclude(std::span<const Pair> exclusions, std::vector<Pair>& pairs) {
     if (exclusions.empty()) return;
     auto kept = pairs.begin();
-    auto next = exclusions.begin();  // the first that is not before the pair at hand
+    auto next = exclusions.begin();  // the first that does not precede the current pair
     for (const Pair& pair : pairs) {
       // The steps double, since there may be far more exclusions than pairs.
       for (std::ptrdiff_t step = 1; next != exclusions.end() && *next < pair; step *= 2) {

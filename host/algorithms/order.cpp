@@ -13,7 +13,7 @@ namespace {
 /// The least number of changes to read with the counts, and the least capacity for them.
 constexpr std::size_t least_changes = 512;
 
-// As kernels/order.cl has them.
+// The values of kernels/order.cl.
 constexpr std::size_t keys = 4;
 constexpr std::size_t changes_multiple = 16;  // of what two work-groups order
 

@@ -40,7 +40,7 @@ class Order {
   /// @throws cl::Error, Error
   void begin(const Search& search);
   /// Starts a frame that nobody waits for.
-  /// @throws cl::Error, Error if there is no memory for so many slots.
+  /// @throws cl::Error, Error if memory was reserved for fewer slots.
   void begin(const Search& search, const Report& report);
   /// Reserves memory for such frames.
   /// @throws cl::Error, Error; nothing has changed then.
@@ -137,7 +137,7 @@ class Order {
   // Of the last frame.
   std::size_t last_changes_ = 0;
   std::size_t last_longest_ = 0;  // the longer of added and removed
-  std::size_t last_wanted_ = 0;   // memory for so many changes
+  std::size_t last_wanted_ = 0;   // the number of changes to have memory for
 };
 
 }  // namespace broadcl

@@ -12,7 +12,7 @@
 namespace broadcl {
 namespace {
 
-// As kernels/delta.h has them.
+// The indices of kernels/delta.h.
 constexpr std::size_t count_removed = 1;
 constexpr std::size_t count_added = 2;
 constexpr std::size_t count_added_high = 3;

@@ -11,7 +11,7 @@ struct Generation {  // NOLINT(bugprone-exception-escape): handles do not throw 
   cl_uint slots = 0;
   cl::Buffer boxes{};       ///< Six floats per slot; `padding` more slots can be read, but are not used.
   cl::Buffer filters{};     ///< One uint4 per slot, padded likewise; null if all have the default filter.
-  cl::Buffer exclusions{};  ///< As kernels/filter.h has them; null if there are none.
+  cl::Buffer exclusions{};  ///< In the format of kernels/filter.h; null if there are none.
 
   static constexpr std::size_t padding = 16;
 };

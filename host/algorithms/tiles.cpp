@@ -16,7 +16,7 @@
 namespace broadcl {
 namespace {
 
-// As kernels/tiles.h has them.
+// The values of kernels/tiles.h.
 /// Children of a node: as many as a GPU runs work-items in step.
 std::size_t node_of(const opencl::Context& context) {
   return context.tuning() == opencl::Tuning::gpu64 ? 64 : 32;

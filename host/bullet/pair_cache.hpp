@@ -77,7 +77,7 @@ class PairCache final : public btHashedOverlappingPairCache {
   std::size_t most_ = 0;       // entries before the lists are given up
   std::size_t linked_ = 0;     // entries that are in lists; the rest came since they were last needed
   std::vector<int> newest_;    // by id: the first entry of its list, or none
-  btManifoldArray manifolds_;  // of the algorithm at hand
+  btManifoldArray manifolds_;  // of the current algorithm
   ShapeCulling* culling_ = nullptr;
 };
 

@@ -77,7 +77,7 @@ class ShapeCulling {
   std::vector<Entry> entries_;  // by id
   std::uint32_t dispatch_ = 0;
   btScalar breaking_ = 0;      // gContactBreakingThreshold in this dispatch
-  btManifoldArray manifolds_;  // of the pair at hand
+  btManifoldArray manifolds_;  // of the current pair
 };
 
 }  // namespace broadcl

@@ -83,7 +83,7 @@ class Objects {
   bool any_filters_ = false;
   bool is_now_last_ = false;  // nothing changed since the last update, and now_ has something else
   bool are_lent_ = false;
-  bool are_packed_ = false;  // where they were lent to, those that are not searched there are NaNs
+  bool are_packed_ = false;  // in the other memory, boxes that are not searched are NaNs
   ChangeSet changes_;
 };
 

@@ -34,7 +34,7 @@ class Judge {
 
   [[nodiscard]] bool reports(const Pair& pair) const {
     // A settled object is only in this region, now and before, so this region knows all objects that overlap
-    // it, and no other region reports its pairs. (Pairs are sorted by b, so what is known of it is at hand.)
+    // it, and no other region reports its pairs. (Pairs are sorted by b, so the state of b is still at hand.)
     if (is_settled(pair.b) || is_settled(pair.a)) return true;
     const Occupant a = occupant(pair.a);
     const Occupant b = occupant(pair.b);

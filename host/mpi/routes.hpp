@@ -108,7 +108,7 @@ class Routes {
   std::size_t rank_;
   Workers& workers_;
   std::vector<std::uint8_t> where_,
-      next_;  // by id: at the last update, and now; the same but for what changed
+      next_;  // by id: at the last update, and now; equal except where something changed
   std::vector<std::uint32_t> first_copy_;  // by id
   std::vector<Copy> copies_;
   std::vector<std::uint32_t> free_copies_;

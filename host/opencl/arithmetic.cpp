@@ -12,7 +12,7 @@
 namespace broadcl::opencl {
 namespace {
 
-// As kernels/arithmetic.cl has them.
+// The values of kernels/arithmetic.cl.
 constexpr cl_uint has_denormals = 1;
 constexpr cl_uint all_others = 30;
 

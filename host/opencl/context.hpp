@@ -122,7 +122,7 @@ class Context {
 
   /// Runs a part of an update. If that fails, waits until the queue has completed all commands, so that
   /// nothing uses the memory of the update any more.
-  /// @throws Error instead of cl::Error, and whatever else the function throws.
+  /// @throws Error instead of cl::Error, and other exceptions of the function.
   template <class Function>
   decltype(auto) guard(Function&& function) const {
     return translate_errors(device_.label(), [&]() -> decltype(auto) {

@@ -11,7 +11,7 @@
 
 namespace {
 
-/// Opened once, by whichever thread comes first, and never closed: drivers have threads of their own.
+/// Opened once, by the first thread that needs it, and never closed, because drivers start their own threads.
 void* library() noexcept {
   static void* const handle = dlopen("libOpenCL.so.1", RTLD_NOW | RTLD_LOCAL);
   return handle;
@@ -42,7 +42,7 @@ struct Signature<Result_(Arguments...)> {
 
 }  // namespace
 
-// A definition of a function of so many parameters, whose types are those of <CL/cl.h>.
+// Define a function with this many parameters, whose types are those of <CL/cl.h>.
 #define P(name, index) Signature<decltype(::name)>::Argument<index> p##index
 #define FORWARD(name, parameters, ...)                               \
   extern "C" Signature<decltype(::name)>::Result name parameters {   \

@@ -11,7 +11,7 @@ namespace {
 std::size_t shortest_block(const Context& context) {
   return context.tuning() == Tuning::cpu ? 16384 : 4096;
 }
-/// And at most: a work-item handles up to four per iteration.
+/// Largest number of values per block; a work-item handles up to four per iteration.
 constexpr std::size_t longest_block = std::size_t{1} << 17;
 constexpr std::size_t most_blocks = (std::size_t{1} << 31) / longest_block;
 

@@ -61,7 +61,7 @@ nb::object find_pairs(nb::handle a, nb::handle b, nb::handle exclusions, const S
   return to_array(std::move(pairs));
 }
 
-/// The overload for what is on a device; whatever the other one does not take comes here, too.
+/// The overload for arrays on a device. Arguments that the other overload does not accept come here, too.
 nb::object find_pairs_on_device(nb::handle a, nb::handle b, nb::handle exclusions, nb::handle queue,
                                 const std::string& algorithm) {
   if (!is_on_device(a)) {

@@ -21,7 +21,7 @@ namespace {
 
 using scenes::BoxScene;
 
-/// Inverted, so that it overlaps nothing; stands for a free id.
+/// An inverted box, which overlaps nothing, for a free id.
 constexpr Aabb nowhere = {{1, 1, 1}, {-1, -1, -1}};
 
 std::vector<Pair> oracle(const std::vector<Aabb>& boxes) {

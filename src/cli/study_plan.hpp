@@ -28,7 +28,7 @@ struct StudySettings {
   std::uint32_t repeat;                  ///< Runs per combination.
   std::uint64_t seed = 1;                ///< Of the simulations and of the order of the runs.
   std::vector<StudyLimit> limits;
-  std::vector<std::string> left_out;  ///< What the preset leaves out besides, and why; for people.
+  std::vector<std::string> left_out;  ///< What else the preset leaves out, and why; for people.
 };
 
 /// A row of the table of presets.

@@ -136,7 +136,7 @@ class Lattice {
   std::vector<Eigen::AlignedBox3f> boxes_;  // empty in a free cell
 };
 
-/// Places the objects of a scenario class by class, each class on a lattice of its own.
+/// Places the objects of a scenario class by class, each class on a separate lattice.
 class Placement {
  public:
   Placement(float container_edge, Random& random) : container_edge_(container_edge), random_(random) {}
