@@ -34,13 +34,13 @@ struct Search {  // NOLINT(bugprone-exception-escape): as above
   cl_uint second_set = 0;
   bool all = true;  ///< Whether all slots count as changed; otherwise those in `changed` did.
   cl_uint changed_count = 0;
-  bool may_give_up = true;    ///< Whether the host waits for the search, and repeats it if it was given up.
   cl::Buffer changed{};       ///< Slots, each once.
   bool any_recycled = false;  ///< Whether the object of some slot is another one than in the last frame.
   cl_uint stamp = 0;          ///< Of this frame.
   /// One word per slot that says whether it changed (unless `all`), and whether its object is not that of the
   /// last frame: kernels/stamp.h. Null if neither applies to any slot.
   cl::Buffer stamps{};
+  bool may_give_up = true;  ///< Whether the host waits for the search, and repeats it if it was given up.
 
   [[nodiscard]] cl_uint changed_slots() const noexcept { return all ? now.slots : changed_count; }
 };

@@ -28,7 +28,7 @@ constexpr unsigned code_bits = 31;
 constexpr std::size_t levels = 4;  // as many as a cl_uint4 has numbers
 
 constexpr std::size_t most_sharers = 8;
-constexpr std::size_t searches_per_unit = 64;  // of the search, as far as most_sharers allows
+constexpr std::size_t search_groups_per_unit = 64;  // as far as most_sharers allows
 constexpr double default_stale = 1.25;
 /// How often, on average, each box may move before the order counts as old, if its work is not known.
 constexpr std::size_t unwatched = 8;
@@ -335,7 +335,7 @@ class Tiles final : public PairFinder {
   /// have too little to do.
   [[nodiscard]] std::size_t sharers(std::size_t tiles) const {
     if (group_ == 1) return 1;
-    const std::size_t useful = context_.device().compute_units * searches_per_unit;
+    const std::size_t useful = context_.device().compute_units * search_groups_per_unit;
     std::size_t sharers = 1;
     while (sharers < most_sharers && tiles * sharers * 2 <= useful) sharers *= 2;
     return sharers;

@@ -326,7 +326,7 @@ constexpr std::uint32_t most_repeats = 1000;
 std::string study_footer() {
   std::string text =
       "Options that are not given are taken from the preset. If the folder holds a study with the same "
-      "settings, only the missing runs are done, and new devices are added.\nPresets:\n";
+      "settings, only its missing runs are done, and new devices are added to it.\nPresets:\n";
   for (const StudyPreset& preset : study_presets()) {
     text += named_row(preset.settings.preset, preset.summary);
   }
