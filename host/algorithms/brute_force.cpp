@@ -1,40 +1,29 @@
 #include <algorithm>
 #include <array>
+#include <cstddef>
 #include <memory>
 #include <string>
 
 #include "algorithms/algorithm.hpp"
 #include "algorithms/pair_finder.hpp"
+#include "algorithms/row_launch.hpp"
 #include "opencl/launch.hpp"
 
 namespace broadcl {
 namespace {
 
-/// Launch parameters.
-struct BruteForceLaunch {
-  unsigned width;          ///< Boxes `a` that a work-item holds in registers.
-  unsigned group;          ///< Work-items per work-group.
-  unsigned at_once;        ///< Rows that a work-item tests before it checks for hits.
-  unsigned min_rows;       ///< Rows per work-item, at least.
-  unsigned max_rows;       ///< And at most.
-  unsigned items;          ///< Work-items wanted per compute unit, as far as min_rows and max_rows allow.
-  std::size_t most_tests;  ///< Per launch, so that no watchdog ends it.
-};
-
-constexpr BruteForceLaunch brute_force_on_gpus{.width = 4,
-                                               .group = 128,
-                                               .at_once = 2,
-                                               .min_rows = 16,
-                                               .max_rows = 256,
-                                               .items = 2500,
-                                               .most_tests = std::size_t{1} << 32};
-constexpr BruteForceLaunch brute_force_on_cpus{.width = 16,
-                                               .group = 1,
-                                               .at_once = 4,
-                                               .min_rows = 256,
-                                               .max_rows = 4096,
-                                               .items = 256,
-                                               .most_tests = std::size_t{1} << 26};
+constexpr RowLaunch brute_force_on_gpus{.width = 4,
+                                        .group = 128,
+                                        .min_rows = 16,
+                                        .max_rows = 256,
+                                        .items = 2500,
+                                        .most_tests = std::size_t{1} << 32};
+constexpr RowLaunch brute_force_on_cpus{.width = 16,
+                                        .group = 1,
+                                        .min_rows = 256,
+                                        .max_rows = 4096,
+                                        .items = 256,
+                                        .most_tests = std::size_t{1} << 26};
 
 /// The cost, in tests, of finding out whether boxes that overlap are a new pair; 70 to 190 on PoCL 3.1.
 constexpr double tests_per_hit = 100;
@@ -56,7 +45,7 @@ class BruteForce final : public PairFinder {
     const std::size_t columns = opencl::round_up(opencl::divide_up(n, launch_.width), launch_.group);
     const std::size_t rows = rows_per_item(search);
     const std::size_t runs = opencl::divide_up(row_count, rows);
-    const std::size_t at_once = std::max<std::size_t>(1, launch_.most_tests / (rows * n));
+    const std::size_t at_once = launch_.runs_at_once(rows, n);
     for (std::size_t first = 0; first < runs; first += at_once) {
       opencl::Profiler::Scope stage(profiler, "test");
       const bool keeps = first == 0 && sink.is_kept_by_finder();
@@ -89,17 +78,18 @@ class BruteForce final : public PairFinder {
     // In an average column, half of the rows come before its boxes.
     const std::size_t columns = opencl::divide_up(search.now.slots, launch_.width);
     const std::size_t runs = columns * search.changed_slots() / (search.all ? 2 : 1);
-    const std::size_t items = std::size_t{context_.device().compute_units} * launch_.items;
-    return std::clamp<std::size_t>(runs / items, launch_.min_rows, launch_.max_rows);
+    return launch_.rows(runs, context_);
   }
 
   /// The kernel for one world or for several, built when it is first needed.
   cl::Kernel& kernel(bool worlds) {
     cl::Kernel& kernel = kernels_[worlds ? 1 : 0];
     if (kernel() == nullptr) {
+      // Rows that a work-item tests before it looks for hits.
+      const unsigned rows_at_once = context_.tuning() == opencl::Tuning::cpu ? 4 : 2;
       const std::string options =
           "-DWIDTH=" + std::to_string(launch_.width) + " -DGROUP=" + std::to_string(launch_.group) +
-          " -DROWS=" + std::to_string(launch_.at_once) + " -DMAX_ROWS=" + std::to_string(launch_.max_rows) +
+          " -DROWS=" + std::to_string(rows_at_once) + " -DMAX_ROWS=" + std::to_string(launch_.max_rows) +
           (worlds ? " -DWORLDS=1" : "");
       kernel = context_.kernel(context_.program("brute_force.cl", options), "brute_force", launch_.group);
     }
@@ -107,7 +97,7 @@ class BruteForce final : public PairFinder {
   }
 
   const opencl::Context& context_;
-  BruteForceLaunch launch_;
+  RowLaunch launch_;
   std::array<cl::Kernel, 2> kernels_;
 };
 

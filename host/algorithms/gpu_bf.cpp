@@ -6,6 +6,7 @@
 #include "algorithms/byte_matrix.hpp"
 #include "algorithms/change_lists.hpp"
 #include "algorithms/device_objects.hpp"
+#include "algorithms/row_launch.hpp"
 #include "algorithms/triangle.hpp"
 #include "opencl/context.hpp"
 #include "opencl/error.hpp"
@@ -17,28 +18,18 @@
 namespace broadcl {
 namespace {
 
-/// Launch parameters.
-struct GpuBfLaunch {
-  unsigned width;          ///< Pairs that a work-item packs into one store.
-  unsigned group_size;     ///< Work-items per work-group.
-  unsigned min_rows;       ///< Rows per work-item, at least.
-  unsigned max_rows;       ///< And at most.
-  unsigned items;          ///< Work-items wanted per compute unit, as far as min_rows and max_rows allow.
-  std::size_t most_tests;  ///< Per launch, so that no watchdog ends it.
-};
-
-constexpr GpuBfLaunch gpu_bf_on_gpus{.width = 4,
-                                     .group_size = 128,
-                                     .min_rows = 8,
-                                     .max_rows = 128,
-                                     .items = 4096,
-                                     .most_tests = std::size_t{1} << 32};
-constexpr GpuBfLaunch gpu_bf_on_cpus{.width = 16,
-                                     .group_size = 64,
-                                     .min_rows = 64,
-                                     .max_rows = 512,
-                                     .items = 1024,
-                                     .most_tests = std::size_t{1} << 26};
+constexpr RowLaunch gpu_bf_on_gpus{.width = 4,
+                                   .group = 128,
+                                   .min_rows = 8,
+                                   .max_rows = 128,
+                                   .items = 4096,
+                                   .most_tests = std::size_t{1} << 32};
+constexpr RowLaunch gpu_bf_on_cpus{.width = 16,
+                                   .group = 64,
+                                   .min_rows = 64,
+                                   .max_rows = 512,
+                                   .items = 1024,
+                                   .most_tests = std::size_t{1} << 26};
 
 using opencl::divide_up;
 using opencl::round_up;
@@ -51,7 +42,7 @@ class GpuBf final : public Algorithm {
       : context_(device, config.profile, config.on_compile, most_in_group),
         profiler_(config.profile),
         launch_(context_.tuning() == opencl::Tuning::cpu ? gpu_bf_on_cpus : gpu_bf_on_gpus),
-        group_(context_.group(launch_.group_size)),
+        group_(context_.group(launch_.group)),
         kernel_(make_kernel("gpu_bf")),
         exclude_(make_kernel("gpu_bf_exclude")),
         objects_(context_, profiler_) {}
@@ -174,14 +165,12 @@ class GpuBf final : public Algorithm {
     const unsigned period = 2 * launch_.width;
     const std::size_t columns = round_up(divide_up(n, launch_.width), group_);
     const std::size_t class_rows = (n + period - 1) / period;
-    // In an average row, half of the columns are past the end.
-    const std::size_t wanted_items = std::size_t{context_.device().compute_units} * launch_.items;
-    const std::size_t rows = std::clamp<std::size_t>(columns / 2 * period * class_rows / wanted_items,
-                                                     launch_.min_rows, launch_.max_rows);
+    // Half of the columns of an average row are past its end.
+    const std::size_t rows = launch_.rows(columns / 2 * period * class_rows, context_);
     const std::size_t chunks = (class_rows + rows - 1) / rows;
     const std::size_t seam_lines = (n + columns - 1) / columns;
     const std::size_t lines = period * chunks + seam_lines;
-    const std::size_t at_once = std::max<std::size_t>(1, launch_.most_tests / (rows * n));
+    const std::size_t at_once = launch_.runs_at_once(rows, n);
     for (std::size_t first = 0; first < lines; first += at_once) {
       opencl::set_arguments(kernel_, 0, n, static_cast<cl_uint>(rows), static_cast<cl_uint>(chunks),
                             static_cast<cl_uint>(first), search.now.boxes, search.now.filters,
@@ -195,7 +184,7 @@ class GpuBf final : public Algorithm {
 
   opencl::Context context_;
   opencl::Profiler profiler_;
-  GpuBfLaunch launch_;
+  RowLaunch launch_;
   std::size_t group_;
   cl::Kernel kernel_, exclude_;
   DeviceObjects objects_;
