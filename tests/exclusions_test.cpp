@@ -77,6 +77,7 @@ Pairs every(std::size_t step, const Pairs& pairs) {
   return some;
 }
 
+/// Exclusions of updates of n boxes.
 void follow(const BroadPhase::Config& config, std::uint32_t n) {
   Follower follower(config, n);
   ASSERT_TRUE(follower.agrees());
@@ -95,31 +96,6 @@ void follow(const BroadPhase::Config& config, std::uint32_t n) {
   ASSERT_TRUE(follower.agrees()) << "all of the first";
   follower.exclude({});
   ASSERT_TRUE(follower.agrees()) << "none";
-}
-
-ALSO_IN(oclgrind);
-TEST_P(EachAlgorithm, SmallExclusionsAreNotReported) {
-  follow(config(), 60);
-}
-
-TEST_P(EachAlgorithm, ExclusionsAreNotReported) {
-  follow(config(), 1500);
-}
-
-TEST_P(EachAlgorithm, ExclusionsHoldForIds) {
-  BroadPhase broad_phase(config());
-  broad_phase.set_exclusions(Pairs{{2, 0}, {7, 900}});
-  for (int k = 0; k < 3; ++k) broad_phase.add(unit);
-  EXPECT_EQ(to_vector(broad_phase.update().added), (Pairs{{0, 1}, {1, 2}}));
-  broad_phase.remove(2);
-  EXPECT_EQ(broad_phase.add(unit), 2U);
-  EXPECT_TRUE(same(broad_phase.update(), Pairs{{1, 2}}, Pairs{{1, 2}}));
-  // Those that are set while an update runs belong to the next one.
-  broad_phase.move(0, apart(0));
-  broad_phase.begin();
-  broad_phase.set_exclusions(Pairs{{0, 1}, {0, 1}});
-  EXPECT_TRUE(same(broad_phase.finish(), Pairs{}, Pairs{}));
-  EXPECT_TRUE(same(broad_phase.update(), Pairs{{0, 2}}, Pairs{{0, 1}}));
 }
 
 /// Exclusions of one search of n boxes, and of one of the same boxes as two sets.
@@ -153,12 +129,30 @@ void search_once(const BroadPhase::Config& config, std::uint32_t n) {
 }
 
 ALSO_IN(oclgrind);
-TEST_P(EachAlgorithm, SmallExclusionsOfOneSearch) {
+TEST_P(EachAlgorithm, SmallExclusionsAreNotReported) {
+  follow(config(), 60);
   search_once(config(), 60);
 }
 
-TEST_P(EachAlgorithm, ExclusionsOfOneSearch) {
+TEST_P(EachAlgorithm, ExclusionsAreNotReported) {
+  follow(config(), 1500);
   search_once(config(), 1500);
+}
+
+TEST_P(EachAlgorithm, ExclusionsHoldForIds) {
+  BroadPhase broad_phase(config());
+  broad_phase.set_exclusions(Pairs{{2, 0}, {7, 900}});
+  for (int k = 0; k < 3; ++k) broad_phase.add(unit);
+  EXPECT_EQ(to_vector(broad_phase.update().added), (Pairs{{0, 1}, {1, 2}}));
+  broad_phase.remove(2);
+  EXPECT_EQ(broad_phase.add(unit), 2U);
+  EXPECT_TRUE(same(broad_phase.update(), Pairs{{1, 2}}, Pairs{{1, 2}}));
+  // Those that are set while an update runs belong to the next one.
+  broad_phase.move(0, apart(0));
+  broad_phase.begin();
+  broad_phase.set_exclusions(Pairs{{0, 1}, {0, 1}});
+  EXPECT_TRUE(same(broad_phase.finish(), Pairs{}, Pairs{}));
+  EXPECT_TRUE(same(broad_phase.update(), Pairs{{0, 2}}, Pairs{{0, 1}}));
 }
 
 TEST(Exclusions, OfOneSearchAreOfBoxesThatAreThere) {
