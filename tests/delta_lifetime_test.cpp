@@ -11,6 +11,7 @@
 
 #include <broadcl/broad_phase.hpp>
 
+#include "algorithms/change_lists.hpp"
 #include "each_algorithm.hpp"
 #include "failing_opencl.hpp"
 
@@ -96,6 +97,21 @@ TEST_P(EachAlgorithm, KeptDeltasOutliveUpdatesAndTheObject) {
     broad_phase.reset();
     for (const Kept& kept : deltas) ASSERT_TRUE(kept.is_unchanged()) << most << ", afterwards";
   }
+}
+
+/// Which lists they are is told by their capacity, since memory that is freed may be allocated again.
+TEST(ChangeLists, AreThoseOfAnEarlierUpdateThatNobodyKeeps) {
+  ChangeLists lists;
+  const auto next_capacity = [&] { return lists.next().added.capacity(); };
+  lists.next().added.reserve(10);
+  EXPECT_EQ(next_capacity(), 10U);
+  std::shared_ptr<const void> kept = lists.owner();
+  EXPECT_EQ(next_capacity(), 0U);
+  lists.next().added.reserve(20);
+  kept = lists.owner();
+  EXPECT_EQ(next_capacity(), 10U);
+  const std::shared_ptr<const void> kept_too = lists.owner();
+  EXPECT_EQ(next_capacity(), 0U);
 }
 
 TEST_P(EachAlgorithm, MemoryOfDeltasThatNobodyKeepsIsUsedAgain) {
