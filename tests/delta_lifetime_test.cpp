@@ -14,6 +14,7 @@
 #include "algorithms/change_lists.hpp"
 #include "each_algorithm.hpp"
 #include "failing_opencl.hpp"
+#include "kept_delta.hpp"
 
 /// A Delta stays as it is until the next finish() or update().
 namespace broadcl::test {
@@ -64,38 +65,27 @@ TEST_P(EachAlgorithm, ADeltaOutlivesMap) {
   EXPECT_TRUE(same(delta, all_pairs(100), {}));
 }
 
-/// A Delta that its user keeps, and what was in it.
-struct Kept {
-  explicit Kept(const Delta& now)
-      : delta(now), added(to_vector(now.added)), removed(to_vector(now.removed)) {}
-  [[nodiscard]] ::testing::AssertionResult is_unchanged() const { return same(delta, added, removed); }
-
-  Delta delta;
-  Pairs added, removed;
-  std::shared_ptr<const void> memory{};
-};
-
 /// One that keeps all deltas, one that keeps those of two updates, one that keeps each until the next.
 TEST_P(EachAlgorithm, KeptDeltasOutliveUpdatesAndTheObject) {
   constexpr std::uint32_t n = 60;
   for (const std::size_t most : {std::size_t{20}, std::size_t{2}, std::size_t{1}}) {
-    std::deque<Kept> deltas;
+    std::deque<KeptDelta> deltas;
     std::optional<BroadPhase> broad_phase(config());
     for (std::uint32_t k = 0; k < n; ++k) broad_phase->add(unit);
     for (int frame = 0; frame < 12; ++frame) {
       if (frame % 5 == 4) broad_phase->begin();
-      deltas.emplace_back(broad_phase->update());
-      deltas.back().memory = broad_phase->delta_memory();
+      const Delta delta = broad_phase->update();
+      deltas.emplace_back(delta, broad_phase->delta_memory());
       EXPECT_GT(deltas.back().added.size() + deltas.back().removed.size(), n / 3);
       EXPECT_NE(deltas.back().memory, nullptr);
       if (deltas.size() > most) deltas.pop_front();
-      for (const Kept& kept : deltas) ASSERT_TRUE(kept.is_unchanged()) << most << ", frame " << frame;
+      for (const KeptDelta& kept : deltas) ASSERT_TRUE(kept.is_unchanged()) << most << ", frame " << frame;
       for (std::uint32_t id = 0; id < n; ++id) {
         broad_phase->move(id, frame % 3 == 0 ? apart(id) : frame % 3 == 1 ? unit : apart(id / 2));
       }
     }
     broad_phase.reset();
-    for (const Kept& kept : deltas) ASSERT_TRUE(kept.is_unchanged()) << most << ", afterwards";
+    for (const KeptDelta& kept : deltas) ASSERT_TRUE(kept.is_unchanged()) << most << ", afterwards";
   }
 }
 
