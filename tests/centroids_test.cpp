@@ -5,7 +5,6 @@
 #include <bit>
 #include <cstddef>
 #include <cstdint>
-#include <limits>
 #include <string>
 #include <vector>
 
@@ -13,6 +12,7 @@
 
 #include <broadcl/device.hpp>
 
+#include "boxes.hpp"
 #include "environment.hpp"
 #include "opencl/context.hpp"
 #include "packed_box.hpp"
@@ -24,8 +24,6 @@ namespace broadcl::test {
 namespace {
 
 SUITE_ALSO_IN(CentroidBoundsOf, gpu_profile | rusticl);
-
-constexpr float infinity = std::numeric_limits<float>::infinity();
 
 /// As ordered() of kernels/centroids.h.
 std::uint32_t ordered(float value) {

@@ -7,7 +7,6 @@
 #include <cmath>
 #include <cstdint>
 #include <cstdlib>
-#include <limits>
 #include <random>
 #include <span>
 #include <string>
@@ -17,6 +16,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "boxes.hpp"
 #include "failing_allocations.hpp"
 #include "failing_opencl.hpp"
 #include "mpi_twins.hpp"
@@ -40,8 +40,6 @@ int frames(int on_the_host) {
 Config config() {
   return {.algorithm = algorithm_under_test, .threads = 2};
 }
-
-constexpr float infinity = std::numeric_limits<float>::infinity();
 
 /// The same random numbers on every rank.
 class Dice {
@@ -279,8 +277,7 @@ TEST(Mpi, BytesSentAreThoseOfWhatChanged) {
 TEST(Mpi, TheProfileHasThePartsOfTheSearch) {
   if (algorithm_under_test == "sweep-and-prune") return;
   MpiTwins twins(config());
-  for (int rank = 0; rank < world_size(); ++rank)
-    twins.map(rank, std::vector<Aabb>(2, {{0, 0, 0}, {1, 1, 1}}));
+  for (int rank = 0; rank < world_size(); ++rank) twins.map(rank, std::vector<Aabb>(2, unit));
   twins.update();
   const std::span<const Stage> stages = twins.tested().profile();
   const auto upload = std::ranges::find(stages, "upload", &Stage::name);
@@ -389,11 +386,10 @@ TEST(Mpi, AnObjectThatTakesTheIdOfAnotherIsAnother) {
 TEST(Mpi, ANaNIsNamedOnAllRanksAndMended) {
   MpiTwins twins(config());
   const int last = world_size() - 1;
-  const Aabb unit{{0, 0, 0}, {1, 1, 1}};
   for (int rank = 0; rank <= last; ++rank) twins.map(rank, std::vector(5, unit));
   twins.update();
   if (world_rank() == last) {
-    twins.tested().map(5)[3].upper[1] = std::numeric_limits<float>::quiet_NaN();
+    twins.tested().map(5)[3].upper[1] = nan_value;
     EXPECT_THAT(error_of([&] {
                   twins.tested().move(2, {{0, 0, 0}, {std::nanf(""), 1, 1}});
                 }),
@@ -412,7 +408,7 @@ TEST(Mpi, ANaNIsNamedOnAllRanksAndMended) {
   if (world_rank() == last) {
     const std::span<Aabb> boxes = twins.tested().map(5);
     std::ranges::fill(boxes, Aabb{{7, 7, 7}, {8, 8, 8}});
-    boxes[1].lower[0] = std::numeric_limits<float>::quiet_NaN();
+    boxes[1].lower[0] = nan_value;
   }
   EXPECT_THAT(error_of([&] { (void)twins.tested().update(); }), HasSubstr("box 1 has a NaN"));
   twins.compare_pairs();
