@@ -1,0 +1,232 @@
+#include <sys/resource.h>
+
+#include <cstddef>
+#include <cstdint>
+#include <cstdio>
+#include <cstdlib>
+#include <vector>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "c_test.hpp"
+
+namespace broadcl::test {
+namespace {
+
+using ::testing::ElementsAre;
+using ::testing::IsEmpty;
+
+/// A broad phase on the host.
+class CBroadPhase : public testing::Test {
+ protected:
+  void SetUp() override {
+    const broadcl_config config = on_host();
+    OK(broadcl_broad_phase_create(&config, &handle_));
+  }
+  void TearDown() override { OK(broadcl_broad_phase_destroy(handle_)); }
+
+  std::uint32_t add(const broadcl_aabb& box, const broadcl_filter* filter = nullptr) {
+    std::uint32_t id = 77;
+    EXPECT_EQ(broadcl_broad_phase_add(handle_, &box, filter, &id), BROADCL_SUCCESS) << broadcl_last_error();
+    return id;
+  }
+  broadcl_delta update() {
+    broadcl_delta delta{};
+    EXPECT_EQ(broadcl_broad_phase_update(handle_, &delta), BROADCL_SUCCESS) << broadcl_last_error();
+    return delta;
+  }
+
+  broadcl_broad_phase* handle_ = nullptr;
+};
+
+TEST_F(CBroadPhase, NullArgumentsAreRefusedAndChangeNothing) {
+  const broadcl_aabb box = cube(0);
+  const broadcl_boxes boxes = view({box});
+  const broadcl_algorithm* rows = nullptr;
+  const broadcl_stage* stages = nullptr;
+  std::size_t n = 77;
+  std::uint32_t id = 77;
+  EXPECT_INVALID("id is null", broadcl_broad_phase_add, handle_, &box, nullptr, nullptr);
+  EXPECT_INVALID("box is null", broadcl_broad_phase_add, handle_, nullptr, nullptr, &id);
+  EXPECT_INVALID("box is null", broadcl_broad_phase_move, handle_, 0, nullptr);
+  EXPECT_INVALID("filter is null", broadcl_broad_phase_set_filter, handle_, 0, nullptr);
+  EXPECT_INVALID("boxes is null", broadcl_broad_phase_map, handle_, 1, nullptr);
+  EXPECT_INVALID("boxes is null", broadcl_broad_phase_set_boxes, handle_, nullptr);
+  EXPECT_INVALID("pairs is null", broadcl_broad_phase_pairs, handle_, nullptr);
+  EXPECT_INVALID("count is null", broadcl_broad_phase_count, handle_, nullptr);
+  EXPECT_INVALID("info is null", broadcl_broad_phase_device, handle_, nullptr);
+  EXPECT_INVALID("row is null", broadcl_broad_phase_algorithm, handle_, nullptr);
+  EXPECT_INVALID("use is null", broadcl_broad_phase_memory, handle_, nullptr);
+  EXPECT_INVALID("stages is null", broadcl_broad_phase_profile, handle_, nullptr, &n);
+  EXPECT_INVALID("count is null", broadcl_broad_phase_profile, handle_, &stages, nullptr);
+  EXPECT_INVALID("broad_phase is null", broadcl_broad_phase_create, nullptr, nullptr);
+  EXPECT_INVALID("list is null", broadcl_pair_list_create, &boxes, nullptr, nullptr);
+  EXPECT_INVALID("rows is null", broadcl_algorithms, nullptr, &n);
+  EXPECT_INVALID("count is null", broadcl_algorithms, &rows, nullptr);
+  EXPECT_EQ(id, 77U);
+  EXPECT_EQ(n, 77U);
+  OK(broadcl_broad_phase_count(handle_, &n));
+  EXPECT_EQ(n, 0U);
+}
+
+TEST_F(CBroadPhase, ReportsWhatChanges) {
+  const std::uint32_t a = add(cube(0));
+  const std::uint32_t b = add(cube(0.5F));
+  broadcl_delta delta = update();
+  EXPECT_THAT(list(delta.added), ElementsAre(broadcl_pair{a, b}));
+  EXPECT_THAT(list(delta.removed), IsEmpty());
+
+  const broadcl_aabb far = cube(5);
+  OK(broadcl_broad_phase_move(handle_, b, &far));
+  const std::uint32_t c = add(cube(5.5F));
+  delta = update();
+  EXPECT_THAT(list(delta.added), ElementsAre(broadcl_pair{b, c}));
+  EXPECT_THAT(list(delta.removed), ElementsAre(broadcl_pair{a, b}));
+
+  broadcl_filter alone = BROADCL_DEFAULT_FILTER;
+  alone.mask = 0;
+  OK(broadcl_broad_phase_set_filter(handle_, c, &alone));
+  EXPECT_THAT(list(update().removed), ElementsAre(broadcl_pair{b, c}));
+  alone = BROADCL_DEFAULT_FILTER;
+  OK(broadcl_broad_phase_set_filter(handle_, c, &alone));
+  EXPECT_THAT(list(update().added), ElementsAre(broadcl_pair{b, c}));
+  OK(broadcl_broad_phase_remove(handle_, b));
+  EXPECT_THAT(list(update().removed), ElementsAre(broadcl_pair{b, c}));
+  std::size_t count = 0;
+  OK(broadcl_broad_phase_count(handle_, &count));
+  EXPECT_EQ(count, 2U);
+  EXPECT_EQ(add(far), b);
+  OK(broadcl_broad_phase_update(handle_, nullptr));
+
+  EXPECT_FAILED("no object has the id 99", broadcl_broad_phase_move, handle_, 99, &far);
+  EXPECT_FAILED("no object has the id 99", broadcl_broad_phase_remove, handle_, 99);
+  EXPECT_FAILED("no object has the id 99", broadcl_broad_phase_set_filter, handle_, 99, &alone);
+  const broadcl_aabb invalid = cube(nan_value);
+  EXPECT_FAILED("NaN", broadcl_broad_phase_move, handle_, a, &invalid);
+}
+
+TEST_F(CBroadPhase, FiltersByBodyAndWorld) {
+  broadcl_filter filter = BROADCL_DEFAULT_FILTER;
+  filter.body = 5;
+  const std::uint32_t a = add(cube(0), &filter);
+  add(cube(0), &filter);
+  filter.body = BROADCL_NO_BODY;
+  filter.world = 3;
+  add(cube(0), &filter);
+  filter.world = BROADCL_ALL_WORLDS;
+  const std::uint32_t d = add(cube(0), &filter);
+  const Pairs added = list(update().added);
+  EXPECT_THAT(added, ElementsAre(broadcl_pair{a, d}, broadcl_pair{a + 1, d}, broadcl_pair{a + 2, d}));
+}
+
+TEST_F(CBroadPhase, TellsTwoSetsApart) {
+  const broadcl_filter first = BROADCL_FIRST_SET;
+  const broadcl_filter second = BROADCL_SECOND_SET;
+  add(cube(0), &first);
+  add(cube(0), &first);
+  add(cube(0), &second);
+  EXPECT_THAT(list(update().added), ElementsAre(broadcl_pair{0, 2}, broadcl_pair{1, 2}));
+}
+
+TEST_F(CBroadPhase, NeverReportsWhatIsExcluded) {
+  for (int k = 0; k < 3; ++k) add(cube(0));
+  // Two labels each: 0 and 1 share the label 5.
+  const std::vector<std::uint32_t> labels = {4, 5, 5, 6, 7, 8};
+  broadcl_pair_list* sharing = nullptr;
+  OK(broadcl_pair_list_create_sharing(labels.data(), labels.size(), 2, &sharing));
+  broadcl_pairs pairs{};
+  OK(broadcl_pair_list_get(sharing, &pairs));
+  EXPECT_THAT(list(pairs), ElementsAre(broadcl_pair{0, 1}));
+  OK(broadcl_broad_phase_set_exclusions(handle_, pairs.data, pairs.count));
+  OK(broadcl_pair_list_destroy(sharing));
+  EXPECT_THAT(list(update().added), ElementsAre(broadcl_pair{0, 2}, broadcl_pair{1, 2}));
+  OK(broadcl_broad_phase_set_exclusions(handle_, nullptr, 0));
+  EXPECT_THAT(list(update().added), ElementsAre(broadcl_pair{0, 1}));
+
+  const broadcl_pair itself{2, 2};
+  EXPECT_FAILED("2", broadcl_broad_phase_set_exclusions, handle_, &itself, 1);
+  EXPECT_INVALID("pairs is null", broadcl_broad_phase_set_exclusions, handle_, nullptr, 1);
+  EXPECT_INVALID("broad_phase is null", broadcl_broad_phase_set_exclusions, nullptr, &itself, 1);
+  sharing = nullptr;
+  EXPECT_FAILED("", broadcl_pair_list_create_sharing, labels.data(), 5, 2, &sharing);
+  EXPECT_INVALID("labels is null", broadcl_pair_list_create_sharing, nullptr, 6, 2, &sharing);
+  EXPECT_INVALID("list is null", broadcl_pair_list_create_sharing, labels.data(), 6, 2, nullptr);
+  EXPECT_EQ(sharing, nullptr);
+}
+
+TEST_F(CBroadPhase, BoxesAreCopiedOrWrittenInPlace) {
+  const std::vector<broadcl_aabb> boxes = random_boxes(100);
+  broadcl_boxes given = view(boxes);
+  OK(broadcl_broad_phase_set_boxes(handle_, &given));
+  EXPECT_EQ(list(update().added), overlapping(boxes));
+  broadcl_pairs pairs{};
+  OK(broadcl_broad_phase_pairs(handle_, &pairs));
+  EXPECT_EQ(list(pairs), overlapping(boxes));
+
+  broadcl_aabb* mapped = nullptr;
+  OK(broadcl_broad_phase_map(handle_, 2, &mapped));
+  mapped[0] = cube(0);
+  mapped[1] = cube(nan_value);
+  EXPECT_FAILED("box 1 has a NaN bound", broadcl_broad_phase_update, handle_, nullptr);
+  EXPECT_EQ(list(pairs), overlapping(boxes)) << "a call that fails leaves the list alone";
+  mapped[1] = cube(1);
+  update();
+  OK(broadcl_broad_phase_pairs(handle_, &pairs));
+  EXPECT_THAT(list(pairs), ElementsAre(broadcl_pair{0, 1}));
+  EXPECT_FAILED("ask for fewer", broadcl_broad_phase_map, handle_, std::size_t{1} << 40U, &mapped);
+}
+
+TEST_F(CBroadPhase, ListsStayUntilTheyAreReplaced) {
+  add(cube(0));
+  const std::uint32_t b = add(cube(0.5F));
+  OK(broadcl_broad_phase_begin(handle_));
+  const broadcl_aabb far = cube(5);
+  OK(broadcl_broad_phase_move(handle_, b, &far));
+  broadcl_pairs pairs{};
+  broadcl_aabb* mapped = nullptr;
+  EXPECT_FAILED("finish", broadcl_broad_phase_pairs, handle_, &pairs);
+  EXPECT_FAILED("finish", broadcl_broad_phase_map, handle_, 1, &mapped);
+  EXPECT_EQ(mapped, nullptr);
+  broadcl_delta delta{};
+  OK(broadcl_broad_phase_finish(handle_, &delta));
+  OK(broadcl_broad_phase_pairs(handle_, &pairs));
+  // The next update begins, and an object comes.
+  OK(broadcl_broad_phase_begin(handle_));
+  add(cube(5.5F));
+  EXPECT_THAT(list(delta.added), ElementsAre(broadcl_pair{0, 1}));
+  EXPECT_THAT(list(pairs), ElementsAre(broadcl_pair{0, 1}));
+  OK(broadcl_broad_phase_finish(handle_, &delta));
+  EXPECT_THAT(list(delta.removed), ElementsAre(broadcl_pair{0, 1}));
+  EXPECT_THAT(list(update().added), ElementsAre(broadcl_pair{1, 2}));
+}
+
+TEST_F(CBroadPhase, SaysHowItWorks) {
+  const broadcl_algorithm* row = nullptr;
+  OK(broadcl_broad_phase_algorithm(handle_, &row));
+  EXPECT_STREQ(row->name, "sweep-and-prune");
+  auto info = sized<broadcl_device_info>();
+  info.name = "unchanged";
+  OK(broadcl_broad_phase_device(handle_, &info));
+  EXPECT_EQ(info.name, nullptr) << "it works on the host";
+  EXPECT_EQ(info.size, sizeof info);
+}
+
+TEST(CDeathTest, ExhaustedMemoryHasItsStatus) {
+  const auto map_in_a_small_process = [] {
+    const broadcl_config config = on_host("oracle");
+    broadcl_broad_phase* handle = nullptr;
+    if (broadcl_broad_phase_create(&config, &handle) != BROADCL_SUCCESS) std::exit(99);
+    const rlimit limit{.rlim_cur = rlim_t{2} << 30U, .rlim_max = rlim_t{2} << 30U};
+    if (setrlimit(RLIMIT_AS, &limit) != 0) std::exit(98);
+    broadcl_aabb* mapped = nullptr;
+    const broadcl_status status = broadcl_broad_phase_map(handle, std::size_t{1} << 30U, &mapped);
+    std::fputs(broadcl_last_error(), stderr);
+    std::exit(status);
+  };
+  EXPECT_EXIT(map_in_a_small_process(), testing::ExitedWithCode(BROADCL_OUT_OF_MEMORY),
+              "broadcl_broad_phase_map: memory of the host is exhausted");
+}
+
+}  // namespace
+}  // namespace broadcl::test

@@ -1,0 +1,202 @@
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <cstring>
+#include <utility>
+#include <vector>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "c_test.hpp"
+
+namespace broadcl::test {
+namespace {
+
+using ::testing::ElementsAre;
+using ::testing::IsEmpty;
+
+TEST(CPairList, HasAllPairsOfBoxesInAnyLayout) {
+  const std::vector<broadcl_aabb> boxes = random_boxes(200);
+  const Pairs expected = overlapping(boxes);
+  ASSERT_GT(expected.size(), 20U);
+  const auto pairs_of = [](const broadcl_boxes& given) {
+    const broadcl_config config = on_host();
+    broadcl_pair_list* pairs = nullptr;
+    EXPECT_EQ(broadcl_pair_list_create(&given, &config, &pairs), BROADCL_SUCCESS) << broadcl_last_error();
+    broadcl_pairs found{};
+    EXPECT_EQ(broadcl_pair_list_get(pairs, &found), BROADCL_SUCCESS);
+    Pairs result = list(found);
+    EXPECT_EQ(broadcl_pair_list_destroy(pairs), BROADCL_SUCCESS);
+    return result;
+  };
+  EXPECT_EQ(pairs_of(view(boxes)), expected);
+
+  std::vector<std::array<float, 8>> apart(boxes.size());
+  std::vector<std::array<double, 6>> doubles(boxes.size());
+  for (std::size_t k = 0; k < boxes.size(); ++k) {
+    std::memcpy(apart[k].data(), &boxes[k], sizeof boxes[k]);
+    for (std::size_t axis = 0; axis < 6; ++axis) doubles[k].at(axis) = static_cast<double>(apart[k].at(axis));
+  }
+  broadcl_boxes given = view(boxes);
+  given.data = apart.data();
+  given.stride = sizeof apart[0];
+  EXPECT_EQ(pairs_of(given), expected);
+  given.data = &apart.back();
+  given.stride = -given.stride;
+  EXPECT_EQ(pairs_of(given).size(), expected.size());
+  given = view(boxes);
+  given.data = doubles.data();
+  given.type = BROADCL_FLOAT64;
+  given.dimensions = 3;
+  EXPECT_EQ(pairs_of(given), expected);
+  EXPECT_THAT(pairs_of(view({})), IsEmpty());
+}
+
+TEST(CPairList, HasPairsOfTwoSetsAndOfRectangles) {
+  const std::vector<broadcl_aabb> boxes = random_boxes(200);
+  std::vector<std::array<double, 4>> rectangles;
+  std::vector<broadcl_aabb> flat = boxes;
+  for (broadcl_aabb& box : flat) {
+    box.lower[2] = box.upper[2] = 0;
+    std::array<double, 4>& rectangle = rectangles.emplace_back();
+    for (std::size_t axis = 0; axis < 2; ++axis) {
+      rectangle.at(axis) = static_cast<double>(box.lower[axis]);
+      rectangle.at(axis + 2) = static_cast<double>(box.upper[axis]);
+    }
+  }
+  // The first 80 are one set, the others another.
+  constexpr std::uint32_t split = 80;
+  Pairs expected;
+  for (const broadcl_pair& pair : overlapping(flat)) {
+    if (pair.a < split && pair.b >= split) expected.push_back({pair.a, pair.b - split});
+  }
+  ASSERT_GT(expected.size(), 20U);
+  broadcl_boxes first = view(flat);
+  first.count = split;
+  auto second = sized<broadcl_boxes>();
+  second.data = &rectangles[split];
+  second.count = rectangles.size() - split;
+  second.type = BROADCL_FLOAT64;
+  second.dimensions = 2;
+  const broadcl_config config = on_host();
+  broadcl_pair_list* pairs = nullptr;
+  OK(broadcl_pair_list_create_between(&first, &second, &config, &pairs));
+  broadcl_pairs found{};
+  OK(broadcl_pair_list_get(pairs, &found));
+  EXPECT_EQ(list(found), expected);
+  OK(broadcl_pair_list_destroy(pairs));
+  EXPECT_INVALID("list is null", broadcl_pair_list_create_between, &first, &second, &config, nullptr);
+  EXPECT_INVALID("first is null", broadcl_pair_list_create_between, nullptr, &second, &config, &pairs);
+  EXPECT_INVALID("second is null", broadcl_pair_list_create_between, &first, nullptr, &config, &pairs);
+  second.stride = 7;
+  EXPECT_INVALID("second: ", broadcl_pair_list_create_between, &first, &second, &config, &pairs);
+}
+
+TEST(CPairList, LacksWhatIsExcluded) {
+  const std::vector<broadcl_aabb> boxes = random_boxes(200);
+  const Pairs all = overlapping(boxes);
+  constexpr std::uint32_t split = 80;
+  Pairs exclusions;  // every other pair
+  Pairs expected;
+  Pairs exclusions_between;
+  Pairs expected_between;
+  for (std::size_t k = 0; k < all.size(); ++k) {
+    const auto [a, b] = all[k];
+    (k % 2 == 0 ? exclusions : expected).push_back(all[k]);
+    if (a < split && b >= split) {
+      (k % 2 == 0 ? exclusions_between : expected_between).push_back({a, b - split});
+    }
+  }
+  ASSERT_GT(expected_between.size(), 20U);
+  std::swap(exclusions[3].a, exclusions[3].b);
+  const broadcl_boxes both = view(boxes);
+  broadcl_boxes first = both;
+  first.count = split;
+  broadcl_boxes second = both;
+  second.data = &boxes[split];
+  second.count = boxes.size() - split;
+  const broadcl_config config = on_host();
+  const auto found = [&](const broadcl_boxes& s, const broadcl_boxes* t, const Pairs& without) {
+    broadcl_pair_list* made = nullptr;
+    broadcl_pairs pairs{};
+    EXPECT_EQ(broadcl_pair_list_create_excluding(&s, t, without.data(), without.size(), &config, &made),
+              BROADCL_SUCCESS)
+        << broadcl_last_error();
+    EXPECT_EQ(broadcl_pair_list_get(made, &pairs), BROADCL_SUCCESS);
+    Pairs result = list(pairs);
+    EXPECT_EQ(broadcl_pair_list_destroy(made), BROADCL_SUCCESS);
+    return result;
+  };
+  EXPECT_EQ(found(both, nullptr, exclusions), expected);
+  EXPECT_EQ(found(both, nullptr, {}), all);
+  EXPECT_EQ(found(first, &second, exclusions_between), expected_between);
+
+  broadcl_pair_list* none = nullptr;
+  const broadcl_pair itself{2, 2};
+  const broadcl_pair beyond{0, 120};
+  EXPECT_FAILED("2 and itself", broadcl_pair_list_create_excluding, &both, nullptr, &itself, 1, &config,
+                &none);
+  EXPECT_FAILED("(0, 120)", broadcl_pair_list_create_excluding, &first, &second, &beyond, 1, &config, &none);
+  EXPECT_INVALID("exclusions is null", broadcl_pair_list_create_excluding, &both, nullptr, nullptr, 1,
+                 &config, &none);
+  EXPECT_INVALID("first is null", broadcl_pair_list_create_excluding, nullptr, &both, nullptr, 0, &config,
+                 &none);
+  EXPECT_INVALID("list is null", broadcl_pair_list_create_excluding, &both, nullptr, nullptr, 0, &config,
+                 nullptr);
+  EXPECT_EQ(none, nullptr);
+}
+
+TEST(CPairList, HasWhatSharesALabel) {
+  const std::vector<std::uint32_t> faces = {1, 2, 3, 3, 2, 7};
+  const std::vector<std::uint32_t> vertices = {0, 1, 2};
+  broadcl_pair_list* made = nullptr;
+  OK(broadcl_pair_list_create_sharing_between(faces.data(), faces.size(), 3, vertices.data(), vertices.size(),
+                                              1, &made));
+  broadcl_pairs pairs{};
+  OK(broadcl_pair_list_get(made, &pairs));
+  EXPECT_THAT(list(pairs), ElementsAre(broadcl_pair{0, 1}, broadcl_pair{0, 2}, broadcl_pair{1, 2}));
+  OK(broadcl_pair_list_destroy(made));
+  made = nullptr;
+  EXPECT_FAILED("5 labels", broadcl_pair_list_create_sharing_between, faces.data(), 5, 3, vertices.data(), 3,
+                1, &made);
+  EXPECT_INVALID("first_labels is null", broadcl_pair_list_create_sharing_between, nullptr, 6, 3,
+                 vertices.data(), 3, 1, &made);
+  EXPECT_INVALID("second_labels is null", broadcl_pair_list_create_sharing_between, faces.data(), 6, 3,
+                 nullptr, 3, 1, &made);
+  EXPECT_INVALID("list is null", broadcl_pair_list_create_sharing_between, faces.data(), 6, 3,
+                 vertices.data(), 3, 1, nullptr);
+  EXPECT_EQ(made, nullptr);
+}
+
+TEST(CPairList, RefusesBoxesThatAreNone) {
+  const std::vector<broadcl_aabb> boxes = {cube(0), cube(nan_value)};
+  broadcl_pair_list* pairs = nullptr;
+  broadcl_boxes given = view(boxes);
+  EXPECT_FAILED("box 1 has a NaN bound", broadcl_pair_list_create, &given, nullptr, &pairs);
+  given.type = 7;
+  EXPECT_INVALID("boxes->type is 7", broadcl_pair_list_create, &given, nullptr, &pairs);
+  given = view(boxes);
+  given.dimensions = 4;
+  EXPECT_INVALID("boxes->dimensions is 4", broadcl_pair_list_create, &given, nullptr, &pairs);
+  given = view(boxes);
+  given.stride = 25;
+  EXPECT_INVALID("stride", broadcl_pair_list_create, &given, nullptr, &pairs);
+  given = view(boxes);
+  given.data = nullptr;
+  EXPECT_INVALID("null", broadcl_pair_list_create, &given, nullptr, &pairs);
+  given.size = 0;
+  EXPECT_INVALID("boxes->size is 0", broadcl_pair_list_create, &given, nullptr, &pairs);
+  EXPECT_INVALID("boxes is null", broadcl_pair_list_create, nullptr, nullptr, &pairs);
+  const broadcl_config config = on_host("frobnicate");
+  given = view({cube(0)});
+  EXPECT_FAILED("frobnicate", broadcl_pair_list_create, &given, &config, &pairs);
+  EXPECT_EQ(pairs, nullptr);
+  given = view({});
+  OK(broadcl_pair_list_create(&given, nullptr, &pairs));
+  EXPECT_INVALID("pairs is null", broadcl_pair_list_get, pairs, nullptr);
+  OK(broadcl_pair_list_destroy(pairs));
+}
+
+}  // namespace
+}  // namespace broadcl::test
