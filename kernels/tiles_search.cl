@@ -368,7 +368,7 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_search(
 
 #if GROUP > 1
   /* (A halted frame has passed no barrier since the first work-item cleared what this reads.) */
-  if (end > 0U) append_new(&scratch, scratch.found, filters, exclusions, &sink);
+  if (work > 0U) append_new(&scratch, scratch.found, filters, exclusions, &sink);
   if (item == 0U) atomic_add(&sink.counts[COUNT_WORK], work - scratch.reported);
 #else
   append_hits(&sink, hits, found);
