@@ -64,10 +64,9 @@ class Order {
 
   /// The changes of the last frame on the host. They stay unchanged until the frame after the next begins.
   [[nodiscard]] Delta on_host(const PairDelta::Counts& counts) const noexcept;
-  /// An owner of these changes.
-  [[nodiscard]] std::shared_ptr<const void> host_owner() const noexcept {
-    return results_.at(1 - turn_).host_owner();
-  }
+  /// Keeps them for as long as it lives.
+  /// @throws std::bad_alloc
+  [[nodiscard]] std::shared_ptr<const void> host_owner() const { return results_.at(1 - turn_).host_owner(); }
   /// The changes of the last frame on the device, until the next begins.
   [[nodiscard]] const cl::Buffer& added() const noexcept { return added_.get(); }
   [[nodiscard]] const cl::Buffer& removed() const noexcept { return removed_.get(); }

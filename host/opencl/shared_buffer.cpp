@@ -1,5 +1,7 @@
 #include "opencl/shared_buffer.hpp"
 
+#include "opencl/launch.hpp"
+
 namespace broadcl::opencl {
 
 SharedBuffer::SharedBuffer(const Context& context, std::size_t bytes) : queue_(context.queue()) {
@@ -10,6 +12,15 @@ SharedBuffer::SharedBuffer(const Context& context, std::size_t bytes) : queue_(c
     *host_ = MappedBuffer(context, context.pinned(bytes), bytes);
     host_->map();
   }
+}
+
+std::shared_ptr<const void> SharedBuffer::host_owner() const {
+  // Whoever has it last waits until it is released: Context, which waits for its queue, may be gone.
+  return {host_.get(), [queue = queue_, host = host_](const void*) mutable {
+            const bool is_last = !broadcl::is_kept(host);
+            host.reset();
+            if (is_last) wait_if_possible(queue);
+          }};
 }
 
 void SharedBuffer::release() {

@@ -27,9 +27,10 @@ class SharedBuffer {  // NOLINT(bugprone-exception-escape): handles do not throw
     return device_() != nullptr ? device_ : host_->buffer();
   }
 
-  /// An owner of the memory of host(). Do not call release() or download() as long as it exists.
-  [[nodiscard]] std::shared_ptr<const void> host_owner() const noexcept { return host_; }
-  /// Whether there is such an owner besides this object.
+  /// Keeps host() from being freed. Do not release() or download() while somebody holds it.
+  /// @throws std::bad_alloc
+  [[nodiscard]] std::shared_ptr<const void> host_owner() const;
+  /// Whether somebody does.
   [[nodiscard]] bool is_kept() const noexcept { return broadcl::is_kept(host_); }
 
   /// Enqueues the command that releases it to the device.
