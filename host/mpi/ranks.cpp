@@ -29,7 +29,7 @@ std::size_t parts(std::size_t bytes) {
 
 /// Calls function(offset, bytes) for each part of a message.
 template <class Function>
-void for_each_message(std::size_t bytes, const Function& function) {
+void for_each_message_part(std::size_t bytes, const Function& function) {
   for (std::size_t offset = 0; offset < bytes; offset += most_bytes) {
     function(offset, static_cast<int>(std::min(most_bytes, bytes - offset)));
   }
@@ -119,7 +119,7 @@ void Ranks::exchange(const std::vector<Bytes>& out, std::vector<Bytes>& in) cons
   // Each rank begins with its neighbour, so that they do not all send to the same rank.
   for (std::size_t step = 1; step < ranks; ++step) {
     const std::size_t source = (self + ranks - step) % ranks;
-    for_each_message(sizes[source], [&](std::size_t offset, int bytes) {
+    for_each_message_part(sizes[source], [&](std::size_t offset, int bytes) {
       check(MPI_Irecv(in[source].data() + offset, bytes, MPI_BYTE, static_cast<int>(source), tag, comm_,
                       &requests.emplace_back()),
             "MPI_Irecv");
@@ -127,7 +127,7 @@ void Ranks::exchange(const std::vector<Bytes>& out, std::vector<Bytes>& in) cons
   }
   for (std::size_t step = 1; step < ranks; ++step) {
     const std::size_t target = (self + step) % ranks;
-    for_each_message(sent[target], [&](std::size_t offset, int bytes) {
+    for_each_message_part(sent[target], [&](std::size_t offset, int bytes) {
       check(MPI_Isend(out[target].data() + offset, bytes, MPI_BYTE, static_cast<int>(target), tag, comm_,
                       &requests.emplace_back()),
             "MPI_Isend");
