@@ -14,6 +14,7 @@
 #include <gtest/gtest.h>
 
 #include "cli/npy.hpp"
+#include "device_life.hpp"
 #include "each_algorithm.hpp"
 #include "scenes/generators.hpp"
 #include "scenes/random.hpp"
@@ -307,42 +308,68 @@ TEST(SweepAndPrune, BoxesThatAllLeapAreSortedAtOnce) {
   EXPECT_LT(slowest, 8 * first);
 }
 
-/// In the old order the search would be one of all boxes with all: it is given up, and made again in a new
-/// order. The pairs are those of the places, whichever boxes are there.
-ALSO_IN(gpu_profile | rusticl);
-TEST(Tiles, BoxesThatAllLeapAreSortedAtOnce) {
+/// The pairs that an update finds, and how often it built the tree of tiles.
+struct Frame {
+  Pairs pairs;
+  std::size_t builds;
+};
+
+std::size_t builds(std::span<const Stage> stages) {
+  return static_cast<std::size_t>(std::ranges::count(stages, "build", &Stage::name));
+}
+
+/// Boxes that all leap to each other's places. In the old order the search would be one of all boxes with
+/// all: it is given up, and made again in a new order. The pairs are those of the places, whichever boxes are
+/// there.
+void expect_leaps_to_be_sorted_at_once(const std::function<Frame(const std::vector<Aabb>&)>& update) {
   constexpr std::uint32_t n = 20'000;
   const scenes::MovingBoxes scene(n, scenes::MovingBoxes::Sizes::uniform);
   std::vector<std::uint32_t> places(n);
   std::iota(places.begin(), places.end(), 0U);
-  BroadPhase broad_phase({.algorithm = "tiles", .profile = true});
-  const auto update = [&] {
-    const std::span<Aabb> boxes = broad_phase.map(n);
-    for (std::uint32_t id = 0; id < n; ++id) boxes[id] = scene.boxes()[places[id]];
-    (void)broad_phase.update();
-    const auto stages = broad_phase.profile();
-    return std::ranges::any_of(stages, [](const Stage& stage) { return stage.name == "sort"; });
-  };
-  const auto pairs_of_places = [&] {
-    Pairs pairs = broad_phase.pairs();
-    for (Pair& pair : pairs) {
+  const auto frame = [&] {
+    std::vector<Aabb> boxes;
+    for (const std::uint32_t place : places) boxes.push_back(scene.boxes()[place]);
+    Frame found = update(boxes);
+    for (Pair& pair : found.pairs) {
       const std::uint32_t s = places[pair.a];
       const std::uint32_t t = places[pair.b];
       pair = {std::min(s, t), std::max(s, t)};
     }
-    std::ranges::sort(pairs);
-    return pairs;
+    std::ranges::sort(found.pairs);
+    return found;
   };
-  EXPECT_TRUE(update());
-  const Pairs expected = pairs_of_places();
+  const Pairs expected = frame().pairs;
   ASSERT_GT(expected.size(), n / 2);
   scenes::Random random(1);
   for (int k = 0; k < 3; ++k) {
-    EXPECT_FALSE(update()) << "nothing moved";
+    EXPECT_EQ(frame().builds, 1U) << "nothing moved";
     random.shuffle(std::span(places));
-    EXPECT_TRUE(update());
-    EXPECT_TRUE(same("pairs", pairs_of_places(), expected));
+    const Frame leap = frame();
+    EXPECT_EQ(leap.builds, 2U);
+    EXPECT_TRUE(same("pairs", leap.pairs, expected));
   }
+}
+
+ALSO_IN(gpu_profile | rusticl);
+TEST(Tiles, BoxesThatAllLeapAreSortedAtOnce) {
+  BroadPhase broad_phase({.algorithm = "tiles"});
+  expect_leaps_to_be_sorted_at_once([&](const std::vector<Aabb>& boxes) -> Frame {
+    std::ranges::copy(boxes, broad_phase.map(boxes.size()).begin());
+    (void)broad_phase.update();
+    return {broad_phase.pairs(), builds(broad_phase.profile())};
+  });
+}
+
+/// The first search gathers them.
+ALSO_IN(gpu_profile);
+TEST(Tiles, BoxesInABufferThatAllLeapAreSortedAtOnce) {
+  const CallersQueue queue;
+  DeviceBroadPhase broad_phase(queue(), {.algorithm = "tiles"});
+  expect_leaps_to_be_sorted_at_once([&](const std::vector<Aabb>& boxes) -> Frame {
+    const cl::Buffer buffer = queue.buffer_of(boxes);
+    (void)broad_phase.update({.buffer = buffer(), .count = boxes.size()});
+    return {queue.read(broad_phase.pairs()), builds(broad_phase.profile())};
+  });
 }
 
 /// More than fit below one root. Ids are scattered; each box touches the next along x, and no other.
