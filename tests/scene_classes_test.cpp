@@ -327,8 +327,8 @@ void expect_leaps_to_be_sorted_at_once(const std::function<Frame(const std::vect
   std::vector<std::uint32_t> places(n);
   std::iota(places.begin(), places.end(), 0U);
   const auto frame = [&] {
-    std::vector<Aabb> boxes;
-    for (const std::uint32_t place : places) boxes.push_back(scene.boxes()[place]);
+    std::vector<Aabb> boxes(n);
+    std::ranges::transform(places, boxes.begin(), [&](std::uint32_t place) { return scene.boxes()[place]; });
     Frame found = update(boxes);
     for (Pair& pair : found.pairs) {
       const std::uint32_t s = places[pair.a];
