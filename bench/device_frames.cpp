@@ -18,7 +18,7 @@
 namespace broadcl {
 namespace {
 
-void time_update(benchmark::State& state, const AlgorithmInfo& algorithm, const Scene& scene,
+void time_device_update(benchmark::State& state, const AlgorithmInfo& algorithm, const Scene& scene,
                  std::uint32_t n) {
   const opencl::Context context(select_device(), false);
   const cl::CommandQueue& queue = context.queue();
@@ -102,7 +102,7 @@ void register_device_frames() {
         if (algorithm.name == "brute-force" && n > 16000) continue;  // it tests all pairs
         const std::string name =
             "update-device/" + std::string(algorithm.name) + "/" + scene.name + "/" + std::to_string(n);
-        benchmark::RegisterBenchmark(name.c_str(), time_update, algorithm, scene, n)
+        benchmark::RegisterBenchmark(name.c_str(), time_device_update, algorithm, scene, n)
             ->UseManualTime()
             ->Iterations(256)
             ->Unit(benchmark::kMicrosecond);

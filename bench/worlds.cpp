@@ -21,8 +21,8 @@
 namespace broadcl {
 namespace {
 
-enum class From { host, device, apart };
-constexpr std::array from_names{"host", "device", "apart"};
+enum class Variant { host, device, apart };
+constexpr std::array variant_names{"host", "device", "apart"};
 
 /// Worlds one after the other, in the unit cube or each in a cube of its own.
 class Worlds {
@@ -118,11 +118,11 @@ void time_on_device(benchmark::State& state, const AlgorithmInfo& algorithm, Wor
   frames.report();
 }
 
-void time_worlds(benchmark::State& state, const AlgorithmInfo& algorithm, From from, std::uint32_t count,
+void time_worlds(benchmark::State& state, const AlgorithmInfo& algorithm, Variant variant, std::uint32_t count,
                  std::uint32_t boxes) {
-  Worlds worlds(count, boxes, from == From::apart);
-  if (from == From::device) return time_on_device(state, algorithm, std::move(worlds));
-  time_on_host(state, algorithm, std::move(worlds), from == From::apart);
+  Worlds worlds(count, boxes, variant == Variant::apart);
+  if (variant == Variant::device) return time_on_device(state, algorithm, std::move(worlds));
+  time_on_host(state, algorithm, std::move(worlds), variant == Variant::apart);
 }
 
 }  // namespace
@@ -136,11 +136,11 @@ void register_worlds() {
     for (const AlgorithmInfo& algorithm : algorithms()) {
       if (!algorithm.on_device || algorithm.name == "gpu-bf") continue;
       if (algorithm.name == "brute-force" && count * boxes > 16384) continue;  // it tests all pairs
-      for (const From from : {From::host, From::device, From::apart}) {
+      for (const Variant variant : {Variant::host, Variant::device, Variant::apart}) {
         const std::string name = "worlds/" + std::string(algorithm.name) + "/" +
-                                 from_names.at(static_cast<std::size_t>(from)) + "/" + std::to_string(count) +
+                                 variant_names.at(static_cast<std::size_t>(variant)) + "/" + std::to_string(count) +
                                  "x" + std::to_string(boxes);
-        benchmark::RegisterBenchmark(name.c_str(), time_worlds, algorithm, from, count, boxes)
+        benchmark::RegisterBenchmark(name.c_str(), time_worlds, algorithm, variant, count, boxes)
             ->UseManualTime()
             ->Iterations(256)
             ->Unit(benchmark::kMicrosecond);

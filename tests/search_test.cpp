@@ -235,7 +235,7 @@ Pairs sweep(std::span<const Aabb> boxes) {
   return pairs;
 }
 
-NOT_IN(gpu_profile | rusticl | sanitizers, "takes minutes");
+NOT_IN(all_default | gpu_profile | rusticl | sanitizers, "takes minutes");
 TEST(BruteForce, AHundredThousandBoxes) {
   if (is_slow_device()) GTEST_SKIP() << "takes minutes on this device";
   constexpr std::uint32_t n = 100'000;
