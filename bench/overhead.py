@@ -4,11 +4,13 @@
     cmake --preset dev && cmake --build --preset dev --target broadcl_overhead
     pip install . && bench/overhead.py [--device cpu] [--algorithm tiles]
 
-A few of the boxes move, or all of them, written in place. The fastest tenth of the frames, in rounds in which the two take turns; the last
-column is the median of the rounds' ratios.
+A few of the boxes move, or all of them, written in place. The fastest tenth of the frames, in rounds in which the two take
+turns, each time in a new process, since where the system puts a process and its memory makes a difference. The last column is
+the median of the rounds' ratios.
 """
 
 import argparse
+import multiprocessing
 import statistics
 import subprocess
 import tempfile
@@ -47,6 +49,11 @@ def in_python(two: np.ndarray, moving: int, frames: int, algorithm: str, device:
     return seconds
 
 
+def in_new_process(function, *arguments):
+    with multiprocessing.get_context("spawn").Pool(1) as pool:
+        return pool.apply(function, arguments)
+
+
 def in_cpp(path: str, *arguments) -> np.ndarray:
     run = subprocess.run([PROGRAM, path, *map(str, arguments)], check=True, capture_output=True, text=True)
     return np.array(run.stdout.split(), float).reshape(-1, 2)
@@ -69,7 +76,7 @@ def main() -> None:
             two.tofile(file.name)
             how = moving, frames, arguments.algorithm, arguments.device
             for _ in range(arguments.rounds):
-                for times in (in_cpp(file.name, *how), in_python(two, *how)):
+                for times in (in_cpp(file.name, *how), in_new_process(in_python, two, *how)):
                     medians.append(np.quantile(times[frames // 5:], 0.1, axis=0) * 1e6)
         for column, name in enumerate(("frame", "update()")):
             cpp = [row[column] for row in medians[::2]]
