@@ -6,11 +6,15 @@
 #include <utility>
 
 #include "algorithms/change_lists.hpp"
+#include "algorithms/changing_pairs.hpp"
 #include "packed_box.hpp"
 #include "pair_lists.hpp"
 
 namespace broadcl {
 namespace {
+
+/// To look at so many pairs takes as long as to search for those of one box.
+constexpr std::size_t pairs_per_search = 256;
 
 class HostEngine final : public Algorithm {
  public:
@@ -29,7 +33,8 @@ class HostEngine final : public Algorithm {
 
   void begin(const Changes& changes) override {
     changes_ = changes;
-    if (changes.filters_changed || filters_.size() != changes.filters.size()) {
+    filters_changed_ = changes.filters_changed || filters_.size() != changes.filters.size();
+    if (filters_changed_) {
       filters_.assign(changes.filters.begin(), changes.filters.end());
       exclusions_.assign(changes.exclusions.begin(), changes.exclusions.end());
     }
@@ -41,17 +46,22 @@ class HostEngine final : public Algorithm {
                               .worlds = changes_.worlds,
                               .sets = changes_.sets};
     auto& [added, removed] = lists_.next();
-    if (!changes_.all && finder_->find_changed(objects, changes_.changed, found_)) {
+    const bool search_known = finder_is_of_pairs_ && !filters_changed_ &&
+                              changes_.changed.size() * pairs_per_search < pairs_.size();
+    finder_is_of_pairs_ = false;  // until all is done
+    if (!changes_.all &&
+        finder_->find_changed(objects, changes_.changed, search_known ? &known_ : nullptr, found_)) {
       exclude(exclusions_, found_);
-      find_known();
+      search_known ? exclude(exclusions_, known_) : find_known();
       compare(known_, found_, changes_.recycled, added, removed);
-      if (!added.empty() || !removed.empty()) apply_changes(added, removed);
+      pairs_.change(added, removed);
     } else {
       finder_->find(objects, found_);
       exclude(exclusions_, found_);
-      compare(pairs_, found_, changes_.recycled, added, removed);
-      std::swap(pairs_, found_);
+      compare(pairs_.all(), found_, changes_.recycled, added, removed);
+      pairs_.swap(found_);
     }
+    finder_is_of_pairs_ = true;
     return {added, removed};
   }
 
@@ -59,6 +69,7 @@ class HostEngine final : public Algorithm {
 
   [[nodiscard]] std::vector<Pair> find_all(const Changes& changes) override {
     std::vector<Pair> pairs;
+    finder_is_of_pairs_ = false;
     finder_->find({.boxes = std::span(*boxes_).first(changes.slots),
                    .filters = changes.filters,
                    .worlds = changes.worlds,
@@ -68,7 +79,7 @@ class HostEngine final : public Algorithm {
     return pairs;
   }
 
-  [[nodiscard]] std::vector<Pair> pairs() override { return pairs_; }
+  [[nodiscard]] std::vector<Pair> pairs() override { return pairs_.all(); }
   [[nodiscard]] const Device* device() const noexcept override { return nullptr; }
   [[nodiscard]] std::span<const Stage> profile() const noexcept override { return {}; }
 
@@ -93,41 +104,17 @@ class HostEngine final : public Algorithm {
   void find_known() {
     std::size_t slots = changes_.slots;
     for (const std::uint32_t slot : changes_.changed) slots = std::max<std::size_t>(slots, slot + 1);
-    if (!pairs_.empty()) slots = std::max<std::size_t>(slots, pairs_.back().b + 1);
+    const std::vector<Pair>& pairs = pairs_.all();
+    if (!pairs.empty()) slots = std::max<std::size_t>(slots, pairs.back().b + 1);
     has_changed_.assign(slots, 0);
     for (const std::uint32_t slot : changes_.changed) has_changed_[slot] = 1;
-    known_.resize(pairs_.size());
+    known_.resize(pairs.size());
     std::size_t count = 0;
-    for (const Pair& pair : pairs_) {  // few of them, at random: a branch would be slower
+    for (const Pair& pair : pairs) {  // few of them, at random: a branch would be slower
       known_[count] = pair;
       count += static_cast<std::size_t>(has_changed_[pair.a] | has_changed_[pair.b]);
     }
     known_.resize(count);
-  }
-
-  /// Updates the list of pairs.
-  void apply_changes(std::span<const Pair> added, std::span<const Pair> removed) {
-    found_.clear();
-    found_.reserve(pairs_.size() + added.size());
-    auto rest = pairs_.begin();
-    auto gone = removed.begin();
-    const auto take_until = [&](const Pair& end) {
-      for (; gone != removed.end() && *gone <= end; ++gone) {
-        const auto at = std::lower_bound(rest, pairs_.end(), *gone);
-        found_.insert(found_.end(), rest, at);
-        rest = at + 1;
-      }
-      const auto at = std::lower_bound(rest, pairs_.end(), end);
-      found_.insert(found_.end(), rest, at);
-      rest = at;
-    };
-    for (const Pair& pair : added) {
-      take_until(pair);
-      found_.push_back(pair);
-    }
-    if (!removed.empty()) take_until(removed.back());
-    found_.insert(found_.end(), rest, pairs_.end());
-    std::swap(pairs_, found_);
   }
 
   std::unique_ptr<HostFinder> finder_;
@@ -135,7 +122,9 @@ class HostEngine final : public Algorithm {
   std::vector<Filter> filters_;
   std::vector<Pair> exclusions_;
   Changes changes_;
-  std::vector<Pair> pairs_;  // as of the last update
+  bool filters_changed_ = false;
+  ChangingPairs pairs_;              // as of the last update
+  bool finder_is_of_pairs_ = false;  // whether that was the finder's last search, too
   ChangeLists lists_;
   std::vector<Pair> found_, known_;
   std::vector<char> has_changed_;  // by slot

@@ -31,12 +31,13 @@ class HostFinder {
   /// @throws std::bad_alloc
   virtual void find(const HostObjects& objects, std::vector<Pair>& pairs) = 0;
 
-  /// Finds only the pairs that contain one of these slots, if that takes less time than finding all pairs. No
-  /// other slot may have changed since the last successful call of find() or of this function.
-  /// @returns Whether it found them; if not, call find().
+  /// Finds those of them in which one of these slots takes part, if that takes less time than to find all.
+  /// No other slot changed since the last call of find() or this function, which succeeded.
+  /// @param known Also gets those that took part then, if it is not null; no filter may have changed since.
+  /// @returns Whether it did so.
   /// @throws std::bad_alloc
   virtual bool find_changed(const HostObjects& /*objects*/, std::span<const std::uint32_t> /*changed*/,
-                            std::vector<Pair>& /*pairs*/) {
+                            std::vector<Pair>* /*known*/, std::vector<Pair>& /*pairs*/) {
     return false;
   }
 };

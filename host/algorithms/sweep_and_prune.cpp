@@ -177,7 +177,7 @@ class SweepAndPrune final : public HostFinder {
   }
 
   bool find_changed(const HostObjects& objects, std::span<const std::uint32_t> changed,
-                    std::vector<Pair>& pairs) override {
+                    std::vector<Pair>* known, std::vector<Pair>& pairs) override {
     const std::size_t axes = axes_of(objects);
     if (sorted_axes_ != axes || four_.sets != objects.sets ||
         changed.size() * boxes_per_changed > objects.boxes.size())
@@ -185,11 +185,8 @@ class SweepAndPrune final : public HostFinder {
     moved_ += changed.size();
     if (moved_ > most_moved * objects.boxes.size()) sorted_axes_ = 0;
     if (sorted_axes_ == 0) return false;
-    axes == 4 ? find_changed(four_, objects, changed) : find_changed(three_, objects, changed);
-    pairs.assign(found_[0].pairs.begin(),
-                 found_[0].pairs.begin() + static_cast<std::ptrdiff_t>(found_[0].count));
-    std::ranges::sort(pairs);
-    pairs.erase(std::unique(pairs.begin(), pairs.end()), pairs.end());  // of two that changed
+    axes == 4 ? find_changed(four_, objects, changed, known, pairs)
+              : find_changed(three_, objects, changed, known, pairs);
     return true;
   }
 
@@ -230,7 +227,11 @@ class SweepAndPrune final : public HostFinder {
   }
 
   template <std::size_t axes>
-  void find_changed(HostTiles<axes>& all, const HostObjects& objects, std::span<const std::uint32_t> changed);
+  void find_changed(HostTiles<axes>& all, const HostObjects& objects, std::span<const std::uint32_t> changed,
+                    std::vector<Pair>* known, std::vector<Pair>& pairs);
+  template <std::size_t axes>
+  void search_boxes(const HostTiles<axes>& all, std::span<const Filter> filters,
+                    std::span<const std::uint32_t> places, std::vector<Pair>& pairs);
   template <std::size_t axes>
   void sort(const HostObjects& objects, std::size_t threads);
   void place_next();
@@ -371,8 +372,21 @@ bool SweepAndPrune::search_all(const HostTiles<axes>& all, std::span<const Filte
 }
 
 template <std::size_t axes>
+void SweepAndPrune::search_boxes(const HostTiles<axes>& all, std::span<const Filter> filters,
+                                 std::span<const std::uint32_t> places, std::vector<Pair>& pairs) {
+  found_.resize(std::max<std::size_t>(1, found_.size()));
+  found_[0].count = 0;
+  tile_search<axes>().boxes(found_[0], all, places, filters);
+  pairs.assign(found_[0].pairs.begin(),
+               found_[0].pairs.begin() + static_cast<std::ptrdiff_t>(found_[0].count));
+  std::ranges::sort(pairs);
+  pairs.erase(std::unique(pairs.begin(), pairs.end()), pairs.end());  // of two that changed
+}
+
+template <std::size_t axes>
 void SweepAndPrune::find_changed(HostTiles<axes>& all, const HostObjects& objects,
-                                 std::span<const std::uint32_t> changed) {
+                                 std::span<const std::uint32_t> changed, std::vector<Pair>* known,
+                                 std::vector<Pair>& pairs) {
   sorted_axes_ = 0;  // until all is done
   while (places_.size() < objects.boxes.size()) {
     place_next();
@@ -385,13 +399,14 @@ void SweepAndPrune::find_changed(HostTiles<axes>& all, const HostObjects& object
     append_child(all.nodes, tile, all.bounds.back());
   }
   std::vector<std::uint32_t> places;
-  dirty_.clear();
   for (const std::uint32_t slot : changed) {
-    if (slot >= places_.size()) continue;  // added and removed since the last update
-    const std::uint32_t place = places_[slot];
-    store(all, objects, slot, place);
+    if (slot < places_.size()) places.push_back(places_[slot]);  // or it was added and removed since then
+  }
+  if (known != nullptr) search_boxes(all, objects.filters, places, *known);
+  dirty_.clear();
+  for (const std::uint32_t place : places) {
+    store(all, objects, order_[place], place);
     dirty_.push_back(place / node_size);
-    if (slot < objects.boxes.size() && !is_empty(objects.boxes[slot])) places.push_back(place);
   }
   const auto each_dirty = [&](const auto& update) {
     std::ranges::sort(dirty_);
@@ -408,9 +423,7 @@ void SweepAndPrune::find_changed(HostTiles<axes>& all, const HostObjects& object
     all.roots[node / node_size].set(node % node_size, bounds_of(all.nodes[node]), node);
     return node;
   });
-  found_.resize(std::max<std::size_t>(1, found_.size()));
-  found_[0].count = 0;
-  tile_search<axes>().boxes(found_[0], all, places, objects.filters);
+  search_boxes(all, objects.filters, places, pairs);
   sorted_axes_ = axes;
 }
 
