@@ -65,15 +65,15 @@ TEST(AllocationFailure, OfADeviceBroadPhaseIsMadeGood) {
   }
 }
 
-/// Once one object has moved a few times, it changes over from the host to what it takes for a device.
+/// Once one object has moved often enough, it changes over from the host to what it takes for a device.
 TEST(AllocationFailure, OfAHybridIsMadeGood) {
   for (const long count : {1L, AllocationTrouble::for_good}) {
     int changed_over = 0;
     expect_right_lives(200, [&](long first) -> std::optional<long> {
-      const Pretender::Orders orders{.expected_seconds = 0, .expected_for_all = 1};
+      const Pretender::Orders orders{.expected_seconds = 0, .expected_for_all = 1e-4};
       ShortLife<AllocationTrouble, Core> life(
           make_hybrid(make_algorithm({.algorithm = "oracle"}), std::make_unique<Pretender>(orders)),
-          AllocationTrouble(first, count), {.looks = first % 4 < 2, .worlds = true, .updates = 12});
+          AllocationTrouble(first, count), {.looks = first % 4 < 2, .worlds = true, .updates = 200});
       if (!life.live()) return std::nullopt;
       if (life.subject().algorithm().device() != nullptr) ++changed_over;
       return life.trouble().points();

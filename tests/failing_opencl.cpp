@@ -18,10 +18,10 @@
 namespace broadcl::test {
 namespace {
 
-constexpr long never = std::numeric_limits<long>::max();
+constexpr long no_call = std::numeric_limits<long>::max();
 std::atomic<long> calls_made = 0;
-std::atomic<long> first_failing = never;
-std::atomic<long> first_succeeding = never;
+std::atomic<long> first_failing = no_call;
+std::atomic<long> first_succeeding = no_call;
 
 std::atomic<const char*> last_name = "";  // of those that failed
 std::atomic<cl_command_queue> last_queue = nullptr;
@@ -176,12 +176,12 @@ struct Watched<name, Result(Arguments...)> {
 
 FailingOpenCl::FailingOpenCl(long first, long count) {
   calls_made = 0;
-  first_succeeding = first > never - count ? never : first + count;
+  first_succeeding = first > no_call - count ? no_call : first + count;
   first_failing = first;
 }
 
 FailingOpenCl::~FailingOpenCl() {
-  first_failing = never;
+  first_failing = no_call;
 }
 
 long FailingOpenCl::calls() noexcept {

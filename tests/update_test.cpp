@@ -142,6 +142,60 @@ TEST_P(EachAlgorithm, FewMovedFollowTheOracle) {
   }
 }
 
+/// Hundreds, of which a few move, come, go and get another filter. All pairs are looked at now and then.
+NOT_IN(rusticl | sanitizers, "takes long");
+TEST_P(EachAlgorithm, FewOfHundredsLiveLikeThoseOfTheOracle) {
+  if (is_slow()) GTEST_SKIP() << "takes long on this device";
+  constexpr std::uint32_t n = 600;
+  for (const std::uint32_t worlds : {1U, 2U}) {
+    std::mt19937 random(worlds);
+    const auto below = [&](std::uint32_t most) { return static_cast<std::uint32_t>(random() % most); };
+    const auto box = [&] {
+      const auto x = static_cast<float>(below(16));
+      const auto y = static_cast<float>(below(16));
+      return below(20) == 0 ? inverted : Aabb{{x, y, 0}, {x + 1, y + 1, 0}};
+    };
+    const auto filter = [&] { return Filter{.group = 1, .mask = 1, .world = below(worlds)}; };
+    BroadPhase tested(config());
+    BroadPhase oracle({.algorithm = "oracle"});
+    const auto both = [&](const auto& act) {
+      act(tested);
+      act(oracle);
+    };
+    std::vector<std::uint32_t> ids;
+    const auto add = [&](const Aabb& at, const Filter& with) {
+      ids.push_back(tested.add(at, with));
+      EXPECT_EQ(oracle.add(at, with), ids.back());
+    };
+    for (std::uint32_t k = 0; k < n; ++k) add(box(), filter());
+    for (int frame = 0; frame < 120; ++frame) {
+      const Delta delta = tested.update();
+      const Delta expected = oracle.update();
+      ASSERT_TRUE(same(delta, expected.added, expected.removed)) << frame;
+      if (frame % 10 == 0) {
+        ASSERT_TRUE(same("pairs", tested.pairs(), oracle.pairs())) << frame;
+      }
+      for (std::uint32_t k = below(10); k > 0; --k) {
+        const std::uint32_t which = below(static_cast<std::uint32_t>(ids.size()));
+        const std::uint32_t id = ids[which];
+        const Aabb at = box();
+        const std::uint32_t what = below(40);
+        if (what < 30) {
+          both([&](BroadPhase& broad_phase) { broad_phase.move(id, at); });
+        } else if (what < 32) {
+          const Filter with = filter();
+          both([&](BroadPhase& broad_phase) { broad_phase.set_filter(id, with); });
+        } else if (what < 36) {
+          both([&](BroadPhase& broad_phase) { broad_phase.remove(id); });
+          ids.erase(ids.begin() + which);
+        } else {
+          add(at, filter());
+        }
+      }
+    }
+  }
+}
+
 /// A capacity of 256, 384, ... boxes: a new object makes the boxes move to other memory, and those that stand
 /// still must come along.
 TEST_P(EachAlgorithm, BoxesThatStandStillComeAlongWhenMemoryGrows) {

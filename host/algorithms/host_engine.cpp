@@ -46,9 +46,7 @@ class HostEngine final : public Algorithm {
                               .worlds = changes_.worlds,
                               .sets = changes_.sets};
     auto& [added, removed] = lists_.next();
-    const bool search_known = finder_is_of_pairs_ && !filters_changed_ &&
-                              changes_.changed.size() * pairs_per_search < pairs_.size();
-    finder_is_of_pairs_ = false;  // until all is done
+    const bool search_known = !filters_changed_ && changes_.changed.size() * pairs_per_search < pairs_.size();
     if (!changes_.all &&
         finder_->find_changed(objects, changes_.changed, search_known ? &known_ : nullptr, found_)) {
       exclude(exclusions_, found_);
@@ -61,7 +59,6 @@ class HostEngine final : public Algorithm {
       compare(pairs_.all(), found_, changes_.recycled, added, removed);
       pairs_.swap(found_);
     }
-    finder_is_of_pairs_ = true;
     return {added, removed};
   }
 
@@ -69,7 +66,6 @@ class HostEngine final : public Algorithm {
 
   [[nodiscard]] std::vector<Pair> find_all(const Changes& changes) override {
     std::vector<Pair> pairs;
-    finder_is_of_pairs_ = false;
     finder_->find({.boxes = std::span(*boxes_).first(changes.slots),
                    .filters = changes.filters,
                    .worlds = changes.worlds,
@@ -123,8 +119,7 @@ class HostEngine final : public Algorithm {
   std::vector<Pair> exclusions_;
   Changes changes_;
   bool filters_changed_ = false;
-  ChangingPairs pairs_;              // as of the last update
-  bool finder_is_of_pairs_ = false;  // whether that was the finder's last search, too
+  ChangingPairs pairs_;  // as of the last update
   ChangeLists lists_;
   std::vector<Pair> found_, known_;
   std::vector<char> has_changed_;  // by slot

@@ -11,14 +11,9 @@
 namespace broadcl {
 namespace {
 
-/// A switch costs a search of all boxes, so it requires that the other side is expected to take less than
-/// this share of the time in several updates in a row; after each switch, in twice as many.
-constexpr double clearly_less_time = 0.85;
-constexpr int first_patience = 8;
-constexpr int most_patience = 1024;
-
-/// A device is opened if updates take longer than any device takes for few boxes.
+/// A device is opened if some updates in a row take longer than any device needs for few boxes.
 constexpr double worth_opening = 100e-6;  // seconds
+constexpr int updates_until_opening = 8;
 
 using Clock = std::chrono::steady_clock;
 
@@ -46,7 +41,7 @@ class Estimate {
 /// A rough estimate of the time of an update on the host. It does not know how many boxes overlap, which can
 /// change the time several times over.
 double host_seconds(std::size_t slots, std::size_t changed) {
-  return 1e-6 + 4e-9 * static_cast<double>(slots) + 150e-9 * static_cast<double>(changed);
+  return 5e-6 + std::min(600e-9 * static_cast<double>(changed), 150e-9 * static_cast<double>(slots));
 }
 
 class Hybrid final : public Algorithm {
@@ -143,28 +138,28 @@ class Hybrid final : public Algorithm {
     }
   }
 
-  /// Decides where to do the next update.
+  /// Decides where the next update is done. To change over costs a search of all boxes by the other one, so
+  /// this is done as soon as that one would have saved as much.
   void choose() noexcept try {
     if (opening_.valid() && opening_.wait_for(std::chrono::seconds(0)) == std::future_status::ready) {
       device_ = opening_.get();
     }
     const double on_host = seconds_on_host(changes_.slots, changed_slots());
     if (device_ == nullptr) {
-      waited_ = on_host > worth_opening ? waited_ + 1 : 0;
-      if (waited_ >= first_patience && open_)
+      slow_updates_ = on_host > worth_opening ? slow_updates_ + 1 : 0;
+      if (slow_updates_ >= updates_until_opening && open_)
         opening_ = std::async(std::launch::async, std::exchange(open_, {}));
       return;
     }
     const double on_device = seconds_on_device(changes_.slots, changed_slots());
-    const bool is_other_faster =
-        is_on_device() ? on_host < clearly_less_time * on_device : on_device < clearly_less_time * on_host;
-    waited_ = is_other_faster ? waited_ + 1 : 0;
-    if (waited_ < patience_) return;
-    waited_ = 0;
+    overspent_ = std::max(0.0, overspent_ + (is_on_device() ? on_device - on_host : on_host - on_device));
+    const double search_of_all = is_on_device() ? seconds_on_host(changes_.slots, changes_.slots)
+                                                : seconds_on_device(changes_.slots, changes_.slots);
+    if (overspent_ <= search_of_all) return;
+    overspent_ = 0;
     before_ = current_->pairs();
     change_to(is_on_device() ? *host_ : *device_, 0, filters_);
     has_changed_ = true;
-    patience_ = std::min(2 * patience_, most_patience);
   } catch (...) {
     // The next update is done where the last one was.
   }
@@ -187,12 +182,12 @@ class Hybrid final : public Algorithm {
   Changes changes_;     // of the last update
   double seconds_ = 0;  // that begin() of the last update took
   Estimate host_estimate_, device_estimate_;
-  int patience_ = first_patience;
-  int waited_ = 0;             // updates in a row in which the other side was expected to be faster
-  bool has_changed_ = false;   // current_ changed, and has done no update since
-  std::vector<Pair> before_;   // the pairs before that change
-  ChangeLists lists_;          // the changes from then to the next update
-  bool is_delta_own_ = false;  // the changes of the last update are in lists_
+  int slow_updates_ = 0;       // on the host, in a row
+  double overspent_ = 0;       // seconds that the other one would have saved
+  bool has_changed_ = false;   // and the current one was not asked since then
+  std::vector<Pair> before_;   // the pairs until then
+  ChangeLists lists_;          // the changes since then
+  bool is_delta_own_ = false;  // those of the last update are these
 };
 
 }  // namespace
