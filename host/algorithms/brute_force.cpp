@@ -25,7 +25,7 @@ constexpr RowLaunch brute_force_on_cpus{.width = 16,
                                         .items = 256,
                                         .most_tests = std::size_t{1} << 26};
 
-/// What it takes to find out whether boxes that overlap are a new pair, in tests; 70 to 190 on PoCL 3.1.
+/// The cost, in tests, of finding out whether boxes that overlap are a new pair; 70 to 190 on PoCL 3.1.
 constexpr double tests_per_hit = 100;
 
 /// Tests every pair on the device: kernels/brute_force.cl.

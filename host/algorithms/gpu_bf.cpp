@@ -165,7 +165,7 @@ class GpuBf final : public Algorithm {
     const unsigned period = 2 * launch_.width;
     const std::size_t columns = round_up(divide_up(n, launch_.width), group_);
     const std::size_t class_rows = (n + period - 1) / period;
-    // Half of the columns of an average row are past its end.
+    // In an average row, half of the columns are past the end.
     const std::size_t rows = launch_.rows(columns / 2 * period * class_rows, context_);
     const std::size_t chunks = (class_rows + rows - 1) / rows;
     const std::size_t seam_lines = (n + columns - 1) / columns;

@@ -64,7 +64,7 @@ class Order {
 
   /// The changes of the last frame on the host. They stay unchanged until the frame after the next begins.
   [[nodiscard]] Delta on_host(const PairDelta::Counts& counts) const noexcept;
-  /// Keeps them for as long as it lives.
+  /// An owner of these changes.
   /// @throws std::bad_alloc
   [[nodiscard]] std::shared_ptr<const void> host_owner() const { return results_.at(1 - turn_).host_owner(); }
   /// The changes of the last frame on the device, until the next begins.

@@ -36,7 +36,7 @@ constexpr double useless = 4;
 /// With fewer boxes per thread, starting threads takes longer than they save.
 constexpr std::size_t boxes_per_thread = 4096;
 
-/// Tiles that a thread takes at a time.
+/// Number of tiles that a thread takes at a time.
 constexpr std::size_t tiles_at_once = 8;
 
 /// If at most one in this many boxes changed, only those that changed are searched.

@@ -136,12 +136,13 @@ class BROADCL_MPI_API MpiBroadPhase {
   /// OpenCL memory in use on this rank.
   [[nodiscard]] MemoryUse memory() const noexcept;
 
-  /// The stages of the last update on this rank, in order, by the host's clock: "agree", what the ranks tell
-  /// each other before; "divide" if regions were cut anew; "route", who gets which boxes; "send"; "search";
-  /// "report", which changes are this region's; "return", to the ranks of the objects; "collect". Waiting for
-  /// other ranks is part of "agree", "send" and "return". If the search had to be set up anew, the first ones
-  /// occur twice. Before "search" come its parts, as BroadPhase::profile() of this rank has them, with device
-  /// times if Config::profile is set. Valid until the next update() or pairs().
+  /// The stages of the last update on this rank, in order, by the host's clock: "agree" (exchanges what all
+  /// ranks must know first), "divide" (if space was divided again), "route" (decides which rank gets which
+  /// boxes), "send", "search", "report" (decides which changes this region reports), "return" (sends them to
+  /// the ranks of the objects), "collect". "agree", "send" and "return" include waiting for other ranks. If
+  /// the search had to be set up again, the first stages occur twice. The parts of "search", as in
+  /// BroadPhase::profile() and with device times if Config::profile is set, precede it. Valid until the next
+  /// update() or pairs().
   [[nodiscard]] std::span<const Stage> profile() const noexcept;
 
   /// Bytes of boxes and pairs that this rank sent to others in the last update, until pairs() is called.

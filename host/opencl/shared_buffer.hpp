@@ -27,7 +27,7 @@ class SharedBuffer {  // NOLINT(bugprone-exception-escape): handles do not throw
     return device_() != nullptr ? device_ : host_->buffer();
   }
 
-  /// Keeps host() from being freed. Do not release() or download() while somebody holds it.
+  /// An owner of the memory of host(). Do not call release() or download() as long as it exists.
   /// @throws std::bad_alloc
   [[nodiscard]] std::shared_ptr<const void> host_owner() const;
   /// Whether somebody does.
