@@ -27,9 +27,10 @@ class SceneOfWorlds {
   /// @param world_of The world of an object.
   SceneOfWorlds(std::uint32_t objects, std::uint32_t boxes_in_place,
                 const std::function<std::uint32_t(std::uint32_t)>& world_of)
-      : motion_(objects, scenes::MovingBoxes::Sizes::mixed), scale_(1) {
-    // As crowded as a world of that many boxes would be.
-    scale_ = scenes::MovingBoxes(boxes_in_place, scenes::MovingBoxes::Sizes::mixed).edge() / motion_.edge();
+      : motion_(objects, scenes::MovingBoxes::Sizes::mixed),
+        // As crowded as a world of that many boxes would be.
+        scale_(scenes::MovingBoxes(boxes_in_place, scenes::MovingBoxes::Sizes::mixed).edge() /
+               motion_.edge()) {
     for (std::uint32_t k = 0; k < objects; ++k) filters_.push_back({.world = world_of(k)});
   }
 
