@@ -94,8 +94,13 @@ TEST_F(Program, DevicesAsJson) {
   for (std::size_t i = 0; i < expected.size(); ++i) {
     EXPECT_EQ(list[i]["id"], expected[i].id());
     EXPECT_EQ(list[i]["type"], to_string(expected[i].type));
-    EXPECT_EQ(list[i]["memory"], expected[i].memory);
-    EXPECT_EQ(list[i]["max_allocation"], expected[i].max_allocation);
+    if (expected[i].type == DeviceType::cpu) {  // PoCL 5 reports what happens to be free
+      EXPECT_GE(list[i]["memory"], list[i]["max_allocation"]);
+      EXPECT_GT(list[i]["max_allocation"], 0);
+    } else {
+      EXPECT_EQ(list[i]["memory"], expected[i].memory);
+      EXPECT_EQ(list[i]["max_allocation"], expected[i].max_allocation);
+    }
     EXPECT_EQ(list[i]["compute_units"], expected[i].compute_units);
     EXPECT_EQ(list[i]["default"], expected[i].id() == select_device().id());
   }
