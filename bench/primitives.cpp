@@ -71,7 +71,7 @@ std::vector<Aabb> random_boxes(std::size_t n) {
 
 void centroids_on_device(benchmark::State& state, std::size_t n) {
   const opencl::Context context(select_device(), false);
-  cl::Kernel kernel = context.kernel(context.program("centroids.cl"), "centroids", context.group());
+  opencl::SizedKernel kernel = context.sized_kernel(context.program("centroids.cl"), "centroids");
   CentroidBounds bounds(context);
   time_on_device(state, context, random_boxes(n),
                  [&](const cl::Buffer& boxes) { bounds.enqueue(kernel, boxes, cl::Buffer(), n); });

@@ -40,8 +40,8 @@ cl::CommandQueue retained(cl_command_queue queue, bool profile) {
 
 class DeviceBroadPhase::Impl {
  public:
-  Impl(cl_command_queue queue, const Config& config, std::size_t most_in_group)
-      : context_(retained(queue, config.profile), config.on_compile, most_in_group),
+  Impl(cl_command_queue queue, const Config& config, std::optional<opencl::Tuning> tuning)
+      : context_(retained(queue, config.profile), config.on_compile, tuning),
         profiler_(config.profile),
         engine_(context_.guard([&] {
           return std::make_unique<Engine>(context_, profiler_, find_pair_finder(config.algorithm),
@@ -333,8 +333,9 @@ class DeviceBroadPhase::Impl {
 
 DeviceBroadPhase::DeviceBroadPhase(cl_command_queue queue) : DeviceBroadPhase(queue, Config()) {}
 DeviceBroadPhase::DeviceBroadPhase(cl_command_queue queue, const Config& config)
-    : impl_(opencl::make_in_groups(
-          [&](std::size_t most) { return std::make_unique<Impl>(queue, config, most); })) {}
+    : impl_(opencl::make_tuned([&](std::optional<opencl::Tuning> tuning) {
+        return std::make_unique<Impl>(queue, config, tuning);
+      })) {}
 DeviceBroadPhase::~DeviceBroadPhase() = default;
 DeviceBroadPhase::DeviceBroadPhase(DeviceBroadPhase&&) noexcept = default;
 DeviceBroadPhase& DeviceBroadPhase::operator=(DeviceBroadPhase&&) noexcept = default;

@@ -47,7 +47,7 @@ Words expected_of(const std::vector<Aabb>& boxes) {
   return words;
 }
 
-void expect_bounds(const opencl::Context& context, cl::Kernel& kernel, CentroidBounds& bounds,
+void expect_bounds(const opencl::Context& context, opencl::SizedKernel& kernel, CentroidBounds& bounds,
                    std::vector<Aabb> boxes) {
   SCOPED_TRACE(boxes.size());
   const std::size_t n = boxes.size();
@@ -83,7 +83,7 @@ class CentroidBoundsOf : public ::testing::TestWithParam<std::string> {
  private:
   ScopedVariable shape_{"BROADCL_TUNING", GetParam()};
   opencl::Context context_{select_device(), false};
-  cl::Kernel kernel_{context_.kernel(context_.program("centroids.cl"), "centroids", context_.group())};
+  opencl::SizedKernel kernel_{context_.sized_kernel(context_.program("centroids.cl"), "centroids")};
   CentroidBounds centroids_{context_};
 };
 

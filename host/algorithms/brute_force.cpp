@@ -34,14 +34,19 @@ class BruteForce final : public PairFinder {
   explicit BruteForce(const opencl::Context& context)
       : context_(context),
         launch_(context.tuning() == opencl::Tuning::cpu ? brute_force_on_cpus : brute_force_on_gpus) {
-    (void)kernel(false);
+    load(false);
+  }
+
+  void build(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) override {
+    if (has_work(search)) load(search.worlds);
+    PairFinder::build(search, sink, profiler);
   }
 
   void find(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) override {
+    if (!has_work(search)) return;
     const cl_uint n = search.now.slots;
     const cl_uint row_count = search.changed_slots();
-    if (n < 2 || row_count == 0) return;
-    cl::Kernel& kernel = this->kernel(search.worlds);
+    cl::Kernel& kernel = kernels_.at(search.worlds ? 1 : 0);
     const std::size_t columns = opencl::round_up(opencl::divide_up(n, launch_.width), launch_.group);
     const std::size_t rows = rows_per_item(search);
     const std::size_t runs = opencl::divide_up(row_count, rows);
@@ -61,7 +66,7 @@ class BruteForce final : public PairFinder {
   }
 
   [[nodiscard]] bool can_keep(const Search& search) const override {
-    return launch_.group > 1 && search.now.slots > 1 && search.changed_slots() > 0;
+    return launch_.group > 1 && has_work(search);
   }
 
   /// Pairs to test; pairs that overlap count more.
@@ -73,6 +78,10 @@ class BruteForce final : public PairFinder {
   }
 
  private:
+  [[nodiscard]] static bool has_work(const Search& search) {
+    return search.now.slots > 1 && search.changed_slots() > 0;
+  }
+
   /// Rows per work-item.
   [[nodiscard]] std::size_t rows_per_item(const Search& search) const {
     // In an average column, half of the rows come before its boxes.
@@ -81,19 +90,28 @@ class BruteForce final : public PairFinder {
     return launch_.rows(runs, context_);
   }
 
-  /// The kernel for one world or for several, built when it is first needed.
-  cl::Kernel& kernel(bool worlds) {
-    cl::Kernel& kernel = kernels_[worlds ? 1 : 0];
-    if (kernel() == nullptr) {
-      // Rows that a work-item tests before it looks for hits.
-      const unsigned rows_at_once = context_.tuning() == opencl::Tuning::cpu ? 4 : 2;
-      const std::string options =
-          "-DWIDTH=" + std::to_string(launch_.width) + " -DGROUP=" + std::to_string(launch_.group) +
-          " -DROWS=" + std::to_string(rows_at_once) + " -DMAX_ROWS=" + std::to_string(launch_.max_rows) +
-          (worlds ? " -DWORLDS=1" : "");
-      kernel = context_.kernel(context_.program("brute_force.cl", options), "brute_force", launch_.group);
+  /// Builds the kernel for one world or for several when it is first needed. If the device runs it in smaller
+  /// work-groups only, launch parameters are those for CPUs from then on.
+  void load(bool worlds) {
+    cl::Kernel& kernel = kernels_.at(worlds ? 1 : 0);
+    if (kernel() != nullptr) return;
+    try {
+      kernel = make_kernel(worlds);
+    } catch (const opencl::GroupTooLarge&) {
+      launch_ = brute_force_on_cpus;
+      kernels_ = {};
+      kernel = make_kernel(worlds);
     }
-    return kernel;
+  }
+
+  [[nodiscard]] cl::Kernel make_kernel(bool worlds) const {
+    // Rows that a work-item tests before it looks for hits.
+    const unsigned rows_at_once = launch_.group == 1 ? 4 : 2;
+    const std::string options =
+        "-DWIDTH=" + std::to_string(launch_.width) + " -DGROUP=" + std::to_string(launch_.group) +
+        " -DROWS=" + std::to_string(rows_at_once) + " -DMAX_ROWS=" + std::to_string(launch_.max_rows) +
+        (worlds ? " -DWORLDS=1" : "");
+    return context_.kernel(context_.program("brute_force.cl", options), "brute_force", launch_.group);
   }
 
   const opencl::Context& context_;

@@ -150,7 +150,7 @@ std::array<CostModel, 2> calibrate(const opencl::Context& context,
     return models;
   }
   // A separate context, so that its memory does not count as the caller's.
-  const opencl::Context own(context.queue(), {}, context.largest_group());
+  const opencl::Context own(context.queue(), {}, context.tuning());
   std::ranges::transform(finders, models.begin(),
                          [&](MakePairFinder make) { return measure_model(own, make); });
   opencl::DiskCache::Bytes bytes(sizeof models);

@@ -15,9 +15,7 @@ constexpr std::size_t boxes_per_bucket = 32;  // worlds of fewer boxes may as we
 
 }  // namespace
 
-CentroidBounds::CentroidBounds(const opencl::Context& context) : context_(context), group_(context.group()) {}
-
-void CentroidBounds::enqueue(cl::Kernel& kernel, const cl::Buffer& boxes, const cl::Buffer& filters,
+void CentroidBounds::enqueue(opencl::SizedKernel& kernel, const cl::Buffer& boxes, const cl::Buffer& filters,
                              std::size_t n) {
   const bool worlds = filters() != nullptr;
   buckets_ = worlds ? static_cast<cl_uint>(std::bit_ceil(n / boxes_per_bucket + 1)) + 1 : 1;
@@ -27,11 +25,10 @@ void CentroidBounds::enqueue(cl::Kernel& kernel, const cl::Buffer& boxes, const 
   context_.fill(result_.get(), 0, half, half);
   if (n == 0) return;
   const std::size_t useful = std::size_t{context_.device().compute_units} * groups_per_unit;
-  const std::size_t groups =
-      std::max(opencl::divide_up(n, group_ * most_rounds), std::min(opencl::divide_up(n, group_), useful));
-  opencl::set_arguments(kernel, 0, static_cast<cl_uint>(n), boxes, filters, buckets_, result_.get());
-  context_.queue().enqueueNDRangeKernel(kernel, cl::NullRange, cl::NDRange(groups * group_),
-                                        cl::NDRange(group_));
+  const std::size_t groups = std::max(opencl::divide_up(n, kernel.group * most_rounds),
+                                      std::min(opencl::divide_up(n, kernel.group), useful));
+  opencl::set_arguments(kernel.kernel, 0, static_cast<cl_uint>(n), boxes, filters, buckets_, result_.get());
+  kernel.enqueue(context_.queue(), groups * kernel.group);
 }
 
 }  // namespace broadcl

@@ -11,14 +11,15 @@ namespace broadcl {
 class CentroidBounds {
  public:
   /// @param context Must outlive this object.
-  explicit CentroidBounds(const opencl::Context& context);
+  explicit CentroidBounds(const opencl::Context& context) : context_(context) {}
 
   /// Enqueues the reduction of the first n boxes, six floats each; those without a finite centroid, in
   /// particular empty ones, are ignored. Does not wait.
   /// @param kernel centroids, of a program with -DWORLDS=1 if there are filters.
   /// @param filters If not null, there are separate bounds for each world, and for the objects of all worlds.
   /// @throws cl::Error, Error
-  void enqueue(cl::Kernel& kernel, const cl::Buffer& boxes, const cl::Buffer& filters, std::size_t n);
+  void enqueue(opencl::SizedKernel& kernel, const cl::Buffer& boxes, const cl::Buffer& filters,
+               std::size_t n);
 
   /// For each bucket the least x, y, z, then the greatest, as uints in the encoding of ordered() in
   /// kernels/centroids.h; the greatest uint and 0 if no box counts. Valid until the next reduction.
@@ -28,7 +29,6 @@ class CentroidBounds {
 
  private:
   const opencl::Context& context_;
-  std::size_t group_;
   opencl::GrowingBuffer result_;
   cl_uint buckets_ = 1;
 };

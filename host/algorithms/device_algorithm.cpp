@@ -1,4 +1,4 @@
-#include <cstddef>
+#include <optional>
 #include <utility>
 
 #include "algorithms/device_objects.hpp"
@@ -13,9 +13,9 @@ namespace {
 /// The engine with objects from the host and changes for the host.
 class DeviceAlgorithm final : public Algorithm {
  public:
-  DeviceAlgorithm(const Config& config, const Device& device, std::size_t most_in_group,
+  DeviceAlgorithm(const Config& config, const Device& device, std::optional<opencl::Tuning> tuning,
                   MakePairFinder make_finder)
-      : context_(device, config.profile, config.on_compile, most_in_group),
+      : context_(device, config.profile, config.on_compile, tuning),
         profiler_(config.profile),
         objects_(context_, profiler_),
         engine_(context_, profiler_, make_finder, Order::Target::host) {}
@@ -77,8 +77,8 @@ class DeviceAlgorithm final : public Algorithm {
 std::unique_ptr<Algorithm> make_device_algorithm(const Config& config, MakePairFinder make_finder) {
   const Device device = select_device(config.device);
   return opencl::translate_errors(device.label(), [&] {
-    return opencl::make_in_groups([&](std::size_t most) {
-      return std::make_unique<DeviceAlgorithm>(config, device, most, make_finder);
+    return opencl::make_tuned([&](std::optional<opencl::Tuning> tuning) {
+      return std::make_unique<DeviceAlgorithm>(config, device, tuning, make_finder);
     });
   });
 }

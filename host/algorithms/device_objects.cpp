@@ -26,10 +26,10 @@ std::size_t staged_bytes(std::size_t changes, bool boxes) {
 }  // namespace
 
 DeviceObjects::DeviceObjects(const opencl::Context& context, opencl::Profiler& profiler)
-    : context_(context), profiler_(profiler), group_(context.group()) {
+    : context_(context), profiler_(profiler) {
   const cl::Program program = engine_program(context);
-  apply_ = context.kernel(program, "apply_changes", group_);
-  copy_ = context.kernel(program, "copy_boxes", group_);
+  apply_ = context.sized_kernel(program, "apply_changes");
+  copy_ = context.sized_kernel(program, "copy_boxes");
   reserve_boxes(1);
 }
 
@@ -142,11 +142,9 @@ void DeviceObjects::upload_boxes(const Changes& changes) {
   } else if (last_.changed_count > 0) {
     // next_ has the boxes of the frame before the last one.
     opencl::Profiler::Scope stage(profiler_, "copy");
-    opencl::set_arguments(copy_, 0, last_.changed_count, last_.changed.get(), last.boxes,
+    opencl::set_arguments(copy_.kernel, 0, last_.changed_count, last_.changed.get(), last.boxes,
                           next_.objects.boxes);
-    queue.enqueueNDRangeKernel(copy_, cl::NullRange,
-                               cl::NDRange(opencl::round_up(last_.changed_count, group_)),
-                               cl::NDRange(group_), nullptr, stage.event());
+    copy_.enqueue(queue, last_.changed_count, stage.event());
   }
 }
 
@@ -178,10 +176,10 @@ void DeviceObjects::upload_changes(const Changes& changes) {
   }
   opencl::Profiler::Scope stage(profiler_, "apply");
   const cl::Buffer none;
-  opencl::set_arguments(apply_, 0, count, changes_.get(), stamp_, changes.all ? none : next_.objects.boxes,
-                        stamps_, changes.all ? none : next_.changed.get());
-  queue.enqueueNDRangeKernel(apply_, cl::NullRange, cl::NDRange(opencl::round_up(count, group_)),
-                             cl::NDRange(group_), nullptr, stage.event());
+  opencl::set_arguments(apply_.kernel, 0, count, changes_.get(), stamp_,
+                        changes.all ? none : next_.objects.boxes, stamps_,
+                        changes.all ? none : next_.changed.get());
+  apply_.enqueue(queue, count, stage.event());
 }
 
 Search DeviceObjects::upload(const Changes& changes) {

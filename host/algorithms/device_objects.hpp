@@ -62,8 +62,7 @@ class DeviceObjects {
 
   const opencl::Context& context_;
   opencl::Profiler& profiler_;
-  std::size_t group_;
-  cl::Kernel apply_, copy_;
+  opencl::SizedKernel apply_, copy_;
   std::size_t capacity_ = 0;  // slots
   // Pinned memory, from which the device is updated.
   std::shared_ptr<opencl::MappedBuffer> boxes_;

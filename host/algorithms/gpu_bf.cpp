@@ -38,11 +38,10 @@ using opencl::round_up;
 /// one, and XORs them.
 class GpuBf final : public Algorithm {
  public:
-  GpuBf(const Config& config, const Device& device, std::size_t most_in_group)
-      : context_(device, config.profile, config.on_compile, most_in_group),
+  GpuBf(const Config& config, const Device& device)
+      : context_(device, config.profile, config.on_compile),
         profiler_(config.profile),
         launch_(context_.tuning() == opencl::Tuning::cpu ? gpu_bf_on_cpus : gpu_bf_on_gpus),
-        group_(context_.group(launch_.group)),
         kernel_(make_kernel("gpu_bf")),
         exclude_(make_kernel("gpu_bf_exclude")),
         objects_(context_, profiler_) {}
@@ -111,9 +110,9 @@ class GpuBf final : public Algorithm {
     return {results.host(), pairs};
   }
 
-  [[nodiscard]] cl::Kernel make_kernel(const char* name, const std::string& option = {}) const {
+  [[nodiscard]] opencl::SizedKernel make_kernel(const char* name, const std::string& option = {}) const {
     const std::string width = "-DWIDTH=" + std::to_string(launch_.width);
-    return context_.kernel(context_.program("gpu_bf.cl", width + option), name, group_);
+    return context_.sized_kernel(context_.program("gpu_bf.cl", width + option), name, launch_.group);
   }
 
   /// Grows the buffer of this frame's results. Those of the last frame are not changed.
@@ -149,10 +148,9 @@ class GpuBf final : public Algorithm {
 
   void exclude(const Search& search, std::size_t count) {
     if (count == 0) return;
-    opencl::set_arguments(exclude_, 0, static_cast<cl_uint>(count), search.now.slots, search.now.exclusions,
-                          current_.device());
-    context_.queue().enqueueNDRangeKernel(exclude_, cl::NullRange, cl::NDRange(round_up(count, group_)),
-                                          cl::NDRange(group_));
+    opencl::set_arguments(exclude_.kernel, 0, static_cast<cl_uint>(count), search.now.slots,
+                          search.now.exclusions, current_.device());
+    exclude_.enqueue(context_.queue(), count);
   }
 
   void wait() {
@@ -163,7 +161,7 @@ class GpuBf final : public Algorithm {
   void enqueue_kernel(const Search& search) {
     const cl_uint n = search.now.slots;
     const unsigned period = 2 * launch_.width;
-    const std::size_t columns = round_up(divide_up(n, launch_.width), group_);
+    const std::size_t columns = round_up(divide_up(n, launch_.width), kernel_.group);
     const std::size_t class_rows = (n + period - 1) / period;
     // In an average row, half of the columns are past the end.
     const std::size_t rows = launch_.rows(columns / 2 * period * class_rows, context_);
@@ -172,21 +170,20 @@ class GpuBf final : public Algorithm {
     const std::size_t lines = period * chunks + seam_lines;
     const std::size_t at_once = launch_.runs_at_once(rows, n);
     for (std::size_t first = 0; first < lines; first += at_once) {
-      opencl::set_arguments(kernel_, 0, n, static_cast<cl_uint>(rows), static_cast<cl_uint>(chunks),
+      opencl::set_arguments(kernel_.kernel, 0, n, static_cast<cl_uint>(rows), static_cast<cl_uint>(chunks),
                             static_cast<cl_uint>(first), search.now.boxes, search.now.filters,
                             current_.device());
       opencl::Profiler::Scope stage(profiler_, "test");
-      context_.queue().enqueueNDRangeKernel(kernel_, cl::NullRange,
+      context_.queue().enqueueNDRangeKernel(kernel_.kernel, cl::NullRange,
                                             cl::NDRange(columns, std::min(at_once, lines - first)),
-                                            cl::NDRange(group_, 1), nullptr, stage.event());
+                                            cl::NDRange(kernel_.group, 1), nullptr, stage.event());
     }
   }
 
   opencl::Context context_;
   opencl::Profiler profiler_;
   RowLaunch launch_;
-  std::size_t group_;
-  cl::Kernel kernel_, exclude_;
+  opencl::SizedKernel kernel_, exclude_;
   DeviceObjects objects_;
   opencl::SharedBuffer current_;   // bytes of this frame while it runs
   opencl::SharedBuffer previous_;  // bytes of the last frame
@@ -201,10 +198,7 @@ class GpuBf final : public Algorithm {
 
 std::unique_ptr<Algorithm> make_gpu_bf(const Config& config) {
   const Device device = select_device(config.device);
-  return opencl::translate_errors(device.label(), [&] {
-    return opencl::make_in_groups(
-        [&](std::size_t most) { return std::make_unique<GpuBf>(config, device, most); });
-  });
+  return opencl::translate_errors(device.label(), [&] { return std::make_unique<GpuBf>(config, device); });
 }
 
 }  // namespace broadcl

@@ -33,19 +33,18 @@ Order::Order(const opencl::Context& context, opencl::Profiler& profiler, Target 
       profiler_(profiler),
       target_(target),
       few_(most_few(context)),
-      group_(context.group()),
       sort_(context),
       scan_(context) {
   const cl::Program program = engine_program(context);
   const EngineLaunch& launch = engine_launch(context);
   few_kernel_ = context.kernel(program, "order_few", launch.parts * launch.teams);
-  count_ = context.kernel(program, "order_count", group_);
-  scatter_ = context.kernel(program, "order_scatter", group_);
-  place_ = context.kernel(program, "order_place", group_);
-  offsets_ = context.kernel(program, "order_offsets", group_);
-  world_keys_ = context.kernel(program, "order_world_keys", group_);
-  renumber_ = context.kernel(program, "order_renumber", group_);
-  pick_ = context.kernel(program, "order_pick", group_);
+  count_ = context.sized_kernel(program, "order_count");
+  scatter_ = context.sized_kernel(program, "order_scatter");
+  place_ = context.sized_kernel(program, "order_place");
+  offsets_ = context.sized_kernel(program, "order_offsets");
+  world_keys_ = context.sized_kernel(program, "order_world_keys");
+  renumber_ = context.sized_kernel(program, "order_renumber");
+  pick_ = context.sized_kernel(program, "order_pick");
 }
 
 void Order::set_search(const Search& search) {
@@ -158,21 +157,20 @@ void Order::enqueue_few(const PairDelta& delta, cl_uint tag) {
 
 void Order::enqueue_many(const PairDelta& delta, cl_uint tag) {
   opencl::Profiler::Scope stage(profiler_, "order");
-  const cl::CommandQueue& queue = context_.queue();
   const std::size_t buckets = buckets_of_list();
   context_.fill(buckets_.get(), 0, 0, 2 * buckets);
   // Each work-item handles several changes, but not so many that llvmpipe would end it (see tuning_of()).
-  const std::size_t items = round_up(
-      std::clamp(capacity_, context_.device().compute_units * std::size_t{64}, std::size_t{1} << 20), group_);
-  for (cl::Kernel* kernel : {&count_, &scatter_, &place_}) {
+  const std::size_t items =
+      std::clamp(capacity_, context_.device().compute_units * std::size_t{64}, std::size_t{1} << 20);
+  for (opencl::SizedKernel* sized : {&count_, &scatter_, &place_}) {
+    cl::Kernel& kernel = sized->kernel;
     const cl_uint next =
-        opencl::set_arguments(*kernel, delta.set_changes(*kernel, 0), static_cast<cl_uint>(room_),
+        opencl::set_arguments(kernel, delta.set_changes(kernel, 0), static_cast<cl_uint>(room_),
                               static_cast<cl_uint>(capacity_), static_cast<cl_uint>(buckets), buckets_.get(),
                               scattered_.get(), static_cast<cl_uint>(worlds_), filters_, last_filters_);
-    if (kernel == &place_) set_results(*kernel, next, delta, tag);
-    queue.enqueueNDRangeKernel(*kernel, cl::NullRange, cl::NDRange(items), cl::NDRange(group_), nullptr,
-                               kernel == &place_ ? stage.event() : nullptr);
-    if (kernel == &count_) scan_.enqueue(buckets_.get(), 2 * buckets);
+    if (sized == &place_) set_results(kernel, next, delta, tag);
+    sized->enqueue(context_.queue(), items, sized == &place_ ? stage.event() : nullptr);
+    if (sized == &count_) scan_.enqueue(buckets_.get(), 2 * buckets);
   }
 }
 
@@ -195,11 +193,10 @@ void Order::enqueue(const PairDelta& delta, cl_uint tag) {
 }
 
 void Order::enqueue_offsets(const PairDelta::Counts& counts) {
-  opencl::set_arguments(offsets_, 0, static_cast<cl_uint>(worlds_), static_cast<cl_uint>(counts.added),
+  opencl::set_arguments(offsets_.kernel, 0, static_cast<cl_uint>(worlds_), static_cast<cl_uint>(counts.added),
                         static_cast<cl_uint>(counts.removed), report_.counts, report_.added, report_.removed,
                         filters_, last_filters_, report_.added_offsets, report_.removed_offsets);
-  context_.queue().enqueueNDRangeKernel(offsets_, cl::NullRange, cl::NDRange(round_up(worlds_ + 2, group_)),
-                                        cl::NDRange(group_));
+  offsets_.enqueue(context_.queue(), worlds_ + 2);
 }
 
 /// @param counts The lengths of the lists; if null, the lengths are those given by the host.
@@ -208,11 +205,9 @@ void Order::renumber(const cl::Buffer& added, std::size_t added_count, const cl:
                      std::size_t removed_count, const cl::Buffer& counts, std::size_t pairs) {
   if (pairs == 0) return;
   constexpr std::size_t most_items = std::size_t{1} << 20;
-  opencl::set_arguments(renumber_, 0, second_set_, static_cast<cl_uint>(added_count),
+  opencl::set_arguments(renumber_.kernel, 0, second_set_, static_cast<cl_uint>(added_count),
                         static_cast<cl_uint>(removed_count), counts, added, removed);
-  context_.queue().enqueueNDRangeKernel(renumber_, cl::NullRange,
-                                        cl::NDRange(round_up(std::min(pairs, most_items), group_)),
-                                        cl::NDRange(group_));
+  renumber_.enqueue(context_.queue(), std::min(pairs, most_items));
 }
 
 PairDelta::Counts Order::wait(const PairDelta& delta) {
@@ -268,13 +263,13 @@ void Order::sort_by_world(const cl::Buffer& pairs, std::size_t n, const cl::Buff
   const cl::CommandQueue& queue = context_.queue();
   const cl::Buffer elements = context_.buffer(n * sizeof(Pair));
   const auto count = static_cast<cl_uint>(n);
-  opencl::set_arguments(world_keys_, 0, count, static_cast<cl_uint>(worlds_), pairs, filters, elements);
-  queue.enqueueNDRangeKernel(world_keys_, cl::NullRange, cl::NDRange(round_up(n, group_)),
-                             cl::NDRange(group_));
+  opencl::set_arguments(world_keys_.kernel, 0, count, static_cast<cl_uint>(worlds_), pairs, filters,
+                        elements);
+  world_keys_.enqueue(queue, n);
   const auto bits = static_cast<unsigned>(std::bit_width(worlds_));
   sort_.enqueue(elements, scattered_.get(), n, std::array{opencl::RadixSort::Bits{32, bits}});
-  opencl::set_arguments(pick_, 0, count, elements, pairs, scattered_.get());
-  queue.enqueueNDRangeKernel(pick_, cl::NullRange, cl::NDRange(round_up(n, group_)), cl::NDRange(group_));
+  opencl::set_arguments(pick_.kernel, 0, count, elements, pairs, scattered_.get());
+  pick_.enqueue(queue, n);
   queue.enqueueCopyBuffer(scattered_.get(), pairs, 0, 0, n * sizeof(Pair));
 }
 

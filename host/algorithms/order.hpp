@@ -106,11 +106,11 @@ class Order {
   const opencl::Context& context_;
   opencl::Profiler& profiler_;
   Target target_;
-  std::size_t few_;    // changes of a list, at most, that are compared each with every other
-  std::size_t group_;  // work-items per work-group that orders many
+  std::size_t few_;  // changes of a list, at most, that are compared each with every other
   opencl::RadixSort sort_;
   opencl::Scan scan_;
-  cl::Kernel few_kernel_, count_, scatter_, place_, offsets_, world_keys_, pick_, renumber_;
+  cl::Kernel few_kernel_;
+  opencl::SizedKernel count_, scatter_, place_, offsets_, world_keys_, pick_, renumber_;
   // The counts, followed by the changes if they are needed on the host; of this frame and of the last,
   // alternating.
   std::array<opencl::SharedBuffer, 2> results_;

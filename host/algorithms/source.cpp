@@ -7,9 +7,7 @@
 
 namespace broadcl {
 Source::Source(const opencl::Context& context)
-    : context_(context),
-      group_(context.group()),
-      gather_(context.kernel(engine_program(context), "gather_boxes", group_)) {}
+    : context_(context), gather_(context.sized_kernel(engine_program(context), "gather_boxes")) {}
 
 void Source::set(Boxes boxes, Boxes second, cl::Buffer filters) {
   boxes_ = std::move(boxes);
@@ -20,10 +18,8 @@ void Source::set(Boxes boxes, Boxes second, cl::Buffer filters) {
 void Source::gather(const Generation& to, const cl::Buffer& counts, opencl::Profiler& profiler) const {
   if (to.slots == 0) return;
   opencl::Profiler::Scope stage(profiler, "gather");
-  set_arguments(gather_, opencl::set_arguments(gather_, 0, to.slots), to, counts);
-  context_.queue().enqueueNDRangeKernel(gather_, cl::NullRange,
-                                        cl::NDRange(opencl::round_up(to.slots, group_)), cl::NDRange(group_),
-                                        nullptr, stage.event());
+  set_arguments(gather_.kernel, opencl::set_arguments(gather_.kernel, 0, to.slots), to, counts);
+  gather_.enqueue(context_.queue(), to.slots, stage.event());
 }
 
 cl_uint Source::set_arguments(cl::Kernel& kernel, cl_uint first, const Generation& to,

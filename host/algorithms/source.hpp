@@ -38,8 +38,7 @@ class Source {
 
  private:
   const opencl::Context& context_;
-  std::size_t group_;
-  mutable cl::Kernel gather_;
+  mutable opencl::SizedKernel gather_;
   Boxes boxes_, second_;
   cl::Buffer filters_;
 };

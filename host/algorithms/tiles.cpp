@@ -16,11 +16,23 @@
 namespace broadcl {
 namespace {
 
-// The values of kernels/tiles.h.
-/// Children of a node: as many as a GPU runs work-items in step.
-std::size_t node_of(const opencl::Context& context) {
-  return context.tuning() == opencl::Tuning::gpu64 ? 64 : 32;
+/// Launch parameters.
+struct TilesLaunch {
+  std::size_t node;   ///< Children of a node, as in kernels/tiles.h for this group.
+  std::size_t group;  ///< Work-items per work-group: one per child, as many as a GPU runs in step; or one.
+  std::size_t most_roots;  ///< Of the search: a launch more would leave fewer.
+};
+
+constexpr TilesLaunch tiles_on_gpus{.node = 32, .group = 32, .most_roots = 8};
+constexpr TilesLaunch tiles_on_gpus_of_64{.node = 64, .group = 64, .most_roots = 8};
+constexpr TilesLaunch tiles_on_cpus{.node = 32, .group = 1, .most_roots = 1};
+
+TilesLaunch launch_for(opencl::Tuning tuning) {
+  if (tuning == opencl::Tuning::cpu) return tiles_on_cpus;
+  return tuning == opencl::Tuning::gpu64 ? tiles_on_gpus_of_64 : tiles_on_gpus;
 }
+
+// The values of kernels/tiles.h.
 /// The bounds of a child, and its worlds if there are any.
 constexpr std::size_t child_bytes = sizeof(Aabb);
 constexpr std::size_t child_bytes_of_worlds = child_bytes + 2 * sizeof(cl_uint);
@@ -69,24 +81,21 @@ class Tiles final : public PairFinder {
   Tiles(const opencl::Context& context, double stale)
       : context_(context),
         stale_(stale),
-        node_(node_of(context)),
-        group_(context.tuning() == opencl::Tuning::cpu ? 1 : node_),
-        group_per_box_(context.group()),
-        most_roots_(context.tuning() == opencl::Tuning::cpu ? 1 : 8),
+        launch_(launch_for(context.tuning())),
         centroids_(context),
         sort_(context) {
-    (void)kernels(true, false);
+    load({}, false);
   }
 
   void build(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) override {
     is_built_ = search.now.slots > 1 && search.changed_slots() > 0;
     if (!is_built_) return PairFinder::build(search, sink, profiler);
+    const bool may_gather = search.source != nullptr && search.now.slots <= most_gathered;
+    load(search, may_gather);
     prepare(search);
     observe(sink);
     age(search, sink);
     const bool stale = is_stale(search, sink);
-    const bool may_gather = search.source != nullptr && search.now.slots <= most_gathered;
-    if (may_gather) (void)gathering_fill(has_worlds(search));  // builds it in the first frame, which sorts
     const bool gathers = may_gather && !stale;
     if (!gathers) PairFinder::build(search, sink, profiler);
     if (stale) sort(search, sink, profiler);
@@ -121,22 +130,41 @@ class Tiles final : public PairFinder {
 
  private:
   struct Kernels {  // NOLINT(bugprone-exception-escape): handles do not throw when moved
-    cl::Kernel centroids, keys, world_keys, fill, raise, search;
+    opencl::SizedKernel centroids, keys, world_keys;
+    cl::Kernel fill, raise, search;
   };
 
-  /// The kernels for searches of all boxes or of some, in one world or in several, built when they are first
-  /// needed.
+  /// Builds the kernels that a search needs, sorted again or not, if they are not there. If the device runs
+  /// one in smaller work-groups only, launch parameters are those for CPUs from then on.
+  /// @param may_gather Whether the search may be of objects that are still to be gathered.
+  void load(const Search& search, bool may_gather) {
+    try {
+      const bool worlds = has_worlds(search);
+      (void)kernels(true, search.worlds);
+      (void)kernels(true, worlds);
+      (void)kernels(search.all, worlds);
+      if (may_gather) (void)gathering_fill(worlds);  // in the first frame, although that sorts
+    } catch (const opencl::GroupTooLarge&) {
+      launch_ = tiles_on_cpus;
+      kernels_ = {};
+      gathering_fills_ = {};
+      capacity_ = 0;  // nodes may have had another size
+      load(search, may_gather);
+    }
+  }
+
+  /// The kernels for searches of all boxes or of some, in one world or in several.
   Kernels& kernels(bool all, bool worlds) {
     Kernels& kernels = kernels_.at((all ? 0U : 1U) + (worlds ? 2U : 0U));
     if (kernels.search() != nullptr) return kernels;
     const std::string options = this->options(worlds) + (all ? "" : " -DSOME_CHANGED=1");
     const cl::Program program = context_.program("tiles.cl", options);
-    kernels = {.centroids = context_.kernel(program, "centroids", group_per_box_),
-               .keys = context_.kernel(program, "tiles_keys", group_per_box_),
-               .world_keys = context_.kernel(program, "tiles_world_keys", group_per_box_),
-               .fill = context_.kernel(program, "tiles_fill", group_),
-               .raise = context_.kernel(program, "tiles_raise", group_),
-               .search = context_.kernel(program, "tiles_search", group_)};
+    kernels = {.centroids = context_.sized_kernel(program, "centroids"),
+               .keys = context_.sized_kernel(program, "tiles_keys"),
+               .world_keys = context_.sized_kernel(program, "tiles_world_keys"),
+               .fill = context_.kernel(program, "tiles_fill", launch_.group),
+               .raise = context_.kernel(program, "tiles_raise", launch_.group),
+               .search = context_.kernel(program, "tiles_search", launch_.group)};
     return kernels;
   }
 
@@ -147,13 +175,13 @@ class Tiles final : public PairFinder {
     cl::Kernel& fill = gathering_fills_.at(worlds ? 1 : 0);
     if (fill() == nullptr) {
       fill = context_.kernel(context_.program("tiles_build.cl", options(worlds) + " -DGATHER=1"),
-                             "tiles_fill", group_);
+                             "tiles_fill", launch_.group);
     }
     return fill;
   }
 
   [[nodiscard]] std::string options(bool worlds) const {
-    return "-DGROUP=" + std::to_string(group_) + (worlds ? " -DWORLDS=1" : "") +
+    return "-DGROUP=" + std::to_string(launch_.group) + (worlds ? " -DWORLDS=1" : "") +
            (context_.has_nvidia_vote() ? " -DNVIDIA" : "");
   }
 
@@ -174,21 +202,21 @@ class Tiles final : public PairFinder {
     elements_ = scratch_ = {};
     tree_ = changed_tree_ = {};
     const std::size_t bytes =
-        opencl::grown(context_, round_up(slots, node_) * sizeof(cl_ulong), "order of boxes");
-    const std::size_t capacity = bytes / sizeof(cl_ulong) / node_ * node_;
+        opencl::grown(context_, round_up(slots, launch_.node) * sizeof(cl_ulong), "order of boxes");
+    const std::size_t capacity = bytes / sizeof(cl_ulong) / launch_.node * launch_.node;
     elements_ = context_.buffer(bytes);
     scratch_ = context_.buffer(bytes);
     nodes_ = 0;
     for (std::size_t level = 0, size = capacity; level < levels; ++level) {
       starts_.s[level] = static_cast<cl_uint>(nodes_);
-      size = divide_up(size, node_);
+      size = divide_up(size, launch_.node);
       nodes_ += size;
     }
     capacity_ = capacity;
   }
 
   void reserve_tree(Tree& tree, bool worlds) const {
-    const std::size_t bytes = nodes_ * node_ * (worlds ? child_bytes_of_worlds : child_bytes);
+    const std::size_t bytes = nodes_ * launch_.node * (worlds ? child_bytes_of_worlds : child_bytes);
     if (tree.bytes >= bytes) return;
     tree = {};
     tree = {.nodes = context_.buffer(bytes), .bytes = bytes};
@@ -233,7 +261,7 @@ class Tiles final : public PairFinder {
     return usual_work(search.now.slots, search.changed_slots());
   }
   [[nodiscard]] double usual_work(std::size_t slots, std::size_t changed) const {
-    return 4 * static_cast<double>(divide_up(slots, node_)) + 12 * static_cast<double>(changed);
+    return 4 * static_cast<double>(divide_up(slots, launch_.node)) + 12 * static_cast<double>(changed);
   }
 
   /// The work at which the search is given up; the largest number if it must not be.
@@ -251,15 +279,15 @@ class Tiles final : public PairFinder {
     Kernels& kernels = this->kernels(search);
     const cl::Buffer& filters = has_worlds(search) ? search.now.filters : cl::Buffer();
     // (Sets of one world share their bounds.)
-    centroids_.enqueue(this->kernels(search.all, search.worlds).centroids, search.now.boxes,
+    centroids_.enqueue(this->kernels(true, search.worlds).centroids, search.now.boxes,
                        search.worlds ? filters : cl::Buffer(), search.now.slots);
-    opencl::set_arguments(kernels.keys, 0, search.now.slots, search.now.boxes, filters, centroids_.buckets(),
-                          centroids_.result(), elements_);
-    enqueue_per_box(kernels.keys, search.now.slots);
+    opencl::set_arguments(kernels.keys.kernel, 0, search.now.slots, search.now.boxes, filters,
+                          centroids_.buckets(), centroids_.result(), elements_);
+    kernels.keys.enqueue(context_.queue(), search.now.slots);
     sort_.enqueue(elements_, scratch_, search.now.slots, std::array{opencl::RadixSort::Bits{32, code_bits}});
     if (has_worlds(search)) {  // they count first, so they are sorted by last
-      opencl::set_arguments(kernels.world_keys, 0, search.now.slots, sets(search), filters, elements_);
-      enqueue_per_box(kernels.world_keys, search.now.slots);
+      opencl::set_arguments(kernels.world_keys.kernel, 0, search.now.slots, sets(search), filters, elements_);
+      kernels.world_keys.enqueue(context_.queue(), search.now.slots);
       const unsigned bits = search.worlds ? 32 : 1;
       sort_.enqueue(elements_, scratch_, search.now.slots, std::array{opencl::RadixSort::Bits{32, bits}});
     }
@@ -294,69 +322,62 @@ class Tiles final : public PairFinder {
 
   cl_uint set_fill(cl::Kernel& fill, const Search& search, const Tree& tree) const {
     return opencl::set_arguments(fill, 0, search.now.slots,
-                                 static_cast<cl_uint>(divide_up(search.now.slots, node_)), starts_.s[1],
-                                 sets(search), elements_, tree.nodes);
+                                 static_cast<cl_uint>(divide_up(search.now.slots, launch_.node)),
+                                 starts_.s[1], sets(search), elements_, tree.nodes);
   }
 
   void fill_tree(const Search& search, const cl::Kernel& fill, const Tree& tree, cl::Event* event) {
-    std::size_t nodes = divide_up(search.now.slots, node_);
-    enqueue(fill, round_up(nodes, node_), event);
-    nodes = divide_up(nodes, node_);
+    std::size_t nodes = divide_up(search.now.slots, launch_.node);
+    enqueue(fill, round_up(nodes, launch_.node), event);
+    nodes = divide_up(nodes, launch_.node);
     cl::Kernel& raise = kernels(search).raise;
     // The search starts at the first level that has few nodes.
-    for (top_ = 1; nodes > most_roots_ && top_ + 1 < levels; ++top_, nodes = divide_up(nodes, node_)) {
+    for (top_ = 1; nodes > launch_.most_roots && top_ + 1 < levels;
+         ++top_, nodes = divide_up(nodes, launch_.node)) {
       opencl::set_arguments(raise, 0, starts_.s[top_], static_cast<cl_uint>(nodes), starts_.s[top_ + 1],
                             tree.nodes);
-      enqueue(raise, round_up(nodes, node_), nullptr);
+      enqueue(raise, round_up(nodes, launch_.node), nullptr);
     }
     roots_ = static_cast<cl_uint>(nodes);
   }
 
   void enqueue_search(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) {
     opencl::Profiler::Scope stage(profiler, "test");
-    const std::size_t tiles = divide_up(search.now.slots, node_);
+    const std::size_t tiles = divide_up(search.now.slots, launch_.node);
     const std::size_t sharers = this->sharers(tiles);
     most_work_ = most_work(search, sink);
     cl::Kernel& kernel = kernels(search).search;
     cl_uint next = opencl::set_arguments(kernel, 0, starts_, static_cast<cl_uint>(top_), roots_);
     cl_ulong share = 0;
-    for (std::size_t k = 0; k < node_; k += sharers) share |= cl_ulong{1} << k;
-    next = node_ == 64 ? opencl::set_arguments(kernel, next, share)
-                       : opencl::set_arguments(kernel, next, static_cast<cl_uint>(share));
+    for (std::size_t k = 0; k < launch_.node; k += sharers) share |= cl_ulong{1} << k;
+    next = launch_.node == 64 ? opencl::set_arguments(kernel, next, share)
+                              : opencl::set_arguments(kernel, next, static_cast<cl_uint>(share));
     next = opencl::set_arguments(kernel, next, most_work_, sets(search), tree_.nodes,
                                  (search.all ? tree_ : changed_tree_).nodes, elements_, search.now.filters,
                                  search.now.exclusions);
     sink.set_sink(kernel, next, search);
-    context_.queue().enqueueNDRangeKernel(kernel, cl::NullRange, cl::NDRange(tiles * group_, sharers),
-                                          cl::NDRange(group_, 1), nullptr, stage.event());
+    context_.queue().enqueueNDRangeKernel(kernel, cl::NullRange, cl::NDRange(tiles * launch_.group, sharers),
+                                          cl::NDRange(launch_.group, 1), nullptr, stage.event());
   }
 
   /// Number of work-groups that share the search of a tile; if there are few tiles, a GPU would otherwise
   /// have too little to do.
   [[nodiscard]] std::size_t sharers(std::size_t tiles) const {
-    if (group_ == 1) return 1;
+    if (launch_.group == 1) return 1;
     const std::size_t useful = context_.device().compute_units * search_groups_per_unit;
     std::size_t sharers = 1;
     while (sharers < most_sharers && tiles * sharers * 2 <= useful) sharers *= 2;
     return sharers;
   }
 
-  void enqueue_per_box(const cl::Kernel& kernel, std::size_t boxes) const {
-    context_.queue().enqueueNDRangeKernel(kernel, cl::NullRange, cl::NDRange(round_up(boxes, group_per_box_)),
-                                          cl::NDRange(group_per_box_));
-  }
-
   void enqueue(const cl::Kernel& kernel, std::size_t groups, cl::Event* event) {
-    context_.queue().enqueueNDRangeKernel(kernel, cl::NullRange, cl::NDRange(groups * group_),
-                                          cl::NDRange(group_), nullptr, event);
+    context_.queue().enqueueNDRangeKernel(kernel, cl::NullRange, cl::NDRange(groups * launch_.group),
+                                          cl::NDRange(launch_.group), nullptr, event);
   }
 
   const opencl::Context& context_;
-  double stale_;      // see make_tiles()
-  std::size_t node_;  // children of a node
-  std::size_t group_;
-  std::size_t group_per_box_;
-  std::size_t most_roots_;  // of the search: a launch more would leave fewer
+  double stale_;  // see make_tiles()
+  TilesLaunch launch_;
   CentroidBounds centroids_;
   opencl::RadixSort sort_;
   std::array<Kernels, 4> kernels_;

@@ -30,13 +30,13 @@ std::size_t largest_group(const cl::Device& device) {
 }
 
 /// The tuning profile that the environment names, if any.
-std::optional<Tuning> wanted_tuning() {
-  const auto wanted = environment("BROADCL_TUNING");
-  if (!wanted) return std::nullopt;
+std::optional<Tuning> named_tuning() {
+  const auto name = environment("BROADCL_TUNING");
+  if (!name) return std::nullopt;
   for (const Tuning tuning : {Tuning::gpu, Tuning::gpu64, Tuning::cpu}) {
-    if (*wanted == to_string(tuning)) return tuning;
+    if (*name == to_string(tuning)) return tuning;
   }
-  throw Error("BROADCL_TUNING is '" + *wanted + "'; set it to gpu, gpu64 or cpu");
+  throw Error("BROADCL_TUNING is '" + *name + "'; set it to gpu, gpu64 or cpu");
 }
 
 bool has_nvidia_vote(const cl::Device& device) {
@@ -97,19 +97,19 @@ std::string_view to_string(Tuning tuning) noexcept {
   return "cpu";
 }
 
-Context::Context(Device device, bool profile, CompileHandler on_compile, std::size_t most)
+Context::Context(Device device, bool profile, CompileHandler on_compile, std::optional<Tuning> tuning)
     : device_(std::move(device)), cl_device_(opencl::open(device_)), on_compile_(std::move(on_compile)) {
   translate_errors(device_.label(), [&] {
     if (profile && (cl_device_.getInfo<CL_DEVICE_QUEUE_PROPERTIES>() & CL_QUEUE_PROFILING_ENABLE) == 0) {
       throw Error(device_.label() + ": the device has no profiling; leave Config::profile off");
     }
     context_ = cl::Context(cl_device_);
-    open(cl::CommandQueue(context_, cl_device_, profile ? CL_QUEUE_PROFILING_ENABLE : 0), most);
+    open(cl::CommandQueue(context_, cl_device_, profile ? CL_QUEUE_PROFILING_ENABLE : 0), tuning);
     owns_queue_ = true;
   });
 }
 
-Context::Context(const cl::CommandQueue& queue, CompileHandler on_compile, std::size_t most)
+Context::Context(const cl::CommandQueue& queue, CompileHandler on_compile, std::optional<Tuning> tuning)
     : device_(describe(queue)), on_compile_(std::move(on_compile)) {
   translate_errors(device_.label(), [&] {
     if ((queue.getInfo<CL_QUEUE_PROPERTIES>() & CL_QUEUE_OUT_OF_ORDER_EXEC_MODE_ENABLE) != 0) {
@@ -117,7 +117,7 @@ Context::Context(const cl::CommandQueue& queue, CompileHandler on_compile, std::
     }
     cl_device_ = queue.getInfo<CL_QUEUE_DEVICE>();
     context_ = queue.getInfo<CL_QUEUE_CONTEXT>();
-    open(queue, most);
+    open(queue, tuning);
   });
 }
 
@@ -125,11 +125,12 @@ Context::~Context() {
   if (owns_queue_) wait_if_possible(queue_);
 }
 
-void Context::open(const cl::CommandQueue& queue, std::size_t most) {
+void Context::open(const cl::CommandQueue& queue, std::optional<Tuning> tuning) {
   queue_ = queue;
-  largest_group_ = std::max<std::size_t>(1, std::min(most, opencl::largest_group(cl_device_)));
-  const auto wanted = wanted_tuning();
-  tuning_ = wanted ? *wanted : suitable_tuning();
+  largest_group_ = opencl::largest_group(cl_device_);
+  const std::optional<Tuning> named = named_tuning();
+  is_tuning_named_ = named.has_value();
+  tuning_ = named ? *named : tuning ? *tuning : suitable_tuning();
   has_nvidia_vote_ = opencl::has_nvidia_vote(cl_device_);
   if (flushes_denormals(*this)) options_ += " -DFLUSHES=1";
 }
@@ -162,31 +163,34 @@ bool Context::has_waves_of_64() const {
   return any.getWorkGroupInfo<CL_KERNEL_PREFERRED_WORK_GROUP_SIZE_MULTIPLE>(cl_device_) == wave;
 }
 
-std::size_t Context::group(std::size_t wanted) const noexcept {
-  return std::bit_floor(std::min(wanted, largest_group_));
+/// Work-items per work-group of a kernel, at most.
+std::size_t Context::largest_group(const cl::Kernel& kernel) const {
+  // Mesa's rusticl 22.3 says 32 of each kernel, but runs them in as large work-groups as the device allows.
+  if (device_.platform_name == "rusticl") return largest_group_;
+  return std::min(largest_group_, kernel.getWorkGroupInfo<CL_KERNEL_WORK_GROUP_SIZE>(cl_device_));
 }
 
 cl::Kernel Context::kernel(const cl::Program& program, const char* name, std::size_t group) const {
   cl::Kernel kernel(program, name);
-  // Mesa's rusticl 22.3 reports 32 for each kernel, but runs kernels in work-groups as large as the device
-  // allows.
-  const std::size_t most = device_.platform_name == "rusticl"
-                               ? largest_group_
-                               : kernel.getWorkGroupInfo<CL_KERNEL_WORK_GROUP_SIZE>(cl_device_);
-  if (most >= group && largest_group_ >= group) return kernel;
-  const std::size_t allowed = std::min(most, largest_group_);
-  throw GroupTooLarge(device_.label() + ": the kernel " + name + " needs work-groups of " +
-                          std::to_string(group) + ", but the device allows " + std::to_string(allowed) +
-                          (tuning_ == Tuning::cpu ? "; use another device"
-                                                  : "; set BROADCL_TUNING=cpu, which uses smaller ones"),
-                      allowed);
+  const std::size_t allowed = largest_group(kernel);
+  if (allowed >= group) return kernel;
+  const std::string what = device_.label() + ": the kernel " + name + " needs work-groups of " +
+                           std::to_string(group) + ", but the device allows " + std::to_string(allowed);
+  if (allowed == 0) throw Error(what + "; use another device");
+  if (is_tuning_named_) throw Error(what + "; set BROADCL_TUNING=cpu, which uses smaller ones");
+  throw GroupTooLarge(what);
+}
+
+SizedKernel Context::sized_kernel(const cl::Program& program, const char* name, std::size_t wanted) const {
+  cl::Kernel kernel = this->kernel(program, name, 1);
+  const std::size_t group = std::bit_floor(std::min(wanted, largest_group(kernel)));
+  return {std::move(kernel), group};
 }
 
 void Context::fill(const cl::Buffer& buffer, cl_uint value, std::size_t first, std::size_t count) const {
-  const std::size_t group = this->group();
-  if (fill_() == nullptr) fill_ = kernel(primitives(*this), "fill", group);
-  set_arguments(fill_, 0, static_cast<cl_uint>(count), value, static_cast<cl_ulong>(first), buffer);
-  queue_.enqueueNDRangeKernel(fill_, cl::NullRange, cl::NDRange(round_up(count, group)), cl::NDRange(group));
+  if (fill_.kernel() == nullptr) fill_ = sized_kernel(primitives(*this), "fill");
+  set_arguments(fill_.kernel, 0, static_cast<cl_uint>(count), value, static_cast<cl_ulong>(first), buffer);
+  fill_.enqueue(queue_, count);
 }
 
 std::optional<Context::LargeBuffers> Context::large_buffers() const {

@@ -3,7 +3,6 @@
 #include <atomic>
 #include <cstddef>
 #include <cstdint>
-#include <limits>
 #include <map>
 #include <memory>
 #include <optional>
@@ -30,17 +29,11 @@ enum class Tuning { gpu, gpu64, cpu };
 /// "gpu", "gpu64" or "cpu".
 [[nodiscard]] std::string_view to_string(Tuning tuning) noexcept;
 
-constexpr std::size_t any_group = std::numeric_limits<std::size_t>::max();
-
-/// The device runs a kernel only in smaller work-groups.
+/// The device runs a kernel only in smaller work-groups, and nobody named the tuning profile with such large
+/// ones: what the kernel is for works with the launch parameters for CPUs, which have work-groups of one.
 class GroupTooLarge : public Error {
  public:
-  /// @param most Work-items per work-group that it allows.
-  GroupTooLarge(const std::string& what, std::size_t most) : Error(what), most_(most) {}
-  [[nodiscard]] std::size_t most() const noexcept { return most_; }
-
- private:
-  std::size_t most_;
+  using Error::Error;
 };
 
 /// A device that was opened: its context, one in-order queue, and programs built for it.
@@ -48,13 +41,14 @@ class Context {
  public:
   /// @param profile Whether the queue records device times.
   /// @param on_compile Called before the first program is built from its source.
-  /// @param most Upper limit for work-items per work-group, in addition to the device's own limit.
+  /// @param tuning In place of the profile that suits the device.
   /// @throws Error naming the device.
-  Context(Device device, bool profile, CompileHandler on_compile = {}, std::size_t most = any_group);
+  Context(Device device, bool profile, CompileHandler on_compile = {},
+          std::optional<Tuning> tuning = std::nullopt);
   /// Works in the context of a queue of the caller, which is retained.
   /// @throws Error for a queue that is not in order.
   explicit Context(const cl::CommandQueue& queue, CompileHandler on_compile = {},
-                   std::size_t most = any_group);
+                   std::optional<Tuning> tuning = std::nullopt);
   /// Waits for the remaining commands in its own queue, for instance the release of mapped memory: Intel's
   /// runtime may crash if the process ends earlier.
   ~Context();
@@ -64,15 +58,9 @@ class Context {
   [[nodiscard]] const Device& device() const noexcept { return device_; }
   [[nodiscard]] const cl::Context& context() const noexcept { return context_; }
   [[nodiscard]] const cl::CommandQueue& queue() const noexcept { return queue_; }
-  /// The tuning profile for the device. The environment variable BROADCL_TUNING overrides it, so that each
-  /// profile can be tested on any device.
+  /// The tuning profile. The environment variable BROADCL_TUNING overrides it, so that each profile can be
+  /// tested on any device.
   [[nodiscard]] Tuning tuning() const noexcept { return tuning_; }
-
-  /// Work-items per work-group: the largest power of two that is neither more than `wanted` nor more than the
-  /// device allows. (The default, for kernels without local memory, is the size of the largest wave of any
-  /// GPU.)
-  [[nodiscard]] std::size_t group(std::size_t wanted = 64) const noexcept;
-  [[nodiscard]] std::size_t largest_group() const noexcept { return largest_group_; }
 
   /// Whether the 32 work-items of a work-group can vote with NVIDIA's instruction: kernels/vote.h. False if
   /// BROADCL_TUNING is set, so that kernels can be tested without the instruction.
@@ -109,10 +97,16 @@ class Context {
   /// @throws Error with the compiler's log, which names file and line, if it does not compile.
   [[nodiscard]] cl::Program program(std::string_view file, const std::string& options = {}) const;
 
-  /// A kernel of a program.
-  /// @param group Work-items per work-group that it will be launched with.
-  /// @throws cl::Error; GroupTooLarge
+  /// A kernel of a program, for work-groups of one size.
+  /// @param group Work-items per work-group.
+  /// @throws cl::Error; GroupTooLarge; Error if the device cannot run it, or not as BROADCL_TUNING says.
   [[nodiscard]] cl::Kernel kernel(const cl::Program& program, const char* name, std::size_t group) const;
+
+  /// A kernel of a program, for work-groups of any size: of the largest power of two that is not more than
+  /// wanted or than the device allows. (No wave of a GPU has more than 64 work-items.)
+  /// @throws cl::Error; Error if the device cannot run it.
+  [[nodiscard]] SizedKernel sized_kernel(const cl::Program& program, const char* name,
+                                         std::size_t wanted = 64) const;
 
   /// Sets all words of a part of a buffer. (Not by clEnqueueFillBuffer, which some drivers do not do
   /// reliably.)
@@ -146,9 +140,10 @@ class Context {
   [[nodiscard]] cl::Buffer counted(std::size_t bytes, cl_mem_flags flags,
                                    std::atomic<std::size_t> Memory::*counter) const;
 
-  void open(const cl::CommandQueue& queue, std::size_t most);
+  void open(const cl::CommandQueue& queue, std::optional<Tuning> tuning);
   [[nodiscard]] Tuning suitable_tuning() const;
   [[nodiscard]] bool has_waves_of_64() const;
+  [[nodiscard]] std::size_t largest_group(const cl::Kernel& kernel) const;
 
   [[nodiscard]] cl::Program build(std::string_view file, const std::string& source,
                                   const std::string& options) const;
@@ -159,30 +154,27 @@ class Context {
   cl::CommandQueue queue_;
   bool owns_queue_ = false;
   Tuning tuning_ = Tuning::gpu;
+  bool is_tuning_named_ = false;  // by the environment
   std::size_t largest_group_ = 1;
   bool has_nvidia_vote_ = false;
   std::string options_ = "-cl-std=CL1.2";                // for all programs
   mutable std::map<std::string, cl::Program> programs_;  // by options and source
-  mutable cl::Kernel fill_;                              // built when it is first needed
+  mutable SizedKernel fill_;                             // built when it is first needed
   DiskCache disk_cache_;
   mutable CompileHandler on_compile_;  // empty once it was called
   std::shared_ptr<Memory> memory_ = std::make_shared<Memory>();
 };
 
 /// Makes an object that works on a device. If the device runs a kernel only in smaller work-groups, for
-/// instance because it has too few registers, makes the object again with smaller work-groups.
-/// @param make Called with the upper limit for work-items per work-group, for the constructor of a Context.
-/// @throws Exceptions of `make`; GroupTooLarge if the environment names a tuning profile with larger
-/// work-groups.
+/// instance because it has too few registers, makes the object again with the tuning profile for CPUs.
+/// @param make Called with the profile, if any, for the constructor of a Context.
+/// @throws Exceptions of `make`.
 template <class Make>
-auto make_in_groups(const Make& make) {
-  for (std::size_t most = any_group;;) {
-    try {
-      return make(most);
-    } catch (const GroupTooLarge& error) {
-      if (error.most() >= most) throw;
-      most = error.most();
-    }
+auto make_tuned(const Make& make) {
+  try {
+    return make(std::optional<Tuning>());
+  } catch (const GroupTooLarge&) {
+    return make(std::optional(Tuning::cpu));
   }
 }
 

@@ -24,6 +24,20 @@ cl_uint set_arguments(cl::Kernel& kernel, cl_uint first, const Arguments&... arg
   return first;
 }
 
+/// A kernel that runs in work-groups of any size, and the size that it is launched with.
+struct SizedKernel {  // NOLINT(bugprone-exception-escape): handles do not throw when moved
+  cl::Kernel kernel{};
+  std::size_t group = 0;  ///< Work-items per work-group.
+
+  /// Enqueues this many work-items, and as many more as fill the last work-group.
+  /// @param event Is set to that of the command, unless it is null.
+  /// @throws cl::Error
+  void enqueue(const cl::CommandQueue& queue, std::size_t items, cl::Event* event = nullptr) const {
+    queue.enqueueNDRangeKernel(kernel, cl::NullRange, cl::NDRange(round_up(items, group)), cl::NDRange(group),
+                               nullptr, event);
+  }
+};
+
 /// Waits until the queue has completed all commands, as its finish() should: Mesa's rusticl 22.3 returns
 /// early from a finish() that follows a flush.
 /// @throws cl::Error
