@@ -17,6 +17,8 @@
 
 #include <broadcl/bullet.hpp>
 
+#include "device_limits.hpp"
+#include "environment.hpp"
 #include "failing_opencl.hpp"
 #include "runs.hpp"
 #include "test_name.hpp"
@@ -59,6 +61,17 @@ class Life {
       }
       broadphase_.calculateOverlappingPairs(&dispatcher_);
       ASSERT_EQ(cached(), overlapping()) << "frame " << frame;
+    }
+  }
+
+  /// Two frames in which one proxy moves.
+  void rest() {
+    for (int frame = 0; frame < 2; ++frame) {
+      btBroadphaseProxy& proxy = *proxies_[5];
+      const btVector3 step(random(), 0, 0);
+      broadphase_.setAabb(&proxy, proxy.m_aabbMin + step, proxy.m_aabbMax + step, &dispatcher_);
+      broadphase_.calculateOverlappingPairs(&dispatcher_);
+      ASSERT_EQ(cached(), overlapping()) << "at rest, frame " << frame;
     }
   }
 
@@ -159,6 +172,22 @@ TEST_P(BulletFailure, ASingleFailureIsSurvivedToo) {
     ASSERT_TRUE(left_by_itself || life.is_on_device() == life.errors().empty());
     if (FailingOpenCl::calls() < first) break;
   }
+}
+
+/// Nothing is left to the host.
+TEST(BulletFailure, AKernelThatIsBuiltLaterRunsInSmallWorkGroups) {
+  const test::ScopedVariable any("BROADCL_DEVICE", "");
+  const test::ScopedVariable by_the_device("BROADCL_TUNING", "");
+  test::Limits gpu = test::gpu_with_waves_of(32);
+  gpu.work_group_of_kernel = {{"tiles_search -DSOME_CHANGED=1", 16}};
+  const test::LimitedDevices limited(gpu);
+  Life life("tiles");
+  life.live();
+  EXPECT_EQ(limited.asked_of_kernels(), 0);
+  life.rest();
+  EXPECT_GT(limited.asked_of_kernels(), 0);
+  EXPECT_THAT(life.errors(), SizeIs(0));
+  EXPECT_TRUE(life.is_on_device());
 }
 
 std::vector<AlgorithmInfo> device_algorithms() {

@@ -11,6 +11,7 @@ namespace broadcl::test {
 namespace {
 
 std::optional<Limits> current;
+long asked_of_kernels_until_now = 0;
 
 constexpr cl_mem_flags large_buffer = 1 << 23;  // CL_MEM_ALLOW_UNRESTRICTED_SIZE_INTEL
 std::set<cl_mem> large_buffers;
@@ -25,17 +26,45 @@ void limit(std::size_t bytes, void* value, Number most) {
   *number = std::min(*number, most);
 }
 
-/// Work-items per work-group, at most.
+/// Whether a kernel is the one of Limits::work_group_of_kernel.
+bool is_meant(const cl::Kernel& kernel, std::string_view which) {
+  const std::size_t end = std::min(which.size(), which.find(' '));
+  if (kernel.getInfo<CL_KERNEL_FUNCTION_NAME>() != which.substr(0, end)) return false;
+  const cl::Device device = kernel.getInfo<CL_KERNEL_CONTEXT>().getInfo<CL_CONTEXT_DEVICES>().front();
+  const auto program = kernel.getInfo<CL_KERNEL_PROGRAM>();
+  return program.getBuildInfo<CL_PROGRAM_BUILD_OPTIONS>(device).find(which.substr(end)) != std::string::npos;
+}
+
+/// Work-items per work-group, at most: of a kernel with a limit of its own.
+std::optional<std::size_t> own_limit(const cl::Kernel& kernel) {
+  for (const auto& [which, most] : current->work_group_of_kernel) {
+    if (is_meant(kernel, which)) return most;
+  }
+  return std::nullopt;
+}
+
+/// Of any kernel.
 std::size_t most_work_items(const cl::Kernel& kernel) {
-  const auto special = current->work_group_of_kernel.find(kernel.getInfo<CL_KERNEL_FUNCTION_NAME>());
-  const bool is_special = special != current->work_group_of_kernel.end();
-  return is_special ? std::min(special->second, current->work_group) : current->work_group;
+  return std::min(current->work_group, own_limit(kernel).value_or(current->work_group));
 }
 
 }  // namespace
 
-LimitedDevices::LimitedDevices(const Limits& limits) : before_(current) {
+Limits gpu_with_waves_of(cl_uint width) {
+  const bool is_amd = width == 64;
+  const std::string extension = is_amd ? "cl_amd_device_attribute_query" : "cl_nv_device_attribute_query";
+  return {.answers = {{CL_DEVICE_TYPE, answer(cl_device_type{CL_DEVICE_TYPE_GPU})},
+                      {CL_DEVICE_EXTENSIONS, extension + '\0'},
+                      {is_amd ? wavefront_width_of_amd : warp_size_of_nvidia, answer(width)}}};
+}
+
+LimitedDevices::LimitedDevices(const Limits& limits)
+    : before_(current), asked_before_(asked_of_kernels_until_now) {
   current = limits;
+}
+
+long LimitedDevices::asked_of_kernels() const noexcept {
+  return asked_of_kernels_until_now - asked_before_;
 }
 
 LimitedDevices::~LimitedDevices() {
@@ -136,8 +165,10 @@ void limit_device_info(cl_device_info name, std::size_t bytes, void* value) {
 }
 
 void limit_kernel_info(cl_kernel kernel, cl_kernel_work_group_info name, std::size_t bytes, void* value) {
-  if (current && name == CL_KERNEL_WORK_GROUP_SIZE)
-    limit(bytes, value, most_work_items(cl::Kernel(kernel, true)));
+  if (!current || name != CL_KERNEL_WORK_GROUP_SIZE || value == nullptr) return;
+  const cl::Kernel retained(kernel, true);
+  limit(bytes, value, most_work_items(retained));
+  if (own_limit(retained)) ++asked_of_kernels_until_now;
 }
 
 }  // namespace broadcl::test

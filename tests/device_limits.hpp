@@ -14,9 +14,11 @@ namespace broadcl::test {
 /// What other devices allow less of than the one at hand, or say otherwise.
 struct Limits {
   std::size_t work_group = std::numeric_limits<std::size_t>::max();  ///< Work-items.
-  std::map<std::string, std::size_t> work_group_of_kernel{};         ///< The same for some kernels, by name.
-  cl_ulong local_memory = std::numeric_limits<cl_ulong>::max();      ///< Bytes per work-group.
-  cl_ulong allocation = std::numeric_limits<cl_ulong>::max();        ///< Bytes per buffer.
+  /// The same for some kernels: by name, and if a space and options follow, only of programs that were built
+  /// with these.
+  std::map<std::string, std::size_t> work_group_of_kernel{};
+  cl_ulong local_memory = std::numeric_limits<cl_ulong>::max();  ///< Bytes per work-group.
+  cl_ulong allocation = std::numeric_limits<cl_ulong>::max();    ///< Bytes per buffer.
   bool has_profiling = true;
   bool has_compiler = true;
   bool has_denormals = true;       ///< If not, programs are built with -cl-denorms-are-zero.
@@ -32,12 +34,22 @@ template <class Value>
   return {reinterpret_cast<const char*>(&value), sizeof(value)};
 }
 
+// What these two say of the work-items that their GPUs run in step: from cl_ext.h, which declares them for
+// other versions of OpenCL only.
+constexpr cl_uint wavefront_width_of_amd = 0x4043;
+constexpr cl_uint warp_size_of_nvidia = 0x4003;
+
+/// A GPU that says it is one of NVIDIA's, or of AMD's if it runs 64 work-items in step.
+[[nodiscard]] Limits gpu_with_waves_of(cl_uint width);
+
 /// Makes all devices report, and this program's OpenCL calls keep to, these limits as long as it lives,
 /// instead of others that are set. Not while objects live that know those.
 class LimitedDevices {
  public:
   explicit LimitedDevices(const Limits& limits);
   ~LimitedDevices();
+  /// How often the limit of a single kernel was asked for, until now.
+  [[nodiscard]] long asked_of_kernels() const noexcept;
   LimitedDevices(const LimitedDevices&) = delete;
   LimitedDevices& operator=(const LimitedDevices&) = delete;
   LimitedDevices(LimitedDevices&&) = delete;
@@ -45,6 +57,7 @@ class LimitedDevices {
 
  private:
   std::optional<Limits> before_;
+  long asked_before_;
 };
 
 // What the shim of failing_opencl.cpp asks: the error of a call that exceeds the limits, or CL_SUCCESS, and

@@ -134,8 +134,6 @@ Limits gpu_of(const char* extensions, cl_uint name, const std::string& width) {
                       {name, width}}};
 }
 
-constexpr cl_uint wavefront_width_of_amd = 0x4043;
-constexpr cl_uint warp_size_of_nvidia = 0x4003;
 constexpr cl_uint multiple = CL_KERNEL_PREFERRED_WORK_GROUP_SIZE_MULTIPLE;
 
 TEST(LimitedDevice, WithWavesOf64GetsATuningProfileOfItsOwn) {
@@ -167,8 +165,7 @@ ALSO_IN(gpu_profile);
 NOT_IN(all_default | sanitizers, "takes long, in kernels and their compiler");
 TEST(LimitedDevice, WithWavesOf64FindsWhatTheOracleFinds) {
   const ScopedVariable by_the_device("BROADCL_TUNING", "");
-  const LimitedDevices limited(
-      gpu_of("cl_amd_device_attribute_query", wavefront_width_of_amd, answer(cl_uint{64})));
+  const LimitedDevices limited(gpu_with_waves_of(64));
   ASSERT_EQ(opencl::Context(select_device(), false).tuning(), opencl::Tuning::gpu64);
   expect_right_pairs("tiles");
   // So many that the tree has another level, but too many for the oracle.
@@ -184,7 +181,7 @@ TEST(LimitedDevice, ThatRunsKernelsInSmallWorkGroupsOnlyGetsSuchOnes) {
   const auto expect_all_pairs = [&](const std::string& algorithm,
                                     const std::map<std::string, std::size_t>& kernels) {
     SCOPED_TRACE(algorithm + ", " + kernels.begin()->first);
-    Limits gpu = gpu_of("cl_nv_device_attribute_query", warp_size_of_nvidia, answer(cl_uint{32}));
+    Limits gpu = gpu_with_waves_of(32);
     gpu.work_group_of_kernel = kernels;
     const LimitedDevices limited(gpu);
     ASSERT_EQ(opencl::Context(select_device(), false).tuning(), opencl::Tuning::gpu);
@@ -199,7 +196,7 @@ TEST(LimitedDevice, ThatRunsKernelsInSmallWorkGroupsOnlyGetsSuchOnes) {
   expect_all_pairs("tiles", {{"tiles_search", 16}});
   expect_all_pairs("brute-force", {{"brute_force", 1}});
   expect_all_pairs("auto", {{"order_few", 64}});
-  expect_all_pairs("gpu-bf", {{"gpu_bf", 64}});
+  expect_all_pairs("gpu-bf", {{"gpu_bf", 1}});
 }
 
 TEST(LimitedDevice, ThatRunsNoKernelAtAllIsRefused) {
@@ -243,6 +240,9 @@ TEST(LimitedDevice, OfIntelHasLargeBuffersForGpuBf) {
     return overlapping_pairs(boxes, {.algorithm = algorithm}).size();
   };
   EXPECT_EQ(pairs_of(intel, "gpu-bf"), 2000U * 1999 / 2);
+  Limits in_small_groups = intel;  // the kernel for large buffers, too
+  in_small_groups.work_group_of_kernel = {{"gpu_bf", 16}};
+  EXPECT_EQ(pairs_of(in_small_groups, "gpu-bf"), 2000U * 1999 / 2);
   EXPECT_THAT(error_of([&] { (void)pairs_of(intel, "brute-force"); }),
               HasSubstr("allocates at most 1048576"));
   EXPECT_THAT(error_of([&] { (void)pairs_of(small, "gpu-bf"); }), HasSubstr("allocates at most 1048576"));

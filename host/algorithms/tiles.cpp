@@ -140,7 +140,6 @@ class Tiles final : public PairFinder {
   void load(const Search& search, bool may_gather) {
     try {
       const bool worlds = has_worlds(search);
-      (void)kernels(true, search.worlds);
       (void)kernels(true, worlds);
       (void)kernels(search.all, worlds);
       if (may_gather) (void)gathering_fill(worlds);  // in the first frame, although that sorts

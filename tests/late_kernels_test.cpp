@@ -1,0 +1,477 @@
+#include "opencl/api.hpp"  // before <CL/cl.h>: it chooses the version
+
+#include <broadcl/broad_phase.hpp>
+#include <broadcl/filter.hpp>
+#include <broadcl/opencl.hpp>
+
+#include <algorithm>
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <optional>
+#include <ostream>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "device_life.hpp"
+#include "device_limits.hpp"
+#include "each_algorithm.hpp"
+#include "environment.hpp"
+#include "expect_error.hpp"
+#include "failing_opencl.hpp"
+#include "reference.hpp"
+#include "trouble.hpp"
+
+/// Kernels that are built when they are first needed, in the middle of a life, and that the device runs in
+/// small work-groups only.
+namespace broadcl::test {
+namespace {
+
+using ::testing::AllOf;
+using ::testing::HasSubstr;
+
+using LateTrouble = Trouble<FailingOpenCl, FailingOpenCl::calls>;
+
+/// The OpenCL call of an update that fails, if any.
+using LateFailure = std::optional<long>;
+
+LateTrouble trouble_of(LateFailure failure) {
+  return {failure.value_or(0), failure ? 1 : 0};
+}
+
+/// An update that fails by itself would be right when it is repeated.
+::testing::AssertionResult fails_only_for(LateFailure failure, const LateTrouble& trouble) {
+  if (trouble.failures() <= (failure ? 1 : 0)) return ::testing::AssertionSuccess();
+  return ::testing::AssertionFailure() << "an update failed though no call did";
+}
+
+/// An algorithm, and one of its kernels on a GPU.
+struct LateKernel {
+  const char* algorithm;
+  const char* name;  ///< As Limits::work_group_of_kernel has it.
+  cl_uint wave = 32;
+
+  [[nodiscard]] bool is_for(std::string_view option) const {
+    return std::string_view(name).find(option) != std::string_view::npos;
+  }
+};
+
+std::ostream& operator<<(std::ostream& out, const LateKernel& kernel) {
+  return out << kernel.algorithm << ", " << kernel.name << ", " << kernel.wave;
+}
+
+std::string name_of_late_kernel(const ::testing::TestParamInfo<LateKernel>& test) {
+  std::string name = ::testing::PrintToString(test.param);
+  std::erase_if(name, [](char c) { return c == ',' || c == '='; });
+  std::ranges::replace_if(
+      name, [](char c) { return c == ' ' || c == '-'; }, '_');
+  return name;
+}
+
+Limits gpu_that_limits(const LateKernel& kernel, std::size_t most) {
+  Limits gpu = gpu_with_waves_of(kernel.wave);
+  // `auto` chooses one of two.
+  for (const std::string name : {kernel.name, "brute_force -DWORLDS=1"}) {
+    gpu.work_group_of_kernel.emplace(name, most);
+  }
+  return gpu;
+}
+
+/// A place in a row, where some of the boxes around overlap.
+Aabb late_box(std::uint32_t k) {
+  const float x = static_cast<float>(k) * 0.3F;
+  return {{x, 0, 0}, {x + 1, 1, 1}};
+}
+
+/// So that the device may say that it is a GPU.
+class ForAnyDevice {
+  ScopedVariable device_{"BROADCL_DEVICE", ""};
+  ScopedVariable tuning_{"BROADCL_TUNING", ""};
+};
+
+/// A BroadPhase with few frames, in the last of which a kernel is late.
+class LateHostLife {
+ public:
+  LateHostLife(const LateKernel& kernel, std::uint32_t n)
+      : kernel_(kernel), n_(n), broad_phase_({.algorithm = kernel.algorithm}) {
+    for (std::uint32_t k = 0; k < n; ++k) {
+      broad_phase_.add(late_box(k));
+      reference_.add(late_box(k));
+    }
+  }
+
+  /// Everything before the kernel is needed.
+  void begin() {
+    update();
+    if (kernel_.is_for("WORLDS") && kernel_.is_for("SOME_CHANGED")) {
+      set_worlds();
+      update();
+    }
+  }
+
+  /// @returns Failures that were possible, if the answers were right.
+  std::optional<long> need(LateFailure failure, bool sets) {
+    if (kernel_.is_for("SOME_CHANGED")) {
+      move(7, late_box(n_ / 2));
+    } else {
+      sets ? set_sets() : set_worlds();
+    }
+    const long points = update(failure);
+    return is_right_ ? std::optional(points) : std::nullopt;
+  }
+
+  /// @returns Whether the answers were right.
+  bool go_on() {
+    move(7, late_box(7));
+    update();
+    for (std::uint32_t k = 0; k < n_; ++k) move(k, late_box(k * 3 % n_));
+    update();
+    move(9, late_box(11));
+    update();
+    return is_right_;
+  }
+
+ private:
+  void move(std::uint32_t id, const Aabb& box) {
+    broad_phase_.move(id, box);
+    reference_.move(id, box);
+  }
+  void set_filter(std::uint32_t id, const Filter& filter) {
+    broad_phase_.set_filter(id, filter);
+    reference_.set_filter(id, filter);
+  }
+  void set_worlds() {
+    for (std::uint32_t id = 0; id < n_; ++id) set_filter(id, {.world = id % 2});
+  }
+  void set_sets() {
+    for (std::uint32_t id = 0; id < n_; ++id) set_filter(id, id % 3 == 0 ? first_set : second_set);
+  }
+
+  /// @returns Failures that were possible.
+  long update(LateFailure failure = std::nullopt) {
+    LateTrouble trouble = trouble_of(failure);
+    const Delta delta =
+        trouble.call([&] { return broad_phase_.update(); },
+                     [&] { expect(same("known", broad_phase_.pairs(), reference_.pairs())); });
+    const Reference::Changes changes = reference_.finish();
+    expect(same(delta, changes.added, changes.removed));
+    expect(same("all", broad_phase_.pairs(), reference_.pairs()));
+    expect(fails_only_for(failure, trouble));
+    return trouble.points();
+  }
+
+  void expect(const ::testing::AssertionResult& result) {
+    EXPECT_TRUE(result);
+    is_right_ = is_right_ && result;
+  }
+
+  LateKernel kernel_;
+  std::uint32_t n_;
+  BroadPhase broad_phase_;
+  Reference reference_;
+  bool is_right_ = true;
+};
+
+class LateKernelOnTheHost : public ::testing::TestWithParam<LateKernel> {
+  ForAnyDevice any_;
+};
+
+TEST_P(LateKernelOnTheHost, RunsInSmallWorkGroups) {
+  for (const bool sets : {false, true}) {
+    const LimitedDevices limited(gpu_that_limits(GetParam(), sets ? 1 : 16));
+    LateHostLife life(GetParam(), 300);
+    life.begin();
+    ASSERT_EQ(limited.asked_of_kernels(), 0) << "it is not late";
+    ASSERT_TRUE(life.need(std::nullopt, sets));
+    ASSERT_TRUE(life.go_on());
+    // (For brute-force two sets are filters like others.)
+    const bool is_needed = !sets || std::string_view(GetParam().algorithm) == "tiles";
+    EXPECT_TRUE(limited.asked_of_kernels() > 0 || !is_needed);
+  }
+}
+
+/// Calls of the update that needs the kernel fail, about so many of them and one in each life.
+void expect_late_host_lives(const LateKernel& kernel, long most) {
+  const LimitedDevices limited(gpu_that_limits(kernel, 16));
+  expect_right_lives(most, [&](long first) -> std::optional<long> {
+    LateHostLife life(kernel, 60);
+    life.begin();
+    const std::optional<long> points = life.need(first, false);
+    return points && life.go_on() ? points : std::nullopt;
+  });
+}
+
+constexpr std::array late_on_the_host{LateKernel{"brute-force", "brute_force -DWORLDS=1"},
+                                      LateKernel{"tiles", "tiles_search -DSOME_CHANGED=1", 64},
+                                      LateKernel{"tiles", "tiles_search -DWORLDS=1"},
+                                      LateKernel{"tiles", "tiles_search -DSOME_CHANGED=1"},
+                                      LateKernel{"tiles", "tiles_raise -DWORLDS=1 -DSOME_CHANGED=1"},
+                                      LateKernel{"tiles", "tiles_keys -DWORLDS=1"},
+                                      LateKernel{"tiles", "tiles_world_keys -DWORLDS=1"},
+                                      LateKernel{"tiles", "centroids -DWORLDS=1"},
+                                      LateKernel{"tiles", "tiles_fill -DWORLDS=1", 64}};
+INSTANTIATE_TEST_SUITE_P(Table, LateKernelOnTheHost, ::testing::ValuesIn(late_on_the_host),
+                         name_of_late_kernel);
+
+/// A DeviceBroadPhase with few frames, in one of which a kernel is late.
+class LateDeviceLife {
+ public:
+  /// @param sets Whether there are two sets, in all frames; otherwise there are worlds, in the last ones.
+  /// @param waits Whether the frames are waited for.
+  LateDeviceLife(const CallersQueue& queue, const LateKernel& kernel, bool sets, bool waits)
+      : queue_(queue),
+        kernel_(kernel),
+        first_count_(sets ? n / 3 : n),
+        waits_(waits),
+        broad_phase_(queue(), {.algorithm = kernel.algorithm}) {
+    for (std::uint32_t k = 0; k < n; ++k) {
+      reference_.add(late_box(k), !sets ? Filter() : k < first_count_ ? first_set : second_set);
+    }
+    broad_phase_.reserve(n, most_pairs, true);
+  }
+
+  /// Everything before the kernel is needed.
+  void begin() {
+    if (!is_of_sets() && kernel_.is_for("WORLDS")) update();
+  }
+
+  /// @returns Failures that were possible, if the answers were right.
+  std::optional<long> need(LateFailure failure) {
+    has_worlds_ = !is_of_sets() && kernel_.is_for("WORLDS");
+    const long points = update(failure);
+    return check() ? std::optional(points) : std::nullopt;
+  }
+
+  /// @returns Whether the answers were right.
+  bool go_on() {
+    for (const bool worlds : {true, false, true}) {
+      has_worlds_ = worlds && !is_of_sets();
+      update();
+    }
+    return check();
+  }
+
+ private:
+  static constexpr std::uint32_t n = 60;
+  static constexpr std::size_t most_pairs = n * (n - 1) / 2;
+
+  /// What the device got for a frame, and what it must answer.
+  struct Frame {
+    cl::Buffer first, second, filters, added, removed, counts;
+    Reference::Changes expected;
+    std::size_t pairs = 0;
+  };
+
+  [[nodiscard]] bool is_of_sets() const { return first_count_ < n; }
+
+  /// The next frame, in which boxes are elsewhere.
+  Frame next() {
+    ++turn_;
+    std::vector<Aabb> boxes;
+    std::vector<Filter> filters;
+    for (std::uint32_t k = 0; k < n; ++k) {
+      boxes.push_back(late_box(k * turn_ % n));
+      reference_.move(k, boxes.back());
+      filters.push_back({.world = has_worlds_ ? k % 2 : 0U});
+      if (!is_of_sets()) reference_.set_filter(k, filters.back());
+    }
+    const auto middle = boxes.begin() + first_count_;
+    return {.first = queue_.buffer_of(std::vector<Aabb>(boxes.begin(), middle)),
+            .second = queue_.buffer_of(std::vector<Aabb>(middle, boxes.end())),
+            .filters = queue_.buffer_of(filters),
+            .added = queue_.buffer_of(Pairs(most_pairs)),
+            .removed = queue_.buffer_of(Pairs(most_pairs)),
+            .counts = queue_.buffer_of(std::vector<std::uint32_t>(4)),
+            .expected = {}};
+  }
+
+  /// @returns Failures that were possible.
+  long update(LateFailure failure = std::nullopt) {
+    LateTrouble trouble = trouble_of(failure);
+    const Pairs known = renumbered(reference_.pairs());
+    Frame frame = next();
+    DeviceBroadPhase::Boxes boxes{.buffer = frame.first(),
+                                  .count = first_count_,
+                                  .filters = has_worlds_ ? frame.filters() : nullptr,
+                                  .worlds = has_worlds_};
+    if (is_of_sets()) boxes.second = {.buffer = frame.second(), .count = n - first_count_};
+    const auto look = [&] { expect(same("known", queue_.read(broad_phase_.pairs()), known)); };
+    const long blocking = opencl_use().blocking_calls;
+    DeviceBroadPhase::Result result;
+    if (waits_) {
+      result = trouble.call([&] { return broad_phase_.update(boxes); }, look);
+    } else {
+      trouble.call(
+          [&] {
+            broad_phase_.enqueue(boxes, {.added = frame.added(),
+                                         .removed = frame.removed(),
+                                         .capacity = most_pairs,
+                                         .counts = frame.counts()});
+          },
+          look);
+      EXPECT_TRUE(trouble.failures() > 0 || opencl_use().blocking_calls == blocking);
+    }
+    frame.expected = reference_.finish();
+    frame.pairs = reference_.pairs().size();
+    if (waits_) {
+      expect(same("added", queue_.read(result.added), renumbered(frame.expected.added)));
+      expect(same("removed", queue_.read(result.removed), renumbered(frame.expected.removed)));
+    } else {
+      unchecked_.push_back(frame);
+    }
+    expect(fails_only_for(failure, trouble));
+    return trouble.points();
+  }
+
+  /// @returns Whether all answers were right until now.
+  bool check() {
+    for (const Frame& frame : unchecked_) {
+      const auto [added, removed, pairs, incomplete] = queue_.read_counts(frame.counts);
+      EXPECT_EQ(incomplete, 0U);
+      EXPECT_EQ(pairs, frame.pairs);
+      expect(same("added", queue_.read({.buffer = frame.added(), .count = added}),
+                  renumbered(frame.expected.added)));
+      expect(same("removed", queue_.read({.buffer = frame.removed(), .count = removed}),
+                  renumbered(frame.expected.removed)));
+    }
+    unchecked_.clear();
+    expect(same("all", queue_.read(broad_phase_.pairs()), renumbered(reference_.pairs())));
+    return is_right_;
+  }
+
+  /// In two sets, `b` is an index in the second one.
+  [[nodiscard]] Pairs renumbered(Pairs pairs) const {
+    for (Pair& pair : pairs) pair.b -= is_of_sets() ? first_count_ : 0;
+    return pairs;
+  }
+
+  void expect(const ::testing::AssertionResult& result) {
+    EXPECT_TRUE(result);
+    is_right_ = is_right_ && result;
+  }
+
+  const CallersQueue& queue_;
+  LateKernel kernel_;
+  std::uint32_t first_count_;
+  bool waits_;
+  DeviceBroadPhase broad_phase_;
+  Reference reference_;
+  std::vector<Frame> unchecked_;
+  std::uint32_t turn_ = 0;
+  bool has_worlds_ = false;
+  bool is_right_ = true;
+};
+
+class LateKernelOnTheDevice : public ::testing::TestWithParam<LateKernel> {
+  ForAnyDevice any_;
+};
+
+TEST_P(LateKernelOnTheDevice, RunsInSmallWorkGroups) {
+  for (const bool sets : {false, true}) {
+    for (const bool waits : {false, true}) {
+      SCOPED_TRACE(std::string(sets ? "sets" : "worlds") + (waits ? ", waited for" : ", enqueued"));
+      const LimitedDevices limited(gpu_that_limits(GetParam(), sets == waits ? 16 : 1));
+      const CallersQueue queue;
+      LateDeviceLife life(queue, GetParam(), sets, waits);
+      life.begin();
+      ASSERT_EQ(limited.asked_of_kernels(), 0) << "it is not late";
+      ASSERT_TRUE(life.need(std::nullopt));
+      ASSERT_TRUE(life.go_on());
+      const bool is_needed = !sets || std::string_view(GetParam().algorithm) == "tiles";
+      EXPECT_TRUE(limited.asked_of_kernels() > 0 || !is_needed);
+    }
+  }
+}
+
+/// As expect_late_host_lives().
+void expect_late_device_lives(const LateKernel& kernel, bool sets, bool waits, long most) {
+  const LimitedDevices limited(gpu_that_limits(kernel, 16));
+  const CallersQueue queue;
+  expect_right_lives(most, [&](long first) -> std::optional<long> {
+    LateDeviceLife life(queue, kernel, sets, waits);
+    life.begin();
+    const std::optional<long> points = life.need(first);
+    return points && life.go_on() ? points : std::nullopt;
+  });
+}
+
+constexpr std::array late_on_the_device{LateKernel{"brute-force", "brute_force -DWORLDS=1"},
+                                        LateKernel{"tiles", "tiles_fill -DWORLDS=1 -DGATHER=1"},
+                                        LateKernel{"tiles", "tiles_search -DWORLDS=1", 64},
+                                        LateKernel{"tiles", "tiles_fill -DGATHER=1"},
+                                        LateKernel{"tiles", "tiles_keys -DWORLDS=1"},
+                                        LateKernel{"tiles", "fill"},
+                                        LateKernel{"auto", "tiles_search -DWORLDS=1"}};
+INSTANTIATE_TEST_SUITE_P(Table, LateKernelOnTheDevice, ::testing::ValuesIn(late_on_the_device),
+                         name_of_late_kernel);
+
+NOT_IN(sanitizers, "fails on purpose, also where buffers are unmapped, and takes long");
+TEST(LateKernel, LosesNothingIfACallFailsMeanwhile) {
+  const ForAnyDevice any;
+  expect_late_host_lives(late_on_the_host[1], 6);
+  expect_late_device_lives(late_on_the_device[0], false, false, 6);
+  expect_late_device_lives(late_on_the_device[1], true, true, 6);
+}
+
+/// The same for all of them, and more calls.
+class LongLateKernelOnTheHost : public LateKernelOnTheHost {};
+TEST_P(LongLateKernelOnTheHost, LosesNothingWhicheverCallFailsMeanwhile) {
+  expect_late_host_lives(GetParam(), 40);
+}
+INSTANTIATE_TEST_SUITE_P(Long, LongLateKernelOnTheHost, ::testing::ValuesIn(late_on_the_host),
+                         name_of_late_kernel);
+
+class LongLateKernelOnTheDevice : public LateKernelOnTheDevice {};
+TEST_P(LongLateKernelOnTheDevice, LosesNothingWhicheverCallFailsMeanwhile) {
+  for (const bool sets : {false, true}) {
+    for (const bool waits : {false, true}) expect_late_device_lives(GetParam(), sets, waits, 40);
+  }
+}
+INSTANTIATE_TEST_SUITE_P(Long, LongLateKernelOnTheDevice, ::testing::ValuesIn(late_on_the_device),
+                         name_of_late_kernel);
+
+TEST(LateKernel, OfASearchOfTwoSetsRunsInSmallWorkGroups) {
+  const ForAnyDevice any;
+  std::vector<Aabb> first;
+  std::vector<Aabb> second;
+  for (std::uint32_t k = 0; k < 300; ++k) (k % 3 == 0 ? first : second).push_back(late_box(k));
+  const Pairs expected = overlapping_pairs(first, second, {.algorithm = "oracle"});
+  for (const char* name : {"tiles_search -DWORLDS=1", "tiles_world_keys -DWORLDS=1"}) {
+    for (const std::size_t most : {16U, 1U}) {
+      const LimitedDevices limited(gpu_that_limits({"tiles", name}, most));
+      EXPECT_TRUE(same(name, overlapping_pairs(first, second, {.algorithm = "tiles"}), expected));
+      EXPECT_GT(limited.asked_of_kernels(), 0);
+    }
+  }
+}
+
+/// The tuning profile that the environment names is kept, and a device that runs a kernel not at all is
+/// hopeless.
+TEST(LateKernel, ThatCannotRunIsRefusedAndNothingIsLost) {
+  const ForAnyDevice any;
+  const auto expect_refusal = [](const std::string& tuning, std::size_t most, const std::string& remedy) {
+    const ScopedVariable named("BROADCL_TUNING", tuning);
+    for (const LateKernel& kernel : {late_on_the_host[0], late_on_the_host[2]}) {
+      const LimitedDevices limited(gpu_that_limits(kernel, most));
+      BroadPhase broad_phase({.algorithm = kernel.algorithm});
+      for (std::uint32_t k = 0; k < 20; ++k) broad_phase.add(unit);
+      EXPECT_EQ(broad_phase.update().added.size(), 190U);
+      broad_phase.set_filter(3, {.world = 1});
+      for (int time = 0; time < 2; ++time) {
+        EXPECT_THAT(error_of([&] { (void)broad_phase.update(); }),
+                    AllOf(HasSubstr("allows " + std::to_string(most)), HasSubstr(remedy)));
+        EXPECT_EQ(broad_phase.pairs().size(), 190U);
+      }
+    }
+  };
+  expect_refusal("gpu", 16, "set BROADCL_TUNING=cpu");
+  expect_refusal("", 0, "use another device");
+}
+
+}  // namespace
+}  // namespace broadcl::test
