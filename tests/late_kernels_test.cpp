@@ -249,7 +249,7 @@ class LateDeviceLife {
 
   /// @returns Whether the answers were right.
   bool go_on() {
-    for (const bool worlds : {true, false, true}) {
+    for (const bool worlds : {true, false, false, true}) {
       has_worlds_ = worlds && !is_of_sets();
       update();
     }

@@ -20,8 +20,8 @@ class PairFinder {
   PairFinder(PairFinder&&) = delete;
   PairFinder& operator=(PairFinder&&) = delete;
 
-  /// Enqueues the kernels that prepare a search. They gather the objects if the search has a source, and
-  /// count invalid ones in the counts of the sink.
+  /// Builds the kernels that only this search needs, if there are any, then enqueues those that prepare it.
+  /// They gather the objects if the search has a source, and count invalid ones in the counts of the sink.
   /// @throws cl::Error, Error
   virtual void build(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) {
     if (search.source != nullptr) search.source->gather(search.now, sink.counts(), profiler);
