@@ -19,7 +19,13 @@
 
    With GROUP 1 a single work-item processes a block, with private counters and neither local memory nor barriers. Then
    only the most significant digit is sorted by in this way. That splits the elements into buckets that fit into a
-   processor's cache, each of which one work-item of radix_sort_buckets sorts by the remaining bits. */
+   processor's cache, each of which one work-item of radix_sort_buckets sorts by the remaining bits.
+
+   There are fewer than 2^31 elements, so that the sum of two indices fits into a uint. */
+
+#ifndef __ENDIAN_LITTLE__
+#error "two uints are sorted as one number, which takes a little-endian device"
+#endif
 
 #include "scan.h"
 

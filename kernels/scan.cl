@@ -6,7 +6,7 @@
    "Prefix Sums and Their Applications", on vectors longer than the number of processors.)
 
    A work-group goes through its block in tiles of four values per work-item, so that each reads and writes one aligned
-   uint4. */
+   uint4. There are fewer than 2^31 values, so that the sum of two indices fits into a uint. */
 
 #include "scan.h"
 

@@ -212,6 +212,18 @@ TEST(LimitedDevice, ThatCannotRunAKernelSaysSoAtOnce) {
               AllOf(HasSubstr("256"), HasSubstr("allows 64"), HasSubstr("BROADCL_TUNING=cpu")));
 }
 
+/// (As little as the embedded profile of OpenCL demands is enough for gpu-bf.)
+TEST(LimitedDevice, WithTooLittleLocalMemorySaysSoAtOnce) {
+  const ScopedVariable by_the_device("BROADCL_TUNING", "");
+  const LimitedDevices limited({.local_memory = 1 << 10});
+  EXPECT_THAT(error_of([] { BroadPhase({.algorithm = "brute-force"}); }),
+              HasSubstr("bytes of local memory, but the device has 1024; use another device"));
+  EXPECT_EQ(overlapping_pairs(std::vector<Aabb>(50, unit), {.algorithm = "gpu-bf"}).size(), 1225U);
+  const ScopedVariable tuning("BROADCL_TUNING", "gpu");
+  EXPECT_THAT(error_of([] { BroadPhase({.algorithm = "tiles"}); }),
+              AllOf(HasSubstr("bytes of local memory"), HasSubstr("set BROADCL_TUNING=cpu")));
+}
+
 TEST(LimitedDevice, WithSmallAllocationsRefusesPairsThatDoNotFitAndGoesOn) {
   const LimitedDevices limited({.allocation = 1 << 20});
   BroadPhase broad_phase({.algorithm = "brute-force"});

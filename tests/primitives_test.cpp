@@ -6,11 +6,13 @@
 #include <string>
 #include <vector>
 
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <broadcl/device.hpp>
 
 #include "environment.hpp"
+#include "expect_error.hpp"
 #include "opencl/context.hpp"
 #include "opencl/radix_sort.hpp"
 #include "opencl/scan.hpp"
@@ -23,6 +25,7 @@ SUITE_ALSO_IN(Scan, gpu_profile | rusticl);
 SUITE_ALSO_IN(RadixSort, gpu_profile | rusticl);
 
 using Element = std::uint64_t;  // as RadixSort::Bits numbers its bits
+using ::testing::HasSubstr;
 using Keys = std::vector<RadixSort::Bits>;
 
 /// Runs a test with the kernels of each tuning profile; few work-items are too much for llvmpipe
@@ -265,6 +268,19 @@ TEST(RadixSort, LongestListsOfOneLaunchByAllBits) {
 bool has_memory(std::size_t bytes) {
   const Device device = select_device();
   return device.max_allocation >= bytes && device.memory >= 2 * bytes;
+}
+
+/// Nothing is enqueued then.
+TEST(Scan, TooManyValuesAreRefused) {
+  constexpr std::size_t too_many = std::size_t{1} << 31;
+  with_both_profiles([](const Context& context) {
+    const cl::Buffer small = context.buffer(8);
+    EXPECT_THAT(test::error_of([&] { Scan(context).enqueue(small, too_many); }), HasSubstr("too many"));
+    EXPECT_THAT(test::error_of([&] {
+                  RadixSort(context).enqueue(small, small, too_many, Keys{{0, 64}});
+                }),
+                HasSubstr("too many"));
+  });
 }
 
 TEST(Long, RadixSortOfTenMillion) {

@@ -2,6 +2,9 @@
 
 #include <algorithm>
 #include <cstddef>
+#include <string>
+
+#include <broadcl/error.hpp>
 
 #include "opencl/api.hpp"
 #include "opencl/context.hpp"
@@ -20,11 +23,16 @@ struct Blocks {
 ///
 /// But no block is longer than `longest`, because of llvmpipe, on which Mesa's rusticl runs: after 65,535
 /// iterations, counted over all of its loops, a work-item leaves every loop without an error.
-/// @param n At least 1, less than 2^31.
+/// @param n At least 1.
 /// @param tile Lengths are multiples of it.
 /// @param longest A multiple of tile.
+/// @throws Error if n is 2^31 or more: indices of kernels would overflow.
 [[nodiscard]] inline Blocks split_into_blocks(const Context& context, std::size_t n, std::size_t tile,
                                               std::size_t longest) {
+  if (n >= std::size_t{1} << 31) {
+    throw Error(context.device().label() + ": " + std::to_string(n) +
+                " values are too many to sort or to add up at once; use fewer boxes");
+  }
   const std::size_t enough = std::min<std::size_t>(
       4096, std::size_t{context.device().compute_units} * (context.tuning() == Tuning::cpu ? 4 : 8));
   const std::size_t tiles = (n + tile - 1) / tile;

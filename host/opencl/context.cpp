@@ -128,6 +128,7 @@ Context::~Context() {
 void Context::open(const cl::CommandQueue& queue, std::optional<Tuning> tuning) {
   queue_ = queue;
   largest_group_ = opencl::largest_group(cl_device_);
+  local_memory_ = cl_device_.getInfo<CL_DEVICE_LOCAL_MEM_SIZE>();
   const std::optional<Tuning> named = named_tuning();
   is_tuning_named_ = named.has_value();
   tuning_ = named ? *named : tuning ? *tuning : suitable_tuning();
@@ -139,8 +140,7 @@ Tuning Context::suitable_tuning() const {
   // What kernels that are tuned for GPUs need.
   constexpr std::size_t group = 256;
   constexpr cl_ulong local_memory = 32 << 10;
-  if (wants_few_work_items(device_) || largest_group_ < group ||
-      cl_device_.getInfo<CL_DEVICE_LOCAL_MEM_SIZE>() < local_memory)
+  if (wants_few_work_items(device_) || largest_group_ < group || local_memory_ < local_memory)
     return Tuning::cpu;
   return has_waves_of_64() ? Tuning::gpu64 : Tuning::gpu;
 }
@@ -173,10 +173,15 @@ std::size_t Context::largest_group(const cl::Kernel& kernel) const {
 cl::Kernel Context::kernel(const cl::Program& program, const char* name, std::size_t group) const {
   cl::Kernel kernel(program, name);
   const std::size_t allowed = largest_group(kernel);
-  if (allowed >= group) return kernel;
-  const std::string what = device_.label() + ": the kernel " + name + " needs work-groups of " +
-                           std::to_string(group) + ", but the device allows " + std::to_string(allowed);
-  if (allowed == 0) throw Error(what + "; use another device");
+  const auto memory = kernel.getWorkGroupInfo<CL_KERNEL_LOCAL_MEM_SIZE>(cl_device_);
+  if (allowed >= group && memory <= local_memory_) return kernel;
+  const std::string what =
+      device_.label() + ": the kernel " + name + " needs " +
+      (allowed < group
+           ? "work-groups of " + std::to_string(group) + ", but the device allows " + std::to_string(allowed)
+           : std::to_string(memory) + " bytes of local memory, but the device has " +
+                 std::to_string(local_memory_));
+  if (allowed == 0 || group == 1) throw Error(what + "; use another device");
   if (is_tuning_named_) throw Error(what + "; set BROADCL_TUNING=cpu, which uses smaller ones");
   throw GroupTooLarge(what);
 }

@@ -29,8 +29,9 @@ enum class Tuning { gpu, gpu64, cpu };
 /// "gpu", "gpu64" or "cpu".
 [[nodiscard]] std::string_view to_string(Tuning tuning) noexcept;
 
-/// The device runs a kernel only in smaller work-groups, and nobody named the tuning profile with such large
-/// ones: what the kernel is for works with the launch parameters for CPUs, which have work-groups of one.
+/// The device runs a kernel only in smaller work-groups, or has too little local memory for large ones, and
+/// nobody named the tuning profile with such large ones: what the kernel is for works with the launch
+/// parameters for CPUs, which have work-groups of one.
 class GroupTooLarge : public Error {
  public:
   using Error::Error;
@@ -156,6 +157,7 @@ class Context {
   Tuning tuning_ = Tuning::gpu;
   bool is_tuning_named_ = false;  // by the environment
   std::size_t largest_group_ = 1;
+  cl_ulong local_memory_ = 0;  // bytes per work-group
   bool has_nvidia_vote_ = false;
   std::string options_ = "-cl-std=CL1.2";                // for all programs
   mutable std::map<std::string, cl::Program> programs_;  // by options and source

@@ -35,7 +35,7 @@ class RadixSort {
   /// For instance, {{0, k}, {32, k}} sorts pairs {a, b} of uints with k bits by b, then by a; {{32, 32}}
   /// sorts {value, key}.
   /// @param elements, scratch Two buffers of at least n elements each. Scratch is overwritten.
-  /// @param n Less than 2^31.
+  /// @param n Less than 2^31, otherwise an Error is thrown.
   /// @param keys What to sort by, the least significant range first.
   /// @throws cl::Error
   void enqueue(const cl::Buffer& elements, const cl::Buffer& scratch, std::size_t n,

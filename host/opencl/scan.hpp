@@ -19,7 +19,7 @@ class Scan {
   /// values 0 to k - 1. Does not wait. Scans by one object must be enqueued one after the other, as by a
   /// single thread.
   /// @param values At least n uints.
-  /// @param n Less than 2^31.
+  /// @param n Less than 2^31, otherwise an Error is thrown.
   /// @throws cl::Error
   void enqueue(const cl::Buffer& values, std::size_t n);
 
