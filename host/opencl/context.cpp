@@ -71,6 +71,12 @@ bool keeps_programs(const Device& device) {
   return device.platform_name == "Portable Computing Language";
 }
 
+/// Mesa's rusticl 22.3 says of each kernel that it runs in work-groups of up to 32, and that it needs twice
+/// the local memory that it does, but runs them in as large work-groups as the device allows.
+bool misjudges_kernels(const Device& device) {
+  return device.platform_name == "rusticl";
+}
+
 /// A program from a cached binary; none if the driver rejects it.
 std::optional<cl::Program> from_binary(const cl::Context& context, const cl::Device& device,
                                        const DiskCache::Bytes& binary, const std::string& options) {
@@ -165,15 +171,19 @@ bool Context::has_waves_of_64() const {
 
 /// Work-items per work-group of a kernel, at most.
 std::size_t Context::largest_group(const cl::Kernel& kernel) const {
-  // Mesa's rusticl 22.3 says 32 of each kernel, but runs them in as large work-groups as the device allows.
-  if (device_.platform_name == "rusticl") return largest_group_;
+  if (misjudges_kernels(device_)) return largest_group_;
   return std::min(largest_group_, kernel.getWorkGroupInfo<CL_KERNEL_WORK_GROUP_SIZE>(cl_device_));
+}
+
+/// Bytes per work-group that a kernel needs.
+cl_ulong Context::local_memory(const cl::Kernel& kernel) const {
+  return misjudges_kernels(device_) ? 0 : kernel.getWorkGroupInfo<CL_KERNEL_LOCAL_MEM_SIZE>(cl_device_);
 }
 
 cl::Kernel Context::kernel(const cl::Program& program, const char* name, std::size_t group) const {
   cl::Kernel kernel(program, name);
   const std::size_t allowed = largest_group(kernel);
-  const auto memory = kernel.getWorkGroupInfo<CL_KERNEL_LOCAL_MEM_SIZE>(cl_device_);
+  const cl_ulong memory = local_memory(kernel);
   if (allowed >= group && memory <= local_memory_) return kernel;
   const std::string what =
       device_.label() + ": the kernel " + name + " needs " +

@@ -145,6 +145,7 @@ class Context {
   [[nodiscard]] Tuning suitable_tuning() const;
   [[nodiscard]] bool has_waves_of_64() const;
   [[nodiscard]] std::size_t largest_group(const cl::Kernel& kernel) const;
+  [[nodiscard]] cl_ulong local_memory(const cl::Kernel& kernel) const;
 
   [[nodiscard]] cl::Program build(std::string_view file, const std::string& source,
                                   const std::string& options) const;
