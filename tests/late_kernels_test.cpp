@@ -28,8 +28,8 @@
 #include "runs.hpp"
 #include "trouble.hpp"
 
-/// Kernels that are built when they are first needed, in the middle of a life, and that the device runs in
-/// small work-groups only.
+/// Kernels that are built when they are first needed, in the middle of a life, and that the device runs only
+/// in small work-groups.
 namespace broadcl::test {
 namespace {
 
@@ -451,8 +451,7 @@ TEST(LateKernel, OfASearchOfTwoSetsRunsInSmallWorkGroups) {
   }
 }
 
-/// The tuning profile that the environment names is kept, and a device that runs a kernel not at all is
-/// hopeless.
+/// If the environment names the tuning profile, or the device does not run the kernel at all.
 TEST(LateKernel, ThatCannotRunIsRefusedAndNothingIsLost) {
   const ForAnyDevice any;
   const auto expect_refusal = [](const std::string& tuning, std::size_t most, const std::string& remedy) {

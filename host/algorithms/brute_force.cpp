@@ -90,8 +90,8 @@ class BruteForce final : public PairFinder {
     return launch_.rows(runs, context_);
   }
 
-  /// Builds the kernel for one world or for several when it is first needed. If the device runs it in smaller
-  /// work-groups only, launch parameters are those for CPUs from then on.
+  /// Builds the kernel for one world or for several when it is first needed. If the device runs it only in
+  /// smaller work-groups, changes to the launch parameters for CPUs for good.
   void load(bool worlds) {
     cl::Kernel& kernel = kernels_.at(worlds ? 1 : 0);
     if (kernel() != nullptr) return;

@@ -134,8 +134,8 @@ class Tiles final : public PairFinder {
     cl::Kernel fill, raise, search;
   };
 
-  /// Builds the kernels that a search needs, sorted again or not, if they are not there. If the device runs
-  /// one in smaller work-groups only, launch parameters are those for CPUs from then on.
+  /// Builds the kernels that a search needs, whether it sorts or not, unless they are built. If the device
+  /// runs one of them only in smaller work-groups, changes to the launch parameters for CPUs for good.
   /// @param may_gather Whether the search may be of objects that are still to be gathered.
   void load(const Search& search, bool may_gather) {
     try {
