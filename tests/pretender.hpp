@@ -27,6 +27,7 @@ class Pretender final : public Algorithm {
     std::chrono::microseconds sleep{0};        ///< In finish().
     bool has_no_memory = false;                ///< reserve() throws.
     bool fails = false;                        ///< finish() throws.
+    mutable int updates = 0;                   ///< That it has done.
   };
 
   /// @param orders Must outlive it.
@@ -44,7 +45,9 @@ class Pretender final : public Algorithm {
   Delta finish() override {
     if (orders_.fails) throw Error("the device failed");
     if (orders_.sleep.count() > 0) std::this_thread::sleep_for(orders_.sleep);
-    return inner_->finish();
+    const Delta delta = inner_->finish();
+    ++orders_.updates;
+    return delta;
   }
   [[nodiscard]] std::shared_ptr<const void> delta_owner() const override { return inner_->delta_owner(); }
   [[nodiscard]] double expected_seconds(std::size_t slots, std::size_t changed) const override {

@@ -78,7 +78,7 @@ class Auto final : public PairFinder {
 
   std::array<CostModel, 2> models_;
   std::array<std::unique_ptr<PairFinder>, 2> finders_;
-  std::size_t chosen_ = 1;
+  std::size_t chosen_ = 0;
 };
 
 }  // namespace

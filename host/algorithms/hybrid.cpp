@@ -21,6 +21,9 @@ double seconds_since(Clock::time_point start) {
   return std::chrono::duration<double>(Clock::now() - start).count();
 }
 
+/// A switch may cost at most this share of what the other side would have saved.
+constexpr double switch_share = 0.125;
+
 /// Corrects the expected time of an update by the measured times of earlier ones: first by their mean, then
 /// with less and less weight for old ones.
 class Estimate {
@@ -28,8 +31,9 @@ class Estimate {
   void learn(double expected, double taken) noexcept {
     if (expected <= 0) return;
     constexpr double most_samples = 16;
+    constexpr double most_growth = 4;  // an update that took longer had to wait, perhaps for a compiler
     samples_ = std::min(samples_ + 1, most_samples);
-    factor_ += (taken / expected - factor_) / samples_;
+    factor_ += (std::min(taken / expected, most_growth * factor_) - factor_) / samples_;
   }
   [[nodiscard]] double seconds(double expected) const noexcept { return factor_ * expected; }
 
@@ -138,8 +142,7 @@ class Hybrid final : public Algorithm {
     }
   }
 
-  /// Decides where the next update is done. To change over costs a search of all boxes by the other one, so
-  /// this is done as soon as that one would have saved as much.
+  /// Decides which side does the next update. A switch costs a search of all boxes on the other side.
   void choose() noexcept try {
     if (opening_.valid() && opening_.wait_for(std::chrono::seconds(0)) == std::future_status::ready) {
       device_ = opening_.get();
@@ -155,7 +158,7 @@ class Hybrid final : public Algorithm {
     overspent_ = std::max(0.0, overspent_ + (is_on_device() ? on_device - on_host : on_host - on_device));
     const double search_of_all = is_on_device() ? seconds_on_host(changes_.slots, changes_.slots)
                                                 : seconds_on_device(changes_.slots, changes_.slots);
-    if (overspent_ <= search_of_all) return;
+    if (switch_share * overspent_ <= search_of_all) return;
     overspent_ = 0;
     before_ = current_->pairs();
     change_to(is_on_device() ? *host_ : *device_, 0, filters_);
