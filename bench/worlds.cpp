@@ -118,8 +118,8 @@ void time_on_device(benchmark::State& state, const AlgorithmInfo& algorithm, Wor
   frames.report();
 }
 
-void time_worlds(benchmark::State& state, const AlgorithmInfo& algorithm, Variant variant, std::uint32_t count,
-                 std::uint32_t boxes) {
+void time_worlds(benchmark::State& state, const AlgorithmInfo& algorithm, Variant variant,
+                 std::uint32_t count, std::uint32_t boxes) {
   Worlds worlds(count, boxes, variant == Variant::apart);
   if (variant == Variant::device) return time_on_device(state, algorithm, std::move(worlds));
   time_on_host(state, algorithm, std::move(worlds), variant == Variant::apart);
@@ -138,8 +138,8 @@ void register_worlds() {
       if (algorithm.name == "brute-force" && count * boxes > 16384) continue;  // it tests all pairs
       for (const Variant variant : {Variant::host, Variant::device, Variant::apart}) {
         const std::string name = "worlds/" + std::string(algorithm.name) + "/" +
-                                 variant_names.at(static_cast<std::size_t>(variant)) + "/" + std::to_string(count) +
-                                 "x" + std::to_string(boxes);
+                                 variant_names.at(static_cast<std::size_t>(variant)) + "/" +
+                                 std::to_string(count) + "x" + std::to_string(boxes);
         benchmark::RegisterBenchmark(name.c_str(), time_worlds, algorithm, variant, count, boxes)
             ->UseManualTime()
             ->Iterations(256)
