@@ -19,7 +19,7 @@ namespace broadcl {
 namespace {
 
 void time_device_update(benchmark::State& state, const AlgorithmInfo& algorithm, const Scene& scene,
-                 std::uint32_t n) {
+                        std::uint32_t n) {
   const opencl::Context context(select_device(), false);
   const cl::CommandQueue& queue = context.queue();
   DeviceBroadPhase broad_phase(queue(), {.algorithm = std::string(algorithm.name)});
