@@ -337,7 +337,7 @@ class RandomCalls : public testing::TestWithParam<AlgorithmInfo> {};
 INSTANTIATE_TEST_SUITE_P(Table, RandomCalls, testing::ValuesIn(device_algorithms()),
                          test::named_by_parameter);
 
-NOT_IN(sanitizers, "takes long; SomeRandomCallsByBullet is in it");
+NOT_IN(all_default | sanitizers, "takes long; SomeRandomCallsByBullet is in it");
 TEST_P(RandomCalls, AHundredThousandByBullet) {
   const std::size_t n = device_algorithms().size();
   play(std::string(GetParam().name), (100'000 + n - 1) / n, seed_of_ci);
