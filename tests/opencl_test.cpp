@@ -21,6 +21,7 @@ namespace {
 SUITE_ALSO_IN(OnDevice, gpu_profile | rusticl);
 
 namespace fs = std::filesystem;
+using ::testing::AllOf;
 using ::testing::HasSubstr;
 using ::testing::StartsWith;
 
@@ -259,6 +260,15 @@ TEST_F(OnDevice, FailuresNameTheDeviceTheCallAndTheCode) {
   EXPECT_THAT(text, StartsWith(context.device().label()));
   EXPECT_THAT(text, HasSubstr("clCreateBuffer"));
   EXPECT_THAT(text, HasSubstr("CL_INVALID_BUFFER_SIZE (-61)"));
+}
+
+/// Which code a driver reports then is not specified.
+TEST(Errors, OfAWatchdogNameItAndTheRemedy) {
+  for (const cl_int code :
+       {CL_OUT_OF_RESOURCES, CL_INVALID_COMMAND_QUEUE, CL_EXEC_STATUS_ERROR_FOR_EVENTS_IN_WAIT_LIST}) {
+    EXPECT_THAT(to_error(cl::Error(code, "clWaitForEvents"), "a device").what(),
+                AllOf(HasSubstr("a watchdog ended a kernel"), HasSubstr("tiles")));
+  }
 }
 
 TEST_F(OnDevice, SharedBuffersBringWhatTheDeviceWrote) {

@@ -15,15 +15,18 @@ struct Code {
 constexpr std::string_view memory_remedy = "use fewer boxes, another algorithm or a device with more memory";
 constexpr std::string_view lost_remedy =
     "the device was lost: create a new object; if a watchdog ended a kernel that took long, use fewer boxes "
-    "or the "
-    "algorithm tiles";
+    "or the algorithm tiles";
+/// Drivers report both with one code.
+constexpr std::string_view resources_remedy =
+    "the device has too little memory, or a watchdog ended a kernel that took long: create a new object, and "
+    "use fewer boxes, the algorithm tiles or a device with more memory";
 constexpr std::string_view driver_remedy = "check this device with `broadcl check`, and update its driver";
 
 constexpr std::array codes{
     Code{CL_DEVICE_NOT_AVAILABLE, "CL_DEVICE_NOT_AVAILABLE", "choose another device"},
     Code{CL_COMPILER_NOT_AVAILABLE, "CL_COMPILER_NOT_AVAILABLE", "choose another device"},
     Code{CL_MEM_OBJECT_ALLOCATION_FAILURE, "CL_MEM_OBJECT_ALLOCATION_FAILURE", memory_remedy},
-    Code{CL_OUT_OF_RESOURCES, "CL_OUT_OF_RESOURCES", memory_remedy},
+    Code{CL_OUT_OF_RESOURCES, "CL_OUT_OF_RESOURCES", resources_remedy},
     Code{CL_OUT_OF_HOST_MEMORY, "CL_OUT_OF_HOST_MEMORY", memory_remedy},
     Code{CL_INVALID_BUFFER_SIZE, "CL_INVALID_BUFFER_SIZE", memory_remedy},
     Code{CL_MAP_FAILURE, "CL_MAP_FAILURE", memory_remedy},
