@@ -213,6 +213,8 @@ const std::vector<BadInput> bad_inputs = {
     {"SimulateObjectsInWords", "simulate --objects many", "--objects: 'many'"},
     {"SimulateTooManyObjects", "simulate --objects 4294967297", "--objects: '4294967297'"},
     {"SimulateZeroFrames", "simulate --frames 0", "--frames: '0'"},
+    {"SimulateZeroThreads", "simulate --threads 0", "--threads: '0' is not a whole number from 1 to 64"},
+    {"SimulateTooManyThreads", "simulate --threads 65", "--threads: '65' is not a whole number from 1 to 64"},
     {"SimulateHugeSeed", "simulate --seed 18446744073709551616", "--seed"},
     {"SimulateCsvIsDirectory", "simulate --csv folder", "'folder' is a directory"},
     {"SimulateCsvInMissingFolder", "simulate --csv missing/run.csv", "missing/run.csv"},

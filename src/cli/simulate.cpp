@@ -86,6 +86,10 @@ Verb add_simulate(CLI::App& program) {
   verb->add_flag("--spheres", simulation.scenario.spheres, "Spheres instead of cubes");
   add_name(*verb, "--broadphase", simulation.broadphase, "The broad phase of the world; see below");
   add_device(*verb, simulation.device);
+  add_number(
+      *verb, "--threads", simulation.threads, 1U, scenes::World::most_threads,
+      "Number of threads that simulate, in Bullet's classes for several; more than 1 need a Bullet that "
+      "was built with threads");
   verb->add_option("--csv", options->csv, "Write the times of each frame here")->type_name("FILE");
   verb->add_option("--json", options->json, "Write the summary here")->type_name("FILE");
   verb->add_option("--trace", options->trace,

@@ -112,7 +112,7 @@ SimulationResult simulate(const SimulationConfig& config, const std::function<vo
   // An unknown device is an error even if the broad phase runs on the host.
   if (!config.device.empty()) (void)select_device(config.device);
   const std::unique_ptr<btBroadphaseInterface> broadphase = make_broadphase(config);
-  scenes::World world(config.scenario, *broadphase);
+  scenes::World world(config.scenario, *broadphase, config.threads);
   if (scenes::find_broadphase(config.broadphase).culls) {
     dynamic_cast<BulletBroadphase&>(*broadphase).set_shape_culling(&world.bullet());
   }

@@ -24,6 +24,7 @@ namespace broadcl::cli {
 struct SimulationConfig {
   scenes::Scenario::Config scenario{.name = "mixed-sizes"};
   std::uint32_t frames = 2048;
+  std::uint32_t threads = 1;        ///< As scenes::World takes them.
   std::string broadphase = "auto";  ///< As scenes::find_broadphase() takes it.
   std::string device;               ///< As select_device() takes it.
   bool verify = false;              ///< Compare every frame with the oracle.
@@ -74,7 +75,8 @@ struct Frames {
 /// @param frame_ended Called after each frame, untimed.
 /// @param recording Receives the boxes of the objects (not of the walls), as the broad phase has them, at the
 /// start and after each frame, untimed; may be null. It must have been made with recording_info().
-/// @throws Error for an unknown name or device, and as measure() and RecordingWriter::write() do.
+/// @throws Error for an unknown name or device, and as scenes::World, measure() and RecordingWriter::write()
+/// do.
 [[nodiscard]] SimulationResult simulate(const SimulationConfig& config,
                                         const std::function<void()>& frame_ended,
                                         RecordingWriter* recording = nullptr);

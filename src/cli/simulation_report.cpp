@@ -135,13 +135,15 @@ std::string text_of(const Verdict& verdict) {
 }
 
 ordered_json json_of(const SimulationConfig& config) {
-  return {{"scenario", config.scenario.name},
-          {"objects", config.scenario.objects},
-          {"shape", config.scenario.spheres ? "sphere" : "cube"},
-          {"seed", config.scenario.seed},
-          {"frames", config.frames},
-          {"broadphase", config.broadphase},
-          {"device", config.device}};
+  ordered_json json = {{"scenario", config.scenario.name},
+                       {"objects", config.scenario.objects},
+                       {"shape", config.scenario.spheres ? "sphere" : "cube"},
+                       {"seed", config.scenario.seed},
+                       {"frames", config.frames},
+                       {"broadphase", config.broadphase},
+                       {"device", config.device}};
+  if (config.threads > 1) json["threads"] = config.threads;
+  return json;
 }
 
 ordered_json facts_of(const ordered_json& config, const SimulationResult& result) {
@@ -198,6 +200,7 @@ std::string table_report(const SimulationConfig& config, const SimulationResult&
   const std::string heading = "scenario      " + scenario.name + ", " +
                               counted(scenario.objects, scenario.spheres ? "sphere" : "cube") + ", " +
                               counted(config.frames, "frame") + ", seed " + std::to_string(scenario.seed) +
+                              (config.threads > 1 ? ", " + counted(config.threads, "thread") : "") +
                               "\nbroad phase   " + config.broadphase + "\n";
   const std::string text =
       table_report_of(heading, config.broadphase, result) +

@@ -1,12 +1,12 @@
 #include "scenes/world.hpp"
 
 #include <BulletCollision/BroadphaseCollision/btDbvtBroadphase.h>
-#include <BulletCollision/CollisionDispatch/btCollisionDispatcher.h>
+#include <BulletCollision/CollisionDispatch/btCollisionDispatcherMt.h>
 #include <BulletCollision/CollisionDispatch/btDefaultCollisionConfiguration.h>
 #include <BulletCollision/CollisionShapes/btBoxShape.h>
 #include <BulletCollision/CollisionShapes/btSphereShape.h>
-#include <BulletDynamics/ConstraintSolver/btSequentialImpulseConstraintSolver.h>
-#include <BulletDynamics/Dynamics/btDiscreteDynamicsWorld.h>
+#include <BulletDynamics/ConstraintSolver/btSequentialImpulseConstraintSolverMt.h>
+#include <BulletDynamics/Dynamics/btDiscreteDynamicsWorldMt.h>
 #include <BulletDynamics/Dynamics/btRigidBody.h>
 
 #include <algorithm>
@@ -17,9 +17,11 @@
 #include <map>
 #include <numbers>
 #include <set>
+#include <utility>
 #include <vector>
 
 #include "scenes/remove_all_pairs.hpp"
+#include "scenes/task_scheduler.hpp"
 
 namespace broadcl::scenes {
 namespace {
@@ -51,24 +53,30 @@ Eigen::Vector3f to_eigen(const btVector3& v) {
   return {v.x(), v.y(), v.z()};
 }
 
-class TimedWorld final : public btDiscreteDynamicsWorld {
+/// When the stages of the last step ran.
+struct Stages {
+  Interval update;
+  Interval broad_phase;
+};
+
+/// One of Bullet's worlds, measured.
+template <class BulletWorld>
+class TimedWorld final : public BulletWorld {
  public:
-  using btDiscreteDynamicsWorld::btDiscreteDynamicsWorld;
+  /// @param arguments As BulletWorld takes them.
+  template <class... Arguments>
+  explicit TimedWorld(Stages& stages, Arguments*... arguments) : BulletWorld(arguments...), stages_(stages) {}
 
   void updateAabbs() override {
-    update_ = measure([this] { btDiscreteDynamicsWorld::updateAabbs(); });
+    stages_.update = measure([this] { BulletWorld::updateAabbs(); });
   }
 
   void computeOverlappingPairs() override {
-    broad_phase_ = measure([this] { btDiscreteDynamicsWorld::computeOverlappingPairs(); });
+    stages_.broad_phase = measure([this] { BulletWorld::computeOverlappingPairs(); });
   }
 
-  [[nodiscard]] const Interval& update() const { return update_; }
-  [[nodiscard]] const Interval& broad_phase() const { return broad_phase_; }
-
  private:
-  Interval update_;
-  Interval broad_phase_;
+  Stages& stages_;
 };
 
 /// The parts of a world without objects.
@@ -105,6 +113,43 @@ btDefaultCollisionConstructionInfo with_pools_for(std::uint32_t objects) {
   return info;
 }
 
+/// What simulates: Bullet's classes for one thread, or those for several.
+class Physics {
+ public:
+  Physics(const Scenario::Config& config, btBroadphaseInterface& broadphase, std::uint32_t threads)
+      : config_(with_pools_for(config.objects)) {
+    if (threads == 1) {
+      dispatcher_ = std::make_unique<btCollisionDispatcher>(&config_);
+      solver_ = std::make_unique<btSequentialImpulseConstraintSolver>();
+      world_ = std::make_unique<TimedWorld<btDiscreteDynamicsWorld>>(stages_, dispatcher_.get(), &broadphase,
+                                                                     solver_.get(), &config_);
+      return;
+    }
+    scheduler_ = std::make_unique<TaskScheduler>(threads);
+    dispatcher_ = std::make_unique<btCollisionDispatcherMt>(&config_);
+    auto solvers = std::make_unique<btConstraintSolverPoolMt>(static_cast<int>(threads));
+    large_island_solver_ = std::make_unique<btSequentialImpulseConstraintSolverMt>();
+    world_ = std::make_unique<TimedWorld<btDiscreteDynamicsWorldMt>>(
+        stages_, dispatcher_.get(), &broadphase, solvers.get(), large_island_solver_.get(), &config_);
+    solver_ = std::move(solvers);
+  }
+
+  [[nodiscard]] btCollisionDispatcher& dispatcher() noexcept { return *dispatcher_; }
+  [[nodiscard]] btDiscreteDynamicsWorld& world() noexcept { return *world_; }
+  [[nodiscard]] const btDiscreteDynamicsWorld& world() const noexcept { return *world_; }
+  [[nodiscard]] const Stages& stages() const noexcept { return stages_; }
+
+ private:
+  // The world is destroyed first, since it needs everything above it.
+  btDefaultCollisionConfiguration config_;
+  std::unique_ptr<TaskScheduler> scheduler_;  // null for one thread
+  std::unique_ptr<btCollisionDispatcher> dispatcher_;
+  std::unique_ptr<btConstraintSolver> solver_;
+  std::unique_ptr<btConstraintSolver> large_island_solver_;  // null for one thread
+  Stages stages_;
+  std::unique_ptr<btDiscreteDynamicsWorld> world_;
+};
+
 /// Half a wall is thicker than the distance that an object falling across the container travels in a frame.
 float wall_thickness(const Scenario& scenario) {
   return std::max(20.0F, scenario.container_edge() / 4);
@@ -114,17 +159,14 @@ float wall_thickness(const Scenario& scenario) {
 
 class World::Impl {
  public:
-  Impl(const Scenario::Config& config, btBroadphaseInterface& broadphase)
-      : scenario_(config),
-        config_(with_pools_for(config.objects)),
-        dispatcher_(&config_),
-        world_(&dispatcher_, &broadphase, &solver_, &config_) {
-    world_.setGravity(to_bullet(scenario_.gravity()));
+  Impl(const Scenario::Config& config, btBroadphaseInterface& broadphase, std::uint32_t threads)
+      : scenario_(config), physics_(config, broadphase, threads) {
+    bullet().setGravity(to_bullet(scenario_.gravity()));
     add_walls();
     for (const Scenario::Object& object : scenario_.objects()) add_object(object);
   }
 
-  ~Impl() { remove_all_pairs(*world_.getPairCache(), &dispatcher_); }
+  ~Impl() { remove_all_pairs(*bullet().getPairCache(), &physics_.dispatcher()); }
   Impl(const Impl&) = delete;
   Impl& operator=(const Impl&) = delete;
   Impl(Impl&&) = delete;
@@ -134,7 +176,7 @@ class World::Impl {
     if (scenario_.gravity_rotates()) {
       // The gravity of a world affects only bodies that are awake.
       for (std::size_t k = walls; k < bodies_.size(); ++k) bodies_[k]->activate();
-      world_.setGravity(to_bullet(scenario_.gravity()));
+      bullet().setGravity(to_bullet(scenario_.gravity()));
     }
     for (const Scenario::Kick& kick : scenario_.kicks()) {
       btRigidBody& body = *bodies_[walls + kick.object];
@@ -145,11 +187,10 @@ class World::Impl {
     Interval exchange{};
     const Interval frame = measure([&] {
       exchange = measure([this] { this->exchange(); });
-      world_.stepSimulation(Scenario::frame_seconds, 0);
+      bullet().stepSimulation(Scenario::frame_seconds, 0);
     });
     scenario_.advance();
-    const Interval& update = world_.update();
-    const Interval& broad_phase = world_.broad_phase();
+    const auto& [update, broad_phase] = physics_.stages();
     const double exchange_seconds = seconds(exchange.begin, exchange.end);
     return {.start = frame.begin,
             .update_start = seconds(frame.begin, update.begin) - exchange_seconds,
@@ -160,8 +201,8 @@ class World::Impl {
   }
 
   [[nodiscard]] const Scenario& scenario() const noexcept { return scenario_; }
-  [[nodiscard]] btDiscreteDynamicsWorld& bullet() noexcept { return world_; }
-  [[nodiscard]] const btDiscreteDynamicsWorld& bullet() const noexcept { return world_; }
+  [[nodiscard]] btDiscreteDynamicsWorld& bullet() noexcept { return physics_.world(); }
+  [[nodiscard]] const btDiscreteDynamicsWorld& bullet() const noexcept { return physics_.world(); }
   [[nodiscard]] const btRigidBody& object(std::size_t k) const { return *bodies_[walls + k]; }
 
  private:
@@ -192,8 +233,9 @@ class World::Impl {
     for (const Scenario::Exchange& exchange : scenario_.exchanges()) {
       leaving.insert(bodies_[walls + exchange.object].get());
     }
-    for (int k = 0; k < dispatcher_.getNumManifolds(); ++k) {
-      const btPersistentManifold& manifold = *dispatcher_.getManifoldByIndexInternal(k);
+    btCollisionDispatcher& dispatcher = physics_.dispatcher();
+    for (int k = 0; k < dispatcher.getNumManifolds(); ++k) {
+      const btPersistentManifold& manifold = *dispatcher.getManifoldByIndexInternal(k);
       const std::array touching{manifold.getBody0(), manifold.getBody1()};
       if (manifold.getNumContacts() == 0 ||
           (!leaving.contains(touching[0]) && !leaving.contains(touching[1])))
@@ -205,7 +247,7 @@ class World::Impl {
   void exchange() {
     for (const Scenario::Exchange& exchange : scenario_.exchanges()) {
       btRigidBody& body = *bodies_[walls + exchange.object];
-      world_.removeRigidBody(&body);
+      bullet().removeRigidBody(&body);
       body.setCenterOfMassTransform(btTransform(btQuaternion::getIdentity(), to_bullet(exchange.position)));
       body.setInterpolationWorldTransform(body.getCenterOfMassTransform());
       body.setLinearVelocity(to_bullet(exchange.velocity));
@@ -213,7 +255,7 @@ class World::Impl {
       body.clearForces();
       body.forceActivationState(ACTIVE_TAG);
       body.setDeactivationTime(0);
-      world_.addRigidBody(&body);
+      bullet().addRigidBody(&body);
     }
   }
 
@@ -242,19 +284,16 @@ class World::Impl {
     btRigidBody::btRigidBodyConstructionInfo info(mass, nullptr, &shape, inertia);
     info.m_startWorldTransform.setOrigin(to_bullet(position));
     bodies_.push_back(std::make_unique<btRigidBody>(info));
-    world_.addRigidBody(bodies_.back().get());
+    bullet().addRigidBody(bodies_.back().get());
     return *bodies_.back();
   }
 
-  // The world is destroyed first, since it needs everything above it.
+  // The world is destroyed first, since it needs the shapes and the bodies.
   Scenario scenario_;
-  btDefaultCollisionConfiguration config_;
-  btCollisionDispatcher dispatcher_;
-  btSequentialImpulseConstraintSolver solver_;
   std::vector<std::unique_ptr<btCollisionShape>> shapes_;
   std::map<float, btCollisionShape*> shape_by_edge_;
   std::vector<std::unique_ptr<btRigidBody>> bodies_;
-  TimedWorld world_;
+  Physics physics_;
 };
 
 double measuring_overhead() {
@@ -264,14 +303,16 @@ double measuring_overhead() {
     world.computeOverlappingPairs();
   };
   btDiscreteDynamicsWorld plain(&parts.dispatcher, &parts.broadphase, &parts.solver, &parts.config);
-  TimedWorld timed(&parts.dispatcher, &parts.broadphase, &parts.solver, &parts.config);
+  Stages stages;
+  TimedWorld<btDiscreteDynamicsWorld> timed(stages, &parts.dispatcher, &parts.broadphase, &parts.solver,
+                                            &parts.config);
   const double without = least_seconds([&] { stages_of(plain); });
   const double with = least_seconds([&] { (void)measure([&] { stages_of(timed); }); });
   return with - without;
 }
 
-World::World(const Scenario::Config& config, btBroadphaseInterface& broadphase)
-    : impl_(std::make_unique<Impl>(config, broadphase)) {}
+World::World(const Scenario::Config& config, btBroadphaseInterface& broadphase, std::uint32_t threads)
+    : impl_(std::make_unique<Impl>(config, broadphase, threads)) {}
 
 World::~World() = default;
 

@@ -3,6 +3,7 @@
 #include <Eigen/Geometry>
 #include <chrono>
 #include <cstddef>
+#include <cstdint>
 #include <memory>
 
 #include "scenes/scenario.hpp"
@@ -37,14 +38,21 @@ struct FrameTimes {
 ///
 /// The walls are 20 m thick, or a quarter of the container's edge if that is more: at 50 g objects travel
 /// several metres per frame, and sink that far into a wall before it pushes them back.
+///
+/// With several threads, it consists of Bullet's classes for them, whose results depend on which thread is
+/// faster, and Bullet's task scheduler is replaced while the world exists: only one such world at a time.
 class World {
  public:
   static constexpr std::size_t walls = 6;
+  static constexpr std::uint32_t most_threads = 64;
   /// Edge of the cube that contains the container and its walls.
   [[nodiscard]] static float outer_edge(const Scenario& scenario);
 
   /// @param broadphase Not owned; must outlive the world.
-  World(const Scenario::Config& config, btBroadphaseInterface& broadphase);
+  /// @param threads From 1 to most_threads.
+  /// @throws Error for several threads if Bullet or BroadCL was built without BT_THREADSAFE, or if there are
+  /// more than the machine runs.
+  World(const Scenario::Config& config, btBroadphaseInterface& broadphase, std::uint32_t threads = 1);
   ~World();
   World(const World&) = delete;
   World& operator=(const World&) = delete;
