@@ -32,14 +32,14 @@ bool is_thread_safe() {
 #endif
 }
 
-TEST(TaskScheduler, IsBulletsWhileItExists) {
+TEST(ScopedTaskScheduler, IsBulletsWhileItExists) {
   btITaskScheduler* const before = btGetTaskScheduler();
   if (is_thread_safe()) {
-    const scenes::TaskScheduler scheduler(2);
+    const scenes::ScopedTaskScheduler scheduler(2);
     EXPECT_NE(btGetTaskScheduler(), before);
     EXPECT_EQ(btGetTaskScheduler()->getNumThreads(), 2);
   } else {
-    EXPECT_THAT(error_of([] { const scenes::TaskScheduler scheduler(2); }), HasSubstr(missing_threads));
+    EXPECT_THAT(error_of([] { const scenes::ScopedTaskScheduler scheduler(2); }), HasSubstr(missing_threads));
   }
   EXPECT_EQ(btGetTaskScheduler(), before);
 }

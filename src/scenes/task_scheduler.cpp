@@ -18,8 +18,15 @@ constexpr bool has_locks = true;
 constexpr bool has_locks = false;
 #endif
 
-std::unique_ptr<btITaskScheduler> make_scheduler(std::uint32_t threads) {
-  std::unique_ptr<btITaskScheduler> scheduler(btCreateDefaultTaskScheduler());
+/// Null if Bullet has no threads. Never destroyed: if a thread of Bullet 3.24's scheduler is not yet asleep,
+/// the destructor writes before an array (in waitForResponse(), where no thread has finished).
+btITaskScheduler* default_scheduler() {
+  static btITaskScheduler* const scheduler = btCreateDefaultTaskScheduler();
+  return scheduler;
+}
+
+btITaskScheduler& scheduler_with(std::uint32_t threads) {
+  btITaskScheduler* const scheduler = default_scheduler();
   if (scheduler == nullptr || !has_locks) {
     throw Error(std::to_string(threads) + " threads need BT_THREADSAFE, and " +
                 (scheduler == nullptr ? "Bullet" : "BroadCL") +
@@ -32,17 +39,16 @@ std::unique_ptr<btITaskScheduler> make_scheduler(std::uint32_t threads) {
                 std::to_string(threads) + "; use fewer");
   }
   scheduler->setNumThreads(static_cast<int>(threads));
-  return scheduler;
+  return *scheduler;
 }
 
 }  // namespace
 
-TaskScheduler::TaskScheduler(std::uint32_t threads)
-    : scheduler_(make_scheduler(threads)), previous_(btGetTaskScheduler()) {
-  btSetTaskScheduler(scheduler_.get());
+ScopedTaskScheduler::ScopedTaskScheduler(std::uint32_t threads) : previous_(btGetTaskScheduler()) {
+  btSetTaskScheduler(&scheduler_with(threads));
 }
 
-TaskScheduler::~TaskScheduler() {
+ScopedTaskScheduler::~ScopedTaskScheduler() {
   btSetTaskScheduler(previous_);
 }
 

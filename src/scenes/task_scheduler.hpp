@@ -3,26 +3,24 @@
 #include <LinearMath/btThreads.h>
 
 #include <cstdint>
-#include <memory>
 
 namespace broadcl::scenes {
 
-/// Bullet's default task scheduler. It is the one that Bullet uses while this object exists. As Bullet
-/// demands, the thread that makes it must be the first one that used Bullet's threads.
-class TaskScheduler {
+/// Makes Bullet use its default task scheduler while this object exists. As Bullet demands, the thread that
+/// does so must be the first one that used Bullet's threads. There must be one such object at a time.
+class ScopedTaskScheduler {
  public:
   /// @param threads Includes the calling thread.
   /// @throws Error if Bullet or BroadCL was built without BT_THREADSAFE, or if the machine runs fewer
   /// threads.
-  explicit TaskScheduler(std::uint32_t threads);
-  ~TaskScheduler();
-  TaskScheduler(const TaskScheduler&) = delete;
-  TaskScheduler& operator=(const TaskScheduler&) = delete;
-  TaskScheduler(TaskScheduler&&) = delete;
-  TaskScheduler& operator=(TaskScheduler&&) = delete;
+  explicit ScopedTaskScheduler(std::uint32_t threads);
+  ~ScopedTaskScheduler();
+  ScopedTaskScheduler(const ScopedTaskScheduler&) = delete;
+  ScopedTaskScheduler& operator=(const ScopedTaskScheduler&) = delete;
+  ScopedTaskScheduler(ScopedTaskScheduler&&) = delete;
+  ScopedTaskScheduler& operator=(ScopedTaskScheduler&&) = delete;
 
  private:
-  std::unique_ptr<btITaskScheduler> scheduler_;
   btITaskScheduler* previous_;
 };
 

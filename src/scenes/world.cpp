@@ -125,7 +125,7 @@ class Physics {
                                                                      solver_.get(), &config_);
       return;
     }
-    scheduler_ = std::make_unique<TaskScheduler>(threads);
+    scheduler_ = std::make_unique<ScopedTaskScheduler>(threads);
     dispatcher_ = std::make_unique<btCollisionDispatcherMt>(&config_);
     auto solvers = std::make_unique<btConstraintSolverPoolMt>(static_cast<int>(threads));
     large_island_solver_ = std::make_unique<btSequentialImpulseConstraintSolverMt>();
@@ -142,7 +142,7 @@ class Physics {
  private:
   // The world is destroyed first, since it needs everything above it.
   btDefaultCollisionConfiguration config_;
-  std::unique_ptr<TaskScheduler> scheduler_;  // null for one thread
+  std::unique_ptr<ScopedTaskScheduler> scheduler_;  // null for one thread
   std::unique_ptr<btCollisionDispatcher> dispatcher_;
   std::unique_ptr<btConstraintSolver> solver_;
   std::unique_ptr<btConstraintSolver> large_island_solver_;  // null for one thread
