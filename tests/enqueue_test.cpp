@@ -269,6 +269,7 @@ TEST_P(Enqueue, DoesNotBlock) {
   broad_phase_.reserve(500, 20'000, true);
   const Lists lists(queue_, 5000);
   std::vector<DeviceBroadPhase::Boxes> frames;
+  frames.reserve(12);
   for (int frame = 0; frame < 12; ++frame) frames.push_back(scene.advance(500, frame > 6));
   const long start = opencl_use().blocking_calls;
   for (const auto& boxes : frames) broad_phase_.enqueue(boxes, lists.arguments);

@@ -9,12 +9,9 @@
 #include <gtest/gtest.h>
 
 #include "each_algorithm.hpp"
-#include "expect_error.hpp"
 
 namespace broadcl::test {
 namespace {
-
-using ::testing::HasSubstr;
 
 constexpr Filter in_world(std::uint32_t world) {
   return {.world = world};

@@ -93,14 +93,15 @@ class OrderedWorlds : public ::testing::Test, protected CallersQueue {
         expect(result.added, added);
         expect(result.removed, removed);
       } else {
-        const cl::Buffer added_pairs = buffer_of(Pairs(n * 40));
-        const cl::Buffer removed_pairs = buffer_of(Pairs(n * 40));
+        const std::size_t capacity = std::size_t{40} * n;
+        const cl::Buffer added_pairs = buffer_of(Pairs(capacity));
+        const cl::Buffer removed_pairs = buffer_of(Pairs(capacity));
         const cl::Buffer counts = buffer_of(std::vector<std::uint32_t>(4));
         const cl::Buffer added_offsets = buffer_of(std::vector<std::uint32_t>(worlds + 2));
         const cl::Buffer removed_offsets = buffer_of(std::vector<std::uint32_t>(worlds + 2));
         broad_phase.enqueue(given, {.added = added_pairs(),
                                     .removed = removed_pairs(),
-                                    .capacity = n * 40,
+                                    .capacity = capacity,
                                     .counts = counts(),
                                     .added_offsets = added_offsets(),
                                     .removed_offsets = removed_offsets()});
