@@ -33,6 +33,7 @@ std::vector<std::array<float, 4>> random_squares(std::size_t n) {
 void time_rectangles(benchmark::State& state, const std::string& algorithm, std::size_t n, bool as_boxes) {
   const std::vector<std::array<float, 4>> squares = random_squares(n);
   std::vector<Aabb> boxes;
+  boxes.reserve(n);
   for (const auto& [left, bottom, right, top] : squares) {
     boxes.push_back({{left, bottom, 0}, {right, top, 0}});
   }

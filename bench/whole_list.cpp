@@ -52,7 +52,7 @@ class TimedTiles final : public PairFinder {
 
  private:
   template <class Function>
-  double time(const Function& function) const {
+  [[nodiscard]] double time(const Function& function) const {
     context_.queue().finish();
     const auto start = std::chrono::steady_clock::now();
     function();
