@@ -35,6 +35,7 @@
 #include "primitives.hpp"
 #include "proxies.hpp"
 #include "rectangles.hpp"
+#include "resting.hpp"
 #include "scenes/broadphases.hpp"
 #include "scenes/generators.hpp"
 #include "two_sets.hpp"
@@ -224,6 +225,7 @@ int main(int argc, char** argv) try {
   broadcl::register_all();
   broadcl::register_primitives();
   broadcl::register_proxies();
+  broadcl::register_resting();
   broadcl::register_whole_list();
   broadcl::register_device_frames();
   broadcl::register_worlds();
