@@ -2,8 +2,9 @@
    list, in no particular order, unless they were pairs in the last frame.
 
    A work-item holds WIDTH boxes `a` in registers and walks down rows. Each row is a box `b`, the same for the whole
-   work-group. Hits are collected in local memory; a work-group reserves its part of the list with one atomic. If local
-   memory was too small, the work-group walks again and writes to its part directly.
+   work-group. Hits are collected in local memory, then tested by all work-items together; a work-group reserves its
+   part of the list with one atomic. If local memory is too small for the hits of all its rows, it walks down fewer rows
+   at a time.
 
    On a GPU, bounds are subtracted instead of compared: boxes overlap if none of six differences is negative.
    Subtractions and the merging of signs run on different units, which share the work; comparisons would all run on one
@@ -13,11 +14,12 @@
 #include "aabb.h"
 #include "delta.h"
 #include "filter.h"
+#include "inline.h"
 #include "keep.h"
 #include "lanes.h"
 
 #ifndef GROUP
-#define GROUP 64 /* work-items per work-group; 1 with the tuning profile for CPUs: rows are not copied then */
+#define GROUP 32 /* work-items per work-group; 1 with the tuning profile for CPUs: rows are not copied then */
 #endif
 #ifndef MAX_ROWS
 #define MAX_ROWS 128 /* rows of a work-group, at most */
@@ -28,7 +30,11 @@
 #ifndef WORLDS
 #define WORLDS 0 /* 1 if objects are in different worlds */
 #endif
+/* Room for hits; those of a single row fit. */
 #define LOCAL_HITS 512U
+#if GROUP * WIDTH > 512
+#error "LOCAL_HITS is too small"
+#endif
 
 typedef struct {
   FLOATS lower_x, lower_y, lower_z, upper_x, upper_y, upper_z;
@@ -110,6 +116,40 @@ typedef INTS may_t;
 #define LANES(may, s, t) (may)
 #endif
 
+/* Whether a hit, of box `a` in row `b`, is a new pair. */
+static inline bool is_new_pair(const uint a, const uint b, const bool all, global const float* boxes,
+                               global const uint* changed_stamps, global const uint4* filters,
+                               global const uint2* exclusions, const pair_sink_t* sink) {
+  if (!all && a > b && is_changed(changed_stamps[a], sink->stamp)) return false; /* row `a` has it */
+#if GROUP > 1
+  if (!overlap(boxes, a, b)) return false;
+#else
+  (void)boxes;
+#endif
+  if (filters != 0 && !may_pair(filters[a], filters[b])) return false;
+  const uint2 pair = (uint2)(min(a, b), max(a, b));
+  if (is_excluded(pair, exclusions)) return false;
+  /* (A branch, because Oclgrind 21.10 evaluates some negated conditions as true.) */
+  if (was_in_last_frame(sink, pair)) return false;
+  return true;
+}
+
+/* Appends those hits that are new pairs. All work-items must call it. */
+INLINE void append_new(local uint2* hits, const uint count, local uint* found_new, local uint* base, const bool all,
+                       global const float* boxes, global const uint* changed_stamps, global const uint4* filters,
+                       global const uint2* exclusions, const pair_sink_t* sink) {
+  const uint item = (uint)get_local_id(0);
+  for (uint first = 0; first < count; first += GROUP) {
+    const uint2 hit = hits[min(first + item, count - 1U)];
+    const bool is_new =
+        first + item < count && is_new_pair(hit.x, hit.y, all, boxes, changed_stamps, filters, exclusions, sink);
+    barrier(CLK_LOCAL_MEM_FENCE);
+    if (is_new) hits[atomic_inc(found_new)] = (uint2)(min(hit.x, hit.y), max(hit.x, hit.y));
+    barrier(CLK_LOCAL_MEM_FENCE);
+  }
+  append_pairs(sink, hits, *found_new, GROUP, base);
+}
+
 /* A work-item has WIDTH boxes `a`, by its index in dimension 0, and a run of `rows` rows, from `first_run` on, by its
    index in dimension 1. If row_count is n, every slot is a row and pairs are tested with a < b; otherwise the rows are
    the slots that changed. `keeps` says whether to do the work of delta.cl as well. */
@@ -127,18 +167,22 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void brute_force(
                (uint)(get_num_groups(0) * get_num_groups(1)), GROUP, keep_scratch);
   }
 #endif
-  local uint2 hits[LOCAL_HITS];
+  local uint2 hits[LOCAL_HITS]; /* boxes `a` and `b`; those that are new pairs become pairs */
   local uint found;
+  local uint found_new;
   local uint base;
-  if (get_local_id(0) == 0) found = 0;
+  const uint item = (uint)get_local_id(0);
+  if (item == 0U) found = found_new = 0;
 
   const bool all = row_count == n;
+  const uint a = (uint)get_global_id(0) * WIDTH;
   const uint first_row = (first_run + (uint)get_global_id(1)) * rows;
-  const uint end = is_halted(counts) ? 0U : min(row_count, first_row + rows);
+  const uint last_row = min(row_count, first_row + rows);
+  const bool has_work = !is_halted(counts) && (!all || (uint)get_group_id(0) * (GROUP * WIDTH) < last_row);
+  const uint end = has_work ? last_row : 0U;
 #if GROUP > 1
   local row_t tile[MAX_ROWS + ROWS];
-  const bool has_work = first_row < end && (!all || (uint)get_group_id(0) * (GROUP * WIDTH) < end);
-  for (uint k = (uint)get_local_id(0); has_work && k < rows + ROWS; k += GROUP) {
+  for (uint k = item; first_row < end && k < rows + ROWS; k += GROUP) {
     const uint row = min(first_row + k, end - 1U);
     tile[k] = finite_row(load_row(boxes, filters, all ? row : changed[row]));
   }
@@ -149,7 +193,6 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void brute_force(
 #endif
   barrier(CLK_LOCAL_MEM_FENCE);
 
-  const uint a = (uint)get_global_id(0) * WIDTH;
   const uint begin = a >= n ? end : all ? max(first_row, a + 1U) : first_row;
   boxes_t s;
   if (begin < end) {
@@ -165,8 +208,10 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void brute_force(
 #endif
   }
 
-  for (uint pass = 0; pass < 2U; ++pass) {
-    for (uint first = begin; first < end; first += ROWS) {
+  uint step = rows;
+  for (uint row = first_row; row < end;) {
+    const uint stop = min(end, row + step);
+    for (uint first = max(row, begin); first < stop; first += ROWS) {
       may_t may[ROWS];
       may_t some = 0;
       for (uint r = 0; r < ROWS; ++r) {
@@ -181,41 +226,27 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void brute_force(
         some |= may[r];
       }
       if (!any(some)) continue;
-      for (uint r = 0; r < min((uint)ROWS, end - first); ++r) {
+      for (uint r = 0; r < min((uint)ROWS, stop - first); ++r) {
         if (!any(may[r])) continue;
         uint bits = lane_mask(LANES(may[r], &s, ROW(first, r)));
         const uint b = all ? first + r : changed[first + r];
         for (uint s_a = a; bits != 0; ++s_a, bits >>= 1) {
-          if ((bits & 1U) == 0) continue;
-          if (s_a >= n || s_a == b || (s_a > b && (all || is_changed(changed_stamps[s_a], stamp)))) continue;
-#if GROUP > 1
-          if (!overlap(boxes, s_a, b)) continue;
-#endif
-          if (filters != 0 && !may_pair(filters[s_a], filters[b])) continue;
-          const uint2 pair = (uint2)(min(s_a, b), max(s_a, b));
-          if (is_excluded(pair, exclusions)) continue;
-          if (was_in_last_frame(&sink, pair)) continue;
+          if ((bits & 1U) == 0 || s_a >= n || s_a == b || (all && s_a > b)) continue;
           const uint k = atomic_inc(&found);
-          if (pass == 1U) {
-            append_pair(&sink, base, k, pair);
-          } else if (k < LOCAL_HITS) {
-            hits[k] = pair;
-          }
+          if (k < LOCAL_HITS) hits[k] = (uint2)(s_a, b);
         }
       }
     }
-    if (pass == 1U) break;
-
     barrier(CLK_LOCAL_MEM_FENCE);
-    const uint total = found;
-    barrier(CLK_LOCAL_MEM_FENCE);
-    if (get_local_id(0) == 0) {
-      base = total == 0 ? 0U : reserve_pairs(&sink, total);
-      found = 0;
+    const uint count = found;
+    if (count > LOCAL_HITS) {
+      step = max(1U, step * (LOCAL_HITS / 2U) / count);
+    } else {
+      append_new(hits, count, &found_new, &base, all, boxes, changed_stamps, filters, exclusions, &sink);
+      row = stop;
     }
     barrier(CLK_LOCAL_MEM_FENCE);
-    if (total > LOCAL_HITS) continue;
-    for (uint k = (uint)get_local_id(0); k < total; k += GROUP) append_pair(&sink, base, k, hits[k]);
-    break;
+    if (item == 0U) found = found_new = 0;
+    barrier(CLK_LOCAL_MEM_FENCE);
   }
 }

@@ -12,6 +12,7 @@
 
 #include "aabb.h"
 #include "filter.h"
+#include "inline.h"
 #include "stamp.h"
 
 /* The counts, as uints. The number of added pairs has 64 bits in two uints, so no 64-bit atomics are needed. */
@@ -92,6 +93,17 @@ static inline uint reserve_pairs(const pair_sink_t* sink, const uint total) {
 /* Appends the k-th pair of a reservation. */
 static inline void append_pair(const pair_sink_t* sink, const uint base, const uint k, const uint2 pair) {
   if (base + k < sink->capacity) sink->pairs[sink->capacity - 1U - (base + k)] = pair;
+}
+
+/* Appends `count` pairs in local memory; `base` is local memory for its use. All `size` work-items of a work-group must
+   call it, and then pass a barrier: inline.h. */
+INLINE void append_pairs(const pair_sink_t* sink, local const uint2* pairs, const uint count, const uint size,
+                         local uint* base) {
+  const uint item = (uint)get_local_id(0);
+  if (count == 0U) return;
+  if (item == 0U) *base = reserve_pairs(sink, count);
+  barrier(CLK_LOCAL_MEM_FENCE);
+  for (uint k = item; k < count; k += size) append_pair(sink, *base, k, pairs[k]);
 }
 
 /* Whether an earlier frame was incomplete. */

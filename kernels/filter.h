@@ -2,6 +2,8 @@
 #ifndef BROADCL_FILTER_H
 #define BROADCL_FILTER_H
 
+#include "inline.h"
+
 #define NO_BODY 0xffffffffU
 #define ALL_WORLDS 0xffffffffU
 
@@ -31,7 +33,7 @@ static inline bool may_pair(const uint4 s, const uint4 t) {
 
 /* Whether a pair is in a list of exclusions: the list has their number, then pairs in canonical order. Null if there
    are none. */
-static inline bool is_excluded(const uint2 pair, global const uint2* exclusions) {
+OUTLINE bool is_excluded(const uint2 pair, global const uint2* exclusions) {
   if (exclusions == 0) return false;
   uint begin = 1;
   uint end = exclusions[0].x + 1U;

@@ -98,9 +98,8 @@ typedef struct {
   uint found;
   uint found_new;
   uint base;
-  uint tested;   /* candidates, by this work-group */
-  uint reported; /* of these, to all */
-  uint all_work; /* of all work-groups, as far as it was reported */
+  uint tested;   /* candidates, by this work-group, that are not in the total yet */
+  uint all_work; /* the total when this work-group last added to it */
 } search_t;
 
 /* Bits of the children of a node that the tile has to visit, and this work-item's child. All work-items must call
@@ -139,12 +138,7 @@ INLINE void append_new(local search_t* scratch, const uint count, global const u
     if (is_new) scratch->hits[atomic_inc(&scratch->found_new)] = pair;
     barrier(CLK_LOCAL_MEM_FENCE);
   }
-  const uint total = scratch->found_new;
-  if (total > 0U) {
-    if (item == 0U) scratch->base = reserve_pairs(sink, total);
-    barrier(CLK_LOCAL_MEM_FENCE);
-    for (uint k = item; k < total; k += GROUP) append_pair(sink, scratch->base, k, scratch->hits[k]);
-  }
+  append_pairs(sink, scratch->hits, scratch->found_new, GROUP, &scratch->base);
   barrier(CLK_LOCAL_MEM_FENCE);
   if (item == 0U) scratch->found = scratch->found_new = 0;
   barrier(CLK_LOCAL_MEM_FENCE);
@@ -157,10 +151,10 @@ INLINE bool test_candidates(local search_t* scratch, const uint count, const bou
                             const pair_sink_t* sink) {
   if (get_local_id(0) == 0U) {
     scratch->tested += count;
-    const uint news = scratch->tested - scratch->reported;
+    const uint news = scratch->tested;
     if (news >= REPORT) {
       scratch->all_work = atomic_add(&sink->counts[COUNT_WORK], news) + news;
-      scratch->reported += news;
+      scratch->tested = 0;
     }
   }
   barrier(CLK_LOCAL_MEM_FENCE);
@@ -272,7 +266,7 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_search(
   load_last_box(&own_last, &sink, own_slot);
   scratch.own_last[item] = own_last;
   scratch.own_slots[item] = own_slot;
-  if (item == 0U) scratch.found = scratch.found_new = scratch.tested = scratch.reported = scratch.all_work = 0;
+  if (item == 0U) scratch.found = scratch.found_new = scratch.tested = scratch.all_work = 0;
   uint turn = 0;
   uint count = 0; /* of candidates */
   bounds_t child;
@@ -287,7 +281,7 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_search(
   }
 #endif
 
-  uint work = 0;
+  uint work = 0; /* nodes, and candidates unless they are counted in `tested` */
   rest_t rest;
   for (uint k = 0; k < LEVELS; ++k) set_rest(&rest, k, 0);
   uint level = top;
@@ -301,7 +295,6 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_search(
       if (level == 1U) bits &= share << (uint)get_group_id(1);
       set_rest(&rest, level, not_before(bits, node, tile >> (NODE_BITS * (level - 1U))));
     } else {
-      work += (uint)popcount(bits);
 #if GROUP > 1
       if ((bits >> item & 1U) != 0U) {
         const uint k = count + (uint)popcount(bits & (((mask_t)1 << item) - 1U));
@@ -315,6 +308,7 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_search(
       }
       count += (uint)popcount(bits);
 #else
+      work += (uint)popcount(bits);
       for (; bits != 0U; bits &= bits - 1U) {
         const uint child = lowest_bit(bits);
         bounds_t box;
@@ -369,7 +363,7 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_search(
 #if GROUP > 1
   /* (A halted frame has passed no barrier since the first work-item cleared what this reads.) */
   if (work > 0U) append_new(&scratch, scratch.found, filters, exclusions, &sink);
-  if (item == 0U) atomic_add(&sink.counts[COUNT_WORK], work - scratch.reported);
+  if (item == 0U) atomic_add(&sink.counts[COUNT_WORK], work + scratch.tested);
 #else
   append_hits(&sink, hits, found);
   atomic_add(&sink.counts[COUNT_WORK], work);
