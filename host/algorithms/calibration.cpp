@@ -18,10 +18,18 @@ namespace broadcl {
 namespace {
 
 /// A few boxes show the fixed cost of a frame, many boxes show the rest. Fewer are used if their search takes
-/// `long_enough`.
-constexpr std::size_t few_boxes = 128;
-constexpr std::size_t many_boxes_of_cpu = 4096;
-constexpr std::size_t many_boxes_of_gpu = 32768;
+/// `long_enough`. (On a GPU, a hundred boxes say little about a thousand: `brute-force` has them in one
+/// work-group, `tiles` in a tree of one level.)
+struct Sizes {
+  std::size_t few, many;
+};
+constexpr Sizes sizes_of_cpu{.few = 128, .many = 4096};
+constexpr Sizes sizes_of_gpu{.few = 1024, .many = 32768};
+
+Sizes sizes_for(const opencl::Context& context) {
+  return context.tuning() == opencl::Tuning::cpu ? sizes_of_cpu : sizes_of_gpu;
+}
+
 /// The shortest search counts, of at least fewest_searches, and of more until they have taken `long_enough`
 /// in all.
 constexpr int fewest_searches = 5;
@@ -111,13 +119,13 @@ class Trial {
 };
 
 CostModel measure_model(const opencl::Context& context, MakePairFinder make) {
-  const std::size_t most = context.tuning() == opencl::Tuning::cpu ? many_boxes_of_cpu : many_boxes_of_gpu;
+  const Sizes sizes = sizes_for(context);
   Trial trial(context, make);
-  const Trial::Sample few = trial.sample(few_boxes, few_boxes);
-  std::size_t many = 2 * few_boxes;
+  const Trial::Sample few = trial.sample(sizes.few, sizes.few);
+  std::size_t many = 2 * sizes.few;
   Trial::Sample all = trial.sample(many, many);
-  while (many < most && all.seconds < long_enough) {
-    many = std::min(most, 8 * many);
+  while (many < sizes.many && all.seconds < long_enough) {
+    many = std::min(sizes.many, 8 * many);
     all = trial.sample(many, many);
   }
   const Trial::Sample some = trial.sample(many, many / 8);
@@ -131,9 +139,11 @@ CostModel measure_model(const opencl::Context& context, MakePairFinder make) {
   return {.frame = frame, .slot = slot, .work = {work(some), work(all)}};
 }
 
-/// Contains the kernel sources: if these change, the models are measured again.
+/// Contains the sizes and the kernel sources: if these change, the models are measured again.
 std::string models_key(const opencl::Context& context) {
-  std::string key = "cost models, " + std::string(to_string(context.tuning()));
+  const Sizes sizes = sizes_for(context);
+  std::string key = "cost models, " + std::string(to_string(context.tuning())) + ", " +
+                    std::to_string(sizes.few) + ", " + std::to_string(sizes.many);
   for (const opencl::KernelFile& file : opencl::embedded_kernel_files()) key += file.text;
   return key;
 }
