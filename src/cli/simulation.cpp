@@ -90,7 +90,6 @@ SimulationResult measure(const Frames& frames, const std::string& name, btBroadp
   const std::shared_ptr<const std::string> last_error = watch_errors(broadphase);
   const BroadPhase* const core = core_of(broadphase);
   const btOverlappingPairCache& cache = *broadphase.getOverlappingPairCache();
-  result.device = device_of(core);
   if (frames.verify) result.verdict.emplace().exact = scenes::find_broadphase(name).exact;
   for (std::uint32_t frame = 0; frame < frames.count; ++frame) {
     const scenes::FrameTimes times = frames.step();
@@ -104,6 +103,7 @@ SimulationResult measure(const Frames& frames, const std::string& name, btBroadp
     if (result.verdict) add_frame(*result.verdict, frame, frames.verify());
     frames.ended();
   }
+  result.device = device_of(core);
   return result;
 }
 

@@ -51,7 +51,7 @@ struct SimulationResult {
   std::vector<std::size_t> pairs;
   /// Of the broad phase; empty if they were not asked for or if it has none.
   std::vector<std::vector<Stage>> stages;
-  std::optional<Device> device;  ///< None if the broad phase runs on the host.
+  std::optional<Device> device;  ///< Of the last frame; none if that was on the host.
   std::optional<Verdict> verdict;
 };
 
