@@ -9,7 +9,8 @@
    On a GPU, bounds are subtracted instead of compared: boxes overlap if none of six differences is negative.
    Subtractions and the merging of signs run on different units, which share the work; comparisons would all run on one
    of them. For this, bounds are made finite and zeros positive, so that differences have the right sign; hits are
-   tested again with the original bounds. */
+   tested again with the original bounds. If the device takes denormal numbers for zeros, they are made zeros here:
+   whether it also does so in other operations than arithmetic may differ from one to the next. */
 
 #include "aabb.h"
 #include "delta.h"
@@ -65,15 +66,19 @@ static inline INTS test_boxes(const boxes_t* s, const row_t t) {
 }
 
 #if GROUP > 1
+/* Bits of a float, of which at least one is set if it is not zero (and not denormal, if the device takes these for
+   zeros). */
+#define NOT_ZERO (FLUSHES ? 0x7f800000 : 0x7fffffff)
+
 /* Bounds without infinities and negative zeros; boxes that overlap still overlap. (Zeros are changed by their bits,
    since compilers remove the addition of 0.) */
 static inline float finite(const float bound) {
   const float f = fmin(fmax(bound, -FLT_MAX), FLT_MAX);
-  return as_uint(f) == 0x80000000U ? 0.0F : f;
+  return (as_int(f) & NOT_ZERO) == 0 ? 0.0F : f;
 }
 static inline FLOATS finite_lanes(const FLOATS bounds) {
   const INTS bits = AS_INTS(fmin(fmax(bounds, -FLT_MAX), FLT_MAX));
-  return AS_FLOATS(select(bits, (INTS)(0), bits == (INTS)(INT_MIN)));
+  return AS_FLOATS(select(bits, (INTS)(0), (bits & (INTS)(NOT_ZERO)) == (INTS)(0)));
 }
 #define FINITE(bounds) finite_lanes(bounds)
 
