@@ -112,7 +112,10 @@ Exit run(const std::string& selector) {
   const std::vector<BoxScene> scenes = still_scenes();
   std::cout << one_line(device.label()) << " (" << device.id() << ")\n";
   bool works = true;
-  for (const AlgorithmInfo& algorithm : algorithms()) {
+  // Those on the host first: the others may wait for a compiler.
+  std::vector<AlgorithmInfo> all(algorithms().begin(), algorithms().end());
+  std::ranges::stable_partition(all, [](const AlgorithmInfo& algorithm) { return !algorithm.on_device; });
+  for (const AlgorithmInfo& algorithm : all) {
     const BroadPhase::Config config = {
         .device = device.id(), .algorithm = std::string(algorithm.name), .on_compile = announce_compiling};
     std::optional<std::string> wrong;
