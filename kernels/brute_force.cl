@@ -33,7 +33,7 @@
 #endif
 /* Room for hits; those of a single row fit. */
 #define LOCAL_HITS 512U
-#if GROUP * WIDTH > 512
+#if GROUP * WIDTH > LOCAL_HITS
 #error "LOCAL_HITS is too small"
 #endif
 

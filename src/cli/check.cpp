@@ -114,7 +114,8 @@ Exit run(const std::string& selector) {
   bool works = true;
   // Those on the host first: the others may wait for a compiler.
   std::vector<AlgorithmInfo> all(algorithms().begin(), algorithms().end());
-  std::ranges::stable_partition(all, [](const AlgorithmInfo& algorithm) { return !algorithm.on_device; });
+  std::stable_partition(all.begin(), all.end(),
+                        [](const AlgorithmInfo& algorithm) { return !algorithm.on_device; });
   for (const AlgorithmInfo& algorithm : all) {
     const BroadPhase::Config config = {
         .device = device.id(), .algorithm = std::string(algorithm.name), .on_compile = announce_compiling};
