@@ -191,7 +191,7 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void radix_sort_scatte
   for (uint digit = item; digit < 1U << bits; digit += GROUP) {
     next[digit] = starts[digit * (uint)get_num_groups(0) + block];
   }
-  barrier(CLK_LOCAL_MEM_FENCE); /* inline.h */
+  barrier(CLK_LOCAL_MEM_FENCE); /* PoCL needs it: inline.h */
   for (uint tile = begin; tile < end; tile += TILE) {
     const uint size = min((uint)TILE, end - tile);
     ulong elements[VALUES];

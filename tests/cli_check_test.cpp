@@ -1,4 +1,6 @@
 // `broadcl check`, run as its users do, and what it reports of wrong kernels.
+#include <algorithm>
+#include <cstddef>
 #include <filesystem>
 #include <regex>
 #include <string>
@@ -25,9 +27,18 @@ TEST_F(Program, CheckWorksHere) {
   expect_success(outcome);
   EXPECT_TRUE(outcome.out.starts_with(select_device().label())) << outcome.out;
   EXPECT_EQ(lines_of(outcome.out).back(), "BroadCL works here.");
+  std::size_t end_of_host = 0;
+  std::size_t begin_of_device = std::string::npos;
   for (const AlgorithmInfo& algorithm : algorithms()) {
-    EXPECT_NE(outcome.out.find("\n  " + std::string(algorithm.name) + " "), std::string::npos) << outcome.out;
+    const std::size_t row = outcome.out.find("\n  " + std::string(algorithm.name) + " ");
+    EXPECT_NE(row, std::string::npos) << outcome.out;
+    if (algorithm.on_device) {
+      begin_of_device = std::min(begin_of_device, row);
+    } else {
+      end_of_host = std::max(end_of_host, row);
+    }
   }
+  EXPECT_LT(end_of_host, begin_of_device) << "what needs no compiler comes first\n" << outcome.out;
 }
 
 /// Kernels that find pairs that are not there.
