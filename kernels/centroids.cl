@@ -4,21 +4,16 @@
 
 #if WORLDS
 /* Merges into the bounds of a world. */
-static inline void merge(const uint lower[3], const uint upper[3], const uint bucket, const uint buckets,
-                         global uint* result) {
-  for (uint i = 0; i < 3U; ++i) {
-    atomic_min(&result[3U * bucket + i], lower[i]);
-    atomic_max(&result[3U * (buckets + bucket) + i], upper[i]);
-  }
+static inline void merge(const uint extremes[6], const uint bucket, global uint* result) {
+  for (uint i = 0; i < 6U; ++i) atomic_max(&result[6U * bucket + i], extremes[i]);
 }
 #endif
 
-/* The bounds of the centroids: three minima for each bucket of worlds, then three maxima for each, as ordered() makes
-   them. Without worlds there is one bucket. */
+/* The bounds of the centroids: for each bucket of worlds the maxima of -x, -y, -z, x, y, z, as ordered() makes them; 0
+   before. Without worlds there is one bucket. */
 kernel void centroids(const uint n, global const float* restrict boxes, global const uint4* restrict filters,
                       const uint buckets, global uint* restrict result) {
-  uint lower[3] = {0xffffffffU, 0xffffffffU, 0xffffffffU};
-  uint upper[3] = {0, 0, 0};
+  uint extremes[6] = {0, 0, 0, 0, 0, 0};
 #if WORLDS
   uint bucket = 0;
 #endif
@@ -28,42 +23,26 @@ kernel void centroids(const uint n, global const float* restrict boxes, global c
 #if WORLDS
     const uint other = bucket_of_world(filters[k].w, buckets);
     if (other != bucket) {
-      if (lower[0] <= upper[0]) merge(lower, upper, bucket, buckets, result);
-      for (uint i = 0; i < 3U; ++i) {
-        lower[i] = 0xffffffffU;
-        upper[i] = 0;
-      }
+      if (extremes[0] != 0U) merge(extremes, bucket, result);
+      for (uint i = 0; i < 6U; ++i) extremes[i] = 0;
       bucket = other;
     }
 #endif
-    const uint words[3] = {ordered(m.x), ordered(m.y), ordered(m.z)};
-    for (uint i = 0; i < 3U; ++i) {
-      lower[i] = min(lower[i], words[i]);
-      upper[i] = max(upper[i], words[i]);
-    }
+    const float values[6] = {-m.x, -m.y, -m.z, m.x, m.y, m.z};
+    for (uint i = 0; i < 6U; ++i) extremes[i] = max(extremes[i], ordered(values[i]));
   }
 #if WORLDS
-  if (lower[0] <= upper[0]) merge(lower, upper, bucket, buckets, result);
+  if (extremes[0] != 0U) merge(extremes, bucket, result);
 #else
   (void)filters;
   (void)buckets;
-  local uint all_lower[3];
-  local uint all_upper[3];
+  local uint all_extremes[6];
   if (get_local_id(0) == 0) {
-    for (uint i = 0; i < 3U; ++i) {
-      all_lower[i] = 0xffffffffU;
-      all_upper[i] = 0;
-    }
+    for (uint i = 0; i < 6U; ++i) all_extremes[i] = 0;
   }
   barrier(CLK_LOCAL_MEM_FENCE);
-  for (uint i = 0; i < 3U; ++i) {
-    atomic_min(&all_lower[i], lower[i]);
-    atomic_max(&all_upper[i], upper[i]);
-  }
+  for (uint i = 0; i < 6U; ++i) atomic_max(&all_extremes[i], extremes[i]);
   barrier(CLK_LOCAL_MEM_FENCE);
-  for (uint i = (uint)get_local_id(0); i < 3U; i += (uint)get_local_size(0)) {
-    atomic_min(&result[i], all_lower[i]);
-    atomic_max(&result[3U + i], all_upper[i]);
-  }
+  for (uint i = (uint)get_local_id(0); i < 6U; i += (uint)get_local_size(0)) atomic_max(&result[i], all_extremes[i]);
 #endif
 }

@@ -1,5 +1,4 @@
-/* Sets `count` words of a buffer, one work-item per word. */
+/* Sets `count` words of a buffer. */
 kernel void fill(const uint count, const uint value, const ulong first, global uint* words) {
-  const uint k = (uint)get_global_id(0);
-  if (k < count) words[first + k] = value;
+  for (uint k = (uint)get_global_id(0); k < count; k += (uint)get_global_size(0)) words[first + k] = value;
 }

@@ -9,9 +9,9 @@
    its body at least once. So what follows such a loop is a barrier that is always passed. */
 #define INLINE static inline __attribute__((always_inline))
 
-/* For functions that are rarely called: NVIDIA's compiler would inline them and take registers for them from the rest
-   of the kernel. (A pointer that may be null is tested in such a function, not before the call: with driver 580, a
-   kernel that did the latter failed.) */
+/* For functions that are rarely called, if NVIDIA's compiler would inline them and take registers for them from the rest
+   of the kernel. Measure it: the call of a function may also cost registers. (A pointer that may be null is tested in
+   such a function, not before the call: with driver 580, a kernel that did the latter failed.) */
 #ifdef __NV_CL_C_VERSION
 #define OUTLINE static inline __attribute__((noinline))
 #else

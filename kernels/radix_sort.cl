@@ -4,7 +4,8 @@
    work-group:
 
      radix_sort_count     counts the digits of each block; counts are stored by digit, then by block
-     (scan.cl)            their prefix sums are the indices at which each block's elements of each digit begin
+     (scan.cl)            their prefix sums are the indices at which each block's elements of each digit begin; if there
+                          are few blocks, each work-group of radix_sort_scatter adds up the counts itself instead
      radix_sort_scatter   moves each element to its index
 
    as in Satish, Harris and Garland 2009, "Designing Efficient Sorting Algorithms for Manycore GPUs", with the fixed
@@ -178,9 +179,32 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void radix_sort_count(
   }
 }
 
+/* The indices at which the elements of each digit of a block begin. */
+static inline void load_starts(local uint* starts, global const uint* restrict counts, const bool is_scanned,
+                               const uint block, const uint digits, local uint* scan_pool) {
+  const uint blocks = (uint)get_num_groups(0);
+  uint smaller = 0; /* elements of smaller digits */
+  for (uint first = 0; first < digits; first += GROUP) {
+    const uint digit = first + (uint)get_local_id(0);
+    global const uint* own = counts + min(digit, digits - 1U) * blocks;
+    uint all = 0;
+    uint before = is_scanned ? own[block] : 0U;
+    for (uint k = 0; k < blocks && !is_scanned; ++k) {
+      const uint count = own[k];
+      all += count;
+      if (k < block) before += count;
+    }
+    uint total;
+    before += smaller + scan_group(digit < digits ? all : 0U, &total, scan_pool);
+    if (digit < digits) starts[digit] = before;
+    smaller += total;
+  }
+  barrier(CLK_LOCAL_MEM_FENCE);
+}
+
 kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void radix_sort_scatter(
     const uint n, const uint length, const uint first, const uint bits, global const ulong* restrict source,
-    global ulong* restrict target, global const uint* restrict starts) {
+    global ulong* restrict target, const uint is_scanned, global const uint* restrict counts) {
   local uint pool[POOL];
   local uint scan_pool[SCAN_POOL];
   local uint next[DIGITS]; /* the index of the next element of a digit */
@@ -188,10 +212,7 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void radix_sort_scatte
   const uint block = (uint)get_group_id(0);
   const uint begin = block * length;
   const uint end = min(n, begin + length);
-  for (uint digit = item; digit < 1U << bits; digit += GROUP) {
-    next[digit] = starts[digit * (uint)get_num_groups(0) + block];
-  }
-  barrier(CLK_LOCAL_MEM_FENCE); /* PoCL needs it: inline.h */
+  load_starts(next, counts, is_scanned != 0U, block, 1U << bits, scan_pool);
   for (uint tile = begin; tile < end; tile += TILE) {
     const uint size = min((uint)TILE, end - tile);
     ulong elements[VALUES];
@@ -260,7 +281,8 @@ kernel __attribute__((reqd_work_group_size(1, 1, 1))) void radix_sort_count(
 
 kernel __attribute__((reqd_work_group_size(1, 1, 1))) void radix_sort_scatter(
     const uint n, const uint length, const uint first, const uint bits, global const ulong* restrict source,
-    global ulong* restrict target, global const uint* restrict starts) {
+    global ulong* restrict target, const uint is_scanned, global const uint* restrict starts) {
+  (void)is_scanned;
   uint next[DIGITS]; /* the index of the next element of a digit */
   const uint block = (uint)get_group_id(0);
   const uint begin = block * length;

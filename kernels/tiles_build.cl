@@ -53,8 +53,8 @@ kernel void tiles_keys(const uint n, global const float* restrict boxes, global 
   float corner[3];
   float longest = 0;
   for (uint i = 0; i < 3U; ++i) {
-    corner[i] = from_ordered(bounds[3U * bucket + i]);
-    longest = max(longest, from_ordered(bounds[3U * (buckets + bucket) + i]) - corner[i]);
+    corner[i] = -from_ordered(bounds[6U * bucket + i]);
+    longest = max(longest, from_ordered(bounds[6U * bucket + 3U + i]) - corner[i]);
   }
   const float3 m = centroid(box);
   const float3 edges = vload3(1, box) - vload3(0, box);

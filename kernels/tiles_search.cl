@@ -3,6 +3,7 @@
    tree with its bounds, and the first tree with the bounds of its own boxes that changed. Boxes that did not change are
    not tested against each other. */
 
+#define LOOKUP OUTLINE /* the search keeps its bounds in registers then */
 #include "delta.h"
 #include "tiles.h"
 #include "vote.h"
@@ -122,11 +123,19 @@ INLINE mask_t visit(const uint node, global const float* tree, const bounds_t* b
 }
 #define VISIT(node) visit(node, tree, &bounds, changed, &changed_bounds, &child, &scratch.ballots, &turn)
 
-/* Appends those hits that are new pairs. All work-items must call it. */
+/* Appends those hits that are new pairs: all of them if there was no box in the last frame. All work-items must call
+   it. */
 INLINE void append_new(local search_t* scratch, const uint count, global const uint4* filters,
                        global const uint2* exclusions, const pair_sink_t* sink) {
   const uint item = (uint)get_local_id(0);
-  for (uint first = 0; first < count; first += GROUP) {
+  const bool all_new = sink->last_slots == 0U && filters == 0 && exclusions == 0;
+  for (uint k = item; all_new && k < count; k += GROUP) {
+    const uint2 hit = scratch->hits[k];
+    const uint own = scratch->own_slots[hit.x];
+    scratch->hits[k] = (uint2)(min(own, hit.y), max(own, hit.y));
+  }
+  barrier(CLK_LOCAL_MEM_FENCE);
+  for (uint first = 0; !all_new && first < count; first += GROUP) {
     const uint2 hit = scratch->hits[min(first + item, count - 1U)];
     const uint own = scratch->own_slots[hit.x];
     const uint2 pair = (uint2)(min(own, hit.y), max(own, hit.y));
@@ -138,7 +147,7 @@ INLINE void append_new(local search_t* scratch, const uint count, global const u
     if (is_new) scratch->hits[atomic_inc(&scratch->found_new)] = pair;
     barrier(CLK_LOCAL_MEM_FENCE);
   }
-  append_pairs(sink, scratch->hits, scratch->found_new, GROUP, &scratch->base);
+  append_pairs(sink, scratch->hits, all_new ? count : scratch->found_new, GROUP, &scratch->base);
   barrier(CLK_LOCAL_MEM_FENCE);
   if (item == 0U) scratch->found = scratch->found_new = 0;
   barrier(CLK_LOCAL_MEM_FENCE);

@@ -34,13 +34,13 @@ std::uint32_t ordered(float value) {
 using Words = std::array<std::uint32_t, 6>;
 
 Words expected_of(const std::vector<Aabb>& boxes) {
-  Words words{~0U, ~0U, ~0U, 0, 0, 0};
+  Words words{};
   for (const auto& [lower, upper] : boxes) {
     std::array<float, 3> centroid{};
     for (std::size_t k = 0; k < 3; ++k) centroid.at(k) = lower[k] * 0.5F + upper[k] * 0.5F;
     if (!std::ranges::all_of(centroid, [](float x) { return x > -1e30F && x < 1e30F; })) continue;
     for (std::size_t k = 0; k < 3; ++k) {
-      words.at(k) = std::min(words.at(k), ordered(centroid.at(k)));
+      words.at(k) = std::max(words.at(k), ordered(-centroid.at(k)));
       words.at(3 + k) = std::max(words.at(3 + k), ordered(centroid.at(k)));
     }
   }

@@ -10,7 +10,7 @@ namespace {
 
 constexpr std::size_t most_rounds = 4096;   // of a work-item's loop, which llvmpipe ends after 65,535
 constexpr std::size_t groups_per_unit = 8;  // if there are enough boxes
-constexpr std::size_t corner_words = 3;
+constexpr std::size_t bucket_words = 6;
 constexpr std::size_t boxes_per_bucket = 32;  // worlds of fewer boxes may as well share one
 
 }  // namespace
@@ -19,10 +19,9 @@ void CentroidBounds::enqueue(opencl::SizedKernel& kernel, const cl::Buffer& boxe
                              std::size_t n) {
   const bool worlds = filters() != nullptr;
   buckets_ = worlds ? static_cast<cl_uint>(std::bit_ceil(n / boxes_per_bucket + 1)) + 1 : 1;
-  const std::size_t half = buckets_ * corner_words;
-  result_.reserve(context_, 2 * half * sizeof(cl_uint), "bounds of worlds");
-  context_.fill(result_.get(), ~cl_uint{0}, 0, half);
-  context_.fill(result_.get(), 0, half, half);
+  const std::size_t words = buckets_ * bucket_words;
+  result_.reserve(context_, words * sizeof(cl_uint), "bounds of worlds");
+  context_.fill(result_.get(), 0, 0, words);
   if (n == 0) return;
   const std::size_t useful = std::size_t{context_.device().compute_units} * groups_per_unit;
   const std::size_t groups = std::max(opencl::divide_up(n, kernel.group * most_rounds),

@@ -21,8 +21,8 @@ class CentroidBounds {
   void enqueue(opencl::SizedKernel& kernel, const cl::Buffer& boxes, const cl::Buffer& filters,
                std::size_t n);
 
-  /// For each bucket the least x, y, z, then the greatest, as uints in the encoding of ordered() in
-  /// kernels/centroids.h; the greatest uint and 0 if no box counts. Valid until the next reduction.
+  /// For each bucket the maxima of -x, -y, -z, x, y and z, as uints in the encoding of ordered() in
+  /// kernels/centroids.h; 0 if no box counts. Valid until the next reduction.
   [[nodiscard]] const cl::Buffer& result() const noexcept { return result_.get(); }
   /// One, or with filters the number that bucket_of_world() of kernels/centroids.h expects.
   [[nodiscard]] cl_uint buckets() const noexcept { return buckets_; }

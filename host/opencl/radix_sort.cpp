@@ -22,6 +22,10 @@ std::size_t most_small(const Context& context) {
   return context.tuning() == Tuning::cpu ? 3584 : sort_tile;
 }
 
+/// Up to this many blocks, it takes a GPU less time to add up the counts in each work-group than to launch
+/// their scan.
+constexpr std::size_t most_unscanned = 64;
+
 }  // namespace
 
 RadixSort::RadixSort(const Context& context) : context_(context), scan_(context) {
@@ -44,12 +48,13 @@ void RadixSort::enqueue_pass(const cl::Buffer& source, const cl::Buffer& target,
   for (cl::Kernel* kernel : {&count_, &scatter_}) {
     set_arguments(*kernel, 0, n, blocks.length, cl_uint{digit.first}, cl_uint{digit.count}, source);
   }
+  const bool scans = context_.tuning() == Tuning::cpu || blocks.count > most_unscanned;
   set_arguments(count_, 5, counts_);
-  set_arguments(scatter_, 5, target, counts_);
+  set_arguments(scatter_, 5, target, cl_uint{scans ? 1U : 0U}, counts_);
   const cl::NDRange group(primitives_group(context_));
   const cl::NDRange items(blocks.count * primitives_group(context_));
   context_.queue().enqueueNDRangeKernel(count_, cl::NullRange, items, group);
-  scan_.enqueue(counts_, std::size_t{blocks.count} << digit.count);
+  if (scans) scan_.enqueue(counts_, std::size_t{blocks.count} << digit.count);
   context_.queue().enqueueNDRangeKernel(scatter_, cl::NullRange, items, group);
 }
 
