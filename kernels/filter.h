@@ -2,8 +2,6 @@
 #ifndef BROADCL_FILTER_H
 #define BROADCL_FILTER_H
 
-#include "inline.h"
-
 #define NO_BODY 0xffffffffU
 #define ALL_WORLDS 0xffffffffU
 
@@ -31,12 +29,9 @@ static inline bool may_pair(const uint4 s, const uint4 t) {
   return (s.x & t.y) != 0U && (t.x & s.y) != 0U && worlds_meet(s.w, t.w) && (s.z != t.z || s.z == NO_BODY);
 }
 
-#ifndef LOOKUP
-#define LOOKUP static inline /* or OUTLINE: inline.h */
-#endif
 /* Whether a pair is in a list of exclusions: the list has their number, then pairs in canonical order. Null if there
    are none. */
-LOOKUP bool is_excluded(const uint2 pair, global const uint2* exclusions) {
+static inline bool is_excluded(const uint2 pair, global const uint2* exclusions) {
   if (exclusions == 0) return false;
   uint begin = 1;
   uint end = exclusions[0].x + 1U;

@@ -3,7 +3,6 @@
    tree with its bounds, and the first tree with the bounds of its own boxes that changed. Boxes that did not change are
    not tested against each other. */
 
-#define LOOKUP OUTLINE /* the search keeps its bounds in registers then */
 #include "delta.h"
 #include "tiles.h"
 #include "vote.h"
