@@ -113,7 +113,7 @@ TEST(Auto, AStageTellsWhichIsAsked) {
   if (is_slow_device()) GTEST_SKIP() << "takes long on this device";
   BroadPhase broad_phase;
   EXPECT_EQ(broad_phase.algorithm().name, "auto");
-  // With so many objects, not even the first frame tests all pairs.
+  // With this many objects, not even the first frame tests all pairs.
   for (std::uint32_t k = 0; k < n; ++k) broad_phase.add(apart(k));
   (void)broad_phase.update();
   EXPECT_TRUE(has_stage(broad_phase.profile(), "tiles"));

@@ -48,20 +48,20 @@ struct Corners {
 enum class Verb {
   create,
   destroy,
-  recreate,  ///< Destroy and create, with the same box and another filter: what refreshes a proxy.
+  recreate,  ///< Destroy and create, with the same box and another filter; this refreshes a proxy.
   move,
-  set_again,    ///< setAabb with the box that it has.
+  set_again,    ///< setAabb with the current box.
   filter,       ///< Group and mask written in place.
   callback,     ///< Another overlap filter callback, or none.
-  remove_pair,  ///< From the cache, behind the broad phase's back; likewise the next three.
+  remove_pair,  ///< From the cache, bypassing the broad phase, as do the next three.
   remove_pairs_of,
   clean_pairs_of,  ///< Their algorithms end; the pairs stay.
-  add_again,       ///< A pair that is cached; a sorted cache has it twice then.
+  add_again,       ///< A cached pair; a sorted cache then has it twice.
   begin,
   step,
   rays,
   box_queries,
-  reset,  ///< resetPool(), while proxies live.
+  reset,  ///< resetPool(), while proxies exist.
   clear   ///< All proxies are destroyed, then the pool is reset.
 };
 

@@ -227,7 +227,7 @@ TEST_P(Worlds, WithASensorThatIsMoved) {
     }
     EXPECT_TRUE(std::includes(seen.begin(), seen.end(), inside.begin(), inside.end()));
     if (GetParam().name == "BroadCL") {
-      EXPECT_EQ(seen, inside) << "no stale ones";
+      EXPECT_EQ(seen, inside) << "no outdated ones";
     }
     most = std::max(most, inside.size());
   }

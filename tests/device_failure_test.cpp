@@ -105,9 +105,9 @@ TEST_P(LongDeviceFailure, OfEveryCallIsMadeGood) {
   }
 }
 
-/// Calls a function again and again while one of its OpenCL calls, or all from it on, fail: first call `from`,
-/// then later and later ones, `step` calls apart up to the 150th and 101 apart after it. The function may
-/// throw Error and nothing else.
+/// Calls a function again and again while one of its OpenCL calls fails, or all from it on: first call
+/// `from`, then later and later ones, `step` calls apart up to the 150th and 101 apart after it. The function
+/// may throw Error and nothing else.
 template <class Function>
 void expect_errors_alone(long from, long step, const Function& function) {
   for (const long count : {1L, OpenClTrouble::for_good}) {

@@ -84,7 +84,7 @@ void follow(const BroadPhase::Config& config, std::uint32_t n) {
   const Pairs all = follower.pairs();
   ASSERT_GT(all.size(), n / 4);
   follower.exclude(every(2, all));
-  ASSERT_TRUE(follower.agrees()) << "some pairs that are known";
+  ASSERT_TRUE(follower.agrees()) << "some known pairs";
   follower.advance(1);
   ASSERT_TRUE(follower.agrees()) << "while all move";
   follower.exclude(every(3, all));

@@ -27,7 +27,7 @@ class FailingOpenCl {
 struct OpenClUse {
   long blocking_calls = 0;     ///< Calls that waited for the device.
   long memory_references = 0;  ///< To memory objects: one per creation and retain, less one per release.
-  long mapped_regions = 0;     ///< Mappings, less those that were ended.
+  long mapped_regions = 0;     ///< Mappings, less those that have ended.
 };
 [[nodiscard]] OpenClUse opencl_use() noexcept;
 

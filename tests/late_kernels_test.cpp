@@ -187,7 +187,7 @@ TEST_P(LateKernelOnTheHost, RunsInSmallWorkGroups) {
     const LimitedDevices limited(gpu_that_limits(GetParam(), sets ? 1 : 16));
     LateHostLife life(GetParam(), 300);
     life.begin();
-    ASSERT_EQ(limited.asked_of_kernels(), 0) << "it is not late";
+    ASSERT_EQ(limited.asked_of_kernels(), 0) << "it was built too early";
     ASSERT_TRUE(life.need(std::nullopt, sets));
     ASSERT_TRUE(life.go_on());
     // (For brute-force, two sets are ordinary filters.)
@@ -381,7 +381,7 @@ TEST_P(LateKernelOnTheDevice, RunsInSmallWorkGroups) {
       const CallersQueue queue;
       LateDeviceLife life(queue, GetParam(), sets, waits);
       life.begin();
-      ASSERT_EQ(limited.asked_of_kernels(), 0) << "it is not late";
+      ASSERT_EQ(limited.asked_of_kernels(), 0) << "it was built too early";
       ASSERT_TRUE(life.need(std::nullopt));
       ASSERT_TRUE(life.go_on());
       const bool is_needed = !sets || std::string_view(GetParam().algorithm) == "tiles";

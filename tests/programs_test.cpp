@@ -81,7 +81,7 @@ void live_on_the_device(const std::string& algorithm) {
   }
 }
 
-/// The list tells which programs to give to other compilers (scripts/check-compilers).
+/// The list gives the programs that are built with other compilers (scripts/check-compilers).
 void expect_listed_programs(const std::string& profile) {
   const ScopedFolder folder;
   const ScopedVariable cache("BROADCL_CACHE_DIR", folder.path().string());

@@ -27,7 +27,7 @@ using Limits = std::numeric_limits<float>;
 
 // Numbers.
 
-/// Bounds with which arithmetic would fail where comparisons work.
+/// Bounds with which arithmetic would fail, but comparisons do not.
 std::vector<float> special_bounds() {
   std::vector<float> bounds{0};
   for (const float magnitude :
