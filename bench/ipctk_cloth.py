@@ -4,7 +4,7 @@
 Candidates for continuous collision detection between two frames of a folded cloth, from vertices to ipctk's Candidates, in ms:
 medians of rounds in which the methods take turns. BroadCL's candidates must contain those of each of ipctk's methods, and be the
 same after a test of the float64 boxes. "search" is BroadCL's share without the lists of Python objects that ipctk
-wants: from a class in Python it takes nothing else, and each of them is made by a call.
+requires: it accepts nothing else from a class in Python, and making each object takes a call.
 """
 
 import argparse
@@ -19,7 +19,7 @@ import broadcl
 
 
 def cloth(size: int, opening: float) -> np.ndarray:
-    """(size**2, 3) vertices of a sheet folded over, with ripples, at which its halves come near each other."""
+    """(size**2, 3) vertices of a folded sheet with ripples, where its halves come near each other."""
     u, v = np.meshgrid(np.linspace(-1.3, 1.3, size), np.linspace(0, 2, size), indexing="ij")
     fold = np.pi / 4 * opening
     turn = np.clip(u / fold, -1, 1) * np.pi / 2

@@ -139,7 +139,7 @@ void time_frame(benchmark::State& state, const std::string& name, const Scene& s
   for (btBroadphaseProxy* proxy : proxies) broadphase->destroyProxy(proxy, &dispatcher);
 }
 
-/// The largest number of boxes for which a frame takes no more than some tenths of a second.
+/// The largest number of boxes for which a frame takes at most a few tenths of a second.
 std::uint32_t most_in_frames(const std::string& broadphase) {
   if (broadphase == "bullet-bf") return 3500;
   return broadphase == "brute-force" || broadphase == "gpu-bf" ? 16000 : 64000;
@@ -207,8 +207,8 @@ void register_all() {
         auto* frames = benchmark::RegisterBenchmark(name.c_str(), time_frame, info.name, scene, n, n)
                            ->UseRealTime()
                            ->Unit(benchmark::kMicrosecond);
-        // Bullet's axis sweep takes minutes to make so many proxies, and would do so again for every estimate
-        // of how many frames to time.
+        // Bullet's axis sweep takes minutes to make this many proxies, and would do so again for every
+        // estimate of the number of frames to time.
         if (n > 3500) frames->Iterations(32);
       }
     }

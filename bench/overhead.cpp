@@ -1,7 +1,8 @@
 // The C++ side of bench/overhead.py: the same frames, timed here.
 //   broadcl_overhead FILE MOVING FRAMES ALGORITHM DEVICE
-// FILE has two arrays of boxes, float32, six numbers per box, which take turns: if MOVING is 0 all boxes are
-// written to map(), otherwise so many are moved. Prints the seconds of each frame, and of its update() alone.
+// FILE has two arrays of boxes, float32, six numbers per box, which are used in turn: if MOVING is 0 all
+// boxes are written to map(), otherwise this many are moved. Prints the seconds of each frame, and of its
+// update() alone.
 #include <algorithm>
 #include <chrono>
 #include <cstdint>

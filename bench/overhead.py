@@ -1,11 +1,11 @@
 #!/usr/bin/env python3
-"""What a frame of the Python package costs above the same frame in C++, in microseconds:
+"""The extra time of a frame in the Python package compared with the same frame in C++, in microseconds:
 
     cmake --preset dev && cmake --build --preset dev --target broadcl_overhead
     pip install . && bench/overhead.py [--device cpu] [--algorithm tiles]
 
 A few of the boxes move, or all of them, written in place. The fastest tenth of the frames, in rounds in which the two take
-turns, each time in a new process, since where the system puts a process and its memory makes a difference. The last column is
+turns, each time in a new process, since it matters where the system puts a process and its memory. The last column is
 the median of the rounds' ratios.
 """
 

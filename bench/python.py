@@ -75,14 +75,14 @@ class Rtree:
         pairs = np.stack([np.repeat(np.arange(len(boxes)), counts.astype(np.int64)), others], axis=1)
         return pairs[pairs[:, 0] < pairs[:, 1]]
 
-    moving = still  # it is made anew
+    moving = still  # it is built anew
 
     def all_pairs(self, found):
         return found
 
 
 class Coal:
-    """What it collects stays in C++. Compared are the number of pairs and 1,000 of them."""
+    """Its results stay in C++. The number of pairs and 1,000 of them are compared."""
 
     package = "coal"
 
@@ -97,7 +97,7 @@ class Coal:
         self.register()
 
     def register(self):
-        for thing in self.objects:  # it has registerObjects(), but no list that Python could give
+        for thing in self.objects:  # registerObjects() needs a list that Python cannot make
             self.manager.registerObject(thing)
         self.manager.setup()
 
@@ -127,7 +127,7 @@ class Coal:
 
 
 class Fcl:
-    """Its callback gets objects, of which it makes a list."""
+    """Its callback gets objects and collects them in a list."""
 
     package = "python-fcl"
 
@@ -280,7 +280,7 @@ def measure(n: int, rounds: int, budget: float, seconds: dict, names: list) -> l
     still = cubes(n)
     subjects, rows = {}, {}
     for name in names:
-        # Times grow at least with the number of boxes.
+        # Times grow at least linearly with the number of boxes.
         if name in seconds and seconds[name][1] * n / seconds[name][0] > budget:
             continue
         start, subject = timed(METHODS[name], still)

@@ -3,9 +3,9 @@
 // all-pairs/NAME/SET         wall time; pairs in any order, except BroadCL's, which are sorted
 // all-pairs-sorted/NAME/SET  the same, and the pairs are sorted (std::sort)
 //
-// Counters: cpu_ms, the time of all processors; open_ms, what it takes to open a device and build its
-// kernels, which is not part of the rest. The pairs of each are compared with those of BroadCL's oracle or,
-// for large sets, of its sweep-and-prune.
+// Counters: cpu_ms, the time of all processors; open_ms, the time to open a device and build its kernels,
+// which is not part of the other times. The pairs of each library are compared with those of BroadCL's oracle
+// or, for large sets, of its sweep-and-prune.
 #include <algorithm>
 #include <chrono>
 #include <cmath>
@@ -52,7 +52,7 @@ Pair ordered(std::uint32_t s, std::uint32_t t) {
 
 /// Something that finds all pairs of a set of boxes, again and again.
 using Finder = std::function<Pairs()>;
-/// Makes one for a set; what it takes is counted as opening.
+/// Makes one for a set; the time for this counts as opening.
 using MakeFinder = std::function<Finder(const std::vector<Aabb>& boxes)>;
 
 Finder make_broadcl(const std::string& algorithm, std::size_t threads, const std::vector<Aabb>& boxes) {
@@ -215,7 +215,7 @@ void time_all_pairs(benchmark::State& state, const MakeFinder& make, const std::
   state.counters["cpu_ms"] = cpu * 1e3 / static_cast<double>(state.iterations());
 }
 
-/// Cubes at random places, each of which overlaps others in this many pairs per box.
+/// Cubes at random positions, with this many overlapping pairs per box.
 std::vector<Aabb> random_cubes(std::size_t n, double pairs_per_box) {
   std::mt19937 random(1);
   std::uniform_real_distribution<float> coordinate;

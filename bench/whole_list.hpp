@@ -8,7 +8,7 @@ namespace broadcl {
 ///
 /// From boxes on the device to the unordered list of all pairs there, with `tiles`: sorting, building the
 /// tree and searching, until the queue has finished. SET is the name, without ".npy", of a file in the folder
-/// that BROADCL_TEST_DATA names; if that is not set, these benchmarks do not exist.
+/// that BROADCL_TEST_DATA names; if the variable is not set, these benchmarks do not exist.
 void register_whole_list();
 
 }  // namespace broadcl

@@ -75,7 +75,7 @@ std::vector<Aabb> special_boxes() {
   return boxes;
 }
 
-/// By floating-point comparisons.
+/// The expected answers, by floating-point comparisons.
 test::Answers defined_answers(const Aabb& s, const Aabb& t) {
   const auto is_nan = [](float bound) { return std::isnan(bound); };
   return {.has_nan = std::ranges::any_of(s.lower, is_nan) || std::ranges::any_of(s.upper, is_nan),

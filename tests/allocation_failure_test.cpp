@@ -20,7 +20,7 @@
 #include "test_name.hpp"
 #include "trouble.hpp"
 
-/// Memory of the host that cannot be had: every call does all of its work or none.
+/// Failed allocations of host memory: every call does all of its work or none.
 namespace broadcl::test {
 namespace {
 
@@ -29,8 +29,8 @@ using AllocationTrouble = Trouble<FailingAllocations, FailingAllocations::alloca
 INSTANTIATE_TEST_SUITE_P(Table, EachAlgorithm, ::testing::ValuesIn(algorithms().begin(), algorithms().end()),
                          named_by_parameter);
 
-/// Lives in each of which allocations fail from another one on.
-/// @param count How many fail.
+/// Runs several lives; in each, the failures start at a different allocation.
+/// @param count How many allocations fail.
 void expect_short_lives(const BroadPhase::Config& config, long count, bool worlds, long most) {
   expect_right_lives(most, [&](long first) -> std::optional<long> {
     ShortLife life(config, AllocationTrouble(first, count), {.looks = first % 4 < 2, .worlds = worlds});
@@ -65,7 +65,7 @@ TEST(AllocationFailure, OfADeviceBroadPhaseIsMadeGood) {
   }
 }
 
-/// Once one object has moved often enough, it changes over from the host to what it takes for a device.
+/// Once one object has moved often enough, the hybrid switches from the host to its supposed device.
 TEST(AllocationFailure, OfAHybridIsMadeGood) {
   for (const long count : {1L, AllocationTrouble::for_good}) {
     int changed_over = 0;
@@ -82,7 +82,7 @@ TEST(AllocationFailure, OfAHybridIsMadeGood) {
   }
 }
 
-/// Every allocation, those of kernels that are built in between included.
+/// Every allocation, including those for kernels that are built in the middle of a life.
 class LongFailure : public EachAlgorithm {};
 INSTANTIATE_TEST_SUITE_P(Long, LongFailure, ::testing::ValuesIn(algorithms().begin(), algorithms().end()),
                          named_by_parameter);
@@ -92,8 +92,9 @@ TEST_P(LongFailure, OfEveryAllocationIsMadeGood) {
   }
 }
 
-/// Calls a function, whose allocations fail one at a time, until it does all of its work.
-/// @param first Which fails first. @param all Up to this one each fails in its turn, then some.
+/// Calls a function until it does all of its work; in each call, one allocation fails.
+/// @param first The allocation that fails in the first call.
+/// @param all Up to this one, every allocation fails in turn; then every 107th.
 template <class Function>
 void expect_errors_until_it_succeeds(long first, long all, const Function& function) {
   long errors = 0;
@@ -114,7 +115,7 @@ void expect_errors_until_it_succeeds(long first, long all, const Function& funct
   EXPECT_GT(errors, 1);
 }
 
-/// Most of them are those of texts of kernels, which are all alike.
+/// Most allocations are for the sources of kernels, and these are all alike.
 TEST_P(EachAlgorithm, ConstructorsThrowOnlyErrorsAndBadAlloc) {
   expect_errors_until_it_succeeds(0, 10, [] { BroadPhase broad_phase(config()); });
 }

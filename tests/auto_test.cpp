@@ -38,7 +38,7 @@ std::array<CostModel, 2> calibrated_in(const std::filesystem::path& folder) {
   return calibrate(opencl::Context(select_device(), false), finders);
 }
 
-/// What is measured differs each time, if only by nanoseconds.
+/// A new measurement would differ, if only by nanoseconds.
 bool are_same(const std::array<CostModel, 2>& s, const std::array<CostModel, 2>& t) {
   return s[0].frame == t[0].frame && s[1].frame == t[1].frame;
 }
@@ -113,13 +113,13 @@ TEST(Auto, AStageTellsWhichIsAsked) {
   if (is_slow_device()) GTEST_SKIP() << "takes long on this device";
   BroadPhase broad_phase;
   EXPECT_EQ(broad_phase.algorithm().name, "auto");
-  // Not even the first frame of so many tests all pairs.
+  // With this many objects, not even the first frame tests all pairs.
   for (std::uint32_t k = 0; k < n; ++k) broad_phase.add(apart(k));
   (void)broad_phase.update();
   EXPECT_TRUE(has_stage(broad_phase.profile(), "tiles"));
   EXPECT_TRUE(has_stage(broad_phase.profile(), "build"));
   EXPECT_FALSE(has_stage(broad_phase.profile(), "brute-force"));
-  // Few changes may be for either.
+  // After few changes, either may be chosen.
   for (std::uint32_t k = 1; k < 5; ++k) {
     broad_phase.move(7 * k, apart(8));
     (void)broad_phase.update();
@@ -129,12 +129,12 @@ TEST(Auto, AStageTellsWhichIsAsked) {
   }
 }
 
-/// Boxes of which each overlaps all others are as good as tested all; `tiles` is given up as soon as its work
+/// Every box overlaps all others, so testing all pairs is no worse: `tiles` is given up as soon as its work
 /// is known.
 NOT_IN(gpu_profile | rusticl | sanitizers, "takes long");
 TEST(Auto, WhatTilesCountsDecides) {
   constexpr std::uint32_t n = 10'000;
-  if (select_device().type != DeviceType::cpu) GTEST_SKIP() << "a GPU takes as long with either";
+  if (select_device().type != DeviceType::cpu) GTEST_SKIP() << "on a GPU, both take equally long";
   BroadPhase broad_phase;
   for (std::uint32_t k = 0; k < n; ++k) broad_phase.add(unit, {.body = 1});
   for (int frame = 0; frame < 3; ++frame) {
@@ -144,7 +144,7 @@ TEST(Auto, WhatTilesCountsDecides) {
   EXPECT_TRUE(has_stage(broad_phase.profile(), "brute-force"));
 }
 
-/// Asks both finders in turn, one per search.
+/// Uses the two finders in turn, one per search.
 class Turns final : public PairFinder {
  public:
   explicit Turns(const opencl::Context& context) : finders_{make_brute_force(context), make_tiles(context)} {}
@@ -169,7 +169,7 @@ std::unique_ptr<PairFinder> make_turns(const opencl::Context& context) {
   return std::make_unique<Turns>(context);
 }
 
-/// An engine and the oracle that are told the same.
+/// An engine and the oracle with the same input.
 class EngineAndOracle {
  public:
   explicit EngineAndOracle(std::size_t slots)
@@ -194,8 +194,8 @@ class EngineAndOracle {
   std::array<std::unique_ptr<Algorithm>, 2> engines_;
 };
 
-/// The result does not depend on which is asked: all boxes move or few, some are replaced or go, and their
-/// number grows and shrinks.
+/// The result does not depend on which finder is used. All boxes move or only a few, some are replaced or
+/// removed, and their number grows and shrinks.
 TEST(Auto, FindersThatTakeTurnsFindWhatTheOracleFinds) {
   for (const std::uint32_t seed : {1U, 2U, 3U}) {
     std::mt19937 random(seed);
@@ -225,8 +225,8 @@ TEST(Auto, FindersThatTakeTurnsFindWhatTheOracleFinds) {
   }
 }
 
-/// Tiles that are asked in every second frame cannot watch how their order ages, and recycle it all the same,
-/// though not each time.
+/// If `tiles` is used only every second frame, it cannot watch how its order ages. It still sorts again, but
+/// not each time.
 TEST(Auto, TilesThatTakeTurnsSortOnceInAWhile) {
   constexpr std::uint32_t n = 500;
   scenes::MovingBoxes boxes(n, scenes::MovingBoxes::Sizes::uniform);

@@ -85,7 +85,7 @@ TEST_P(EachAlgorithm, BeginDoesNotBlock) {
     (void)broad_phase.finish();
   }
   if (broad_phase.device() == nullptr) return;  // `auto`, which may work on the host
-  EXPECT_GT(opencl_use().blocking_calls, start + 5) << "nothing is counted";
+  EXPECT_GT(opencl_use().blocking_calls, start + 5) << "blocking calls are not counted";
 }
 
 TEST(Blocking, BeginOnTheCallersQueueDoesNot) {
@@ -113,7 +113,7 @@ TEST(Blocking, BeginOnTheCallersQueueDoesNot) {
       EXPECT_EQ(opencl_use().blocking_calls, before) << algorithm << ", update " << &update - updates.data();
       broad_phase.finish();
     }
-    EXPECT_GT(opencl_use().blocking_calls, start + 5) << "nothing is counted";
+    EXPECT_GT(opencl_use().blocking_calls, start + 5) << "blocking calls are not counted";
   }
 }
 

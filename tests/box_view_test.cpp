@@ -82,7 +82,7 @@ Aabb expected_box(const Numbers<double>& box) {
   return round_outward({box[0], box[1], box[2]}, {box[3], box[4], box[5]});
 }
 
-/// What a view of the boxes packs.
+/// The expected result of pack_to().
 template <class S>
 std::vector<Aabb> packed_boxes(const std::vector<Numbers<S>>& boxes) {
   std::vector<Aabb> packed(boxes.size());
@@ -92,7 +92,7 @@ std::vector<Aabb> packed_boxes(const std::vector<Numbers<S>>& boxes) {
   return packed;
 }
 
-/// So that NaNs equal each other, and -0 differs from 0.
+/// As bits, NaNs equal each other, and -0 differs from 0.
 std::vector<std::array<std::uint32_t, 6>> bits(std::span<const Aabb> boxes) {
   std::vector<std::array<std::uint32_t, 6>> all;
   for (const Aabb& box : boxes) all.push_back(std::bit_cast<std::array<std::uint32_t, 6>>(box));
@@ -111,7 +111,7 @@ std::vector<Aabb> packed(const BoxView& view) {
   return out;
 }
 
-/// Boxes in memory that ends with the last of them, with NaN between the bounds.
+/// Boxes in memory that ends right after the last one, with NaN in the gaps between bounds.
 template <class S>
 struct Layout {
   std::string name;
@@ -119,7 +119,7 @@ struct Layout {
   BoxView view;
 };
 
-/// @param step Numbers from a box to the next.
+/// @param step Distance from one box to the next, in numbers.
 /// @param make Makes the view, given a function that returns the address of bound `index` of box 0.
 template <class S, class Make>
 Layout<S> lay_out(std::string name, const std::vector<Numbers<S>>& boxes,
@@ -232,7 +232,7 @@ TYPED_TEST(BoxViewOf, ANaNIsNamedWhicheverBoundItIs) {
 NOT_IN(sanitizers, "takes long");
 TYPED_TEST(BoxViewOf, OfManyNaNsTheFirstIsNamedWhateverTheThreadsDo) {
   const auto boxes = boxes_of_every_kind<TypeParam>(of_many_threads);
-  // Among them the last of a thread and the first of the next, with two threads and with three.
+  // These include the last box of one thread and the first of the next, with two threads and with three.
   for (const std::size_t first :
        std::array<std::size_t, 6>{0, 66'666, 66'667, 100'000, 100'001, of_many_threads - 1}) {
     auto invalid = boxes;
@@ -310,11 +310,11 @@ TEST(BoxView, PairsOfDoublesAreASupersetByTheirRounding) {
     return !overlapping_pairs(BoxView::interleaved(boxes[0].data(), 2), {.algorithm = "oracle"}).empty();
   };
   EXPECT_TRUE(touch(1, 1));
-  // Apart, by less than float32 resolves.
+  // Apart by less than float32 can resolve.
   EXPECT_TRUE(touch(1, 1 + 1e-12));
   EXPECT_TRUE(touch(1 - 1e-12, 1));
   EXPECT_FALSE(touch(1, 1 + 1e-3));
-  // Both bounds between the same two float32: to the nearest they would part.
+  // Both bounds lie between the same two float32 numbers: rounded inward, they would separate.
   EXPECT_TRUE(touch(1 + 5e-8, 1 + 5e-8));
 }
 
@@ -390,7 +390,7 @@ TEST(BoxView, PairsOfEveryKindOfRange) {
   EXPECT_THAT(test::error_of([&] { (void)overlapping_pairs(invalid, oracle); }), HasSubstr("box 2"));
 }
 
-#if !defined(__clang__) || __clang_major__ >= 16  // before, Clang does not compile the views of libstdc++
+#if !defined(__clang__) || __clang_major__ >= 16  // older Clang does not compile libstdc++'s views
 TEST(BoxView, PairsOfViewsOfTheStandardLibrary) {
   const std::vector<Aabb> boxes{unit, {{5, 0, 0}, {6, 1, 1}}, {{1, 0, 0}, {2, 1, 1}}};
   const BroadPhase::Config oracle{.algorithm = "oracle"};
@@ -460,7 +460,7 @@ TYPED_TEST(BoxViewOf, EigenMatricesOfEitherOrderAndTheirParts) {
   row << 0, 0, 0, 1, 1, 1;
   EXPECT_EQ(box_view(row)[0], unit);
 
-  // Every second number of rows of 15, and of columns of 121.
+  // Every second number in rows of 15 and in columns of 121.
   std::vector<S> memory(60 * 15, nan_of<S>);
   Eigen::Map<RowMajor, 0, AnyStride> rows(memory.data(), 60, 6, AnyStride(15, 2));
   rows = matrix_of<RowMajor>(boxes);

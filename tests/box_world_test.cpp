@@ -49,7 +49,7 @@ TEST_F(BoxWorldOnBulletBf, HasThePairsOfTheLastStep) {
 }
 
 TEST_F(BoxWorldOnBulletBf, VerifyTrustsNoBoxOfTheBroadPhase) {
-  // As if the broad phase had not heard of the move: its own boxes and pairs agree.
+  // As if the move had not been reported to the broad phase: its own boxes and pairs agree.
   expect(moved, 1, 2);
 }
 

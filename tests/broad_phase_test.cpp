@@ -22,14 +22,14 @@ using test::nan_value;
 using test::unit;
 using ::testing::HasSubstr;
 
-/// The oracle is what the others are compared with; search_test.cpp compares it with the definitions.
+/// The other algorithms are compared with the oracle; search_test.cpp compares it with the definitions.
 std::vector<AlgorithmInfo> algorithms_but_the_oracle() {
   std::vector<AlgorithmInfo> rows(algorithms().begin(), algorithms().end());
   std::erase_if(rows, [](const AlgorithmInfo& row) { return row.name == "oracle"; });
   return rows;
 }
 
-// For all files: gtest gathers the tests of the suite from all of them.
+// One instantiation for all files: gtest collects the tests of the suite from all of them.
 INSTANTIATE_TEST_SUITE_P(Table, EachAlgorithm, ::testing::ValuesIn(algorithms_but_the_oracle()),
                          test::named_by_parameter);
 
@@ -49,7 +49,7 @@ TEST_P(EachAlgorithm, EveryPairIsFoundAlone) {
   }
 }
 
-/// All small sizes, and those about multiples of what kernels take at once.
+/// All small sizes, and those next to multiples of the number of boxes that kernels process at once.
 NOT_IN(gpu_profile | sanitizers, "takes long, and rusticl has this tuning profile");
 TEST_P(EachAlgorithm, SizesToAHundredAgreeWithTheOracle) {
   for (std::uint32_t n = 0; n <= 100; ++n) {
@@ -110,7 +110,7 @@ TEST_P(EachAlgorithm, TwoObjectsDoNotDisturbEachOther) {
 TEST_P(EachAlgorithm, ReportsWhatItRunsOn) {
   const BroadPhase broad_phase(config());
   EXPECT_EQ(broad_phase.algorithm().name, GetParam().name);
-  if (GetParam().name == "auto") return;  // on either
+  if (GetParam().name == "auto") return;  // it runs on either
   EXPECT_EQ(broad_phase.device() != nullptr, GetParam().on_device);
 }
 
@@ -135,7 +135,8 @@ TEST(GpuBf, ReportsItsStages) {
   EXPECT_EQ(names, (std::vector<std::string_view>{"upload", "test", "download", "wait", "xor"}));
 }
 
-/// Too many boxes for one byte per pair: an error with the numbers, after which fewer boxes work as before.
+/// One byte per pair exceeds the largest allocation: an error with the numbers. Afterwards fewer boxes work
+/// as before.
 TEST(GpuBf, BeyondTheLargestAllocationIsAnErrorAndStateIsKept) {
   BroadPhase broad_phase({.algorithm = "gpu-bf"});
   const std::uint64_t limit = broad_phase.device()->max_allocation;
@@ -155,7 +156,7 @@ TEST(GpuBf, BeyondTheLargestAllocationIsAnErrorAndStateIsKept) {
   EXPECT_EQ(broad_phase.update().added.size(), 2U);
 }
 
-/// The index of the last rows is past 32 bits; 4.3 GB per frame. With --long only.
+/// The indices of the last rows are past 32 bits; 4.3 GB per frame. Only with --long.
 TEST(Long, GpuBfFindsPairsWhoseIndexIsPast32Bits) {
   constexpr std::uint32_t n = 92'700;
   if (select_device().max_allocation < 4'400'000'000U)

@@ -1,5 +1,5 @@
-// Memory of the host that cannot be had while Bullet calls its broad phase: a call that throws has changed
-// nothing, and the next calculation that has memory leaves the right pairs.
+// Failed allocations of host memory while Bullet calls its broad phase: a call that throws has changed
+// nothing, and the next calculation that gets its memory leaves the right pairs.
 #include <BulletCollision/BroadphaseCollision/btOverlappingPairCache.h>
 #include <BulletCollision/CollisionDispatch/btCollisionDispatcher.h>
 #include <BulletCollision/CollisionDispatch/btDefaultCollisionConfiguration.h>
@@ -31,7 +31,7 @@ using IdPairs = std::vector<std::pair<int, int>>;
 
 constexpr auto nothing_more = [] {};
 
-/// Counts what a box query finds.
+/// Counts the proxies that a box query finds.
 struct Count final : btBroadphaseAabbCallback {
   bool process(const btBroadphaseProxy* /*proxy*/) override {
     ++found;
@@ -152,7 +152,7 @@ class AdapterLife {
   std::mt19937 random_{1};  // NOLINT(bugprone-random-generator-seed): the same life each time
 };
 
-/// A class of which the adapter cannot know how it filters.
+/// A class whose way of filtering the adapter cannot know.
 class UsersCache final : public btHashedOverlappingPairCache {};
 
 struct Kind {
@@ -175,8 +175,8 @@ constexpr auto none = [] { return std::unique_ptr<btOverlappingPairCache>(); };
 
 class BulletAllocation : public ::testing::TestWithParam<Kind> {
  protected:
-  /// Lives a life in which allocation 0 fails, one in which allocation 1 fails, and so on; on a device, where
-  /// each takes longer, every twentieth.
+  /// Runs a life in which allocation 0 fails, one in which allocation 1 fails, and so on; on a device, where
+  /// each takes longer, only every 20th.
   static void live(long count) {
     const Kind& kind = GetParam();
     long failures_told = 0;
@@ -193,7 +193,7 @@ class BulletAllocation : public ::testing::TestWithParam<Kind> {
       points = life.points();
       failures_told += life.errors();
     }
-    EXPECT_GT(failures_told, 4);  // the others were allocations of the driver, or made good unnoticed
+    EXPECT_GT(failures_told, 4);  // recovery from the others needed no report
   }
 };
 

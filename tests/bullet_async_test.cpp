@@ -21,7 +21,7 @@ namespace {
 
 using Ids = std::vector<std::pair<int, int>>;
 
-/// The pair cache in its own order.
+/// The pairs of the cache, in its own order.
 Ids cached(btBroadphaseInterface& broadphase) {
   Ids ids;
   const btBroadphasePairArray& pairs = broadphase.getOverlappingPairCache()->getOverlappingPairArray();
@@ -31,7 +31,7 @@ Ids cached(btBroadphaseInterface& broadphase) {
   return ids;
 }
 
-/// Some calls on proxies that follow from the seed only.
+/// Calls on proxies that depend only on the seed.
 class Churn {
  public:
   Churn(btBroadphaseInterface& broadphase, unsigned seed) : broadphase_(broadphase), random_(seed) {}
@@ -99,9 +99,9 @@ TEST(BulletAsync, NothingOfADestroyedProxyComesBack) {
   btBroadphaseProxy* new_pair = create(0);
   broadphase.begin();
   broadphase.destroyProxy(old_pair, nullptr);
-  EXPECT_TRUE(cached(broadphase).empty()) << "pairs go at once";
+  EXPECT_TRUE(cached(broadphase).empty()) << "its pairs are removed at once";
   broadphase.destroyProxy(new_pair, nullptr);
-  EXPECT_EQ(create(5)->m_uniqueId, 0) << "the id is in use again";
+  EXPECT_EQ(create(5)->m_uniqueId, 0) << "the id is reused";
   broadphase.calculateOverlappingPairs(nullptr);
   EXPECT_TRUE(cached(broadphase).empty());
 }

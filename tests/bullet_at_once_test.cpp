@@ -31,7 +31,7 @@ TEST(BulletAtOnce, PairsComeWithTheBoxAndGoInTheCalculation) {
   rig.move(u, 1.5F);
   EXPECT_TRUE(rig.has(t, u)) << "moved";
   rig.move(u, 5);
-  EXPECT_TRUE(rig.has(t, u)) << "until the calculation";
+  EXPECT_TRUE(rig.has(t, u)) << "it stays until the calculation";
   rig.calculate();
   EXPECT_FALSE(rig.has(t, u));
   EXPECT_TRUE(rig.has(s, t));
@@ -121,8 +121,8 @@ TEST(BulletAtOnce, WhatIsBegunEarlyEndsTheSameWay) {
   EXPECT_EQ(rig.ids(), (std::vector<std::pair<int, int>>{{t->m_uniqueId, u->m_uniqueId}}));
 }
 
-/// A character that is pushed out of a wall which it was put into between two steps: Bullet's controller
-/// looks for the wall in the pair cache right after it set its box.
+/// A character is put into a wall between two steps and pushed out again: Bullet's controller looks for the
+/// wall in the pair cache right after it has set the character's box.
 TEST(BulletAtOnce, ACharacterRecoversFromAPenetrationWithoutACalculation) {
   btDefaultCollisionConfiguration configuration;
   btCollisionDispatcher dispatcher(&configuration);

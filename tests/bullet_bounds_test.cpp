@@ -1,5 +1,5 @@
-// Objects whose bounds are endless, empty or NaN in a running world, on BroadCL's broad phase and on Bullet's
-// own.
+// Objects whose bounds are infinite, empty or NaN in a running world, with BroadCL's broad phase and with
+// Bullet's own.
 #include <btBulletDynamicsCommon.h>
 
 #include <broadcl/bullet.hpp>
@@ -28,7 +28,7 @@ using test::kinds;
 using test::RigidWorld;
 using test::state;
 
-/// A user's shape without an end.
+/// A user's shape of infinite size.
 class EndlessShape final : public btEmptyShape {
  public:
   void getAabb(const btTransform& /*transform*/, btVector3& aabbMin, btVector3& aabbMax) const override {
@@ -40,7 +40,7 @@ class EndlessShape final : public btEmptyShape {
 
 constexpr int lonely_cubes = 25;
 
-/// Cubes that fall on a floor and tumble there, each by itself: none depends on what else is in the world.
+/// Cubes that fall on a floor and tumble there, each alone: nothing else in the world affects them.
 void add_lonely_cubes(RigidWorld& world) {
   world.bodies.add_floor();
   for (int k = 0; k < lonely_cubes; ++k) {
@@ -65,13 +65,13 @@ class Bounds : public test::Contract {
       test::expect_right_pairs(world_.world, GetParam());
     }
   }
-  /// The cubes of one world are, bit for bit, where those of the other are.
+  /// The cubes of both worlds have the same state, bit for bit.
   void expect_same_cubes() {
     const std::size_t count = 1 + lonely_cubes;
     EXPECT_EQ(state(world_, count), state(plain_, count));
     EXPECT_GT(height(*world_.bodies.all()[1]), 0.3F);
   }
-  /// Bullet's own report nothing.
+  /// Bullet's own broad phases report nothing.
   void expect_errors(std::size_t count) {
     if (GetParam().name == "BroadCL") {
       EXPECT_EQ(errors_.size(), count);
@@ -81,7 +81,7 @@ class Bounds : public test::Contract {
   std::vector<std::string> errors_;
   std::unique_ptr<btBroadphaseInterface> broadphase_ = GetParam().make(nullptr);
   std::unique_ptr<btBroadphaseInterface> plain_broadphase_ = GetParam().make(nullptr);
-  RigidWorld world_{*broadphase_};  // the one that things happen to
+  RigidWorld world_{*broadphase_};  // the one that is changed
   RigidWorld plain_{*plain_broadphase_};
 };
 
@@ -109,7 +109,7 @@ btTransform at(const btVector3& position) {
   return btTransform(btQuaternion::getIdentity(), position);
 }
 
-// Bullet looks at the boxes of dynamic objects only before it hands them on.
+// Bullet checks only the boxes of dynamic objects before it passes them on.
 TEST_P(Bounds, AStaticBodyThatTurnsInvalidIsReportedAndLeavesOthersAlone) {
   btBoxShape shape({1, 1, 1});
   btRigidBody& invalid = world_.bodies.add(shape, 0, {50, 1, 0});
@@ -126,7 +126,7 @@ TEST_P(Bounds, AStaticBodyThatTurnsInvalidIsReportedAndLeavesOthersAlone) {
     faller.activate();
     step(20);
     expect_errors(turn);
-    EXPECT_NEAR(height(faller), 2.5, 0.05) << "the object that was mended bears others";
+    EXPECT_NEAR(height(faller), 2.5, 0.05) << "the repaired body supports others";
     invalid.setWorldTransform(at({50, 1, 0}));
     faller.setWorldTransform(at({80, 40, 0}));
   }
@@ -153,7 +153,8 @@ TEST_P(Bounds, ABodyThatStartsInvalidIsReportedAndLeavesOthersAlone) {
   expect_same_cubes();
 }
 
-// Bullet takes it out of the simulation; the broad phase never hears of it and keeps its last proper box.
+// Bullet disables its simulation; the broad phase never receives the invalid box and keeps the last valid
+// one.
 TEST_P(Bounds, ADynamicBodyThatTurnsInvalidIsKeptFromTheBroadPhase) {
   btRigidBody& invalid = world_.bodies.add_cube({50, 10, 0});
   step(20);

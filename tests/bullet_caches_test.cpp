@@ -58,7 +58,7 @@ TEST_P(Contract, S21ADeferredRemovalCacheIsCleanedByTheCalculation) {
   EXPECT_EQ(rig.pair_count(), 1);
   EXPECT_EQ(ends, 1);
   cache.addOverlappingPair(first, second);
-  EXPECT_EQ(rig.pair_count(), 2) << "it takes a pair twice";
+  EXPECT_EQ(rig.pair_count(), 2) << "it accepts a pair twice";
   rig.calculate();
   EXPECT_EQ(rig.pair_count(), 1);
   EXPECT_TRUE(rig.has(first, second));

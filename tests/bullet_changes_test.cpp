@@ -1,4 +1,4 @@
-// What users do to a world while it runs, on BroadCL's broad phase and on Bullet's own.
+// Changes that users make to a running world, with BroadCL's broad phase and with Bullet's own.
 #include <btBulletDynamicsCommon.h>
 
 #include <memory>
@@ -23,7 +23,7 @@ using test::state;
 
 class Changes : public test::Contract {
  protected:
-  /// After a step of the world.
+  /// To be called after a step of the world.
   void expect_right_pairs(RigidWorld& world) { test::expect_right_pairs(world.world, GetParam()); }
 
   std::unique_ptr<btBroadphaseInterface> broadphase_ = GetParam().make(nullptr);
@@ -53,7 +53,7 @@ TEST_P(Changes, ThousandsOfObjectsComeAndGoInOneFrame) {
   add(many, 0);
   world.step();
   expect_right_pairs(world);
-  EXPECT_GE(pair_count(), many - 70);  // each meets the next of its row
+  EXPECT_GE(pair_count(), many - 70);  // each touches the next in its row
   for (int k = 0; k < many; ++k) world.bodies.remove(*world.bodies.all().back());
   EXPECT_EQ(pair_count(), 0);
   add(many, 100);

@@ -1,7 +1,7 @@
 #pragma once
 
-// The statements of the contract that a btBroadphaseInterface must keep towards Bullet 3.24, each a test by
-// its number, for BroadCL's broad phase and, to prove the tests themselves, for Bullet's own: 1 to 6 in
+// The statements of the contract between a btBroadphaseInterface and Bullet 3.24. Each has a test with its
+// number, for BroadCL's broad phase and, to prove the tests themselves, for Bullet's own: 1 to 6 in
 // bullet_proxies_test.cpp, 7 to 18 in bullet_pairs_test.cpp, 20 to 24 in bullet_caches_test.cpp, 25 to 28 in
 // bullet_queries_test.cpp, 29 to 33 in bullet_life_test.cpp. 19 (boxes of double builds are rounded outward)
 // is in bullet_float64_test.cpp.
@@ -21,7 +21,7 @@
 
 namespace broadcl::test {
 
-/// If one of Bullet's own breaks a statement, the test says so and why, and must fail for it.
+/// If one of Bullet's own broad phases breaks a statement, the test says so and why, and must fail for it.
 class Contract : public testing::TestWithParam<Kind> {
  protected:
   void fails(std::string_view kind, std::string_view why) {
@@ -30,7 +30,7 @@ class Contract : public testing::TestWithParam<Kind> {
     reporter_.emplace(testing::ScopedFakeTestPartResultReporter::INTERCEPT_ONLY_CURRENT_THREAD,
                       &intercepted_);
   }
-  /// For what would never return, or not always fail: the test is not run.
+  /// For a test that would never return, or would not always fail: it is not run.
   bool unfit(std::string_view kind, std::string_view why) {
     if (GetParam().name != kind) return false;
     RecordProperty("not_run", std::string(why));
@@ -41,7 +41,7 @@ class Contract : public testing::TestWithParam<Kind> {
     reporter_.reset();
     bool failed = false;
     for (int k = 0; k < intercepted_.size(); ++k) failed |= intercepted_.GetTestPartResult(k).failed();
-    EXPECT_TRUE(failed) << GetParam().name << " keeps this statement: strike the exception";
+    EXPECT_TRUE(failed) << GetParam().name << " keeps this statement: remove the exception";
   }
 
  private:
@@ -49,7 +49,7 @@ class Contract : public testing::TestWithParam<Kind> {
   std::optional<testing::ScopedFakeTestPartResultReporter> reporter_;
 };
 
-/// What is reported to ghosts.
+/// Records what is reported to ghosts.
 class GhostRecorder final : public btOverlappingPairCallback {
  public:
   btBroadphasePair* addOverlappingPair(btBroadphaseProxy* s, btBroadphaseProxy* t) override {
@@ -71,7 +71,7 @@ class GhostRecorder final : public btOverlappingPairCallback {
   std::set<const void*> clients;
 };
 
-/// Tells its end.
+/// Reports its destruction.
 class MortalCache final : public btHashedOverlappingPairCache {
  public:
   explicit MortalCache(bool& dead) : dead_(dead) {}

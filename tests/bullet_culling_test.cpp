@@ -1,5 +1,5 @@
-// BulletBroadphase::set_shape_culling() beside a world without it: the same objects in both, moved in the
-// same way. Contacts must be the same to the last bit, with fewer pairs dispatched.
+// A world with BulletBroadphase::set_shape_culling() beside one without it: the same objects in both, moved
+// in the same way. Contacts must be the same to the last bit, with fewer pairs dispatched.
 #include <BulletCollision/CollisionDispatch/btCollisionDispatcherMt.h>
 #include <BulletCollision/CollisionShapes/btBox2dShape.h>
 #include <BulletSoftBody/btSoftBody.h>
@@ -33,7 +33,7 @@ using test::error_of;
 using test::Random;
 using testing::HasSubstr;
 
-/// By the user indices of two objects, the numbers of each of their contacts.
+/// For the user indices of two objects, the numbers that describe each of their contacts.
 using Contacts = std::map<std::pair<int, int>, std::vector<std::array<btScalar, 10>>>;
 
 /// A world in which nothing moves by itself.
@@ -107,13 +107,13 @@ btTransform at(const btVector3& position, const btQuaternion& rotation = btQuate
   return btTransform(rotation, position);
 }
 
-/// Of a class of the user's: as a box, but with a contact of its own, if only the user knows.
+/// A user's class: a box that might have contacts of its own, which only the user knows.
 class UsersBox final : public btBoxShape {
  public:
   using btBoxShape::btBoxShape;
 };
 
-/// Shapes of all kinds, about 1 large.
+/// Shapes of all kinds, about 1 in size.
 struct Shapes {
   Shapes() {
     Random random(1);
@@ -137,7 +137,7 @@ struct Shapes {
   btBoxShape box{{0.5F, 0.5F, 0.5F}};
   btBoxShape small{{0.2F, 0.1F, 0.3F}};
   btBoxShape flat{{1.5F, 0.05F, 1}};
-  btBoxShape large{{4, 0.5F, 3}};  // whose contact breaking threshold is 0.1
+  btBoxShape large{{4, 0.5F, 3}};  // its contact breaking threshold is 0.1
   btBoxShape scaled{{0.5F, 0.2F, 0.7F}};
   btSphereShape ball{0.4F};
   btCapsuleShape upright{0.2F, 1};
@@ -159,7 +159,7 @@ struct Shapes {
   btEmptyShape empty;
 };
 
-/// The same objects in a world with and in one without culling.
+/// The same objects in two worlds, one with culling and one without.
 class Twins {
  public:
   explicit Twins(Random& random) : random_(random) {}
@@ -172,7 +172,7 @@ class Twins {
     const btTransform transform = somewhere();
     for (World* world : {&with, &without}) world->add(shape, transform);
   }
-  /// By so little that contacts mostly last, but now and then to another place.
+  /// Mostly by so little that contacts last, but now and then to another position.
   void move() {
     for (std::size_t k = 0; k < with.objects.size(); ++k) {
       btTransform transform = with.objects[k]->getWorldTransform();
@@ -186,7 +186,7 @@ class Twins {
       for (World* world : {&with, &without}) world->objects[k]->setWorldTransform(transform);
     }
   }
-  /// Takes an object out and puts it back, or another in its place.
+  /// Removes an object and adds it again with this shape.
   void exchange(btCollisionShape& shape) {
     const std::size_t k = random_.below(static_cast<unsigned>(with.objects.size()));
     for (World* world : {&with, &without}) {
@@ -283,14 +283,14 @@ TEST(ShapeCulling, NoContactOfOtherShapesIsLost) {
   EXPECT_GT(contacts, 1000U);
 }
 
-/// Two plates that stand on edge beside each other, turned by 45 degrees: their boxes overlap, they do not.
+/// Two plates on edge, side by side, turned by 45 degrees: their boxes overlap, but the plates do not.
 class Plates : public testing::Test {
  protected:
   static btTransform plate(btScalar distance) {
     const btQuaternion turn({0, 0, 1}, SIMD_PI / 4);
     return at(quatRotate(turn, {0, distance, 0}), turn);
   }
-  /// How many pairs are dispatched if an object takes the place of one plate.
+  /// The number of pairs that are dispatched if an object of this shape replaces one plate.
   int dispatched(World& world, btCollisionShape& shape) {
     world.add(flat_, plate(0));
     world.add(shape, plate(1));
@@ -322,7 +322,7 @@ TEST_F(Plates, LoseTheirAlgorithmWhenTheyMoveApartAndGetItBack) {
     world.collide();
     EXPECT_EQ(world.contacts().size(), 1U);
     mover.setWorldTransform(plate(1));
-    world.collide();  // in which Bullet ends the contacts
+    world.collide();  // here Bullet ends the contacts
     EXPECT_TRUE(world.contacts().empty());
     world.collide();
     EXPECT_EQ(world.dispatcher.getNumManifolds(), 0);
@@ -332,7 +332,7 @@ TEST_F(Plates, LoseTheirAlgorithmWhenTheyMoveApartAndGetItBack) {
   }
 }
 
-/// Bullet keeps a contact of which the points came past each other, and so pushes things back.
+/// Bullet keeps a contact whose points have passed each other, so that it can push the objects back.
 TEST_F(Plates, KeepAContactThroughWhichTheyPassed) {
   World with(true);
   World without(false);
@@ -352,7 +352,7 @@ TEST_F(Plates, AreDispatchedIfTheWorldIsNotTheirs) {
   World world(true);
   World other(false);
   world.broadphase.set_shape_culling(nullptr);
-  // An object of another world, in this one's broad phase: nobody says that it is one.
+  // An object in the world's broad phase, but not in the world itself: nothing marks it as such.
   btCollisionObject stranger;
   stranger.setCollisionShape(&flat_);
   stranger.setWorldTransform(plate(1));
@@ -366,7 +366,7 @@ TEST_F(Plates, AreDispatchedIfTheWorldIsNotTheirs) {
   world.collide();
   EXPECT_EQ(World::dispatched, 1);
   world.broadphase.destroyProxy(proxy, &world.dispatcher);
-  // Its slot, with an object of the world.
+  // Its slot again, now with an object of the world.
   world.add(flat_, plate(1));
   world.collide();
   EXPECT_EQ(World::dispatched, 0);
@@ -427,7 +427,8 @@ TEST(ShapeBounds, AreThoseOfShapesThatAreKnownToBeBounded) {
   EXPECT_FALSE(bounds_of(*soft, gContactBreakingThreshold));
 }
 
-/// Whether two objects are apart by this much along x is found out with an error of no more than this.
+/// At a distance of `touching` plus a gap along x, the objects are found apart with a gap of 0.12 but not of
+/// 0.02.
 void expect_tight(btCollisionShape& s, const btTransform& of_s, btCollisionShape& t, const btTransform& of_t,
                   btScalar touching) {
   for (const btScalar gap : {btScalar(0.02), btScalar(0.12)}) {
@@ -456,7 +457,7 @@ TEST(ShapeBounds, AreTight) {
   expect_tight(ball, tilted, ball, tilted, 2);
   expect_tight(cube, straight, cube, straight, 1);
   expect_tight(cube, straight, cube, on_edge, 0.5F + std::sqrt(0.5F));
-  expect_tight(cube, on_side, cube, on_edge, 2 * std::sqrt(0.5F));  // edges that cross
+  expect_tight(cube, on_side, cube, on_edge, 2 * std::sqrt(0.5F));  // crossing edges
   expect_tight(capsule, straight, capsule, straight, 0.6F);
   expect_tight(capsule, straight, capsule, flat, 1.1F);
   expect_tight(ball, straight, capsule, flat, 1.8F);

@@ -51,7 +51,7 @@ class Life {
   Life(Life&&) = delete;
   Life& operator=(Life&&) = delete;
 
-  /// A few frames, in some of which the next calculation begins early.
+  /// A few frames; in some, the next calculation begins early.
   void live() {
     for (int frame = 0; frame < 5; ++frame) {
       change();
@@ -144,7 +144,7 @@ TEST_P(BulletFailure, WhicheverCallFailsFirstThePairsAreRightAndItIsReportedOnce
     life.live();
     calls = FailingOpenCl::calls();
     EXPECT_THAT(life.errors(), SizeIs(0));
-    if (GetParam().name == "auto" && !life.is_on_device()) return;  // beside a GPU the host is faster for few
+    if (GetParam().name == "auto" && !life.is_on_device()) return;  // with a GPU, the host is faster for few
     EXPECT_TRUE(life.is_on_device());
   }
   ASSERT_GT(calls, 50);
@@ -174,7 +174,7 @@ TEST_P(BulletFailure, ASingleFailureIsSurvivedToo) {
   }
 }
 
-/// Nothing is left to the host.
+/// No search is left to the host.
 TEST(BulletFailure, AKernelThatIsBuiltLaterRunsInSmallWorkGroups) {
   const test::ScopedVariable any("BROADCL_DEVICE", "");
   const test::ScopedVariable by_the_device("BROADCL_TUNING", "");

@@ -23,8 +23,8 @@ using test::Rig;
 
 static_assert(sizeof(btScalar) == sizeof(double), "this is the program for double precision");
 
-/// Statement 19 of the contract: boxes that touch in numbers which float32 has not: each bound must be
-/// rounded outward, or the pair is lost.
+/// Statement 19 of the contract: boxes that touch at numbers that float32 cannot represent. If their bounds
+/// were rounded inward, the pair would be lost.
 TEST(BulletFloat64, S19NoPairIsLostByRounding) {
   std::mt19937_64 random(1);  // NOLINT(bugprone-random-generator-seed): the same boxes each time
   std::uniform_real_distribution<double> place(-1000, 1000);
@@ -32,7 +32,7 @@ TEST(BulletFloat64, S19NoPairIsLostByRounding) {
   std::vector<std::pair<btBroadphaseProxy*, btBroadphaseProxy*>> touching;
   for (int k = 0; k < 200; ++k) {
     const double x = place(random);
-    const double y = 10.0 * k;  // each two by themselves
+    const double y = 10.0 * k;  // each two are apart from the others
     touching.emplace_back(rig.create({x - 1, y, -0.1}, {x, y + 1, 0.1}),
                           rig.create({x, y + 1, 0.1}, {x + 1, y + 2, 0.2}));
   }
@@ -70,7 +70,7 @@ TEST(BulletFloat64, BoundsBeyondFloat32Work) {
   EXPECT_EQ(rig.missing(), 0);
 }
 
-/// An inverted box stays one, though float32 may round its bounds to the same number.
+/// An inverted box stays inverted, even if float32 rounds its bounds to the same number.
 TEST(BulletFloat64, AnInvertedBoxOverlapsNothing) {
   Rig rig(kinds[0]);
   rig.create({1 + 1e-15, 0, 0}, {1, 1, 1});
@@ -89,7 +89,7 @@ class Found final : public btBroadphaseAabbCallback {
   std::set<int> ids;
 };
 
-/// Queries look at the bounds themselves, also if a move is less than float32 can represent.
+/// Queries use the exact bounds, even if a move is less than float32 can represent.
 TEST(BulletFloat64, QueriesAreExact) {
   Rig rig(kinds[0]);
   const auto found = [&](double x) {
@@ -100,7 +100,7 @@ TEST(BulletFloat64, QueriesAreExact) {
   for (int k = 0; k < 20; ++k) rig.create({10.0 + k, 5, 5}, {10.5 + k, 6, 6});
   btBroadphaseProxy* box = rig.create({0, 0, 0}, {1, 1, 1});
   const std::set<int> it{box->m_uniqueId};
-  for (int k = 0; k < 200; ++k) {  // by scan at first, by tree later
+  for (int k = 0; k < 200; ++k) {  // first by a scan, later by a tree
     EXPECT_EQ(found(1), it);
     EXPECT_TRUE(found(1 + 1e-12).empty());
   }
@@ -109,8 +109,8 @@ TEST(BulletFloat64, QueriesAreExact) {
   for (int k = 0; k < 200; ++k) EXPECT_EQ(found(1 + 1e-12), it);
 }
 
-/// A world of the library for double precision goes the same way on BroadCL and on Bullet's brute force,
-/// whose pairs are those of the exact boxes: rounding adds pairs that the narrow phase finds apart.
+/// A world of Bullet's build in double precision runs the same way on BroadCL as on Bullet's brute force,
+/// whose pairs are those of the exact boxes: rounding adds only pairs that the narrow phase finds apart.
 TEST(BulletFloat64, AWorldRunsOnIt) {
   const auto rest_heights = [](const Kind& kind) {
     btDefaultCollisionConfiguration configuration;

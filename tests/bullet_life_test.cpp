@@ -1,4 +1,4 @@
-// Statements 29 to 33 of Bullet's contract: a broad phase's own life, and worlds on it.
+// Statements 29 to 33 of Bullet's contract: the lifetime of a broad phase, and worlds on it.
 #include <BulletSoftBody/btSoftBodyHelpers.h>
 #include <BulletSoftBody/btSoftBodyRigidBodyCollisionConfiguration.h>
 #include <BulletSoftBody/btSoftRigidDynamicsWorld.h>
@@ -38,7 +38,7 @@ TEST_P(Contract, S30ResetPoolRestartsIdsOfAnEmptyPoolOnly) {
   for (int& id : first_ids) id = rig.create_unit(0)->m_uniqueId;
   rig.calculate();
   rig.broadphase().resetPool(&rig.dispatcher());
-  EXPECT_EQ(rig.pair_count(), 10) << "proxies live";
+  EXPECT_EQ(rig.pair_count(), 10) << "the proxies still exist";
   for (const std::size_t k : {2U, 0U, 1U, 1U, 0U}) rig.destroy(rig.proxies()[k]);
   rig.calculate();
   rig.broadphase().resetPool(&rig.dispatcher());

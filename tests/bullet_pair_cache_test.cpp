@@ -1,5 +1,5 @@
-// The adapter's own pair cache beside Bullet's: the same calls to both, and after each the same pairs in the
-// same order, the same calls to ghosts and the same algorithms freed.
+// The adapter's own pair cache compared with Bullet's: both get the same calls, and after each call they must
+// have the same pairs in the same order, made the same calls to ghosts and freed the same algorithms.
 #include "bullet/pair_cache.hpp"
 
 #include <BulletCollision/CollisionDispatch/btCollisionDispatcher.h>
@@ -48,7 +48,7 @@ struct Ghosts final : btOverlappingPairCallback {
   std::vector<Call> calls;
 };
 
-/// A cache and all that it does to others.
+/// A cache, and its effects on other objects.
 template <class Cache>
 struct Side {
   Side() { cache.setInternalGhostPairCallback(&ghosts); }
@@ -75,7 +75,7 @@ struct Side {
   btOverlappingPairCache& cache = hashed;
 };
 
-/// Removes the pairs of which the sum of ids has a certain remainder.
+/// Removes the pairs whose sum of ids has a given remainder.
 struct RemoveSome final : btOverlapCallback {
   explicit RemoveSome(unsigned wanted) : remainder(wanted) {}
   bool processOverlap(btBroadphasePair& pair) override {
@@ -86,7 +86,7 @@ struct RemoveSome final : btOverlapCallback {
   unsigned remainder;
 };
 
-/// The pairs of one cache after the other.
+/// Records the pairs of one cache, then those of the other.
 struct Record final : btOverlapCallback {
   bool processOverlap(btBroadphasePair& pair) override {
     pairs.back().push_back({pair.m_pProxy0, pair.m_pProxy1});
@@ -95,7 +95,7 @@ struct Record final : btOverlapCallback {
   std::vector<std::vector<std::array<const void*, 2>>> pairs{1};
 };
 
-/// Both caches, and proxies that end up in both.
+/// Both caches, and proxies whose pairs go to both.
 class Twins {
  public:
   explicit Twins(std::span<const int> ids) {
@@ -124,7 +124,7 @@ class Twins {
         both([&](auto& side) { side.cache.cleanProxyFromPairs(proxy, &side.dispatcher); });
       } else if (what < 97) {
         both([&](auto& side) { side.cache.removeOverlappingPairsContainingProxy(proxy, &side.dispatcher); });
-        // Most die, and another takes their id.
+        // Most of these proxies are destroyed, and a new one gets the id.
         if (what < 95) proxies_[k] = make(proxy->m_uniqueId);
       } else if (what < 99) {
         RemoveSome some(random.index(5));

@@ -44,7 +44,7 @@ TEST_P(Contract, S07EveryOverlapOfNowIsThereAfterEachCalculation) {
       const btVector3 lower = random.point(9);
       const btVector3 upper = lower + random.point(3);
       if (rig.proxies().size() < 20 || (rig.proxies().size() < 80 && random.below(4) == 0)) {
-        // The sweep knows its own proxies' bounds from setAabb only.
+        // The sweep learns the bounds of its own proxies only from setAabb.
         rig.move(rig.create(lower, upper), lower, upper);
       } else {
         btBroadphaseProxy* proxy = rig.proxies()[random.below(static_cast<unsigned>(rig.proxies().size()))];
@@ -228,11 +228,11 @@ TEST_P(Contract, S14PairsAreAddedAtOnce) {
   Rig rig(GetParam());
   const btBroadphaseProxy* s = rig.create_unit(0);
   btBroadphaseProxy* t = rig.create_unit(btScalar(0.5));
-  EXPECT_TRUE(rig.has(s, t)) << "by creating";
+  EXPECT_TRUE(rig.has(s, t)) << "creation forms the pair";
   rig.move(t, 50);
   rig.calculate_until_parted(s, t);
   rig.move(t, btScalar(0.5));
-  EXPECT_TRUE(rig.has(s, t)) << "by setting the box";
+  EXPECT_TRUE(rig.has(s, t)) << "setAabb forms the pair";
 }
 
 TEST_P(Contract, S15WhatTheUserRemovedComesBackOnceAnObjectMoves) {

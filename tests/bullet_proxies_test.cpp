@@ -126,7 +126,7 @@ TEST_P(Contract, S05DestroyingEndsAllOfAProxy) {
   EXPECT_EQ(ghosts.clients, (std::set<const void*>{&clients[0], &clients[1], &clients[2]}));
   rig.create_unit(300);
   rig.calculate();
-  EXPECT_EQ(rig.pair_count(), 1) << "a slot that is used again inherits nothing";
+  EXPECT_EQ(rig.pair_count(), 1) << "a reused slot inherits nothing";
   rig.cache().setInternalGhostPairCallback(nullptr);
 }
 

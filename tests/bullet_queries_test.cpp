@@ -18,7 +18,7 @@ namespace {
 TEST_P(Contract, S25QueriesSeeChangesAtOnce) {
   QueryRig rig(GetParam());
   int client = 0;
-  for (int round = 0; round < 100; ++round) {  // enough queries for those that keep a tree to use it
+  for (int round = 0; round < 100; ++round) {  // enough queries that those with a tree use it
     const btScalar x = 100 + static_cast<btScalar>(round % 7);
     const auto seen = [&](btScalar at) {
       const bool by_box = rig.boxes({at, 0, 0}, {at + 1, 1, 1}).contains(&client);
@@ -150,7 +150,7 @@ TEST_P(Contract, S28QueriesMayRunInSeveralThreads) {
   expected.reserve(n);
   for (const auto& [from, to] : rays) expected.push_back(rig.rays(from, to));
   for (int round = 0; round < 20; ++round) {
-    // Something has changed, so that all threads meet a tree that is out of date.
+    // Something changes, so that all threads find the tree out of date.
     for (btBroadphaseProxy* proxy : rig.proxies()) {
       if (random.below(8) != 0) continue;
       const btVector3 lower = proxy->m_aabbMin;

@@ -19,7 +19,8 @@
 
 namespace broadcl::test {
 
-/// The box whose overlaps count. In double precision the core has float boxes, which contain the proxies'.
+/// The box that is searched. In double precision the core has float boxes, which contain those of the
+/// proxies.
 [[nodiscard]] inline Corners searched_box(const Corners& box) {
 #ifdef BT_USE_DOUBLE_PRECISION
   const auto& [lower, upper] = box;
@@ -38,7 +39,7 @@ namespace broadcl::test {
   return false;
 }
 
-/// Whether the box is none: NaN somewhere, or inverted. Bullet's own test finds overlaps of such boxes too.
+/// Whether a box has a NaN or is inverted. Bullet's own test finds overlaps of such boxes, too.
 [[nodiscard]] inline bool is_invalid(const Corners& box) {
   return has_nan(box) || box.lower.x() > box.upper.x() || box.lower.y() > box.upper.y() ||
          box.lower.z() > box.upper.z();
@@ -58,13 +59,13 @@ struct CacheChanges {
   std::vector<Pair> removed;
 };
 
-/// What a broad phase and its pair cache are to hold, from the definitions: boxes in a list, every pair
-/// tested, the filter that of Bullet's cache.
+/// What a broad phase and its pair cache must hold by the definitions: boxes in a list, every pair tested,
+/// and filtered as by Bullet's cache.
 class BulletReference {
  public:
   explicit BulletReference(CacheKind cache) : cache_(cache) {}
 
-  // The calls, which are those of the broad phase.
+  // The same calls as those of the broad phase.
 
   int create(const Corners& box, int group, int mask) {
     std::size_t id = 0;
@@ -95,14 +96,14 @@ class BulletReference {
     at(id)->proxy.m_collisionFilterGroup = group;
     at(id)->proxy.m_collisionFilterMask = mask;
   }
-  /// A null cache takes none.
+  /// A null cache ignores it.
   void set_callback(btOverlapFilterCallback* callback) {
     if (cache_ != CacheKind::null) filter_.setOverlapFilterCallback(callback);
   }
   void begin() { look_at_filters(); }
   void calculate();
 
-  // What somebody does to the cache.
+  // Changes that users make to the cache.
 
   void remove_pair(const Pair& pair) {
     if (std::erase(cached_, pair) > 0) changes_.removed.push_back(pair);
@@ -116,7 +117,7 @@ class BulletReference {
 
   void add_again(const Pair& pair) { changes_.added.push_back(pair); }
 
-  // What is to be. Lists of pairs are in canonical order.
+  // The expected state. Lists of pairs are in canonical order.
 
   [[nodiscard]] std::vector<int> live() const {
     std::vector<int> ids;
@@ -132,16 +133,16 @@ class BulletReference {
   [[nodiscard]] const Corners& box(int id) const { return slots_[static_cast<std::size_t>(id)]->box; }
   /// Pairs that overlap, as of the last calculation.
   [[nodiscard]] const std::vector<Pair>& overlapping() const noexcept { return overlapping_; }
-  /// Those of them that the device is to find.
+  /// Those of them that the device must find.
   [[nodiscard]] const std::vector<Pair>& known() const noexcept { return known_; }
   [[nodiscard]] const std::vector<Pair>& cached() const noexcept { return cached_; }
-  /// Whether the cache lets a pair in, as filters are now.
+  /// Whether the cache lets a pair in with the current filters.
   [[nodiscard]] bool may_enter(const Pair& pair) {
     return filter_.needsBroadphaseCollision(&proxy(pair.a), &proxy(pair.b));
   }
-  /// Times that a box with a NaN turned up.
+  /// How often a box with a NaN appeared.
   [[nodiscard]] int nans() const noexcept { return nans_; }
-  /// Since the last call of this.
+  /// The changes since the last call of this.
   [[nodiscard]] CacheChanges take_changes() { return std::exchange(changes_, {}); }
 
   [[nodiscard]] static bool has_object(const Pair& pair, int id) {
@@ -159,15 +160,15 @@ class BulletReference {
 
   std::optional<Slot>& at(int id) { return slots_[static_cast<std::size_t>(id)]; }
   btBroadphaseProxy& proxy(std::uint32_t id) { return slots_[id]->proxy; }
-  /// Writing a group or a mask shows when somebody looks.
+  /// A group or mask that was written takes effect only when somebody looks.
   void look_at_filters();
-  /// Whether filters are the cache's business alone, which decides when a pair is offered.
+  /// Whether only the cache knows how it filters, which decides when a pair is offered.
   [[nodiscard]] bool only_cache_knows() {
     return cache_ == CacheKind::users_class || filter_.getOverlapFilterCallback() != nullptr;
   }
 
   CacheKind cache_;
-  btHashedOverlappingPairCache filter_;  // empty; it is only asked what it would let in
+  btHashedOverlappingPairCache filter_;  // empty; it only says what it would let in
   btOverlapFilterCallback* seen_callback_ = nullptr;
   bool is_filtered_anew_ = false;
   std::vector<std::optional<Slot>> slots_;
@@ -192,7 +193,7 @@ inline void BulletReference::look_at_filters() {
   }
 }
 
-// A pair that is cached stays, and one that is not, although it overlapped at the last calculation too, was
+// A pair that is cached stays. One that is not, although it overlapped at the last calculation, too, was
 // refused or removed: it is offered again when one of its two objects has changed.
 inline void BulletReference::calculate() {
   look_at_filters();

@@ -21,7 +21,7 @@ constexpr int high_bit = std::numeric_limits<int>::min();
 constexpr std::array groups{1, 2, 3, high_bit, 0};
 constexpr std::array masks{-1, 1, 2, high_bit, 0};
 
-/// Verbs by how often they come, if there are proxies.
+/// How often each verb is chosen, if there are proxies.
 struct Weight {
   Verb verb;
   unsigned weight;
@@ -54,7 +54,7 @@ class Generator {
     extent_ = is_crowd ? 16 + below(16) : pick(std::array{2U, 4U, 8U, 12U});
     odd_boxes_ = pick(std::array{0U, 2U, 20U});
     has_callbacks_ = one_in(2);
-    // Most scripts have the cache that most users have.
+    // The most frequent cache is the one that most users have.
     const CacheKind cache = pick(std::array{CacheKind::own, CacheKind::own, CacheKind::own, CacheKind::hashed,
                                             CacheKind::users_class, CacheKind::sorted, CacheKind::sorted});
     Script script{.cache = one_in(30) ? CacheKind::null : cache, .ops = {}};
@@ -92,7 +92,7 @@ class Generator {
     return spec;
   }
 
-  /// How many proxies a call is made for: mostly one, sometimes all.
+  /// The number of proxies for a call: mostly one, sometimes all.
   unsigned count() {
     if (one_in(15)) return target_;
     return one_in(8) ? 2 + below(8) : 1;
@@ -107,7 +107,7 @@ class Generator {
     const bool many = op.verb == Verb::create || op.verb == Verb::move || op.verb == Verb::filter;
     const bool queries = op.verb == Verb::rays || op.verb == Verb::box_queries;
     if (many) op.count = count();
-    if (queries) op.count = one_in(3) ? 8 : 1;  // enough for a tree to be worth it, or too few
+    if (queries) op.count = one_in(3) ? 8 : 1;  // enough to make a tree worthwhile, or too few
     if (op.verb == Verb::create) live_ += op.count;
     if (op.verb == Verb::destroy && live_ > 0) --live_;
     if (op.verb == Verb::clear) live_ = 0;
@@ -122,7 +122,7 @@ class Generator {
   bool has_callbacks_ = false;
 };
 
-/// Plainer operations of the same verb, the plainest first.
+/// Simpler operations of the same verb, the simplest first.
 std::vector<Op> plainer(const Op& op) {
   std::vector<Op> result;
   const auto offer = [&](auto&& change) {
@@ -145,8 +145,8 @@ std::vector<Op> plainer(const Op& op) {
   return result;
 }
 
-/// Leaves out a half of a script, a quarter, and so on down to single operations, then makes one of them
-/// plainer. (rapidcheck's own tries chunks of every length, which for long scripts takes hours.)
+/// Leaves out half of a script, then a quarter, and so on down to single operations; then makes one operation
+/// simpler. (rapidcheck's own shrinking tries chunks of every length, which takes hours for long scripts.)
 class Shrinks {
  public:
   explicit Shrinks(Script script) : script_(std::move(script)), chunk_((script_.ops.size() + 1) / 2) {}

@@ -14,7 +14,7 @@ namespace broadcl::test {
 /// How a box differs from one between two corners.
 enum class Shape {
   ordinary,
-  thirds,         ///< In thirds instead of halves, which no floating-point number is.
+  thirds,         ///< In thirds instead of halves; no floating-point number is a third.
   far,            ///< Away from all ordinary ones.
   plane,          ///< As wide as Bullet's static planes on two axes.
   largest,        ///< The whole range of float.
@@ -27,7 +27,7 @@ enum class Shape {
   nan_upper
 };
 
-/// A box in small numbers, many of which meet or touch each other.
+/// A box with small numbers; many such boxes overlap or touch each other.
 struct BoxSpec {
   std::array<int, 3> corner{};  ///< Lower corner in halves.
   std::array<int, 3> size{};    ///< In halves; with zeros it is a plane, a line or a point.
@@ -37,7 +37,7 @@ struct BoxSpec {
   friend bool operator==(const BoxSpec&, const BoxSpec&) = default;
 };
 
-/// The corners of a box, which are all that Bullet knows of one.
+/// The corners of a box, which are all that Bullet knows of it.
 struct Corners {
   btVector3 lower;
   btVector3 upper;
@@ -48,29 +48,28 @@ struct Corners {
 enum class Verb {
   create,
   destroy,
-  recreate,  ///< Destroy and create, with the same box and another filter: what refreshes a proxy.
+  recreate,  ///< Destroy and create, with the same box and another filter; this refreshes a proxy.
   move,
-  set_again,    ///< setAabb with the box that it has.
+  set_again,    ///< setAabb with the current box.
   filter,       ///< Group and mask written in place.
   callback,     ///< Another overlap filter callback, or none.
-  remove_pair,  ///< From the cache, behind the broad phase's back; likewise the next three.
+  remove_pair,  ///< From the cache, bypassing the broad phase, as do the next three.
   remove_pairs_of,
   clean_pairs_of,  ///< Their algorithms end; the pairs stay.
-  add_again,       ///< A pair that is cached; a sorted cache has it twice then.
+  add_again,       ///< A cached pair; a sorted cache then has it twice.
   begin,
   step,
   rays,
   box_queries,
-  reset,  ///< resetPool(), while proxies live.
+  reset,  ///< resetPool(), while proxies exist.
   clear   ///< All proxies are destroyed, then the pool is reset.
 };
 
 /// One call, or a few of the same kind.
 struct Op {
   Verb verb = Verb::step;
-  unsigned which =
-      0;  ///< The object of the verb: a live proxy, a pair, a callback, modulo how many there are.
-  unsigned count = 1;  ///< So many proxies or queries, one after the other.
+  unsigned which = 0;  ///< The object of the verb: a live proxy, a pair, a callback, modulo their number.
+  unsigned count = 1;  ///< This many proxies or queries, one after the other.
   BoxSpec box{};
   int group = 1;
   int mask = -1;
@@ -83,7 +82,7 @@ struct Op {
 
 enum class CacheKind { own, hashed, users_class, sorted, null };
 
-/// A life of a broad phase. It makes sense whatever is left out of it.
+/// The life of a broad phase. It stays valid whatever is left out of it.
 struct Script {
   CacheKind cache = CacheKind::own;
   std::vector<Op> ops;
@@ -92,11 +91,11 @@ struct Script {
 std::ostream& operator<<(std::ostream& out, const Op& op);
 std::ostream& operator<<(std::ostream& out, const Script& script);
 
-/// No script makes more proxies live at once.
+/// The largest number of proxies that exist at once in any script.
 constexpr std::size_t most_proxies = 500;
 
-/// Scripts of so many operations, each with its own density of boxes, number of proxies, cache and share of
-/// odd boxes. They shrink by leaving operations out and by making the others plainer.
+/// Scripts with this many operations, each script with its own density of boxes, number of proxies, cache and
+/// share of odd boxes. They shrink by leaving out operations and by making others simpler.
 [[nodiscard]] rc::Gen<Script> scripts(std::size_t length);
 
 }  // namespace broadcl::test

@@ -17,7 +17,7 @@
 
 namespace broadcl::test {
 
-/// Decides by what users write into proxies and by their ids.
+/// Decides by the fields that users write in proxies, and by their ids.
 struct Gate final : btOverlapFilterCallback {
   using Rule = bool (*)(const btBroadphaseProxy& s, const btBroadphaseProxy& t);
   explicit Gate(Rule r) : rule(r) {}
@@ -36,7 +36,7 @@ inline std::array gates{
     }),
 };
 
-/// One of Bullet's own broad phases, asked for nothing but overlaps: its cache lets all pairs in.
+/// One of Bullet's own broad phases, used only for its overlaps: its cache lets all pairs in.
 class Stock {
  public:
   Stock(btBroadphaseInterface& broadphase, btDispatcher& dispatcher)
@@ -65,7 +65,7 @@ class Stock {
   void move(int id, const Corners& box) {
     broadphase_.setAabb(proxies_[static_cast<std::size_t>(id)], box.lower, box.upper, &dispatcher_);
   }
-  /// Pairs as of now, by BroadCL's ids.
+  /// The current pairs, by BroadCL's ids.
   std::vector<Pair> calculate() {
     broadphase_.calculateOverlappingPairs(&dispatcher_);
     std::vector<Pair> pairs;
@@ -89,8 +89,8 @@ class Stock {
   std::vector<btBroadphaseProxy*> proxies_;  // by BroadCL's ids
 };
 
-/// A box that Bullet's tree can bear, overlapping at least what the given one does: infinity minus infinity
-/// and NaN would spoil the nodes above it.
+/// A box that Bullet's tree can handle and that overlaps at least what the given one does: infinity minus
+/// infinity and NaN would spoil the nodes above it.
 [[nodiscard]] inline Corners for_tree(const Corners& box) {
   if (is_invalid(box)) return {{0, 0, 0}, {0, 0, 0}};
   Corners result = searched_box(box);

@@ -37,7 +37,7 @@ namespace broadcl::test {
   return {static_cast<std::uint32_t>(a), static_cast<std::uint32_t>(b)};
 }
 
-/// What is reported to ghosts, pair by pair.
+/// The pairs that are reported to ghosts.
 struct GhostPairs final : btOverlappingPairCallback {
   btBroadphasePair* addOverlappingPair(btBroadphaseProxy* s, btBroadphaseProxy* t) override {
     added.push_back(pair_of(*s, *t));
@@ -58,7 +58,7 @@ struct FoundByRay final : RayCallback {
   using RayCallback::RayCallback;
   bool process(const btBroadphaseProxy* proxy) override {
     ids.push_back(proxy->m_uniqueId);
-    return false;  // which stops no query
+    return false;  // this stops no query
   }
   std::vector<int> ids;
 };
@@ -71,11 +71,11 @@ struct FoundByBox final : btBroadphaseAabbCallback {
   std::vector<int> ids;
 };
 
-/// A cache of which the broad phase cannot know how it filters.
+/// A cache whose way of filtering the broad phase cannot know.
 class UsersClassOfCache final : public btHashedOverlappingPairCache {};
 
-/// The broad phase under test with all that hangs on it, and the checks of it against a reference that was
-/// given the same calls. Each check throws if something is wrong.
+/// The broad phase under test with everything around it, and checks of it against a reference that got the
+/// same calls. Each check throws if something is wrong.
 class Subject {
  public:
   Subject(const std::string& algorithm, CacheKind kind, btDispatcher& dispatcher)
@@ -182,7 +182,7 @@ class Subject {
           cache().findPair(pairs[k].m_pProxy0, pairs[k].m_pProxy1) != &pairs[k]) {
         fail(text(pair) + " is not found in its cache");
       }
-      // Some have none, as before the first dispatch.
+      // Some pairs get none, as before the first dispatch.
       const bool is_marked = (pair.a + pair.b) % 4 != 0;
       if (is_marked && pairs[k].m_algorithm == nullptr) pairs[k].m_algorithm = make_mark();
       marked.push_back({pair, pairs[k].m_algorithm});
@@ -195,7 +195,7 @@ class Subject {
       fail("the cache has other pairs than the reference: " + difference(cached, reference.cached()));
   }
 
-  /// What the core found, which is all there is to see if the cache keeps nothing.
+  /// What the core found; if the cache stores nothing, there is nothing else to check.
   void check_known(const BulletReference& reference) {
     const std::vector<Pair> known = broadphase_.broad_phase().pairs();
     const bool is_same =
@@ -251,7 +251,7 @@ class Subject {
     if (cache().getNumOverlappingPairs() != 0) fail("pairs outlive their proxies");
   }
 
-  /// The cache in its own order.
+  /// The pairs of the cache, in its own order.
   [[nodiscard]] std::vector<Pair> pairs() {
     std::vector<Pair> result;
     const btBroadphasePairArray& array = cache().getOverlappingPairArray();
@@ -353,7 +353,7 @@ class Subject {
   std::unique_ptr<btOverlappingPairCache> users_cache_;
   BulletBroadphase broadphase_;
   std::vector<btBroadphaseProxy*> proxies_;  // by id
-  std::vector<Marked> marked_;  // as of the last step, less what has gone since; in canonical order
+  std::vector<Marked> marked_;  // as of the last step, without those gone since; in canonical order
   bool has_duplicates_ = false;
 };
 

@@ -1,6 +1,6 @@
-// Random calls to Bullet's broad phase interface: whatever is done to it, in whatever order, each algorithm's
-// cache holds what the definitions say, in the order of the oracle, and overlaps are those of Bullet's own
-// broad phases. How to repeat a run that failed: docs/testing.md.
+// Random calls to Bullet's broad phase interface: whatever the calls and their order, each algorithm's cache
+// holds the pairs that follow from the definitions, in the order of the oracle, and overlaps are those of
+// Bullet's own broad phases. How to repeat a failed run: docs/testing.md.
 #include <BulletCollision/BroadphaseCollision/btDbvtBroadphase.h>
 #include <BulletCollision/BroadphaseCollision/btSimpleBroadphase.h>
 #include <BulletCollision/CollisionDispatch/btCollisionDispatcher.h>
@@ -83,8 +83,8 @@ class Player {
   }
 
   CacheKind cache_;
-  // Behind the broad phase's back, since the last step. It takes note of a cache that was changed by the
-  // number of pairs, so that a script does one of the two in a step.
+  // Changes to the cache since the last step that bypassed the broad phase. It notices them by the number of
+  // pairs, so a script either adds or removes pairs in a step.
   bool pairs_were_added_ = false;
   bool pairs_were_removed_ = false;
   BulletReference reference_;
@@ -118,7 +118,7 @@ void Player::move(int id, const Corners& box) {
 }
 
 void Player::set_callback(unsigned which) {
-  const std::size_t place = which % (2 * gates.size());  // none, half of the times
+  const std::size_t place = which % (2 * gates.size());  // none, half of the time
   btOverlapFilterCallback* callback = place < gates.size() ? &gates[place] : nullptr;
   reference_.set_callback(callback);
   for_subjects([&](Subject& subject) { subject.set_callback(callback); });
@@ -157,14 +157,14 @@ void Player::step() {
     if (cache_ == CacheKind::null) subject.check_known(reference_);
   });
   if (subject_.pairs() != oracle_.pairs()) test::fail("the order of pairs is not that of the oracle");
-  // Bullet's simple broad phase tests all pairs as well, but takes inverted boxes for boxes.
+  // Bullet's simple broad phase tests all pairs as well, but treats inverted boxes as valid.
   std::vector<Pair> exact = simple_.calculate();
   std::erase_if(exact, [&](const Pair& pair) {
     return test::is_invalid(reference_.box(static_cast<int>(pair.a))) ||
            test::is_invalid(reference_.box(static_cast<int>(pair.b)));
   });
   if (exact != reference_.overlapping()) test::fail("btSimpleBroadphase has other overlaps");
-  // Its tree keeps pairs for longer than they overlap.
+  // Bullet's tree keeps pairs for longer than they overlap.
   const std::vector<Pair> lazy = tree_.calculate();
   if (!std::includes(lazy.begin(), lazy.end(), reference_.overlapping().begin(),
                      reference_.overlapping().end())) {
@@ -228,7 +228,7 @@ bool Player::apply_to_pairs(const Op& op) {
   if (op.verb == Verb::add_again) {
     if (pairs_were_removed_) return false;
     pairs_were_added_ = true;
-    // A sorted cache takes it for a new one.
+    // A sorted cache treats it as a new one.
     if (cache_ == CacheKind::sorted && reference_.may_enter(pair)) reference_.add_again(pair);
     for_subjects([&](Subject& subject) { subject.add_again(pair); });
     return true;
@@ -279,9 +279,9 @@ bool Player::apply(const Op& op) {
 
 constexpr std::size_t script_length = 400;
 
-/// Plays scripts until so many operations were done, and fails the test with the shortest script that goes
+/// Plays scripts until this many operations are done, and fails the test with the shortest script that goes
 /// wrong.
-/// @param seed None for another one each time. RC_PARAMS goes before.
+/// @param seed If none, a different one each time. RC_PARAMS takes precedence.
 void play(const std::string& algorithm, std::size_t operations, std::optional<std::uint64_t> seed) {
   btDefaultCollisionConfiguration configuration;
   btCollisionDispatcher dispatcher(&configuration);
@@ -300,7 +300,7 @@ void play(const std::string& algorithm, std::size_t operations, std::optional<st
   };
   rc::detail::TestParams params = rc::detail::configuration().testParams;
   if (seed && std::getenv("RC_PARAMS") == nullptr) params.seed = *seed;  // NOLINT(concurrency-mt-unsafe)
-  // Some operations find nothing to do, because no proxy lives or no pair is cached.
+  // Some operations have nothing to do, because no proxy exists or no pair is cached.
   params.maxSuccess = static_cast<int>(operations / script_length * 21 / 20 + 1);
   const auto name = testing::UnitTest::GetInstance()->current_test_info()->name();
   const rc::detail::TestResult result =
@@ -310,7 +310,7 @@ void play(const std::string& algorithm, std::size_t operations, std::optional<st
   if (!result.is<rc::detail::SuccessResult>())
     FAIL() << algorithm << ", seed " << params.seed << ": " << message.str();
   testing::Test::RecordProperty("operations", std::to_string(done));
-  // RC_PARAMS may ask for one script alone.
+  // RC_PARAMS may ask for a single script.
   if (rc::detail::configuration().reproduce.empty()) {
     EXPECT_GE(done, operations);
   }
@@ -323,15 +323,15 @@ std::vector<AlgorithmInfo> device_algorithms() {
   return result;
 }
 
-// Always the same in CI, so that a change is blamed for what it did; the long test looks for more.
+// Always the same in CI, so that a failure is due to the change; the long test looks for more.
 constexpr std::uint64_t seed_of_ci = 1;
 
-// Few, for every shape, device and sanitizer.
+// Only a few, because they run with every tuning profile, device and sanitizer.
 TEST_P(EachAlgorithm, SomeRandomCallsByBullet) {
   play(std::string(GetParam().name), is_slow() ? 400 : 2000, seed_of_ci);
 }
 
-// Each algorithm gets its share.
+// The algorithms share the operations equally.
 class RandomCalls : public testing::TestWithParam<AlgorithmInfo> {};
 
 INSTANTIATE_TEST_SUITE_P(Table, RandomCalls, testing::ValuesIn(device_algorithms()),

@@ -75,7 +75,7 @@ class Random {
   std::mt19937 engine_;
 };
 
-/// Null if the cache does not have the pair, in whichever order.
+/// Null if the cache does not have the pair, in either order.
 inline btBroadphasePair* find(btOverlappingPairCache& cache, const btBroadphaseProxy* s,
                               const btBroadphaseProxy* t) {
   btBroadphasePairArray& pairs = cache.getOverlappingPairArray();
@@ -100,7 +100,7 @@ inline int missing(btOverlappingPairCache& cache, std::span<const btBroadphasePr
   return count;
 }
 
-/// Proxies on a broad phase; its end destroys those that live.
+/// Proxies on a broad phase; the destructor destroys those that still exist.
 class Rig {
  public:
   explicit Rig(const Kind& kind, btOverlappingPairCache* cache = nullptr) : broadphase_(kind.make(cache)) {}
@@ -132,7 +132,7 @@ class Rig {
     broadphase_->destroyProxy(proxy, &dispatcher_);
   }
   void calculate() { broadphase_->calculateOverlappingPairs(&dispatcher_); }
-  /// Until a pair has gone: some broad phases take their time.
+  /// Calculates until a pair has gone: some broad phases remove pairs late.
   void calculate_until_parted(const btBroadphaseProxy* s, const btBroadphaseProxy* t) {
     for (int k = 0; k < 200; ++k) {
       calculate();
@@ -146,7 +146,7 @@ class Rig {
   bool has(const btBroadphaseProxy* s, const btBroadphaseProxy* t) { return find(s, t) != nullptr; }
   int pair_count() { return cache().getNumOverlappingPairs(); }
   int missing() { return test::missing(cache(), proxies_); }
-  /// The cache in its own order.
+  /// The pairs of the cache, in its own order.
   std::vector<std::pair<int, int>> ids() {
     std::vector<std::pair<int, int>> result;
     const btBroadphasePairArray& pairs = cache().getOverlappingPairArray();
@@ -169,7 +169,7 @@ class Rig {
   std::vector<btBroadphaseProxy*> proxies_;
 };
 
-/// Creates, destroys or moves a cube of edge 2; about 60 live.
+/// Creates, destroys or moves a cube of edge 2; about 60 exist at a time.
 /// @param range Of its lower corner.
 inline void call_at_random(Rig& rig, Random& random, unsigned range) {
   const btVector3 lower = random.point(range);

@@ -1,6 +1,6 @@
 #include "bullet_scenes.hpp"
 
-#include "scenes/world.hpp"  // before Bullet's soft bodies, which have a global of the name `seed`
+#include "scenes/world.hpp"  // before Bullet's soft bodies, which have a global named `seed`
 
 #include <BulletCollision/CollisionDispatch/btGhostObject.h>
 #include <BulletSoftBody/btSoftBodyHelpers.h>
@@ -28,7 +28,7 @@ class ScenarioScene final : public BulletScene {
   scenes::World world_;
 };
 
-/// A world of a class of Bullet's, and all that has to outlive it.
+/// A world of one of Bullet's classes, and everything that must outlive it.
 template <class World, class Configuration>
 class SceneIn : public BulletScene {
  public:
@@ -153,8 +153,8 @@ class SoftBodies final : public SoftScene {
   btSoftBody* cloth_;
 };
 
-/// Ghosts of both classes that go to and fro in a rain of boxes, each in its own way. The boxes that fell
-/// first start anew at the top, and one ghost leaves the world for a while.
+/// Ghosts of both classes that move back and forth in a rain of boxes, each in its own way. The boxes that
+/// fell first start again at the top, and one ghost leaves the world for a while.
 class Ghosts final : public RigidScene {
  public:
   explicit Ghosts(btBroadphaseInterface& broadphase) : RigidScene(broadphase) {
@@ -228,7 +228,7 @@ class Stack final : public RigidScene {
   }
 };
 
-/// A hundred ragdolls of Bullet's demonstration, eleven capsules each, that fall on one another.
+/// A hundred of the ragdolls in Bullet's demo, eleven capsules each, that fall on one another.
 class Ragdolls final : public RigidScene {
  public:
   explicit Ragdolls(btBroadphaseInterface& broadphase) : RigidScene(broadphase) {

@@ -10,8 +10,8 @@
 
 namespace broadcl::test {
 
-/// A Bullet world and what happens in it, frame by frame. The calls on its broad phase follow from nothing
-/// but the pairs that it gives.
+/// A Bullet world and what happens in it, frame by frame. The calls to its broad phase depend only on the
+/// pairs that it reports.
 class BulletScene {
  public:
   BulletScene() = default;
@@ -28,7 +28,7 @@ class BulletScene {
 /// A row of the table of scenes.
 struct BulletSceneInfo {
   std::string name;
-  int frames;  ///< In which everything happens that the scene is there for.
+  int frames;  ///< Enough for everything that the scene is meant to show.
   /// The broad phase is not owned and must outlive the scene.
   std::function<std::unique_ptr<BulletScene>(btBroadphaseInterface& broadphase)> make;
 };

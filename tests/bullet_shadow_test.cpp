@@ -44,7 +44,7 @@ std::size_t count_of_new(const std::vector<ClientPair>& pairs, const std::vector
   return rest.size();
 }
 
-/// How many ghosts know of other objects than the pair cache says.
+/// How many ghosts list other objects than the pair cache does.
 std::size_t count_of_wrong_ghosts(btCollisionWorld& world) {
   std::size_t wrong = 0;
   btBroadphaseInterface& broadphase = *world.getBroadphase();

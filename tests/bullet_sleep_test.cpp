@@ -1,4 +1,4 @@
-// What a world costs in which little or nothing moves.
+// The cost of a world in which little or nothing moves.
 #include <btBulletDynamicsCommon.h>
 
 #include <broadcl/bullet.hpp>
@@ -26,7 +26,7 @@ using test::RigidWorld;
 using Clock = std::chrono::steady_clock;
 using Microseconds = std::chrono::duration<double, std::micro>;
 
-/// Counts what is asked of it.
+/// Counts the calls that it gets.
 class CountingCache final : public btHashedOverlappingPairCache {
  public:
   btBroadphasePair* addOverlappingPair(btBroadphaseProxy* s, btBroadphaseProxy* t) override {
@@ -70,7 +70,7 @@ class Sleepers {
     world.step();
   }
 
-  /// Every so many-th cube wakes and drifts along x, past its neighbours.
+  /// Wakes this many cubes, evenly spread; they drift along z, past their neighbours.
   void wake(std::size_t awake) const {
     for (std::size_t k = 0; k < awake; ++k) {
       btRigidBody& body = *world.bodies.all()[k * (count / awake) + 1];
@@ -89,7 +89,7 @@ TEST(SleepingWorld, AsksNothingOfTheDeviceAndTheCache) {
   Sleepers sleepers(broadphase);
   btDiscreteDynamicsWorld& world = sleepers.world.world;
   EXPECT_EQ(cache.getNumOverlappingPairs(), Sleepers::count / 10);
-  // What a step does up to the narrow phase.
+  // The part of a step before the narrow phase.
   const auto calls_of_calculation = [&] {
     world.updateAabbs();
     cache.calls = 0;
@@ -110,10 +110,10 @@ TEST(SleepingWorld, AsksNothingOfTheDeviceAndTheCache) {
     EXPECT_FALSE(broadphase.broad_phase().profile().empty());
     calls += calls_of_calculation();
   }
-  EXPECT_LE(calls, 100) << "of those that move";
+  EXPECT_LE(calls, 100) << "only for cubes that move";
 }
 
-// On a busy machine the limit is far away: on two cores of an EPYC it takes some 30 microseconds.
+// The limit is far away even on a busy machine: on two cores of an EPYC it takes about 30 microseconds.
 TEST(LongSleepingWorld, CostsNextToNothing) {
   BulletBroadphase ours;
   btDbvtBroadphase tree;

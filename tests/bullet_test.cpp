@@ -120,7 +120,7 @@ TEST_F(Bullet, ACallbackMayAcceptWhatTheMasksReject) {
   EXPECT_EQ(pairs().size(), 3U);
   broadphase_.getOverlappingPairCache()->setOverlapFilterCallback(nullptr);
   calculate();
-  EXPECT_TRUE(pairs().empty()) << "the masks count again";
+  EXPECT_TRUE(pairs().empty()) << "the masks apply again";
 }
 
 TEST_F(Bullet, AnotherCallbackDecidesEveryPairAnew) {
@@ -184,7 +184,8 @@ TEST_F(Bullet, ARefusedPairThatPartsIsForgotten) {
   EXPECT_EQ(gate.asked, 3);
 }
 
-/// One pair taken from the cache and another put in between two calculations leave as many as before.
+/// One pair is removed from the cache and another added between two calculations, so their number stays the
+/// same.
 TEST_F(Bullet, APairThatTheUserPutInGoesWhenItParts) {
   btBroadphaseProxy* s = create_unit(0);
   btBroadphaseProxy* t = create_unit(0);
@@ -203,7 +204,7 @@ TEST_F(Bullet, APairThatTheUserPutInGoesWhenItParts) {
   EXPECT_TRUE(pairs().empty());
 }
 
-/// A user's: it lets pairs in by a rule of its own.
+/// A user's cache that admits pairs by a rule of its own.
 class OddCache final : public btHashedOverlappingPairCache {
  public:
   btBroadphasePair* addOverlappingPair(btBroadphaseProxy* s, btBroadphaseProxy* t) override {
@@ -217,7 +218,7 @@ class OddCache final : public btHashedOverlappingPairCache {
   }
 };
 
-/// A user's: it must hold what it is asked to remove.
+/// A user's cache that must hold every pair that it is asked to remove.
 class StrictCache final : public btHashedOverlappingPairCache {
  public:
   void* removeOverlappingPair(btBroadphaseProxy* s, btBroadphaseProxy* t, btDispatcher* dispatcher) override {
@@ -267,11 +268,11 @@ TEST_F(Bullet, ANaNBoundIsReportedOnceEachTimeItTurnsUp) {
   EXPECT_EQ(errors.size(), 1U);
   broadphase_.setAabb(invalid, {0, 0, 0}, {1, 1, 1}, &dispatcher_);
   calculate();
-  EXPECT_EQ(pairs().size(), 1U) << "the world goes on";
+  EXPECT_EQ(pairs().size(), 1U) << "the broad phase still works";
   broadphase_.setAabb(invalid, {0, 0, 0}, {1, 1, nan_value}, &dispatcher_);
   EXPECT_EQ(errors.size(), 2U);
   broadphase_.setAabb(invalid, {2, 2, 2}, {1, 1, 1}, &dispatcher_);
-  EXPECT_EQ(errors.size(), 2U) << "an inverted box is a way to overlap nothing";
+  EXPECT_EQ(errors.size(), 2U) << "an inverted box is no error: it overlaps nothing";
 }
 
 }  // namespace

@@ -1,5 +1,5 @@
-// BroadCL's broad phase and Bullet's own in every kind of world that Bullet has, and under what moves in
-// them.
+// BroadCL's broad phase and Bullet's own in every kind of world that Bullet has, and with sensors and
+// characters that move in them.
 #include <BulletCollision/CollisionDispatch/btCollisionDispatcherMt.h>
 #include <BulletCollision/CollisionDispatch/btGhostObject.h>
 #include <BulletDynamics/Character/btKinematicCharacterController.h>
@@ -72,7 +72,7 @@ TEST_P(Worlds, OfRigidBodies) {
   expect_towers(world.bodies);
 }
 
-// Debian's Bullet is built without threads: there these classes do their work one after the other.
+// Debian's Bullet is built without threads: with it, these classes do their work one after the other.
 NOT_IN(sanitizers, "takes long");
 TEST_P(Worlds, OfRigidBodiesWithTheClassesForThreads) {
   btSetTaskScheduler(btGetSequentialTaskScheduler());
@@ -113,7 +113,7 @@ TEST_P(Worlds, OfMultiBodies) {
   for (int link = -1; link < links; ++link) {
     colliders.push_back(std::make_unique<btMultiBodyLinkCollider>(&chain, link));
     colliders.back()->setCollisionShape(&shape);
-    world.addCollisionObject(colliders.back().get(), 64, ~64);  // links do not meet each other
+    world.addCollisionObject(colliders.back().get(), 64, ~64);  // links do not collide with each other
     if (link < 0) {
       chain.setBaseCollider(colliders.back().get());
     } else {
@@ -158,7 +158,7 @@ class Balls {
   void move() {
     for (btCollisionObject& object : objects_) object.getWorldTransform().setOrigin(random_.point(8));
   }
-  /// By the distances of their centres.
+  /// Those that touch, by the distances of their centres.
   [[nodiscard]] Touching touching() const {
     Touching result;
     for (const btCollisionObject& s : objects_) {
@@ -173,7 +173,7 @@ class Balls {
 
  private:
   btCollisionWorld& world_;
-  btSphereShape shape_{0.83F};  // coordinates are tenths: no two balls just touch
+  btSphereShape shape_{0.83F};  // coordinates are tenths, so no two balls just touch
   Random random_{1};
   std::vector<btCollisionObject> objects_;
 };
@@ -227,7 +227,7 @@ TEST_P(Worlds, WithASensorThatIsMoved) {
     }
     EXPECT_TRUE(std::includes(seen.begin(), seen.end(), inside.begin(), inside.end()));
     if (GetParam().name == "BroadCL") {
-      EXPECT_EQ(seen, inside) << "no stale ones";
+      EXPECT_EQ(seen, inside) << "no outdated ones";
     }
     most = std::max(most, inside.size());
   }

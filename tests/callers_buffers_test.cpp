@@ -14,7 +14,7 @@
 #include "expect_error.hpp"
 #include "test_name.hpp"
 
-/// Buffers and queues of the caller that cannot be used are refused at the call, which changes nothing.
+/// Unusable buffers and queues of the caller are refused by the call that gets them, which changes nothing.
 namespace broadcl::test {
 namespace {
 

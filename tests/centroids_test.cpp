@@ -25,7 +25,7 @@ namespace {
 
 SUITE_ALSO_IN(CentroidBoundsOf, gpu_profile | rusticl);
 
-/// As ordered() of kernels/centroids.h.
+/// The same as ordered() in kernels/centroids.h.
 std::uint32_t ordered(float value) {
   const auto bits = std::bit_cast<std::uint32_t>(value);
   return bits >> 31 != 0 ? ~bits : bits | 0x80000000U;
@@ -52,7 +52,7 @@ void expect_bounds(const opencl::Context& context, opencl::SizedKernel& kernel, 
   SCOPED_TRACE(boxes.size());
   const std::size_t n = boxes.size();
   const Words expected = expected_of(boxes);
-  boxes.push_back({{-1e9F, -1e9F, -1e9F}, {1e9F, 1e9F, 1e9F}});  // one that does not count
+  boxes.push_back({{-1e9F, -1e9F, -1e9F}, {1e9F, 1e9F, 1e9F}});  // not one of the n boxes
   const cl::Buffer buffer = context.buffer(boxes.size() * sizeof(Aabb));
   context.queue().enqueueWriteBuffer(buffer, CL_TRUE, 0, boxes.size() * sizeof(Aabb), boxes.data());
   bounds.enqueue(kernel, buffer, cl::Buffer(), n);

@@ -12,7 +12,7 @@
 namespace broadcl::test {
 namespace {
 
-/// Random changes, of none to many pairs, some of which go and come in one.
+/// Random changes of none to many pairs, some of which are removed and added by the same change.
 TEST(ChangingPairs, AreThoseOfASet) {
   std::mt19937 random(1);
   const auto below = [&](std::uint32_t n) { return static_cast<std::uint32_t>(random() % n); };

@@ -1,4 +1,4 @@
-// `broadcl check`, run as its users do, and what it reports of wrong kernels.
+// `broadcl check`, run as users run it, and its report on wrong kernels.
 #include <algorithm>
 #include <cstddef>
 #include <filesystem>
@@ -41,7 +41,7 @@ TEST_F(Program, CheckWorksHere) {
   EXPECT_LT(end_of_host, begin_of_device) << "what needs no compiler comes first\n" << outcome.out;
 }
 
-/// Kernels that find pairs that are not there.
+/// Kernels that find pairs that do not exist.
 class ProgramWrongKernels : public Program {
  protected:
   ProgramWrongKernels() {

@@ -1,4 +1,4 @@
-// `broadcl pairs`, run as its users do.
+// `broadcl pairs`, run as users run it.
 #include <filesystem>
 #include <regex>
 #include <string>
@@ -23,7 +23,7 @@ TEST_F(Program, PairsAreFoundOnTheHostIfThereIsNoDevice) {
   const Outcome outcome = run("pairs four.npy", "BROADCL_DEVICE= OCL_ICD_VENDORS=/nonexistent");
   expect_success(outcome);
   if (run("devices", "BROADCL_DEVICE= OCL_ICD_VENDORS=/nonexistent").exit_code == 0) {
-    GTEST_SKIP() << "this OpenCL loader does not heed OCL_ICD_VENDORS, so devices cannot be hidden";
+    GTEST_SKIP() << "this OpenCL loader ignores OCL_ICD_VENDORS, so devices cannot be hidden";
   }
   EXPECT_TRUE(outcome.out.starts_with("2 overlapping pairs of 4 boxes (auto on the host)\n")) << outcome.out;
 }

@@ -1,4 +1,4 @@
-// `broadcl simulate --record` and `broadcl replay`, run as their users do.
+// `broadcl simulate --record` and `broadcl replay`, run as users run them.
 #include <BulletCollision/BroadphaseCollision/btBroadphaseInterface.h>
 #include <BulletCollision/BroadphaseCollision/btOverlappingPairCache.h>
 

@@ -1,4 +1,4 @@
-// `broadcl simulate`, run as its users do.
+// `broadcl simulate`, run as users run it.
 #include <cstddef>
 #include <optional>
 #include <string>

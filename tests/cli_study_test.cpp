@@ -1,4 +1,4 @@
-// `broadcl study`, run as its users do.
+// `broadcl study`, run as users run it.
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -48,7 +48,7 @@ cli::StudySettings settings_of_tiny(const std::string& second_broadphase) {
           .left_out = {}};
 }
 
-/// A file as it was found: what is in it and when it was written.
+/// The content of a file and the time when it was written.
 struct File {
   std::string bytes;
   fs::file_time_type time;
@@ -58,7 +58,7 @@ struct File {
 
 class ProgramStudy : public Program {
  protected:
-  /// What is in runs/, by name.
+  /// The files in runs/, by name.
   [[nodiscard]] std::map<std::string, File> run_files() const {
     std::map<std::string, File> found;
     if (!fs::exists(path("s/runs"))) return found;
@@ -69,8 +69,7 @@ class ProgramStudy : public Program {
     return found;
   }
 
-  /// Starts the program, and sends it a signal when so many runs are done. An argument is what is between two
-  /// spaces.
+  /// Starts the program, and sends it a signal when this many runs are done. Spaces separate the arguments.
   void run_until(std::size_t done, int signal, const std::string& arguments) const {
     std::vector<std::string> words = {BROADCL_PROGRAM_PATH};
     std::istringstream stream(arguments);
@@ -180,7 +179,7 @@ TEST_F(ProgramStudy, StoresAllThatIsNeededToRepeatIt) {
   EXPECT_EQ(study["devices"][0]["driver_version"], select_device().driver_version);
   EXPECT_EQ(study["cut"][0], "bullet-bf at more than 70 objects");
 
-  // A recording of each scenario, of the larger number of objects.
+  // A recording of each scenario, with the larger number of objects.
   for (const std::string scenario : {"free-fall", "mixed-sizes"}) {
     cli::RecordingReader recording(path("s/recordings/" + scenario + ".npy"));
     EXPECT_EQ(recording.boxes(), 80U);
@@ -197,7 +196,7 @@ TEST_F(ProgramStudy, StoresAllThatIsNeededToRepeatIt) {
 }
 
 TEST_F(ProgramStudy, GoesOnAfterAnInterruption) {
-  // Runs that take long enough to be killed in.
+  // Runs long enough to be killed before they end.
   const std::string longer =
       "study --scenarios free-fall,mixed-sizes --objects 200,300 --frames 30 "
       "--repeat 2 --broadphases bullet-bf,sweep-and-prune --out s";
@@ -234,7 +233,7 @@ TEST_F(ProgramStudy, MakesDamagedRunsAgainAndNoOthers) {
   cut_at(damaged[0], 0);
   cut_at(damaged[1], before.at(damaged[1]).bytes.size() - 3);
   const std::string& whole = before.at(damaged[2]).bytes;
-  cut_at(damaged[2], whole.rfind('\n', whole.size() - 2) + 1);  // one row less
+  cut_at(damaged[2], whole.rfind('\n', whole.size() - 2) + 1);  // one row fewer
   fs::remove(path("s/study.csv"));
 
   const Outcome outcome = run(tiny_on_host);
@@ -312,7 +311,7 @@ TEST_F(ProgramStudy, LimitsOfThePresetStayButForThoseThatAreGiven) {
   EXPECT_EQ(limits_in("b")[1], json({{"broadphase", "tiles"}, {"objects", 5}, {"why", ""}}));
   expect_success(run(few + "--most gpu-bf=5 --out c"));
   EXPECT_EQ(limits_in("c"), json::array({{{"broadphase", "gpu-bf"}, {"objects", 5}, {"why", ""}}}));
-  // What the document has as its command makes the same document.
+  // The command in the document makes the same document again.
   std::string command = json::parse(read_file(path("a/study.json")))["command"];
   command = command.substr(8, command.size() - 8 - 1) + "d";
   expect_success(run(command));

@@ -1,4 +1,4 @@
-// The program as its users run it: what its verbs have in common, and what they refuse.
+// The program as users run it: what its commands have in common, and what they refuse.
 #include <algorithm>
 #include <cstddef>
 #include <cstdlib>
@@ -94,7 +94,7 @@ TEST_F(Program, DevicesAsJson) {
   for (std::size_t i = 0; i < expected.size(); ++i) {
     EXPECT_EQ(list[i]["id"], expected[i].id());
     EXPECT_EQ(list[i]["type"], to_string(expected[i].type));
-    if (expected[i].type == DeviceType::cpu) {  // PoCL 5 reports what happens to be free
+    if (expected[i].type == DeviceType::cpu) {  // PoCL 5 reports the memory that happens to be free
       EXPECT_GE(list[i]["memory"], list[i]["max_allocation"]);
       EXPECT_GT(list[i]["max_allocation"], 0);
     } else {
@@ -117,7 +117,7 @@ TEST_F(Program, OneOfSeveralDevicesIsTheDefault) {
 
 TEST_F(Program, WithoutAnyDeviceSaysWhatToInstall) {
   if (run("devices", "BROADCL_DEVICE= OCL_ICD_VENDORS=/nonexistent").exit_code == 0) {
-    GTEST_SKIP() << "this OpenCL loader does not heed OCL_ICD_VENDORS, so devices cannot be hidden";
+    GTEST_SKIP() << "this OpenCL loader ignores OCL_ICD_VENDORS, so devices cannot be hidden";
   }
   for (const std::string arguments : {"devices", "check", "pairs four.npy", "simulate --frames 1", "study"}) {
     SCOPED_TRACE(arguments);

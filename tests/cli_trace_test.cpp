@@ -24,7 +24,7 @@ namespace {
 
 using nlohmann::json;
 
-/// A complete event of a trace; whole nanoseconds.
+/// A complete event of a trace, in whole nanoseconds.
 struct TraceEvent {
   std::string name;
   std::int64_t begin;
@@ -67,7 +67,8 @@ TraceEvent find_event(const std::vector<TraceEvent>& events, const std::string& 
   return *found;
 }
 
-/// On a thread an event lies within another one or beside it, and comes after those that it lies in.
+/// On one thread, an event lies either inside another one or beside it, and comes after the events that
+/// contain it.
 void expect_nested(const std::vector<TraceEvent>& events) {
   std::vector<TraceEvent> open;
   for (const TraceEvent& event : events) {
@@ -81,7 +82,7 @@ void expect_nested(const std::vector<TraceEvent>& events) {
   }
 }
 
-/// Mesa's rusticl 22.3 gives all commands the same time.
+/// Mesa's rusticl 22.3 reports the same time for all commands.
 bool device_clock_ticks() {
   return select_device().platform_name != "rusticl";
 }
@@ -165,7 +166,7 @@ INSTANTIATE_TEST_SUITE_P(BroadPhases, ProgramTrace, testing::Values("bullet-bvh"
 class ProgramStages : public ProgramTrace {
  protected:
   using Names = std::vector<std::string>;
-  /// On the host, in order; those of a frame in the steady state.
+  /// On the host, in order, in a frame of the steady state.
   [[nodiscard]] static Names host_names() {
     if (GetParam() == "gpu-bf") return {"upload", "test", "download", "wait", "xor"};
     return with_keep({"upload", "keep", "test", "order", "download", "wait"});

@@ -33,7 +33,7 @@ TEST_P(EachAlgorithm, ADeltaOutlivesBeginAndWhatTheDeviceDoesThen) {
     const auto expect_unchanged = [&](const char* what) {
       EXPECT_TRUE(same(delta, added, removed)) << what << ", frame " << frame;
     };
-    // Apart, together, in pairs of two: lists that are as long, or much shorter.
+    // Apart, together, in twos: the lists become equally long, or much shorter.
     for (std::uint32_t id = 0; id < n; ++id) {
       broad_phase.move(id, frame % 3 == 0 ? apart(id) : frame % 3 == 1 ? unit : apart(id / 2));
     }
@@ -65,7 +65,7 @@ TEST_P(EachAlgorithm, ADeltaOutlivesMap) {
   EXPECT_TRUE(same(delta, all_pairs(100), {}));
 }
 
-/// One that keeps all deltas, one that keeps those of two updates, one that keeps each until the next.
+/// One caller keeps all deltas, one the last two, one only the last.
 TEST_P(EachAlgorithm, KeptDeltasOutliveUpdatesAndTheObject) {
   constexpr std::uint32_t n = 60;
   for (const std::size_t most : {std::size_t{20}, std::size_t{2}, std::size_t{1}}) {
@@ -89,7 +89,7 @@ TEST_P(EachAlgorithm, KeptDeltasOutliveUpdatesAndTheObject) {
   }
 }
 
-/// Which lists they are is told by their capacity, since memory that is freed may be allocated again.
+/// The lists are told apart by their capacity, since freed memory may be allocated again.
 TEST(ChangeLists, AreThoseOfAnEarlierUpdateThatNobodyKeeps) {
   ChangeLists lists;
   const auto next_capacity = [&] { return lists.next().added.capacity(); };

@@ -27,7 +27,7 @@ using test::nan_value;
 using test::unit;
 using ::testing::HasSubstr;
 
-/// A caller with a context and a queue of his own.
+/// A caller with its own context and queue.
 class OnCallersQueue : public testing::Test, protected test::CallersQueue {};
 
 /// The same for each algorithm of a DeviceBroadPhase.
@@ -36,8 +36,8 @@ class FindersOnCallersQueue : public testing::TestWithParam<std::string>, protec
   DeviceBroadPhase broad_phase_{queue_(), {.algorithm = GetParam()}};
 };
 
-/// The same changes as a BroadPhase that is told of the same boxes, over frames in which all move and the
-/// number of boxes changes.
+/// The changes must be those of a BroadPhase with the same boxes, over frames in which all boxes move and
+/// their number changes.
 ALSO_IN(oclgrind);
 TEST_P(FindersOnCallersQueue, SmallFramesOfMotionHaveTheChangesOfTheOracle) {
   BroadPhase oracle({.algorithm = "oracle"});
@@ -61,7 +61,7 @@ TEST_P(FindersOnCallersQueue, SmallFramesOfMotionHaveTheChangesOfTheOracle) {
 
 ALSO_IN(oclgrind | oclgrind_gpu_profile);
 TEST_P(FindersOnCallersQueue, SmallOffsetStrideAndFiltersAreHeeded) {
-  // A header of one float, then boxes of ten floats each, of which the last four are the caller's.
+  // A header of one float, then ten floats per box; the last four of them are the caller's.
   const scenes::MovingBoxes boxes(200, scenes::MovingBoxes::Sizes::mixed);
   std::vector<float> floats{nan_value};
   std::vector<Filter> filters;
@@ -173,7 +173,7 @@ TEST_P(FindersOnCallersQueue, MorePairsThanAnyGuessAreAllFoundAndInOrder) {
 INSTANTIATE_TEST_SUITE_P(All, FindersOnCallersQueue, ::testing::Values("auto", "brute-force", "tiles"),
                          test::named_by_parameter);
 
-/// So many that they are gathered before they are put into tiles.
+/// Enough boxes that they are gathered before they are put into tiles.
 NOT_IN(gpu_profile | rusticl | sanitizers, "takes long");
 TEST_F(OnCallersQueue, ManyBoxesHaveTheChangesOfBoxesFromTheHost) {
   constexpr std::uint32_t n = 140'000;

@@ -24,7 +24,7 @@ namespace {
 
 using OpenClTrouble = Trouble<FailingOpenCl, FailingOpenCl::calls>;
 
-/// That all memory of the device that was made since then is gone, unless the device failed to give it back.
+/// All device memory that was allocated since then must be gone, unless the device failed to give it back.
 void expect_nothing_left(const OpenClUse& before, long failures) {
   EXPECT_EQ(opencl_use().memory_references, before.memory_references);
   if (failures > 1 || FailingOpenCl::last_failed() == "clEnqueueUnmapMemObject") return;
@@ -35,8 +35,9 @@ std::string name_of(long first, long count) {
   return "call " + std::to_string(first) + (count == 1 ? "" : " and those after it");
 }
 
-/// Lives in each of which OpenCL calls fail from another one on, on a device that works again later.
-/// @param count How many fail.
+/// Runs several lives; in each, OpenCL calls start to fail at a different one, on a device that works again
+/// later.
+/// @param count How many calls fail.
 void expect_short_lives(const BroadPhase::Config& config, long count, long most) {
   expect_right_lives(most, [&](long first) -> std::optional<long> {
     const OpenClUse before = opencl_use();
@@ -94,7 +95,7 @@ TEST_P(DeviceFailure, ADeviceBroadPhaseGoesOnWhenTheDeviceWorksAgain) {
   expect_device_lives(GetParam(), OpenClTrouble::for_good, 15);
 }
 
-/// Every call, once and from there on.
+/// Every call: the failure of it alone, and of it and all later ones.
 class LongDeviceFailure : public DeviceFailure {};
 INSTANTIATE_TEST_SUITE_P(Long, LongDeviceFailure, finders, named_by_parameter);
 TEST_P(LongDeviceFailure, OfEveryCallIsMadeGood) {
@@ -104,8 +105,9 @@ TEST_P(LongDeviceFailure, OfEveryCallIsMadeGood) {
   }
 }
 
-/// Calls a function while OpenCL calls of it fail, from one on, by this step until the 150th, then some. It
-/// may throw Error, and nothing else.
+/// Calls a function again and again while one of its OpenCL calls fails, or all from it on: first call
+/// `from`, then later and later ones, `step` calls apart up to the 150th and 101 apart after it. The function
+/// may throw Error and nothing else.
 template <class Function>
 void expect_errors_alone(long from, long step, const Function& function) {
   for (const long count : {1L, OpenClTrouble::for_good}) {
@@ -122,7 +124,7 @@ void expect_errors_alone(long from, long step, const Function& function) {
         ++errors;
         expect_nothing_left(before, count);
       } catch (const std::exception& error) {
-        ADD_FAILURE() << "what escapes is no Error: " << error.what();
+        ADD_FAILURE() << "an exception other than Error escapes: " << error.what();
       }
     }
     EXPECT_GT(errors, 1);
@@ -142,7 +144,7 @@ TEST_P(EachAlgorithm, ConstructorsOnAFailingDeviceThrowErrorsAlone) {
   expect_errors_alone(0, 7, [] { BroadPhase broad_phase(config()); });
 }
 
-/// As above, but with kernels that are compiled already, and a device that is measured each time.
+/// As above, but with kernels that are already compiled, and a device that is measured each time.
 TEST(LongDeviceFailure, MeasuringAFailingDeviceThrowsErrorsAlone) {
   const ScopedFolder kernels;
   {
@@ -157,7 +159,7 @@ TEST(LongDeviceFailure, MeasuringAFailingDeviceThrowsErrorsAlone) {
   });
 }
 
-/// The device fails in a life, and still does when the object goes.
+/// The device fails during a life, and still fails when the object is destroyed.
 NOT_IN(gpu_profile | rusticl | sanitizers,
        "fails on purpose, also where buffers are unmapped, and takes long");
 TEST_P(EachAlgorithm, AnObjectMayGoWhileItsDeviceFails) {

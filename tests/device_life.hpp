@@ -58,7 +58,7 @@ class CallersQueue {
   cl::CommandQueue queue_;
 };
 
-/// A DeviceBroadPhase in a few frames, each update repeated if it fails, with answers that are always those
+/// A DeviceBroadPhase over a few frames. Each update is repeated if it fails, and all answers must be those
 /// of the reference.
 template <class Trouble>
 class DeviceLife {
@@ -67,7 +67,7 @@ class DeviceLife {
              Habits habits)
       : queue_(queue), broad_phase_(queue(), config), trouble_(trouble), habits_(habits) {}
 
-  /// @returns Whether every answer was right; it ends with the first that is not.
+  /// @returns Whether every answer was right; it stops at the first wrong one.
   bool live() {
     try {
       update(20, 0.7F);
@@ -79,7 +79,7 @@ class DeviceLife {
       update(0, 1);
       update(24, 0.4F);
     } catch (const std::exception& error) {
-      expect(::testing::AssertionFailure() << "a call fails though nothing does: " << error.what());
+      expect(::testing::AssertionFailure() << "a call fails by itself: " << error.what());
     }
     return is_right_;
   }
@@ -92,7 +92,7 @@ class DeviceLife {
     is_right_ = is_right_ && result;
   }
 
-  /// Boxes in a row, of as many groups as asked for, on the device.
+  /// Boxes in a row on the device, in as many groups as requested.
   struct Given {
     cl::Buffer boxes, filters;
     DeviceBroadPhase::Boxes arguments;

@@ -18,7 +18,7 @@ std::set<cl_mem> large_buffers;
 std::set<cl_program> large_programs;
 std::set<cl_kernel> large_kernels;
 
-/// Makes a number in an answer smaller, if there is an answer.
+/// Limits a number in an answer, if there is an answer.
 template <class Number>
 void limit(std::size_t bytes, void* value, Number most) {
   if (value == nullptr || bytes < sizeof(Number)) return;
@@ -26,7 +26,7 @@ void limit(std::size_t bytes, void* value, Number most) {
   *number = std::min(*number, most);
 }
 
-/// Whether a kernel is the one of Limits::work_group_of_kernel.
+/// Whether an entry of Limits::work_group_of_kernel applies to a kernel.
 bool is_meant(const cl::Kernel& kernel, std::string_view which) {
   const std::size_t end = std::min(which.size(), which.find(' '));
   if (kernel.getInfo<CL_KERNEL_FUNCTION_NAME>() != which.substr(0, end)) return false;
@@ -35,7 +35,7 @@ bool is_meant(const cl::Kernel& kernel, std::string_view which) {
   return program.getBuildInfo<CL_PROGRAM_BUILD_OPTIONS>(device).find(which.substr(end)) != std::string::npos;
 }
 
-/// Work-items per work-group, at most: of a kernel with a limit of its own.
+/// The largest number of work-items per work-group, if the kernel has its own limit.
 std::optional<std::size_t> own_limit(const cl::Kernel& kernel) {
   for (const auto& [which, most] : current->work_group_of_kernel) {
     if (is_meant(kernel, which)) return most;
@@ -43,7 +43,7 @@ std::optional<std::size_t> own_limit(const cl::Kernel& kernel) {
   return std::nullopt;
 }
 
-/// Of any kernel.
+/// The same for any kernel.
 std::size_t most_work_items(const cl::Kernel& kernel) {
   return std::min(current->work_group, own_limit(kernel).value_or(current->work_group));
 }

@@ -11,11 +11,11 @@
 
 namespace broadcl::test {
 
-/// What other devices allow less of than the one at hand, or say otherwise.
+/// What other devices allow less of than the real one, or answer differently.
 struct Limits {
   std::size_t work_group = std::numeric_limits<std::size_t>::max();  ///< Work-items.
-  /// The same for some kernels: by name, and if a space and options follow, only of programs that were built
-  /// with these.
+  /// The same for some kernels: by name; if a space and options follow, only in programs that were built with
+  /// these.
   std::map<std::string, std::size_t> work_group_of_kernel{};
   cl_ulong local_memory = std::numeric_limits<cl_ulong>::max();  ///< Bytes per work-group.
   cl_ulong allocation = std::numeric_limits<cl_ulong>::max();    ///< Bytes per buffer.
@@ -25,7 +25,7 @@ struct Limits {
   bool is_offered_twice = false;   ///< By platforms that follow the others.
   bool has_large_buffers = false;  ///< By Intel's flag, for kernels built with Intel's option.
   std::map<cl_uint, std::string>
-      answers{};  ///< The bytes of what platforms, devices and kernels say, in place of their own.
+      answers{};  ///< The bytes of answers that replace those of platforms, devices and kernels.
 };
 
 /// The bytes of an answer.
@@ -34,21 +34,21 @@ template <class Value>
   return {reinterpret_cast<const char*>(&value), sizeof(value)};
 }
 
-// What these two say of the work-items that their GPUs run in step: from cl_ext.h, which declares them for
-// other versions of OpenCL only.
+// Queries for the number of work-items that these vendors' GPUs run in lockstep: from cl_ext.h, which
+// declares them only for other versions of OpenCL.
 constexpr cl_uint wavefront_width_of_amd = 0x4043;
 constexpr cl_uint warp_size_of_nvidia = 0x4003;
 
-/// A GPU that says it is one of NVIDIA's, or of AMD's if it runs 64 work-items in step.
+/// A GPU that claims to be one of NVIDIA's, or of AMD's if it runs 64 work-items in lockstep.
 [[nodiscard]] Limits gpu_with_waves_of(cl_uint width);
 
-/// Makes all devices report, and this program's OpenCL calls keep to, these limits as long as it lives,
-/// instead of others that are set. Not while objects live that know those.
+/// While it exists, all devices report these limits, and this program's OpenCL calls obey them, instead of
+/// other limits that were set. It must not be created while objects exist that know those.
 class LimitedDevices {
  public:
   explicit LimitedDevices(const Limits& limits);
   ~LimitedDevices();
-  /// How often the limit of a single kernel was asked for, until now.
+  /// How often the limit of a single kernel has been queried so far.
   [[nodiscard]] long asked_of_kernels() const noexcept;
   LimitedDevices(const LimitedDevices&) = delete;
   LimitedDevices& operator=(const LimitedDevices&) = delete;
@@ -60,8 +60,8 @@ class LimitedDevices {
   long asked_before_;
 };
 
-// What the shim of failing_opencl.cpp asks: the error of a call that exceeds the limits, or CL_SUCCESS, and
-// what is to be changed in an answer.
+// Functions for the shim in failing_opencl.cpp: the error of a call that exceeds the limits, or CL_SUCCESS,
+// and changes to answers.
 [[nodiscard]] cl_int refusal_of_launch(cl_kernel kernel, cl_uint dimensions, const std::size_t* local);
 [[nodiscard]] cl_int refusal_of_buffer(cl_mem_flags flags, std::size_t bytes);
 [[nodiscard]] cl_mem_flags known_flags(cl_mem_flags flags);
@@ -73,7 +73,7 @@ class LimitedDevices {
 void note_buffer(cl_mem buffer, std::size_t bytes);
 /// @param kernel What clCreateKernel returned, or null.
 void note_kernel(cl_kernel kernel, cl_program program);
-/// Whether an answer stands in place of a platform's, device's or kernel's own; then it was given.
+/// Whether an answer replaces that of a platform, device or kernel; if so, it has been written.
 [[nodiscard]] bool is_answered(cl_uint name, std::size_t bytes, void* value, std::size_t* size);
 void list_twice(cl_uint entries, cl_platform_id* platforms, cl_uint* count);
 void limit_device_info(cl_device_info name, std::size_t bytes, void* value);

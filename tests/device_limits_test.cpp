@@ -37,7 +37,7 @@ std::vector<Aabb> copy(std::span<const Aabb> boxes) {
   return {boxes.begin(), boxes.end()};
 }
 
-/// Still scenes of every kind, and moving boxes in several worlds, of which first all and then a few move.
+/// Static scenes of every kind, and moving boxes in several worlds: first all of them move, then a few.
 void expect_right_pairs(const std::string& algorithm) {
   BroadPhase broad_phase({.algorithm = algorithm});
   const auto expect_pairs_of = [&](const std::vector<Aabb>& boxes, const std::string& what) {
@@ -128,7 +128,7 @@ TEST(LimitedDevice, WithSmallWorkGroupsOrLittleLocalMemoryGetsTheTuningProfileFo
   }
 }
 
-/// A GPU whose extensions, or kernels, say this of the work-items that it runs in step.
+/// A GPU whose extensions or kernels report this number of work-items that run in lockstep.
 Limits gpu_of(const char* extensions, cl_uint name, const std::string& width) {
   return {.answers = {{CL_DEVICE_TYPE, answer(cl_device_type{CL_DEVICE_TYPE_GPU})},
                       {CL_DEVICE_EXTENSIONS, std::string(extensions) + '\0'},
@@ -169,13 +169,13 @@ TEST(LimitedDevice, WithWavesOf64FindsWhatTheOracleFinds) {
   const LimitedDevices limited(gpu_with_waves_of(64));
   ASSERT_EQ(opencl::Context(select_device(), false).tuning(), opencl::Tuning::gpu64);
   expect_right_pairs("tiles");
-  // So many that the tree has another level, but too many for the oracle.
+  // Enough boxes that the tree has another level, but too many for the oracle.
   const scenes::MovingBoxes many(50'000, scenes::MovingBoxes::Sizes::mixed);
   EXPECT_TRUE(same("many", overlapping_pairs(many.boxes(), {.algorithm = "tiles"}),
                    overlapping_pairs(many.boxes(), {.algorithm = "sweep-and-prune"})));
 }
 
-/// A GPU with few registers, for instance.
+/// For instance, a GPU with few registers.
 TEST(LimitedDevice, ThatRunsKernelsInSmallWorkGroupsOnlyGetsSuchOnes) {
   const ScopedVariable any("BROADCL_DEVICE", "");
   const std::vector<Aabb> boxes(50, unit);
@@ -213,7 +213,7 @@ TEST(LimitedDevice, ThatCannotRunAKernelSaysSoAtOnce) {
               AllOf(HasSubstr("256"), HasSubstr("allows 64"), HasSubstr("BROADCL_TUNING=cpu")));
 }
 
-/// Whether the implementation tells how much local memory a kernel takes; PoCL 6.0 always says 0.
+/// Whether the implementation reports how much local memory a kernel needs; PoCL 6.0 always says 0.
 bool tells_local_memory() {
   const opencl::Context context(select_device(), false);
   const EngineLaunch& launch = engine_launch(context);
@@ -222,9 +222,9 @@ bool tells_local_memory() {
   return kernel.getWorkGroupInfo<CL_KERNEL_LOCAL_MEM_SIZE>(device) > 0;
 }
 
-/// (As little as the embedded profile of OpenCL demands is enough for gpu-bf.)
+/// (The minimum that OpenCL's embedded profile requires is enough for gpu-bf.)
 TEST(LimitedDevice, WithTooLittleLocalMemorySaysSoAtOnce) {
-  if (!tells_local_memory()) GTEST_SKIP() << "the device does not tell what a kernel takes";
+  if (!tells_local_memory()) GTEST_SKIP() << "the device does not report how much a kernel needs";
   const ScopedVariable by_the_device("BROADCL_TUNING", "");
   const LimitedDevices limited({.local_memory = 1 << 10});
   EXPECT_THAT(error_of([] { BroadPhase({.algorithm = "brute-force"}); }),
@@ -247,7 +247,7 @@ TEST(LimitedDevice, WithSmallAllocationsRefusesPairsThatDoNotFitAndGoesOn) {
   EXPECT_TRUE(broad_phase.update().added.empty());
 }
 
-/// On Intel's GPUs they need a flag and an option, which only gpu-bf uses.
+/// On Intel's GPUs, large buffers need a flag and an option, which only gpu-bf uses.
 NOT_IN(all_default, "takes long, in the compiler");
 TEST(LimitedDevice, OfIntelHasLargeBuffersForGpuBf) {
   const ScopedVariable any("BROADCL_DEVICE", "");

@@ -50,7 +50,7 @@ TEST(Devices, SayWhichCardTheyAre) {
   };
   const auto khr = answer(std::array<cl_uint, 4>{0x1, 0x3b, 0x1f, 7});
   EXPECT_EQ(first({{khr_bus, khr}}, "cl_khr_pci_bus_info").pci_address, "0001:3b:1f.7");
-  EXPECT_EQ(first({{khr_bus, khr}}, "").pci_address, "") << "not asked for what is not there";
+  EXPECT_EQ(first({{khr_bus, khr}}, "").pci_address, "") << "nothing is asked without the extension";
   std::map<cl_device_info, std::string> nv{{nv_bus, answer(cl_uint{0xc1})}, {nv_slot, answer(cl_uint{0x9})}};
   EXPECT_EQ(first(nv, "cl_nv_device_attribute_query").pci_address, "0000:c1:01.1");
   nv.emplace(nv_domain, answer(cl_uint{0x12}));
@@ -81,7 +81,7 @@ TEST(Devices, OfOneCardAreAllListedAndOneIsTheDefault) {
   EXPECT_NO_THROW((void)opencl::open(again));
 }
 
-/// The text of the Error that a function throws, if it does.
+/// The text of the Error that a function throws, if any.
 template <class Function>
 std::string error_if_any(const Function& function) {
   try {
@@ -92,8 +92,8 @@ std::string error_if_any(const Function& function) {
   return {};
 }
 
-/// Makes each OpenCL call of a function fail, alone and together with all later ones. Then it throws an
-/// Error, or tells of one.
+/// Makes each OpenCL call of a function fail, alone and together with all later ones. The function must throw
+/// an Error or report one.
 template <class Function>
 void expect_errors(const Function& function) {
   constexpr long all = 1'000'000;
@@ -145,7 +145,7 @@ TEST(Devices, ThatFailDoNotHideOthers) {
       EXPECT_EQ(failures.size(), 1U);
     }
   }
-  // If none is left, the error is that of one that failed.
+  // If no device is left, the error is that of one that failed.
   const test::FailingOpenCl failing(1, 1'000'000);
   EXPECT_THAT(test::error_of([] { (void)select_device(); }), HasSubstr("CL_OUT_OF_RESOURCES"));
 }

@@ -56,7 +56,7 @@ class EachAlgorithm : public ::testing::TestWithParam<AlgorithmInfo> {
 
 SUITE_ALSO_IN(EachAlgorithm, gpu_profile | rusticl);
 
-/// Two equal lists, or the first difference: to print all of them would take long.
+/// Whether two lists are equal, or the first difference: printing them would take long.
 inline ::testing::AssertionResult same(std::string_view what, std::span<const Pair> is,
                                        std::span<const Pair> expected) {
   const auto wrong = std::mismatch(is.begin(), is.end(), expected.begin(), expected.end());
@@ -76,7 +76,7 @@ inline ::testing::AssertionResult same(const Delta& is, std::span<const Pair> ad
   return result ? same("removed", is.removed, removed) : result;
 }
 
-/// A BroadPhase and an oracle that live the same life.
+/// A BroadPhase and an oracle that get the same calls.
 class Twins {
  public:
   explicit Twins(const BroadPhase::Config& config) : tested_(config), oracle_({.algorithm = "oracle"}) {}
@@ -109,8 +109,8 @@ class Twins {
     oracle_.begin();
   }
 
-  /// Ends an update of both, which begins now unless it was begun; whether changes, all pairs and sizes are
-  /// the same.
+  /// Ends an update of both, which begins now unless it was begun already. The result is whether changes, all
+  /// pairs and sizes are the same.
   [[nodiscard]] ::testing::AssertionResult agree() {
     const Delta expected = oracle_.finish();
     const Delta delta = tested_.finish();

@@ -19,7 +19,7 @@
 #include "scenes/generators.hpp"
 #include "test_name.hpp"
 
-/// Updates that nobody waits for.
+/// Updates that the caller does not wait for.
 namespace broadcl::test {
 namespace {
 
@@ -43,7 +43,7 @@ class Scene {
  public:
   Scene(const CallersQueue& queue, std::uint32_t n) : queue_(queue), motion_(n, MovingBoxes::Sizes::mixed) {}
 
-  /// The next frame, of the first n boxes.
+  /// Advances to the next frame, which has the first n boxes.
   DeviceBroadPhase::Boxes advance(std::size_t n, bool with_filters = false) {
     motion_.advance();
     boxes_.assign(motion_.boxes().begin(), motion_.boxes().begin() + static_cast<std::ptrdiff_t>(n));
@@ -78,7 +78,7 @@ class Scene {
 
 class Enqueue : public ::testing::TestWithParam<std::string> {
  protected:
-  /// Frames of motion, of which only every tenth is waited for, have the changes of the oracle.
+  /// Moves boxes over some frames, waits for every tenth only, and compares all changes with the oracle's.
   /// @param capacity Of the lists of changes.
   void follow_oracle(std::uint32_t n, std::size_t capacity, int frames = 25) {
     Scene scene(queue_, n);
@@ -127,13 +127,13 @@ TEST_P(Enqueue, FramesFollowTheOracle) {
   follow_oracle(400, 4000);
 }
 
-/// So many that they are ordered by buckets.
+/// Lists long enough to be ordered by buckets.
 TEST_P(Enqueue, FramesWithLongListsFollowTheOracle) {
   follow_oracle(600, 20'000);
 }
 
-/// Whichever of some updates does not fit, it and those that follow change nothing and say so; the next
-/// waiting call has all changes since the last that fitted.
+/// Whichever of several updates does not fit, it and all later ones change nothing and report this; the next
+/// call that waits has all changes since the last update that fitted.
 ALSO_IN(oclgrind);
 TEST_P(Enqueue, SmallUpdatesThatDoNotFitChangeNothing) {
   constexpr std::uint32_t n = 60;
@@ -167,7 +167,7 @@ TEST_P(Enqueue, SmallUpdatesThatDoNotFitChangeNothing) {
   }
 }
 
-/// What they excluded is not taken for what the last complete update did.
+/// The exclusions of incomplete updates are not mistaken for those of the last complete one.
 ALSO_IN(oclgrind);
 TEST_P(Enqueue, SmallUpdatesThatDoNotFitExcludeNothing) {
   constexpr std::uint32_t n = 8;
@@ -192,7 +192,7 @@ TEST_P(Enqueue, SmallUpdatesThatDoNotFitExcludeNothing) {
   EXPECT_EQ(result.incomplete, 3U);
 }
 
-/// More pairs than there is room for: until there is.
+/// More pairs than fit, until reserve() adds capacity.
 TEST_P(Enqueue, PairsThatDoNotFitWaitForRoom) {
   constexpr std::uint32_t n = 300;
   constexpr std::size_t all = n * (n - 1) / 2;
@@ -220,7 +220,7 @@ TEST_P(Enqueue, PairsThatDoNotFitWaitForRoom) {
   EXPECT_EQ(result.incomplete, 3U);
 }
 
-/// With more boxes and far more pairs than reserve() was told of, after which lists differ in size.
+/// With more boxes and far more pairs than reserve() was called for; afterwards the lists differ in size.
 TEST_P(Enqueue, WaitingUpdatesInBetweenMayBeLarger) {
   constexpr std::uint32_t few = 200;
   constexpr std::uint32_t many = 300;
@@ -246,7 +246,7 @@ TEST_P(Enqueue, WaitingUpdatesInBetweenMayBeLarger) {
   }
 }
 
-/// Tiles may have been sorted in an update that was halted, by boxes that it did not get.
+/// Tiles may have been sorted in a halted update, by boxes that never took effect.
 TEST(EnqueueTiles, AreSortedAgainAfterIncompleteUpdates) {
   constexpr std::uint32_t n = 500;
   const CallersQueue queue(CL_QUEUE_PROFILING_ENABLE);

@@ -18,7 +18,7 @@ inline void set_variable(const char* name, const char* value) {
 #endif
 }
 
-/// Sets an environment variable for as long as it lives.
+/// Sets an environment variable while it exists.
 class ScopedVariable {
  public:
   ScopedVariable(const char* name, const std::string& value) : name_(name) {
@@ -36,7 +36,7 @@ class ScopedVariable {
   std::optional<std::string> old_;
 };
 
-/// A new empty folder that goes away with its owner.
+/// A new empty folder that is deleted with its owner.
 class ScopedFolder {
  public:
   ScopedFolder() {

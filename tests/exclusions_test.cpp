@@ -24,7 +24,7 @@ namespace {
 using scenes::MovingBoxes;
 using ::testing::HasSubstr;
 
-/// A broad phase with exclusions, and an oracle without, of whose pairs they are taken.
+/// A broad phase with exclusions, and an oracle without them, from whose pairs they are removed.
 class Follower {
  public:
   Follower(const BroadPhase::Config& config, std::uint32_t n)
@@ -77,14 +77,14 @@ Pairs every(std::size_t step, const Pairs& pairs) {
   return some;
 }
 
-/// Exclusions of updates of n boxes.
+/// Updates of n boxes with exclusions.
 void follow(const BroadPhase::Config& config, std::uint32_t n) {
   Follower follower(config, n);
   ASSERT_TRUE(follower.agrees());
   const Pairs all = follower.pairs();
   ASSERT_GT(all.size(), n / 4);
   follower.exclude(every(2, all));
-  ASSERT_TRUE(follower.agrees()) << "some pairs that are known";
+  ASSERT_TRUE(follower.agrees()) << "some known pairs";
   follower.advance(1);
   ASSERT_TRUE(follower.agrees()) << "while all move";
   follower.exclude(every(3, all));
@@ -93,12 +93,12 @@ void follow(const BroadPhase::Config& config, std::uint32_t n) {
   follower.advance(20);
   ASSERT_TRUE(follower.agrees()) << "while some move";
   follower.exclude(all_pairs(std::min(n, 300U)));
-  ASSERT_TRUE(follower.agrees()) << "all of the first";
+  ASSERT_TRUE(follower.agrees()) << "all pairs of the first boxes";
   follower.exclude({});
   ASSERT_TRUE(follower.agrees()) << "none";
 }
 
-/// Exclusions of one search of n boxes, and of one of the same boxes as two sets.
+/// Searches n boxes with exclusions, once as one set and once as two.
 void search_once(const BroadPhase::Config& config, std::uint32_t n) {
   const MovingBoxes motion(n, MovingBoxes::Sizes::mixed);
   const std::span<const Aabb> boxes = motion.boxes();
@@ -118,7 +118,7 @@ void search_once(const BroadPhase::Config& config, std::uint32_t n) {
   const std::span<const Aabb> second = boxes.subspan(n / 3);
   const Pairs between = overlapping_pairs(first, second, {.algorithm = "oracle"});
   Pairs without = every(2, between);
-  // Of one index and itself, and of those that would be a pair of one set.
+  // In two sets, both indices of a pair may be equal.
   for (std::uint32_t k = 0; k < first.size(); ++k) without.push_back({k, k});
   Pairs sorted = without;
   std::ranges::sort(sorted);
@@ -147,7 +147,7 @@ TEST_P(EachAlgorithm, ExclusionsHoldForIds) {
   broad_phase.remove(2);
   EXPECT_EQ(broad_phase.add(unit), 2U);
   EXPECT_TRUE(same(broad_phase.update(), Pairs{{1, 2}}, Pairs{{1, 2}}));
-  // Those that are set while an update runs belong to the next one.
+  // Exclusions that are set while an update runs belong to the next one.
   broad_phase.move(0, apart(0));
   broad_phase.begin();
   broad_phase.set_exclusions(Pairs{{0, 1}, {0, 1}});
@@ -177,7 +177,7 @@ TEST(Exclusions, OfOneSearchAreOfBoxesThatAreThere) {
             (Pairs{{0, 0}, {2, 1}}));
 }
 
-/// A list, which no BoxView can view, has them, too.
+/// A list, which has no BoxView, can have exclusions, too.
 TEST(Exclusions, OfAnyRange) {
   const std::list<Aabb> boxes(3, unit);
   EXPECT_EQ(overlapping_pairs(boxes, {.algorithm = "oracle"}, Pairs{{2, 0}}), (Pairs{{0, 1}, {1, 2}}));

@@ -21,7 +21,7 @@ struct Allocations {
 };
 constinit thread_local Allocations allocations_made;
 
-/// Null where the allocation is to fail, or does.
+/// Null if the allocation must fail, or fails by itself.
 void* allocate(std::size_t bytes, std::align_val_t alignment = {}) noexcept {
   Allocations& state = allocations_made;
   if (state.pauses == 0 && !is_inside_opencl()) {

@@ -2,10 +2,10 @@
 
 namespace broadcl::test {
 
-/// Makes allocations of the thread that made it fail as long as it lives, by operator new in all its forms.
-/// One at a time per thread. What OpenCL allocates neither counts nor fails; other threads are left alone.
+/// While it exists, allocations of the thread that made it fail, by operator new in all its forms. One at a
+/// time per thread. OpenCL's own allocations neither count nor fail; other threads are not affected.
 ///
-/// A program that links this file runs under a replaced operator new.
+/// A program that links this file runs with a replaced operator new.
 class FailingAllocations {
  public:
   /// @param first Allocations that succeed before.
@@ -20,7 +20,7 @@ class FailingAllocations {
   /// Allocations of this thread since it began.
   [[nodiscard]] static long allocations() noexcept;
 
-  /// While one lives, allocations of this thread neither count nor fail: for what a test does for itself.
+  /// While one exists, allocations of this thread neither count nor fail: for the needs of the test itself.
   class Pause {
    public:
     Pause() noexcept;

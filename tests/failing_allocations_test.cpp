@@ -15,7 +15,7 @@
 #include "failing_opencl.hpp"
 #include "opencl/context.hpp"
 
-/// That the allocations that are to fail do, and no others.
+/// Exactly those allocations fail that should.
 namespace broadcl::test {
 namespace {
 
@@ -23,7 +23,8 @@ struct alignas(64) Wide {
   std::array<char, 64> bytes{};
 };
 
-/// Whether it got memory. A compiler may omit an allocation that it sees to be of no use, so it must not see.
+/// Whether memory was allocated. A compiler may omit an allocation that it can see is unused, so this
+/// function is hidden from it.
 template <class T>
 [[gnu::noinline]] bool is_freed(const T* memory) {
   delete memory;
@@ -85,7 +86,7 @@ TEST(FailingAllocations, APauseAndOtherThreadsAreLeftAlone) {
   EXPECT_EQ(allocations, 0);
 }
 
-/// Compiling, above all, allocates by operator new in some implementations.
+/// Some implementations use operator new, above all when they compile.
 TEST(FailingAllocations, OpenClAllocatesWhatItNeeds) {
   const opencl::Context context(select_device(), false);
   const char* const source = "kernel void nothing(global int* x) { x[get_global_id(0)] = 1; }";

@@ -40,21 +40,21 @@ struct Inside {
   Inside& operator=(Inside&&) = delete;
 };
 
-/// Calls the function that this program would call without the one of the same name here.
+/// Calls the function that this program would call if this file did not define one of that name.
 template <class Function, class... Arguments>
 auto call_next(Function* /*type*/, const char* name, Arguments... arguments) {
   const Inside inside;
   return reinterpret_cast<Function*>(dlsym(RTLD_NEXT, name))(arguments...);
 }
 
-/// Calls that are made inside of others never fail.
+/// Calls inside other calls never fail.
 bool fails() {
   if (depth > 0) return false;
   const long call = calls_made++;
   return call >= first_failing && call < first_succeeding;
 }
 
-/// A device that has failed does nothing any more, so what it was given before is done first.
+/// A failed device does nothing more, so its earlier commands are completed first.
 void drain(cl_command_queue queue) {
   cl_event end = nullptr;
   call_next(clEnqueueMarkerWithWaitList, "clEnqueueMarkerWithWaitList", queue, cl_uint{0},
@@ -66,13 +66,13 @@ void drain(cl_command_queue queue) {
 /// The name of a function, as an argument of a template.
 template <std::size_t n>
 struct Name {
-  // NOLINTNEXTLINE(modernize-avoid-c-arrays): a literal stands for it
+  // NOLINTNEXTLINE(modernize-avoid-c-arrays): the argument is a literal
   constexpr Name(const char (&name)[n]) { std::copy_n(name, n, text.begin()); }
   [[nodiscard]] constexpr std::string_view view() const { return {text.data(), n - 1}; }
   std::array<char, n> text{};
 };
 
-/// What this program calls in place of an OpenCL function.
+/// This program calls it instead of an OpenCL function.
 template <Name name, class Function>
 struct Watched;
 
@@ -127,7 +127,7 @@ struct Watched<name, Result(Arguments...)> {
         all);
   }
 
-  /// Why a device of the limits that are set does not do this.
+  /// The error of a call that exceeds the current limits, or CL_SUCCESS.
   static cl_int refusal(const All& all) {
     const Inside inside;
     if constexpr (text == "clEnqueueNDRangeKernel")
@@ -139,7 +139,7 @@ struct Watched<name, Result(Arguments...)> {
     return CL_SUCCESS;
   }
 
-  /// Has an answer be that of such a device.
+  /// Changes an answer to that of a device with these limits.
   static void limit(const All& all) {
     const Inside inside;
     if constexpr (text == "clGetPlatformIDs")
@@ -210,9 +210,9 @@ bool is_inside_opencl() noexcept {
 
 }  // namespace broadcl::test
 
-// Each stands before the loader's function of the same name, since a program's own symbols come first. The
-// linker asks a function (which runs before sanitizers are ready) for what stands behind the symbol; thus no
-// list of parameters needs to be repeated. Hidden: Oclgrind, which is loaded with the program, calls its own.
+// Each precedes the loader's function of the same name, since a program's own symbols come first. The linker
+// calls a function to resolve the symbol (before sanitizers are ready), so no list of parameters needs to be
+// repeated. Hidden, so that Oclgrind, which is loaded with the program, calls its own functions.
 // NOLINTBEGIN(bugprone-macro-parentheses): names in declarations take none
 #define WATCH(function)                                                                           \
   __attribute__((no_sanitize("address", "undefined"))) decltype(function)* watched_##function() { \
@@ -221,7 +221,7 @@ bool is_inside_opencl() noexcept {
   decltype(function) function __attribute__((ifunc("watched_" #function), visibility("hidden")))
 // NOLINTEND(bugprone-macro-parentheses)
 
-// All that the library and these tests call; opencl-calls-are-watched fails for one that is missing.
+// All functions that the library and these tests call; opencl-calls-are-watched fails if one is missing.
 extern "C" {
 WATCH(clBuildProgram);
 WATCH(clCreateBuffer);

@@ -4,7 +4,7 @@
 
 namespace broadcl::test {
 
-/// Makes OpenCL calls of this program fail with CL_OUT_OF_RESOURCES as long as it lives. One at a time.
+/// Makes OpenCL calls of this program fail with CL_OUT_OF_RESOURCES while it exists. One at a time.
 class FailingOpenCl {
  public:
   /// @param first Calls that succeed before.
@@ -16,7 +16,7 @@ class FailingOpenCl {
   FailingOpenCl(FailingOpenCl&&) = delete;
   FailingOpenCl& operator=(FailingOpenCl&&) = delete;
 
-  /// Calls that were made since it began, among those that can fail: all but those that retain and release.
+  /// Calls since it began, of those that can fail: all but those that retain and release.
   [[nodiscard]] static long calls() noexcept;
 
   /// The name of the function that failed last; empty if none ever did.
@@ -27,11 +27,11 @@ class FailingOpenCl {
 struct OpenClUse {
   long blocking_calls = 0;     ///< Calls that waited for the device.
   long memory_references = 0;  ///< To memory objects: one per creation and retain, less one per release.
-  long mapped_regions = 0;     ///< Mappings, less those that were ended.
+  long mapped_regions = 0;     ///< Mappings, less those that have ended.
 };
 [[nodiscard]] OpenClUse opencl_use() noexcept;
 
-/// Waits until the device has done all that the queue which was used last was given. It must still exist.
+/// Waits until the device has completed all commands of the queue that was used last, which must still exist.
 void wait_for_last_queue();
 
 /// Whether the calling thread is inside an OpenCL call.

@@ -4,7 +4,7 @@
 
 namespace broadcl::test {
 
-/// What a consumer's program sees.
+/// The answers in a user's program.
 struct Answers {
   bool has_nan;
   bool is_empty;
@@ -13,7 +13,7 @@ struct Answers {
   friend bool operator==(const Answers&, const Answers&) = default;
 };
 
-/// Of box s, and of s and t, by a translation unit that is compiled with -ffast-math.
+/// About box s, and about s and t, from a translation unit that is compiled with -ffast-math.
 [[nodiscard]] Answers fast_math_answers(const Aabb& s, const Aabb& t) noexcept;
 
 }  // namespace broadcl::test

@@ -35,7 +35,7 @@ TEST(Filter, PairsNeedBothMasksOneWorldAndTwoBodies) {
   static_assert(may_pair(of_body(Filter::no_body), of_body(Filter::no_body)));
 }
 
-/// Boxes that all lie in the same place, with the given filters: the pairs must be those expected, and the
+/// Boxes that all lie in the same place, with the given filters: the pairs must be the expected ones, and the
 /// oracle's.
 void expect_pairs(const BroadPhase::Config& config, std::span<const Filter> filters, const Pairs& expected) {
   Twins twins(config);
@@ -68,8 +68,8 @@ TEST_P(EachAlgorithm, SmallObjectsOfABodyNeverPair) {
   expect_pairs(config(), filters, expected);
 }
 
-/// Worlds are compared as they are, though kernels carry them among floats: those here would be zeros,
-/// denormals, infinities and NaNs.
+/// Worlds are compared bit by bit, although kernels store them among floats. As floats, those here would be
+/// zeros, denormals, infinities and NaNs.
 ALSO_IN(oclgrind | oclgrind_gpu_profile);
 TEST_P(EachAlgorithm, SmallWorldsAreComparedBitByBit) {
   constexpr std::array<std::uint32_t, 9> worlds{0,          1,          2,          0x7f800000, 0x7f800001,
@@ -184,7 +184,7 @@ TEST_P(EachAlgorithm, ThousandsOfWorldsInOneSearch) {
     }
     ASSERT_EQ(expected.size(), worlds * (size * (size - 1) / 2));
     ASSERT_TRUE(same(broad_phase.update(), expected, {}));
-    // One moves to the world of another.
+    // One object moves to another world.
     Pairs of_0;
     Pairs of_new;
     std::copy_if(expected.begin(), expected.end(), std::back_inserter(of_0),
@@ -197,7 +197,7 @@ TEST_P(EachAlgorithm, ThousandsOfWorldsInOneSearch) {
   }
 }
 
-/// Adds, moves, filters and removes at random.
+/// Adds, moves, filters and removes objects at random.
 void live_at_random(const BroadPhase::Config& config, std::uint32_t seeds, int frames) {
   for (std::uint32_t seed = 1; seed <= seeds; ++seed) {
     std::mt19937 random(seed);
@@ -220,7 +220,7 @@ void live_at_random(const BroadPhase::Config& config, std::uint32_t seeds, int f
     Twins twins(config);
     std::vector<std::uint32_t> live;
     for (int frame = 0; frame < frames; ++frame) {
-      // Everything from nothing at all to everybody; now and then nobody survives.
+      // From no changes at all to very many; now and then all objects are removed.
       const std::uint32_t activity = std::array{0U, 3U, 10U, 60U}[below(4)];
       const std::uint32_t death = frame % 16 == 15 ? 100 : activity / 3;
       std::erase_if(live, [&](std::uint32_t id) {

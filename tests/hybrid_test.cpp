@@ -36,7 +36,8 @@ std::unique_ptr<Algorithm> host() {
   return make_algorithm({.algorithm = "sweep-and-prune"});
 }
 
-/// Objects of which some move, come, go or get another filter in each update; some while one is in flight.
+/// Objects, some of which move, come, go or get another filter in each update, sometimes while one is in
+/// flight.
 class Script {
  public:
   Script(Core& core, unsigned seed) : core_(core), random_(seed) {}
@@ -56,7 +57,7 @@ class Script {
     if (below(2) == 0) kept_.emplace_back(delta, core_.delta_memory());
   }
 
-  /// Deltas that were kept must be as they were, whichever side they are of.
+  /// Stored deltas must be unchanged, whichever side they come from.
   void expect_kept() const {
     for (const KeptDelta& kept : kept_) EXPECT_TRUE(kept.is_unchanged());
   }
@@ -110,7 +111,7 @@ class Script {
   std::vector<std::uint32_t> ids_;
 };
 
-/// Updates it until it is on the device, or on the host; gives up after many.
+/// Updates it until it is on the device (or on the host); gives up after many updates.
 void update_until(Core& core, Script& script, bool on_device) {
   for (int k = 0; k < 2000 && (core.algorithm().device() != nullptr) != on_device; ++k) script.update();
   ASSERT_EQ(core.algorithm().device() != nullptr, on_device);
@@ -172,7 +173,7 @@ TEST(HybridFailure, NoMemoryOnTheDeviceLaterLeavesTheHost) {
   update_until(core, script, true);
 }
 
-/// Adds three equal boxes, and moves one until the next update is the device's.
+/// Adds three equal boxes, and moves one until the next update runs on the device.
 void meet_on_host(Core& core, Pretender::Orders& orders) {
   for (std::uint32_t k = 0; k < 3; ++k) core.add(unit, {});
   EXPECT_EQ(core.finish().added.size(), 3U);
@@ -212,7 +213,7 @@ TEST(HybridFailure, OfTheFirstUpdateOnTheDeviceLosesNothing) {
   EXPECT_EQ(core.pairs(), Pairs());
 }
 
-/// Updates of so many boxes that the oracle takes long for them.
+/// Updates with so many boxes that the oracle takes long.
 void update_many(Core& core, int updates) {
   constexpr std::uint32_t n = 1000;
   for (int k = 0; k < updates; ++k) {

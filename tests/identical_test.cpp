@@ -28,7 +28,7 @@
 namespace broadcl {
 namespace {
 
-// ctest has the tests of this file run with rusticl on (CMakeLists.txt).
+// ctest runs the tests of this file with rusticl enabled (CMakeLists.txt).
 SUITE_NOT_IN(Identical, sanitizers | all_default,
              "needs Mesa, which leaks when it is loaded; a test of its own");
 SUITE_ALSO_IN(IdenticalRun, intel);
@@ -43,7 +43,7 @@ struct Change {
   friend bool operator==(const Change&, const Change&) = default;
 };
 
-/// A pair cache reports every change to it.
+/// Pair caches report every change to it.
 class ChangeRecorder final : public btOverlappingPairCallback {
  public:
   btBroadphasePair* addOverlappingPair(btBroadphaseProxy* s, btBroadphaseProxy* t) override {
@@ -80,7 +80,7 @@ std::size_t hash_of_motion(const btCollisionWorld& world) {
   return std::hash<std::string_view>()(bytes);
 }
 
-/// What a run leaves behind, frame by frame.
+/// The results of a run, frame by frame.
 struct Traces {
   std::vector<std::size_t> motion;           ///< Hashes.
   std::vector<std::vector<Change>> changes;  ///< In their order.
@@ -107,8 +107,8 @@ void expect_same(const Traces& is, const Traces& expected) {
   }
 }
 
-/// Memory in blocks of many sizes with holes between them: what is allocated while it lives has
-/// other addresses, in another order.
+/// Memory in blocks of many sizes with holes between them: what is allocated while it exists has other
+/// addresses, in another order.
 class FragmentedHeap {
  public:
   FragmentedHeap() {
@@ -133,7 +133,7 @@ class IdenticalRun : public testing::TestWithParam<Parameters> {
   }
 };
 
-/// The tuning profiles that a device can work with: few work-items are too much for llvmpipe
+/// The tuning profiles that a device can use. If there are few work-items, llvmpipe ends them too early
 /// (host/opencl/context.cpp).
 std::vector<std::string> profiles_for(const Device& device) {
   if (device.name.find("llvmpipe") != std::string::npos) return {"gpu"};

@@ -9,7 +9,7 @@
 #include "each_algorithm.hpp"
 #include "expect_error.hpp"
 
-/// begin() and finish(), and what is done in between.
+/// begin() and finish(), and calls in between.
 namespace broadcl::test {
 namespace {
 
@@ -63,14 +63,14 @@ TEST_P(EachAlgorithm, SmallObjectsReplacedInFlightAreOthers) {
   for (std::uint32_t k = 0; k < 20; ++k) broad_phase.add(apart(k / 2));
   (void)broad_phase.update();
   const Pairs pair{{2, 3}};
-  // Another object with the same id, whose pair is another one.
+  // Another object gets the same id, so its pair is another one.
   broad_phase.move(19, apart(30));
   broad_phase.begin();
   broad_phase.remove(3);
   EXPECT_EQ(broad_phase.add(apart(1)), 3U);
   EXPECT_TRUE(same(broad_phase.finish(), {}, Pairs{{18, 19}}));
   EXPECT_TRUE(same(broad_phase.finish(), pair, pair));
-  // It was replaced before begin(), and again after it.
+  // The object is replaced before begin(), and again after it.
   broad_phase.remove(3);
   EXPECT_EQ(broad_phase.add(apart(1)), 3U);
   broad_phase.begin();
@@ -78,7 +78,7 @@ TEST_P(EachAlgorithm, SmallObjectsReplacedInFlightAreOthers) {
   EXPECT_EQ(broad_phase.add(apart(40)), 3U);
   EXPECT_TRUE(same(broad_phase.finish(), pair, pair));
   EXPECT_TRUE(same(broad_phase.finish(), {}, pair));
-  // One that comes and goes in flight was never there.
+  // An object that comes and goes in flight was never there.
   broad_phase.move(19, apart(9));
   broad_phase.begin();
   EXPECT_EQ(broad_phase.add(apart(0)), 20U);
@@ -124,7 +124,7 @@ TEST_P(EachAlgorithm, SmallOneInFlightMayBeMovedAndDestroyed) {
   EXPECT_EQ(moved.update().removed.size(), 19U);
 }
 
-/// Thousands come while a search runs over a few; and pairs that were found by the search that was begun end.
+/// Thousands of boxes are added while a few are searched; and pairs that this search finds end.
 TEST_P(EachAlgorithm, MemoryGrowsForWhatIsAddedInFlight) {
   const std::uint32_t n = is_slow() ? 1000 : 5000;
   Twins twins(config());
@@ -197,8 +197,8 @@ TEST_P(EachAlgorithm, RandomOperationsInFlightAreThoseOfOneUpdate) {
   operate_at_random(config(), 12, 40);
 }
 
-/// More pairs than the device has memory for: finish() is an error that says so, after which everything that
-/// was done before and in flight is there, and the next update has the right changes.
+/// More pairs than the device has memory for: finish() reports this error. Everything that was done before
+/// and in flight is still there, and the next update has the right changes.
 TEST(Long, ExhaustedMemoryInFlightLosesNothing) {
   constexpr std::uint32_t few = 20;
   BroadPhase broad_phase({.algorithm = "brute-force"});
@@ -216,14 +216,14 @@ TEST(Long, ExhaustedMemoryInFlightLosesNothing) {
   broad_phase.begin();
   broad_phase.move(1, apart(1));
   const std::uint32_t late = broad_phase.add(apart(2));
-  for (std::uint32_t k = 0; k < n; ++k) broad_phase.add(apart(100'000));  // more than there is room for
+  for (std::uint32_t k = 0; k < n; ++k) broad_phase.add(apart(100'000));  // more than fit
   for (std::uint32_t k = 0; k < n; ++k) broad_phase.remove(late + n - k);
   EXPECT_THAT(error_of([&] { (void)broad_phase.finish(); }),
               AllOf(HasSubstr(std::to_string(limit)), HasSubstr("fewer boxes")));
   EXPECT_EQ(broad_phase.pairs(), before);
   EXPECT_EQ(broad_phase.size(), n + 1);
 
-  // What is done now comes after what was done in flight.
+  // Changes from now on come after those made in flight.
   broad_phase.move(1, apart(3));
   broad_phase.move(late, apart(4));
   for (std::uint32_t id = few; id < n; ++id) broad_phase.remove(id);

@@ -17,14 +17,14 @@
 #include "scenes/generators.hpp"
 #include "scenes/random.hpp"
 
-/// What must not change the pairs: names, directions and units; and by which way an algorithm finds them.
+/// The pairs must not depend on ids, directions and units, nor on how an algorithm finds them.
 namespace broadcl::test {
 namespace {
 
 using scenes::Random;
 
-/// Boxes of whole numbers, some infinite, some empty: scaled by any power of two, they are exact down to the
-/// smallest number there is.
+/// Boxes of whole numbers, some infinite, some empty: if they are scaled by a power of two, they stay exact
+/// down to the smallest number.
 std::vector<Aabb> whole_numbers(std::uint32_t n) {
   Random random(3);
   std::vector<Aabb> boxes(n);
@@ -46,7 +46,7 @@ std::vector<scenes::BoxScene> scenes_of(std::uint32_t n) {
   return all;
 }
 
-/// All pairs of boxes, each time found by the same object.
+/// Finds all pairs of boxes, each time with the same object.
 class Finder {
  public:
   explicit Finder(const BroadPhase::Config& config) : broad_phase_(config) {}
@@ -112,8 +112,8 @@ std::vector<Aabb> scaled(const std::vector<Aabb>& boxes, int exponent) {
   });
 }
 
-/// From the smallest to the largest power of two that leaves every bound exact: denormal numbers, and those
-/// whose squares overflow.
+/// From the smallest to the largest power of two that leaves every bound exact; this includes denormal
+/// numbers and numbers whose squares overflow.
 TEST_P(EachAlgorithm, BoxesMayBeScaledByPowersOfTwo) {
   const std::uint32_t n = is_slow() ? 100 : 400;
   Finder find(config());
@@ -139,7 +139,8 @@ TEST_P(EachAlgorithm, BoxesMayBeScaledByPowersOfTwo) {
   EXPECT_GE(greatest_of_all, 250);
 }
 
-/// Random motion of n boxes: they drift; some teleport; all gather in clusters, or in one place, and scatter.
+/// Random motion of n boxes: they drift, and some teleport; at times all gather in clusters or in one place,
+/// or scatter.
 class Motion {
  public:
   Motion(std::uint32_t n, std::uint64_t seed) : random_(seed) {
@@ -182,8 +183,7 @@ struct Subject {
   std::unique_ptr<Algorithm> algorithm;
 };
 
-/// Plays the same motion to tiles that sort in every frame, now and then, and never again, and to brute
-/// force.
+/// Plays the same motion to brute force and to tiles that sort in every frame, now and then, or never again.
 void expect_the_same_changes(std::uint32_t n, std::uint32_t frames, std::uint64_t seed) {
   std::vector<Subject> subjects;
   const auto add = [&](const std::string& name, MakePairFinder make) {
@@ -200,7 +200,7 @@ void expect_the_same_changes(std::uint32_t n, std::uint32_t frames, std::uint64_
   for (std::uint32_t frame = 0; frame < frames; ++frame) {
     const std::vector<Aabb> before = boxes;
     motion.advance(boxes);
-    // Every third frame few move.
+    // In every third frame, few boxes move.
     std::vector<std::uint32_t> ids(n);
     std::iota(ids.begin(), ids.end(), 0);
     if (frame % 3 == 2) {

@@ -6,7 +6,7 @@
 
 namespace broadcl::test {
 
-/// Whether few pairs are kept in a stage of their own, as they are with kernels tuned for CPUs.
+/// Whether few pairs are kept in a stage of their own, as with kernels tuned for CPUs.
 inline bool has_keep_stage() {
   return opencl::Context(select_device(), false).tuning() == opencl::Tuning::cpu;
 }

@@ -11,7 +11,7 @@
 
 namespace broadcl::test {
 
-/// A Delta that its user keeps, and what was in it.
+/// A Delta that its user keeps, and its original content.
 struct KeptDelta {
   KeptDelta(const Delta& now, std::shared_ptr<const void> owner)
       : delta(now), added(to_vector(now.added)), removed(to_vector(now.removed)), memory(std::move(owner)) {}

@@ -45,7 +45,7 @@ LateTrouble trouble_of(LateFailure failure) {
   return {failure.value_or(0), failure ? 1 : 0};
 }
 
-/// An update that fails by itself would be right when it is repeated.
+/// If an update failed by itself, its repetition would hide that, so failures are counted.
 ::testing::AssertionResult fails_only_for(LateFailure failure, const LateTrouble& trouble) {
   if (trouble.failures() <= (failure ? 1 : 0)) return ::testing::AssertionSuccess();
   return ::testing::AssertionFailure() << "an update failed though no call did";
@@ -54,7 +54,7 @@ LateTrouble trouble_of(LateFailure failure) {
 /// An algorithm, and one of its kernels on a GPU.
 struct LateKernel {
   const char* algorithm;
-  const char* name;  ///< As Limits::work_group_of_kernel has it.
+  const char* name;  ///< As in Limits::work_group_of_kernel.
   cl_uint wave = 32;
 
   [[nodiscard]] bool is_for(std::string_view option) const {
@@ -76,26 +76,26 @@ std::string name_of_late_kernel(const ::testing::TestParamInfo<LateKernel>& test
 
 Limits gpu_that_limits(const LateKernel& kernel, std::size_t most) {
   Limits gpu = gpu_with_waves_of(kernel.wave);
-  // `auto` chooses one of two.
+  // `auto` chooses one of these two.
   for (const std::string name : {kernel.name, "brute_force -DWORLDS=1"}) {
     gpu.work_group_of_kernel.emplace(name, most);
   }
   return gpu;
 }
 
-/// A place in a row, where some of the boxes around overlap.
+/// A box in a row; it overlaps some of its neighbours.
 Aabb late_box(std::uint32_t k) {
   const float x = static_cast<float>(k) * 0.3F;
   return {{x, 0, 0}, {x + 1, 1, 1}};
 }
 
-/// So that the device may say that it is a GPU.
+/// Lets the device claim to be a GPU.
 class ForAnyDevice {
   ScopedVariable device_{"BROADCL_DEVICE", ""};
   ScopedVariable tuning_{"BROADCL_TUNING", ""};
 };
 
-/// A BroadPhase with few frames, in the last of which a kernel is late.
+/// A BroadPhase over a few frames; in the last, a kernel is built late.
 class LateHostLife {
  public:
   LateHostLife(const LateKernel& kernel, std::uint32_t n)
@@ -115,7 +115,7 @@ class LateHostLife {
     }
   }
 
-  /// @returns Failures that were possible, if the answers were right.
+  /// @returns The number of possible failures, if the answers were right.
   std::optional<long> need(LateFailure failure, bool sets) {
     if (kernel_.is_for("SOME_CHANGED")) {
       move(7, late_box(n_ / 2));
@@ -153,7 +153,7 @@ class LateHostLife {
     for (std::uint32_t id = 0; id < n_; ++id) set_filter(id, id % 3 == 0 ? first_set : second_set);
   }
 
-  /// @returns Failures that were possible.
+  /// @returns The number of possible failures.
   long update(LateFailure failure = std::nullopt) {
     LateTrouble trouble = trouble_of(failure);
     const Delta delta =
@@ -187,16 +187,16 @@ TEST_P(LateKernelOnTheHost, RunsInSmallWorkGroups) {
     const LimitedDevices limited(gpu_that_limits(GetParam(), sets ? 1 : 16));
     LateHostLife life(GetParam(), 300);
     life.begin();
-    ASSERT_EQ(limited.asked_of_kernels(), 0) << "it is not late";
+    ASSERT_EQ(limited.asked_of_kernels(), 0) << "it was built too early";
     ASSERT_TRUE(life.need(std::nullopt, sets));
     ASSERT_TRUE(life.go_on());
-    // (For brute-force two sets are filters like others.)
+    // (For brute-force, two sets are ordinary filters.)
     const bool is_needed = !sets || std::string_view(GetParam().algorithm) == "tiles";
     EXPECT_TRUE(limited.asked_of_kernels() > 0 || !is_needed);
   }
 }
 
-/// Calls of the update that needs the kernel fail, about so many of them and one in each life.
+/// In each life, another call of the update that needs the kernel fails; there are about `most` lives.
 void expect_late_host_lives(const LateKernel& kernel, long most) {
   const LimitedDevices limited(gpu_that_limits(kernel, 16));
   expect_right_lives(most, [&](long first) -> std::optional<long> {
@@ -219,11 +219,11 @@ constexpr std::array late_on_the_host{LateKernel{"brute-force", "brute_force -DW
 INSTANTIATE_TEST_SUITE_P(Table, LateKernelOnTheHost, ::testing::ValuesIn(late_on_the_host),
                          name_of_late_kernel);
 
-/// A DeviceBroadPhase with few frames, in one of which a kernel is late.
+/// A DeviceBroadPhase over a few frames; in one of them, a kernel is built late.
 class LateDeviceLife {
  public:
-  /// @param sets Whether there are two sets, in all frames; otherwise there are worlds, in the last ones.
-  /// @param waits Whether the frames are waited for.
+  /// @param sets Whether there are two sets, in all frames; otherwise there are worlds, in the last frames.
+  /// @param waits Whether to wait for each frame.
   LateDeviceLife(const CallersQueue& queue, const LateKernel& kernel, bool sets, bool waits)
       : queue_(queue),
         kernel_(kernel),
@@ -241,7 +241,7 @@ class LateDeviceLife {
     if (!is_of_sets() && kernel_.is_for("WORLDS")) update();
   }
 
-  /// @returns Failures that were possible, if the answers were right.
+  /// @returns The number of possible failures, if the answers were right.
   std::optional<long> need(LateFailure failure) {
     has_worlds_ = !is_of_sets() && kernel_.is_for("WORLDS");
     const long points = update(failure);
@@ -261,7 +261,7 @@ class LateDeviceLife {
   static constexpr std::uint32_t n = 60;
   static constexpr std::size_t most_pairs = n * (n - 1) / 2;
 
-  /// What the device got for a frame, and what it must answer.
+  /// The device's input for a frame, and the expected answer.
   struct Frame {
     cl::Buffer first, second, filters, added, removed, counts;
     Reference::Changes expected;
@@ -270,7 +270,7 @@ class LateDeviceLife {
 
   [[nodiscard]] bool is_of_sets() const { return first_count_ < n; }
 
-  /// The next frame, in which boxes are elsewhere.
+  /// The next frame, in which the boxes are elsewhere.
   Frame next() {
     ++turn_;
     std::vector<Aabb> boxes;
@@ -291,7 +291,7 @@ class LateDeviceLife {
             .expected = {}};
   }
 
-  /// @returns Failures that were possible.
+  /// @returns The number of possible failures.
   long update(LateFailure failure = std::nullopt) {
     LateTrouble trouble = trouble_of(failure);
     const Pairs known = renumbered(reference_.pairs());
@@ -329,7 +329,7 @@ class LateDeviceLife {
     return trouble.points();
   }
 
-  /// @returns Whether all answers were right until now.
+  /// @returns Whether all answers were right so far.
   bool check() {
     for (const Frame& frame : unchecked_) {
       const auto [added, removed, pairs, incomplete] = queue_.read_counts(frame.counts);
@@ -345,7 +345,7 @@ class LateDeviceLife {
     return is_right_;
   }
 
-  /// In two sets, `b` is an index in the second one.
+  /// If there are two sets, `b` is an index into the second one.
   [[nodiscard]] Pairs renumbered(Pairs pairs) const {
     for (Pair& pair : pairs) pair.b -= is_of_sets() ? first_count_ : 0;
     return pairs;
@@ -381,7 +381,7 @@ TEST_P(LateKernelOnTheDevice, RunsInSmallWorkGroups) {
       const CallersQueue queue;
       LateDeviceLife life(queue, GetParam(), sets, waits);
       life.begin();
-      ASSERT_EQ(limited.asked_of_kernels(), 0) << "it is not late";
+      ASSERT_EQ(limited.asked_of_kernels(), 0) << "it was built too early";
       ASSERT_TRUE(life.need(std::nullopt));
       ASSERT_TRUE(life.go_on());
       const bool is_needed = !sets || std::string_view(GetParam().algorithm) == "tiles";
@@ -390,7 +390,7 @@ TEST_P(LateKernelOnTheDevice, RunsInSmallWorkGroups) {
   }
 }
 
-/// As expect_late_host_lives().
+/// Like expect_late_host_lives().
 void expect_late_device_lives(const LateKernel& kernel, bool sets, bool waits, long most) {
   const LimitedDevices limited(gpu_that_limits(kernel, 16));
   const CallersQueue queue;
@@ -420,7 +420,7 @@ TEST(LateKernel, LosesNothingIfACallFailsMeanwhile) {
   expect_late_device_lives(late_on_the_device[1], true, true, 6);
 }
 
-/// The same for all of them, and more calls.
+/// The same for all kernels, and with more calls.
 class LongLateKernelOnTheHost : public LateKernelOnTheHost {};
 TEST_P(LongLateKernelOnTheHost, LosesNothingWhicheverCallFailsMeanwhile) {
   expect_late_host_lives(GetParam(), 40);
@@ -451,7 +451,7 @@ TEST(LateKernel, OfASearchOfTwoSetsRunsInSmallWorkGroups) {
   }
 }
 
-/// If the environment names the tuning profile, or the device does not run the kernel at all.
+/// The environment names the tuning profile, or the device does not run the kernel at all.
 TEST(LateKernel, ThatCannotRunIsRefusedAndNothingIsLost) {
   const ForAnyDevice any;
   const auto expect_refusal = [](const std::string& tuning, std::size_t most, const std::string& remedy) {

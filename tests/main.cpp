@@ -1,4 +1,4 @@
-// All tests, or with --run=NAME those that state that they belong to a run (runs.hpp).
+// All tests, or with --run=NAME those that belong to this run (runs.hpp).
 #include <algorithm>
 #include <array>
 #include <cstddef>
@@ -44,7 +44,7 @@ struct Test {
   Runs runs;
 };
 
-/// The suite as the source has it: without the name of an instance, or the number of a type.
+/// The name of the suite in the source: without the name of an instance, or the number of a type.
 std::string suite_of(const testing::TestInfo& test) {
   const std::string name = test.test_suite_name();
   if (test.type_param() != nullptr) return name.substr(0, name.find('/'));
@@ -52,22 +52,22 @@ std::string suite_of(const testing::TestInfo& test) {
   return slash == std::string::npos ? name : name.substr(slash + 1);
 }
 
-/// Runs that a test leaves out because of its parameter.
+/// Runs that a test is not in because of its parameter.
 Runs left_out_for_parameter(std::string_view parameter) {
   constexpr Runs others = ~runs::all_default;
-  // Bullet's own broad phases, which our contract is checked against.
+  // Bullet's own broad phases, with which our contract is checked.
   for (const std::string_view control : {"Tree", "Sweep", "Simple"}) {
     if (parameter == control) return others;
   }
   for (const AlgorithmInfo& algorithm : algorithms()) {
     if (parameter != test_name(algorithm.name)) continue;
-    if (algorithm.name == "auto") return others;  // asks the other algorithms
+    if (algorithm.name == "auto") return others;  // uses the other algorithms
     return algorithm.on_device ? 0 : others & ~runs::sanitizers;
   }
   return 0;
 }
 
-/// Whether a statement is about a test: that of its suite, or the one that begins in the next lines.
+/// Whether a statement belongs to a test: it names the test's suite, or the test begins in the next lines.
 bool is_about(const RunStatement& statement, const testing::TestInfo& test) {
   if (!statement.suite.empty()) return suite_of(test) == statement.suite;
   const int distance = test.line() - statement.line;
@@ -125,7 +125,7 @@ std::string filter_of(std::string_view name, const std::vector<Test>& tests) {
   throw std::runtime_error("no run is named '" + std::string(name) + "'; there is:" + names);
 }
 
-/// Names each test that starts, which the brief output does not.
+/// Names each test that starts, unlike the brief output.
 class TestNames : public testing::EmptyTestEventListener {
   void OnTestStart(const testing::TestInfo& test) override {
     std::cout << test.test_suite_name() << '.' << test.name() << std::endl;
@@ -141,13 +141,13 @@ int run(int argc, char** argv) {
     GTEST_FLAG_SET(filter, filter_of(argument.substr(option.size()), tests));
     testing::UnitTest::GetInstance()->listeners().Append(new TestNames);
   }
-  // What GPUs have at least.
+  // The least that GPUs have.
   std::optional<LimitedDevices> limited;
   if (argument == "--run=gpu-profile") limited.emplace(Limits{.work_group = 256, .local_memory = 32 << 10});
   const int result = RUN_ALL_TESTS();
   const testing::UnitTest& program = *testing::UnitTest::GetInstance();
   if (program.test_to_run_count() == 0) throw std::runtime_error("no test is selected");
-  // (Real boxes may be missing from a developer's machine.)
+  // (The boxes of real simulations may be missing on a developer's machine.)
   const bool may_skip = argument == "--run=default" &&
                         std::getenv("BROADCL_TEST_DATA") == nullptr;  // NOLINT(concurrency-mt-unsafe)
   if (argc == 2 && !may_skip && program.skipped_test_count() > 0)

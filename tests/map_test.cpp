@@ -55,7 +55,7 @@ TEST_P(EachAlgorithm, SmallNewObjectsOfAMapAreEmpty) {
     for (const Aabb& box : boxes) ASSERT_TRUE(is_empty(box) && !has_nan(box)) << n;
     EXPECT_TRUE(same(broad_phase.update(), {}, {}));
   }
-  // Slots that others left behind.
+  // Slots that earlier objects left.
   for (Aabb& box : broad_phase.map(30)) box = unit;
   EXPECT_EQ(broad_phase.update().added.size(), 30U * 29 / 2);
   (void)broad_phase.map(10);
@@ -77,7 +77,7 @@ TEST_P(EachAlgorithm, SmallMapGrowsAndShrinks) {
   twins.map(20, [](std::span<Aabb> boxes) { std::fill(boxes.begin(), boxes.end(), unit); });
   twins.map(10, [](std::span<Aabb> boxes) { boxes[3] = inverted; });
   ASSERT_TRUE(twins.agree());
-  EXPECT_EQ(twins.tested().pairs().size(), 36U);  // of 10 boxes, less one
+  EXPECT_EQ(twins.tested().pairs().size(), 36U);  // of 10 boxes minus one
 }
 
 ALSO_IN(oclgrind);
@@ -97,7 +97,7 @@ TEST_P(EachAlgorithm, SmallANaNInAMapIsNamedAndMended) {
   EXPECT_EQ(broad_phase.size(), 40U);
   boxes[17] = apart(8);
   EXPECT_THAT(error_of([&] { (void)broad_phase.finish(); }), HasSubstr("box 31 "));
-  // One that is still invalid does not become an empty one by being mapped again.
+  // A box that is still invalid does not become an empty one when it is mapped again.
   (void)broad_phase.map(40);
   EXPECT_THAT(error_of([&] { (void)broad_phase.update(); }), HasSubstr("box 31 "));
   broad_phase.move(31, apart(15));
@@ -146,18 +146,18 @@ TEST_P(EachAlgorithm, SmallMapMixesWithEverythingElse) {
   EXPECT_EQ(twins.add(apart(3)), 14U);
   EXPECT_EQ(twins.add(apart(3)), 15U);
   ASSERT_TRUE(twins.agree());
-  // Mapped memory that others' boxes make grow, and what was written to it.
+  // Mapped memory that must grow for other boxes, with what was written to it.
   twins.map(16, write);
   for (std::uint32_t k = 0; k < 300; ++k) twins.add(apart(k));
   ASSERT_TRUE(twins.agree());
-  // Filters of those that were there stay; those of removed ones do not come back.
+  // Objects that stay keep their filters; the filters of removed objects do not come back.
   twins.map(4, write);
   ASSERT_TRUE(twins.agree());
   twins.map(6, [](std::span<Aabb> boxes) { std::fill(boxes.begin(), boxes.end(), unit); });
   ASSERT_TRUE(twins.agree());
   EXPECT_TRUE(same("pairs", twins.tested().pairs(),
                    Pairs{{0, 2}, {1, 2}, {0, 4}, {1, 4}, {2, 4}, {0, 5}, {1, 5}, {2, 5}, {4, 5}}));
-  // And before an update that is begun.
+  // And before an update that begins early.
   twins.map(6, write);
   twins.begin();
   twins.move(0, apart(4));
@@ -166,7 +166,7 @@ TEST_P(EachAlgorithm, SmallMapMixesWithEverythingElse) {
   ASSERT_TRUE(twins.agree());
 }
 
-/// So many that several threads look at them.
+/// So many boxes that several threads check them.
 NOT_IN(sanitizers, "has a million boxes");
 TEST(Map, AMillionBoxesAreLookedAtInParts) {
   constexpr std::size_t n = (std::size_t{1} << 20U) + 77;

@@ -16,13 +16,13 @@
 #include "scenes/generators.hpp"
 #include "test_name.hpp"
 
-/// How much memory there is on the device.
+/// Use of device memory.
 namespace broadcl::test {
 namespace {
 
 using scenes::MovingBoxes;
 
-/// Implementations may tell later, from a thread of their own, that nothing refers to a buffer any more.
+/// Implementations may report late, from a thread of their own, that nothing refers to a buffer any more.
 template <class Condition>
 bool eventually(const Condition& condition) {
   for (int k = 0; k < 500 && !condition(); ++k) std::this_thread::sleep_for(std::chrono::milliseconds(10));
@@ -50,7 +50,7 @@ TEST(Memory, BuffersCountUntilNothingRefersToThem) {
     EXPECT_EQ(context.memory().device, 10U);
     EXPECT_EQ(context.memory().pinned, context.device().host_unified ? 100U : 110U);
   }
-  context.queue().finish();  // what unmaps them may keep them until then
+  context.queue().finish();  // the commands that unmap them may hold them until then
   EXPECT_TRUE(eventually([&] { return context.memory().pinned == 0; }));
   EXPECT_TRUE(eventually([&] { return context.memory().device == 0; }));
   EXPECT_EQ(context.memory().device_peak, 1500U);
@@ -65,7 +65,7 @@ TEST(Memory, AlgorithmsOfTheHostHaveNoneOnADevice) {
   EXPECT_EQ(broad_phase.memory().pinned, 0U);
 }
 
-/// What there may be for n boxes and the most pairs of a frame, with room to grow.
+/// The largest permitted use for n boxes and the most pairs of a frame, with capacity to grow.
 std::size_t allowed(std::size_t boxes, std::size_t pairs) {
   constexpr std::size_t fixed = 1 << 20;  // for any number of boxes
   return (128 * boxes + 40 * pairs) * 3 / 2 + fixed;
@@ -109,7 +109,7 @@ TEST_P(MemoryOf, BoxesAndPairsIsBounded) {
   }
 }
 
-/// Frame by frame as many pairs as until then, or all others.
+/// In each frame the number of pairs doubles, or all pairs change.
 TEST_P(MemoryOf, PairsThatMultiplyOrChangeAllAtOnceIsBounded) {
   constexpr std::uint32_t n = 3000;
   const std::array scenes{MovingBoxes(n, MovingBoxes::Sizes::mixed, 1),
@@ -117,7 +117,7 @@ TEST_P(MemoryOf, PairsThatMultiplyOrChangeAllAtOnceIsBounded) {
   for (const bool multiply : {true, false}) {
     BroadPhase broad_phase({.algorithm = GetParam()});
     std::size_t pairs = 0;
-    std::size_t most = 0;  // that are or were in the frame before
+    std::size_t most = 0;  // in a frame and the one before it together
     float size = multiply ? 0.1F : 1;
     for (std::size_t frame = 0; frame < 12; ++frame, size *= multiply ? 1.26F : 1) {
       const std::span<const Aabb> boxes = scenes.at(multiply ? 0 : frame % 2).boxes();

@@ -9,10 +9,10 @@
 
 namespace broadcl::test {
 
-/// Stands in a pair for the algorithm that Bullet would keep there, and tells of its end.
+/// Takes the place of Bullet's algorithm in a pair, and reports its destruction.
 class MortalAlgorithm final : public btCollisionAlgorithm {
  public:
-  /// In the dispatcher's memory, as Bullet makes them; it goes with its pair.
+  /// In the dispatcher's memory, as Bullet makes them; it is destroyed with its pair.
   static btCollisionAlgorithm* make(btDispatcher& dispatcher, std::function<void()> at_end) {
     void* place = dispatcher.allocateCollisionAlgorithm(sizeof(MortalAlgorithm));
     return new (place) MortalAlgorithm(std::move(at_end));

@@ -22,7 +22,7 @@
 #include "mpi_twins.hpp"
 
 /// MpiBroadPhase against one device that has all objects. Started by mpirun with any number of ranks, which
-/// all do the same tests at the same time; the first argument may name an algorithm.
+/// all run the same tests at the same time; the first argument may name an algorithm.
 namespace broadcl::test {
 namespace {
 
@@ -32,7 +32,7 @@ using ::testing::StartsWith;
 
 std::string algorithm_under_test = "sweep-and-prune";
 
-/// Fewer frames on a device that is a CPU.
+/// Fewer frames if the device is a CPU.
 int frames(int on_the_host) {
   return algorithm_under_test == "sweep-and-prune" ? on_the_host : on_the_host / 8 + 2;
 }
@@ -60,7 +60,7 @@ class Dice {
     }
     return box;
   }
-  /// On a lattice, so that boxes touch each other and the cuts.
+  /// On a lattice, so that boxes touch each other and the borders of regions.
   Aabb on_lattice() {
     Aabb box{};
     for (std::size_t axis = 0; axis < 3; ++axis) {
@@ -117,14 +117,14 @@ std::string error_of(const Function& function) {
   return "";
 }
 
-/// The same on all ranks, so that none stops while others go on.
+/// The same on all ranks, so that none stops while others continue.
 bool has_failed() {
   int failed = ::testing::Test::HasFailure() ? 1 : 0;
   MPI_Allreduce(MPI_IN_PLACE, &failed, 1, MPI_INT, MPI_MAX, MPI_COMM_WORLD);
   return failed != 0;
 }
 
-/// Does something to an object of some rank, whichever.
+/// Does something random to an object of a random rank.
 void do_anything(MpiTwins& twins, Dice& dice, bool filters) {
   const int rank = dice.rank();
   const std::uint32_t id = dice.below(48);
@@ -135,7 +135,7 @@ void do_anything(MpiTwins& twins, Dice& dice, bool filters) {
     twins.add(rank, box, filter);
   } else if (what == 0) {
     twins.remove(rank, id);
-  } else if (what == 1) {  // the same place for another object
+  } else if (what == 1) {  // its id for another object
     twins.remove(rank, id);
     twins.add(rank, box, filter);
   } else if (what == 2) {
@@ -145,7 +145,8 @@ void do_anything(MpiTwins& twins, Dice& dice, bool filters) {
   }
 }
 
-/// Writes the boxes of all objects of each rank, in place if it had as many and nothing else changed.
+/// Writes the boxes of all objects of each rank, in place if their number is unchanged and nothing else
+/// changed.
 void map_all(MpiTwins& twins, Dice& dice) {
   for (int rank = 0; rank < world_size(); ++rank) {
     std::vector<Aabb> boxes(20);
@@ -219,7 +220,7 @@ TEST(Mpi, BoxesInMotionCrossRegions) {
   EXPECT_GT(twins.changes(), 400U);
 }
 
-/// So many that several threads share the work.
+/// So many boxes that several threads share the work.
 TEST(Mpi, ManyBoxesAreRoutedInParts) {
   if (world_size() != 2 || algorithm_under_test != "sweep-and-prune") return;
   constexpr std::uint32_t n = 40000;
@@ -245,7 +246,7 @@ TEST(Mpi, ManyBoxesAreRoutedInParts) {
   EXPECT_GT(twins.changes(), 20000U);
 }
 
-/// As docs/mpi.md has them, for an object in the regions of all ranks, which pairs with none of the others.
+/// The numbers of docs/mpi.md, for an object that is in the regions of all ranks and has no pairs.
 TEST(Mpi, BytesSentAreThoseOfWhatChanged) {
   MpiTwins twins(config());
   Dice dice(10);
@@ -438,9 +439,9 @@ TEST(Mpi, AnAlgorithmThatOneRankDoesNotKnowIsRefusedOnAll) {
               AllOf(StartsWith("rank " + std::to_string(last) + ": "), HasSubstr("guesswork")));
 }
 
-/// Updates while something fails on one rank, and again: all ranks hear of it, know the last state, and go
-/// on.
-/// @param make_failing Returns what makes something fail as long as it lives.
+/// Updates while something fails on one rank, and then again: all ranks must report the failure, know the
+/// last state, and continue.
+/// @param make_failing Returns an object that makes something fail while it exists.
 /// @returns Whether it failed.
 template <class MakeFailing>
 bool update_in_trouble(MpiTwins& twins, int failing_rank, const MakeFailing& make_failing) {
@@ -458,7 +459,7 @@ bool update_in_trouble(MpiTwins& twins, int failing_rank, const MakeFailing& mak
     twins.compare(delta);
     return false;
   }
-  EXPECT_EQ(failures, world_size()) << "all ranks must hear of it";
+  EXPECT_EQ(failures, world_size()) << "all ranks must report it";
   EXPECT_THAT(failure, StartsWith("rank " + std::to_string(failing_rank) + ": "));
   return true;
 }
@@ -467,7 +468,7 @@ void exhaust_memory(bool in_place) {
   constexpr long most = 2000;
   const long step = algorithm_under_test == "sweep-and-prune" ? 1 : 37;
   int failures = 0;
-  int successes = 0;  // in a row: each rank has as many points as it has
+  int successes = 0;  // in a row, because the ranks have different numbers of points
   for (long first = 0; first < most && successes < world_size() && !has_failed(); first += step) {
     SCOPED_TRACE(std::to_string(first) + (in_place ? ", in place" : ""));
     MpiTwins twins(config());
@@ -502,7 +503,7 @@ TEST(Mpi, WhereverMemoryIsExhaustedTheCallMayBeRepeated) {
   exhaust_memory(true);
 }
 
-/// For one call, and for good until the next update.
+/// For one call, and for all until the next update.
 TEST(Mpi, ADeviceThatFailsOnOneRankLosesNothingOnAny) {
   if (algorithm_under_test == "sweep-and-prune") return;
   MpiTwins twins(config());

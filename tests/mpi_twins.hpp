@@ -30,8 +30,8 @@ inline int world_size() {
   return size;
 }
 
-/// An MpiBroadPhase, and one BroadPhase that has the objects of all ranks. Every rank does all of what any
-/// does, to the latter; so each knows what must come out without asking.
+/// An MpiBroadPhase, and one BroadPhase that has the objects of all ranks. Every rank makes the calls of all
+/// ranks to the latter, so each knows the expected result without asking.
 class MpiTwins {
  public:
   /// @param most Ids of each rank.
@@ -47,7 +47,7 @@ class MpiTwins {
 
   [[nodiscard]] MpiBroadPhase& tested() { return tested_; }
 
-  // What a rank does. All call these with the same arguments.
+  // The calls of one rank. All ranks make them with the same arguments.
 
   std::uint32_t add(int rank, const Aabb& box, const Filter& filter = Filter()) {
     std::vector<bool>& is_live = of(rank);
@@ -116,7 +116,7 @@ class MpiTwins {
   }
   void compare_pairs() { EXPECT_EQ(tested_.pairs(), own(expected_.pairs())); }
 
-  /// Of all ranks, so far: to make sure that something happened.
+  /// Changes on all ranks so far: to make sure that something happened.
   [[nodiscard]] std::size_t changes() const { return changes_; }
 
  private:

@@ -9,7 +9,8 @@
 namespace broadcl::test {
 namespace {
 
-/// Tests name a device, so that `auto` uses it. Otherwise it would work on the host if the device is a CPU.
+/// Names a device for the tests, so that `auto` uses it. Otherwise it would work on the host if the device is
+/// a CPU.
 class NamedDevice : public ::testing::Environment {
  public:
   void SetUp() override {

@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-/// The bytes of numbers and arrays as files hold them.
+/// The bytes of numbers and arrays in files.
 namespace broadcl::test {
 
 inline std::string little_endian(std::uint64_t value, std::size_t size) {

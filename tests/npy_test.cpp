@@ -29,7 +29,7 @@ std::vector<Aabb> read(const std::string& file) {
   return read_boxes(stream);
 }
 
-/// The text of the error that a file gives, empty if it gives none.
+/// The text of the error that a file causes, empty if it causes none.
 std::string error_of(const std::string& file) {
   try {
     (void)read(file);

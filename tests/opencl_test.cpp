@@ -159,7 +159,7 @@ TEST_F(Cache, TheEnvironmentNamesTheFolder) {
 class OnDevice : public ::testing::Test {
  protected:
   OnDevice() {
-    // What the device can do is measured and stored first.
+    // The device is measured and the result stored first.
     fs::copy(fs::path(BROADCL_KERNEL_FOLDER) / "arithmetic.cl", folder_.path());
     const Context context(select_device(), false);
     stored_first_ = cached_files();
@@ -176,7 +176,7 @@ class OnDevice : public ::testing::Test {
     write(folder_.path() / "value.h", "#define VALUE " + value + "\n");
   }
 
-  /// The first of 64 values that the kernel writes.
+  /// The first of the 64 values that the kernel writes.
   static int run(const Context& context) {
     return translate_errors("test", [&] {
       SharedBuffer out(context, 64 * sizeof(int));
@@ -237,7 +237,7 @@ TEST_F(OnDevice, ADamagedBinaryIsRebuilt) {
   bad[bad.size() / 2] = static_cast<char>(~bad[bad.size() / 2]);
   write(file, bad);
   EXPECT_EQ(run(Context(select_device(), false)), 42);
-  EXPECT_NE(content(file), bad) << "it is replaced";
+  EXPECT_NE(content(file), bad) << "the file is replaced";
 }
 
 TEST_F(OnDevice, ACompileErrorNamesFileAndLine) {
@@ -262,7 +262,7 @@ TEST_F(OnDevice, FailuresNameTheDeviceTheCallAndTheCode) {
   EXPECT_THAT(text, HasSubstr("CL_INVALID_BUFFER_SIZE (-61)"));
 }
 
-/// Which code a driver reports then is not specified.
+/// The specification does not say which code a driver reports in this case.
 TEST(Errors, OfAWatchdogNameItAndTheRemedy) {
   for (const cl_int code :
        {CL_OUT_OF_RESOURCES, CL_INVALID_COMMAND_QUEUE, CL_EXEC_STATUS_ERROR_FOR_EVENTS_IN_WAIT_LIST}) {
@@ -287,7 +287,7 @@ TEST_F(OnDevice, SharedBuffersBringWhatTheDeviceWrote) {
   EXPECT_EQ(moved.host()[3], std::byte{21});
 }
 
-/// A process may end then, and with it the driver.
+/// A process may end at this point, and the driver with it.
 NOT_IN(rusticl, "an event there is not known to be complete until it is waited for");
 TEST_F(OnDevice, NothingIsLeftInTheQueueOfADestroyedContext) {
   cl::Event end;
@@ -302,7 +302,7 @@ TEST_F(OnDevice, NothingIsLeftInTheQueueOfADestroyedContext) {
   EXPECT_EQ(end.getInfo<CL_EVENT_COMMAND_EXECUTION_STATUS>(), CL_COMPLETE);
 }
 
-/// Run under the race checker, which must report it: proof that the check works.
+/// Runs under the race checker, which must report it: proof that the check works.
 TEST_F(OnDevice, DISABLED_ARace) {
   write_kernel("(int)get_global_id(0)");
   write(folder_.path() / "store.cl",

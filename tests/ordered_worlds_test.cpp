@@ -17,7 +17,7 @@
 #include "expect_error.hpp"
 #include "scenes/generators.hpp"
 
-/// Changes on the device in order of their worlds.
+/// Changes on the device, in the order of their worlds.
 namespace broadcl::test {
 namespace {
 
@@ -59,7 +59,7 @@ class OrderedWorlds : public ::testing::Test, protected CallersQueue {
               expected.offsets);
   }
 
-  /// Frames of which every third is waited for.
+  /// Moves boxes over some frames and waits for every third only.
   void follow_oracle(std::uint32_t n, std::uint32_t worlds, int frames) {
     scenes::MovingBoxes motion(n, scenes::MovingBoxes::Sizes::mixed);
     DeviceBroadPhase broad_phase(queue_(), {.algorithm = "tiles"});
@@ -71,7 +71,7 @@ class OrderedWorlds : public ::testing::Test, protected CallersQueue {
       motion.advance();
       const std::vector<Aabb> boxes(motion.boxes().begin(), motion.boxes().end());
       for (std::uint32_t k = 0; k < n; ++k) {
-        // Some in all worlds, some beyond those that are told apart, and some that change.
+        // Some are in all worlds, some in worlds beyond the ordered ones, and some change.
         const std::uint32_t shift = k % 50 == 0 ? static_cast<std::uint32_t>(frame) : 0U;
         filters[k].world = k % 11 == 3 ? Filter::all_worlds : (k + shift) % (worlds + 2);
       }
@@ -131,7 +131,7 @@ TEST_F(OrderedWorlds, AsManyAsObjects) {
   follow_oracle(400, 400, 4);
 }
 
-/// A world of more changes than are compared each with every other.
+/// One world has more changes than are sorted by comparing each with every other.
 TEST_F(OrderedWorlds, ManyChangesInOne) {
   constexpr std::uint32_t n = 150;
   const cl::Buffer boxes = buffer_of(std::vector<Aabb>(n, unit));

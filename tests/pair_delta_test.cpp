@@ -27,7 +27,7 @@ SUITE_ALSO_IN(Objects, gpu_profile | rusticl);
 
 using ::testing::HasSubstr;
 
-/// Finds what its kernel finds.
+/// A finder whose pairs are those of a given kernel.
 class FoundBy final : public PairFinder {
  public:
   using Enqueue = std::function<void(const Search&, const PairDelta&)>;
@@ -44,13 +44,13 @@ class FoundBy final : public PairFinder {
   Enqueue enqueue_;
 };
 
-/// The device's memory runs out in the middle of a frame: an error with the numbers, and the pairs of the
-/// last frame are known as before, so that the next, smaller frame has the right changes.
+/// The device's memory runs out in the middle of a frame: an error with the numbers. The pairs of the last
+/// frame are known as before, so that the next, smaller frame has the right changes.
 NOT_IN(gpu_profile | sanitizers, "takes gigabytes");
 TEST(PairDelta, ExhaustedMemoryLeavesTheLastFrameKnown) {
   constexpr cl_uint n = 600;
   Device device = select_device();
-  device.max_allocation = 1 << 20;  // room for 131,072 pairs, not for 179,700
+  device.max_allocation = 1 << 20;  // 131,072 pairs fit, 179,700 do not
   const opencl::Context context(device, false);
   opencl::Profiler profiler(false);
   DeviceObjects objects(context, profiler);
@@ -82,7 +82,7 @@ TEST(PairDelta, ExhaustedMemoryLeavesTheLastFrameKnown) {
   EXPECT_EQ(engine.pairs().size(), 171U);
 }
 
-/// A list that would fit the device's largest allocation is not refused because there is no room for growth.
+/// A list that fits the device's largest allocation is not refused because it cannot grow further.
 TEST(PairDelta, AListMayBeAsLargeAsTheLargestAllocation) {
   constexpr cl_uint n = 512;
   Device device = select_device();
@@ -98,7 +98,7 @@ TEST(PairDelta, AListMayBeAsLargeAsTheLargestAllocation) {
   EXPECT_EQ(engine.finish().found, n * (n - 1) / 2);
 }
 
-/// Pairs are counted with 64 bits, so that more than 32 bits can count are an error, not a few pairs.
+/// Pairs are counted with 64 bits, so that more than 32 bits can count cause an error instead of a few pairs.
 TEST(PairDelta, MorePairsThan32BitsCountAreAnError) {
   const test::ScopedFolder folder;
   std::filesystem::copy(BROADCL_KERNEL_FOLDER, folder.path());
@@ -134,8 +134,8 @@ kernel void reserve(const uint times, PAIR_SINK_PARAMETERS) {
   EXPECT_TRUE(engine.pairs().empty());
 }
 
-/// The device's copy of the objects: what changed crosses the bus, nothing else; and where memory grew, all
-/// of them come along.
+/// The device's copy of the objects: only changes cross the bus. If memory grew, all objects are copied to
+/// it.
 class Objects : public ::testing::Test {
  protected:
   template <class Item>
@@ -144,7 +144,7 @@ class Objects : public ::testing::Test {
     if (n > 0) context_.queue().enqueueReadBuffer(buffer, CL_TRUE, 0, n * sizeof(Item), items.data());
     return items;
   }
-  /// Boxes on the device after an update, before which it had others.
+  /// Boxes on the device after an update; before it, they must be those given.
   std::vector<Aabb> update(const Changes& changes, const std::vector<Aabb>& before) {
     const Search search = objects_.upload(changes);
     EXPECT_EQ(read<Aabb>(search.last.boxes, search.last.slots), before);

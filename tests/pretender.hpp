@@ -17,17 +17,17 @@
 
 namespace broadcl::test {
 
-/// An algorithm that says it works on a device, and follows orders.
+/// An algorithm that claims to work on a device, and follows orders.
 class Pretender final : public Algorithm {
  public:
-  /// What it is made to do.
+  /// What it must do.
   struct Orders {
     double expected_seconds = 1;
-    std::optional<double> expected_for_all{};  ///< If all slots changed; the same if none.
+    std::optional<double> expected_for_all{};  ///< If all slots changed; the same if null.
     std::chrono::microseconds sleep{0};        ///< In finish().
     bool has_no_memory = false;                ///< reserve() throws.
     bool fails = false;                        ///< finish() throws.
-    mutable int updates = 0;                   ///< That it has done.
+    mutable int updates = 0;                   ///< Made so far.
   };
 
   /// @param orders Must outlive it.

@@ -24,12 +24,12 @@ namespace {
 SUITE_ALSO_IN(Scan, gpu_profile | rusticl);
 SUITE_ALSO_IN(RadixSort, gpu_profile | rusticl);
 
-using Element = std::uint64_t;  // as RadixSort::Bits numbers its bits
+using Element = std::uint64_t;  // RadixSort::Bits numbers its bits
 using ::testing::HasSubstr;
 using Keys = std::vector<RadixSort::Bits>;
 
-/// Runs a test with the kernels of each tuning profile; few work-items are too much for llvmpipe
-/// (host/opencl/context.cpp).
+/// Runs a test with the kernels of each tuning profile, but not with few work-items on llvmpipe, which ends
+/// them too early (host/opencl/context.cpp).
 void with_both_profiles(const std::function<void(const Context&)>& test) {
   for (const std::string profile : {"cpu", "gpu"}) {
     if (profile == "cpu" && select_device().name.find("llvmpipe") != std::string::npos) continue;
@@ -53,7 +53,7 @@ std::vector<T> from_device(const Context& context, const cl::Buffer& buffer, std
   return values;
 }
 
-/// Values that stand behind those a test is about, and must stay as they are.
+/// Values after those under test, which must stay unchanged.
 constexpr std::size_t behind = 3;
 
 void expect_scanned(const Context& context, Scan& scan, std::vector<std::uint32_t> values) {
@@ -76,7 +76,7 @@ std::vector<std::uint32_t> random_uints(std::size_t n) {
   return values;
 }
 
-/// What the keys make of an element: the number to compare by.
+/// The number by which the keys compare an element.
 Element key_of(Element element, const Keys& keys) {
   Element result = 0;
   unsigned shift = 0;
@@ -103,7 +103,7 @@ void expect_sorted(const Context& context, RadixSort& sort, std::vector<Element>
       << "element " << wrong.first - elements.begin() << " is " << *wrong.second;
 }
 
-/// {value, key}: the value is the position, by which stability shows.
+/// {value, key}: the value is the position, which shows whether the sort is stable.
 std::vector<Element> numbered(std::size_t n, const std::function<std::uint32_t(std::size_t)>& key) {
   std::vector<Element> elements(n);
   for (std::size_t k = 0; k < n; ++k) elements[k] = Element{key(k)} << 32 | k;
@@ -129,7 +129,7 @@ TEST(Scan, SmallListsOfEachSize) {
   });
 }
 
-/// The fewest values that make several blocks, with each profile.
+/// The fewest values that need several blocks, with each profile.
 ALSO_IN(oclgrind | oclgrind_gpu_profile);
 TEST(Scan, SmallestListsOfSeveralBlocks) {
   with_both_profiles([](const Context& context) {
@@ -148,7 +148,7 @@ TEST(Scan, ListsOfEachSize) {
   });
 }
 
-/// More than one work-item of some devices can go through: see split_into_blocks.
+/// More than one work-item can process on some devices: see split_into_blocks.
 NOT_IN(sanitizers, "takes long");
 TEST(Scan, NineMillion) {
   with_both_profiles([](const Context& context) {
@@ -167,7 +167,7 @@ TEST(RadixSort, SmallListsOfEachSize) {
   });
 }
 
-/// The fewest elements that make several blocks.
+/// The fewest elements that need several blocks.
 ALSO_IN(oclgrind | oclgrind_gpu_profile);
 TEST(RadixSort, SmallestListsOfSeveralBlocks) {
   with_both_profiles([](const Context& context) {
@@ -216,7 +216,7 @@ TEST(RadixSort, RangesOfAnyBits) {
             Keys{{1, 1}, {3, 1}, {60, 4}}}) {
         SCOPED_TRACE(::testing::PrintToString(keys.size()) + " ranges");
         for (const auto& [first, count] : keys) {
-          EXPECT_LE(first + count, 64U) << "a range that is not one";
+          EXPECT_LE(first + count, 64U) << "an invalid range";
         }
         expect_sorted(context, sort, random_elements(n), keys);
       }
@@ -224,7 +224,7 @@ TEST(RadixSort, RangesOfAnyBits) {
   });
 }
 
-/// Sorts of one object that follow each other without a wait.
+/// Sorts with one object that follow each other without a wait.
 TEST(RadixSort, SortsInARowDoNotDisturbEachOther) {
   with_both_profiles([](const Context& context) {
     RadixSort sort(context);
@@ -244,7 +244,7 @@ TEST(RadixSort, SortsInARowDoNotDisturbEachOther) {
   });
 }
 
-/// More than one work-item of some devices can go through: see split_into_blocks.
+/// More than one work-item can process on some devices: see split_into_blocks.
 NOT_IN(sanitizers, "takes long");
 TEST(RadixSort, ThreeMillion) {
   with_both_profiles([](const Context& context) {
@@ -264,13 +264,13 @@ TEST(RadixSort, LongestListsOfOneLaunchByAllBits) {
   });
 }
 
-/// Whether the device has so many bytes for one buffer, and for two.
+/// Whether the device has this many bytes for one buffer, and for two.
 bool has_memory(std::size_t bytes) {
   const Device device = select_device();
   return device.max_allocation >= bytes && device.memory >= 2 * bytes;
 }
 
-/// Nothing is enqueued then.
+/// Nothing must be enqueued.
 TEST(Scan, TooManyValuesAreRefused) {
   constexpr std::size_t too_many = std::size_t{1} << 31;
   with_both_profiles([](const Context& context) {
@@ -286,7 +286,7 @@ TEST(Scan, TooManyValuesAreRefused) {
 TEST(Long, RadixSortOfTenMillion) {
   constexpr std::size_t n = 10'000'001;
   if (!has_memory(n * sizeof(Element)))
-    GTEST_SKIP() << "the device has no memory for 10 million elements twice";
+    GTEST_SKIP() << "the device has too little memory for 10 million elements twice";
   with_both_profiles([](const Context& context) {
     RadixSort sort(context);
     std::mt19937 random(2);

@@ -112,7 +112,7 @@ class DeviceProfiler : public testing::Test {
     context_.queue().enqueueFillBuffer(buffer_, cl_uint{1}, 0, bytes, nullptr, event);
   }
 
-  /// Mesa's rusticl 22.3 gives all commands the same time.
+  /// Mesa's rusticl 22.3 reports the same time for all commands.
   [[nodiscard]] bool clock_ticks() const { return context_.device().platform_name != "rusticl"; }
 
   static constexpr std::size_t bytes = 1 << 22;
@@ -139,7 +139,7 @@ TEST_F(DeviceProfiler, CommandsAreInOrderAndDoNotOverlap) {
   }
 }
 
-/// The outer stage's command comes after those of the stages within it, to where it asked before them.
+/// The outer stage asks for its event first, but its command comes after those of the stages within it.
 TEST_F(DeviceProfiler, EventsBelongToTheirScopeHoweverScopesNest) {
   constexpr std::size_t inner_stages = 100;
   profiler_.begin();
@@ -215,7 +215,7 @@ TEST_F(DeviceProfiler, AnUpdateWithoutAnyCommandResolves) {
   EXPECT_EQ(profiler_.stages()[0].device_seconds, 0);
 }
 
-/// More pairs than there is room for at first, so the frame is run again: both runs are in the profile.
+/// More pairs than the first capacity, so the frame runs twice: both runs are in the profile.
 TEST(BruteForceProfile, HasBothRunsOfAFrameThatIsRunAgain) {
   BroadPhase broad_phase({.algorithm = "brute-force", .profile = true});
   for (int k = 0; k < 300; ++k) broad_phase.add({{0, 0, 0}, {1, 1, 1}});

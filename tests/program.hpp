@@ -21,7 +21,7 @@ namespace broadcl::test {
 
 namespace fs = std::filesystem;
 
-/// What a run of the program left behind.
+/// The result of a run of the program.
 struct Outcome {
   int exit_code;
   std::string out;
@@ -53,7 +53,7 @@ struct CsvRow {
   std::size_t pairs;
 };
 
-/// All frames of such a file, which must be as it should.
+/// All frames of such a file, whose format is checked.
 inline std::vector<CsvRow> csv_rows(const fs::path& file) {
   const std::vector<std::string> lines = lines_of(read_file(file));
   std::vector<CsvRow> rows;
@@ -115,7 +115,7 @@ class Program : public testing::Test {
     fs::create_symlink("nowhere/to/be/found", path("dangling"));
   }
 
-  /// Runs the program with arguments as a shell takes them.
+  /// Runs the program with arguments as in a shell.
   [[nodiscard]] Outcome run(const std::string& arguments, const std::string& environment = "") const {
     const std::string command = "cd '" + folder_.path().string() + "' && " + environment +
                                 " '" BROADCL_PROGRAM_PATH "' " + arguments + " >stdout.txt 2>stderr.txt";
@@ -132,7 +132,7 @@ class Program : public testing::Test {
     return outcome;
   }
 
-  /// The names of all files in the folder, but for those that catch the output.
+  /// The names of all files in the folder, except those that catch the output.
   [[nodiscard]] std::vector<std::string> files() const {
     std::vector<std::string> names;
     for (const fs::directory_entry& entry : fs::directory_iterator(folder_.path())) {

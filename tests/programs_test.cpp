@@ -19,10 +19,10 @@
 namespace broadcl::test {
 namespace {
 
-/// Names of files, with options.
+/// File names, with options.
 using Programs = std::set<std::string>;
 
-/// Those of kernels/programs.txt for a tuning profile.
+/// The programs that kernels/programs.txt lists for a tuning profile.
 Programs listed_programs(const std::string& profile) {
   Programs programs;
   std::ifstream file(BROADCL_KERNEL_FOLDER "/programs.txt");
@@ -45,7 +45,7 @@ std::string_view between(std::string_view text, std::string_view before, std::st
   return text.substr(0, text.find(after));
 }
 
-/// Those in a cache: their keys have the options and the source.
+/// The programs in a cache: their keys contain the options and the source.
 Programs cached_programs(const std::filesystem::path& folder) {
   Programs programs;
   for (const auto& entry : std::filesystem::directory_iterator(folder)) {
@@ -58,7 +58,7 @@ Programs cached_programs(const std::filesystem::path& folder) {
   return programs;
 }
 
-/// All boxes change, and then some; the same in two worlds.
+/// All boxes change, then some; then the same in two worlds.
 void live_on_the_host(const std::string& algorithm) {
   BroadPhase broad_phase({.algorithm = algorithm});
   for (std::uint32_t k = 0; k < 40; ++k) broad_phase.add(apart(k));
@@ -81,7 +81,7 @@ void live_on_the_device(const std::string& algorithm) {
   }
 }
 
-/// Other compilers than the one at hand are given those of the list (scripts/check-compilers).
+/// The list gives the programs that are built with other compilers (scripts/check-compilers).
 void expect_listed_programs(const std::string& profile) {
   const ScopedFolder folder;
   const ScopedVariable cache("BROADCL_CACHE_DIR", folder.path().string());

@@ -12,11 +12,11 @@
 
 namespace broadcl::test {
 
-/// The clients that a query reports, each as often as it does.
+/// The clients that a query reports, each as often as it is reported.
 struct BoxCollector final : btBroadphaseAabbCallback {
   bool process(const btBroadphaseProxy* proxy) override {
     found.insert(proxy->m_clientObject);
-    return false;  // which stops no query
+    return false;  // this stops no query
   }
   std::multiset<const void*> found;
 };
@@ -27,7 +27,7 @@ struct RayCollector : RayCallback {
     found.insert(proxy->m_clientObject);
     return false;
   }
-  /// By the statement.
+  /// By the statement of the contract.
   [[nodiscard]] bool must_report(const btBroadphaseProxy& proxy, const btVector3& from,
                                  const btVector3& lower, const btVector3& upper) const {
     const std::array bounds{proxy.m_aabbMin - upper, proxy.m_aabbMax - lower};

@@ -51,7 +51,7 @@ std::string aabbs_header(std::uint32_t boxes, std::uint32_t frames, std::uint32_
          bytes_of(std::vector<float>{-9, -9, -9, 0, 9, 9, 9, 0});
 }
 
-/// The numbers of all boxes; `padding` follows each corner that is padded.
+/// The numbers of all boxes; if corners are padded, `padding` follows each.
 std::vector<float> numbers_of(const Blocks& blocks, bool is_padded, float padding = 0) {
   std::vector<float> numbers;
   for (const std::vector<Aabb>& block : blocks) {
@@ -110,7 +110,7 @@ class Recording : public testing::Test {
     return rest_of(reader);
   }
 
-  /// The error that a file of these bytes gives when it is read to its end.
+  /// The error that a file with these bytes causes when it is read to its end.
   [[nodiscard]] std::string refusal_of(const std::string& name, const std::string& bytes) const {
     save(name, bytes);
     return error_of([&] { (void)read(name); });
@@ -275,7 +275,7 @@ TEST_F(Recording, WhatIsWrongWithAFileIsReported) {
       {"x.aabbs", aabbs_header(0x7fffffff, 0x7fffffff) + good.substr(304),
        "it is truncated: 2147483647 boxes"},
       {"x.aabbs", aabbs_header(0x40000000, 0x1fffffff) + good.substr(304),
-       "it is truncated"},  // 2^64 bytes in all
+       "it is truncated"},  // 2^64 bytes in total
       {"x.npy", good, "magic bytes"},
       {"x.npy", array.substr(0, array.size() - 1),
        "it is truncated: 2 boxes, initially and in each of 2 frames, need 24"},
@@ -308,7 +308,7 @@ TEST_F(Recording, WhatIsNoFileIsRefused) {
 }
 
 TEST_F(Recording, AFileThatIsCutMeanwhileIsRefused) {
-  const Blocks blocks(4, std::vector<Aabb>(10'000));  // more than a stream reads ahead
+  const Blocks blocks(4, std::vector<Aabb>(10'000));  // more than a stream buffers
   save("x.aabbs", aabbs(blocks));
   RecordingReader reader(path("x.aabbs"));
   fs::resize_file(path("x.aabbs"), 1'000'000);

@@ -70,7 +70,7 @@ class Reference {
   struct Object {
     Aabb box{};
     Filter filter{};
-    int birth = 0;  // 0 for none; an id that is used again is another object
+    int birth = 0;  // 0 for none; a reused id is another object
   };
   /// Two objects that overlap, in canonical order.
   struct Met {

@@ -16,14 +16,14 @@ namespace broadcl::test {
 
 constexpr btScalar time_step = btScalar(1) / 60;
 
-/// The place of the k-th in a grid of cells with edges of 1, by rows along x, layers of rows along y, then z.
+/// The position of cell k in a grid with edges of 1, by rows along x, layers of rows along y, then z.
 inline btVector3 grid_cell(int k, int columns, int rows) {
   const int row = k / columns;
   const int layer = row / rows;
   return {btScalar(k % columns), btScalar(row % rows), btScalar(layer)};
 }
 
-/// Rigid bodies in a world of any kind; those that are in it at the end of this object are taken out.
+/// Rigid bodies in a world of any kind; the destructor removes those that are still in it.
 class RigidBodies {
  public:
   /// @param world Not owned, must outlive this object.
@@ -51,7 +51,7 @@ class RigidBodies {
   btRigidBody& add_cube(const btVector3& position) { return add(cube_, 1, position); }
   /// The plane y = 0.
   btRigidBody& add_floor() { return add(plane_, 0, {0, 0, 0}); }
-  /// Takes a body out of the world and ends it.
+  /// Removes a body from the world and destroys it.
   void remove(btRigidBody& body) {
     world_.removeRigidBody(&body);
     std::erase_if(bodies_, [&](const auto& owned) { return owned.get() == &body; });
@@ -87,7 +87,7 @@ class RigidWorld {
   RigidBodies bodies{world};
 };
 
-/// After a step the cache has all pairs that overlap and, where the broad phase promises that, no others.
+/// After a step the cache must have all pairs that overlap and, if the broad phase promises this, no others.
 inline void expect_right_pairs(btCollisionWorld& world, const Kind& kind) {
   const scenes::Difference difference = scenes::verify(world);
   EXPECT_EQ(difference.missing, 0U);

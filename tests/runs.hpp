@@ -11,8 +11,8 @@
 ///   ALSO_IN(oclgrind);                            the test that follows
 ///   NOT_IN(sanitizers, "takes a minute");         the test that follows; SUITE_NOT_IN for a suite
 ///
-/// What is said of a test counts more than what is said of its suite. `broadcl_tests --run=NAME` (main.cpp)
-/// does a run, and with --gtest_list_tests lists its tests. A statement about no test, and a run without
+/// A statement about a test overrides the one about its suite. `broadcl_tests --run=NAME` (main.cpp) executes
+/// a run, and lists its tests with --gtest_list_tests. A statement that applies to no test, and a run without
 /// tests, are errors.
 namespace broadcl::test {
 
@@ -20,8 +20,8 @@ using Runs = unsigned;
 
 namespace runs {
 
-/// On the default device, in a few processes, which saves half of the time of one for each test. Every test
-/// is in it unless it says otherwise.
+/// On the default device, in a few processes, which takes half of the time of one process per test. Every
+/// test is in it unless it says otherwise.
 inline constexpr Runs all_default = 128;
 /// On the default device, with kernels tuned for GPUs.
 inline constexpr Runs gpu_profile = 1;
@@ -33,10 +33,10 @@ inline constexpr Runs oclgrind = 4;
 inline constexpr Runs oclgrind_gpu_profile = 8;
 /// Under Oclgrind, tests of the adapter; in the long run only.
 inline constexpr Runs oclgrind_bullet = 16;
-/// Under AddressSanitizer and UndefinedBehaviorSanitizer, some ten times slower. Every test is in it unless
+/// Under AddressSanitizer and UndefinedBehaviorSanitizer, about ten times slower. Every test is in it unless
 /// it says otherwise.
 inline constexpr Runs sanitizers = 32;
-/// On Intel's OpenCL for CPUs. What is in the runs gpu_profile and rusticl is in it, too.
+/// On Intel's OpenCL for CPUs. Tests in the runs gpu_profile and rusticl are in it, too.
 inline constexpr Runs intel = 64;
 
 }  // namespace runs

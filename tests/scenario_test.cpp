@@ -133,7 +133,7 @@ TEST(Scenario, StreamsFivePercentASecondInOnTop) {
     for (int frame = 0; frame < 900; ++frame, scenario.advance()) {
       std::set<std::uint32_t> leaving;
       for (const Scenario::Exchange& exchange : scenario.exchanges()) {
-        EXPECT_TRUE(leaving.insert(exchange.object).second) << "each once";
+        EXPECT_TRUE(leaving.insert(exchange.object).second) << "each object leaves once";
         const float half_edge = scenario.objects()[exchange.object].edge / 2;
         EXPECT_LE((exchange.position.array().abs() + half_edge).maxCoeff(),
                   scenario.container_edge() / 2 * 1.00001F);
@@ -187,7 +187,7 @@ TEST(Scenario, MixesAThirdOfEachSize) {
     EXPECT_GE(range_by_class.at(k).min()[0], expected.at(k).lower);
     EXPECT_LE(range_by_class.at(k).max()[0], expected.at(k).upper);
     EXPECT_GT(range_by_class.at(k).sizes()[0], 0.97F * (expected.at(k).upper - expected.at(k).lower));
-    // Among the ids of a third of all objects, each class has about its third.
+    // The ids of each class are spread: a third of all ids has about a third of each class.
     const auto early = std::count_if(objects_by_class.at(k).begin(), objects_by_class.at(k).end(),
                                      [](std::size_t object) { return object < 1167; });
     EXPECT_NEAR(static_cast<double>(early), 389, 60);

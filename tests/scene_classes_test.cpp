@@ -19,7 +19,7 @@
 #include "scenes/generators.hpp"
 #include "scenes/random.hpp"
 
-/// Kinds of scenes that break broad phases, standing and in motion, and boxes of real simulations.
+/// Kinds of scenes that break broad phases, static and in motion, and boxes of real simulations.
 namespace broadcl::test {
 namespace {
 
@@ -48,13 +48,13 @@ Aabb large_box(Random& random) {
   return box;
 }
 
-/// A class of scenes: what the k-th of n boxes may look like.
+/// A class of scenes: draws box k of n.
 struct SceneClass {
   std::string name;
   std::function<Aabb(std::uint32_t k, std::uint32_t n, Random& random)> draw;
 };
 
-/// The classes that scenes::box_scenes() does not have.
+/// The classes that are not in scenes::box_scenes().
 std::vector<SceneClass> classes() {
   using Index = std::uint32_t;
   return {
@@ -132,7 +132,7 @@ std::vector<SceneClass> classes() {
   };
 }
 
-/// A scene of a class; another one for each seed.
+/// A scene of a class; a different one for each seed.
 std::vector<Aabb> draw(const SceneClass& scene, std::uint32_t n, std::uint64_t seed) {
   Random random(seed);
   std::vector<Aabb> boxes;
@@ -140,8 +140,8 @@ std::vector<Aabb> draw(const SceneClass& scene, std::uint32_t n, std::uint64_t s
   return boxes;
 }
 
-/// Frames in which boxes take the places of those of other scenes of a class: none, few, many, all; or change
-/// places with each other; or drift.
+/// Frames in which few, many or all boxes become those of other scenes of the class, or change places with
+/// each other, or drift.
 ::testing::AssertionResult follow(const BroadPhase::Config& config,
                                   const std::function<std::vector<Aabb>(std::uint64_t seed)>& scene) {
   std::vector<Aabb> boxes = scene(1);
@@ -202,7 +202,7 @@ TEST_P(EachAlgorithm, SmallClassesOfScenesAgreeWithTheOracle) {
   for (const SceneClass& scene : classes()) expect_oracle(draw(scene, 40, 1), scene.name);
 }
 
-/// Sizes at which an order of space has several levels.
+/// Sizes for which a spatial order has several levels.
 NOT_IN(all_default | gpu_profile | rusticl | sanitizers, "takes long");
 TEST_P(EachAlgorithm, ThousandsOfBoxesOfEveryClassAgreeWithTheOracle) {
   const std::uint32_t n = is_slow() ? 1025 : 2049;
@@ -210,7 +210,7 @@ TEST_P(EachAlgorithm, ThousandsOfBoxesOfEveryClassAgreeWithTheOracle) {
   for (const scenes::BoxScene& scene : scenes::box_scenes(n)) expect_oracle(scene.boxes, scene.name);
 }
 
-/// Boxes of real simulations, and how many pairs of them overlap, which was counted by other programs.
+/// Boxes of real simulations, and the number of overlapping pairs, which other programs counted.
 struct RealBoxes {
   std::string file;
   std::size_t boxes, pairs;
@@ -220,7 +220,7 @@ NOT_IN(gpu_profile | rusticl | sanitizers, "takes long, and boxes may be missing
 TEST_P(EachAlgorithm, RealBoxesHaveThePairsThatWereCounted) {
   const char* folder = std::getenv("BROADCL_TEST_DATA");
   if (folder == nullptr) GTEST_SKIP() << "BROADCL_TEST_DATA does not name the folder of the real boxes";
-  // What takes seconds, not minutes.
+  // The most boxes for which it takes seconds, not minutes.
   const std::string name(GetParam().name);
   std::size_t most = 30'000;
   if (name == "gpu-bf" || is_slow()) most = 20'000;
@@ -241,7 +241,8 @@ TEST_P(EachAlgorithm, RealBoxesHaveThePairsThatWereCounted) {
 }
 
 /// The number of frames in which boxes are sorted again, if a few move in each.
-/// @param leap Each goes to where another one was; otherwise by a tenth of its edge.
+/// @param leap Whether each box jumps to the position of another one; otherwise it moves by a tenth of its
+/// edge.
 int count_sorts(bool leap) {
   constexpr std::uint32_t n = 4000;
   constexpr std::uint32_t moving = 40;
@@ -271,8 +272,8 @@ int count_sorts(bool leap) {
   return sorts;
 }
 
-/// Boxes that leap soon stand far from their neighbours in the order, which is made anew long before all have
-/// leapt; if they only drift, it may stay.
+/// Boxes that leap are soon far from their neighbours in the order, so they are sorted again long before all
+/// have leapt. If they only drift, the order may stay.
 TEST(Tiles, BoxesAreSortedAgainSoonerIfTheyLeap) {
   const int drifting = count_sorts(false);
   const int leaping = count_sorts(true);
@@ -281,7 +282,7 @@ TEST(Tiles, BoxesAreSortedAgainSoonerIfTheyLeap) {
   EXPECT_GT(leaping, drifting);
 }
 
-/// If all boxes leap at once, the order is of no use; the search must notice that before it has tested all
+/// If all boxes leap at once, the order is useless; the search must notice this before it has tested all
 /// pairs.
 NOT_IN(sanitizers, "measures time");
 TEST(SweepAndPrune, BoxesThatAllLeapAreSortedAtOnce) {
@@ -318,9 +319,8 @@ std::size_t builds(std::span<const Stage> stages) {
   return static_cast<std::size_t>(std::ranges::count(stages, "build", &Stage::name));
 }
 
-/// Boxes that all leap to each other's places. In the old order the search would be one of all boxes with
-/// all: it is given up, and made again in a new order. The pairs are those of the places, whichever boxes are
-/// there.
+/// All boxes leap to each other's positions. In the old order, the search would test all pairs: it is given
+/// up and repeated in a new order. The pairs are those of the positions, whichever boxes are there.
 void expect_leaps_to_be_sorted_at_once(const std::function<Frame(const std::vector<Aabb>&)>& update) {
   constexpr std::uint32_t n = 20'000;
   const scenes::MovingBoxes scene(n, scenes::MovingBoxes::Sizes::uniform);
@@ -360,7 +360,7 @@ TEST(Tiles, BoxesThatAllLeapAreSortedAtOnce) {
   });
 }
 
-/// The first search gathers them.
+/// The first search gathers the boxes.
 ALSO_IN(gpu_profile);
 TEST(Tiles, BoxesInABufferThatAllLeapAreSortedAtOnce) {
   const CallersQueue queue;
@@ -372,7 +372,7 @@ TEST(Tiles, BoxesInABufferThatAllLeapAreSortedAtOnce) {
   });
 }
 
-/// More than fit below one root. Ids are scattered; each box touches the next along x, and no other.
+/// More boxes than fit below one root. Ids are scattered; each box touches the next along x, and no other.
 NOT_IN(sanitizers, "takes long");
 TEST(Tiles, MoreThanAMillionBoxes) {
   if (is_slow_device()) GTEST_SKIP() << "takes minutes on this device";

@@ -18,8 +18,8 @@
 #include "packed_box.hpp"
 #include "scenes/generators.hpp"
 
-/// Whether searches find exactly what there is: any numbers, any size, any number of pairs, each time the
-/// same.
+/// Searches find exactly the pairs that exist: for any numbers, any size, any number of pairs, and the same
+/// each time.
 namespace broadcl::test {
 namespace {
 
@@ -27,7 +27,7 @@ using Limits = std::numeric_limits<float>;
 
 // Numbers.
 
-/// Bounds at which arithmetic, instead of comparisons, would go wrong.
+/// Bounds with which arithmetic would fail, but comparisons do not.
 std::vector<float> special_bounds() {
   std::vector<float> bounds{0};
   for (const float magnitude :
@@ -40,7 +40,7 @@ std::vector<float> special_bounds() {
   return bounds;
 }
 
-/// Boxes of such bounds: points, flat ones, half spaces, planes, points at infinity, empty ones.
+/// Boxes with such bounds: points, flat ones, half spaces, planes, points at infinity, empty ones.
 std::vector<Aabb> special_boxes(std::uint32_t n, std::uint32_t seed) {
   static const std::vector<float> bounds = special_bounds();
   std::mt19937 random(seed);
@@ -52,7 +52,7 @@ std::vector<Aabb> special_boxes(std::uint32_t n, std::uint32_t seed) {
       float& lower = box.lower[axis];
       float& upper = box.upper[axis];
       lower = bounds[below(bounds.size())];
-      // Equal or next to it, or any other.
+      // Equal to the lower bound or next to it, or any other.
       const auto place =
           static_cast<std::size_t>(std::find(bounds.begin(), bounds.end(), lower) - bounds.begin());
       upper = bounds[below(3) == 0 ? std::min(bounds.size() - 1, place + below(2)) : below(bounds.size())];
@@ -66,8 +66,7 @@ std::vector<Aabb> special_boxes(std::uint32_t n, std::uint32_t seed) {
   return boxes;
 }
 
-/// The oracle, which all others are compared with, does what the definitions say: of pairs, filters and
-/// changes.
+/// The oracle, with which all others are compared, follows the definitions of pairs, filters and changes.
 TEST(Oracle, FollowsTheDefinitions) {
   constexpr std::uint32_t n = 60;
   std::mt19937 random(3);
@@ -128,7 +127,7 @@ TEST_P(EachAlgorithm, ManySpecialBoundsAgreeWithTheOracle) {
   }
 }
 
-/// The same when few moved, with worlds and without.
+/// The same if few boxes moved, with worlds and without.
 ALSO_IN(oclgrind);
 TEST_P(EachAlgorithm, SmallSpecialBoundsThatMoveAgreeWithTheOracle) {
   for (const bool worlds : {false, true}) {
@@ -145,13 +144,13 @@ TEST_P(EachAlgorithm, SmallSpecialBoundsThatMoveAgreeWithTheOracle) {
   }
 }
 
-/// Each axis alone keeps two boxes apart, by as little as there is.
+/// Each axis alone separates two boxes, by the smallest possible distance.
 ALSO_IN(oclgrind);
 TEST_P(EachAlgorithm, SmallTouchingAndBarelyApart) {
   const float tiny = Limits::denorm_min();
   const float large = Limits::max();
   struct Case {
-    float upper, lower;  // of the box below, and of the one above
+    float upper, lower;  // bounds of the box below and of the one above
     bool touch;
   };
   const std::array cases{Case{1, 1, true},
@@ -176,7 +175,7 @@ TEST_P(EachAlgorithm, SmallTouchingAndBarelyApart) {
                          Case{-tiny, -0.0F, false},
                          Case{-tiny, tiny, false},
                          Case{tiny, 2 * tiny, false}};
-  // Two boxes per case, apart from those of the others on another axis.
+  // Two boxes per case, apart from those of the other cases on another axis.
   for (std::size_t axis = 0; axis < 3; ++axis) {
     BroadPhase broad_phase(config());
     Pairs touching;
@@ -217,7 +216,7 @@ TEST_P(EachAlgorithm, SizesAroundPowersOfTwoWithWorldsAndFewMoved) {
   }
 }
 
-/// Pairs by sorting along an axis and sweeping: nothing in common with any algorithm here.
+/// Pairs by sorting along an axis and sweeping: it shares nothing with any algorithm here.
 Pairs sweep(std::span<const Aabb> boxes) {
   std::vector<std::uint32_t> order(boxes.size());
   std::iota(order.begin(), order.end(), 0);
@@ -253,7 +252,8 @@ TEST(BruteForce, AHundredThousandBoxes) {
   EXPECT_TRUE(same("few moved", broad_phase.pairs(), sweep(moved)));
 }
 
-/// Ids that a float cannot count. All against all would take hours, so few of 17 million objects change.
+/// Ids too large for a float. A search of all boxes would take hours, so only a few of 17 million objects
+/// change.
 NOT_IN(rusticl | sanitizers, "takes long");
 TEST(BruteForce, IdsPast24Bits) {
   if (is_slow_device()) GTEST_SKIP() << "takes minutes on this device";
@@ -262,7 +262,7 @@ TEST(BruteForce, IdsPast24Bits) {
   const auto algorithm = make_algorithm({.algorithm = "brute-force"});
   algorithm->reserve(n, false);
   std::ranges::fill(algorithm->boxes(), packed_empty());
-  // More pairs than are put in order without sorting.
+  // More pairs than are ordered without sorting.
   std::vector<std::uint32_t> changed{n - 1,    0, past,      past - 1,  past - 2,
                                      past + 1, 1, past + 15, past + 16, past + 63};
   while (changed.size() < 24) changed.push_back(changed.back() + 1001);
@@ -278,7 +278,7 @@ TEST(BruteForce, IdsPast24Bits) {
   EXPECT_TRUE(same(algorithm->finish(), expected, {}));
   EXPECT_TRUE(same("pairs", algorithm->pairs(), expected));
 
-  // One leaves, and another takes the place of one.
+  // One object leaves, and a new one takes the id of another.
   const std::vector<std::uint32_t> next{past, n - 1};
   algorithm->boxes()[past] = apart(9);
   Pairs of_last;
@@ -343,7 +343,7 @@ void expect_all_pairs_to_go_and_come(const BroadPhase::Config& config, std::uint
   EXPECT_TRUE(has_all_pairs(broad_phase.pairs(), n));
 }
 
-/// With either tuning profile more changes than are compared each with every other.
+/// With either tuning profile, more changes than are sorted by comparing each with every other.
 ALSO_IN(oclgrind | oclgrind_gpu_profile);
 TEST_P(EachAlgorithm, SmallEveryPairOfAHundredGoesAndComes) {
   expect_all_pairs_to_go_and_come(config(), 100);
@@ -361,8 +361,8 @@ TEST_P(EachAlgorithm, EveryPairOfThousandsGoesAndComes) {
 
 // Each time the same.
 
-/// Plays the same calls: many changes and few, filters, reused ids, updates begun. Returns all changes
-/// that were reported.
+/// Makes the same calls each time: many changes and few, filters, reused ids, updates that begin early.
+/// Returns all changes that were reported.
 Pairs play(const std::string& algorithm) {
   constexpr std::uint32_t n = 400;  // 79,800 pairs: changes are sorted on the device
   Pairs reported;
@@ -410,8 +410,8 @@ TEST_P(EachAlgorithm, TheSameCallsReportTheSameWithBothProfilesInEveryRun) {
 }
 
 NOT_IN(sanitizers, "takes long, in kernels only");
-/// (With PoCL 3.1 and 6.0, one frame in some hundred was wrong: work-groups wrote past their part of the
-/// list, and sometimes later than the one whose part that was.)
+/// (With PoCL 3.1 and 6.0, one frame in several hundred was wrong: work-groups wrote past their part of the
+/// list, sometimes later than the work-group that owned that part.)
 TEST_P(EachAlgorithm, FewBoxesThatMoveForLongWithBothProfiles) {
   constexpr std::uint32_t n = 200;
   const int frames = is_slow() ? 8 : 500;

@@ -35,7 +35,7 @@ Device make(unsigned platform, unsigned index, DeviceType type, const char* plat
           .vendor_id = 0};
 }
 
-/// A graphics card, or one in a processor.
+/// A discrete GPU, or one in a processor.
 Device gpu(const char* name, std::uint32_t vendor_id, unsigned compute_units, unsigned clock_mhz,
            bool host_unified) {
   Device device = make(0, 0, DeviceType::gpu, "Some", name, compute_units);
@@ -70,7 +70,7 @@ TEST(SelectDevice, TheBestGpuHasItsOwnMemoryThenTheMostArithmeticUnits) {
   const auto best = [](std::vector<Device> among) {
     std::string name = select_device("", among).name;
     std::ranges::reverse(among);
-    EXPECT_EQ(select_device("", among).name, name) << "in another order";
+    EXPECT_EQ(select_device("", among).name, name) << "must not depend on the order";
     return name;
   };
   EXPECT_EQ(best({iris, radeon}), radeon.name) << "fewer and larger units";
@@ -93,7 +93,7 @@ TEST(SelectDevice, TheDefaultHasAReason) {
   EXPECT_EQ(reason_for_default({iris, radeon}), "BROADCL_DEVICE is 'gpu'");
 }
 
-/// The same device of another platform, which calls it something else.
+/// The same device on another platform, which gives it another name.
 Device by_another_driver(Device device) {
   ++device.platform;
   device.name += " (radeonsi, navi31)";
@@ -117,7 +117,7 @@ TEST(SameCard, HasOnePciAddressOtherwiseOneUuidOtherwiseOneNameAndMemory) {
   EXPECT_TRUE(is_same_card(card, other));
 
   other = card = radeon;
-  EXPECT_FALSE(is_same_card(card, other)) << "two of one platform";
+  EXPECT_FALSE(is_same_card(card, other)) << "two devices of one platform";
   ++other.platform;
   EXPECT_TRUE(is_same_card(card, other));
   other.memory = 1;
@@ -139,9 +139,9 @@ TEST(SameCard, CountsOnceForTheDefault) {
   EXPECT_EQ(reason_for_default({machine()[0], card, other}),
             "it is the only GPU; 0:0 is the same card with another driver");
   EXPECT_EQ(select_device("", {machine()[0], card, other}).id(), "1:0");
-  EXPECT_EQ(select_device("0:0", {card, other}).id(), "0:0") << "each can be named";
+  EXPECT_EQ(select_device("0:0", {card, other}).id(), "0:0") << "each can be selected by its id";
 
-  // Two of a kind, without an address: each once.
+  // Two cards of one kind, without an address: each counts once.
   Device second = radeon;
   second.index = 1;
   Device first_again = radeon;

@@ -12,9 +12,8 @@
 
 namespace broadcl::test {
 
-/// Drives any number of other broad phases through exactly the calls that a world makes on a primary one. The
-/// world sees the primary's proxies, pairs and answers only; each shadow has proxies and a pair cache of its
-/// own.
+/// Makes exactly the calls to any number of other broad phases that a world makes to a primary one. The world
+/// sees only the primary's proxies, pairs and answers; each shadow has its own proxies and pair cache.
 class ShadowBroadphase final : public btBroadphaseInterface {
  public:
   /// None is owned; all must outlive this object.
@@ -98,7 +97,7 @@ class ShadowBroadphase final : public btBroadphaseInterface {
 /// Two objects of a pair by their client pointers, in an order that all broad phases share.
 using ClientPair = std::pair<const void*, const void*>;
 
-/// The pair cache of a broad phase, sorted. Where a pair is cached twice, it is there twice.
+/// The pair cache of a broad phase, sorted. A pair that is cached twice is listed twice.
 [[nodiscard]] inline std::vector<ClientPair> client_pairs(btBroadphaseInterface& broadphase) {
   std::vector<ClientPair> pairs;
   const btBroadphasePairArray& cached = broadphase.getOverlappingPairCache()->getOverlappingPairArray();

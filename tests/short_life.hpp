@@ -16,23 +16,23 @@
 
 namespace broadcl::test {
 
-/// Every function of a BroadPhase in a few frames, each call repeated if it fails, with answers that are
-/// always those of the reference.
+/// Calls every function of a BroadPhase over a few frames. Each call is repeated if it fails, and all answers
+/// must be those of the reference.
 /// @tparam Subject BroadPhase, or the Core of one.
 template <class Trouble, class Subject = BroadPhase>
 class ShortLife {
  public:
-  /// @param argument Of the subject's constructor.
+  /// @param argument For the subject's constructor.
   template <class Argument>
   ShortLife(Argument&& argument, Trouble trouble, Habits habits)
       : broad_phase_(std::forward<Argument>(argument)), trouble_(trouble), habits_(habits) {}
 
-  /// @returns Whether every answer was right; it ends with the first that is not.
+  /// @returns Whether every answer was right; it stops at the first wrong one.
   bool live() {
     try {
       live_on();
     } catch (const std::exception& error) {
-      expect(::testing::AssertionFailure() << "a call fails though nothing does: " << error.what());
+      expect(::testing::AssertionFailure() << "a call fails by itself: " << error.what());
     }
     return is_right_;
   }
@@ -85,7 +85,7 @@ class ShortLife {
     is_right_ = is_right_ && result;
   }
 
-  /// That nothing has changed that a caller can see.
+  /// Nothing that a caller can see may have changed.
   void look() {
     expect(equal("size", broad_phase_.size(), reference_.size()));
     if (habits_.looks && !reference_.is_in_flight())
@@ -117,7 +117,7 @@ class ShortLife {
     call([&] { broad_phase_.remove(id); });
     reference_.remove(id);
   }
-  /// All boxes, and an update: the caller writes where the device reads.
+  /// Writes all boxes directly to the memory that the device reads, and updates.
   void map(std::size_t n, float distance) {
     if (!is_right_) return;
     const std::span<Aabb> boxes = call([&] { return broad_phase_.map(n); });

@@ -1,4 +1,4 @@
-// What a study measures, in which order, how long that takes, and what the file of a run is read as.
+// What a study measures, in which order and how long that takes, and how the file of a run is read.
 #include "cli/study_plan.hpp"
 
 #include <gmock/gmock.h>

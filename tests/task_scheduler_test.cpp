@@ -1,4 +1,4 @@
-// Worlds that several threads simulate: with a thread-safe Bullet they must have the right pairs, otherwise
+// Worlds simulated by several threads: with a thread-safe Bullet they must have the right pairs; otherwise
 // the error must say what is missing.
 #include "scenes/task_scheduler.hpp"
 

@@ -1,4 +1,4 @@
-// What may run in several threads at once. This file alone is also a program for ThreadSanitizer.
+// What may run in several threads at once. This file is also a program of its own for ThreadSanitizer.
 #include <broadcl/broad_phase.hpp>
 
 #include <algorithm>
@@ -28,7 +28,8 @@ namespace {
 
 const Kind& broadcl_kind = kinds.front();
 
-/// Calls a function with 0, 1, ... in as many threads, which start together, and waits for all.
+/// Calls a function with 0, 1, ..., each in its own thread; the threads start together, and all are waited
+/// for.
 template <class Function>
 void in_threads(std::size_t count, const Function& function) {
   std::latch start(static_cast<std::ptrdiff_t>(count));
@@ -45,7 +46,7 @@ void in_threads(std::size_t count, const Function& function) {
 
 using Answer = std::multiset<const void*>;
 
-/// Rays and box queries of which many meet something.
+/// Rays and box queries, many of which hit something.
 std::vector<Answer> ask(QueryRig& rig, unsigned seed) {
   Random random(seed);
   std::vector<Answer> answers;
@@ -61,7 +62,7 @@ std::vector<Answer> ask(QueryRig& rig, unsigned seed) {
   return answers;
 }
 
-/// Moves, destroys and creates; the few rounds with all of the boxes keep the queries from using a tree.
+/// Moves, destroys and creates; the few rounds with many moves keep the queries from using a tree.
 void change(QueryRig& rig, unsigned round) {
   Random random(round);
   const unsigned moves = round % 4 == 3 ? 400 : 5;
@@ -95,7 +96,7 @@ TEST(Threads, QueriesRightAfterChangesAnswerAsOneAfterTheOther) {
   EXPECT_GT(met, 1000U);
 }
 
-/// The pairs of each frame of a whole life, from creation to destruction.
+/// The pairs of each frame, from the creation of a broad phase to its destruction.
 std::vector<std::vector<std::pair<int, int>>> life(unsigned seed) {
   Rig rig(broadcl_kind);
   Random random(seed);
@@ -119,7 +120,7 @@ TEST(Threads, TwoOfBulletsBroadPhasesLiveSideBySide) {
   }
 }
 
-/// The changes of each frame of boxes that walk through each other.
+/// The changes in each frame while boxes move through each other.
 std::vector<std::vector<Pair>> walk(std::string_view algorithm, std::size_t stride) {
   BroadPhase broad_phase({.algorithm = std::string(algorithm)});
   std::vector<std::vector<Pair>> frames;

@@ -52,7 +52,7 @@ Pairs sorted(const Found& found) {
   return pairs;
 }
 
-/// By the definition.
+/// The pairs by the definition.
 Pairs expected_pairs(const HostTiles<3>& all, const std::vector<Filter>& filters) {
   Pairs pairs;
   const auto box_of = [&](std::uint32_t slot) { return all.tiles[slot / node_size].get(slot % node_size); };
@@ -101,7 +101,7 @@ TEST(PairSort, ListsOfAnyLengthAndWidth) {
   for (const std::uint64_t slots :
        {2ULL, 3ULL, 255ULL, 256ULL, 1000ULL, 70'000ULL, 1ULL << 24U, 1ULL << 31U}) {
     for (const std::size_t n : {0U, 1U, 200U, 5000U, 60'000U, 300'000U}) {
-      if (n > 60'000 && slots > 1000) continue;  // all in few partitions
+      if (n > 60'000 && slots > 1000) continue;  // all would be in few partitions
       Pairs pairs(n);
       for (Pair& pair : pairs) {
         pair = {static_cast<std::uint32_t>(random() % slots), static_cast<std::uint32_t>(random() % slots)};

@@ -30,8 +30,7 @@ TEST_P(TriangleWords, RowStartsRecurWithAPeriodOfTwoWords) {
   }
 }
 
-/// Marks each byte as often as a word that holds it is stored: once by a row's whole words, or once by a
-/// seam.
+/// Counts how often each word is stored: it must be once, by a row's whole words or by a seam.
 TEST_P(TriangleWords, EveryByteIsStoredOnce) {
   const uint width = GetParam();
   for (uint n = 0; n < 150; ++n) {

@@ -11,17 +11,17 @@
 
 namespace broadcl::test {
 
-/// Something that fails while calls under test run, and only then.
+/// Makes something fail while calls under test run, and only then.
 /// @tparam Failing FailingOpenCl or FailingAllocations. @tparam counted What it counts.
 template <class Failing, long (*counted)() noexcept>
 class Trouble {
  public:
   static constexpr long for_good = std::numeric_limits<long>::max() / 2;
 
-  /// @param first What succeeds before. @param count What fails then.
+  /// @param first How many succeed before. @param count How many fail then.
   Trouble(long first, long count) : first_(first), count_(count) {}
 
-  /// Repeats a call that fails. After it failed twice, nothing fails any more.
+  /// Repeats a call that fails. After two failures, nothing fails any more.
   /// @param after_failure Called after each failure; nothing fails meanwhile.
   template <class Function, class AfterFailure>
   auto call(const Function& function, const AfterFailure& after_failure) {
@@ -40,7 +40,7 @@ class Trouble {
     }
   }
 
-  /// How often it might have failed.
+  /// How often something might have failed.
   [[nodiscard]] long points() const { return made_; }
   [[nodiscard]] int failures() const { return failures_; }
 
@@ -66,25 +66,25 @@ class Trouble {
   int failures_ = 0;
 };
 
-/// Has a life be lived in which nothing fails, and then one for each point at which something may fail.
-/// @param most If there are more points, about so many that are spread evenly.
-/// @param live Takes the point that fails first, and returns how many there were, or none after a wrong
-/// answer.
+/// Runs one life in which nothing fails, then one for each point at which something may fail.
+/// @param most If there are more points, about this many, evenly spread.
+/// @param live Takes the point that fails first, and returns how many points there were, or none after a
+/// wrong answer.
 template <class Function>
 void expect_right_lives(long most, const Function& live) {
   const std::optional<long> points = live(std::numeric_limits<long>::max());
-  ASSERT_TRUE(points) << "though nothing fails";
+  ASSERT_TRUE(points) << "although nothing fails";
   const long step = std::max(1L, (*points + most - 1) / most);
   for (long first = 0; first < *points; first += step) {
     ASSERT_TRUE(live(first)) << "failure " << first << " of " << *points;
   }
 }
 
-/// What a life does besides.
+/// Options of a life.
 struct Habits {
-  /// Whether it looks at all pairs after each failure, which might also mend what the failure broke.
+  /// Whether it looks at all pairs after each failure, which might also repair what the failure broke.
   bool looks = false;
-  /// Whether objects get worlds, for which some algorithms build a kernel in the middle of it.
+  /// Whether objects get worlds, for which some algorithms build a kernel in the middle of a life.
   bool worlds = false;
   /// Updates at the beginning in which one object moves.
   int updates = 0;

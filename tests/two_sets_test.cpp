@@ -19,7 +19,7 @@
 #include "test_name.hpp"
 #include "two_sets.hpp"
 
-/// Two sets of boxes, of which only one of each pair.
+/// Two sets of boxes: each pair has one of each.
 namespace broadcl::test {
 namespace {
 
@@ -36,7 +36,7 @@ Pairs expected_pairs(std::span<const Aabb> first, std::span<const Aabb> second) 
   return pairs;
 }
 
-/// Two sets at one place.
+/// Two sets in the same space.
 struct SceneOfSets {
   SceneOfSets(std::uint32_t first_count, std::uint32_t second_count)
       : motion(first_count + second_count, MovingBoxes::Sizes::mixed), count(first_count) {}
@@ -92,7 +92,7 @@ TEST_P(EachAlgorithm, OfTwoSetsAnErrorSaysWhichOneHasANaN) {
               HasSubstr("the second set: box 1 has a NaN"));
 }
 
-/// Objects come, go, move, and change sets.
+/// Objects are added, removed and moved, and change sets.
 void follow_oracle(const BroadPhase::Config& config, std::uint32_t n, std::uint32_t worlds) {
   Twins twins(config);
   MovingBoxes motion(n, MovingBoxes::Sizes::mixed);
@@ -113,7 +113,7 @@ void follow_oracle(const BroadPhase::Config& config, std::uint32_t n, std::uint3
       twins.remove(3);
       twins.remove(n - 15);
     }
-    if (frame == 7) twins.add(motion.boxes()[3], Filter());  // not of two sets any more
+    if (frame == 7) twins.add(motion.boxes()[3], Filter());  // no longer only two sets
     if (frame == 9) twins.set_filter(3, filter(3));
     if (frame == 10) twins.set_filter(7, {.group = 8, .mask = 0});
     ASSERT_TRUE(twins.agree()) << "frame " << frame;
@@ -133,7 +133,7 @@ TEST_P(EachAlgorithm, TwoSetsInEachOfManyWorlds) {
   follow_oracle(config(), 1000, 17);
 }
 
-/// Numbers that floats and shifted words cannot tell apart.
+/// World numbers that floats and shifted words cannot tell apart.
 TEST_P(EachAlgorithm, TwoSetsInWorldsOfLargeNumbers) {
   Twins twins(config());
   for (const std::uint32_t world : {0U, 8'388'606U, 8'388'607U, 8'388'608U, 16'777'217U, 0x7ffffffdU,
@@ -161,7 +161,7 @@ TEST(TwoSets, AreApartIfNothingPairsInside) {
 
 class TwoSetsOnTheDevice : public ::testing::TestWithParam<std::string> {
  protected:
-  /// The scene in buffers of which the second has other things between its boxes.
+  /// The scene in buffers; in the second, there are other data between the boxes.
   DeviceBroadPhase::Boxes give(const SceneOfSets& scene) {
     buffers_.push_back(queue_.buffer_of(scene.first()));
     std::vector<float> second(5, nan_value);
@@ -216,7 +216,7 @@ TEST_P(TwoSetsOnTheDevice, AnEmptyFirstSetHasNone) {
   follow(0, 50);
 }
 
-/// More changes than are expected, and one box with so many that they are sorted in another way.
+/// More changes than expected, and one box with so many that they are sorted in another way.
 NOT_IN(rusticl, "takes long");
 TEST_P(TwoSetsOnTheDevice, ManyPairsOfABox) {
   const std::vector<Aabb> first(6000, unit);
@@ -254,7 +254,7 @@ TEST_P(TwoSetsOnTheDevice, UpdatesThatNobodyWaitsFor) {
   }
 }
 
-/// Body and world count, group and mask do not.
+/// Body and world matter; group and mask do not.
 TEST_P(TwoSetsOnTheDevice, FiltersOfBothSets) {
   const cl::Buffer first = queue_.buffer_of(std::vector<Aabb>(2, unit));
   const cl::Buffer second = queue_.buffer_of(std::vector<Aabb>(3, unit));

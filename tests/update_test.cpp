@@ -15,7 +15,7 @@
 #include "keep_stage.hpp"
 #include "scenes/generators.hpp"
 
-/// What an update costs and what it finds if little moved.
+/// The cost and the result of an update if little moved.
 namespace broadcl::test {
 namespace {
 
@@ -48,7 +48,7 @@ TEST_P(EachAlgorithm, SmallTheDeviceIsNotAskedIfNothingMoved) {
   broad_phase.move(4, unit);
   broad_phase.begin();
   EXPECT_TRUE(same(broad_phase.finish(), {}, {}));
-  // The box went away and came back: it may count, but nothing came of it.
+  // Box 4 went away and came back, which may count as a change; this move does not.
   broad_phase.move(3, unit);
   EXPECT_TRUE(same(broad_phase.update(), {}, {}));
   expect_work(false);
@@ -59,8 +59,8 @@ TEST_P(EachAlgorithm, SmallTheDeviceIsNotAskedIfNothingMoved) {
   EXPECT_EQ(broad_phase.pairs().size(), 55U);
 }
 
-/// Few moved: they are applied to the boxes of the last update; many: all boxes are uploaded and tested. One
-/// wait per update.
+/// If few boxes moved, these are applied to the boxes of the last update; if many, all are uploaded and
+/// tested. One wait per update.
 TEST(BruteForce, AppliesAndKeepsIfFewMoved) {
   const auto with_keep = [](std::vector<std::string_view> names) {
     if (!has_keep_stage()) std::erase(names, "keep");
@@ -82,7 +82,7 @@ TEST(BruteForce, AppliesAndKeepsIfFewMoved) {
 }
 
 /// So many changes that they are counted into buckets, a few per bucket; then so many in one bucket, that of
-/// an object that meets all others, that they are sorted.
+/// an object that overlaps all others, that they are sorted.
 NOT_IN(rusticl, "takes long");
 TEST_P(EachAlgorithm, ManyChangesAreInOrder) {
   constexpr std::uint32_t n = 10'000;
@@ -111,7 +111,7 @@ TEST_P(EachAlgorithm, ManyChangesAreInOrder) {
   }
 }
 
-/// Moves random m of n boxes.
+/// Moves m of n boxes, chosen at random.
 void follow_the_oracle(const BroadPhase::Config& config, std::uint32_t n) {
   std::mt19937 random(n);
   scenes::MovingBoxes boxes(n, scenes::MovingBoxes::Sizes::mixed, n);
@@ -142,7 +142,8 @@ TEST_P(EachAlgorithm, FewMovedFollowTheOracle) {
   }
 }
 
-/// Hundreds, of which a few move, come, go and get another filter. All pairs are looked at now and then.
+/// Hundreds of objects, a few of which move, come, go and get another filter. All pairs are compared now and
+/// then.
 NOT_IN(rusticl | sanitizers, "takes long");
 TEST_P(EachAlgorithm, FewOfHundredsLiveLikeThoseOfTheOracle) {
   if (is_slow()) GTEST_SKIP() << "takes long on this device";
@@ -196,8 +197,8 @@ TEST_P(EachAlgorithm, FewOfHundredsLiveLikeThoseOfTheOracle) {
   }
 }
 
-/// A capacity of 256, 384, ... boxes: a new object makes the boxes move to other memory, and those that stand
-/// still must come along.
+/// Capacities of 256, 384, ... boxes: a new object moves the boxes to other memory, and those that did not
+/// move must be copied to it.
 TEST_P(EachAlgorithm, BoxesThatStandStillComeAlongWhenMemoryGrows) {
   Twins twins(config());
   for (std::uint32_t k = 0; k < 256; ++k) twins.add(apart(k), {.body = k});
@@ -231,7 +232,7 @@ TEST_P(EachAlgorithm, SmallTheLastOrAllRemovedAndAddedAgain) {
   }
 }
 
-/// Few pairs come in each update, many go in one: then updates in which there is no object.
+/// Each update adds few pairs and one removes many; then come updates without objects.
 TEST_P(EachAlgorithm, UpdatesOfNothingFollowThatOfMuch) {
   for (const std::uint32_t n : {20U, 80U}) {  // on a CPU, on a GPU
     SCOPED_TRACE(n);
@@ -249,7 +250,7 @@ TEST_P(EachAlgorithm, UpdatesOfNothingFollowThatOfMuch) {
   }
 }
 
-/// Kernels that are first needed later are compiled later, too.
+/// Kernels that are first needed later are also compiled later.
 NOT_IN(sanitizers, "compiles");
 TEST(BruteForce, ACacheThatCannotBeWrittenCostsNothingElse) {
   const ScopedFolder folder;

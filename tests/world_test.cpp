@@ -46,7 +46,7 @@ std::vector<Eigen::Vector3f> positions(const World& world) {
   return result;
 }
 
-/// How far an object's centre is outside the container, for the one that is farthest out.
+/// How far outside the container the centre of the farthest object is.
 float farthest_out(const World& world) {
   float farthest = 0;
   for (const Eigen::Vector3f& p : positions(world)) farthest = std::max(farthest, p.cwiseAbs().maxCoeff());
@@ -55,7 +55,7 @@ float farthest_out(const World& world) {
 
 class EachScenarioWorld : public testing::TestWithParam<std::string> {};
 
-// At 50 g objects sink into the walls; what is past the middle of a wall would be pushed out on the far side.
+// At 50 g objects sink into the walls; one past the middle of a wall would be pushed out on the far side.
 NOT_IN(sanitizers, "takes long");
 TEST_P(EachScenarioWorld, LosesNoObject) {
   btDbvtBroadphase tree;
@@ -182,7 +182,7 @@ TEST(World, WakesWhatItKicks) {
   }
 }
 
-/// Those that an object touches, the object included.
+/// The objects that an object touches, including itself.
 std::vector<const btCollisionObject*> touching(World& world, const btCollisionObject& object) {
   std::vector<const btCollisionObject*> result;
   btDispatcher& dispatcher = *world.bullet().getDispatcher();
@@ -196,7 +196,7 @@ std::vector<const btCollisionObject*> touching(World& world, const btCollisionOb
   return result;
 }
 
-/// An object of the world goes out of it and comes in again at another position; what rested on it falls.
+/// An object leaves the world and enters it again at another position; objects that rested on it must wake.
 TEST(World, ExchangesObjectsThatStream) {
   constexpr std::uint32_t objects = 200;
   BulletBroadphase broadphase;

@@ -20,15 +20,14 @@
 namespace broadcl::test {
 namespace {
 
-/// Objects of several worlds at one place, the way in which they are spread over the worlds, and boxes that
-/// move.
+/// Objects of several worlds in the same space: how they are spread over the worlds, and boxes that move.
 class SceneOfWorlds {
  public:
   /// @param world_of The world of an object.
   SceneOfWorlds(std::uint32_t objects, std::uint32_t boxes_in_place,
                 const std::function<std::uint32_t(std::uint32_t)>& world_of)
       : motion_(objects, scenes::MovingBoxes::Sizes::mixed),
-        // As crowded as a world of that many boxes would be.
+        // As crowded as a single world of this many boxes would be.
         scale_(scenes::MovingBoxes(boxes_in_place, scenes::MovingBoxes::Sizes::mixed).edge() /
                motion_.edge()) {
     for (std::uint32_t k = 0; k < objects; ++k) filters_.push_back({.world = world_of(k)});
@@ -55,8 +54,8 @@ class SceneOfWorlds {
   std::vector<Filter> filters_;
 };
 
-/// A scene in motion has the pairs of the oracle with an algorithm, from the host and on the device. In the
-/// last frames some objects go to other worlds.
+/// With an algorithm, from the host and on the device, a scene in motion must have the oracle's pairs. In the
+/// last frames some objects change worlds.
 void follow_oracle(const std::string& algorithm, bool on_device, SceneOfWorlds scene) {
   Twins twins({.algorithm = algorithm});
   std::vector<Aabb> boxes = scene.boxes();
@@ -130,7 +129,7 @@ TEST_P(EachAlgorithm, WorldsOneThatIsMuchLargerThanTheOthers) {
   follow_oracle(GetParam(), 1500, 400, [](std::uint32_t k) { return k < 1000 ? 3 : k; });
 }
 
-/// A ground plane, and others that are shared by all.
+/// A ground plane and other objects that all worlds share.
 ALSO_IN(oclgrind);
 TEST_P(EachAlgorithm, SmallWorldsWithObjectsInAllOfThem) {
   follow_oracle(GetParam(), 100, 30,

@@ -26,8 +26,8 @@ struct BroadphaseInfo {
 /// bullet-bf (btSimpleBroadphase), bullet-sap (btAxisSweep3), bullet-bvh (btDbvtBroadphase), then BroadCL's.
 [[nodiscard]] std::vector<BroadphaseInfo> broadphases();
 
-/// The row with a name. After the name of one of BroadCL's may follow "+culling", which is part of the row's
-/// name.
+/// The row with a name. The name of one of BroadCL's broad phases may be followed by "+culling", which is
+/// part of the row's name.
 /// @throws broadcl::Error for an unknown name, listing the known ones.
 [[nodiscard]] BroadphaseInfo find_broadphase(std::string_view name);
 

@@ -19,7 +19,7 @@ constexpr bool has_locks = false;
 #endif
 
 /// Null if Bullet has no threads. Never destroyed: if a thread of Bullet 3.24's scheduler is not yet asleep,
-/// the destructor writes before an array (in waitForResponse(), where no thread has finished).
+/// the destructor writes before the start of an array (in waitForResponse(), if no thread has finished).
 btITaskScheduler* default_scheduler() {
   static btITaskScheduler* const scheduler = btCreateDefaultTaskScheduler();
   return scheduler;

@@ -6,8 +6,8 @@
 
 namespace broadcl::scenes {
 
-/// Makes Bullet use its default task scheduler while this object exists. As Bullet demands, the thread that
-/// does so must be the first one that used Bullet's threads. There must be one such object at a time.
+/// Makes Bullet use its default task scheduler while this object exists. Bullet requires that the thread that
+/// does this is the first one that used Bullet's threads. Only one such object may exist at a time.
 class ScopedTaskScheduler {
  public:
   /// @param threads Includes the calling thread.

@@ -102,8 +102,8 @@ double least_seconds(Function&& function) {
   return least;
 }
 
-/// Pools with room for the contacts of crowded scenes. Those that Bullet makes by default hold 4,096 pairs;
-/// the others come from the heap.
+/// Pools large enough for the contacts of crowded scenes. Bullet's default pools hold 4,096 pairs; further
+/// ones come from the heap.
 btDefaultCollisionConstructionInfo with_pools_for(std::uint32_t objects) {
   btDefaultCollisionConstructionInfo info;
   const auto pairs =
@@ -113,7 +113,7 @@ btDefaultCollisionConstructionInfo with_pools_for(std::uint32_t objects) {
   return info;
 }
 
-/// What simulates: Bullet's classes for one thread, or those for several.
+/// The simulation: Bullet's classes for one thread, or those for several.
 class Physics {
  public:
   Physics(const Scenario::Config& config, btBroadphaseInterface& broadphase, std::uint32_t threads)
