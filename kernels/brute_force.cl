@@ -37,6 +37,12 @@
 #error "LOCAL_HITS is too small"
 #endif
 
+#if GROUP > 1
+#define NEXT(count) atomic_inc(count)
+#else
+#define NEXT(count) (*(count))++ /* an atomic takes a CPU longer */
+#endif
+
 typedef struct {
   FLOATS lower_x, lower_y, lower_z, upper_x, upper_y, upper_z;
 #if WORLDS
@@ -149,7 +155,7 @@ INLINE void append_new(local uint2* hits, const uint count, local uint* found_ne
     const bool is_new =
         first + item < count && is_new_pair(hit.x, hit.y, all, boxes, changed_stamps, filters, exclusions, sink);
     barrier(CLK_LOCAL_MEM_FENCE);
-    if (is_new) hits[atomic_inc(found_new)] = (uint2)(min(hit.x, hit.y), max(hit.x, hit.y));
+    if (is_new) hits[NEXT(found_new)] = (uint2)(min(hit.x, hit.y), max(hit.x, hit.y));
     barrier(CLK_LOCAL_MEM_FENCE);
   }
   append_pairs(sink, hits, *found_new, GROUP, base);
@@ -237,7 +243,7 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void brute_force(
         const uint b = all ? first + r : changed[first + r];
         for (uint s_a = a; bits != 0; ++s_a, bits >>= 1) {
           if ((bits & 1U) == 0 || s_a >= n || s_a == b || (all && s_a > b)) continue;
-          const uint k = atomic_inc(&found);
+          const uint k = NEXT(&found);
           if (k < LOCAL_HITS) hits[k] = (uint2)(s_a, b);
         }
       }

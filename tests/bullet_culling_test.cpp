@@ -349,27 +349,26 @@ TEST_F(Plates, KeepAContactThroughWhichTheyPassed) {
 }
 
 TEST_F(Plates, AreDispatchedIfTheWorldIsNotTheirs) {
-  World world(true);
   World other(false);
-  world.broadphase.set_shape_culling(nullptr);
-  // An object in the world's broad phase, but not in the world itself: nothing marks it as such.
-  btCollisionObject stranger;
-  stranger.setCollisionShape(&flat_);
-  stranger.setWorldTransform(plate(1));
-  world.broadphase.set_shape_culling(&world.world);
-  world.add(flat_, plate(0));
-  btVector3 lower;
-  btVector3 upper;
-  flat_.getAabb(plate(1), lower, upper);
-  btBroadphaseProxy* proxy = world.broadphase.createProxy(lower, upper, BOX_SHAPE_PROXYTYPE, &stranger, 1,
-                                                          test::all_bits, &world.dispatcher);
-  world.collide();
-  EXPECT_EQ(World::dispatched, 1);
-  world.broadphase.destroyProxy(proxy, &world.dispatcher);
-  // Its slot again, now with an object of the world.
-  world.add(flat_, plate(1));
-  world.collide();
-  EXPECT_EQ(World::dispatched, 0);
+  btCollisionObject of_none;
+  of_none.setCollisionShape(&flat_);
+  of_none.setWorldTransform(plate(1));
+  for (btCollisionObject* stranger : {&of_none, &other.add(flat_, plate(1))}) {
+    World world(true);
+    world.add(flat_, plate(0));
+    btVector3 lower;
+    btVector3 upper;
+    flat_.getAabb(plate(1), lower, upper);
+    btBroadphaseProxy* proxy = world.broadphase.createProxy(lower, upper, BOX_SHAPE_PROXYTYPE, stranger, 1,
+                                                            test::all_bits, &world.dispatcher);
+    world.collide();
+    EXPECT_EQ(World::dispatched, 1);
+    world.broadphase.destroyProxy(proxy, &world.dispatcher);
+    // Its slot again, now with an object of the world.
+    world.add(flat_, plate(1));
+    world.collide();
+    EXPECT_EQ(World::dispatched, 0);
+  }
 }
 
 TEST_F(Plates, AreDispatchedIfTheyMayTouchWithinTheStep) {

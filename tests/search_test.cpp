@@ -252,6 +252,17 @@ TEST(BruteForce, AHundredThousandBoxes) {
   EXPECT_TRUE(same("few moved", broad_phase.pairs(), sweep(moved)));
 }
 
+/// More tests than a launch has at once with the tuning profile for CPUs: host/algorithms/row_launch.hpp.
+NOT_IN(gpu_profile | rusticl | sanitizers, "takes long");
+TEST(BruteForce, SeveralLaunchesFindEachPairOnce) {
+  if (is_slow_device()) GTEST_SKIP() << "takes minutes on this device";
+  const scenes::MovingBoxes boxes(50'000, scenes::MovingBoxes::Sizes::uniform);
+  const Pairs expected = sweep(boxes.boxes());
+  for (const char* algorithm : {"brute-force", "gpu-bf"}) {
+    EXPECT_TRUE(same(algorithm, overlapping_pairs(boxes.boxes(), {.algorithm = algorithm}), expected));
+  }
+}
+
 /// Ids too large for a float. A search of all boxes would take hours, so only a few of 17 million objects
 /// change.
 NOT_IN(rusticl | sanitizers, "takes long");

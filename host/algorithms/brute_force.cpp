@@ -23,7 +23,7 @@ constexpr RowLaunch brute_force_on_cpus{.width = 16,
                                         .min_rows = 256,
                                         .max_rows = 4096,
                                         .items = 256,
-                                        .most_tests = std::size_t{1} << 26};
+                                        .most_tests = std::size_t{1} << 30};
 
 /// The cost, in tests, of finding out whether boxes that overlap are a new pair; 70 to 190 on PoCL 3.1.
 constexpr double tests_per_hit = 100;

@@ -29,7 +29,7 @@ constexpr RowLaunch gpu_bf_on_cpus{.width = 16,
                                    .min_rows = 64,
                                    .max_rows = 512,
                                    .items = 1024,
-                                   .most_tests = std::size_t{1} << 26};
+                                   .most_tests = std::size_t{1} << 30};
 
 using opencl::divide_up;
 using opencl::round_up;
