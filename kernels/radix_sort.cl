@@ -179,26 +179,25 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void radix_sort_count(
   }
 }
 
+#if DIGITS > GROUP
+#error "a digit needs a work-item"
+#endif
 /* The indices at which the elements of each digit of a block begin. */
 static inline void load_starts(local uint* starts, global const uint* restrict counts, const bool is_scanned,
                                const uint block, const uint digits, local uint* scan_pool) {
+  const uint digit = (uint)get_local_id(0);
   const uint blocks = (uint)get_num_groups(0);
-  uint smaller = 0; /* elements of smaller digits */
-  for (uint first = 0; first < digits; first += GROUP) {
-    const uint digit = first + (uint)get_local_id(0);
-    global const uint* own = counts + min(digit, digits - 1U) * blocks;
-    uint all = 0;
-    uint before = is_scanned ? own[block] : 0U;
-    for (uint k = 0; k < blocks && !is_scanned; ++k) {
-      const uint count = own[k];
-      all += count;
-      if (k < block) before += count;
-    }
-    uint total;
-    before += smaller + scan_group(digit < digits ? all : 0U, &total, scan_pool);
-    if (digit < digits) starts[digit] = before;
-    smaller += total;
+  global const uint* own = counts + min(digit, digits - 1U) * blocks;
+  uint all = 0;
+  uint before = is_scanned ? own[block] : 0U;
+  for (uint k = 0; k < blocks && !is_scanned; ++k) {
+    const uint count = own[k];
+    all += count;
+    if (k < block) before += count;
   }
+  uint total;
+  before += scan_group(all, &total, scan_pool);
+  if (digit < digits) starts[digit] = before;
   barrier(CLK_LOCAL_MEM_FENCE);
 }
 

@@ -119,6 +119,21 @@ std::vector<Element> random_elements(std::size_t n) {
 
 const Keys by_key{{32, 32}};
 
+/// Also more words than there are work-items: Context::fill().
+ALSO_IN(gpu_profile | rusticl);
+TEST(Fill, SetsEachWordAndNoOther) {
+  with_both_profiles([](const Context& context) {
+    constexpr std::size_t first = 5;
+    for (const std::size_t n : {1U, 63U, 65U, 262'144U, 262'145U, 600'001U}) {
+      std::vector<std::uint32_t> words(first + n + behind, 77);
+      const cl::Buffer buffer = to_device(context, words);
+      context.fill(buffer, 8, first, n);
+      std::fill_n(words.begin() + first, n, 8);
+      EXPECT_TRUE(from_device<std::uint32_t>(context, buffer, words.size()) == words) << n;
+    }
+  });
+}
+
 ALSO_IN(oclgrind | oclgrind_gpu_profile);
 TEST(Scan, SmallListsOfEachSize) {
   with_both_profiles([](const Context& context) {
