@@ -116,7 +116,7 @@ cl_int refusal_of_argument(cl_kernel kernel, std::size_t bytes, const void* valu
 }
 
 cl_int refusal_of_queue(cl_command_queue_properties properties) {
-  const bool is_unknown = current && !current->has_profiling && (properties & CL_QUEUE_PROFILING_ENABLE) != 0;
+  const bool is_unknown = current && (properties & ~current->queue_properties) != 0;
   return is_unknown ? CL_INVALID_QUEUE_PROPERTIES : CL_SUCCESS;
 }
 
@@ -157,9 +157,8 @@ void limit_device_info(cl_device_info name, std::size_t bytes, void* value) {
   }
   if (name == CL_DEVICE_LOCAL_MEM_SIZE) limit(bytes, value, current->local_memory);
   if (name == CL_DEVICE_MAX_MEM_ALLOC_SIZE) limit(bytes, value, current->allocation);
-  if (name == CL_DEVICE_QUEUE_PROPERTIES && !current->has_profiling && value != nullptr) {
-    *static_cast<cl_command_queue_properties*>(value) &=
-        ~static_cast<cl_command_queue_properties>(CL_QUEUE_PROFILING_ENABLE);
+  if (name == CL_DEVICE_QUEUE_PROPERTIES && value != nullptr) {
+    *static_cast<cl_command_queue_properties*>(value) &= current->queue_properties;
   }
   if (name == CL_DEVICE_COMPILER_AVAILABLE && !current->has_compiler) limit(bytes, value, cl_bool{CL_FALSE});
 }

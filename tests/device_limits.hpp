@@ -17,9 +17,9 @@ struct Limits {
   /// The same for some kernels: by name; if a space and options follow, only in programs that were built with
   /// these.
   std::map<std::string, std::size_t> work_group_of_kernel{};
-  cl_ulong local_memory = std::numeric_limits<cl_ulong>::max();  ///< Bytes per work-group.
-  cl_ulong allocation = std::numeric_limits<cl_ulong>::max();    ///< Bytes per buffer.
-  bool has_profiling = true;
+  cl_ulong local_memory = std::numeric_limits<cl_ulong>::max();                    ///< Bytes per work-group.
+  cl_ulong allocation = std::numeric_limits<cl_ulong>::max();                      ///< Bytes per buffer.
+  cl_command_queue_properties queue_properties = ~cl_command_queue_properties{0};  ///< That queues may have.
   bool has_compiler = true;
   bool has_denormals = true;       ///< If not, programs are built with -cl-denorms-are-zero.
   bool is_offered_twice = false;   ///< By platforms that follow the others.

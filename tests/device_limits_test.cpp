@@ -84,6 +84,18 @@ TEST_P(OnLimitedDevice, SmallWorkGroupsFindWhatTheOracleFinds) {
   }
 }
 
+NOT_IN(sanitizers, "takes long, in kernels only");
+TEST_P(OnLimitedDevice, SmallBuffersPlainQueuesOrNoDenormalsFindWhatTheOracleFinds) {
+  const ScopedVariable cache("BROADCL_CACHE_DIR", "/dev/null");
+  const std::vector<Limits> each{
+      {.allocation = 128 << 20}, {.queue_properties = 0}, {.has_denormals = false}};
+  for (const Limits& limits : each) {
+    SCOPED_TRACE(&limits - each.data());
+    const LimitedDevices limited(limits);
+    expect_right_pairs(GetParam());
+  }
+}
+
 /// Boxes whose bounds are denormal numbers and their neighbours: some overlap, some touch, some are empty.
 std::vector<Aabb> small_boxes() {
   constexpr float step = std::numeric_limits<float>::denorm_min();
@@ -274,7 +286,7 @@ TEST(LimitedDevice, OfIntelHasLargeBuffersForGpuBf) {
 }
 
 TEST(LimitedDevice, WithoutProfilingRefusesItAtOnce) {
-  const LimitedDevices limited({.has_profiling = false});
+  const LimitedDevices limited({.queue_properties = 0});
   EXPECT_THAT(error_of([] { BroadPhase({.algorithm = "brute-force", .profile = true}); }),
               HasSubstr("profil"));
   BroadPhase broad_phase({.algorithm = "brute-force"});
