@@ -44,8 +44,10 @@ class DeviceBroadPhase::Impl {
       : context_(retained(queue, config.profile), config.on_compile, tuning),
         profiler_(config.profile),
         engine_(context_.guard([&] {
-          return std::make_unique<Engine>(context_, profiler_, find_pair_finder(config.algorithm),
-                                          Order::Target::device);
+          auto engine = std::make_unique<Engine>(context_, profiler_, find_pair_finder(config.algorithm),
+                                                 Order::Target::device);
+          engine->warm_up(std::numeric_limits<std::size_t>::max());  // begin() must not block
+          return engine;
         })),
         source_(context_.guard([&] { return Source(context_); })) {}
 

@@ -15,9 +15,6 @@
 #ifndef GROUP
 #define GROUP 32 /* one work-item per child, 32 or 64; 1 with the tuning profile for CPUs: it handles all children */
 #endif
-#ifndef SOME_CHANGED
-#define SOME_CHANGED 0 /* 1 if not all boxes changed: there is a second tree, of those that did */
-#endif
 #ifndef WORLDS
 #define WORLDS 0 /* 1 if objects are in different worlds */
 #endif

@@ -203,7 +203,7 @@ static inline void raise(global float* tree, const uint start, const uint k, con
 #endif
 
 /* Copies the boxes to their tiles and computes the bounds of these, one work-group per tile. Tiles past the last one
-   have no bounds. */
+   have no bounds. If there are stamps, only boxes that changed take part. */
 kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_fill(
     const uint n, const uint tiles, const uint parents, const uint sets, global const uint2* restrict elements,
     global float* tree, OBJECT_PARAMETERS) {
@@ -216,10 +216,10 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_fill(
     const uint slot = place < n ? elements[place].x : 0U;
     bounds_t bounds;
     make_none(&bounds);
-#if SOME_CHANGED
-    const bool is_in = place < n && is_changed(stamps[slot], stamp);
-#else
+#if GATHER
     const bool is_in = place < n;
+#else
+    const bool is_in = place < n && (stamps == 0 || is_changed(stamps[slot], stamp));
 #endif
     if (is_in) {
       box_t box;
@@ -236,10 +236,6 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_fill(
     raise(&bounds, &scratch, tree, tile, parents);
 #endif
   }
-#if !SOME_CHANGED && !GATHER
-  (void)stamp;
-  (void)stamps;
-#endif
 #if GROUP == 1
   raise(tree, 0, tile, tile < tiles, parents);
 #endif

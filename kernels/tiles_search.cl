@@ -7,6 +7,10 @@
 #include "tiles.h"
 #include "vote.h"
 
+#ifndef SOME_CHANGED
+#define SOME_CHANGED 0 /* 1 if not all boxes changed: there is a second tree, of those that did */
+#endif
+
 /* The children of a node, one bit each, that do not precede a given node of their level. */
 static inline mask_t not_before(const mask_t bits, const uint node, const uint first) {
   const uint child = node * NODE;

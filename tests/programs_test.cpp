@@ -104,6 +104,38 @@ TEST(LongProgramList, ForWavesOf64AreThoseOfTheList) {
   expect_listed_programs("gpu64");
 }
 
+/// Compiling takes seconds on a CPU.
+TEST(ProgramsBuilt, ByAutoGrowWithTheNumberOfObjects) {
+  using ::testing::Contains;
+  using ::testing::Each;
+  using ::testing::Not;
+  using ::testing::StartsWith;
+  const ScopedFolder folder;
+  const ScopedVariable cache("BROADCL_CACHE_DIR", folder.path().string());
+  const ScopedVariable tuning("BROADCL_TUNING", "cpu");
+  const Config config{.device = select_device().id(), .algorithm = "auto"};
+  // (`auto` would use the host if the device were a GPU.)
+  if (select_device().type != DeviceType::cpu) GTEST_SKIP() << "the device is not a CPU";
+  BroadPhase broad_phase(config);
+  for (std::uint32_t k = 0; k < 300; ++k) broad_phase.add(apart(k));
+  (void)broad_phase.update();
+  EXPECT_THAT(cached_programs(folder.path()), Contains(StartsWith("brute_force.cl")));
+  EXPECT_THAT(cached_programs(folder.path()), Each(Not(StartsWith("tiles"))));
+  for (std::uint32_t k = 300; k < 600; ++k) broad_phase.add(apart(k));
+  EXPECT_THAT(cached_programs(folder.path()), Contains(StartsWith("tiles.cl")));
+}
+
+TEST(ProgramsBuilt, ByASingleSearchAreThoseOfTiles) {
+  using ::testing::Each;
+  using ::testing::Not;
+  using ::testing::StartsWith;
+  const ScopedFolder folder;
+  const ScopedVariable cache("BROADCL_CACHE_DIR", folder.path().string());
+  const std::vector<Aabb> boxes(5, unit);
+  EXPECT_EQ(overlapping_pairs(boxes, {.device = select_device().id(), .algorithm = "auto"}).size(), 10U);
+  EXPECT_THAT(cached_programs(folder.path()), Each(Not(StartsWith("brute_force.cl"))));
+}
+
 INSTANTIATE_TEST_SUITE_P(Tuned, ProgramList, ::testing::Values("gpu", "cpu"),
                          [](const auto& test) { return "for_" + test.param; });
 

@@ -21,12 +21,21 @@ constexpr std::array<MakePairFinder, 2> both_finders{make_brute_force, make_tile
 /// Switch only if the other finder is expected to take less than this share of the current one's time.
 constexpr double clearly_less = 0.95;
 
+/// With up to this many slots, `brute-force` is the better choice on every CPU.
+constexpr std::size_t few_on_cpu = 400;
+
 /// Chooses in each frame the finder that is expected to take less time, by cost models of the device and by
 /// the work that each finder expects. A stage with the finder's name says which one it was.
 class Auto final : public PairFinder {
  public:
   explicit Auto(const opencl::Context& context)
-      : models_(calibrate(context, both_finders)), finders_{make_brute_force(context), make_tiles(context)} {}
+      : context_(context), finders_{make_brute_force(context), nullptr} {
+    if (context.tuning() != opencl::Tuning::cpu) compare();
+  }
+
+  void warm_up(std::size_t slots) override {
+    if (slots > few_on_cpu) compare();
+  }
 
   void build(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) override {
     choose(search, sink);
@@ -51,7 +60,9 @@ class Auto final : public PairFinder {
   }
 
   void forget() noexcept override {
-    for (const auto& finder : finders_) finder->forget();
+    for (const auto& finder : finders_) {
+      if (finder) finder->forget();
+    }
   }
 
   [[nodiscard]] double expected_work(const Search& search, const PairDelta& sink) override {
@@ -66,7 +77,16 @@ class Auto final : public PairFinder {
   }
 
  private:
+  /// Makes the second finder, and compares the two.
+  void compare() {
+    if (finders_[1]) return;
+    const auto models = calibrate(context_, both_finders);
+    finders_[1] = make_tiles(context_);
+    models_ = models;
+  }
+
   void choose(const Search& search, const PairDelta& sink) {
+    if (!finders_[1]) return;
     const std::size_t other = 1 - chosen_;
     if (seconds(other, search, sink) < clearly_less * seconds(chosen_, search, sink)) chosen_ = other;
   }
@@ -76,7 +96,8 @@ class Auto final : public PairFinder {
     return models_.at(which).seconds(search.now.slots, search.all, work);
   }
 
-  std::array<CostModel, 2> models_;
+  const opencl::Context& context_;
+  std::array<CostModel, 2> models_{};  // 0 until they are measured
   std::array<std::unique_ptr<PairFinder>, 2> finders_;
   std::size_t chosen_ = 0;
 };

@@ -18,10 +18,15 @@ class DeviceAlgorithm final : public Algorithm {
       : context_(device, config.profile, config.on_compile, tuning),
         profiler_(config.profile),
         objects_(context_, profiler_),
-        engine_(context_, profiler_, make_finder, Order::Target::host) {}
+        engine_(context_, profiler_, make_finder, Order::Target::host) {
+    engine_.warm_up(objects_.capacity_for(0));
+  }
 
   void reserve(std::size_t slots, bool filters) override {
-    context_.guard([&] { objects_.reserve(slots, filters); });
+    context_.guard([&] {
+      engine_.warm_up(objects_.capacity_for(slots));
+      objects_.reserve(slots, filters);
+    });
   }
 
   void reserve_exclusions(std::size_t count) override {

@@ -52,14 +52,20 @@ void DeviceObjects::reserve_exclusions(std::size_t count) {
     staged_exclusions_ = opencl::MappedBuffer::pinned(context_, opencl::grown(context_, bytes, "exclusions"));
 }
 
-void DeviceObjects::reserve_boxes(std::size_t slots) {
+std::size_t DeviceObjects::capacity_for(std::size_t slots) const {
+  if (slots <= capacity_) return capacity_;
   if (slots > most_slots) {
     throw Error(context_.device().label() + ": more than " + std::to_string(most_slots) +
                 " objects; use fewer");
   }
   const std::size_t needed = (std::max(slots, least_slots) + Generation::padding) * sizeof(Aabb);
   const std::size_t bytes = opencl::grown(context_, needed, "boxes");
-  const std::size_t capacity = std::min(most_slots, bytes / sizeof(Aabb) - Generation::padding);
+  return std::min(most_slots, bytes / sizeof(Aabb) - Generation::padding);
+}
+
+void DeviceObjects::reserve_boxes(std::size_t slots) {
+  const std::size_t capacity = capacity_for(slots);
+  const std::size_t bytes = (capacity + Generation::padding) * sizeof(Aabb);
   // An update has at most a quarter of the slots in `changed`, with their boxes, or all slots recycled,
   // without boxes.
   const std::size_t staged = std::max(staged_bytes(capacity / 4 + 1, true), staged_bytes(capacity, false));

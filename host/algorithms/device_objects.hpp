@@ -29,6 +29,10 @@ class DeviceObjects {
   /// @throws cl::Error, Error; nothing has changed then.
   void reserve(std::size_t slots, bool filters);
 
+  /// The number of slots for which there is memory after reserve(slots).
+  /// @throws Error
+  [[nodiscard]] std::size_t capacity_for(std::size_t slots) const;
+
   /// As Algorithm::reserve_exclusions().
   /// @throws cl::Error, Error; nothing has changed then.
   void reserve_exclusions(std::size_t count);

@@ -28,6 +28,10 @@ class Engine {
   Engine(const opencl::Context& context, opencl::Profiler& profiler, MakePairFinder make_finder,
          Order::Target target);
 
+  /// Must be called before a frame of more slots than ever. May block, so that begin() does not have to.
+  /// @throws cl::Error, Error; nothing has changed then.
+  void warm_up(std::size_t slots) { finder_->warm_up(slots); }
+
   /// Must not be called while there are unsettled frames, unless the new frame will be enqueued, too.
   /// @throws cl::Error, Error
   void prepare() { delta_.begin(0); }

@@ -20,6 +20,10 @@ class PairFinder {
   PairFinder(PairFinder&&) = delete;
   PairFinder& operator=(PairFinder&&) = delete;
 
+  /// Does what takes long before the first search of up to this many slots. May block.
+  /// @throws cl::Error, Error; nothing has changed then.
+  virtual void warm_up(std::size_t /*slots*/) {}
+
   /// Builds the kernels that only this search needs, if there are any, then enqueues those that prepare it.
   /// They gather the objects if the search has a source, and count invalid ones in the counts of the sink.
   /// @throws cl::Error, Error

@@ -132,6 +132,7 @@ class Tiles final : public PairFinder {
   struct Kernels {  // NOLINT(bugprone-exception-escape): handles do not throw when moved
     opencl::SizedKernel centroids, keys, world_keys;
     cl::Kernel fill, raise, search;
+    cl::Kernel search_some{};  // if it is built
   };
 
   /// Builds the kernels that a search needs, whether it sorts or not, unless they are built. If the device
@@ -140,8 +141,8 @@ class Tiles final : public PairFinder {
   void load(const Search& search, bool may_gather) {
     try {
       const bool worlds = has_worlds(search);
-      (void)kernels(true, worlds);
-      (void)kernels(search.all, worlds);
+      (void)kernels(worlds);
+      if (!search.all) (void)search_kernel(false, worlds);
       if (may_gather) (void)gathering_fill(worlds);  // in the first frame, although that sorts
     } catch (const opencl::GroupTooLarge&) {
       launch_ = tiles_on_cpus;
@@ -152,12 +153,11 @@ class Tiles final : public PairFinder {
     }
   }
 
-  /// The kernels for searches of all boxes or of some, in one world or in several.
-  Kernels& kernels(bool all, bool worlds) {
-    Kernels& kernels = kernels_.at((all ? 0U : 1U) + (worlds ? 2U : 0U));
+  /// The kernels for one world or for several.
+  Kernels& kernels(bool worlds) {
+    Kernels& kernels = kernels_.at(worlds ? 1 : 0);
     if (kernels.search() != nullptr) return kernels;
-    const std::string options = this->options(worlds) + (all ? "" : " -DSOME_CHANGED=1");
-    const cl::Program program = context_.program("tiles.cl", options);
+    const cl::Program program = context_.program("tiles.cl", options(worlds));
     kernels = {.centroids = context_.sized_kernel(program, "centroids"),
                .keys = context_.sized_kernel(program, "tiles_keys"),
                .world_keys = context_.sized_kernel(program, "tiles_world_keys"),
@@ -167,7 +167,18 @@ class Tiles final : public PairFinder {
     return kernels;
   }
 
-  Kernels& kernels(const Search& search) { return kernels(search.all, has_worlds(search)); }
+  Kernels& kernels(const Search& search) { return kernels(has_worlds(search)); }
+
+  /// The kernel that searches all boxes or those that changed.
+  cl::Kernel& search_kernel(bool all, bool worlds) {
+    if (all) return kernels(worlds).search;
+    cl::Kernel& search = kernels(worlds).search_some;
+    if (search() == nullptr) {
+      search = context_.kernel(context_.program("tiles_search.cl", options(worlds) + " -DSOME_CHANGED=1"),
+                               "tiles_search", launch_.group);
+    }
+    return search;
+  }
 
   /// The kernel that gathers all boxes and fills the tree with them.
   cl::Kernel& gathering_fill(bool worlds) {
@@ -278,7 +289,7 @@ class Tiles final : public PairFinder {
     Kernels& kernels = this->kernels(search);
     const cl::Buffer& filters = has_worlds(search) ? search.now.filters : cl::Buffer();
     // (Sets of one world share their bounds.)
-    centroids_.enqueue(this->kernels(true, search.worlds).centroids, search.now.boxes,
+    centroids_.enqueue(this->kernels(search.worlds).centroids, search.now.boxes,
                        search.worlds ? filters : cl::Buffer(), search.now.slots);
     opencl::set_arguments(kernels.keys.kernel, 0, search.now.slots, search.now.boxes, filters,
                           centroids_.buckets(), centroids_.result(), elements_);
@@ -312,10 +323,10 @@ class Tiles final : public PairFinder {
   }
 
   void fill_tree(const Search& search, bool all, const Tree& tree, cl::Event* event) {
-    cl::Kernel& fill = kernels(all, has_worlds(search)).fill;
+    cl::Kernel& fill = kernels(search).fill;
     opencl::set_arguments(fill, set_fill(fill, search, tree), search.now.boxes,
                           has_worlds(search) ? search.now.filters : cl::Buffer(), search.stamp,
-                          search.stamps);
+                          all ? cl::Buffer() : search.stamps);
     fill_tree(search, fill, tree, event);
   }
 
@@ -345,7 +356,7 @@ class Tiles final : public PairFinder {
     const std::size_t tiles = divide_up(search.now.slots, launch_.node);
     const std::size_t sharers = this->sharers(tiles);
     most_work_ = most_work(search, sink);
-    cl::Kernel& kernel = kernels(search).search;
+    cl::Kernel& kernel = search_kernel(search.all, has_worlds(search));
     cl_uint next = opencl::set_arguments(kernel, 0, starts_, static_cast<cl_uint>(top_), roots_);
     cl_ulong share = 0;
     for (std::size_t k = 0; k < launch_.node; k += sharers) share |= cl_ulong{1} << k;
@@ -379,7 +390,7 @@ class Tiles final : public PairFinder {
   TilesLaunch launch_;
   CentroidBounds centroids_;
   opencl::RadixSort sort_;
-  std::array<Kernels, 4> kernels_;
+  std::array<Kernels, 2> kernels_;
   std::array<cl::Kernel, 2> gathering_fills_;
   cl::Buffer elements_, scratch_;  // slots in order
   Tree tree_;
