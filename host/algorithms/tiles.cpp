@@ -195,8 +195,8 @@ class Tiles final : public PairFinder {
   }
 
   [[nodiscard]] std::string options(bool worlds) const {
-    return "-DGROUP=" + std::to_string(launch_.group) + (worlds ? " -DWORLDS=1" : "") +
-           (context_.has_nvidia_vote() ? " -DNVIDIA" : "");
+    return "-DGROUP=" + std::to_string(launch_.group) + (context_.has_nvidia_vote() ? " -DNVIDIA" : "") +
+           (worlds ? " -DWORLDS=1" : "");
   }
 
   struct Tree {  // NOLINT(bugprone-exception-escape): handles do not throw when moved
