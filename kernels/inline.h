@@ -5,7 +5,10 @@
 
    PoCL 3.1 to 6.0 also give wrong results if a loop that some work-items do not enter, such as
    `for (k = item; k < count; ...)`, is followed by a barrier that only some conditions lead to: all work-items then run
-   its body at least once. So what follows such a loop is a barrier that is always passed. */
+   its body at least once. So what follows such a loop is a barrier that is always passed.
+
+   PoCL compiles what follows a barrier that only some conditions lead to once for each way there, so each further
+   condition before it may multiply the time that it takes to compile the kernel. */
 #define INLINE static inline __attribute__((always_inline))
 
 #endif

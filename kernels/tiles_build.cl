@@ -18,7 +18,7 @@
 
 #define AXIS_BITS 10U
 #define LARGE_CODE (1U << (3U * AXIS_BITS))
-#define EMPTY_CODE (LARGE_CODE + 1U)
+#define EMPTY_CODE (2U * LARGE_CODE - 1U) /* which differs from LARGE_CODE in the bits that are sorted by */
 
 /* Index of a cell on Hilbert's curve. */
 static inline uint hilbert(uint cell[3]) {
@@ -89,10 +89,9 @@ static inline void make_none(bounds_t* bounds) {
 #endif
 }
 
-/* The bounds of an object. */
+/* Makes the bounds of nothing those of an object. */
 static inline void make_bounds(bounds_t* bounds, const box_t* box, const uint slot, const uint sets,
                                global const uint4* filters) {
-  make_none(bounds);
   for (uint i = 0; i < AABB_FLOATS; ++i) bounds->bound[i] = box->bound[i];
 #if WORLDS
   if (isnan(box->bound[0])) return;

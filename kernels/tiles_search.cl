@@ -244,19 +244,45 @@ static inline void append_hits(const pair_sink_t* sink, local const uint2* hits,
 }
 #endif
 
+/* Whether boxes of the size of the first would fill half of the tile if they did not overlap. */
+static inline bool is_dense(global const float* tree, const uint tile, const bounds_t* bounds) {
+  bounds_t box;
+  load_child(&box, tree, tile, 0);
+  float volume = 2U * NODE;
+  float space = 1;
+  for (uint i = 0; i < 3U; ++i) {
+    volume *= box.bound[i + 3U] - box.bound[i];
+    space *= bounds->bound[i + 3U] - bounds->bound[i];
+  }
+  return volume >= space;
+}
+
+/* Every n-th bit, for n = 1, 2, 4 or 8. */
+static inline mask_t every_bit(const uint n) {
+  mask_t bits = (mask_t)0x0101010101010101UL;
+  if (n < 8U) bits |= bits << 4;
+  if (n < 4U) bits |= bits << 2;
+  if (n < 2U) bits |= bits << 1;
+  return bits;
+}
+
 /* Finds the pairs of a tile with itself and later ones. `changed` is the tree of the boxes that changed. `starts` are
    the first nodes of the levels, `top` is the level of which there are `roots` nodes. The index of a work-group in
-   dimension 0 is a tile; the work-groups along dimension 1 share its search: the first of them visits the tiles whose
-   bit, among the children of a node, is in `share`, and each further one visits the next tiles. All give up if together
-   they have done more than `most_work`. */
+   dimension 0 is a tile; the first `sharers` work-groups along dimension 1 share its search, or all of them if it is
+   dense. Each visits, of the tiles below a node, one of as many. All give up if together they have done more than
+   `most_work`. */
 kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_search(
-    const uint4 starts, const uint top, const uint roots, const mask_t share, const uint most_work, const uint sets,
+    const uint4 starts, const uint top, const uint roots, const uint sharers, const uint most_work, const uint sets,
     global const float* restrict tree, global const float* restrict changed, global const uint2* restrict elements,
     global const uint4* restrict filters, global const uint2* restrict exclusions, PAIR_SINK_PARAMETERS) {
   const pair_sink_t sink = PAIR_SINK;
   const uint tile = (uint)get_group_id(0);
   bounds_t bounds;
   load_child(&bounds, tree, starts.y + tile / NODE, tile % NODE);
+  /* (Also if all take part: a condition for that would multiply the time that PoCL takes to compile this: inline.h.) */
+  const uint parts = is_dense(tree, tile, &bounds) ? (uint)get_num_groups(1) : sharers;
+  if ((uint)get_group_id(1) >= parts) return;
+  const mask_t share = every_bit(parts);
   seek(&bounds, sets);
   bounds_t changed_bounds;
 #if SOME_CHANGED

@@ -42,7 +42,8 @@ constexpr unsigned sorted_bits = 24;
 constexpr std::size_t levels = 4;  // as many as a cl_uint4 has numbers
 
 constexpr std::size_t most_sharers = 8;
-constexpr std::size_t search_groups_per_unit = 64;  // as far as most_sharers allows
+constexpr std::size_t search_groups_per_unit = 64;         // as far as most_sharers allows
+constexpr std::size_t dense_search_groups_per_unit = 128;  // if all tiles are dense
 constexpr double default_stale = 1.25;
 /// How often, on average, each box may move before the order counts as old, if its work is not known.
 constexpr std::size_t unwatched = 8;
@@ -357,27 +358,28 @@ class Tiles final : public PairFinder {
   void enqueue_search(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) {
     opencl::Profiler::Scope stage(profiler, "test");
     const std::size_t tiles = divide_up(search.now.slots, launch_.node);
-    const std::size_t sharers = this->sharers(tiles);
+    const std::size_t sharers = this->sharers(tiles, search_groups_per_unit);
+    // A first search finds all pairs at once; in later ones, work-groups that turn out to be too many would
+    // take longer than the others save.
+    const bool is_first = search.last.slots == 0;
+    const std::size_t dense_sharers = is_first ? this->sharers(tiles, dense_search_groups_per_unit) : sharers;
     most_work_ = most_work(search, sink);
     cl::Kernel& kernel = search_kernel(search.all, has_worlds(search));
-    cl_uint next = opencl::set_arguments(kernel, 0, starts_, static_cast<cl_uint>(top_), roots_);
-    cl_ulong share = 0;
-    for (std::size_t k = 0; k < launch_.node; k += sharers) share |= cl_ulong{1} << k;
-    next = launch_.node == 64 ? opencl::set_arguments(kernel, next, share)
-                              : opencl::set_arguments(kernel, next, static_cast<cl_uint>(share));
-    next = opencl::set_arguments(kernel, next, most_work_, sets(search), tree_.nodes,
-                                 (search.all ? tree_ : changed_tree_).nodes, elements_, search.now.filters,
-                                 search.now.exclusions);
+    const cl_uint next = opencl::set_arguments(kernel, 0, starts_, static_cast<cl_uint>(top_), roots_,
+                                               static_cast<cl_uint>(sharers), most_work_, sets(search),
+                                               tree_.nodes, (search.all ? tree_ : changed_tree_).nodes,
+                                               elements_, search.now.filters, search.now.exclusions);
     sink.set_sink(kernel, next, search);
-    context_.queue().enqueueNDRangeKernel(kernel, cl::NullRange, cl::NDRange(tiles * launch_.group, sharers),
+    context_.queue().enqueueNDRangeKernel(kernel, cl::NullRange,
+                                          cl::NDRange(tiles * launch_.group, dense_sharers),
                                           cl::NDRange(launch_.group, 1), nullptr, stage.event());
   }
 
   /// Number of work-groups that share the search of a tile; if there are few tiles, a GPU would otherwise
   /// have too little to do.
-  [[nodiscard]] std::size_t sharers(std::size_t tiles) const {
+  [[nodiscard]] std::size_t sharers(std::size_t tiles, std::size_t groups_per_unit) const {
     if (launch_.group == 1) return 1;
-    const std::size_t useful = context_.device().compute_units * search_groups_per_unit;
+    const std::size_t useful = context_.device().compute_units * groups_per_unit;
     std::size_t sharers = 1;
     while (sharers < most_sharers && tiles * sharers * 2 <= useful) sharers *= 2;
     return sharers;
