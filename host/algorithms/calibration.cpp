@@ -159,8 +159,7 @@ std::array<CostModel, 2> calibrate(const opencl::Context& context,
     std::memcpy(models.data(), stored->data(), sizeof models);
     return models;
   }
-  // A separate context, so that its memory does not count as the caller's.
-  const opencl::Context own(context.queue(), {}, context.tuning());
+  const opencl::Context own = context.with_own_memory();
   std::ranges::transform(finders, models.begin(),
                          [&](MakePairFinder make) { return measure_model(own, make); });
   opencl::DiskCache::Bytes bytes(sizeof models);

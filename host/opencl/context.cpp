@@ -104,7 +104,8 @@ std::string_view to_string(Tuning tuning) noexcept {
 }
 
 Context::Context(Device device, bool profile, CompileHandler on_compile, std::optional<Tuning> tuning)
-    : device_(std::move(device)), cl_device_(opencl::open(device_)), on_compile_(std::move(on_compile)) {
+    : device_(std::move(device)), cl_device_(opencl::open(device_)) {
+  programs_->on_compile = std::move(on_compile);
   translate_errors(device_.label(), [&] {
     if (profile && (cl_device_.getInfo<CL_DEVICE_QUEUE_PROPERTIES>() & CL_QUEUE_PROFILING_ENABLE) == 0) {
       throw Error(device_.label() + ": the device has no profiling; leave Config::profile off");
@@ -116,7 +117,8 @@ Context::Context(Device device, bool profile, CompileHandler on_compile, std::op
 }
 
 Context::Context(const cl::CommandQueue& queue, CompileHandler on_compile, std::optional<Tuning> tuning)
-    : device_(describe(queue)), on_compile_(std::move(on_compile)) {
+    : device_(describe(queue)) {
+  programs_->on_compile = std::move(on_compile);
   translate_errors(device_.label(), [&] {
     if ((queue.getInfo<CL_QUEUE_PROPERTIES>() & CL_QUEUE_OUT_OF_ORDER_EXEC_MODE_ENABLE) != 0) {
       throw Error(device_.label() + ": the queue is out of order; give one that is in order");
@@ -129,6 +131,14 @@ Context::Context(const cl::CommandQueue& queue, CompileHandler on_compile, std::
 
 Context::~Context() {
   if (owns_queue_) wait_if_possible(queue_);
+}
+
+Context Context::with_own_memory() const {
+  Context context(*this);
+  context.owns_queue_ = false;
+  context.memory_ = std::make_shared<Memory>();
+  context.fill_ = {};  // kernel arguments are not shared
+  return context;
 }
 
 void Context::open(const cl::CommandQueue& queue, std::optional<Tuning> tuning) {
@@ -264,9 +274,11 @@ cl::Program Context::program(std::string_view file, const std::string& options) 
   const std::string source = kernel_source(file);
   const std::string all_options = options_ + " " + options;
   const std::string key = all_options + '\0' + source;
-  const auto known = programs_.find(key);
-  if (known != programs_.end()) return known->second;
-  return programs_[key] = translate_errors(device_.label(), [&] { return build(file, source, all_options); });
+  const auto known = programs_->built.find(key);
+  if (known != programs_->built.end()) return known->second;
+  cl::Program program = translate_errors(device_.label(), [&] { return build(file, source, all_options); });
+  programs_->built.emplace(key, program);
+  return program;
 }
 
 cl::Program Context::build(std::string_view file, const std::string& source,
@@ -278,7 +290,7 @@ cl::Program Context::build(std::string_view file, const std::string& source,
   }
   const bool is_kept_by_driver = keeps_programs(device_);
   if (!is_kept_by_driver || !binary) {
-    if (const CompileHandler on_compile = std::exchange(on_compile_, {})) {
+    if (const CompileHandler on_compile = std::exchange(programs_->on_compile, {})) {
       on_compile(device_, disk_cache_.folder().string());
     }
   }

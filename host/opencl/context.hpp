@@ -53,8 +53,10 @@ class Context {
   /// Waits for the remaining commands in its own queue, for instance the release of mapped memory: Intel's
   /// runtime may crash if the process ends earlier.
   ~Context();
-  Context(const Context&) = delete;
   Context& operator=(const Context&) = delete;
+
+  /// The same context, but the memory of its buffers counts separately. For use while this one exists.
+  [[nodiscard]] Context with_own_memory() const;
 
   [[nodiscard]] const Device& device() const noexcept { return device_; }
   [[nodiscard]] const cl::Context& context() const noexcept { return context_; }
@@ -138,6 +140,13 @@ class Context {
     std::size_t device_peak = 0;
   };
 
+  struct Programs {
+    std::map<std::string, cl::Program> built;  // by options and source
+    CompileHandler on_compile;                 // empty once it was called
+  };
+
+  Context(const Context&) = default;
+
   [[nodiscard]] cl::Buffer counted(std::size_t bytes, cl_mem_flags flags,
                                    std::atomic<std::size_t> Memory::*counter) const;
 
@@ -160,11 +169,10 @@ class Context {
   std::size_t largest_group_ = 1;
   cl_ulong local_memory_ = 0;  // bytes per work-group
   bool has_nvidia_vote_ = false;
-  std::string options_ = "-cl-std=CL1.2";                // for all programs
-  mutable std::map<std::string, cl::Program> programs_;  // by options and source
-  mutable SizedKernel fill_;                             // built when it is first needed
+  std::string options_ = "-cl-std=CL1.2";  // for all programs
+  std::shared_ptr<Programs> programs_ = std::make_shared<Programs>();
+  mutable SizedKernel fill_;  // built when it is first needed
   DiskCache disk_cache_;
-  mutable CompileHandler on_compile_;  // empty once it was called
   std::shared_ptr<Memory> memory_ = std::make_shared<Memory>();
 };
 
