@@ -12,6 +12,8 @@
 namespace broadcl {
 namespace {
 
+constexpr std::size_t most_boxes = std::size_t{1} << 31;
+
 /// Like BoxView::pack_to(), but the error names the set.
 void pack_to(const BoxView& boxes, std::span<Aabb> out, const std::string& set) {
   try {
@@ -32,6 +34,9 @@ std::vector<Labelled> by_label(std::span<const std::uint32_t> labels, std::size_
   if (per_object == 0 ? !labels.empty() : labels.size() % per_object != 0) {
     throw Error(std::to_string(labels.size()) + " labels are not " + std::to_string(per_object) +
                 " for each object; give as many for each");
+  }
+  if (per_object > 0 && labels.size() / per_object > most_boxes) {
+    throw Error("labels of more than 2147483648 objects; use fewer");
   }
   std::vector<Labelled> objects(labels.size());
   for (std::size_t k = 0; k < labels.size(); ++k) {
@@ -173,6 +178,7 @@ std::vector<Pair> pairs_that_share(std::span<const std::uint32_t> first_labels, 
 
 std::vector<Pair> overlapping_pairs(const BoxView& boxes, const BroadPhase::Config& config,
                                     std::span<const Pair> exclusions) {
+  if (boxes.size() > most_boxes) throw Error("more than 2147483648 boxes; use fewer");
   refuse_unknown(exclusions, boxes.size(), boxes.size());
   const std::vector<Pair> sorted = sorted_exclusions(exclusions);
   const auto algorithm = make_for_one_search(config);
@@ -185,7 +191,6 @@ std::vector<Pair> overlapping_pairs(const BoxView& boxes, const BroadPhase::Conf
 
 std::vector<Pair> overlapping_pairs(const BoxView& first, const BoxView& second,
                                     const BroadPhase::Config& config, std::span<const Pair> exclusions) {
-  constexpr std::size_t most_boxes = std::size_t{1} << 31;
   if (first.size() > most_boxes || second.size() > most_boxes - first.size()) {
     throw Error("more than 2147483648 boxes in both sets; use fewer");
   }

@@ -85,6 +85,7 @@ class DeviceBroadPhase::Impl {
   void reserve(std::size_t boxes, std::size_t pairs, bool filters) {
     refuse_in_flight("reserve()");
     if (boxes > most_boxes) throw Error("more than 2147483647 boxes; give fewer");
+    reserved_ = 0;  // until all is done
     context_.guard([&] {
       settle();
       const std::size_t slots = std::max<std::size_t>(boxes, frames_.at(turn_).objects.slots);

@@ -318,6 +318,13 @@ TEST(BoxView, PairsOfDoublesAreASupersetByTheirRounding) {
   EXPECT_TRUE(touch(1 + 5e-8, 1 + 5e-8));
 }
 
+TEST(BoxView, MoreBoxesThanSlotsAreRefused) {
+  const Numbers<float> box{0, 0, 0, 1, 1, 1};
+  const auto view = BoxView::interleaved(box.data(), (std::size_t{1} << 31U) + 1, 0);
+  EXPECT_THAT(test::error_of([&] { (void)overlapping_pairs(view); }),
+              HasSubstr("more than 2147483648 boxes"));
+}
+
 TEST(BoxView, BoxesInAStructAreViewedInPlace) {
   struct Particle {
     std::array<double, 3> lower;

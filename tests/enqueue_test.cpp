@@ -288,6 +288,9 @@ TEST_P(Enqueue, BadInputIsNamed) {
   };
   EXPECT_THAT(error(boxes, lists.arguments), HasSubstr("10 boxes, but reserve() was called for 0"));
   broad_phase_.reserve(10, 45);
+  EXPECT_NE(error_of([&] { broad_phase_.reserve(10, std::size_t{1} << 40U); }), "");
+  EXPECT_THAT(error(boxes, lists.arguments), HasSubstr("reserve() was called for 0"));
+  broad_phase_.reserve(10, 45);
   EXPECT_THAT(error(filtered, lists.arguments), HasSubstr("filters, but reserve() was called without"));
   auto bad = lists.arguments;
   bad.capacity = 46;

@@ -30,7 +30,7 @@ class Auto final : public PairFinder {
  public:
   explicit Auto(const opencl::Context& context)
       : context_(context), finders_{make_brute_force(context), nullptr} {
-    if (context.tuning() != opencl::Tuning::cpu) compare();
+    if (context.tuning() != opencl::Tuning::cpu || context.device().type != DeviceType::cpu) compare();
   }
 
   void warm_up(std::size_t slots) override {

@@ -102,7 +102,8 @@ void Order::begin(const Search& search, const Report& report) {
   set_search(search);
   report_ = report;
   is_awaited_ = false;
-  room_ = report.capacity;
+  constexpr std::size_t most_changes = (std::size_t{1} << 31) - 1;
+  room_ = std::min(report.capacity, most_changes);
   many_ = room_ > few_ || worlds_ > 0;
   capacity_ = std::min(2 * room_, scattered_.bytes() / sizeof(Pair));
   if (many_) buckets_.reserve(context_, 2 * buckets_of_list() * sizeof(cl_uint), what);

@@ -39,11 +39,11 @@ class Order {
   /// Starts a frame: chooses a way to sort, by how much changed in the last frame, and grows the buffers.
   /// @throws cl::Error, Error
   void begin(const Search& search);
-  /// Starts a frame that nobody waits for.
-  /// @throws cl::Error, Error if memory was reserved for fewer slots.
+  /// Starts a frame that nobody waits for, with the memory that reserve_ahead() reserved.
+  /// @throws cl::Error, Error
   void begin(const Search& search, const Report& report);
   /// Reserves memory for such frames.
-  /// @throws cl::Error, Error; nothing has changed then.
+  /// @throws cl::Error, Error; nothing is reserved then.
   void reserve_ahead(std::size_t slots, std::size_t pairs);
   /// Enqueues the commands that sort the changes of a frame and, unless nobody waits for it, read them.
   /// @param tag Of the frame: see PairDelta.

@@ -50,7 +50,7 @@ class PairDelta {
   /// @throws cl::Error, Error
   void begin(std::size_t pairs);
   /// Reserves memory for frames that nobody waits for, with this many pairs.
-  /// @throws cl::Error, Error; nothing has changed then.
+  /// @throws cl::Error, Error; nothing is reserved then.
   void reserve_ahead(std::size_t pairs);
   /// Enqueues the kernel that splits the pairs of the last frame into those that stay and those that are
   /// removed.

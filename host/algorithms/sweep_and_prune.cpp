@@ -179,7 +179,7 @@ class SweepAndPrune final : public HostFinder {
   bool find_changed(const HostObjects& objects, std::span<const std::uint32_t> changed,
                     std::vector<Pair>* known, std::vector<Pair>& pairs) override {
     const std::size_t axes = axes_of(objects);
-    if (sorted_axes_ != axes || four_.sets != objects.sets ||
+    if (sorted_axes_ != axes || (axes == 4 && four_.sets != objects.sets) ||
         changed.size() * boxes_per_changed > objects.boxes.size())
       return false;
     moved_ += changed.size();

@@ -12,14 +12,6 @@ using namespace nb::literals;
 namespace broadcl::python {
 namespace {
 
-/// Hands an object to Python, which destroys it when the last array that shows it is gone.
-template <class Owner>
-nb::capsule keep(std::unique_ptr<Owner> owner) {
-  nb::capsule capsule(owner.get(), [](void* pointer) noexcept { delete static_cast<Owner*>(pointer); });
-  (void)owner.release();
-  return capsule;
-}
-
 std::uint32_t to_word(nb::handle number, const std::string& name) {
   const auto integer = nb::steal<nb::object>(PyNumber_Index(number.ptr()));
   if (!integer.is_valid()) throw nb::python_error();

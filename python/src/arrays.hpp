@@ -14,6 +14,14 @@
 
 namespace broadcl::python {
 
+/// Hands an object to Python, which destroys it when the last array that shows it is gone.
+template <class Owner>
+nanobind::capsule keep(std::unique_ptr<Owner> owner) {
+  nanobind::capsule capsule(owner.get(), [](void* pointer) noexcept { delete static_cast<Owner*>(pointer); });
+  (void)owner.release();
+  return capsule;
+}
+
 /// An (m, 2) uint32 array, which takes the pairs over.
 [[nodiscard]] nanobind::object to_array(std::vector<Pair>&& pairs);
 

@@ -5,11 +5,13 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <exception>
 #include <memory>
 #include <new>
 #include <optional>
 #include <span>
 #include <string>
+#include <string_view>
 #include <utility>
 #include <vector>
 
@@ -82,7 +84,8 @@ class Objects {
     take_mapped();
     std::vector<std::uint32_t> ids;
     ids.reserve(array.view().size());
-    live_.reserve(broad_phase_->size() + array.view().size());  // ids are dense
+    const std::size_t size = broad_phase_->size() + array.view().size();  // ids are dense
+    if (size > live_.capacity()) live_.reserve(std::max(size, 2 * live_.capacity()));
     try {
       for (std::size_t k = 0; k < array.view().size(); ++k) {
         ids.push_back(broad_phase_->add(array.view()[k], filters[k]));
@@ -148,20 +151,17 @@ class Objects {
   nb::object boxes(std::size_t n) {
     const OneThread::Use use(thread_);
     take_mapped();
+    std::span<Aabb> mapped;
     {
       const nb::gil_scoped_release released;
       live_.reserve(n);
-      mapped_ = broad_phase_->map(n);
-      memory_ = broad_phase_->mapped_memory();
+      mapped = broad_phase_->map(n);
       live_.assign(n, 1);
     }
-    using Memory = std::shared_ptr<const void>;
-    auto owner = std::make_unique<Memory>(memory_);
-    const nb::capsule capsule(owner.get(),
-                              [](void* memory) noexcept { delete static_cast<Memory*>(memory); });
-    (void)owner.release();
     using Array = nb::ndarray<nb::numpy, float, nb::shape<-1, 6>>;
-    array_ = Array(mapped_.data(), {n, 6}, capsule).cast(nb::rv_policy::reference);
+    array_ = Array(mapped.data(), {n, 6},
+                   keep(std::make_unique<std::shared_ptr<const void>>(broad_phase_->mapped_memory())))
+                 .cast(nb::rv_policy::reference);
     return array_;
   }
 
@@ -228,20 +228,19 @@ class Objects {
   }
 
   /// Does an update, or begins one. A NaN in the array of boxes() is the caller's error, not the device's,
-  /// and can be corrected there.
+  /// and can be corrected there: only then is the array still to be written.
   template <class Function>
   void or_refuse_nan(const Function& function) {
     try {
       function();
-    } catch (const Error& error) {
-      if (std::ranges::any_of(mapped_, [](const Aabb& box) { return has_nan(box); })) {
+    } catch (const std::exception& error) {
+      if (std::string_view(error.what()).find(" has a NaN bound; ") != std::string_view::npos) {
         throw nb::value_error(error.what());
       }
+      take_mapped();
       throw;
     }
     take_mapped();
-    mapped_ = {};
-    memory_.reset();
   }
 
   void refuse_unknown(const Words& ids) const {
@@ -261,10 +260,7 @@ class Objects {
   std::optional<BroadPhase> broad_phase_;
   std::vector<std::uint8_t> live_;  // by id
 
-  // The boxes that may be written since boxes() was called, until an update accepts them.
-  std::span<Aabb> mapped_;
-  std::shared_ptr<const void> memory_;  // in which they are, even if those of the core have moved
-  nb::object array_;                    // that shows them, as long as what is written there counts
+  nb::object array_;  // of boxes(), as long as what is written there counts
 };
 
 }  // namespace
@@ -296,7 +292,8 @@ void add_broad_phase(nb::module_& module) {
       module, "BroadPhase",
       "Holds a set of moving boxes and reports at each update() which pairs began and which ceased\n"
       "to overlap.\n\n"
-      "An update costs as much as what moved. A call that raises has changed nothing, except that a\n"
+      "The cost of an update depends on how much moved. A call that raises has changed nothing, except that "
+      "a\n"
       "call with an array of ids may be done in part if memory runs out.\n\n"
       "device: as for select_device(); with None, `algorithm` decides.\n"
       "algorithm: a key of algorithms(). \"auto\" works on the host or on a GPU, whichever is\n"

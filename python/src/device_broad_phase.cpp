@@ -199,7 +199,7 @@ void add_device_broad_phase(nb::module_& module) {
       "boxes.\n\n"
       "queue: a pyopencl.CommandQueue, in order. All work is done in it, and nothing else may use\n"
       "it during a call.\n"
-      "algorithm: a key of algorithms() that works on the device.\n"
+      "algorithm: auto, brute-force or tiles.\n"
       "profile: whether to measure stages on the device; the queue must have profiling enabled.\n\n"
       "Only one thread at a time may use an object; a second one gets a RuntimeError. The GIL is\n"
       "released while the device works.\n\n"
