@@ -1,17 +1,17 @@
 #include <broadcl/box_view.hpp>
 
 #include <algorithm>
+#include <atomic>
 #include <cstdint>
 #include <cstring>
-#include <future>
 #include <limits>
 #include <string>
 #include <thread>
-#include <vector>
 
 #include <broadcl/error.hpp>
 
 #include "packed_box.hpp"
+#include "parallel.hpp"
 
 namespace broadcl {
 namespace {
@@ -64,22 +64,15 @@ struct Strided {
 /// Splits 0 .. n-1 among threads and returns the smallest result of `part(begin, end)`.
 template <class Part>
 std::size_t least_of_parts(std::size_t n, const Part& part) {
-  constexpr std::size_t boxes_per_thread = std::size_t{1} << 16U;
-  if (n < 2 * boxes_per_thread) return part(0, n);
-  const std::size_t threads =
-      std::clamp<std::size_t>(std::thread::hardware_concurrency(), 1, n / boxes_per_thread);
-  const auto begin = [&](std::size_t thread) { return n / threads * thread + std::min(thread, n % threads); };
-  // Even if something throws, no thread outlives this call: futures of std::async wait when they are
-  // destroyed.
-  std::vector<std::future<std::size_t>> others;
-  others.reserve(threads - 1);
-  for (std::size_t thread = 1; thread < threads; ++thread) {
-    // If no thread can be started, get() below runs the part.
-    others.push_back(
-        std::async(std::launch::async | std::launch::deferred, part, begin(thread), begin(thread + 1)));
-  }
-  std::size_t least = part(begin(0), begin(1));
-  for (std::future<std::size_t>& other : others) least = std::min(least, other.get());
+  constexpr std::size_t size = std::size_t{1} << 16U;
+  if (n < 2 * size) return part(0, n);
+  std::atomic<std::size_t> least = n;
+  parallel_for((n + size - 1) / size, std::thread::hardware_concurrency(),
+               [&](std::size_t k, std::size_t /*thread*/) {
+                 const std::size_t own = part(k * size, std::min(n, (k + 1) * size));
+                 for (std::size_t known = least; own < known && !least.compare_exchange_weak(known, own);) {
+                 }
+               });
   return least;
 }
 
@@ -151,15 +144,12 @@ void BoxView::copy_to(std::span<Aabb> out) const {
 
 void BoxView::pack_to(std::span<Aabb> out) const {
   const std::size_t invalid = copy(out, [](Aabb& box) {
-    if (packed_overlaps(box, box)) return true;
+    if (is_proper(box)) return true;
     if (has_nan(box)) return false;
     box = packed_empty();
     return true;
   });
-  if (invalid < size_) {
-    throw Error("box " + std::to_string(invalid) +
-                " has a NaN bound; give an empty box (lower > upper) for an object without one");
-  }
+  if (invalid < size_) throw_nan("box " + std::to_string(invalid));
 }
 
 }  // namespace broadcl

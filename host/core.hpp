@@ -26,10 +26,6 @@
 
 namespace broadcl {
 
-[[noreturn]] inline void throw_nan(const std::string& what) {
-  throw Error(what + " has a NaN bound; give an empty box (lower > upper) for an object without one");
-}
-
 /// Objects, their ids, and what changed. Each function first does everything that may throw; a comment marks
 /// where the rest begins, which cannot throw. So a function that throws has changed nothing.
 class Core {

@@ -4,8 +4,10 @@
 #include <bit>
 #include <cstdint>
 #include <limits>
+#include <string>
 
 #include <broadcl/aabb.hpp>
+#include <broadcl/error.hpp>
 
 namespace broadcl {
 
@@ -34,6 +36,10 @@ namespace broadcl {
 [[nodiscard]] constexpr bool same_bits(const Aabb& s, const Aabb& t) noexcept {
   using Bits = std::array<std::uint32_t, 6>;
   return std::bit_cast<Bits>(s) == std::bit_cast<Bits>(t);
+}
+
+[[noreturn]] inline void throw_nan(const std::string& what) {
+  throw Error(what + " has a NaN bound; give an empty box (lower > upper) for an object without one");
 }
 
 }  // namespace broadcl

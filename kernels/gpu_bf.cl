@@ -25,9 +25,6 @@
 #if WIDTH == 4
 typedef int word_t;
 #define PACK(bits) ((bits).s0 | (bits).s1 | (bits).s2 | (bits).s3)
-#elif WIDTH == 8
-typedef int2 word_t;
-#define PACK(bits) ((bits).s04 | (bits).s15 | (bits).s26 | (bits).s37)
 #else
 typedef int4 word_t;
 #define PACK(bits) ((bits).s048c | (bits).s159d | (bits).s26ae | (bits).s37bf)

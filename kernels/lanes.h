@@ -48,8 +48,6 @@ static inline int and_lanes(const INTS lanes) {
 #if WIDTH == 16
   const int8 of_8 = lanes.lo & lanes.hi;
   const int4 of_4 = of_8.lo & of_8.hi;
-#elif WIDTH == 8
-  const int4 of_4 = lanes.lo & lanes.hi;
 #else
   const int4 of_4 = lanes;
 #endif
@@ -66,8 +64,6 @@ static inline uint lane_mask(const INTS lanes) {
 #if WIDTH == 16
   const int8 by_8 = bits.lo | bits.hi;
   const int4 by_4 = by_8.lo | by_8.hi;
-#elif WIDTH == 8
-  const int4 by_4 = bits.lo | bits.hi;
 #else
   const int4 by_4 = bits;
 #endif

@@ -58,7 +58,6 @@ static_assert(sizeof(broadcl_pair) == sizeof(Pair) && sizeof(broadcl_aabb) == si
 class DeviceFacts {
  public:
   explicit DeviceFacts(Device device);
-  [[nodiscard]] const Device& device() const noexcept { return device_; }
   /// The strings belong to this object.
   [[nodiscard]] broadcl_device_info info() const noexcept;
 

@@ -27,8 +27,6 @@ class Cuts {
   /// @param sample Modified. Where there are no samples, cuts are arbitrary.
   Cuts(std::size_t regions, std::vector<Sample> sample);
 
-  [[nodiscard]] std::size_t regions() const noexcept { return regions_; }
-
   [[nodiscard]] std::size_t region_of(const Point& point) const noexcept;
 
   /// Calls function(region) for each region that a box touches, in ascending order. These are the regions

@@ -12,6 +12,8 @@
 
 #include <broadcl/error.hpp>
 
+#include "packed_box.hpp"
+
 namespace broadcl::mpi {
 namespace {
 
@@ -19,9 +21,7 @@ constexpr std::size_t most_objects = std::size_t{1} << 30U;
 constexpr std::size_t boxes_per_part = std::size_t{1} << 16U;
 
 void refuse_nan(const Aabb& box) {
-  if (has_nan(box)) {
-    throw Error("a box has a NaN bound; give an empty box (lower > upper) for an object without one");
-  }
+  if (has_nan(box)) throw_nan("a box");
 }
 
 /// @param nans Whether boxes with a NaN are copied, too.

@@ -12,7 +12,6 @@ constexpr std::size_t pairs_per_part = std::size_t{1} << 13U;
 
 /// An object in a region.
 struct Occupant {
-  MpiId id;
   const Aabb* now;
   const Aabb* last;
   const Filter* filter;
@@ -58,20 +57,12 @@ class Judge {
 
   [[nodiscard]] Occupant occupant(std::uint32_t slot) const {
     if (is_own(slot)) {
-      return {id(slot),
-              &objects_.now()[slot],
-              &objects_.last()[slot],
-              &objects_.filter(slot),
-              &objects_.last_filter(slot),
-              routes_.is_another(slot)};
+      return {&objects_.now()[slot], &objects_.last()[slot], &objects_.filter(slot),
+              &objects_.last_filter(slot), routes_.is_another(slot)};
     }
     const std::size_t guest = slot - region_.base();
-    return {id(slot),
-            &region_.guest_now(guest),
-            &region_.guest_last(guest),
-            &region_.guest_filter(guest),
-            &region_.guest_last_filter(guest),
-            false};
+    return {&region_.guest_now(guest), &region_.guest_last(guest), &region_.guest_filter(guest),
+            &region_.guest_last_filter(guest), false};
   }
 
   std::size_t rank_;

@@ -103,10 +103,7 @@ bool Routes::route(Objects& objects, const Cuts& cuts, To to, bool all, Region& 
   if (is_in_place) objects.packed();
   for (Part& part : parts_) {
     if (part.failure != nullptr) std::rethrow_exception(part.failure);
-    if (part.nan) {
-      throw Error("box " + std::to_string(*part.nan) +
-                  " has a NaN bound; give an empty box (lower > upper) for an object without one");
-    }
+    if (part.nan) throw_nan("box " + std::to_string(*part.nan));
     here_count_ = static_cast<std::size_t>(static_cast<std::ptrdiff_t>(here_count_) + part.here_count);
     for (const std::uint32_t id : part.rerouted) reroute(journey, id, part);
   }

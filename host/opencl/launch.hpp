@@ -38,19 +38,14 @@ struct SizedKernel {  // NOLINT(bugprone-exception-escape): handles do not throw
   }
 };
 
-/// Waits until the queue has completed all commands, as its finish() should: Mesa's rusticl 22.3 returns
-/// early from a finish() that follows a flush.
-/// @throws cl::Error
-inline void wait_for_all(const cl::CommandQueue& queue) {
-  cl::Event end;
-  queue.enqueueMarkerWithWaitList(nullptr, &end);
-  end.wait();
-}
-
-/// The same for destructors, and after a failure that is reported anyway: an error is ignored.
+/// Waits until the queue has completed all commands, for destructors, and after a failure that is reported
+/// anyway: an error is ignored. (Not by finish(), because Mesa's rusticl 22.3 returns early from one that
+/// follows a flush.)
 inline void wait_if_possible(const cl::CommandQueue& queue) noexcept {
   try {
-    wait_for_all(queue);
+    cl::Event end;
+    queue.enqueueMarkerWithWaitList(nullptr, &end);
+    end.wait();
   } catch (const cl::Error&) {
     return;
   }

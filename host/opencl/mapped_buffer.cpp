@@ -40,9 +40,9 @@ void MappedBuffer::map(cl_bool blocking, cl::Event* event) {
       queue_.enqueueMapBuffer(buffer_, blocking, CL_MAP_READ | CL_MAP_WRITE, 0, bytes_, nullptr, event));
 }
 
-void MappedBuffer::unmap(cl::Event* event) {
+void MappedBuffer::unmap() {
   if (host_ == nullptr) return;
-  queue_.enqueueUnmapMemObject(buffer_, host_, nullptr, event);
+  queue_.enqueueUnmapMemObject(buffer_, host_);
   host_ = nullptr;
 }
 

@@ -36,7 +36,7 @@ class MappedBuffer {
   void map(cl_bool blocking = CL_FALSE, cl::Event* event = nullptr);
   /// Enqueues the command that releases it to the device. No-op if it belongs to the device already.
   /// @throws cl::Error
-  void unmap(cl::Event* event = nullptr);
+  void unmap();
 
  private:
   cl::CommandQueue queue_;
