@@ -58,6 +58,7 @@ int main() {
                 boxes.size(), result.pair_count, result.added.count);
     // [device]
   }
+  check(clFinish(queue), "clFinish");  // some drivers crash if the process ends before the queue does
   clReleaseMemObject(buffer);
   clReleaseCommandQueue(queue);
   clReleaseContext(context);

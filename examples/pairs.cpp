@@ -1,6 +1,7 @@
 // Moving boxes without a physics engine: which pairs began and which ceased to overlap, frame by frame.
 #include <cstdio>
 #include <exception>
+#include <string>
 
 #include <broadcl/broad_phase.hpp>
 
@@ -12,7 +13,7 @@ int main() try {
   const std::uint32_t traveller = broad_phase.add(at(-1.5F));
 
   const broadcl::Device* device = broad_phase.device();
-  std::printf("%s on %s\n", broad_phase.algorithm().name.data(),
+  std::printf("%s on %s\n", std::string(broad_phase.algorithm().name).c_str(),
               device != nullptr ? device->label().c_str() : "the host");
   for (int frame = 0; frame < 6; ++frame) {
     broad_phase.move(traveller, at(-1.5F + 2.0F * static_cast<float>(frame)));

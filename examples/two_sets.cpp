@@ -1,5 +1,5 @@
-// Pairs of two sets: which edges of a mesh may touch which faces. Once, without what has a vertex in common,
-// and then while some of them move.
+// Pairs of two sets: which edges of a mesh may touch which faces; then faces and vertices, except those that
+// share a vertex; then sets that move.
 #include <cstdint>
 #include <cstdio>
 #include <exception>

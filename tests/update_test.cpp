@@ -259,10 +259,10 @@ TEST(BruteForce, ACacheThatCannotBeWrittenCostsNothingElse) {
   const ScopedVariable variable("BROADCL_CACHE_DIR", file.string());
   int compiled = 0;
   BroadPhase broad_phase(
-      {.algorithm = "brute-force", .on_compile = [&](const Device& device, const std::string& kept_in) {
+      {.algorithm = "brute-force", .on_compile = [&](const Device& device, const std::string& cache_folder) {
          ++compiled;
          EXPECT_EQ(device.label(), select_device().label());
-         EXPECT_EQ(kept_in, file.string());
+         EXPECT_EQ(cache_folder, file.string());
        }});
   EXPECT_EQ(compiled, 1);
   for (std::uint32_t k = 0; k < 50; ++k) broad_phase.add(apart(k));

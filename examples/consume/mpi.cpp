@@ -1,4 +1,4 @@
-// Boxes on the ranks of an MPI program: mpirun -n 4 consumer
+// Boxes on the ranks of an MPI program: mpirun -n 4 mpi_consumer
 #include <mpi.h>
 
 #include <cstdint>

@@ -27,8 +27,9 @@ class Region;
 
 /// Holds a set of moving boxes and reports at each update() which pairs began and which ceased to overlap.
 ///
-/// An update costs as much as what moved. If nothing moved, there is no search; if few objects moved, only
-/// their boxes are uploaded and tested against all others; pairs of two objects that did not move stay.
+/// The cost of an update depends on how much moved. If nothing moved, there is no search; if few objects
+/// moved, only their boxes are uploaded and tested against all others; pairs of two objects that did not move
+/// stay.
 ///
 /// If a function throws, it has changed nothing: objects and known pairs are as before. Functions that
 /// allocate may throw std::bad_alloc as well as Error.
@@ -77,15 +78,15 @@ class BROADCL_API BroadPhase {
   /// adding those that are missing and removing all others, and returns the memory from which the device
   /// reads their boxes, for the caller to write. New objects have empty boxes until then. All objects count
   /// as moved.
-  /// @returns n boxes, valid until the next call of any other function of this object. If one of them has a
-  /// NaN bound, the next update() or begin() throws an Error that names the first such box, and changes
-  /// nothing; write a valid box and call it again.
+  /// @returns n boxes, valid until the next call of a function of this object that is not const. If one of
+  /// them has a NaN bound, the next update() or begin() throws an Error that names the first such box, and
+  /// changes nothing; write a valid box and call it again.
   /// @throws Error between begin() and finish(), and if there is no memory for the boxes.
   std::span<Aabb> map(std::size_t n);
 
   /// Shares ownership of the memory that map() just returned, which is then not freed even if the boxes move
-  /// to other memory or this object is destroyed. For callers who cannot know when it is read last. It may
-  /// then be read, but not written.
+  /// to other memory or this object is destroyed. For callers who cannot know when it will be read for the
+  /// last time. It may then be read, but not written.
   [[nodiscard]] std::shared_ptr<const void> mapped_memory() const;
 
   /// Finds every pair of overlapping boxes whose filters allow it, and returns what changed since the last
@@ -110,9 +111,9 @@ class BROADCL_API BroadPhase {
   Delta finish();
 
   /// Shares ownership of the Delta that update() or finish() last returned, which then stays unchanged even
-  /// if further updates follow or this object is destroyed. For callers who cannot know when it is read last.
-  /// The next updates use other memory, which takes longer if every Delta is kept; that memory may be much
-  /// larger than the lists. Null if nothing had moved and the lists are empty.
+  /// if further updates follow or this object is destroyed. For callers who cannot know when it will be read
+  /// for the last time. The next updates use other memory, which takes longer if every Delta is kept; that
+  /// memory may be much larger than the lists. Null if nothing had moved and the lists are empty.
   [[nodiscard]] std::shared_ptr<const void> delta_memory() const;
 
   /// All pairs as of the last update, in canonical order.
@@ -132,7 +133,8 @@ class BROADCL_API BroadPhase {
   /// shrink.
   [[nodiscard]] MemoryUse memory() const noexcept;
 
-  /// The stages of the last update, in order; none if nothing had moved. Valid until the next update.
+  /// The stages of the last update, in order; none if nothing had moved, or if an algorithm of the host did
+  /// it. Valid until the next update.
   [[nodiscard]] std::span<const Stage> profile() const noexcept;
 
  private:

@@ -6,8 +6,8 @@
 ///
 /// These rules hold for all of it:
 /// - Every function except broadcl_last_error() and broadcl_version() returns a status. After any status
-///   other than BROADCL_SUCCESS nothing has changed, and output parameters are not written to; the call may
-///   be repeated.
+///   other than BROADCL_SUCCESS nothing has changed, unless the comment of the function says otherwise, and
+///   output parameters are not written to; the call may be repeated.
 /// - Structs that begin with `size` may grow in later versions. Set the whole struct to zero and `size` to
 ///   sizeof, as in `broadcl_config config = {.size = sizeof config};`. Zero always means the default.
 /// - Handles are made by functions that end in `_create`. They belong to the caller, who destroys them with
@@ -15,7 +15,7 @@
 /// - An object may be used by only one thread at a time; different objects are independent of each other.
 ///   Functions that take no handle may be called by any number of threads at the same time. Some functions
 ///   read environment variables, so no thread may set one at the same time.
-/// - Pairs are in canonical order: see struct broadcl_pair.
+/// - Pairs are in canonical order (see struct broadcl_pair), unless they are sorted by world.
 
 #include <stddef.h>
 #include <stdint.h>
@@ -51,7 +51,8 @@ typedef struct broadcl_aabb {
   float upper[3];
 } broadcl_aabb;
 
-/// Two overlapping boxes by id or by index, a < b. Canonical order is by b, then by a.
+/// Two overlapping boxes by id or by index; a < b, except in pairs of two sets. Canonical order is by b, then
+/// by a.
 typedef struct broadcl_pair {
   uint32_t a;
   uint32_t b;
@@ -166,10 +167,12 @@ typedef struct broadcl_algorithm {
 BROADCL_API broadcl_status broadcl_algorithms(const broadcl_algorithm** rows, size_t* count);
 
 /// Called once by an object that has to compile kernels, before it does so, because that may take many
-/// seconds. With "auto", it may be called in another thread. Must return.
-/// @param device Valid during the call, like `kept_in`.
-/// @param kept_in The folder in which the kernels are stored for the next start; "" if there is none.
-typedef void (*broadcl_compile_handler)(const broadcl_device_info* device, const char* kept_in, void* data);
+/// seconds; a second time if the device turns out to need other kernels, for smaller work-groups. With
+/// "auto", it may be called in another thread. Must return.
+/// @param device Valid during the call, like `cache_folder`.
+/// @param cache_folder The folder in which the kernels are stored for the next start; "" if there is none.
+typedef void (*broadcl_compile_handler)(const broadcl_device_info* device, const char* cache_folder,
+                                        void* data);
 
 /// How an object works. Read once, when the object is made.
 typedef struct broadcl_config {
@@ -256,11 +259,13 @@ BROADCL_API broadcl_status broadcl_pair_list_get(const broadcl_pair_list* list, 
 
 // --- Moving boxes
 
-/// A set of moving boxes that reports at each update which pairs began and which ceased to overlap. An update
-/// costs as much as what moved.
+/// A set of moving boxes that reports at each update which pairs began and which ceased to overlap. The
+/// cost of an update depends on how much moved.
 typedef struct broadcl_broad_phase broadcl_broad_phase;
 
+/// Opens the device and builds its kernels, unless the algorithm starts on the host.
 /// @param config May be null.
+/// @returns BROADCL_FAILED also for an unknown algorithm or device.
 BROADCL_API broadcl_status broadcl_broad_phase_create(const broadcl_config* config,
                                                       broadcl_broad_phase** broad_phase);
 /// No-op for null.
@@ -268,13 +273,19 @@ BROADCL_API broadcl_status broadcl_broad_phase_destroy(broadcl_broad_phase* broa
 
 /// Adds an object. Its id is the lowest free one.
 /// @param filter Null for BROADCL_DEFAULT_FILTER.
+/// @returns BROADCL_FAILED also for a NaN bound.
 BROADCL_API broadcl_status broadcl_broad_phase_add(broadcl_broad_phase* broad_phase, const broadcl_aabb* box,
                                                    const broadcl_filter* filter, uint32_t* id);
+/// Replaces the box of an object. An equal box does not count as movement.
+/// @returns BROADCL_FAILED also for an unknown id and for a NaN bound.
 BROADCL_API broadcl_status broadcl_broad_phase_move(broadcl_broad_phase* broad_phase, uint32_t id,
                                                     const broadcl_aabb* box);
+/// Replaces the filter of an object from the next update on.
+/// @returns BROADCL_FAILED also for an unknown id.
 BROADCL_API broadcl_status broadcl_broad_phase_set_filter(broadcl_broad_phase* broad_phase, uint32_t id,
                                                           const broadcl_filter* filter);
-/// The pairs of the object are in `removed` of the next update.
+/// Removes an object. Its pairs are in `removed` of the next update.
+/// @returns BROADCL_FAILED also for an unknown id.
 BROADCL_API broadcl_status broadcl_broad_phase_remove(broadcl_broad_phase* broad_phase, uint32_t id);
 
 /// Replaces the list of pairs of ids that are never reported, whatever their boxes and filters: for instance
@@ -324,7 +335,7 @@ BROADCL_API broadcl_status broadcl_broad_phase_algorithm(const broadcl_broad_pha
                                                          const broadcl_algorithm** row);
 BROADCL_API broadcl_status broadcl_broad_phase_memory(const broadcl_broad_phase* broad_phase,
                                                       broadcl_memory_use* use);
-/// The stages of the last update, in order; none if nothing had moved.
+/// The stages of the last update, in order; none if nothing had moved, or if an algorithm of the host did it.
 /// @param stages Valid until the next call with this object.
 BROADCL_API broadcl_status broadcl_broad_phase_profile(broadcl_broad_phase* broad_phase,
                                                        const broadcl_stage** stages, size_t* count);
@@ -340,7 +351,7 @@ typedef struct broadcl_device_broad_phase broadcl_device_broad_phase;
 
 typedef struct broadcl_device_config {
   size_t size;            ///< sizeof(broadcl_device_config)
-  const char* algorithm;  ///< A name of broadcl_algorithms() that finds pairs on the device; null for "auto".
+  const char* algorithm;  ///< "auto", "brute-force" or "tiles"; null for "auto".
   int profile;            ///< Whether to measure on the device: the queue must have profiling enabled.
   broadcl_compile_handler on_compile;  ///< May be null.
   void* on_compile_data;               ///< Passed to it.
@@ -355,15 +366,17 @@ typedef struct broadcl_device_boxes {
   size_t offset;            ///< Of the first box, in bytes, a multiple of 4.
   size_t stride;            ///< From each box to the next, in bytes, a multiple of 4; 0 if without gaps.
   struct _cl_mem* filters;  ///< One filter per box, also of the queue's context; or null: all may pair.
-  int worlds;               ///< Whether the filters have different worlds.
+  /// Whether the filters have different worlds. Affects only speed: without it, worlds are compared only for
+  /// pairs whose boxes overlap.
+  int worlds;
   /// If not 0, changes are sorted by world first: 0 .. ordered_worlds-1, then all others. A pair with an
   /// object of all worlds counts as one of the other object's world; pairs of two such objects come last.
   size_t ordered_worlds;
   /// If not null, the boxes of a second set: only pairs of a box of the first with a box of the second are
   /// found; `a` is an index in the first set, `b` in the second. Filters are then those of the first set
-  /// followed by those of the second; only their body and world count. The first set must have the same
-  /// number of boxes in every update: give empty boxes for objects that are gone. In the index of an invalid
-  /// box, the second set follows the first.
+  /// followed by those of the second; only their body and world count. Whether there is
+  /// a second set, and then the number of boxes of the first, must be the same in every update: give empty
+  /// boxes for objects that are gone. In the index of an invalid box, the second set follows the first.
   struct _cl_mem* second_buffer;
   size_t second_count;   ///< As `count`,
   size_t second_offset;  ///< `offset`
@@ -431,7 +444,7 @@ BROADCL_API broadcl_status broadcl_device_broad_phase_finish(broadcl_device_broa
 /// Reserves memory for enqueued updates.
 /// @param boxes Largest number of boxes.
 /// @param pairs Largest number of pairs that overlap at a time.
-/// @param filters Whether there will be filters.
+/// @param filters Whether there will be filters or a second set.
 BROADCL_API broadcl_status broadcl_device_broad_phase_reserve(broadcl_device_broad_phase* broad_phase,
                                                               size_t boxes, size_t pairs, int filters);
 /// Replaces the list of pairs of indices that are never reported, whatever their boxes and filters. For these
@@ -443,7 +456,8 @@ BROADCL_API broadcl_status broadcl_device_broad_phase_set_exclusions(broadcl_dev
 
 /// Enqueues an update that writes its changes, in canonical order, to buffers of the caller, for commands
 /// that are enqueued after it. Does not wait for the device, except after a call that failed. Memory must
-/// have been reserved.
+/// have been reserved: for all boxes of both sets, for at least as many boxes as there are ordered worlds,
+/// and with `filters` if there are filters or a second set.
 ///
 /// If more pairs overlap than was reserved, if more changed than the buffers hold, or if more than 4,096
 /// changes have the same b (or world, if changes are sorted by world), the update is incomplete: it and all
@@ -463,7 +477,8 @@ BROADCL_API broadcl_status broadcl_device_broad_phase_device(const broadcl_devic
 /// Without the caller's buffers.
 BROADCL_API broadcl_status broadcl_device_broad_phase_memory(const broadcl_device_broad_phase* broad_phase,
                                                              broadcl_memory_use* use);
-/// As broadcl_broad_phase_profile(), with device times unless enqueue did the last update.
+/// As broadcl_broad_phase_profile(), with device times if the configuration asks for a profile and enqueue
+/// did not do the last update.
 BROADCL_API broadcl_status broadcl_device_broad_phase_profile(broadcl_device_broad_phase* broad_phase,
                                                               const broadcl_stage** stages, size_t* count);
 

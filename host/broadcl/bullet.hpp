@@ -95,7 +95,9 @@ class BROADCL_BULLET_API BulletBroadphase : public btBroadphaseInterface {
 
   /// Starts the next calculation on the device with the current boxes, and returns at once. If proxies are
   /// changed, created or destroyed before calculateOverlappingPairs(), that does a second update; its result
-  /// is always the same as without begin(). No-op if a calculation was started already.
+  /// is always the same as without begin(). No-op if a calculation was started already. In a dynamics world,
+  /// stepSimulation() changes the boxes of moving bodies before it calculates, so begin() gains nothing,
+  /// unless btDispatcherInfo::m_useContinuous is false.
   void begin();
 
   btOverlappingPairCache* getOverlappingPairCache() override;

@@ -41,7 +41,7 @@ struct BROADCL_API Device {
 /// Whether two devices are the same card, offered by two drivers. A card is identified by its PCI address,
 /// otherwise by its UUID, otherwise by name and memory. CPUs, and devices of the same platform, never count
 /// as the same card.
-[[nodiscard]] bool is_same_card(const Device& a, const Device& b);
+[[nodiscard]] BROADCL_API bool is_same_card(const Device& a, const Device& b);
 
 /// Every usable device of every OpenCL platform, that is, every one that is available and has a compiler, in
 /// the order of `clinfo -l`. Empty if no OpenCL implementation is installed.

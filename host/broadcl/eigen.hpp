@@ -58,7 +58,7 @@ template <class Derived>
   constexpr bool has_columns =
       int{Derived::ColsAtCompileTime} == 6 || int{Derived::ColsAtCompileTime} == Eigen::Dynamic;
   static_assert(has_bounds, "boxes are of float or double; use .cast<float>().eval()");
-  static_assert(has_memory, "this expression lies nowhere in memory; keep its .eval() in a variable");
+  static_assert(has_memory, "this expression is not stored in memory; store its .eval() in a variable");
   static_assert(has_columns, "boxes have six columns: lower x, y, z, upper x, y, z");
   if constexpr (has_bounds && has_memory && has_columns) {
     if (boxes.cols() != 6) {

@@ -66,8 +66,10 @@ struct MpiDelta {
 /// their region (region_of()), there is little to send.
 ///
 /// The constructor, update(), pairs() and the destructor are collective: all ranks of the communicator call
-/// them, in the same order. All other functions concern only the calling rank. MPI must have been initialised
-/// for MPI_THREAD_FUNNELED or more; this class calls MPI in the thread that calls its functions.
+/// them, in the same order. So is an assignment to an object that is in use, because it destroys that one.
+/// All other functions concern only the calling rank. MPI must have been initialised for MPI_THREAD_FUNNELED
+/// or more; this class calls MPI in the thread that calls its functions, which has to be the main thread if
+/// MPI supports no more than MPI_THREAD_FUNNELED. There are no exclusions.
 ///
 /// If a collective function fails on one rank, also for lack of memory, it throws the same Error, which names
 /// that rank, on all ranks. It has then changed nothing on any rank, and may be repeated. (If MPI itself
@@ -111,8 +113,8 @@ class BROADCL_MPI_API MpiBroadPhase {
 
   /// Makes 0 .. n-1 the ids of the objects of this rank, and returns their boxes, for the caller to write.
   /// New objects have empty boxes until then. All objects count as moved.
-  /// @returns n boxes, valid until the next call of any other function of this object. If one of them has a
-  /// NaN bound, the next update() throws an Error on all ranks.
+  /// @returns n boxes, valid until the next call of a function of this object that is not const. If one of
+  /// them has a NaN bound, the next update() throws an Error on all ranks.
   std::span<Aabb> map(std::size_t n);
 
   /// Collective. Finds every pair of overlapping boxes whose filters allow it, and returns the changes since

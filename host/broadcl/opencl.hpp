@@ -38,7 +38,7 @@ namespace broadcl {
 class BROADCL_API DeviceBroadPhase {
  public:
   struct Config {
-    std::string algorithm = "auto";  ///< A name from algorithms() that finds pairs on the device.
+    std::string algorithm = "auto";  ///< "auto", "brute-force" or "tiles".
     bool profile = false;            ///< Measure stages on the device: the queue must have profiling enabled.
     CompileHandler on_compile{};     ///< See broadcl::Config.
   };
@@ -60,16 +60,18 @@ class BROADCL_API DeviceBroadPhase {
     std::size_t offset = 0;    ///< Of the first box, in bytes, a multiple of 4.
     std::size_t stride = 24;   ///< From each box to the next, in bytes, a multiple of 4.
     cl_mem filters = nullptr;  ///< One Filter per box, also of the queue's context; or null: all may pair.
-    bool worlds = false;       ///< Whether the filters have different worlds.
+    /// Whether the filters have different worlds. Affects only speed: without it, worlds are compared only
+    /// for pairs whose boxes overlap.
+    bool worlds = false;
     /// If not 0, changes are sorted by world first: 0 .. ordered_worlds-1, then all others. A pair with an
     /// object of all worlds counts as one of the other object's world; pairs of two such objects come last.
     std::size_t ordered_worlds = 0;
     /// If there is a second set, only pairs of a box of the first with a box of the second are found, and
     /// nothing is tested inside a set: `a` is an index in the first set, `b` in the second, and pairs are
     /// sorted by b, then by a. Filters are then those of the first set followed by those of the second; only
-    /// their body and world count. The number of boxes of the first set must be the same in every update:
-    /// give empty boxes for objects that are gone. In the index of an invalid box, the second set follows the
-    /// first.
+    /// their body and world count. Whether there is a second set, and then the number of boxes of the first,
+    /// must be the same in every update: give empty boxes for objects that are gone. In the index of an
+    /// invalid box, the second set follows the first.
     SecondSet second{};
   };
 
@@ -110,7 +112,7 @@ class BROADCL_API DeviceBroadPhase {
   /// Builds the kernels.
   /// @param queue Must be in order. Retained; the object uses its context and device.
   /// @throws Error for a null or out-of-order queue, for one without profiling if Config::profile is set, for
-  /// an unknown algorithm or one that works on the host, and if OpenCL fails.
+  /// another algorithm, and if OpenCL fails.
   explicit DeviceBroadPhase(cl_command_queue queue);
   DeviceBroadPhase(cl_command_queue queue, const Config& config);
   /// Does not wait. Wait for the queue before the process ends: some drivers crash otherwise.
@@ -136,8 +138,9 @@ class BROADCL_API DeviceBroadPhase {
   /// Reserves memory for updates by enqueue().
   /// @param boxes Largest number of boxes.
   /// @param pairs Largest number of pairs that overlap at a time.
-  /// @param filters Whether there will be filters.
-  /// @throws Error as update() does, and between begin() and finish().
+  /// @param filters Whether there will be filters or a second set.
+  /// @throws Error as update() does, and between begin() and finish(). After an error on the device, nothing
+  /// is reserved.
   void reserve(std::size_t boxes, std::size_t pairs, bool filters = false);
 
   /// Replaces the list of pairs of indices that are never reported, whatever their boxes and filters. For
@@ -157,8 +160,9 @@ class BROADCL_API DeviceBroadPhase {
   /// it and all updates that are enqueued after it change nothing, neither the known pairs nor the boxes of
   /// the last update. The next waiting call (update(), begin() or pairs()) waits for the queue and continues
   /// from the last complete update. Invalid boxes overlap nothing, and are not counted.
-  /// @throws Error as update() does, between begin() and finish(), and if there are more boxes than reserve()
-  /// was called with. Then there is no update.
+  /// @throws Error as update() does, between begin() and finish(), and if reserve() was not called for as
+  /// many boxes (of both sets together), for as many as there are ordered worlds, or, if there are filters or
+  /// a second set, with filters. Then there is no update.
   void enqueue(const Boxes& boxes, const ChangeBuffers& changes);
 
   /// All pairs as of the last update: enqueues the commands that sort them. The buffer is valid until the
@@ -173,7 +177,8 @@ class BROADCL_API DeviceBroadPhase {
   /// shrink.
   [[nodiscard]] MemoryUse memory() const noexcept;
 
-  /// The stages of the last update, with device times unless enqueue() did it. Valid until the next update.
+  /// The stages of the last update, with device times if Config::profile is set and enqueue() did not do it.
+  /// Valid until the next update.
   [[nodiscard]] std::span<const Stage> profile() const noexcept;
 
  private:

@@ -6,10 +6,12 @@
 
 namespace broadcl {
 
-/// Two overlapping boxes by id (BroadPhase) or by index in the array (overlapping_pairs), a < b.
+/// Two overlapping boxes by id (BroadPhase) or by index in the array (overlapping_pairs): a < b, or, with two
+/// sets, the index in the first and that in the second.
 ///
-/// Pairs compare in canonical order: by b, then by a, which is the order of the triangular index b(b-1)/2 +
-/// a. Every list of pairs that the library returns is in this order, on every device and in every run.
+/// Pairs compare in canonical order: by b, then by a. With one set, that is the order of the triangular index
+/// b(b-1)/2 + a. Every list of pairs that the library returns is in this order, on every device and in every
+/// run, except changes that are sorted by world (DeviceBroadPhase::Boxes::ordered_worlds).
 struct Pair {
   std::uint32_t a;
   std::uint32_t b;

@@ -50,10 +50,10 @@ std::span<const Pair> to_pairs(const broadcl_pair* pairs, std::size_t count, con
 
 CompileHandler to_handler(broadcl_compile_handler handler, void* data) {
   if (handler == nullptr) return {};
-  return [handler, data](const Device& device, const std::string& kept_in) {
+  return [handler, data](const Device& device, const std::string& cache_folder) {
     const DeviceFacts facts(device);
     const broadcl_device_info info = facts.info();
-    handler(&info, kept_in.c_str(), data);
+    handler(&info, cache_folder.c_str(), data);
   };
 }
 

@@ -54,7 +54,7 @@ inline CLI::Option* add_name(CLI::App& verb, const std::string& name, std::strin
 inline void add_device(CLI::App& verb, std::string& device) {
   add_name(verb, "--device", device,
            "P:D as listed by 'broadcl devices', gpu, cpu, accelerator, or part of a name; "
-           "default: BROADCL_DEVICE, or the best GPU, or a CPU")
+           "default: BROADCL_DEVICE, otherwise the best GPU, otherwise a CPU; auto then starts on the host")
       ->type_name("DEVICE");
 }
 

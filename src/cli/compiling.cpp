@@ -7,12 +7,12 @@
 
 namespace broadcl::cli {
 
-void announce_compiling(const Device& device, const std::string& kept_in) {
+void announce_compiling(const Device& device, const std::string& cache_folder) {
   static std::set<std::string> announced;
   if (!announced.insert(device.label()).second) return;
   std::cerr << "compiling kernels for " << one_line(device.label())
-            << (kept_in.empty() ? ", at each start because there is no cache folder"
-                                : ", once; they are stored in " + cli::quoted(kept_in))
+            << (cache_folder.empty() ? ", at each start because there is no cache folder"
+                                     : ", once; they are stored in " + cli::quoted(cache_folder))
             << std::endl;
 }
 

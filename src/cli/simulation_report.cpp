@@ -86,7 +86,8 @@ std::string stages_table(const SimulationConfig& config, const SimulationResult&
   constexpr int decimals = 4;
   constexpr std::size_t width = 11;
   const std::vector<StageTimes> stages = stage_times(result);
-  if (stages.empty()) return "\nThe broad phase " + config.broadphase + " has no stages.\n";
+  if (stages.empty())
+    return "\nThe broad phase " + config.broadphase + " ran on the host, where no stages are measured.\n";
   std::string text =
       "\nstages of the broad phase      host                               device\n"
       "ms per frame         mean     median        p95       mean     median        p95    share\n";

@@ -248,17 +248,17 @@ TEST_F(COnDevice, ABroadPhaseOnADeviceSaysThatItCompiles) {
   struct Heard {
     int times = 0;
     std::string label;
-    std::string kept_in = "unchanged";
+    std::string cache_folder = "unchanged";
   } heard;
   auto config = sized<broadcl_config>();
   config.device = id_.c_str();
   config.algorithm = "brute-force";
   config.profile = 1;
-  config.on_compile = [](const broadcl_device_info* device, const char* kept_in, void* data) {
+  config.on_compile = [](const broadcl_device_info* device, const char* cache_folder, void* data) {
     auto& hears = *static_cast<Heard*>(data);
     ++hears.times;
     hears.label = device->label;
-    hears.kept_in = kept_in;
+    hears.cache_folder = cache_folder;
   };
   config.on_compile_data = &heard;
   ASSERT_EQ(setenv("BROADCL_CACHE_DIR", "/dev/null", 1), 0);
@@ -269,7 +269,7 @@ TEST_F(COnDevice, ABroadPhaseOnADeviceSaysThatItCompiles) {
   EXPECT_EQ(info.id, id_);
   EXPECT_EQ(heard.times, 1);
   EXPECT_EQ(heard.label, info.label);
-  EXPECT_EQ(heard.kept_in, "");
+  EXPECT_EQ(heard.cache_folder, "");
   const std::vector<broadcl_aabb> boxes = random_boxes(60);
   const broadcl_boxes given = view(boxes);
   OK(broadcl_broad_phase_set_boxes(handle, &given));
