@@ -12,7 +12,7 @@
 namespace broadcl {
 namespace {
 
-constexpr std::size_t most_boxes = std::size_t{1} << 31;
+constexpr std::size_t most_in_search = std::size_t{1} << 31;
 
 /// Like BoxView::pack_to(), but the error names the set.
 void pack_to(const BoxView& boxes, std::span<Aabb> out, const std::string& set) {
@@ -35,7 +35,7 @@ std::vector<Labelled> by_label(std::span<const std::uint32_t> labels, std::size_
     throw Error(std::to_string(labels.size()) + " labels are not " + std::to_string(per_object) +
                 " for each object; give as many for each");
   }
-  if (per_object > 0 && labels.size() / per_object > most_boxes) {
+  if (per_object > 0 && labels.size() / per_object > most_in_search) {
     throw Error("labels of more than 2147483648 objects; use fewer");
   }
   std::vector<Labelled> objects(labels.size());
@@ -178,7 +178,7 @@ std::vector<Pair> pairs_that_share(std::span<const std::uint32_t> first_labels, 
 
 std::vector<Pair> overlapping_pairs(const BoxView& boxes, const BroadPhase::Config& config,
                                     std::span<const Pair> exclusions) {
-  if (boxes.size() > most_boxes) throw Error("more than 2147483648 boxes; use fewer");
+  if (boxes.size() > most_in_search) throw Error("more than 2147483648 boxes; use fewer");
   refuse_unknown(exclusions, boxes.size(), boxes.size());
   const std::vector<Pair> sorted = sorted_exclusions(exclusions);
   const auto algorithm = make_for_one_search(config);
@@ -191,7 +191,7 @@ std::vector<Pair> overlapping_pairs(const BoxView& boxes, const BroadPhase::Conf
 
 std::vector<Pair> overlapping_pairs(const BoxView& first, const BoxView& second,
                                     const BroadPhase::Config& config, std::span<const Pair> exclusions) {
-  if (first.size() > most_boxes || second.size() > most_boxes - first.size()) {
+  if (first.size() > most_in_search || second.size() > most_in_search - first.size()) {
     throw Error("more than 2147483648 boxes in both sets; use fewer");
   }
   const std::size_t boxes = first.size() + second.size();

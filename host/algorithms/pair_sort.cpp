@@ -14,7 +14,7 @@ namespace {
 constexpr unsigned partition_bits = 8;
 /// Fewer pairs are sorted by comparison instead, and so are more than 32-bit positions count.
 constexpr std::size_t few_pairs = 128;
-constexpr std::size_t most_pairs = 0xffffffff;
+constexpr std::size_t most_in_partition = 0xffffffff;
 
 /// A pass of a radix sort, stable.
 template <class Digit>
@@ -32,7 +32,7 @@ void sort_by(std::span<const Pair> from, std::span<Pair> to, unsigned digits, co
 /// @param bits_of_a, bits_of_b How many of the lowest bits may differ between pairs.
 void sort_partition(std::span<Pair> pairs, unsigned bits_of_a, unsigned bits_of_b,
                     std::vector<Pair>& scratch) {
-  if (pairs.size() <= few_pairs || pairs.size() > most_pairs) {
+  if (pairs.size() <= few_pairs || pairs.size() > most_in_partition) {
     std::ranges::sort(pairs);
     return;
   }
