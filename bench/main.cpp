@@ -130,7 +130,8 @@ void time_frame(benchmark::State& state, const std::string& name, const Scene& s
     boxes.advance();
     const std::vector<Bounds> moved = scaled(boxes);
     state.ResumeTiming();
-    for (std::size_t k = 0; k < n; k += n / moving) {
+    for (std::size_t j = 0; j < moving; ++j) {
+      const std::size_t k = j * (n / moving);
       broadphase->setAabb(proxies[k], moved[k].lower, moved[k].upper, &dispatcher);
     }
     broadphase->calculateOverlappingPairs(&dispatcher);

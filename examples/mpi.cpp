@@ -16,6 +16,7 @@
 #include <cstdlib>
 #include <exception>
 #include <fstream>
+#include <limits>
 #include <map>
 #include <memory>
 #include <optional>
@@ -97,6 +98,11 @@ Options read_options(std::span<char*> arguments) {
     } else {
       throw std::runtime_error("not understood: " + std::string(option) + " " + value);
     }
+  }
+  constexpr std::size_t most_objects = std::numeric_limits<std::uint32_t>::max();
+  if (options.frames < 1 || options.objects > most_objects) {
+    throw std::runtime_error("--frames must be at least 1, --objects at most " +
+                             std::to_string(most_objects));
   }
   return options;
 }

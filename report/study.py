@@ -143,6 +143,8 @@ def _read_summary(path: Path, info: dict[str, Any]) -> list[dict[str, str]]:
             rows = list(reader)
     except FileNotFoundError:
         raise StudyError(f"{path} is missing: no run has finished") from None
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise StudyError(f"{path} is not CSV: {error}") from None
     if not rows:
         raise StudyError(f"{path} has no rows: no run has finished")
     keys = ("scenario", "objects", "frames", "repeat", "broadphase", "device")
@@ -152,7 +154,7 @@ def _read_summary(path: Path, info: dict[str, Any]) -> list[dict[str, str]]:
     broadphases = {b["name"] for b in info["broadphases"]}
     for line, row in enumerate(rows, start=2):
         if row["scenario"] not in info["scenarios"] or row["broadphase"] not in broadphases:
-            raise StudyError(f"{path}, row {line}: not part of this study: {', '.join(row.values())}")
+            raise StudyError(f"{path}, row {line}: not part of this study: {', '.join(map(str, row.values()))}")
         try:
             numbers = [float(int(row[c])) for c in ("objects", "frames", "repeat")]
             numbers += [float(row[c]) for c in SUMMARY_COLUMNS]
@@ -177,7 +179,10 @@ def _run_file(folder: Path, row: dict[str, str]) -> Path:
 
 
 def _read_run(path: Path) -> np.ndarray:
-    lines = path.read_text(encoding="utf-8").splitlines()
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except UnicodeDecodeError:
+        raise StudyError(f"{path} is not text") from None
     if not lines or lines[0] != RUN_HEADER:
         raise StudyError(f"{path}: the first line is not '{RUN_HEADER}'")
     try:

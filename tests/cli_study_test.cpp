@@ -340,6 +340,21 @@ TEST_F(ProgramStudy, RefusesTimesOfAnotherHostOrBuildAndDamagedDocuments) {
   other = study;
   other.erase("frames");
   refuses(other, "damaged");
+  for (const auto& [key, value] : {std::pair("frames", json(-1)),
+                                   {"frames", json(2.5)},
+                                   {"repeat", json(0)},
+                                   {"objects", json::array()},
+                                   {"objects", json::array({-1})},
+                                   {"scenarios", json::array()},
+                                   {"versions", json::object()}}) {
+    other = study;
+    other[key] = value;
+    refuses(other, "'s/study.json' is damaged");
+  }
+  write_file(path("s/study.json"), study.dump());
+  for (const std::string name : {"study.json", "study.csv", "runs/new.csv"}) {
+    expect_refused(run("study --out s --frames-csv s/" + name), "names a file of the study itself");
+  }
   write_file(path("s/study.json"), study.dump().substr(0, 100));
   expect_refused(run("study --out s"), "'s/study.json' is damaged");
   fs::remove(path("s/study.json"));

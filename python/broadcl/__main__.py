@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import argparse
+import os
+import pathlib
 import sys
+import zipfile
 
 import numpy as np
 
@@ -32,11 +35,30 @@ def _check(arguments: argparse.Namespace) -> int:
     return 0 if works else 1
 
 
+def _save(target: pathlib.Path, pairs: np.ndarray) -> None:
+    """Replaces the file when all is written, unless it is a pipe or the like."""
+    if target.exists() and not target.is_file():
+        with target.open("wb") as file:
+            np.save(file, pairs)
+        return
+    temporary = target.with_name(f"{target.name}.{os.getpid()}.tmp")
+    try:
+        with temporary.open("xb") as file:
+            np.save(file, pairs)
+        temporary.replace(target)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
 def _pairs(arguments: argparse.Namespace) -> int:
+    if arguments.out is not None and os.path.exists(arguments.out) and os.path.samefile(arguments.file, arguments.out):
+        raise ValueError("--out names the file of the boxes itself; name another")
     boxes = np.load(arguments.file)
+    if boxes.ndim < 2 or boxes.shape == (2, 3):
+        raise ValueError(f"{arguments.file} is of shape {boxes.shape}; give an array of boxes, for instance (n, 6)")
     pairs = broadcl.overlapping_pairs(boxes, device=arguments.device, algorithm=arguments.algorithm)
-    if arguments.out:
-        np.save(arguments.out, pairs)
+    if arguments.out is not None:
+        _save(pathlib.Path(arguments.out), pairs)
     print(f"{len(pairs)} overlapping pairs of {len(boxes)} boxes")
     return 0
 
@@ -63,7 +85,7 @@ def main() -> int:
     arguments = parser.parse_args()
     try:
         return arguments.run(arguments)
-    except (broadcl.Error, OSError, TypeError, ValueError) as error:
+    except (broadcl.Error, OSError, TypeError, ValueError, EOFError, MemoryError, zipfile.BadZipFile) as error:
         print(f"broadcl: {error}", file=sys.stderr)
         return 2
 

@@ -302,7 +302,8 @@ void add_broad_phase(nb::module_& module) {
       "profile: whether to measure stages on the device, too.\n\n"
       "Only one thread at a time may use an object; a second one gets a RuntimeError. The GIL is\n"
       "released during searches.\n\n"
-      "Raises ValueError for an unknown algorithm, Error for an unknown device and if OpenCL fails.")
+      "Raises ValueError for an unknown algorithm, Error for an unknown device, unless the\n"
+      "algorithm is one of the host, and if OpenCL fails.")
       .def(
           "__init__",
           [](Objects* self, const Selector& device, const std::string& algorithm, std::size_t threads,

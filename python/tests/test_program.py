@@ -39,8 +39,27 @@ def test_pairs(tmp_path):
     assert run.returncode == 0
     assert np.array_equal(np.load(tmp_path / "pairs.npy"), oracle(values))
     assert run.stdout == f"{len(oracle(values))} overlapping pairs of 100 boxes\n"
-    run = program("pairs", tmp_path / "none.npy")
-    assert run.returncode == 2 and "none.npy" in run.stderr and "Traceback" not in run.stderr
+
+
+def test_pairs_refuses(tmp_path):
+    def expect(reason, *arguments):
+        run = program("pairs", *arguments)
+        assert run.returncode == 2 and reason in run.stderr and "Traceback" not in run.stderr
+
+    boxes = tmp_path / "boxes.npy"
+    np.save(boxes, uniform(3))
+    before = boxes.read_bytes()
+    expect("--out names the file of the boxes", boxes, "--out", boxes)
+    assert boxes.read_bytes() == before
+    expect("", boxes, "--out", "")
+    expect("none", boxes, "--out", tmp_path / "none" / "pairs.npy")
+    expect("none.npy", tmp_path / "none.npy")
+    for content in (b"", b"PK", b"text"):
+        boxes.write_bytes(content)
+        expect("", boxes)
+    np.save(boxes, np.zeros(6))
+    expect("shape (6,)", boxes)
+    assert list(tmp_path.iterdir()) == [boxes]
 
 
 def test_without_opencl(no_opencl):

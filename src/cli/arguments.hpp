@@ -4,6 +4,7 @@
 #include <charconv>
 #include <concepts>
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <system_error>
@@ -15,6 +16,7 @@ namespace broadcl::cli {
 
 inline constexpr std::uint32_t most_objects = 1'000'000;
 inline constexpr std::uint32_t most_frames = 10'000'000;
+inline constexpr std::uint32_t most_repeats = 1000;
 
 /// Parses the value of an option: a whole decimal number from `lowest` to `highest`, inclusive.
 template <std::unsigned_integral Number>
@@ -42,6 +44,16 @@ void add_number(CLI::App& verb, const std::string& name, Number& value, Number l
       ->default_str(std::to_string(value));
 }
 
+/// Adds an option for a number that has no value unless it is given.
+template <std::unsigned_integral Number>
+void add_optional_number(CLI::App& verb, const std::string& name, std::optional<Number>& value, Number lowest,
+                         Number highest, const std::string& description) {
+  const auto parse = [name, lowest, highest, &value](const std::string& text) {
+    value = parse_number(name, text, lowest, highest);
+  };
+  verb.add_option_function<std::string>(name, parse, description)->type_name("N");
+}
+
 /// Adds an option whose value is a name from a table. The name is made one line, so that errors can quote it.
 inline CLI::Option* add_name(CLI::App& verb, const std::string& name, std::string& value,
                              const std::string& description) {
@@ -49,6 +61,14 @@ inline CLI::Option* add_name(CLI::App& verb, const std::string& name, std::strin
       ->transform([](const std::string& text) { return one_line(text); })
       ->type_name("NAME")
       ->capture_default_str();
+}
+
+/// Adds an option whose value is the name of a file to write.
+inline void add_file(CLI::App& verb, const std::string& name, std::string& file,
+                     const std::string& description) {
+  verb.add_option(name, file, description)
+      ->check([](const std::string& text) { return text.empty() ? "name a file" : std::string(); }, "")
+      ->type_name("FILE");
 }
 
 inline void add_device(CLI::App& verb, std::string& device) {

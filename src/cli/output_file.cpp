@@ -69,7 +69,7 @@ void refuse_same_file(std::initializer_list<NamedFile> files) {
   for (const NamedFile* second = files.begin(); second != files.end(); ++second) {
     for (const NamedFile* first = files.begin(); first != second; ++first) {
       if (first->file == nullptr || second->file == nullptr) continue;
-      if (first->file->target() != second->file->target()) continue;
+      if (!first->file->is_replaced() || first->file->target() != second->file->target()) continue;
       throw Error(std::string(first->option) + " and " + std::string(second->option) + " name the same file");
     }
   }

@@ -29,6 +29,9 @@ class OutputFile {
   /// @throws Error as write() does.
   void commit();
 
+  /// Whether commit() replaces the target; if not, it is written in place.
+  [[nodiscard]] bool is_replaced() const noexcept { return !temporary_.empty(); }
+
   /// The absolute path of the target, symbolic links resolved.
   [[nodiscard]] const std::filesystem::path& target() const noexcept { return target_; }
 

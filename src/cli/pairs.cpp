@@ -95,11 +95,9 @@ Verb add_pairs(CLI::App& program) {
   add_name(*verb, "--algorithm", options->broad_phase.algorithm,
            "The algorithm that finds the pairs; see below");
   add_device(*verb, options->broad_phase.device);
-  verb->add_option(
-          "--out", options->out,
-          "Write the pairs here: .npy, shape (m, 2), uint32, one row per pair: the indices a < b of its "
-          "boxes; sorted by b, then by a")
-      ->type_name("FILE");
+  add_file(*verb, "--out", options->out,
+           "Write the pairs here: .npy, shape (m, 2), uint32, one row per pair: the indices a < b of its "
+           "boxes; sorted by b, then by a");
   std::string footer = "Algorithms:\n";
   for (const AlgorithmInfo& algorithm : algorithms()) footer += named_row(algorithm.name, algorithm.summary);
   verb->footer(footer);

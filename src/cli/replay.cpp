@@ -34,13 +34,11 @@
 namespace broadcl::cli {
 namespace {
 
-constexpr std::uint32_t all_frames = std::numeric_limits<std::int32_t>::max();
-
 struct ReplayOptions {
   std::filesystem::path file;
   std::string broadphase = "auto";
   std::string device;
-  std::uint32_t frames = all_frames;
+  std::optional<std::uint32_t> frames;
   std::string csv;
   std::string json;
   bool verify = false;
@@ -142,10 +140,10 @@ void open(std::optional<OutputFile>& out, const std::string& option, const std::
 
 Exit run_replay(const ReplayOptions& options) {
   RecordingReader recording(options.file);
-  if (options.frames != all_frames && options.frames > recording.frames()) {
+  const std::uint32_t frames = options.frames.value_or(recording.frames());
+  if (frames > recording.frames()) {
     throw Error("--frames: " + quoted(options.file) + " has only " + counted(recording.frames(), "frame"));
   }
-  const std::uint32_t frames = std::min(options.frames, recording.frames());
   std::optional<OutputFile> csv;
   std::optional<OutputFile> json;
   open(csv, "--csv", options.csv, options.file);
@@ -177,10 +175,11 @@ Verb add_replay(CLI::App& program) {
       ->type_name("");
   add_name(*verb, "--broadphase", options->broadphase, "The broad phase to time; see below");
   add_device(*verb, options->device);
-  add_number(*verb, "--frames", options->frames, 1U, all_frames, "Only the first N frames");
+  add_optional_number(*verb, "--frames", options->frames, 1U,
+                      std::uint32_t{std::numeric_limits<std::int32_t>::max()}, "Only the first N frames");
   verb->get_option("--frames")->default_str("all");
-  verb->add_option("--csv", options->csv, "Write the times of each frame here")->type_name("FILE");
-  verb->add_option("--json", options->json, "Write the summary here")->type_name("FILE");
+  add_file(*verb, "--csv", options->csv, "Write the times of each frame here");
+  add_file(*verb, "--json", options->json, "Write the summary here");
   verb->add_flag("--verify", options->verify,
                  "Compare the pairs of each frame with the oracle; not part of the times");
   verb->footer(broadphase_rows());

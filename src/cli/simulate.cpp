@@ -90,17 +90,15 @@ Verb add_simulate(CLI::App& program) {
       *verb, "--threads", simulation.threads, 1U, scenes::World::most_threads,
       "Number of threads that simulate, in Bullet's classes for several; more than 1 need a Bullet that "
       "was built with threads");
-  verb->add_option("--csv", options->csv, "Write the times of each frame here")->type_name("FILE");
-  verb->add_option("--json", options->json, "Write the summary here")->type_name("FILE");
-  verb->add_option("--trace", options->trace,
-                   "Write a trace of all frames here, for ui.perfetto.dev and chrome://tracing; measures "
-                   "the same as --profile")
-      ->type_name("FILE");
-  verb->add_option(
-          "--record", options->record,
-          "Write the boxes of all objects here, initially and after each frame, for 'broadcl replay': "
-          ".aabbs or .npy, shape (1 + frames, objects, 6)")
-      ->type_name("FILE");
+  add_file(*verb, "--csv", options->csv, "Write the times of each frame here");
+  add_file(*verb, "--json", options->json, "Write the summary here");
+  add_file(*verb, "--trace", options->trace,
+           "Write a trace of all frames here, for ui.perfetto.dev and chrome://tracing; measures the same as "
+           "--profile");
+  add_file(
+      *verb, "--record", options->record,
+      "Write the boxes of all objects here, initially and after each frame, for 'broadcl replay': .aabbs "
+      "or .npy, shape (1 + frames, objects, 6)");
   verb->add_flag("--profile", simulation.profile,
                  "Report the stages of the broad phase; this also measures device times, which "
                  "costs a few microseconds per frame");

@@ -181,7 +181,8 @@ std::string csv_report(const SimulationResult& result) {
 ordered_json versions() {
   const int bullet = btGetVersion();
   return {{"broadcl", BROADCL_VERSION_STRING},
-          {"bullet", std::to_string(bullet / 100) + "." + std::to_string(bullet % 100)}};
+          {"bullet",
+           std::to_string(bullet / 100) + (bullet % 100 < 10 ? ".0" : ".") + std::to_string(bullet % 100)}};
 }
 
 ordered_json facts(const SimulationConfig& config, const SimulationResult& result) {

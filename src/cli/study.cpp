@@ -249,7 +249,11 @@ Exit run_study(const StudyOptions& options) {
   const StudySettings settings = document ? settings_of(*document) : new_settings(options);
   const std::vector<Device> devices =
       chosen_devices(options, settings, document ? device_labels(*document) : std::vector<std::string>());
-  if (!options.frames_csv.empty()) (void)OutputFile(options.frames_csv);  // fails now if it cannot be written
+  std::optional<OutputFile> frames_csv;
+  if (!options.frames_csv.empty()) {
+    frames_csv.emplace(options.frames_csv);
+    folder.refuse_own("--frames-csv", frames_csv->target());
+  }
   const nlohmann::ordered_json before = document.value_or(nullptr);
   if (!document) document = new_document(settings);
   for (const Device& device : devices) add_device(*document, device);
@@ -265,10 +269,9 @@ Exit run_study(const StudyOptions& options) {
   const std::vector<std::string> failed =
       Measurement(folder, settings, devices).measure(in_random_order(runs, settings.seed));
   record_scenes(folder, settings);
-  if (!options.frames_csv.empty()) {
-    OutputFile frames(options.frames_csv);
-    folder.write_frames(frames);
-    frames.commit();
+  if (frames_csv) {
+    folder.write_frames(*frames_csv);
+    frames_csv->commit();
   }
   std::cout << study_report(folder, settings, runs);
   if (failed.empty()) return Exit::success;
@@ -299,16 +302,6 @@ void add_list(CLI::App& verb, const std::string& name, std::optional<std::vector
   verb.add_option_function<std::string>(name, split, description)->type_name(type);
 }
 
-/// Adds an option for a number that has no value unless it is given.
-template <class Number>
-void add_optional_number(CLI::App& verb, const std::string& name, std::optional<Number>& value, Number lowest,
-                         Number highest, const std::string& description) {
-  const auto parse = [name, lowest, highest, &value](const std::string& text) {
-    value = parse_number(name, text, lowest, highest);
-  };
-  verb.add_option_function<std::string>(name, parse, description)->type_name("N");
-}
-
 /// "NAME=N"
 StudyLimit parse_limit(const std::string& text) {
   const std::size_t mark = text.rfind('=');
@@ -320,8 +313,6 @@ StudyLimit parse_limit(const std::string& text) {
           .objects = parse_number("--most", text.substr(mark + 1), 1U, most_objects),
           .why = {}};
 }
-
-constexpr std::uint32_t most_repeats = 1000;
 
 std::string study_footer() {
   std::string text =
@@ -364,9 +355,8 @@ Verb add_study(CLI::App& program) {
       ->check([](const std::string& name) { return name.empty() ? "name a folder" : std::string(); }, "")
       ->type_name("DIR")
       ->capture_default_str();
-  verb->add_option("--frames-csv", options->frames_csv,
-                   "Write all frames of all runs in the folder here, one row per frame")
-      ->type_name("FILE");
+  add_file(*verb, "--frames-csv", options->frames_csv,
+           "Write all frames of all runs in the folder here, one row per frame");
   verb->footer(study_footer());
   return {verb, [options] { return run_study(*options); }};
 }

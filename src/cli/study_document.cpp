@@ -5,6 +5,7 @@
 #include <chrono>
 #include <thread>
 
+#include "cli/arguments.hpp"
 #include "cli/json.hpp"
 #include "cli/simulation.hpp"
 #include "cli/text.hpp"
@@ -84,6 +85,17 @@ ordered_json new_document(const StudySettings& settings) {
         {{"broadphase", limit.broadphase}, {"objects", limit.objects}, {"why", limit.why}});
   }
   return document;
+}
+
+bool has_sound_numbers(const ordered_json& document) {
+  const auto is_in = [](const ordered_json& number, std::uint64_t lowest, std::uint64_t highest) {
+    return number.is_number_unsigned() && number >= lowest && number <= highest;
+  };
+  const ordered_json& objects = document.at("objects");
+  return is_in(document.at("frames"), 2, most_frames) && is_in(document.at("repeat"), 1, most_repeats) &&
+         document.at("seed").is_number_unsigned() && !objects.empty() &&
+         std::ranges::all_of(objects, [&](const ordered_json& n) { return is_in(n, 1, most_objects); }) &&
+         !document.at("scenarios").empty() && !document.at("broadphases").empty();
 }
 
 StudySettings settings_of(const ordered_json& document) {

@@ -14,6 +14,10 @@ namespace broadcl::cli {
 /// The document of a study that begins here and now. It has no devices yet.
 [[nodiscard]] nlohmann::ordered_json new_document(const StudySettings& settings);
 
+/// @returns Whether the document, which somebody may have edited, has a size that a study can have.
+/// @throws nlohmann::json::exception if something is missing.
+[[nodiscard]] bool has_sound_numbers(const nlohmann::ordered_json& document);
+
 /// The settings of the study.
 /// @throws nlohmann::json::exception if something is missing.
 [[nodiscard]] StudySettings settings_of(const nlohmann::ordered_json& document);

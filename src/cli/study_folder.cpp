@@ -72,13 +72,26 @@ std::optional<nlohmann::ordered_json> StudyFolder::read_document() const {
     if (document.at("format") != 1) {
       throw Error(quoted(path) + " was written by another version; name another folder with --out");
     }
-    const StudySettings settings = settings_of(document);
-    (void)planned_runs(settings, device_labels(document));
-    if (settings.frames < 2) throw Error(quoted(path) + " is damaged; name another folder with --out");
+    if (!has_sound_numbers(document)) {
+      throw Error(quoted(path) + " is damaged; name another folder with --out");
+    }
+    (void)planned_runs(settings_of(document), device_labels(document));
+    (void)difference_from_here(document);
     return document;
   } catch (const nlohmann::json::exception& error) {
     throw Error(quoted(path) + " is damaged (" + one_line(error.what()) +
                 "); name another folder with --out");
+  }
+}
+
+void StudyFolder::refuse_own(const std::string& option, const fs::path& file) const {
+  std::error_code ignored;
+  const fs::path folder = fs::weakly_canonical(folder_, ignored);
+  const fs::path there = file.parent_path();
+  const bool is_table =
+      there == folder && (file.filename() == "study.json" || file.filename() == "study.csv");
+  if (is_table || there == folder / "runs" || there == folder / "recordings") {
+    throw Error(option + " names a file of the study itself; name another");
   }
 }
 

@@ -29,6 +29,10 @@ class StudyFolder {
   /// @throws Error if it cannot be read, is damaged or of another format, or if there are runs without it.
   [[nodiscard]] std::optional<nlohmann::ordered_json> read_document() const;
 
+  /// @param file Absolute, without symbolic links.
+  /// @throws Error naming the option if the study writes this file itself.
+  void refuse_own(const std::string& option, const std::filesystem::path& file) const;
+
   /// Makes the folder if it does not exist, locks it against other studies, and writes study.json.
   /// @throws Error if it cannot be written, or if another study has locked the folder.
   void write_document(const nlohmann::ordered_json& document);
