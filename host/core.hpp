@@ -140,9 +140,9 @@ class Core {
 
   Delta finish() {
     begin();
-    was_asked_ = is_in_flight_;
     Delta delta;
     if (is_in_flight_) or_roll_back([&] { delta = algorithm_->finish(); });
+    was_asked_ = is_in_flight_;
     boxes_ = algorithm_->boxes();
     flight_.clear();
     is_in_flight_ = is_begun_ = false;

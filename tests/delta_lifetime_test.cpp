@@ -92,7 +92,11 @@ TEST_P(EachAlgorithm, KeptDeltasOutliveUpdatesAndTheObject) {
 /// The lists are told apart by their capacity, since freed memory may be allocated again.
 TEST(ChangeLists, AreThoseOfAnEarlierUpdateThatNobodyKeeps) {
   ChangeLists lists;
-  const auto next_capacity = [&] { return lists.next().added.capacity(); };
+  const auto next_capacity = [&] {
+    const std::size_t capacity = lists.next().added.capacity();
+    lists.commit();
+    return capacity;
+  };
   lists.next().added.reserve(10);
   EXPECT_EQ(next_capacity(), 10U);
   std::shared_ptr<const void> kept = lists.owner();
@@ -102,6 +106,15 @@ TEST(ChangeLists, AreThoseOfAnEarlierUpdateThatNobodyKeeps) {
   EXPECT_EQ(next_capacity(), 10U);
   const std::shared_ptr<const void> kept_too = lists.owner();
   EXPECT_EQ(next_capacity(), 0U);
+}
+
+TEST(ChangeLists, OfAnUpdateThatFailsAreNotThoseOfTheLastOne) {
+  ChangeLists lists;
+  lists.next().added.push_back({1, 2});
+  lists.commit();
+  const std::shared_ptr<const void> kept = lists.owner();
+  EXPECT_TRUE(lists.next().added.empty());
+  EXPECT_EQ(lists.owner(), kept);
 }
 
 TEST_P(EachAlgorithm, MemoryOfDeltasThatNobodyKeepsIsUsedAgain) {

@@ -20,9 +20,15 @@ class ChangeLists {
   /// The lists for this update: those of an earlier update if nobody keeps them, otherwise new ones.
   /// @throws std::bad_alloc
   [[nodiscard]] Lists& next() {
-    if (is_kept(lists_)) std::swap(lists_, others_);
-    if (lists_ == nullptr || is_kept(lists_)) lists_ = std::make_shared<Lists>();
-    return *lists_;
+    are_others_next_ = is_kept(lists_);
+    std::shared_ptr<Lists>& next = are_others_next_ ? others_ : lists_;
+    if (next == nullptr || is_kept(next)) next = std::make_shared<Lists>();
+    return *next;
+  }
+
+  /// The update succeeded.
+  void commit() noexcept {
+    if (std::exchange(are_others_next_, false)) lists_.swap(others_);
   }
 
   /// An owner of the lists of the last update, if there was one.
@@ -30,6 +36,7 @@ class ChangeLists {
 
  private:
   std::shared_ptr<Lists> lists_, others_;
+  bool are_others_next_ = false;
 };
 
 }  // namespace broadcl

@@ -88,6 +88,7 @@ class GpuBf final : public Algorithm {
     if (current_pairs_ > 0) objects_.commit();
     std::swap(previous_, current_);
     previous_pairs_ = current_pairs_;
+    lists_.commit();
     return {added, removed};
   }
 

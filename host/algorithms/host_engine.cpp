@@ -59,6 +59,7 @@ class HostEngine final : public Algorithm {
       compare(pairs_.all(), found_, changes_.recycled, added, removed);
       pairs_.swap(found_);
     }
+    lists_.commit();
     return {added, removed};
   }
 

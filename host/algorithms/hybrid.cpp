@@ -92,6 +92,7 @@ class Hybrid final : public Algorithm {
       learn(seconds_ + seconds_since(start));
     }
     // Nothing below throws.
+    lists_.commit();
     is_delta_own_ = has_changed_;
     has_changed_ = false;
     was_updated_ = true;
@@ -149,7 +150,7 @@ class Hybrid final : public Algorithm {
     }
     const double on_host = seconds_on_host(changes_.slots, changed_slots());
     if (device_ == nullptr) {
-      slow_updates_ = on_host > worth_opening ? slow_updates_ + 1 : 0;
+      slow_updates_ = on_host > worth_opening ? std::min(slow_updates_ + 1, updates_until_opening) : 0;
       if (slow_updates_ >= updates_until_opening && open_)
         opening_ = std::async(std::launch::async, std::exchange(open_, {}));
       return;

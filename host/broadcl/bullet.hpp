@@ -32,8 +32,9 @@ inline namespace float64 {
 /// callback or its class is not one of Bullet's: then every overlapping pair is offered to the cache. Every
 /// pair enters the cache through addOverlappingPair(). A pair that the cache refuses, or that somebody
 /// removed from it, is offered again by the next calculation after one of its two proxies got another box,
-/// group or mask. If the callback is set, cleared or replaced, the cache decides about every overlapping pair
-/// again.
+/// group or mask. (Removals by others are noticed by the number of pairs in the cache, so not if as many are
+/// added in the same step.) If the callback is set, cleared or replaced, the cache decides about every
+/// overlapping pair again.
 ///
 /// If Bullet is built for double precision (BT_USE_DOUBLE_PRECISION, the target broadcl::bullet-float64), the
 /// device has boxes in float32 that are rounded outward: all pairs of the exact boxes are found, and also
@@ -46,7 +47,8 @@ inline namespace float64 {
 /// is reported, pairs may be missing or outdated, and the next calculation compares all pairs with the cache;
 /// further failures are not reported until that has succeeded. If createProxy(), destroyProxy() or begin()
 /// throws std::bad_alloc, it has changed nothing; destroyProxy() throws only if memory is exhausted twice in
-/// a row after begin(). Queries need no memory.
+/// a row after begin(). Queries need no memory but that of Bullet's allocator, which Bullet never expects to
+/// fail.
 ///
 /// The cost of a calculation depends on what changed since the last one; in addition, it reads each proxy's
 /// group and mask.
