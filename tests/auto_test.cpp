@@ -129,6 +129,15 @@ TEST(Auto, AStageTellsWhichIsAsked) {
   }
 }
 
+/// A GPU that needs the launch parameters of CPUs must not seem to take no time: until then, the host does
+/// the updates.
+TEST(Auto, KnowsTheCostOnAGpuWithTheProfileOfCpus) {
+  Device device = select_device();
+  device.type = DeviceType::gpu;
+  const opencl::Context context(device, false, {}, opencl::Tuning::cpu);
+  EXPECT_GT(make_auto(context)->expected_seconds(100, 100), 0);
+}
+
 /// Every box overlaps all others, so testing all pairs is no worse: `tiles` is given up as soon as its work
 /// is known.
 NOT_IN(gpu_profile | rusticl | sanitizers, "takes long");

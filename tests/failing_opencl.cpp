@@ -27,6 +27,7 @@ std::atomic<const char*> last_name = "";  // of those that failed
 std::atomic<cl_command_queue> last_queue = nullptr;
 std::atomic<long> blocking_calls = 0;
 std::atomic<long> memory_references = 0;
+std::atomic<long> programs_built = 0;
 std::atomic<long> mapped_regions = 0;
 
 constinit thread_local int depth = 0;  // of OpenCL calls
@@ -169,6 +170,7 @@ struct Watched<name, Result(Arguments...)> {
     if constexpr (text == "clCreateBuffer") memory_references += result != nullptr ? 1 : 0;
     if constexpr (text == "clRetainMemObject") memory_references += result == CL_SUCCESS ? 1 : 0;
     if constexpr (text == "clReleaseMemObject") memory_references -= result == CL_SUCCESS ? 1 : 0;
+    if constexpr (text == "clBuildProgram") programs_built += result == CL_SUCCESS ? 1 : 0;
     if constexpr (text == "clEnqueueMapBuffer") mapped_regions += result != nullptr ? 1 : 0;
     if constexpr (text == "clEnqueueUnmapMemObject") mapped_regions -= result == CL_SUCCESS ? 1 : 0;
   }
@@ -197,7 +199,8 @@ std::string_view FailingOpenCl::last_failed() noexcept {
 OpenClUse opencl_use() noexcept {
   return {.blocking_calls = blocking_calls,
           .memory_references = memory_references,
-          .mapped_regions = mapped_regions};
+          .mapped_regions = mapped_regions,
+          .programs_built = programs_built};
 }
 
 void wait_for_last_queue() {

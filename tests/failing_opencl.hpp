@@ -28,6 +28,7 @@ struct OpenClUse {
   long blocking_calls = 0;     ///< Calls that waited for the device.
   long memory_references = 0;  ///< To memory objects: one per creation and retain, less one per release.
   long mapped_regions = 0;     ///< Mappings, less those that have ended.
+  long programs_built = 0;
 };
 [[nodiscard]] OpenClUse opencl_use() noexcept;
 

@@ -13,9 +13,12 @@
 
 #include <gtest/gtest.h>
 
+#include "algorithms/device_objects.hpp"
+#include "algorithms/engine.hpp"
 #include "cli/npy.hpp"
 #include "device_life.hpp"
 #include "each_algorithm.hpp"
+#include "packed_box.hpp"
 #include "scenes/generators.hpp"
 #include "scenes/random.hpp"
 
@@ -309,6 +312,31 @@ TEST(SweepAndPrune, BoxesThatAllLeapAreSortedAtOnce) {
   EXPECT_LT(slowest, 8 * first);
 }
 
+/// After a frame of two sets, one without worlds and sets has an order of its own.
+NOT_IN(sanitizers, "measures time");
+TEST(SweepAndPrune, AMovedBoxIsSearchedAloneAlsoAfterTwoSets) {
+  constexpr std::uint32_t n = 100'000;
+  const scenes::MovingBoxes scene(n, scenes::MovingBoxes::Sizes::uniform);
+  BroadPhase broad_phase({.algorithm = "sweep-and-prune", .threads = 1});
+  for (std::uint32_t k = 0; k < n; ++k) {
+    broad_phase.add(scene.boxes()[k], k % 2 == 0 ? first_set : second_set);
+  }
+  const auto seconds_of_update = [&] {
+    const auto start = std::chrono::steady_clock::now();
+    (void)broad_phase.update();
+    return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  };
+  (void)broad_phase.update();
+  for (std::uint32_t k = 0; k < n; ++k) broad_phase.set_filter(k, {});
+  const double of_all = seconds_of_update();
+  double of_one = of_all;
+  for (int k = 0; k < 5; ++k) {
+    broad_phase.move(0, scene.boxes()[static_cast<std::size_t>(k) + 1]);
+    of_one = std::min(of_one, seconds_of_update());
+  }
+  EXPECT_LT(of_one, of_all / 10);
+}
+
 /// The pairs that an update finds, and how often it built the tree of tiles.
 struct Frame {
   Pairs pairs;
@@ -370,6 +398,25 @@ TEST(Tiles, BoxesInABufferThatAllLeapAreSortedAtOnce) {
     (void)broad_phase.update({.buffer = buffer(), .count = boxes.size()});
     return {queue.read(broad_phase.pairs()), builds(broad_phase.profile())};
   });
+}
+
+/// Large boxes fill a few tiles, whatever else there is: every tile visits those.
+ALSO_IN(gpu_profile);
+TEST(Tiles, LargeBoxesDoNotShareTilesWithEmptyOnes) {
+  constexpr cl_uint n = 8192;
+  constexpr cl_uint large = 64;
+  const opencl::Context context(select_device(), false);
+  opencl::Profiler profiler(false);
+  DeviceObjects objects(context, profiler);
+  objects.reserve(n, false);
+  std::ranges::fill(objects.boxes(), packed_empty());
+  for (cl_uint k = 0; k < large; ++k) objects.boxes()[k * (n / large)] = unit;
+  Engine engine(context, profiler, make_tiles, Order::Target::host);
+  engine.prepare();
+  engine.begin(objects.upload({.slots = n, .all = true}));
+  const PairDelta::Counts counts = engine.finish();
+  EXPECT_EQ(counts.added, large * (large - 1) / 2);
+  EXPECT_LT(counts.work, 2500U);  // 4,400 and more if they do
 }
 
 /// More boxes than fit below one root. Ids are scattered; each box touches the next along x, and no other.
