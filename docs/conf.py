@@ -25,3 +25,4 @@ html_theme = "furo"
 html_title = f"BroadCL {release}"
 html_copy_source = False
 html_show_sourcelink = False
+html_show_copyright = False

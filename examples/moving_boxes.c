@@ -22,8 +22,8 @@ static void print(int frame, const char* verb, broadcl_pairs pairs) {
 }
 
 static void move_a_box_past_others(void) {
-  broadcl_config config = {
-      .size = sizeof config}; /* all default: starts on the host, moves to the best GPU when that is faster */
+  /* All default: starts on the host, moves to the best GPU when that is faster. */
+  broadcl_config config = {.size = sizeof config};
   broadcl_broad_phase* broad_phase = NULL;
   check(broadcl_broad_phase_create(&config, &broad_phase));
   uint32_t id = 0;

@@ -131,6 +131,7 @@ TEST(Auto, AStageTellsWhichIsAsked) {
 
 /// A GPU that needs the launch parameters of CPUs must not seem to take no time: until then, the host does
 /// the updates.
+NOT_IN(sanitizers, "measures time");
 TEST(Auto, KnowsTheCostOnAGpuWithTheProfileOfCpus) {
   Device device = select_device();
   device.type = DeviceType::gpu;
