@@ -16,7 +16,8 @@
    together are written together. It sorts by RANK_BITS bits at a time: each work-item counts its VALUES elements in
    private counters, whose prefix sums are ranks (as Merrill and Grimshaw do, with two counters per word).
 
-   radix_sort_small sorts few elements by a whole range of bits in one launch, with one work-group.
+   Few elements are sorted by a whole range of bits in one or two launches: radix_sort_small sorts each tile,
+   radix_sort_merge merges all tiles at once, by ranks (as Satish, Harris and Garland merge two).
 
    With GROUP 1 a single work-item processes a block, with private counters and neither local memory nor barriers. Then
    only the most significant digit is sorted by in this way. That splits the elements into buckets that fit into a
@@ -28,6 +29,7 @@
 #error "two uints are sorted as one number, which takes a little-endian device"
 #endif
 
+#include "inline.h"
 #include "scan.h"
 
 #ifndef DIGIT_BITS
@@ -58,8 +60,8 @@ static inline uint digit_of(const ulong element, const uint first, const uint bi
 
 /* Moves the k-th element of each work-item to index ranks[k] of the tile, then reads those at first, first + step, ...
  */
-static inline void exchange(ulong elements[VALUES], const uint ranks[VALUES], const uint first, const uint step,
-                            local uint* pool) {
+INLINE void exchange(ulong elements[VALUES], const uint ranks[VALUES], const uint first, const uint step,
+                     local uint* pool) {
   uint2 words[VALUES];
   barrier(CLK_LOCAL_MEM_FENCE);
 #pragma unroll
@@ -79,8 +81,8 @@ static inline void exchange(ulong elements[VALUES], const uint ranks[VALUES], co
 
 /* The indices of the elements of this work-item in the tile's stable order by a digit of at most RANK_BITS bits, if
    work-items hold VALUES consecutive elements each. */
-static inline void rank_tile(const ulong elements[VALUES], uint ranks[VALUES], const uint first, const uint bits,
-                             local uint* pool, local uint* scan_pool) {
+INLINE void rank_tile(const ulong elements[VALUES], uint ranks[VALUES], const uint first, const uint bits,
+                      local uint* pool, local uint* scan_pool) {
   const uint item = (uint)get_local_id(0);
   barrier(CLK_LOCAL_MEM_FENCE);
 #pragma unroll
@@ -128,8 +130,8 @@ static inline void load_tile(ulong elements[VALUES], global const ulong* restric
 }
 
 /* Sorts the tile by a range of bits. Work-items hold elements that are GROUP apart, before and after. */
-static inline void sort_tile(ulong elements[VALUES], const uint first, const uint bits, local uint* pool,
-                             local uint* scan_pool) {
+INLINE void sort_tile(ulong elements[VALUES], const uint first, const uint bits, local uint* pool,
+                      local uint* scan_pool) {
   const uint item = (uint)get_local_id(0);
   uint ranks[VALUES];
 #pragma unroll
@@ -184,8 +186,8 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void radix_sort_count(
 #endif
 /* The indices at which the elements of each digit of a block begin. (No `restrict`: Oclgrind 21.10 does not know what
    remains of it after inlining.) */
-static inline void load_starts(local uint* starts, global const uint* counts, const bool is_scanned, const uint block,
-                               const uint digits, local uint* scan_pool) {
+INLINE void load_starts(local uint* starts, global const uint* counts, const bool is_scanned, const uint block,
+                        const uint digits, local uint* scan_pool) {
   const uint digit = (uint)get_local_id(0);
   const uint blocks = (uint)get_num_groups(0);
   global const uint* own = counts + min(digit, digits - 1U) * blocks;
@@ -247,20 +249,66 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void radix_sort_scatte
   }
 }
 
-/* Sorts n <= TILE elements by a range of bits, with one work-group. Local memory is all the scratch it needs. */
+/* Sorts each tile by a range of bits, one work-group per tile. If there is only one, both buffers may be the same. */
 kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void radix_sort_small(
-    const uint n, const uint first, const uint bits, global ulong* elements, global ulong* scratch) {
-  (void)scratch;
+    const uint n, const uint first, const uint bits, global ulong* source, global ulong* target) {
   local uint pool[POOL];
   local uint scan_pool[SCAN_POOL];
+  const uint tile = (uint)get_group_id(0) * TILE;
   ulong own[VALUES];
-  load_tile(own, elements, 0, n);
+  load_tile(own, source, tile, n);
   sort_tile(own, first, bits, pool, scan_pool);
 #pragma unroll
   for (uint k = 0; k < VALUES; ++k) {
-    const uint place = k * GROUP + (uint)get_local_id(0);
-    if (place < n) elements[place] = own[k];
+    const uint place = tile + k * GROUP + (uint)get_local_id(0);
+    if (place < n) target[place] = own[k];
   }
+}
+
+#define SEARCHES 8U /* at the same time, per work-item: each of them mostly waits for memory */
+
+/* The bits of an element, as a number. */
+static inline ulong key_of(const ulong element, const uint first, const uint bits) {
+  return element >> first & ~0UL >> (64U - bits);
+}
+
+/* Merges sorted tiles: the index of an element is the sum over all tiles of the elements there that come before it,
+   which a work-item finds by binary search. */
+kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void radix_sort_merge(
+    const uint n, const uint first, const uint bits, global const ulong* restrict source,
+    global ulong* restrict target) {
+  const uint own = (uint)get_global_id(0);
+  if (own >= n) return;
+  const ulong element = source[own];
+  const ulong key = key_of(element, first, bits);
+  uint before = own % TILE;
+  for (uint tile = 0; tile * TILE < n; tile += SEARCHES) {
+    uint counts[SEARCHES]; /* elements of each tile that come before */
+#pragma unroll
+    for (uint i = 0; i < SEARCHES; ++i) counts[i] = 0;
+    for (uint step = TILE; step > 0; step /= 2U) {
+      ulong keys[SEARCHES];
+#pragma unroll
+      for (uint i = 0; i < SEARCHES; ++i) {
+        const uint last = (tile + i) * TILE + counts[i] + step - 1U;
+        keys[i] = key_of(source[min(last, n - 1U)], first, bits);
+      }
+#pragma unroll
+      for (uint i = 0; i < SEARCHES; ++i) {
+        const uint last = (tile + i) * TILE + counts[i] + step - 1U;
+        const uint end = tile + i == own / TILE ? 0U : min(n, (tile + i + 1U) * TILE);
+        /* (Not by && or ||, because compilers then load one key after the other.) */
+        const uint is_less = keys[i] < key ? 1U : 0U;
+        const uint is_equal = keys[i] == key ? 1U : 0U;
+        const uint is_earlier = tile + i < own / TILE ? 1U : 0U;
+        const uint is_inside = last < end ? 1U : 0U;
+        counts[i] += step * (is_inside & (is_less | (is_equal & is_earlier)));
+      }
+    }
+#pragma unroll
+    for (uint i = 0; i < SEARCHES; ++i) before += counts[i];
+  }
+  target[before] = element;
 }
 
 #else

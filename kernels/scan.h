@@ -1,6 +1,7 @@
 /* The exclusive prefix sum of one value per work-item over a work-group. */
 #ifndef BROADCL_SCAN_H
 #define BROADCL_SCAN_H
+#include "inline.h"
 
 #ifndef GROUP
 #define GROUP 256 /* work-items per work-group; with 1 there is no barrier */
@@ -9,7 +10,7 @@
 
 /* Returns the sum (modulo 2^32) of the values of the work-items before this one; `total` becomes that of all. Every
    work-item of the group must call it. In log2(GROUP) steps: Hillis and Steele 1986, "Data Parallel Algorithms". */
-static inline uint scan_group(const uint value, uint* total, local uint* scan_pool) {
+INLINE uint scan_group(const uint value, uint* total, local uint* scan_pool) {
 #if GROUP == 1
   (void)scan_pool;
   *total = value;

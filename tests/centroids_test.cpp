@@ -89,7 +89,7 @@ class CentroidBoundsOf : public ::testing::TestWithParam<std::string> {
 
 ALSO_IN(oclgrind);
 TEST_P(CentroidBoundsOf, SmallSetsOfEachSize) {
-  for (const std::size_t n : {0U, 1U, 2U, 3U, 63U, 64U, 65U, 127U, 129U}) expect(random_boxes(n));
+  for (const std::size_t n : {0U, 1U, 2U, 3U, 63U, 64U, 65U, 127U, 129U, 1U, 0U, 2U}) expect(random_boxes(n));
 }
 
 TEST_P(CentroidBoundsOf, SetsOfEachSize) {

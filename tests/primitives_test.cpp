@@ -103,6 +103,19 @@ void expect_sorted(const Context& context, RadixSort& sort, std::vector<Element>
       << "element " << wrong.first - elements.begin() << " is " << *wrong.second;
 }
 
+/// Runs a test with the kernels of each tuning profile, with that for GPUs both as it is and without the
+/// launches for few elements.
+void with_each_sort(const std::function<void(const Context&, RadixSort&)>& test) {
+  with_both_profiles([&](const Context& context) {
+    RadixSort sort(context);
+    test(context, sort);
+    if (context.tuning() == Tuning::cpu) return;
+    SCOPED_TRACE("by digits");
+    RadixSort by_digits(context, 0);
+    test(context, by_digits);
+  });
+}
+
 /// {value, key}: the value is the position, which shows whether the sort is stable.
 std::vector<Element> numbered(std::size_t n, const std::function<std::uint32_t(std::size_t)>& key) {
   std::vector<Element> elements(n);
@@ -174,8 +187,7 @@ TEST(Scan, NineMillion) {
 
 ALSO_IN(oclgrind);
 TEST(RadixSort, SmallListsOfEachSize) {
-  with_both_profiles([](const Context& context) {
-    RadixSort sort(context);
+  with_each_sort([](const Context& context, RadixSort& sort) {
     for (const std::size_t n : {0U, 1U, 2U, 31U, 32U, 33U, 255U, 256U, 257U, 511U}) {
       expect_sorted(context, sort, random_elements(n), {{28, 9}});
     }
@@ -185,15 +197,13 @@ TEST(RadixSort, SmallListsOfEachSize) {
 /// The fewest elements that need several blocks.
 ALSO_IN(oclgrind | oclgrind_gpu_profile);
 TEST(RadixSort, SmallestListsOfSeveralBlocks) {
-  with_both_profiles([](const Context& context) {
-    RadixSort sort(context);
+  with_each_sort([](const Context& context, RadixSort& sort) {
     expect_sorted(context, sort, random_elements(4097), {{61, 3}, {30, 6}});
   });
 }
 
 TEST(RadixSort, ListsOfEachSize) {
-  with_both_profiles([](const Context& context) {
-    RadixSort sort(context);
+  with_each_sort([](const Context& context, RadixSort& sort) {
     for (const std::size_t n :
          {3583U, 3584U, 3585U, 4095U, 4096U, 4097U, 8191U, 12'345U, 54'321U, 100'000U}) {
       expect_sorted(context, sort, random_elements(n), by_key);
@@ -202,9 +212,8 @@ TEST(RadixSort, ListsOfEachSize) {
 }
 
 TEST(RadixSort, ElementsInEachOrderStayStable) {
-  with_both_profiles([](const Context& context) {
-    RadixSort sort(context);
-    for (const std::uint32_t n : {3001U, 20'003U}) {
+  with_each_sort([](const Context& context, RadixSort& sort) {
+    for (const std::uint32_t n : {3001U, 40'003U}) {
       const auto by = [&](const char* order, const std::function<std::uint32_t(std::size_t)>& key) {
         SCOPED_TRACE(order);
         expect_sorted(context, sort, numbered(n, key), by_key);
@@ -222,9 +231,8 @@ TEST(RadixSort, ElementsInEachOrderStayStable) {
 }
 
 TEST(RadixSort, RangesOfAnyBits) {
-  with_both_profiles([](const Context& context) {
-    RadixSort sort(context);
-    for (const std::size_t n : {2000U, 9999U}) {
+  with_each_sort([](const Context& context, RadixSort& sort) {
+    for (const std::size_t n : {2000U, 9999U, 33'333U}) {
       for (const Keys& keys :
            {Keys{}, Keys{{5, 0}}, Keys{{0, 1}}, Keys{{63, 1}}, Keys{{7, 5}}, Keys{{25, 13}}, Keys{{0, 17}},
             Keys{{0, 64}}, Keys{{0, 13}, {32, 13}}, Keys{{32, 13}, {0, 13}}, Keys{{40, 3}, {20, 0}, {2, 9}},
@@ -241,12 +249,11 @@ TEST(RadixSort, RangesOfAnyBits) {
 
 /// Sorts with one object that follow each other without a wait.
 TEST(RadixSort, SortsInARowDoNotDisturbEachOther) {
-  with_both_profiles([](const Context& context) {
-    RadixSort sort(context);
-    const cl::Buffer scratch(context.context(), CL_MEM_READ_WRITE, 20'000 * sizeof(Element));
+  with_each_sort([](const Context& context, RadixSort& sort) {
+    const cl::Buffer scratch(context.context(), CL_MEM_READ_WRITE, 40'000 * sizeof(Element));
     std::vector<std::vector<Element>> lists;
     std::vector<cl::Buffer> buffers;
-    for (const std::size_t n : {20'000U, 300U, 8192U, 4097U}) {
+    for (const std::size_t n : {40'000U, 300U, 8192U, 4097U}) {
       lists.push_back(random_elements(n));
       buffers.push_back(to_device(context, lists.back()));
     }
@@ -262,20 +269,21 @@ TEST(RadixSort, SortsInARowDoNotDisturbEachOther) {
 /// More than one work-item can process on some devices: see split_into_blocks.
 NOT_IN(sanitizers, "takes long");
 TEST(RadixSort, ThreeMillion) {
-  with_both_profiles([](const Context& context) {
-    RadixSort sort(context);
+  with_each_sort([](const Context& context, RadixSort& sort) {
     expect_sorted(context, sort,
                   numbered(3'000'000, [](std::size_t k) { return ~static_cast<std::uint32_t>(k); }),
                   {{32, 6}});
   });
 }
 
-/// The longest lists that are sorted in one launch, by all bits.
-TEST(RadixSort, LongestListsOfOneLaunchByAllBits) {
+/// The longest lists that are sorted in few launches, and one element more, by all bits.
+TEST(RadixSort, AroundTheLongestListsOfFewLaunchesByAllBits) {
   with_both_profiles([](const Context& context) {
     RadixSort sort(context);
-    const std::size_t n = context.tuning() == Tuning::cpu ? 3584 : 4096;
-    expect_sorted(context, sort, random_elements(n), {{0, 64}});
+    const std::size_t longest = context.tuning() == Tuning::cpu ? 3584 : 65536;
+    for (const std::size_t n : {longest, longest + 1}) {
+      expect_sorted(context, sort, random_elements(n), {{0, 64}});
+    }
   });
 }
 

@@ -16,10 +16,10 @@ constexpr std::size_t longest_sorted_block = 8 * sort_tile;
 /// Approximate number of elements per bucket: enough that counters cost little in comparison.
 constexpr std::size_t bucket = 2048;
 
-/// Up to this many elements are sorted in one launch per range of bits. (On a CPU, one work-item goes through
-/// all of them 16 times for a range of 64 bits: see split_into_blocks.)
-std::size_t most_small(const Context& context) {
-  return context.tuning() == Tuning::cpu ? 3584 : sort_tile;
+/// Up to this many elements are few. (On a CPU, one work-item goes through all of them 16 times for a range
+/// of 64 bits: see split_into_blocks. On a GPU, merging searches each tile for each element.)
+std::size_t default_most_few(const Context& context) {
+  return context.tuning() == Tuning::cpu ? 3584 : 16 * sort_tile;
 }
 
 /// Up to this many blocks, it takes a GPU less time to add up the counts in each work-group than to launch
@@ -28,19 +28,38 @@ constexpr std::size_t most_unscanned = 64;
 
 }  // namespace
 
-RadixSort::RadixSort(const Context& context) : context_(context), scan_(context) {
+RadixSort::RadixSort(const Context& context) : RadixSort(context, default_most_few(context)) {}
+
+RadixSort::RadixSort(const Context& context, std::size_t most_few)
+    : context_(context), most_few_(most_few), scan_(context) {
   const cl::Program program = primitives(context);
   const std::size_t group = primitives_group(context);
   count_ = context.kernel(program, "radix_sort_count", group);
   scatter_ = context.kernel(program, "radix_sort_scatter", group);
   small_ = context.kernel(program, "radix_sort_small", group);
-  if (context.tuning() == Tuning::cpu) buckets_ = context.kernel(program, "radix_sort_buckets", group);
+  if (context.tuning() == Tuning::cpu) {
+    buckets_ = context.kernel(program, "radix_sort_buckets", group);
+  } else {
+    merge_ = context.kernel(program, "radix_sort_merge", group);
+  }
 }
 
-void RadixSort::enqueue_small(const cl::Buffer& elements, const cl::Buffer& scratch, cl_uint n, Bits key) {
-  set_arguments(small_, 0, n, cl_uint{key.first}, cl_uint{key.count}, elements, scratch);
-  context_.queue().enqueueNDRangeKernel(small_, cl::NullRange, cl::NDRange(primitives_group(context_)),
-                                        cl::NDRange(primitives_group(context_)));
+void RadixSort::enqueue_few(const cl::Buffer& elements, const cl::Buffer& scratch, cl_uint n, Bits key) {
+  const std::size_t group = primitives_group(context_);
+  const auto enqueue = [&](cl::Kernel& kernel, std::size_t groups, const cl::Buffer& from,
+                           const cl::Buffer& to) {
+    set_arguments(kernel, 0, n, cl_uint{key.first}, cl_uint{key.count}, from, to);
+    context_.queue().enqueueNDRangeKernel(kernel, cl::NullRange, cl::NDRange(groups * group),
+                                          cl::NDRange(group));
+  };
+  if (context_.tuning() == Tuning::cpu) {
+    enqueue(small_, 1, elements, scratch);
+  } else if (n <= sort_tile) {
+    enqueue(small_, 1, elements, elements);
+  } else {
+    enqueue(small_, divide_up(n, sort_tile), elements, scratch);
+    enqueue(merge_, divide_up(n, group), scratch, elements);
+  }
 }
 
 void RadixSort::enqueue_pass(const cl::Buffer& source, const cl::Buffer& target, cl_uint n, Blocks blocks,
@@ -98,9 +117,9 @@ void RadixSort::enqueue(const cl::Buffer& elements, const cl::Buffer& scratch, s
                         std::span<const Bits> keys) {
   if (n < 2) return;
   const auto count = static_cast<cl_uint>(n);
-  if (n <= most_small(context_)) {
+  if (n <= most_few_) {
     for (const Bits& key : keys) {
-      if (key.count > 0) enqueue_small(elements, scratch, count, key);
+      if (key.count > 0) enqueue_few(elements, scratch, count, key);
     }
     return;
   }

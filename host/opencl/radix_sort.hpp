@@ -13,8 +13,8 @@ namespace broadcl::opencl {
 /// Stable sorting of 8-byte elements on the device: kernels/radix_sort.cl, which names the sources.
 ///
 /// It makes one pass over the elements for every 8 bits, or fewer, of each range; if there are few elements,
-/// one launch per range. On CPUs it makes one pass by the upper bits and one launch per range, in which each
-/// work-item sorts the elements that have the same upper bits.
+/// one or two launches per range. On CPUs it makes one pass by the upper bits and one launch per range, in
+/// which each work-item sorts the elements that have the same upper bits.
 class RadixSort {
  public:
   /// A range of the bits of an element, read as the 64-bit number that it is on a little-endian device: bit 0
@@ -27,6 +27,10 @@ class RadixSort {
   /// @param context Must outlive this object.
   /// @throws Error, cl::Error
   explicit RadixSort(const Context& context);
+
+  /// The same, for tests.
+  /// @param most_few The largest number of elements that are few.
+  RadixSort(const Context& context, std::size_t most_few);
 
   /// Enqueues a stable ascending sort, in place. Does not wait. Sorts by one object must be enqueued one
   /// after the other, as by a single thread. The object's memory, for counters, is at most 256 bytes per 8192
@@ -42,7 +46,7 @@ class RadixSort {
                std::span<const Bits> keys);
 
  private:
-  void enqueue_small(const cl::Buffer& elements, const cl::Buffer& scratch, cl_uint n, Bits key);
+  void enqueue_few(const cl::Buffer& elements, const cl::Buffer& scratch, cl_uint n, Bits key);
   void enqueue_digits(const cl::Buffer& elements, const cl::Buffer& scratch, cl_uint n, Blocks blocks,
                       std::span<const Bits> keys);
   void enqueue_buckets(const cl::Buffer& elements, const cl::Buffer& scratch, cl_uint n, Blocks blocks,
@@ -50,9 +54,11 @@ class RadixSort {
   void enqueue_pass(const cl::Buffer& source, const cl::Buffer& target, cl_uint n, Blocks blocks, Bits digit);
 
   const Context& context_;
+  std::size_t most_few_;
   Scan scan_;
   cl::Kernel count_, scatter_, small_;
-  cl::Kernel buckets_;       // with the tuning profile for CPUs
+  cl::Kernel merge_;         // with the tuning profile for GPUs
+  cl::Kernel buckets_;       // with that for CPUs
   cl::Buffer counts_;        // by digit, then by block
   cl_uint most_blocks_ = 0;  // blocks that counts_ has capacity for
 };
