@@ -211,7 +211,8 @@ std::vector<Pair> overlapping_pairs(const BoxView& first, const BoxView& second,
                                                  .filters = filters,
                                                  .exclusions = sorted,
                                                  .filters_changed = true,
-                                                 .sets = true});
+                                                 .sets = true,
+                                                 .sets_say_all = true});
   for (Pair& pair : pairs) pair.b -= static_cast<std::uint32_t>(first.size());
   return pairs;
 }

@@ -130,7 +130,8 @@ class Core {
            .exclusions = exclusions_,
            .filters_changed = flight_.filters,
            .worlds = any_worlds_,
-           .sets = are_two_sets_});
+           .sets = are_two_sets_,
+           .sets_say_all = do_sets_say_all_});
     });
   }
 
@@ -341,6 +342,7 @@ class Core {
       if (states_[id] == State::live) sets.add(filters_[id]);
     }
     are_two_sets_ = sets.are_apart();
+    do_sets_say_all_ = sets.say_all();
   }
 
   /// Slots up to the last object.
@@ -371,7 +373,8 @@ class Core {
   bool any_filters_ = false;  // some object has had a filter other than the default
   bool any_worlds_ = false;
   bool are_two_sets_ = false;  // as TwoSets says, as of the last update
-  std::size_t mapped_ = 0;     // boxes that the caller may have written in place
+  bool do_sets_say_all_ = false;
+  std::size_t mapped_ = 0;  // boxes that the caller may have written in place
 
   ChangeSet changes_;  // since the last update began
   ChangeSet flight_;   // the changes that the update in flight applies

@@ -146,6 +146,60 @@ TEST_P(EachAlgorithm, TwoSetsInWorldsOfLargeNumbers) {
   EXPECT_EQ(twins.tested().pairs().size(), 9U * (2 + 2 + 2) + 2);
 }
 
+/// Nothing but the sets decides which objects pair, in a world of any number.
+TEST_P(EachAlgorithm, TwoSetsInOneWorldOfALargeNumber) {
+  for (const std::uint32_t world : {1U, 8'388'608U, 16'777'217U, 0x7ffffffdU, 0x7ffffffeU, 0x7fffffffU,
+                                    0x80000000U, 0xfffffffdU, 0xfffffffeU, Filter::all_worlds}) {
+    SCOPED_TRACE(world);
+    Twins twins(config());
+    for (const Filter& set : {first_set, second_set, first_set}) {
+      twins.add(unit, {.group = set.group, .mask = set.mask, .world = world});
+    }
+    ASSERT_TRUE(twins.agree());
+    EXPECT_EQ(twins.tested().pairs().size(), 2U);
+  }
+}
+
+/// More and more objects belong to the same body.
+TEST_P(EachAlgorithm, BodiesInTwoSets) {
+  Twins twins(config());
+  for (std::uint32_t k = 0; k < 6; ++k) twins.add(unit, k % 2 == 0 ? first_set : second_set);
+  ASSERT_TRUE(twins.agree());
+  EXPECT_EQ(twins.tested().pairs().size(), 9U);
+  for (std::uint32_t k = 0; k < 6; ++k) {
+    Filter filter = k % 2 == 0 ? first_set : second_set;
+    filter.body = 7;
+    twins.set_filter(k, filter);
+    ASSERT_TRUE(twins.agree()) << k;
+  }
+  EXPECT_EQ(twins.tested().pairs().size(), 0U);
+}
+
+TEST(TwoSets, SayAllIfAnyObjectsOfDifferentSetsMayPair) {
+  const auto say_all = [](std::initializer_list<Filter> filters) {
+    TwoSets sets;
+    for (const Filter& filter : filters) sets.add(filter);
+    return sets.say_all();
+  };
+  const auto in = [](Filter set, std::uint32_t world) {
+    set.world = world;
+    return set;
+  };
+  const auto of = [](Filter set, std::uint32_t body) {
+    set.body = body;
+    return set;
+  };
+  EXPECT_TRUE(say_all({first_set, second_set, first_set}));
+  EXPECT_TRUE(say_all({in(first_set, 3), in(second_set, 3)}));
+  EXPECT_TRUE(say_all({of(first_set, 3), of(second_set, 4)}));
+  EXPECT_FALSE(say_all({in(first_set, 3), in(second_set, 4)}));
+  EXPECT_FALSE(say_all({in(first_set, Filter::all_worlds), in(second_set, Filter::all_worlds)}));
+  EXPECT_FALSE(say_all({of(first_set, 3), of(second_set, 3)}));
+  EXPECT_FALSE(say_all({first_set, second_set, of(second_set, 3)}));
+  EXPECT_FALSE(say_all({{.group = 0, .mask = 1}, first_set, second_set}));
+  EXPECT_FALSE(say_all({first_set, {.group = 4, .mask = 0}}));
+}
+
 TEST(TwoSets, AreApartIfNothingPairsInside) {
   const auto are_apart = [](std::initializer_list<Filter> filters) {
     TwoSets sets;

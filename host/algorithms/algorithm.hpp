@@ -34,6 +34,7 @@ struct Changes {
   bool filters_changed = false;  ///< Filters or exclusions, since the last update.
   bool worlds = false;           ///< Whether some object is in a world other than 0.
   bool sets = false;             ///< Whether the filters part the objects into two sets: TwoSets.
+  bool sets_say_all = false;     ///< If so, whether any objects of different sets may pair: TwoSets.
 };
 
 /// An algorithm for a BroadPhase: stores the boxes, finds the pairs, and remembers the pairs of the last

@@ -44,7 +44,8 @@ class HostEngine final : public Algorithm {
     const HostObjects objects{.boxes = std::span(*boxes_).first(changes_.slots),
                               .filters = filters_,
                               .worlds = changes_.worlds,
-                              .sets = changes_.sets};
+                              .sets = changes_.sets,
+                              .sets_say_all = changes_.sets_say_all};
     auto& [added, removed] = lists_.next();
     const bool search_known = !filters_changed_ && changes_.changed.size() * pairs_per_search < pairs_.size();
     if (!changes_.all &&
@@ -70,7 +71,8 @@ class HostEngine final : public Algorithm {
     finder_->find({.boxes = std::span(*boxes_).first(changes.slots),
                    .filters = changes.filters,
                    .worlds = changes.worlds,
-                   .sets = changes.sets},
+                   .sets = changes.sets,
+                   .sets_say_all = changes.sets_say_all},
                   pairs);
     exclude(changes.exclusions, pairs);
     return pairs;

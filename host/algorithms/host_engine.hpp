@@ -15,6 +15,7 @@ struct HostObjects {
   std::span<const Filter> filters{};  ///< One per box, or none.
   bool worlds = false;                ///< Whether some are in a world other than 0.
   bool sets = false;                  ///< Whether the filters part them into two sets: TwoSets.
+  bool sets_say_all = false;          ///< If so, whether any objects of different sets may pair.
 };
 
 /// The part of an algorithm that finds pairs on the host, in canonical order.

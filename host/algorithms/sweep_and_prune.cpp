@@ -15,6 +15,7 @@
 #include "algorithms/tile_search.hpp"
 #include "packed_box.hpp"
 #include "parallel.hpp"
+#include "two_sets.hpp"
 
 namespace broadcl {
 namespace {
@@ -88,7 +89,7 @@ void split(std::span<Centre<axes>> centres, std::size_t threads) {
 /// A number that a float can represent.
 std::uint32_t place_of_set(const Filter& filter) {
   constexpr std::uint32_t most = (1U << 23U) - 1;
-  return 2 * std::min(filter.world, most) + (filter.group & 1U);
+  return 2 * std::min(filter.world, most) + TwoSets::set_of(filter);
 }
 
 template <std::size_t axes>
@@ -195,6 +196,11 @@ class SweepAndPrune final : public HostFinder {
     return objects.worlds || objects.sets ? 4 : 3;
   }
 
+  /// The filters to test; none if the sets say all.
+  [[nodiscard]] static std::span<const Filter> filters_of(const HostObjects& objects) {
+    return objects.sets && objects.sets_say_all ? std::span<const Filter>() : objects.filters;
+  }
+
   [[nodiscard]] std::size_t threads_of(std::size_t boxes) const {
     return std::clamp<std::size_t>(boxes / boxes_per_thread, 1, threads_);
   }
@@ -223,7 +229,7 @@ class SweepAndPrune final : public HostFinder {
     while (places_.size() < objects.boxes.size()) place_next();
     fill(all, objects, threads);
     sweep(all);
-    return search_all(all, objects.filters, threads, most_work);
+    return search_all(all, filters_of(objects), threads, most_work);
   }
 
   template <std::size_t axes>
@@ -402,7 +408,7 @@ void SweepAndPrune::find_changed(HostTiles<axes>& all, const HostObjects& object
   for (const std::uint32_t slot : changed) {
     if (slot < places_.size()) places.push_back(places_[slot]);  // or it was added and removed since then
   }
-  if (known != nullptr) search_boxes(all, objects.filters, places, *known);
+  if (known != nullptr) search_boxes(all, filters_of(objects), places, *known);
   dirty_.clear();
   for (const std::uint32_t place : places) {
     store(all, objects, order_[place], place);
@@ -423,7 +429,7 @@ void SweepAndPrune::find_changed(HostTiles<axes>& all, const HostObjects& object
     all.roots[node / node_size].set(node % node_size, bounds_of(all.nodes[node]), node);
     return node;
   });
-  search_boxes(all, objects.filters, places, pairs);
+  search_boxes(all, filters_of(objects), places, pairs);
   sorted_axes_ = axes;
 }
 

@@ -21,19 +21,24 @@ BROADCL_INLINE std::size_t lowest_bit(std::uint32_t bits) {
   return static_cast<std::size_t>(std::countr_zero(bits));
 }
 
-/// One bit per child of a node: whether it overlaps these bounds.
-template <std::size_t axes>
-BROADCL_INLINE std::uint32_t overlapping(const Node<axes>& node, const Bounds<axes>& bounds) {
+/// One bit per child of a node: whether it overlaps these bounds along the first axes.
+template <std::size_t tested, std::size_t axes>
+BROADCL_INLINE std::uint32_t overlapping_along(const Node<axes>& node, const Bounds<axes>& bounds) {
   std::uint32_t bits = 0;
   for (std::size_t k = 0; k < node_size; ++k) {
     unsigned overlaps = 1;  // not a branch per axis
-    for (std::size_t axis = 0; axis < axes; ++axis) {
+    for (std::size_t axis = 0; axis < tested; ++axis) {
       overlaps &= unsigned{node.lower[axis][k] <= bounds.upper[axis]} &
                   unsigned{bounds.lower[axis] <= node.upper[axis][k]};
     }
     bits |= overlaps != 0 ? bit_of[k] : 0;
   }
   return bits;
+}
+
+template <std::size_t axes>
+BROADCL_INLINE std::uint32_t overlapping(const Node<axes>& node, const Bounds<axes>& bounds) {
+  return overlapping_along<axes>(node, bounds);
 }
 
 template <std::size_t axes>
@@ -71,20 +76,35 @@ BROADCL_INLINE void append_found(Found& found, const Node<axes>& tile, std::uint
   }
 }
 
-/// Tests the boxes of two tiles.
-template <std::size_t axes>
-BROADCL_INLINE void test(Found& found, const HostTiles<axes>& all, std::size_t s, std::size_t t,
-                         std::span<const Filter> filters) {
-  const std::uint32_t of_s = overlapping(all.tiles[s], sought(all, all.bounds[t]));
+/// Tests the boxes of two tiles. Along axes that are not tested, all of them overlap.
+template <std::size_t tested, std::size_t axes>
+BROADCL_INLINE void test_along(Found& found, const HostTiles<axes>& all, std::size_t s, std::size_t t,
+                               std::span<const Filter> filters) {
+  const auto overlapping_of = [&](const Node<axes>& tile, const Bounds<axes>& bounds) {
+    return overlapping_along<tested>(tile, tested < axes ? bounds : sought(all, bounds));
+  };
+  const std::uint32_t of_s = overlapping_of(all.tiles[s], all.bounds[t]);
   if (of_s == 0) return;
-  const std::uint32_t of_t = overlapping(all.tiles[t], sought(all, all.bounds[s]));
+  const std::uint32_t of_t = overlapping_of(all.tiles[t], all.bounds[s]);
   const bool few_in_s = std::popcount(of_s) < std::popcount(of_t);
   const Node<axes>& few = all.tiles[few_in_s ? s : t];
   const Node<axes>& many = all.tiles[few_in_s ? t : s];
   for (std::uint32_t bits = few_in_s ? of_s : of_t; bits != 0; bits &= bits - 1) {
     const auto k = lowest_bit(bits);
-    append_found(found, many, overlapping(many, sought(all, few.get(k))), few.index[k], filters);
+    append_found(found, many, overlapping_of(many, few.get(k)), few.index[k], filters);
   }
+}
+
+/// Tests the boxes of two tiles, one of which overlaps what is sought for the other.
+template <std::size_t axes>
+BROADCL_INLINE void test(Found& found, const HostTiles<axes>& all, std::size_t s, std::size_t t,
+                         std::span<const Filter> filters) {
+  if constexpr (axes > 3) {
+    // If all boxes of a tile are at the same place along the fourth axis, this place was tested already.
+    const auto is_flat = [](const Bounds<axes>& bounds) { return bounds.lower[3] == bounds.upper[3]; };
+    if (is_flat(all.bounds[s]) && is_flat(all.bounds[t])) return test_along<3>(found, all, s, t, filters);
+  }
+  test_along<axes>(found, all, s, t, filters);
 }
 
 /// Tests a tile with itself and with later tiles in the sweep whose lower bounds do not exceed its upper
