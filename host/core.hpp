@@ -109,7 +109,7 @@ class Core {
     if (is_begun_) return;
     apply_late();
     flight_.reserve(capacity_);  // here, since an update in flight reads it
-    algorithm_->reserve_exclusions(exclusions_.size());
+    or_find_boxes([&] { algorithm_->reserve_exclusions(exclusions_.size()); });
     take_mapped();
     is_begun_ = true;
     if (changes_.empty()) return;
@@ -200,7 +200,7 @@ class Core {
 
   void reserve_algorithm(std::size_t ids, bool filters) {
     if (has_memory_for(ids, filters)) return;
-    algorithm_->reserve(ids, filters || has_filter_memory_);
+    or_find_boxes([&] { algorithm_->reserve(ids, filters || has_filter_memory_); });
     boxes_ = algorithm_->boxes();
     has_filter_memory_ = has_filter_memory_ || filters;
   }
@@ -319,6 +319,17 @@ class Core {
       });
     }
     mapped_ = 0;
+  }
+
+  /// Reserves memory of the algorithm, which may store the boxes elsewhere even if that fails.
+  template <class Function>
+  void or_find_boxes(const Function& function) {
+    try {
+      function();
+    } catch (...) {
+      boxes_ = algorithm_->boxes();
+      throw;
+    }
   }
 
   /// Does a part of an update. If it fails, the next update finds the changes of this one, too.

@@ -7,6 +7,7 @@
 #include <new>
 #include <random>
 #include <span>
+#include <string>
 #include <thread>
 #include <utility>
 #include <vector>
@@ -211,6 +212,49 @@ TEST(HybridFailure, OfTheFirstUpdateOnTheDeviceLosesNothing) {
   EXPECT_EQ(to_vector(delta.added), Pairs());
   EXPECT_EQ(to_vector(delta.removed), before);
   EXPECT_EQ(core.pairs(), Pairs());
+}
+
+TEST(HybridFailure, OfAnUpdateOnTheDeviceIsFollowedByUpdatesOnTheHost) {
+  Pretender::Orders orders;
+  Core core(make_hybrid(host(), std::make_unique<Pretender>(orders)));
+  meet_on_host(core, orders);
+  (void)core.finish();
+  ASSERT_NE(core.algorithm().device(), nullptr);
+  const Pairs before = core.pairs();
+  ASSERT_EQ(before.size(), 3U);
+  orders.fails = true;
+  core.move(2, apart(3));
+  EXPECT_EQ(error_of([&] { (void)core.finish(); }), "the device failed");
+  EXPECT_EQ(core.algorithm().device(), nullptr);
+  EXPECT_EQ(core.pairs(), before);
+  const Delta delta = core.finish();
+  EXPECT_EQ(to_vector(delta.added), Pairs());
+  EXPECT_EQ(to_vector(delta.removed), (Pairs{{0, 2}, {1, 2}}));
+  for (int k = 0; k < 100; ++k) {
+    core.move(0, k % 2 == 0 ? apart(1) : unit);
+    (void)core.finish();
+  }
+  EXPECT_EQ(core.algorithm().device(), nullptr);
+  EXPECT_EQ(core.pairs(), (Pairs{{0, 1}}));
+}
+
+TEST(HybridFailure, NoMemoryOnTheDeviceIsFollowedByUpdatesOnTheHost) {
+  Pretender::Orders orders;
+  Core core(make_hybrid(host(), std::make_unique<Pretender>(orders)));
+  meet_on_host(core, orders);
+  (void)core.finish();
+  ASSERT_NE(core.algorithm().device(), nullptr);
+  orders.has_no_memory = true;
+  std::string error;
+  std::size_t added = 0;
+  for (; error.empty() && added < 1000; ++added) error = error_of([&] { core.add(apart(9), {}); });
+  EXPECT_EQ(error, "no memory");
+  EXPECT_EQ(core.algorithm().device(), nullptr);
+  EXPECT_EQ(core.size(), 2 + added);
+  core.move(2, apart(3));
+  const Delta delta = core.finish();
+  EXPECT_EQ(to_vector(delta.removed), (Pairs{{0, 2}, {1, 2}}));
+  EXPECT_EQ(delta.added.size(), (added - 1) * (added - 2) / 2);
 }
 
 /// Updates with so many boxes that the oracle takes long.

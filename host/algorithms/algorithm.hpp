@@ -60,7 +60,7 @@ class Algorithm {
   virtual void reserve_exclusions(std::size_t /*count*/) {}
 
   /// The boxes, in memory that the caller may write between updates; at least as many as were reserved. Valid
-  /// until the next reserve() or finish().
+  /// until the next call of a function that may throw, even if it does.
   [[nodiscard]] virtual std::span<Aabb> boxes() noexcept = 0;
 
   /// An owner of the memory of boxes(), which may outlive this object.

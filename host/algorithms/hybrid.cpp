@@ -5,6 +5,8 @@
 #include <future>
 #include <utility>
 
+#include <broadcl/error.hpp>
+
 #include "algorithms/change_lists.hpp"
 #include "pair_lists.hpp"
 
@@ -57,12 +59,14 @@ class Hybrid final : public Algorithm {
     if (!was_updated_ && !is_on_device() && device_ != nullptr && is_device_faster(slots, slots)) {
       change_to(*device_, slots, filters || filters_);
     } else {
-      current_->reserve(slots, filters);
+      or_leave_device([&] { current_->reserve(slots, filters); });
     }
     filters_ = filters || filters_;
   }
 
-  void reserve_exclusions(std::size_t count) override { current_->reserve_exclusions(count); }
+  void reserve_exclusions(std::size_t count) override {
+    or_leave_device([&] { current_->reserve_exclusions(count); });
+  }
 
   [[nodiscard]] std::span<Aabb> boxes() noexcept override { return current_->boxes(); }
   [[nodiscard]] std::shared_ptr<const void> boxes_owner() const override { return current_->boxes_owner(); }
@@ -75,15 +79,18 @@ class Hybrid final : public Algorithm {
       own.all = own.filters_changed = true;
       own.changed = own.recycled = {};
     }
-    current_->begin(own);
+    or_leave_device([&] { current_->begin(own); });
     seconds_ = seconds_since(start);
   }
 
-  void flush() override { current_->flush(); }
+  void flush() override {
+    or_leave_device([&] { current_->flush(); });
+  }
 
   Delta finish() override {
     const auto start = Clock::now();
-    Delta delta = current_->finish();
+    Delta delta;
+    or_leave_device([&] { delta = current_->finish(); });
     if (has_changed_) {
       auto& [added, removed] = lists_.next();
       compare(before_, current_->pairs(), changes_.recycled, added, removed);
@@ -143,8 +150,29 @@ class Hybrid final : public Algorithm {
     }
   }
 
+  /// Does something that may fail on the device: what follows is then done on the host, for good, if the
+  /// device still knows the pairs.
+  template <class Function>
+  void or_leave_device(const Function& function) {
+    try {
+      function();
+    } catch (const Error&) {
+      if (is_on_device()) leave_device();
+      throw;
+    }
+  }
+
+  void leave_device() noexcept try {
+    if (!has_changed_) before_ = current_->pairs();
+    change_to(*host_, 0, filters_);
+    has_changed_ = has_device_failed_ = true;
+  } catch (...) {
+    // The next update is done on the device again.
+  }
+
   /// Decides which side does the next update. A switch costs a search of all boxes on the other side.
   void choose() noexcept try {
+    if (has_device_failed_) return;
     if (opening_.valid() && opening_.wait_for(std::chrono::seconds(0)) == std::future_status::ready) {
       device_ = opening_.get();
     }
@@ -192,6 +220,7 @@ class Hybrid final : public Algorithm {
   std::vector<Pair> before_;   // the pairs until then
   ChangeLists lists_;          // the changes since then
   bool is_delta_own_ = false;  // those of the last update are these
+  bool has_device_failed_ = false;
 };
 
 }  // namespace
