@@ -13,8 +13,11 @@
 #include <vector>
 
 #include "cli/study_cost.hpp"
+#include "cli/study_document.hpp"
+#include "cli/study_folder.hpp"
 #include "cli/study_run_file.hpp"
 #include "cli/text.hpp"
+#include "environment.hpp"
 #include "expect_error.hpp"
 
 namespace broadcl::cli {
@@ -207,6 +210,22 @@ TEST(Text, DurationsAndNumbers) {
   EXPECT_EQ(grouped(999), "999");
   EXPECT_EQ(grouped(1000), "1,000");
   EXPECT_EQ(grouped(1'234'567), "1,234,567");
+}
+
+TEST(StudyFolder, ADocumentThatAnotherStudyHasWrittenIsNotReplaced) {
+  const test::ScopedFolder folder;
+  StudySettings settings = small_settings();
+  const nlohmann::ordered_json late = new_document(settings);
+  settings.seed = 2;
+  const nlohmann::ordered_json early = new_document(settings);
+  ASSERT_NE(early, late);
+  StudyFolder study(folder.path());
+  ASSERT_FALSE(study.read_document());
+  StudyFolder(folder.path()).write_document(early, nullptr);
+  EXPECT_THAT(error_of([&] { study.write_document(late, nullptr); }), HasSubstr("another study has changed"));
+  EXPECT_EQ(study.read_document(), early);
+  study.write_document(late, early);
+  EXPECT_EQ(study.read_document(), late);
 }
 
 }  // namespace

@@ -259,7 +259,7 @@ Exit run_study(const StudyOptions& options) {
   for (const Device& device : devices) add_device(*document, device);
   if (*document != before) {
     set_command(*document, options.out);
-    folder.write_document(*document);
+    folder.write_document(*document, before);
   }
 
   const std::vector<StudyRun> runs = planned_runs(settings, device_labels(*document));

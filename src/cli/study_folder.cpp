@@ -103,8 +103,12 @@ void StudyFolder::lock() {
               "; wait for its end, or name another folder with --out");
 }
 
-void StudyFolder::write_document(const nlohmann::ordered_json& document) {
+void StudyFolder::write_document(const nlohmann::ordered_json& document,
+                                 const nlohmann::ordered_json& before) {
   lock();
+  if (read_document().value_or(nullptr) != before) {
+    throw Error("another study has changed " + quoted(folder_ / "study.json") + "; run the command again");
+  }
   write(folder_ / "study.json", text_of(document));
 }
 

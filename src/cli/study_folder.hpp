@@ -34,8 +34,10 @@ class StudyFolder {
   void refuse_own(const std::string& option, const std::filesystem::path& file) const;
 
   /// Makes the folder if it does not exist, locks it against other studies, and writes study.json.
-  /// @throws Error if it cannot be written, or if another study has locked the folder.
-  void write_document(const nlohmann::ordered_json& document);
+  /// @param before What read_document() returned, null if nothing.
+  /// @throws Error if it cannot be written, if another study has locked the folder, or if another study has
+  /// changed study.json since it was read.
+  void write_document(const nlohmann::ordered_json& document, const nlohmann::ordered_json& before);
 
   /// Locks the folder against other studies and looks for the files of runs.
   /// @param runs All runs that study.csv can have, in its order.
