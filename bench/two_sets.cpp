@@ -50,7 +50,7 @@ void time_two_sets(benchmark::State& state, const std::string& algorithm, const 
                    .filters = filters,
                    .filters_changed = true,
                    .sets = !as_one,
-                   .sets_say_all = !as_one});
+                   .sets_decide = !as_one});
   };
   std::size_t pairs = find();  // memory grows here, untimed
   for ([[maybe_unused]] auto _ : state) {

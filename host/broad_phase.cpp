@@ -212,7 +212,7 @@ std::vector<Pair> overlapping_pairs(const BoxView& first, const BoxView& second,
                                                  .exclusions = sorted,
                                                  .filters_changed = true,
                                                  .sets = true,
-                                                 .sets_say_all = true});
+                                                 .sets_decide = true});
   for (Pair& pair : pairs) pair.b -= static_cast<std::uint32_t>(first.size());
   return pairs;
 }

@@ -131,7 +131,7 @@ class Core {
            .filters_changed = flight_.filters,
            .worlds = any_worlds_,
            .sets = are_two_sets_,
-           .sets_say_all = do_sets_say_all_});
+           .sets_decide = do_sets_decide_});
     });
   }
 
@@ -353,7 +353,7 @@ class Core {
       if (states_[id] == State::live) sets.add(filters_[id]);
     }
     are_two_sets_ = sets.are_apart();
-    do_sets_say_all_ = sets.say_all();
+    do_sets_decide_ = sets.decide();
   }
 
   /// Slots up to the last object.
@@ -384,7 +384,7 @@ class Core {
   bool any_filters_ = false;  // some object has had a filter other than the default
   bool any_worlds_ = false;
   bool are_two_sets_ = false;  // as TwoSets says, as of the last update
-  bool do_sets_say_all_ = false;
+  bool do_sets_decide_ = false;
   std::size_t mapped_ = 0;  // boxes that the caller may have written in place
 
   ChangeSet changes_;  // since the last update began

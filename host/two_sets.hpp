@@ -27,8 +27,9 @@ class TwoSets {
     return (sets_[0].groups & sets_[0].masks) == 0 && (sets_[1].groups & sets_[1].masks) == 0;
   }
 
-  /// If they do, whether any objects of different sets may pair. Then filters need not be tested.
-  [[nodiscard]] bool say_all() const noexcept {
+  /// If the sets are apart, whether every two objects of different sets may pair. Then the filters of a pair
+  /// need not be tested.
+  [[nodiscard]] bool decide() const noexcept {
     return all_alike_ && sets_[0].first && sets_[1].first && may_pair(*sets_[0].first, *sets_[1].first);
   }
 

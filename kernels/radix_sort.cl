@@ -44,7 +44,10 @@ static inline uint digit_of(const ulong element, const uint first, const uint bi
 #if GROUP > 1
 
 #ifndef TILE
-#define TILE 4096 /* a multiple of GROUP, less than 2^16 */
+#define TILE 4096 /* a multiple of GROUP, and a power of two less than 2^16 */
+#endif
+#if (TILE & (TILE - 1)) != 0
+#error "binary searches of a tile halve their steps"
 #endif
 #define VALUES (TILE / GROUP) /* elements per work-item */
 #define RANK_BITS 4

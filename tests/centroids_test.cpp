@@ -11,6 +11,7 @@
 #include <gtest/gtest.h>
 
 #include <broadcl/device.hpp>
+#include <broadcl/filter.hpp>
 
 #include "boxes.hpp"
 #include "environment.hpp"
@@ -61,6 +62,29 @@ void expect_bounds(const opencl::Context& context, opencl::SizedKernel& kernel, 
   EXPECT_EQ(words, expected);
 }
 
+constexpr std::uint32_t few_worlds = 5;
+
+/// Box k is in world k % few_worlds, which has a bucket of its own if there are at least as many buckets.
+void expect_bounds_of_worlds(const opencl::Context& context, opencl::SizedKernel& kernel,
+                             CentroidBounds& bounds, const std::vector<Aabb>& boxes) {
+  SCOPED_TRACE(boxes.size());
+  const std::size_t n = boxes.size();
+  std::vector<Filter> filters(n);
+  for (std::uint32_t k = 0; k < n; ++k) filters[k].world = k % few_worlds;
+  const cl::Buffer box_buffer = context.buffer(n * sizeof(Aabb));
+  const cl::Buffer filter_buffer = context.buffer(n * sizeof(Filter));
+  context.queue().enqueueWriteBuffer(box_buffer, CL_TRUE, 0, n * sizeof(Aabb), boxes.data());
+  context.queue().enqueueWriteBuffer(filter_buffer, CL_TRUE, 0, n * sizeof(Filter), filters.data());
+  bounds.enqueue(kernel, box_buffer, filter_buffer, n);
+  std::vector<Words> words(bounds.buckets());
+  context.queue().enqueueReadBuffer(bounds.result(), CL_TRUE, 0, words.size() * sizeof(Words), words.data());
+  std::vector<std::vector<Aabb>> of_buckets(words.size());
+  for (std::uint32_t k = 0; k < n; ++k) of_buckets[filters[k].world % (words.size() - 1)].push_back(boxes[k]);
+  for (std::size_t bucket = 0; bucket < words.size(); ++bucket) {
+    EXPECT_EQ(words[bucket], expected_of(of_buckets[bucket])) << "bucket " << bucket;
+  }
+}
+
 Aabb point(float x, float y, float z) {
   return {{x, y, z}, {x, y, z}};
 }
@@ -79,6 +103,11 @@ std::vector<Aabb> random_boxes(std::size_t n) {
 class CentroidBoundsOf : public ::testing::TestWithParam<std::string> {
  protected:
   void expect(const std::vector<Aabb>& boxes) { expect_bounds(context_, kernel_, centroids_, boxes); }
+  void expect_worlds(const std::vector<Aabb>& boxes) {
+    opencl::SizedKernel kernel =
+        context_.sized_kernel(context_.program("centroids.cl", "-DWORLDS=1"), "centroids");
+    expect_bounds_of_worlds(context_, kernel, centroids_, boxes);
+  }
 
  private:
   ScopedVariable shape_{"BROADCL_TUNING", GetParam()};
@@ -116,6 +145,12 @@ TEST_P(CentroidBoundsOf, SmallBoxesWithoutACentroidCountForNothing) {
   const Aabb huge = point(1e30F, 0, 0);
   expect({packed_empty(), plane, half, huge});
   expect({packed_empty(), point(-0.0F, 0, -1), plane, half, point(0, -0.0F, 5), huge});
+}
+
+/// Objects of a few worlds, in reductions whose numbers of buckets grow and shrink.
+ALSO_IN(oclgrind);
+TEST_P(CentroidBoundsOf, SmallWorlds) {
+  for (const std::size_t n : {10U, 10U, 300U, 300U, 10U, 600U, 600U}) expect_worlds(random_boxes(n));
 }
 
 INSTANTIATE_TEST_SUITE_P(Tuning, CentroidBoundsOf, ::testing::Values("cpu", "gpu"), named_by_parameter);

@@ -154,12 +154,23 @@ TEST(HybridStart, ManyObjectsBeginOnTheDeviceAndFewOnTheHost) {
   EXPECT_EQ(many.algorithm().memory().device, 1U);
 }
 
-TEST(HybridStart, NoMemoryOnTheDeviceIsAnErrorAtFirst) {
+TEST(HybridStart, NoMemoryOnTheDeviceIsAnErrorOnce) {
   Pretender::Orders orders{.expected_seconds = at_once, .has_no_memory = true};
   Core core(make_hybrid(host(), std::make_unique<Pretender>(orders)));
   EXPECT_EQ(error_of([&] { core.add(unit, {}); }), "no memory");
-  orders.has_no_memory = false;
-  EXPECT_EQ(core.add(unit, {}), 0U);
+  for (std::uint32_t k = 0; k < 1000; ++k) EXPECT_EQ(core.add(unit, {}), k);
+  EXPECT_EQ(core.algorithm().device(), nullptr);
+}
+
+TEST(HybridStart, TheDeviceIsNotUsedAgainAfterItsFirstUpdateFailed) {
+  Pretender::Orders orders{.expected_seconds = at_once, .fails = "finish"};
+  Core core(make_hybrid(host(), std::make_unique<Pretender>(orders)));
+  core.add(unit, {});
+  ASSERT_NE(core.algorithm().device(), nullptr);
+  EXPECT_EQ(error_of([&] { (void)core.finish(); }), "the device failed");
+  for (std::uint32_t k = 0; k < 999; ++k) core.add(unit, {});
+  EXPECT_EQ(core.algorithm().device(), nullptr);
+  EXPECT_EQ(core.finish().added.size(), 1000U * 999 / 2);
 }
 
 TEST(HybridFailure, NoMemoryOnTheDeviceLaterLeavesTheHost) {
@@ -203,10 +214,9 @@ TEST(HybridFailure, OfTheFirstUpdateOnTheDeviceLosesNothing) {
   meet_on_host(core, orders);
   core.remove(2);
   const Pairs before = core.pairs();
-  orders.fails = true;
+  orders.fails = "finish";
   EXPECT_EQ(error_of([&] { (void)core.finish(); }), "the device failed");
   EXPECT_EQ(core.pairs(), before);
-  orders.fails = false;
   core.move(1, apart(2));
   const Delta delta = core.finish();
   EXPECT_EQ(to_vector(delta.added), Pairs());
@@ -214,7 +224,9 @@ TEST(HybridFailure, OfTheFirstUpdateOnTheDeviceLosesNothing) {
   EXPECT_EQ(core.pairs(), Pairs());
 }
 
-TEST(HybridFailure, OfAnUpdateOnTheDeviceIsFollowedByUpdatesOnTheHost) {
+/// Moves to the device, fails there in a function, and continues on the host.
+void fail_on_device(const std::string& function) {
+  SCOPED_TRACE(function);
   Pretender::Orders orders;
   Core core(make_hybrid(host(), std::make_unique<Pretender>(orders)));
   meet_on_host(core, orders);
@@ -222,20 +234,64 @@ TEST(HybridFailure, OfAnUpdateOnTheDeviceIsFollowedByUpdatesOnTheHost) {
   ASSERT_NE(core.algorithm().device(), nullptr);
   const Pairs before = core.pairs();
   ASSERT_EQ(before.size(), 3U);
-  orders.fails = true;
+  orders.fails = function;
   core.move(2, apart(3));
-  EXPECT_EQ(error_of([&] { (void)core.finish(); }), "the device failed");
+  EXPECT_EQ(error_of([&] {
+              core.begin();
+              core.flush();
+              (void)core.finish();
+            }),
+            "the device failed");
   EXPECT_EQ(core.algorithm().device(), nullptr);
   EXPECT_EQ(core.pairs(), before);
+  core.move(1, apart(2));
   const Delta delta = core.finish();
   EXPECT_EQ(to_vector(delta.added), Pairs());
-  EXPECT_EQ(to_vector(delta.removed), (Pairs{{0, 2}, {1, 2}}));
+  EXPECT_EQ(to_vector(delta.removed), before);
+  EXPECT_EQ(core.algorithm().memory().device, 0U) << "of the device";
   for (int k = 0; k < 100; ++k) {
-    core.move(0, k % 2 == 0 ? apart(1) : unit);
+    core.move(1, k % 2 == 0 ? unit : apart(2));
     (void)core.finish();
   }
   EXPECT_EQ(core.algorithm().device(), nullptr);
+  EXPECT_EQ(core.pairs(), Pairs());
+}
+
+TEST(HybridFailure, OnTheDeviceIsFollowedByUpdatesOnTheHost) {
+  for (const std::string function : {"reserve_exclusions", "begin", "flush", "finish"}) {
+    fail_on_device(function);
+  }
+}
+
+/// The first update on the device must also return all pairs, to be compared with those of the host.
+TEST(HybridFailure, ToReturnThePairsOfTheFirstUpdateOnTheDeviceLosesNothing) {
+  Pretender::Orders orders;
+  Core core(make_hybrid(host(), std::make_unique<Pretender>(orders)));
+  meet_on_host(core, orders);
+  core.move(2, apart(3));
+  const Pairs before = core.pairs();
+  orders.fails = "pairs";
+  EXPECT_EQ(error_of([&] { (void)core.finish(); }), "the device failed");
+  EXPECT_EQ(core.algorithm().device(), nullptr);
+  EXPECT_EQ(core.pairs(), before);
+  (void)core.finish();
   EXPECT_EQ(core.pairs(), (Pairs{{0, 1}}));
+}
+
+TEST(HybridFailure, OfADeviceThatNoLongerHasThePairsStaysThere) {
+  Pretender::Orders orders;
+  Core core(make_hybrid(host(), std::make_unique<Pretender>(orders)));
+  meet_on_host(core, orders);
+  (void)core.finish();
+  orders.fails = "finish";
+  orders.is_lost = true;
+  core.move(2, apart(3));
+  for (int k = 0; k < 3; ++k) {
+    EXPECT_EQ(error_of([&] { (void)core.finish(); }), "the device failed");
+    EXPECT_NE(core.algorithm().device(), nullptr);
+  }
+  orders = {.expected_seconds = at_once};
+  EXPECT_EQ(to_vector(core.finish().removed), (Pairs{{0, 2}, {1, 2}}));
 }
 
 TEST(HybridFailure, NoMemoryOnTheDeviceIsFollowedByUpdatesOnTheHost) {

@@ -26,7 +26,8 @@ class Pretender final : public Algorithm {
     std::optional<double> expected_for_all{};  ///< If all slots changed; the same if null.
     std::chrono::microseconds sleep{0};        ///< In finish().
     bool has_no_memory = false;                ///< reserve() throws.
-    bool fails = false;                        ///< finish() throws.
+    std::string fails{};                       ///< The function that throws.
+    bool is_lost = false;                      ///< pairs() throws, too.
     mutable int updates = 0;                   ///< Made so far.
   };
 
@@ -38,12 +39,22 @@ class Pretender final : public Algorithm {
     if (orders_.has_no_memory) throw Error("no memory");
     inner_->reserve(slots, filters);
   }
+  void reserve_exclusions(std::size_t count) override {
+    may_fail("reserve_exclusions");
+    inner_->reserve_exclusions(count);
+  }
   [[nodiscard]] std::span<Aabb> boxes() noexcept override { return inner_->boxes(); }
   [[nodiscard]] std::shared_ptr<const void> boxes_owner() const override { return inner_->boxes_owner(); }
-  void begin(const Changes& changes) override { inner_->begin(changes); }
-  void flush() override { inner_->flush(); }
+  void begin(const Changes& changes) override {
+    may_fail("begin");
+    inner_->begin(changes);
+  }
+  void flush() override {
+    may_fail("flush");
+    inner_->flush();
+  }
   Delta finish() override {
-    if (orders_.fails) throw Error("the device failed");
+    may_fail("finish");
     if (orders_.sleep.count() > 0) std::this_thread::sleep_for(orders_.sleep);
     const Delta delta = inner_->finish();
     ++orders_.updates;
@@ -54,12 +65,20 @@ class Pretender final : public Algorithm {
     return slots == changed ? orders_.expected_for_all.value_or(orders_.expected_seconds)
                             : orders_.expected_seconds;
   }
-  [[nodiscard]] std::vector<Pair> pairs() override { return inner_->pairs(); }
+  [[nodiscard]] std::vector<Pair> pairs() override {
+    may_fail("pairs");
+    if (orders_.is_lost) throw Error("the device is lost");
+    return inner_->pairs();
+  }
   [[nodiscard]] const Device* device() const noexcept override { return &device_; }
   [[nodiscard]] MemoryUse memory() const noexcept override { return {.device = 1}; }
   [[nodiscard]] std::span<const Stage> profile() const noexcept override { return inner_->profile(); }
 
  private:
+  void may_fail(std::string_view function) const {
+    if (orders_.fails == function) throw Error("the device failed");
+  }
+
   const Orders& orders_;
   std::unique_ptr<Algorithm> inner_;
   Device device_;

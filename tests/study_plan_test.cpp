@@ -212,20 +212,21 @@ TEST(Text, DurationsAndNumbers) {
   EXPECT_EQ(grouped(1'234'567), "1,234,567");
 }
 
-TEST(StudyFolder, ADocumentThatAnotherStudyHasWrittenIsNotReplaced) {
+TEST(StudyFolder, IsOfOneStudyAtATime) {
   const test::ScopedFolder folder;
-  StudySettings settings = small_settings();
-  const nlohmann::ordered_json late = new_document(settings);
-  settings.seed = 2;
-  const nlohmann::ordered_json early = new_document(settings);
-  ASSERT_NE(early, late);
+  const nlohmann::ordered_json document = new_document(small_settings());
   StudyFolder study(folder.path());
   ASSERT_FALSE(study.read_document());
-  StudyFolder(folder.path()).write_document(early, nullptr);
-  EXPECT_THAT(error_of([&] { study.write_document(late, nullptr); }), HasSubstr("another study has changed"));
-  EXPECT_EQ(study.read_document(), early);
-  study.write_document(late, early);
-  EXPECT_EQ(study.read_document(), late);
+  {
+    StudyFolder other(folder.path());
+    other.lock(nullptr);
+    other.write_document(document);
+    EXPECT_THAT(error_of([&] { study.lock(nullptr); }), HasSubstr("another study is running"));
+  }
+  EXPECT_THAT(error_of([&] { study.lock(nullptr); }), HasSubstr("another study has changed"));
+  EXPECT_EQ(study.read_document(), document);
+  StudyFolder(folder.path()).lock(document);
+  study.lock(document);
 }
 
 }  // namespace

@@ -18,21 +18,28 @@
 namespace broadcl::test {
 namespace {
 
-/// Tiles of random boxes, in one node. Every seventh box is missing.
-HostTiles<3> random_tiles(std::size_t tiles) {
+/// Tiles of random boxes, in one node. Every seventh box is missing. Along the fourth axis, if there is one,
+/// boxes are at four positions; those of every other tile at the same one.
+template <std::size_t axes>
+HostTiles<axes> random_tiles(std::size_t tiles) {
   std::mt19937 random(7);
   std::uniform_int_distribution<int> coordinate(0, 9);  // so that bounds often touch
-  HostTiles<3> all;
+  HostTiles<axes> all;
   all.nodes.resize(1);
-  for (std::size_t k = 0; k < node_size; ++k) all.nodes[0].set(k, make_bounds<3>(nan_value, nan_value), 0);
+  const Bounds<axes> none = make_bounds<axes>(nan_value, nan_value);
+  for (std::size_t k = 0; k < node_size; ++k) all.nodes[0].set(k, none, 0);
   for (std::size_t tile = 0; tile < tiles; ++tile) {
-    Bounds<3> bounds = make_bounds<3>(infinity, -infinity);
-    Node<3>& node = all.tiles.emplace_back();
+    Bounds<axes> bounds = make_bounds<axes>(infinity, -infinity);
+    Node<axes>& node = all.tiles.emplace_back();
     for (std::size_t k = 0; k < node_size; ++k) {
-      Bounds<3> box = make_bounds<3>(nan_value, nan_value);
+      Bounds<axes> box = none;
       for (std::size_t axis = 0; k % 7 != 3 && axis < 3; ++axis) {
         box.lower[axis] = static_cast<float>(coordinate(random));
         box.upper[axis] = box.lower[axis] + static_cast<float>(axis);
+      }
+      if constexpr (axes > 3) {
+        if (k % 7 != 3)
+          box.lower[3] = box.upper[3] = static_cast<float>((tile % 2 == 0 ? tile / 2 : tile + k) % 4);
       }
       node.set(k, box, static_cast<std::uint32_t>(tile * node_size + k));
       extend(bounds, box);
@@ -41,8 +48,8 @@ HostTiles<3> random_tiles(std::size_t tiles) {
     all.nodes[0].set(tile, bounds, static_cast<std::uint32_t>(tile));
   }
   all.roots.resize(1);
-  for (std::size_t k = 0; k < node_size; ++k) all.roots[0].set(k, make_bounds<3>(nan_value, nan_value), 0);
-  all.roots[0].set(0, make_bounds<3>(-infinity, infinity), 0);
+  for (std::size_t k = 0; k < node_size; ++k) all.roots[0].set(k, none, 0);
+  all.roots[0].set(0, make_bounds<axes>(-infinity, infinity), 0);
   return all;
 }
 
@@ -52,15 +59,30 @@ Pairs sorted(const Found& found) {
   return pairs;
 }
 
+/// Whether two boxes may pair by their positions along the fourth axis: in the same world, or in the other
+/// set of it.
+template <std::size_t axes>
+bool positions_pair(const HostTiles<axes>& all, const Bounds<axes>& s, const Bounds<axes>& t) {
+  if constexpr (axes > 3) {
+    const auto position = [](const Bounds<axes>& box) { return static_cast<unsigned>(box.lower[3]); };
+    return position(s) == (position(t) ^ (all.sets ? 1U : 0U));
+  }
+  return true;
+}
+
 /// The pairs by the definition.
-Pairs expected_pairs(const HostTiles<3>& all, const std::vector<Filter>& filters) {
+template <std::size_t axes>
+Pairs expected_pairs(const HostTiles<axes>& all, const std::vector<Filter>& filters) {
   Pairs pairs;
   const auto box_of = [&](std::uint32_t slot) { return all.tiles[slot / node_size].get(slot % node_size); };
+  const auto aabb = [](const Bounds<axes>& box) -> Aabb {
+    return {{box.lower[0], box.lower[1], box.lower[2]}, {box.upper[0], box.upper[1], box.upper[2]}};
+  };
   for (std::uint32_t b = 0; b < all.tiles.size() * node_size; ++b) {
     for (std::uint32_t a = 0; a < b; ++a) {
-      const Bounds<3> s = box_of(a);
-      const Bounds<3> t = box_of(b);
-      if (overlaps({s.lower, s.upper}, {t.lower, t.upper}) &&
+      const Bounds<axes> s = box_of(a);
+      const Bounds<axes> t = box_of(b);
+      if (overlaps(aabb(s), aabb(t)) && positions_pair(all, s, t) &&
           (filters.empty() || may_pair(filters[a], filters[b]))) {
         pairs.push_back({a, b});
       }
@@ -69,9 +91,9 @@ Pairs expected_pairs(const HostTiles<3>& all, const std::vector<Filter>& filters
   return pairs;
 }
 
-TEST(TileSearch, ForEachProcessorFindsTheSamePairs) {
-  const HostTiles<3> all = random_tiles(9);
-  std::vector<std::uint32_t> places(9 * node_size);
+template <std::size_t axes>
+void expect_same_pairs(const HostTiles<axes>& all) {
+  std::vector<std::uint32_t> places(all.tiles.size() * node_size);
   std::iota(places.begin(), places.end(), 0U);
   for (const bool with_filters : {false, true}) {
     std::vector<Filter> filters;
@@ -81,17 +103,28 @@ TEST(TileSearch, ForEachProcessorFindsTheSamePairs) {
     ASSERT_GT(expected.size(), 100U);
     for (const bool plain : {true, false}) {
       Found found;
-      tile_search<3>(plain).tiles(found, all, 0, 4, filters);
-      tile_search<3>(plain).tiles(found, all, 4, 9, filters);
+      tile_search<axes>(plain).tiles(found, all, 0, 4, filters);
+      tile_search<axes>(plain).tiles(found, all, 4, all.tiles.size(), filters);
       EXPECT_TRUE(same("of tiles", sorted(found), expected)) << plain;
       Found of_boxes;
-      tile_search<3>(plain).boxes(of_boxes, all, places, filters);
+      tile_search<axes>(plain).boxes(of_boxes, all, places, filters);
       Pairs pairs = sorted(of_boxes);
       EXPECT_EQ(pairs.size(), 2 * expected.size()) << "each is found by both boxes";
       pairs.erase(std::unique(pairs.begin(), pairs.end()), pairs.end());
       EXPECT_TRUE(same("of boxes", pairs, expected)) << plain;
     }
   }
+}
+
+TEST(TileSearch, ForEachProcessorFindsTheSamePairs) {
+  expect_same_pairs(random_tiles<3>(9));
+}
+
+TEST(TileSearch, ForEachProcessorFindsTheSamePairsOfWorldsAndSets) {
+  HostTiles<4> all = random_tiles<4>(30);
+  expect_same_pairs(all);
+  all.sets = true;
+  expect_same_pairs(all);
 }
 
 TEST(PairSort, ListsOfAnyLengthAndWidth) {

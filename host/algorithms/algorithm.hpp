@@ -34,7 +34,7 @@ struct Changes {
   bool filters_changed = false;  ///< Filters or exclusions, since the last update.
   bool worlds = false;           ///< Whether some object is in a world other than 0.
   bool sets = false;             ///< Whether the filters part the objects into two sets: TwoSets.
-  bool sets_say_all = false;     ///< If so, whether any objects of different sets may pair: TwoSets.
+  bool sets_decide = false;      ///< If so, whether every two objects of different sets may pair.
 };
 
 /// An algorithm for a BroadPhase: stores the boxes, finds the pairs, and remembers the pairs of the last
@@ -53,14 +53,14 @@ class Algorithm {
   /// Reserves memory for at least this many slots, and keeps the existing boxes. Must not be called during an
   /// update. May block, so that begin() does not have to.
   /// @param filters Whether updates will have filters.
-  /// @throws Error, std::bad_alloc; nothing has changed then.
+  /// @throws Error, std::bad_alloc; nothing has changed then, except perhaps where boxes() are.
   virtual void reserve(std::size_t slots, bool filters) = 0;
 
   /// Reserves memory for this many exclusions of the next update. Otherwise like reserve().
   virtual void reserve_exclusions(std::size_t /*count*/) {}
 
   /// The boxes, in memory that the caller may write between updates; at least as many as were reserved. Valid
-  /// until the next call of a function that may throw, even if it does.
+  /// until the next reserve() or finish(), or until reserve_exclusions(), begin() or flush() throws.
   [[nodiscard]] virtual std::span<Aabb> boxes() noexcept = 0;
 
   /// An owner of the memory of boxes(), which may outlive this object.

@@ -45,7 +45,7 @@ class HostEngine final : public Algorithm {
                               .filters = filters_,
                               .worlds = changes_.worlds,
                               .sets = changes_.sets,
-                              .sets_say_all = changes_.sets_say_all};
+                              .sets_decide = changes_.sets_decide};
     auto& [added, removed] = lists_.next();
     const bool search_known = !filters_changed_ && changes_.changed.size() * pairs_per_search < pairs_.size();
     if (!changes_.all &&
@@ -72,7 +72,7 @@ class HostEngine final : public Algorithm {
                    .filters = changes.filters,
                    .worlds = changes.worlds,
                    .sets = changes.sets,
-                   .sets_say_all = changes.sets_say_all},
+                   .sets_decide = changes.sets_decide},
                   pairs);
     exclude(changes.exclusions, pairs);
     return pairs;

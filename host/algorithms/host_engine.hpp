@@ -15,7 +15,7 @@ struct HostObjects {
   std::span<const Filter> filters{};  ///< One per box, or none.
   bool worlds = false;                ///< Whether some are in a world other than 0.
   bool sets = false;                  ///< Whether the filters part them into two sets: TwoSets.
-  bool sets_say_all = false;          ///< If so, whether any objects of different sets may pair.
+  bool sets_decide = false;           ///< If so, whether every two objects of different sets may pair.
 };
 
 /// The part of an algorithm that finds pairs on the host, in canonical order.
@@ -34,7 +34,8 @@ class HostFinder {
 
   /// Finds those of them in which one of these slots takes part, if that takes less time than to find all.
   /// No other slot changed since the last call of find() or this function, which succeeded.
-  /// @param known Also gets those that took part then, if it is not null; no filter may have changed since.
+  /// @param known Also gets those that took part then, if it is not null; no filter may have changed since,
+  /// but objects may have been removed.
   /// @returns Whether it did so.
   /// @throws std::bad_alloc
   virtual bool find_changed(const HostObjects& /*objects*/, std::span<const std::uint32_t> /*changed*/,

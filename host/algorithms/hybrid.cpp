@@ -56,8 +56,14 @@ class Hybrid final : public Algorithm {
       : host_(std::move(host)), device_(std::move(device)), open_(std::move(open)) {}
 
   void reserve(std::size_t slots, bool filters) override {
-    if (!was_updated_ && !is_on_device() && device_ != nullptr && is_device_faster(slots, slots)) {
-      change_to(*device_, slots, filters || filters_);
+    if (!was_updated_ && !is_on_device() && device_ != nullptr && !has_device_failed_ &&
+        is_device_faster(slots, slots)) {
+      try {
+        change_to(*device_, slots, filters || filters_);
+      } catch (const Error&) {
+        has_device_failed_ = true;
+        throw;
+      }
     } else {
       or_leave_device([&] { current_->reserve(slots, filters); });
     }
@@ -90,10 +96,14 @@ class Hybrid final : public Algorithm {
   Delta finish() override {
     const auto start = Clock::now();
     Delta delta;
-    or_leave_device([&] { delta = current_->finish(); });
+    std::vector<Pair> pairs;
+    or_leave_device([&] {
+      delta = current_->finish();
+      if (has_changed_) pairs = current_->pairs();
+    });
     if (has_changed_) {
       auto& [added, removed] = lists_.next();
-      compare(before_, current_->pairs(), changes_.recycled, added, removed);
+      compare(before_, pairs, changes_.recycled, added, removed);
       delta = {added, removed};
     } else if (was_updated_) {  // the first update of all boxes takes longer
       learn(seconds_ + seconds_since(start));
@@ -105,6 +115,7 @@ class Hybrid final : public Algorithm {
     was_updated_ = true;
     before_.clear();
     asked_ = current_;
+    if (has_device_failed_) device_.reset();
     choose();
     return delta;
   }

@@ -14,7 +14,7 @@ using OpenDevice = std::function<std::unique_ptr<Algorithm>()>;
 /// An algorithm that works on the host or on the device, whichever is expected to be faster, and may switch
 /// between updates. It starts on the host, unless so many objects are reserved before the first update that
 /// the device is expected to be faster. If the device fails, that is an error, and all further updates are
-/// done on the host.
+/// done on the host, unless the pairs can no longer be read from the device.
 [[nodiscard]] std::unique_ptr<Algorithm> make_hybrid(std::unique_ptr<Algorithm> host,
                                                      std::unique_ptr<Algorithm> device);
 

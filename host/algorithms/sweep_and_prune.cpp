@@ -196,9 +196,9 @@ class SweepAndPrune final : public HostFinder {
     return objects.worlds || objects.sets ? 4 : 3;
   }
 
-  /// The filters to test; none if the sets say all.
+  /// The filters to test; none if the sets decide.
   [[nodiscard]] static std::span<const Filter> filters_of(const HostObjects& objects) {
-    return objects.sets && objects.sets_say_all ? std::span<const Filter>() : objects.filters;
+    return objects.sets && objects.sets_decide ? std::span<const Filter>() : objects.filters;
   }
 
   [[nodiscard]] std::size_t threads_of(std::size_t boxes) const {
@@ -408,7 +408,7 @@ void SweepAndPrune::find_changed(HostTiles<axes>& all, const HostObjects& object
   for (const std::uint32_t slot : changed) {
     if (slot < places_.size()) places.push_back(places_[slot]);  // or it was added and removed since then
   }
-  if (known != nullptr) search_boxes(all, filters_of(objects), places, *known);
+  if (known != nullptr) search_boxes(all, objects.filters, places, *known);  // the sets may have decided less
   dirty_.clear();
   for (const std::uint32_t place : places) {
     store(all, objects, order_[place], place);

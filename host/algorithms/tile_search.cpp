@@ -100,7 +100,7 @@ template <std::size_t axes>
 BROADCL_INLINE void test(Found& found, const HostTiles<axes>& all, std::size_t s, std::size_t t,
                          std::span<const Filter> filters) {
   if constexpr (axes > 3) {
-    // If all boxes of a tile are at the same place along the fourth axis, this place was tested already.
+    // If each tile is at a single position along the fourth axis, the two positions were compared already.
     const auto is_flat = [](const Bounds<axes>& bounds) { return bounds.lower[3] == bounds.upper[3]; };
     if (is_flat(all.bounds[s]) && is_flat(all.bounds[t])) return test_along<3>(found, all, s, t, filters);
   }

@@ -30,7 +30,9 @@ struct Config {
   /// here or by BROADCL_DEVICE, it is opened when the object is made. (If that device is a CPU, it does all
   /// updates, although the host would be faster.) Otherwise no device is opened until updates on the host
   /// take more than 0.1 ms each. Then the best GPU, if there is one, is opened in a background thread, and
-  /// updates continue on the host until its kernels are built. The destructor waits for that thread.
+  /// updates continue on the host until its kernels are built. The destructor waits for that thread. If the
+  /// device fails, that is an error, and all further updates are done on the host, unless the pairs can no
+  /// longer be read from the device.
   std::string algorithm = "auto";
 
   /// Number of threads that an algorithm of the host may use, including the caller's; 0 for one per

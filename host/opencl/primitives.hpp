@@ -16,7 +16,7 @@ namespace broadcl::opencl {
 }
 
 /// Elements that a work-group sorts in local memory, with the tuning profile for GPUs; with both profiles the
-/// length of a block to sort is a multiple of it.
+/// length of a block to sort is a multiple of it. A power of two.
 constexpr std::size_t sort_tile = 4096;
 constexpr unsigned digit_bits = 8;  // of a pass of a sort, at most
 

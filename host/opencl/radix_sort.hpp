@@ -33,7 +33,7 @@ class RadixSort {
   RadixSort(const Context& context, std::size_t most_few);
 
   /// Enqueues a stable ascending sort, in place. Does not wait. Sorts by one object must be enqueued one
-  /// after the other, as by a single thread. The object's memory, for counters, is at most 256 bytes per 8192
+  /// after the other, as by a single thread. The object's memory, for counters, is at most 1 KiB per 4096
   /// elements, and grows before anything is enqueued.
   ///
   /// For instance, {{0, k}, {32, k}} sorts pairs {a, b} of uints with k bits by b, then by a; {{32, 32}}

@@ -257,9 +257,10 @@ Exit run_study(const StudyOptions& options) {
   const nlohmann::ordered_json before = document.value_or(nullptr);
   if (!document) document = new_document(settings);
   for (const Device& device : devices) add_device(*document, device);
+  folder.lock(before);
   if (*document != before) {
     set_command(*document, options.out);
-    folder.write_document(*document, before);
+    folder.write_document(*document);
   }
 
   const std::vector<StudyRun> runs = planned_runs(settings, device_labels(*document));

@@ -95,25 +95,24 @@ void StudyFolder::refuse_own(const std::string& option, const fs::path& file) co
   }
 }
 
-void StudyFolder::lock() {
+void StudyFolder::lock(const nlohmann::ordered_json& document) {
   make_folder(folder_);
-  if (!lock_) lock_ = lock_folder(folder_);
-  if (lock_) return;
-  throw Error("another study is running in " + quoted(folder_) +
-              "; wait for its end, or name another folder with --out");
-}
-
-void StudyFolder::write_document(const nlohmann::ordered_json& document,
-                                 const nlohmann::ordered_json& before) {
-  lock();
-  if (read_document().value_or(nullptr) != before) {
+  auto lock = lock_folder(folder_);
+  if (!lock) {
+    throw Error("another study is running in " + quoted(folder_) +
+                "; wait for its end, or name another folder with --out");
+  }
+  if (read_document().value_or(nullptr) != document) {
     throw Error("another study has changed " + quoted(folder_ / "study.json") + "; run the command again");
   }
+  lock_ = std::move(lock);
+}
+
+void StudyFolder::write_document(const nlohmann::ordered_json& document) const {
   write(folder_ / "study.json", text_of(document));
 }
 
 std::vector<fs::path> StudyFolder::open(const std::vector<StudyRun>& runs, std::uint32_t frames) {
-  lock();
   make_folder(folder_ / "runs");
   runs_ = runs;
   frames_ = frames;

@@ -33,18 +33,21 @@ class StudyFolder {
   /// @throws Error naming the option if the study writes this file itself.
   void refuse_own(const std::string& option, const std::filesystem::path& file) const;
 
-  /// Makes the folder if it does not exist, locks it against other studies, and writes study.json.
-  /// @param before What read_document() returned, null if nothing.
-  /// @throws Error if it cannot be written, if another study has locked the folder, or if another study has
-  /// changed study.json since it was read.
-  void write_document(const nlohmann::ordered_json& document, const nlohmann::ordered_json& before);
+  /// Makes the folder if it does not exist, and locks it against other studies. Must be called before a
+  /// function that writes.
+  /// @param document What read_document() returned, null if nothing.
+  /// @throws Error if another study has locked the folder, or has changed study.json since it was read.
+  void lock(const nlohmann::ordered_json& document);
 
-  /// Locks the folder against other studies and looks for the files of runs.
+  /// Writes study.json.
+  /// @throws Error if it cannot be written.
+  void write_document(const nlohmann::ordered_json& document) const;
+
+  /// Looks for the files of runs.
   /// @param runs All runs that study.csv can have, in its order.
   /// @param frames Frames per run.
   /// @returns The damaged files. Their runs count as not done.
-  /// @throws Error if a file cannot be read, study.csv cannot be written, or another study has locked the
-  /// folder.
+  /// @throws Error if a file cannot be read, or study.csv cannot be written.
   std::vector<std::filesystem::path> open(const std::vector<StudyRun>& runs, std::uint32_t frames);
 
   /// The summary of a run; null if it is not done.
@@ -64,7 +67,6 @@ class StudyFolder {
  private:
   [[nodiscard]] std::filesystem::path file_of(const StudyRun& run) const;
   void write_table() const;
-  void lock();
 
   std::filesystem::path folder_;
   std::shared_ptr<const void> lock_;
