@@ -100,7 +100,10 @@ class BulletReference {
   void set_callback(btOverlapFilterCallback* callback) {
     if (cache_ != CacheKind::null) filter_.setOverlapFilterCallback(callback);
   }
-  void begin() { look_at_filters(); }
+  /// Does nothing until the next calculation if it was called before.
+  void begin() {
+    if (!std::exchange(is_begun_, true)) look_at_filters();
+  }
   void calculate();
 
   // Changes that users make to the cache.
@@ -171,6 +174,7 @@ class BulletReference {
   btHashedOverlappingPairCache filter_;  // empty; it only says what it would let in
   btOverlapFilterCallback* seen_callback_ = nullptr;
   bool is_filtered_anew_ = false;
+  bool is_begun_ = false;
   std::vector<std::optional<Slot>> slots_;
   std::vector<Pair> overlapping_;
   std::vector<Pair> known_;
@@ -227,7 +231,7 @@ inline void BulletReference::calculate() {
   for (std::optional<Slot>& slot : slots_) {
     if (slot) slot->is_changed = false;
   }
-  is_filtered_anew_ = false;
+  is_filtered_anew_ = is_begun_ = false;
 }
 
 }  // namespace broadcl::test
