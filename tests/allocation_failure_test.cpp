@@ -15,6 +15,7 @@
 #include "device_life.hpp"
 #include "each_algorithm.hpp"
 #include "failing_allocations.hpp"
+#include "opencl/kernel_source.hpp"
 #include "pretender.hpp"
 #include "short_life.hpp"
 #include "test_name.hpp"
@@ -113,6 +114,15 @@ void expect_errors_until_it_succeeds(long first, long all, const Function& funct
     }
   }
   EXPECT_GT(errors, 1);
+}
+
+TEST(AllocationFailure, KernelSourcesAreWholeOrAnError) {
+  const std::string whole = opencl::kernel_source("tiles.cl");
+  expect_errors_until_it_succeeds(0, 10'000, [&] {
+    const std::string source = opencl::kernel_source("tiles.cl");
+    const FailingAllocations::Pause pause;
+    EXPECT_EQ(source, whole);
+  });
 }
 
 /// Most allocations are for the sources of kernels, and these are all alike.

@@ -1,10 +1,9 @@
 #include "opencl/kernel_source.hpp"
 
 #include <algorithm>
+#include <charconv>
 #include <filesystem>
 #include <fstream>
-#include <iomanip>
-#include <optional>
 #include <set>
 #include <sstream>
 #include <utility>
@@ -34,46 +33,54 @@ std::string read(std::string_view name) {
   return std::string(file->text);
 }
 
-/// The file that an `#include "..."` line names.
-std::optional<std::string> included_file(std::string_view line) {
-  constexpr std::string_view prefix = "#include \"";
-  if (!line.starts_with(prefix)) return std::nullopt;
-  line.remove_prefix(prefix.size());
-  return std::string(line.substr(0, line.find('"')));
+/// The first line of a text, which is removed from it. (std::getline would take a failed allocation for the
+/// end of the text.)
+std::string_view next_line(std::string_view& text) {
+  const std::size_t end = text.find('\n');
+  const std::string_view line = text.substr(0, end);
+  text.remove_prefix(end == std::string_view::npos ? text.size() : end + 1);
+  return line;
 }
 
-void append_file(std::string& out, const std::string& name, std::set<std::string>& seen) {
-  const auto mark = [&](int line) { out += "#line " + std::to_string(line) + " \"" + name + "\"\n"; };
-  std::istringstream lines(read(name));
+/// The text between the first two quotation marks of a line.
+std::string_view quoted(std::string_view line) {
+  line.remove_prefix(line.find('"') + 1);
+  return line.substr(0, line.find('"'));
+}
+
+void append_file(std::string& out, std::string_view name, std::set<std::string>& seen) {
+  const auto mark = [&](int line) {
+    out.append("#line ").append(std::to_string(line)).append(" \"").append(name).append("\"\n");
+  };
+  const std::string text = read(name);
+  std::string_view rest = text;
   mark(1);
-  int number = 0;
-  for (std::string line; std::getline(lines, line);) {
-    ++number;
-    if (const auto file = included_file(line)) {
-      if (seen.insert(*file).second) append_file(out, *file, seen);
+  for (int number = 1; !rest.empty(); ++number) {
+    const std::string_view line = next_line(rest);
+    if (line.starts_with("#include \"")) {
+      const std::string_view file = quoted(line);
+      if (seen.emplace(file).second) append_file(out, file, seen);
       mark(number + 1);
     } else {
-      out += line + '\n';
+      out.append(line).append("\n");
     }
   }
 }
 
 /// "file:line" of a line (from 1) of a source, by the `#line` directive before it.
-std::string location_of(std::size_t line, const std::string& source) {
-  std::istringstream lines(source);
-  std::string file;
+std::string location_of(std::size_t line, std::string_view source) {
+  constexpr std::string_view directive = "#line ";
+  std::string_view file;
   std::size_t number = 0;
-  std::string text;
-  for (std::size_t k = 0; k < line && std::getline(lines, text); ++k) {
+  for (std::size_t k = 0; k < line && !source.empty(); ++k) {
+    const std::string_view text = next_line(source);
     ++number;
-    std::istringstream words(text);
-    std::string directive;
-    if (words >> directive && directive == "#line") {
-      words >> number >> std::quoted(file);
-      --number;
-    }
+    if (!text.starts_with(directive)) continue;
+    std::from_chars(text.data() + directive.size(), text.data() + text.size(), number);
+    --number;
+    file = quoted(text);
   }
-  return file + ":" + std::to_string(number);
+  return std::string(file) + ":" + std::to_string(number);
 }
 
 }  // namespace
