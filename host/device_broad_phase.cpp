@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <array>
+#include <type_traits>
 #include <utility>
 
 #include "algorithms/algorithm.hpp"
@@ -53,23 +54,24 @@ class DeviceBroadPhase::Impl {
 
   void begin(const Boxes& boxes) {
     refuse_in_flight("begin()");
-    context_.guard([&] {
+    guard_reservation([&] {
       check(boxes);
       settle();
       profiler_.begin();
       engine_->prepare();
       engine_->begin(search_of(boxes), tag_of(boxes));
       context_.queue().flush();
-      first_count_ = first_count_of(boxes);
     });
+    begun_first_count_ = first_count_of(boxes);
     in_flight_ = true;
   }
 
   Result finish() {
     if (!in_flight_) throw Error("finish() was called without begin()");
     in_flight_ = false;
-    const PairDelta::Counts counts = context_.guard([&] { return engine_->finish(); });
+    const PairDelta::Counts counts = guard_reservation([&] { return engine_->finish(); });
     turn_ = 1 - turn_;
+    first_count_ = begun_first_count_;
     complete_exclusions_ = exclusions_;
     const Order& changes = engine_->changes();
     Result result{.added = {changes.added()(), counts.added, changes.added_offsets()()},
@@ -85,19 +87,10 @@ class DeviceBroadPhase::Impl {
   void reserve(std::size_t boxes, std::size_t pairs, bool filters) {
     refuse_in_flight("reserve()");
     if (boxes > most_boxes) throw Error("more than 2147483647 boxes; give fewer");
-    reserved_ = 0;  // until all is done
-    context_.guard([&] {
-      settle();
-      const std::size_t slots = std::max<std::size_t>(boxes, frames_.at(turn_).objects.slots);
-      engine_->reserve_ahead(slots, pairs);
-      reserve(frames_.at(1 - turn_), slots, filters);
-      Frame larger = frames_.at(turn_);
-      reserve(larger, slots, filters);
-      copy(frames_.at(turn_), larger);
-      frames_.at(turn_) = std::move(larger);
-      reserved_ = boxes;
-      reserved_filters_ = filters;
-    });
+    reserved_ = {};  // until all is done
+    const Reservation wanted{.boxes = boxes, .pairs = pairs, .filters = filters};
+    context_.guard([&] { fulfil(wanted); });
+    reserved_ = wanted;
   }
 
   void set_exclusions(std::span<const Pair> pairs) {
@@ -122,20 +115,21 @@ class DeviceBroadPhase::Impl {
 
   void enqueue(const Boxes& boxes, const ChangeBuffers& changes) {
     refuse_in_flight("enqueue()");
-    if (count_of(boxes) > reserved_) {
+    if (count_of(boxes) > reserved_.boxes) {
       throw Error("enqueue() was given " + std::to_string(count_of(boxes)) +
-                  " boxes, but reserve() was called for " + std::to_string(reserved_) +
+                  " boxes, but reserve() was called for " + std::to_string(reserved_.boxes) +
                   "; call it for as many");
     }
-    if (has_filters(boxes) && !reserved_filters_) {
+    if (has_filters(boxes) && !reserved_.filters) {
       throw Error("enqueue() was given " +
                   std::string(boxes.filters != nullptr ? "filters" : "a second set, which takes filters") +
                   ", but reserve() was called without; call it with filters");
     }
-    context_.guard([&] {
+    guard_reservation([&] {
       check(boxes);
       check(changes, boxes);
       if (engine_->was_interrupted()) settle();
+      if (must_reserve_again_) fulfil(reserved_);
       profiler_.begin();
       engine_->prepare();
       engine_->enqueue(search_of(boxes), tag_of(boxes),
@@ -168,6 +162,35 @@ class DeviceBroadPhase::Impl {
     Generation objects;
     opencl::GrowingBuffer boxes, filters;
   };
+
+  /// For what enqueue() has memory.
+  struct Reservation {
+    std::size_t boxes = 0, pairs = 0;
+    bool filters = false;
+  };
+
+  /// Calls a function as Context::guard() does. If it fails, it may have lost memory that was reserved.
+  template <class Function>
+  std::invoke_result_t<const Function&> guard_reservation(const Function& function) {
+    try {
+      return context_.guard(function);
+    } catch (...) {
+      must_reserve_again_ = true;
+      throw;
+    }
+  }
+
+  void fulfil(const Reservation& wanted) {
+    settle();
+    const std::size_t slots = std::max<std::size_t>(wanted.boxes, frames_.at(turn_).objects.slots);
+    engine_->reserve_ahead(slots, wanted.pairs);
+    reserve(frames_.at(1 - turn_), slots, wanted.filters);
+    Frame larger = frames_.at(turn_);
+    reserve(larger, slots, wanted.filters);
+    copy(frames_.at(turn_), larger);
+    frames_.at(turn_) = std::move(larger);
+    must_reserve_again_ = false;
+  }
 
   void refuse_in_flight(const std::string& call) const {
     if (in_flight_) throw Error(call + " was called between begin() and finish(); call finish() first");
@@ -234,7 +257,7 @@ class DeviceBroadPhase::Impl {
     const std::size_t offsets = boxes.ordered_worlds + 2;
     check_buffer("added offsets", changes.added_offsets, offsets, 0, sizeof(cl_uint), sizeof(cl_uint));
     check_buffer("removed offsets", changes.removed_offsets, offsets, 0, sizeof(cl_uint), sizeof(cl_uint));
-    if (boxes.ordered_worlds > reserved_) {
+    if (boxes.ordered_worlds > reserved_.boxes) {
       throw Error("enqueue() was given " + std::to_string(boxes.ordered_worlds) +
                   " worlds, but reserve() was called for fewer boxes; call it for as many");
     }
@@ -328,10 +351,12 @@ class DeviceBroadPhase::Impl {
   // complete.
   cl::Buffer exclusions_, complete_exclusions_;
   bool in_flight_ = false;
-  std::size_t reserved_ = 0;  // boxes for which enqueue() has memory
-  bool reserved_filters_ = false;
-  std::optional<std::size_t> first_count_;  // boxes of the first set in the updates until now
-  std::size_t incomplete_ = 0;              // incomplete updates by enqueue() since the last result
+  Reservation reserved_;
+  bool must_reserve_again_ = false;
+  // Boxes of the first set: in the updates until now, and in the one that was begun.
+  std::optional<std::size_t> first_count_;
+  std::size_t begun_first_count_ = 0;
+  std::size_t incomplete_ = 0;  // incomplete updates by enqueue() since the last result
 };
 
 DeviceBroadPhase::DeviceBroadPhase(cl_command_queue queue) : DeviceBroadPhase(queue, Config()) {}

@@ -246,6 +246,36 @@ TEST_P(Enqueue, WaitingUpdatesInBetweenMayBeLarger) {
   }
 }
 
+/// If a call (every sixth in turn) fails while a waiting update replaces lists by larger ones.
+TEST(EnqueueBruteForce, KeepsWhatWasReservedAfterAFailedUpdate) {
+  const CallersQueue queue;
+  constexpr std::uint32_t reserved = 250;
+  constexpr std::uint32_t larger = 400;
+  const cl::Buffer together = queue.buffer_of(std::vector<Aabb>(larger, unit));
+  const Lists lists(queue, reserved * (reserved - 1) / 2);
+  bool has_failed = true;
+  long failures = 0;
+  for (long first = 0; has_failed; first += 6) {
+    SCOPED_TRACE("call " + std::to_string(first));
+    DeviceBroadPhase broad_phase(queue(), {.algorithm = "brute-force"});
+    broad_phase.reserve(reserved, lists.arguments.capacity);
+    broad_phase.enqueue({.buffer = together(), .count = 2}, lists.arguments);
+    try {
+      const FailingOpenCl one_fails(first, 1);
+      (void)broad_phase.update({.buffer = together(), .count = larger});
+      has_failed = FailingOpenCl::calls() > first;
+    } catch (const Error&) {
+    }
+    if (!has_failed) break;
+    ++failures;
+    broad_phase.enqueue({.buffer = together(), .count = 3}, lists.arguments);
+    broad_phase.enqueue({.buffer = together(), .count = reserved}, lists.arguments);
+    const std::uint32_t all = reserved * (reserved - 1) / 2;
+    ASSERT_EQ(queue.read_counts(lists.counts), (std::array<std::uint32_t, 4>{all - 3, 0, all, 0}));
+  }
+  EXPECT_GT(failures, 4);
+}
+
 /// Tiles may have been sorted in a halted update, by boxes that never took effect.
 TEST(EnqueueTiles, AreSortedAgainAfterIncompleteUpdates) {
   constexpr std::uint32_t n = 500;

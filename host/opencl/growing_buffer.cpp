@@ -18,8 +18,8 @@ std::size_t grown(const Context& context, std::size_t bytes, std::string_view wh
 
 void GrowingBuffer::reserve(const Context& context, std::size_t bytes, std::string_view what) {
   if (bytes <= bytes_) return;
-  clear();
   const std::size_t size = grown(context, bytes, what);
+  clear();
   buffer_ = context.buffer(size);
   bytes_ = size;
 }

@@ -25,7 +25,7 @@ class GrowingBuffer {  // NOLINT(bugprone-exception-escape): handles do not thro
  public:
   /// Ensures a capacity of at least this many bytes. If the buffer must grow, its content is lost, and its
   /// memory is released first, so that there need not be memory for both.
-  /// @throws Error, cl::Error; it is then empty.
+  /// @throws Error if the device allocates less at once; it is then as before. cl::Error; it is then empty.
   void reserve(const Context& context, std::size_t bytes, std::string_view what);
   void clear() { *this = {}; }
 
