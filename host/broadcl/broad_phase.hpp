@@ -80,7 +80,7 @@ class BROADCL_API BroadPhase {
   /// as moved.
   /// @returns n boxes, valid until the next call of a function of this object that is not const. If one of
   /// them has a NaN bound, the next update() or begin() throws an Error that names the first such box, and
-  /// changes nothing; write a valid box and call it again.
+  /// changes nothing; the boxes remain valid: write one without NaN, and call it again.
   /// @throws Error between begin() and finish(), and if there is no memory for the boxes.
   std::span<Aabb> map(std::size_t n);
 

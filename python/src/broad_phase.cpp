@@ -150,7 +150,6 @@ class Objects {
 
   nb::object boxes(std::size_t n) {
     const OneThread::Use use(thread_);
-    take_mapped();
     std::span<Aabb> mapped;
     {
       const nb::gil_scoped_release released;
@@ -158,6 +157,7 @@ class Objects {
       mapped = broad_phase_->map(n);
       live_.assign(n, 1);
     }
+    take_mapped();
     using Array = nb::ndarray<nb::numpy, float, nb::shape<-1, 6>>;
     array_ = Array(mapped.data(), {n, 6},
                    keep(std::make_unique<std::shared_ptr<const void>>(broad_phase_->mapped_memory())))

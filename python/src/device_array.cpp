@@ -132,7 +132,12 @@ DeviceBoxes::DeviceBoxes(nb::handle boxes, nb::handle queue, const std::string& 
   const bool is_rows = shape.size() == 2 && shape[1] == 6 && strides[1] == number;
   const bool is_corners =
       shape.size() == 3 && shape[1] == 2 && shape[2] == 3 && strides[1] == 3 * number && strides[2] == number;
-  if (!shape.empty() && shape[0] == 0) return;
+  if (!shape.empty() && shape[0] == 0) {
+    const nb::object cl = nb::module_::import_("pyopencl");
+    stand_in = cl.attr("Buffer")(queue.attr("context"), cl.attr("mem_flags").attr("READ_ONLY"), sizeof(Aabb));
+    buffer = to_handle<cl_mem>(stand_in);
+    return;
+  }
   if ((!is_rows && !is_corners) || strides[0] < 0) {
     throw nb::value_error(
         (name +

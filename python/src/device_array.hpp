@@ -27,6 +27,7 @@ struct DeviceBoxes {
   DeviceBoxes(nanobind::handle boxes, nanobind::handle queue, const std::string& name);
 
   cl_mem buffer = nullptr;
+  nanobind::object stand_in;  ///< Owns that buffer if the array, which has no boxes, has none.
   std::size_t count = 0;
   std::size_t offset = 0;
   std::size_t stride = 24;

@@ -49,10 +49,11 @@ class DeviceObjects {
 
   void begin(nb::handle boxes, nb::handle second, nb::handle filters, bool worlds) {
     const OneThread::Use use(thread_);
-    const DeviceBroadPhase::Boxes all = to_boxes(queue_, boxes, second, filters, worlds);
+    if (result_) throw Error("the last update's changes were not returned; call finish() for them first");
+    const Sets sets(queue_, boxes, second, filters, worlds);
     {
       const nb::gil_scoped_release released;
-      broad_phase_.begin(all);
+      broad_phase_.begin(sets.boxes);
     }
     inputs_ = nb::make_tuple(boxes, second, filters);
   }
@@ -60,13 +61,14 @@ class DeviceObjects {
   DeviceChanges finish() {
     const OneThread::Use use(thread_);
     const nb::object inputs = std::exchange(inputs_, nb::none());
-    DeviceBroadPhase::Result result;
-    {
+    if (!result_) {
       const nb::gil_scoped_release released;
-      result = broad_phase_.finish();
+      result_ = broad_phase_.finish();
     }
-    return {copy_on_device(result.added, queue_), copy_on_device(result.removed, queue_), result.pair_count,
-            result.invalid_boxes, result.first_invalid};
+    DeviceChanges changes{copy_on_device(result_->added, queue_), copy_on_device(result_->removed, queue_),
+                          result_->pair_count, result_->invalid_boxes, result_->first_invalid};
+    result_.reset();
+    return changes;
   }
 
   void set_exclusions(nb::handle pairs) {
@@ -100,7 +102,8 @@ class DeviceObjects {
   /// See `find_on_device`.
   static nb::object find(nb::handle a, nb::handle b, nb::handle exclusions, nb::handle queue,
                          const std::string& algorithm) {
-    const DeviceBroadPhase::Boxes boxes = to_boxes(queue, a, b, nb::none(), false);
+    const Sets sets(queue, a, b, nb::none(), false);
+    const DeviceBroadPhase::Boxes& boxes = sets.boxes;
     std::vector<Pair> without = to_exclusions(exclusions, boxes.count,
                                               b.is_none() ? std::nullopt : std::optional(boxes.second.count));
     if (!b.is_none()) {  // they are counted as if the second set followed the first
@@ -134,27 +137,33 @@ class DeviceObjects {
     return DeviceBroadPhase(handle, {.algorithm = algorithm, .profile = profile});
   }
 
-  static DeviceBroadPhase::Boxes to_boxes(nb::handle queue, nb::handle boxes, nb::handle second,
-                                          nb::handle filters, bool worlds) {
-    const DeviceBoxes first(boxes, queue, second.is_none() ? "boxes" : "the first set");
-    DeviceBroadPhase::Boxes all{.buffer = first.buffer,
-                                .count = first.count,
-                                .offset = first.offset,
-                                .stride = first.stride,
-                                .worlds = worlds};
-    if (!second.is_none()) {
-      const DeviceBoxes other(second, queue, "the second set");
-      all.second = {
-          .buffer = other.buffer, .count = other.count, .offset = other.offset, .stride = other.stride};
+  /// The boxes of an update.
+  struct Sets {
+    Sets(nb::handle queue, nb::handle first_set, nb::handle second_set, nb::handle filters, bool worlds)
+        : first(first_set, queue, second_set.is_none() ? "boxes" : "the first set") {
+      boxes = {.buffer = first.buffer,
+               .count = first.count,
+               .offset = first.offset,
+               .stride = first.stride,
+               .worlds = worlds};
+      if (!second_set.is_none()) {
+        const DeviceBoxes& other = second.emplace(second_set, queue, "the second set");
+        boxes.second = {
+            .buffer = other.buffer, .count = other.count, .offset = other.offset, .stride = other.stride};
+      }
+      boxes.filters = to_filters(filters, queue, boxes.count + boxes.second.count);
     }
-    all.filters = to_filters(filters, queue, all.count + all.second.count);
-    return all;
-  }
+
+    DeviceBoxes first;
+    std::optional<DeviceBoxes> second;
+    DeviceBroadPhase::Boxes boxes;
+  };
 
   OneThread thread_;
   nb::object queue_;
   DeviceBroadPhase broad_phase_;
-  nb::object inputs_ = nb::none();  // of the update that was begun
+  nb::object inputs_ = nb::none();                  // of the update that was begun
+  std::optional<DeviceBroadPhase::Result> result_;  // of the last update, until its changes are copied
 };
 
 }  // namespace
@@ -224,7 +233,8 @@ void add_device_broad_phase(nb::module_& module) {
            "after the first.\n"
            "worlds: whether the filters have different worlds.\n\n"
            "Raises TypeError for arrays that are not on the device or not float32, ValueError for a\n"
-           "wrong shape or another queue, Error if the device fails. The known pairs are then as before.")
+           "wrong shape or another queue, Error if the device fails. The known pairs are then as before.\n"
+           "Exceptions of pyopencl for the arrays that are returned: see finish().")
       .def("begin", &DeviceObjects::begin, "boxes"_a.none(), "second"_a = nb::none(), nb::kw_only(),
            "filters"_a = nb::none(), "worlds"_a = false,
            nb::sig("def begin(self, boxes: pyopencl.array.Array | pyopencl.Buffer, second: "
@@ -233,7 +243,8 @@ void add_device_broad_phase(nb::module_& module) {
            "Enqueues an update, and returns at once. Arguments and exceptions as for update().")
       .def("finish", &DeviceObjects::finish,
            "Waits for the update that begin() started, and returns the changes.\n"
-           "Raises Error as update() does, and if no update was begun.")
+           "Raises Error as update() does, and if no update was begun. If pyopencl fails while it copies\n"
+           "the changes, call finish() again; no other update can begin before.")
       .def("set_exclusions", &DeviceObjects::set_exclusions, "pairs"_a.none(),
            nb::sig("def set_exclusions(self, pairs: numpy.typing.ArrayLike) -> None"),
            "Replaces the list of pairs of indices that are never reported: (m, 2) integers in host\n"

@@ -68,6 +68,36 @@ def test_two_sets(queue):
     assert np.array_equal(broad_phase.pairs().get(), oracle(a, b))
 
 
+def test_sets_without_boxes(queue):
+    boxes, none = to_device(queue, uniform(300)), cl_array.empty(queue, (0, 6), np.float32)
+    for a, b in (boxes, none), (none, boxes), (none, none):
+        assert broadcl.overlapping_pairs(a, b).shape == (0, 2)
+        assert broadcl.DeviceBroadPhase(queue).update(a, b).pair_count == 0
+    broad_phase = broadcl.DeviceBroadPhase(queue)
+    assert broad_phase.update(boxes, none).pair_count == 0
+    other = uniform(200, seed=2)
+    assert np.array_equal(broad_phase.update(boxes, to_device(queue, other)).added.get(), oracle(boxes.get(), other))
+    assert broad_phase.update(boxes, none).pair_count == 0
+    with pytest.raises(broadcl.Error, match="second set"):
+        broad_phase.update(boxes)
+
+
+def test_changes_that_cannot_be_copied(queue, monkeypatch):
+    values = uniform(300)
+    boxes = to_device(queue, values)
+    broad_phase = broadcl.DeviceBroadPhase(queue)
+    with monkeypatch.context() as patch:
+        patch.setattr(cl, "enqueue_copy", lambda *args, **named: (_ for _ in ()).throw(MemoryError()))
+        with pytest.raises(MemoryError):
+            broad_phase.update(boxes)
+        with pytest.raises(MemoryError):
+            broad_phase.finish()
+    with pytest.raises(broadcl.Error, match="finish"):
+        broad_phase.update(boxes)
+    assert np.array_equal(broad_phase.finish().added.get(), oracle(values))
+    assert broad_phase.update(boxes).added.shape == (0, 2)
+
+
 @pytest.mark.parametrize("algorithm", ["auto", "brute-force", "tiles"])
 def test_moving(queue, algorithm):
     broad_phase = broadcl.DeviceBroadPhase(queue, algorithm=algorithm)
