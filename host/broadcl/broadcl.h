@@ -30,9 +30,11 @@ extern "C" {
 /// The result of a call.
 typedef enum broadcl_status {
   BROADCL_SUCCESS = 0,
-  BROADCL_INVALID_ARGUMENT = 1,  ///< A null pointer, a struct with a wrong size, or an unknown constant.
-  BROADCL_FAILED = 2,            ///< Anything else that broadcl_last_error() describes.
-  BROADCL_OUT_OF_MEMORY = 3      ///< Memory of the host is exhausted.
+  /// A null pointer, a struct with a wrong size, an unknown constant, an index out of range, or boxes on the
+  /// host that are too many or misaligned.
+  BROADCL_INVALID_ARGUMENT = 1,
+  BROADCL_FAILED = 2,        ///< Anything else that broadcl_last_error() describes.
+  BROADCL_OUT_OF_MEMORY = 3  ///< Memory of the host is exhausted.
 } broadcl_status;
 
 /// Describes the last failure in this thread, and what to do about it; "" if there was none. Valid until the

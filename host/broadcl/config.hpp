@@ -32,7 +32,8 @@ struct Config {
   /// take more than 0.1 ms each. Then the best GPU, if there is one, is opened in a background thread, and
   /// updates continue on the host until its kernels are built. The destructor waits for that thread. If the
   /// device fails, that is an error, and all further updates are done on the host, unless the pairs can no
-  /// longer be read from the device.
+  /// longer be read from the device. That thread reads environment variables: set none while an object works
+  /// that may open a device.
   std::string algorithm = "auto";
 
   /// Number of threads that an algorithm of the host may use, including the caller's; 0 for one per
