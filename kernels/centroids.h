@@ -10,8 +10,9 @@
 #endif
 
 /* The bucket with the bounds of a world. Worlds may share a bucket, but not with objects of all worlds. `buckets` is
-   2^k + 1. */
+   2^k + 1, or 1 for all objects. */
 static inline uint bucket_of_world(const uint world, const uint buckets) {
+  if (buckets == 1U) return 0;
   return world == ALL_WORLDS ? buckets - 1U : world & (buckets - 2U);
 }
 

@@ -5,7 +5,7 @@
 #include "aabb.h"
 
 #ifndef WIDTH
-#define WIDTH 16 /* 4, 8 or 16 */
+#define WIDTH 16 /* 4 or 16 */
 #endif
 
 #define PASTE_(x, y) x##y

@@ -259,6 +259,35 @@ TEST(LimitedDevice, WithSmallAllocationsRefusesPairsThatDoNotFitAndGoesOn) {
   EXPECT_TRUE(broad_phase.update().added.empty());
 }
 
+TEST(LimitedDevice, WithSmallAllocationsHasATreeForAllBoxesThatFit) {
+  const LimitedDevices limited({.allocation = 1 << 20});
+  constexpr std::uint32_t n = 40'000;
+  BroadPhase broad_phase({.algorithm = "tiles"});
+  const std::span<Aabb> boxes = broad_phase.map(n);
+  for (std::uint32_t k = 0; k < n; ++k) boxes[k] = apart(k);
+  boxes[n - 1] = boxes[0];
+  EXPECT_TRUE(same("added", broad_phase.update().added, Pairs{{0, n - 1}}));
+}
+
+/// Changes that fit in lists of their number, but not in one of a quarter more.
+TEST(LimitedDevice, WithSmallAllocationsHasListsForAllChangesThatFit) {
+  const LimitedDevices limited({.allocation = 1 << 20});
+  constexpr std::uint32_t n = 375;
+  std::vector<Aabb> boxes(n, unit);
+  for (std::uint32_t k = 0; k < n; ++k) boxes.push_back(apart(1 + k));
+  const CallersQueue queue;
+  const cl::Buffer first_together = queue.buffer_of(boxes);
+  std::ranges::rotate(boxes, boxes.begin() + n);
+  const cl::Buffer second_together = queue.buffer_of(boxes);
+  DeviceBroadPhase broad_phase(queue(), {.algorithm = "brute-force"});
+  (void)broad_phase.update({.buffer = first_together(), .count = 2 * n});
+  for (const cl::Buffer& now : {second_together, first_together, second_together}) {
+    const auto result = broad_phase.update({.buffer = now(), .count = 2 * n});
+    EXPECT_EQ(result.added.count, n * (n - 1) / 2);
+    EXPECT_EQ(result.removed.count, n * (n - 1) / 2);
+  }
+}
+
 /// On Intel's GPUs, large buffers need a flag and an option, which only gpu-bf uses.
 NOT_IN(all_default, "takes long, in the compiler");
 TEST(LimitedDevice, OfIntelHasLargeBuffersForGpuBf) {

@@ -337,6 +337,23 @@ TEST_P(TwoSetsOnTheDevice, FiltersOfBothSets) {
   EXPECT_EQ(queue_.read(result.added), (Pairs{{0, 1}, {0, 2}, {1, 2}}));
 }
 
+/// Boxes::worlds affects only speed.
+ALSO_IN(oclgrind | oclgrind_gpu_profile);
+TEST_P(TwoSetsOnTheDevice, WorldsThatWereNotAnnounced) {
+  constexpr std::uint32_t far = 1'000'000;
+  const cl::Buffer boxes = queue_.buffer_of(std::vector<Aabb>(3, unit));
+  const cl::Buffer filters = queue_.buffer_of(std::vector<Filter>{{.world = far},
+                                                                  {.world = 1},
+                                                                  {.world = Filter::all_worlds},
+                                                                  {.world = 1},
+                                                                  {.world = far},
+                                                                  {.world = 2}});
+  DeviceBroadPhase broad_phase(queue_(), {.algorithm = GetParam()});
+  const auto result = broad_phase.update(
+      {.buffer = boxes(), .count = 3, .filters = filters(), .second = {.buffer = boxes(), .count = 3}});
+  EXPECT_EQ(queue_.read(result.added), (Pairs{{1, 0}, {2, 0}, {0, 1}, {2, 1}, {2, 2}}));
+}
+
 TEST_P(TwoSetsOnTheDevice, BadSetsAreRefused) {
   const cl::Buffer boxes = queue_.buffer_of(std::vector<Aabb>(4, unit));
   DeviceBroadPhase broad_phase(queue_(), {.algorithm = GetParam()});

@@ -66,8 +66,11 @@ void Order::begin(const Search& search) {
   // Allocate more only if it was needed twice in a row: a first frame finds all pairs, the next one only what
   // changed.
   const std::size_t wanted = many_ ? last_changes_ + last_changes_ / 4 : 3 * last_longest_;
+  const std::size_t most = (context_.device().max_allocation - PairDelta::count_bytes) / sizeof(Pair) /
+                           changes_multiple * changes_multiple;
   capacity_ = round_up(std::max(least_changes, std::min(wanted, std::max(last_wanted_, allocated()))),
                        changes_multiple);
+  capacity_ = std::min(capacity_, most);
   last_wanted_ = wanted;
   expected_ = std::clamp(last_changes_ + last_changes_ / 8, least_changes, capacity_);
   room_ = many_ ? capacity_ : capacity_ / 2;
@@ -161,8 +164,9 @@ void Order::enqueue_many(const PairDelta& delta, cl_uint tag) {
   const std::size_t buckets = buckets_of_list();
   context_.fill(buckets_.get(), 0, 0, 2 * buckets);
   // Each work-item handles several changes, but not so many that llvmpipe would end it (see tuning_of()).
-  const std::size_t items =
-      std::clamp(capacity_, context_.device().compute_units * std::size_t{64}, std::size_t{1} << 20);
+  const std::size_t most_items = std::max(std::size_t{1} << 20, capacity_ / 8);
+  const std::size_t items = std::clamp(
+      capacity_, std::min(most_items, context_.device().compute_units * std::size_t{64}), most_items);
   for (opencl::SizedKernel* sized : {&count_, &scatter_, &place_}) {
     cl::Kernel& kernel = sized->kernel;
     const cl_uint next =

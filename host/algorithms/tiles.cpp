@@ -40,6 +40,7 @@ constexpr unsigned code_bits = 31;
 /// The highest of them, by which boxes are sorted: one radix pass less than for all, and trees as good.
 constexpr unsigned sorted_bits = 24;
 constexpr std::size_t levels = 4;  // as many as a cl_uint4 has numbers
+constexpr std::size_t reported_work = 256;
 
 constexpr std::size_t most_sharers = 8;
 constexpr std::size_t search_groups_per_unit = 64;         // as far as most_sharers allows
@@ -214,24 +215,38 @@ class Tiles final : public PairFinder {
     sorted_slots_ = 0;
     elements_ = scratch_ = {};
     tree_ = changed_tree_ = {};
-    const std::size_t bytes =
-        opencl::grown(context_, round_up(slots, launch_.node) * sizeof(cl_ulong), "order of boxes");
-    const std::size_t capacity = bytes / sizeof(cl_ulong) / launch_.node * launch_.node;
-    elements_ = context_.buffer(bytes);
-    scratch_ = context_.buffer(bytes);
+    const std::size_t needed = round_up(slots, launch_.node);
+    std::size_t capacity = opencl::grown(context_, needed * sizeof(cl_ulong), "order of boxes") /
+                           sizeof(cl_ulong) / launch_.node * launch_.node;
+    set_levels(capacity);
+    if (tree_bytes(true) > context_.device().max_allocation) {
+      capacity = needed;
+      set_levels(capacity);
+    }
+    elements_ = context_.buffer(capacity * sizeof(cl_ulong));
+    scratch_ = context_.buffer(capacity * sizeof(cl_ulong));
+    capacity_ = capacity;
+  }
+
+  /// Sets the number of nodes of a tree for this many boxes, and the first of each level.
+  void set_levels(std::size_t capacity) {
     nodes_ = 0;
     for (std::size_t level = 0, size = capacity; level < levels; ++level) {
       starts_.s[level] = static_cast<cl_uint>(nodes_);
       size = divide_up(size, launch_.node);
       nodes_ += size;
     }
-    capacity_ = capacity;
+  }
+
+  [[nodiscard]] std::size_t tree_bytes(bool worlds) const {
+    return nodes_ * launch_.node * (worlds ? child_bytes_of_worlds : child_bytes);
   }
 
   void reserve_tree(Tree& tree, bool worlds) const {
-    const std::size_t bytes = nodes_ * launch_.node * (worlds ? child_bytes_of_worlds : child_bytes);
+    const std::size_t bytes = tree_bytes(worlds);
     if (tree.bytes >= bytes) return;
     tree = {};
+    opencl::refuse_too_large(context_, bytes, "tree of boxes", context_.device().max_allocation);
     tree = {.nodes = context_.buffer(bytes), .bytes = bytes};
   }
 
@@ -277,13 +292,15 @@ class Tiles final : public PairFinder {
     return 4 * static_cast<double>(divide_up(slots, launch_.node)) + 12 * static_cast<double>(changed);
   }
 
-  /// The work at which the search is given up; the largest number if it must not be.
-  [[nodiscard]] cl_uint most_work(const Search& search, const PairDelta& sink) const {
+  /// The work at which a search by this many work-groups is given up; the largest number if it must not be.
+  [[nodiscard]] cl_uint most_work(const Search& search, const PairDelta& sink, std::size_t groups) const {
     constexpr cl_uint any = std::numeric_limits<cl_uint>::max();
     if (!search.may_give_up || sink.frames() == sorted_frame_) return any;
     const double factor = std::max({default_factors[1], factors_[1], fresh_factors_[1]});
-    return static_cast<cl_uint>(
-        std::min<double>(any, hopeless * factor * usual_work(search.now.slots, search.now.slots)));
+    const double most = hopeless * factor * usual_work(search.now.slots, search.now.slots);
+    // Each work-group may do some more before it knows; the kernel counts in 32 bits.
+    const bool overflows = most + 2.0 * reported_work * static_cast<double>(groups) >= any;
+    return overflows ? any : static_cast<cl_uint>(most);
   }
 
   void sort(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) {
@@ -363,7 +380,7 @@ class Tiles final : public PairFinder {
     // take longer than the others save.
     const bool is_first = search.last.slots == 0;
     const std::size_t dense_sharers = is_first ? this->sharers(tiles, dense_search_groups_per_unit) : sharers;
-    most_work_ = most_work(search, sink);
+    most_work_ = most_work(search, sink, tiles * dense_sharers);
     cl::Kernel& kernel = search_kernel(search.all, has_worlds(search));
     const cl_uint next = opencl::set_arguments(kernel, 0, starts_, static_cast<cl_uint>(top_), roots_,
                                                static_cast<cl_uint>(sharers), most_work_, sets(search),

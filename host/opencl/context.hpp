@@ -96,7 +96,7 @@ class Context {
 
   /// Builds a kernel file, or loads its binary from the cache, if it has not done so before.
   /// @param file Name of a file of kernels/.
-  /// @param options For the compiler, for instance "-DWIDTH=8".
+  /// @param options For the compiler, for instance "-DWIDTH=4".
   /// @throws Error with the compiler's log, which names file and line, if it does not compile.
   [[nodiscard]] cl::Program program(std::string_view file, const std::string& options = {}) const;
 

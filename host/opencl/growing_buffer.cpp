@@ -7,12 +7,15 @@
 
 namespace broadcl::opencl {
 
+void refuse_too_large(const Context& context, std::size_t bytes, std::string_view what, std::uint64_t most) {
+  if (bytes <= most) return;
+  throw Error(context.device().label() + ": needs a buffer of " + std::to_string(bytes) + " bytes for the " +
+              std::string(what) + ", but the device allocates at most " + std::to_string(most) +
+              "; use fewer boxes, another algorithm or a device with more memory");
+}
+
 std::size_t grown(const Context& context, std::size_t bytes, std::string_view what, std::uint64_t most) {
-  if (bytes > most) {
-    throw Error(context.device().label() + ": needs a buffer of " + std::to_string(bytes) +
-                " bytes for the " + std::string(what) + ", but the device allocates at most " +
-                std::to_string(most) + "; use fewer boxes, another algorithm or a device with more memory");
-  }
+  refuse_too_large(context, bytes, what, most);
   return std::min<std::uint64_t>(most, std::uint64_t{bytes} + bytes / 4);
 }
 

@@ -9,6 +9,9 @@
 
 namespace broadcl::opencl {
 
+/// @throws Error if the device does not allocate this many bytes at once. Parameters are those of grown().
+void refuse_too_large(const Context& context, std::size_t bytes, std::string_view what, std::uint64_t most);
+
 /// The size of a new buffer that must hold this many bytes: a quarter more, but at most what the device
 /// allocates at once, so that a buffer that grows step by step is seldom replaced.
 /// @param what What it holds, for the error message: "overlapping pairs".
