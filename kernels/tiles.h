@@ -10,11 +10,14 @@
 
 #include "aabb.h"
 #include "filter.h"
-#include "lanes.h"
 
 #ifndef GROUP
 #define GROUP 32 /* one work-item per child, 32 or 64; 1 with the tuning profile for CPUs: it handles all children */
 #endif
+#if GROUP > 1
+#define WIDTH 4 /* vectors take registers there */
+#endif
+#include "lanes.h"
 #ifndef WORLDS
 #define WORLDS 0 /* 1 if objects are in different worlds */
 #endif

@@ -76,6 +76,28 @@ static inline void seek(bounds_t* bounds, const uint sets) {
 #endif
 }
 
+/* One bit per child of a node: whether it overlaps these bounds. */
+static inline mask_t overlapping(global const float* tree, const uint node, const bounds_t* bounds) {
+  mask_t bits = 0;
+#if GROUP > 1
+#pragma unroll 1 /* more would take too many registers */
+#endif
+  for (uint part = 0; part < NODE / WIDTH; ++part) {
+    global const float* p = tree + child_at(node, 0, part * WIDTH);
+#define LOAD(i) PASTE(vload, WIDTH)(0, p + (i)*NODE)
+    INTS overlap = AABB_OVERLAPS_LANES(
+        LOAD(0), LOAD(1), LOAD(2), LOAD(3), LOAD(4), LOAD(5), bounds->bound[0], bounds->bound[1], bounds->bound[2],
+        bounds->bound[3], bounds->bound[4], bounds->bound[5]);
+#if WORLDS
+    global const uint* worlds = (global const uint*)p;
+    overlap &= (PASTE(vload, WIDTH)(0, worlds + FIRST_WORLD * NODE) <= bounds->last_world) &
+               (PASTE(vload, WIDTH)(0, worlds + LAST_WORLD * NODE) >= bounds->first_world);
+#endif
+    bits |= (mask_t)lane_mask(overlap) << (part * WIDTH);
+  }
+  return bits;
+}
+
 /* How much work a work-group does before it adds that to the total. */
 #define REPORT 256U
 
@@ -125,6 +147,17 @@ INLINE mask_t visit(const uint node, global const float* tree, const bounds_t* b
   return vote(overlaps, ballots, turn);
 }
 #define VISIT(node) visit(node, tree, &bounds, changed, &changed_bounds, &child, &scratch.ballots, &turn)
+
+/* If more than half of the children of a node overlap the bounds of a tile, its boxes may be far apart, because the order
+   leaps where the scene has a gap. Then most of the bounds is empty, and this returns those of the children, in `bits`,
+   that overlap a box of the tile; `child` is this work-item's. (Otherwise the few work-groups with such tiles would work
+   long after all others.) All work-items must call it. */
+INLINE mask_t near_a_box(const mask_t bits, const bounds_t* child, global const float* tree, const uint tile,
+                         const uint sets, local ballots_t* ballots, uint* turn) {
+  bounds_t sought = *child;
+  seek(&sought, sets);
+  return bits & vote(overlapping(tree, tile, &sought) != 0U, ballots, turn);
+}
 
 /* Appends those hits that are new pairs: all of them if there was no box in the last frame. All work-items must call
    it. */
@@ -204,25 +237,6 @@ INLINE bool test_candidates(local search_t* scratch, const uint count, const bou
 }
 #else
 #define FLUSH 64U /* hits are appended once there are this many */
-
-/* One bit per child of a node: whether it overlaps these bounds. */
-static inline mask_t overlapping(global const float* tree, const uint node, const bounds_t* bounds) {
-  mask_t bits = 0;
-  for (uint part = 0; part < NODE / WIDTH; ++part) {
-    global const float* p = tree + child_at(node, 0, part * WIDTH);
-#define LOAD(i) PASTE(vload, WIDTH)(0, p + (i)*NODE)
-    INTS overlap = AABB_OVERLAPS_LANES(
-        LOAD(0), LOAD(1), LOAD(2), LOAD(3), LOAD(4), LOAD(5), bounds->bound[0], bounds->bound[1], bounds->bound[2],
-        bounds->bound[3], bounds->bound[4], bounds->bound[5]);
-#if WORLDS
-    global const uint* worlds = (global const uint*)p;
-    overlap &= (PASTE(vload, WIDTH)(0, worlds + FIRST_WORLD * NODE) <= bounds->last_world) &
-               (PASTE(vload, WIDTH)(0, worlds + LAST_WORLD * NODE) >= bounds->first_world);
-#endif
-    bits |= lane_mask(overlap) << (part * WIDTH);
-  }
-  return bits;
-}
 
 /* Bits of the children of a node that the tile has to visit. */
 static inline mask_t visit(const uint node, global const float* tree, const bounds_t* bounds,
@@ -330,8 +344,12 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_search(
     mask_t bits = VISIT(of_level(starts, level) + node);
     ++work;
     if (level > 0U) {
+      bits = not_before(bits, node, tile >> (NODE_BITS * (level - 1U)));
+#if GROUP > 1
+      if ((uint)popcount(bits) > NODE / 2U) bits = near_a_box(bits, &child, tree, tile, sets, &scratch.ballots, &turn);
+#endif
       if (level == 1U) bits &= share << (uint)get_group_id(1);
-      set_rest(&rest, level, not_before(bits, node, tile >> (NODE_BITS * (level - 1U))));
+      set_rest(&rest, level, bits);
     } else {
 #if GROUP > 1
       if ((bits >> item & 1U) != 0U) {

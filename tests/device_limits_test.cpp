@@ -272,12 +272,12 @@ TEST(LimitedDevice, WithSmallAllocationsHasATreeForAllBoxesThatFit) {
 /// Changes that fit in lists of their number, but not in one of a quarter more.
 TEST(LimitedDevice, WithSmallAllocationsHasListsForAllChangesThatFit) {
   const LimitedDevices limited({.allocation = 1 << 20});
-  constexpr std::uint32_t n = 375;
+  constexpr std::size_t n = 375;
   std::vector<Aabb> boxes(n, unit);
-  for (std::uint32_t k = 0; k < n; ++k) boxes.push_back(apart(1 + k));
+  for (std::size_t k = 0; k < n; ++k) boxes.push_back(apart(1 + k));
   const CallersQueue queue;
   const cl::Buffer first_together = queue.buffer_of(boxes);
-  std::ranges::rotate(boxes, boxes.begin() + n);
+  std::rotate(boxes.begin(), boxes.begin() + n, boxes.end());
   const cl::Buffer second_together = queue.buffer_of(boxes);
   DeviceBroadPhase broad_phase(queue(), {.algorithm = "brute-force"});
   (void)broad_phase.update({.buffer = first_together(), .count = 2 * n});
