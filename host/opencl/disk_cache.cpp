@@ -45,7 +45,9 @@ Header header_of(std::string_view key, std::string_view content) {
 
 fs::path temporary_name(const fs::path& target) {
   static std::atomic<unsigned> serial{0};
-  return fs::path(target) += "." + std::to_string(process_id()) + "-" + std::to_string(serial++) + ".tmp";
+  std::string suffix(".");  // (GCC 12 warns if a literal comes first in a sum of strings.)
+  suffix += std::to_string(process_id()) + "-" + std::to_string(serial++) + ".tmp";
+  return fs::path(target) += suffix;
 }
 
 bool write(const fs::path& path, const Header& header, std::string_view key, std::string_view content) {
