@@ -148,10 +148,10 @@ INLINE mask_t visit(const uint node, global const float* tree, const bounds_t* b
 }
 #define VISIT(node) visit(node, tree, &bounds, changed, &changed_bounds, &child, &scratch.ballots, &turn)
 
-/* If more than half of the children of a node overlap the bounds of a tile, its boxes may be far apart, because the order
-   leaps where the scene has a gap. Then most of the bounds is empty, and this returns those of the children, in `bits`,
-   that overlap a box of the tile; `child` is this work-item's. (Otherwise the few work-groups with such tiles would work
-   long after all others.) All work-items must call it. */
+/* If more than half of the children of a node overlap the bounds of a tile, its boxes may be far apart, because the
+   order leaps where the scene has a gap. Then most of the bounds is empty, and this returns those of the children, in
+   `bits`, that overlap a box of the tile; `child` is this work-item's. (Otherwise the few work-groups with such tiles
+   would work long after all others.) All work-items must call it. */
 INLINE mask_t near_a_box(const mask_t bits, const bounds_t* child, global const float* tree, const uint tile,
                          const uint sets, local ballots_t* ballots, uint* turn) {
   bounds_t sought = *child;
