@@ -185,13 +185,13 @@ TEST(HybridFailure, NoMemoryOnTheDeviceLaterLeavesTheHost) {
   update_until(core, script, true);
 }
 
-/// Adds three equal boxes, and moves one until the next update runs on the device.
+/// Adds three equal boxes, and moves one away until the next update runs on the device, in which it returns.
 void meet_on_host(Core& core, Pretender::Orders& orders) {
   for (std::uint32_t k = 0; k < 3; ++k) core.add(unit, {});
   EXPECT_EQ(core.finish().added.size(), 3U);
   orders.expected_seconds = at_once;
   for (int k = 0; core.algorithm().device() == nullptr && k < 1000; ++k) {
-    core.move(0, k % 2 == 0 ? apart(1) : unit);
+    core.move(0, apart(static_cast<std::size_t>(1 + k % 2)));
     (void)core.finish();
   }
   core.move(0, unit);

@@ -23,9 +23,6 @@ double seconds_since(Clock::time_point start) {
   return std::chrono::duration<double>(Clock::now() - start).count();
 }
 
-/// A switch may cost at most this share of what the other side would have saved.
-constexpr double switch_share = 0.125;
-
 /// Corrects the expected time of an update by the measured times of earlier ones: first by their mean, then
 /// with less and less weight for old ones.
 class Estimate {
@@ -181,7 +178,9 @@ class Hybrid final : public Algorithm {
     // The next update is done on the device again.
   }
 
-  /// Decides which side does the next update. A switch costs a search of all boxes on the other side.
+  /// Decides which side does the next update. A switch costs a search of all boxes on the other side, so it
+  /// is made once staying has cost as much as going there and back: see "An optimal on-line algorithm for
+  /// metrical task systems", Borodin, Linial and Saks, 1992.
   void choose() noexcept try {
     if (has_device_failed_) return;
     if (opening_.valid() && opening_.wait_for(std::chrono::seconds(0)) == std::future_status::ready) {
@@ -196,9 +195,9 @@ class Hybrid final : public Algorithm {
     }
     const double on_device = seconds_on_device(changes_.slots, changed_slots());
     overspent_ = std::max(0.0, overspent_ + (is_on_device() ? on_device - on_host : on_host - on_device));
-    const double search_of_all = is_on_device() ? seconds_on_host(changes_.slots, changes_.slots)
-                                                : seconds_on_device(changes_.slots, changes_.slots);
-    if (switch_share * overspent_ <= search_of_all) return;
+    const double there_and_back =
+        seconds_on_host(changes_.slots, changes_.slots) + seconds_on_device(changes_.slots, changes_.slots);
+    if (overspent_ <= there_and_back) return;
     overspent_ = 0;
     before_ = current_->pairs();
     change_to(is_on_device() ? *host_ : *device_, 0, filters_);
