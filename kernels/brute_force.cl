@@ -12,6 +12,9 @@
    tested again with the original bounds. If the device takes denormal numbers for zeros, they are made zeros here:
    whether it also does so in other operations than arithmetic may differ from one to the next. */
 
+#ifndef GROUP
+#define GROUP 32 /* work-items per work-group; 1 with the tuning profile for CPUs: rows are not copied then */
+#endif
 #include "aabb.h"
 #include "delta.h"
 #include "filter.h"
@@ -19,9 +22,6 @@
 #include "keep.h"
 #include "lanes.h"
 
-#ifndef GROUP
-#define GROUP 32 /* work-items per work-group; 1 with the tuning profile for CPUs: rows are not copied then */
-#endif
 #ifndef MAX_ROWS
 #define MAX_ROWS 128 /* rows of a work-group, at most */
 #endif
@@ -171,11 +171,11 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void brute_force(
     PAIR_SINK_PARAMETERS) {
   const pair_sink_t sink = PAIR_SINK;
 #if GROUP > 1
-  local uint keep_scratch[4];
+  local keep_t chunk;
   if (keeps != 0U) {
     keep_pairs(last, last_capacity, removed, keep_filters, keep_exclusions, keep_all, keep_stamps, n, boxes, stamp,
                capacity, pairs, counts, (uint)(get_group_id(1) * get_num_groups(0) + get_group_id(0)),
-               (uint)(get_num_groups(0) * get_num_groups(1)), GROUP, keep_scratch);
+               (uint)(get_num_groups(0) * get_num_groups(1)), &chunk);
   }
 #endif
   local uint2 hits[LOCAL_HITS]; /* boxes `a` and `b`; those that are new pairs become pairs */

@@ -1,21 +1,21 @@
 /* Keeps the pairs of the last frame that are still pairs, and collects the others: keep.h. */
 
-#include "keep.h"
-
 #ifndef GROUP
 #define GROUP 256 /* work-items per work-group; 1 with the tuning profile for CPUs */
 #endif
 #ifndef CHUNK
-#define CHUNK 1 /* pairs per work-item, with the tuning profile for CPUs */
+#define CHUNK 4 /* pairs per work-item */
 #endif
+#define KEEP_RUN CHUNK
+#include "keep.h"
 
 kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void delta_keep(
     KEEP_PARAMETERS, const uint slots, global const float* restrict boxes, const uint stamp, const uint capacity,
     global uint2* restrict pairs, global uint* restrict counts) {
 #if GROUP > 1
-  local uint totals[4];
+  local keep_t chunk;
   keep_pairs(last, last_capacity, removed, keep_filters, keep_exclusions, keep_all, keep_stamps, slots, boxes, stamp,
-             capacity, pairs, counts, (uint)get_group_id(0), (uint)get_num_groups(0), GROUP, totals);
+             capacity, pairs, counts, (uint)get_group_id(0), (uint)get_num_groups(0), &chunk);
 #else
   const uint last_kept = counts[COUNT_LAST_KEPT];
   const uint first = (uint)get_global_id(0) * CHUNK;

@@ -2,6 +2,7 @@
 #ifndef BROADCL_KEEP_H
 #define BROADCL_KEEP_H
 
+#include "bits.h"
 #include "delta.h"
 #include "inline.h"
 
@@ -39,38 +40,73 @@ static inline bool is_kept(const uint2 pair, const uint slots, global const floa
   return boxes_overlap(&s, &t) && (filters == 0 || may_pair(filters[pair.x], filters[pair.y]));
 }
 
-/* Keeps the pairs of the last frame that are still pairs, and collects the others. All `size` work-items of a
-   work-group must call it; the work is shared by `groups` work-groups, of which this is number `group`. */
+#if GROUP > 1
+#ifndef KEEP_RUN
+#define KEEP_RUN 1 /* pairs per work-item and chunk */
+#endif
+#define KEEP_CHUNK (1U * GROUP * KEEP_RUN)
+#define KEEP_WORDS (KEEP_CHUNK / 32U)
+
+/* What the work-items of a work-group share about a chunk of pairs. */
+typedef struct {
+  uint4 bytes[KEEP_CHUNK / sizeof(uint4)]; /* whether a pair is kept */
+  uint bits[KEEP_WORDS];                   /* the same */
+  uint before[KEEP_WORDS];                 /* kept pairs before those of a word of bits */
+  uint kept, removed;                      /* where the chunk's pairs go in the two lists */
+} keep_t;
+
+/* Keeps the pairs of the last frame that are still pairs, and collects the others. Pairs of a chunk stay in order, so
+   that those that were found together, and share boxes, remain neighbours. All work-items of a work-group must call
+   it; the work is shared by `groups` work-groups, of which this is number `group`. */
 INLINE void keep_pairs(KEEP_PARAMETERS_OF(), const uint slots, global const float* boxes, const uint stamp,
                        const uint capacity, global uint2* pairs, global uint* counts, const uint group,
-                       const uint groups, const uint size, local uint* totals) {
+                       const uint groups, local keep_t* chunk) {
   const uint item = (uint)get_local_id(0);
   const uint end = is_halted(counts) ? 0U : last_found(counts);
   const uint last_kept = counts[COUNT_LAST_KEPT];
-  local uint* bases = totals + 2; /* of removed and kept, as totals */
-  for (uint first = group * size; first < end; first += groups * size) {
-    const bool exists = first + item < end;
-    uint2 pair = 0;
-    uint kept = 0;
-    if (item < 1U) totals[0] = totals[1] = 0;
-    barrier(CLK_LOCAL_MEM_FENCE);
-    uint k = 0;
-    if (exists) {
-      pair = last_pair(last, last_capacity, first + item, last_kept);
-      if (is_kept(pair, slots, boxes, keep_filters, keep_exclusions, keep_all, stamp, keep_stamps)) kept = 1;
-      k = atomic_inc(&totals[kept]);
+  for (uint first = group * KEEP_CHUNK; first < end; first += groups * KEEP_CHUNK) {
+    uint2 pair[KEEP_RUN];
+#pragma unroll
+    for (uint i = 0; i < KEEP_RUN; ++i) {
+      const uint k = i * GROUP + item;
+      uchar kept = 0;
+      if (first + k < end) {
+        pair[i] = last_pair(last, last_capacity, first + k, last_kept);
+        if (is_kept(pair[i], slots, boxes, keep_filters, keep_exclusions, keep_all, stamp, keep_stamps)) kept = 1;
+      }
+      ((local uchar*)chunk->bytes)[k] = kept;
     }
     barrier(CLK_LOCAL_MEM_FENCE);
-    if (item < 1U) {
-      bases[0] = totals[0] == 0U ? 0U : atomic_add(&counts[COUNT_REMOVED], totals[0]);
-      bases[1] = totals[1] == 0U ? 0U : atomic_add(&counts[COUNT_KEPT], totals[1]);
+    if (item < KEEP_WORDS) {
+      chunk->bits[item] = bits_of_16(chunk->bytes[2U * item]) | bits_of_16(chunk->bytes[2U * item + 1U]) << 16;
     }
     barrier(CLK_LOCAL_MEM_FENCE);
-    k += bases[kept];
-    if (exists && kept == 0U) removed[k] = pair;
-    if (exists && kept != 0U && k < capacity) pairs[k] = pair;
+    uint before_word = 0;
+#pragma unroll 4
+    for (uint word = 0; word < KEEP_WORDS; ++word) before_word += word < item ? popcount(chunk->bits[word]) : 0U;
+    if (item < KEEP_WORDS) chunk->before[item] = before_word;
+    barrier(CLK_LOCAL_MEM_FENCE);
+    /* (Not before that barrier, where PoCL 3.1 does not enter a condition that follows the loop.) */
+    if (item == 0U) {
+      const uint kept = chunk->before[KEEP_WORDS - 1U] + popcount(chunk->bits[KEEP_WORDS - 1U]);
+      const uint rest = min(KEEP_CHUNK, end - first) - kept;
+      chunk->kept = kept == 0U ? 0U : atomic_add(&counts[COUNT_KEPT], kept);
+      chunk->removed = rest == 0U ? 0U : atomic_add(&counts[COUNT_REMOVED], rest);
+    }
+    barrier(CLK_LOCAL_MEM_FENCE);
+#pragma unroll
+    for (uint i = 0; i < KEEP_RUN; ++i) {
+      const uint k = i * GROUP + item;
+      const uint bits = chunk->bits[k / 32U];
+      const uint before = chunk->before[k / 32U] + popcount(bits & ((1U << k % 32U) - 1U));
+      const bool kept = (bits >> k % 32U & 1U) != 0U;
+      const uint at = kept ? chunk->kept + before : chunk->removed + k - before;
+      if (first + k < end && kept && at < capacity) pairs[at] = pair[i];
+      if (first + k < end && !kept) removed[at] = pair[i];
+    }
     barrier(CLK_LOCAL_MEM_FENCE);
   }
 }
+#endif
 
 #endif

@@ -2,6 +2,7 @@
 #ifndef BROADCL_VOTE_H
 #define BROADCL_VOTE_H
 
+#include "bits.h"
 #include "inline.h"
 #include "tiles.h"
 
@@ -9,16 +10,6 @@
 typedef struct {
   uint4 bytes[2][NODE / sizeof(uint4)];
 } ballots_t;
-
-/* The bits of four bytes, each of which is 0 or 1. */
-static inline uint bits_of_bytes(const uint bytes) {
-  return bytes * 0x10204080U >> 28;
-}
-
-static inline uint bits_of_16(const uint4 bytes) {
-  return bits_of_bytes(bytes.x) | bits_of_bytes(bytes.y) << 4 | bits_of_bytes(bytes.z) << 8 |
-         bits_of_bytes(bytes.w) << 12;
-}
 
 /* One bit per work-item: whether it voted yes. All work-items must call it. `turn` is 0 before the first vote. There
    must be a barrier between any two votes, so that nothing is overwritten that a slow work-item still reads. */

@@ -5,7 +5,7 @@
 namespace broadcl {
 namespace {
 
-constexpr EngineLaunch engine_on_gpus{.keep_group = 256, .keep_chunk = 1, .parts = 128, .teams = 2};
+constexpr EngineLaunch engine_on_gpus{.keep_group = 256, .keep_chunk = 4, .parts = 128, .teams = 2};
 constexpr EngineLaunch engine_on_cpus{.keep_group = 1, .keep_chunk = 256, .parts = 1, .teams = 1};
 
 }  // namespace
