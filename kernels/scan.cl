@@ -1,7 +1,7 @@
 /* Exclusive prefix sum of uints, in place, modulo 2^32: reduce, then scan.
 
-   The values are split into blocks of `length`, one per work-group. scan_sums adds up each block, scan_blocks turns
-   these sums into the start value of each block, then each block into its prefix sums: three launches for any number of
+   The values are split into blocks of `length`, one per work-group. scan_sums adds up each block; scan_blocks turns
+   each block into its prefix sums, which start with the sum of the blocks before it: two launches for any number of
    values, and no work-group waits for another. If one block is enough, scan_blocks alone does it. (Blelloch 1990,
    "Prefix Sums and Their Applications", on vectors longer than the number of processors.)
 
@@ -48,17 +48,21 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void scan_sums(
   if (get_local_id(0) == 0) sums[block] = total;
 }
 
-/* Replaces the values of each block by their prefix sums. The sums of block k start with starts[k]; if there is only
-   one block, they start with 0, and `starts` is not read. */
+/* Replaces the values of each block by their prefix sums. `sums` are those of the blocks; that of the last one is not
+   read. */
 kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void scan_blocks(
-    const uint n, const uint length, global uint* restrict values, global const uint* restrict starts) {
+    const uint n, const uint length, global uint* restrict values, global const uint* restrict sums) {
   local uint scan_pool[SCAN_POOL];
+  const uint item = (uint)get_local_id(0);
   const uint block = (uint)get_group_id(0);
   const uint begin = block * length;
   const uint end = min(n, begin + length);
-  uint start = get_num_groups(0) == 1 ? 0U : starts[block];
+  uint part = 0; /* of what comes before */
+  for (uint k = item; k < block; k += GROUP) part += sums[k];
+  uint start;
+  (void)scan_group(part, &start, scan_pool);
   for (uint tile = begin; tile < end; tile += SCAN_TILE) {
-    const uint first = tile + 4U * (uint)get_local_id(0);
+    const uint first = tile + 4U * item;
     const uint4 four = load_values(values, first, end);
     uint total;
     const uint x = start + scan_group(four.x + four.y + four.z + four.w, &total, scan_pool);

@@ -29,18 +29,13 @@ void Scan::enqueue(const cl::Buffer& values, std::size_t n) {
   if (n == 0) return;
   const std::size_t group = primitives_group(context_);
   const Blocks blocks = split_into_blocks(context_, n, shortest_block(context_), longest_block);
-  const auto enqueue_blocks = [&](const cl::Buffer& list, Blocks split, std::size_t size) {
-    set_arguments(blocks_, 0, static_cast<cl_uint>(size), split.length, list, block_sums_);
-    context_.queue().enqueueNDRangeKernel(blocks_, cl::NullRange, cl::NDRange(split.count * group),
+  const auto enqueue_each = [&](cl::Kernel& kernel) {
+    set_arguments(kernel, 0, static_cast<cl_uint>(n), blocks.length, values, block_sums_);
+    context_.queue().enqueueNDRangeKernel(kernel, cl::NullRange, cl::NDRange(blocks.count * group),
                                           cl::NDRange(group));
   };
-  if (blocks.count > 1) {
-    set_arguments(sums_, 0, static_cast<cl_uint>(n), blocks.length, values, block_sums_);
-    context_.queue().enqueueNDRangeKernel(sums_, cl::NullRange, cl::NDRange(blocks.count * group),
-                                          cl::NDRange(group));
-    enqueue_blocks(block_sums_, {.count = 1, .length = blocks.count}, blocks.count);
-  }
-  enqueue_blocks(values, blocks, n);
+  if (blocks.count > 1) enqueue_each(sums_);
+  enqueue_each(blocks_);
 }
 
 }  // namespace broadcl::opencl
