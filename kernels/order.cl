@@ -3,9 +3,9 @@
    of the next frame.
 
    If there are few changes, each is compared with every other, in one launch. Many are counted in buckets, by their
-   list and their b or their world. Prefix sums tell where each bucket begins, and within a bucket each change is
-   compared with every other. In either case nothing is written if there is not enough memory for all changes; if a
-   bucket is large, the host enqueues a radix sort instead. */
+   list and the higher bits of their b, or by their world. Prefix sums tell where each bucket begins, and within a
+   bucket each change is compared with every other. In either case nothing is written if there is not enough memory for
+   all changes; if a bucket is large, the host enqueues a radix sort instead. */
 
 #include "delta.h"
 
@@ -150,17 +150,19 @@ static inline uint world_of(const uint2 pair, const uint worlds, global const ui
   return min(world, worlds);
 }
 
-/* There are `buckets_of_list` buckets for added pairs, then as many for removed ones. Unless `worlds` is 0, a bucket is
-   a world, according to the filters of this frame and the last one. */
-#define BUCKET_PARAMETERS                                                                                         \
-  const uint buckets_of_list, global uint *restrict buckets, global uint2 *restrict scattered, const uint worlds, \
-      global const uint4 *restrict filters, global const uint4 *restrict last_filters
-#define BUCKET_OF(k, pair) bucket_of(&changes, k, pair, buckets_of_list, worlds, filters, last_filters)
+/* There are `buckets_of_list` buckets for added pairs, then as many for removed ones. A bucket has the pairs of
+   2^bucket_bits values of b; unless `worlds` is 0, it is a world, according to the filters of this frame and the last
+   one. */
+#define BUCKET_PARAMETERS                                                                                              \
+  const uint buckets_of_list, const uint bucket_bits, global uint *restrict buckets, global uint2 *restrict scattered, \
+      const uint worlds, global const uint4 *restrict filters, global const uint4 *restrict last_filters
+#define BUCKET_OF(k, pair) bucket_of(&changes, k, pair, buckets_of_list, bucket_bits, worlds, filters, last_filters)
 
 static inline uint bucket_of(const changes_t* changes, const uint k, const uint2 pair, const uint buckets_of_list,
-                             const uint worlds, global const uint4* filters, global const uint4* last_filters) {
+                             const uint bucket_bits, const uint worlds, global const uint4* filters,
+                             global const uint4* last_filters) {
   const bool is_added = k < changes->added_count;
-  const uint bucket = worlds == 0U ? pair.y : world_of(pair, worlds, is_added ? filters : last_filters);
+  const uint bucket = worlds == 0U ? pair.y >> bucket_bits : world_of(pair, worlds, is_added ? filters : last_filters);
   return is_added ? bucket : buckets_of_list + bucket;
 }
 

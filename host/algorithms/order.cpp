@@ -55,9 +55,13 @@ void Order::set_search(const Search& search) {
   last_filters_ = search.last.filters;
 }
 
-/// One bucket per world, and one for pairs of no such world.
-std::size_t Order::buckets_of_list() const noexcept {
-  return worlds_ == 0 ? slots_ : worlds_ + 1;
+/// Sets the number of buckets: about as many as changes, so that there is little to clear and to add up; or
+/// one per world, and one for pairs of no such world.
+void Order::set_buckets() {
+  const std::size_t slots_per_change = 2 * slots_ / std::max<std::size_t>(1, capacity_);
+  bucket_bits_ = slots_per_change == 0 ? 0 : static_cast<cl_uint>(std::bit_width(slots_per_change) - 1);
+  buckets_of_list_ = worlds_ == 0 ? ((slots_ - 1) >> bucket_bits_) + 1 : worlds_ + 1;
+  buckets_.reserve(context_, 2 * buckets_of_list_ * sizeof(cl_uint), what);
 }
 
 void Order::begin(const Search& search) {
@@ -78,7 +82,7 @@ void Order::begin(const Search& search) {
   is_awaited_ = true;
   reserve_result(capacity_);
   if (many_) {
-    buckets_.reserve(context_, 2 * buckets_of_list() * sizeof(cl_uint), what);
+    set_buckets();
     scattered_.reserve(context_, capacity_ * sizeof(Pair), what);
   }
   for (opencl::GrowingBuffer* offsets : {&added_offsets_, &removed_offsets_}) {
@@ -109,7 +113,7 @@ void Order::begin(const Search& search, const Report& report) {
   room_ = std::min(report.capacity, most_changes);
   many_ = room_ > few_ || worlds_ > 0;
   capacity_ = std::min(2 * room_, scattered_.bytes() / sizeof(Pair));
-  if (many_) buckets_.reserve(context_, 2 * buckets_of_list() * sizeof(cl_uint), what);
+  if (many_) set_buckets();
 }
 
 void Order::reserve_ahead(std::size_t slots, std::size_t pairs) {
@@ -161,21 +165,20 @@ void Order::enqueue_few(const PairDelta& delta, cl_uint tag) {
 
 void Order::enqueue_many(const PairDelta& delta, cl_uint tag) {
   opencl::Profiler::Scope stage(profiler_, "order");
-  const std::size_t buckets = buckets_of_list();
-  context_.fill(buckets_.get(), 0, 0, 2 * buckets);
+  context_.fill(buckets_.get(), 0, 0, 2 * buckets_of_list_);
   // Each work-item handles several changes, but not so many that llvmpipe would end it (see tuning_of()).
   const std::size_t most_items = std::max(std::size_t{1} << 20, capacity_ / 8);
   const std::size_t items = std::clamp(
       capacity_, std::min(most_items, context_.device().compute_units * std::size_t{64}), most_items);
   for (opencl::SizedKernel* sized : {&count_, &scatter_, &place_}) {
     cl::Kernel& kernel = sized->kernel;
-    const cl_uint next =
-        opencl::set_arguments(kernel, delta.set_changes(kernel, 0), static_cast<cl_uint>(room_),
-                              static_cast<cl_uint>(capacity_), static_cast<cl_uint>(buckets), buckets_.get(),
-                              scattered_.get(), static_cast<cl_uint>(worlds_), filters_, last_filters_);
+    const cl_uint next = opencl::set_arguments(
+        kernel, delta.set_changes(kernel, 0), static_cast<cl_uint>(room_), static_cast<cl_uint>(capacity_),
+        static_cast<cl_uint>(buckets_of_list_), bucket_bits_, buckets_.get(), scattered_.get(),
+        static_cast<cl_uint>(worlds_), filters_, last_filters_);
     if (sized == &place_) set_results(kernel, next, delta, tag);
     sized->enqueue(context_.queue(), items, sized == &place_ ? stage.event() : nullptr);
-    if (sized == &count_) scan_.enqueue(buckets_.get(), 2 * buckets);
+    if (sized == &count_) scan_.enqueue(buckets_.get(), 2 * buckets_of_list_);
   }
 }
 

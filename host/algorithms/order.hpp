@@ -101,7 +101,7 @@ class Order {
   void enqueue_offsets(const PairDelta::Counts& counts);
   void renumber(const cl::Buffer& added, std::size_t added_count, const cl::Buffer& removed,
                 std::size_t removed_count, const cl::Buffer& counts, std::size_t pairs);
-  [[nodiscard]] std::size_t buckets_of_list() const noexcept;
+  void set_buckets();
 
   const opencl::Context& context_;
   opencl::Profiler& profiler_;
@@ -117,7 +117,7 @@ class Order {
   std::size_t turn_ = 0;                   // index of the frame that begins or runs
   opencl::GrowingBuffer added_, removed_;  // if they are wanted on the device, or while they are sorted
   opencl::GrowingBuffer added_offsets_, removed_offsets_;  // of worlds in these
-  opencl::GrowingBuffer buckets_;                          // two per slot or world
+  opencl::GrowingBuffer buckets_;                          // of both lists
   opencl::GrowingBuffer scattered_;                        // changes by bucket; pairs while they are sorted
   cl::Event read_;  // after which the host may read this frame's result
 
@@ -129,8 +129,10 @@ class Order {
   std::size_t room_ = 0;      // those of one list
   std::size_t expected_ = 0;  // changes that are read together with the counts
   std::size_t slots_ = 0;     // greater than every slot of the pairs
-  std::size_t worlds_ = 0;    // by which changes are ordered, or 0
-  cl_uint second_set_ = 0;    // its first slot, or 0
+  std::size_t buckets_of_list_ = 0;
+  cl_uint bucket_bits_ = 0;  // a bucket has the pairs of 2^bucket_bits_ slots
+  std::size_t worlds_ = 0;   // by which changes are ordered, or 0
+  cl_uint second_set_ = 0;   // its first slot, or 0
   cl::Buffer filters_, last_filters_;
 
   // Of the last frame.
