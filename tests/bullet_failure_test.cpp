@@ -17,6 +17,7 @@
 
 #include <broadcl/bullet.hpp>
 
+#include "algorithms/calibration.hpp"
 #include "device_limits.hpp"
 #include "environment.hpp"
 #include "failing_opencl.hpp"
@@ -172,6 +173,34 @@ TEST_P(BulletFailure, ASingleFailureIsSurvivedToo) {
     ASSERT_TRUE(left_by_itself || life.is_on_device() == life.errors().empty());
     if (FailingOpenCl::calls() < first) break;
   }
+}
+
+/// If one call fails, `auto` leaves the GPU by itself. The adapter reports that and continues, as if all
+/// calls failed.
+TEST(BulletFailure, AutoLeavesAGpuThatFails) {
+  const test::ScopedFolder cache;
+  const test::ScopedVariable caches("BROADCL_CACHE_DIR", cache.path().string());
+  const test::ScopedVariable gpu("BROADCL_DEVICE", "gpu");
+  const test::ScopedVariable by_the_device("BROADCL_TUNING", "");
+  const test::LimitedDevices limited(test::gpu_with_waves_of(32));
+  {
+    constexpr CostModel fast{.frame = 1e-9, .slot = 1e-12, .work = {1e-12, 1e-12}};
+    store_models(opencl::Context(select_device(), false), {fast, fast});
+  }
+  int failures = 0;
+  for (long first = 0; first < 200; first += 8) {
+    SCOPED_TRACE("call " + std::to_string(first));
+    Life life("auto");
+    life.live();
+    ASSERT_TRUE(life.is_on_device());
+    const FailingOpenCl one_fails(first, 1);
+    life.live();
+    if (life.errors().empty()) continue;  // what failed was not needed
+    ++failures;
+    ASSERT_THAT(life.errors(), ElementsAre(HasSubstr("sweep and prune")));
+    ASSERT_FALSE(life.is_on_device());
+  }
+  EXPECT_GT(failures, 5);
 }
 
 /// No search is left to the host.

@@ -294,6 +294,36 @@ TEST(EnqueueTiles, AreSortedAgainAfterIncompleteUpdates) {
   EXPECT_FALSE(has_stage(broad_phase.profile(), "sort"));
 }
 
+/// Fewer changes than that make an update incomplete are of each id, more of neighbouring ids.
+NOT_IN(sanitizers, "takes long");
+TEST(EnqueueTiles, NeighbouringIdsMayHaveManyChanges) {
+  constexpr std::uint32_t n = 1U << 18U;
+  constexpr std::uint32_t small = 600;
+  constexpr std::uint32_t large = 8;
+  std::vector<Aabb> boxes(n);
+  for (std::uint32_t id = 0; id < n; ++id) boxes[id] = apart(id);
+  const CallersQueue queue;
+  DeviceBroadPhase broad_phase(queue(), {.algorithm = "tiles"});
+  broad_phase.reserve(n, n);
+  const cl::Buffer before = queue.buffer_of(boxes);
+  EXPECT_EQ(broad_phase.update({.buffer = before(), .count = n}).pair_count, 0U);
+
+  Pairs expected;
+  for (std::uint32_t b = 640; b < 640 + large; ++b) {
+    boxes[b] = {{0, 0, 0}, {2.0F * small - 1, 1, 1}};
+    for (std::uint32_t a = 0; a < small; ++a) expected.push_back({a, b});
+    for (std::uint32_t a = 640; a < b; ++a) expected.push_back({a, b});
+  }
+  const cl::Buffer after = queue.buffer_of(boxes);
+  const Lists lists(queue, 8200);
+  broad_phase.enqueue({.buffer = after(), .count = n}, lists.arguments);
+  const auto counts = queue.read_counts(lists.counts);
+  EXPECT_EQ(counts[3], 0U);
+  ASSERT_EQ(counts[0], expected.size());
+  Pairs added = queue.read({.buffer = lists.added(), .count = expected.size()});
+  EXPECT_EQ(added, expected);
+}
+
 TEST_P(Enqueue, DoesNotBlock) {
   Scene scene(queue_, 500);
   broad_phase_.reserve(500, 20'000, true);

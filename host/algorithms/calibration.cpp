@@ -153,8 +153,7 @@ std::string models_key(const opencl::Context& context) {
 std::array<CostModel, 2> calibrate(const opencl::Context& context,
                                    const std::array<MakePairFinder, 2>& finders) {
   std::array<CostModel, 2> models{};
-  const std::string key = models_key(context);
-  const auto stored = context.load(key);
+  const auto stored = context.load(models_key(context));
   if (stored && stored->size() == sizeof models) {
     std::memcpy(models.data(), stored->data(), sizeof models);
     return models;
@@ -162,10 +161,14 @@ std::array<CostModel, 2> calibrate(const opencl::Context& context,
   const opencl::Context own = context.with_own_memory();
   std::ranges::transform(finders, models.begin(),
                          [&](MakePairFinder make) { return measure_model(own, make); });
+  store_models(context, models);
+  return models;
+}
+
+void store_models(const opencl::Context& context, const std::array<CostModel, 2>& models) {
   opencl::DiskCache::Bytes bytes(sizeof models);
   std::memcpy(bytes.data(), models.data(), sizeof models);
-  context.store(key, bytes);
-  return models;
+  context.store(models_key(context), bytes);
 }
 
 }  // namespace broadcl

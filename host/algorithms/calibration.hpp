@@ -21,9 +21,12 @@ struct CostModel {
 };
 
 /// The models of two finders on a device. They are measured when a device is first used with this version of
-/// the kernels, which takes a few milliseconds, and then stored on disk.
+/// the kernels, which takes some tens of milliseconds, and then stored on disk.
 /// @throws cl::Error, Error
 [[nodiscard]] std::array<CostModel, 2> calibrate(const opencl::Context& context,
                                                  const std::array<MakePairFinder, 2>& finders);
+
+/// Stores the models that calibrate() returns from now on.
+void store_models(const opencl::Context& context, const std::array<CostModel, 2>& models);
 
 }  // namespace broadcl

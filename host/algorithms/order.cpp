@@ -55,11 +55,13 @@ void Order::set_search(const Search& search) {
   last_filters_ = search.last.filters;
 }
 
-/// Sets the number of buckets: about as many as changes, so that there is little to clear and to add up; or
-/// one per world, and one for pairs of no such world.
+/// Sets the number of buckets: one per world, and one for pairs of no such world; or about as many as
+/// changes, so that there is little to clear and to add up. But each slot has its own if a bucket was too
+/// large before, or if nobody would sort the changes then.
 void Order::set_buckets() {
   const std::size_t slots_per_change = 2 * slots_ / std::max<std::size_t>(1, capacity_);
-  bucket_bits_ = slots_per_change == 0 ? 0 : static_cast<cl_uint>(std::bit_width(slots_per_change) - 1);
+  const bool is_shared = is_awaited_ && !was_bucket_too_large_ && slots_per_change > 0;
+  bucket_bits_ = is_shared ? static_cast<cl_uint>(std::bit_width(slots_per_change) - 1) : 0;
   buckets_of_list_ = worlds_ == 0 ? ((slots_ - 1) >> bucket_bits_) + 1 : worlds_ + 1;
   buckets_.reserve(context_, 2 * buckets_of_list_ * sizeof(cl_uint), what);
 }
@@ -228,6 +230,7 @@ bool Order::complete(const PairDelta& delta, const PairDelta::Counts& counts) {
   const std::size_t changes = counts.added + counts.removed;
   const bool is_ordered =
       std::max(counts.added, counts.removed) <= room_ && changes <= capacity_ && !counts.is_unordered;
+  was_bucket_too_large_ = was_bucket_too_large_ || counts.is_unordered;
   if (!is_ordered) sort_changes(delta, counts);
   if (worlds_ > 0) enqueue_offsets(counts);
   if (second_set_ > 0) renumber(added(), counts.added, removed(), counts.removed, {}, changes);

@@ -135,6 +135,8 @@ class Order {
   cl_uint second_set_ = 0;   // its first slot, or 0
   cl::Buffer filters_, last_filters_;
 
+  bool was_bucket_too_large_ = false;  // in some frame
+
   // Of the last frame.
   std::size_t last_changes_ = 0;
   std::size_t last_longest_ = 0;  // the longer of added and removed

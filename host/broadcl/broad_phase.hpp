@@ -123,7 +123,8 @@ class BROADCL_API BroadPhase {
   /// Number of objects.
   [[nodiscard]] std::size_t size() const noexcept;
 
-  /// The device that will do the next update; null for the host. Owned by this object.
+  /// The device that will do the next update; null for the host. Valid until the next call
+  /// that is not const.
   [[nodiscard]] const Device* device() const noexcept;
 
   /// The algorithm in use.

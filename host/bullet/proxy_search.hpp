@@ -118,7 +118,7 @@ class ProxySearch {
     try {
       return function();
     } catch (const Error& error) {
-      if (core_.device() == nullptr) throw;
+      if (!core_.algorithm().on_device) throw;  // (`auto` may have left the device already)
       BroadPhase host({.algorithm = "sweep-and-prune"});
       fill(host);
       core_ = std::move(host);

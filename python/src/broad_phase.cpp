@@ -151,11 +151,15 @@ class Objects {
   nb::object boxes(std::size_t n) {
     const OneThread::Use use(thread_);
     std::span<Aabb> mapped;
-    {
+    const std::shared_ptr<const void> before = broad_phase_->mapped_memory();
+    try {
       const nb::gil_scoped_release released;
       live_.reserve(n);
       mapped = broad_phase_->map(n);
       live_.assign(n, 1);
+    } catch (...) {  // `auto` leaves a device that failed, and its memory
+      if (broad_phase_->mapped_memory() != before) take_mapped();
+      throw;
     }
     take_mapped();
     using Array = nb::ndarray<nb::numpy, float, nb::shape<-1, 6>>;
