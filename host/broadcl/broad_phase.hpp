@@ -97,7 +97,7 @@ class BROADCL_API BroadPhase {
 
   /// Starts an update on the device and returns at once. Until finish(), the thread is free, and objects may
   /// be added, moved, removed and filtered; these changes belong to the next update. No-op if an update was
-  /// started already.
+  /// started already. If the host does the update, finish() does all of the work, so nothing is gained.
   ///
   /// Does not wait for the device, unless memory must grow for objects that were added during the last
   /// update.
@@ -123,8 +123,8 @@ class BROADCL_API BroadPhase {
   /// Number of objects.
   [[nodiscard]] std::size_t size() const noexcept;
 
-  /// The device that will do the next update; null for the host. Valid until the next call
-  /// that is not const.
+  /// The device that will do the next update; null for the host. Valid until the next call of a
+  /// function that is not const.
   [[nodiscard]] const Device* device() const noexcept;
 
   /// The algorithm in use.

@@ -314,7 +314,7 @@ BROADCL_API broadcl_status broadcl_broad_phase_set_boxes(broadcl_broad_phase* br
 /// @param delta May be null. Valid until the next update or finish.
 BROADCL_API broadcl_status broadcl_broad_phase_update(broadcl_broad_phase* broad_phase, broadcl_delta* delta);
 /// Starts an update on the device and returns at once. Changes that are made before finish belong to the next
-/// update. No-op if an update was started already.
+/// update. No-op if an update was started already. If the host does the update, finish does all of the work.
 BROADCL_API broadcl_status broadcl_broad_phase_begin(broadcl_broad_phase* broad_phase);
 /// Waits for the update that begin started, or does one if none was started. If this fails, that update is
 /// over.

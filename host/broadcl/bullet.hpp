@@ -19,8 +19,8 @@ namespace broadcl {
 inline namespace float64 {
 #endif
 
-/// A Bullet broad phase whose pairs are found by a BroadPhase, on an OpenCL device. Use it in place of a
-/// `btDbvtBroadphase`.
+/// A Bullet broad phase whose pairs are found by a BroadPhase, on the host or on an OpenCL device. Use it in
+/// place of a `btDbvtBroadphase`.
 ///
 /// Overlaps are those of the exact boxes that Bullet sets, including boxes that only touch, as of
 /// calculateOverlappingPairs(). A pair that continues to overlap keeps its entry in the pair cache and its
@@ -99,7 +99,7 @@ class BROADCL_BULLET_API BulletBroadphase : public btBroadphaseInterface {
   /// changed, created or destroyed before calculateOverlappingPairs(), that does a second update; its result
   /// is always the same as without begin(). No-op if a calculation was started already. In a dynamics world,
   /// stepSimulation() changes the boxes of moving bodies before it calculates, so begin() gains nothing,
-  /// unless btDispatcherInfo::m_useContinuous is false.
+  /// unless btDispatcherInfo::m_useContinuous is false. On the host, it gains nothing either.
   void begin();
 
   btOverlappingPairCache* getOverlappingPairCache() override;
