@@ -106,7 +106,8 @@ class Order {
   const opencl::Context& context_;
   opencl::Profiler& profiler_;
   Target target_;
-  std::size_t few_;  // changes of a list, at most, that are compared each with every other
+  bool was_bucket_too_large_ = false;  // in some frame
+  std::size_t few_;                    // changes of a list, at most, that are compared each with every other
   opencl::RadixSort sort_;
   opencl::Scan scan_;
   cl::Kernel few_kernel_;
@@ -130,12 +131,10 @@ class Order {
   std::size_t expected_ = 0;  // changes that are read together with the counts
   std::size_t slots_ = 0;     // greater than every slot of the pairs
   std::size_t buckets_of_list_ = 0;
-  cl_uint bucket_bits_ = 0;  // a bucket has the pairs of 2^bucket_bits_ slots
   std::size_t worlds_ = 0;   // by which changes are ordered, or 0
+  cl_uint bucket_bits_ = 0;  // a bucket has the pairs of 2^bucket_bits_ slots
   cl_uint second_set_ = 0;   // its first slot, or 0
   cl::Buffer filters_, last_filters_;
-
-  bool was_bucket_too_large_ = false;  // in some frame
 
   // Of the last frame.
   std::size_t last_changes_ = 0;
