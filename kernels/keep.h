@@ -1,4 +1,4 @@
-/* Which pairs of the last frame stay in this one: delta.h describes the lists. */
+/* Which pairs of the last frame stay in this one: delta.h describes the lists. GROUP must be defined before this. */
 #ifndef BROADCL_KEEP_H
 #define BROADCL_KEEP_H
 

@@ -294,7 +294,7 @@ TEST(EnqueueTiles, AreSortedAgainAfterIncompleteUpdates) {
   EXPECT_FALSE(has_stage(broad_phase.profile(), "sort"));
 }
 
-/// Fewer changes than that make an update incomplete are of each id, more of neighbouring ids.
+/// No id has so many changes that an enqueued update is incomplete, but neighbouring ids together do.
 NOT_IN(sanitizers, "takes long");
 TEST(EnqueueTiles, NeighbouringIdsMayHaveManyChanges) {
   constexpr std::uint32_t n = 1U << 18U;
