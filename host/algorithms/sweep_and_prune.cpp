@@ -6,8 +6,8 @@
 #include <cstdint>
 #include <limits>
 #include <memory>
+#include <numeric>
 #include <thread>
-#include <utility>
 #include <vector>
 
 #include "algorithms/host_engine.hpp"
@@ -36,9 +36,6 @@ constexpr double useless = 4;
 
 /// With fewer boxes per thread, starting threads takes longer than they save.
 constexpr std::size_t boxes_per_thread = 4096;
-
-/// Number of tiles that a thread takes at a time.
-constexpr std::size_t tiles_at_once = 8;
 
 /// If at most one in this many boxes changed, only those that changed are searched.
 constexpr std::size_t boxes_per_changed = 16;
@@ -72,18 +69,25 @@ std::size_t widest_axis(std::span<const Centre<axes>> centres) {
   return widest;
 }
 
-/// Puts boxes into the order of a k-d tree, in which each run of node_size boxes is compact.
+/// Puts boxes into the order of a k-d tree, in which the boxes of each tile are neighbours, and so are the
+/// tiles of each node.
+/// @param first The tile of the first box.
 template <std::size_t axes>
-void split(std::span<Centre<axes>> centres, std::size_t threads) {
+void split(std::span<Centre<axes>> centres, std::size_t first, std::size_t threads) {
   if (centres.size() <= node_size) return;
   const std::size_t axis = widest_axis<axes>(centres);
-  const std::size_t tiles = (centres.size() + node_size - 1) / node_size;
-  const auto middle = static_cast<std::ptrdiff_t>(tiles / 2 * node_size);
+  const std::size_t end = first + (centres.size() + node_size - 1) / node_size;
+  std::size_t second = (first + end) / 2;  // the first tile of the second half
+  const std::size_t node = (second + node_size / 2) / node_size * node_size;
+  if (node > first && node < end) second = node;
+  const auto middle = static_cast<std::ptrdiff_t>((second - first) * node_size);
   std::nth_element(centres.begin(), centres.begin() + middle, centres.end(),
                    [axis](const Centre<axes>& s, const Centre<axes>& t) { return s.at[axis] < t.at[axis]; });
   const std::array halves{centres.first(static_cast<std::size_t>(middle)),
                           centres.subspan(static_cast<std::size_t>(middle))};
-  parallel_for(2, threads, [&](std::size_t k, std::size_t /*thread*/) { split(halves.at(k), threads / 2); });
+  parallel_for(2, threads, [&](std::size_t k, std::size_t /*thread*/) {
+    split(halves.at(k), k == 0 ? first : second, threads / 2);
+  });
 }
 
 /// A number that a float can represent.
@@ -134,24 +138,24 @@ Bounds<axes> bounds_of(const Node<axes>& node) {
   return bounds;
 }
 
-/// The axis along which a tile overlaps the fewest others, estimated from a sample.
+/// The axis along which the fewest of these overlap.
 template <std::size_t axes>
-std::size_t best_axis(std::span<const Bounds<axes>> tiles) {
+std::size_t best_axis(std::span<const Bounds<axes>> nodes) {
   constexpr std::size_t samples = 16;
   std::array<std::size_t, axes> overlaps{};
-  for (std::size_t s = 0; s < tiles.size(); s += tiles.size() / samples + 1) {
+  for (std::size_t s = 0; s < nodes.size(); s += nodes.size() / samples + 1) {
     for (std::size_t axis = 0; axis < axes; ++axis) {
-      const float lower = tiles[s].lower[axis];
-      const float upper = tiles[s].upper[axis];
-      for (const Bounds<axes>& tile : tiles) {
-        if (lower <= tile.upper[axis] && tile.lower[axis] <= upper) ++overlaps[axis];
+      const float lower = nodes[s].lower[axis];
+      const float upper = nodes[s].upper[axis];
+      for (const Bounds<axes>& node : nodes) {
+        if (lower <= node.upper[axis] && node.lower[axis] <= upper) ++overlaps[axis];
       }
     }
   }
   return static_cast<std::size_t>(std::ranges::min_element(overlaps) - overlaps.begin());
 }
 
-/// Appends a child to the last of some nodes, or to a new one.
+/// Appends child k to the last of some nodes, or to a new one.
 template <std::size_t axes>
 void append_child(std::vector<Node<axes>>& nodes, std::size_t k, const Bounds<axes>& bounds) {
   if (k % node_size == 0) {
@@ -163,8 +167,8 @@ void append_child(std::vector<Node<axes>>& nodes, std::size_t k, const Bounds<ax
 }
 
 /// Sweep and prune (Cohen, Lin, Manocha, Ponamgi, "I-COLLIDE: An Interactive and Exact Collision Detection
-/// System for Large-Scale Environments", I3D 1995), not of boxes, but of tiles of neighbouring boxes, which
-/// are then tested with each other.
+/// System for Large-Scale Environments", I3D 1995), not of boxes, but of nodes of neighbouring tiles of
+/// neighbouring boxes. Where two nodes overlap, their tiles are tested, and where these overlap, their boxes.
 class SweepAndPrune final : public HostFinder {
  public:
   explicit SweepAndPrune(std::size_t threads)
@@ -260,7 +264,6 @@ class SweepAndPrune final : public HostFinder {
   std::size_t fresh_work_ = 0;         // of the first one in this order
   HostTiles<3> three_;
   HostTiles<4> four_;
-  std::vector<std::pair<float, std::uint32_t>> swept_;
   std::vector<std::uint32_t> dirty_;
   std::vector<Found> found_;  // by each thread
   PairSort sort_pairs_;
@@ -294,8 +297,8 @@ void SweepAndPrune::sort(const HostObjects& objects, std::size_t threads) {
   order_.clear();
   places_.resize(boxes.size());
   for (std::vector<Centre<axes>>& centres : classes) {
-    if (&centres != &classes.back()) split(std::span(centres), threads);
     while (order_.size() % node_size != 0) order_.push_back(no_slot);
+    if (&centres != &classes.back()) split(std::span(centres), order_.size() / node_size, threads);
     for (const Centre<axes>& centre : centres) {
       places_[centre.slot] = static_cast<std::uint32_t>(order_.size());
       order_.push_back(centre.slot);
@@ -336,25 +339,19 @@ void SweepAndPrune::fill(HostTiles<axes>& all, const HostObjects& objects, std::
   });
 }
 
-/// Puts the tiles into the order of the sweep.
+/// Puts the tiles into nodes, and the nodes into the order of the sweep.
 template <std::size_t axes>
 void SweepAndPrune::sweep(HostTiles<axes>& all) {
-  all.axis = best_axis<axes>(all.bounds);
-  swept_.clear();
-  for (std::uint32_t tile = 0; tile < all.bounds.size(); ++tile) {
-    swept_.emplace_back(all.bounds[tile].lower[all.axis], tile);
-  }
-  std::ranges::sort(swept_);
   all.nodes.clear();
+  for (std::size_t tile = 0; tile < all.tiles.size(); ++tile) append_child(all.nodes, tile, all.bounds[tile]);
+  std::vector<Bounds<axes>> bounds;
+  for (const Node<axes>& node : all.nodes) bounds.push_back(bounds_of(node));
   all.roots.clear();
-  all.positions.resize(swept_.size());
-  for (std::size_t k = 0; k < swept_.size(); ++k) {
-    const std::uint32_t tile = swept_[k].second;
-    append_child(all.nodes, k, all.bounds[tile]);
-    all.nodes.back().index[k % node_size] = tile;
-    all.positions[tile] = static_cast<std::uint32_t>(k);
-  }
-  for (std::size_t k = 0; k < all.nodes.size(); ++k) append_child(all.roots, k, bounds_of(all.nodes[k]));
+  for (std::size_t node = 0; node < bounds.size(); ++node) append_child(all.roots, node, bounds[node]);
+  all.axis = best_axis<axes>(bounds);
+  all.sweep.resize(bounds.size());
+  std::iota(all.sweep.begin(), all.sweep.end(), 0U);
+  std::ranges::sort(all.sweep, {}, [&](std::uint32_t node) { return bounds[node].lower[all.axis]; });
 }
 
 template <std::size_t axes>
@@ -363,16 +360,14 @@ bool SweepAndPrune::search_all(const HostTiles<axes>& all, std::span<const Filte
   const TileSearch<axes> search = tile_search<axes>();
   found_.resize(std::max(found_.size(), threads));
   for (Found& found : found_) found.count = found.work = 0;
-  const std::size_t tiles = all.tiles.size();
   std::atomic<std::size_t> work = 0;
-  parallel_for(
-      (tiles + tiles_at_once - 1) / tiles_at_once, threads, [&](std::size_t part, std::size_t thread) {
-        if (static_cast<double>(work) > most_work) return;
-        Found& found = found_[thread];
-        const std::size_t before = found.work;
-        search.tiles(found, all, part * tiles_at_once, std::min(tiles, (part + 1) * tiles_at_once), filters);
-        work += found.work - before;
-      });
+  parallel_for(all.nodes.size() * parts_per_node, threads, [&](std::size_t part, std::size_t thread) {
+    if (static_cast<double>(work) > most_work) return;
+    Found& found = found_[thread];
+    const std::size_t before = found.work;
+    search.tiles(found, all, part, filters);
+    work += found.work - before;
+  });
   work_ = work;
   return static_cast<double>(work_) <= most_work;
 }
@@ -400,7 +395,6 @@ void SweepAndPrune::find_changed(HostTiles<axes>& all, const HostObjects& object
     const auto tile = static_cast<std::uint32_t>(all.tiles.size());
     append_child(all.tiles, tile * node_size, make_bounds<axes>(not_a_number, not_a_number));
     all.bounds.push_back(make_bounds<axes>(infinity, -infinity));
-    all.positions.push_back(tile);
     if (tile % node_size == 0) append_child(all.roots, all.nodes.size(), all.bounds.back());
     append_child(all.nodes, tile, all.bounds.back());
   }
@@ -421,9 +415,8 @@ void SweepAndPrune::find_changed(HostTiles<axes>& all, const HostObjects& object
   };
   each_dirty([&](std::uint32_t tile) {
     all.bounds[tile] = bounds_of(all.tiles[tile]);
-    const std::uint32_t position = all.positions[tile];
-    all.nodes[position / node_size].set(position % node_size, all.bounds[tile], tile);
-    return static_cast<std::uint32_t>(position / node_size);
+    all.nodes[tile / node_size].set(tile % node_size, all.bounds[tile], tile);
+    return static_cast<std::uint32_t>(tile / node_size);
   });
   each_dirty([&](std::uint32_t node) {
     all.roots[node / node_size].set(node % node_size, bounds_of(all.nodes[node]), node);

@@ -107,34 +107,57 @@ BROADCL_INLINE void test(Found& found, const HostTiles<axes>& all, std::size_t s
   test_along<axes>(found, all, s, t, filters);
 }
 
-/// Tests a tile with itself and with later tiles in the sweep whose lower bounds do not exceed its upper
-/// bound.
+/// Tests the boxes of a tile with each other.
 template <std::size_t axes>
-BROADCL_INLINE void search(Found& found, const HostTiles<axes>& all, std::size_t position,
-                           std::span<const Filter> filters) {
-  constexpr std::size_t most = node_size * node_size;  // pairs of two tiles
-  const std::size_t first = position / node_size;
-  const std::size_t s = all.nodes[first].index[position % node_size];
+BROADCL_INLINE void test_itself(Found& found, const HostTiles<axes>& all, std::size_t s,
+                                std::span<const Filter> filters) {
+  if (!overlaps(all.bounds[s], sought(all, all.bounds[s]))) return;  // they are of one set
   const Node<axes>& tile = all.tiles[s];
-  const Bounds<axes> bounds = sought(all, all.bounds[s]);
-  found.reserve(most);
-  // In a tile of a single set, nothing pairs.
-  const std::size_t own = overlaps(all.bounds[s], bounds) ? node_size : 0;
-  for (std::size_t k = 1; k < own; ++k) {
+  for (std::size_t k = 1; k < node_size; ++k) {
     append_found(found, tile, overlapping(tile, sought(all, tile.get(k))) & (bit_of[k] - 1), tile.index[k],
                  filters);
   }
-  std::uint32_t after = 0xfffffffeU << position % node_size;
-  std::size_t node = first;
-  do {
-    for (std::uint32_t bits = overlapping(all.nodes[node], bounds) & after; bits != 0; bits &= bits - 1) {
+}
+
+/// Tests some tiles of a node with tiles of a node that is not earlier in the sweep.
+/// @param tiles One bit per tile.
+template <std::size_t axes>
+BROADCL_INLINE void test_nodes(Found& found, const HostTiles<axes>& all, std::size_t own, std::uint32_t tiles,
+                               std::size_t other, std::span<const Filter> filters) {
+  constexpr std::size_t most = node_size * node_size;  // pairs of two tiles
+  for (; tiles != 0; tiles &= tiles - 1) {
+    const std::size_t child = lowest_bit(tiles);
+    const std::size_t s = own * node_size + child;
+    std::uint32_t others = overlapping(all.nodes[other], sought(all, all.bounds[s]));
+    if (own == other) {
+      found.reserve(most);
+      test_itself(found, all, s, filters);
+      others &= 0xfffffffeU << child;
+    }
+    for (; others != 0; others &= others - 1) {
       found.reserve(most);
       ++found.work;
-      test(found, all, s, all.nodes[node].index[lowest_bit(bits)], filters);
+      test(found, all, s, other * node_size + lowest_bit(others), filters);
     }
-    after = 0xffffffff;
-    ++node;
-  } while (node < all.nodes.size() && all.nodes[node].lower[all.axis][0] <= bounds.upper[all.axis]);
+  }
+}
+
+template <std::size_t axes>
+BROADCL_INLINE void search_tiles(Found& found, const HostTiles<axes>& all, std::size_t part,
+                                 std::span<const Filter> filters) {
+  constexpr std::size_t tiles_per_part = node_size / parts_per_node;
+  constexpr std::uint32_t first_part = (1U << tiles_per_part) - 1;
+  const std::size_t position = part / parts_per_node;
+  const std::uint32_t tiles = first_part << part % parts_per_node * tiles_per_part;
+  const auto bounds_of = [&](std::size_t node) { return all.roots[node / node_size].get(node % node_size); };
+  const std::size_t own = all.sweep[position];
+  const Bounds<axes> bounds = sought(all, bounds_of(own));
+  for (const std::uint32_t other : std::span(all.sweep).subspan(position)) {
+    const Bounds<axes> others = bounds_of(other);
+    if (others.lower[all.axis] > bounds.upper[all.axis]) break;
+    if (!overlaps(others, bounds)) continue;
+    test_nodes(found, all, own, overlapping(all.nodes[own], sought(all, others)) & tiles, other, filters);
+  }
 }
 
 /// Tests some boxes with all others.
@@ -160,17 +183,11 @@ BROADCL_INLINE void search_boxes(Found& found, const HostTiles<axes>& all,
   }
 }
 
-template <std::size_t axes>
-BROADCL_INLINE void search_tiles(Found& found, const HostTiles<axes>& all, std::size_t begin, std::size_t end,
-                                 std::span<const Filter> filters) {
-  for (std::size_t position = begin; position < end; ++position) search(found, all, position, filters);
-}
-
 #if defined(__x86_64__) && defined(__GNUC__)
 template <std::size_t axes>
-[[gnu::target("avx2")]] void search_tiles_avx2(Found& found, const HostTiles<axes>& all, std::size_t begin,
-                                               std::size_t end, std::span<const Filter> filters) {
-  search_tiles(found, all, begin, end, filters);
+[[gnu::target("avx2")]] void search_tiles_avx2(Found& found, const HostTiles<axes>& all, std::size_t part,
+                                               std::span<const Filter> filters) {
+  search_tiles(found, all, part, filters);
 }
 template <std::size_t axes>
 [[gnu::target("avx2")]] void search_boxes_avx2(Found& found, const HostTiles<axes>& all,

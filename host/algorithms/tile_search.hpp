@@ -61,15 +61,16 @@ struct alignas(64) Node {
   }
 };
 
-/// Boxes in tiles, the tiles in nodes in the order of the sweep, and the nodes in roots.
+/// Neighbouring boxes in tiles, neighbouring tiles in nodes, and these in roots.
 template <std::size_t axes>
 struct HostTiles {
   std::vector<Node<axes>> tiles;
-  std::vector<Bounds<axes>> bounds;      // of the tiles
-  std::vector<std::uint32_t> positions;  // of the tiles in the sweep
+  std::vector<Bounds<axes>> bounds;  // of the tiles
   std::vector<Node<axes>> nodes;
   std::vector<Node<axes>> roots;
-  std::size_t axis = 0;  // of the sweep: lower bounds of tiles ascend along it, until boxes change
+  std::size_t axis = 0;  // of the sweep
+  std::vector<std::uint32_t>
+      sweep;  // the nodes; their lower bounds ascend along the axis, until boxes change
   /// Whether there are two sets: along the fourth axis, set s of world w is at 2 w + s, and only pairs of one
   /// object of each set are sought.
   bool sets = false;
@@ -86,13 +87,15 @@ struct Found {
   }
 };
 
+/// So that threads can share the tiles of a node.
+inline constexpr std::size_t parts_per_node = 4;
+
 /// The searches, compiled for a type of processor.
 template <std::size_t axes>
 struct TileSearch {
-  /// Finds the pairs of some tiles, given by their positions in the sweep, with themselves and with later
-  /// tiles.
-  void (*tiles)(Found& found, const HostTiles<axes>& all, std::size_t begin, std::size_t end,
-                std::span<const Filter> filters);
+  /// Finds the pairs of some tiles with themselves and with tiles of nodes that are not earlier in the sweep.
+  /// @param part Less than parts_per_node times the number of nodes.
+  void (*tiles)(Found& found, const HostTiles<axes>& all, std::size_t part, std::span<const Filter> filters);
   /// Finds the pairs of some boxes, given by their places in the tiles, with all others.
   void (*boxes)(Found& found, const HostTiles<axes>& all, std::span<const std::uint32_t> places,
                 std::span<const Filter> filters);
