@@ -13,7 +13,7 @@ namespace {
 
 constexpr unsigned partition_bits = 8;
 /// Fewer pairs are sorted by comparison instead, and so are more than 32-bit positions count.
-constexpr std::size_t few_pairs = 128;
+constexpr std::size_t few_pairs = 32;
 constexpr std::size_t most_in_partition = 0xffffffff;
 
 /// A pass of a radix sort, stable.
