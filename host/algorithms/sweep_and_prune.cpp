@@ -100,8 +100,10 @@ template <std::size_t axes>
 Bounds<axes> bounds_of(const HostObjects& objects, std::size_t slot) {
   const Aabb& box = objects.boxes[slot];
   Bounds<axes> bounds;
-  std::ranges::copy(box.lower, bounds.lower.begin());
-  std::ranges::copy(box.upper, bounds.upper.begin());
+  for (std::size_t axis = 0; axis < 3; ++axis) {  // std::ranges::copy() would be a call per corner
+    bounds.lower[axis] = box.lower[axis];
+    bounds.upper[axis] = box.upper[axis];
+  }
   if constexpr (axes > 3) {
     // Rounded, so several worlds may have the same coordinate; may_pair() distinguishes them.
     const Filter& filter = objects.filters[slot];
