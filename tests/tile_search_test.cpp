@@ -18,16 +18,19 @@
 namespace broadcl::test {
 namespace {
 
-/// Tiles of random boxes, in one node. Every seventh box is missing. Along the fourth axis, if there is one,
-/// boxes are at four positions; those of every other tile at the same one.
+/// Tiles of random boxes, in nodes that overlap only the next one along the first axis, the last of them
+/// first in the sweep. Every seventh box is missing. Along the fourth axis, if there is one, boxes are at
+/// four positions; those of every other tile at the same one.
 template <std::size_t axes>
 HostTiles<axes> random_tiles(std::size_t tiles) {
   std::mt19937 random(7);
   std::uniform_int_distribution<int> coordinate(0, 9);  // so that bounds often touch
-  HostTiles<axes> all;
-  all.nodes.resize(1);
   const Bounds<axes> none = make_bounds<axes>(nan_value, nan_value);
-  for (std::size_t k = 0; k < node_size; ++k) all.nodes[0].set(k, none, 0);
+  Node<axes> empty;
+  for (std::size_t k = 0; k < node_size; ++k) empty.set(k, none, 0);
+  HostTiles<axes> all;
+  all.nodes.assign((tiles + node_size - 1) / node_size, empty);
+  all.roots.assign(1, empty);
   for (std::size_t tile = 0; tile < tiles; ++tile) {
     Bounds<axes> bounds = make_bounds<axes>(infinity, -infinity);
     Node<axes>& node = all.tiles.emplace_back();
@@ -35,6 +38,7 @@ HostTiles<axes> random_tiles(std::size_t tiles) {
       Bounds<axes> box = none;
       for (std::size_t axis = 0; k % 7 != 3 && axis < 3; ++axis) {
         box.lower[axis] = static_cast<float>(coordinate(random));
+        if (axis == 0) box.lower[0] -= 6 * static_cast<float>(tile / node_size);
         box.upper[axis] = box.lower[axis] + static_cast<float>(axis);
       }
       if constexpr (axes > 3) {
@@ -45,12 +49,14 @@ HostTiles<axes> random_tiles(std::size_t tiles) {
       extend(bounds, box);
     }
     all.bounds.push_back(bounds);
-    all.nodes[0].set(tile, bounds, static_cast<std::uint32_t>(tile));
+    all.nodes[tile / node_size].set(tile % node_size, bounds, static_cast<std::uint32_t>(tile));
   }
-  all.roots.resize(1);
-  for (std::size_t k = 0; k < node_size; ++k) all.roots[0].set(k, none, 0);
-  all.roots[0].set(0, make_bounds<axes>(-infinity, infinity), 0);
-  all.sweep = {0};
+  for (std::uint32_t k = 0; k < all.nodes.size(); ++k) {
+    Bounds<axes> bounds = make_bounds<axes>(infinity, -infinity);
+    for (std::size_t child = 0; child < node_size; ++child) extend(bounds, all.nodes[k].get(child));
+    all.roots[0].set(k, bounds, k);
+    all.sweep.insert(all.sweep.begin(), k);
+  }
   return all;
 }
 
@@ -104,7 +110,7 @@ void expect_same_pairs(const HostTiles<axes>& all) {
     ASSERT_GT(expected.size(), 100U);
     for (const bool plain : {true, false}) {
       Found found;
-      for (std::size_t part = 0; part < parts_per_node; ++part)
+      for (std::size_t part = 0; part < all.nodes.size() * parts_per_node; ++part)
         tile_search<axes>(plain).tiles(found, all, part, filters);
       EXPECT_TRUE(same("of tiles", sorted(found), expected)) << plain;
       Found of_boxes;
@@ -119,10 +125,11 @@ void expect_same_pairs(const HostTiles<axes>& all) {
 
 TEST(TileSearch, ForEachProcessorFindsTheSamePairs) {
   expect_same_pairs(random_tiles<3>(9));
+  expect_same_pairs(random_tiles<3>(3 * node_size - 5));
 }
 
 TEST(TileSearch, ForEachProcessorFindsTheSamePairsOfWorldsAndSets) {
-  HostTiles<4> all = random_tiles<4>(30);
+  HostTiles<4> all = random_tiles<4>(3 * node_size - 5);
   expect_same_pairs(all);
   all.sets = true;
   expect_same_pairs(all);

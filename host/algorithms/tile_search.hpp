@@ -68,9 +68,8 @@ struct HostTiles {
   std::vector<Bounds<axes>> bounds;  // of the tiles
   std::vector<Node<axes>> nodes;
   std::vector<Node<axes>> roots;
-  std::size_t axis = 0;  // of the sweep
-  std::vector<std::uint32_t>
-      sweep;  // the nodes; their lower bounds ascend along the axis, until boxes change
+  std::vector<std::uint32_t> sweep;  // nodes by ascending lower bounds along the axis, until boxes change
+  std::size_t axis = 0;
   /// Whether there are two sets: along the fourth axis, set s of world w is at 2 w + s, and only pairs of one
   /// object of each set are sought.
   bool sets = false;
