@@ -460,6 +460,7 @@ TEST_P(LongLateKernelOnTheDevice, LosesNothingWhicheverCallFailsMeanwhile) {
 INSTANTIATE_TEST_SUITE_P(Long, LongLateKernelOnTheDevice, ::testing::ValuesIn(late_on_the_device),
                          name_of_late_kernel);
 
+NOT_IN(all_default, "takes long, in the compiler; the kernels of a search of worlds are in it");
 TEST(LateKernel, OfASearchOfTwoSetsRunsInSmallWorkGroups) {
   const ForAnyDevice any;
   std::vector<Aabb> first;

@@ -18,9 +18,9 @@
 namespace broadcl::test {
 namespace {
 
-/// Tiles of random boxes, in nodes that overlap only the next one along the first axis, the last of them
-/// first in the sweep. Every seventh box is missing. Along the fourth axis, if there is one, boxes are at
-/// four positions; those of every other tile at the same one.
+/// Tiles of random boxes, in nodes that touch the next one along the first axis, the last of them first in
+/// the sweep. Every seventh box is missing. Along the fourth axis, if there is one, boxes are at four
+/// positions; those of every other tile at the same one.
 template <std::size_t axes>
 HostTiles<axes> random_tiles(std::size_t tiles) {
   std::mt19937 random(7);
@@ -38,7 +38,7 @@ HostTiles<axes> random_tiles(std::size_t tiles) {
       Bounds<axes> box = none;
       for (std::size_t axis = 0; k % 7 != 3 && axis < 3; ++axis) {
         box.lower[axis] = static_cast<float>(coordinate(random));
-        if (axis == 0) box.lower[0] -= 6 * static_cast<float>(tile / node_size);
+        if (axis == 0) box.lower[0] -= 9 * static_cast<float>(tile / node_size);
         box.upper[axis] = box.lower[axis] + static_cast<float>(axis);
       }
       if constexpr (axes > 3) {
