@@ -125,11 +125,11 @@ void expect_same_pairs(const HostTiles<axes>& all) {
 
 TEST(TileSearch, ForEachProcessorFindsTheSamePairs) {
   expect_same_pairs(random_tiles<3>(9));
-  expect_same_pairs(random_tiles<3>(3 * node_size - 5));
+  expect_same_pairs(random_tiles<3>(2 * node_size + 5));
 }
 
 TEST(TileSearch, ForEachProcessorFindsTheSamePairsOfWorldsAndSets) {
-  HostTiles<4> all = random_tiles<4>(3 * node_size - 5);
+  HostTiles<4> all = random_tiles<4>(2 * node_size + 5);
   expect_same_pairs(all);
   all.sets = true;
   expect_same_pairs(all);
