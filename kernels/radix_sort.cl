@@ -345,17 +345,21 @@ kernel __attribute__((reqd_work_group_size(1, 1, 1))) void radix_sort_scatter(
   }
 }
 
+#define LONG_DIGIT_BITS 10 /* at most, for a pass of a work-item over at least LONG_RUN elements */
+#define LONG_RUN 8192U
+
 /* Sorts n elements of `source` by a range of bits, the least significant digit first, back and forth between two
    buffers. Returns the one that has them in the end. */
 static inline global ulong* sort_run(const uint n, const uint first, const uint bits, global ulong* source,
                                      global ulong* target) {
   /* As few digits as possible, of about equal length. */
-  uint left = (bits + DIGIT_BITS - 1U) / DIGIT_BITS;
+  const uint most_bits = n < LONG_RUN ? DIGIT_BITS : LONG_DIGIT_BITS;
+  uint left = (bits + most_bits - 1U) / most_bits;
   for (uint done = 0; left > 0; --left) {
     const uint digit_first = first + done;
     const uint digit_bits = (bits - done + left - 1U) / left;
     const uint digits = 1U << digit_bits;
-    uint next[DIGITS]; /* the index of the next element of a digit */
+    uint next[1 << LONG_DIGIT_BITS]; /* the index of the next element of a digit */
     for (uint digit = 0; digit < digits; ++digit) next[digit] = 0;
     for (uint k = 0; k < n; ++k) ++next[digit_of(source[k], digit_first, digit_bits)];
     uint place = 0;
@@ -384,21 +388,24 @@ kernel __attribute__((reqd_work_group_size(1, 1, 1))) void radix_sort_small(
   for (uint k = 0; k < n; ++k) elements[k] = sorted[k];
 }
 
-/* Sorts each bucket by a range of bits, one work-item per bucket. The n elements are in one of the two buffers
-   before, and in `elements` afterwards. Bucket k begins at starts[k * blocks]. */
+/* Sorts each bucket by two ranges of bits, one work-item per bucket. Of the less significant range, .s0 is the first bit
+   and .s1 the number of bits; of the other one, .s2 and .s3. The n elements are in `scratch` before, and in `elements`
+   afterwards. Bucket k begins at starts[k * blocks]. */
 kernel __attribute__((reqd_work_group_size(1, 1, 1))) void radix_sort_buckets(
-    const uint n, const uint blocks, const uint first, const uint bits, const uint is_in_scratch,
-    global ulong* elements, global ulong* scratch, global const uint* restrict starts) {
+    const uint n, const uint blocks, const uint4 ranges, global ulong* elements, global ulong* scratch,
+    global const uint* restrict starts) {
   const uint bucket = (uint)get_group_id(0);
   const uint begin = starts[bucket * blocks];
   const uint end = bucket + 1U < (uint)get_num_groups(0) ? starts[(bucket + 1U) * blocks] : n;
   global ulong* const own = elements + begin;
-  /* (Chosen before `begin` is added: Intel's compiler 1.0.12504 crashes otherwise.) */
-  global ulong* const source = (is_in_scratch ? scratch : elements) + begin;
-  global ulong* const target = (is_in_scratch ? elements : scratch) + begin;
-  global const ulong* sorted = sort_run(end - begin, first, bits, source, target);
-  if (sorted == own) return;
-  for (uint k = 0; k < end - begin; ++k) own[k] = sorted[k];
+  global ulong* source = scratch + begin;
+  for (uint range = 0; range < 2U; ++range) {
+    global ulong* const target = source == own ? scratch + begin : own;
+    source = sort_run(end - begin, range == 0U ? ranges.s0 : ranges.s2, range == 0U ? ranges.s1 : ranges.s3, source,
+                      target);
+  }
+  if (source == own) return;
+  for (uint k = 0; k < end - begin; ++k) own[k] = source[k];
 }
 
 #endif

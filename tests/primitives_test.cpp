@@ -232,11 +232,11 @@ TEST(RadixSort, ElementsInEachOrderStayStable) {
 
 TEST(RadixSort, RangesOfAnyBits) {
   with_each_sort([](const Context& context, RadixSort& sort) {
-    for (const std::size_t n : {2000U, 9999U, 33'333U}) {
+    for (const std::size_t n : {2000U, 9999U, 33'333U, 100'000U}) {
       for (const Keys& keys :
            {Keys{}, Keys{{5, 0}}, Keys{{0, 1}}, Keys{{63, 1}}, Keys{{7, 5}}, Keys{{25, 13}}, Keys{{0, 17}},
-            Keys{{0, 64}}, Keys{{0, 13}, {32, 13}}, Keys{{32, 13}, {0, 13}}, Keys{{40, 3}, {20, 0}, {2, 9}},
-            Keys{{1, 1}, {3, 1}, {60, 4}}}) {
+            Keys{{0, 64}}, Keys{{0, 13}, {32, 13}}, Keys{{32, 13}, {0, 13}}, Keys{{40, 3}, {20, 0}},
+            Keys{{20, 0}, {2, 9}}, Keys{{3, 1}, {60, 4}}, Keys{{40, 24}, {0, 40}}, Keys{{0, 20}, {62, 2}}}) {
         SCOPED_TRACE(::testing::PrintToString(keys.size()) + " ranges");
         for (const auto& [first, count] : keys) {
           EXPECT_LE(first + count, 64U) << "an invalid range";

@@ -1,3 +1,5 @@
+#include <algorithm>
+#include <cstddef>
 #include <optional>
 #include <utility>
 
@@ -9,6 +11,15 @@
 
 namespace broadcl {
 namespace {
+
+/// How many pairs to make room for in a search of so many boxes that nothing is known about. A CPU does not
+/// use memory before it writes there.
+std::size_t expected_pairs(const opencl::Context& context, std::size_t slots) {
+  constexpr std::size_t per_box = 128;
+  constexpr std::size_t most = std::size_t{1} << 25;  // 256 MiB
+  if (context.tuning() != opencl::Tuning::cpu) return 0;
+  return std::min({per_box * slots, most, std::size_t{context.device().max_allocation} / sizeof(Pair)});
+}
 
 /// The engine with objects from the host and changes for the host.
 class DeviceAlgorithm final : public Algorithm {
@@ -52,6 +63,15 @@ class DeviceAlgorithm final : public Algorithm {
     const PairDelta::Counts counts = context_.guard([&] { return engine_.finish(); });
     objects_.commit();
     return engine_.changes().on_host(counts);
+  }
+
+  [[nodiscard]] std::vector<Pair> find_all(const Changes& changes) override {
+    profiler_.begin();
+    return context_.guard([&] {
+      engine_.prepare(expected_pairs(context_, changes.slots));
+      engine_.begin(objects_.upload(changes));
+      return engine_.finish_only_search();
+    });
   }
 
   [[nodiscard]] std::shared_ptr<const void> delta_owner() const override {

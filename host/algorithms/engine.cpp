@@ -58,7 +58,8 @@ void Engine::enqueue() {
   order_.enqueue(delta_, tag_);
 }
 
-PairDelta::Counts Engine::finish() {
+/// Waits for the search, and repeats it if the lists were too small or the finder gave up.
+PairDelta::Counts Engine::find() {
   PairDelta::Counts counts = order_.wait(delta_);
   const PairDelta::Counts first = counts;
   for (bool gave_up = finder_->gave_up(counts); gave_up || !delta_.fits(counts);
@@ -70,11 +71,23 @@ PairDelta::Counts Engine::finish() {
   }
   counts.invalid_boxes = first.invalid_boxes;
   counts.first_invalid = first.first_invalid;
+  return counts;
+}
+
+PairDelta::Counts Engine::finish() {
+  const PairDelta::Counts counts = find();
   const bool is_next_ready = order_.complete(delta_, counts);
   profiler_.resolve();
   delta_.commit(counts, tag_, is_next_ready);
   order_.commit(counts);
   return counts;
+}
+
+std::vector<Pair> Engine::finish_only_search() {
+  const PairDelta::Counts counts = find();
+  profiler_.resolve();
+  delta_.commit(counts, tag_, false);
+  return pairs();
 }
 
 cl::Buffer Engine::sorted_pairs() {

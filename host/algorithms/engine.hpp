@@ -34,7 +34,8 @@ class Engine {
 
   /// Must not be called while there are unsettled frames, unless the new frame will be enqueued, too.
   /// @throws cl::Error, Error
-  void prepare() { delta_.begin(0); }
+  /// @param pairs To make room for; more are found in a second search.
+  void prepare(std::size_t pairs = 0) { delta_.begin(pairs); }
   /// Enqueues the search and the reading of its results. Unless the search has a source, commands that update
   /// the objects must have been enqueued.
   /// @param tag Any number; settle() returns that of the last complete frame.
@@ -44,6 +45,10 @@ class Engine {
   /// frame, or if the finder gave up.
   /// @throws cl::Error, Error
   PairDelta::Counts finish();
+  /// Waits for the only search of an engine, and returns its pairs in canonical order. Its changes are not
+  /// sorted.
+  /// @throws cl::Error, Error
+  [[nodiscard]] std::vector<Pair> finish_only_search();
 
   /// Reserves memory for frames that nobody waits for, of this many slots and pairs.
   /// @throws cl::Error, Error; nothing has changed then.
@@ -81,6 +86,7 @@ class Engine {
 
  private:
   void enqueue();
+  PairDelta::Counts find();
 
   const opencl::Context& context_;
   opencl::Profiler& profiler_;

@@ -68,10 +68,11 @@ void Order::set_buckets() {
 
 void Order::begin(const Search& search) {
   set_search(search);
-  many_ = last_longest_ > few_ || worlds_ > 0;
-  // Allocate more only if it was needed twice in a row: a first frame finds all pairs, the next one only what
-  // changed.
-  const std::size_t wanted = many_ ? last_changes_ + last_changes_ / 4 : 3 * last_longest_;
+  // Expect many changes, and allocate more, only if there were many twice in a row: a first frame finds all
+  // pairs, the next one only what changed.
+  const std::size_t longest = std::min(last_longest_, longest_before_);
+  many_ = longest > few_ || worlds_ > 0;
+  const std::size_t wanted = many_ ? last_changes_ + last_changes_ / 4 : 3 * longest;
   const std::size_t most = (context_.device().max_allocation - PairDelta::count_bytes) / sizeof(Pair) /
                            changes_multiple * changes_multiple;
   capacity_ = round_up(std::max(least_changes, std::min(wanted, std::max(last_wanted_, allocated()))),
@@ -286,7 +287,7 @@ void Order::sort_by_world(const cl::Buffer& pairs, std::size_t n, const cl::Buff
 
 void Order::commit(const PairDelta::Counts& counts) noexcept {
   last_changes_ = counts.added + counts.removed;
-  last_longest_ = std::max(counts.added, counts.removed);
+  longest_before_ = std::exchange(last_longest_, std::max(counts.added, counts.removed));
   turn_ = 1 - turn_;
 }
 

@@ -138,8 +138,9 @@ class Order {
 
   // Of the last frame.
   std::size_t last_changes_ = 0;
-  std::size_t last_longest_ = 0;  // the longer of added and removed
-  std::size_t last_wanted_ = 0;   // the number of changes to have memory for
+  std::size_t last_longest_ = 0;    // the longer of added and removed
+  std::size_t longest_before_ = 0;  // that of the frame before
+  std::size_t last_wanted_ = 0;     // the number of changes to have memory for
 };
 
 }  // namespace broadcl

@@ -101,16 +101,14 @@ void RadixSort::enqueue_buckets(const cl::Buffer& elements, const cl::Buffer& sc
   const auto wanted = static_cast<unsigned>(std::bit_width(n / bucket));
   const unsigned count = std::min({top.count, digit_bits, wanted});
   enqueue_pass(elements, scratch, n, blocks, {top.first + top.count - count, count});
-  bool is_in_scratch = true;
+  cl_uint4 ranges{};
   for (std::size_t k = 0; k < keys.size(); ++k) {
-    const unsigned bits = keys[k].count - (k + 1 == keys.size() ? count : 0);
-    if (bits == 0 && !is_in_scratch) continue;
-    set_arguments(buckets_, 0, n, blocks.count, cl_uint{keys[k].first}, cl_uint{bits},
-                  cl_uint{is_in_scratch ? 1U : 0U}, elements, scratch, counts_);
-    context_.queue().enqueueNDRangeKernel(buckets_, cl::NullRange, cl::NDRange(std::size_t{1} << count),
-                                          cl::NDRange(1));
-    is_in_scratch = false;
+    ranges.s[2 * k] = keys[k].first;
+    ranges.s[2 * k + 1] = keys[k].count - (k + 1 == keys.size() ? count : 0);
   }
+  set_arguments(buckets_, 0, n, blocks.count, ranges, elements, scratch, counts_);
+  context_.queue().enqueueNDRangeKernel(buckets_, cl::NullRange, cl::NDRange(std::size_t{1} << count),
+                                        cl::NDRange(1));
 }
 
 void RadixSort::enqueue(const cl::Buffer& elements, const cl::Buffer& scratch, std::size_t n,

@@ -13,8 +13,8 @@ namespace broadcl::opencl {
 /// Stable sorting of 8-byte elements on the device: kernels/radix_sort.cl, which names the sources.
 ///
 /// It makes one pass over the elements for every 8 bits, or fewer, of each range; if there are few elements,
-/// one or two launches per range. On CPUs it makes one pass by the upper bits and one launch per range, in
-/// which each work-item sorts the elements that have the same upper bits.
+/// one or two launches per range. On CPUs it makes one pass by the upper bits and one launch, in which each
+/// work-item sorts the elements that have the same upper bits.
 class RadixSort {
  public:
   /// A range of the bits of an element, read as the 64-bit number that it is on a little-endian device: bit 0
@@ -40,7 +40,7 @@ class RadixSort {
   /// sorts {value, key}.
   /// @param elements, scratch Two buffers of at least n elements each. Scratch is overwritten.
   /// @param n Less than 2^31, otherwise an Error is thrown.
-  /// @param keys What to sort by, the least significant range first.
+  /// @param keys What to sort by, one or two ranges, the less significant one first.
   /// @throws cl::Error
   void enqueue(const cl::Buffer& elements, const cl::Buffer& scratch, std::size_t n,
                std::span<const Bits> keys);
