@@ -388,9 +388,9 @@ kernel __attribute__((reqd_work_group_size(1, 1, 1))) void radix_sort_small(
   for (uint k = 0; k < n; ++k) elements[k] = sorted[k];
 }
 
-/* Sorts each bucket by two ranges of bits, one work-item per bucket. Of the less significant range, .s0 is the first bit
-   and .s1 the number of bits; of the other one, .s2 and .s3. The n elements are in `scratch` before, and in `elements`
-   afterwards. Bucket k begins at starts[k * blocks]. */
+/* Sorts each bucket by two ranges of bits, one work-item per bucket. Of the less significant range, .s0 is the first
+   bit and .s1 the number of bits; of the other one, .s2 and .s3. The n elements are in `scratch` before, and in
+   `elements` afterwards. Bucket k begins at starts[k * blocks]. */
 kernel __attribute__((reqd_work_group_size(1, 1, 1))) void radix_sort_buckets(
     const uint n, const uint blocks, const uint4 ranges, global ulong* elements, global ulong* scratch,
     global const uint* restrict starts) {
@@ -401,8 +401,8 @@ kernel __attribute__((reqd_work_group_size(1, 1, 1))) void radix_sort_buckets(
   global ulong* source = scratch + begin;
   for (uint range = 0; range < 2U; ++range) {
     global ulong* const target = source == own ? scratch + begin : own;
-    source = sort_run(end - begin, range == 0U ? ranges.s0 : ranges.s2, range == 0U ? ranges.s1 : ranges.s3, source,
-                      target);
+    source =
+        sort_run(end - begin, range == 0U ? ranges.s0 : ranges.s2, range == 0U ? ranges.s1 : ranges.s3, source, target);
   }
   if (source == own) return;
   for (uint k = 0; k < end - begin; ++k) own[k] = source[k];
