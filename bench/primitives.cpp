@@ -109,7 +109,7 @@ void sort_on_device(benchmark::State& state, std::size_t n) {
   const opencl::Context context(select_device(), false);
   opencl::RadixSort sort(context);
   const cl::Buffer scratch(context.context(), CL_MEM_READ_WRITE, n * sizeof(std::uint64_t));
-  constexpr std::array keys{opencl::RadixSort::Bits{32, 32}};
+  constexpr opencl::RadixSort::Keys keys{{32, 32}};
   time_on_device(state, context, random_words<std::uint64_t>(n),
                  [&](const cl::Buffer& elements) { sort.enqueue(elements, scratch, n, keys); });
 }

@@ -3,7 +3,7 @@
 // all-pairs/NAME/SET         wall time; pairs in any order, except BroadCL's, which are sorted
 // all-pairs-sorted/NAME/SET  the same, and the pairs are sorted (std::sort)
 //
-// Counters: cpu_ms, the time of all processors; open_ms, the time to open a device and build its kernels,
+// Counters: cpu_ms, the time of all processors; open_ms, the time to open a device and load its kernels,
 // which is not part of the other times. The pairs of each library are compared with those of BroadCL's oracle
 // or, for large sets, of its sweep-and-prune.
 #include <algorithm>

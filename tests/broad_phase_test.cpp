@@ -58,6 +58,13 @@ TEST_P(EachAlgorithm, SizesToAHundredAgreeWithTheOracle) {
   }
 }
 
+/// With any tuning, there is room for fewer at first.
+TEST_P(EachAlgorithm, OnlySearchesFindMorePairsThanWereExpected) {
+  constexpr std::uint32_t n = 600;
+  EXPECT_TRUE(test::same("all at one place", overlapping_pairs(std::vector<Aabb>(n, unit), config()),
+                         test::all_pairs(n)));
+}
+
 ALSO_IN(oclgrind);
 TEST_P(EachAlgorithm, SmallIdsAreTheLowestFree) {
   BroadPhase broad_phase(config());

@@ -1,5 +1,6 @@
 #include <algorithm>
 #include <cstddef>
+#include <cstdint>
 #include <optional>
 #include <utility>
 
@@ -12,13 +13,14 @@
 namespace broadcl {
 namespace {
 
-/// How many pairs to make room for in a search of so many boxes that nothing is known about. A CPU does not
-/// use memory before it writes there.
-std::size_t expected_pairs(const opencl::Context& context, std::size_t slots) {
+/// How many pairs to make room for in a search of boxes that nothing is known about, so that few have to run
+/// twice. (Only on CPUs, because they do not use memory before something is written there.)
+std::size_t expected_pairs(const Device& device, std::size_t slots) {
   constexpr std::size_t per_box = 128;
-  constexpr std::size_t most = std::size_t{1} << 25;  // 256 MiB
-  if (context.tuning() != opencl::Tuning::cpu) return 0;
-  return std::min({per_box * slots, most, std::size_t{context.device().max_allocation} / sizeof(Pair)});
+  constexpr std::uint64_t most_bytes = 256 << 20;
+  if (device.type != DeviceType::cpu) return 0;
+  const std::uint64_t bytes = std::min({most_bytes, device.max_allocation, device.memory / 16});
+  return std::min(per_box * slots, static_cast<std::size_t>(bytes / sizeof(Pair)));
 }
 
 /// The engine with objects from the host and changes for the host.
@@ -68,7 +70,7 @@ class DeviceAlgorithm final : public Algorithm {
   [[nodiscard]] std::vector<Pair> find_all(const Changes& changes) override {
     profiler_.begin();
     return context_.guard([&] {
-      engine_.prepare(expected_pairs(context_, changes.slots));
+      engine_.prepare(expected_pairs(context_.device(), changes.slots));
       engine_.begin(objects_.upload(changes));
       return engine_.finish_only_search();
     });

@@ -33,8 +33,8 @@ class Engine {
   void warm_up(std::size_t slots) { finder_->warm_up(slots); }
 
   /// Must not be called while there are unsettled frames, unless the new frame will be enqueued, too.
+  /// @param pairs How many to make room for. If there are more, the frame runs again.
   /// @throws cl::Error, Error
-  /// @param pairs To make room for; more are found in a second search.
   void prepare(std::size_t pairs = 0) { delta_.begin(pairs); }
   /// Enqueues the search and the reading of its results. Unless the search has a source, commands that update
   /// the objects must have been enqueued.
@@ -45,8 +45,8 @@ class Engine {
   /// frame, or if the finder gave up.
   /// @throws cl::Error, Error
   PairDelta::Counts finish();
-  /// Waits for the only search of an engine, and returns its pairs in canonical order. Its changes are not
-  /// sorted.
+  /// Ends the only frame of an engine, instead of finish(): returns its pairs in canonical order, without
+  /// sorting its changes.
   /// @throws cl::Error, Error
   [[nodiscard]] std::vector<Pair> finish_only_search();
 

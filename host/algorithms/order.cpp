@@ -70,9 +70,8 @@ void Order::begin(const Search& search) {
   set_search(search);
   // Expect many changes, and allocate more, only if there were many twice in a row: a first frame finds all
   // pairs, the next one only what changed.
-  const std::size_t longest = std::min(last_longest_, longest_before_);
-  many_ = longest > few_ || worlds_ > 0;
-  const std::size_t wanted = many_ ? last_changes_ + last_changes_ / 4 : 3 * longest;
+  many_ = std::min(last_longest_, longest_before_) > few_ || worlds_ > 0;
+  const std::size_t wanted = many_ ? last_changes_ + last_changes_ / 4 : 3 * std::min(last_longest_, few_);
   const std::size_t most = (context_.device().max_allocation - PairDelta::count_bytes) / sizeof(Pair) /
                            changes_multiple * changes_multiple;
   capacity_ = round_up(std::max(least_changes, std::min(wanted, std::max(last_wanted_, allocated()))),
@@ -279,7 +278,7 @@ void Order::sort_by_world(const cl::Buffer& pairs, std::size_t n, const cl::Buff
                         elements);
   world_keys_.enqueue(queue, n);
   const auto bits = static_cast<unsigned>(std::bit_width(worlds_));
-  sort_.enqueue(elements, scattered_.get(), n, std::array{opencl::RadixSort::Bits{32, bits}});
+  sort_.enqueue(elements, scattered_.get(), n, {{32, bits}});
   opencl::set_arguments(pick_.kernel, 0, count, elements, pairs, scattered_.get());
   pick_.enqueue(queue, n);
   queue.enqueueCopyBuffer(scattered_.get(), pairs, 0, 0, n * sizeof(Pair));
@@ -298,8 +297,7 @@ Delta Order::on_host(const PairDelta::Counts& counts) const noexcept {
 
 void Order::sort(const cl::Buffer& pairs, std::size_t n, std::size_t slots, const cl::Buffer& scratch) {
   const auto bits = static_cast<unsigned>(std::bit_width(slots));
-  sort_.enqueue(pairs, scratch, n,
-                std::array{opencl::RadixSort::Bits{0, bits}, opencl::RadixSort::Bits{32, bits}});
+  sort_.enqueue(pairs, scratch, n, {{0, bits}, {32, bits}});
 }
 
 }  // namespace broadcl

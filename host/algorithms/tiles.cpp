@@ -314,13 +314,12 @@ class Tiles final : public PairFinder {
     opencl::set_arguments(kernels.keys.kernel, 0, search.now.slots, search.now.boxes, filters,
                           centroids_.buckets(), centroids_.result(), elements_);
     kernels.keys.enqueue(context_.queue(), search.now.slots);
-    sort_.enqueue(elements_, scratch_, search.now.slots,
-                  std::array{opencl::RadixSort::Bits{32 + code_bits - sorted_bits, sorted_bits}});
+    sort_.enqueue(elements_, scratch_, search.now.slots, {{32 + code_bits - sorted_bits, sorted_bits}});
     if (has_worlds(search)) {  // they count first, so they are sorted by last
       opencl::set_arguments(kernels.world_keys.kernel, 0, search.now.slots, sets(search), filters, elements_);
       kernels.world_keys.enqueue(context_.queue(), search.now.slots);
       const unsigned bits = search.worlds ? 32 : 1;
-      sort_.enqueue(elements_, scratch_, search.now.slots, std::array{opencl::RadixSort::Bits{32, bits}});
+      sort_.enqueue(elements_, scratch_, search.now.slots, {{32, bits}});
     }
     sorted_by_world_ = search.worlds;
     sorted_by_set_ = search.sets;

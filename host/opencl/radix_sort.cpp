@@ -78,9 +78,9 @@ void RadixSort::enqueue_pass(const cl::Buffer& source, const cl::Buffer& target,
 }
 
 void RadixSort::enqueue_digits(const cl::Buffer& elements, const cl::Buffer& scratch, cl_uint n,
-                               Blocks blocks, std::span<const Bits> keys) {
+                               Blocks blocks, const Keys& keys) {
   std::array<const cl::Buffer*, 2> buffers{&elements, &scratch};
-  for (const Bits& key : keys) {
+  for (const Bits& key : {keys.minor, keys.major}) {
     // As few digits as possible, of about equal length.
     unsigned digits = (key.count + digit_bits - 1) / digit_bits;
     for (Bits digit{key.first, 0}; digits > 0; --digits, digit.first += digit.count) {
@@ -94,29 +94,27 @@ void RadixSort::enqueue_digits(const cl::Buffer& elements, const cl::Buffer& scr
 }
 
 void RadixSort::enqueue_buckets(const cl::Buffer& elements, const cl::Buffer& scratch, cl_uint n,
-                                Blocks blocks, std::span<const Bits> keys) {
-  while (!keys.empty() && keys.back().count == 0) keys = keys.first(keys.size() - 1);
-  if (keys.empty()) return;
-  const Bits top = keys.back();
+                                Blocks blocks, const Keys& keys) {
+  Bits minor = keys.minor;
+  Bits major = keys.major;
+  if (major.count == 0) std::swap(minor, major);
+  if (major.count == 0) return;
   const auto wanted = static_cast<unsigned>(std::bit_width(n / bucket));
-  const unsigned count = std::min({top.count, digit_bits, wanted});
-  enqueue_pass(elements, scratch, n, blocks, {top.first + top.count - count, count});
-  cl_uint4 ranges{};
-  for (std::size_t k = 0; k < keys.size(); ++k) {
-    ranges.s[2 * k] = keys[k].first;
-    ranges.s[2 * k + 1] = keys[k].count - (k + 1 == keys.size() ? count : 0);
-  }
-  set_arguments(buckets_, 0, n, blocks.count, ranges, elements, scratch, counts_);
+  const unsigned count = std::min({major.count, digit_bits, wanted});
+  major.count -= count;
+  enqueue_pass(elements, scratch, n, blocks, {major.first + major.count, count});
+  set_arguments(buckets_, 0, n, blocks.count, cl_uint4{{minor.first, minor.count, major.first, major.count}},
+                elements, scratch, counts_);
   context_.queue().enqueueNDRangeKernel(buckets_, cl::NullRange, cl::NDRange(std::size_t{1} << count),
                                         cl::NDRange(1));
 }
 
 void RadixSort::enqueue(const cl::Buffer& elements, const cl::Buffer& scratch, std::size_t n,
-                        std::span<const Bits> keys) {
+                        const Keys& keys) {
   if (n < 2) return;
   const auto count = static_cast<cl_uint>(n);
   if (n <= most_few_) {
-    for (const Bits& key : keys) {
+    for (const Bits& key : {keys.minor, keys.major}) {
       if (key.count > 0) enqueue_few(elements, scratch, count, key);
     }
     return;

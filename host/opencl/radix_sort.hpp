@@ -1,7 +1,6 @@
 #pragma once
 
 #include <cstddef>
-#include <span>
 
 #include "opencl/api.hpp"
 #include "opencl/blocks.hpp"
@@ -24,6 +23,12 @@ class RadixSort {
     unsigned count;
   };
 
+  /// What to sort by: two ranges that do not overlap, or one, if the other has no bits.
+  struct Keys {
+    Bits minor{0, 0};
+    Bits major{0, 0};
+  };
+
   /// @param context Must outlive this object.
   /// @throws Error, cl::Error
   explicit RadixSort(const Context& context);
@@ -40,17 +45,15 @@ class RadixSort {
   /// sorts {value, key}.
   /// @param elements, scratch Two buffers of at least n elements each. Scratch is overwritten.
   /// @param n Less than 2^31, otherwise an Error is thrown.
-  /// @param keys What to sort by, one or two ranges, the less significant one first.
   /// @throws cl::Error
-  void enqueue(const cl::Buffer& elements, const cl::Buffer& scratch, std::size_t n,
-               std::span<const Bits> keys);
+  void enqueue(const cl::Buffer& elements, const cl::Buffer& scratch, std::size_t n, const Keys& keys);
 
  private:
   void enqueue_few(const cl::Buffer& elements, const cl::Buffer& scratch, cl_uint n, Bits key);
   void enqueue_digits(const cl::Buffer& elements, const cl::Buffer& scratch, cl_uint n, Blocks blocks,
-                      std::span<const Bits> keys);
+                      const Keys& keys);
   void enqueue_buckets(const cl::Buffer& elements, const cl::Buffer& scratch, cl_uint n, Blocks blocks,
-                       std::span<const Bits> keys);
+                       const Keys& keys);
   void enqueue_pass(const cl::Buffer& source, const cl::Buffer& target, cl_uint n, Blocks blocks, Bits digit);
 
   const Context& context_;
