@@ -16,6 +16,10 @@ namespace broadcl {
 /// @throws What the function throws; the other calls have then returned or were not made.
 template <class Function>
 void parallel_for(std::size_t n, std::size_t threads, const Function& function) {
+  if (std::min(threads, n) < 2) {
+    for (std::size_t k = 0; k < n; ++k) function(k, std::size_t{0});
+    return;
+  }
   std::atomic<std::size_t> next{0};
   const auto work = [&](std::size_t thread) {
     try {
@@ -26,7 +30,7 @@ void parallel_for(std::size_t n, std::size_t threads, const Function& function) 
     }
   };
   std::vector<std::future<void>> others;
-  others.reserve(std::min(threads, n));
+  others.reserve(std::min(threads, n) - 1);
   try {
     for (std::size_t thread = 1; thread < std::min(threads, n); ++thread) {
       others.push_back(std::async(std::launch::async, work, thread));

@@ -11,7 +11,7 @@
 namespace broadcl {
 namespace {
 
-constexpr unsigned partition_bits = 8;
+constexpr unsigned most_partition_bits = 8;
 /// Fewer pairs are sorted by comparison instead, and so are more than 32-bit positions count.
 constexpr std::size_t few_pairs = 32;
 constexpr std::size_t most_in_partition = 0xffffffff;
@@ -59,26 +59,30 @@ void sort_partition(std::span<Pair> pairs, unsigned bits_of_a, unsigned bits_of_
 
 void PairSort::operator()(std::span<const std::span<const Pair>> lists, std::size_t slots,
                           std::size_t threads, std::vector<Pair>& sorted) {
+  std::size_t total = 0;
+  for (const std::span<const Pair> list : lists) total += list.size();
+  sorted.resize(total);
   const auto bits = static_cast<unsigned>(std::bit_width(slots));
-  const unsigned low_bits = bits - std::min(bits, partition_bits);
-  constexpr std::size_t partitions = std::size_t{1} << partition_bits;
+  const auto partition_bits =
+      std::min({bits, most_partition_bits, static_cast<unsigned>(std::bit_width(total / few_pairs))});
+  const unsigned low_bits = bits - partition_bits;
+  const std::size_t partitions = std::size_t{1} << partition_bits;
+  const auto partition_of = [=](const Pair& pair) { return std::uint64_t{pair.b} >> low_bits; };
   positions_.resize(lists.size());
   scratch_.resize(std::max(scratch_.size(), threads));
   parallel_for(lists.size(), threads, [&](std::size_t k, std::size_t /*thread*/) {
     positions_[k].assign(partitions, 0);
-    for (const Pair& pair : lists[k]) ++positions_[k][pair.b >> low_bits];
+    for (const Pair& pair : lists[k]) ++positions_[k][partition_of(pair)];
   });
-  std::array<std::size_t, partitions + 1> starts{};
-  std::size_t total = 0;
+  std::array<std::size_t, (std::size_t{1} << most_partition_bits) + 1> starts;
+  std::size_t sum = 0;
   for (std::size_t partition = 0; partition < partitions; ++partition) {
-    starts[partition] = total;
-    for (std::vector<std::size_t>& positions : positions_)
-      total += std::exchange(positions[partition], total);
+    starts[partition] = sum;
+    for (std::vector<std::size_t>& positions : positions_) sum += std::exchange(positions[partition], sum);
   }
   starts[partitions] = total;
-  sorted.resize(total);
   parallel_for(lists.size(), threads, [&](std::size_t k, std::size_t /*thread*/) {
-    for (const Pair& pair : lists[k]) sorted[positions_[k][pair.b >> low_bits]++] = pair;
+    for (const Pair& pair : lists[k]) sorted[positions_[k][partition_of(pair)]++] = pair;
   });
   parallel_for(partitions, threads, [&](std::size_t k, std::size_t thread) {
     const std::span<Pair> partition = std::span(sorted).subspan(starts[k], starts[k + 1] - starts[k]);
