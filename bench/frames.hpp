@@ -8,6 +8,9 @@
 
 #include <benchmark/benchmark.h>
 
+#include <broadcl/broad_phase.hpp>
+#include <broadcl/device.hpp>
+
 #include "scenes/generators.hpp"
 
 namespace broadcl {
@@ -18,6 +21,17 @@ struct Scene {
 };
 inline constexpr std::array scene_list{Scene{"uniform", scenes::MovingBoxes::Sizes::uniform},
                                        Scene{"mixed", scenes::MovingBoxes::Sizes::mixed}};
+
+/// Repeats a frame until `auto` uses the GPU, if there is one; if it has not done so after a second, it stays
+/// on the host.
+template <class Function>
+void warm_up(const BroadPhase& broad_phase, const Function& frame) {
+  if (broad_phase.algorithm().name != "auto" || select_device().type == DeviceType::cpu) return;
+  const auto start = std::chrono::steady_clock::now();
+  while (broad_phase.device() == nullptr &&
+         std::chrono::steady_clock::now() - start < std::chrono::seconds(1))
+    frame();
+}
 
 /// Times frames one by one, and reports the mean, the median, the p95 and the longest.
 class Frames {

@@ -28,6 +28,7 @@
 #include <benchmark/benchmark.h>
 
 #include <broadcl/broad_phase.hpp>
+#include <broadcl/bullet.hpp>
 
 #include "bounds.hpp"
 #include "device_frames.hpp"
@@ -79,16 +80,23 @@ void time_update(benchmark::State& state, const AlgorithmInfo& algorithm, const 
   };
   fill();
   (void)broad_phase.update();
+  const auto advance = [&] {
+    boxes.advance();
+    if (from == From::memory) return;
+    for (std::uint32_t id = 0; id < n; ++id) broad_phase.move(id, boxes.boxes()[id]);
+  };
+  const auto update = [&] {
+    if (from == From::memory) fill();
+    return size(broad_phase.update());
+  };
+  warm_up(broad_phase, [&] {
+    advance();
+    (void)update();
+  });
   Frames frames(state);
   for ([[maybe_unused]] auto _ : state) {
-    boxes.advance();
-    if (from == From::staging) {
-      for (std::uint32_t id = 0; id < n; ++id) broad_phase.move(id, boxes.boxes()[id]);
-    }
-    frames.time([&] {
-      if (from == From::memory) fill();
-      return size(broad_phase.update());
-    });
+    advance();
+    frames.time(update);
   }
   frames.report();
 }
@@ -99,13 +107,20 @@ void time_some_moving(benchmark::State& state, const AlgorithmInfo& algorithm, s
   MovingBoxes boxes(n, MovingBoxes::Sizes::uniform);
   for (const Aabb& box : boxes.boxes()) broad_phase.add(box);
   (void)broad_phase.update();
-  Frames frames(state);
-  for ([[maybe_unused]] auto _ : state) {
+  const auto advance = [&] {
     boxes.advance();
     for (std::uint32_t k = 0; k < moving; ++k) {
       const std::uint32_t id = k * (n / moving);
       broad_phase.move(id, boxes.boxes()[id]);
     }
+  };
+  warm_up(broad_phase, [&] {
+    advance();
+    (void)broad_phase.update();
+  });
+  Frames frames(state);
+  for ([[maybe_unused]] auto _ : state) {
+    advance();
     frames.time([&] { return size(broad_phase.update()); });
   }
   frames.report();
@@ -125,16 +140,29 @@ void time_frame(benchmark::State& state, const std::string& name, const Scene& s
         broadphase->createProxy(box.lower, box.upper, BOX_SHAPE_PROXYTYPE, &state, 1, -1, &dispatcher));
   }
   broadphase->calculateOverlappingPairs(&dispatcher);
-  for ([[maybe_unused]] auto _ : state) {
-    state.PauseTiming();
+  std::vector<Bounds> moved;
+  const auto advance = [&] {
     boxes.advance();
-    const std::vector<Bounds> moved = scaled(boxes);
-    state.ResumeTiming();
+    moved = scaled(boxes);
+  };
+  const auto frame = [&] {
     for (std::size_t j = 0; j < moving; ++j) {
       const std::size_t k = j * (n / moving);
       broadphase->setAabb(proxies[k], moved[k].lower, moved[k].upper, &dispatcher);
     }
     broadphase->calculateOverlappingPairs(&dispatcher);
+  };
+  if (const auto* ours = dynamic_cast<const BulletBroadphase*>(broadphase.get())) {
+    warm_up(ours->broad_phase(), [&] {
+      advance();
+      frame();
+    });
+  }
+  for ([[maybe_unused]] auto _ : state) {
+    state.PauseTiming();
+    advance();
+    state.ResumeTiming();
+    frame();
   }
   state.counters["overlapping"] = broadphase->getOverlappingPairCache()->getNumOverlappingPairs();
   for (btBroadphaseProxy* proxy : proxies) broadphase->destroyProxy(proxy, &dispatcher);

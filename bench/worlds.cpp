@@ -78,10 +78,17 @@ void time_on_host(benchmark::State& state, const AlgorithmInfo& algorithm, World
     broad_phase.add(worlds.boxes()[k], apart ? Filter() : filters[k]);
   }
   (void)broad_phase.update();
-  Frames frames(state);
-  for ([[maybe_unused]] auto _ : state) {
+  const auto advance = [&] {
     worlds.advance();
     for (std::uint32_t id = 0; id < filters.size(); ++id) broad_phase.move(id, worlds.boxes()[id]);
+  };
+  warm_up(broad_phase, [&] {
+    advance();
+    (void)broad_phase.update();
+  });
+  Frames frames(state);
+  for ([[maybe_unused]] auto _ : state) {
+    advance();
     frames.time([&] {
       const Delta delta = broad_phase.update();
       return delta.added.size() + delta.removed.size();

@@ -73,7 +73,9 @@ TEST(AllocationFailure, OfAHybridIsMadeGood) {
     expect_right_lives(200, [&](long first) -> std::optional<long> {
       const Pretender::Orders orders{.expected_seconds = 0, .expected_for_all = 7e-6};
       ShortLife<AllocationTrouble, Core> life(
-          make_hybrid(make_algorithm({.algorithm = "oracle"}), std::make_unique<Pretender>(orders)),
+          make_hybrid(
+              make_algorithm({.algorithm = "oracle"}),
+              [&orders] { return std::make_unique<Pretender>(orders); }, 0),
           AllocationTrouble(first, count), {.looks = first % 4 < 2, .worlds = true, .updates = 1000});
       if (!life.live()) return std::nullopt;
       if (orders.updates > 0) ++changed_over;

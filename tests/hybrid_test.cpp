@@ -7,6 +7,7 @@
 #include <new>
 #include <random>
 #include <span>
+#include <stdexcept>
 #include <string>
 #include <thread>
 #include <utility>
@@ -35,6 +36,13 @@ constexpr double at_once = 0;
 
 std::unique_ptr<Algorithm> host() {
   return make_algorithm({.algorithm = "sweep-and-prune"});
+}
+
+/// Opens its device after a few updates, even if they take no time.
+/// @param orders Must outlive it.
+std::unique_ptr<Algorithm> hybrid(const Pretender::Orders& orders, std::string_view algorithm = "oracle") {
+  return make_hybrid(
+      host(), [&orders, algorithm] { return std::make_unique<Pretender>(orders, algorithm); }, at_once);
 }
 
 /// Objects, some of which move, come, go or get another filter in each update, sometimes while one is in
@@ -112,10 +120,19 @@ class Script {
   std::vector<std::uint32_t> ids_;
 };
 
-/// Updates it until it is on the device (or on the host); gives up after many updates.
+/// Calls update() until is_done(); gives up after some seconds. (The device is opened in another thread.)
+template <class Function, class Condition>
+void repeat_until(const Condition& is_done, const Function& update) {
+  const auto start = std::chrono::steady_clock::now();
+  while (!is_done()) {
+    ASSERT_LT(std::chrono::steady_clock::now() - start, std::chrono::seconds(10)) << "still not";
+    update();
+  }
+}
+
+/// Updates it until it is on the device (or on the host).
 void update_until(Core& core, Script& script, bool on_device) {
-  for (int k = 0; k < 2000 && (core.algorithm().device() != nullptr) != on_device; ++k) script.update();
-  ASSERT_EQ(core.algorithm().device() != nullptr, on_device);
+  repeat_until([&] { return (core.algorithm().device() != nullptr) == on_device; }, [&] { script.update(); });
 }
 
 class Hybrid : public ::testing::TestWithParam<std::string_view> {};
@@ -124,7 +141,7 @@ SUITE_NOT_IN(Hybrid, sanitizers, "compares times");
 TEST_P(Hybrid, FindsTheSameOnEitherSide) {
   for (const unsigned seed : {1U, 2U, 3U}) {
     Pretender::Orders orders;
-    Core core(make_hybrid(host(), std::make_unique<Pretender>(orders, GetParam())));
+    Core core(hybrid(orders, GetParam()));
     Script script(core, seed);
     for (int turn = 0; turn < 3; ++turn) {
       for (int k = 0; k < 5; ++k) script.update();
@@ -142,42 +159,11 @@ TEST_P(Hybrid, FindsTheSameOnEitherSide) {
 INSTANTIATE_TEST_SUITE_P(Device, Hybrid, ::testing::Values("oracle", "brute-force", "tiles"),
                          named_by_parameter);
 
-TEST(HybridStart, ManyObjectsBeginOnTheDeviceAndFewOnTheHost) {
-  Pretender::Orders orders{.expected_seconds = 1e-3};
-  Core few(make_hybrid(host(), std::make_unique<Pretender>(orders)));
-  (void)few.map(100);
-  EXPECT_EQ(few.algorithm().device(), nullptr);
-  Core many(make_hybrid(host(), std::make_unique<Pretender>(orders)));
-  for (std::uint32_t k = 0; k < 100; ++k) many.add(unit, {.body = 1});
-  std::ranges::fill(many.map(100'000), apart(1));
-  EXPECT_NE(many.algorithm().device(), nullptr);
-  EXPECT_EQ(many.algorithm().memory().device, 1U);
-}
-
-TEST(HybridStart, NoMemoryOnTheDeviceIsAnErrorOnce) {
-  Pretender::Orders orders{.expected_seconds = at_once, .has_no_memory = true};
-  Core core(make_hybrid(host(), std::make_unique<Pretender>(orders)));
-  EXPECT_EQ(error_of([&] { core.add(unit, {}); }), "no memory");
-  for (std::uint32_t k = 0; k < 1000; ++k) EXPECT_EQ(core.add(unit, {}), k);
-  EXPECT_EQ(core.algorithm().device(), nullptr);
-}
-
-TEST(HybridStart, TheDeviceIsNotUsedAgainAfterItsFirstUpdateFailed) {
-  Pretender::Orders orders{.expected_seconds = at_once, .fails = "finish"};
-  Core core(make_hybrid(host(), std::make_unique<Pretender>(orders)));
-  core.add(unit, {});
-  ASSERT_NE(core.algorithm().device(), nullptr);
-  EXPECT_EQ(error_of([&] { (void)core.finish(); }), "the device failed");
-  for (std::uint32_t k = 0; k < 999; ++k) core.add(unit, {});
-  EXPECT_EQ(core.algorithm().device(), nullptr);
-  EXPECT_EQ(core.finish().added.size(), 1000U * 999 / 2);
-}
-
 TEST(HybridFailure, NoMemoryOnTheDeviceLaterLeavesTheHost) {
   Pretender::Orders orders;
-  Core core(make_hybrid(host(), std::make_unique<Pretender>(orders)));
+  Core core(hybrid(orders));
   Script script(core, 1);
-  script.update();
+  repeat_until([&] { return core.algorithm().memory().device > 0; }, [&] { script.update(); });
   orders = {.expected_seconds = at_once, .has_no_memory = true};
   for (int k = 0; k < 50; ++k) script.update();
   EXPECT_EQ(core.algorithm().device(), nullptr);
@@ -190,16 +176,19 @@ void meet_on_host(Core& core, Pretender::Orders& orders) {
   for (std::uint32_t k = 0; k < 3; ++k) core.add(unit, {});
   EXPECT_EQ(core.finish().added.size(), 3U);
   orders.expected_seconds = at_once;
-  for (int k = 0; core.algorithm().device() == nullptr && k < 1000; ++k) {
-    core.move(0, apart(static_cast<std::size_t>(1 + k % 2)));
-    (void)core.finish();
-  }
+  std::size_t at = 1;
+  repeat_until([&] { return core.algorithm().device() != nullptr; },
+               [&] {
+                 core.move(0, apart(at));
+                 (void)core.finish();
+                 at = 3 - at;
+               });
   core.move(0, unit);
 }
 
-TEST(HybridStart, AnIdThatIsUsedAgainForTheFirstUpdateOnTheDeviceIsAnotherObject) {
+TEST(HybridSwitch, AnIdThatIsUsedAgainForTheFirstUpdateOnTheDeviceIsAnotherObject) {
   Pretender::Orders orders;
-  Core core(make_hybrid(host(), std::make_unique<Pretender>(orders)));
+  Core core(hybrid(orders));
   meet_on_host(core, orders);
   core.remove(2);
   EXPECT_EQ(core.add(unit, {}), 2U);
@@ -210,7 +199,7 @@ TEST(HybridStart, AnIdThatIsUsedAgainForTheFirstUpdateOnTheDeviceIsAnotherObject
 
 TEST(HybridFailure, OfTheFirstUpdateOnTheDeviceLosesNothing) {
   Pretender::Orders orders;
-  Core core(make_hybrid(host(), std::make_unique<Pretender>(orders)));
+  Core core(hybrid(orders));
   meet_on_host(core, orders);
   core.remove(2);
   const Pairs before = core.pairs();
@@ -228,7 +217,7 @@ TEST(HybridFailure, OfTheFirstUpdateOnTheDeviceLosesNothing) {
 void fail_on_device(const std::string& function) {
   SCOPED_TRACE(function);
   Pretender::Orders orders;
-  Core core(make_hybrid(host(), std::make_unique<Pretender>(orders)));
+  Core core(hybrid(orders));
   meet_on_host(core, orders);
   (void)core.finish();
   ASSERT_NE(core.algorithm().device(), nullptr);
@@ -266,7 +255,7 @@ TEST(HybridFailure, OnTheDeviceIsFollowedByUpdatesOnTheHost) {
 /// The first update on the device must also return all pairs, to be compared with those of the host.
 TEST(HybridFailure, ToReturnThePairsOfTheFirstUpdateOnTheDeviceLosesNothing) {
   Pretender::Orders orders;
-  Core core(make_hybrid(host(), std::make_unique<Pretender>(orders)));
+  Core core(hybrid(orders));
   meet_on_host(core, orders);
   core.move(2, apart(3));
   const Pairs before = core.pairs();
@@ -280,7 +269,7 @@ TEST(HybridFailure, ToReturnThePairsOfTheFirstUpdateOnTheDeviceLosesNothing) {
 
 TEST(HybridFailure, OfADeviceThatNoLongerHasThePairsStaysThere) {
   Pretender::Orders orders;
-  Core core(make_hybrid(host(), std::make_unique<Pretender>(orders)));
+  Core core(hybrid(orders));
   meet_on_host(core, orders);
   (void)core.finish();
   orders.fails = "finish";
@@ -296,7 +285,7 @@ TEST(HybridFailure, OfADeviceThatNoLongerHasThePairsStaysThere) {
 
 TEST(HybridFailure, NoMemoryOnTheDeviceIsFollowedByUpdatesOnTheHost) {
   Pretender::Orders orders;
-  Core core(make_hybrid(host(), std::make_unique<Pretender>(orders)));
+  Core core(hybrid(orders));
   meet_on_host(core, orders);
   (void)core.finish();
   ASSERT_NE(core.algorithm().device(), nullptr);
@@ -333,8 +322,7 @@ TEST(HybridOpens, ADeviceOnceUpdatesTakeLong) {
     return std::make_unique<Pretender>(orders);
   }));
   EXPECT_EQ(core.algorithm().memory().device, 0U);
-  for (int k = 0; k < 1000 && core.algorithm().device() == nullptr; ++k) update_many(core, 1);
-  EXPECT_NE(core.algorithm().device(), nullptr);
+  repeat_until([&] { return core.algorithm().device() != nullptr; }, [&] { update_many(core, 1); });
   EXPECT_NE(opened_by, std::this_thread::get_id());
   update_many(core, 3);
 }
@@ -368,17 +356,68 @@ TEST(HybridOpens, OnceEvenIfThereIsNone) {
   EXPECT_EQ(calls, 1);
 }
 
-TEST(HybridOpens, AFailureLeavesTheHost) {
+TEST(HybridOpens, AFailureIsAnErrorOnceAndLosesNothing) {
+  int calls = 0;
+  Core core(make_hybrid(
+      host(),
+      [&]() -> std::unique_ptr<Algorithm> {
+        ++calls;
+        throw Error("the driver is broken");
+      },
+      at_once));
+  for (std::uint32_t k = 0; k < 3; ++k) core.add(unit, {});
+  (void)core.finish();
+  std::string error;
+  std::size_t at = 1;
+  repeat_until([&] { return !error.empty(); },
+               [&] {
+                 core.move(0, apart(at));
+                 at = 3 - at;
+                 try {
+                   (void)core.finish();
+                 } catch (const Error& thrown) {
+                   error = thrown.what();
+                 }
+               });
+  EXPECT_EQ(error, "the driver is broken");
+  core.move(0, unit);
+  core.move(1, apart(1));
+  (void)core.finish();
+  EXPECT_EQ(core.pairs(), (Pairs{{0, 2}}));
+  for (std::size_t k = 1; k < 100; ++k) {
+    core.move(0, apart(k));
+    (void)core.finish();
+  }
+  EXPECT_EQ(calls, 1);
+}
+
+TEST(HybridOpens, AnExceptionOfTheUsersLeavesTheHost) {
   int calls = 0;
   {
     Core core(make_hybrid(make_algorithm({.algorithm = "oracle"}), [&]() -> std::unique_ptr<Algorithm> {
       ++calls;
-      throw Error("the driver is broken");
+      throw std::runtime_error("from Config::on_compile");
     }));
     update_many(core, 100);
     EXPECT_EQ(core.algorithm().device(), nullptr);
   }
   EXPECT_EQ(calls, 1);
+}
+
+TEST(HybridOpens, NoDeviceForASingleUpdate) {
+  bool was_opened = false;
+  {
+    Core core(make_hybrid(
+        host(),
+        [&]() -> std::unique_ptr<Algorithm> {
+          was_opened = true;
+          return nullptr;
+        },
+        at_once));
+    core.add(unit, {});
+    (void)core.finish();
+  }
+  EXPECT_FALSE(was_opened);
 }
 
 TEST(HybridOpens, TheDestructorWaitsForIt) {
@@ -389,7 +428,7 @@ TEST(HybridOpens, TheDestructorWaitsForIt) {
       is_over = true;
       return nullptr;
     }));
-    update_many(core, 8);
+    update_many(core, 100);
   }
   EXPECT_TRUE(is_over);
 }

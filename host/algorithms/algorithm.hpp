@@ -120,6 +120,9 @@ struct AlgorithmRow {
 /// @throws Error that lists the algorithms.
 [[nodiscard]] const AlgorithmRow& find_algorithm(std::string_view name);
 
+/// Whether Config::device or BROADCL_DEVICE names a device.
+[[nodiscard]] bool names_device(const Config& config);
+
 /// @throws Error as find_algorithm() and the algorithm's constructor do.
 [[nodiscard]] std::unique_ptr<Algorithm> make_algorithm(const Config& config);
 

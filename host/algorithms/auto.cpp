@@ -109,14 +109,15 @@ std::unique_ptr<PairFinder> make_auto(const opencl::Context& context) {
 }
 
 std::unique_ptr<Algorithm> make_auto(const Config& config) {
-  const MakePairFinder finder = make_auto;
-  if (const std::optional<Device> device = device_for(config)) {
-    auto algorithm = make_device_algorithm(config, finder);
-    if (device->type == DeviceType::cpu) return algorithm;
-    return make_hybrid(make_sweep_and_prune(config), std::move(algorithm));
-  }
-  return make_hybrid(make_sweep_and_prune(config), [config, finder]() -> std::unique_ptr<Algorithm> {
-    return select_device().type == DeviceType::cpu ? nullptr : make_device_algorithm(config, finder);
+  if (device_for(config)) return make_device_algorithm(config, make_auto);
+  return make_hybrid(make_sweep_and_prune(config), [config]() -> std::unique_ptr<Algorithm> {
+    try {
+      return select_device(config.device).type == DeviceType::cpu ? nullptr
+                                                                  : make_device_algorithm(config, make_auto);
+    } catch (const Error&) {
+      if (names_device(config)) throw;
+      return nullptr;
+    }
   });
 }
 

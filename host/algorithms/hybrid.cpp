@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <chrono>
+#include <exception>
 #include <future>
 #include <utility>
 
@@ -13,9 +14,8 @@
 namespace broadcl {
 namespace {
 
-/// A device is opened if some updates in a row take longer than any device needs for few boxes.
-constexpr double worth_opening = 100e-6;  // seconds
-constexpr int updates_until_opening = 8;
+/// An update that takes longer would perhaps be faster on a device.
+constexpr double slow_update = 100e-6;  // seconds
 
 /// The first search of all boxes takes so many times as long as a later one, because it also sorts and
 /// allocates.
@@ -53,21 +53,11 @@ double host_seconds(std::size_t slots, std::size_t changed) {
 
 class Hybrid final : public Algorithm {
  public:
-  Hybrid(std::unique_ptr<Algorithm> host, std::unique_ptr<Algorithm> device, OpenDevice open)
-      : host_(std::move(host)), device_(std::move(device)), open_(std::move(open)) {}
+  Hybrid(std::unique_ptr<Algorithm> host, OpenDevice open, double slow_seconds)
+      : host_(std::move(host)), open_(std::move(open)), slow_seconds_until_opening_(slow_seconds) {}
 
   void reserve(std::size_t slots, bool filters) override {
-    if (!was_updated_ && !is_on_device() && device_ != nullptr && !has_device_failed_ &&
-        is_device_faster(slots, slots)) {
-      try {
-        change_to(*device_, slots, filters || filters_);
-      } catch (const Error&) {
-        has_device_failed_ = true;
-        throw;
-      }
-    } else {
-      or_leave_device([&] { current_->reserve(slots, filters); });
-    }
+    or_leave_device([&] { current_->reserve(slots, filters); });
     filters_ = filters || filters_;
   }
 
@@ -79,6 +69,7 @@ class Hybrid final : public Algorithm {
   [[nodiscard]] std::shared_ptr<const void> boxes_owner() const override { return current_->boxes_owner(); }
 
   void begin(const Changes& changes) override {
+    if (failure_ != nullptr) std::rethrow_exception(std::exchange(failure_, nullptr));
     const auto start = Clock::now();
     changes_ = changes;
     Changes own = changes;
@@ -113,11 +104,10 @@ class Hybrid final : public Algorithm {
     lists_.commit();
     is_delta_own_ = has_changed_;
     has_changed_ = false;
-    was_updated_ = true;
     before_.clear();
     asked_ = current_;
     if (has_device_failed_) device_.reset();
-    choose();
+    if (std::exchange(was_updated_, true)) choose();  // a program with a single update needs no device
     return delta;
   }
 
@@ -146,9 +136,6 @@ class Hybrid final : public Algorithm {
   [[nodiscard]] double seconds_on_device(std::size_t slots, std::size_t changed) const {
     return device_estimate_.seconds(device_->expected_seconds(slots, changed));
   }
-  [[nodiscard]] bool is_device_faster(std::size_t slots, std::size_t changed) const {
-    return seconds_on_device(slots, changed) < seconds_on_host(slots, changed);
-  }
 
   [[nodiscard]] std::size_t changed_slots() const noexcept {
     return changes_.all ? changes_.slots : changes_.changed.size();
@@ -176,7 +163,7 @@ class Hybrid final : public Algorithm {
 
   void leave_device() noexcept try {
     if (!has_changed_) before_ = current_->pairs();
-    change_to(*host_, 0, filters_);
+    change_to(*host_);
     has_changed_ = has_device_failed_ = true;
   } catch (...) {
     // The next update is done on the device again.
@@ -187,14 +174,13 @@ class Hybrid final : public Algorithm {
   /// metrical task systems", Borodin, Linial and Saks, 1992.
   void choose() noexcept try {
     if (has_device_failed_) return;
-    if (opening_.valid() && opening_.wait_for(std::chrono::seconds(0)) == std::future_status::ready) {
-      device_ = opening_.get();
-    }
+    take_opened();
     const double on_host = seconds_on_host(changes_.slots, changed_slots());
     if (device_ == nullptr) {
-      slow_updates_ = on_host > worth_opening ? std::min(slow_updates_ + 1, updates_until_opening) : 0;
-      if (slow_updates_ >= updates_until_opening && open_)
-        opening_ = std::async(std::launch::async, std::exchange(open_, {}));
+      slow_seconds_ = on_host > slow_update ? slow_seconds_ + on_host : 0;
+      if (slow_seconds_ < slow_seconds_until_opening_ || open_ == nullptr) return;
+      opening_ = std::async(std::launch::async, open_);
+      open_ = nullptr;
       return;
     }
     const double on_device = seconds_on_device(changes_.slots, changed_slots());
@@ -204,15 +190,22 @@ class Hybrid final : public Algorithm {
     if (overspent_ <= there_and_back) return;
     overspent_ = 0;
     before_ = current_->pairs();
-    change_to(is_on_device() ? *host_ : *device_, 0, filters_);
+    change_to(is_on_device() ? *host_ : *device_);
     has_changed_ = true;
   } catch (...) {
     // The next update is done where the last one was.
   }
 
-  void change_to(Algorithm& next, std::size_t slots, bool filters) {
+  void take_opened() try {
+    if (!opening_.valid() || opening_.wait_for(std::chrono::seconds(0)) != std::future_status::ready) return;
+    device_ = opening_.get();
+  } catch (const Error&) {
+    failure_ = std::current_exception();
+  }
+
+  void change_to(Algorithm& next) {
     const std::span<const Aabb> boxes = current_->boxes();
-    next.reserve(std::max(slots, boxes.size()), filters);
+    next.reserve(boxes.size(), filters_);
     std::ranges::copy(boxes, next.boxes().begin());
     current_ = &next;
   }
@@ -221,6 +214,7 @@ class Hybrid final : public Algorithm {
   std::unique_ptr<Algorithm> device_;  // if it was opened
   OpenDevice open_;                    // until it is opened
   std::future<std::unique_ptr<Algorithm>> opening_;
+  std::exception_ptr failure_;        // of opening it, for the next update
   Algorithm* current_ = host_.get();  // does the next update
   Algorithm* asked_ = host_.get();    // did the last one
   bool filters_ = false;              // whether there is memory for filters
@@ -228,7 +222,8 @@ class Hybrid final : public Algorithm {
   Changes changes_;     // of the last update
   double seconds_ = 0;  // that begin() of the last update took
   Estimate host_estimate_, device_estimate_;
-  int slow_updates_ = 0;       // on the host, in a row
+  double slow_seconds_ = 0;  // that slow updates in a row have taken on the host
+  double slow_seconds_until_opening_;
   double overspent_ = 0;       // seconds that the other one would have saved
   bool has_changed_ = false;   // and the current one was not asked since then
   std::vector<Pair> before_;   // the pairs until then
@@ -239,12 +234,9 @@ class Hybrid final : public Algorithm {
 
 }  // namespace
 
-std::unique_ptr<Algorithm> make_hybrid(std::unique_ptr<Algorithm> host, std::unique_ptr<Algorithm> device) {
-  return std::make_unique<Hybrid>(std::move(host), std::move(device), OpenDevice());
-}
-
-std::unique_ptr<Algorithm> make_hybrid(std::unique_ptr<Algorithm> host, OpenDevice open) {
-  return std::make_unique<Hybrid>(std::move(host), nullptr, std::move(open));
+std::unique_ptr<Algorithm> make_hybrid(std::unique_ptr<Algorithm> host, OpenDevice open,
+                                       double slow_seconds) {
+  return std::make_unique<Hybrid>(std::move(host), std::move(open), slow_seconds);
 }
 
 }  // namespace broadcl

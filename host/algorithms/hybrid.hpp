@@ -11,15 +11,13 @@ namespace broadcl {
 /// another thread, at most once.
 using OpenDevice = std::function<std::unique_ptr<Algorithm>()>;
 
-/// An algorithm that works on the host or on the device, whichever is expected to be faster, and may switch
-/// between updates. It starts on the host, unless so many objects are reserved before the first update that
-/// the device is expected to be faster. If the device fails, that is an error, and all further updates are
-/// done on the host, unless the pairs can no longer be read from the device.
-[[nodiscard]] std::unique_ptr<Algorithm> make_hybrid(std::unique_ptr<Algorithm> host,
-                                                     std::unique_ptr<Algorithm> device);
-
-/// The same, but the device is opened, in a background thread, once updates on the host take long. If that
-/// fails, all updates are done on the host. The destructor waits for the thread.
-[[nodiscard]] std::unique_ptr<Algorithm> make_hybrid(std::unique_ptr<Algorithm> host, OpenDevice open);
+/// An algorithm that starts on the host, opens a device once updates take long, and then uses the one that is
+/// expected to be faster; it may switch between updates. The device is opened in a background thread, and the
+/// destructor waits for that. If opening fails with an Error, the next update throws it; if the device fails
+/// later, that is an error, too. All further updates are then done on the host, unless the pairs can no
+/// longer be read from the device.
+/// @param slow_seconds The device is opened once updates in a row, all of them slow, have taken so long.
+[[nodiscard]] std::unique_ptr<Algorithm> make_hybrid(std::unique_ptr<Algorithm> host, OpenDevice open,
+                                                     double slow_seconds = 10e-3);
 
 }  // namespace broadcl

@@ -75,11 +75,17 @@ const AlgorithmRow& find_algorithm(std::string_view name) {
   throw Error("no algorithm is named '" + std::string(name) + "'; the algorithms are: " + names);
 }
 
+bool names_device(const Config& config) {
+  return !config.device.empty() || environment("BROADCL_DEVICE");
+}
+
 std::optional<Device> device_for(const Config& config) {
   if (!find_algorithm(config.algorithm).info.on_device) return std::nullopt;
-  const bool is_named = !config.device.empty() || environment("BROADCL_DEVICE");
-  if (config.algorithm == "auto" && !is_named) return std::nullopt;
-  return select_device(config.device);
+  const bool is_auto = config.algorithm == "auto";
+  if (is_auto && !names_device(config)) return std::nullopt;
+  Device device = select_device(config.device);
+  if (is_auto && device.type != DeviceType::cpu) return std::nullopt;
+  return device;
 }
 
 std::unique_ptr<Algorithm> make_algorithm(const Config& config) {

@@ -164,8 +164,8 @@ class BROADCL_API BroadPhase {
                                                              std::size_t per_second);
 
 /// All overlapping pairs of boxes in the caller's memory, in any layout, by index, in canonical order. The
-/// boxes are read once and not stored. By default the host does the search. If a device is named
-/// (Config::device, BROADCL_DEVICE), it is opened in each call, so for frequent searches keep a BroadPhase.
+/// boxes are read once and not stored. By default the host does the search, unless a CPU is named as the
+/// device. A device is opened in each call, so for frequent searches keep a BroadPhase.
 /// Any number of threads may call this at the same time, also with the same boxes.
 /// @param exclusions Pairs of indices that are not reported, in any order: see BroadPhase::set_exclusions().
 /// @throws Error for a NaN bound (it names the first such box), for an exclusion of a box and itself or of a

@@ -181,7 +181,8 @@ typedef struct broadcl_config {
   size_t size;  ///< sizeof(broadcl_config)
   /// "P:D" as numbered by `clinfo -l`; "gpu", "cpu" or "accelerator"; or a part of "platform / device",
   /// ignoring case. If it is null or empty, the environment variable BROADCL_DEVICE is used instead; if that
-  /// is not set either, the best GPU, otherwise the best CPU, except that "auto" then starts on the host.
+  /// is not set either, the best GPU, otherwise the best CPU. "auto" starts on the host and opens a GPU later;
+  /// it uses a CPU only if that is named.
   const char* device;
   const char* algorithm;               ///< A name of broadcl_algorithms(); null for "auto".
   size_t threads;                      ///< Threads for an algorithm of the host; 0 for one per processor.
@@ -212,8 +213,8 @@ typedef struct broadcl_stage {
 /// A list of pairs that belongs to the caller.
 typedef struct broadcl_pair_list broadcl_pair_list;
 
-/// Finds all overlapping pairs of boxes, by index. By default the host does the search. If a device is named,
-/// it is opened in each call, so for frequent searches keep a broadcl_broad_phase.
+/// Finds all overlapping pairs of boxes, by index. By default the host does the search, unless a CPU is named
+/// as the device. A device is opened in each call, so for frequent searches keep a broadcl_broad_phase.
 /// @param config May be null.
 /// @returns BROADCL_FAILED also for a NaN bound; the error names the first such box.
 BROADCL_API broadcl_status broadcl_pair_list_create(const broadcl_boxes* boxes, const broadcl_config* config,

@@ -26,14 +26,16 @@ struct Config {
 
   /// The name of a row of algorithms().
   ///
-  /// The default works on the host or on a device, whichever is expected to be faster. If a device is named,
-  /// here or by BROADCL_DEVICE, it is opened when the object is made. (If that device is a CPU, it does all
-  /// updates, although the host would be faster.) Otherwise no device is opened until updates on the host
-  /// take more than 0.1 ms each. Then the best GPU, if there is one, is opened in a background thread, and
-  /// updates continue on the host until its kernels are built. The destructor waits for that thread. If the
-  /// device fails, that is an error, and all further updates are done on the host, unless the pairs can no
-  /// longer be read from the device. That thread reads environment variables: set none while an object works
-  /// that may open a device.
+  /// The default works on the host or on a GPU, whichever is expected to be faster. It starts on the host. Once
+  /// updates take more than 0.1 ms each, 10 ms in all, it opens a GPU in a background thread: the one that is
+  /// named, by Config::device or BROADCL_DEVICE, otherwise the best one, if there is any. Updates continue on
+  /// the host until its kernels are built. The destructor waits for that thread. If a GPU that is named cannot
+  /// be opened, the next update throws that error; if a GPU fails later, that is an error, too. All further
+  /// updates are then done on the host, unless the pairs can no longer be read from the GPU. The thread reads
+  /// environment variables: set none while an object works that may open a GPU.
+  ///
+  /// If a CPU is named, it is opened when the object is made, and does all updates, although the host would be
+  /// faster.
   std::string algorithm = "auto";
 
   /// Number of threads that an algorithm of the host may use, including the caller's; 0 for one per
@@ -56,7 +58,7 @@ struct AlgorithmInfo {
 };
 
 /// The device that an object with this Config opens when it is made; none if it works on the host, always or
-/// at first. Any number of threads may call this at the same time.
+/// at first, as `auto` does unless a CPU is named. Any number of threads may call this at the same time.
 /// @throws Error for an unknown algorithm or device, and if OpenCL fails.
 [[nodiscard]] BROADCL_API std::optional<Device> device_for(const Config& config);
 

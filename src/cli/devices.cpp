@@ -67,7 +67,7 @@ Exit run(bool json) {
   if (!device_for({})) {
     std::cout << "The algorithm auto "
               << (best.type == DeviceType::cpu
-                      ? "works on the host, unless a device is named.\n"
+                      ? "works on the host, unless a CPU is named.\n"
                       : "starts on the host, and uses the default once that is faster.\n");
   }
   return Exit::success;
