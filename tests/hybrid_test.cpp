@@ -33,6 +33,7 @@ namespace broadcl::test {
 namespace {
 
 constexpr double at_once = 0;
+constexpr double slow_update = 100e-6;
 
 std::unique_ptr<Algorithm> host() {
   return make_algorithm({.algorithm = "sweep-and-prune"});
@@ -317,10 +318,13 @@ void update_many(Core& core, int updates) {
 TEST(HybridOpens, ADeviceOnceUpdatesTakeLong) {
   const Pretender::Orders orders{.expected_seconds = at_once};
   std::thread::id opened_by;
-  Core core(make_hybrid(make_algorithm({.algorithm = "oracle"}), [&]() -> std::unique_ptr<Algorithm> {
-    opened_by = std::this_thread::get_id();
-    return std::make_unique<Pretender>(orders);
-  }));
+  Core core(make_hybrid(
+      make_algorithm({.algorithm = "oracle"}),
+      [&]() -> std::unique_ptr<Algorithm> {
+        opened_by = std::this_thread::get_id();
+        return std::make_unique<Pretender>(orders);
+      },
+      slow_update));
   EXPECT_EQ(core.algorithm().memory().device, 0U);
   repeat_until([&] { return core.algorithm().device() != nullptr; }, [&] { update_many(core, 1); });
   EXPECT_NE(opened_by, std::this_thread::get_id());
@@ -330,10 +334,13 @@ TEST(HybridOpens, ADeviceOnceUpdatesTakeLong) {
 TEST(HybridOpens, NoDeviceForFewObjects) {
   bool was_opened = false;
   {
-    Core core(make_hybrid(host(), [&]() -> std::unique_ptr<Algorithm> {
-      was_opened = true;
-      return nullptr;
-    }));
+    Core core(make_hybrid(
+        host(),
+        [&]() -> std::unique_ptr<Algorithm> {
+          was_opened = true;
+          return nullptr;
+        },
+        slow_update));
     core.add(unit, {});
     for (int k = 0; k < 100; ++k) {
       core.move(0, apart(static_cast<std::size_t>(k % 2)));
@@ -346,10 +353,13 @@ TEST(HybridOpens, NoDeviceForFewObjects) {
 TEST(HybridOpens, OnceEvenIfThereIsNone) {
   int calls = 0;
   {
-    Core core(make_hybrid(make_algorithm({.algorithm = "oracle"}), [&]() -> std::unique_ptr<Algorithm> {
-      ++calls;
-      return nullptr;
-    }));
+    Core core(make_hybrid(
+        make_algorithm({.algorithm = "oracle"}),
+        [&]() -> std::unique_ptr<Algorithm> {
+          ++calls;
+          return nullptr;
+        },
+        slow_update));
     update_many(core, 100);
     EXPECT_EQ(core.algorithm().device(), nullptr);
   }
@@ -394,10 +404,13 @@ TEST(HybridOpens, AFailureIsAnErrorOnceAndLosesNothing) {
 TEST(HybridOpens, AnExceptionOfTheUsersLeavesTheHost) {
   int calls = 0;
   {
-    Core core(make_hybrid(make_algorithm({.algorithm = "oracle"}), [&]() -> std::unique_ptr<Algorithm> {
-      ++calls;
-      throw std::runtime_error("from Config::on_compile");
-    }));
+    Core core(make_hybrid(
+        make_algorithm({.algorithm = "oracle"}),
+        [&]() -> std::unique_ptr<Algorithm> {
+          ++calls;
+          throw std::runtime_error("from Config::on_compile");
+        },
+        slow_update));
     update_many(core, 100);
     EXPECT_EQ(core.algorithm().device(), nullptr);
   }
@@ -423,11 +436,14 @@ TEST(HybridOpens, NoDeviceForASingleUpdate) {
 TEST(HybridOpens, TheDestructorWaitsForIt) {
   bool is_over = false;
   {
-    Core core(make_hybrid(make_algorithm({.algorithm = "oracle"}), [&]() -> std::unique_ptr<Algorithm> {
-      std::this_thread::sleep_for(std::chrono::milliseconds(50));
-      is_over = true;
-      return nullptr;
-    }));
+    Core core(make_hybrid(
+        make_algorithm({.algorithm = "oracle"}),
+        [&]() -> std::unique_ptr<Algorithm> {
+          std::this_thread::sleep_for(std::chrono::milliseconds(50));
+          is_over = true;
+          return nullptr;
+        },
+        slow_update));
     update_many(core, 100);
   }
   EXPECT_TRUE(is_over);

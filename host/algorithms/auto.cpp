@@ -24,6 +24,11 @@ constexpr double clearly_less = 0.95;
 /// With up to this many slots, `brute-force` is the better choice on every CPU.
 constexpr std::size_t few_on_cpu = 400;
 
+/// A GPU is opened for updates that take longer, in seconds: if it is named, about as long as the fastest
+/// update on any GPU; otherwise several times that, since opening it takes time and memory.
+constexpr double slow_if_named = 30e-6;
+constexpr double slow_otherwise = 100e-6;
+
 /// Chooses in each frame the finder that is expected to take less time, by cost models of the device and by
 /// the work that each finder expects. A stage with the finder's name says which one it was.
 class Auto final : public PairFinder {
@@ -110,15 +115,17 @@ std::unique_ptr<PairFinder> make_auto(const opencl::Context& context) {
 
 std::unique_ptr<Algorithm> make_auto(const Config& config) {
   if (device_for(config)) return make_device_algorithm(config, make_auto);
-  return make_hybrid(make_sweep_and_prune(config), [config]() -> std::unique_ptr<Algorithm> {
+  const bool is_named = names_device(config);
+  const auto open = [config, is_named]() -> std::unique_ptr<Algorithm> {
     try {
-      return select_device(config.device).type == DeviceType::cpu ? nullptr
-                                                                  : make_device_algorithm(config, make_auto);
+      if (select_device(config.device).type == DeviceType::cpu) return nullptr;
+      return make_device_algorithm(config, make_auto);
     } catch (const Error&) {
-      if (names_device(config)) throw;
+      if (is_named) throw;
       return nullptr;
     }
-  });
+  };
+  return make_hybrid(make_sweep_and_prune(config), open, is_named ? slow_if_named : slow_otherwise);
 }
 
 }  // namespace broadcl

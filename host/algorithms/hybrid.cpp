@@ -14,8 +14,8 @@
 namespace broadcl {
 namespace {
 
-/// An update that takes longer would perhaps be faster on a device.
-constexpr double slow_update = 100e-6;  // seconds
+/// A device is opened once slow updates in a row have taken as long as this many of the fastest slow ones.
+constexpr double slow_updates_until_opening = 100;
 
 /// The first search of all boxes takes so many times as long as a later one, because it also sorts and
 /// allocates.
@@ -53,8 +53,8 @@ double host_seconds(std::size_t slots, std::size_t changed) {
 
 class Hybrid final : public Algorithm {
  public:
-  Hybrid(std::unique_ptr<Algorithm> host, OpenDevice open, double slow_seconds)
-      : host_(std::move(host)), open_(std::move(open)), slow_seconds_until_opening_(slow_seconds) {}
+  Hybrid(std::unique_ptr<Algorithm> host, OpenDevice open, double slow_update)
+      : host_(std::move(host)), open_(std::move(open)), slow_update_(slow_update) {}
 
   void reserve(std::size_t slots, bool filters) override {
     or_leave_device([&] { current_->reserve(slots, filters); });
@@ -177,8 +177,8 @@ class Hybrid final : public Algorithm {
     take_opened();
     const double on_host = seconds_on_host(changes_.slots, changed_slots());
     if (device_ == nullptr) {
-      slow_seconds_ = on_host > slow_update ? slow_seconds_ + on_host : 0;
-      if (slow_seconds_ < slow_seconds_until_opening_ || open_ == nullptr) return;
+      slow_seconds_ = on_host > slow_update_ ? slow_seconds_ + on_host : 0;
+      if (slow_seconds_ < slow_updates_until_opening * slow_update_ || open_ == nullptr) return;
       opening_ = std::async(std::launch::async, open_);
       open_ = nullptr;
       return;
@@ -222,8 +222,8 @@ class Hybrid final : public Algorithm {
   Changes changes_;     // of the last update
   double seconds_ = 0;  // that begin() of the last update took
   Estimate host_estimate_, device_estimate_;
-  double slow_seconds_ = 0;  // that slow updates in a row have taken on the host
-  double slow_seconds_until_opening_;
+  double slow_update_;         // seconds
+  double slow_seconds_ = 0;    // that slow updates in a row have taken on the host
   double overspent_ = 0;       // seconds that the other one would have saved
   bool has_changed_ = false;   // and the current one was not asked since then
   std::vector<Pair> before_;   // the pairs until then
@@ -234,9 +234,8 @@ class Hybrid final : public Algorithm {
 
 }  // namespace
 
-std::unique_ptr<Algorithm> make_hybrid(std::unique_ptr<Algorithm> host, OpenDevice open,
-                                       double slow_seconds) {
-  return std::make_unique<Hybrid>(std::move(host), std::move(open), slow_seconds);
+std::unique_ptr<Algorithm> make_hybrid(std::unique_ptr<Algorithm> host, OpenDevice open, double slow_update) {
+  return std::make_unique<Hybrid>(std::move(host), std::move(open), slow_update);
 }
 
 }  // namespace broadcl

@@ -16,8 +16,9 @@ using OpenDevice = std::function<std::unique_ptr<Algorithm>()>;
 /// destructor waits for that. If opening fails with an Error, the next update throws it; if the device fails
 /// later, that is an error, too. All further updates are then done on the host, unless the pairs can no
 /// longer be read from the device.
-/// @param slow_seconds The device is opened once updates in a row, all of them slow, have taken so long.
+/// @param slow_update Updates that take more seconds are slow. The device is opened once slow updates in a
+/// row have taken 100 times as long.
 [[nodiscard]] std::unique_ptr<Algorithm> make_hybrid(std::unique_ptr<Algorithm> host, OpenDevice open,
-                                                     double slow_seconds = 10e-3);
+                                                     double slow_update);
 
 }  // namespace broadcl
