@@ -1,5 +1,6 @@
 #include "algorithms/hybrid.hpp"
 
+#include <atomic>
 #include <chrono>
 #include <cstdint>
 #include <limits>
@@ -415,6 +416,39 @@ TEST(HybridOpens, AnExceptionOfTheUsersLeavesTheHost) {
     EXPECT_EQ(core.algorithm().device(), nullptr);
   }
   EXPECT_EQ(calls, 1);
+}
+
+/// Opening a device takes time on the host, but only once.
+TEST(HybridOpens, TheTimesOfUpdatesMeanwhileDoNotCount) {
+  Pretender::Orders host_orders;
+  const Pretender::Orders device_orders{.expected_seconds = 100e-6};
+  std::atomic<bool> is_opening = false;
+  std::atomic<bool> may_go_on = false;
+  Core core(make_hybrid(
+      std::make_unique<Pretender>(host_orders),
+      [&] {
+        is_opening = true;
+        is_opening.notify_all();
+        may_go_on.wait(false);
+        return std::make_unique<Pretender>(device_orders);
+      },
+      at_once));
+  for (std::uint32_t k = 0; k < 3; ++k) core.add(unit, {});
+  const auto update = [&](std::size_t k) {
+    core.move(0, apart(k % 2));
+    (void)core.finish();
+  };
+  for (std::size_t k = 0; k < 20; ++k) update(k);
+  is_opening.wait(false);
+  host_orders.sleep = std::chrono::milliseconds(1);
+  for (std::size_t k = 0; k < 100; ++k) update(k);
+  may_go_on = true;
+  may_go_on.notify_all();
+  std::size_t k = 0;
+  repeat_until([&] { return core.algorithm().memory().device > 0; }, [&] { update(k++); });
+  host_orders.sleep = {};
+  for (; k < 200; ++k) update(k);
+  EXPECT_EQ(device_orders.updates, 0);
 }
 
 TEST(HybridOpens, NoDeviceForASingleUpdate) {

@@ -142,6 +142,7 @@ class Hybrid final : public Algorithm {
   }
 
   void learn(double taken) {
+    if (opening_.valid()) return;  // which slows updates down
     if (is_on_device()) {
       device_estimate_.learn(device_->expected_seconds(changes_.slots, changed_slots()), taken);
     } else {
