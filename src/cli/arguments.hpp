@@ -74,7 +74,8 @@ inline void add_file(CLI::App& verb, const std::string& name, std::string& file,
 inline void add_device(CLI::App& verb, std::string& device) {
   add_name(verb, "--device", device,
            "P:D as listed by 'broadcl devices', gpu, cpu, accelerator, or part of a name; "
-           "default: BROADCL_DEVICE, otherwise the best GPU, otherwise a CPU; auto then starts on the host")
+           "default: BROADCL_DEVICE, otherwise the best GPU, otherwise a CPU; auto starts on the host, "
+           "unless a CPU is named")
       ->type_name("DEVICE");
 }
 
