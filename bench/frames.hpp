@@ -23,11 +23,14 @@ inline constexpr std::array scene_list{Scene{"uniform", scenes::MovingBoxes::Siz
                                        Scene{"mixed", scenes::MovingBoxes::Sizes::mixed}};
 
 /// If `auto` may open a GPU, repeats a frame while it does so, and until it knows what updates take there.
-template <class Function>
-void warm_up(const BroadPhase& broad_phase, const Function& frame) {
+template <class Advance, class Update>
+void warm_up(const BroadPhase& broad_phase, const Advance& advance, const Update& update) {
   if (broad_phase.algorithm().name != "auto" || select_device().type == DeviceType::cpu) return;
   const auto start = std::chrono::steady_clock::now();
-  while (std::chrono::steady_clock::now() - start < std::chrono::seconds(2)) frame();
+  while (std::chrono::steady_clock::now() - start < std::chrono::seconds(2)) {
+    advance();
+    (void)update();
+  }
 }
 
 /// Times frames one by one, and reports the mean, the median, the p95 and the longest.

@@ -89,10 +89,7 @@ void time_update(benchmark::State& state, const AlgorithmInfo& algorithm, const 
     if (from == From::memory) fill();
     return size(broad_phase.update());
   };
-  warm_up(broad_phase, [&] {
-    advance();
-    (void)update();
-  });
+  warm_up(broad_phase, advance, update);
   Frames frames(state);
   for ([[maybe_unused]] auto _ : state) {
     advance();
@@ -114,14 +111,12 @@ void time_some_moving(benchmark::State& state, const AlgorithmInfo& algorithm, s
       broad_phase.move(id, boxes.boxes()[id]);
     }
   };
-  warm_up(broad_phase, [&] {
-    advance();
-    (void)broad_phase.update();
-  });
+  const auto update = [&] { return size(broad_phase.update()); };
+  warm_up(broad_phase, advance, update);
   Frames frames(state);
   for ([[maybe_unused]] auto _ : state) {
     advance();
-    frames.time([&] { return size(broad_phase.update()); });
+    frames.time(update);
   }
   frames.report();
 }
@@ -153,10 +148,7 @@ void time_frame(benchmark::State& state, const std::string& name, const Scene& s
     broadphase->calculateOverlappingPairs(&dispatcher);
   };
   if (const auto* ours = dynamic_cast<const BulletBroadphase*>(broadphase.get())) {
-    warm_up(ours->broad_phase(), [&] {
-      advance();
-      frame();
-    });
+    warm_up(ours->broad_phase(), advance, frame);
   }
   for ([[maybe_unused]] auto _ : state) {
     state.PauseTiming();

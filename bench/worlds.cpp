@@ -82,17 +82,15 @@ void time_on_host(benchmark::State& state, const AlgorithmInfo& algorithm, World
     worlds.advance();
     for (std::uint32_t id = 0; id < filters.size(); ++id) broad_phase.move(id, worlds.boxes()[id]);
   };
-  warm_up(broad_phase, [&] {
-    advance();
-    (void)broad_phase.update();
-  });
+  const auto update = [&] {
+    const Delta delta = broad_phase.update();
+    return delta.added.size() + delta.removed.size();
+  };
+  warm_up(broad_phase, advance, update);
   Frames frames(state);
   for ([[maybe_unused]] auto _ : state) {
     advance();
-    frames.time([&] {
-      const Delta delta = broad_phase.update();
-      return delta.added.size() + delta.removed.size();
-    });
+    frames.time(update);
   }
   frames.report();
 }
