@@ -1,18 +1,14 @@
 #include <algorithm>
 #include <array>
-#include <chrono>
 #include <cstdint>
 #include <filesystem>
-#include <limits>
 #include <memory>
 #include <optional>
 #include <random>
 #include <span>
-#include <string>
 #include <string_view>
 #include <vector>
 
-#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <broadcl/broad_phase.hpp>
@@ -21,7 +17,6 @@
 #include "algorithms/calibration.hpp"
 #include "algorithms/engine.hpp"
 #include "algorithms/pair_finder.hpp"
-#include "device_limits.hpp"
 #include "each_algorithm.hpp"
 #include "environment.hpp"
 #include "expect_error.hpp"
@@ -32,9 +27,7 @@
 namespace broadcl::test {
 namespace {
 
-using ::testing::ElementsAre;
 using ::testing::HasSubstr;
-using ::testing::IsEmpty;
 
 SUITE_NOT_IN(Calibration, sanitizers, "measures time");
 
@@ -115,42 +108,6 @@ TEST_F(DeviceFor, ANameIsThatDevice) {
   }
   EXPECT_THAT(error_of([] { (void)device_for({.device = "abacus"}); }), HasSubstr("'abacus'"));
   EXPECT_THAT(error_of([] { (void)device_for({.algorithm = "abacus"}); }), HasSubstr("'abacus'"));
-}
-
-/// The errors of updates in which many boxes move, until one fails or there were enough of them, and then of
-/// a few more.
-std::vector<std::string> errors_of_updates(BroadPhase& broad_phase, int most_updates) {
-  constexpr std::uint32_t n = 20'000;
-  std::vector<std::string> errors;
-  const auto start = std::chrono::steady_clock::now();
-  int rest = 20;
-  for (int k = 0; rest > 0 && std::chrono::steady_clock::now() - start < std::chrono::seconds(60); ++k) {
-    const std::span<Aabb> boxes = broad_phase.map(n);
-    for (std::uint32_t id = 0; id < n; ++id)
-      boxes[id] = apart((id + static_cast<std::uint32_t>(k)) % (n - 1));
-    try {
-      (void)broad_phase.update();
-    } catch (const Error& error) {
-      errors.emplace_back(error.what());
-    }
-    EXPECT_EQ(broad_phase.pairs().size(), 1U) << k;
-    if (!errors.empty() || k >= most_updates) --rest;
-  }
-  return errors;
-}
-
-/// A GPU that rejects a kernel. It is opened in another thread, at some time.
-NOT_IN(gpu_profile | rusticl | sanitizers, "takes long");
-TEST(Auto, AGpuThatCannotBeOpenedIsAnErrorOnceIfItIsNamed) {
-  const ScopedVariable none("BROADCL_DEVICE", "");
-  const ScopedVariable by_the_device("BROADCL_TUNING", "");
-  Limits gpu = gpu_with_waves_of(32);
-  gpu.work_group_of_kernel = {{"tiles_keys", 0}};
-  const LimitedDevices limited(gpu);
-  BroadPhase named({.device = "gpu"});
-  EXPECT_THAT(errors_of_updates(named, std::numeric_limits<int>::max()), ElementsAre(HasSubstr("allows 0")));
-  BroadPhase not_named;
-  EXPECT_THAT(errors_of_updates(not_named, 500), IsEmpty());
 }
 
 TEST(Auto, AStageTellsWhichIsAsked) {

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <chrono>
 #include <cstdint>
 #include <iterator>
 #include <limits>
@@ -31,7 +32,9 @@ namespace broadcl::test {
 namespace {
 
 using ::testing::AllOf;
+using ::testing::ElementsAre;
 using ::testing::HasSubstr;
+using ::testing::IsEmpty;
 
 std::vector<Aabb> copy(std::span<const Aabb> boxes) {
   return {boxes.begin(), boxes.end()};
@@ -337,6 +340,42 @@ TEST(LimitedDevice, WithoutACompilerIsNotUsed) {
   std::vector<std::string> failures;
   EXPECT_TRUE(devices(&failures).empty());
   EXPECT_THAT(failures, ::testing::Contains(HasSubstr("compiler")));
+}
+
+/// The errors of updates in which many boxes move, until one fails or there were enough of them, and then of
+/// a few more.
+std::vector<std::string> errors_of_updates(BroadPhase& broad_phase, int most_updates) {
+  constexpr std::uint32_t n = 20'000;
+  std::vector<std::string> errors;
+  const auto start = std::chrono::steady_clock::now();
+  int rest = 20;
+  for (int k = 0; rest > 0 && std::chrono::steady_clock::now() - start < std::chrono::seconds(60); ++k) {
+    const std::span<Aabb> boxes = broad_phase.map(n);
+    for (std::uint32_t id = 0; id < n; ++id)
+      boxes[id] = apart((id + static_cast<std::uint32_t>(k)) % (n - 1));
+    try {
+      (void)broad_phase.update();
+    } catch (const Error& error) {
+      errors.emplace_back(error.what());
+    }
+    EXPECT_EQ(broad_phase.pairs().size(), 1U) << k;
+    if (!errors.empty() || k >= most_updates) --rest;
+  }
+  return errors;
+}
+
+/// A GPU that rejects a kernel. It is opened in another thread, at some time.
+NOT_IN(gpu_profile | rusticl | sanitizers, "takes long");
+TEST(LimitedDevice, ThatAutoCannotOpenIsAnErrorOnceIfItIsNamed) {
+  const ScopedVariable none("BROADCL_DEVICE", "");
+  const ScopedVariable by_the_device("BROADCL_TUNING", "");
+  Limits gpu = gpu_with_waves_of(32);
+  gpu.work_group_of_kernel = {{"tiles_keys", 0}};
+  const LimitedDevices limited(gpu);
+  BroadPhase named({.device = "gpu"});
+  EXPECT_THAT(errors_of_updates(named, std::numeric_limits<int>::max()), ElementsAre(HasSubstr("allows 0")));
+  BroadPhase not_named;
+  EXPECT_THAT(errors_of_updates(not_named, 500), IsEmpty());
 }
 
 }  // namespace
