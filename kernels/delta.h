@@ -26,12 +26,13 @@
 #define COUNT_INVALID_FIRST 7 /* UINT_MAX minus the index of the first of them */
 /* What a frame must know about earlier ones, so that frames can follow each other without the host: order.cl passes it
    on. */
-#define COUNT_LAST_KEPT 8  /* pairs at the beginning of the last complete frame's list */
-#define COUNT_LAST_ADDED 9 /* and at its end */
-#define COUNT_LAST_TAG 10  /* its tag, a number chosen by the host */
-#define COUNT_COMPLETE 11  /* complete frames since the last one that was waited for */
-#define COUNT_HALTED 12    /* not 0 if the frame before was not complete: then this one changes nothing either */
-#define COUNTS 14          /* an even number, so that pairs can follow */
+#define COUNT_LAST_KEPT 8     /* pairs at the beginning of the last complete frame's list */
+#define COUNT_LAST_ADDED 9    /* and at its end */
+#define COUNT_LAST_TAG 10     /* its tag, a number chosen by the host */
+#define COUNT_COMPLETE 11     /* complete frames since the last one that was waited for */
+#define COUNT_HALTED 12       /* not 0 if the frame before was not complete: then this one changes nothing either */
+#define COUNT_DISPLACEMENT 13 /* of near_pairs.cl: how far boxes have moved, at most, as a float */
+#define COUNTS 14             /* an even number, so that pairs can follow */
 
 typedef struct {
   uint capacity;                       /* of the list */

@@ -185,6 +185,7 @@ struct Subject {
 
 /// Plays the same motion to brute force and to tiles that sort in every frame, now and then, or never again.
 void expect_the_same_changes(std::uint32_t n, std::uint32_t frames, std::uint64_t seed) {
+  constexpr std::size_t never = std::numeric_limits<std::size_t>::max();
   std::vector<Subject> subjects;
   const auto add = [&](const std::string& name, MakePairFinder make) {
     subjects.push_back({name, make_device_algorithm({}, make)});
@@ -192,9 +193,11 @@ void expect_the_same_changes(std::uint32_t n, std::uint32_t frames, std::uint64_
   };
   add("brute force", make_brute_force);
   add("sorts now and then", make_tiles);
-  add("sorts in every frame", [](const opencl::Context& context) { return make_tiles(context, 0); });
-  add("never sorts again",
-      [](const opencl::Context& context) { return make_tiles(context, static_cast<double>(infinity)); });
+  add("sorts in every frame", [](const opencl::Context& context) { return make_tiles(context, 0, never); });
+  add("never sorts again", [](const opencl::Context& context) {
+    return make_tiles(context, static_cast<double>(infinity), never);
+  });
+  add("searches early", [](const opencl::Context& context) { return make_tiles(context, 1.25, 1); });
   Motion motion(n, seed);
   std::vector<Aabb> boxes(n);
   for (std::uint32_t frame = 0; frame < frames; ++frame) {

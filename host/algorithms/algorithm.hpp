@@ -137,7 +137,9 @@ struct AlgorithmRow {
 [[nodiscard]] std::unique_ptr<PairFinder> make_tiles(const opencl::Context& context);
 /// @param stale Sort again once the work exceeds this multiple of the work in a new order: 0 sorts in every
 /// frame, infinity only if the number of slots changed.
-[[nodiscard]] std::unique_ptr<PairFinder> make_tiles(const opencl::Context& context, double stale);
+/// @param fewest_early The fewest boxes that are searched before they are uploaded: NearPairs.
+[[nodiscard]] std::unique_ptr<PairFinder> make_tiles(const opencl::Context& context, double stale,
+                                                     std::size_t fewest_early);
 [[nodiscard]] std::unique_ptr<Algorithm> make_gpu_bf(const Config& config);
 [[nodiscard]] std::unique_ptr<Algorithm> make_sweep_and_prune(const Config& config);
 [[nodiscard]] std::unique_ptr<Algorithm> make_oracle(const Config& config);

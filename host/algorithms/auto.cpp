@@ -56,7 +56,7 @@ class Auto final : public PairFinder {
     return finders_.at(chosen_)->can_keep(search);
   }
 
-  [[nodiscard]] bool gave_up(const PairDelta::Counts& counts) const override {
+  [[nodiscard]] bool gave_up(const PairDelta::Counts& counts) override {
     return finders_.at(chosen_)->gave_up(counts);
   }
 

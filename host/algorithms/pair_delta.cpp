@@ -1,6 +1,7 @@
 #include "algorithms/pair_delta.hpp"
 
 #include <algorithm>
+#include <bit>
 #include <string>
 #include <utility>
 
@@ -24,6 +25,7 @@ constexpr std::size_t count_last_kept = 8;
 constexpr std::size_t count_last_added = 9;
 constexpr std::size_t count_last_tag = 10;
 constexpr std::size_t count_complete = 11;
+constexpr std::size_t count_displacement = 13;
 
 /// For up to this many pairs, it takes less time if the finder's work-groups keep them than if another launch
 /// does.
@@ -142,7 +144,8 @@ PairDelta::Counts PairDelta::counts_of(const std::byte* counts) const {
           .work = words[count_work],
           .is_unordered = words[count_unordered] != 0,
           .invalid_boxes = words[count_invalid],
-          .first_invalid = ~words[count_invalid_first]};
+          .first_invalid = ~words[count_invalid_first],
+          .displacement = std::bit_cast<float>(words[count_displacement])};
 }
 
 // NOLINTNEXTLINE(bugprone-exception-escape): handles do not throw when moved
@@ -150,6 +153,7 @@ void PairDelta::commit(const Counts& counts, cl_uint tag, bool is_next_ready) no
   now_.kept = counts.found - counts.added;
   now_.added = counts.added;
   work_ = counts.work;
+  displacement_ = counts.displacement;
   last_tag_ = tag;
   ++frames_;
   turn_ = 1 - turn_;

@@ -32,6 +32,7 @@ class PairDelta {
     bool is_unordered = false;      ///< Whether the changes are still to be sorted.
     std::size_t invalid_boxes = 0;  ///< If boxes were gathered on the device.
     std::size_t first_invalid = 0;
+    float displacement = 0;  ///< How far boxes moved, at most, if NearPairs measured it.
   };
 
   /// @param context, profiler Must outlive this object.
@@ -104,6 +105,8 @@ class PairDelta {
   [[nodiscard]] std::size_t pair_count() const noexcept { return last_.found(); }
   /// What the finder counted as work in the last frame.
   [[nodiscard]] std::size_t work() const noexcept { return work_; }
+  /// How far boxes moved in the last frame, at most, if NearPairs measured it.
+  [[nodiscard]] float displacement() const noexcept { return displacement_; }
   /// Frames that have succeeded.
   [[nodiscard]] std::size_t frames() const noexcept { return frames_; }
 
@@ -135,6 +138,7 @@ class PairDelta {
   cl_uint last_tag_ = 0;
   std::size_t unread_ = 0;  // frames that nobody has waited for
   std::size_t work_ = 0;
+  float displacement_ = 0;
   std::size_t frames_ = 0;
 };
 

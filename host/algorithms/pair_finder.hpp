@@ -40,7 +40,7 @@ class PairFinder {
   virtual void find(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) = 0;
 
   /// Whether, according to its counts, find() gave up because what build() prepared was far out of date.
-  [[nodiscard]] virtual bool gave_up(const PairDelta::Counts& /*counts*/) const { return false; }
+  [[nodiscard]] virtual bool gave_up(const PairDelta::Counts& /*counts*/) { return false; }
 
   /// Enqueues the kernels that prepare the same search again, such that find() does not give up. The objects
   /// must have been gathered.

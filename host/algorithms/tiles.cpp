@@ -8,6 +8,7 @@
 
 #include "algorithms/algorithm.hpp"
 #include "algorithms/centroids.hpp"
+#include "algorithms/near_pairs.hpp"
 #include "algorithms/pair_finder.hpp"
 #include "opencl/growing_buffer.hpp"
 #include "opencl/launch.hpp"
@@ -50,8 +51,18 @@ constexpr double default_stale = 1.25;
 constexpr std::size_t unwatched = 8;
 /// At least 1 / fewest_moved of the boxes must have moved before the order may be old.
 constexpr std::size_t fewest_moved = 64;
-/// The work of searches of some and of all boxes, if they have one size, as a multiple of usual_work().
-constexpr std::array default_factors{0.9, 0.25};
+/// With this many boxes of one frame and the next, all of them from the host, the search need not wait for
+/// the upload.
+constexpr std::size_t least_early = 1 << 17;
+
+/// Kinds of searches, whose work is compared separately: of the boxes that changed, of all boxes, and early
+/// ones.
+enum Kind : std::size_t { some, all, early };
+/// The work of these searches, if the boxes have one size, as a multiple of usual_work().
+constexpr std::array default_factors{0.9, 0.25, 0.25};
+/// An early search takes more time than it saves if its work is more than this multiple of that of a search
+/// of all.
+constexpr double most_early_work = 2;
 
 /// A search is given up, and the boxes are sorted, if it takes more work than this many searches of all boxes
 /// in a new order, which is far more than is_stale() allows. If all boxes leapt, the work would be n^2.
@@ -82,11 +93,12 @@ using opencl::round_up;
 /// Boxes in spatial order, under a tree of bounds: kernels/tiles.cl.
 class Tiles final : public PairFinder {
  public:
-  Tiles(const opencl::Context& context, double stale)
+  Tiles(const opencl::Context& context, double stale, std::size_t fewest_early)
       : context_(context),
         stale_(stale),
         launch_(launch_for(context.tuning())),
         centroids_(context),
+        near_(context, fewest_early),
         sort_(context) {
     load({}, false);
   }
@@ -100,24 +112,34 @@ class Tiles final : public PairFinder {
     observe(sink);
     age(search, sink);
     const bool stale = is_stale(search, sink);
+    usual_work_ = usual_work(search);
+    const bool is_early =
+        near_.begin(search, sink, !stale, factors_[early] <= most_early_work * factors_[all]);
+    kind_ = is_early ? early : search.all ? all : some;
+    if (is_early) return search_early(search, sink, profiler);
     const bool gathers = may_gather && !stale;
     if (!gathers) PairFinder::build(search, sink, profiler);
     if (stale) sort(search, sink, profiler);
     fill_trees(search, gathers, sink, profiler);
-    usual_work_ = usual_work(search);
-    usual_is_of_all_ = search.all;
   }
 
   void find(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) override {
-    if (is_built_) enqueue_search(search, sink, profiler);
+    if (!is_built_) return;
+    if (kind_ != early) enqueue_search(search, sink, profiler);
+    near_.test(search, sink, profiler);
   }
 
-  [[nodiscard]] bool gave_up(const PairDelta::Counts& counts) const override {
-    return is_built_ && counts.work > most_work_;
+  [[nodiscard]] bool gave_up(const PairDelta::Counts& counts) override {
+    return is_built_ && (counts.work > most_work_ || near_.missed(counts));
   }
 
   void rebuild(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) override {
-    sort(search, sink, profiler);
+    if (kind_ == early) {
+      near_.give_up();
+      kind_ = all;
+    } else {
+      sort(search, sink, profiler);
+    }
     fill_trees(search, false, sink, profiler);
   }
 
@@ -129,7 +151,7 @@ class Tiles final : public PairFinder {
   [[nodiscard]] double expected_work(const Search& search, const PairDelta& sink) override {
     observe(sink);
     const bool is_known = alike(seen_.slots, search.now.slots) && alike(seen_.pairs, sink.pair_count());
-    return usual_work(search) * (is_known ? factors_ : default_factors).at(search.all ? 1 : 0);
+    return usual_work(search) * (is_known ? factors_ : default_factors).at(search.all ? all : some);
   }
 
  private:
@@ -254,7 +276,7 @@ class Tiles final : public PairFinder {
   void observe(const PairDelta& sink) {
     if (!searched_frame_ || sink.frames() != *searched_frame_ + 1 || sink.work() == 0) return;
     seen_ = {.pairs = sink.pair_count(), .slots = sorted_slots_};
-    factors_.at(usual_is_of_all_ ? 1 : 0) = static_cast<double>(sink.work()) / usual_work_;
+    factors_.at(kind_) = static_cast<double>(sink.work()) / usual_work_;
   }
 
   /// Records that a search begins.
@@ -275,13 +297,12 @@ class Tiles final : public PairFinder {
       return true;
     if (sink.frames() == sorted_frame_) return false;
     if (sink.work() == 0) return moved_ > unwatched * search.now.slots;
-    const std::size_t kind = usual_is_of_all_ ? 1 : 0;
-    double& fresh = fresh_factors_.at(kind);
-    if (fresh == 0) fresh = factors_.at(kind);
+    double& fresh = fresh_factors_.at(kind_);
+    if (fresh == 0) fresh = factors_.at(kind_);
     // The work for a few boxes says little, so wait until some have moved.
     const bool may_be_old =
         static_cast<double>(moved_ * fewest_moved) >= stale_ * static_cast<double>(search.now.slots);
-    return factors_.at(kind) > stale_ * fresh && may_be_old;
+    return factors_.at(kind_) > stale_ * fresh && may_be_old;
   }
 
   /// The work of a search in a new order, up to a factor: a constant per tile, and more per box that changed.
@@ -296,7 +317,7 @@ class Tiles final : public PairFinder {
   [[nodiscard]] cl_uint most_work(const Search& search, const PairDelta& sink, std::size_t groups) const {
     constexpr cl_uint any = std::numeric_limits<cl_uint>::max();
     if (!search.may_give_up || sink.frames() == sorted_frame_) return any;
-    const double factor = std::max({default_factors[1], factors_[1], fresh_factors_[1]});
+    const double factor = std::max({default_factors[all], factors_[all], fresh_factors_[all]});
     const double most = hopeless * factor * usual_work(search.now.slots, search.now.slots);
     // Each work-group may do some more before it knows; the kernel counts in 32 bits.
     const bool overflows = most + 2.0 * reported_work * static_cast<double>(groups) >= any;
@@ -334,31 +355,35 @@ class Tiles final : public PairFinder {
     opencl::Profiler::Scope stage(profiler, "build");
     if (gathers) {
       cl::Kernel& fill = gathering_fill(has_worlds(search));
-      search.source->set_arguments(fill, set_fill(fill, search, tree_), search.now, sink.counts());
-      fill_tree(search, fill, tree_, stage.event());
+      search.source->set_arguments(fill, set_fill(fill, search, 0, tree_), search.now, sink.counts());
+      fill_tree(context_.queue(), search, fill, tree_, stage.event());
       return;
     }
-    fill_tree(search, true, tree_, stage.event());
-    if (!search.all) fill_tree(search, false, changed_tree_, nullptr);
+    const auto fill = [&](const cl::Buffer& stamps, const Tree& tree, cl::Event* event) {
+      fill_tree(context_.queue(), search, search.now.boxes, 0, stamps, tree, event);
+    };
+    fill({}, tree_, stage.event());
+    if (!search.all) fill(search.stamps, changed_tree_, nullptr);
   }
 
-  void fill_tree(const Search& search, bool all, const Tree& tree, cl::Event* event) {
+  void fill_tree(const cl::CommandQueue& queue, const Search& search, const cl::Buffer& boxes, float margin,
+                 const cl::Buffer& stamps, const Tree& tree, cl::Event* event) {
     cl::Kernel& fill = kernels(search).fill;
-    opencl::set_arguments(fill, set_fill(fill, search, tree), search.now.boxes,
-                          has_worlds(search) ? search.now.filters : cl::Buffer(), search.stamp,
-                          all ? cl::Buffer() : search.stamps);
-    fill_tree(search, fill, tree, event);
+    opencl::set_arguments(fill, set_fill(fill, search, margin, tree), boxes,
+                          has_worlds(search) ? search.now.filters : cl::Buffer(), search.stamp, stamps);
+    fill_tree(queue, search, fill, tree, event);
   }
 
-  cl_uint set_fill(cl::Kernel& fill, const Search& search, const Tree& tree) const {
+  cl_uint set_fill(cl::Kernel& fill, const Search& search, float margin, const Tree& tree) const {
     return opencl::set_arguments(fill, 0, search.now.slots,
                                  static_cast<cl_uint>(divide_up(search.now.slots, launch_.node)),
-                                 starts_.s[1], sets(search), elements_, tree.nodes);
+                                 starts_.s[1], sets(search), margin, elements_, tree.nodes);
   }
 
-  void fill_tree(const Search& search, const cl::Kernel& fill, const Tree& tree, cl::Event* event) {
+  void fill_tree(const cl::CommandQueue& queue, const Search& search, const cl::Kernel& fill,
+                 const Tree& tree, cl::Event* event) {
     std::size_t nodes = divide_up(search.now.slots, launch_.node);
-    enqueue(fill, round_up(nodes, launch_.node), event);
+    enqueue(queue, fill, round_up(nodes, launch_.node), event);
     nodes = divide_up(nodes, launch_.node);
     cl::Kernel& raise = kernels(search).raise;
     // The search starts at the first level that has few nodes.
@@ -366,13 +391,23 @@ class Tiles final : public PairFinder {
          ++top_, nodes = divide_up(nodes, launch_.node)) {
       opencl::set_arguments(raise, 0, starts_.s[top_], static_cast<cl_uint>(nodes), starts_.s[top_ + 1],
                             tree.nodes);
-      enqueue(raise, round_up(nodes, launch_.node), nullptr);
+      enqueue(queue, raise, round_up(nodes, launch_.node), nullptr);
     }
     roots_ = static_cast<cl_uint>(nodes);
   }
 
+  /// Enqueues the search for near pairs.
+  void search_early(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) {
+    {
+      opencl::Profiler::Scope stage(profiler, "build");
+      fill_tree(near_.queue(), search, search.last.boxes, near_.margin(), {}, tree_, stage.event());
+    }
+    enqueue_search(search, sink, profiler);
+    near_.searched();
+  }
+
   void enqueue_search(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) {
-    opencl::Profiler::Scope stage(profiler, "test");
+    opencl::Profiler::Scope stage(profiler, kind_ == early ? "early" : "test");
     const std::size_t tiles = divide_up(search.now.slots, launch_.node);
     const std::size_t sharers = this->sharers(tiles, search_groups_per_unit);
     // A first search finds all pairs at once; in later ones, work-groups that turn out to be too many would
@@ -385,10 +420,15 @@ class Tiles final : public PairFinder {
                                                static_cast<cl_uint>(sharers), most_work_, sets(search),
                                                tree_.nodes, (search.all ? tree_ : changed_tree_).nodes,
                                                elements_, search.now.filters, search.now.exclusions);
-    sink.set_sink(kernel, next, search);
-    context_.queue().enqueueNDRangeKernel(kernel, cl::NullRange,
-                                          cl::NDRange(tiles * launch_.group, dense_sharers),
-                                          cl::NDRange(launch_.group, 1), nullptr, stage.event());
+    const bool is_early = kind_ == early;
+    if (is_early) {
+      near_.set_sink(kernel, next, search);
+    } else {
+      sink.set_sink(kernel, next, search);
+    }
+    const cl::CommandQueue& queue = is_early ? near_.queue() : context_.queue();
+    queue.enqueueNDRangeKernel(kernel, cl::NullRange, cl::NDRange(tiles * launch_.group, dense_sharers),
+                               cl::NDRange(launch_.group, 1), nullptr, stage.event());
   }
 
   /// Number of work-groups that share the search of a tile; if there are few tiles, a GPU would otherwise
@@ -401,15 +441,17 @@ class Tiles final : public PairFinder {
     return sharers;
   }
 
-  void enqueue(const cl::Kernel& kernel, std::size_t groups, cl::Event* event) {
-    context_.queue().enqueueNDRangeKernel(kernel, cl::NullRange, cl::NDRange(groups * launch_.group),
-                                          cl::NDRange(launch_.group), nullptr, event);
+  void enqueue(const cl::CommandQueue& queue, const cl::Kernel& kernel, std::size_t groups,
+               cl::Event* event) {
+    queue.enqueueNDRangeKernel(kernel, cl::NullRange, cl::NDRange(groups * launch_.group),
+                               cl::NDRange(launch_.group), nullptr, event);
   }
 
   const opencl::Context& context_;
   double stale_;  // see make_tiles()
   TilesLaunch launch_;
   CentroidBounds centroids_;
+  NearPairs near_;
   opencl::RadixSort sort_;
   std::array<Kernels, 2> kernels_;
   std::array<cl::Kernel, 2> gathering_fills_;
@@ -430,11 +472,11 @@ class Tiles final : public PairFinder {
   std::size_t moved_ = 0;  // boxes since the order was new, each counted as often as it moved
   double usual_work_ = 1;  // of the last search
   cl_uint most_work_ = 0;  // at which it is given up
-  bool usual_is_of_all_ = true;
-  // The work of searches of some and of all boxes, as a multiple of usual_work(): of the last searches, and
-  // of the first ones in this order (0 if there was none).
-  std::array<double, 2> factors_ = default_factors;
-  std::array<double, 2> fresh_factors_{};
+  Kind kind_ = all;        // of that search
+  // The work of searches of each kind, as a multiple of usual_work(): of the last ones, and of the first ones
+  // in this order (0 if there was none).
+  std::array<double, 3> factors_ = default_factors;
+  std::array<double, 3> fresh_factors_{};
   struct {
     std::size_t pairs = 0;
     std::size_t slots = 0;
@@ -444,11 +486,15 @@ class Tiles final : public PairFinder {
 }  // namespace
 
 std::unique_ptr<PairFinder> make_tiles(const opencl::Context& context) {
-  return make_tiles(context, default_stale);
+  const Device& device = context.device();
+  const bool uploads_beside = device.type == DeviceType::gpu && !device.host_unified;
+  return make_tiles(context, default_stale,
+                    uploads_beside ? least_early : std::numeric_limits<std::size_t>::max());
 }
 
-std::unique_ptr<PairFinder> make_tiles(const opencl::Context& context, double stale) {
-  return std::make_unique<Tiles>(context, stale);
+std::unique_ptr<PairFinder> make_tiles(const opencl::Context& context, double stale,
+                                       std::size_t fewest_early) {
+  return std::make_unique<Tiles>(context, stale, fewest_early);
 }
 
 }  // namespace broadcl

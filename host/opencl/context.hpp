@@ -61,6 +61,9 @@ class Context {
   [[nodiscard]] const Device& device() const noexcept { return device_; }
   [[nodiscard]] const cl::Context& context() const noexcept { return context_; }
   [[nodiscard]] const cl::CommandQueue& queue() const noexcept { return queue_; }
+  /// Another in-order queue with the same properties. Its owner has to wait for it: guard() does not.
+  /// @throws cl::Error
+  [[nodiscard]] cl::CommandQueue second_queue() const;
   /// The tuning profile. The environment variable BROADCL_TUNING overrides it, so that each profile can be
   /// tested on any device.
   [[nodiscard]] Tuning tuning() const noexcept { return tuning_; }
@@ -115,7 +118,12 @@ class Context {
   /// reliably.)
   /// @param first, count Of words.
   /// @throws cl::Error, Error
-  void fill(const cl::Buffer& buffer, cl_uint value, std::size_t first, std::size_t count) const;
+  void fill(const cl::Buffer& buffer, cl_uint value, std::size_t first, std::size_t count) const {
+    fill(queue_, buffer, value, first, count);
+  }
+  /// The same in another queue.
+  void fill(const cl::CommandQueue& queue, const cl::Buffer& buffer, cl_uint value, std::size_t first,
+            std::size_t count) const;
 
   /// Runs a part of an update. If that fails, waits until the queue has completed all commands, so that
   /// nothing uses the memory of the update any more.

@@ -1,0 +1,107 @@
+#include "algorithms/near_pairs.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+namespace broadcl {
+namespace {
+
+constexpr std::size_t most_items = 256;     // per work-group, as in kernels/near_pairs.cl
+constexpr std::size_t groups_per_unit = 8;  // enough to keep a compute unit busy
+
+/// The margin, as a multiple of the distance that boxes moved in the last frame.
+constexpr float margin_factor = 1.125F;
+constexpr std::size_t least_pairs = 1 << 16;
+constexpr std::size_t longest_pause = 256;
+
+}  // namespace
+
+bool NearPairs::is_possible(const Search& search) const noexcept {
+  return search.source == nullptr && search.may_give_up && search.all && search.same_filters &&
+         !search.any_recycled && search.now.slots == search.last.slots && search.now.slots >= fewest_;
+}
+
+bool NearPairs::begin(const Search& search, const PairDelta& sink, bool can_search, bool pays) {
+  if (is_running_) wait();
+  is_running_ = false;
+  // (If the last boxes are in another buffer now, the commands that copied them may not have ended.)
+  const bool follows = sink.frames() == frame_ + 1 && search.last.boxes() == boxes_;
+  const bool is_distance_known = follows && is_measured_;
+  if (follows && is_early_ && !pays) give_up();
+  if (follows && is_early_) pause_ /= 2;
+  is_early_ = is_measured_ = false;
+  frame_ = sink.frames();
+  boxes_ = search.now.boxes();
+  if (!is_possible(search) || frame_ < resume_) return false;
+  build();
+  reserve(sink.pair_count());
+  is_measured_ = true;
+  margin_ = margin_factor * sink.displacement();
+  if (!can_search || !is_distance_known || !std::isfinite(margin_)) return false;
+
+  context_.queue().flush();  // so that the upload starts first
+  is_early_ = is_running_ = true;
+  context_.fill(queue_, counts_, 0, 0, PairDelta::count_bytes / sizeof(cl_uint));
+  return true;
+}
+
+void NearPairs::build() {
+  if (test_.kernel() != nullptr) return;
+  counts_ = context_.buffer(PairDelta::count_bytes);
+  queue_ = context_.second_queue();
+  test_ = context_.sized_kernel(context_.program("near_pairs.cl"), "near_pairs_test", most_items);
+}
+
+void NearPairs::reserve(std::size_t pairs) {
+  wanted_ = std::max({wanted_, pairs, least_pairs});
+  if (wanted_ <= capacity_) return;
+  capacity_ = 0;
+  pairs_.reserve(context_, wanted_ * sizeof(Pair), "near pairs");
+  capacity_ = pairs_.bytes() / sizeof(Pair);
+}
+
+void NearPairs::set_sink(cl::Kernel& kernel, cl_uint first, const Search& search) const {
+  const cl::Buffer none;  // filters did not change, and no object was replaced
+  opencl::set_arguments(kernel, first, static_cast<cl_uint>(capacity_), pairs_.get(), search.last.boxes,
+                        search.last.slots, none, none, search.stamp, none, counts_);
+}
+
+void NearPairs::searched() {
+  queue_.enqueueMarkerWithWaitList(nullptr, &searched_);
+  queue_.flush();
+  // (Not later: keeping pairs at the same time takes longer than afterwards.)
+  const std::vector<cl::Event> events{searched_};
+  context_.queue().enqueueBarrierWithWaitList(&events);
+}
+
+void NearPairs::test(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) {
+  if (!is_measured_) return;
+  opencl::Profiler::Scope stage(profiler, "near");
+  const cl_uint next = opencl::set_arguments(test_.kernel, 0, search.now.slots, search.now.boxes,
+                                             is_early_ ? margin_ : 0.0F, static_cast<cl_uint>(capacity_),
+                                             pairs_.get(), is_early_ ? counts_ : cl::Buffer());
+  sink.set_sink(test_.kernel, next, search);
+  const std::size_t items = context_.device().compute_units * groups_per_unit * test_.group;
+  test_.enqueue(context_.queue(), std::min<std::size_t>(search.now.slots, items), stage.event());
+}
+
+bool NearPairs::missed(const PairDelta::Counts& counts) noexcept {
+  if (!is_early_) return false;
+  is_running_ = false;
+  if (std::isnan(counts.displacement)) wanted_ = 2 * capacity_;
+  return !(counts.displacement <= margin_);
+}
+
+/// Searches no earlier than usual for some frames, the more the more often that happens.
+void NearPairs::give_up() noexcept {
+  is_early_ = false;
+  pause_ = std::min(2 * pause_ + 1, longest_pause);
+  resume_ = frame_ + 1 + pause_;
+}
+
+void NearPairs::wait() const noexcept {
+  if (queue_() != nullptr) opencl::wait_if_possible(queue_);
+}
+
+}  // namespace broadcl

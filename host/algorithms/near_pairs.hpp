@@ -1,0 +1,77 @@
+#pragma once
+
+#include <cstddef>
+
+#include "algorithms/pair_delta.hpp"
+#include "algorithms/search.hpp"
+#include "opencl/context.hpp"
+#include "opencl/growing_buffer.hpp"
+#include "opencl/launch.hpp"
+#include "opencl/profiler.hpp"
+
+namespace broadcl {
+
+/// Lets a finder search before the boxes of a frame are uploaded: kernels/near_pairs.cl. In a queue of its
+/// own, the finder searches the boxes of the last frame, enlarged by a margin; when the new boxes are there,
+/// only the near pairs that it found are tested. The margin follows from how far boxes moved in the last
+/// frame. If a box moves farther, the frame is searched again, without this.
+class NearPairs {
+ public:
+  /// @param context Must outlive this object.
+  /// @param fewest With fewer boxes, nothing is searched early.
+  NearPairs(const opencl::Context& context, std::size_t fewest) : context_(context), fewest_(fewest) {}
+  ~NearPairs() { wait(); }
+  NearPairs(const NearPairs&) = delete;
+  NearPairs& operator=(const NearPairs&) = delete;
+  NearPairs(NearPairs&&) = delete;
+  NearPairs& operator=(NearPairs&&) = delete;
+
+  /// Starts a frame, whose boxes may still be uploaded in the context's queue.
+  /// @param can_search Whether the finder can do without these boxes.
+  /// @param pays Whether the last early search saved time.
+  /// @returns Whether to search early: then the finder enqueues its kernels in queue(), and calls searched().
+  /// @throws cl::Error, Error
+  [[nodiscard]] bool begin(const Search& search, const PairDelta& sink, bool can_search, bool pays);
+  [[nodiscard]] const cl::CommandQueue& queue() const noexcept { return queue_; }
+  [[nodiscard]] float margin() const noexcept { return margin_; }
+  /// Sets the PAIR_SINK_PARAMETERS of the kernel that searches early, from the given index on.
+  /// @throws cl::Error
+  void set_sink(cl::Kernel& kernel, cl_uint first, const Search& search) const;
+  /// @throws cl::Error
+  void searched();
+
+  /// Enqueues the kernel that appends the new pairs, if the search was early, and that finds out how far
+  /// boxes move, if the next frame may be searched early.
+  /// @throws cl::Error
+  void test(const Search& search, const PairDelta& sink, opencl::Profiler& profiler);
+  /// Whether a box moved farther than by the margin, or there was no room for all near pairs. The frame must
+  /// then be searched again, after give_up().
+  [[nodiscard]] bool missed(const PairDelta::Counts& counts) noexcept;
+  void give_up() noexcept;
+
+ private:
+  [[nodiscard]] bool is_possible(const Search& search) const noexcept;
+  void build();
+  void reserve(std::size_t pairs);
+  void wait() const noexcept;
+
+  const opencl::Context& context_;
+  std::size_t fewest_;
+  opencl::SizedKernel test_;
+  cl::CommandQueue queue_;
+  cl::Event searched_;
+  opencl::GrowingBuffer pairs_;
+  std::size_t capacity_ = 0;  // pairs
+  std::size_t wanted_ = 0;    // pairs to make room for
+  cl::Buffer counts_;         // as those of PairDelta
+  std::size_t frame_ = 0;     // the number of this frame
+  cl_mem boxes_ = nullptr;    // its boxes
+  float margin_ = 0;
+  bool is_early_ = false;     // whether this frame is searched early
+  bool is_measured_ = false;  // whether the distances of this frame will be known
+  bool is_running_ = false;   // whether a search of a frame that failed may not have ended
+  std::size_t pause_ = 0;     // frames before the next early search
+  std::size_t resume_ = 0;    // the frame of that search
+};
+
+}  // namespace broadcl

@@ -1,0 +1,215 @@
+#include "opencl/api.hpp"  // before <CL/cl.h>: it chooses the version
+
+#include <algorithm>
+#include <cstdint>
+#include <limits>
+#include <memory>
+#include <numeric>
+#include <string_view>
+#include <vector>
+
+#include <gtest/gtest.h>
+
+#include <broadcl/broad_phase.hpp>
+
+#include "algorithms/algorithm.hpp"
+#include "algorithms/engine.hpp"
+#include "each_algorithm.hpp"
+#include "failing_opencl.hpp"
+#include "packed_box.hpp"
+#include "scenes/generators.hpp"
+
+/// Searches that begin before the boxes are uploaded, which GPUs with memory of their own do with many boxes.
+namespace broadcl::test {
+namespace {
+
+using scenes::MovingBoxes;
+
+std::unique_ptr<PairFinder> make_early_tiles(const opencl::Context& context) {
+  return make_tiles(context, 1.25, 1);
+}
+
+std::unique_ptr<PairFinder> make_early_tiles_in_one_order(const opencl::Context& context) {
+  return make_tiles(context, std::numeric_limits<double>::infinity(), 1);
+}
+
+/// How a frame was searched.
+enum class Searched { early, again, late };
+
+/// Plays frames in which all boxes may move, and compares their changes with those of the oracle.
+class EarlySearch : public ::testing::Test {
+ protected:
+  void start(std::span<const Aabb> boxes, MakePairFinder make = make_early_tiles) {
+    algorithm_ = make_device_algorithm({}, make);
+    oracle_ = make_algorithm({.algorithm = "oracle"});
+    for (Algorithm* algorithm : {algorithm_.get(), oracle_.get()}) algorithm->reserve(boxes.size(), true);
+    (void)play(boxes);
+  }
+
+  /// What differs between frames besides the boxes.
+  struct Extras {
+    std::vector<std::uint32_t> recycled{};
+    std::vector<Filter> filters{};
+    bool filters_changed = false;
+  };
+
+  Searched play(std::span<const Aabb> boxes) { return play(boxes, Extras()); }
+  Searched play(std::span<const Aabb> boxes, const Extras& extras) {
+    const auto update = [&](Algorithm& algorithm) {
+      begin(algorithm, boxes, extras);
+      return algorithm.finish();
+    };
+    const Delta expected = update(*oracle_);
+    EXPECT_TRUE(same(update(*algorithm_), expected.added, expected.removed));
+    const auto has = [&](std::string_view name) {
+      return std::ranges::any_of(algorithm_->profile(),
+                                 [&](const Stage& stage) { return stage.name == name; });
+    };
+    return !has("early") ? Searched::late : has("test") ? Searched::again : Searched::early;
+  }
+
+  static void begin(Algorithm& algorithm, std::span<const Aabb> boxes, const Extras& extras) {
+    std::vector<std::uint32_t> slots(boxes.size());
+    std::iota(slots.begin(), slots.end(), 0);
+    std::ranges::copy(boxes, algorithm.boxes().begin());
+    algorithm.begin({.slots = boxes.size(),
+                     .changed = slots,
+                     .all = true,
+                     .recycled = extras.recycled,
+                     .filters = extras.filters,
+                     .filters_changed = extras.filters_changed});
+  }
+
+  /// Moves all boxes once more.
+  std::span<const Aabb> next(MovingBoxes& boxes) {
+    boxes.advance();
+    return boxes.boxes();
+  }
+
+  /// Plays frames until one is searched early; at most this many.
+  ::testing::AssertionResult becomes_early(MovingBoxes& boxes, std::size_t most) {
+    for (std::size_t frame = 0; frame < most; ++frame) {
+      if (play(next(boxes)) == Searched::early) return ::testing::AssertionSuccess();
+    }
+    return ::testing::AssertionFailure() << "no early search in " << most << " frames";
+  }
+
+  std::unique_ptr<Algorithm> algorithm_, oracle_;
+};
+SUITE_ALSO_IN(EarlySearch, gpu_profile | rusticl);
+
+TEST_F(EarlySearch, FindsTheChangesOfBoxesThatMoveSteadily) {
+  for (const MovingBoxes::Sizes sizes : {MovingBoxes::Sizes::uniform, MovingBoxes::Sizes::mixed}) {
+    MovingBoxes boxes(700, sizes);
+    start(boxes.boxes());
+    std::size_t early = 0;
+    for (std::size_t frame = 0; frame < 60; ++frame) early += play(next(boxes)) == Searched::early ? 1U : 0U;
+    EXPECT_GE(early, 30U);
+    EXPECT_TRUE(same("all", algorithm_->pairs(), oracle_->pairs()));
+  }
+}
+
+ALSO_IN(oclgrind | oclgrind_gpu_profile);
+TEST_F(EarlySearch, IsRepeatedIfABoxMovesFartherThanExpected) {
+  MovingBoxes boxes(300, MovingBoxes::Sizes::uniform);
+  start(boxes.boxes());
+  std::vector<Aabb> moved;
+  for (std::size_t round = 0; round < 3; ++round) {
+    ASSERT_TRUE(becomes_early(boxes, 20)) << "round " << round;
+    moved.assign(next(boxes).begin(), boxes.boxes().end());
+    moved[round] = boxes.boxes()[round + 100];
+    EXPECT_EQ(play(moved), Searched::again);
+    // Not at once again, since what leapt may leap back.
+    EXPECT_EQ(play(next(boxes)), Searched::late);
+  }
+}
+
+TEST_F(EarlySearch, IsRepeatedIfABoxComesOutOfNothing) {
+  MovingBoxes boxes(300, MovingBoxes::Sizes::uniform);
+  std::vector<Aabb> all(boxes.boxes().begin(), boxes.boxes().end());
+  const auto advance = [&](bool with_first) {
+    std::ranges::copy(next(boxes), all.begin());
+    all[1].lower[0] = -infinity;
+    if (!with_first) all[0] = packed_empty();
+    return play(all);
+  };
+  start(all);
+  Searched last = Searched::late;
+  for (std::size_t frame = 0; frame < 20 && last != Searched::early; ++frame) last = advance(false);
+  ASSERT_EQ(last, Searched::early);
+  EXPECT_EQ(advance(true), Searched::again);
+}
+
+TEST_F(EarlySearch, MakesRoomForNearPairs) {
+  // All are near each other in each frame, and each overlaps one other, every time another one.
+  constexpr std::uint32_t n = 600;
+  std::vector<Aabb> boxes(n);
+  const auto advance = [&](std::uint32_t frame) {
+    for (std::uint32_t k = 0; k < n; ++k) {
+      const auto x = static_cast<float>((k + frame * (k % 2)) % n / 2);
+      boxes[k] = {{x, 0, static_cast<float>(frame % 2)}, {x + 0.5F, 1, static_cast<float>(frame % 2)}};
+    }
+    return std::span<const Aabb>(boxes);
+  };
+  start(advance(0), make_early_tiles_in_one_order);
+  std::size_t again = 0;
+  Searched last = Searched::late;
+  for (std::uint32_t frame = 1; frame < 40 && last != Searched::early; ++frame) {
+    last = play(advance(frame));
+    again += last == Searched::again ? 1U : 0U;
+  }
+  EXPECT_GE(again, 1U);
+  EXPECT_EQ(last, Searched::early);
+}
+
+TEST_F(EarlySearch, IsNotDoneIfMoreChangesThanBoxes) {
+  MovingBoxes boxes(300, MovingBoxes::Sizes::uniform);
+  start(boxes.boxes());
+  ASSERT_TRUE(becomes_early(boxes, 20));
+  EXPECT_EQ(play(next(boxes), {.recycled = {7}}), Searched::late);
+  ASSERT_TRUE(becomes_early(boxes, 20));
+  std::vector<Filter> filters(300);
+  for (Filter& filter : filters) filter.mask = 0;
+  EXPECT_EQ(play(next(boxes), {.filters = filters, .filters_changed = true}), Searched::late);
+  EXPECT_TRUE(algorithm_->pairs().empty());
+}
+
+TEST_F(EarlySearch, DoesNotWaitBeforeItsEnd) {
+  MovingBoxes boxes(300, MovingBoxes::Sizes::uniform);
+  start(boxes.boxes(), make_early_tiles_in_one_order);
+  ASSERT_TRUE(becomes_early(boxes, 20));
+  const long before = opencl_use().blocking_calls;
+  begin(*algorithm_, next(boxes), {});
+  EXPECT_EQ(opencl_use().blocking_calls, before);
+  (void)algorithm_->finish();
+}
+
+NOT_IN(rusticl | sanitizers, "fails on purpose, and takes long");
+TEST_F(EarlySearch, LosesNothingIfACallFails) {
+  MovingBoxes boxes(300, MovingBoxes::Sizes::uniform);
+  start(boxes.boxes());
+  for (const long count : {1L, 1000L}) {
+    bool failed = true;
+    for (long first = 0; failed; ++first) {
+      ASSERT_TRUE(becomes_early(boxes, 40)) << first << " calls before a failure";
+      failed = false;
+      try {
+        const FailingOpenCl fails(first, count);
+        begin(*algorithm_, next(boxes), {});
+        (void)algorithm_->finish();
+      } catch (const Error&) {
+        failed = true;
+      }
+      if (!failed) {
+        EXPECT_GT(first, 20);
+        begin(*oracle_, boxes.boxes(), {});
+        (void)oracle_->finish();
+      }
+      (void)play(next(boxes));
+      ASSERT_TRUE(same("all", algorithm_->pairs(), oracle_->pairs())) << first << " calls before a failure";
+    }
+  }
+}
+
+}  // namespace
+}  // namespace broadcl::test
