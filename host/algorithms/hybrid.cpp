@@ -33,7 +33,7 @@ class Estimate {
  public:
   void learn(double expected, double taken) noexcept {
     if (expected <= 0) return;
-    constexpr double most_samples = 16;
+    constexpr double most_samples = 64;
     constexpr double most_growth = 4;  // an update that took longer had to wait, perhaps for a compiler
     samples_ = std::min(samples_ + 1, most_samples);
     factor_ += (std::min(taken / expected, most_growth * factor_) - factor_) / samples_;
