@@ -51,14 +51,6 @@ static inline void make_empty(box_t* box) {
   for (uint i = 0; i < AABB_FLOATS; ++i) box->bound[i] = NAN;
 }
 
-/* Enlarges a box by a margin on all sides. */
-static inline void grow_box(box_t* box, const float margin) {
-  for (uint i = 0; i < 3U; ++i) {
-    box->bound[i] -= margin;
-    box->bound[i + 3U] += margin;
-  }
-}
-
 static inline bool boxes_overlap(const box_t* s, const box_t* t) {
   return AABB_OVERLAPS(s->bound[0], s->bound[1], s->bound[2], s->bound[3], s->bound[4], s->bound[5], t->bound[0],
                        t->bound[1], t->bound[2], t->bound[3], t->bound[4], t->bound[5]) != 0;

@@ -7,6 +7,26 @@
 #define MOST_ITEMS 256U /* per work-group */
 #define CHUNK 4U        /* near pairs per work-item that are tested at a time */
 
+/* Enlarges a box by a margin on all sides. */
+static inline void grow_box(box_t* box, const float margin) {
+  for (uint i = 0; i < 3U; ++i) {
+    box->bound[i] -= margin;
+    box->bound[i + 3U] += margin;
+  }
+}
+
+/* Enlarges the boxes of the last frame, one work-item per box, and sets the counts of near pairs to 0. */
+kernel void near_pairs_grow(const uint slots, global const float* restrict boxes, const float margin,
+                            global float* restrict grown, global uint* restrict near_counts) {
+  const uint k = (uint)get_global_id(0);
+  if (k < COUNTS) near_counts[k] = 0;
+  if (k >= slots) return;
+  box_t box;
+  load_box(&box, boxes, k);
+  grow_box(&box, margin);
+  for (uint i = 0; i < AABB_FLOATS; ++i) grown[(size_t)k * AABB_FLOATS + i] = box.bound[i];
+}
+
 /* How far the sides of a box have moved outwards, at most, as the bits of a float, which are in the order of the
    numbers. More than the margin if the box has left its enlarged one, however the difference is rounded. */
 static inline uint displacement(const box_t* last, const box_t* now, const float margin) {

@@ -202,10 +202,10 @@ static inline void raise(global float* tree, const uint start, const uint k, con
 #endif
 
 /* Copies the boxes to their tiles and computes the bounds of these, one work-group per tile. Tiles past the last one
-   have no bounds. If there are stamps, only boxes that changed take part. Boxes are enlarged by `margin`. */
+   have no bounds. If there are stamps, only boxes that changed take part. */
 kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_fill(
-    const uint n, const uint tiles, const uint parents, const uint sets, const float margin,
-    global const uint2* restrict elements, global float* tree, OBJECT_PARAMETERS) {
+    const uint n, const uint tiles, const uint parents, const uint sets, global const uint2* restrict elements,
+    global float* tree, OBJECT_PARAMETERS) {
 #if GROUP > 1
   local raise_t scratch;
 #endif
@@ -228,7 +228,6 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_fill(
 #else
       load_box(&box, boxes, slot);
 #endif
-      if (margin > 0) grow_box(&box, margin);
       make_bounds(&bounds, &box, slot, sets, filters);
     }
     if (tile < tiles) store_child(&bounds, tree, tile, child);

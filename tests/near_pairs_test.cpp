@@ -14,7 +14,9 @@
 
 #include "algorithms/algorithm.hpp"
 #include "algorithms/engine.hpp"
+#include "device_limits.hpp"
 #include "each_algorithm.hpp"
+#include "environment.hpp"
 #include "failing_opencl.hpp"
 #include "packed_box.hpp"
 #include "scenes/generators.hpp"
@@ -160,6 +162,29 @@ TEST_F(EarlySearch, MakesRoomForNearPairs) {
   }
   EXPECT_GE(again, 1U);
   EXPECT_EQ(last, Searched::early);
+}
+
+TEST_F(EarlySearch, IsRightAlsoIfTheDeviceTakesDenormalNumbersForZeros) {
+  const LimitedDevices limited({.has_denormals = false});
+  const ScopedVariable cache("BROADCL_CACHE_DIR", "/dev/null");
+  for (const float unit : {1e-38F, 1e-39F}) {
+    MovingBoxes boxes(300, MovingBoxes::Sizes::uniform);
+    std::vector<Aabb> small(300);
+    const auto advance = [&] {
+      std::ranges::transform(next(boxes), small.begin(), [&](Aabb box) {
+        for (std::size_t axis = 0; axis < 3; ++axis) {
+          box.lower[axis] = (box.lower[axis] - 0.5F) * unit;
+          box.upper[axis] = (box.upper[axis] - 0.5F) * unit;
+        }
+        return box;
+      });
+      return std::span<const Aabb>(small);
+    };
+    start(advance());
+    for (std::size_t frame = 0; frame < 10; ++frame) (void)play(advance());
+    EXPECT_FALSE(oracle_->pairs().empty());
+    EXPECT_TRUE(same("all", algorithm_->pairs(), oracle_->pairs()));
+  }
 }
 
 TEST_F(EarlySearch, IsNotDoneIfMoreChangesThanBoxes) {

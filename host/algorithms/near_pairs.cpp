@@ -4,6 +4,8 @@
 #include <cmath>
 #include <vector>
 
+#include <broadcl/aabb.hpp>
+
 namespace broadcl {
 namespace {
 
@@ -26,23 +28,25 @@ bool NearPairs::begin(const Search& search, const PairDelta& sink, bool can_sear
   if (is_running_) wait();
   is_running_ = false;
   // (If the last boxes are in another buffer now, the commands that copied them may not have ended.)
-  const bool follows = sink.frames() == frame_ + 1 && search.last.boxes() == boxes_;
+  const bool follows = sink.frames() == frame_ + 1 && search.last.boxes() == now_;
   const bool is_distance_known = follows && is_measured_;
   if (follows && is_early_ && !pays) give_up();
   if (follows && is_early_) pause_ /= 2;
   is_early_ = is_measured_ = false;
   frame_ = sink.frames();
-  boxes_ = search.now.boxes();
+  now_ = search.now.boxes();
   if (!is_possible(search) || frame_ < resume_) return false;
   build();
-  reserve(sink.pair_count());
+  reserve(search.now.slots, sink.pair_count());
   is_measured_ = true;
   margin_ = margin_factor * sink.displacement();
   if (!can_search || !is_distance_known || !std::isfinite(margin_)) return false;
 
   context_.queue().flush();  // so that the upload starts first
   is_early_ = is_running_ = true;
-  context_.fill(queue_, counts_, 0, 0, PairDelta::count_bytes / sizeof(cl_uint));
+  opencl::set_arguments(grow_.kernel, 0, search.last.slots, search.last.boxes, margin_, grown_.get(),
+                        counts_);
+  grow_.enqueue(queue_, std::max<std::size_t>(search.last.slots, PairDelta::count_bytes / sizeof(cl_uint)));
   return true;
 }
 
@@ -50,10 +54,13 @@ void NearPairs::build() {
   if (test_.kernel() != nullptr) return;
   counts_ = context_.buffer(PairDelta::count_bytes);
   queue_ = context_.second_queue();
-  test_ = context_.sized_kernel(context_.program("near_pairs.cl"), "near_pairs_test", most_items);
+  const cl::Program program = context_.program("near_pairs.cl");
+  grow_ = context_.sized_kernel(program, "near_pairs_grow");
+  test_ = context_.sized_kernel(program, "near_pairs_test", most_items);
 }
 
-void NearPairs::reserve(std::size_t pairs) {
+void NearPairs::reserve(std::size_t slots, std::size_t pairs) {
+  grown_.reserve(context_, slots * sizeof(Aabb), "boxes");
   wanted_ = std::max({wanted_, pairs, least_pairs});
   if (wanted_ <= capacity_) return;
   capacity_ = 0;

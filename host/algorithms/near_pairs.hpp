@@ -33,7 +33,8 @@ class NearPairs {
   /// @throws cl::Error, Error
   [[nodiscard]] bool begin(const Search& search, const PairDelta& sink, bool can_search, bool pays);
   [[nodiscard]] const cl::CommandQueue& queue() const noexcept { return queue_; }
-  [[nodiscard]] float margin() const noexcept { return margin_; }
+  /// The boxes to search.
+  [[nodiscard]] const cl::Buffer& boxes() const noexcept { return grown_.get(); }
   /// Sets the PAIR_SINK_PARAMETERS of the kernel that searches early, from the given index on.
   /// @throws cl::Error
   void set_sink(cl::Kernel& kernel, cl_uint first, const Search& search) const;
@@ -52,20 +53,21 @@ class NearPairs {
  private:
   [[nodiscard]] bool is_possible(const Search& search) const noexcept;
   void build();
-  void reserve(std::size_t pairs);
+  void reserve(std::size_t slots, std::size_t pairs);
   void wait() const noexcept;
 
   const opencl::Context& context_;
   std::size_t fewest_;
-  opencl::SizedKernel test_;
+  opencl::SizedKernel grow_, test_;
   cl::CommandQueue queue_;
   cl::Event searched_;
+  opencl::GrowingBuffer grown_;  // boxes
   opencl::GrowingBuffer pairs_;
   std::size_t capacity_ = 0;  // pairs
   std::size_t wanted_ = 0;    // pairs to make room for
   cl::Buffer counts_;         // as those of PairDelta
   std::size_t frame_ = 0;     // the number of this frame
-  cl_mem boxes_ = nullptr;    // its boxes
+  cl_mem now_ = nullptr;      // its boxes
   float margin_ = 0;
   bool is_early_ = false;     // whether this frame is searched early
   bool is_measured_ = false;  // whether the distances of this frame will be known

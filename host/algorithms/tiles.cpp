@@ -355,29 +355,29 @@ class Tiles final : public PairFinder {
     opencl::Profiler::Scope stage(profiler, "build");
     if (gathers) {
       cl::Kernel& fill = gathering_fill(has_worlds(search));
-      search.source->set_arguments(fill, set_fill(fill, search, 0, tree_), search.now, sink.counts());
+      search.source->set_arguments(fill, set_fill(fill, search, tree_), search.now, sink.counts());
       fill_tree(context_.queue(), search, fill, tree_, stage.event());
       return;
     }
     const auto fill = [&](const cl::Buffer& stamps, const Tree& tree, cl::Event* event) {
-      fill_tree(context_.queue(), search, search.now.boxes, 0, stamps, tree, event);
+      fill_tree(context_.queue(), search, search.now.boxes, stamps, tree, event);
     };
     fill({}, tree_, stage.event());
     if (!search.all) fill(search.stamps, changed_tree_, nullptr);
   }
 
-  void fill_tree(const cl::CommandQueue& queue, const Search& search, const cl::Buffer& boxes, float margin,
+  void fill_tree(const cl::CommandQueue& queue, const Search& search, const cl::Buffer& boxes,
                  const cl::Buffer& stamps, const Tree& tree, cl::Event* event) {
     cl::Kernel& fill = kernels(search).fill;
-    opencl::set_arguments(fill, set_fill(fill, search, margin, tree), boxes,
+    opencl::set_arguments(fill, set_fill(fill, search, tree), boxes,
                           has_worlds(search) ? search.now.filters : cl::Buffer(), search.stamp, stamps);
     fill_tree(queue, search, fill, tree, event);
   }
 
-  cl_uint set_fill(cl::Kernel& fill, const Search& search, float margin, const Tree& tree) const {
+  cl_uint set_fill(cl::Kernel& fill, const Search& search, const Tree& tree) const {
     return opencl::set_arguments(fill, 0, search.now.slots,
                                  static_cast<cl_uint>(divide_up(search.now.slots, launch_.node)),
-                                 starts_.s[1], sets(search), margin, elements_, tree.nodes);
+                                 starts_.s[1], sets(search), elements_, tree.nodes);
   }
 
   void fill_tree(const cl::CommandQueue& queue, const Search& search, const cl::Kernel& fill,
@@ -400,7 +400,7 @@ class Tiles final : public PairFinder {
   void search_early(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) {
     {
       opencl::Profiler::Scope stage(profiler, "build");
-      fill_tree(near_.queue(), search, search.last.boxes, near_.margin(), {}, tree_, stage.event());
+      fill_tree(near_.queue(), search, near_.boxes(), {}, tree_, stage.event());
     }
     enqueue_search(search, sink, profiler);
     near_.searched();
