@@ -4,6 +4,7 @@
 #include <chrono>
 #include <exception>
 #include <future>
+#include <optional>
 #include <utility>
 
 #include <broadcl/error.hpp>
@@ -27,16 +28,22 @@ double seconds_since(Clock::time_point start) {
   return std::chrono::duration<double>(Clock::now() - start).count();
 }
 
+/// A switch must save at least this much, or a few slow updates could cause one: in seconds.
+constexpr double least_saving = 5e-3;
+
 /// Corrects the expected time of an update by the measured times of earlier ones: first by their mean, then
 /// with less and less weight for old ones.
 class Estimate {
  public:
-  void learn(double expected, double taken) noexcept {
-    if (expected <= 0) return;
-    constexpr double most_samples = 64;
+  /// @returns The time taken, or the most that counts.
+  double learn(double expected, double taken) noexcept {
+    if (expected <= 0) return taken;
+    constexpr double most_samples = 1024;
     constexpr double most_growth = 4;  // an update that took longer had to wait, perhaps for a compiler
     samples_ = std::min(samples_ + 1, most_samples);
-    factor_ += (std::min(taken / expected, most_growth * factor_) - factor_) / samples_;
+    const double factor = std::min(taken / expected, most_growth * factor_);
+    factor_ += (factor - factor_) / samples_;
+    return factor * expected;
   }
   [[nodiscard]] double seconds(double expected) const noexcept { return factor_ * expected; }
 
@@ -87,6 +94,7 @@ class Hybrid final : public Algorithm {
 
   Delta finish() override {
     const auto start = Clock::now();
+    taken_.reset();
     Delta delta;
     std::vector<Pair> pairs;
     or_leave_device([&] {
@@ -143,11 +151,10 @@ class Hybrid final : public Algorithm {
 
   void learn(double taken) {
     if (opening_.valid()) return;  // which slows updates down
-    if (is_on_device()) {
-      device_estimate_.learn(device_->expected_seconds(changes_.slots, changed_slots()), taken);
-    } else {
-      host_estimate_.learn(host_seconds(changes_.slots, changed_slots()), taken);
-    }
+    const std::size_t changed = changed_slots();
+    taken_ = is_on_device()
+                 ? device_estimate_.learn(device_->expected_seconds(changes_.slots, changed), taken)
+                 : host_estimate_.learn(host_seconds(changes_.slots, changed), taken);
   }
 
   /// Does something that may fail on the device: what follows is then done on the host, for good, if the
@@ -184,11 +191,12 @@ class Hybrid final : public Algorithm {
       open_ = nullptr;
       return;
     }
-    const double on_device = seconds_on_device(changes_.slots, changed_slots());
-    overspent_ = std::max(0.0, overspent_ + (is_on_device() ? on_device - on_host : on_host - on_device));
+    if (!taken_) return;
+    const double other = is_on_device() ? on_host : seconds_on_device(changes_.slots, changed_slots());
+    overspent_ = std::max(0.0, overspent_ + *taken_ - other);
     const double there_and_back = first_search * (seconds_on_host(changes_.slots, changes_.slots) +
                                                   seconds_on_device(changes_.slots, changes_.slots));
-    if (overspent_ <= there_and_back) return;
+    if (overspent_ <= std::max(there_and_back, least_saving)) return;
     overspent_ = 0;
     before_ = current_->pairs();
     change_to(is_on_device() ? *host_ : *device_);
@@ -220,8 +228,9 @@ class Hybrid final : public Algorithm {
   Algorithm* asked_ = host_.get();    // did the last one
   bool filters_ = false;              // whether there is memory for filters
   bool was_updated_ = false;
-  Changes changes_;     // of the last update
-  double seconds_ = 0;  // that begin() of the last update took
+  Changes changes_;              // of the last update
+  double seconds_ = 0;           // that begin() of the last update took
+  std::optional<double> taken_;  // seconds that all of it took, if that says what later ones take
   Estimate host_estimate_, device_estimate_;
   double slow_update_;         // seconds
   double slow_seconds_ = 0;    // that slow updates in a row have taken on the host
