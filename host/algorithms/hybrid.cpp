@@ -183,16 +183,16 @@ class Hybrid final : public Algorithm {
   void choose() noexcept try {
     if (has_device_failed_) return;
     take_opened();
-    const double on_host = seconds_on_host(changes_.slots, changed_slots());
+    if (!taken_) return;
     if (device_ == nullptr) {
-      slow_seconds_ = on_host > slow_update_ ? slow_seconds_ + on_host : 0;
+      slow_seconds_ = *taken_ > slow_update_ ? slow_seconds_ + *taken_ : 0;
       if (slow_seconds_ < slow_updates_until_opening * slow_update_ || open_ == nullptr) return;
       opening_ = std::async(std::launch::async, open_);
       open_ = nullptr;
       return;
     }
-    if (!taken_) return;
-    const double other = is_on_device() ? on_host : seconds_on_device(changes_.slots, changed_slots());
+    const double other = is_on_device() ? seconds_on_host(changes_.slots, changed_slots())
+                                        : seconds_on_device(changes_.slots, changed_slots());
     overspent_ = std::max(0.0, overspent_ + *taken_ - other);
     const double there_and_back = first_search * (seconds_on_host(changes_.slots, changes_.slots) +
                                                   seconds_on_device(changes_.slots, changes_.slots));
