@@ -1,6 +1,7 @@
 #pragma once
 
 #include <algorithm>
+#include <cstddef>
 #include <cstdint>
 #include <iterator>
 #include <span>
@@ -8,7 +9,27 @@
 
 #include <broadcl/pair.hpp>
 
+#include "parallel.hpp"
+
 namespace broadcl {
+
+/// Resizes a list that is to be overwritten. Most of the time that a long new list takes is spent in page
+/// faults, so several threads cause these.
+/// @throws std::bad_alloc
+inline void resize_for_writing(std::vector<Pair>& pairs, std::size_t n, std::size_t threads) {
+  constexpr std::size_t page = 4096;  // bytes, at least
+  constexpr std::size_t part = 512 * 1024;
+  const std::size_t bytes = n * sizeof(Pair);
+  if (n > pairs.capacity() && bytes >= 8 * part) {
+    pairs.clear();
+    pairs.reserve(n);
+    auto* const memory = reinterpret_cast<volatile std::byte*>(pairs.data());
+    parallel_for(bytes / part, threads, [&](std::size_t k, std::size_t /*thread*/) {
+      for (std::size_t byte = k * part; byte < (k + 1) * part; byte += page) memory[byte] = std::byte{0};
+    });
+  }
+  pairs.resize(n);
+}
 
 // Lists of pairs as sets: each in canonical order, without duplicates.
 

@@ -60,8 +60,16 @@ HostTiles<axes> random_tiles(std::size_t tiles) {
   return all;
 }
 
+Pairs to_pairs(const Found& found) {
+  std::vector<std::span<const Pair>> lists;
+  found.get(lists);
+  Pairs pairs;
+  for (const std::span<const Pair> list : lists) pairs.insert(pairs.end(), list.begin(), list.end());
+  return pairs;
+}
+
 Pairs sorted(const Found& found) {
-  Pairs pairs(found.pairs.begin(), found.pairs.begin() + static_cast<std::ptrdiff_t>(found.count));
+  Pairs pairs = to_pairs(found);
   std::ranges::sort(pairs);
   return pairs;
 }
@@ -120,6 +128,22 @@ void expect_same_pairs(const HostTiles<axes>& all) {
       pairs.erase(std::unique(pairs.begin(), pairs.end()), pairs.end());
       EXPECT_TRUE(same("of boxes", pairs, expected)) << plain;
     }
+  }
+}
+
+TEST(Found, HoldsAsManyPairsAsThereAre) {
+  Found found;
+  EXPECT_TRUE(to_pairs(found).empty());
+  for (const std::uint32_t n : {200000U, 1U, 65536U, 300000U}) {
+    found.clear();
+    Pairs expected;
+    for (std::uint32_t k = 0; k < n; ++k) {
+      if (k % 7 == 0) found.reserve(7);
+      expected.push_back({k, k + n});
+      *found.next() = expected.back();
+      found.set_next(found.next() + 1);
+    }
+    EXPECT_TRUE(same("pairs", to_pairs(found), expected));
   }
 }
 

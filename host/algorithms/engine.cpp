@@ -1,7 +1,10 @@
 #include "algorithms/engine.hpp"
 
 #include <algorithm>
+#include <thread>
 #include <utility>
+
+#include "pair_lists.hpp"
 
 namespace broadcl {
 
@@ -102,7 +105,8 @@ cl::Buffer Engine::sorted_pairs() {
 }
 
 std::vector<Pair> Engine::pairs() {
-  std::vector<Pair> pairs(pair_count());
+  std::vector<Pair> pairs;
+  resize_for_writing(pairs, pair_count(), std::thread::hardware_concurrency());
   if (pairs.empty()) return pairs;
   context_.queue().enqueueReadBuffer(sorted_pairs(), CL_TRUE, 0, pairs.size() * sizeof(Pair), pairs.data());
   return pairs;

@@ -15,7 +15,8 @@
 namespace broadcl {
 namespace {
 
-/// A device is opened once slow updates in a row have taken as long as this many of the fastest slow ones.
+/// A device is opened once slow updates in a row have taken as long as this many of the fastest slow ones. A
+/// switch must save at least as much, or a few slow updates could cause one.
 constexpr double slow_updates_until_opening = 100;
 
 /// The first search of all boxes takes so many times as long as a later one, because it also sorts and
@@ -27,9 +28,6 @@ using Clock = std::chrono::steady_clock;
 double seconds_since(Clock::time_point start) {
   return std::chrono::duration<double>(Clock::now() - start).count();
 }
-
-/// A switch must save at least this much, or a few slow updates could cause one: in seconds.
-constexpr double least_saving = 5e-3;
 
 /// Corrects the expected time of an update by the measured times of earlier ones: first by their mean, then
 /// with less and less weight for old ones.
@@ -184,9 +182,10 @@ class Hybrid final : public Algorithm {
     if (has_device_failed_) return;
     take_opened();
     if (!taken_) return;
+    const double long_enough = slow_updates_until_opening * slow_update_;
     if (device_ == nullptr) {
       slow_seconds_ = *taken_ > slow_update_ ? slow_seconds_ + *taken_ : 0;
-      if (slow_seconds_ < slow_updates_until_opening * slow_update_ || open_ == nullptr) return;
+      if (slow_seconds_ < long_enough || open_ == nullptr) return;
       opening_ = std::async(std::launch::async, open_);
       open_ = nullptr;
       return;
@@ -196,7 +195,7 @@ class Hybrid final : public Algorithm {
     overspent_ = std::max(0.0, overspent_ + *taken_ - other);
     const double there_and_back = first_search * (seconds_on_host(changes_.slots, changes_.slots) +
                                                   seconds_on_device(changes_.slots, changes_.slots));
-    if (overspent_ <= std::max(there_and_back, least_saving)) return;
+    if (overspent_ <= std::max(there_and_back, long_enough)) return;
     overspent_ = 0;
     before_ = current_->pairs();
     change_to(is_on_device() ? *host_ : *device_);

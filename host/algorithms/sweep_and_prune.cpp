@@ -178,9 +178,9 @@ class SweepAndPrune final : public HostFinder {
 
   void find(const HostObjects& objects, std::vector<Pair>& pairs) override {
     axes_of(objects) == 4 ? find(four_, objects) : find(three_, objects);
-    std::vector<std::span<const Pair>> lists;
-    for (const Found& found : found_) lists.emplace_back(found.pairs.data(), found.count);
-    sort_pairs_(lists, objects.boxes.size(), threads_of(objects.boxes.size()), pairs);
+    lists_.clear();
+    for (const Found& found : found_) found.get(lists_);
+    sort_pairs_(lists_, objects.boxes.size(), threads_of(objects.boxes.size()), pairs);
   }
 
   bool find_changed(const HostObjects& objects, std::span<const std::uint32_t> changed,
@@ -267,7 +267,8 @@ class SweepAndPrune final : public HostFinder {
   HostTiles<3> three_;
   HostTiles<4> four_;
   std::vector<std::uint32_t> dirty_;
-  std::vector<Found> found_;  // by each thread
+  std::vector<Found> found_;                  // by each thread
+  std::vector<std::span<const Pair>> lists_;  // of these
   PairSort sort_pairs_;
 };
 
@@ -361,7 +362,7 @@ bool SweepAndPrune::search_all(const HostTiles<axes>& all, std::span<const Filte
                                std::size_t threads, double most_work) {
   const TileSearch<axes> search = tile_search<axes>();
   found_.resize(std::max(found_.size(), threads));
-  for (Found& found : found_) found.count = found.work = 0;
+  for (Found& found : found_) found.clear();
   std::atomic<std::size_t> work = 0;
   parallel_for(all.nodes.size() * parts_per_node, threads, [&](std::size_t part, std::size_t thread) {
     if (static_cast<double>(work) > most_work) return;
@@ -378,10 +379,12 @@ template <std::size_t axes>
 void SweepAndPrune::search_boxes(const HostTiles<axes>& all, std::span<const Filter> filters,
                                  std::span<const std::uint32_t> places, std::vector<Pair>& pairs) {
   found_.resize(std::max<std::size_t>(1, found_.size()));
-  found_[0].count = 0;
+  found_[0].clear();
   tile_search<axes>().boxes(found_[0], all, places, filters);
-  pairs.assign(found_[0].pairs.begin(),
-               found_[0].pairs.begin() + static_cast<std::ptrdiff_t>(found_[0].count));
+  lists_.clear();
+  found_[0].get(lists_);
+  pairs.clear();
+  for (const std::span<const Pair> list : lists_) pairs.insert(pairs.end(), list.begin(), list.end());
   std::ranges::sort(pairs);
   pairs.erase(std::unique(pairs.begin(), pairs.end()), pairs.end());  // of two that changed
 }

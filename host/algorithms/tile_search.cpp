@@ -69,11 +69,13 @@ BROADCL_INLINE Bounds<axes> sought(const HostTiles<axes>& all, Bounds<axes> boun
 template <std::size_t axes>
 BROADCL_INLINE void append_found(Found& found, const Node<axes>& tile, std::uint32_t bits,
                                  std::uint32_t other, std::span<const Filter> filters) {
+  Pair* next = found.next();
   for (; bits != 0; bits &= bits - 1) {
     const std::uint32_t slot = tile.index[lowest_bit(bits)];
     if (!filters.empty() && !may_pair(filters[slot], filters[other])) continue;
-    found.pairs[found.count++] = {std::min(slot, other), std::max(slot, other)};
+    *next++ = {std::min(slot, other), std::max(slot, other)};
   }
+  found.set_next(next);
 }
 
 /// Tests the boxes of two tiles. Along axes that are not tested, all of them overlap.

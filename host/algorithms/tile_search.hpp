@@ -3,6 +3,7 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <memory>
 #include <span>
 #include <vector>
 
@@ -75,15 +76,50 @@ struct HostTiles {
   bool sets = false;
 };
 
-/// The pairs that a thread found.
-struct Found {
-  std::vector<Pair> pairs;  // of which the first `count` were found
-  std::size_t count = 0;
+/// The pairs that a thread found, in blocks, so that none is copied when there are more, and no memory is
+/// written in advance. The blocks are kept.
+class Found {
+ public:
   std::size_t work = 0;
 
-  void reserve(std::size_t more) {
-    if (pairs.size() < count + more) pairs.resize(2 * pairs.size() + more);
+  void clear() noexcept {
+    work = used_ = 0;
+    next_ = end_ = nullptr;
   }
+  /// Must be called before some pairs, at most 1024, are appended.
+  /// @throws std::bad_alloc
+  void reserve(std::size_t more) {
+    if (static_cast<std::size_t>(end_ - next_) < more) start_block();
+  }
+  /// Where the next pair is to be stored, and, after some have been, where the one after them is.
+  [[nodiscard]] Pair* next() const noexcept { return next_; }
+  void set_next(Pair* next) noexcept { next_ = next; }
+  /// Appends one list per block.
+  void get(std::vector<std::span<const Pair>>& lists) const {
+    for (std::size_t k = 0; k < used_; ++k) {
+      const Pair* const begin = blocks_[k].pairs.get();
+      lists.emplace_back(begin, k + 1 < used_ ? blocks_[k].end : next_);
+    }
+  }
+
+ private:
+  static constexpr std::size_t block_size = std::size_t{1} << 16U;
+  struct Block {
+    std::unique_ptr<Pair[]> pairs;  // NOLINT(modernize-avoid-c-arrays)
+    const Pair* end = nullptr;      // of those that were found, unless it is the last block
+  };
+
+  [[gnu::noinline]] void start_block() {
+    if (used_ == blocks_.size()) blocks_.push_back({.pairs = std::unique_ptr<Pair[]>(new Pair[block_size])});
+    if (used_ > 0) blocks_[used_ - 1].end = next_;
+    next_ = blocks_[used_++].pairs.get();
+    end_ = next_ + block_size;
+  }
+
+  std::vector<Block> blocks_;
+  std::size_t used_ = 0;
+  Pair* next_ = nullptr;
+  Pair* end_ = nullptr;
 };
 
 /// So that threads can share the tiles of a node.
