@@ -10,23 +10,22 @@
 #include <broadcl/pair.hpp>
 
 #include "parallel.hpp"
+#include "system.hpp"
 
 namespace broadcl {
 
 /// Resizes a list that is to be overwritten. Most of the time that a long new list takes is spent in page
-/// faults, so several threads cause these.
-/// @throws std::bad_alloc
+/// faults, so several threads share these.
+/// @throws std::bad_alloc; the list is empty then, or as before.
 inline void resize_for_writing(std::vector<Pair>& pairs, std::size_t n, std::size_t threads) {
-  constexpr std::size_t page = 4096;  // bytes, at least
-  constexpr std::size_t part = 512 * 1024;
-  const std::size_t bytes = n * sizeof(Pair);
-  if (n > pairs.capacity() && bytes >= 8 * part) {
+  constexpr std::size_t part = 512 * 1024;  // bytes
+  const std::size_t parts = n * sizeof(Pair) / part;
+  if (n > pairs.capacity() && parts >= 8) {
     pairs.clear();
     pairs.reserve(n);
-    auto* const memory = reinterpret_cast<volatile std::byte*>(pairs.data());
-    parallel_for(bytes / part, threads, [&](std::size_t k, std::size_t /*thread*/) {
-      for (std::size_t byte = k * part; byte < (k + 1) * part; byte += page) memory[byte] = std::byte{0};
-    });
+    auto* const memory = reinterpret_cast<std::byte*>(pairs.data());
+    parallel_for(parts, threads,
+                 [&](std::size_t k, std::size_t /*thread*/) { populate_pages(memory + k * part, part); });
   }
   pairs.resize(n);
 }

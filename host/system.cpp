@@ -15,6 +15,7 @@
 #else
 #include <fcntl.h>
 #include <sys/file.h>
+#include <sys/mman.h>
 #include <sys/utsname.h>
 #include <unistd.h>
 
@@ -64,6 +65,8 @@ std::uint32_t process_id() {
 bool is_terminal(std::FILE* stream) {
   return _isatty(_fileno(stream)) != 0;
 }
+
+void populate_pages(void* /*begin*/, std::size_t /*bytes*/) noexcept {}
 
 std::string processor_name() {
   return environment("PROCESSOR_IDENTIFIER").value_or("unknown");
@@ -122,6 +125,15 @@ std::uint32_t process_id() {
 
 bool is_terminal(std::FILE* stream) {
   return isatty(fileno(stream)) != 0;
+}
+
+void populate_pages([[maybe_unused]] void* begin, [[maybe_unused]] std::size_t bytes) noexcept {
+#ifdef MADV_POPULATE_WRITE
+  const auto page = static_cast<std::uintptr_t>(sysconf(_SC_PAGESIZE));
+  const std::uintptr_t before = reinterpret_cast<std::uintptr_t>(begin) % page;
+  // (If it fails, the pages are provided when they are used.)
+  (void)madvise(static_cast<std::byte*>(begin) - before, before + bytes, MADV_POPULATE_WRITE);
+#endif
 }
 
 std::string processor_name() {

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <cstdio>
 #include <filesystem>
@@ -25,6 +26,10 @@ namespace broadcl {
 /// @returns Null if another caller has locked it.
 /// @throws Error if the folder cannot be opened or locked.
 [[nodiscard]] std::shared_ptr<const void> lock_folder(const std::filesystem::path& folder);
+
+/// Makes the system provide the memory of all pages that lie in a range, instead of at the first access to
+/// each of them, if it can (Linux 5.14 and later).
+void populate_pages(void* begin, std::size_t bytes) noexcept;
 
 /// The name of the processor, as people know it; the architecture if the system reports no more.
 [[nodiscard]] std::string processor_name();

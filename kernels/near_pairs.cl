@@ -27,26 +27,30 @@ kernel void near_pairs_grow(const uint slots, global const float* restrict boxes
   for (uint i = 0; i < AABB_FLOATS; ++i) grown[(size_t)k * AABB_FLOATS + i] = box.bound[i];
 }
 
-/* How far the sides of a box have moved outwards, at most, as the bits of a float, which are in the order of the
-   numbers. More than the margin if the box has left its enlarged one, however the difference is rounded. */
+/* How far the sides of a box have moved outwards, at most, as the bits of a float that is not negative, and not -0:
+   their order is that of the numbers. More than the margin if the box has left its enlarged one, however the difference
+   is rounded. */
 static inline uint displacement(const box_t* last, const box_t* now, const float margin) {
   box_t grown = *last;
   grow_box(&grown, margin);
   float farthest = 0;
   bool within = true;
   for (uint i = 0; i < 3U; ++i) {
-    farthest = fmax(farthest, fmax(last->bound[i] - now->bound[i], now->bound[i + 3U] - last->bound[i + 3U]));
+    const float down = last->bound[i] - now->bound[i];
+    const float up = now->bound[i + 3U] - last->bound[i + 3U];
+    if (down > farthest) farthest = down;
+    if (up > farthest) farthest = up;
     within = within && NOT_ABOVE(grown.bound[i], now->bound[i]) != 0 &&
              NOT_ABOVE(now->bound[i + 3U], grown.bound[i + 3U]) != 0;
   }
   if (isnan(now->bound[0])) return 0;
   if (isnan(last->bound[0])) return as_uint(INFINITY);
-  return max(as_uint(farthest), within ? 0U : as_uint(margin) + 1U);
+  return max(as_uint(farthest) & INT_MAX, within ? 0U : as_uint(margin) + 1U);
 }
 
 /* Measures how far boxes have moved, and appends the new pairs. `near_pairs` is the list of near pairs, filled from its
    end; `near_counts` are its counts, or null if there was no such search. If the list was too short, the displacement
-   is that of UINT_MAX, a NaN. */
+   is UINT_MAX. */
 kernel void near_pairs_test(const uint slots, global const float* restrict boxes, const float margin,
                             const uint near_capacity, global const uint2* restrict near_pairs,
                             global const uint* restrict near_counts, PAIR_SINK_PARAMETERS) {

@@ -1,16 +1,20 @@
 #include "opencl/api.hpp"  // before <CL/cl.h>: it chooses the version
 
 #include <algorithm>
+#include <cstddef>
 #include <cstdint>
 #include <limits>
 #include <memory>
 #include <numeric>
+#include <random>
+#include <span>
 #include <string_view>
 #include <vector>
 
 #include <gtest/gtest.h>
 
 #include <broadcl/broad_phase.hpp>
+#include <broadcl/error.hpp>
 
 #include "algorithms/algorithm.hpp"
 #include "algorithms/engine.hpp"
@@ -214,26 +218,87 @@ TEST_F(EarlySearch, LosesNothingIfACallFails) {
   MovingBoxes boxes(300, MovingBoxes::Sizes::uniform);
   start(boxes.boxes());
   for (const long count : {1L, 1000L}) {
-    bool failed = true;
-    for (long first = 0; failed; ++first) {
+    bool is_reached = true;
+    for (long first = 0; is_reached; ++first) {
       ASSERT_TRUE(becomes_early(boxes, 40)) << first << " calls before a failure";
-      failed = false;
+      bool failed = false;
       try {
         const FailingOpenCl fails(first, count);
         begin(*algorithm_, next(boxes), {});
         (void)algorithm_->finish();
+        is_reached = FailingOpenCl::calls() > first;
       } catch (const Error&) {
         failed = true;
       }
       if (!failed) {
-        EXPECT_GT(first, 20);
         begin(*oracle_, boxes.boxes(), {});
         (void)oracle_->finish();
       }
+      ASSERT_TRUE(is_reached || first > 20);
       (void)play(next(boxes));
       ASSERT_TRUE(same("all", algorithm_->pairs(), oracle_->pairs())) << first << " calls before a failure";
     }
   }
+}
+
+/// Whatever happens between two frames.
+TEST_F(EarlySearch, FollowsTheOracleThroughRandomFrames) {
+  std::size_t early = 0;
+  for (const unsigned seed : {1U, 2U, 3U, 4U}) {
+    std::mt19937 random(seed);
+    const auto below = [&](std::uint32_t n) { return static_cast<std::uint32_t>(random() % n); };
+    constexpr std::uint32_t most = 260;
+    MovingBoxes scene(most, seed % 2 == 0 ? MovingBoxes::Sizes::uniform : MovingBoxes::Sizes::mixed, seed);
+    std::uint32_t n = 200;
+    std::vector<Aabb> boxes(scene.boxes().begin(), scene.boxes().begin() + n);
+    std::vector<Filter> filters(most);
+    std::vector<Pair> exclusions;
+    start(boxes);
+    for (int frame = 0; frame < 150; ++frame) {
+      std::vector<std::uint32_t> slots(n);
+      std::iota(slots.begin(), slots.end(), 0U);
+      Changes changes{.slots = n, .changed = slots, .all = true};
+      std::vector<std::uint32_t> recycled;
+      scene.advance();
+      const std::uint32_t event = below(12);
+      if (event == 0) changes.slots = n = 200 + below(most - 200);
+      boxes.assign(scene.boxes().begin(), scene.boxes().begin() + n);
+      if (event == 1) std::erase_if(slots, [&](std::uint32_t slot) { return slot % 7 != 0; });
+      changes.all = event != 1;
+      changes.changed = slots;
+      if (event == 2) recycled = {below(100), 100 + below(100)};
+      if (event == 3) {
+        for (Filter& filter : filters) filter.world = below(2) == 0 ? 0 : below(3);
+      }
+      if (event == 4) exclusions = {{below(100), 100 + below(100)}};
+      if (event == 5) boxes[below(n)] = boxes[below(n)];
+      if (event == 6) boxes[below(n)] = packed_empty();
+      if (event == 7) boxes[below(n)].upper[below(3)] = infinity;
+      if (event == 8) boxes[below(n)].lower[below(3)] = below(2) == 0 ? 0.0F : -0.0F;
+      for (Aabb& box : boxes) box = pack(box);
+      changes.recycled = recycled;
+      changes.filters_changed = event == 3 || event == 4;
+      const bool has_worlds = std::ranges::any_of(filters, [](const Filter& f) { return f.world != 0; });
+      changes.worlds = has_worlds;
+      if (has_worlds) changes.filters = std::span(filters).first(n);
+      changes.exclusions = exclusions;
+      Delta deltas[2];  // NOLINT(modernize-avoid-c-arrays)
+      for (std::size_t k = 0; k < 2; ++k) {
+        Algorithm& algorithm = k == 0 ? *oracle_ : *algorithm_;
+        algorithm.reserve(event == 9 ? most + 40 * static_cast<std::uint32_t>(frame) : n, true);
+        algorithm.reserve_exclusions(exclusions.size());
+        std::span<Aabb> stored = algorithm.boxes();
+        for (std::uint32_t slot = 0; slot < n; ++slot) {
+          if (changes.all || slot % 7 == 0) stored[slot] = boxes[slot];
+        }
+        algorithm.begin(changes);
+        deltas[k] = algorithm.finish();
+      }
+      ASSERT_TRUE(same(deltas[1], deltas[0].added, deltas[0].removed)) << "frame " << frame << " of " << seed;
+      for (const Stage& stage : algorithm_->profile()) early += stage.name == "early" ? 1U : 0U;
+    }
+  }
+  EXPECT_GE(early, 60U);
 }
 
 }  // namespace

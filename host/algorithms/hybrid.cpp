@@ -37,9 +37,12 @@ class Estimate {
   double learn(double expected, double taken) noexcept {
     if (expected <= 0) return taken;
     constexpr double most_samples = 1024;
-    constexpr double most_growth = 4;  // an update that took longer had to wait, perhaps for a compiler
+    // A single update that took longer had to wait, perhaps for a compiler.
+    constexpr double most_growth = 4;
+    const double most = most_growth * std::max(factor_, last_);
+    last_ = taken / expected;
     samples_ = std::min(samples_ + 1, most_samples);
-    const double factor = std::min(taken / expected, most_growth * factor_);
+    const double factor = std::min(last_, most);
     factor_ += (factor - factor_) / samples_;
     return factor * expected;
   }
@@ -47,6 +50,7 @@ class Estimate {
 
  private:
   double factor_ = 1;
+  double last_ = 1;  // of the last update alone
   double samples_ = 0;
 };
 
@@ -176,8 +180,9 @@ class Hybrid final : public Algorithm {
   }
 
   /// Decides which side does the next update. A switch costs a search of all boxes on the other side, so it
-  /// is made once staying has cost as much as going there and back: see "An optimal on-line algorithm for
-  /// metrical task systems", Borodin, Linial and Saks, 1992.
+  /// is made once staying has cost as much as going there and back (see "An optimal on-line algorithm for
+  /// metrical task systems", Borodin, Linial and Saks, 1992), and as much as the slow updates that open a
+  /// device.
   void choose() noexcept try {
     if (has_device_failed_) return;
     take_opened();

@@ -1,7 +1,10 @@
 #include "algorithms/near_pairs.hpp"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
+#include <exception>
+#include <limits>
 #include <vector>
 
 #include <broadcl/aabb.hpp>
@@ -9,15 +12,27 @@
 namespace broadcl {
 namespace {
 
-constexpr std::size_t most_items = 256;     // per work-group, as in kernels/near_pairs.cl
-constexpr std::size_t groups_per_unit = 8;  // enough to keep a compute unit busy
+constexpr std::size_t most_test_items = 256;     // per work-group, as in kernels/near_pairs.cl
+constexpr std::size_t test_groups_per_unit = 8;  // enough to keep a compute unit busy
+constexpr cl_uint too_many = 0xffffffff;         // in place of a displacement: near pairs
 
 /// The margin, as a multiple of the distance that boxes moved in the last frame.
 constexpr float margin_factor = 1.125F;
-constexpr std::size_t least_pairs = 1 << 16;
+constexpr std::size_t least_near_pairs = 1 << 16;
+constexpr std::size_t most_near_pairs = std::size_t{1} << 31;  // indices are 32-bit numbers
 constexpr std::size_t longest_pause = 256;
 
 }  // namespace
+
+NearPairs::NearPairs(const opencl::Context& context, std::size_t fewest)
+    : context_(context), fewest_(fewest) {
+  if (fewest == std::numeric_limits<std::size_t>::max()) return;
+  const cl::Program program = context.program("near_pairs.cl");
+  grow_ = context.sized_kernel(program, "near_pairs_grow");
+  test_ = context.sized_kernel(program, "near_pairs_test", most_test_items);
+  counts_ = context.buffer(PairDelta::count_bytes);
+  queue_ = context.second_queue();
+}
 
 bool NearPairs::is_possible(const Search& search) const noexcept {
   return search.source == nullptr && search.may_give_up && search.all && search.same_filters &&
@@ -25,8 +40,11 @@ bool NearPairs::is_possible(const Search& search) const noexcept {
 }
 
 bool NearPairs::begin(const Search& search, const PairDelta& sink, bool can_search, bool pays) {
-  if (is_running_) wait();
-  is_running_ = false;
+  if (is_running_) {  // and failed
+    wait();
+    give_up();
+    is_running_ = false;
+  }
   // (If the last boxes are in another buffer now, the commands that copied them may not have ended.)
   const bool follows = sink.frames() == frame_ + 1 && search.last.boxes() == now_;
   const bool is_distance_known = follows && is_measured_;
@@ -36,10 +54,12 @@ bool NearPairs::begin(const Search& search, const PairDelta& sink, bool can_sear
   frame_ = sink.frames();
   now_ = search.now.boxes();
   if (!is_possible(search) || frame_ < resume_) return false;
-  build();
-  reserve(search.now.slots, sink.pair_count());
+  if (!reserve(search.now.slots, sink.pair_count())) {
+    give_up();
+    return false;
+  }
   is_measured_ = true;
-  margin_ = margin_factor * sink.displacement();
+  margin_ = margin_factor * std::bit_cast<float>(sink.displacement());
   if (!can_search || !is_distance_known || !std::isfinite(margin_)) return false;
 
   context_.queue().flush();  // so that the upload starts first
@@ -50,22 +70,20 @@ bool NearPairs::begin(const Search& search, const PairDelta& sink, bool can_sear
   return true;
 }
 
-void NearPairs::build() {
-  if (test_.kernel() != nullptr) return;
-  counts_ = context_.buffer(PairDelta::count_bytes);
-  queue_ = context_.second_queue();
-  const cl::Program program = context_.program("near_pairs.cl");
-  grow_ = context_.sized_kernel(program, "near_pairs_grow");
-  test_ = context_.sized_kernel(program, "near_pairs_test", most_items);
-}
-
-void NearPairs::reserve(std::size_t slots, std::size_t pairs) {
+/// @returns Whether there is enough memory.
+bool NearPairs::reserve(std::size_t slots, std::size_t pairs) try {
   grown_.reserve(context_, slots * sizeof(Aabb), "boxes");
-  wanted_ = std::max({wanted_, pairs, least_pairs});
-  if (wanted_ <= capacity_) return;
+  wanted_ = std::min(std::max({wanted_, pairs, least_near_pairs}), most_near_pairs);
+  if (wanted_ <= capacity_) return true;
   capacity_ = 0;
   pairs_.reserve(context_, wanted_ * sizeof(Pair), "near pairs");
-  capacity_ = pairs_.bytes() / sizeof(Pair);
+  capacity_ = std::min(most_near_pairs, pairs_.bytes() / sizeof(Pair));
+  return true;
+} catch (const std::exception&) {  // cl::Error, Error
+  grown_.clear();
+  pairs_.clear();
+  capacity_ = wanted_ = 0;
+  return false;
 }
 
 void NearPairs::set_sink(cl::Kernel& kernel, cl_uint first, const Search& search) const {
@@ -89,18 +107,17 @@ void NearPairs::test(const Search& search, const PairDelta& sink, opencl::Profil
                                              is_early_ ? margin_ : 0.0F, static_cast<cl_uint>(capacity_),
                                              pairs_.get(), is_early_ ? counts_ : cl::Buffer());
   sink.set_sink(test_.kernel, next, search);
-  const std::size_t items = context_.device().compute_units * groups_per_unit * test_.group;
+  const std::size_t items = context_.device().compute_units * test_groups_per_unit * test_.group;
   test_.enqueue(context_.queue(), std::min<std::size_t>(search.now.slots, items), stage.event());
 }
 
 bool NearPairs::missed(const PairDelta::Counts& counts) noexcept {
   if (!is_early_) return false;
   is_running_ = false;
-  if (std::isnan(counts.displacement)) wanted_ = 2 * capacity_;
-  return !(counts.displacement <= margin_);
+  if (counts.displacement == too_many) wanted_ = 4 * capacity_;
+  return counts.displacement > std::bit_cast<cl_uint>(margin_);
 }
 
-/// Searches no earlier than usual for some frames, the more the more often that happens.
 void NearPairs::give_up() noexcept {
   is_early_ = false;
   pause_ = std::min(2 * pause_ + 1, longest_pause);

@@ -18,8 +18,9 @@ namespace broadcl {
 class NearPairs {
  public:
   /// @param context Must outlive this object.
-  /// @param fewest With fewer boxes, nothing is searched early.
-  NearPairs(const opencl::Context& context, std::size_t fewest) : context_(context), fewest_(fewest) {}
+  /// @param fewest With fewer boxes, nothing is searched early. The largest number: nothing ever is.
+  /// @throws cl::Error, Error
+  NearPairs(const opencl::Context& context, std::size_t fewest);
   ~NearPairs() { wait(); }
   NearPairs(const NearPairs&) = delete;
   NearPairs& operator=(const NearPairs&) = delete;
@@ -30,7 +31,8 @@ class NearPairs {
   /// @param can_search Whether the finder can do without these boxes.
   /// @param pays Whether the last early search saved time.
   /// @returns Whether to search early: then the finder enqueues its kernels in queue(), and calls searched().
-  /// @throws cl::Error, Error
+  /// (Not if there is too little memory for that.)
+  /// @throws cl::Error
   [[nodiscard]] bool begin(const Search& search, const PairDelta& sink, bool can_search, bool pays);
   [[nodiscard]] const cl::CommandQueue& queue() const noexcept { return queue_; }
   /// The boxes to search.
@@ -46,14 +48,14 @@ class NearPairs {
   /// @throws cl::Error
   void test(const Search& search, const PairDelta& sink, opencl::Profiler& profiler);
   /// Whether a box moved farther than by the margin, or there was no room for all near pairs. The frame must
-  /// then be searched again, after give_up().
+  /// then be searched again, after give_up(). Must be called once the counts of an early search are known.
   [[nodiscard]] bool missed(const PairDelta::Counts& counts) noexcept;
+  /// Pauses early searches for some frames: the more often that happens, the longer.
   void give_up() noexcept;
 
  private:
   [[nodiscard]] bool is_possible(const Search& search) const noexcept;
-  void build();
-  void reserve(std::size_t slots, std::size_t pairs);
+  [[nodiscard]] bool reserve(std::size_t slots, std::size_t pairs);
   void wait() const noexcept;
 
   const opencl::Context& context_;
@@ -71,7 +73,7 @@ class NearPairs {
   float margin_ = 0;
   bool is_early_ = false;     // whether this frame is searched early
   bool is_measured_ = false;  // whether the distances of this frame will be known
-  bool is_running_ = false;   // whether a search of a frame that failed may not have ended
+  bool is_running_ = false;   // whether the last early search may not have ended
   std::size_t pause_ = 0;     // frames before the next early search
   std::size_t resume_ = 0;    // the frame of that search
 };

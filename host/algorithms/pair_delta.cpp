@@ -1,7 +1,6 @@
 #include "algorithms/pair_delta.hpp"
 
 #include <algorithm>
-#include <bit>
 #include <string>
 #include <utility>
 
@@ -145,7 +144,7 @@ PairDelta::Counts PairDelta::counts_of(const std::byte* counts) const {
           .is_unordered = words[count_unordered] != 0,
           .invalid_boxes = words[count_invalid],
           .first_invalid = ~words[count_invalid_first],
-          .displacement = std::bit_cast<float>(words[count_displacement])};
+          .displacement = words[count_displacement]};
 }
 
 // NOLINTNEXTLINE(bugprone-exception-escape): handles do not throw when moved

@@ -32,7 +32,8 @@ class PairDelta {
     bool is_unordered = false;      ///< Whether the changes are still to be sorted.
     std::size_t invalid_boxes = 0;  ///< If boxes were gathered on the device.
     std::size_t first_invalid = 0;
-    float displacement = 0;  ///< How far boxes moved, at most, if NearPairs measured it.
+    cl_uint displacement =
+        0;  ///< The bits of a float: how far boxes moved, at most, if NearPairs measured it.
   };
 
   /// @param context, profiler Must outlive this object.
@@ -106,7 +107,7 @@ class PairDelta {
   /// What the finder counted as work in the last frame.
   [[nodiscard]] std::size_t work() const noexcept { return work_; }
   /// How far boxes moved in the last frame, at most, if NearPairs measured it.
-  [[nodiscard]] float displacement() const noexcept { return displacement_; }
+  [[nodiscard]] cl_uint displacement() const noexcept { return displacement_; }
   /// Frames that have succeeded.
   [[nodiscard]] std::size_t frames() const noexcept { return frames_; }
 
@@ -138,7 +139,7 @@ class PairDelta {
   cl_uint last_tag_ = 0;
   std::size_t unread_ = 0;  // frames that nobody has waited for
   std::size_t work_ = 0;
-  float displacement_ = 0;
+  cl_uint displacement_ = 0;
   std::size_t frames_ = 0;
 };
 

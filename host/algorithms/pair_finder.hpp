@@ -39,11 +39,12 @@ class PairFinder {
   /// @throws cl::Error, Error
   virtual void find(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) = 0;
 
-  /// Whether, according to its counts, find() gave up because what build() prepared was far out of date.
+  /// Whether, according to its counts, find() gave up, or did not find all pairs, because the boxes had moved
+  /// too far for what build() prepared. Called once per find().
   [[nodiscard]] virtual bool gave_up(const PairDelta::Counts& /*counts*/) { return false; }
 
-  /// Enqueues the kernels that prepare the same search again, such that find() does not give up. The objects
-  /// must have been gathered.
+  /// Enqueues the kernels that prepare the same search again, more carefully: find() gives up at most once
+  /// more. The objects must have been gathered.
   /// @throws cl::Error, Error
   virtual void rebuild(const Search& /*search*/, const PairDelta& /*sink*/, opencl::Profiler& /*profiler*/) {}
 

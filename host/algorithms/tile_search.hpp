@@ -1,5 +1,6 @@
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstddef>
 #include <cstdint>
@@ -86,7 +87,7 @@ class Found {
     work = used_ = 0;
     next_ = end_ = nullptr;
   }
-  /// Must be called before some pairs, at most 1024, are appended.
+  /// Must be called before some pairs are stored: at most those of two tiles.
   /// @throws std::bad_alloc
   void reserve(std::size_t more) {
     if (static_cast<std::size_t>(end_ - next_) < more) start_block();
@@ -103,17 +104,21 @@ class Found {
   }
 
  private:
-  static constexpr std::size_t block_size = std::size_t{1} << 16U;
+  /// The first block is small, for small scenes; each is twice as large as the one before, up to a limit.
+  [[nodiscard]] static std::size_t block_size(std::size_t block) noexcept {
+    return 2 * node_size * node_size << std::min<std::size_t>(block, 5);
+  }
   struct Block {
     std::unique_ptr<Pair[]> pairs;  // NOLINT(modernize-avoid-c-arrays)
     const Pair* end = nullptr;      // of those that were found, unless it is the last block
   };
 
   [[gnu::noinline]] void start_block() {
-    if (used_ == blocks_.size()) blocks_.push_back({.pairs = std::unique_ptr<Pair[]>(new Pair[block_size])});
+    const std::size_t size = block_size(used_);
+    if (used_ == blocks_.size()) blocks_.push_back({.pairs = std::unique_ptr<Pair[]>(new Pair[size])});
     if (used_ > 0) blocks_[used_ - 1].end = next_;
     next_ = blocks_[used_++].pairs.get();
-    end_ = next_ + block_size;
+    end_ = next_ + size;
   }
 
   std::vector<Block> blocks_;

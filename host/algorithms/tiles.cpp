@@ -51,13 +51,12 @@ constexpr double default_stale = 1.25;
 constexpr std::size_t unwatched = 8;
 /// At least 1 / fewest_moved of the boxes must have moved before the order may be old.
 constexpr std::size_t fewest_moved = 64;
-/// With this many boxes of one frame and the next, all of them from the host, the search need not wait for
-/// the upload.
-constexpr std::size_t least_early = 1 << 17;
+/// From this many boxes on, a GPU takes long enough to receive them that a search meanwhile pays.
+constexpr std::size_t fewest_searched_early = 1 << 17;
 
-/// Kinds of searches, whose work is compared separately: of the boxes that changed, of all boxes, and early
-/// ones.
-enum Kind : std::size_t { some, all, early };
+/// Kinds of searches, whose work is compared separately: of the boxes that changed, of all boxes, and of all
+/// boxes as they were in the last frame.
+enum Kind : std::size_t { some_changed, all_changed, early };
 /// The work of these searches, if the boxes have one size, as a multiple of usual_work().
 constexpr std::array default_factors{0.9, 0.25, 0.25};
 /// An early search takes more time than it saves if its work is more than this multiple of that of a search
@@ -114,8 +113,8 @@ class Tiles final : public PairFinder {
     const bool stale = is_stale(search, sink);
     usual_work_ = usual_work(search);
     const bool is_early =
-        near_.begin(search, sink, !stale, factors_[early] <= most_early_work * factors_[all]);
-    kind_ = is_early ? early : search.all ? all : some;
+        near_.begin(search, sink, !stale, factors_[early] <= most_early_work * factors_[all_changed]);
+    kind_ = is_early ? early : search.all ? all_changed : some_changed;
     if (is_early) return search_early(search, sink, profiler);
     const bool gathers = may_gather && !stale;
     if (!gathers) PairFinder::build(search, sink, profiler);
@@ -130,13 +129,15 @@ class Tiles final : public PairFinder {
   }
 
   [[nodiscard]] bool gave_up(const PairDelta::Counts& counts) override {
-    return is_built_ && (counts.work > most_work_ || near_.missed(counts));
+    if (!is_built_) return false;
+    const bool missed = near_.missed(counts);
+    return missed || counts.work > most_work_;
   }
 
   void rebuild(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) override {
     if (kind_ == early) {
       near_.give_up();
-      kind_ = all;
+      kind_ = all_changed;
     } else {
       sort(search, sink, profiler);
     }
@@ -151,7 +152,8 @@ class Tiles final : public PairFinder {
   [[nodiscard]] double expected_work(const Search& search, const PairDelta& sink) override {
     observe(sink);
     const bool is_known = alike(seen_.slots, search.now.slots) && alike(seen_.pairs, sink.pair_count());
-    return usual_work(search) * (is_known ? factors_ : default_factors).at(search.all ? all : some);
+    return usual_work(search) *
+           (is_known ? factors_ : default_factors).at(search.all ? all_changed : some_changed);
   }
 
  private:
@@ -317,7 +319,8 @@ class Tiles final : public PairFinder {
   [[nodiscard]] cl_uint most_work(const Search& search, const PairDelta& sink, std::size_t groups) const {
     constexpr cl_uint any = std::numeric_limits<cl_uint>::max();
     if (!search.may_give_up || sink.frames() == sorted_frame_) return any;
-    const double factor = std::max({default_factors[all], factors_[all], fresh_factors_[all]});
+    const double factor =
+        std::max({default_factors[all_changed], factors_[all_changed], fresh_factors_[all_changed]});
     const double most = hopeless * factor * usual_work(search.now.slots, search.now.slots);
     // Each work-group may do some more before it knows; the kernel counts in 32 bits.
     const bool overflows = most + 2.0 * reported_work * static_cast<double>(groups) >= any;
@@ -469,10 +472,10 @@ class Tiles final : public PairFinder {
   bool sorted_by_set_ = false;
   std::size_t sorted_frame_ = 0;
   std::optional<std::size_t> searched_frame_;
-  std::size_t moved_ = 0;  // boxes since the order was new, each counted as often as it moved
-  double usual_work_ = 1;  // of the last search
-  cl_uint most_work_ = 0;  // at which it is given up
-  Kind kind_ = all;        // of that search
+  std::size_t moved_ = 0;    // boxes since the order was new, each counted as often as it moved
+  double usual_work_ = 1;    // of the last search
+  cl_uint most_work_ = 0;    // at which it is given up
+  Kind kind_ = all_changed;  // of that search
   // The work of searches of each kind, as a multiple of usual_work(): of the last ones, and of the first ones
   // in this order (0 if there was none).
   std::array<double, 3> factors_ = default_factors;
@@ -489,7 +492,7 @@ std::unique_ptr<PairFinder> make_tiles(const opencl::Context& context) {
   const Device& device = context.device();
   const bool uploads_beside = device.type == DeviceType::gpu && !device.host_unified;
   return make_tiles(context, default_stale,
-                    uploads_beside ? least_early : std::numeric_limits<std::size_t>::max());
+                    uploads_beside ? fewest_searched_early : std::numeric_limits<std::size_t>::max());
 }
 
 std::unique_ptr<PairFinder> make_tiles(const opencl::Context& context, double stale,

@@ -121,7 +121,7 @@ class Context {
   void fill(const cl::Buffer& buffer, cl_uint value, std::size_t first, std::size_t count) const;
 
   /// Runs a part of an update. If that fails, waits until the queue has completed all commands, so that
-  /// nothing uses the memory of the update any more.
+  /// nothing uses the memory of the update any more, except commands in a second queue.
   /// @throws Error instead of cl::Error, and other exceptions of the function.
   template <class Function>
   decltype(auto) guard(Function&& function) const {
