@@ -37,20 +37,18 @@ class Estimate {
   double learn(double expected, double taken) noexcept {
     if (expected <= 0) return taken;
     constexpr double most_samples = 1024;
-    // A single update that took longer had to wait, perhaps for a compiler.
+    // An update or two that took longer had to wait, perhaps for a compiler.
     constexpr double most_growth = 4;
-    const double most = most_growth * std::max(factor_, last_);
-    last_ = taken / expected;
+    last_ = std::min(taken / expected, most_growth * std::max(factor_, last_));
     samples_ = std::min(samples_ + 1, most_samples);
-    const double factor = std::min(last_, most);
-    factor_ += (factor - factor_) / samples_;
-    return factor * expected;
+    factor_ += (last_ - factor_) / samples_;
+    return last_ * expected;
   }
   [[nodiscard]] double seconds(double expected) const noexcept { return factor_ * expected; }
 
  private:
   double factor_ = 1;
-  double last_ = 1;  // of the last update alone
+  double last_ = 1;  // of the last update
   double samples_ = 0;
 };
 
