@@ -18,7 +18,7 @@ namespace broadcl {
 /// faults, so several threads share these.
 /// @throws std::bad_alloc; the list is empty then, or as before.
 inline void resize_for_writing(std::vector<Pair>& pairs, std::size_t n, std::size_t threads) {
-  constexpr std::size_t part = 512 * 1024;  // bytes
+  constexpr std::size_t part = 1U << 19U;  // bytes
   const std::size_t parts = n * sizeof(Pair) / part;
   if (n > pairs.capacity() && parts >= 8) {
     pairs.clear();

@@ -108,14 +108,15 @@ class Found {
   [[nodiscard]] static std::size_t block_size(std::size_t block) noexcept {
     return 2 * node_size * node_size << std::min<std::size_t>(block, 5);
   }
+  using Pairs = std::unique_ptr<Pair[]>;  // NOLINT(modernize-avoid-c-arrays)
   struct Block {
-    std::unique_ptr<Pair[]> pairs;  // NOLINT(modernize-avoid-c-arrays)
-    const Pair* end = nullptr;      // of those that were found, unless it is the last block
+    Pairs pairs;
+    const Pair* end = nullptr;  // of those that were found, unless it is the last block
   };
 
   [[gnu::noinline]] void start_block() {
     const std::size_t size = block_size(used_);
-    if (used_ == blocks_.size()) blocks_.push_back({.pairs = std::unique_ptr<Pair[]>(new Pair[size])});
+    if (used_ == blocks_.size()) blocks_.push_back({.pairs = Pairs(new Pair[size])});
     if (used_ > 0) blocks_[used_ - 1].end = next_;
     next_ = blocks_[used_++].pairs.get();
     end_ = next_ + size;

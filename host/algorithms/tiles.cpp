@@ -445,7 +445,7 @@ class Tiles final : public PairFinder {
   }
 
   void enqueue(const cl::CommandQueue& queue, const cl::Kernel& kernel, std::size_t groups,
-               cl::Event* event) {
+               cl::Event* event) const {
     queue.enqueueNDRangeKernel(kernel, cl::NullRange, cl::NDRange(groups * launch_.group),
                                cl::NDRange(launch_.group), nullptr, event);
   }
