@@ -152,7 +152,8 @@ TEST_F(EarlySearch, MakesRoomForNearPairs) {
   std::vector<Aabb> boxes(n);
   const auto advance = [&](std::uint32_t frame) {
     for (std::uint32_t k = 0; k < n; ++k) {
-      const auto x = static_cast<float>((k + frame * (k % 2)) % n / 2);
+      const std::uint32_t place = (k + frame * (k % 2)) % n / 2;
+      const auto x = static_cast<float>(place);
       boxes[k] = {{x, 0, static_cast<float>(frame % 2)}, {x + 0.5F, 1, static_cast<float>(frame % 2)}};
     }
     return std::span<const Aabb>(boxes);

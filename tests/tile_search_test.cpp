@@ -38,7 +38,8 @@ HostTiles<axes> random_tiles(std::size_t tiles) {
       Bounds<axes> box = none;
       for (std::size_t axis = 0; k % 7 != 3 && axis < 3; ++axis) {
         box.lower[axis] = static_cast<float>(coordinate(random));
-        if (axis == 0) box.lower[0] -= 9 * static_cast<float>(tile / node_size);
+        const std::size_t position = tile / node_size;
+        if (axis == 0) box.lower[0] -= 9 * static_cast<float>(position);
         box.upper[axis] = box.lower[axis] + static_cast<float>(axis);
       }
       if constexpr (axes > 3) {
