@@ -451,6 +451,32 @@ TEST(HybridOpens, TheTimesOfUpdatesMeanwhileDoNotCount) {
   EXPECT_EQ(device_orders.updates, 0);
 }
 
+/// What decides is what updates take now, and for how long.
+TEST(HybridSwitch, ToADeviceFollowsFromLastingSlownessAlone) {
+  using std::chrono::milliseconds;
+  Pretender::Orders host_orders;
+  const Pretender::Orders device_orders{.expected_seconds = 50e-6};
+  Core core(make_hybrid(
+      std::make_unique<Pretender>(host_orders), [&] { return std::make_unique<Pretender>(device_orders); },
+      slow_update));
+  for (std::uint32_t k = 0; k < 3; ++k) core.add(unit, {});
+  std::size_t k = 0;
+  const auto update = [&](milliseconds sleep) {
+    host_orders.sleep = sleep;
+    core.move(0, apart(k++ % 2));
+    (void)core.finish();
+  };
+  const auto is_open = [&] { return core.algorithm().memory().device > 0; };
+  for (int slow = 0; slow < 20 && !is_open(); ++slow) update(milliseconds(1));
+  repeat_until(is_open, [&] { update({}); });
+  for (int round = 0; round < 10; ++round) {
+    update(milliseconds(20));
+    for (int fast = 0; fast < 50; ++fast) update({});
+  }
+  EXPECT_EQ(device_orders.updates, 0);
+  repeat_until([&] { return device_orders.updates > 0; }, [&] { update(milliseconds(1)); });
+}
+
 TEST(HybridOpens, NoDeviceForASingleUpdate) {
   int calls = 0;
   {
