@@ -65,17 +65,18 @@ BROADCL_INLINE Bounds<axes> sought(const HostTiles<axes>& all, Bounds<axes> boun
   return bounds;
 }
 
-/// Appends the pairs of box k of a tile with some boxes of another.
+/// Stores the pairs of a box with some boxes of a tile.
+/// @returns Where the next pair is to be stored.
 template <std::size_t axes>
-BROADCL_INLINE void append_found(Found& found, const Node<axes>& tile, std::uint32_t bits,
-                                 std::uint32_t other, std::span<const Filter> filters) {
-  Pair* next = found.next();
+BROADCL_INLINE Pair* store_found(Pair* next, const Node<axes>& tile, std::uint32_t bits, std::uint32_t other,
+                                 std::span<const Filter> filters) {
   for (; bits != 0; bits &= bits - 1) {
     const std::uint32_t slot = tile.index[lowest_bit(bits)];
     if (!filters.empty() && !may_pair(filters[slot], filters[other])) continue;
-    *next++ = {std::min(slot, other), std::max(slot, other)};
+    const std::uint32_t smaller = std::min(slot, other);
+    *next++ = {smaller, slot ^ other ^ smaller};  // std::max() would be a branch
   }
-  found.set_next(next);
+  return next;
 }
 
 /// Tests the boxes of two tiles. Along axes that are not tested, all of them overlap.
@@ -91,10 +92,12 @@ BROADCL_INLINE void test_along(Found& found, const HostTiles<axes>& all, std::si
   const bool few_in_s = std::popcount(of_s) < std::popcount(of_t);
   const Node<axes>& few = all.tiles[few_in_s ? s : t];
   const Node<axes>& many = all.tiles[few_in_s ? t : s];
+  Pair* next = found.next();
   for (std::uint32_t bits = few_in_s ? of_s : of_t; bits != 0; bits &= bits - 1) {
     const auto k = lowest_bit(bits);
-    append_found(found, many, overlapping_of(many, few.get(k)), few.index[k], filters);
+    next = store_found(next, many, overlapping_of(many, few.get(k)), few.index[k], filters);
   }
+  found.set_next(next);
 }
 
 /// Tests the boxes of two tiles, one of which overlaps what is sought for the other.
@@ -115,10 +118,12 @@ BROADCL_INLINE void test_itself(Found& found, const HostTiles<axes>& all, std::s
                                 std::span<const Filter> filters) {
   if (!overlaps(all.bounds[s], sought(all, all.bounds[s]))) return;  // they are of one set
   const Node<axes>& tile = all.tiles[s];
+  Pair* next = found.next();
   for (std::size_t k = 1; k < node_size; ++k) {
-    append_found(found, tile, overlapping(tile, sought(all, tile.get(k))) & (bit_of[k] - 1), tile.index[k],
-                 filters);
+    const std::uint32_t bits = overlapping(tile, sought(all, tile.get(k))) & (bit_of[k] - 1);
+    next = store_found(next, tile, bits, tile.index[k], filters);
   }
+  found.set_next(next);
 }
 
 /// Tests some tiles of a node with tiles of a node that is not earlier in the sweep.
@@ -178,7 +183,7 @@ BROADCL_INLINE void search_boxes(Found& found, const HostTiles<axes>& all,
           std::uint32_t hits = overlapping(tile, bounds);
           if (&tile == &own) hits &= ~bit_of[place % node_size];
           found.reserve(node_size);
-          append_found(found, tile, hits, slot, filters);
+          found.set_next(store_found(found.next(), tile, hits, slot, filters));
         }
       }
     }
