@@ -23,9 +23,10 @@ inline constexpr std::array scene_list{Scene{"uniform", scenes::MovingBoxes::Siz
                                        Scene{"mixed", scenes::MovingBoxes::Sizes::mixed}};
 
 /// If `auto` may open a GPU, repeats a frame while it does so, and until it knows what updates take there.
+/// Other algorithms repeat it as long, because boxes drift and orders age.
 template <class Advance, class Update>
-void warm_up(const BroadPhase& broad_phase, const Advance& advance, const Update& update) {
-  if (broad_phase.algorithm().name != "auto" || select_device().type == DeviceType::cpu) return;
+void warm_up(const Advance& advance, const Update& update) {
+  if (select_device().type == DeviceType::cpu) return;
   const auto start = std::chrono::steady_clock::now();
   while (std::chrono::steady_clock::now() - start < std::chrono::seconds(2)) {
     advance();

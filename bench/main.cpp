@@ -89,7 +89,7 @@ void time_update(benchmark::State& state, const AlgorithmInfo& algorithm, const 
     if (from == From::memory) fill();
     return size(broad_phase.update());
   };
-  warm_up(broad_phase, advance, update);
+  warm_up(advance, update);
   Frames frames(state);
   for ([[maybe_unused]] auto _ : state) {
     advance();
@@ -112,7 +112,7 @@ void time_some_moving(benchmark::State& state, const AlgorithmInfo& algorithm, s
     }
   };
   const auto update = [&] { return size(broad_phase.update()); };
-  warm_up(broad_phase, advance, update);
+  warm_up(advance, update);
   Frames frames(state);
   for ([[maybe_unused]] auto _ : state) {
     advance();
@@ -147,9 +147,7 @@ void time_frame(benchmark::State& state, const std::string& name, const Scene& s
     }
     broadphase->calculateOverlappingPairs(&dispatcher);
   };
-  if (const auto* ours = dynamic_cast<const BulletBroadphase*>(broadphase.get())) {
-    warm_up(ours->broad_phase(), advance, frame);
-  }
+  warm_up(advance, frame);
   for ([[maybe_unused]] auto _ : state) {
     state.PauseTiming();
     advance();

@@ -9,6 +9,7 @@
 
 #include <benchmark/benchmark.h>
 
+#include <broadcl/box_view.hpp>
 #include <broadcl/device.hpp>
 
 #include "algorithms/algorithm.hpp"
@@ -94,6 +95,25 @@ void time_whole_list(benchmark::State& state, const std::filesystem::path& file)
   state.counters["overlapping"] = static_cast<double>(overlapping);
 }
 
+void time_whole_call(benchmark::State& state, const std::string& algorithm,
+                     const std::filesystem::path& file) {
+  const std::vector<Aabb> boxes = cli::read_boxes(file);
+  const auto find_all = [&] {
+    const auto finder = make_algorithm({.algorithm = algorithm});
+    finder->reserve(boxes.size(), false);
+    const auto start = std::chrono::steady_clock::now();
+    BoxView(boxes).pack_to(finder->boxes());
+    const std::vector<Pair> pairs = finder->find_all({.slots = boxes.size(), .all = true});
+    state.SetIterationTime(std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count());
+    return pairs.size();
+  };
+  const std::size_t pairs = find_all();  // kernels are built here, untimed
+  for ([[maybe_unused]] auto _ : state) {
+    if (find_all() != pairs) state.SkipWithError("the number of pairs changed");
+  }
+  state.counters["overlapping"] = static_cast<double>(pairs);
+}
+
 }  // namespace
 
 void register_whole_list() {
@@ -106,6 +126,13 @@ void register_whole_list() {
         ->UseManualTime()
         ->Iterations(20)
         ->Unit(benchmark::kMicrosecond);
+    for (const std::string algorithm : {"tiles", "sweep-and-prune"}) {
+      benchmark::RegisterBenchmark(("whole-call/" + algorithm + "/" + set).c_str(), time_whole_call,
+                                   algorithm, std::filesystem::path(folder) / (set + ".npy"))
+          ->UseManualTime()
+          ->Iterations(20)
+          ->Unit(benchmark::kMillisecond);
+    }
   }
 }
 

@@ -86,7 +86,7 @@ void time_on_host(benchmark::State& state, const AlgorithmInfo& algorithm, World
     const Delta delta = broad_phase.update();
     return delta.added.size() + delta.removed.size();
   };
-  warm_up(broad_phase, advance, update);
+  warm_up(advance, update);
   Frames frames(state);
   for ([[maybe_unused]] auto _ : state) {
     advance();

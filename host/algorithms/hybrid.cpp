@@ -77,13 +77,15 @@ class Hybrid final : public Algorithm {
 
   void begin(const Changes& changes) override {
     if (failure_ != nullptr) std::rethrow_exception(std::exchange(failure_, nullptr));
-    const auto start = Clock::now();
     changes_ = changes;
     Changes own = changes;
     if (has_changed_) {
       own.all = own.filters_changed = true;
       own.changed = own.recycled = {};
     }
+    seconds_ = 0;  // on the host, which does its work in finish()
+    if (!is_on_device()) return current_->begin(own);
+    const auto start = Clock::now();
     or_leave_device([&] { current_->begin(own); });
     seconds_ = seconds_since(start);
   }
