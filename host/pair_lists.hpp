@@ -22,10 +22,13 @@ inline void resize_for_writing(std::vector<Pair>& pairs, std::size_t n, std::siz
   const std::size_t parts = n * sizeof(Pair) / part;
   if (n > pairs.capacity() && parts >= 8) {
     pairs.clear();
-    pairs.reserve(n);
+    pairs.reserve(std::max(n, pairs.capacity() + pairs.capacity() / 2));
     auto* const memory = reinterpret_cast<std::byte*>(pairs.data());
-    parallel_for(parts, threads,
-                 [&](std::size_t k, std::size_t /*thread*/) { populate_pages(memory + k * part, part); });
+    if (populate_pages(memory, part)) {
+      parallel_for(parts - 1, threads, [&](std::size_t k, std::size_t /*thread*/) {
+        (void)populate_pages(memory + (k + 1) * part, part);
+      });
+    }
   }
   pairs.resize(n);
 }

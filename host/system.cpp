@@ -66,7 +66,9 @@ bool is_terminal(std::FILE* stream) {
   return _isatty(_fileno(stream)) != 0;
 }
 
-void populate_pages(void* /*begin*/, std::size_t /*bytes*/) noexcept {}
+bool populate_pages(void* /*begin*/, std::size_t /*bytes*/) noexcept {
+  return false;
+}
 
 std::string processor_name() {
   return environment("PROCESSOR_IDENTIFIER").value_or("unknown");
@@ -127,12 +129,13 @@ bool is_terminal(std::FILE* stream) {
   return isatty(fileno(stream)) != 0;
 }
 
-void populate_pages([[maybe_unused]] void* begin, [[maybe_unused]] std::size_t bytes) noexcept {
+bool populate_pages([[maybe_unused]] void* begin, [[maybe_unused]] std::size_t bytes) noexcept {
 #ifdef MADV_POPULATE_WRITE
   const auto page = static_cast<std::uintptr_t>(sysconf(_SC_PAGESIZE));
   const std::uintptr_t before = reinterpret_cast<std::uintptr_t>(begin) % page;
-  // (If it fails, the pages are provided when they are used.)
-  (void)madvise(static_cast<std::byte*>(begin) - before, before + bytes, MADV_POPULATE_WRITE);
+  return madvise(static_cast<std::byte*>(begin) - before, before + bytes, MADV_POPULATE_WRITE) == 0;
+#else
+  return false;
 #endif
 }
 

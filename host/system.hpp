@@ -28,8 +28,9 @@ namespace broadcl {
 [[nodiscard]] std::shared_ptr<const void> lock_folder(const std::filesystem::path& folder);
 
 /// Makes the system provide the memory of all pages that lie in a range, instead of at the first access to
-/// each of them, if it can (Linux 5.14 and later).
-void populate_pages(void* begin, std::size_t bytes) noexcept;
+/// each of them.
+/// @returns Whether it did so (Linux 5.14 and later).
+[[nodiscard]] bool populate_pages(void* begin, std::size_t bytes) noexcept;
 
 /// The name of the processor, as people know it; the architecture if the system reports no more.
 [[nodiscard]] std::string processor_name();

@@ -477,6 +477,36 @@ TEST(HybridSwitch, ToADeviceFollowsFromLastingSlownessAlone) {
   repeat_until([&] { return device_orders.updates > 0; }, [&] { update(milliseconds(1)); });
 }
 
+/// The side that a long time was spent on becomes slow for good: it must not be tried again and again because
+/// it was fast on average.
+TEST(HybridSwitch, IsSoonFinalAfterALastingChange) {
+  using std::chrono::microseconds;
+  Pretender::Orders host_orders{.sleep = microseconds(200)};
+  const Pretender::Orders device_orders{.expected_seconds = 600e-6, .sleep = microseconds(600)};
+  Core core(make_hybrid(
+      std::make_unique<Pretender>(host_orders), [&] { return std::make_unique<Pretender>(device_orders); },
+      slow_update / 10));
+  for (std::uint32_t k = 0; k < 3; ++k) core.add(unit, {});
+  bool is_on_device = false;
+  const auto updates = [&](std::size_t count) {
+    std::size_t switches = 0;
+    for (std::size_t k = 0; k < count; ++k) {
+      const int before = device_orders.updates;
+      core.move(0, apart(k % 2));
+      (void)core.finish();
+      const bool was_on_device = std::exchange(is_on_device, device_orders.updates != before);
+      switches += is_on_device == was_on_device ? 0U : 1U;
+    }
+    return switches;
+  };
+  (void)updates(1500);
+  ASSERT_FALSE(is_on_device);
+  host_orders.sleep = microseconds(2000);
+  EXPECT_LE(updates(400), 9U);
+  EXPECT_LE(updates(100), 1U);
+  EXPECT_TRUE(is_on_device);
+}
+
 TEST(HybridOpens, NoDeviceForASingleUpdate) {
   int calls = 0;
   {

@@ -9,6 +9,7 @@
 #include <random>
 #include <span>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 #include <gtest/gtest.h>
@@ -147,12 +148,13 @@ TEST_F(EarlySearch, IsRepeatedIfABoxComesOutOfNothing) {
 }
 
 TEST_F(EarlySearch, MakesRoomForNearPairs) {
-  // All are near each other in each frame, and each overlaps one other, every time another one.
+  // All are near each other in each frame, and each overlaps a quarter of the others, more and more of them
+  // new.
   constexpr std::uint32_t n = 600;
   std::vector<Aabb> boxes(n);
   const auto advance = [&](std::uint32_t frame) {
     for (std::uint32_t k = 0; k < n; ++k) {
-      const std::uint32_t place = (k + frame * (k % 2)) % n / 2;
+      const std::uint32_t place = (k + frame * (k % 2)) % n / (n / 4);
       const auto x = static_cast<float>(place);
       boxes[k] = {{x, 0, static_cast<float>(frame % 2)}, {x + 0.5F, 1, static_cast<float>(frame % 2)}};
     }
@@ -167,6 +169,32 @@ TEST_F(EarlySearch, MakesRoomForNearPairs) {
   }
   EXPECT_GE(again, 1U);
   EXPECT_EQ(last, Searched::early);
+}
+
+/// Then each margin is as long as the scene, in which all boxes are near each other.
+TEST_F(EarlySearch, TakesLittleMemoryIfABoxLeapsInEachFrame) {
+  constexpr std::size_t n = 2000;
+  const auto peak = [&](MakePairFinder make) {
+    MovingBoxes boxes(n, MovingBoxes::Sizes::uniform);
+    std::vector<Aabb> moved(boxes.boxes().begin(), boxes.boxes().end());
+    start(moved, make);
+    std::size_t again = 0;
+    for (std::size_t frame = 0; frame < 60; ++frame) {
+      moved.assign(next(boxes).begin(), boxes.boxes().end());
+      moved[0] = boxes.boxes()[1 + frame % 10];
+      moved[frame % 2] = {{1e3F, 0, 0}, {1e3F, 0, 0}};
+      again += play(moved) == Searched::again ? 1U : 0U;
+    }
+    return std::pair(again, algorithm_->memory().device_peak);
+  };
+  const auto [again, early] = peak(make_early_tiles);
+  const auto [none, late] = peak([](const opencl::Context& context) {
+    return make_tiles(context, 1.25, std::numeric_limits<std::size_t>::max());
+  });
+  EXPECT_GE(again, 3U);
+  EXPECT_EQ(none, 0U);
+  constexpr std::size_t near_pairs = (1U << 16U) * sizeof(Pair);
+  EXPECT_LE(early, late + 5 * near_pairs / 4 + 30 * n + 4096);
 }
 
 TEST_F(EarlySearch, IsRightAlsoIfTheDeviceTakesDenormalNumbersForZeros) {
@@ -186,7 +214,10 @@ TEST_F(EarlySearch, IsRightAlsoIfTheDeviceTakesDenormalNumbersForZeros) {
       return std::span<const Aabb>(small);
     };
     start(advance());
-    for (std::size_t frame = 0; frame < 10; ++frame) (void)play(advance());
+    std::size_t begun_early = 0;
+    for (std::size_t frame = 0; frame < 10; ++frame)
+      begun_early += play(advance()) == Searched::late ? 0U : 1U;
+    EXPECT_GE(begun_early, 1U);
     EXPECT_FALSE(oracle_->pairs().empty());
     EXPECT_TRUE(same("all", algorithm_->pairs(), oracle_->pairs()));
   }
@@ -242,10 +273,21 @@ TEST_F(EarlySearch, LosesNothingIfACallFails) {
   }
 }
 
+TEST_F(EarlySearch, EndsBeforeItsObjectsDoIfAFrameFails) {
+  MovingBoxes boxes(300, MovingBoxes::Sizes::uniform);
+  start(boxes.boxes());
+  ASSERT_TRUE(becomes_early(boxes, 20));
+  begin(*algorithm_, next(boxes), {});
+  const FailingOpenCl fails(0, 1000);
+  EXPECT_THROW((void)algorithm_->finish(), Error);
+  algorithm_.reset();
+}
+
 /// Whatever happens between two frames.
 TEST_F(EarlySearch, FollowsTheOracleThroughRandomFrames) {
   std::size_t early = 0;
-  for (const unsigned seed : {1U, 2U, 3U, 4U}) {
+  for (const unsigned seed : {1U, 2U, 3U, 4U, 5U}) {
+    const bool sets = seed == 5;
     std::mt19937 random(seed);
     const auto below = [&](std::uint32_t n) { return static_cast<std::uint32_t>(random() % n); };
     constexpr std::uint32_t most = 260;
@@ -253,12 +295,15 @@ TEST_F(EarlySearch, FollowsTheOracleThroughRandomFrames) {
     std::uint32_t n = 200;
     std::vector<Aabb> boxes(scene.boxes().begin(), scene.boxes().begin() + n);
     std::vector<Filter> filters(most);
+    if (sets) {
+      for (std::size_t k = 0; k < most; ++k) filters[k] = k % 2 == 0 ? first_set : second_set;
+    }
     std::vector<Pair> exclusions;
     start(boxes);
     for (int frame = 0; frame < 150; ++frame) {
       std::vector<std::uint32_t> slots(n);
       std::iota(slots.begin(), slots.end(), 0U);
-      Changes changes{.slots = n, .changed = slots, .all = true};
+      Changes changes{.slots = n, .changed = slots, .all = true, .sets = sets};
       std::vector<std::uint32_t> recycled;
       scene.advance();
       const std::uint32_t event = below(12);
@@ -278,10 +323,10 @@ TEST_F(EarlySearch, FollowsTheOracleThroughRandomFrames) {
       if (event == 8) boxes[below(n)].lower[below(3)] = below(2) == 0 ? 0.0F : -0.0F;
       for (Aabb& box : boxes) box = pack(box);
       changes.recycled = recycled;
-      changes.filters_changed = event == 3 || event == 4;
+      changes.filters_changed = event == 3 || event == 4 || (sets && frame == 0);
       const bool has_worlds = std::ranges::any_of(filters, [](const Filter& f) { return f.world != 0; });
       changes.worlds = has_worlds;
-      if (has_worlds) changes.filters = std::span(filters).first(n);
+      if (has_worlds || sets) changes.filters = std::span(filters).first(n);
       changes.exclusions = exclusions;
       Delta deltas[2];  // NOLINT(modernize-avoid-c-arrays)
       for (std::size_t k = 0; k < 2; ++k) {

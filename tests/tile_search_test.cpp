@@ -12,6 +12,7 @@
 #include "algorithms/pair_sort.hpp"
 #include "algorithms/tile_search.hpp"
 #include "each_algorithm.hpp"
+#include "pair_lists.hpp"
 #include "parallel.hpp"
 
 /// The parts of sweep and prune.
@@ -158,6 +159,17 @@ TEST(TileSearch, ForEachProcessorFindsTheSamePairsOfWorldsAndSets) {
   expect_same_pairs(all);
   all.sets = true;
   expect_same_pairs(all);
+}
+
+TEST(PairSort, AListThatGrowsStepByStepIsSeldomReplaced) {
+  std::vector<Pair> pairs;
+  std::vector<const Pair*> places;
+  for (std::size_t n = 600000; n < 1200000; n += n / 200) {
+    resize_for_writing(pairs, n, 2);
+    ASSERT_EQ(pairs.size(), n);
+    if (places.empty() || places.back() != pairs.data()) places.push_back(pairs.data());
+  }
+  EXPECT_LE(places.size(), 4U);
 }
 
 TEST(PairSort, ListsOfAnyLengthAndWidth) {

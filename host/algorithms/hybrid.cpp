@@ -46,6 +46,12 @@ class Estimate {
   }
   [[nodiscard]] double seconds(double expected) const noexcept { return factor_ * expected; }
 
+  /// To be called before a time without updates, after which new ones say more than old ones.
+  void pause() noexcept {
+    constexpr double most_samples = 8;
+    samples_ = std::min(samples_, most_samples);
+  }
+
  private:
   double factor_ = 1;
   double last_ = 1;  // of the last update
@@ -203,6 +209,7 @@ class Hybrid final : public Algorithm {
     if (overspent_ <= std::max(there_and_back, long_enough)) return;
     overspent_ = 0;
     before_ = current_->pairs();
+    (is_on_device() ? device_estimate_ : host_estimate_).pause();
     change_to(is_on_device() ? *host_ : *device_);
     has_changed_ = true;
   } catch (...) {

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <exception>
 #include <limits>
+#include <string_view>
 #include <vector>
 
 #include <broadcl/aabb.hpp>
@@ -20,18 +21,27 @@ constexpr cl_uint too_many = 0xffffffff;         // in place of a displacement: 
 constexpr float margin_factor = 1.125F;
 constexpr std::size_t least_near_pairs = 1 << 16;
 constexpr std::size_t most_near_pairs = std::size_t{1} << 31;  // indices are 32-bit numbers
+/// More near pairs would take longer to test than an early search saves. Boxes and pairs of the last frame.
+std::size_t most_useful(std::size_t boxes, std::size_t pairs) {
+  return std::min(most_near_pairs, std::max({least_near_pairs, boxes, 4 * pairs}));
+}
 constexpr std::size_t longest_pause = 256;
+constexpr std::size_t never = std::numeric_limits<std::size_t>::max();
 
 }  // namespace
 
 NearPairs::NearPairs(const opencl::Context& context, std::size_t fewest)
     : context_(context), fewest_(fewest) {
-  if (fewest == std::numeric_limits<std::size_t>::max()) return;
-  const cl::Program program = context.program("near_pairs.cl");
-  grow_ = context.sized_kernel(program, "near_pairs_grow");
-  test_ = context.sized_kernel(program, "near_pairs_test", most_test_items);
-  counts_ = context.buffer(PairDelta::count_bytes);
-  queue_ = context.second_queue();
+  if (fewest == never) return;
+  try {
+    const cl::Program program = context.program("near_pairs.cl");
+    grow_ = context.sized_kernel(program, "near_pairs_grow");
+    test_ = context.sized_kernel(program, "near_pairs_test", most_test_items);
+    counts_ = context.buffer(PairDelta::count_bytes);
+    queue_ = context.second_queue();
+  } catch (const std::exception&) {  // cl::Error, Error
+    fewest_ = never;
+  }
 }
 
 bool NearPairs::is_possible(const Search& search) const noexcept {
@@ -40,10 +50,10 @@ bool NearPairs::is_possible(const Search& search) const noexcept {
 }
 
 bool NearPairs::begin(const Search& search, const PairDelta& sink, bool can_search, bool pays) {
-  if (is_running_) {  // and failed
-    wait();
-    give_up();
+  if (is_measured_ && sink.frames() == frame_) {  // that frame failed, perhaps for lack of memory
+    if (is_running_) wait();
     is_running_ = false;
+    give_up();
   }
   // (If the last boxes are in another buffer now, the commands that copied them may not have ended.)
   const bool follows = sink.frames() == frame_ + 1 && search.last.boxes() == now_;
@@ -54,13 +64,13 @@ bool NearPairs::begin(const Search& search, const PairDelta& sink, bool can_sear
   frame_ = sink.frames();
   now_ = search.now.boxes();
   if (!is_possible(search) || frame_ < resume_) return false;
+  is_measured_ = true;
+  margin_ = margin_factor * std::bit_cast<float>(sink.displacement());
+  if (!can_search || !is_distance_known || !std::isfinite(margin_)) return false;
   if (!reserve(search.now.slots, sink.pair_count())) {
     give_up();
     return false;
   }
-  is_measured_ = true;
-  margin_ = margin_factor * std::bit_cast<float>(sink.displacement());
-  if (!can_search || !is_distance_known || !std::isfinite(margin_)) return false;
 
   context_.queue().flush();  // so that the upload starts first
   is_early_ = is_running_ = true;
@@ -72,24 +82,28 @@ bool NearPairs::begin(const Search& search, const PairDelta& sink, bool can_sear
 
 /// @returns Whether there is enough memory.
 bool NearPairs::reserve(std::size_t slots, std::size_t pairs) try {
-  grown_.reserve(context_, slots * sizeof(Aabb), "boxes");
-  wanted_ = std::min(std::max({wanted_, pairs, least_near_pairs}), most_near_pairs);
-  if (wanted_ <= capacity_) return true;
-  capacity_ = 0;
-  pairs_.reserve(context_, wanted_ * sizeof(Pair), "near pairs");
-  capacity_ = std::min(most_near_pairs, pairs_.bytes() / sizeof(Pair));
+  const auto reserve = [&](opencl::GrowingBuffer& buffer, std::size_t bytes, std::string_view what) {
+    if (bytes <= buffer.bytes()) return;
+    buffer.reserve(context_, bytes, what);
+    context_.fill(buffer.get(), 0, 0, 1);  // some drivers find out only then that memory is short
+  };
+  reserve(grown_, slots * sizeof(Aabb), "boxes");
+  const std::size_t wanted =
+      std::min(std::max({wanted_, pairs, least_near_pairs}), most_useful(slots, pairs));
+  reserve(pairs_, wanted * sizeof(Pair), "near pairs");
   return true;
 } catch (const std::exception&) {  // cl::Error, Error
-  grown_.clear();
-  pairs_.clear();
-  capacity_ = wanted_ = 0;
   return false;
+}
+
+cl_uint NearPairs::capacity() const noexcept {
+  return static_cast<cl_uint>(std::min(most_near_pairs, pairs_.bytes() / sizeof(Pair)));
 }
 
 void NearPairs::set_sink(cl::Kernel& kernel, cl_uint first, const Search& search) const {
   const cl::Buffer none;  // filters did not change, and no object was replaced
-  opencl::set_arguments(kernel, first, static_cast<cl_uint>(capacity_), pairs_.get(), search.last.boxes,
-                        search.last.slots, none, none, search.stamp, none, counts_);
+  opencl::set_arguments(kernel, first, capacity(), pairs_.get(), search.last.boxes, search.last.slots, none,
+                        none, search.stamp, none, counts_);
 }
 
 void NearPairs::searched() {
@@ -103,23 +117,25 @@ void NearPairs::searched() {
 void NearPairs::test(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) {
   if (!is_measured_) return;
   opencl::Profiler::Scope stage(profiler, "near");
-  const cl_uint next = opencl::set_arguments(test_.kernel, 0, search.now.slots, search.now.boxes,
-                                             is_early_ ? margin_ : 0.0F, static_cast<cl_uint>(capacity_),
-                                             pairs_.get(), is_early_ ? counts_ : cl::Buffer());
+  const cl_uint next = opencl::set_arguments(
+      test_.kernel, 0, search.now.slots, search.now.boxes, is_early_ ? margin_ : 0.0F, capacity(),
+      is_early_ ? pairs_.get() : cl::Buffer(), is_early_ ? counts_ : cl::Buffer());
   sink.set_sink(test_.kernel, next, search);
   const std::size_t items = context_.device().compute_units * test_groups_per_unit * test_.group;
   test_.enqueue(context_.queue(), std::min<std::size_t>(search.now.slots, items), stage.event());
 }
 
-bool NearPairs::missed(const PairDelta::Counts& counts) noexcept {
+bool NearPairs::missed(const PairDelta::Counts& counts, bool hopeless) noexcept {
   if (!is_early_) return false;
   is_running_ = false;
-  if (counts.displacement == too_many) wanted_ = 4 * capacity_;
-  return counts.displacement > std::bit_cast<cl_uint>(margin_);
+  if (counts.displacement == too_many && !hopeless) wanted_ = 4 * std::size_t{capacity()};
+  return hopeless || counts.displacement > std::bit_cast<cl_uint>(margin_);
 }
 
 void NearPairs::give_up() noexcept {
   is_early_ = false;
+  grown_.clear();
+  pairs_.clear();
   pause_ = std::min(2 * pause_ + 1, longest_pause);
   resume_ = frame_ + 1 + pause_;
 }

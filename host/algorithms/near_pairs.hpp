@@ -17,9 +17,9 @@ namespace broadcl {
 /// frame. If a box moves farther, the frame is searched again, without this.
 class NearPairs {
  public:
-  /// @param context Must outlive this object.
+  /// @param context Must outlive this object. If it cannot provide what this needs, nothing is searched
+  /// early.
   /// @param fewest With fewer boxes, nothing is searched early. The largest number: nothing ever is.
-  /// @throws cl::Error, Error
   NearPairs(const opencl::Context& context, std::size_t fewest);
   ~NearPairs() { wait(); }
   NearPairs(const NearPairs&) = delete;
@@ -47,15 +47,18 @@ class NearPairs {
   /// boxes move, if the next frame may be searched early.
   /// @throws cl::Error
   void test(const Search& search, const PairDelta& sink, opencl::Profiler& profiler);
-  /// Whether a box moved farther than by the margin, or there was no room for all near pairs. The frame must
-  /// then be searched again, after give_up(). Must be called once the counts of an early search are known.
-  [[nodiscard]] bool missed(const PairDelta::Counts& counts) noexcept;
-  /// Pauses early searches for some frames: the more often that happens, the longer.
+  /// Whether the search was early, and in vain: a box moved farther than by the margin, or there was no room
+  /// for all near pairs. The frame must then be searched again, after give_up(). Must be called once the
+  /// counts of an early search are known.
+  /// @param hopeless Whether the finder gave up the search, because all boxes were near each other.
+  [[nodiscard]] bool missed(const PairDelta::Counts& counts, bool hopeless) noexcept;
+  /// Pauses early searches for some frames, the longer the more often that happens, and frees their memory.
   void give_up() noexcept;
 
  private:
   [[nodiscard]] bool is_possible(const Search& search) const noexcept;
   [[nodiscard]] bool reserve(std::size_t slots, std::size_t pairs);
+  [[nodiscard]] cl_uint capacity() const noexcept;
   void wait() const noexcept;
 
   const opencl::Context& context_;
@@ -65,11 +68,10 @@ class NearPairs {
   cl::Event searched_;
   opencl::GrowingBuffer grown_;  // boxes
   opencl::GrowingBuffer pairs_;
-  std::size_t capacity_ = 0;  // pairs
-  std::size_t wanted_ = 0;    // pairs to make room for
-  cl::Buffer counts_;         // as those of PairDelta
-  std::size_t frame_ = 0;     // the number of this frame
-  cl_mem now_ = nullptr;      // its boxes
+  std::size_t wanted_ = 0;  // near pairs to make room for, if that many are useful
+  cl::Buffer counts_;       // as those of PairDelta
+  std::size_t frame_ = 0;   // the number of this frame
+  cl_mem now_ = nullptr;    // its boxes
   float margin_ = 0;
   bool is_early_ = false;     // whether this frame is searched early
   bool is_measured_ = false;  // whether the distances of this frame will be known

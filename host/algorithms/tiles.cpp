@@ -130,8 +130,8 @@ class Tiles final : public PairFinder {
 
   [[nodiscard]] bool gave_up(const PairDelta::Counts& counts) override {
     if (!is_built_) return false;
-    const bool missed = near_.missed(counts);
-    return missed || counts.work > most_work_;
+    const bool is_hopeless = counts.work > most_work_;
+    return near_.missed(counts, is_hopeless) || is_hopeless;
   }
 
   void rebuild(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) override {
