@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <bit>
-#include <cmath>
 #include <exception>
 #include <limits>
 #include <string_view>
@@ -63,11 +62,12 @@ bool NearPairs::begin(const Search& search, const PairDelta& sink, bool can_sear
   is_early_ = is_measured_ = false;
   frame_ = sink.frames();
   now_ = search.now.boxes();
+  if (!is_possible(search)) hopeless_margin_ = std::numeric_limits<float>::infinity();
   if (!is_possible(search) || frame_ < resume_) return false;
   is_measured_ = true;
+  if (!can_search || !is_distance_known) return false;
   margin_ = margin_factor * std::bit_cast<float>(sink.displacement());
-  if (!can_search || !is_distance_known || !std::isfinite(margin_)) return false;
-  if (!reserve(search.now.slots, sink.pair_count())) {
+  if (!(margin_ < hopeless_margin_) || !reserve(search.now.slots, sink.pair_count())) {
     give_up();
     return false;
   }
@@ -128,12 +128,13 @@ void NearPairs::test(const Search& search, const PairDelta& sink, opencl::Profil
 bool NearPairs::missed(const PairDelta::Counts& counts, bool hopeless) noexcept {
   if (!is_early_) return false;
   is_running_ = false;
+  if (hopeless) hopeless_margin_ = margin_ / 2;
   if (counts.displacement == too_many && !hopeless) wanted_ = 4 * std::size_t{capacity()};
   return hopeless || counts.displacement > std::bit_cast<cl_uint>(margin_);
 }
 
 void NearPairs::give_up() noexcept {
-  is_early_ = false;
+  is_early_ = is_measured_ = false;
   grown_.clear();
   pairs_.clear();
   pause_ = std::min(2 * pause_ + 1, longest_pause);

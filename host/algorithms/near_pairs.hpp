@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstddef>
+#include <limits>
 
 #include "algorithms/pair_delta.hpp"
 #include "algorithms/search.hpp"
@@ -73,6 +74,9 @@ class NearPairs {
   std::size_t frame_ = 0;   // the number of this frame
   cl_mem now_ = nullptr;    // its boxes
   float margin_ = 0;
+  /// From this margin on, a search would be in vain, as long as objects do not come or go; not a finite
+  /// number if none is known.
+  float hopeless_margin_ = std::numeric_limits<float>::infinity();
   bool is_early_ = false;     // whether this frame is searched early
   bool is_measured_ = false;  // whether the distances of this frame will be known
   bool is_running_ = false;   // whether the last early search may not have ended
