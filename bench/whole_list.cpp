@@ -121,14 +121,14 @@ void register_whole_list() {
   if (folder == nullptr) return;
   for (const std::string set :
        {"cloth-funnel-faces", "cloth-funnel-edges", "cloth-ball-faces", "cloth-ball-edges"}) {
-    benchmark::RegisterBenchmark(("whole-list/" + set).c_str(), time_whole_list,
-                                 std::filesystem::path(folder) / (set + ".npy"))
+    const std::filesystem::path file = std::filesystem::path(folder) / (set + ".npy");
+    benchmark::RegisterBenchmark(("whole-list/" + set).c_str(), time_whole_list, file)
         ->UseManualTime()
         ->Iterations(20)
         ->Unit(benchmark::kMicrosecond);
-    for (const std::string algorithm : {"tiles", "sweep-and-prune"}) {
-      benchmark::RegisterBenchmark(("whole-call/" + algorithm + "/" + set).c_str(), time_whole_call,
-                                   algorithm, std::filesystem::path(folder) / (set + ".npy"))
+    for (const char* algorithm : {"tiles", "sweep-and-prune"}) {
+      const std::string name = std::string("whole-call/") + algorithm + "/" + set;
+      benchmark::RegisterBenchmark(name.c_str(), time_whole_call, std::string(algorithm), file)
           ->UseManualTime()
           ->Iterations(20)
           ->Unit(benchmark::kMillisecond);

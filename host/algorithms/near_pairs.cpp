@@ -133,7 +133,7 @@ bool NearPairs::missed(const PairDelta::Counts& counts, bool hopeless) noexcept 
   return hopeless || counts.displacement > std::bit_cast<cl_uint>(margin_);
 }
 
-void NearPairs::give_up() noexcept {
+void NearPairs::give_up() {
   is_early_ = is_measured_ = false;
   grown_.clear();
   pairs_.clear();

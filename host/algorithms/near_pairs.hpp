@@ -54,7 +54,7 @@ class NearPairs {
   /// @param hopeless Whether the finder gave up the search, because all boxes were near each other.
   [[nodiscard]] bool missed(const PairDelta::Counts& counts, bool hopeless) noexcept;
   /// Pauses early searches for some frames, the longer the more often that happens, and frees their memory.
-  void give_up() noexcept;
+  void give_up();
 
  private:
   [[nodiscard]] bool is_possible(const Search& search) const noexcept;
