@@ -1,4 +1,4 @@
-#include "device_frames.hpp"
+#include "benchmarks.hpp"
 
 #include <algorithm>
 #include <array>
@@ -94,6 +94,13 @@ void time_enqueue(benchmark::State& state, const AlgorithmInfo& algorithm, const
 
 }  // namespace
 
+/// Benchmarks of boxes that are already on the device, all of which move in every frame:
+///
+///   update-device/ALGORITHM/SCENE/N   DeviceBroadPhase::update(), until its queue has finished
+///   update-enqueue/ALGORITHM/SCENE/N  DeviceBroadPhase::enqueue(), eight frames at a time, until the queue
+///                                     has finished; the time of one frame
+///
+/// The changes stay on the device, in canonical order. Writing the boxes of the next frames is not timed.
 void register_device_frames() {
   for (const Scene& scene : scene_list) {
     for (const std::uint32_t n : {3500U, 16000U, 64000U, 256000U, 1'000'000U}) {

@@ -30,18 +30,11 @@
 #include <broadcl/broad_phase.hpp>
 #include <broadcl/bullet.hpp>
 
+#include "benchmarks.hpp"
 #include "bounds.hpp"
-#include "device_frames.hpp"
 #include "frames.hpp"
-#include "primitives.hpp"
-#include "proxies.hpp"
-#include "rectangles.hpp"
-#include "resting.hpp"
 #include "scenes/broadphases.hpp"
 #include "scenes/generators.hpp"
-#include "two_sets.hpp"
-#include "whole_list.hpp"
-#include "worlds.hpp"
 
 namespace broadcl {
 namespace {

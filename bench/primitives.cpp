@@ -1,4 +1,4 @@
-#include "primitives.hpp"
+#include "benchmarks.hpp"
 
 #include <Eigen/Geometry>
 #include <algorithm>
@@ -145,6 +145,13 @@ void sort_on_host(benchmark::State& state, std::size_t n) {
 
 }  // namespace
 
+/// Benchmarks of the primitives, each next to a host thread that does the same:
+///
+///   centroids/NAME/N    bounds of the centroids of N boxes
+///   scan/NAME/N         exclusive prefix sum of N uints
+///   radix-sort/NAME/N   N random pairs {value, key} of uints, sorted by key
+///
+/// NAME is `device`, timed from the call until the queue has finished, or `host`.
 void register_primitives() {
   const auto add = [](const std::string& name, std::size_t n, auto* function) {
     benchmark::RegisterBenchmark((name + "/" + std::to_string(n)).c_str(), function, n)

@@ -1,4 +1,4 @@
-#include "rectangles.hpp"
+#include "benchmarks.hpp"
 
 #include <array>
 #include <cmath>
@@ -51,6 +51,10 @@ void time_rectangles(benchmark::State& state, const std::string& algorithm, std:
 
 }  // namespace
 
+/// Benchmarks of an update of all boxes in two dimensions, from memory of the caller:
+///
+///   rectangles/ALGORITHM/N             given as rectangles
+///   rectangles/ALGORITHM/N/as-boxes    given as boxes with z = 0
 void register_rectangles() {
   for (const std::string algorithm : {"sweep-and-prune", "tiles"}) {
     for (const std::size_t n : {3'500U, 100'000U}) {

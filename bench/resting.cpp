@@ -1,4 +1,4 @@
-#include "resting.hpp"
+#include "benchmarks.hpp"
 
 #include <cstddef>
 #include <cstdint>
@@ -100,6 +100,13 @@ void time_resting(benchmark::State& state, const std::string& name, std::uint32_
 
 }  // namespace
 
+/// Benchmarks of a Bullet world in which some objects move and the others sleep: updateAabbs() and
+/// computeOverlappingPairs().
+///
+///   resting/NAME/MOVING/N        MOVING of N objects move by a tenth of their edge
+///   resting/NAME/MOVING/N/skip   the same after setForceUpdateAllAabbs(false)
+///
+/// NAME is one of scenes::broadphases().
 void register_resting() {
   for (const auto& [moving, n] : {std::pair(10U, 500U), {100U, 100U}, {100U, 10000U}, {1000U, 100000U}}) {
     for (const char* name : {"auto", "sweep-and-prune", "bullet-bvh"}) {

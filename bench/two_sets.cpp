@@ -1,4 +1,4 @@
-#include "two_sets.hpp"
+#include "benchmarks.hpp"
 
 #include <algorithm>
 #include <chrono>
@@ -67,6 +67,15 @@ void time_two_sets(benchmark::State& state, const std::string& algorithm, const 
 
 }  // namespace
 
+/// Benchmarks of finding all pairs of two sets at once, from boxes on the host to the list there, with a
+/// device that is already open, and of one set of all these boxes:
+///
+///   two-sets/ALGORITHM/edges-faces, two-sets/ALGORITHM/edges-points
+///   two-sets/ALGORITHM/edges-faces/as-one, two-sets/ALGORITHM/edges-points/as-one
+///
+/// `s/pair` is the time per pair found. Edges and faces are those of cloth-ball in the folder that
+/// BROADCL_TEST_DATA names; points are boxes a tenth as large at the centres of the faces' boxes. If the
+/// variable is not set, these benchmarks do not exist.
 void register_two_sets() {
   const char* folder = std::getenv("BROADCL_TEST_DATA");  // NOLINT(concurrency-mt-unsafe)
   if (folder == nullptr) return;

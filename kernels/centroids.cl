@@ -10,10 +10,9 @@ static inline void merge(const uint extremes[6], const uint bucket, global uint*
 #endif
 
 /* The bounds of the centroids: for each bucket of worlds the maxima of -x, -y, -z, x, y, z, as ordered() makes them; 0
-   before. Without worlds there is one bucket. Also sets as many words of `next` to 0, for the next reduction. */
+   before. Without worlds there is one bucket. */
 kernel void centroids(const uint n, global const float* restrict boxes, global const uint4* restrict filters,
-                      const uint buckets, global uint* restrict result, global uint* restrict next) {
-  for (uint k = (uint)get_global_id(0); k < 6U * buckets; k += (uint)get_global_size(0)) next[k] = 0;
+                      const uint buckets, global uint* restrict result) {
   uint extremes[6] = {0, 0, 0, 0, 0, 0};
 #if WORLDS
   uint bucket = 0;
@@ -36,6 +35,7 @@ kernel void centroids(const uint n, global const float* restrict boxes, global c
   if (extremes[0] != 0U) merge(extremes, bucket, result);
 #else
   (void)filters;
+  (void)buckets;
   local uint all_extremes[6];
   if (get_local_id(0) == 0) {
     for (uint i = 0; i < 6U; ++i) all_extremes[i] = 0;

@@ -44,7 +44,7 @@ TEST_P(CallersBuffers, ThatCannotBeUsedAreRefusedAndNothingChanges) {
        {.buffer = boxes(), .count = 10, .filters = foreign_filters()},
        "context"},
       {"no boxes", {.buffer = nullptr, .count = 10}, "null"},
-      {"one box too many", {.buffer = boxes(), .count = 11}, "bytes"},
+      {"one box too many", {.buffer = boxes(), .count = 11}, "240 bytes, too few for 11"},
       {"the last box ends outside", {.buffer = boxes(), .count = 10, .offset = 4}, "bytes"},
       {"a stride that is too long", {.buffer = boxes(), .count = 10, .stride = 28}, "bytes"},
       {"a filter too few", {.buffer = boxes(), .count = 10, .filters = few_filters()}, "filters"},

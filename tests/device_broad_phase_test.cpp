@@ -206,22 +206,7 @@ TEST_F(OnCallersQueue, BeginLeavesTheThreadFreeUntilFinish) {
 }
 
 NOT_IN(rusticl, "has no out-of-order queues");
-TEST_F(OnCallersQueue, BadInputIsNamed) {
-  const std::vector<Aabb> boxes(10, Aabb{{0, 0, 0}, {1, 1, 1}});
-  const cl::Buffer buffer = buffer_of(boxes);
-  DeviceBroadPhase broad_phase(queue_());
-  broad_phase.update({.buffer = buffer(), .count = 10});
-  const auto error = [&](const DeviceBroadPhase::Boxes& bad) {
-    return test::error_of([&] { broad_phase.update(bad); });
-  };
-  EXPECT_THAT(error({.buffer = nullptr, .count = 1}), HasSubstr("null"));
-  EXPECT_THAT(error({.buffer = buffer(), .count = 11}), HasSubstr("240 bytes, too few for 11"));
-  EXPECT_THAT(error({.buffer = buffer(), .count = 10, .offset = 2}), HasSubstr("multiples of 4"));
-  EXPECT_THAT(error({.buffer = buffer(), .count = 10, .stride = 26}), HasSubstr("multiples of 4"));
-  const cl::Buffer filters = buffer_of(std::vector<Filter>(9));
-  EXPECT_THAT(error({.buffer = buffer(), .count = 10, .filters = filters()}), HasSubstr("filters"));
-  EXPECT_EQ(broad_phase.update({.buffer = buffer(), .count = 10}).added.count, 0U);
-
+TEST_F(OnCallersQueue, BadQueuesAndAlgorithmsAreNamed) {
   EXPECT_THAT(test::error_of([&] { DeviceBroadPhase refused(nullptr); }), HasSubstr("null"));
   EXPECT_THAT(test::error_of([&] { DeviceBroadPhase refused(queue_(), {.algorithm = "gpu-bf"}); }),
               HasSubstr("use one of: auto, brute-force"));

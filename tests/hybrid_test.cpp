@@ -199,20 +199,25 @@ TEST(HybridSwitch, AnIdThatIsUsedAgainForTheFirstUpdateOnTheDeviceIsAnotherObjec
   EXPECT_THAT(to_vector(delta.removed), ::testing::Contains(Pair{1, 2}));
 }
 
+/// That update must also return all pairs, to be compared with those of the host.
 TEST(HybridFailure, OfTheFirstUpdateOnTheDeviceLosesNothing) {
-  Pretender::Orders orders;
-  Core core(hybrid(orders));
-  meet_on_host(core, orders);
-  core.remove(2);
-  const Pairs before = core.pairs();
-  orders.fails = "finish";
-  EXPECT_EQ(error_of([&] { (void)core.finish(); }), "the device failed");
-  EXPECT_EQ(core.pairs(), before);
-  core.move(1, apart(2));
-  const Delta delta = core.finish();
-  EXPECT_EQ(to_vector(delta.added), Pairs());
-  EXPECT_EQ(to_vector(delta.removed), before);
-  EXPECT_EQ(core.pairs(), Pairs());
+  for (const std::string function : {"finish", "pairs"}) {
+    SCOPED_TRACE(function);
+    Pretender::Orders orders;
+    Core core(hybrid(orders));
+    meet_on_host(core, orders);
+    core.remove(2);
+    const Pairs before = core.pairs();
+    orders.fails = function;
+    EXPECT_EQ(error_of([&] { (void)core.finish(); }), "the device failed");
+    EXPECT_EQ(core.algorithm().device(), nullptr);
+    EXPECT_EQ(core.pairs(), before);
+    core.move(1, apart(2));
+    const Delta delta = core.finish();
+    EXPECT_EQ(to_vector(delta.added), Pairs());
+    EXPECT_EQ(to_vector(delta.removed), before);
+    EXPECT_EQ(core.pairs(), Pairs());
+  }
 }
 
 /// Moves to the device, fails there in a function, and continues on the host.
@@ -252,21 +257,6 @@ TEST(HybridFailure, OnTheDeviceIsFollowedByUpdatesOnTheHost) {
   for (const std::string function : {"reserve_exclusions", "begin", "flush", "finish"}) {
     fail_on_device(function);
   }
-}
-
-/// The first update on the device must also return all pairs, to be compared with those of the host.
-TEST(HybridFailure, ToReturnThePairsOfTheFirstUpdateOnTheDeviceLosesNothing) {
-  Pretender::Orders orders;
-  Core core(hybrid(orders));
-  meet_on_host(core, orders);
-  core.move(2, apart(3));
-  const Pairs before = core.pairs();
-  orders.fails = "pairs";
-  EXPECT_EQ(error_of([&] { (void)core.finish(); }), "the device failed");
-  EXPECT_EQ(core.algorithm().device(), nullptr);
-  EXPECT_EQ(core.pairs(), before);
-  (void)core.finish();
-  EXPECT_EQ(core.pairs(), (Pairs{{0, 1}}));
 }
 
 TEST(HybridFailure, OfADeviceThatNoLongerHasThePairsStaysThere) {

@@ -11,7 +11,6 @@
 #include "opencl/disk_cache.hpp"
 #include "opencl/error.hpp"
 #include "opencl/kernel_source.hpp"
-#include "opencl/profiler.hpp"
 #include "opencl/shared_buffer.hpp"
 #include "runs.hpp"
 
@@ -308,26 +307,6 @@ TEST_F(OnDevice, DISABLED_ARace) {
   write(folder_.path() / "store.cl",
         "kernel void store(global int* out) { out[0] = (int)get_global_id(0); }\n");
   (void)run(Context(select_device(), false));
-}
-
-TEST_F(OnDevice, ProfilesHaveHostAndDeviceTimes) {
-  const Context context(select_device(), true);
-  Profiler profiler(true);
-  const cl::Buffer buffer(context.context(), CL_MEM_READ_WRITE, 1 << 20);
-  {
-    Profiler::Scope stage(profiler, "first");
-    context.queue().enqueueFillBuffer(buffer, 1, 0, 1 << 20, nullptr, stage.event());
-  }
-  { const Profiler::Scope stage(profiler, "second"); }
-  context.queue().finish();
-  profiler.resolve();
-  ASSERT_EQ(profiler.stages().size(), 2U);
-  EXPECT_EQ(profiler.stages()[0].name, "first");
-  EXPECT_GT(profiler.stages()[0].host_seconds, 0);
-  EXPECT_GT(profiler.stages()[0].device_seconds, 0);
-  EXPECT_EQ(profiler.stages()[1].device_seconds, 0);
-  profiler.begin();
-  EXPECT_TRUE(profiler.stages().empty());
 }
 
 }  // namespace

@@ -185,22 +185,6 @@ TEST_F(Objects, AnUpdateThatDoesNotSucceedLeavesTheLastOne) {
   EXPECT_EQ(update({.slots = n, .all = true}, before), std::vector<Aabb>(n, test::unit));
 }
 
-TEST_F(Objects, BoxesThatStandStillComeAlongWhenMemoryGrows) {
-  std::uint32_t n = 0;
-  std::vector<Aabb> expected;
-  for (const std::uint32_t next : {2U, 256U, 257U, 258U, 1000U, 1001U}) {
-    objects_.reserve(next, false);
-    const std::vector<Aabb> before = expected;
-    std::vector<std::uint32_t> changed;
-    for (; n < next; ++n) {
-      expected.push_back(objects_.boxes()[n] = test::apart(n));
-      changed.push_back(n);
-    }
-    const bool all = changed.size() > n / 4;
-    EXPECT_EQ(update({.slots = n, .changed = changed, .all = all}, before), expected) << n;
-  }
-}
-
 TEST_F(Objects, NewFiltersComeAlongAndThoseOfTheLastUpdateStay) {
   std::vector<Filter> filters;
   std::vector<Filter> before;

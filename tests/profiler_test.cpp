@@ -13,6 +13,7 @@
 
 #include "opencl/context.hpp"
 #include "opencl/profiler.hpp"
+#include "runs.hpp"
 
 namespace broadcl::opencl {
 namespace {
@@ -120,6 +121,8 @@ class DeviceProfiler : public testing::Test {
   cl::Buffer buffer_{context_.context(), CL_MEM_READ_WRITE, bytes};
   Profiler profiler_{true};
 };
+
+SUITE_ALSO_IN(DeviceProfiler, rusticl);
 
 TEST_F(DeviceProfiler, CommandsAreInOrderAndDoNotOverlap) {
   profiler_.begin();

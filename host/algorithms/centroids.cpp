@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <bit>
-#include <utility>
 
 #include "opencl/launch.hpp"
 
@@ -21,21 +20,14 @@ void CentroidBounds::enqueue(opencl::SizedKernel& kernel, const cl::Buffer& boxe
   const bool worlds = filters() != nullptr;
   buckets_ = worlds ? static_cast<cl_uint>(std::bit_ceil(n / boxes_per_bucket + 1)) + 1 : 1;
   const std::size_t words = buckets_ * bucket_words;
-  std::swap(result_, next_);
-  if (std::exchange(zeros_, 0) != words) {
-    for (opencl::GrowingBuffer* buffer : {&result_, &next_}) {
-      buffer->reserve(context_, words * sizeof(cl_uint), "bounds of worlds");
-    }
-    context_.fill(result_.get(), 0, 0, words);
-  }
+  result_.reserve(context_, words * sizeof(cl_uint), "bounds of worlds");
+  context_.fill(result_.get(), 0, 0, words);
   if (n == 0) return;
   const std::size_t useful = std::size_t{context_.device().compute_units} * groups_per_unit;
   const std::size_t groups = std::max(opencl::divide_up(n, kernel.group * most_rounds),
                                       std::min(opencl::divide_up(n, kernel.group), useful));
-  opencl::set_arguments(kernel.kernel, 0, static_cast<cl_uint>(n), boxes, filters, buckets_, result_.get(),
-                        next_.get());
+  opencl::set_arguments(kernel.kernel, 0, static_cast<cl_uint>(n), boxes, filters, buckets_, result_.get());
   kernel.enqueue(context_.queue(), groups * kernel.group);
-  zeros_ = words;
 }
 
 }  // namespace broadcl

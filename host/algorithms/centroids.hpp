@@ -30,8 +30,6 @@ class CentroidBounds {
  private:
   const opencl::Context& context_;
   opencl::GrowingBuffer result_;
-  opencl::GrowingBuffer next_;  // for the next reduction
-  std::size_t zeros_ = 0;       // words of it that are 0; a reduction sets them, which saves a launch
   cl_uint buckets_ = 1;
 };
 

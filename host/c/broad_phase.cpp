@@ -3,7 +3,6 @@
 
 #include <cstddef>
 #include <cstdint>
-#include <memory>
 #include <optional>
 #include <span>
 #include <vector>
@@ -45,9 +44,7 @@ broadcl_status broadcl_pair_list_create(const broadcl_boxes* boxes, const broadc
                                         broadcl_pair_list** list) {
   return c::call(__func__, [&] {
     c::required(list, "list");
-    auto made = std::make_unique<broadcl_pair_list>();
-    made->pairs = overlapping_pairs(c::to_view(boxes, "boxes"), c::to_config(config));
-    *list = made.release();
+    *list = new broadcl_pair_list{overlapping_pairs(c::to_view(boxes, "boxes"), c::to_config(config))};
   });
 }
 
@@ -55,10 +52,8 @@ broadcl_status broadcl_pair_list_create_between(const broadcl_boxes* first, cons
                                                 const broadcl_config* config, broadcl_pair_list** list) {
   return c::call(__func__, [&] {
     c::required(list, "list");
-    auto made = std::make_unique<broadcl_pair_list>();
-    made->pairs =
-        overlapping_pairs(c::to_view(first, "first"), c::to_view(second, "second"), c::to_config(config));
-    *list = made.release();
+    *list = new broadcl_pair_list{
+        overlapping_pairs(c::to_view(first, "first"), c::to_view(second, "second"), c::to_config(config))};
   });
 }
 
@@ -67,13 +62,11 @@ broadcl_status broadcl_pair_list_create_excluding(const broadcl_boxes* first, co
                                                   const broadcl_config* config, broadcl_pair_list** list) {
   return c::call(__func__, [&] {
     c::required(list, "list");
-    auto made = std::make_unique<broadcl_pair_list>();
     const std::span<const Pair> without = c::to_pairs(exclusions, count, "exclusions");
-    made->pairs = second == nullptr
-                      ? overlapping_pairs(c::to_view(first, "first"), c::to_config(config), without)
-                      : overlapping_pairs(c::to_view(first, "first"), c::to_view(second, "second"),
-                                          c::to_config(config), without);
-    *list = made.release();
+    *list = new broadcl_pair_list{
+        second == nullptr ? overlapping_pairs(c::to_view(first, "first"), c::to_config(config), without)
+                          : overlapping_pairs(c::to_view(first, "first"), c::to_view(second, "second"),
+                                              c::to_config(config), without)};
   });
 }
 
@@ -81,9 +74,7 @@ broadcl_status broadcl_pair_list_create_sharing(const std::uint32_t* labels, std
                                                 std::size_t per_object, broadcl_pair_list** list) {
   return c::call(__func__, [&] {
     c::required(list, "list");
-    auto made = std::make_unique<broadcl_pair_list>();
-    made->pairs = pairs_that_share(c::array(labels, count, "labels"), per_object);
-    *list = made.release();
+    *list = new broadcl_pair_list{pairs_that_share(c::array(labels, count, "labels"), per_object)};
   });
 }
 
@@ -94,10 +85,9 @@ broadcl_status broadcl_pair_list_create_sharing_between(const std::uint32_t* fir
                                                         broadcl_pair_list** list) {
   return c::call(__func__, [&] {
     c::required(list, "list");
-    auto made = std::make_unique<broadcl_pair_list>();
-    made->pairs = pairs_that_share(c::array(first_labels, first_count, "first_labels"), per_first,
-                                   c::array(second_labels, second_count, "second_labels"), per_second);
-    *list = made.release();
+    *list = new broadcl_pair_list{
+        pairs_that_share(c::array(first_labels, first_count, "first_labels"), per_first,
+                         c::array(second_labels, second_count, "second_labels"), per_second)};
   });
 }
 

@@ -1,0 +1,15 @@
+#pragma once
+
+namespace broadcl {
+
+/// Each registers the benchmarks of a file, which explains them.
+void register_device_frames();
+void register_primitives();
+void register_proxies();
+void register_rectangles();
+void register_resting();
+void register_two_sets();
+void register_whole_list();
+void register_worlds();
+
+}  // namespace broadcl
