@@ -199,6 +199,16 @@ TEST(HybridSwitch, AnIdThatIsUsedAgainForTheFirstUpdateOnTheDeviceIsAnotherObjec
   EXPECT_THAT(to_vector(delta.removed), ::testing::Contains(Pair{1, 2}));
 }
 
+/// After a failure on the device, the pairs are as before, and the host finds what has changed since.
+void expect_nothing_lost(Core& core, const Pairs& before) {
+  EXPECT_EQ(core.algorithm().device(), nullptr);
+  EXPECT_EQ(core.pairs(), before);
+  core.move(1, apart(2));
+  const Delta delta = core.finish();
+  EXPECT_EQ(to_vector(delta.added), Pairs());
+  EXPECT_EQ(to_vector(delta.removed), before);
+}
+
 /// That update must also return all pairs, to be compared with those of the host.
 TEST(HybridFailure, OfTheFirstUpdateOnTheDeviceLosesNothing) {
   for (const std::string function : {"finish", "pairs"}) {
@@ -210,12 +220,7 @@ TEST(HybridFailure, OfTheFirstUpdateOnTheDeviceLosesNothing) {
     const Pairs before = core.pairs();
     orders.fails = function;
     EXPECT_EQ(error_of([&] { (void)core.finish(); }), "the device failed");
-    EXPECT_EQ(core.algorithm().device(), nullptr);
-    EXPECT_EQ(core.pairs(), before);
-    core.move(1, apart(2));
-    const Delta delta = core.finish();
-    EXPECT_EQ(to_vector(delta.added), Pairs());
-    EXPECT_EQ(to_vector(delta.removed), before);
+    expect_nothing_lost(core, before);
     EXPECT_EQ(core.pairs(), Pairs());
   }
 }
@@ -238,12 +243,7 @@ void fail_on_device(const std::string& function) {
               (void)core.finish();
             }),
             "the device failed");
-  EXPECT_EQ(core.algorithm().device(), nullptr);
-  EXPECT_EQ(core.pairs(), before);
-  core.move(1, apart(2));
-  const Delta delta = core.finish();
-  EXPECT_EQ(to_vector(delta.added), Pairs());
-  EXPECT_EQ(to_vector(delta.removed), before);
+  expect_nothing_lost(core, before);
   EXPECT_EQ(core.algorithm().memory().device, 0U) << "of the device";
   for (int k = 0; k < 100; ++k) {
     core.move(1, k % 2 == 0 ? unit : apart(2));
