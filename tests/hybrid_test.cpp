@@ -3,7 +3,7 @@
 #include <atomic>
 #include <chrono>
 #include <cstdint>
-#include <limits>
+#include <functional>
 #include <memory>
 #include <new>
 #include <random>
@@ -33,6 +33,9 @@
 namespace broadcl::test {
 namespace {
 
+using std::chrono::microseconds;
+using std::chrono::milliseconds;
+
 constexpr double at_once = 0;
 constexpr double slow_update = 100e-6;
 
@@ -42,9 +45,9 @@ std::unique_ptr<Algorithm> host() {
 
 /// Opens its device after a few updates, even if they take no time.
 /// @param orders Must outlive it.
-std::unique_ptr<Algorithm> hybrid(const Pretender::Orders& orders, std::string_view algorithm = "oracle") {
+std::unique_ptr<Algorithm> hybrid(const Pretender::Orders& orders) {
   return make_hybrid(
-      host(), [&orders, algorithm] { return std::make_unique<Pretender>(orders, algorithm); }, at_once);
+      host(), [&orders] { return std::make_unique<Pretender>(orders); }, at_once);
 }
 
 /// Objects, some of which move, come, go or get another filter in each update, sometimes while one is in
@@ -138,19 +141,21 @@ void update_until(Core& core, Script& script, bool on_device) {
 }
 
 class Hybrid : public ::testing::TestWithParam<std::string_view> {};
-SUITE_NOT_IN(Hybrid, sanitizers, "compares times");
 
 TEST_P(Hybrid, FindsTheSameOnEitherSide) {
   for (const unsigned seed : {1U, 2U, 3U}) {
-    Pretender::Orders orders;
-    Core core(hybrid(orders, GetParam()));
+    Time clock;
+    Pretender::Orders orders{.clock = &clock};
+    Core core(make_hybrid(
+        host(), [&] { return std::make_unique<Pretender>(orders, GetParam()); }, at_once,
+        [&] { return clock += microseconds(10); }));
     Script script(core, seed);
     for (int turn = 0; turn < 3; ++turn) {
       for (int k = 0; k < 5; ++k) script.update();
-      orders = {.expected_seconds = at_once};
+      orders = {.expected_seconds = at_once, .clock = &clock};
       update_until(core, script, true);
       for (int k = 0; k < 5; ++k) script.update();
-      orders = {.expected_seconds = 1e-3, .sleep = std::chrono::milliseconds(1)};
+      orders = {.expected_seconds = 1e-3, .takes = milliseconds(1), .clock = &clock};
       update_until(core, script, false);
     }
     script.expect_kept();
@@ -408,92 +413,106 @@ TEST(HybridOpens, AnExceptionOfTheUsersLeavesTheHost) {
   EXPECT_EQ(calls, 1);
 }
 
+/// A hybrid of two Pretenders with three boxes, of which one moves in each update. Its time is that of its
+/// clock alone.
+struct TwoPretenders {
+  Time clock;
+  Pretender::Orders host_orders{.clock = &clock};
+  Pretender::Orders device_orders{.clock = &clock};
+  std::function<void()> while_opening = [] {};
+  Core core;
+  std::size_t moves = 0;
+
+  explicit TwoPretenders(double slow)
+      : core(make_hybrid(
+            std::make_unique<Pretender>(host_orders),
+            [this] {
+              while_opening();
+              return std::make_unique<Pretender>(device_orders);
+            },
+            slow, [this] { return clock; })) {
+    for (std::uint32_t k = 0; k < 3; ++k) core.add(unit, {});
+  }
+
+  void update() {
+    core.move(0, apart(moves++ % 2));
+    (void)core.finish();
+  }
+
+  /// Updates that take a while on the host.
+  void updates(std::size_t count, microseconds on_host) {
+    host_orders.takes = on_host;
+    for (; count > 0; --count) update();
+  }
+
+  [[nodiscard]] bool is_open() const { return core.algorithm().memory().device > 0; }
+};
+
 /// Opening a device takes time on the host, but only once.
 TEST(HybridOpens, TheTimesOfUpdatesMeanwhileDoNotCount) {
-  Pretender::Orders host_orders;
-  const Pretender::Orders device_orders{.expected_seconds = 100e-6};
   std::atomic<bool> is_opening = false;
   std::atomic<bool> may_go_on = false;
-  Core core(make_hybrid(
-      std::make_unique<Pretender>(host_orders),
-      [&] {
-        is_opening = true;
-        is_opening.notify_all();
-        may_go_on.wait(false);
-        return std::make_unique<Pretender>(device_orders);
-      },
-      at_once));
-  for (std::uint32_t k = 0; k < 3; ++k) core.add(unit, {});
-  const auto update = [&](std::size_t k) {
-    core.move(0, apart(k % 2));
-    (void)core.finish();
+  TwoPretenders both(slow_update);
+  both.device_orders.expected_seconds = 100e-6;
+  both.device_orders.takes = microseconds(100);
+  both.while_opening = [&] {
+    is_opening = true;
+    is_opening.notify_all();
+    may_go_on.wait(false);
   };
-  for (std::size_t k = 0; k < 20; ++k) update(k);
+  both.updates(20, milliseconds(1));
   is_opening.wait(false);
-  host_orders.sleep = std::chrono::milliseconds(1);
-  for (std::size_t k = 0; k < 100; ++k) update(k);
+  both.updates(100, milliseconds(20));
   may_go_on = true;
   may_go_on.notify_all();
-  std::size_t k = 0;
-  repeat_until([&] { return core.algorithm().memory().device > 0; }, [&] { update(k++); });
-  host_orders.sleep = {};
-  for (; k < 200; ++k) update(k);
-  EXPECT_EQ(device_orders.updates, 0);
+  repeat_until([&] { return both.is_open(); }, [&] { both.update(); });
+  both.updates(100, milliseconds(1));
+  EXPECT_GT(both.device_orders.updates, 0);
+  both.device_orders.takes = milliseconds(5);
+  both.updates(100, milliseconds(1));
+  const int before = both.device_orders.updates;
+  both.updates(100, milliseconds(1));
+  EXPECT_EQ(both.device_orders.updates, before) << "on the device, which is slower";
 }
 
 /// What decides is what updates take now, and for how long.
 TEST(HybridSwitch, ToADeviceFollowsFromLastingSlownessAlone) {
-  using std::chrono::milliseconds;
-  Pretender::Orders host_orders;
-  const Pretender::Orders device_orders{.expected_seconds = 50e-6};
-  Core core(make_hybrid(
-      std::make_unique<Pretender>(host_orders), [&] { return std::make_unique<Pretender>(device_orders); },
-      slow_update));
-  for (std::uint32_t k = 0; k < 3; ++k) core.add(unit, {});
-  std::size_t k = 0;
-  const auto update = [&](milliseconds sleep) {
-    host_orders.sleep = sleep;
-    core.move(0, apart(k++ % 2));
-    (void)core.finish();
-  };
-  const auto is_open = [&] { return core.algorithm().memory().device > 0; };
-  for (int slow = 0; slow < 20 && !is_open(); ++slow) update(milliseconds(1));
-  repeat_until(is_open, [&] { update({}); });
+  TwoPretenders both(slow_update);
+  both.device_orders.expected_seconds = 50e-6;
+  both.updates(20, milliseconds(1));
+  repeat_until([&] { return both.is_open(); }, [&] { both.update(); });
   for (int round = 0; round < 10; ++round) {
-    update(milliseconds(20));
-    for (int fast = 0; fast < 50; ++fast) update({});
+    both.updates(1, milliseconds(20));
+    both.updates(50, microseconds(10));
   }
-  EXPECT_EQ(device_orders.updates, 0);
-  repeat_until([&] { return device_orders.updates > 0; }, [&] { update(milliseconds(1)); });
+  EXPECT_EQ(both.device_orders.updates, 0);
+  both.updates(100, milliseconds(1));
+  EXPECT_GT(both.device_orders.updates, 0);
 }
 
 /// The side that a long time was spent on becomes slow for good: it must not be tried again and again because
 /// it was fast on average.
 TEST(HybridSwitch, IsSoonFinalAfterALastingChange) {
-  using std::chrono::microseconds;
-  Pretender::Orders host_orders{.sleep = microseconds(200)};
-  const Pretender::Orders device_orders{.expected_seconds = 600e-6, .sleep = microseconds(600)};
-  Core core(make_hybrid(
-      std::make_unique<Pretender>(host_orders), [&] { return std::make_unique<Pretender>(device_orders); },
-      slow_update / 10));
-  for (std::uint32_t k = 0; k < 3; ++k) core.add(unit, {});
+  TwoPretenders both(slow_update / 10);
+  both.device_orders.expected_seconds = 600e-6;
+  both.device_orders.takes = microseconds(600);
+  both.updates(20, microseconds(200));
+  repeat_until([&] { return both.is_open(); }, [&] { both.update(); });
+  both.updates(1500, microseconds(200));
+  ASSERT_EQ(both.device_orders.updates, 0);
   bool is_on_device = false;
-  const auto updates = [&](std::size_t count) {
+  const auto switches_of = [&](std::size_t updates) {
     std::size_t switches = 0;
-    for (std::size_t k = 0; k < count; ++k) {
-      const int before = device_orders.updates;
-      core.move(0, apart(k % 2));
-      (void)core.finish();
-      const bool was_on_device = std::exchange(is_on_device, device_orders.updates != before);
+    for (; updates > 0; --updates) {
+      const int before = both.device_orders.updates;
+      both.updates(1, milliseconds(2));
+      const bool was_on_device = std::exchange(is_on_device, both.device_orders.updates != before);
       switches += is_on_device == was_on_device ? 0U : 1U;
     }
     return switches;
   };
-  (void)updates(1500);
-  ASSERT_FALSE(is_on_device);
-  host_orders.sleep = microseconds(2000);
-  EXPECT_LE(updates(400), 9U);
-  EXPECT_LE(updates(100), 1U);
+  EXPECT_LE(switches_of(400), 9U);
+  EXPECT_LE(switches_of(100), 1U);
   EXPECT_TRUE(is_on_device);
 }
 
@@ -513,7 +532,7 @@ TEST(HybridOpens, TheDestructorWaitsForIt) {
     Core core(make_hybrid(
         make_algorithm({.algorithm = "oracle"}),
         [&]() -> std::unique_ptr<Algorithm> {
-          std::this_thread::sleep_for(std::chrono::milliseconds(50));
+          std::this_thread::sleep_for(milliseconds(50));
           is_over = true;
           return nullptr;
         },

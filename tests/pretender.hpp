@@ -7,7 +7,6 @@
 #include <span>
 #include <string>
 #include <string_view>
-#include <thread>
 #include <vector>
 
 #include <broadcl/device.hpp>
@@ -17,6 +16,8 @@
 
 namespace broadcl::test {
 
+using Time = std::chrono::steady_clock::time_point;
+
 /// An algorithm that claims to work on a device, and follows orders.
 class Pretender final : public Algorithm {
  public:
@@ -24,7 +25,8 @@ class Pretender final : public Algorithm {
   struct Orders {
     double expected_seconds = 1;
     std::optional<double> expected_for_all{};  ///< If all slots changed; the same if null.
-    std::chrono::microseconds sleep{0};        ///< In finish().
+    std::chrono::microseconds takes{0};        ///< By how much finish() moves the clock on.
+    Time* clock = nullptr;                     ///< None if null.
     bool has_no_memory = false;                ///< reserve() throws.
     std::string fails{};                       ///< The function that throws.
     bool is_lost = false;                      ///< pairs() throws, too.
@@ -55,7 +57,7 @@ class Pretender final : public Algorithm {
   }
   Delta finish() override {
     may_fail("finish");
-    if (orders_.sleep.count() > 0) std::this_thread::sleep_for(orders_.sleep);
+    if (orders_.clock != nullptr) *orders_.clock += orders_.takes;
     const Delta delta = inner_->finish();
     ++orders_.updates;
     return delta;

@@ -23,12 +23,6 @@ constexpr double slow_updates_until_opening = 100;
 /// allocates.
 constexpr double first_search = 2;
 
-using Clock = std::chrono::steady_clock;
-
-double seconds_since(Clock::time_point start) {
-  return std::chrono::duration<double>(Clock::now() - start).count();
-}
-
 /// Corrects the expected time of an update by the measured times of earlier ones: first by their mean, then
 /// with less and less weight for old ones.
 class Estimate {
@@ -66,8 +60,8 @@ double host_seconds(std::size_t slots, std::size_t changed) {
 
 class Hybrid final : public Algorithm {
  public:
-  Hybrid(std::unique_ptr<Algorithm> host, OpenDevice open, double slow_update)
-      : host_(std::move(host)), open_(std::move(open)), slow_update_(slow_update) {}
+  Hybrid(std::unique_ptr<Algorithm> host, OpenDevice open, double slow_update, Now now)
+      : host_(std::move(host)), open_(std::move(open)), now_(std::move(now)), slow_update_(slow_update) {}
 
   void reserve(std::size_t slots, bool filters) override {
     or_leave_device([&] { current_->reserve(slots, filters); });
@@ -91,7 +85,7 @@ class Hybrid final : public Algorithm {
     }
     seconds_ = 0;  // on the host, which does its work in finish()
     if (!is_on_device()) return current_->begin(own);
-    const auto start = Clock::now();
+    const auto start = now_();
     or_leave_device([&] { current_->begin(own); });
     seconds_ = seconds_since(start);
   }
@@ -101,7 +95,7 @@ class Hybrid final : public Algorithm {
   }
 
   Delta finish() override {
-    const auto start = Clock::now();
+    const auto start = now_();
     taken_.reset();
     Delta delta;
     std::vector<Pair> pairs;
@@ -144,6 +138,10 @@ class Hybrid final : public Algorithm {
   [[nodiscard]] std::span<const Stage> profile() const noexcept override { return asked_->profile(); }
 
  private:
+  [[nodiscard]] double seconds_since(std::chrono::steady_clock::time_point start) const {
+    return std::chrono::duration<double>(now_() - start).count();
+  }
+
   [[nodiscard]] bool is_on_device() const noexcept { return current_ == device_.get(); }
 
   [[nodiscard]] double seconds_on_host(std::size_t slots, std::size_t changed) const {
@@ -233,6 +231,7 @@ class Hybrid final : public Algorithm {
   std::unique_ptr<Algorithm> host_;
   std::unique_ptr<Algorithm> device_;  // if it was opened
   OpenDevice open_;                    // until it is opened
+  Now now_;
   std::future<std::unique_ptr<Algorithm>> opening_;
   std::exception_ptr failure_;        // of opening it, for the next update
   Algorithm* current_ = host_.get();  // does the next update
@@ -255,8 +254,9 @@ class Hybrid final : public Algorithm {
 
 }  // namespace
 
-std::unique_ptr<Algorithm> make_hybrid(std::unique_ptr<Algorithm> host, OpenDevice open, double slow_update) {
-  return std::make_unique<Hybrid>(std::move(host), std::move(open), slow_update);
+std::unique_ptr<Algorithm> make_hybrid(std::unique_ptr<Algorithm> host, OpenDevice open, double slow_update,
+                                       Now now) {
+  return std::make_unique<Hybrid>(std::move(host), std::move(open), slow_update, std::move(now));
 }
 
 }  // namespace broadcl

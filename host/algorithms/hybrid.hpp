@@ -1,5 +1,6 @@
 #pragma once
 
+#include <chrono>
 #include <functional>
 #include <memory>
 
@@ -11,6 +12,9 @@ namespace broadcl {
 /// another thread, at most once.
 using OpenDevice = std::function<std::unique_ptr<Algorithm>()>;
 
+/// Returns the present time.
+using Now = std::function<std::chrono::steady_clock::time_point()>;
+
 /// An algorithm that starts on the host, opens a device once updates take long, and then uses the one that is
 /// expected to be faster; it may switch between updates. The device is opened in a background thread, and the
 /// destructor waits for that. If opening fails with an Error, the next update throws it; if the device fails
@@ -18,7 +22,9 @@ using OpenDevice = std::function<std::unique_ptr<Algorithm>()>;
 /// longer be read from the device.
 /// @param slow_update Updates that take more seconds are slow. The device is opened once slow updates in a
 /// row have taken 100 times as long.
+/// @param now Measures updates.
 [[nodiscard]] std::unique_ptr<Algorithm> make_hybrid(std::unique_ptr<Algorithm> host, OpenDevice open,
-                                                     double slow_update);
+                                                     double slow_update,
+                                                     Now now = std::chrono::steady_clock::now);
 
 }  // namespace broadcl
