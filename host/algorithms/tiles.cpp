@@ -1,15 +1,14 @@
-#include <algorithm>
 #include <array>
 #include <cstddef>
 #include <limits>
 #include <memory>
-#include <optional>
 #include <string>
 
 #include "algorithms/algorithm.hpp"
 #include "algorithms/centroids.hpp"
 #include "algorithms/near_pairs.hpp"
 #include "algorithms/pair_finder.hpp"
+#include "algorithms/tile_work.hpp"
 #include "opencl/growing_buffer.hpp"
 #include "opencl/launch.hpp"
 #include "opencl/radix_sort.hpp"
@@ -41,31 +40,12 @@ constexpr unsigned code_bits = 31;
 /// The highest of them, by which boxes are sorted: one radix pass less than for all, and trees as good.
 constexpr unsigned sorted_bits = 24;
 constexpr std::size_t levels = 4;  // as many as a cl_uint4 has numbers
-constexpr std::size_t reported_work = 256;
 
 constexpr std::size_t most_sharers = 8;
 constexpr std::size_t search_groups_per_unit = 64;         // as far as most_sharers allows
 constexpr std::size_t dense_search_groups_per_unit = 128;  // if all tiles are dense
-constexpr double default_stale = 1.25;
-/// How often, on average, each box may move before the order counts as old, if its work is not known.
-constexpr std::size_t unwatched = 8;
-/// At least 1 / fewest_moved of the boxes must have moved before the order may be old.
-constexpr std::size_t fewest_moved = 64;
 /// From this many boxes on, a GPU takes long enough to receive them that a search meanwhile pays.
 constexpr std::size_t fewest_searched_early = 1 << 17;
-
-/// Kinds of searches, whose work is compared separately: of the boxes that changed, of all boxes, and of all
-/// boxes as they were in the last frame.
-enum Kind : std::size_t { some_changed, all_changed, early };
-/// The work of these searches, if the boxes have one size, as a multiple of usual_work().
-constexpr std::array default_factors{0.9, 0.25, 0.25};
-/// An early search takes more time than it saves if its work is more than this multiple of that of a search
-/// of all.
-constexpr double most_early_work = 2;
-
-/// A search is given up, and the boxes are sorted, if it takes more work than this many searches of all boxes
-/// in a new order, which is far more than is_stale() allows. If all boxes leapt, the work would be n^2.
-constexpr double hopeless = 4;
 
 /// Up to this many objects are gathered in the order of the tiles, which saves a launch; with more, gathering
 /// them in their own order takes less time.
@@ -81,11 +61,6 @@ cl_uint sets(const Search& search) {
   return search.sets ? 1 : 0;
 }
 
-/// Whether two numbers are so close that an observation for one also holds for the other.
-bool alike(std::size_t s, std::size_t t) {
-  return 2 * s <= 3 * t && 2 * t <= 3 * s;
-}
-
 using opencl::divide_up;
 using opencl::round_up;
 
@@ -96,6 +71,7 @@ class Tiles final : public PairFinder {
       : context_(context),
         stale_(stale),
         launch_(launch_for(context.tuning())),
+        work_(launch_.node, stale),
         centroids_(context),
         near_(context, fewest_early),
         sort_(context) {
@@ -108,14 +84,11 @@ class Tiles final : public PairFinder {
     const bool may_gather = search.source != nullptr && search.now.slots <= most_gathered;
     load(search, may_gather);
     prepare(search);
-    observe(sink);
-    age(search, sink);
-    const bool stale = is_stale(search, sink);
-    usual_work_ = usual_work(search);
-    const bool is_early =
-        near_.begin(search, sink, !stale, factors_[early] <= most_early_work * factors_[all_changed]);
-    kind_ = is_early ? early : search.all ? all_changed : some_changed;
-    if (is_early) return search_early(search, sink, profiler);
+    work_.begin_frame(search, sink);
+    const bool stale = work_.is_stale(search, sink);
+    is_early_ = near_.begin(search, sink, !stale, work_.early_pays());
+    work_.begin_search(search, is_early_);
+    if (is_early_) return search_early(search, sink, profiler);
     const bool gathers = may_gather && !stale;
     if (!gathers) PairFinder::build(search, sink, profiler);
     if (stale) sort(search, sink, profiler);
@@ -124,7 +97,7 @@ class Tiles final : public PairFinder {
 
   void find(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) override {
     if (!is_built_) return;
-    if (kind_ != early) enqueue_search(search, sink, profiler);
+    if (!is_early_) enqueue_search(search, sink, profiler);
     near_.test(search, sink, profiler);
   }
 
@@ -135,9 +108,10 @@ class Tiles final : public PairFinder {
   }
 
   void rebuild(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) override {
-    if (kind_ == early) {
+    if (is_early_) {
       near_.give_up();
-      kind_ = all_changed;
+      is_early_ = false;
+      work_.begin_search(search, is_early_);
     } else {
       sort(search, sink, profiler);
     }
@@ -145,15 +119,10 @@ class Tiles final : public PairFinder {
   }
 
   /// (The order may come from boxes of an incomplete frame.)
-  void forget() noexcept override { sorted_slots_ = 0; }
+  void forget() noexcept override { work_.forget_order(); }
 
-  /// Nodes and boxes to visit, in proportion to those of the last search of this kind. If the scene has
-  /// changed much since then, or there was no such search, the number for boxes of one size.
   [[nodiscard]] double expected_work(const Search& search, const PairDelta& sink) override {
-    observe(sink);
-    const bool is_known = alike(seen_.slots, search.now.slots) && alike(seen_.pairs, sink.pair_count());
-    return usual_work(search) *
-           (is_known ? factors_ : default_factors).at(search.all ? all_changed : some_changed);
+    return work_.expected(search, sink);
   }
 
  private:
@@ -174,6 +143,7 @@ class Tiles final : public PairFinder {
       if (may_gather) (void)gathering_fill(worlds);  // in the first frame, although that sorts
     } catch (const opencl::GroupTooLarge&) {
       launch_ = tiles_on_cpus;
+      work_ = TileWork(launch_.node, stale_);
       kernels_ = {};
       gathering_fills_ = {};
       capacity_ = 0;  // nodes may have had another size
@@ -236,7 +206,7 @@ class Tiles final : public PairFinder {
 
   void reserve(std::size_t slots) {
     capacity_ = 0;
-    sorted_slots_ = 0;
+    work_.forget_order();
     elements_ = scratch_ = {};
     tree_ = changed_tree_ = {};
     const std::size_t needed = round_up(slots, launch_.node);
@@ -274,62 +244,9 @@ class Tiles final : public PairFinder {
     tree = {.nodes = context_.buffer(bytes), .bytes = bytes};
   }
 
-  /// Records the work of the last search of these tiles.
-  void observe(const PairDelta& sink) {
-    if (!searched_frame_ || sink.frames() != *searched_frame_ + 1 || sink.work() == 0) return;
-    seen_ = {.pairs = sink.pair_count(), .slots = sorted_slots_};
-    factors_.at(kind_) = static_cast<double>(sink.work()) / usual_work_;
-  }
-
-  /// Records that a search begins.
-  void age(const Search& search, const PairDelta& sink) {
-    // Another finder did the frames in between; all boxes may have moved in them.
-    if (searched_frame_) moved_ += (sink.frames() - *searched_frame_ - 1) * std::size_t{search.now.slots};
-    moved_ += search.changed_slots();
-    searched_frame_ = sink.frames();
-  }
-
-  /// Whether the order is for another number of slots, or so old that the last frame's work has grown. That
-  /// work is compared with the first frame in this order that was followed by another one here, separately
-  /// for searches of all boxes and of some. If another finder did the last frame, the number of boxes that
-  /// moved decides.
-  bool is_stale(const Search& search, const PairDelta& sink) {
-    if (search.now.slots != sorted_slots_ || search.worlds != sorted_by_world_ ||
-        search.sets != sorted_by_set_)
-      return true;
-    if (sink.frames() == sorted_frame_) return false;
-    if (sink.work() == 0) return moved_ > unwatched * search.now.slots;
-    double& fresh = fresh_factors_.at(kind_);
-    if (fresh == 0) fresh = factors_.at(kind_);
-    // The work for a few boxes says little, so wait until some have moved.
-    const bool may_be_old =
-        static_cast<double>(moved_ * fewest_moved) >= stale_ * static_cast<double>(search.now.slots);
-    return factors_.at(kind_) > stale_ * fresh && may_be_old;
-  }
-
-  /// The work of a search in a new order, up to a factor: a constant per tile, and more per box that changed.
-  [[nodiscard]] double usual_work(const Search& search) const {
-    return usual_work(search.now.slots, search.changed_slots());
-  }
-  [[nodiscard]] double usual_work(std::size_t slots, std::size_t changed) const {
-    return 4 * static_cast<double>(divide_up(slots, launch_.node)) + 12 * static_cast<double>(changed);
-  }
-
-  /// The work at which a search by this many work-groups is given up; the largest number if it must not be.
-  [[nodiscard]] cl_uint most_work(const Search& search, const PairDelta& sink, std::size_t groups) const {
-    constexpr cl_uint any = std::numeric_limits<cl_uint>::max();
-    if (!search.may_give_up || sink.frames() == sorted_frame_) return any;
-    const double factor =
-        std::max({default_factors[all_changed], factors_[all_changed], fresh_factors_[all_changed]});
-    const double most = hopeless * factor * usual_work(search.now.slots, search.now.slots);
-    // Each work-group may do some more before it knows; the kernel counts in 32 bits.
-    const bool overflows = most + 2.0 * reported_work * static_cast<double>(groups) >= any;
-    return overflows ? any : static_cast<cl_uint>(most);
-  }
-
   void sort(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) {
     const opencl::Profiler::Scope stage(profiler, "sort");
-    sorted_slots_ = 0;  // until all of it is enqueued: an incomplete sort may have a slot twice
+    work_.forget_order();  // until all is enqueued: an incomplete one may have a slot twice
     Kernels& kernels = this->kernels(search);
     const cl::Buffer& filters = has_worlds(search) ? search.now.filters : cl::Buffer();
     // (Sets of one world share their bounds.)
@@ -345,12 +262,7 @@ class Tiles final : public PairFinder {
       const unsigned bits = search.worlds ? 32 : 1;
       sort_.enqueue(elements_, scratch_, search.now.slots, {{32, bits}});
     }
-    sorted_by_world_ = search.worlds;
-    sorted_by_set_ = search.sets;
-    sorted_slots_ = search.now.slots;
-    sorted_frame_ = sink.frames();
-    fresh_factors_ = {};
-    moved_ = 0;
+    work_.set_order(search, sink);
   }
 
   /// Fills the trees with boxes and bounds.
@@ -410,26 +322,25 @@ class Tiles final : public PairFinder {
   }
 
   void enqueue_search(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) {
-    opencl::Profiler::Scope stage(profiler, kind_ == early ? "early" : "test");
+    opencl::Profiler::Scope stage(profiler, is_early_ ? "early" : "test");
     const std::size_t tiles = divide_up(search.now.slots, launch_.node);
     const std::size_t sharers = this->sharers(tiles, search_groups_per_unit);
     // A first search finds all pairs at once; in later ones, work-groups that turn out to be too many would
     // take longer than the others save.
     const bool is_first = search.last.slots == 0;
     const std::size_t dense_sharers = is_first ? this->sharers(tiles, dense_search_groups_per_unit) : sharers;
-    most_work_ = most_work(search, sink, tiles * dense_sharers);
+    most_work_ = work_.most(search, sink, tiles * dense_sharers);
     cl::Kernel& kernel = search_kernel(search.all, has_worlds(search));
     const cl_uint next = opencl::set_arguments(kernel, 0, starts_, static_cast<cl_uint>(top_), roots_,
                                                static_cast<cl_uint>(sharers), most_work_, sets(search),
                                                tree_.nodes, (search.all ? tree_ : changed_tree_).nodes,
                                                elements_, search.now.filters, search.now.exclusions);
-    const bool is_early = kind_ == early;
-    if (is_early) {
+    if (is_early_) {
       near_.set_sink(kernel, next, search);
     } else {
       sink.set_sink(kernel, next, search);
     }
-    const cl::CommandQueue& queue = is_early ? near_.queue() : context_.queue();
+    const cl::CommandQueue& queue = is_early_ ? near_.queue() : context_.queue();
     queue.enqueueNDRangeKernel(kernel, cl::NullRange, cl::NDRange(tiles * launch_.group, dense_sharers),
                                cl::NDRange(launch_.group, 1), nullptr, stage.event());
   }
@@ -453,6 +364,7 @@ class Tiles final : public PairFinder {
   const opencl::Context& context_;
   double stale_;  // see make_tiles()
   TilesLaunch launch_;
+  TileWork work_;
   CentroidBounds centroids_;
   NearPairs near_;
   opencl::RadixSort sort_;
@@ -467,23 +379,8 @@ class Tiles final : public PairFinder {
   std::size_t top_ = 1;       // the level at which the search starts
   cl_uint roots_ = 0;         // its nodes
   bool is_built_ = false;     // for this search
-  std::size_t sorted_slots_ = 0;
-  bool sorted_by_world_ = false;
-  bool sorted_by_set_ = false;
-  std::size_t sorted_frame_ = 0;
-  std::optional<std::size_t> searched_frame_;
-  std::size_t moved_ = 0;    // boxes since the order was new, each counted as often as it moved
-  double usual_work_ = 1;    // of the last search
-  cl_uint most_work_ = 0;    // at which it is given up
-  Kind kind_ = all_changed;  // of that search
-  // The work of searches of each kind, as a multiple of usual_work(): of the last ones, and of the first ones
-  // in this order (0 if there was none).
-  std::array<double, 3> factors_ = default_factors;
-  std::array<double, 3> fresh_factors_{};
-  struct {
-    std::size_t pairs = 0;
-    std::size_t slots = 0;
-  } seen_;  // by the last search
+  bool is_early_ = false;     // whether this search is early
+  cl_uint most_work_ = 0;     // at which it is given up
 };
 
 }  // namespace
@@ -491,7 +388,7 @@ class Tiles final : public PairFinder {
 std::unique_ptr<PairFinder> make_tiles(const opencl::Context& context) {
   const Device& device = context.device();
   const bool uploads_beside = device.type == DeviceType::gpu && !device.host_unified;
-  return make_tiles(context, default_stale,
+  return make_tiles(context, TileWork::default_stale,
                     uploads_beside ? fewest_searched_early : std::numeric_limits<std::size_t>::max());
 }
 
