@@ -29,18 +29,18 @@ constexpr std::size_t never = std::numeric_limits<std::size_t>::max();
 
 }  // namespace
 
-NearPairs::NearPairs(const opencl::Context& context, std::size_t fewest)
-    : context_(context), fewest_(fewest) {
-  if (fewest == never) return;
-  try {
-    const cl::Program program = context.program("near_pairs.cl");
-    grow_ = context.sized_kernel(program, "near_pairs_grow");
-    test_ = context.sized_kernel(program, "near_pairs_test", most_test_items);
-    counts_ = context.buffer(PairDelta::count_bytes);
-    queue_ = context.second_queue();
-  } catch (const std::exception&) {  // cl::Error, Error
-    fewest_ = never;
-  }
+/// @returns Whether the context can provide what this needs.
+bool NearPairs::load() try {
+  if (queue_() != nullptr) return true;
+  const cl::Program program = context_.program("near_pairs.cl");
+  grow_ = context_.sized_kernel(program, "near_pairs_grow");
+  test_ = context_.sized_kernel(program, "near_pairs_test", most_test_items);
+  counts_ = context_.buffer(PairDelta::count_bytes);
+  queue_ = context_.second_queue();
+  return true;
+} catch (const std::exception&) {  // cl::Error, Error
+  fewest_ = never;
+  return false;
 }
 
 bool NearPairs::is_possible(const Search& search) const noexcept {
@@ -63,7 +63,7 @@ bool NearPairs::begin(const Search& search, const PairDelta& sink, bool can_sear
   frame_ = sink.frames();
   now_ = search.now.boxes();
   if (!is_possible(search)) hopeless_margin_ = std::numeric_limits<float>::infinity();
-  if (!is_possible(search) || frame_ < resume_) return false;
+  if (!is_possible(search) || frame_ < resume_ || !load()) return false;
   is_measured_ = true;
   if (!can_search || !is_distance_known) return false;
   margin_ = margin_factor * std::bit_cast<float>(sink.displacement());

@@ -21,7 +21,7 @@ class NearPairs {
   /// @param context Must outlive this object. If it cannot provide what this needs, nothing is searched
   /// early.
   /// @param fewest With fewer boxes, nothing is searched early. The largest number: nothing ever is.
-  NearPairs(const opencl::Context& context, std::size_t fewest);
+  NearPairs(const opencl::Context& context, std::size_t fewest) : context_(context), fewest_(fewest) {}
   ~NearPairs() { wait(); }
   NearPairs(const NearPairs&) = delete;
   NearPairs& operator=(const NearPairs&) = delete;
@@ -57,6 +57,7 @@ class NearPairs {
   void give_up();
 
  private:
+  [[nodiscard]] bool load();
   [[nodiscard]] bool is_possible(const Search& search) const noexcept;
   [[nodiscard]] bool reserve(std::size_t slots, std::size_t pairs);
   [[nodiscard]] cl_uint capacity() const noexcept;
