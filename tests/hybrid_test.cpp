@@ -475,6 +475,13 @@ TEST(HybridOpens, TheTimesOfUpdatesMeanwhileDoNotCount) {
   EXPECT_EQ(both.device_orders.updates, before) << "on the device, which is slower";
 }
 
+TEST(HybridOpens, ADeviceAlsoAfterUpdatesThatWereTooShortForTheClock) {
+  TwoPretenders both(slow_update);
+  both.updates(20, microseconds(0));
+  both.updates(20, milliseconds(1));
+  repeat_until([&] { return both.is_open(); }, [&] { both.update(); });
+}
+
 /// What decides is what updates take now, and for how long.
 TEST(HybridSwitch, ToADeviceFollowsFromLastingSlownessAlone) {
   TwoPretenders both(slow_update);

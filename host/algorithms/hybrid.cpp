@@ -29,7 +29,7 @@ class Estimate {
  public:
   /// @returns The time taken, or the most that counts.
   double learn(double expected, double taken) noexcept {
-    if (expected <= 0) return taken;
+    if (expected <= 0 || taken <= 0) return taken;  // the clock may be too coarse
     constexpr double most_samples = 1024;
     // An update or two that took longer had to wait, perhaps for a compiler.
     constexpr double most_growth = 4;
