@@ -217,6 +217,7 @@ class Core {
   void set_state(std::uint32_t id, State state) noexcept {
     states_[id] = state;
     size_ = state == State::live ? size_ + 1 : size_ - 1;
+    if (state == State::live) slots_ = std::max<std::size_t>(slots_, id + 1);
     changes_.recycle(id);
   }
 
@@ -265,8 +266,10 @@ class Core {
   /// @param mapped How many of the boxes begin() has to pack.
   /// @param empty The boxes of new objects.
   std::span<Aabb> remap(std::size_t n, std::size_t mapped, const Aabb& empty) {
-    if (is_begun_) throw Error("map() was called between begin() and finish(); call finish() first");
-    if (n > most_objects) throw Error("map() was asked for " + std::to_string(n) + " boxes; ask for fewer");
+    if (is_begun_) throw Error("boxes cannot be mapped between begin() and finish(); call finish() first");
+    if (n > most_objects)
+      throw Error(std::to_string(n) + " boxes are too many to map; use at most " +
+                  std::to_string(most_objects));
     apply_late();
     reserve(std::max(n, states_.size()), false);
     // Nothing below throws.
@@ -349,7 +352,7 @@ class Core {
 
   void find_sets() noexcept {
     TwoSets sets;
-    for (std::size_t id = 0; id < states_.size(); ++id) {
+    for (std::size_t id = 0; id < slots_; ++id) {
       if (states_[id] == State::live) sets.add(filters_[id]);
     }
     are_two_sets_ = sets.are_apart();
@@ -357,9 +360,9 @@ class Core {
   }
 
   /// Slots up to the last object.
-  [[nodiscard]] std::size_t slot_count() const noexcept {
-    const auto last = std::find(states_.rbegin(), states_.rend(), State::live);
-    return static_cast<std::size_t>(states_.rend() - last);
+  [[nodiscard]] std::size_t slot_count() noexcept {
+    while (slots_ > 0 && states_[slots_ - 1] != State::live) --slots_;
+    return slots_;
   }
 
   void refuse_unknown(std::uint32_t id) const {
@@ -381,6 +384,7 @@ class Core {
   std::vector<Pair> exclusions_;     // in canonical order
   std::vector<std::uint32_t> free_;  // a heap, the lowest id first
   std::size_t size_ = 0;
+  std::size_t slots_ = 0;     // no object has this id or a higher one
   bool any_filters_ = false;  // some object has had a filter other than the default
   bool any_worlds_ = false;
   bool are_two_sets_ = false;  // as TwoSets says, as of the last update

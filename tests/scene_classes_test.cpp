@@ -312,6 +312,26 @@ TEST(SweepAndPrune, BoxesThatAllLeapAreSortedAtOnce) {
   EXPECT_LT(slowest, 8 * first);
 }
 
+/// Updates must not visit the tiles of objects that are gone.
+NOT_IN(sanitizers, "measures time");
+TEST(SweepAndPrune, UpdatesOfTheFewThatAreLeftAreShort) {
+  constexpr std::uint32_t n = 200'000;
+  constexpr std::uint32_t left = 100;
+  const scenes::MovingBoxes scene(n, scenes::MovingBoxes::Sizes::uniform);
+  BroadPhase broad_phase({.algorithm = "sweep-and-prune", .threads = 1});
+  const auto seconds_of_update = [&](std::uint32_t size, std::size_t moved) {
+    std::ranges::copy(scene.boxes().subspan(moved, size), broad_phase.map(size).begin());
+    const auto start = std::chrono::steady_clock::now();
+    (void)broad_phase.update();
+    return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  };
+  const double of_all = std::min(seconds_of_update(n, 0), seconds_of_update(n, 0));
+  (void)seconds_of_update(left, 0);
+  double of_the_rest = 0;
+  for (std::size_t k = 1; k <= 200; ++k) of_the_rest += seconds_of_update(left, k);
+  EXPECT_LT(of_the_rest, of_all);
+}
+
 /// After a frame of two sets, one without worlds and sets has an order of its own.
 NOT_IN(sanitizers, "measures time");
 TEST(SweepAndPrune, AMovedBoxIsSearchedAloneAlsoAfterTwoSets) {

@@ -187,7 +187,7 @@ class SweepAndPrune final : public HostFinder {
                     std::vector<Pair>* known, std::vector<Pair>& pairs) override {
     const std::size_t axes = axes_of(objects);
     if (sorted_axes_ != axes || (axes == 4 && four_.sets != objects.sets) ||
-        changed.size() * boxes_per_changed > objects.boxes.size())
+        changed.size() * boxes_per_changed > objects.boxes.size() || !is_order_for(objects.boxes.size()))
       return false;
     moved_ += changed.size();
     if (moved_ > most_moved * objects.boxes.size()) sorted_axes_ = 0;
@@ -211,12 +211,16 @@ class SweepAndPrune final : public HostFinder {
     return std::clamp<std::size_t>(boxes / boxes_per_thread, 1, threads_);
   }
 
+  /// Whether there are not many more slots, or many fewer, than when they were sorted.
+  [[nodiscard]] bool is_order_for(std::size_t slots) const {
+    return slots <= places_.size() + places_.size() / 4 && places_.size() / 2 <= slots;
+  }
+
   template <std::size_t axes>
   void find(HostTiles<axes>& all, const HostObjects& objects) {
     const std::size_t slots = objects.boxes.size();
     const std::size_t threads = threads_of(slots);
-    const bool is_stale = axes != sorted_axes_ || all.sets != objects.sets ||
-                          slots > places_.size() + places_.size() / 4 ||
+    const bool is_stale = axes != sorted_axes_ || all.sets != objects.sets || !is_order_for(slots) ||
                           static_cast<double>(work_) > stale_growth * static_cast<double>(fresh_work_);
     sorted_axes_ = 0;  // until all is done
     all.sets = objects.sets;
