@@ -32,7 +32,7 @@ cl::CommandQueue retained(cl_command_queue queue, bool profile) {
   });
   if (profile && (properties & CL_QUEUE_PROFILING_ENABLE) == 0) {
     throw Error(
-        "Config::profile is set, but the queue does not measure; make it with CL_QUEUE_PROFILING_ENABLE");
+        "profiling is requested, but the queue does not measure; make it with CL_QUEUE_PROFILING_ENABLE");
   }
   return result;
 }
@@ -54,8 +54,9 @@ class DeviceBroadPhase::Impl {
 
   void begin(const Boxes& boxes) {
     refuse_in_flight("begin()");
+    // (Not guarded: after a refusal there is nothing to wait for.)
+    opencl::translate_errors(context_.device().label(), [&] { check(boxes); });
     guard_reservation([&] {
-      check(boxes);
       settle();
       profiler_.begin();
       engine_->prepare();
@@ -125,9 +126,11 @@ class DeviceBroadPhase::Impl {
                   std::string(boxes.filters != nullptr ? "filters" : "a second set, which takes filters") +
                   ", but reserve() was called without; call it with filters");
     }
-    guard_reservation([&] {
+    opencl::translate_errors(context_.device().label(), [&] {
       check(boxes);
       check(changes, boxes);
+    });
+    guard_reservation([&] {
       if (engine_->was_interrupted()) settle();
       if (must_reserve_again_) fulfil(reserved_);
       profiler_.begin();

@@ -246,6 +246,27 @@ TEST_P(Enqueue, WaitingUpdatesInBetweenMayBeLarger) {
   }
 }
 
+/// More pairs may end than reserve() was called for.
+TEST_P(Enqueue, PairsThatWaitingUpdatesAddedMayEnd) {
+  constexpr std::uint32_t n = 6000;
+  constexpr std::uint32_t more = 400;
+  constexpr std::uint32_t updates = 12;
+  const auto boxes_of = [&](std::uint32_t touching) {
+    std::vector<Aabb> boxes;
+    for (std::uint32_t k = 0; k < n; ++k) boxes.push_back(apart(k < touching ? k / 2 : k));
+    return queue_.buffer_of(boxes);
+  };
+  for (std::uint32_t k = 1; k <= updates; ++k) {
+    const cl::Buffer boxes = boxes_of(k * more);
+    ASSERT_EQ(broad_phase_.update({.buffer = boxes(), .count = n}).added.count, more / 2);
+  }
+  broad_phase_.reserve(n, 100);
+  const Lists lists(queue_, n);
+  const cl::Buffer boxes = boxes_of(0);
+  broad_phase_.enqueue({.buffer = boxes(), .count = n}, lists.arguments);
+  EXPECT_EQ(queue_.read_counts(lists.counts), (std::array<std::uint32_t, 4>{0, updates * more / 2, 0, 0}));
+}
+
 /// If a call (every sixth in turn) fails while a waiting update replaces lists by larger ones.
 TEST(EnqueueBruteForce, KeepsWhatWasReservedAfterAFailedUpdate) {
   const CallersQueue queue;
@@ -352,6 +373,7 @@ TEST_P(Enqueue, BadInputIsNamed) {
   EXPECT_THAT(error(boxes, lists.arguments), HasSubstr("reserve() was called for 0"));
   broad_phase_.reserve(10, 45);
   EXPECT_THAT(error(filtered, lists.arguments), HasSubstr("filters, but reserve() was called without"));
+  const long start = opencl_use().blocking_calls;
   auto bad = lists.arguments;
   bad.capacity = 46;
   EXPECT_THAT(error(boxes, bad), HasSubstr("added pairs has 360 bytes, too few for 46"));
@@ -360,6 +382,8 @@ TEST_P(Enqueue, BadInputIsNamed) {
   bad = lists.arguments;
   bad.counts = nullptr;
   EXPECT_THAT(error(boxes, bad), HasSubstr("counts is null"));
+  EXPECT_NE(error_of([&] { broad_phase_.begin({.buffer = nullptr, .count = 10}); }), "");
+  EXPECT_EQ(opencl_use().blocking_calls, start);
   broad_phase_.begin(boxes);
   EXPECT_THAT(error(boxes, lists.arguments), HasSubstr("call finish() first"));
   EXPECT_THAT(error_of([&] { broad_phase_.reserve(1, 1); }), HasSubstr("call finish() first"));

@@ -25,13 +25,13 @@ void Engine::begin(Search search, cl_uint tag) {
 }
 
 void Engine::reserve_ahead(std::size_t slots, std::size_t pairs) {
-  order_.reserve_ahead(slots, pairs);
+  order_.reserve_ahead(slots, std::max(pairs, delta_.pair_count()));
   delta_.reserve_ahead(pairs);
 }
 
 void Engine::enqueue(Search search, cl_uint tag, const Order::Report& report) {
   // Lists may have grown since reserve_ahead().
-  if (!delta_.is_unsettled()) delta_.reserve_ahead(0);
+  if (!delta_.is_unsettled()) reserve_ahead(0, 0);
   search_ = std::move(search);
   search_.may_give_up = false;
   tag_ = tag;

@@ -49,11 +49,11 @@ bool NearPairs::is_possible(const Search& search) const noexcept {
 }
 
 bool NearPairs::begin(const Search& search, const PairDelta& sink, bool can_search, bool pays) {
-  if (is_measured_ && sink.frames() == frame_) {  // that frame failed, perhaps for lack of memory
-    if (is_running_) wait();
-    is_running_ = false;
-    give_up();
-  }
+  // (If the last frame here failed, another finder may have done the one after it.)
+  const bool has_failed = is_running_ || (is_measured_ && sink.frames() == frame_);
+  if (is_running_) wait();
+  is_running_ = false;
+  if (has_failed) give_up();  // perhaps memory was short
   // (If the last boxes are in another buffer now, the commands that copied them may not have ended.)
   const bool follows = sink.frames() == frame_ + 1 && search.last.boxes() == now_;
   const bool is_distance_known = follows && is_measured_;

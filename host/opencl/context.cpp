@@ -108,7 +108,7 @@ Context::Context(Device device, bool profile, CompileHandler on_compile, std::op
   programs_->on_compile = std::move(on_compile);
   translate_errors(device_.label(), [&] {
     if (profile && (cl_device_.getInfo<CL_DEVICE_QUEUE_PROPERTIES>() & CL_QUEUE_PROFILING_ENABLE) == 0) {
-      throw Error(device_.label() + ": the device has no profiling; leave Config::profile off");
+      throw Error(device_.label() + ": the device has no profiling; do not request it");
     }
     context_ = cl::Context(cl_device_);
     open(cl::CommandQueue(context_, cl_device_, profile ? CL_QUEUE_PROFILING_ENABLE : 0), tuning);
