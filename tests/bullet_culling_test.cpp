@@ -404,6 +404,127 @@ TEST_F(Plates, AreDispatchedIfAManifoldIsOlderThanTheShape) {
   EXPECT_EQ(World::dispatched, 1);
 }
 
+/// A manifold of a kinematic object keeps the other one awake, even without contacts.
+TEST_F(Plates, AreDispatchedIfOneIsKinematic) {
+  World world(true);
+  world.add(flat_, plate(0));
+  world.add(flat_, plate(1)).setCollisionFlags(btCollisionObject::CF_KINEMATIC_OBJECT);
+  world.collide();
+  EXPECT_EQ(World::dispatched, 1);
+}
+
+TEST_F(Plates, OfWhichBothSleepMayHaveNoShape) {
+  World world(true);
+  world.world.setForceUpdateAllAabbs(false);
+  for (const btScalar distance : {btScalar(0), btScalar(1)}) world.add(flat_, plate(distance));
+  world.collide();
+  EXPECT_EQ(World::dispatched, 0);
+  for (const auto& object : world.objects) {
+    object->forceActivationState(ISLAND_SLEEPING);
+    object->setCollisionShape(nullptr);
+  }
+  world.collide();
+  EXPECT_EQ(World::dispatched, 1);
+  for (const auto& object : world.objects) object->setCollisionShape(&flat_);
+}
+
+/// Their algorithms are those of the world that dispatched them first.
+TEST_F(Plates, AreDispatchedByAnotherWorldWithTheSameBroadPhase) {
+  World world(true);
+  EXPECT_EQ(dispatched(world, flat_), 0);
+  btDefaultCollisionConfiguration configuration;
+  btCollisionDispatcher dispatcher(&configuration);
+  btCollisionWorld other(&dispatcher, &world.broadphase, &configuration);
+  other.performDiscreteCollisionDetection();
+  btOverlappingPairCache& cache = *world.world.getPairCache();
+  EXPECT_NE(cache.getOverlappingPairArray()[0].m_algorithm, nullptr);
+  cache.cleanOverlappingPair(cache.getOverlappingPairArray()[0], &dispatcher);
+}
+
+/// An algorithm that counts how often it is asked for its manifolds.
+class Watched final : public btCollisionAlgorithm {
+ public:
+  int asked = 0;
+
+  void processCollision(const btCollisionObjectWrapper* /*s*/, const btCollisionObjectWrapper* /*t*/,
+                        const btDispatcherInfo& /*info*/, btManifoldResult* /*result*/) override {}
+  btScalar calculateTimeOfImpact(btCollisionObject* /*s*/, btCollisionObject* /*t*/,
+                                 const btDispatcherInfo& /*info*/, btManifoldResult* /*result*/) override {
+    return 1;
+  }
+  void getAllContactManifolds(btManifoldArray& /*manifolds*/) override { ++asked; }
+};
+
+/// That of two soft bodies returns manifolds that do not exist.
+TEST(ShapeCulling, AsksNoAlgorithmOfUnboundedShapes) {
+  Shapes shapes;
+  World world(true);
+  Watched watched;
+  for (int k = 0; k < 2; ++k) world.add(shapes.compound, at({0, 0, 0}));
+  world.world.updateAabbs();
+  world.world.computeOverlappingPairs();
+  btBroadphasePair& pair = world.world.getPairCache()->getOverlappingPairArray()[0];
+  pair.m_algorithm = &watched;
+  world.dispatcher.dispatchAllCollisionPairs(world.world.getPairCache(), world.world.getDispatchInfo(),
+                                             &world.dispatcher);
+  pair.m_algorithm = nullptr;
+  EXPECT_EQ(watched.asked, 0);
+}
+
+/// Whether a shape is left alone.
+bool is_unbounded(btCollisionShape& shape) {
+  btCollisionObject object;
+  object.setCollisionShape(&shape);
+  return !bounds_of(object, gContactBreakingThreshold);
+}
+
+/// Bullet then collides another shape than the one that its box bounds.
+TEST(ShapeBounds, AreNoneOfShapesThatReachBeyondTheirBoxes) {
+  btBoxShape thin({0.5F, 0.5F, 0.03F});
+  EXPECT_FALSE(is_unbounded(thin));
+  thin.setMargin(0.1F);
+  EXPECT_TRUE(is_unbounded(thin));
+
+  btCylinderShape disc({0.5F, 0.03F, 0.5F});
+  EXPECT_FALSE(is_unbounded(disc));
+  disc.setMargin(0.1F);
+  EXPECT_TRUE(is_unbounded(disc));
+
+  Shapes shapes;
+  EXPECT_FALSE(is_unbounded(shapes.spokes));
+  shapes.spokes.setMargin(0.3F);
+  EXPECT_TRUE(is_unbounded(shapes.spokes));
+
+  EXPECT_FALSE(is_unbounded(shapes.cone));
+  shapes.cone.setLocalScaling({1, -1, 1});
+  EXPECT_TRUE(is_unbounded(shapes.cone));
+
+  for (btPolyhedralConvexShape* shape : {static_cast<btPolyhedralConvexShape*>(&shapes.box),
+                                         static_cast<btPolyhedralConvexShape*>(&shapes.hull)}) {
+    EXPECT_FALSE(is_unbounded(*shape));
+    shape->initializePolyhedralFeatures();
+    EXPECT_TRUE(is_unbounded(*shape));
+  }
+}
+
+/// Bullet collides a round one.
+TEST(ShapeBounds, ContainCylindersWhoseExtentsDiffer) {
+  btCylinderShape disc({1, 0.1F, 0.2F});
+  btCylinderShapeX roll({0.1F, 1, 0.2F});
+  btCylinderShapeZ wheel({1, 0.2F, 0.1F});
+  btSphereShape ball(0.2F);
+  for (const auto& [shape, place] : {std::pair<btCollisionShape*, btVector3>(&disc, {0, 0, 1.1F}),
+                                     {&roll, {0, 0, 1.1F}},
+                                     {&wheel, {0, 1.1F, 0}}}) {
+    btCollisionObject round;
+    round.setCollisionShape(shape);
+    btCollisionObject beside;
+    beside.setCollisionShape(&ball);
+    beside.setWorldTransform(at(place));
+    EXPECT_FALSE(are_apart(*bounds_of(round, 0.02F), *bounds_of(beside, 0.02F), 0.02F)) << shape->getName();
+  }
+}
+
 TEST(ShapeBounds, AreThoseOfShapesThatAreKnownToBeBounded) {
   Shapes shapes;
   for (btCollisionShape* shape : shapes.bounded()) {

@@ -127,9 +127,14 @@ class BROADCL_BULLET_API BulletBroadphase : public btBroadphaseInterface {
   ///
   /// Culled shapes are btBoxShape, btSphereShape, btCapsuleShape, btCylinderShape, btConeShape,
   /// btMultiSphereShape and btConvexHullShape. Pairs with another shape, with a user's class derived from one
-  /// of these, or with an object that is not in the world are never skipped; nor is any pair if dispatching
-  /// is continuous (btDispatcherInfo::DISPATCH_CONTINUOUS). Do not use this with your own collision
-  /// algorithms if they make contacts at a larger distance than gContactBreakingThreshold allows.
+  /// of these, with a shape that is smaller than its margin or that has polyhedral features, with a kinematic
+  /// object, or with an object that is not in the world are never skipped; nor is any pair if dispatching is
+  /// continuous (btDispatcherInfo::DISPATCH_CONTINUOUS). Do not use this with your own collision algorithms
+  /// if they make contacts at a larger distance than gContactBreakingThreshold allows.
+  ///
+  /// Shapes and transforms are read once per dispatch, so a near callback must not move objects. If you
+  /// shrink a shape or lower gContactBreakingThreshold, a pair that was skipped may get its first contact at
+  /// a smaller distance than without culling, where its manifold would have kept the old threshold.
   /// @param world The world whose objects are culled; null, the default, for none. Not owned: call this with
   /// null before the world is destroyed, if this object is used afterwards.
   /// @throws Error if this object does not control the dispatch: it was given a pair cache, the world has

@@ -110,7 +110,7 @@ void PairCache::processAllOverlappingPairs(btOverlapCallback* callback, btDispat
                                            const btDispatcherInfo& info) {
   // Otherwise objects may touch within the step.
   const bool is_discrete = info.m_dispatchFunc == btDispatcherInfo::DISPATCH_DISCRETE;
-  if (culling_ != nullptr && is_discrete && culling_->begin_dispatch()) {
+  if (culling_ != nullptr && is_discrete && culling_->begin_dispatch(dispatcher)) {
     CulledCallback culled(*callback, *culling_, *this, dispatcher);
     process(culled, dispatcher, info);
   } else {

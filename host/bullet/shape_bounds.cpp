@@ -35,36 +35,86 @@ LocalBounds aabb_of(const btCollisionShape& shape) {
   return {(lower + upper) / 2, (upper - lower) / 2, 0};
 }
 
-std::optional<LocalBounds> local_bounds_of(const btCollisionShape& shape) {
+/// Whether a shape is not smaller than its margin. If it is, Bullet collides a shape that reaches farther.
+bool has_core(const btVector3& half_without_margin) {
+  return half_without_margin.x() >= 0 && half_without_margin.y() >= 0 && half_without_margin.z() >= 0;
+}
+
+/// Whether Bullet may collide a polyhedron in place of a shape. The polyhedron may be larger, or out of date.
+bool has_polyhedron(const btPolyhedralConvexShape& shape) {
+  return shape.getConvexPolyhedron() != nullptr;
+}
+
+std::optional<LocalBounds> local_bounds_of_box(const btBoxShape& box) {
+  if (has_polyhedron(box) || !has_core(box.getHalfExtentsWithoutMargin())) return std::nullopt;
+  return LocalBounds{btVector3(0, 0, 0), box.getHalfExtentsWithMargin().absolute(), 0};
+}
+
+LocalBounds local_bounds_of_sphere(const btSphereShape& sphere) {
   const btVector3 origin(0, 0, 0);
+  return {origin, origin, btFabs(sphere.getRadius())};
+}
+
+LocalBounds local_bounds_of_capsule(const btCapsuleShape& capsule) {
+  const btVector3 origin(0, 0, 0);
+  LocalBounds bounds{origin, origin, btFabs(capsule.getRadius())};
+  bounds.half[capsule.getUpAxis()] = btFabs(capsule.getHalfHeight());
+  return bounds;
+}
+
+/// Bullet collides a round cylinder, even if the extents across its axis differ.
+std::optional<LocalBounds> local_bounds_of_cylinder(const btCylinderShape& cylinder) {
+  if (!has_core(cylinder.getHalfExtentsWithoutMargin())) return std::nullopt;
+  const btVector3 extents = cylinder.getHalfExtentsWithMargin();
+  const btScalar radius = cylinder.getRadius();
+  btVector3 half(radius, radius, radius);
+  half[cylinder.getUpAxis()] = extents[cylinder.getUpAxis()];
+  half.setMax(extents);
+  return LocalBounds{btVector3(0, 0, 0), half, 0};
+}
+
+std::optional<LocalBounds> local_bounds_of_cone(const btConeShape& cone) {
+  if (!(cone.getRadius() >= 0 && cone.getHeight() >= 0)) return std::nullopt;  // negative scaling
+  return aabb_of(cone);
+}
+
+std::optional<LocalBounds> local_bounds_of_spheres(const btMultiSphereShape& spheres) {
+  const btVector3 scaling = spheres.getLocalScaling().absolute();
+  for (int k = 0; k < spheres.getSphereCount(); ++k) {
+    const btScalar least = spheres.getSphereRadius(k) * scaling[scaling.minAxis()];
+    if (!(least >= spheres.getMargin())) return std::nullopt;  // as in has_core()
+  }
+  return aabb_of(spheres);
+}
+
+std::optional<LocalBounds> local_bounds_of_hull(const btConvexHullShape& hull) {
+  if (has_polyhedron(hull)) return std::nullopt;
+  return aabb_of(hull);
+}
+
+std::optional<LocalBounds> local_bounds_of(const btCollisionShape& shape) {
   switch (shape.getShapeType()) {
-    case BOX_SHAPE_PROXYTYPE: {
+    case BOX_SHAPE_PROXYTYPE:
       if (!is_exactly<btBoxShape>(shape)) return std::nullopt;
-      const auto& box = static_cast<const btBoxShape&>(shape);
-      return LocalBounds{origin, box.getHalfExtentsWithMargin().absolute(), 0};
-    }
-    case SPHERE_SHAPE_PROXYTYPE: {
+      return local_bounds_of_box(static_cast<const btBoxShape&>(shape));
+    case SPHERE_SHAPE_PROXYTYPE:
       if (!is_exactly<btSphereShape>(shape)) return std::nullopt;
-      const auto& sphere = static_cast<const btSphereShape&>(shape);
-      return LocalBounds{origin, origin, btFabs(sphere.getRadius())};
-    }
-    case CAPSULE_SHAPE_PROXYTYPE: {
+      return local_bounds_of_sphere(static_cast<const btSphereShape&>(shape));
+    case CAPSULE_SHAPE_PROXYTYPE:
       if (!is_exactly<btCapsuleShape, btCapsuleShapeX, btCapsuleShapeZ>(shape)) return std::nullopt;
-      const auto& capsule = static_cast<const btCapsuleShape&>(shape);
-      LocalBounds bounds{origin, origin, btFabs(capsule.getRadius())};
-      bounds.half[capsule.getUpAxis()] = btFabs(capsule.getHalfHeight());
-      return bounds;
-    }
-    case CONVEX_HULL_SHAPE_PROXYTYPE:
-      return is_exactly<btConvexHullShape>(shape) ? std::optional(aabb_of(shape)) : std::nullopt;
+      return local_bounds_of_capsule(static_cast<const btCapsuleShape&>(shape));
     case CYLINDER_SHAPE_PROXYTYPE:
       if (!is_exactly<btCylinderShape, btCylinderShapeX, btCylinderShapeZ>(shape)) return std::nullopt;
-      return aabb_of(shape);
+      return local_bounds_of_cylinder(static_cast<const btCylinderShape&>(shape));
     case CONE_SHAPE_PROXYTYPE:
       if (!is_exactly<btConeShape, btConeShapeX, btConeShapeZ>(shape)) return std::nullopt;
-      return aabb_of(shape);
+      return local_bounds_of_cone(static_cast<const btConeShape&>(shape));
     case MULTI_SPHERE_SHAPE_PROXYTYPE:
-      return is_exactly<btMultiSphereShape>(shape) ? std::optional(aabb_of(shape)) : std::nullopt;
+      if (!is_exactly<btMultiSphereShape>(shape)) return std::nullopt;
+      return local_bounds_of_spheres(static_cast<const btMultiSphereShape&>(shape));
+    case CONVEX_HULL_SHAPE_PROXYTYPE:
+      if (!is_exactly<btConvexHullShape>(shape)) return std::nullopt;
+      return local_bounds_of_hull(static_cast<const btConvexHullShape&>(shape));
     default:
       return std::nullopt;
   }

@@ -35,8 +35,9 @@ class ShapeCulling {
   }
 
   /// Starts a dispatch, for which all objects may have moved.
-  /// @returns Whether to call is_idle() for each pair; false also if there is no memory for that.
-  bool begin_dispatch() noexcept;
+  /// @returns Whether to call is_idle() for each pair: not if the dispatcher is that of another world, or if
+  /// there is no memory.
+  bool begin_dispatch(const btDispatcher* dispatcher) noexcept;
 
   /// Prefetch what is_idle() needs for a pair: first the entries of its objects, then the objects.
   void prefetch_known(const btBroadphasePair& pair) const noexcept {
@@ -64,12 +65,15 @@ class ShapeCulling {
   struct Entry {
     Owner owner = Owner::unknown;  // of its object
     bool is_active = false;
+    bool is_known = false;       // whether the bounds are right
     std::uint32_t dispatch = 0;  // for which the rest is right
+    const btCollisionObject* object = nullptr;
     std::optional<ShapeBounds> bounds;
   };
 
-  /// Null for a proxy whose object has no bounds.
-  const Entry* find(const btBroadphaseProxy& proxy);
+  /// Null for a proxy whose object is not in the world.
+  Entry* find(const btBroadphaseProxy& proxy);
+  bool is_bounded(Entry& entry) const;
   void find_owner(const btBroadphaseProxy& proxy);
 
   const ProxyPool& pool_;
