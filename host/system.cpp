@@ -42,12 +42,12 @@ namespace {
 #ifdef _WIN32
 
 std::shared_ptr<const void> lock_folder(const std::filesystem::path& folder) {
-  int file = -1;
-  const int error = _wsopen_s(&file, (folder / "lock").c_str(), _O_CREAT | _O_RDWR | _O_TEMPORARY, _SH_DENYRW,
-                              _S_IREAD | _S_IWRITE);
+  auto lock = std::make_unique<int>(-1);
+  const int error = _wsopen_s(lock.get(), (folder / "lock").c_str(), _O_CREAT | _O_RDWR | _O_TEMPORARY,
+                              _SH_DENYRW, _S_IREAD | _S_IWRITE);
   if (error == EACCES) return nullptr;
   if (error != 0) fail_to_lock(folder, error);
-  return std::shared_ptr<const int>(new int(file), [](const int* own) {
+  return std::shared_ptr<const int>(lock.release(), [](const int* own) {
     _close(*own);
     delete own;
   });
@@ -104,19 +104,21 @@ utsname names_of_system() {
 }  // namespace
 
 std::shared_ptr<const void> lock_folder(const std::filesystem::path& folder) {
-  const int file = open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
-  if (file < 0) fail_to_lock(folder, errno);
-  std::shared_ptr<const int> lock(new int(file), [](const int* own) {
+  auto file = std::make_unique<int>(-1);  // before it is opened, since this may throw
+  *file = open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+  if (*file < 0) fail_to_lock(folder, errno);
+  const std::shared_ptr<const int> lock(file.release(), [](const int* own) {
     close(*own);
     delete own;
   });
-  if (flock(file, LOCK_EX | LOCK_NB) == 0) return lock;
+  if (flock(*lock, LOCK_EX | LOCK_NB) == 0) return lock;
   if (errno != EWOULDBLOCK) fail_to_lock(folder, errno);
   return nullptr;
 }
 
 std::optional<std::filesystem::path> user_cache_directory() {
-  if (const auto folder = environment("XDG_CACHE_HOME")) return *folder;
+  const auto folder = environment("XDG_CACHE_HOME");
+  if (folder && std::filesystem::path(*folder).is_absolute()) return *folder;
   if (const auto home = environment("HOME")) return std::filesystem::path(*home) / ".cache";
   return std::nullopt;
 }

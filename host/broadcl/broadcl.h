@@ -30,8 +30,8 @@ extern "C" {
 /// The result of a call.
 typedef enum broadcl_status {
   BROADCL_SUCCESS = 0,
-  /// A null pointer, a struct with a wrong size, an unknown constant, an index out of range, or boxes on the
-  /// host that are too many or misaligned.
+  /// A null pointer, a struct with a wrong size, an unknown constant, an index out of range, or an array on
+  /// the host that is misaligned or exceeds the address space.
   BROADCL_INVALID_ARGUMENT = 1,
   BROADCL_FAILED = 2,        ///< Anything else that broadcl_last_error() describes.
   BROADCL_OUT_OF_MEMORY = 3  ///< Memory of the host is exhausted.

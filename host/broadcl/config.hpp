@@ -39,7 +39,7 @@ struct Config {
   std::string algorithm = "auto";
 
   /// Number of threads that an algorithm of the host may use, including the caller's; 0 for one per
-  /// processor.
+  /// processor. (Hundreds of thousands of boxes are copied by as many threads as there are processors.)
   std::size_t threads = 0;
 
   /// Whether to measure stages on the device, too: see Stage. Costs a few microseconds per update.

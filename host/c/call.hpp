@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstddef>
+#include <cstdint>
 #include <cstring>
 #include <exception>
 #include <new>
@@ -56,13 +57,18 @@ T& required(T* pointer, const char* name) {
 template <class T>
 [[nodiscard]] std::span<const T> array(const T* items, std::size_t count, const char* name) {
   if (count > 0) required(items, name);
+  if (count > PTRDIFF_MAX / sizeof(T)) {
+    throw InvalidArgument(std::to_string(count) + " elements of " + name + " do not fit into memory");
+  }
   return {items, count};
 }
 
 /// Throws for a size that no version of a struct has: there are members after `size`, and no gap at the end.
+/// The limit finds most sizes that were never set.
 template <class Struct>
 void check_size(const Struct& given, const char* name) {
-  if (given.size <= sizeof(std::size_t) || given.size % alignof(Struct) != 0) {
+  constexpr std::size_t most = 4096;
+  if (given.size <= sizeof(std::size_t) || given.size % alignof(Struct) != 0 || given.size > most) {
     throw InvalidArgument(std::string(name) + "->size is " + std::to_string(given.size) +
                           "; set it to sizeof, here " + std::to_string(sizeof(Struct)));
   }

@@ -147,6 +147,7 @@ TEST_F(CBroadPhase, NeverReportsWhatIsExcluded) {
   const broadcl_pair itself{2, 2};
   EXPECT_FAILED("2", broadcl_broad_phase_set_exclusions, handle_, &itself, 1);
   EXPECT_INVALID("pairs is null", broadcl_broad_phase_set_exclusions, handle_, nullptr, 1);
+  EXPECT_INVALID("do not fit", broadcl_broad_phase_set_exclusions, handle_, &itself, SIZE_MAX / 4 + 1);
   EXPECT_INVALID("broad_phase is null", broadcl_broad_phase_set_exclusions, nullptr, &itself, 1);
   sharing = nullptr;
   EXPECT_FAILED("", broadcl_pair_list_create_sharing, labels.data(), 5, 2, &sharing);

@@ -101,7 +101,8 @@ TEST(C, StructsMayBeOlderOrNewerThanTheLibrary) {
   static_assert(std::is_standard_layout_v<Newer>);
   broadcl_broad_phase* handle = nullptr;
   newer.known.algorithm = "oracle";
-  for (const std::size_t size : {std::size_t{0}, sizeof(std::size_t), sizeof(broadcl_config) - 1}) {
+  for (const std::size_t size :
+       {std::size_t{0}, sizeof(std::size_t), sizeof(broadcl_config) - 1, SIZE_MAX - 7}) {
     newer.known.size = size;
     EXPECT_INVALID("config->size is " + std::to_string(size), broadcl_broad_phase_create, &newer.known,
                    &handle);
@@ -137,6 +138,8 @@ TEST(C, StructsMayBeOlderOrNewerThanTheLibrary) {
   OK(broadcl_broad_phase_memory(handle, &use.known));
   EXPECT_EQ(use.known.device, 0U);
   EXPECT_EQ(use.known.pinned, 77U);
+  use.known.size = std::size_t{1} << 40U;
+  EXPECT_INVALID("use->size is 1099511627776", broadcl_broad_phase_memory, handle, &use.known);
   use.known.size = 0;
   EXPECT_INVALID("use->size is 0", broadcl_broad_phase_memory, handle, &use.known);
   OK(broadcl_broad_phase_destroy(handle));
