@@ -2,6 +2,7 @@
 #include <LinearMath/btAabbUtil2.h>
 
 #include <array>
+#include <chrono>
 #include <cstddef>
 #include <set>
 #include <string_view>
@@ -11,6 +12,7 @@
 
 #include "bullet_contract.hpp"
 #include "query_rig.hpp"
+#include "runs.hpp"
 
 namespace broadcl::test {
 namespace {
@@ -169,6 +171,25 @@ TEST_P(Contract, S28QueriesMayRunInSeveralThreads) {
     for (std::thread& thread : threads) thread.join();
     for (const auto& result : results) ASSERT_EQ(result, expected) << "round " << round;
   }
+}
+
+/// The tree must not be deeper for objects that were created along a line.
+NOT_IN(sanitizers, "measures time");
+TEST(BulletQueries, InALineTakeAsLongAsInAnyOrder) {
+  constexpr int n = 4000;
+  const auto seconds_of_rays = [](int step) {  // from each object to the next
+    Rig rig(kinds.front());
+    for (int k = 0; k < n; ++k) rig.create_unit(static_cast<btScalar>(2 * (k * step % n)));
+    const auto start = std::chrono::steady_clock::now();
+    for (int k = 0; k < 500; ++k) {
+      const auto x = static_cast<btScalar>(2 * k + 0.5);
+      RayCollector collector({x, 0.5F, -5}, {x, 0.5F, 5});
+      rig.broadphase().rayTest({x, 0.5F, -5}, {x, 0.5F, 5}, collector);
+      EXPECT_EQ(collector.found.size(), 1U);
+    }
+    return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  };
+  EXPECT_LT(seconds_of_rays(1), 5 * seconds_of_rays(1789));
 }
 
 }  // namespace

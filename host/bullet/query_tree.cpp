@@ -2,6 +2,7 @@
 
 #include <LinearMath/btAabbUtil2.h>
 
+#include <algorithm>
 #include <array>
 
 namespace broadcl {
@@ -77,6 +78,8 @@ bool QueryTree::is_current() {
 }
 
 void QueryTree::update() {
+  // If the objects of a row were inserted one after the other, the tree would be as deep as the row is long.
+  std::shuffle(stale_.begin(), stale_.end(), random_);
   for (const std::uint32_t id : stale_) {
     Node& node = nodes_[id];
     Proxy& proxy = pool_[id];

@@ -8,6 +8,7 @@
 #include <cstdint>
 #include <mutex>
 #include <new>
+#include <random>
 #include <vector>
 
 #include "bullet/proxy_pool.hpp"
@@ -68,7 +69,8 @@ class QueryTree {
   const ProxyPool& pool_;
   btDbvt tree_;
   std::vector<Node> nodes_;           // by id
-  std::vector<std::uint32_t> stale_;  // in the order of the calls
+  std::vector<std::uint32_t> stale_;  // in any order
+  std::minstd_rand random_;           // NOLINT(cert-msc51-cpp): always the same numbers
   std::size_t scanned_ = 0;           // proxies in this frame
   bool is_in_use_ = false;            // from the first query on
   std::atomic<bool> is_current_ = false;
