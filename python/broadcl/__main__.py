@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 import os
 import pathlib
+import shutil
 import sys
-import zipfile
 
 import numpy as np
 
@@ -35,30 +35,47 @@ def _check(arguments: argparse.Namespace) -> int:
     return 0 if works else 1
 
 
-def _save(target: pathlib.Path, pairs: np.ndarray) -> None:
-    """Replaces the file when all is written, unless it is a pipe or the like."""
+def _save(name: str, pairs: np.ndarray) -> None:
+    """Replaces the file when all is written, unless it is a pipe or the like. Links stay."""
+    target = pathlib.Path(name).resolve()
     if target.exists() and not target.is_file():
         with target.open("wb") as file:
             np.save(file, pairs)
         return
-    temporary = target.with_name(f"{target.name}.{os.getpid()}.tmp")
+    temporary = target.with_name(f".broadcl.{os.getpid()}.tmp")
     try:
         with temporary.open("xb") as file:
             np.save(file, pairs)
+        if target.exists():
+            shutil.copymode(target, temporary)
         temporary.replace(target)
+    except OSError as error:
+        raise ValueError(f"cannot write {name}: {error.strerror}") from error
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def _load(name: str) -> np.ndarray:
+    try:
+        boxes = np.load(name)
+    except (OSError, MemoryError):
+        raise
+    except Exception as error:  # NumPy raises many kinds for damaged files
+        raise ValueError(f"cannot read {name}: {error}") from error
+    if not isinstance(boxes, np.ndarray):
+        raise ValueError(f"{name} holds several arrays; give a .npy file")
+    return boxes
 
 
 def _pairs(arguments: argparse.Namespace) -> int:
     if arguments.out is not None and os.path.exists(arguments.out) and os.path.samefile(arguments.file, arguments.out):
         raise ValueError("--out names the file of the boxes itself; name another")
-    boxes = np.load(arguments.file)
+    boxes = _load(arguments.file)
     if boxes.ndim < 2 or boxes.shape == (2, 3):
         raise ValueError(f"{arguments.file} is of shape {boxes.shape}; give an array of boxes, for instance (n, 6)")
     pairs = broadcl.overlapping_pairs(boxes, device=arguments.device, algorithm=arguments.algorithm)
     if arguments.out is not None:
-        _save(pathlib.Path(arguments.out), pairs)
+        _save(arguments.out, pairs)
     print(f"{len(pairs)} overlapping pairs of {len(boxes)} boxes")
     return 0
 
@@ -85,7 +102,7 @@ def main() -> int:
     arguments = parser.parse_args()
     try:
         return arguments.run(arguments)
-    except (broadcl.Error, OSError, TypeError, ValueError, EOFError, MemoryError, zipfile.BadZipFile) as error:
+    except (broadcl.Error, OSError, TypeError, ValueError, MemoryError) as error:
         print(f"broadcl: {error}", file=sys.stderr)
         return 2
 

@@ -4,6 +4,8 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <string>
+#include <string_view>
 #include <utility>
 
 #include "device_array.hpp"
@@ -37,6 +39,10 @@ bool is_sequence(nb::handle object) {
 }
 
 }  // namespace
+
+bool is_of_nan(const std::exception& error) noexcept {
+  return std::string_view(error.what()).find(" has a NaN bound; ") != std::string_view::npos;
+}
 
 BoxArray::BoxArray(nb::handle boxes, std::string name) : name_(std::move(name)) {
   const bool is_pair = nb::isinstance<nb::tuple>(boxes) && nb::len(boxes) == 2;
@@ -98,8 +104,10 @@ Array BoxArray::to_array(nb::handle object) const {
     return nb::cast<Array>(numbers);
   }
   // NumPy reads buffers in place, also those of ctypes, which have no strides.
-  const nb::object any =
-      nb::hasattr(object, "__dlpack__") ? nb::borrow(object) : numpy.attr("asarray")(object);
+  nb::object any = nb::hasattr(object, "__dlpack__") ? nb::borrow(object) : numpy.attr("asarray")(object);
+  if (const nb::object dtype = nb::getattr(any, "dtype", nb::none()); nb::hasattr(dtype, "isnative")) {
+    if (!nb::cast<bool>(dtype.attr("isnative"))) any = any.attr("astype")(dtype.attr("newbyteorder")("="));
+  }
   if (nb::try_cast(any, array, false)) {
     if (!is_bounds(array) || array.device_type() != nb::device::cpu::value) refuse_type(object);
     if (is_aligned(array)) return array;

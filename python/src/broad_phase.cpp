@@ -11,7 +11,6 @@
 #include <optional>
 #include <span>
 #include <string>
-#include <string_view>
 #include <utility>
 #include <vector>
 
@@ -21,6 +20,7 @@
 #include "box_array.hpp"
 #include "classes.hpp"
 #include "config.hpp"
+#include "gil.hpp"
 #include "one_thread.hpp"
 #include "profile.hpp"
 
@@ -32,7 +32,7 @@ namespace {
 
 template <class Function>
 auto without_gil(const Function& function) {
-  const nb::gil_scoped_release released;
+  const GilReleased released;
   return function();
 }
 
@@ -72,7 +72,7 @@ class Objects {
   Objects& operator=(const Objects&) = delete;
   /// May wait for the thread that opens a device.
   ~Objects() {
-    const nb::gil_scoped_release released;
+    const GilReleased released;
     const std::optional<BroadPhase> last = std::move(broad_phase_);
   }
 
@@ -144,16 +144,21 @@ class Objects {
     const std::vector<Pair> exclusions = to_exclusions(pairs);
     const OneThread::Use use(thread_);
     take_mapped();
-    const nb::gil_scoped_release released;
+    const GilReleased released;
     broad_phase_->set_exclusions(exclusions);
   }
 
   nb::object boxes(std::size_t n) {
+    constexpr std::size_t most = std::size_t{1} << 31;
+    if (n > most) {
+      throw nb::value_error(
+          (std::to_string(n) + " boxes are too many; use at most " + std::to_string(most)).c_str());
+    }
     const OneThread::Use use(thread_);
     std::span<Aabb> mapped;
     const std::shared_ptr<const void> before = broad_phase_->mapped_memory();
     try {
-      const nb::gil_scoped_release released;
+      const GilReleased released;
       live_.reserve(n);
       mapped = broad_phase_->map(n);
       live_.assign(n, 1);
@@ -178,7 +183,7 @@ class Objects {
   void begin() {
     const OneThread::Use use(thread_);
     or_refuse_nan([&] {
-      const nb::gil_scoped_release released;
+      const GilReleased released;
       broad_phase_->begin();
     });
   }
@@ -217,7 +222,7 @@ class Objects {
     const OneThread::Use use(thread_);
     Delta delta;
     or_refuse_nan([&] {
-      const nb::gil_scoped_release released;
+      const GilReleased released;
       delta = function();
     });
     const std::shared_ptr<const void> memory = broad_phase_->delta_memory();
@@ -238,9 +243,7 @@ class Objects {
     try {
       function();
     } catch (const std::exception& error) {
-      if (std::string_view(error.what()).find(" has a NaN bound; ") != std::string_view::npos) {
-        throw nb::value_error(error.what());
-      }
+      if (is_of_nan(error)) throw nb::value_error(error.what());
       take_mapped();
       throw;
     }

@@ -15,6 +15,7 @@
 #include "classes.hpp"
 #include "config.hpp"
 #include "device_array.hpp"
+#include "gil.hpp"
 #include "one_thread.hpp"
 #include "profile.hpp"
 
@@ -52,7 +53,7 @@ class DeviceObjects {
     if (result_) throw Error("the last update's changes were not returned; call finish() for them first");
     const Sets sets(queue_, boxes, second, filters, worlds);
     {
-      const nb::gil_scoped_release released;
+      const GilReleased released;
       broad_phase_.begin(sets.boxes);
     }
     inputs_ = nb::make_tuple(boxes, second, filters);
@@ -62,7 +63,7 @@ class DeviceObjects {
     const OneThread::Use use(thread_);
     const nb::object inputs = std::exchange(inputs_, nb::none());
     if (!result_) {
-      const nb::gil_scoped_release released;
+      const GilReleased released;
       result_ = broad_phase_.finish();
     }
     DeviceChanges changes{copy_on_device(result_->added, queue_), copy_on_device(result_->removed, queue_),
@@ -74,7 +75,7 @@ class DeviceObjects {
   void set_exclusions(nb::handle pairs) {
     const std::vector<Pair> exclusions = to_exclusions(pairs);
     const OneThread::Use use(thread_);
-    const nb::gil_scoped_release released;
+    const GilReleased released;
     broad_phase_.set_exclusions(exclusions);
   }
 
@@ -82,7 +83,7 @@ class DeviceObjects {
     const OneThread::Use use(thread_);
     DeviceBroadPhase::PairBuffer pairs;
     {
-      const nb::gil_scoped_release released;
+      const GilReleased released;
       pairs = broad_phase_.pairs();
     }
     return copy_on_device(pairs, queue_);
@@ -113,7 +114,7 @@ class DeviceObjects {
     DeviceBroadPhase::Result result;
     std::optional<DeviceBroadPhase> broad_phase;
     {
-      const nb::gil_scoped_release released;
+      const GilReleased released;
       broad_phase.emplace(handle, DeviceBroadPhase::Config{.algorithm = algorithm});
       if (!without.empty()) broad_phase->set_exclusions(without);
       result = broad_phase->update(boxes);
@@ -133,7 +134,7 @@ class DeviceObjects {
   static DeviceBroadPhase open(nb::handle queue, const std::string& algorithm, bool profile) {
     (void)to_config(std::nullopt, algorithm, 0);
     const cl_command_queue handle = to_queue(queue);
-    const nb::gil_scoped_release released;
+    const GilReleased released;
     return DeviceBroadPhase(handle, {.algorithm = algorithm, .profile = profile});
   }
 

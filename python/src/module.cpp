@@ -14,6 +14,7 @@
 #include "classes.hpp"
 #include "config.hpp"
 #include "device_array.hpp"
+#include "gil.hpp"
 
 namespace nb = nanobind;
 using namespace nb::literals;
@@ -50,12 +51,12 @@ nb::object find_pairs(nb::handle a, nb::handle b, nb::handle exclusions, const S
       exclusions, first.view().size(), second ? std::optional(second->view().size()) : std::nullopt);
   std::vector<Pair> pairs;
   try {
-    const nb::gil_scoped_release released;
+    const GilReleased released;
     pairs = second ? overlapping_pairs(first.view(), second->view(), config, without)
                    : overlapping_pairs(first.view(), config, without);
-  } catch (const Error&) {
-    first.refuse_nan();
-    if (second) second->refuse_nan();
+  } catch (const Error& error) {
+    if (is_of_nan(error)) first.refuse_nan();
+    if (is_of_nan(error) && second) second->refuse_nan();
     throw;
   }
   return to_array(std::move(pairs));
@@ -78,7 +79,7 @@ nb::object find_sharing(nb::handle a, nb::handle b) {
   if (!b.is_none()) second = Words::of_table(b, "b", 0);
   std::vector<Pair> pairs;
   {
-    const nb::gil_scoped_release released;
+    const GilReleased released;
     pairs = second ? pairs_that_share(first.all(), first.columns(), second->all(), second->columns())
                    : pairs_that_share(first.all(), first.columns());
   }
@@ -94,13 +95,17 @@ nb::dict algorithm_summaries() {
 }
 
 std::vector<Device> all_devices() {
-  const nb::gil_scoped_release released;
+  const GilReleased released;
   return devices();
 }
 
 Device choose_device(const Selector& selector) {
-  const nb::gil_scoped_release released;
+  const GilReleased released;
   return select_device(to_text(selector));
+}
+
+bool is_same_device(const Device& s, const Device& t) {
+  return s.id() == t.id() && s.label() == t.label() && s.driver_version == t.driver_version;
 }
 
 void add_device(nb::module_& module) {
@@ -120,9 +125,10 @@ void add_device(nb::module_& module) {
       .def_ro("max_allocation", &Device::max_allocation, "Largest buffer, bytes.")
       .def_ro("host_unified", &Device::host_unified, "Host and device share memory.")
       .def("__str__", &Device::label)
-      .def("__repr__", [](const Device& device) {
-        return "<broadcl.Device " + device.id() + " " + device.label() + ">";
-      });
+      .def("__repr__",
+           [](const Device& device) { return "<broadcl.Device " + device.id() + " " + device.label() + ">"; })
+      .def("__eq__", &is_same_device, nb::is_operator())
+      .def("__hash__", [](const Device& device) { return nb::hash(nb::str(device.id().c_str())); });
 }
 
 }  // namespace
@@ -156,8 +162,9 @@ NB_MODULE(_core, module) {
       "a, b: float32 or float64 in host memory, with any strides: NumPy arrays and other objects\n"
       "with the buffer protocol or DLPack. (n, 6) with rows lower x, y, z, upper x, y, z; (n, 2,\n"
       "3); (n, 4) in two dimensions; or a tuple (lower, upper) of two (n, 3). Read without a copy,\n"
-      "except lists, misaligned memory, (n, 4) whose columns are not adjacent, and (lower, upper) of\n"
-      "different types or strides. Nothing may write to them during the call. Boxes are\n"
+      "except lists, memory that is misaligned or in the other byte order, (n, 4) whose columns are\n"
+      "not adjacent, and (lower, upper) of different types or strides. Nothing may write to them during the "
+      "call. Boxes are\n"
       "closed, so touching counts. Bounds may be infinite; a box with lower > upper is empty and\n"
       "overlaps nothing. float64 is rounded outward to float32.\n"
       "exclusions: pairs that are not reported, (k, 2) integers in any order, with the same meaning\n"

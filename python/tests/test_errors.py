@@ -17,7 +17,7 @@ def with_nan(row):
 
 
 @pytest.mark.parametrize("values", [
-    np.zeros((2, 6), np.int32), np.zeros((2, 6), np.float16), np.zeros((2, 6), ">f4"), np.zeros((2, 6), complex),
+    np.zeros((2, 6), np.int32), np.zeros((2, 6), np.float16), np.zeros((2, 6), ">i4"), np.zeros((2, 6), complex),
     np.zeros((2, 6), object), 5, None, "boxes", object(), {1: 2},
 ], ids=lambda values: f"{type(values).__name__}-{getattr(values, 'dtype', '')}")
 def test_another_type(values):
@@ -173,3 +173,19 @@ def test_no_memory():
             broadcl.overlapping_pairs(values, threads=1)
     finally:
         resource.setrlimit(resource.RLIMIT_AS, old)
+
+
+def test_too_many_boxes():
+    with pytest.raises(broadcl.Error, match="more than"):
+        broadcl.overlapping_pairs(np.broadcast_to(np.float32(0), (2**40, 6)))  # whose search for a NaN would take hours
+    broad_phase = broadcl.BroadPhase()
+    for n in (2**34, 2**63):
+        with pytest.raises(ValueError, match="too many"):
+            broad_phase.boxes(n)
+    assert len(broad_phase.boxes(3)) == 3
+
+
+def test_devices_are_values():
+    for one, another in zip(broadcl.devices(), broadcl.devices()):
+        assert one == another and hash(one) == hash(another) and one in broadcl.devices()
+        assert one != "another"

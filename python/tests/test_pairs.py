@@ -47,6 +47,10 @@ def misaligned(values):
     return records["box"]
 
 
+def other_byte_order(values):
+    return values.astype(values.dtype.newbyteorder())
+
+
 def read_only(values):
     values = values.copy()
     values.flags.writeable = False
@@ -74,8 +78,8 @@ def two_dtypes(values):
 
 
 FORMS = [
-    np.copy, in_columns, backwards, every_second, misaligned, read_only, corners, two_arrays, two_in_columns, two_strides, two_dtypes,
-    OnlyDlpack, memoryview, np.ndarray.tolist,
+    np.copy, in_columns, backwards, every_second, misaligned, other_byte_order, read_only, corners, two_arrays, two_in_columns,
+    two_strides, two_dtypes, OnlyDlpack, memoryview, np.ndarray.tolist,
 ]
 
 

@@ -41,6 +41,22 @@ def test_pairs(tmp_path):
     assert run.stdout == f"{len(oracle(values))} overlapping pairs of 100 boxes\n"
 
 
+def npy(header):
+    return b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header
+
+
+def test_pairs_keeps_links_and_modes(tmp_path):
+    np.save(tmp_path / "boxes.npy", uniform(9))
+    target = tmp_path / "target.npy"
+    target.touch(mode=0o600)
+    link = tmp_path / "link.npy"
+    link.symlink_to(target)
+    assert program("pairs", tmp_path / "boxes.npy", "--out", link).returncode == 0
+    assert link.is_symlink() and np.load(target).shape[1] == 2
+    assert target.stat().st_mode & 0o777 == 0o600
+    assert len(list(tmp_path.iterdir())) == 3
+
+
 def test_pairs_refuses(tmp_path):
     def expect(reason, *arguments):
         run = program("pairs", *arguments)
@@ -54,9 +70,13 @@ def test_pairs_refuses(tmp_path):
     expect("", boxes, "--out", "")
     expect("none", boxes, "--out", tmp_path / "none" / "pairs.npy")
     expect("none.npy", tmp_path / "none.npy")
-    for content in (b"", b"PK", b"text"):
-        boxes.write_bytes(content)
+    header = b"{'descr': '<f4', 'fortran_order': False, 'shape': (%s, 6), }" % (b"9" * 30)
+    for text in (b"", b"PK", b"text", npy(header), npy(b"(" * 9000)):
+        boxes.write_bytes(text)
         expect("", boxes)
+    with boxes.open("wb") as file:
+        np.savez(file, uniform(3))
+    expect("several arrays", boxes)
     np.save(boxes, np.zeros(6))
     expect("shape (6,)", boxes)
     assert list(tmp_path.iterdir()) == [boxes]

@@ -78,3 +78,22 @@ def test_sub_interpreters_are_refused():
         assert "ImportError" in str(failure), failure
     """
     subprocess.run([sys.executable, "-c", code], check=True, timeout=60)
+
+
+@pytest.mark.parametrize("searches", ["broadcl.overlapping_pairs(boxes)", "object.boxes(200_000)[:] = boxes; object.update()"])
+def test_a_daemon_thread_may_search_when_the_program_ends(searches):
+    program = f"""
+import threading, time
+import numpy as np
+import broadcl
+boxes = np.random.default_rng(1).random((200_000, 6), "float32")
+object = broadcl.BroadPhase(algorithm="sweep-and-prune")
+def work():
+    while True:
+        {searches}
+threading.Thread(target=work, daemon=True).start()
+time.sleep(0.1)
+"""
+    for _ in range(5):
+        run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+        assert run.returncode == 0, run.stderr
