@@ -1,9 +1,5 @@
 // `broadcl study`, run as users run it.
-#include <sys/wait.h>
-#include <unistd.h>
-
 #include <algorithm>
-#include <chrono>
 #include <csignal>
 #include <cstddef>
 #include <map>
@@ -67,30 +63,6 @@ class ProgramStudy : public Program {
       if (entry.path().extension() == ".csv") found[name] = {read_file(entry), entry.last_write_time()};
     }
     return found;
-  }
-
-  /// Starts the program, and sends it a signal when this many runs are done. Spaces separate the arguments.
-  void run_until(std::size_t done, int signal, const std::string& arguments) const {
-    std::vector<std::string> words = {BROADCL_PROGRAM_PATH};
-    std::istringstream stream(arguments);
-    for (std::string word; stream >> word;) words.push_back(word);
-    std::vector<char*> argv;
-    argv.reserve(words.size() + 1);
-    for (std::string& word : words) argv.push_back(word.data());
-    argv.push_back(nullptr);
-    const pid_t child = fork();
-    if (child == 0) {
-      if (chdir(path("").c_str()) == 0) execv(argv[0], argv.data());
-      _exit(127);
-    }
-    int status = 0;
-    while (run_files().size() < done) {
-      ASSERT_EQ(waitpid(child, &status, WNOHANG), 0) << "the study ended before it could be killed";
-      std::this_thread::sleep_for(std::chrono::microseconds(100));
-    }
-    kill(child, signal);
-    waitpid(child, &status, 0);
-    ASSERT_TRUE(WIFSIGNALED(status));
   }
 
   [[nodiscard]] std::vector<std::string> table() const { return lines_of(read_file(path("s/study.csv"))); }
@@ -206,7 +178,7 @@ TEST_F(ProgramStudy, GoesOnAfterAnInterruption) {
   const std::vector<std::string> order = names_of(cli::in_random_order(runs, 1));
   std::map<std::string, File> before;
   for (const auto& [done, signal] : {std::pair(3U, SIGINT), std::pair(7U, SIGKILL)}) {
-    run_until(done, signal, longer);
+    run_until([&] { return run_files().size() >= done; }, signal, longer);
     const std::map<std::string, File> files = run_files();
     ASSERT_LT(files.size(), runs.size());
     EXPECT_THAT(keys_of(files), testing::UnorderedElementsAreArray(std::vector<std::string>(

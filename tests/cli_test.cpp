@@ -1,5 +1,6 @@
 // The program as users run it: what its commands have in common, and what they refuse.
 #include <algorithm>
+#include <csignal>
 #include <cstddef>
 #include <cstdlib>
 #include <ostream>
@@ -134,6 +135,24 @@ TEST_F(Program, FullDiskIsAnError) {
     const std::vector<std::string> before = files();
     expect_refused(run("simulate --objects 5 --frames 2 --broadphase bullet-bf " + option),
                    "cannot write '" + option.substr(option.find(' ') + 1) + "'");
+    EXPECT_EQ(files(), before);
+  }
+}
+
+TEST_F(Program, FileThatBecomesTooLargeIsAnError) {
+  const std::vector<std::string> before = files();
+  expect_refused(
+      run("simulate --objects 100 --frames 100 --broadphase bullet-bf --record run.npy", "ulimit -f 64 &&"),
+      "cannot write 'run.npy': File too large");
+  EXPECT_EQ(files(), before);
+}
+
+TEST_F(Program, LeavesNoTemporaryFileWhenASignalEndsIt) {
+  const std::vector<std::string> before = files();
+  for (const int signal : {SIGINT, SIGTERM, SIGHUP, SIGPIPE}) {
+    SCOPED_TRACE(signal);
+    run_until([&] { return files().size() >= before.size() + 2; }, signal,
+              "simulate --frames 1000000 --broadphase bullet-bf --csv run.csv --json run.json");
     EXPECT_EQ(files(), before);
   }
 }

@@ -1,16 +1,21 @@
 #pragma once
 
 #include <sys/wait.h>
+#include <unistd.h>
 
 #include <algorithm>
+#include <chrono>
+#include <csignal>
 #include <cstddef>
 #include <cstdlib>
 #include <filesystem>
 #include <fstream>
+#include <functional>
 #include <iterator>
 #include <limits>
 #include <sstream>
 #include <string>
+#include <thread>
 #include <vector>
 
 #include <gtest/gtest.h>
@@ -130,6 +135,31 @@ class Program : public testing::Test {
       (is_about_kernels ? outcome.compiling : outcome.err) += line + (lines.eof() ? "" : "\n");
     }
     return outcome;
+  }
+
+  /// Starts the program, and sends it a signal when something is reached. Spaces separate the arguments.
+  void run_until(const std::function<bool()>& reached, int signal, const std::string& arguments) const {
+    std::vector<std::string> words = {BROADCL_PROGRAM_PATH};
+    std::istringstream stream(arguments);
+    for (std::string word; stream >> word;) words.push_back(word);
+    std::vector<char*> argv;
+    argv.reserve(words.size() + 1);
+    for (std::string& word : words) argv.push_back(word.data());
+    argv.push_back(nullptr);
+    const pid_t child = fork();
+    if (child == 0) {
+      if (chdir(path("").c_str()) == 0) execv(argv[0], argv.data());
+      _exit(127);
+    }
+    int status = 0;
+    while (!reached()) {
+      ASSERT_EQ(waitpid(child, &status, WNOHANG), 0) << "the program ended before it could be killed";
+      std::this_thread::sleep_for(std::chrono::microseconds(100));
+    }
+    kill(child, signal);
+    waitpid(child, &status, 0);
+    ASSERT_TRUE(WIFSIGNALED(status));
+    EXPECT_EQ(WTERMSIG(status), signal);
   }
 
   /// The names of all files in the folder, except those that catch the output.

@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "cli/process.hpp"
 #include "cli/text.hpp"
 #include "cli/verbs.hpp"
 
@@ -97,5 +98,6 @@ Exit run_and_report(int argc, const char* const* argv) noexcept {
 }  // namespace broadcl::cli
 
 int main(int argc, char** argv) {
+  broadcl::cli::prepare_process();
   return static_cast<int>(broadcl::cli::run_and_report(argc, argv));
 }

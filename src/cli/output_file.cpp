@@ -44,6 +44,7 @@ void OutputFile::commit() {
   fs::rename(temporary_, target_, error);
   if (error) fail(error.value());
   temporary_.clear();
+  removed_by_signal_.reset();
 }
 
 OutputFile::File OutputFile::open_beside_target() {
@@ -52,6 +53,7 @@ OutputFile::File OutputFile::open_beside_target() {
     suffix << '.' << process_id() << '.' << number << ".tmp";
     fs::path candidate = target_;
     candidate += suffix.str();
+    removed_by_signal_.emplace(candidate);
     File file(std::fopen(candidate.string().c_str(), "wbx"));
     if (file) {
       temporary_ = std::move(candidate);

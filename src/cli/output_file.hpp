@@ -4,8 +4,11 @@
 #include <filesystem>
 #include <initializer_list>
 #include <memory>
+#include <optional>
 #include <string>
 #include <string_view>
+
+#include "cli/process.hpp"
 
 namespace broadcl::cli {
 
@@ -47,6 +50,7 @@ class OutputFile {
   std::string name_;  // the target as given, for errors
   std::filesystem::path target_;
   std::filesystem::path temporary_;  // empty if there is none
+  std::optional<RemovedBySignal> removed_by_signal_;
   File file_;
 };
 
