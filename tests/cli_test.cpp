@@ -157,13 +157,27 @@ TEST_F(Program, LeavesNoTemporaryFileWhenASignalEndsIt) {
   }
 }
 
+TEST_F(Program, LostStandardErrorDoesNotGetIntoFiles) {
+  const std::string command = "cd '" + path("").string() +
+                              "' && BROADCL_CACHE_DIR=new '" BROADCL_PROGRAM_PATH
+                              "' simulate --frames 1 --broadphase brute-force --csv run.csv >stdout.txt 2>&-";
+  EXPECT_EQ(WEXITSTATUS(std::system(command.c_str())), 0);
+  EXPECT_EQ(csv_rows(path("run.csv")).size(), 1U);
+}
+
 TEST_F(Program, LostStandardOutputIsAnError) {
-  for (const std::string arguments : {"--version", "devices", "pairs four.npy --algorithm oracle"}) {
-    const std::string command = "cd '" + path("").string() + "' && '" BROADCL_PROGRAM_PATH "' " + arguments +
-                                " >/dev/full 2>stderr.txt";
-    EXPECT_EQ(WEXITSTATUS(std::system(command.c_str())), 2) << arguments;
-    EXPECT_EQ(read_file(path("stderr.txt")), "broadcl: cannot write to standard output\n");
+  expect_success(run("pairs four.npy --algorithm oracle --out expected.npy"));
+  for (const std::string arguments :
+       {"--version", "devices", "pairs four.npy --algorithm oracle --out pairs.npy"}) {
+    for (const std::string redirection : {" >/dev/full", " >&-", " <&- >&-"}) {
+      SCOPED_TRACE(arguments + redirection);
+      const std::string command = "cd '" + path("").string() + "' && '" BROADCL_PROGRAM_PATH "' " +
+                                  arguments + redirection + " 2>stderr.txt";
+      EXPECT_EQ(WEXITSTATUS(std::system(command.c_str())), 2);
+      EXPECT_EQ(read_file(path("stderr.txt")), "broadcl: cannot write to standard output\n");
+    }
   }
+  EXPECT_EQ(read_file(path("pairs.npy")), read_file(path("expected.npy")));
 }
 
 struct BadInput {

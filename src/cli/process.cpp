@@ -1,6 +1,7 @@
 #include "cli/process.hpp"
 
 #ifndef _WIN32
+#include <fcntl.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -48,9 +49,19 @@ void remove_files_and_end(int number) {
   (void)std::raise(number);
 }
 
+void open_standard_streams() {
+  for (const int stream : {STDIN_FILENO, STDOUT_FILENO, STDERR_FILENO}) {
+    if (fcntl(stream, F_GETFD) != -1) continue;
+    // It gets the lowest number that is free. Standard output cannot be written, so that its loss is
+    // reported.
+    (void)open("/dev/null", stream == STDERR_FILENO ? O_WRONLY : O_RDONLY);
+  }
+}
+
 }  // namespace
 
 void prepare_process() {
+  open_standard_streams();
   (void)std::signal(SIGXFSZ, SIG_IGN);
   for (const int number : {SIGINT, SIGTERM, SIGHUP, SIGPIPE}) {
     // What was ignored, as by nohup, stays so.

@@ -5,8 +5,9 @@
 /// What the program does about its process.
 namespace broadcl::cli {
 
-/// Call it first. From then on, a signal that ends the program first removes the files of RemovedBySignal, and
-/// a file that becomes too large is an error of writing.
+/// Call it first. Standard streams that are closed are opened, lest a file takes the place of one and gets
+/// what is written to it. From then on, a signal that ends the program first removes the files of
+/// RemovedBySignal, and a file that becomes too large is an error of writing.
 void prepare_process();
 
 struct RegisteredFile;
