@@ -2,6 +2,8 @@
 #include <BulletCollision/BroadphaseCollision/btBroadphaseInterface.h>
 #include <BulletCollision/BroadphaseCollision/btOverlappingPairCache.h>
 
+#include <sys/stat.h>
+
 #include <cstddef>
 #include <limits>
 #include <memory>
@@ -205,6 +207,7 @@ TEST_F(ProgramReplay, EmptyBoxesAreForThoseThatKnowThem) {
 }
 
 TEST_F(ProgramReplay, BadInputIsRefusedAndLeavesNothing) {
+  ASSERT_EQ(mkfifo(path("pipe.npy").c_str(), S_IRUSR | S_IWUSR), 0);
   const std::vector<std::string> before = files();
   const auto expect_nothing = [&](const std::string& arguments, const std::string& message) {
     SCOPED_TRACE(arguments);
@@ -215,6 +218,7 @@ TEST_F(ProgramReplay, BadInputIsRefusedAndLeavesNothing) {
   expect_nothing("replay rows.npy rows.npy", "rows.npy");
   expect_nothing("replay missing.npy", "'missing.npy'");
   expect_nothing("replay 'missing\n.npy'", "'missing .npy'");
+  expect_nothing("replay pipe.npy", "'pipe.npy' is not a regular file");
   expect_nothing("replay folder", "ends in .aabbs or .npy");
   expect_nothing("replay four.npy", "(frames, n, 6)");
   expect_nothing("replay nan.npy --csv run.csv", "'nan.npy': frame 1, row 1 ");

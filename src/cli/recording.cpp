@@ -86,10 +86,12 @@ void RecordingWriter::commit() {
 
 RecordingReader::RecordingReader(const std::filesystem::path& file) : name_(quoted(file)) {
   const bool aabbs = is_aabbs(file);
-  stream_ = open_input(file);
-  if (!std::filesystem::is_regular_file(file)) {
+  std::error_code ignored;
+  if (std::filesystem::is_other(
+          std::filesystem::status(file, ignored))) {  // opening a pipe could wait forever
     throw Error(name_ + " is not a regular file, and a recording is read twice; save it to a file");
   }
+  stream_ = open_input(file);
   try {
     if (aabbs) {
       read_aabbs_header();
