@@ -107,6 +107,20 @@ TEST_F(Program, DevicesAsJson) {
   }
 }
 
+TEST_F(Program, DevicesAreListedIfNoneIsTheDefault) {
+  const auto out_of = [&](const std::string& arguments) {
+    const Outcome outcome = run(arguments, "BROADCL_DEVICE=frobnicate");
+    EXPECT_EQ(outcome.exit_code, 2);
+    EXPECT_TRUE(outcome.err.starts_with("broadcl: no OpenCL device matches 'frobnicate'")) << outcome.err;
+    return outcome.out;
+  };
+  const std::size_t heading = 1;
+  EXPECT_EQ(lines_of(out_of("devices")).size(), heading + devices().size());
+  const json list = json::parse(out_of("devices --json"));
+  EXPECT_EQ(list.size(), devices().size());
+  for (const json& device : list) EXPECT_EQ(device["default"], false);
+}
+
 TEST_F(Program, OneOfSeveralDevicesIsTheDefault) {
   const Outcome outcome = run("devices --json", "RUSTICL_ENABLE=llvmpipe");
   expect_success(outcome);

@@ -3,8 +3,10 @@
 #include <array>
 #include <broadcl/config.hpp>
 #include <broadcl/device.hpp>
+#include <broadcl/error.hpp>
 #include <iostream>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -44,29 +46,44 @@ void print(const std::vector<Row>& rows) {
   }
 }
 
-Exit run(bool json) {
-  std::vector<std::string> failures;
-  const std::vector<Device> found = devices(&failures);
-  for (const std::string& failure : failures) std::cerr << one_line(failure) << '\n';
-  const Device best = select_device();
-  const std::string default_id = best.id();
-  if (json) {
-    auto document = nlohmann::ordered_json::array();
-    for (const Device& device : found) {
-      document.push_back(json_of(device));
-      document.back()["default"] = device.id() == default_id;
-    }
-    std::cout << text_of(document);
-    return Exit::success;
+void print_json(const std::vector<Device>& found, const std::string& default_id) {
+  auto document = nlohmann::ordered_json::array();
+  for (const Device& device : found) {
+    document.push_back(json_of(device));
+    document.back()["default"] = device.id() == default_id;
   }
+  std::cout << text_of(document);
+}
+
+void print_table(const std::vector<Device>& found, const std::string& default_id) {
   std::vector<Row> rows = {
       {"", "id", "type", "platform / device", "memory", "largest buffer", "units", "driver"}};
   for (const Device& device : found) rows.push_back(to_row(device, device.id() == default_id));
   print(rows);
+}
+
+Exit run(bool json) {
+  std::vector<std::string> failures;
+  const std::vector<Device> found = devices(&failures);
+  for (const std::string& failure : failures) std::cerr << one_line(failure) << '\n';
+  std::optional<Device> best;
+  std::optional<Error> mismatch;  // of BROADCL_DEVICE; the devices tell what would match
+  try {
+    best = select_device();
+  } catch (const Error& error) {
+    if (found.empty()) throw;
+    mismatch = error;
+  }
+  (json ? print_json : print_table)(found, best ? best->id() : "");
+  if (mismatch) {
+    std::cout.flush();
+    throw Error(*mismatch);
+  }
+  if (json) return Exit::success;
   std::cout << "* is the default: " << one_line(reason_for_default(found)) << ".\n";
   if (!device_for({})) {
     std::cout << "The algorithm auto "
-              << (best.type == DeviceType::cpu
+              << (best->type == DeviceType::cpu
                       ? "works on the host, unless a CPU is named.\n"
                       : "starts on the host, and uses the default once that is faster.\n");
   }
