@@ -194,6 +194,18 @@ TEST_F(Program, LostStandardOutputIsAnError) {
   EXPECT_EQ(read_file(path("pairs.npy")), read_file(path("expected.npy")));
 }
 
+TEST_F(Program, WritesWhatALinkNames) {
+  fs::create_symlink("folder/new.npy", path("second"));
+  fs::create_symlink("second", path("first"));
+  for (int run_number = 0; run_number < 2; ++run_number) {  // the file is new, then replaced
+    expect_success(run("pairs four.npy --algorithm oracle --out first"));
+    EXPECT_TRUE(fs::is_symlink(path("first")) && fs::is_symlink(path("second")));
+    EXPECT_TRUE(fs::is_regular_file(path("folder/new.npy")));
+  }
+  fs::create_symlink("loop", path("loop"));
+  expect_refused(run("pairs four.npy --algorithm oracle --out loop"), "cannot write 'loop'");
+}
+
 struct BadInput {
   std::string name;
   std::string arguments;

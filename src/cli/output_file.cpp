@@ -21,6 +21,7 @@ OutputFile::OutputFile(const fs::path& target) : name_(quoted(target)), target_(
     if (!file_) fail(errno);
     if (!fs::is_regular_file(status)) return;
   }
+  follow_links();
   const fs::path resolved = fs::weakly_canonical(target_, ignored);
   if (!resolved.empty()) target_ = resolved;
   file_ = open_beside_target();
@@ -45,6 +46,15 @@ void OutputFile::commit() {
   if (error) fail(error.value());
   temporary_.clear();
   removed_by_signal_.reset();
+}
+
+void OutputFile::follow_links() {
+  constexpr int most_links = 40;
+  std::error_code ignored;
+  for (int links = 0; fs::is_symlink(fs::symlink_status(target_, ignored)); ++links) {
+    if (links == most_links) fail(ELOOP);
+    target_ = target_.parent_path() / fs::read_symlink(target_, ignored);
+  }
 }
 
 OutputFile::File OutputFile::open_beside_target() {

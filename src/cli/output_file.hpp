@@ -44,6 +44,8 @@ class OutputFile {
   };
   using File = std::unique_ptr<std::FILE, Close>;
 
+  /// Replaces the target by what it links to; weakly_canonical() does so only if that exists.
+  void follow_links();
   [[nodiscard]] File open_beside_target();
   [[noreturn]] void fail(int error) const;
 
