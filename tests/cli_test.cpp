@@ -206,6 +206,12 @@ TEST_F(Program, WritesWhatALinkNames) {
   expect_refused(run("pairs four.npy --algorithm oracle --out loop"), "cannot write 'loop'");
 }
 
+TEST_F(Program, WritesFilesWithLongNames) {
+  const std::string name = std::string(246, 'x') + ".npy";
+  expect_success(run("pairs four.npy --algorithm oracle --out " + name));
+  EXPECT_TRUE(fs::exists(path(name)));
+}
+
 struct BadInput {
   std::string name;
   std::string arguments;

@@ -1,5 +1,6 @@
 #include "cli/output_file.hpp"
 
+#include <atomic>
 #include <broadcl/error.hpp>
 #include <cerrno>
 #include <sstream>
@@ -58,11 +59,12 @@ void OutputFile::follow_links() {
 }
 
 OutputFile::File OutputFile::open_beside_target() {
-  for (unsigned number = 0;; ++number) {
-    std::ostringstream suffix;
-    suffix << '.' << process_id() << '.' << number << ".tmp";
-    fs::path candidate = target_;
-    candidate += suffix.str();
+  static std::atomic<unsigned> serial{0};
+  while (true) {
+    // The name of the target may be too long to append to.
+    std::ostringstream name;
+    name << ".broadcl." << process_id() << '.' << serial++ << ".tmp";
+    fs::path candidate = target_.parent_path() / name.str();
     removed_by_signal_.emplace(candidate);
     File file(std::fopen(candidate.string().c_str(), "wbx"));
     if (file) {
