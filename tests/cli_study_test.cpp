@@ -392,6 +392,28 @@ TEST_F(ProgramStudy, HostBroadPhasesNeedNoDevice) {
   EXPECT_EQ(json::parse(read_file(path("s/study.json")))["devices"], json::array());
 }
 
+TEST_F(ProgramStudy, AutoStaysOnTheHostIfItHasNoDevice) {
+  const std::string small = "study --scenarios free-fall --objects 50 --frames 3 --repeat 1 --broadphases ";
+  const std::string on_host = "free-fall-50-auto-1.csv";
+  const std::string no_device = "BROADCL_DEVICE= OCL_ICD_VENDORS=/nonexistent";
+  if (run("devices", no_device).exit_code == 0) {
+    GTEST_SKIP() << "this OpenCL loader ignores OCL_ICD_VENDORS, so devices cannot be hidden";
+  }
+  expect_success(run(small + "auto,auto+culling --out s", no_device));
+  EXPECT_THAT(keys_of(run_files()),
+              testing::UnorderedElementsAre(on_host, "free-fall-50-auto+culling-1.csv"));
+  expect_success(run("study --out s", no_device));
+  expect_refused(run("study --out s --devices 0:0"), "'s' holds a study with auto on the host");
+
+  fs::remove_all(path("s"));
+  if (select_device({}, devices()).type != DeviceType::cpu) return;
+  expect_success(run(small + "tiles,auto --out s", "BROADCL_DEVICE="));
+  EXPECT_EQ(run_files().size(), 2U);
+  EXPECT_EQ(run_files().count(on_host), 1U);
+  const json study = json::parse(read_file(path("s/study.json")));
+  EXPECT_THAT(study["command"], testing::Not(HasSubstr("--devices")));
+}
+
 TEST_F(ProgramStudy, BadArgumentsAreRefusedAndLeaveNothing) {
   const std::vector<std::string> before = files();
   const Device device = select_device();

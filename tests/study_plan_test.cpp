@@ -66,6 +66,14 @@ TEST(StudyPlan, WithoutDevicesHasWhatTheHostCanDo) {
   EXPECT_EQ(planned_runs(small_settings(), {}).size(), 2U * 2 * 2 * 2);
 }
 
+TEST(StudyPlan, AutoMayStayOnTheHost) {
+  StudySettings settings = small_settings();
+  settings.broadphases = {"tiles", "auto", "auto+culling"};
+  EXPECT_EQ(planned_runs(settings, two_devices).size(), 2U * 2 * (2 + 2 + 2) * 2);
+  settings.auto_on_host = true;
+  EXPECT_EQ(planned_runs(settings, two_devices).size(), 2U * 2 * (2 + 1 + 1) * 2);
+}
+
 TEST(StudyPlan, LimitsCutWhatIsBeyondThem) {
   StudySettings settings = small_settings();
   settings.left_out = {"why not"};

@@ -25,6 +25,7 @@
 #include "cli/verbs.hpp"
 #include "scenes/broadphases.hpp"
 #include "scenes/scenario.hpp"
+#include "system.hpp"
 
 namespace broadcl::cli {
 namespace {
@@ -72,6 +73,16 @@ void set_limit(StudySettings& settings, const StudyLimit& limit) {
   }
 }
 
+/// Whether `auto` stays on the host: no device is named, and the default is not one that it uses by itself.
+bool auto_stays_on_host(const StudyOptions& options) {
+  if (options.devices || environment("BROADCL_DEVICE")) return false;
+  try {
+    return select_device().type == DeviceType::cpu;
+  } catch (const Error&) {
+    return true;  // there is none
+  }
+}
+
 /// @throws Error for unknown names.
 StudySettings new_settings(const StudyOptions& options) {
   StudySettings settings = find_study_preset(options.preset.value_or("quick"));
@@ -95,6 +106,8 @@ StudySettings new_settings(const StudyOptions& options) {
   settings.seed = options.seed.value_or(settings.seed);
   for (const std::string& name : settings.scenarios) (void)scenes::Scenario({.name = name, .objects = 1});
   for (const std::string& name : settings.broadphases) (void)scenes::find_broadphase(name);
+  settings.auto_on_host = std::any_of(settings.broadphases.begin(), settings.broadphases.end(), is_auto) &&
+                          auto_stays_on_host(options);
   return settings;
 }
 
@@ -125,6 +138,11 @@ void refuse_contradictions(const StudyOptions& options, const nlohmann::ordered_
   expect_number("--frames", options.frames, there.frames);
   expect_number("--repeat", options.repeat, there.repeat);
   expect_number("--seed", options.seed, there.seed);
+  if (there.auto_on_host && !auto_stays_on_host(options)) {
+    throw Error(holds +
+                "auto on the host, as no device was named and there was no GPU; name no device to continue "
+                "it, or name another folder with --out");
+  }
   const std::string difference = difference_from_here(document);
   if (!difference.empty()) throw Error(holds + difference + "; name another folder with --out");
 }
@@ -151,9 +169,8 @@ std::vector<Device> chosen_devices(const StudyOptions& options, const StudySetti
     }
     chosen.push_back(device);
   }
-  const bool needed =
-      std::any_of(settings.broadphases.begin(), settings.broadphases.end(),
-                  [](const std::string& name) { return scenes::find_broadphase(name).on_device; });
+  const bool needed = std::any_of(settings.broadphases.begin(), settings.broadphases.end(),
+                                  [&](const std::string& name) { return runs_on_devices(settings, name); });
   if (!needed) return {};
   if (!chosen.empty()) return chosen;
   for (const std::string& label : known) chosen.push_back(device_labelled(label));
@@ -318,7 +335,8 @@ StudyLimit parse_limit(const std::string& text) {
 std::string study_footer() {
   std::string text =
       "Options that are not given are taken from the preset. If the folder holds a study with the same "
-      "settings, only its missing runs are done, and new devices are added to it.\nPresets:\n";
+      "settings, only its missing runs are done, and new devices are added to it. If no device is named and "
+      "there is no GPU, 'auto' is measured on the host.\nPresets:\n";
   for (const StudyPreset& preset : study_presets()) {
     text += named_row(preset.settings.preset, preset.summary);
   }

@@ -71,6 +71,7 @@ ordered_json new_document(const StudySettings& settings) {
                            {"scenario_summaries", ordered_json::object()},
                            {"objects", settings.objects},
                            {"broadphases", ordered_json::array()},
+                           {"auto_on_host", settings.auto_on_host},
                            {"devices", ordered_json::array()},
                            {"cut", cut_of(settings)},
                            {"limits", ordered_json::array()}};
@@ -107,7 +108,8 @@ StudySettings settings_of(const ordered_json& document) {
                          .repeat = document.at("repeat"),
                          .seed = document.at("seed"),
                          .limits = {},
-                         .left_out = {}};
+                         .left_out = {},
+                         .auto_on_host = document.value("auto_on_host", false)};
   for (const ordered_json& info : document.at("broadphases")) {
     settings.broadphases.push_back(info.at("name"));
   }
@@ -157,7 +159,7 @@ void set_command(ordered_json& document, const std::filesystem::path& folder) {
     const std::string label = device.at("label");
     devices.push_back(label.find(',') == std::string::npos ? label : device.at("id").get<std::string>());
   }
-  if (!devices.empty()) command += " --devices " + as_argument(list_of(devices));
+  if (!devices.empty() && !settings.auto_on_host) command += " --devices " + as_argument(list_of(devices));
   document["command"] = command + " --out " + as_argument(folder.string());
 }
 

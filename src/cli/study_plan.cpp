@@ -144,6 +144,14 @@ std::string slug(std::string_view label) {
   return text.empty() ? "device" : text;
 }
 
+bool is_auto(const std::string& broadphase) {
+  return broadphase == "auto" || broadphase == "auto+culling";
+}
+
+bool runs_on_devices(const StudySettings& settings, const std::string& broadphase) {
+  return scenes::find_broadphase(broadphase).on_device && !(settings.auto_on_host && is_auto(broadphase));
+}
+
 std::string describe(const StudyRun& run) {
   return run.scenario + ", " + grouped(run.objects) + " objects, " + run.broadphase +
          (run.device.empty() ? "" : " on " + one_line(run.device)) + ", repetition " +
@@ -166,7 +174,7 @@ std::vector<StudyRun> planned_runs(const StudySettings& settings, std::span<cons
     for (const std::uint32_t objects : settings.objects) {
       for (const std::string& broadphase : settings.broadphases) {
         if (is_cut(settings, broadphase, objects)) continue;
-        const bool on_device = scenes::find_broadphase(broadphase).on_device;
+        const bool on_device = runs_on_devices(settings, broadphase);
         for (const std::string& device : on_device ? devices : std::span(&host, 1)) {
           for (std::uint32_t repeat = 1; repeat <= settings.repeat; ++repeat) {
             runs.push_back({scenario, objects, broadphase, device, repeat});

@@ -29,6 +29,7 @@ struct StudySettings {
   std::uint64_t seed = 1;                ///< Of the simulations and of the order of the runs.
   std::vector<StudyLimit> limits;
   std::vector<std::string> left_out;  ///< What else the preset leaves out, and why; for people.
+  bool auto_on_host = false;          ///< Whether `auto` is measured, and has no device that it would use.
 };
 
 /// A row of the table of presets.
@@ -58,6 +59,11 @@ struct StudyRun {
   std::uint32_t repeat;  ///< From 1.
 };
 
+[[nodiscard]] bool is_auto(const std::string& broadphase);
+
+/// Whether a broad phase is measured on each device, otherwise on the host.
+[[nodiscard]] bool runs_on_devices(const StudySettings& settings, const std::string& broadphase);
+
 /// A label of a device as part of a file name: lower-case letters, digits and single hyphens. Never empty.
 [[nodiscard]] std::string slug(std::string_view label);
 
@@ -71,7 +77,7 @@ struct StudyRun {
 [[nodiscard]] std::string file_name(const StudyRun& run);
 
 /// All runs, sorted by scenario, objects, broad phase, device and repetition, each in the order of the
-/// settings. Broad phases that need a device run on every device.
+/// settings.
 /// @param devices Their labels.
 [[nodiscard]] std::vector<StudyRun> planned_runs(const StudySettings& settings,
                                                  std::span<const std::string> devices);
