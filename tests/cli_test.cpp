@@ -212,6 +212,15 @@ TEST_F(Program, WritesFilesWithLongNames) {
   EXPECT_TRUE(fs::exists(path(name)));
 }
 
+TEST_F(Program, NamesTheFileIfTheWorkingFolderIsGone) {
+  const std::string command = "cd '" + path("folder").string() +
+                              "' && rmdir ../folder && '" BROADCL_PROGRAM_PATH
+                              "' simulate --csv run.csv 2>'" +
+                              path("stderr.txt").string() + "'";
+  EXPECT_EQ(WEXITSTATUS(std::system(command.c_str())), 2);
+  EXPECT_EQ(read_file(path("stderr.txt")), "broadcl: cannot write 'run.csv': No such file or directory\n");
+}
+
 struct BadInput {
   std::string name;
   std::string arguments;

@@ -13,7 +13,10 @@ namespace broadcl::cli {
 
 namespace fs = std::filesystem;
 
-OutputFile::OutputFile(const fs::path& target) : name_(quoted(target)), target_(fs::absolute(target)) {
+OutputFile::OutputFile(const fs::path& target) : name_(quoted(target)) {
+  std::error_code error;
+  target_ = fs::absolute(target, error);
+  if (error) fail(error.value());
   std::error_code ignored;
   const fs::file_status status = fs::status(target, ignored);
   if (fs::is_directory(status)) throw Error(name_ + " is a directory; name a file to write");
