@@ -330,6 +330,9 @@ TEST_F(ProgramStudy, RefusesTimesOfAnotherHostOrBuildAndDamagedDocuments) {
   write_file(path("s/study.json"), study.dump().substr(0, 100));
   expect_refused(run("study --out s"), "'s/study.json' is damaged");
   fs::remove(path("s/study.json"));
+  fs::create_directory(path("s/study.json"));
+  expect_refused(run("study --out s"), "'s/study.json' is a directory");
+  fs::remove(path("s/study.json"));
   expect_refused(run("study --out s"), "'s' has runs but no study.json");
 }
 

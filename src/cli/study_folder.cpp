@@ -6,6 +6,7 @@
 #include <system_error>
 #include <utility>
 
+#include "cli/input_file.hpp"
 #include "cli/json.hpp"
 #include "cli/study_document.hpp"
 #include "cli/text.hpp"
@@ -22,9 +23,9 @@ constexpr int decimals = 6;  // of milliseconds, as in csv_report()
 std::optional<std::string> read(const fs::path& path) {
   std::error_code ignored;
   if (!fs::exists(path, ignored)) return std::nullopt;
-  std::ifstream stream(path, std::ios::binary);
+  std::ifstream stream = open_input(path);
   std::string text{std::istreambuf_iterator<char>(stream), {}};
-  if (!stream.is_open() || stream.bad()) throw Error("cannot read " + quoted(path));
+  if (stream.bad()) throw Error("cannot read " + quoted(path));
   return text;
 }
 
