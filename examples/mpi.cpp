@@ -8,6 +8,7 @@
 
 #include <algorithm>
 #include <array>
+#include <charconv>
 #include <chrono>
 #include <cmath>
 #include <cstddef>
@@ -24,6 +25,7 @@
 #include <stdexcept>
 #include <string>
 #include <string_view>
+#include <system_error>
 #include <thread>
 #include <vector>
 
@@ -62,6 +64,16 @@ struct Options {
   broadcl::Config config{};
 };
 
+template <class Number>
+Number number_in(const std::string& text) {
+  Number number{};
+  const char* const end = text.data() + text.size();
+  const auto [rest, error] = std::from_chars(text.data(), end, number);
+  if (error != std::errc() || rest != end)
+    throw std::runtime_error("not a whole number, or too large: " + text);
+  return number;
+}
+
 Options read_options(std::span<char*> arguments) {
   Options options;
   for (std::size_t k = 1; k < arguments.size(); ++k) {
@@ -82,11 +94,11 @@ Options read_options(std::span<char*> arguments) {
       throw std::runtime_error("an option lacks its value: " + std::string(option));
     const std::string value = arguments[k];
     if (option == "--objects") {
-      options.objects = std::stoull(value);
+      options.objects = number_in<std::size_t>(value);
     } else if (option == "--trace") {
       options.trace = value;
     } else if (option == "--frames") {
-      options.frames = std::stoi(value);
+      options.frames = number_in<int>(value);
     } else if (option == "--placement" && (value == "region" || value == "random")) {
       options.random = value == "random";
     } else if (option == "--algorithm") {
@@ -94,7 +106,7 @@ Options read_options(std::span<char*> arguments) {
     } else if (option == "--device") {
       options.config.device = value;
     } else if (option == "--threads") {
-      options.config.threads = std::stoull(value);
+      options.config.threads = number_in<std::size_t>(value);
     } else {
       throw std::runtime_error("not understood: " + std::string(option) + " " + value);
     }
