@@ -263,6 +263,7 @@ TEST_F(Recording, WhatIsWrongWithAFileIsReported) {
        "it is truncated: 2 boxes, initially and in each of 2 frames, need 32 bytes per box; it "
        "has 0 bytes"},
       {"x.aabbs", good.substr(0, good.size() - 1), "it has 191 bytes"},
+      {"x.aabbs", aabbs_header(1, 1), "it is truncated: 1 box, initially and in each of 1 frame, need"},
       {"x.aabbs", good + "x", "bytes after its boxes"},
       {"x.aabbs", array, "ends within its header"},
       {"x.aabbs", array + std::string(304, 'x'), "two zeros in its header"},

@@ -150,8 +150,8 @@ void RecordingReader::check_size() {
   const auto there = static_cast<std::uint64_t>(stream_.tellg() - data_begin_);
   const std::uint64_t boxes = (std::uint64_t{1} + frames_) * boxes_;  // below 2^62, but their bytes are not
   const std::uint64_t box_size = 2 * corner_size_;
-  const std::string needed = std::to_string(boxes_) + " boxes, initially and in each of " +
-                             std::to_string(frames_) + " frames, need " + std::to_string(box_size) +
+  const std::string needed = counted(boxes_, "box") + ", initially and in each of " +
+                             counted(frames_, "frame") + ", need " + std::to_string(box_size) +
                              " bytes per box; it has " + std::to_string(there) + " bytes of boxes";
   if (boxes > there / box_size) throw Error("it is truncated: " + needed);
   if (boxes * box_size < there) throw Error("it has bytes after its boxes: " + needed);
