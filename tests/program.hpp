@@ -148,6 +148,7 @@ class Program : public testing::Test {
     argv.push_back(nullptr);
     const pid_t child = fork();
     if (child == 0) {
+      std::signal(signal, SIG_DFL);  // a parent may ignore it, as nohup does
       if (chdir(path("").c_str()) == 0) execv(argv[0], argv.data());
       _exit(127);
     }

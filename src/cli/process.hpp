@@ -5,8 +5,8 @@
 /// What the program does about its process.
 namespace broadcl::cli {
 
-/// Call it first. Standard streams that are closed are opened, lest a file takes the place of one and gets
-/// what is written to it. From then on, a signal that ends the program first removes the files of
+/// Call it first. Standard streams that are closed are opened; otherwise a file would take the place of one
+/// and get what is written to it. From then on, a signal that ends the program first removes the files of
 /// RemovedBySignal, and a file that becomes too large is an error of writing.
 void prepare_process();
 

@@ -87,8 +87,8 @@ void RecordingWriter::commit() {
 RecordingReader::RecordingReader(const std::filesystem::path& file) : name_(quoted(file)) {
   const bool aabbs = is_aabbs(file);
   std::error_code ignored;
-  if (std::filesystem::is_other(
-          std::filesystem::status(file, ignored))) {  // opening a pipe could wait forever
+  // (To open a pipe could take forever.)
+  if (std::filesystem::is_other(std::filesystem::status(file, ignored))) {
     throw Error(name_ + " is not a regular file, and a recording is read twice; save it to a file");
   }
   stream_ = open_input(file);
