@@ -41,9 +41,9 @@ TEST_F(Program, SaysOnceThatItBuildsKernels) {
   EXPECT_EQ(line_of("brute-force", "BROADCL_CACHE_DIR= XDG_CACHE_HOME= HOME="),
             "compiling kernels for " + label + ", at each start because there is no cache folder\n");
   for (const std::string folder : {"/proc/nowhere", "four.npy"}) {
-    EXPECT_EQ(line_of("brute-force", "BROADCL_CACHE_DIR=" + folder),
-              "compiling kernels for " + label + ", at each start because the cache folder '" + folder +
-                  "' cannot be written\n");
+    EXPECT_THAT(
+        line_of("brute-force", "BROADCL_CACHE_DIR=" + folder),
+        testing::EndsWith(", at each start because the cache folder '" + folder + "' cannot be written\n"));
   }
   EXPECT_EQ(line_of("sweep-and-prune", "BROADCL_CACHE_DIR=other"), "");
 }

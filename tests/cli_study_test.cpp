@@ -178,7 +178,8 @@ TEST_F(ProgramStudy, GoesOnAfterAnInterruption) {
   const std::vector<std::string> order = names_of(cli::in_random_order(runs, 1));
   std::map<std::string, File> before;
   for (const auto& [done, signal] : {std::pair(3U, SIGINT), std::pair(7U, SIGKILL)}) {
-    run_until([&] { return run_files().size() >= done; }, signal, longer);
+    const std::size_t enough = done;
+    run_until([&] { return run_files().size() >= enough; }, signal, longer);
     const std::map<std::string, File> files = run_files();
     ASSERT_LT(files.size(), runs.size());
     EXPECT_THAT(keys_of(files), testing::UnorderedElementsAreArray(std::vector<std::string>(

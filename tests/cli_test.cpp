@@ -185,8 +185,8 @@ TEST_F(Program, LostStandardOutputIsAnError) {
        {"--version", "devices", "pairs four.npy --algorithm oracle --out pairs.npy"}) {
     for (const std::string redirection : {" >/dev/full", " >&-", " <&- >&-"}) {
       SCOPED_TRACE(arguments + redirection);
-      const std::string command = "cd '" + path("").string() + "' && '" BROADCL_PROGRAM_PATH "' " +
-                                  arguments + redirection + " 2>stderr.txt";
+      std::string command = "cd '" + path("").string() + "' && '" BROADCL_PROGRAM_PATH "' ";
+      command.append(arguments).append(redirection).append(" 2>stderr.txt");
       EXPECT_EQ(WEXITSTATUS(std::system(command.c_str())), 2);
       EXPECT_EQ(read_file(path("stderr.txt")), "broadcl: cannot write to standard output\n");
     }

@@ -429,7 +429,7 @@ std::size_t work_of_large_boxes(cl_uint distance) {
   DeviceObjects objects(context, profiler);
   objects.reserve(n, false);
   std::ranges::fill(objects.boxes(), packed_empty());
-  for (cl_uint k = 0; k < large; ++k) objects.boxes()[k * distance] = unit;
+  for (std::size_t k = 0; k < large; ++k) objects.boxes()[k * distance] = unit;
   Engine engine(context, profiler, make_tiles, Order::Target::host);
   engine.prepare();
   engine.begin(objects.upload({.slots = n, .all = true}));
