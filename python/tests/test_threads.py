@@ -86,7 +86,8 @@ def test_a_daemon_thread_may_search_when_the_program_ends(searches):
 import threading, time
 import numpy as np
 import broadcl
-boxes = np.random.default_rng(1).random((200_000, 6), "float32")
+lower = np.random.default_rng(1).uniform(0, 100, (200_000, 3))
+boxes = np.hstack([lower, lower + 1]).astype(np.float32)  # few pairs, so that a search ends before the program
 object = broadcl.BroadPhase(algorithm="sweep-and-prune")
 def work():
     while True:
@@ -94,6 +95,6 @@ def work():
 threading.Thread(target=work, daemon=True).start()
 time.sleep(0.1)
 """
-    for _ in range(5):
+    for _ in range(10):
         run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
         assert run.returncode == 0, run.stderr
