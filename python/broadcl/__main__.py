@@ -37,22 +37,25 @@ def _check(arguments: argparse.Namespace) -> int:
 
 def _save(name: str, pairs: np.ndarray) -> None:
     """Replaces the file when all is written, unless it is a pipe or the like. Links stay."""
-    target = pathlib.Path(name).resolve()
+    target = pathlib.Path(os.path.realpath(name))
     if target.exists() and not target.is_file():
         with target.open("wb") as file:
             np.save(file, pairs)
         return
     temporary = target.with_name(f".broadcl.{os.getpid()}.tmp")
     try:
-        with temporary.open("xb") as file:
-            np.save(file, pairs)
-        if target.exists():
-            shutil.copymode(target, temporary)
-        temporary.replace(target)
+        file = temporary.open("xb")
+        try:
+            with file:
+                np.save(file, pairs)
+            if os.path.lexists(target):
+                shutil.copymode(target, temporary)  # refuses a link to itself
+            temporary.replace(target)
+        except BaseException:
+            temporary.unlink()
+            raise
     except OSError as error:
-        raise ValueError(f"cannot write {name}: {error.strerror}") from error
-    finally:
-        temporary.unlink(missing_ok=True)
+        raise ValueError(f"cannot write {name}: {error.strerror or error}") from error
 
 
 def _load(name: str) -> np.ndarray:
@@ -61,7 +64,8 @@ def _load(name: str) -> np.ndarray:
     except (OSError, MemoryError):
         raise
     except Exception as error:  # NumPy raises many kinds for damaged files
-        raise ValueError(f"cannot read {name}: {error}") from error
+        reason = str(error).partition("\n")[0]
+        raise ValueError(f"cannot read {name}: {reason}") from error
     if not isinstance(boxes, np.ndarray):
         raise ValueError(f"{name} holds several arrays; give a .npy file")
     return boxes
