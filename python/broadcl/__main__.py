@@ -46,8 +46,9 @@ def _save(name: str, pairs: np.ndarray) -> None:
     try:
         file = temporary.open("xb")
         try:
-            with file:
-                np.save(file, pairs)
+            with file:  # np.save() would overlook a full disk
+                np.lib.format.write_array_header_1_0(file, np.lib.format.header_data_from_array_1_0(pairs))
+                file.write(pairs)
             if os.path.lexists(target):
                 shutil.copymode(target, temporary)  # refuses a link to itself
             temporary.replace(target)

@@ -78,6 +78,7 @@ class Objects {
 
   nb::object add(nb::handle boxes, nb::handle group, nb::handle mask, nb::handle body, nb::handle world) {
     const BoxArray array(boxes, "boxes");
+    refuse_too_many(array.view().size());
     array.refuse_nan();
     const Filters filters(group, mask, body, world, array.view().size());
     const OneThread::Use use(thread_);
@@ -101,12 +102,12 @@ class Objects {
   void move(nb::handle ids, nb::handle boxes) {
     const Words words(ids, "ids");
     const BoxArray array(boxes, "boxes");
-    array.refuse_nan();
     if (words.is_single() != array.is_single() || words.size() != array.view().size()) {
       throw nb::value_error(("move() needs one id and one box, or as many ids as boxes; not " +
                              std::to_string(words.size()) + " and " + std::to_string(array.view().size()))
                                 .c_str());
     }
+    array.refuse_nan();
     const OneThread::Use use(thread_);
     refuse_unknown(words);
     take_mapped();
@@ -149,11 +150,7 @@ class Objects {
   }
 
   nb::object boxes(std::size_t n) {
-    constexpr std::size_t most = std::size_t{1} << 31;
-    if (n > most) {
-      throw nb::value_error(
-          (std::to_string(n) + " boxes are too many; use at most " + std::to_string(most)).c_str());
-    }
+    refuse_too_many(n);
     const OneThread::Use use(thread_);
     std::span<Aabb> mapped;
     const std::shared_ptr<const void> before = broad_phase_->mapped_memory();
@@ -248,6 +245,13 @@ class Objects {
       throw;
     }
     take_mapped();
+  }
+
+  static void refuse_too_many(std::size_t boxes) {
+    constexpr std::size_t most = std::size_t{1} << 31;
+    if (boxes <= most) return;
+    throw nb::value_error(
+        (std::to_string(boxes) + " boxes are too many; use at most " + std::to_string(most)).c_str());
   }
 
   void refuse_unknown(const Words& ids) const {

@@ -179,6 +179,10 @@ def test_too_many_boxes():
     with pytest.raises(broadcl.Error, match="more than"):
         broadcl.overlapping_pairs(np.broadcast_to(np.float32(0), (2**40, 6)))  # whose search for a NaN would take hours
     broad_phase = broadcl.BroadPhase()
+    with pytest.raises(ValueError, match="too many"):
+        broad_phase.add(np.broadcast_to(np.float32(0), (2**40, 6)))
+    with pytest.raises(ValueError, match="as many ids as boxes"):
+        broad_phase.move([0], np.broadcast_to(np.float32(0), (2**40, 6)))
     for n in (2**34, 2**63):
         with pytest.raises(ValueError, match="too many"):
             broad_phase.boxes(n)

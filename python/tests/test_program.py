@@ -57,6 +57,16 @@ def test_pairs_keeps_links_and_modes(tmp_path):
     assert len(list(tmp_path.iterdir())) == 3
 
 
+@pytest.mark.skipif(os.name != "posix", reason="needs a limit of the size of files")
+def test_pairs_writes_all_or_nothing(tmp_path):
+    np.save(tmp_path / "boxes.npy", np.tile(np.float32([0, 0, 0, 1, 1, 1]), (40, 1)))
+    pairs = tmp_path / "pairs.npy"
+    command = f"ulimit -f 4; '{sys.executable}' -m broadcl pairs '{tmp_path}/boxes.npy' --out '{pairs}'"
+    run = subprocess.run(["bash", "-c", command], capture_output=True, text=True)
+    assert run.returncode == 2 and run.stderr == f"broadcl: cannot write {pairs}: File too large\n"
+    assert list(tmp_path.iterdir()) == [tmp_path / "boxes.npy"]
+
+
 def test_pairs_refuses(tmp_path):
     def expect(reason, *arguments):
         run = program("pairs", *arguments)
