@@ -1,9 +1,6 @@
 // A world with BulletBroadphase::set_shape_culling() beside one without it: the same objects in both, moved
 // in the same way. Contacts must be the same to the last bit, with fewer pairs dispatched.
 #include <BulletCollision/CollisionDispatch/btCollisionDispatcherMt.h>
-#include <BulletCollision/CollisionShapes/btBox2dShape.h>
-#include <BulletSoftBody/btSoftBody.h>
-#include <BulletSoftBody/btSoftBodyHelpers.h>
 #include <LinearMath/btThreads.h>
 #include <btBulletCollisionCommon.h>
 
@@ -22,15 +19,17 @@
 
 #include <broadcl/bullet.hpp>
 
-#include "bullet/shape_bounds.hpp"
 #include "bullet_rig.hpp"
+#include "bullet_shapes.hpp"
 #include "expect_error.hpp"
 
 namespace broadcl {
 namespace {
 
+using test::at;
 using test::error_of;
 using test::Random;
+using test::Shapes;
 using testing::HasSubstr;
 
 /// For the user indices of two objects, the numbers that describe each of their contacts.
@@ -101,62 +100,6 @@ class World {
     ++dispatched;
     btCollisionDispatcher::defaultNearCallback(pair, dispatcher, info);
   }
-};
-
-btTransform at(const btVector3& position, const btQuaternion& rotation = btQuaternion::getIdentity()) {
-  return btTransform(rotation, position);
-}
-
-/// A user's class: a box that might have contacts of its own, which only the user knows.
-class UsersBox final : public btBoxShape {
- public:
-  using btBoxShape::btBoxShape;
-};
-
-/// Shapes of all kinds, about 1 in size.
-struct Shapes {
-  Shapes() {
-    Random random(1);
-    for (int k = 0; k < 12; ++k) hull.addPoint(random.point(1) - btVector3(0.2F, 0.5F, 0.5F));
-    compound.addChildShape(at({0.4F, 0, 0}), &small);
-    compound.addChildShape(at({-0.4F, 0, 0}), &ball);
-    for (const btVector3& corner : {btVector3(0, 0, 0), btVector3(1, 0, 0), btVector3(0, 1, 0)}) {
-      triangles.addTriangle(corner, corner + btVector3(0, 0.5F, 1), corner + btVector3(1, 0, 0.5F));
-    }
-    mesh = std::make_unique<btBvhTriangleMeshShape>(&triangles, true);
-    scaled.setLocalScaling({1, 2, 0.5F});
-  }
-  [[nodiscard]] std::vector<btCollisionShape*> bounded() {
-    return {&box,      &small, &flat,   &ball,   &upright, &along_x, &along_z,
-            &cylinder, &cone,  &cone_x, &spokes, &hull,    &scaled,  &large};
-  }
-  [[nodiscard]] std::vector<btCollisionShape*> unbounded() {
-    return {&compound, mesh.get(), &plane, &users, &flat_world, &empty};
-  }
-
-  btBoxShape box{{0.5F, 0.5F, 0.5F}};
-  btBoxShape small{{0.2F, 0.1F, 0.3F}};
-  btBoxShape flat{{1.5F, 0.05F, 1}};
-  btBoxShape large{{4, 0.5F, 3}};  // its contact breaking threshold is 0.1
-  btBoxShape scaled{{0.5F, 0.2F, 0.7F}};
-  btSphereShape ball{0.4F};
-  btCapsuleShape upright{0.2F, 1};
-  btCapsuleShapeX along_x{0.3F, 0.5F};
-  btCapsuleShapeZ along_z{0.1F, 1.5F};
-  btCylinderShape cylinder{{0.4F, 0.3F, 0.4F}};
-  btConeShape cone{0.5F, 1};
-  btConeShapeX cone_x{0.3F, 0.7F};
-  std::array<btVector3, 2> centres{btVector3(-0.5F, 0, 0), btVector3(0.5F, 0.3F, 0)};
-  std::array<btScalar, 2> radii{0.2F, 0.4F};
-  btMultiSphereShape spokes{centres.data(), radii.data(), 2};
-  btConvexHullShape hull;
-  btCompoundShape compound;
-  btTriangleMesh triangles;
-  std::unique_ptr<btBvhTriangleMeshShape> mesh;
-  btStaticPlaneShape plane{{0, 1, 0}, -3};
-  UsersBox users{{0.5F, 0.5F, 0.5F}};
-  btBox2dShape flat_world{{0.5F, 0.5F, 0.5F}};
-  btEmptyShape empty;
 };
 
 /// The same objects in two worlds, one with culling and one without.
@@ -469,120 +412,6 @@ TEST(ShapeCulling, AsksNoAlgorithmOfUnboundedShapes) {
                                              &world.dispatcher);
   pair.m_algorithm = nullptr;
   EXPECT_EQ(watched.asked, 0);
-}
-
-/// Whether a shape is left alone.
-bool is_unbounded(btCollisionShape& shape) {
-  btCollisionObject object;
-  object.setCollisionShape(&shape);
-  return !bounds_of(object, gContactBreakingThreshold);
-}
-
-/// Bullet then collides another shape than the one that its box bounds.
-TEST(ShapeBounds, AreNoneOfShapesThatReachBeyondTheirBoxes) {
-  btBoxShape thin({0.5F, 0.5F, 0.03F});
-  EXPECT_FALSE(is_unbounded(thin));
-  thin.setMargin(0.1F);
-  EXPECT_TRUE(is_unbounded(thin));
-
-  btCylinderShape disc({0.5F, 0.03F, 0.5F});
-  EXPECT_FALSE(is_unbounded(disc));
-  disc.setMargin(0.1F);
-  EXPECT_TRUE(is_unbounded(disc));
-
-  Shapes shapes;
-  EXPECT_FALSE(is_unbounded(shapes.spokes));
-  shapes.spokes.setMargin(0.3F);
-  EXPECT_TRUE(is_unbounded(shapes.spokes));
-
-  EXPECT_FALSE(is_unbounded(shapes.cone));
-  shapes.cone.setLocalScaling({1, -1, 1});
-  EXPECT_TRUE(is_unbounded(shapes.cone));
-
-  for (btPolyhedralConvexShape* shape : {static_cast<btPolyhedralConvexShape*>(&shapes.box),
-                                         static_cast<btPolyhedralConvexShape*>(&shapes.hull)}) {
-    EXPECT_FALSE(is_unbounded(*shape));
-    shape->initializePolyhedralFeatures();
-    EXPECT_TRUE(is_unbounded(*shape));
-  }
-}
-
-/// Bullet collides a round one.
-TEST(ShapeBounds, ContainCylindersWhoseExtentsDiffer) {
-  btCylinderShape disc({1, 0.1F, 0.2F});
-  btCylinderShapeX roll({0.1F, 1, 0.2F});
-  btCylinderShapeZ wheel({1, 0.2F, 0.1F});
-  btSphereShape ball(0.2F);
-  for (const auto& [shape, place] : {std::pair<btCollisionShape*, btVector3>(&disc, {0, 0, 1.1F}),
-                                     {&roll, {0, 0, 1.1F}},
-                                     {&wheel, {0, 1.1F, 0}}}) {
-    btCollisionObject round;
-    round.setCollisionShape(shape);
-    btCollisionObject beside;
-    beside.setCollisionShape(&ball);
-    beside.setWorldTransform(at(place));
-    EXPECT_FALSE(are_apart(*bounds_of(round, 0.02F), *bounds_of(beside, 0.02F), 0.02F)) << shape->getName();
-  }
-}
-
-TEST(ShapeBounds, AreThoseOfShapesThatAreKnownToBeBounded) {
-  Shapes shapes;
-  for (btCollisionShape* shape : shapes.bounded()) {
-    btCollisionObject object;
-    object.setCollisionShape(shape);
-    object.setWorldTransform(at({1, 2, 3}, {1, 2, 3}));
-    const std::optional<ShapeBounds> bounds = bounds_of(object, gContactBreakingThreshold);
-    ASSERT_TRUE(bounds) << shape->getName();
-    EXPECT_GE(bounds->breaking, shape->getContactBreakingThreshold(gContactBreakingThreshold) * 0.999F)
-        << shape->getName();
-  }
-  for (btCollisionShape* shape : shapes.unbounded()) {
-    btCollisionObject object;
-    object.setCollisionShape(shape);
-    object.setWorldTransform(at({1, 2, 3}));
-    EXPECT_FALSE(bounds_of(object, gContactBreakingThreshold)) << shape->getName();
-  }
-  btSoftBodyWorldInfo info;
-  const std::unique_ptr<btSoftBody> soft(btSoftBodyHelpers::CreateRope(info, {0, 0, 0}, {1, 0, 0}, 3, 0));
-  EXPECT_FALSE(bounds_of(*soft, gContactBreakingThreshold));
-}
-
-/// At a distance of `touching` plus a gap along x, the objects are found apart with a gap of 0.12 but not of
-/// 0.02.
-void expect_tight(btCollisionShape& s, const btTransform& of_s, btCollisionShape& t, const btTransform& of_t,
-                  btScalar touching) {
-  for (const btScalar gap : {btScalar(0.02), btScalar(0.12)}) {
-    btCollisionObject a;
-    a.setCollisionShape(&s);
-    a.setWorldTransform(of_s);
-    btCollisionObject b;
-    b.setCollisionShape(&t);
-    b.setWorldTransform(at({touching + gap, 0, 0}) * of_t);
-    EXPECT_EQ(are_apart(*bounds_of(a, 0.02F), *bounds_of(b, 0.02F), 0.02F), gap > 0.1F)
-        << s.getName() << " and " << t.getName() << ", " << gap;
-  }
-}
-
-TEST(ShapeBounds, AreTight) {
-  btSphereShape ball(1);
-  btBoxShape cube({0.5F, 0.5F, 0.5F});
-  btBoxShape needle({0.01F, 0.5F, 0.01F});
-  btCapsuleShape capsule(0.3F, 1);
-  const btTransform straight = at({0, 0, 0});
-  const btTransform tilted = at({0, 0, 0}, {1, 2, 3});
-  const btTransform on_edge = at({0, 0, 0}, btQuaternion({0, 0, 1}, SIMD_PI / 4));
-  const btTransform on_side = at({0, 0, 0}, btQuaternion({0, 1, 0}, SIMD_PI / 4));
-  const btTransform flat = at({0, 0, 0}, btQuaternion({0, 0, 1}, SIMD_PI / 2));
-  expect_tight(ball, straight, ball, on_edge, 2);
-  expect_tight(ball, tilted, ball, tilted, 2);
-  expect_tight(cube, straight, cube, straight, 1);
-  expect_tight(cube, straight, cube, on_edge, 0.5F + std::sqrt(0.5F));
-  expect_tight(cube, on_side, cube, on_edge, 2 * std::sqrt(0.5F));  // crossing edges
-  expect_tight(capsule, straight, capsule, straight, 0.6F);
-  expect_tight(capsule, straight, capsule, flat, 1.1F);
-  expect_tight(ball, straight, capsule, flat, 1.8F);
-  expect_tight(ball, straight, cube, on_edge, 1 + std::sqrt(0.5F));
-  expect_tight(needle, straight, needle, on_edge, 0.01F + 0.51F * std::sqrt(0.5F));
 }
 
 TEST(ShapeCulling, IsRefusedIfSomebodyElseWalksThePairs) {

@@ -404,7 +404,7 @@ TEST_F(ProgramStudy, AutoStaysOnTheHostIfItHasNoDevice) {
     GTEST_SKIP() << "this OpenCL loader ignores OCL_ICD_VENDORS, so devices cannot be hidden";
   }
   expect_success(run(small + "auto,auto+culling --out s", no_device));
-  EXPECT_THAT(keys_of(run_files()),
+  ASSERT_THAT(keys_of(run_files()),
               testing::UnorderedElementsAre(on_host, "free-fall-50-auto+culling-1.csv"));
   expect_success(run("study --out s", no_device));
   expect_refused(run("study --out s --devices 0:0"), "'s' holds a study with auto on the host");
