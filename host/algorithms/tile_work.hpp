@@ -21,6 +21,9 @@ class TileWork {
   /// @param stale An order is old once the work exceeds this multiple of the work in a new order.
   TileWork(std::size_t node, double stale) : node_(node), stale_(stale) {}
 
+  /// Starts again with tiles of another size.
+  void restart(std::size_t node) { *this = TileWork(node, stale_); }
+
   /// Records the work of the last search, and that a frame begins.
   void begin_frame(const Search& search, const PairDelta& sink);
   /// Whether there is no order for this search, or a new one is needed. To be called once per frame.

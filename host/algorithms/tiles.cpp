@@ -69,7 +69,6 @@ class Tiles final : public PairFinder {
  public:
   Tiles(const opencl::Context& context, double stale, std::size_t fewest_early)
       : context_(context),
-        stale_(stale),
         launch_(launch_for(context.tuning())),
         work_(launch_.node, stale),
         centroids_(context),
@@ -143,7 +142,7 @@ class Tiles final : public PairFinder {
       if (may_gather) (void)gathering_fill(worlds);  // in the first frame, although that sorts
     } catch (const opencl::GroupTooLarge&) {
       launch_ = tiles_on_cpus;
-      work_ = TileWork(launch_.node, stale_);
+      work_.restart(launch_.node);
       kernels_ = {};
       gathering_fills_ = {};
       capacity_ = 0;  // nodes may have had another size
@@ -362,7 +361,6 @@ class Tiles final : public PairFinder {
   }
 
   const opencl::Context& context_;
-  double stale_;  // see make_tiles()
   TilesLaunch launch_;
   TileWork work_;
   CentroidBounds centroids_;
