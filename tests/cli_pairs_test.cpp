@@ -40,6 +40,8 @@ TEST_F(Program, SaysOnceThatItBuildsKernels) {
   EXPECT_EQ(line_of("brute-force", "BROADCL_CACHE_DIR=new"), "");
   EXPECT_EQ(line_of("brute-force", "BROADCL_CACHE_DIR= XDG_CACHE_HOME= HOME="),
             "compiling kernels for " + label + ", at each start because there is no cache folder\n");
+  EXPECT_THAT(line_of("brute-force", "BROADCL_CACHE_DIR= XDG_CACHE_HOME=relative HOME="),
+              testing::EndsWith(", at each start because there is no cache folder\n"));
   for (const std::string folder : {"/proc/nowhere", "four.npy"}) {
     EXPECT_THAT(
         line_of("brute-force", "BROADCL_CACHE_DIR=" + folder),
