@@ -8,6 +8,12 @@
 #define FLUSHES 0 /* 1 if the device takes denormal numbers for zeros: arithmetic.cl */
 #endif
 
+/* 1 if boxes are the caller's: load_box() then takes those for empty that have a NaN or an upper bound below the lower
+   one. */
+#ifndef CALLERS_BOXES
+#define CALLERS_BOXES 0
+#endif
+
 /* Whether s <= t, which is false for a NaN: 0 or 1. */
 #if FLUSHES
 static inline int not_above(const float s, const float t) {
@@ -36,6 +42,11 @@ typedef struct {
   float bound[AABB_FLOATS];
 } box_t;
 
+/* A box that overlaps nothing. */
+static inline void make_empty(box_t* box) {
+  for (uint i = 0; i < AABB_FLOATS; ++i) box->bound[i] = NAN;
+}
+
 /* (Not returned as a value: Oclgrind 21.10 does not support the resulting code if the function is inlined twice.) */
 static inline void load_box(box_t* box, global const float* boxes, const uint slot) {
   global const float2* p = (global const float2*)(boxes + (size_t)slot * AABB_FLOATS);
@@ -44,11 +55,11 @@ static inline void load_box(box_t* box, global const float* boxes, const uint sl
     box->bound[2U * i] = two.x;
     box->bound[2U * i + 1U] = two.y;
   }
-}
-
-/* A box that overlaps nothing. */
-static inline void make_empty(box_t* box) {
-  for (uint i = 0; i < AABB_FLOATS; ++i) box->bound[i] = NAN;
+#if CALLERS_BOXES
+  const bool proper = (NOT_ABOVE(box->bound[0], box->bound[3]) & NOT_ABOVE(box->bound[1], box->bound[4]) &
+                       NOT_ABOVE(box->bound[2], box->bound[5])) != 0;
+  if (!proper) make_empty(box);
+#endif
 }
 
 static inline bool boxes_overlap(const box_t* s, const box_t* t) {

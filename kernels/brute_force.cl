@@ -1,10 +1,10 @@
 /* Brute force: tests every pair in which a box changed. Pairs that overlap and whose filters allow it are appended to a
    list, in no particular order, unless they were pairs in the last frame.
 
-   A work-item holds WIDTH boxes `a` in registers and walks down rows. Each row is a box `b`, the same for the whole
-   work-group. Hits are collected in local memory, then tested by all work-items together; a work-group reserves its
-   part of the list with one atomic. If local memory is too small for the hits of all its rows, it walks down fewer rows
-   at a time.
+   A work-item holds WIDTH boxes `a` in registers and walks down rows, ROWS at a time, with one bit per box and row.
+   Each row is a box `b`, the same for the whole work-group. Hits are collected in local memory, then tested by all
+   work-items together; a work-group reserves its part of the list with one atomic. If local memory is too small for the
+   hits of all its rows, it walks down fewer rows at a time.
 
    On a GPU, bounds are subtracted instead of compared: boxes overlap if none of six differences is negative.
    Subtractions and the merging of signs run on different units, which share the work; comparisons would all run on one
@@ -15,9 +15,14 @@
 #ifndef GROUP
 #define GROUP 32 /* work-items per work-group; 1 with the tuning profile for CPUs: rows are not copied then */
 #endif
+#ifndef GATHER
+#define GATHER 0 /* 1 if `boxes` are the caller's, which are copied to `copy` */
+#endif
+#define CALLERS_BOXES GATHER
 #include "aabb.h"
 #include "delta.h"
 #include "filter.h"
+#include "gather.h"
 #include "inline.h"
 #include "keep.h"
 #include "lanes.h"
@@ -26,7 +31,7 @@
 #define MAX_ROWS 128 /* rows of a work-group, at most */
 #endif
 #ifndef ROWS
-#define ROWS 4 /* rows that a work-item tests before it looks for hits */
+#define ROWS 8 /* rows that a work-item tests before it looks for hits */
 #endif
 #ifndef WORLDS
 #define WORLDS 0 /* 1 if objects are in different worlds */
@@ -35,6 +40,15 @@
 #define LOCAL_HITS 512U
 #if GROUP * WIDTH > LOCAL_HITS
 #error "LOCAL_HITS is too small"
+#endif
+
+/* A bit for each box of a work-item and each of ROWS rows, those of the first row lowest. */
+#if ROWS * WIDTH == 64
+typedef ulong hits_t;
+#elif ROWS * WIDTH == 32
+typedef uint hits_t;
+#else
+#error "ROWS * WIDTH must be 32 or 64"
 #endif
 
 #if GROUP > 1
@@ -56,19 +70,11 @@ typedef struct {
 } row_t;
 
 static inline row_t load_row(global const float* boxes, global const uint4* filters, const uint slot) {
-  global const float2* p = (global const float2*)(boxes + (size_t)slot * AABB_FLOATS);
-  const float2 p0 = p[0];
-  const float2 p1 = p[1];
-  const float2 p2 = p[2];
-  const row_t row = {
-      (float4)(p0.x, p0.y, p1.x, WORLDS ? as_float(filters[slot].w) : 0.0F), (float4)(p1.y, p2.x, p2.y, 0.0F)};
+  box_t box;
+  load_box(&box, boxes, slot);
+  const row_t row = {(float4)(box.bound[0], box.bound[1], box.bound[2], WORLDS ? as_float(filters[slot].w) : 0.0F),
+                     (float4)(box.bound[3], box.bound[4], box.bound[5], 0.0F)};
   return row;
-}
-
-/* Lanes are -1 if the boxes overlap. */
-static inline INTS test_boxes(const boxes_t* s, const row_t t) {
-  return AABB_OVERLAPS_LANES(s->lower_x, s->lower_y, s->lower_z, s->upper_x, s->upper_y, s->upper_z, t.lower.x,
-                             t.lower.y, t.lower.z, t.upper.x, t.upper.y, t.upper.z);
 }
 
 #if GROUP > 1
@@ -86,7 +92,6 @@ static inline FLOATS finite_lanes(const FLOATS bounds) {
   const INTS bits = AS_INTS(fmin(fmax(bounds, -FLT_MAX), FLT_MAX));
   return AS_FLOATS(select(bits, (INTS)(0), (bits & (INTS)(NOT_ZERO)) == (INTS)(0)));
 }
-#define FINITE(bounds) finite_lanes(bounds)
 
 static inline row_t finite_row(const row_t row) {
   const bool empty = isnan(row.lower.x) != 0;
@@ -100,17 +105,41 @@ static inline row_t finite_row(const row_t row) {
   return result;
 }
 
-/* Negative if a lane may overlap. */
-typedef int may_t;
-static inline may_t may_overlap(const boxes_t* s, const row_t t) {
-  const INTS apart =
-      (AS_INTS(t.upper.x - s->lower_x) | AS_INTS(t.upper.y - s->lower_y) | AS_INTS(t.upper.z - s->lower_z)) |
-      (AS_INTS(s->upper_x - t.lower.x) | AS_INTS(s->upper_y - t.lower.y) | AS_INTS(s->upper_z - t.lower.z));
-  return ~and_lanes(apart);
+#if WIDTH != 4
+#error "WIDTH must be 4"
+#endif
+
+/* Box k of a work-item is in slot a + k * GROUP, so that work-items with successive indices read successive boxes. */
+static inline void load_boxes(boxes_t* s, global const float* boxes, global const uint4* filters, const uint a,
+                              const uint n) {
+  box_t four[WIDTH];
+  for (uint k = 0; k < WIDTH; ++k) load_box(&four[k], boxes, min(a + k * GROUP, n - 1U));
+#define LANES(i) finite_lanes((FLOATS)(four[0].bound[i], four[1].bound[i], four[2].bound[i], four[3].bound[i]))
+  s->lower_x = LANES(0);
+  s->lower_y = LANES(1);
+  s->lower_z = LANES(2);
+  s->upper_x = LANES(3);
+  s->upper_y = LANES(4);
+  s->upper_z = LANES(5);
+#if WORLDS
+#define WORLD(k) (int)filters[min(a + (k)*GROUP, n - 1U)].w
+  s->world = (INTS)(WORLD(0), WORLD(1), WORLD(2), WORLD(3));
+#else
+  (void)filters;
+#endif
 }
 
-/* Lanes: whether the finite bounds overlap, which more boxes may do. */
-#define LANES(may, s, t) test_boxes(s, t)
+/* Negative if the boxes of a lane are apart. */
+static inline INTS apart(const boxes_t* s, const row_t t) {
+  return (AS_INTS(t.upper.x - s->lower_x) | AS_INTS(t.upper.y - s->lower_y) | AS_INTS(t.upper.z - s->lower_z)) |
+         (AS_INTS(s->upper_x - t.lower.x) | AS_INTS(s->upper_y - t.lower.y) | AS_INTS(s->upper_z - t.lower.z));
+}
+
+/* Appends the signs of four lanes below the bits, in an order that gives the first lane the lowest bit. */
+static inline hits_t append_signs(const hits_t bits, const INTS lanes) {
+  const uint4 sign = as_uint4(lanes) >> 31;
+  return (((bits << 1 | sign.w) << 1 | sign.z) << 1 | sign.y) << 1 | sign.x;
+}
 
 static inline bool overlap(global const float* boxes, const uint a, const uint b) {
   box_t s;
@@ -120,12 +149,45 @@ static inline bool overlap(global const float* boxes, const uint a, const uint b
   return boxes_overlap(&s, &t);
 }
 #else
-#define FINITE(bounds) (bounds)
-
-typedef INTS may_t;
-#define may_overlap test_boxes
-#define LANES(may, s, t) (may)
+static inline void load_boxes(boxes_t* s, global const float* boxes, global const uint4* filters, const uint a,
+                              const uint n) {
+  global const float* p = boxes + (size_t)a * AABB_FLOATS;
+  s->lower_x = BOUNDS(p);
+  s->lower_y = BOUNDS(p + 1);
+  s->lower_z = BOUNDS(p + 2);
+  s->upper_x = BOUNDS(p + 3);
+  s->upper_y = BOUNDS(p + 4);
+  s->upper_z = BOUNDS(p + 5);
+  (void)n;
+#if WORLDS
+  s->world = WORLD_OF(filters + a);
+#else
+  (void)filters;
 #endif
+}
+
+/* Lanes are -1 if the boxes overlap. */
+static inline INTS test_boxes(const boxes_t* s, const row_t t) {
+  return AABB_OVERLAPS_LANES(s->lower_x, s->lower_y, s->lower_z, s->upper_x, s->upper_y, s->upper_z, t.lower.x,
+                             t.lower.y, t.lower.z, t.upper.x, t.upper.y, t.upper.z);
+}
+#endif
+
+/* Whether a row may pair with a box of a work-item, according to their worlds. */
+static inline bool meets(const boxes_t* s, const row_t t) {
+#if WORLDS
+  const int world = as_int(t.lower.w);
+  return any((s->world == world) | (s->world == (int)ALL_WORLDS)) || world == (int)ALL_WORLDS;
+#else
+  (void)s;
+  (void)t;
+  return true;
+#endif
+}
+
+static inline uint lowest_bit(const hits_t bits) {
+  return (uint)(ROWS * WIDTH - 1U - clz(bits & (0U - bits)));
+}
 
 /* Whether a hit, of box `a` in row `b`, is a new pair. */
 static inline bool is_new_pair(const uint a, const uint b, const bool all, global const float* boxes,
@@ -161,18 +223,25 @@ INLINE void append_new(local uint2* hits, const uint count, local uint* found_ne
   append_pairs(sink, hits, *found_new, GROUP, base);
 }
 
+#if GATHER
+#define COPY_PARAMETER global float* restrict copy,
+#else
+#define COPY_PARAMETER
+#endif
+
 /* A work-item has WIDTH boxes `a`, by its index in dimension 0, and a run of `rows` rows, from `first_run` on, by its
    index in dimension 1. If row_count is n, every slot is a row and pairs are tested with a < b; otherwise the rows are
-   the slots that changed. `keeps` says whether to do the work of delta.cl as well. */
+   the slots that changed. Unless `last` is null, this also does the work of delta.cl; unless `copy` is null, it copies
+   the boxes. */
 kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void brute_force(
     const uint n, const uint row_count, const uint rows, const uint first_run, global const float* restrict boxes,
     global const uint* restrict changed, global const uint* restrict changed_stamps,
-    global const uint4* restrict filters, global const uint2* restrict exclusions, const uint keeps, KEEP_PARAMETERS,
+    global const uint4* restrict filters, global const uint2* restrict exclusions, COPY_PARAMETER KEEP_PARAMETERS,
     PAIR_SINK_PARAMETERS) {
   const pair_sink_t sink = PAIR_SINK;
 #if GROUP > 1
   local keep_t chunk;
-  if (keeps != 0U) {
+  if (last != 0) {
     keep_pairs(last, last_capacity, removed, keep_filters, keep_exclusions, keep_all, keep_stamps, n, boxes, stamp,
                capacity, pairs, counts, (uint)(get_group_id(1) * get_num_groups(0) + get_group_id(0)),
                (uint)(get_num_groups(0) * get_num_groups(1)), &chunk);
@@ -186,7 +255,7 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void brute_force(
   if (item == 0U) found = found_new = 0;
 
   const bool all = row_count == n;
-  const uint a = (uint)get_global_id(0) * WIDTH;
+  const uint a = (uint)get_group_id(0) * (GROUP * WIDTH) + item;
   const uint first_row = (first_run + (uint)get_global_id(1)) * rows;
   const uint last_row = min(row_count, first_row + rows);
   const bool has_work = !is_halted(counts) && (!all || (uint)get_group_id(0) * (GROUP * WIDTH) < last_row);
@@ -202,50 +271,50 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void brute_force(
 #define ROW(first, r) \
   load_row(boxes, filters, all ? min((first) + (r), end - 1U) : changed[min((first) + (r), end - 1U)])
 #endif
+#if GATHER
+  for (uint k = 0; copy != 0 && get_group_id(1) == 0 && k < WIDTH && a + k * GROUP < n; ++k) {
+    box_t box;
+    gather_object(&box, a + k * GROUP, boxes, 0, AABB_FLOATS, n, 0, 0, 0, 0, copy, 0, counts);
+  }
+#endif
   barrier(CLK_LOCAL_MEM_FENCE);
 
   const uint begin = a >= n ? end : all ? max(first_row, a + 1U) : first_row;
   boxes_t s;
-  if (begin < end) {
-    global const float* p = boxes + (size_t)a * AABB_FLOATS;
-    s.lower_x = FINITE(BOUNDS(p));
-    s.lower_y = FINITE(BOUNDS(p + 1));
-    s.lower_z = FINITE(BOUNDS(p + 2));
-    s.upper_x = FINITE(BOUNDS(p + 3));
-    s.upper_y = FINITE(BOUNDS(p + 4));
-    s.upper_z = FINITE(BOUNDS(p + 5));
-#if WORLDS
-    s.world = WORLD_OF(filters + a);
-#endif
-  }
+  if (begin < end) load_boxes(&s, boxes, filters, a, n);
 
   uint step = rows;
   for (uint row = first_row; row < end;) {
     const uint stop = min(end, row + step);
     for (uint first = max(row, begin); first < stop; first += ROWS) {
-      may_t may[ROWS];
-      may_t some = 0;
+      hits_t bits = 0;
+#if GROUP > 1
+#pragma unroll 4 /* more would take too many registers */
+      for (uint r = ROWS; r-- > 0U;) {
+        const row_t t = ROW(first, r);
+        bits = append_signs(bits, meets(&s, t) ? apart(&s, t) : (INTS)(-1));
+      }
+      bits = ~bits;
+#else
+      INTS hit[ROWS];
+      INTS some = 0;
       for (uint r = 0; r < ROWS; ++r) {
         const row_t t = ROW(first, r);
-#if WORLDS
-        const bool meet =
-            any((s.world == as_int(t.lower.w)) | (s.world == (int)ALL_WORLDS)) || as_uint(t.lower.w) == ALL_WORLDS;
-        may[r] = meet ? may_overlap(&s, t) : (may_t)(0);
-#else
-        may[r] = may_overlap(&s, t);
-#endif
-        some |= may[r];
+        hit[r] = meets(&s, t) ? test_boxes(&s, t) : (INTS)(0);
+        some |= hit[r];
       }
       if (!any(some)) continue;
-      for (uint r = 0; r < min((uint)ROWS, stop - first); ++r) {
-        if (!any(may[r])) continue;
-        uint bits = lane_mask(LANES(may[r], &s, ROW(first, r)));
-        const uint b = all ? first + r : changed[first + r];
-        for (uint s_a = a; bits != 0; ++s_a, bits >>= 1) {
-          if ((bits & 1U) == 0 || s_a >= n || s_a == b || (all && s_a > b)) continue;
-          const uint k = NEXT(&found);
-          if (k < LOCAL_HITS) hits[k] = (uint2)(s_a, b);
-        }
+      for (uint r = 0; r < ROWS; ++r) bits |= (hits_t)lane_mask(hit[r]) << (r * WIDTH);
+#endif
+      if (stop - first < ROWS) bits &= ((hits_t)1 << ((stop - first) * WIDTH)) - 1U;
+      for (; bits != 0; bits &= bits - 1U) {
+        const uint bit = lowest_bit(bits);
+        const uint s_a = a + bit % WIDTH * GROUP;
+        const uint row_b = first + bit / WIDTH;
+        const uint b = all ? row_b : changed[row_b];
+        if (s_a >= n || s_a == b || (all && s_a > b)) continue;
+        const uint k = NEXT(&found);
+        if (k < LOCAL_HITS) hits[k] = (uint2)(s_a, b);
       }
     }
     barrier(CLK_LOCAL_MEM_FENCE);

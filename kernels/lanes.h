@@ -43,17 +43,6 @@ static inline INTS not_above_lanes(const FLOATS s, const FLOATS t) {
   AABB_OVERLAPS_BY(NOT_ABOVE_LANES, s_lower_x, s_lower_y, s_lower_z, s_upper_x, s_upper_y, s_upper_z, t_lower_x,    \
                    t_lower_y, t_lower_z, t_upper_x, t_upper_y, t_upper_z)
 
-/* The bits that are set in all lanes. */
-static inline int and_lanes(const INTS lanes) {
-#if WIDTH == 16
-  const int8 of_8 = lanes.lo & lanes.hi;
-  const int4 of_4 = of_8.lo & of_8.hi;
-#else
-  const int4 of_4 = lanes;
-#endif
-  return of_4.x & of_4.y & of_4.z & of_4.w;
-}
-
 /* One bit per lane, from lanes that are 0 or -1. */
 #define LANE_BITS_4 1, 2, 4, 8
 #define LANE_BITS_8 LANE_BITS_4, 16, 32, 64, 128

@@ -427,6 +427,7 @@ void expect_late_device_lives(const LateKernel& kernel, bool sets, bool waits, l
 }
 
 constexpr std::array late_on_the_device{LateKernel{"brute-force", "brute_force -DWORLDS=1"},
+                                        LateKernel{"brute-force", "brute_force -DGATHER=1"},
                                         LateKernel{"tiles", "tiles_fill -DWORLDS=1 -DGATHER=1"},
                                         LateKernel{"tiles", "tiles_search -DWORLDS=1", 64},
                                         LateKernel{"tiles", "tiles_fill -DGATHER=1"},
@@ -441,7 +442,7 @@ TEST(LateKernel, LosesNothingIfACallFailsMeanwhile) {
   const ForAnyDevice any;
   expect_late_host_lives(late_on_the_host[1], 6);
   expect_late_device_lives(late_on_the_device[0], false, false, 6);
-  expect_late_device_lives(late_on_the_device[1], true, true, 6);
+  expect_late_device_lives(late_on_the_device[2], true, true, 6);
 }
 
 /// The same for all kernels, and with more calls.

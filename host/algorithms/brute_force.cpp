@@ -34,19 +34,23 @@ class BruteForce final : public PairFinder {
   explicit BruteForce(const opencl::Context& context)
       : context_(context),
         launch_(context.tuning() == opencl::Tuning::cpu ? brute_force_on_cpus : brute_force_on_gpus) {
-    load(false);
+    load({});
   }
 
   void build(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) override {
-    if (has_work(search)) load(search.worlds);
-    PairFinder::build(search, sink, profiler);
+    // (Longer lists are kept by a kernel of their own, which comes first and needs the boxes.)
+    gathers_ = search.source != nullptr && search.source->packed_boxes()() != nullptr && can_keep(search) &&
+               sink.is_keeping_short();
+    if (has_work(search)) load(search);
+    if (!gathers_) PairFinder::build(search, sink, profiler);
   }
 
   void find(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) override {
     if (!has_work(search)) return;
     const cl_uint n = search.now.slots;
     const cl_uint row_count = search.changed_slots();
-    cl::Kernel& kernel = kernels_.at(search.worlds ? 1 : 0);
+    cl::Kernel& kernel = this->kernel(search);
+    const cl::Buffer boxes = gathers_ ? search.source->packed_boxes() : search.now.boxes;
     const std::size_t columns = opencl::round_up(opencl::divide_up(n, launch_.width), launch_.group);
     const std::size_t rows = rows_per_item(search);
     const std::size_t runs = opencl::divide_up(row_count, rows);
@@ -54,11 +58,11 @@ class BruteForce final : public PairFinder {
     for (std::size_t first = 0; first < runs; first += at_once) {
       opencl::Profiler::Scope stage(profiler, "test");
       const bool keeps = first == 0 && sink.is_kept_by_finder();
-      const cl_uint k =
-          opencl::set_arguments(kernel, 0, n, row_count, static_cast<cl_uint>(rows),
-                                static_cast<cl_uint>(first), search.now.boxes, search.changed, search.stamps,
-                                search.now.filters, search.now.exclusions, keeps ? cl_uint{1} : cl_uint{0});
-      sink.set_sink(kernel, sink.set_keep(kernel, k, search), search);
+      cl_uint k = opencl::set_arguments(kernel, 0, n, row_count, static_cast<cl_uint>(rows),
+                                        static_cast<cl_uint>(first), boxes, search.changed, search.stamps,
+                                        search.now.filters, search.now.exclusions);
+      if (gathers_) k = opencl::set_arguments(kernel, k, first == 0 ? search.now.boxes : cl::Buffer());
+      sink.set_sink(kernel, sink.set_keep(kernel, k, search, keeps), search);
       context_.queue().enqueueNDRangeKernel(kernel, cl::NullRange,
                                             cl::NDRange(columns, std::min(at_once, runs - first)),
                                             cl::NDRange(launch_.group, 1), nullptr, stage.event());
@@ -90,33 +94,37 @@ class BruteForce final : public PairFinder {
     return launch_.rows(runs, context_);
   }
 
-  /// Builds the kernel for one world or for several when it is first needed. If the device runs it only in
-  /// smaller work-groups, changes to the launch parameters for CPUs for good.
-  void load(bool worlds) {
-    cl::Kernel& kernel = kernels_.at(worlds ? 1 : 0);
-    if (kernel() != nullptr) return;
+  /// Builds the kernel of a search when it is first needed. If the device runs it only in smaller
+  /// work-groups, changes to the launch parameters for CPUs for good.
+  void load(const Search& search) {
+    if (kernel(search)() != nullptr) return;
     try {
-      kernel = make_kernel(worlds);
+      kernel(search) = make_kernel(search.worlds);
     } catch (const opencl::GroupTooLarge&) {
       launch_ = brute_force_on_cpus;
       kernels_ = {};
-      kernel = make_kernel(worlds);
+      gathers_ = false;
+      load(search);
     }
   }
 
+  /// (Objects to be gathered are in one world.)
+  cl::Kernel& kernel(const Search& search) { return kernels_.at(gathers_ ? 2 : search.worlds ? 1 : 0); }
+
   [[nodiscard]] cl::Kernel make_kernel(bool worlds) const {
     // Rows that a work-item tests before it looks for hits.
-    const unsigned rows_at_once = launch_.group == 1 ? 4 : 2;
+    const unsigned rows_at_once = launch_.group == 1 ? 4 : 8;
     const std::string options =
         "-DWIDTH=" + std::to_string(launch_.width) + " -DGROUP=" + std::to_string(launch_.group) +
         " -DROWS=" + std::to_string(rows_at_once) + " -DMAX_ROWS=" + std::to_string(launch_.max_rows) +
-        (worlds ? " -DWORLDS=1" : "");
+        (worlds ? " -DWORLDS=1" : "") + (gathers_ ? " -DGATHER=1" : "");
     return context_.kernel(context_.program("brute_force.cl", options), "brute_force", launch_.group);
   }
 
   const opencl::Context& context_;
   RowLaunch launch_;
-  std::array<cl::Kernel, 2> kernels_;
+  std::array<cl::Kernel, 3> kernels_;
+  bool gathers_ = false;  // this search: its kernel reads the caller's boxes, and copies them
 };
 
 }  // namespace

@@ -102,11 +102,14 @@ bool PairDelta::is_keeping_short() const noexcept {
   return last_.found() <= short_keeping;
 }
 
-cl_uint PairDelta::set_keep(cl::Kernel& kernel, cl_uint first, const Search& search) const {
-  return opencl::set_arguments(kernel, first, last_.pairs.get(), static_cast<cl_uint>(last_.capacity),
-                               removed(), search.same_filters ? cl::Buffer() : search.now.filters,
-                               search.same_filters ? cl::Buffer() : search.now.exclusions,
-                               search.all ? cl_uint{1} : cl_uint{0}, search.stamps);
+cl_uint PairDelta::set_keep(cl::Kernel& kernel, cl_uint first, const Search& search, bool keeps) const {
+  const cl::Buffer none;
+  const bool same_filters = !keeps || search.same_filters;
+  return opencl::set_arguments(kernel, first, keeps ? last_.pairs.get() : none,
+                               static_cast<cl_uint>(last_.capacity), keeps ? removed() : none,
+                               same_filters ? none : search.now.filters,
+                               same_filters ? none : search.now.exclusions,
+                               search.all ? cl_uint{1} : cl_uint{0}, keeps ? search.stamps : none);
 }
 
 void PairDelta::keep(const Search& search) {
@@ -114,8 +117,8 @@ void PairDelta::keep(const Search& search) {
   const std::size_t last_found = unread_ > 0 ? last_.capacity : last_.found();
   if (last_found == 0) return;
   opencl::Profiler::Scope stage(profiler_, "keep");
-  opencl::set_arguments(keep_, set_keep(keep_, 0, search), search.now.slots, search.now.boxes, search.stamp,
-                        static_cast<cl_uint>(now_.capacity), list(), counts());
+  opencl::set_arguments(keep_, set_keep(keep_, 0, search, true), search.now.slots, search.now.boxes,
+                        search.stamp, static_cast<cl_uint>(now_.capacity), list(), counts());
   const EngineLaunch& launch = engine_launch(context_);
   const std::size_t groups = opencl::divide_up(last_found, launch.keep_group * launch.keep_chunk);
   context_.queue().enqueueNDRangeKernel(keep_, cl::NullRange, cl::NDRange(groups * launch.keep_group),

@@ -64,8 +64,9 @@ class PairDelta {
   /// Whether there are so few pairs of the last frame that this takes less time.
   [[nodiscard]] bool is_keeping_short() const noexcept;
   /// Sets a kernel's KEEP_PARAMETERS, from the given index on; returns the index after the last of them.
+  /// @param keeps Whether the kernel is to do this work; otherwise buffers are null, which take less time.
   /// @throws cl::Error
-  cl_uint set_keep(cl::Kernel& kernel, cl_uint first, const Search& search) const;
+  cl_uint set_keep(cl::Kernel& kernel, cl_uint first, const Search& search, bool keeps) const;
   /// Sets a kernel's PAIR_SINK_PARAMETERS, from the given index on; returns the index after the last of them.
   /// @throws cl::Error
   cl_uint set_sink(cl::Kernel& kernel, cl_uint first, const Search& search) const;

@@ -25,13 +25,15 @@ class PairFinder {
   virtual void warm_up(std::size_t /*slots*/) {}
 
   /// Builds the kernels that only this search needs, if there are any, then enqueues those that prepare it.
-  /// They gather the objects if the search has a source, and count invalid ones in the counts of the sink.
+  /// If the search has a source, they or those of find() gather the objects, and count invalid ones in the
+  /// counts of the sink.
   /// @throws cl::Error, Error
   virtual void build(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) {
     if (search.source != nullptr) search.source->gather(search.now, sink.counts(), profiler);
   }
 
-  /// Whether find() can also keep the pairs of the last frame, if the sink leaves that to it.
+  /// Whether find() can also keep the pairs of the last frame, if the sink leaves that to it. Called after
+  /// build().
   [[nodiscard]] virtual bool can_keep(const Search& /*search*/) const { return false; }
 
   /// Enqueues the kernels that append every pair that was not a pair in the last frame to the sink, each

@@ -2,10 +2,13 @@
 
 #include <utility>
 
+#include <broadcl/aabb.hpp>
+
 #include "algorithms/engine_program.hpp"
 #include "opencl/launch.hpp"
 
 namespace broadcl {
+
 Source::Source(const opencl::Context& context)
     : context_(context), gather_(context.sized_kernel(engine_program(context), "gather_boxes")) {}
 
@@ -13,6 +16,12 @@ void Source::set(Boxes boxes, Boxes second, cl::Buffer filters) {
   boxes_ = std::move(boxes);
   second_ = std::move(second);
   filters_ = std::move(filters);
+}
+
+cl::Buffer Source::packed_boxes() const {
+  const bool is_packed = boxes_.offset == 0 && boxes_.stride == sizeof(Aabb) / sizeof(float) &&
+                         second_.buffer() == nullptr && filters_() == nullptr;
+  return is_packed ? boxes_.buffer : cl::Buffer();
 }
 
 void Source::gather(const Generation& to, const cl::Buffer& counts, opencl::Profiler& profiler) const {

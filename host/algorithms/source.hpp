@@ -26,6 +26,9 @@ class Source {
   /// @param filters Null if there are none.
   void set(Boxes boxes, Boxes second, cl::Buffer filters);
 
+  /// The caller's boxes if they are packed, in a single set, and have no filters; otherwise null. Some may be
+  /// improper or have bounds that are NaN.
+  [[nodiscard]] cl::Buffer packed_boxes() const;
   /// Enqueues the command that copies the objects.
   /// @param counts Of PairDelta.
   /// @throws cl::Error
