@@ -170,6 +170,18 @@ TEST_P(FindersOnCallersQueue, MorePairsThanAnyGuessAreAllFoundAndInOrder) {
   EXPECT_EQ(broad_phase_.update({.buffer = buffer(), .count = n}).added.count, 0U);
 }
 
+/// Even if the lists are too small at first, so that the frame is searched again.
+TEST_P(FindersOnCallersQueue, LaterCommandsMayOverwriteTheBoxesOfAnUpdateThatWasBegun) {
+  constexpr std::uint32_t n = 700;
+  const cl::Buffer buffer = buffer_of(std::vector<Aabb>(n, unit));
+  std::vector<Aabb> apart(n, unit);
+  for (std::uint32_t k = 0; k < n; ++k) apart[k].lower[0] = apart[k].upper[0] = static_cast<float>(2 * k);
+  broad_phase_.begin({.buffer = buffer(), .count = n});
+  queue_.enqueueWriteBuffer(buffer, CL_TRUE, 0, n * sizeof(Aabb), apart.data());
+  EXPECT_EQ(broad_phase_.finish().added.count, n * (n - 1) / 2);
+  EXPECT_EQ(broad_phase_.update({.buffer = buffer(), .count = n}).removed.count, n * (n - 1) / 2);
+}
+
 INSTANTIATE_TEST_SUITE_P(All, FindersOnCallersQueue, ::testing::Values("auto", "brute-force", "tiles"),
                          test::named_by_parameter);
 

@@ -67,6 +67,9 @@ class BruteForce final : public PairFinder {
                                             cl::NDRange(columns, std::min(at_once, runs - first)),
                                             cl::NDRange(launch_.group, 1), nullptr, stage.event());
     }
+    // If this search is repeated, later commands may have overwritten the caller's boxes; the copy is
+    // complete.
+    gathers_ = false;
   }
 
   [[nodiscard]] bool can_keep(const Search& search) const override {

@@ -127,7 +127,7 @@ class BROADCL_API DeviceBroadPhase {
   Result update(const Boxes& boxes);
 
   /// Enqueues an update, makes the device start, and returns at once. (If enqueue() did the last update,
-  /// waits for that first.)
+  /// waits for that first.) Commands enqueued to the same queue afterwards may overwrite boxes and filters.
   /// @throws Error as update() does, and if an update was begun already.
   void begin(const Boxes& boxes);
 
