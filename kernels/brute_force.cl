@@ -244,11 +244,9 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void brute_force(
   const pair_sink_t sink = PAIR_SINK;
 #if GROUP > 1
   local keep_t chunk;
-  if (last != 0) {
-    keep_pairs(last, last_capacity, removed, keep_filters, keep_exclusions, keep_all, keep_stamps, n, boxes, stamp,
-               capacity, pairs, counts, (uint)(get_group_id(1) * get_num_groups(0) + get_group_id(0)),
-               (uint)(get_num_groups(0) * get_num_groups(1)), &chunk);
-  }
+  keep_pairs(last, last_capacity, removed, keep_filters, keep_exclusions, keep_all, keep_stamps, n, boxes, stamp,
+             capacity, pairs, counts, (uint)(get_group_id(1) * get_num_groups(0) + get_group_id(0)),
+             (uint)(get_num_groups(0) * get_num_groups(1)), &chunk);
 #endif
   local uint2 hits[LOCAL_HITS]; /* boxes `a` and `b`; those that are new pairs become pairs */
   local uint found;

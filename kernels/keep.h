@@ -62,7 +62,7 @@ INLINE void keep_pairs(KEEP_PARAMETERS_OF(), const uint slots, global const floa
                        const uint capacity, global uint2* pairs, global uint* counts, const uint group,
                        const uint groups, local keep_t* chunk) {
   const uint item = (uint)get_local_id(0);
-  const uint end = is_halted(counts) ? 0U : last_found(counts);
+  const uint end = last == 0 || is_halted(counts) ? 0U : last_found(counts);
   const uint last_kept = counts[COUNT_LAST_KEPT];
   for (uint first = group * KEEP_CHUNK; first < end; first += groups * KEEP_CHUNK) {
     uint2 pair[KEEP_RUN];

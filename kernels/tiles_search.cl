@@ -7,9 +7,6 @@
 #include "tiles.h"
 #include "vote.h"
 
-#define KEEP_RUN 2
-#include "keep.h"
-
 #ifndef SOME_CHANGED
 #define SOME_CHANGED 0 /* 1 if not all boxes changed: there is a second tree, of those that did */
 #endif
@@ -287,22 +284,12 @@ static inline mask_t every_bit(const uint n) {
    did. `starts` are the first nodes of the levels, `top` is the level of which there are `roots` nodes. The index of a
    work-group in dimension 0 is a tile; the first `sharers` work-groups along dimension 1 share its search, or all of
    them if it is dense. Each visits, of the tiles below a node, one of as many. All give up if together they have done
-   more than `most_work`. Unless `last` is null, this also does the work of delta.cl, for the current boxes of `n`
-   slots. */
+   more than `most_work`. */
 kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_search(
     const uint4 starts, const uint top, const uint roots, const uint sharers, const uint most_work, const uint sets,
     global const float* restrict tree, global const float* restrict changed, global const uint2* restrict elements,
-    global const uint4* restrict filters, global const uint2* restrict exclusions, const uint n,
-    global const float* restrict boxes, KEEP_PARAMETERS, PAIR_SINK_PARAMETERS) {
+    global const uint4* restrict filters, global const uint2* restrict exclusions, PAIR_SINK_PARAMETERS) {
   const pair_sink_t sink = PAIR_SINK;
-#if GROUP > 1
-  local keep_t chunk;
-  if (last != 0) {
-    keep_pairs(last, last_capacity, removed, keep_filters, keep_exclusions, keep_all, keep_stamps, n, boxes, stamp,
-               capacity, pairs, counts, (uint)(get_group_id(1) * get_num_groups(0) + get_group_id(0)),
-               (uint)(get_num_groups(0) * get_num_groups(1)), &chunk);
-  }
-#endif
   const uint tile = (uint)get_group_id(0);
   bounds_t bounds;
   load_child(&bounds, tree, starts.y + tile / NODE, tile % NODE);

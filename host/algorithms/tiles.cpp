@@ -106,10 +106,6 @@ class Tiles final : public PairFinder {
     return near_.missed(counts, is_hopeless) || is_hopeless;
   }
 
-  [[nodiscard]] bool can_keep(const Search& /*search*/) const override {
-    return is_built_ && !is_early_ && launch_.group > 1;
-  }
-
   void rebuild(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) override {
     if (is_early_) {
       near_.give_up();
@@ -334,12 +330,10 @@ class Tiles final : public PairFinder {
     const std::size_t dense_sharers = is_first ? this->sharers(tiles, dense_search_groups_per_unit) : sharers;
     most_work_ = work_.most(search, sink, tiles * dense_sharers);
     cl::Kernel& kernel = search_kernel(search.all, has_worlds(search));
-    const bool keeps = sink.is_kept_by_finder();
-    const cl_uint first_keep = opencl::set_arguments(
-        kernel, 0, starts_, static_cast<cl_uint>(top_), roots_, static_cast<cl_uint>(sharers), most_work_,
-        sets(search), tree_.nodes, search.all ? cl::Buffer() : changed_tree_.nodes, elements_,
-        search.now.filters, search.now.exclusions, search.now.slots, keeps ? search.now.boxes : cl::Buffer());
-    const cl_uint next = sink.set_keep(kernel, first_keep, search, keeps);
+    const cl_uint next = opencl::set_arguments(kernel, 0, starts_, static_cast<cl_uint>(top_), roots_,
+                                               static_cast<cl_uint>(sharers), most_work_, sets(search),
+                                               tree_.nodes, search.all ? cl::Buffer() : changed_tree_.nodes,
+                                               elements_, search.now.filters, search.now.exclusions);
     if (is_early_) {
       near_.set_sink(kernel, next, search);
     } else {
