@@ -80,6 +80,7 @@ void live_on_the_device(const std::string& algorithm) {
   DeviceBroadPhase broad_phase(queue(), {.algorithm = algorithm});
   const cl::Buffer boxes = queue.buffer_of(std::vector<Aabb>(40, unit));
   const cl::Buffer filters = queue.buffer_of(std::vector<Filter>(40));
+  (void)broad_phase.update({.buffer = boxes(), .count = 40});
   for (const bool worlds : {false, true}) {
     (void)broad_phase.update({.buffer = boxes(), .count = 40, .filters = filters(), .worlds = worlds});
   }
