@@ -8,8 +8,7 @@
 #define FLUSHES 0 /* 1 if the device takes denormal numbers for zeros: arithmetic.cl */
 #endif
 
-/* 1 if boxes are the caller's: load_box() then takes those for empty that have a NaN or an upper bound below the lower
-   one. */
+/* 1 if boxes are the caller's, which may be improper: load_box() then takes those for empty. */
 #ifndef CALLERS_BOXES
 #define CALLERS_BOXES 0
 #endif
@@ -47,6 +46,12 @@ static inline void make_empty(box_t* box) {
   for (uint i = 0; i < AABB_FLOATS; ++i) box->bound[i] = NAN;
 }
 
+/* Whether no bound is NaN, and no upper one is below the lower one. */
+static inline bool is_proper(const box_t* box) {
+  return (NOT_ABOVE(box->bound[0], box->bound[3]) & NOT_ABOVE(box->bound[1], box->bound[4]) &
+          NOT_ABOVE(box->bound[2], box->bound[5])) != 0;
+}
+
 /* (Not returned as a value: Oclgrind 21.10 does not support the resulting code if the function is inlined twice.) */
 static inline void load_box(box_t* box, global const float* boxes, const uint slot) {
   global const float2* p = (global const float2*)(boxes + (size_t)slot * AABB_FLOATS);
@@ -56,9 +61,7 @@ static inline void load_box(box_t* box, global const float* boxes, const uint sl
     box->bound[2U * i + 1U] = two.y;
   }
 #if CALLERS_BOXES
-  const bool proper = (NOT_ABOVE(box->bound[0], box->bound[3]) & NOT_ABOVE(box->bound[1], box->bound[4]) &
-                       NOT_ABOVE(box->bound[2], box->bound[5])) != 0;
-  if (!proper) make_empty(box);
+  if (!is_proper(box)) make_empty(box);
 #endif
 }
 

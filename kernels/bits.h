@@ -1,6 +1,9 @@
-/* Bits of conditions that are bytes in memory. */
+/* Bits that stand for conditions. */
 #ifndef BROADCL_BITS_H
 #define BROADCL_BITS_H
+
+/* The index of the lowest bit that is set in a variable, a uint or ulong. */
+#define LOWEST_BIT(bits) ((uint)(8U * sizeof(bits) - 1U - clz((bits) & (0U - (bits)))))
 
 /* The bits of four bytes, each of which is 0 or 1. */
 static inline uint bits_of_bytes(const uint bytes) {

@@ -23,6 +23,7 @@
 #endif
 #define CALLERS_BOXES GATHER
 #include "aabb.h"
+#include "bits.h"
 #include "delta.h"
 #include "filter.h"
 #include "gather.h"
@@ -188,10 +189,6 @@ static inline bool meets(const boxes_t* s, const row_t t) {
 #endif
 }
 
-static inline uint lowest_bit(const hits_t bits) {
-  return (uint)(ROWS * WIDTH - 1U - clz(bits & (0U - bits)));
-}
-
 /* Whether a hit, of box `a` in row `b`, is a new pair. */
 static inline bool is_new_pair(const uint a, const uint b, const bool all, global const float* boxes,
                                global const uint* changed_stamps, global const uint4* filters,
@@ -309,7 +306,7 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void brute_force(
 #endif
       if (stop - first < ROWS) bits &= ((hits_t)1 << ((stop - first) * WIDTH)) - 1U;
       for (; bits != 0; bits &= bits - 1U) {
-        const uint bit = lowest_bit(bits);
+        const uint bit = LOWEST_BIT(bits);
         const uint s_a = a + bit % WIDTH * GROUP;
         const uint row_b = first + bit / WIDTH;
         const uint b = all ? row_b : changed[row_b];

@@ -31,17 +31,15 @@ static inline void gather_object(box_t* box, const uint k, GATHER_PARAMETERS_OF(
   }
   global const float* p =
       is_second ? second + second_offset + (k - first_count) * second_stride : source + offset + k * stride;
-  bool proper = true;
-  for (uint i = 0; i < 3U; ++i) proper = proper && NOT_ABOVE(p[i], p[i + 3U]) != 0;
-  if (proper) {
-    for (uint i = 0; i < AABB_FLOATS; ++i) box->bound[i] = p[i];
-  } else {
+  for (uint i = 0; i < AABB_FLOATS; ++i) box->bound[i] = p[i];
+  if (!is_proper(box)) {
     bool has_nan = false;
-    for (uint i = 0; i < AABB_FLOATS; ++i) has_nan = has_nan || isnan(p[i]) != 0;
+    for (uint i = 0; i < AABB_FLOATS; ++i) has_nan = has_nan || isnan(box->bound[i]) != 0;
     if (has_nan) {
       atomic_inc(&counts[COUNT_INVALID]);
       atomic_max(&counts[COUNT_INVALID_FIRST], UINT_MAX - k);
     }
+    make_empty(box);
   }
   for (uint i = 0; i < AABB_FLOATS; ++i) boxes[(size_t)k * AABB_FLOATS + i] = box->bound[i];
 }

@@ -3,6 +3,7 @@
    tree with its bounds, and the first tree with the bounds of its own boxes that changed. Boxes that did not change are
    not tested against each other. */
 
+#include "bits.h"
 #include "delta.h"
 #include "tiles.h"
 #include "vote.h"
@@ -48,10 +49,6 @@ static inline void set_rest(rest_t* rest, const uint level, const mask_t childre
   rest->children[level] = children;
 }
 #endif
-
-static inline uint lowest_bit(const mask_t bits) {
-  return (uint)(NODE - 1U - clz(bits & (0U - bits)));
-}
 
 /* Whether two slots whose boxes overlap are a new pair; `s` and `t` are their boxes of the last frame. */
 static inline bool is_new_pair(const uint2 pair, const box_t* s, const box_t* t, global const uint4* filters,
@@ -224,7 +221,7 @@ INLINE bool test_candidates(local search_t* scratch, const uint count, const bou
     while (more) {
       uint k = bits == 0U ? 0U : atomic_add(&scratch->found, popcount(bits));
       for (; bits != 0U && k < HITS; bits &= bits - 1U) {
-        scratch->hits[k++] = (uint2)((uint)get_local_id(0), scratch->slots[first + lowest_bit(bits)]);
+        scratch->hits[k++] = (uint2)((uint)get_local_id(0), scratch->slots[first + LOWEST_BIT(bits)]);
       }
       barrier(CLK_LOCAL_MEM_FENCE);
       const uint found = scratch->found;
@@ -366,7 +363,7 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_search(
 #else
       work += (uint)popcount(bits);
       for (; bits != 0U; bits &= bits - 1U) {
-        const uint child = lowest_bit(bits);
+        const uint child = LOWEST_BIT(bits);
         bounds_t box;
         load_child(&box, tree, node, child);
         seek(&box, sets);
@@ -377,7 +374,7 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_search(
         box_t other_last;
         load_last_box(&other_last, &sink, slot);
         for (; own != 0U; own &= own - 1U) {
-          const uint mine = lowest_bit(own);
+          const uint mine = LOWEST_BIT(own);
           const uint my_slot = elements[tile * NODE + mine].x;
           const uint2 pair = (uint2)(min(my_slot, slot), max(my_slot, slot));
           const box_t mine_last = own_last[mine];
@@ -399,7 +396,7 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_search(
       node = ++root;
     } else {
       const mask_t children = rest_of(&rest, level);
-      node = node * NODE + lowest_bit(children);
+      node = node * NODE + LOWEST_BIT(children);
       set_rest(&rest, level, children & (children - 1U));
       --level;
     }
