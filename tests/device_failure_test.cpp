@@ -3,6 +3,7 @@
 #include <exception>
 #include <filesystem>
 #include <optional>
+#include <span>
 #include <string>
 
 #include <gtest/gtest.h>
@@ -178,6 +179,29 @@ TEST_P(EachAlgorithm, AnObjectMayGoWhileItsDeviceFails) {
     }
     calls = std::max(calls, FailingOpenCl::calls());
     broad_phase.reset();
+  }
+}
+
+/// If there is no memory for more objects at first, there is enough for their filters, too, later.
+NOT_IN(gpu_profile | rusticl | sanitizers, "fails on purpose, also where buffers are unmapped");
+TEST_P(EachAlgorithm, FiltersOfMoreObjectsHaveMemoryAfterAFailure) {
+  if (!GetParam().on_device) return;
+  constexpr std::size_t n = 20'000;
+  for (long first = 0, calls = 1; first < calls; ++first) {
+    SCOPED_TRACE(name_of(first, 1));
+    BroadPhase broad_phase(config());
+    for (const Filter& filter : {first_set, second_set, second_set}) broad_phase.add(unit, filter);
+    EXPECT_EQ(broad_phase.update().added.size(), 2U);
+    try {
+      const FailingOpenCl one_fails(first, 1);
+      (void)broad_phase.map(n);
+      break;
+    } catch (const Error&) {
+      calls = first + 2;
+    }
+    const std::span<Aabb> boxes = broad_phase.map(n);
+    for (std::uint32_t k = 0; k < n; ++k) boxes[k] = apart(k);
+    EXPECT_EQ(broad_phase.update().removed.size(), 2U);
   }
 }
 

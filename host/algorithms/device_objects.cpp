@@ -38,11 +38,12 @@ std::span<Aabb> DeviceObjects::boxes() const noexcept {
 }
 
 void DeviceObjects::reserve(std::size_t slots, bool filters) {
-  if (slots > capacity_) reserve_boxes(slots);
-  const std::size_t bytes = capacity_ * sizeof(Filter);
+  // Filters first: if either fails, there is still memory for the filters of all boxes.
+  const std::size_t bytes = capacity_for(slots) * sizeof(Filter);
   if (filters && staged_filters_.bytes() < bytes) {
     staged_filters_ = opencl::MappedBuffer::pinned(context_, bytes);
   }
+  if (slots > capacity_) reserve_boxes(slots);
 }
 
 void DeviceObjects::reserve_exclusions(std::size_t count) {

@@ -85,7 +85,8 @@ bool NearPairs::reserve(std::size_t slots, std::size_t pairs) try {
   const auto reserve = [&](opencl::GrowingBuffer& buffer, std::size_t bytes, std::string_view what) {
     if (bytes <= buffer.bytes()) return;
     buffer.reserve(context_, bytes, what);
-    context_.fill(buffer.get(), 0, 0, 1);  // some drivers find out only then that memory is short
+    // Some drivers find out only then that memory is short. (In the queue whose commands use this memory.)
+    context_.fill(queue_, buffer.get(), 0, 0, 1);
   };
   reserve(grown_, slots * sizeof(Aabb), "boxes");
   const std::size_t wanted =

@@ -440,12 +440,12 @@ BROADCL_API broadcl_status broadcl_device_broad_phase_update(broadcl_device_broa
 /// enqueued to the same queue afterwards may overwrite boxes and filters.
 BROADCL_API broadcl_status broadcl_device_broad_phase_begin(broadcl_device_broad_phase* broad_phase,
                                                             const broadcl_device_boxes* boxes);
-/// Waits for the update that begin started. If this fails, that update is over.
+/// Waits for the update that begin started; fails if there is none. If this fails, that update is over.
 /// @param result May be null.
 BROADCL_API broadcl_status broadcl_device_broad_phase_finish(broadcl_device_broad_phase* broad_phase,
                                                              broadcl_device_result* result);
 
-/// Reserves memory for enqueued updates.
+/// Reserves memory for enqueued updates. If this fails, nothing may be reserved any more.
 /// @param boxes Largest number of boxes.
 /// @param pairs Largest number of pairs that overlap at a time.
 /// @param filters Whether there will be filters or a second set.

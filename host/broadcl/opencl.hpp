@@ -139,8 +139,8 @@ class BROADCL_API DeviceBroadPhase {
   /// @param boxes Largest number of boxes.
   /// @param pairs Largest number of pairs that overlap at a time.
   /// @param filters Whether there will be filters or a second set.
-  /// @throws Error as update() does, and between begin() and finish(). After an error on the device, nothing
-  /// is reserved.
+  /// @throws Error as update() does, and between begin() and finish(). After an error on the device, or for
+  /// sizes that it does not allocate, nothing is reserved.
   void reserve(std::size_t boxes, std::size_t pairs, bool filters = false);
 
   /// Replaces the list of pairs of indices that are never reported, whatever their boxes and filters. For

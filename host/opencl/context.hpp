@@ -118,7 +118,11 @@ class Context {
   /// reliably.)
   /// @param first, count Of words.
   /// @throws cl::Error, Error
-  void fill(const cl::Buffer& buffer, cl_uint value, std::size_t first, std::size_t count) const;
+  void fill(const cl::Buffer& buffer, cl_uint value, std::size_t first, std::size_t count) const {
+    fill(queue_, buffer, value, first, count);
+  }
+  void fill(const cl::CommandQueue& queue, const cl::Buffer& buffer, cl_uint value, std::size_t first,
+            std::size_t count) const;
 
   /// Runs a part of an update. If that fails, waits until the queue has completed all commands, so that
   /// nothing uses the memory of the update any more, except commands in a second queue.
