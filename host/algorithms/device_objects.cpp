@@ -38,7 +38,7 @@ std::span<Aabb> DeviceObjects::boxes() const noexcept {
 }
 
 void DeviceObjects::reserve(std::size_t slots, bool filters) {
-  // Filters first: if either fails, there is still memory for the filters of all boxes.
+  // Filters first, so that boxes that have memory also have memory for filters, even if the other fails.
   const std::size_t bytes = capacity_for(slots) * sizeof(Filter);
   if (filters && staged_filters_.bytes() < bytes) {
     staged_filters_ = opencl::MappedBuffer::pinned(context_, bytes);

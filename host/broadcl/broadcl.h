@@ -437,7 +437,8 @@ BROADCL_API broadcl_status broadcl_device_broad_phase_update(broadcl_device_broa
                                                              const broadcl_device_boxes* boxes,
                                                              broadcl_device_result* result);
 /// Enqueues an update and returns at once. (If enqueue did the last update, waits for that first.) Commands
-/// enqueued to the same queue afterwards may overwrite boxes and filters.
+/// enqueued to the same queue afterwards may overwrite boxes and filters. Fails if an update was begun
+/// already.
 BROADCL_API broadcl_status broadcl_device_broad_phase_begin(broadcl_device_broad_phase* broad_phase,
                                                             const broadcl_device_boxes* boxes);
 /// Waits for the update that begin started; fails if there is none. If this fails, that update is over.

@@ -114,8 +114,8 @@ class Context {
   [[nodiscard]] SizedKernel sized_kernel(const cl::Program& program, const char* name,
                                          std::size_t wanted = 64) const;
 
-  /// Sets all words of a part of a buffer. (Not by clEnqueueFillBuffer, which some drivers do not do
-  /// reliably.)
+  /// Sets all words of a part of a buffer, in queue() or in another queue of this context. (Not by
+  /// clEnqueueFillBuffer, which some drivers do not do reliably.)
   /// @param first, count Of words.
   /// @throws cl::Error, Error
   void fill(const cl::Buffer& buffer, cl_uint value, std::size_t first, std::size_t count) const {
