@@ -41,6 +41,20 @@ TEST_F(Program, CheckWorksHere) {
   EXPECT_LT(end_of_host, begin_of_device) << "what needs no compiler comes first\n" << outcome.out;
 }
 
+TEST_F(Program, CheckNeedsNoDevice) {
+  const Outcome outcome = run("check", "BROADCL_DEVICE= OCL_ICD_VENDORS=/nonexistent");
+  expect_success(outcome);
+  if (!outcome.out.starts_with("No OpenCL device: ")) {
+    GTEST_SKIP() << "this OpenCL loader ignores OCL_ICD_VENDORS, so devices cannot be hidden";
+  }
+  for (const AlgorithmInfo& algorithm : algorithms()) {
+    const bool is_checked = outcome.out.find("\n  " + std::string(algorithm.name) + " ") != std::string::npos;
+    EXPECT_EQ(is_checked, !algorithm.on_device || algorithm.name == "auto") << algorithm.name << '\n'
+                                                                            << outcome.out;
+  }
+  EXPECT_EQ(lines_of(outcome.out).back(), "BroadCL works here.");
+}
+
 /// Kernels that find pairs that do not exist.
 class ProgramWrongKernels : public Program {
  protected:

@@ -138,6 +138,9 @@ TEST_F(Program, WithoutAnyDeviceSaysWhatToInstall) {
     SCOPED_TRACE(arguments);
     expect_refused(run(arguments, "OCL_ICD_VENDORS=/nonexistent"), "install");
   }
+  const Outcome list = run("devices --json", "BROADCL_DEVICE= OCL_ICD_VENDORS=/nonexistent");
+  EXPECT_EQ(list.exit_code, 2);
+  EXPECT_EQ(json::parse(list.out), json::array());
 }
 
 TEST_F(Program, FullDiskIsAnError) {

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
+import io
 import os
 import pathlib
 import shutil
@@ -73,6 +75,9 @@ def _load(name: str) -> np.ndarray:
 
 
 def _pairs(arguments: argparse.Namespace) -> int:
+    suffix = pathlib.Path(arguments.out or "").suffix
+    if suffix not in ("", ".npy"):
+        raise ValueError(f"--out: pairs are written as .npy, not as {suffix}: {arguments.out}")
     if arguments.out is not None and os.path.exists(arguments.out) and os.path.samefile(arguments.file, arguments.out):
         raise ValueError("--out names the file of the boxes itself; name another")
     boxes = _load(arguments.file)
@@ -85,28 +90,44 @@ def _pairs(arguments: argparse.Namespace) -> int:
     return 0
 
 
+def _write(text: str) -> None:
+    try:
+        if sys.stdout is None:
+            raise ValueError("cannot write to standard output: it is closed")
+        sys.stdout.write(text)
+        sys.stdout.flush()
+    except OSError as error:
+        sys.stdout = None  # otherwise Python tries again when it ends
+        raise ValueError(f"cannot write to standard output: {error.strerror}") from error
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m broadcl", description="Overlapping pairs of boxes.")
     parser.add_argument("--version", action="version", version=broadcl.__version__)
     verbs = parser.add_subparsers(required=True, metavar="VERB")
+    device = '"P:D", gpu, cpu, accelerator, or a part of the name'
 
     verb = verbs.add_parser("devices", help="list the OpenCL devices that can be used")
     verb.set_defaults(run=_devices)
 
     verb = verbs.add_parser("check", help="compare every algorithm on a device with the oracle")
-    verb.add_argument("--device", help='"P:D", gpu, cpu, or a part of the name')
+    verb.add_argument("--device", help=device)
     verb.set_defaults(run=_check)
 
     verb = verbs.add_parser("pairs", help="find all overlapping pairs of an array of boxes")
     verb.add_argument("file", metavar="FILE", help=".npy: (n, 6), (n, 2, 3) or (n, 4), float32 or float64")
     verb.add_argument("--out", metavar="FILE", help="write the pairs here: .npy, (m, 2) uint32")
-    verb.add_argument("--device", help='"P:D", gpu, cpu, or a part of the name')
+    verb.add_argument("--device", help=device)
     verb.add_argument("--algorithm", default="auto", help=", ".join(broadcl.algorithms()))
     verb.set_defaults(run=_pairs)
 
     arguments = parser.parse_args()
     try:
-        return arguments.run(arguments)
+        output = io.StringIO()
+        with contextlib.redirect_stdout(output):
+            result = arguments.run(arguments)
+        _write(output.getvalue())
+        return result
     except (broadcl.Error, OSError, TypeError, ValueError, MemoryError) as error:
         print(f"broadcl: {error}", file=sys.stderr)
         return 2

@@ -87,22 +87,28 @@ class Objects {
     ids.reserve(array.view().size());
     const std::size_t size = broad_phase_->size() + array.view().size();  // ids are dense
     if (size > live_.capacity()) live_.reserve(std::max(size, 2 * live_.capacity()));
+    nb::object result;
     try {
       for (std::size_t k = 0; k < array.view().size(); ++k) {
         ids.push_back(broad_phase_->add(array.view()[k], filters[k]));
       }
+      result = array.is_single() ? nb::int_(ids.front()) : to_array(std::vector(ids));
     } catch (...) {
       for (const std::uint32_t id : ids) broad_phase_->remove(id);
       throw;
     }
     for (const std::uint32_t id : ids) set_live(id, true);
-    return array.is_single() ? nb::int_(ids.front()) : to_array(std::move(ids));
+    return result;
   }
 
   void move(nb::handle ids, nb::handle boxes) {
     const Words words(ids, "ids");
     const BoxArray array(boxes, "boxes");
-    if (words.is_single() != array.is_single() || words.size() != array.view().size()) {
+    if (words.is_single() != array.is_single() && words.size() == array.view().size()) {
+      throw nb::value_error(
+          "move() needs one id and one box, or arrays of both; not one and an array of one");
+    }
+    if (words.size() != array.view().size()) {
       throw nb::value_error(("move() needs one id and one box, or as many ids as boxes; not " +
                              std::to_string(words.size()) + " and " + std::to_string(array.view().size()))
                                 .c_str());
@@ -179,6 +185,7 @@ class Objects {
   }
   void begin() {
     const OneThread::Use use(thread_);
+    if (delta_) throw Error("the last update's changes were not returned; call finish() for them first");
     or_refuse_nan([&] {
       const GilReleased released;
       broad_phase_->begin();
@@ -217,13 +224,16 @@ class Objects {
   template <class Function>
   Changes changes(const Function& function) {
     const OneThread::Use use(thread_);
-    Delta delta;
-    or_refuse_nan([&] {
-      const GilReleased released;
-      delta = function();
-    });
+    if (!delta_) {
+      or_refuse_nan([&] {
+        const GilReleased released;
+        delta_ = function();
+      });
+    }
     const std::shared_ptr<const void> memory = broad_phase_->delta_memory();
-    return {to_array(delta.added, memory), to_array(delta.removed, memory)};
+    Changes changes{to_array(delta_->added, memory), to_array(delta_->removed, memory)};
+    delta_.reset();
+    return changes;
   }
 
   /// Ends the writing to the array of boxes(): it can only be read from now on.
@@ -270,6 +280,7 @@ class Objects {
   OneThread thread_;
   std::optional<BroadPhase> broad_phase_;
   std::vector<std::uint8_t> live_;  // by id
+  std::optional<Delta> delta_;      // of the last update, until its arrays are made
 
   nb::object array_;  // of boxes(), as long as what is written there counts
 };
@@ -380,7 +391,8 @@ void add_broad_phase(nb::module_& module) {
            "Finds every pair of overlapping boxes whose filters allow it, and returns what changed since\n"
            "the last update, as a Delta. Releases the GIL.\n\n"
            "Raises Error if the device fails, ValueError for a NaN written to boxes(), MemoryError. The\n"
-           "call may be repeated.")
+           "call may be repeated; if there was no memory for the arrays of the Delta, it then returns that\n"
+           "Delta, without another search.")
       .def("begin", &Objects::begin,
            "Starts an update on the device and returns at once. Objects that are added, moved or removed\n"
            "before finish() belong to the next update. Raises as update() does.")

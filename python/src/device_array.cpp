@@ -43,12 +43,13 @@ struct Layout {
       : shape(nb::cast<std::vector<std::size_t>>(array.attr("shape"))),
         strides(nb::cast<std::vector<std::ptrdiff_t>>(array.attr("strides"))),
         dtype(nb::cast<std::string>(nb::str(nb::handle(nb::object(array.attr("dtype")))))),
-        text(nb::cast<std::string>(nb::str(nb::handle(nb::object(array.attr("shape")))))) {}
+        text(nb::cast<std::string>(
+            nb::str("{} with strides {}").format(array.attr("shape"), array.attr("strides")))) {}
 
   std::vector<std::size_t> shape;
   std::vector<std::ptrdiff_t> strides;  // bytes
   std::string dtype;
-  std::string text;  // of the shape
+  std::string text;  // of the shape and the strides
 };
 
 /// The buffer of an array, null if it has no elements.
@@ -93,10 +94,12 @@ cl_command_queue to_queue(nb::handle queue) {
 }
 
 nb::object queue_of(nb::handle boxes, nb::handle queue) {
-  if (!queue.is_none()) {
-    (void)to_queue(queue);
-    return nb::borrow(queue);
+  if (!queue.is_none() && !is_queue(queue)) {
+    throw nb::type_error(
+        ("for boxes on a device, device must be a pyopencl.CommandQueue or None, not " + kind_of(queue))
+            .c_str());
   }
+  if (!queue.is_none()) return nb::borrow(queue);
   const nb::object own = nb::getattr(boxes, "queue", nb::none());
   if (own.is_none()) {
     throw nb::value_error(
@@ -141,7 +144,8 @@ DeviceBoxes::DeviceBoxes(nb::handle boxes, nb::handle queue, const std::string& 
   if ((!is_rows && !is_corners) || strides[0] < 0) {
     throw nb::value_error(
         (name +
-         " must be of shape (n, 6) or (n, 2, 3) on a device, with the numbers of a box side by side; not " +
+         " must be of shape (n, 6) or (n, 2, 3) on a device, with the numbers of a box side "
+         "by side and no negative stride; not " +
          text)
             .c_str());
   }

@@ -175,6 +175,28 @@ def test_no_memory():
         resource.setrlimit(resource.RLIMIT_AS, old)
 
 
+@pytest.mark.parametrize("begins", [False, True])
+def test_no_memory_for_the_delta(begins):
+    testing = pytest.importorskip("_testcapi", reason="CPython's own tests are needed")
+    broad_phase = broadcl.BroadPhase(algorithm="sweep-and-prune")
+    broad_phase.add(np.tile(np.float32([0, 0, 0, 1, 1, 1]), (80, 1)))
+    if begins:
+        broad_phase.begin()
+    delta = None
+    testing.set_nomemory(0)
+    try:
+        delta = broad_phase.finish()
+    except MemoryError:
+        pass
+    finally:
+        testing.remove_mem_hooks()
+    assert delta is None
+    with pytest.raises(broadcl.Error, match="finish"):
+        broad_phase.begin()
+    assert len(broad_phase.update().added) == 80 * 79 // 2
+    assert len(broad_phase.update().added) == 0
+
+
 def test_too_many_boxes():
     with pytest.raises(broadcl.Error, match="more than"):
         broadcl.overlapping_pairs(np.broadcast_to(np.float32(0), (2**40, 6)))  # whose search for a NaN would take hours
@@ -183,6 +205,8 @@ def test_too_many_boxes():
         broad_phase.add(np.broadcast_to(np.float32(0), (2**40, 6)))
     with pytest.raises(ValueError, match="as many ids as boxes"):
         broad_phase.move([0], np.broadcast_to(np.float32(0), (2**40, 6)))
+    with pytest.raises(ValueError, match="not one and an array of one"):
+        broad_phase.move(0, np.float32([[0, 0, 0, 1, 1, 1]]))
     for n in (2**34, 2**63):
         with pytest.raises(ValueError, match="too many"):
             broad_phase.boxes(n)

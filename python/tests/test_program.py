@@ -41,6 +41,23 @@ def test_pairs(tmp_path):
     assert run.stdout == f"{len(oracle(values))} overlapping pairs of 100 boxes\n"
 
 
+def test_pairs_refuses_other_formats(tmp_path):
+    np.save(tmp_path / "boxes.npy", uniform(9))
+    run = program("pairs", tmp_path / "boxes.npy", "--out", tmp_path / "pairs.csv")
+    assert run.returncode == 2 and "written as .npy, not as .csv" in run.stderr
+    assert len(list(tmp_path.iterdir())) == 1
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
+@pytest.mark.parametrize("output, reason", [(">/dev/full", "No space left on device"), (">&-", "it is closed")])
+def test_output_that_cannot_be_written_is_an_error(output, reason):
+    run = subprocess.run(
+        ["sh", "-c", f'exec "$@" {output}', "sh", sys.executable, "-m", "broadcl", "devices"], capture_output=True, text=True
+    )
+    assert run.returncode == 2
+    assert run.stderr == f"broadcl: cannot write to standard output: {reason}\n"
+
+
 def npy(header):
     return b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header
 

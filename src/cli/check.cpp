@@ -106,19 +106,28 @@ std::optional<std::string> check_moving(unsigned frames, const BroadPhase::Confi
   return std::nullopt;
 }
 
+/// The device to check; none if there is none, and none is named.
+std::optional<Device> find_device(const std::string& selector) {
+  if (selector.empty() && devices().empty()) return device_for({});
+  return select_device(selector);
+}
+
 Exit run(const std::string& selector) {
   constexpr unsigned frames = 20;
-  const Device device = select_device(selector);
+  const std::optional<Device> device = find_device(selector);
   const std::vector<BoxScene> scenes = still_scenes();
-  std::cout << one_line(device.label()) << " (" << device.id() << ")\n";
+  std::cout << (device ? one_line(device->label()) + " (" + device->id() + ")\n"
+                       : "No OpenCL device: only the algorithms of the host are checked.\n");
   bool works = true;
   // Those on the host first: the others may wait for a compiler.
   std::vector<AlgorithmInfo> all(algorithms().begin(), algorithms().end());
   std::stable_partition(all.begin(), all.end(),
                         [](const AlgorithmInfo& algorithm) { return !algorithm.on_device; });
   for (const AlgorithmInfo& algorithm : all) {
-    const BroadPhase::Config config = {
-        .device = device.id(), .algorithm = std::string(algorithm.name), .on_compile = announce_compiling};
+    if (!device && algorithm.on_device && algorithm.name != "auto") continue;
+    const BroadPhase::Config config = {.device = device ? device->id() : "",
+                                       .algorithm = std::string(algorithm.name),
+                                       .on_compile = announce_compiling};
     std::optional<std::string> wrong;
     try {
       wrong = check_still(scenes, config);

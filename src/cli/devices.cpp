@@ -67,11 +67,11 @@ Exit run(bool json) {
   const std::vector<Device> found = devices(&failures);
   for (const std::string& failure : failures) std::cerr << one_line(failure) << '\n';
   std::optional<Device> best;
-  std::optional<Error> mismatch;  // of BROADCL_DEVICE; the devices tell what would match
+  std::optional<Error> mismatch;  // of BROADCL_DEVICE, whose alternatives are listed; or there is no device
   try {
     best = select_device();
   } catch (const Error& error) {
-    if (found.empty()) throw;
+    if (found.empty() && !json) throw;
     mismatch = error;
   }
   (json ? print_json : print_table)(found, best ? best->id() : "");
