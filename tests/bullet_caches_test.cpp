@@ -64,6 +64,29 @@ TEST_P(Contract, S21ADeferredRemovalCacheIsCleanedByTheCalculation) {
   EXPECT_TRUE(rig.has(first, second));
 }
 
+TEST_P(Contract, S21ADeferredRemovalCacheMayBeSharedByBroadPhases) {
+  fails("Simple", "it cleans no cache that it does not own");
+  btSortedOverlappingPairCache cache;
+  Rig one(GetParam(), &cache);
+  Rig other(GetParam(), &cache);
+  one.create_unit(0);
+  other.create_unit(0);
+  btBroadphaseProxy* mover = one.create_unit(0.5F);
+  btBroadphaseProxy* rover = other.create_unit(0.5F);
+  const auto calculate = [&] {
+    one.calculate();
+    other.calculate();
+  };
+  calculate();
+  EXPECT_EQ(cache.getNumOverlappingPairs(), 2);
+  one.move(mover, 77);
+  for (int k = 0; k < 200 && cache.getNumOverlappingPairs() > 1; ++k) calculate();
+  EXPECT_EQ(cache.getNumOverlappingPairs(), 1) << "the other's pair of the same ids stays";
+  other.move(rover, 77);
+  for (int k = 0; k < 200 && cache.getNumOverlappingPairs() > 0; ++k) calculate();
+  EXPECT_EQ(cache.getNumOverlappingPairs(), 0);
+}
+
 TEST_P(Contract, S22CleaningAProxyFreesAlgorithmsAndKeepsPairs) {
   Rig rig(GetParam());
   btBroadphaseProxy* first = rig.create_unit(0);

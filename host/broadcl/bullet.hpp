@@ -29,12 +29,12 @@ inline namespace float64 {
 ///
 /// Groups and masks may be written in place. Their values at the time of the calculation count, also for
 /// pairs that are already in the cache. The device tests them, unless the cache has an overlap filter
-/// callback or its class is not one of Bullet's: then every overlapping pair is offered to the cache. Every
-/// pair enters the cache through addOverlappingPair(). A pair that the cache refuses, or that somebody
-/// removed from it, is offered again by the next calculation after one of its two proxies got another box,
-/// group or mask. (Removals by others are noticed by the number of pairs in the cache, so not if as many are
-/// added in the same step.) If the callback is set, cleared or replaced, the cache decides about every
-/// overlapping pair again.
+/// callback or its class is not one of Bullet's: then every overlapping pair is offered to the cache, and
+/// pairs that are in it stay. Every pair enters the cache through addOverlappingPair(). A pair that the cache
+/// refuses, or that somebody removed from it, is offered again by the next calculation after one of its two
+/// proxies got another box, group or mask. (Removals by others are noticed by the number of pairs in the
+/// cache, so not if as many are added in the same step.) If the callback is set, cleared or replaced, the
+/// cache decides about every overlapping pair again.
 ///
 /// If Bullet is built for double precision (BT_USE_DOUBLE_PRECISION, the target broadcl::bullet-float64), the
 /// device has boxes in float32 that are rounded outward: all pairs of the exact boxes are found, and also

@@ -151,8 +151,9 @@ class CachedPairs {
     }
   }
 
-  /// For a cache with deferred removal: removes pairs that no longer overlap, and duplicates. Like Bullet's
-  /// own broad phases, this sorts the cache, so that of two equal pairs the one with an algorithm stays.
+  /// For a cache with deferred removal: removes the pool's pairs that no longer overlap, and duplicates. Like
+  /// Bullet's own broad phases, this sorts the cache, so that of two equal pairs the one with an algorithm
+  /// stays.
   /// @param removed Other pairs to remove.
   void remove_stale(std::span<const Pair> removed, btDispatcher* dispatcher) {
     btBroadphasePairArray& pairs = cache_.getOverlappingPairArray();
@@ -160,9 +161,10 @@ class CachedPairs {
     int staying = 0;
     for (int k = 0; k < pairs.size(); ++k) {
       btBroadphasePair& pair = pairs[k];
-      const bool stays = pair.m_pProxy0 != nullptr && pair.m_pProxy1 != nullptr &&
-                         overlaps(box_of(*pair.m_pProxy0), box_of(*pair.m_pProxy1)) &&
-                         !std::binary_search(removed.begin(), removed.end(), pair_of(pair)) &&
+      const bool is_gone =
+          is_own(pair) && (!overlaps(box_of(*pair.m_pProxy0), box_of(*pair.m_pProxy1)) ||
+                           std::binary_search(removed.begin(), removed.end(), pair_of(pair)));
+      const bool stays = pair.m_pProxy0 != nullptr && pair.m_pProxy1 != nullptr && !is_gone &&
                          (staying == 0 || !(pair == pairs[staying - 1]));
       if (stays) {
         pairs[staying++] = pair;
@@ -184,19 +186,24 @@ class CachedPairs {
     return cache_.needsBroadphaseCollision(&pool_[pair.a], &pool_[pair.b]);
   }
 
-  /// The pairs of the pool's proxies in the cache, in canonical order. A user's cache may also have other
-  /// pairs.
+  [[nodiscard]] bool is_own(const btBroadphaseProxy* proxy) const {
+    const auto id = proxy == nullptr ? pool_.slots() : static_cast<std::uint32_t>(proxy->m_uniqueId);
+    return id < pool_.slots() && &pool_[static_cast<std::uint32_t>(id)] == proxy;
+  }
+
+  /// Whether a pair is one of the pool's proxies. A user's cache may also have those of other broad phases.
+  [[nodiscard]] bool is_own(const btBroadphasePair& pair) const {
+    return is_own(pair.m_pProxy0) && is_own(pair.m_pProxy1);
+  }
+
+  /// The pairs of the pool's proxies in the cache, in canonical order.
   [[nodiscard]] std::vector<Pair> all_cached() const {
-    const auto is_own = [&](const btBroadphaseProxy* proxy) {
-      const auto id = proxy == nullptr ? pool_.slots() : static_cast<std::uint32_t>(proxy->m_uniqueId);
-      return id < pool_.slots() && &pool_[static_cast<std::uint32_t>(id)] == proxy;
-    };
     std::vector<Pair> cached;
     const int n = cache_.getNumOverlappingPairs();
     cached.reserve(static_cast<std::size_t>(n));
     for (int k = 0; k < n; ++k) {
       const btBroadphasePair& pair = cache_.getOverlappingPairArrayPtr()[k];
-      if (is_own(pair.m_pProxy0) && is_own(pair.m_pProxy1)) cached.push_back(pair_of(pair));
+      if (is_own(pair)) cached.push_back(pair_of(pair));
     }
     sort(cached);
     return cached;

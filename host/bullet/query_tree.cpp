@@ -4,12 +4,50 @@
 
 #include <algorithm>
 #include <array>
+#include <cstddef>
+#include <span>
 
 namespace broadcl {
 namespace {
 
 /// Removing a box from the tree and inserting it again costs as much as scanning this many boxes.
 constexpr std::size_t scans_per_update = 50;
+
+/// A leaf, and where to sort it.
+struct Sortable {
+  explicit Sortable(btDbvtNode& node) : leaf(&node) {
+    const btVector3 center = node.volume.Center();
+    for (int axis = 0; axis < 3; ++axis) {
+      const btScalar value = center[axis];
+      place[axis] = value == value ? value : 0;  // of a box without end on both sides
+    }
+  }
+
+  btVector3 place;
+  btDbvtNode* leaf;
+};
+
+/// Joins leaves to a balanced tree, whatever their boxes are, and returns its root.
+btDbvtNode* join(std::span<Sortable> leaves) {
+  if (leaves.size() == 1) return leaves.front().leaf;
+  btVector3 lower = leaves.front().place;
+  btVector3 upper = lower;
+  for (const Sortable& leaf : leaves) {
+    lower.setMin(leaf.place);
+    upper.setMax(leaf.place);
+  }
+  const int axis = (upper - lower).maxAxis();
+  const std::size_t half = leaves.size() / 2;
+  std::ranges::nth_element(leaves, leaves.begin() + static_cast<std::ptrdiff_t>(half), {},
+                           [axis](const Sortable& leaf) { return leaf.place[axis]; });
+  auto* const node = new (btAlignedAlloc(sizeof(btDbvtNode), 16)) btDbvtNode();
+  node->parent = nullptr;
+  node->childs[0] = join(leaves.first(half));
+  node->childs[1] = join(leaves.subspan(half));
+  for (btDbvtNode* child : node->childs) child->parent = node;
+  Merge(node->childs[0]->volume, node->childs[1]->volume, node->volume);
+  return node;
+}
 
 /// Passes the leaves that the tree finds to a callback.
 class Report final : public btDbvt::ICollide {
@@ -72,13 +110,22 @@ bool QueryTree::is_current() {
   }
   scanned_ += pool_.slots();
   if (!is_in_use_ || scanned_ < scans_per_update * stale_.size()) return false;
-  update();
+  try {
+    update();
+  } catch (const std::bad_alloc&) {
+    give_up();
+    return false;
+  }
   is_current_.store(true, std::memory_order_release);
   return true;
 }
 
 void QueryTree::update() {
-  // If the objects of a row were inserted one after the other, the tree would be as deep as the row is long.
+  if (2 * stale_.size() > static_cast<std::size_t>(tree_.m_leaves)) {
+    rebuild();
+    return;
+  }
+  // If the objects of a row were inserted in order, the tree would be as deep as the row is long.
   std::shuffle(stale_.begin(), stale_.end(), random_);
   for (const std::uint32_t id : stale_) {
     Node& node = nodes_[id];
@@ -97,6 +144,25 @@ void QueryTree::update() {
   }
   stale_.clear();
   scanned_ = 0;
+}
+
+void QueryTree::rebuild() {
+  std::vector<Sortable> leaves;
+  leaves.reserve(nodes_.size());
+  for (const std::uint32_t id : stale_) nodes_[id].is_stale = false;
+  stale_.clear();
+  scanned_ = 0;
+  tree_.clear();
+  for (Node& node : nodes_) node.leaf = nullptr;
+  pool_.for_each([&](Proxy& proxy) {
+    if (!is_proper(proxy)) return;
+    tree_.m_root = nullptr;  // each leaf is a tree at first
+    btDbvtNode* const leaf = tree_.insert(btDbvtVolume::FromMM(proxy.m_aabbMin, proxy.m_aabbMax), &proxy);
+    nodes_[proxy.id()].leaf = leaf;
+    leaves.emplace_back(*leaf);
+  });
+  tree_.m_root = leaves.empty() ? nullptr : join(leaves);
+  tree_.m_leaves = static_cast<int>(leaves.size());  // clear() does not reset it
 }
 
 }  // namespace broadcl

@@ -58,6 +58,8 @@ class QueryTree {
   /// Counts a query, and updates the tree if that pays off. Returns whether the tree is up to date.
   bool is_current();
   void update();
+  /// Much faster than to remove and insert all boxes, and balanced.
+  void rebuild();
   /// Discards the tree because memory is exhausted: the next query starts with an empty one.
   void give_up() noexcept {
     tree_.clear();

@@ -17,9 +17,9 @@ SharedBuffer::SharedBuffer(const Context& context, std::size_t bytes) : queue_(c
 std::shared_ptr<const void> SharedBuffer::host_owner() const {
   // Whoever has it last waits until it is released: Context, which waits for its queue, may be gone.
   return {host_.get(), [queue = queue_, host = host_](const void*) mutable {
-            const bool is_last = !broadcl::is_kept(host);
+            const std::weak_ptr<MappedBuffer> buffer = host;
             host.reset();
-            if (is_last) wait_if_possible(queue);
+            if (buffer.expired()) wait_if_possible(queue);
           }};
 }
 
