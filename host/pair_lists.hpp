@@ -9,26 +9,19 @@
 
 #include <broadcl/pair.hpp>
 
-#include "parallel.hpp"
 #include "system.hpp"
 
 namespace broadcl {
 
 /// Resizes a list that is to be overwritten. Most of the time that a long new list takes is spent in page
-/// faults, so several threads share these.
+/// faults, so it gets large pages.
 /// @throws std::bad_alloc; the list is empty then, or as before.
-inline void resize_for_writing(std::vector<Pair>& pairs, std::size_t n, std::size_t threads) {
-  constexpr std::size_t part = 1U << 19U;  // bytes
-  const std::size_t parts = n * sizeof(Pair) / part;
-  if (n > pairs.capacity() && parts >= 8) {
+inline void resize_for_writing(std::vector<Pair>& pairs, std::size_t n) {
+  constexpr std::size_t large = std::size_t{4} << 20U;  // bytes
+  if (n > pairs.capacity()) {
     pairs.clear();
     pairs.reserve(std::max(n, pairs.capacity() + pairs.capacity() / 2));
-    auto* const memory = reinterpret_cast<std::byte*>(pairs.data());
-    if (populate_pages(memory, part)) {
-      parallel_for(parts - 1, threads, [&](std::size_t k, std::size_t /*thread*/) {
-        (void)populate_pages(memory + (k + 1) * part, part);
-      });
-    }
+    if (n * sizeof(Pair) >= large) use_large_pages(pairs.data(), pairs.capacity() * sizeof(Pair));
   }
   pairs.resize(n);
 }

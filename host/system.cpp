@@ -66,9 +66,7 @@ bool is_terminal(std::FILE* stream) {
   return _isatty(_fileno(stream)) != 0;
 }
 
-bool populate_pages(void* /*begin*/, std::size_t /*bytes*/) noexcept {
-  return false;
-}
+void use_large_pages(void* /*begin*/, std::size_t /*bytes*/) noexcept {}
 
 std::string processor_name() {
   return environment("PROCESSOR_IDENTIFIER").value_or("unknown");
@@ -131,13 +129,11 @@ bool is_terminal(std::FILE* stream) {
   return isatty(fileno(stream)) != 0;
 }
 
-bool populate_pages([[maybe_unused]] void* begin, [[maybe_unused]] std::size_t bytes) noexcept {
-#ifdef MADV_POPULATE_WRITE
-  const auto page = static_cast<std::uintptr_t>(sysconf(_SC_PAGESIZE));
-  const std::uintptr_t before = reinterpret_cast<std::uintptr_t>(begin) % page;
-  return madvise(static_cast<std::byte*>(begin) - before, before + bytes, MADV_POPULATE_WRITE) == 0;
-#else
-  return false;
+void use_large_pages([[maybe_unused]] void* begin, [[maybe_unused]] std::size_t bytes) noexcept {
+#ifdef MADV_HUGEPAGE
+  const auto page = static_cast<std::size_t>(sysconf(_SC_PAGESIZE));
+  const std::size_t before = reinterpret_cast<std::uintptr_t>(begin) % page;
+  (void)madvise(static_cast<std::byte*>(begin) - before, before + bytes, MADV_HUGEPAGE);
 #endif
 }
 

@@ -27,10 +27,9 @@ namespace broadcl {
 /// @throws Error if the folder cannot be opened or locked.
 [[nodiscard]] std::shared_ptr<const void> lock_folder(const std::filesystem::path& folder);
 
-/// Makes the system provide the memory of all pages that lie in a range, instead of at the first access to
-/// each of them.
-/// @returns Whether it did so (Linux 5.14 and later).
-[[nodiscard]] bool populate_pages(void* begin, std::size_t bytes) noexcept;
+/// Asks the system for large pages, of which the first accesses to new memory take less time. No-op where
+/// that does not exist (it does on Linux).
+void use_large_pages(void* begin, std::size_t bytes) noexcept;
 
 /// The name of the processor, as people know it; the architecture if the system reports no more.
 [[nodiscard]] std::string processor_name();

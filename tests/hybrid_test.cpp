@@ -362,13 +362,14 @@ TEST(HybridOpens, OnceEvenIfThereIsNone) {
   EXPECT_EQ(calls, 1);
 }
 
-TEST(HybridOpens, AFailureIsAnErrorOnceAndLosesNothing) {
+template <class Failure>
+void expect_thrown_once(const Failure& failure) {
   int calls = 0;
   Core core(make_hybrid(
       host(),
       [&]() -> std::unique_ptr<Algorithm> {
         ++calls;
-        throw Error("the driver is broken");
+        throw Failure(failure);
       },
       at_once));
   for (std::uint32_t k = 0; k < 3; ++k) core.add(unit, {});
@@ -381,11 +382,11 @@ TEST(HybridOpens, AFailureIsAnErrorOnceAndLosesNothing) {
                  at = 3 - at;
                  try {
                    (void)core.finish();
-                 } catch (const Error& thrown) {
+                 } catch (const Failure& thrown) {
                    error = thrown.what();
                  }
                });
-  EXPECT_EQ(error, "the driver is broken");
+  EXPECT_EQ(error, failure.what());
   core.move(0, unit);
   core.move(1, apart(1));
   (void)core.finish();
@@ -395,6 +396,11 @@ TEST(HybridOpens, AFailureIsAnErrorOnceAndLosesNothing) {
     (void)core.finish();
   }
   EXPECT_EQ(calls, 1);
+}
+
+TEST(HybridOpens, AFailureIsAnErrorOnceAndLosesNothing) {
+  expect_thrown_once(Error("the driver is broken"));
+  expect_thrown_once(std::bad_alloc());
 }
 
 TEST(HybridOpens, AnExceptionOfTheUsersLeavesTheHost) {

@@ -165,7 +165,7 @@ TEST(PairSort, AListThatGrowsStepByStepIsSeldomReplaced) {
   std::vector<Pair> pairs;
   std::vector<const Pair*> places;
   for (std::size_t n = 600000; n < 1200000; n += n / 200) {
-    resize_for_writing(pairs, n, 2);
+    resize_for_writing(pairs, n);
     ASSERT_EQ(pairs.size(), n);
     if (places.empty() || places.back() != pairs.data()) places.push_back(pairs.data());
   }

@@ -1,7 +1,6 @@
 #include "algorithms/engine.hpp"
 
 #include <algorithm>
-#include <thread>
 #include <utility>
 
 #include "pair_lists.hpp"
@@ -106,7 +105,7 @@ cl::Buffer Engine::sorted_pairs() {
 
 std::vector<Pair> Engine::pairs() {
   std::vector<Pair> pairs;
-  resize_for_writing(pairs, pair_count(), std::thread::hardware_concurrency());
+  resize_for_writing(pairs, pair_count());
   if (pairs.empty()) return pairs;
   context_.queue().enqueueReadBuffer(sorted_pairs(), CL_TRUE, 0, pairs.size() * sizeof(Pair), pairs.data());
   return pairs;

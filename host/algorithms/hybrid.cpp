@@ -217,7 +217,9 @@ class Hybrid final : public Algorithm {
   void take_opened() try {
     if (!opening_.valid() || opening_.wait_for(std::chrono::seconds(0)) != std::future_status::ready) return;
     device_ = opening_.get();
-  } catch (...) {
+  } catch (const Error&) {
+    failure_ = std::current_exception();
+  } catch (const std::bad_alloc&) {
     failure_ = std::current_exception();
   }
 

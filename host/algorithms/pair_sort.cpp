@@ -62,7 +62,7 @@ void PairSort::operator()(std::span<const std::span<const Pair>> lists, std::siz
                           std::size_t threads, std::vector<Pair>& sorted) {
   std::size_t total = 0;
   for (const std::span<const Pair> list : lists) total += list.size();
-  resize_for_writing(sorted, total, threads);
+  resize_for_writing(sorted, total);
   const auto bits = static_cast<unsigned>(std::bit_width(slots));
   const auto partition_bits =
       std::min({bits, most_partition_bits, static_cast<unsigned>(std::bit_width(total / few_pairs))});
