@@ -27,8 +27,8 @@ namespace broadcl {
 /// @throws Error if the folder cannot be opened or locked.
 [[nodiscard]] std::shared_ptr<const void> lock_folder(const std::filesystem::path& folder);
 
-/// Asks the system for large pages, of which the first accesses to new memory take less time. No-op where
-/// that does not exist (it does on Linux).
+/// Asks the system for large pages, with which first accesses to new memory take less time. Does nothing on
+/// systems other than Linux.
 void use_large_pages(void* begin, std::size_t bytes) noexcept;
 
 /// The name of the processor, as people know it; the architecture if the system reports no more.

@@ -47,8 +47,8 @@ inline namespace float64 {
 /// is reported, pairs may be missing or outdated, and the next calculation compares all pairs with the cache;
 /// further failures are not reported until that has succeeded. If createProxy(), destroyProxy() or begin()
 /// throws std::bad_alloc, it has changed nothing; destroyProxy() throws only if memory is exhausted twice in
-/// a row after begin(). Queries need no memory but that of Bullet's allocator, which Bullet never expects to
-/// fail.
+/// a row after begin(). Queries without memory take longer, unless it is that of Bullet's allocator, which
+/// Bullet never expects to fail.
 ///
 /// The cost of a calculation depends on what changed since the last one; in addition, it reads each proxy's
 /// group and mask.

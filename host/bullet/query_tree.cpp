@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <cstddef>
 #include <span>
 
@@ -18,8 +19,7 @@ struct Sortable {
   explicit Sortable(btDbvtNode& node) : leaf(&node) {
     const btVector3 center = node.volume.Center();
     for (int axis = 0; axis < 3; ++axis) {
-      const btScalar value = center[axis];
-      place[axis] = value == value ? value : 0;  // of a box without end on both sides
+      place[axis] = std::isnan(center[axis]) ? 0 : center[axis];  // if it has no end on both sides
     }
   }
 
