@@ -87,6 +87,27 @@ TEST_P(Contract, S21ADeferredRemovalCacheMayBeSharedByBroadPhases) {
   EXPECT_EQ(cache.getNumOverlappingPairs(), 0);
 }
 
+TEST(BulletCaches, NoPairIsTwiceInASharedDeferredRemovalCache) {
+  btSortedOverlappingPairCache cache;
+  Rig one(kinds.front(), &cache);
+  Rig other(kinds.front(), &cache);
+  btBroadphaseProxy* first = one.create_unit(0);
+  btBroadphaseProxy* second = one.create_unit(0.5F);
+  other.create_unit(0);
+  other.create_unit(50);
+  other.create_unit(0.5F);
+  const auto calculate = [&] {
+    one.calculate();
+    other.calculate();
+  };
+  calculate();
+  ASSERT_EQ(cache.getNumOverlappingPairs(), 2) << "(0, 1) of one, (0, 2) of the other";
+  cache.addOverlappingPair(first, second);
+  ASSERT_EQ(cache.getNumOverlappingPairs(), 3);
+  calculate();
+  EXPECT_EQ(cache.getNumOverlappingPairs(), 2);
+}
+
 TEST_P(Contract, S22CleaningAProxyFreesAlgorithmsAndKeepsPairs) {
   Rig rig(GetParam());
   btBroadphaseProxy* first = rig.create_unit(0);

@@ -181,8 +181,8 @@ typedef struct broadcl_config {
   size_t size;  ///< sizeof(broadcl_config)
   /// "P:D" as numbered by `clinfo -l`; "gpu", "cpu" or "accelerator"; or a part of "platform / device",
   /// ignoring case. If it is null or empty, the environment variable BROADCL_DEVICE is used instead; if that
-  /// is not set either, the best GPU, otherwise the best CPU. "auto" starts on the host and opens a GPU
-  /// later; it uses a CPU only if that is named.
+  /// is not set either, the best GPU, otherwise the best CPU, otherwise the first device. "auto" starts on
+  /// the host and opens a GPU later; it uses a CPU only if that is named.
   const char* device;
   const char* algorithm;               ///< A name of broadcl_algorithms(); null for "auto".
   size_t threads;                      ///< Threads for an algorithm of the host; 0 for one per processor.

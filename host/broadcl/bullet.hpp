@@ -134,7 +134,7 @@ class BROADCL_BULLET_API BulletBroadphase : public btBroadphaseInterface {
   ///
   /// Shapes and transforms are read once per dispatch, so a near callback must not move objects. If you
   /// shrink a shape or lower gContactBreakingThreshold, a pair that was skipped may get its first contact at
-  /// a smaller distance than without culling, where its manifold would have kept the old threshold.
+  /// a smaller distance than without culling, since its manifold would have kept the old threshold then.
   /// @param world The world whose objects are culled; null, the default, for none. Not owned: call this with
   /// null before the world is destroyed, if this object is used afterwards.
   /// @throws Error if this object does not control the dispatch: it was given a pair cache, the world has

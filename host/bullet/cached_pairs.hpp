@@ -151,13 +151,29 @@ class CachedPairs {
     }
   }
 
+  /// The order of btBroadphasePairSortPredicate, which is none if proxies of several broad phases have the
+  /// same ids: then these are also sorted by their addresses.
+  struct InOrder {
+    bool operator()(const btBroadphasePair& s, const btBroadphasePair& t) const {
+      const auto precedes = [](const btBroadphaseProxy* p, const btBroadphaseProxy* q) {
+        const auto id = [](const btBroadphaseProxy* proxy) {
+          return proxy == nullptr ? -1 : proxy->m_uniqueId;
+        };
+        return id(p) != id(q) ? id(p) > id(q) : std::less<>()(p, q);
+      };
+      if (s.m_pProxy0 != t.m_pProxy0) return precedes(s.m_pProxy0, t.m_pProxy0);
+      if (s.m_pProxy1 != t.m_pProxy1) return precedes(s.m_pProxy1, t.m_pProxy1);
+      return std::greater<>()(s.m_algorithm, t.m_algorithm);
+    }
+  };
+
   /// For a cache with deferred removal: removes the pool's pairs that no longer overlap, and duplicates. Like
   /// Bullet's own broad phases, this sorts the cache, so that of two equal pairs the one with an algorithm
   /// stays.
   /// @param removed Other pairs to remove.
   void remove_stale(std::span<const Pair> removed, btDispatcher* dispatcher) {
     btBroadphasePairArray& pairs = cache_.getOverlappingPairArray();
-    pairs.quickSort(btBroadphasePairSortPredicate());
+    pairs.quickSort(InOrder());
     int staying = 0;
     for (int k = 0; k < pairs.size(); ++k) {
       btBroadphasePair& pair = pairs[k];

@@ -14,6 +14,15 @@ namespace {
 /// Removing a box from the tree and inserting it again costs as much as scanning this many boxes.
 constexpr std::size_t scans_per_update = 50;
 
+/// If leaves that are inserted lie deeper than this on average, many boxes are equal.
+constexpr std::size_t most_depth = 64;
+
+std::size_t depth(const btDbvtNode* node) {
+  std::size_t levels = 0;
+  for (; node->parent != nullptr; node = node->parent) ++levels;
+  return levels;
+}
+
 /// A leaf, and where to sort it.
 struct Sortable {
   explicit Sortable(btDbvtNode& node) : leaf(&node) {
@@ -127,6 +136,7 @@ void QueryTree::update() {
   }
   // If the objects of a row were inserted in order, the tree would be as deep as the row is long.
   std::shuffle(stale_.begin(), stale_.end(), random_);
+  std::size_t levels = 0;
   for (const std::uint32_t id : stale_) {
     Node& node = nodes_[id];
     Proxy& proxy = pool_[id];
@@ -141,6 +151,11 @@ void QueryTree::update() {
       node.leaf = nullptr;
     }
     node.is_stale = false;
+    if (node.leaf != nullptr) levels += depth(node.leaf);
+    if (levels > most_depth * (stale_.size() + most_depth)) {
+      rebuild();
+      return;
+    }
   }
   stale_.clear();
   scanned_ = 0;

@@ -88,7 +88,7 @@ Verb add_simulate(CLI::App& program) {
   add_device(*verb, simulation.device);
   add_number(
       *verb, "--threads", simulation.threads, 1U, scenes::World::most_threads,
-      "Number of threads that simulate, in Bullet's classes for several; more than 1 need a Bullet that "
+      "Number of threads that simulate, in Bullet's classes for several; more than 1 needs a Bullet that "
       "was built with threads");
   add_file(*verb, "--csv", options->csv, "Write the times of each frame here");
   add_file(*verb, "--json", options->json, "Write the summary here");
