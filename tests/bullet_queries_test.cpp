@@ -1,8 +1,8 @@
 // Statements 25 to 28 of Bullet's contract: rays and box queries.
 #include <LinearMath/btAabbUtil2.h>
 
-#include <array>
 #include <algorithm>
+#include <array>
 #include <chrono>
 #include <cstddef>
 #include <set>

@@ -130,7 +130,7 @@ class BROADCL_API BroadPhase {
   /// The algorithm in use.
   [[nodiscard]] const AlgorithmInfo& algorithm() const noexcept;
 
-  /// OpenCL memory in use; all 0 if no device was opened. Buffers grow with boxes and pairs, and never
+  /// OpenCL memory in use; all 0 if no device was opened. Buffers grow with boxes and pairs; most never
   /// shrink.
   [[nodiscard]] MemoryUse memory() const noexcept;
 

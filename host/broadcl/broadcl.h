@@ -191,7 +191,7 @@ typedef struct broadcl_config {
   void* on_compile_data;               ///< Passed to it.
 } broadcl_config;
 
-/// OpenCL memory that an object holds, in bytes. Buffers grow with boxes and pairs, and never shrink.
+/// OpenCL memory that an object holds, in bytes. Buffers grow with boxes and pairs; most never shrink.
 typedef struct broadcl_memory_use {
   size_t size;         ///< sizeof(broadcl_memory_use)
   size_t device;       ///< On the device, now.
@@ -404,8 +404,8 @@ typedef struct broadcl_device_result {
   size_t pair_count;       ///< How many overlap now.
   size_t invalid_boxes;    ///< Boxes with a NaN bound.
   uint32_t first_invalid;  ///< The index of the first of these; 0 if there are none.
-  /// How many enqueued updates since the last waiting call are incomplete, because something did not fit.
-  /// This result includes their changes.
+  /// How many enqueued updates since the last result are incomplete, because something did not fit. This
+  /// result includes their changes.
   size_t incomplete;
 } broadcl_device_result;
 

@@ -92,8 +92,8 @@ class BROADCL_API DeviceBroadPhase {
     std::size_t pair_count = 0;                  ///< How many overlap now.
     std::size_t invalid_boxes = 0;               ///< Boxes with a NaN bound. They overlap nothing.
     std::optional<std::uint32_t> first_invalid;  ///< The index of the first of these.
-    /// How many updates that enqueue() enqueued since the last waiting call are incomplete, because something
-    /// did not fit. This result includes their changes.
+    /// How many updates that enqueue() enqueued since the last update() or finish() are incomplete, because
+    /// something did not fit. This result includes their changes.
     std::size_t incomplete = 0;
   };
 
@@ -173,8 +173,8 @@ class BROADCL_API DeviceBroadPhase {
   /// The device in use. Owned by this object.
   [[nodiscard]] const Device& device() const noexcept;
 
-  /// OpenCL memory of this object, without the caller's buffers. Buffers grow with boxes and pairs, and never
-  /// shrink.
+  /// OpenCL memory of this object, without the caller's buffers. Buffers grow with boxes and pairs; most
+  /// never shrink.
   [[nodiscard]] MemoryUse memory() const noexcept;
 
   /// The stages of the last update, with device times if Config::profile is set and enqueue() did not do it.
