@@ -4,6 +4,7 @@
 #include <chrono>
 #include <exception>
 #include <future>
+#include <new>
 #include <optional>
 #include <utility>
 
