@@ -11,7 +11,7 @@ namespace broadcl {
 ///
 /// Pairs compare in canonical order: by b, then by a. With one set, that is the order of the triangular index
 /// b(b-1)/2 + a. Every list of pairs that the library returns is in this order, on every device and in every
-/// run, except changes that are sorted by world (DeviceBroadPhase::Boxes::ordered_worlds).
+/// run, except changes that are sorted by world (ordered_worlds of DeviceBroadPhase::Boxes).
 struct Pair {
   std::uint32_t a;
   std::uint32_t b;
