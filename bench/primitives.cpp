@@ -94,7 +94,7 @@ void scan_on_device(benchmark::State& state, std::size_t n) {
   const opencl::Context context(select_device(), false);
   opencl::Scan scan(context);
   time_on_device(state, context, random_words<std::uint32_t>(n),
-                 [&](const cl::Buffer& values) { scan.enqueue(values, n); });
+                 [&](const cl::Buffer& values) { scan.enqueue(values, values, n); });
 }
 
 void scan_on_host(benchmark::State& state, std::size_t n) {

@@ -9,9 +9,7 @@
 #define KEEP_RUN CHUNK
 #include "keep.h"
 
-kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void delta_keep(
-    KEEP_PARAMETERS, const uint slots, global const float* restrict boxes, const uint stamp, const uint capacity,
-    global uint2* restrict pairs, global uint* restrict counts) {
+kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void delta_keep(KEEP_KERNEL_PARAMETERS) {
 #if GROUP > 1
   local keep_t chunk;
   keep_pairs(last, last_capacity, removed, keep_filters, keep_exclusions, keep_all, keep_stamps, slots, boxes, stamp,

@@ -2,6 +2,10 @@
 #ifndef BROADCL_KEEP_H
 #define BROADCL_KEEP_H
 
+#ifndef KEEP_GROUP
+#define KEEP_GROUP GROUP /* work-items per work-group that keeps pairs */
+#endif
+
 #include "bits.h"
 #include "delta.h"
 #include "inline.h"
@@ -40,11 +44,16 @@ static inline bool is_kept(const uint2 pair, const uint slots, global const floa
   return boxes_overlap(&s, &t) && (filters == 0 || may_pair(filters[pair.x], filters[pair.y]));
 }
 
-#if GROUP > 1
+/* What a kernel needs that only keeps pairs: the boxes of this frame, and its list. */
+#define KEEP_KERNEL_PARAMETERS                                                                           \
+  KEEP_PARAMETERS, const uint slots, global const float *restrict boxes, const uint stamp, const uint capacity, \
+      global uint2 *restrict pairs, global uint *restrict counts
+
+#if KEEP_GROUP > 1
 #ifndef KEEP_RUN
 #define KEEP_RUN 1 /* pairs per work-item and chunk */
 #endif
-#define KEEP_CHUNK (1U * GROUP * KEEP_RUN)
+#define KEEP_CHUNK (1U * KEEP_GROUP * KEEP_RUN)
 #define KEEP_WORDS (KEEP_CHUNK / 32U)
 
 /* What the work-items of a work-group share about a chunk of pairs. */
@@ -68,7 +77,7 @@ INLINE void keep_pairs(KEEP_PARAMETERS_OF(), const uint slots, global const floa
     uint2 pair[KEEP_RUN];
 #pragma unroll
     for (uint i = 0; i < KEEP_RUN; ++i) {
-      const uint k = i * GROUP + item;
+      const uint k = i * KEEP_GROUP + item;
       uchar kept = 0;
       if (first + k < end) {
         pair[i] = last_pair(last, last_capacity, first + k, last_kept);
@@ -96,7 +105,7 @@ INLINE void keep_pairs(KEEP_PARAMETERS_OF(), const uint slots, global const floa
     barrier(CLK_LOCAL_MEM_FENCE);
 #pragma unroll
     for (uint i = 0; i < KEEP_RUN; ++i) {
-      const uint k = i * GROUP + item;
+      const uint k = i * KEEP_GROUP + item;
       const uint bits = chunk->bits[k / 32U];
       const uint before = chunk->before[k / 32U] + popcount(bits & ((1U << k % 32U) - 1U));
       const bool kept = (bits >> k % 32U & 1U) != 0U;

@@ -166,7 +166,7 @@ static inline uint bucket_of(const changes_t* changes, const uint k, const uint2
   return is_added ? bucket : buckets_of_list + bucket;
 }
 
-/* Counts the changes of each bucket. */
+/* Counts the changes of each bucket, in `buckets`, which must be zeros. */
 kernel void order_count(CHANGES_PARAMETERS, BUCKET_PARAMETERS) {
   changes_t changes;
   find_changes(&changes, capacity, pairs, removed_pairs, counts);
@@ -178,8 +178,8 @@ kernel void order_count(CHANGES_PARAMETERS, BUCKET_PARAMETERS) {
   }
 }
 
-/* Moves the changes to their buckets. Each entry of `buckets` is the start of its bucket before, and the end
-   afterwards. */
+/* Moves the changes to their buckets. Each entry of `buckets`, prefix sums of the counts, is the start of its bucket
+   before, and the end afterwards. */
 kernel void order_scatter(CHANGES_PARAMETERS, BUCKET_PARAMETERS) {
   changes_t changes;
   find_changes(&changes, capacity, pairs, removed_pairs, counts);
@@ -190,9 +190,11 @@ kernel void order_scatter(CHANGES_PARAMETERS, BUCKET_PARAMETERS) {
   }
 }
 
-/* Sorts the pairs of each bucket. */
-kernel void order_place(CHANGES_PARAMETERS, BUCKET_PARAMETERS, RESULT_PARAMETERS) {
+/* Sorts the pairs of each bucket, and sets the counts to 0 for the next frame. */
+kernel void order_place(CHANGES_PARAMETERS, BUCKET_PARAMETERS, global uint* restrict bucket_counts,
+                        RESULT_PARAMETERS) {
   const uint item = (uint)get_global_id(0);
+  for (uint k = item; k < 2U * buckets_of_list; k += (uint)get_global_size(0)) bucket_counts[k] = 0;
   changes_t changes;
   find_changes(&changes, capacity, pairs, removed_pairs, counts);
   const bool complete = is_complete(&changes, capacity, counts, room, room_of_both);

@@ -1,4 +1,4 @@
-/* Exclusive prefix sum of uints, in place, modulo 2^32: reduce, then scan.
+/* Exclusive prefix sum of uints, in place or not, modulo 2^32: reduce, then scan.
 
    The values are split into blocks of `length`, one per work-group. scan_sums adds up each block; scan_blocks turns
    each block into its prefix sums, which start with the sum of the blocks before it: two launches for any number of
@@ -13,7 +13,7 @@
 #define SCAN_TILE (4U * GROUP)
 
 /* The values first .. first + 3, those from `end` on as 0. */
-static inline uint4 load_values(global const uint* restrict values, const uint first, const uint end) {
+static inline uint4 load_values(global const uint* values, const uint first, const uint end) {
   if (first + 4U <= end) return *(global const uint4*)(values + first);
   uint4 four = 0;
   if (first < end) four.x = values[first];
@@ -22,7 +22,7 @@ static inline uint4 load_values(global const uint* restrict values, const uint f
   return four;
 }
 
-static inline void store_values(const uint4 four, global uint* restrict values, const uint first, const uint end) {
+static inline void store_values(const uint4 four, global uint* values, const uint first, const uint end) {
   if (first + 4U <= end) {
     *(global uint4*)(values + first) = four;
     return;
@@ -48,10 +48,10 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void scan_sums(
   if (get_local_id(0) == 0) sums[block] = total;
 }
 
-/* Replaces the values of each block by their prefix sums. `sums` are those of the blocks; that of the last one is not
-   read. */
+/* Computes the prefix sums of each block. `sums` are those of the blocks; that of the last one is not read. `to` may be
+   `values`. */
 kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void scan_blocks(
-    const uint n, const uint length, global uint* restrict values, global const uint* restrict sums) {
+    const uint n, const uint length, global const uint* values, global const uint* restrict sums, global uint* to) {
   local uint scan_pool[SCAN_POOL];
   const uint item = (uint)get_local_id(0);
   const uint block = (uint)get_group_id(0);
@@ -68,7 +68,7 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void scan_blocks(
     const uint x = start + scan_group(four.x + four.y + four.z + four.w, &total, scan_pool);
     const uint y = x + four.x;
     const uint z = y + four.y;
-    store_values((uint4)(x, y, z, z + four.z), values, first, end);
+    store_values((uint4)(x, y, z, z + four.z), to, first, end);
     start += total;
   }
 }

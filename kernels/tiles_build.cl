@@ -16,6 +16,10 @@
 #include "stamp.h"
 #include "tiles.h"
 
+#define KEEP_GROUP (GROUP > 1 ? 256 : 1)
+#define KEEP_RUN 4
+#include "keep.h"
+
 #define AXIS_BITS 10U
 #define LARGE_CODE (1U << (3U * AXIS_BITS))
 #define EMPTY_CODE (2U * LARGE_CODE - 1U) /* which differs from LARGE_CODE in the bits that are sorted by */
@@ -124,9 +128,9 @@ static inline uint word_of_upper(const float bound) {
 }
 
 /* Merges the bounds of all children of node k of a level, one per work-item, and stores them as child k of the level
-   above. All work-items must call it. */
-INLINE void raise(const bounds_t* mine, local raise_t* scratch, global float* tree, const uint k, const uint parents) {
-  const uint item = (uint)get_local_id(0);
+   above. All work-items must call it; `item` is a work-item's index among those of its node. */
+INLINE void raise(const bounds_t* mine, const uint item, local raise_t* scratch, global float* tree, const uint k,
+                  const uint parents) {
   for (uint i = 0; i < 3U; ++i) {
     scratch->words[i][item] = word_of_lower(mine->bound[i]);
     scratch->words[i + 3U][item] = word_of_upper(mine->bound[i + 3U]);
@@ -232,7 +236,7 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_fill(
     }
     if (tile < tiles) store_child(&bounds, tree, tile, child);
 #if GROUP > 1
-    raise(&bounds, &scratch, tree, tile, parents);
+    raise(&bounds, child, &scratch, tree, tile, parents);
 #endif
   }
 #if GROUP == 1
@@ -247,10 +251,37 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_raise(const
 #if GROUP > 1
   local raise_t scratch;
   bounds_t bounds;
+  const uint item = (uint)get_local_id(0);
   make_none(&bounds);
-  if (k < nodes) load_child(&bounds, tree, start + k, (uint)get_local_id(0));
-  raise(&bounds, &scratch, tree, k, parents);
+  if (k < nodes) load_child(&bounds, tree, start + k, item);
+  raise(&bounds, item, &scratch, tree, k, parents);
 #else
   raise(tree, start, k, k < nodes, parents);
 #endif
 }
+
+#if GROUP > 1
+#define KEEP_NODES (KEEP_GROUP / GROUP) /* nodes per work-group */
+
+/* The same, and keeps the pairs of the last frame, which saves a launch: the first work-groups compute bounds, and the
+   others keep pairs. */
+kernel __attribute__((reqd_work_group_size(KEEP_GROUP, 1, 1))) void tiles_raise_and_keep(
+    const uint start, const uint nodes, const uint parents, global float* tree, KEEP_KERNEL_PARAMETERS) {
+  local raise_t scratch[KEEP_NODES];
+  local keep_t chunk;
+  const uint group = (uint)get_group_id(0);
+  const uint raising = (nodes + NODE - 1U) / NODE * NODE / KEEP_NODES;
+  if (group < raising) {
+    const uint node = (uint)get_local_id(0) / GROUP;
+    const uint item = (uint)get_local_id(0) % GROUP;
+    const uint k = group * KEEP_NODES + node;
+    bounds_t bounds;
+    make_none(&bounds);
+    if (k < nodes) load_child(&bounds, tree, start + k, item);
+    raise(&bounds, item, &scratch[node], tree, k, parents);
+  } else {
+    keep_pairs(last, last_capacity, removed, keep_filters, keep_exclusions, keep_all, keep_stamps, slots, boxes, stamp,
+               capacity, pairs, counts, group - raising, (uint)get_num_groups(0) - raising, &chunk);
+  }
+}
+#endif

@@ -61,12 +61,20 @@ void expect_scanned(const Context& context, Scan& scan, std::vector<std::uint32_
   SCOPED_TRACE(n);
   values.insert(values.end(), behind, 77);
   const cl::Buffer buffer = to_device(context, values);
-  scan.enqueue(buffer, n);
+  const cl::Buffer other = to_device(context, std::vector<std::uint32_t>(values.size(), 77));
+  const auto expect_values = [&](const cl::Buffer& in) {
+    // Not EXPECT_EQ, which would print all of them.
+    const auto result = from_device<std::uint32_t>(context, in, values.size());
+    const auto wrong = std::mismatch(values.begin(), values.end(), result.begin());
+    EXPECT_EQ(wrong.first, values.end())
+        << "value " << wrong.first - values.begin() << " is " << *wrong.second;
+  };
+  scan.enqueue(buffer, other, n);
+  expect_values(buffer);
+  scan.enqueue(buffer, buffer, n);
   std::exclusive_scan(values.begin(), values.end() - behind, values.begin(), std::uint32_t{0});
-  // Not EXPECT_EQ, which would print all of them.
-  const auto result = from_device<std::uint32_t>(context, buffer, values.size());
-  const auto wrong = std::mismatch(values.begin(), values.end(), result.begin());
-  EXPECT_EQ(wrong.first, values.end()) << "value " << wrong.first - values.begin() << " is " << *wrong.second;
+  expect_values(other);
+  expect_values(buffer);
 }
 
 std::vector<std::uint32_t> random_uints(std::size_t n) {
@@ -298,7 +306,8 @@ TEST(Scan, TooManyValuesAreRefused) {
   constexpr std::size_t too_many = std::size_t{1} << 31;
   with_both_profiles([](const Context& context) {
     const cl::Buffer small = context.buffer(8);
-    EXPECT_THAT(test::error_of([&] { Scan(context).enqueue(small, too_many); }), HasSubstr("too many"));
+    EXPECT_THAT(test::error_of([&] { Scan(context).enqueue(small, small, too_many); }),
+                HasSubstr("too many"));
     EXPECT_THAT(test::error_of([&] {
                   RadixSort(context).enqueue(small, small, too_many, Keys{{0, 64}});
                 }),

@@ -52,8 +52,8 @@ class Auto final : public PairFinder {
     finders_.at(chosen_)->find(search, sink, profiler);
   }
 
-  [[nodiscard]] bool can_keep(const Search& search) const override {
-    return finders_.at(chosen_)->can_keep(search);
+  [[nodiscard]] bool keeps(const Search& search, const PairDelta& sink) const override {
+    return finders_.at(chosen_)->keeps(search, sink);
   }
 
   [[nodiscard]] bool gave_up(const PairDelta::Counts& counts) override {

@@ -25,6 +25,9 @@ constexpr RowLaunch brute_force_on_cpus{.width = 16,
                                         .items = 256,
                                         .most_tests = std::size_t{1} << 30};
 
+/// Up to this many pairs are kept by the same kernel, which takes less time than another launch.
+constexpr std::size_t most_kept = 1 << 16;
+
 /// The cost, in tests, of finding out whether boxes that overlap are a new pair; 70 to 190 on PoCL 3.1.
 constexpr double tests_per_hit = 100;
 
@@ -39,8 +42,7 @@ class BruteForce final : public PairFinder {
 
   void build(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) override {
     // (Longer lists are kept by a kernel of their own, which comes first and needs the boxes.)
-    gathers_ = search.source != nullptr && search.source->packed_boxes()() != nullptr && can_keep(search) &&
-               sink.is_keeping_short();
+    gathers_ = search.source != nullptr && search.source->packed_boxes()() != nullptr && keeps(search, sink);
     if (has_work(search)) load(search);
     if (!gathers_) PairFinder::build(search, sink, profiler);
   }
@@ -72,8 +74,8 @@ class BruteForce final : public PairFinder {
     gathers_ = false;
   }
 
-  [[nodiscard]] bool can_keep(const Search& search) const override {
-    return launch_.group > 1 && has_work(search);
+  [[nodiscard]] bool keeps(const Search& search, const PairDelta& sink) const override {
+    return launch_.group > 1 && has_work(search) && sink.pair_count() <= most_kept;
   }
 
   /// Pairs to test; pairs that overlap count more.

@@ -51,7 +51,7 @@ PairDelta::Settled Engine::settle() {
 
 void Engine::enqueue() {
   most_slots_ = std::max<std::size_t>(most_slots_, search_.now.slots);
-  if (delta_.is_keeping_short() && finder_->can_keep(search_)) {
+  if (finder_->keeps(search_, delta_)) {
     delta_.leave_keeping_to_finder();
   } else {
     delta_.keep(search_);

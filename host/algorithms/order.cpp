@@ -63,7 +63,15 @@ void Order::set_buckets() {
   const bool is_shared = is_awaited_ && !was_bucket_too_large_ && slots_per_change > 0;
   bucket_bits_ = is_shared ? static_cast<cl_uint>(std::bit_width(slots_per_change) - 1) : 0;
   buckets_of_list_ = worlds_ == 0 ? ((slots_ - 1) >> bucket_bits_) + 1 : worlds_ + 1;
-  buckets_.reserve(context_, 2 * buckets_of_list_ * sizeof(cl_uint), what);
+  reserve_buckets(2 * buckets_of_list_);
+}
+
+void Order::reserve_buckets(std::size_t count) {
+  const std::size_t bytes = count * sizeof(cl_uint);
+  buckets_.reserve(context_, bytes, what);
+  if (bytes <= bucket_counts_.bytes()) return;
+  zeros_ = 0;
+  bucket_counts_.reserve(context_, bytes, what);
 }
 
 void Order::begin(const Search& search) {
@@ -122,7 +130,7 @@ void Order::reserve_ahead(std::size_t slots, std::size_t pairs) {
   for (opencl::SharedBuffer& result : results_) {  // which may block
     if (result.bytes() == 0) result = opencl::SharedBuffer(context_, PairDelta::count_bytes);
   }
-  buckets_.reserve(context_, 2 * (slots + 1) * sizeof(cl_uint), what);
+  reserve_buckets(2 * (slots + 1));
   scattered_.reserve(context_, 2 * std::max(least_changes, pairs) * sizeof(Pair), what);
 }
 
@@ -167,21 +175,28 @@ void Order::enqueue_few(const PairDelta& delta, cl_uint tag) {
 
 void Order::enqueue_many(const PairDelta& delta, cl_uint tag) {
   opencl::Profiler::Scope stage(profiler_, "order");
-  context_.fill(buckets_.get(), 0, 0, 2 * buckets_of_list_);
+  const std::size_t buckets = 2 * buckets_of_list_;
+  if (zeros_ < buckets) context_.fill(bucket_counts_.get(), 0, 0, buckets);
+  const std::size_t zeros = std::max(buckets, std::exchange(zeros_, 0));
   // Each work-item handles several changes, but not so many that llvmpipe would end it (see tuning_of()).
   const std::size_t most_items = std::max(std::size_t{1} << 20, capacity_ / 8);
   const std::size_t items = std::clamp(
       capacity_, std::min(most_items, context_.device().compute_units * std::size_t{64}), most_items);
   for (opencl::SizedKernel* sized : {&count_, &scatter_, &place_}) {
     cl::Kernel& kernel = sized->kernel;
-    const cl_uint next = opencl::set_arguments(
-        kernel, delta.set_changes(kernel, 0), static_cast<cl_uint>(room_), static_cast<cl_uint>(capacity_),
-        static_cast<cl_uint>(buckets_of_list_), bucket_bits_, buckets_.get(), scattered_.get(),
-        static_cast<cl_uint>(worlds_), filters_, last_filters_);
-    if (sized == &place_) set_results(kernel, next, delta, tag);
+    const cl_uint next =
+        opencl::set_arguments(kernel, delta.set_changes(kernel, 0), static_cast<cl_uint>(room_),
+                              static_cast<cl_uint>(capacity_), static_cast<cl_uint>(buckets_of_list_),
+                              bucket_bits_, sized == &count_ ? bucket_counts_.get() : buckets_.get(),
+                              scattered_.get(), static_cast<cl_uint>(worlds_), filters_, last_filters_);
+    if (sized == &place_) {
+      kernel.setArg(next, bucket_counts_.get());
+      set_results(kernel, next + 1, delta, tag);
+    }
     sized->enqueue(context_.queue(), items, sized == &place_ ? stage.event() : nullptr);
-    if (sized == &count_) scan_.enqueue(buckets_.get(), 2 * buckets_of_list_);
+    if (sized == &count_) scan_.enqueue(bucket_counts_.get(), buckets_.get(), buckets);
   }
+  zeros_ = zeros;
 }
 
 void Order::read(std::size_t changes) {

@@ -102,6 +102,7 @@ class Order {
   void renumber(const cl::Buffer& added, std::size_t added_count, const cl::Buffer& removed,
                 std::size_t removed_count, const cl::Buffer& counts, std::size_t pairs);
   void set_buckets();
+  void reserve_buckets(std::size_t count);
 
   const opencl::Context& context_;
   opencl::Profiler& profiler_;
@@ -118,8 +119,9 @@ class Order {
   std::size_t turn_ = 0;                   // index of the frame that begins or runs
   opencl::GrowingBuffer added_, removed_;  // if they are wanted on the device, or while they are sorted
   opencl::GrowingBuffer added_offsets_, removed_offsets_;  // of worlds in these
-  opencl::GrowingBuffer buckets_;                          // of both lists
+  opencl::GrowingBuffer bucket_counts_, buckets_;          // of both lists: sizes, and where they begin
   opencl::GrowingBuffer scattered_;                        // changes by bucket; pairs while they are sorted
+  std::size_t zeros_ = 0;                                  // at the beginning of bucket_counts_
   cl::Event read_;  // after which the host may read this frame's result
 
   // Of this frame.

@@ -26,9 +26,6 @@ constexpr std::size_t count_last_tag = 10;
 constexpr std::size_t count_complete = 11;
 constexpr std::size_t count_displacement = 13;
 
-/// For up to this many pairs, it takes less time if the finder's work-groups keep them than if another launch
-/// does.
-constexpr std::size_t short_keeping = 1 << 16;
 constexpr std::size_t least_pairs = 1 << 14;
 constexpr std::size_t most_pairs = std::size_t{1} << 31;  // indices in a list are 32-bit numbers
 
@@ -98,8 +95,9 @@ void PairDelta::copy_pairs(const cl::Buffer& to) const {
   copy_pairs(last_, to, last_.found());
 }
 
-bool PairDelta::is_keeping_short() const noexcept {
-  return last_.found() <= short_keeping;
+std::size_t PairDelta::most_to_keep() const noexcept {
+  // If nobody has waited for the last frame, only an upper bound is known.
+  return unread_ > 0 ? last_.capacity : last_.found();
 }
 
 cl_uint PairDelta::set_keep(cl::Kernel& kernel, cl_uint first, const Search& search, bool keeps) const {
@@ -112,15 +110,17 @@ cl_uint PairDelta::set_keep(cl::Kernel& kernel, cl_uint first, const Search& sea
                                search.all ? cl_uint{1} : cl_uint{0}, keeps ? search.stamps : none);
 }
 
-void PairDelta::keep(const Search& search) {
-  // If nobody has waited for the last frame, only an upper bound is known.
-  const std::size_t last_found = unread_ > 0 ? last_.capacity : last_.found();
-  if (last_found == 0) return;
-  opencl::Profiler::Scope stage(profiler_, "keep");
-  opencl::set_arguments(keep_, set_keep(keep_, 0, search, true), search.now.slots, search.now.boxes,
+void PairDelta::set_keep_kernel(cl::Kernel& kernel, cl_uint first, const Search& search) const {
+  opencl::set_arguments(kernel, set_keep(kernel, first, search, true), search.now.slots, search.now.boxes,
                         search.stamp, static_cast<cl_uint>(now_.capacity), list(), counts());
+}
+
+void PairDelta::keep(const Search& search) {
+  if (most_to_keep() == 0) return;
+  opencl::Profiler::Scope stage(profiler_, "keep");
+  set_keep_kernel(keep_, 0, search);
   const EngineLaunch& launch = engine_launch(context_);
-  const std::size_t groups = opencl::divide_up(last_found, launch.keep_group * launch.keep_chunk);
+  const std::size_t groups = opencl::divide_up(most_to_keep(), launch.keep_group * launch.keep_chunk);
   context_.queue().enqueueNDRangeKernel(keep_, cl::NullRange, cl::NDRange(groups * launch.keep_group),
                                         cl::NDRange(launch.keep_group), nullptr, stage.event());
 }

@@ -61,12 +61,15 @@ class PairDelta {
   /// Leaves this to the finder's kernel.
   void leave_keeping_to_finder() noexcept { is_kept_by_finder_ = true; }
   [[nodiscard]] bool is_kept_by_finder() const noexcept { return is_kept_by_finder_; }
-  /// Whether there are so few pairs of the last frame that this takes less time.
-  [[nodiscard]] bool is_keeping_short() const noexcept;
+  /// The number of pairs of the last frame, or, if nobody has waited for that, how many there may be.
+  [[nodiscard]] std::size_t most_to_keep() const noexcept;
   /// Sets a kernel's KEEP_PARAMETERS, from the given index on; returns the index after the last of them.
   /// @param keeps Whether the kernel is to do this work; otherwise buffers are null, which take less time.
   /// @throws cl::Error
   cl_uint set_keep(cl::Kernel& kernel, cl_uint first, const Search& search, bool keeps) const;
+  /// Sets a kernel's KEEP_KERNEL_PARAMETERS, its last ones, from the given index on.
+  /// @throws cl::Error
+  void set_keep_kernel(cl::Kernel& kernel, cl_uint first, const Search& search) const;
   /// Sets a kernel's PAIR_SINK_PARAMETERS, from the given index on; returns the index after the last of them.
   /// @throws cl::Error
   cl_uint set_sink(cl::Kernel& kernel, cl_uint first, const Search& search) const;

@@ -32,9 +32,11 @@ class PairFinder {
     if (search.source != nullptr) search.source->gather(search.now, sink.counts(), profiler);
   }
 
-  /// Whether find() can also keep the pairs of the last frame, if the sink leaves that to it. Called after
-  /// build().
-  [[nodiscard]] virtual bool can_keep(const Search& /*search*/) const { return false; }
+  /// Whether find() is to keep the pairs of the last frame, too, because that takes less time than a kernel
+  /// for that alone. Called after build().
+  [[nodiscard]] virtual bool keeps(const Search& /*search*/, const PairDelta& /*sink*/) const {
+    return false;
+  }
 
   /// Enqueues the kernels that append every pair that was not a pair in the last frame to the sink, each
   /// once. May be called again for the same search if the sink was too small.

@@ -40,6 +40,9 @@ constexpr unsigned code_bits = 31;
 /// The highest of them, by which boxes are sorted: one radix pass less than for all, and trees as good.
 constexpr unsigned sorted_bits = 24;
 constexpr std::size_t levels = 4;  // as many as a cl_uint4 has numbers
+// Of tiles_raise_and_keep: work-items per work-group, and pairs of each.
+constexpr std::size_t keep_group = 256;
+constexpr std::size_t keep_run = 4;
 
 constexpr std::size_t most_sharers = 8;
 constexpr std::size_t search_groups_per_unit = 64;         // as far as most_sharers allows
@@ -96,8 +99,15 @@ class Tiles final : public PairFinder {
 
   void find(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) override {
     if (!is_built_) return;
-    if (!is_early_) enqueue_search(search, sink, profiler);
+    if (!is_early_) {
+      raise(search, sink, profiler);
+      enqueue_search(search, sink, profiler);
+    }
     near_.test(search, sink, profiler);
+  }
+
+  [[nodiscard]] bool keeps(const Search& search, const PairDelta& /*sink*/) const override {
+    return is_built_ && !is_early_ && launch_.group > 1 && nodes_of(search) > launch_.most_roots;
   }
 
   [[nodiscard]] bool gave_up(const PairDelta::Counts& counts) override {
@@ -128,7 +138,8 @@ class Tiles final : public PairFinder {
   struct Kernels {  // NOLINT(bugprone-exception-escape): handles do not throw when moved
     opencl::SizedKernel centroids, keys, world_keys;
     cl::Kernel fill, raise, search;
-    cl::Kernel search_some{};  // if it is built
+    cl::Kernel raise_and_keep{};  // on a GPU
+    cl::Kernel search_some{};     // if it is built
   };
 
   /// Builds the kernels that a search needs, whether it sorts or not, unless they are built. If the device
@@ -161,6 +172,9 @@ class Tiles final : public PairFinder {
                .fill = context_.kernel(program, "tiles_fill", launch_.group),
                .raise = context_.kernel(program, "tiles_raise", launch_.group),
                .search = context_.kernel(program, "tiles_search", launch_.group)};
+    if (launch_.group > 1) {
+      kernels.raise_and_keep = context_.kernel(program, "tiles_raise_and_keep", keep_group);
+    }
     return kernels;
   }
 
@@ -264,13 +278,13 @@ class Tiles final : public PairFinder {
     work_.set_order(search, sink);
   }
 
-  /// Fills the trees with boxes and bounds.
+  /// Fills the trees with boxes and the bounds of tiles.
   void fill_trees(const Search& search, bool gathers, const PairDelta& sink, opencl::Profiler& profiler) {
     opencl::Profiler::Scope stage(profiler, "build");
     if (gathers) {
       cl::Kernel& fill = gathering_fill(has_worlds(search));
       search.source->set_arguments(fill, set_fill(fill, search, tree_), search.now, sink.counts());
-      fill_tree(context_.queue(), search, fill, tree_, stage.event());
+      fill_tree(context_.queue(), search, fill, stage.event());
       return;
     }
     const auto fill = [&](const cl::Buffer& stamps, const Tree& tree, cl::Event* event) {
@@ -285,29 +299,62 @@ class Tiles final : public PairFinder {
     cl::Kernel& fill = kernels(search).fill;
     opencl::set_arguments(fill, set_fill(fill, search, tree), boxes,
                           has_worlds(search) ? search.now.filters : cl::Buffer(), search.stamp, stamps);
-    fill_tree(queue, search, fill, tree, event);
+    fill_tree(queue, search, fill, event);
   }
 
   cl_uint set_fill(cl::Kernel& fill, const Search& search, const Tree& tree) const {
-    return opencl::set_arguments(fill, 0, search.now.slots,
-                                 static_cast<cl_uint>(divide_up(search.now.slots, launch_.node)),
+    return opencl::set_arguments(fill, 0, search.now.slots, static_cast<cl_uint>(tiles_of(search)),
                                  starts_.s[1], sets(search), elements_, tree.nodes);
   }
 
   void fill_tree(const cl::CommandQueue& queue, const Search& search, const cl::Kernel& fill,
-                 const Tree& tree, cl::Event* event) {
-    std::size_t nodes = divide_up(search.now.slots, launch_.node);
-    enqueue(queue, fill, round_up(nodes, launch_.node), event);
-    nodes = divide_up(nodes, launch_.node);
+                 cl::Event* event) const {
+    enqueue(queue, fill, round_up(tiles_of(search), launch_.node), event);
+  }
+
+  [[nodiscard]] std::size_t tiles_of(const Search& search) const {
+    return divide_up(search.now.slots, launch_.node);
+  }
+  /// Nodes whose children are tiles.
+  [[nodiscard]] std::size_t nodes_of(const Search& search) const {
+    return divide_up(tiles_of(search), launch_.node);
+  }
+
+  /// Computes the bounds of nodes, of one level after the other, and keeps the pairs of the last frame if
+  /// that was left to this.
+  void raise(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) {
+    if (sink.is_kept_by_finder()) {
+      opencl::Profiler::Scope stage(profiler, "keep");
+      const std::size_t nodes = nodes_of(search);
+      cl::Kernel& kernel = kernels(search).raise_and_keep;
+      sink.set_keep_kernel(kernel, set_raise(kernel, tree_, 1, nodes), search);
+      const std::size_t groups = round_up(nodes, launch_.node) * launch_.group / keep_group +
+                                 divide_up(sink.most_to_keep(), keep_group * keep_run);
+      context_.queue().enqueueNDRangeKernel(kernel, cl::NullRange, cl::NDRange(groups * keep_group),
+                                            cl::NDRange(keep_group), nullptr, stage.event());
+    }
+    raise(context_.queue(), search, tree_, sink.is_kept_by_finder() ? 2 : 1);
+    if (!search.all) raise(context_.queue(), search, changed_tree_, 1);
+  }
+
+  /// @param level The first whose bounds are to be computed.
+  void raise(const cl::CommandQueue& queue, const Search& search, const Tree& tree, std::size_t level) {
+    std::size_t nodes = nodes_of(search);
     cl::Kernel& raise = kernels(search).raise;
     // The search starts at the first level that has few nodes.
     for (top_ = 1; nodes > launch_.most_roots && top_ + 1 < levels;
          ++top_, nodes = divide_up(nodes, launch_.node)) {
-      opencl::set_arguments(raise, 0, starts_.s[top_], static_cast<cl_uint>(nodes), starts_.s[top_ + 1],
-                            tree.nodes);
+      if (top_ < level) continue;
+      set_raise(raise, tree, top_, nodes);
       enqueue(queue, raise, round_up(nodes, launch_.node), nullptr);
     }
     roots_ = static_cast<cl_uint>(nodes);
+  }
+
+  /// @param nodes Of the level.
+  cl_uint set_raise(cl::Kernel& kernel, const Tree& tree, std::size_t level, std::size_t nodes) const {
+    return opencl::set_arguments(kernel, 0, starts_.s[level], static_cast<cl_uint>(nodes),
+                                 starts_.s[level + 1], tree.nodes);
   }
 
   /// Enqueues the search for near pairs.
@@ -315,6 +362,7 @@ class Tiles final : public PairFinder {
     {
       opencl::Profiler::Scope stage(profiler, "build");
       fill_tree(near_.queue(), search, near_.boxes(), {}, tree_, stage.event());
+      raise(near_.queue(), search, tree_, 1);
     }
     enqueue_search(search, sink, profiler);
     near_.searched();
@@ -322,7 +370,7 @@ class Tiles final : public PairFinder {
 
   void enqueue_search(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) {
     opencl::Profiler::Scope stage(profiler, is_early_ ? "early" : "test");
-    const std::size_t tiles = divide_up(search.now.slots, launch_.node);
+    const std::size_t tiles = tiles_of(search);
     const std::size_t sharers = this->sharers(tiles, search_groups_per_unit);
     // A first search finds all pairs at once; in later ones, work-groups that turn out to be too many would
     // take longer than the others save.

@@ -73,7 +73,7 @@ void RadixSort::enqueue_pass(const cl::Buffer& source, const cl::Buffer& target,
   const cl::NDRange group(primitives_group(context_));
   const cl::NDRange items(blocks.count * primitives_group(context_));
   context_.queue().enqueueNDRangeKernel(count_, cl::NullRange, items, group);
-  if (scans) scan_.enqueue(counts_, std::size_t{blocks.count} << digit.count);
+  if (scans) scan_.enqueue(counts_, counts_, std::size_t{blocks.count} << digit.count);
   context_.queue().enqueueNDRangeKernel(scatter_, cl::NullRange, items, group);
 }
 

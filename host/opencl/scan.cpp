@@ -25,7 +25,7 @@ Scan::Scan(const Context& context) : context_(context) {
   block_sums_ = context.buffer(most_blocks * sizeof(cl_uint));
 }
 
-void Scan::enqueue(const cl::Buffer& values, std::size_t n) {
+void Scan::enqueue(const cl::Buffer& values, const cl::Buffer& to, std::size_t n) {
   if (n == 0) return;
   const std::size_t group = primitives_group(context_);
   const Blocks blocks = split_into_blocks(context_, n, shortest_block(context_), longest_block);
@@ -35,6 +35,7 @@ void Scan::enqueue(const cl::Buffer& values, std::size_t n) {
                                           cl::NDRange(group));
   };
   if (blocks.count > 1) enqueue_each(sums_);
+  set_arguments(blocks_, 4, to);
   enqueue_each(blocks_);
 }
 

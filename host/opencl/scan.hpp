@@ -15,13 +15,12 @@ class Scan {
   /// @throws Error, cl::Error
   explicit Scan(const Context& context);
 
-  /// Enqueues the exclusive prefix sum of n uints, in place, modulo 2^32: value k becomes the sum of the
-  /// values 0 to k - 1. Does not wait. Scans by one object must be enqueued one after the other, as by a
-  /// single thread.
-  /// @param values At least n uints.
+  /// Enqueues the exclusive prefix sum of n uints, modulo 2^32: entry k becomes the sum of the values 0 to
+  /// k - 1. Does not wait. Scans by one object must be enqueued one after the other, as by a single thread.
+  /// @param values, to At least n uints each; may be the same buffer.
   /// @param n Less than 2^31, otherwise an Error is thrown.
   /// @throws cl::Error
-  void enqueue(const cl::Buffer& values, std::size_t n);
+  void enqueue(const cl::Buffer& values, const cl::Buffer& to, std::size_t n);
 
  private:
   const Context& context_;
