@@ -1,4 +1,5 @@
-/* Tests whether the device follows IEEE 754 as far as the other kernels rely on it. */
+/* Tests of a device: whether it follows IEEE 754 as far as the other kernels rely on it, and what its direct memory is
+   worth. */
 
 #define HAS_DENORMALS 1U
 #define HAS_ZEROS 2U
@@ -29,4 +30,9 @@ kernel void arithmetic(global const float* restrict numbers, global uint* restri
   }
   if (as_int(one - greatest) < 0 && as_int(greatest - one) >= 0 && as_int(one - one) == 0) bits |= HAS_SIGNS;
   result[0] = bits;
+}
+
+/* Copies a number from direct memory to direct memory. */
+kernel void copy_number(global const uint* restrict from, global uint* restrict to) {
+  to[0] = from[0];
 }

@@ -15,7 +15,7 @@
 
 #include <broadcl/device.hpp>
 
-#include "keep_stage.hpp"
+#include "device_stages.hpp"
 #include "program.hpp"
 #include "test_name.hpp"
 
@@ -169,14 +169,15 @@ class ProgramStages : public ProgramTrace {
   /// On the host, in order, in a frame of the steady state.
   [[nodiscard]] static Names host_names() {
     if (GetParam() == "gpu-bf") return {"upload", "test", "download", "wait", "xor"};
-    return with_keep({"upload", "keep", "test", "order", "download", "wait"});
+    return here({"upload", "keep", "test", "order", "download", "wait"});
   }
   [[nodiscard]] static Names device_names() {
     if (GetParam() == "gpu-bf") return {"upload", "test", "download"};
-    return with_keep({"upload", "keep", "test", "order", "download"});
+    return here({"upload", "keep", "test", "order", "download"});
   }
-  [[nodiscard]] static Names with_keep(Names names) {
+  [[nodiscard]] static Names here(Names names) {
     if (!has_keep_stage()) std::erase(names, "keep");
+    if (!has_transfer_stages()) std::erase(names, "download");
     return names;
   }
 };

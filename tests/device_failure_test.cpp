@@ -11,6 +11,7 @@
 
 #include "algorithms/device_objects.hpp"
 #include "device_life.hpp"
+#include "device_limits.hpp"
 #include "each_algorithm.hpp"
 #include "environment.hpp"
 #include "failing_opencl.hpp"
@@ -96,6 +97,12 @@ TEST_P(DeviceFailure, WhicheverCallOfADeviceBroadPhaseFailsMayBeRepeated) {
 
 TEST_P(DeviceFailure, ADeviceBroadPhaseGoesOnWhenTheDeviceWorksAgain) {
   expect_device_lives(GetParam(), OpenClTrouble::for_good, 15);
+}
+
+TEST_P(DeviceFailure, WithDirectMemoryACallThatFailsMayBeRepeatedToo) {
+  const LimitedDevices limited(device_with_direct_memory());
+  expect_device_lives(GetParam(), 1, 30);
+  expect_short_lives({.algorithm = GetParam()}, 1, 30);
 }
 
 /// Every call: the failure of it alone, and of it and all later ones.

@@ -1,11 +1,14 @@
 #include "device_limits.hpp"
 
 #include <algorithm>
+#include <cstddef>
 #include <cstring>
+#include <map>
 #include <optional>
 #include <set>
 #include <string>
 #include <string_view>
+#include <vector>
 
 namespace broadcl::test {
 namespace {
@@ -15,6 +18,7 @@ long asked_of_kernels_until_now = 0;
 
 constexpr cl_mem_flags large_buffer = 1 << 23;  // CL_MEM_ALLOW_UNRESTRICTED_SIZE_INTEL
 std::set<cl_mem> large_buffers;
+std::map<cl_mem, std::vector<std::byte>> buffers_apart;
 std::set<cl_program> large_programs;
 std::set<cl_kernel> large_kernels;
 
@@ -49,6 +53,12 @@ std::size_t most_work_items(const cl::Kernel& kernel) {
 }
 
 }  // namespace
+
+Limits device_with_direct_memory() {
+  return {.has_direct_memory = true,
+          .answers = {{CL_DEVICE_HOST_UNIFIED_MEMORY, answer(cl_bool{CL_FALSE})},
+                      {CL_DEVICE_EXTENSIONS, std::string("cl_nv_create_buffer") + '\0'}}};
+}
 
 Limits gpu_with_waves_of(cl_uint width) {
   const bool is_amd = width == 64;
@@ -91,7 +101,25 @@ cl_mem_flags known_flags(cl_mem_flags flags) {
   return current && current->has_large_buffers ? flags & ~large_buffer : flags;
 }
 
+bool has_direct_memory(bool really) {
+  return current ? current->has_direct_memory : really;
+}
+
+bool is_direct_memory_copied() {
+  return current && current->is_direct_memory_copied;
+}
+
+void set_apart(cl_mem buffer, std::size_t bytes) {
+  if (buffer != nullptr) buffers_apart[buffer].resize(bytes);
+}
+
+void* memory_apart(cl_mem buffer) {
+  const auto found = buffers_apart.find(buffer);
+  return found == buffers_apart.end() ? nullptr : found->second.data();
+}
+
 void note_buffer(cl_mem buffer, std::size_t bytes) {
+  buffers_apart.erase(buffer);
   if (!current || bytes <= current->allocation) {
     large_buffers.erase(buffer);
   } else {

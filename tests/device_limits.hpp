@@ -21,9 +21,11 @@ struct Limits {
   cl_ulong allocation = std::numeric_limits<cl_ulong>::max();                      ///< Bytes per buffer.
   cl_command_queue_properties queue_properties = ~cl_command_queue_properties{0};  ///< That queues may have.
   bool has_compiler = true;
-  bool has_denormals = true;       ///< If not, programs are built with -cl-denorms-are-zero.
-  bool is_offered_twice = false;   ///< By platforms that follow the others.
-  bool has_large_buffers = false;  ///< By Intel's flag, for kernels built with Intel's option.
+  bool has_denormals = true;             ///< If not, programs are built with -cl-denorms-are-zero.
+  bool is_offered_twice = false;         ///< By platforms that follow the others.
+  bool has_large_buffers = false;        ///< By Intel's flag, for kernels built with Intel's option.
+  bool has_direct_memory = false;        ///< Of NVIDIA's extension, which `answers` must list.
+  bool is_direct_memory_copied = false;  ///< And kernels and host see different memory then.
   std::map<cl_uint, std::string>
       answers{};  ///< The bytes of answers that replace those of platforms, devices and kernels.
 };
@@ -38,6 +40,9 @@ template <class Value>
 // declares them only for other versions of OpenCL.
 constexpr cl_uint wavefront_width_of_amd = 0x4043;
 constexpr cl_uint warp_size_of_nvidia = 0x4003;
+
+/// A device with memory of its own, and direct memory (Context::has_direct_memory()).
+[[nodiscard]] Limits device_with_direct_memory();
 
 /// A GPU that claims to be one of NVIDIA's, or of AMD's if it runs 64 work-items in lockstep.
 [[nodiscard]] Limits gpu_with_waves_of(cl_uint width);
@@ -75,6 +80,13 @@ void note_buffer(cl_mem buffer, std::size_t bytes);
 void note_kernel(cl_kernel kernel, cl_program program);
 /// Whether an answer replaces that of a platform, device or kernel; if so, it has been written.
 [[nodiscard]] bool is_answered(cl_uint name, std::size_t bytes, void* value, std::size_t* size);
+/// @param really Whether the real device has it.
+[[nodiscard]] bool has_direct_memory(bool really);
+[[nodiscard]] bool is_direct_memory_copied();
+/// From now on, the host sees other memory in place of a buffer's.
+void set_apart(cl_mem buffer, std::size_t bytes);
+/// That memory, or null.
+[[nodiscard]] void* memory_apart(cl_mem buffer);
 void list_twice(cl_uint entries, cl_platform_id* platforms, cl_uint* count);
 void limit_device_info(cl_device_info name, std::size_t bytes, void* value);
 void limit_kernel_info(cl_kernel kernel, cl_kernel_work_group_info name, std::size_t bytes, void* value);

@@ -14,6 +14,7 @@
 
 #include "device_limits.hpp"
 #include "opencl/api.hpp"
+#include "opencl/direct_memory.hpp"
 
 namespace broadcl::test {
 namespace {
@@ -64,6 +65,28 @@ void drain(cl_command_queue queue) {
   call_next(clReleaseEvent, "clReleaseEvent", end);
 }
 
+std::atomic<opencl::CreateDirect> real_create_direct = nullptr;
+
+/// In place of NVIDIA's clCreateBufferNV; also where there is none.
+cl_mem CL_API_CALL create_direct(cl_context context, cl_mem_flags flags, cl_bitfield nvidias_flags,
+                                 std::size_t bytes, void* host, cl_int* error) {
+  if (fails()) {
+    last_name = "clCreateBufferNV";
+    *error = CL_OUT_OF_RESOURCES;
+    return nullptr;
+  }
+  const Inside inside;
+  const opencl::CreateDirect real = real_create_direct;
+  if (real != nullptr && !is_direct_memory_copied()) {
+    const cl_mem buffer = real(context, flags, nvidias_flags, bytes, host, error);
+    memory_references += buffer != nullptr ? 1 : 0;
+    return buffer;
+  }
+  const cl_mem buffer = clCreateBuffer(context, flags | CL_MEM_ALLOC_HOST_PTR, bytes, host, error);
+  if (is_direct_memory_copied()) set_apart(buffer, bytes);
+  return buffer;
+}
+
 /// The name of a function, as an argument of a template.
 template <std::size_t n>
 struct Name {
@@ -93,7 +116,18 @@ struct Watched<name, Result(Arguments...)> {
       if (is_answered(std::get<2>(all), std::get<3>(all), std::get<4>(all), std::get<5>(all)))
         return CL_SUCCESS;
     }
+    if constexpr (text == "clEnqueueMapBuffer" || text == "clEnqueueUnmapMemObject") {
+      if (void* const memory = memory_apart(std::get<1>(all))) {
+        if constexpr (text == "clEnqueueMapBuffer") *std::get<9>(all) = CL_SUCCESS;
+        return count_mapping(memory);
+      }
+    }
     const Result result = call_limited(all);
+    if constexpr (text == "clGetExtensionFunctionAddressForPlatform") {
+      if (std::string_view(std::get<1>(all)) != "clCreateBufferNV") return result;
+      real_create_direct = reinterpret_cast<opencl::CreateDirect>(result);
+      return has_direct_memory(result != nullptr) ? reinterpret_cast<Result>(create_direct) : nullptr;
+    }
     count(result);
     if constexpr (text == "clCreateBuffer") note_buffer(result, std::get<2>(all));
     if constexpr (text == "clCreateKernel") note_kernel(result, std::get<0>(all));
@@ -112,6 +146,14 @@ struct Watched<name, Result(Arguments...)> {
   static bool blocks(const All& all) {
     if constexpr (may_block) return std::get<2>(all) == CL_TRUE;
     return always_blocks;
+  }
+
+  /// Counts the mapping of memory that OpenCL does not know, or its end.
+  static Result count_mapping(void* memory) {
+    Result result{};
+    if constexpr (text == "clEnqueueMapBuffer") result = memory;
+    count(result);
+    return result;
   }
 
   static Result call_limited(All all) {
@@ -156,7 +198,9 @@ struct Watched<name, Result(Arguments...)> {
     using First = std::tuple_element_t<0, All>;
     if constexpr (std::is_same_v<First, cl_command_queue>) drain(std::get<0>(all));
     if constexpr (text == "clWaitForEvents") std::apply(waits, all);
-    if constexpr (std::is_pointer_v<Result>) {
+    if constexpr (text == "clGetExtensionFunctionAddressForPlatform") {
+      return nullptr;
+    } else if constexpr (std::is_pointer_v<Result>) {
       cl_int* const error = std::get<sizeof...(Arguments) - 1>(all);
       if (error != nullptr) *error = code;
       return nullptr;
@@ -233,6 +277,7 @@ WATCH(clCreateContext);
 WATCH(clCreateKernel);
 WATCH(clCreateProgramWithBinary);
 WATCH(clCreateProgramWithSource);
+WATCH(clCreateUserEvent);
 WATCH(clEnqueueBarrierWithWaitList);
 WATCH(clEnqueueCopyBuffer);
 WATCH(clEnqueueFillBuffer);
@@ -250,6 +295,7 @@ WATCH(clGetDeviceIDs);
 WATCH(clGetDeviceInfo);
 WATCH(clGetEventInfo);
 WATCH(clGetEventProfilingInfo);
+WATCH(clGetExtensionFunctionAddressForPlatform);
 WATCH(clGetKernelInfo);
 WATCH(clGetKernelWorkGroupInfo);
 WATCH(clGetMemObjectInfo);
@@ -274,5 +320,6 @@ WATCH(clRetainProgram);
 WATCH(clSetEventCallback);
 WATCH(clSetKernelArg);
 WATCH(clSetMemObjectDestructorCallback);
+WATCH(clSetUserEventStatus);
 WATCH(clWaitForEvents);
 }

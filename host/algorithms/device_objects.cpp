@@ -18,6 +18,15 @@ constexpr std::size_t most_slots = std::size_t{1} << 31;  // a slot and a bit sh
 constexpr std::size_t least_slots = 256;
 constexpr cl_uint last_stamp = 0x7fffffff;
 
+/// Up to this many bytes of changes, kernels read them from host memory if the device can.
+constexpr std::size_t most_direct = 256 << 10;
+
+/// Memory in which to stage changes.
+opencl::MappedBuffer staging(const opencl::Context& context, std::size_t bytes) {
+  return context.has_direct_memory() ? opencl::MappedBuffer::direct(context, bytes)
+                                     : opencl::MappedBuffer::pinned(context, bytes);
+}
+
 /// Bytes of staged changes: one word each, and their boxes unless all boxes are uploaded.
 std::size_t staged_bytes(std::size_t changes, bool boxes) {
   return changes * (sizeof(cl_uint) + (boxes ? sizeof(Aabb) : 0));
@@ -78,7 +87,7 @@ void DeviceObjects::reserve_boxes(std::size_t slots) {
         delete last;
         opencl::wait_if_possible(queue);
       });
-  auto staged_changes = opencl::MappedBuffer::pinned(context_, staged);
+  auto staged_changes = staging(context_, staged);
   cl::Buffer last = context_.buffer(bytes);
   cl::Buffer next = context_.buffer(bytes);
   cl::Buffer stamps = context_.buffer(capacity * sizeof(cl_uint));
@@ -166,7 +175,8 @@ void DeviceObjects::upload_changes(const Changes& changes) {
   next_.changed_count = count;
   if (count == 0) return;
   const std::size_t bytes = staged_bytes(count, !changes.all);
-  changes_.reserve(context_, bytes, "changes");
+  const bool is_direct = staged_changes_.is_direct() && bytes <= most_direct;
+  if (!is_direct) changes_.reserve(context_, bytes, "changes");
   if (!changes.all) next_.changed.reserve(context_, count * sizeof(cl_uint), "changes");
   auto* words = reinterpret_cast<cl_uint*>(staged_changes_.host());
   auto* boxes = reinterpret_cast<Aabb*>(words + count);
@@ -176,15 +186,15 @@ void DeviceObjects::upload_changes(const Changes& changes) {
     if (!changes.all) *boxes++ = this->boxes()[slot];
   }
   const cl::CommandQueue& queue = context_.queue();
-  {
+  if (!is_direct) {
     opencl::Profiler::Scope stage(profiler_, "upload");
     queue.enqueueWriteBuffer(changes_.get(), CL_FALSE, 0, bytes, staged_changes_.host(), nullptr,
                              stage.event());
   }
   opencl::Profiler::Scope stage(profiler_, "apply");
   const cl::Buffer none;
-  opencl::set_arguments(apply_.kernel, 0, count, changes_.get(), stamp_,
-                        changes.all ? none : next_.objects.boxes, stamps_,
+  opencl::set_arguments(apply_.kernel, 0, count, is_direct ? staged_changes_.buffer() : changes_.get(),
+                        stamp_, changes.all ? none : next_.objects.boxes, stamps_,
                         changes.all ? none : next_.changed.get());
   apply_.enqueue(queue, count, stage.event());
 }

@@ -68,7 +68,7 @@ class DeviceObjects {
   opencl::Profiler& profiler_;
   opencl::SizedKernel apply_, copy_;
   std::size_t capacity_ = 0;  // slots
-  // Pinned memory, from which the device is updated.
+  // Pinned memory, from which the device is updated. Changes are in direct memory if there is any.
   std::shared_ptr<opencl::MappedBuffer> boxes_;
   opencl::MappedBuffer staged_changes_;  // as kernels/changes.cl reads them
   opencl::MappedBuffer staged_filters_;
@@ -78,7 +78,7 @@ class DeviceObjects {
   std::array<opencl::GrowingBuffer, 2> filters_, exclusions_;
   std::size_t filter_turn_ = 0;    // index of those of last_
   bool are_filters_new_ = false;   // in next_; otherwise they are those of last_
-  opencl::GrowingBuffer changes_;  // staged_changes_ on the device
+  opencl::GrowingBuffer changes_;  // staged_changes_ on the device, unless kernels read those
   cl::Buffer stamps_;              // one word per slot
   cl_uint stamp_ = 0;              // of the last frame
 };

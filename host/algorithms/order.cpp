@@ -17,6 +17,10 @@ constexpr std::size_t least_changes = 512;
 constexpr std::size_t keys = 4;
 constexpr std::size_t changes_multiple = 16;  // of what two work-groups order
 
+/// A small result, in bytes. (More take longer to write to direct memory, because they are written here and
+/// there.)
+constexpr std::size_t small_result = 32 << 10;
+
 /// Up to this many changes per list are sorted by comparing each with every other.
 std::size_t most_few(const opencl::Context& context) {
   return context.tuning() == opencl::Tuning::cpu ? 256 : 4096;
@@ -127,8 +131,8 @@ void Order::begin(const Search& search, const Report& report) {
 }
 
 void Order::reserve_ahead(std::size_t slots, std::size_t pairs) {
-  for (opencl::SharedBuffer& result : results_) {  // which may block
-    if (result.bytes() == 0) result = opencl::SharedBuffer(context_, PairDelta::count_bytes);
+  for (Result& result : results_) {  // which may block
+    if (result.get().bytes() == 0) reserve(result, PairDelta::count_bytes);
   }
   reserve_buckets(2 * (slots + 1));
   scattered_.reserve(context_, 2 * std::max(least_changes, pairs) * sizeof(Pair), what);
@@ -139,7 +143,7 @@ std::size_t Order::allocated() const noexcept {
   const std::size_t bytes =
       target_ == Target::device
           ? std::min(added_.bytes(), removed_.bytes())
-          : std::max(results_.at(turn_).bytes(), PairDelta::count_bytes) - PairDelta::count_bytes;
+          : std::max(results_.at(turn_).large.bytes(), PairDelta::count_bytes) - PairDelta::count_bytes;
   return bytes / sizeof(Pair) / changes_multiple * changes_multiple;
 }
 
@@ -151,9 +155,16 @@ void Order::reserve_result(std::size_t changes) {
     added_.reserve(context_, changes * sizeof(Pair), what);
     removed_.reserve(context_, changes * sizeof(Pair), what);
   }
-  if (result().bytes() >= bytes && !result().is_kept()) return;
-  result() = {};
-  result() = opencl::SharedBuffer(context_, opencl::grown(context_, bytes, what));
+  reserve(results_.at(turn_), bytes);
+}
+
+void Order::reserve(Result& result, std::size_t bytes) {
+  result.is_small = bytes <= small_result && context_.has_direct_memory();
+  opencl::SharedBuffer& buffer = result.get();
+  if (buffer.bytes() >= bytes && !buffer.is_kept()) return;
+  buffer = {};
+  buffer = result.is_small ? opencl::SharedBuffer(context_, small_result, true)
+                           : opencl::SharedBuffer(context_, opencl::grown(context_, bytes, what));
 }
 
 void Order::set_results(cl::Kernel& kernel, cl_uint first, const PairDelta& delta, cl_uint tag) {
@@ -161,8 +172,8 @@ void Order::set_results(cl::Kernel& kernel, cl_uint first, const PairDelta& delt
                         report_.added, report_.removed);
 }
 
-void Order::enqueue_few(const PairDelta& delta, cl_uint tag) {
-  opencl::Profiler::Scope stage(profiler_, "order");
+/// @param event Is set to that of the last kernel, unless it is null.
+void Order::enqueue_few(const PairDelta& delta, cl_uint tag, cl::Event* event) {
   const EngineLaunch& launch = engine_launch(context_);
   const cl_uint next = opencl::set_arguments(few_kernel_, delta.set_changes(few_kernel_, 0),
                                              static_cast<cl_uint>(room_), static_cast<cl_uint>(capacity_));
@@ -170,11 +181,11 @@ void Order::enqueue_few(const PairDelta& delta, cl_uint tag) {
   const std::size_t keys_of_list = round_up(std::max(room_, least_changes), changes_multiple);
   context_.queue().enqueueNDRangeKernel(few_kernel_, cl::NullRange,
                                         cl::NDRange(launch.parts, keys_of_list / keys, 2),
-                                        cl::NDRange(launch.parts, launch.teams, 1), nullptr, stage.event());
+                                        cl::NDRange(launch.parts, launch.teams, 1), nullptr, event);
 }
 
-void Order::enqueue_many(const PairDelta& delta, cl_uint tag) {
-  opencl::Profiler::Scope stage(profiler_, "order");
+/// @param event As above.
+void Order::enqueue_many(const PairDelta& delta, cl_uint tag, cl::Event* event) {
   const std::size_t buckets = 2 * buckets_of_list_;
   if (zeros_ < buckets) context_.fill(bucket_counts_.get(), 0, 0, buckets);
   const std::size_t zeros = std::max(buckets, std::exchange(zeros_, 0));
@@ -193,22 +204,29 @@ void Order::enqueue_many(const PairDelta& delta, cl_uint tag) {
       kernel.setArg(next, bucket_counts_.get());
       set_results(kernel, next + 1, delta, tag);
     }
-    sized->enqueue(context_.queue(), items, sized == &place_ ? stage.event() : nullptr);
+    sized->enqueue(context_.queue(), items, sized == &place_ ? event : nullptr);
     if (sized == &count_) scan_.enqueue(bucket_counts_.get(), buckets_.get(), buckets);
   }
   zeros_ = zeros;
 }
 
 void Order::read(std::size_t changes) {
+  if (result().is_direct()) return;
   opencl::Profiler::Scope stage(profiler_, "download");
   const std::size_t bytes = target_ == Target::host ? changes * sizeof(Pair) : 0;
-  result().download(PairDelta::count_bytes + bytes, &read_);
-  if (stage.event() != nullptr) *stage.event() = read_;
+  result().download(PairDelta::count_bytes + bytes, &ready_);
+  if (stage.event() != nullptr) *stage.event() = ready_;
 }
 
 void Order::enqueue(const PairDelta& delta, cl_uint tag) {
   result().release();
-  many_ ? enqueue_many(delta, tag) : enqueue_few(delta, tag);
+  {
+    opencl::Profiler::Scope stage(profiler_, "order");
+    const bool is_last = result().is_direct() && target_ == Target::device;  // before the host may read
+    cl::Event* const event = is_last ? &ready_ : stage.event();
+    many_ ? enqueue_many(delta, tag, event) : enqueue_few(delta, tag, event);
+    if (stage.event() != nullptr) *stage.event() = *event;
+  }
   if (is_awaited_) {
     read(expected_);
     return;
@@ -237,7 +255,11 @@ void Order::renumber(const cl::Buffer& added, std::size_t added_count, const cl:
 
 PairDelta::Counts Order::wait(const PairDelta& delta) {
   const opencl::Profiler::Scope stage(profiler_, "wait");
-  read_.wait();
+  if (result().is_direct() && target_ == Target::host) {
+    context_.queue().finish();  // which takes less time than waiting for an event
+  } else {
+    ready_.wait();
+  }
   return delta.counts_of(result().host());
 }
 
@@ -306,7 +328,8 @@ void Order::commit(const PairDelta::Counts& counts) noexcept {
 }
 
 Delta Order::on_host(const PairDelta::Counts& counts) const noexcept {
-  const auto* changes = reinterpret_cast<const Pair*>(results_.at(1 - turn_).host() + PairDelta::count_bytes);
+  const auto* changes =
+      reinterpret_cast<const Pair*>(results_.at(1 - turn_).get().host() + PairDelta::count_bytes);
   return {{changes, counts.added}, {changes + counts.added, counts.removed}};
 }
 

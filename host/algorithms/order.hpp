@@ -66,7 +66,9 @@ class Order {
   [[nodiscard]] Delta on_host(const PairDelta::Counts& counts) const noexcept;
   /// An owner of these changes.
   /// @throws std::bad_alloc
-  [[nodiscard]] std::shared_ptr<const void> host_owner() const { return results_.at(1 - turn_).host_owner(); }
+  [[nodiscard]] std::shared_ptr<const void> host_owner() const {
+    return results_.at(1 - turn_).get().host_owner();
+  }
   /// The changes of the last frame on the device, until the next begins.
   [[nodiscard]] const cl::Buffer& added() const noexcept { return added_.get(); }
   [[nodiscard]] const cl::Buffer& removed() const noexcept { return removed_.get(); }
@@ -87,13 +89,23 @@ class Order {
   }
 
  private:
-  [[nodiscard]] opencl::SharedBuffer& result() noexcept { return results_.at(turn_); }
+  /// Where a frame writes its counts, followed by the changes if they are needed on the host.
+  struct Result {
+    opencl::SharedBuffer small;  ///< In direct memory, if there is any.
+    opencl::SharedBuffer large;
+    bool is_small = false;  ///< Whether the frame uses the first of these.
+    [[nodiscard]] opencl::SharedBuffer& get() noexcept { return is_small ? small : large; }
+    [[nodiscard]] const opencl::SharedBuffer& get() const noexcept { return is_small ? small : large; }
+  };
+
+  [[nodiscard]] opencl::SharedBuffer& result() noexcept { return results_.at(turn_).get(); }
   [[nodiscard]] std::size_t allocated() const noexcept;
   void set_search(const Search& search);
   void reserve_result(std::size_t changes);
+  void reserve(Result& result, std::size_t bytes);
   void report_to_own_lists();
-  void enqueue_few(const PairDelta& delta, cl_uint tag);
-  void enqueue_many(const PairDelta& delta, cl_uint tag);
+  void enqueue_few(const PairDelta& delta, cl_uint tag, cl::Event* event);
+  void enqueue_many(const PairDelta& delta, cl_uint tag, cl::Event* event);
   void set_results(cl::Kernel& kernel, cl_uint first, const PairDelta& delta, cl_uint tag);
   void read(std::size_t changes);
   void sort_changes(const PairDelta& delta, const PairDelta::Counts& counts);
@@ -113,16 +125,14 @@ class Order {
   opencl::Scan scan_;
   cl::Kernel few_kernel_;
   opencl::SizedKernel count_, scatter_, place_, offsets_, world_keys_, pick_, renumber_;
-  // The counts, followed by the changes if they are needed on the host; of this frame and of the last,
-  // alternating.
-  std::array<opencl::SharedBuffer, 2> results_;
+  std::array<Result, 2> results_;          // of this frame and of the last, alternating
   std::size_t turn_ = 0;                   // index of the frame that begins or runs
   opencl::GrowingBuffer added_, removed_;  // if they are wanted on the device, or while they are sorted
   opencl::GrowingBuffer added_offsets_, removed_offsets_;  // of worlds in these
   opencl::GrowingBuffer bucket_counts_, buckets_;          // of both lists: sizes, and where they begin
   opencl::GrowingBuffer scattered_;                        // changes by bucket; pairs while they are sorted
   std::size_t zeros_ = 0;                                  // at the beginning of bucket_counts_
-  cl::Event read_;  // after which the host may read this frame's result
+  cl::Event ready_;  // after which the host may read this frame's result; not if it waits for the whole queue
 
   // Of this frame.
   bool many_ = false;  // changes are ordered by buckets

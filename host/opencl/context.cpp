@@ -150,6 +150,9 @@ void Context::open(const cl::CommandQueue& queue, std::optional<Tuning> tuning) 
   tuning_ = named ? *named : tuning ? *tuning : suitable_tuning();
   has_nvidia_vote_ = opencl::has_nvidia_vote(cl_device_);
   if (flushes_denormals(*this)) options_ += " -DFLUSHES=1";
+  if (is_tuning_named_ || device_.host_unified) return;
+  create_direct_ = find_direct_memory(cl_device_);
+  if (create_direct_ != nullptr && !is_direct_memory_coherent(*this)) create_direct_ = nullptr;
 }
 
 Tuning Context::suitable_tuning() const {
@@ -230,7 +233,16 @@ std::optional<Context::LargeBuffers> Context::large_buffers() const {
   return LargeBuffers{.option = " -cl-intel-greater-than-4GB-buffer-required", .most = device_.memory};
 }
 
-cl::Buffer Context::counted(std::size_t bytes, cl_mem_flags flags,
+cl::Buffer Context::create(std::size_t bytes, cl_mem_flags flags) const {
+  if (bytes > device_.max_allocation && is_intels_gpu(device_)) {
+    constexpr cl_mem_flags allow_unrestricted_size = 1 << 23;  // CL_MEM_ALLOW_UNRESTRICTED_SIZE_INTEL
+    flags |= allow_unrestricted_size;
+  }
+  return {context_, CL_MEM_READ_WRITE | flags, bytes};
+}
+
+/// Counts a buffer as long as it exists.
+cl::Buffer Context::counted(cl::Buffer buffer, std::size_t bytes,
                             std::atomic<std::size_t> Memory::*counter) const {
   struct Claim {
     std::shared_ptr<Memory> memory;
@@ -238,11 +250,6 @@ cl::Buffer Context::counted(std::size_t bytes, cl_mem_flags flags,
     std::size_t bytes;
   };
   std::unique_ptr<Claim> claim(new Claim{memory_, counter, bytes});
-  if (bytes > device_.max_allocation && is_intels_gpu(device_)) {
-    constexpr cl_mem_flags allow_unrestricted_size = 1 << 23;  // CL_MEM_ALLOW_UNRESTRICTED_SIZE_INTEL
-    flags |= allow_unrestricted_size;
-  }
-  cl::Buffer buffer(context_, CL_MEM_READ_WRITE | flags, bytes);
   buffer.setDestructorCallback(
       [](cl_mem /*buffer*/, void* data) {
         const std::unique_ptr<Claim> ended(static_cast<Claim*>(data));
@@ -256,11 +263,15 @@ cl::Buffer Context::counted(std::size_t bytes, cl_mem_flags flags,
 }
 
 cl::Buffer Context::buffer(std::size_t bytes, cl_mem_flags flags) const {
-  return counted(bytes, flags, &Memory::device);
+  return counted(create(bytes, flags), bytes, &Memory::device);
 }
 
 cl::Buffer Context::pinned(std::size_t bytes) const {
-  return counted(bytes, CL_MEM_ALLOC_HOST_PTR, &Memory::pinned);
+  return counted(create(bytes, CL_MEM_ALLOC_HOST_PTR), bytes, &Memory::pinned);
+}
+
+cl::Buffer Context::direct(std::size_t bytes) const {
+  return counted(create_direct(create_direct_, context_, bytes), bytes, &Memory::pinned);
 }
 
 MemoryUse Context::memory() const noexcept {

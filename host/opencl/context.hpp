@@ -16,6 +16,7 @@
 #include <broadcl/memory.hpp>
 
 #include "opencl/api.hpp"
+#include "opencl/direct_memory.hpp"
 #include "opencl/disk_cache.hpp"
 #include "opencl/error.hpp"
 #include "opencl/launch.hpp"
@@ -88,8 +89,14 @@ class Context {
   [[nodiscard]] cl::Buffer buffer(std::size_t bytes, cl_mem_flags flags = 0) const;
   /// The same in pinned memory of the host.
   [[nodiscard]] cl::Buffer pinned(std::size_t bytes) const;
-  /// The memory of the buffers that buffer() and pinned() made. A buffer counts until nothing refers to it,
-  /// including commands and kernel arguments.
+  /// Whether there is direct memory: memory of the host that kernels access over the bus, also while it is
+  /// mapped. False if host and device share memory anyway, and if BROADCL_TUNING is set, so that a device can
+  /// be tested without.
+  [[nodiscard]] bool has_direct_memory() const noexcept { return create_direct_ != nullptr; }
+  /// A buffer in direct memory.
+  [[nodiscard]] cl::Buffer direct(std::size_t bytes) const;
+  /// The memory of the buffers that buffer(), pinned() and direct() made. A buffer counts until nothing
+  /// refers to it, including commands and kernel arguments.
   [[nodiscard]] MemoryUse memory() const noexcept;
 
   /// The data stored on disk under a key for this device and driver, if there is any.
@@ -154,7 +161,8 @@ class Context {
 
   Context(const Context&) = default;
 
-  [[nodiscard]] cl::Buffer counted(std::size_t bytes, cl_mem_flags flags,
+  [[nodiscard]] cl::Buffer create(std::size_t bytes, cl_mem_flags flags) const;
+  [[nodiscard]] cl::Buffer counted(cl::Buffer buffer, std::size_t bytes,
                                    std::atomic<std::size_t> Memory::*counter) const;
 
   void open(const cl::CommandQueue& queue, std::optional<Tuning> tuning);
@@ -176,6 +184,7 @@ class Context {
   std::size_t largest_group_ = 1;
   cl_ulong local_memory_ = 0;  // bytes per work-group
   bool has_nvidia_vote_ = false;
+  CreateDirect create_direct_ = nullptr;
   std::string options_ = "-cl-std=CL1.2";  // for all programs
   std::shared_ptr<Programs> programs_ = std::make_shared<Programs>();
   mutable SizedKernel fill_;  // built when it is first needed

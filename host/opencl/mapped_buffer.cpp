@@ -13,6 +13,13 @@ MappedBuffer MappedBuffer::pinned(const Context& context, std::size_t bytes) {
   return result;
 }
 
+MappedBuffer MappedBuffer::direct(const Context& context, std::size_t bytes, cl_bool blocking) {
+  MappedBuffer result(context, context.direct(bytes), bytes);
+  result.is_direct_ = true;
+  result.map(blocking);
+  return result;
+}
+
 MappedBuffer::~MappedBuffer() {
   if (host_ == nullptr) return;
   // A destructor cannot report errors: hence the C call, whose error code is ignored.
@@ -30,6 +37,7 @@ MappedBuffer& MappedBuffer::operator=(MappedBuffer&& other) noexcept {
   std::swap(queue_, other.queue_);
   std::swap(buffer_, other.buffer_);
   std::swap(bytes_, other.bytes_);
+  std::swap(is_direct_, other.is_direct_);
   std::swap(host_, other.host_);
   return *this;
 }

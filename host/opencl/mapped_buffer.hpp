@@ -19,6 +19,10 @@ class MappedBuffer {
   /// @param bytes At least 1.
   /// @throws cl::Error
   [[nodiscard]] static MappedBuffer pinned(const Context& context, std::size_t bytes);
+  /// The same in direct memory: kernels can access it, too. Context::has_direct_memory() must hold.
+  /// @param blocking If false, the host may access it after the next command in the queue has ended.
+  [[nodiscard]] static MappedBuffer direct(const Context& context, std::size_t bytes,
+                                           cl_bool blocking = CL_TRUE);
   ~MappedBuffer();
   MappedBuffer(MappedBuffer&& other) noexcept;             // NOLINT(bugprone-exception-escape)
   MappedBuffer& operator=(MappedBuffer&& other) noexcept;  // NOLINT(bugprone-exception-escape)
@@ -27,6 +31,7 @@ class MappedBuffer {
 
   [[nodiscard]] std::size_t bytes() const noexcept { return bytes_; }
   [[nodiscard]] const cl::Buffer& buffer() const noexcept { return buffer_; }
+  [[nodiscard]] bool is_direct() const noexcept { return is_direct_; }
   /// Null while it belongs to the device.
   [[nodiscard]] std::byte* host() const noexcept { return host_; }
 
@@ -42,6 +47,7 @@ class MappedBuffer {
   cl::CommandQueue queue_;
   cl::Buffer buffer_;
   std::size_t bytes_ = 0;
+  bool is_direct_ = false;
   std::byte* host_ = nullptr;
 };
 

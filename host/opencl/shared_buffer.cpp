@@ -4,9 +4,11 @@
 
 namespace broadcl::opencl {
 
-SharedBuffer::SharedBuffer(const Context& context, std::size_t bytes) : queue_(context.queue()) {
+SharedBuffer::SharedBuffer(const Context& context, std::size_t bytes, bool direct) : queue_(context.queue()) {
   if (context.device().host_unified) {
     *host_ = MappedBuffer(context, context.buffer(bytes, CL_MEM_ALLOC_HOST_PTR), bytes);
+  } else if (direct && context.has_direct_memory()) {
+    *host_ = MappedBuffer::direct(context, bytes, CL_FALSE);
   } else {
     device_ = context.buffer(bytes);
     *host_ = MappedBuffer(context, context.pinned(bytes), bytes);
@@ -24,7 +26,7 @@ std::shared_ptr<const void> SharedBuffer::host_owner() const {
 }
 
 void SharedBuffer::release() {
-  if (device_() == nullptr) host_->unmap();
+  if (device_() == nullptr && !is_direct()) host_->unmap();
 }
 
 void SharedBuffer::download(std::size_t bytes, cl::Event* event) {

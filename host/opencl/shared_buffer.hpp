@@ -11,15 +11,16 @@
 namespace broadcl::opencl {
 
 /// Memory that the device writes and the host reads. If they share memory it is one buffer, mapped while it
-/// belongs to the host, and nothing is ever copied; otherwise a buffer on the device and its twin in pinned
-/// host memory.
+/// belongs to the host, and nothing is ever copied. Otherwise it is a buffer on the device and its twin in
+/// pinned host memory, or, on request, host memory that kernels write.
 class SharedBuffer {  // NOLINT(bugprone-exception-escape): handles do not throw when moved
  public:
   SharedBuffer() = default;
   /// Belongs to the device, not initialised.
   /// @param bytes At least 1.
   /// @throws cl::Error
-  SharedBuffer(const Context& context, std::size_t bytes);
+  /// @param direct Whether kernels are to write host memory, if the device can.
+  SharedBuffer(const Context& context, std::size_t bytes, bool direct = false);
 
   [[nodiscard]] std::size_t bytes() const noexcept { return host_->bytes(); }
   [[nodiscard]] std::byte* host() const noexcept { return host_->host(); }
@@ -36,8 +37,10 @@ class SharedBuffer {  // NOLINT(bugprone-exception-escape): handles do not throw
   /// Enqueues the command that releases it to the device.
   /// @throws cl::Error
   void release();
-  /// Enqueues the transfer of the first `bytes` bytes, as the device wrote them, to the host, which may
-  /// access them after the event.
+  /// Whether kernels write host memory. The host may access it when the last of them has ended.
+  [[nodiscard]] bool is_direct() const noexcept { return host_->is_direct(); }
+  /// Otherwise: enqueues the transfer of the first `bytes` bytes, as the device wrote them, to the host,
+  /// which may access them after the event.
   /// @throws cl::Error
   void download(std::size_t bytes, cl::Event* event);
 

@@ -11,4 +11,9 @@ inline bool has_keep_stage() {
   return opencl::Context(select_device(), false).tuning() == opencl::Tuning::cpu;
 }
 
+/// Whether few changes are uploaded and downloaded in stages of their own, as without direct memory.
+inline bool has_transfer_stages() {
+  return !opencl::Context(select_device(), false).has_direct_memory();
+}
+
 }  // namespace broadcl::test
