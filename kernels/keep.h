@@ -45,7 +45,7 @@ static inline bool is_kept(const uint2 pair, const uint slots, global const floa
 }
 
 /* What a kernel needs that only keeps pairs: the boxes of this frame, and its list. */
-#define KEEP_KERNEL_PARAMETERS                                                                           \
+#define KEEP_KERNEL_PARAMETERS                                                                                  \
   KEEP_PARAMETERS, const uint slots, global const float *restrict boxes, const uint stamp, const uint capacity, \
       global uint2 *restrict pairs, global uint *restrict counts
 

@@ -191,8 +191,7 @@ kernel void order_scatter(CHANGES_PARAMETERS, BUCKET_PARAMETERS) {
 }
 
 /* Sorts the pairs of each bucket, and sets the counts to 0 for the next frame. */
-kernel void order_place(CHANGES_PARAMETERS, BUCKET_PARAMETERS, global uint* restrict bucket_counts,
-                        RESULT_PARAMETERS) {
+kernel void order_place(CHANGES_PARAMETERS, BUCKET_PARAMETERS, global uint* restrict bucket_counts, RESULT_PARAMETERS) {
   const uint item = (uint)get_global_id(0);
   for (uint k = item; k < 2U * buckets_of_list; k += (uint)get_global_size(0)) bucket_counts[k] = 0;
   changes_t changes;
