@@ -1,6 +1,6 @@
 /* Sorts the changes of a frame into canonical order, by b, then by a, or by world first. Writes the counts to `result`,
-   followed by the added pairs, then the removed ones, unless these two have buffers of their own. Prepares the counts
-   of the next frame.
+   unless it is null, followed by the added pairs, then the removed ones, unless these two have buffers of their own.
+   Prepares the counts of the next frame.
 
    If there are few changes, each is compared with every other, in one launch. Many are counted in buckets, by their
    list and the higher bits of their b, or by their world. Prefix sums tell where each bucket begins, and within a
@@ -65,10 +65,10 @@ static inline bool is_complete(const changes_t* changes, const uint capacity, gl
   return fits(changes, capacity, counts, room, room_of_both) && counts[COUNT_UNORDERED] == 0U;
 }
 
-/* Copies a count, and prepares it for the next frame. */
+/* Copies a count, unless nobody waits for it, and prepares it for the next frame. */
 static inline void pass_count(const uint k, const changes_t* changes, const bool complete, global const uint* counts,
                               const uint tag, global uint* next_counts, global uint* result, global uint* report) {
-  result[k] = counts[k];
+  if (result != 0) result[k] = counts[k];
   uint next = 0;
   if (k == COUNT_LAST_KEPT) next = complete ? counts[COUNT_KEPT] : counts[k];
   if (k == COUNT_LAST_ADDED) next = complete ? counts[COUNT_ADDED] : counts[k];

@@ -260,7 +260,7 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_raise(const
 #endif
 }
 
-#if GROUP > 1
+#if GROUP > 1 && !GATHER
 #define KEEP_NODES (KEEP_GROUP / GROUP) /* nodes per work-group */
 
 /* The same, and keeps the pairs of the last frame, which saves a launch: the first work-groups compute bounds, and the

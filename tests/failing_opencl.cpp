@@ -78,11 +78,11 @@ cl_mem CL_API_CALL create_direct(cl_context context, cl_mem_flags flags, cl_bitf
   const Inside inside;
   const opencl::CreateDirect real = real_create_direct;
   if (real != nullptr && !is_direct_memory_copied()) {
-    const cl_mem buffer = real(context, flags, nvidias_flags, bytes, host, error);
+    auto* const buffer = real(context, flags, nvidias_flags, bytes, host, error);
     memory_references += buffer != nullptr ? 1 : 0;
     return buffer;
   }
-  const cl_mem buffer = clCreateBuffer(context, flags | CL_MEM_ALLOC_HOST_PTR, bytes, host, error);
+  auto* const buffer = clCreateBuffer(context, flags | CL_MEM_ALLOC_HOST_PTR, bytes, host, error);
   if (is_direct_memory_copied()) set_apart(buffer, bytes);
   return buffer;
 }

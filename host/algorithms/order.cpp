@@ -19,7 +19,7 @@ constexpr std::size_t changes_multiple = 16;  // of what two work-groups order
 
 /// A small result, in bytes. (More take longer to write to direct memory, because they are written here and
 /// there.)
-constexpr std::size_t small_result = 32 << 10;
+constexpr std::size_t small_result = 64 << 10;
 
 /// Up to this many changes per list are sorted by comparing each with every other.
 std::size_t most_few(const opencl::Context& context) {
@@ -131,9 +131,6 @@ void Order::begin(const Search& search, const Report& report) {
 }
 
 void Order::reserve_ahead(std::size_t slots, std::size_t pairs) {
-  for (Result& result : results_) {  // which may block
-    if (result.get().bytes() == 0) reserve(result, PairDelta::count_bytes);
-  }
   reserve_buckets(2 * (slots + 1));
   scattered_.reserve(context_, 2 * std::max(least_changes, pairs) * sizeof(Pair), what);
 }
@@ -155,10 +152,7 @@ void Order::reserve_result(std::size_t changes) {
     added_.reserve(context_, changes * sizeof(Pair), what);
     removed_.reserve(context_, changes * sizeof(Pair), what);
   }
-  reserve(results_.at(turn_), bytes);
-}
-
-void Order::reserve(Result& result, std::size_t bytes) {
+  Result& result = results_.at(turn_);
   result.is_small = bytes <= small_result && context_.has_direct_memory();
   opencl::SharedBuffer& buffer = result.get();
   if (buffer.bytes() >= bytes && !buffer.is_kept()) return;
@@ -168,8 +162,9 @@ void Order::reserve(Result& result, std::size_t bytes) {
 }
 
 void Order::set_results(cl::Kernel& kernel, cl_uint first, const PairDelta& delta, cl_uint tag) {
-  opencl::set_arguments(kernel, first, tag, delta.next_counts(), result().device(), report_.counts,
-                        report_.added, report_.removed);
+  opencl::set_arguments(kernel, first, tag, delta.next_counts(),
+                        is_awaited_ ? result().device() : cl::Buffer(), report_.counts, report_.added,
+                        report_.removed);
 }
 
 /// @param event Is set to that of the last kernel, unless it is null.
@@ -219,10 +214,11 @@ void Order::read(std::size_t changes) {
 }
 
 void Order::enqueue(const PairDelta& delta, cl_uint tag) {
-  result().release();
+  if (is_awaited_) result().release();
   {
     opencl::Profiler::Scope stage(profiler_, "order");
-    const bool is_last = result().is_direct() && target_ == Target::device;  // before the host may read
+    // Whether it is the last command before the host may read.
+    const bool is_last = is_awaited_ && result().is_direct() && target_ == Target::device;
     cl::Event* const event = is_last ? &ready_ : stage.event();
     many_ ? enqueue_many(delta, tag, event) : enqueue_few(delta, tag, event);
     if (stage.event() != nullptr) *stage.event() = *event;

@@ -102,7 +102,6 @@ class Order {
   [[nodiscard]] std::size_t allocated() const noexcept;
   void set_search(const Search& search);
   void reserve_result(std::size_t changes);
-  void reserve(Result& result, std::size_t bytes);
   void report_to_own_lists();
   void enqueue_few(const PairDelta& delta, cl_uint tag, cl::Event* event);
   void enqueue_many(const PairDelta& delta, cl_uint tag, cl::Event* event);

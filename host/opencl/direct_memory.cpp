@@ -42,7 +42,7 @@ CreateDirect find_direct_memory(const cl::Device& device) {
 
 cl::Buffer create_direct(CreateDirect create, const cl::Context& context, std::size_t bytes) {
   cl_int error = CL_SUCCESS;
-  const cl_mem buffer = create(context(), CL_MEM_READ_WRITE, in_host_memory | pinned, bytes, nullptr, &error);
+  auto* const buffer = create(context(), CL_MEM_READ_WRITE, in_host_memory | pinned, bytes, nullptr, &error);
   if (error != CL_SUCCESS) throw cl::Error(error, "clCreateBufferNV");
   return cl::Buffer(buffer);
 }
