@@ -72,6 +72,7 @@ struct Signature<Result_(Arguments...)> {
            P(name, 8), P(name, 9)),                                                                        \
           p0, p1, p2, p3, p4, p5, p6, p7, p8, p9)
 
+FORWARD_1(clFinish)
 FORWARD_1(clFlush)
 FORWARD_1(clReleaseCommandQueue)
 FORWARD_1(clReleaseContext)
