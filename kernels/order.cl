@@ -2,20 +2,23 @@
    unless it is null, followed by the added pairs, then the removed ones, unless these two have buffers of their own.
    Prepares the counts of the next frame.
 
-   If there are few changes, each is compared with every other, in one launch. Many are counted in buckets, by their
-   list and the higher bits of their b, or by their world. Prefix sums tell where each bucket begins, and within a
-   bucket each change is compared with every other. In either case nothing is written if there is not enough memory for
-   all changes; if a bucket is large, the host enqueues a radix sort instead. */
+   Few changes are sorted in one launch: each work-group chooses a range of the order, by a sample, collects the changes
+   in that range and sorts them. (Frazer and McKellar 1970, "Samplesort: A Sampling Approach to Minimal Storage Tree
+   Sorting"; here, work-groups do not share what they learn.) Many are counted in buckets, by their list and the higher
+   bits of their b, or by their world. Prefix sums tell where each bucket begins, and within a bucket each change is
+   compared with every other. In either case nothing is written if there is not enough memory for all changes; if a
+   bucket is large, the host enqueues a radix sort instead. */
 
 #include "delta.h"
 
-#ifndef PARTS
-#define PARTS 128 /* work-items per team, which finds the indices of its pairs together */
+#ifndef GROUP
+#define GROUP 256 /* work-items per work-group that sorts few changes */
 #endif
-#ifndef TEAMS
-#define TEAMS 2 /* teams per work-group */
+#define RANGE 64U /* changes per work-group, on average */
+#ifndef LARGEST_RANGE
+#define LARGEST_RANGE 512U /* changes that a work-group sorts at once: a multiple of 4, at least 128 */
 #endif
-#define KEYS 4 /* pairs whose indices a team finds at once */
+#define BATCH 8U /* changes that a work-item loads at once */
 #define LARGEST_BUCKET 4096U
 
 /* Position in canonical order: by b, then by a. */
@@ -91,44 +94,140 @@ static inline global uint2* result_list(const bool is_added, const changes_t* ch
   return removed != 0 ? removed : behind_counts + changes->added_count;
 }
 
-/* For few changes: the index of each pair is the number of smaller pairs in its list. The index in dimension 2 is the
-   list; that in dimension 1 is a group of KEYS pairs, for at least `room` pairs in all. */
-kernel __attribute__((reqd_work_group_size(PARTS, TEAMS, 1))) void order_few(CHANGES_PARAMETERS, RESULT_PARAMETERS) {
-  local uint places[TEAMS * KEYS];
-  const uint part = (uint)get_local_id(0);
-  const bool is_added = get_group_id(2) == 0;
-  const uint first = (uint)get_global_id(1) * KEYS;
+/* Number of values below `value`; `n` is a multiple of 4. */
+static inline uint rank_of(const ulong value, local const ulong2* values, const uint n) {
+  uint smaller = 0;
+  for (uint k = 0; k < n / 2U; k += 2U) {
+    const ulong2 s = values[k];
+    const ulong2 t = values[k + 1U];
+    smaller += (s.x < value ? 1U : 0U) + (s.y < value ? 1U : 0U) + (t.x < value ? 1U : 0U) + (t.y < value ? 1U : 0U);
+  }
+  return smaller;
+}
+
+/* A range of canonical order: from `begin` up to, but not including, `end`. */
+typedef struct {
+  ulong begin, end;
+  uint first_b, more_bs; /* the first b in the range, and how many others follow */
+} range_t;
+
+static inline void set_range(range_t* range, const ulong begin, const ulong end) {
+  range->begin = begin;
+  range->end = end;
+  range->first_b = (uint)(begin >> 32);
+  range->more_bs = (uint)((end - 1UL) >> 32) - range->first_b;
+}
+
+/* Counts a pair in `below` if it comes before the range, and in `count` if it is in the range. Collects it then, if
+   there is room. */
+static inline void sift(const uint2 pair, const range_t* range, uint* below, local uint* count,
+                        local ulong* collected) {
+  if (pair.y < range->first_b) ++*below;
+  if (pair.y - range->first_b > range->more_bs) return;
+  const ulong order = order_of(pair);
+  if (order < range->begin) {
+    ++*below;
+  } else if (order < range->end) {
+    const uint k = atomic_inc(count);
+    if (k < LARGEST_RANGE) collected[k] = order;
+  }
+}
+
+/* For few changes. The index of the work-group in dimension 0 is that of its range; in dimension 1 it is the list.
+   (All loops with barriers, or before barriers, run equally often for all work-items: inline.h.) */
+kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void order_few(CHANGES_PARAMETERS, RESULT_PARAMETERS) {
+  local ulong2 collected_twos[LARGEST_RANGE / 2U]; /* a sample, then what is in the range */
+  local ulong sorted[LARGEST_RANGE];
+  local ulong limits[2];
+  local uint before, count;
+  local ulong* collected = (local ulong*)collected_twos;
+  const uint item = (uint)get_local_id(0);
+  const uint group = (uint)get_group_id(0);
+  const bool is_added = get_group_id(1) == 0;
   changes_t changes;
   find_changes(&changes, capacity, pairs, removed_pairs, counts);
   const bool complete = is_complete(&changes, capacity, counts, room, room_of_both);
-  if (is_added && part == 0 && get_global_id(1) < COUNTS) {
-    pass_count((uint)get_global_id(1), &changes, complete, counts, tag, next_counts, result, report);
+  for (uint first = 0; first < COUNTS; first += GROUP) {
+    const uint k = first + item;
+    if (is_added && group == 0U && k < COUNTS) {
+      pass_count(k, &changes, complete, counts, tag, next_counts, result, report);
+    }
   }
   if (!complete) return;
-
   const uint size = is_added ? changes.added_count : changes.removed_count;
+  const uint groups = min(min((uint)get_num_groups(0), LARGEST_RANGE), (size + RANGE - 1U) / RANGE);
+  if (group >= groups) return;
   global const uint2* list = is_added ? changes.added : changes.removed;
   global uint2* to = result_list(is_added, &changes, result, added, removed);
-  if ((uint)get_group_id(1) * (TEAMS * KEYS) >= size) return;
 
-  ulong orders[KEYS];
-  uint smaller[KEYS];
-  for (uint i = 0; i < KEYS; ++i) {
-    orders[i] = order_of(list[min(first + i, size - 1U)]);
-    smaller[i] = 0;
+  /* All groups take the same sample, of which each needs two elements: where its range begins and ends. */
+  const uint of_group = groups > 64U ? 1U : groups > 32U ? 2U : 4U;
+  const uint samples = groups == 1U ? 0U : of_group * groups;
+  const uint padded_samples = (samples + 3U) / 4U * 4U;
+  for (uint first = 0; first < padded_samples; first += GROUP) {
+    const uint k = first + item;
+    if (k < padded_samples) collected[k] = k < samples ? order_of(list[k * (size / samples)]) : ULONG_MAX;
   }
-#pragma unroll 4
-  for (uint k = part; k < size; k += PARTS) {
-    const ulong other = order_of(list[k]);
-    for (uint i = 0; i < KEYS; ++i) smaller[i] += other < orders[i] ? 1U : 0U;
+  if (item == 0U) {
+    limits[0] = 0;
+    limits[1] = ULONG_MAX;
   }
-  const uint team = (uint)get_local_id(1) * KEYS;
-  for (uint i = part; i < KEYS; i += PARTS) places[team + i] = 0;
   barrier(CLK_LOCAL_MEM_FENCE);
-  for (uint i = 0; i < KEYS; ++i) atomic_add(&places[team + i], smaller[i]);
+  for (uint first = 0; first < samples; first += GROUP) {
+    const uint k = first + item;
+    const uint rank = k < samples ? rank_of(collected[k], collected_twos, padded_samples) : samples;
+    if (rank == group * of_group && group > 0U) limits[0] = collected[k];
+    if (rank == (group + 1U) * of_group && rank < samples) limits[1] = collected[k];
+  }
   barrier(CLK_LOCAL_MEM_FENCE);
-  for (uint i = part; i < KEYS; i += PARTS) {
-    if (first + i < size) to[places[team + i]] = list[first + i];
+
+  /* Usually once; if more than LARGEST_RANGE changes are in the range, it is sorted in parts. */
+  const ulong last = limits[1];
+  ulong begin = limits[0];
+  ulong end = last;
+  while (begin < end) {
+    if (item == 0U) {
+      before = 0;
+      count = 0;
+    }
+    barrier(CLK_LOCAL_MEM_FENCE);
+    range_t range;
+    set_range(&range, begin, end);
+    uint below = 0;
+    uint first = 0;
+    for (; first + BATCH * GROUP <= size; first += BATCH * GROUP) {
+      uint2 batch[BATCH];
+      for (uint i = 0; i < BATCH; ++i) batch[i] = list[first + i * GROUP + item];
+      for (uint i = 0; i < BATCH; ++i) sift(batch[i], &range, &below, &count, collected);
+    }
+    uint2 rest[BATCH];
+    for (uint i = 0; i < BATCH; ++i) {
+      if (first + i * GROUP + item < size) rest[i] = list[first + i * GROUP + item];
+    }
+    for (uint i = 0; i < BATCH; ++i) {
+      if (first + i * GROUP + item < size) sift(rest[i], &range, &below, &count, collected);
+    }
+    atomic_add(&before, below);
+    barrier(CLK_LOCAL_MEM_FENCE);
+    const bool is_whole = count <= LARGEST_RANGE;
+    const uint n = min(count, LARGEST_RANGE);
+    const uint padded = (n + 3U) / 4U * 4U;
+    for (uint k = n; k < padded; ++k) {
+      if (item == 0U) collected[k] = ULONG_MAX;
+    }
+    barrier(CLK_LOCAL_MEM_FENCE);
+    for (uint from = 0; from < n; from += GROUP) {
+      const uint k = from + item;
+      if (k < n) sorted[rank_of(collected[k], collected_twos, padded)] = collected[k];
+    }
+    barrier(CLK_LOCAL_MEM_FENCE);
+    for (uint from = 0; from < n; from += GROUP) {
+      const uint k = from + item;
+      if (k < n && is_whole) to[before + k] = (uint2)((uint)sorted[k], (uint)(sorted[k] >> 32));
+    }
+    begin = is_whole ? end : begin;
+    end = is_whole ? last : sorted[LARGEST_RANGE / 4U];
+    barrier(CLK_LOCAL_MEM_FENCE);
   }
 }
 

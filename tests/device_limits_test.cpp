@@ -232,7 +232,7 @@ TEST(LimitedDevice, ThatCannotRunAKernelSaysSoAtOnce) {
 bool tells_local_memory() {
   const opencl::Context context(select_device(), false);
   const EngineLaunch& launch = engine_launch(context);
-  const cl::Kernel kernel = context.kernel(engine_program(context), "order_few", launch.parts * launch.teams);
+  const cl::Kernel kernel = context.kernel(engine_program(context), "order_few", launch.group);
   const cl::Device device(context.queue().getInfo<CL_QUEUE_DEVICE>());
   return kernel.getWorkGroupInfo<CL_KERNEL_LOCAL_MEM_SIZE>(device) > 0;
 }

@@ -8,10 +8,8 @@ namespace broadcl {
 
 /// Launch parameters of the kernels that surround any search.
 struct EngineLaunch {
-  std::size_t keep_group;  ///< Work-items per work-group that keep pairs.
+  std::size_t group;       ///< Work-items per work-group, of kernels that keep pairs or sort few changes.
   std::size_t keep_chunk;  ///< Pairs per work-item that keeps pairs.
-  std::size_t parts;       ///< Work-items per team that orders: it finds the indices of its pairs together.
-  std::size_t teams;       ///< Teams per work-group.
 };
 [[nodiscard]] const EngineLaunch& engine_launch(const opencl::Context& context) noexcept;
 

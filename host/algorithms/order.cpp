@@ -13,20 +13,16 @@ namespace {
 /// The least number of changes to read with the counts, and the least capacity for them.
 constexpr std::size_t least_changes = 512;
 
-// The values of kernels/order.cl.
-constexpr std::size_t keys = 4;
-constexpr std::size_t changes_multiple = 16;  // of what two work-groups order
+/// Of few changes, those that a work-group sorts, on average: RANGE in kernels/order.cl.
+constexpr std::size_t range = 64;
 
-/// A small result, in bytes. (More take longer to write to direct memory, because they are written here and
-/// there.)
-constexpr std::size_t small_result = 64 << 10;
+/// A small result, in bytes. Few changes are one.
+constexpr std::size_t small_result = 256 << 10;
 
-/// Up to this many changes per list are sorted by comparing each with every other.
+/// Up to this many changes per list are sorted in one launch.
 std::size_t most_few(const opencl::Context& context) {
-  return context.tuning() == opencl::Tuning::cpu ? 256 : 4096;
+  return context.tuning() == opencl::Tuning::cpu ? 256 : 8192;
 }
-
-using opencl::round_up;
 
 constexpr std::string_view what = "changes of overlapping pairs";
 
@@ -40,8 +36,7 @@ Order::Order(const opencl::Context& context, opencl::Profiler& profiler, Target 
       sort_(context),
       scan_(context) {
   const cl::Program program = engine_program(context);
-  const EngineLaunch& launch = engine_launch(context);
-  few_kernel_ = context.kernel(program, "order_few", launch.parts * launch.teams);
+  few_kernel_ = context.kernel(program, "order_few", engine_launch(context).group);
   count_ = context.sized_kernel(program, "order_count");
   scatter_ = context.sized_kernel(program, "order_scatter");
   place_ = context.sized_kernel(program, "order_place");
@@ -84,10 +79,8 @@ void Order::begin(const Search& search) {
   // pairs, the next one only what changed.
   many_ = std::min(last_longest_, longest_before_) > few_ || worlds_ > 0;
   const std::size_t wanted = many_ ? last_changes_ + last_changes_ / 4 : 3 * std::min(last_longest_, few_);
-  const std::size_t most = (context_.device().max_allocation - PairDelta::count_bytes) / sizeof(Pair) /
-                           changes_multiple * changes_multiple;
-  capacity_ = round_up(std::max(least_changes, std::min(wanted, std::max(last_wanted_, allocated()))),
-                       changes_multiple);
+  const std::size_t most = (context_.device().max_allocation - PairDelta::count_bytes) / sizeof(Pair);
+  capacity_ = std::max(least_changes, std::min(wanted, std::max(last_wanted_, allocated())));
   capacity_ = std::min(capacity_, most);
   last_wanted_ = wanted;
   expected_ = std::clamp(last_changes_ + last_changes_ / 8, least_changes, capacity_);
@@ -141,7 +134,7 @@ std::size_t Order::allocated() const noexcept {
       target_ == Target::device
           ? std::min(added_.bytes(), removed_.bytes())
           : std::max(results_.at(turn_).large.bytes(), PairDelta::count_bytes) - PairDelta::count_bytes;
-  return bytes / sizeof(Pair) / changes_multiple * changes_multiple;
+  return bytes / sizeof(Pair);
 }
 
 void Order::reserve_result(std::size_t changes) {
@@ -169,14 +162,13 @@ void Order::set_results(cl::Kernel& kernel, cl_uint first, const PairDelta& delt
 
 /// @param event Is set to that of the last kernel, unless it is null.
 void Order::enqueue_few(const PairDelta& delta, cl_uint tag, cl::Event* event) {
-  const EngineLaunch& launch = engine_launch(context_);
+  const std::size_t group = engine_launch(context_).group;
   const cl_uint next = opencl::set_arguments(few_kernel_, delta.set_changes(few_kernel_, 0),
                                              static_cast<cl_uint>(room_), static_cast<cl_uint>(capacity_));
   set_results(few_kernel_, next, delta, tag);
-  const std::size_t keys_of_list = round_up(std::max(room_, least_changes), changes_multiple);
-  context_.queue().enqueueNDRangeKernel(few_kernel_, cl::NullRange,
-                                        cl::NDRange(launch.parts, keys_of_list / keys, 2),
-                                        cl::NDRange(launch.parts, launch.teams, 1), nullptr, event);
+  const std::size_t groups = opencl::divide_up(std::max<std::size_t>(room_, 1), range);
+  context_.queue().enqueueNDRangeKernel(few_kernel_, cl::NullRange, cl::NDRange(groups * group, 2),
+                                        cl::NDRange(group, 1), nullptr, event);
 }
 
 /// @param event As above.

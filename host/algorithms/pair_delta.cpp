@@ -33,7 +33,7 @@ constexpr std::size_t most_pairs = std::size_t{1} << 31;  // indices in a list a
 
 PairDelta::PairDelta(const opencl::Context& context, opencl::Profiler& profiler)
     : context_(context), profiler_(profiler) {
-  keep_ = context.kernel(engine_program(context), "delta_keep", engine_launch(context).keep_group);
+  keep_ = context.kernel(engine_program(context), "delta_keep", engine_launch(context).group);
   for (cl::Buffer& counts : counts_) counts = context.buffer(count_bytes);
 }
 
@@ -120,9 +120,9 @@ void PairDelta::keep(const Search& search) {
   opencl::Profiler::Scope stage(profiler_, "keep");
   set_keep_kernel(keep_, 0, search);
   const EngineLaunch& launch = engine_launch(context_);
-  const std::size_t groups = opencl::divide_up(most_to_keep(), launch.keep_group * launch.keep_chunk);
-  context_.queue().enqueueNDRangeKernel(keep_, cl::NullRange, cl::NDRange(groups * launch.keep_group),
-                                        cl::NDRange(launch.keep_group), nullptr, stage.event());
+  const std::size_t groups = opencl::divide_up(most_to_keep(), launch.group * launch.keep_chunk);
+  context_.queue().enqueueNDRangeKernel(keep_, cl::NullRange, cl::NDRange(groups * launch.group),
+                                        cl::NDRange(launch.group), nullptr, stage.event());
 }
 
 cl_uint PairDelta::set_sink(cl::Kernel& kernel, cl_uint first, const Search& search) const {

@@ -1,0 +1,177 @@
+#include <algorithm>
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include <gtest/gtest.h>
+
+#include <broadcl/device.hpp>
+#include <broadcl/pair.hpp>
+
+#include "environment.hpp"
+#include "opencl/context.hpp"
+#include "opencl/launch.hpp"
+#include "runs.hpp"
+#include "scenes/random.hpp"
+
+namespace broadcl::test {
+namespace {
+
+SUITE_ALSO_IN(OrderFew, gpu_profile | rusticl);
+
+using Pairs = std::vector<Pair>;
+
+bool before(const Pair& s, const Pair& t) {
+  return std::pair(s.b, s.a) < std::pair(t.b, t.a);
+}
+
+/// The numbers of kernels/delta.h that are used here.
+enum Count : std::size_t { kept, removed, added, unordered = 5, complete = 11, halted = 12, counts = 14 };
+
+/// The kernel of kernels/order.cl, compiled with few or many work-items per work-group, and with more or less
+/// memory for what a work-group sorts at once.
+class OrderFew : public ::testing::TestWithParam<std::pair<std::size_t, std::string>> {
+ protected:
+  struct Sorted {
+    std::vector<std::uint32_t> next_counts;
+    Pairs added, removed;
+  };
+
+  [[nodiscard]] cl::Buffer copy_of(const void* data, std::size_t bytes) const {
+    const cl::Buffer buffer = context_.buffer(bytes);
+    context_.queue().enqueueWriteBuffer(buffer, CL_TRUE, 0, bytes, data);
+    return buffer;
+  }
+
+  /// @param room Of each list.
+  [[nodiscard]] Sorted sort(const Pairs& added_pairs, const Pairs& removed_pairs, std::size_t room,
+                            std::size_t groups) {
+    Pairs list(100, {7, 8});  // what precedes the added pairs is not read
+    list.insert(list.end(), added_pairs.begin(), added_pairs.end());
+    std::vector<std::uint32_t> words(counts);
+    words[added] = static_cast<std::uint32_t>(added_pairs.size());
+    words[removed] = static_cast<std::uint32_t>(removed_pairs.size());
+    const Pairs removed_list = removed_pairs.empty() ? Pairs(1) : removed_pairs;
+    const cl::Buffer pairs = copy_of(list.data(), list.size() * sizeof(Pair));
+    const cl::Buffer removals = copy_of(removed_list.data(), removed_list.size() * sizeof(Pair));
+    const cl::Buffer now = copy_of(words.data(), counts * sizeof(std::uint32_t));
+    const cl::Buffer next = copy_of(words.data(), counts * sizeof(std::uint32_t));
+    const Pairs untouched(room + 1, {1, 2});
+    const cl::Buffer to_added = copy_of(untouched.data(), untouched.size() * sizeof(Pair));
+    const cl::Buffer to_removed = copy_of(untouched.data(), untouched.size() * sizeof(Pair));
+    const auto n = static_cast<cl_uint>(room);
+    opencl::set_arguments(kernel_, 0, static_cast<cl_uint>(list.size()), pairs, removals, now, n, 2 * n,
+                          cl_uint{5}, next, cl::Buffer(), cl::Buffer(), to_added, to_removed);
+    context_.queue().enqueueNDRangeKernel(kernel_, cl::NullRange, cl::NDRange(groups * group_, 2),
+                                          cl::NDRange(group_, 1));
+    Sorted sorted{std::vector<std::uint32_t>(counts), untouched, untouched};
+    const auto read = [&](const cl::Buffer& from, void* to, std::size_t bytes) {
+      context_.queue().enqueueReadBuffer(from, CL_TRUE, 0, bytes, to);
+    };
+    read(next, sorted.next_counts.data(), counts * sizeof(std::uint32_t));
+    read(to_added, sorted.added.data(), untouched.size() * sizeof(Pair));
+    read(to_removed, sorted.removed.data(), untouched.size() * sizeof(Pair));
+    return sorted;
+  }
+
+  void expect_sorted(const Pairs& added_pairs, const Pairs& removed_pairs, std::size_t groups) {
+    SCOPED_TRACE(std::to_string(added_pairs.size()) + " added, " + std::to_string(removed_pairs.size()) +
+                 " removed, " + std::to_string(groups) + " work-groups");
+    const std::size_t room = std::max({added_pairs.size(), removed_pairs.size(), std::size_t{1}});
+    const Sorted sorted = sort(added_pairs, removed_pairs, room, groups);
+    EXPECT_EQ(sorted.next_counts.at(halted), 0U);
+    for (const auto& [list, result] :
+         {std::pair(added_pairs, sorted.added), std::pair(removed_pairs, sorted.removed)}) {
+      Pairs expected = list;
+      std::ranges::sort(expected, before);
+      expected.resize(room + 1, {1, 2});  // nothing is written beyond
+      EXPECT_EQ(result, expected);
+    }
+  }
+
+  const opencl::Context context_{select_device(), false};
+  const std::size_t group_ = GetParam().first;
+  cl::Kernel kernel_{
+      context_.kernel(context_.program("engine.cl", "-DGROUP=" + std::to_string(group_) + GetParam().second),
+                      "order_few", group_)};
+};
+
+/// Distinct pairs of `slots` slots, in random order.
+Pairs random_pairs(std::size_t n, std::uint32_t slots, std::uint64_t seed) {
+  scenes::Random random(seed);
+  Pairs pairs;
+  while (pairs.size() < n) {
+    while (pairs.size() < n + n / 2) {
+      const auto s = random.index(slots);
+      const auto t = random.index(slots);
+      if (s != t) pairs.push_back({std::min(s, t), std::max(s, t)});
+    }
+    std::ranges::sort(pairs, before);
+    pairs.erase(std::ranges::unique(pairs).begin(), pairs.end());
+  }
+  random.shuffle(std::span(pairs));
+  pairs.resize(n);
+  return pairs;
+}
+
+/// Pairs with the same b, which is as large as a slot may be, in random order.
+Pairs pairs_of_one(std::size_t n, std::uint64_t seed) {
+  Pairs pairs(n);
+  for (std::size_t k = 0; k < n; ++k) pairs[k] = {static_cast<std::uint32_t>(k * 3), 0x7ffffffe};
+  scenes::Random(seed).shuffle(std::span(pairs));
+  return pairs;
+}
+
+TEST_P(OrderFew, SortsEveryNumberOfChanges) {
+  for (const std::size_t n :
+       std::vector<std::size_t>{0, 1, 2, 3, 63, 64, 65, 128, 129, 1000, 2047, 2048, 2049, 4500}) {
+    const auto slots = static_cast<std::uint32_t>(2 * n + 10);
+    expect_sorted(random_pairs(n, slots, 1), random_pairs(n / 3, slots, 2), n / 64 + 1);
+    expect_sorted(random_pairs(n / 5, slots, 3), random_pairs(n, slots, 4), n / 64 + 9);
+    expect_sorted(pairs_of_one(n, 5), random_pairs(n, slots, 6), n / 64 + 1);
+  }
+}
+
+TEST_P(OrderFew, SortsChangesInAnyOrder) {
+  Pairs ascending = random_pairs(3000, 2000, 7);
+  std::ranges::sort(ascending, before);
+  const Pairs descending(ascending.rbegin(), ascending.rend());
+  expect_sorted(ascending, descending, 47);
+  // The sample, which is every 31st or so, has no change of the larger half.
+  Pairs halves = ascending;
+  std::size_t larger = 0;
+  for (std::size_t k = 0; k < halves.size(); ++k) halves[k] = ascending[k % 2 == 0 ? k / 2 : 1500 + larger++];
+  expect_sorted(halves, ascending, 47);
+}
+
+ALSO_IN(gpu_profile | rusticl | oclgrind_gpu_profile);
+TEST_P(OrderFew, SortsInPartsWhatIsTooMuch) {
+  expect_sorted(random_pairs(600, 2000, 8), pairs_of_one(550, 9), 1);
+  expect_sorted(random_pairs(600, 2000, 8), pairs_of_one(1300, 9), 2);
+}
+
+TEST_P(OrderFew, WritesNothingIfAListDoesNotFit) {
+  const Pairs many = random_pairs(300, 2000, 10);
+  const Pairs few = random_pairs(200, 2000, 11);
+  for (const bool is_added : {false, true}) {
+    const Sorted sorted = is_added ? sort(many, few, 299, 5) : sort(few, many, 299, 5);
+    EXPECT_EQ(sorted.next_counts.at(halted), 1U);
+    EXPECT_EQ(sorted.added, Pairs(300, Pair{1, 2}));
+    EXPECT_EQ(sorted.removed, Pairs(300, Pair{1, 2}));
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(Compiled, OrderFew,
+                         ::testing::Values(std::pair(1, ""), std::pair(256, ""),
+                                           std::pair(1, " -DLARGEST_RANGE=128U"),
+                                           std::pair(256, " -DLARGEST_RANGE=128U")),
+                         [](const auto& instance) {
+                           return "Group" + std::to_string(instance.param.first) +
+                                  (instance.param.second.empty() ? "" : "LittleMemory");
+                         });
+
+}  // namespace
+}  // namespace broadcl::test
