@@ -12,7 +12,7 @@
 #include "delta.h"
 
 #ifndef GROUP
-#define GROUP 256 /* work-items per work-group that sorts few changes */
+#define GROUP 256 /* work-items per work-group that sorts few changes: 1, or a multiple of 4 */
 #endif
 #define RANGE 64U /* changes per work-group, on average */
 #ifndef LARGEST_RANGE
@@ -159,6 +159,16 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void order_few(CHANGES
   if (group >= groups) return;
   global const uint2* list = is_added ? changes.added : changes.removed;
   global uint2* to = result_list(is_added, &changes, result, added, removed);
+
+  /* A short list needs no ranges: each group finds the places of some of its changes. */
+  if (GROUP > 1 && size <= GROUP) {
+    collected[item] = item < size ? order_of(list[item]) : ULONG_MAX;
+    barrier(CLK_LOCAL_MEM_FENCE);
+    const uint part = (size + groups - 1U) / groups;
+    const uint k = group * part + item;
+    if (item < part && k < size) to[rank_of(collected[k], collected_twos, (size + 3U) / 4U * 4U)] = list[k];
+    return;
+  }
 
   /* All groups take the same sample, of which each needs two elements: where its range begins and ends. */
   const uint of_group = groups > 64U ? 1U : groups > 32U ? 2U : 4U;

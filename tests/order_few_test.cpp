@@ -127,7 +127,7 @@ Pairs pairs_of_one(std::size_t n, std::uint64_t seed) {
 
 TEST_P(OrderFew, SortsEveryNumberOfChanges) {
   for (const std::size_t n :
-       std::vector<std::size_t>{0, 1, 2, 3, 63, 64, 65, 128, 129, 1000, 2047, 2048, 2049, 4500}) {
+       std::vector<std::size_t>{0, 1, 2, 3, 63, 64, 65, 255, 256, 257, 1000, 2047, 2048, 2049, 4500}) {
     const auto slots = static_cast<std::uint32_t>(2 * n + 10);
     expect_sorted(random_pairs(n, slots, 1), random_pairs(n / 3, slots, 2), n / 64 + 1);
     expect_sorted(random_pairs(n / 5, slots, 3), random_pairs(n, slots, 4), n / 64 + 9);
