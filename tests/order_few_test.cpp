@@ -41,7 +41,7 @@ class OrderFew : public ::testing::TestWithParam<std::pair<std::size_t, std::str
   };
 
   [[nodiscard]] cl::Buffer copy_of(const void* data, std::size_t bytes) const {
-    const cl::Buffer buffer = context_.buffer(bytes);
+    cl::Buffer buffer = context_.buffer(bytes);
     context_.queue().enqueueWriteBuffer(buffer, CL_TRUE, 0, bytes, data);
     return buffer;
   }
@@ -110,7 +110,7 @@ Pairs random_pairs(std::size_t n, std::uint32_t slots, std::uint64_t seed) {
       if (s != t) pairs.push_back({std::min(s, t), std::max(s, t)});
     }
     std::ranges::sort(pairs, before);
-    pairs.erase(std::ranges::unique(pairs).begin(), pairs.end());
+    pairs.erase(std::unique(pairs.begin(), pairs.end()), pairs.end());
   }
   random.shuffle(std::span(pairs));
   pairs.resize(n);
