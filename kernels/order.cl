@@ -16,7 +16,7 @@
 #endif
 #define RANGE 64U /* changes per work-group, on average */
 #ifndef LARGEST_RANGE
-#define LARGEST_RANGE 512U /* changes that a work-group sorts at once: a multiple of 4, at least 128 */
+#define LARGEST_RANGE 512U /* changes that a work-group sorts at once: a multiple of 4, at least GROUP and 128 */
 #endif
 #define BATCH 8U /* changes that a work-item loads at once */
 #define LARGEST_BUCKET 4096U

@@ -166,8 +166,8 @@ TEST_P(OrderFew, WritesNothingIfAListDoesNotFit) {
 
 INSTANTIATE_TEST_SUITE_P(Compiled, OrderFew,
                          ::testing::Values(std::pair(1, ""), std::pair(256, ""),
-                                           std::pair(1, " -DLARGEST_RANGE=128U"),
-                                           std::pair(256, " -DLARGEST_RANGE=128U")),
+                                           std::pair(1, " -DLARGEST_RANGE=256U"),
+                                           std::pair(256, " -DLARGEST_RANGE=256U")),
                          [](const auto& instance) {
                            return "Group" + std::to_string(instance.param.first) +
                                   (instance.param.second.empty() ? "" : "LittleMemory");
