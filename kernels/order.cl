@@ -89,9 +89,8 @@ static inline void pass_count(const uint k, const changes_t* changes, const bool
 /* Where to write a list of changes. */
 static inline global uint2* result_list(const bool is_added, const changes_t* changes, global uint* result,
                                         global uint2* added, global uint2* removed) {
-  global uint2* behind_counts = (global uint2*)(result + COUNTS);
-  if (is_added) return added != 0 ? added : behind_counts;
-  return removed != 0 ? removed : behind_counts + changes->added_count;
+  if (is_added) return added != 0 ? added : (global uint2*)(result + COUNTS);
+  return removed != 0 ? removed : (global uint2*)(result + COUNTS) + changes->added_count;
 }
 
 /* Number of values below `value`; `n` is a multiple of 4. */

@@ -196,7 +196,7 @@ typedef struct broadcl_memory_use {
   size_t size;         ///< sizeof(broadcl_memory_use)
   size_t device;       ///< On the device, now.
   size_t device_peak;  ///< The largest value of `device` so far.
-  size_t pinned;       ///< Pinned memory of the host, for transfers.
+  size_t pinned;       ///< Pinned memory of the host: for transfers, or accessed by kernels.
 } broadcl_memory_use;
 
 /// One stage of an update. The clocks of host and device cannot be compared.

@@ -8,7 +8,7 @@ namespace broadcl {
 struct MemoryUse {
   std::size_t device = 0;       ///< On the device, now.
   std::size_t device_peak = 0;  ///< The largest value of `device` so far.
-  std::size_t pinned = 0;       ///< Pinned memory of the host, for transfers.
+  std::size_t pinned = 0;       ///< Pinned memory of the host: for transfers, or accessed by kernels.
 };
 
 }  // namespace broadcl
