@@ -16,7 +16,7 @@ constexpr std::size_t least_changes = 512;
 /// Of few changes, those that a work-group sorts, on average: RANGE in kernels/order.cl.
 constexpr std::size_t range = 64;
 
-/// A small result, in bytes. Few changes are one.
+/// The largest result that kernels write to direct memory, in bytes: more than few changes take.
 constexpr std::size_t small_result = 256 << 10;
 
 /// Up to this many changes per list are sorted in one launch.
