@@ -337,15 +337,19 @@ cl::Device open(const Device& device) {
   throw Error("device " + device.id() + " (" + device.label() + ") is no longer available; choose another");
 }
 
+cl::Platform platform_of(const cl::Device& device) {
+  cl_platform_id id = nullptr;
+  device.getInfo(CL_DEVICE_PLATFORM, &id);
+  return cl::Platform(id, true);
+}
+
 Device describe(const cl::CommandQueue& queue) {
   return translate_errors("the queue's device", [&] {
     const auto device = queue.getInfo<CL_QUEUE_DEVICE>();
     cl::Device root = device;
     for (cl::Device part = device; part() != nullptr; part = part.getInfo<CL_DEVICE_PARENT_DEVICE>())
       root = part;
-    cl_platform_id platform_id = nullptr;  // the bindings' type for it depends on their version
-    device.getInfo(CL_DEVICE_PLATFORM, &platform_id);
-    const cl::Platform platform(platform_id, true);
+    const cl::Platform platform = platform_of(device);
     const std::vector<cl::Platform> platforms = all_platforms();
     const std::vector<cl::Device> siblings = all_devices(platform);
     const auto index_of = [](const auto& list, const auto& one) {

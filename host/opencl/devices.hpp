@@ -16,6 +16,10 @@ namespace broadcl::opencl {
 /// @throws Error if OpenCL fails.
 [[nodiscard]] Device describe(const cl::CommandQueue& queue);
 
+/// The platform of a device, whose type in the bindings' getInfo<>() depends on their version.
+/// @throws cl::Error
+[[nodiscard]] cl::Platform platform_of(const cl::Device& device);
+
 /// A property that a device reports through an extension; none if the query fails in spite of the extension.
 /// @throws cl::Error
 template <class Value>

@@ -3,6 +3,7 @@
 #include <string>
 
 #include "opencl/context.hpp"
+#include "opencl/devices.hpp"
 #include "opencl/launch.hpp"
 #include "opencl/mapped_buffer.hpp"
 
@@ -37,7 +38,7 @@ bool measure(const Context& context) {
 CreateDirect find_direct_memory(const cl::Device& device) {
   if (device.getInfo<CL_DEVICE_EXTENSIONS>().find("cl_nv_create_buffer") == std::string::npos) return nullptr;
   return reinterpret_cast<CreateDirect>(
-      clGetExtensionFunctionAddressForPlatform(device.getInfo<CL_DEVICE_PLATFORM>(), "clCreateBufferNV"));
+      clGetExtensionFunctionAddressForPlatform(platform_of(device)(), "clCreateBufferNV"));
 }
 
 cl::Buffer create_direct(CreateDirect create, const cl::Context& context, std::size_t bytes) {
