@@ -78,7 +78,7 @@ std::optional<nlohmann::ordered_json> StudyFolder::read_document() const {
     }
     (void)planned_runs(settings_of(document), device_labels(document));
     (void)difference_from_here(document);
-    return document;
+    return std::make_optional(std::move(document));
   } catch (const nlohmann::json::exception& error) {
     throw Error(quoted(path) + " is damaged (" + one_line(error.what()) +
                 "); name another folder with --out");
