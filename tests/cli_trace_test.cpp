@@ -82,11 +82,6 @@ void expect_nested(const std::vector<TraceEvent>& events) {
   }
 }
 
-/// Mesa's rusticl 22.3 reports the same time for all commands.
-bool device_clock_ticks() {
-  return select_device().platform_name != "rusticl";
-}
-
 class ProgramTrace : public Program, public testing::WithParamInterface<std::string> {
  protected:
   static constexpr std::size_t frames = 8;

@@ -221,6 +221,19 @@ TEST(LimitedDevice, ThatRunsNoKernelAtAllIsRefused) {
               HasSubstr("allows 0; use another device"));
 }
 
+TEST(LimitedDevice, OfRusticlIsBelievedExceptVersion22) {
+  const ScopedVariable any("BROADCL_DEVICE", "");
+  const auto group_of = [](const std::string& driver) {
+    const LimitedDevices limited(
+        {.work_group_of_kernel = {{"fill", 16}},
+         .answers = {{CL_PLATFORM_NAME, std::string("rusticl") + '\0'}, {CL_DRIVER_VERSION, driver + '\0'}}});
+    const opencl::Context context(select_device(), false);
+    return context.sized_kernel(context.program("fill.cl"), "fill").group;
+  };
+  EXPECT_GT(group_of("22.3.6"), 16U);
+  EXPECT_EQ(group_of("25.0.7-2"), 16U);
+}
+
 TEST(LimitedDevice, ThatCannotRunAKernelSaysSoAtOnce) {
   const LimitedDevices limited({.work_group = 64});
   const ScopedVariable tuning("BROADCL_TUNING", "gpu");

@@ -17,8 +17,8 @@
 namespace broadcl::opencl {
 namespace {
 
-/// Any CPU except Mesa's llvmpipe, which silently ends a work-item after 65,535 iterations of its loops, so
-/// that few work-items could not do all the work.
+/// Any CPU except Mesa's llvmpipe, which in version 22.3 silently ends a work-item after 65,535 iterations of
+/// its loops, so that few work-items could not do all the work.
 bool wants_few_work_items(const Device& device) {
   return device.type == DeviceType::cpu && device.name.find("llvmpipe") == std::string::npos;
 }
@@ -72,9 +72,10 @@ bool keeps_programs(const Device& device) {
 }
 
 /// Mesa's rusticl 22.3 says of each kernel that it runs in work-groups of up to 32, and that it needs twice
-/// the local memory that it does, but runs them in as large work-groups as the device allows.
+/// the local memory that it does, but runs them in as large work-groups as the device allows. (Version 25.0
+/// does not.)
 bool misjudges_kernels(const Device& device) {
-  return device.platform_name == "rusticl";
+  return device.platform_name == "rusticl" && device.driver_version.starts_with("22.");
 }
 
 /// A program from a cached binary; none if the driver rejects it.
