@@ -2,40 +2,15 @@
 
 #include <LinearMath/btVector3.h>
 
-#include <array>
 #include <cstddef>
 #include <ostream>
 #include <vector>
 
 #include <rapidcheck.h>
 
+#include "random_boxes.hpp"
+
 namespace broadcl::test {
-
-/// How a box differs from one between two corners.
-enum class Shape {
-  ordinary,
-  thirds,         ///< In thirds instead of halves; no floating-point number is a third.
-  far,            ///< Away from all ordinary ones.
-  plane,          ///< As wide as Bullet's static planes on two axes.
-  largest,        ///< The whole range of float.
-  everywhere,     ///< Infinite on all axes.
-  half_infinite,  ///< Without an upper bound on one axis.
-  at_infinity,    ///< Both bounds are infinity on one axis.
-  inverted,       ///< The lower bound above the upper one on one axis.
-  inside_out,     ///< From the largest number to the smallest.
-  nan_lower,
-  nan_upper
-};
-
-/// A box with small numbers; many such boxes overlap or touch each other.
-struct BoxSpec {
-  std::array<int, 3> corner{};  ///< Lower corner in halves.
-  std::array<int, 3> size{};    ///< In halves; with zeros it is a plane, a line or a point.
-  Shape shape = Shape::ordinary;
-  unsigned axis = 0;  ///< Of the shape.
-
-  friend bool operator==(const BoxSpec&, const BoxSpec&) = default;
-};
 
 /// The corners of a box, which are all that Bullet knows of it.
 struct Corners {
@@ -76,9 +51,6 @@ struct Op {
 
   friend bool operator==(const Op&, const Op&) = default;
 };
-
-/// The box of call k < count of an operation.
-[[nodiscard]] BoxSpec box_of_call(const Op& op, unsigned k);
 
 enum class CacheKind { own, hashed, users_class, sorted, null };
 

@@ -9,7 +9,6 @@
 #include <cstddef>
 #include <cstdint>
 #include <memory>
-#include <stdexcept>
 #include <string>
 #include <utility>
 #include <vector>
@@ -22,11 +21,6 @@
 #include "ray_callback.hpp"
 
 namespace broadcl::test {
-
-/// Ends a script.
-[[noreturn]] inline void fail(const std::string& what) {
-  throw std::runtime_error(what);
-}
 
 [[nodiscard]] inline std::string text(const Pair& pair) {
   return "(" + std::to_string(pair.a) + ", " + std::to_string(pair.b) + ")";

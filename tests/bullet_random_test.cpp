@@ -9,10 +9,8 @@
 #include <algorithm>
 #include <cstddef>
 #include <cstdint>
-#include <cstdlib>
 #include <iterator>
 #include <optional>
-#include <sstream>
 #include <string>
 #include <vector>
 
@@ -126,13 +124,13 @@ void Player::set_callback(unsigned which) {
 
 void Player::query(const Op& op) {
   for (unsigned k = 0; k < op.count; ++k) {
-    const Corners box = test::corners(test::box_of_call(op, k));
+    const Corners box = test::corners(test::box_of_call(op.box, k));
     if (op.verb == Verb::box_queries) {
       if (test::is_invalid(box)) continue;
       for_subjects([&](Subject& subject) { subject.check_box_query(reference_, box); });
       continue;
     }
-    Corners ray{.lower = test::corners({.corner = test::box_of_call(op, k).corner}).lower, .upper = {}};
+    Corners ray{.lower = test::corners({.corner = test::box_of_call(op.box, k).corner}).lower, .upper = {}};
     ray.upper = ray.lower;
     for (int axis = 0; axis < 3; ++axis) {
       const auto bit = 1U << static_cast<unsigned>(axis);
@@ -188,7 +186,8 @@ bool Player::apply_to_proxies(const Op& op) {
       break;
     }
     case Verb::move:
-      for (unsigned k = 0; k < op.count; ++k) move(id_of_call(k), test::corners(test::box_of_call(op, k)));
+      for (unsigned k = 0; k < op.count; ++k)
+        move(id_of_call(k), test::corners(test::box_of_call(op.box, k)));
       break;
     case Verb::set_again: {
       const Corners box = reference_.box(id);
@@ -246,7 +245,7 @@ bool Player::apply(const Op& op) {
   switch (op.verb) {
     case Verb::create:
       for (unsigned k = 0; k < op.count && reference_.live().size() < test::most_proxies; ++k) {
-        create(test::corners(test::box_of_call(op, k)), op.group, op.mask);
+        create(test::corners(test::box_of_call(op.box, k)), op.group, op.mask);
       }
       break;
     case Verb::callback:
@@ -281,37 +280,23 @@ constexpr std::size_t script_length = 400;
 
 /// Plays scripts until this many operations are done, and fails the test with the shortest script that goes
 /// wrong.
-/// @param seed If none, a different one each time. RC_PARAMS takes precedence.
+/// @param seed As for check_scripts().
 void play(const std::string& algorithm, std::size_t operations, std::optional<std::uint64_t> seed) {
   btDefaultCollisionConfiguration configuration;
   btCollisionDispatcher dispatcher(&configuration);
   std::size_t done = 0;
-  const auto property = [&] {
+  // Some operations have nothing to do, because no proxy exists or no pair is cached.
+  const std::size_t scripts = operations / script_length * 21 / 20 + 1;
+  test::check_scripts(algorithm, scripts, seed, [&] {
     const Script script = *test::scripts(script_length);
     Player player(algorithm, script.cache, dispatcher);
-    for (std::size_t k = 0; k < script.ops.size(); ++k) {
-      try {
-        if (player.apply(script.ops[k])) ++done;
-      } catch (const std::exception& error) {
-        test::fail("operation " + std::to_string(k) + ": " + error.what());
-      }
-    }
+    test::apply_each(script.ops, [&](const Op& op) {
+      if (player.apply(op)) ++done;
+    });
     player.end();
-  };
-  rc::detail::TestParams params = rc::detail::configuration().testParams;
-  if (seed && std::getenv("RC_PARAMS") == nullptr) params.seed = *seed;  // NOLINT(concurrency-mt-unsafe)
-  // Some operations have nothing to do, because no proxy exists or no pair is cached.
-  params.maxSuccess = static_cast<int>(operations / script_length * 21 / 20 + 1);
-  const auto name = testing::UnitTest::GetInstance()->current_test_info()->name();
-  const rc::detail::TestResult result =
-      rc::detail::checkTestable(property, rc::detail::TestMetadata{.id = name, .description = name}, params);
-  std::ostringstream message;
-  rc::detail::printResultMessage(result, message);
-  if (!result.is<rc::detail::SuccessResult>())
-    FAIL() << algorithm << ", seed " << params.seed << ": " << message.str();
+  });
   testing::Test::RecordProperty("operations", std::to_string(done));
-  // RC_PARAMS may ask for a single script.
-  if (rc::detail::configuration().reproduce.empty()) {
+  if (!testing::Test::HasFailure() && !test::is_reproduced()) {
     EXPECT_GE(done, operations);
   }
 }
@@ -323,12 +308,9 @@ std::vector<AlgorithmInfo> device_algorithms() {
   return result;
 }
 
-// Always the same in CI, so that a failure is due to the change; the long test looks for more.
-constexpr std::uint64_t seed_of_ci = 1;
-
 // Only a few, because they run with every tuning profile, device and sanitizer.
 TEST_P(EachAlgorithm, SomeRandomCallsByBullet) {
-  play(std::string(GetParam().name), is_slow() ? 400 : 2000, seed_of_ci);
+  play(std::string(GetParam().name), is_slow() ? 400 : 2000, test::seed_of_ci);
 }
 
 // The algorithms share the operations equally.
@@ -340,7 +322,7 @@ INSTANTIATE_TEST_SUITE_P(Table, RandomCalls, testing::ValuesIn(device_algorithms
 NOT_IN(all_default | sanitizers, "takes long; SomeRandomCallsByBullet is in it");
 TEST_P(RandomCalls, AHundredThousandByBullet) {
   const std::size_t n = device_algorithms().size();
-  play(std::string(GetParam().name), (100'000 + n - 1) / n, seed_of_ci);
+  play(std::string(GetParam().name), (100'000 + n - 1) / n, test::seed_of_ci);
 }
 
 TEST(Long, MillionsOfRandomCallsByBullet) {

@@ -5,6 +5,8 @@
 #include <cstdint>
 #include <iterator>
 #include <optional>
+#include <set>
+#include <span>
 #include <tuple>
 #include <utility>
 #include <vector>
@@ -15,7 +17,7 @@
 
 namespace broadcl::test {
 
-/// What a BroadPhase must answer, by the definitions of overlaps() and may_pair() alone.
+/// What a BroadPhase must answer, by the definitions of overlaps(), may_pair() and exclusions alone.
 class Reference {
  public:
   struct Changes {
@@ -24,34 +26,40 @@ class Reference {
   };
 
   std::uint32_t add(const Aabb& box, const Filter& filter = {}) {
-    const auto free = std::find_if(objects_.begin(), objects_.end(),
-                                   [](const Object& object) { return object.birth == 0; });
-    const auto id = static_cast<std::uint32_t>(free - objects_.begin());
-    if (free == objects_.end()) objects_.emplace_back();
-    objects_[id] = {.box = box, .filter = filter, .birth = ++births_};
+    std::vector<Object>& objects = now_.objects;
+    const auto free =
+        std::find_if(objects.begin(), objects.end(), [](const Object& object) { return object.birth == 0; });
+    const auto id = static_cast<std::uint32_t>(free - objects.begin());
+    if (free == objects.end()) objects.emplace_back();
+    objects[id] = {.box = box, .filter = filter, .birth = ++births_};
     return id;
   }
-  void move(std::uint32_t id, const Aabb& box) { objects_[id].box = box; }
-  void set_filter(std::uint32_t id, const Filter& filter) { objects_[id].filter = filter; }
-  void remove(std::uint32_t id) { objects_[id] = {}; }
+  void move(std::uint32_t id, const Aabb& box) { now_.objects[id].box = box; }
+  void set_filter(std::uint32_t id, const Filter& filter) { now_.objects[id].filter = filter; }
+  void set_exclusions(std::span<const Pair> pairs) {
+    now_.exclusions.clear();
+    for (const Pair& pair : pairs)
+      now_.exclusions.insert({std::min(pair.a, pair.b), std::max(pair.a, pair.b)});
+  }
+  void remove(std::uint32_t id) { now_.objects[id] = {}; }
 
   /// New objects have an empty box until they are moved.
   void map(std::size_t n) {
-    objects_.resize(n);
-    for (Object& object : objects_) {
+    now_.objects.resize(n);
+    for (Object& object : now_.objects) {
       if (object.birth == 0) object = {.box = {{1, 1, 1}, {0, 0, 0}}, .filter = {}, .birth = ++births_};
     }
   }
 
   void begin() {
-    if (!begun_) begun_ = objects_;
+    if (!begun_) begun_ = now_;
   }
   /// The update that was begun failed.
   void abandon() { begun_.reset(); }
 
   /// As of begin(), or now if nothing was begun.
   Changes finish() {
-    std::vector<Met> now = pairs_of(begun_ ? *begun_ : objects_);
+    std::vector<Met> now = pairs_of(begun_ ? *begun_ : now_);
     begun_.reset();
     Changes changes{.added = pairs_in_first(now, known_), .removed = pairs_in_first(known_, now)};
     known_ = std::move(now);
@@ -60,10 +68,17 @@ class Reference {
 
   /// As of the last update.
   [[nodiscard]] std::vector<Pair> pairs() const { return pairs_in_first(known_, {}); }
-  [[nodiscard]] std::size_t size() const {
-    return static_cast<std::size_t>(std::count_if(objects_.begin(), objects_.end(),
-                                                  [](const Object& object) { return object.birth > 0; }));
+  [[nodiscard]] std::size_t size() const { return ids().size(); }
+  /// Of all objects, ascending.
+  [[nodiscard]] std::vector<std::uint32_t> ids() const {
+    std::vector<std::uint32_t> ids;
+    for (std::uint32_t id = 0; id < now_.objects.size(); ++id) {
+      if (now_.objects[id].birth > 0) ids.push_back(id);
+    }
+    return ids;
   }
+  [[nodiscard]] const Aabb& box(std::uint32_t id) const { return now_.objects[id].box; }
+  [[nodiscard]] const Filter& filter(std::uint32_t id) const { return now_.objects[id].filter; }
   [[nodiscard]] bool is_in_flight() const { return begun_.has_value(); }
 
  private:
@@ -71,6 +86,10 @@ class Reference {
     Aabb box{};
     Filter filter{};
     int birth = 0;  // 0 for none; a reused id is another object
+  };
+  struct State {
+    std::vector<Object> objects;
+    std::set<Pair> exclusions;
   };
   /// Two objects that overlap, in canonical order.
   struct Met {
@@ -82,14 +101,15 @@ class Reference {
     }
   };
 
-  static std::vector<Met> pairs_of(const std::vector<Object>& objects) {
+  static std::vector<Met> pairs_of(const State& state) {
+    const std::vector<Object>& objects = state.objects;
     std::vector<Met> pairs;
     for (std::uint32_t b = 0; b < objects.size(); ++b) {
       for (std::uint32_t a = 0; a < b; ++a) {
         const Object& s = objects[a];
         const Object& t = objects[b];
         if (s.birth > 0 && t.birth > 0 && !is_empty(s.box) && !is_empty(t.box) && overlaps(s.box, t.box) &&
-            may_pair(s.filter, t.filter)) {
+            may_pair(s.filter, t.filter) && !state.exclusions.contains({a, b})) {
           pairs.push_back({{a, b}, s.birth, t.birth});
         }
       }
@@ -105,8 +125,8 @@ class Reference {
     return pairs;
   }
 
-  std::vector<Object> objects_;
-  std::optional<std::vector<Object>> begun_;
+  State now_;
+  std::optional<State> begun_;
   std::vector<Met> known_;
   int births_ = 0;
 };

@@ -1,0 +1,196 @@
+#include "core_random_script.hpp"
+
+#include <algorithm>
+#include <array>
+#include <numeric>
+#include <string_view>
+
+namespace broadcl::test {
+namespace {
+
+constexpr std::array<std::string_view, 12> core_verb_names{"add",    "remove",  "replace",     "move",
+                                                           "map",    "filter",  "exclude",     "begin",
+                                                           "update", "enqueue", "change side", "refuse"};
+constexpr std::array<std::string_view, 6> filter_kind_names{"no",      "groups as",         "worlds as",
+                                                            "sets as", "sets of worlds as", "all kinds of"};
+
+/// How often each verb is chosen, if there are objects.
+struct CoreWeight {
+  CoreVerb verb;
+  unsigned weight;
+};
+constexpr std::array core_weights{CoreWeight{CoreVerb::add, 50},         CoreWeight{CoreVerb::remove, 50},
+                                  CoreWeight{CoreVerb::replace, 30},     CoreWeight{CoreVerb::move, 300},
+                                  CoreWeight{CoreVerb::map, 15},         CoreWeight{CoreVerb::filter, 40},
+                                  CoreWeight{CoreVerb::exclude, 50},     CoreWeight{CoreVerb::begin, 60},
+                                  CoreWeight{CoreVerb::update, 300},     CoreWeight{CoreVerb::enqueue, 60},
+                                  CoreWeight{CoreVerb::change_side, 40}, CoreWeight{CoreVerb::refuse, 20}};
+
+class CoreGenerator {
+ public:
+  explicit CoreGenerator(const rc::Random& random) : dice_(random) {}
+
+  CoreScript script(ScriptSize size) {
+    CoreScript script;
+    std::size_t length = 200;
+    script.most = dice_.pick(std::array{3U, 10U, 40U, 60U, 60U});
+    script.extent = dice_.pick(std::array{1, 1, 2, 4, 8, 12});
+    if (size == ScriptSize::tiny) {
+      length = 10;
+      script.most = dice_.pick(std::array{10U, 40U});
+    } else if (dice_.one_in(10)) {
+      length = 50;
+      script.most = 250;
+      script.extent = dice_.pick(std::array{2, 16, 32});
+    } else if (dice_.one_in(30)) {
+      length = 15;
+      script.most = 2300;
+      script.extent = 64;
+    }
+    script.filters = dice_.one_in(2) ? FilterKind::none : static_cast<FilterKind>(1 + dice_.below(5));
+    odd_boxes_ = dice_.pick(std::array{0U, 0U, 3U, 20U});
+    script.ops.push_back(op(script, CoreVerb::add, script.most));
+    while (script.ops.size() < length) {
+      const CoreVerb next = verb();
+      script.ops.push_back(op(script, next, is_of_many(next) ? count(script.most) : 1));
+    }
+    return script;
+  }
+
+ private:
+  static bool is_of_many(CoreVerb verb) {
+    return verb != CoreVerb::exclude && verb != CoreVerb::begin && verb != CoreVerb::update &&
+           verb != CoreVerb::enqueue && verb != CoreVerb::refuse;
+  }
+
+  CoreVerb verb() {
+    constexpr unsigned sum = std::accumulate(core_weights.begin(), core_weights.end(), 0U,
+                                             [](unsigned s, CoreWeight w) { return s + w.weight; });
+    unsigned place = dice_.below(sum);
+    const auto* row = core_weights.begin();
+    while (place >= row->weight) place -= (row++)->weight;
+    return row->verb;
+  }
+
+  /// The number of objects for a call: mostly one, sometimes all.
+  unsigned count(unsigned most) {
+    if (dice_.one_in(5)) return dice_.one_in(2) ? most : 1 + dice_.below(most);
+    return dice_.one_in(4) ? 2 + dice_.below(8) : 1;
+  }
+
+  CoreOp op(const CoreScript& script, CoreVerb verb, unsigned count) {
+    return {.verb = verb,
+            .which = dice_.below(1000),
+            .count = count,
+            .box = random_box(dice_, static_cast<unsigned>(script.extent), odd_boxes_),
+            .filter = dice_.below(1000)};
+  }
+
+  Dice dice_;
+  unsigned odd_boxes_ = 0;  // per cent
+};
+
+/// Simpler operations of the same verb, the simplest first.
+std::vector<CoreOp> plainer_core_op(const CoreOp& op) {
+  std::vector<CoreOp> result;
+  const auto offer = [&](auto&& change) {
+    CoreOp changed = op;
+    change(changed);
+    if (changed != op) result.push_back(changed);
+  };
+  offer([](CoreOp& o) {
+    o = {.verb = o.verb, .which = o.which, .count = o.count, .box = {.size = {1, 1, 1}}};
+  });
+  offer([](CoreOp& o) { o.count = 1; });
+  offer([](CoreOp& o) { o.count = (o.count + 1) / 2; });
+  offer([](CoreOp& o) { o.count -= o.count > 1 ? 1 : 0; });
+  offer([](CoreOp& o) { o.which = 0; });
+  offer([](CoreOp& o) { o.which /= 2; });
+  offer([](CoreOp& o) { o.box.shape = Shape::ordinary; });
+  offer([](CoreOp& o) { o.box = {.size = {1, 1, 1}}; });
+  offer([](CoreOp& o) { o.filter = 0; });
+  return result;
+}
+
+std::vector<CoreScript> plainer_filters(const CoreScript& script) {
+  if (script.filters == FilterKind::none) return {};
+  CoreScript plain = script;
+  plain.filters = FilterKind::none;
+  return {plain};
+}
+
+std::ostream& operator<<(std::ostream& out, const Aabb& box) {
+  for (const auto* corner : {&box.lower, &box.upper}) {
+    out << (corner == &box.lower ? "(" : " to (") << (*corner)[0] << ", " << (*corner)[1] << ", "
+        << (*corner)[2] << ")";
+  }
+  return out;
+}
+
+}  // namespace
+
+Filter filter_of(FilterKind kind, unsigned number) {
+  constexpr std::array groups{1U, 2U, 3U, 0x80000000U, 0U};
+  constexpr std::array masks{0xffffffffU, 1U, 2U, 0x80000001U};
+  constexpr std::array bodies{Filter::no_body, 0U, 1U};
+  constexpr std::array worlds{0U, 1U, 2U, 1U << 30U, Filter::all_worlds};
+  const bool sets = kind == FilterKind::sets || kind == FilterKind::sets_of_worlds;
+  const bool all = kind == FilterKind::all;
+  Filter filter;
+  if (sets) filter = number % 2 == 0 ? first_set : second_set;
+  if (kind == FilterKind::groups || all) {
+    filter = {.group = groups.at(number % 5), .mask = masks.at(number / 5 % 4)};
+  }
+  if (kind != FilterKind::none && kind != FilterKind::worlds) filter.body = bodies.at(number / 7 % 3);
+  if (kind == FilterKind::worlds || kind == FilterKind::sets_of_worlds || all) {
+    filter.world = worlds.at(number / 3 % 5);
+  }
+  return filter;
+}
+
+Aabb box_of(const CoreScript& script, const CoreOp& op, unsigned k) {
+  const auto [lower, upper] = corners_of<float>(box_of_call(op.box, k, script.extent));
+  return {lower, upper};
+}
+
+Filter filter_of(const CoreScript& script, const CoreOp& op, unsigned k) {
+  return filter_of(script.filters, op.filter + 11 * k);
+}
+
+Pairs exclusions_of(const CoreOp& op, const Pairs& present) {
+  constexpr std::array<std::size_t, 6> steps{0, 1, 2, 3, 7, 50};
+  const std::size_t step = steps.at(op.filter % steps.size());
+  Pairs pairs;
+  if (step == 0) return pairs;
+  for (std::size_t k = op.which % step; k < present.size(); k += step) pairs.push_back(present[k]);
+  for (std::uint32_t k = 0; k < 5; ++k) pairs.push_back({op.which % 40 + k, op.which % 7});
+  std::erase_if(pairs, [](const Pair& pair) { return pair.a == pair.b; });
+  pairs.push_back(pairs.front());
+  pairs.push_back({0, 0xffffffff});
+  std::ranges::reverse(pairs);
+  return pairs;
+}
+
+std::ostream& operator<<(std::ostream& out, const CoreOp& op) {
+  out << core_verb_names.at(static_cast<std::size_t>(op.verb)) << " " << op.which;
+  if (op.count > 1) out << ", " << op.count << " times";
+  const auto [lower, upper] = corners_of<float>(op.box);
+  return out << ", " << Aabb{lower, upper} << ", filter " << op.filter;
+}
+
+std::ostream& operator<<(std::ostream& out, const CoreScript& script) {
+  out << "with at most " << script.most << " objects in " << script.extent << " halves, and "
+      << filter_kind_names.at(static_cast<std::size_t>(script.filters)) << " filters\n";
+  for (std::size_t k = 0; k < script.ops.size(); ++k) out << "  " << k << ": " << script.ops[k] << "\n";
+  return out;
+}
+
+rc::Gen<CoreScript> core_scripts(ScriptSize size) {
+  return [size](const rc::Random& random, int /*size*/) {
+    return rc::shrinkable::shrinkRecur(CoreGenerator(random).script(size), [](const CoreScript& script) {
+      return rc::Seq<CoreScript>(Shrinks<CoreScript, plainer_filters, plainer_core_op>(script));
+    });
+  };
+}
+
+}  // namespace broadcl::test

@@ -1,0 +1,77 @@
+#pragma once
+
+#include <cstdint>
+#include <ostream>
+#include <vector>
+
+#include <rapidcheck.h>
+
+#include <broadcl/aabb.hpp>
+#include <broadcl/filter.hpp>
+
+#include "each_algorithm.hpp"
+#include "random_boxes.hpp"
+
+/// Scripts of calls for a BroadPhase or a DeviceBroadPhase. Either leaves out what it does not have.
+namespace broadcl::test {
+
+enum class CoreVerb {
+  add,
+  remove,
+  replace,  ///< Remove and add with the same box, so that the id belongs to another object.
+  move,
+  map,  ///< A DeviceBroadPhase gets boxes in another layout instead.
+  filter,
+  exclude,
+  begin,
+  update,       ///< Or finish(), if an update was begun.
+  enqueue,      ///< An update of a DeviceBroadPhase that nobody waits for.
+  change_side,  ///< Of `auto`, between host and device.
+  refuse        ///< Calls with errors, which must change nothing.
+};
+
+/// Which filters a script uses.
+enum class FilterKind { none, groups, worlds, sets, sets_of_worlds, all };
+
+/// One call, or a few of the same kind.
+struct CoreOp {
+  CoreVerb verb = CoreVerb::update;
+  unsigned which = 0;  ///< The object of the verb, modulo their number, or a variant of it.
+  unsigned count = 1;  ///< This many objects, one after the other.
+  BoxSpec box{};
+  unsigned filter = 0;  ///< See filter_of().
+
+  friend bool operator==(const CoreOp&, const CoreOp&) = default;
+};
+
+/// The life of a broad phase. It stays valid whatever is left out of it.
+struct CoreScript {
+  std::uint32_t most = 0;  ///< Objects at once, at most.
+  int extent = 1;          ///< Of the corners of boxes, in halves: the smaller, the more pairs.
+  FilterKind filters = FilterKind::none;
+  std::vector<CoreOp> ops;
+};
+
+/// A filter of a kind, by any number.
+[[nodiscard]] Filter filter_of(FilterKind kind, unsigned number);
+
+/// Box k < count of an operation, and its filter.
+[[nodiscard]] Aabb box_of(const CoreScript& script, const CoreOp& op, unsigned k);
+[[nodiscard]] Filter filter_of(const CoreScript& script, const CoreOp& op, unsigned k);
+
+/// Pairs to exclude: of those given, none or one in a few, in any order; some twice, and some that do not
+/// overlap or do not exist.
+[[nodiscard]] Pairs exclusions_of(const CoreOp& op, const Pairs& present);
+
+std::ostream& operator<<(std::ostream& out, const CoreOp& op);
+std::ostream& operator<<(std::ostream& out, const CoreScript& script);
+
+enum class ScriptSize {
+  tiny,   ///< For devices that take seconds per update.
+  small,  ///< Up to 60 objects, sometimes 250, rarely more than 2,000 in a few updates.
+};
+
+/// Scripts, each with its own density, number of objects, filters and share of odd boxes.
+[[nodiscard]] rc::Gen<CoreScript> core_scripts(ScriptSize size);
+
+}  // namespace broadcl::test
