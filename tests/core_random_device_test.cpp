@@ -1,6 +1,7 @@
 // Random calls of a DeviceBroadPhase: core_random_test.cpp does the same with a BroadPhase.
 #include "opencl/api.hpp"  // before <CL/cl.h>: it chooses the version
 
+#include <algorithm>
 #include <array>
 #include <cstddef>
 #include <cstdint>
@@ -41,26 +42,23 @@ class DevicePlayer {
   void apply(const CoreOp& op) {
     switch (op.verb) {
       case CoreVerb::add:
-        for (unsigned k = 0; k < op.count && boxes_.size() < most(); ++k) {
-          boxes_.push_back(box_of(script_, op, k));
-          filters_.push_back(filter_of(script_, op, k));
-        }
+        for (unsigned k = 0; k < op.count && boxes_.size() < most(); ++k) add(op, k);
         break;
       case CoreVerb::map:
         layout_ = op.which % 3;
+        if (op.count > 1) resize(op);
         break;
       case CoreVerb::exclude:
         exclude(exclusions_of(op, reference_.pairs()));
         break;
       case CoreVerb::begin:
-        if (begun_) return expect_refused([&] { begin(); });
-        begin();
+        if (!begun_) begin();
         break;
       case CoreVerb::update:
         update();
         break;
       case CoreVerb::enqueue:
-        enqueue(std::array{1U, 30U, most() * most()}.at(op.which % 3));
+        enqueue(op.which % 4);
         break;
       case CoreVerb::refuse:
         refuse();
@@ -129,6 +127,20 @@ class DevicePlayer {
     return pairs;
   }
 
+  void add(const CoreOp& op, unsigned call) {
+    boxes_.push_back(box_of(script_, op, call));
+    filters_.push_back(filter_of(script_, op, call));
+  }
+
+  void resize(const CoreOp& op) {
+    const std::size_t n = first_count_ + op.count;
+    if (boxes_.size() > n) {
+      boxes_.resize(n);
+      filters_.resize(n);
+    }
+    for (unsigned k = 0; boxes_.size() < n; ++k) add(op, k);
+  }
+
   void apply_to(std::size_t k, const CoreOp& op, unsigned call) {
     if (op.verb == CoreVerb::filter) {
       filters_[k] = filter_of(script_, op, call);
@@ -188,7 +200,6 @@ class DevicePlayer {
   void begin() {
     Given given = give();
     broad_phase_.begin(given.arguments);
-    if (reference_.is_in_flight()) return;
     check_enqueued();
     reference_.begin();
     begun_ = std::move(given);
@@ -201,24 +212,28 @@ class DevicePlayer {
     reference_.set_exclusions(pairs);
   }
 
-  /// @param capacity Of the lists: if they are too short, this update and all later ones are incomplete.
-  void enqueue(std::uint32_t capacity) {
+  /// @param lists 0: they are one too short, so that this update and all later ones are incomplete. 1: they
+  /// just suffice. Otherwise they are long.
+  void enqueue(unsigned lists) {
     if (begun_) return;
-    const auto capacity_of_lists = std::min<std::size_t>(capacity, std::size_t{most()} * most() / 2);
-    Enqueued update{.given = give(),
-                    .added = queue_.buffer_of(Pairs(capacity_of_lists)),
-                    .removed = queue_.buffer_of(Pairs(capacity_of_lists)),
+    Given given = give();
+    Reference next = reference_;
+    const Reference::Changes expected = next.finish();
+    const std::size_t longest = std::max(expected.added.size(), expected.removed.size());
+    const std::size_t capacity = std::max<std::size_t>(1, lists == 0 && longest > 0 ? longest - 1
+                                                          : lists == 1              ? longest
+                                                                                    : longest + 1000);
+    Enqueued update{.given = std::move(given),
+                    .added = queue_.buffer_of(Pairs(capacity)),
+                    .removed = queue_.buffer_of(Pairs(capacity)),
                     .counts = queue_.buffer_of(std::vector<std::uint32_t>(4, 77)),
                     .expected_counts = {},
-                    .expected = {}};
+                    .expected = expected};
     broad_phase_.enqueue(update.given.arguments, {.added = update.added(),
                                                   .removed = update.removed(),
-                                                  .capacity = capacity_of_lists,
+                                                  .capacity = capacity,
                                                   .counts = update.counts()});
-    Reference next = reference_;
-    update.expected = next.finish();
-    const auto& [added, removed] = update.expected;
-    is_halted_ = is_halted_ || added.size() > capacity_of_lists || removed.size() > capacity_of_lists;
+    is_halted_ = is_halted_ || longest > capacity;
     if (is_halted_) {
       ++incomplete_;
       update.expected = {};
@@ -251,6 +266,7 @@ class DevicePlayer {
     if (begun_) {
       expect_refused([&] { (void)broad_phase_.pairs(); });
       expect_refused([&] { broad_phase_.reserve(1, 1); });
+      expect_refused([&] { broad_phase_.begin(begun_->arguments); });
     } else {
       expect_refused([&] { (void)broad_phase_.finish(); });
       expect_refused([&] { broad_phase_.begin({.buffer = nullptr, .count = 3}); });

@@ -19,11 +19,11 @@ struct CoreWeight {
   CoreVerb verb;
   unsigned weight;
 };
-constexpr std::array core_weights{CoreWeight{CoreVerb::add, 50},         CoreWeight{CoreVerb::remove, 50},
+constexpr std::array core_weights{CoreWeight{CoreVerb::add, 20},         CoreWeight{CoreVerb::remove, 30},
                                   CoreWeight{CoreVerb::replace, 30},     CoreWeight{CoreVerb::move, 300},
                                   CoreWeight{CoreVerb::map, 15},         CoreWeight{CoreVerb::filter, 40},
-                                  CoreWeight{CoreVerb::exclude, 50},     CoreWeight{CoreVerb::begin, 60},
-                                  CoreWeight{CoreVerb::update, 300},     CoreWeight{CoreVerb::enqueue, 60},
+                                  CoreWeight{CoreVerb::exclude, 40},     CoreWeight{CoreVerb::begin, 60},
+                                  CoreWeight{CoreVerb::update, 300},     CoreWeight{CoreVerb::enqueue, 90},
                                   CoreWeight{CoreVerb::change_side, 40}, CoreWeight{CoreVerb::refuse, 20}};
 
 class CoreGenerator {
@@ -34,7 +34,7 @@ class CoreGenerator {
     CoreScript script;
     std::size_t length = 200;
     script.most = dice_.pick(std::array{3U, 10U, 40U, 60U, 60U});
-    script.extent = dice_.pick(std::array{1, 1, 2, 4, 8, 12});
+    script.extent = dice_.pick(std::array{1, 1, 2, 3, 4, 8});
     if (size == ScriptSize::tiny) {
       length = 10;
       script.most = dice_.pick(std::array{10U, 40U});
@@ -49,20 +49,15 @@ class CoreGenerator {
     }
     script.filters = dice_.one_in(2) ? FilterKind::none : static_cast<FilterKind>(1 + dice_.below(5));
     odd_boxes_ = dice_.pick(std::array{0U, 0U, 3U, 20U});
-    script.ops.push_back(op(script, CoreVerb::add, script.most));
+    is_lively_ = dice_.one_in(2);
     while (script.ops.size() < length) {
-      const CoreVerb next = verb();
-      script.ops.push_back(op(script, next, is_of_many(next) ? count(script.most) : 1));
+      const CoreVerb next = live_ < script.most && dice_.one_in(4) ? CoreVerb::add : verb();
+      script.ops.push_back(op(script, next, count(next, script.most)));
     }
     return script;
   }
 
  private:
-  static bool is_of_many(CoreVerb verb) {
-    return verb != CoreVerb::exclude && verb != CoreVerb::begin && verb != CoreVerb::update &&
-           verb != CoreVerb::enqueue && verb != CoreVerb::refuse;
-  }
-
   CoreVerb verb() {
     constexpr unsigned sum = std::accumulate(core_weights.begin(), core_weights.end(), 0U,
                                              [](unsigned s, CoreWeight w) { return s + w.weight; });
@@ -72,10 +67,33 @@ class CoreGenerator {
     return row->verb;
   }
 
-  /// The number of objects for a call: mostly one, sometimes all.
-  unsigned count(unsigned most) {
-    if (dice_.one_in(5)) return dice_.one_in(2) ? most : 1 + dice_.below(most);
-    return dice_.one_in(4) ? 2 + dice_.below(8) : 1;
+  /// The number of objects for a call.
+  unsigned count(CoreVerb verb, unsigned most) {
+    const unsigned few = dice_.one_in(4) ? 2 + dice_.below(8) : 1;
+    switch (verb) {
+      case CoreVerb::add: {
+        const unsigned count = dice_.one_in(2) ? most : few;
+        live_ += count;
+        return count;
+      }
+      case CoreVerb::map: {
+        const unsigned count = dice_.one_in(4) ? few : most;
+        if (count > 1) live_ = count;
+        return count;
+      }
+      case CoreVerb::move:
+        return dice_.one_in(is_lively_ ? 2 : 10) ? most : few;
+      case CoreVerb::filter:
+        return dice_.one_in(10) ? most : few;
+      case CoreVerb::remove:
+      case CoreVerb::replace: {
+        const unsigned count = dice_.one_in(20) ? most : few;
+        if (verb == CoreVerb::remove) live_ -= std::min(live_, count);
+        return count;
+      }
+      default:
+        return 1;
+    }
   }
 
   CoreOp op(const CoreScript& script, CoreVerb verb, unsigned count) {
@@ -87,7 +105,9 @@ class CoreGenerator {
   }
 
   Dice dice_;
+  unsigned live_ = 0;
   unsigned odd_boxes_ = 0;  // per cent
+  bool is_lively_ = false;  // often everything moves
 };
 
 /// Simpler operations of the same verb, the simplest first.
@@ -158,7 +178,7 @@ Filter filter_of(const CoreScript& script, const CoreOp& op, unsigned k) {
 }
 
 Pairs exclusions_of(const CoreOp& op, const Pairs& present) {
-  constexpr std::array<std::size_t, 6> steps{0, 1, 2, 3, 7, 50};
+  constexpr std::array<std::size_t, 6> steps{0, 0, 1, 3, 7, 50};
   const std::size_t step = steps.at(op.filter % steps.size());
   Pairs pairs;
   if (step == 0) return pairs;

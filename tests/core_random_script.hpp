@@ -20,7 +20,7 @@ enum class CoreVerb {
   remove,
   replace,  ///< Remove and add with the same box, so that the id belongs to another object.
   move,
-  map,  ///< A DeviceBroadPhase gets boxes in another layout instead.
+  map,  ///< Of another number of objects, unless `count` is 1; of a DeviceBroadPhase also in another layout.
   filter,
   exclude,
   begin,
