@@ -3,6 +3,7 @@
 #include <cerrno>
 #include <cstdlib>
 #include <system_error>
+#include <utility>
 
 #include <broadcl/error.hpp>
 
@@ -12,10 +13,13 @@
 #include <process.h>
 #include <share.h>
 #include <sys/stat.h>
+
+#include <random>
 #else
 #include <fcntl.h>
 #include <sys/file.h>
 #include <sys/mman.h>
+#include <sys/stat.h>
 #include <sys/utsname.h>
 #include <unistd.h>
 
@@ -40,6 +44,31 @@ namespace {
 }  // namespace
 
 #ifdef _WIN32
+
+void create_private_folder(const std::filesystem::path& folder) {
+  std::error_code ignored;
+  std::filesystem::create_directories(folder, ignored);
+}
+
+NewFile create_private_file(const std::filesystem::path& folder) {
+  std::random_device random;
+  const std::filesystem::path path =
+      folder / ("new-" + std::to_string(random()) + "-" + std::to_string(random()));
+  int descriptor = -1;
+  _wsopen_s(&descriptor, path.c_str(), _O_CREAT | _O_EXCL | _O_WRONLY | _O_BINARY | _O_NOINHERIT, _SH_DENYRW,
+            _S_IREAD | _S_IWRITE);
+  return {path, File(descriptor < 0 ? nullptr : _fdopen(descriptor, "wb"))};
+}
+
+OwnFile open_own_file(const std::filesystem::path& path) {
+  std::error_code ignored;
+  if (!std::filesystem::is_regular_file(std::filesystem::symlink_status(path, ignored))) return {};
+  int descriptor = -1;
+  _wsopen_s(&descriptor, path.c_str(), _O_RDONLY | _O_BINARY | _O_NOINHERIT, _SH_DENYNO, _S_IREAD);
+  if (descriptor < 0) return {};
+  const auto size = static_cast<std::uint64_t>(_filelengthi64(descriptor));
+  return {File(_fdopen(descriptor, "rb")), size};
+}
 
 std::shared_ptr<const void> lock_folder(const std::filesystem::path& folder) {
   auto lock = std::make_unique<int>(-1);
@@ -99,7 +128,42 @@ utsname names_of_system() {
   return names;
 }
 
+/// Takes the descriptor, if it is one.
+File to_stream(int descriptor, const char* mode) {
+  if (descriptor < 0) return nullptr;
+  File stream(fdopen(descriptor, mode));
+  if (!stream) close(descriptor);
+  return stream;
+}
+
+bool is_own(const struct stat& status) {
+  const bool is_of_user = status.st_uid == geteuid() || status.st_uid == 0;
+  return S_ISREG(status.st_mode) && is_of_user && (status.st_mode & (S_IWGRP | S_IWOTH)) == 0;
+}
+
 }  // namespace
+
+void create_private_folder(const std::filesystem::path& folder) {
+  std::filesystem::path path;
+  for (const std::filesystem::path& part : folder) {
+    path /= part;
+    (void)mkdir(path.c_str(), S_IRWXU);
+  }
+}
+
+NewFile create_private_file(const std::filesystem::path& folder) {
+  std::string path = (folder / "new-XXXXXX").string();
+  File stream = to_stream(mkostemp(path.data(), O_CLOEXEC), "wb");
+  return {path, std::move(stream)};
+}
+
+OwnFile open_own_file(const std::filesystem::path& path) {
+  const int descriptor = open(path.c_str(), O_RDONLY | O_NOFOLLOW | O_NONBLOCK | O_NOCTTY | O_CLOEXEC);
+  File stream = to_stream(descriptor, "rb");
+  struct stat status {};
+  if (!stream || fstat(descriptor, &status) != 0 || !is_own(status)) return {};
+  return {std::move(stream), static_cast<std::uint64_t>(status.st_size)};
+}
 
 std::shared_ptr<const void> lock_folder(const std::filesystem::path& folder) {
   auto file = std::make_unique<int>(-1);  // before it is opened, since this may throw

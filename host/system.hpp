@@ -21,6 +21,33 @@ namespace broadcl {
 
 [[nodiscard]] bool is_terminal(std::FILE* stream);
 
+struct CloseFile {
+  void operator()(std::FILE* file) const noexcept { std::fclose(file); }
+};
+using File = std::unique_ptr<std::FILE, CloseFile>;
+
+/// Creates a folder, and those above it, unless they exist. Only the user may use what is created. (On
+/// Windows, whoever may use the folder above.) Failures show when a file is created there.
+void create_private_folder(const std::filesystem::path& folder);
+
+struct NewFile {
+  std::filesystem::path path;
+  File stream;  ///< Null if no file could be created.
+};
+
+/// Creates a file for writing, under a name that cannot be guessed and that nothing had before, so no link is
+/// followed. Only the user may read and write it.
+[[nodiscard]] NewFile create_private_file(const std::filesystem::path& folder);
+
+struct OwnFile {
+  File stream;  ///< Null if there is no such file, or if it cannot be read.
+  std::uint64_t size = 0;
+};
+
+/// Opens a file for reading, if it is a regular file, not a link, that belongs to the user or to root, and
+/// that nobody else may write. (On Windows, any regular file.) Never waits.
+[[nodiscard]] OwnFile open_own_file(const std::filesystem::path& path);
+
 /// Locks a folder against other callers of this function, in any process, until the returned object is
 /// destroyed or the process ends, however it ends.
 /// @returns Null if another caller has locked it.

@@ -1,4 +1,10 @@
+#ifndef _WIN32
+#include <sys/stat.h>
+#include <unistd.h>
+#endif
+
 #include <algorithm>
+#include <cstdint>
 #include <cstring>
 #include <fstream>
 #include <iterator>
@@ -155,6 +161,78 @@ TEST_F(Cache, TheEnvironmentNamesTheFolder) {
   EXPECT_FALSE(DiskCache().store("key", bytes_));
 }
 
+#ifndef _WIN32
+
+TEST_F(Cache, OnlyTheUserMayUseWhatIsCreated) {
+  const DiskCache cache(folder_.path() / "a" / "b");
+  const mode_t before = umask(0);
+  const bool is_stored = cache.store("key", bytes_);
+  umask(before);
+  ASSERT_TRUE(is_stored);
+  for (const fs::path folder : {"a", "a/b"}) {
+    EXPECT_EQ(fs::status(folder_.path() / folder).permissions(), fs::perms::owner_all) << folder;
+  }
+  EXPECT_EQ(fs::status(cache.file_of("key")).permissions(), fs::perms::owner_read | fs::perms::owner_write);
+}
+
+TEST_F(Cache, NoLinkIsFollowed) {
+  const fs::path other = folder_.path() / "other";
+  write(other, "precious");
+  const fs::path file = cache_.file_of("key");
+  fs::create_directory(file.parent_path());
+  fs::create_symlink(other, file);
+  // (Temporary files once had these names.)
+  for (int k = 0; k < 1000; ++k) {
+    const std::string suffix = "." + std::to_string(getpid()) + "-" + std::to_string(k) + ".tmp";
+    fs::create_symlink(other, file.string() + suffix);
+  }
+  EXPECT_TRUE(cache_.store("key", bytes_));
+  EXPECT_EQ(content(other), "precious");
+  EXPECT_TRUE(fs::is_regular_file(fs::symlink_status(file)));
+  EXPECT_EQ(cache_.load("key"), bytes_);
+  fs::rename(file, other);
+  fs::create_symlink(other, file);
+  EXPECT_EQ(cache_.load("key"), std::nullopt);
+}
+
+TEST_F(Cache, AFileThatSomebodyElseMayHaveWrittenIsNotUsed) {
+  const fs::path file = cache_.file_of("key");
+  for (const fs::perms writer : {fs::perms::group_write, fs::perms::others_write}) {
+    ASSERT_TRUE(cache_.store("key", bytes_));
+    fs::permissions(file, writer, fs::perm_options::add);
+    EXPECT_EQ(cache_.load("key"), std::nullopt);
+  }
+  ASSERT_TRUE(cache_.store("key", bytes_));
+  constexpr uid_t somebody = 12345;
+  if (chown(file.c_str(), somebody, static_cast<gid_t>(-1)) != 0) return;  // only root may
+  EXPECT_EQ(cache_.load("key"), std::nullopt);
+}
+
+TEST_F(Cache, WhatIsNoFileIsNeitherWaitedForNorRead) {
+  const fs::path file = cache_.file_of("key");
+  fs::create_directory(file.parent_path());
+  ASSERT_EQ(mkfifo(file.c_str(), S_IRUSR | S_IWUSR), 0);
+  EXPECT_EQ(cache_.load("key"), std::nullopt);
+  EXPECT_TRUE(cache_.store("key", bytes_));
+  EXPECT_EQ(cache_.load("key"), bytes_);
+  fs::remove(file);
+  fs::create_symlink("/dev/zero", file);
+  EXPECT_EQ(cache_.load("key"), std::nullopt);
+}
+
+#endif
+
+TEST_F(Cache, ASizeThatNoProgramHasIsNotRead) {
+  ASSERT_TRUE(cache_.store("key", bytes_));
+  const fs::path file = cache_.file_of("key");
+  std::string header = content(file);
+  constexpr std::uint64_t size = std::uint64_t{1} << 34;
+  std::memcpy(&header[16], &size, sizeof size);
+  write(file, header);
+  fs::resize_file(file, header.size() - bytes_.size() + size);  // without data on the disk
+  EXPECT_EQ(cache_.load("key"), std::nullopt);
+}
+
 class OnDevice : public ::testing::Test {
  protected:
   OnDevice() {
@@ -213,6 +291,21 @@ TEST_F(OnDevice, ProgramsAreCachedAndRunFromTheCache) {
   ASSERT_EQ(files.size(), 1U);
   EXPECT_EQ(run(Context(select_device(), false)), 42);
   EXPECT_EQ(cached_files(), files);
+}
+
+TEST_F(OnDevice, TheFolderIsNamedIfTheProgramCanBeStoredThere) {
+  write_kernel("42");
+  std::vector<std::string> named;
+  const auto compile = [&](const fs::path& folder) {
+    const test::ScopedVariable variable("BROADCL_CACHE_DIR", folder.string());
+    const Context context(select_device(), false,
+                          [&](const Device& /*device*/, const std::string& name) { named.push_back(name); });
+    EXPECT_EQ(run(context), 42);
+  };
+  compile(folder_.path() / "stored");
+  compile(folder_.path() / "stored");
+  compile(folder_.path() / "store.cl" / "folder");
+  EXPECT_EQ(named, (std::vector<std::string>{(folder_.path() / "stored").string(), ""}));
 }
 
 TEST_F(OnDevice, AChangedKernelOrOptionIsAnotherProgram) {

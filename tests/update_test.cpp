@@ -264,7 +264,7 @@ TEST(BruteForce, ACacheThatCannotBeWrittenCostsNothingElse) {
       {.algorithm = "brute-force", .on_compile = [&](const Device& device, const std::string& cache_folder) {
          ++compiled;
          EXPECT_EQ(device.label(), select_device().label());
-         EXPECT_EQ(cache_folder, file.string());
+         EXPECT_EQ(cache_folder, "");
        }});
   EXPECT_EQ(compiled, 1);
   for (std::uint32_t k = 0; k < 50; ++k) broad_phase.add(apart(k));

@@ -172,7 +172,7 @@ BROADCL_API broadcl_status broadcl_algorithms(const broadcl_algorithm** rows, si
 /// seconds; a second time if the device turns out to need other kernels, for smaller work-groups. With
 /// "auto", it may be called in another thread. Must return.
 /// @param device Valid during the call, like `cache_folder`.
-/// @param cache_folder The folder in which the kernels are stored for the next start; "" if there is none.
+/// @param cache_folder Where the kernels are stored for the next start; "" if they cannot be stored.
 typedef void (*broadcl_compile_handler)(const broadcl_device_info* device, const char* cache_folder,
                                         void* data);
 

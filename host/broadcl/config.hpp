@@ -15,7 +15,7 @@ namespace broadcl {
 /// Called once by an object that has to compile kernels, before it does so, because that may take many
 /// seconds; a second time if the device turns out to need other kernels, for smaller work-groups. Kernels are
 /// compiled once for each device and driver or, without a cache, at every start.
-/// @param cache_folder Empty if there is none.
+/// @param cache_folder Where they are stored for the next start; empty if they cannot be stored.
 using CompileHandler = std::function<void(const Device& device, const std::string& cache_folder)>;
 
 /// How an object of this library works: which device and which algorithm it uses, and what it measures. A

@@ -66,7 +66,7 @@ std::string key_of(const Device& device, std::string_view key) {
 
 /// Whether the driver has its own cache of compiled programs. PoCL has, and exporting a binary takes it
 /// longer than everything else, because it compiles every kernel once more, for work-groups of any size. In
-/// that case only a marker is stored, so that on_compile is not called again.
+/// that case only a marker is stored in place of the binary, so that on_compile is not called again.
 bool keeps_programs(const Device& device) {
   return device.platform_name == "Portable Computing Language";
 }
@@ -301,14 +301,16 @@ cl::Program Context::program(std::string_view file, const std::string& options) 
 cl::Program Context::build(std::string_view file, const std::string& source,
                            const std::string& options) const {
   const std::string key = options + '\0' + source;
-  const auto binary = load(key);
-  if (binary && !binary->empty()) {
-    if (auto program = from_binary(context_, cl_device_, *binary, options)) return *program;
-  }
+  const DiskCache::Bytes binary = load(key).value_or(DiskCache::Bytes());
   const bool is_kept_by_driver = keeps_programs(device_);
-  if (!is_kept_by_driver || !binary) {
+  if (!binary.empty() && !is_kept_by_driver) {
+    if (auto program = from_binary(context_, cl_device_, binary, options)) return *program;
+  }
+  if (binary.empty() || !is_kept_by_driver) {
     if (const CompileHandler on_compile = std::exchange(programs_->on_compile, {})) {
-      on_compile(device_, disk_cache_.folder().string());
+      // Whether the binary can be stored there shows by storing an empty one.
+      const bool is_stored = disk_cache_.store(key_of(device_, key), {});
+      on_compile(device_, is_stored ? disk_cache_.folder().string() : "");
     }
   }
   cl::Program program(context_, source);
@@ -319,7 +321,7 @@ cl::Program Context::build(std::string_view file, const std::string& source,
                 with_file_names(program.getBuildInfo<CL_PROGRAM_BUILD_LOG>(cl_device_), source));
   }
   if (is_kept_by_driver) {
-    if (!binary) store(key, {});
+    if (binary.empty()) store(key, {'1'});
     return program;
   }
   const auto binaries = program.getInfo<CL_PROGRAM_BINARIES>();

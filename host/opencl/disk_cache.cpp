@@ -1,11 +1,11 @@
 #include "opencl/disk_cache.hpp"
 
+#include <algorithm>
 #include <array>
-#include <atomic>
 #include <cstdint>
-#include <cstring>
-#include <fstream>
-#include <sstream>
+#include <cstdio>
+#include <initializer_list>
+#include <string>
 #include <system_error>
 #include <utility>
 
@@ -17,6 +17,9 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr std::string_view nowhere = "/dev/null";
+constexpr std::array magic = {'B', 'r', 'o', 'a', 'd', 'C', 'L', '1'};
+/// More than any program takes; a larger file is damaged.
+constexpr std::size_t most_bytes = std::size_t{1} << 28;
 
 /// FNV-1a, 64 bits.
 std::uint64_t checksum(std::string_view bytes, std::uint64_t hash = 0xcbf29ce484222325U) {
@@ -35,28 +38,25 @@ struct Header {
   std::uint64_t content_size;
   std::uint64_t sum;
 
+  /// What a file with this header takes.
+  [[nodiscard]] std::uint64_t file_size() const { return sizeof(Header) + key_size + content_size; }
+
   friend bool operator==(const Header&, const Header&) = default;
 };
 
 Header header_of(std::string_view key, std::string_view content) {
-  return {
-      {'B', 'r', 'o', 'a', 'd', 'C', 'L', '1'}, key.size(), content.size(), checksum(content, checksum(key))};
+  return {magic, key.size(), content.size(), checksum(content, checksum(key))};
 }
 
-fs::path temporary_name(const fs::path& target) {
-  static std::atomic<unsigned> serial{0};
-  std::string suffix(".");  // (GCC 12 warns if a literal comes first in a sum of strings.)
-  suffix += std::to_string(process_id()) + "-" + std::to_string(serial++) + ".tmp";
-  return fs::path(target) += suffix;
+bool read(const File& file, void* to, std::size_t size) {
+  return size == 0 || std::fread(to, 1, size, file.get()) == size;
 }
 
-bool write(const fs::path& path, const Header& header, std::string_view key, std::string_view content) {
-  std::ofstream file(path, std::ios::binary);
-  file.write(reinterpret_cast<const char*>(&header), sizeof header);
-  file.write(key.data(), static_cast<std::streamsize>(key.size()));
-  file.write(content.data(), static_cast<std::streamsize>(content.size()));
-  file.close();
-  return static_cast<bool>(file);
+bool write(File file, std::initializer_list<std::string_view> parts) {
+  const bool is_written = std::ranges::all_of(parts, [&](std::string_view part) {
+    return part.empty() || std::fwrite(part.data(), 1, part.size(), file.get()) == part.size();
+  });
+  return std::fclose(file.release()) == 0 && is_written;
 }
 
 }  // namespace
@@ -80,30 +80,34 @@ fs::path DiskCache::file_of(std::string_view key) const {
 
 std::optional<DiskCache::Bytes> DiskCache::load(std::string_view key) const {
   if (folder_.empty()) return std::nullopt;
-  std::ifstream file(file_of(key), std::ios::binary);
-  std::ostringstream text;
-  text << file.rdbuf();  // as much as can be read
-  const std::string all = std::move(text).str();
+  const OwnFile file = open_own_file(file_of(key));
   Header header{};
-  if (all.size() < sizeof header + key.size()) return std::nullopt;
-  std::memcpy(&header, all.data(), sizeof header);
-  const std::string_view rest = std::string_view(all).substr(sizeof header);
-  const std::string_view content = rest.substr(key.size());
-  if (rest.substr(0, key.size()) != key || header != header_of(key, content)) return std::nullopt;
-  return Bytes(content.begin(), content.end());
+  if (!file.stream || !read(file.stream, &header, sizeof header)) return std::nullopt;
+  const bool has_sizes =
+      header.key_size == key.size() && header.content_size <= most_bytes && header.file_size() == file.size;
+  if (header.magic != magic || !has_sizes) return std::nullopt;
+  std::string own_key(key.size(), '\0');
+  Bytes content(header.content_size);
+  if (!read(file.stream, own_key.data(), own_key.size()) ||
+      !read(file.stream, content.data(), content.size())) {
+    return std::nullopt;
+  }
+  if (own_key != key || header != header_of(key, as_text(content))) return std::nullopt;
+  return content;
 }
 
 bool DiskCache::store(std::string_view key, const Bytes& bytes) const {
-  if (folder_.empty()) return false;
-  const fs::path target = file_of(key);
-  const fs::path temporary = temporary_name(target);
+  if (folder_.empty() || bytes.size() > most_bytes) return false;
+  create_private_folder(folder_);
+  NewFile file = create_private_file(folder_);
+  const Header header = header_of(key, as_text(bytes));
+  const std::string_view header_bytes(reinterpret_cast<const char*>(&header), sizeof header);
+  const bool is_written = file.stream && write(std::move(file.stream), {header_bytes, key, as_text(bytes)});
   std::error_code failure;
-  fs::create_directories(folder_, failure);
-  const bool written = write(temporary, header_of(key, as_text(bytes)), key, as_text(bytes));
-  if (written) fs::rename(temporary, target, failure);
-  if (written && !failure) return true;
+  if (is_written) fs::rename(file.path, file_of(key), failure);
+  if (is_written && !failure) return true;
   std::error_code ignored;
-  fs::remove(temporary, ignored);
+  fs::remove(file.path, ignored);
   return false;
 }
 

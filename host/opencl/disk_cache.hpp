@@ -10,7 +10,9 @@ namespace broadcl::opencl {
 
 /// Stores data between runs, mainly binaries of programs, in one file per key. Files are written under
 /// another name and renamed, so that processes may share the folder. A file is used only if its length, its
-/// checksum and its whole key are right: drivers crash on damaged binaries.
+/// checksum and its whole key are right: drivers crash on damaged binaries. Since drivers run them, too, only
+/// the user may use what is created, and a file that somebody else may have written is not used
+/// (open_own_file()).
 class DiskCache {
  public:
   using Bytes = std::vector<unsigned char>;
@@ -20,7 +22,7 @@ class DiskCache {
   DiskCache();
   explicit DiskCache(std::filesystem::path folder);
 
-  /// The data stored under a key, if there is any, and its file can be read and is not damaged.
+  /// The data stored under a key, if there is any, and its file can be used.
   [[nodiscard]] std::optional<Bytes> load(std::string_view key) const;
 
   /// Stores data under a key. Failures of the folder or the file are not errors: they only cost the time to

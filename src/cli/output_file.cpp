@@ -3,11 +3,11 @@
 #include <atomic>
 #include <broadcl/error.hpp>
 #include <cerrno>
+#include <cstdio>
 #include <sstream>
 #include <system_error>
 
 #include "cli/text.hpp"
-#include "system.hpp"
 
 namespace broadcl::cli {
 
@@ -61,7 +61,7 @@ void OutputFile::follow_links() {
   }
 }
 
-OutputFile::File OutputFile::open_beside_target() {
+File OutputFile::open_beside_target() {
   static std::atomic<unsigned> serial{0};
   while (true) {
     // The name of the target may be too long to append to.

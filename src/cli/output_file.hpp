@@ -1,14 +1,13 @@
 #pragma once
 
-#include <cstdio>
 #include <filesystem>
 #include <initializer_list>
-#include <memory>
 #include <optional>
 #include <string>
 #include <string_view>
 
 #include "cli/process.hpp"
+#include "system.hpp"
 
 namespace broadcl::cli {
 
@@ -39,11 +38,6 @@ class OutputFile {
   [[nodiscard]] const std::filesystem::path& target() const noexcept { return target_; }
 
  private:
-  struct Close {
-    void operator()(std::FILE* file) const noexcept { std::fclose(file); }
-  };
-  using File = std::unique_ptr<std::FILE, Close>;
-
   /// Replaces the target by what it links to; weakly_canonical() does so only if that exists.
   void follow_links();
   [[nodiscard]] File open_beside_target();
