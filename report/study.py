@@ -133,6 +133,9 @@ def _read_info(path: Path) -> dict[str, Any]:
     for key in (*needed.split(), "devices", "cut"):
         if key not in info:
             raise StudyError(f"{path} has no '{key}'")
+    for name in info["scenarios"]:  # becomes part of paths
+        if not isinstance(name, str) or not re.fullmatch("[a-z0-9-]+", name):
+            raise StudyError(f"{path}: '{name}' is not the name of a scenario")
     return info
 
 

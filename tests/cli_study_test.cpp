@@ -319,6 +319,7 @@ TEST_F(ProgramStudy, RefusesTimesOfAnotherHostOrBuildAndDamagedDocuments) {
                                    {"objects", json::array()},
                                    {"objects", json::array({-1})},
                                    {"scenarios", json::array()},
+                                   {"scenarios", json::array({"free-fall", "../free-fall"})},
                                    {"versions", json::object()}}) {
     other = study;
     other[key] = value;

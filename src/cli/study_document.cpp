@@ -88,15 +88,21 @@ ordered_json new_document(const StudySettings& settings) {
   return document;
 }
 
-bool has_sound_numbers(const ordered_json& document) {
+bool is_sound(const ordered_json& document) {
   const auto is_in = [](const ordered_json& number, std::uint64_t lowest, std::uint64_t highest) {
     return number.is_number_unsigned() && number >= lowest && number <= highest;
   };
+  const auto is_scenario = [](const ordered_json& name) {
+    return std::ranges::any_of(scenes::Scenario::list(),
+                               [&](const scenes::ScenarioInfo& info) { return name == info.name; });
+  };
   const ordered_json& objects = document.at("objects");
+  const ordered_json& scenarios = document.at("scenarios");
   return is_in(document.at("frames"), 2, most_frames) && is_in(document.at("repeat"), 1, most_repeats) &&
          document.at("seed").is_number_unsigned() && !objects.empty() &&
          std::ranges::all_of(objects, [&](const ordered_json& n) { return is_in(n, 1, most_objects); }) &&
-         !document.at("scenarios").empty() && !document.at("broadphases").empty();
+         !scenarios.empty() && std::ranges::all_of(scenarios, is_scenario) &&
+         !document.at("broadphases").empty();
 }
 
 StudySettings settings_of(const ordered_json& document) {

@@ -14,9 +14,10 @@ namespace broadcl::cli {
 /// The document of a study that begins here and now. It has no devices yet.
 [[nodiscard]] nlohmann::ordered_json new_document(const StudySettings& settings);
 
-/// @returns Whether the document, which somebody may have edited, has a size that a study can have.
+/// @returns Whether the document, which somebody may have edited, has a size that a study can have, and only
+/// scenarios that exist: their names become parts of paths.
 /// @throws nlohmann::json::exception if something is missing.
-[[nodiscard]] bool has_sound_numbers(const nlohmann::ordered_json& document);
+[[nodiscard]] bool is_sound(const nlohmann::ordered_json& document);
 
 /// The settings of the study.
 /// @throws nlohmann::json::exception if something is missing.

@@ -73,7 +73,7 @@ std::optional<nlohmann::ordered_json> StudyFolder::read_document() const {
     if (document.at("format") != 1) {
       throw Error(quoted(path) + " was written by another version; name another folder with --out");
     }
-    if (!has_sound_numbers(document)) {
+    if (!is_sound(document)) {
       throw Error(quoted(path) + " is damaged; name another folder with --out");
     }
     (void)planned_runs(settings_of(document), device_labels(document));

@@ -103,6 +103,12 @@ class BadInput(SmallStudy):
             "no 'devices'", lambda: self.edit(self.folder / "study.json", '"devices"', '"other"')
         )
 
+    def test_a_scenario_that_is_a_path(self) -> None:
+        self.expect(
+            "'../free-fall' is not the name",
+            lambda: self.edit(self.folder / "study.json", '"free-fall"', '"../free-fall"'),
+        )
+
     def test_no_summary(self) -> None:
         self.expect("no run has finished", (self.folder / "study.csv").unlink)
 
