@@ -39,7 +39,7 @@ std::optional<std::string> difference(const std::vector<Pair>& pairs, const std:
   std::set_difference(pairs.begin(), pairs.end(), expected.begin(), expected.end(),
                       std::back_inserter(extra));
   const Pair& first = missing.empty() ? extra.front() : missing.front();
-  return std::to_string(missing.size()) + " pairs missing, " + std::to_string(extra.size()) +
+  return counted(missing.size(), "pair") + " missing, " + std::to_string(extra.size()) +
          " extra, the first (" + std::to_string(first.a) + ", " + std::to_string(first.b) + ")";
 }
 
@@ -71,7 +71,7 @@ std::optional<std::string> check_still(const std::vector<BoxScene>& scenes,
     std::copy(scene.boxes.begin(), scene.boxes.end(), broad_phase.map(scene.boxes.size()).begin());
     (void)broad_phase.update();
     if (const auto wrong = difference(broad_phase.pairs(), oracle(scene.boxes))) {
-      return "scene '" + scene.name + "' of " + std::to_string(scene.boxes.size()) + " boxes: " + *wrong;
+      return "scene '" + scene.name + "' of " + counted(scene.boxes.size(), "box") + ": " + *wrong;
     }
   }
   return std::nullopt;

@@ -184,8 +184,9 @@ std::string NpyHeader::shape_text() const {
 }
 
 NpyHeader read_npy_header(std::istream& stream) {
-  if (read_bytes(stream, magic.size()) != magic) {
-    throw Error("it is not a NumPy array: the magic bytes of .npy are missing");
+  if (const std::string start = read_bytes(stream, magic.size()); start != magic) {
+    throw Error(start.starts_with("PK") ? "it is an archive (.npz) of .npy files; extract one, with unzip"
+                                        : "it is not a NumPy array: the magic bytes of .npy are missing");
   }
   const std::string version = read_bytes(stream, 2);
   if (version.size() == 2 && (version[0] < 1 || version[0] > 3 || version[1] != 0)) {

@@ -75,7 +75,7 @@ Exit run_pairs(const PairsOptions& options) {
   const auto empty = static_cast<std::size_t>(std::ranges::count_if(boxes, is_empty));
   if (empty > 0) {
     std::cout << counted(empty, "box") << (empty == 1 ? " is" : " are")
-              << " inverted (min > max) and ignored\n";
+              << " inverted (min > max) and ignored; are the columns min x, y, z, max x, y, z?\n";
   }
   std::cout << times << (device ? "; searching includes opening the device" : "") << "\n";
   return Exit::success;

@@ -127,12 +127,11 @@ std::string table_row(const std::string& name, const std::vector<double>& millis
 std::string text_of(const Verdict& verdict) {
   if (verdict.first_wrong_frame) {
     return "WRONG, first in frame " + std::to_string(*verdict.first_wrong_frame) + "; over all frames, " +
-           std::to_string(verdict.missing) + " pairs are missing and " + std::to_string(verdict.extra) +
-           " are extra";
+           counted(verdict.missing, "missing pair") + " and " + counted(verdict.extra, "extra pair");
   }
   if (verdict.exact) return "every frame has exactly the pairs of the oracle";
-  return "no frame misses a pair of the oracle; " + std::to_string(verdict.extra) +
-         " extra pairs over all frames, which this broad phase may have";
+  return "no frame misses a pair of the oracle; " + counted(verdict.extra, "extra pair") +
+         " over all frames, which this broad phase may have";
 }
 
 ordered_json json_of(const SimulationConfig& config) {

@@ -22,6 +22,7 @@
 #include "cli/study_plan.hpp"
 #include "cli/study_recordings.hpp"
 #include "cli/study_report.hpp"
+#include "cli/text.hpp"
 #include "cli/verbs.hpp"
 #include "scenes/broadphases.hpp"
 #include "scenes/scenario.hpp"
@@ -293,8 +294,8 @@ Exit run_study(const StudyOptions& options) {
   }
   std::cout << study_report(folder, settings, runs);
   if (failed.empty()) return Exit::success;
-  std::cerr << "broadcl: " << failed.size() << " of " << runs.size()
-            << " runs failed; run the same command again to retry them:\n";
+  std::cerr << "broadcl: " << failed.size() << " of " << counted(runs.size(), "run")
+            << " failed; run the same command again to retry them:\n";
   for (const std::string& line : failed) std::cerr << "  " << line << '\n';
   return Exit::failure;
 }

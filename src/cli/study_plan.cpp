@@ -153,8 +153,8 @@ bool runs_on_devices(const StudySettings& settings, const std::string& broadphas
 }
 
 std::string describe(const StudyRun& run) {
-  return run.scenario + ", " + grouped(run.objects) + " objects, " + run.broadphase +
-         (run.device.empty() ? "" : " on " + one_line(run.device)) + ", repetition " +
+  return run.scenario + ", " + grouped(run.objects) + (run.objects == 1 ? " object, " : " objects, ") +
+         run.broadphase + (run.device.empty() ? "" : " on " + one_line(run.device)) + ", repetition " +
          std::to_string(run.repeat);
 }
 

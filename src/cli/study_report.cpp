@@ -61,7 +61,7 @@ std::string study_report(const StudyFolder& folder, const StudySettings& setting
   }
   if (devices.empty()) devices.emplace_back();
   std::string text = "study         " + settings.preset + ", " + std::to_string(done) + " of " +
-                     std::to_string(runs.size()) + " runs done, of " + counted(settings.frames, "frame") +
+                     counted(runs.size(), "run") + " done, of " + counted(settings.frames, "frame") +
                      " each\n";
   for (const std::string& device : devices) {
     text += "device        " + (device.empty() ? "host" : one_line(device)) +
