@@ -9,6 +9,8 @@ import os
 import pathlib
 import shutil
 import sys
+import zipfile
+from typing import IO
 
 import numpy as np
 
@@ -50,7 +52,7 @@ def _save(name: str, pairs: np.ndarray) -> None:
         try:
             with file:  # np.save() would overlook a full disk
                 np.lib.format.write_array_header_1_0(file, np.lib.format.header_data_from_array_1_0(pairs))
-                file.write(pairs)
+                file.write(pairs.data)
             if os.path.lexists(target):
                 shutil.copymode(target, temporary)  # refuses a link to itself
             temporary.replace(target)
@@ -61,17 +63,49 @@ def _save(name: str, pairs: np.ndarray) -> None:
         raise ValueError(f"cannot write {name}: {error.strerror or error}") from error
 
 
+def _array(file: IO[bytes]) -> np.ndarray:
+    if file.read(len(np.lib.format.MAGIC_PREFIX)) != np.lib.format.MAGIC_PREFIX:
+        raise ValueError("it is not a NumPy array: the magic bytes of .npy are missing")
+    file.seek(0)
+    array = np.lib.format.read_array(file)
+    if file.read(1):
+        raise ValueError(f"it has more data than its shape {array.shape} needs")
+    return array
+
+
 def _load(name: str) -> np.ndarray:
+    """The array in a .npy file, or the only one in a .npz archive."""
     try:
-        boxes = np.load(name)
+        with open(name, "rb") as file:
+            is_archive = file.read(2) == b"PK"
+            file.seek(0)
+            if not is_archive:
+                return _array(file)
+            with zipfile.ZipFile(file) as archive:
+                members = archive.namelist()
+                if len(members) != 1:
+                    raise ValueError(f"it holds {_counted(len(members), 'array')}; give a file with one")
+                with archive.open(members[0]) as member:
+                    return _array(member)
     except (OSError, MemoryError):
         raise
-    except Exception as error:  # NumPy raises many kinds for damaged files
+    except Exception as error:  # NumPy and zipfile raise many kinds for damaged files
         reason = str(error).partition("\n")[0]
+        if "allow_pickle" in reason:
+            reason = "its dtype is object; float32 or float64 is needed"
         raise ValueError(f"cannot read {name}: {reason}") from error
-    if not isinstance(boxes, np.ndarray):
-        raise ValueError(f"{name} holds several arrays; give a .npy file")
-    return boxes
+
+
+def _counted(count: int, noun: str) -> str:
+    """"1 box", "2 boxes", "3 pairs"."""
+    ending = "" if count == 1 else "es" if noun.endswith("x") else "s"
+    return f"{count} {noun}{ending}"
+
+
+def _inverted(boxes: np.ndarray) -> int:
+    """How many boxes have a lower bound above the upper one."""
+    lower, upper = np.split(boxes.reshape(len(boxes), -1), 2, axis=1)
+    return int(np.count_nonzero((lower > upper).any(axis=1)))
 
 
 def _pairs(arguments: argparse.Namespace) -> int:
@@ -86,7 +120,13 @@ def _pairs(arguments: argparse.Namespace) -> int:
     pairs = broadcl.overlapping_pairs(boxes, device=arguments.device, algorithm=arguments.algorithm)
     if arguments.out is not None:
         _save(arguments.out, pairs)
-    print(f"{len(pairs)} overlapping pairs of {len(boxes)} boxes")
+    print(f"{_counted(len(pairs), 'overlapping pair')} of {_counted(len(boxes), 'box')}")
+    if inverted := _inverted(boxes):
+        axes = "x, y" if boxes.shape[-1] == 4 else "x, y, z"
+        print(
+            f"{_counted(inverted, 'box')} {'is' if inverted == 1 else 'are'} inverted (min > max) and ignored; "
+            f"are the columns min {axes}, max {axes}?"
+        )
     return 0
 
 
@@ -115,7 +155,7 @@ def main() -> int:
     verb.set_defaults(run=_check)
 
     verb = verbs.add_parser("pairs", help="find all overlapping pairs of an array of boxes")
-    verb.add_argument("file", metavar="FILE", help=".npy: (n, 6), (n, 2, 3) or (n, 4), float32 or float64")
+    verb.add_argument("file", metavar="FILE", help=".npy, or .npz with one array: (n, 6), (n, 2, 3) or (n, 4), float32 or float64")
     verb.add_argument("--out", metavar="FILE", help="write the pairs here: .npy, (m, 2) uint32")
     verb.add_argument("--device", help=device)
     verb.add_argument("--algorithm", default="auto", help=", ".join(broadcl.algorithms()))

@@ -56,7 +56,7 @@ def _result(algorithm: str, device: _core.Device | None, frames: list[tuple[str,
             known = _apply(known, added, removed)
             for pairs in (broad_phase.pairs(), known):
                 if not np.array_equal(pairs, expected):
-                    return f"wrong in {frame}: {len(pairs)} pairs, {len(expected)} expected"
+                    return f"wrong in {frame}: pairs: {len(pairs)}, expected: {len(expected)}"
     except _core.Error as error:
         return str(error)
     return "right"

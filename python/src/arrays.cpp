@@ -12,12 +12,17 @@ using namespace nb::literals;
 namespace broadcl::python {
 namespace {
 
-std::uint32_t to_word(nb::handle number, const std::string& name) {
+std::uint32_t to_word(nb::handle number, const std::string& name, const WordKind& kind) {
   const auto integer = nb::steal<nb::object>(PyNumber_Index(number.ptr()));
   if (!integer.is_valid()) throw nb::python_error();
   std::uint32_t word = 0;
   if (nb::try_cast(integer, word)) return word;
-  throw nb::value_error((name + " must be 0 to 4294967295, not " + nb::str(integer).c_str()).c_str());
+  std::int32_t bits = 0;
+  if (kind.is_bits && nb::try_cast(integer, bits)) return static_cast<std::uint32_t>(bits);
+  const std::string lowest = kind.is_bits ? "-2147483648" : "0";
+  throw nb::value_error(
+      (name + " must be " + lowest + " to 4294967295, not " + nb::str(integer).c_str() + kind.remedy)
+          .c_str());
 }
 
 std::vector<Pair> to_pairs(const Words& words) {
@@ -65,9 +70,9 @@ nb::object to_array(std::vector<std::uint32_t>&& words) {
   return Array(data, {size}, keep(std::move(owner))).cast(nb::rv_policy::reference);
 }
 
-Words::Words(nb::handle words, const std::string& name) {
+Words::Words(nb::handle words, const std::string& name, const WordKind& kind) {
   if (PyLong_Check(words.ptr())) {
-    words_ = {to_word(words, name)};
+    words_ = {to_word(words, name, kind)};
     is_single_ = true;
     return;
   }
@@ -78,16 +83,16 @@ Words::Words(nb::handle words, const std::string& name) {
     const nb::object any = numpy.attr("asarray")(words);
     const nb::object dtype = any.attr("dtype");
     const nb::object shape = any.attr("shape");
-    const auto kind = nb::cast<std::string>(dtype.attr("kind"));
+    const auto type = nb::cast<std::string>(dtype.attr("kind"));
     const bool is_empty = nb::cast<std::size_t>(any.attr("size")) == 0;
     const auto dimensions = nb::cast<std::size_t>(any.attr("ndim"));
-    if (kind != "i" && kind != "u" && !is_empty) {
+    if (type != "i" && type != "u" && !is_empty) {
       throw nb::type_error(
           (name + " must be an integer or an array of integers, not " + nb::str(nb::handle(dtype)).c_str())
               .c_str());
     }
     if (dimensions == 0) {
-      words_ = {to_word(any.attr("item")(), name)};
+      words_ = {to_word(any.attr("item")(), name, kind)};
       is_single_ = true;
       return;
     }
@@ -96,8 +101,8 @@ Words::Words(nb::handle words, const std::string& name) {
           (name + " must be of shape (n,), not " + nb::str(nb::handle(shape)).c_str()).c_str());
     }
     if (is_empty) return;
-    (void)to_word(any.attr("min")(), name);
-    (void)to_word(any.attr("max")(), name);
+    (void)to_word(any.attr("min")(), name, kind);
+    (void)to_word(any.attr("max")(), name, kind);
     array = nb::cast<Array>(numpy.attr("ascontiguousarray")(any, "dtype"_a = "uint32"));
   }
   words_.assign(array.data(), array.data() + array.shape(0));
@@ -132,11 +137,12 @@ std::vector<Pair> to_exclusions(nb::handle exclusions, std::size_t first, std::o
   for (std::size_t k = 0; k < pairs.size(); ++k) {
     if (!second) refuse_itself(pairs[k], k, "exclusions");
     if (pairs[k].a < first && pairs[k].b < second.value_or(first)) continue;
-    throw nb::value_error(("row " + std::to_string(k) + " of exclusions is (" + std::to_string(pairs[k].a) +
-                           ", " + std::to_string(pairs[k].b) + "), but there are " + std::to_string(first) +
-                           (second ? " boxes in a and " + std::to_string(*second) + " in b" : " boxes") +
-                           "; give their indices")
-                              .c_str());
+    throw nb::value_error(
+        ("row " + std::to_string(k) + " of exclusions is (" + std::to_string(pairs[k].a) + ", " +
+         std::to_string(pairs[k].b) + "), but there " + (first == 1 ? "is " : "are ") +
+         std::to_string(first) + (first == 1 ? " box" : " boxes") +
+         (second ? " in a and " + std::to_string(*second) + " in b" : "") + "; give their indices")
+            .c_str());
   }
   return pairs;
 }

@@ -33,12 +33,18 @@ nanobind::capsule keep(std::unique_ptr<Owner> owner) {
 /// An (n,) uint32 array, which takes the words over.
 [[nodiscard]] nanobind::object to_array(std::vector<std::uint32_t>&& words);
 
+/// What integers mean to a caller.
+struct WordKind {
+  bool is_bits = false;     ///< Then -2^31 .. -1 are accepted, too: -1 is all bits, ~1 all but the lowest.
+  const char* remedy = "";  ///< The end of the message for an integer that is out of range.
+};
+
 /// Integers 0 .. 2^32 - 1 that a caller gives: one, or an array of them.
 class Words {
  public:
   /// @param name What messages call them.
   /// @throws TypeError, ValueError
-  Words(nanobind::handle words, const std::string& name);
+  Words(nanobind::handle words, const std::string& name, const WordKind& kind = {});
 
   /// Those of an array (n, columns), row after row.
   /// @param columns Any number if it is 0.

@@ -2,6 +2,7 @@
 
 #include <nanobind/stl/string.h>
 
+#include <algorithm>
 #include <cstddef>
 #include <cstdint>
 #include <string>
@@ -32,6 +33,11 @@ bool is_aligned(const Array& array) {
 
 std::size_t last(const Array& array) {
   return array.ndim() == 0 ? 0 : array.shape(array.ndim() - 1);
+}
+
+/// Whether this is [], which means no boxes.
+bool is_empty_list(const Array& array) {
+  return array.ndim() == 1 && array.shape(0) == 0;
 }
 
 bool is_sequence(nb::handle object) {
@@ -121,6 +127,7 @@ void BoxArray::take_one(nb::handle boxes) {
   arrays_[0] = to_array(boxes);
   const Array& array = arrays_[0];
   const std::size_t dimensions = array.ndim();
+  if (is_empty_list(array)) return;
   const bool is_corners = dimensions >= 2 && last(array) == 3 && array.shape(dimensions - 2) == 2;
   const bool is_row = dimensions >= 1 && (last(array) == 6 || last(array) == 4);
   const std::size_t own = is_corners ? 2 : 1;  // dimensions of one box
@@ -157,6 +164,7 @@ void BoxArray::view_one() {
 
 void BoxArray::take_two(nb::handle lower, nb::handle upper) {
   arrays_ = {to_array(lower), to_array(upper)};
+  if (std::ranges::all_of(arrays_, is_empty_list)) return;
   for (const Array& array : arrays_) {
     if (array.ndim() < 1 || array.ndim() > 2 || last(array) != 3) refuse_shape(array);
   }

@@ -46,7 +46,9 @@ struct Changes {
 class Filters {
  public:
   Filters(nb::handle group, nb::handle mask, nb::handle body, nb::handle world, std::size_t n)
-      : words_{Words(group, "group"), Words(mask, "mask"), Words(body, "body"), Words(world, "world")} {
+      : words_{Words(group, "group", {.is_bits = true}), Words(mask, "mask", {.is_bits = true}),
+               Words(body, "body", {.remedy = "; broadcl.NO_BODY belongs to none"}),
+               Words(world, "world", {.remedy = "; broadcl.ALL_WORLDS is all of them"})} {
     for (const Words& words : words_) {
       if (words.is_single() || words.size() == n) continue;
       throw nb::value_error(("filters must be integers, or arrays of length " + std::to_string(n) + ", not " +
@@ -346,7 +348,7 @@ void add_broad_phase(nb::module_& module) {
           "the first dimension. float64 is rounded outward.\n"
           "group, mask, body, world: the filter, integers or arrays (n,). Two objects pair if each is\n"
           "in a group of the other's mask, if they are in the same world or one is in ALL_WORLDS, and\n"
-          "if they are not of the same body.\n\n"
+          "if they are not of the same body. Of group and mask, -1 is all bits, ~1 all but the lowest.\n\n"
           "Raises ValueError for a NaN (it names the row) and for a wrong shape, TypeError for another\n"
           "dtype.")
       .def("move", &Objects::move, "ids"_a.none(), "boxes"_a.none(),

@@ -127,7 +127,8 @@ void add_device(nb::module_& module) {
       .def("__str__", &Device::label)
       .def("__repr__",
            [](const Device& device) { return "<broadcl.Device " + device.id() + " " + device.label() + ">"; })
-      .def("__eq__", &is_same_device, nb::is_operator())
+      .def("__eq__", &is_same_device, nb::is_operator(),
+           nb::sig("def __eq__(self, other: object, /) -> bool"))
       .def("__hash__", [](const Device& device) { return nb::hash(nb::str(device.id().c_str())); });
 }
 

@@ -203,6 +203,30 @@ def test_writing_counts_once():
     assert broad_phase.boxes(2)[1, 0] == 5
 
 
+@pytest.mark.parametrize("masks", [-1, [-1, -1], np.array([-1, -1]), np.array([-1, -1], np.int8), 0xFFFFFFFF], ids=repr)
+def test_minus_one_is_all_bits(masks):
+    values = [[0, 0, 0, 1, 1, 1]] * 2
+    broad_phase = broadcl.BroadPhase()
+    ids = broad_phase.add(values, group=[1, -(2**31)], mask=masks)
+    assert len(broad_phase.update().added) == 1
+    broad_phase.set_filter(ids, group=[1, 2], mask=~1)  # whoever is in group 1 pairs with nobody
+    assert len(broad_phase.update().removed) == 1
+    broad_phase.set_filter(ids, group=2, mask=~1)
+    assert len(broad_phase.update().added) == 1
+
+
+def test_an_empty_list_is_no_boxes():
+    broad_phase = broadcl.BroadPhase()
+    for empty in ([], (), ([], []), np.empty(0), np.empty((0, 6))):
+        assert broadcl.overlapping_pairs(empty).shape == (0, 2)
+        assert broadcl.overlapping_pairs(empty, uniform(2)).shape == (0, 2)
+        ids = broad_phase.add(empty, mask=[])
+        assert ids.shape == (0,) and ids.dtype == np.uint32
+        broad_phase.move([], empty)
+        broad_phase.remove([])
+    assert len(broad_phase) == 0
+
+
 def test_exclusions():
     values = uniform(200)
     expected = oracle(values)

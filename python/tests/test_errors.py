@@ -27,7 +27,7 @@ def test_another_type(values):
         broadcl.BroadPhase().add(values)
 
 
-@pytest.mark.parametrize("shape", [(), (3,), (2, 5), (3, 3), (2, 3, 3), (1, 2, 2, 3), (0,), (2, 1, 6)])
+@pytest.mark.parametrize("shape", [(), (3,), (2, 5), (3, 3), (2, 3, 3), (1, 2, 2, 3), (1, 0), (2, 1, 6)])
 def test_another_shape(shape):
     with pytest.raises(ValueError, match=r"must be of shape \(n, 6\)"):
         broadcl.overlapping_pairs(np.zeros(shape))
@@ -89,6 +89,11 @@ def test_ids():
     for word in (-1, 2**32, [-1], np.array([2**40])):
         with pytest.raises(ValueError, match="0 to 4294967295"):
             broad_phase.remove(word)
+    for name, lowest, remedy in (("group", -(2**31), ""), ("mask", -(2**31), ""), ("body", 0, "; broadcl.NO_BODY "),
+                                 ("world", 0, "; broadcl.ALL_WORLDS ")):
+        for word in (lowest - 1, 2**32, [lowest - 1], np.array([2**40])):
+            with pytest.raises(ValueError, match=f"{name} must be {lowest} to 4294967295, not .*{remedy}"):
+                broad_phase.add([[0, 0, 0, 1, 1, 1]], **{name: word})
     for word in (0.5, [0.5], None, "1"):
         with pytest.raises(TypeError, match="integer"):
             broad_phase.remove(word)
@@ -121,6 +126,8 @@ def test_exclusions():
     ):
         with pytest.raises(ValueError, match=message):
             broadcl.overlapping_pairs(values, second, exclusions=rows)
+    with pytest.raises(ValueError, match=r"row 0 of exclusions is \(0, 1\), but there is 1 box; "):
+        broadcl.overlapping_pairs(uniform(1), exclusions=[[0, 1]])
     with pytest.raises(TypeError, match="exclusions must be an integer or an array of integers"):
         broadcl.overlapping_pairs(values, exclusions=[[0.5, 1]])
 

@@ -104,15 +104,50 @@ def test_pairs_refuses(tmp_path):
     link.unlink()
     expect("none.npy", tmp_path / "none.npy")
     header = b"{'descr': '<f4', 'fortran_order': False, 'shape': (%s, 6), }" % (b"9" * 30)
-    for text in (b"", b"PK", b"text", npy(header), npy(b"(" * 9000), npy(b"(" * 20_000)):
+    for text, reason in (
+        (b"", "magic bytes of .npy"), (b"0,0,0,1,1,1\n", "magic bytes of .npy"), (b"PK", "zip"), (before[:-1], "not fully written"),
+        (before + before, "more data than its shape (3, 6)"), (npy(header), ""), (npy(b"(" * 9000), ""), (npy(b"(" * 20_000), ""),
+    ):
         boxes.write_bytes(text)
-        expect("", boxes)
-    with boxes.open("wb") as file:
-        np.savez(file, uniform(3))
-    expect("several arrays", boxes)
+        expect(reason, boxes)
+        assert "pickle" not in program("pairs", boxes).stderr
+    for arrays, reason in (
+        ([uniform(3)] * 2, "it holds 2 arrays; give a file with one"), ([], "it holds 0 arrays"), ([np.array([{}])], "dtype is object"),
+    ):
+        with boxes.open("wb") as file:
+            np.savez(file, *arrays)
+        expect(reason, boxes)
+    np.save(boxes, np.array([{}]), allow_pickle=True)
+    expect("its dtype is object; float32 or float64 is needed", boxes)
     np.save(boxes, np.zeros(6))
     expect("shape (6,)", boxes)
     assert list(tmp_path.iterdir()) == [boxes]
+
+
+@pytest.mark.parametrize("save", [np.savez, np.savez_compressed])
+def test_pairs_of_an_archive(tmp_path, save):
+    save(tmp_path / "boxes.npz", beams=uniform(100))
+    run = program("pairs", tmp_path / "boxes.npz")
+    assert run.stdout == f"{len(oracle(uniform(100)))} overlapping pairs of 100 boxes\n", run.stderr
+
+
+@pytest.mark.parametrize("form", ["(n, 6)", "(n, 2, 3)", "(n, 4)"])
+def test_pairs_counts_inverted_boxes(tmp_path, form):
+    values = np.tile(np.float64([0, 0, 0, 1, 1, 1]), (4, 1))
+    values[2:, 4] = -1e-300
+    axes = "x, y, z"
+    if form == "(n, 4)":
+        values, axes = values[:, [0, 1, 3, 4]], "x, y"
+    question = f"inverted (min > max) and ignored; are the columns min {axes}, max {axes}?\n"
+    for count, text in ((4, f"2 boxes are {question}"), (3, f"1 box is {question}"), (2, "")):
+        boxes = values[:count].reshape((-1, 2, 3) if form == "(n, 2, 3)" else (count, -1))
+        np.save(tmp_path / "boxes.npy", boxes)
+        assert program("pairs", tmp_path / "boxes.npy").stdout == f"1 overlapping pair of {count} boxes\n" + text
+
+
+def test_pairs_counts_one_in_the_singular(tmp_path):
+    np.save(tmp_path / "boxes.npy", uniform(1))
+    assert program("pairs", tmp_path / "boxes.npy").stdout == "0 overlapping pairs of 1 box\n"
 
 
 def test_without_opencl(no_opencl):
