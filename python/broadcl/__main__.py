@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import io
+import math
 import os
 import pathlib
 import shutil
@@ -104,7 +105,7 @@ def _counted(count: int, noun: str) -> str:
 
 def _inverted(boxes: np.ndarray) -> int:
     """How many boxes have a lower bound above the upper one."""
-    lower, upper = np.split(boxes.reshape(len(boxes), -1), 2, axis=1)
+    lower, upper = np.split(boxes.reshape(len(boxes), math.prod(boxes.shape[1:])), 2, axis=1)
     return int(np.count_nonzero((lower > upper).any(axis=1)))
 
 

@@ -150,6 +150,14 @@ def test_pairs_counts_one_in_the_singular(tmp_path):
     assert program("pairs", tmp_path / "boxes.npy").stdout == "0 overlapping pairs of 1 box\n"
 
 
+@pytest.mark.parametrize("shape", [(0, 6), (0, 2, 3), (0, 4)])
+def test_pairs_of_no_boxes(tmp_path, shape):
+    np.save(tmp_path / "boxes.npy", np.empty(shape))
+    run = program("pairs", tmp_path / "boxes.npy", "--out", tmp_path / "pairs.npy")
+    assert run.stdout == "0 overlapping pairs of 0 boxes\n", run.stderr
+    assert np.load(tmp_path / "pairs.npy").shape == (0, 2)
+
+
 def test_without_opencl(no_opencl):
     code = """if True:
         import broadcl
