@@ -55,7 +55,7 @@ std::vector<Pair> each_once(std::vector<Pair> pairs) {
 
 /// Makes the algorithm for a single search. On a device, `auto` would first compare the algorithms there,
 /// which takes longer than any choice saves.
-std::unique_ptr<Algorithm> make_for_one_search(Config config) {
+AlgorithmPointer make_for_one_search(Config config) {
   if (config.algorithm == "auto" && device_for(config)) config.algorithm = "tiles";
   return make_algorithm(config);
 }
@@ -122,6 +122,10 @@ void BroadPhase::begin() {
 
 Delta BroadPhase::finish() {
   return impl_->finish();
+}
+
+void BroadPhase::shrink() {
+  impl_->shrink();
 }
 
 std::shared_ptr<const void> BroadPhase::delta_memory() const {

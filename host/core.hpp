@@ -20,6 +20,8 @@
 #include "algorithms/algorithm.hpp"
 #include "change_set.hpp"
 #include "exclusions.hpp"
+#include "free_lists.hpp"
+#include "opencl/process.hpp"
 #include "packed_box.hpp"
 #include "parallel.hpp"
 #include "two_sets.hpp"
@@ -30,10 +32,10 @@ namespace broadcl {
 /// where the rest begins, which cannot throw. So a function that throws has changed nothing.
 class Core {
  public:
-  explicit Core(std::unique_ptr<Algorithm> algorithm)
-      : algorithm_(std::move(algorithm)), boxes_(algorithm_->boxes()) {}
+  explicit Core(AlgorithmPointer algorithm) : algorithm_(std::move(algorithm)), boxes_(algorithm_->boxes()) {}
 
   std::uint32_t add(const Aabb& box, const Filter& filter) {
+    refuse_forked();
     refuse_nan(box);
     const bool is_new = free_.empty();
     const auto id = is_new ? static_cast<std::uint32_t>(states_.size()) : free_.front();
@@ -53,6 +55,7 @@ class Core {
   }
 
   void move(std::uint32_t id, const Aabb& box) {
+    refuse_forked();
     refuse_unknown(id);
     refuse_nan(box);
     set_box(id, box);
@@ -80,6 +83,7 @@ class Core {
   }
 
   void remove(std::uint32_t id) {
+    refuse_forked();
     refuse_unknown(id);
     reserve_late();
     // Nothing below throws.
@@ -106,6 +110,7 @@ class Core {
   std::span<Aabb> map_packed(std::size_t n) { return remap(n, 0, packed_empty()); }
 
   void begin() {
+    refuse_forked();
     if (is_begun_) return;
     apply_late();
     flight_.reserve(capacity_);  // here, since an update in flight reads it
@@ -156,7 +161,43 @@ class Core {
     return was_asked_ ? algorithm_->delta_owner() : nullptr;
   }
 
+  /// Gives back memory that the present objects and pairs do not need.
+  void shrink() {
+    if (is_begun_) throw Error("shrink() was called between begin() and finish(); call finish() first");
+    refuse_forked();
+    apply_late();
+    std::size_t ids = slot_count();  // higher ones that are free need not be stored
+    for (const std::uint32_t changed : changes_.changed()) ids = std::max<std::size_t>(ids, changed + 1);
+    ChangeSet changes;
+    changes.reserve(ids);
+    changes.insert(changes_);
+    const auto first = [ids](const auto& list) {
+      return std::vector(list.begin(), list.begin() + static_cast<std::ptrdiff_t>(ids));
+    };
+    std::vector<State> states = first(states_);
+    std::vector<Filter> filters = first(filters_);
+    std::vector<std::uint32_t> free;
+    free.reserve(ids);
+    std::ranges::copy_if(free_, std::back_inserter(free), [ids](std::uint32_t id) { return id < ids; });
+    std::ranges::sort(free);     // which is a heap
+    has_filter_memory_ = false;  // even if a part of the following fails
+    or_find_boxes([&] { algorithm_->shrink(ids); });
+    // Nothing below throws, until all is done.
+    boxes_ = algorithm_->boxes();
+    states_ = std::move(states);
+    filters_ = std::move(filters);
+    free_ = std::move(free);
+    changes_ = std::move(changes);
+    flight_ = {};
+    free_lists(late_);
+    capacity_ = ids;
+    was_asked_ = false;
+    exclusions_.shrink_to_fit();
+    reserve_algorithm(ids, any_filters_);
+  }
+
   [[nodiscard]] std::vector<Pair> pairs() const {
+    refuse_forked();
     if (is_begun_) throw Error("pairs() was called between begin() and finish(); call finish() first");
     return algorithm_->pairs();
   }
@@ -266,6 +307,7 @@ class Core {
   /// @param mapped How many of the boxes begin() has to pack.
   /// @param empty The boxes of new objects.
   std::span<Aabb> remap(std::size_t n, std::size_t mapped, const Aabb& empty) {
+    refuse_forked();
     if (is_begun_) throw Error("boxes cannot be mapped between begin() and finish(); call finish() first");
     if (n > most_objects)
       throw Error(std::to_string(n) + " boxes are too many to map; use at most " +
@@ -371,11 +413,16 @@ class Core {
     }
   }
 
+  /// (Memory of a device may not be there after a fork.)
+  void refuse_forked() const {
+    if (opencl::is_forked() && algorithm_->device() != nullptr) opencl::use_in_this_process();
+  }
+
   static void refuse_nan(const Aabb& box) {
     if (!is_proper(box) && has_nan(box)) throw_nan("a box");
   }
 
-  std::unique_ptr<Algorithm> algorithm_;
+  AlgorithmPointer algorithm_;
   std::span<Aabb> boxes_;            // the algorithm's
   bool has_filter_memory_ = false;   // in the algorithm
   std::size_t capacity_ = 0;         // ids that the following have capacity for

@@ -15,6 +15,8 @@
 #include "opencl/context.hpp"
 #include "opencl/error.hpp"
 #include "opencl/growing_buffer.hpp"
+#include "opencl/launch.hpp"
+#include "opencl/process.hpp"
 #include "opencl/profiler.hpp"
 
 namespace broadcl {
@@ -47,10 +49,10 @@ class DeviceBroadPhase::Impl {
         engine_(context_.guard([&] {
           auto engine = std::make_unique<Engine>(context_, profiler_, find_pair_finder(config.algorithm),
                                                  Order::Target::device);
-          engine->warm_up(std::numeric_limits<std::size_t>::max());  // begin() must not block
+          warm_up(*engine);
           return engine;
         })),
-        source_(context_.guard([&] { return Source(context_); })) {}
+        source_(context_.guard([&] { return std::make_unique<Source>(context_); })) {}
 
   void begin(const Boxes& boxes) {
     refuse_in_flight("begin()");
@@ -92,6 +94,31 @@ class DeviceBroadPhase::Impl {
     const Reservation wanted{.boxes = boxes, .pairs = pairs, .filters = filters};
     context_.guard([&] { fulfil(wanted); });
     reserved_ = wanted;
+  }
+
+  void shrink() {
+    refuse_in_flight("shrink()");
+    context_.guard([&] {
+      settle();
+      auto engine = engine_->successor();
+      warm_up(*engine);
+      auto source = std::make_unique<Source>(context_);
+      const Frame& frame = frames_.at(turn_);
+      Frame smaller{.objects = frame.objects, .boxes = {}, .filters = {}};
+      if (frame.objects.slots > 0) {
+        reserve(smaller, frame.objects.slots, frame.objects.filters() != nullptr);
+        copy(frame, smaller);
+      }
+      // Nothing below throws.
+      engine_ = std::move(engine);
+      source_ = std::move(source);
+      frames_ = {};
+      frames_.at(turn_) = std::move(smaller);
+      pairs_ = {};
+      reserved_ = {};
+      must_reserve_again_ = false;
+      opencl::wait_if_possible(context_.queue());
+    });
   }
 
   void set_exclusions(std::span<const Pair> pairs) {
@@ -171,6 +198,10 @@ class DeviceBroadPhase::Impl {
     std::size_t boxes = 0, pairs = 0;
     bool filters = false;
   };
+
+  static void warm_up(Engine& engine) {
+    engine.warm_up(std::numeric_limits<std::size_t>::max());  // begin() must not block
+  }
 
   /// Calls a function as Context::guard() does. If it fails, it may have lost memory that was reserved.
   template <class Function>
@@ -325,18 +356,18 @@ class DeviceBroadPhase::Impl {
                     .boxes = next.boxes.get(),
                     .filters = filters ? next.filters.get() : cl::Buffer(),
                     .exclusions = exclusions_};
-    source_.set({.buffer = cl::Buffer(boxes.buffer, true),
-                 .count = boxes.count,
-                 .offset = boxes.offset / sizeof(float),
-                 .stride = boxes.stride / sizeof(float)},
-                {.buffer = cl::Buffer(second.buffer, true),
-                 .count = second.count,
-                 .offset = second.offset / sizeof(float),
-                 .stride = second.stride / sizeof(float)},
-                cl::Buffer(boxes.filters, true));
+    source_->set({.buffer = cl::Buffer(boxes.buffer, true),
+                  .count = boxes.count,
+                  .offset = boxes.offset / sizeof(float),
+                  .stride = boxes.stride / sizeof(float)},
+                 {.buffer = cl::Buffer(second.buffer, true),
+                  .count = second.count,
+                  .offset = second.offset / sizeof(float),
+                  .stride = second.stride / sizeof(float)},
+                 cl::Buffer(boxes.filters, true));
     return {.now = next.objects,
             .last = frames_.at(turn_).objects,
-            .source = &source_,
+            .source = source_.get(),
             .worlds = boxes.worlds && boxes.filters != nullptr,
             .sets = is_of_two,
             .ordered_worlds = static_cast<cl_uint>(boxes.ordered_worlds),
@@ -346,7 +377,7 @@ class DeviceBroadPhase::Impl {
   opencl::Context context_;
   opencl::Profiler profiler_;
   std::unique_ptr<Engine> engine_;
-  Source source_;
+  std::unique_ptr<Source> source_;
   std::array<Frame, 2> frames_;  // of the last update and of the next, alternating
   std::size_t turn_ = 0;         // index of the frame of the last update
   cl::Buffer pairs_;
@@ -367,9 +398,15 @@ DeviceBroadPhase::DeviceBroadPhase(cl_command_queue queue, const Config& config)
     : impl_(opencl::make_tuned([&](std::optional<opencl::Tuning> tuning) {
         return std::make_unique<Impl>(queue, config, tuning);
       })) {}
-DeviceBroadPhase::~DeviceBroadPhase() = default;
+DeviceBroadPhase::~DeviceBroadPhase() {
+  opencl::DeleteUnlessForked()(impl_.release());
+}
 DeviceBroadPhase::DeviceBroadPhase(DeviceBroadPhase&&) noexcept = default;
-DeviceBroadPhase& DeviceBroadPhase::operator=(DeviceBroadPhase&&) noexcept = default;
+DeviceBroadPhase& DeviceBroadPhase::operator=(DeviceBroadPhase&& other) noexcept {
+  DeviceBroadPhase taken(std::move(other));
+  impl_.swap(taken.impl_);
+  return *this;
+}
 
 DeviceBroadPhase::Result DeviceBroadPhase::update(const Boxes& boxes) {
   impl_->begin(boxes);
@@ -386,6 +423,10 @@ DeviceBroadPhase::Result DeviceBroadPhase::finish() {
 
 void DeviceBroadPhase::reserve(std::size_t boxes, std::size_t pairs, bool filters) {
   impl_->reserve(boxes, pairs, filters);
+}
+
+void DeviceBroadPhase::shrink() {
+  impl_->shrink();
 }
 
 void DeviceBroadPhase::set_exclusions(std::span<const Pair> pairs) {

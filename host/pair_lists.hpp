@@ -5,13 +5,24 @@
 #include <cstdint>
 #include <iterator>
 #include <span>
+#include <string>
 #include <vector>
 
+#include <broadcl/error.hpp>
 #include <broadcl/pair.hpp>
 
 #include "system.hpp"
 
 namespace broadcl {
+
+/// The largest number of pairs that may overlap: indices of kernels are 32-bit numbers.
+inline constexpr std::size_t most_pairs = std::size_t{1} << 31;
+
+/// @throws Error if so many pairs overlap.
+inline void refuse_too_many(std::size_t pairs) {
+  if (pairs > most_pairs)
+    throw Error("more than " + std::to_string(most_pairs) + " pairs overlap; use fewer boxes");
+}
 
 /// Resizes a list that is to be overwritten. Most of the time that a long new list takes is spent in page
 /// faults, so it gets large pages.

@@ -17,6 +17,7 @@
 #include <random>
 #else
 #include <fcntl.h>
+#include <pthread.h>
 #include <sys/file.h>
 #include <sys/mman.h>
 #include <sys/stat.h>
@@ -25,6 +26,9 @@
 
 #include <fstream>
 #include <string_view>
+#ifdef __GLIBC__
+#include <malloc.h>
+#endif
 #endif
 
 namespace broadcl {
@@ -95,7 +99,13 @@ bool is_terminal(std::FILE* stream) {
   return _isatty(_fileno(stream)) != 0;
 }
 
+bool call_in_forks(void (* /*function*/)()) noexcept {
+  return true;
+}
+
 void use_large_pages(void* /*begin*/, std::size_t /*bytes*/) noexcept {}
+
+void give_back_free_memory() noexcept {}
 
 std::string processor_name() {
   return environment("PROCESSOR_IDENTIFIER").value_or("unknown");
@@ -193,11 +203,21 @@ bool is_terminal(std::FILE* stream) {
   return isatty(fileno(stream)) != 0;
 }
 
+bool call_in_forks(void (*function)()) noexcept {
+  return pthread_atfork(nullptr, nullptr, function) == 0;
+}
+
 void use_large_pages([[maybe_unused]] void* begin, [[maybe_unused]] std::size_t bytes) noexcept {
 #ifdef MADV_HUGEPAGE
   const auto page = static_cast<std::size_t>(sysconf(_SC_PAGESIZE));
   const std::size_t before = reinterpret_cast<std::uintptr_t>(begin) % page;
   (void)madvise(static_cast<std::byte*>(begin) - before, before + bytes, MADV_HUGEPAGE);
+#endif
+}
+
+void give_back_free_memory() noexcept {
+#ifdef __GLIBC__
+  (void)malloc_trim(0);  // what threads have freed stays in their arenas
 #endif
 }
 

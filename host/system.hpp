@@ -54,9 +54,16 @@ struct OwnFile {
 /// @throws Error if the folder cannot be opened or locked.
 [[nodiscard]] std::shared_ptr<const void> lock_folder(const std::filesystem::path& folder);
 
+/// Has a function called at the beginning of every process that is forked from this one by fork().
+/// @returns Whether that is possible, or not needed because there is no fork.
+bool call_in_forks(void (*function)()) noexcept;
+
 /// Asks the system for large pages, with which first accesses to new memory take less time. Does nothing on
 /// systems other than Linux.
 void use_large_pages(void* begin, std::size_t bytes) noexcept;
+
+/// Returns freed memory of the host to the system, as far as the standard library does not do so by itself.
+void give_back_free_memory() noexcept;
 
 /// The name of the processor, as people know it; the architecture if the system reports no more.
 [[nodiscard]] std::string processor_name();

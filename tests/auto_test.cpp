@@ -204,7 +204,7 @@ class EngineAndOracle {
   [[nodiscard]] std::span<const Stage> profile() const { return engines_[0]->profile(); }
 
  private:
-  std::array<std::unique_ptr<Algorithm>, 2> engines_;
+  std::array<AlgorithmPointer, 2> engines_;
 };
 
 /// The result does not depend on which finder is used. All boxes move or only a few, some are replaced or

@@ -22,6 +22,8 @@
 #include "device_limits.hpp"
 #include "environment.hpp"
 #include "failing_opencl.hpp"
+#include "forked_child.hpp"
+#include "process_memory.hpp"
 #include "runs.hpp"
 #include "test_name.hpp"
 
@@ -65,6 +67,8 @@ class Life {
       ASSERT_EQ(cached(), overlapping()) << "frame " << frame;
     }
   }
+
+  void begin() { broadphase_.begin(); }
 
   /// Two frames in which one proxy moves.
   void rest() {
@@ -195,6 +199,63 @@ TEST_P(BulletFailure, ASingleFailureIsSurvivedToo) {
     ASSERT_TRUE(left_by_itself || life.is_on_device() == life.errors().empty());
     if (FailingOpenCl::calls() < first) break;
   }
+}
+
+TEST_P(BulletFailure, InAForkedChildTheHostTakesOver) {
+  Life life(GetParam().name);
+  life.live();
+  for (const bool is_begun : {false, true}) {
+    if (is_begun) life.begin();
+    EXPECT_TRUE(test::holds_in_child([&] {
+      const std::size_t errors = life.is_on_device() ? 1 : 0;
+      life.live();
+      life.rest();
+      EXPECT_FALSE(life.is_on_device());
+      EXPECT_THAT(life.errors(), SizeIs(errors));
+      EXPECT_THAT(life.errors(), ::testing::Each(HasSubstr("after a fork")));
+    })) << is_begun;
+  }
+  life.live();
+  EXPECT_THAT(life.errors(), SizeIs(0));
+}
+
+/// Far too many pairs for the memory, then few again.
+TEST(BulletFailure, ARealShortageOfMemoryEndsWhenThereIsEnough) {
+  EXPECT_TRUE(test::holds_in_child([] {
+    test::limit_memory(std::size_t{1} << 30U);
+    btDefaultCollisionConfiguration configuration;
+    btCollisionDispatcher dispatcher(&configuration);
+    std::vector<std::string> errors;
+    BulletBroadphase broadphase({.algorithm = "sweep-and-prune"});
+    broadphase.set_error_handler([&](const std::string& error) { errors.push_back(error); });
+    std::vector<btBroadphaseProxy*> proxies;
+    const auto lower = [](int k) { return btVector3(btScalar(2 * k), 0, 0); };
+    const btVector3 size(1, 1, 1);
+    for (int k = 0; k < 40'000; ++k) {
+      proxies.push_back(broadphase.createProxy(lower(k), lower(k) + size, BOX_SHAPE_PROXYTYPE, &broadphase, 1,
+                                               1, &dispatcher));
+    }
+    broadphase.calculateOverlappingPairs(&dispatcher);
+    const auto move_all = [&](int places) {
+      for (int k = 0; k < 40'000; ++k) {
+        const btVector3 at = lower(k % places);
+        broadphase.setAabb(proxies[static_cast<std::size_t>(k)], at, at + size, &dispatcher);
+      }
+    };
+    for (const bool is_begun : {false, true}) {
+      errors.clear();
+      move_all(1);
+      if (is_begun) broadphase.begin();
+      if (is_begun) move_all(10'000);  // which the search that has begun does not find
+      broadphase.calculateOverlappingPairs(&dispatcher);
+      EXPECT_THAT(errors, ElementsAre(HasSubstr("memory is exhausted")));
+      move_all(20'000);
+      broadphase.calculateOverlappingPairs(&dispatcher);
+      EXPECT_EQ(broadphase.getOverlappingPairCache()->getNumOverlappingPairs(), 20'000);
+      EXPECT_THAT(errors, SizeIs(1));
+    }
+    for (btBroadphaseProxy* proxy : proxies) broadphase.destroyProxy(proxy, &dispatcher);
+  }));
 }
 
 /// If one call fails, `auto` leaves the GPU by itself. The adapter reports that and continues, as if all

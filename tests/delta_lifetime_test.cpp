@@ -2,6 +2,7 @@
 #include <cstdint>
 #include <deque>
 #include <memory>
+#include <new>
 #include <optional>
 #include <set>
 #include <span>
@@ -94,15 +95,19 @@ TEST_P(EachAlgorithm, KeptDeltasOutliveUpdatesAndTheObject) {
 TEST(ChangeLists, AreThoseOfAnEarlierUpdateThatNobodyKeeps) {
   ChangeLists lists;
   const auto next_capacity = [&] {
-    const std::size_t capacity = lists.next().added.capacity();
+    std::size_t capacity = 0;
+    lists.fill([&](Pairs& added, Pairs& /*removed*/) { capacity = added.capacity(); });
     lists.commit();
     return capacity;
   };
-  lists.next().added.reserve(10);
+  const auto reserve = [&](std::size_t n) {
+    lists.fill([&](Pairs& added, Pairs& /*removed*/) { added.reserve(n); });
+  };
+  reserve(10);
   EXPECT_EQ(next_capacity(), 10U);
   std::shared_ptr<const void> kept = lists.owner();
   EXPECT_EQ(next_capacity(), 0U);
-  lists.next().added.reserve(20);
+  reserve(20);
   kept = lists.owner();
   EXPECT_EQ(next_capacity(), 10U);
   const std::shared_ptr<const void> kept_too = lists.owner();
@@ -111,11 +116,19 @@ TEST(ChangeLists, AreThoseOfAnEarlierUpdateThatNobodyKeeps) {
 
 TEST(ChangeLists, OfAnUpdateThatFailsAreNotThoseOfTheLastOne) {
   ChangeLists lists;
-  lists.next().added.push_back({1, 2});
+  lists.fill([](Pairs& added, Pairs& /*removed*/) { added.push_back({1, 2}); });
   lists.commit();
   const std::shared_ptr<const void> kept = lists.owner();
-  EXPECT_TRUE(lists.next().added.empty());
+  EXPECT_THROW(lists.fill([](Pairs& added, Pairs& /*removed*/) {
+    EXPECT_TRUE(added.empty());
+    added.reserve(100);
+    throw std::bad_alloc();
+  }),
+               std::bad_alloc);
   EXPECT_EQ(lists.owner(), kept);
+  lists.commit();  // of an update that has other lists
+  EXPECT_EQ(lists.owner(), kept);
+  lists.fill([](Pairs& added, Pairs& /*removed*/) { EXPECT_LT(added.capacity(), 100U); });
 }
 
 NOT_IN(rusticl, "version 25.0 maps a buffer to another address each time");

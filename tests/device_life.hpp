@@ -73,7 +73,9 @@ class DeviceLife {
       update(20, 0.7F);
       update(30, 0.6F, 3);
       update(200, 0.001F);  // all pair
+      if (is_right_) trouble_.call([&] { broad_phase_.shrink(); }, [&] { look(reference_.pairs()); });
       update(25, 0.3F, 5);
+      if (is_right_) trouble_.call([&] { broad_phase_.shrink(); }, [&] { look(reference_.pairs()); });
       enqueue(28, 0.5F, 3);
       enqueue(30, 0.4F);
       update(0, 1);

@@ -39,13 +39,13 @@ using std::chrono::milliseconds;
 constexpr double at_once = 0;
 constexpr double slow_update = 100e-6;
 
-std::unique_ptr<Algorithm> host() {
+AlgorithmPointer host() {
   return make_algorithm({.algorithm = "sweep-and-prune"});
 }
 
 /// Opens its device after a few updates, even if they take no time.
 /// @param orders Must outlive it.
-std::unique_ptr<Algorithm> hybrid(const Pretender::Orders& orders) {
+AlgorithmPointer hybrid(const Pretender::Orders& orders) {
   return make_hybrid(
       host(), [&orders] { return std::make_unique<Pretender>(orders); }, at_once);
 }
@@ -58,6 +58,7 @@ class Script {
 
   void update() {
     change();
+    if (below(8) == 0) core_.shrink();
     if (below(4) == 0) {
       core_.begin();
       reference_.begin();
@@ -301,10 +302,10 @@ TEST(HybridFailure, NoMemoryOnTheDeviceIsFollowedByUpdatesOnTheHost) {
 
 /// A hybrid whose host is an algorithm, and that has no device to open.
 /// @param calls Counts its attempts to open one; must outlive it.
-std::unique_ptr<Algorithm> without_device(int& calls, const std::string& algorithm, double slow) {
+AlgorithmPointer without_device(int& calls, const std::string& algorithm, double slow) {
   return make_hybrid(
       make_algorithm({.algorithm = algorithm}),
-      [&calls]() -> std::unique_ptr<Algorithm> {
+      [&calls]() -> AlgorithmPointer {
         ++calls;
         return nullptr;
       },
@@ -328,7 +329,7 @@ TEST(HybridOpens, ADeviceOnceUpdatesTakeLong) {
   std::thread::id opened_by;
   Core core(make_hybrid(
       make_algorithm({.algorithm = "oracle"}),
-      [&]() -> std::unique_ptr<Algorithm> {
+      [&]() -> AlgorithmPointer {
         opened_by = std::this_thread::get_id();
         return std::make_unique<Pretender>(orders);
       },
@@ -367,7 +368,7 @@ void expect_thrown_once(const Failure& failure) {
   int calls = 0;
   Core core(make_hybrid(
       host(),
-      [&]() -> std::unique_ptr<Algorithm> {
+      [&]() -> AlgorithmPointer {
         ++calls;
         throw Failure(failure);
       },
@@ -408,7 +409,7 @@ TEST(HybridOpens, AnExceptionOfTheUsersLeavesTheHost) {
   {
     Core core(make_hybrid(
         make_algorithm({.algorithm = "oracle"}),
-        [&]() -> std::unique_ptr<Algorithm> {
+        [&]() -> AlgorithmPointer {
           ++calls;
           throw std::runtime_error("from Config::on_compile");
         },
@@ -544,7 +545,7 @@ TEST(HybridOpens, TheDestructorWaitsForIt) {
   {
     Core core(make_hybrid(
         make_algorithm({.algorithm = "oracle"}),
-        [&]() -> std::unique_ptr<Algorithm> {
+        [&]() -> AlgorithmPointer {
           std::this_thread::sleep_for(milliseconds(50));
           is_over = true;
           return nullptr;

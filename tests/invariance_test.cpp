@@ -180,7 +180,7 @@ class Motion {
 /// An algorithm on the device, by itself.
 struct Subject {
   std::string name;
-  std::unique_ptr<Algorithm> algorithm;
+  AlgorithmPointer algorithm;
 };
 
 /// Plays the same motion to brute force and to tiles that sort in every frame, now and then, or never again.

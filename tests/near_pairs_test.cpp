@@ -101,7 +101,7 @@ class EarlySearch : public ::testing::Test {
     return ::testing::AssertionFailure() << "no early search in " << most << " frames";
   }
 
-  std::unique_ptr<Algorithm> algorithm_, oracle_;
+  AlgorithmPointer algorithm_, oracle_;
 };
 SUITE_ALSO_IN(EarlySearch, gpu_profile | rusticl);
 

@@ -45,6 +45,10 @@ class Pretender final : public Algorithm {
     may_fail("reserve_exclusions");
     inner_->reserve_exclusions(count);
   }
+  void shrink(std::size_t slots) override {
+    may_fail("shrink");
+    inner_->shrink(slots);
+  }
   [[nodiscard]] std::span<Aabb> boxes() noexcept override { return inner_->boxes(); }
   [[nodiscard]] std::shared_ptr<const void> boxes_owner() const override { return inner_->boxes_owner(); }
   void begin(const Changes& changes) override {
@@ -82,7 +86,7 @@ class Pretender final : public Algorithm {
   }
 
   const Orders& orders_;
-  std::unique_ptr<Algorithm> inner_;
+  AlgorithmPointer inner_;
   Device device_;
 };
 

@@ -67,8 +67,10 @@ class ShortLife {
     move(5, at(500));
     finish();
     update();
+    shrink();
     map(12, 0.5F);
     remove(11);
+    shrink();
     finish();
     add(at(2));
     move(0, at(1));
@@ -127,6 +129,9 @@ class ShortLife {
       reference_.move(id, boxes[id]);
     }
     update();
+  }
+  void shrink() {
+    if (is_right_) call([&] { broad_phase_.shrink(); });
   }
   void begin() {
     if (!is_right_) return;

@@ -119,11 +119,16 @@ void expect_same_pairs(const HostTiles<axes>& all) {
     const Pairs expected = expected_pairs(all, filters);
     ASSERT_GT(expected.size(), 100U);
     for (const bool plain : {true, false}) {
+      PairCount count{.count = 0, .most_stored = most_pairs};
       Found found;
+      found.clear(count);
       for (std::size_t part = 0; part < all.nodes.size() * parts_per_node; ++part)
         tile_search<axes>(plain).tiles(found, all, part, filters);
       EXPECT_TRUE(same("of tiles", sorted(found), expected)) << plain;
+      found.end();
+      EXPECT_EQ(count.count, expected.size());
       Found of_boxes;
+      of_boxes.clear(count);
       tile_search<axes>(plain).boxes(of_boxes, all, places, filters);
       Pairs pairs = sorted(of_boxes);
       EXPECT_EQ(pairs.size(), 2 * expected.size()) << "each is found by both boxes";
@@ -134,10 +139,12 @@ void expect_same_pairs(const HostTiles<axes>& all) {
 }
 
 TEST(Found, HoldsAsManyPairsAsThereAre) {
+  PairCount count{.count = 0, .most_stored = most_pairs};
   Found found;
   EXPECT_TRUE(to_pairs(found).empty());
   for (const std::uint32_t n : {200000U, 1U, 65536U, 300000U}) {
-    found.clear();
+    count.count = 0;
+    found.clear(count);
     Pairs expected;
     for (std::uint32_t k = 0; k < n; ++k) {
       if (k % 7 == 0) found.reserve(7);
@@ -146,7 +153,26 @@ TEST(Found, HoldsAsManyPairsAsThereAre) {
       found.set_next(found.next() + 1);
     }
     EXPECT_TRUE(same("pairs", to_pairs(found), expected));
+    found.end();
+    EXPECT_EQ(count.count, n);
   }
+}
+
+TEST(Found, CountsOnlyWhatIsTooMuchToStore) {
+  PairCount count{.count = 0, .most_stored = 100'000};
+  std::vector<Found> found(2);
+  for (Found& one : found) one.clear(count);
+  for (std::uint32_t k = 0; k < 1'000'000; ++k) {
+    Found& one = found.at(k % 2);
+    one.reserve(1);
+    *one.next() = {k, k + 1};
+    one.set_next(one.next() + 1);
+  }
+  for (Found& one : found) {
+    one.end();
+    EXPECT_LT(to_pairs(one).size(), 200'000U);
+  }
+  EXPECT_EQ(count.count, 1'000'000U);
 }
 
 TEST(TileSearch, ForEachProcessorFindsTheSamePairs) {

@@ -15,6 +15,8 @@
 #include <broadcl/pair.hpp>
 #include <broadcl/profile.hpp>
 
+#include "opencl/process.hpp"
+
 namespace broadcl {
 
 /// The input of an update. The spans belong to the caller and, except for the filters, stay unchanged until
@@ -59,8 +61,15 @@ class Algorithm {
   /// Reserves memory for this many exclusions of the next update. Otherwise like reserve().
   virtual void reserve_exclusions(std::size_t /*count*/) {}
 
+  /// Gives back memory that is not needed for the boxes of this many slots and for the pairs of the last
+  /// update: also that for filters, and the lists that finish() returned. Must not be called during an
+  /// update.
+  /// @throws Error, std::bad_alloc; boxes and pairs are then as before.
+  virtual void shrink(std::size_t slots) = 0;
+
   /// The boxes, in memory that the caller may write between updates; at least as many as were reserved. Valid
-  /// until the next reserve() or finish(), or until reserve_exclusions(), begin() or flush() throws.
+  /// until the next reserve(), shrink() or finish(), or until reserve_exclusions(), begin() or flush()
+  /// throws.
   [[nodiscard]] virtual std::span<Aabb> boxes() noexcept = 0;
 
   /// An owner of the memory of boxes(), which may outlive this object.
@@ -101,6 +110,18 @@ class Algorithm {
   [[nodiscard]] virtual std::span<const Stage> profile() const noexcept = 0;
 };
 
+/// Deletes an algorithm, except one on a device in a process that was forked after OpenCL was used.
+struct DeleteAlgorithm {
+  DeleteAlgorithm() = default;
+  template <class Derived>
+  DeleteAlgorithm(std::default_delete<Derived> /*deleter*/) noexcept {
+  }  // NOLINT(google-explicit-constructor)
+  void operator()(const Algorithm* algorithm) const noexcept {
+    if (algorithm->device() == nullptr || !opencl::is_forked()) delete algorithm;
+  }
+};
+using AlgorithmPointer = std::unique_ptr<Algorithm, DeleteAlgorithm>;
+
 class PairFinder;
 namespace opencl {
 class Context;
@@ -113,7 +134,7 @@ using MakePairFinder = std::unique_ptr<PairFinder> (*)(const opencl::Context& co
 /// A row of the table of algorithms, with a function that makes either the whole algorithm or its PairFinder.
 struct AlgorithmRow {
   AlgorithmInfo info;
-  std::unique_ptr<Algorithm> (*make)(const Config& config) = nullptr;
+  AlgorithmPointer (*make)(const Config& config) = nullptr;
   MakePairFinder make_finder = nullptr;
 };
 
@@ -124,14 +145,14 @@ struct AlgorithmRow {
 [[nodiscard]] bool names_device(const Config& config);
 
 /// @throws Error as find_algorithm() and the algorithm's constructor do.
-[[nodiscard]] std::unique_ptr<Algorithm> make_algorithm(const Config& config);
+[[nodiscard]] AlgorithmPointer make_algorithm(const Config& config);
 
 /// @throws Error as find_algorithm() does, and for an algorithm without a PairFinder.
 [[nodiscard]] MakePairFinder find_pair_finder(std::string_view name);
 
 // Each algorithm is defined in the file of its name. Of the two functions for `auto`, one makes the algorithm
 // that chooses between host and device, the other the PairFinder that chooses among those of the device.
-[[nodiscard]] std::unique_ptr<Algorithm> make_auto(const Config& config);
+[[nodiscard]] AlgorithmPointer make_auto(const Config& config);
 [[nodiscard]] std::unique_ptr<PairFinder> make_auto(const opencl::Context& context);
 [[nodiscard]] std::unique_ptr<PairFinder> make_brute_force(const opencl::Context& context);
 [[nodiscard]] std::unique_ptr<PairFinder> make_tiles(const opencl::Context& context);
@@ -140,8 +161,8 @@ struct AlgorithmRow {
 /// @param fewest_early The fewest boxes that are searched before they are uploaded: NearPairs.
 [[nodiscard]] std::unique_ptr<PairFinder> make_tiles(const opencl::Context& context, double stale,
                                                      std::size_t fewest_early);
-[[nodiscard]] std::unique_ptr<Algorithm> make_gpu_bf(const Config& config);
-[[nodiscard]] std::unique_ptr<Algorithm> make_sweep_and_prune(const Config& config);
-[[nodiscard]] std::unique_ptr<Algorithm> make_oracle(const Config& config);
+[[nodiscard]] AlgorithmPointer make_gpu_bf(const Config& config);
+[[nodiscard]] AlgorithmPointer make_sweep_and_prune(const Config& config);
+[[nodiscard]] AlgorithmPointer make_oracle(const Config& config);
 
 }  // namespace broadcl

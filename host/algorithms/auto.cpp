@@ -113,10 +113,10 @@ std::unique_ptr<PairFinder> make_auto(const opencl::Context& context) {
   return std::make_unique<Auto>(context);
 }
 
-std::unique_ptr<Algorithm> make_auto(const Config& config) {
+AlgorithmPointer make_auto(const Config& config) {
   if (device_for(config)) return make_device_algorithm(config, make_auto);
   const bool is_named = names_device(config);
-  const auto open = [config, is_named]() -> std::unique_ptr<Algorithm> {
+  const auto open = [config, is_named]() -> AlgorithmPointer {
     try {
       if (select_device(config.device).type == DeviceType::cpu) return nullptr;
       return make_device_algorithm(config, make_auto);

@@ -8,6 +8,7 @@
 
 #include <broadcl/pair.hpp>
 
+#include "free_lists.hpp"
 #include "pair_lists.hpp"
 
 namespace broadcl {
@@ -29,6 +30,17 @@ class ChangingPairs {
     pairs_.swap(pairs);
     added_.clear();
     removed_.clear();
+  }
+
+  /// Frees memory that is only needed to change the list.
+  void free_scratch() noexcept { free_lists(rewritten_); }
+
+  /// Frees all memory beyond that of the list.
+  /// @throws std::bad_alloc
+  void shrink() {
+    (void)all();
+    free_scratch();
+    for (std::vector<Pair>* list : {&pairs_, &added_, &removed_}) list->shrink_to_fit();
   }
 
   /// @param added,removed In canonical order. A pair in both stays.

@@ -1,6 +1,7 @@
 #include <algorithm>
 #include <cstddef>
 #include <cstdint>
+#include <memory>
 #include <optional>
 #include <utility>
 
@@ -8,6 +9,7 @@
 #include "algorithms/engine.hpp"
 #include "opencl/context.hpp"
 #include "opencl/error.hpp"
+#include "opencl/launch.hpp"
 #include "opencl/profiler.hpp"
 
 namespace broadcl {
@@ -30,30 +32,41 @@ class DeviceAlgorithm final : public Algorithm {
                   MakePairFinder make_finder)
       : context_(device, config.profile, config.on_compile, tuning),
         profiler_(config.profile),
-        objects_(context_, profiler_),
-        engine_(context_, profiler_, make_finder, Order::Target::host) {
-    engine_.warm_up(objects_.capacity_for(0));
+        objects_(std::make_unique<DeviceObjects>(context_, profiler_)),
+        engine_(std::make_unique<Engine>(context_, profiler_, make_finder, Order::Target::host)) {
+    engine_->warm_up(objects_->capacity_for(0));
   }
 
   void reserve(std::size_t slots, bool filters) override {
     context_.guard([&] {
-      engine_.warm_up(objects_.capacity_for(slots));
-      objects_.reserve(slots, filters);
+      engine_->warm_up(objects_->capacity_for(slots));
+      objects_->reserve(slots, filters);
     });
   }
 
   void reserve_exclusions(std::size_t count) override {
-    context_.guard([&] { objects_.reserve_exclusions(count); });
+    context_.guard([&] { objects_->reserve_exclusions(count); });
   }
 
-  [[nodiscard]] std::span<Aabb> boxes() noexcept override { return objects_.boxes(); }
-  [[nodiscard]] std::shared_ptr<const void> boxes_owner() const override { return objects_.boxes_owner(); }
+  void shrink(std::size_t slots) override {
+    context_.guard([&] {
+      auto objects = objects_->successor(slots);
+      auto engine = engine_->successor();
+      engine->warm_up(objects->capacity_for(0));
+      objects_ = std::move(objects);
+      engine_ = std::move(engine);
+      opencl::wait_if_possible(context_.queue());
+    });
+  }
+
+  [[nodiscard]] std::span<Aabb> boxes() noexcept override { return objects_->boxes(); }
+  [[nodiscard]] std::shared_ptr<const void> boxes_owner() const override { return objects_->boxes_owner(); }
 
   void begin(const Changes& changes) override {
     profiler_.begin();
     context_.guard([&] {
-      engine_.prepare();
-      engine_.begin(objects_.upload(changes));
+      engine_->prepare();
+      engine_->begin(objects_->upload(changes));
     });
   }
 
@@ -62,30 +75,30 @@ class DeviceAlgorithm final : public Algorithm {
   }
 
   Delta finish() override {
-    const PairDelta::Counts counts = context_.guard([&] { return engine_.finish(); });
-    objects_.commit();
-    return engine_.changes().on_host(counts);
+    const PairDelta::Counts counts = context_.guard([&] { return engine_->finish(); });
+    objects_->commit();
+    return engine_->changes().on_host(counts);
   }
 
   [[nodiscard]] std::vector<Pair> find_all(const Changes& changes) override {
     profiler_.begin();
     return context_.guard([&] {
-      engine_.prepare(expected_pairs(context_.device(), changes.slots));
-      engine_.begin(objects_.upload(changes));
-      return engine_.finish_only_search();
+      engine_->prepare(expected_pairs(context_.device(), changes.slots));
+      engine_->begin(objects_->upload(changes));
+      return engine_->finish_only_search();
     });
   }
 
   [[nodiscard]] std::shared_ptr<const void> delta_owner() const override {
-    return engine_.changes().host_owner();
+    return engine_->changes().host_owner();
   }
 
   [[nodiscard]] double expected_seconds(std::size_t slots, std::size_t changed) const override {
-    return engine_.expected_seconds(slots, changed);
+    return engine_->expected_seconds(slots, changed);
   }
 
   [[nodiscard]] std::vector<Pair> pairs() override {
-    return context_.guard([&] { return engine_.pairs(); });
+    return context_.guard([&] { return engine_->pairs(); });
   }
 
   [[nodiscard]] const Device* device() const noexcept override { return &context_.device(); }
@@ -95,13 +108,13 @@ class DeviceAlgorithm final : public Algorithm {
  private:
   opencl::Context context_;
   opencl::Profiler profiler_;
-  DeviceObjects objects_;
-  Engine engine_;
+  std::unique_ptr<DeviceObjects> objects_;
+  std::unique_ptr<Engine> engine_;
 };
 
 }  // namespace
 
-std::unique_ptr<Algorithm> make_device_algorithm(const Config& config, MakePairFinder make_finder) {
+AlgorithmPointer make_device_algorithm(const Config& config, MakePairFinder make_finder) {
   const Device device = select_device(config.device);
   return opencl::translate_errors(device.label(), [&] {
     return opencl::make_tuned([&](std::optional<opencl::Tuning> tuning) {

@@ -79,14 +79,8 @@ void DeviceObjects::reserve_boxes(std::size_t slots) {
   // An update has at most a quarter of the slots in `changed`, with their boxes, or all slots recycled,
   // without boxes.
   const std::size_t staged = std::max(staged_bytes(capacity / 4 + 1, true), staged_bytes(capacity, false));
-  // The last owner waits until the memory is released, because Context, which waits for its queue, may no
-  // longer exist.
   const std::shared_ptr<opencl::MappedBuffer> boxes(
-      new opencl::MappedBuffer(opencl::MappedBuffer::pinned(context_, bytes)),
-      [queue = context_.queue()](const opencl::MappedBuffer* last) {
-        delete last;
-        opencl::wait_if_possible(queue);
-      });
+      new opencl::MappedBuffer(opencl::MappedBuffer::pinned(context_, bytes)), opencl::DeleteAndWait());
   auto staged_changes = staging(context_, staged);
   cl::Buffer last = context_.buffer(bytes);
   cl::Buffer next = context_.buffer(bytes);
@@ -197,6 +191,36 @@ void DeviceObjects::upload_changes(const Changes& changes) {
                         stamp_, changes.all ? none : next_.objects.boxes, stamps_,
                         changes.all ? none : next_.changed.get());
   apply_.enqueue(queue, count, stage.event());
+}
+
+std::unique_ptr<DeviceObjects> DeviceObjects::successor(std::size_t slots) const {
+  const Generation& last = last_.objects;
+  auto next = std::make_unique<DeviceObjects>(context_, profiler_);
+  next->reserve_boxes(std::max<std::size_t>(slots, last.slots));
+  std::memcpy(next->boxes_->host(), boxes_->host(), slots * sizeof(Aabb));
+  const cl::CommandQueue& queue = context_.queue();
+  Generation& objects = next->last_.objects;
+  objects.slots = last.slots;
+  if (last.slots > 0) {
+    queue.enqueueCopyBuffer(last.boxes, objects.boxes, 0, 0, last.slots * sizeof(Aabb));
+  }
+  const auto copy = [&](const cl::Buffer& from, std::size_t bytes, opencl::GrowingBuffer& to) {
+    to.reserve(context_, bytes, "objects");
+    queue.enqueueCopyBuffer(from, to.get(), 0, 0, bytes);
+    return to.get();
+  };
+  next->last_.filter_count = std::min<std::size_t>(last_.filter_count, last.slots);
+  if (last.filters() != nullptr) {
+    objects.filters = copy(last.filters, (next->last_.filter_count + Generation::padding) * sizeof(Filter),
+                           next->filters_.front());
+  }
+  if (last.exclusions() != nullptr) {
+    cl_uint count = 0;  // which comes first: kernels/filter.h
+    queue.enqueueReadBuffer(last.exclusions, CL_TRUE, 0, sizeof count, &count);
+    objects.exclusions =
+        copy(last.exclusions, (std::size_t{count} + 1) * sizeof(Pair), next->exclusions_.front());
+  }
+  return next;
 }
 
 Search DeviceObjects::upload(const Changes& changes) {

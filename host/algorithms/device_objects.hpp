@@ -29,6 +29,11 @@ class DeviceObjects {
   /// @throws cl::Error, Error; nothing has changed then.
   void reserve(std::size_t slots, bool filters);
 
+  /// Another object that continues after the last frame of this one, with memory for this many slots, and for
+  /// filters only if that frame has some.
+  /// @throws cl::Error, Error
+  [[nodiscard]] std::unique_ptr<DeviceObjects> successor(std::size_t slots) const;
+
   /// The number of slots for which there is memory after reserve(slots).
   /// @throws Error
   [[nodiscard]] std::size_t capacity_for(std::size_t slots) const;

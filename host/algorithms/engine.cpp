@@ -11,9 +11,18 @@ Engine::Engine(const opencl::Context& context, opencl::Profiler& profiler, MakeP
                Order::Target target)
     : context_(context),
       profiler_(profiler),
+      make_finder_(make_finder),
+      target_(target),
       delta_(context, profiler),
       order_(context, profiler, target),
       finder_(make_finder(context)) {}
+
+std::unique_ptr<Engine> Engine::successor() const {
+  auto next = std::make_unique<Engine>(context_, profiler_, make_finder_, target_);
+  next->delta_.take(delta_);
+  next->most_slots_ = most_slots_;
+  return next;
+}
 
 void Engine::begin(Search search, cl_uint tag) {
   search_ = std::move(search);

@@ -28,6 +28,11 @@ class Engine {
   Engine(const opencl::Context& context, opencl::Profiler& profiler, MakePairFinder make_finder,
          Order::Target target);
 
+  /// Another engine that continues after the last frame of this one, which must be settled, and has no memory
+  /// but that for its pairs. (Not this one with less memory, because kernels own their arguments.)
+  /// @throws cl::Error, Error
+  [[nodiscard]] std::unique_ptr<Engine> successor() const;
+
   /// Must be called before a frame of more slots than ever. May block, so that begin() does not have to.
   /// @throws cl::Error, Error; nothing has changed then.
   void warm_up(std::size_t slots) { finder_->warm_up(slots); }
@@ -90,6 +95,8 @@ class Engine {
 
   const opencl::Context& context_;
   opencl::Profiler& profiler_;
+  MakePairFinder make_finder_;
+  Order::Target target_;
   PairDelta delta_;
   Order order_;
   std::unique_ptr<PairFinder> finder_;
@@ -100,7 +107,6 @@ class Engine {
 
 /// An algorithm that finds pairs on the device, for a BroadPhase.
 /// @throws Error as the algorithm's constructor does.
-[[nodiscard]] std::unique_ptr<Algorithm> make_device_algorithm(const Config& config,
-                                                               MakePairFinder make_finder);
+[[nodiscard]] AlgorithmPointer make_device_algorithm(const Config& config, MakePairFinder make_finder);
 
 }  // namespace broadcl

@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <memory>
 #include <string>
 #include <utility>
 
@@ -8,12 +9,14 @@
 #include "algorithms/device_objects.hpp"
 #include "algorithms/row_launch.hpp"
 #include "algorithms/triangle.hpp"
+#include "free_lists.hpp"
 #include "opencl/context.hpp"
 #include "opencl/error.hpp"
 #include "opencl/growing_buffer.hpp"
 #include "opencl/launch.hpp"
 #include "opencl/profiler.hpp"
 #include "opencl/shared_buffer.hpp"
+#include "pair_lists.hpp"
 
 namespace broadcl {
 namespace {
@@ -42,20 +45,41 @@ class GpuBf final : public Algorithm {
       : context_(device, config.profile, config.on_compile),
         profiler_(config.profile),
         launch_(context_.tuning() == opencl::Tuning::cpu ? gpu_bf_on_cpus : gpu_bf_on_gpus),
-        kernel_(make_kernel("gpu_bf")),
-        exclude_(make_kernel("gpu_bf_exclude")),
-        objects_(context_, profiler_) {}
+        objects_(std::make_unique<DeviceObjects>(context_, profiler_)) {
+    make_kernels();
+  }
 
   void reserve(std::size_t slots, bool filters) override {
-    context_.guard([&] { objects_.reserve(slots, filters); });
+    context_.guard([&] { objects_->reserve(slots, filters); });
   }
 
   void reserve_exclusions(std::size_t count) override {
-    context_.guard([&] { objects_.reserve_exclusions(count); });
+    context_.guard([&] { objects_->reserve_exclusions(count); });
   }
 
-  [[nodiscard]] std::span<Aabb> boxes() noexcept override { return objects_.boxes(); }
-  [[nodiscard]] std::shared_ptr<const void> boxes_owner() const override { return objects_.boxes_owner(); }
+  void shrink(std::size_t slots) override {
+    context_.guard([&] {
+      auto objects = objects_->successor(slots);
+      opencl::SharedBuffer previous;
+      if (previous_pairs_ > 0) {
+        previous = opencl::SharedBuffer(context_, previous_pairs_);
+        cl::Event mapped;
+        previous.download(previous_pairs_, &mapped);
+        mapped.wait();
+        std::ranges::copy(bytes_of(previous_, previous_pairs_), previous.host());
+      }
+      make_kernels();  // for kernels own their arguments
+      objects_ = std::move(objects);
+      previous_ = std::move(previous);
+      current_ = {};
+      opencl::wait_if_possible(context_.queue());
+    });
+    lists_.clear();
+    free_lists(recycled_);
+  }
+
+  [[nodiscard]] std::span<Aabb> boxes() noexcept override { return objects_->boxes(); }
+  [[nodiscard]] std::shared_ptr<const void> boxes_owner() const override { return objects_->boxes_owner(); }
 
   /// Tests all pairs, regardless of what changed, and copies the results to the host.
   void begin(const Changes& changes) override {
@@ -79,17 +103,20 @@ class GpuBf final : public Algorithm {
         profiler_.resolve();
       });
     }
-    auto& [added, removed] = lists_.next();
-    {
+    if (current_pairs_ > most_pairs) {
+      const auto bytes = bytes_of(current_, current_pairs_);
+      refuse_too_many(bytes.size() - static_cast<std::size_t>(std::ranges::count(bytes, std::byte{0})));
+    }
+    const Delta delta = lists_.fill([&](std::vector<Pair>& added, std::vector<Pair>& removed) {
       const opencl::Profiler::Scope stage(profiler_, "xor");
       find_changes(bytes_of(previous_, previous_pairs_), bytes_of(current_, current_pairs_), recycled_, added,
                    removed);
-    }
-    if (current_pairs_ > 0) objects_.commit();
+    });
+    if (current_pairs_ > 0) objects_->commit();
     std::swap(previous_, current_);
     previous_pairs_ = current_pairs_;
     lists_.commit();
-    return {added, removed};
+    return delta;
   }
 
   [[nodiscard]] std::shared_ptr<const void> delta_owner() const override { return lists_.owner(); }
@@ -111,9 +138,11 @@ class GpuBf final : public Algorithm {
     return {results.host(), pairs};
   }
 
-  [[nodiscard]] opencl::SizedKernel make_kernel(const char* name, const std::string& option = {}) const {
+  void make_kernels() {
     const std::string width = "-DWIDTH=" + std::to_string(launch_.width);
-    return context_.sized_kernel(context_.program("gpu_bf.cl", width + option), name, launch_.group);
+    const cl::Program program = context_.program("gpu_bf.cl", width + option_);
+    kernel_ = context_.sized_kernel(program, "gpu_bf", launch_.group);
+    exclude_ = context_.sized_kernel(program, "gpu_bf_exclude", launch_.group);
   }
 
   /// Grows the buffer of this frame's results. Those of the last frame are not changed.
@@ -124,8 +153,8 @@ class GpuBf final : public Algorithm {
     std::uint64_t most = context_.device().max_allocation;
     if (const auto large = context_.large_buffers(); large && bytes > most) {
       most = large->most;
-      kernel_ = make_kernel("gpu_bf", large->option);
-      exclude_ = make_kernel("gpu_bf_exclude", large->option);
+      option_ = large->option;
+      make_kernels();
     }
     current_ = opencl::SharedBuffer(
         context_,
@@ -138,7 +167,7 @@ class GpuBf final : public Algorithm {
     all.all = true;
     all.filters_changed = true;  // they may have, in an update without pairs to test
     all.recycled = {};           // the host takes care of them
-    const Search search = objects_.upload(all);
+    const Search search = objects_->upload(all);
     current_.release();
     enqueue_kernel(search);
     exclude(search, changes.exclusions.size());
@@ -184,8 +213,9 @@ class GpuBf final : public Algorithm {
   opencl::Context context_;
   opencl::Profiler profiler_;
   RowLaunch launch_;
+  std::string option_;  // for the compiler, if results are large
   opencl::SizedKernel kernel_, exclude_;
-  DeviceObjects objects_;
+  std::unique_ptr<DeviceObjects> objects_;
   opencl::SharedBuffer current_;   // bytes of this frame while it runs
   opencl::SharedBuffer previous_;  // bytes of the last frame
   cl::Event read_;                 // after which the host may read the bytes of this frame
@@ -197,7 +227,7 @@ class GpuBf final : public Algorithm {
 
 }  // namespace
 
-std::unique_ptr<Algorithm> make_gpu_bf(const Config& config) {
+AlgorithmPointer make_gpu_bf(const Config& config) {
   const Device device = select_device(config.device);
   return opencl::translate_errors(device.label(), [&] { return std::make_unique<GpuBf>(config, device); });
 }

@@ -7,8 +7,10 @@
 
 #include "algorithms/change_lists.hpp"
 #include "algorithms/changing_pairs.hpp"
+#include "free_lists.hpp"
 #include "packed_box.hpp"
 #include "pair_lists.hpp"
+#include "system.hpp"
 
 namespace broadcl {
 namespace {
@@ -40,28 +42,45 @@ class HostEngine final : public Algorithm {
     }
   }
 
-  Delta finish() override {
+  Delta finish() override try {
     const HostObjects objects{.boxes = std::span(*boxes_).first(changes_.slots),
                               .filters = filters_,
                               .worlds = changes_.worlds,
                               .sets = changes_.sets,
                               .sets_decide = changes_.sets_decide};
-    auto& [added, removed] = lists_.next();
     const bool search_known = !filters_changed_ && changes_.changed.size() * pairs_per_search < pairs_.size();
     if (!changes_.all &&
         finder_->find_changed(objects, changes_.changed, search_known ? &known_ : nullptr, found_)) {
       exclude(exclusions_, found_);
       search_known ? exclude(exclusions_, known_) : find_known();
-      compare(known_, found_, changes_.recycled, added, removed);
-      pairs_.change(added, removed);
-    } else {
-      finder_->find(objects, found_);
-      exclude(exclusions_, found_);
-      compare(pairs_.all(), found_, changes_.recycled, added, removed);
-      pairs_.swap(found_);
+      const Delta delta = changes_from(known_);
+      refuse_too_many(pairs_.size() + delta.added.size() - delta.removed.size());
+      pairs_.change(delta.added, delta.removed);
+      lists_.commit();
+      return delta;
     }
+    finder_->find(objects, found_);
+    exclude(exclusions_, found_);
+    const Delta delta = changes_from(pairs_.all());
+    pairs_.swap(found_);
     lists_.commit();
-    return {added, removed};
+    return delta;
+  } catch (...) {
+    clear();
+    throw;
+  }
+
+  void shrink(std::size_t slots) override {
+    if (slots < boxes_->size()) {
+      boxes_ = std::make_shared<std::vector<Aabb>>(boxes_->begin(),
+                                                   boxes_->begin() + static_cast<std::ptrdiff_t>(slots));
+    }
+    filters_.shrink_to_fit();
+    exclusions_.shrink_to_fit();
+    pairs_.shrink();
+    lists_.clear();
+    clear();
+    give_back_free_memory();
   }
 
   [[nodiscard]] std::shared_ptr<const void> delta_owner() const override { return lists_.owner(); }
@@ -83,6 +102,20 @@ class HostEngine final : public Algorithm {
   [[nodiscard]] std::span<const Stage> profile() const noexcept override { return {}; }
 
  private:
+  /// @param before Pairs of the last update, to be compared with those that were found.
+  Delta changes_from(std::span<const Pair> before) {
+    return lists_.fill([&](std::vector<Pair>& added, std::vector<Pair>& removed) {
+      compare(before, found_, changes_.recycled, added, removed);
+    });
+  }
+
+  /// Frees what is not needed before the next update, which searches all boxes.
+  void clear() noexcept {
+    finder_->clear();
+    pairs_.free_scratch();
+    free_lists(found_, known_, has_changed_);
+  }
+
   /// Both lists are in canonical order.
   static void exclude(std::span<const Pair> exclusions, std::vector<Pair>& pairs) {
     if (exclusions.empty()) return;
@@ -130,7 +163,7 @@ class HostEngine final : public Algorithm {
 
 }  // namespace
 
-std::unique_ptr<Algorithm> make_host_engine(std::unique_ptr<HostFinder> finder) {
+AlgorithmPointer make_host_engine(std::unique_ptr<HostFinder> finder) {
   return std::make_unique<HostEngine>(std::move(finder));
 }
 

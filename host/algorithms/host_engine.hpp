@@ -29,22 +29,25 @@ class HostFinder {
   HostFinder& operator=(HostFinder&&) = delete;
 
   /// Finds all pairs of boxes that overlap and may pair.
-  /// @throws std::bad_alloc
+  /// @throws std::bad_alloc; Error, as refuse_too_many() does.
   virtual void find(const HostObjects& objects, std::vector<Pair>& pairs) = 0;
 
   /// Finds those of them in which one of these slots takes part, if that takes less time than to find all.
   /// No other slot changed since the last call of find() or this function, which succeeded.
   /// @param known Also gets those that took part then, if it is not null; no filter may have changed since,
   /// but objects may have been removed.
-  /// @returns Whether it did so.
+  /// @returns Whether it did so. (If there are too many pairs to store before they are counted, it does not.)
   /// @throws std::bad_alloc
   virtual bool find_changed(const HostObjects& /*objects*/, std::span<const std::uint32_t> /*changed*/,
                             std::vector<Pair>* /*known*/, std::vector<Pair>& /*pairs*/) {
     return false;
   }
+
+  /// Frees all memory; the next search is then find().
+  virtual void clear() noexcept {}
 };
 
 /// Makes an algorithm of the host. It needs no OpenCL and has no profile.
-[[nodiscard]] std::unique_ptr<Algorithm> make_host_engine(std::unique_ptr<HostFinder> finder);
+[[nodiscard]] AlgorithmPointer make_host_engine(std::unique_ptr<HostFinder> finder);
 
 }  // namespace broadcl

@@ -11,6 +11,8 @@
 #include <broadcl/error.hpp>
 
 #include "algorithms/change_lists.hpp"
+#include "free_lists.hpp"
+#include "opencl/process.hpp"
 #include "pair_lists.hpp"
 
 namespace broadcl {
@@ -60,8 +62,11 @@ double host_seconds(std::size_t slots, std::size_t changed) {
 }
 
 class Hybrid final : public Algorithm {
+  /// Its destructor waits for the thread, which a process that was forked does not have.
+  using Opening = std::unique_ptr<std::future<AlgorithmPointer>, opencl::DeleteUnlessForked>;
+
  public:
-  Hybrid(std::unique_ptr<Algorithm> host, OpenDevice open, double slow_update, Now now)
+  Hybrid(AlgorithmPointer host, OpenDevice open, double slow_update, Now now)
       : host_(std::move(host)), open_(std::move(open)), now_(std::move(now)), slow_update_(slow_update) {}
 
   void reserve(std::size_t slots, bool filters) override {
@@ -105,9 +110,9 @@ class Hybrid final : public Algorithm {
       if (has_changed_) pairs = current_->pairs();
     });
     if (has_changed_) {
-      auto& [added, removed] = lists_.next();
-      compare(before_, pairs, changes_.recycled, added, removed);
-      delta = {added, removed};
+      delta = lists_.fill([&](std::vector<Pair>& added, std::vector<Pair>& removed) {
+        compare(before_, pairs, changes_.recycled, added, removed);
+      });
     } else if (was_updated_) {  // the first update of all boxes takes longer
       learn(seconds_ + seconds_since(start));
     }
@@ -115,7 +120,7 @@ class Hybrid final : public Algorithm {
     lists_.commit();
     is_delta_own_ = has_changed_;
     has_changed_ = false;
-    before_.clear();
+    free_lists(before_);
     asked_ = current_;
     if (has_device_failed_) device_.reset();
     if (std::exchange(was_updated_, true)) choose();  // a program with a single update needs no device
@@ -124,6 +129,18 @@ class Hybrid final : public Algorithm {
 
   [[nodiscard]] std::shared_ptr<const void> delta_owner() const override {
     return is_delta_own_ ? lists_.owner() : asked_->delta_owner();
+  }
+
+  void shrink(std::size_t slots) override {
+    or_leave_device([&] { current_->shrink(slots); });
+    filters_ = false;
+    lists_.clear();
+    before_.shrink_to_fit();
+    if (device_ == nullptr || has_device_failed_ || opencl::is_forked()) return;
+    Algorithm& idle = is_on_device() ? *host_ : *device_;
+    idle.begin({.all = true, .filters_changed = true});  // no objects, so that it knows no pairs
+    (void)idle.finish();
+    idle.shrink(0);
   }
 
   [[nodiscard]] std::vector<Pair> find_all(const Changes& changes) override {
@@ -157,7 +174,7 @@ class Hybrid final : public Algorithm {
   }
 
   void learn(double taken) {
-    if (opening_.valid()) return;  // which slows updates down
+    if (opening_ != nullptr) return;  // which slows updates down
     const std::size_t changed = changed_slots();
     taken_ = is_on_device()
                  ? device_estimate_.learn(device_->expected_seconds(changes_.slots, changed), taken)
@@ -189,14 +206,15 @@ class Hybrid final : public Algorithm {
   /// metrical task systems", Borodin, Linial and Saks, 1992), and as much as the slow updates that open a
   /// device.
   void choose() noexcept try {
-    if (has_device_failed_) return;
+    if (has_device_failed_ || opencl::is_forked()) return;
     take_opened();
     if (!taken_) return;
     const double long_enough = slow_updates_until_opening * slow_update_;
     if (device_ == nullptr) {
       slow_seconds_ = *taken_ > slow_update_ ? slow_seconds_ + *taken_ : 0;
       if (slow_seconds_ < long_enough || open_ == nullptr) return;
-      opening_ = std::async(std::launch::async, open_);
+      opencl::use_in_this_process();  // before a process can be forked without the thread
+      opening_ = Opening(new std::future(std::async(std::launch::async, open_)));
       open_ = nullptr;
       return;
     }
@@ -212,12 +230,15 @@ class Hybrid final : public Algorithm {
     change_to(is_on_device() ? *host_ : *device_);
     has_changed_ = true;
   } catch (...) {
+    free_lists(before_);
     // The next update is done where the last one was.
   }
 
   void take_opened() try {
-    if (!opening_.valid() || opening_.wait_for(std::chrono::seconds(0)) != std::future_status::ready) return;
-    device_ = opening_.get();
+    if (opening_ == nullptr || opening_->wait_for(std::chrono::seconds(0)) != std::future_status::ready)
+      return;
+    const Opening opened = std::move(opening_);
+    device_ = opened->get();
   } catch (const Error&) {
     failure_ = std::current_exception();
   } catch (const std::bad_alloc&) {
@@ -231,11 +252,11 @@ class Hybrid final : public Algorithm {
     current_ = &next;
   }
 
-  std::unique_ptr<Algorithm> host_;
-  std::unique_ptr<Algorithm> device_;  // if it was opened
-  OpenDevice open_;                    // until it is opened
+  AlgorithmPointer host_;
+  AlgorithmPointer device_;  // if it was opened
+  OpenDevice open_;          // until it is opened
   Now now_;
-  std::future<std::unique_ptr<Algorithm>> opening_;
+  Opening opening_;                   // null if it has not begun or has ended
   std::exception_ptr failure_;        // of opening it, for the next update
   Algorithm* current_ = host_.get();  // does the next update
   Algorithm* asked_ = host_.get();    // did the last one
@@ -257,8 +278,7 @@ class Hybrid final : public Algorithm {
 
 }  // namespace
 
-std::unique_ptr<Algorithm> make_hybrid(std::unique_ptr<Algorithm> host, OpenDevice open, double slow_update,
-                                       Now now) {
+AlgorithmPointer make_hybrid(AlgorithmPointer host, OpenDevice open, double slow_update, Now now) {
   return std::make_unique<Hybrid>(std::move(host), std::move(open), slow_update, std::move(now));
 }
 

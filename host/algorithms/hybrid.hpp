@@ -10,7 +10,7 @@ namespace broadcl {
 
 /// Makes an algorithm that works on a device; null if no device would be faster than the host. Called in
 /// another thread, at most once.
-using OpenDevice = std::function<std::unique_ptr<Algorithm>()>;
+using OpenDevice = std::function<AlgorithmPointer()>;
 
 /// Returns the present time.
 using Now = std::function<std::chrono::steady_clock::time_point()>;
@@ -23,8 +23,7 @@ using Now = std::function<std::chrono::steady_clock::time_point()>;
 /// @param slow_update Updates that take more seconds are slow. The device is opened once slow updates in a
 /// row have taken 100 times as long.
 /// @param now Measures updates.
-[[nodiscard]] std::unique_ptr<Algorithm> make_hybrid(std::unique_ptr<Algorithm> host, OpenDevice open,
-                                                     double slow_update,
-                                                     Now now = std::chrono::steady_clock::now);
+[[nodiscard]] AlgorithmPointer make_hybrid(AlgorithmPointer host, OpenDevice open, double slow_update,
+                                           Now now = std::chrono::steady_clock::now);
 
 }  // namespace broadcl

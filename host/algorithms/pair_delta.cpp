@@ -8,6 +8,7 @@
 
 #include "algorithms/engine_program.hpp"
 #include "opencl/launch.hpp"
+#include "pair_lists.hpp"
 
 namespace broadcl {
 namespace {
@@ -27,7 +28,6 @@ constexpr std::size_t count_complete = 11;
 constexpr std::size_t count_displacement = 13;
 
 constexpr std::size_t least_pairs = 1 << 14;
-constexpr std::size_t most_pairs = std::size_t{1} << 31;  // indices in a list are 32-bit numbers
 
 }  // namespace
 
@@ -47,6 +47,17 @@ void PairDelta::reserve(std::size_t pairs) {
   now_.capacity = 0;
   now_.pairs.reserve(context_, std::max(pairs, least_pairs) * sizeof(Pair), "overlapping pairs");
   now_.capacity = std::min(most_pairs, now_.pairs.bytes() / sizeof(Pair));
+}
+
+void PairDelta::take(const PairDelta& other) {
+  last_tag_ = other.last_tag_;
+  frames_ = other.frames_;
+  if (other.pair_count() == 0) return;
+  last_.pairs.reserve(context_, other.pair_count() * sizeof(Pair), "overlapping pairs");
+  last_.capacity = std::min(most_pairs, last_.pairs.bytes() / sizeof(Pair));
+  last_.kept = other.last_.kept;
+  last_.added = other.last_.added;
+  copy_pairs(other.last_, last_.pairs.get(), last_.capacity);
 }
 
 void PairDelta::begin(std::size_t pairs) {

@@ -47,6 +47,11 @@ class PairDelta {
     cl_uint tag = 0;           ///< Of the last complete frame, whether it was one of them or not.
   };
 
+  /// Takes over the pairs of the last frame of another one, which must be settled, with memory for these
+  /// only. For use before the first frame.
+  /// @throws cl::Error, Error
+  void take(const PairDelta& other);
+
   /// Starts a frame: sets all counts to 0, and makes room in the list for this many pairs, and at least for
   /// those of the last frame.
   /// @throws cl::Error, Error

@@ -13,7 +13,9 @@
 #include "algorithms/host_engine.hpp"
 #include "algorithms/pair_sort.hpp"
 #include "algorithms/tile_search.hpp"
+#include "free_lists.hpp"
 #include "packed_box.hpp"
+#include "pair_lists.hpp"
 #include "parallel.hpp"
 #include "two_sets.hpp"
 
@@ -43,6 +45,10 @@ constexpr std::size_t boxes_per_changed = 16;
 /// How often, on average, each box may move before the order counts as old, if only changed boxes are
 /// searched.
 constexpr std::size_t most_moved = 4;
+
+/// More pairs are counted before they are stored, so that memory is not exhausted by a list that is too long
+/// in the end.
+constexpr std::size_t most_uncounted = std::size_t{1} << 28U;
 
 /// The position of a box in its order.
 template <std::size_t axes>
@@ -192,9 +198,16 @@ class SweepAndPrune final : public HostFinder {
     moved_ += changed.size();
     if (moved_ > most_moved * objects.boxes.size()) sorted_axes_ = 0;
     if (sorted_axes_ == 0) return false;
-    axes == 4 ? find_changed(four_, objects, changed, known, pairs)
-              : find_changed(three_, objects, changed, known, pairs);
-    return true;
+    return axes == 4 ? find_changed(four_, objects, changed, known, pairs)
+                     : find_changed(three_, objects, changed, known, pairs);
+  }
+
+  void clear() noexcept override {
+    sorted_axes_ = 0;
+    free_lists(order_, places_, dirty_, found_, lists_);
+    three_ = {};
+    four_ = {};
+    sort_pairs_ = {};
   }
 
  private:
@@ -243,10 +256,10 @@ class SweepAndPrune final : public HostFinder {
   }
 
   template <std::size_t axes>
-  void find_changed(HostTiles<axes>& all, const HostObjects& objects, std::span<const std::uint32_t> changed,
+  bool find_changed(HostTiles<axes>& all, const HostObjects& objects, std::span<const std::uint32_t> changed,
                     std::vector<Pair>* known, std::vector<Pair>& pairs);
   template <std::size_t axes>
-  void search_boxes(const HostTiles<axes>& all, std::span<const Filter> filters,
+  bool search_boxes(const HostTiles<axes>& all, std::span<const Filter> filters,
                     std::span<const std::uint32_t> places, std::vector<Pair>& pairs);
   template <std::size_t axes>
   void sort(const HostObjects& objects, std::size_t threads);
@@ -259,7 +272,7 @@ class SweepAndPrune final : public HostFinder {
   void sweep(HostTiles<axes>& all);
   template <std::size_t axes>
   bool search_all(const HostTiles<axes>& all, std::span<const Filter> filters, std::size_t threads,
-                  double most_work);
+                  double most_work, std::size_t most_stored = most_uncounted);
 
   std::size_t threads_;
   std::vector<std::uint32_t> order_;   // slots by tile; no_slot where a tile has no more
@@ -272,6 +285,7 @@ class SweepAndPrune final : public HostFinder {
   HostTiles<4> four_;
   std::vector<std::uint32_t> dirty_;
   std::vector<Found> found_;                  // by each thread
+  PairCount count_;                           // of all threads
   std::vector<std::span<const Pair>> lists_;  // of these
   PairSort sort_pairs_;
 };
@@ -363,10 +377,12 @@ void SweepAndPrune::sweep(HostTiles<axes>& all) {
 
 template <std::size_t axes>
 bool SweepAndPrune::search_all(const HostTiles<axes>& all, std::span<const Filter> filters,
-                               std::size_t threads, double most_work) {
+                               std::size_t threads, double most_work, std::size_t most_stored) {
   const TileSearch<axes> search = tile_search<axes>();
   found_.resize(std::max(found_.size(), threads));
-  for (Found& found : found_) found.clear();
+  count_.count = 0;
+  count_.most_stored = most_stored;
+  for (Found& found : found_) found.clear(count_);
   std::atomic<std::size_t> work = 0;
   parallel_for(all.nodes.size() * parts_per_node, threads, [&](std::size_t part, std::size_t thread) {
     if (static_cast<double>(work) > most_work) return;
@@ -376,25 +392,35 @@ bool SweepAndPrune::search_all(const HostTiles<axes>& all, std::span<const Filte
     work += found.work - before;
   });
   work_ = work;
-  return static_cast<double>(work_) <= most_work;
+  if (static_cast<double>(work_) > most_work) return false;
+  for (Found& found : found_) found.end();
+  if (count_.count <= most_stored) return true;
+  refuse_too_many(count_.count);
+  return search_all(all, filters, threads, most_work, most_pairs);
 }
 
+/// @returns False if there are too many pairs to store before they are counted.
 template <std::size_t axes>
-void SweepAndPrune::search_boxes(const HostTiles<axes>& all, std::span<const Filter> filters,
+bool SweepAndPrune::search_boxes(const HostTiles<axes>& all, std::span<const Filter> filters,
                                  std::span<const std::uint32_t> places, std::vector<Pair>& pairs) {
   found_.resize(std::max<std::size_t>(1, found_.size()));
-  found_[0].clear();
+  count_.count = 0;
+  count_.most_stored = most_uncounted;
+  found_[0].clear(count_);
   tile_search<axes>().boxes(found_[0], all, places, filters);
+  found_[0].end();
+  if (count_.count > most_uncounted) return false;
   lists_.clear();
   found_[0].get(lists_);
   pairs.clear();
   for (const std::span<const Pair> list : lists_) pairs.insert(pairs.end(), list.begin(), list.end());
   std::ranges::sort(pairs);
   pairs.erase(std::unique(pairs.begin(), pairs.end()), pairs.end());  // of two that changed
+  return true;
 }
 
 template <std::size_t axes>
-void SweepAndPrune::find_changed(HostTiles<axes>& all, const HostObjects& objects,
+bool SweepAndPrune::find_changed(HostTiles<axes>& all, const HostObjects& objects,
                                  std::span<const std::uint32_t> changed, std::vector<Pair>* known,
                                  std::vector<Pair>& pairs) {
   sorted_axes_ = 0;  // until all is done
@@ -411,7 +437,8 @@ void SweepAndPrune::find_changed(HostTiles<axes>& all, const HostObjects& object
   for (const std::uint32_t slot : changed) {
     if (slot < places_.size()) places.push_back(places_[slot]);  // or it was added and removed since then
   }
-  if (known != nullptr) search_boxes(all, objects.filters, places, *known);  // the sets may have decided less
+  // (Not by filters_of(): the sets may have decided less.)
+  if (known != nullptr && !search_boxes(all, objects.filters, places, *known)) return false;
   dirty_.clear();
   for (const std::uint32_t place : places) {
     store(all, objects, order_[place], place);
@@ -431,13 +458,14 @@ void SweepAndPrune::find_changed(HostTiles<axes>& all, const HostObjects& object
     all.roots[node / node_size].set(node % node_size, bounds_of(all.nodes[node]), node);
     return node;
   });
-  search_boxes(all, filters_of(objects), places, pairs);
+  if (!search_boxes(all, filters_of(objects), places, pairs)) return false;
   sorted_axes_ = axes;
+  return true;
 }
 
 }  // namespace
 
-std::unique_ptr<Algorithm> make_sweep_and_prune(const Config& config) {
+AlgorithmPointer make_sweep_and_prune(const Config& config) {
   return make_host_engine(std::make_unique<SweepAndPrune>(config.threads));
 }
 

@@ -82,13 +82,13 @@ bool names_device(const Config& config) {
 std::optional<Device> device_for(const Config& config) {
   if (!find_algorithm(config.algorithm).info.on_device) return std::nullopt;
   const bool is_auto = config.algorithm == "auto";
-  if (is_auto && !names_device(config)) return std::nullopt;
+  if (is_auto && (!names_device(config) || opencl::is_forked())) return std::nullopt;
   Device device = select_device(config.device);
   if (is_auto && device.type != DeviceType::cpu) return std::nullopt;
   return device;
 }
 
-std::unique_ptr<Algorithm> make_algorithm(const Config& config) {
+AlgorithmPointer make_algorithm(const Config& config) {
   const AlgorithmRow& row = find_algorithm(config.algorithm);
   return row.make != nullptr ? row.make(config) : make_device_algorithm(config, row.make_finder);
 }

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <atomic>
 #include <cstddef>
 #include <cstdint>
 #include <memory>
@@ -77,15 +78,28 @@ struct HostTiles {
   bool sets = false;
 };
 
+/// How many pairs all threads found in a search, and how many of them are stored at most. Beyond that, pairs
+/// are counted only.
+struct PairCount {
+  std::atomic<std::size_t> count = 0;
+  std::size_t most_stored = 0;
+};
+
 /// The pairs that a thread found, in blocks, so that none is copied when there are more, and no memory is
 /// written in advance. The blocks are kept.
 class Found {
  public:
   std::size_t work = 0;
 
-  void clear() noexcept {
+  /// @param count Must outlive the search.
+  void clear(PairCount& count) noexcept {
     work = used_ = 0;
     next_ = end_ = nullptr;
+    count_ = &count;
+  }
+  /// Must be called when all pairs have been stored.
+  void end() noexcept {
+    if (used_ > 0) count_->count += in_last_block();
   }
   /// Must be called before some pairs are stored: at most those of two tiles.
   /// @throws std::bad_alloc
@@ -114,7 +128,15 @@ class Found {
     const Pair* end = nullptr;  // of those that were found, unless it is the last block
   };
 
+  [[nodiscard]] std::size_t in_last_block() const noexcept {
+    return static_cast<std::size_t>(next_ - blocks_[used_ - 1].pairs.get());
+  }
+
   [[gnu::noinline]] void start_block() {
+    if (used_ > 0 && (count_->count += in_last_block()) > count_->most_stored) {
+      next_ = blocks_[used_ - 1].pairs.get();
+      return;
+    }
     const std::size_t size = block_size(used_);
     if (used_ == blocks_.size()) blocks_.push_back({.pairs = Pairs(new Pair[size])});
     if (used_ > 0) blocks_[used_ - 1].end = next_;
@@ -122,6 +144,7 @@ class Found {
     end_ = next_ + size;
   }
 
+  PairCount* count_ = nullptr;
   std::vector<Block> blocks_;
   std::size_t used_ = 0;
   Pair* next_ = nullptr;

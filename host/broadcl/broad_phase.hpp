@@ -37,6 +37,10 @@ class Region;
 /// Not synchronised: only one thread at a time may use an object. Different objects are independent of each
 /// other and may be used by different threads and use different devices. Movable, not copyable; an object
 /// that was moved from may only be destroyed or assigned to.
+///
+/// OpenCL does not work in a process that is forked after OpenCL was used: there, functions of an object on a
+/// device throw an Error, `auto` stays on the host if it is there, and objects may be destroyed. Use devices
+/// only after the fork, or start processes another way.
 class BROADCL_API BroadPhase {
  public:
   using Config = broadcl::Config;
@@ -110,6 +114,15 @@ class BROADCL_API BroadPhase {
   /// changes, too.
   Delta finish();
 
+  /// Gives back memory that the present objects and pairs do not need, on host and device, for instance after
+  /// an update with far more pairs than usual; nothing does so by itself. Objects, ids and pairs stay as they
+  /// are. The lists of the last update become invalid, unless delta_memory() keeps them; from then on it
+  /// returns null, and profile() nothing. The next updates take longer, until memory has grown again. Waits
+  /// for the device.
+  /// @throws Error between begin() and finish(), and if the device fails or has too little memory for a
+  /// moment, since what is needed is copied.
+  void shrink();
+
   /// Shares ownership of the Delta that update() or finish() last returned, which then stays unchanged even
   /// if further updates follow or this object is destroyed. For callers who cannot know when it will be read
   /// for the last time. The next updates use other memory, which takes longer if every Delta is kept; that
@@ -130,8 +143,8 @@ class BROADCL_API BroadPhase {
   /// The algorithm in use.
   [[nodiscard]] const AlgorithmInfo& algorithm() const noexcept;
 
-  /// OpenCL memory in use; all 0 if no device was opened. Buffers grow with boxes and pairs; most never
-  /// shrink.
+  /// OpenCL memory in use; all 0 if no device was opened. Buffers grow with boxes and pairs; most shrink only
+  /// by shrink().
   [[nodiscard]] MemoryUse memory() const noexcept;
 
   /// The stages of the last update, in order; none if nothing had moved, or if an algorithm of the host did

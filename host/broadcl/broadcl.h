@@ -312,7 +312,7 @@ BROADCL_API broadcl_status broadcl_broad_phase_set_boxes(broadcl_broad_phase* br
 
 /// Finds every pair of overlapping boxes whose filters allow it, and returns what changed since the last
 /// update. The same as begin and finish.
-/// @param delta May be null. Valid until the next update or finish.
+/// @param delta May be null. Valid until the next update, finish or shrink.
 BROADCL_API broadcl_status broadcl_broad_phase_update(broadcl_broad_phase* broad_phase, broadcl_delta* delta);
 /// Starts an update on the device and returns at once. Changes that are made before finish belong to the next
 /// update. No-op if an update was started already. If the host does the update, finish does all of the work.
@@ -322,8 +322,14 @@ BROADCL_API broadcl_status broadcl_broad_phase_begin(broadcl_broad_phase* broad_
 /// @param delta As above.
 BROADCL_API broadcl_status broadcl_broad_phase_finish(broadcl_broad_phase* broad_phase, broadcl_delta* delta);
 
+/// Gives back memory that the present objects and pairs do not need, on host and device, for instance after
+/// an update with far more pairs than usual; nothing does so by itself. Lists that earlier calls returned
+/// become invalid. Waits for the device.
+/// @returns BROADCL_FAILED also between begin and finish.
+BROADCL_API broadcl_status broadcl_broad_phase_shrink(broadcl_broad_phase* broad_phase);
+
 /// All pairs as of the last update.
-/// @param pairs Valid until the next call of this function, update or finish.
+/// @param pairs Valid until the next call of this function, update, finish or shrink.
 /// @returns BROADCL_FAILED also between begin and finish.
 BROADCL_API broadcl_status broadcl_broad_phase_pairs(broadcl_broad_phase* broad_phase, broadcl_pairs* pairs);
 /// The number of objects.
@@ -452,6 +458,10 @@ BROADCL_API broadcl_status broadcl_device_broad_phase_finish(broadcl_device_broa
 /// @param filters Whether there will be filters or a second set.
 BROADCL_API broadcl_status broadcl_device_broad_phase_reserve(broadcl_device_broad_phase* broad_phase,
                                                               size_t boxes, size_t pairs, int filters);
+/// Gives back memory that the boxes and pairs of the last update do not need, and what reserve reserved: call
+/// that again before enqueue. Buffers that earlier calls returned become invalid. Waits for the queue.
+/// @returns BROADCL_FAILED also between begin and finish.
+BROADCL_API broadcl_status broadcl_device_broad_phase_shrink(broadcl_device_broad_phase* broad_phase);
 /// Replaces the list of pairs of indices that are never reported, whatever their boxes and filters. For these
 /// indices, a second set follows the first. Initially the list is empty. Waits for the queue.
 /// @param pairs In any order; copied. May be null if there are none.

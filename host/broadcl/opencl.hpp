@@ -34,7 +34,8 @@ namespace broadcl {
 ///
 /// Not synchronised: only one thread at a time may use an object, and nothing else may use its queue during a
 /// call. Different objects are independent of each other. Movable, not copyable; an object that was moved
-/// from may only be destroyed or assigned to.
+/// from may only be destroyed or assigned to. In a process that is forked after OpenCL was used, an object
+/// may only be destroyed; other functions throw an Error.
 class BROADCL_API DeviceBroadPhase {
  public:
   struct Config {
@@ -143,6 +144,14 @@ class BROADCL_API DeviceBroadPhase {
   /// sizes that it does not allocate, nothing is reserved.
   void reserve(std::size_t boxes, std::size_t pairs, bool filters = false);
 
+  /// Gives back memory that the boxes and pairs of the last update do not need, for instance after an update
+  /// with far more pairs than usual; nothing does so by itself. Also gives back what reserve() reserved: call
+  /// it again before enqueue(). The buffers of the last Result and of pairs() become invalid. Waits for the
+  /// queue. The next updates take longer, until buffers have grown again.
+  /// @throws Error as update() does, and between begin() and finish(); std::bad_alloc. Nothing has changed
+  /// then.
+  void shrink();
+
   /// Replaces the list of pairs of indices that are never reported, whatever their boxes and filters. For
   /// these indices, a second set follows the first. Initially the list is empty. Waits for the queue.
   /// @param pairs In any order; copied.
@@ -174,7 +183,7 @@ class BROADCL_API DeviceBroadPhase {
   [[nodiscard]] const Device& device() const noexcept;
 
   /// OpenCL memory of this object, without the caller's buffers. Buffers grow with boxes and pairs; most
-  /// never shrink.
+  /// shrink only by shrink().
   [[nodiscard]] MemoryUse memory() const noexcept;
 
   /// The stages of the last update, with device times if Config::profile is set and enqueue() did not do it.

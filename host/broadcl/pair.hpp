@@ -27,7 +27,7 @@ struct Pair {
 ///
 /// Apply `removed` first, then `added`: if an object was removed and a new one got its id in between, the
 /// same pair of ids may be in both lists. The spans belong to the BroadPhase. They are valid until its next
-/// finish() or update(), not only until begin(); BroadPhase::delta_memory() keeps them longer.
+/// finish(), update() or shrink(), not only until begin(); BroadPhase::delta_memory() keeps them longer.
 struct Delta {
   std::span<const Pair> added;
   std::span<const Pair> removed;

@@ -42,13 +42,13 @@ class ProxySearch {
 
   void move(std::uint32_t id, const Aabb& box) {
     is_late_ = true;
-    attempt([&] { core_.move(id, box); });
+    attempt([&] { on_core([&] { core_.move(id, box); }); });
   }
 
   /// @throws std::bad_alloc if memory is exhausted repeatedly; then nothing has changed.
   void remove(std::uint32_t id) {
     is_late_ = true;
-    if (attempt([&] { core_.remove(id); })) return;
+    if (attempt([&] { on_core([&] { core_.remove(id); }); })) return;
     // It needs memory only during an update, which this ends, even if it fails.
     attempt([&] { on_core([&] { core_.finish(); }); });
     core_.remove(id);
@@ -74,7 +74,7 @@ class ProxySearch {
     give_filters();
     return on_core([&] {
       if (is_lost_) {
-        core_.finish();
+        end_update();
         fill(core_);
       }
       Found found{.delta = core_.finish(), .all = std::nullopt};
@@ -126,6 +126,13 @@ class ProxySearch {
       reports_.tell({error.what(), "; from now on pairs are found on the host, by sweep and prune"});
     }
     return function();
+  }
+
+  /// Ends an update that was begun, which may have too many pairs for the memory.
+  void end_update() {
+    if (!is_begun_) return;
+    attempt([&] { core_.finish(); });
+    is_begun_ = false;
   }
 
   /// Copies all boxes and filters to a core. If that fails, the core either has the right ids, or is

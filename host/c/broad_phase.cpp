@@ -166,6 +166,13 @@ broadcl_status broadcl_broad_phase_finish(broadcl_broad_phase* broad_phase, broa
   return c::call(__func__, [&] { finish(broad_phase, delta); });
 }
 
+broadcl_status broadcl_broad_phase_shrink(broadcl_broad_phase* broad_phase) {
+  return c::call(__func__, [&] {
+    object(broad_phase).shrink();
+    broad_phase->pairs = std::vector<Pair>();
+  });
+}
+
 broadcl_status broadcl_broad_phase_pairs(broadcl_broad_phase* broad_phase, broadcl_pairs* pairs) {
   return c::call(__func__, [&] {
     c::required(pairs, "pairs");

@@ -118,6 +118,10 @@ broadcl_status broadcl_device_broad_phase_reserve(broadcl_device_broad_phase* br
   return c::call(__func__, [&] { object(broad_phase).reserve(boxes, pairs, filters != 0); });
 }
 
+broadcl_status broadcl_device_broad_phase_shrink(broadcl_device_broad_phase* broad_phase) {
+  return c::call(__func__, [&] { object(broad_phase).shrink(); });
+}
+
 broadcl_status broadcl_device_broad_phase_set_exclusions(broadcl_device_broad_phase* broad_phase,
                                                          const broadcl_pair* pairs, std::size_t count) {
   return c::call(__func__, [&] { object(broad_phase).set_exclusions(c::to_pairs(pairs, count, "pairs")); });

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "opencl/error.hpp"
+#include "opencl/process.hpp"
 #include "system.hpp"
 
 namespace broadcl {
@@ -255,6 +256,7 @@ bool is_same_card(const Device& a, const Device& b) {
 }
 
 std::vector<Device> devices(std::vector<std::string>* failures) {
+  opencl::use_in_this_process();  // before the lock, which another thread may have held at a fork
   // PoCL 3.1 returns devices that another thread's first call is still setting up.
   static std::mutex mutex;
   const std::scoped_lock lock(mutex);

@@ -7,6 +7,7 @@
 #include <broadcl/error.hpp>
 
 #include "opencl/api.hpp"
+#include "opencl/process.hpp"
 
 namespace broadcl::opencl {
 
@@ -16,9 +17,11 @@ namespace broadcl::opencl {
 /// An Error that names the device, the call, the code and the remedy.
 [[nodiscard]] Error to_error(const cl::Error& error, std::string_view device);
 
-/// Calls a function and turns an OpenCL error that it throws into an Error.
+/// Calls a function that uses OpenCL, and turns an OpenCL error that it throws into an Error.
+/// @throws Error in a process that was forked after OpenCL was used.
 template <class Function>
 decltype(auto) translate_errors(std::string_view device, Function&& function) {
+  use_in_this_process();
   try {
     return std::forward<Function>(function)();
   } catch (const cl::Error& error) {

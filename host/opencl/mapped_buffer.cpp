@@ -2,6 +2,9 @@
 
 #include <utility>
 
+#include "opencl/launch.hpp"
+#include "opencl/process.hpp"
+
 namespace broadcl::opencl {
 
 MappedBuffer::MappedBuffer(const Context& context, cl::Buffer buffer, std::size_t bytes)
@@ -40,6 +43,14 @@ MappedBuffer& MappedBuffer::operator=(MappedBuffer&& other) noexcept {
   std::swap(is_direct_, other.is_direct_);
   std::swap(host_, other.host_);
   return *this;
+}
+
+// NOLINTNEXTLINE(bugprone-exception-escape): as above
+void DeleteAndWait::operator()(const MappedBuffer* buffer) const noexcept {
+  if (is_forked()) return;
+  const cl::CommandQueue queue = buffer->queue();
+  delete buffer;
+  wait_if_possible(queue);
 }
 
 void MappedBuffer::map(cl_bool blocking, cl::Event* event) {

@@ -43,12 +43,20 @@ class MappedBuffer {
   /// @throws cl::Error
   void unmap();
 
+  [[nodiscard]] const cl::CommandQueue& queue() const noexcept { return queue_; }
+
  private:
   cl::CommandQueue queue_;
   cl::Buffer buffer_;
   std::size_t bytes_ = 0;
   bool is_direct_ = false;
   std::byte* host_ = nullptr;
+};
+
+/// Deletes a buffer and waits until its memory is released, for owners that may outlive the context, which
+/// otherwise waits for its queue. Does nothing if the process was forked.
+struct DeleteAndWait {
+  void operator()(const MappedBuffer* buffer) const noexcept;
 };
 
 }  // namespace broadcl::opencl

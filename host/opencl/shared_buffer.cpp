@@ -1,6 +1,7 @@
 #include "opencl/shared_buffer.hpp"
 
 #include "opencl/launch.hpp"
+#include "opencl/process.hpp"
 
 namespace broadcl::opencl {
 
@@ -18,11 +19,18 @@ SharedBuffer::SharedBuffer(const Context& context, std::size_t bytes, bool direc
 
 std::shared_ptr<const void> SharedBuffer::host_owner() const {
   // Whoever has it last waits until it is released: Context, which waits for its queue, may be gone.
-  return {host_.get(), [queue = queue_, host = host_](const void*) mutable {
-            const std::weak_ptr<MappedBuffer> buffer = host;
-            host.reset();
-            if (buffer.expired()) wait_if_possible(queue);
-          }};
+  struct Owner {
+    cl::CommandQueue queue;
+    std::shared_ptr<MappedBuffer> host;
+  };
+  const std::shared_ptr<const Owner> last(new Owner{queue_, host_}, [](const Owner* owner) {
+    if (is_forked()) return;
+    const cl::CommandQueue queue = owner->queue;
+    const std::weak_ptr<MappedBuffer> buffer = owner->host;
+    delete owner;
+    if (buffer.expired()) wait_if_possible(queue);
+  });
+  return {last, host_.get()};
 }
 
 void SharedBuffer::release() {

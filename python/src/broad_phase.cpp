@@ -157,6 +157,15 @@ class Objects {
     broad_phase_->set_exclusions(exclusions);
   }
 
+  void shrink() {
+    const OneThread::Use use(thread_);
+    if (delta_) throw Error("the last update's changes were not returned; call finish() for them first");
+    take_mapped();
+    const GilReleased released;
+    broad_phase_->shrink();
+    live_.shrink_to_fit();
+  }
+
   nb::object boxes(std::size_t n) {
     refuse_too_many(n);
     const OneThread::Use use(thread_);
@@ -377,6 +386,11 @@ void add_broad_phase(nb::module_& module) {
            "Removes one object, or n objects: ids (n,). Their pairs are in `removed` of the next update;\n"
            "their ids may be given to the next objects added.\n\n"
            "Raises ValueError for an unknown id, or for one that is given twice.")
+      .def("shrink", &Objects::shrink,
+           "Gives back memory that the present objects and pairs do not need, on host and device, for\n"
+           "instance after an update with far more pairs than usual; nothing does so by itself. Arrays\n"
+           "that were returned stay valid, and keep their memory. Waits for the device.\n\n"
+           "Raises Error between begin() and finish(), and if the device fails; MemoryError.")
       .def("boxes", &Objects::boxes, "n"_a,
            nb::sig("def boxes(self, n: int) -> numpy.typing.NDArray[numpy.float32]"),
            "Makes 0 .. n-1 the ids of the objects, and returns their boxes for you to write: (n, 6)\n"

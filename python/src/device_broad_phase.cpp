@@ -79,6 +79,13 @@ class DeviceObjects {
     broad_phase_.set_exclusions(exclusions);
   }
 
+  void shrink() {
+    const OneThread::Use use(thread_);
+    if (result_) throw Error("the last update's changes were not returned; call finish() for them first");
+    const GilReleased released;
+    broad_phase_.shrink();
+  }
+
   nb::object pairs() {
     const OneThread::Use use(thread_);
     DeviceBroadPhase::PairBuffer pairs;
@@ -253,6 +260,11 @@ void add_device_broad_phase(nb::module_& module) {
            "is empty. Waits for the queue.\n\n"
            "Raises ValueError for a pair of an index with itself, and for a wrong shape; TypeError;\n"
            "Error between begin() and finish().")
+      .def("shrink", &DeviceObjects::shrink,
+           "Gives back memory that the boxes and pairs of the last update do not need, for instance after\n"
+           "an update with far more pairs than usual; nothing does so by itself. Arrays that were returned\n"
+           "stay valid. Waits for the queue.\n\n"
+           "Raises Error between begin() and finish(), and if the device fails.")
       .def("pairs", &DeviceObjects::pairs, nb::sig("def pairs(self) -> pyopencl.array.Array"),
            "All pairs as of the last update: (m, 2) uint32 in canonical order, that is, sorted by b,\n"
            "then by a; for one set, a < b.\n"

@@ -227,6 +227,28 @@ def test_an_empty_list_is_no_boxes():
     assert len(broad_phase) == 0
 
 
+@pytest.mark.parametrize("algorithm", ["sweep-and-prune", "tiles"])
+def test_shrink(algorithm):
+    values = uniform(200)
+    broad_phase = broadcl.BroadPhase(algorithm=algorithm)
+    broad_phase.add(values)
+    others = broad_phase.add(np.tile(np.float32([9, 0, 0, 10, 1, 1]), (2000, 1)))
+    spike = broad_phase.update().added
+    count = len(spike)
+    broad_phase.remove(others)
+    kept = broad_phase.update().removed
+    broad_phase.shrink()
+    assert np.array_equal(broad_phase.pairs(), oracle(values))
+    assert len(spike) == count and len(kept) >= 1_999_000  # arrays stay
+    broad_phase.boxes(2)[:] = [0, 0, 0, 1, 1, 1]
+    broad_phase.shrink()
+    broad_phase.begin()
+    with pytest.raises(broadcl.Error, match="finish"):
+        broad_phase.shrink()
+    broad_phase.finish()
+    assert broad_phase.pairs().tolist() == [[0, 1]]
+
+
 def test_exclusions():
     values = uniform(200)
     expected = oracle(values)

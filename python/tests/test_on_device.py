@@ -141,6 +141,24 @@ def test_filters(queue):
     assert broad_phase.update(boxes, filters=to_device(queue, rows)).pair_count == 0
 
 
+def test_shrink(queue):
+    values = uniform(300)
+    boxes = to_device(queue, values)
+    broad_phase = broadcl.DeviceBroadPhase(queue)
+    broad_phase.update(to_device(queue, np.tile(np.float32([0, 0, 0, 1, 1, 1]), (2000, 1))))
+    added = broad_phase.update(boxes).added
+    most = broad_phase.memory["device"]
+    broad_phase.shrink()
+    assert np.array_equal(broad_phase.pairs().get(), oracle(values))
+    delta = broad_phase.update(boxes)
+    assert len(delta.added) == len(delta.removed) == 0 and len(added.get()) >= 0
+    assert broad_phase.memory["device"] < most / 4
+    broad_phase.begin(boxes)
+    with pytest.raises(broadcl.Error, match="finish"):
+        broad_phase.shrink()
+    broad_phase.finish()
+
+
 def test_exclusions(queue):
     values = uniform(300)
     expected = oracle(values)

@@ -202,6 +202,20 @@ TEST_F(CBroadPhase, ListsStayUntilTheyAreReplaced) {
   EXPECT_THAT(list(update().added), ElementsAre(broadcl_pair{1, 2}));
 }
 
+TEST_F(CBroadPhase, ShrinksBetweenUpdates) {
+  add(cube(0));
+  add(cube(0.5F));
+  OK(broadcl_broad_phase_begin(handle_));
+  EXPECT_FAILED("finish", broadcl_broad_phase_shrink, handle_);
+  OK(broadcl_broad_phase_finish(handle_, nullptr));
+  OK(broadcl_broad_phase_shrink(handle_));
+  broadcl_pairs pairs{};
+  OK(broadcl_broad_phase_pairs(handle_, &pairs));
+  EXPECT_THAT(list(pairs), ElementsAre(broadcl_pair{0, 1}));
+  add(cube(0.75F));
+  EXPECT_THAT(list(update().added), ElementsAre(broadcl_pair{0, 2}, broadcl_pair{1, 2}));
+}
+
 TEST_F(CBroadPhase, SaysHowItWorks) {
   const broadcl_algorithm* row = nullptr;
   OK(broadcl_broad_phase_algorithm(handle_, &row));

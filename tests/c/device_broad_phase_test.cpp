@@ -14,6 +14,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "../forked_child.hpp"
 #include "c_test.hpp"
 
 namespace broadcl::test {
@@ -107,6 +108,43 @@ TEST_F(COnDevice, NeverReportsWhatIsExcluded) {
   const broadcl_pair itself{2, 2};
   EXPECT_FAILED("2", broadcl_device_broad_phase_set_exclusions, handle_, &itself, 1);
   EXPECT_INVALID("pairs is null", broadcl_device_broad_phase_set_exclusions, handle_, nullptr, 1);
+}
+
+TEST_F(COnDevice, ShrinksBetweenUpdates) {
+  const broadcl_device_boxes given = give(std::vector<broadcl_aabb>(3, cube(0)));
+  auto result = sized<broadcl_device_result>();
+  OK(broadcl_device_broad_phase_reserve(handle_, 1000, 100'000, 1));
+  OK(broadcl_device_broad_phase_begin(handle_, &given));
+  EXPECT_FAILED("finish", broadcl_device_broad_phase_shrink, handle_);
+  OK(broadcl_device_broad_phase_finish(handle_, &result));
+  auto before = sized<broadcl_memory_use>();
+  OK(broadcl_device_broad_phase_memory(handle_, &before));
+  OK(broadcl_device_broad_phase_shrink(handle_));
+  broadcl_pair_buffer pairs{};
+  OK(broadcl_device_broad_phase_pairs(handle_, &pairs));
+  EXPECT_THAT(read(pairs), ElementsAre(broadcl_pair{0, 1}, broadcl_pair{0, 2}, broadcl_pair{1, 2}));
+  OK(broadcl_device_broad_phase_update(handle_, &given, &result));
+  EXPECT_EQ(result.added.count + result.removed.count, 0U);
+  EXPECT_EQ(result.pair_count, 3U);
+  auto after = sized<broadcl_memory_use>();
+  OK(broadcl_device_broad_phase_memory(handle_, &after));
+  EXPECT_LT(after.device, before.device / 2);
+}
+
+TEST_F(COnDevice, CanOnlyBeDestroyedInAForkedChild) {
+  const broadcl_device_boxes given = give({cube(0), cube(1)});
+  OK(broadcl_device_broad_phase_update(handle_, &given, nullptr));
+  EXPECT_TRUE(holds_in_child([&] {
+    EXPECT_FAILED("after a fork", broadcl_device_broad_phase_update, handle_, &given, nullptr);
+    OK(broadcl_device_broad_phase_destroy(handle_));
+    broadcl_device_list* devices = nullptr;
+    EXPECT_FAILED("after a fork", broadcl_device_list_create, &devices);
+    broadcl_broad_phase* broad_phase = nullptr;
+    const broadcl_config on_device = on_host("tiles");
+    EXPECT_FAILED("after a fork", broadcl_broad_phase_create, &on_device, &broad_phase);
+    OK(broadcl_broad_phase_create(nullptr, &broad_phase));
+    OK(broadcl_broad_phase_destroy(broad_phase));
+  }));
 }
 
 TEST_F(COnDevice, FindsPairsAndChanges) {

@@ -1,0 +1,158 @@
+#include "opencl/api.hpp"  // before <CL/cl.h>: it chooses the version
+
+#include <atomic>
+#include <cstddef>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <string>
+#include <thread>
+#include <utility>
+#include <vector>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <broadcl/broad_phase.hpp>
+#include <broadcl/device.hpp>
+#include <broadcl/opencl.hpp>
+
+#include "algorithms/hybrid.hpp"
+#include "core.hpp"
+#include "device_life.hpp"
+#include "each_algorithm.hpp"
+#include "environment.hpp"
+#include "expect_error.hpp"
+#include "forked_child.hpp"
+#include "pretender.hpp"
+#include "runs.hpp"
+
+/// A process that is forked after OpenCL was used.
+namespace broadcl::test {
+namespace {
+
+using ::testing::HasSubstr;
+
+void expect_refused(const std::function<void()>& function) {
+  EXPECT_THAT(error_of(function), HasSubstr("after a fork"));
+}
+
+TEST(Fork, NoDeviceCanBeUsedInTheChild) {
+  const Device device = select_device();
+  EXPECT_TRUE(holds_in_child([&] {
+    expect_refused([] { (void)devices(); });
+    std::vector<std::string> failures;
+    expect_refused([&] { (void)devices(&failures); });
+    expect_refused([] { (void)select_device(); });
+    for (const AlgorithmInfo& algorithm : algorithms()) {
+      const BroadPhase::Config config{.algorithm = std::string(algorithm.name)};
+      if (!algorithm.on_device || algorithm.name == "auto") {
+        EXPECT_TRUE(Twins(config).agree()) << algorithm.name;
+      } else {
+        expect_refused([&] { const BroadPhase refused(config); });
+      }
+    }
+    const ScopedVariable named("BROADCL_DEVICE", device.id());
+    Twins twins({.algorithm = "auto"});
+    for (std::size_t k = 0; k < 300; ++k) twins.add(unit);
+    EXPECT_TRUE(twins.agree());
+    EXPECT_EQ(twins.tested().device(), nullptr);
+  }));
+}
+
+TEST_P(EachAlgorithm, OnADeviceIsRefusedAndCanBeDestroyedInAForkedChild) {
+  const Device device = select_device();
+  const auto make = [] {
+    auto broad_phase = std::make_unique<BroadPhase>(config());
+    broad_phase->map(300);
+    for (std::uint32_t id = 0; id < 300; ++id) broad_phase->move(id, unit);
+    return broad_phase;
+  };
+  auto updated = make();
+  const std::size_t pairs = updated->update().added.size();
+  auto begun = make();
+  begun->begin();
+  std::shared_ptr<const void> boxes = updated->mapped_memory();
+  std::shared_ptr<const void> delta = updated->delta_memory();
+  EXPECT_TRUE(holds_in_child([&] {
+    if (updated->device() == nullptr) {
+      updated->remove(7);
+      EXPECT_EQ(updated->update().removed.size(), 299U);
+      EXPECT_EQ(begun->finish().added.size(), pairs);
+    } else {
+      expect_refused([&] { updated->add(unit); });
+      expect_refused([&] { updated->move(1, unit); });
+      expect_refused([&] { updated->remove(1); });
+      expect_refused([&] { updated->map(10); });
+      expect_refused([&] { updated->update(); });
+      expect_refused([&] { updated->begin(); });
+      expect_refused([&] { updated->shrink(); });
+      expect_refused([&] { (void)updated->pairs(); });
+      expect_refused([&] { begun->finish(); });
+    }
+    updated = std::make_unique<BroadPhase>(BroadPhase::Config{.algorithm = "oracle"});
+    *begun = std::move(*updated);
+    begun.reset();
+    boxes.reset();
+    delta.reset();
+  }));
+  EXPECT_EQ(begun->finish().added.size(), pairs);  // the parent goes on
+  EXPECT_EQ(updated->pairs().size(), pairs);
+}
+
+TEST(Fork, ADeviceBroadPhaseIsRefusedAndCanBeDestroyedInTheChild) {
+  const CallersQueue queue;
+  auto broad_phase = std::make_unique<DeviceBroadPhase>(queue());
+  const cl::Buffer boxes = queue.buffer_of(std::vector<Aabb>(100, unit));
+  const DeviceBroadPhase::Boxes given{.buffer = boxes(), .count = 100};
+  broad_phase->update(given);
+  auto begun = std::make_unique<DeviceBroadPhase>(queue());
+  begun->begin(given);
+  EXPECT_TRUE(holds_in_child([&] {
+    expect_refused([&] { DeviceBroadPhase refused(queue()); });
+    expect_refused([&] { broad_phase->update(given); });
+    expect_refused([&] { (void)broad_phase->pairs(); });
+    expect_refused([&] { broad_phase->reserve(10, 10); });
+    expect_refused([&] { broad_phase->set_exclusions({}); });
+    expect_refused([&] { broad_phase->shrink(); });
+    expect_refused([&] { begun->finish(); });
+    *begun = std::move(*broad_phase);
+    begun.reset();
+  }));
+  EXPECT_EQ(begun->finish().pair_count, 4950U);
+}
+
+/// `auto` in the middle of opening a device in its thread, and once it has opened one but not used it.
+TEST(Fork, WhileADeviceIsOpenedTheChildStaysOnTheHost) {
+  for (const bool is_opened : {false, true}) {
+    std::atomic<bool> is_opening = false;
+    std::atomic<bool> may_end = is_opened;
+    const Pretender::Orders orders{.expected_seconds = 0};
+    std::optional<Core> core(std::in_place, make_hybrid(
+                                                make_algorithm({.algorithm = "sweep-and-prune"}),
+                                                [&]() -> AlgorithmPointer {
+                                                  is_opening = true;
+                                                  while (!may_end) std::this_thread::yield();
+                                                  return std::make_unique<Pretender>(orders);
+                                                },
+                                                0));
+    const auto update = [&](std::size_t k) {
+      core->move(0, k % 2 == 0 ? unit : apart(1));
+      (void)core->finish();
+    };
+    core->add(unit, {});
+    core->add(unit, {});
+    for (std::size_t k = 0; !is_opening; ++k) update(k);
+    EXPECT_TRUE(holds_in_child([&] {
+      for (std::size_t k = 0; k < 100; ++k) update(k);
+      update(0);
+      EXPECT_EQ(core->pairs(), all_pairs(2));
+      EXPECT_EQ(core->algorithm().device(), nullptr);
+      core.reset();
+    })) << is_opened;
+    may_end = true;
+  }
+}
+
+}  // namespace
+}  // namespace broadcl::test
