@@ -1,0 +1,40 @@
+#!/usr/bin/env bash
+# tests/scripts.sh: each script explains itself, scripts/setup says what root must do if it cannot do it, and scripts/demo
+# builds what can be installed.
+set -euo pipefail
+cd "$(dirname "$0")/.."
+tools=$(mktemp -d)
+trap 'rm -rf "$tools"' EXIT
+fail() { echo "$1" >&2 && exit 1; }
+
+# There is nothing else, so that they can neither install nor build anything.
+ln -s "$(command -v bash)" "$(command -v cat)" "$(command -v dirname)" "$(command -v grep)" "$tools"
+ln -s "$(python3 -c 'import sys; print(sys.executable)')" "$tools/python3"
+for script in scripts/*; do
+  [[ -x $script ]] || continue
+  for option in --help -h; do
+    output=$(PATH=$tools "$script" $option 2>&1) || fail "$script $option fails: $output"
+    [[ $output == "usage: $script"* ]] || fail "$script $option prints: $output"
+  done
+done
+
+# A user without sudo, on a system on which nothing is installed.
+for tool in 'apt-get:echo apt-get was called' 'dpkg-query:exit 1' 'id:echo 1000'; do
+  printf '#!/usr/bin/env bash\n%s\n' "${tool#*:}" > "$tools/${tool%%:*}"
+  chmod +x "$tools/${tool%%:*}"
+done
+status=0
+output=$(PATH=$tools scripts/setup report 2>&1) || status=$?
+[[ $status -eq 2 ]] || fail "scripts/setup without root exits with $status: $output"
+[[ $output == *$'\napt-get update && apt-get install -y --no-install-recommends python3-numpy '* ]] ||
+  fail "scripts/setup without root prints: $output"
+
+# Everything is installed. `scripts/test --long` really builds and installs what the demo builds.
+printf '#!/usr/bin/env bash\necho install ok installed\n' > "$tools/dpkg-query"
+printf '#!/usr/bin/env bash\necho "$@" >> "%s/calls"\n' "$tools" > "$tools/cmake"
+printf '#!/usr/bin/env bash\necho 2\n' > "$tools/nproc"
+mkdir -p "$tools/build/src"
+printf '#!/usr/bin/env bash\n' > "$tools/build/src/broadcl"
+chmod +x "$tools/cmake" "$tools/nproc" "$tools/build/src/broadcl"
+PATH=$tools BROADCL_BUILD=$tools/build scripts/demo
+grep -qx -- "--build $tools/build --parallel 2" "$tools/calls" || fail "scripts/demo builds: $(< "$tools/calls")"
