@@ -11,11 +11,15 @@ run(${CMAKE_COMMAND} --install ${BUILD} --prefix ${prefix})
 run(${prefix}/bin/broadcl --version)
 
 configure(examples .)
-set(examples pairs two_sets worlds layouts on_device bullet_world bullet_async ghost_objects moving_boxes)
+set(examples first pairs two_sets worlds layouts on_device bullet_world bullet_async ghost_objects moving_boxes)
 if(FLOAT64)
   list(APPEND examples double_precision)
 endif()
 build(examples ${examples})
+run(${folder}/examples/first)
+if(NOT output STREQUAL "0 and 1 overlap\n")
+  message(FATAL_ERROR "first: ${output}")
+endif()
 
 # The core alone, as on a machine without Bullet, OpenCL's headers and pkg-config's files.
 set(without_bullet -D CMAKE_DISABLE_FIND_PACKAGE_Bullet=ON -D PKG_CONFIG_EXECUTABLE=/nonexistent)
