@@ -12,6 +12,16 @@
 
 namespace broadcl::cli {
 
+/// How long the remaining steps will take if they take as long as those after the first one, in which kernels
+/// are compiled; unknown if only the first one is done.
+/// @param done At least 1.
+/// @param seconds Since the first one.
+[[nodiscard]] inline std::optional<double> seconds_left(std::uint64_t done, std::uint64_t steps,
+                                                        double seconds) {
+  if (done == 1) return std::nullopt;
+  return seconds * static_cast<double>(steps - done) / static_cast<double>(done - 1);
+}
+
 /// A bar on stderr that shows how much of the work is done and how long the rest will take. It shows nothing
 /// if stderr is not a terminal, and disappears at the end.
 class ProgressBar {
@@ -24,15 +34,16 @@ class ProgressBar {
   ProgressBar(ProgressBar&&) = delete;
   ProgressBar& operator=(ProgressBar&&) = delete;
 
-  /// One more step is done; all steps are expected to take about the same time.
+  /// One more step is done.
   void advance() {
-    ++done_;
-    const double share = static_cast<double>(done_) / static_cast<double>(steps_);
-    show(share, seconds_since(begin_) * (1 - share) / share);
+    if (++done_ == 1) first_ended_ = Clock::now();
+    show(static_cast<double>(done_) / static_cast<double>(steps_),
+         seconds_left(done_, steps_, seconds_since(first_ended_)));
   }
 
   /// @param share How much of the work is done, 0 to 1.
-  void show(double share, double seconds_left) {
+  /// @param seconds How long the rest will take, if that is known.
+  void show(double share, std::optional<double> seconds) {
     constexpr double interval = 0.1;
     constexpr double width = 50;
     if (!visible_ || (shown_ && seconds_since(*shown_) < interval)) return;
@@ -40,8 +51,8 @@ class ProgressBar {
     const double bounded = std::clamp(share, 0.0, 1.0);
     const auto filled = static_cast<std::size_t>(bounded * width);
     const std::string bar = left(std::string(filled, '#'), static_cast<std::size_t>(width));
-    std::fprintf(stderr, "\r[%s] %3.0f %%, %s left\033[K", bar.c_str(), bounded * 100,
-                 duration_text(seconds_left).c_str());
+    const std::string rest = seconds ? ", " + duration_text(*seconds) + " left" : "";
+    std::fprintf(stderr, "\r[%s] %3.0f %%%s\033[K", bar.c_str(), bounded * 100, rest.c_str());
     std::fflush(stderr);
   }
 
@@ -65,7 +76,7 @@ class ProgressBar {
 
   std::uint64_t steps_;
   std::uint64_t done_ = 0;
-  Clock::time_point begin_ = Clock::now();
+  Clock::time_point first_ended_;
   std::optional<Clock::time_point> shown_;
   bool visible_;
 };

@@ -20,8 +20,13 @@ double mean_of(const std::vector<std::size_t>& counts) {
   return summarize(std::vector<double>(counts.begin(), counts.end())).mean;
 }
 
+/// Of the times of a run.
+Summary summary_of(const std::vector<double>& milliseconds) {
+  return summarize(without_warm_up(milliseconds));
+}
+
 ordered_json json_of(const std::vector<double>& milliseconds) {
-  const Summary summary = summarize(milliseconds);
+  const Summary summary = summary_of(milliseconds);
   return {{"mean", summary.mean},
           {"median", summary.median},
           {"p95", summary.p95},
@@ -62,9 +67,9 @@ std::vector<StageTimes> stage_times(const SimulationResult& result) {
   return all;
 }
 
-/// The share of a stage in the wall-clock time of the broad phase, over all frames.
+/// The share of a stage in the wall-clock time of the broad phase.
 double share_of(const StageTimes& stage, const SimulationResult& result) {
-  return summarize(stage.host).mean / summarize(result.broad_phase).mean;
+  return summary_of(stage.host).mean / summary_of(result.broad_phase).mean;
 }
 
 ordered_json stages_json(const SimulationResult& result) {
@@ -97,14 +102,14 @@ std::string stages_table(const SimulationConfig& config, const SimulationResult&
   for (const StageTimes& stage : stages) {
     text += left(std::string(stage.name), 14);
     for (const std::vector<double>* times : {&stage.host, &stage.device}) {
-      const Summary summary = summarize(*times);
+      const Summary summary = summary_of(*times);
       for (const double value : {summary.mean, summary.median, summary.p95}) {
         text += right(fixed(value, decimals), width);
       }
     }
     text += percent(share_of(stage, result)) + "\n";
-    host += summarize(stage.host).mean;
-    device += summarize(stage.device).mean;
+    host += summary_of(stage.host).mean;
+    device += summary_of(stage.device).mean;
     share += share_of(stage, result);
   }
   const std::string gap(2 * width, ' ');
@@ -116,7 +121,7 @@ std::string stages_table(const SimulationConfig& config, const SimulationResult&
 std::string table_row(const std::string& name, const std::vector<double>& milliseconds) {
   constexpr int decimals = 3;
   constexpr std::size_t width = 11;
-  const Summary summary = summarize(milliseconds);
+  const Summary summary = summary_of(milliseconds);
   std::string row = left(name, 14);
   for (const double value : {summary.mean, summary.median, summary.p95, milliseconds.front()}) {
     row += right(fixed(value, decimals), width);
@@ -225,7 +230,9 @@ std::string table_report_of(const std::string& heading, const std::string& broad
   text += table_row("update", result.update);
   text += table_row("broad phase", result.broad_phase);
   text += table_row("total", result.total);
-  return text + "Frame 0 includes the warm-up; the other columns include frame 0.\n";
+  return text + (result.total.size() == 1
+                     ? "Frame 0, the only one, includes the warm-up.\n"
+                     : "Frame 0 includes the warm-up; the other columns leave it out.\n");
 }
 
 }  // namespace broadcl::cli

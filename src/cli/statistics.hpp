@@ -29,4 +29,10 @@ struct Summary {
   return {sum / static_cast<double>(sample.size()), quantile(sample, 0.5), quantile(sample, 0.95)};
 }
 
+/// The values of a run without frame 0, in which kernels are compiled and memory is allocated; all of them if
+/// there is no other frame.
+[[nodiscard]] inline std::vector<double> without_warm_up(const std::vector<double>& values) {
+  return {values.begin() + (values.size() > 1 ? 1 : 0), values.end()};
+}
+
 }  // namespace broadcl::cli

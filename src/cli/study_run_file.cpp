@@ -39,10 +39,6 @@ bool are_sound(double update, double broad_phase, double total) {
   return update >= 0 && broad_phase >= 0 && std::isfinite(total) && total + rounding >= update + broad_phase;
 }
 
-std::vector<double> without_warm_up(const std::vector<double>& values) {
-  return {values.begin() + 1, values.end()};
-}
-
 }  // namespace
 
 std::optional<RunFrames> parse_run_file(std::string_view text, std::uint32_t frames) {
