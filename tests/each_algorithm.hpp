@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cstdint>
+#include <ostream>
 #include <span>
 #include <string>
 #include <string_view>
@@ -14,6 +15,15 @@
 
 #include "boxes.hpp"
 #include "runs.hpp"
+
+namespace broadcl {
+
+// NOLINTNEXTLINE(readability-identifier-naming): with it gtest prints parameters.
+inline void PrintTo(const AlgorithmInfo& algorithm, std::ostream* out) {
+  *out << algorithm.name;
+}
+
+}  // namespace broadcl
 
 namespace broadcl::test {
 

@@ -10,6 +10,7 @@
 #include <cstddef>
 #include <functional>
 #include <limits>
+#include <ostream>
 #include <set>
 #include <string>
 #include <utility>
@@ -19,6 +20,12 @@
 #include "scenes/scenario.hpp"
 
 namespace broadcl::scenes {
+
+// NOLINTNEXTLINE(readability-identifier-naming): with it gtest prints parameters.
+static void PrintTo(MovingBoxes::Sizes sizes, std::ostream* out) {
+  *out << (sizes == MovingBoxes::Sizes::uniform ? "uniform" : "mixed");
+}
+
 namespace {
 
 using Sizes = MovingBoxes::Sizes;
@@ -161,7 +168,7 @@ TEST_P(EachSizes, ExistInAnyNumber) {
 }
 
 INSTANTIATE_TEST_SUITE_P(MovingBoxes, EachSizes, testing::Values(Sizes::uniform, Sizes::mixed),
-                         [](const auto& test) { return test.param == Sizes::uniform ? "uniform" : "mixed"; });
+                         testing::PrintToStringParamName());
 
 TEST(BoxScenes, HaveDistinctNamesTheSizeAskedForAndNoNan) {
   for (const std::uint32_t n : {0U, 1U, 2U, 33U, 400U}) {

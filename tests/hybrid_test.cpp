@@ -25,6 +25,7 @@
 #include "each_algorithm.hpp"
 #include "expect_error.hpp"
 #include "kept_delta.hpp"
+#include "patience.hpp"
 #include "pretender.hpp"
 #include "reference.hpp"
 #include "runs.hpp"
@@ -126,12 +127,12 @@ class Script {
   std::vector<std::uint32_t> ids_;
 };
 
-/// Calls update() until is_done(); gives up after some seconds. (The device is opened in another thread.)
+/// Calls update() until is_done(). (The device is opened in another thread.)
 template <class Function, class Condition>
 void repeat_until(const Condition& is_done, const Function& update) {
   const auto start = std::chrono::steady_clock::now();
   while (!is_done()) {
-    ASSERT_LT(std::chrono::steady_clock::now() - start, std::chrono::seconds(10)) << "still not";
+    ASSERT_LT(std::chrono::steady_clock::now() - start, patience) << "still not";
     update();
   }
 }

@@ -51,6 +51,10 @@ LateTrouble trouble_of(LateFailure failure) {
   return ::testing::AssertionFailure() << "an update failed though no call did";
 }
 
+SUITE_ALSO_IN(LateKernelOnTheHost, kernels);
+SUITE_ALSO_IN(LateKernelOnTheDevice, kernels);
+SUITE_ALSO_IN(LateKernel, kernels);
+
 /// An algorithm, and one of its kernels on a GPU.
 struct LateKernel {
   const char* algorithm;

@@ -29,7 +29,8 @@ struct Run {
   std::string_view name;
   Runs any_of;
 };
-constexpr std::array all_runs{Run{"default", runs::all_default},
+constexpr std::array all_runs{Run{"kernels", runs::kernels},
+                              Run{"default", runs::all_default},
                               Run{"gpu-profile", runs::gpu_profile},
                               Run{"rusticl", runs::rusticl},
                               Run{"oclgrind", runs::oclgrind},
@@ -54,7 +55,7 @@ std::string suite_of(const testing::TestInfo& test) {
 
 /// Runs that a test is not in because of its parameter.
 Runs left_out_for_parameter(std::string_view parameter) {
-  constexpr Runs others = ~runs::all_default;
+  constexpr Runs others = ~(runs::all_default | runs::kernels);
   // Bullet's own broad phases, with which our contract is checked.
   for (const std::string_view control : {"Tree", "Sweep", "Simple"}) {
     if (parameter == control) return others;
@@ -89,6 +90,9 @@ Test with_runs(const testing::TestInfo& test, std::vector<RunStatement>& unused)
   const std::size_t slash = name.rfind('/');
   if (slash != std::string_view::npos) runs &= ~left_out_for_parameter(name.substr(slash + 1));
   if (std::string_view(test.test_suite_name()).starts_with("Long")) runs = 0;
+  // Those of the run `kernels` are default tests that the run `default` leaves out.
+  const bool is_default = (runs & runs::all_default) != 0;
+  if ((runs & runs::kernels) != 0) runs &= is_default ? ~runs::all_default : ~runs::kernels;
   return {.info = &test, .runs = runs};
 }
 
@@ -148,7 +152,7 @@ int run(int argc, char** argv) {
   const testing::UnitTest& program = *testing::UnitTest::GetInstance();
   if (program.test_to_run_count() == 0) throw std::runtime_error("no test is selected");
   // (The boxes of real simulations may be missing on a developer's machine.)
-  const bool may_skip = argument == "--run=default" &&
+  const bool may_skip = (argument == "--run=default" || argument == "--run=kernels") &&
                         std::getenv("BROADCL_TEST_DATA") == nullptr;  // NOLINT(concurrency-mt-unsafe)
   if (argc == 2 && !may_skip && program.skipped_test_count() > 0)
     throw std::runtime_error("a test was skipped; it must state that it is not in this run");

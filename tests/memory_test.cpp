@@ -13,6 +13,7 @@
 #include "opencl/context.hpp"
 #include "opencl/mapped_buffer.hpp"
 #include "opencl/shared_buffer.hpp"
+#include "patience.hpp"
 #include "scenes/generators.hpp"
 #include "test_name.hpp"
 
@@ -25,8 +26,12 @@ using scenes::MovingBoxes;
 /// Implementations may report late, from a thread of their own, that nothing refers to a buffer any more.
 template <class Condition>
 bool eventually(const Condition& condition) {
-  for (int k = 0; k < 500 && !condition(); ++k) std::this_thread::sleep_for(std::chrono::milliseconds(10));
-  return condition();
+  const auto start = std::chrono::steady_clock::now();
+  while (!condition()) {
+    if (std::chrono::steady_clock::now() - start > patience) return false;
+    std::this_thread::sleep_for(std::chrono::milliseconds(10));
+  }
+  return true;
 }
 
 TEST(Memory, BuffersCountUntilNothingRefersToThem) {

@@ -20,9 +20,12 @@ using Runs = unsigned;
 
 namespace runs {
 
-/// On the default device, in a few processes, which takes half of the time of one process per test. Every
-/// test is in it unless it says otherwise.
+/// On the default device, in fewer processes than tests, which takes half of the time. Every test is in it
+/// unless it says otherwise.
 inline constexpr Runs all_default = 128;
+/// The same, before the others: tests of kernels tuned for GPUs, which PoCL compiles for minutes if its cache
+/// is empty. They are not in all_default then.
+inline constexpr Runs kernels = 256;
 /// On the default device, with kernels tuned for GPUs.
 inline constexpr Runs gpu_profile = 1;
 /// On Mesa's rusticl.

@@ -420,9 +420,10 @@ TEST_P(EachAlgorithm, TheSameCallsReportTheSameWithBothProfilesInEveryRun) {
   }
 }
 
-NOT_IN(sanitizers, "takes long, in kernels only");
 /// (With PoCL 3.1 and 6.0, one frame in several hundred was wrong: work-groups wrote past their part of the
 /// list, sometimes later than the work-group that owned that part.)
+ALSO_IN(kernels);
+NOT_IN(sanitizers, "takes long, in kernels only");
 TEST_P(EachAlgorithm, FewBoxesThatMoveForLongWithBothProfiles) {
   constexpr std::uint32_t n = 200;
   const int frames = is_slow() ? 8 : 500;

@@ -61,7 +61,8 @@ TEST_P(TriangleWords, RowsPast32BitsAreTiledToo) {
   }
 }
 
-INSTANTIATE_TEST_SUITE_P(Width, TriangleWords, ::testing::Values(4U, 8U, 16U));
+INSTANTIATE_TEST_SUITE_P(Width, TriangleWords, ::testing::Values(4U, 8U, 16U),
+                         ::testing::PrintToStringParamName());
 
 }  // namespace
 }  // namespace broadcl::triangle
