@@ -130,6 +130,22 @@ TEST_F(Program, OneOfSeveralDevicesIsTheDefault) {
       1);
 }
 
+TEST_F(Program, SaysWhatPoclLacksIfItOffersNoDevice) {
+  const std::string driver = "/etc/OpenCL/vendors/pocl.icd";
+  const std::string environment =
+      "BROADCL_DEVICE= OCL_ICD_VENDORS=" + driver + " POCL_CACHE_DIR=/proc/nowhere";
+  if (!fs::exists(driver)) GTEST_SKIP() << "PoCL is not installed";
+  if (run("devices", environment).exit_code == 0) GTEST_SKIP() << "this PoCL needs no folder";
+  for (const std::string arguments : {"devices", "pairs four.npy --algorithm tiles", "study"}) {
+    SCOPED_TRACE(arguments);
+    expect_refused(run(arguments, environment),
+                   "installed: Portable Computing Language; PoCL shows none without");
+  }
+  const Outcome check = run("check", environment);
+  expect_success(check);
+  EXPECT_NE(check.out.find("POCL_CACHE_DIR"), std::string::npos) << check.out;
+}
+
 TEST_F(Program, WithoutAnyDeviceSaysWhatToInstall) {
   if (run("devices", "BROADCL_DEVICE= OCL_ICD_VENDORS=/nonexistent").exit_code == 0) {
     GTEST_SKIP() << "this OpenCL loader ignores OCL_ICD_VENDORS, so devices cannot be hidden";

@@ -81,6 +81,10 @@ LimitedDevices::~LimitedDevices() {
   current = before_;
 }
 
+cl_int refusal_of_devices() {
+  return current && !current->has_devices ? CL_DEVICE_NOT_FOUND : CL_SUCCESS;
+}
+
 cl_int refusal_of_launch(cl_kernel kernel, cl_uint dimensions, const std::size_t* local) {
   if (!current) return CL_SUCCESS;
   std::size_t items = 1;

@@ -20,6 +20,7 @@ struct Limits {
   cl_ulong local_memory = std::numeric_limits<cl_ulong>::max();                    ///< Bytes per work-group.
   cl_ulong allocation = std::numeric_limits<cl_ulong>::max();                      ///< Bytes per buffer.
   cl_command_queue_properties queue_properties = ~cl_command_queue_properties{0};  ///< That queues may have.
+  bool has_devices = true;  ///< If not, platforms are there without any.
   bool has_compiler = true;
   bool has_denormals = true;             ///< If not, programs are built with -cl-denorms-are-zero.
   bool is_offered_twice = false;         ///< By platforms that follow the others.
@@ -67,6 +68,7 @@ class LimitedDevices {
 
 // Functions for the shim in failing_opencl.cpp: the error of a call that exceeds the limits, or CL_SUCCESS,
 // and changes to answers.
+[[nodiscard]] cl_int refusal_of_devices();
 [[nodiscard]] cl_int refusal_of_launch(cl_kernel kernel, cl_uint dimensions, const std::size_t* local);
 [[nodiscard]] cl_int refusal_of_buffer(cl_mem_flags flags, std::size_t bytes);
 [[nodiscard]] cl_mem_flags known_flags(cl_mem_flags flags);

@@ -24,6 +24,7 @@
 #include "expect_error.hpp"
 #include "opencl/arithmetic.hpp"
 #include "opencl/context.hpp"
+#include "patience.hpp"
 #include "runs.hpp"
 #include "scenes/generators.hpp"
 #include "test_name.hpp"
@@ -35,6 +36,7 @@ using ::testing::AllOf;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
+using ::testing::Not;
 
 std::vector<Aabb> copy(std::span<const Aabb> boxes) {
   return {boxes.begin(), boxes.end()};
@@ -136,7 +138,13 @@ TEST_P(OnLimitedDevice, DenormalNumbersAreNotZerosEvenIfTheDeviceTakesThemForTha
 INSTANTIATE_TEST_SUITE_P(Device, OnLimitedDevice, ::testing::Values("brute-force", "tiles", "gpu-bf"),
                          named_by_parameter);
 
-TEST(LimitedDevice, WithSmallWorkGroupsOrLittleLocalMemoryGetsTheTuningProfileForCpus) {
+/// Chooses the tuning profile by what the device reports, whatever the environment says.
+class LimitedDevice : public ::testing::Test {
+  ScopedVariable tuning_{"BROADCL_TUNING", ""};
+};
+SUITE_ALSO_IN(LimitedDevice, kernels);
+
+TEST_F(LimitedDevice, WithSmallWorkGroupsOrLittleLocalMemoryGetsTheTuningProfileForCpus) {
   for (const Limits& limits : {Limits{.work_group = 128}, Limits{.local_memory = 16 << 10}}) {
     const LimitedDevices limited(limits);
     EXPECT_EQ(opencl::Context(select_device(), false).tuning(), opencl::Tuning::cpu);
@@ -152,7 +160,7 @@ Limits gpu_of(const char* extensions, cl_uint name, const std::string& width) {
 
 constexpr cl_uint multiple = CL_KERNEL_PREFERRED_WORK_GROUP_SIZE_MULTIPLE;
 
-TEST(LimitedDevice, WithWavesOf64GetsATuningProfileOfItsOwn) {
+TEST_F(LimitedDevice, WithWavesOf64GetsATuningProfileOfItsOwn) {
   const ScopedVariable any("BROADCL_DEVICE", "");
   const auto tuning_of = [](const Limits& limits) {
     const LimitedDevices limited(limits);
@@ -179,8 +187,7 @@ TEST(LimitedDevice, WithWavesOf64GetsATuningProfileOfItsOwn) {
 
 ALSO_IN(gpu_profile);
 NOT_IN(all_default | sanitizers, "takes long, in kernels and their compiler");
-TEST(LimitedDevice, WithWavesOf64FindsWhatTheOracleFinds) {
-  const ScopedVariable by_the_device("BROADCL_TUNING", "");
+TEST_F(LimitedDevice, WithWavesOf64FindsWhatTheOracleFinds) {
   const LimitedDevices limited(gpu_with_waves_of(64));
   ASSERT_EQ(opencl::Context(select_device(), false).tuning(), opencl::Tuning::gpu64);
   expect_right_pairs("tiles");
@@ -191,7 +198,7 @@ TEST(LimitedDevice, WithWavesOf64FindsWhatTheOracleFinds) {
 }
 
 /// For instance, a GPU with few registers.
-TEST(LimitedDevice, ThatRunsKernelsInSmallWorkGroupsOnlyGetsSuchOnes) {
+TEST_F(LimitedDevice, ThatRunsKernelsInSmallWorkGroupsOnlyGetsSuchOnes) {
   const ScopedVariable any("BROADCL_DEVICE", "");
   const std::vector<Aabb> boxes(50, unit);
   const auto expect_all_pairs = [&](const std::string& algorithm,
@@ -215,13 +222,13 @@ TEST(LimitedDevice, ThatRunsKernelsInSmallWorkGroupsOnlyGetsSuchOnes) {
   expect_all_pairs("gpu-bf", {{"gpu_bf", 1}});
 }
 
-TEST(LimitedDevice, ThatRunsNoKernelAtAllIsRefused) {
+TEST_F(LimitedDevice, ThatRunsNoKernelAtAllIsRefused) {
   const LimitedDevices limited({.work_group_of_kernel = {{"tiles_keys", 0}}});
   EXPECT_THAT(error_of([] { BroadPhase({.algorithm = "tiles"}); }),
               HasSubstr("allows 0; use another device"));
 }
 
-TEST(LimitedDevice, OfRusticlIsBelievedExceptVersion22) {
+TEST_F(LimitedDevice, OfRusticlIsBelievedExceptVersion22) {
   const ScopedVariable any("BROADCL_DEVICE", "");
   const auto group_of = [](const std::string& driver) {
     const LimitedDevices limited(
@@ -234,7 +241,7 @@ TEST(LimitedDevice, OfRusticlIsBelievedExceptVersion22) {
   EXPECT_EQ(group_of("25.0.7-2"), 16U);
 }
 
-TEST(LimitedDevice, ThatCannotRunAKernelSaysSoAtOnce) {
+TEST_F(LimitedDevice, ThatCannotRunAKernelSaysSoAtOnce) {
   const LimitedDevices limited({.work_group = 64});
   const ScopedVariable tuning("BROADCL_TUNING", "gpu");
   EXPECT_THAT(error_of([] { BroadPhase({.algorithm = "tiles"}); }),
@@ -251,9 +258,8 @@ bool tells_local_memory() {
 }
 
 /// (The minimum that OpenCL's embedded profile requires is enough for gpu-bf.)
-TEST(LimitedDevice, WithTooLittleLocalMemorySaysSoAtOnce) {
+TEST_F(LimitedDevice, WithTooLittleLocalMemorySaysSoAtOnce) {
   if (!tells_local_memory()) GTEST_SKIP() << "the device does not report how much a kernel needs";
-  const ScopedVariable by_the_device("BROADCL_TUNING", "");
   const LimitedDevices limited({.local_memory = 1 << 10});
   EXPECT_THAT(error_of([] { BroadPhase({.algorithm = "brute-force"}); }),
               HasSubstr("bytes of local memory, but the device has 1024; use another device"));
@@ -263,7 +269,7 @@ TEST(LimitedDevice, WithTooLittleLocalMemorySaysSoAtOnce) {
               AllOf(HasSubstr("bytes of local memory"), HasSubstr("set BROADCL_TUNING=cpu")));
 }
 
-TEST(LimitedDevice, WithSmallAllocationsRefusesPairsThatDoNotFitAndGoesOn) {
+TEST_F(LimitedDevice, WithSmallAllocationsRefusesPairsThatDoNotFitAndGoesOn) {
   const LimitedDevices limited({.allocation = 1 << 20});
   BroadPhase broad_phase({.algorithm = "brute-force"});
   for (std::uint32_t k = 0; k < 300; ++k) broad_phase.add(unit);
@@ -275,7 +281,7 @@ TEST(LimitedDevice, WithSmallAllocationsRefusesPairsThatDoNotFitAndGoesOn) {
   EXPECT_TRUE(broad_phase.update().added.empty());
 }
 
-TEST(LimitedDevice, WithSmallAllocationsHasATreeForAllBoxesThatFit) {
+TEST_F(LimitedDevice, WithSmallAllocationsHasATreeForAllBoxesThatFit) {
   const LimitedDevices limited({.allocation = 1 << 20});
   constexpr std::uint32_t n = 40'000;
   BroadPhase broad_phase({.algorithm = "tiles"});
@@ -286,7 +292,7 @@ TEST(LimitedDevice, WithSmallAllocationsHasATreeForAllBoxesThatFit) {
 }
 
 /// Changes that fit in lists of their number, but not in one of a quarter more.
-TEST(LimitedDevice, WithSmallAllocationsHasListsForAllChangesThatFit) {
+TEST_F(LimitedDevice, WithSmallAllocationsHasListsForAllChangesThatFit) {
   const LimitedDevices limited({.allocation = 1 << 20});
   constexpr std::size_t n = 375;
   std::vector<Aabb> boxes(n, unit);
@@ -306,7 +312,7 @@ TEST(LimitedDevice, WithSmallAllocationsHasListsForAllChangesThatFit) {
 
 /// On Intel's GPUs, large buffers need a flag and an option, which only gpu-bf uses.
 NOT_IN(all_default, "takes long, in the compiler");
-TEST(LimitedDevice, OfIntelHasLargeBuffersForGpuBf) {
+TEST_F(LimitedDevice, OfIntelHasLargeBuffersForGpuBf) {
   const ScopedVariable any("BROADCL_DEVICE", "");
   const ScopedVariable cache("BROADCL_CACHE_DIR", "/dev/null");
   const Limits small{.allocation = 1 << 20};
@@ -330,7 +336,7 @@ TEST(LimitedDevice, OfIntelHasLargeBuffersForGpuBf) {
   EXPECT_THAT(error_of([&] { (void)pairs_of(intel, "gpu-bf"); }), HasSubstr("allocates at most 524288"));
 }
 
-TEST(LimitedDevice, WithoutProfilingRefusesItAtOnce) {
+TEST_F(LimitedDevice, WithoutProfilingRefusesItAtOnce) {
   const LimitedDevices limited({.queue_properties = 0});
   EXPECT_THAT(error_of([] { BroadPhase({.algorithm = "brute-force", .profile = true}); }),
               HasSubstr("profil"));
@@ -341,18 +347,39 @@ TEST(LimitedDevice, WithoutProfilingRefusesItAtOnce) {
 }
 
 NOT_IN(rusticl, "-cl-denorms-are-zero changes nothing there");
-TEST(LimitedDevice, WithoutDenormalNumbersIsRecognised) {
+TEST_F(LimitedDevice, WithoutDenormalNumbersIsRecognised) {
   const ScopedVariable cache("BROADCL_CACHE_DIR", "/dev/null");
   EXPECT_FALSE(opencl::flushes_denormals(opencl::Context(select_device(), false)));
   const LimitedDevices limited({.has_denormals = false});
   EXPECT_TRUE(opencl::flushes_denormals(opencl::Context(select_device(), false)));
 }
 
-TEST(LimitedDevice, WithoutACompilerIsNotUsed) {
+TEST_F(LimitedDevice, WithoutACompilerIsNotUsed) {
   const LimitedDevices limited({.has_compiler = false});
   std::vector<std::string> failures;
   EXPECT_TRUE(devices(&failures).empty());
   EXPECT_THAT(failures, ::testing::Contains(HasSubstr("compiler")));
+}
+
+/// What PoCL does if it has no folder for its cache, and rusticl unless it is enabled.
+TEST_F(LimitedDevice, ThatIsNotOfferedLeavesTheDriverToBeNamed) {
+  const ScopedVariable any("BROADCL_DEVICE", "");
+  const auto error_with = [](const std::string& platform, const std::string& selector) {
+    const LimitedDevices limited({.has_devices = false, .answers = {{CL_PLATFORM_NAME, platform + '\0'}}});
+    EXPECT_TRUE(devices().empty());
+    return error_of([&] { (void)select_device(selector); });
+  };
+  for (const std::string selector : {"", "gpu"}) {
+    EXPECT_THAT(error_with("Portable Computing Language", selector),
+                AllOf(HasSubstr("although drivers are installed: Portable Computing Language"),
+                      HasSubstr("; PoCL shows none"), HasSubstr("POCL_CACHE_DIR"),
+                      Not(HasSubstr("RUSTICL_ENABLE")), Not(HasSubstr("apt install"))));
+    EXPECT_THAT(error_with("rusticl", selector),
+                AllOf(HasSubstr("RUSTICL_ENABLE"), HasSubstr("apt install pocl")));
+    EXPECT_THAT(error_with("Some", selector),
+                AllOf(HasSubstr("although drivers are installed: Some"), HasSubstr("; check that"),
+                      HasSubstr("apt install pocl")));
+  }
 }
 
 /// The errors of updates in which many boxes move, until one fails or there were enough of them, and then of
@@ -362,7 +389,7 @@ std::vector<std::string> errors_of_updates(BroadPhase& broad_phase, int most_upd
   std::vector<std::string> errors;
   const auto start = std::chrono::steady_clock::now();
   int rest = 20;
-  for (int k = 0; rest > 0 && std::chrono::steady_clock::now() - start < std::chrono::seconds(60); ++k) {
+  for (int k = 0; rest > 0 && std::chrono::steady_clock::now() - start < patience; ++k) {
     const std::span<Aabb> boxes = broad_phase.map(n);
     for (std::uint32_t id = 0; id < n; ++id)
       boxes[id] = apart((id + static_cast<std::uint32_t>(k)) % (n - 1));
@@ -379,9 +406,8 @@ std::vector<std::string> errors_of_updates(BroadPhase& broad_phase, int most_upd
 
 /// A GPU that rejects a kernel. It is opened in another thread, at some time.
 NOT_IN(gpu_profile | rusticl | sanitizers, "takes long");
-TEST(LimitedDevice, ThatAutoCannotOpenIsAnErrorOnceIfItIsNamed) {
+TEST_F(LimitedDevice, ThatAutoCannotOpenIsAnErrorOnceIfItIsNamed) {
   const ScopedVariable none("BROADCL_DEVICE", "");
-  const ScopedVariable by_the_device("BROADCL_TUNING", "");
   Limits gpu = gpu_with_waves_of(32);
   gpu.work_group_of_kernel = {{"tiles_keys", 0}};
   const LimitedDevices limited(gpu);

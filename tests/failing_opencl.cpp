@@ -173,6 +173,7 @@ struct Watched<name, Result(Arguments...)> {
   /// The error of a call that exceeds the current limits, or CL_SUCCESS.
   static cl_int refusal(const All& all) {
     const Inside inside;
+    if constexpr (text == "clGetDeviceIDs") return refusal_of_devices();
     if constexpr (text == "clEnqueueNDRangeKernel")
       return refusal_of_launch(std::get<1>(all), std::get<2>(all), std::get<5>(all));
     if constexpr (text == "clCreateBuffer") return refusal_of_buffer(std::get<1>(all), std::get<2>(all));

@@ -60,7 +60,7 @@ struct BROADCL_API Device {
 /// arithmetic units and clock frequency, as far as devices report these. The same rule chooses between
 /// several drivers for one card.
 /// @throws Error if no device matches (the text lists the devices), and if there is none (it says what to
-/// install).
+/// install, and what drivers need that are there, but offer no device).
 [[nodiscard]] BROADCL_API Device select_device(std::string_view selector = {});
 
 /// The same choice among given devices, without asking OpenCL or the environment.

@@ -19,7 +19,7 @@ namespace {
 
 using opencl::ask;
 
-// Of the functions below, all_platforms(), all_devices() and describe() throw cl::Error.
+// Of the functions below, all_platforms(), platform_names(), all_devices() and describe() throw cl::Error.
 
 std::vector<cl::Platform> all_platforms() {
   std::vector<cl::Platform> platforms;
@@ -29,6 +29,12 @@ std::vector<cl::Platform> all_platforms() {
     if (error.err() != opencl::no_platform) throw;
   }
   return platforms;
+}
+
+std::vector<std::string> platform_names() {
+  std::vector<std::string> names;
+  for (const cl::Platform& platform : all_platforms()) names.push_back(platform.getInfo<CL_PLATFORM_NAME>());
+  return names;
 }
 
 std::vector<cl::Device> all_devices(const cl::Platform& platform) {
@@ -211,6 +217,27 @@ std::string why_best(const Device& best, const std::vector<Device>& among) {
   return no_gpu + "it has the most arithmetic units times clock frequency of the " + kind + "s";
 }
 
+/// @param platforms The names of those that are there.
+Error no_device(const std::vector<std::string>& platforms) {
+  const std::string install_pocl = "such as PoCL (Debian, Ubuntu: apt install pocl-opencl-icd)";
+  if (platforms.empty()) {
+    return Error("no OpenCL device found; install the driver of your GPU, or a CPU implementation " +
+                 install_pocl);
+  }
+  const auto is_there = [&](std::string_view name) { return std::ranges::count(platforms, name) > 0; };
+  std::string text = "no OpenCL device found, although drivers are installed:";
+  for (const std::string& platform : platforms) text += (text.ends_with(':') ? " " : ", ") + platform;
+  if (is_there("rusticl"))
+    text += "; rusticl shows no device unless RUSTICL_ENABLE names its driver, radeonsi for instance";
+  if (is_there("Portable Computing Language")) {
+    text += "; PoCL shows none without a folder that it can write to: name one in POCL_CACHE_DIR";
+  } else {
+    text +=
+        "; check that this user may open the GPU; without one, install a CPU implementation " + install_pocl;
+  }
+  return Error(text);
+}
+
 Matcher matcher_of(std::string_view selector) {
   for (const DeviceType type : {DeviceType::gpu, DeviceType::cpu, DeviceType::accelerator}) {
     if (lower_case(selector) == to_string(type)) return of_type(type);
@@ -291,18 +318,14 @@ std::vector<Device> devices(std::vector<std::string>* failures) {
 }
 
 Device select_device(std::string_view selector) {
+  const std::vector<Device> found = devices();
+  if (found.empty()) throw no_device(opencl::translate_errors("OpenCL", platform_names));
   const std::optional<std::string> variable = environment("BROADCL_DEVICE");
-  if (selector.empty() && variable) return select_device(*variable, devices());
-  return select_device(selector, devices());
+  return select_device(selector.empty() && variable ? *variable : selector, found);
 }
 
 Device select_device(std::string_view selector, const std::vector<Device>& among) {
-  if (among.empty()) {
-    throw Error(
-        "no OpenCL device found; install the driver of your GPU, or a CPU implementation such as PoCL "
-        "(Debian, Ubuntu: apt install pocl-opencl-icd). Mesa's rusticl shows no device unless RUSTICL_ENABLE "
-        "names its driver, radeonsi for instance");
-  }
+  if (among.empty()) throw no_device({});
   if (selector.empty()) {
     for (const DeviceType type : {DeviceType::gpu, DeviceType::cpu}) {
       if (const auto device = best_of(among, of_type(type))) return *device;

@@ -20,10 +20,13 @@ import broadcl
 
 def _devices(_: argparse.Namespace) -> int:
     found = broadcl.devices()
-    if not found:
-        print("No OpenCL device: the algorithms of the host work without one.")
+    try:
+        default = broadcl.select_device().id
+    except broadcl.Error as error:
+        if found:
+            raise
+        print(f"{error}\nThe algorithms of the host work without a device.")
         return 0
-    default = broadcl.select_device().id
     for device in found:
         mark = "*" if device.id == default else " "
         print(f"{mark} {device.id}  {device.type}  {device}  {device.memory / 2**30:.1f} GiB  {device.driver_version}")

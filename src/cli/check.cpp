@@ -106,18 +106,24 @@ std::optional<std::string> check_moving(unsigned frames, const BroadPhase::Confi
   return std::nullopt;
 }
 
-/// The device to check; none if there is none, and none is named.
-std::optional<Device> find_device(const std::string& selector) {
-  if (selector.empty() && devices().empty()) return device_for({});
-  return select_device(selector);
+/// The device to check; none if there is none, and none is named. `why_none` is the reason then.
+std::optional<Device> find_device(const std::string& selector, std::string& why_none) {
+  try {
+    return select_device(selector);
+  } catch (const Error& error) {
+    if (!selector.empty() || !devices().empty()) throw;
+    why_none = error.what();
+    return device_for({});
+  }
 }
 
 Exit run(const std::string& selector) {
   constexpr unsigned frames = 20;
-  const std::optional<Device> device = find_device(selector);
+  std::string why_none;
+  const std::optional<Device> device = find_device(selector, why_none);
   const std::vector<BoxScene> scenes = still_scenes();
   std::cout << (device ? one_line(device->label()) + " (" + device->id() + ")\n"
-                       : "No OpenCL device: only the algorithms of the host are checked.\n");
+                       : "Only the algorithms of the host are checked: " + one_line(why_none) + "\n");
   bool works = true;
   // Those on the host first: the others may wait for a compiler.
   std::vector<AlgorithmInfo> all(algorithms().begin(), algorithms().end());
