@@ -22,8 +22,8 @@ struct CoreWeight {
 constexpr std::array core_weights{CoreWeight{CoreVerb::add, 20},         CoreWeight{CoreVerb::remove, 30},
                                   CoreWeight{CoreVerb::replace, 30},     CoreWeight{CoreVerb::move, 300},
                                   CoreWeight{CoreVerb::map, 15},         CoreWeight{CoreVerb::filter, 40},
-                                  CoreWeight{CoreVerb::exclude, 40},     CoreWeight{CoreVerb::begin, 60},
-                                  CoreWeight{CoreVerb::update, 300},     CoreWeight{CoreVerb::enqueue, 90},
+                                  CoreWeight{CoreVerb::exclude, 60},     CoreWeight{CoreVerb::begin, 60},
+                                  CoreWeight{CoreVerb::update, 300},     CoreWeight{CoreVerb::enqueue, 120},
                                   CoreWeight{CoreVerb::change_side, 40}, CoreWeight{CoreVerb::refuse, 20}};
 
 class CoreGenerator {
@@ -38,10 +38,10 @@ class CoreGenerator {
     if (size == ScriptSize::tiny) {
       length = 10;
       script.most = dice_.pick(std::array{10U, 40U});
-    } else if (dice_.one_in(10)) {
+    } else if (dice_.one_in(4)) {
       length = 50;
       script.most = 250;
-      script.extent = dice_.pick(std::array{2, 16, 32});
+      script.extent = dice_.pick(std::array{1, 16});
     } else if (dice_.one_in(30)) {
       length = 15;
       script.most = 2300;
@@ -50,6 +50,7 @@ class CoreGenerator {
     script.filters = dice_.one_in(2) ? FilterKind::none : static_cast<FilterKind>(1 + dice_.below(5));
     odd_boxes_ = dice_.pick(std::array{0U, 0U, 3U, 20U});
     is_lively_ = dice_.one_in(2);
+    grows_slowly_ = dice_.one_in(3);
     while (script.ops.size() < length) {
       const CoreVerb next = live_ < script.most && dice_.one_in(4) ? CoreVerb::add : verb();
       script.ops.push_back(op(script, next, count(next, script.most)));
@@ -72,7 +73,7 @@ class CoreGenerator {
     const unsigned few = dice_.one_in(4) ? 2 + dice_.below(8) : 1;
     switch (verb) {
       case CoreVerb::add: {
-        const unsigned count = dice_.one_in(2) ? most : few;
+        const unsigned count = !grows_slowly_ && dice_.one_in(2) ? most : few;
         live_ += count;
         return count;
       }
@@ -108,6 +109,7 @@ class CoreGenerator {
   unsigned live_ = 0;
   unsigned odd_boxes_ = 0;  // per cent
   bool is_lively_ = false;  // often everything moves
+  bool grows_slowly_ = false;
 };
 
 /// Simpler operations of the same verb, the simplest first.

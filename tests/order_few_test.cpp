@@ -156,6 +156,12 @@ TEST_P(OrderFew, SortsListsOfWhichTheSampleSaysLittle) {
   expect_sorted(halves, ascending, groups);
 }
 
+/// One change more than a work-group sorts at once.
+NOT_IN(rusticl, "runs on llvmpipe, which ends a work-item after 65,535 iterations of its loops");
+TEST_P(OrderFew, SortsOneMoreThanFitsInAPart) {
+  expect_sorted(random_pairs(513, 2000, 12), pairs_of_one(257, 13), 1);
+}
+
 /// (With fewer iterations than those after which llvmpipe ends a work-item.)
 ALSO_IN(oclgrind_gpu_profile);
 TEST_P(OrderFew, SortsInPartsWhatIsTooMuch) {

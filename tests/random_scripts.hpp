@@ -10,17 +10,37 @@
 #include <sstream>
 #include <stdexcept>
 #include <string>
+#include <string_view>
 #include <utility>
 #include <vector>
 
 #include <gtest/gtest.h>
 #include <rapidcheck.h>
 
+#include <broadcl/error.hpp>
+
 namespace broadcl::test {
 
 /// Ends a script.
 [[noreturn]] inline void fail(const std::string& what) {
   throw std::runtime_error(what);
+}
+
+inline void require(const ::testing::AssertionResult& result) {
+  if (!result) fail(result.message());
+}
+
+/// Calls a function that must throw an Error with this text. (Unlike error_of(), this fails the script, not
+/// the test.)
+template <class Function>
+void require_error(std::string_view text, const Function& function) {
+  try {
+    function();
+  } catch (const Error& error) {
+    if (std::string_view(error.what()).find(text) != std::string_view::npos) return;
+    fail("the wrong error: " + std::string(error.what()));
+  }
+  fail("no error with the text '" + std::string(text) + "'");
 }
 
 /// Random numbers for a script.
