@@ -82,20 +82,38 @@ TEST(PairDelta, ExhaustedMemoryLeavesTheLastFrameKnown) {
   EXPECT_EQ(engine.pairs().size(), 171U);
 }
 
-/// A list that fits the device's largest allocation is not refused because it cannot grow further.
+/// A list that fits the device's largest allocation is not refused because it cannot grow further. With
+/// memory for one pair less, it is too short.
 TEST(PairDelta, AListMayBeAsLargeAsTheLargestAllocation) {
   constexpr cl_uint n = 512;
-  Device device = select_device();
-  device.max_allocation = n * (n - 1) / 2 * sizeof(Pair);
-  const opencl::Context context(device, false);
-  opencl::Profiler profiler(false);
-  DeviceObjects objects(context, profiler);
-  objects.reserve(n, false);
-  std::ranges::fill(objects.boxes().first(n), test::unit);
-  Engine engine(context, profiler, make_brute_force, Order::Target::device);
-  engine.prepare();
-  engine.begin(objects.upload({.slots = n, .all = true}));
-  EXPECT_EQ(engine.finish().found, n * (n - 1) / 2);
+  constexpr std::size_t pairs = n * (n - 1) / 2;
+  for (const std::size_t missing : {0U, 1U}) {
+    Device device = select_device();
+    device.max_allocation = (pairs - missing) * sizeof(Pair);
+    const opencl::Context context(device, false);
+    opencl::Profiler profiler(false);
+    DeviceObjects objects(context, profiler);
+    objects.reserve(n, false);
+    std::ranges::fill(objects.boxes().first(n), test::unit);
+    objects.boxes()[0] = {{-1, 0, 0}, {0, 1, 1}};  // touches the others
+    Engine engine(context, profiler, make_brute_force, Order::Target::device);
+    const auto update = [&] {
+      engine.prepare();
+      engine.begin(objects.upload({.slots = n, .all = true}));
+      const std::size_t found = engine.finish().found;
+      objects.commit();
+      return found;
+    };
+    objects.boxes()[n - 1].lower[0] = 0.5F;  // all but the last one
+    EXPECT_EQ(update(), pairs - 1);
+    objects.boxes()[n - 1].lower[0] = 0;
+    if (missing > 0) {
+      EXPECT_THAT(test::error_of(update), HasSubstr("overlapping pairs"));
+    } else {
+      EXPECT_EQ(update(), pairs);
+      EXPECT_TRUE(test::same("pairs", engine.pairs(), test::all_pairs(n)));
+    }
+  }
 }
 
 /// Pairs are counted with 64 bits, so that more than 32 bits can count cause an error instead of a few pairs.
