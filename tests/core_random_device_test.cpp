@@ -35,7 +35,7 @@ class DevicePlayer {
       filters_.resize(boxes_.size());
     }
     first_count_ = boxes_.size();
-    broad_phase_.reserve(most(), most() * most() / 2, true);
+    reserve();
   }
 
   void apply(const CoreOp& op) {
@@ -58,6 +58,9 @@ class DevicePlayer {
         break;
       case CoreVerb::enqueue:
         enqueue(op.which % 3);
+        break;
+      case CoreVerb::shrink:
+        shrink();
         break;
       case CoreVerb::refuse:
         refuse();
@@ -105,6 +108,8 @@ class DevicePlayer {
     return script_.filters == FilterKind::sets || script_.filters == FilterKind::sets_of_worlds;
   }
   [[nodiscard]] std::uint32_t most() const { return script_.most + script_.most / 3 + 1; }
+
+  void reserve() { broad_phase_.reserve(most(), most() * most() / 2, true); }
 
   /// Pairs by the indices of boxes in their sets.
   [[nodiscard]] Pairs numbered(Pairs pairs) const {
@@ -195,6 +200,13 @@ class DevicePlayer {
     broad_phase_.set_exclusions(pairs);
     check_enqueued();
     reference_.set_exclusions(pairs);
+  }
+
+  void shrink() {
+    if (begun_) return require_error("finish()", [&] { broad_phase_.shrink(); });
+    broad_phase_.shrink();
+    check_enqueued();
+    reserve();
   }
 
   /// @param lists 0: they are one too short, so that this update and all later ones are incomplete. 1: they

@@ -8,9 +8,9 @@
 namespace broadcl::test {
 namespace {
 
-constexpr std::array<std::string_view, 12> core_verb_names{"add",    "remove",  "replace",     "move",
-                                                           "map",    "filter",  "exclude",     "begin",
-                                                           "update", "enqueue", "change side", "refuse"};
+constexpr std::array<std::string_view, 13> core_verb_names{
+    "add",   "remove", "replace", "move",        "map",    "filter", "exclude",
+    "begin", "update", "enqueue", "change side", "shrink", "refuse"};
 constexpr std::array<std::string_view, 6> filter_kind_names{"no",      "groups as",         "worlds as",
                                                             "sets as", "sets of worlds as", "all kinds of"};
 
@@ -24,7 +24,8 @@ constexpr std::array core_weights{CoreWeight{CoreVerb::add, 20},         CoreWei
                                   CoreWeight{CoreVerb::map, 15},         CoreWeight{CoreVerb::filter, 40},
                                   CoreWeight{CoreVerb::exclude, 60},     CoreWeight{CoreVerb::begin, 60},
                                   CoreWeight{CoreVerb::update, 300},     CoreWeight{CoreVerb::enqueue, 120},
-                                  CoreWeight{CoreVerb::change_side, 40}, CoreWeight{CoreVerb::refuse, 20}};
+                                  CoreWeight{CoreVerb::change_side, 40}, CoreWeight{CoreVerb::shrink, 15},
+                                  CoreWeight{CoreVerb::refuse, 20}};
 
 class CoreGenerator {
  public:

@@ -27,7 +27,8 @@ enum class CoreVerb {
   update,       ///< Or finish(), if an update was begun.
   enqueue,      ///< An update of a DeviceBroadPhase that nobody waits for.
   change_side,  ///< Of `auto`, between host and device.
-  refuse        ///< Calls with errors, which must change nothing.
+  shrink,
+  refuse  ///< Calls with errors, which must change nothing.
 };
 
 /// Which filters a script uses.

@@ -62,6 +62,13 @@ class CorePlayer {
       case CoreVerb::update:
         update();
         break;
+      case CoreVerb::shrink:
+        if (reference_.is_in_flight()) {
+          require_error("between begin() and finish()", [&] { subject_.shrink(); });
+        } else {
+          subject_.shrink();
+        }
+        break;
       case CoreVerb::refuse:
         refuse(op);
         break;

@@ -2,10 +2,8 @@
 
 #include <algorithm>
 #include <array>
-#include <chrono>
 #include <span>
 #include <string>
-#include <thread>
 
 #include <gtest/gtest.h>
 
@@ -22,17 +20,6 @@ namespace broadcl::test {
 namespace {
 
 using scenes::MovingBoxes;
-
-/// Implementations may report late, from a thread of their own, that nothing refers to a buffer any more.
-template <class Condition>
-bool eventually(const Condition& condition) {
-  const auto start = std::chrono::steady_clock::now();
-  while (!condition()) {
-    if (std::chrono::steady_clock::now() - start > patience) return false;
-    std::this_thread::sleep_for(std::chrono::milliseconds(10));
-  }
-  return true;
-}
 
 TEST(Memory, BuffersCountUntilNothingRefersToThem) {
   const opencl::Context context(select_device(), false);
