@@ -104,8 +104,9 @@ class DeviceBroadPhase::Impl {
       warm_up(*engine);
       auto source = std::make_unique<Source>(context_);
       const Frame& frame = frames_.at(turn_);
-      Frame smaller{.objects = frame.objects, .boxes = {}, .filters = {}};
+      Frame smaller;
       if (frame.objects.slots > 0) {
+        smaller.objects = frame.objects;
         reserve(smaller, frame.objects.slots, frame.objects.filters() != nullptr);
         copy(frame, smaller);
       }

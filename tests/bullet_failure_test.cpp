@@ -231,6 +231,7 @@ TEST(BulletFailure, ARealShortageOfMemoryEndsWhenThereIsEnough) {
     BulletBroadphase broadphase({.algorithm = "sweep-and-prune", .threads = 2});
     broadphase.set_error_handler([&](const std::string& error) { errors.push_back(error); });
     std::vector<btBroadphaseProxy*> proxies;
+    proxies.reserve(40'000);
     const auto lower = [](int k) { return btVector3(btScalar(2 * k), 0, 0); };
     const btVector3 size(1, 1, 1);
     for (int k = 0; k < 40'000; ++k) {

@@ -174,7 +174,7 @@ TEST(HostMemory, IsAsDocumented) {
   }
   EXPECT_TRUE(holds_in_child([&] {
     constexpr std::uint32_t n = 8000;
-    constexpr double pairs = n * (n - 1) / 2;
+    constexpr auto pairs = static_cast<double>(n * (n - 1) / 2);
     BroadPhase broad_phase(config);
     for (std::uint32_t k = 0; k < n; ++k) broad_phase.add(apart(k));
     (void)broad_phase.update();

@@ -114,8 +114,7 @@ class Algorithm {
 struct DeleteAlgorithm {
   DeleteAlgorithm() = default;
   template <class Derived>
-  DeleteAlgorithm(std::default_delete<Derived> /*deleter*/) noexcept {
-  }  // NOLINT(google-explicit-constructor)
+  DeleteAlgorithm(std::default_delete<Derived> /*deleter*/) noexcept {}
   void operator()(const Algorithm* algorithm) const noexcept {
     if (algorithm->device() == nullptr || !opencl::is_forked()) delete algorithm;
   }

@@ -56,7 +56,7 @@ class MappedBuffer {
 /// Deletes a buffer and waits until its memory is released, for owners that may outlive the context, which
 /// otherwise waits for its queue. Does nothing if the process was forked.
 struct DeleteAndWait {
-  void operator()(const MappedBuffer* buffer) const noexcept;
+  void operator()(const MappedBuffer* buffer) const noexcept;  // NOLINT(bugprone-exception-escape)
 };
 
 }  // namespace broadcl::opencl
