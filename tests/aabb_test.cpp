@@ -13,6 +13,7 @@
 #include "boxes.hpp"
 #include "fast_math.hpp"
 #include "packed_box.hpp"
+#include "rounding.hpp"
 
 namespace broadcl {
 namespace {
@@ -133,6 +134,51 @@ TEST(Aabb, DoublesBeyondFloatStayOutside) {
   EXPECT_EQ(box,
             (Aabb{{largest, -infinity, 0}, {infinity, -largest, std::numeric_limits<float>::denorm_min()}}));
   EXPECT_TRUE(has_nan(round_outward({std::nan(""), 0, 0}, {1, 1, 1})));
+}
+
+/// Numbers of all sizes, and their neighbours; the results do not change with the mode.
+std::vector<Aabb> rounded_numbers() {
+  std::vector<Aabb> boxes;
+  for (std::uint64_t exponent = 0; exponent <= 0x7ff; ++exponent) {
+    for (const std::uint64_t digits :
+         {0ULL, 1ULL, 0x1fffffffULL, 0x20000000ULL, 0x20000001ULL, 0xfffffe0000000ULL, 0xfffffffffffffULL}) {
+      const auto value = std::bit_cast<double>(exponent << 52U | digits);
+      boxes.push_back(round_outward({value, -value, 0}, {value, -value, -0.0}));
+    }
+  }
+  return boxes;
+}
+
+/// As integers, so that NaNs and denormal numbers are compared, too.
+bool same_boxes(const std::vector<Aabb>& s, const std::vector<Aabb>& t) {
+  return std::ranges::equal(s, t, same_bits);
+}
+
+TEST(Aabb, DoublesRoundToTheNextFloats) {
+  for (const Aabb& box : rounded_numbers()) {
+    if (has_nan(box)) continue;
+    EXPECT_EQ(box.lower[0], -box.upper[1]);
+    EXPECT_EQ(box.upper[0], -box.lower[1]);
+  }
+  for (std::uint64_t exponent = 0; exponent < 0x7ff; ++exponent) {
+    const auto value = std::bit_cast<double>(exponent << 52U | 0x123456789abcdULL);
+    const Aabb box = round_outward({value, 0, 0}, {value, 0, 0});
+    EXPECT_LT(static_cast<double>(box.lower[0]), value);
+    EXPECT_GT(static_cast<double>(box.upper[0]), value);
+    EXPECT_EQ(std::nextafter(box.lower[0], infinity), box.upper[0]);
+  }
+}
+
+TEST(Aabb, DoublesRoundAlikeInEveryMode) {
+  const std::vector<Aabb> expected = rounded_numbers();
+  for (const int mode : test::rounding_modes) {
+    const test::ScopedRounding rounding(mode);
+    EXPECT_TRUE(same_boxes(rounded_numbers(), expected)) << mode;
+  }
+#ifdef __SSE2__
+  const test::ScopedFlush flush;
+  EXPECT_TRUE(same_boxes(rounded_numbers(), expected));
+#endif
 }
 
 TEST(Aabb, EigenBoxesConvertBothWays) {

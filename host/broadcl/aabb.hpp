@@ -79,7 +79,8 @@ inline constexpr std::int32_t infinite_key = 0x7f800000;
 }
 
 /// The smallest float32 box that contains a float64 one: lower bounds round down, upper bounds round up, so
-/// pairs of the rounded boxes are a superset of the pairs of the originals. NaN stays NaN.
+/// pairs of the rounded boxes are a superset of the pairs of the originals. NaN stays NaN. The result does
+/// not depend on the rounding mode, nor on whether the processor treats denormal numbers as 0.
 [[nodiscard]] BROADCL_API Aabb round_outward(const std::array<double, 3>& lower,
                                              const std::array<double, 3>& upper) noexcept;
 
