@@ -128,7 +128,7 @@ typedef struct broadcl_device_info {
   const char* name;
   const char* version;  ///< For instance "OpenCL 3.0 CUDA".
   const char* driver_version;
-  broadcl_device_type type;
+  int32_t type;  ///< broadcl_device_type.
   uint32_t compute_units;
   uint32_t clock_mhz;       ///< Highest clock frequency, 0 if the device does not say.
   uint32_t vendor_id;       ///< 0x10de for NVIDIA, for instance.

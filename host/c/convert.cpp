@@ -79,7 +79,7 @@ broadcl_device_info DeviceFacts::info() const noexcept {
           .name = device_.name.c_str(),
           .version = device_.version.c_str(),
           .driver_version = device_.driver_version.c_str(),
-          .type = static_cast<broadcl_device_type>(device_.type),
+          .type = static_cast<std::int32_t>(device_.type),
           .compute_units = device_.compute_units,
           .clock_mhz = device_.clock_mhz,
           .vendor_id = device_.vendor_id,

@@ -170,6 +170,7 @@ TEST(C, DevicesAreListed) {
     EXPECT_EQ(std::string(info.label), std::string(info.platform_name) + " / " + info.name);
     EXPECT_THAT(info.version, StartsWith("OpenCL "));
     EXPECT_NE(std::strlen(info.driver_version), 0U);
+    static_assert(std::is_same_v<decltype(info.type), std::int32_t>, "an enum's width may differ");
     EXPECT_GE(info.type, BROADCL_GPU);
     EXPECT_LE(info.type, BROADCL_OTHER_DEVICE);
     EXPECT_GE(info.compute_units, 1U);
