@@ -71,6 +71,8 @@ TEST(KernelSource, LocationsInALogAreNamedByFileAndLine) {
             "a.cl:3:5: error: d\nint d;\nb.h:1:1: note: b\n");
   EXPECT_EQ(with_file_names("a.cl:3:5: error", source), "a.cl:3:5: error");
   EXPECT_EQ(with_file_names("<kernel>: error", source), "<kernel>: error");
+  const std::string huge = "<kernel>:99999999999999999999999:1: error\n";
+  EXPECT_EQ(with_file_names(huge + "<kernel>:3:1: note", source), huge + "b.h:1:1: note");
 }
 
 TEST(KernelSource, AFileThatIsMissingOrCannotBeReadIsNamed) {

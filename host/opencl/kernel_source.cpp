@@ -6,6 +6,7 @@
 #include <fstream>
 #include <set>
 #include <sstream>
+#include <system_error>
 #include <utility>
 
 #include <broadcl/error.hpp>
@@ -93,7 +94,9 @@ std::string with_file_names(const std::string& log, const std::string& source) {
     const std::size_t digits = at + mark.size();
     const std::size_t end = log.find_first_not_of("0123456789", digits);
     if (end == digits || end == std::string::npos) break;
-    result += log.substr(done, at - done) + location_of(std::stoul(log.substr(digits, end - digits)), source);
+    std::size_t line = 0;
+    const bool is_line = std::from_chars(log.data() + digits, log.data() + end, line).ec == std::errc();
+    result += log.substr(done, at - done) + (is_line ? location_of(line, source) : log.substr(at, end - at));
     done = end;
   }
   return result + log.substr(done);
