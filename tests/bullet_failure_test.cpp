@@ -10,6 +10,7 @@
 #include <random>
 #include <string>
 #include <string_view>
+#include <thread>
 #include <utility>
 #include <vector>
 
@@ -27,6 +28,7 @@
 #include "process_memory.hpp"
 #include "patience.hpp"
 #include "runs.hpp"
+#include "started_threads.hpp"
 #include "test_name.hpp"
 
 namespace broadcl {
@@ -290,6 +292,30 @@ TEST(BulletFailure, AutoLeavesAGpuThatFails) {
     ASSERT_FALSE(life.is_on_device());
   }
   EXPECT_GT(failures, 5);
+}
+
+TEST(BulletFailure, TheHostUsesAsManyThreadsAsTheDeviceWouldHave) {
+  if (std::thread::hardware_concurrency() < 2) GTEST_SKIP() << "there is only one processor";
+  btDefaultCollisionConfiguration configuration;
+  btCollisionDispatcher dispatcher(&configuration);
+  BulletBroadphase broadphase({.algorithm = "brute-force", .threads = 1});
+  std::vector<btBroadphaseProxy*> proxies;
+  for (int k = 0; k < 20'000; ++k) {
+    const btVector3 lower(btScalar(2 * k), 0, 0);
+    proxies.push_back(broadphase.createProxy(lower, lower + btVector3(1, 1, 1), BOX_SHAPE_PROXYTYPE,
+                                             &broadphase, 1, -1, &dispatcher));
+  }
+  const FailingOpenCl all_fail(0, 1'000'000);
+  broadphase.calculateOverlappingPairs(&dispatcher);
+  ASSERT_EQ(broadphase.broad_phase().device(), nullptr);
+  const long before = test::started_threads();
+  for (btBroadphaseProxy* proxy : proxies) {
+    broadphase.setAabb(proxy, proxy->m_aabbMin, proxy->m_aabbMax + btVector3(1, 0, 0), &dispatcher);
+  }
+  broadphase.calculateOverlappingPairs(&dispatcher);
+  EXPECT_EQ(broadphase.getOverlappingPairCache()->getNumOverlappingPairs(), 19'999);
+  EXPECT_EQ(test::started_threads(), before);
+  for (btBroadphaseProxy* proxy : proxies) broadphase.destroyProxy(proxy, &dispatcher);
 }
 
 /// No search is left to the host.

@@ -22,7 +22,7 @@ struct alignas(64) Proxy : btBroadphaseProxy {
   [[nodiscard]] bool is_live() const noexcept { return m_uniqueId != no_id; }
   [[nodiscard]] std::uint32_t id() const noexcept { return static_cast<std::uint32_t>(m_uniqueId); }
 
-  // The number of the calculation that comes next, at the time when
+  // The number of the calculation that comes next, or 0 if that is long ago, at the time when
   std::uint32_t created = 0;  ///< it was created;
   std::uint32_t changed = 0;  ///< its box or filter was last changed.
 };

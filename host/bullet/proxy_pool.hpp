@@ -4,6 +4,7 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <limits>
 #include <memory>
 #include <vector>
 
@@ -19,6 +20,10 @@ namespace broadcl {
 /// stored next to them.
 class ProxyPool {
  public:
+  /// @param last_number Calculations are numbered from 1 to this, and then again.
+  explicit ProxyPool(std::uint32_t last_number = std::numeric_limits<std::uint32_t>::max())
+      : last_number_(last_number) {}
+
   /// Makes slots for all ids below n.
   void reserve(std::size_t n) {
     while (slots() < n) chunks_.push_back(std::make_unique<Chunk>());
@@ -73,7 +78,12 @@ class ProxyPool {
     proxy = Proxy();
     last_renewal_ = next_calculation_;
   }
-  void end_calculation() noexcept { ++next_calculation_; }
+  void end_calculation() noexcept {
+    if (next_calculation_++ < last_number_) return;
+    next_calculation_ = 1;
+    last_change_ = last_renewal_ = 0;
+    for_each([](Proxy& proxy) { proxy.created = proxy.changed = 0; });
+  }
 
   /// Whether both proxies already existed at the last calculation.
   [[nodiscard]] bool is_known(const Pair& pair) const { return is_known(pair.a) && is_known(pair.b); }
@@ -97,6 +107,7 @@ class ProxyPool {
   }
 
   std::vector<std::unique_ptr<Chunk>> chunks_;
+  std::uint32_t last_number_;           // of a calculation; numbers then start again
   std::uint32_t next_calculation_ = 1;  // its number
   std::uint32_t last_change_ = 0;       // the calculation before which a proxy was last changed
   std::uint32_t last_renewal_ = 0;      // and created or destroyed

@@ -30,7 +30,7 @@ class ProxySearch {
   /// @param cache, pool, reports Must outlive this object.
   ProxySearch(const BroadPhase::Config& config, btOverlappingPairCache& cache, ProxyPool& pool,
               Reports& reports)
-      : core_(config), pool_(pool), filters_(cache, pool), reports_(reports) {}
+      : core_(config), threads_(config.threads), pool_(pool), filters_(cache, pool), reports_(reports) {}
 
   /// @param proxy Not in the pool yet.
   /// @returns Its id.
@@ -119,7 +119,7 @@ class ProxySearch {
       return function();
     } catch (const Error& error) {
       if (!core_.algorithm().on_device) throw;  // (`auto` may have left the device already)
-      BroadPhase host({.algorithm = "sweep-and-prune"});
+      BroadPhase host({.algorithm = "sweep-and-prune", .threads = threads_});
       fill(host);
       core_ = std::move(host);
       must_compare_ = true;
@@ -176,6 +176,7 @@ class ProxySearch {
   }
 
   BroadPhase core_;
+  std::size_t threads_;  // as configured
   ProxyPool& pool_;
   FilterWatch filters_;
   Reports& reports_;
