@@ -3,6 +3,7 @@
 namespace broadcl {
 
 /// Each registers the benchmarks of a file, which explains them.
+void register_come_and_go();
 void register_commands();
 void register_device_frames();
 void register_primitives();

@@ -235,6 +235,7 @@ int main(int argc, char** argv) try {
   if (benchmark::ReportUnrecognizedArguments(argc, argv)) return 2;
   benchmark::AddCustomContext("device", broadcl::select_device().label());
   broadcl::register_all();
+  broadcl::register_come_and_go();
   broadcl::register_commands();
   broadcl::register_primitives();
   broadcl::register_proxies();

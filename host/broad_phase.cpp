@@ -189,8 +189,7 @@ std::vector<Pair> overlapping_pairs(const BoxView& boxes, const BroadPhase::Conf
   algorithm->reserve(boxes.size(), false);
   algorithm->reserve_exclusions(sorted.size());
   boxes.pack_to(algorithm->boxes());
-  return algorithm->find_all(
-      {.slots = boxes.size(), .all = true, .exclusions = sorted, .filters_changed = !sorted.empty()});
+  return algorithm->find_all({.slots = boxes.size(), .all = true, .exclusions = sorted, .all_filters = true});
 }
 
 std::vector<Pair> overlapping_pairs(const BoxView& first, const BoxView& second,
@@ -214,7 +213,7 @@ std::vector<Pair> overlapping_pairs(const BoxView& first, const BoxView& second,
                                                  .all = true,
                                                  .filters = filters,
                                                  .exclusions = sorted,
-                                                 .filters_changed = true,
+                                                 .all_filters = true,
                                                  .sets = true,
                                                  .sets_decide = true});
   for (Pair& pair : pairs) pair.b -= static_cast<std::uint32_t>(first.size());

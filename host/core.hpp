@@ -79,7 +79,7 @@ class Core {
       changes_.insert(pair.a);
       changes_.insert(pair.b);
     }
-    changes_.filters = changes_.filters || !changed.empty();
+    changes_.exclusions = changes_.exclusions || !changed.empty();
   }
 
   void remove(std::uint32_t id) {
@@ -121,9 +121,9 @@ class Core {
     std::swap(flight_, changes_);
     flight_.sort_recycled();
     is_in_flight_ = true;
-    if (any_filters_ && (flight_.filters || !flight_.recycled().empty())) find_sets();
     or_roll_back([&] {
       const std::size_t slots = slot_count();
+      const bool are_two_sets = any_filters_ && sets_.are_apart();
       algorithm_->begin(
           {.slots = slots,
            .changed = flight_.changed(),
@@ -132,11 +132,14 @@ class Core {
            .all = flight_.all || flight_.changed().size() > slots / 4,
            .recycled = flight_.recycled(),
            .filters = any_filters_ ? std::span<const Filter>(filters_) : std::span<const Filter>(),
+           .refiltered = flight_.refiltered(),
            .exclusions = exclusions_,
+           .all_filters = flight_.all_filters,
            .filters_changed = flight_.filters,
+           .exclusions_changed = flight_.exclusions,
            .worlds = any_worlds_,
-           .sets = are_two_sets_,
-           .sets_decide = do_sets_decide_});
+           .sets = are_two_sets,
+           .sets_decide = are_two_sets && sets_.decide()});
     });
   }
 
@@ -257,8 +260,14 @@ class Core {
 
   void set_state(std::uint32_t id, State state) noexcept {
     states_[id] = state;
-    size_ = state == State::live ? size_ + 1 : size_ - 1;
-    if (state == State::live) slots_ = std::max<std::size_t>(slots_, id + 1);
+    if (state == State::live) {
+      ++size_;
+      slots_ = std::max<std::size_t>(slots_, id + 1);
+      sets_.add(filters_[id]);
+    } else {
+      --size_;
+      sets_.remove(filters_[id]);
+    }
     changes_.recycle(id);
   }
 
@@ -289,11 +298,12 @@ class Core {
 
   void store_filter(std::uint32_t id, const Filter& filter) noexcept {
     if (filters_[id] == filter) return;
+    sets_.remove(filters_[id]);
+    sets_.add(filter);
     filters_[id] = filter;
     any_filters_ = any_filters_ || filter != Filter();
     any_worlds_ = any_worlds_ || filter.world != 0;
-    changes_.insert(id);
-    changes_.filters = true;
+    changes_.refilter(id);
   }
 
   /// Stores the boxes that were set while an update was in flight.
@@ -386,19 +396,10 @@ class Core {
       boxes_ = algorithm_->boxes();
       is_in_flight_ = is_begun_ = false;
       changes_.insert(flight_);
-      changes_.all = changes_.filters = true;
+      changes_.all = changes_.all_filters = true;
       flight_.clear();
       throw;
     }
-  }
-
-  void find_sets() noexcept {
-    TwoSets sets;
-    for (std::size_t id = 0; id < slots_; ++id) {
-      if (states_[id] == State::live) sets.add(filters_[id]);
-    }
-    are_two_sets_ = sets.are_apart();
-    do_sets_decide_ = sets.decide();
   }
 
   /// Slots up to the last object.
@@ -434,8 +435,7 @@ class Core {
   std::size_t slots_ = 0;     // no object has this id or a higher one
   bool any_filters_ = false;  // some object has had a filter other than the default
   bool any_worlds_ = false;
-  bool are_two_sets_ = false;  // as TwoSets says, as of the last update
-  bool do_sets_decide_ = false;
+  TwoSets sets_;            // of the objects
   std::size_t mapped_ = 0;  // boxes that the caller may have written in place
 
   ChangeSet changes_;  // since the last update began

@@ -1,10 +1,12 @@
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstdint>
-#include <optional>
 
 #include <broadcl/filter.hpp>
+
+#include "filter_bits.hpp"
 
 namespace broadcl {
 
@@ -15,32 +17,31 @@ class TwoSets {
   /// The set of an object with this filter: 0 or 1.
   [[nodiscard]] static std::uint32_t set_of(const Filter& filter) noexcept { return filter.group & 1U; }
 
-  void add(const Filter& filter) noexcept {
-    Set& set = sets_[set_of(filter)];
-    if (!set.first) set.first = filter;
-    set.groups |= filter.group;
-    set.masks |= filter.mask;
-    all_alike_ = all_alike_ && filter == *set.first && filter.world != Filter::all_worlds;
-  }
+  void add(const Filter& filter) noexcept { sets_[set_of(filter)].add(filter); }
+  /// @param filter Was added, and not removed since then.
+  void remove(const Filter& filter) noexcept { sets_[set_of(filter)].remove(filter); }
 
   [[nodiscard]] bool are_apart() const noexcept {
-    return (sets_[0].groups & sets_[0].masks) == 0 && (sets_[1].groups & sets_[1].masks) == 0;
+    return std::ranges::all_of(sets_, [](const FilterBits& set) {
+      const Filter any = set.any();
+      return (any.group & any.mask) == 0;
+    });
   }
 
   /// If the sets are apart, whether every two objects of different sets may pair. Then the filters of a pair
   /// need not be tested.
   [[nodiscard]] bool decide() const noexcept {
-    return all_alike_ && sets_[0].first && sets_[1].first && may_pair(*sets_[0].first, *sets_[1].first);
+    return std::ranges::all_of(sets_, are_alike) && may_pair(sets_[0].any(), sets_[1].any());
   }
 
  private:
-  struct Set {
-    std::optional<Filter> first;
-    std::uint32_t groups = 0;
-    std::uint32_t masks = 0;
-  };
-  std::array<Set, 2> sets_{};
-  bool all_alike_ = true;  // in each set, and none in all worlds
+  /// Whether all filters of a set are the same, for a single world.
+  static bool are_alike(const FilterBits& set) noexcept {
+    const Filter any = set.any();
+    return !set.empty() && any == set.all() && any.world != Filter::all_worlds;
+  }
+
+  std::array<FilterBits, 2> sets_;
 };
 
 }  // namespace broadcl

@@ -27,6 +27,14 @@ kernel void apply_changes(const uint count, global const uint* restrict changes,
   for (uint i = 0; i < AABB_FLOATS; ++i) boxes[(size_t)slot * AABB_FLOATS + i] = box[i];
 }
 
+/* Stores filters, one work-item per slot. `changes` has the filters, followed by their slots. */
+kernel void apply_filters(const uint count, global const uint4* restrict changes, global uint4* restrict filters) {
+  const uint k = (uint)get_global_id(0);
+  if (k >= count) return;
+  global const uint* slots = (global const uint*)(changes + count);
+  filters[slots[k]] = changes[k];
+}
+
 /* Copies the caller's objects, one work-item per object. */
 kernel void gather_boxes(const uint n, GATHER_PARAMETERS) {
   const uint k = (uint)get_global_id(0);

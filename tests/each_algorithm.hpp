@@ -104,6 +104,10 @@ class Twins {
     tested_.set_filter(id, filter);
     oracle_.set_filter(id, filter);
   }
+  void set_exclusions(std::span<const Pair> pairs) {
+    tested_.set_exclusions(pairs);
+    oracle_.set_exclusions(pairs);
+  }
   void remove(std::uint32_t id) {
     tested_.remove(id);
     oracle_.remove(id);

@@ -29,6 +29,7 @@ std::atomic<cl_command_queue> last_queue = nullptr;
 std::atomic<long> blocking_calls = 0;
 std::atomic<long> memory_references = 0;
 std::atomic<long> programs_built = 0;
+std::atomic<long> commands_without_event = 0;
 std::atomic<long> mapped_regions = 0;
 
 constinit thread_local int depth = 0;  // of OpenCL calls
@@ -105,6 +106,9 @@ struct Watched<name, Result(Arguments...)> {
   static Result call(Arguments... arguments) {
     const std::tuple<Arguments...> all(arguments...);
     if (blocks(all)) ++blocking_calls;
+    if constexpr (is_timed) {
+      if (std::get<sizeof...(Arguments) - 1>(all) == nullptr) ++commands_without_event;
+    }
     if constexpr (text.starts_with("clEnqueue")) last_queue = std::get<0>(all);
     if (!is_reference && fails()) return failure(all, CL_OUT_OF_RESOURCES);
     if (const cl_int error = refusal(all); error != CL_SUCCESS) return failure(all, error);
@@ -140,6 +144,9 @@ struct Watched<name, Result(Arguments...)> {
   static constexpr std::string_view text = name.view();
   static constexpr bool is_reference = text.starts_with("clRetain") || text.starts_with("clRelease");
   static constexpr bool always_blocks = text == "clFinish" || text == "clWaitForEvents";
+  static constexpr bool is_timed = text == "clEnqueueNDRangeKernel" || text == "clEnqueueCopyBuffer" ||
+                                   text == "clEnqueueFillBuffer" || text == "clEnqueueReadBuffer" ||
+                                   text == "clEnqueueWriteBuffer";
   static constexpr bool may_block = text.starts_with("clEnqueueRead") || text.starts_with("clEnqueueWrite") ||
                                     text.starts_with("clEnqueueMap");
 
@@ -245,7 +252,8 @@ OpenClUse opencl_use() noexcept {
   return {.blocking_calls = blocking_calls,
           .memory_references = memory_references,
           .mapped_regions = mapped_regions,
-          .programs_built = programs_built};
+          .programs_built = programs_built,
+          .commands_without_event = commands_without_event};
 }
 
 void wait_for_last_queue() {

@@ -2,13 +2,16 @@
 
 #include <algorithm>
 #include <array>
+#include <cfenv>
 #include <iterator>
 #include <random>
+#include <span>
 #include <vector>
 
 #include <gtest/gtest.h>
 
 #include "each_algorithm.hpp"
+#include "rounding.hpp"
 
 namespace broadcl::test {
 namespace {
@@ -198,7 +201,9 @@ TEST_P(EachAlgorithm, ThousandsOfWorldsInOneSearch) {
 }
 
 /// Adds, moves, filters and removes objects at random.
-void live_at_random(const BroadPhase::Config& config, std::uint32_t seeds, int frames) {
+/// @param first_world Worlds are this one and the next ones, besides 0.
+void live_at_random(const BroadPhase::Config& config, std::uint32_t seeds, int frames,
+                    std::uint32_t first_world = 0, std::span<const int> rounding = {}) {
   for (std::uint32_t seed = 1; seed <= seeds; ++seed) {
     std::mt19937 random(seed);
     const auto below = [&](std::uint32_t n) { return static_cast<std::uint32_t>(random() % n); };
@@ -215,11 +220,13 @@ void live_at_random(const BroadPhase::Config& config, std::uint32_t seeds, int f
               .body = chance(50) ? Filter::no_body : below(6),
               .world = seed % 3 == 0 ? 0
                        : chance(10)  ? Filter::all_worlds
-                                     : below(3)};
+                                     : first_world + below(3)};
     };
     Twins twins(config);
     std::vector<std::uint32_t> live;
+    const ScopedRounding restored(std::fegetround());
     for (int frame = 0; frame < frames; ++frame) {
+      if (!rounding.empty()) std::fesetround(rounding[below(static_cast<std::uint32_t>(rounding.size()))]);
       // From no changes at all to very many; now and then all objects are removed.
       const std::uint32_t activity = std::array{0U, 3U, 10U, 60U}[below(4)];
       const std::uint32_t death = frame % 16 == 15 ? 100 : activity / 3;
@@ -245,6 +252,101 @@ TEST_P(EachAlgorithm, SmallRandomLivesWithFiltersFollowTheOracle) {
 
 TEST_P(EachAlgorithm, RandomLivesWithFiltersFollowTheOracle) {
   live_at_random(config(), 9, 60);
+}
+
+/// In worlds of numbers that floats cannot represent.
+TEST_P(EachAlgorithm, RandomLivesWhileTheRoundingModeChanges) {
+  live_at_random(config(), 6, 60, (1U << 24U) + 1, rounding_modes);
+  live_at_random(config(), 6, 60, 0xfffffffe - 3, rounding_modes);
+}
+
+/// Only one of 40 objects moves, after the mode has changed.
+TEST_P(EachAlgorithm, SmallAnUpdateInAnotherRoundingMode) {
+  for (const std::uint32_t world : {(1U << 24U) + 1, (1U << 24U) + 3, 0x80000001U, 0xfffffffeU}) {
+    Twins twins(config());
+    for (int k = 0; k < 40; ++k) twins.add(unit, in_world(world));
+    ASSERT_TRUE(twins.agree());
+    for (const int mode : rounding_modes) {
+      const ScopedRounding rounding(mode);
+      twins.move(7, {{0, 0, 0}, {1, 1, 2 + static_cast<float>(mode)}});
+      ASSERT_TRUE(twins.agree());
+      EXPECT_EQ(twins.tested().pairs().size(), 780U) << world;
+    }
+  }
+}
+
+/// Objects of a dense scene at rest, few of which change at a time, and their pairs by the definition. (The
+/// oracle stores filters as other algorithms of the host do.)
+class DenseScene {
+ public:
+  explicit DenseScene(const BroadPhase::Config& config) : twins_(config) {
+    for (std::uint32_t k = 0; k < size; ++k) add(k);
+  }
+
+  void change(std::uint32_t frame) {
+    const std::uint32_t id = frame * 37 % (size - 1);
+    if (frame % 5 < 3) {
+      twins_.remove(id);
+      if (frame % 5 == 2) {
+        twins_.remove(size - 1);  // and the number of slots changes
+        EXPECT_TRUE(twins_.agree());
+        add(id);
+        add(size - 1);
+      } else {
+        add(id);
+      }
+    }
+    if (frame % 3 == 0) set_filter((id + 100) % size, {.group = 1U << frame % 4});
+    if (frame % 4 == 1) {
+      excluded_ = excluded_.empty() ? Pairs{{0, 1}, {2, 3}, {4, 5}} : Pairs();
+      twins_.set_exclusions(excluded_);
+    }
+  }
+
+  [[nodiscard]] ::testing::AssertionResult agrees() {
+    const ::testing::AssertionResult result = twins_.agree();
+    return result ? same("pairs", twins_.tested().pairs(), pairs()) : result;
+  }
+
+ private:
+  static constexpr std::uint32_t size = 1000;
+
+  static Aabb box(std::uint32_t id) {
+    const auto x = static_cast<float>(id % 250);
+    return {{x, 0, 0}, {x + 20, 1, 1}};
+  }
+  void add(std::uint32_t id) {
+    const Filter filter = id % 7 == 0 ? Filter{.group = 1U << ++others_ % 4, .mask = 5} : Filter();
+    filters_[id] = filter;
+    EXPECT_EQ(twins_.add(box(id), filter), id);
+  }
+  void set_filter(std::uint32_t id, const Filter& filter) {
+    filters_[id] = filter;
+    twins_.set_filter(id, filter);
+  }
+  [[nodiscard]] Pairs pairs() const {
+    Pairs pairs = all_pairs(size);
+    std::erase_if(pairs, [&](const Pair& pair) {
+      return !overlaps(box(pair.a), box(pair.b)) || !may_pair(filters_[pair.a], filters_[pair.b]) ||
+             std::ranges::find(excluded_, pair) != excluded_.end();
+    });
+    return pairs;
+  }
+
+  Twins twins_;
+  std::array<Filter, size> filters_{};
+  Pairs excluded_;
+  std::uint32_t others_ = 0;
+};
+
+NOT_IN(sanitizers, "takes long; smaller ones are in it");
+TEST_P(EachAlgorithm, AFewNewFiltersAtATime) {
+  DenseScene scene(config());
+  ASSERT_TRUE(scene.agrees());
+  for (std::uint32_t frame = 0; frame < 30; ++frame) {
+    scene.change(frame);
+    ASSERT_TRUE(scene.agrees()) << "frame " << frame;
+  }
 }
 
 }  // namespace

@@ -47,7 +47,7 @@ enum class Searched { early, again, late };
 class EarlySearch : public ::testing::Test {
  protected:
   void start(std::span<const Aabb> boxes, MakePairFinder make = make_early_tiles) {
-    algorithm_ = make_device_algorithm({}, make);
+    algorithm_ = make_device_algorithm({.profile = true}, make);
     oracle_ = make_algorithm({.algorithm = "oracle"});
     for (Algorithm* algorithm : {algorithm_.get(), oracle_.get()}) algorithm->reserve(boxes.size(), true);
     (void)play(boxes);
@@ -57,7 +57,7 @@ class EarlySearch : public ::testing::Test {
   struct Extras {
     std::vector<std::uint32_t> recycled{};
     std::vector<Filter> filters{};
-    bool filters_changed = false;
+    bool all_filters = false;
   };
 
   Searched play(std::span<const Aabb> boxes) { return play(boxes, Extras()); }
@@ -84,7 +84,7 @@ class EarlySearch : public ::testing::Test {
                      .all = true,
                      .recycled = extras.recycled,
                      .filters = extras.filters,
-                     .filters_changed = extras.filters_changed});
+                     .all_filters = extras.all_filters});
   }
 
   /// Moves all boxes once more.
@@ -114,6 +114,17 @@ TEST_F(EarlySearch, FindsTheChangesOfBoxesThatMoveSteadily) {
     EXPECT_GE(early, 30U);
     EXPECT_TRUE(same("all", algorithm_->pairs(), oracle_->pairs()));
   }
+}
+
+TEST_F(EarlySearch, EachOfItsCommandsIsTimed) {
+  MovingBoxes boxes(700, MovingBoxes::Sizes::uniform);
+  start(boxes.boxes());
+  const long before = opencl_use().commands_without_event;
+  ASSERT_TRUE(becomes_early(boxes, 20));
+  std::vector<Aabb> leapt(boxes.boxes().begin(), boxes.boxes().end());
+  leapt[3] = leapt[200];
+  EXPECT_EQ(play(leapt), Searched::again);
+  EXPECT_EQ(opencl_use().commands_without_event, before);
 }
 
 ALSO_IN(oclgrind | oclgrind_gpu_profile);
@@ -231,7 +242,7 @@ TEST_F(EarlySearch, IsNotDoneIfMoreChangesThanBoxes) {
   ASSERT_TRUE(becomes_early(boxes, 20));
   std::vector<Filter> filters(300);
   for (Filter& filter : filters) filter.mask = 0;
-  EXPECT_EQ(play(next(boxes), {.filters = filters, .filters_changed = true}), Searched::late);
+  EXPECT_EQ(play(next(boxes), {.filters = filters, .all_filters = true}), Searched::late);
   EXPECT_TRUE(algorithm_->pairs().empty());
 }
 
@@ -323,7 +334,7 @@ TEST_F(EarlySearch, FollowsTheOracleThroughRandomFrames) {
       if (event == 8) boxes[below(n)].lower[below(3)] = below(2) == 0 ? 0.0F : -0.0F;
       for (Aabb& box : boxes) box = pack(box);
       changes.recycled = recycled;
-      changes.filters_changed = event == 3 || event == 4 || (sets && frame == 0);
+      changes.all_filters = event == 3 || event == 4 || (sets && frame == 0);
       const bool has_worlds = std::ranges::any_of(filters, [](const Filter& f) { return f.world != 0; });
       changes.worlds = has_worlds;
       if (has_worlds || sets) changes.filters = std::span(filters).first(n);

@@ -152,6 +152,20 @@ kernel void reserve(const uint times, PAIR_SINK_PARAMETERS) {
   EXPECT_TRUE(engine.pairs().empty());
 }
 
+/// The device counts complete frames with 32 bits.
+TEST(PairDelta, IncompleteFramesAreCountedBeyond32Bits) {
+  constexpr std::uint64_t wrap = std::uint64_t{1} << 32U;
+  for (const std::uint64_t complete : {std::uint64_t{0}, wrap - 1, wrap, wrap + 1, 5 * wrap + 3}) {
+    for (const std::uint64_t incomplete : {0U, 1U, 7U}) {
+      const auto settled =
+          PairDelta::settled_of(complete + incomplete, static_cast<cl_uint>(complete), cl_uint{9});
+      EXPECT_EQ(settled.complete, complete);
+      EXPECT_EQ(settled.frames - settled.complete, incomplete);
+      EXPECT_EQ(settled.tag, 9U);
+    }
+  }
+}
+
 /// The device's copy of the objects: only changes cross the bus. If memory grew, all objects are copied to
 /// it.
 class Objects : public ::testing::Test {
@@ -207,8 +221,8 @@ TEST_F(Objects, NewFiltersComeAlongAndThoseOfTheLastUpdateStay) {
   std::vector<Filter> filters;
   std::vector<Filter> before;
   const auto expect_uploaded = [&](bool changed) {
-    const Search search = objects_.upload(
-        {.slots = filters.size(), .all = true, .filters = filters, .filters_changed = changed});
+    const Search search =
+        objects_.upload({.slots = filters.size(), .all = true, .filters = filters, .all_filters = changed});
     EXPECT_EQ(read<Filter>(search.now.filters, filters.size()), filters);
     EXPECT_EQ(search.last.filters() != nullptr, !before.empty());
     EXPECT_EQ(read<Filter>(search.last.filters, before.size()), before);
@@ -225,6 +239,48 @@ TEST_F(Objects, NewFiltersComeAlongAndThoseOfTheLastUpdateStay) {
   expect_uploaded(false);
   filters[4].mask = 0;
   expect_uploaded(true);
+}
+
+TEST_F(Objects, OnlyFiltersThatChangedCrossTheBus) {
+  constexpr std::uint32_t n = 100;
+  objects_.reserve(n, true);
+  const std::vector<Filter> wrong(n, {.mask = 0});
+  std::vector<Filter> before(n, {.body = 1});
+  const auto expect_uploaded = [&](const std::vector<Filter>& given, std::span<const std::uint32_t> changed,
+                                   bool all) {
+    std::vector<Filter> expected = all ? given : before;
+    for (const std::uint32_t slot : changed) expected[slot] = given[slot];
+    const Search search = objects_.upload(
+        {.slots = n, .all = true, .filters = given, .refiltered = changed, .all_filters = all});
+    EXPECT_EQ(read<Filter>(search.now.filters, n), expected);
+    if (search.last.slots > 0) {
+      EXPECT_EQ(read<Filter>(search.last.filters, n), before);
+    }
+    before = expected;
+  };
+  expect_uploaded(before, {}, true);
+  objects_.commit();
+  std::array<std::uint32_t, 3> last{};
+  for (std::uint32_t frame = 0; frame < 12; ++frame) {
+    if (frame == 6) {  // fails, so the next one has all of them
+      std::vector<Filter> given = wrong;
+      for (const std::uint32_t slot : last) given[slot] = before[slot];
+      expect_uploaded(given, std::array{1U, 2U}, false);
+      before = std::vector<Filter>(n, {.body = 5});
+      const Search search =
+          objects_.upload({.slots = n, .all = true, .filters = before, .all_filters = true});
+      EXPECT_EQ(read<Filter>(search.now.filters, n), before);
+      objects_.commit();
+    }
+    // What changed last is uploaded again.
+    std::vector<Filter> given = wrong;
+    for (const std::uint32_t slot : last) given[slot] = before[slot];
+    const std::array changed{frame, 20 + frame % 2, n - 1};
+    for (const std::uint32_t slot : changed) given[slot].world = frame;
+    expect_uploaded(given, frame % 4 == 3 ? std::span<const std::uint32_t>() : changed, false);
+    objects_.commit();
+    if (frame % 4 != 3) last = changed;
+  }
 }
 
 }  // namespace

@@ -227,6 +227,44 @@ TEST(TwoSets, AreApartIfNothingPairsInside) {
   EXPECT_FALSE(are_apart({second_set, {.group = 4, .mask = 2}}));
 }
 
+/// In any order, as if they had been added just now.
+TEST(TwoSets, AreThoseOfTheFiltersThatAreThere) {
+  const std::array kinds{first_set,
+                         second_set,
+                         Filter(),
+                         Filter{.group = 4, .mask = 0},
+                         Filter{.group = 1, .mask = 2, .body = 7},
+                         Filter{.group = 2, .mask = 1, .world = 0x80000000},
+                         Filter{.group = 0xffffffff, .mask = 0xfffffffe, .world = Filter::all_worlds}};
+  std::array<std::uint32_t, kinds.size()> counts{};
+  TwoSets sets;
+  std::uint32_t random = 1;
+  const auto below = [&](std::uint32_t n) { return (random = random * 1664525 + 1013904223) / 65536 % n; };
+  std::size_t apart = 0;
+  std::size_t decided = 0;
+  for (int step = 0; step < 20000; ++step) {
+    // Few kinds most of the time, and now and then a lot of one kind.
+    const std::uint32_t kind = step % 1000 < 500 ? below(2) : below(kinds.size());
+    if (step % 500 >= 250 && counts[kind] > 0) {
+      for (; counts[kind] > 0; --counts[kind]) sets.remove(kinds[kind]);
+    } else {
+      const std::uint32_t more = 1 + below(40);
+      for (std::uint32_t k = 0; k < more; ++k) sets.add(kinds[kind]);
+      counts[kind] += more;
+    }
+    TwoSets expected;
+    for (std::size_t k = 0; k < kinds.size(); ++k) {
+      if (counts[k] > 0) expected.add(kinds[k]);
+    }
+    ASSERT_EQ(sets.are_apart(), expected.are_apart()) << step;
+    ASSERT_EQ(sets.decide(), expected.decide()) << step;
+    apart += sets.are_apart() ? 1U : 0U;
+    decided += sets.are_apart() && sets.decide() ? 1U : 0U;
+  }
+  EXPECT_GT(apart, 100U);
+  EXPECT_GT(decided, 100U);
+}
+
 class TwoSetsOnTheDevice : public ::testing::TestWithParam<std::string> {
  protected:
   /// The scene in buffers; in the second, there are other data between the boxes.

@@ -31,12 +31,19 @@ struct Changes {
   std::span<const std::uint32_t> recycled{};
   /// One filter per slot; none if all objects have the default one. Read in begin() only.
   std::span<const Filter> filters{};
+  /// Slots whose filter is not that of the last update; each once. Those that the filters of the last update
+  /// did not include need not be among them. Not read if `all_filters` is set.
+  std::span<const std::uint32_t> refiltered{};
   /// Pairs of slots that are never reported, in canonical order, each once. Read in begin() only.
   std::span<const Pair> exclusions{};
-  bool filters_changed = false;  ///< Filters or exclusions, since the last update.
-  bool worlds = false;           ///< Whether some object is in a world other than 0.
-  bool sets = false;             ///< Whether the filters part the objects into two sets: TwoSets.
-  bool sets_decide = false;      ///< If so, whether every two objects of different sets may pair.
+  bool all_filters = false;         ///< Every filter, and the exclusions, count as changed.
+  bool filters_changed = false;     ///< Whether the filter of a slot that is not in `recycled` changed.
+  bool exclusions_changed = false;  ///< Since the last update.
+  bool worlds = false;              ///< Whether some object is in a world other than 0.
+  bool sets = false;                ///< Whether the filters part the objects into two sets: TwoSets.
+  bool sets_decide = false;         ///< If so, whether every two objects of different sets may pair.
+
+  [[nodiscard]] bool are_exclusions_new() const noexcept { return all_filters || exclusions_changed; }
 };
 
 /// An algorithm for a BroadPhase: stores the boxes, finds the pairs, and remembers the pairs of the last
@@ -80,8 +87,8 @@ class Algorithm {
   /// Makes the device start the commands that begin() enqueued.
   virtual void flush() {}
   /// Ends the update. If begin(), flush() or finish() throws, the pairs of the last update are still known,
-  /// and the next update must have `all` set. The returned lists stay unchanged until the next finish(), even
-  /// if another update begins before that.
+  /// and the next update must have `all` and `all_filters` set. The returned lists stay unchanged until the
+  /// next finish(), even if another update begins before that.
   virtual Delta finish() = 0;
 
   /// An owner of the lists that finish() last returned, which may outlive this object. As long as it exists,

@@ -4,6 +4,7 @@
 
 #include "opencl/context.hpp"
 #include "opencl/growing_buffer.hpp"
+#include "opencl/profiler.hpp"
 
 namespace broadcl {
 
@@ -17,9 +18,10 @@ class CentroidBounds {
   /// particular empty ones, are ignored. Does not wait.
   /// @param kernel centroids, of a program with -DWORLDS=1 if there are filters.
   /// @param filters If not null, there are separate bounds for each world, and for the objects of all worlds.
+  /// @param stage To which the commands belong; null if to none.
   /// @throws cl::Error, Error
-  void enqueue(opencl::SizedKernel& kernel, const cl::Buffer& boxes, const cl::Buffer& filters,
-               std::size_t n);
+  void enqueue(opencl::SizedKernel& kernel, const cl::Buffer& boxes, const cl::Buffer& filters, std::size_t n,
+               opencl::Profiler::Scope* stage = nullptr);
 
   /// For each bucket the maxima of -x, -y, -z, x, y and z, as uints in the encoding of ordered() in
   /// kernels/centroids.h; 0 if no box counts. Valid until the next reduction.

@@ -38,6 +38,7 @@ DeviceObjects::DeviceObjects(const opencl::Context& context, opencl::Profiler& p
     : context_(context), profiler_(profiler) {
   const cl::Program program = engine_program(context);
   apply_ = context.sized_kernel(program, "apply_changes");
+  apply_filters_ = context.sized_kernel(program, "apply_filters");
   copy_ = context.sized_kernel(program, "copy_boxes");
   reserve_boxes(1);
 }
@@ -50,7 +51,7 @@ void DeviceObjects::reserve(std::size_t slots, bool filters) {
   // Filters first, so that boxes that have memory also have memory for filters, even if the other fails.
   const std::size_t bytes = capacity_for(slots) * sizeof(Filter);
   if (filters && staged_filters_.bytes() < bytes) {
-    staged_filters_ = opencl::MappedBuffer::pinned(context_, bytes);
+    staged_filters_ = staging(context_, bytes);
   }
   if (slots > capacity_) reserve_boxes(slots);
 }
@@ -102,34 +103,84 @@ void DeviceObjects::reserve_boxes(std::size_t slots) {
 
 void DeviceObjects::upload_filters(const Changes& changes) {
   const std::size_t count = changes.filters.size();
-  are_filters_new_ = changes.filters_changed || count > last_.filter_count;
+  const std::size_t known = std::min(count, last_.filter_count);
+  const std::size_t changed = changes.refiltered.size() + count - known;
+  are_filters_new_ = changes.all_filters || changed > 0;
   next_.filter_count = are_filters_new_ ? count : last_.filter_count;
-  if (!are_filters_new_) {
-    next_.objects.filters = last_.objects.filters;
-    next_.objects.exclusions = last_.objects.exclusions;
+  next_.objects.filters = are_filters_new_ ? cl::Buffer() : last_.objects.filters;
+  if (!are_filters_new_) return;
+  const Filters& last = filters_.at(filter_turn_);
+  Filters& next = filters_.at(1 - filter_turn_);
+  next.all = changes.all_filters || changed > count / 4;
+  next.slots.clear();
+  if (count == 0) return;
+  const std::size_t bytes = (capacity_ + Generation::padding) * sizeof(Filter);
+  const bool is_older_known = !last.all && next.buffer.bytes() >= bytes;
+  next.buffer.reserve(context_, bytes, "filters");
+  next_.objects.filters = next.buffer.get();
+  const cl::CommandQueue& queue = context_.queue();
+  if (next.all) {
+    opencl::Profiler::Scope stage(profiler_, "upload");
+    std::memcpy(staged_filters_.host(), changes.filters.data(), changes.filters.size_bytes());
+    queue.enqueueWriteBuffer(next.buffer.get(), CL_FALSE, 0, changes.filters.size_bytes(),
+                             staged_filters_.host(), nullptr, stage.event());
     return;
   }
-  upload_exclusions(changes.exclusions);
-  next_.objects.filters = {};
-  if (count == 0) return;
-  opencl::GrowingBuffer& filters = filters_.at(1 - filter_turn_);
-  filters.reserve(context_, (capacity_ + Generation::padding) * sizeof(Filter), "filters");
-  std::memcpy(staged_filters_.host(), changes.filters.data(), changes.filters.size_bytes());
-  context_.queue().enqueueWriteBuffer(filters.get(), CL_FALSE, 0, changes.filters.size_bytes(),
-                                      staged_filters_.host());
-  next_.objects.filters = filters.get();
+  next.slots.assign(changes.refiltered.begin(), changes.refiltered.end());
+  for (std::size_t slot = known; slot < count; ++slot) {
+    next.slots.push_back(static_cast<std::uint32_t>(slot));
+  }
+  stale_ = next.slots;
+  if (is_older_known) {
+    // The buffer has the filters before those of the last frame.
+    stale_.insert(stale_.end(), last.slots.begin(), last.slots.end());
+  } else {
+    opencl::Profiler::Scope stage(profiler_, "copy");
+    queue.enqueueCopyBuffer(last.buffer.get(), next.buffer.get(), 0, 0, known * sizeof(Filter), nullptr,
+                            stage.event());
+  }
+  std::ranges::sort(stale_);
+  stale_.erase(std::unique(stale_.begin(), stale_.end()), stale_.end());
+  apply_filters(changes);
 }
 
-void DeviceObjects::upload_exclusions(std::span<const Pair> exclusions) {
-  next_.objects.exclusions = {};
-  if (exclusions.empty()) return;
-  const std::size_t bytes = (exclusions.size() + 1) * sizeof(Pair);
-  opencl::GrowingBuffer& buffer = exclusions_.at(1 - filter_turn_);
+/// Uploads the filters of the slots in stale_, at most half of all.
+void DeviceObjects::apply_filters(const Changes& changes) {
+  const auto count = static_cast<cl_uint>(stale_.size());
+  auto* filters = reinterpret_cast<Filter*>(staged_filters_.host());
+  auto* slots = reinterpret_cast<cl_uint*>(filters + count);
+  for (const std::uint32_t slot : stale_) {
+    *filters++ = changes.filters[slot];
+    *slots++ = slot;
+  }
+  const std::size_t bytes = count * (sizeof(Filter) + sizeof(cl_uint));
+  const bool is_direct = staged_filters_.is_direct() && bytes <= most_direct;
+  const cl::CommandQueue& queue = context_.queue();
+  if (!is_direct) {
+    opencl::Profiler::Scope stage(profiler_, "upload");
+    filter_changes_.reserve(context_, bytes, "changes");
+    queue.enqueueWriteBuffer(filter_changes_.get(), CL_FALSE, 0, bytes, staged_filters_.host(), nullptr,
+                             stage.event());
+  }
+  opencl::Profiler::Scope stage(profiler_, "apply");
+  opencl::set_arguments(apply_filters_.kernel, 0, count,
+                        is_direct ? staged_filters_.buffer() : filter_changes_.get(), next_.objects.filters);
+  apply_filters_.enqueue(queue, count, stage.event());
+}
+
+void DeviceObjects::upload_exclusions(const Changes& changes) {
+  are_exclusions_new_ = changes.are_exclusions_new();
+  next_.objects.exclusions = are_exclusions_new_ ? cl::Buffer() : last_.objects.exclusions;
+  if (!are_exclusions_new_ || changes.exclusions.empty()) return;
+  const std::size_t count = changes.exclusions.size();
+  const std::size_t bytes = (count + 1) * sizeof(Pair);
+  opencl::GrowingBuffer& buffer = exclusions_.at(1 - exclusion_turn_);
   buffer.reserve(context_, bytes, "exclusions");
   auto* staged = reinterpret_cast<Pair*>(staged_exclusions_.host());
-  *staged = {.a = static_cast<std::uint32_t>(exclusions.size()), .b = 0};
-  std::ranges::copy(exclusions, staged + 1);
-  context_.queue().enqueueWriteBuffer(buffer.get(), CL_FALSE, 0, bytes, staged);
+  *staged = {.a = static_cast<std::uint32_t>(count), .b = 0};
+  std::ranges::copy(changes.exclusions, staged + 1);
+  opencl::Profiler::Scope stage(profiler_, "upload");
+  context_.queue().enqueueWriteBuffer(buffer.get(), CL_FALSE, 0, bytes, staged, nullptr, stage.event());
   next_.objects.exclusions = buffer.get();
 }
 
@@ -212,7 +263,7 @@ std::unique_ptr<DeviceObjects> DeviceObjects::successor(std::size_t slots) const
   next->last_.filter_count = std::min<std::size_t>(last_.filter_count, last.slots);
   if (last.filters() != nullptr) {
     objects.filters = copy(last.filters, (next->last_.filter_count + Generation::padding) * sizeof(Filter),
-                           next->filters_.front());
+                           next->filters_.front().buffer);
   }
   if (last.exclusions() != nullptr) {
     cl_uint count = 0;  // which comes first: kernels/filter.h
@@ -225,16 +276,18 @@ std::unique_ptr<DeviceObjects> DeviceObjects::successor(std::size_t slots) const
 
 Search DeviceObjects::upload(const Changes& changes) {
   if (stamp_ == last_stamp) {
-    context_.fill(stamps_, 0, 0, capacity_);
+    opencl::Profiler::Scope stage(profiler_, "clear");
+    context_.fill(stamps_, 0, 0, capacity_, stage.event());
     stamp_ = 0;
   }
   ++stamp_;
   upload_filters(changes);
+  upload_exclusions(changes);
   upload_boxes(changes);
   upload_changes(changes);
   return {.now = next_.objects,
           .last = last_.objects,
-          .same_filters = !are_filters_new_,
+          .same_filters = !changes.all_filters && !changes.filters_changed && !changes.exclusions_changed,
           .worlds = changes.worlds,
           .sets = changes.sets,
           .all = changes.all,
@@ -249,6 +302,7 @@ Search DeviceObjects::upload(const Changes& changes) {
 void DeviceObjects::commit() noexcept {
   std::swap(last_, next_);
   if (are_filters_new_) filter_turn_ = 1 - filter_turn_;
+  if (are_exclusions_new_) exclusion_turn_ = 1 - exclusion_turn_;
 }
 
 }  // namespace broadcl

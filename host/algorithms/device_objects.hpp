@@ -2,8 +2,10 @@
 
 #include <array>
 #include <cstddef>
+#include <cstdint>
 #include <memory>
 #include <span>
+#include <vector>
 
 #include <broadcl/aabb.hpp>
 #include <broadcl/pair.hpp>
@@ -57,35 +59,48 @@ class DeviceObjects {
   /// Objects as of one frame, and how they were uploaded.
   struct Frame {  // NOLINT(bugprone-exception-escape): handles do not throw when moved
     Generation objects;
-    std::size_t filter_count = 0;
     bool all = true;  // all boxes were uploaded, not only those in `changed`
     opencl::GrowingBuffer changed;
     cl_uint changed_count = 0;
+    std::size_t filter_count = 0;
+  };
+
+  /// Filters, and how they differ from the other ones.
+  struct Filters {
+    opencl::GrowingBuffer buffer;
+    bool all = true;  // not only in `slots`
+    std::vector<std::uint32_t> slots;
   };
 
   void reserve_boxes(std::size_t slots);
   void upload_filters(const Changes& changes);
-  void upload_exclusions(std::span<const Pair> exclusions);
+  void apply_filters(const Changes& changes);
+  void upload_exclusions(const Changes& changes);
   void upload_boxes(const Changes& changes);
   void upload_changes(const Changes& changes);
 
   const opencl::Context& context_;
   opencl::Profiler& profiler_;
-  opencl::SizedKernel apply_, copy_;
+  opencl::SizedKernel apply_, apply_filters_, copy_;
   std::size_t capacity_ = 0;  // slots
   // Pinned memory, from which the device is updated. Changes are in direct memory if there is any.
   std::shared_ptr<opencl::MappedBuffer> boxes_;
   opencl::MappedBuffer staged_changes_;  // as kernels/changes.cl reads them
-  opencl::MappedBuffer staged_filters_;
+  opencl::MappedBuffer staged_filters_;  // all, or changes likewise
   opencl::MappedBuffer staged_exclusions_;
   Frame last_;  // of the last frame
   Frame next_;  // of the one that is begun
-  std::array<opencl::GrowingBuffer, 2> filters_, exclusions_;
-  std::size_t filter_turn_ = 0;    // index of those of last_
-  bool are_filters_new_ = false;   // in next_; otherwise they are those of last_
-  opencl::GrowingBuffer changes_;  // staged_changes_ on the device, unless kernels read those
-  cl::Buffer stamps_;              // one word per slot
-  cl_uint stamp_ = 0;              // of the last frame
+  std::array<Filters, 2> filters_;
+  std::size_t filter_turn_ = 0;       // index of those of last_
+  bool are_filters_new_ = false;      // in next_; otherwise they are those of last_
+  std::vector<std::uint32_t> stale_;  // slots whose filters are not in next_ yet
+  std::array<opencl::GrowingBuffer, 2> exclusions_;
+  std::size_t exclusion_turn_ = 0;   // as above
+  bool are_exclusions_new_ = false;  // as above
+  // Staged changes on the device, unless kernels read those.
+  opencl::GrowingBuffer changes_, filter_changes_;
+  cl::Buffer stamps_;  // one word per slot
+  cl_uint stamp_ = 0;  // of the last frame
 };
 
 }  // namespace broadcl

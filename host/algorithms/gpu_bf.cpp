@@ -113,6 +113,7 @@ class GpuBf final : public Algorithm {
                    removed);
     });
     if (current_pairs_ > 0) objects_->commit();
+    has_skipped_ = current_pairs_ == 0;
     std::swap(previous_, current_);
     previous_pairs_ = current_pairs_;
     lists_.commit();
@@ -165,22 +166,23 @@ class GpuBf final : public Algorithm {
   void test(const Changes& changes) {
     Changes all = changes;
     all.all = true;
-    all.filters_changed = true;  // they may have, in an update without pairs to test
-    all.recycled = {};           // the host takes care of them
+    all.all_filters = changes.all_filters || has_skipped_;
+    all.recycled = {};  // the host takes care of them
     const Search search = objects_->upload(all);
     current_.release();
     enqueue_kernel(search);
     exclude(search, changes.exclusions.size());
     opencl::Profiler::Scope stage(profiler_, "download");
     current_.download(current_pairs_, &read_);
-    if (stage.event() != nullptr) *stage.event() = read_;
+    if (cl::Event* const event = stage.event()) *event = read_;
   }
 
   void exclude(const Search& search, std::size_t count) {
     if (count == 0) return;
     opencl::set_arguments(exclude_.kernel, 0, static_cast<cl_uint>(count), search.now.slots,
                           search.now.exclusions, current_.device());
-    exclude_.enqueue(context_.queue(), count);
+    opencl::Profiler::Scope stage(profiler_, "test");
+    exclude_.enqueue(context_.queue(), count, stage.event());
   }
 
   void wait() {
@@ -221,6 +223,7 @@ class GpuBf final : public Algorithm {
   cl::Event read_;                 // after which the host may read the bytes of this frame
   std::size_t current_pairs_ = 0;
   std::size_t previous_pairs_ = 0;
+  bool has_skipped_ = false;  // whether the last update was not uploaded, as it had no pairs to test
   std::vector<std::uint32_t> recycled_;
   ChangeLists lists_;
 };

@@ -35,24 +35,33 @@ class HostEngine final : public Algorithm {
 
   void begin(const Changes& changes) override {
     changes_ = changes;
-    filters_changed_ = changes.filters_changed || filters_.size() != changes.filters.size();
-    if (filters_changed_) {
-      filters_.assign(changes.filters.begin(), changes.filters.end());
-      exclusions_.assign(changes.exclusions.begin(), changes.exclusions.end());
+    new_filters_.clear();
+    if (changes.all_filters) {
+      new_filters_.assign(changes.filters.begin(), changes.filters.end());
+    } else {
+      for (const std::uint32_t slot : changes.refiltered) new_filters_.push_back(changes.filters[slot]);
+      const std::size_t known = std::min(filters_.size(), changes.filters.size());
+      new_filters_.insert(new_filters_.end(), changes.filters.begin() + static_cast<std::ptrdiff_t>(known),
+                          changes.filters.end());
     }
+    if (changes.are_exclusions_new())
+      new_exclusions_.assign(changes.exclusions.begin(), changes.exclusions.end());
   }
 
   Delta finish() override try {
+    // With the filters and exclusions of the last update.
+    const bool are_known = !changes_.all && changes_.changed.size() * pairs_per_search < pairs_.size() &&
+                           finder_->find_known(filters_, changes_.changed, known_);
+    if (are_known) exclude(exclusions_, known_);
+    take_filters();
     const HostObjects objects{.boxes = std::span(*boxes_).first(changes_.slots),
                               .filters = filters_,
                               .worlds = changes_.worlds,
                               .sets = changes_.sets,
                               .sets_decide = changes_.sets_decide};
-    const bool search_known = !filters_changed_ && changes_.changed.size() * pairs_per_search < pairs_.size();
-    if (!changes_.all &&
-        finder_->find_changed(objects, changes_.changed, search_known ? &known_ : nullptr, found_)) {
+    if (!changes_.all && finder_->find_changed(objects, changes_.changed, found_)) {
       exclude(exclusions_, found_);
-      search_known ? exclude(exclusions_, known_) : find_known();
+      if (!are_known) find_known();
       const Delta delta = changes_from(known_);
       refuse_too_many(pairs_.size() + delta.added.size() - delta.removed.size());
       pairs_.change(delta.added, delta.removed);
@@ -75,6 +84,7 @@ class HostEngine final : public Algorithm {
       boxes_ = std::make_shared<std::vector<Aabb>>(boxes_->begin(),
                                                    boxes_->begin() + static_cast<std::ptrdiff_t>(slots));
     }
+    filters_.resize(std::min(filters_.size(), slots));  // the caller forgets those of free slots beyond
     filters_.shrink_to_fit();
     exclusions_.shrink_to_fit();
     pairs_.shrink();
@@ -113,7 +123,7 @@ class HostEngine final : public Algorithm {
   void clear() noexcept {
     finder_->clear();
     pairs_.free_scratch();
-    free_lists(found_, known_, has_changed_);
+    free_lists(found_, known_, has_changed_, new_filters_, new_exclusions_);
   }
 
   /// Both lists are in canonical order.
@@ -130,6 +140,19 @@ class HostEngine final : public Algorithm {
       if (next == exclusions.end() || *next != pair) *kept++ = pair;
     }
     pairs.erase(kept, pairs.end());
+  }
+
+  /// Makes the filters and exclusions those of this update.
+  void take_filters() {
+    if (changes_.are_exclusions_new()) exclusions_.swap(new_exclusions_);
+    if (changes_.all_filters) return filters_.swap(new_filters_);
+    const std::size_t known = std::min(filters_.size(), changes_.filters.size());
+    filters_.resize(changes_.filters.size());
+    const auto first_unknown = new_filters_.begin() + static_cast<std::ptrdiff_t>(changes_.refiltered.size());
+    std::copy(first_unknown, new_filters_.end(), filters_.begin() + static_cast<std::ptrdiff_t>(known));
+    for (std::size_t k = 0; k < changes_.refiltered.size(); ++k) {
+      filters_[changes_.refiltered[k]] = new_filters_[k];
+    }
   }
 
   /// The pairs of the last update that contain a slot that changed.
@@ -151,10 +174,12 @@ class HostEngine final : public Algorithm {
 
   std::unique_ptr<HostFinder> finder_;
   std::shared_ptr<std::vector<Aabb>> boxes_ = std::make_shared<std::vector<Aabb>>();
-  std::vector<Filter> filters_;
+  std::vector<Filter> filters_;  // as of the last update, and so are the exclusions
   std::vector<Pair> exclusions_;
   Changes changes_;
-  bool filters_changed_ = false;
+  // Of this update: all filters, or those that changed, followed by those that are beyond the last ones.
+  std::vector<Filter> new_filters_;
+  std::vector<Pair> new_exclusions_;
   ChangingPairs pairs_;  // as of the last update
   ChangeLists lists_;
   std::vector<Pair> found_, known_;

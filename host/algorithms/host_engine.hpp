@@ -32,14 +32,22 @@ class HostFinder {
   /// @throws std::bad_alloc; Error, as refuse_too_many() does.
   virtual void find(const HostObjects& objects, std::vector<Pair>& pairs) = 0;
 
-  /// Finds those of them in which one of these slots takes part, if that takes less time than to find all.
-  /// No other slot changed since the last call of find() or this function, which succeeded.
-  /// @param known Also gets those that took part then, if it is not null; no filter may have changed since,
-  /// but objects may have been removed.
+  /// Finds those pairs of the last call of find() or find_changed() in which one of these slots took part, if
+  /// find_changed() would probably search only these slots, too.
+  /// @param filters As of that call.
+  /// @returns Whether it did so.
+  /// @throws std::bad_alloc
+  virtual bool find_known(std::span<const Filter> /*filters*/, std::span<const std::uint32_t> /*changed*/,
+                          std::vector<Pair>& /*pairs*/) {
+    return false;
+  }
+
+  /// Finds those pairs of these objects in which one of these slots takes part, if that takes less time than
+  /// to find all. No other slot changed since the last call of find() or this function, which succeeded.
   /// @returns Whether it did so. (If there are too many pairs to store before they are counted, it does not.)
   /// @throws std::bad_alloc
   virtual bool find_changed(const HostObjects& /*objects*/, std::span<const std::uint32_t> /*changed*/,
-                            std::vector<Pair>* /*known*/, std::vector<Pair>& /*pairs*/) {
+                            std::vector<Pair>& /*pairs*/) {
     return false;
   }
 

@@ -86,8 +86,8 @@ class Hybrid final : public Algorithm {
     changes_ = changes;
     Changes own = changes;
     if (has_changed_) {
-      own.all = own.filters_changed = true;
-      own.changed = own.recycled = {};
+      own.all = own.all_filters = true;
+      own.changed = own.recycled = own.refiltered = {};
     }
     seconds_ = 0;  // on the host, which does its work in finish()
     if (!is_on_device()) return current_->begin(own);
@@ -138,7 +138,7 @@ class Hybrid final : public Algorithm {
     before_.shrink_to_fit();
     if (device_ == nullptr || has_device_failed_ || opencl::is_forked()) return;
     Algorithm& idle = is_on_device() ? *host_ : *device_;
-    idle.begin({.all = true, .filters_changed = true});  // no objects, so that it knows no pairs
+    idle.begin({.all = true, .all_filters = true});  // no objects, so that it knows no pairs
     (void)idle.finish();
     idle.shrink(0);
   }

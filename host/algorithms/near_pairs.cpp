@@ -48,7 +48,8 @@ bool NearPairs::is_possible(const Search& search) const noexcept {
          !search.any_recycled && search.now.slots == search.last.slots && search.now.slots >= fewest_;
 }
 
-bool NearPairs::begin(const Search& search, const PairDelta& sink, bool can_search, bool pays) {
+bool NearPairs::begin(const Search& search, const PairDelta& sink, bool can_search, bool pays,
+                      opencl::Profiler& profiler) {
   // (If the last frame here failed, another finder may have done the one after it.)
   const bool has_failed = is_running_ || (is_measured_ && sink.frames() == frame_);
   if (is_running_) wait();
@@ -67,26 +68,29 @@ bool NearPairs::begin(const Search& search, const PairDelta& sink, bool can_sear
   is_measured_ = true;
   if (!can_search || !is_distance_known) return false;
   margin_ = margin_factor * std::bit_cast<float>(sink.displacement());
-  if (!(margin_ < hopeless_margin_) || !reserve(search.now.slots, sink.pair_count())) {
+  if (!(margin_ < hopeless_margin_) || !reserve(search.now.slots, sink.pair_count(), profiler)) {
     give_up();
     return false;
   }
 
   context_.queue().flush();  // so that the upload starts first
   is_early_ = is_running_ = true;
+  opencl::Profiler::Scope stage(profiler, "early");
   opencl::set_arguments(grow_.kernel, 0, search.last.slots, search.last.boxes, margin_, grown_.get(),
                         counts_);
-  grow_.enqueue(queue_, std::max<std::size_t>(search.last.slots, PairDelta::count_bytes / sizeof(cl_uint)));
+  grow_.enqueue(queue_, std::max<std::size_t>(search.last.slots, PairDelta::count_bytes / sizeof(cl_uint)),
+                stage.event());
   return true;
 }
 
 /// @returns Whether there is enough memory.
-bool NearPairs::reserve(std::size_t slots, std::size_t pairs) try {
+bool NearPairs::reserve(std::size_t slots, std::size_t pairs, opencl::Profiler& profiler) try {
   const auto reserve = [&](opencl::GrowingBuffer& buffer, std::size_t bytes, std::string_view what) {
     if (bytes <= buffer.bytes()) return;
     buffer.reserve(context_, bytes, what);
     // Some drivers find out only then that memory is short. (In the queue whose commands use this memory.)
-    context_.fill(queue_, buffer.get(), 0, 0, 1);
+    opencl::Profiler::Scope stage(profiler, "clear");
+    context_.fill(queue_, buffer.get(), 0, 0, 1, stage.event());
   };
   reserve(grown_, slots * sizeof(Aabb), "boxes");
   const std::size_t wanted =

@@ -34,7 +34,8 @@ class NearPairs {
   /// @returns Whether to search early: then the finder enqueues its kernels in queue(), and calls searched().
   /// (Not if there is too little memory for that.)
   /// @throws cl::Error
-  [[nodiscard]] bool begin(const Search& search, const PairDelta& sink, bool can_search, bool pays);
+  [[nodiscard]] bool begin(const Search& search, const PairDelta& sink, bool can_search, bool pays,
+                           opencl::Profiler& profiler);
   [[nodiscard]] const cl::CommandQueue& queue() const noexcept { return queue_; }
   /// The boxes to search.
   [[nodiscard]] const cl::Buffer& boxes() const noexcept { return grown_.get(); }
@@ -59,7 +60,7 @@ class NearPairs {
  private:
   [[nodiscard]] bool load();
   [[nodiscard]] bool is_possible(const Search& search) const noexcept;
-  [[nodiscard]] bool reserve(std::size_t slots, std::size_t pairs);
+  [[nodiscard]] bool reserve(std::size_t slots, std::size_t pairs, opencl::Profiler& profiler);
   [[nodiscard]] cl_uint capacity() const noexcept;
   void wait() const noexcept;
 

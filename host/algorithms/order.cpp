@@ -172,9 +172,11 @@ void Order::enqueue_few(const PairDelta& delta, cl_uint tag, cl::Event* event) {
 }
 
 /// @param event As above.
-void Order::enqueue_many(const PairDelta& delta, cl_uint tag, cl::Event* event) {
+/// @param stage To which the other kernels belong.
+void Order::enqueue_many(const PairDelta& delta, cl_uint tag, cl::Event* event,
+                         opencl::Profiler::Scope& stage) {
   const std::size_t buckets = 2 * buckets_of_list_;
-  if (zeros_ < buckets) context_.fill(bucket_counts_.get(), 0, 0, buckets);
+  if (zeros_ < buckets) context_.fill(bucket_counts_.get(), 0, 0, buckets, stage.event());
   const std::size_t zeros = std::max(buckets, std::exchange(zeros_, 0));
   // Each work-item handles several changes, but not so many that llvmpipe would end it (see tuning_of()).
   const std::size_t most_items = std::max(std::size_t{1} << 20, capacity_ / 8);
@@ -191,8 +193,8 @@ void Order::enqueue_many(const PairDelta& delta, cl_uint tag, cl::Event* event) 
       kernel.setArg(next, bucket_counts_.get());
       set_results(kernel, next + 1, delta, tag);
     }
-    sized->enqueue(context_.queue(), items, sized == &place_ ? event : nullptr);
-    if (sized == &count_) scan_.enqueue(bucket_counts_.get(), buckets_.get(), buckets);
+    sized->enqueue(context_.queue(), items, sized == &place_ ? event : stage.event());
+    if (sized == &count_) scan_.enqueue(bucket_counts_.get(), buckets_.get(), buckets, &stage);
   }
   zeros_ = zeros;
 }
@@ -202,43 +204,45 @@ void Order::read(std::size_t changes) {
   opencl::Profiler::Scope stage(profiler_, "download");
   const std::size_t bytes = target_ == Target::host ? changes * sizeof(Pair) : 0;
   result().download(PairDelta::count_bytes + bytes, &ready_);
-  if (stage.event() != nullptr) *stage.event() = ready_;
+  if (cl::Event* const event = stage.event()) *event = ready_;
 }
 
 void Order::enqueue(const PairDelta& delta, cl_uint tag) {
   if (is_awaited_) result().release();
   {
     opencl::Profiler::Scope stage(profiler_, "order");
+    cl::Event* const own = stage.event();
     // Whether it is the last command before the host may read.
     const bool is_last = is_awaited_ && result().is_direct() && target_ == Target::device;
-    cl::Event* const event = is_last ? &ready_ : stage.event();
-    many_ ? enqueue_many(delta, tag, event) : enqueue_few(delta, tag, event);
-    if (stage.event() != nullptr) *stage.event() = *event;
+    cl::Event* const event = is_last ? &ready_ : own;
+    many_ ? enqueue_many(delta, tag, event, stage) : enqueue_few(delta, tag, event);
+    if (is_last && own != nullptr) *own = ready_;
+    if (!is_awaited_ && worlds_ > 0) enqueue_offsets({}, stage);
+    if (!is_awaited_ && second_set_ > 0) {
+      renumber(report_.added, 0, report_.removed, 0, report_.counts, capacity_, &stage);
+    }
   }
-  if (is_awaited_) {
-    read(expected_);
-    return;
-  }
-  if (worlds_ > 0) enqueue_offsets({});
-  if (second_set_ > 0) renumber(report_.added, 0, report_.removed, 0, report_.counts, capacity_);
+  if (is_awaited_) read(expected_);
 }
 
-void Order::enqueue_offsets(const PairDelta::Counts& counts) {
+void Order::enqueue_offsets(const PairDelta::Counts& counts, opencl::Profiler::Scope& stage) {
   opencl::set_arguments(offsets_.kernel, 0, static_cast<cl_uint>(worlds_), static_cast<cl_uint>(counts.added),
                         static_cast<cl_uint>(counts.removed), report_.counts, report_.added, report_.removed,
                         filters_, last_filters_, report_.added_offsets, report_.removed_offsets);
-  offsets_.enqueue(context_.queue(), worlds_ + 2);
+  offsets_.enqueue(context_.queue(), worlds_ + 2, stage.event());
 }
 
 /// @param counts The lengths of the lists; if null, the lengths are those given by the host.
 /// @param pairs The largest number of pairs in both lists.
+/// @param stage To which the command belongs; null if to none.
 void Order::renumber(const cl::Buffer& added, std::size_t added_count, const cl::Buffer& removed,
-                     std::size_t removed_count, const cl::Buffer& counts, std::size_t pairs) {
+                     std::size_t removed_count, const cl::Buffer& counts, std::size_t pairs,
+                     opencl::Profiler::Scope* stage) {
   if (pairs == 0) return;
   constexpr std::size_t most_items = std::size_t{1} << 20;
   opencl::set_arguments(renumber_.kernel, 0, second_set_, static_cast<cl_uint>(added_count),
                         static_cast<cl_uint>(removed_count), counts, added, removed);
-  renumber_.enqueue(context_.queue(), std::min(pairs, most_items));
+  renumber_.enqueue(context_.queue(), std::min(pairs, most_items), opencl::event_of(stage));
 }
 
 PairDelta::Counts Order::wait(const PairDelta& delta) {
@@ -257,8 +261,11 @@ bool Order::complete(const PairDelta& delta, const PairDelta::Counts& counts) {
       std::max(counts.added, counts.removed) <= room_ && changes <= capacity_ && !counts.is_unordered;
   was_bucket_too_large_ = was_bucket_too_large_ || counts.is_unordered;
   if (!is_ordered) sort_changes(delta, counts);
-  if (worlds_ > 0) enqueue_offsets(counts);
-  if (second_set_ > 0) renumber(added(), counts.added, removed(), counts.removed, {}, changes);
+  if (worlds_ > 0 || second_set_ > 0) {
+    opencl::Profiler::Scope stage(profiler_, "order");
+    if (worlds_ > 0) enqueue_offsets(counts, stage);
+    if (second_set_ > 0) renumber(added(), counts.added, removed(), counts.removed, {}, changes, &stage);
+  }
   if (target_ == Target::host && (!is_ordered || changes > expected_)) {
     read(changes);
     (void)wait(delta);
@@ -267,16 +274,17 @@ bool Order::complete(const PairDelta& delta, const PairDelta::Counts& counts) {
 }
 
 void Order::sort_changes(const PairDelta& delta, const PairDelta::Counts& counts) {
-  const opencl::Profiler::Scope stage(profiler_, "sort");
+  opencl::Profiler::Scope stage(profiler_, "sort");
   const cl::CommandQueue& queue = context_.queue();
   const auto sort_list = [&](opencl::GrowingBuffer& to, const cl::Buffer& from, std::size_t first,
                              std::size_t n, const cl::Buffer& filters) {
     to.reserve(context_, n * sizeof(Pair), what);
     if (n == 0) return;
-    queue.enqueueCopyBuffer(from, to.get(), first * sizeof(Pair), 0, n * sizeof(Pair));
+    queue.enqueueCopyBuffer(from, to.get(), first * sizeof(Pair), 0, n * sizeof(Pair), nullptr,
+                            stage.event());
     scattered_.reserve(context_, n * sizeof(Pair), what);
-    sort(to.get(), n, slots_, scattered_.get());
-    if (worlds_ > 0) sort_by_world(to.get(), n, filters);
+    sort(to.get(), n, slots_, scattered_.get(), &stage);
+    if (worlds_ > 0) sort_by_world(to.get(), n, filters, stage);
   };
   report_ = {};  // as in begin()
   sort_list(added_, delta.list(), delta.list_capacity() - counts.added, counts.added, filters_);
@@ -287,7 +295,9 @@ void Order::sort_changes(const PairDelta& delta, const PairDelta::Counts& counts
   result().release();
   std::size_t offset = PairDelta::count_bytes;
   for (const auto& [list, n] : {std::pair(added_.get(), counts.added), {removed_.get(), counts.removed}}) {
-    if (n > 0) queue.enqueueCopyBuffer(list, result().device(), 0, offset, n * sizeof(Pair));
+    if (n > 0) {
+      queue.enqueueCopyBuffer(list, result().device(), 0, offset, n * sizeof(Pair), nullptr, stage.event());
+    }
     offset += n * sizeof(Pair);
   }
   added_.clear();
@@ -295,18 +305,19 @@ void Order::sort_changes(const PairDelta& delta, const PairDelta::Counts& counts
 }
 
 /// Sorts a list that is in canonical order by world, and canonically within a world.
-void Order::sort_by_world(const cl::Buffer& pairs, std::size_t n, const cl::Buffer& filters) {
+void Order::sort_by_world(const cl::Buffer& pairs, std::size_t n, const cl::Buffer& filters,
+                          opencl::Profiler::Scope& stage) {
   const cl::CommandQueue& queue = context_.queue();
   const cl::Buffer elements = context_.buffer(n * sizeof(Pair));
   const auto count = static_cast<cl_uint>(n);
   opencl::set_arguments(world_keys_.kernel, 0, count, static_cast<cl_uint>(worlds_), pairs, filters,
                         elements);
-  world_keys_.enqueue(queue, n);
+  world_keys_.enqueue(queue, n, stage.event());
   const auto bits = static_cast<unsigned>(std::bit_width(worlds_));
-  sort_.enqueue(elements, scattered_.get(), n, {{32, bits}});
+  sort_.enqueue(elements, scattered_.get(), n, {{32, bits}}, &stage);
   opencl::set_arguments(pick_.kernel, 0, count, elements, pairs, scattered_.get());
-  pick_.enqueue(queue, n);
-  queue.enqueueCopyBuffer(scattered_.get(), pairs, 0, 0, n * sizeof(Pair));
+  pick_.enqueue(queue, n, stage.event());
+  queue.enqueueCopyBuffer(scattered_.get(), pairs, 0, 0, n * sizeof(Pair), nullptr, stage.event());
 }
 
 void Order::commit(const PairDelta::Counts& counts) noexcept {
@@ -321,9 +332,10 @@ Delta Order::on_host(const PairDelta::Counts& counts) const noexcept {
   return {{changes, counts.added}, {changes + counts.added, counts.removed}};
 }
 
-void Order::sort(const cl::Buffer& pairs, std::size_t n, std::size_t slots, const cl::Buffer& scratch) {
+void Order::sort(const cl::Buffer& pairs, std::size_t n, std::size_t slots, const cl::Buffer& scratch,
+                 opencl::Profiler::Scope* stage) {
   const auto bits = static_cast<unsigned>(std::bit_width(slots));
-  sort_.enqueue(pairs, scratch, n, {{0, bits}, {32, bits}});
+  sort_.enqueue(pairs, scratch, n, {{0, bits}, {32, bits}}, stage);
 }
 
 }  // namespace broadcl

@@ -79,13 +79,15 @@ class Order {
   /// Enqueues the commands that sort pairs of slots into canonical order.
   /// @param slots Greater than every slot of the pairs.
   /// @param scratch As large as `pairs`; overwritten.
+  /// @param stage To which the commands belong; null if to none.
   /// @throws cl::Error
-  void sort(const cl::Buffer& pairs, std::size_t n, std::size_t slots, const cl::Buffer& scratch);
+  void sort(const cl::Buffer& pairs, std::size_t n, std::size_t slots, const cl::Buffer& scratch,
+            opencl::Profiler::Scope* stage = nullptr);
   /// Enqueues the command that replaces slots of the second set by indices in that set, if the last search
   /// was of two sets.
   /// @throws cl::Error
   void renumber(const cl::Buffer& pairs, std::size_t n) {
-    if (second_set_ > 0) renumber(pairs, n, {}, 0, {}, n);
+    if (second_set_ > 0) renumber(pairs, n, {}, 0, {}, n, nullptr);
   }
 
  private:
@@ -104,14 +106,16 @@ class Order {
   void reserve_result(std::size_t changes);
   void report_to_own_lists();
   void enqueue_few(const PairDelta& delta, cl_uint tag, cl::Event* event);
-  void enqueue_many(const PairDelta& delta, cl_uint tag, cl::Event* event);
+  void enqueue_many(const PairDelta& delta, cl_uint tag, cl::Event* event, opencl::Profiler::Scope& stage);
   void set_results(cl::Kernel& kernel, cl_uint first, const PairDelta& delta, cl_uint tag);
   void read(std::size_t changes);
   void sort_changes(const PairDelta& delta, const PairDelta::Counts& counts);
-  void sort_by_world(const cl::Buffer& pairs, std::size_t n, const cl::Buffer& filters);
-  void enqueue_offsets(const PairDelta::Counts& counts);
+  void sort_by_world(const cl::Buffer& pairs, std::size_t n, const cl::Buffer& filters,
+                     opencl::Profiler::Scope& stage);
+  void enqueue_offsets(const PairDelta::Counts& counts, opencl::Profiler::Scope& stage);
   void renumber(const cl::Buffer& added, std::size_t added_count, const cl::Buffer& removed,
-                std::size_t removed_count, const cl::Buffer& counts, std::size_t pairs);
+                std::size_t removed_count, const cl::Buffer& counts, std::size_t pairs,
+                opencl::Profiler::Scope* stage);
   void set_buckets();
   void reserve_buckets(std::size_t count);
 

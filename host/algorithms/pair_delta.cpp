@@ -68,9 +68,12 @@ void PairDelta::begin(std::size_t pairs) {
 }
 
 void PairDelta::clear_counts() {
-  for (const cl::Buffer& counts : counts_) context_.fill(counts, 0, 0, count_bytes / sizeof(cl_uint));
+  opencl::Profiler::Scope stage(profiler_, "clear");
+  for (const cl::Buffer& counts : counts_) {
+    context_.fill(counts, 0, 0, count_bytes / sizeof(cl_uint), stage.event());
+  }
   const auto set = [&](std::size_t count, std::size_t value) {
-    context_.fill(counts(), static_cast<cl_uint>(value), count, 1);
+    context_.fill(counts(), static_cast<cl_uint>(value), count, 1, stage.event());
   };
   set(count_last_kept, last_.kept);
   set(count_last_added, last_.added);
@@ -186,11 +189,14 @@ void PairDelta::commit_unread() noexcept {
   std::swap(now_, last_);
 }
 
+PairDelta::Settled PairDelta::settled_of(std::uint64_t frames, cl_uint complete, cl_uint tag) noexcept {
+  return {.frames = frames, .complete = frames - (static_cast<cl_uint>(frames) - complete), .tag = tag};
+}
+
 PairDelta::Settled PairDelta::settle() {
   std::array<cl_uint, count_bytes / sizeof(cl_uint)> words{};
   context_.queue().enqueueReadBuffer(counts(), CL_TRUE, 0, count_bytes, words.data());
-  const Settled settled{
-      .frames = unread_, .complete = words.at(count_complete), .tag = words.at(count_last_tag)};
+  const Settled settled = settled_of(unread_, words.at(count_complete), words.at(count_last_tag));
   if ((settled.frames - settled.complete) % 2 != 0) std::swap(now_, last_);
   last_.kept = words.at(count_last_kept);
   last_.added = words.at(count_last_added);

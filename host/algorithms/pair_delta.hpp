@@ -95,6 +95,8 @@ class PairDelta {
   /// Waits for such frames. Afterwards the pairs of the last complete frame are known again.
   /// @throws cl::Error
   Settled settle();
+  /// @param complete How many of them were complete, modulo 2^32.
+  [[nodiscard]] static Settled settled_of(std::uint64_t frames, cl_uint complete, cl_uint tag) noexcept;
   /// Whether there are such frames.
   [[nodiscard]] bool is_unsettled() const noexcept { return unread_ > 0; }
   /// Whether a frame was begun that was neither committed nor replaced by another.

@@ -24,9 +24,10 @@ struct Search {  // NOLINT(bugprone-exception-escape): as above
   Generation last{};
   /// Where PairFinder::build() has to gather `now` from; null if `now` is up to date.
   const Source* source = nullptr;
-  bool same_filters = false;  ///< Whether no filter and no exclusion changed since the last frame.
-  bool worlds = false;        ///< Whether objects are in different worlds.
-  bool sets = false;          ///< Whether filters part the objects into two sets: TwoSets.
+  /// Whether no exclusion changed since the last frame, and no filter of an object that existed then.
+  bool same_filters = false;
+  bool worlds = false;  ///< Whether objects are in different worlds.
+  bool sets = false;    ///< Whether filters part the objects into two sets: TwoSets.
   /// If not 0, changes are sorted by world first, and this is the number of worlds.
   cl_uint ordered_worlds = 0;
   /// If not 0, the first slot of the second of two sets, whose objects are reported by their indices in that

@@ -96,6 +96,13 @@ void split(std::span<Centre<axes>> centres, std::size_t first, std::size_t threa
   });
 }
 
+/// The number without those of its last bits that a float cannot represent, so that no rounding mode matters.
+float exact(std::uint32_t number) {
+  constexpr unsigned digits = std::numeric_limits<float>::digits;
+  const unsigned lost = std::max<unsigned>(std::bit_width(number), digits) - digits;
+  return static_cast<float>(number >> lost << lost);
+}
+
 /// A number that a float can represent.
 std::uint32_t place_of_set(const Filter& filter) {
   constexpr std::uint32_t most = (1U << 23U) - 1;
@@ -111,10 +118,10 @@ Bounds<axes> bounds_of(const HostObjects& objects, std::size_t slot) {
     bounds.upper[axis] = box.upper[axis];
   }
   if constexpr (axes > 3) {
-    // Rounded, so several worlds may have the same coordinate; may_pair() distinguishes them.
+    // Several worlds may have the same coordinate; may_pair() distinguishes them.
     const Filter& filter = objects.filters[slot];
     const bool is_in_all = filter.world == Filter::all_worlds;
-    const auto place = static_cast<float>(objects.sets ? place_of_set(filter) : filter.world);
+    const float place = exact(objects.sets ? place_of_set(filter) : filter.world);
     bounds.lower[3] = is_in_all ? 0 : place;
     bounds.upper[3] = is_in_all ? infinity : place;
   }
@@ -189,8 +196,15 @@ class SweepAndPrune final : public HostFinder {
     sort_pairs_(lists_, objects.boxes.size(), threads_of(objects.boxes.size()), pairs);
   }
 
+  bool find_known(std::span<const Filter> filters, std::span<const std::uint32_t> changed,
+                  std::vector<Pair>& pairs) override {
+    if (sorted_axes_ == 0 || changed.size() * boxes_per_changed > places_.size()) return false;
+    set_places(changed);
+    return sorted_axes_ == 4 ? search_boxes(four_, filters, pairs) : search_boxes(three_, filters, pairs);
+  }
+
   bool find_changed(const HostObjects& objects, std::span<const std::uint32_t> changed,
-                    std::vector<Pair>* known, std::vector<Pair>& pairs) override {
+                    std::vector<Pair>& pairs) override {
     const std::size_t axes = axes_of(objects);
     if (sorted_axes_ != axes || (axes == 4 && four_.sets != objects.sets) ||
         changed.size() * boxes_per_changed > objects.boxes.size() || !is_order_for(objects.boxes.size()))
@@ -198,13 +212,13 @@ class SweepAndPrune final : public HostFinder {
     moved_ += changed.size();
     if (moved_ > most_moved * objects.boxes.size()) sorted_axes_ = 0;
     if (sorted_axes_ == 0) return false;
-    return axes == 4 ? find_changed(four_, objects, changed, known, pairs)
-                     : find_changed(three_, objects, changed, known, pairs);
+    return axes == 4 ? find_changed(four_, objects, changed, pairs)
+                     : find_changed(three_, objects, changed, pairs);
   }
 
   void clear() noexcept override {
     sorted_axes_ = 0;
-    free_lists(order_, places_, dirty_, found_, lists_);
+    free_lists(order_, places_, changed_places_, dirty_, found_, lists_);
     three_ = {};
     four_ = {};
     sort_pairs_ = {};
@@ -255,12 +269,19 @@ class SweepAndPrune final : public HostFinder {
     return search_all(all, filters_of(objects), threads, most_work);
   }
 
+  /// Stores where these slots are, except those that were added and removed since the last search.
+  void set_places(std::span<const std::uint32_t> slots) {
+    changed_places_.clear();
+    for (const std::uint32_t slot : slots) {
+      if (slot < places_.size()) changed_places_.push_back(places_[slot]);
+    }
+  }
+
   template <std::size_t axes>
   bool find_changed(HostTiles<axes>& all, const HostObjects& objects, std::span<const std::uint32_t> changed,
-                    std::vector<Pair>* known, std::vector<Pair>& pairs);
+                    std::vector<Pair>& pairs);
   template <std::size_t axes>
-  bool search_boxes(const HostTiles<axes>& all, std::span<const Filter> filters,
-                    std::span<const std::uint32_t> places, std::vector<Pair>& pairs);
+  bool search_boxes(const HostTiles<axes>& all, std::span<const Filter> filters, std::vector<Pair>& pairs);
   template <std::size_t axes>
   void sort(const HostObjects& objects, std::size_t threads);
   void place_next();
@@ -283,6 +304,7 @@ class SweepAndPrune final : public HostFinder {
   std::size_t fresh_work_ = 0;         // of the first one in this order
   HostTiles<3> three_;
   HostTiles<4> four_;
+  std::vector<std::uint32_t> changed_places_;  // of slots that changed
   std::vector<std::uint32_t> dirty_;
   std::vector<Found> found_;                  // by each thread
   PairCount count_;                           // of all threads
@@ -399,15 +421,16 @@ bool SweepAndPrune::search_all(const HostTiles<axes>& all, std::span<const Filte
   return search_all(all, filters, threads, most_work, most_pairs);
 }
 
+/// Finds the pairs of the boxes that changed.
 /// @returns False if there are too many pairs to store before they are counted.
 template <std::size_t axes>
 bool SweepAndPrune::search_boxes(const HostTiles<axes>& all, std::span<const Filter> filters,
-                                 std::span<const std::uint32_t> places, std::vector<Pair>& pairs) {
+                                 std::vector<Pair>& pairs) {
   found_.resize(std::max<std::size_t>(1, found_.size()));
   count_.count = 0;
   count_.most_stored = most_uncounted;
   found_[0].clear(count_);
-  tile_search<axes>().boxes(found_[0], all, places, filters);
+  tile_search<axes>().boxes(found_[0], all, changed_places_, filters);
   found_[0].end();
   if (count_.count > most_uncounted) return false;
   lists_.clear();
@@ -421,8 +444,7 @@ bool SweepAndPrune::search_boxes(const HostTiles<axes>& all, std::span<const Fil
 
 template <std::size_t axes>
 bool SweepAndPrune::find_changed(HostTiles<axes>& all, const HostObjects& objects,
-                                 std::span<const std::uint32_t> changed, std::vector<Pair>* known,
-                                 std::vector<Pair>& pairs) {
+                                 std::span<const std::uint32_t> changed, std::vector<Pair>& pairs) {
   sorted_axes_ = 0;  // until all is done
   while (places_.size() < objects.boxes.size()) {
     place_next();
@@ -433,14 +455,9 @@ bool SweepAndPrune::find_changed(HostTiles<axes>& all, const HostObjects& object
     if (tile % node_size == 0) append_child(all.roots, all.nodes.size(), all.bounds.back());
     append_child(all.nodes, tile, all.bounds.back());
   }
-  std::vector<std::uint32_t> places;
-  for (const std::uint32_t slot : changed) {
-    if (slot < places_.size()) places.push_back(places_[slot]);  // or it was added and removed since then
-  }
-  // (Not by filters_of(): the sets may have decided less.)
-  if (known != nullptr && !search_boxes(all, objects.filters, places, *known)) return false;
+  set_places(changed);
   dirty_.clear();
-  for (const std::uint32_t place : places) {
+  for (const std::uint32_t place : changed_places_) {
     store(all, objects, order_[place], place);
     dirty_.push_back(place / node_size);
   }
@@ -458,7 +475,7 @@ bool SweepAndPrune::find_changed(HostTiles<axes>& all, const HostObjects& object
     all.roots[node / node_size].set(node % node_size, bounds_of(all.nodes[node]), node);
     return node;
   });
-  if (!search_boxes(all, filters_of(objects), places, pairs)) return false;
+  if (!search_boxes(all, filters_of(objects), pairs)) return false;
   sorted_axes_ = axes;
   return true;
 }

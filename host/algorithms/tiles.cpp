@@ -88,7 +88,7 @@ class Tiles final : public PairFinder {
     prepare(search);
     work_.begin_frame(search, sink);
     const bool stale = work_.is_stale(search, sink);
-    is_early_ = near_.begin(search, sink, !stale, work_.early_pays());
+    is_early_ = near_.begin(search, sink, !stale, work_.early_pays(), profiler);
     work_.begin_search(search, is_early_);
     if (is_early_) return search_early(search, sink, profiler);
     const bool gathers = may_gather && !stale;
@@ -258,22 +258,23 @@ class Tiles final : public PairFinder {
   }
 
   void sort(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) {
-    const opencl::Profiler::Scope stage(profiler, "sort");
+    opencl::Profiler::Scope stage(profiler, "sort");
     work_.forget_order();  // until all is enqueued: an incomplete one may have a slot twice
     Kernels& kernels = this->kernels(search);
     const cl::Buffer& filters = has_worlds(search) ? search.now.filters : cl::Buffer();
     // (Sets of one world share their bounds.)
     centroids_.enqueue(this->kernels(search.worlds).centroids, search.now.boxes,
-                       search.worlds ? filters : cl::Buffer(), search.now.slots);
+                       search.worlds ? filters : cl::Buffer(), search.now.slots, &stage);
     opencl::set_arguments(kernels.keys.kernel, 0, search.now.slots, search.now.boxes, filters,
                           centroids_.buckets(), centroids_.result(), elements_);
-    kernels.keys.enqueue(context_.queue(), search.now.slots);
-    sort_.enqueue(elements_, scratch_, search.now.slots, {{32 + code_bits - sorted_bits, sorted_bits}});
+    kernels.keys.enqueue(context_.queue(), search.now.slots, stage.event());
+    sort_.enqueue(elements_, scratch_, search.now.slots, {{32 + code_bits - sorted_bits, sorted_bits}},
+                  &stage);
     if (has_worlds(search)) {  // they count first, so they are sorted by last
       opencl::set_arguments(kernels.world_keys.kernel, 0, search.now.slots, sets(search), filters, elements_);
-      kernels.world_keys.enqueue(context_.queue(), search.now.slots);
+      kernels.world_keys.enqueue(context_.queue(), search.now.slots, stage.event());
       const unsigned bits = search.worlds ? 32 : 1;
-      sort_.enqueue(elements_, scratch_, search.now.slots, {{32, bits}});
+      sort_.enqueue(elements_, scratch_, search.now.slots, {{32, bits}}, &stage);
     }
     work_.set_order(search, sink);
   }
@@ -291,7 +292,7 @@ class Tiles final : public PairFinder {
       fill_tree(context_.queue(), search, search.now.boxes, stamps, tree, event);
     };
     fill({}, tree_, stage.event());
-    if (!search.all) fill(search.stamps, changed_tree_, nullptr);
+    if (!search.all) fill(search.stamps, changed_tree_, stage.event());
   }
 
   void fill_tree(const cl::CommandQueue& queue, const Search& search, const cl::Buffer& boxes,
@@ -333,12 +334,14 @@ class Tiles final : public PairFinder {
       context_.queue().enqueueNDRangeKernel(kernel, cl::NullRange, cl::NDRange(groups * keep_group),
                                             cl::NDRange(keep_group), nullptr, stage.event());
     }
-    raise(context_.queue(), search, tree_, sink.is_kept_by_finder() ? 2 : 1);
-    if (!search.all) raise(context_.queue(), search, changed_tree_, 1);
+    opencl::Profiler::Scope stage(profiler, "build");
+    raise(context_.queue(), search, tree_, sink.is_kept_by_finder() ? 2 : 1, stage);
+    if (!search.all) raise(context_.queue(), search, changed_tree_, 1, stage);
   }
 
   /// @param level The first whose bounds are to be computed.
-  void raise(const cl::CommandQueue& queue, const Search& search, const Tree& tree, std::size_t level) {
+  void raise(const cl::CommandQueue& queue, const Search& search, const Tree& tree, std::size_t level,
+             opencl::Profiler::Scope& stage) {
     std::size_t nodes = nodes_of(search);
     cl::Kernel& raise = kernels(search).raise;
     // The search starts at the first level that has few nodes.
@@ -346,7 +349,7 @@ class Tiles final : public PairFinder {
          ++top_, nodes = divide_up(nodes, launch_.node)) {
       if (top_ < level) continue;
       set_raise(raise, tree, top_, nodes);
-      enqueue(queue, raise, round_up(nodes, launch_.node), nullptr);
+      enqueue(queue, raise, round_up(nodes, launch_.node), stage.event());
     }
     roots_ = static_cast<cl_uint>(nodes);
   }
@@ -362,7 +365,7 @@ class Tiles final : public PairFinder {
     {
       opencl::Profiler::Scope stage(profiler, "build");
       fill_tree(near_.queue(), search, near_.boxes(), {}, tree_, stage.event());
-      raise(near_.queue(), search, tree_, 1);
+      raise(near_.queue(), search, tree_, 1, stage);
     }
     enqueue_search(search, sink, profiler);
     near_.searched();

@@ -13,7 +13,8 @@ struct Stage {
   double host_start;      ///< Seconds from the beginning of the update, by the host's steady clock.
   double host_seconds;    ///< Wall-clock time of the calling thread in this stage, including waits.
   double device_start;    ///< Seconds from the start of the update's first command, by the device's clock.
-  double device_seconds;  ///< By the same clock. Both are 0 for host stages and without Config::profile.
+  /// Of all its commands together, by the same clock. Both are 0 for host stages and without Config::profile.
+  double device_seconds;
 };
 
 }  // namespace broadcl

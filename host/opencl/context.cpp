@@ -221,12 +221,12 @@ cl::CommandQueue Context::second_queue() const {
 }
 
 void Context::fill(const cl::CommandQueue& queue, const cl::Buffer& buffer, cl_uint value, std::size_t first,
-                   std::size_t count) const {
+                   std::size_t count, cl::Event* event) const {
   if (fill_.kernel() == nullptr) fill_ = sized_kernel(primitives(*this), "fill");
   set_arguments(fill_.kernel, 0, static_cast<cl_uint>(count), value, static_cast<cl_ulong>(first), buffer);
   // A GPU takes longer for work-items that set only one word.
   constexpr std::size_t most_items = std::size_t{1} << 18;
-  fill_.enqueue(queue, std::min(count, most_items));
+  fill_.enqueue(queue, std::min(count, most_items), event);
 }
 
 std::optional<Context::LargeBuffers> Context::large_buffers() const {

@@ -124,12 +124,14 @@ class Context {
   /// Sets all words of a part of a buffer, in queue() or in another queue of this context. (Not by
   /// clEnqueueFillBuffer, which some drivers do not do reliably.)
   /// @param first, count Of words.
+  /// @param event Is set to that of the command, unless it is null.
   /// @throws cl::Error, Error
-  void fill(const cl::Buffer& buffer, cl_uint value, std::size_t first, std::size_t count) const {
-    fill(queue_, buffer, value, first, count);
+  void fill(const cl::Buffer& buffer, cl_uint value, std::size_t first, std::size_t count,
+            cl::Event* event = nullptr) const {
+    fill(queue_, buffer, value, first, count, event);
   }
   void fill(const cl::CommandQueue& queue, const cl::Buffer& buffer, cl_uint value, std::size_t first,
-            std::size_t count) const;
+            std::size_t count, cl::Event* event = nullptr) const;
 
   /// Runs a part of an update. If that fails, waits until the queue has completed all commands, so that
   /// nothing uses the memory of the update any more, except commands in a second queue.

@@ -13,7 +13,8 @@
 
 namespace broadcl::opencl {
 
-/// Records the stages of an update: wall-clock times always, device times from events on request.
+/// Records the stages of an update: wall-clock times always, device times from events on request. The device
+/// time of a stage is that of all its commands together.
 class Profiler {
  public:
   explicit Profiler(bool device_times) : device_times_(device_times) {}
@@ -29,8 +30,9 @@ class Profiler {
     Scope(Scope&&) = delete;
     Scope& operator=(Scope&&) = delete;
 
-    /// Where to store the event of the stage's command; null if device times are not wanted.
-    [[nodiscard]] cl::Event* event() noexcept;
+    /// Where to store the event of the stage's next command; null if device times are not wanted.
+    /// @throws std::bad_alloc
+    [[nodiscard]] cl::Event* event();
 
    private:
     Profiler& profiler_;
@@ -40,7 +42,8 @@ class Profiler {
 
   /// Forgets the stages of the last update and starts the clock of this one. No scope may be open.
   void begin();
-  /// Reads device times, once per update; the queue must have completed all commands.
+  /// Waits for the commands whose device times are wanted, and reads these, once per update.
+  /// @throws cl::Error
   void resolve();
   [[nodiscard]] std::span<const Stage> stages() const noexcept { return stages_; }
 
@@ -48,7 +51,16 @@ class Profiler {
   bool device_times_;
   std::chrono::steady_clock::time_point begin_ = std::chrono::steady_clock::now();
   std::vector<Stage> stages_;
-  std::deque<cl::Event> events_;  // one per stage, null if it enqueued nothing; they never move
+  struct Command {
+    std::size_t stage;
+    cl::Event event;  // null if it was not enqueued
+  };
+  std::deque<Command> commands_;  // they never move
 };
+
+/// Where to store the event of a stage's next command; null if there is no stage.
+[[nodiscard]] inline cl::Event* event_of(Profiler::Scope* stage) {
+  return stage != nullptr ? stage->event() : nullptr;
+}
 
 }  // namespace broadcl::opencl

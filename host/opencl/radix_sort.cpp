@@ -44,13 +44,14 @@ RadixSort::RadixSort(const Context& context, std::size_t most_few)
   }
 }
 
-void RadixSort::enqueue_few(const cl::Buffer& elements, const cl::Buffer& scratch, cl_uint n, Bits key) {
+void RadixSort::enqueue_few(const cl::Buffer& elements, const cl::Buffer& scratch, cl_uint n, Bits key,
+                            Profiler::Scope* stage) {
   const std::size_t group = primitives_group(context_);
   const auto enqueue = [&](cl::Kernel& kernel, std::size_t groups, const cl::Buffer& from,
                            const cl::Buffer& to) {
     set_arguments(kernel, 0, n, cl_uint{key.first}, cl_uint{key.count}, from, to);
     context_.queue().enqueueNDRangeKernel(kernel, cl::NullRange, cl::NDRange(groups * group),
-                                          cl::NDRange(group));
+                                          cl::NDRange(group), nullptr, event_of(stage));
   };
   if (context_.tuning() == Tuning::cpu) {
     enqueue(small_, 1, elements, scratch);
@@ -63,7 +64,7 @@ void RadixSort::enqueue_few(const cl::Buffer& elements, const cl::Buffer& scratc
 }
 
 void RadixSort::enqueue_pass(const cl::Buffer& source, const cl::Buffer& target, cl_uint n, Blocks blocks,
-                             Bits digit) {
+                             Bits digit, Profiler::Scope* stage) {
   for (cl::Kernel* kernel : {&count_, &scatter_}) {
     set_arguments(*kernel, 0, n, blocks.length, cl_uint{digit.first}, cl_uint{digit.count}, source);
   }
@@ -72,29 +73,30 @@ void RadixSort::enqueue_pass(const cl::Buffer& source, const cl::Buffer& target,
   set_arguments(scatter_, 5, target, cl_uint{scans ? 1U : 0U}, counts_);
   const cl::NDRange group(primitives_group(context_));
   const cl::NDRange items(blocks.count * primitives_group(context_));
-  context_.queue().enqueueNDRangeKernel(count_, cl::NullRange, items, group);
-  if (scans) scan_.enqueue(counts_, counts_, std::size_t{blocks.count} << digit.count);
-  context_.queue().enqueueNDRangeKernel(scatter_, cl::NullRange, items, group);
+  context_.queue().enqueueNDRangeKernel(count_, cl::NullRange, items, group, nullptr, event_of(stage));
+  if (scans) scan_.enqueue(counts_, counts_, std::size_t{blocks.count} << digit.count, stage);
+  context_.queue().enqueueNDRangeKernel(scatter_, cl::NullRange, items, group, nullptr, event_of(stage));
 }
 
 void RadixSort::enqueue_digits(const cl::Buffer& elements, const cl::Buffer& scratch, cl_uint n,
-                               Blocks blocks, const Keys& keys) {
+                               Blocks blocks, const Keys& keys, Profiler::Scope* stage) {
   std::array<const cl::Buffer*, 2> buffers{&elements, &scratch};
   for (const Bits& key : {keys.minor, keys.major}) {
     // As few digits as possible, of about equal length.
     unsigned digits = (key.count + digit_bits - 1) / digit_bits;
     for (Bits digit{key.first, 0}; digits > 0; --digits, digit.first += digit.count) {
       digit.count = (key.first + key.count - digit.first + digits - 1) / digits;
-      enqueue_pass(*buffers[0], *buffers[1], n, blocks, digit);
+      enqueue_pass(*buffers[0], *buffers[1], n, blocks, digit, stage);
       std::swap(buffers[0], buffers[1]);
     }
   }
   if (buffers[0] != &elements)
-    context_.queue().enqueueCopyBuffer(scratch, elements, 0, 0, n * sizeof(cl_ulong));
+    context_.queue().enqueueCopyBuffer(scratch, elements, 0, 0, n * sizeof(cl_ulong), nullptr,
+                                       event_of(stage));
 }
 
 void RadixSort::enqueue_buckets(const cl::Buffer& elements, const cl::Buffer& scratch, cl_uint n,
-                                Blocks blocks, const Keys& keys) {
+                                Blocks blocks, const Keys& keys, Profiler::Scope* stage) {
   Bits minor = keys.minor;
   Bits major = keys.major;
   if (major.count == 0) std::swap(minor, major);
@@ -102,20 +104,20 @@ void RadixSort::enqueue_buckets(const cl::Buffer& elements, const cl::Buffer& sc
   const auto wanted = static_cast<unsigned>(std::bit_width(n / bucket));
   const unsigned count = std::min({major.count, digit_bits, wanted});
   major.count -= count;
-  enqueue_pass(elements, scratch, n, blocks, {major.first + major.count, count});
+  enqueue_pass(elements, scratch, n, blocks, {major.first + major.count, count}, stage);
   set_arguments(buckets_, 0, n, blocks.count, cl_uint4{{minor.first, minor.count, major.first, major.count}},
                 elements, scratch, counts_);
   context_.queue().enqueueNDRangeKernel(buckets_, cl::NullRange, cl::NDRange(std::size_t{1} << count),
-                                        cl::NDRange(1));
+                                        cl::NDRange(1), nullptr, event_of(stage));
 }
 
 void RadixSort::enqueue(const cl::Buffer& elements, const cl::Buffer& scratch, std::size_t n,
-                        const Keys& keys) {
+                        const Keys& keys, Profiler::Scope* stage) {
   if (n < 2) return;
   const auto count = static_cast<cl_uint>(n);
   if (n <= most_few_) {
     for (const Bits& key : {keys.minor, keys.major}) {
-      if (key.count > 0) enqueue_few(elements, scratch, count, key);
+      if (key.count > 0) enqueue_few(elements, scratch, count, key, stage);
     }
     return;
   }
@@ -125,9 +127,9 @@ void RadixSort::enqueue(const cl::Buffer& elements, const cl::Buffer& scratch, s
     most_blocks_ = blocks.count;
   }
   if (context_.tuning() == Tuning::cpu) {
-    enqueue_buckets(elements, scratch, count, blocks, keys);
+    enqueue_buckets(elements, scratch, count, blocks, keys, stage);
   } else {
-    enqueue_digits(elements, scratch, count, blocks, keys);
+    enqueue_digits(elements, scratch, count, blocks, keys, stage);
   }
 }
 

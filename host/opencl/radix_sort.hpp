@@ -5,6 +5,7 @@
 #include "opencl/api.hpp"
 #include "opencl/blocks.hpp"
 #include "opencl/context.hpp"
+#include "opencl/profiler.hpp"
 #include "opencl/scan.hpp"
 
 namespace broadcl::opencl {
@@ -45,16 +46,20 @@ class RadixSort {
   /// sorts {value, key}.
   /// @param elements, scratch Two buffers of at least n elements each. Scratch is overwritten.
   /// @param n Less than 2^31, otherwise an Error is thrown.
+  /// @param stage To which the commands belong; null if to none.
   /// @throws cl::Error
-  void enqueue(const cl::Buffer& elements, const cl::Buffer& scratch, std::size_t n, const Keys& keys);
+  void enqueue(const cl::Buffer& elements, const cl::Buffer& scratch, std::size_t n, const Keys& keys,
+               Profiler::Scope* stage = nullptr);
 
  private:
-  void enqueue_few(const cl::Buffer& elements, const cl::Buffer& scratch, cl_uint n, Bits key);
+  void enqueue_few(const cl::Buffer& elements, const cl::Buffer& scratch, cl_uint n, Bits key,
+                   Profiler::Scope* stage);
   void enqueue_digits(const cl::Buffer& elements, const cl::Buffer& scratch, cl_uint n, Blocks blocks,
-                      const Keys& keys);
+                      const Keys& keys, Profiler::Scope* stage);
   void enqueue_buckets(const cl::Buffer& elements, const cl::Buffer& scratch, cl_uint n, Blocks blocks,
-                       const Keys& keys);
-  void enqueue_pass(const cl::Buffer& source, const cl::Buffer& target, cl_uint n, Blocks blocks, Bits digit);
+                       const Keys& keys, Profiler::Scope* stage);
+  void enqueue_pass(const cl::Buffer& source, const cl::Buffer& target, cl_uint n, Blocks blocks, Bits digit,
+                    Profiler::Scope* stage);
 
   const Context& context_;
   std::size_t most_few_;

@@ -25,14 +25,14 @@ Scan::Scan(const Context& context) : context_(context) {
   block_sums_ = context.buffer(most_blocks * sizeof(cl_uint));
 }
 
-void Scan::enqueue(const cl::Buffer& values, const cl::Buffer& to, std::size_t n) {
+void Scan::enqueue(const cl::Buffer& values, const cl::Buffer& to, std::size_t n, Profiler::Scope* stage) {
   if (n == 0) return;
   const std::size_t group = primitives_group(context_);
   const Blocks blocks = split_into_blocks(context_, n, shortest_block(context_), longest_block);
   const auto enqueue_each = [&](cl::Kernel& kernel) {
     set_arguments(kernel, 0, static_cast<cl_uint>(n), blocks.length, values, block_sums_);
     context_.queue().enqueueNDRangeKernel(kernel, cl::NullRange, cl::NDRange(blocks.count * group),
-                                          cl::NDRange(group));
+                                          cl::NDRange(group), nullptr, event_of(stage));
   };
   if (blocks.count > 1) enqueue_each(sums_);
   set_arguments(blocks_, 4, to);

@@ -4,6 +4,7 @@
 
 #include "opencl/api.hpp"
 #include "opencl/context.hpp"
+#include "opencl/profiler.hpp"
 
 namespace broadcl::opencl {
 
@@ -19,8 +20,10 @@ class Scan {
   /// k - 1. Does not wait. Scans by one object must be enqueued one after the other, as by a single thread.
   /// @param values, to At least n uints each; may be the same buffer.
   /// @param n Less than 2^31, otherwise an Error is thrown.
+  /// @param stage To which the commands belong; null if to none.
   /// @throws cl::Error
-  void enqueue(const cl::Buffer& values, const cl::Buffer& to, std::size_t n);
+  void enqueue(const cl::Buffer& values, const cl::Buffer& to, std::size_t n,
+               Profiler::Scope* stage = nullptr);
 
  private:
   const Context& context_;
