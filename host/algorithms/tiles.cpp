@@ -334,7 +334,7 @@ class Tiles final : public PairFinder {
       context_.queue().enqueueNDRangeKernel(kernel, cl::NullRange, cl::NDRange(groups * keep_group),
                                             cl::NDRange(keep_group), nullptr, stage.event());
     }
-    opencl::Profiler::Scope stage(profiler, "build");
+    opencl::Profiler::Scope stage(profiler, "refit");
     raise(context_.queue(), search, tree_, sink.is_kept_by_finder() ? 2 : 1, stage);
     if (!search.all) raise(context_.queue(), search, changed_tree_, 1, stage);
   }
@@ -365,6 +365,9 @@ class Tiles final : public PairFinder {
     {
       opencl::Profiler::Scope stage(profiler, "build");
       fill_tree(near_.queue(), search, near_.boxes(), {}, tree_, stage.event());
+    }
+    {
+      opencl::Profiler::Scope stage(profiler, "refit");
       raise(near_.queue(), search, tree_, 1, stage);
     }
     enqueue_search(search, sink, profiler);
