@@ -13,9 +13,13 @@
 #include <vector>
 
 #include <BulletCollision/BroadphaseCollision/btBroadphaseInterface.h>
+#include <BulletCollision/BroadphaseCollision/btDbvtBroadphase.h>
 #include <BulletCollision/BroadphaseCollision/btOverlappingPairCache.h>
 #include <BulletCollision/CollisionDispatch/btCollisionDispatcher.h>
+#include <BulletCollision/CollisionDispatch/btCollisionObject.h>
+#include <BulletCollision/CollisionDispatch/btCollisionWorld.h>
 #include <BulletCollision/CollisionDispatch/btDefaultCollisionConfiguration.h>
+#include <BulletCollision/CollisionShapes/btSphereShape.h>
 #include <benchmark/benchmark.h>
 
 #include <broadcl/bullet.hpp>
@@ -71,15 +75,32 @@ class Proxies {
     }
   }
   void calculate() { broadphase_->calculateOverlappingPairs(&dispatcher_); }
+  void ray(const btVector3& from, const btVector3& to) {
+    Ray ray(from, to);
+    broadphase_->rayTest(from, to, ray);
+  }
   [[nodiscard]] int pair_count() const {
     return broadphase_->getOverlappingPairCache()->getNumOverlappingPairs();
   }
 
  private:
+  /// Finds all proxies on its way.
+  struct Ray final : btBroadphaseRayCallback {
+    Ray(const btVector3& from, const btVector3& to) {
+      m_lambda_max = from.distance(to);
+      const btVector3 direction = (to - from) / m_lambda_max;
+      for (int axis = 0; axis < 3; ++axis) {
+        m_rayDirectionInverse[axis] = direction[axis] == 0 ? btScalar(BT_LARGE_FLOAT) : 1 / direction[axis];
+        m_signs[axis] = direction[axis] < 0 ? 1 : 0;
+      }
+    }
+    bool process(const btBroadphaseProxy* /*proxy*/) override { return true; }
+  };
+
   std::unique_ptr<btBroadphaseInterface> make(std::string_view name, const MovingBoxes& boxes) {
     if (name.ends_with(stock)) {
       const std::string algorithm(name.substr(0, name.size() - stock.size()));
-      return std::make_unique<BulletBroadphase>(BroadPhase::Config{.algorithm = algorithm}, &stock_cache_);
+      return std::make_unique<BulletBroadphase>(Config{.algorithm = algorithm}, &stock_cache_);
     }
     // Above 16,384 objects the axis sweep is the 32-bit one.
     return scenes::make_broadphase({.name = std::string(name),
@@ -156,6 +177,41 @@ void time_move(benchmark::State& state, const char* name, MovingBoxes::Sizes siz
   }
 }
 
+void time_rays(benchmark::State& state, const char* name, MovingBoxes::Sizes sizes, std::uint32_t n) {
+  MovingBoxes boxes(n, sizes);
+  Proxies proxies(name, boxes);
+  proxies.create(numbers(0, n));
+  for ([[maybe_unused]] auto _ : state) {
+    boxes.advance();
+    const std::vector<Bounds> moved = scaled(boxes);
+    const auto start = std::chrono::steady_clock::now();
+    proxies.move(moved);
+    proxies.calculate();
+    for (std::size_t k = 0; k < 100; ++k) proxies.ray(moved[k].lower, moved[n - 1 - k].upper);
+    state.SetIterationTime(std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count());
+  }
+}
+
+/// The objects touch their neighbours.
+template <class Broadphase>
+void time_life(benchmark::State& state, std::size_t n) {
+  btDefaultCollisionConfiguration configuration;
+  btSphereShape ball(1);
+  std::vector<btCollisionObject> objects(n);
+  for (std::size_t k = 0; k < n; ++k) {
+    objects[k].setCollisionShape(&ball);
+    objects[k].getWorldTransform().setOrigin({btScalar(k), 0, 0});
+  }
+  for ([[maybe_unused]] auto _ : state) {
+    btCollisionDispatcher dispatcher(&configuration);
+    Broadphase broadphase;
+    btCollisionWorld world(&dispatcher, &broadphase, &configuration);
+    for (btCollisionObject& object : objects) world.addCollisionObject(&object);
+    broadphase.calculateOverlappingPairs(&dispatcher);
+    for (btCollisionObject& object : objects) world.removeCollisionObject(&object);
+  }
+}
+
 void time_teleport(benchmark::State& state, const char* name, MovingBoxes::Sizes sizes, std::uint32_t n) {
   Proxies proxies(name, MovingBoxes(n, sizes));
   proxies.create(numbers(0, n));
@@ -188,7 +244,8 @@ struct Operation {
 constexpr std::array operations{
     Operation{"create", time_create, 1},   Operation{"create-more", time_create_more, 1},
     Operation{"move", time_move, 5},       Operation{"teleport", time_teleport, 2},
-    Operation{"destroy", time_destroy, 1}, Operation{"stream", time_stream, 5}};
+    Operation{"destroy", time_destroy, 1}, Operation{"stream", time_stream, 5},
+    Operation{"rays", time_rays, 20}};
 
 }  // namespace
 
@@ -201,10 +258,19 @@ constexpr std::array operations{
 ///   proxies/teleport/NAME/SCENE/N      all N proxies move to positions unrelated to the old ones
 ///   proxies/destroy/NAME/SCENE/N       N of 2 N proxies are destroyed in random order
 ///   proxies/stream/NAME/SCENE/N        the same tenth of N proxies is destroyed and created again
+///   proxies/rays/NAME/SCENE/N          all N proxies move, then 100 rays are cast
+///   proxies/life/NAME/N                a world is made, gets N objects, and is destroyed after a calculation
 ///
 /// NAME is one of scenes::broadphases(), with `+stock` if a BulletBroadphase is given a
 /// btHashedOverlappingPairCache. bullet-sap is bt32BitAxisSweep3.
 void register_proxies() {
+  for (const auto& [name, function] : {std::pair("auto", &time_life<BulletBroadphase>),
+                                       std::pair("bullet-bvh", &time_life<btDbvtBroadphase>)}) {
+    for (const std::size_t n : {0U, 1U, 2U, 5U, 16U}) {
+      const std::string row = std::string("proxies/life/") + name + "/" + std::to_string(n);
+      benchmark::RegisterBenchmark(row.c_str(), function, n)->Unit(benchmark::kMicrosecond);
+    }
+  }
   for (const Operation& operation : operations) {
     for (const auto& [scene, sizes] :
          {std::pair("uniform", MovingBoxes::Sizes::uniform), std::pair("mixed", MovingBoxes::Sizes::mixed)}) {

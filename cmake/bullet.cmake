@@ -1,5 +1,6 @@
 # broadcl_find_bullet(float32|float64): makes the target BroadclBullet::float32 or ::float64, the Bullet of that precision,
-# unless there is one. It is found by pkg-config, otherwise by the CMake package that Bullet installs.
+# unless there is one. It is, in this order, the Bullet whose targets the project has already, from a subdirectory or from a
+# package; that of the CMake package that Bullet installs (Bullet_DIR, CMAKE_PREFIX_PATH); that of pkg-config.
 # broadcl_bullet_missing_<precision>: empty, or what is missing.
 # Part of the installed package, too.
 function(broadcl_find_bullet precision)
@@ -10,18 +11,23 @@ function(broadcl_find_bullet precision)
     return()
   endif()
 
-  set(module bullet)
-  if(precision STREQUAL float64)
-    set(module bullet-float64)
-  endif()
-  find_package(PkgConfig QUIET)
-  if(PKG_CONFIG_FOUND)
-    pkg_check_modules(broadcl_${module} QUIET IMPORTED_TARGET GLOBAL ${module})
-    if(broadcl_${module}_FOUND)
-      add_library(${target} INTERFACE IMPORTED GLOBAL)
-      target_link_libraries(${target} INTERFACE PkgConfig::broadcl_${module})
+  if(TARGET BulletCollision AND TARGET LinearMath)
+    broadcl_describe_bullet_targets(found folders definitions)
+    if(NOT found STREQUAL precision)
+      set(${missing}
+        "Bullet (${precision}) is needed, but the project's targets BulletCollision and LinearMath are ${found}; use the component of that precision, or set Bullet's USE_DOUBLE_PRECISION"
+        PARENT_SCOPE)
       return()
     endif()
+    add_library(${target} INTERFACE IMPORTED GLOBAL)
+    target_include_directories(${target} INTERFACE ${folders})
+    target_compile_definitions(${target} INTERFACE ${definitions})
+    foreach(library BulletSoftBody BulletDynamics BulletCollision LinearMath)
+      if(TARGET ${library})
+        target_link_libraries(${target} INTERFACE ${library})
+      endif()
+    endforeach()
+    return()
   endif()
 
   find_package(Bullet CONFIG QUIET)
@@ -47,7 +53,48 @@ function(broadcl_find_bullet precision)
     target_compile_options(${target} INTERFACE ${definitions})
     return()
   endif()
+
+  set(module bullet)
+  if(precision STREQUAL float64)
+    set(module bullet-float64)
+  endif()
+  find_package(PkgConfig QUIET)
+  if(PKG_CONFIG_FOUND)
+    pkg_check_modules(broadcl_${module} QUIET IMPORTED_TARGET GLOBAL ${module})
+    if(broadcl_${module}_FOUND)
+      add_library(${target} INTERFACE IMPORTED GLOBAL)
+      target_link_libraries(${target} INTERFACE PkgConfig::broadcl_${module})
+      return()
+    endif()
+  endif()
   set(${missing}
-    "Bullet (${precision}) was found neither by pkg-config, as '${module}', nor by its CMake package; install it (Debian: libbullet-dev) or name its folder in CMAKE_PREFIX_PATH"
+    "Bullet (${precision}) was found neither by its CMake package nor by pkg-config, as '${module}'; install it (Debian: libbullet-dev), name its folder in CMAKE_PREFIX_PATH, or add its sources to the project first"
     PARENT_SCOPE)
+endfunction()
+
+# What Bullet's own build says of its targets, which have no usage requirements: their precision, the folders of the headers,
+# and the definitions that change these.
+function(broadcl_describe_bullet_targets precision folders definitions)
+  set(all "")
+  set(${folders} "" PARENT_SCOPE)
+  get_target_property(own LinearMath COMPILE_DEFINITIONS)
+  get_target_property(usage LinearMath INTERFACE_COMPILE_DEFINITIONS)
+  list(APPEND all ${own} ${usage})
+  get_target_property(is_imported LinearMath IMPORTED)
+  if(NOT is_imported)
+    get_target_property(source LinearMath SOURCE_DIR)
+    get_property(own DIRECTORY ${source} PROPERTY COMPILE_DEFINITIONS)
+    list(APPEND all ${own})
+    cmake_path(GET source PARENT_PATH source)
+    if(EXISTS ${source}/LinearMath/btScalar.h)
+      set(${folders} ${source} PARENT_SCOPE)
+    endif()
+  endif()
+  list(FILTER all INCLUDE REGEX "^BT_(USE_DOUBLE_PRECISION|THREADSAFE)")
+  list(REMOVE_DUPLICATES all)
+  set(${definitions} "${all}" PARENT_SCOPE)
+  set(${precision} float32 PARENT_SCOPE)
+  if(all MATCHES BT_USE_DOUBLE_PRECISION)
+    set(${precision} float64 PARENT_SCOPE)
+  endif()
 endfunction()

@@ -6,6 +6,7 @@
 
 #include <btBulletDynamicsCommon.h>
 
+#include <broadcl/broad_phase.hpp>
 #include <broadcl/bullet.hpp>
 
 int main() try {

@@ -51,10 +51,10 @@ int main() try {
     world.stepSimulation(1.0F / 60.0F, 0);
     const std::set<int> now = inside(zone);
     for (const int k : now) {
-      if (!before.contains(k)) std::printf("frame %d: ball %d enters\n", frame, k);
+      if (before.count(k) == 0) std::printf("frame %d: ball %d enters\n", frame, k);
     }
     for (const int k : before) {
-      if (!now.contains(k)) std::printf("frame %d: ball %d leaves\n", frame, k);
+      if (now.count(k) == 0) std::printf("frame %d: ball %d leaves\n", frame, k);
     }
     before = now;
   }

@@ -216,6 +216,7 @@ class Core {
   enum class State : std::uint8_t { free, live };
 
   static constexpr std::size_t most_objects = std::size_t{1} << 31;
+  static constexpr std::size_t least_capacity = 16;  // so that the first objects do not each allocate
 
   struct LateBox {
     std::uint32_t id;
@@ -232,7 +233,7 @@ class Core {
   void reserve(std::size_t ids, bool filters) {
     if (ids > most_objects) throw Error("more than 2147483648 objects; use fewer");
     if (ids > capacity_) {
-      const std::size_t capacity = std::max(ids, capacity_ + capacity_ / 2);
+      const std::size_t capacity = std::max({ids, capacity_ + capacity_ / 2, least_capacity});
       states_.reserve(capacity);
       filters_.reserve(capacity);
       free_.reserve(capacity);

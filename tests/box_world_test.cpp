@@ -5,6 +5,7 @@
 
 #include <gtest/gtest.h>
 
+#include <broadcl/broad_phase.hpp>
 #include <broadcl/bullet.hpp>
 #include <cstddef>
 #include <memory>

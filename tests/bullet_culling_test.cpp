@@ -420,7 +420,7 @@ TEST(ShapeCulling, IsRefusedIfSomebodyElseWalksThePairs) {
   btCollisionDispatcher dispatcher(&configuration);
   btCollisionDispatcherMt dispatcher_mt(&configuration);
   btHashedOverlappingPairCache cache;
-  const BroadPhase::Config config{.algorithm = "sweep-and-prune"};
+  const Config config{.algorithm = "sweep-and-prune"};
   BulletBroadphase own(config);
   BulletBroadphase users(config, &cache);
   btCollisionWorld world(&dispatcher, &own, &configuration);

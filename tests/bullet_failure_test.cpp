@@ -17,6 +17,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <broadcl/broad_phase.hpp>
 #include <broadcl/bullet.hpp>
 
 #include "algorithms/calibration.hpp"

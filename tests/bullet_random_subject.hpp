@@ -13,6 +13,7 @@
 #include <utility>
 #include <vector>
 
+#include <broadcl/broad_phase.hpp>
 #include <broadcl/bullet.hpp>
 
 #include "bullet_random_reference.hpp"

@@ -38,7 +38,7 @@ constexpr std::size_t capacity = 4096;
 inline const std::array kinds{
     Kind{"BroadCL",
          [](btOverlappingPairCache* cache) -> std::unique_ptr<btBroadphaseInterface> {
-           return std::make_unique<BulletBroadphase>(BroadPhase::Config(), cache);
+           return std::make_unique<BulletBroadphase>(Config(), cache);
          }},
     Kind{"Tree",
          [](btOverlappingPairCache* cache) -> std::unique_ptr<btBroadphaseInterface> {
@@ -54,7 +54,7 @@ inline const std::array kinds{
            return std::make_unique<btSimpleBroadphase>(capacity, cache);
          }},
     Kind{"BroadCLAtOnce", [](btOverlappingPairCache* cache) -> std::unique_ptr<btBroadphaseInterface> {
-           auto broadphase = std::make_unique<BulletBroadphase>(BroadPhase::Config(), cache);
+           auto broadphase = std::make_unique<BulletBroadphase>(Config(), cache);
            broadphase->set_pairs_at_once(true);
            return broadphase;
          }}};

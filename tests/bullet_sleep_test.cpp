@@ -1,6 +1,7 @@
 // The cost of a world in which little or nothing moves.
 #include <btBulletDynamicsCommon.h>
 
+#include <broadcl/broad_phase.hpp>
 #include <broadcl/bullet.hpp>
 
 #include <array>

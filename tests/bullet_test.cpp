@@ -1,3 +1,4 @@
+#include <broadcl/broad_phase.hpp>
 #include <broadcl/bullet.hpp>
 
 #include <array>

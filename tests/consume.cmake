@@ -25,11 +25,25 @@ endif()
 set(without_bullet -D CMAKE_DISABLE_FIND_PACKAGE_Bullet=ON -D PKG_CONFIG_EXECUTABLE=/nonexistent)
 configure(core consume/find_package ${without_bullet} -D CMAKE_DISABLE_FIND_PACKAGE_OpenCL=ON)
 build(core consumer)
-expect_refused("component bullet: Bullet (float32) was found neither by pkg-config"
+expect_refused("component bullet: Bullet (float32) was found neither by its CMake package nor by pkg-config"
   ${CMAKE_COMMAND} ${folder}/core -D WITH_BULLET=ON)
-# Bullet by its own CMake package.
+# Bullet by its own CMake package, then by pkg-config.
 configure(bullet consume/find_package -D WITH_BULLET=ON -D PKG_CONFIG_EXECUTABLE=/nonexistent)
 build(bullet bullet_consumer)
+configure(bullet-pkg-config consume/find_package -D WITH_BULLET=ON -D CMAKE_DISABLE_FIND_PACKAGE_Bullet=ON)
+build(bullet-pkg-config bullet_consumer)
+# A project's own Bullet comes before that of the system: its targets, and the package that it names.
+make_other_bullet()
+configure(own-targets ../tests/other_bullet -D BULLET_SOURCE_DIR=${folder}/other-bullet)
+run(${CMAKE_COMMAND} --build ${folder}/own-targets --verbose)
+if(output MATCHES "-lBulletCollision|libBulletCollision\\.so")
+  message(FATAL_ERROR "the system's Bullet is linked beside the project's own:\n${output}")
+endif()
+build(own-targets other_bullet)
+configure(own-package ../tests/other_bullet -D Bullet_DIR=${folder}/other-bullet/cmake)
+build(own-package other_bullet)
+expect_refused("component bullet: Bullet (float32) is needed, but the project's targets BulletCollision and LinearMath are float64"
+  ${CMAKE_COMMAND} ${folder}/own-targets -D USE_DOUBLE_PRECISION=ON)
 configure(c consume/c)
 build(c consumer)
 

@@ -17,6 +17,7 @@
 
 #include <gtest/gtest.h>
 
+#include <broadcl/broad_phase.hpp>
 #include <broadcl/bullet.hpp>
 
 #include "each_scenario.hpp"

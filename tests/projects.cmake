@@ -34,6 +34,33 @@ function(build name)
   run_programs(${folder}/${name} ${ARGN})
 endfunction()
 
+# make_other_bullet(): writes the sources of a Bullet 3.99 into ${folder}/other-bullet. It has the headers of the Bullet that was
+# found, which is the one in INCLUDE_FOLDERS; targets like those of Bullet's own build, but nothing in its libraries; and a
+# package for CMake in cmake/.
+function(make_other_bullet)
+  find_path(BULLET_HEADERS LinearMath/btScalar.h PATHS ${INCLUDE_FOLDERS} REQUIRED NO_DEFAULT_PATH)
+  set(sources ${folder}/other-bullet/src)
+  file(COPY ${BULLET_HEADERS}/ DESTINATION ${sources})
+  file(READ ${sources}/LinearMath/btScalar.h text)
+  string(REGEX REPLACE "define BT_BULLET_VERSION [0-9]+" "define BT_BULLET_VERSION 399" text "${text}")
+  file(WRITE ${sources}/LinearMath/btScalar.h "${text}")
+  file(WRITE ${sources}/../CMakeLists.txt "project(other_bullet_sources LANGUAGES CXX)
+if(USE_DOUBLE_PRECISION)
+  add_definitions(-DBT_USE_DOUBLE_PRECISION)
+endif()
+add_subdirectory(src/LinearMath)
+add_subdirectory(src/BulletCollision)
+")
+  foreach(library LinearMath BulletCollision)
+    file(WRITE ${sources}/${library}/empty.cpp "")
+    file(WRITE ${sources}/${library}/CMakeLists.txt "add_library(${library} STATIC empty.cpp)\n")
+  endforeach()
+  file(WRITE ${sources}/../cmake/BulletConfig.cmake "set(BULLET_ROOT_DIR ${folder}/other-bullet)
+set(BULLET_INCLUDE_DIRS src)
+set(BULLET_LIBRARY_DIRS lib)
+")
+endfunction()
+
 # The project for pkg-config, with what is installed there.
 function(make_with_pkg_config prefix)
   run(${CMAKE_COMMAND} -E copy_directory ${SOURCE}/consume ${folder}/consume)

@@ -11,6 +11,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <broadcl/broad_phase.hpp>
 #include <broadcl/bullet.hpp>
 #include <cmath>
 #include <cstddef>

@@ -1,9 +1,11 @@
-// Used by all of the projects with Bullet.
+// Used by all of the projects with Bullet, as C++17.
 #include <btBulletCollisionCommon.h>
 
 #include <broadcl/bullet.hpp>
 #include <cstdio>
 #include <exception>
+
+static_assert(__cplusplus < 202002L, "the adapter makes no program C++20");
 
 int main() try {
   btDefaultCollisionConfiguration configuration;

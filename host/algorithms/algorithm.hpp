@@ -8,6 +8,7 @@
 #include <vector>
 
 #include <broadcl/aabb.hpp>
+#include <broadcl/algorithms.hpp>
 #include <broadcl/config.hpp>
 #include <broadcl/device.hpp>
 #include <broadcl/filter.hpp>

@@ -114,8 +114,8 @@ std::unique_ptr<PairFinder> make_auto(const opencl::Context& context) {
 }
 
 AlgorithmPointer make_auto(const Config& config) {
-  if (device_for(config)) return make_device_algorithm(config, make_auto);
   const bool is_named = names_device(config);
+  if (is_named && device_for(config)) return make_device_algorithm(config, make_auto);
   const auto open = [config, is_named]() -> AlgorithmPointer {
     try {
       if (select_device(config.device).type == DeviceType::cpu) return nullptr;

@@ -18,14 +18,17 @@ namespace {
 /// To look at so many pairs takes as long as to search for those of one box.
 constexpr std::size_t pairs_per_search = 256;
 
+/// The smallest capacity, so that the first boxes do not each allocate.
+constexpr std::size_t least_slots = 16;
+
 class HostEngine final : public Algorithm {
  public:
   explicit HostEngine(std::unique_ptr<HostFinder> finder) : finder_(std::move(finder)) {}
 
   void reserve(std::size_t slots, bool /*filters*/) override {
     if (slots <= boxes_->size()) return;
-    auto larger =
-        std::make_shared<std::vector<Aabb>>(std::max(slots, boxes_->size() * 3 / 2), packed_empty());
+    auto larger = std::make_shared<std::vector<Aabb>>(std::max({slots, boxes_->size() * 3 / 2, least_slots}),
+                                                      packed_empty());
     std::ranges::copy(*boxes_, larger->begin());
     boxes_ = std::move(larger);
   }

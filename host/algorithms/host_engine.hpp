@@ -18,6 +18,10 @@ struct HostObjects {
   bool sets_decide = false;           ///< If so, whether every two objects of different sets may pair.
 };
 
+/// Finds all pairs of boxes that overlap and may pair, by the definition, in canonical order.
+/// @throws std::bad_alloc
+void test_each_pair(const HostObjects& objects, std::vector<Pair>& pairs);
+
 /// The part of an algorithm that finds pairs on the host, in canonical order.
 class HostFinder {
  public:

@@ -29,6 +29,9 @@ constexpr float not_a_number = std::numeric_limits<float>::quiet_NaN();
 /// class has everything larger, and the objects of all worlds.
 constexpr std::size_t size_classes = 4;
 
+/// Up to this many boxes, testing each pair takes less time than sorting and sweeping.
+constexpr std::size_t few_boxes = 16;
+
 /// Boxes are sorted again once the work exceeds this multiple of the work in a new order.
 constexpr double stale_growth = 1.25;
 
@@ -186,10 +189,14 @@ void append_child(std::vector<Node<axes>>& nodes, std::size_t k, const Bounds<ax
 /// neighbouring boxes. Where two nodes overlap, their tiles are tested, and where these overlap, their boxes.
 class SweepAndPrune final : public HostFinder {
  public:
-  explicit SweepAndPrune(std::size_t threads)
-      : threads_(threads > 0 ? threads : std::max(1U, std::thread::hardware_concurrency())) {}
+  explicit SweepAndPrune(std::size_t threads) : threads_(threads) {}
 
   void find(const HostObjects& objects, std::vector<Pair>& pairs) override {
+    if (objects.boxes.size() <= few_boxes) {
+      sorted_axes_ = 0;
+      test_each_pair(objects, pairs);
+      return;
+    }
     axes_of(objects) == 4 ? find(four_, objects) : find(three_, objects);
     lists_.clear();
     for (const Found& found : found_) found.get(lists_);
@@ -234,8 +241,12 @@ class SweepAndPrune final : public HostFinder {
     return objects.sets && objects.sets_decide ? std::span<const Filter>() : objects.filters;
   }
 
-  [[nodiscard]] std::size_t threads_of(std::size_t boxes) const {
-    return std::clamp<std::size_t>(boxes / boxes_per_thread, 1, threads_);
+  [[nodiscard]] std::size_t threads_of(std::size_t boxes) {
+    const std::size_t most = boxes / boxes_per_thread;
+    if (most < 2) return 1;
+    // Asked only now, since the system may have to read a file.
+    if (threads_ == 0) threads_ = std::max(1U, std::thread::hardware_concurrency());
+    return std::min(most, threads_);
   }
 
   /// Whether there are not many more slots, or many fewer, than when they were sorted.
@@ -295,7 +306,7 @@ class SweepAndPrune final : public HostFinder {
   bool search_all(const HostTiles<axes>& all, std::span<const Filter> filters, std::size_t threads,
                   double most_work, std::size_t most_stored = most_uncounted);
 
-  std::size_t threads_;
+  std::size_t threads_;                // 0 if there is to be one per processor
   std::vector<std::uint32_t> order_;   // slots by tile; no_slot where a tile has no more
   std::vector<std::uint32_t> places_;  // of slots in this order
   std::size_t sorted_axes_ = 0;        // of the tiles; 0 if they are not as of the last update

@@ -1,5 +1,8 @@
 #pragma once
 
+#include <broadcl/cxx20.hpp>
+#ifdef BROADCL_CXX20
+
 #include <array>
 #include <bit>
 #include <cstddef>
@@ -85,3 +88,5 @@ inline constexpr std::int32_t infinite_key = 0x7f800000;
                                              const std::array<double, 3>& upper) noexcept;
 
 }  // namespace broadcl
+
+#endif

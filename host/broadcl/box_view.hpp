@@ -1,5 +1,8 @@
 #pragma once
 
+#include <broadcl/cxx20.hpp>
+#ifdef BROADCL_CXX20
+
 #include <array>
 #include <concepts>
 #include <cstddef>
@@ -144,3 +147,5 @@ concept AabbRange = std::ranges::input_range<Range> && !std::convertible_to<Rang
                     std::convertible_to<std::ranges::range_reference_t<Range>, Aabb>;
 
 }  // namespace broadcl
+
+#endif

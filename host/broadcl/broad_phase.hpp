@@ -1,5 +1,8 @@
 #pragma once
 
+#include <broadcl/cxx20.hpp>
+#ifdef BROADCL_CXX20
+
 #include <cstddef>
 #include <cstdint>
 #include <memory>
@@ -10,6 +13,7 @@
 
 #include <broadcl/export.h>
 #include <broadcl/aabb.hpp>
+#include <broadcl/algorithms.hpp>
 #include <broadcl/box_view.hpp>
 #include <broadcl/config.hpp>
 #include <broadcl/device.hpp>
@@ -215,3 +219,5 @@ template <AabbRange Range>
 }
 
 }  // namespace broadcl
+
+#endif

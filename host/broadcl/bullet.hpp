@@ -1,18 +1,52 @@
 #pragma once
 
+/// For Bullet programs, from C++17 on. To use broad_phase() of a BulletBroadphase, also include
+/// broadcl/broad_phase.hpp, which needs C++20.
+
+#include <cstddef>
 #include <functional>
 #include <memory>
 #include <string>
 
 #include <BulletCollision/BroadphaseCollision/btBroadphaseInterface.h>
+#include <BulletCollision/BroadphaseCollision/btBroadphaseProxy.h>
+#include <BulletCollision/CollisionDispatch/btCollisionObject.h>
+#include <LinearMath/btScalar.h>
+#include <LinearMath/btVector3.h>
 
 #include <broadcl/export.h>
-#include <broadcl/broad_phase.hpp>
+#include <broadcl/config.hpp>
+#include <broadcl/error.hpp>
+
+#if BT_BULLET_VERSION < 305
+#error "BroadCL needs Bullet 3.05 or later; look for an older copy in the include path (docs/bullet.md)"
+#endif
 
 class btCollisionWorld;
 class btOverlappingPairCache;
 
 namespace broadcl {
+
+class BroadPhase;
+
+namespace detail {
+
+/// What a program's Bullet and the one of this library must have in common.
+struct BulletAbi {
+  int version;
+  std::size_t vector_size, vector_alignment;
+  std::size_t proxy_size, proxy_alignment;
+  std::size_t object_size, object_alignment;
+};
+
+// Not inline: each file of the program and of the library must have its own.
+constexpr BulletAbi bullet_abi{BT_BULLET_VERSION,          sizeof(btVector3),
+                               alignof(btVector3),         sizeof(btBroadphaseProxy),
+                               alignof(btBroadphaseProxy), sizeof(btCollisionObject),
+                               alignof(btCollisionObject)};
+
+}  // namespace detail
+
 #ifdef BT_USE_DOUBLE_PRECISION
 // If a program is linked against the library for the other precision, a symbol is undefined, instead of the
 // layout being wrong.
@@ -66,9 +100,10 @@ class BROADCL_BULLET_API BulletBroadphase : public btBroadphaseInterface {
   /// @param cache Receives the pairs; not owned, must outlive this object. If null, the object makes its own:
   /// a btHashedOverlappingPairCache in which the cost of removing a proxy depends only on the pairs of that
   /// proxy.
-  /// @throws Error as BroadPhase does.
-  explicit BulletBroadphase(const BroadPhase::Config& config = BroadPhase::Config(),
-                            btOverlappingPairCache* cache = nullptr);
+  /// @param program Leave it out: describes the Bullet that the program is compiled with.
+  /// @throws Error as BroadPhase does, and if that Bullet is not the one that the library was built with.
+  explicit BulletBroadphase(const Config& config = Config(), btOverlappingPairCache* cache = nullptr,
+                            const detail::BulletAbi& program = detail::bullet_abi);
   ~BulletBroadphase() override;
   BulletBroadphase(const BulletBroadphase&) = delete;
   BulletBroadphase& operator=(const BulletBroadphase&) = delete;

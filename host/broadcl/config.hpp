@@ -2,15 +2,13 @@
 
 #include <cstddef>
 #include <functional>
-#include <optional>
-#include <span>
 #include <string>
-#include <string_view>
 
 #include <broadcl/export.h>
-#include <broadcl/device.hpp>
 
 namespace broadcl {
+
+struct Device;
 
 /// Called once by an object that has to compile kernels, before it does so, because that may take many
 /// seconds; a second time if the device turns out to need other kernels, for smaller work-groups. Kernels are
@@ -49,20 +47,5 @@ struct Config {
   /// it throws there, the device is not used.
   CompileHandler on_compile{};
 };
-
-/// A row of the table of algorithms.
-struct AlgorithmInfo {
-  std::string_view name;     ///< The value for Config::algorithm.
-  std::string_view summary;  ///< One line for people.
-  bool on_device;            ///< False for an algorithm of the host; `auto` may use either.
-};
-
-/// The device that an object with this Config opens when it is made; none if it works on the host, always or
-/// at first, as `auto` does unless a CPU is named. Any number of threads may call this at the same time.
-/// @throws Error for an unknown algorithm or device, and if OpenCL fails.
-[[nodiscard]] BROADCL_API std::optional<Device> device_for(const Config& config);
-
-/// The table of all algorithms. The rows are constant and always valid; any number of threads may read them.
-[[nodiscard]] BROADCL_API std::span<const AlgorithmInfo> algorithms() noexcept;
 
 }  // namespace broadcl

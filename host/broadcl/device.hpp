@@ -1,5 +1,8 @@
 #pragma once
 
+#include <broadcl/cxx20.hpp>
+#ifdef BROADCL_CXX20
+
 #include <cstdint>
 #include <string>
 #include <string_view>
@@ -73,3 +76,5 @@ struct BROADCL_API Device {
 [[nodiscard]] BROADCL_API std::string reason_for_default(const std::vector<Device>& among);
 
 }  // namespace broadcl
+
+#endif

@@ -1,5 +1,8 @@
 #pragma once
 
+#include <broadcl/cxx20.hpp>
+#ifdef BROADCL_CXX20
+
 /// Eigen's boxes. Optional: the library itself does not need Eigen.
 
 #include <array>
@@ -85,3 +88,5 @@ template <class Plain, int options, class Stride>
 BoxView box_view(const Eigen::Ref<const Plain, options, Stride>&& temporary) = delete;
 
 }  // namespace broadcl
+
+#endif

@@ -1,5 +1,8 @@
 #pragma once
 
+#include <broadcl/cxx20.hpp>
+#ifdef BROADCL_CXX20
+
 #include <cstdint>
 
 namespace broadcl {
@@ -37,3 +40,5 @@ inline constexpr Filter second_set{.group = 2, .mask = 1};
 }
 
 }  // namespace broadcl
+
+#endif

@@ -1,5 +1,8 @@
 #pragma once
 
+#include <broadcl/cxx20.hpp>
+#ifdef BROADCL_CXX20
+
 #include <cstddef>
 
 namespace broadcl {
@@ -12,3 +15,5 @@ struct MemoryUse {
 };
 
 }  // namespace broadcl
+
+#endif

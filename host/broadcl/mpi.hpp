@@ -1,5 +1,8 @@
 #pragma once
 
+#include <broadcl/cxx20.hpp>
+#ifdef BROADCL_CXX20
+
 /// For boxes that are distributed over the ranks of an MPI program, each of which has a device. Only this
 /// header needs MPI.
 
@@ -162,3 +165,5 @@ class BROADCL_MPI_API MpiBroadPhase {
 [[nodiscard]] BROADCL_MPI_API std::string mpi_device(MPI_Comm comm);
 
 }  // namespace broadcl
+
+#endif

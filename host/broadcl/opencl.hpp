@@ -1,5 +1,8 @@
 #pragma once
 
+#include <broadcl/cxx20.hpp>
+#ifdef BROADCL_CXX20
+
 /// For boxes that are already on an OpenCL device: pairs and their changes stay there too. Only this header
 /// exposes OpenCL.
 
@@ -196,3 +199,5 @@ class BROADCL_API DeviceBroadPhase {
 };
 
 }  // namespace broadcl
+
+#endif

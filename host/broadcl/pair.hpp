@@ -1,5 +1,8 @@
 #pragma once
 
+#include <broadcl/cxx20.hpp>
+#ifdef BROADCL_CXX20
+
 #include <compare>
 #include <cstdint>
 #include <span>
@@ -34,3 +37,5 @@ struct Delta {
 };
 
 }  // namespace broadcl
+
+#endif

@@ -1,5 +1,8 @@
 #pragma once
 
+#include <broadcl/cxx20.hpp>
+#ifdef BROADCL_CXX20
+
 #include <string_view>
 
 namespace broadcl {
@@ -18,3 +21,5 @@ struct Stage {
 };
 
 }  // namespace broadcl
+
+#endif

@@ -5,11 +5,15 @@
 #include <BulletCollision/CollisionDispatch/btCollisionDispatcherMt.h>
 #include <BulletCollision/CollisionDispatch/btCollisionWorld.h>
 
+#include <cstddef>
 #include <cstdint>
 #include <functional>
 #include <memory>
 #include <string>
+#include <tuple>
 #include <utility>
+
+#include <broadcl/broad_phase.hpp>
 
 #include "bullet/cached_pairs.hpp"
 #include "bullet/proxy_pool.hpp"
@@ -19,9 +23,39 @@
 #include "bullet/shape_culling.hpp"
 
 namespace broadcl {
+namespace {
+
+std::string text_of(const detail::BulletAbi& abi) {
+  const std::string minor = std::to_string(abi.version % 100);
+  const auto layout = [](const char* name, std::size_t size, std::size_t alignment) {
+    return std::string(name) + " of " + std::to_string(size) + " bytes aligned to " +
+           std::to_string(alignment);
+  };
+  return "Bullet " + std::to_string(abi.version / 100) + (minor.size() < 2 ? ".0" : ".") + minor + " (" +
+         layout("btVector3", abi.vector_size, abi.vector_alignment) + ", " +
+         layout("btBroadphaseProxy", abi.proxy_size, abi.proxy_alignment) + ", " +
+         layout("btCollisionObject", abi.object_size, abi.object_alignment) + ")";
+}
+
+/// @returns The argument, so that it can be called before anything of Bullet is used.
+const Config& refuse_other_bullet(const Config& config, const detail::BulletAbi& program) {
+  const auto values = [](const detail::BulletAbi& abi) {
+    return std::tie(abi.version, abi.vector_size, abi.vector_alignment, abi.proxy_size, abi.proxy_alignment,
+                    abi.object_size, abi.object_alignment);
+  };
+  if (values(program) != values(detail::bullet_abi)) {
+    throw Error("this program was compiled with " + text_of(program) + ", but BroadCL with " +
+                text_of(detail::bullet_abi) +
+                "; build BroadCL with the program's Bullet (docs/bullet.md), or look for another Bullet in "
+                "the program's include path");
+  }
+  return config;
+}
+
+}  // namespace
 
 struct BulletBroadphase::Impl {
-  Impl(const BroadPhase::Config& config, btOverlappingPairCache* users_cache)
+  Impl(const Config& config, btOverlappingPairCache* users_cache)
       : pairs(users_cache, pool), search(config, pairs.cache(), pool, reports) {}
 
   void calculate(btDispatcher* dispatcher) {
@@ -75,8 +109,9 @@ struct BulletBroadphase::Impl {
   bool are_pairs_added_at_once = false;
 };
 
-BulletBroadphase::BulletBroadphase(const BroadPhase::Config& config, btOverlappingPairCache* cache)
-    : impl_(std::make_unique<Impl>(config, cache)) {}
+BulletBroadphase::BulletBroadphase(const Config& config, btOverlappingPairCache* cache,
+                                   const detail::BulletAbi& program)
+    : impl_(std::make_unique<Impl>(refuse_other_bullet(config, program), cache)) {}
 
 BulletBroadphase::~BulletBroadphase() = default;
 

@@ -34,6 +34,9 @@ unsigned hash_of(const Pair& pair) {
 /// An algorithm for two convex shapes, and the start of any other.
 constexpr std::size_t algorithm_bytes = 128;
 
+/// Up to this many pairs, looking at all of them takes less time than making lists.
+constexpr int few_pairs = 32;
+
 /// Proxies that are not the adapter's may have any id; if there is no list for it, all pairs are looked at.
 bool has_list(int id) {
   constexpr int end = 1 << 24;
@@ -195,6 +198,7 @@ void PairCache::prefetch_contacts(btCollisionAlgorithm& algorithm) {
 
 std::optional<std::vector<int>> PairCache::indices_of(btBroadphaseProxy& proxy) {
   if (!has_list(proxy.getUid())) return std::nullopt;
+  if (!is_listed_ && getNumOverlappingPairs() <= few_pairs) return std::nullopt;
   try {
     bring_lists_up_to_date();
     return listed_indices_of(proxy);

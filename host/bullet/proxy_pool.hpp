@@ -53,12 +53,11 @@ class ProxyPool {
   void for_each_written(Function&& function) const {
     for (std::size_t c = 0; c < chunks_.size(); ++c) {
       Chunk& chunk = *chunks_[c];
+      // The processor's own prefetching does not look far enough ahead.
       const Chunk& next = *chunks_[std::min(c + 1, chunks_.size() - 1)];
       for (std::size_t k = 0; k < chunk_size; ++k) {
-        // The processor's own prefetching does not look far enough ahead.
-        const Chunk& later = k + ahead < chunk_size ? chunk : next;
-        prefetch(&later.proxies[(k + ahead) % chunk_size]);
-        if (k % 8 == 0) prefetch(&later.seen[(k + ahead) % chunk_size]);
+        prefetch(&next.proxies[k]);
+        if (k % 8 == 0) prefetch(&next.seen[k]);
         Proxy& proxy = chunk.proxies[k];
         if (masks_of(proxy) == chunk.seen[k] || !proxy.is_live()) continue;
         chunk.seen[k] = masks_of(proxy);
@@ -95,8 +94,7 @@ class ProxyPool {
   [[nodiscard]] bool is_any_changed() const noexcept { return last_change_ == next_calculation_; }
 
  private:
-  static constexpr std::size_t chunk_size = 256;
-  static constexpr std::size_t ahead = 64;  // proxies to prefetch
+  static constexpr std::size_t chunk_size = 64;
   struct Chunk {
     std::array<Proxy, chunk_size> proxies;
     std::array<Masks, chunk_size> seen;

@@ -14,6 +14,10 @@ namespace {
 /// Removing a box from the tree and inserting it again costs as much as scanning this many boxes.
 constexpr std::size_t scans_per_update = 50;
 
+/// Building the tree anew costs 10 to 25 scans per box. But a frame with some queries mostly has many, and a
+/// btDbvtBroadphase has paid more before the first one.
+constexpr std::size_t scans_per_rebuilt_box = 5;
+
 /// If leaves that are inserted lie deeper than this on average, many boxes are equal.
 constexpr std::size_t most_depth = 64;
 
@@ -118,7 +122,7 @@ bool QueryTree::is_current() {
     pool_.for_each([this](const Proxy& proxy) { touch(proxy.id()); });
   }
   scanned_ += pool_.slots();
-  if (!is_in_use_ || scanned_ < scans_per_update * stale_.size()) return false;
+  if (!is_in_use_ || scanned_ < scans_before_update()) return false;
   try {
     update();
   } catch (const std::bad_alloc&) {
@@ -129,8 +133,16 @@ bool QueryTree::is_current() {
   return true;
 }
 
+bool QueryTree::must_rebuild() const noexcept {
+  return 2 * stale_.size() > static_cast<std::size_t>(tree_.m_leaves);
+}
+
+std::size_t QueryTree::scans_before_update() const noexcept {
+  return must_rebuild() ? scans_per_rebuilt_box * nodes_.size() : scans_per_update * stale_.size();
+}
+
 void QueryTree::update() {
-  if (2 * stale_.size() > static_cast<std::size_t>(tree_.m_leaves)) {
+  if (must_rebuild()) {
     rebuild();
     return;
   }

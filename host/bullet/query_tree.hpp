@@ -16,7 +16,8 @@
 namespace broadcl {
 
 /// Answers ray and box queries with a tree of the proxies' boxes, which is updated only if that pays off:
-/// queries scan all proxies until the scans of a frame have cost about as much as an update of the tree.
+/// queries scan all proxies until the scans of a frame have cost about as much as an update of the tree, or
+/// less if the tree has to be built anew.
 ///
 /// Queries may run in several threads at the same time, and within one another, but not at the same time as
 /// other functions. Empty boxes are never found. If there is no memory for the tree, queries scan.
@@ -58,6 +59,10 @@ class QueryTree {
   /// Counts a query, and updates the tree if that pays off. Returns whether the tree is up to date.
   bool is_current();
   void update();
+  /// Whether so many boxes are new or have moved that the update builds the tree anew.
+  [[nodiscard]] bool must_rebuild() const noexcept;
+  /// How many proxies the queries of a frame scan before the tree is updated.
+  [[nodiscard]] std::size_t scans_before_update() const noexcept;
   /// Much faster than to remove and insert all boxes, and balanced.
   void rebuild();
   /// Discards the tree because memory is exhausted: the next query starts with an empty one.

@@ -1,7 +1,7 @@
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <array>
-#include <broadcl/config.hpp>
+#include <broadcl/algorithms.hpp>
 #include <broadcl/device.hpp>
 #include <broadcl/error.hpp>
 #include <iostream>

@@ -5,6 +5,7 @@
 #include <BulletCollision/BroadphaseCollision/btOverlappingPairCache.h>
 #include <BulletDynamics/Dynamics/btDiscreteDynamicsWorld.h>
 
+#include <broadcl/broad_phase.hpp>
 #include <broadcl/bullet.hpp>
 #include <memory>
 #include <span>

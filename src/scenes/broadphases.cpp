@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <array>
+#include <broadcl/algorithms.hpp>
 #include <broadcl/bullet.hpp>
 
 namespace broadcl::scenes {
@@ -104,11 +105,10 @@ std::unique_ptr<btBroadphaseInterface> make_broadphase(const BroadphaseConfig& c
                                  [&](const BulletRow& own) { return own.name == config.name; });
   if (row != bullet_rows.end()) return row->make(config);
   const std::string name = find_broadphase(config.name).name;
-  return std::make_unique<BulletBroadphase>(
-      BroadPhase::Config{.device = config.device,
-                         .algorithm = std::string(without_culling(name)),
-                         .profile = config.profile,
-                         .on_compile = config.on_compile});
+  return std::make_unique<BulletBroadphase>(Config{.device = config.device,
+                                                   .algorithm = std::string(without_culling(name)),
+                                                   .profile = config.profile,
+                                                   .on_compile = config.on_compile});
 }
 
 }  // namespace broadcl::scenes
