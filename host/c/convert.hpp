@@ -7,8 +7,8 @@
 
 #include <broadcl/broadcl.h>
 #include <broadcl/aabb.hpp>
-#include <broadcl/box_view.hpp>
 #include <broadcl/algorithms.hpp>
+#include <broadcl/box_view.hpp>
 #include <broadcl/config.hpp>
 #include <broadcl/device.hpp>
 #include <broadcl/filter.hpp>
