@@ -158,27 +158,39 @@ TEST_F(EarlySearch, IsRepeatedIfABoxComesOutOfNothing) {
   EXPECT_EQ(advance(true), Searched::again);
 }
 
-TEST_F(EarlySearch, MakesRoomForNearPairs) {
-  // All are near each other in each frame, and each overlaps a quarter of the others, more and more of them
-  // new.
-  constexpr std::uint32_t n = 600;
+/// Boxes that are all near each other in each frame. Each overlaps a quarter of the others, more and more of
+/// them new.
+std::vector<Aabb> crowd(std::uint32_t n, std::uint32_t frame) {
   std::vector<Aabb> boxes(n);
-  const auto advance = [&](std::uint32_t frame) {
-    for (std::uint32_t k = 0; k < n; ++k) {
-      const std::uint32_t place = (k + frame * (k % 2)) % n / (n / 4);
-      const auto x = static_cast<float>(place);
-      boxes[k] = {{x, 0, static_cast<float>(frame % 2)}, {x + 0.5F, 1, static_cast<float>(frame % 2)}};
-    }
-    return std::span<const Aabb>(boxes);
-  };
-  start(advance(0), make_early_tiles_in_one_order);
+  const auto z = static_cast<float>(frame % 2);
+  for (std::uint32_t k = 0; k < n; ++k) {
+    const std::uint32_t place = (k + frame * (k % 2)) % n / (n / 4);
+    const auto x = static_cast<float>(place);
+    boxes[k] = {{x, 0, z}, {x + 0.5F, 1, z}};
+  }
+  return boxes;
+}
+
+TEST_F(EarlySearch, MakesRoomForNearPairs) {
+  constexpr std::uint32_t n = 600;
+  start(crowd(n, 0), make_early_tiles_in_one_order);
   std::size_t again = 0;
   Searched last = Searched::late;
   for (std::uint32_t frame = 1; frame < 40 && last != Searched::early; ++frame) {
-    last = play(advance(frame));
+    last = play(crowd(n, frame));
     again += last == Searched::again ? 1U : 0U;
   }
   EXPECT_GE(again, 1U);
+  EXPECT_EQ(last, Searched::early);
+}
+
+/// More near pairs than a work-group tests at a time, with the fewest boxes.
+ALSO_IN(oclgrind_gpu_profile);
+TEST_F(EarlySearch, SmallCrowdsHaveManyNearPairs) {
+  constexpr std::uint32_t n = 60;
+  start(crowd(n, 0), make_early_tiles_in_one_order);
+  Searched last = Searched::late;
+  for (std::uint32_t frame = 1; frame < 10 && last != Searched::early; ++frame) last = play(crowd(n, frame));
   EXPECT_EQ(last, Searched::early);
 }
 
