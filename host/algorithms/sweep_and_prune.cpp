@@ -101,8 +101,9 @@ void split(std::span<Centre<axes>> centres, std::size_t first, std::size_t threa
 
 /// The number without those of its last bits that a float cannot represent, so that no rounding mode matters.
 float exact(std::uint32_t number) {
-  constexpr unsigned digits = std::numeric_limits<float>::digits;
-  const unsigned lost = std::max<unsigned>(std::bit_width(number), digits) - digits;
+  constexpr int digits = std::numeric_limits<float>::digits;
+  const int lost =
+      std::max(std::numeric_limits<std::uint32_t>::digits - std::countl_zero(number), digits) - digits;
   return static_cast<float>(number >> lost << lost);
 }
 
