@@ -90,14 +90,14 @@ class DevicePlayer {
   }
 
  private:
-  struct Given {
+  struct Given {  // NOLINT(bugprone-exception-escape): handles do not throw when moved
     cl::Buffer boxes, second, filters;
     DeviceBroadPhase::Boxes arguments;
     std::size_t invalid = 0;
     std::optional<std::uint32_t> first_invalid;
   };
   /// An update that nobody has waited for.
-  struct Enqueued {
+  struct Enqueued {  // NOLINT(bugprone-exception-escape): as above
     Given given;
     cl::Buffer added, removed, counts;
     std::array<std::uint32_t, 4> expected_counts;
