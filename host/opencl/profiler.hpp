@@ -51,7 +51,7 @@ class Profiler {
   bool device_times_;
   std::chrono::steady_clock::time_point begin_ = std::chrono::steady_clock::now();
   std::vector<Stage> stages_;
-  struct Command {
+  struct Command {  // NOLINT(bugprone-exception-escape): handles do not throw when moved
     std::size_t stage;
     cl::Event event;  // null if it was not enqueued
   };
