@@ -174,7 +174,8 @@ TEST(HostMemory, IsAsDocumented) {
   }
   EXPECT_TRUE(holds_in_child([&] {
     constexpr std::uint32_t n = 8000;
-    constexpr auto pairs = static_cast<double>(n * (n - 1) / 2);
+    constexpr std::uint32_t count = n * (n - 1) / 2;
+    constexpr double pairs = count;
     BroadPhase broad_phase(config);
     for (std::uint32_t k = 0; k < n; ++k) broad_phase.add(apart(k));
     (void)broad_phase.update();
