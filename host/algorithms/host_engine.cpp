@@ -19,7 +19,7 @@ namespace {
 constexpr std::size_t pairs_per_search = 256;
 
 /// The smallest capacity, so that the first boxes do not each allocate.
-constexpr std::size_t least_slots = 16;
+constexpr std::size_t least_boxes = 16;
 
 class HostEngine final : public Algorithm {
  public:
@@ -27,7 +27,7 @@ class HostEngine final : public Algorithm {
 
   void reserve(std::size_t slots, bool /*filters*/) override {
     if (slots <= boxes_->size()) return;
-    auto larger = std::make_shared<std::vector<Aabb>>(std::max({slots, boxes_->size() * 3 / 2, least_slots}),
+    auto larger = std::make_shared<std::vector<Aabb>>(std::max({slots, boxes_->size() * 3 / 2, least_boxes}),
                                                       packed_empty());
     std::ranges::copy(*boxes_, larger->begin());
     boxes_ = std::move(larger);
