@@ -156,7 +156,7 @@ Filter filter_of(FilterKind kind, unsigned number) {
   constexpr std::array groups{1U, 2U, 3U, 0x80000000U, 0U};
   constexpr std::array masks{0xffffffffU, 1U, 2U, 0x80000001U};
   constexpr std::array bodies{Filter::no_body, 0U, 1U};
-  constexpr std::array worlds{0U, 1U, 2U, 1U << 30U, Filter::all_worlds};
+  constexpr std::array worlds{0U, 1U, 2U, (1U << 30U) + 1, Filter::all_worlds};
   const bool sets = kind == FilterKind::sets || kind == FilterKind::sets_of_worlds;
   const bool all = kind == FilterKind::all;
   Filter filter;

@@ -26,6 +26,7 @@
 #include "pretender.hpp"
 #include "random_scripts.hpp"
 #include "reference.hpp"
+#include "rounding.hpp"
 #include "test_name.hpp"
 
 namespace broadcl::test {
@@ -38,7 +39,9 @@ class CorePlayer {
  public:
   CorePlayer(Subject& subject, const CoreScript& script) : subject_(subject), script_(script) {}
 
+  /// In a rounding mode that depends on the operation.
   void apply(const CoreOp& op) {
+    const ScopedRounding rounding(rounding_modes.at(op.which % rounding_modes.size()));
     const std::vector<std::uint32_t> ids = reference_.ids();
     switch (op.verb) {
       case CoreVerb::add:
