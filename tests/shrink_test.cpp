@@ -93,10 +93,9 @@ TEST_P(EachAlgorithm, ShrinkGivesMemoryBackAndChangesNothingElse) {
 
 #ifdef __GLIBC__
 NOT_IN(sanitizers, "which keep freed memory");
-TEST_P(EachAlgorithm, OfTheHostGivesMemoryBackToTheSystem) {
-  if (GetParam().on_device) GTEST_SKIP() << "measured by BroadPhase::memory()";
+TEST(HostMemory, IsGivenBackToTheSystem) {
   EXPECT_TRUE(holds_in_child([] {  // where no other thread allocates
-    BroadPhase broad_phase(config());
+    BroadPhase broad_phase({.algorithm = "sweep-and-prune"});
     do_spike(broad_phase, 100);
     broad_phase.shrink();
     const std::size_t before = ProcessMemory::now().resident;
@@ -109,14 +108,12 @@ TEST_P(EachAlgorithm, OfTheHostGivesMemoryBackToTheSystem) {
 #endif
 
 NOT_IN(sanitizers, "which need addresses");
-TEST_P(EachAlgorithm, OfTheHostRecoversFromARealShortageOfMemory) {
-  if (GetParam().on_device) GTEST_SKIP() << "drivers have their own memory";
+TEST(HostMemory, SufficesAgainAfterARealShortage) {
   EXPECT_TRUE(holds_in_child([] {
     constexpr std::uint32_t n = 40'000;
     limit_memory(std::size_t{1} << 30U);
-    BroadPhase::Config two_threads = config();
-    two_threads.threads = 2;  // each has 64 MB of addresses for itself
-    BroadPhase broad_phase(two_threads);
+    // Each thread has 64 MB of addresses for itself.
+    BroadPhase broad_phase({.algorithm = "sweep-and-prune", .threads = 2});
     for (std::uint32_t id = 0; id < n; ++id) broad_phase.add(apart(id));
     for (int k = 0; k < 2; ++k) {
       for (std::uint32_t id = 0; id < n; ++id) broad_phase.move(id, unit);
