@@ -44,7 +44,7 @@ template <class Scalar>
 [[nodiscard]] BoxCorners<Scalar> corners_of(const BoxSpec& spec) {
   constexpr Scalar unbounded = std::numeric_limits<Scalar>::infinity();
   constexpr Scalar nan = std::numeric_limits<Scalar>::quiet_NaN();
-  constexpr auto largest = Scalar{std::numeric_limits<float>::max()};
+  constexpr auto greatest = Scalar{std::numeric_limits<float>::max()};
   const Scalar parts = spec.shape == Shape::thirds ? 3 : 2;
   BoxCorners<Scalar> box;
   for (std::size_t axis = 0; axis < 3; ++axis) {
