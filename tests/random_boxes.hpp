@@ -74,7 +74,7 @@ template <class Scalar>
       break;
     }
     case Shape::largest:
-      all(largest);
+      all(greatest);
       break;
     case Shape::everywhere:
       all(unbounded);
@@ -89,7 +89,7 @@ template <class Scalar>
       lower = upper + 1;
       break;
     case Shape::inside_out:
-      all(-largest);
+      all(-greatest);
       break;
     case Shape::nan_lower:
       lower = nan;
