@@ -72,6 +72,7 @@ class GpuBf final : public Algorithm {
       objects_ = std::move(objects);
       previous_ = std::move(previous);
       current_ = {};
+      read_ = {};  // for an event may own the buffer of its command
       opencl::wait_if_possible(context_.queue());
     });
     lists_.clear();
