@@ -47,8 +47,8 @@ void usage() {
       "(default);\n"
       "                   random: on any rank\n"
       "  --algorithm A    as broadcl::Config has it (auto)\n"
-      "  --device D       likewise; by default the ranks of a host share its GPUs\n"
-      "  --threads N      of each rank; by default the ranks of a host share its processors\n"
+      "  --device D       likewise; by default the ranks of a node share its GPUs\n"
+      "  --threads N      of each rank; by default the ranks of a node share its processors\n"
       "  --check          compares changes with those of one BroadPhase that rank 0 has on the host\n"
       "  --plain          one rank, with a BroadPhase and without the layer for MPI, to compare with\n"
       "  --profile        the stages of an update on each rank");

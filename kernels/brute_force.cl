@@ -13,10 +13,10 @@
    whether it also does so in other operations than arithmetic may differ from one to the next. */
 
 #ifndef GROUP
-#define GROUP 32 /* work-items per work-group; 1 with the tuning profile for CPUs: rows are not copied then */
+#define GROUP 32 /* work-items per work-group; 1 with the tuning for CPUs: rows are not copied then */
 #endif
 #ifndef WIDTH
-#define WIDTH 4 /* boxes of a work-item; 16 with the tuning profile for CPUs */
+#define WIDTH 4 /* boxes of a work-item; 16 with the tuning for CPUs */
 #endif
 #ifndef GATHER
 #define GATHER 0 /* 1 if `boxes` are the caller's, which are copied to `copy` */

@@ -1,7 +1,7 @@
 /* Keeps the pairs of the last frame that are still pairs, and collects the others: keep.h. */
 
 #ifndef GROUP
-#define GROUP 256 /* work-items per work-group; 1 with the tuning profile for CPUs */
+#define GROUP 256 /* work-items per work-group; 1 with the tuning for CPUs */
 #endif
 #ifndef CHUNK
 #define CHUNK 4 /* pairs per work-item */

@@ -12,7 +12,7 @@
 #include "filter.h"
 
 #ifndef GROUP
-#define GROUP 32 /* one work-item per child, 32 or 64; 1 with the tuning profile for CPUs: it handles all children */
+#define GROUP 32 /* one work-item per child, 32 or 64; 1 with the tuning for CPUs: it handles all children */
 #endif
 #if GROUP > 1
 #define WIDTH 4 /* vectors take registers there */

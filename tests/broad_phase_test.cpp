@@ -50,7 +50,7 @@ TEST_P(EachAlgorithm, EveryPairIsFoundAlone) {
 }
 
 /// All small sizes, and those next to multiples of the number of boxes that kernels process at once.
-NOT_IN(gpu_profile | sanitizers, "takes long, and rusticl has this tuning profile");
+NOT_IN(gpu_profile | sanitizers, "takes long, and rusticl has this tuning");
 TEST_P(EachAlgorithm, SizesToAHundredAgreeWithTheOracle) {
   for (std::uint32_t n = 0; n <= 100; ++n) {
     if (n > 20 && (n + 1) % 16 > 2) continue;

@@ -308,7 +308,7 @@ std::vector<AlgorithmInfo> device_algorithms() {
   return result;
 }
 
-// Only a few, because they run with every tuning profile, device and sanitizer.
+// Only a few, because they run with every tuning, device and sanitizer.
 TEST_P(EachAlgorithm, SomeRandomCallsByBullet) {
   play(std::string(GetParam().name), is_slow() ? 400 : 2000, test::seed_of_ci);
 }

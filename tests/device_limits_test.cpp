@@ -138,7 +138,7 @@ TEST_P(OnLimitedDevice, DenormalNumbersAreNotZerosEvenIfTheDeviceTakesThemForTha
 INSTANTIATE_TEST_SUITE_P(Device, OnLimitedDevice, ::testing::Values("brute-force", "tiles", "gpu-bf"),
                          named_by_parameter);
 
-/// Chooses the tuning profile by what the device reports, whatever the environment says.
+/// Chooses the tuning by what the device reports, whatever the environment says.
 class LimitedDevice : public ::testing::Test {
   ScopedVariable tuning_{"BROADCL_TUNING", ""};
 };

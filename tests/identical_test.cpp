@@ -134,7 +134,7 @@ class IdenticalRun : public testing::TestWithParam<Parameters> {
   }
 };
 
-/// The tuning profiles that a device can use. If there are few work-items, llvmpipe ends them too early
+/// The tunings that a device can use. If there are few work-items, llvmpipe ends them too early
 /// (host/opencl/context.cpp).
 std::vector<std::string> profiles_for(const Device& device) {
   if (device.name.find("llvmpipe") != std::string::npos) return {"gpu"};

@@ -481,7 +481,7 @@ TEST(LateKernel, OfASearchOfTwoSetsRunsInSmallWorkGroups) {
   }
 }
 
-/// The environment names the tuning profile, or the device does not run the kernel at all.
+/// The environment names the tuning, or the device does not run the kernel at all.
 TEST(LateKernel, ThatCannotRunIsRefusedAndNothingIsLost) {
   const ForAnyDevice any;
   const auto expect_refusal = [](const std::string& tuning, std::size_t most, const std::string& remedy) {

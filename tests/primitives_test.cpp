@@ -28,7 +28,7 @@ using Element = std::uint64_t;  // RadixSort::Bits numbers its bits
 using ::testing::HasSubstr;
 using Keys = RadixSort::Keys;
 
-/// Runs a test with the kernels of each tuning profile, but not with few work-items on llvmpipe, which ends
+/// Runs a test with the kernels of each tuning, but not with few work-items on llvmpipe, which ends
 /// them too early (host/opencl/context.cpp).
 void with_both_profiles(const std::function<void(const Context&)>& test) {
   for (const std::string profile : {"cpu", "gpu"}) {
@@ -111,7 +111,7 @@ void expect_sorted(const Context& context, RadixSort& sort, std::vector<Element>
       << "element " << wrong.first - elements.begin() << " is " << *wrong.second;
 }
 
-/// Runs a test with the kernels of each tuning profile, with that for GPUs both as it is and without the
+/// Runs a test with the kernels of each tuning, with that for GPUs both as it is and without the
 /// launches for few elements.
 void with_each_sort(const std::function<void(const Context&, RadixSort&)>& test) {
   with_both_profiles([&](const Context& context) {
@@ -165,7 +165,7 @@ TEST(Scan, SmallListsOfEachSize) {
   });
 }
 
-/// The fewest values that need several blocks, with each profile.
+/// The fewest values that need several blocks, with each tuning.
 ALSO_IN(oclgrind | oclgrind_gpu_profile);
 TEST(Scan, SmallestListsOfSeveralBlocks) {
   with_both_profiles([](const Context& context) {

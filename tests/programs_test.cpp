@@ -25,7 +25,7 @@ namespace {
 /// File names, with options.
 using Programs = std::set<std::string>;
 
-/// The programs that kernels/programs.txt lists for a tuning profile.
+/// The programs that kernels/programs.txt lists for a tuning.
 Programs listed_programs(const std::string& profile) {
   Programs programs;
   std::ifstream file(BROADCL_KERNEL_FOLDER "/programs.txt");

@@ -119,7 +119,7 @@ TEST_P(EachAlgorithm, SmallSpecialBoundsAgreeWithTheOracle) {
     expect_oracle(special_boxes(90, seed), std::to_string(seed));
 }
 
-NOT_IN(gpu_profile | sanitizers, "takes long, and rusticl has this tuning profile");
+NOT_IN(gpu_profile | sanitizers, "takes long, and rusticl has this tuning");
 TEST_P(EachAlgorithm, ManySpecialBoundsAgreeWithTheOracle) {
   const std::uint32_t draws = is_slow() ? 5 : 20;
   for (std::uint32_t seed = 1; seed <= draws; ++seed) {
@@ -252,7 +252,7 @@ TEST(BruteForce, AHundredThousandBoxes) {
   EXPECT_TRUE(same("few moved", broad_phase.pairs(), sweep(moved)));
 }
 
-/// More tests than a launch has at once with the tuning profile for CPUs: host/algorithms/row_launch.hpp.
+/// More tests than a launch has at once with the tuning for CPUs: host/algorithms/row_launch.hpp.
 NOT_IN(gpu_profile | rusticl | sanitizers, "takes long");
 TEST(BruteForce, SeveralLaunchesFindEachPairOnce) {
   if (is_slow_device()) GTEST_SKIP() << "takes minutes on this device";
@@ -354,7 +354,7 @@ void expect_all_pairs_to_go_and_come(const BroadPhase::Config& config, std::uint
   EXPECT_TRUE(has_all_pairs(broad_phase.pairs(), n));
 }
 
-/// With either tuning profile, more changes than are sorted by comparing each with every other.
+/// With either tuning, more changes than are sorted by comparing each with every other.
 ALSO_IN(oclgrind | oclgrind_gpu_profile);
 TEST_P(EachAlgorithm, SmallEveryPairOfAHundredGoesAndComes) {
   expect_all_pairs_to_go_and_come(config(), 100);

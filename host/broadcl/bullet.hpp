@@ -132,7 +132,7 @@ class BROADCL_BULLET_API BulletBroadphase : public btBroadphaseInterface {
 
   /// Starts the next calculation on the device with the current boxes, and returns at once. If proxies are
   /// changed, created or destroyed before calculateOverlappingPairs(), that does a second update; its result
-  /// is always the same as without begin(). No-op if a calculation was started already. In a dynamics world,
+  /// is always the same as without begin(). No-op if a calculation was started already. In a btDynamicsWorld,
   /// stepSimulation() changes the boxes of moving bodies before it calculates, so begin() gains nothing,
   /// unless btDispatcherInfo::m_useContinuous is false. On the host, it gains nothing either.
   void begin();
@@ -163,17 +163,17 @@ class BROADCL_BULLET_API BulletBroadphase : public btBroadphaseInterface {
   /// Culled shapes are btBoxShape, btSphereShape, btCapsuleShape, btCylinderShape, btConeShape,
   /// btMultiSphereShape and btConvexHullShape. Pairs with another shape, with a user's class derived from one
   /// of these, with a shape that is smaller than its margin or that has polyhedral features, with a kinematic
-  /// object, or with an object that is not in the world are never skipped; nor is any pair if dispatching is
-  /// continuous (btDispatcherInfo::DISPATCH_CONTINUOUS). Do not use this with your own collision algorithms
-  /// if they make contacts at a larger distance than gContactBreakingThreshold allows.
+  /// object, or with an object that is not in the Bullet world are never skipped; nor is any pair if
+  /// dispatching is continuous (btDispatcherInfo::DISPATCH_CONTINUOUS). Do not use this with your own
+  /// collision algorithms if they make contacts at a larger distance than gContactBreakingThreshold allows.
   ///
   /// Shapes and transforms are read once per dispatch, so a near callback must not move objects. If you
   /// shrink a shape or lower gContactBreakingThreshold, a pair that was skipped may get its first contact at
   /// a smaller distance than without culling, since its manifold would have kept the old threshold then.
-  /// @param world The world whose objects are culled; null, the default, for none. Not owned: call this with
-  /// null before the world is destroyed, if this object is used afterwards.
-  /// @throws Error if this object does not control the dispatch: it was given a pair cache, the world has
-  /// another broad phase, or its dispatcher is a btCollisionDispatcherMt.
+  /// @param world The Bullet world whose objects are culled; null, the default, for none. Not owned: call
+  /// this with null before it is destroyed, if this object is used afterwards.
+  /// @throws Error if this object does not control the dispatch: it was given a pair cache, or the Bullet
+  /// world has another broad phase, or its dispatcher is a btCollisionDispatcherMt.
   void set_shape_culling(const btCollisionWorld* world);
 
   /// @param handler Called with one line that says what is wrong with a proxy, the device or memory. Must not

@@ -17,7 +17,7 @@ struct Device;
 using CompileHandler = std::function<void(const Device& device, const std::string& cache_folder)>;
 
 /// How an object of this library works: which device and which algorithm it uses, and what it measures. A
-/// plain value, read once when the object is made.
+/// plain value, read once when the object is created.
 struct Config {
   /// A selector as for select_device(); not used by an algorithm of the host.
   std::string device{};
@@ -25,15 +25,15 @@ struct Config {
   /// The name of a row of algorithms().
   ///
   /// The default works on the host or on a GPU, whichever is expected to be faster. It starts on the host.
-  /// Once updates take more than 0.1 ms each, 10 ms in all, it opens the best GPU, if there is any, in a
-  /// background thread; a GPU that is named, here or by BROADCL_DEVICE, from 0.03 and 3 ms on. Updates
-  /// continue on the host until its kernels are built. The destructor waits for that thread. If a GPU that is
-  /// named cannot be opened, the next update throws that error; if a GPU fails later, that is an error, too.
-  /// All further updates are then done on the host, unless the pairs can no longer be read from the GPU. The
-  /// thread reads environment variables: set none while an object works that may open a GPU.
+  /// Once updates take long (docs/choosing.md), it opens the best GPU, or the one that is named, here or by
+  /// BROADCL_DEVICE, in a background thread. Updates continue on the host until its kernels are built. The
+  /// destructor waits for that thread. If a GPU that is named cannot be opened, the next update throws that
+  /// error; if a GPU fails later, that is an error, too. All further updates are then done on the host,
+  /// unless the pairs can no longer be read from the GPU. The thread reads environment variables: set none
+  /// while an object works that may open a GPU.
   ///
-  /// If a CPU is named, it is opened when the object is made, and does all updates, although the host would
-  /// be faster.
+  /// If a CPU is named, it is opened when the object is created, and does all updates, although the host
+  /// would be faster.
   std::string algorithm = "auto";
 
   /// Number of threads that an algorithm of the host may use, including the caller's; 0 for one per

@@ -87,7 +87,7 @@ class BROADCL_MPI_API MpiBroadPhase {
 
   /// Collective. Opens this rank's device: see mpi_device().
   /// @param comm Duplicated.
-  /// @param config For this rank; ranks may differ. If Config::threads is 0, the ranks of a host share its
+  /// @param config For this rank; ranks may differ. If Config::threads is 0, the ranks of a node share its
   /// processors.
   /// @throws Error as BroadPhase does.
   explicit MpiBroadPhase(MPI_Comm comm, const Config& config = Config());
@@ -158,8 +158,8 @@ class BROADCL_MPI_API MpiBroadPhase {
   std::unique_ptr<Impl> impl_;
 };
 
-/// Collective. A selector for Config::device that distributes the GPUs of a host among its ranks in turn.
-/// These are the GPUs of one platform, that of select_device("gpu"). Empty if the host has no GPU, or if
+/// Collective. A selector for Config::device that distributes the GPUs of a node among its ranks in turn.
+/// These are the GPUs of one platform, that of select_device("gpu"). Empty if the node has no GPU, or if
 /// BROADCL_DEVICE names a device.
 /// @throws Error on all ranks if OpenCL fails on one.
 [[nodiscard]] BROADCL_MPI_API std::string mpi_device(MPI_Comm comm);

@@ -89,7 +89,7 @@ struct BulletBroadphase::Impl {
       throw Error("shape culling needs the broad phase's own pair cache; pass no cache to its constructor");
     }
     if (world->getBroadphase() != &self) {
-      throw Error("the world for shape culling has another broad phase; pass the world that has this one");
+      throw Error("the Bullet world for shape culling has another broad phase; pass the one that has this");
     }
     if (dynamic_cast<const btCollisionDispatcherMt*>(world->getDispatcher()) != nullptr) {
       throw Error(

@@ -29,7 +29,7 @@ std::size_t largest_group(const cl::Device& device) {
                   device.getInfo<CL_DEVICE_MAX_WORK_ITEM_SIZES>().front());
 }
 
-/// The tuning profile that the environment names, if any.
+/// The tuning that the environment names, if any.
 std::optional<Tuning> named_tuning() {
   const auto name = environment("BROADCL_TUNING");
   if (!name) return std::nullopt;

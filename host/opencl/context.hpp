@@ -23,7 +23,7 @@
 
 namespace broadcl::opencl {
 
-/// The tuning profile of kernels: many small work-items that share local memory (gpu), the same on a GPU that
+/// The tuning of kernels: many small work-items that share local memory (gpu), the same on a GPU that
 /// runs 64 of them in step (gpu64), or few work-items that each do a lot of work (cpu).
 enum class Tuning { gpu, gpu64, cpu };
 
@@ -31,7 +31,7 @@ enum class Tuning { gpu, gpu64, cpu };
 [[nodiscard]] std::string_view to_string(Tuning tuning) noexcept;
 
 /// The device runs a kernel only in smaller work-groups, or has too little local memory for large ones, and
-/// nobody named the tuning profile with such large ones: what the kernel is for works with the launch
+/// nobody named the tuning with such large ones: what the kernel is for works with the launch
 /// parameters for CPUs, which have work-groups of one.
 class GroupTooLarge : public Error {
  public:
@@ -43,7 +43,7 @@ class Context {
  public:
   /// @param profile Whether the queue records device times.
   /// @param on_compile Called before the first program is built from its source.
-  /// @param tuning In place of the profile that suits the device.
+  /// @param tuning In place of the tuning that suits the device.
   /// @throws Error naming the device.
   Context(Device device, bool profile, CompileHandler on_compile = {},
           std::optional<Tuning> tuning = std::nullopt);
@@ -65,7 +65,7 @@ class Context {
   /// Another in-order queue with the same properties. Its owner has to wait for it: guard() does not.
   /// @throws cl::Error
   [[nodiscard]] cl::CommandQueue second_queue() const;
-  /// The tuning profile. The environment variable BROADCL_TUNING overrides it, so that each profile can be
+  /// The tuning. The environment variable BROADCL_TUNING overrides it, so that each tuning can be
   /// tested on any device.
   [[nodiscard]] Tuning tuning() const noexcept { return tuning_; }
 
@@ -195,8 +195,8 @@ class Context {
 };
 
 /// Makes an object that works on a device. If the device runs a kernel only in smaller work-groups, for
-/// instance because it has too few registers, makes the object again with the tuning profile for CPUs.
-/// @param make Called with the profile, if any, for the constructor of a Context.
+/// instance because it has too few registers, makes the object again with the tuning for CPUs.
+/// @param make Called with the tuning, if any, for the constructor of a Context.
 /// @throws Exceptions of `make`.
 template <class Make>
 auto make_tuned(const Make& make) {

@@ -15,7 +15,7 @@ namespace broadcl::opencl {
   return context.tuning() == Tuning::cpu ? 1 : 256;
 }
 
-/// Elements that a work-group sorts in local memory, with the tuning profile for GPUs; with both profiles the
+/// Elements that a work-group sorts in local memory, with the tuning for GPUs; with both tunings the
 /// length of a block to sort is a multiple of it. A power of two.
 constexpr std::size_t sort_tile = 4096;
 constexpr unsigned digit_bits = 8;  // of a pass of a sort, at most

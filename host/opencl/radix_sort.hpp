@@ -65,7 +65,7 @@ class RadixSort {
   std::size_t most_few_;
   Scan scan_;
   cl::Kernel count_, scatter_, small_;
-  cl::Kernel merge_;         // with the tuning profile for GPUs
+  cl::Kernel merge_;         // with the tuning for GPUs
   cl::Kernel buckets_;       // with that for CPUs
   cl::Buffer counts_;        // by digit, then by block
   cl_uint most_blocks_ = 0;  // blocks that counts_ has capacity for

@@ -84,11 +84,11 @@ Verb add_simulate(CLI::App& program) {
   add_number(*verb, "--seed", simulation.scenario.seed, std::uint64_t{0}, UINT64_MAX,
              "Seed of the random numbers");
   verb->add_flag("--spheres", simulation.scenario.spheres, "Spheres instead of cubes");
-  add_name(*verb, "--broadphase", simulation.broadphase, "The broad phase of the world; see below");
+  add_name(*verb, "--broadphase", simulation.broadphase, "The broad phase; see below");
   add_device(*verb, simulation.device);
   add_number(
       *verb, "--threads", simulation.threads, 1U, scenes::World::most_threads,
-      "Number of threads that simulate, in Bullet's classes for several; more than 1 needs a Bullet that "
+      "Number of threads that simulate, in Bullet's multithreaded classes; more than 1 needs a Bullet that "
       "was built with threads");
   add_file(*verb, "--csv", options->csv, "Write the times of each frame here");
   add_file(*verb, "--json", options->json, "Write the summary here");
