@@ -54,7 +54,7 @@ void check(const std::vector<std::byte>& previous, const std::vector<std::byte>&
 TEST(ByteMatrix, ChangesAreThoseOfTheSets) {
   std::mt19937 random(1);
   for (const double density : {0.0, 0.002, 0.3, 1.0}) {
-    for (const std::uint32_t n : {0U, 1U, 2U, 3U, 12U, 40U, 100U}) {
+    for (const std::uint32_t n : {0U, 1U, 2U, 3U, 12U, 16U, 40U, 100U}) {
       const auto previous = random_bytes(n, density, random);
       check(previous, previous, {});
       check(previous, random_bytes(n, density, random), {});
