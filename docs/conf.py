@@ -8,6 +8,7 @@ from pathlib import Path
 
 from docutils import nodes
 from sphinx import addnodes
+from sphinx.domains.c import CDomain
 from sphinx.domains.cpp import CPPDomain
 
 root = Path(__file__).resolve().parent.parent
@@ -76,12 +77,17 @@ def list_objects(app, doctree):
         signature["_toc_parts"], signature["_toc_name"] = parts, name.astext()
 
 
-def without_parameters(domain, objects=CPPDomain.get_objects):
-    """What the search finds in C++: not the parameters of each function."""
-    return (found for found in objects(domain) if found[2] != "functionParam")
+def searchable(get_objects):
+    """What the search finds in C and C++: first classes and functions, then members; no parameters."""
+    def found(domain):
+        for name, shown, kind, *place, _ in get_objects(domain):
+            if kind != "functionParam":
+                yield name, shown, kind, *place, 1 if name.count("::") > 1 or "." in name else 0
+    return found
 
 
-CPPDomain.get_objects = without_parameters
+CDomain.get_objects = searchable(CDomain.get_objects)
+CPPDomain.get_objects = searchable(CPPDomain.get_objects)
 
 # Files and folders of the repository that pages link to are shown on pages of the site, or copied if a browser can show them.
 languages = {".cl": "c", ".cpp": "cpp", ".h": "c", ".hpp": "cpp", ".md": "markdown", ".py": "python", ".txt": "text"}
