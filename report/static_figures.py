@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator
 
 from report.curves import figure_names, over_frames, over_objects, shown_objects
+from report.key_frames import top_speed
 from report.palette import styles_of
 from report.recording import FRAME_SECONDS, Recording
 from report.study import METRICS, Series, Study
@@ -137,9 +138,15 @@ def key_frames(recordings: list[Recording], images: dict[str, list[np.ndarray]])
         drawn = zip(row, recording.key_frames, images[recording.scenario])
         for k, (panel, frame, image) in enumerate(drawn):
             panel.imshow(image, interpolation="antialiased")
-            above = f"{recording.scenario}, {recording.objects:,} objects" if k == 0 else ""
-            below = f"frame {frame}, {frame * FRAME_SECONDS:.1f} s"
-            panel.set_title(f"{above}\n{below}", fontsize=8)
+            panel.set_title(f"\nframe {frame}, {frame * FRAME_SECONDS:.1f} s", fontsize=8)
+            if k == 0:
+                above = f"{recording.scenario}, {recording.objects:,} objects; speed"
+                above += f" from 0 (violet) to {top_speed(recording):.3g} m/s (yellow)"
+                # It reaches over the other columns.
+                title = panel.annotate(
+                    above, (0, 1), (0, 17), "axes fraction", "offset points", fontsize=8
+                )
+                title.set_in_layout(False)
             panel.set_axis_off()
     figure.tight_layout()
     return figure
