@@ -35,9 +35,20 @@ def _scenes() -> Iterator[np.ndarray]:
 def check(device: str | _core.Device | None = None) -> dict[str, str]:
     """Compares every algorithm on a device with the oracle, in scenes that often break broad phases, still and moving.
 
-    device: as for select_device(); None for the default device, or for the host's algorithms only if there is no device.
+    Parameters
+    ----------
+    device : str or Device, optional
+        A selector as for `select_device`. None for the default device, or for only the algorithms of the host if there is none.
 
-    Returns for each algorithm "right", or what is wrong. Raises Error if the named device does not exist.
+    Returns
+    -------
+    dict of str to str
+        For each algorithm ``"right"``, or what is wrong.
+
+    Raises
+    ------
+    Error
+        If the named device does not exist.
     """
     if device is not None or _core.devices():
         device = _core.select_device(device)

@@ -300,19 +300,18 @@ class Objects {
 
 // NOLINTNEXTLINE(readability-function-size): a table
 void add_broad_phase(nb::module_& module) {
-  nb::class_<Changes>(
-      module, "Delta",
-      "What changed between two updates: ``added, removed = broad_phase.update()``.\n\n"
-      "Apply ``removed`` first: if an object was removed and a new one got its id in between, the\n"
-      "same pair of ids may be in both. You may keep the arrays for as long as you like. Up to\n"
-      "2,048 pairs are a copy; a longer array is a view of the core's memory, which is not reused\n"
-      "as long as the array exists, and may be several times as large, so copy the arrays if you\n"
-      "keep those of many updates.")
+  nb::class_<Changes>(module, "Delta",
+                      R"(What changed between two updates: ``added, removed = broad_phase.update()``.
+
+Apply ``removed`` first: if an object was removed and a new one got its id in between, the same pair
+of ids may be in both. You may keep the arrays for as long as you like. Up to 2,048 pairs are a copy.
+A longer array is a view of the core's memory, which is not reused as long as the array exists, and
+may be several times as large; copy the arrays if you keep those of many updates.)")
       .def_ro("added", &Changes::added, nb::sig("def added(self) -> numpy.typing.NDArray[numpy.uint32]"),
-              "(m, 2) uint32: pairs that began to overlap, in canonical order.")
+              "``(m, 2)`` uint32: the pairs that began to overlap, in canonical order.")
       .def_ro("removed", &Changes::removed,
               nb::sig("def removed(self) -> numpy.typing.NDArray[numpy.uint32]"),
-              "(m, 2) uint32: pairs that ceased to overlap, in canonical order.")
+              "``(m, 2)`` uint32: the pairs that ceased to overlap, in canonical order.")
       .def(
           "__iter__",
           [](const Changes& changes) { return nb::iter(nb::make_tuple(changes.added, changes.removed)); },
@@ -323,20 +322,32 @@ void add_broad_phase(nb::module_& module) {
 
   nb::class_<Objects>(
       module, "BroadPhase",
-      "Holds a set of moving boxes and reports at each update() which pairs began and which ceased\n"
-      "to overlap.\n\n"
-      "The cost of an update depends on how much moved. A call that raises has changed nothing, except that "
-      "a\n"
-      "call with an array of ids may be done in part if memory runs out.\n\n"
-      "device: as for select_device(); with None, `algorithm` decides.\n"
-      "algorithm: a key of algorithms(). \"auto\" works on the host or on a GPU, whichever is\n"
-      "expected to be faster.\n"
-      "threads: number of threads that an algorithm of the host may use; 0 for one per processor.\n"
-      "profile: whether to measure stages on the device, too.\n\n"
-      "Only one thread at a time may use an object; a second one gets a RuntimeError. The GIL is\n"
-      "released during searches.\n\n"
-      "Raises ValueError for an unknown algorithm, Error for an unknown device, unless the\n"
-      "algorithm is one of the host, and if OpenCL fails.")
+      R"(Holds a set of moving boxes, and reports at each `update` which pairs began and which ceased to overlap.
+
+The cost of an update depends on how much moved. A call that raises has changed nothing, except that
+a call with an array of ids may be done in part if memory runs out. The GIL is released during
+searches. All arrays that are returned may be kept for as long as you like.
+
+Parameters
+----------
+device : str or Device, optional
+    A selector as for `select_device`; with None, `algorithm` decides.
+algorithm : str
+    A key of `algorithms`. ``"auto"`` works on the host or on a GPU, whichever is expected to be
+    faster.
+threads : int
+    Number of threads that an algorithm of the host may use; 0 for one per processor.
+profile : bool
+    Whether to measure stages on the device, too: see the method `profile`.
+
+Raises
+------
+ValueError
+    For an unknown algorithm.
+Error
+    For an unknown device, unless the algorithm is one of the host, and if OpenCL fails.
+RuntimeError
+    By every method, if another thread is using the object.)")
       .def(
           "__init__",
           [](Objects* self, const Selector& device, const std::string& algorithm, std::size_t threads,
@@ -351,22 +362,52 @@ void add_broad_phase(nb::module_& module) {
               "numpy.typing.ArrayLike], *, group: numpy.typing.ArrayLike = 1, mask: numpy.typing.ArrayLike = "
               "4294967295, body: numpy.typing.ArrayLike = 4294967295, world: numpy.typing.ArrayLike = 0) -> "
               "int | numpy.typing.NDArray[numpy.uint32]"),
-          "Adds objects and returns their ids: an int for one box, otherwise (n,) uint32. Each is the\n"
-          "lowest free id, so ids depend only on the sequence of calls.\n\n"
-          "boxes: float32 or float64, in the forms that overlapping_pairs() accepts; one box without\n"
-          "the first dimension. float64 is rounded outward.\n"
-          "group, mask, body, world: the filter, integers or arrays (n,). Two objects pair if each is\n"
-          "in a group of the other's mask, if they are in the same world or one is in ALL_WORLDS, and\n"
-          "if they are not of the same body. Of group and mask, -1 is all bits, ~1 all but the lowest.\n\n"
-          "Raises ValueError for a NaN (it names the row) and for a wrong shape, TypeError for another\n"
-          "dtype.")
+          R"(Adds objects and returns their ids.
+
+Parameters
+----------
+boxes : array_like or tuple
+    Boxes as for `overlapping_pairs`, in host memory; one box without the first dimension. Copied.
+group, mask : int or array_like of int
+    The groups that the object is in, and those with which it pairs: one bit per group. -1 is all
+    bits, ``~1`` all but the lowest. Two objects pair only if each is in a group of the other's mask.
+body : int or array_like of int
+    Objects of the same body never pair; those of `NO_BODY` belong to none.
+world : int or array_like of int
+    Objects of different worlds never pair; those of `ALL_WORLDS` are in all of them.
+
+Returns
+-------
+int or numpy.ndarray
+    The id of one box, otherwise ``(n,)`` uint32. Each is the lowest free id, so ids stay dense and
+    depend only on the sequence of calls.
+
+Raises
+------
+ValueError
+    For a NaN (the text names the row), and for a wrong shape.
+TypeError
+    For another dtype or kind of object.)")
       .def("move", &Objects::move, "ids"_a.none(), "boxes"_a.none(),
            nb::sig("def move(self, ids: numpy.typing.ArrayLike, boxes: numpy.typing.ArrayLike | "
                    "tuple[numpy.typing.ArrayLike, numpy.typing.ArrayLike]) -> None"),
-           "Replaces the box of one object, or of n objects: ids (n,), boxes as for add(). A box that is\n"
-           "equal to the old one does not count as movement.\n\n"
-           "Raises ValueError for an unknown id, a NaN or a wrong shape; TypeError. Then no object has\n"
-           "moved.")
+           R"(Replaces the box of one object, or of n objects.
+
+A box that is equal to the old one does not count as movement. A call that raises has moved nothing.
+
+Parameters
+----------
+ids : int or array_like of int
+    One id, or ``(n,)``.
+boxes : array_like or tuple
+    As many boxes as ids, as for `add`. Copied.
+
+Raises
+------
+ValueError
+    For an unknown id, a NaN (the text names the row) or a wrong shape.
+TypeError
+    For another dtype or kind of object.)")
       .def(
           "set_filter", &Objects::set_filter, "ids"_a.none(), nb::kw_only(), "group"_a = 1,
           "mask"_a = 0xffffffffU, "body"_a = Filter::no_body, "world"_a = 0,
@@ -374,61 +415,163 @@ void add_broad_phase(nb::module_& module) {
               "def set_filter(self, ids: numpy.typing.ArrayLike, *, group: numpy.typing.ArrayLike = 1, mask: "
               "numpy.typing.ArrayLike = 4294967295, body: numpy.typing.ArrayLike = 4294967295, world: "
               "numpy.typing.ArrayLike = 0) -> None"),
-          "Replaces the whole filter of one object, or of n objects: ids (n,), the rest as for add().\n\n"
-          "Raises ValueError for an unknown id; TypeError.")
+          R"(Replaces the whole filter of one object, or of n objects.
+
+Parameters
+----------
+ids : int or array_like of int
+    One id, or ``(n,)``.
+group, mask, body, world : int or array_like of int
+    As for `add`. What is left out gets its default value.
+
+Raises
+------
+ValueError
+    For an unknown id or a wrong shape.
+TypeError
+    For another dtype.)")
       .def("set_exclusions", &Objects::set_exclusions, "pairs"_a.none(),
            nb::sig("def set_exclusions(self, pairs: numpy.typing.ArrayLike) -> None"),
-           "Replaces the list of pairs of ids that are never reported: (m, 2) integers, in any order.\n"
-           "Initially it is empty. pairs_that_share() makes such a list for a mesh.\n\n"
-           "Raises ValueError for a pair of an id with itself, and for a wrong shape; TypeError.")
+           R"(Replaces the list of pairs of ids that are never reported.
+
+Initially it is empty.
+
+Parameters
+----------
+pairs : array_like of int
+    ``(m, 2)``, in any order; copied. `pairs_that_share` lists those of a mesh.
+
+Raises
+------
+ValueError
+    For a pair of an id and itself, and for a wrong shape.
+TypeError
+    For another dtype.)")
       .def("remove", &Objects::remove, "ids"_a.none(),
            nb::sig("def remove(self, ids: numpy.typing.ArrayLike) -> None"),
-           "Removes one object, or n objects: ids (n,). Their pairs are in `removed` of the next update;\n"
-           "their ids may be given to the next objects added.\n\n"
-           "Raises ValueError for an unknown id, or for one that is given twice.")
+           R"(Removes one object, or n objects.
+
+Their pairs are in `removed` of the next update. Their ids may be given to the next objects added.
+
+Parameters
+----------
+ids : int or array_like of int
+    One id, or ``(n,)``.
+
+Raises
+------
+ValueError
+    For an unknown id, or for one that is given twice.
+TypeError
+    For another dtype.)")
       .def("shrink", &Objects::shrink,
-           "Gives back memory that the present objects and pairs do not need, on host and device, for\n"
-           "instance after an update with far more pairs than usual; nothing does so by itself. Arrays\n"
-           "that were returned stay valid, and keep their memory. Waits for the device.\n\n"
-           "Raises Error between begin() and finish(), and if the device fails; MemoryError.")
+           R"(Gives back memory that the present objects and pairs do not need, on host and device.
+
+Nothing does so by itself; call it after an update with far more pairs than usual. Arrays that were
+returned stay valid, and keep their memory. Waits for the device.
+
+Raises
+------
+Error
+    Between `begin` and `finish`, and if the device fails.
+MemoryError
+    If memory runs out.)")
       .def("boxes", &Objects::boxes, "n"_a,
            nb::sig("def boxes(self, n: int) -> numpy.typing.NDArray[numpy.float32]"),
-           "Makes 0 .. n-1 the ids of the objects, and returns their boxes for you to write: (n, 6)\n"
-           "float32, lower x, y, z, upper x, y, z. New objects have empty boxes. All objects count as\n"
-           "moved.\n\n"
-           "The array is the memory that the device, or an algorithm of the host, reads. The next call\n"
-           "that changes or updates anything takes the boxes and makes the array read-only; call boxes()\n"
-           "again for the next frame. (Slices that were made from it before must not be written\n"
-           "afterwards, either.) The array keeps its memory alive, so you may keep it. A NaN is a\n"
-           "ValueError of the next update(), which names the first row; correct it and call update()\n"
-           "again.\n\n"
-           "Raises Error between begin() and finish().")
-      .def("update", &Objects::update,
-           "Finds every pair of overlapping boxes whose filters allow it, and returns what changed since\n"
-           "the last update, as a Delta. Releases the GIL.\n\n"
-           "Raises Error if the device fails, ValueError for a NaN written to boxes(), MemoryError. The\n"
-           "call may be repeated; if there was no memory for the arrays of the Delta, it then returns that\n"
-           "Delta, without another search.")
+           R"(Makes 0 .. n-1 the ids of the objects, and returns their boxes for you to write.
+
+New objects have empty boxes. All objects count as moved. A NaN is a ValueError of the next `update`,
+which names the first row; correct it and call `update` again.
+
+Parameters
+----------
+n : int
+    Number of objects.
+
+Returns
+-------
+numpy.ndarray
+    ``(n, 6)`` float32: lower x, y, z, upper x, y, z. It is the memory that the device, or an
+    algorithm of the host, reads. The next call that changes or updates anything takes the boxes and
+    makes the array read-only; call `boxes` again for the next frame. Slices that were made from it
+    before must not be written afterwards, either. The array keeps its memory alive.
+
+Raises
+------
+ValueError
+    For more than 2,147,483,648 objects.
+Error
+    Between `begin` and `finish`, and if there is no memory for the boxes.)")
+      .def(
+          "update", &Objects::update,
+          R"(Finds every overlapping pair that the filters allow, and returns what changed since the last update.
+
+The same as `begin` and `finish`. After an exception, the call may be repeated. If there was no
+memory for the arrays of the Delta, it then returns that Delta, without another search.
+
+Returns
+-------
+Delta
+    ``added`` and ``removed``, pairs of ids.
+
+Raises
+------
+ValueError
+    For a NaN that was written to `boxes`.
+Error
+    If the device fails.
+MemoryError
+    If memory runs out.)")
       .def("begin", &Objects::begin,
-           "Starts an update on the device and returns at once. Objects that are added, moved or removed\n"
-           "before finish() belong to the next update. Raises as update() does.")
+           R"(Starts an update on the device, and returns at once.
+
+Objects that are added, moved or removed before `finish` belong to the next update. No-op if an
+update was started already. On the host, `finish` does all of the work.
+
+Raises
+------
+ValueError, Error, MemoryError
+    As `update` does.)")
       .def("finish", &Objects::finish,
-           "Waits for the update that begin() started, or does one, and returns the changes. Releases\n"
-           "the GIL.\n"
-           "Raises as update() does.")
+           R"(Waits for the update that `begin` started, or does one, and returns the changes.
+
+Returns
+-------
+Delta
+    The changes for the objects as they were at `begin`.
+
+Raises
+------
+ValueError, Error, MemoryError
+    As `update` does.)")
       .def("pairs", &Objects::pairs, nb::sig("def pairs(self) -> numpy.typing.NDArray[numpy.uint32]"),
-           "All pairs as of the last update: (m, 2) uint32, a < b, in canonical order, that is, sorted\n"
-           "by b, then by a.\n"
-           "Raises Error between begin() and finish().")
+           R"(Returns all pairs as of the last update.
+
+Returns
+-------
+numpy.ndarray
+    ``(m, 2)`` uint32, owned by the caller: rows (a, b) of ids with a < b, in canonical order, that
+    is, sorted by b, then by a.
+
+Raises
+------
+Error
+    Between `begin` and `finish`.)")
       .def("profile", &Objects::profile, nb::sig("def profile(self) -> dict[str, dict[str, float]]"),
-           "The stages of the last update: for each name, host_seconds, the seconds that the calling\n"
-           "thread spent, and device_seconds, those of the device if profile=True. Empty on the host.")
-      .def_prop_ro("device", &Objects::device, "The device that will do the next update; None for the host.")
+           R"(Returns where the time of the last update on a device went.
+
+Returns
+-------
+dict of str to dict
+    For each stage, ``host_seconds``, which the calling thread spent, and ``device_seconds``, which
+    the device spent, if the object was created with ``profile=True``. Empty on the host.)")
+      .def_prop_ro("device", &Objects::device,
+                   "The `Device` that will do the next update; None for the host.")
       .def_prop_ro("algorithm", &Objects::algorithm, "The name of the algorithm.")
-      .def_prop_ro(
-          "memory", &Objects::memory, nb::sig("def memory(self) -> dict[str, int]"),
-          "OpenCL memory in bytes: device, on the device now; device_peak, the largest value of device\n"
-          "so far; pinned, pinned host memory.")
+      .def_prop_ro("memory", &Objects::memory, nb::sig("def memory(self) -> dict[str, int]"),
+                   "OpenCL memory, bytes: ``device``, on the device now; ``device_peak``, the largest value "
+                   "of that so\n"
+                   "far; ``pinned``, pinned host memory.")
       .def("__len__", &Objects::size, "Number of objects.");
 }
 

@@ -186,13 +186,14 @@ nb::object find_on_device(nb::handle a, nb::handle b, nb::handle exclusions, nb:
 // NOLINTNEXTLINE(readability-function-size): a table
 void add_device_broad_phase(nb::module_& module) {
   nb::class_<DeviceChanges>(module, "DeviceDelta",
-                            "What changed between two updates of a DeviceBroadPhase: ``added, removed =\n"
-                            "broad_phase.update(boxes)``.\n\n"
-                            "The arrays own their data; get() copies them to NumPy.")
+                            R"(What changed between two updates of a `DeviceBroadPhase`.
+
+``added, removed = device_broad_phase.update(boxes)`` takes it apart. The arrays own their data;
+``get()`` copies them to NumPy.)")
       .def_ro("added", &DeviceChanges::added, nb::sig("def added(self) -> pyopencl.array.Array"),
-              "(m, 2) uint32: pairs that began to overlap, in canonical order.")
+              "``(m, 2)`` uint32, on the device: the pairs that began to overlap, in canonical order.")
       .def_ro("removed", &DeviceChanges::removed, nb::sig("def removed(self) -> pyopencl.array.Array"),
-              "(m, 2) uint32: pairs that ceased to overlap, in canonical order.")
+              "``(m, 2)`` uint32, on the device: the pairs that ceased to overlap, in canonical order.")
       .def_ro("pair_count", &DeviceChanges::pair_count, "Number of pairs that overlap now.")
       .def_ro("invalid_boxes", &DeviceChanges::invalid_boxes,
               "Number of boxes with a NaN bound. They overlap nothing.")
@@ -210,72 +211,155 @@ void add_device_broad_phase(nb::module_& module) {
 
   nb::class_<DeviceObjects>(
       module, "DeviceBroadPhase",
-      "A BroadPhase for boxes in pyopencl arrays or buffers: pairs and changes stay on the device,\n"
-      "too.\n\n"
-      "Object k is the box at index k, the same object in every update. Every update tests all\n"
-      "boxes.\n\n"
-      "queue: a pyopencl.CommandQueue, in order. All work is done in it, and nothing else may use\n"
-      "it during a call.\n"
-      "algorithm: auto, brute-force or tiles.\n"
-      "profile: whether to measure stages on the device; the queue must have profiling enabled.\n\n"
-      "Only one thread at a time may use an object; a second one gets a RuntimeError. The GIL is\n"
-      "released while the device works.\n\n"
-      "Raises TypeError for another kind of queue, ValueError for an unknown algorithm, and Error\n"
-      "for an algorithm of the host, an out-of-order queue, and if OpenCL fails.")
+      R"(A `BroadPhase` for boxes in pyopencl arrays or buffers: pairs and changes stay on the device, too.
+
+Object k is the box at index k, the same object in every update. Every update tests all boxes. The
+GIL is released while the device works.
+
+Parameters
+----------
+queue : pyopencl.CommandQueue
+    In order. All work is done in it, and nothing else may use it during a call.
+algorithm : str
+    ``"auto"``, ``"brute-force"`` or ``"tiles"``.
+profile : bool
+    Whether to measure stages on the device; the queue must have profiling enabled.
+
+Raises
+------
+TypeError
+    For another kind of queue.
+ValueError
+    For an unknown algorithm.
+Error
+    For an algorithm of the host, an out-of-order queue, and if OpenCL fails.
+RuntimeError
+    By every method, if another thread is using the object.)")
       .def(nb::init<nb::handle, const std::string&, bool>(), "queue"_a.none(), nb::kw_only(),
            "algorithm"_a = "auto", "profile"_a = false,
            nb::sig("def __init__(self, queue: pyopencl.CommandQueue, *, algorithm: str = 'auto', "
                    "profile: bool = False) -> None"))
-      .def("update", &DeviceObjects::update, "boxes"_a.none(), "second"_a = nb::none(), nb::kw_only(),
-           "filters"_a = nb::none(), "worlds"_a = false,
-           nb::sig("def update(self, boxes: pyopencl.array.Array | pyopencl.Buffer, second: "
-                   "pyopencl.array.Array | pyopencl.Buffer | None = None, *, filters: pyopencl.array.Array | "
-                   "pyopencl.Buffer | None = None, worlds: bool = False) -> DeviceDelta"),
-           "Finds every pair of overlapping boxes whose filters allow it, and returns what changed since\n"
-           "the last update. Waits for the queue once, for the counts.\n\n"
-           "boxes: float32, (n, 6) or (n, 2, 3), the numbers of each box without gaps; or a buffer of\n"
-           "such boxes. Only read. A box with a NaN overlaps nothing, and is counted.\n"
-           "second: a second set. Then only pairs of a box of the first set with a box of the second are\n"
-           "found; the first set must have the same number of boxes in every update.\n"
-           "filters: (n, 4) uint32, the group, mask, body and world of each box, those of a second set\n"
-           "after the first.\n"
-           "worlds: whether the filters have different worlds.\n\n"
-           "Raises TypeError for arrays that are not on the device or not float32, ValueError for a\n"
-           "wrong shape or another queue, Error if the device fails. The known pairs are then as before.\n"
-           "Exceptions of pyopencl for the arrays that are returned: see finish().")
+      .def(
+          "update", &DeviceObjects::update, "boxes"_a.none(), "second"_a = nb::none(), nb::kw_only(),
+          "filters"_a = nb::none(), "worlds"_a = false,
+          nb::sig("def update(self, boxes: pyopencl.array.Array | pyopencl.Buffer, second: "
+                  "pyopencl.array.Array | pyopencl.Buffer | None = None, *, filters: pyopencl.array.Array | "
+                  "pyopencl.Buffer | None = None, worlds: bool = False) -> DeviceDelta"),
+          R"(Finds every overlapping pair that the filters allow, and returns what changed since the last update.
+
+Waits for the queue once, for the counts. A call that raises leaves the known pairs as they were;
+but see `finish` for exceptions of pyopencl.
+
+Parameters
+----------
+boxes : pyopencl.array.Array or pyopencl.Buffer
+    float32, ``(n, 6)`` or ``(n, 2, 3)``, the numbers of each box without gaps; or a buffer of such
+    boxes. Only read. A box with a NaN overlaps nothing, and is counted.
+second : pyopencl.array.Array or pyopencl.Buffer, optional
+    A second set. Then only pairs of a box of the first set and a box of the second are found. The
+    first set must have the same number of boxes in every update.
+filters : pyopencl.array.Array or pyopencl.Buffer, optional
+    ``(n, 4)`` uint32: group, mask, body and world of each box, those of a second set after the
+    first.
+worlds : bool
+    Whether the filters have different worlds. It affects only speed.
+
+Returns
+-------
+DeviceDelta
+    ``added`` and ``removed``, pairs of indices, and counts.
+
+Raises
+------
+TypeError
+    For arrays that are not on the device, or not float32.
+ValueError
+    For a wrong shape or another queue.
+Error
+    If the device fails, and between `begin` and `finish`.)")
       .def("begin", &DeviceObjects::begin, "boxes"_a.none(), "second"_a = nb::none(), nb::kw_only(),
            "filters"_a = nb::none(), "worlds"_a = false,
            nb::sig("def begin(self, boxes: pyopencl.array.Array | pyopencl.Buffer, second: "
                    "pyopencl.array.Array | pyopencl.Buffer | None = None, *, filters: pyopencl.array.Array | "
                    "pyopencl.Buffer | None = None, worlds: bool = False) -> None"),
-           "Enqueues an update, and returns at once. Arguments and exceptions as for update().")
+           R"(Enqueues an update, and returns at once.
+
+The arguments are those of `update`. They are referenced until `finish`.
+
+Raises
+------
+TypeError, ValueError, Error
+    As `update` does.)")
       .def("finish", &DeviceObjects::finish,
-           "Waits for the update that begin() started, and returns the changes.\n"
-           "Raises Error as update() does, and if no update was begun. If pyopencl fails while it copies\n"
-           "the changes, call finish() again; no other update can begin before.")
+           R"(Waits for the update that `begin` started, and returns the changes.
+
+If pyopencl fails while it copies the changes, call `finish` again; no other update can begin before.
+
+Returns
+-------
+DeviceDelta
+    The changes.
+
+Raises
+------
+Error
+    As `update` does, and if no update was begun.)")
       .def("set_exclusions", &DeviceObjects::set_exclusions, "pairs"_a.none(),
            nb::sig("def set_exclusions(self, pairs: numpy.typing.ArrayLike) -> None"),
-           "Replaces the list of pairs of indices that are never reported: (m, 2) integers in host\n"
-           "memory, in any order. For these indices, a second set follows the first. Initially the list\n"
-           "is empty. Waits for the queue.\n\n"
-           "Raises ValueError for a pair of an index with itself, and for a wrong shape; TypeError;\n"
-           "Error between begin() and finish().")
+           R"(Replaces the list of pairs of indices that are never reported.
+
+Initially it is empty. Waits for the queue.
+
+Parameters
+----------
+pairs : array_like of int
+    ``(m, 2)``, in host memory, in any order; copied. For these indices, a second set follows the
+    first.
+
+Raises
+------
+ValueError
+    For a pair of an index and itself, and for a wrong shape.
+TypeError
+    For another dtype.
+Error
+    Between `begin` and `finish`.)")
       .def("shrink", &DeviceObjects::shrink,
-           "Gives back memory that the boxes and pairs of the last update do not need, for instance after\n"
-           "an update with far more pairs than usual; nothing does so by itself. Arrays that were returned\n"
-           "stay valid. Waits for the queue.\n\n"
-           "Raises Error between begin() and finish(), and if the device fails.")
+           R"(Gives back memory that the boxes and pairs of the last update do not need.
+
+Nothing does so by itself; call it after an update with far more pairs than usual. Arrays that were
+returned stay valid. Waits for the queue.
+
+Raises
+------
+Error
+    Between `begin` and `finish`, and if the device fails.)")
       .def("pairs", &DeviceObjects::pairs, nb::sig("def pairs(self) -> pyopencl.array.Array"),
-           "All pairs as of the last update: (m, 2) uint32 in canonical order, that is, sorted by b,\n"
-           "then by a; for one set, a < b.\n"
-           "Raises Error between begin() and finish().")
+           R"(Returns all pairs as of the last update.
+
+Returns
+-------
+pyopencl.array.Array
+    ``(m, 2)`` uint32, on the device, owned by the caller, in canonical order: sorted by b, then by
+    a; for one set, a < b.
+
+Raises
+------
+Error
+    Between `begin` and `finish`.)")
       .def("profile", &DeviceObjects::profile, nb::sig("def profile(self) -> dict[str, dict[str, float]]"),
-           "The stages of the last update, as in BroadPhase.profile().")
+           R"(Returns where the time of the last update went.
+
+Returns
+-------
+dict of str to dict
+    The stages, as in `BroadPhase.profile`.)")
       .def_prop_ro("queue", &DeviceObjects::queue, nb::sig("def queue(self) -> pyopencl.CommandQueue"),
-                   "The queue.")
-      .def_prop_ro("device", &DeviceObjects::device, "The device of the queue.")
-      .def_prop_ro("memory", &DeviceObjects::memory, nb::sig("def memory(self) -> dict[str, int]"),
-                   "OpenCL memory of this object, without the caller's arrays, as in BroadPhase.memory.");
+                   "The pyopencl.CommandQueue in which all work is done.")
+      .def_prop_ro("device", &DeviceObjects::device, "The `Device` of the queue.")
+      .def_prop_ro(
+          "memory", &DeviceObjects::memory, nb::sig("def memory(self) -> dict[str, int]"),
+          "OpenCL memory of this object, bytes, without the caller's arrays; as in `BroadPhase.memory`.");
 }
 
 }  // namespace broadcl::python

@@ -109,21 +109,23 @@ bool is_same_device(const Device& s, const Device& t) {
 }
 
 void add_device(nb::module_& module) {
-  nb::class_<Device>(module, "Device",
-                     "What an OpenCL device reports about itself. A plain value that holds no OpenCL object.")
-      .def_prop_ro("id", &Device::id, "\"P:D\": the numbers of platform and device in `clinfo -l`.")
+  nb::class_<Device>(
+      module, "Device",
+      "What an OpenCL device reports about itself. A plain value that holds no OpenCL object.\n\n"
+      "devices() and select_device() return them; there is no constructor.")
+      .def_prop_ro("id", &Device::id, "``\"P:D\"``: the numbers of platform and device in ``clinfo -l``.")
       .def_prop_ro(
           "type", [](const Device& device) { return std::string(to_string(device.type)); },
-          "gpu, cpu, accelerator or other.")
-      .def_ro("platform_name", &Device::platform_name)
-      .def_ro("name", &Device::name)
-      .def_ro("version", &Device::version, "OpenCL version.")
-      .def_ro("driver_version", &Device::driver_version)
-      .def_ro("compute_units", &Device::compute_units)
-      .def_ro("clock_mhz", &Device::clock_mhz, "Highest clock frequency, 0 if the device does not say.")
+          "``\"gpu\"``, ``\"cpu\"``, ``\"accelerator\"`` or ``\"other\"``.")
+      .def_ro("platform_name", &Device::platform_name, "The name of its platform.")
+      .def_ro("name", &Device::name, "Its name.")
+      .def_ro("version", &Device::version, "OpenCL version, for instance ``\"OpenCL 3.0 CUDA\"``.")
+      .def_ro("driver_version", &Device::driver_version, "The version of its driver.")
+      .def_ro("compute_units", &Device::compute_units, "Number of compute units.")
+      .def_ro("clock_mhz", &Device::clock_mhz, "Highest clock frequency, MHz; 0 if the device does not say.")
       .def_ro("memory", &Device::memory, "Global memory, bytes.")
       .def_ro("max_allocation", &Device::max_allocation, "Largest buffer, bytes.")
-      .def_ro("host_unified", &Device::host_unified, "Host and device share memory.")
+      .def_ro("host_unified", &Device::host_unified, "Whether host and device share memory.")
       .def("__str__", &Device::label)
       .def("__repr__",
            [](const Device& device) { return "<broadcl.Device " + device.id() + " " + device.label() + ">"; })
@@ -157,59 +159,138 @@ NB_MODULE(_core, module) {
               "numpy.typing.ArrayLike] | None = None, *, exclusions: numpy.typing.ArrayLike | None = None, "
               "device: str | Device | None = None, algorithm: str = 'auto', threads: int = 0) -> "
               "numpy.typing.NDArray[numpy.uint32]"),
-      "All overlapping pairs of boxes: (m, 2) uint32, rows (i, j) with i < j, sorted by j, then by\n"
-      "i. With two sets, all pairs of a box of `a` with a box of `b`: rows (index in a, index in\n"
-      "b).\n\n"
-      "a, b: float32 or float64 in host memory, with any strides: NumPy arrays and other objects\n"
-      "with the buffer protocol or DLPack. (n, 6) with rows lower x, y, z, upper x, y, z; (n, 2,\n"
-      "3); (n, 4) in two dimensions; or a tuple (lower, upper) of two (n, 3). Read without a copy,\n"
-      "except lists, memory that is misaligned or in the other byte order, (n, 4) whose columns are\n"
-      "not adjacent, and (lower, upper) of different types or strides. Nothing may write to them\n"
-      "during the call. Boxes are closed, so touching counts. Bounds may be infinite; a box with\n"
-      "lower > upper is empty and overlaps nothing. float64 is rounded outward to float32.\n"
-      "exclusions: pairs that are not reported, (k, 2) integers in any order, with the same meaning\n"
-      "as the rows of the result. pairs_that_share() makes such a list for a mesh.\n"
-      "device: as for select_device(), opened in each call. Algorithms of the host open none, and\n"
-      "'auto' only a CPU that is named, here or by BROADCL_DEVICE. For frequent searches, keep a\n"
-      "BroadPhase.\n"
-      "algorithm: a key of algorithms().\n"
-      "threads: number of threads that an algorithm of the host may use; 0 for one per processor.\n\n"
-      "Any number of threads may call this at the same time; the GIL is released.\n\n"
-      "Raises ValueError for a NaN (it names the row), a wrong shape, an exclusion of a box that\n"
-      "does not exist or an unknown algorithm; TypeError for another dtype or kind of object; Error\n"
-      "if the device fails; MemoryError.");
+      R"(Finds all overlapping pairs of boxes.
+
+With two sets, finds all pairs of a box of `a` and a box of `b`; nothing is tested inside a set.
+Any number of threads may call this at the same time; the GIL is released.
+
+Parameters
+----------
+a, b : array_like or tuple
+    Boxes, float32 or float64, in the caller's unit of length, in one of these forms:
+
+    - ``(n, 6)``: lower x, y, z, upper x, y, z;
+    - ``(n, 2, 3)``: lower and upper corners;
+    - ``(lower, upper)``: a tuple of two arrays ``(n, 3)``;
+    - ``(n, 4)``: lower x, y, upper x, y, for boxes in two dimensions.
+
+    NumPy arrays, and other objects with the buffer protocol or DLPack, are read where they are,
+    with any strides. Nothing may write to them during the call. These are copied first: lists;
+    memory that is misaligned or in the other byte order; ``(n, 4)`` arrays whose columns are not
+    adjacent; lower and upper corners of different types or strides.
+
+    Boxes are closed, so boxes that touch overlap. Bounds may be infinite. A box with lower > upper
+    is empty and overlaps nothing. float64 is rounded outward to float32.
+
+    Boxes in pyopencl arrays or buffers are searched on their device. They must be float32,
+    ``(n, 6)`` or ``(n, 2, 3)``, the numbers of each box without gaps.
+exclusions : array_like of int, optional
+    ``(k, 2)``, in host memory: pairs that are not reported, in any order. They are given as the
+    rows of the result are. `pairs_that_share` lists those of a mesh.
+device : str, Device or pyopencl.CommandQueue, optional
+    A selector as for `select_device`. The device is opened in each call, so for frequent searches
+    keep a `BroadPhase`. Algorithms of the host open no device, and ``"auto"`` opens only a CPU that
+    is named, here or by the environment variable ``BROADCL_DEVICE``.
+
+    For boxes on a device, the queue to work in, which must be in order; None for the queue of `a`.
+    Kernels are prepared in each call, so for frequent searches keep a `DeviceBroadPhase`.
+algorithm : str
+    A key of `algorithms`.
+threads : int
+    Number of threads that an algorithm of the host may use; 0 for one per processor. Not for boxes
+    on a device.
+
+Returns
+-------
+numpy.ndarray or pyopencl.array.Array
+    ``(m, 2)`` uint32, owned by the caller: rows (i, j) with i < j or, with two sets, (index in `a`,
+    index in `b`). They are in canonical order: sorted by j, then by i. For boxes on a device, the
+    pairs stay there; ``get()`` of the pyopencl array copies them to NumPy.
+
+Raises
+------
+ValueError
+    For a NaN (the text names the row), a wrong shape, an exclusion of a box and itself or of a box
+    that does not exist, or an unknown algorithm.
+TypeError
+    For another dtype or kind of object.
+Error
+    If the device fails.
+MemoryError
+    If memory runs out.)");
   module.def(
       "overlapping_pairs", &find_pairs_on_device, "a"_a.none(), "b"_a = nb::none(), nb::kw_only(),
       "exclusions"_a = nb::none(), "device"_a = nb::none(), "algorithm"_a = "auto",
       nb::sig("def overlapping_pairs(a: pyopencl.array.Array | pyopencl.Buffer, b: pyopencl.array.Array | "
               "pyopencl.Buffer | None = None, *, exclusions: numpy.typing.ArrayLike | None = None, device: "
-              "pyopencl.CommandQueue | None = None, algorithm: str = 'auto') -> pyopencl.array.Array"),
-      "The same for boxes on a device, in pyopencl arrays or buffers: float32, (n, 6) or (n, 2, 3),\n"
-      "the numbers of each box without gaps. The pairs stay on the device; get() of the array\n"
-      "copies them to NumPy.\n\n"
-      "exclusions: in host memory.\n"
-      "device: the queue to work in, which must be in order; None for the queue of `a`. Kernels are\n"
-      "prepared in each call. For frequent searches, keep a DeviceBroadPhase.");
+              "pyopencl.CommandQueue | None = None, algorithm: str = 'auto') -> pyopencl.array.Array"));
   module.def(
       "pairs_that_share", &find_sharing, "a"_a.none(), "b"_a = nb::none(),
       nb::sig("def pairs_that_share(a: numpy.typing.ArrayLike, b: numpy.typing.ArrayLike | None = None) -> "
               "numpy.typing.NDArray[numpy.uint32]"),
-      "All pairs of objects that have a label in common, for overlapping_pairs(exclusions=...) and\n"
-      "set_exclusions(): (m, 2) uint32, in canonical order. With two sets, all pairs of an object\n"
-      "of `a` with one of `b`.\n\n"
-      "a, b: integers 0 to 4294967295, one row per object. For the edges or faces of a mesh, the\n"
-      "numbers of their vertices, (n, 2) or (n, 3); for its vertices, numpy.arange(n)[:, None].\n\n"
-      "Any number of threads may call this at the same time; the GIL is released.\n\n"
-      "Raises ValueError for a wrong shape, TypeError for another dtype, MemoryError.");
+      R"(Finds all pairs of objects that have a label in common.
+
+They serve as the exclusions of `overlapping_pairs` and `BroadPhase.set_exclusions`. With two sets,
+finds all pairs of an object of `a` and an object of `b`. Any number of threads may call this at the
+same time; the GIL is released.
+
+Parameters
+----------
+a, b : array_like of int
+    ``(n, k)``: the k labels of each object, 0 to 4294967295. For the edges or faces of a mesh, the
+    numbers of their vertices, ``(n, 2)`` or ``(n, 3)``; for its vertices,
+    ``numpy.arange(n)[:, None]``.
+
+Returns
+-------
+numpy.ndarray
+    ``(m, 2)`` uint32, owned by the caller, in canonical order: rows (i, j) with i < j or, with two
+    sets, (index in `a`, index in `b`).
+
+Raises
+------
+ValueError
+    For a wrong shape or a label that is out of range.
+TypeError
+    For another dtype.
+MemoryError
+    If memory runs out.)");
   module.def("devices", &all_devices,
-             "Every usable OpenCL device, in the order of `clinfo -l`; empty without an OpenCL driver.\n\n"
-             "Raises Error if there are devices, but none is usable.");
-  module.def(
-      "select_device", &choose_device, "selector"_a = nb::none(),
-      "The device that a selector chooses: \"P:D\", \"gpu\", \"cpu\" or \"accelerator\", or a part of\n"
-      "\"platform / name\". None: the environment variable BROADCL_DEVICE, otherwise the best GPU,\n"
-      "otherwise the best CPU.\n\n"
-      "Raises Error if no device matches, or if there is none (it says what to install).");
+             R"(Lists the OpenCL devices that can be used.
+
+Returns
+-------
+list of Device
+    In the order of ``clinfo -l``; empty without an OpenCL driver.
+
+Raises
+------
+Error
+    If there are devices, but none is usable.)");
+  module.def("select_device", &choose_device, "selector"_a = nb::none(),
+             R"(Returns the device that a selector chooses.
+
+Parameters
+----------
+selector : str or Device, optional
+    ``"P:D"`` as numbered by ``clinfo -l``; ``"gpu"``, ``"cpu"`` or ``"accelerator"``; a part of
+    "platform / name"; or an element of `devices`. None for the environment variable
+    ``BROADCL_DEVICE``, otherwise the best GPU, otherwise the best CPU.
+
+Returns
+-------
+Device
+    The device, which is not opened.
+
+Raises
+------
+Error
+    If no device matches, or if there is none. The text says what to install.)");
   module.def("algorithms", &algorithm_summaries, nb::sig("def algorithms() -> dict[str, str]"),
-             "The values for `algorithm`, each with a one-line description.");
+             R"(Lists the algorithms.
+
+Returns
+-------
+dict of str to str
+    The values for `algorithm`, each with a one-line description.)");
 }

@@ -7,6 +7,7 @@ import matplotlib.image as image
 import numpy as np
 import pytest
 
+import broadcl
 from conftest import uniform
 
 ROOT = Path(__file__).parents[2]
@@ -26,6 +27,20 @@ def test_the_readme():
     names = {"boxes": uniform(100)}
     exec(code((ROOT / "README.md").read_text()), names)
     assert np.array_equal(names["added"], names["pairs"])
+
+
+def test_the_readme_of_the_package():
+    text = (ROOT / "python/README.md").read_text()
+    names = {}
+    exec(code(text), names)
+    assert len(names["pairs"]) and len(names["added"])
+    assert not re.search(r"\]\((?!https://)", text)  # a package index has no files that relative links could lead to
+
+
+def test_the_first_page():
+    names = {"broadcl": broadcl, "boxes": uniform(100)}
+    exec(code((ROOT / "docs/index.md").read_text()), names)
+    assert len(names["added"])
 
 
 @pytest.mark.parametrize("example", sorted((ROOT / "python/examples").glob("*.py")), ids=lambda path: path.stem)
