@@ -1,13 +1,20 @@
 #!/usr/bin/env python3
-"""All overlapping pairs of boxes by BroadCL and by other packages of PyPI, which need not all be installed:
+"""All overlapping pairs by BroadCL and by other packages of PyPI, which need not all be installed:
 
-    pip install . python-fcl rtree trimesh ipctk coal
-    bench/python.py [--most 1000000] [--json FILE]
+    pip install . python-fcl rtree trimesh ipctk coal shapely vesin
+    bench/python.py [--most 1000000] [--scene cubes] [--json FILE]
 
-From a NumPy array of boxes to pairs, in ms: medians of rounds in which the packages take turns. "still" is a search from
-scratch, "moving" a frame in which all boxes move. What is done once is left out: objects of coal and python-fcl, meshes of
-ipctk and trimesh. Each list of pairs is compared with BroadCL's. A package is left out of the larger sizes once it would take
-more than --budget seconds.
+From a NumPy array to pairs, in ms: medians of rounds in which the packages take turns. "still" is a search from scratch, "moving" a
+frame in which everything moves. There are three scenes:
+
+    cubes      (n, 6) boxes in three dimensions
+    squares    (n, 4) boxes in two
+    points     (n, 3) points; pairs are those within a distance. BroadCL finds overlapping cubes around them, then NumPy
+               computes the distances, which the times include
+
+What is done once is left out: objects of coal and python-fcl, meshes of ipctk and trimesh, geometries of shapely that do not move.
+In a moving frame, "broadcl" gives the changes of boxes; all others, and BroadCL for points, give all pairs. Each list of pairs is
+compared with BroadCL's. A package is left out of the larger sizes once it would take more than --budget seconds.
 """
 
 import argparse
@@ -23,16 +30,38 @@ import numpy as np
 import broadcl
 
 
+def random_points(n: int, dimensions: int, volume: float) -> np.ndarray:
+    """n points, one per volume on average. Multiples of 1/1024, so that no package has to round."""
+    points = np.random.default_rng(1).uniform(0, (volume * n) ** (1 / dimensions), (n, dimensions))
+    return (np.round(points * 1024) / 1024).astype(np.float32)
+
+
 def cubes(n: int) -> np.ndarray:
-    """n cubes of size 1, each of which overlaps about three. Multiples of 1/1024, so that no package has to round."""
-    lower = np.random.default_rng(1).uniform(0, (8 * n / 3) ** (1 / 3), (n, 3))
-    lower = np.round(lower * 1024) / 1024
-    return np.hstack([lower, lower + 1]).astype(np.float32)
+    """n cubes of size 1, each of which overlaps about three."""
+    lower = random_points(n, 3, 8 / 3)
+    return np.hstack([lower, lower + 1])
 
 
-def moved(boxes: np.ndarray, frame: int) -> np.ndarray:
-    step = np.random.default_rng(frame).integers(-102, 103, (len(boxes), 3)) / 1024
-    return boxes + np.hstack([step, step]).astype(np.float32)
+def squares(n: int) -> np.ndarray:
+    """n squares of size 1, each of which overlaps about ten, as in rectangles.cpp."""
+    lower = random_points(n, 2, 4 / 10)
+    return np.hstack([lower, lower + 1])
+
+
+# Points are at no multiple of 1/1024 from each other that is exactly this far.
+CUTOFF = 1 + 1 / 2048
+
+
+def points(n: int) -> np.ndarray:
+    """n points, each of which has about 30 within the cut-off."""
+    return random_points(n, 3, 4 / 3 * np.pi * CUTOFF**3 / 30)
+
+
+def moved(things: np.ndarray, frame: int) -> np.ndarray:
+    n, columns = things.shape
+    dimensions = columns // 2 if columns % 2 == 0 else columns
+    step = np.random.default_rng(frame).integers(-102, 103, (n, dimensions)) / 1024
+    return things + np.tile(step, columns // dimensions).astype(np.float32)
 
 
 class BroadCL:
@@ -54,9 +83,89 @@ class BroadCL:
         return self.broad_phase.pairs()
 
 
-class OneThread(BroadCL):
+class Squares(BroadCL):
+    def moving(self, boxes):
+        place = self.broad_phase.boxes(len(boxes)).reshape(-1, 2, 3)
+        place[:, :, :2] = boxes.reshape(-1, 2, 2)
+        place[:, :, 2] = 0
+        return self.broad_phase.update()
+
+
+class Points(BroadCL):
+    """Cubes around points overlap if all coordinates are within the cut-off."""
+
+    @staticmethod
+    def within(points, pairs):
+        apart = points.take(pairs[:, 0], axis=0)
+        apart -= points.take(pairs[:, 1], axis=0)
+        return pairs.compress(np.einsum("ij,ij->i", apart, apart) <= CUTOFF**2, axis=0)
+
+    def still(self, points):
+        boxes = np.hstack([points - CUTOFF / 2, points + CUTOFF / 2])
+        return self.within(points, broadcl.overlapping_pairs(boxes, **self.config))
+
+    def moving(self, points):
+        boxes = self.broad_phase.boxes(len(points))
+        boxes[:, :3] = points - CUTOFF / 2
+        boxes[:, 3:] = points + CUTOFF / 2
+        self.broad_phase.update()
+        return self.within(points, self.broad_phase.pairs())
+
+
+class Shapely:
+    """Its STRtree reports each pair twice, and each box with itself."""
+
+    package = "shapely"
+
     def __init__(self, boxes):
-        super().__init__(boxes, algorithm="sweep-and-prune", threads=1)
+        import shapely
+
+        self.shapely = shapely
+        self.geometries = shapely.box(*boxes.T)
+
+    def find(self, geometries):
+        pairs = self.shapely.STRtree(geometries).query(geometries)
+        return pairs[:, pairs[0] < pairs[1]].T
+
+    def still(self, boxes):
+        return self.find(self.geometries)
+
+    def moving(self, boxes):
+        return self.find(self.shapely.box(*boxes.T))
+
+
+class Vesin:
+    package = "vesin"
+    threads = 0  # all
+
+    def __init__(self, points):
+        import vesin
+
+        self.make = lambda: vesin.NeighborList(cutoff=CUTOFF, full_list=False, n_threads=self.threads)
+        self.list = self.make()
+
+    def find(self, neighbours, points):
+        return neighbours.compute(points, box=np.zeros((3, 3), points.dtype), periodic=False, quantities="P")[0]
+
+    def still(self, points):
+        return self.find(self.make(), points)
+
+    def moving(self, points):
+        return self.find(self.list, points)
+
+
+class VesinOneThread(Vesin):
+    threads = 1
+
+
+def one_thread(method):
+    """A method of BroadCL, on one thread."""
+
+    class OneThread(method):
+        def __init__(self, boxes):
+            super().__init__(boxes, algorithm="sweep-and-prune", threads=1)
+
+    return OneThread
 
 
 class Rtree:
@@ -240,17 +349,35 @@ class IpctkSpatialHash(Ipctk):
     method = "SpatialHash"
 
 
-METHODS = {
-    "broadcl": BroadCL,
-    "broadcl, one thread": OneThread,
-    "rtree": Rtree,
-    "coal": Coal,
-    "python-fcl": Fcl,
-    "trimesh": Trimesh,
-    "ipctk LBVH": Ipctk,
-    "ipctk SpatialHash": IpctkSpatialHash,
-    "ipctk HashGrid": IpctkHashGrid,
-    "ipctk SweepAndPrune": IpctkSweep,
+SCENES = {
+    "cubes": (
+        cubes,
+        {
+            "broadcl": BroadCL,
+            "broadcl, one thread": one_thread(BroadCL),
+            "rtree": Rtree,
+            "coal": Coal,
+            "python-fcl": Fcl,
+            "trimesh": Trimesh,
+            "ipctk LBVH": Ipctk,
+            "ipctk SpatialHash": IpctkSpatialHash,
+            "ipctk HashGrid": IpctkHashGrid,
+            "ipctk SweepAndPrune": IpctkSweep,
+        },
+    ),
+    "squares": (
+        squares,
+        {"broadcl": Squares, "broadcl, one thread": one_thread(Squares), "shapely STRtree": Shapely},
+    ),
+    "points": (
+        points,
+        {
+            "broadcl": Points,
+            "broadcl, one thread": one_thread(Points),
+            "vesin": Vesin,
+            "vesin, one thread": VesinOneThread,
+        },
+    ),
 }
 
 
@@ -265,9 +392,18 @@ def compare(name: str, subject, found, reference: np.ndarray) -> None:
         wrong = subject.check(found, reference)
     else:
         pairs = found if isinstance(found, np.ndarray) else subject.all_pairs(found)
-        wrong = len(np.setxor1d(keys(pairs), keys(reference)))
+        found, expected = keys(pairs), keys(reference)
+        wrong = 0 if np.array_equal(found, expected) else max(1, len(np.setxor1d(found, expected)))
     if wrong:
         sys.exit(f"{name}: {wrong} pairs missing or extra, of {len(reference)}")
+
+
+def is_installed(package: str) -> bool:
+    try:
+        importlib.metadata.version(package)
+    except importlib.metadata.PackageNotFoundError:
+        return False
+    return True
 
 
 def timed(function, *arguments):
@@ -276,20 +412,22 @@ def timed(function, *arguments):
     return time.perf_counter() - start, result
 
 
-def measure(n: int, rounds: int, budget: float, seconds: dict, names: list) -> list[dict]:
-    still = cubes(n)
+def measure(scene: str, n: int, rounds: int, budget: float, seconds: dict) -> list[dict]:
+    make, methods = SCENES[scene]
+    still = make(n)
+    check = methods["broadcl"](still)
     subjects, rows = {}, {}
-    for name in names:
+    for name, method in methods.items():
         # Times grow at least linearly with the number of boxes.
-        if name in seconds and seconds[name][1] * n / seconds[name][0] > budget:
+        if not is_installed(method.package) or (name in seconds and seconds[name][1] * n / seconds[name][0] > budget):
             continue
-        start, subject = timed(METHODS[name], still)
+        start, subject = timed(method, still)
         subjects[name] = subject
-        rows[name] = {"method": name, "boxes": n, "start_ms": start * 1e3, "still": [], "moving": []}
+        rows[name] = {"scene": scene, "method": name, "boxes": n, "start_ms": start * 1e3, "still": [], "moving": []}
     for kind in ("still", "moving"):
         for turn in range(rounds):
             boxes = still if kind == "still" else moved(still, turn)
-            reference = broadcl.overlapping_pairs(boxes)
+            reference = check.still(boxes)
             for name, subject in subjects.items():
                 took, found = timed(getattr(subject, kind), boxes)
                 rows[name][kind].append(took)
@@ -308,29 +446,33 @@ def main() -> None:
     parser.add_argument("--most", type=int, default=1_000_000, help="boxes at most")
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--budget", type=float, default=60, help="seconds that one search may take")
+    parser.add_argument("--scene", choices=SCENES, help="only this one")
     parser.add_argument("--json", help="write the results here too")
     arguments = parser.parse_args()
 
-    versions, names = {}, []
-    for name, method in METHODS.items():
-        try:
-            versions[method.package] = importlib.metadata.version(method.package)
-            names.append(name)
-        except importlib.metadata.PackageNotFoundError:
-            print(f"{method.package} is not installed", file=sys.stderr)
+    versions = {}
+    for package in dict.fromkeys(method.package for _, methods in SCENES.values() for method in methods.values()):
+        if is_installed(package):
+            versions[package] = importlib.metadata.version(package)
+        else:
+            print(f"{package} is not installed", file=sys.stderr)
     device = broadcl.BroadPhase().device
     where = f"{device or 'the host'}, {os.cpu_count()} cores"
     print(f"{where}; " + ", ".join(f"{package} {version}" for package, version in versions.items()), flush=True)
 
-    results, seconds = [], {}
-    for n in (1_000, 10_000, 100_000, 1_000_000):
-        if n > arguments.most:
-            break
-        rows = measure(n, arguments.rounds, arguments.budget, seconds, names)
-        print(f"\n{n:,} boxes, {rows[0]['pairs']:,} pairs\n{'':22}{'start':>12}{'still':>12}{'moving':>12}   ms")
-        for row in rows:
-            print(f"{row['method']:22}{row['start_ms']:12.2f}{row['still_ms']:12.2f}{row['moving_ms']:12.2f}", flush=True)
-        results += rows
+    results = []
+    for scene in [arguments.scene] if arguments.scene else SCENES:
+        seconds: dict = {}
+        for n in (1_000, 10_000, 100_000, 1_000_000):
+            if n > arguments.most:
+                break
+            rows = measure(scene, n, arguments.rounds, arguments.budget, seconds)
+            heading = f"{n:,} {scene}, {rows[0]['pairs']:,} pairs"
+            print(f"\n{heading}\n{'':22}{'start':>12}{'still':>12}{'moving':>12}   ms")
+            for row in rows:
+                times = "".join(f"{row[key]:12.2f}" for key in ("start_ms", "still_ms", "moving_ms"))
+                print(f"{row['method']:22}{times}", flush=True)
+            results += rows
     if arguments.json:
         with open(arguments.json, "w", encoding="utf-8") as file:
             json.dump({"where": where, "versions": versions, "results": results}, file, indent=1)

@@ -1,6 +1,7 @@
 // A Bullet world in double precision, a hundred thousand kilometres from the origin, where adjacent float32
 // values are eight metres apart: the device finds pairs of boxes that are rounded outward, and Bullet does
 // the rest exactly.
+#include <cmath>
 #include <cstdio>
 #include <exception>
 
@@ -31,7 +32,8 @@ int main() try {
 
   for (int frame = 0; frame < 240; ++frame) world.stepSimulation(1.0 / 60, 0);
   const btVector3 rest = ball.getWorldTransform().getOrigin() - far_away;
-  std::printf("the ball rests %.3f m above the floor and %.3f m from its centre\n", rest.y() - 0.5, rest.x());
+  std::printf("the ball rests %.3f m from the floor and %.3f m from its centre\n", std::abs(rest.y() - 0.5),
+              rest.x());
   world.removeRigidBody(&ball);
   world.removeRigidBody(&floor);
 } catch (const std::exception& error) {

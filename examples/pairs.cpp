@@ -19,9 +19,9 @@ int main() try {
     broad_phase.move(traveller, at(-1.5F + 2.0F * static_cast<float>(frame)));
     const broadcl::Delta delta = broad_phase.update();
     for (const broadcl::Pair& pair : delta.removed)
-      std::printf("frame %d: %u and %u part\n", frame, pair.a, pair.b);
+      std::printf("frame %d: %u and %u stop overlapping\n", frame, pair.a, pair.b);
     for (const broadcl::Pair& pair : delta.added)
-      std::printf("frame %d: %u and %u meet\n", frame, pair.a, pair.b);
+      std::printf("frame %d: %u and %u start overlapping\n", frame, pair.a, pair.b);
   }
   // [core]
 } catch (const std::exception& error) {

@@ -15,7 +15,7 @@ from report.page import page
 from report.recording import read_recordings
 from report.static_figures import save_all
 from report.study import StudyError, read_study
-from report.verdict import as_text
+from report.verdict import headline
 
 
 def make(folder: Path) -> Path:
@@ -32,7 +32,7 @@ def make(folder: Path) -> Path:
         shutil.rmtree(folder / "figures", ignore_errors=True)
         os.replace(made / "figures", folder / "figures")
         os.replace(made / "report.html", folder / "report.html")
-    print(as_text(study))
+    print(" ".join(headline(study)).replace("`", ""))
     return folder / "report.html"
 
 
@@ -46,7 +46,7 @@ def main() -> int:
     except (StudyError, OSError) as error:
         print(f"report: {error}", file=sys.stderr)
         return 1
-    print(f"\n{made} ({made.stat().st_size / 1e6:.1f} MB)")
+    print(f"\nThe page: '{made}' ({made.stat().st_size / 1e6:.1f} MB); its figures: '{made.with_name('figures')}'")
     return 0
 
 

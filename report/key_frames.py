@@ -14,7 +14,8 @@ from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 from report.recording import Recording
 
 COLOUR_MAP = "viridis"
-LIGHT = {0: 0.82, 1: 1.0, 2: 0.66}  # brightness of the faces towards +x, +y and +z
+LIGHT = {0: 0.8, 1: 1.0, 2: 0.6}  # brightness of the faces towards +x, +y and +z
+EDGES = 0.3  # brightness of the edges of boxes
 DOTS = 150  # per inch
 INCHES = 2.6
 
@@ -41,16 +42,24 @@ def _outline(low: np.ndarray, high: np.ndarray) -> list[np.ndarray]:
     return [_to_plot(points[list(edge)]) for edge in edges]
 
 
+def top_speed(recording: Recording) -> float:
+    """The speed with the brightest colour, m/s."""
+    return max(float(np.quantile(recording.speeds(f), 0.98)) for f in recording.key_frames) or 1.0
+
+
 def draw(recording: Recording, frame: int) -> np.ndarray:
     """One key frame as an image (pixels, pixels, 4), coloured by speed, with a transparent background."""
     boxes = np.asarray(recording.boxes[frame], dtype=float)
-    top = max(np.quantile(recording.speeds(f), 0.98) for f in recording.key_frames) or 1.0
-    colours = plt.get_cmap(COLOUR_MAP)(Normalize(0, top)(recording.speeds(frame)))
+    scale = Normalize(0, top_speed(recording))
+    colours = plt.get_cmap(COLOUR_MAP)(scale(recording.speeds(frame)))
     figure = Figure(figsize=(INCHES, INCHES), dpi=DOTS)
     axes = figure.add_axes((-0.05, -0.05, 1.1, 1.1), projection="3d", computed_zorder=False)
     faces = np.concatenate([_to_plot(_faces(boxes, axis)) for axis in range(3)])
     shaded = np.concatenate([colours * [*[LIGHT[axis]] * 3, 1] for axis in range(3)])
-    axes.add_collection3d(Poly3DCollection(faces, facecolors=shaded, linewidths=0, zorder=2))
+    edges = np.concatenate([colours * [EDGES, EDGES, EDGES, 1]] * 3)
+    axes.add_collection3d(
+        Poly3DCollection(faces, facecolors=shaded, edgecolors=edges, linewidths=0.25, zorder=2)
+    )
     axes.add_collection3d(
         Line3DCollection(
             _outline(recording.low, recording.high), colors="#8b8f98", linewidths=0.6, zorder=1

@@ -1,4 +1,8 @@
-"""The style of each broad phase, the same in every figure. Bullet's own are dashed, in warm colours."""
+"""The style of each broad phase, the same in every figure.
+
+Bullet's own are dotted or dashed. The colours differ in lightness too, so that readers with a colour vision deficiency can tell
+them apart.
+"""
 
 from __future__ import annotations
 
@@ -17,14 +21,14 @@ class Style:
 
 
 STYLES = {
-    "bullet-bf": Style("#8b8f98", "dot", "circle-open"),
-    "bullet-sap": Style("#c98a12", "dash", "square-open"),
-    "bullet-bvh": Style("#dd5b2b", "dash", "diamond-open"),
-    "gpu-bf": Style("#1f9e76", "solid", "triangle-up"),
-    "brute-force": Style("#3b82d6", "solid", "square"),
-    "tiles": Style("#9a63d8", "solid", "diamond"),
-    "auto": Style("#d6387f", "solid", "circle"),
-    "auto+culling": Style("#12a5b8", "solid", "circle-open"),
+    "bullet-bf": Style("#6d7280", "dot", "circle-open"),
+    "bullet-sap": Style("#d9a400", "dash", "square-open"),
+    "bullet-bvh": Style("#a8401c", "dashdot", "diamond-open"),
+    "gpu-bf": Style("#0e8f63", "solid", "triangle-up"),
+    "brute-force": Style("#1f57dd", "solid", "square"),
+    "tiles": Style("#a77af0", "solid", "diamond"),
+    "auto": Style("#ee2a96", "solid", "circle"),
+    "auto+culling": Style("#1cb2dc", "solid", "circle-open"),
 }
 OTHERS = ("#7d8f1d", "#5f7fa3", "#a86b4c", "#3a9fb0")
 DEVICE_DASHES = ("solid", "dashdot", "longdash", "dot")

@@ -48,10 +48,11 @@ class Recording:
 def read_recordings(folder: Path, scenarios: list[str]) -> list[Recording]:
     """The recordings of those scenarios that have one."""
     paths = {s: folder / "recordings" / f"{s}.npy" for s in scenarios}
-    return [_read(s, path) for s, path in paths.items() if path.exists()]
+    return [read_recording(s, path) for s, path in paths.items() if path.exists()]
 
 
-def _read(scenario: str, path: Path) -> Recording:
+def read_recording(scenario: str, path: Path) -> Recording:
+    """One recording; throws StudyError."""
     try:
         boxes = np.load(path, mmap_mode="r", allow_pickle=False)
     except (ValueError, OSError) as error:

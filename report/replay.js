@@ -46,7 +46,8 @@
   const outlineMaterial = new THREE.ShaderMaterial({
     vertexShader: `attribute vec3 centre, size, tint; varying vec3 shade;
       void main() { shade = tint; gl_Position = projectionMatrix * modelViewMatrix * vec4(centre + position * size, 1.0); }`,
-    fragmentShader: "varying vec3 shade; void main() { gl_FragColor = vec4(shade, 1.0); }",
+    fragmentShader: "uniform float brightness; varying vec3 shade; void main() { gl_FragColor = vec4(shade * brightness, 1.0); }",
+    uniforms: { brightness: { value: 1 } },
   });
   const container = new THREE.LineSegments(edges, new THREE.LineBasicMaterial({ color: 0x8b8f98 }));
   scene.add(container);
@@ -137,6 +138,7 @@
     for (const changed of [meshes.solid.instanceMatrix, meshes.tint, meshes.centre, meshes.size]) changed.needsUpdate = true;
     meshes.solid.visible = item("solid").checked;
     meshes.outlines.visible = item("outlines").checked;
+    outlineMaterial.uniforms.brightness.value = meshes.solid.visible ? 0.45 : 1;  // darker, to be seen on the boxes
     const frame = nearest * run.stride;
     item("frame").textContent = `frame ${frame} of ${run.recorded_frames - 1} · ${(frame * run.frame_seconds).toFixed(2)} s`;
     item("high").textContent = bySpeed ? `${run.top_speed.toFixed(1)} m/s` : `${run.top_overlaps} overlaps`;

@@ -9,7 +9,7 @@ from typing import Any
 import matplotlib.pyplot as plt
 import numpy as np
 
-from report.key_frames import COLOUR_MAP, png
+from report.key_frames import COLOUR_MAP, png, top_speed
 from report.markup import escaped
 from report.recording import BUDGET, FRAME_SECONDS, Recording, replay_data
 
@@ -20,7 +20,8 @@ def figure_1(recordings: list[Recording], images: dict[str, list[np.ndarray]]) -
     text += " by speed. Click a picture to move the replay below to its frame.</figcaption>"
     text += '<div class="frames">'
     for recording in recordings:
-        text += f"<h3>{escaped(recording.scenario)} <span>{recording.objects:,} objects</span></h3>"
+        text += f"<h3>{escaped(recording.scenario)} <span>{recording.objects:,} objects; speed"
+        text += f" from 0 (violet) to {top_speed(recording):.3g} m/s (yellow)</span></h3>"
         for frame, image in zip(recording.key_frames, images[recording.scenario]):
             data = base64.b64encode(png(image)).decode("ascii")
             seconds = f"{frame * FRAME_SECONDS:.1f}"
@@ -33,10 +34,10 @@ def figure_1(recordings: list[Recording], images: dict[str, list[np.ndarray]]) -
     return text + "</div></figure>"
 
 
-def recordings_data(recordings: list[Recording]) -> dict[str, Any]:
-    """The data of the replay: the runs, and 256 colours as bytes."""
+def recordings_data(recordings: list[Recording], budget: int = BUDGET) -> dict[str, Any]:
+    """The data of the replay: the runs, in a budget of characters, and 256 colours as bytes."""
     ramp = np.rint(plt.get_cmap(COLOUR_MAP)(np.arange(256))[:, :3] * 255).astype(int)
-    runs = [replay_data(r, BUDGET // len(recordings)) for r in recordings]
+    runs = [replay_data(r, budget // len(recordings)) for r in recordings]
     return {"runs": runs, "ramp": ramp.ravel().tolist()}
 
 

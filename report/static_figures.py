@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator
 
 from report.curves import figure_names, over_frames, over_objects, shown_objects
+from report.key_frames import top_speed
 from report.palette import styles_of
 from report.recording import FRAME_SECONDS, Recording
 from report.study import METRICS, Series, Study
@@ -20,6 +21,7 @@ DASHES = {"solid": "-", "dash": "--", "dot": ":", "dashdot": "-.", "longdash": (
 MARKERS = {"circle": "o", "square": "s", "diamond": "D", "triangle-up": "^", "cross": "P"}
 TITLES = {"update": "update", "broad_phase": "broad phase", "total": "total"}
 MOST_POINTS = 512  # per line in Figures 2 to 5
+MARKS = 6  # per line in Figures 2 to 5
 SETTINGS: dict[str, Any] = {
     "svg.hashsalt": "broadcl",
     "svg.fonttype": "none",
@@ -41,6 +43,9 @@ def _line_style(study: Study, series: Series) -> dict[str, Any]:
     return {
         "color": style.colour,
         "linestyle": DASHES[style.dash],
+        "marker": MARKERS[style.marker.removesuffix("-open")],
+        "markersize": 4,
+        "markerfacecolor": "white" if style.marker.endswith("-open") else None,
         "label": study.label(series),
     }
 
@@ -76,14 +81,10 @@ def times_over_objects(study: Study) -> Figure:
             line = over_objects(study, scenario, series, "total")
             if not line.objects:
                 continue
-            marker = styles_of(study)[series].marker
             panel.errorbar(
                 line.objects,
                 line.median,
                 yerr=(line.median - line.least, line.greatest - line.median),
-                marker=MARKERS[marker.removesuffix("-open")],
-                markersize=4,
-                markerfacecolor="white" if marker.endswith("-open") else None,
                 linewidth=1.4,
                 elinewidth=0.8,
                 **_line_style(study, series),
@@ -112,11 +113,13 @@ def times_over_frames(study: Study, scenario: str) -> Figure:
     step = 1
     figure, axes = plt.subplots(len(METRICS), 1, figsize=(9, 9), sharex=True)
     for panel, metric in zip(axes, ("total", "update", "broad_phase")):
-        for series in study.cells_of(scenario, objects):
+        for k, series in enumerate(study.cells_of(scenario, objects)):
             times = over_frames(study, scenario, objects, series)[:, METRICS.index(metric)]
             step = -(-len(times) // MOST_POINTS)
             frames, medians = medians_of(times, step)
-            panel.plot(frames, medians, linewidth=1, **_line_style(study, series))
+            # The marks of the lines stand side by side.
+            marks = (0.02 + 0.02 * k, 1 / MARKS)
+            panel.plot(frames, medians, linewidth=1, markevery=marks, **_line_style(study, series))
         panel.set(title=TITLES[metric], yscale="log", ylabel="ms", xlim=(0, len(times) - 1))
         _label_decades(panel, [1])
         panel.grid(True)
@@ -135,9 +138,15 @@ def key_frames(recordings: list[Recording], images: dict[str, list[np.ndarray]])
         drawn = zip(row, recording.key_frames, images[recording.scenario])
         for k, (panel, frame, image) in enumerate(drawn):
             panel.imshow(image, interpolation="antialiased")
-            above = f"{recording.scenario}, {recording.objects:,} objects" if k == 0 else ""
-            below = f"frame {frame}, {frame * FRAME_SECONDS:.1f} s"
-            panel.set_title(f"{above}\n{below}", fontsize=8)
+            panel.set_title(f"\nframe {frame}, {frame * FRAME_SECONDS:.1f} s", fontsize=8)
+            if k == 0:
+                above = f"{recording.scenario}, {recording.objects:,} objects; speed"
+                above += f" from 0 (violet) to {top_speed(recording):.3g} m/s (yellow)"
+                # It reaches over the other columns.
+                title = panel.annotate(
+                    above, (0, 1), (0, 17), "axes fraction", "offset points", fontsize=8
+                )
+                title.set_in_layout(False)
             panel.set_axis_off()
     figure.tight_layout()
     return figure

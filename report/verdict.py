@@ -193,13 +193,3 @@ def absent(study: Study) -> list[str]:
         f"Left out of the preset `{study.info['preset']}`: {text}." for text in study.info["cut"]
     ]
 
-
-def as_text(study: Study) -> str:
-    """The whole verdict, for a terminal."""
-    lines = headline(study)
-    lines.append(UPDATE_COUNTS)
-    for scenario in study.scenarios:
-        lines.append(f"\n{scenario}")
-        for metric, title in COMPARED.items():
-            lines.append(f"  {title}: {' '.join(sentences(study, scenario, metric))}")
-    return "\n".join(lines + [""] + absent(study)).replace("`", "").strip()

@@ -1,7 +1,9 @@
 // `broadcl simulate`, run as users run it.
 #include <cstddef>
 #include <optional>
+#include <sstream>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include <gtest/gtest.h>
@@ -82,6 +84,34 @@ TEST_F(Program, SimulateTimesTheOnlyFrameIfThereIsOne) {
   EXPECT_NE(outcome.out.find("\nFrame 0, the only one, includes the warm-up.\n"), std::string::npos);
   const json times = json::parse(read_file(path("run.json")))["milliseconds"]["total"];
   for (const std::string column : {"mean", "median", "p95"}) EXPECT_EQ(times[column], times["first_frame"]);
+}
+
+TEST_F(Program, SimulateComparesBroadPhasesWithTheFirst) {
+  const Outcome outcome =
+      run("simulate --objects 40 --frames 12 --broadphase bullet-bf,sweep-and-prune,bullet-bvh --verify");
+  expect_success(outcome);
+  std::vector<std::string> names;
+  for (const std::string& line : lines_of(outcome.out)) {
+    std::istringstream stream(line);
+    std::string name;
+    double search = 0;
+    double search_ratio = 0;
+    double total = 0;
+    double total_ratio = 0;
+    std::string device;
+    if (!(stream >> name >> search >> search_ratio >> total >> total_ratio >> device)) continue;
+    names.push_back(name);
+    EXPECT_GT(search, 0);
+    EXPECT_GT(total, search);
+    if (names.size() == 1) EXPECT_EQ(std::pair(search_ratio, total_ratio), std::pair(1.0, 1.0));
+    EXPECT_EQ(device, "host");
+  }
+  EXPECT_EQ(names, (std::vector<std::string>{"bullet-bf", "sweep-and-prune", "bullet-bvh"}));
+  for (const std::string part :
+       {"mixed-sizes, 40 cubes, 12 frames, seed 1\n", "\nUpdate and broad phase ",
+        "\nbullet-bf     every frame has exactly", "\nbullet-bvh    no frame misses"}) {
+    EXPECT_NE(outcome.out.find(part), std::string::npos) << part << " is not in\n" << outcome.out;
+  }
 }
 
 TEST_F(Program, SimulateReportsStagesOnlyWithProfile) {

@@ -86,7 +86,7 @@ TEST_F(ProgramStudy, WritesARowAndAFileForEachRun) {
   expect_success(outcome);
   EXPECT_THAT(outcome.out, HasSubstr("16 of 16 runs done"));
   EXPECT_THAT(outcome.out, HasSubstr("\nmixed-sizes            80 "));
-  EXPECT_THAT(outcome.out, HasSubstr("scripts/report s"));
+  EXPECT_THAT(outcome.out, HasSubstr("scripts/report 's'"));
 
   const std::vector<std::string> devices = {select_device().label()};
   const std::vector<cli::StudyRun> runs = cli::planned_runs(settings_of_tiny("tiles"), devices);

@@ -296,6 +296,10 @@ const std::vector<BadInput> bad_inputs = {
 
     {"SimulateUnknownScenario", "simulate --scenario frobnicate --csv run.csv", "mixed-sizes"},
     {"SimulateUnknownBroadphase", "simulate --broadphase frobnicate --csv run.csv", "bullet-bvh"},
+    {"SimulateUnknownAmongBroadphases", "simulate --broadphase bullet-bf,frobnicate", "bullet-bvh"},
+    {"SimulateSameBroadphaseTwice", "simulate --broadphase tiles,tiles", "'tiles' is given twice"},
+    {"SimulateCsvOfSeveral", "simulate --broadphase bullet-bf,oracle --csv run.csv",
+     "are for one broad phase"},
     {"SimulateUnknownDevice", "simulate --device frobnicate --csv run.csv", "'frobnicate'"},
     {"SimulateUnknownDeviceOnHost", "simulate --broadphase bullet-bf --device frobnicate", "'frobnicate'"},
     {"SimulateNegativeObjects", "simulate --objects -5", "--objects: '-5' is not a whole number"},

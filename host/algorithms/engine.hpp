@@ -19,8 +19,8 @@ namespace broadcl {
 /// objects come from and where changes go.
 ///
 /// A frame consists of prepare(), the commands that update the objects, and begin() and finish(), or
-/// enqueue() if nobody waits for the frame. If one of these fails, the pairs of the last frame are still
-/// known, and the next frame starts with prepare() again.
+/// enqueue() if the caller does not wait for the frame. If one of these fails, the pairs of the last frame
+/// are still known, and the next frame starts with prepare() again.
 class Engine {
  public:
   /// @param context, profiler Must outlive this object.
@@ -55,7 +55,7 @@ class Engine {
   /// @throws cl::Error, Error
   [[nodiscard]] std::vector<Pair> finish_only_search();
 
-  /// Reserves memory for frames that nobody waits for, of this many slots and pairs.
+  /// Reserves memory for frames that the caller does not wait for, of this many slots and pairs.
   /// @throws cl::Error, Error; nothing has changed then.
   void reserve_ahead(std::size_t slots, std::size_t pairs);
   /// Enqueues the search and the commands that write its changes, in order, to the caller's buffers, and

@@ -28,8 +28,8 @@ class Order {
   /// @throws cl::Error, Error
   Order(const opencl::Context& context, opencl::Profiler& profiler, Target target);
 
-  /// The destination of a frame that nobody waits for: buffers of the caller for the changes, each for
-  /// `capacity` pairs, and for the counts, as kernels/order.cl reports them.
+  /// The destination of a frame that the caller does not wait for: buffers of the caller for the changes,
+  /// each for `capacity` pairs, and for the counts, as kernels/order.cl reports them.
   struct Report {  // NOLINT(bugprone-exception-escape): handles do not throw when moved
     cl::Buffer added{}, removed{}, counts{};
     std::size_t capacity = 0;
@@ -39,13 +39,13 @@ class Order {
   /// Starts a frame: chooses a way to sort, by how much changed in the last frame, and grows the buffers.
   /// @throws cl::Error, Error
   void begin(const Search& search);
-  /// Starts a frame that nobody waits for, with the memory that reserve_ahead() reserved.
+  /// Starts a frame that the caller does not wait for, with the memory that reserve_ahead() reserved.
   /// @throws cl::Error, Error
   void begin(const Search& search, const Report& report);
   /// Reserves memory for such frames.
   /// @throws cl::Error, Error; nothing is reserved then.
   void reserve_ahead(std::size_t slots, std::size_t pairs);
-  /// Enqueues the commands that sort the changes of a frame and, unless nobody waits for it, read them.
+  /// Enqueues the commands that sort the changes of a frame and, if the caller waits for it, read them.
   /// @param tag Of the frame: see PairDelta.
   /// @throws cl::Error
   void enqueue(const PairDelta& delta, cl_uint tag);
@@ -59,7 +59,7 @@ class Order {
   bool complete(const PairDelta& delta, const PairDelta::Counts& counts);
   /// The frame succeeded.
   void commit(const PairDelta::Counts& counts) noexcept;
-  /// The frame is enqueued, and nobody waits for it.
+  /// The frame is enqueued, and the caller does not wait for it.
   void commit_unread() noexcept { turn_ = 1 - turn_; }
 
   /// The changes of the last frame on the host. They stay unchanged until the frame after the next begins.

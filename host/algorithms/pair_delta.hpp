@@ -19,8 +19,9 @@ namespace broadcl {
 /// pairs did not fit, all of it again with more capacity. Until commit(), the pairs of the last frame are
 /// still known.
 ///
-/// If nobody waits for the frame, commit_unread() assumes that it is complete. If it is not, the kernels of
-/// this and of all later frames leave everything unchanged. settle() finds out how many frames were complete.
+/// If the caller does not wait for the frame, commit_unread() assumes that it is complete. If it is not, the
+/// kernels of this and of all later frames leave everything unchanged. settle() finds out how many frames
+/// were complete.
 class PairDelta {
  public:
   /// The counts of a frame: kernels/delta.h.
@@ -56,7 +57,7 @@ class PairDelta {
   /// those of the last frame.
   /// @throws cl::Error, Error
   void begin(std::size_t pairs);
-  /// Reserves memory for frames that nobody waits for, with this many pairs.
+  /// Reserves memory for frames that the caller does not wait for, with this many pairs.
   /// @throws cl::Error, Error; nothing is reserved then.
   void reserve_ahead(std::size_t pairs);
   /// Enqueues the kernel that splits the pairs of the last frame into those that stay and those that are
@@ -90,7 +91,7 @@ class PairDelta {
   /// @param is_next_ready Whether the kernels of kernels/order.cl have prepared the counts of the next frame.
   // NOLINTNEXTLINE(bugprone-exception-escape): handles do not throw when moved
   void commit(const Counts& counts, cl_uint tag, bool is_next_ready) noexcept;
-  /// The frame has been enqueued, and nobody waits for it.
+  /// The frame has been enqueued, and the caller does not wait for it.
   void commit_unread() noexcept;  // NOLINT(bugprone-exception-escape)
   /// Waits for such frames. Afterwards the pairs of the last complete frame are known again.
   /// @throws cl::Error

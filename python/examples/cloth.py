@@ -46,14 +46,18 @@ candidates = pairs[far]
 print(f"{len(faces):,} faces, {len(pairs):,} pairs of boxes, {len(candidates):,} of faces that are not close in the sheet")
 
 count = np.bincount(candidates.reshape(-1), minlength=len(faces))
-figure = plt.figure(figsize=(7, 4), layout="constrained")
-axes = figure.add_subplot(projection="3d")
+figure = plt.figure(figsize=(7.5, 4.6))
+axes = figure.add_axes((0, -0.3, 0.85, 1.35), projection="3d")
 colours = plt.get_cmap("YlOrRd")(count / max(count.max(), 1))
+colours[count == 0] = (0.8, 0.84, 0.9, 1)
 axes.add_collection3d(Poly3DCollection(after[faces], facecolors=colours, edgecolors=colours, linewidths=0.2, shade=True))
 axes.set(xlim=(-1.1, 0.2), ylim=(0, 2), zlim=(-0.3, 0.3))
 axes.view_init(elev=35, azim=-50)
-axes.set_box_aspect((1.3, 2, 0.6), zoom=1.05)
+axes.set_box_aspect((1.3, 2, 0.6), zoom=0.85)
 axes.set_axis_off()
+figure.suptitle(f"Where a folded cloth of {len(faces):,} triangles may hit itself between two frames.\n"
+                "Coloured: triangles whose swept boxes overlap those of others that are not near them\n"
+                f"in the sheet. These {len(candidates):,} pairs need an exact test.", fontsize=11, x=0.02, ha="left")
 scale = plt.cm.ScalarMappable(cmap="YlOrRd", norm=plt.Normalize(0, count.max()))
-figure.colorbar(scale, ax=axes, label="faces that each may hit", shrink=0.7)
+figure.colorbar(scale, cax=figure.add_axes((0.87, 0.15, 0.02, 0.6)), label="triangles that each one may hit")
 figure.savefig(sys.argv[1] if len(sys.argv) > 1 else "cloth.png", dpi=110)

@@ -65,7 +65,7 @@ for step in range(400):
 print(f"{len(positions):,} particles, {kept[-1]:,} neighbours, on average {np.mean(added):.0f} pairs of cubes more and "
       f"{np.mean(removed):.0f} fewer per step")
 
-figure, (left, right) = plt.subplots(1, 2, figsize=(9, 4), layout="constrained")
+figure, (left, right) = plt.subplots(1, 2, figsize=(9.5, 4.5), layout="constrained")
 count = np.bincount(pairs.reshape(-1), minlength=len(positions))
 slice_ = np.abs(positions[:, 2] - WALL / 2) < 1.2
 inside = slice_[pairs].all(axis=1)
@@ -73,10 +73,12 @@ near = np.linalg.norm(positions[pairs[:, 0]] - positions[pairs[:, 1]], axis=1) <
 for a, b in pairs[inside & near]:
     left.plot(*positions[[a, b], :2].T, color="0.7", linewidth=1, zorder=1)
 dots = left.scatter(*positions[slice_, :2].T, c=count[slice_], s=90, cmap="viridis", zorder=2)
-left.set(aspect="equal", xlim=(-0.5, WALL + 0.5), ylim=(-0.5, WALL + 0.5), xticks=[], yticks=[], title="a slice")
-figure.colorbar(dots, ax=left, label="neighbours within the cut-off")
-right.plot(added, label="pairs of cubes added")
-right.plot(removed, label="removed")
-right.set(xlabel="step", ylim=(0, None), title="changes per step")
+left.set(aspect="equal", xlim=(-0.5, WALL + 0.5), ylim=(-0.5, WALL + 0.5), xticks=[], yticks=[],
+         title=f"Slice of a box with {len(positions):,} particles;\nlines join those at most 1.4 diameters apart")
+figure.colorbar(dots, ax=left, label=f"neighbours within {CUT_OFF} diameters")
+right.plot(added, label="pairs of cubes that start overlapping")
+right.plot(removed, label="pairs that stop overlapping")
+right.set(xlabel="step", ylim=(0, None), ylabel="pairs",
+          title="What update() returns in each step:\nonly the changes")
 right.legend()
 figure.savefig(sys.argv[1] if len(sys.argv) > 1 else "particles.png", dpi=110)

@@ -1,13 +1,16 @@
 #pragma once
 
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <charconv>
 #include <concepts>
+#include <cstddef>
 #include <cstdint>
 #include <optional>
 #include <string>
 #include <string_view>
 #include <system_error>
+#include <vector>
 
 #include "cli/text.hpp"
 
@@ -61,6 +64,27 @@ inline CLI::Option* add_name(CLI::App& verb, const std::string& name, std::strin
       ->transform([](const std::string& text) { return one_line(text); })
       ->type_name("NAME")
       ->capture_default_str();
+}
+
+/// Adds an option for a comma-separated list of distinct elements.
+template <class Value, class Parse>
+CLI::Option* add_list(CLI::App& verb, const std::string& name, std::optional<std::vector<Value>>& values,
+                      const std::string& type, const Parse& parse, const std::string& description) {
+  const auto split = [name, parse, &values](const std::string& text) {
+    values.emplace();
+    for (std::size_t begin = 0; begin <= text.size();) {
+      const std::size_t end = std::min(text.find(',', begin), text.size());
+      const std::string element = one_line(text.substr(begin, end - begin));
+      if (element.empty()) throw CLI::ValidationError(name, "an element of the list is empty");
+      const Value value = parse(element);
+      if (std::find(values->begin(), values->end(), value) != values->end()) {
+        throw CLI::ValidationError(name, "'" + element + "' is given twice");
+      }
+      values->push_back(value);
+      begin = end + 1;
+    }
+  };
+  return verb.add_option_function<std::string>(name, split, description)->type_name(type);
 }
 
 /// Adds an option whose value is the name of a file to write.

@@ -1,9 +1,12 @@
 #include <CLI/CLI.hpp>
+#include <algorithm>
+#include <broadcl/error.hpp>
 #include <cstdint>
 #include <iostream>
 #include <memory>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "cli/arguments.hpp"
 #include "cli/broadphase_rows.hpp"
@@ -13,6 +16,7 @@
 #include "cli/simulation.hpp"
 #include "cli/trace.hpp"
 #include "cli/verbs.hpp"
+#include "scenes/broadphases.hpp"
 #include "scenes/scenario.hpp"
 #include "scenes/world.hpp"
 
@@ -21,6 +25,7 @@ namespace {
 
 struct SimulateOptions {
   SimulationConfig simulation;
+  std::optional<std::vector<std::string>> broadphases;
   std::string csv;
   std::string json;
   std::string trace;
@@ -61,6 +66,33 @@ Exit run_simulate(const SimulateOptions& options) {
   return result.verdict && result.verdict->first_wrong_frame ? Exit::difference : Exit::success;
 }
 
+/// Simulates the same with one broad phase after the other.
+Exit run_comparison(const SimulateOptions& options) {
+  const std::vector<std::string>& names = *options.broadphases;
+  const bool stores = !options.csv.empty() || !options.json.empty() || !options.trace.empty() ||
+                      !options.record.empty() || options.simulation.profile;
+  if (stores) {
+    throw Error(
+        "--csv, --json, --trace, --record and --profile are for one broad phase; 'broadcl study' "
+        "stores the times of several");
+  }
+  for (const std::string& name : names) (void)scenes::find_broadphase(name);
+  std::vector<SimulationResult> results;
+  {
+    ProgressBar progress(std::uint64_t{options.simulation.frames} * names.size());
+    SimulationConfig config = options.simulation;
+    for (const std::string& name : names) {
+      config.broadphase = name;
+      results.push_back(simulate(config, [&] { progress.advance(); }));
+    }
+  }
+  std::cout << comparison_report(options.simulation, names, results);
+  const bool wrong = std::any_of(results.begin(), results.end(), [](const SimulationResult& result) {
+    return result.verdict && result.verdict->first_wrong_frame;
+  });
+  return wrong ? Exit::difference : Exit::success;
+}
+
 std::string simulate_footer() {
   std::string text = "Scenarios:\n";
   for (const scenes::ScenarioInfo& scenario : scenes::Scenario::list()) {
@@ -84,7 +116,10 @@ Verb add_simulate(CLI::App& program) {
   add_number(*verb, "--seed", simulation.scenario.seed, std::uint64_t{0}, UINT64_MAX,
              "Seed of the random numbers");
   verb->add_flag("--spheres", simulation.scenario.spheres, "Spheres instead of cubes");
-  add_name(*verb, "--broadphase", simulation.broadphase, "The broad phase; see below");
+  add_list(
+      *verb, "--broadphase", options->broadphases, "A,B", [](const std::string& name) { return name; },
+      "The broad phase, or several, to be compared with the first; see below")
+      ->default_str(simulation.broadphase);
   add_device(*verb, simulation.device);
   add_number(
       *verb, "--threads", simulation.threads, 1U, scenes::World::most_threads,
@@ -107,6 +142,9 @@ Verb add_simulate(CLI::App& program) {
   verb->footer(simulate_footer());
   return {verb, [options] {
             options->simulation.trace = !options->trace.empty();
+            if (!options->broadphases) return run_simulate(*options);
+            if (options->broadphases->size() > 1) return run_comparison(*options);
+            options->simulation.broadphase = options->broadphases->front();
             return run_simulate(*options);
           }};
 }

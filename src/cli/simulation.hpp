@@ -8,6 +8,7 @@
 #include <functional>
 #include <nlohmann/json_fwd.hpp>
 #include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -95,6 +96,14 @@ struct Frames {
 [[nodiscard]] std::string json_report(const SimulationConfig& config, const SimulationResult& result);
 /// The summary for people.
 [[nodiscard]] std::string table_report(const SimulationConfig& config, const SimulationResult& result);
+
+/// The summaries of several broad phases, one row each, for people.
+/// @param config Of all of them, except for the broad phase.
+/// @param broadphases Their names.
+/// @param results One per name; the first one is what the others are compared with.
+[[nodiscard]] std::string comparison_report(const SimulationConfig& config,
+                                            std::span<const std::string> broadphases,
+                                            std::span<const SimulationResult> results);
 
 /// json_report() for frames from another source, which `config` describes.
 [[nodiscard]] std::string json_report_of(const nlohmann::ordered_json& config,

@@ -2,6 +2,8 @@
 
 #include <broadcl/version.h>
 #include <algorithm>
+#include <cstddef>
+#include <span>
 #include <string_view>
 #include <utility>
 
@@ -139,6 +141,29 @@ std::string text_of(const Verdict& verdict) {
          " over all frames, which this broad phase may have";
 }
 
+std::string scenario_line(const SimulationConfig& config) {
+  const scenes::Scenario::Config& scenario = config.scenario;
+  return "scenario      " + scenario.name + ", " +
+         counted(scenario.objects, scenario.spheres ? "sphere" : "cube") + ", " +
+         counted(config.frames, "frame") + ", seed " + std::to_string(scenario.seed) +
+         (config.threads > 1 ? ", " + counted(config.threads, "thread") : "") + "\n";
+}
+
+constexpr std::string_view update_explained =
+    "Update: updateAabbs(), which computes every object's box and passes it to setAabb(); broad phase:\n"
+    "computeOverlappingPairs(); total: the whole stepSimulation().\n";
+
+/// Mean milliseconds per frame.
+struct Means {
+  double search;  ///< Update and broad phase.
+  double total;
+};
+
+Means means_of(const SimulationResult& result) {
+  return {.search = summary_of(result.update).mean + summary_of(result.broad_phase).mean,
+          .total = summary_of(result.total).mean};
+}
+
 ordered_json json_of(const SimulationConfig& config) {
   ordered_json json = {{"scenario", config.scenario.name},
                        {"objects", config.scenario.objects},
@@ -202,17 +227,41 @@ std::string json_report_of(const ordered_json& config, const SimulationResult& r
 }
 
 std::string table_report(const SimulationConfig& config, const SimulationResult& result) {
-  const scenes::Scenario::Config& scenario = config.scenario;
-  const std::string heading = "scenario      " + scenario.name + ", " +
-                              counted(scenario.objects, scenario.spheres ? "sphere" : "cube") + ", " +
-                              counted(config.frames, "frame") + ", seed " + std::to_string(scenario.seed) +
-                              (config.threads > 1 ? ", " + counted(config.threads, "thread") : "") +
-                              "\nbroad phase   " + config.broadphase + "\n";
   const std::string text =
-      table_report_of(heading, config.broadphase, result) +
-      "Update: updateAabbs(), which computes every object's box and passes it to setAabb(); broad phase:\n"
-      "computeOverlappingPairs(); total: the whole stepSimulation().\n";
+      table_report_of(scenario_line(config) + "broad phase   " + config.broadphase + "\n", config.broadphase,
+                      result) +
+      std::string(update_explained);
   return config.profile ? text + stages_table(config, result) : text;
+}
+
+std::string comparison_report(const SimulationConfig& config, std::span<const std::string> broadphases,
+                              std::span<const SimulationResult> results) {
+  constexpr int decimals = 3;
+  const Means first = means_of(results.front());
+  std::string text = scenario_line(config);
+  std::string rows;
+  std::string verdicts;
+  std::size_t fastest = 0;
+  for (std::size_t k = 0; k < results.size(); ++k) {
+    const SimulationResult& result = results[k];
+    const Means means = means_of(result);
+    if (means.search < means_of(results[fastest]).search) fastest = k;
+    rows += left(broadphases[k], 20) + right(fixed(means.search, decimals), 23) +
+            right(fixed(means.search / first.search, 2), 8) + right(fixed(means.total, decimals), 11) +
+            right(fixed(means.total / first.total, 2), 8) + "   " +
+            (result.device ? one_line(result.device->label()) : "host") + "\n";
+    if (result.verdict) verdicts += left(broadphases[k], 14) + text_of(*result.verdict) + "\n";
+  }
+  text += "\nmean, ms per frame     update and broad phase   ratio      total   ratio   device\n" + rows +
+          verdicts + "\n";
+  if (fastest == 0) {
+    text += "Update and broad phase are fastest with " + broadphases[0] + ".\n";
+  } else {
+    text += "Update and broad phase take " + fixed(means_of(results[fastest]).search / first.search, 2) +
+            " times as long with " + broadphases[fastest] + " as with " + broadphases[0] + ".\n";
+  }
+  if (config.frames > 1) text += "Frame 0, which includes the warm-up, is left out.\n";
+  return text + std::string(update_explained);
 }
 
 std::string table_report_of(const std::string& heading, const std::string& broadphase,

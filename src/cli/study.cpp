@@ -300,27 +300,6 @@ Exit run_study(const StudyOptions& options) {
   return Exit::failure;
 }
 
-/// Adds an option for a comma-separated list of distinct elements.
-template <class Value, class Parse>
-void add_list(CLI::App& verb, const std::string& name, std::optional<std::vector<Value>>& values,
-              const std::string& type, const Parse& parse, const std::string& description) {
-  const auto split = [name, parse, &values](const std::string& text) {
-    values.emplace();
-    for (std::size_t begin = 0; begin <= text.size();) {
-      const std::size_t end = std::min(text.find(',', begin), text.size());
-      const std::string element = one_line(text.substr(begin, end - begin));
-      if (element.empty()) throw CLI::ValidationError(name, "an element of the list is empty");
-      const Value value = parse(element);
-      if (std::find(values->begin(), values->end(), value) != values->end()) {
-        throw CLI::ValidationError(name, "'" + element + "' is given twice");
-      }
-      values->push_back(value);
-      begin = end + 1;
-    }
-  };
-  verb.add_option_function<std::string>(name, split, description)->type_name(type);
-}
-
 /// "NAME=N"
 StudyLimit parse_limit(const std::string& text) {
   const std::size_t mark = text.rfind('=');

@@ -69,7 +69,7 @@ std::string study_report(const StudyFolder& folder, const StudySettings& setting
             "\n";
   }
   return text + "files         study.json, study.csv and runs/ in " + quoted(folder.path()) +
-         "\nreport        run 'scripts/report " + one_line(folder.path().string()) + "' to make one\n";
+         "\nreport        made by: scripts/report " + quoted(folder.path()) + "\n";
 }
 
 }  // namespace broadcl::cli
