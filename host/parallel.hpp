@@ -49,8 +49,9 @@ void for_each_part(std::size_t n, const Function& function) noexcept {
     function(std::size_t{0}, n);
     return;
   }
-  parallel_for((n + part - 1) / part, std::thread::hardware_concurrency(),
-               [&](std::size_t k, std::size_t /*thread*/) { function(k * part, std::min(n, (k + 1) * part)); });
+  parallel_for(
+      (n + part - 1) / part, std::thread::hardware_concurrency(),
+      [&](std::size_t k, std::size_t /*thread*/) { function(k * part, std::min(n, (k + 1) * part)); });
 }
 
 }  // namespace broadcl

@@ -15,6 +15,7 @@
 #include "device_life.hpp"
 #include "each_algorithm.hpp"
 #include "failing_allocations.hpp"
+#include "opencl/error.hpp"
 #include "opencl/kernel_source.hpp"
 #include "pretender.hpp"
 #include "short_life.hpp"

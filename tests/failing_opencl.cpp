@@ -14,8 +14,8 @@
 
 #include "device_limits.hpp"
 #include "opencl/api.hpp"
-#include "opencl/error.hpp"
 #include "opencl/direct_memory.hpp"
+#include "opencl/error.hpp"
 
 namespace broadcl::test {
 namespace {

@@ -86,10 +86,11 @@ TEST(OpenedDevices, AHandlerOfCompilationsMayUseTheLibrary) {
   const ScopedFolder folder;
   const ScopedVariable cache("BROADCL_CACHE_DIR", folder.path().string());
   int calls = 0;
-  BroadPhase broad_phase({.algorithm = "tiles", .on_compile = [&](const Device& /*device*/, const std::string&) {
-                            BroadPhase other({.algorithm = "tiles"});
-                            calls += static_cast<int>(pairs_after_frames(other, 3).size());
-                          }});
+  BroadPhase broad_phase(
+      {.algorithm = "tiles", .on_compile = [&](const Device& /*device*/, const std::string&) {
+         BroadPhase other({.algorithm = "tiles"});
+         calls += static_cast<int>(pairs_after_frames(other, 3).size());
+       }});
   EXPECT_EQ(pairs_after_frames(broad_phase, 3).size(), static_cast<std::size_t>(calls));
 }
 

@@ -31,8 +31,8 @@ class GroupTooLarge : public Error {
   using Error::Error;
 };
 
-/// What one object needs on a device that it shares with others: an in-order queue, the tuning of its kernels,
-/// and a count of its memory.
+/// What one object needs on a device that it shares with others: an in-order queue, the tuning of its
+/// kernels, and a count of its memory.
 class Context {
  public:
   /// @param profile Whether the queue records device times.

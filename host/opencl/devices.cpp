@@ -157,8 +157,8 @@ bool is_discrete(const Device& device) {
 
 /// The better of two devices has the greater rank.
 std::pair<bool, std::uint64_t> rank(const Device& device) {
-  return {is_discrete(device),
-          std::uint64_t{device.compute_units} * opencl::arithmetic_units(device) * std::max(1U, device.clock_mhz)};
+  return {is_discrete(device), std::uint64_t{device.compute_units} * opencl::arithmetic_units(device) *
+                                   std::max(1U, device.clock_mhz)};
 }
 
 /// The best device that matches, the first of equals.

@@ -20,8 +20,8 @@ namespace broadcl::opencl {
 /// Objects that are created from now on open their devices anew: opened_device.hpp.
 void forget_opened_devices() noexcept;
 
-/// Calls a function that uses OpenCL, and turns an OpenCL error that it throws into an Error. Since the device
-/// may be lost, objects that are created afterwards open it anew.
+/// Calls a function that uses OpenCL, and turns an OpenCL error that it throws into an Error. Since the
+/// device may be lost, objects that are created afterwards open it anew.
 /// @throws Error in a process that was forked after OpenCL was used.
 template <class Function>
 decltype(auto) translate_errors(std::string_view device, Function&& function) {

@@ -52,5 +52,4 @@ struct OpenedDevice {
 /// @throws cl::Error, Error
 [[nodiscard]] std::shared_ptr<OpenedDevice> opened_device(const cl::CommandQueue& queue);
 
-
 }  // namespace broadcl::opencl

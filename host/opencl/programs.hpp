@@ -23,7 +23,8 @@ class Programs {
   /// @param options For the compiler.
   /// @param on_compile Called and emptied before the program is built from its source, unless it is empty.
   /// @throws cl::Error; Error with the compiler's log, which names file and line, if it does not compile.
-  [[nodiscard]] cl::Program get(std::string_view file, const std::string& options, CompileHandler& on_compile);
+  [[nodiscard]] cl::Program get(std::string_view file, const std::string& options,
+                                CompileHandler& on_compile);
 
   /// The data stored on disk under a key for this device and driver, if there is any.
   [[nodiscard]] std::optional<DiskCache::Bytes> load(std::string_view key) const;

@@ -22,12 +22,12 @@ bool has_extension(const cl::Device& device, std::string_view name) {
 }  // namespace
 
 Quirks quirks_of(const Device& device) {
-  return {.ends_long_loops =
-              device.type == DeviceType::cpu && device.name.find("llvmpipe") != std::string::npos,
-          .misjudges_kernels = device.platform_name == "rusticl" && device.driver_version.starts_with("22."),
-          .keeps_programs = device.platform_name == "Portable Computing Language",
-          .has_large_buffers =
-              device.type == DeviceType::gpu && device.platform_name.starts_with("Intel(R) OpenCL")};
+  return {
+      .ends_long_loops = device.type == DeviceType::cpu && device.name.find("llvmpipe") != std::string::npos,
+      .misjudges_kernels = device.platform_name == "rusticl" && device.driver_version.starts_with("22."),
+      .keeps_programs = device.platform_name == "Portable Computing Language",
+      .has_large_buffers =
+          device.type == DeviceType::gpu && device.platform_name.starts_with("Intel(R) OpenCL")};
 }
 
 unsigned arithmetic_units(const Device& device) {
