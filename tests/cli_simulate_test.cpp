@@ -103,7 +103,9 @@ TEST_F(Program, SimulateComparesBroadPhasesWithTheFirst) {
     names.push_back(name);
     EXPECT_GT(search, 0);
     EXPECT_GT(total, search);
-    if (names.size() == 1) EXPECT_EQ(std::pair(search_ratio, total_ratio), std::pair(1.0, 1.0));
+    if (names.size() == 1) {
+      EXPECT_EQ(std::pair(search_ratio, total_ratio), std::pair(1.0, 1.0));
+    }
     EXPECT_EQ(device, "host");
   }
   EXPECT_EQ(names, (std::vector<std::string>{"bullet-bf", "sweep-and-prune", "bullet-bvh"}));
