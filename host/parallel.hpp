@@ -3,16 +3,15 @@
 #include <algorithm>
 #include <atomic>
 #include <cstddef>
-#include <future>
-#include <new>
-#include <system_error>
+#include <exception>
 #include <thread>
-#include <vector>
+
+#include "thread_pool.hpp"
 
 namespace broadcl {
 
 /// Calls function(k, thread) once for each k < n; `thread`, below `threads`, is the number of the calling
-/// thread. The caller's thread takes part. Uses fewer threads if the system cannot start more.
+/// thread. The caller's thread takes part; uses fewer threads if others are busy.
 /// @throws What the function throws; the other calls have then returned or were not made.
 template <class Function>
 void parallel_for(std::size_t n, std::size_t threads, const Function& function) {
@@ -20,30 +19,29 @@ void parallel_for(std::size_t n, std::size_t threads, const Function& function) 
     for (std::size_t k = 0; k < n; ++k) function(k, std::size_t{0});
     return;
   }
-  std::atomic<std::size_t> next{0};
-  const auto work = [&](std::size_t thread) {
+  struct Loop {
+    const Function& function;
+    std::size_t n;
+    std::atomic<std::size_t> next{0};
+    std::atomic_flag has_failed{};
+    std::exception_ptr error{};  // of the first call that failed
+  } loop{function, n};
+  const auto work = [](void* context, std::size_t thread) {
+    Loop& shared = *static_cast<Loop*>(context);
     try {
-      for (std::size_t k = next++; k < n; k = next++) function(k, thread);
+      for (std::size_t k = shared.next++; k < shared.n; k = shared.next++) shared.function(k, thread);
     } catch (...) {
-      next = n;
-      throw;
+      shared.next = shared.n;
+      if (!shared.has_failed.test_and_set()) shared.error = std::current_exception();
     }
   };
-  std::vector<std::future<void>> others;
-  others.reserve(std::min(threads, n) - 1);
-  try {
-    for (std::size_t thread = 1; thread < std::min(threads, n); ++thread) {
-      others.push_back(std::async(std::launch::async, work, thread));
-    }
-  } catch (const std::system_error&) {  // there are no more threads
-  }
-  work(0);
-  for (std::future<void>& other : others) other.get();
+  share_work(std::min(threads, n) - 1, work, &loop);
+  if (loop.error) std::rethrow_exception(loop.error);
 }
 
 /// Splits 0 .. n-1 into parts and calls function(begin, end) for each, on all processors if there is much to
 /// do.
-/// @param function Must not throw; may be called again for the same part.
+/// @param function Must not throw.
 template <class Function>
 void for_each_part(std::size_t n, const Function& function) noexcept {
   constexpr std::size_t part = std::size_t{1} << 18U;
@@ -51,13 +49,9 @@ void for_each_part(std::size_t n, const Function& function) noexcept {
     function(std::size_t{0}, n);
     return;
   }
-  try {
-    parallel_for(
-        (n + part - 1) / part, std::thread::hardware_concurrency(),
-        [&](std::size_t k, std::size_t /*thread*/) { function(k * part, std::min(n, (k + 1) * part)); });
-  } catch (const std::bad_alloc&) {  // there is no memory for more threads
-    function(std::size_t{0}, n);
-  }
+  parallel_for(
+      (n + part - 1) / part, std::thread::hardware_concurrency(),
+      [&](std::size_t k, std::size_t /*thread*/) { function(k * part, std::min(n, (k + 1) * part)); });
 }
 
 }  // namespace broadcl

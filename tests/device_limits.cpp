@@ -10,6 +10,8 @@
 #include <string_view>
 #include <vector>
 
+#include "opencl/error.hpp"
+
 namespace broadcl::test {
 namespace {
 
@@ -71,6 +73,7 @@ Limits gpu_with_waves_of(cl_uint width) {
 LimitedDevices::LimitedDevices(const Limits& limits)
     : before_(current), asked_before_(asked_of_kernels_until_now) {
   current = limits;
+  opencl::forget_opened_devices();
 }
 
 long LimitedDevices::asked_of_kernels() const noexcept {
@@ -79,6 +82,7 @@ long LimitedDevices::asked_of_kernels() const noexcept {
 
 LimitedDevices::~LimitedDevices() {
   current = before_;
+  opencl::forget_opened_devices();
 }
 
 cl_int refusal_of_devices() {

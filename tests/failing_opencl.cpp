@@ -15,6 +15,7 @@
 #include "device_limits.hpp"
 #include "opencl/api.hpp"
 #include "opencl/direct_memory.hpp"
+#include "opencl/error.hpp"
 
 namespace broadcl::test {
 namespace {
@@ -231,6 +232,7 @@ struct Watched<name, Result(Arguments...)> {
 }  // namespace
 
 FailingOpenCl::FailingOpenCl(long first, long count) {
+  opencl::forget_opened_devices();  // so that objects that are created open the device by calls that can fail
   calls_made = 0;
   first_succeeding = first > no_call - count ? no_call : first + count;
   first_failing = first;

@@ -24,8 +24,10 @@
 #include "environment.hpp"
 #include "expect_error.hpp"
 #include "forked_child.hpp"
+#include "parallel.hpp"
 #include "pretender.hpp"
 #include "runs.hpp"
+#include "started_threads.hpp"
 
 /// A process that is forked after OpenCL was used.
 namespace broadcl::test {
@@ -35,6 +37,21 @@ using ::testing::HasSubstr;
 
 void expect_refused(const std::function<void()>& function) {
   EXPECT_THAT(error_of(function), HasSubstr("after a fork"));
+}
+
+TEST(Fork, TheChildHasThreadsOfItsOwn) {
+  const auto count = [&] {
+    std::atomic<std::size_t> sum = 0;
+    parallel_for(1000, 3, [&](std::size_t /*k*/, std::size_t /*thread*/) { ++sum; });
+    return sum.load();
+  };
+  ASSERT_EQ(count(), 1000U);
+  EXPECT_TRUE(holds_in_child([&] {
+    const long before = started_threads();
+    for (int k = 0; k < 10; ++k) EXPECT_EQ(count(), 1000U);
+    EXPECT_EQ(started_threads(), before + 2);
+  }));
+  EXPECT_EQ(count(), 1000U);
 }
 
 TEST(Fork, NoDeviceCanBeUsedInTheChild) {

@@ -291,6 +291,7 @@ TEST_F(OnDevice, ProgramsAreCachedAndRunFromTheCache) {
   EXPECT_EQ(run(context), 42);
   const auto files = cached_files();
   ASSERT_EQ(files.size(), 1U);
+  forget_opened_devices();
   EXPECT_EQ(run(Context(select_device(), false)), 42);
   EXPECT_EQ(cached_files(), files);
 }
@@ -300,6 +301,7 @@ TEST_F(OnDevice, TheFolderIsNamedIfTheProgramCanBeStoredThere) {
   std::vector<std::string> named;
   const auto compile = [&](const fs::path& folder) {
     const test::ScopedVariable variable("BROADCL_CACHE_DIR", folder.string());
+    forget_opened_devices();
     const Context context(select_device(), false,
                           [&](const Device& /*device*/, const std::string& name) { named.push_back(name); });
     EXPECT_EQ(run(context), 42);
@@ -330,6 +332,7 @@ TEST_F(OnDevice, ADamagedBinaryIsRebuilt) {
   std::string bad = good;
   bad[bad.size() / 2] = static_cast<char>(~bad[bad.size() / 2]);
   write(file, bad);
+  forget_opened_devices();
   EXPECT_EQ(run(Context(select_device(), false)), 42);
   EXPECT_NE(content(file), bad) << "the file is replaced";
 }

@@ -51,7 +51,9 @@ TEST(PairDelta, ExhaustedMemoryLeavesTheLastFrameKnown) {
   constexpr cl_uint n = 600;
   Device device = select_device();
   device.max_allocation = 1 << 20;  // 131,072 pairs fit, 179,700 do not
+  opencl::forget_opened_devices();  // which are described otherwise
   const opencl::Context context(device, false);
+  opencl::forget_opened_devices();
   opencl::Profiler profiler(false);
   DeviceObjects objects(context, profiler);
   objects.reserve(n, false);
@@ -90,7 +92,9 @@ TEST(PairDelta, AListMayBeAsLargeAsTheLargestAllocation) {
   for (const std::size_t missing : {0U, 1U}) {
     Device device = select_device();
     device.max_allocation = (pairs - missing) * sizeof(Pair);
+    opencl::forget_opened_devices();  // which are described otherwise
     const opencl::Context context(device, false);
+    opencl::forget_opened_devices();
     opencl::Profiler profiler(false);
     DeviceObjects objects(context, profiler);
     objects.reserve(n, false);

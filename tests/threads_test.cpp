@@ -20,6 +20,7 @@
 #include "bullet_rig.hpp"
 #include "each_algorithm.hpp"
 #include "environment.hpp"
+#include "opencl/error.hpp"
 #include "query_rig.hpp"
 #include "runs.hpp"
 
@@ -146,6 +147,7 @@ TEST(Threads, TwoBroadPhasesShareAFolderOfPrograms) {
     const ScopedFolder folder;
     const ScopedVariable variable("BROADCL_CACHE_DIR", folder.path().string());
     for (const std::string_view round : {"both compile", "both load"}) {
+      opencl::forget_opened_devices();
       std::array<std::vector<std::vector<Pair>>, 2> frames;
       in_threads(frames.size(), [&](std::size_t k) { frames.at(k) = walk(algorithm.name, k + 1); });
       ASSERT_EQ(frames, expected) << algorithm.name << ", " << round;
@@ -159,9 +161,10 @@ TEST(Threads, TwoBroadPhasesShareAFolderOfPrograms) {
   }
 }
 
-TEST(Threads, OfTheHostFindTheSamePairs) {
+/// With three threads and with one.
+void expect_same_pairs(unsigned seed) {
   constexpr std::uint32_t n = 13'000;  // enough for three threads
-  std::mt19937 random(1);
+  std::mt19937 random(seed);
   std::uniform_real_distribution<float> coordinate(0, 1);
   std::vector<Aabb> boxes(n);
   BroadPhase alone({.algorithm = "sweep-and-prune", .threads = 1});
@@ -179,6 +182,11 @@ TEST(Threads, OfTheHostFindTheSamePairs) {
     ASSERT_GT(expected.added.size(), 100U);
     EXPECT_TRUE(same(together.update(), expected.added, expected.removed)) << frame;
   }
+}
+
+TEST(Threads, OfTheHostFindTheSamePairs) {
+  expect_same_pairs(1);
+  in_threads(4, [&](std::size_t k) { expect_same_pairs(static_cast<unsigned>(k)); });
 }
 
 TEST(Threads, FunctionsThatBelongToNoObjectRunSideBySide) {

@@ -3,7 +3,6 @@
 #include <atomic>
 #include <cstddef>
 #include <cstdint>
-#include <map>
 #include <memory>
 #include <optional>
 #include <string>
@@ -16,19 +15,13 @@
 #include <broadcl/memory.hpp>
 
 #include "opencl/api.hpp"
-#include "opencl/direct_memory.hpp"
 #include "opencl/disk_cache.hpp"
 #include "opencl/error.hpp"
 #include "opencl/launch.hpp"
+#include "opencl/opened_device.hpp"
+#include "opencl/tuning.hpp"
 
 namespace broadcl::opencl {
-
-/// The tuning of kernels: many small work-items that share local memory (gpu), the same on a GPU that
-/// runs 64 of them in step (gpu64), or few work-items that each do a lot of work (cpu).
-enum class Tuning { gpu, gpu64, cpu };
-
-/// "gpu", "gpu64" or "cpu".
-[[nodiscard]] std::string_view to_string(Tuning tuning) noexcept;
 
 /// The device runs a kernel only in smaller work-groups, or has too little local memory for large ones, and
 /// nobody named the tuning with such large ones: what the kernel is for works with the launch
@@ -38,14 +31,15 @@ class GroupTooLarge : public Error {
   using Error::Error;
 };
 
-/// A device that was opened: its context, one in-order queue, and programs built for it.
+/// What one object needs on a device that it shares with others: an in-order queue, the tuning of its
+/// kernels, and a count of its memory.
 class Context {
  public:
   /// @param profile Whether the queue records device times.
   /// @param on_compile Called before the first program is built from its source.
   /// @param tuning In place of the tuning that suits the device.
   /// @throws Error naming the device.
-  Context(Device device, bool profile, CompileHandler on_compile = {},
+  Context(const Device& device, bool profile, CompileHandler on_compile = {},
           std::optional<Tuning> tuning = std::nullopt);
   /// Works in the context of a queue of the caller, which is retained.
   /// @throws Error for a queue that is not in order.
@@ -59,8 +53,8 @@ class Context {
   /// The same context, but the memory of its buffers counts separately. For use while this one exists.
   [[nodiscard]] Context with_own_memory() const;
 
-  [[nodiscard]] const Device& device() const noexcept { return device_; }
-  [[nodiscard]] const cl::Context& context() const noexcept { return context_; }
+  [[nodiscard]] const Device& device() const noexcept { return opened_->device; }
+  [[nodiscard]] const cl::Context& context() const noexcept { return opened_->context; }
   [[nodiscard]] const cl::CommandQueue& queue() const noexcept { return queue_; }
   /// Another in-order queue with the same properties. Its owner has to wait for it: guard() does not.
   /// @throws cl::Error
@@ -71,7 +65,7 @@ class Context {
 
   /// Whether the 32 work-items of a work-group can vote with NVIDIA's instruction: kernels/vote.h. False if
   /// BROADCL_TUNING is set, so that kernels can be tested without the instruction.
-  [[nodiscard]] bool has_nvidia_vote() const noexcept { return has_nvidia_vote_; }
+  [[nodiscard]] bool has_nvidia_vote() const noexcept { return findings_.has_nvidia_vote; }
 
   /// Buffers larger than Device::max_allocation.
   struct LargeBuffers {
@@ -92,7 +86,7 @@ class Context {
   /// Whether there is direct memory: memory of the host that kernels access over the bus, also while it is
   /// mapped. False if host and device share memory anyway, and if BROADCL_TUNING is set, so that a device can
   /// be tested without.
-  [[nodiscard]] bool has_direct_memory() const noexcept { return create_direct_ != nullptr; }
+  [[nodiscard]] bool has_direct_memory() const noexcept { return findings_.create_direct != nullptr; }
   /// A buffer in direct memory.
   [[nodiscard]] cl::Buffer direct(std::size_t bytes) const;
   /// The memory of the buffers that buffer(), pinned() and direct() made. A buffer counts until nothing
@@ -138,7 +132,7 @@ class Context {
   /// @throws Error instead of cl::Error, and other exceptions of the function.
   template <class Function>
   decltype(auto) guard(Function&& function) const {
-    return translate_errors(device_.label(), [&]() -> decltype(auto) {
+    return translate_errors(device().label(), [&]() -> decltype(auto) {
       try {
         return std::forward<Function>(function)();
       } catch (...) {
@@ -156,11 +150,6 @@ class Context {
     std::size_t device_peak = 0;
   };
 
-  struct Programs {
-    std::map<std::string, cl::Program> built;  // by options and source
-    CompileHandler on_compile;                 // empty once it was called
-  };
-
   Context(const Context&) = default;
 
   [[nodiscard]] cl::Buffer create(std::size_t bytes, cl_mem_flags flags) const;
@@ -168,29 +157,19 @@ class Context {
                                    std::atomic<std::size_t> Memory::*counter) const;
 
   void open(const cl::CommandQueue& queue, std::optional<Tuning> tuning);
+  void test_device();
   [[nodiscard]] Tuning suitable_tuning() const;
   [[nodiscard]] bool has_waves_of_64() const;
   [[nodiscard]] std::size_t largest_group(const cl::Kernel& kernel) const;
   [[nodiscard]] cl_ulong local_memory(const cl::Kernel& kernel) const;
 
-  [[nodiscard]] cl::Program build(std::string_view file, const std::string& source,
-                                  const std::string& options) const;
-
-  Device device_;
-  cl::Device cl_device_;
-  cl::Context context_;
+  std::shared_ptr<OpenedDevice> opened_;
+  OpenedDevice::Findings findings_;
   cl::CommandQueue queue_;
   bool owns_queue_ = false;
-  Tuning tuning_ = Tuning::gpu;
-  bool is_tuning_named_ = false;  // by the environment
-  std::size_t largest_group_ = 1;
-  cl_ulong local_memory_ = 0;  // bytes per work-group
-  bool has_nvidia_vote_ = false;
-  CreateDirect create_direct_ = nullptr;
-  std::string options_ = "-cl-std=CL1.2";  // for all programs
-  std::shared_ptr<Programs> programs_ = std::make_shared<Programs>();
-  mutable SizedKernel fill_;  // built when it is first needed
-  DiskCache disk_cache_;
+  Tuning tuning_ = Tuning::cpu;
+  mutable CompileHandler on_compile_;  // empty once it was called
+  mutable SizedKernel fill_;           // built when it is first needed
   std::shared_ptr<Memory> memory_ = std::make_shared<Memory>();
 };
 

@@ -12,6 +12,7 @@
 
 #include "opencl/error.hpp"
 #include "opencl/process.hpp"
+#include "opencl/quirks.hpp"
 #include "system.hpp"
 
 namespace broadcl {
@@ -150,27 +151,14 @@ std::string list_of(const std::vector<Device>& devices) {
 
 using Matcher = std::function<bool(const Device&)>;
 
-/// Arithmetic units per compute unit. What drivers count as a compute unit differs by vendor.
-unsigned arithmetic_units(const Device& device) {
-  if (device.type != DeviceType::gpu) return 1;
-  switch (device.vendor_id) {
-    case 0x10de:  // NVIDIA: multiprocessors
-      return 128;
-    case 0x8086:  // Intel: execution units
-      return 8;
-    default:  // AMD: compute units
-      return 64;
-  }
-}
-
 bool is_discrete(const Device& device) {
   return device.type == DeviceType::gpu && !device.host_unified;
 }
 
 /// The better of two devices has the greater rank.
 std::pair<bool, std::uint64_t> rank(const Device& device) {
-  return {is_discrete(device),
-          std::uint64_t{device.compute_units} * arithmetic_units(device) * std::max(1U, device.clock_mhz)};
+  return {is_discrete(device), std::uint64_t{device.compute_units} * opencl::arithmetic_units(device) *
+                                   std::max(1U, device.clock_mhz)};
 }
 
 /// The best device that matches, the first of equals.

@@ -17,7 +17,11 @@ namespace broadcl::opencl {
 /// An Error that names the device, the call, the code and the remedy.
 [[nodiscard]] Error to_error(const cl::Error& error, std::string_view device);
 
-/// Calls a function that uses OpenCL, and turns an OpenCL error that it throws into an Error.
+/// Objects that are created from now on open their devices anew: opened_device.hpp.
+void forget_opened_devices() noexcept;
+
+/// Calls a function that uses OpenCL, and turns an OpenCL error that it throws into an Error. Since the
+/// device may be lost, objects that are created afterwards open it anew.
 /// @throws Error in a process that was forked after OpenCL was used.
 template <class Function>
 decltype(auto) translate_errors(std::string_view device, Function&& function) {
@@ -25,6 +29,7 @@ decltype(auto) translate_errors(std::string_view device, Function&& function) {
   try {
     return std::forward<Function>(function)();
   } catch (const cl::Error& error) {
+    forget_opened_devices();
     throw to_error(error, device);
   }
 }

@@ -1,0 +1,19 @@
+#pragma once
+
+#include <cstddef>
+
+namespace broadcl {
+
+/// Lets other threads of this process take part in the caller's work.
+///
+/// Calls work(context, 0) in the calling thread, and work(context, 1), work(context, 2), ... up to `helpers`
+/// in threads of a pool that are free, or become free before the first call returns. So callers never wait
+/// for each other's work, and calls may be nested. Returns when all of these calls have returned.
+///
+/// The pool has as many threads as the largest number of helpers that was wanted so far, or as the system
+/// could start. They start when they are first needed and exist until the process ends; a forked child starts
+/// its own.
+/// @param work Must not throw.
+void share_work(std::size_t helpers, void (*work)(void* context, std::size_t thread), void* context) noexcept;
+
+}  // namespace broadcl
