@@ -4,11 +4,13 @@
 #include <bit>
 
 #include "opencl/launch.hpp"
+#include "opencl/quirks.hpp"
 
 namespace broadcl {
 namespace {
 
-constexpr std::size_t most_rounds = 4096;   // of a work-item's loop, which llvmpipe ends after 65,535
+constexpr std::size_t most_rounds = 4096;  // of a work-item's loop
+static_assert(most_rounds < opencl::most_iterations);
 constexpr std::size_t groups_per_unit = 8;  // if there are enough boxes
 constexpr std::size_t bucket_words = 6;
 constexpr std::size_t boxes_per_bucket = 32;  // worlds of fewer boxes may as well share one

@@ -178,7 +178,7 @@ void Order::enqueue_many(const PairDelta& delta, cl_uint tag, cl::Event* event,
   const std::size_t buckets = 2 * buckets_of_list_;
   if (zeros_ < buckets) context_.fill(bucket_counts_.get(), 0, 0, buckets, stage.event());
   const std::size_t zeros = std::max(buckets, std::exchange(zeros_, 0));
-  // Each work-item handles several changes, but not so many that llvmpipe would end it (see tuning_of()).
+  // Each work-item handles several changes, but not so many that it exceeds opencl::most_iterations.
   const std::size_t most_items = std::max(std::size_t{1} << 20, capacity_ / 8);
   const std::size_t items = std::clamp(
       capacity_, std::min(most_items, context_.device().compute_units * std::size_t{64}), most_items);

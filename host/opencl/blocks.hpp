@@ -21,8 +21,7 @@ struct Blocks {
 /// Splits a list into just enough blocks to keep the device busy; more would only add to the work of
 /// combining their results.
 ///
-/// But no block is longer than `longest`, because of llvmpipe, on which Mesa's rusticl runs: after 65,535
-/// iterations, counted over all of its loops, a work-item leaves every loop without an error.
+/// But no block is longer than `longest`, so that no work-item exceeds most_iterations.
 /// @param n At least 1.
 /// @param tile Lengths are multiples of it.
 /// @param longest A multiple of tile.

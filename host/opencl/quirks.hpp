@@ -30,7 +30,8 @@ struct Quirks {
 
 [[nodiscard]] Quirks quirks_of(const Device& device);
 
-/// On any device, no work-item has more iterations of its loops than llvmpipe allows.
+/// On any device, no work-item has more iterations of its loops, counted over all of them: then llvmpipe ends
+/// it.
 inline constexpr std::size_t most_iterations = 65'535;
 
 /// Arithmetic units per compute unit. What drivers count as a compute unit differs by vendor.
