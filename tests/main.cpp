@@ -151,9 +151,9 @@ int run(int argc, char** argv) {
   const int result = RUN_ALL_TESTS();
   const testing::UnitTest& program = *testing::UnitTest::GetInstance();
   if (program.test_to_run_count() == 0) throw std::runtime_error("no test is selected");
-  // (The boxes of real simulations may be missing on a developer's machine.)
+  // (The boxes of real simulations or a second device may be missing on a developer's machine.)
   const bool may_skip = (argument == "--run=default" || argument == "--run=kernels") &&
-                        std::getenv("BROADCL_TEST_DATA") == nullptr;  // NOLINT(concurrency-mt-unsafe)
+                        std::getenv("BROADCL_NO_SKIPS") == nullptr;  // NOLINT(concurrency-mt-unsafe)
   if (argc == 2 && !may_skip && program.skipped_test_count() > 0)
     throw std::runtime_error("a test was skipped; it must state that it is not in this run");
   return result;
