@@ -80,16 +80,16 @@ class Pool {
 
 /// Never destroyed, because its threads go on until the process ends. A forked child has none of them, so it
 /// makes another pool.
-std::atomic<Pool*> current = nullptr;
+std::atomic<Pool*> the_pool = nullptr;
 
-[[maybe_unused]] const bool is_watched = call_in_forks([] { current = nullptr; });
+[[maybe_unused]] const bool is_made_anew = call_in_forks([] { the_pool = nullptr; });
 
 /// Null if there is no memory for it.
 Pool* pool() {
-  Pool* known = current;
+  Pool* known = the_pool;
   if (known != nullptr) return known;
   auto* const made = new (std::nothrow) Pool;
-  if (current.compare_exchange_strong(known, made)) return made;
+  if (the_pool.compare_exchange_strong(known, made)) return made;
   delete made;  // another thread was faster
   return known;
 }

@@ -54,7 +54,7 @@ class ProxyPool {
     for (std::size_t c = 0; c < chunks_.size(); ++c) {
       Chunk& chunk = *chunks_[c];
       // The processor's own prefetching does not look far enough ahead.
-      const Chunk& next = *chunks_[std::min(c + 1, chunks_.size() - 1)];
+      const Chunk& next = *chunks_[std::min(c + 4, chunks_.size() - 1)];
       for (std::size_t k = 0; k < chunk_size; ++k) {
         prefetch(&next.proxies[k]);
         if (k % 8 == 0) prefetch(&next.seen[k]);
@@ -94,7 +94,7 @@ class ProxyPool {
   [[nodiscard]] bool is_any_changed() const noexcept { return last_change_ == next_calculation_; }
 
  private:
-  static constexpr std::size_t chunk_size = 64;
+  static constexpr std::size_t chunk_size = 16;  // so that a few proxies cost little
   struct Chunk {
     std::array<Proxy, chunk_size> proxies;
     std::array<Masks, chunk_size> seen;
