@@ -162,7 +162,7 @@ TEST(Threads, TwoBroadPhasesShareAFolderOfPrograms) {
 }
 
 /// With three threads and with one.
-void expect_same_pairs(unsigned seed) {
+void expect_threads_agree(unsigned seed) {
   constexpr std::uint32_t n = 13'000;  // enough for three threads
   std::mt19937 random(seed);
   std::uniform_real_distribution<float> coordinate(0, 1);
@@ -185,8 +185,8 @@ void expect_same_pairs(unsigned seed) {
 }
 
 TEST(Threads, OfTheHostFindTheSamePairs) {
-  expect_same_pairs(1);
-  in_threads(4, [&](std::size_t k) { expect_same_pairs(static_cast<unsigned>(k)); });
+  expect_threads_agree(1);
+  in_threads(4, [&](std::size_t k) { expect_threads_agree(static_cast<unsigned>(k)); });
 }
 
 TEST(Threads, FunctionsThatBelongToNoObjectRunSideBySide) {
