@@ -79,9 +79,9 @@ std::shared_ptr<OpenedDevice> opened_device(const Device& device) {
 
 std::shared_ptr<OpenedDevice> opened_device(const cl::CommandQueue& queue) {
   use_in_this_process();
-  const auto context = queue.getInfo<CL_QUEUE_CONTEXT>();
-  return find_or_open(describe(queue), queue.getInfo<CL_QUEUE_DEVICE>(), context(),
-                      [&]() -> cl::Context { return context; });
+  const cl_context context = queue.getInfo<CL_QUEUE_CONTEXT>()();  // the queue owns it
+  return find_or_open(describe(queue), queue.getInfo<CL_QUEUE_DEVICE>(), context,
+                      [&] { return cl::Context(context, true); });
 }
 
 void forget_opened_devices() noexcept {
