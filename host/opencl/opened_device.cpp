@@ -79,7 +79,7 @@ std::shared_ptr<OpenedDevice> opened_device(const Device& device) {
 
 std::shared_ptr<OpenedDevice> opened_device(const cl::CommandQueue& queue) {
   use_in_this_process();
-  const cl_context context = queue.getInfo<CL_QUEUE_CONTEXT>()();  // the queue owns it
+  auto* const context = queue.getInfo<CL_QUEUE_CONTEXT>()();  // the queue owns it
   return find_or_open(describe(queue), queue.getInfo<CL_QUEUE_DEVICE>(), context,
                       [&] { return cl::Context(context, true); });
 }
