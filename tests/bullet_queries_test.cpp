@@ -174,6 +174,15 @@ TEST_P(Contract, S28QueriesMayRunInSeveralThreads) {
   }
 }
 
+/// Whether something holds in one of a few tries: other programs may have the processor during one of them.
+template <class Condition>
+bool holds_once(const Condition& condition) {
+  for (int k = 0; k < 10; ++k) {
+    if (condition()) return true;
+  }
+  return false;
+}
+
 /// The tree must not be deeper for objects that were created along a line.
 NOT_IN(sanitizers, "measures time");
 TEST(BulletQueries, InALineTakeAsLongAsInAnyOrder) {
@@ -190,7 +199,7 @@ TEST(BulletQueries, InALineTakeAsLongAsInAnyOrder) {
     }
     return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   };
-  EXPECT_LT(seconds_of_rays(1), 5 * seconds_of_rays(1789));
+  EXPECT_TRUE(holds_once([&] { return seconds_of_rays(1) < 5 * seconds_of_rays(1789); }));
 }
 
 /// The tree must not become a list if boxes are equal, whether they are new or have moved.
@@ -216,7 +225,7 @@ TEST(BulletQueries, BesideEqualBoxesTakeAsLongAsBesideOthers) {
     }
     return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   };
-  EXPECT_LT(seconds_of_queries(0), 5 * seconds_of_queries(2));
+  EXPECT_TRUE(holds_once([&] { return seconds_of_queries(0) < 5 * seconds_of_queries(2); }));
 }
 
 }  // namespace

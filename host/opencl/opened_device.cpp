@@ -1,6 +1,9 @@
 #include "opencl/opened_device.hpp"
 
 #include <algorithm>
+#include <array>
+#include <cstddef>
+#include <new>
 #include <tuple>
 #include <utility>
 #include <vector>
@@ -31,9 +34,10 @@ struct Registry {
   std::vector<Entry> entries;
 };
 
-/// Never destroyed: some drivers crash if a static destructor releases what belongs to them.
-Registry& registry() {
-  static auto* const the_registry = new Registry;
+/// Never destroyed: some drivers crash if a static destructor releases what belongs to them. Needs no memory.
+Registry& registry() noexcept {
+  alignas(Registry) static std::array<std::byte, sizeof(Registry)> place;
+  static auto* const the_registry = new (place.data()) Registry;
   return *the_registry;
 }
 
