@@ -1,6 +1,7 @@
 #include "thread_pool.hpp"
 
 #include <atomic>
+#include <chrono>
 #include <condition_variable>
 #include <exception>
 #include <mutex>
@@ -23,6 +24,9 @@ struct Work {
   Work* next = nullptr;    // that wants helpers, too
   std::condition_variable ended{};
 };
+
+/// After that, threads end. They start again when they are needed.
+constexpr std::chrono::seconds longest_idle(10);
 
 class Pool {
  public:
@@ -50,8 +54,7 @@ class Pool {
 
   void help() {
     std::unique_lock lock(mutex_);
-    for (;;) {
-      wanted_.wait(lock, [&] { return first_ != nullptr; });
+    while (wanted_.wait_for(lock, longest_idle, [&] { return first_ != nullptr; })) {
       Work& work = *first_;
       const std::size_t thread = ++work.joined;
       if (thread == work.helpers) first_ = work.next;
@@ -62,6 +65,7 @@ class Pool {
       // With the lock, without which the caller does not destroy its work.
       if (--work.active == 0) work.ended.notify_one();
     }
+    --threads_;
   }
 
   void remove(const Work& work) {
@@ -78,7 +82,7 @@ class Pool {
   Work* first_ = nullptr;  // the latest that wants helpers
 };
 
-/// Never destroyed, because its threads go on until the process ends. A forked child has none of them, so it
+/// Never destroyed, because its threads may outlive static destructors. A forked child has none of them, so it
 /// makes another pool.
 std::atomic<Pool*> the_pool = nullptr;
 

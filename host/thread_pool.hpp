@@ -11,8 +11,8 @@ namespace broadcl {
 /// for each other's work, and calls may be nested. Returns when all of these calls have returned.
 ///
 /// The pool has as many threads as the largest number of helpers that was wanted so far, or as the system
-/// could start. They start when they are first needed and exist until the process ends; a forked child starts
-/// its own.
+/// could start. They start when they are needed, and end when they have been idle for ten seconds; a forked
+/// child starts its own.
 /// @param work Must not throw.
 void share_work(std::size_t helpers, void (*work)(void* context, std::size_t thread), void* context) noexcept;
 
