@@ -82,8 +82,8 @@ class Pool {
   Work* first_ = nullptr;  // the latest that wants helpers
 };
 
-/// Never destroyed, because its threads may outlive static destructors. A forked child has none of them, so it
-/// makes another pool.
+/// Never destroyed, because its threads may outlive static destructors. A forked child has none of them, so
+/// it makes another pool.
 std::atomic<Pool*> the_pool = nullptr;
 
 [[maybe_unused]] const bool is_made_anew = call_in_forks([] { the_pool = nullptr; });
