@@ -50,6 +50,7 @@ class BROADCL_API BroadPhase {
   using Config = broadcl::Config;
 
   /// Opens the device and builds the kernels, unless the algorithm starts on the host: see Config::algorithm.
+  /// Objects on the same device share both, which stay until the process ends or an OpenCL call fails.
   /// @throws Error for an unknown algorithm or device, and if OpenCL fails.
   BroadPhase();
   explicit BroadPhase(const Config& config);
@@ -182,7 +183,8 @@ class BROADCL_API BroadPhase {
 
 /// All overlapping pairs of boxes in the caller's memory, in any layout, by index, in canonical order. The
 /// boxes are read once and not stored. By default the host does the search, unless a CPU is named as the
-/// device. A device is opened in each call, so for frequent searches keep a BroadPhase.
+/// device. A device stays open for later calls, but its memory is freed, so for frequent searches keep a
+/// BroadPhase.
 /// Any number of threads may call this at the same time, also with the same boxes.
 /// @param exclusions Pairs of indices that are not reported, in any order: see BroadPhase::set_exclusions().
 /// @throws Error for a NaN bound (it names the first such box), for an exclusion of a box and itself or of a

@@ -214,7 +214,8 @@ typedef struct broadcl_stage {
 typedef struct broadcl_pair_list broadcl_pair_list;
 
 /// Finds all overlapping pairs of boxes, by index. By default the host does the search, unless a CPU is named
-/// as the device. A device is opened in each call, so for frequent searches keep a broadcl_broad_phase.
+/// as the device. A device stays open for later calls, but its memory is freed, so for frequent searches keep
+/// a broadcl_broad_phase.
 /// @param config May be null.
 /// @returns BROADCL_FAILED also for a NaN bound; the error names the first such box.
 BROADCL_API broadcl_status broadcl_pair_list_create(const broadcl_boxes* boxes, const broadcl_config* config,

@@ -9,7 +9,7 @@
 namespace broadcl::opencl {
 
 /// What drivers do differently from what OpenCL says, or from each other, without reporting it. The rest of
-/// the library asks here and names no vendor.
+/// the library asks here instead of looking at names of devices.
 struct Quirks {
   /// Mesa's llvmpipe 22.3 silently ends a work-item after 65,535 iterations of its loops, counted over all of
   /// them, so it gets many small work-items, although it is a CPU.

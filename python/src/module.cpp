@@ -188,8 +188,8 @@ exclusions : array_like of int, optional
     ``(k, 2)``, in host memory: pairs that are not reported, in any order. They are given as the
     rows of the result are. `pairs_that_share` lists those of a mesh.
 device : str, Device or pyopencl.CommandQueue, optional
-    A selector as for `select_device`. The device is opened in each call, so for frequent searches
-    keep a `BroadPhase`. Algorithms of the host open no device, and ``"auto"`` opens only a CPU that
+    A selector as for `select_device`. The device stays open for later calls, but its memory is
+    freed, so for frequent searches keep a `BroadPhase`. Algorithms of the host open no device, and ``"auto"`` opens only a CPU that
     is named, here or by the environment variable ``BROADCL_DEVICE``.
 
     For boxes on a device, the queue to work in, which must be in order; None for the queue of `a`.
