@@ -21,6 +21,7 @@
 #include "environment.hpp"
 #include "expect_error.hpp"
 #include "opencl/context.hpp"
+#include "opencl/opened_device.hpp"
 #include "packed_box.hpp"
 #include "scenes/generators.hpp"
 
@@ -138,8 +139,12 @@ NOT_IN(sanitizers, "measures time");
 TEST(Auto, KnowsTheCostOnAGpuWithTheProfileOfCpus) {
   Device device = select_device();
   device.type = DeviceType::gpu;
-  const opencl::Context context(device, false, {}, opencl::Tuning::cpu);
-  EXPECT_GT(make_auto(context)->expected_seconds(100, 100), 0);
+  opencl::forget_opened_devices();  // which are described otherwise
+  {
+    const opencl::Context context(device, false, {}, opencl::Tuning::cpu);
+    EXPECT_GT(make_auto(context)->expected_seconds(100, 100), 0);
+  }
+  opencl::forget_opened_devices();
 }
 
 /// Every box overlaps all others, so testing all pairs is no worse: `tiles` is given up as soon as its work

@@ -431,7 +431,7 @@ TEST(HybridOpens, AnExceptionOfTheUsersLeavesTheHost) {
 /// clock alone.
 struct TwoPretenders {
   Time clock;
-  Pretender::Orders host_orders{.clock = &clock};
+  Pretender::Orders host_orders{.expected_seconds = 5e-6, .clock = &clock};
   Pretender::Orders device_orders{.clock = &clock};
   std::function<void()> while_opening = [] {};
   Core core;

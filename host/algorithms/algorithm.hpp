@@ -104,7 +104,7 @@ class Algorithm {
     return {delta.added.begin(), delta.added.end()};
   }
 
-  /// The least number of seconds that an update is expected to take; 0 if unknown.
+  /// A rough estimate of the seconds that an update takes, as if few boxes overlapped; 0 if unknown.
   [[nodiscard]] virtual double expected_seconds(std::size_t /*slots*/, std::size_t /*changed*/) const {
     return 0;
   }

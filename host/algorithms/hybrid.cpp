@@ -55,75 +55,120 @@ class Estimate {
   double samples_ = 0;
 };
 
-/// A rough estimate of the time of an update on the host. It does not know how many boxes overlap, which can
-/// change the time several times over.
-double host_seconds(std::size_t slots, std::size_t changed) {
-  return 5e-6 + std::min(600e-9 * static_cast<double>(changed), 150e-9 * static_cast<double>(slots));
-}
+/// The host or the device.
+struct Side {
+  AlgorithmPointer algorithm;
+  Estimate estimate{};
+
+  [[nodiscard]] double seconds(std::size_t slots, std::size_t changed) const {
+    return estimate.seconds(algorithm->expected_seconds(slots, changed));
+  }
+};
+
+/// Opens a device in a thread of its own, at most once, when updates on the host have been slow for long
+/// enough.
+class Opening {
+ public:
+  Opening(OpenDevice open, double slow_update) : open_(std::move(open)), slow_update_(slow_update) {}
+
+  /// Seconds of slow updates that are long enough.
+  [[nodiscard]] double long_enough() const noexcept { return slow_updates_until_opening * slow_update_; }
+  /// Whether the thread runs, which slows updates down.
+  [[nodiscard]] bool is_running() const noexcept { return result_ != nullptr; }
+
+  /// @param taken The seconds of an update on the host.
+  /// @throws std::bad_alloc, std::system_error
+  void count(double taken) {
+    slow_seconds_ = taken > slow_update_ ? slow_seconds_ + taken : 0;
+    if (slow_seconds_ < long_enough() || open_ == nullptr) return;
+    opencl::use_in_this_process();  // before a process can be forked without the thread
+    result_ = Result(new std::future(std::async(std::launch::async, open_)));
+    open_ = nullptr;
+  }
+
+  /// @returns The device once it is open. Null before, afterwards, and if there is none.
+  /// @throws Error, std::bad_alloc, or what the user's function throws, if it could not be opened.
+  AlgorithmPointer take() {
+    if (!is_running() || result_->wait_for(std::chrono::seconds(0)) != std::future_status::ready)
+      return nullptr;
+    const Result ready = std::move(result_);
+    return ready->get();
+  }
+
+ private:
+  /// Its destructor waits for the thread, which a process that was forked does not have.
+  using Result = std::unique_ptr<std::future<AlgorithmPointer>, opencl::DeleteUnlessForked>;
+
+  OpenDevice open_;  // until it is called
+  Result result_;
+  double slow_update_;       // seconds
+  double slow_seconds_ = 0;  // that slow updates in a row have taken
+};
+
+/// The last update was done on one side, the next one is done on the other. It must search all boxes there,
+/// and what changed follows from the pairs of the first side.
+using Handover = std::optional<std::vector<Pair>>;
 
 class Hybrid final : public Algorithm {
-  /// Its destructor waits for the thread, which a process that was forked does not have.
-  using Opening = std::unique_ptr<std::future<AlgorithmPointer>, opencl::DeleteUnlessForked>;
-
  public:
   Hybrid(AlgorithmPointer host, OpenDevice open, double slow_update, Now now)
-      : host_(std::move(host)), open_(std::move(open)), now_(std::move(now)), slow_update_(slow_update) {}
+      : host_{std::move(host)}, opening_(std::move(open), slow_update), now_(std::move(now)) {}
 
   void reserve(std::size_t slots, bool filters) override {
-    or_leave_device([&] { current_->reserve(slots, filters); });
+    or_leave_device([&] { current().reserve(slots, filters); });
     filters_ = filters || filters_;
   }
 
   void reserve_exclusions(std::size_t count) override {
-    or_leave_device([&] { current_->reserve_exclusions(count); });
+    or_leave_device([&] { current().reserve_exclusions(count); });
   }
 
-  [[nodiscard]] std::span<Aabb> boxes() noexcept override { return current_->boxes(); }
-  [[nodiscard]] std::shared_ptr<const void> boxes_owner() const override { return current_->boxes_owner(); }
+  [[nodiscard]] std::span<Aabb> boxes() noexcept override { return current().boxes(); }
+  [[nodiscard]] std::shared_ptr<const void> boxes_owner() const override { return current().boxes_owner(); }
 
   void begin(const Changes& changes) override {
     if (failure_ != nullptr) std::rethrow_exception(std::exchange(failure_, nullptr));
     changes_ = changes;
     Changes own = changes;
-    if (has_changed_) {
+    if (handover_) {
       own.all = own.all_filters = true;
       own.changed = own.recycled = own.refiltered = {};
     }
-    seconds_ = 0;  // on the host, which does its work in finish()
-    if (!is_on_device()) return current_->begin(own);
+    begin_seconds_ = 0;  // on the host, which does its work in finish()
+    if (!is_on_device()) return current().begin(own);
     const auto start = now_();
-    or_leave_device([&] { current_->begin(own); });
-    seconds_ = seconds_since(start);
+    or_leave_device([&] { current().begin(own); });
+    begin_seconds_ = seconds_since(start);
   }
 
   void flush() override {
-    or_leave_device([&] { current_->flush(); });
+    or_leave_device([&] { current().flush(); });
   }
 
   Delta finish() override {
     const auto start = now_();
-    taken_.reset();
     Delta delta;
     std::vector<Pair> pairs;
     or_leave_device([&] {
-      delta = current_->finish();
-      if (has_changed_) pairs = current_->pairs();
+      delta = current().finish();
+      if (handover_) pairs = current().pairs();
     });
-    if (has_changed_) {
+    std::optional<double> taken;
+    if (handover_) {
       delta = lists_.fill([&](std::vector<Pair>& added, std::vector<Pair>& removed) {
-        compare(before_, pairs, changes_.recycled, added, removed);
+        compare(*handover_, pairs, changes_.recycled, added, removed);
       });
-    } else if (was_updated_) {  // the first update of all boxes takes longer
-      learn(seconds_ + seconds_since(start));
+    } else if (was_updated_ && !opening_.is_running()) {  // the first update of all boxes takes longer
+      taken = side_->estimate.learn(current().expected_seconds(changes_.slots, changed_slots()),
+                                    begin_seconds_ + seconds_since(start));
     }
     // Nothing below throws.
     lists_.commit();
-    is_delta_own_ = has_changed_;
-    has_changed_ = false;
-    free_lists(before_);
-    asked_ = current_;
-    if (has_device_failed_) device_.reset();
-    if (std::exchange(was_updated_, true)) choose();  // a program with a single update needs no device
+    is_delta_own_ = handover_.has_value();
+    handover_.reset();
+    asked_ = &current();
+    failed_.reset();
+    if (std::exchange(was_updated_, true)) choose(taken);  // a program with a single update needs no device
     return delta;
   }
 
@@ -132,26 +177,27 @@ class Hybrid final : public Algorithm {
   }
 
   void shrink(std::size_t slots) override {
-    or_leave_device([&] { current_->shrink(slots); });
+    or_leave_device([&] { current().shrink(slots); });
     filters_ = false;
     lists_.clear();
-    before_.shrink_to_fit();
-    if (device_ == nullptr || has_device_failed_ || opencl::is_forked()) return;
-    Algorithm& idle = is_on_device() ? *host_ : *device_;
+    if (handover_) handover_->shrink_to_fit();
+    if (device_.algorithm == nullptr || opencl::is_forked()) return;
+    Algorithm& idle = *other().algorithm;
     idle.begin({.all = true, .all_filters = true});  // no objects, so that it knows no pairs
     (void)idle.finish();
     idle.shrink(0);
   }
 
   [[nodiscard]] std::vector<Pair> find_all(const Changes& changes) override {
-    return current_->find_all(changes);
+    return current().find_all(changes);
   }
 
-  [[nodiscard]] std::vector<Pair> pairs() override { return has_changed_ ? before_ : current_->pairs(); }
+  [[nodiscard]] std::vector<Pair> pairs() override { return handover_ ? *handover_ : current().pairs(); }
 
-  [[nodiscard]] const Device* device() const noexcept override { return current_->device(); }
+  [[nodiscard]] const Device* device() const noexcept override { return side_->algorithm->device(); }
   [[nodiscard]] MemoryUse memory() const noexcept override {
-    return device_ != nullptr ? device_->memory() : MemoryUse();
+    const AlgorithmPointer& device = failed_ != nullptr ? failed_ : device_.algorithm;
+    return device != nullptr ? device->memory() : MemoryUse();
   }
   [[nodiscard]] std::span<const Stage> profile() const noexcept override { return asked_->profile(); }
 
@@ -160,25 +206,12 @@ class Hybrid final : public Algorithm {
     return std::chrono::duration<double>(now_() - start).count();
   }
 
-  [[nodiscard]] bool is_on_device() const noexcept { return current_ == device_.get(); }
-
-  [[nodiscard]] double seconds_on_host(std::size_t slots, std::size_t changed) const {
-    return host_estimate_.seconds(host_seconds(slots, changed));
-  }
-  [[nodiscard]] double seconds_on_device(std::size_t slots, std::size_t changed) const {
-    return device_estimate_.seconds(device_->expected_seconds(slots, changed));
-  }
+  [[nodiscard]] Algorithm& current() const noexcept { return *side_->algorithm; }
+  [[nodiscard]] bool is_on_device() const noexcept { return side_ == &device_; }
+  [[nodiscard]] Side& other() noexcept { return is_on_device() ? host_ : device_; }
 
   [[nodiscard]] std::size_t changed_slots() const noexcept {
     return changes_.all ? changes_.slots : changes_.changed.size();
-  }
-
-  void learn(double taken) {
-    if (opening_ != nullptr) return;  // which slows updates down
-    const std::size_t changed = changed_slots();
-    taken_ = is_on_device()
-                 ? device_estimate_.learn(device_->expected_seconds(changes_.slots, changed), taken)
-                 : host_estimate_.learn(host_seconds(changes_.slots, changed), taken);
   }
 
   /// Does something that may fail on the device: what follows is then done on the host, for good, if the
@@ -194,86 +227,67 @@ class Hybrid final : public Algorithm {
   }
 
   void leave_device() noexcept try {
-    if (!has_changed_) before_ = current_->pairs();
-    change_to(*host_);
-    has_changed_ = has_device_failed_ = true;
+    hand_over();
+    failed_ = std::move(device_.algorithm);
   } catch (...) {
     // The next update is done on the device again.
+  }
+
+  /// @throws Error, std::bad_alloc; nothing has changed then.
+  void hand_over() {
+    Handover pairs;
+    if (!handover_) pairs = current().pairs();
+    Algorithm& next = *other().algorithm;
+    const std::span<const Aabb> boxes = current().boxes();
+    next.reserve(boxes.size(), filters_);
+    std::ranges::copy(boxes, next.boxes().begin());
+    side_ = &other();
+    if (pairs) handover_ = std::move(pairs);
   }
 
   /// Decides which side does the next update. A switch costs a search of all boxes on the other side, so it
   /// is made once staying has cost as much as going there and back (see "An optimal on-line algorithm for
   /// metrical task systems", Borodin, Linial and Saks, 1992), and as much as the slow updates that open a
   /// device.
-  void choose() noexcept try {
-    if (has_device_failed_ || opencl::is_forked()) return;
-    take_opened();
-    if (!taken_) return;
-    const double long_enough = slow_updates_until_opening * slow_update_;
-    if (device_ == nullptr) {
-      slow_seconds_ = *taken_ > slow_update_ ? slow_seconds_ + *taken_ : 0;
-      if (slow_seconds_ < long_enough || open_ == nullptr) return;
-      opencl::use_in_this_process();  // before a process can be forked without the thread
-      opening_ = Opening(new std::future(std::async(std::launch::async, open_)));
-      open_ = nullptr;
-      return;
-    }
-    const double other = is_on_device() ? seconds_on_host(changes_.slots, changed_slots())
-                                        : seconds_on_device(changes_.slots, changed_slots());
-    overspent_ = std::max(0.0, overspent_ + *taken_ - other);
-    const double there_and_back = first_search * (seconds_on_host(changes_.slots, changes_.slots) +
-                                                  seconds_on_device(changes_.slots, changes_.slots));
-    if (overspent_ <= std::max(there_and_back, long_enough)) return;
+  /// @param taken The seconds of the last update, if that says what later ones take.
+  void choose(std::optional<double> taken) noexcept try {
+    if (opencl::is_forked()) return;
+    if (device_.algorithm == nullptr) take_opened();
+    if (!taken) return;
+    if (device_.algorithm == nullptr) return opening_.count(*taken);
+    overspent_ = std::max(0.0, overspent_ + *taken - other().seconds(changes_.slots, changed_slots()));
+    const double there_and_back = first_search * (host_.seconds(changes_.slots, changes_.slots) +
+                                                  device_.seconds(changes_.slots, changes_.slots));
+    if (overspent_ <= std::max(there_and_back, opening_.long_enough())) return;
     overspent_ = 0;
-    before_ = current_->pairs();
-    (is_on_device() ? device_estimate_ : host_estimate_).pause();
-    change_to(is_on_device() ? *host_ : *device_);
-    has_changed_ = true;
+    hand_over();
+    other().estimate.pause();
   } catch (...) {
-    free_lists(before_);
     // The next update is done where the last one was.
   }
 
-  void take_opened() try {
-    if (opening_ == nullptr || opening_->wait_for(std::chrono::seconds(0)) != std::future_status::ready)
-      return;
-    const Opening opened = std::move(opening_);
-    device_ = opened->get();
-  } catch (const Error&) {
+  void take_opened() try { device_.algorithm = opening_.take(); } catch (const Error&) {
     failure_ = std::current_exception();
   } catch (const std::bad_alloc&) {
     failure_ = std::current_exception();
   }
 
-  void change_to(Algorithm& next) {
-    const std::span<const Aabb> boxes = current_->boxes();
-    next.reserve(boxes.size(), filters_);
-    std::ranges::copy(boxes, next.boxes().begin());
-    current_ = &next;
-  }
-
-  AlgorithmPointer host_;
-  AlgorithmPointer device_;  // if it was opened
-  OpenDevice open_;          // until it is opened
+  Side host_;
+  Side device_{};        // without an algorithm until it is open, and after it has failed
+  Side* side_ = &host_;  // does the next update
+  Opening opening_;
+  std::exception_ptr failure_;  // of opening, for the next update
   Now now_;
-  Opening opening_;                   // null if it has not begun or has ended
-  std::exception_ptr failure_;        // of opening it, for the next update
-  Algorithm* current_ = host_.get();  // does the next update
-  Algorithm* asked_ = host_.get();    // did the last one
-  bool filters_ = false;              // whether there is memory for filters
+  bool filters_ = false;  // whether there is memory for filters
   bool was_updated_ = false;
-  Changes changes_;              // of the last update
-  double seconds_ = 0;           // that begin() of the last update took
-  std::optional<double> taken_;  // seconds that all of it took, if that says what later ones take
-  Estimate host_estimate_, device_estimate_;
-  double slow_update_;         // seconds
-  double slow_seconds_ = 0;    // that slow updates in a row have taken on the host
-  double overspent_ = 0;       // seconds that the other one would have saved
-  bool has_changed_ = false;   // and the current one was not asked since then
-  std::vector<Pair> before_;   // the pairs until then
-  ChangeLists lists_;          // the changes since then
-  bool is_delta_own_ = false;  // those of the last update are these
-  bool has_device_failed_ = false;
+  Changes changes_;                           // of the last update
+  double begin_seconds_ = 0;                  // that begin() of the last update took
+  double overspent_ = 0;                      // seconds that the other side would have saved
+  Handover handover_;                         // if the next update is the first on its side
+  Algorithm* asked_ = host_.algorithm.get();  // did the last update
+  AlgorithmPointer failed_;                   // the device, if it did that one and then failed
+  ChangeLists lists_;                         // the changes of an update after a handover
+  bool is_delta_own_ = false;                 // those of the last update are these
 };
 
 }  // namespace
