@@ -48,33 +48,42 @@ bool NearPairs::is_possible(const Search& search) const noexcept {
          !search.any_recycled && search.now.slots == search.last.slots && search.now.slots >= fewest_;
 }
 
-bool NearPairs::begin(const Search& search, const PairDelta& sink, bool can_search, bool pays,
-                      opencl::Profiler& profiler) {
+/// Whether the distances that boxes moved in the last frame are known; draws conclusions from that frame.
+bool NearPairs::is_distance_known(const Search& search, const PairDelta& sink, bool pays) {
   // (If the last frame here failed, another finder may have done the one after it.)
-  const bool has_failed = is_running_ || (is_measured_ && sink.frames() == frame_);
-  if (is_running_) wait();
-  is_running_ = false;
-  if (has_failed) give_up();  // perhaps memory was short
+  const bool has_failed = state_ == State::searching || (state_ != State::off && sink.frames() == frame_);
+  if (state_ == State::searching) wait();
+  if (has_failed) pause();  // perhaps memory was short
   // (If the last boxes are in another buffer now, the commands that copied them may not have ended.)
   const bool follows = sink.frames() == frame_ + 1 && search.last.boxes() == now_;
-  const bool is_distance_known = follows && is_measured_;
-  if (follows && is_early_ && !pays) give_up();
-  if (follows && is_early_) pause_ /= 2;
-  is_early_ = is_measured_ = false;
+  if (!follows || state_ == State::off) return false;
+  if (state_ == State::measured) return true;
+  if (pays) {
+    back_off_.shorten();
+  } else {
+    pause();
+  }
+  return pays;
+}
+
+bool NearPairs::begin(const Search& search, const PairDelta& sink, bool can_search, bool pays,
+                      opencl::Profiler& profiler) {
+  const bool is_margin_known = is_distance_known(search, sink, pays);
+  state_ = State::off;
   frame_ = sink.frames();
   now_ = search.now.boxes();
-  if (!is_possible(search)) hopeless_margin_ = std::numeric_limits<float>::infinity();
-  if (!is_possible(search) || frame_ < resume_ || !load()) return false;
-  is_measured_ = true;
-  if (!can_search || !is_distance_known) return false;
+  if (!is_possible(search)) margin_limit_ = std::numeric_limits<float>::infinity();
+  if (!is_possible(search) || !back_off_.is_over(frame_) || !load()) return false;
+  state_ = State::measured;
+  if (!can_search || !is_margin_known) return false;
   margin_ = margin_factor * std::bit_cast<float>(sink.displacement());
-  if (!(margin_ < hopeless_margin_) || !reserve(search.now.slots, sink.pair_count(), profiler)) {
-    give_up();
+  if (!(margin_ < margin_limit_) || !reserve(search.now.slots, sink.pair_count(), profiler)) {
+    pause();
     return false;
   }
 
   context_.queue().flush();  // so that the upload starts first
-  is_early_ = is_running_ = true;
+  state_ = State::searching;
   opencl::Profiler::Scope stage(profiler, "early");
   opencl::set_arguments(grow_.kernel, 0, search.last.slots, search.last.boxes, margin_, grown_.get(),
                         counts_);
@@ -120,30 +129,38 @@ void NearPairs::searched() {
 }
 
 void NearPairs::test(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) {
-  if (!is_measured_) return;
+  if (state_ == State::off) return;
   opencl::Profiler::Scope stage(profiler, "near");
   const cl_uint next = opencl::set_arguments(
-      test_.kernel, 0, search.now.slots, search.now.boxes, is_early_ ? margin_ : 0.0F, capacity(),
-      is_early_ ? pairs_.get() : cl::Buffer(), is_early_ ? counts_ : cl::Buffer());
+      test_.kernel, 0, search.now.slots, search.now.boxes, is_early() ? margin_ : 0.0F, capacity(),
+      is_early() ? pairs_.get() : cl::Buffer(), is_early() ? counts_ : cl::Buffer());
   sink.set_sink(test_.kernel, next, search);
   const std::size_t items = context_.device().compute_units * test_groups_per_unit * test_.group;
   test_.enqueue(context_.queue(), std::min<std::size_t>(search.now.slots, items), stage.event());
 }
 
-bool NearPairs::missed(const PairDelta::Counts& counts, bool hopeless) noexcept {
-  if (!is_early_) return false;
-  is_running_ = false;
-  if (hopeless) hopeless_margin_ = margin_ / 2;
-  if (counts.displacement == too_many && !hopeless) wanted_ = 4 * std::size_t{capacity()};
-  return hopeless || counts.displacement > std::bit_cast<cl_uint>(margin_);
+bool NearPairs::is_early() const noexcept {
+  return state_ == State::searching || state_ == State::searched;
 }
 
-void NearPairs::give_up() {
-  is_early_ = is_measured_ = false;
+bool NearPairs::missed(const PairDelta::Counts& counts, bool finder_gave_up) noexcept {
+  if (!is_early()) return false;
+  state_ = State::searched;
+  if (finder_gave_up) margin_limit_ = margin_ / 2;
+  if (counts.displacement == too_many && !finder_gave_up) wanted_ = 4 * std::size_t{capacity()};
+  return finder_gave_up || counts.displacement > std::bit_cast<cl_uint>(margin_);
+}
+
+void NearPairs::pause() {
+  state_ = State::off;
   grown_.clear();
   pairs_.clear();
-  pause_ = std::min(2 * pause_ + 1, longest_pause);
-  resume_ = frame_ + 1 + pause_;
+  back_off_.start(frame_);
+}
+
+void NearPairs::BackOff::start(std::size_t frame) noexcept {
+  frames_ = std::min(2 * frames_ + 1, longest_pause);
+  end_ = frame + 1 + frames_;
 }
 
 void NearPairs::wait() const noexcept {

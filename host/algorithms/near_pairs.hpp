@@ -50,16 +50,39 @@ class NearPairs {
   /// @throws cl::Error
   void test(const Search& search, const PairDelta& sink, opencl::Profiler& profiler);
   /// Whether the search was early, and in vain: a box moved farther than by the margin, or there was no room
-  /// for all near pairs. The frame must then be searched again, after give_up(). Must be called once the
-  /// counts of an early search are known.
-  /// @param hopeless Whether the finder gave up the search, because all boxes were near each other.
-  [[nodiscard]] bool missed(const PairDelta::Counts& counts, bool hopeless) noexcept;
+  /// for all near pairs. The frame must then be searched again, after pause(). Must be called once the counts
+  /// of an early search are known.
+  /// @param finder_gave_up Because all boxes were near each other.
+  [[nodiscard]] bool missed(const PairDelta::Counts& counts, bool finder_gave_up) noexcept;
   /// Pauses early searches for some frames, the longer the more often that happens, and frees their memory.
-  void give_up();
+  void pause();
 
  private:
+  /// What was done in the frame that is begun or was the last one.
+  enum class State {
+    off,        ///< Nothing.
+    measured,   ///< The distances that boxes move.
+    searching,  ///< They were measured after an early search, which may not have ended.
+    searched,   ///< The same, and it has ended.
+  };
+
+  /// The time that passes before an early search after one that did not pay: each is twice as long as the one
+  /// before, and half as long after one that paid.
+  class BackOff {
+   public:
+    [[nodiscard]] bool is_over(std::size_t frame) const noexcept { return frame >= end_; }
+    void shorten() noexcept { frames_ /= 2; }
+    void start(std::size_t frame) noexcept;
+
+   private:
+    std::size_t frames_ = 0;
+    std::size_t end_ = 0;  // the number of a frame
+  };
+
   [[nodiscard]] bool load();
   [[nodiscard]] bool is_possible(const Search& search) const noexcept;
+  [[nodiscard]] bool is_distance_known(const Search& search, const PairDelta& sink, bool pays);
+  [[nodiscard]] bool is_early() const noexcept;
   [[nodiscard]] bool reserve(std::size_t slots, std::size_t pairs, opencl::Profiler& profiler);
   [[nodiscard]] cl_uint capacity() const noexcept;
   void wait() const noexcept;
@@ -73,17 +96,13 @@ class NearPairs {
   opencl::GrowingBuffer pairs_;
   std::size_t wanted_ = 0;  // near pairs to make room for, if that many are useful
   cl::Buffer counts_;       // as those of PairDelta
-  std::size_t frame_ = 0;   // the number of this frame
-  cl_mem now_ = nullptr;    // its boxes
+  State state_ = State::off;
+  std::size_t frame_ = 0;  // its number
+  cl_mem now_ = nullptr;   // its boxes
   float margin_ = 0;
-  /// From this margin on, a search would be in vain, as long as objects do not come or go; not a finite
-  /// number if none is known.
-  float hopeless_margin_ = std::numeric_limits<float>::infinity();
-  bool is_early_ = false;     // whether this frame is searched early
-  bool is_measured_ = false;  // whether the distances of this frame will be known
-  bool is_running_ = false;   // whether the last early search may not have ended
-  std::size_t pause_ = 0;     // frames before the next early search
-  std::size_t resume_ = 0;    // the frame of that search
+  /// A margin with which all boxes would be near each other, as long as objects do not come or go.
+  float margin_limit_ = std::numeric_limits<float>::infinity();
+  BackOff back_off_;
 };
 
 }  // namespace broadcl

@@ -118,7 +118,7 @@ class Tiles final : public PairFinder {
 
   void rebuild(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) override {
     if (is_early_) {
-      near_.give_up();
+      near_.pause();
       is_early_ = false;
       work_.begin_search(search, is_early_);
     } else {
