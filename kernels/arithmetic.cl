@@ -1,11 +1,7 @@
 /* Tests of a device: whether it follows IEEE 754 as far as the other kernels rely on it, and what its direct memory is
    worth. */
 
-#define HAS_DENORMALS 1U
-#define HAS_ZEROS 2U
-#define HAS_INFINITIES 4U
-#define HAS_NANS 8U
-#define HAS_SIGNS 16U
+#include "arithmetic.h"
 
 /* `numbers` are 0, -0, two denormal numbers, 1, the greatest number, infinity and NaN, as arguments so that the
    compiler does not know them. Sets one bit of `result` for each test that succeeds. */

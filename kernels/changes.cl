@@ -13,14 +13,15 @@ kernel void copy_boxes(const uint count, global const uint* restrict slots, glob
   for (uint i = 0; i < AABB_FLOATS; ++i) to[first + i] = from[first + i];
 }
 
-/* Applies changes, one work-item per change. `changes` has one word per change, slot << 1 | recycled, followed by the
-   boxes. If all boxes were uploaded at once, `boxes` and `changed` are null and only stamps are set. */
+/* Applies changes, one work-item per change. `changes` has one word per change, a slot as with_recycled() makes
+   it, followed by the boxes. If all boxes were uploaded at once, `boxes` and `changed` are null and only stamps are
+   set. */
 kernel void apply_changes(const uint count, global const uint* restrict changes, const uint stamp,
                           global uint* restrict boxes, global uint* restrict stamps, global uint* restrict changed) {
   const uint k = (uint)get_global_id(0);
   if (k >= count) return;
   const uint slot = changes[k] >> 1;
-  stamps[slot] = stamp << 1 | (changes[k] & 1U);
+  stamps[slot] = with_recycled(stamp, changes[k] & 1U);
   if (boxes == 0) return;
   changed[k] = slot;
   global const uint* box = changes + count + (size_t)k * AABB_FLOATS;

@@ -11,28 +11,10 @@
 #define BROADCL_DELTA_H
 
 #include "aabb.h"
+#include "counts.h"
 #include "filter.h"
 #include "inline.h"
 #include "stamp.h"
-
-/* The counts, as uints. The number of added pairs has 64 bits in two uints, so no 64-bit atomics are needed. */
-#define COUNT_KEPT 0
-#define COUNT_REMOVED 1
-#define COUNT_ADDED 2
-#define COUNT_ADDED_HIGH 3
-#define COUNT_WORK 4          /* what an algorithm counts for itself */
-#define COUNT_UNORDERED 5     /* not 0 if order.cl leaves the changes to the host */
-#define COUNT_INVALID 6       /* boxes with a NaN bound, if boxes are gathered on the device */
-#define COUNT_INVALID_FIRST 7 /* UINT_MAX minus the index of the first of them */
-/* What a frame must know about earlier ones, so that frames can follow each other without the host: order.cl passes it
-   on. */
-#define COUNT_LAST_KEPT 8     /* pairs at the beginning of the last complete frame's list */
-#define COUNT_LAST_ADDED 9    /* and at its end */
-#define COUNT_LAST_TAG 10     /* its tag, a number chosen by the host */
-#define COUNT_COMPLETE 11     /* complete frames since the last one that was waited for */
-#define COUNT_HALTED 12       /* not 0 if the frame before was not complete: then this one changes nothing either */
-#define COUNT_DISPLACEMENT 13 /* of near_pairs.cl: how far boxes have moved, at most, as a float */
-#define COUNTS 14             /* an even number, so that pairs can follow */
 
 typedef struct {
   uint capacity;                       /* of the list */

@@ -14,7 +14,7 @@
 #error "the bytes of a word are packed for little-endian devices"
 #endif
 
-#define PERIOD (2U * WIDTH) /* rows this far apart start at the same byte of a word */
+#define PERIOD row_period(WIDTH)
 
 /* A word of WIDTH bytes, each 0 or 1, from WIDTH lanes, each 0 or -1. Packed by hand because compilers for GPUs store
    vectors of bytes byte by byte. */

@@ -49,7 +49,7 @@ static inline bool is_kept(const uint2 pair, const uint slots, global const floa
   KEEP_PARAMETERS, const uint slots, global const float *restrict boxes, const uint stamp, const uint capacity, \
       global uint2 *restrict pairs, global uint *restrict counts
 
-#if KEEP_GROUP > 1
+#if GROUP > 1
 #ifndef KEEP_RUN
 #define KEEP_RUN 1 /* pairs per work-item and chunk */
 #endif

@@ -3,9 +3,9 @@
    If no box has left its enlarged one since then, all new pairs are among them. */
 
 #include "delta.h"
+#include "sizes.h"
 
-#define MOST_ITEMS 256U /* per work-group */
-#define CHUNK 4U        /* near pairs per work-item that are tested at a time */
+#define CHUNK 4U /* near pairs per work-item that are tested at a time */
 
 /* Enlarges a box by a margin on all sides. */
 static inline void grow_box(box_t* box, const float margin) {
@@ -50,12 +50,12 @@ static inline uint displacement(const box_t* last, const box_t* now, const float
 
 /* Measures how far boxes have moved, and appends the new pairs. `near_pairs` is the list of near pairs, filled from its
    end; `near_counts` are its counts, or null if there was no such search. If the list was too short, the displacement
-   is UINT_MAX. */
+   is TOO_MANY_NEAR. */
 kernel void near_pairs_test(const uint slots, global const float* restrict boxes, const float margin,
                             const uint near_capacity, global const uint2* restrict near_pairs,
                             global const uint* restrict near_counts, PAIR_SINK_PARAMETERS) {
   const pair_sink_t sink = PAIR_SINK;
-  local uint2 hits[MOST_ITEMS * CHUNK];
+  local uint2 hits[NEAR_GROUP * CHUNK];
   local uint found;
   local uint base;
   local uint farthest;
@@ -75,7 +75,7 @@ kernel void near_pairs_test(const uint slots, global const float* restrict boxes
   barrier(CLK_LOCAL_MEM_FENCE);
   const uint count = near_counts == 0 ? 0U : near_counts[COUNT_ADDED];
   const bool all_near = near_counts == 0 || (count <= near_capacity && near_counts[COUNT_ADDED_HIGH] == 0U);
-  if (item == 0U) atomic_max(&counts[COUNT_DISPLACEMENT], all_near ? farthest : UINT_MAX);
+  if (item == 0U) atomic_max(&counts[COUNT_DISPLACEMENT], all_near ? farthest : TOO_MANY_NEAR);
   if (get_global_id(0) == 0 && near_counts != 0) atomic_add(&counts[COUNT_WORK], near_counts[COUNT_WORK]);
 
   const uint end = all_near ? count : 0U;

@@ -10,11 +10,11 @@
    bucket is large, the host enqueues a radix sort instead. */
 
 #include "delta.h"
+#include "sizes.h"
 
 #ifndef GROUP
 #define GROUP 256 /* work-items per work-group that sorts few changes: 1, or a multiple of 4 */
 #endif
-#define RANGE 64U /* changes per work-group, on average */
 #ifndef LARGEST_RANGE
 #define LARGEST_RANGE 512U /* changes that a work-group sorts at once: a multiple of 4, at least GROUP and 128 */
 #endif
@@ -154,7 +154,7 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void order_few(CHANGES
   }
   if (!complete) return;
   const uint size = is_added ? changes.added_count : changes.removed_count;
-  const uint groups = min(min((uint)get_num_groups(0), LARGEST_RANGE), (size + RANGE - 1U) / RANGE);
+  const uint groups = min(min((uint)get_num_groups(0), LARGEST_RANGE), (size + ORDER_RANGE - 1U) / ORDER_RANGE);
   if (group >= groups) return;
   global const uint2* list = is_added ? changes.added : changes.removed;
   global uint2* to = result_list(is_added, &changes, result, added, removed);

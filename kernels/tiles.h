@@ -10,6 +10,7 @@
 
 #include "aabb.h"
 #include "filter.h"
+#include "sizes.h"
 
 #ifndef GROUP
 #define GROUP 32 /* one work-item per child, 32 or 64; 1 with the tuning for CPUs: it handles all children */
@@ -22,20 +23,18 @@
 #define WORLDS 0 /* 1 if objects are in different worlds */
 #endif
 
-#define LEVELS 4U
 /* Number of children of a node, and of boxes of a tile, which count as children, too. A mask has one bit for each. */
-#if GROUP == 64
-#define NODE 64U
+#define NODE (0U + CHILDREN_OF(GROUP))
+#if NODE == 64
 #define NODE_BITS 6U
 typedef ulong mask_t;
 typedef ulong4 masks_t; /* one per level */
 #else
-#define NODE 32U
 #define NODE_BITS 5U
 typedef uint mask_t;
 typedef uint4 masks_t;
 #endif
-#define BOUNDS_OF_CHILD (WORLDS ? 8U : 6U)
+#define BOUNDS_OF_CHILD (0U + (WORLDS ? CHILD_WORDS_OF_WORLDS : CHILD_WORDS))
 #define NODE_WORDS (NODE * BOUNDS_OF_CHILD) /* lower x of all children, then lower y, ... */
 #define FIRST_WORLD 6U                      /* after the floats, as uints */
 #define LAST_WORLD 7U

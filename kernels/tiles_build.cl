@@ -13,16 +13,16 @@
 #include "centroids.h"
 #include "gather.h"
 #include "inline.h"
+#include "sizes.h"
 #include "stamp.h"
 #include "tiles.h"
 
-#define KEEP_GROUP (GROUP > 1 ? 256 : 1)
-#define KEEP_RUN 4
+#define KEEP_GROUP TILES_KEEP_GROUP
+#define KEEP_RUN TILES_KEEP_RUN
 #include "keep.h"
 
-#define AXIS_BITS 10U
-#define LARGE_CODE (1U << (3U * AXIS_BITS))
-#define EMPTY_CODE (2U * LARGE_CODE - 1U) /* which differs from LARGE_CODE in the bits that are sorted by */
+#define LARGE_CODE (1U << (CODE_BITS - 1))
+#define EMPTY_CODE (2U * LARGE_CODE - 1U) /* which differs from LARGE_CODE in SORTED_BITS */
 
 /* Index of a cell on Hilbert's curve. */
 static inline uint hilbert(uint cell[3]) {
@@ -57,8 +57,8 @@ kernel void tiles_keys(const uint n, global const float* restrict boxes, global 
   float corner[3];
   float longest = 0;
   for (uint i = 0; i < 3U; ++i) {
-    corner[i] = -from_ordered(bounds[6U * bucket + i]);
-    longest = max(longest, from_ordered(bounds[6U * bucket + 3U + i]) - corner[i]);
+    corner[i] = -from_ordered(bounds[CENTROID_WORDS * bucket + i]);
+    longest = max(longest, from_ordered(bounds[CENTROID_WORDS * bucket + 3U + i]) - corner[i]);
   }
   const float3 m = centroid(box);
   const float3 edges = vload3(1, box) - vload3(0, box);

@@ -40,7 +40,7 @@ static inline void set_rest(rest_t* rest, const uint level, const mask_t childre
 #else
 /* (An array, because llvmpipe in Mesa 22.3 loses pairs with the code above.) */
 typedef struct {
-  mask_t children[LEVELS];
+  mask_t children[TREE_LEVELS];
 } rest_t;
 static inline mask_t rest_of(const rest_t* rest, const uint level) {
   return rest->children[level];
@@ -94,9 +94,6 @@ static inline mask_t overlapping(global const float* tree, const uint node, cons
   }
   return bits;
 }
-
-/* How much work a work-group does before it adds that to the total. */
-#define REPORT 256U
 
 #if GROUP > 1
 #define BATCH 32U /* candidates that are tested at a time: a work-item has a bit for each */
@@ -194,7 +191,7 @@ INLINE bool test_candidates(local search_t* scratch, const uint count, const bou
   if (get_local_id(0) == 0U) {
     scratch->tested += count;
     const uint news = scratch->tested;
-    if (news >= REPORT) {
+    if (news >= REPORTED_WORK) {
       scratch->all_work = atomic_add(&sink->counts[COUNT_WORK], news) + news;
       scratch->tested = 0;
     }
@@ -332,7 +329,7 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_search(
 
   uint work = 0; /* nodes, and candidates unless they are counted in `tested` */
   rest_t rest;
-  for (uint k = 0; k < LEVELS; ++k) set_rest(&rest, k, 0);
+  for (uint k = 0; k < TREE_LEVELS; ++k) set_rest(&rest, k, 0);
   uint level = top;
   const uint end = is_halted(counts) ? 0U : roots;
   uint root = tile >> (NODE_BITS * top);
@@ -406,7 +403,7 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_search(
       count = 0;
     }
 #else
-    if (work >= REPORT) {
+    if (work >= REPORTED_WORK) {
       if (atomic_add(&counts[COUNT_WORK], work) + work > most_work) root = end;
       work = 0;
     }

@@ -6,10 +6,15 @@
 #ifndef BROADCL_TRIANGLE_H
 #define BROADCL_TRIANGLE_H
 
-/* Index of the first pair of row b. Row starts recur modulo WIDTH with a period of 2 * WIDTH rows. */
+/* Index of the first pair of row b. */
 static inline ulong row_start(uint b) {
   const ulong row = b;
   return row * (b - 1U) / 2U;
+}
+
+/* The starts of rows this far apart are the same modulo WIDTH. */
+static inline uint row_period(uint width) {
+  return 2U * width;
 }
 
 /* Pairs at the start of row b that share a word with the row before; WIDTH a power of two. */

@@ -11,6 +11,7 @@
 #include <broadcl/device.hpp>
 #include <broadcl/pair.hpp>
 
+#include "algorithms/kernel_layout.hpp"
 #include "opencl/context.hpp"
 #include "opencl/launch.hpp"
 #include "runs.hpp"
@@ -26,9 +27,6 @@ using Pairs = std::vector<Pair>;
 bool before(const Pair& s, const Pair& t) {
   return std::pair(s.b, s.a) < std::pair(t.b, t.a);
 }
-
-/// The numbers of kernels/delta.h that are used here.
-enum Count : std::size_t { removed = 1, added = 2, halted = 12, counts = 14 };
 
 /// The kernel of kernels/order.cl, compiled with few or many work-items per work-group, and with more or less
 /// memory for what a work-group sorts at once.
@@ -50,14 +48,14 @@ class OrderFew : public ::testing::TestWithParam<std::pair<std::size_t, std::str
                             std::size_t groups) {
     Pairs list(100, {7, 8});  // what precedes the added pairs is not read
     list.insert(list.end(), added_pairs.begin(), added_pairs.end());
-    std::vector<std::uint32_t> words(counts);
-    words[added] = static_cast<std::uint32_t>(added_pairs.size());
-    words[removed] = static_cast<std::uint32_t>(removed_pairs.size());
+    std::vector<std::uint32_t> words(layout::COUNTS);
+    words[layout::COUNT_ADDED] = static_cast<std::uint32_t>(added_pairs.size());
+    words[layout::COUNT_REMOVED] = static_cast<std::uint32_t>(removed_pairs.size());
     const Pairs removed_list = removed_pairs.empty() ? Pairs(1) : removed_pairs;
     const cl::Buffer pairs = copy_of(list.data(), list.size() * sizeof(Pair));
     const cl::Buffer removals = copy_of(removed_list.data(), removed_list.size() * sizeof(Pair));
-    const cl::Buffer now = copy_of(words.data(), counts * sizeof(std::uint32_t));
-    const cl::Buffer next = copy_of(words.data(), counts * sizeof(std::uint32_t));
+    const cl::Buffer now = copy_of(words.data(), layout::COUNTS * sizeof(std::uint32_t));
+    const cl::Buffer next = copy_of(words.data(), layout::COUNTS * sizeof(std::uint32_t));
     const Pairs untouched(room + 1, {1, 2});
     const cl::Buffer to_added = copy_of(untouched.data(), untouched.size() * sizeof(Pair));
     const cl::Buffer to_removed = copy_of(untouched.data(), untouched.size() * sizeof(Pair));
@@ -66,11 +64,11 @@ class OrderFew : public ::testing::TestWithParam<std::pair<std::size_t, std::str
                           cl_uint{5}, next, cl::Buffer(), cl::Buffer(), to_added, to_removed);
     context_.queue().enqueueNDRangeKernel(kernel_, cl::NullRange, cl::NDRange(groups * group_, 2),
                                           cl::NDRange(group_, 1));
-    Sorted sorted{std::vector<std::uint32_t>(counts), untouched, untouched};
+    Sorted sorted{std::vector<std::uint32_t>(layout::COUNTS), untouched, untouched};
     const auto read = [&](const cl::Buffer& from, void* to, std::size_t bytes) {
       context_.queue().enqueueReadBuffer(from, CL_TRUE, 0, bytes, to);
     };
-    read(next, sorted.next_counts.data(), counts * sizeof(std::uint32_t));
+    read(next, sorted.next_counts.data(), layout::COUNTS * sizeof(std::uint32_t));
     read(to_added, sorted.added.data(), untouched.size() * sizeof(Pair));
     read(to_removed, sorted.removed.data(), untouched.size() * sizeof(Pair));
     return sorted;
@@ -81,7 +79,7 @@ class OrderFew : public ::testing::TestWithParam<std::pair<std::size_t, std::str
                  " removed, " + std::to_string(groups) + " work-groups");
     const std::size_t room = std::max({added_pairs.size(), removed_pairs.size(), std::size_t{1}});
     const Sorted sorted = sort(added_pairs, removed_pairs, room, groups);
-    EXPECT_EQ(sorted.next_counts.at(halted), 0U);
+    EXPECT_EQ(sorted.next_counts.at(layout::COUNT_HALTED), 0U);
     for (const auto& [list, result] :
          {std::pair(added_pairs, sorted.added), std::pair(removed_pairs, sorted.removed)}) {
       Pairs expected = list;
@@ -174,7 +172,7 @@ TEST_P(OrderFew, WritesNothingIfAListDoesNotFit) {
   const Pairs few = random_pairs(200, 2000, 11);
   for (const bool is_added : {false, true}) {
     const Sorted sorted = is_added ? sort(many, few, 299, 5) : sort(few, many, 299, 5);
-    EXPECT_EQ(sorted.next_counts.at(halted), 1U);
+    EXPECT_EQ(sorted.next_counts.at(layout::COUNT_HALTED), 1U);
     EXPECT_EQ(sorted.added, Pairs(300, Pair{1, 2}));
     EXPECT_EQ(sorted.removed, Pairs(300, Pair{1, 2}));
   }

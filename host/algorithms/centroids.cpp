@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <bit>
 
+#include "algorithms/kernel_layout.hpp"
 #include "opencl/launch.hpp"
 #include "opencl/quirks.hpp"
 
@@ -11,8 +12,7 @@ namespace {
 
 constexpr std::size_t most_rounds = 4096;  // of a work-item's loop
 static_assert(most_rounds < opencl::most_iterations);
-constexpr std::size_t groups_per_unit = 8;  // if there are enough boxes
-constexpr std::size_t bucket_words = 6;
+constexpr std::size_t groups_per_unit = 8;    // if there are enough boxes
 constexpr std::size_t boxes_per_bucket = 32;  // worlds of fewer boxes may as well share one
 
 }  // namespace
@@ -21,7 +21,7 @@ void CentroidBounds::enqueue(opencl::SizedKernel& kernel, const cl::Buffer& boxe
                              std::size_t n, opencl::Profiler::Scope* stage) {
   const bool worlds = filters() != nullptr;
   buckets_ = worlds ? static_cast<cl_uint>(std::bit_ceil(n / boxes_per_bucket + 1)) + 1 : 1;
-  const std::size_t words = buckets_ * bucket_words;
+  const std::size_t words = buckets_ * std::size_t{layout::CENTROID_WORDS};
   result_.reserve(context_, words * sizeof(cl_uint), "bounds of worlds");
   context_.fill(result_.get(), 0, 0, words, opencl::event_of(stage));
   if (n == 0) return;

@@ -9,6 +9,7 @@
 #include <broadcl/error.hpp>
 
 #include "algorithms/engine_program.hpp"
+#include "algorithms/kernel_layout.hpp"
 #include "opencl/launch.hpp"
 
 namespace broadcl {
@@ -16,7 +17,6 @@ namespace {
 
 constexpr std::size_t most_slots = std::size_t{1} << 31;  // a slot and a bit share a word
 constexpr std::size_t least_slots = 256;
-constexpr cl_uint last_stamp = 0x7fffffff;
 
 /// Up to this many bytes of changes, kernels read them from host memory if the device can.
 constexpr std::size_t most_direct = 256 << 10;
@@ -227,7 +227,7 @@ void DeviceObjects::upload_changes(const Changes& changes) {
   auto* boxes = reinterpret_cast<Aabb*>(words + count);
   for (const std::uint32_t slot : slots) {
     const bool recycled = std::ranges::binary_search(changes.recycled, slot);
-    *words++ = slot << 1 | (recycled ? 1U : 0U);
+    *words++ = layout::with_recycled(slot, recycled ? 1 : 0);
     if (!changes.all) *boxes++ = this->boxes()[slot];
   }
   const cl::CommandQueue& queue = context_.queue();
@@ -275,7 +275,7 @@ std::unique_ptr<DeviceObjects> DeviceObjects::successor(std::size_t slots) const
 }
 
 Search DeviceObjects::upload(const Changes& changes) {
-  if (stamp_ == last_stamp) {
+  if (stamp_ == layout::LAST_STAMP) {
     opencl::Profiler::Scope stage(profiler_, "clear");
     context_.fill(stamps_, 0, 0, capacity_, stage.event());
     stamp_ = 0;

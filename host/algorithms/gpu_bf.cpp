@@ -193,7 +193,7 @@ class GpuBf final : public Algorithm {
 
   void enqueue_kernel(const Search& search) {
     const cl_uint n = search.now.slots;
-    const unsigned period = 2 * launch_.width;
+    const unsigned period = triangle::row_period(launch_.width);
     const std::size_t columns = round_up(divide_up(n, launch_.width), kernel_.group);
     const std::size_t class_rows = (n + period - 1) / period;
     // In an average row, half of the columns are past the end.

@@ -12,9 +12,7 @@
 namespace broadcl {
 namespace {
 
-constexpr std::size_t most_test_items = 256;     // per work-group, as in kernels/near_pairs.cl
 constexpr std::size_t test_groups_per_unit = 8;  // enough to keep a compute unit busy
-constexpr cl_uint too_many = 0xffffffff;         // in place of a displacement: near pairs
 
 /// The margin, as a multiple of the distance that boxes moved in the last frame.
 constexpr float margin_factor = 1.125F;
@@ -34,7 +32,7 @@ bool NearPairs::load() try {
   if (queue_() != nullptr) return true;
   const cl::Program program = context_.program("near_pairs.cl");
   grow_ = context_.sized_kernel(program, "near_pairs_grow");
-  test_ = context_.sized_kernel(program, "near_pairs_test", most_test_items);
+  test_ = context_.sized_kernel(program, "near_pairs_test", layout::NEAR_GROUP);
   counts_ = context_.buffer(PairDelta::count_bytes);
   queue_ = context_.second_queue();
   return true;
@@ -87,8 +85,7 @@ bool NearPairs::begin(const Search& search, const PairDelta& sink, bool can_sear
   opencl::Profiler::Scope stage(profiler, "early");
   opencl::set_arguments(grow_.kernel, 0, search.last.slots, search.last.boxes, margin_, grown_.get(),
                         counts_);
-  grow_.enqueue(queue_, std::max<std::size_t>(search.last.slots, PairDelta::count_bytes / sizeof(cl_uint)),
-                stage.event());
+  grow_.enqueue(queue_, std::max<std::size_t>(search.last.slots, layout::COUNTS), stage.event());
   return true;
 }
 
@@ -147,7 +144,7 @@ bool NearPairs::missed(const PairDelta::Counts& counts, bool finder_gave_up) noe
   if (!is_early()) return false;
   state_ = State::searched;
   if (finder_gave_up) margin_limit_ = margin_ / 2;
-  if (counts.displacement == too_many && !finder_gave_up) wanted_ = 4 * std::size_t{capacity()};
+  if (counts.displacement == TOO_MANY_NEAR && !finder_gave_up) wanted_ = 4 * std::size_t{capacity()};
   return finder_gave_up || counts.displacement > std::bit_cast<cl_uint>(margin_);
 }
 

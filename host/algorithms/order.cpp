@@ -13,9 +13,6 @@ namespace {
 /// The least number of changes to read with the counts, and the least capacity for them.
 constexpr std::size_t least_changes = 512;
 
-/// Of few changes, those that a work-group sorts, on average: RANGE in kernels/order.cl.
-constexpr std::size_t range = 64;
-
 /// The largest result that kernels write to direct memory, in bytes: more than few changes take.
 constexpr std::size_t small_result = 256 << 10;
 
@@ -166,7 +163,7 @@ void Order::enqueue_few(const PairDelta& delta, cl_uint tag, cl::Event* event) {
   const cl_uint next = opencl::set_arguments(few_kernel_, delta.set_changes(few_kernel_, 0),
                                              static_cast<cl_uint>(room_), static_cast<cl_uint>(capacity_));
   set_results(few_kernel_, next, delta, tag);
-  const std::size_t groups = opencl::divide_up(std::max<std::size_t>(room_, 1), range);
+  const std::size_t groups = opencl::divide_up(std::max<std::size_t>(room_, 1), layout::ORDER_RANGE);
   context_.queue().enqueueNDRangeKernel(few_kernel_, cl::NullRange, cl::NDRange(groups * group, 2),
                                         cl::NDRange(group, 1), nullptr, event);
 }

@@ -13,20 +13,6 @@
 namespace broadcl {
 namespace {
 
-// The indices of kernels/delta.h.
-constexpr std::size_t count_removed = 1;
-constexpr std::size_t count_added = 2;
-constexpr std::size_t count_added_high = 3;
-constexpr std::size_t count_work = 4;
-constexpr std::size_t count_unordered = 5;
-constexpr std::size_t count_invalid = 6;
-constexpr std::size_t count_invalid_first = 7;
-constexpr std::size_t count_last_kept = 8;
-constexpr std::size_t count_last_added = 9;
-constexpr std::size_t count_last_tag = 10;
-constexpr std::size_t count_complete = 11;
-constexpr std::size_t count_displacement = 13;
-
 constexpr std::size_t least_pairs = 1 << 14;
 
 }  // namespace
@@ -70,14 +56,14 @@ void PairDelta::begin(std::size_t pairs) {
 void PairDelta::clear_counts() {
   opencl::Profiler::Scope stage(profiler_, "clear");
   for (const cl::Buffer& counts : counts_) {
-    context_.fill(counts, 0, 0, count_bytes / sizeof(cl_uint), stage.event());
+    context_.fill(counts, 0, 0, layout::COUNTS, stage.event());
   }
   const auto set = [&](std::size_t count, std::size_t value) {
     context_.fill(counts(), static_cast<cl_uint>(value), count, 1, stage.event());
   };
-  set(count_last_kept, last_.kept);
-  set(count_last_added, last_.added);
-  set(count_last_tag, last_tag_);
+  set(layout::COUNT_LAST_KEPT, last_.kept);
+  set(layout::COUNT_LAST_ADDED, last_.added);
+  set(layout::COUNT_LAST_TAG, last_tag_);
 }
 
 void PairDelta::reserve_ahead(std::size_t pairs) {
@@ -153,15 +139,15 @@ cl_uint PairDelta::set_changes(cl::Kernel& kernel, cl_uint first) const {
 
 PairDelta::Counts PairDelta::counts_of(const std::byte* counts) const {
   const auto* words = reinterpret_cast<const cl_uint*>(counts);
-  const std::size_t added = words[count_added] | std::uint64_t{words[count_added_high]} << 32;
-  return {.found = last_.found() - words[count_removed] + added,
+  const std::size_t added = words[layout::COUNT_ADDED] | std::uint64_t{words[layout::COUNT_ADDED_HIGH]} << 32;
+  return {.found = last_.found() - words[layout::COUNT_REMOVED] + added,
           .added = added,
-          .removed = words[count_removed],
-          .work = words[count_work],
-          .is_unordered = words[count_unordered] != 0,
-          .invalid_boxes = words[count_invalid],
-          .first_invalid = ~words[count_invalid_first],
-          .displacement = words[count_displacement]};
+          .removed = words[layout::COUNT_REMOVED],
+          .work = words[layout::COUNT_WORK],
+          .is_unordered = words[layout::COUNT_UNORDERED] != 0,
+          .invalid_boxes = words[layout::COUNT_INVALID],
+          .first_invalid = ~words[layout::COUNT_INVALID_FIRST],
+          .displacement = words[layout::COUNT_DISPLACEMENT]};
 }
 
 // NOLINTNEXTLINE(bugprone-exception-escape): handles do not throw when moved
@@ -194,12 +180,13 @@ PairDelta::Settled PairDelta::settled_of(std::uint64_t frames, cl_uint complete,
 }
 
 PairDelta::Settled PairDelta::settle() {
-  std::array<cl_uint, count_bytes / sizeof(cl_uint)> words{};
+  std::array<cl_uint, layout::COUNTS> words{};
   context_.queue().enqueueReadBuffer(counts(), CL_TRUE, 0, count_bytes, words.data());
-  const Settled settled = settled_of(unread_, words.at(count_complete), words.at(count_last_tag));
+  const Settled settled =
+      settled_of(unread_, words.at(layout::COUNT_COMPLETE), words.at(layout::COUNT_LAST_TAG));
   if ((settled.frames - settled.complete) % 2 != 0) std::swap(now_, last_);
-  last_.kept = words.at(count_last_kept);
-  last_.added = words.at(count_last_added);
+  last_.kept = words.at(layout::COUNT_LAST_KEPT);
+  last_.added = words.at(layout::COUNT_LAST_ADDED);
   last_tag_ = settled.tag;
   unread_ = 0;
   is_clean_ = false;

@@ -5,6 +5,7 @@
 
 #include <broadcl/pair.hpp>
 
+#include "algorithms/kernel_layout.hpp"
 #include "algorithms/search.hpp"
 #include "opencl/context.hpp"
 #include "opencl/growing_buffer.hpp"
@@ -24,7 +25,7 @@ namespace broadcl {
 /// were complete.
 class PairDelta {
  public:
-  /// The counts of a frame: kernels/delta.h.
+  /// The counts of a frame: kernels/counts.h.
   struct Counts {
     std::size_t found = 0;  ///< Pairs of this frame.
     std::size_t added = 0;
@@ -123,7 +124,7 @@ class PairDelta {
   /// Frames that have succeeded.
   [[nodiscard]] std::size_t frames() const noexcept { return frames_; }
 
-  static constexpr std::size_t count_bytes = 14 * sizeof(cl_uint);  ///< Of all counts.
+  static constexpr std::size_t count_bytes = layout::COUNTS * sizeof(cl_uint);  ///< Of all counts.
 
  private:
   /// The pairs of a frame.

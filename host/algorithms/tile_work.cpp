@@ -18,8 +18,6 @@ constexpr double most_early_work = 2;
 /// A search is given up, and the boxes are sorted, if it takes more work than this many searches of all boxes
 /// in a new order, which is far more than is_stale() allows. If all boxes leapt, the work would be n^2.
 constexpr double hopeless = 4;
-/// What a work-group does before it adds that to the total, as in kernels/tiles_search.cl.
-constexpr std::size_t reported_work = 256;
 
 /// Whether two numbers are so close that an observation for one also holds for the other.
 bool alike(std::size_t s, std::size_t t) {
@@ -88,7 +86,7 @@ cl_uint TileWork::most(const Search& search, const PairDelta& sink, std::size_t 
       std::max({default_factors[all_changed], factors_[all_changed], fresh_factors_[all_changed]});
   const double most = hopeless * factor * usual(search.now.slots, search.now.slots);
   // Each work-group may do some more before it knows; the kernel counts in 32 bits.
-  const bool overflows = most + 2.0 * reported_work * static_cast<double>(groups) >= any;
+  const bool overflows = most + 2.0 * layout::REPORTED_WORK * static_cast<double>(groups) >= any;
   return overflows ? any : static_cast<cl_uint>(most);
 }
 

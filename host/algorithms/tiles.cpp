@@ -6,6 +6,7 @@
 
 #include "algorithms/algorithm.hpp"
 #include "algorithms/centroids.hpp"
+#include "algorithms/kernel_layout.hpp"
 #include "algorithms/near_pairs.hpp"
 #include "algorithms/pair_finder.hpp"
 #include "algorithms/tile_work.hpp"
@@ -18,31 +19,22 @@ namespace {
 
 /// Launch parameters.
 struct TilesLaunch {
-  std::size_t node;   ///< Children of a node, as in kernels/tiles.h for this group.
+  std::size_t node;   ///< Children of a node.
   std::size_t group;  ///< Work-items per work-group: one per child, as many as a GPU runs in step; or one.
   std::size_t most_roots;  ///< Of the search: a launch more would leave fewer.
 };
 
-constexpr TilesLaunch tiles_on_gpus{.node = 32, .group = 32, .most_roots = 8};
-constexpr TilesLaunch tiles_on_gpus_of_64{.node = 64, .group = 64, .most_roots = 8};
-constexpr TilesLaunch tiles_on_cpus{.node = 32, .group = 1, .most_roots = 1};
+constexpr TilesLaunch tiles_on_gpus{.node = CHILDREN_OF(32), .group = 32, .most_roots = 8};
+constexpr TilesLaunch tiles_on_gpus_of_64{.node = CHILDREN_OF(64), .group = 64, .most_roots = 8};
+constexpr TilesLaunch tiles_on_cpus{.node = CHILDREN_OF(1), .group = 1, .most_roots = 1};
 
 TilesLaunch launch_for(opencl::Tuning tuning) {
   if (tuning == opencl::Tuning::cpu) return tiles_on_cpus;
   return tuning == opencl::Tuning::gpu64 ? tiles_on_gpus_of_64 : tiles_on_gpus;
 }
 
-// The values of kernels/tiles.h.
-/// The bounds of a child, and its worlds if there are any.
-constexpr std::size_t child_bytes = sizeof(Aabb);
-constexpr std::size_t child_bytes_of_worlds = child_bytes + 2 * sizeof(cl_uint);
-constexpr unsigned code_bits = 31;
-/// The highest of them, by which boxes are sorted: one radix pass less than for all, and trees as good.
-constexpr unsigned sorted_bits = 24;
-constexpr std::size_t levels = 4;  // as many as a cl_uint4 has numbers
-// Of tiles_raise_and_keep: work-items per work-group, and pairs of each.
-constexpr std::size_t keep_group = 256;
-constexpr std::size_t keep_run = 4;
+constexpr std::size_t levels = layout::TREE_LEVELS;
+static_assert(levels <= 4);  // the numbers of a cl_uint4
 
 constexpr std::size_t most_sharers = 8;
 constexpr std::size_t search_groups_per_unit = 64;         // as far as most_sharers allows
@@ -173,7 +165,7 @@ class Tiles final : public PairFinder {
                .raise = context_.kernel(program, "tiles_raise", launch_.group),
                .search = context_.kernel(program, "tiles_search", launch_.group)};
     if (launch_.group > 1) {
-      kernels.raise_and_keep = context_.kernel(program, "tiles_raise_and_keep", keep_group);
+      kernels.raise_and_keep = context_.kernel(program, "tiles_raise_and_keep", layout::TILES_KEEP_GROUP);
     }
     return kernels;
   }
@@ -246,7 +238,8 @@ class Tiles final : public PairFinder {
   }
 
   [[nodiscard]] std::size_t tree_bytes(bool worlds) const {
-    return nodes_ * launch_.node * (worlds ? child_bytes_of_worlds : child_bytes);
+    return nodes_ * launch_.node * sizeof(cl_uint) *
+           (worlds ? layout::CHILD_WORDS_OF_WORLDS : layout::CHILD_WORDS);
   }
 
   void reserve_tree(Tree& tree, bool worlds) const {
@@ -268,8 +261,8 @@ class Tiles final : public PairFinder {
     opencl::set_arguments(kernels.keys.kernel, 0, search.now.slots, search.now.boxes, filters,
                           centroids_.buckets(), centroids_.result(), elements_);
     kernels.keys.enqueue(context_.queue(), search.now.slots, stage.event());
-    sort_.enqueue(elements_, scratch_, search.now.slots, {{32 + code_bits - sorted_bits, sorted_bits}},
-                  &stage);
+    sort_.enqueue(elements_, scratch_, search.now.slots,
+                  {{32 + layout::CODE_BITS - layout::SORTED_BITS, layout::SORTED_BITS}}, &stage);
     if (has_worlds(search)) {  // they count first, so they are sorted by last
       opencl::set_arguments(kernels.world_keys.kernel, 0, search.now.slots, sets(search), filters, elements_);
       kernels.world_keys.enqueue(context_.queue(), search.now.slots, stage.event());
@@ -329,10 +322,12 @@ class Tiles final : public PairFinder {
       const std::size_t nodes = nodes_of(search);
       cl::Kernel& kernel = kernels(search).raise_and_keep;
       sink.set_keep_kernel(kernel, set_raise(kernel, tree_, 1, nodes), search);
-      const std::size_t groups = round_up(nodes, launch_.node) * launch_.group / keep_group +
-                                 divide_up(sink.most_to_keep(), keep_group * keep_run);
-      context_.queue().enqueueNDRangeKernel(kernel, cl::NullRange, cl::NDRange(groups * keep_group),
-                                            cl::NDRange(keep_group), nullptr, stage.event());
+      const std::size_t groups =
+          round_up(nodes, launch_.node) * launch_.group / layout::TILES_KEEP_GROUP +
+          divide_up(sink.most_to_keep(), layout::TILES_KEEP_GROUP * layout::TILES_KEEP_RUN);
+      context_.queue().enqueueNDRangeKernel(kernel, cl::NullRange,
+                                            cl::NDRange(groups * layout::TILES_KEEP_GROUP),
+                                            cl::NDRange(layout::TILES_KEEP_GROUP), nullptr, stage.event());
     }
     opencl::Profiler::Scope stage(profiler, "refit");
     raise(context_.queue(), search, tree_, sink.is_kept_by_finder() ? 2 : 1, stage);

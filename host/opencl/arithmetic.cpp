@@ -12,9 +12,7 @@
 namespace broadcl::opencl {
 namespace {
 
-// The values of kernels/arithmetic.cl.
-constexpr cl_uint has_denormals = 1;
-constexpr cl_uint all_others = 30;
+#include "../../kernels/arithmetic.h"  // NOLINT(misc-include-cleaner)
 
 using Float = std::numeric_limits<float>;
 constexpr std::array numbers{0.0F, -0.0F,        Float::denorm_min(), 3 * Float::denorm_min(),
@@ -44,12 +42,12 @@ bool flushes_denormals(const Context& context) {
     result = measure_arithmetic(context);
     context.store(key, {static_cast<DiskCache::Bytes::value_type>(result)});
   }
-  if ((result & all_others) != all_others) {
+  if ((result & HAS_NEEDED) != HAS_NEEDED) {
     throw Error(context.device().label() +
                 ": the device does not compare zeros, infinities or NaNs as IEEE 754 says (" +
                 std::to_string(result) + "), so pairs would be wrong; use another device or driver");
   }
-  return (result & has_denormals) == 0;
+  return (result & HAS_DENORMALS) == 0;
 }
 
 }  // namespace broadcl::opencl
