@@ -8,7 +8,7 @@
 
 #include <broadcl/broad_phase.hpp>
 
-#include "frames.hpp"
+#include "frame_times.hpp"
 #include "scenes/generators.hpp"
 
 namespace broadcl {
@@ -36,7 +36,7 @@ void time_come_and_go(benchmark::State& state, const std::string& algorithm, std
   };
   constexpr int first_frames = 8;  // until memory has grown
   for (int k = 0; k < first_frames; ++k) (void)update();
-  Frames frames(state);
+  FrameTimes frames(state);
   for ([[maybe_unused]] auto _ : state) frames.time(update);
   frames.report();
 }

@@ -6,7 +6,7 @@
 
 #include <benchmark/benchmark.h>
 
-#include "frames.hpp"
+#include "frame_times.hpp"
 #include "opencl/context.hpp"
 #include "opencl/launch.hpp"
 
@@ -39,7 +39,7 @@ void time_enqueueing(benchmark::State& state, std::size_t buffers) {
     arguments.push_back(context.buffer(items));
     kernel.setArg(static_cast<cl_uint>(k), arguments.back());
   }
-  Frames frames(state);
+  FrameTimes frames(state);
   for ([[maybe_unused]] auto _ : state) {
     context.queue().finish();
     frames.time([&] {
@@ -63,7 +63,7 @@ void time_waiting(benchmark::State& state, cl_uint steps, bool reads) {
   const cl::Buffer buffer = context.buffer(items);
   opencl::set_arguments(kernel, 0, buffer, steps);
   std::vector<std::byte> result(items);
-  Frames frames(state);
+  FrameTimes frames(state);
   for ([[maybe_unused]] auto _ : state) {
     context.queue().finish();
     frames.time([&] {

@@ -10,7 +10,7 @@
 
 #include <broadcl/broad_phase.hpp>
 
-#include "frames.hpp"
+#include "frame_times.hpp"
 #include "opencl/context.hpp"
 // After "opencl/api.hpp", which chooses the version of OpenCL.
 #include <broadcl/opencl.hpp>
@@ -33,7 +33,7 @@ void time_device_update(benchmark::State& state, const AlgorithmInfo& algorithm,
   };
   queue.enqueueWriteBuffer(buffer, CL_TRUE, 0, bytes, boxes.boxes().data());
   (void)update();
-  Frames frames(state);
+  FrameTimes frames(state);
   for ([[maybe_unused]] auto _ : state) {
     boxes.advance();
     queue.enqueueWriteBuffer(buffer, CL_TRUE, 0, bytes, boxes.boxes().data());
@@ -72,7 +72,7 @@ void time_enqueue(benchmark::State& state, const AlgorithmInfo& algorithm, const
   const cl::Buffer removed = context.buffer(capacity * sizeof(Pair));
   std::array<std::uint32_t, 4> words{};
   const cl::Buffer counts = context.buffer(sizeof words);
-  Frames frames(state);
+  FrameTimes frames(state);
   for ([[maybe_unused]] auto _ : state) {
     advance();
     frames.time(

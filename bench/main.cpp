@@ -32,7 +32,7 @@
 
 #include "benchmarks.hpp"
 #include "bounds.hpp"
-#include "frames.hpp"
+#include "frame_times.hpp"
 #include "scenes/broadphases.hpp"
 #include "scenes/generators.hpp"
 
@@ -83,7 +83,7 @@ void time_update(benchmark::State& state, const AlgorithmInfo& algorithm, const 
     return size(broad_phase.update());
   };
   warm_up(advance, update);
-  Frames frames(state);
+  FrameTimes frames(state);
   for ([[maybe_unused]] auto _ : state) {
     advance();
     frames.time(update);
@@ -106,7 +106,7 @@ void time_some_moving(benchmark::State& state, const AlgorithmInfo& algorithm, s
   };
   const auto update = [&] { return size(broad_phase.update()); };
   warm_up(advance, update);
-  Frames frames(state);
+  FrameTimes frames(state);
   for ([[maybe_unused]] auto _ : state) {
     advance();
     frames.time(update);

@@ -16,7 +16,7 @@
 #include <benchmark/benchmark.h>
 
 #include "bounds.hpp"
-#include "frames.hpp"
+#include "frame_times.hpp"
 #include "scenes/broadphases.hpp"
 #include "scenes/remove_all_pairs.hpp"
 
@@ -85,7 +85,7 @@ void time_resting(benchmark::State& state, const std::string& name, std::uint32_
     world.move();
     (void)world.update();
   }
-  Frames frames(state);
+  FrameTimes frames(state);
   std::size_t pairs = 0;
   for ([[maybe_unused]] auto _ : state) {
     world.move();

@@ -13,7 +13,7 @@
 
 #include <broadcl/broad_phase.hpp>
 
-#include "frames.hpp"
+#include "frame_times.hpp"
 #include "opencl/context.hpp"
 // After "opencl/api.hpp", which chooses the version of OpenCL.
 #include <broadcl/opencl.hpp>
@@ -87,7 +87,7 @@ void time_on_host(benchmark::State& state, const AlgorithmInfo& algorithm, World
     return delta.added.size() + delta.removed.size();
   };
   warm_up(advance, update);
-  Frames frames(state);
+  FrameTimes frames(state);
   for ([[maybe_unused]] auto _ : state) {
     advance();
     frames.time(update);
@@ -114,7 +114,7 @@ void time_on_device(benchmark::State& state, const AlgorithmInfo& algorithm, Wor
   };
   write();
   (void)update();
-  Frames frames(state);
+  FrameTimes frames(state);
   for ([[maybe_unused]] auto _ : state) {
     worlds.advance();
     write();

@@ -4,7 +4,6 @@
 #include <broadcl/opencl.hpp>
 
 #include <algorithm>
-#include <array>
 #include <type_traits>
 #include <utility>
 
@@ -73,7 +72,6 @@ class DeviceBroadPhase::Impl {
     if (!in_flight_) throw Error("finish() was called without begin()");
     in_flight_ = false;
     const PairDelta::Counts counts = guard_reservation([&] { return engine_->finish(); });
-    turn_ = 1 - turn_;
     first_count_ = begun_first_count_;
     complete_exclusions_ = exclusions_;
     const Order& changes = engine_->changes();
@@ -103,18 +101,16 @@ class DeviceBroadPhase::Impl {
       auto engine = engine_->successor();
       warm_up(*engine);
       auto source = std::make_unique<Source>(context_);
-      const Frame& frame = frames_.at(turn_);
-      Frame smaller;
-      if (frame.objects.slots > 0) {
-        smaller.objects = frame.objects;
-        reserve(smaller, frame.objects.slots, frame.objects.filters() != nullptr);
-        copy(frame, smaller);
+      const Frame& last = engine_->frames().last;
+      if (last.objects.slots > 0) {
+        Frame& smaller = engine->frames().last;
+        smaller.objects = last.objects;
+        reserve(smaller, last.objects.slots, last.objects.filters() != nullptr);
+        copy(last, smaller);
       }
       // Nothing below throws.
       engine_ = std::move(engine);
       source_ = std::move(source);
-      frames_ = {};
-      frames_.at(turn_) = std::move(smaller);
       pairs_ = {};
       reserved_ = {};
       must_reserve_again_ = false;
@@ -171,7 +167,6 @@ class DeviceBroadPhase::Impl {
                         .added_offsets = cl::Buffer(changes.added_offsets, true),
                         .removed_offsets = cl::Buffer(changes.removed_offsets, true)});
     });
-    turn_ = 1 - turn_;
     first_count_ = first_count_of(boxes);
   }
 
@@ -188,12 +183,6 @@ class DeviceBroadPhase::Impl {
   [[nodiscard]] std::span<const Stage> profile() const noexcept { return profiler_.stages(); }
 
  private:
-  /// Objects as of one update.
-  struct Frame {  // NOLINT(bugprone-exception-escape): handles do not throw when moved
-    Generation objects;
-    opencl::GrowingBuffer boxes, filters;
-  };
-
   /// For what enqueue() has memory.
   struct Reservation {
     std::size_t boxes = 0, pairs = 0;
@@ -217,13 +206,19 @@ class DeviceBroadPhase::Impl {
 
   void fulfil(const Reservation& wanted) {
     settle();
-    const std::size_t slots = std::max<std::size_t>(wanted.boxes, frames_.at(turn_).objects.slots);
+    auto& [now, last] = engine_->frames();
+    const std::size_t slots = std::max<std::size_t>(wanted.boxes, last.objects.slots);
     engine_->reserve_ahead(slots, wanted.pairs);
-    reserve(frames_.at(1 - turn_), slots, wanted.filters);
-    Frame larger = frames_.at(turn_);
+    reserve(now, slots, wanted.filters);
+    Frame larger;
+    larger.objects = last.objects;
+    larger.boxes = last.boxes;
+    larger.filters = last.filters;
     reserve(larger, slots, wanted.filters);
-    copy(frames_.at(turn_), larger);
-    frames_.at(turn_) = std::move(larger);
+    copy(last, larger);
+    last.objects = std::move(larger.objects);
+    last.boxes = std::move(larger.boxes);
+    last.filters = std::move(larger.filters);
     must_reserve_again_ = false;
   }
 
@@ -236,12 +231,11 @@ class DeviceBroadPhase::Impl {
     if (!engine_->is_unsettled()) return;
     const PairDelta::Settled settled = engine_->settle();
     const std::size_t incomplete = settled.frames - settled.complete;
-    if (incomplete % 2 != 0) turn_ = 1 - turn_;
     if (settled.complete > 0) complete_exclusions_ = exclusions_;
-    Frame& last = frames_.at(turn_);
+    Frame& last = engine_->frames().last;
     last.objects = {.slots = settled.tag >> 1U,
                     .boxes = last.boxes.get(),
-                    .filters = (settled.tag & 1U) != 0 ? last.filters.get() : cl::Buffer(),
+                    .filters = (settled.tag & 1U) != 0 ? last.filters.buffer.get() : cl::Buffer(),
                     .exclusions = complete_exclusions_};
     incomplete_ += incomplete;
   }
@@ -266,7 +260,8 @@ class DeviceBroadPhase::Impl {
 
   void reserve(Frame& frame, std::size_t boxes, bool filters) const {
     frame.boxes.reserve(context_, (boxes + Generation::padding) * sizeof(Aabb), "boxes");
-    if (filters) frame.filters.reserve(context_, (boxes + Generation::padding) * sizeof(Filter), "filters");
+    if (filters)
+      frame.filters.buffer.reserve(context_, (boxes + Generation::padding) * sizeof(Filter), "filters");
   }
 
   /// Copies objects to a frame, unless that shares the memory of the other one.
@@ -277,9 +272,10 @@ class DeviceBroadPhase::Impl {
       context_.queue().enqueueCopyBuffer(from.boxes.get(), to.boxes.get(), 0, 0, slots * sizeof(Aabb));
       to.objects.boxes = to.boxes.get();
     }
-    if (from.objects.filters() == nullptr || to.filters.get()() == from.filters.get()()) return;
-    context_.queue().enqueueCopyBuffer(from.filters.get(), to.filters.get(), 0, 0, slots * sizeof(Filter));
-    to.objects.filters = to.filters.get();
+    if (from.objects.filters() == nullptr || to.filters.buffer.get()() == from.filters.buffer.get()()) return;
+    context_.queue().enqueueCopyBuffer(from.filters.buffer.get(), to.filters.buffer.get(), 0, 0,
+                                       slots * sizeof(Filter));
+    to.objects.filters = to.filters.buffer.get();
   }
 
   void check(const ChangeBuffers& changes, const Boxes& boxes) const {
@@ -348,14 +344,14 @@ class DeviceBroadPhase::Impl {
 
   /// The search of the caller's objects, which are still to be gathered.
   Search search_of(const Boxes& boxes) {
-    Frame& next = frames_.at(1 - turn_);
+    auto& [next, last] = engine_->frames();
     const bool filters = has_filters(boxes);
     const SecondSet& second = boxes.second;
     const bool is_of_two = second.buffer != nullptr;
     reserve(next, count_of(boxes), filters);
     next.objects = {.slots = static_cast<cl_uint>(count_of(boxes)),
                     .boxes = next.boxes.get(),
-                    .filters = filters ? next.filters.get() : cl::Buffer(),
+                    .filters = filters ? next.filters.buffer.get() : cl::Buffer(),
                     .exclusions = exclusions_};
     source_->set({.buffer = cl::Buffer(boxes.buffer, true),
                   .count = boxes.count,
@@ -367,7 +363,7 @@ class DeviceBroadPhase::Impl {
                   .stride = second.stride / sizeof(float)},
                  cl::Buffer(boxes.filters, true));
     return {.now = next.objects,
-            .last = frames_.at(turn_).objects,
+            .last = last.objects,
             .source = source_.get(),
             .worlds = boxes.worlds && boxes.filters != nullptr,
             .sets = is_of_two,
@@ -379,8 +375,6 @@ class DeviceBroadPhase::Impl {
   opencl::Profiler profiler_;
   std::unique_ptr<Engine> engine_;
   std::unique_ptr<Source> source_;
-  std::array<Frame, 2> frames_;  // of the last update and of the next, alternating
-  std::size_t turn_ = 0;         // index of the frame of the last update
   cl::Buffer pairs_;
   // In the format of kernels/filter.h: for the next updates, and of the last update that is known to be
   // complete.

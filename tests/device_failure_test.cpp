@@ -198,7 +198,8 @@ TEST(DeviceFailure, NoBoxesHaveMemoryWithoutFilters) {
     SCOPED_TRACE(name_of(first, 1));
     const opencl::Context context(select_device(), false);
     opencl::Profiler profiler(false);
-    DeviceObjects objects(context, profiler);
+    Frames frames;
+    DeviceObjects objects(context, profiler, frames);
     objects.reserve(1, true);
     const FailingOpenCl one_fails(first, 1);
     try {

@@ -43,7 +43,7 @@ TEST_P(EachAlgorithm, TheSecondObjectBuildsNoPrograms) {
 }
 
 TEST(OpenedDevices, StayOpenWhileNobodyUsesThem) {
-  const cl_context first = opencl::Context(select_device(), false).context()();
+  auto* const first = opencl::Context(select_device(), false).context()();
   EXPECT_EQ(opencl::Context(select_device(), false).context()(), first);
 }
 

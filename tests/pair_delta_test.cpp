@@ -55,9 +55,9 @@ TEST(PairDelta, ExhaustedMemoryLeavesTheLastFrameKnown) {
   const opencl::Context context(device, false);
   opencl::forget_opened_devices();
   opencl::Profiler profiler(false);
-  DeviceObjects objects(context, profiler);
-  objects.reserve(n, false);
   Engine engine(context, profiler, make_brute_force, Order::Target::host);
+  DeviceObjects objects(context, profiler, engine.frames());
+  objects.reserve(n, false);
   const auto update = [&] {
     engine.prepare();
     engine.begin(objects.upload({.slots = n, .all = true}));
@@ -96,11 +96,11 @@ TEST(PairDelta, AListMayBeAsLargeAsTheLargestAllocation) {
     const opencl::Context context(device, false);
     opencl::forget_opened_devices();
     opencl::Profiler profiler(false);
-    DeviceObjects objects(context, profiler);
+    Engine engine(context, profiler, make_brute_force, Order::Target::device);
+    DeviceObjects objects(context, profiler, engine.frames());
     objects.reserve(n, false);
     std::ranges::fill(objects.boxes().first(n), test::unit);
     objects.boxes()[0] = {{-1, 0, 0}, {0, 1, 1}};  // touches the others
-    Engine engine(context, profiler, make_brute_force, Order::Target::device);
     const auto update = [&] {
       engine.prepare();
       engine.begin(objects.upload({.slots = n, .all = true}));
@@ -137,7 +137,6 @@ kernel void reserve(const uint times, PAIR_SINK_PARAMETERS) {
   const test::ScopedVariable variable("BROADCL_KERNEL_DIR", folder.path().string());
   const opencl::Context context(select_device(), false);
   opencl::Profiler profiler(false);
-  DeviceObjects objects(context, profiler);
   Engine engine(
       context, profiler,
       [](const opencl::Context& in) -> std::unique_ptr<PairFinder> {
@@ -149,6 +148,7 @@ kernel void reserve(const uint times, PAIR_SINK_PARAMETERS) {
         });
       },
       Order::Target::host);
+  DeviceObjects objects(context, profiler, engine.frames());
   objects.reserve(200, false);
   engine.prepare();
   engine.begin(objects.upload({.slots = 200, .all = true}));
@@ -185,13 +185,19 @@ class Objects : public ::testing::Test {
     const Search search = objects_.upload(changes);
     EXPECT_EQ(read<Aabb>(search.last.boxes, search.last.slots), before);
     std::vector<Aabb> boxes = read<Aabb>(search.now.boxes, search.now.slots);
-    objects_.commit();
+    commit();
     return boxes;
+  }
+
+  void commit() {
+    frames_.swap();
+    objects_.commit();
   }
 
   opencl::Context context_{select_device(), false};
   opencl::Profiler profiler_{false};
-  DeviceObjects objects_{context_, profiler_};
+  Frames frames_;
+  DeviceObjects objects_{context_, profiler_, frames_};
 };
 
 TEST_F(Objects, OnlyWhatChangedCrossesTheBus) {
@@ -230,7 +236,7 @@ TEST_F(Objects, NewFiltersComeAlongAndThoseOfTheLastUpdateStay) {
     EXPECT_EQ(read<Filter>(search.now.filters, filters.size()), filters);
     EXPECT_EQ(search.last.filters() != nullptr, !before.empty());
     EXPECT_EQ(read<Filter>(search.last.filters, before.size()), before);
-    objects_.commit();
+    commit();
     before = filters;
   };
   for (std::uint32_t n = 1; n < 600; n += 1 + n / 2) {
@@ -263,7 +269,7 @@ TEST_F(Objects, OnlyFiltersThatChangedCrossTheBus) {
     before = expected;
   };
   expect_uploaded(before, {}, true);
-  objects_.commit();
+  commit();
   std::array<std::uint32_t, 3> last{};
   for (std::uint32_t frame = 0; frame < 12; ++frame) {
     if (frame == 6) {  // fails, so the next one has all of them
@@ -274,7 +280,7 @@ TEST_F(Objects, OnlyFiltersThatChangedCrossTheBus) {
       const Search search =
           objects_.upload({.slots = n, .all = true, .filters = before, .all_filters = true});
       EXPECT_EQ(read<Filter>(search.now.filters, n), before);
-      objects_.commit();
+      commit();
     }
     // What changed last is uploaded again.
     std::vector<Filter> given = wrong;
@@ -282,7 +288,7 @@ TEST_F(Objects, OnlyFiltersThatChangedCrossTheBus) {
     const std::array changed{frame, 20 + frame % 2, n - 1};
     for (const std::uint32_t slot : changed) given[slot].world = frame;
     expect_uploaded(given, frame % 4 == 3 ? std::span<const std::uint32_t>() : changed, false);
-    objects_.commit();
+    commit();
     if (frame % 4 != 3) last = changed;
   }
 }

@@ -32,8 +32,8 @@ class DeviceAlgorithm final : public Algorithm {
                   MakePairFinder make_finder)
       : context_(device, config.profile, config.on_compile, tuning),
         profiler_(config.profile),
-        objects_(std::make_unique<DeviceObjects>(context_, profiler_)),
-        engine_(std::make_unique<Engine>(context_, profiler_, make_finder, Order::Target::host)) {
+        engine_(std::make_unique<Engine>(context_, profiler_, make_finder, Order::Target::host)),
+        objects_(std::make_unique<DeviceObjects>(context_, profiler_, engine_->frames())) {
     engine_->warm_up(objects_->capacity_for(0));
   }
 
@@ -50,8 +50,8 @@ class DeviceAlgorithm final : public Algorithm {
 
   void shrink(std::size_t slots) override {
     context_.guard([&] {
-      auto objects = objects_->successor(slots);
       auto engine = engine_->successor();
+      auto objects = objects_->successor(slots, engine->frames());
       engine->warm_up(objects->capacity_for(0));
       objects_ = std::move(objects);
       engine_ = std::move(engine);
@@ -108,8 +108,8 @@ class DeviceAlgorithm final : public Algorithm {
  private:
   opencl::Context context_;
   opencl::Profiler profiler_;
-  std::unique_ptr<DeviceObjects> objects_;
   std::unique_ptr<Engine> engine_;
+  std::unique_ptr<DeviceObjects> objects_;  // in its frames
 };
 
 }  // namespace

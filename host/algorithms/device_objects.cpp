@@ -34,8 +34,8 @@ std::size_t staged_bytes(std::size_t changes, bool boxes) {
 
 }  // namespace
 
-DeviceObjects::DeviceObjects(const opencl::Context& context, opencl::Profiler& profiler)
-    : context_(context), profiler_(profiler) {
+DeviceObjects::DeviceObjects(const opencl::Context& context, opencl::Profiler& profiler, Frames& frames)
+    : context_(context), profiler_(profiler), now_(frames.now), last_(frames.last) {
   const cl::Program program = engine_program(context);
   apply_ = context.sized_kernel(program, "apply_changes");
   apply_filters_ = context.sized_kernel(program, "apply_filters");
@@ -95,8 +95,8 @@ void DeviceObjects::reserve_boxes(std::size_t slots) {
   boxes_ = boxes;
   staged_changes_ = std::move(staged_changes);
   last_.objects.boxes = std::move(last);
-  last_.all = true;  // next_ has none of them
-  next_.objects.boxes = std::move(next);
+  last_.all_uploaded = true;  // now_ has none of them
+  now_.objects.boxes = std::move(next);
   stamps_ = std::move(stamps);
   capacity_ = capacity;
 }
@@ -106,18 +106,18 @@ void DeviceObjects::upload_filters(const Changes& changes) {
   const std::size_t known = std::min(count, last_.filter_count);
   const std::size_t changed = changes.refiltered.size() + count - known;
   are_filters_new_ = changes.all_filters || changed > 0;
-  next_.filter_count = are_filters_new_ ? count : last_.filter_count;
-  next_.objects.filters = are_filters_new_ ? cl::Buffer() : last_.objects.filters;
+  now_.filter_count = are_filters_new_ ? count : last_.filter_count;
+  now_.objects.filters = are_filters_new_ ? cl::Buffer() : last_.objects.filters;
   if (!are_filters_new_) return;
-  const Filters& last = filters_.at(filter_turn_);
-  Filters& next = filters_.at(1 - filter_turn_);
+  const Frame::Filters& last = last_.filters;
+  Frame::Filters& next = now_.filters;
   next.all = changes.all_filters || changed > count / 4;
   next.slots.clear();
   if (count == 0) return;
   const std::size_t bytes = (capacity_ + Generation::padding) * sizeof(Filter);
   const bool is_older_known = !last.all && next.buffer.bytes() >= bytes;
   next.buffer.reserve(context_, bytes, "filters");
-  next_.objects.filters = next.buffer.get();
+  now_.objects.filters = next.buffer.get();
   const cl::CommandQueue& queue = context_.queue();
   if (next.all) {
     opencl::Profiler::Scope stage(profiler_, "upload");
@@ -164,24 +164,24 @@ void DeviceObjects::apply_filters(const Changes& changes) {
   }
   opencl::Profiler::Scope stage(profiler_, "apply");
   opencl::set_arguments(apply_filters_.kernel, 0, count,
-                        is_direct ? staged_filters_.buffer() : filter_changes_.get(), next_.objects.filters);
+                        is_direct ? staged_filters_.buffer() : filter_changes_.get(), now_.objects.filters);
   apply_filters_.enqueue(queue, count, stage.event());
 }
 
 void DeviceObjects::upload_exclusions(const Changes& changes) {
   are_exclusions_new_ = changes.are_exclusions_new();
-  next_.objects.exclusions = are_exclusions_new_ ? cl::Buffer() : last_.objects.exclusions;
+  now_.objects.exclusions = are_exclusions_new_ ? cl::Buffer() : last_.objects.exclusions;
   if (!are_exclusions_new_ || changes.exclusions.empty()) return;
   const std::size_t count = changes.exclusions.size();
   const std::size_t bytes = (count + 1) * sizeof(Pair);
-  opencl::GrowingBuffer& buffer = exclusions_.at(1 - exclusion_turn_);
+  opencl::GrowingBuffer& buffer = now_.exclusions;
   buffer.reserve(context_, bytes, "exclusions");
   auto* staged = reinterpret_cast<Pair*>(staged_exclusions_.host());
   *staged = {.a = static_cast<std::uint32_t>(count), .b = 0};
   std::ranges::copy(changes.exclusions, staged + 1);
   opencl::Profiler::Scope stage(profiler_, "upload");
   context_.queue().enqueueWriteBuffer(buffer.get(), CL_FALSE, 0, bytes, staged, nullptr, stage.event());
-  next_.objects.exclusions = buffer.get();
+  now_.objects.exclusions = buffer.get();
 }
 
 /// The boxes of this frame: all from the host, or those of the last frame, to which the changes are applied
@@ -189,22 +189,22 @@ void DeviceObjects::upload_exclusions(const Changes& changes) {
 void DeviceObjects::upload_boxes(const Changes& changes) {
   const cl::CommandQueue& queue = context_.queue();
   const Generation& last = last_.objects;
-  next_.all = changes.all || last.slots == 0;
-  next_.objects.slots = static_cast<cl_uint>(changes.slots);
-  if (next_.all) {
+  now_.all_uploaded = changes.all || last.slots == 0;
+  now_.objects.slots = static_cast<cl_uint>(changes.slots);
+  if (now_.all_uploaded) {
     opencl::Profiler::Scope stage(profiler_, "upload");
-    queue.enqueueWriteBuffer(next_.objects.boxes, CL_FALSE, 0,
+    queue.enqueueWriteBuffer(now_.objects.boxes, CL_FALSE, 0,
                              std::max<std::size_t>(1, changes.slots) * sizeof(Aabb), boxes_->host(), nullptr,
                              stage.event());
-  } else if (last_.all) {
+  } else if (last_.all_uploaded) {
     opencl::Profiler::Scope stage(profiler_, "copy");
-    queue.enqueueCopyBuffer(last.boxes, next_.objects.boxes, 0, 0, last.slots * sizeof(Aabb), nullptr,
+    queue.enqueueCopyBuffer(last.boxes, now_.objects.boxes, 0, 0, last.slots * sizeof(Aabb), nullptr,
                             stage.event());
   } else if (last_.changed_count > 0) {
-    // next_ has the boxes of the frame before the last one.
+    // now_ has the boxes of the frame before the last one.
     opencl::Profiler::Scope stage(profiler_, "copy");
     opencl::set_arguments(copy_.kernel, 0, last_.changed_count, last_.changed.get(), last.boxes,
-                          next_.objects.boxes);
+                          now_.objects.boxes);
     copy_.enqueue(queue, last_.changed_count, stage.event());
   }
 }
@@ -217,12 +217,12 @@ void DeviceObjects::upload_changes(const Changes& changes) {
   const std::span<const std::uint32_t> slots =
       changes.all ? std::span(changes.recycled.begin(), new_slots) : changes.changed;
   const auto count = static_cast<cl_uint>(slots.size());
-  next_.changed_count = count;
+  now_.changed_count = count;
   if (count == 0) return;
   const std::size_t bytes = staged_bytes(count, !changes.all);
   const bool is_direct = staged_changes_.is_direct() && bytes <= most_direct;
   if (!is_direct) changes_.reserve(context_, bytes, "changes");
-  if (!changes.all) next_.changed.reserve(context_, count * sizeof(cl_uint), "changes");
+  if (!changes.all) now_.changed.reserve(context_, count * sizeof(cl_uint), "changes");
   auto* words = reinterpret_cast<cl_uint*>(staged_changes_.host());
   auto* boxes = reinterpret_cast<Aabb*>(words + count);
   for (const std::uint32_t slot : slots) {
@@ -239,18 +239,18 @@ void DeviceObjects::upload_changes(const Changes& changes) {
   opencl::Profiler::Scope stage(profiler_, "apply");
   const cl::Buffer none;
   opencl::set_arguments(apply_.kernel, 0, count, is_direct ? staged_changes_.buffer() : changes_.get(),
-                        stamp_, changes.all ? none : next_.objects.boxes, stamps_,
-                        changes.all ? none : next_.changed.get());
+                        stamp_, changes.all ? none : now_.objects.boxes, stamps_,
+                        changes.all ? none : now_.changed.get());
   apply_.enqueue(queue, count, stage.event());
 }
 
-std::unique_ptr<DeviceObjects> DeviceObjects::successor(std::size_t slots) const {
+std::unique_ptr<DeviceObjects> DeviceObjects::successor(std::size_t slots, Frames& frames) const {
   const Generation& last = last_.objects;
-  auto next = std::make_unique<DeviceObjects>(context_, profiler_);
+  auto next = std::make_unique<DeviceObjects>(context_, profiler_, frames);
   next->reserve_boxes(std::max<std::size_t>(slots, last.slots));
   std::memcpy(next->boxes_->host(), boxes_->host(), slots * sizeof(Aabb));
   const cl::CommandQueue& queue = context_.queue();
-  Generation& objects = next->last_.objects;
+  Generation& objects = frames.last.objects;
   objects.slots = last.slots;
   if (last.slots > 0) {
     queue.enqueueCopyBuffer(last.boxes, objects.boxes, 0, 0, last.slots * sizeof(Aabb));
@@ -260,16 +260,16 @@ std::unique_ptr<DeviceObjects> DeviceObjects::successor(std::size_t slots) const
     queue.enqueueCopyBuffer(from, to.get(), 0, 0, bytes);
     return to.get();
   };
-  next->last_.filter_count = std::min<std::size_t>(last_.filter_count, last.slots);
+  frames.last.filter_count = std::min<std::size_t>(last_.filter_count, last.slots);
   if (last.filters() != nullptr) {
-    objects.filters = copy(last.filters, (next->last_.filter_count + Generation::padding) * sizeof(Filter),
-                           next->filters_.front().buffer);
+    objects.filters = copy(last.filters, (frames.last.filter_count + Generation::padding) * sizeof(Filter),
+                           frames.last.filters.buffer);
   }
   if (last.exclusions() != nullptr) {
     cl_uint count = 0;  // which comes first: kernels/filter.h
     queue.enqueueReadBuffer(last.exclusions, CL_TRUE, 0, sizeof count, &count);
     objects.exclusions =
-        copy(last.exclusions, (std::size_t{count} + 1) * sizeof(Pair), next->exclusions_.front());
+        copy(last.exclusions, (std::size_t{count} + 1) * sizeof(Pair), frames.last.exclusions);
   }
   return next;
 }
@@ -285,24 +285,23 @@ Search DeviceObjects::upload(const Changes& changes) {
   upload_exclusions(changes);
   upload_boxes(changes);
   upload_changes(changes);
-  return {.now = next_.objects,
+  return {.now = now_.objects,
           .last = last_.objects,
           .same_filters = !changes.all_filters && !changes.filters_changed && !changes.exclusions_changed,
           .worlds = changes.worlds,
           .sets = changes.sets,
           .all = changes.all,
-          .changed_count = changes.all ? 0 : next_.changed_count,
-          .changed = next_.changed.get(),
+          .changed_count = changes.all ? 0 : now_.changed_count,
+          .changed = now_.changed.get(),
           .any_recycled = !changes.recycled.empty(),
           .stamp = stamp_,
-          .stamps = changes.all && next_.changed_count == 0 ? cl::Buffer() : stamps_};
+          .stamps = changes.all && now_.changed_count == 0 ? cl::Buffer() : stamps_};
 }
 
-// NOLINTNEXTLINE(bugprone-exception-escape): handles do not throw when moved
 void DeviceObjects::commit() noexcept {
-  std::swap(last_, next_);
-  if (are_filters_new_) filter_turn_ = 1 - filter_turn_;
-  if (are_exclusions_new_) exclusion_turn_ = 1 - exclusion_turn_;
+  // What the last frame refers to must not be overwritten in the next one.
+  if (!are_filters_new_) std::swap(now_.filters, last_.filters);
+  if (!are_exclusions_new_) std::swap(now_.exclusions, last_.exclusions);
 }
 
 }  // namespace broadcl

@@ -1,6 +1,5 @@
 #pragma once
 
-#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <memory>
@@ -11,6 +10,7 @@
 #include <broadcl/pair.hpp>
 
 #include "algorithms/algorithm.hpp"
+#include "algorithms/frame.hpp"
 #include "algorithms/search.hpp"
 #include "opencl/context.hpp"
 #include "opencl/growing_buffer.hpp"
@@ -23,9 +23,9 @@ namespace broadcl {
 /// changed are uploaded, and the device keeps the boxes of the last frame as well.
 class DeviceObjects {
  public:
-  /// @param context, profiler Must outlive this object.
+  /// @param context, profiler, frames Must outlive this object.
   /// @throws cl::Error, Error
-  DeviceObjects(const opencl::Context& context, opencl::Profiler& profiler);
+  DeviceObjects(const opencl::Context& context, opencl::Profiler& profiler, Frames& frames);
 
   /// As Algorithm::reserve().
   /// @throws cl::Error, Error; nothing has changed then.
@@ -33,8 +33,9 @@ class DeviceObjects {
 
   /// Another object that continues after the last frame of this one, with memory for this many slots, and for
   /// filters only if that frame has some.
+  /// @param frames Of the new object.
   /// @throws cl::Error, Error
-  [[nodiscard]] std::unique_ptr<DeviceObjects> successor(std::size_t slots) const;
+  [[nodiscard]] std::unique_ptr<DeviceObjects> successor(std::size_t slots, Frames& frames) const;
 
   /// The number of slots for which there is memory after reserve(slots).
   /// @throws Error
@@ -52,26 +53,10 @@ class DeviceObjects {
   /// Enqueues the commands that update the device's objects.
   /// @throws cl::Error, Error; the objects of the last frame are then unchanged.
   Search upload(const Changes& changes);
-  /// The frame succeeded: its objects become those of the last frame.
-  void commit() noexcept;  // NOLINT(bugprone-exception-escape)
+  /// The frame succeeded, and has become the last one.
+  void commit() noexcept;
 
  private:
-  /// Objects as of one frame, and how they were uploaded.
-  struct Frame {  // NOLINT(bugprone-exception-escape): handles do not throw when moved
-    Generation objects;
-    bool all = true;  // all boxes were uploaded, not only those in `changed`
-    opencl::GrowingBuffer changed;
-    cl_uint changed_count = 0;
-    std::size_t filter_count = 0;
-  };
-
-  /// Filters, and how they differ from the other ones.
-  struct Filters {
-    opencl::GrowingBuffer buffer;
-    bool all = true;  // not only in `slots`
-    std::vector<std::uint32_t> slots;
-  };
-
   void reserve_boxes(std::size_t slots);
   void upload_filters(const Changes& changes);
   void apply_filters(const Changes& changes);
@@ -81,6 +66,7 @@ class DeviceObjects {
 
   const opencl::Context& context_;
   opencl::Profiler& profiler_;
+  Frame &now_, &last_;
   opencl::SizedKernel apply_, apply_filters_, copy_;
   std::size_t capacity_ = 0;  // slots
   // Pinned memory, from which the device is updated. Changes are in direct memory if there is any.
@@ -88,15 +74,9 @@ class DeviceObjects {
   opencl::MappedBuffer staged_changes_;  // as kernels/changes.cl reads them
   opencl::MappedBuffer staged_filters_;  // all, or changes likewise
   opencl::MappedBuffer staged_exclusions_;
-  Frame last_;  // of the last frame
-  Frame next_;  // of the one that is begun
-  std::array<Filters, 2> filters_;
-  std::size_t filter_turn_ = 0;       // index of those of last_
-  bool are_filters_new_ = false;      // in next_; otherwise they are those of last_
-  std::vector<std::uint32_t> stale_;  // slots whose filters are not in next_ yet
-  std::array<opencl::GrowingBuffer, 2> exclusions_;
-  std::size_t exclusion_turn_ = 0;   // as above
-  bool are_exclusions_new_ = false;  // as above
+  bool are_filters_new_ = false;      // in this frame; otherwise they are those of the last one
+  bool are_exclusions_new_ = false;   // as above
+  std::vector<std::uint32_t> stale_;  // slots whose filters are not in the buffer of this frame yet
   // Staged changes on the device, unless kernels read those.
   opencl::GrowingBuffer changes_, filter_changes_;
   cl::Buffer stamps_;  // one word per slot

@@ -13,8 +13,8 @@ Engine::Engine(const opencl::Context& context, opencl::Profiler& profiler, MakeP
       profiler_(profiler),
       make_finder_(make_finder),
       target_(target),
-      delta_(context, profiler),
-      order_(context, profiler, target),
+      delta_(context, profiler, frames_),
+      order_(context, profiler, frames_, target),
       finder_(make_finder(context)) {}
 
 std::unique_ptr<Engine> Engine::successor() const {
@@ -49,7 +49,7 @@ void Engine::enqueue(Search search, cl_uint tag, const Order::Report& report) {
   context_.queue().flush();
   // Nothing below throws.
   delta_.commit_unread();
-  order_.commit_unread();
+  frames_.swap();
 }
 
 PairDelta::Settled Engine::settle() {
@@ -85,19 +85,25 @@ PairDelta::Counts Engine::find() {
   return counts;
 }
 
+/// The frame succeeded, and becomes the last one.
+void Engine::commit(const PairDelta::Counts& counts, bool is_next_ready) noexcept {
+  delta_.commit(counts, tag_, is_next_ready);
+  order_.commit(counts);
+  frames_.swap();
+}
+
 PairDelta::Counts Engine::finish() {
   const PairDelta::Counts counts = find();
   const bool is_next_ready = order_.complete(delta_, counts);
   profiler_.resolve();
-  delta_.commit(counts, tag_, is_next_ready);
-  order_.commit(counts);
+  commit(counts, is_next_ready);
   return counts;
 }
 
 std::vector<Pair> Engine::finish_only_search() {
   const PairDelta::Counts counts = find();
   profiler_.resolve();
-  delta_.commit(counts, tag_, false);
+  commit(counts, false);
   return pairs();
 }
 

@@ -6,6 +6,7 @@
 #include <broadcl/pair.hpp>
 
 #include "algorithms/algorithm.hpp"
+#include "algorithms/frame.hpp"
 #include "algorithms/order.hpp"
 #include "algorithms/pair_delta.hpp"
 #include "algorithms/pair_finder.hpp"
@@ -78,6 +79,9 @@ class Engine {
     return finder_->expected_seconds(slots, changed);
   }
 
+  /// This frame and the last one. Callers set the objects of this one, and may ask for those of the last.
+  [[nodiscard]] Frames& frames() noexcept { return frames_; }
+  [[nodiscard]] const Frames& frames() const noexcept { return frames_; }
   /// The changes of the last frame, on the target.
   [[nodiscard]] const Order& changes() const noexcept { return order_; }
   /// Number of pairs as of the last frame.
@@ -92,11 +96,13 @@ class Engine {
  private:
   void enqueue();
   PairDelta::Counts find();
+  void commit(const PairDelta::Counts& counts, bool is_next_ready) noexcept;
 
   const opencl::Context& context_;
   opencl::Profiler& profiler_;
   MakePairFinder make_finder_;
   Order::Target target_;
+  Frames frames_;
   PairDelta delta_;
   Order order_;
   std::unique_ptr<PairFinder> finder_;

@@ -45,7 +45,7 @@ class GpuBf final : public Algorithm {
       : context_(device, config.profile, config.on_compile),
         profiler_(config.profile),
         launch_(context_.tuning() == opencl::Tuning::cpu ? gpu_bf_on_cpus : gpu_bf_on_gpus),
-        objects_(std::make_unique<DeviceObjects>(context_, profiler_)) {
+        objects_(std::make_unique<DeviceObjects>(context_, profiler_, *frames_)) {
     make_kernels();
   }
 
@@ -59,7 +59,8 @@ class GpuBf final : public Algorithm {
 
   void shrink(std::size_t slots) override {
     context_.guard([&] {
-      auto objects = objects_->successor(slots);
+      auto frames = std::make_unique<Frames>();
+      auto objects = objects_->successor(slots, *frames);
       opencl::SharedBuffer previous;
       if (previous_pairs_ > 0) {
         previous = opencl::SharedBuffer(context_, previous_pairs_);
@@ -70,6 +71,7 @@ class GpuBf final : public Algorithm {
       }
       make_kernels();  // for kernels own their arguments
       objects_ = std::move(objects);
+      frames_ = std::move(frames);
       previous_ = std::move(previous);
       current_ = {};
       read_ = {};  // for an event may own the buffer of its command
@@ -113,7 +115,10 @@ class GpuBf final : public Algorithm {
       find_changes(bytes_of(previous_, previous_pairs_), bytes_of(current_, current_pairs_), recycled_, added,
                    removed);
     });
-    if (current_pairs_ > 0) objects_->commit();
+    if (current_pairs_ > 0) {
+      frames_->swap();
+      objects_->commit();
+    }
     has_skipped_ = current_pairs_ == 0;
     std::swap(previous_, current_);
     previous_pairs_ = current_pairs_;
@@ -218,6 +223,7 @@ class GpuBf final : public Algorithm {
   RowLaunch launch_;
   std::string option_;  // for the compiler, if results are large
   opencl::SizedKernel kernel_, exclude_;
+  std::unique_ptr<Frames> frames_ = std::make_unique<Frames>();  // the objects of each
   std::unique_ptr<DeviceObjects> objects_;
   opencl::SharedBuffer current_;   // bytes of this frame while it runs
   opencl::SharedBuffer previous_;  // bytes of the last frame

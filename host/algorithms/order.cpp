@@ -25,9 +25,10 @@ constexpr std::string_view what = "changes of overlapping pairs";
 
 }  // namespace
 
-Order::Order(const opencl::Context& context, opencl::Profiler& profiler, Target target)
+Order::Order(const opencl::Context& context, opencl::Profiler& profiler, Frames& frames, Target target)
     : context_(context),
       profiler_(profiler),
+      frames_(frames),
       target_(target),
       few_(most_few(context)),
       sort_(context),
@@ -130,7 +131,7 @@ std::size_t Order::allocated() const noexcept {
   const std::size_t bytes =
       target_ == Target::device
           ? std::min(added_.bytes(), removed_.bytes())
-          : std::max(results_.at(turn_).large.bytes(), PairDelta::count_bytes) - PairDelta::count_bytes;
+          : std::max(frames_.now.result.large.bytes(), PairDelta::count_bytes) - PairDelta::count_bytes;
   return bytes / sizeof(Pair);
 }
 
@@ -142,7 +143,7 @@ void Order::reserve_result(std::size_t changes) {
     added_.reserve(context_, changes * sizeof(Pair), what);
     removed_.reserve(context_, changes * sizeof(Pair), what);
   }
-  Result& result = results_.at(turn_);
+  Frame::Result& result = frames_.now.result;
   result.is_small = bytes <= small_result && context_.has_direct_memory();
   opencl::SharedBuffer& buffer = result.get();
   if (buffer.bytes() >= bytes && !buffer.is_kept()) return;
@@ -320,12 +321,11 @@ void Order::sort_by_world(const cl::Buffer& pairs, std::size_t n, const cl::Buff
 void Order::commit(const PairDelta::Counts& counts) noexcept {
   last_changes_ = counts.added + counts.removed;
   longest_before_ = std::exchange(last_longest_, std::max(counts.added, counts.removed));
-  turn_ = 1 - turn_;
 }
 
 Delta Order::on_host(const PairDelta::Counts& counts) const noexcept {
   const auto* changes =
-      reinterpret_cast<const Pair*>(results_.at(1 - turn_).get().host() + PairDelta::count_bytes);
+      reinterpret_cast<const Pair*>(frames_.last.result.get().host() + PairDelta::count_bytes);
   return {{changes, counts.added}, {changes + counts.added, counts.removed}};
 }
 

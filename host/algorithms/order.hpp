@@ -6,6 +6,7 @@
 
 #include <broadcl/pair.hpp>
 
+#include "algorithms/frame.hpp"
 #include "algorithms/pair_delta.hpp"
 #include "algorithms/search.hpp"
 #include "opencl/context.hpp"
@@ -24,9 +25,9 @@ class Order {
   /// Where the changes are needed.
   enum class Target { host, device };
 
-  /// @param context, profiler Must outlive this object.
+  /// @param context, profiler, frames Must outlive this object.
   /// @throws cl::Error, Error
-  Order(const opencl::Context& context, opencl::Profiler& profiler, Target target);
+  Order(const opencl::Context& context, opencl::Profiler& profiler, Frames& frames, Target target);
 
   /// The destination of a frame that the caller does not wait for: buffers of the caller for the changes,
   /// each for `capacity` pairs, and for the counts, as kernels/order.cl reports them.
@@ -59,15 +60,13 @@ class Order {
   bool complete(const PairDelta& delta, const PairDelta::Counts& counts);
   /// The frame succeeded.
   void commit(const PairDelta::Counts& counts) noexcept;
-  /// The frame is enqueued, and the caller does not wait for it.
-  void commit_unread() noexcept { turn_ = 1 - turn_; }
 
   /// The changes of the last frame on the host. They stay unchanged until the frame after the next begins.
   [[nodiscard]] Delta on_host(const PairDelta::Counts& counts) const noexcept;
   /// An owner of these changes.
   /// @throws std::bad_alloc
   [[nodiscard]] std::shared_ptr<const void> host_owner() const {
-    return results_.at(1 - turn_).get().host_owner();
+    return frames_.last.result.get().host_owner();
   }
   /// The changes of the last frame on the device, until the next begins.
   [[nodiscard]] const cl::Buffer& added() const noexcept { return added_.get(); }
@@ -91,16 +90,7 @@ class Order {
   }
 
  private:
-  /// Where a frame writes its counts, followed by the changes if they are needed on the host.
-  struct Result {
-    opencl::SharedBuffer small;  ///< In direct memory, if there is any.
-    opencl::SharedBuffer large;
-    bool is_small = false;  ///< Whether the frame uses the first of these.
-    [[nodiscard]] opencl::SharedBuffer& get() noexcept { return is_small ? small : large; }
-    [[nodiscard]] const opencl::SharedBuffer& get() const noexcept { return is_small ? small : large; }
-  };
-
-  [[nodiscard]] opencl::SharedBuffer& result() noexcept { return results_.at(turn_).get(); }
+  [[nodiscard]] opencl::SharedBuffer& result() noexcept { return frames_.now.result.get(); }
   [[nodiscard]] std::size_t allocated() const noexcept;
   void set_search(const Search& search);
   void reserve_result(std::size_t changes);
@@ -121,6 +111,7 @@ class Order {
 
   const opencl::Context& context_;
   opencl::Profiler& profiler_;
+  Frames& frames_;
   Target target_;
   bool was_bucket_too_large_ = false;  // in some frame
   std::size_t few_;                    // changes of a list, at most, that are compared each with every other
@@ -128,8 +119,6 @@ class Order {
   opencl::Scan scan_;
   cl::Kernel few_kernel_;
   opencl::SizedKernel count_, scatter_, place_, offsets_, world_keys_, pick_, renumber_;
-  std::array<Result, 2> results_;          // of this frame and of the last, alternating
-  std::size_t turn_ = 0;                   // index of the frame that begins or runs
   opencl::GrowingBuffer added_, removed_;  // if they are wanted on the device, or while they are sorted
   opencl::GrowingBuffer added_offsets_, removed_offsets_;  // of worlds in these
   opencl::GrowingBuffer bucket_counts_, buckets_;          // of both lists: sizes, and where they begin

@@ -17,10 +17,14 @@ constexpr std::size_t least_pairs = 1 << 14;
 
 }  // namespace
 
-PairDelta::PairDelta(const opencl::Context& context, opencl::Profiler& profiler)
-    : context_(context), profiler_(profiler) {
+PairDelta::PairDelta(const opencl::Context& context, opencl::Profiler& profiler, Frames& frames)
+    : context_(context),
+      profiler_(profiler),
+      frames_(frames),
+      now_(frames.now.pairs),
+      last_(frames.last.pairs) {
   keep_ = context.kernel(engine_program(context), "delta_keep", engine_launch(context).group);
-  for (cl::Buffer& counts : counts_) counts = context.buffer(count_bytes);
+  for (Frame* frame : {&frames.now, &frames.last}) frame->counts = context.buffer(count_bytes);
 }
 
 void PairDelta::reserve(std::size_t pairs) {
@@ -31,19 +35,19 @@ void PairDelta::reserve(std::size_t pairs) {
   removed_.reserve(context_, std::max(last_.found(), least_pairs) * sizeof(Pair), "overlapping pairs");
   if (now_.capacity >= std::max(pairs, least_pairs)) return;
   now_.capacity = 0;
-  now_.pairs.reserve(context_, std::max(pairs, least_pairs) * sizeof(Pair), "overlapping pairs");
-  now_.capacity = std::min(most_pairs, now_.pairs.bytes() / sizeof(Pair));
+  now_.buffer.reserve(context_, std::max(pairs, least_pairs) * sizeof(Pair), "overlapping pairs");
+  now_.capacity = std::min(most_pairs, now_.buffer.bytes() / sizeof(Pair));
 }
 
 void PairDelta::take(const PairDelta& other) {
   last_tag_ = other.last_tag_;
-  frames_ = other.frames_;
+  frame_count_ = other.frame_count_;
   if (other.pair_count() == 0) return;
-  last_.pairs.reserve(context_, other.pair_count() * sizeof(Pair), "overlapping pairs");
-  last_.capacity = std::min(most_pairs, last_.pairs.bytes() / sizeof(Pair));
+  last_.buffer.reserve(context_, other.pair_count() * sizeof(Pair), "overlapping pairs");
+  last_.capacity = std::min(most_pairs, last_.buffer.bytes() / sizeof(Pair));
   last_.kept = other.last_.kept;
   last_.added = other.last_.added;
-  copy_pairs(other.last_, last_.pairs.get(), last_.capacity);
+  copy_pairs(other.last_, last_.buffer.get(), last_.capacity);
 }
 
 void PairDelta::begin(std::size_t pairs) {
@@ -55,8 +59,8 @@ void PairDelta::begin(std::size_t pairs) {
 
 void PairDelta::clear_counts() {
   opencl::Profiler::Scope stage(profiler_, "clear");
-  for (const cl::Buffer& counts : counts_) {
-    context_.fill(counts, 0, 0, layout::COUNTS, stage.event());
+  for (const Frame* frame : {&frames_.now, &frames_.last}) {
+    context_.fill(frame->counts, 0, 0, layout::COUNTS, stage.event());
   }
   const auto set = [&](std::size_t count, std::size_t value) {
     context_.fill(counts(), static_cast<cl_uint>(value), count, 1, stage.event());
@@ -71,20 +75,20 @@ void PairDelta::reserve_ahead(std::size_t pairs) {
   // Each of the two lists will be the last frame's list in turn.
   removed_.reserve(context_, std::max(now_.capacity, last_.capacity) * sizeof(Pair), "overlapping pairs");
   if (last_.capacity >= now_.capacity) return;
-  List larger;
-  larger.pairs.reserve(context_, now_.capacity * sizeof(Pair), "overlapping pairs");
+  Frame::PairList larger;
+  larger.buffer.reserve(context_, now_.capacity * sizeof(Pair), "overlapping pairs");
   larger.capacity = now_.capacity;
   larger.kept = last_.kept;
   larger.added = last_.added;
-  copy_pairs(last_, larger.pairs.get(), larger.capacity);
+  copy_pairs(last_, larger.buffer.get(), larger.capacity);
   last_ = std::move(larger);
 }
 
 /// Copies the kept pairs to the beginning of a list, and the others so that they end at `end`.
-void PairDelta::copy_pairs(const List& from, const cl::Buffer& to, std::size_t end) const {
+void PairDelta::copy_pairs(const Frame::PairList& from, const cl::Buffer& to, std::size_t end) const {
   const auto copy = [&](std::size_t first, std::size_t n, std::size_t at) {
     if (n == 0) return;
-    context_.queue().enqueueCopyBuffer(from.pairs.get(), to, first * sizeof(Pair), at * sizeof(Pair),
+    context_.queue().enqueueCopyBuffer(from.buffer.get(), to, first * sizeof(Pair), at * sizeof(Pair),
                                        n * sizeof(Pair));
   };
   copy(0, from.kept, 0);
@@ -103,7 +107,7 @@ std::size_t PairDelta::most_to_keep() const noexcept {
 cl_uint PairDelta::set_keep(cl::Kernel& kernel, cl_uint first, const Search& search, bool keeps) const {
   const cl::Buffer none;
   const bool same_filters = !keeps || search.same_filters;
-  return opencl::set_arguments(kernel, first, keeps ? last_.pairs.get() : none,
+  return opencl::set_arguments(kernel, first, keeps ? last_.buffer.get() : none,
                                static_cast<cl_uint>(last_.capacity), keeps ? removed() : none,
                                same_filters ? none : search.now.filters,
                                same_filters ? none : search.now.exclusions,
@@ -150,29 +154,23 @@ PairDelta::Counts PairDelta::counts_of(const std::byte* counts) const {
           .displacement = words[layout::COUNT_DISPLACEMENT]};
 }
 
-// NOLINTNEXTLINE(bugprone-exception-escape): handles do not throw when moved
 void PairDelta::commit(const Counts& counts, cl_uint tag, bool is_next_ready) noexcept {
   now_.kept = counts.found - counts.added;
   now_.added = counts.added;
   work_ = counts.work;
   displacement_ = counts.displacement;
   last_tag_ = tag;
-  ++frames_;
-  turn_ = 1 - turn_;
+  ++frame_count_;
   is_clean_ = is_next_ready;
-  std::swap(now_, last_);
 }
 
-// NOLINTNEXTLINE(bugprone-exception-escape): as above
 void PairDelta::commit_unread() noexcept {
   work_ = 0;
-  ++frames_;
+  ++frame_count_;
   ++unread_;
-  turn_ = 1 - turn_;
   is_clean_ = true;
   now_.kept = last_.found();  // as good a guess as any
   now_.added = 0;
-  std::swap(now_, last_);
 }
 
 PairDelta::Settled PairDelta::settled_of(std::uint64_t frames, cl_uint complete, cl_uint tag) noexcept {
@@ -184,7 +182,7 @@ PairDelta::Settled PairDelta::settle() {
   context_.queue().enqueueReadBuffer(counts(), CL_TRUE, 0, count_bytes, words.data());
   const Settled settled =
       settled_of(unread_, words.at(layout::COUNT_COMPLETE), words.at(layout::COUNT_LAST_TAG));
-  if ((settled.frames - settled.complete) % 2 != 0) std::swap(now_, last_);
+  if ((settled.frames - settled.complete) % 2 != 0) frames_.swap();
   last_.kept = words.at(layout::COUNT_LAST_KEPT);
   last_.added = words.at(layout::COUNT_LAST_ADDED);
   last_tag_ = settled.tag;

@@ -5,6 +5,7 @@
 
 #include <broadcl/pair.hpp>
 
+#include "algorithms/frame.hpp"
 #include "algorithms/kernel_layout.hpp"
 #include "algorithms/search.hpp"
 #include "opencl/context.hpp"
@@ -38,9 +39,9 @@ class PairDelta {
         0;  ///< The bits of a float: how far boxes moved, at most, if NearPairs measured it.
   };
 
-  /// @param context, profiler Must outlive this object.
+  /// @param context, profiler, frames Must outlive this object.
   /// @throws cl::Error, Error
-  PairDelta(const opencl::Context& context, opencl::Profiler& profiler);
+  PairDelta(const opencl::Context& context, opencl::Profiler& profiler, Frames& frames);
 
   /// The outcome of frames that nobody waited for.
   struct Settled {
@@ -87,14 +88,13 @@ class PairDelta {
   /// Decodes the counts that the host has read.
   [[nodiscard]] Counts counts_of(const std::byte* counts) const;
   [[nodiscard]] bool fits(const Counts& counts) const noexcept { return counts.found <= now_.capacity; }
-  /// The frame succeeded. Its counts must have been read.
+  /// The frame succeeded: to be called before it becomes the last one. Its counts must have been read.
   /// @param tag Any number; settle() returns that of the last complete frame.
   /// @param is_next_ready Whether the kernels of kernels/order.cl have prepared the counts of the next frame.
-  // NOLINTNEXTLINE(bugprone-exception-escape): handles do not throw when moved
   void commit(const Counts& counts, cl_uint tag, bool is_next_ready) noexcept;
-  /// The frame has been enqueued, and the caller does not wait for it.
-  void commit_unread() noexcept;  // NOLINT(bugprone-exception-escape)
-  /// Waits for such frames. Afterwards the pairs of the last complete frame are known again.
+  /// The same for a frame that has been enqueued, and for which the caller does not wait.
+  void commit_unread() noexcept;
+  /// Waits for such frames. Afterwards the last frame is the last complete one again.
   /// @throws cl::Error
   Settled settle();
   /// @param complete How many of them were complete, modulo 2^32.
@@ -105,10 +105,10 @@ class PairDelta {
   [[nodiscard]] bool was_interrupted() const noexcept { return !is_clean_; }
 
   /// The counts of this frame and of the next.
-  [[nodiscard]] const cl::Buffer& counts() const noexcept { return counts_[turn_]; }
-  [[nodiscard]] const cl::Buffer& next_counts() const noexcept { return counts_[1 - turn_]; }
+  [[nodiscard]] const cl::Buffer& counts() const noexcept { return frames_.now.counts; }
+  [[nodiscard]] const cl::Buffer& next_counts() const noexcept { return frames_.last.counts; }
   /// This frame's pairs, with the added ones at the end of the list; and the removed pairs.
-  [[nodiscard]] const cl::Buffer& list() const noexcept { return now_.pairs.get(); }
+  [[nodiscard]] const cl::Buffer& list() const noexcept { return now_.buffer.get(); }
   [[nodiscard]] std::size_t list_capacity() const noexcept { return now_.capacity; }
   [[nodiscard]] const cl::Buffer& removed() const noexcept { return removed_.get(); }
 
@@ -122,38 +122,28 @@ class PairDelta {
   /// How far boxes moved in the last frame, at most, if NearPairs measured it.
   [[nodiscard]] cl_uint displacement() const noexcept { return displacement_; }
   /// Frames that have succeeded.
-  [[nodiscard]] std::size_t frames() const noexcept { return frames_; }
+  [[nodiscard]] std::size_t frames() const noexcept { return frame_count_; }
 
   static constexpr std::size_t count_bytes = layout::COUNTS * sizeof(cl_uint);  ///< Of all counts.
 
  private:
-  /// The pairs of a frame.
-  struct List {  // NOLINT(bugprone-exception-escape): handles do not throw when moved
-    opencl::GrowingBuffer pairs;
-    std::size_t capacity = 0;
-    std::size_t kept = 0;   // at the beginning
-    std::size_t added = 0;  // at the end
-    [[nodiscard]] std::size_t found() const noexcept { return kept + added; }
-  };
-
   void reserve(std::size_t pairs);
   void clear_counts();
-  void copy_pairs(const List& from, const cl::Buffer& to, std::size_t end) const;
+  void copy_pairs(const Frame::PairList& from, const cl::Buffer& to, std::size_t end) const;
 
   const opencl::Context& context_;
   opencl::Profiler& profiler_;
+  Frames& frames_;
+  Frame::PairList &now_, &last_;  // of these
   cl::Kernel keep_;
-  List now_, last_;
-  opencl::GrowingBuffer removed_;  // with capacity for all pairs of the last frame
-  std::array<cl::Buffer, 2> counts_;
-  std::size_t turn_ = 0;
+  opencl::GrowingBuffer removed_;   // with capacity for all pairs of the last frame
   bool is_kept_by_finder_ = false;  // in this frame
   bool is_clean_ = false;           // the counts of the next frame are ready
   cl_uint last_tag_ = 0;
   std::size_t unread_ = 0;  // frames that nobody has waited for
   std::size_t work_ = 0;
   cl_uint displacement_ = 0;
-  std::size_t frames_ = 0;
+  std::size_t frame_count_ = 0;
 };
 
 }  // namespace broadcl

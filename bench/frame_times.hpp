@@ -35,11 +35,11 @@ void warm_up(const Advance& advance, const Update& update) {
 }
 
 /// Times frames one by one, and reports the mean, the median, the p95 and the longest.
-class Frames {
+class FrameTimes {
  public:
-  explicit Frames(benchmark::State& state) : state_(state) {}
+  explicit FrameTimes(benchmark::State& state) : state_(state) {}
 
-  /// @param count Frames that are one call.
+  /// @param count FrameTimes that are one call.
   template <class Function>
   void time(Function&& frame, std::size_t count = 1) {
     const auto start = std::chrono::steady_clock::now();
