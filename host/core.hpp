@@ -36,7 +36,7 @@ class Core {
 
   std::uint32_t add(const Aabb& box, const Filter& filter) {
     refuse_forked();
-    refuse_nan(box);
+    const Aabb packed = pack_or_refuse(box);
     const bool is_new = free_.empty();
     const auto id = is_new ? static_cast<std::uint32_t>(states_.size()) : free_.front();
     reserve(states_.size() + (is_new ? 1 : 0), filter != Filter());
@@ -49,7 +49,7 @@ class Core {
       free_.pop_back();
     }
     set_state(id, State::live);
-    set_box(id, box);
+    set_box(id, packed);
     store_filter(id, filter);
     return id;
   }
@@ -57,8 +57,7 @@ class Core {
   void move(std::uint32_t id, const Aabb& box) {
     refuse_forked();
     refuse_unknown(id);
-    refuse_nan(box);
-    set_box(id, box);
+    set_box(id, pack_or_refuse(box));
   }
 
   void set_filter(std::uint32_t id, const Filter& filter) {
@@ -89,7 +88,7 @@ class Core {
     // Nothing below throws.
     make_free(id);
     std::ranges::push_heap(free_, std::greater<>());
-    set_box(id, empty_aabb());
+    set_box(id, packed_empty());
   }
 
   std::span<Aabb> map(std::size_t n) {
@@ -216,11 +215,12 @@ class Core {
   enum class State : std::uint8_t { free, live };
 
   static constexpr std::size_t most_objects = std::size_t{1} << 31;
+  static constexpr Aabb empty_box = empty_aabb();
   static constexpr std::size_t least_capacity = 16;  // so that the first objects do not each allocate
 
   struct LateBox {
     std::uint32_t id;
-    Aabb box;
+    Aabb box;  // packed
   };
 
   /// Whether the algorithm has memory for this many boxes, and for filters if there are any.
@@ -231,7 +231,7 @@ class Core {
   /// Reserves memory for this many ids, so that functions that use these ids need not allocate. During an
   /// update, the algorithm's memory is reserved only after the update.
   void reserve(std::size_t ids, bool filters) {
-    if (ids > most_objects) throw Error("more than 2147483648 objects; use fewer");
+    if (ids > most_objects) throw Error::invalid_argument("more than 2147483648 objects; use fewer");
     if (ids > capacity_) {
       const std::size_t capacity = std::max({ids, capacity_ + capacity_ / 2, least_capacity});
       states_.reserve(capacity);
@@ -281,19 +281,20 @@ class Core {
   /// because earlier boxes are still waiting.
   [[nodiscard]] bool is_late() const noexcept { return is_in_flight_ || !late_.empty(); }
 
-  void set_box(std::uint32_t id, const Aabb& box) {
+  void set_box(std::uint32_t id, const Aabb& packed) {
     if (is_late()) {
-      late_.push_back({id, box});
+      late_.push_back({id, packed});
     } else {
-      store_box(id, box);
+      store_box(id, packed);
     }
   }
 
-  void store_box(std::uint32_t id, const Aabb& box) noexcept {
+  void store_box(std::uint32_t id, const Aabb& packed) noexcept {
+    // Among boxes that the caller writes in place, a NaN would be the caller's.
+    const Aabb& box = id < mapped_ && !is_proper(packed) ? empty_box : packed;
     Aabb& old = boxes_[id];
-    const Aabb packed = id < mapped_ ? box : pack(box);
-    if (same_bits(old, packed)) return;
-    old = packed;
+    if (same_bits(old, box)) return;
+    old = box;
     changes_.insert(id);
   }
 
@@ -321,8 +322,8 @@ class Core {
     refuse_forked();
     if (is_begun_) throw Error("boxes cannot be mapped between begin() and finish(); call finish() first");
     if (n > most_objects)
-      throw Error(std::to_string(n) + " boxes are too many to map; use at most " +
-                  std::to_string(most_objects));
+      throw Error::invalid_argument(std::to_string(n) + " boxes are too many to map; use at most " +
+                                    std::to_string(most_objects));
     apply_late();
     reserve(std::max(n, states_.size()), false);
     // Nothing below throws.
@@ -332,7 +333,7 @@ class Core {
     for (auto id = static_cast<std::uint32_t>(n); id < states_.size(); ++id) {
       if (states_[id] == State::live) {
         make_free(id);
-        set_box(id, empty_aabb());
+        set_box(id, packed_empty());
       } else {
         free_.push_back(id);
       }
@@ -411,7 +412,8 @@ class Core {
 
   void refuse_unknown(std::uint32_t id) const {
     if (id >= states_.size() || states_[id] == State::free) {
-      throw Error("no object has the id " + std::to_string(id) + "; use the ids that add() returned");
+      throw Error::invalid_argument("no object has the id " + std::to_string(id) +
+                                    "; use the ids that add() returned");
     }
   }
 
@@ -420,8 +422,10 @@ class Core {
     if (opencl::is_forked() && algorithm_->device() != nullptr) opencl::use_in_this_process();
   }
 
-  static void refuse_nan(const Aabb& box) {
-    if (!is_proper(box) && has_nan(box)) throw_nan("a box");
+  static Aabb pack_or_refuse(const Aabb& box) {
+    if (is_proper(box)) return box;
+    if (has_nan(box)) throw_nan("a box");
+    return packed_empty();
   }
 
   AlgorithmPointer algorithm_;

@@ -39,7 +39,8 @@ namespace broadcl {
 }
 
 [[noreturn]] inline void throw_nan(const std::string& what) {
-  throw Error(what + " has a NaN bound; give an empty box (lower > upper) for an object without one");
+  throw Error::invalid_argument(
+      what + " has a NaN bound; give an empty box (lower > upper) for an object without one");
 }
 
 }  // namespace broadcl

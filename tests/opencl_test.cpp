@@ -368,6 +368,18 @@ TEST(Errors, OfAWatchdogNameItAndTheRemedy) {
   }
 }
 
+TEST(Errors, SayWhetherTheDeviceIsLostOrHasNoMemory) {
+  const auto kind_of = [](cl_int code) { return to_error(cl::Error(code, "clFinish"), "a device").kind(); };
+  EXPECT_EQ(kind_of(CL_MEM_OBJECT_ALLOCATION_FAILURE), ErrorKind::out_of_device_memory);
+  EXPECT_EQ(kind_of(CL_OUT_OF_HOST_MEMORY), ErrorKind::out_of_device_memory);
+  EXPECT_EQ(kind_of(CL_OUT_OF_RESOURCES), ErrorKind::device_lost);
+  EXPECT_EQ(kind_of(CL_INVALID_COMMAND_QUEUE), ErrorKind::device_lost);
+  EXPECT_EQ(kind_of(CL_BUILD_PROGRAM_FAILURE), ErrorKind::other);
+  EXPECT_EQ(kind_of(-9999), ErrorKind::other) << "not a code of OpenCL";
+  EXPECT_EQ(Error("").kind(), ErrorKind::other);
+  EXPECT_EQ(Error::invalid_argument("").kind(), ErrorKind::invalid_argument);
+}
+
 TEST_F(OnDevice, SharedBuffersBringWhatTheDeviceWrote) {
   const Context context(select_device(), false);
   SharedBuffer buffer(context, 1000);

@@ -195,7 +195,7 @@ class BROADCL_API BroadPhase {
 
 /// All overlapping pairs of a box of one set and a box of another: `a` is an index in `first`, `b` in
 /// `second`. Nothing is tested inside a set. (For two sets that move, keep a BroadPhase with the filters
-/// first_set and second_set.)
+/// Filter::first_set and Filter::second_set.)
 /// @param exclusions Pairs that are not reported, in any order: `a` is an index in `first`, `b` in `second`.
 /// @returns Pairs in canonical order: by b, then by a; a may be greater than b.
 /// @throws Error for a NaN bound (it names the first such box), for an exclusion of a box that does not
