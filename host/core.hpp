@@ -36,7 +36,7 @@ class Core {
 
   std::uint32_t add(const Aabb& box, const Filter& filter) {
     refuse_forked();
-    const Aabb packed = pack_or_refuse(box);
+    const Aabb& packed = pack_or_refuse(box);
     const bool is_new = free_.empty();
     const auto id = is_new ? static_cast<std::uint32_t>(states_.size()) : free_.front();
     reserve(states_.size() + (is_new ? 1 : 0), filter != Filter());
@@ -215,7 +215,7 @@ class Core {
   enum class State : std::uint8_t { free, live };
 
   static constexpr std::size_t most_objects = std::size_t{1} << 31;
-  static constexpr Aabb empty_box = empty_aabb();
+  static constexpr Aabb empty_box = empty_aabb(), packed_empty_box = packed_empty();
   static constexpr std::size_t least_capacity = 16;  // so that the first objects do not each allocate
 
   struct LateBox {
@@ -283,10 +283,15 @@ class Core {
 
   void set_box(std::uint32_t id, const Aabb& packed) {
     if (is_late()) {
-      late_.push_back({id, packed});
+      set_box_later(id, packed);
     } else {
       store_box(id, packed);
     }
+  }
+
+  /// (Not inlined, since move() is called for each object.)
+  [[gnu::noinline]] void set_box_later(std::uint32_t id, const Aabb& packed) {
+    late_.push_back({id, packed});
   }
 
   void store_box(std::uint32_t id, const Aabb& packed) noexcept {
@@ -422,10 +427,11 @@ class Core {
     if (opencl::is_forked() && algorithm_->device() != nullptr) opencl::use_in_this_process();
   }
 
-  static Aabb pack_or_refuse(const Aabb& box) {
+  /// @returns The box, or one that lives as long as the program.
+  static const Aabb& pack_or_refuse(const Aabb& box) {
     if (is_proper(box)) return box;
     if (has_nan(box)) throw_nan("a box");
-    return packed_empty();
+    return packed_empty_box;
   }
 
   AlgorithmPointer algorithm_;
