@@ -99,16 +99,13 @@ void BroadPhase::remove(std::uint32_t id) {
   impl_->remove(id);
 }
 
-std::span<Aabb> BroadPhase::map(std::size_t n) {
-  return impl_->map(n);
+MappedBoxes BroadPhase::map(std::size_t n) {
+  const std::span<Aabb> boxes = impl_->map(n);
+  return {boxes, impl_->algorithm().boxes_owner()};
 }
 
 std::span<Aabb> BroadPhase::map_packed(std::size_t n) {
   return impl_->map_packed(n);
-}
-
-std::shared_ptr<const void> BroadPhase::mapped_memory() const {
-  return impl_->algorithm().boxes_owner();
 }
 
 Delta BroadPhase::update() {
@@ -126,10 +123,6 @@ Delta BroadPhase::finish() {
 
 void BroadPhase::shrink() {
   impl_->shrink();
-}
-
-std::shared_ptr<const void> BroadPhase::delta_memory() const {
-  return impl_->delta_memory();
 }
 
 std::vector<Pair> BroadPhase::pairs() const {

@@ -159,10 +159,6 @@ class Core {
     return delta;
   }
 
-  [[nodiscard]] std::shared_ptr<const void> delta_memory() const {
-    return was_asked_ ? algorithm_->delta_owner() : nullptr;
-  }
-
   /// Gives back memory that the present objects and pairs do not need.
   void shrink() {
     if (is_begun_) throw Error("shrink() was called between begin() and finish(); call finish() first");

@@ -118,17 +118,12 @@ class Hybrid final : public Algorithm {
     }
     // Nothing below throws.
     lists_.commit();
-    is_delta_own_ = has_changed_;
     has_changed_ = false;
     free_lists(before_);
     asked_ = current_;
     if (has_device_failed_) device_.reset();
     if (std::exchange(was_updated_, true)) choose();  // a program with a single update needs no device
     return delta;
-  }
-
-  [[nodiscard]] std::shared_ptr<const void> delta_owner() const override {
-    return is_delta_own_ ? lists_.owner() : asked_->delta_owner();
   }
 
   void shrink(std::size_t slots) override {
@@ -266,13 +261,12 @@ class Hybrid final : public Algorithm {
   double seconds_ = 0;           // that begin() of the last update took
   std::optional<double> taken_;  // seconds that all of it took, if that says what later ones take
   Estimate host_estimate_, device_estimate_;
-  double slow_update_;         // seconds
-  double slow_seconds_ = 0;    // that slow updates in a row have taken on the host
-  double overspent_ = 0;       // seconds that the other one would have saved
-  bool has_changed_ = false;   // and the current one was not asked since then
-  std::vector<Pair> before_;   // the pairs until then
-  ChangeLists lists_;          // the changes since then
-  bool is_delta_own_ = false;  // those of the last update are these
+  double slow_update_;        // seconds
+  double slow_seconds_ = 0;   // that slow updates in a row have taken on the host
+  double overspent_ = 0;      // seconds that the other one would have saved
+  bool has_changed_ = false;  // and the current one was not asked since then
+  std::vector<Pair> before_;  // the pairs until then
+  ChangeLists lists_;         // the changes since then
   bool has_device_failed_ = false;
 };
 

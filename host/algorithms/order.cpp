@@ -327,9 +327,9 @@ void Order::commit(const PairDelta::Counts& counts) noexcept {
 }
 
 Delta Order::on_host(const PairDelta::Counts& counts) const noexcept {
-  const auto* changes =
-      reinterpret_cast<const Pair*>(results_.at(1 - turn_).get().host() + PairDelta::count_bytes);
-  return {{changes, counts.added}, {changes + counts.added, counts.removed}};
+  const opencl::SharedBuffer& buffer = results_.at(1 - turn_).get();
+  const auto* changes = reinterpret_cast<const Pair*>(buffer.host() + PairDelta::count_bytes);
+  return {{changes, counts.added}, {changes + counts.added, counts.removed}, buffer.owner()};
 }
 
 void Order::sort(const cl::Buffer& pairs, std::size_t n, std::size_t slots, const cl::Buffer& scratch,

@@ -168,21 +168,19 @@ class Objects {
   nb::object map(std::size_t n) {
     refuse_too_many(n);
     const OneThread::Use use(thread_);
-    std::span<Aabb> mapped;
-    const std::shared_ptr<const void> before = broad_phase_->mapped_memory();
+    MappedBoxes mapped;
     try {
       const GilReleased released;
       live_.reserve(n);
       mapped = broad_phase_->map(n);
       live_.assign(n, 1);
-    } catch (...) {  // `auto` leaves a device that failed, and its memory
-      if (broad_phase_->mapped_memory() != before) take_mapped();
+    } catch (const Error&) {  // `auto` leaves a device that failed, and its memory
+      take_mapped();
       throw;
     }
     take_mapped();
     using Array = nb::ndarray<nb::numpy, float, nb::shape<-1, 6>>;
-    array_ = Array(mapped.data(), {n, 6},
-                   keep(std::make_unique<std::shared_ptr<const void>>(broad_phase_->mapped_memory())))
+    array_ = Array(mapped.data(), {n, 6}, keep(std::make_unique<std::shared_ptr<const void>>(mapped.owner)))
                  .cast(nb::rv_policy::reference);
     return array_;
   }
@@ -240,8 +238,7 @@ class Objects {
         delta_ = function();
       });
     }
-    const std::shared_ptr<const void> memory = broad_phase_->delta_memory();
-    Changes changes{to_array(delta_->added, memory), to_array(delta_->removed, memory)};
+    Changes changes{to_array(delta_->added, delta_->owner), to_array(delta_->removed, delta_->owner)};
     delta_.reset();
     return changes;
   }
