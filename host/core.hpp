@@ -110,16 +110,16 @@ class Core {
 
   void begin() {
     refuse_forked();
-    if (is_begun_) return;
+    if (is_begun()) return;
     apply_late();
     flight_.reserve(capacity_);  // here, since an update in flight reads it
     or_find_boxes([&] { algorithm_->reserve_exclusions(exclusions_.size()); });
     take_mapped();
-    is_begun_ = true;
+    update_ = Update::begun;
     if (changes_.empty()) return;
     std::swap(flight_, changes_);
     flight_.sort_recycled();
-    is_in_flight_ = true;
+    update_ = Update::in_flight;
     or_roll_back([&] {
       const std::size_t slots = slot_count();
       const bool are_two_sets = any_filters_ && sets_.are_apart();
@@ -143,17 +143,16 @@ class Core {
   }
 
   void flush() {
-    if (is_in_flight_) or_roll_back([&] { algorithm_->flush(); });
+    if (is_in_flight()) or_roll_back([&] { algorithm_->flush(); });
   }
 
   Delta finish() {
     begin();
     Delta delta;
-    if (is_in_flight_) or_roll_back([&] { delta = algorithm_->finish(); });
-    was_asked_ = is_in_flight_;
+    if (is_in_flight()) or_roll_back([&] { delta = algorithm_->finish(); });
     boxes_ = algorithm_->boxes();
     flight_.clear();
-    is_in_flight_ = is_begun_ = false;
+    update_ = is_in_flight() ? Update::done : Update::none;
     // If there is no memory yet for objects that were added during the update, the next update allocates it.
     if (has_memory_for(states_.size(), any_filters_)) apply_late();
     return delta;
@@ -161,7 +160,7 @@ class Core {
 
   /// Gives back memory that the present objects and pairs do not need.
   void shrink() {
-    if (is_begun_) throw Error("shrink() was called between begin() and finish(); call finish() first");
+    if (is_begun()) throw Error("shrink() was called between begin() and finish(); call finish() first");
     refuse_forked();
     apply_late();
     std::size_t ids = slot_count();  // higher ones that are free need not be stored
@@ -189,19 +188,19 @@ class Core {
     flight_ = {};
     free_lists(late_);
     capacity_ = ids;
-    was_asked_ = false;
+    update_ = Update::none;
     exclusions_.shrink_to_fit();
     reserve_algorithm(ids, any_filters_);
   }
 
   [[nodiscard]] std::vector<Pair> pairs() const {
     refuse_forked();
-    if (is_begun_) throw Error("pairs() was called between begin() and finish(); call finish() first");
+    if (is_begun()) throw Error("pairs() was called between begin() and finish(); call finish() first");
     return algorithm_->pairs();
   }
 
   [[nodiscard]] std::span<const Stage> profile() const noexcept {
-    return was_asked_ ? algorithm_->profile() : std::span<const Stage>();
+    return update_ == Update::done ? algorithm_->profile() : std::span<const Stage>();
   }
 
   [[nodiscard]] const Algorithm& algorithm() const noexcept { return *algorithm_; }
@@ -209,6 +208,14 @@ class Core {
 
  private:
   enum class State : std::uint8_t { free, live };
+
+  /// What became of the last update.
+  enum class Update : std::uint8_t {
+    none,      // There was nothing to do, or it failed.
+    done,      // The algorithm has done it.
+    begun,     // There is nothing to do.
+    in_flight  // The algorithm is doing it.
+  };
 
   static constexpr std::size_t most_objects = std::size_t{1} << 31;
   static constexpr Aabb empty_box = empty_aabb(), packed_empty_box = packed_empty();
@@ -236,7 +243,7 @@ class Core {
       changes_.reserve(capacity);
       capacity_ = capacity;
     }
-    if (!is_in_flight_) reserve_algorithm(ids, filters || any_filters_);
+    if (!is_in_flight()) reserve_algorithm(ids, filters || any_filters_);
   }
 
   void reserve_algorithm(std::size_t ids, bool filters) {
@@ -275,7 +282,10 @@ class Core {
 
   /// Whether a box that is set now has to be stored later, because the algorithm is reading its boxes, or
   /// because earlier boxes are still waiting.
-  [[nodiscard]] bool is_late() const noexcept { return is_in_flight_ || !late_.empty(); }
+  [[nodiscard]] bool is_late() const noexcept { return is_in_flight() || !late_.empty(); }
+
+  [[nodiscard]] bool is_in_flight() const noexcept { return update_ == Update::in_flight; }
+  [[nodiscard]] bool is_begun() const noexcept { return update_ == Update::begun || is_in_flight(); }
 
   void set_box(std::uint32_t id, const Aabb& packed) {
     if (is_late()) {
@@ -321,7 +331,7 @@ class Core {
   /// @param empty The boxes of new objects.
   std::span<Aabb> remap(std::size_t n, std::size_t mapped, const Aabb& empty) {
     refuse_forked();
-    if (is_begun_) throw Error("boxes cannot be mapped between begin() and finish(); call finish() first");
+    if (is_begun()) throw Error("boxes cannot be mapped between begin() and finish(); call finish() first");
     if (n > most_objects)
       throw Error::invalid_argument(std::to_string(n) + " boxes are too many to map; use at most " +
                                     std::to_string(most_objects));
@@ -397,7 +407,7 @@ class Core {
       function();
     } catch (...) {
       boxes_ = algorithm_->boxes();
-      is_in_flight_ = is_begun_ = false;
+      update_ = Update::none;
       changes_.insert(flight_);
       changes_.all = changes_.all_filters = true;
       flight_.clear();
@@ -447,9 +457,7 @@ class Core {
 
   ChangeSet changes_;  // since the last update began
   ChangeSet flight_;   // the changes that the update in flight applies
-  bool is_begun_ = false;
-  bool is_in_flight_ = false;  // it was begun, and there was something to do
-  bool was_asked_ = false;     // the algorithm took part in the last update
+  Update update_ = Update::none;
   std::vector<LateBox> late_;
 };
 
