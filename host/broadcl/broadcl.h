@@ -37,7 +37,8 @@ typedef enum broadcl_status {
   BROADCL_OUT_OF_MEMORY = 3,  ///< Memory of the host is exhausted.
   /// OpenCL has too little memory. The object can be used with fewer boxes or pairs.
   BROADCL_OUT_OF_DEVICE_MEMORY = 4,
-  BROADCL_DEVICE_LOST = 5  ///< Create a new object. (Some drivers report exhausted memory in the same way.)
+  /// The device may be lost: create a new object. (Some drivers report exhausted memory in the same way.)
+  BROADCL_DEVICE_LOST = 5
 } broadcl_status;
 
 /// Describes the last failure in this thread, and what to do about it; "" if there was none. Valid until the

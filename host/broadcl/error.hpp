@@ -13,7 +13,8 @@ enum class ErrorKind {
   other,                 ///< Anything else that the text describes.
   invalid_argument,      ///< An argument cannot be used: an unknown id, or a NaN bound, for instance.
   out_of_device_memory,  ///< OpenCL has too little memory. The object can be used with fewer boxes or pairs.
-  device_lost            ///< Create a new object. (Some drivers report exhausted memory in the same way.)
+  /// The device may be lost: create a new object. (Some drivers report exhausted memory in the same way.)
+  device_lost
 };
 
 /// The exception type of the library. The text names what failed (for an OpenCL failure, the device and the

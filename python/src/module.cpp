@@ -115,9 +115,9 @@ void add_errors(nb::module_& module) {
   const nb::object memory =
       add_exception(module, "OutOfDeviceMemory", error,
                     "OpenCL has too little memory. The object can be used with fewer boxes or pairs.");
-  const nb::object lost =
-      add_exception(module, "DeviceLost", error,
-                    "Create a new object. (Some drivers report exhausted memory in the same way.)");
+  const nb::object lost = add_exception(module, "DeviceLost", error,
+                                        "The device may be lost: create a new object.\n\n"
+                                        "(Some drivers report exhausted memory in the same way.)");
   // By ErrorKind. The module owns the classes, and is never unloaded.
   static std::array<PyObject*, 4> classes;
   classes = {error.ptr(), PyExc_ValueError, memory.ptr(), lost.ptr()};
