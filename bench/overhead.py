@@ -41,7 +41,7 @@ def in_python(two: np.ndarray, moving: int, frames: int, algorithm: str, device:
         if moving:
             broad_phase.move(ids, few[frame % 2])
         else:
-            broad_phase.boxes(n)[:] = two[frame % 2]
+            broad_phase.map(n)[:] = two[frame % 2]
         moved = time.perf_counter()
         broad_phase.update()
         end = time.perf_counter()

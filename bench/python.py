@@ -76,7 +76,7 @@ class BroadCL:
         return broadcl.overlapping_pairs(boxes, **self.config)
 
     def moving(self, boxes):
-        self.broad_phase.boxes(len(boxes))[:] = boxes
+        self.broad_phase.map(len(boxes))[:] = boxes
         return self.broad_phase.update()
 
     def all_pairs(self, _):
@@ -85,7 +85,7 @@ class BroadCL:
 
 class Squares(BroadCL):
     def moving(self, boxes):
-        place = self.broad_phase.boxes(len(boxes)).reshape(-1, 2, 3)
+        place = self.broad_phase.map(len(boxes)).reshape(-1, 2, 3)
         place[:, :, :2] = boxes.reshape(-1, 2, 2)
         place[:, :, 2] = 0
         return self.broad_phase.update()
@@ -105,7 +105,7 @@ class Points(BroadCL):
         return self.within(points, broadcl.overlapping_pairs(boxes, **self.config))
 
     def moving(self, points):
-        boxes = self.broad_phase.boxes(len(points))
+        boxes = self.broad_phase.map(len(points))
         boxes[:, :3] = points - CUTOFF / 2
         boxes[:, 3:] = points + CUTOFF / 2
         self.broad_phase.update()

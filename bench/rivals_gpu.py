@@ -80,7 +80,7 @@ class BroadCL:
             self.memory(scene.advance())
 
     def load(self, boxes):
-        self.broad_phase.boxes(len(boxes))[:] = boxes
+        self.broad_phase.map(len(boxes))[:] = boxes
 
     def total(self):
         return self.broad_phase.update()

@@ -33,8 +33,8 @@ void time_two_sets(benchmark::State& state, const std::string& algorithm, const 
   if (points) second = shrunk(std::move(second));
   std::vector<Filter> filters;
   if (!as_one) {
-    filters.assign(first.size(), first_set);
-    filters.resize(first.size() + second.size(), second_set);
+    filters.assign(first.size(), Filter::first_set);
+    filters.resize(first.size() + second.size(), Filter::second_set);
   }
   first.insert(first.end(), second.begin(), second.end());
   const auto finder = make_algorithm({.algorithm = algorithm});

@@ -50,7 +50,7 @@ static void find_all_pairs(void) {
   broadcl_pair_list* list = NULL;
   broadcl_pairs pairs;
   check(broadcl_pair_list_create(&boxes, NULL, &list));
-  check(broadcl_pair_list_get(list, &pairs));
+  check(broadcl_pair_list_pairs(list, &pairs));
   printf("%u of %u boxes overlap: %u pair\n", (unsigned)pairs.count * 2, (unsigned)boxes.count,
          (unsigned)pairs.count);
   check(broadcl_pair_list_destroy(list));

@@ -38,9 +38,9 @@ void leave_out_shared_vertices() {
 void follow() {
   // [moving]
   broadcl::BroadPhase broad_phase;
-  const auto edge = broad_phase.add({{0, 0, 0}, {1, 0, 0}}, broadcl::first_set);
-  broad_phase.add({{0, 0, 0}, {2, 0, 0}}, broadcl::first_set);  // never pairs with the other edge
-  broad_phase.add({{4, 0, 0}, {5, 1, 0}}, broadcl::second_set);
+  const auto edge = broad_phase.add({{0, 0, 0}, {1, 0, 0}}, broadcl::Filter::first_set);
+  broad_phase.add({{0, 0, 0}, {2, 0, 0}}, broadcl::Filter::first_set);  // never pairs with the other edge
+  broad_phase.add({{4, 0, 0}, {5, 1, 0}}, broadcl::Filter::second_set);
   (void)broad_phase.update();
   broad_phase.move(edge, {{3, 0, 0}, {4, 0, 0}});
   std::printf("%zu new pair\n", broad_phase.update().added.size());

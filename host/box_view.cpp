@@ -80,7 +80,7 @@ std::size_t least_of_parts(std::size_t n, const Part& part) {
 
 void BoxView::check(const void* pointer, std::size_t alignment, std::size_t n, std::ptrdiff_t stride) {
   const auto refuse = [n](const std::string& why) {
-    throw Error("a view of " + std::to_string(n) + " boxes " + why);
+    throw Error::invalid_argument("a view of " + std::to_string(n) + " boxes " + why);
   };
   if (pointer == nullptr) refuse("has a null pointer; give 0 boxes if there are none");
   if (reinterpret_cast<std::uintptr_t>(pointer) % alignment != 0) {
@@ -119,8 +119,8 @@ auto BoxView::with_layout(const Function& function) const {
 template <class Prepare>
 std::size_t BoxView::copy(std::span<Aabb> out, const Prepare& prepare) const {
   if (out.size() < size_) {
-    throw Error(std::to_string(size_) + " boxes do not fit into memory for " + std::to_string(out.size()) +
-                "; give memory for all boxes of the view");
+    throw Error::invalid_argument(std::to_string(size_) + " boxes do not fit into memory for " +
+                                  std::to_string(out.size()) + "; give memory for all boxes of the view");
   }
   return with_layout([&](const auto& boxes) {
     return least_of_parts(size_, [boxes, out, n = size_, &prepare](std::size_t begin, std::size_t end) {

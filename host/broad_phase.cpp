@@ -19,7 +19,7 @@ void pack_to(const BoxView& boxes, std::span<Aabb> out, const std::string& set) 
   try {
     boxes.pack_to(out);
   } catch (const Error& error) {
-    throw Error(set + ": " + error.what());
+    throw Error(set + ": " + error.what(), error.kind());
   }
 }
 
@@ -32,11 +32,11 @@ struct Labelled {
 /// The objects of pairs_that_share(), sorted by label; each occurs once for each of its labels.
 std::vector<Labelled> by_label(std::span<const std::uint32_t> labels, std::size_t per_object) {
   if (per_object == 0 ? !labels.empty() : labels.size() % per_object != 0) {
-    throw Error(std::to_string(labels.size()) + " labels are not " + std::to_string(per_object) +
-                " for each object; give as many for each");
+    throw Error::invalid_argument(std::to_string(labels.size()) + " labels are not " +
+                                  std::to_string(per_object) + " for each object; give as many for each");
   }
   if (per_object > 0 && labels.size() / per_object > most_in_search) {
-    throw Error("labels of more than 2147483648 objects; use fewer");
+    throw Error::invalid_argument("labels of more than 2147483648 objects; use fewer");
   }
   std::vector<Labelled> objects(labels.size());
   for (std::size_t k = 0; k < labels.size(); ++k) {
@@ -99,16 +99,13 @@ void BroadPhase::remove(std::uint32_t id) {
   impl_->remove(id);
 }
 
-std::span<Aabb> BroadPhase::map(std::size_t n) {
-  return impl_->map(n);
+MappedBoxes BroadPhase::map(std::size_t n) {
+  const std::span<Aabb> boxes = impl_->map(n);
+  return {boxes, impl_->algorithm().boxes_owner()};
 }
 
 std::span<Aabb> BroadPhase::map_packed(std::size_t n) {
   return impl_->map_packed(n);
-}
-
-std::shared_ptr<const void> BroadPhase::mapped_memory() const {
-  return impl_->algorithm().boxes_owner();
 }
 
 Delta BroadPhase::update() {
@@ -126,10 +123,6 @@ Delta BroadPhase::finish() {
 
 void BroadPhase::shrink() {
   impl_->shrink();
-}
-
-std::shared_ptr<const void> BroadPhase::delta_memory() const {
-  return impl_->delta_memory();
 }
 
 std::vector<Pair> BroadPhase::pairs() const {
@@ -182,7 +175,7 @@ std::vector<Pair> pairs_that_share(std::span<const std::uint32_t> first_labels, 
 
 std::vector<Pair> overlapping_pairs(const BoxView& boxes, const BroadPhase::Config& config,
                                     std::span<const Pair> exclusions) {
-  if (boxes.size() > most_in_search) throw Error("more than 2147483648 boxes; use fewer");
+  if (boxes.size() > most_in_search) throw Error::invalid_argument("more than 2147483648 boxes; use fewer");
   refuse_unknown(exclusions, boxes.size(), boxes.size());
   const std::vector<Pair> sorted = sorted_exclusions(exclusions);
   const auto algorithm = make_for_one_search(config);
@@ -195,7 +188,7 @@ std::vector<Pair> overlapping_pairs(const BoxView& boxes, const BroadPhase::Conf
 std::vector<Pair> overlapping_pairs(const BoxView& first, const BoxView& second,
                                     const BroadPhase::Config& config, std::span<const Pair> exclusions) {
   if (first.size() > most_in_search || second.size() > most_in_search - first.size()) {
-    throw Error("more than 2147483648 boxes in both sets; use fewer");
+    throw Error::invalid_argument("more than 2147483648 boxes in both sets; use fewer");
   }
   const std::size_t boxes = first.size() + second.size();
   refuse_unknown(exclusions, first.size(), second.size());
@@ -207,8 +200,8 @@ std::vector<Pair> overlapping_pairs(const BoxView& first, const BoxView& second,
   algorithm->reserve_exclusions(sorted.size());
   pack_to(first, algorithm->boxes(), "the first set");
   pack_to(second, algorithm->boxes().subspan(first.size()), "the second set");
-  std::vector<Filter> filters(boxes, second_set);
-  std::fill_n(filters.begin(), first.size(), first_set);
+  std::vector<Filter> filters(boxes, Filter::second_set);
+  std::fill_n(filters.begin(), first.size(), Filter::first_set);
   std::vector<Pair> pairs = algorithm->find_all({.slots = boxes,
                                                  .all = true,
                                                  .filters = filters,

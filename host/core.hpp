@@ -36,7 +36,7 @@ class Core {
 
   std::uint32_t add(const Aabb& box, const Filter& filter) {
     refuse_forked();
-    refuse_nan(box);
+    const Aabb& packed = pack_or_refuse(box);
     const bool is_new = free_.empty();
     const auto id = is_new ? static_cast<std::uint32_t>(states_.size()) : free_.front();
     reserve(states_.size() + (is_new ? 1 : 0), filter != Filter());
@@ -49,7 +49,7 @@ class Core {
       free_.pop_back();
     }
     set_state(id, State::live);
-    set_box(id, box);
+    set_box(id, packed);
     store_filter(id, filter);
     return id;
   }
@@ -57,8 +57,7 @@ class Core {
   void move(std::uint32_t id, const Aabb& box) {
     refuse_forked();
     refuse_unknown(id);
-    refuse_nan(box);
-    set_box(id, box);
+    set_box(id, pack_or_refuse(box));
   }
 
   void set_filter(std::uint32_t id, const Filter& filter) {
@@ -89,7 +88,7 @@ class Core {
     // Nothing below throws.
     make_free(id);
     std::ranges::push_heap(free_, std::greater<>());
-    set_box(id, empty_aabb());
+    set_box(id, packed_empty());
   }
 
   std::span<Aabb> map(std::size_t n) {
@@ -111,16 +110,16 @@ class Core {
 
   void begin() {
     refuse_forked();
-    if (is_begun_) return;
+    if (is_begun()) return;
     apply_late();
     flight_.reserve(capacity_);  // here, since an update in flight reads it
     or_find_boxes([&] { algorithm_->reserve_exclusions(exclusions_.size()); });
     take_mapped();
-    is_begun_ = true;
+    update_ = Update::begun;
     if (changes_.empty()) return;
     std::swap(flight_, changes_);
     flight_.sort_recycled();
-    is_in_flight_ = true;
+    update_ = Update::in_flight;
     or_roll_back([&] {
       const std::size_t slots = slot_count();
       const bool are_two_sets = any_filters_ && sets_.are_apart();
@@ -144,29 +143,24 @@ class Core {
   }
 
   void flush() {
-    if (is_in_flight_) or_roll_back([&] { algorithm_->flush(); });
+    if (is_in_flight()) or_roll_back([&] { algorithm_->flush(); });
   }
 
   Delta finish() {
     begin();
     Delta delta;
-    if (is_in_flight_) or_roll_back([&] { delta = algorithm_->finish(); });
-    was_asked_ = is_in_flight_;
+    if (is_in_flight()) or_roll_back([&] { delta = algorithm_->finish(); });
     boxes_ = algorithm_->boxes();
     flight_.clear();
-    is_in_flight_ = is_begun_ = false;
+    update_ = is_in_flight() ? Update::done : Update::none;
     // If there is no memory yet for objects that were added during the update, the next update allocates it.
     if (has_memory_for(states_.size(), any_filters_)) apply_late();
     return delta;
   }
 
-  [[nodiscard]] std::shared_ptr<const void> delta_memory() const {
-    return was_asked_ ? algorithm_->delta_owner() : nullptr;
-  }
-
   /// Gives back memory that the present objects and pairs do not need.
   void shrink() {
-    if (is_begun_) throw Error("shrink() was called between begin() and finish(); call finish() first");
+    if (is_begun()) throw Error("shrink() was called between begin() and finish(); call finish() first");
     refuse_forked();
     apply_late();
     std::size_t ids = slot_count();  // higher ones that are free need not be stored
@@ -194,19 +188,19 @@ class Core {
     flight_ = {};
     free_lists(late_);
     capacity_ = ids;
-    was_asked_ = false;
+    update_ = Update::none;
     exclusions_.shrink_to_fit();
     reserve_algorithm(ids, any_filters_);
   }
 
   [[nodiscard]] std::vector<Pair> pairs() const {
     refuse_forked();
-    if (is_begun_) throw Error("pairs() was called between begin() and finish(); call finish() first");
+    if (is_begun()) throw Error("pairs() was called between begin() and finish(); call finish() first");
     return algorithm_->pairs();
   }
 
   [[nodiscard]] std::span<const Stage> profile() const noexcept {
-    return was_asked_ ? algorithm_->profile() : std::span<const Stage>();
+    return update_ == Update::done ? algorithm_->profile() : std::span<const Stage>();
   }
 
   [[nodiscard]] const Algorithm& algorithm() const noexcept { return *algorithm_; }
@@ -215,12 +209,21 @@ class Core {
  private:
   enum class State : std::uint8_t { free, live };
 
+  /// What became of the last update.
+  enum class Update : std::uint8_t {
+    none,      // There was nothing to do, or it failed.
+    done,      // The algorithm has done it.
+    begun,     // There is nothing to do.
+    in_flight  // The algorithm is doing it.
+  };
+
   static constexpr std::size_t most_objects = std::size_t{1} << 31;
+  static constexpr Aabb empty_box = empty_aabb(), packed_empty_box = packed_empty();
   static constexpr std::size_t least_capacity = 16;  // so that the first objects do not each allocate
 
   struct LateBox {
     std::uint32_t id;
-    Aabb box;
+    Aabb box;  // packed
   };
 
   /// Whether the algorithm has memory for this many boxes, and for filters if there are any.
@@ -231,7 +234,7 @@ class Core {
   /// Reserves memory for this many ids, so that functions that use these ids need not allocate. During an
   /// update, the algorithm's memory is reserved only after the update.
   void reserve(std::size_t ids, bool filters) {
-    if (ids > most_objects) throw Error("more than 2147483648 objects; use fewer");
+    if (ids > most_objects) throw Error::invalid_argument("more than 2147483648 objects; use fewer");
     if (ids > capacity_) {
       const std::size_t capacity = std::max({ids, capacity_ + capacity_ / 2, least_capacity});
       states_.reserve(capacity);
@@ -240,7 +243,7 @@ class Core {
       changes_.reserve(capacity);
       capacity_ = capacity;
     }
-    if (!is_in_flight_) reserve_algorithm(ids, filters || any_filters_);
+    if (!is_in_flight()) reserve_algorithm(ids, filters || any_filters_);
   }
 
   void reserve_algorithm(std::size_t ids, bool filters) {
@@ -279,21 +282,30 @@ class Core {
 
   /// Whether a box that is set now has to be stored later, because the algorithm is reading its boxes, or
   /// because earlier boxes are still waiting.
-  [[nodiscard]] bool is_late() const noexcept { return is_in_flight_ || !late_.empty(); }
+  [[nodiscard]] bool is_late() const noexcept { return is_in_flight() || !late_.empty(); }
 
-  void set_box(std::uint32_t id, const Aabb& box) {
+  [[nodiscard]] bool is_in_flight() const noexcept { return update_ == Update::in_flight; }
+  [[nodiscard]] bool is_begun() const noexcept { return update_ == Update::begun || is_in_flight(); }
+
+  void set_box(std::uint32_t id, const Aabb& packed) {
     if (is_late()) {
-      late_.push_back({id, box});
+      set_box_later(id, packed);
     } else {
-      store_box(id, box);
+      store_box(id, packed);
     }
   }
 
-  void store_box(std::uint32_t id, const Aabb& box) noexcept {
+  /// (Not inlined, since move() is called for each object.)
+  [[gnu::noinline]] void set_box_later(std::uint32_t id, const Aabb& packed) {
+    late_.push_back({id, packed});
+  }
+
+  void store_box(std::uint32_t id, const Aabb& packed) noexcept {
+    // Among boxes that the caller writes in place, a NaN would be the caller's.
+    const Aabb& box = id < mapped_ && !is_proper(packed) ? empty_box : packed;
     Aabb& old = boxes_[id];
-    const Aabb packed = id < mapped_ ? box : pack(box);
-    if (same_bits(old, packed)) return;
-    old = packed;
+    if (same_bits(old, box)) return;
+    old = box;
     changes_.insert(id);
   }
 
@@ -319,10 +331,10 @@ class Core {
   /// @param empty The boxes of new objects.
   std::span<Aabb> remap(std::size_t n, std::size_t mapped, const Aabb& empty) {
     refuse_forked();
-    if (is_begun_) throw Error("boxes cannot be mapped between begin() and finish(); call finish() first");
+    if (is_begun()) throw Error("boxes cannot be mapped between begin() and finish(); call finish() first");
     if (n > most_objects)
-      throw Error(std::to_string(n) + " boxes are too many to map; use at most " +
-                  std::to_string(most_objects));
+      throw Error::invalid_argument(std::to_string(n) + " boxes are too many to map; use at most " +
+                                    std::to_string(most_objects));
     apply_late();
     reserve(std::max(n, states_.size()), false);
     // Nothing below throws.
@@ -332,7 +344,7 @@ class Core {
     for (auto id = static_cast<std::uint32_t>(n); id < states_.size(); ++id) {
       if (states_[id] == State::live) {
         make_free(id);
-        set_box(id, empty_aabb());
+        set_box(id, packed_empty());
       } else {
         free_.push_back(id);
       }
@@ -395,7 +407,7 @@ class Core {
       function();
     } catch (...) {
       boxes_ = algorithm_->boxes();
-      is_in_flight_ = is_begun_ = false;
+      update_ = Update::none;
       changes_.insert(flight_);
       changes_.all = changes_.all_filters = true;
       flight_.clear();
@@ -411,7 +423,8 @@ class Core {
 
   void refuse_unknown(std::uint32_t id) const {
     if (id >= states_.size() || states_[id] == State::free) {
-      throw Error("no object has the id " + std::to_string(id) + "; use the ids that add() returned");
+      throw Error::invalid_argument("no object has the id " + std::to_string(id) +
+                                    "; use the ids that add() returned");
     }
   }
 
@@ -420,8 +433,11 @@ class Core {
     if (opencl::is_forked() && algorithm_->device() != nullptr) opencl::use_in_this_process();
   }
 
-  static void refuse_nan(const Aabb& box) {
-    if (!is_proper(box) && has_nan(box)) throw_nan("a box");
+  /// @returns The box, or one that lives as long as the program.
+  static const Aabb& pack_or_refuse(const Aabb& box) {
+    if (is_proper(box)) return box;
+    if (has_nan(box)) throw_nan("a box");
+    return packed_empty_box;
   }
 
   AlgorithmPointer algorithm_;
@@ -441,9 +457,7 @@ class Core {
 
   ChangeSet changes_;  // since the last update began
   ChangeSet flight_;   // the changes that the update in flight applies
-  bool is_begun_ = false;
-  bool is_in_flight_ = false;  // it was begun, and there was something to do
-  bool was_asked_ = false;     // the algorithm took part in the last update
+  Update update_ = Update::none;
   std::vector<LateBox> late_;
 };
 

@@ -26,13 +26,14 @@ constexpr std::size_t most_boxes = 0x7fffffff;
 constexpr std::size_t no_second_set = ~std::size_t{0};
 
 cl::CommandQueue retained(cl_command_queue queue, bool profile) {
-  if (queue == nullptr) throw Error("the queue is null; give one that was made by clCreateCommandQueue");
+  if (queue == nullptr)
+    throw Error::invalid_argument("the queue is null; give one that was made by clCreateCommandQueue");
   auto [result, properties] = opencl::translate_errors("the queue", [&] {
     const cl::CommandQueue own(queue, true);
     return std::pair(own, own.getInfo<CL_QUEUE_PROPERTIES>());
   });
   if (profile && (properties & CL_QUEUE_PROFILING_ENABLE) == 0) {
-    throw Error(
+    throw Error::invalid_argument(
         "profiling is requested, but the queue does not measure; make it with CL_QUEUE_PROFILING_ENABLE");
   }
   return result;
@@ -87,7 +88,7 @@ class DeviceBroadPhase::Impl {
 
   void reserve(std::size_t boxes, std::size_t pairs, bool filters) {
     refuse_in_flight("reserve()");
-    if (boxes > most_boxes) throw Error("more than 2147483647 boxes; give fewer");
+    if (boxes > most_boxes) throw Error::invalid_argument("more than 2147483647 boxes; give fewer");
     reserved_ = {};  // until all is done
     const Reservation wanted{.boxes = boxes, .pairs = pairs, .filters = filters};
     context_.guard([&] { fulfil(wanted); });
@@ -129,7 +130,8 @@ class DeviceBroadPhase::Impl {
         const std::size_t bytes = list.size() * sizeof(Pair);
         if (bytes > context_.device().max_allocation) {
           throw Error("the device allocates at most " + std::to_string(context_.device().max_allocation) +
-                      " bytes, too few for the exclusions; give fewer");
+                          " bytes, too few for the exclusions; give fewer",
+                      ErrorKind::out_of_device_memory);
         }
         buffer = context_.buffer(bytes);
         context_.queue().enqueueWriteBuffer(buffer, CL_TRUE, 0, bytes, list.data());
@@ -141,14 +143,15 @@ class DeviceBroadPhase::Impl {
   void enqueue(const Boxes& boxes, const ChangeBuffers& changes) {
     refuse_in_flight("enqueue()");
     if (count_of(boxes) > reserved_.boxes) {
-      throw Error("enqueue() was given " + std::to_string(count_of(boxes)) +
-                  " boxes, but reserve() was called for " + std::to_string(reserved_.boxes) +
-                  "; call it for as many");
+      throw Error::invalid_argument("enqueue() was given " + std::to_string(count_of(boxes)) +
+                                    " boxes, but reserve() was called for " +
+                                    std::to_string(reserved_.boxes) + "; call it for as many");
     }
     if (has_filters(boxes) && !reserved_.filters) {
-      throw Error("enqueue() was given " +
-                  std::string(boxes.filters != nullptr ? "filters" : "a second set, which takes filters") +
-                  ", but reserve() was called without; call it with filters");
+      throw Error::invalid_argument(
+          "enqueue() was given " +
+          std::string(boxes.filters != nullptr ? "filters" : "a second set, which takes filters") +
+          ", but reserve() was called without; call it with filters");
     }
     opencl::translate_errors(context_.device().label(), [&] {
       check(boxes);
@@ -258,6 +261,9 @@ class DeviceBroadPhase::Impl {
     return boxes.count + (boxes.second.buffer != nullptr ? boxes.second.count : 0);
   }
 
+  /// In bytes, from each box to the next.
+  static std::size_t distance(std::size_t stride) { return stride == 0 ? sizeof(Aabb) : stride; }
+
   void reserve(Frame& frame, std::size_t boxes, bool filters) const {
     frame.boxes.reserve(context_, (boxes + Generation::padding) * sizeof(Aabb), "boxes");
     if (filters)
@@ -279,7 +285,8 @@ class DeviceBroadPhase::Impl {
   }
 
   void check(const ChangeBuffers& changes, const Boxes& boxes) const {
-    if (changes.capacity == 0) throw Error("the capacity for changes is 0; give at least 1");
+    if (changes.capacity == 0)
+      throw Error::invalid_argument("the capacity for changes is 0; give at least 1");
     const std::size_t capacity = changes.capacity;
     check_buffer("added pairs", changes.added, capacity, 0, sizeof(Pair), sizeof(Pair));
     check_buffer("removed pairs", changes.removed, capacity, 0, sizeof(Pair), sizeof(Pair));
@@ -289,24 +296,26 @@ class DeviceBroadPhase::Impl {
     check_buffer("added offsets", changes.added_offsets, offsets, 0, sizeof(cl_uint), sizeof(cl_uint));
     check_buffer("removed offsets", changes.removed_offsets, offsets, 0, sizeof(cl_uint), sizeof(cl_uint));
     if (boxes.ordered_worlds > reserved_.boxes) {
-      throw Error("enqueue() was given " + std::to_string(boxes.ordered_worlds) +
-                  " worlds, but reserve() was called for fewer boxes; call it for as many");
+      throw Error::invalid_argument("enqueue() was given " + std::to_string(boxes.ordered_worlds) +
+                                    " worlds, but reserve() was called for fewer boxes; call it for as many");
     }
   }
 
   void check(const Boxes& boxes) const {
-    if (boxes.ordered_worlds > most_boxes) throw Error("more than 2147483647 worlds; give fewer");
+    if (boxes.ordered_worlds > most_boxes)
+      throw Error::invalid_argument("more than 2147483647 worlds; give fewer");
     const SecondSet& second = boxes.second;
     if (second.buffer == nullptr && second.count > 0) {
-      throw Error("the buffer of the second set is null; give one of the queue's context, or a count of 0");
+      throw Error::invalid_argument(
+          "the buffer of the second set is null; give one of the queue's context, or a count of 0");
     }
     if (boxes.count > most_boxes || second.count > most_boxes - boxes.count) {
-      throw Error("more than 2147483647 boxes; give fewer");
+      throw Error::invalid_argument("more than 2147483647 boxes; give fewer");
     }
     check_set("boxes", boxes.buffer, boxes.count, boxes.offset, boxes.stride);
     check_set("the second set", second.buffer, second.count, second.offset, second.stride);
     if (first_count_ && *first_count_ != first_count_of(boxes)) {
-      throw Error(
+      throw Error::invalid_argument(
           "whether there is a second set, and the number of boxes of the first set then, must be the same in "
           "every update; give empty boxes for objects that are gone, or make a new object");
     }
@@ -319,26 +328,29 @@ class DeviceBroadPhase::Impl {
                  std::size_t stride) const {
     if (count == 0) return;
     if (offset % sizeof(float) != 0 || stride % sizeof(float) != 0) {
-      throw Error("offset and stride of " + what + " must be multiples of 4 bytes");
+      throw Error::invalid_argument("offset and stride of " + what + " must be multiples of 4 bytes");
     }
-    check_buffer(what, buffer, count, offset, stride, sizeof(Aabb));
+    check_buffer(what, buffer, count, offset, distance(stride), sizeof(Aabb));
   }
 
   /// Throws for a buffer of another context, or one that is too small for this many items.
   void check_buffer(const std::string& what, cl_mem memory, std::size_t count, std::size_t offset,
                     std::size_t stride, std::size_t size) const {
-    if (memory == nullptr) throw Error("the buffer of " + what + " is null; give one of the queue's context");
+    if (memory == nullptr)
+      throw Error::invalid_argument("the buffer of " + what + " is null; give one of the queue's context");
     const cl::Buffer buffer(memory, true);
     if (buffer.getInfo<CL_MEM_CONTEXT>()() != context_.context()()) {
-      throw Error("the buffer of " + what + " is of another context; give one of the queue's context");
+      throw Error::invalid_argument("the buffer of " + what +
+                                    " is of another context; give one of the queue's context");
     }
     const auto bytes = buffer.getInfo<CL_MEM_SIZE>();
     const bool fits = offset <= bytes && size <= bytes - offset &&
                       (count == 1 || stride <= (bytes - offset - size) / (count - 1));
     if (!fits) {
-      throw Error("the buffer of " + what + " has " + std::to_string(bytes) + " bytes, too few for " +
-                  std::to_string(count) + " at " + std::to_string(offset) + " with a stride of " +
-                  std::to_string(stride) + "; check count, offset and stride");
+      throw Error::invalid_argument("the buffer of " + what + " has " + std::to_string(bytes) +
+                                    " bytes, too few for " + std::to_string(count) + " at " +
+                                    std::to_string(offset) + " with a stride of " + std::to_string(stride) +
+                                    "; check count, offset and stride");
     }
   }
 
@@ -356,11 +368,11 @@ class DeviceBroadPhase::Impl {
     source_->set({.buffer = cl::Buffer(boxes.buffer, true),
                   .count = boxes.count,
                   .offset = boxes.offset / sizeof(float),
-                  .stride = boxes.stride / sizeof(float)},
+                  .stride = distance(boxes.stride) / sizeof(float)},
                  {.buffer = cl::Buffer(second.buffer, true),
                   .count = second.count,
                   .offset = second.offset / sizeof(float),
-                  .stride = second.stride / sizeof(float)},
+                  .stride = distance(second.stride) / sizeof(float)},
                  cl::Buffer(boxes.filters, true));
     return {.now = next.objects,
             .last = last.objects,

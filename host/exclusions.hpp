@@ -18,13 +18,15 @@ namespace broadcl {
   std::vector<Pair> sorted(pairs.begin(), pairs.end());
   for (Pair& pair : sorted) {
     if (pair.a == pair.b) {
-      throw Error("an exclusion is of " + std::to_string(pair.a) + " and itself; give pairs of two ids");
+      throw Error::invalid_argument("an exclusion is of " + std::to_string(pair.a) +
+                                    " and itself; give pairs of two ids");
     }
     if (pair.a > pair.b) std::swap(pair.a, pair.b);
   }
   if (!std::ranges::is_sorted(sorted)) std::ranges::sort(sorted);
   sorted.erase(std::unique(sorted.begin(), sorted.end()), sorted.end());
-  if (sorted.size() >= 0x7fffffff) throw Error("more than 2147483646 exclusions; give fewer");
+  if (sorted.size() >= 0x7fffffff)
+    throw Error::invalid_argument("more than 2147483646 exclusions; give fewer");
   return sorted;
 }
 
@@ -33,9 +35,10 @@ namespace broadcl {
 inline void refuse_unknown(std::span<const Pair> exclusions, std::size_t first, std::size_t second) {
   for (const Pair& pair : exclusions) {
     if (pair.a < first && pair.b < second) continue;
-    throw Error("the exclusion (" + std::to_string(pair.a) + ", " + std::to_string(pair.b) +
-                ") is of a box that is not there; give indices below " + std::to_string(first) +
-                (first == second ? "" : " and " + std::to_string(second)));
+    throw Error::invalid_argument("the exclusion (" + std::to_string(pair.a) + ", " + std::to_string(pair.b) +
+                                  ") is of a box that is not there; give indices below " +
+                                  std::to_string(first) +
+                                  (first == second ? "" : " and " + std::to_string(second)));
   }
 }
 

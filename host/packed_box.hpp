@@ -1,8 +1,6 @@
 #pragma once
 
-#include <array>
-#include <bit>
-#include <cstdint>
+#include <cstring>
 #include <limits>
 #include <string>
 
@@ -33,13 +31,13 @@ namespace broadcl {
   return is_proper(box) ? box : packed_empty();
 }
 
-[[nodiscard]] constexpr bool same_bits(const Aabb& s, const Aabb& t) noexcept {
-  using Bits = std::array<std::uint32_t, 6>;
-  return std::bit_cast<Bits>(s) == std::bit_cast<Bits>(t);
+[[nodiscard]] inline bool same_bits(const Aabb& s, const Aabb& t) noexcept {
+  return std::memcmp(&s, &t, sizeof(Aabb)) == 0;
 }
 
 [[noreturn]] inline void throw_nan(const std::string& what) {
-  throw Error(what + " has a NaN bound; give an empty box (lower > upper) for an object without one");
+  throw Error::invalid_argument(
+      what + " has a NaN bound; give an empty box (lower > upper) for an object without one");
 }
 
 }  // namespace broadcl

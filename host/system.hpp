@@ -8,7 +8,7 @@
 #include <optional>
 #include <string>
 
-/// Everything that differs between operating systems.
+/// What differs between operating systems.
 namespace broadcl {
 
 /// The value of an environment variable; none if it is unset or empty.
@@ -16,10 +16,6 @@ namespace broadcl {
 
 /// The user's folder for caches ($XDG_CACHE_HOME, otherwise ~/.cache); none if no home is known.
 [[nodiscard]] std::optional<std::filesystem::path> user_cache_directory();
-
-[[nodiscard]] std::uint32_t process_id();
-
-[[nodiscard]] bool is_terminal(std::FILE* stream);
 
 struct CloseFile {
   void operator()(std::FILE* file) const noexcept { std::fclose(file); }
@@ -48,12 +44,6 @@ struct OwnFile {
 /// that nobody else may write. (On Windows, any regular file.) Never waits.
 [[nodiscard]] OwnFile open_own_file(const std::filesystem::path& path);
 
-/// Locks a folder against other callers of this function, in any process, until the returned object is
-/// destroyed or the process ends, however it ends.
-/// @returns Null if another caller has locked it.
-/// @throws Error if the folder cannot be opened or locked.
-[[nodiscard]] std::shared_ptr<const void> lock_folder(const std::filesystem::path& folder);
-
 /// Has a function called at the beginning of every process that is forked from this one by fork().
 /// @returns Whether that is possible, or not needed because there is no fork.
 bool call_in_forks(void (*function)()) noexcept;
@@ -64,11 +54,5 @@ void use_large_pages(void* begin, std::size_t bytes) noexcept;
 
 /// Returns freed memory of the host to the system, as far as the standard library does not do so by itself.
 void give_back_free_memory() noexcept;
-
-/// The name of the processor, as people know it; the architecture if the system reports no more.
-[[nodiscard]] std::string processor_name();
-
-/// The operating system and its version.
-[[nodiscard]] std::string system_name();
 
 }  // namespace broadcl

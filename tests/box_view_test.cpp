@@ -207,9 +207,14 @@ TYPED_TEST(BoxViewOf, NoBoxesNeedNoMemory) {
   EXPECT_TRUE(overlapping_pairs(BoxView()).empty());
 }
 
-TYPED_TEST(BoxViewOf, AStrideOfZeroRepeatsABox) {
-  const Numbers<TypeParam> box{0, 1, 2, 3, 4, 5};
-  EXPECT_EQ(packed(BoxView::interleaved(box.data(), 3, 0)), std::vector(3, Aabb{{0, 1, 2}, {3, 4, 5}}));
+TYPED_TEST(BoxViewOf, AStrideOfZeroMeansWithoutGaps) {
+  const Numbers<TypeParam> numbers{0, 1, 2, 3, 4, 5};
+  const TypeParam* const first = numbers.data();
+  EXPECT_EQ(packed(BoxView::interleaved(first, 1, 0)), std::vector({Aabb{{0, 1, 2}, {3, 4, 5}}}));
+  EXPECT_EQ(packed(BoxView::corners(first, first, 2, 0)),
+            std::vector({Aabb{{0, 1, 2}, {0, 1, 2}}, Aabb{{3, 4, 5}, {3, 4, 5}}}));
+  const auto of_arrays = BoxView::arrays<TypeParam>({first, first, first}, {first, first, first}, 2, 0);
+  EXPECT_EQ(packed(of_arrays), std::vector({Aabb{{0, 0, 0}, {0, 0, 0}}, Aabb{{1, 1, 1}, {1, 1, 1}}}));
 }
 
 TYPED_TEST(BoxViewOf, ANaNIsNamedWhicheverBoundItIs) {

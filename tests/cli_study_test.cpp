@@ -20,7 +20,6 @@
 
 #include "program.hpp"
 #include "runs.hpp"
-#include "system.hpp"
 
 namespace broadcl::test {
 namespace {

@@ -161,7 +161,7 @@ class DevicePlayer {
     for (std::uint32_t k = 0; k < n; ++k) {
       Filter filter = filters_[k];
       if (are_two_sets()) {  // only body and world count
-        const Filter& set = k < first_count_ ? first_set : second_set;
+        const Filter& set = k < first_count_ ? Filter::first_set : Filter::second_set;
         filter = {.group = set.group, .mask = set.mask, .body = filter.body, .world = filter.world};
       }
       reference_.set_filter(k, filter);

@@ -160,7 +160,7 @@ Filter filter_of(FilterKind kind, unsigned number) {
   const bool sets = kind == FilterKind::sets || kind == FilterKind::sets_of_worlds;
   const bool all = kind == FilterKind::all;
   Filter filter;
-  if (sets) filter = number % 2 == 0 ? first_set : second_set;
+  if (sets) filter = number % 2 == 0 ? Filter::first_set : Filter::second_set;
   if (kind == FilterKind::groups || all) {
     filter = {.group = groups.at(number % 5), .mask = masks.at(number / 5 % 4)};
   }

@@ -9,6 +9,7 @@
 
 #include <broadcl/device.hpp>
 
+#include "cli/default_device.hpp"
 #include "device_limits.hpp"
 #include "environment.hpp"
 #include "expect_error.hpp"
@@ -75,9 +76,9 @@ TEST(Devices, OfOneCardAreAllListedAndOneIsTheDefault) {
   const std::vector<Device> listed = devices();
   ASSERT_EQ(listed.size(), 2 * found);
   const Device& again = listed[found];
-  EXPECT_TRUE(is_same_card(listed.front(), again)) << "by name and memory";
+  EXPECT_TRUE(cli::is_same_card(listed.front(), again)) << "by name and memory";
   EXPECT_EQ(select_device("", {listed.front(), again}).id(), listed.front().id());
-  EXPECT_THAT(reason_for_default(listed), HasSubstr(" is the same card with another driver"));
+  EXPECT_THAT(cli::reason_for_default(listed), HasSubstr(" is the same card with another driver"));
   EXPECT_NO_THROW((void)opencl::open(again));
 }
 

@@ -157,7 +157,6 @@ TEST_P(WithDirectMemory, AKeptDeltaStaysAsItIs) {
   BroadPhase broad_phase({.algorithm = GetParam()});
   for (int k = 0; k < 20; ++k) broad_phase.add(unit);
   const Delta first = broad_phase.update();
-  const std::shared_ptr<const void> owner = broad_phase.delta_memory();
   const Pairs added = to_vector(first.added);
   ASSERT_EQ(added.size(), 190U);
   for (std::uint32_t id = 0; id < 6; ++id) {

@@ -86,11 +86,11 @@ TEST_P(EachAlgorithm, OnADeviceIsRefusedAndCanBeDestroyedInAForkedChild) {
     return broad_phase;
   };
   auto updated = make();
-  const std::size_t pairs = updated->update().added.size();
+  std::optional<Delta> delta = updated->update();
+  const std::size_t pairs = delta->added.size();
   auto begun = make();
   begun->begin();
-  std::shared_ptr<const void> boxes = updated->mapped_memory();
-  std::shared_ptr<const void> delta = updated->delta_memory();
+  std::optional<MappedBoxes> boxes = updated->map(updated->size());
   EXPECT_TRUE(holds_in_child([&] {
     if (updated->device() == nullptr) {
       updated->remove(7);

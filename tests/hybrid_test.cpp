@@ -70,7 +70,7 @@ class Script {
     ASSERT_EQ(to_vector(delta.added), expected.added);
     ASSERT_EQ(to_vector(delta.removed), expected.removed);
     ASSERT_EQ(core_.pairs(), reference_.pairs());
-    if (below(2) == 0) kept_.emplace_back(delta, core_.delta_memory());
+    if (below(2) == 0) kept_.emplace_back(delta);
   }
 
   /// Stored deltas must be unchanged, whichever side they come from.

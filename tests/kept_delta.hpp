@@ -1,8 +1,5 @@
 #pragma once
 
-#include <memory>
-#include <utility>
-
 #include <gtest/gtest.h>
 
 #include <broadcl/pair.hpp>
@@ -13,13 +10,12 @@ namespace broadcl::test {
 
 /// A Delta that its user keeps, and its original content.
 struct KeptDelta {
-  KeptDelta(const Delta& now, std::shared_ptr<const void> owner)
-      : delta(now), added(to_vector(now.added)), removed(to_vector(now.removed)), memory(std::move(owner)) {}
+  explicit KeptDelta(const Delta& now)
+      : delta(now), added(to_vector(now.added)), removed(to_vector(now.removed)) {}
   [[nodiscard]] ::testing::AssertionResult is_unchanged() const { return same(delta, added, removed); }
 
   Delta delta;
   Pairs added, removed;
-  std::shared_ptr<const void> memory;
 };
 
 }  // namespace broadcl::test

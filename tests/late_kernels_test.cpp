@@ -154,7 +154,8 @@ class LateHostLife {
     for (std::uint32_t id = 0; id < n_; ++id) set_filter(id, {.world = id % 2});
   }
   void set_sets() {
-    for (std::uint32_t id = 0; id < n_; ++id) set_filter(id, id % 3 == 0 ? first_set : second_set);
+    for (std::uint32_t id = 0; id < n_; ++id)
+      set_filter(id, id % 3 == 0 ? Filter::first_set : Filter::second_set);
   }
 
   /// @returns The number of possible failures.
@@ -259,7 +260,9 @@ class LateDeviceLife {
         waits_(waits),
         broad_phase_(queue(), {.algorithm = kernel.algorithm}) {
     for (std::uint32_t k = 0; k < n; ++k) {
-      reference_.add(late_box(k), !sets ? Filter() : k < first_count_ ? first_set : second_set);
+      reference_.add(late_box(k), !sets              ? Filter()
+                                  : k < first_count_ ? Filter::first_set
+                                                     : Filter::second_set);
     }
     broad_phase_.reserve(n, most_pairs, true);
   }

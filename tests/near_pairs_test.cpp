@@ -319,7 +319,7 @@ TEST_F(EarlySearch, FollowsTheOracleThroughRandomFrames) {
     std::vector<Aabb> boxes(scene.boxes().begin(), scene.boxes().begin() + n);
     std::vector<Filter> filters(most);
     if (sets) {
-      for (std::size_t k = 0; k < most; ++k) filters[k] = k % 2 == 0 ? first_set : second_set;
+      for (std::size_t k = 0; k < most; ++k) filters[k] = k % 2 == 0 ? Filter::first_set : Filter::second_set;
     }
     std::vector<Pair> exclusions;
     start(boxes);

@@ -11,6 +11,7 @@
 
 #include <gtest/gtest.h>
 
+#include "c/call.hpp"
 #include "environment.hpp"
 #include "expect_error.hpp"
 #include "opencl/context.hpp"
@@ -366,6 +367,26 @@ TEST(Errors, OfAWatchdogNameItAndTheRemedy) {
     EXPECT_THAT(to_error(cl::Error(code, "clWaitForEvents"), "a device").what(),
                 AllOf(HasSubstr("a watchdog ended a kernel"), HasSubstr("tiles")));
   }
+}
+
+TEST(Errors, SayWhetherTheDeviceIsLostOrHasNoMemory) {
+  const auto kind_of = [](cl_int code) { return to_error(cl::Error(code, "clFinish"), "a device").kind(); };
+  EXPECT_EQ(kind_of(CL_MEM_OBJECT_ALLOCATION_FAILURE), ErrorKind::out_of_device_memory);
+  EXPECT_EQ(kind_of(CL_OUT_OF_HOST_MEMORY), ErrorKind::out_of_device_memory);
+  EXPECT_EQ(kind_of(CL_OUT_OF_RESOURCES), ErrorKind::device_lost);
+  EXPECT_EQ(kind_of(CL_INVALID_COMMAND_QUEUE), ErrorKind::device_lost);
+  EXPECT_EQ(kind_of(CL_BUILD_PROGRAM_FAILURE), ErrorKind::other);
+  EXPECT_EQ(kind_of(-9999), ErrorKind::device_lost) << "one of a vendor";
+  EXPECT_EQ(Error("").kind(), ErrorKind::other);
+  EXPECT_EQ(Error::invalid_argument("").kind(), ErrorKind::invalid_argument);
+}
+
+TEST(Errors, AreStatusesInC) {
+  const auto status_of = [](ErrorKind kind) { return c::call("f", [&] { throw Error("text", kind); }); };
+  EXPECT_EQ(status_of(ErrorKind::invalid_argument), BROADCL_INVALID_ARGUMENT);
+  EXPECT_EQ(status_of(ErrorKind::out_of_device_memory), BROADCL_OUT_OF_DEVICE_MEMORY);
+  EXPECT_EQ(status_of(ErrorKind::device_lost), BROADCL_DEVICE_LOST);
+  EXPECT_EQ(status_of(ErrorKind::other), BROADCL_FAILED);
 }
 
 TEST_F(OnDevice, SharedBuffersBringWhatTheDeviceWrote) {

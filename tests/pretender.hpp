@@ -62,11 +62,10 @@ class Pretender final : public Algorithm {
   Delta finish() override {
     may_fail("finish");
     if (orders_.clock != nullptr) *orders_.clock += orders_.takes;
-    const Delta delta = inner_->finish();
+    Delta delta = inner_->finish();
     ++orders_.updates;
     return delta;
   }
-  [[nodiscard]] std::shared_ptr<const void> delta_owner() const override { return inner_->delta_owner(); }
   [[nodiscard]] double expected_seconds(std::size_t slots, std::size_t changed) const override {
     return slots == changed ? orders_.expected_for_all.value_or(orders_.expected_seconds)
                             : orders_.expected_seconds;

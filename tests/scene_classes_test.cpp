@@ -339,7 +339,7 @@ TEST(SweepAndPrune, AMovedBoxIsSearchedAloneAlsoAfterTwoSets) {
   const scenes::MovingBoxes scene(n, scenes::MovingBoxes::Sizes::uniform);
   BroadPhase broad_phase({.algorithm = "sweep-and-prune", .threads = 1});
   for (std::uint32_t k = 0; k < n; ++k) {
-    broad_phase.add(scene.boxes()[k], k % 2 == 0 ? first_set : second_set);
+    broad_phase.add(scene.boxes()[k], k % 2 == 0 ? Filter::first_set : Filter::second_set);
   }
   const auto seconds_of_update = [&] {
     const auto start = std::chrono::steady_clock::now();

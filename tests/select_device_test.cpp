@@ -9,6 +9,7 @@
 #include <broadcl/device.hpp>
 #include <broadcl/error.hpp>
 
+#include "cli/default_device.hpp"
 #include "environment.hpp"
 #include "expect_error.hpp"
 
@@ -81,16 +82,16 @@ TEST(SelectDevice, TheBestGpuHasItsOwnMemoryThenTheMostArithmeticUnits) {
 
 TEST(SelectDevice, TheDefaultHasAReason) {
   const test::ScopedVariable none("BROADCL_DEVICE", "");
-  EXPECT_EQ(reason_for_default({iris}), "it is the only device");
-  EXPECT_EQ(reason_for_default({iris, machine()[0]}), "it is the only GPU");
-  EXPECT_EQ(reason_for_default({iris, radeon}), "it is the only GPU with memory of its own");
-  EXPECT_EQ(reason_for_default({iris, radeon, geforce}),
+  EXPECT_EQ(cli::reason_for_default({iris}), "it is the only device");
+  EXPECT_EQ(cli::reason_for_default({iris, machine()[0]}), "it is the only GPU");
+  EXPECT_EQ(cli::reason_for_default({iris, radeon}), "it is the only GPU with memory of its own");
+  EXPECT_EQ(cli::reason_for_default({iris, radeon, geforce}),
             "it has the most arithmetic units times clock frequency of the GPUs with memory of their own");
-  EXPECT_EQ(reason_for_default({iris, uhd}),
+  EXPECT_EQ(cli::reason_for_default({iris, uhd}),
             "it has the most arithmetic units times clock frequency of the GPUs");
-  EXPECT_EQ(reason_for_default({machine()[0], machine()[2]}), "there is no GPU, and it is the only CPU");
+  EXPECT_EQ(cli::reason_for_default({machine()[0], machine()[2]}), "there is no GPU, and it is the only CPU");
   const test::ScopedVariable named("BROADCL_DEVICE", "gpu");
-  EXPECT_EQ(reason_for_default({iris, radeon}), "BROADCL_DEVICE is 'gpu'");
+  EXPECT_EQ(cli::reason_for_default({iris, radeon}), "BROADCL_DEVICE is 'gpu'");
 }
 
 /// The same device on another platform, which gives it another name.
@@ -104,27 +105,27 @@ Device by_another_driver(Device device) {
 TEST(SameCard, HasOnePciAddressOtherwiseOneUuidOtherwiseOneNameAndMemory) {
   Device card = radeon;
   Device other = by_another_driver(card);
-  EXPECT_FALSE(is_same_card(card, other));
+  EXPECT_FALSE(cli::is_same_card(card, other));
   card.uuid = other.uuid = "00112233445566778899aabbccddeeff";
-  EXPECT_TRUE(is_same_card(card, other));
+  EXPECT_TRUE(cli::is_same_card(card, other));
   card.pci_address = "0000:03:00.0";
-  EXPECT_TRUE(is_same_card(card, other));
+  EXPECT_TRUE(cli::is_same_card(card, other));
   other.pci_address = "0000:04:00.0";
-  EXPECT_FALSE(is_same_card(card, other));
+  EXPECT_FALSE(cli::is_same_card(card, other));
   other.pci_address = card.pci_address;
-  EXPECT_TRUE(is_same_card(card, other));
+  EXPECT_TRUE(cli::is_same_card(card, other));
   other.uuid = "another";
-  EXPECT_TRUE(is_same_card(card, other));
+  EXPECT_TRUE(cli::is_same_card(card, other));
 
   other = card = radeon;
-  EXPECT_FALSE(is_same_card(card, other)) << "two devices of one platform";
+  EXPECT_FALSE(cli::is_same_card(card, other)) << "two devices of one platform";
   ++other.platform;
-  EXPECT_TRUE(is_same_card(card, other));
+  EXPECT_TRUE(cli::is_same_card(card, other));
   other.memory = 1;
-  EXPECT_FALSE(is_same_card(card, other));
+  EXPECT_FALSE(cli::is_same_card(card, other));
   other = machine()[0];
   ++other.platform;
-  EXPECT_FALSE(is_same_card(machine()[0], other)) << "CPUs";
+  EXPECT_FALSE(cli::is_same_card(machine()[0], other)) << "CPUs";
 }
 
 TEST(SameCard, CountsOnceForTheDefault) {
@@ -132,11 +133,11 @@ TEST(SameCard, CountsOnceForTheDefault) {
   Device card = radeon;
   card.pci_address = "0000:03:00.0";
   Device other = by_another_driver(card);
-  EXPECT_EQ(reason_for_default({card, other}),
+  EXPECT_EQ(cli::reason_for_default({card, other}),
             "it is the only device; 1:0 is the same card with another driver");
   EXPECT_EQ(select_device("", {card, other}).id(), "0:0") << "the first of equals";
   other.compute_units = 96;
-  EXPECT_EQ(reason_for_default({machine()[0], card, other}),
+  EXPECT_EQ(cli::reason_for_default({machine()[0], card, other}),
             "it is the only GPU; 0:0 is the same card with another driver");
   EXPECT_EQ(select_device("", {machine()[0], card, other}).id(), "1:0");
   EXPECT_EQ(select_device("0:0", {card, other}).id(), "0:0") << "each can be selected by its id";
@@ -147,7 +148,7 @@ TEST(SameCard, CountsOnceForTheDefault) {
   Device first_again = radeon;
   Device second_again = second;
   first_again.platform = second_again.platform = 1;
-  EXPECT_THAT(reason_for_default({radeon, second, first_again, second_again}),
+  EXPECT_THAT(cli::reason_for_default({radeon, second, first_again, second_again}),
               StartsWith("it has the most arithmetic units times clock frequency of the GPUs;"));
 }
 

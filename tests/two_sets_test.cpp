@@ -97,7 +97,7 @@ void follow_oracle(const BroadPhase::Config& config, std::uint32_t n, std::uint3
   Twins twins(config);
   MovingBoxes motion(n, MovingBoxes::Sizes::mixed);
   const auto filter = [&](std::uint32_t k) {
-    Filter result = k % 3 == 0 ? first_set : second_set;
+    Filter result = k % 3 == 0 ? Filter::first_set : Filter::second_set;
     result.world = k % 10 == 9 && worlds > 1 ? Filter::all_worlds : k / 10 % worlds;
     return result;
   };
@@ -138,7 +138,7 @@ TEST_P(EachAlgorithm, TwoSetsInWorldsOfLargeNumbers) {
   Twins twins(config());
   for (const std::uint32_t world : {0U, 8'388'606U, 8'388'607U, 8'388'608U, 16'777'217U, 0x7ffffffdU,
                                     0x7ffffffeU, 0x80000000U, 0xfffffffeU, Filter::all_worlds}) {
-    for (const Filter& set : {first_set, second_set, first_set}) {
+    for (const Filter& set : {Filter::first_set, Filter::second_set, Filter::first_set}) {
       twins.add(unit, {.group = set.group, .mask = set.mask, .world = world});
     }
   }
@@ -152,7 +152,7 @@ TEST_P(EachAlgorithm, TwoSetsInOneWorldOfALargeNumber) {
                                     0x80000000U, 0xfffffffdU, 0xfffffffeU, Filter::all_worlds}) {
     SCOPED_TRACE(world);
     Twins twins(config());
-    for (const Filter& set : {first_set, second_set, first_set}) {
+    for (const Filter& set : {Filter::first_set, Filter::second_set, Filter::first_set}) {
       twins.add(unit, {.group = set.group, .mask = set.mask, .world = world});
     }
     ASSERT_TRUE(twins.agree());
@@ -163,11 +163,11 @@ TEST_P(EachAlgorithm, TwoSetsInOneWorldOfALargeNumber) {
 /// More and more objects belong to the same body.
 TEST_P(EachAlgorithm, BodiesInTwoSets) {
   Twins twins(config());
-  for (std::uint32_t k = 0; k < 6; ++k) twins.add(unit, k % 2 == 0 ? first_set : second_set);
+  for (std::uint32_t k = 0; k < 6; ++k) twins.add(unit, k % 2 == 0 ? Filter::first_set : Filter::second_set);
   ASSERT_TRUE(twins.agree());
   EXPECT_EQ(twins.tested().pairs().size(), 9U);
   for (std::uint32_t k = 0; k < 6; ++k) {
-    Filter filter = k % 2 == 0 ? first_set : second_set;
+    Filter filter = k % 2 == 0 ? Filter::first_set : Filter::second_set;
     filter.body = 7;
     twins.set_filter(k, filter);
     ASSERT_TRUE(twins.agree()) << k;
@@ -189,15 +189,16 @@ TEST(TwoSets, DecideIfEveryTwoObjectsOfDifferentSetsMayPair) {
     set.body = body;
     return set;
   };
-  EXPECT_TRUE(decide({first_set, second_set, first_set}));
-  EXPECT_TRUE(decide({in(first_set, 3), in(second_set, 3)}));
-  EXPECT_TRUE(decide({of(first_set, 3), of(second_set, 4)}));
-  EXPECT_FALSE(decide({in(first_set, 3), in(second_set, 4)}));
-  EXPECT_FALSE(decide({in(first_set, Filter::all_worlds), in(second_set, Filter::all_worlds)}));
-  EXPECT_FALSE(decide({of(first_set, 3), of(second_set, 3)}));
-  EXPECT_FALSE(decide({first_set, second_set, of(second_set, 3)}));
-  EXPECT_FALSE(decide({{.group = 0, .mask = 1}, first_set, second_set}));
-  EXPECT_FALSE(decide({first_set, {.group = 4, .mask = 0}}));
+  EXPECT_TRUE(decide({Filter::first_set, Filter::second_set, Filter::first_set}));
+  EXPECT_TRUE(decide({in(Filter::first_set, 3), in(Filter::second_set, 3)}));
+  EXPECT_TRUE(decide({of(Filter::first_set, 3), of(Filter::second_set, 4)}));
+  EXPECT_FALSE(decide({in(Filter::first_set, 3), in(Filter::second_set, 4)}));
+  EXPECT_FALSE(
+      decide({in(Filter::first_set, Filter::all_worlds), in(Filter::second_set, Filter::all_worlds)}));
+  EXPECT_FALSE(decide({of(Filter::first_set, 3), of(Filter::second_set, 3)}));
+  EXPECT_FALSE(decide({Filter::first_set, Filter::second_set, of(Filter::second_set, 3)}));
+  EXPECT_FALSE(decide({{.group = 0, .mask = 1}, Filter::first_set, Filter::second_set}));
+  EXPECT_FALSE(decide({Filter::first_set, {.group = 4, .mask = 0}}));
 }
 
 /// Before it is removed, an object pairs with nothing, so not only the sets decide.
@@ -205,7 +206,7 @@ TEST_P(EachAlgorithm, TwoSetsWithoutAnObjectThatPairsWithNothing) {
   for (const Filter& filter : {Filter{.group = 1, .mask = 0}, Filter{.group = 2, .mask = 0},
                                Filter{.group = 2, .mask = 1, .world = 3}}) {
     Twins twins(config());
-    for (std::uint32_t k = 0; k < 40; ++k) twins.add(unit, k < 20 ? first_set : second_set);
+    for (std::uint32_t k = 0; k < 40; ++k) twins.add(unit, k < 20 ? Filter::first_set : Filter::second_set);
     twins.add(unit, filter);
     ASSERT_TRUE(twins.agree());
     twins.remove(40);
@@ -221,16 +222,16 @@ TEST(TwoSets, AreApartIfNothingPairsInside) {
     return sets.are_apart();
   };
   EXPECT_TRUE(are_apart({}));
-  EXPECT_TRUE(are_apart({first_set, second_set, first_set}));
-  EXPECT_TRUE(are_apart({first_set, {.group = 4, .mask = 0}}));
-  EXPECT_FALSE(are_apart({first_set, Filter()}));
-  EXPECT_FALSE(are_apart({second_set, {.group = 4, .mask = 2}}));
+  EXPECT_TRUE(are_apart({Filter::first_set, Filter::second_set, Filter::first_set}));
+  EXPECT_TRUE(are_apart({Filter::first_set, {.group = 4, .mask = 0}}));
+  EXPECT_FALSE(are_apart({Filter::first_set, Filter()}));
+  EXPECT_FALSE(are_apart({Filter::second_set, {.group = 4, .mask = 2}}));
 }
 
 /// In any order, as if they had been added just now.
 TEST(TwoSets, AreThoseOfTheFiltersThatAreThere) {
-  const std::array kinds{first_set,
-                         second_set,
+  const std::array kinds{Filter::first_set,
+                         Filter::second_set,
                          Filter(),
                          Filter{.group = 4, .mask = 0},
                          Filter{.group = 1, .mask = 2, .body = 7},

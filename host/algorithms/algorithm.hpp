@@ -89,12 +89,9 @@ class Algorithm {
   virtual void flush() {}
   /// Ends the update. If begin(), flush() or finish() throws, the pairs of the last update are still known,
   /// and the next update must have `all` and `all_filters` set. The returned lists stay unchanged until the
-  /// next finish(), even if another update begins before that.
+  /// next finish(), even if another update begins before that, and as long as the Delta or a copy of it
+  /// exists.
   virtual Delta finish() = 0;
-
-  /// An owner of the lists that finish() last returned, which may outlive this object. As long as it exists,
-  /// their memory is neither freed nor reused.
-  [[nodiscard]] virtual std::shared_ptr<const void> delta_owner() const = 0;
 
   /// The pairs of an algorithm that is used only once, instead of an update.
   /// @throws As begin() and finish().

@@ -28,16 +28,13 @@ class ChangeLists {
       are_others_next_ = false;
       throw;
     }
-    return {next->added, next->removed};
+    return {next->added, next->removed, next};
   }
 
   /// The update succeeded.
   void commit() noexcept {
     if (std::exchange(are_others_next_, false)) lists_.swap(others_);
   }
-
-  /// An owner of the lists of the last update, if there was one.
-  [[nodiscard]] std::shared_ptr<const void> owner() const noexcept { return lists_; }
 
   /// Frees the lists, except those that somebody keeps.
   void clear() noexcept { *this = {}; }

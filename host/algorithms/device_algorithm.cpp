@@ -89,10 +89,6 @@ class DeviceAlgorithm final : public Algorithm {
     });
   }
 
-  [[nodiscard]] std::shared_ptr<const void> delta_owner() const override {
-    return engine_->changes().host_owner();
-  }
-
   [[nodiscard]] double expected_seconds(std::size_t slots, std::size_t changed) const override {
     return engine_->expected_seconds(slots, changed);
   }

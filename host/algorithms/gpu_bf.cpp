@@ -126,8 +126,6 @@ class GpuBf final : public Algorithm {
     return delta;
   }
 
-  [[nodiscard]] std::shared_ptr<const void> delta_owner() const override { return lists_.owner(); }
-
   [[nodiscard]] std::vector<Pair> pairs() override {
     std::vector<Pair> found;
     std::vector<Pair> none;

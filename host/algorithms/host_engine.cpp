@@ -96,8 +96,6 @@ class HostEngine final : public Algorithm {
     give_back_free_memory();
   }
 
-  [[nodiscard]] std::shared_ptr<const void> delta_owner() const override { return lists_.owner(); }
-
   [[nodiscard]] std::vector<Pair> find_all(const Changes& changes) override {
     std::vector<Pair> pairs;
     finder_->find({.boxes = std::span(*boxes_).first(changes.slots),

@@ -164,16 +164,11 @@ class Hybrid final : public Algorithm {
     }
     // Nothing below throws.
     lists_.commit();
-    is_delta_own_ = handover_.has_value();
     handover_.reset();
     asked_ = &current();
     failed_.reset();
     if (std::exchange(was_updated_, true)) choose(taken);  // a program with a single update needs no device
     return delta;
-  }
-
-  [[nodiscard]] std::shared_ptr<const void> delta_owner() const override {
-    return is_delta_own_ ? lists_.owner() : asked_->delta_owner();
   }
 
   void shrink(std::size_t slots) override {
@@ -287,7 +282,6 @@ class Hybrid final : public Algorithm {
   Algorithm* asked_ = host_.algorithm.get();  // did the last update
   AlgorithmPointer failed_;                   // the device, if it did that one and then failed
   ChangeLists lists_;                         // the changes of an update after a handover
-  bool is_delta_own_ = false;                 // those of the last update are these
 };
 
 }  // namespace

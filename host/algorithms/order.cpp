@@ -324,9 +324,9 @@ void Order::commit(const PairDelta::Counts& counts) noexcept {
 }
 
 Delta Order::on_host(const PairDelta::Counts& counts) const noexcept {
-  const auto* changes =
-      reinterpret_cast<const Pair*>(frames_.last.result.get().host() + PairDelta::count_bytes);
-  return {{changes, counts.added}, {changes + counts.added, counts.removed}};
+  const opencl::SharedBuffer& buffer = frames_.last.result.get();
+  const auto* changes = reinterpret_cast<const Pair*>(buffer.host() + PairDelta::count_bytes);
+  return {{changes, counts.added}, {changes + counts.added, counts.removed}, buffer.owner()};
 }
 
 void Order::sort(const cl::Buffer& pairs, std::size_t n, std::size_t slots, const cl::Buffer& scratch,

@@ -61,13 +61,9 @@ class Order {
   /// The frame succeeded.
   void commit(const PairDelta::Counts& counts) noexcept;
 
-  /// The changes of the last frame on the host. They stay unchanged until the frame after the next begins.
+  /// The changes of the last frame on the host. They stay unchanged until the frame after the next begins,
+  /// and as long as the Delta or a copy of it exists.
   [[nodiscard]] Delta on_host(const PairDelta::Counts& counts) const noexcept;
-  /// An owner of these changes.
-  /// @throws std::bad_alloc
-  [[nodiscard]] std::shared_ptr<const void> host_owner() const {
-    return frames_.last.result.get().host_owner();
-  }
   /// The changes of the last frame on the device, until the next begins.
   [[nodiscard]] const cl::Buffer& added() const noexcept { return added_.get(); }
   [[nodiscard]] const cl::Buffer& removed() const noexcept { return removed_.get(); }

@@ -72,7 +72,8 @@ const AlgorithmRow& find_algorithm(std::string_view name) {
   if (row != rows.end()) return *row;
   std::string names;
   for (const AlgorithmRow& r : rows) names += (names.empty() ? "" : ", ") + std::string(r.info.name);
-  throw Error("no algorithm is named '" + std::string(name) + "'; the algorithms are: " + names);
+  throw Error::invalid_argument("no algorithm is named '" + std::string(name) +
+                                "'; the algorithms are: " + names);
 }
 
 bool names_device(const Config& config) {
@@ -100,7 +101,8 @@ MakePairFinder find_pair_finder(std::string_view name) {
   for (const AlgorithmRow& r : rows) {
     if (r.make_finder != nullptr) names += (names.empty() ? "" : ", ") + std::string(r.info.name);
   }
-  throw Error("the algorithm '" + std::string(name) + "' needs the host; use one of: " + names);
+  throw Error::invalid_argument("the algorithm '" + std::string(name) +
+                                "' needs the host; use one of: " + names);
 }
 
 }  // namespace broadcl

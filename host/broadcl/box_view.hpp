@@ -34,8 +34,8 @@ concept AabbArray = std::ranges::contiguous_range<Range> && std::ranges::sized_r
 /// stays empty.
 ///
 /// The functions that make a view take pointers to the bounds of box 0 and a stride, the distance in bytes
-/// from each box to the next. It must be a multiple of the bounds' alignment; it is negative if each box
-/// precedes the last one in memory, and 0 for n times the same box. Memory between the bounds is not read.
+/// from each box to the next; 0 means without gaps. It must be a multiple of the bounds' alignment, and is
+/// negative if each box precedes the last one in memory. Memory between the bounds is not read.
 /// They throw Error for a null or misaligned pointer, for a misaligned stride, and for more boxes than memory
 /// could hold; if n is 0, pointers are not checked.
 class BROADCL_API BoxView {
@@ -51,9 +51,9 @@ class BROADCL_API BoxView {
 
   /// n boxes of six numbers each: lower x, y, z, upper x, y, z; the first box is at `numbers`.
   template <Bound S>
-  [[nodiscard]] static BoxView interleaved(const S* numbers, std::size_t n,
-                                           std::ptrdiff_t stride = 6 * sizeof(S)) {
+  [[nodiscard]] static BoxView interleaved(const S* numbers, std::size_t n, std::ptrdiff_t stride = 0) {
     if (n == 0) return {};
+    if (stride == 0) stride = 6 * sizeof(S);
     check(std::array{numbers}, n, stride);
     return {corner_arrays(numbers), corner_arrays(numbers + 3), n, stride};
   }
@@ -61,8 +61,9 @@ class BROADCL_API BoxView {
   /// Two arrays of corners (x, y, z), both with the same stride.
   template <Bound S>
   [[nodiscard]] static BoxView corners(const S* lower, const S* upper, std::size_t n,
-                                       std::ptrdiff_t stride = 3 * sizeof(S)) {
+                                       std::ptrdiff_t stride = 0) {
     if (n == 0) return {};
+    if (stride == 0) stride = 3 * sizeof(S);
     check(std::array{lower, upper}, n, stride);
     return {corner_arrays(lower), corner_arrays(upper), n, stride};
   }
@@ -71,8 +72,9 @@ class BROADCL_API BoxView {
   template <Bound S>
   [[nodiscard]] static BoxView arrays(const std::array<const S*, 3>& lower,
                                       const std::array<const S*, 3>& upper, std::size_t n,
-                                      std::ptrdiff_t stride = sizeof(S)) {
+                                      std::ptrdiff_t stride = 0) {
     if (n == 0) return {};
+    if (stride == 0) stride = sizeof(S);
     check(lower, n, stride);
     check(upper, n, stride);
     return {lower, upper, n, stride};
@@ -81,9 +83,9 @@ class BROADCL_API BoxView {
   /// n boxes in two dimensions, of four numbers each: lower x, y, upper x, y; the first box is at `numbers`.
   /// In z, they extend from 0 to 0.
   template <Bound S>
-  [[nodiscard]] static BoxView rectangles(const S* numbers, std::size_t n,
-                                          std::ptrdiff_t stride = 4 * sizeof(S)) {
+  [[nodiscard]] static BoxView rectangles(const S* numbers, std::size_t n, std::ptrdiff_t stride = 0) {
     if (n == 0) return {};
+    if (stride == 0) stride = 4 * sizeof(S);
     check(std::array{numbers}, n, stride);
     return BoxView(std::array<const S*, 3>{numbers, numbers + 1, nullptr},
                    std::array<const S*, 3>{numbers + 2, numbers + 3, nullptr}, n, stride);

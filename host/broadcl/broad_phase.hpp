@@ -29,6 +29,12 @@ namespace mpi {
 class Region;
 }
 
+/// Boxes in memory of a BroadPhase, for the caller to write: see BroadPhase::map(). They may be read as long
+/// as this object or a copy of it exists, even if the BroadPhase uses other memory by then, or is destroyed.
+struct MappedBoxes : std::span<Aabb> {
+  std::shared_ptr<const void> owner{};  ///< Of the memory.
+};
+
 /// Holds a set of moving boxes and reports at each update() which pairs began and which ceased to overlap.
 ///
 /// The cost of an update depends on how much moved. If nothing moved, there is no search; if few objects
@@ -87,16 +93,11 @@ class BROADCL_API BroadPhase {
   /// adding those that are missing and removing all others, and returns the memory from which the device
   /// reads their boxes, for the caller to write. New objects have empty boxes until then. All objects count
   /// as moved.
-  /// @returns n boxes, valid until the next call of a function of this object that is not const. If one of
-  /// them has a NaN bound, the next update() or begin() throws an Error that names the first such box, and
-  /// changes nothing; the boxes remain valid: write one without NaN, and call it again.
+  /// @returns n boxes, which may be written until the next call of a function of this object that is not
+  /// const. If one of them has a NaN bound, the next update() or begin() throws an Error that names the first
+  /// such box, and changes nothing; the boxes may still be written: write one without NaN, and call it again.
   /// @throws Error between begin() and finish(), and if there is no memory for the boxes.
-  std::span<Aabb> map(std::size_t n);
-
-  /// Shares ownership of the memory that map() just returned, which is then not freed even if the boxes move
-  /// to other memory or this object is destroyed. For callers who cannot know when it will be read for the
-  /// last time. It may then be read, but not written.
-  [[nodiscard]] std::shared_ptr<const void> mapped_memory() const;
+  MappedBoxes map(std::size_t n);
 
   /// Finds every pair of overlapping boxes whose filters allow it, and returns what changed since the last
   /// update. The same as begin() and finish().
@@ -121,18 +122,12 @@ class BROADCL_API BroadPhase {
 
   /// Gives back memory that the present objects and pairs do not need, on host and device, for instance after
   /// an update with far more pairs than usual; nothing does so by itself. Objects, ids and pairs stay as they
-  /// are. The lists of the last update become invalid, unless delta_memory() keeps them; from then on it
-  /// returns null, and profile() nothing. The next updates take longer, until memory has grown again. Waits
+  /// are. The lists of the last update become invalid, unless their Delta exists; profile() then returns
+  /// nothing. The next updates take longer, until memory has grown again. Waits
   /// for the device.
   /// @throws Error between begin() and finish(), and if the device fails or has too little memory for a
   /// moment, since what is needed is copied.
   void shrink();
-
-  /// Shares ownership of the Delta that update() or finish() last returned, which then stays unchanged even
-  /// if further updates follow or this object is destroyed. For callers who cannot know when it will be read
-  /// for the last time. The next updates use other memory, which takes longer if every Delta is kept; that
-  /// memory may be much larger than the lists. Null if nothing had moved and the lists are empty.
-  [[nodiscard]] std::shared_ptr<const void> delta_memory() const;
 
   /// All pairs as of the last update, in canonical order.
   /// @throws Error between begin() and finish(), and if the device fails.
@@ -195,7 +190,7 @@ class BROADCL_API BroadPhase {
 
 /// All overlapping pairs of a box of one set and a box of another: `a` is an index in `first`, `b` in
 /// `second`. Nothing is tested inside a set. (For two sets that move, keep a BroadPhase with the filters
-/// first_set and second_set.)
+/// Filter::first_set and Filter::second_set.)
 /// @param exclusions Pairs that are not reported, in any order: `a` is an index in `first`, `b` in `second`.
 /// @returns Pairs in canonical order: by b, then by a; a may be greater than b.
 /// @throws Error for a NaN bound (it names the first such box), for an exclusion of a box that does not

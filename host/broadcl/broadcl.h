@@ -30,11 +30,15 @@ extern "C" {
 /// The result of a call.
 typedef enum broadcl_status {
   BROADCL_SUCCESS = 0,
-  /// A null pointer, a struct with a wrong size, an unknown constant, an index out of range, or an array on
-  /// the host that is misaligned or exceeds the address space.
+  /// An argument cannot be used: for instance a null pointer, an unknown id, a NaN bound, a misaligned array
+  /// or a struct with a wrong size.
   BROADCL_INVALID_ARGUMENT = 1,
-  BROADCL_FAILED = 2,        ///< Anything else that broadcl_last_error() describes.
-  BROADCL_OUT_OF_MEMORY = 3  ///< Memory of the host is exhausted.
+  BROADCL_FAILED = 2,         ///< Anything else that broadcl_last_error() describes.
+  BROADCL_OUT_OF_MEMORY = 3,  ///< Memory of the host is exhausted.
+  /// OpenCL has too little memory. The object can be used with fewer boxes or pairs.
+  BROADCL_OUT_OF_DEVICE_MEMORY = 4,
+  /// The device may be lost: create a new object. (Some drivers report exhausted memory in the same way.)
+  BROADCL_DEVICE_LOST = 5
 } broadcl_status;
 
 /// Describes the last failure in this thread, and what to do about it; "" if there was none. Valid until the
@@ -90,7 +94,9 @@ typedef struct broadcl_filter {
 #define BROADCL_DEFAULT_FILTER \
   { 1, UINT32_C(0xffffffff), BROADCL_NO_BODY, 0 }
 
-/// Filters for two sets, as initialisers: only pairs of one object of each set are found.
+/// Filters for two sets, as initialisers: only pairs of one object of each set are found. The first set is
+/// the group of bit 0, of value 1; the second one is that of bit 1, of value 2. Each pairs with the other
+/// only.
 #define BROADCL_FIRST_SET \
   { 1, 2, BROADCL_NO_BODY, 0 }
 #define BROADCL_SECOND_SET \
@@ -144,7 +150,7 @@ typedef struct broadcl_device_list broadcl_device_list;
 BROADCL_API broadcl_status broadcl_device_list_create(broadcl_device_list** list);
 /// No-op for null.
 BROADCL_API broadcl_status broadcl_device_list_destroy(broadcl_device_list* list);
-BROADCL_API broadcl_status broadcl_device_list_count(const broadcl_device_list* list, size_t* count);
+BROADCL_API broadcl_status broadcl_device_list_size(const broadcl_device_list* list, size_t* size);
 /// @param info Its strings belong to the list.
 BROADCL_API broadcl_status broadcl_device_list_get(const broadcl_device_list* list, size_t index,
                                                    broadcl_device_info* info);
@@ -217,7 +223,7 @@ typedef struct broadcl_pair_list broadcl_pair_list;
 /// as the device. A device stays open for later calls, but its memory is freed, so for frequent searches keep
 /// a broadcl_broad_phase.
 /// @param config May be null.
-/// @returns BROADCL_FAILED also for a NaN bound; the error names the first such box.
+/// @returns BROADCL_INVALID_ARGUMENT also for a NaN bound; the error names the first such box.
 BROADCL_API broadcl_status broadcl_pair_list_create(const broadcl_boxes* boxes, const broadcl_config* config,
                                                     broadcl_pair_list** list);
 /// Finds all overlapping pairs of a box of one set and a box of another: `a` is an index in `first`, `b` in
@@ -235,7 +241,8 @@ BROADCL_API broadcl_status broadcl_pair_list_create_between(const broadcl_boxes*
 /// @param exclusions `count` pairs of indices that are not reported, in any order; for one set also with a >
 /// b. May be null if `count` is 0.
 /// @param config May be null.
-/// @returns BROADCL_FAILED also for an exclusion of a box and itself, or of a box that does not exist.
+/// @returns BROADCL_INVALID_ARGUMENT also for an exclusion of a box and itself, or of a box that does not
+/// exist.
 BROADCL_API broadcl_status broadcl_pair_list_create_excluding(const broadcl_boxes* first,
                                                               const broadcl_boxes* second,
                                                               const broadcl_pair* exclusions, size_t count,
@@ -246,7 +253,7 @@ BROADCL_API broadcl_status broadcl_pair_list_create_excluding(const broadcl_boxe
 /// the numbers of their vertices.
 /// @param labels `per_object` labels of object 0, then as many of object 1, and so on; `count` in all. May be
 ///   null if there are none.
-/// @returns BROADCL_FAILED if `count` is not a multiple of `per_object`.
+/// @returns BROADCL_INVALID_ARGUMENT if `count` is not a multiple of `per_object`.
 BROADCL_API broadcl_status broadcl_pair_list_create_sharing(const uint32_t* labels, size_t count,
                                                             size_t per_object, broadcl_pair_list** list);
 /// The same for pairs of an object of one set and an object of another. If these are the faces and the
@@ -259,7 +266,7 @@ BROADCL_API broadcl_status broadcl_pair_list_create_sharing_between(const uint32
 /// No-op for null.
 BROADCL_API broadcl_status broadcl_pair_list_destroy(broadcl_pair_list* list);
 /// @param pairs Valid until the list is destroyed.
-BROADCL_API broadcl_status broadcl_pair_list_get(const broadcl_pair_list* list, broadcl_pairs* pairs);
+BROADCL_API broadcl_status broadcl_pair_list_pairs(const broadcl_pair_list* list, broadcl_pairs* pairs);
 
 // --- Moving boxes
 
@@ -269,7 +276,7 @@ typedef struct broadcl_broad_phase broadcl_broad_phase;
 
 /// Opens the device and builds its kernels, unless the algorithm starts on the host.
 /// @param config May be null.
-/// @returns BROADCL_FAILED also for an unknown algorithm or device.
+/// @returns BROADCL_INVALID_ARGUMENT for an unknown algorithm, BROADCL_FAILED if no device matches.
 BROADCL_API broadcl_status broadcl_broad_phase_create(const broadcl_config* config,
                                                       broadcl_broad_phase** broad_phase);
 /// No-op for null.
@@ -277,31 +284,31 @@ BROADCL_API broadcl_status broadcl_broad_phase_destroy(broadcl_broad_phase* broa
 
 /// Adds an object. Its id is the lowest free one.
 /// @param filter Null for BROADCL_DEFAULT_FILTER.
-/// @returns BROADCL_FAILED also for a NaN bound.
+/// @returns BROADCL_INVALID_ARGUMENT also for a NaN bound.
 BROADCL_API broadcl_status broadcl_broad_phase_add(broadcl_broad_phase* broad_phase, const broadcl_aabb* box,
                                                    const broadcl_filter* filter, uint32_t* id);
 /// Replaces the box of an object. An equal box does not count as movement.
-/// @returns BROADCL_FAILED also for an unknown id and for a NaN bound.
+/// @returns BROADCL_INVALID_ARGUMENT also for an unknown id and for a NaN bound.
 BROADCL_API broadcl_status broadcl_broad_phase_move(broadcl_broad_phase* broad_phase, uint32_t id,
                                                     const broadcl_aabb* box);
 /// Replaces the filter of an object from the next update on.
-/// @returns BROADCL_FAILED also for an unknown id.
+/// @returns BROADCL_INVALID_ARGUMENT also for an unknown id.
 BROADCL_API broadcl_status broadcl_broad_phase_set_filter(broadcl_broad_phase* broad_phase, uint32_t id,
                                                           const broadcl_filter* filter);
 /// Removes an object. Its pairs are in `removed` of the next update.
-/// @returns BROADCL_FAILED also for an unknown id.
+/// @returns BROADCL_INVALID_ARGUMENT also for an unknown id.
 BROADCL_API broadcl_status broadcl_broad_phase_remove(broadcl_broad_phase* broad_phase, uint32_t id);
 
 /// Replaces the list of pairs of ids that are never reported, whatever their boxes and filters: for instance
 /// joined bodies. A pair applies to whichever objects have the two ids. Initially the list is empty.
 /// @param pairs In any order; copied. May be null if there are none.
-/// @returns BROADCL_FAILED also for a pair of an id with itself.
+/// @returns BROADCL_INVALID_ARGUMENT also for a pair of an id with itself.
 BROADCL_API broadcl_status broadcl_broad_phase_set_exclusions(broadcl_broad_phase* broad_phase,
                                                               const broadcl_pair* pairs, size_t count);
 
 /// Makes 0 .. count-1 the ids of the objects, by adding those that are missing, with empty boxes, and
 /// removing all others, and returns the memory from which their boxes are read, for the caller to write. All
-/// objects count as moved. If a box has a NaN bound, the next update fails and changes nothing.
+/// objects count as moved. If a box has a NaN bound, the next update returns BROADCL_INVALID_ARGUMENT.
 /// @param boxes `count` boxes, valid until the next call with this object.
 /// @returns BROADCL_FAILED also between begin and finish.
 BROADCL_API broadcl_status broadcl_broad_phase_map(broadcl_broad_phase* broad_phase, size_t count,
@@ -334,7 +341,7 @@ BROADCL_API broadcl_status broadcl_broad_phase_shrink(broadcl_broad_phase* broad
 /// @returns BROADCL_FAILED also between begin and finish.
 BROADCL_API broadcl_status broadcl_broad_phase_pairs(broadcl_broad_phase* broad_phase, broadcl_pairs* pairs);
 /// The number of objects.
-BROADCL_API broadcl_status broadcl_broad_phase_count(const broadcl_broad_phase* broad_phase, size_t* count);
+BROADCL_API broadcl_status broadcl_broad_phase_size(const broadcl_broad_phase* broad_phase, size_t* size);
 /// The device that will do the next update.
 /// @param info Its strings are valid until the next call with this object. If the host will do the update,
 /// all members except `size` are 0.
@@ -466,7 +473,8 @@ BROADCL_API broadcl_status broadcl_device_broad_phase_shrink(broadcl_device_broa
 /// Replaces the list of pairs of indices that are never reported, whatever their boxes and filters. For these
 /// indices, a second set follows the first. Initially the list is empty. Waits for the queue.
 /// @param pairs In any order; copied. May be null if there are none.
-/// @returns BROADCL_FAILED also for a pair of an index with itself, and between begin and finish.
+/// @returns BROADCL_INVALID_ARGUMENT also for a pair of an index with itself; BROADCL_FAILED also between
+/// begin and finish.
 BROADCL_API broadcl_status broadcl_device_broad_phase_set_exclusions(broadcl_device_broad_phase* broad_phase,
                                                                      const broadcl_pair* pairs, size_t count);
 

@@ -41,11 +41,6 @@ struct BROADCL_API Device {
   [[nodiscard]] std::string label() const;
 };
 
-/// Whether two devices are the same card, offered by two drivers. A card is identified by its PCI address,
-/// otherwise by its UUID, otherwise by name and memory. CPUs, and devices of the same platform, never count
-/// as the same card.
-[[nodiscard]] BROADCL_API bool is_same_card(const Device& a, const Device& b);
-
 /// Every usable device of every OpenCL platform, that is, every one that is available and has a compiler, in
 /// the order of `clinfo -l`. Empty if no OpenCL implementation is installed.
 /// @param failures If not null, receives one line for each platform and device that cannot be used, with the
@@ -69,11 +64,6 @@ struct BROADCL_API Device {
 /// The same choice among given devices, without asking OpenCL or the environment.
 /// @throws Error as above.
 [[nodiscard]] BROADCL_API Device select_device(std::string_view selector, const std::vector<Device>& among);
-
-/// Why an empty selector chooses the device that it does, for people: for instance, "it is the only GPU". A
-/// card that several drivers offer counts once.
-/// @throws Error as above.
-[[nodiscard]] BROADCL_API std::string reason_for_default(const std::vector<Device>& among);
 
 }  // namespace broadcl
 

@@ -65,8 +65,8 @@ template <class Derived>
   static_assert(has_columns, "boxes have six columns: lower x, y, z, upper x, y, z");
   if constexpr (has_bounds && has_memory && has_columns) {
     if (boxes.cols() != 6) {
-      throw Error("boxes have " + std::to_string(boxes.cols()) +
-                  " columns; give six: lower x, y, z, upper x, y, z");
+      throw Error::invalid_argument("boxes have " + std::to_string(boxes.cols()) +
+                                    " columns; give six: lower x, y, z, upper x, y, z");
     }
     if (boxes.rows() == 0) return {};
     const Derived& matrix = boxes.derived();

@@ -52,7 +52,7 @@ class BROADCL_API DeviceBroadPhase {
     cl_mem buffer = nullptr;  ///< Like Boxes::buffer; null if there is no second set.
     std::size_t count = 0;
     std::size_t offset = 0;
-    std::size_t stride = 24;
+    std::size_t stride = 0;
   };
 
   /// Boxes of the caller, in a buffer of the queue's context. They are only read, by commands that begin() or
@@ -62,7 +62,7 @@ class BROADCL_API DeviceBroadPhase {
     cl_mem buffer = nullptr;   ///< Floats: lower x, y, z, upper x, y, z of each box.
     std::size_t count = 0;     ///< Number of boxes.
     std::size_t offset = 0;    ///< Of the first box, in bytes, a multiple of 4.
-    std::size_t stride = 24;   ///< From each box to the next, in bytes, a multiple of 4.
+    std::size_t stride = 0;    ///< From each box to the next, in bytes, a multiple of 4; 0: without gaps.
     cl_mem filters = nullptr;  ///< One Filter per box, also of the queue's context; or null: all may pair.
     /// Whether the filters have different worlds. Affects only speed: without it, worlds are compared only
     /// for pairs whose boxes overlap.

@@ -5,6 +5,7 @@
 
 #include <compare>
 #include <cstdint>
+#include <memory>
 #include <span>
 
 namespace broadcl {
@@ -29,11 +30,16 @@ struct Pair {
 /// What changed between two updates, each list in canonical order.
 ///
 /// Apply `removed` first, then `added`: if an object was removed and a new one got its id in between, the
-/// same pair of ids may be in both lists. The spans belong to the BroadPhase. They are valid until its next
-/// finish(), update() or shrink(), not only until begin(); BroadPhase::delta_memory() keeps them longer.
+/// same pair of ids may be in both lists.
+///
+/// The lists stay unchanged as long as this object or a copy of it exists, even if further updates follow or
+/// the BroadPhase is destroyed. The next updates then use other memory, which takes longer if more than the
+/// last Delta is kept; that memory may be much larger than the lists. A span alone is valid until the next
+/// finish(), update() or shrink() of the BroadPhase, not only until begin().
 struct Delta {
-  std::span<const Pair> added;
-  std::span<const Pair> removed;
+  std::span<const Pair> added{};
+  std::span<const Pair> removed{};
+  std::shared_ptr<const void> owner{};  ///< Of the memory of both; null if nothing had moved.
 };
 
 }  // namespace broadcl

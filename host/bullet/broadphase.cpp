@@ -86,13 +86,15 @@ struct BulletBroadphase::Impl {
       return;
     }
     if (pairs.own() == nullptr) {
-      throw Error("shape culling needs the broad phase's own pair cache; pass no cache to its constructor");
+      throw Error::invalid_argument(
+          "shape culling needs the broad phase's own pair cache; pass no cache to its constructor");
     }
     if (world->getBroadphase() != &self) {
-      throw Error("the Bullet world for shape culling has another broad phase; pass the one that has this");
+      throw Error::invalid_argument(
+          "the Bullet world for shape culling has another broad phase; pass the one that has this");
     }
     if (dynamic_cast<const btCollisionDispatcherMt*>(world->getDispatcher()) != nullptr) {
-      throw Error(
+      throw Error::invalid_argument(
           "a btCollisionDispatcherMt dispatches the pairs itself, so shape culling would do nothing; "
           "use a btCollisionDispatcher");
     }

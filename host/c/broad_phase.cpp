@@ -95,7 +95,7 @@ broadcl_status broadcl_pair_list_destroy(broadcl_pair_list* list) {
   return c::call(__func__, [&] { delete list; });
 }
 
-broadcl_status broadcl_pair_list_get(const broadcl_pair_list* list, broadcl_pairs* pairs) {
+broadcl_status broadcl_pair_list_pairs(const broadcl_pair_list* list, broadcl_pairs* pairs) {
   return c::call(__func__, [&] { c::required(pairs, "pairs") = c::to_c(c::required(list, "list").pairs); });
 }
 
@@ -182,8 +182,8 @@ broadcl_status broadcl_broad_phase_pairs(broadcl_broad_phase* broad_phase, broad
   });
 }
 
-broadcl_status broadcl_broad_phase_count(const broadcl_broad_phase* broad_phase, std::size_t* count) {
-  return c::call(__func__, [&] { c::required(count, "count") = object(broad_phase).size(); });
+broadcl_status broadcl_broad_phase_size(const broadcl_broad_phase* broad_phase, std::size_t* size) {
+  return c::call(__func__, [&] { c::required(size, "size") = object(broad_phase).size(); });
 }
 
 broadcl_status broadcl_broad_phase_device(broadcl_broad_phase* broad_phase, broadcl_device_info* info) {

@@ -16,14 +16,22 @@
 /// size.
 namespace broadcl::c {
 
-/// The exception that becomes BROADCL_INVALID_ARGUMENT.
-class InvalidArgument : public Error {
- public:
-  using Error::Error;
-};
-
 /// Makes this the thread's last error.
 void set_last_error(const char* function, const char* text) noexcept;
+
+[[nodiscard]] constexpr broadcl_status status_of(ErrorKind kind) noexcept {
+  switch (kind) {
+    case ErrorKind::invalid_argument:
+      return BROADCL_INVALID_ARGUMENT;
+    case ErrorKind::out_of_device_memory:
+      return BROADCL_OUT_OF_DEVICE_MEMORY;
+    case ErrorKind::device_lost:
+      return BROADCL_DEVICE_LOST;
+    case ErrorKind::other:
+      break;
+  }
+  return BROADCL_FAILED;
+}
 
 /// Does the work of a function, and turns every exception into a status.
 template <class Function>
@@ -31,9 +39,9 @@ broadcl_status call(const char* name, const Function& function) noexcept {
   try {
     function();
     return BROADCL_SUCCESS;
-  } catch (const InvalidArgument& error) {
+  } catch (const Error& error) {
     set_last_error(name, error.what());
-    return BROADCL_INVALID_ARGUMENT;
+    return status_of(error.kind());
   } catch (const std::bad_alloc&) {
     set_last_error(name, "memory of the host is exhausted; use fewer or smaller objects");
     return BROADCL_OUT_OF_MEMORY;
@@ -49,7 +57,7 @@ broadcl_status call(const char* name, const Function& function) noexcept {
 /// The target of a pointer, which must not be null.
 template <class T>
 T& required(T* pointer, const char* name) {
-  if (pointer == nullptr) throw InvalidArgument(std::string(name) + " is null; it must not be");
+  if (pointer == nullptr) throw Error::invalid_argument(std::string(name) + " is null; it must not be");
   return *pointer;
 }
 
@@ -58,7 +66,7 @@ template <class T>
 [[nodiscard]] std::span<const T> array(const T* items, std::size_t count, const char* name) {
   if (count > 0) required(items, name);
   if (count > PTRDIFF_MAX / sizeof(T)) {
-    throw InvalidArgument(std::to_string(count) + " elements of " + name + " do not fit into memory");
+    throw Error::invalid_argument(std::to_string(count) + " elements of " + name + " do not fit into memory");
   }
   return {items, count};
 }
@@ -69,8 +77,8 @@ template <class Struct>
 void check_size(const Struct& given, const char* name) {
   constexpr std::size_t most = 4096;
   if (given.size <= sizeof(std::size_t) || given.size % alignof(Struct) != 0 || given.size > most) {
-    throw InvalidArgument(std::string(name) + "->size is " + std::to_string(given.size) +
-                          "; set it to sizeof, here " + std::to_string(sizeof(Struct)));
+    throw Error::invalid_argument(std::string(name) + "->size is " + std::to_string(given.size) +
+                                  "; set it to sizeof, here " + std::to_string(sizeof(Struct)));
   }
 }
 
@@ -83,8 +91,8 @@ template <class Struct>
   const auto* bytes = reinterpret_cast<const unsigned char*>(given);
   for (std::size_t k = sizeof(Struct); k < given->size; ++k) {
     if (bytes[k] != 0) {
-      throw InvalidArgument(std::string(name) +
-                            " sets members that this library is too old for; update it, or leave them 0");
+      throw Error::invalid_argument(
+          std::string(name) + " sets members that this library is too old for; update it, or leave them 0");
     }
   }
   Struct result{};

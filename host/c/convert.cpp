@@ -15,10 +15,8 @@ template <Bound S>
 BoxView view_of(const broadcl_boxes& boxes) {
   const bool is_flat = boxes.dimensions == 2;
   const auto* numbers = static_cast<const S*>(boxes.data);
-  const std::ptrdiff_t packed = is_flat ? 4 * sizeof(S) : 6 * sizeof(S);
-  const std::ptrdiff_t stride = boxes.stride == 0 ? packed : boxes.stride;
-  return is_flat ? BoxView::rectangles(numbers, boxes.count, stride)
-                 : BoxView::interleaved(numbers, boxes.count, stride);
+  return is_flat ? BoxView::rectangles(numbers, boxes.count, boxes.stride)
+                 : BoxView::interleaved(numbers, boxes.count, boxes.stride);
 }
 
 }  // namespace
@@ -26,8 +24,8 @@ BoxView view_of(const broadcl_boxes& boxes) {
 BoxView to_view(const broadcl_boxes* boxes, const char* name) {
   const broadcl_boxes given = read(boxes, name);
   if (given.dimensions == 1 || given.dimensions > 3) {
-    throw InvalidArgument(std::string(name) + "->dimensions is " + std::to_string(given.dimensions) +
-                          "; give 2 or 3");
+    throw Error::invalid_argument(std::string(name) + "->dimensions is " + std::to_string(given.dimensions) +
+                                  "; give 2 or 3");
   }
   try {
     switch (given.type) {
@@ -37,10 +35,10 @@ BoxView to_view(const broadcl_boxes* boxes, const char* name) {
         return view_of<double>(given);
     }
   } catch (const Error& error) {
-    throw InvalidArgument(std::string(name) + ": " + error.what());
+    throw Error(std::string(name) + ": " + error.what(), error.kind());
   }
-  throw InvalidArgument(std::string(name) + "->type is " + std::to_string(given.type) +
-                        "; give BROADCL_FLOAT32 or BROADCL_FLOAT64");
+  throw Error::invalid_argument(std::string(name) + "->type is " + std::to_string(given.type) +
+                                "; give BROADCL_FLOAT32 or BROADCL_FLOAT64");
 }
 
 std::span<const Pair> to_pairs(const broadcl_pair* pairs, std::size_t count, const char* name) {

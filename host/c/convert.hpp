@@ -43,13 +43,13 @@ static_assert(sizeof(broadcl_pair) == sizeof(Pair) && sizeof(broadcl_aabb) == si
 }
 
 /// Pairs of the caller.
-/// @throws InvalidArgument if the pointer is null and the count is not 0.
+/// @throws Error if the pointer is null and the count is not 0.
 [[nodiscard]] std::span<const Pair> to_pairs(const broadcl_pair* pairs, std::size_t count, const char* name);
 
-/// @throws InvalidArgument for arguments that BoxView does not accept.
+/// @throws Error for arguments that BoxView does not accept.
 [[nodiscard]] BoxView to_view(const broadcl_boxes* boxes, const char* name);
 
-/// @throws InvalidArgument
+/// @throws Error
 [[nodiscard]] Config to_config(const broadcl_config* config);
 
 /// Null if the handler is null.

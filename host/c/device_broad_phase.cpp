@@ -37,12 +37,14 @@ DeviceBroadPhase::Boxes to_boxes(const broadcl_device_boxes* boxes) {
   DeviceBroadPhase::Boxes result{.buffer = given.buffer,
                                  .count = given.count,
                                  .offset = given.offset,
+                                 .stride = given.stride,
                                  .filters = given.filters,
                                  .worlds = given.worlds != 0,
                                  .ordered_worlds = given.ordered_worlds};
-  result.second = {.buffer = given.second_buffer, .count = given.second_count, .offset = given.second_offset};
-  if (given.stride != 0) result.stride = given.stride;
-  if (given.second_stride != 0) result.second.stride = given.second_stride;
+  result.second = {.buffer = given.second_buffer,
+                   .count = given.second_count,
+                   .offset = given.second_offset,
+                   .stride = given.second_stride};
   return result;
 }
 

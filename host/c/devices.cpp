@@ -24,8 +24,8 @@ namespace {
 template <class T>
 const T& item(const std::vector<T>& items, std::size_t index) {
   if (index >= items.size()) {
-    throw InvalidArgument("index is " + std::to_string(index) + ", but there are " +
-                          std::to_string(items.size()) + "; they count from 0");
+    throw Error::invalid_argument("index is " + std::to_string(index) + ", but there are " +
+                                  std::to_string(items.size()) + "; they count from 0");
   }
   return items[index];
 }
@@ -49,8 +49,8 @@ broadcl_status broadcl_device_list_destroy(broadcl_device_list* list) {
   return c::call(__func__, [&] { delete list; });
 }
 
-broadcl_status broadcl_device_list_count(const broadcl_device_list* list, std::size_t* count) {
-  return c::call(__func__, [&] { c::required(count, "count") = c::required(list, "list").devices.size(); });
+broadcl_status broadcl_device_list_size(const broadcl_device_list* list, std::size_t* size) {
+  return c::call(__func__, [&] { c::required(size, "size") = c::required(list, "list").devices.size(); });
 }
 
 broadcl_status broadcl_device_list_get(const broadcl_device_list* list, std::size_t index,

@@ -161,7 +161,8 @@ void Objects::settle() noexcept {
 }
 
 void Objects::reserve(std::size_t ids) {
-  if (ids > most_objects) throw Error("more than 1073741824 objects on a rank; use more ranks");
+  if (ids > most_objects)
+    throw Error::invalid_argument("more than 1073741824 objects on a rank; use more ranks");
   if (ids <= capacity_) return;
   const std::size_t capacity = std::max(ids, capacity_ + capacity_ / 2);
   for (std::vector<Aabb>* boxes : {&now_, &last_}) boxes->reserve(capacity);
@@ -197,8 +198,8 @@ void Objects::store_filter(std::uint32_t id, const Filter& filter) noexcept {
 
 void Objects::refuse_unknown(std::uint32_t id) const {
   if (id >= ids() || is_live_[id] == 0) {
-    throw Error("no object of this rank has the id " + std::to_string(id) +
-                "; use the ids that add() returned");
+    throw Error::invalid_argument("no object of this rank has the id " + std::to_string(id) +
+                                  "; use the ids that add() returned");
   }
 }
 

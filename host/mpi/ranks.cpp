@@ -63,14 +63,15 @@ Ranks::Host Ranks::host() const {
   return result;
 }
 
-void Ranks::agree(const char* failure) const {
+void Ranks::agree(const char* failure, ErrorKind kind) const {
   int first = failure == nullptr ? count_ : rank_;
   check(MPI_Allreduce(MPI_IN_PLACE, &first, 1, MPI_INT, MPI_MIN, comm_), "MPI_Allreduce");
   if (first == count_) return;
   std::array<char, 4096> text{};
   if (failure != nullptr && first == rank_) std::strncpy(text.data(), failure, text.size() - 1);
   check(MPI_Bcast(text.data(), static_cast<int>(text.size()), MPI_CHAR, first, comm_), "MPI_Bcast");
-  throw Error("rank " + std::to_string(first) + ": " + text.data());
+  check(MPI_Bcast(&kind, sizeof kind, MPI_BYTE, first, comm_), "MPI_Bcast");
+  throw Error("rank " + std::to_string(first) + ": " + text.data(), kind);
 }
 
 void Ranks::gather_bytes(const void* value, std::size_t size, void* values) const {

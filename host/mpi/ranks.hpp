@@ -13,6 +13,8 @@
 #include <utility>
 #include <vector>
 
+#include <broadcl/error.hpp>
+
 namespace broadcl::mpi {
 
 /// Memory for a message, which grows without being filled.
@@ -70,6 +72,9 @@ class Ranks {
     } catch (const std::bad_alloc&) {
       agree("no memory on the host");
       return;
+    } catch (const Error& error) {
+      agree(error.what(), error.kind());
+      return;
     } catch (const std::exception& error) {
       agree(error.what());
       return;
@@ -109,7 +114,7 @@ class Ranks {
  private:
   /// @param failure What failed here, or null.
   /// @throws Error
-  void agree(const char* failure) const;
+  void agree(const char* failure, ErrorKind kind = ErrorKind::other) const;
   void gather_bytes(const void* value, std::size_t size, void* values) const;
   void gather_all_bytes(const void* values, const std::vector<std::uint64_t>& sizes, void* all) const;
 

@@ -30,7 +30,7 @@ Context::Context(const cl::CommandQueue& queue, CompileHandler on_compile, std::
   const std::string label = describe(queue).label();
   translate_errors(label, [&] {
     if ((queue.getInfo<CL_QUEUE_PROPERTIES>() & CL_QUEUE_OUT_OF_ORDER_EXEC_MODE_ENABLE) != 0) {
-      throw Error(label + ": the queue is out of order; give one that is in order");
+      throw Error::invalid_argument(label + ": the queue is out of order; give one that is in order");
     }
     opened_ = opened_device(queue);
     open(queue, tuning);

@@ -170,39 +170,8 @@ std::optional<Device> best_of(const std::vector<Device>& devices, const Matcher&
   return best;
 }
 
-/// For each card, the device of the driver with the greatest rank, the first of equals.
-std::vector<Device> one_per_card(const std::vector<Device>& devices) {
-  std::vector<Device> cards;
-  for (const Device& device : devices) {
-    const auto known =
-        std::ranges::find_if(cards, [&](const Device& other) { return is_same_card(device, other); });
-    if (known == cards.end()) {
-      cards.push_back(device);
-    } else if (rank(device) > rank(*known)) {
-      *known = device;
-    }
-  }
-  return cards;
-}
-
 Matcher of_type(DeviceType type) {
   return [type](const Device& device) { return device.type == type; };
-}
-
-/// Why the default is what it is.
-/// @param among One device per card.
-std::string why_best(const Device& best, const std::vector<Device>& among) {
-  if (among.size() == 1) return "it is the only device";
-  const auto count = [&](const auto& matches) { return std::ranges::count_if(among, matches); };
-  const bool is_gpu = best.type == DeviceType::gpu;
-  const std::string kind = is_gpu ? "GPU" : best.type == DeviceType::cpu ? "CPU" : "device";
-  const std::string no_gpu = is_gpu ? "" : "there is no GPU, and ";
-  if (count(of_type(best.type)) == 1) return no_gpu + "it is the only " + kind;
-  if (is_discrete(best) && count(is_discrete) == 1) return "it is the only GPU with memory of its own";
-  if (is_discrete(best) && count(is_discrete) < count(of_type(best.type))) {
-    return "it has the most arithmetic units times clock frequency of the GPUs with memory of their own";
-  }
-  return no_gpu + "it has the most arithmetic units times clock frequency of the " + kind + "s";
 }
 
 /// @param platforms The names of those that are there.
@@ -263,13 +232,6 @@ std::string Device::label() const {
   return platform_name + " / " + name;
 }
 
-bool is_same_card(const Device& a, const Device& b) {
-  if (a.platform == b.platform || a.type == DeviceType::cpu || b.type == DeviceType::cpu) return false;
-  if (!a.pci_address.empty() && !b.pci_address.empty()) return a.pci_address == b.pci_address;
-  if (!a.uuid.empty() && !b.uuid.empty()) return a.uuid == b.uuid;
-  return a.name == b.name && a.memory == b.memory;
-}
-
 std::vector<Device> devices(std::vector<std::string>* failures) {
   opencl::use_in_this_process();  // before the lock, which another thread may have held at a fork
   // PoCL 3.1 returns devices that another thread's first call is still setting up.
@@ -322,18 +284,6 @@ Device select_device(std::string_view selector, const std::vector<Device>& among
   }
   if (const auto device = best_of(among, matcher_of(selector))) return *device;
   throw Error("no OpenCL device matches '" + std::string(selector) + "'; use one of: " + list_of(among));
-}
-
-std::string reason_for_default(const std::vector<Device>& among) {
-  if (const std::optional<std::string> variable = environment("BROADCL_DEVICE")) {
-    return "BROADCL_DEVICE is '" + *variable + "'";
-  }
-  const Device best = select_device({}, among);
-  std::string reason = why_best(best, one_per_card(among));
-  for (const Device& device : among) {
-    if (is_same_card(device, best)) reason += "; " + device.id() + " is the same card with another driver";
-  }
-  return reason;
 }
 
 namespace opencl {

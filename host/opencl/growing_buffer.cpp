@@ -10,8 +10,9 @@ namespace broadcl::opencl {
 void refuse_too_large(const Context& context, std::size_t bytes, std::string_view what, std::uint64_t most) {
   if (bytes <= most) return;
   throw Error(context.device().label() + ": needs a buffer of " + std::to_string(bytes) + " bytes for the " +
-              std::string(what) + ", but the device allocates at most " + std::to_string(most) +
-              "; use fewer boxes, another algorithm or a device with more memory");
+                  std::string(what) + ", but the device allocates at most " + std::to_string(most) +
+                  "; use fewer boxes, another algorithm or a device with more memory",
+              ErrorKind::out_of_device_memory);
 }
 
 std::size_t grown(const Context& context, std::size_t bytes, std::string_view what, std::uint64_t most) {

@@ -1,5 +1,7 @@
 #include "opencl/shared_buffer.hpp"
 
+#include <utility>
+
 #include "opencl/launch.hpp"
 #include "opencl/process.hpp"
 
@@ -15,22 +17,27 @@ SharedBuffer::SharedBuffer(const Context& context, std::size_t bytes, bool direc
     *host_ = MappedBuffer(context, context.pinned(bytes), bytes);
     host_->map();
   }
-}
-
-std::shared_ptr<const void> SharedBuffer::host_owner() const {
-  // Whoever has it last waits until it is released: Context, which waits for its queue, may be gone.
+  // Whoever has a copy last waits until the memory is released: Context, which waits for its queue, may be
+  // gone.
   struct Owner {
     cl::CommandQueue queue;
     std::shared_ptr<MappedBuffer> host;
   };
-  const std::shared_ptr<const Owner> last(new Owner{queue_, host_}, [](const Owner* owner) {
+  owner_ = std::shared_ptr<const Owner>(new Owner{queue_, host_}, [](const Owner* owner) {
     if (is_forked()) return;
     const cl::CommandQueue queue = owner->queue;
     const std::weak_ptr<MappedBuffer> buffer = owner->host;
     delete owner;
     if (buffer.expired()) wait_if_possible(queue);
   });
-  return {last, host_.get()};
+}
+
+SharedBuffer& SharedBuffer::operator=(SharedBuffer&& other) noexcept {
+  owner_ = std::move(other.owner_);
+  host_ = std::move(other.host_);
+  device_ = std::move(other.device_);
+  queue_ = std::move(other.queue_);
+  return *this;
 }
 
 void SharedBuffer::release() {

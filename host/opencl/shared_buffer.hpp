@@ -16,6 +16,11 @@ namespace broadcl::opencl {
 class SharedBuffer {  // NOLINT(bugprone-exception-escape): handles do not throw when moved
  public:
   SharedBuffer() = default;
+  ~SharedBuffer() = default;
+  SharedBuffer(const SharedBuffer&) = delete;
+  SharedBuffer& operator=(const SharedBuffer&) = delete;
+  SharedBuffer(SharedBuffer&&) noexcept = default;
+  SharedBuffer& operator=(SharedBuffer&& other) noexcept;
   /// Belongs to the device, not initialised.
   /// @param bytes At least 1.
   /// @throws cl::Error
@@ -28,11 +33,10 @@ class SharedBuffer {  // NOLINT(bugprone-exception-escape): handles do not throw
     return device_() != nullptr ? device_ : host_->buffer();
   }
 
-  /// An owner of the memory of host(). Do not call release() or download() as long as it exists.
-  /// @throws std::bad_alloc
-  [[nodiscard]] std::shared_ptr<const void> host_owner() const;
-  /// Whether somebody does.
-  [[nodiscard]] bool is_kept() const noexcept { return broadcl::is_kept(host_); }
+  /// Of the memory of host(). Do not call release() or download() as long as there are copies.
+  [[nodiscard]] const std::shared_ptr<const void>& owner() const noexcept { return owner_; }
+  /// Whether there are.
+  [[nodiscard]] bool is_kept() const noexcept { return broadcl::is_kept(owner_); }
 
   /// Enqueues the command that releases it to the device.
   /// @throws cl::Error
@@ -48,6 +52,7 @@ class SharedBuffer {  // NOLINT(bugprone-exception-escape): handles do not throw
   cl::CommandQueue queue_;
   cl::Buffer device_;  // null if host and device share memory
   std::shared_ptr<MappedBuffer> host_ = std::make_shared<MappedBuffer>();
+  std::shared_ptr<const void> owner_;  // ends before host_, unless others have copies
 };
 
 }  // namespace broadcl::opencl

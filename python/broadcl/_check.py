@@ -62,7 +62,7 @@ def _result(algorithm: str, device: _core.Device | None, frames: list[tuple[str,
         broad_phase = _core.BroadPhase(device=device, algorithm=algorithm)
         known = np.empty((0, 2), np.uint32)
         for frame, boxes, expected in frames:
-            broad_phase.boxes(len(boxes))[:] = boxes
+            broad_phase.map(len(boxes))[:] = boxes
             added, removed = broad_phase.update()
             known = _apply(known, added, removed)
             for pairs in (broad_phase.pairs(), known):

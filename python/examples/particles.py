@@ -20,7 +20,7 @@ STEP = 0.004
 
 def neighbours(broad_phase: broadcl.BroadPhase, positions: np.ndarray) -> tuple[np.ndarray, broadcl.Delta]:
     """Pairs of particles that are at most CUT_OFF apart. Their cubes of that size overlap, and those of some others."""
-    boxes = broad_phase.boxes(len(positions))
+    boxes = broad_phase.map(len(positions))
     boxes[:, :3] = positions - CUT_OFF / 2
     boxes[:, 3:] = positions + CUT_OFF / 2
     delta = broad_phase.update()

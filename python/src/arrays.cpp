@@ -50,7 +50,7 @@ nb::object to_array(std::vector<Pair>&& pairs) {
   return Array(data, {size, 2}, keep(std::move(owner))).cast(nb::rv_policy::reference);
 }
 
-nb::object to_array(std::span<const Pair> pairs, const std::shared_ptr<const void>& memory) {
+nb::object to_array(std::span<const Pair> pairs, const std::shared_ptr<const void>& owner) {
   // To copy these takes a microsecond or two; to store them otherwise would keep a whole buffer of the
   // device.
   constexpr std::size_t few = 2048;
@@ -58,7 +58,7 @@ nb::object to_array(std::span<const Pair> pairs, const std::shared_ptr<const voi
   // Whatever is written to the array, nobody but the caller reads it.
   auto* words = const_cast<std::uint32_t*>(reinterpret_cast<const std::uint32_t*>(pairs.data()));
   using Array = nb::ndarray<nb::numpy, std::uint32_t, nb::shape<-1, 2>>;
-  return Array(words, {pairs.size(), 2}, keep(std::make_unique<std::shared_ptr<const void>>(memory)))
+  return Array(words, {pairs.size(), 2}, keep(std::make_unique<std::shared_ptr<const void>>(owner)))
       .cast(nb::rv_policy::reference);
 }
 

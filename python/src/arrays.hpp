@@ -28,7 +28,7 @@ nanobind::capsule keep(std::unique_ptr<Owner> owner) {
 /// An (m, 2) uint32 array that shows pairs of the core, and keeps their memory alive; or owns a copy of them
 /// if they are few.
 [[nodiscard]] nanobind::object to_array(std::span<const Pair> pairs,
-                                        const std::shared_ptr<const void>& memory);
+                                        const std::shared_ptr<const void>& owner);
 
 /// An (n,) uint32 array, which takes the words over.
 [[nodiscard]] nanobind::object to_array(std::vector<std::uint32_t>&& words);

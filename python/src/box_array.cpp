@@ -6,7 +6,6 @@
 #include <cstddef>
 #include <cstdint>
 #include <string>
-#include <string_view>
 #include <utility>
 
 #include "device_array.hpp"
@@ -46,8 +45,11 @@ bool is_sequence(nb::handle object) {
 
 }  // namespace
 
-bool is_of_nan(const std::exception& error) noexcept {
-  return std::string_view(error.what()).find(" has a NaN bound; ") != std::string_view::npos;
+void refuse_too_many(std::size_t boxes) {
+  constexpr std::size_t most = std::size_t{1} << 31;
+  if (boxes <= most) return;
+  throw nb::value_error(
+      (std::to_string(boxes) + " boxes are too many; use at most " + std::to_string(most)).c_str());
 }
 
 BoxArray::BoxArray(nb::handle boxes, std::string name) : name_(std::move(name)) {
@@ -57,6 +59,7 @@ BoxArray::BoxArray(nb::handle boxes, std::string name) : name_(std::move(name)) 
   } else {
     take_one(boxes);
   }
+  refuse_too_many(view_.size());
 }
 
 void BoxArray::refuse_nan() const {
@@ -133,7 +136,8 @@ void BoxArray::take_one(nb::handle boxes) {
   const std::size_t own = is_corners ? 2 : 1;  // dimensions of one box
   if ((!is_corners && !is_row) || dimensions > own + 1) refuse_shape(array);
   is_single_ = dimensions == own;
-  if (last(array) == 4 && array.stride(dimensions - 1) != 1) {
+  const bool is_repeated = !is_single_ && array.stride(0) == 0;
+  if (is_repeated || (last(array) == 4 && array.stride(dimensions - 1) != 1)) {
     const nb::object numpy = nb::module_::import_("numpy");
     arrays_[0] = nb::cast<Array>(numpy.attr("ascontiguousarray")(arrays_[0].cast()));
   }
@@ -173,8 +177,8 @@ void BoxArray::take_two(nb::handle lower, nb::handle upper) {
     throw nb::value_error(("lower and upper corners of " + name_ + " must be of the same shape").c_str());
   }
   is_single_ = first.ndim() == 1;
-  const bool is_alike =
-      first.dtype() == second.dtype() && (is_single_ || first.stride(0) == second.stride(0));
+  const bool is_alike = first.dtype() == second.dtype() &&
+                        (is_single_ || (first.stride(0) == second.stride(0) && first.stride(0) != 0));
   if (!is_alike) {
     const nb::object numpy = nb::module_::import_("numpy");
     const char* type = is_float64(first) || is_float64(second) ? "float64" : "float32";

@@ -4,19 +4,19 @@
 #include <nanobind/ndarray.h>
 
 #include <array>
-#include <exception>
+#include <cstddef>
 #include <string>
 
 #include <broadcl/box_view.hpp>
 
 namespace broadcl::python {
 
-/// Whether an error of the core is that a box has a NaN bound.
-[[nodiscard]] bool is_of_nan(const std::exception& error) noexcept;
+/// @throws ValueError for more boxes than the core takes.
+void refuse_too_many(std::size_t boxes);
 
 /// Boxes that a caller gives in any of the forms that docs/python.md lists, read where they are. Only what no
 /// BoxView can view is copied: lists, columns of rectangles or of two arrays that are not the same distance
-/// apart, memory that is misaligned or in the other byte order.
+/// apart, one box that is repeated, memory that is misaligned or in the other byte order.
 ///
 /// Made, copied and destroyed with the GIL; the view can be read without.
 class BoxArray {

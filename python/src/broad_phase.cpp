@@ -80,7 +80,6 @@ class Objects {
 
   nb::object add(nb::handle boxes, nb::handle group, nb::handle mask, nb::handle body, nb::handle world) {
     const BoxArray array(boxes, "boxes");
-    refuse_too_many(array.view().size());
     array.refuse_nan();
     const Filters filters(group, mask, body, world, array.view().size());
     const OneThread::Use use(thread_);
@@ -166,24 +165,22 @@ class Objects {
     live_.shrink_to_fit();
   }
 
-  nb::object boxes(std::size_t n) {
+  nb::object map(std::size_t n) {
     refuse_too_many(n);
     const OneThread::Use use(thread_);
-    std::span<Aabb> mapped;
-    const std::shared_ptr<const void> before = broad_phase_->mapped_memory();
+    MappedBoxes mapped;
     try {
       const GilReleased released;
       live_.reserve(n);
       mapped = broad_phase_->map(n);
       live_.assign(n, 1);
-    } catch (...) {  // `auto` leaves a device that failed, and its memory
-      if (broad_phase_->mapped_memory() != before) take_mapped();
+    } catch (const Error&) {  // `auto` leaves a device that failed, and its memory
+      take_mapped();
       throw;
     }
     take_mapped();
     using Array = nb::ndarray<nb::numpy, float, nb::shape<-1, 6>>;
-    array_ = Array(mapped.data(), {n, 6},
-                   keep(std::make_unique<std::shared_ptr<const void>>(broad_phase_->mapped_memory())))
+    array_ = Array(mapped.data(), {n, 6}, keep(std::make_unique<std::shared_ptr<const void>>(mapped.owner)))
                  .cast(nb::rv_policy::reference);
     return array_;
   }
@@ -241,38 +238,32 @@ class Objects {
         delta_ = function();
       });
     }
-    const std::shared_ptr<const void> memory = broad_phase_->delta_memory();
-    Changes changes{to_array(delta_->added, memory), to_array(delta_->removed, memory)};
+    Changes changes{to_array(delta_->added, delta_->owner), to_array(delta_->removed, delta_->owner)};
     delta_.reset();
     return changes;
   }
 
-  /// Ends the writing to the array of boxes(): it can only be read from now on.
+  /// Ends the writing to the array of map(): it can only be read from now on.
   void take_mapped() {
     if (!array_.is_valid()) return;
     array_.attr("setflags")("write"_a = false);
     array_.reset();
   }
 
-  /// Does an update, or begins one. A NaN in the array of boxes() is the caller's error, not the device's,
+  /// Does an update, or begins one. A NaN in the array of map() is the caller's error, not the device's,
   /// and can be corrected there: only then is the array still to be written.
   template <class Function>
   void or_refuse_nan(const Function& function) {
     try {
       function();
-    } catch (const std::exception& error) {
-      if (is_of_nan(error)) throw nb::value_error(error.what());
+    } catch (const Error& error) {
+      if (error.kind() != ErrorKind::invalid_argument) take_mapped();
+      throw;
+    } catch (...) {
       take_mapped();
       throw;
     }
     take_mapped();
-  }
-
-  static void refuse_too_many(std::size_t boxes) {
-    constexpr std::size_t most = std::size_t{1} << 31;
-    if (boxes <= most) return;
-    throw nb::value_error(
-        (std::to_string(boxes) + " boxes are too many; use at most " + std::to_string(most)).c_str());
   }
 
   void refuse_unknown(const Words& ids) const {
@@ -293,7 +284,7 @@ class Objects {
   std::vector<std::uint8_t> live_;  // by id
   std::optional<Delta> delta_;      // of the last update, until its arrays are made
 
-  nb::object array_;  // of boxes(), as long as what is written there counts
+  nb::object array_;  // of map(), as long as what is written there counts
 };
 
 }  // namespace
@@ -476,8 +467,8 @@ Error
     Between `begin` and `finish`, and if the device fails.
 MemoryError
     If memory runs out.)")
-      .def("boxes", &Objects::boxes, "n"_a,
-           nb::sig("def boxes(self, n: int) -> numpy.typing.NDArray[numpy.float32]"),
+      .def("map", &Objects::map, "n"_a,
+           nb::sig("def map(self, n: int) -> numpy.typing.NDArray[numpy.float32]"),
            R"(Makes 0 .. n-1 the ids of the objects, and returns their boxes for you to write.
 
 New objects have empty boxes. All objects count as moved. A NaN is a ValueError of the next `update`,
@@ -493,7 +484,7 @@ Returns
 numpy.ndarray
     ``(n, 6)`` float32: lower x, y, z, upper x, y, z. It is the memory that the device, or an
     algorithm of the host, reads. The next call that changes or updates anything takes the boxes and
-    makes the array read-only; call `boxes` again for the next frame. Slices that were made from it
+    makes the array read-only; call `map` again for the next frame. Slices that were made from it
     before must not be written afterwards, either. The array keeps its memory alive.
 
 Raises
@@ -517,7 +508,7 @@ Delta
 Raises
 ------
 ValueError
-    For a NaN that was written to `boxes`.
+    For a NaN that was written to the array of `map`.
 Error
     If the device fails.
 MemoryError

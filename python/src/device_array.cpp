@@ -141,11 +141,11 @@ DeviceBoxes::DeviceBoxes(nb::handle boxes, nb::handle queue, const std::string& 
     buffer = to_handle<cl_mem>(stand_in);
     return;
   }
-  if ((!is_rows && !is_corners) || strides[0] < 0) {
+  if ((!is_rows && !is_corners) || strides[0] < 0 || (strides[0] == 0 && shape[0] > 1)) {
     throw nb::value_error(
         (name +
          " must be of shape (n, 6) or (n, 2, 3) on a device, with the numbers of a box side "
-         "by side and no negative stride; not " +
+         "by side and a positive stride; not " +
          text)
             .c_str());
   }

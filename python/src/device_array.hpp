@@ -30,7 +30,7 @@ struct DeviceBoxes {
   nanobind::object stand_in;  ///< Owns that buffer if the array, which has no boxes, has none.
   std::size_t count = 0;
   std::size_t offset = 0;
-  std::size_t stride = 24;
+  std::size_t stride = 0;
 };
 
 /// Filters in an array (n, 4) uint32, or in a buffer.

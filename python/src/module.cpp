@@ -1,6 +1,9 @@
 #include <nanobind/nanobind.h>
 #include <nanobind/stl/vector.h>
 
+#include <array>
+#include <cstddef>
+#include <exception>
 #include <optional>
 #include <string>
 #include <utility>
@@ -55,8 +58,9 @@ nb::object find_pairs(nb::handle a, nb::handle b, nb::handle exclusions, const S
     pairs = second ? overlapping_pairs(first.view(), second->view(), config, without)
                    : overlapping_pairs(first.view(), config, without);
   } catch (const Error& error) {
-    if (is_of_nan(error)) first.refuse_nan();
-    if (is_of_nan(error) && second) second->refuse_nan();
+    const bool may_be_nan = error.kind() == ErrorKind::invalid_argument;
+    if (may_be_nan) first.refuse_nan();
+    if (may_be_nan && second) second->refuse_nan();
     throw;
   }
   return to_array(std::move(pairs));
@@ -92,6 +96,41 @@ nb::dict algorithm_summaries() {
     result[nb::str(row.name.data(), row.name.size())] = nb::str(row.summary.data(), row.summary.size());
   }
   return result;
+}
+
+nb::object add_exception(nb::module_& module, const std::string& name, nb::handle base,
+                         const char* description) {
+  auto type = nb::steal(
+      PyErr_NewExceptionWithDoc(("broadcl._core." + name).c_str(), description, base.ptr(), nullptr));
+  if (!type.is_valid()) throw nb::python_error();
+  module.attr(name.c_str()) = type;
+  return type;
+}
+
+void add_errors(nb::module_& module) {
+  const nb::object error =
+      add_exception(module, "Error", PyExc_RuntimeError,
+                    "What was requested cannot be done, for instance because a device or driver fails.\n\n"
+                    "The text says what to do.");
+  const nb::object memory =
+      add_exception(module, "OutOfDeviceMemory", error,
+                    "OpenCL has too little memory. The object can be used with fewer boxes or pairs.");
+  const nb::object lost = add_exception(module, "DeviceLost", error,
+                                        "The device may be lost: create a new object.\n\n"
+                                        "(Some drivers report exhausted memory in the same way.)");
+  // By ErrorKind. The module owns the classes, and is never unloaded.
+  static std::array<PyObject*, 4> classes;
+  classes = {error.ptr(), PyExc_ValueError, memory.ptr(), lost.ptr()};
+  nb::register_exception_translator(
+      [](const std::exception_ptr& thrown, void* by_kind) {
+        try {
+          std::rethrow_exception(thrown);
+        } catch (const Error& failure) {
+          const auto& types = *static_cast<const std::array<PyObject*, 4>*>(by_kind);
+          PyErr_SetString(types.at(static_cast<std::size_t>(failure.kind())), failure.what());
+        }
+      },
+      &classes);
 }
 
 std::vector<Device> all_devices() {
@@ -143,8 +182,7 @@ NB_MODULE(_core, module) {
     throw nb::import_error("broadcl works in the main interpreter only; start another process");
   }
   module.doc() = "The C++ core of BroadCL.";
-  nb::exception<broadcl::Error>(module, "Error", PyExc_RuntimeError).attr("__doc__") =
-      "The device or the driver cannot do what was requested. The text says what to do.";
+  add_errors(module);
   add_device(module);
   add_broad_phase(module);
   add_device_broad_phase(module);
@@ -177,7 +215,7 @@ a, b : array_like or tuple
     NumPy arrays, and other objects with the buffer protocol or DLPack, are read where they are,
     with any strides. Nothing may write to them during the call. These are copied first: lists;
     memory that is misaligned or in the other byte order; ``(n, 4)`` arrays whose columns are not
-    adjacent; lower and upper corners of different types or strides.
+    adjacent; lower and upper corners of different types or strides; one box that is repeated.
 
     Boxes are closed, so boxes that touch overlap. Bounds may be infinite. A box with lower > upper
     is empty and overlaps nothing. float64 is rounded outward to float32.

@@ -92,7 +92,7 @@ class Machine(RuleBasedStateMachine):
     @rule(values=boxes(most=12))
     def write(self, values):
         n = len(values)
-        view = self.broad_phase.boxes(n)
+        view = self.broad_phase.map(n)
         assert view.shape == (n, 6) and view.dtype == np.float32
         for id in range(n):
             empty = [np.inf] * 3 + [-np.inf] * 3
@@ -186,21 +186,21 @@ def test_what_it_says_of_itself():
 
 def test_writing_counts_once():
     broad_phase = broadcl.BroadPhase()
-    view = broad_phase.boxes(2)
+    view = broad_phase.map(2)
     view[:] = [0, 0, 0, 1, 1, 1]
     assert broad_phase.update().added.tolist() == [[0, 1]]
-    with pytest.raises(ValueError, match="read-only"):  # boxes() was not called
+    with pytest.raises(ValueError, match="read-only"):  # map() was not called
         view[1] = [5, 5, 5, 6, 6, 6]
-    again = broad_phase.boxes(2)
+    again = broad_phase.map(2)
     assert np.shares_memory(again, view) and again[1, 0] == 0  # the memory of the core, without a copy
     again[1] = [5, 5, 5, 6, 6, 6]
     assert broad_phase.update().removed.tolist() == [[0, 1]]
-    view = broad_phase.boxes(2)
+    view = broad_phase.map(2)
     view[:] = [0, 0, 0, 1, 1, 1]
     broad_phase.move(1, [5, 5, 5, 6, 6, 6])  # after what was written
     assert not view.flags.writeable
     assert len(broad_phase.update().added) == 0
-    assert broad_phase.boxes(2)[1, 0] == 5
+    assert broad_phase.map(2)[1, 0] == 5
 
 
 @pytest.mark.parametrize("masks", [-1, [-1, -1], np.array([-1, -1]), np.array([-1, -1], np.int8), 0xFFFFFFFF], ids=repr)
@@ -240,7 +240,7 @@ def test_shrink(algorithm):
     broad_phase.shrink()
     assert np.array_equal(broad_phase.pairs(), oracle(values))
     assert len(spike) == count and len(kept) >= 1_999_000  # arrays stay
-    broad_phase.boxes(2)[:] = [0, 0, 0, 1, 1, 1]
+    broad_phase.map(2)[:] = [0, 0, 0, 1, 1, 1]
     broad_phase.shrink()
     broad_phase.begin()
     with pytest.raises(broadcl.Error, match="finish"):
@@ -258,7 +258,7 @@ def test_exclusions():
     assert np.array_equal(broad_phase.update().added, expected[1::2])
     broad_phase.set_exclusions([])
     assert np.array_equal(broad_phase.update().added, expected[::2])
-    view = broad_phase.boxes(2)
+    view = broad_phase.map(2)
     view[:] = [0, 0, 0, 1, 1, 1]
     broad_phase.set_exclusions([[1, 0]])  # after what was written
     broad_phase.update()

@@ -19,12 +19,12 @@ def resident() -> int:
 def test_arrays_outlive_their_object(algorithm):
     values = uniform(2000)
     broad_phase = broadcl.BroadPhase(algorithm=algorithm)
-    view = broad_phase.boxes(len(values))
+    view = broad_phase.map(len(values))
     view[:] = values
     first = broad_phase.update()
     kept = first.added
     copy = kept.copy()
-    broad_phase.boxes(5_000)[:] = uniform(5_000)  # other memory
+    broad_phase.map(5_000)[:] = uniform(5_000)  # other memory
     second = broad_phase.update().added.copy()
     all_pairs = broad_phase.pairs()
     del broad_phase, first
@@ -47,7 +47,7 @@ def test_deltas_may_be_kept(algorithm, most):
         values = uniform(n, overlaps=8, seed=frame // 2)
         if frame % 2:
             values[:10] += 1  # few changes
-        broad_phase.boxes(n)[:] = values
+        broad_phase.map(n)[:] = values
         if frame % 3 == 0:
             broad_phase.begin()
         delta = broad_phase.update()
@@ -71,7 +71,7 @@ def test_many_changes_are_not_copied(algorithm):
     places = set()
     ballast = []
     for frame in range(10):
-        broad_phase.boxes(300)[:] = (values, apart)[frame % 2]
+        broad_phase.map(300)[:] = (values, apart)[frame % 2]
         delta = broad_phase.update()  # the last one is kept until now
         assert len(delta.added) + len(delta.removed) == 300 * 299 // 2
         pairs = delta.added if len(delta.added) else delta.removed
@@ -104,7 +104,7 @@ def test_boxes_may_die_before_the_update():
     values = uniform(500)
     broad_phase = broadcl.BroadPhase()
     broad_phase.add(values.copy())
-    broad_phase.boxes(len(values))[:] = values
+    broad_phase.map(len(values))[:] = values
     gc.collect()
     assert np.array_equal(broad_phase.update().added, oracle(values))
 
@@ -149,7 +149,7 @@ def test_nothing_leaks():
         added, removed = broad_phase.update()
         broad_phase.pairs()
         other = broadcl.BroadPhase(algorithm="sweep-and-prune")
-        other.boxes(20_000)[:] = values
+        other.map(20_000)[:] = values
         other.update()
 
     for _ in range(10):
@@ -174,6 +174,6 @@ def test_objects_are_collected():
 
 def test_a_clean_exit():
     # nanobind reports what was leaked when the interpreter ends.
-    code = "import broadcl as b; p = b.BroadPhase(); v = p.boxes(3); v[:] = 0; d = p.update(); a, r = d"
+    code = "import broadcl as b; p = b.BroadPhase(); v = p.map(3); v[:] = 0; d = p.update(); a, r = d"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert run.stdout == "" and run.stderr == ""

@@ -78,7 +78,7 @@ def test_sets_without_boxes(queue):
     other = uniform(200, seed=2)
     assert np.array_equal(broad_phase.update(boxes, to_device(queue, other)).added.get(), oracle(boxes.get(), other))
     assert broad_phase.update(boxes, none).pair_count == 0
-    with pytest.raises(broadcl.Error, match="second set"):
+    with pytest.raises(ValueError, match="second set"):
         broad_phase.update(boxes)
 
 
@@ -217,11 +217,11 @@ def test_what_is_refused(queue):
         (TypeError, "b must be in host memory here", lambda: broadcl.overlapping_pairs(values, boxes)),
         (TypeError, "host memory", lambda: broadcl.BroadPhase().add(boxes)),
         (TypeError, "only for pyopencl arrays", lambda: broadcl.overlapping_pairs(values, device=queue)),
-        (ValueError, r"negative stride; not \(20, 6\) with strides \(-24, 4\)", lambda: broadcl.overlapping_pairs(boxes[::-1])),
+        (ValueError, r"positive stride; not \(20, 6\) with strides \(-24, 4\)", lambda: broadcl.overlapping_pairs(boxes[::-1])),
         (TypeError, "device must be a pyopencl.CommandQueue or None, not str", lambda: broadcl.overlapping_pairs(boxes, device="cpu")),
         (TypeError, "CommandQueue, not NoneType", lambda: broadcl.DeviceBroadPhase(None)),
         (ValueError, "no algorithm is named", lambda: broadcl.DeviceBroadPhase(queue, algorithm="magic")),
-        (broadcl.Error, "sweep-and-prune", lambda: broadcl.DeviceBroadPhase(queue, algorithm="sweep-and-prune")),
+        (ValueError, "sweep-and-prune", lambda: broadcl.DeviceBroadPhase(queue, algorithm="sweep-and-prune")),
         (ValueError, r"uint32 of shape \(20, 4\)", lambda: broad_phase.update(boxes, filters=boxes)),
         (broadcl.Error, "without begin", broad_phase.finish),
     ):
@@ -229,7 +229,7 @@ def test_what_is_refused(queue):
             call()
     assert np.array_equal(broad_phase.update(boxes).added.get(), oracle(values))
     elsewhere = cl.CommandQueue(cl.Context([queue.device]))
-    with pytest.raises(broadcl.Error, match="of another context"):
+    with pytest.raises(ValueError, match="of another context"):
         broad_phase.update(cl.Buffer(elsewhere.context, 0, 24))
 
 

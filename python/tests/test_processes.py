@@ -45,7 +45,7 @@ def run(method, target, *arguments):
 def test_a_forked_process_stays_on_the_host():
     global on_device
     broad_phase = broadcl.BroadPhase(algorithm="tiles")
-    view = broad_phase.boxes(500)
+    view = broad_phase.map(500)
     view[:] = uniform(500)
     on_device = broad_phase, view, broad_phase.update()
     run("fork", use_inherited)

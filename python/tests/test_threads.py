@@ -24,7 +24,7 @@ def test_a_second_thread_gets_an_error_and_others_go_on():
         except RuntimeError as error:
             assert "another thread is using this object" in str(error)
             refused += 1
-            for call in (broad_phase.update, broad_phase.pairs, lambda: broad_phase.boxes(3), lambda: broad_phase.remove(0)):
+            for call in (broad_phase.update, broad_phase.pairs, lambda: broad_phase.map(3), lambda: broad_phase.remove(0)):
                 with pytest.raises(RuntimeError, match="another thread") if thread.is_alive() else pytest.raises(Exception):
                     call()
                     break
@@ -80,7 +80,7 @@ def test_sub_interpreters_are_refused():
     subprocess.run([sys.executable, "-c", code], check=True, timeout=60)
 
 
-@pytest.mark.parametrize("searches", ["broadcl.overlapping_pairs(boxes)", "object.boxes(200_000)[:] = boxes; object.update()"])
+@pytest.mark.parametrize("searches", ["broadcl.overlapping_pairs(boxes)", "object.map(200_000)[:] = boxes; object.update()"])
 def test_a_daemon_thread_may_search_when_the_program_ends(searches):
     program = f"""
 import threading, time

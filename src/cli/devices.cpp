@@ -10,6 +10,7 @@
 #include <string>
 #include <vector>
 
+#include "cli/default_device.hpp"
 #include "cli/json.hpp"
 #include "cli/text.hpp"
 #include "cli/verbs.hpp"

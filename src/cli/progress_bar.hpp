@@ -7,8 +7,8 @@
 #include <optional>
 #include <string>
 
+#include "cli/operating_system.hpp"
 #include "cli/text.hpp"
-#include "system.hpp"
 
 namespace broadcl::cli {
 

@@ -7,12 +7,12 @@
 
 #include "cli/arguments.hpp"
 #include "cli/json.hpp"
+#include "cli/operating_system.hpp"
 #include "cli/simulation.hpp"
 #include "cli/text.hpp"
 #include "scenes/broadphases.hpp"
 #include "scenes/scenario.hpp"
 #include "scenes/world.hpp"
-#include "system.hpp"
 
 namespace broadcl::cli {
 namespace {

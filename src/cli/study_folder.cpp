@@ -8,9 +8,9 @@
 
 #include "cli/input_file.hpp"
 #include "cli/json.hpp"
+#include "cli/operating_system.hpp"
 #include "cli/study_document.hpp"
 #include "cli/text.hpp"
-#include "system.hpp"
 
 namespace broadcl::cli {
 namespace {
