@@ -2,18 +2,18 @@
    unless it is null, followed by the added pairs, then the removed ones, unless these two have buffers of their own.
    Prepares the counts of the next frame.
 
-   Few changes are sorted in one launch: each work-group chooses a range of the order, by a sample, collects the changes
-   in that range and sorts them. (Frazer and McKellar 1970, "Samplesort: A Sampling Approach to Minimal Storage Tree
-   Sorting"; here, work-groups do not share what they learn.) Many are counted in buckets, by their list and the higher
-   bits of their b, or by their world. Prefix sums tell where each bucket begins, and within a bucket each change is
-   compared with every other. In either case nothing is written if there is not enough memory for all changes; if a
-   bucket is large, the host enqueues a radix sort instead. */
+   A small number of changes is sorted in one launch: each work-group chooses a range of the order, by a sample,
+   collects the changes in that range and sorts them. (Frazer and McKellar 1970, "Samplesort: A Sampling Approach to
+   Minimal Storage Tree Sorting"; here, work-groups do not share what they learn.) A large number is counted in buckets,
+   by their list and the higher bits of their b, or by their world. Prefix sums tell where each bucket begins, and
+   within a bucket each change is compared with every other. In either case nothing is written if there is not enough
+   memory for all changes; if a bucket is large, the host enqueues a radix sort instead. */
 
 #include "delta.h"
 #include "sizes.h"
 
 #ifndef GROUP
-#define GROUP 256 /* work-items per work-group that sorts few changes: 1, or a multiple of 4 */
+#define GROUP 256 /* work-items per work-group of order_small: 1, or a multiple of 4 */
 #endif
 #ifndef LARGEST_RANGE
 #define LARGEST_RANGE 512U /* changes that a work-group sorts at once: a multiple of 4, at least GROUP and 128 */
@@ -48,24 +48,24 @@ static inline void find_changes(changes_t* changes, const uint capacity, global 
    the host chooses for the frame. */
 #define CHANGES_PARAMETERS                                                                             \
   const uint capacity, global const uint2 *restrict pairs, global const uint2 *restrict removed_pairs, \
-      global uint *restrict counts, const uint room, const uint room_of_both
+      global uint *restrict counts, const uint list_capacity, const uint total_capacity
 #define RESULT_PARAMETERS                                                                                           \
   const uint tag, global uint *restrict next_counts, global uint *result, global uint *report, global uint2 *added, \
       global uint2 *removed
 
 /* Whether all pairs were found and all changes fit. */
-static inline bool fits(const changes_t* changes, const uint capacity, global const uint* counts, const uint room,
-                        const uint room_of_both) {
-  const bool has_room =
-      changes->added_count <= room && changes->removed_count <= room && changes->removed_count <= room_of_both &&
-      changes->added_count <= room_of_both - changes->removed_count;
-  return !is_halted(counts) && all_fit(counts, capacity) && has_room;
+static inline bool fits(const changes_t* changes, const uint capacity, global const uint* counts,
+                        const uint list_capacity, const uint total_capacity) {
+  const bool changes_fit =
+      changes->added_count <= list_capacity && changes->removed_count <= list_capacity &&
+      changes->removed_count <= total_capacity && changes->added_count <= total_capacity - changes->removed_count;
+  return !is_halted(counts) && all_fit(counts, capacity) && changes_fit;
 }
 
 /* Whether the changes are also sorted. */
 static inline bool is_complete(const changes_t* changes, const uint capacity, global const uint* counts,
-                               const uint room, const uint room_of_both) {
-  return fits(changes, capacity, counts, room, room_of_both) && counts[COUNT_UNORDERED] == 0U;
+                               const uint list_capacity, const uint total_capacity) {
+  return fits(changes, capacity, counts, list_capacity, total_capacity) && counts[COUNT_UNORDERED] == 0U;
 }
 
 /* Copies a count, unless nobody waits for it, and prepares it for the next frame. */
@@ -117,35 +117,132 @@ static inline void set_range(range_t* range, const ulong begin, const ulong end)
   range->more_bs = (uint)((end - 1UL) >> 32) - range->first_b;
 }
 
-/* Counts a pair in `below` if it comes before the range, and in `count` if it is in the range. Collects it then, if
-   there is room. */
-static inline void sift(const uint2 pair, const range_t* range, uint* below, local uint* count,
-                        local ulong* collected) {
+/* What the work-items of a work-group share while they sort. */
+typedef struct {
+  ulong2 collected[LARGEST_RANGE / 2U]; /* a sample, then what is in the range */
+  ulong sorted[LARGEST_RANGE];
+  ulong limits[2];    /* of the range */
+  uint before, count; /* changes before the range and in it */
+} sorting_t;
+
+/* All work-items must call the functions below that share memory. (All loops with barriers, or before barriers, run
+   equally often for all of them: inline.h.) */
+
+/* For a list of at most GROUP changes, which needs no ranges: each work-group places some of them. */
+INLINE void place_part(const uint group, const uint groups, global const uint2* list, const uint size,
+                       local sorting_t* shared, global uint2* to) {
+  local ulong* collected = (local ulong*)shared->collected;
+  const uint item = (uint)get_local_id(0);
+  collected[item] = item < size ? order_of(list[item]) : ULONG_MAX;
+  barrier(CLK_LOCAL_MEM_FENCE);
+  const uint part = (size + groups - 1U) / groups;
+  const uint k = group * part + item;
+  if (item < part && k < size) to[rank_of(collected[k], shared->collected, (size + 3U) / 4U * 4U)] = list[k];
+}
+
+/* Finds where the range of a work-group begins and ends. All groups take the same sample, of which each needs two
+   elements. */
+INLINE void find_limits(const uint group, const uint groups, global const uint2* list, const uint size,
+                        local sorting_t* shared) {
+  local ulong* collected = (local ulong*)shared->collected;
+  const uint item = (uint)get_local_id(0);
+  const uint of_group = groups > 64U ? 1U : groups > 32U ? 2U : 4U;
+  const uint samples = groups == 1U ? 0U : of_group * groups;
+  const uint padded_samples = (samples + 3U) / 4U * 4U;
+  for (uint first = 0; first < padded_samples; first += GROUP) {
+    const uint k = first + item;
+    if (k < padded_samples) collected[k] = k < samples ? order_of(list[k * (size / samples)]) : ULONG_MAX;
+  }
+  if (item == 0U) {
+    shared->limits[0] = 0;
+    shared->limits[1] = ULONG_MAX;
+  }
+  barrier(CLK_LOCAL_MEM_FENCE);
+  for (uint first = 0; first < samples; first += GROUP) {
+    const uint k = first + item;
+    const uint rank = k < samples ? rank_of(collected[k], shared->collected, padded_samples) : samples;
+    if (rank == group * of_group && group > 0U) shared->limits[0] = collected[k];
+    if (rank == (group + 1U) * of_group && rank < samples) shared->limits[1] = collected[k];
+  }
+  barrier(CLK_LOCAL_MEM_FENCE);
+}
+
+/* Counts a pair in `below` if it comes before the range, or among the collected ones if it is in the range. Collects it
+   then, unless there are too many. */
+static inline void collect_pair(const uint2 pair, const range_t* range, uint* below, local sorting_t* shared) {
   if (pair.y < range->first_b) ++*below;
   if (pair.y - range->first_b > range->more_bs) return;
   const ulong order = order_of(pair);
   if (order < range->begin) {
     ++*below;
   } else if (order < range->end) {
-    const uint k = atomic_inc(count);
-    if (k < LARGEST_RANGE) collected[k] = order;
+    const uint k = atomic_inc(&shared->count);
+    if (k < LARGEST_RANGE) ((local ulong*)shared->collected)[k] = order;
   }
 }
 
-/* For few changes. The index of the work-group in dimension 0 is that of its range; in dimension 1 it is the list.
-   (All loops with barriers, or before barriers, run equally often for all work-items: inline.h.) */
-kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void order_few(CHANGES_PARAMETERS, RESULT_PARAMETERS) {
-  local ulong2 collected_twos[LARGEST_RANGE / 2U]; /* a sample, then what is in the range */
-  local ulong sorted[LARGEST_RANGE];
-  local ulong limits[2];
-  local uint before, count;
-  local ulong* collected = (local ulong*)collected_twos;
+/* Collects the changes of a range, and counts those before it. */
+INLINE void collect_range(const range_t* range, global const uint2* list, const uint size, local sorting_t* shared) {
+  const uint item = (uint)get_local_id(0);
+  if (item == 0U) {
+    shared->before = 0;
+    shared->count = 0;
+  }
+  barrier(CLK_LOCAL_MEM_FENCE);
+  uint below = 0;
+  uint first = 0;
+  for (; first + BATCH * GROUP <= size; first += BATCH * GROUP) {
+    uint2 batch[BATCH];
+    for (uint i = 0; i < BATCH; ++i) batch[i] = list[first + i * GROUP + item];
+    for (uint i = 0; i < BATCH; ++i) collect_pair(batch[i], range, &below, shared);
+  }
+  uint2 rest[BATCH];
+  for (uint i = 0; i < BATCH; ++i) {
+    if (first + i * GROUP + item < size) rest[i] = list[first + i * GROUP + item];
+  }
+  for (uint i = 0; i < BATCH; ++i) {
+    if (first + i * GROUP + item < size) collect_pair(rest[i], range, &below, shared);
+  }
+  atomic_add(&shared->before, below);
+  barrier(CLK_LOCAL_MEM_FENCE);
+}
+
+/* Sorts the changes that were collected, and places them. Returns whether these are all of the range; otherwise nothing
+   is placed, and element LARGEST_RANGE / 4 of `sorted` is where a shorter range may end. */
+INLINE bool place_range(local sorting_t* shared, global uint2* to) {
+  local ulong* collected = (local ulong*)shared->collected;
+  const uint item = (uint)get_local_id(0);
+  const bool is_whole = shared->count <= LARGEST_RANGE;
+  const uint n = min(shared->count, LARGEST_RANGE);
+  const uint padded = (n + 3U) / 4U * 4U;
+  for (uint k = n; k < padded; ++k) {
+    if (item == 0U) collected[k] = ULONG_MAX;
+  }
+  barrier(CLK_LOCAL_MEM_FENCE);
+  for (uint from = 0; from < n; from += GROUP) {
+    const uint k = from + item;
+    if (k < n) shared->sorted[rank_of(collected[k], shared->collected, padded)] = collected[k];
+  }
+  barrier(CLK_LOCAL_MEM_FENCE);
+  for (uint from = 0; from < n; from += GROUP) {
+    const uint k = from + item;
+    if (k < n && is_whole) {
+      to[shared->before + k] = (uint2)((uint)shared->sorted[k], (uint)(shared->sorted[k] >> 32));
+    }
+  }
+  return is_whole;
+}
+
+/* Sorts a small number of changes. The index of the work-group in dimension 0 is that of its range; in dimension 1 it
+   is the list. */
+kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void order_small(CHANGES_PARAMETERS, RESULT_PARAMETERS) {
+  local sorting_t shared;
   const uint item = (uint)get_local_id(0);
   const uint group = (uint)get_group_id(0);
   const bool is_added = get_group_id(1) == 0;
   changes_t changes;
   find_changes(&changes, capacity, pairs, removed_pairs, counts);
-  const bool complete = is_complete(&changes, capacity, counts, room, room_of_both);
+  const bool complete = is_complete(&changes, capacity, counts, list_capacity, total_capacity);
   for (uint first = 0; first < COUNTS; first += GROUP) {
     const uint k = first + item;
     if (is_added && group == 0U && k < COUNTS) {
@@ -158,92 +255,32 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void order_few(CHANGES
   if (group >= groups) return;
   global const uint2* list = is_added ? changes.added : changes.removed;
   global uint2* to = result_list(is_added, &changes, result, added, removed);
-
-  /* A short list needs no ranges: each group finds the places of some of its changes. */
   if (GROUP > 1 && size <= GROUP) {
-    collected[item] = item < size ? order_of(list[item]) : ULONG_MAX;
-    barrier(CLK_LOCAL_MEM_FENCE);
-    const uint part = (size + groups - 1U) / groups;
-    const uint k = group * part + item;
-    if (item < part && k < size) to[rank_of(collected[k], collected_twos, (size + 3U) / 4U * 4U)] = list[k];
+    place_part(group, groups, list, size, &shared, to);
     return;
   }
-
-  /* All groups take the same sample, of which each needs two elements: where its range begins and ends. */
-  const uint of_group = groups > 64U ? 1U : groups > 32U ? 2U : 4U;
-  const uint samples = groups == 1U ? 0U : of_group * groups;
-  const uint padded_samples = (samples + 3U) / 4U * 4U;
-  for (uint first = 0; first < padded_samples; first += GROUP) {
-    const uint k = first + item;
-    if (k < padded_samples) collected[k] = k < samples ? order_of(list[k * (size / samples)]) : ULONG_MAX;
-  }
-  if (item == 0U) {
-    limits[0] = 0;
-    limits[1] = ULONG_MAX;
-  }
-  barrier(CLK_LOCAL_MEM_FENCE);
-  for (uint first = 0; first < samples; first += GROUP) {
-    const uint k = first + item;
-    const uint rank = k < samples ? rank_of(collected[k], collected_twos, padded_samples) : samples;
-    if (rank == group * of_group && group > 0U) limits[0] = collected[k];
-    if (rank == (group + 1U) * of_group && rank < samples) limits[1] = collected[k];
-  }
-  barrier(CLK_LOCAL_MEM_FENCE);
-
-  /* Usually once; if more than LARGEST_RANGE changes are in the range, it is sorted in parts. */
-  const ulong last = limits[1];
-  ulong begin = limits[0];
+  find_limits(group, groups, list, size, &shared);
+  /* Mostly once; if more than LARGEST_RANGE changes are in the range, it is sorted in parts. */
+  const ulong last = shared.limits[1];
+  ulong begin = shared.limits[0];
   ulong end = last;
   while (begin < end) {
-    if (item == 0U) {
-      before = 0;
-      count = 0;
-    }
-    barrier(CLK_LOCAL_MEM_FENCE);
     range_t range;
     set_range(&range, begin, end);
-    uint below = 0;
-    uint first = 0;
-    for (; first + BATCH * GROUP <= size; first += BATCH * GROUP) {
-      uint2 batch[BATCH];
-      for (uint i = 0; i < BATCH; ++i) batch[i] = list[first + i * GROUP + item];
-      for (uint i = 0; i < BATCH; ++i) sift(batch[i], &range, &below, &count, collected);
-    }
-    uint2 rest[BATCH];
-    for (uint i = 0; i < BATCH; ++i) {
-      if (first + i * GROUP + item < size) rest[i] = list[first + i * GROUP + item];
-    }
-    for (uint i = 0; i < BATCH; ++i) {
-      if (first + i * GROUP + item < size) sift(rest[i], &range, &below, &count, collected);
-    }
-    atomic_add(&before, below);
-    barrier(CLK_LOCAL_MEM_FENCE);
-    const bool is_whole = count <= LARGEST_RANGE;
-    const uint n = min(count, LARGEST_RANGE);
-    const uint padded = (n + 3U) / 4U * 4U;
-    for (uint k = n; k < padded; ++k) {
-      if (item == 0U) collected[k] = ULONG_MAX;
-    }
-    barrier(CLK_LOCAL_MEM_FENCE);
-    for (uint from = 0; from < n; from += GROUP) {
-      const uint k = from + item;
-      if (k < n) sorted[rank_of(collected[k], collected_twos, padded)] = collected[k];
-    }
-    barrier(CLK_LOCAL_MEM_FENCE);
-    for (uint from = 0; from < n; from += GROUP) {
-      const uint k = from + item;
-      if (k < n && is_whole) to[before + k] = (uint2)((uint)sorted[k], (uint)(sorted[k] >> 32));
-    }
+    collect_range(&range, list, size, &shared);
+    const bool is_whole = place_range(&shared, to);
     begin = is_whole ? end : begin;
-    end = is_whole ? last : sorted[LARGEST_RANGE / 4U];
+    end = is_whole ? last : shared.sorted[LARGEST_RANGE / 4U];
     barrier(CLK_LOCAL_MEM_FENCE);
   }
 }
 
 /* Number of changes if all fit, otherwise 0. */
 static inline uint number_to_order(const changes_t* changes, const uint capacity, global const uint* counts,
-                                   const uint room, const uint room_of_both) {
-  return fits(changes, capacity, counts, room, room_of_both) ? changes->added_count + changes->removed_count : 0U;
+                                   const uint list_capacity, const uint total_capacity) {
+  return fits(changes, capacity, counts, list_capacity, total_capacity)
+             ? changes->added_count + changes->removed_count
+             : 0U;
 }
 
 static inline uint2 change(const changes_t* changes, const uint k) {
@@ -278,7 +315,7 @@ static inline uint bucket_of(const changes_t* changes, const uint k, const uint2
 kernel void order_count(CHANGES_PARAMETERS, BUCKET_PARAMETERS) {
   changes_t changes;
   find_changes(&changes, capacity, pairs, removed_pairs, counts);
-  const uint n = number_to_order(&changes, capacity, counts, room, room_of_both);
+  const uint n = number_to_order(&changes, capacity, counts, list_capacity, total_capacity);
   (void)scattered;
   for (uint k = (uint)get_global_id(0); k < n; k += (uint)get_global_size(0)) {
     const uint before = atomic_inc(&buckets[BUCKET_OF(k, change(&changes, k))]);
@@ -291,7 +328,7 @@ kernel void order_count(CHANGES_PARAMETERS, BUCKET_PARAMETERS) {
 kernel void order_scatter(CHANGES_PARAMETERS, BUCKET_PARAMETERS) {
   changes_t changes;
   find_changes(&changes, capacity, pairs, removed_pairs, counts);
-  const uint n = number_to_order(&changes, capacity, counts, room, room_of_both);
+  const uint n = number_to_order(&changes, capacity, counts, list_capacity, total_capacity);
   for (uint k = (uint)get_global_id(0); k < n; k += (uint)get_global_size(0)) {
     const uint2 pair = change(&changes, k);
     scattered[atomic_inc(&buckets[BUCKET_OF(k, pair)])] = pair;
@@ -304,7 +341,7 @@ kernel void order_place(CHANGES_PARAMETERS, BUCKET_PARAMETERS, global uint* rest
   for (uint k = item; k < 2U * buckets_of_list; k += (uint)get_global_size(0)) bucket_counts[k] = 0;
   changes_t changes;
   find_changes(&changes, capacity, pairs, removed_pairs, counts);
-  const bool complete = is_complete(&changes, capacity, counts, room, room_of_both);
+  const bool complete = is_complete(&changes, capacity, counts, list_capacity, total_capacity);
   for (uint i = item; i < COUNTS; i += (uint)get_global_size(0)) {
     pass_count(i, &changes, complete, counts, tag, next_counts, result, report);
   }

@@ -33,7 +33,7 @@ Order::Order(const opencl::Context& context, opencl::Profiler& profiler, Target 
       sort_(context),
       scan_(context) {
   const cl::Program program = engine_program(context);
-  few_kernel_ = context.kernel(program, "order_few", engine_launch(context).group);
+  few_kernel_ = context.kernel(program, "order_small", engine_launch(context).group);
   count_ = context.sized_kernel(program, "order_count");
   scatter_ = context.sized_kernel(program, "order_scatter");
   place_ = context.sized_kernel(program, "order_place");
