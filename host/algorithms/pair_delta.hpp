@@ -54,7 +54,7 @@ class PairDelta {
   /// @throws cl::Error, Error
   void take(const PairDelta& other);
 
-  /// Starts a frame: sets all counts to 0, and makes room in the list for this many pairs, and at least for
+  /// Starts a frame: sets all counts to 0, and gives the list capacity for this many pairs, and at least for
   /// those of the last frame.
   /// @throws cl::Error, Error
   void begin(std::size_t pairs);
