@@ -285,20 +285,20 @@ static inline void collect_hits(hits_t bits, const uint a, const uint first, con
 #define COPY_PARAMETER
 #endif
 
-/* A work-item has WIDTH boxes `a`, by its index in dimension 0, and a run of `rows` rows, from `first_run` on, by its
-   index in dimension 1. If row_count is n, every slot is a row and pairs are tested with a < b; otherwise the rows are
-   the slots that changed. Unless `last` is null, this also does the work of delta.cl; unless `copy` is null, it copies
-   the boxes. */
+/* A work-item has WIDTH boxes `a`, by its index in dimension 0, and a run of rows, from the first on, by its index in
+   dimension 1. Unless `last` is null, this also does the work of delta.cl; unless `copy` is null, it copies the
+   boxes. */
 kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void brute_force(
-    const uint n, const uint row_count, const uint rows, const uint first_run, global const float* restrict boxes,
-    global const uint* restrict changed, global const uint* restrict changed_stamps,
-    global const uint4* restrict filters, global const uint2* restrict exclusions, COPY_PARAMETER KEEP_PARAMETERS,
-    PAIR_SINK_PARAMETERS) {
+    const brute_force_scalars_t scalars, global const float* restrict boxes, global const uint* restrict changed,
+    global const uint* restrict changed_stamps, global const uint4* restrict filters,
+    global const uint2* restrict exclusions, COPY_PARAMETER KEEP_PARAMETERS, PAIR_SINK_PARAMETERS) {
+  const uint n = scalars.n;
+  const uint rows = scalars.rows;
   const pair_sink_t sink = PAIR_SINK;
 #if GROUP > 1
   local keep_t chunk;
-  keep_pairs(last, last_capacity, removed, keep_filters, keep_exclusions, keep_all, keep_stamps, n, boxes, stamp,
-             capacity, pairs, counts, (uint)(get_group_id(1) * get_num_groups(0) + get_group_id(0)),
+  keep_pairs(&keep_scalars, last, removed, keep_filters, keep_exclusions, keep_stamps, boxes, pairs, counts,
+             (uint)(get_group_id(1) * get_num_groups(0) + get_group_id(0)),
              (uint)(get_num_groups(0) * get_num_groups(1)), &chunk);
 #endif
   local uint2 hits[LOCAL_HITS]; /* boxes `a` and `b`; those that are new pairs become pairs */
@@ -308,10 +308,10 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void brute_force(
   const uint item = (uint)get_local_id(0);
   if (item == 0U) found = found_new = 0;
 
-  const bool all = row_count == n;
+  const bool all = scalars.row_count == n;
   const uint a = (uint)get_group_id(0) * (GROUP * WIDTH) + item;
-  const uint first_row = (first_run + (uint)get_global_id(1)) * rows;
-  const uint last_row = min(row_count, first_row + rows);
+  const uint first_row = (scalars.first_run + (uint)get_global_id(1)) * rows;
+  const uint last_row = min(scalars.row_count, first_row + rows);
   const bool has_work = !is_halted(counts) && (!all || (uint)get_group_id(0) * (GROUP * WIDTH) < last_row);
   const uint end = has_work ? last_row : 0U;
 #if GROUP > 1

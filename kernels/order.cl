@@ -42,30 +42,28 @@ static inline void find_changes(changes_t* changes, const uint capacity, global 
   changes->removed = removed;
 }
 
-/* The changes of a frame: the capacity of each list and of both together, and buffers for the result. `added` and
-   `removed` are null if the changes follow the counts. `report`, if not null, receives what a caller who does not wait
-   has to know: the numbers of added, removed and all pairs, and whether the frame is incomplete. `tag` is a number that
-   the host chooses for the frame. */
-#define CHANGES_PARAMETERS                                                                             \
-  const uint capacity, global const uint2 *restrict pairs, global const uint2 *restrict removed_pairs, \
-      global uint *restrict counts, const uint list_capacity, const uint total_capacity
-#define RESULT_PARAMETERS                                                                                           \
-  const uint tag, global uint *restrict next_counts, global uint *result, global uint *report, global uint2 *added, \
+/* The pairs of a frame, and where to write the changes. `added` and `removed` are null if the changes follow the
+   counts. `report`, if not null, receives what a caller who does not wait has to know: the numbers of added, removed
+   and all pairs, and whether the frame is incomplete. */
+#define CHANGES_PARAMETERS                                                                                       \
+  const order_scalars_t scalars, global const uint2 *restrict pairs, global const uint2 *restrict removed_pairs, \
+      global uint *restrict counts
+#define RESULT_PARAMETERS                                                                           \
+  global uint *restrict next_counts, global uint *result, global uint *report, global uint2 *added, \
       global uint2 *removed
 
 /* Whether all pairs were found and all changes fit. */
-static inline bool fits(const changes_t* changes, const uint capacity, global const uint* counts,
-                        const uint list_capacity, const uint total_capacity) {
+static inline bool fits(const changes_t* changes, const order_scalars_t* scalars, global const uint* counts) {
   const bool changes_fit =
-      changes->added_count <= list_capacity && changes->removed_count <= list_capacity &&
-      changes->removed_count <= total_capacity && changes->added_count <= total_capacity - changes->removed_count;
-  return !is_halted(counts) && all_fit(counts, capacity) && changes_fit;
+      changes->added_count <= scalars->list_capacity && changes->removed_count <= scalars->list_capacity &&
+      changes->removed_count <= scalars->total_capacity &&
+      changes->added_count <= scalars->total_capacity - changes->removed_count;
+  return !is_halted(counts) && all_fit(counts, scalars->capacity) && changes_fit;
 }
 
 /* Whether the changes are also sorted. */
-static inline bool is_complete(const changes_t* changes, const uint capacity, global const uint* counts,
-                               const uint list_capacity, const uint total_capacity) {
-  return fits(changes, capacity, counts, list_capacity, total_capacity) && counts[COUNT_UNORDERED] == 0U;
+static inline bool is_complete(const changes_t* changes, const order_scalars_t* scalars, global const uint* counts) {
+  return fits(changes, scalars, counts) && counts[COUNT_UNORDERED] == 0U;
 }
 
 /* Copies a count, unless nobody waits for it, and prepares it for the next frame. */
@@ -241,12 +239,12 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void order_small(CHANG
   const uint group = (uint)get_group_id(0);
   const bool is_added = get_group_id(1) == 0;
   changes_t changes;
-  find_changes(&changes, capacity, pairs, removed_pairs, counts);
-  const bool complete = is_complete(&changes, capacity, counts, list_capacity, total_capacity);
+  find_changes(&changes, scalars.capacity, pairs, removed_pairs, counts);
+  const bool complete = is_complete(&changes, &scalars, counts);
   for (uint first = 0; first < COUNTS; first += GROUP) {
     const uint k = first + item;
     if (is_added && group == 0U && k < COUNTS) {
-      pass_count(k, &changes, complete, counts, tag, next_counts, result, report);
+      pass_count(k, &changes, complete, counts, scalars.tag, next_counts, result, report);
     }
   }
   if (!complete) return;
@@ -276,11 +274,9 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void order_small(CHANG
 }
 
 /* Number of changes if all fit, otherwise 0. */
-static inline uint number_to_order(const changes_t* changes, const uint capacity, global const uint* counts,
-                                   const uint list_capacity, const uint total_capacity) {
-  return fits(changes, capacity, counts, list_capacity, total_capacity)
-             ? changes->added_count + changes->removed_count
-             : 0U;
+static inline uint number_to_order(const changes_t* changes, const order_scalars_t* scalars,
+                                   global const uint* counts) {
+  return fits(changes, scalars, counts) ? changes->added_count + changes->removed_count : 0U;
 }
 
 static inline uint2 change(const changes_t* changes, const uint k) {
@@ -298,24 +294,24 @@ static inline uint world_of(const uint2 pair, const uint worlds, global const ui
 /* There are `buckets_of_list` buckets for added pairs, then as many for removed ones. A bucket has the pairs of
    2^bucket_bits values of b; unless `worlds` is 0, it is a world, according to the filters of this frame and the last
    one. */
-#define BUCKET_PARAMETERS                                                                                              \
-  const uint buckets_of_list, const uint bucket_bits, global uint *restrict buckets, global uint2 *restrict scattered, \
-      const uint worlds, global const uint4 *restrict filters, global const uint4 *restrict last_filters
-#define BUCKET_OF(k, pair) bucket_of(&changes, k, pair, buckets_of_list, bucket_bits, worlds, filters, last_filters)
+#define BUCKET_PARAMETERS                                                                                \
+  global uint *restrict buckets, global uint2 *restrict scattered, global const uint4 *restrict filters, \
+      global const uint4 *restrict last_filters
+#define BUCKET_OF(k, pair) bucket_of(&changes, k, pair, &scalars, filters, last_filters)
 
-static inline uint bucket_of(const changes_t* changes, const uint k, const uint2 pair, const uint buckets_of_list,
-                             const uint bucket_bits, const uint worlds, global const uint4* filters,
-                             global const uint4* last_filters) {
+static inline uint bucket_of(const changes_t* changes, const uint k, const uint2 pair, const order_scalars_t* scalars,
+                             global const uint4* filters, global const uint4* last_filters) {
   const bool is_added = k < changes->added_count;
-  const uint bucket = worlds == 0U ? pair.y >> bucket_bits : world_of(pair, worlds, is_added ? filters : last_filters);
-  return is_added ? bucket : buckets_of_list + bucket;
+  const uint bucket = scalars->worlds == 0U ? pair.y >> scalars->bucket_bits
+                                            : world_of(pair, scalars->worlds, is_added ? filters : last_filters);
+  return is_added ? bucket : scalars->buckets_of_list + bucket;
 }
 
 /* Counts the changes of each bucket, in `buckets`, which must be zeros. */
 kernel void order_count(CHANGES_PARAMETERS, BUCKET_PARAMETERS) {
   changes_t changes;
-  find_changes(&changes, capacity, pairs, removed_pairs, counts);
-  const uint n = number_to_order(&changes, capacity, counts, list_capacity, total_capacity);
+  find_changes(&changes, scalars.capacity, pairs, removed_pairs, counts);
+  const uint n = number_to_order(&changes, &scalars, counts);
   (void)scattered;
   for (uint k = (uint)get_global_id(0); k < n; k += (uint)get_global_size(0)) {
     const uint before = atomic_inc(&buckets[BUCKET_OF(k, change(&changes, k))]);
@@ -327,8 +323,8 @@ kernel void order_count(CHANGES_PARAMETERS, BUCKET_PARAMETERS) {
    before, and the end afterwards. */
 kernel void order_scatter(CHANGES_PARAMETERS, BUCKET_PARAMETERS) {
   changes_t changes;
-  find_changes(&changes, capacity, pairs, removed_pairs, counts);
-  const uint n = number_to_order(&changes, capacity, counts, list_capacity, total_capacity);
+  find_changes(&changes, scalars.capacity, pairs, removed_pairs, counts);
+  const uint n = number_to_order(&changes, &scalars, counts);
   for (uint k = (uint)get_global_id(0); k < n; k += (uint)get_global_size(0)) {
     const uint2 pair = change(&changes, k);
     scattered[atomic_inc(&buckets[BUCKET_OF(k, pair)])] = pair;
@@ -338,12 +334,12 @@ kernel void order_scatter(CHANGES_PARAMETERS, BUCKET_PARAMETERS) {
 /* Sorts the pairs of each bucket, and sets the counts to 0 for the next frame. */
 kernel void order_place(CHANGES_PARAMETERS, BUCKET_PARAMETERS, global uint* restrict bucket_counts, RESULT_PARAMETERS) {
   const uint item = (uint)get_global_id(0);
-  for (uint k = item; k < 2U * buckets_of_list; k += (uint)get_global_size(0)) bucket_counts[k] = 0;
+  for (uint k = item; k < 2U * scalars.buckets_of_list; k += (uint)get_global_size(0)) bucket_counts[k] = 0;
   changes_t changes;
-  find_changes(&changes, capacity, pairs, removed_pairs, counts);
-  const bool complete = is_complete(&changes, capacity, counts, list_capacity, total_capacity);
+  find_changes(&changes, scalars.capacity, pairs, removed_pairs, counts);
+  const bool complete = is_complete(&changes, &scalars, counts);
   for (uint i = item; i < COUNTS; i += (uint)get_global_size(0)) {
-    pass_count(i, &changes, complete, counts, tag, next_counts, result, report);
+    pass_count(i, &changes, complete, counts, scalars.tag, next_counts, result, report);
   }
   const uint n = complete ? changes.added_count + changes.removed_count : 0U;
   for (uint k = item; k < n; k += (uint)get_global_size(0)) {

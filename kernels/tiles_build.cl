@@ -280,8 +280,8 @@ kernel __attribute__((reqd_work_group_size(KEEP_GROUP, 1, 1))) void tiles_refit_
     if (k < nodes) load_child(&bounds, tree, start + k, item);
     refit(&bounds, item, &scratch[node], tree, k, parents);
   } else {
-    keep_pairs(last, last_capacity, removed, keep_filters, keep_exclusions, keep_all, keep_stamps, slots, boxes, stamp,
-               capacity, pairs, counts, group - refitting, (uint)get_num_groups(0) - refitting, &chunk);
+    keep_pairs(&keep_scalars, last, removed, keep_filters, keep_exclusions, keep_stamps, boxes, pairs, counts,
+               group - refitting, (uint)get_num_groups(0) - refitting, &chunk);
   }
 }
 #endif

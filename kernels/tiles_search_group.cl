@@ -161,9 +161,9 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_search(TILE
   const pair_sink_t sink = PAIR_SINK;
   const uint tile = (uint)get_group_id(0);
   target_t target;
-  load_target(&target, tree, changed, starts.y + tile / NODE, tile % NODE, sets);
+  load_target(&target, tree, changed, scalars.starts[1] + tile / NODE, tile % NODE, scalars.sets);
   /* (Also if all take part: a condition for that would multiply the time that PoCL takes to compile this: inline.h.) */
-  const uint parts = is_dense(tree, tile, &target.all) ? (uint)get_num_groups(1) : workers;
+  const uint parts = is_dense(tree, tile, &target.all) ? (uint)get_num_groups(1) : scalars.workers;
   if ((uint)get_group_id(1) >= parts) return;
   const mask_t share = every_bit(parts);
 
@@ -173,7 +173,7 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_search(TILE
   const uint own_slot = elements[own_place].x;
   bounds_t own;
   load_child(&own, tree, tile, item);
-  to_target(&own, sets);
+  to_target(&own, scalars.sets);
   box_t own_last;
   load_last_box(&own_last, &sink, own_slot);
   scratch.own_last[item] = own_last;
@@ -185,24 +185,26 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_search(TILE
   uint work = 0;  /* nodes; candidates are counted in `tested` */
   walk_t walk;
   rest_t rest;
-  start_walk(&walk, &rest, tile, top);
-  const uint end = is_halted(counts) ? 0U : roots;
+  start_walk(&walk, &rest, tile, scalars.top);
+  const uint end = is_halted(counts) ? 0U : scalars.roots;
   while (walk.root < end) {
     bounds_t child;
     mask_t bits =
-        visit(of_level(starts, walk.level) + walk.node, tree, changed, &target, &child, &scratch.ballots, &turn);
+        visit(start_of(&scalars, walk.level) + walk.node, tree, changed, &target, &child, &scratch.ballots, &turn);
     ++work;
     if (walk.level > 0U) {
       bits = not_before(bits, walk.node, tile >> (NODE_BITS * (walk.level - 1U)));
-      if ((uint)popcount(bits) > NODE / 2U) bits = near_a_box(bits, &child, tree, tile, sets, &scratch.ballots, &turn);
+      if ((uint)popcount(bits) > NODE / 2U)
+        bits = near_a_box(bits, &child, tree, tile, scalars.sets, &scratch.ballots, &turn);
       if (walk.level == 1U) bits &= share << (uint)get_group_id(1);
       set_rest(&rest, walk.level, bits);
     } else {
       count = add_candidates(&scratch, count, bits, &child, walk.node, elements);
     }
-    walk_on(&walk, &rest, top);
+    walk_on(&walk, &rest, scalars.top);
     if (count > BATCH || walk.root >= end) {
-      if (test_candidates(&scratch, count, &own, own_place, most_work, filters, exclusions, &sink)) walk.root = end;
+      if (test_candidates(&scratch, count, &own, own_place, scalars.most_work, filters, exclusions, &sink))
+        walk.root = end;
       count = 0;
     }
   }

@@ -53,8 +53,8 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_search(TILE
   const pair_sink_t sink = PAIR_SINK;
   const uint tile = (uint)get_group_id(0);
   target_t target;
-  load_target(&target, tree, changed, starts.y + tile / NODE, tile % NODE, sets);
-  const uint parts = is_dense(tree, tile, &target.all) ? (uint)get_num_groups(1) : workers;
+  load_target(&target, tree, changed, scalars.starts[1] + tile / NODE, tile % NODE, scalars.sets);
+  const uint parts = is_dense(tree, tile, &target.all) ? (uint)get_num_groups(1) : scalars.workers;
   if ((uint)get_group_id(1) >= parts) return;
   const mask_t share = every_bit(parts);
 
@@ -70,10 +70,10 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_search(TILE
   uint work = 0; /* nodes and candidates */
   walk_t walk;
   rest_t rest;
-  start_walk(&walk, &rest, tile, top);
-  const uint end = is_halted(counts) ? 0U : roots;
+  start_walk(&walk, &rest, tile, scalars.top);
+  const uint end = is_halted(counts) ? 0U : scalars.roots;
   while (walk.root < end) {
-    mask_t bits = visit(of_level(starts, walk.level) + walk.node, tree, changed, &target);
+    mask_t bits = visit(start_of(&scalars, walk.level) + walk.node, tree, changed, &target);
     ++work;
     if (walk.level > 0U) {
       bits = not_before(bits, walk.node, tile >> (NODE_BITS * (walk.level - 1U)));
@@ -82,16 +82,16 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_search(TILE
     } else {
       work += (uint)popcount(bits);
       for (; bits != 0U; bits &= bits - 1U) {
-        found = test_box(
-            hits, found, tile, walk.node, LOWEST_BIT(bits), sets, tree, elements, own_last, filters, exclusions, &sink);
+        found = test_box(hits, found, tile, walk.node, LOWEST_BIT(bits), scalars.sets, tree, elements, own_last,
+                         filters, exclusions, &sink);
         if (found < FLUSH) continue;
         append_hits(&sink, hits, found);
         found = 0;
       }
     }
-    walk_on(&walk, &rest, top);
+    walk_on(&walk, &rest, scalars.top);
     if (work >= REPORTED_WORK) {
-      if (atomic_add(&counts[COUNT_WORK], work) + work > most_work) walk.root = end;
+      if (atomic_add(&counts[COUNT_WORK], work) + work > scalars.most_work) walk.root = end;
       work = 0;
     }
   }

@@ -10,14 +10,13 @@
 #define SOME_CHANGED 0 /* 1 if not all boxes changed: there is a second tree, of those that did */
 #endif
 
-/* `changed` is the tree of the boxes that changed, or null if all did. `starts` are the first nodes of the levels,
-   `top` is the level of which there are `roots` nodes. The index of a work-group in dimension 0 is a tile; the first
-   `workers` work-groups along dimension 1 share its search, or all of them if it is dense. Each visits, of the tiles
-   below a node, one of as many. All give up if together they have done more than `most_work`. */
-#define TILES_SEARCH_PARAMETERS                                                                                       \
-  const uint4 starts, const uint top, const uint roots, const uint workers, const uint most_work, const uint sets,    \
-      global const float *restrict tree, global const float *restrict changed, global const uint2 *restrict elements, \
-      global const uint4 *restrict filters, global const uint2 *restrict exclusions, PAIR_SINK_PARAMETERS
+/* `changed` is the tree of the boxes that changed, or null if all did. The index of a work-group in dimension 0 is a
+   tile; the first `workers` work-groups along dimension 1 share its search, or all of them if it is dense. Each visits,
+   of the tiles below a node, one of as many. All give up if together they have done more than `most_work`. */
+#define TILES_SEARCH_PARAMETERS                                                                                  \
+  const tiles_search_scalars_t scalars, global const float *restrict tree, global const float *restrict changed, \
+      global const uint2 *restrict elements, global const uint4 *restrict filters,                               \
+      global const uint2 *restrict exclusions, PAIR_SINK_PARAMETERS
 
 /* The children of a node, one bit each, that do not precede a given node of their level. */
 static inline mask_t not_before(const mask_t bits, const uint node, const uint first) {
@@ -25,9 +24,12 @@ static inline mask_t not_before(const mask_t bits, const uint node, const uint f
   return first <= child ? bits : first - child < NODE ? bits & (~(mask_t)0 << (first - child)) : 0U;
 }
 
-/* The vector component of a level; component 0 is for the tiles. */
-static inline uint of_level(const uint4 values, const uint level) {
-  return level == 0U ? values.x : level == 1U ? values.y : level == 2U ? values.z : values.w;
+/* The first node of a level. (Not by the level as an index, because a GPU would store the array in memory.) */
+static inline uint start_of(const tiles_search_scalars_t* scalars, const uint level) {
+  return level == 0U   ? scalars->starts[0]
+         : level == 1U ? scalars->starts[1]
+         : level == 2U ? scalars->starts[2]
+                       : scalars->starts[3];
 }
 
 /* By level, children of the nodes on the way down that are still to be visited. */

@@ -11,7 +11,7 @@
 #include <broadcl/device.hpp>
 #include <broadcl/pair.hpp>
 
-#include "algorithms/kernel_layout.hpp"
+#include "algorithms/kernel_arguments.hpp"
 #include "opencl/context.hpp"
 #include "opencl/launch.hpp"
 #include "runs.hpp"
@@ -60,8 +60,15 @@ class OrderSmall : public ::testing::TestWithParam<std::pair<std::size_t, std::s
     const cl::Buffer to_added = copy_of(untouched.data(), untouched.size() * sizeof(Pair));
     const cl::Buffer to_removed = copy_of(untouched.data(), untouched.size() * sizeof(Pair));
     const auto n = static_cast<cl_uint>(capacity);
-    opencl::set_arguments(kernel_, 0, static_cast<cl_uint>(list.size()), pairs, removals, now, n, 2 * n,
-                          cl_uint{5}, next, cl::Buffer(), cl::Buffer(), to_added, to_removed);
+    const layout::order_scalars_t scalars{.capacity = static_cast<cl_uint>(list.size()),
+                                          .list_capacity = n,
+                                          .total_capacity = 2 * n,
+                                          .tag = 5,
+                                          .buckets_of_list = 0,
+                                          .bucket_bits = 0,
+                                          .worlds = 0};
+    opencl::set_arguments(kernel_, 0, scalars, pairs, removals, now, next, cl::Buffer(), cl::Buffer(),
+                          to_added, to_removed);
     context_.queue().enqueueNDRangeKernel(kernel_, cl::NullRange, cl::NDRange(groups * group_, 2),
                                           cl::NDRange(group_, 1));
     Sorted sorted{std::vector<std::uint32_t>(layout::COUNTS), untouched, untouched};

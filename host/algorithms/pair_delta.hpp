@@ -80,9 +80,6 @@ class PairDelta {
   /// Sets a kernel's PAIR_SINK_PARAMETERS, from the given index on; returns the index after the last of them.
   /// @throws cl::Error
   cl_uint set_sink(cl::Kernel& kernel, cl_uint first, const Search& search) const;
-  /// Sets a kernel's CHANGES_PARAMETERS of kernels/order.cl likewise.
-  /// @throws cl::Error
-  cl_uint set_changes(cl::Kernel& kernel, cl_uint first) const;
 
   /// Decodes the counts that the host has read.
   [[nodiscard]] Counts counts_of(const std::byte* counts) const;

@@ -1,3 +1,4 @@
+#include <algorithm>
 #include <array>
 #include <cstddef>
 #include <limits>
@@ -6,7 +7,7 @@
 
 #include "algorithms/algorithm.hpp"
 #include "algorithms/centroids.hpp"
-#include "algorithms/kernel_layout.hpp"
+#include "algorithms/kernel_arguments.hpp"
 #include "algorithms/near_pairs.hpp"
 #include "algorithms/pair_finder.hpp"
 #include "algorithms/tile_work.hpp"
@@ -32,9 +33,6 @@ TilesLaunch launch_for(opencl::Tuning tuning) {
   if (tuning == opencl::Tuning::cpu) return tiles_on_cpus;
   return tuning == opencl::Tuning::gpu64 ? tiles_on_gpus_of_64 : tiles_on_gpus;
 }
-
-constexpr std::size_t levels = layout::TREE_LEVELS;
-static_assert(levels <= 4);  // the numbers of a cl_uint4
 
 constexpr std::size_t most_workers = 8;
 constexpr std::size_t search_groups_per_unit = 64;         // as far as most_workers allows
@@ -230,8 +228,8 @@ class Tiles final : public PairFinder {
   /// Sets the number of nodes of a tree for this many boxes, and the first of each level.
   void set_levels(std::size_t capacity) {
     nodes_ = 0;
-    for (std::size_t level = 0, size = capacity; level < levels; ++level) {
-      starts_.s[level] = static_cast<cl_uint>(nodes_);
+    for (std::size_t level = 0, size = capacity; level < layout::TREE_LEVELS; ++level) {
+      starts_.at(level) = static_cast<cl_uint>(nodes_);
       size = divide_up(size, launch_.node);
       nodes_ += size;
     }
@@ -298,7 +296,7 @@ class Tiles final : public PairFinder {
 
   cl_uint set_fill(cl::Kernel& fill, const Search& search, const Tree& tree) const {
     return opencl::set_arguments(fill, 0, search.now.slots, static_cast<cl_uint>(tiles_of(search)),
-                                 starts_.s[1], sets(search), elements_, tree.nodes);
+                                 starts_.at(1), sets(search), elements_, tree.nodes);
   }
 
   void fill_tree(const cl::CommandQueue& queue, const Search& search, const cl::Kernel& fill,
@@ -340,7 +338,7 @@ class Tiles final : public PairFinder {
     std::size_t nodes = nodes_of(search);
     cl::Kernel& refit = kernels(search).refit;
     // The search starts at the first level that has at most `most_roots` nodes.
-    for (top_ = 1; nodes > launch_.most_roots && top_ + 1 < levels;
+    for (top_ = 1; nodes > launch_.most_roots && top_ + 1 < layout::TREE_LEVELS;
          ++top_, nodes = divide_up(nodes, launch_.node)) {
       if (top_ < level) continue;
       set_refit(refit, tree, top_, nodes);
@@ -351,8 +349,8 @@ class Tiles final : public PairFinder {
 
   /// @param nodes Of the level.
   cl_uint set_refit(cl::Kernel& kernel, const Tree& tree, std::size_t level, std::size_t nodes) const {
-    return opencl::set_arguments(kernel, 0, starts_.s[level], static_cast<cl_uint>(nodes),
-                                 starts_.s[level + 1], tree.nodes);
+    return opencl::set_arguments(kernel, 0, starts_.at(level), static_cast<cl_uint>(nodes),
+                                 starts_.at(level + 1), tree.nodes);
   }
 
   /// Enqueues the search for near pairs.
@@ -379,10 +377,16 @@ class Tiles final : public PairFinder {
     const std::size_t dense_workers = is_first ? this->workers(tiles, dense_search_groups_per_unit) : workers;
     most_work_ = work_.most(search, sink, tiles * dense_workers);
     cl::Kernel& kernel = search_kernel(search.all, has_worlds(search));
-    const cl_uint next = opencl::set_arguments(kernel, 0, starts_, static_cast<cl_uint>(top_), roots_,
-                                               static_cast<cl_uint>(workers), most_work_, sets(search),
-                                               tree_.nodes, search.all ? cl::Buffer() : changed_tree_.nodes,
-                                               elements_, search.now.filters, search.now.exclusions);
+    layout::tiles_search_scalars_t scalars{.starts = {},
+                                           .top = static_cast<cl_uint>(top_),
+                                           .roots = roots_,
+                                           .workers = static_cast<cl_uint>(workers),
+                                           .most_work = most_work_,
+                                           .sets = sets(search)};
+    std::ranges::copy(starts_, scalars.starts);
+    const cl_uint next = opencl::set_arguments(kernel, 0, scalars, tree_.nodes,
+                                               search.all ? cl::Buffer() : changed_tree_.nodes, elements_,
+                                               search.now.filters, search.now.exclusions);
     if (is_early_) {
       near_.set_sink(kernel, next, search);
     } else {
@@ -419,15 +423,15 @@ class Tiles final : public PairFinder {
   std::array<cl::Kernel, 2> gathering_fills_;
   cl::Buffer elements_, scratch_;  // slots, sorted
   Tree tree_;
-  Tree changed_tree_;         // of boxes that changed, if not all did
-  std::size_t nodes_ = 0;     // of a tree
-  cl_uint4 starts_{};         // the first nodes of its levels
-  std::size_t capacity_ = 0;  // slots
-  std::size_t top_ = 1;       // the level at which the search starts
-  cl_uint roots_ = 0;         // its nodes
-  bool is_built_ = false;     // for this search
-  bool is_early_ = false;     // whether this search is early
-  cl_uint most_work_ = 0;     // at which it is given up
+  Tree changed_tree_;                                  // of boxes that changed, if not all did
+  std::size_t nodes_ = 0;                              // of a tree
+  std::array<cl_uint, layout::TREE_LEVELS> starts_{};  // the first nodes of its levels
+  std::size_t capacity_ = 0;                           // slots
+  std::size_t top_ = 1;                                // the level at which the search starts
+  cl_uint roots_ = 0;                                  // its nodes
+  bool is_built_ = false;                              // for this search
+  bool is_early_ = false;                              // whether this search is early
+  cl_uint most_work_ = 0;                              // at which it is given up
 };
 
 }  // namespace
