@@ -40,7 +40,7 @@
 #ifndef WORLDS
 #define WORLDS 0 /* 1 if objects are in different worlds */
 #endif
-/* Room for hits; those of a single row fit. */
+/* Capacity for hits; those of a single row fit. */
 #define LOCAL_HITS 512U
 #if GROUP * WIDTH > LOCAL_HITS
 #error "LOCAL_HITS is too small"
@@ -223,26 +223,82 @@ INLINE void append_new(local uint2* hits, const uint count, local uint* found_ne
   append_pairs(sink, hits, *found_new, GROUP, base);
 }
 
+/* The slot of a row: every slot is a row, or those that changed are. */
+static inline uint slot_of_row(const uint row, const bool all, global const uint* changed) {
+  return all ? row : changed[row];
+}
+
+#if GROUP > 1
+/* Loads the rows of a work-group, and the last one again for those that are missing. */
+static inline void load_tile(local row_t* tile, const uint first_row, const uint rows, const uint end, const bool all,
+                             global const float* boxes, global const uint* changed, global const uint4* filters) {
+  for (uint k = (uint)get_local_id(0); first_row < end && k < rows + ROWS; k += GROUP) {
+    const uint slot = slot_of_row(min(first_row + k, end - 1U), all, changed);
+    tile[k] = finite_row(load_row(boxes, filters, slot));
+  }
+}
+
+/* Tests ROWS rows against the boxes of a work-item: hits, of which some may be none with the original bounds. */
+static inline hits_t test_rows(const boxes_t* s, local const row_t* rows) {
+  hits_t bits = 0;
+#pragma unroll 4 /* more would take too many registers */
+  for (uint r = ROWS; r-- > 0U;) {
+    const row_t t = rows[r];
+    bits = append_signs(bits, meets(s, t) ? apart(s, t) : (INTS)(-1));
+  }
+  return ~bits;
+}
+#else
+/* Tests ROWS rows against the boxes of a work-item. */
+static inline hits_t test_rows(const boxes_t* s, const uint first, const uint end, const bool all,
+                               global const float* boxes, global const uint* changed, global const uint4* filters) {
+  INTS hit[ROWS];
+  INTS some = 0;
+  for (uint r = 0; r < ROWS; ++r) {
+    const row_t t = load_row(boxes, filters, slot_of_row(min(first + r, end - 1U), all, changed));
+    hit[r] = meets(s, t) ? test_boxes(s, t) : (INTS)(0);
+    some |= hit[r];
+  }
+  hits_t bits = 0;
+  if (!any(some)) return bits;
+  for (uint r = 0; r < ROWS; ++r) bits |= (hits_t)lane_mask(hit[r]) << (r * WIDTH);
+  return bits;
+}
+#endif
+
+/* Collects the hits of the rows from `first` on, as far as there is memory, and counts them. */
+static inline void collect_hits(hits_t bits, const uint a, const uint first, const uint n, const bool all,
+                                global const uint* changed, local uint2* hits, local uint* found) {
+  for (; bits != 0; bits &= bits - 1U) {
+    const uint bit = LOWEST_BIT(bits);
+    const uint s_a = a + bit % WIDTH * GROUP;
+    const uint b = slot_of_row(first + bit / WIDTH, all, changed);
+    if (s_a >= n || s_a == b || (all && s_a > b)) continue;
+    const uint k = NEXT(found);
+    if (k < LOCAL_HITS) hits[k] = (uint2)(s_a, b);
+  }
+}
+
 #if GATHER
 #define COPY_PARAMETER global float* restrict copy,
 #else
 #define COPY_PARAMETER
 #endif
 
-/* A work-item has WIDTH boxes `a`, by its index in dimension 0, and a run of `rows` rows, from `first_run` on, by its
-   index in dimension 1. If row_count is n, every slot is a row and pairs are tested with a < b; otherwise the rows are
-   the slots that changed. Unless `last` is null, this also does the work of delta.cl; unless `copy` is null, it copies
-   the boxes. */
+/* A work-item has WIDTH boxes `a`, by its index in dimension 0, and a run of rows, from the first on, by its index in
+   dimension 1. Unless `last` is null, this also does the work of delta.cl; unless `copy` is null, it copies the
+   boxes. */
 kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void brute_force(
-    const uint n, const uint row_count, const uint rows, const uint first_run, global const float* restrict boxes,
-    global const uint* restrict changed, global const uint* restrict changed_stamps,
-    global const uint4* restrict filters, global const uint2* restrict exclusions, COPY_PARAMETER KEEP_PARAMETERS,
-    PAIR_SINK_PARAMETERS) {
+    const brute_force_scalars_t scalars, global const float* restrict boxes, global const uint* restrict changed,
+    global const uint* restrict changed_stamps, global const uint4* restrict filters,
+    global const uint2* restrict exclusions, COPY_PARAMETER KEEP_PARAMETERS, PAIR_SINK_PARAMETERS) {
+  const uint n = scalars.n;
+  const uint rows = scalars.rows;
   const pair_sink_t sink = PAIR_SINK;
 #if GROUP > 1
   local keep_t chunk;
-  keep_pairs(last, last_capacity, removed, keep_filters, keep_exclusions, keep_all, keep_stamps, n, boxes, stamp,
-             capacity, pairs, counts, (uint)(get_group_id(1) * get_num_groups(0) + get_group_id(0)),
+  keep_pairs(&keep_scalars, last, removed, keep_filters, keep_exclusions, keep_stamps, boxes, pairs, counts,
+             (uint)(get_group_id(1) * get_num_groups(0) + get_group_id(0)),
              (uint)(get_num_groups(0) * get_num_groups(1)), &chunk);
 #endif
   local uint2 hits[LOCAL_HITS]; /* boxes `a` and `b`; those that are new pairs become pairs */
@@ -252,22 +308,15 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void brute_force(
   const uint item = (uint)get_local_id(0);
   if (item == 0U) found = found_new = 0;
 
-  const bool all = row_count == n;
+  const bool all = scalars.row_count == n;
   const uint a = (uint)get_group_id(0) * (GROUP * WIDTH) + item;
-  const uint first_row = (first_run + (uint)get_global_id(1)) * rows;
-  const uint last_row = min(row_count, first_row + rows);
+  const uint first_row = (scalars.first_run + (uint)get_global_id(1)) * rows;
+  const uint last_row = min(scalars.row_count, first_row + rows);
   const bool has_work = !is_halted(counts) && (!all || (uint)get_group_id(0) * (GROUP * WIDTH) < last_row);
   const uint end = has_work ? last_row : 0U;
 #if GROUP > 1
   local row_t tile[MAX_ROWS + ROWS];
-  for (uint k = item; first_row < end && k < rows + ROWS; k += GROUP) {
-    const uint row = min(first_row + k, end - 1U);
-    tile[k] = finite_row(load_row(boxes, filters, all ? row : changed[row]));
-  }
-#define ROW(first, r) (tile + ((first)-first_row))[r]
-#else
-#define ROW(first, r) \
-  load_row(boxes, filters, all ? min((first) + (r), end - 1U) : changed[min((first) + (r), end - 1U)])
+  load_tile(tile, first_row, rows, end, all, boxes, changed, filters);
 #endif
 #if GATHER
   for (uint k = 0; copy != 0 && get_group_id(1) == 0 && k < WIDTH && a + k * GROUP < n; ++k) {
@@ -285,35 +334,13 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void brute_force(
   for (uint row = first_row; row < end;) {
     const uint stop = min(end, row + step);
     for (uint first = max(row, begin); first < stop; first += ROWS) {
-      hits_t bits = 0;
 #if GROUP > 1
-#pragma unroll 4 /* more would take too many registers */
-      for (uint r = ROWS; r-- > 0U;) {
-        const row_t t = ROW(first, r);
-        bits = append_signs(bits, meets(&s, t) ? apart(&s, t) : (INTS)(-1));
-      }
-      bits = ~bits;
+      hits_t bits = test_rows(&s, tile + (first - first_row));
 #else
-      INTS hit[ROWS];
-      INTS some = 0;
-      for (uint r = 0; r < ROWS; ++r) {
-        const row_t t = ROW(first, r);
-        hit[r] = meets(&s, t) ? test_boxes(&s, t) : (INTS)(0);
-        some |= hit[r];
-      }
-      if (!any(some)) continue;
-      for (uint r = 0; r < ROWS; ++r) bits |= (hits_t)lane_mask(hit[r]) << (r * WIDTH);
+      hits_t bits = test_rows(&s, first, end, all, boxes, changed, filters);
 #endif
       if (stop - first < ROWS) bits &= ((hits_t)1 << ((stop - first) * WIDTH)) - 1U;
-      for (; bits != 0; bits &= bits - 1U) {
-        const uint bit = LOWEST_BIT(bits);
-        const uint s_a = a + bit % WIDTH * GROUP;
-        const uint row_b = first + bit / WIDTH;
-        const uint b = all ? row_b : changed[row_b];
-        if (s_a >= n || s_a == b || (all && s_a > b)) continue;
-        const uint k = NEXT(&found);
-        if (k < LOCAL_HITS) hits[k] = (uint2)(s_a, b);
-      }
+      collect_hits(bits, a, first, n, all, changed, hits, &found);
     }
     barrier(CLK_LOCAL_MEM_FENCE);
     const uint count = found;

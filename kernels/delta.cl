@@ -12,8 +12,8 @@
 kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void delta_keep(KEEP_KERNEL_PARAMETERS) {
 #if GROUP > 1
   local keep_t chunk;
-  keep_pairs(last, last_capacity, removed, keep_filters, keep_exclusions, keep_all, keep_stamps, slots, boxes, stamp,
-             capacity, pairs, counts, (uint)get_group_id(0), (uint)get_num_groups(0), &chunk);
+  keep_pairs(&keep_scalars, last, removed, keep_filters, keep_exclusions, keep_stamps, boxes, pairs, counts,
+             (uint)get_group_id(0), (uint)get_num_groups(0), &chunk);
 #else
   const uint last_kept = counts[COUNT_LAST_KEPT];
   const uint first = (uint)get_global_id(0) * CHUNK;
@@ -22,9 +22,9 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void delta_keep(KEEP_K
   uint kept_count = 0;
   uint removed_count = 0;
   for (uint k = first; k < end; ++k) {
-    const uint2 pair = last_pair(last, last_capacity, k, last_kept);
+    const uint2 pair = last_pair(last, keep_scalars.last_capacity, k, last_kept);
     /* (A branch, because in Oclgrind 21.10 such a condition, used as a number, is not always 1.) */
-    if (is_kept(pair, slots, boxes, keep_filters, keep_exclusions, keep_all, stamp, keep_stamps)) {
+    if (is_kept(pair, &keep_scalars, boxes, keep_filters, keep_exclusions, keep_stamps)) {
       kept[k - first] = 1;
       ++kept_count;
     } else {
@@ -36,11 +36,11 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void delta_keep(KEEP_K
   uint next_removed = atomic_add(&counts[COUNT_REMOVED], removed_count);
   uint next_kept = atomic_add(&counts[COUNT_KEPT], kept_count);
   for (uint k = first; k < end; ++k) {
-    const uint2 pair = last_pair(last, last_capacity, k, last_kept);
+    const uint2 pair = last_pair(last, keep_scalars.last_capacity, k, last_kept);
     if (kept[k - first] == 0) {
       removed[next_removed++] = pair;
     } else {
-      if (next_kept < capacity) pairs[next_kept] = pair;
+      if (next_kept < keep_scalars.capacity) pairs[next_kept] = pair;
       ++next_kept;
     }
   }

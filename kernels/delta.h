@@ -11,29 +11,31 @@
 #define BROADCL_DELTA_H
 
 #include "aabb.h"
+#include "arguments.h"
 #include "counts.h"
 #include "filter.h"
 #include "inline.h"
 #include "stamp.h"
 
 typedef struct {
-  uint capacity;                       /* of the list */
+  uint capacity, last_slots, stamp;    /* arguments.h */
   global uint2* pairs;                 /* the list of this frame */
   global const float* last_boxes;      /* of the last frame */
-  uint last_slots;                     /* boxes of the last frame */
   global const uint4* last_filters;    /* of the last frame; null if they forbade no pair that is allowed now */
   global const uint2* last_exclusions; /* likewise */
-  uint stamp;                          /* of this frame */
   global const uint* stamps;           /* one word per slot: stamp.h; null if no object was replaced */
   global uint* counts;
 } pair_sink_t;
 
-#define PAIR_SINK_PARAMETERS                                                                                         \
-  const uint capacity, global uint2 *restrict pairs, global const float *restrict last_boxes, const uint last_slots, \
-      global const uint4 *restrict last_filters, global const uint2 *restrict last_exclusions, const uint stamp,     \
+#define PAIR_SINK_PARAMETERS                                                                                \
+  const sink_scalars_t sink_scalars, global uint2 *restrict pairs, global const float *restrict last_boxes, \
+      global const uint4 *restrict last_filters, global const uint2 *restrict last_exclusions,              \
       global const uint *restrict stamps, global uint *restrict counts
-#define PAIR_SINK \
-  { capacity, pairs, last_boxes, last_slots, last_filters, last_exclusions, stamp, stamps, counts }
+#define PAIR_SINK                                                                                        \
+  {                                                                                                      \
+    sink_scalars.capacity, sink_scalars.last_slots, sink_scalars.stamp, pairs, last_boxes, last_filters, \
+        last_exclusions, stamps, counts                                                                  \
+  }
 
 /* Pairs of the last frame. */
 static inline uint last_found(global const uint* counts) {

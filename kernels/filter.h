@@ -12,7 +12,7 @@ static inline bool worlds_meet(const uint s, const uint t) {
 
 /* Worlds as intervals, which overlap if objects may pair: the interval of an object, and that of nothing. If `sets` is
    1, the lowest bit of the group divides the objects of each world into two sets, and only pairs of one object of each
-   are sought: an interval then has to overlap the interval of the other set, which tiles_search.cl computes. Otherwise
+   are found: an interval then has to overlap the interval of the other set, which tiles_walk.h computes. Otherwise
    `sets` is 0. (Worlds that have the same number here are distinguished by may_pair().) */
 static inline uint first_world(const uint4 filter, const uint sets) {
   if (filter.w == ALL_WORLDS) return 0;

@@ -10,15 +10,12 @@
 #include "delta.h"
 #include "inline.h"
 
-/* The list of the last frame, and where to put the pairs that are removed from it. Filters and exclusions are null if
-   they forbid no pair of the list. `keep_all` says whether all slots count as changed; if not, stamps tell which did.
-   */
-#define KEEP_PARAMETERS KEEP_PARAMETERS_OF(restrict)
-/* (No `restrict` in functions: Oclgrind 21.10 does not know what remains of it after inlining.) */
-#define KEEP_PARAMETERS_OF(restrict_)                                                                                 \
-  global const uint2 *restrict_ last, const uint last_capacity, global uint2 *restrict_ removed,                      \
-      global const uint4 *restrict_ keep_filters, global const uint2 *restrict_ keep_exclusions, const uint keep_all, \
-      global const uint *restrict_ keep_stamps
+/* The list of the last frame, and where to append the pairs that are removed from it. Filters and exclusions are null
+   if they forbid no pair of the list. */
+#define KEEP_PARAMETERS                                                                                 \
+  const keep_scalars_t keep_scalars, global const uint2 *restrict last, global uint2 *restrict removed, \
+      global const uint4 *restrict keep_filters, global const uint2 *restrict keep_exclusions,          \
+      global const uint *restrict keep_stamps
 
 /* A pair of the last frame's list, of which `kept` are at the beginning. */
 static inline uint2 last_pair(global const uint2* last, const uint last_capacity, const uint k, const uint kept) {
@@ -26,15 +23,14 @@ static inline uint2 last_pair(global const uint2* last, const uint last_capacity
 }
 
 /* Whether a pair of the last frame is one of this frame. */
-static inline bool is_kept(const uint2 pair, const uint slots, global const float* boxes, global const uint4* filters,
-                           global const uint2* exclusions, const uint all, const uint stamp,
-                           global const uint* stamps) {
-  if (pair.y >= slots) return false;
+static inline bool is_kept(const uint2 pair, const keep_scalars_t* keep, global const float* boxes,
+                           global const uint4* filters, global const uint2* exclusions, global const uint* stamps) {
+  if (pair.y >= keep->slots) return false;
   if (stamps != 0) {
     const uint s = stamps[pair.x];
     const uint t = stamps[pair.y];
-    if (is_recycled(s, stamp) || is_recycled(t, stamp)) return false;
-    if (all == 0U && !is_changed(s, stamp) && !is_changed(t, stamp)) return true;
+    if (is_recycled(s, keep->stamp) || is_recycled(t, keep->stamp)) return false;
+    if (keep->all == 0U && !is_changed(s, keep->stamp) && !is_changed(t, keep->stamp)) return true;
   }
   if (is_excluded(pair, exclusions)) return false;
   box_t s;
@@ -45,9 +41,8 @@ static inline bool is_kept(const uint2 pair, const uint slots, global const floa
 }
 
 /* What a kernel needs that only keeps pairs: the boxes of this frame, and its list. */
-#define KEEP_KERNEL_PARAMETERS                                                                                  \
-  KEEP_PARAMETERS, const uint slots, global const float *restrict boxes, const uint stamp, const uint capacity, \
-      global uint2 *restrict pairs, global uint *restrict counts
+#define KEEP_KERNEL_PARAMETERS \
+  KEEP_PARAMETERS, global const float *restrict boxes, global uint2 *restrict pairs, global uint *restrict counts
 
 #if GROUP > 1
 #ifndef KEEP_RUN
@@ -67,8 +62,10 @@ typedef struct {
 /* Keeps the pairs of the last frame that are still pairs, and collects the others. Pairs of a chunk stay in order, so
    that those that were found together, and share boxes, remain neighbours. All work-items of a work-group must call
    it; the work is shared by `groups` work-groups, of which this is number `group`. */
-INLINE void keep_pairs(KEEP_PARAMETERS_OF(), const uint slots, global const float* boxes, const uint stamp,
-                       const uint capacity, global uint2* pairs, global uint* counts, const uint group,
+/* (No `restrict` here: Oclgrind 21.10 does not know what remains of it after inlining.) */
+INLINE void keep_pairs(const keep_scalars_t* keep, global const uint2* last, global uint2* removed,
+                       global const uint4* filters, global const uint2* exclusions, global const uint* stamps,
+                       global const float* boxes, global uint2* pairs, global uint* counts, const uint group,
                        const uint groups, local keep_t* chunk) {
   const uint item = (uint)get_local_id(0);
   const uint end = last == 0 || is_halted(counts) ? 0U : last_found(counts);
@@ -80,8 +77,8 @@ INLINE void keep_pairs(KEEP_PARAMETERS_OF(), const uint slots, global const floa
       const uint k = i * KEEP_GROUP + item;
       uchar kept = 0;
       if (first + k < end) {
-        pair[i] = last_pair(last, last_capacity, first + k, last_kept);
-        if (is_kept(pair[i], slots, boxes, keep_filters, keep_exclusions, keep_all, stamp, keep_stamps)) kept = 1;
+        pair[i] = last_pair(last, keep->last_capacity, first + k, last_kept);
+        if (is_kept(pair[i], keep, boxes, filters, exclusions, stamps)) kept = 1;
       }
       ((local uchar*)chunk->bytes)[k] = kept;
     }
@@ -110,7 +107,7 @@ INLINE void keep_pairs(KEEP_PARAMETERS_OF(), const uint slots, global const floa
       const uint before = chunk->before[k / 32U] + popcount(bits & ((1U << k % 32U) - 1U));
       const bool kept = (bits >> k % 32U & 1U) != 0U;
       const uint at = kept ? chunk->kept + before : chunk->removed + k - before;
-      if (first + k < end && kept && at < capacity) pairs[at] = pair[i];
+      if (first + k < end && kept && at < keep->capacity) pairs[at] = pair[i];
       if (first + k < end && !kept) removed[at] = pair[i];
     }
     barrier(CLK_LOCAL_MEM_FENCE);

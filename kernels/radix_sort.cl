@@ -16,8 +16,8 @@
    together are written together. It sorts by RANK_BITS bits at a time: each work-item counts its VALUES elements in
    private counters, whose prefix sums are ranks (as Merrill and Grimshaw do, with two counters per word).
 
-   Few elements are sorted by a whole range of bits in one or two launches: radix_sort_small sorts each tile,
-   radix_sort_merge merges all tiles at once, by ranks (as Satish, Harris and Garland merge two).
+   A small number of elements is sorted by a whole range of bits in one or two launches: radix_sort_small sorts each
+   tile, radix_sort_merge merges all tiles at once, by ranks (as Satish, Harris and Garland merge two).
 
    With GROUP 1 a single work-item processes a block, with private counters and neither local memory nor barriers. Then
    only the most significant digit is sorted by in this way. That splits the elements into buckets that fit into a

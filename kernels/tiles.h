@@ -1,4 +1,4 @@
-/* Tiles: the boxes are in an order in which neighbours in space are mostly neighbours, 32 boxes per tile, under a tree
+/* Tiles: the boxes are sorted so that neighbours in space are mostly neighbours, 32 boxes per tile, under a tree
    of bounds in which every node has 32 children; 64 of both on GPUs that run 64 work-items in step. Objects in
    different worlds never pair, so if there are several worlds, boxes are sorted by world first, and the bounds of a
    node have a fourth dimension, its worlds.

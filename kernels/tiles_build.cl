@@ -1,10 +1,10 @@
-/* The order of the boxes in tiles, and the tree over them: tiles.h.
+/* The keys by which boxes are sorted into tiles, and the tree over them: tiles.h.
 
-   The order is used for many frames. Bounds are computed in each frame, so results are exact; only the work grows as
-   boxes move away from their neighbours in the order. The search counts its work for the host, which sorts again when
+   Boxes stay in their tiles for many frames. Bounds are computed in each frame, so results are exact; only the work
+   grows as boxes of a tile move away from each other. The search counts its work for the host, which sorts again when
    the work has grown.
 
-   The order is that of Hilbert's curve through a grid of 1024^3 cells (J. Skilling, "Programming the Hilbert curve",
+   Boxes are sorted along Hilbert's curve through a grid of 1024^3 cells (J. Skilling, "Programming the Hilbert curve",
    AIP Conference Proceedings 707, 2004). Unlike Morton's it never jumps: a tile across a jump would overlap half of the
    world. Boxes that are much larger than others come at the end, where they do not enlarge the bounds of small ones,
    and every tile visits them. If there are several worlds, each has a separate curve; objects of all worlds come last.
@@ -47,7 +47,7 @@ static inline uint hilbert(uint cell[3]) {
   return code;
 }
 
-/* Elements to sort: slot, and index in spatial order. `bounds` are those of centroids.cl. */
+/* Elements to sort: slot, and key. `bounds` are those of centroids.cl. */
 kernel void tiles_keys(const uint n, global const float* restrict boxes, global const uint4* restrict filters,
                        const uint buckets, global const uint* restrict bounds, global uint2* restrict elements) {
   const uint k = (uint)get_global_id(0);
@@ -77,7 +77,7 @@ kernel void tiles_keys(const uint n, global const float* restrict boxes, global 
   elements[k] = (uint2)(k, code);
 }
 
-/* Replaces the indices in spatial order by worlds and sets, to sort by these next. Objects of all worlds come last. */
+/* Replaces the keys by worlds and sets, to sort by these next. Objects of all worlds come last. */
 kernel void tiles_world_keys(const uint n, const uint sets, global const uint4* restrict filters,
                              global uint2* restrict elements) {
   const uint k = (uint)get_global_id(0);
@@ -117,7 +117,7 @@ static inline void make_bounds(bounds_t* bounds, const box_t* box, const uint sl
 typedef struct {
   uint words[WORDS][NODE + 1U];
   uint parts[WORDS][GROUP / WORDS];
-} raise_t;
+} refit_t;
 
 /* Bounds as words, such that the larger word is the wider bound, and 0 is no bound. */
 static inline uint word_of_lower(const float bound) {
@@ -129,7 +129,7 @@ static inline uint word_of_upper(const float bound) {
 
 /* Merges the bounds of all children of node k of a level, one per work-item, and stores them as child k of the level
    above. All work-items must call it; `item` is a work-item's index among those of its node. */
-INLINE void raise(const bounds_t* mine, const uint item, local raise_t* scratch, global float* tree, const uint k,
+INLINE void refit(const bounds_t* mine, const uint item, local refit_t* scratch, global float* tree, const uint k,
                   const uint parents) {
   for (uint i = 0; i < 3U; ++i) {
     scratch->words[i][item] = word_of_lower(mine->bound[i]);
@@ -165,7 +165,7 @@ INLINE void raise(const bounds_t* mine, const uint item, local raise_t* scratch,
 
 /* Computes the bounds of the children of node k of a level, which are child k of the level above; those of none if
    there is no such node. */
-static inline void raise(global float* tree, const uint start, const uint k, const bool exists, const uint parents) {
+static inline void refit(global float* tree, const uint start, const uint k, const bool exists, const uint parents) {
   for (uint i = 0; i < AABB_FLOATS; ++i) {
     float bound = NAN;
     for (uint child = 0; exists && child < NODE; ++child) {
@@ -211,7 +211,7 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_fill(
     const uint n, const uint tiles, const uint parents, const uint sets, global const uint2* restrict elements,
     global float* tree, OBJECT_PARAMETERS) {
 #if GROUP > 1
-  local raise_t scratch;
+  local refit_t scratch;
 #endif
   const uint tile = (uint)get_group_id(0);
   FOR_EACH_CHILD(child) {
@@ -236,27 +236,27 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_fill(
     }
     if (tile < tiles) store_child(&bounds, tree, tile, child);
 #if GROUP > 1
-    raise(&bounds, child, &scratch, tree, tile, parents);
+    refit(&bounds, child, &scratch, tree, tile, parents);
 #endif
   }
 #if GROUP == 1
-  raise(tree, 0, tile, tile < tiles, parents);
+  refit(tree, 0, tile, tile < tiles, parents);
 #endif
 }
 
 /* Computes the bounds of a level's nodes, for the level above, one work-group per node. */
-kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_raise(const uint start, const uint nodes,
+kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_refit(const uint start, const uint nodes,
                                                                            const uint parents, global float* tree) {
   const uint k = (uint)get_group_id(0);
 #if GROUP > 1
-  local raise_t scratch;
+  local refit_t scratch;
   bounds_t bounds;
   const uint item = (uint)get_local_id(0);
   make_none(&bounds);
   if (k < nodes) load_child(&bounds, tree, start + k, item);
-  raise(&bounds, item, &scratch, tree, k, parents);
+  refit(&bounds, item, &scratch, tree, k, parents);
 #else
-  raise(tree, start, k, k < nodes, parents);
+  refit(tree, start, k, k < nodes, parents);
 #endif
 }
 
@@ -265,23 +265,23 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_raise(const
 
 /* The same, and keeps the pairs of the last frame, which saves a launch: the first work-groups compute bounds, and the
    others keep pairs. */
-kernel __attribute__((reqd_work_group_size(KEEP_GROUP, 1, 1))) void tiles_raise_and_keep(
+kernel __attribute__((reqd_work_group_size(KEEP_GROUP, 1, 1))) void tiles_refit_and_keep(
     const uint start, const uint nodes, const uint parents, global float* tree, KEEP_KERNEL_PARAMETERS) {
-  local raise_t scratch[KEEP_NODES];
+  local refit_t scratch[KEEP_NODES];
   local keep_t chunk;
   const uint group = (uint)get_group_id(0);
-  const uint raising = (nodes + NODE - 1U) / NODE * NODE / KEEP_NODES;
-  if (group < raising) {
+  const uint refitting = (nodes + NODE - 1U) / NODE * NODE / KEEP_NODES;
+  if (group < refitting) {
     const uint node = (uint)get_local_id(0) / GROUP;
     const uint item = (uint)get_local_id(0) % GROUP;
     const uint k = group * KEEP_NODES + node;
     bounds_t bounds;
     make_none(&bounds);
     if (k < nodes) load_child(&bounds, tree, start + k, item);
-    raise(&bounds, item, &scratch[node], tree, k, parents);
+    refit(&bounds, item, &scratch[node], tree, k, parents);
   } else {
-    keep_pairs(last, last_capacity, removed, keep_filters, keep_exclusions, keep_all, keep_stamps, slots, boxes, stamp,
-               capacity, pairs, counts, group - raising, (uint)get_num_groups(0) - raising, &chunk);
+    keep_pairs(&keep_scalars, last, removed, keep_filters, keep_exclusions, keep_stamps, boxes, pairs, counts,
+               group - refitting, (uint)get_num_groups(0) - refitting, &chunk);
   }
 }
 #endif

@@ -218,7 +218,7 @@ TEST_F(LimitedDevice, ThatRunsKernelsInSmallWorkGroupsOnlyGetsSuchOnes) {
   expect_all_pairs("tiles", {{"radix_sort_scatter", 128}, {"tiles_keys", 8}});
   expect_all_pairs("tiles", {{"tiles_search", 16}});
   expect_all_pairs("brute-force", {{"brute_force", 1}});
-  expect_all_pairs("auto", {{"order_few", 64}});
+  expect_all_pairs("auto", {{"order_small", 64}});
   expect_all_pairs("gpu-bf", {{"gpu_bf", 1}});
 }
 
@@ -252,7 +252,7 @@ TEST_F(LimitedDevice, ThatCannotRunAKernelSaysSoAtOnce) {
 bool tells_local_memory() {
   const opencl::Context context(select_device(), false);
   const EngineLaunch& launch = engine_launch(context);
-  const cl::Kernel kernel = context.kernel(engine_program(context), "order_few", launch.group);
+  const cl::Kernel kernel = context.kernel(engine_program(context), "order_small", launch.group);
   const cl::Device device(context.queue().getInfo<CL_QUEUE_DEVICE>());
   return kernel.getWorkGroupInfo<CL_KERNEL_LOCAL_MEM_SIZE>(device) > 0;
 }

@@ -240,7 +240,7 @@ constexpr std::array late_on_the_host{LateKernel{"brute-force", "brute_force -DW
                                       LateKernel{"tiles", "tiles_search -DSOME_CHANGED=1", 64},
                                       LateKernel{"tiles", "tiles_search -DWORLDS=1"},
                                       LateKernel{"tiles", "tiles_search -DSOME_CHANGED=1"},
-                                      LateKernel{"tiles", "tiles_raise -DWORLDS=1"},
+                                      LateKernel{"tiles", "tiles_refit -DWORLDS=1"},
                                       LateKernel{"tiles", "tiles_keys -DWORLDS=1"},
                                       LateKernel{"tiles", "tiles_world_keys -DWORLDS=1"},
                                       LateKernel{"tiles", "centroids -DWORLDS=1"},

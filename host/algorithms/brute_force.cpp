@@ -5,6 +5,7 @@
 #include <string>
 
 #include "algorithms/algorithm.hpp"
+#include "algorithms/kernel_arguments.hpp"
 #include "algorithms/pair_finder.hpp"
 #include "algorithms/row_launch.hpp"
 #include "opencl/launch.hpp"
@@ -60,9 +61,13 @@ class BruteForce final : public PairFinder {
     for (std::size_t first = 0; first < runs; first += at_once) {
       opencl::Profiler::Scope stage(profiler, "test");
       const bool keeps = first == 0 && sink.is_kept_by_finder();
-      cl_uint k = opencl::set_arguments(kernel, 0, n, row_count, static_cast<cl_uint>(rows),
-                                        static_cast<cl_uint>(first), boxes, search.changed, search.stamps,
-                                        search.now.filters, search.now.exclusions);
+      cl_uint k = opencl::set_arguments(
+          kernel, 0,
+          layout::brute_force_scalars_t{.n = n,
+                                        .row_count = row_count,
+                                        .rows = static_cast<cl_uint>(rows),
+                                        .first_run = static_cast<cl_uint>(first)},
+          boxes, search.changed, search.stamps, search.now.filters, search.now.exclusions);
       if (gathers_) k = opencl::set_arguments(kernel, k, first == 0 ? search.now.boxes : cl::Buffer());
       sink.set_sink(kernel, sink.set_keep(kernel, k, search, keeps), search);
       context_.queue().enqueueNDRangeKernel(kernel, cl::NullRange,

@@ -39,7 +39,7 @@ class Engine {
   void warm_up(std::size_t slots) { finder_->warm_up(slots); }
 
   /// Must not be called while there are unsettled frames, unless the new frame will be enqueued, too.
-  /// @param pairs How many to make room for. If there are more, the frame runs again.
+  /// @param pairs How many to reserve memory for. If there are more, the frame runs again.
   /// @throws cl::Error, Error
   void prepare(std::size_t pairs = 0) { delta_.begin(pairs); }
   /// Enqueues the search and the reading of its results. Unless the search has a source, commands that update

@@ -9,6 +9,8 @@
 
 #include <broadcl/aabb.hpp>
 
+#include "algorithms/kernel_arguments.hpp"
+
 namespace broadcl {
 namespace {
 
@@ -112,9 +114,8 @@ cl_uint NearPairs::capacity() const noexcept {
 }
 
 void NearPairs::set_sink(cl::Kernel& kernel, cl_uint first, const Search& search) const {
-  const cl::Buffer none;  // filters did not change, and no object was replaced
-  opencl::set_arguments(kernel, first, capacity(), pairs_.get(), search.last.boxes, search.last.slots, none,
-                        none, search.stamp, none, counts_);
+  // (Filters did not change, and no object was replaced.)
+  set_pair_sink(kernel, first, search, capacity(), pairs_.get(), counts_);
 }
 
 void NearPairs::searched() {

@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "algorithms/engine_program.hpp"
+#include "algorithms/kernel_arguments.hpp"
 #include "opencl/launch.hpp"
 
 namespace broadcl {
@@ -34,7 +35,7 @@ Order::Order(const opencl::Context& context, opencl::Profiler& profiler, Frames&
       sort_(context),
       scan_(context) {
   const cl::Program program = engine_program(context);
-  few_kernel_ = context.kernel(program, "order_few", engine_launch(context).group);
+  few_kernel_ = context.kernel(program, "order_small", engine_launch(context).group);
   count_ = context.sized_kernel(program, "order_count");
   scatter_ = context.sized_kernel(program, "order_scatter");
   place_ = context.sized_kernel(program, "order_place");
@@ -152,18 +153,30 @@ void Order::reserve_result(std::size_t changes) {
                            : opencl::SharedBuffer(context_, opencl::grown(context_, bytes, what));
 }
 
-void Order::set_results(cl::Kernel& kernel, cl_uint first, const PairDelta& delta, cl_uint tag) {
-  opencl::set_arguments(kernel, first, tag, delta.next_counts(),
-                        is_awaited_ ? result().device() : cl::Buffer(), report_.counts, report_.added,
-                        report_.removed);
+/// Sets a kernel's CHANGES_PARAMETERS, its first ones; returns the index after the last of them.
+cl_uint Order::set_changes(cl::Kernel& kernel, const PairDelta& delta, cl_uint tag) const {
+  return opencl::set_arguments(
+      kernel, 0,
+      layout::order_scalars_t{.capacity = static_cast<cl_uint>(delta.list_capacity()),
+                              .list_capacity = static_cast<cl_uint>(room_),
+                              .total_capacity = static_cast<cl_uint>(capacity_),
+                              .tag = tag,
+                              .buckets_of_list = static_cast<cl_uint>(buckets_of_list_),
+                              .bucket_bits = bucket_bits_,
+                              .worlds = static_cast<cl_uint>(worlds_)},
+      delta.list(), delta.removed(), delta.counts());
+}
+
+/// Sets a kernel's RESULT_PARAMETERS, its last ones.
+void Order::set_results(cl::Kernel& kernel, cl_uint first, const PairDelta& delta) {
+  opencl::set_arguments(kernel, first, delta.next_counts(), is_awaited_ ? result().device() : cl::Buffer(),
+                        report_.counts, report_.added, report_.removed);
 }
 
 /// @param event Is set to that of the last kernel, unless it is null.
 void Order::enqueue_few(const PairDelta& delta, cl_uint tag, cl::Event* event) {
   const std::size_t group = engine_launch(context_).group;
-  const cl_uint next = opencl::set_arguments(few_kernel_, delta.set_changes(few_kernel_, 0),
-                                             static_cast<cl_uint>(room_), static_cast<cl_uint>(capacity_));
-  set_results(few_kernel_, next, delta, tag);
+  set_results(few_kernel_, set_changes(few_kernel_, delta, tag), delta);
   const std::size_t groups = opencl::divide_up(std::max<std::size_t>(room_, 1), layout::ORDER_RANGE);
   context_.queue().enqueueNDRangeKernel(few_kernel_, cl::NullRange, cl::NDRange(groups * group, 2),
                                         cl::NDRange(group, 1), nullptr, event);
@@ -182,14 +195,12 @@ void Order::enqueue_many(const PairDelta& delta, cl_uint tag, cl::Event* event,
       capacity_, std::min(most_items, context_.device().compute_units * std::size_t{64}), most_items);
   for (opencl::SizedKernel* sized : {&count_, &scatter_, &place_}) {
     cl::Kernel& kernel = sized->kernel;
-    const cl_uint next =
-        opencl::set_arguments(kernel, delta.set_changes(kernel, 0), static_cast<cl_uint>(room_),
-                              static_cast<cl_uint>(capacity_), static_cast<cl_uint>(buckets_of_list_),
-                              bucket_bits_, sized == &count_ ? bucket_counts_.get() : buckets_.get(),
-                              scattered_.get(), static_cast<cl_uint>(worlds_), filters_, last_filters_);
+    const cl_uint next = opencl::set_arguments(kernel, set_changes(kernel, delta, tag),
+                                               sized == &count_ ? bucket_counts_.get() : buckets_.get(),
+                                               scattered_.get(), filters_, last_filters_);
     if (sized == &place_) {
       kernel.setArg(next, bucket_counts_.get());
-      set_results(kernel, next + 1, delta, tag);
+      set_results(kernel, next + 1, delta);
     }
     sized->enqueue(context_.queue(), items, sized == &place_ ? event : stage.event());
     if (sized == &count_) scan_.enqueue(bucket_counts_.get(), buckets_.get(), buckets, &stage);

@@ -93,7 +93,8 @@ class Order {
   void report_to_own_lists();
   void enqueue_few(const PairDelta& delta, cl_uint tag, cl::Event* event);
   void enqueue_many(const PairDelta& delta, cl_uint tag, cl::Event* event, opencl::Profiler::Scope& stage);
-  void set_results(cl::Kernel& kernel, cl_uint first, const PairDelta& delta, cl_uint tag);
+  cl_uint set_changes(cl::Kernel& kernel, const PairDelta& delta, cl_uint tag) const;
+  void set_results(cl::Kernel& kernel, cl_uint first, const PairDelta& delta);
   void read(std::size_t changes);
   void sort_changes(const PairDelta& delta, const PairDelta::Counts& counts);
   void sort_by_world(const cl::Buffer& pairs, std::size_t n, const cl::Buffer& filters,

@@ -7,6 +7,7 @@
 #include <broadcl/error.hpp>
 
 #include "algorithms/engine_program.hpp"
+#include "algorithms/kernel_arguments.hpp"
 #include "opencl/launch.hpp"
 #include "pair_lists.hpp"
 
@@ -107,16 +108,19 @@ std::size_t PairDelta::most_to_keep() const noexcept {
 cl_uint PairDelta::set_keep(cl::Kernel& kernel, cl_uint first, const Search& search, bool keeps) const {
   const cl::Buffer none;
   const bool same_filters = !keeps || search.same_filters;
-  return opencl::set_arguments(kernel, first, keeps ? last_.buffer.get() : none,
-                               static_cast<cl_uint>(last_.capacity), keeps ? removed() : none,
+  return opencl::set_arguments(kernel, first,
+                               layout::keep_scalars_t{.last_capacity = static_cast<cl_uint>(last_.capacity),
+                                                      .all = search.all ? cl_uint{1} : cl_uint{0},
+                                                      .slots = search.now.slots,
+                                                      .stamp = search.stamp,
+                                                      .capacity = static_cast<cl_uint>(now_.capacity)},
+                               keeps ? last_.buffer.get() : none, keeps ? removed() : none,
                                same_filters ? none : search.now.filters,
-                               same_filters ? none : search.now.exclusions,
-                               search.all ? cl_uint{1} : cl_uint{0}, keeps ? search.stamps : none);
+                               same_filters ? none : search.now.exclusions, keeps ? search.stamps : none);
 }
 
 void PairDelta::set_keep_kernel(cl::Kernel& kernel, cl_uint first, const Search& search) const {
-  opencl::set_arguments(kernel, set_keep(kernel, first, search, true), search.now.slots, search.now.boxes,
-                        search.stamp, static_cast<cl_uint>(now_.capacity), list(), counts());
+  opencl::set_arguments(kernel, set_keep(kernel, first, search, true), search.now.boxes, list(), counts());
 }
 
 void PairDelta::keep(const Search& search) {
@@ -130,15 +134,7 @@ void PairDelta::keep(const Search& search) {
 }
 
 cl_uint PairDelta::set_sink(cl::Kernel& kernel, cl_uint first, const Search& search) const {
-  return opencl::set_arguments(kernel, first, static_cast<cl_uint>(now_.capacity), list(), search.last.boxes,
-                               search.last.slots, search.same_filters ? cl::Buffer() : search.last.filters,
-                               search.same_filters ? cl::Buffer() : search.last.exclusions, search.stamp,
-                               search.any_recycled ? search.stamps : cl::Buffer(), counts());
-}
-
-cl_uint PairDelta::set_changes(cl::Kernel& kernel, cl_uint first) const {
-  return opencl::set_arguments(kernel, first, static_cast<cl_uint>(now_.capacity), list(), removed(),
-                               counts());
+  return set_pair_sink(kernel, first, search, now_.capacity, list(), counts());
 }
 
 PairDelta::Counts PairDelta::counts_of(const std::byte* counts) const {

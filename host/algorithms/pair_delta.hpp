@@ -55,7 +55,7 @@ class PairDelta {
   /// @throws cl::Error, Error
   void take(const PairDelta& other);
 
-  /// Starts a frame: sets all counts to 0, and makes room in the list for this many pairs, and at least for
+  /// Starts a frame: sets all counts to 0, and gives the list capacity for this many pairs, and at least for
   /// those of the last frame.
   /// @throws cl::Error, Error
   void begin(std::size_t pairs);
@@ -81,9 +81,6 @@ class PairDelta {
   /// Sets a kernel's PAIR_SINK_PARAMETERS, from the given index on; returns the index after the last of them.
   /// @throws cl::Error
   cl_uint set_sink(cl::Kernel& kernel, cl_uint first, const Search& search) const;
-  /// Sets a kernel's CHANGES_PARAMETERS of kernels/order.cl likewise.
-  /// @throws cl::Error
-  cl_uint set_changes(cl::Kernel& kernel, cl_uint first) const;
 
   /// Decodes the counts that the host has read.
   [[nodiscard]] Counts counts_of(const std::byte* counts) const;

@@ -52,7 +52,7 @@ BROADCL_INLINE bool overlaps(const Bounds<axes>& s, const Bounds<axes>& t) {
 /// The bounds to search for a box or tile with these bounds. With two sets, those of the other set in the
 /// same world; if the tile has several sets or worlds, all sets of its worlds.
 template <std::size_t axes>
-BROADCL_INLINE Bounds<axes> sought(const HostTiles<axes>& all, Bounds<axes> bounds) {
+BROADCL_INLINE Bounds<axes> target_of(const HostTiles<axes>& all, Bounds<axes> bounds) {
   if constexpr (axes > 3) {
     if (!all.sets) return bounds;
     const bool is_one = bounds.lower[3] == bounds.upper[3];
@@ -84,7 +84,7 @@ template <std::size_t tested, std::size_t axes>
 BROADCL_INLINE void test_along(Found& found, const HostTiles<axes>& all, std::size_t s, std::size_t t,
                                std::span<const Filter> filters) {
   const auto overlapping_of = [&](const Node<axes>& tile, const Bounds<axes>& bounds) {
-    return overlapping_along<tested>(tile, tested < axes ? bounds : sought(all, bounds));
+    return overlapping_along<tested>(tile, tested < axes ? bounds : target_of(all, bounds));
   };
   const std::uint32_t of_s = overlapping_of(all.tiles[s], all.bounds[t]);
   if (of_s == 0) return;
@@ -100,7 +100,7 @@ BROADCL_INLINE void test_along(Found& found, const HostTiles<axes>& all, std::si
   found.set_next(next);
 }
 
-/// Tests the boxes of two tiles, one of which overlaps what is sought for the other.
+/// Tests the boxes of two tiles, one of which overlaps the target of the other.
 template <std::size_t axes>
 BROADCL_INLINE void test(Found& found, const HostTiles<axes>& all, std::size_t s, std::size_t t,
                          std::span<const Filter> filters) {
@@ -116,11 +116,11 @@ BROADCL_INLINE void test(Found& found, const HostTiles<axes>& all, std::size_t s
 template <std::size_t axes>
 BROADCL_INLINE void test_itself(Found& found, const HostTiles<axes>& all, std::size_t s,
                                 std::span<const Filter> filters) {
-  if (!overlaps(all.bounds[s], sought(all, all.bounds[s]))) return;  // they are of one set
+  if (!overlaps(all.bounds[s], target_of(all, all.bounds[s]))) return;  // they are of one set
   const Node<axes>& tile = all.tiles[s];
   Pair* next = found.next();
   for (std::size_t k = 1; k < node_size; ++k) {
-    const std::uint32_t bits = overlapping(tile, sought(all, tile.get(k))) & (bit_of[k] - 1);
+    const std::uint32_t bits = overlapping(tile, target_of(all, tile.get(k))) & (bit_of[k] - 1);
     next = store_found(next, tile, bits, tile.index[k], filters);
   }
   found.set_next(next);
@@ -135,7 +135,7 @@ BROADCL_INLINE void test_nodes(Found& found, const HostTiles<axes>& all, std::si
   for (; tiles != 0; tiles &= tiles - 1) {
     const std::size_t child = lowest_bit(tiles);
     const std::size_t s = own * node_size + child;
-    std::uint32_t others = overlapping(all.nodes[other], sought(all, all.bounds[s]));
+    std::uint32_t others = overlapping(all.nodes[other], target_of(all, all.bounds[s]));
     if (own == other) {
       found.reserve(most);
       test_itself(found, all, s, filters);
@@ -158,12 +158,12 @@ BROADCL_INLINE void search_tiles(Found& found, const HostTiles<axes>& all, std::
   const std::uint32_t tiles = first_part << part % parts_per_node * tiles_per_part;
   const auto bounds_of = [&](std::size_t node) { return all.roots[node / node_size].get(node % node_size); };
   const std::size_t own = all.sweep[position];
-  const Bounds<axes> bounds = sought(all, bounds_of(own));
+  const Bounds<axes> bounds = target_of(all, bounds_of(own));
   for (const std::uint32_t other : std::span(all.sweep).subspan(position)) {
     const Bounds<axes> others = bounds_of(other);
     if (others.lower[all.axis] > bounds.upper[all.axis]) break;
     if (!overlaps(others, bounds)) continue;
-    test_nodes(found, all, own, overlapping(all.nodes[own], sought(all, others)) & tiles, other, filters);
+    test_nodes(found, all, own, overlapping(all.nodes[own], target_of(all, others)) & tiles, other, filters);
   }
 }
 
@@ -173,7 +173,7 @@ BROADCL_INLINE void search_boxes(Found& found, const HostTiles<axes>& all,
                                  std::span<const std::uint32_t> places, std::span<const Filter> filters) {
   for (const std::uint32_t place : places) {
     const Node<axes>& own = all.tiles[place / node_size];
-    const Bounds<axes> bounds = sought(all, own.get(place % node_size));
+    const Bounds<axes> bounds = target_of(all, own.get(place % node_size));
     const std::uint32_t slot = own.index[place % node_size];
     for (const Node<axes>& root : all.roots) {
       for (std::uint32_t nodes = overlapping(root, bounds); nodes != 0; nodes &= nodes - 1) {

@@ -74,7 +74,7 @@ struct HostTiles {
   std::vector<std::uint32_t> sweep;  // nodes by ascending lower bounds along the axis, until boxes change
   std::size_t axis = 0;
   /// Whether there are two sets: along the fourth axis, set s of world w is at 2 w + s, and only pairs of one
-  /// object of each set are sought.
+  /// object of each set are reported.
   bool sets = false;
 };
 

@@ -8,16 +8,16 @@
 namespace broadcl {
 namespace {
 
-/// How often, on average, each box may move before the order counts as old, if its work is not known.
+/// How often, on average, each box may move before boxes are sorted again, if the work is not known.
 constexpr std::size_t unwatched = 8;
-/// At least 1 / fewest_moved of the boxes must have moved before the order may be old.
+/// At least 1 / fewest_moved of the boxes must have moved before boxes are sorted again.
 constexpr std::size_t fewest_moved = 64;
 /// An early search takes more time than it saves if its work is more than this multiple of that of a search
 /// of all.
 constexpr double most_early_work = 2;
 /// A search is given up, and the boxes are sorted, if it takes more work than this many searches of all boxes
-/// in a new order, which is far more than is_stale() allows. If all boxes leapt, the work would be n^2.
-constexpr double hopeless = 4;
+/// after sorting, which is far more than is_stale() allows. If all boxes leapt, the work would be n^2.
+constexpr double given_up = 4;
 
 /// Whether two numbers are so close that an observation for one also holds for the other.
 bool alike(std::size_t s, std::size_t t) {
@@ -37,11 +37,12 @@ void TileWork::begin_frame(const Search& search, const PairDelta& sink) {
 void TileWork::observe(const PairDelta& sink) {
   if (!searched_frame_ || sink.frames() != *searched_frame_ + 1 || sink.work() == 0) return;
   seen_ = {.pairs = sink.pair_count(), .slots = sorted_slots_};
-  factors_.at(kind_) = static_cast<double>(sink.work()) / usual_;
+  factors_.at(kind_) = static_cast<double>(sink.work()) / typical_;
 }
 
-/// The last frame's work is compared with the first frame in this order that was followed by another one
-/// here. If another finder did the last frame, the number of boxes that moved decides.
+/// The last frame's work is compared with that of the first frame since the boxes were sorted that was
+/// followed by another one here. If another finder did the last frame, the number of boxes that moved
+/// decides.
 bool TileWork::is_stale(const Search& search, const PairDelta& sink) {
   if (search.now.slots != sorted_slots_ || search.worlds != sorted_by_world_ || search.sets != sorted_by_set_)
     return true;
@@ -49,13 +50,13 @@ bool TileWork::is_stale(const Search& search, const PairDelta& sink) {
   if (sink.work() == 0) return moved_ > unwatched * search.now.slots;
   double& fresh = fresh_factors_.at(kind_);
   if (fresh == 0) fresh = factors_.at(kind_);
-  // The work for a few boxes says little, so wait until some have moved.
-  const bool may_be_old =
+  // The work for some boxes says little, so wait until enough have moved.
+  const bool may_be_stale =
       static_cast<double>(moved_ * fewest_moved) >= stale_ * static_cast<double>(search.now.slots);
-  return factors_.at(kind_) > stale_ * fresh && may_be_old;
+  return factors_.at(kind_) > stale_ * fresh && may_be_stale;
 }
 
-void TileWork::set_order(const Search& search, const PairDelta& sink) {
+void TileWork::set_sorted(const Search& search, const PairDelta& sink) {
   sorted_by_world_ = search.worlds;
   sorted_by_set_ = search.sets;
   sorted_slots_ = search.now.slots;
@@ -66,7 +67,7 @@ void TileWork::set_order(const Search& search, const PairDelta& sink) {
 
 void TileWork::begin_search(const Search& search, bool is_early) {
   kind_ = is_early ? early : search.all ? all_changed : some_changed;
-  usual_ = usual(search);
+  typical_ = typical(search);
 }
 
 bool TileWork::early_pays() const noexcept {
@@ -76,7 +77,8 @@ bool TileWork::early_pays() const noexcept {
 double TileWork::expected(const Search& search, const PairDelta& sink) {
   observe(sink);
   const bool is_known = alike(seen_.slots, search.now.slots) && alike(seen_.pairs, sink.pair_count());
-  return usual(search) * (is_known ? factors_ : default_factors).at(search.all ? all_changed : some_changed);
+  return typical(search) *
+         (is_known ? factors_ : default_factors).at(search.all ? all_changed : some_changed);
 }
 
 cl_uint TileWork::most(const Search& search, const PairDelta& sink, std::size_t groups) const {
@@ -84,17 +86,17 @@ cl_uint TileWork::most(const Search& search, const PairDelta& sink, std::size_t 
   if (!search.may_give_up || sink.frames() == sorted_frame_) return any;
   const double factor =
       std::max({default_factors[all_changed], factors_[all_changed], fresh_factors_[all_changed]});
-  const double most = hopeless * factor * usual(search.now.slots, search.now.slots);
+  const double most = given_up * factor * typical(search.now.slots, search.now.slots);
   // Each work-group may do some more before it knows; the kernel counts in 32 bits.
-  const bool overflows = most + 2.0 * static_cast<double>(layout::REPORTED_WORK * groups) >= any;
+  const bool overflows = most + static_cast<double>(2 * layout::REPORTED_WORK * groups) >= any;
   return overflows ? any : static_cast<cl_uint>(most);
 }
 
-/// The work of a search in a new order, up to a factor: a constant per tile, and more per box that changed.
-double TileWork::usual(const Search& search) const {
-  return usual(search.now.slots, search.changed_slots());
+/// The work of a search after sorting, up to a factor: a constant per tile, and more per box that changed.
+double TileWork::typical(const Search& search) const {
+  return typical(search.now.slots, search.changed_slots());
 }
-double TileWork::usual(std::size_t slots, std::size_t changed) const {
+double TileWork::typical(std::size_t slots, std::size_t changed) const {
   return 4 * static_cast<double>(opencl::divide_up(slots, node_)) + 12 * static_cast<double>(changed);
 }
 

@@ -11,14 +11,14 @@
 namespace broadcl {
 
 /// What searches of tiles cost, in nodes and boxes that they visit, as counted on the device. The work grows
-/// as boxes move away from their neighbours in the order, so it tells when to sort again, and what the next
-/// search will take.
+/// as boxes move away from those that they were sorted next to, so it tells when to sort again, and what the
+/// next search will take.
 class TileWork {
  public:
   static constexpr double default_stale = 1.25;
 
   /// @param node Boxes per tile.
-  /// @param stale An order is old once the work exceeds this multiple of the work in a new order.
+  /// @param stale To sort again once the work exceeds this multiple of the work after sorting.
   TileWork(std::size_t node, double stale) : node_(node), stale_(stale) {}
 
   /// Starts again with tiles of another size.
@@ -26,12 +26,12 @@ class TileWork {
 
   /// Records the work of the last search, and that a frame begins.
   void begin_frame(const Search& search, const PairDelta& sink);
-  /// Whether there is no order for this search, or a new one is needed. To be called once per frame.
+  /// Whether to sort the boxes for this search. To be called once per frame.
   [[nodiscard]] bool is_stale(const Search& search, const PairDelta& sink);
-  /// Records that the boxes of this frame are being sorted. Before that, call forget_order(), because an
-  /// order that is not complete is none.
-  void set_order(const Search& search, const PairDelta& sink);
-  void forget_order() noexcept { sorted_slots_ = 0; }
+  /// Records that the boxes of this frame are being sorted. Before that, call forget_sort(), because
+  /// boxes that are partly sorted are not sorted.
+  void set_sorted(const Search& search, const PairDelta& sink);
+  void forget_sort() noexcept { sorted_slots_ = 0; }
   /// @param is_early Whether it searches the boxes of the last frame.
   void begin_search(const Search& search, bool is_early);
 
@@ -49,24 +49,24 @@ class TileWork {
   enum Kind : std::size_t { some_changed, all_changed, early };
 
   void observe(const PairDelta& sink);
-  [[nodiscard]] double usual(const Search& search) const;
-  [[nodiscard]] double usual(std::size_t slots, std::size_t changed) const;
+  [[nodiscard]] double typical(const Search& search) const;
+  [[nodiscard]] double typical(std::size_t slots, std::size_t changed) const;
 
-  /// The work of these searches, if the boxes have one size, as a multiple of usual().
+  /// The work of these searches, if the boxes have one size, as a multiple of typical().
   static constexpr std::array default_factors{0.9, 0.25, 0.25};
 
   std::size_t node_;
   double stale_;
-  std::size_t sorted_slots_ = 0;  // 0 if there is no order
+  std::size_t sorted_slots_ = 0;  // 0 if no boxes are sorted
   bool sorted_by_world_ = false;
   bool sorted_by_set_ = false;
   std::size_t sorted_frame_ = 0;
   std::optional<std::size_t> searched_frame_;
-  std::size_t moved_ = 0;    // boxes since the order was new, each counted as often as it moved
+  std::size_t moved_ = 0;    // boxes since they were sorted, each counted as often as it moved
   Kind kind_ = all_changed;  // of the last search
-  double usual_ = 1;         // for that search
-  // The work of searches of each kind, as a multiple of usual(): of the last ones, and of the first ones in
-  // this order (0 if there was none).
+  double typical_ = 1;       // for that search
+  // The work of searches of each kind, as a multiple of typical(): of the last ones, and of the first ones
+  // since the boxes were sorted (0 if there was none).
   std::array<double, 3> factors_ = default_factors;
   std::array<double, 3> fresh_factors_{};
   struct {

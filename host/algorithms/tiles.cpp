@@ -1,3 +1,4 @@
+#include <algorithm>
 #include <array>
 #include <cstddef>
 #include <limits>
@@ -6,7 +7,7 @@
 
 #include "algorithms/algorithm.hpp"
 #include "algorithms/centroids.hpp"
-#include "algorithms/kernel_layout.hpp"
+#include "algorithms/kernel_arguments.hpp"
 #include "algorithms/near_pairs.hpp"
 #include "algorithms/pair_finder.hpp"
 #include "algorithms/tile_work.hpp"
@@ -33,17 +34,14 @@ TilesLaunch launch_for(opencl::Tuning tuning) {
   return tuning == opencl::Tuning::gpu64 ? tiles_on_gpus_of_64 : tiles_on_gpus;
 }
 
-constexpr std::size_t levels = layout::TREE_LEVELS;
-static_assert(levels <= 4);  // the numbers of a cl_uint4
-
-constexpr std::size_t most_sharers = 8;
-constexpr std::size_t search_groups_per_unit = 64;         // as far as most_sharers allows
+constexpr std::size_t most_workers = 8;
+constexpr std::size_t search_groups_per_unit = 64;         // as far as most_workers allows
 constexpr std::size_t dense_search_groups_per_unit = 128;  // if all tiles are dense
 /// From this many boxes on, a GPU takes long enough to receive them that a search meanwhile pays.
 constexpr std::size_t fewest_searched_early = 1 << 17;
 
-/// Up to this many objects are gathered in the order of the tiles, which saves a launch; with more, gathering
-/// them in their own order takes less time.
+/// Up to this many objects are gathered tile by tile, which saves a launch; with more, gathering them by slot
+/// takes less time.
 constexpr std::size_t most_gathered = 131072;
 
 /// Whether worlds or sets are a fourth dimension, so that tiles have objects of one world or set.
@@ -59,7 +57,7 @@ cl_uint sets(const Search& search) {
 using opencl::divide_up;
 using opencl::round_up;
 
-/// Boxes in spatial order, under a tree of bounds: kernels/tiles.cl.
+/// Boxes sorted in space, under a tree of bounds: kernels/tiles.cl.
 class Tiles final : public PairFinder {
  public:
   Tiles(const opencl::Context& context, double stale, std::size_t fewest_early)
@@ -92,7 +90,7 @@ class Tiles final : public PairFinder {
   void find(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) override {
     if (!is_built_) return;
     if (!is_early_) {
-      raise(search, sink, profiler);
+      refit(search, sink, profiler);
       enqueue_search(search, sink, profiler);
     }
     near_.test(search, sink, profiler);
@@ -104,8 +102,8 @@ class Tiles final : public PairFinder {
 
   [[nodiscard]] bool gave_up(const PairDelta::Counts& counts) override {
     if (!is_built_) return false;
-    const bool is_hopeless = counts.work > most_work_;
-    return near_.missed(counts, is_hopeless) || is_hopeless;
+    const bool was_given_up = counts.work > most_work_;
+    return near_.missed(counts, was_given_up) || was_given_up;
   }
 
   void rebuild(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) override {
@@ -119,8 +117,8 @@ class Tiles final : public PairFinder {
     fill_trees(search, false, sink, profiler);
   }
 
-  /// (The order may come from boxes of an incomplete frame.)
-  void forget() noexcept override { work_.forget_order(); }
+  /// (The boxes that were sorted may be those of an incomplete frame.)
+  void forget() noexcept override { work_.forget_sort(); }
 
   [[nodiscard]] double expected_work(const Search& search, const PairDelta& sink) override {
     return work_.expected(search, sink);
@@ -129,8 +127,8 @@ class Tiles final : public PairFinder {
  private:
   struct Kernels {  // NOLINT(bugprone-exception-escape): handles do not throw when moved
     opencl::SizedKernel centroids, keys, world_keys;
-    cl::Kernel fill, raise, search;
-    cl::Kernel raise_and_keep{};  // on a GPU
+    cl::Kernel fill, refit, search;
+    cl::Kernel refit_and_keep{};  // on a GPU
     cl::Kernel search_some{};     // if it is built
   };
 
@@ -162,10 +160,10 @@ class Tiles final : public PairFinder {
                .keys = context_.sized_kernel(program, "tiles_keys"),
                .world_keys = context_.sized_kernel(program, "tiles_world_keys"),
                .fill = context_.kernel(program, "tiles_fill", launch_.group),
-               .raise = context_.kernel(program, "tiles_raise", launch_.group),
+               .refit = context_.kernel(program, "tiles_refit", launch_.group),
                .search = context_.kernel(program, "tiles_search", launch_.group)};
     if (launch_.group > 1) {
-      kernels.raise_and_keep = context_.kernel(program, "tiles_raise_and_keep", layout::TILES_KEEP_GROUP);
+      kernels.refit_and_keep = context_.kernel(program, "tiles_refit_and_keep", layout::TILES_KEEP_GROUP);
     }
     return kernels;
   }
@@ -211,11 +209,11 @@ class Tiles final : public PairFinder {
 
   void reserve(std::size_t slots) {
     capacity_ = 0;
-    work_.forget_order();
+    work_.forget_sort();
     elements_ = scratch_ = {};
     tree_ = changed_tree_ = {};
     const std::size_t needed = round_up(slots, launch_.node);
-    std::size_t capacity = opencl::grown(context_, needed * sizeof(cl_ulong), "order of boxes") /
+    std::size_t capacity = opencl::grown(context_, needed * sizeof(cl_ulong), "sorted boxes") /
                            sizeof(cl_ulong) / launch_.node * launch_.node;
     set_levels(capacity);
     if (tree_bytes(true) > context_.device().max_allocation) {
@@ -230,8 +228,8 @@ class Tiles final : public PairFinder {
   /// Sets the number of nodes of a tree for this many boxes, and the first of each level.
   void set_levels(std::size_t capacity) {
     nodes_ = 0;
-    for (std::size_t level = 0, size = capacity; level < levels; ++level) {
-      starts_.s[level] = static_cast<cl_uint>(nodes_);
+    for (std::size_t level = 0, size = capacity; level < layout::TREE_LEVELS; ++level) {
+      starts_.at(level) = static_cast<cl_uint>(nodes_);
       size = divide_up(size, launch_.node);
       nodes_ += size;
     }
@@ -252,7 +250,7 @@ class Tiles final : public PairFinder {
 
   void sort(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) {
     opencl::Profiler::Scope stage(profiler, "sort");
-    work_.forget_order();  // until all is enqueued: an incomplete one may have a slot twice
+    work_.forget_sort();  // until all is enqueued: after a part of it, a slot may be there twice
     Kernels& kernels = this->kernels(search);
     const cl::Buffer& filters = has_worlds(search) ? search.now.filters : cl::Buffer();
     // (Sets of one world share their bounds.)
@@ -269,7 +267,7 @@ class Tiles final : public PairFinder {
       const unsigned bits = search.worlds ? 32 : 1;
       sort_.enqueue(elements_, scratch_, search.now.slots, {{32, bits}}, &stage);
     }
-    work_.set_order(search, sink);
+    work_.set_sorted(search, sink);
   }
 
   /// Fills the trees with boxes and the bounds of tiles.
@@ -298,7 +296,7 @@ class Tiles final : public PairFinder {
 
   cl_uint set_fill(cl::Kernel& fill, const Search& search, const Tree& tree) const {
     return opencl::set_arguments(fill, 0, search.now.slots, static_cast<cl_uint>(tiles_of(search)),
-                                 starts_.s[1], sets(search), elements_, tree.nodes);
+                                 starts_.at(1), sets(search), elements_, tree.nodes);
   }
 
   void fill_tree(const cl::CommandQueue& queue, const Search& search, const cl::Kernel& fill,
@@ -316,12 +314,12 @@ class Tiles final : public PairFinder {
 
   /// Computes the bounds of nodes, of one level after the other, and keeps the pairs of the last frame if
   /// that was left to this.
-  void raise(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) {
+  void refit(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) {
     if (sink.is_kept_by_finder()) {
       opencl::Profiler::Scope stage(profiler, "keep");
       const std::size_t nodes = nodes_of(search);
-      cl::Kernel& kernel = kernels(search).raise_and_keep;
-      sink.set_keep_kernel(kernel, set_raise(kernel, tree_, 1, nodes), search);
+      cl::Kernel& kernel = kernels(search).refit_and_keep;
+      sink.set_keep_kernel(kernel, set_refit(kernel, tree_, 1, nodes), search);
       const std::size_t groups =
           round_up(nodes, launch_.node) * launch_.group / layout::TILES_KEEP_GROUP +
           divide_up(sink.most_to_keep(), layout::TILES_KEEP_GROUP * layout::TILES_KEEP_RUN);
@@ -330,29 +328,29 @@ class Tiles final : public PairFinder {
                                             cl::NDRange(layout::TILES_KEEP_GROUP), nullptr, stage.event());
     }
     opencl::Profiler::Scope stage(profiler, "refit");
-    raise(context_.queue(), search, tree_, sink.is_kept_by_finder() ? 2 : 1, stage);
-    if (!search.all) raise(context_.queue(), search, changed_tree_, 1, stage);
+    refit(context_.queue(), search, tree_, sink.is_kept_by_finder() ? 2 : 1, stage);
+    if (!search.all) refit(context_.queue(), search, changed_tree_, 1, stage);
   }
 
   /// @param level The first whose bounds are to be computed.
-  void raise(const cl::CommandQueue& queue, const Search& search, const Tree& tree, std::size_t level,
+  void refit(const cl::CommandQueue& queue, const Search& search, const Tree& tree, std::size_t level,
              opencl::Profiler::Scope& stage) {
     std::size_t nodes = nodes_of(search);
-    cl::Kernel& raise = kernels(search).raise;
-    // The search starts at the first level that has few nodes.
-    for (top_ = 1; nodes > launch_.most_roots && top_ + 1 < levels;
+    cl::Kernel& refit = kernels(search).refit;
+    // The search starts at the first level that has at most `most_roots` nodes.
+    for (top_ = 1; nodes > launch_.most_roots && top_ + 1 < layout::TREE_LEVELS;
          ++top_, nodes = divide_up(nodes, launch_.node)) {
       if (top_ < level) continue;
-      set_raise(raise, tree, top_, nodes);
-      enqueue(queue, raise, round_up(nodes, launch_.node), stage.event());
+      set_refit(refit, tree, top_, nodes);
+      enqueue(queue, refit, round_up(nodes, launch_.node), stage.event());
     }
     roots_ = static_cast<cl_uint>(nodes);
   }
 
   /// @param nodes Of the level.
-  cl_uint set_raise(cl::Kernel& kernel, const Tree& tree, std::size_t level, std::size_t nodes) const {
-    return opencl::set_arguments(kernel, 0, starts_.s[level], static_cast<cl_uint>(nodes),
-                                 starts_.s[level + 1], tree.nodes);
+  cl_uint set_refit(cl::Kernel& kernel, const Tree& tree, std::size_t level, std::size_t nodes) const {
+    return opencl::set_arguments(kernel, 0, starts_.at(level), static_cast<cl_uint>(nodes),
+                                 starts_.at(level + 1), tree.nodes);
   }
 
   /// Enqueues the search for near pairs.
@@ -363,7 +361,7 @@ class Tiles final : public PairFinder {
     }
     {
       opencl::Profiler::Scope stage(profiler, "refit");
-      raise(near_.queue(), search, tree_, 1, stage);
+      refit(near_.queue(), search, tree_, 1, stage);
     }
     enqueue_search(search, sink, profiler);
     near_.searched();
@@ -372,35 +370,41 @@ class Tiles final : public PairFinder {
   void enqueue_search(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) {
     opencl::Profiler::Scope stage(profiler, is_early_ ? "early" : "test");
     const std::size_t tiles = tiles_of(search);
-    const std::size_t sharers = this->sharers(tiles, search_groups_per_unit);
+    const std::size_t workers = this->workers(tiles, search_groups_per_unit);
     // A first search finds all pairs at once; in later ones, work-groups that turn out to be too many would
     // take longer than the others save.
     const bool is_first = search.last.slots == 0;
-    const std::size_t dense_sharers = is_first ? this->sharers(tiles, dense_search_groups_per_unit) : sharers;
-    most_work_ = work_.most(search, sink, tiles * dense_sharers);
+    const std::size_t dense_workers = is_first ? this->workers(tiles, dense_search_groups_per_unit) : workers;
+    most_work_ = work_.most(search, sink, tiles * dense_workers);
     cl::Kernel& kernel = search_kernel(search.all, has_worlds(search));
-    const cl_uint next = opencl::set_arguments(kernel, 0, starts_, static_cast<cl_uint>(top_), roots_,
-                                               static_cast<cl_uint>(sharers), most_work_, sets(search),
-                                               tree_.nodes, search.all ? cl::Buffer() : changed_tree_.nodes,
-                                               elements_, search.now.filters, search.now.exclusions);
+    layout::tiles_search_scalars_t scalars{.starts = {},
+                                           .top = static_cast<cl_uint>(top_),
+                                           .roots = roots_,
+                                           .workers = static_cast<cl_uint>(workers),
+                                           .most_work = most_work_,
+                                           .sets = sets(search)};
+    std::ranges::copy(starts_, scalars.starts);
+    const cl_uint next = opencl::set_arguments(kernel, 0, scalars, tree_.nodes,
+                                               search.all ? cl::Buffer() : changed_tree_.nodes, elements_,
+                                               search.now.filters, search.now.exclusions);
     if (is_early_) {
       near_.set_sink(kernel, next, search);
     } else {
       sink.set_sink(kernel, next, search);
     }
     const cl::CommandQueue& queue = is_early_ ? near_.queue() : context_.queue();
-    queue.enqueueNDRangeKernel(kernel, cl::NullRange, cl::NDRange(tiles * launch_.group, dense_sharers),
+    queue.enqueueNDRangeKernel(kernel, cl::NullRange, cl::NDRange(tiles * launch_.group, dense_workers),
                                cl::NDRange(launch_.group, 1), nullptr, stage.event());
   }
 
   /// Number of work-groups that share the search of a tile; if there are few tiles, a GPU would otherwise
   /// have too little to do.
-  [[nodiscard]] std::size_t sharers(std::size_t tiles, std::size_t groups_per_unit) const {
+  [[nodiscard]] std::size_t workers(std::size_t tiles, std::size_t groups_per_unit) const {
     if (launch_.group == 1) return 1;
     const std::size_t useful = context_.device().compute_units * groups_per_unit;
-    std::size_t sharers = 1;
-    while (sharers < most_sharers && tiles * sharers * 2 <= useful) sharers *= 2;
-    return sharers;
+    std::size_t workers = 1;
+    while (workers < most_workers && tiles * workers * 2 <= useful) workers *= 2;
+    return workers;
   }
 
   void enqueue(const cl::CommandQueue& queue, const cl::Kernel& kernel, std::size_t groups,
@@ -417,17 +421,17 @@ class Tiles final : public PairFinder {
   opencl::RadixSort sort_;
   std::array<Kernels, 2> kernels_;
   std::array<cl::Kernel, 2> gathering_fills_;
-  cl::Buffer elements_, scratch_;  // slots in order
+  cl::Buffer elements_, scratch_;  // slots, sorted
   Tree tree_;
-  Tree changed_tree_;         // of boxes that changed, if not all did
-  std::size_t nodes_ = 0;     // of a tree
-  cl_uint4 starts_{};         // the first nodes of its levels
-  std::size_t capacity_ = 0;  // slots
-  std::size_t top_ = 1;       // the level at which the search starts
-  cl_uint roots_ = 0;         // its nodes
-  bool is_built_ = false;     // for this search
-  bool is_early_ = false;     // whether this search is early
-  cl_uint most_work_ = 0;     // at which it is given up
+  Tree changed_tree_;                                  // of boxes that changed, if not all did
+  std::size_t nodes_ = 0;                              // of a tree
+  std::array<cl_uint, layout::TREE_LEVELS> starts_{};  // the first nodes of its levels
+  std::size_t capacity_ = 0;                           // slots
+  std::size_t top_ = 1;                                // the level at which the search starts
+  cl_uint roots_ = 0;                                  // its nodes
+  bool is_built_ = false;                              // for this search
+  bool is_early_ = false;                              // whether this search is early
+  cl_uint most_work_ = 0;                              // at which it is given up
 };
 
 }  // namespace

@@ -16,9 +16,9 @@ constexpr std::size_t longest_sorted_block = 8 * sort_tile;
 /// Approximate number of elements per bucket: enough that counters cost little in comparison.
 constexpr std::size_t bucket = 2048;
 
-/// Up to this many elements are few. (On a CPU, one work-item goes through all of them 16 times for a range
-/// of 64 bits: see split_into_blocks. On a GPU, merging searches each tile for each element.)
-std::size_t default_most_few(const Context& context) {
+/// Up to this many elements are a small number. (On a CPU, one work-item goes through all of them 16 times
+/// for a range of 64 bits: see split_into_blocks. On a GPU, merging searches each tile for each element.)
+std::size_t default_most_small(const Context& context) {
   return context.tuning() == Tuning::cpu ? 3584 : 16 * sort_tile;
 }
 
@@ -28,10 +28,10 @@ constexpr std::size_t most_unscanned = 64;
 
 }  // namespace
 
-RadixSort::RadixSort(const Context& context) : RadixSort(context, default_most_few(context)) {}
+RadixSort::RadixSort(const Context& context) : RadixSort(context, default_most_small(context)) {}
 
-RadixSort::RadixSort(const Context& context, std::size_t most_few)
-    : context_(context), most_few_(most_few), scan_(context) {
+RadixSort::RadixSort(const Context& context, std::size_t most_small)
+    : context_(context), most_small_(most_small), scan_(context) {
   const cl::Program program = primitives(context);
   const std::size_t group = primitives_group(context);
   count_ = context.kernel(program, "radix_sort_count", group);
@@ -44,8 +44,8 @@ RadixSort::RadixSort(const Context& context, std::size_t most_few)
   }
 }
 
-void RadixSort::enqueue_few(const cl::Buffer& elements, const cl::Buffer& scratch, cl_uint n, Bits key,
-                            Profiler::Scope* stage) {
+void RadixSort::enqueue_small(const cl::Buffer& elements, const cl::Buffer& scratch, cl_uint n, Bits key,
+                              Profiler::Scope* stage) {
   const std::size_t group = primitives_group(context_);
   const auto enqueue = [&](cl::Kernel& kernel, std::size_t groups, const cl::Buffer& from,
                            const cl::Buffer& to) {
@@ -115,9 +115,9 @@ void RadixSort::enqueue(const cl::Buffer& elements, const cl::Buffer& scratch, s
                         const Keys& keys, Profiler::Scope* stage) {
   if (n < 2) return;
   const auto count = static_cast<cl_uint>(n);
-  if (n <= most_few_) {
+  if (n <= most_small_) {
     for (const Bits& key : {keys.minor, keys.major}) {
-      if (key.count > 0) enqueue_few(elements, scratch, count, key, stage);
+      if (key.count > 0) enqueue_small(elements, scratch, count, key, stage);
     }
     return;
   }

@@ -35,8 +35,8 @@ class RadixSort {
   explicit RadixSort(const Context& context);
 
   /// The same, for tests.
-  /// @param most_few The largest number of elements that are few.
-  RadixSort(const Context& context, std::size_t most_few);
+  /// @param most_small The largest number of elements that radix_sort_small sorts.
+  RadixSort(const Context& context, std::size_t most_small);
 
   /// Enqueues a stable ascending sort, in place. Does not wait. Sorts by one object must be enqueued one
   /// after the other, as by a single thread. The object's memory, for counters, is at most 1 KiB per 4096
@@ -52,8 +52,8 @@ class RadixSort {
                Profiler::Scope* stage = nullptr);
 
  private:
-  void enqueue_few(const cl::Buffer& elements, const cl::Buffer& scratch, cl_uint n, Bits key,
-                   Profiler::Scope* stage);
+  void enqueue_small(const cl::Buffer& elements, const cl::Buffer& scratch, cl_uint n, Bits key,
+                     Profiler::Scope* stage);
   void enqueue_digits(const cl::Buffer& elements, const cl::Buffer& scratch, cl_uint n, Blocks blocks,
                       const Keys& keys, Profiler::Scope* stage);
   void enqueue_buckets(const cl::Buffer& elements, const cl::Buffer& scratch, cl_uint n, Blocks blocks,
@@ -62,7 +62,7 @@ class RadixSort {
                     Profiler::Scope* stage);
 
   const Context& context_;
-  std::size_t most_few_;
+  std::size_t most_small_;
   Scan scan_;
   cl::Kernel count_, scatter_, small_;
   cl::Kernel merge_;         // with the tuning for GPUs

@@ -11,7 +11,7 @@
 #include <broadcl/device.hpp>
 #include <broadcl/pair.hpp>
 
-#include "algorithms/kernel_layout.hpp"
+#include "algorithms/kernel_arguments.hpp"
 #include "opencl/context.hpp"
 #include "opencl/launch.hpp"
 #include "runs.hpp"
@@ -20,7 +20,7 @@
 namespace broadcl::test {
 namespace {
 
-SUITE_ALSO_IN(OrderFew, gpu_profile | rusticl);
+SUITE_ALSO_IN(OrderSmall, gpu_profile | rusticl);
 
 using Pairs = std::vector<Pair>;
 
@@ -28,9 +28,9 @@ bool before(const Pair& s, const Pair& t) {
   return std::pair(s.b, s.a) < std::pair(t.b, t.a);
 }
 
-/// The kernel of kernels/order.cl, compiled with few or many work-items per work-group, and with more or less
+/// The kernel of kernels/order.cl, compiled with one work-item or many per work-group, and with more or less
 /// memory for what a work-group sorts at once.
-class OrderFew : public ::testing::TestWithParam<std::pair<std::size_t, std::string>> {
+class OrderSmall : public ::testing::TestWithParam<std::pair<std::size_t, std::string>> {
  protected:
   struct Sorted {
     std::vector<std::uint32_t> next_counts;
@@ -43,8 +43,8 @@ class OrderFew : public ::testing::TestWithParam<std::pair<std::size_t, std::str
     return buffer;
   }
 
-  /// @param room Of each list.
-  [[nodiscard]] Sorted sort(const Pairs& added_pairs, const Pairs& removed_pairs, std::size_t room,
+  /// @param capacity Of each list.
+  [[nodiscard]] Sorted sort(const Pairs& added_pairs, const Pairs& removed_pairs, std::size_t capacity,
                             std::size_t groups) {
     Pairs list(100, {7, 8});  // what precedes the added pairs is not read
     list.insert(list.end(), added_pairs.begin(), added_pairs.end());
@@ -56,12 +56,19 @@ class OrderFew : public ::testing::TestWithParam<std::pair<std::size_t, std::str
     const cl::Buffer removals = copy_of(removed_list.data(), removed_list.size() * sizeof(Pair));
     const cl::Buffer now = copy_of(words.data(), layout::COUNTS * sizeof(std::uint32_t));
     const cl::Buffer next = copy_of(words.data(), layout::COUNTS * sizeof(std::uint32_t));
-    const Pairs untouched(room + 1, {1, 2});
+    const Pairs untouched(capacity + 1, {1, 2});
     const cl::Buffer to_added = copy_of(untouched.data(), untouched.size() * sizeof(Pair));
     const cl::Buffer to_removed = copy_of(untouched.data(), untouched.size() * sizeof(Pair));
-    const auto n = static_cast<cl_uint>(room);
-    opencl::set_arguments(kernel_, 0, static_cast<cl_uint>(list.size()), pairs, removals, now, n, 2 * n,
-                          cl_uint{5}, next, cl::Buffer(), cl::Buffer(), to_added, to_removed);
+    const auto n = static_cast<cl_uint>(capacity);
+    const layout::order_scalars_t scalars{.capacity = static_cast<cl_uint>(list.size()),
+                                          .list_capacity = n,
+                                          .total_capacity = 2 * n,
+                                          .tag = 5,
+                                          .buckets_of_list = 0,
+                                          .bucket_bits = 0,
+                                          .worlds = 0};
+    opencl::set_arguments(kernel_, 0, scalars, pairs, removals, now, next, cl::Buffer(), cl::Buffer(),
+                          to_added, to_removed);
     context_.queue().enqueueNDRangeKernel(kernel_, cl::NullRange, cl::NDRange(groups * group_, 2),
                                           cl::NDRange(group_, 1));
     Sorted sorted{std::vector<std::uint32_t>(layout::COUNTS), untouched, untouched};
@@ -77,14 +84,14 @@ class OrderFew : public ::testing::TestWithParam<std::pair<std::size_t, std::str
   void expect_sorted(const Pairs& added_pairs, const Pairs& removed_pairs, std::size_t groups) {
     SCOPED_TRACE(std::to_string(added_pairs.size()) + " added, " + std::to_string(removed_pairs.size()) +
                  " removed, " + std::to_string(groups) + " work-groups");
-    const std::size_t room = std::max({added_pairs.size(), removed_pairs.size(), std::size_t{1}});
-    const Sorted sorted = sort(added_pairs, removed_pairs, room, groups);
+    const std::size_t capacity = std::max({added_pairs.size(), removed_pairs.size(), std::size_t{1}});
+    const Sorted sorted = sort(added_pairs, removed_pairs, capacity, groups);
     EXPECT_EQ(sorted.next_counts.at(layout::COUNT_HALTED), 0U);
     for (const auto& [list, result] :
          {std::pair(added_pairs, sorted.added), std::pair(removed_pairs, sorted.removed)}) {
       Pairs expected = list;
       std::ranges::sort(expected, before);
-      expected.resize(room + 1, {1, 2});  // nothing is written beyond
+      expected.resize(capacity + 1, {1, 2});  // nothing is written beyond
       EXPECT_EQ(result, expected);
     }
   }
@@ -93,7 +100,7 @@ class OrderFew : public ::testing::TestWithParam<std::pair<std::size_t, std::str
   const std::size_t group_ = GetParam().first;
   cl::Kernel kernel_{
       context_.kernel(context_.program("engine.cl", "-DGROUP=" + std::to_string(group_) + GetParam().second),
-                      "order_few", group_)};
+                      "order_small", group_)};
 };
 
 /// Distinct pairs of `slots` slots, in random order.
@@ -122,7 +129,7 @@ Pairs pairs_of_one(std::size_t n, std::uint64_t seed) {
   return pairs;
 }
 
-TEST_P(OrderFew, SortsEveryNumberOfChanges) {
+TEST_P(OrderSmall, SortsEveryNumberOfChanges) {
   for (const std::size_t n :
        std::vector<std::size_t>{0, 1, 2, 3, 63, 64, 65, 255, 256, 257, 1000, 2047, 2048, 2049, 4500}) {
     const auto slots = static_cast<std::uint32_t>(2 * n + 10);
@@ -132,7 +139,7 @@ TEST_P(OrderFew, SortsEveryNumberOfChanges) {
   }
 }
 
-TEST_P(OrderFew, SortsChangesInAnyOrder) {
+TEST_P(OrderSmall, SortsChangesInAnyOrder) {
   Pairs ascending = random_pairs(3000, 2000, 7);
   std::ranges::sort(ascending, before);
   const Pairs descending(ascending.rbegin(), ascending.rend());
@@ -140,7 +147,7 @@ TEST_P(OrderFew, SortsChangesInAnyOrder) {
 }
 
 NOT_IN(rusticl, "runs on llvmpipe, which ends a work-item after 65,535 iterations of its loops");
-TEST_P(OrderFew, SortsListsOfWhichTheSampleSaysLittle) {
+TEST_P(OrderSmall, SortsListsOfWhichTheSampleSaysLittle) {
   constexpr std::size_t groups = 47;
   constexpr std::size_t samples = 2 * groups;
   constexpr std::size_t n = 32 * samples;
@@ -156,29 +163,29 @@ TEST_P(OrderFew, SortsListsOfWhichTheSampleSaysLittle) {
 
 /// One change more than a work-group sorts at once.
 NOT_IN(rusticl, "runs on llvmpipe, which ends a work-item after 65,535 iterations of its loops");
-TEST_P(OrderFew, SortsOneMoreThanFitsInAPart) {
+TEST_P(OrderSmall, SortsOneMoreThanFitsInAPart) {
   expect_sorted(random_pairs(513, 2000, 12), pairs_of_one(257, 13), 1);
 }
 
 /// (With fewer iterations than those after which llvmpipe ends a work-item.)
 ALSO_IN(oclgrind_gpu_profile);
-TEST_P(OrderFew, SortsInPartsWhatIsTooMuch) {
+TEST_P(OrderSmall, SortsInPartsWhatIsTooMuch) {
   expect_sorted(random_pairs(300, 2000, 8), pairs_of_one(290, 9), 1);
   expect_sorted(random_pairs(400, 2000, 8), pairs_of_one(400, 9), 2);
 }
 
-TEST_P(OrderFew, WritesNothingIfAListDoesNotFit) {
+TEST_P(OrderSmall, WritesNothingIfAListDoesNotFit) {
   const Pairs many = random_pairs(300, 2000, 10);
-  const Pairs few = random_pairs(200, 2000, 11);
+  const Pairs short_list = random_pairs(200, 2000, 11);
   for (const bool is_added : {false, true}) {
-    const Sorted sorted = is_added ? sort(many, few, 299, 5) : sort(few, many, 299, 5);
+    const Sorted sorted = is_added ? sort(many, short_list, 299, 5) : sort(short_list, many, 299, 5);
     EXPECT_EQ(sorted.next_counts.at(layout::COUNT_HALTED), 1U);
     EXPECT_EQ(sorted.added, Pairs(300, Pair{1, 2}));
     EXPECT_EQ(sorted.removed, Pairs(300, Pair{1, 2}));
   }
 }
 
-INSTANTIATE_TEST_SUITE_P(Compiled, OrderFew,
+INSTANTIATE_TEST_SUITE_P(Compiled, OrderSmall,
                          ::testing::Values(std::pair(1, ""), std::pair(256, ""),
                                            std::pair(1, " -DLARGEST_RANGE=256U"),
                                            std::pair(256, " -DLARGEST_RANGE=256U")),
