@@ -2,12 +2,9 @@
 #include <array>
 #include <cstdint>
 #include <filesystem>
-#include <memory>
 #include <optional>
-#include <random>
 #include <span>
-#include <string_view>
-#include <vector>
+#include <utility>
 
 #include <gtest/gtest.h>
 
@@ -16,14 +13,16 @@
 #include "algorithms/algorithm.hpp"
 #include "algorithms/calibration.hpp"
 #include "algorithms/engine.hpp"
-#include "algorithms/pair_finder.hpp"
+#include "core.hpp"
 #include "each_algorithm.hpp"
 #include "environment.hpp"
 #include "expect_error.hpp"
+#include "failing_opencl.hpp"
+#include "finder_variants.hpp"
 #include "opencl/context.hpp"
 #include "opencl/opened_device.hpp"
-#include "packed_box.hpp"
 #include "scenes/generators.hpp"
+#include "twins.hpp"
 
 namespace broadcl::test {
 namespace {
@@ -111,25 +110,26 @@ TEST_F(DeviceFor, ANameIsThatDevice) {
   EXPECT_THAT(error_of([] { (void)device_for({.algorithm = "abacus"}); }), HasSubstr("'abacus'"));
 }
 
-TEST(Auto, AStageTellsWhichIsAsked) {
+TEST(Auto, TestsAllPairsOnlyIfThatIsTheLeastWork) {
   constexpr std::uint32_t n = 200'000;
   if (is_slow_device()) GTEST_SKIP() << "takes long on this device";
   if (select_device().type != DeviceType::cpu) GTEST_SKIP() << "a GPU is opened later";
   BroadPhase broad_phase;
-  EXPECT_EQ(broad_phase.algorithm().name, "auto");
-  // With this many objects, not even the first frame tests all pairs.
+  const long before = launches_of("brute_force");
+  const auto update = [&] {
+    const long tiles = launches_of("tiles_search");
+    (void)broad_phase.update();
+    return launches_of("tiles_search") > tiles;
+  };
   for (std::uint32_t k = 0; k < n; ++k) broad_phase.add(apart(k));
-  (void)broad_phase.update();
-  EXPECT_TRUE(has_stage(broad_phase.profile(), "tiles"));
-  EXPECT_TRUE(has_stage(broad_phase.profile(), "build"));
-  EXPECT_FALSE(has_stage(broad_phase.profile(), "brute-force"));
+  EXPECT_TRUE(update());
+  EXPECT_EQ(launches_of("brute_force"), before);
   // After few changes, either may be chosen.
   for (std::uint32_t k = 1; k < 5; ++k) {
     broad_phase.move(7 * k, apart(8));
-    (void)broad_phase.update();
-    const bool tiles = has_stage(broad_phase.profile(), "tiles");
-    EXPECT_NE(has_stage(broad_phase.profile(), "brute-force"), tiles);
-    EXPECT_EQ(has_stage(broad_phase.profile(), "build"), tiles);
+    const long all = launches_of("brute_force");
+    const bool tiles = update();
+    EXPECT_NE(launches_of("brute_force") > all, tiles);
   }
 }
 
@@ -155,92 +155,12 @@ TEST(Auto, WhatTilesCountsDecides) {
   if (select_device().type != DeviceType::cpu) GTEST_SKIP() << "on a GPU, both take equally long";
   BroadPhase broad_phase;
   for (std::uint32_t k = 0; k < n; ++k) broad_phase.add(unit, {.body = 1});
+  const long before = launches_of("brute_force");
   for (int frame = 0; frame < 3; ++frame) {
     (void)broad_phase.map(n);
     (void)broad_phase.update();
   }
-  EXPECT_TRUE(has_stage(broad_phase.profile(), "brute-force"));
-}
-
-/// Uses the two finders in turn, one per search.
-class Turns final : public PairFinder {
- public:
-  explicit Turns(const opencl::Context& context) : finders_{make_brute_force(context), make_tiles(context)} {}
-
-  void build(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) override {
-    turn_ = 1 - turn_;
-    finders_.at(turn_)->build(search, sink, profiler);
-  }
-  void find(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) override {
-    finders_.at(turn_)->find(search, sink, profiler);
-  }
-  [[nodiscard]] double expected_work(const Search& /*search*/, const PairDelta& /*sink*/) override {
-    return 0;
-  }
-
- private:
-  std::array<std::unique_ptr<PairFinder>, 2> finders_;
-  std::size_t turn_ = 0;
-};
-
-std::unique_ptr<PairFinder> make_turns(const opencl::Context& context) {
-  return std::make_unique<Turns>(context);
-}
-
-/// An engine and the oracle with the same input.
-class EngineAndOracle {
- public:
-  explicit EngineAndOracle(std::size_t slots)
-      : engines_{make_device_algorithm({}, make_turns), make_algorithm({.algorithm = "oracle"})} {
-    for (const auto& engine : engines_) engine->reserve(slots, false);
-  }
-
-  void write(std::uint32_t slot, const Aabb& box) {
-    for (const auto& engine : engines_) engine->boxes()[slot] = box;
-  }
-
-  [[nodiscard]] ::testing::AssertionResult agree(const Changes& changes) {
-    for (const auto& engine : engines_) engine->begin(changes);
-    const Delta expected = engines_[1]->finish();
-    ::testing::AssertionResult result = same(engines_[0]->finish(), expected.added, expected.removed);
-    return result ? same("pairs", engines_[0]->pairs(), engines_[1]->pairs()) : result;
-  }
-
-  [[nodiscard]] std::span<const Stage> profile() const { return engines_[0]->profile(); }
-
- private:
-  std::array<AlgorithmPointer, 2> engines_;
-};
-
-/// The result does not depend on which finder is used. All boxes move or only a few, some are replaced or
-/// removed, and their number grows and shrinks.
-TEST(Auto, FindersThatTakeTurnsFindWhatTheOracleFinds) {
-  for (const std::uint32_t seed : {1U, 2U, 3U}) {
-    std::mt19937 random(seed);
-    constexpr std::uint32_t most = 1500;
-    scenes::MovingBoxes boxes(most, scenes::MovingBoxes::Sizes::mixed, seed);
-    EngineAndOracle both(most);
-    std::uint32_t slots = 0;
-    for (int frame = 0; frame < 40; ++frame) {
-      for (int k = 0; k < 5; ++k) boxes.advance();
-      const bool all = frame == 0 || random() % 2 == 0;
-      std::vector<std::uint32_t> changed;
-      std::vector<std::uint32_t> recycled;
-      if (all) {
-        if (random() % 2 == 0) slots = most / 3 + static_cast<std::uint32_t>(random() % (most - most / 3));
-        for (std::uint32_t slot = 0; slot < slots; ++slot) both.write(slot, boxes.boxes()[slot]);
-      } else {
-        for (std::uint32_t slot = 0; slot < slots; slot += 1 + static_cast<std::uint32_t>(random() % 200)) {
-          changed.push_back(slot);
-          const bool goes = random() % 8 == 0;
-          both.write(slot, goes ? packed_empty() : boxes.boxes()[slot]);
-          if (goes || random() % 4 == 0) recycled.push_back(slot);
-        }
-      }
-      ASSERT_TRUE(both.agree({.slots = slots, .changed = changed, .all = all, .recycled = recycled}))
-          << "seed " << seed << ", frame " << frame;
-    }
-  }
+  EXPECT_GT(launches_of("brute_force"), before);
 }
 
 /// If `tiles` is used only every second frame, it cannot watch how its order ages. It still sorts again, but
@@ -248,24 +168,16 @@ TEST(Auto, FindersThatTakeTurnsFindWhatTheOracleFinds) {
 TEST(Auto, TilesThatTakeTurnsSortOnceInAWhile) {
   constexpr std::uint32_t n = 500;
   scenes::MovingBoxes boxes(n, scenes::MovingBoxes::Sizes::uniform);
-  EngineAndOracle both(n);
-  int searches = 0;
-  int sorts = 0;
+  Twins<Core> twins(std::in_place, NoTrouble(), false, make_device_algorithm({}, make_turns));
+  const long searches = launches_of("tiles_search");
+  const long sorts = launches_of("tiles_keys");
   for (int frame = 0; frame < 40; ++frame) {
     boxes.advance();
-    for (std::uint32_t slot = 0; slot < n; ++slot) both.write(slot, boxes.boxes()[slot]);
-    ASSERT_TRUE(both.agree({.slots = n, .changed = {}, .all = true, .recycled = {}}));
-    std::string_view last;
-    for (const Stage& stage : both.profile()) {
-      if (stage.name == "build") {
-        ++searches;
-        if (last == "sort") ++sorts;
-      }
-      last = stage.name;
-    }
+    twins.map(n, [&](std::span<Aabb> mapped) { std::ranges::copy(boxes.boxes(), mapped.begin()); });
+    ASSERT_TRUE(twins.agree());
   }
-  EXPECT_EQ(searches, 20);
-  EXPECT_EQ(sorts, 4);
+  EXPECT_EQ(launches_of("tiles_search") - searches, 20);
+  EXPECT_EQ(launches_of("tiles_keys") - sorts, 4);
 }
 
 }  // namespace

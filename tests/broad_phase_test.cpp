@@ -126,22 +126,6 @@ TEST(Algorithms, AnUnknownOneIsAnErrorThatListsThem) {
   for (const AlgorithmInfo& info : algorithms()) EXPECT_THAT(text, HasSubstr(std::string(info.name)));
 }
 
-ALSO_IN(gpu_profile | rusticl);
-TEST(GpuBf, ReportsItsStages) {
-  BroadPhase broad_phase({.algorithm = "gpu-bf", .profile = true});
-  for (int k = 0; k < 100; ++k) broad_phase.add(unit);
-  (void)broad_phase.update();
-  std::vector<std::string_view> names;
-  for (const Stage& stage : broad_phase.profile()) {
-    names.push_back(stage.name);
-    EXPECT_GT(stage.host_seconds, 0) << stage.name;
-    if (stage.name == "test") {
-      EXPECT_GT(stage.device_seconds, 0);
-    }
-  }
-  EXPECT_EQ(names, (std::vector<std::string_view>{"upload", "test", "download", "wait", "xor"}));
-}
-
 /// One byte per pair exceeds the largest allocation: an error with the numbers. Afterwards fewer boxes work
 /// as before.
 TEST(GpuBf, BeyondTheLargestAllocationIsAnErrorAndStateIsKept) {

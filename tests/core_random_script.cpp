@@ -8,9 +8,9 @@
 namespace broadcl::test {
 namespace {
 
-constexpr std::array<std::string_view, 13> core_verb_names{
-    "add",   "remove", "replace", "move",        "map",    "filter", "exclude",
-    "begin", "update", "enqueue", "change side", "shrink", "refuse"};
+constexpr std::array<std::string_view, 14> core_verb_names{
+    "add",     "remove", "replace", "move",    "map",         "drift",  "filter",
+    "exclude", "begin",  "update",  "enqueue", "change side", "shrink", "refuse"};
 constexpr std::array<std::string_view, 6> filter_kind_names{"no",      "groups as",         "worlds as",
                                                             "sets as", "sets of worlds as", "all kinds of"};
 
@@ -19,13 +19,13 @@ struct CoreWeight {
   CoreVerb verb;
   unsigned weight;
 };
-constexpr std::array core_weights{CoreWeight{CoreVerb::add, 20},         CoreWeight{CoreVerb::remove, 30},
-                                  CoreWeight{CoreVerb::replace, 30},     CoreWeight{CoreVerb::move, 300},
-                                  CoreWeight{CoreVerb::map, 15},         CoreWeight{CoreVerb::filter, 40},
-                                  CoreWeight{CoreVerb::exclude, 60},     CoreWeight{CoreVerb::begin, 60},
-                                  CoreWeight{CoreVerb::update, 300},     CoreWeight{CoreVerb::enqueue, 120},
-                                  CoreWeight{CoreVerb::change_side, 40}, CoreWeight{CoreVerb::shrink, 15},
-                                  CoreWeight{CoreVerb::refuse, 20}};
+constexpr std::array core_weights{CoreWeight{CoreVerb::add, 20},      CoreWeight{CoreVerb::remove, 30},
+                                  CoreWeight{CoreVerb::replace, 30},  CoreWeight{CoreVerb::move, 300},
+                                  CoreWeight{CoreVerb::map, 15},      CoreWeight{CoreVerb::drift, 15},
+                                  CoreWeight{CoreVerb::filter, 40},   CoreWeight{CoreVerb::exclude, 60},
+                                  CoreWeight{CoreVerb::begin, 60},    CoreWeight{CoreVerb::update, 300},
+                                  CoreWeight{CoreVerb::enqueue, 120}, CoreWeight{CoreVerb::change_side, 40},
+                                  CoreWeight{CoreVerb::shrink, 15},   CoreWeight{CoreVerb::refuse, 20}};
 
 class CoreGenerator {
  public:
@@ -43,6 +43,10 @@ class CoreGenerator {
       length = 50;
       script.most = 250;
       script.extent = dice_.pick(std::array{1, 16});
+    } else if (dice_.one_in(20)) {
+      length = 40;
+      script.most = 600;
+      script.extent = 32;
     } else if (dice_.one_in(30)) {
       length = 15;
       script.most = 2300;
@@ -85,6 +89,8 @@ class CoreGenerator {
       }
       case CoreVerb::move:
         return dice_.one_in(is_lively_ ? 2 : 10) ? most : few;
+      case CoreVerb::drift:
+        return 1 + dice_.below(8);
       case CoreVerb::filter:
         return dice_.one_in(10) ? most : few;
       case CoreVerb::remove:
@@ -178,6 +184,18 @@ Aabb box_of(const CoreScript& script, const CoreOp& op, unsigned k) {
 
 Filter filter_of(const CoreScript& script, const CoreOp& op, unsigned k) {
   return filter_of(script.filters, op.filter + 11 * k);
+}
+
+float drift_of(const CoreOp& op) {
+  return static_cast<float>(1 + op.which % 5) / (op.which % 2 == 0 ? 64.0F : -64.0F);
+}
+
+Aabb drifted(Aabb box, float step) {
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    box.lower[axis] += step * static_cast<float>(1 + axis);
+    box.upper[axis] += step * static_cast<float>(1 + axis);
+  }
+  return box;
 }
 
 Pairs exclusions_of(const CoreOp& op, const Pairs& present) {

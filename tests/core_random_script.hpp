@@ -21,6 +21,7 @@ enum class CoreVerb {
   replace,  ///< Remove and add with the same box, so that the id belongs to another object.
   move,
   map,  ///< Of another number of objects, unless `count` is 1; of a DeviceBroadPhase also in another layout.
+  drift,  ///< A few updates in which boxes move a little.
   filter,
   exclude,
   begin,
@@ -64,12 +65,16 @@ struct CoreScript {
 /// overlap or do not exist.
 [[nodiscard]] Pairs exclusions_of(const CoreOp& op, const Pairs& present);
 
+/// By how much boxes drift, and such a box afterwards.
+[[nodiscard]] float drift_of(const CoreOp& op);
+[[nodiscard]] Aabb drifted(Aabb box, float step);
+
 std::ostream& operator<<(std::ostream& out, const CoreOp& op);
 std::ostream& operator<<(std::ostream& out, const CoreScript& script);
 
 enum class ScriptSize {
   tiny,   ///< For devices that take seconds per update.
-  small,  ///< Up to 60 objects, sometimes 250, rarely more than 2,000 in a few updates.
+  small,  ///< Up to 60 objects, sometimes 250 or 600, rarely more than 2,000 in a few updates.
 };
 
 /// Scripts, each with its own density, number of objects, filters and share of odd boxes.

@@ -16,6 +16,7 @@
 #include "expect_error.hpp"
 #include "pair_lists.hpp"
 #include "scenes/generators.hpp"
+#include "twins.hpp"
 
 /// Pairs that are never reported.
 namespace broadcl::test {
@@ -23,53 +24,6 @@ namespace {
 
 using scenes::MovingBoxes;
 using ::testing::HasSubstr;
-
-/// A broad phase with exclusions, and an oracle without them, from whose pairs they are removed.
-class Follower {
- public:
-  Follower(const BroadPhase::Config& config, std::uint32_t n)
-      : motion_(n, MovingBoxes::Sizes::mixed), tested_(config) {
-    for (const Aabb& box : motion_.boxes()) {
-      tested_.add(box, {.body = count_ / 2});
-      oracle_.add(box, {.body = count_ / 2});
-      ++count_;
-    }
-  }
-
-  void exclude(Pairs pairs) {
-    tested_.set_exclusions(pairs);
-    for (Pair& pair : pairs) pair = {std::min(pair.a, pair.b), std::max(pair.a, pair.b)};
-    std::ranges::sort(pairs);
-    exclusions_ = pairs;
-  }
-
-  /// Moves every step-th box.
-  void advance(std::uint32_t step) {
-    motion_.advance();
-    for (std::uint32_t k = 0; k < count_; k += step) {
-      tested_.move(k, motion_.boxes()[k]);
-      oracle_.move(k, motion_.boxes()[k]);
-    }
-  }
-
-  [[nodiscard]] ::testing::AssertionResult agrees() {
-    (void)oracle_.update();
-    const Pairs now = difference(oracle_.pairs(), exclusions_);
-    const Delta delta = tested_.update();
-    const auto result = same(delta, difference(now, pairs_), difference(pairs_, now));
-    pairs_ = now;
-    return result ? same("pairs", tested_.pairs(), now) : result;
-  }
-
-  [[nodiscard]] const Pairs& pairs() const { return pairs_; }
-
- private:
-  MovingBoxes motion_;
-  BroadPhase tested_;
-  BroadPhase oracle_{{.algorithm = "oracle"}};
-  std::uint32_t count_ = 0;
-  Pairs exclusions_, pairs_;
-};
 
 Pairs every(std::size_t step, const Pairs& pairs) {
   Pairs some;
@@ -79,23 +33,29 @@ Pairs every(std::size_t step, const Pairs& pairs) {
 
 /// Updates of n boxes with exclusions.
 void follow(const BroadPhase::Config& config, std::uint32_t n) {
-  Follower follower(config, n);
-  ASSERT_TRUE(follower.agrees());
-  const Pairs all = follower.pairs();
+  MovingBoxes motion(n, MovingBoxes::Sizes::mixed);
+  Twins twins(config);
+  for (std::uint32_t k = 0; k < n; ++k) twins.add(motion.boxes()[k], {.body = k / 2});
+  const auto advance = [&](std::uint32_t step) {
+    motion.advance();
+    for (std::uint32_t k = 0; k < n; k += step) twins.move(k, motion.boxes()[k]);
+  };
+  ASSERT_TRUE(twins.agree());
+  const Pairs all = twins.pairs();
   ASSERT_GT(all.size(), n / 4);
-  follower.exclude(every(2, all));
-  ASSERT_TRUE(follower.agrees()) << "some known pairs";
-  follower.advance(1);
-  ASSERT_TRUE(follower.agrees()) << "while all move";
-  follower.exclude(every(3, all));
-  follower.advance(20);
-  ASSERT_TRUE(follower.agrees()) << "others, while some move";
-  follower.advance(20);
-  ASSERT_TRUE(follower.agrees()) << "while some move";
-  follower.exclude(all_pairs(std::min(n, 300U)));
-  ASSERT_TRUE(follower.agrees()) << "all pairs of the first boxes";
-  follower.exclude({});
-  ASSERT_TRUE(follower.agrees()) << "none";
+  twins.set_exclusions(every(2, all));
+  ASSERT_TRUE(twins.agree()) << "some known pairs";
+  advance(1);
+  ASSERT_TRUE(twins.agree()) << "while all move";
+  twins.set_exclusions(every(3, all));
+  advance(20);
+  ASSERT_TRUE(twins.agree()) << "others, while some move";
+  advance(20);
+  ASSERT_TRUE(twins.agree()) << "while some move";
+  twins.set_exclusions(all_pairs(std::min(n, 300U)));
+  ASSERT_TRUE(twins.agree()) << "all pairs of the first boxes";
+  twins.set_exclusions({});
+  ASSERT_TRUE(twins.agree()) << "none";
 }
 
 /// Searches n boxes with exclusions, once as one set and once as two.

@@ -7,6 +7,8 @@
 #include <atomic>
 #include <cstddef>
 #include <limits>
+#include <map>
+#include <mutex>
 #include <string>
 #include <string_view>
 #include <tuple>
@@ -32,6 +34,9 @@ std::atomic<long> memory_references = 0;
 std::atomic<long> programs_built = 0;
 std::atomic<long> commands_without_event = 0;
 std::atomic<long> mapped_regions = 0;
+std::atomic<long> transfers = 0;
+std::mutex launches_mutex;
+std::map<std::string, long> launches;  // by the kernel's name
 
 constinit thread_local int depth = 0;  // of OpenCL calls
 
@@ -65,6 +70,13 @@ void drain(cl_command_queue queue) {
             static_cast<const cl_event*>(nullptr), &end);
   call_next(clWaitForEvents, "clWaitForEvents", cl_uint{1}, static_cast<const cl_event*>(&end));
   call_next(clReleaseEvent, "clReleaseEvent", end);
+}
+
+void count_launch(cl_kernel kernel) {
+  const Inside inside;
+  const auto name = cl::Kernel(kernel, true).getInfo<CL_KERNEL_FUNCTION_NAME>();
+  const std::lock_guard lock(launches_mutex);
+  ++launches[name];
 }
 
 std::atomic<opencl::CreateDirect> real_create_direct = nullptr;
@@ -134,6 +146,7 @@ struct Watched<name, Result(Arguments...)> {
       return has_direct_memory(result != nullptr) ? reinterpret_cast<Result>(create_direct) : nullptr;
     }
     count(result);
+    if constexpr (text == "clEnqueueNDRangeKernel") count_launch(std::get<1>(all));
     if constexpr (text == "clCreateBuffer") note_buffer(result, std::get<2>(all));
     if constexpr (text == "clCreateKernel") note_kernel(result, std::get<0>(all));
     limit(all);
@@ -224,6 +237,7 @@ struct Watched<name, Result(Arguments...)> {
     if constexpr (text == "clRetainMemObject") memory_references += result == CL_SUCCESS ? 1 : 0;
     if constexpr (text == "clReleaseMemObject") memory_references -= result == CL_SUCCESS ? 1 : 0;
     if constexpr (text == "clBuildProgram") programs_built += result == CL_SUCCESS ? 1 : 0;
+    if constexpr (text == "clEnqueueReadBuffer" || text == "clEnqueueWriteBuffer") ++transfers;
     if constexpr (text == "clEnqueueMapBuffer") mapped_regions += result != nullptr ? 1 : 0;
     if constexpr (text == "clEnqueueUnmapMemObject") mapped_regions -= result == CL_SUCCESS ? 1 : 0;
   }
@@ -255,7 +269,15 @@ OpenClUse opencl_use() noexcept {
           .memory_references = memory_references,
           .mapped_regions = mapped_regions,
           .programs_built = programs_built,
-          .commands_without_event = commands_without_event};
+          .commands_without_event = commands_without_event,
+          .transfers = transfers};
+}
+
+long launches_of(std::string_view kernel) {
+  const std::lock_guard lock(launches_mutex);
+  long count = 0;
+  for (const auto& [name, times] : launches) count += name.starts_with(kernel) ? times : 0;
+  return count;
 }
 
 void wait_for_last_queue() {

@@ -30,8 +30,12 @@ struct OpenClUse {
   long mapped_regions = 0;     ///< Mappings, less those that have ended.
   long programs_built = 0;
   long commands_without_event = 0;  ///< Kernels and copies.
+  long transfers = 0;               ///< Copies between host and device.
 };
 [[nodiscard]] OpenClUse opencl_use() noexcept;
+
+/// How often kernels were launched whose names begin like this.
+[[nodiscard]] long launches_of(std::string_view kernel);
 
 /// Waits until the device has completed all commands of the queue that was used last, which must still exist.
 void wait_for_last_queue();

@@ -28,6 +28,7 @@
 #include "pretender.hpp"
 #include "runs.hpp"
 #include "started_threads.hpp"
+#include "twins.hpp"
 
 /// A process that is forked after OpenCL was used.
 namespace broadcl::test {

@@ -6,7 +6,6 @@
 #include <functional>
 #include <memory>
 #include <new>
-#include <random>
 #include <span>
 #include <stdexcept>
 #include <string>
@@ -24,12 +23,10 @@
 #include "core.hpp"
 #include "each_algorithm.hpp"
 #include "expect_error.hpp"
-#include "kept_delta.hpp"
 #include "patience.hpp"
 #include "pretender.hpp"
-#include "reference.hpp"
 #include "runs.hpp"
-#include "test_name.hpp"
+#include "twins.hpp"
 
 namespace broadcl::test {
 namespace {
@@ -51,82 +48,6 @@ AlgorithmPointer hybrid(const Pretender::Orders& orders) {
       host(), [&orders] { return std::make_unique<Pretender>(orders); }, at_once);
 }
 
-/// Objects, some of which move, come, go or get another filter in each update, sometimes while one is in
-/// flight.
-class Script {
- public:
-  Script(Core& core, unsigned seed) : core_(core), random_(seed) {}
-
-  void update() {
-    change();
-    if (below(8) == 0) core_.shrink();
-    if (below(4) == 0) {
-      core_.begin();
-      reference_.begin();
-      change();
-    }
-    const Delta delta = core_.finish();
-    const Reference::Changes expected = reference_.finish();
-    ASSERT_EQ(to_vector(delta.added), expected.added);
-    ASSERT_EQ(to_vector(delta.removed), expected.removed);
-    ASSERT_EQ(core_.pairs(), reference_.pairs());
-    if (below(2) == 0) kept_.emplace_back(delta);
-  }
-
-  /// Stored deltas must be unchanged, whichever side they come from.
-  void expect_kept() const {
-    for (const KeptDelta& kept : kept_) EXPECT_TRUE(kept.is_unchanged());
-  }
-
- private:
-  std::uint32_t below(std::uint32_t n) { return static_cast<std::uint32_t>(random_() % n); }
-
-  Aabb box() {
-    Aabb box;
-    for (std::size_t axis = 0; axis < 3; ++axis) {
-      box.lower[axis] = static_cast<float>(below(8));
-      box.upper[axis] = box.lower[axis] + static_cast<float>(below(3));
-    }
-    return below(10) == 0 ? empty_aabb() : box;
-  }
-
-  Filter filter() { return {.group = 1 + below(3), .mask = 1 + below(3), .world = below(2)}; }
-
-  void change() {
-    for (std::uint32_t k = below(below(2) == 0 ? 4 : 40) + 1; k > 0; --k) {
-      const std::uint32_t what = below(10);
-      if (ids_.empty() || (what < 3 && ids_.size() < 60)) {
-        const Aabb at = box();
-        const Filter with = below(2) == 0 ? filter() : Filter();
-        ids_.push_back(core_.add(at, with));
-        ASSERT_EQ(reference_.add(at, with), ids_.back());
-        continue;
-      }
-      const std::size_t which = below(static_cast<std::uint32_t>(ids_.size()));
-      const std::uint32_t id = ids_[which];
-      if (what < 8) {
-        const Aabb at = box();
-        core_.move(id, at);
-        reference_.move(id, at);
-      } else if (what == 8) {
-        const Filter with = filter();
-        core_.set_filter(id, with);
-        reference_.set_filter(id, with);
-      } else {
-        core_.remove(id);
-        reference_.remove(id);
-        ids_.erase(ids_.begin() + static_cast<std::ptrdiff_t>(which));
-      }
-    }
-  }
-
-  Core& core_;
-  Reference reference_;
-  std::mt19937 random_;
-  std::vector<KeptDelta> kept_;
-  std::vector<std::uint32_t> ids_;
-};
-
 /// Calls update() until is_done(). (The device is opened in another thread.)
 template <class Function, class Condition>
 void repeat_until(const Condition& is_done, const Function& update) {
@@ -137,47 +58,22 @@ void repeat_until(const Condition& is_done, const Function& update) {
   }
 }
 
-/// Updates it until it is on the device (or on the host).
-void update_until(Core& core, Script& script, bool on_device) {
-  repeat_until([&] { return (core.algorithm().device() != nullptr) == on_device; }, [&] { script.update(); });
-}
-
-class Hybrid : public ::testing::TestWithParam<std::string_view> {};
-
-TEST_P(Hybrid, FindsTheSameOnEitherSide) {
-  for (const unsigned seed : {1U, 2U, 3U}) {
-    Time clock;
-    Pretender::Orders orders{.clock = &clock};
-    Core core(make_hybrid(
-        host(), [&] { return std::make_unique<Pretender>(orders, GetParam()); }, at_once,
-        [&] { return clock += microseconds(10); }));
-    Script script(core, seed);
-    for (int turn = 0; turn < 3; ++turn) {
-      for (int k = 0; k < 5; ++k) script.update();
-      orders = {.expected_seconds = at_once, .clock = &clock};
-      update_until(core, script, true);
-      for (int k = 0; k < 5; ++k) script.update();
-      orders = {.expected_seconds = 1e-3, .takes = milliseconds(1), .clock = &clock};
-      update_until(core, script, false);
-    }
-    script.expect_kept();
-    if (HasFailure()) break;
-  }
-}
-
-INSTANTIATE_TEST_SUITE_P(Device, Hybrid, ::testing::Values("oracle", "brute-force", "tiles"),
-                         named_by_parameter);
-
 TEST(HybridFailure, NoMemoryOnTheDeviceLaterLeavesTheHost) {
   Pretender::Orders orders;
-  Core core(hybrid(orders));
-  Script script(core, 1);
-  repeat_until([&] { return core.algorithm().memory().device > 0; }, [&] { script.update(); });
+  Twins<Core> twins(std::in_place, NoTrouble(), false, hybrid(orders));
+  for (std::uint32_t k = 0; k < 40; ++k) twins.add(apart(k), {});
+  std::uint32_t turn = 0;
+  const auto update = [&] {
+    for (std::uint32_t k = 0; k < 40; ++k) twins.move(k, apart(k * ++turn % 40));
+    ASSERT_TRUE(twins.agree());
+  };
+  const Algorithm& algorithm = twins.tested().algorithm();
+  repeat_until([&] { return algorithm.memory().device > 0; }, update);
   orders = {.expected_seconds = at_once, .has_no_memory = true};
-  for (int k = 0; k < 50; ++k) script.update();
-  EXPECT_EQ(core.algorithm().device(), nullptr);
+  for (int k = 0; k < 50; ++k) update();
+  EXPECT_EQ(algorithm.device(), nullptr);
   orders.has_no_memory = false;
-  update_until(core, script, true);
+  repeat_until([&] { return algorithm.device() != nullptr; }, update);
 }
 
 /// Adds three equal boxes, and moves one away until the next update runs on the device, in which it returns.

@@ -1,13 +1,13 @@
 #include <broadcl/broad_phase.hpp>
 
 #include <cmath>
-#include <random>
 #include <vector>
 
 #include <gtest/gtest.h>
 
 #include "each_algorithm.hpp"
 #include "expect_error.hpp"
+#include "twins.hpp"
 
 /// begin() and finish(), and calls in between.
 namespace broadcl::test {
@@ -142,59 +142,6 @@ TEST_P(EachAlgorithm, MemoryGrowsForWhatIsAddedInFlight) {
   twins.begin();
   EXPECT_EQ(twins.add(unit), 8U);
   ASSERT_TRUE(twins.agree());
-}
-
-/// Random operations before and after begin().
-void operate_at_random(const BroadPhase::Config& config, std::uint32_t seeds, int frames) {
-  for (std::uint32_t seed = 1; seed <= seeds; ++seed) {
-    std::mt19937 random(seed);
-    const auto below = [&](std::size_t n) { return static_cast<std::uint32_t>(random() % n); };
-    Twins twins(config);
-    std::vector<std::uint32_t> live;
-    std::vector<Aabb> homes(64, inverted);
-    const auto operate = [&](std::uint32_t count) {
-      for (std::uint32_t k = 0; k < count; ++k) {
-        const std::uint32_t which = below(10);
-        const Aabb box = apart(below(6));
-        if (live.empty() || (which < 3 && live.size() < homes.size())) {
-          const std::uint32_t id = twins.add(box, {.body = below(3) == 0 ? below(4) : Filter::no_body});
-          live.push_back(id);
-          homes[id] = box;
-          continue;
-        }
-        const std::uint32_t place = below(live.size());
-        const std::uint32_t id = live[place];
-        if (which < 5) {
-          twins.move(id, box);
-        } else if (which < 7) {
-          twins.move(id, homes[id]);
-        } else if (which == 7) {
-          twins.set_filter(id,
-                           {.mask = below(4) == 0 ? 0 : 0xffffffff, .world = seed % 2 == 1 ? below(2) : 0});
-        } else {
-          twins.remove(id);
-          live.erase(live.begin() + place);
-        }
-      }
-    };
-    operate(60);
-    for (int frame = 0; frame < frames; ++frame) {
-      operate(below(2) * below(12));
-      for (std::uint32_t k = below(3); k > 0; --k) twins.begin();
-      operate(below(3) * below(6));
-      ASSERT_TRUE(twins.agree()) << "seed " << seed << ", frame " << frame;
-    }
-  }
-}
-
-ALSO_IN(oclgrind);
-TEST_P(EachAlgorithm, SmallRandomOperationsInFlightAreThoseOfOneUpdate) {
-  operate_at_random(config(), 1, 15);
-}
-
-NOT_IN(rusticl, "takes long; a smaller one is in it");
-TEST_P(EachAlgorithm, RandomOperationsInFlightAreThoseOfOneUpdate) {
-  operate_at_random(config(), 12, 40);
 }
 
 /// More pairs than the device has memory for: finish() reports this error. Everything that was done before

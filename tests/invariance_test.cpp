@@ -1,18 +1,14 @@
 #include <broadcl/broad_phase.hpp>
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <limits>
-#include <memory>
 #include <numeric>
 #include <string>
 #include <vector>
 
 #include <gtest/gtest.h>
 
-#include "algorithms/algorithm.hpp"
-#include "algorithms/engine.hpp"
 #include "each_algorithm.hpp"
 #include "scenes/generators.hpp"
 #include "scenes/random.hpp"
@@ -137,104 +133,6 @@ TEST_P(EachAlgorithm, BoxesMayBeScaledByPowersOfTwo) {
   // Whole numbers become denormal, and denormal ones huge.
   EXPECT_LE(least_of_all, -149);
   EXPECT_GE(greatest_of_all, 250);
-}
-
-/// Random motion of n boxes: they drift, and some teleport; at times all gather in clusters or in one place,
-/// or scatter.
-class Motion {
- public:
-  Motion(std::uint32_t n, std::uint64_t seed) : random_(seed) {
-    for (std::uint32_t k = 0; k < n; ++k) {
-      halves_.emplace_back(random_.vector(0, 1) * (k % 20 == 0 ? 10.0F : 1.0F));
-      centres_.push_back(random_.vector(0, world));
-      speeds_.push_back(random_.vector(-1, 1));
-    }
-    halves_.front().setConstant(infinity);
-  }
-
-  /// Writes the boxes of the next frame.
-  void advance(std::span<Aabb> boxes) {
-    const std::uint32_t event = random_.index(40);
-    for (std::size_t k = 0; k < boxes.size(); ++k) {
-      Eigen::Vector3f& centre = centres_[k];
-      centre += speeds_[k];
-      if (event == 0)
-        centre = Eigen::Vector3f::Constant(static_cast<float>(k % 4) * 10) + random_.vector(0, 3);
-      if (event == 1 && k % 2 == 0) centre.setConstant(world / 2);
-      if (event == 2) centre += (centre.array() - world / 2).matrix() * 2;  // apart, out of the world
-      if (event == 3) centre = random_.vector(0, world);
-      if (event > 3 && random_.index(50) == 0) centre = random_.vector(0, world);
-      const Eigen::Vector3f lower = centre - halves_[k];
-      const Eigen::Vector3f upper = centre + halves_[k];
-      boxes[k] = {{lower.x(), lower.y(), lower.z()}, {upper.x(), upper.y(), upper.z()}};
-    }
-  }
-
- private:
-  static constexpr float world = 40;
-
-  Random random_;
-  std::vector<Eigen::Vector3f> centres_, speeds_, halves_;
-};
-
-/// An algorithm on the device, by itself.
-struct Subject {
-  std::string name;
-  AlgorithmPointer algorithm;
-};
-
-/// Plays the same motion to brute force and to tiles that sort in every frame, now and then, or never again.
-void expect_the_same_changes(std::uint32_t n, std::uint32_t frames, std::uint64_t seed) {
-  constexpr std::size_t never = std::numeric_limits<std::size_t>::max();
-  std::vector<Subject> subjects;
-  const auto add = [&](const std::string& name, MakePairFinder make) {
-    subjects.push_back({name, make_device_algorithm({}, make)});
-    subjects.back().algorithm->reserve(n, false);
-  };
-  add("brute force", make_brute_force);
-  add("sorts now and then", make_tiles);
-  add("sorts in every frame", [](const opencl::Context& context) { return make_tiles(context, 0, never); });
-  add("never sorts again", [](const opencl::Context& context) {
-    return make_tiles(context, static_cast<double>(infinity), never);
-  });
-  add("searches early", [](const opencl::Context& context) { return make_tiles(context, 1.25, 1); });
-  Motion motion(n, seed);
-  std::vector<Aabb> boxes(n);
-  for (std::uint32_t frame = 0; frame < frames; ++frame) {
-    const std::vector<Aabb> before = boxes;
-    motion.advance(boxes);
-    // In every third frame, few boxes move.
-    std::vector<std::uint32_t> ids(n);
-    std::iota(ids.begin(), ids.end(), 0);
-    if (frame % 3 == 2) {
-      std::erase_if(ids, [](std::uint32_t id) { return id % 13 != 0; });
-      std::vector<Aabb> next = before;
-      for (const std::uint32_t id : ids) next[id] = boxes[id];
-      boxes = next;
-    }
-    const auto update = [&](Algorithm& algorithm) {
-      std::copy(boxes.begin(), boxes.end(), algorithm.boxes().begin());
-      algorithm.begin({.slots = n, .changed = ids, .all = frame % 3 != 2});
-      return algorithm.finish();
-    };
-    const Delta expected = update(*subjects.front().algorithm);
-    for (std::size_t k = 1; k < subjects.size(); ++k) {
-      ASSERT_TRUE(same(update(*subjects[k].algorithm), expected.added, expected.removed))
-          << subjects[k].name << ", frame " << frame << " of seed " << seed;
-    }
-  }
-  const Pairs pairs = overlapping_pairs(boxes, {.algorithm = "oracle"});
-  for (const Subject& subject : subjects) EXPECT_TRUE(same(subject.name, subject.algorithm->pairs(), pairs));
-}
-
-NOT_IN(sanitizers, "takes long");
-TEST(Tiles, ThousandsOfFramesChangeWhatBruteForceChangesHoweverOftenBoxesAreSorted) {
-  expect_the_same_changes(300, is_slow_device() ? 50 : 2000, 1);
-}
-
-TEST(Long, TensOfThousandsOfFramesChangeWhatBruteForceChanges) {
-  for (std::uint64_t seed = 2; seed < 7; ++seed) expect_the_same_changes(300, 10'000, seed);
-  expect_the_same_changes(5000, 1000, 7);
 }
 
 }  // namespace

@@ -9,6 +9,7 @@
 
 #include "each_algorithm.hpp"
 #include "expect_error.hpp"
+#include "twins.hpp"
 
 /// map(): boxes written in place.
 namespace broadcl::test {

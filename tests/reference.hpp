@@ -69,6 +69,8 @@ class Reference {
   /// As of the last update.
   [[nodiscard]] std::vector<Pair> pairs() const { return pairs_in_first(known_, {}); }
   [[nodiscard]] std::size_t size() const { return ids().size(); }
+  /// One more than the highest id.
+  [[nodiscard]] std::size_t slots() const { return ids().empty() ? 0 : ids().back() + 1; }
   /// Of all objects, ascending.
   [[nodiscard]] std::vector<std::uint32_t> ids() const {
     std::vector<std::uint32_t> ids;

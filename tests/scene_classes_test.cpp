@@ -1,26 +1,21 @@
 #include <broadcl/broad_phase.hpp>
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <cstdlib>
 #include <filesystem>
 #include <functional>
-#include <numeric>
 #include <span>
 #include <string>
 #include <vector>
 
 #include <gtest/gtest.h>
 
-#include "algorithms/device_objects.hpp"
-#include "algorithms/engine.hpp"
 #include "cli/npy.hpp"
-#include "device_life.hpp"
 #include "each_algorithm.hpp"
-#include "packed_box.hpp"
 #include "scenes/generators.hpp"
 #include "scenes/random.hpp"
+#include "twins.hpp"
 
 /// Kinds of scenes that break broad phases, static and in motion, and boxes of real simulations.
 namespace broadcl::test {
@@ -241,208 +236,6 @@ TEST_P(EachAlgorithm, RealBoxesHaveThePairsThatWereCounted) {
     EXPECT_EQ(pairs.size(), real.pairs) << real.file;
     EXPECT_TRUE(same(real.file, pairs, overlapping_pairs(boxes, {.algorithm = other})));
   }
-}
-
-/// The number of frames in which boxes are sorted again, if a few move in each.
-/// @param leap Whether each box jumps to the position of another one; otherwise it moves by a tenth of its
-/// edge.
-int count_sorts(bool leap) {
-  constexpr std::uint32_t n = 4000;
-  constexpr std::uint32_t moving = 40;
-  const scenes::MovingBoxes scene(n, scenes::MovingBoxes::Sizes::uniform);
-  std::vector<Aabb> boxes(scene.boxes().begin(), scene.boxes().end());
-  BroadPhase broad_phase({.algorithm = "tiles"});
-  for (const Aabb& box : boxes) broad_phase.add(box);
-  (void)broad_phase.update();
-  int sorts = 0;
-  for (std::uint32_t frame = 0; frame < 200; ++frame) {
-    for (std::uint32_t k = 0; k < moving; ++k) {
-      const std::uint32_t id = (frame * moving + k) % n;
-      if (leap) {
-        boxes[id] = scene.boxes()[(id * 977 + frame) % n];
-      } else {
-        boxes[id].lower[0] += scene.edge() / 10;
-        boxes[id].upper[0] += scene.edge() / 10;
-      }
-      broad_phase.move(id, boxes[id]);
-    }
-    (void)broad_phase.update();
-    for (const Stage& stage : broad_phase.profile()) {
-      if (stage.name == "build") break;
-      sorts += stage.name == "sort" ? 1 : 0;
-    }
-  }
-  return sorts;
-}
-
-/// Boxes that leap are soon far from their neighbours in the order, so they are sorted again long before all
-/// have leapt. If they only drift, the order may stay.
-TEST(Tiles, BoxesAreSortedAgainSoonerIfTheyLeap) {
-  const int drifting = count_sorts(false);
-  const int leaping = count_sorts(true);
-  EXPECT_LE(drifting, 8);
-  EXPECT_GE(leaping, 3);
-  EXPECT_GT(leaping, drifting);
-}
-
-/// If all boxes leap at once, the order is useless; the search must notice this before it has tested all
-/// pairs.
-NOT_IN(sanitizers, "measures time");
-TEST(SweepAndPrune, BoxesThatAllLeapAreSortedAtOnce) {
-  constexpr std::uint32_t n = 100'000;
-  const scenes::MovingBoxes scene(n, scenes::MovingBoxes::Sizes::uniform);
-  std::vector<Aabb> boxes(scene.boxes().begin(), scene.boxes().end());
-  BroadPhase broad_phase({.algorithm = "sweep-and-prune", .threads = 1});
-  const auto seconds_of_update = [&] {
-    std::ranges::copy(boxes, broad_phase.map(n).begin());
-    const auto start = std::chrono::steady_clock::now();
-    (void)broad_phase.update();
-    return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-  };
-  const double first = seconds_of_update();
-  const std::size_t pairs = broad_phase.pairs().size();
-  ASSERT_GT(pairs, n / 2);
-  double slowest = 0;
-  scenes::Random random(1);
-  for (int k = 0; k < 3; ++k) {
-    random.shuffle(std::span(boxes));
-    slowest = std::max(slowest, seconds_of_update());
-    EXPECT_EQ(broad_phase.pairs().size(), pairs);
-  }
-  EXPECT_LT(slowest, 8 * first);
-}
-
-/// Updates must not visit the tiles of objects that are gone.
-NOT_IN(sanitizers, "measures time");
-TEST(SweepAndPrune, UpdatesOfTheFewThatAreLeftAreShort) {
-  constexpr std::uint32_t n = 200'000;
-  constexpr std::uint32_t left = 100;
-  const scenes::MovingBoxes scene(n, scenes::MovingBoxes::Sizes::uniform);
-  BroadPhase broad_phase({.algorithm = "sweep-and-prune", .threads = 1});
-  const auto seconds_of_update = [&](std::uint32_t size, std::size_t moved) {
-    std::ranges::copy(scene.boxes().subspan(moved, size), broad_phase.map(size).begin());
-    const auto start = std::chrono::steady_clock::now();
-    (void)broad_phase.update();
-    return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-  };
-  const double of_all = std::min(seconds_of_update(n, 0), seconds_of_update(n, 0));
-  (void)seconds_of_update(left, 0);
-  double of_the_rest = 0;
-  for (std::size_t k = 1; k <= 200; ++k) of_the_rest += seconds_of_update(left, k);
-  EXPECT_LT(of_the_rest, of_all);
-}
-
-/// After a frame of two sets, one without worlds and sets has an order of its own.
-NOT_IN(sanitizers, "measures time");
-TEST(SweepAndPrune, AMovedBoxIsSearchedAloneAlsoAfterTwoSets) {
-  constexpr std::uint32_t n = 100'000;
-  const scenes::MovingBoxes scene(n, scenes::MovingBoxes::Sizes::uniform);
-  BroadPhase broad_phase({.algorithm = "sweep-and-prune", .threads = 1});
-  for (std::uint32_t k = 0; k < n; ++k) {
-    broad_phase.add(scene.boxes()[k], k % 2 == 0 ? Filter::first_set : Filter::second_set);
-  }
-  const auto seconds_of_update = [&] {
-    const auto start = std::chrono::steady_clock::now();
-    (void)broad_phase.update();
-    return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-  };
-  (void)broad_phase.update();
-  for (std::uint32_t k = 0; k < n; ++k) broad_phase.set_filter(k, {});
-  const double of_all = seconds_of_update();
-  double of_one = of_all;
-  for (int k = 0; k < 5; ++k) {
-    broad_phase.move(0, scene.boxes()[static_cast<std::size_t>(k) + 1]);
-    of_one = std::min(of_one, seconds_of_update());
-  }
-  EXPECT_LT(of_one, of_all / 10);
-}
-
-/// The pairs that an update finds, and how often it built the tree of tiles.
-struct Frame {
-  Pairs pairs;
-  std::size_t builds;
-};
-
-std::size_t builds(std::span<const Stage> stages) {
-  return static_cast<std::size_t>(std::ranges::count(stages, "build", &Stage::name));
-}
-
-/// All boxes leap to each other's positions. In the old order, the search would test all pairs: it is given
-/// up and repeated in a new order. The pairs are those of the positions, whichever boxes are there.
-void expect_leaps_to_be_sorted_at_once(const std::function<Frame(const std::vector<Aabb>&)>& update) {
-  constexpr std::uint32_t n = 20'000;
-  const scenes::MovingBoxes scene(n, scenes::MovingBoxes::Sizes::uniform);
-  std::vector<std::uint32_t> places(n);
-  std::iota(places.begin(), places.end(), 0U);
-  const auto frame = [&] {
-    std::vector<Aabb> boxes(n);
-    std::ranges::transform(places, boxes.begin(), [&](std::uint32_t place) { return scene.boxes()[place]; });
-    Frame found = update(boxes);
-    for (Pair& pair : found.pairs) {
-      const std::uint32_t s = places[pair.a];
-      const std::uint32_t t = places[pair.b];
-      pair = {std::min(s, t), std::max(s, t)};
-    }
-    std::ranges::sort(found.pairs);
-    return found;
-  };
-  const Pairs expected = frame().pairs;
-  ASSERT_GT(expected.size(), n / 2);
-  scenes::Random random(1);
-  for (int k = 0; k < 3; ++k) {
-    EXPECT_EQ(frame().builds, 1U) << "nothing moved";
-    random.shuffle(std::span(places));
-    const Frame leap = frame();
-    EXPECT_EQ(leap.builds, 2U);
-    EXPECT_TRUE(same("pairs", leap.pairs, expected));
-  }
-}
-
-ALSO_IN(gpu_profile | rusticl);
-TEST(Tiles, BoxesThatAllLeapAreSortedAtOnce) {
-  BroadPhase broad_phase({.algorithm = "tiles"});
-  expect_leaps_to_be_sorted_at_once([&](const std::vector<Aabb>& boxes) -> Frame {
-    std::ranges::copy(boxes, broad_phase.map(boxes.size()).begin());
-    (void)broad_phase.update();
-    return {broad_phase.pairs(), builds(broad_phase.profile())};
-  });
-}
-
-/// The first search gathers the boxes.
-ALSO_IN(gpu_profile);
-TEST(Tiles, BoxesInABufferThatAllLeapAreSortedAtOnce) {
-  const CallersQueue queue;
-  DeviceBroadPhase broad_phase(queue(), {.algorithm = "tiles"});
-  expect_leaps_to_be_sorted_at_once([&](const std::vector<Aabb>& boxes) -> Frame {
-    const cl::Buffer buffer = queue.buffer_of(boxes);
-    (void)broad_phase.update({.buffer = buffer(), .count = boxes.size()});
-    return {queue.read(broad_phase.pairs()), builds(broad_phase.profile())};
-  });
-}
-
-/// The work of finding the pairs of equal boxes among far more empty ones.
-std::size_t work_of_large_boxes(cl_uint distance) {
-  constexpr cl_uint n = 8192;
-  constexpr cl_uint large = 64;
-  const opencl::Context context(select_device(), false);
-  opencl::Profiler profiler(false);
-  Engine engine(context, profiler, make_tiles, Order::Target::host);
-  DeviceObjects objects(context, profiler, engine.frames());
-  objects.reserve(n, false);
-  std::ranges::fill(objects.boxes(), packed_empty());
-  for (std::size_t k = 0; k < large; ++k) objects.boxes()[k * distance] = unit;
-  engine.prepare();
-  engine.begin(objects.upload({.slots = n, .all = true}));
-  const PairDelta::Counts counts = engine.finish();
-  EXPECT_EQ(counts.added, large * (large - 1) / 2);
-  return counts.work;
-}
-
-/// Large boxes fill a few tiles, whatever else there is: every tile visits those. So where they are among the
-/// others changes nothing. (How much work it is depends on how many work-groups share a tile.)
-ALSO_IN(gpu_profile);
-TEST(Tiles, LargeBoxesDoNotShareTilesWithEmptyOnes) {
-  EXPECT_EQ(work_of_large_boxes(128), work_of_large_boxes(1));
 }
 
 /// More boxes than fit below one root. Ids are scattered; each box touches the next along x, and no other.

@@ -17,6 +17,7 @@
 #include "environment.hpp"
 #include "packed_box.hpp"
 #include "scenes/generators.hpp"
+#include "twins.hpp"
 
 /// Searches find exactly the pairs that exist: for any numbers, any size, any number of pairs, and the same
 /// each time.
@@ -64,53 +65,6 @@ std::vector<Aabb> special_boxes(std::uint32_t n, std::uint32_t seed) {
     }
   }
   return boxes;
-}
-
-/// The oracle, with which all others are compared, follows the definitions of pairs, filters and changes.
-TEST(Oracle, FollowsTheDefinitions) {
-  constexpr std::uint32_t n = 60;
-  std::mt19937 random(3);
-  const auto below = [&](std::uint32_t count) { return static_cast<std::uint32_t>(random() % count); };
-  std::vector<Aabb> boxes = special_boxes(n, 20);
-  std::vector<Filter> filters(n);
-  BroadPhase oracle({.algorithm = "oracle"});
-  for (const Aabb& box : boxes) oracle.add(box);
-  std::set<std::uint32_t> recycled;
-  Pairs known;
-  for (std::uint32_t frame = 0; frame < 30; ++frame) {
-    Pairs now;
-    for (const Pair& pair : all_pairs(n)) {
-      const Aabb& a = boxes[pair.a];
-      const Aabb& b = boxes[pair.b];
-      if (!is_empty(a) && !is_empty(b) && overlaps(a, b) && may_pair(filters[pair.a], filters[pair.b]))
-        now.push_back(pair);
-    }
-    Pairs stay;
-    std::ranges::set_intersection(known, now, std::back_inserter(stay));
-    std::erase_if(stay,
-                  [&](const Pair& pair) { return recycled.contains(pair.a) || recycled.contains(pair.b); });
-    Pairs added;
-    Pairs removed;
-    std::ranges::set_difference(now, stay, std::back_inserter(added));
-    std::ranges::set_difference(known, stay, std::back_inserter(removed));
-    ASSERT_TRUE(same(oracle.update(), added, removed)) << frame;
-    ASSERT_TRUE(same("pairs", oracle.pairs(), now)) << frame;
-    known = now;
-    recycled.clear();
-    for (const Aabb& box : special_boxes(8, 30 + frame)) {
-      const std::uint32_t id = below(n);
-      oracle.move(id, boxes[id] = box);
-    }
-    const std::uint32_t id = below(n);
-    oracle.set_filter(
-        id, filters[id] = {.group = 1U << below(3), .mask = below(8), .body = below(3), .world = below(2)});
-    if (const std::uint32_t gone = below(2 * n); gone < n) {
-      oracle.remove(gone);
-      EXPECT_EQ(oracle.add(boxes[gone], filters[gone]), gone);
-      recycled.insert(gone);
-    }
-  }
-  EXPECT_GT(known.size(), 100U);
 }
 
 ALSO_IN(oclgrind);

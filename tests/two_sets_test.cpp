@@ -17,6 +17,7 @@
 #include "expect_error.hpp"
 #include "scenes/generators.hpp"
 #include "test_name.hpp"
+#include "twins.hpp"
 #include "two_sets.hpp"
 
 /// Two sets of boxes: each pair has one of each.

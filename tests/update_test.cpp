@@ -10,20 +10,14 @@
 
 #include <gtest/gtest.h>
 
-#include "device_stages.hpp"
 #include "each_algorithm.hpp"
 #include "environment.hpp"
 #include "scenes/generators.hpp"
+#include "twins.hpp"
 
 /// The cost and the result of an update if little moved.
 namespace broadcl::test {
 namespace {
-
-std::vector<std::string_view> stages(const BroadPhase& broad_phase) {
-  std::vector<std::string_view> names;
-  for (const Stage& stage : broad_phase.profile()) names.push_back(stage.name);
-  return names;
-}
 
 ALSO_IN(oclgrind);
 TEST_P(EachAlgorithm, SmallTheDeviceIsNotAskedIfNothingMoved) {
@@ -57,30 +51,6 @@ TEST_P(EachAlgorithm, SmallTheDeviceIsNotAskedIfNothingMoved) {
   EXPECT_EQ(broad_phase.update().added.size(), 10U);
   expect_work(true);
   EXPECT_EQ(broad_phase.pairs().size(), 55U);
-}
-
-/// If few boxes moved, these are applied to the boxes of the last update; if many, all are uploaded and
-/// tested. One wait per update.
-TEST(BruteForce, AppliesAndKeepsIfFewMoved) {
-  const auto here = [](std::vector<std::string_view> names) {
-    if (!has_keep_stage()) std::erase(names, "keep");
-    if (!has_transfer_stages()) std::erase(names, "download");
-    if (!has_transfer_stages() && names.front() == "copy") std::erase(names, "upload");
-    return names;
-  };
-  BroadPhase broad_phase({.algorithm = "brute-force", .profile = true});
-  for (std::uint32_t k = 0; k < 200; ++k) broad_phase.add(apart(k / 2));
-  EXPECT_EQ(broad_phase.update().added.size(), 100U);
-  for (std::uint32_t moved : {1U, 50U}) {
-    for (std::uint32_t id = 0; id < moved; ++id) broad_phase.move(id, apart(id / 2 + 1000 * moved));
-    (void)broad_phase.update();
-    EXPECT_EQ(stages(broad_phase),
-              here({"copy", "upload", "apply", "keep", "test", "order", "download", "wait"}))
-        << moved;
-  }
-  for (std::uint32_t id = 0; id < 51; ++id) broad_phase.move(id, apart(id / 2 + 5000));
-  (void)broad_phase.update();
-  EXPECT_EQ(stages(broad_phase), here({"upload", "keep", "test", "order", "download", "wait"}));
 }
 
 /// So many changes that they are counted into buckets, a few per bucket; then so many in one bucket, that of
@@ -141,61 +111,6 @@ NOT_IN(gpu_profile | rusticl | sanitizers, "takes long");
 TEST_P(EachAlgorithm, FewMovedFollowTheOracle) {
   for (const std::uint32_t n : {2U, 4U, 5U, 8U, 16U, 17U, 31U, 32U, 33U, 40U, 255U, 256U, 257U, 4097U}) {
     if (n < 1000 || !is_slow()) follow_the_oracle(config(), n);
-  }
-}
-
-/// Hundreds of objects, a few of which move, come, go and get another filter. All pairs are compared now and
-/// then.
-NOT_IN(rusticl | sanitizers, "takes long");
-TEST_P(EachAlgorithm, FewOfHundredsLiveLikeThoseOfTheOracle) {
-  if (is_slow()) GTEST_SKIP() << "takes long on this device";
-  constexpr std::uint32_t n = 600;
-  for (const std::uint32_t worlds : {1U, 2U}) {
-    std::mt19937 random(worlds);
-    const auto below = [&](std::uint32_t most) { return static_cast<std::uint32_t>(random() % most); };
-    const auto box = [&] {
-      const auto x = static_cast<float>(below(16));
-      const auto y = static_cast<float>(below(16));
-      return below(20) == 0 ? inverted : Aabb{{x, y, 0}, {x + 1, y + 1, 0}};
-    };
-    const auto filter = [&] { return Filter{.group = 1, .mask = 1, .world = below(worlds)}; };
-    BroadPhase tested(config());
-    BroadPhase oracle({.algorithm = "oracle"});
-    const auto both = [&](const auto& act) {
-      act(tested);
-      act(oracle);
-    };
-    std::vector<std::uint32_t> ids;
-    const auto add = [&](const Aabb& at, const Filter& with) {
-      ids.push_back(tested.add(at, with));
-      EXPECT_EQ(oracle.add(at, with), ids.back());
-    };
-    for (std::uint32_t k = 0; k < n; ++k) add(box(), filter());
-    for (int frame = 0; frame < 120; ++frame) {
-      const Delta delta = tested.update();
-      const Delta expected = oracle.update();
-      ASSERT_TRUE(same(delta, expected.added, expected.removed)) << frame;
-      if (frame % 10 == 0) {
-        ASSERT_TRUE(same("pairs", tested.pairs(), oracle.pairs())) << frame;
-      }
-      for (std::uint32_t k = below(10); k > 0; --k) {
-        const std::uint32_t which = below(static_cast<std::uint32_t>(ids.size()));
-        const std::uint32_t id = ids[which];
-        const Aabb at = box();
-        const std::uint32_t what = below(40);
-        if (what < 30) {
-          both([&](BroadPhase& broad_phase) { broad_phase.move(id, at); });
-        } else if (what < 32) {
-          const Filter with = filter();
-          both([&](BroadPhase& broad_phase) { broad_phase.set_filter(id, with); });
-        } else if (what < 36) {
-          both([&](BroadPhase& broad_phase) { broad_phase.remove(id); });
-          ids.erase(ids.begin() + which);
-        } else {
-          add(at, filter());
-        }
-      }
-    }
   }
 }
 

@@ -16,6 +16,7 @@
 #include "each_algorithm.hpp"
 #include "scenes/generators.hpp"
 #include "scenes/random.hpp"
+#include "twins.hpp"
 
 namespace broadcl::test {
 namespace {

@@ -1,0 +1,62 @@
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <limits>
+#include <memory>
+#include <ostream>
+
+#include "algorithms/algorithm.hpp"
+#include "algorithms/pair_finder.hpp"
+#include "opencl/context.hpp"
+
+namespace broadcl::test {
+
+/// Uses the two finders in turn, one per search.
+class Turns final : public PairFinder {
+ public:
+  explicit Turns(const opencl::Context& context) : finders_{make_brute_force(context), make_tiles(context)} {}
+
+  void build(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) override {
+    turn_ = 1 - turn_;
+    finders_.at(turn_)->build(search, sink, profiler);
+  }
+  void find(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) override {
+    finders_.at(turn_)->find(search, sink, profiler);
+  }
+  [[nodiscard]] double expected_work(const Search& /*search*/, const PairDelta& /*sink*/) override {
+    return 0;
+  }
+
+ private:
+  std::array<std::unique_ptr<PairFinder>, 2> finders_;
+  std::size_t turn_ = 0;
+};
+
+inline std::unique_ptr<PairFinder> make_turns(const opencl::Context& context) {
+  return std::make_unique<Turns>(context);
+}
+
+inline constexpr std::size_t never_early = std::numeric_limits<std::size_t>::max();
+
+/// A way to find pairs on the device that a scene has to be large for, or that only tests have.
+struct FinderVariant {
+  const char* name;
+  MakePairFinder make;
+};
+inline constexpr std::array finder_variants{
+    FinderVariant{"TilesSortedInEachFrame",
+                  [](const opencl::Context& context) { return make_tiles(context, 0, never_early); }},
+    FinderVariant{"TilesSortedOnce",
+                  [](const opencl::Context& context) {
+                    return make_tiles(context, std::numeric_limits<double>::infinity(), never_early);
+                  }},
+    FinderVariant{"TilesSearchedEarly",
+                  [](const opencl::Context& context) { return make_tiles(context, 1.25, 1); }},
+    FinderVariant{"TilesAndBruteForceInTurn", make_turns}};
+
+inline std::ostream& operator<<(std::ostream& out, const FinderVariant& variant) {
+  return out << variant.name;
+}
+
+}  // namespace broadcl::test

@@ -1,0 +1,149 @@
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include <gtest/gtest.h>
+
+#include <broadcl/broad_phase.hpp>
+
+#include "each_algorithm.hpp"
+#include "reference.hpp"
+
+namespace broadcl::test {
+
+/// Lets every call succeed; Trouble makes some fail.
+struct NoTrouble {
+  template <class Function, class AfterFailure>
+  auto call(const Function& function, const AfterFailure& /*after_failure*/) {
+    return function();
+  }
+};
+
+/// A subject and the reference, which get the same calls.
+/// @tparam Subject BroadPhase, the Core of one, or a class with the same functions.
+/// @tparam Trouble Makes calls of the subject fail, and repeats them.
+template <class Subject = BroadPhase, class Trouble = NoTrouble>
+class Twins {
+ public:
+  explicit Twins(const BroadPhase::Config& config) : subject_(config) {}
+  /// @param looks Whether all pairs are compared after each failure, which might repair what it broke.
+  /// @param arguments For the subject's constructor.
+  template <class... Arguments>
+  Twins(std::in_place_t /*tag*/, const Trouble& trouble, bool looks, Arguments&&... arguments)
+      : subject_(std::forward<Arguments>(arguments)...), trouble_(trouble), looks_(looks) {}
+
+  std::uint32_t add(const Aabb& box, const Filter& filter = {}) {
+    const std::uint32_t id = call([&] { return subject_.add(box, filter); });
+    expect_equal("a new id", id, reference_.add(box, filter));
+    return id;
+  }
+  void move(std::uint32_t id, const Aabb& box) {
+    call([&] { subject_.move(id, box); });
+    reference_.move(id, box);
+  }
+  void set_filter(std::uint32_t id, const Filter& filter) {
+    call([&] { subject_.set_filter(id, filter); });
+    reference_.set_filter(id, filter);
+  }
+  void set_exclusions(std::span<const Pair> pairs) {
+    call([&] { subject_.set_exclusions(pairs); });
+    reference_.set_exclusions(pairs);
+  }
+  void remove(std::uint32_t id) {
+    call([&] { subject_.remove(id); });
+    reference_.remove(id);
+  }
+  /// Maps n boxes and has `write` write them, for each of the two. Either may have any empty box in place of
+  /// an empty one.
+  template <class Function>
+  void map(std::size_t n, const Function& write) {
+    const std::span<Aabb> mapped = call([&] { return subject_.map(n); });
+    reference_.map(n);
+    std::vector<Aabb> boxes;
+    for (std::uint32_t k = 0; k < n; ++k) boxes.push_back(reference_.box(k));
+    write(std::span(boxes));
+    write(mapped);
+    for (std::uint32_t k = 0; k < n; ++k) reference_.move(k, boxes[k]);
+  }
+  void begin() {
+    call([&] { subject_.begin(); });
+    reference_.begin();
+  }
+  void shrink() {
+    call([&] { subject_.shrink(); });
+  }
+
+  /// Ends an update, which begins now unless it was begun already. The result is whether changes, all pairs,
+  /// the size and all ids since the last update are right.
+  [[nodiscard]] ::testing::AssertionResult agree() {
+    return agree([](const auto& /*delta*/) {});
+  }
+  /// @param with Called with the changes that the subject reports.
+  template <class Function>
+  [[nodiscard]] ::testing::AssertionResult agree(const Function& with) {
+    const auto delta = trouble_.call([&] { return finish(); },
+                                     [&] {
+                                       reference_.abandon();  // an update that was begun is over
+                                       look();
+                                     });
+    const Reference::Changes expected = reference_.finish();
+    expect(same("added", delta.added, expected.added));
+    expect(same("removed", delta.removed, expected.removed));
+    with(delta);
+    expect_equal("the size", subject_.size(), reference_.size());
+    if (is_right()) expect(same("pairs", call([&] { return subject_.pairs(); }), reference_.pairs()));
+    if (is_right()) return ::testing::AssertionSuccess();
+    return ::testing::AssertionFailure() << std::exchange(wrong_, "");
+  }
+
+  /// The subject was updated by itself.
+  void note_update() { (void)reference_.finish(); }
+
+  [[nodiscard]] Subject& tested() noexcept { return subject_; }
+  [[nodiscard]] const Reference& reference() const noexcept { return reference_; }
+  [[nodiscard]] const Trouble& trouble() const noexcept { return trouble_; }
+  /// As of the last update, of both.
+  [[nodiscard]] Pairs pairs() const { return reference_.pairs(); }
+
+ private:
+  [[nodiscard]] auto finish() {
+    if constexpr (requires { subject_.update(); }) {
+      if (!reference_.is_in_flight()) return subject_.update();
+    }
+    return subject_.finish();
+  }
+
+  template <class Function>
+  auto call(const Function& function) {
+    return trouble_.call(function, [this] { look(); });
+  }
+
+  /// Nothing that a caller can see may have changed.
+  void look() {
+    expect_equal("the size", subject_.size(), reference_.size());
+    if (looks_ && !reference_.is_in_flight()) expect(same("known", subject_.pairs(), reference_.pairs()));
+  }
+
+  /// Remembers the first thing that is wrong.
+  void expect(const ::testing::AssertionResult& result) {
+    if (!result && is_right()) wrong_ = result.message();
+  }
+  void expect_equal(const char* what, std::size_t is, std::size_t expected) {
+    if (is != expected && is_right())
+      wrong_ = std::string(what) + " is " + std::to_string(is) + ", expected " + std::to_string(expected);
+  }
+  [[nodiscard]] bool is_right() const { return wrong_.empty(); }
+
+  Subject subject_;
+  Reference reference_;
+  Trouble trouble_{};
+  bool looks_ = false;
+  std::string wrong_;
+};
+
+}  // namespace broadcl::test
