@@ -85,7 +85,7 @@ class CorePlayer {
   void update(bool keep) {
     require(twins_.agree([&](const auto& delta) {
       if constexpr (std::is_same_v<decltype(delta), const Delta&>) {
-        if (keep) kept_.emplace_back(delta, subject_.delta_memory());
+        if (keep) kept_.emplace_back(delta);
       }
     }));
   }

@@ -129,7 +129,7 @@ TEST_F(HostWork, IsThatOfTheObjectsThatAreLeft) {
 /// After a frame of two sets, one without worlds and sets has an order of its own.
 TEST_F(HostWork, IsThatOfTheBoxThatMovesAlsoAfterTwoSets) {
   for (std::uint32_t k = 0; k < n; ++k) {
-    broad_phase_.add(scene_.boxes()[k], k % 2 == 0 ? first_set : second_set);
+    broad_phase_.add(scene_.boxes()[k], k % 2 == 0 ? Filter::first_set : Filter::second_set);
   }
   (void)broad_phase_.update();
   for (std::uint32_t k = 0; k < n; ++k) broad_phase_.set_filter(k, {});
@@ -203,11 +203,11 @@ std::size_t work_of_large_boxes(cl_uint distance) {
   constexpr cl_uint large = 64;
   const opencl::Context context(select_device(), false);
   opencl::Profiler profiler(false);
-  DeviceObjects objects(context, profiler);
+  Engine engine(context, profiler, make_tiles, Order::Target::host);
+  DeviceObjects objects(context, profiler, engine.frames());
   objects.reserve(n, false);
   std::ranges::fill(objects.boxes(), packed_empty());
   for (std::size_t k = 0; k < large; ++k) objects.boxes()[k * distance] = unit;
-  Engine engine(context, profiler, make_tiles, Order::Target::host);
   engine.prepare();
   engine.begin(objects.upload({.slots = n, .all = true}));
   const PairDelta::Counts counts = engine.finish();
