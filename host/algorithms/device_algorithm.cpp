@@ -15,8 +15,8 @@
 namespace broadcl {
 namespace {
 
-/// How many pairs to reserve memory for in a search of boxes that nothing is known about, so that few have to run
-/// twice. (Only on CPUs, because they do not use memory before something is written there.)
+/// How many pairs to reserve memory for in a search of boxes that nothing is known about, so that few have to
+/// run twice. (Only on CPUs, because they do not use memory before something is written there.)
 std::size_t expected_pairs(const Device& device, std::size_t slots) {
   constexpr std::size_t per_box = 128;
   constexpr std::uint64_t most_bytes = 256 << 20;
