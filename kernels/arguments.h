@@ -5,7 +5,9 @@
 
 #include "sizes.h"
 
-#define HAS_WORDS(type, words) typedef char type##_has_words[sizeof(type) == 4U * (words) ? 1 : -1]
+/* NOLINTBEGIN(modernize-use-using, modernize-avoid-c-arrays): C has neither. */
+
+#define HAS_WORDS(type, words) typedef char type##_has_words[sizeof(type) == (words) * sizeof(uint) ? 1 : -1]
 
 /* PAIR_SINK_PARAMETERS of delta.h. */
 typedef struct {
@@ -56,5 +58,7 @@ typedef struct {
   uint worlds;
 } order_scalars_t;
 HAS_WORDS(order_scalars_t, 7);
+
+/* NOLINTEND(modernize-use-using, modernize-avoid-c-arrays) */
 
 #endif

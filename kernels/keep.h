@@ -61,8 +61,8 @@ typedef struct {
 
 /* Keeps the pairs of the last frame that are still pairs, and collects the others. Pairs of a chunk stay in order, so
    that those that were found together, and share boxes, remain neighbours. All work-items of a work-group must call
-   it; the work is shared by `groups` work-groups, of which this is number `group`. */
-/* (No `restrict` here: Oclgrind 21.10 does not know what remains of it after inlining.) */
+   it; the work is shared by `groups` work-groups, of which this is number `group`. (No `restrict`: Oclgrind 21.10 does
+   not know what remains of it after inlining.) */
 INLINE void keep_pairs(const keep_scalars_t* keep, global const uint2* last, global uint2* removed,
                        global const uint4* filters, global const uint2* exclusions, global const uint* stamps,
                        global const float* boxes, global uint2* pairs, global uint* counts, const uint group,

@@ -194,8 +194,9 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_search(TILE
     ++work;
     if (walk.level > 0U) {
       bits = not_before(bits, walk.node, tile >> (NODE_BITS * (walk.level - 1U)));
-      if ((uint)popcount(bits) > NODE / 2U)
+      if ((uint)popcount(bits) > NODE / 2U) {
         bits = near_a_box(bits, &child, tree, tile, scalars.sets, &scratch.ballots, &turn);
+      }
       if (walk.level == 1U) bits &= share << (uint)get_group_id(1);
       set_rest(&rest, walk.level, bits);
     } else {
@@ -203,8 +204,9 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_search(TILE
     }
     walk_on(&walk, &rest, scalars.top);
     if (count > BATCH || walk.root >= end) {
-      if (test_candidates(&scratch, count, &own, own_place, scalars.most_work, filters, exclusions, &sink))
+      if (test_candidates(&scratch, count, &own, own_place, scalars.most_work, filters, exclusions, &sink)) {
         walk.root = end;
+      }
       count = 0;
     }
   }

@@ -240,7 +240,9 @@ class OnDevice : public ::testing::Test {
  protected:
   OnDevice() {
     // The device is measured and the result stored first.
-    fs::copy(fs::path(BROADCL_KERNEL_FOLDER) / "arithmetic.cl", folder_.path());
+    for (const char* name : {"arithmetic.cl", "arithmetic.h"}) {
+      fs::copy(fs::path(BROADCL_KERNEL_FOLDER) / name, folder_.path());
+    }
     const Context context(select_device(), false);
     stored_first_ = cached_files();
   }

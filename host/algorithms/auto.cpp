@@ -22,7 +22,7 @@ constexpr std::array<MakePairFinder, 2> both_finders{make_brute_force, make_tile
 constexpr double clearly_less = 0.95;
 
 /// With up to this many slots, `brute-force` is the better choice on every CPU.
-constexpr std::size_t few_on_cpu = 400;
+constexpr std::size_t small_on_cpu = 400;
 
 /// A GPU is opened for updates that take longer, in seconds: if it is named, about as long as the fastest
 /// update on any GPU; otherwise several times that, since opening it takes time and memory.
@@ -39,7 +39,7 @@ class Auto final : public PairFinder {
   }
 
   void warm_up(std::size_t slots) override {
-    if (slots > few_on_cpu) compare();
+    if (slots > small_on_cpu) compare();
   }
 
   void build(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) override {

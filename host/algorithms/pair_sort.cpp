@@ -14,7 +14,7 @@ namespace {
 
 constexpr unsigned most_partition_bits = 8;
 /// Fewer pairs are sorted by comparison instead, and so are more than 32-bit positions count.
-constexpr std::size_t few_pairs = 32;
+constexpr std::size_t most_compared = 32;
 constexpr std::size_t most_in_partition = 0xffffffff;
 
 /// A pass of a radix sort, stable.
@@ -33,7 +33,7 @@ void sort_by(std::span<const Pair> from, std::span<Pair> to, unsigned digits, co
 /// @param bits_of_a, bits_of_b How many of the lowest bits may differ between pairs.
 void sort_partition(std::span<Pair> pairs, unsigned bits_of_a, unsigned bits_of_b,
                     std::vector<Pair>& scratch) {
-  if (pairs.size() <= few_pairs || pairs.size() > most_in_partition) {
+  if (pairs.size() <= most_compared || pairs.size() > most_in_partition) {
     std::ranges::sort(pairs);
     return;
   }
@@ -65,7 +65,7 @@ void PairSort::operator()(std::span<const std::span<const Pair>> lists, std::siz
   resize_for_writing(sorted, total);
   const auto bits = static_cast<unsigned>(std::bit_width(slots));
   const auto partition_bits =
-      std::min({bits, most_partition_bits, static_cast<unsigned>(std::bit_width(total / few_pairs))});
+      std::min({bits, most_partition_bits, static_cast<unsigned>(std::bit_width(total / most_compared))});
   const unsigned low_bits = bits - partition_bits;
   const std::size_t partitions = std::size_t{1} << partition_bits;
   const auto partition_of = [=](const Pair& pair) { return std::uint64_t{pair.b} >> low_bits; };

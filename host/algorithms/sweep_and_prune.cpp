@@ -30,7 +30,7 @@ constexpr float not_a_number = std::numeric_limits<float>::quiet_NaN();
 constexpr std::size_t size_classes = 4;
 
 /// Up to this many boxes, testing each pair takes less time than sorting and sweeping.
-constexpr std::size_t few_boxes = 16;
+constexpr std::size_t most_unsorted = 16;
 
 /// Boxes are sorted again once the work exceeds this multiple of the work in a new order.
 constexpr double stale_growth = 1.25;
@@ -193,7 +193,7 @@ class SweepAndPrune final : public HostFinder {
   explicit SweepAndPrune(std::size_t threads) : threads_(threads) {}
 
   void find(const HostObjects& objects, std::vector<Pair>& pairs) override {
-    if (objects.boxes.size() <= few_boxes) {
+    if (objects.boxes.size() <= most_unsorted) {
       sorted_axes_ = 0;
       test_each_pair(objects, pairs);
       return;

@@ -89,13 +89,13 @@ BROADCL_INLINE void test_along(Found& found, const HostTiles<axes>& all, std::si
   const std::uint32_t of_s = overlapping_of(all.tiles[s], all.bounds[t]);
   if (of_s == 0) return;
   const std::uint32_t of_t = overlapping_of(all.tiles[t], all.bounds[s]);
-  const bool few_in_s = std::popcount(of_s) < std::popcount(of_t);
-  const Node<axes>& few = all.tiles[few_in_s ? s : t];
-  const Node<axes>& many = all.tiles[few_in_s ? t : s];
+  const bool is_s_smaller = std::popcount(of_s) < std::popcount(of_t);
+  const Node<axes>& smaller = all.tiles[is_s_smaller ? s : t];
+  const Node<axes>& larger = all.tiles[is_s_smaller ? t : s];
   Pair* next = found.next();
-  for (std::uint32_t bits = few_in_s ? of_s : of_t; bits != 0; bits &= bits - 1) {
+  for (std::uint32_t bits = is_s_smaller ? of_s : of_t; bits != 0; bits &= bits - 1) {
     const auto k = lowest_bit(bits);
-    next = store_found(next, many, overlapping_of(many, few.get(k)), few.index[k], filters);
+    next = store_found(next, larger, overlapping_of(larger, smaller.get(k)), smaller.index[k], filters);
   }
   found.set_next(next);
 }

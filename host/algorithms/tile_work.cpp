@@ -88,7 +88,7 @@ cl_uint TileWork::most(const Search& search, const PairDelta& sink, std::size_t 
       std::max({default_factors[all_changed], factors_[all_changed], fresh_factors_[all_changed]});
   const double most = given_up * factor * typical(search.now.slots, search.now.slots);
   // Each work-group may do some more before it knows; the kernel counts in 32 bits.
-  const bool overflows = most + static_cast<double>(2 * layout::REPORTED_WORK * groups) >= any;
+  const bool overflows = most + static_cast<double>(groups * 2 * layout::REPORTED_WORK) >= any;
   return overflows ? any : static_cast<cl_uint>(most);
 }
 

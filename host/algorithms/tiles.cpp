@@ -322,7 +322,7 @@ class Tiles final : public PairFinder {
       sink.set_keep_kernel(kernel, set_refit(kernel, tree_, 1, nodes), search);
       const std::size_t groups =
           round_up(nodes, launch_.node) * launch_.group / layout::TILES_KEEP_GROUP +
-          divide_up(sink.most_to_keep(), layout::TILES_KEEP_GROUP * layout::TILES_KEEP_RUN);
+          divide_up(sink.most_to_keep(), std::size_t{layout::TILES_KEEP_GROUP} * layout::TILES_KEEP_RUN);
       context_.queue().enqueueNDRangeKernel(kernel, cl::NullRange,
                                             cl::NDRange(groups * layout::TILES_KEEP_GROUP),
                                             cl::NDRange(layout::TILES_KEEP_GROUP), nullptr, stage.event());

@@ -35,7 +35,7 @@ unsigned hash_of(const Pair& pair) {
 constexpr std::size_t algorithm_bytes = 128;
 
 /// Up to this many pairs, looking at all of them takes less time than making lists.
-constexpr int few_pairs = 32;
+constexpr int most_unlisted = 32;
 
 /// Proxies that are not the adapter's may have any id; if there is no list for it, all pairs are looked at.
 bool has_list(int id) {
@@ -198,7 +198,7 @@ void PairCache::prefetch_contacts(btCollisionAlgorithm& algorithm) {
 
 std::optional<std::vector<int>> PairCache::indices_of(btBroadphaseProxy& proxy) {
   if (!has_list(proxy.getUid())) return std::nullopt;
-  if (!is_listed_ && getNumOverlappingPairs() <= few_pairs) return std::nullopt;
+  if (!is_listed_ && getNumOverlappingPairs() <= most_unlisted) return std::nullopt;
   try {
     bring_lists_up_to_date();
     return listed_indices_of(proxy);
