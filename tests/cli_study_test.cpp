@@ -14,6 +14,7 @@
 
 #include <broadcl/device.hpp>
 
+#include "cli/operating_system.hpp"
 #include "cli/recording.hpp"
 #include "cli/study_plan.hpp"
 #include "cli/study_run_file.hpp"
@@ -260,7 +261,7 @@ TEST_F(ProgramStudy, RefusesNewLimitsAndAFolderThatAnotherStudyHas) {
   fs::remove(path("s/runs/free-fall-50-bullet-bf-1.csv"));
   const std::map<std::string, File> before = run_files();
   {
-    const auto lock = lock_folder(path("s"));
+    const auto lock = cli::lock_folder(path("s"));
     expect_refused(run("study --out s"), "another study is running in 's'; wait for its end");
     EXPECT_EQ(run_files(), before);
   }
