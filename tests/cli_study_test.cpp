@@ -14,6 +14,7 @@
 
 #include <broadcl/device.hpp>
 
+#include "cli/operating_system.hpp"
 #include "cli/recording.hpp"
 #include "cli/study_plan.hpp"
 #include "cli/study_run_file.hpp"

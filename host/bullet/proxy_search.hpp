@@ -160,11 +160,9 @@ class ProxySearch {
   /// @param first The changes of the first update.
   /// @returns The changes of both updates together.
   Delta update_again(const Delta& first) {
-    const std::vector<Pair> added(first.added.begin(), first.added.end());
-    const std::vector<Pair> removed(first.removed.begin(), first.removed.end());
     const Delta second = core_.update();
-    added_ = merge(difference(added, second.removed), second.added);
-    removed_ = merge(removed, difference(second.removed, added));
+    added_ = merge(difference(first.added, second.removed), second.added);
+    removed_ = merge(first.removed, difference(second.removed, first.added));
     // A pair that was removed and added again has stayed, unless one of its ids was reused.
     std::vector<Pair> back = intersection(added_, removed_);
     std::erase_if(back, [&](const Pair& pair) { return !pool_.is_known(pair); });
