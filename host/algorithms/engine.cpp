@@ -37,7 +37,7 @@ void Engine::reserve_ahead(std::size_t slots, std::size_t pairs) {
   delta_.reserve_ahead(pairs);
 }
 
-void Engine::enqueue(Search search, cl_uint tag, const Order::Report& report) {
+void Engine::enqueue(Search search, cl_uint tag, const Report& report) {
   // Lists may have grown since reserve_ahead().
   if (!delta_.is_unsettled()) reserve_ahead(0, 0);
   search_ = std::move(search);

@@ -63,7 +63,7 @@ class Engine {
   /// makes the device start. reserve_ahead() must have been called for as many objects. The frame is then
   /// unsettled.
   /// @throws cl::Error, Error
-  void enqueue(Search search, cl_uint tag, const Order::Report& report);
+  void enqueue(Search search, cl_uint tag, const Report& report);
   /// Waits for all unsettled frames.
   /// @throws cl::Error
   PairDelta::Settled settle();

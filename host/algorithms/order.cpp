@@ -11,14 +11,12 @@
 namespace broadcl {
 namespace {
 
-/// The least number of changes to read with the counts, and the least capacity for them.
-constexpr std::size_t least_changes = 512;
-
-/// The largest result that kernels write to direct memory, in bytes: more than few changes take.
+/// The largest result that kernels write to direct memory, in bytes: more than the changes of one launch
+/// take.
 constexpr std::size_t small_result = 256 << 10;
 
 /// Up to this many changes per list are sorted in one launch.
-std::size_t most_few(const opencl::Context& context) {
+std::size_t most_in_one_launch(const opencl::Context& context) {
   return context.tuning() == opencl::Tuning::cpu ? 256 : 8192;
 }
 
@@ -31,37 +29,22 @@ Order::Order(const opencl::Context& context, opencl::Profiler& profiler, Frames&
       profiler_(profiler),
       frames_(frames),
       target_(target),
-      few_(most_few(context)),
+      most_in_one_launch_(most_in_one_launch(context)),
       sort_(context),
-      scan_(context) {
+      scan_(context),
+      by_world_(context) {
   const cl::Program program = engine_program(context);
-  few_kernel_ = context.kernel(program, "order_small", engine_launch(context).group);
+  small_ = context.kernel(program, "order_small", engine_launch(context).group);
   count_ = context.sized_kernel(program, "order_count");
   scatter_ = context.sized_kernel(program, "order_scatter");
   place_ = context.sized_kernel(program, "order_place");
-  offsets_ = context.sized_kernel(program, "order_offsets");
-  world_keys_ = context.sized_kernel(program, "order_world_keys");
   renumber_ = context.sized_kernel(program, "order_renumber");
-  pick_ = context.sized_kernel(program, "order_pick");
 }
 
-void Order::set_search(const Search& search) {
-  slots_ = std::max<std::size_t>({1, search.last.slots, search.now.slots});
-  worlds_ = search.ordered_worlds;
-  second_set_ = search.second_set;
-  filters_ = search.now.filters;
-  last_filters_ = search.last.filters;
-}
-
-/// Sets the number of buckets: one per world, and one for pairs of no such world; or about as many as
-/// changes, so that there is little to clear and to add up. But each slot has its own if a bucket was too
-/// large before, or if nobody would sort the changes then.
-void Order::set_buckets() {
-  const std::size_t slots_per_change = 2 * slots_ / std::max<std::size_t>(1, capacity_);
-  const bool is_shared = is_awaited_ && !was_bucket_too_large_ && slots_per_change > 0;
-  bucket_bits_ = is_shared ? static_cast<cl_uint>(std::bit_width(slots_per_change) - 1) : 0;
-  buckets_of_list_ = worlds_ == 0 ? ((slots_ - 1) >> bucket_bits_) + 1 : worlds_ + 1;
-  reserve_buckets(2 * buckets_of_list_);
+/// (Each slot has its own bucket if nobody would sort the changes of one that is too large.)
+void Order::plan_buckets() {
+  plan_.set_buckets(history_.was_bucket_too_large() || !plan_.is_awaited);
+  reserve_buckets(2 * plan_.buckets);
 }
 
 void Order::reserve_buckets(std::size_t count) {
@@ -73,58 +56,43 @@ void Order::reserve_buckets(std::size_t count) {
 }
 
 void Order::begin(const Search& search) {
-  set_search(search);
-  // Expect many changes, and allocate more, only if there were many twice in a row: a first frame finds all
-  // pairs, the next one only what changed.
-  many_ = std::min(last_longest_, longest_before_) > few_ || worlds_ > 0;
-  const std::size_t wanted = many_ ? last_changes_ + last_changes_ / 4 : 3 * std::min(last_longest_, few_);
+  plan_ = OrderPlan(search);  // without a report, so that lists that grow do not exist twice
+  plan_.by_buckets = plan_.worlds > 0 || history_.expects_more_than(most_in_one_launch_);
   const std::size_t most = (context_.device().max_allocation - PairDelta::count_bytes) / sizeof(Pair);
-  capacity_ = std::max(least_changes, std::min(wanted, std::max(last_wanted_, allocated())));
-  capacity_ = std::min(capacity_, most);
-  last_wanted_ = wanted;
-  expected_ = std::clamp(last_changes_ + last_changes_ / 8, least_changes, capacity_);
-  room_ = many_ ? capacity_ : capacity_ / 2;
-  report_ = {};  // lists that grow do not exist twice
-  is_awaited_ = true;
-  reserve_result(capacity_);
-  if (many_) {
-    set_buckets();
-    scattered_.reserve(context_, capacity_ * sizeof(Pair), what);
+  history_.set_capacity(plan_, most_in_one_launch_, allocated(), most);
+  reserve_result(plan_.capacity);
+  if (plan_.by_buckets) {
+    plan_buckets();
+    scattered_.reserve(context_, plan_.capacity * sizeof(Pair), what);
   }
-  for (opencl::GrowingBuffer* offsets : {&added_offsets_, &removed_offsets_}) {
-    if (worlds_ == 0) {
-      offsets->clear();
-    } else {
-      offsets->reserve(context_, (worlds_ + 2) * sizeof(cl_uint), what);
-    }
-  }
+  by_world_.reserve(plan_.worlds);
   report_to_own_lists();
 }
 
 /// Changes for the host are in the same buffer as the counts, so they need no lists.
 void Order::report_to_own_lists() {
   if (target_ == Target::host) return;
-  report_ = {.added = added(),
-             .removed = removed(),
-             .capacity = room_,
-             .added_offsets = added_offsets(),
-             .removed_offsets = removed_offsets()};
+  plan_.report = {.added = added(),
+                  .removed = removed(),
+                  .capacity = plan_.list_capacity,
+                  .added_offsets = added_offsets(),
+                  .removed_offsets = removed_offsets()};
 }
 
 void Order::begin(const Search& search, const Report& report) {
-  set_search(search);
-  report_ = report;
-  is_awaited_ = false;
   constexpr std::size_t most_changes = (std::size_t{1} << 31) - 1;
-  room_ = std::min(report.capacity, most_changes);
-  many_ = room_ > few_ || worlds_ > 0;
-  capacity_ = std::min(2 * room_, scattered_.bytes() / sizeof(Pair));
-  if (many_) set_buckets();
+  plan_ = OrderPlan(search);
+  plan_.report = report;
+  plan_.is_awaited = false;
+  plan_.list_capacity = std::min(report.capacity, most_changes);
+  plan_.by_buckets = plan_.worlds > 0 || plan_.list_capacity > most_in_one_launch_;
+  plan_.capacity = std::min(2 * plan_.list_capacity, scattered_.bytes() / sizeof(Pair));
+  if (plan_.by_buckets) plan_buckets();
 }
 
 void Order::reserve_ahead(std::size_t slots, std::size_t pairs) {
   reserve_buckets(2 * (slots + 1));
-  scattered_.reserve(context_, 2 * std::max(least_changes, pairs) * sizeof(Pair), what);
+  scattered_.reserve(context_, 2 * std::max(OrderPlan::least_changes, pairs) * sizeof(Pair), what);
 }
 
 /// Changes that there is memory for already.
@@ -158,46 +126,48 @@ cl_uint Order::set_changes(cl::Kernel& kernel, const PairDelta& delta, cl_uint t
   return opencl::set_arguments(
       kernel, 0,
       layout::order_scalars_t{.capacity = static_cast<cl_uint>(delta.list_capacity()),
-                              .list_capacity = static_cast<cl_uint>(room_),
-                              .total_capacity = static_cast<cl_uint>(capacity_),
+                              .list_capacity = static_cast<cl_uint>(plan_.list_capacity),
+                              .total_capacity = static_cast<cl_uint>(plan_.capacity),
                               .tag = tag,
-                              .buckets_of_list = static_cast<cl_uint>(buckets_of_list_),
-                              .bucket_bits = bucket_bits_,
-                              .worlds = static_cast<cl_uint>(worlds_)},
+                              .buckets_of_list = static_cast<cl_uint>(plan_.buckets),
+                              .bucket_bits = plan_.bucket_bits,
+                              .worlds = static_cast<cl_uint>(plan_.worlds)},
       delta.list(), delta.removed(), delta.counts());
 }
 
 /// Sets a kernel's RESULT_PARAMETERS, its last ones.
 void Order::set_results(cl::Kernel& kernel, cl_uint first, const PairDelta& delta) {
-  opencl::set_arguments(kernel, first, delta.next_counts(), is_awaited_ ? result().device() : cl::Buffer(),
-                        report_.counts, report_.added, report_.removed);
+  opencl::set_arguments(kernel, first, delta.next_counts(),
+                        plan_.is_awaited ? result().device() : cl::Buffer(), plan_.report.counts,
+                        plan_.report.added, plan_.report.removed);
 }
 
 /// @param event Is set to that of the last kernel, unless it is null.
-void Order::enqueue_few(const PairDelta& delta, cl_uint tag, cl::Event* event) {
+void Order::sort_in_one_launch(const PairDelta& delta, cl_uint tag, cl::Event* event) {
   const std::size_t group = engine_launch(context_).group;
-  set_results(few_kernel_, set_changes(few_kernel_, delta, tag), delta);
-  const std::size_t groups = opencl::divide_up(std::max<std::size_t>(room_, 1), layout::ORDER_RANGE);
-  context_.queue().enqueueNDRangeKernel(few_kernel_, cl::NullRange, cl::NDRange(groups * group, 2),
+  set_results(small_, set_changes(small_, delta, tag), delta);
+  const std::size_t groups =
+      opencl::divide_up(std::max<std::size_t>(plan_.list_capacity, 1), layout::ORDER_RANGE);
+  context_.queue().enqueueNDRangeKernel(small_, cl::NullRange, cl::NDRange(groups * group, 2),
                                         cl::NDRange(group, 1), nullptr, event);
 }
 
 /// @param event As above.
 /// @param stage To which the other kernels belong.
-void Order::enqueue_many(const PairDelta& delta, cl_uint tag, cl::Event* event,
-                         opencl::Profiler::Scope& stage) {
-  const std::size_t buckets = 2 * buckets_of_list_;
+void Order::sort_by_buckets(const PairDelta& delta, cl_uint tag, cl::Event* event,
+                            opencl::Profiler::Scope& stage) {
+  const std::size_t buckets = 2 * plan_.buckets;
   if (zeros_ < buckets) context_.fill(bucket_counts_.get(), 0, 0, buckets, stage.event());
   const std::size_t zeros = std::max(buckets, std::exchange(zeros_, 0));
   // Each work-item handles several changes, but not so many that it exceeds opencl::most_iterations.
-  const std::size_t most_items = std::max(std::size_t{1} << 20, capacity_ / 8);
+  const std::size_t most_items = std::max(std::size_t{1} << 20, plan_.capacity / 8);
   const std::size_t items = std::clamp(
-      capacity_, std::min(most_items, context_.device().compute_units * std::size_t{64}), most_items);
+      plan_.capacity, std::min(most_items, context_.device().compute_units * std::size_t{64}), most_items);
   for (opencl::SizedKernel* sized : {&count_, &scatter_, &place_}) {
     cl::Kernel& kernel = sized->kernel;
     const cl_uint next = opencl::set_arguments(kernel, set_changes(kernel, delta, tag),
                                                sized == &count_ ? bucket_counts_.get() : buckets_.get(),
-                                               scattered_.get(), filters_, last_filters_);
+                                               scattered_.get(), plan_.filters, plan_.last_filters);
     if (sized == &place_) {
       kernel.setArg(next, bucket_counts_.get());
       set_results(kernel, next + 1, delta);
@@ -217,28 +187,21 @@ void Order::read(std::size_t changes) {
 }
 
 void Order::enqueue(const PairDelta& delta, cl_uint tag) {
-  if (is_awaited_) result().release();
+  if (plan_.is_awaited) result().release();
   {
     opencl::Profiler::Scope stage(profiler_, "order");
     cl::Event* const own = stage.event();
     // Whether it is the last command before the host may read.
-    const bool is_last = is_awaited_ && result().is_direct() && target_ == Target::device;
+    const bool is_last = plan_.is_awaited && result().is_direct() && target_ == Target::device;
     cl::Event* const event = is_last ? &ready_ : own;
-    many_ ? enqueue_many(delta, tag, event, stage) : enqueue_few(delta, tag, event);
+    plan_.by_buckets ? sort_by_buckets(delta, tag, event, stage) : sort_in_one_launch(delta, tag, event);
     if (is_last && own != nullptr) *own = ready_;
-    if (!is_awaited_ && worlds_ > 0) enqueue_offsets({}, stage);
-    if (!is_awaited_ && second_set_ > 0) {
-      renumber(report_.added, 0, report_.removed, 0, report_.counts, capacity_, &stage);
+    if (!plan_.is_awaited && plan_.worlds > 0) by_world_.enqueue_offsets(plan_, {}, stage);
+    if (!plan_.is_awaited && plan_.second_set > 0) {
+      renumber(plan_.report.added, 0, plan_.report.removed, 0, plan_.report.counts, plan_.capacity, &stage);
     }
   }
-  if (is_awaited_) read(expected_);
-}
-
-void Order::enqueue_offsets(const PairDelta::Counts& counts, opencl::Profiler::Scope& stage) {
-  opencl::set_arguments(offsets_.kernel, 0, static_cast<cl_uint>(worlds_), static_cast<cl_uint>(counts.added),
-                        static_cast<cl_uint>(counts.removed), report_.counts, report_.added, report_.removed,
-                        filters_, last_filters_, report_.added_offsets, report_.removed_offsets);
-  offsets_.enqueue(context_.queue(), worlds_ + 2, stage.event());
+  if (plan_.is_awaited) read(plan_.expected);
 }
 
 /// @param counts The lengths of the lists; if null, the lengths are those given by the host.
@@ -249,7 +212,7 @@ void Order::renumber(const cl::Buffer& added, std::size_t added_count, const cl:
                      opencl::Profiler::Scope* stage) {
   if (pairs == 0) return;
   constexpr std::size_t most_items = std::size_t{1} << 20;
-  opencl::set_arguments(renumber_.kernel, 0, second_set_, static_cast<cl_uint>(added_count),
+  opencl::set_arguments(renumber_.kernel, 0, plan_.second_set, static_cast<cl_uint>(added_count),
                         static_cast<cl_uint>(removed_count), counts, added, removed);
   renumber_.enqueue(context_.queue(), std::min(pairs, most_items), opencl::event_of(stage));
 }
@@ -266,16 +229,15 @@ PairDelta::Counts Order::wait(const PairDelta& delta) {
 
 bool Order::complete(const PairDelta& delta, const PairDelta::Counts& counts) {
   const std::size_t changes = counts.added + counts.removed;
-  const bool is_ordered =
-      std::max(counts.added, counts.removed) <= room_ && changes <= capacity_ && !counts.is_unordered;
-  was_bucket_too_large_ = was_bucket_too_large_ || counts.is_unordered;
+  const bool is_ordered = plan_.fits(counts);
+  if (counts.is_unordered) history_.bucket_was_too_large();
   if (!is_ordered) sort_changes(delta, counts);
-  if (worlds_ > 0 || second_set_ > 0) {
+  if (plan_.worlds > 0 || plan_.second_set > 0) {
     opencl::Profiler::Scope stage(profiler_, "order");
-    if (worlds_ > 0) enqueue_offsets(counts, stage);
-    if (second_set_ > 0) renumber(added(), counts.added, removed(), counts.removed, {}, changes, &stage);
+    if (plan_.worlds > 0) by_world_.enqueue_offsets(plan_, counts, stage);
+    if (plan_.second_set > 0) renumber(added(), counts.added, removed(), counts.removed, {}, changes, &stage);
   }
-  if (target_ == Target::host && (!is_ordered || changes > expected_)) {
+  if (target_ == Target::host && (!is_ordered || changes > plan_.expected)) {
     read(changes);
     (void)wait(delta);
   }
@@ -292,12 +254,12 @@ void Order::sort_changes(const PairDelta& delta, const PairDelta::Counts& counts
     queue.enqueueCopyBuffer(from, to.get(), first * sizeof(Pair), 0, n * sizeof(Pair), nullptr,
                             stage.event());
     scattered_.reserve(context_, n * sizeof(Pair), what);
-    sort(to.get(), n, slots_, scattered_.get(), &stage);
-    if (worlds_ > 0) sort_by_world(to.get(), n, filters, stage);
+    sort(to.get(), n, plan_.slots, scattered_.get(), &stage);
+    if (plan_.worlds > 0) by_world_.sort(to.get(), n, filters, plan_.worlds, scattered_.get(), sort_, stage);
   };
-  report_ = {};  // as in begin()
-  sort_list(added_, delta.list(), delta.list_capacity() - counts.added, counts.added, filters_);
-  sort_list(removed_, delta.removed(), 0, counts.removed, last_filters_);
+  plan_.report = {};  // lists that grow do not exist twice
+  sort_list(added_, delta.list(), delta.list_capacity() - counts.added, counts.added, plan_.filters);
+  sort_list(removed_, delta.removed(), 0, counts.removed, plan_.last_filters);
   report_to_own_lists();
   if (target_ == Target::device) return;
   reserve_result(counts.added + counts.removed);
@@ -311,27 +273,6 @@ void Order::sort_changes(const PairDelta& delta, const PairDelta::Counts& counts
   }
   added_.clear();
   removed_.clear();
-}
-
-/// Sorts a list that is in canonical order by world, and canonically within a world.
-void Order::sort_by_world(const cl::Buffer& pairs, std::size_t n, const cl::Buffer& filters,
-                          opencl::Profiler::Scope& stage) {
-  const cl::CommandQueue& queue = context_.queue();
-  const cl::Buffer elements = context_.buffer(n * sizeof(Pair));
-  const auto count = static_cast<cl_uint>(n);
-  opencl::set_arguments(world_keys_.kernel, 0, count, static_cast<cl_uint>(worlds_), pairs, filters,
-                        elements);
-  world_keys_.enqueue(queue, n, stage.event());
-  const auto bits = static_cast<unsigned>(std::bit_width(worlds_));
-  sort_.enqueue(elements, scattered_.get(), n, {{32, bits}}, &stage);
-  opencl::set_arguments(pick_.kernel, 0, count, elements, pairs, scattered_.get());
-  pick_.enqueue(queue, n, stage.event());
-  queue.enqueueCopyBuffer(scattered_.get(), pairs, 0, 0, n * sizeof(Pair), nullptr, stage.event());
-}
-
-void Order::commit(const PairDelta::Counts& counts) noexcept {
-  last_changes_ = counts.added + counts.removed;
-  longest_before_ = std::exchange(last_longest_, std::max(counts.added, counts.removed));
 }
 
 Delta Order::on_host(const PairDelta::Counts& counts) const noexcept {
