@@ -239,7 +239,8 @@ class DeviceBroadPhase::Impl {
     last.objects = {.slots = settled.tag >> 1U,
                     .boxes = last.boxes.get(),
                     .filters = (settled.tag & 1U) != 0 ? last.filters.buffer.get() : cl::Buffer(),
-                    .exclusions = complete_exclusions_};
+                    .exclusions = complete_exclusions_,
+                    .second_set = second_set_of(*first_count_)};
     incomplete_ += incomplete;
   }
 
@@ -255,6 +256,10 @@ class DeviceBroadPhase::Impl {
   /// What must be the same in every update.
   static std::size_t first_count_of(const Boxes& boxes) {
     return boxes.second.buffer != nullptr ? boxes.count : no_second_set;
+  }
+
+  static cl_uint second_set_of(std::size_t first_count) {
+    return first_count == no_second_set ? 0 : static_cast<cl_uint>(first_count);
   }
 
   static std::size_t count_of(const Boxes& boxes) {
@@ -364,7 +369,8 @@ class DeviceBroadPhase::Impl {
     next.objects = {.slots = static_cast<cl_uint>(count_of(boxes)),
                     .boxes = next.boxes.get(),
                     .filters = filters ? next.filters.buffer.get() : cl::Buffer(),
-                    .exclusions = exclusions_};
+                    .exclusions = exclusions_,
+                    .second_set = second_set_of(first_count_of(boxes))};
     source_->set({.buffer = cl::Buffer(boxes.buffer, true),
                   .count = boxes.count,
                   .offset = boxes.offset / sizeof(float),
@@ -379,8 +385,7 @@ class DeviceBroadPhase::Impl {
             .source = source_.get(),
             .worlds = boxes.worlds && boxes.filters != nullptr,
             .sets = is_of_two,
-            .ordered_worlds = static_cast<cl_uint>(boxes.ordered_worlds),
-            .second_set = is_of_two ? static_cast<cl_uint>(boxes.count) : 0};
+            .ordered_worlds = static_cast<cl_uint>(boxes.ordered_worlds)};
   }
 
   opencl::Context context_;

@@ -1,3 +1,5 @@
+#include "opencl/api.hpp"  // before <CL/cl.h>: it chooses the version
+
 #include <algorithm>
 #include <cstddef>
 #include <cstdint>
@@ -10,7 +12,9 @@
 #include <gtest/gtest.h>
 
 #include <broadcl/broad_phase.hpp>
+#include <broadcl/opencl.hpp>
 
+#include "device_life.hpp"
 #include "each_algorithm.hpp"
 #include "expect_error.hpp"
 #include "forked_child.hpp"
@@ -88,6 +92,18 @@ TEST_P(EachAlgorithm, ShrinkGivesMemoryBackAndChangesNothingElse) {
   expect_same_update();
   broad_phase.shrink();
   expect_same_update();
+}
+
+/// Objects of the second set keep their own numbers.
+TEST(DeviceMemory, ShrinksWithTwoSets) {
+  const CallersQueue queue;
+  DeviceBroadPhase broad_phase(queue());
+  const cl::Buffer boxes = queue.buffer_of(std::vector<Aabb>(2, unit));
+  (void)broad_phase.update({.buffer = boxes(), .count = 2, .second = {.buffer = boxes(), .count = 1}});
+  const Pairs expected{{0, 0}, {1, 0}};
+  EXPECT_EQ(queue.read(broad_phase.pairs()), expected);
+  broad_phase.shrink();
+  EXPECT_EQ(queue.read(broad_phase.pairs()), expected);
 }
 
 #ifdef __GLIBC__

@@ -197,8 +197,9 @@ void Order::enqueue(const PairDelta& delta, cl_uint tag) {
     plan_.by_buckets ? sort_by_buckets(delta, tag, event, stage) : sort_in_one_launch(delta, tag, event);
     if (is_last && own != nullptr) *own = ready_;
     if (!plan_.is_awaited && plan_.worlds > 0) by_world_.enqueue_offsets(plan_, {}, stage);
-    if (!plan_.is_awaited && plan_.second_set > 0) {
-      renumber(plan_.report.added, 0, plan_.report.removed, 0, plan_.report.counts, plan_.capacity, &stage);
+    if (!plan_.is_awaited) {
+      renumber(plan_.second_set, plan_.report.added, 0, plan_.report.removed, 0, plan_.report.counts,
+               plan_.capacity, &stage);
     }
   }
   if (plan_.is_awaited) read(plan_.expected);
@@ -207,12 +208,12 @@ void Order::enqueue(const PairDelta& delta, cl_uint tag) {
 /// @param counts The lengths of the lists; if null, the lengths are those given by the host.
 /// @param pairs The largest number of pairs in both lists.
 /// @param stage To which the command belongs; null if to none.
-void Order::renumber(const cl::Buffer& added, std::size_t added_count, const cl::Buffer& removed,
-                     std::size_t removed_count, const cl::Buffer& counts, std::size_t pairs,
-                     opencl::Profiler::Scope* stage) {
-  if (pairs == 0) return;
+void Order::renumber(cl_uint second_set, const cl::Buffer& added, std::size_t added_count,
+                     const cl::Buffer& removed, std::size_t removed_count, const cl::Buffer& counts,
+                     std::size_t pairs, opencl::Profiler::Scope* stage) {
+  if (second_set == 0 || pairs == 0) return;
   constexpr std::size_t most_items = std::size_t{1} << 20;
-  opencl::set_arguments(renumber_.kernel, 0, plan_.second_set, static_cast<cl_uint>(added_count),
+  opencl::set_arguments(renumber_.kernel, 0, second_set, static_cast<cl_uint>(added_count),
                         static_cast<cl_uint>(removed_count), counts, added, removed);
   renumber_.enqueue(context_.queue(), std::min(pairs, most_items), opencl::event_of(stage));
 }
@@ -235,7 +236,7 @@ bool Order::complete(const PairDelta& delta, const PairDelta::Counts& counts) {
   if (plan_.worlds > 0 || plan_.second_set > 0) {
     opencl::Profiler::Scope stage(profiler_, "order");
     if (plan_.worlds > 0) by_world_.enqueue_offsets(plan_, counts, stage);
-    if (plan_.second_set > 0) renumber(added(), counts.added, removed(), counts.removed, {}, changes, &stage);
+    renumber(plan_.second_set, added(), counts.added, removed(), counts.removed, {}, changes, &stage);
   }
   if (target_ == Target::host && (!is_ordered || changes > plan_.expected)) {
     read(changes);

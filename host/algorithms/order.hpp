@@ -71,11 +71,11 @@ class Order {
   /// @throws cl::Error
   void sort(const cl::Buffer& pairs, std::size_t n, std::size_t slots, const cl::Buffer& scratch,
             opencl::Profiler::Scope* stage = nullptr);
-  /// Enqueues the command that replaces slots of the second set by indices in that set, if the last search
-  /// was of two sets.
+  /// Enqueues the command that replaces slots of the second set, if there are two, by indices in that set.
+  /// @param pairs Of the last frame.
   /// @throws cl::Error
   void renumber(const cl::Buffer& pairs, std::size_t n) {
-    if (plan_.second_set > 0) renumber(pairs, n, {}, 0, {}, n, nullptr);
+    renumber(frames_.last.objects.second_set, pairs, n, {}, 0, {}, n, nullptr);
   }
 
  private:
@@ -91,9 +91,9 @@ class Order {
   void set_results(cl::Kernel& kernel, cl_uint first, const PairDelta& delta);
   void read(std::size_t changes);
   void sort_changes(const PairDelta& delta, const PairDelta::Counts& counts);
-  void renumber(const cl::Buffer& added, std::size_t added_count, const cl::Buffer& removed,
-                std::size_t removed_count, const cl::Buffer& counts, std::size_t pairs,
-                opencl::Profiler::Scope* stage);
+  void renumber(cl_uint second_set, const cl::Buffer& added, std::size_t added_count,
+                const cl::Buffer& removed, std::size_t removed_count, const cl::Buffer& counts,
+                std::size_t pairs, opencl::Profiler::Scope* stage);
 
   const opencl::Context& context_;
   opencl::Profiler& profiler_;

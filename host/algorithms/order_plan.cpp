@@ -9,7 +9,7 @@ namespace broadcl {
 OrderPlan::OrderPlan(const Search& search)
     : slots(std::max<std::size_t>({1, search.last.slots, search.now.slots})),
       worlds(search.ordered_worlds),
-      second_set(search.second_set),
+      second_set(search.now.second_set),
       filters(search.now.filters),
       last_filters(search.last.filters) {}
 

@@ -12,6 +12,9 @@ struct Generation {  // NOLINT(bugprone-exception-escape): handles do not throw 
   cl::Buffer boxes{};       ///< Six floats per slot; `padding` more slots can be read, but are not used.
   cl::Buffer filters{};     ///< One uint4 per slot, padded likewise; null if all have the default filter.
   cl::Buffer exclusions{};  ///< In the format of kernels/filter.h; null if there are none.
+  /// If not 0, the first slot of the second of two sets, whose objects are reported by their indices in that
+  /// set.
+  cl_uint second_set = 0;
 
   static constexpr std::size_t padding = 16;
 };
@@ -30,9 +33,6 @@ struct Search {  // NOLINT(bugprone-exception-escape): as above
   bool sets = false;    ///< Whether filters part the objects into two sets: TwoSets.
   /// If not 0, changes are sorted by world first, and this is the number of worlds.
   cl_uint ordered_worlds = 0;
-  /// If not 0, the first slot of the second of two sets, whose objects are reported by their indices in that
-  /// set.
-  cl_uint second_set = 0;
   bool all = true;  ///< Whether all slots count as changed; otherwise those in `changed` did.
   cl_uint changed_count = 0;
   cl::Buffer changed{};       ///< Slots, each once.
