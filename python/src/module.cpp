@@ -1,4 +1,5 @@
 #include <nanobind/nanobind.h>
+#include <nanobind/stl/string.h>
 #include <nanobind/stl/vector.h>
 
 #include <array>
@@ -100,8 +101,9 @@ nb::dict algorithm_summaries() {
 
 nb::object add_exception(nb::module_& module, const std::string& name, nb::handle base,
                          const char* description) {
-  auto type = nb::steal(
-      PyErr_NewExceptionWithDoc(("broadcl._core." + name).c_str(), description, base.ptr(), nullptr));
+  const auto scope = nb::cast<std::string>(module.attr("__name__"));
+  auto type =
+      nb::steal(PyErr_NewExceptionWithDoc((scope + "." + name).c_str(), description, base.ptr(), nullptr));
   if (!type.is_valid()) throw nb::python_error();
   module.attr(name.c_str()) = type;
   return type;
