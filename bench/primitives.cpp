@@ -13,7 +13,7 @@
 
 #include <benchmark/benchmark.h>
 
-#include "algorithms/centroids.hpp"
+#include "finders/centroids.hpp"
 #include "opencl/context.hpp"
 #include "opencl/radix_sort.hpp"
 #include "opencl/scan.hpp"

@@ -32,8 +32,8 @@
 
 #include <broadcl/broad_phase.hpp>
 
-#include "algorithms/algorithm.hpp"
 #include "cli/npy.hpp"
+#include "engines/algorithm.hpp"
 
 namespace broadcl {
 namespace {

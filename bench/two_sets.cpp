@@ -9,8 +9,8 @@
 
 #include <benchmark/benchmark.h>
 
-#include "algorithms/algorithm.hpp"
 #include "cli/npy.hpp"
+#include "engines/algorithm.hpp"
 
 namespace broadcl {
 namespace {

@@ -12,9 +12,9 @@
 #include <broadcl/box_view.hpp>
 #include <broadcl/device.hpp>
 
-#include "algorithms/algorithm.hpp"
-#include "algorithms/engine.hpp"
 #include "cli/npy.hpp"
+#include "engines/algorithm.hpp"
+#include "engines/engine.hpp"
 #include "opencl/context.hpp"
 #include "opencl/profiler.hpp"
 

@@ -11,7 +11,7 @@
 #include <broadcl/device.hpp>
 #include <broadcl/pair.hpp>
 
-#include "algorithms/kernel_arguments.hpp"
+#include "engines/kernel_arguments.hpp"
 #include "opencl/context.hpp"
 #include "opencl/launch.hpp"
 #include "runs.hpp"

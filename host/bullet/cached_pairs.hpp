@@ -12,10 +12,10 @@
 
 #include <broadcl/pair.hpp>
 
+#include "base/pair_lists.hpp"
 #include "bullet/pair_cache.hpp"
 #include "bullet/proxy_pool.hpp"
 #include "bullet/query_tree.hpp"
-#include "pair_lists.hpp"
 
 namespace broadcl {
 

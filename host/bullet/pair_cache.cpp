@@ -8,7 +8,7 @@
 #include <array>
 #include <new>
 
-#include "prefetch.hpp"
+#include "base/prefetch.hpp"
 
 namespace broadcl {
 namespace {

@@ -10,8 +10,8 @@
 
 #include <broadcl/pair.hpp>
 
+#include "base/prefetch.hpp"
 #include "bullet/proxy.hpp"
-#include "prefetch.hpp"
 
 namespace broadcl {
 

@@ -13,10 +13,10 @@
 
 #include <broadcl/broad_phase.hpp>
 
+#include "base/pair_lists.hpp"
 #include "bullet/filter_watch.hpp"
 #include "bullet/proxy_pool.hpp"
 #include "bullet/reports.hpp"
-#include "pair_lists.hpp"
 
 namespace broadcl {
 

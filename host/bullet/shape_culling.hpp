@@ -9,9 +9,9 @@
 #include <optional>
 #include <vector>
 
+#include "base/prefetch.hpp"
 #include "bullet/proxy_pool.hpp"
 #include "bullet/shape_bounds.hpp"
-#include "prefetch.hpp"
 
 namespace broadcl {
 

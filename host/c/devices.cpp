@@ -8,9 +8,9 @@
 
 #include <broadcl/device.hpp>
 
+#include "base/system.hpp"
 #include "c/call.hpp"
 #include "c/convert.hpp"
-#include "system.hpp"
 
 struct broadcl_device_list {
   std::vector<broadcl::Device> devices;

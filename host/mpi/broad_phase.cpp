@@ -11,6 +11,7 @@
 
 #include <broadcl/mpi.hpp>
 
+#include "base/packed_box.hpp"
 #include "mpi/cuts.hpp"
 #include "mpi/messages.hpp"
 #include "mpi/objects.hpp"
@@ -19,7 +20,6 @@
 #include "mpi/report.hpp"
 #include "mpi/routes.hpp"
 #include "mpi/workers.hpp"
-#include "packed_box.hpp"
 
 namespace broadcl {
 

@@ -12,7 +12,7 @@
 
 #include <broadcl/error.hpp>
 
-#include "packed_box.hpp"
+#include "base/packed_box.hpp"
 
 namespace broadcl::mpi {
 namespace {

@@ -8,7 +8,7 @@
 #include <broadcl/aabb.hpp>
 #include <broadcl/filter.hpp>
 
-#include "change_set.hpp"
+#include "core/change_set.hpp"
 #include "mpi/workers.hpp"
 
 namespace broadcl::mpi {

@@ -2,7 +2,7 @@
 
 #include <algorithm>
 
-#include "packed_box.hpp"
+#include "base/packed_box.hpp"
 
 namespace broadcl::mpi {
 namespace {

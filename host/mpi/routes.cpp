@@ -7,8 +7,8 @@
 
 #include <broadcl/error.hpp>
 
-#include "packed_box.hpp"
-#include "prefetch.hpp"
+#include "base/packed_box.hpp"
+#include "base/prefetch.hpp"
 
 namespace broadcl::mpi {
 namespace {

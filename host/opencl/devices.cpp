@@ -10,10 +10,10 @@
 #include <utility>
 #include <vector>
 
+#include "base/system.hpp"
 #include "opencl/error.hpp"
 #include "opencl/process.hpp"
 #include "opencl/quirks.hpp"
-#include "system.hpp"
 
 namespace broadcl {
 namespace {

@@ -9,7 +9,7 @@
 #include <system_error>
 #include <utility>
 
-#include "system.hpp"
+#include "base/system.hpp"
 
 namespace broadcl::opencl {
 namespace {

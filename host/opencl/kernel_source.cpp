@@ -11,7 +11,7 @@
 
 #include <broadcl/error.hpp>
 
-#include "system.hpp"
+#include "base/system.hpp"
 
 namespace broadcl::opencl {
 namespace {

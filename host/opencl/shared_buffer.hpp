@@ -3,7 +3,7 @@
 #include <cstddef>
 #include <memory>
 
-#include "kept.hpp"
+#include "base/kept.hpp"
 #include "opencl/api.hpp"
 #include "opencl/context.hpp"
 #include "opencl/mapped_buffer.hpp"

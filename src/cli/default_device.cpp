@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <optional>
 
-#include "system.hpp"
+#include "base/system.hpp"
 
 namespace broadcl::cli {
 namespace {

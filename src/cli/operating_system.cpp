@@ -6,8 +6,8 @@
 
 #include <broadcl/error.hpp>
 
+#include "base/system.hpp"
 #include "cli/text.hpp"
-#include "system.hpp"
 
 #ifdef _WIN32
 #include <fcntl.h>

@@ -6,8 +6,8 @@
 #include <string>
 #include <string_view>
 
+#include "base/system.hpp"
 #include "cli/process.hpp"
-#include "system.hpp"
 
 namespace broadcl::cli {
 

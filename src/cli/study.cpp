@@ -13,6 +13,7 @@
 #include <utility>
 #include <vector>
 
+#include "base/system.hpp"
 #include "cli/arguments.hpp"
 #include "cli/progress_bar.hpp"
 #include "cli/simulation.hpp"
@@ -26,7 +27,6 @@
 #include "cli/verbs.hpp"
 #include "scenes/broadphases.hpp"
 #include "scenes/scenario.hpp"
-#include "system.hpp"
 
 namespace broadcl::cli {
 namespace {

@@ -1,0 +1,155 @@
+#include <broadcl/box_view.hpp>
+
+#include <algorithm>
+#include <atomic>
+#include <cstdint>
+#include <cstring>
+#include <limits>
+#include <string>
+#include <thread>
+
+#include <broadcl/error.hpp>
+
+#include "base/packed_box.hpp"
+#include "base/parallel.hpp"
+
+namespace broadcl {
+namespace {
+
+using BoundPointers = std::array<const std::byte*, 6>;
+
+/// Boxes in the layout of an array of Aabb.
+struct Packed {
+  const std::byte* boxes;
+
+  Aabb operator[](std::size_t k) const noexcept {
+    Aabb box;
+    std::memcpy(&box, boxes + k * sizeof(Aabb), sizeof(Aabb));
+    return box;
+  }
+};
+
+/// Boxes in any other layout.
+template <class S, std::size_t dimensions>
+struct Strided {
+  BoundPointers bounds;
+  std::ptrdiff_t stride;
+
+  Aabb operator[](std::size_t k) const noexcept {
+    const std::ptrdiff_t offset = static_cast<std::ptrdiff_t>(k) * stride;
+    const auto bound = [&](std::size_t index) {
+      S value;
+      std::memcpy(&value, bounds[index] + offset, sizeof(S));
+      return value;
+    };
+    std::array<S, 3> lower{bound(0), bound(1)};
+    std::array<S, 3> upper{bound(3), bound(4)};
+    if constexpr (dimensions > 2) {
+      lower[2] = bound(2);
+      upper[2] = bound(5);
+    }
+    if constexpr (std::same_as<S, float>) {
+      return {lower, upper};
+    } else if (lower[0] > upper[0] || lower[1] > upper[1] || lower[2] > upper[2]) {
+      // If it were rounded outward, a box that is inverted by less than the resolution of float32 would no
+      // longer be empty.
+      const Aabb inward = round_outward(upper, lower);
+      return {inward.upper, inward.lower};
+    } else {
+      return round_outward(lower, upper);
+    }
+  }
+};
+
+/// Splits 0 .. n-1 among threads and returns the smallest result of `part(begin, end)`.
+template <class Part>
+std::size_t least_of_parts(std::size_t n, const Part& part) {
+  constexpr std::size_t size = std::size_t{1} << 16U;
+  if (n < 2 * size) return part(0, n);
+  std::atomic<std::size_t> least = n;
+  parallel_for((n + size - 1) / size, std::thread::hardware_concurrency(),
+               [&](std::size_t k, std::size_t /*thread*/) {
+                 const std::size_t own = part(k * size, std::min(n, (k + 1) * size));
+                 for (std::size_t known = least; own < known && !least.compare_exchange_weak(known, own);) {
+                 }
+               });
+  return least;
+}
+
+}  // namespace
+
+void BoxView::check(const void* pointer, std::size_t alignment, std::size_t n, std::ptrdiff_t stride) {
+  const auto refuse = [n](const std::string& why) {
+    throw Error::invalid_argument("a view of " + std::to_string(n) + " boxes " + why);
+  };
+  if (pointer == nullptr) refuse("has a null pointer; give 0 boxes if there are none");
+  if (reinterpret_cast<std::uintptr_t>(pointer) % alignment != 0) {
+    refuse("has a pointer that is not a multiple of " + std::to_string(alignment) +
+           " bytes; copy the boxes to aligned memory");
+  }
+  if (stride % static_cast<std::ptrdiff_t>(alignment) != 0) {
+    refuse("has a stride of " + std::to_string(stride) + " bytes, which is not a multiple of " +
+           std::to_string(alignment) + "; give the bytes from one box to the next, or copy the boxes");
+  }
+  // Neither the boxes nor a copy of them may be larger than the largest pointer difference.
+  const std::size_t distance =
+      stride < 0 ? std::size_t{0} - static_cast<std::size_t>(stride) : static_cast<std::size_t>(stride);
+  if (n > std::numeric_limits<std::ptrdiff_t>::max() / std::max(distance, sizeof(Aabb))) {
+    refuse("with a stride of " + std::to_string(stride) +
+           " bytes is larger than memory; give the number of boxes, and the stride in bytes");
+  }
+}
+
+template <class Function>
+auto BoxView::with_layout(const Function& function) const {
+  if (bounds_[2] == nullptr && size_ > 0) {
+    if (is_double_) return function(Strided<double, 2>{bounds_, stride_});
+    return function(Strided<float, 2>{bounds_, stride_});
+  }
+  if (is_double_) return function(Strided<double, 3>{bounds_, stride_});
+  bool is_packed = stride_ == sizeof(Aabb);
+  for (std::size_t index = 1; index < bounds_.size(); ++index) {
+    is_packed = is_packed && bounds_[index] == bounds_[index - 1] + sizeof(float);
+  }
+  return is_packed ? function(Packed{bounds_[0]}) : function(Strided<float, 3>{bounds_, stride_});
+}
+
+/// Copies the boxes until `prepare(box)` is false for one. Returns the lowest index of such a box, or size()
+/// if there is none.
+template <class Prepare>
+std::size_t BoxView::copy(std::span<Aabb> out, const Prepare& prepare) const {
+  if (out.size() < size_) {
+    throw Error::invalid_argument(std::to_string(size_) + " boxes do not fit into memory for " +
+                                  std::to_string(out.size()) + "; give memory for all boxes of the view");
+  }
+  return with_layout([&](const auto& boxes) {
+    return least_of_parts(size_, [boxes, out, n = size_, &prepare](std::size_t begin, std::size_t end) {
+      for (std::size_t k = begin; k < end; ++k) {
+        Aabb box = boxes[k];
+        if (!prepare(box)) return k;
+        out[k] = box;
+      }
+      return n;
+    });
+  });
+}
+
+Aabb BoxView::operator[](std::size_t k) const noexcept {
+  return with_layout([k](const auto& boxes) { return boxes[k]; });
+}
+
+void BoxView::copy_to(std::span<Aabb> out) const {
+  (void)copy(out, [](const Aabb& /*box*/) { return true; });
+}
+
+void BoxView::pack_to(std::span<Aabb> out) const {
+  const std::size_t invalid = copy(out, [](Aabb& box) {
+    if (is_proper(box)) return true;
+    if (has_nan(box)) return false;
+    box = packed_empty();
+    return true;
+  });
+  if (invalid < size_) throw_nan("box " + std::to_string(invalid));
+}
+
+}  // namespace broadcl

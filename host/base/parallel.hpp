@@ -1,0 +1,57 @@
+#pragma once
+
+#include <algorithm>
+#include <atomic>
+#include <cstddef>
+#include <exception>
+#include <thread>
+
+#include "base/thread_pool.hpp"
+
+namespace broadcl {
+
+/// Calls function(k, thread) once for each k < n; `thread`, below `threads`, is the number of the calling
+/// thread. The caller's thread takes part; uses fewer threads if others are busy.
+/// @throws What the function throws; the other calls have then returned or were not made.
+template <class Function>
+void parallel_for(std::size_t n, std::size_t threads, const Function& function) {
+  if (std::min(threads, n) < 2) {
+    for (std::size_t k = 0; k < n; ++k) function(k, std::size_t{0});
+    return;
+  }
+  struct Loop {
+    const Function& function;
+    std::size_t n;
+    std::atomic<std::size_t> next{0};
+    std::atomic_flag has_failed{};
+    std::exception_ptr error{};  // of the first call that failed
+  } loop{function, n};
+  const auto work = [](void* context, std::size_t thread) {
+    Loop& shared = *static_cast<Loop*>(context);
+    try {
+      for (std::size_t k = shared.next++; k < shared.n; k = shared.next++) shared.function(k, thread);
+    } catch (...) {
+      shared.next = shared.n;
+      if (!shared.has_failed.test_and_set()) shared.error = std::current_exception();
+    }
+  };
+  share_work(std::min(threads, n) - 1, work, &loop);
+  if (loop.error) std::rethrow_exception(loop.error);
+}
+
+/// Splits 0 .. n-1 into parts and calls function(begin, end) for each, on all processors if there is much to
+/// do.
+/// @param function Must not throw.
+template <class Function>
+void for_each_part(std::size_t n, const Function& function) noexcept {
+  constexpr std::size_t part = std::size_t{1} << 18U;
+  if (n < 4 * part) {
+    function(std::size_t{0}, n);
+    return;
+  }
+  parallel_for(
+      (n + part - 1) / part, std::thread::hardware_concurrency(),
+      [&](std::size_t k, std::size_t /*thread*/) { function(k * part, std::min(n, (k + 1) * part)); });
+}
+
+}  // namespace broadcl

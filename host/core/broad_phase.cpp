@@ -1,0 +1,216 @@
+#include <broadcl/broad_phase.hpp>
+
+#include <algorithm>
+#include <memory>
+#include <string>
+#include <utility>
+
+#include "core/core.hpp"
+#include "core/exclusions.hpp"
+#include "engines/algorithm.hpp"
+
+namespace broadcl {
+namespace {
+
+constexpr std::size_t most_in_search = std::size_t{1} << 31;
+
+/// Like BoxView::pack_to(), but the error names the set.
+void pack_to(const BoxView& boxes, std::span<Aabb> out, const std::string& set) {
+  try {
+    boxes.pack_to(out);
+  } catch (const Error& error) {
+    throw Error(set + ": " + error.what(), error.kind());
+  }
+}
+
+/// An object and one of its labels.
+struct Labelled {
+  std::uint32_t label;
+  std::uint32_t object;
+};
+
+/// The objects of pairs_that_share(), sorted by label; each occurs once for each of its labels.
+std::vector<Labelled> by_label(std::span<const std::uint32_t> labels, std::size_t per_object) {
+  if (per_object == 0 ? !labels.empty() : labels.size() % per_object != 0) {
+    throw Error::invalid_argument(std::to_string(labels.size()) + " labels are not " +
+                                  std::to_string(per_object) + " for each object; give as many for each");
+  }
+  if (per_object > 0 && labels.size() / per_object > most_in_search) {
+    throw Error::invalid_argument("labels of more than 2147483648 objects; use fewer");
+  }
+  std::vector<Labelled> objects(labels.size());
+  for (std::size_t k = 0; k < labels.size(); ++k) {
+    objects[k] = {labels[k], static_cast<std::uint32_t>(k / per_object)};
+  }
+  std::ranges::sort(objects, {}, [](const Labelled& s) { return std::pair(s.label, s.object); });
+  return objects;
+}
+
+/// In canonical order.
+std::vector<Pair> each_once(std::vector<Pair> pairs) {
+  std::ranges::sort(pairs);
+  pairs.erase(std::unique(pairs.begin(), pairs.end()), pairs.end());
+  return pairs;
+}
+
+/// Makes the algorithm for a single search. On a device, `auto` would first compare the algorithms there,
+/// which takes longer than any choice saves.
+AlgorithmPointer make_for_one_search(Config config) {
+  if (config.algorithm == "auto" && device_for(config)) config.algorithm = "tiles";
+  return make_algorithm(config);
+}
+
+}  // namespace
+
+class BroadPhase::Impl final : public Core {
+ public:
+  explicit Impl(const Config& config)
+      : Core(make_algorithm(config)), info_(find_algorithm(config.algorithm).info) {}
+
+  [[nodiscard]] const AlgorithmInfo& info() const noexcept { return info_; }
+
+ private:
+  const AlgorithmInfo& info_;
+};
+
+BroadPhase::BroadPhase() : BroadPhase(Config()) {}
+BroadPhase::BroadPhase(const Config& config) : impl_(std::make_unique<Impl>(config)) {}
+BroadPhase::~BroadPhase() = default;
+BroadPhase::BroadPhase(BroadPhase&&) noexcept = default;
+BroadPhase& BroadPhase::operator=(BroadPhase&&) noexcept = default;
+
+std::uint32_t BroadPhase::add(const Aabb& box, const Filter& filter) {
+  return impl_->add(box, filter);
+}
+
+void BroadPhase::move(std::uint32_t id, const Aabb& box) {
+  impl_->move(id, box);
+}
+
+void BroadPhase::set_filter(std::uint32_t id, const Filter& filter) {
+  impl_->set_filter(id, filter);
+}
+
+void BroadPhase::set_exclusions(std::span<const Pair> pairs) {
+  impl_->set_exclusions(pairs);
+}
+
+void BroadPhase::remove(std::uint32_t id) {
+  impl_->remove(id);
+}
+
+MappedBoxes BroadPhase::map(std::size_t n) {
+  const std::span<Aabb> boxes = impl_->map(n);
+  return {boxes, impl_->algorithm().boxes_owner()};
+}
+
+std::span<Aabb> BroadPhase::map_packed(std::size_t n) {
+  return impl_->map_packed(n);
+}
+
+Delta BroadPhase::update() {
+  return impl_->finish();
+}
+
+void BroadPhase::begin() {
+  impl_->begin();
+  impl_->flush();
+}
+
+Delta BroadPhase::finish() {
+  return impl_->finish();
+}
+
+void BroadPhase::shrink() {
+  impl_->shrink();
+}
+
+std::vector<Pair> BroadPhase::pairs() const {
+  return impl_->pairs();
+}
+
+std::size_t BroadPhase::size() const noexcept {
+  return impl_->size();
+}
+
+const Device* BroadPhase::device() const noexcept {
+  return impl_->algorithm().device();
+}
+
+MemoryUse BroadPhase::memory() const noexcept {
+  return impl_->algorithm().memory();
+}
+
+const AlgorithmInfo& BroadPhase::algorithm() const noexcept {
+  return impl_->info();
+}
+
+std::span<const Stage> BroadPhase::profile() const noexcept {
+  return impl_->profile();
+}
+
+std::vector<Pair> pairs_that_share(std::span<const std::uint32_t> labels, std::size_t per_object) {
+  const std::vector<Labelled> objects = by_label(labels, per_object);
+  std::vector<Pair> pairs;
+  for (auto b = objects.begin(); b != objects.end(); ++b) {
+    for (auto a = b; a != objects.begin() && (a - 1)->label == b->label; --a) {
+      if ((a - 1)->object != b->object) pairs.push_back({(a - 1)->object, b->object});
+    }
+  }
+  return each_once(std::move(pairs));
+}
+
+std::vector<Pair> pairs_that_share(std::span<const std::uint32_t> first_labels, std::size_t per_first,
+                                   std::span<const std::uint32_t> second_labels, std::size_t per_second) {
+  const std::vector<Labelled> first = by_label(first_labels, per_first);
+  const std::vector<Labelled> second = by_label(second_labels, per_second);
+  std::vector<Pair> pairs;
+  auto begin = first.begin();  // of the objects with the label of b
+  for (const Labelled& b : second) {
+    while (begin != first.end() && begin->label < b.label) ++begin;
+    for (auto a = begin; a != first.end() && a->label == b.label; ++a) pairs.push_back({a->object, b.object});
+  }
+  return each_once(std::move(pairs));
+}
+
+std::vector<Pair> overlapping_pairs(const BoxView& boxes, const BroadPhase::Config& config,
+                                    std::span<const Pair> exclusions) {
+  if (boxes.size() > most_in_search) throw Error::invalid_argument("more than 2147483648 boxes; use fewer");
+  refuse_unknown(exclusions, boxes.size(), boxes.size());
+  const std::vector<Pair> sorted = sorted_exclusions(exclusions);
+  const auto algorithm = make_for_one_search(config);
+  algorithm->reserve(boxes.size(), false);
+  algorithm->reserve_exclusions(sorted.size());
+  boxes.pack_to(algorithm->boxes());
+  return algorithm->find_all({.slots = boxes.size(), .all = true, .exclusions = sorted, .all_filters = true});
+}
+
+std::vector<Pair> overlapping_pairs(const BoxView& first, const BoxView& second,
+                                    const BroadPhase::Config& config, std::span<const Pair> exclusions) {
+  if (first.size() > most_in_search || second.size() > most_in_search - first.size()) {
+    throw Error::invalid_argument("more than 2147483648 boxes in both sets; use fewer");
+  }
+  const std::size_t boxes = first.size() + second.size();
+  refuse_unknown(exclusions, first.size(), second.size());
+  std::vector<Pair> sorted(exclusions.begin(), exclusions.end());
+  for (Pair& pair : sorted) pair.b += static_cast<std::uint32_t>(first.size());
+  sorted = sorted_exclusions(sorted);
+  const auto algorithm = make_for_one_search(config);
+  algorithm->reserve(boxes, true);
+  algorithm->reserve_exclusions(sorted.size());
+  pack_to(first, algorithm->boxes(), "the first set");
+  pack_to(second, algorithm->boxes().subspan(first.size()), "the second set");
+  std::vector<Filter> filters(boxes, Filter::second_set);
+  std::fill_n(filters.begin(), first.size(), Filter::first_set);
+  std::vector<Pair> pairs = algorithm->find_all({.slots = boxes,
+                                                 .all = true,
+                                                 .filters = filters,
+                                                 .exclusions = sorted,
+                                                 .all_filters = true,
+                                                 .sets = true,
+                                                 .sets_decide = true});
+  for (Pair& pair : pairs) pair.b -= static_cast<std::uint32_t>(first.size());
+  return pairs;
+}
+
+}  // namespace broadcl

@@ -1,0 +1,86 @@
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <vector>
+
+#include <broadcl/aabb.hpp>
+#include <broadcl/pair.hpp>
+
+#include "engines/algorithm.hpp"
+#include "engines/frame.hpp"
+#include "engines/search.hpp"
+#include "opencl/context.hpp"
+#include "opencl/growing_buffer.hpp"
+#include "opencl/mapped_buffer.hpp"
+#include "opencl/profiler.hpp"
+
+namespace broadcl {
+
+/// The objects of a BroadPhase on a device. The host writes boxes to pinned memory; in each frame those that
+/// changed are uploaded, and the device keeps the boxes of the last frame as well.
+class DeviceObjects {
+ public:
+  /// @param context, profiler, frames Must outlive this object.
+  /// @throws cl::Error, Error
+  DeviceObjects(const opencl::Context& context, opencl::Profiler& profiler, Frames& frames);
+
+  /// As Algorithm::reserve().
+  /// @throws cl::Error, Error; nothing has changed then.
+  void reserve(std::size_t slots, bool filters);
+
+  /// Another object that continues after the last frame of this one, with memory for this many slots, and for
+  /// filters only if that frame has some.
+  /// @param frames Of the new object.
+  /// @throws cl::Error, Error
+  [[nodiscard]] std::unique_ptr<DeviceObjects> successor(std::size_t slots, Frames& frames) const;
+
+  /// The number of slots for which there is memory after reserve(slots).
+  /// @throws Error
+  [[nodiscard]] std::size_t capacity_for(std::size_t slots) const;
+
+  /// As Algorithm::reserve_exclusions().
+  /// @throws cl::Error, Error; nothing has changed then.
+  void reserve_exclusions(std::size_t count);
+
+  /// The boxes, for the host to write, except between upload() and the end of the frame.
+  [[nodiscard]] std::span<Aabb> boxes() const noexcept;
+  /// As Algorithm::boxes_owner().
+  [[nodiscard]] std::shared_ptr<const void> boxes_owner() const noexcept { return boxes_; }
+
+  /// Enqueues the commands that update the device's objects.
+  /// @throws cl::Error, Error; the objects of the last frame are then unchanged.
+  Search upload(const Changes& changes);
+  /// The frame succeeded, and has become the last one.
+  void commit() noexcept;
+
+ private:
+  void reserve_boxes(std::size_t slots);
+  void upload_filters(const Changes& changes);
+  void apply_filters(const Changes& changes);
+  void upload_exclusions(const Changes& changes);
+  void upload_boxes(const Changes& changes);
+  void upload_changes(const Changes& changes);
+
+  const opencl::Context& context_;
+  opencl::Profiler& profiler_;
+  Frame &now_, &last_;
+  opencl::SizedKernel apply_, apply_filters_, copy_;
+  std::size_t capacity_ = 0;  // slots
+  // Pinned memory, from which the device is updated. Changes are in direct memory if there is any.
+  std::shared_ptr<opencl::MappedBuffer> boxes_;
+  opencl::MappedBuffer staged_changes_;  // as kernels/changes.cl reads them
+  opencl::MappedBuffer staged_filters_;  // all, or changes likewise
+  opencl::MappedBuffer staged_exclusions_;
+  bool are_filters_new_ = false;      // in this frame; otherwise they are those of the last one
+  bool are_exclusions_new_ = false;   // as above
+  std::vector<std::uint32_t> stale_;  // slots whose filters are not in the buffer of this frame yet
+  // Staged changes on the device, unless kernels read those.
+  opencl::GrowingBuffer changes_, filter_changes_;
+  cl::Buffer stamps_;  // one word per slot
+  cl_uint stamp_ = 0;  // of the last frame
+};
+
+}  // namespace broadcl

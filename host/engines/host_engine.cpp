@@ -1,0 +1,201 @@
+#include "engines/host_engine.hpp"
+
+#include <algorithm>
+#include <cstddef>
+#include <memory>
+#include <utility>
+
+#include "base/free_lists.hpp"
+#include "base/packed_box.hpp"
+#include "base/pair_lists.hpp"
+#include "base/system.hpp"
+#include "engines/change_lists.hpp"
+#include "engines/changing_pairs.hpp"
+
+namespace broadcl {
+namespace {
+
+/// To look at so many pairs takes as long as to search for those of one box.
+constexpr std::size_t pairs_per_search = 256;
+
+/// The smallest capacity, so that the first boxes do not each allocate.
+constexpr std::size_t least_boxes = 16;
+
+class HostEngine final : public Algorithm {
+ public:
+  explicit HostEngine(std::unique_ptr<HostFinder> finder) : finder_(std::move(finder)) {}
+
+  void reserve(std::size_t slots, bool /*filters*/) override {
+    if (slots <= boxes_->size()) return;
+    auto larger = std::make_shared<std::vector<Aabb>>(std::max({slots, boxes_->size() * 3 / 2, least_boxes}),
+                                                      packed_empty());
+    std::ranges::copy(*boxes_, larger->begin());
+    boxes_ = std::move(larger);
+  }
+
+  [[nodiscard]] std::span<Aabb> boxes() noexcept override { return *boxes_; }
+  [[nodiscard]] std::shared_ptr<const void> boxes_owner() const override { return boxes_; }
+
+  void begin(const Changes& changes) override {
+    changes_ = changes;
+    new_filters_.clear();
+    if (changes.all_filters) {
+      new_filters_.assign(changes.filters.begin(), changes.filters.end());
+    } else {
+      for (const std::uint32_t slot : changes.refiltered) new_filters_.push_back(changes.filters[slot]);
+      const std::size_t known = std::min(filters_.size(), changes.filters.size());
+      new_filters_.insert(new_filters_.end(), changes.filters.begin() + static_cast<std::ptrdiff_t>(known),
+                          changes.filters.end());
+    }
+    if (changes.are_exclusions_new())
+      new_exclusions_.assign(changes.exclusions.begin(), changes.exclusions.end());
+  }
+
+  Delta finish() override try {
+    // With the filters and exclusions of the last update.
+    const bool are_known = !changes_.all && changes_.changed.size() * pairs_per_search < pairs_.size() &&
+                           finder_->find_known(filters_, changes_.changed, known_);
+    if (are_known) exclude(exclusions_, known_);
+    take_filters();
+    const HostObjects objects{.boxes = std::span(*boxes_).first(changes_.slots),
+                              .filters = filters_,
+                              .worlds = changes_.worlds,
+                              .sets = changes_.sets,
+                              .sets_decide = changes_.sets_decide};
+    if (!changes_.all && finder_->find_changed(objects, changes_.changed, found_)) {
+      exclude(exclusions_, found_);
+      if (!are_known) find_known();
+      const Delta delta = changes_from(known_);
+      refuse_too_many(pairs_.size() + delta.added.size() - delta.removed.size());
+      pairs_.change(delta.added, delta.removed);
+      lists_.commit();
+      return delta;
+    }
+    finder_->find(objects, found_);
+    exclude(exclusions_, found_);
+    const Delta delta = changes_from(pairs_.all());
+    pairs_.swap(found_);
+    lists_.commit();
+    return delta;
+  } catch (...) {
+    clear();
+    throw;
+  }
+
+  void shrink(std::size_t slots) override {
+    if (slots < boxes_->size()) {
+      boxes_ = std::make_shared<std::vector<Aabb>>(boxes_->begin(),
+                                                   boxes_->begin() + static_cast<std::ptrdiff_t>(slots));
+    }
+    filters_.resize(std::min(filters_.size(), slots));  // the caller forgets those of free slots beyond
+    filters_.shrink_to_fit();
+    exclusions_.shrink_to_fit();
+    pairs_.shrink();
+    lists_.clear();
+    clear();
+    give_back_free_memory();
+  }
+
+  [[nodiscard]] std::vector<Pair> find_all(const Changes& changes) override {
+    std::vector<Pair> pairs;
+    finder_->find({.boxes = std::span(*boxes_).first(changes.slots),
+                   .filters = changes.filters,
+                   .worlds = changes.worlds,
+                   .sets = changes.sets,
+                   .sets_decide = changes.sets_decide},
+                  pairs);
+    exclude(changes.exclusions, pairs);
+    return pairs;
+  }
+
+  /// Does not know how many boxes overlap, which can change the time several times over.
+  [[nodiscard]] double expected_seconds(std::size_t slots, std::size_t changed) const override {
+    return 5e-6 + std::min(600e-9 * static_cast<double>(changed), 150e-9 * static_cast<double>(slots));
+  }
+
+  [[nodiscard]] std::vector<Pair> pairs() override { return pairs_.all(); }
+  [[nodiscard]] const Device* device() const noexcept override { return nullptr; }
+  [[nodiscard]] std::span<const Stage> profile() const noexcept override { return {}; }
+
+ private:
+  /// @param before Pairs of the last update, to be compared with those that were found.
+  Delta changes_from(std::span<const Pair> before) {
+    return lists_.fill([&](std::vector<Pair>& added, std::vector<Pair>& removed) {
+      compare(before, found_, changes_.recycled, added, removed);
+    });
+  }
+
+  /// Frees what is not needed before the next update, which searches all boxes.
+  void clear() noexcept {
+    finder_->clear();
+    pairs_.free_scratch();
+    free_lists(found_, known_, has_changed_, new_filters_, new_exclusions_);
+  }
+
+  /// Both lists are in canonical order.
+  static void exclude(std::span<const Pair> exclusions, std::vector<Pair>& pairs) {
+    if (exclusions.empty()) return;
+    auto kept = pairs.begin();
+    auto next = exclusions.begin();  // the first that does not precede the current pair
+    for (const Pair& pair : pairs) {
+      // The steps double, since there may be far more exclusions than pairs.
+      for (std::ptrdiff_t step = 1; next != exclusions.end() && *next < pair; step *= 2) {
+        const auto end = next + std::min(step, exclusions.end() - next);
+        next = *(end - 1) < pair ? end : std::lower_bound(next, end, pair);
+      }
+      if (next == exclusions.end() || *next != pair) *kept++ = pair;
+    }
+    pairs.erase(kept, pairs.end());
+  }
+
+  /// Makes the filters and exclusions those of this update.
+  void take_filters() {
+    if (changes_.are_exclusions_new()) exclusions_.swap(new_exclusions_);
+    if (changes_.all_filters) return filters_.swap(new_filters_);
+    const std::size_t known = std::min(filters_.size(), changes_.filters.size());
+    filters_.resize(changes_.filters.size());
+    const auto first_unknown = new_filters_.begin() + static_cast<std::ptrdiff_t>(changes_.refiltered.size());
+    std::copy(first_unknown, new_filters_.end(), filters_.begin() + static_cast<std::ptrdiff_t>(known));
+    for (std::size_t k = 0; k < changes_.refiltered.size(); ++k) {
+      filters_[changes_.refiltered[k]] = new_filters_[k];
+    }
+  }
+
+  /// The pairs of the last update that contain a slot that changed.
+  void find_known() {
+    std::size_t slots = changes_.slots;
+    for (const std::uint32_t slot : changes_.changed) slots = std::max<std::size_t>(slots, slot + 1);
+    const std::vector<Pair>& pairs = pairs_.all();
+    if (!pairs.empty()) slots = std::max<std::size_t>(slots, pairs.back().b + 1);
+    has_changed_.assign(slots, 0);
+    for (const std::uint32_t slot : changes_.changed) has_changed_[slot] = 1;
+    known_.resize(pairs.size());
+    std::size_t count = 0;
+    for (const Pair& pair : pairs) {  // few of them, at random: a branch would be slower
+      known_[count] = pair;
+      count += static_cast<std::size_t>(has_changed_[pair.a] | has_changed_[pair.b]);
+    }
+    known_.resize(count);
+  }
+
+  std::unique_ptr<HostFinder> finder_;
+  std::shared_ptr<std::vector<Aabb>> boxes_ = std::make_shared<std::vector<Aabb>>();
+  std::vector<Filter> filters_;  // as of the last update, and so are the exclusions
+  std::vector<Pair> exclusions_;
+  Changes changes_;
+  // Of this update: all filters, or those that changed, followed by those that are beyond the last ones.
+  std::vector<Filter> new_filters_;
+  std::vector<Pair> new_exclusions_;
+  ChangingPairs pairs_;  // as of the last update
+  ChangeLists lists_;
+  std::vector<Pair> found_, known_;
+  std::vector<char> has_changed_;  // by slot
+};
+
+}  // namespace
+
+AlgorithmPointer make_host_engine(std::unique_ptr<HostFinder> finder) {
+  return std::make_unique<HostEngine>(std::move(finder));
+}
+
+}  // namespace broadcl

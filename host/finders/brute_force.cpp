@@ -1,0 +1,146 @@
+#include <algorithm>
+#include <array>
+#include <cstddef>
+#include <memory>
+#include <string>
+
+#include "engines/algorithm.hpp"
+#include "engines/kernel_arguments.hpp"
+#include "engines/pair_finder.hpp"
+#include "finders/row_launch.hpp"
+#include "opencl/launch.hpp"
+
+namespace broadcl {
+namespace {
+
+constexpr RowLaunch brute_force_on_gpus{.width = 4,
+                                        .group = 128,
+                                        .min_rows = 16,
+                                        .max_rows = 256,
+                                        .items = 2500,
+                                        .most_tests = std::size_t{1} << 32};
+constexpr RowLaunch brute_force_on_cpus{.width = 16,
+                                        .group = 1,
+                                        .min_rows = 256,
+                                        .max_rows = 4096,
+                                        .items = 256,
+                                        .most_tests = std::size_t{1} << 30};
+
+/// Up to this many pairs are kept by the same kernel, which takes less time than another launch.
+constexpr std::size_t most_kept = 1 << 16;
+
+/// The cost, in tests, of finding out whether boxes that overlap are a new pair; 70 to 190 on PoCL 3.1.
+constexpr double tests_per_hit = 100;
+
+/// Tests every pair on the device: kernels/brute_force.cl.
+class BruteForce final : public PairFinder {
+ public:
+  explicit BruteForce(const opencl::Context& context)
+      : context_(context),
+        launch_(context.tuning() == opencl::Tuning::cpu ? brute_force_on_cpus : brute_force_on_gpus) {
+    load({});
+  }
+
+  void build(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) override {
+    // (Longer lists are kept by a kernel of their own, which comes first and needs the boxes.)
+    gathers_ = search.source != nullptr && search.source->packed_boxes()() != nullptr && keeps(search, sink);
+    if (has_work(search)) load(search);
+    if (!gathers_) PairFinder::build(search, sink, profiler);
+  }
+
+  void find(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) override {
+    if (!has_work(search)) return;
+    const cl_uint n = search.now.slots;
+    const cl_uint row_count = search.changed_slots();
+    cl::Kernel& kernel = this->kernel(search);
+    const cl::Buffer boxes = gathers_ ? search.source->packed_boxes() : search.now.boxes;
+    const std::size_t columns = opencl::round_up(opencl::divide_up(n, launch_.width), launch_.group);
+    const std::size_t rows = rows_per_item(search);
+    const std::size_t runs = opencl::divide_up(row_count, rows);
+    const std::size_t at_once = launch_.runs_at_once(rows, n);
+    for (std::size_t first = 0; first < runs; first += at_once) {
+      opencl::Profiler::Scope stage(profiler, "test");
+      const bool keeps = first == 0 && sink.is_kept_by_finder();
+      cl_uint k = opencl::set_arguments(
+          kernel, 0,
+          layout::brute_force_scalars_t{.n = n,
+                                        .row_count = row_count,
+                                        .rows = static_cast<cl_uint>(rows),
+                                        .first_run = static_cast<cl_uint>(first)},
+          boxes, search.changed, search.stamps, search.now.filters, search.now.exclusions);
+      if (gathers_) k = opencl::set_arguments(kernel, k, first == 0 ? search.now.boxes : cl::Buffer());
+      sink.set_sink(kernel, sink.set_keep(kernel, k, search, keeps), search);
+      context_.queue().enqueueNDRangeKernel(kernel, cl::NullRange,
+                                            cl::NDRange(columns, std::min(at_once, runs - first)),
+                                            cl::NDRange(launch_.group, 1), nullptr, stage.event());
+    }
+    // If this search is repeated, later commands may have overwritten the caller's boxes; the copy is
+    // complete.
+    gathers_ = false;
+  }
+
+  [[nodiscard]] bool keeps(const Search& search, const PairDelta& sink) const override {
+    return launch_.group > 1 && has_work(search) && sink.pair_count() <= most_kept;
+  }
+
+  /// Pairs to test; pairs that overlap count more.
+  [[nodiscard]] double expected_work(const Search& search, const PairDelta& sink) override {
+    const auto slots = static_cast<double>(search.now.slots);
+    const double share = search.all || slots == 0 ? 1 : std::min(1.0, 2 * search.changed_count / slots);
+    return slots * search.changed_slots() * (search.all ? 0.5 : 1) +
+           tests_per_hit * share * static_cast<double>(sink.pair_count());
+  }
+
+ private:
+  [[nodiscard]] static bool has_work(const Search& search) {
+    return search.now.slots > 1 && search.changed_slots() > 0;
+  }
+
+  /// Rows per work-item.
+  [[nodiscard]] std::size_t rows_per_item(const Search& search) const {
+    // In an average column, half of the rows come before its boxes.
+    const std::size_t columns = opencl::divide_up(search.now.slots, launch_.width);
+    const std::size_t runs = columns * search.changed_slots() / (search.all ? 2 : 1);
+    return launch_.rows(runs, context_);
+  }
+
+  /// Builds the kernel of a search when it is first needed. If the device runs it only in smaller
+  /// work-groups, changes to the launch parameters for CPUs for good.
+  void load(const Search& search) {
+    if (kernel(search)() != nullptr) return;
+    try {
+      kernel(search) = make_kernel(search.worlds);
+    } catch (const opencl::GroupTooLarge&) {
+      launch_ = brute_force_on_cpus;
+      kernels_ = {};
+      gathers_ = false;
+      load(search);
+    }
+  }
+
+  /// (Objects to be gathered are in one world.)
+  cl::Kernel& kernel(const Search& search) { return kernels_.at(gathers_ ? 2 : search.worlds ? 1 : 0); }
+
+  [[nodiscard]] cl::Kernel make_kernel(bool worlds) const {
+    // Rows that a work-item tests before it looks for hits.
+    const unsigned rows_at_once = launch_.group == 1 ? 4 : 8;
+    const std::string options =
+        "-DWIDTH=" + std::to_string(launch_.width) + " -DGROUP=" + std::to_string(launch_.group) +
+        " -DROWS=" + std::to_string(rows_at_once) + " -DMAX_ROWS=" + std::to_string(launch_.max_rows) +
+        (worlds ? " -DWORLDS=1" : "") + (gathers_ ? " -DGATHER=1" : "");
+    return context_.kernel(context_.program("brute_force.cl", options), "brute_force", launch_.group);
+  }
+
+  const opencl::Context& context_;
+  RowLaunch launch_;
+  std::array<cl::Kernel, 3> kernels_;
+  bool gathers_ = false;  // this search: its kernel reads the caller's boxes, and copies them
+};
+
+}  // namespace
+
+std::unique_ptr<PairFinder> make_brute_force(const opencl::Context& context) {
+  return std::make_unique<BruteForce>(context);
+}
+
+}  // namespace broadcl

@@ -1,0 +1,243 @@
+#include <algorithm>
+#include <memory>
+#include <string>
+#include <utility>
+
+#include "base/free_lists.hpp"
+#include "base/pair_lists.hpp"
+#include "engines/algorithm.hpp"
+#include "engines/change_lists.hpp"
+#include "engines/device_objects.hpp"
+#include "finders/byte_matrix.hpp"
+#include "finders/row_launch.hpp"
+#include "finders/triangle.hpp"
+#include "opencl/context.hpp"
+#include "opencl/error.hpp"
+#include "opencl/growing_buffer.hpp"
+#include "opencl/launch.hpp"
+#include "opencl/profiler.hpp"
+#include "opencl/shared_buffer.hpp"
+
+namespace broadcl {
+namespace {
+
+constexpr RowLaunch gpu_bf_on_gpus{.width = 4,
+                                   .group = 128,
+                                   .min_rows = 8,
+                                   .max_rows = 128,
+                                   .items = 4096,
+                                   .most_tests = std::size_t{1} << 32};
+constexpr RowLaunch gpu_bf_on_cpus{.width = 16,
+                                   .group = 64,
+                                   .min_rows = 64,
+                                   .max_rows = 512,
+                                   .items = 1024,
+                                   .most_tests = std::size_t{1} << 30};
+
+using opencl::divide_up;
+using opencl::round_up;
+
+/// The paper's algorithm: one byte of result per pair. The host has the bytes of this frame and of the last
+/// one, and XORs them.
+class GpuBf final : public Algorithm {
+ public:
+  GpuBf(const Config& config, const Device& device)
+      : context_(device, config.profile, config.on_compile),
+        profiler_(config.profile),
+        launch_(context_.tuning() == opencl::Tuning::cpu ? gpu_bf_on_cpus : gpu_bf_on_gpus),
+        objects_(std::make_unique<DeviceObjects>(context_, profiler_, *frames_)) {
+    make_kernels();
+  }
+
+  void reserve(std::size_t slots, bool filters) override {
+    context_.guard([&] { objects_->reserve(slots, filters); });
+  }
+
+  void reserve_exclusions(std::size_t count) override {
+    context_.guard([&] { objects_->reserve_exclusions(count); });
+  }
+
+  void shrink(std::size_t slots) override {
+    context_.guard([&] {
+      auto frames = std::make_unique<Frames>();
+      auto objects = objects_->successor(slots, *frames);
+      opencl::SharedBuffer previous;
+      if (previous_pairs_ > 0) {
+        previous = opencl::SharedBuffer(context_, previous_pairs_);
+        cl::Event mapped;
+        previous.download(previous_pairs_, &mapped);
+        mapped.wait();
+        std::ranges::copy(bytes_of(previous_, previous_pairs_), previous.host());
+      }
+      make_kernels();  // for kernels own their arguments
+      objects_ = std::move(objects);
+      frames_ = std::move(frames);
+      previous_ = std::move(previous);
+      current_ = {};
+      read_ = {};  // for an event may own the buffer of its command
+      opencl::wait_if_possible(context_.queue());
+    });
+    lists_.clear();
+    free_lists(recycled_);
+  }
+
+  [[nodiscard]] std::span<Aabb> boxes() noexcept override { return objects_->boxes(); }
+  [[nodiscard]] std::shared_ptr<const void> boxes_owner() const override { return objects_->boxes_owner(); }
+
+  /// Tests all pairs, regardless of what changed, and copies the results to the host.
+  void begin(const Changes& changes) override {
+    profiler_.begin();
+    recycled_.assign(changes.recycled.begin(), changes.recycled.end());
+    current_pairs_ = triangle::row_start(static_cast<std::uint32_t>(changes.slots));
+    context_.guard([&] {
+      grow_results(changes.slots, current_pairs_);
+      if (current_pairs_ > 0) test(changes);
+    });
+  }
+
+  void flush() override {
+    context_.guard([&] { context_.queue().flush(); });
+  }
+
+  Delta finish() override {
+    if (current_pairs_ > 0) {
+      context_.guard([&] {
+        wait();
+        profiler_.resolve();
+      });
+    }
+    if (current_pairs_ > most_pairs) {
+      const auto bytes = bytes_of(current_, current_pairs_);
+      refuse_too_many(bytes.size() - static_cast<std::size_t>(std::ranges::count(bytes, std::byte{0})));
+    }
+    const Delta delta = lists_.fill([&](std::vector<Pair>& added, std::vector<Pair>& removed) {
+      const opencl::Profiler::Scope stage(profiler_, "xor");
+      find_changes(bytes_of(previous_, previous_pairs_), bytes_of(current_, current_pairs_), recycled_, added,
+                   removed);
+    });
+    if (current_pairs_ > 0) {
+      frames_->swap();
+      objects_->commit();
+    }
+    has_skipped_ = current_pairs_ == 0;
+    std::swap(previous_, current_);
+    previous_pairs_ = current_pairs_;
+    lists_.commit();
+    return delta;
+  }
+
+  [[nodiscard]] std::vector<Pair> pairs() override {
+    std::vector<Pair> found;
+    std::vector<Pair> none;
+    find_changes({}, bytes_of(previous_, previous_pairs_), {}, found, none);
+    return found;
+  }
+
+  [[nodiscard]] const Device* device() const noexcept override { return &context_.device(); }
+  [[nodiscard]] MemoryUse memory() const noexcept override { return context_.memory(); }
+  [[nodiscard]] std::span<const Stage> profile() const noexcept override { return profiler_.stages(); }
+
+ private:
+  [[nodiscard]] static std::span<const std::byte> bytes_of(const opencl::SharedBuffer& results,
+                                                           std::size_t pairs) {
+    return {results.host(), pairs};
+  }
+
+  void make_kernels() {
+    const std::string width = "-DWIDTH=" + std::to_string(launch_.width);
+    const cl::Program program = context_.program("gpu_bf.cl", width + option_);
+    kernel_ = context_.sized_kernel(program, "gpu_bf", launch_.group);
+    exclude_ = context_.sized_kernel(program, "gpu_bf_exclude", launch_.group);
+  }
+
+  /// Grows the buffer of this frame's results. Those of the last frame are not changed.
+  void grow_results(std::size_t n, std::size_t pairs) {
+    const std::size_t bytes = round_up(pairs, launch_.width);
+    if (bytes <= current_.bytes()) return;
+    current_ = {};
+    std::uint64_t most = context_.device().max_allocation;
+    if (const auto large = context_.large_buffers(); large && bytes > most) {
+      most = large->most;
+      option_ = large->option;
+      make_kernels();
+    }
+    current_ = opencl::SharedBuffer(
+        context_,
+        opencl::grown(context_, bytes,
+                      "results of gpu-bf, one byte per pair of " + std::to_string(n) + " boxes", most));
+  }
+
+  void test(const Changes& changes) {
+    Changes all = changes;
+    all.all = true;
+    all.all_filters = changes.all_filters || has_skipped_;
+    all.recycled = {};  // the host takes care of them
+    const Search search = objects_->upload(all);
+    current_.release();
+    enqueue_kernel(search);
+    exclude(search, changes.exclusions.size());
+    opencl::Profiler::Scope stage(profiler_, "download");
+    current_.download(current_pairs_, &read_);
+    if (cl::Event* const event = stage.event()) *event = read_;
+  }
+
+  void exclude(const Search& search, std::size_t count) {
+    if (count == 0) return;
+    opencl::set_arguments(exclude_.kernel, 0, static_cast<cl_uint>(count), search.now.slots,
+                          search.now.exclusions, current_.device());
+    opencl::Profiler::Scope stage(profiler_, "test");
+    exclude_.enqueue(context_.queue(), count, stage.event());
+  }
+
+  void wait() {
+    const opencl::Profiler::Scope stage(profiler_, "wait");
+    read_.wait();
+  }
+
+  void enqueue_kernel(const Search& search) {
+    const cl_uint n = search.now.slots;
+    const unsigned period = triangle::row_period(launch_.width);
+    const std::size_t columns = round_up(divide_up(n, launch_.width), kernel_.group);
+    const std::size_t class_rows = (n + period - 1) / period;
+    // In an average row, half of the columns are past the end.
+    const std::size_t rows = launch_.rows(columns / 2 * period * class_rows, context_);
+    const std::size_t chunks = (class_rows + rows - 1) / rows;
+    const std::size_t seam_lines = (n + columns - 1) / columns;
+    const std::size_t lines = period * chunks + seam_lines;
+    const std::size_t at_once = launch_.runs_at_once(rows, n);
+    for (std::size_t first = 0; first < lines; first += at_once) {
+      opencl::set_arguments(kernel_.kernel, 0, n, static_cast<cl_uint>(rows), static_cast<cl_uint>(chunks),
+                            static_cast<cl_uint>(first), search.now.boxes, search.now.filters,
+                            current_.device());
+      opencl::Profiler::Scope stage(profiler_, "test");
+      context_.queue().enqueueNDRangeKernel(kernel_.kernel, cl::NullRange,
+                                            cl::NDRange(columns, std::min(at_once, lines - first)),
+                                            cl::NDRange(kernel_.group, 1), nullptr, stage.event());
+    }
+  }
+
+  opencl::Context context_;
+  opencl::Profiler profiler_;
+  RowLaunch launch_;
+  std::string option_;  // for the compiler, if results are large
+  opencl::SizedKernel kernel_, exclude_;
+  std::unique_ptr<Frames> frames_ = std::make_unique<Frames>();  // the objects of each
+  std::unique_ptr<DeviceObjects> objects_;
+  opencl::SharedBuffer current_;   // bytes of this frame while it runs
+  opencl::SharedBuffer previous_;  // bytes of the last frame
+  cl::Event read_;                 // after which the host may read the bytes of this frame
+  std::size_t current_pairs_ = 0;
+  std::size_t previous_pairs_ = 0;
+  bool has_skipped_ = false;  // whether the last update was not uploaded, as it had no pairs to test
+  std::vector<std::uint32_t> recycled_;
+  ChangeLists lists_;
+};
+
+}  // namespace
+
+AlgorithmPointer make_gpu_bf(const Config& config) {
+  const Device device = select_device(config.device);
+  return opencl::translate_errors(device.label(), [&] { return std::make_unique<GpuBf>(config, device); });
+}
+
+}  // namespace broadcl

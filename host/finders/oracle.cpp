@@ -1,0 +1,48 @@
+#include "base/packed_box.hpp"
+#include "base/pair_lists.hpp"
+#include "engines/host_engine.hpp"
+
+namespace broadcl {
+namespace {
+
+/// Tests every pair by the definition.
+template <class Function>
+void for_each_pair(const HostObjects& objects, const Function& function) {
+  const std::span<const Aabb> boxes = objects.boxes;
+  const std::span<const Filter> filters = objects.filters;
+  for (std::uint32_t b = 0; b < boxes.size(); ++b) {
+    const Aabb box = boxes[b];
+    for (std::uint32_t a = 0; a < b; ++a) {
+      if (packed_overlaps(boxes[a], box) && (filters.empty() || may_pair(filters[a], filters[b]))) {
+        function(Pair{a, b});
+      }
+    }
+  }
+}
+
+/// The reference that everything else is compared with.
+class Oracle final : public HostFinder {
+ public:
+  void find(const HostObjects& objects, std::vector<Pair>& pairs) override {
+    constexpr std::size_t never_too_many = 65'536;  // boxes
+    if (objects.boxes.size() > never_too_many) {
+      std::size_t count = 0;
+      for_each_pair(objects, [&](const Pair& /*pair*/) { ++count; });
+      refuse_too_many(count);
+    }
+    test_each_pair(objects, pairs);
+  }
+};
+
+}  // namespace
+
+void test_each_pair(const HostObjects& objects, std::vector<Pair>& pairs) {
+  pairs.clear();
+  for_each_pair(objects, [&](const Pair& pair) { pairs.push_back(pair); });
+}
+
+AlgorithmPointer make_oracle(const Config& /*config*/) {
+  return make_host_engine(std::make_unique<Oracle>());
+}
+
+}  // namespace broadcl

@@ -1,0 +1,451 @@
+#include <algorithm>
+#include <array>
+#include <cstddef>
+#include <limits>
+#include <memory>
+#include <string>
+
+#include "engines/algorithm.hpp"
+#include "engines/kernel_arguments.hpp"
+#include "engines/pair_finder.hpp"
+#include "finders/centroids.hpp"
+#include "finders/near_pairs.hpp"
+#include "finders/tile_work.hpp"
+#include "opencl/growing_buffer.hpp"
+#include "opencl/launch.hpp"
+#include "opencl/radix_sort.hpp"
+
+namespace broadcl {
+namespace {
+
+/// Launch parameters.
+struct TilesLaunch {
+  std::size_t node;   ///< Children of a node.
+  std::size_t group;  ///< Work-items per work-group: one per child, as many as a GPU runs in step; or one.
+  std::size_t most_roots;  ///< Of the search: a launch more would leave fewer.
+};
+
+constexpr TilesLaunch tiles_on_gpus{.node = CHILDREN_OF(32), .group = 32, .most_roots = 8};
+constexpr TilesLaunch tiles_on_gpus_of_64{.node = CHILDREN_OF(64), .group = 64, .most_roots = 8};
+constexpr TilesLaunch tiles_on_cpus{.node = CHILDREN_OF(1), .group = 1, .most_roots = 1};
+
+TilesLaunch launch_for(opencl::Tuning tuning) {
+  if (tuning == opencl::Tuning::cpu) return tiles_on_cpus;
+  return tuning == opencl::Tuning::gpu64 ? tiles_on_gpus_of_64 : tiles_on_gpus;
+}
+
+constexpr std::size_t most_workers = 8;
+constexpr std::size_t search_groups_per_unit = 64;         // as far as most_workers allows
+constexpr std::size_t dense_search_groups_per_unit = 128;  // if all tiles are dense
+/// From this many boxes on, a GPU takes long enough to receive them that a search meanwhile pays.
+constexpr std::size_t fewest_searched_early = 1 << 17;
+
+/// Up to this many objects are gathered tile by tile, which saves a launch; with more, gathering them by slot
+/// takes less time.
+constexpr std::size_t most_gathered = 131072;
+
+/// Whether worlds or sets are a fourth dimension, so that tiles have objects of one world or set.
+bool has_worlds(const Search& search) {
+  return search.worlds || search.sets;
+}
+
+/// The parameter `sets` of kernels/filter.h.
+cl_uint sets(const Search& search) {
+  return search.sets ? 1 : 0;
+}
+
+using opencl::divide_up;
+using opencl::round_up;
+
+/// Boxes sorted in space, under a tree of bounds: kernels/tiles.cl.
+class Tiles final : public PairFinder {
+ public:
+  Tiles(const opencl::Context& context, double stale, std::size_t fewest_early)
+      : context_(context),
+        launch_(launch_for(context.tuning())),
+        work_(launch_.node, stale),
+        centroids_(context),
+        near_(context, fewest_early),
+        sort_(context) {
+    load({}, false);
+  }
+
+  void build(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) override {
+    is_built_ = search.now.slots > 1 && search.changed_slots() > 0;
+    if (!is_built_) return PairFinder::build(search, sink, profiler);
+    const bool may_gather = search.source != nullptr && search.now.slots <= most_gathered;
+    load(search, may_gather);
+    prepare(search);
+    work_.begin_frame(search, sink);
+    const bool stale = work_.is_stale(search, sink);
+    is_early_ = near_.begin(search, sink, !stale, work_.early_pays(), profiler);
+    work_.begin_search(search, is_early_);
+    if (is_early_) return search_early(search, sink, profiler);
+    const bool gathers = may_gather && !stale;
+    if (!gathers) PairFinder::build(search, sink, profiler);
+    if (stale) sort(search, sink, profiler);
+    fill_trees(search, gathers, sink, profiler);
+  }
+
+  void find(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) override {
+    if (!is_built_) return;
+    if (!is_early_) {
+      refit(search, sink, profiler);
+      enqueue_search(search, sink, profiler);
+    }
+    near_.test(search, sink, profiler);
+  }
+
+  [[nodiscard]] bool keeps(const Search& search, const PairDelta& /*sink*/) const override {
+    return is_built_ && !is_early_ && launch_.group > 1 && nodes_of(search) > launch_.most_roots;
+  }
+
+  [[nodiscard]] bool gave_up(const PairDelta::Counts& counts) override {
+    if (!is_built_) return false;
+    const bool was_given_up = counts.work > most_work_;
+    return near_.missed(counts, was_given_up) || was_given_up;
+  }
+
+  void rebuild(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) override {
+    if (is_early_) {
+      near_.pause();
+      is_early_ = false;
+      work_.begin_search(search, is_early_);
+    } else {
+      sort(search, sink, profiler);
+    }
+    fill_trees(search, false, sink, profiler);
+  }
+
+  /// (The boxes that were sorted may be those of an incomplete frame.)
+  void forget() noexcept override { work_.forget_sort(); }
+
+  [[nodiscard]] double expected_work(const Search& search, const PairDelta& sink) override {
+    return work_.expected(search, sink);
+  }
+
+ private:
+  struct Kernels {  // NOLINT(bugprone-exception-escape): handles do not throw when moved
+    opencl::SizedKernel centroids, keys, world_keys;
+    cl::Kernel fill, refit, search;
+    cl::Kernel refit_and_keep{};  // on a GPU
+    cl::Kernel search_some{};     // if it is built
+  };
+
+  /// Builds the kernels that a search needs, whether it sorts or not, unless they are built. If the device
+  /// runs one of them only in smaller work-groups, changes to the launch parameters for CPUs for good.
+  /// @param may_gather Whether the search may be of objects that are still to be gathered.
+  void load(const Search& search, bool may_gather) {
+    try {
+      const bool worlds = has_worlds(search);
+      (void)kernels(worlds);
+      if (!search.all) (void)search_kernel(false, worlds);
+      if (may_gather) (void)gathering_fill(worlds);  // in the first frame, although that sorts
+    } catch (const opencl::GroupTooLarge&) {
+      launch_ = tiles_on_cpus;
+      work_.restart(launch_.node);
+      kernels_ = {};
+      gathering_fills_ = {};
+      capacity_ = 0;  // nodes may have had another size
+      load(search, may_gather);
+    }
+  }
+
+  /// The kernels for one world or for several.
+  Kernels& kernels(bool worlds) {
+    Kernels& kernels = kernels_.at(worlds ? 1 : 0);
+    if (kernels.search() != nullptr) return kernels;
+    const cl::Program program = context_.program("tiles.cl", options(worlds));
+    kernels = {.centroids = context_.sized_kernel(program, "centroids"),
+               .keys = context_.sized_kernel(program, "tiles_keys"),
+               .world_keys = context_.sized_kernel(program, "tiles_world_keys"),
+               .fill = context_.kernel(program, "tiles_fill", launch_.group),
+               .refit = context_.kernel(program, "tiles_refit", launch_.group),
+               .search = context_.kernel(program, "tiles_search", launch_.group)};
+    if (launch_.group > 1) {
+      kernels.refit_and_keep = context_.kernel(program, "tiles_refit_and_keep", layout::TILES_KEEP_GROUP);
+    }
+    return kernels;
+  }
+
+  Kernels& kernels(const Search& search) { return kernels(has_worlds(search)); }
+
+  /// The kernel that searches all boxes or those that changed.
+  cl::Kernel& search_kernel(bool all, bool worlds) {
+    if (all) return kernels(worlds).search;
+    cl::Kernel& search = kernels(worlds).search_some;
+    if (search() == nullptr) {
+      search = context_.kernel(context_.program("tiles_search.cl", options(worlds) + " -DSOME_CHANGED=1"),
+                               "tiles_search", launch_.group);
+    }
+    return search;
+  }
+
+  /// The kernel that gathers all boxes and fills the tree with them.
+  cl::Kernel& gathering_fill(bool worlds) {
+    cl::Kernel& fill = gathering_fills_.at(worlds ? 1 : 0);
+    if (fill() == nullptr) {
+      fill = context_.kernel(context_.program("tiles_build.cl", options(worlds) + " -DGATHER=1"),
+                             "tiles_fill", launch_.group);
+    }
+    return fill;
+  }
+
+  [[nodiscard]] std::string options(bool worlds) const {
+    return "-DGROUP=" + std::to_string(launch_.group) + (context_.has_nvidia_vote() ? " -DNVIDIA" : "") +
+           (worlds ? " -DWORLDS=1" : "");
+  }
+
+  struct Tree {  // NOLINT(bugprone-exception-escape): handles do not throw when moved
+    cl::Buffer nodes;
+    std::size_t bytes = 0;
+  };
+
+  void prepare(const Search& search) {
+    if (search.now.slots > capacity_) reserve(search.now.slots);
+    reserve_tree(tree_, has_worlds(search));
+    if (!search.all) reserve_tree(changed_tree_, has_worlds(search));
+  }
+
+  void reserve(std::size_t slots) {
+    capacity_ = 0;
+    work_.forget_sort();
+    elements_ = scratch_ = {};
+    tree_ = changed_tree_ = {};
+    const std::size_t needed = round_up(slots, launch_.node);
+    std::size_t capacity = opencl::grown(context_, needed * sizeof(cl_ulong), "sorted boxes") /
+                           sizeof(cl_ulong) / launch_.node * launch_.node;
+    set_levels(capacity);
+    if (tree_bytes(true) > context_.device().max_allocation) {
+      capacity = needed;
+      set_levels(capacity);
+    }
+    elements_ = context_.buffer(capacity * sizeof(cl_ulong));
+    scratch_ = context_.buffer(capacity * sizeof(cl_ulong));
+    capacity_ = capacity;
+  }
+
+  /// Sets the number of nodes of a tree for this many boxes, and the first of each level.
+  void set_levels(std::size_t capacity) {
+    nodes_ = 0;
+    for (std::size_t level = 0, size = capacity; level < layout::TREE_LEVELS; ++level) {
+      starts_.at(level) = static_cast<cl_uint>(nodes_);
+      size = divide_up(size, launch_.node);
+      nodes_ += size;
+    }
+  }
+
+  [[nodiscard]] std::size_t tree_bytes(bool worlds) const {
+    return nodes_ * launch_.node * sizeof(cl_uint) *
+           (worlds ? layout::CHILD_WORDS_OF_WORLDS : layout::CHILD_WORDS);
+  }
+
+  void reserve_tree(Tree& tree, bool worlds) const {
+    const std::size_t bytes = tree_bytes(worlds);
+    if (tree.bytes >= bytes) return;
+    tree = {};
+    opencl::refuse_too_large(context_, bytes, "tree of boxes", context_.device().max_allocation);
+    tree = {.nodes = context_.buffer(bytes), .bytes = bytes};
+  }
+
+  void sort(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) {
+    opencl::Profiler::Scope stage(profiler, "sort");
+    work_.forget_sort();  // until all is enqueued: after a part of it, a slot may be there twice
+    Kernels& kernels = this->kernels(search);
+    const cl::Buffer& filters = has_worlds(search) ? search.now.filters : cl::Buffer();
+    // (Sets of one world share their bounds.)
+    centroids_.enqueue(this->kernels(search.worlds).centroids, search.now.boxes,
+                       search.worlds ? filters : cl::Buffer(), search.now.slots, &stage);
+    opencl::set_arguments(kernels.keys.kernel, 0, search.now.slots, search.now.boxes, filters,
+                          centroids_.buckets(), centroids_.result(), elements_);
+    kernels.keys.enqueue(context_.queue(), search.now.slots, stage.event());
+    sort_.enqueue(elements_, scratch_, search.now.slots,
+                  {{32 + layout::CODE_BITS - layout::SORTED_BITS, layout::SORTED_BITS}}, &stage);
+    if (has_worlds(search)) {  // they count first, so they are sorted by last
+      opencl::set_arguments(kernels.world_keys.kernel, 0, search.now.slots, sets(search), filters, elements_);
+      kernels.world_keys.enqueue(context_.queue(), search.now.slots, stage.event());
+      const unsigned bits = search.worlds ? 32 : 1;
+      sort_.enqueue(elements_, scratch_, search.now.slots, {{32, bits}}, &stage);
+    }
+    work_.set_sorted(search, sink);
+  }
+
+  /// Fills the trees with boxes and the bounds of tiles.
+  void fill_trees(const Search& search, bool gathers, const PairDelta& sink, opencl::Profiler& profiler) {
+    opencl::Profiler::Scope stage(profiler, "build");
+    if (gathers) {
+      cl::Kernel& fill = gathering_fill(has_worlds(search));
+      search.source->set_arguments(fill, set_fill(fill, search, tree_), search.now, sink.counts());
+      fill_tree(context_.queue(), search, fill, stage.event());
+      return;
+    }
+    const auto fill = [&](const cl::Buffer& stamps, const Tree& tree, cl::Event* event) {
+      fill_tree(context_.queue(), search, search.now.boxes, stamps, tree, event);
+    };
+    fill({}, tree_, stage.event());
+    if (!search.all) fill(search.stamps, changed_tree_, stage.event());
+  }
+
+  void fill_tree(const cl::CommandQueue& queue, const Search& search, const cl::Buffer& boxes,
+                 const cl::Buffer& stamps, const Tree& tree, cl::Event* event) {
+    cl::Kernel& fill = kernels(search).fill;
+    opencl::set_arguments(fill, set_fill(fill, search, tree), boxes,
+                          has_worlds(search) ? search.now.filters : cl::Buffer(), search.stamp, stamps);
+    fill_tree(queue, search, fill, event);
+  }
+
+  cl_uint set_fill(cl::Kernel& fill, const Search& search, const Tree& tree) const {
+    return opencl::set_arguments(fill, 0, search.now.slots, static_cast<cl_uint>(tiles_of(search)),
+                                 starts_.at(1), sets(search), elements_, tree.nodes);
+  }
+
+  void fill_tree(const cl::CommandQueue& queue, const Search& search, const cl::Kernel& fill,
+                 cl::Event* event) const {
+    enqueue(queue, fill, round_up(tiles_of(search), launch_.node), event);
+  }
+
+  [[nodiscard]] std::size_t tiles_of(const Search& search) const {
+    return divide_up(search.now.slots, launch_.node);
+  }
+  /// Nodes whose children are tiles.
+  [[nodiscard]] std::size_t nodes_of(const Search& search) const {
+    return divide_up(tiles_of(search), launch_.node);
+  }
+
+  /// Computes the bounds of nodes, of one level after the other, and keeps the pairs of the last frame if
+  /// that was left to this.
+  void refit(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) {
+    if (sink.is_kept_by_finder()) {
+      opencl::Profiler::Scope stage(profiler, "keep");
+      const std::size_t nodes = nodes_of(search);
+      cl::Kernel& kernel = kernels(search).refit_and_keep;
+      sink.set_keep_kernel(kernel, set_refit(kernel, tree_, 1, nodes), search);
+      const std::size_t groups =
+          round_up(nodes, launch_.node) * launch_.group / layout::TILES_KEEP_GROUP +
+          divide_up(sink.most_to_keep(), std::size_t{layout::TILES_KEEP_GROUP} * layout::TILES_KEEP_RUN);
+      context_.queue().enqueueNDRangeKernel(kernel, cl::NullRange,
+                                            cl::NDRange(groups * layout::TILES_KEEP_GROUP),
+                                            cl::NDRange(layout::TILES_KEEP_GROUP), nullptr, stage.event());
+    }
+    opencl::Profiler::Scope stage(profiler, "refit");
+    refit(context_.queue(), search, tree_, sink.is_kept_by_finder() ? 2 : 1, stage);
+    if (!search.all) refit(context_.queue(), search, changed_tree_, 1, stage);
+  }
+
+  /// @param level The first whose bounds are to be computed.
+  void refit(const cl::CommandQueue& queue, const Search& search, const Tree& tree, std::size_t level,
+             opencl::Profiler::Scope& stage) {
+    std::size_t nodes = nodes_of(search);
+    cl::Kernel& refit = kernels(search).refit;
+    // The search starts at the first level that has at most `most_roots` nodes.
+    for (top_ = 1; nodes > launch_.most_roots && top_ + 1 < layout::TREE_LEVELS;
+         ++top_, nodes = divide_up(nodes, launch_.node)) {
+      if (top_ < level) continue;
+      set_refit(refit, tree, top_, nodes);
+      enqueue(queue, refit, round_up(nodes, launch_.node), stage.event());
+    }
+    roots_ = static_cast<cl_uint>(nodes);
+  }
+
+  /// @param nodes Of the level.
+  cl_uint set_refit(cl::Kernel& kernel, const Tree& tree, std::size_t level, std::size_t nodes) const {
+    return opencl::set_arguments(kernel, 0, starts_.at(level), static_cast<cl_uint>(nodes),
+                                 starts_.at(level + 1), tree.nodes);
+  }
+
+  /// Enqueues the search for near pairs.
+  void search_early(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) {
+    {
+      opencl::Profiler::Scope stage(profiler, "build");
+      fill_tree(near_.queue(), search, near_.boxes(), {}, tree_, stage.event());
+    }
+    {
+      opencl::Profiler::Scope stage(profiler, "refit");
+      refit(near_.queue(), search, tree_, 1, stage);
+    }
+    enqueue_search(search, sink, profiler);
+    near_.searched();
+  }
+
+  void enqueue_search(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) {
+    opencl::Profiler::Scope stage(profiler, is_early_ ? "early" : "test");
+    const std::size_t tiles = tiles_of(search);
+    const std::size_t workers = this->workers(tiles, search_groups_per_unit);
+    // A first search finds all pairs at once; in later ones, work-groups that turn out to be too many would
+    // take longer than the others save.
+    const bool is_first = search.last.slots == 0;
+    const std::size_t dense_workers = is_first ? this->workers(tiles, dense_search_groups_per_unit) : workers;
+    most_work_ = work_.most(search, sink, tiles * dense_workers);
+    cl::Kernel& kernel = search_kernel(search.all, has_worlds(search));
+    layout::tiles_search_scalars_t scalars{.starts = {},
+                                           .top = static_cast<cl_uint>(top_),
+                                           .roots = roots_,
+                                           .workers = static_cast<cl_uint>(workers),
+                                           .most_work = most_work_,
+                                           .sets = sets(search)};
+    std::ranges::copy(starts_, scalars.starts);
+    const cl_uint next = opencl::set_arguments(kernel, 0, scalars, tree_.nodes,
+                                               search.all ? cl::Buffer() : changed_tree_.nodes, elements_,
+                                               search.now.filters, search.now.exclusions);
+    if (is_early_) {
+      near_.set_sink(kernel, next, search);
+    } else {
+      sink.set_sink(kernel, next, search);
+    }
+    const cl::CommandQueue& queue = is_early_ ? near_.queue() : context_.queue();
+    queue.enqueueNDRangeKernel(kernel, cl::NullRange, cl::NDRange(tiles * launch_.group, dense_workers),
+                               cl::NDRange(launch_.group, 1), nullptr, stage.event());
+  }
+
+  /// Number of work-groups that share the search of a tile; if there are few tiles, a GPU would otherwise
+  /// have too little to do.
+  [[nodiscard]] std::size_t workers(std::size_t tiles, std::size_t groups_per_unit) const {
+    if (launch_.group == 1) return 1;
+    const std::size_t useful = context_.device().compute_units * groups_per_unit;
+    std::size_t workers = 1;
+    while (workers < most_workers && tiles * workers * 2 <= useful) workers *= 2;
+    return workers;
+  }
+
+  void enqueue(const cl::CommandQueue& queue, const cl::Kernel& kernel, std::size_t groups,
+               cl::Event* event) const {
+    queue.enqueueNDRangeKernel(kernel, cl::NullRange, cl::NDRange(groups * launch_.group),
+                               cl::NDRange(launch_.group), nullptr, event);
+  }
+
+  const opencl::Context& context_;
+  TilesLaunch launch_;
+  TileWork work_;
+  CentroidBounds centroids_;
+  NearPairs near_;
+  opencl::RadixSort sort_;
+  std::array<Kernels, 2> kernels_;
+  std::array<cl::Kernel, 2> gathering_fills_;
+  cl::Buffer elements_, scratch_;  // slots, sorted
+  Tree tree_;
+  Tree changed_tree_;                                  // of boxes that changed, if not all did
+  std::size_t nodes_ = 0;                              // of a tree
+  std::array<cl_uint, layout::TREE_LEVELS> starts_{};  // the first nodes of its levels
+  std::size_t capacity_ = 0;                           // slots
+  std::size_t top_ = 1;                                // the level at which the search starts
+  cl_uint roots_ = 0;                                  // its nodes
+  bool is_built_ = false;                              // for this search
+  bool is_early_ = false;                              // whether this search is early
+  cl_uint most_work_ = 0;                              // at which it is given up
+};
+
+}  // namespace
+
+std::unique_ptr<PairFinder> make_tiles(const opencl::Context& context) {
+  const Device& device = context.device();
+  const bool uploads_beside = device.type == DeviceType::gpu && !device.host_unified;
+  return make_tiles(context, TileWork::default_stale,
+                    uploads_beside ? fewest_searched_early : std::numeric_limits<std::size_t>::max());
+}
+
+std::unique_ptr<PairFinder> make_tiles(const opencl::Context& context, double stale,
+                                       std::size_t fewest_early) {
+  return std::make_unique<Tiles>(context, stale, fewest_early);
+}
+
+}  // namespace broadcl
