@@ -10,9 +10,9 @@
 
 #include <broadcl/eigen.hpp>
 
+#include "base/packed_box.hpp"
 #include "boxes.hpp"
 #include "fast_math.hpp"
-#include "packed_box.hpp"
 #include "rounding.hpp"
 
 namespace broadcl {

@@ -10,10 +10,10 @@
 
 #include <broadcl/broad_phase.hpp>
 
-#include "algorithms/hybrid.hpp"
-#include "core.hpp"
+#include "core/core.hpp"
 #include "device_life.hpp"
 #include "each_algorithm.hpp"
+#include "engines/hybrid.hpp"
 #include "failing_allocations.hpp"
 #include "opencl/error.hpp"
 #include "opencl/kernel_source.hpp"

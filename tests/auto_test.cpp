@@ -10,15 +10,15 @@
 
 #include <broadcl/broad_phase.hpp>
 
-#include "algorithms/algorithm.hpp"
-#include "algorithms/calibration.hpp"
-#include "algorithms/engine.hpp"
-#include "core.hpp"
+#include "core/core.hpp"
 #include "each_algorithm.hpp"
+#include "engines/algorithm.hpp"
+#include "engines/engine.hpp"
 #include "environment.hpp"
 #include "expect_error.hpp"
 #include "failing_opencl.hpp"
 #include "finder_variants.hpp"
+#include "finders/calibration.hpp"
 #include "opencl/context.hpp"
 #include "scenes/generators.hpp"
 #include "twins.hpp"

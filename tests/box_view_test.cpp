@@ -16,9 +16,9 @@
 #include <broadcl/broad_phase.hpp>
 #include <broadcl/eigen.hpp>
 
+#include "base/packed_box.hpp"
 #include "boxes.hpp"
 #include "expect_error.hpp"
-#include "packed_box.hpp"
 #include "runs.hpp"
 
 namespace broadcl {

@@ -20,11 +20,11 @@
 #include <broadcl/broad_phase.hpp>
 #include <broadcl/bullet.hpp>
 
-#include "algorithms/calibration.hpp"
 #include "device_limits.hpp"
 #include "each_algorithm.hpp"
 #include "environment.hpp"
 #include "failing_opencl.hpp"
+#include "finders/calibration.hpp"
 #include "forked_child.hpp"
 #include "patience.hpp"
 #include "process_memory.hpp"

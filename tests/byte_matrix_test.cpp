@@ -1,4 +1,4 @@
-#include "algorithms/byte_matrix.hpp"
+#include "finders/byte_matrix.hpp"
 
 #include <algorithm>
 #include <iterator>
@@ -7,7 +7,7 @@
 
 #include <gtest/gtest.h>
 
-#include "algorithms/triangle.hpp"
+#include "finders/triangle.hpp"
 
 namespace broadcl {
 namespace {

@@ -1,4 +1,4 @@
-#include "algorithms/centroids.hpp"
+#include "finders/centroids.hpp"
 
 #include <algorithm>
 #include <array>
@@ -13,10 +13,10 @@
 #include <broadcl/device.hpp>
 #include <broadcl/filter.hpp>
 
+#include "base/packed_box.hpp"
 #include "boxes.hpp"
 #include "environment.hpp"
 #include "opencl/context.hpp"
-#include "packed_box.hpp"
 #include "runs.hpp"
 #include "scenes/random.hpp"
 #include "test_name.hpp"

@@ -1,4 +1,4 @@
-#include "algorithms/changing_pairs.hpp"
+#include "engines/changing_pairs.hpp"
 
 #include <cstdint>
 #include <random>

@@ -18,9 +18,9 @@
 #include "cli/study_plan.hpp"
 #include "cli/study_run_file.hpp"
 
+#include "base/system.hpp"
 #include "program.hpp"
 #include "runs.hpp"
-#include "system.hpp"
 
 namespace broadcl::test {
 namespace {

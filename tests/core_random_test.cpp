@@ -15,13 +15,13 @@
 
 #include <broadcl/broad_phase.hpp>
 
-#include "algorithms/algorithm.hpp"
-#include "algorithms/engine.hpp"
-#include "algorithms/hybrid.hpp"
-#include "core.hpp"
+#include "core/core.hpp"
 #include "core_player.hpp"
 #include "core_random_script.hpp"
 #include "each_algorithm.hpp"
+#include "engines/algorithm.hpp"
+#include "engines/engine.hpp"
+#include "engines/hybrid.hpp"
 #include "finder_variants.hpp"
 #include "pretender.hpp"
 #include "random_scripts.hpp"

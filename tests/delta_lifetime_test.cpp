@@ -12,8 +12,8 @@
 
 #include <broadcl/broad_phase.hpp>
 
-#include "algorithms/change_lists.hpp"
 #include "each_algorithm.hpp"
+#include "engines/change_lists.hpp"
 #include "failing_opencl.hpp"
 #include "kept_delta.hpp"
 #include "runs.hpp"

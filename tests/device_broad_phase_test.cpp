@@ -9,10 +9,10 @@
 
 #include <gtest/gtest.h>
 
+#include "base/pair_lists.hpp"
 #include "boxes.hpp"
 #include "device_life.hpp"
 #include "expect_error.hpp"
-#include "pair_lists.hpp"
 #include "runs.hpp"
 #include "scenes/generators.hpp"
 #include "test_name.hpp"

@@ -9,10 +9,10 @@
 
 #include <broadcl/broad_phase.hpp>
 
-#include "algorithms/device_objects.hpp"
 #include "device_life.hpp"
 #include "device_limits.hpp"
 #include "each_algorithm.hpp"
+#include "engines/device_objects.hpp"
 #include "environment.hpp"
 #include "failing_opencl.hpp"
 #include "opencl/context.hpp"

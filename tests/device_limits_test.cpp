@@ -17,9 +17,9 @@
 #include <broadcl/broad_phase.hpp>
 #include <broadcl/device.hpp>
 
-#include "algorithms/engine_program.hpp"
 #include "device_life.hpp"
 #include "each_algorithm.hpp"
+#include "engines/engine_program.hpp"
 #include "environment.hpp"
 #include "expect_error.hpp"
 #include "opencl/arithmetic.hpp"

@@ -11,10 +11,10 @@
 
 #include <broadcl/broad_phase.hpp>
 
+#include "base/pair_lists.hpp"
+#include "core/exclusions.hpp"
 #include "each_algorithm.hpp"
-#include "exclusions.hpp"
 #include "expect_error.hpp"
-#include "pair_lists.hpp"
 #include "scenes/generators.hpp"
 #include "twins.hpp"
 

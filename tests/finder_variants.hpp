@@ -6,8 +6,8 @@
 #include <memory>
 #include <ostream>
 
-#include "algorithms/algorithm.hpp"
-#include "algorithms/pair_finder.hpp"
+#include "engines/algorithm.hpp"
+#include "engines/pair_finder.hpp"
 #include "opencl/context.hpp"
 
 namespace broadcl::test {

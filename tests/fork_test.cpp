@@ -17,14 +17,14 @@
 #include <broadcl/device.hpp>
 #include <broadcl/opencl.hpp>
 
-#include "algorithms/hybrid.hpp"
-#include "core.hpp"
+#include "base/parallel.hpp"
+#include "core/core.hpp"
 #include "device_life.hpp"
 #include "each_algorithm.hpp"
+#include "engines/hybrid.hpp"
 #include "environment.hpp"
 #include "expect_error.hpp"
 #include "forked_child.hpp"
-#include "parallel.hpp"
 #include "pretender.hpp"
 #include "runs.hpp"
 #include "started_threads.hpp"

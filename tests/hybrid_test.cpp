@@ -1,4 +1,4 @@
-#include "algorithms/hybrid.hpp"
+#include "engines/hybrid.hpp"
 
 #include <atomic>
 #include <chrono>
@@ -19,9 +19,9 @@
 #include <broadcl/device.hpp>
 #include <broadcl/error.hpp>
 
-#include "algorithms/algorithm.hpp"
-#include "core.hpp"
+#include "core/core.hpp"
 #include "each_algorithm.hpp"
+#include "engines/algorithm.hpp"
 #include "expect_error.hpp"
 #include "patience.hpp"
 #include "pretender.hpp"

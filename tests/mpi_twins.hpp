@@ -15,7 +15,7 @@
 #include <broadcl/broad_phase.hpp>
 #include <broadcl/mpi.hpp>
 
-#include "packed_box.hpp"
+#include "base/packed_box.hpp"
 
 namespace broadcl::test {
 

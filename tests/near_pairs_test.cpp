@@ -15,11 +15,11 @@
 #include <broadcl/broad_phase.hpp>
 #include <broadcl/error.hpp>
 
-#include "algorithms/algorithm.hpp"
-#include "algorithms/engine.hpp"
-#include "core.hpp"
+#include "core/core.hpp"
 #include "device_limits.hpp"
 #include "each_algorithm.hpp"
+#include "engines/algorithm.hpp"
+#include "engines/engine.hpp"
 #include "environment.hpp"
 #include "failing_opencl.hpp"
 #include "scenes/generators.hpp"

@@ -1,4 +1,4 @@
-#include "algorithms/pair_delta.hpp"
+#include "engines/pair_delta.hpp"
 
 #include <algorithm>
 #include <array>
@@ -13,9 +13,9 @@
 
 #include <broadcl/aabb.hpp>
 
-#include "algorithms/device_objects.hpp"
-#include "algorithms/engine.hpp"
 #include "each_algorithm.hpp"
+#include "engines/device_objects.hpp"
+#include "engines/engine.hpp"
 #include "environment.hpp"
 #include "expect_error.hpp"
 

@@ -12,7 +12,7 @@
 #include <broadcl/device.hpp>
 #include <broadcl/error.hpp>
 
-#include "algorithms/algorithm.hpp"
+#include "engines/algorithm.hpp"
 
 namespace broadcl::test {
 

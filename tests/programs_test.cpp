@@ -12,10 +12,10 @@
 
 #include <broadcl/broad_phase.hpp>
 
-#include "algorithms/algorithm.hpp"
-#include "algorithms/engine.hpp"
 #include "device_life.hpp"
 #include "each_algorithm.hpp"
+#include "engines/algorithm.hpp"
+#include "engines/engine.hpp"
 #include "environment.hpp"
 #include "failing_opencl.hpp"
 

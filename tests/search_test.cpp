@@ -12,10 +12,10 @@
 
 #include <gtest/gtest.h>
 
-#include "algorithms/algorithm.hpp"
+#include "base/packed_box.hpp"
 #include "each_algorithm.hpp"
+#include "engines/algorithm.hpp"
 #include "environment.hpp"
-#include "packed_box.hpp"
 #include "scenes/generators.hpp"
 #include "twins.hpp"
 
@@ -206,7 +206,7 @@ TEST(BruteForce, AHundredThousandBoxes) {
   EXPECT_TRUE(same("few moved", broad_phase.pairs(), sweep(moved)));
 }
 
-/// More tests than a launch has at once with the tuning for CPUs: host/algorithms/row_launch.hpp.
+/// More tests than a launch has at once with the tuning for CPUs: host/finders/row_launch.hpp.
 NOT_IN(gpu_profile | rusticl | sanitizers, "takes long");
 TEST(BruteForce, SeveralLaunchesFindEachPairOnce) {
   if (is_slow_device()) GTEST_SKIP() << "takes minutes on this device";

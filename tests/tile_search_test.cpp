@@ -9,11 +9,11 @@
 
 #include <gtest/gtest.h>
 
-#include "algorithms/pair_sort.hpp"
-#include "algorithms/tile_search.hpp"
+#include "base/pair_lists.hpp"
+#include "base/parallel.hpp"
 #include "each_algorithm.hpp"
-#include "pair_lists.hpp"
-#include "parallel.hpp"
+#include "finders/pair_sort.hpp"
+#include "finders/tile_search.hpp"
 
 /// The parts of sweep and prune.
 namespace broadcl::test {

@@ -1,4 +1,4 @@
-#include "algorithms/triangle.hpp"
+#include "finders/triangle.hpp"
 
 #include <cstddef>
 #include <vector>

@@ -12,13 +12,13 @@
 
 #include <gtest/gtest.h>
 
+#include "base/two_sets.hpp"
 #include "device_life.hpp"
 #include "each_algorithm.hpp"
 #include "expect_error.hpp"
 #include "scenes/generators.hpp"
 #include "test_name.hpp"
 #include "twins.hpp"
-#include "two_sets.hpp"
 
 /// Two sets of boxes: each pair has one of each.
 namespace broadcl::test {

@@ -14,12 +14,12 @@
 
 #include <gtest/gtest.h>
 
-#include "algorithms/device_objects.hpp"
-#include "algorithms/engine.hpp"
+#include "base/packed_box.hpp"
 #include "device_life.hpp"
 #include "each_algorithm.hpp"
+#include "engines/device_objects.hpp"
+#include "engines/engine.hpp"
 #include "failing_opencl.hpp"
-#include "packed_box.hpp"
 #include "scenes/generators.hpp"
 #include "scenes/random.hpp"
 
