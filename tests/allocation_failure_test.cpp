@@ -4,6 +4,7 @@
 #include <new>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include <gtest/gtest.h>
@@ -11,7 +12,6 @@
 #include <broadcl/broad_phase.hpp>
 
 #include "core/core.hpp"
-#include "device_life.hpp"
 #include "each_algorithm.hpp"
 #include "engines/hybrid.hpp"
 #include "failing_allocations.hpp"
@@ -21,6 +21,7 @@
 #include "short_life.hpp"
 #include "test_name.hpp"
 #include "trouble.hpp"
+#include "twins.hpp"
 
 /// Failed allocations of host memory: every call does all of its work or none.
 namespace broadcl::test {
@@ -31,39 +32,23 @@ using AllocationTrouble = Trouble<FailingAllocations, FailingAllocations::alloca
 INSTANTIATE_TEST_SUITE_P(Table, EachAlgorithm, ::testing::ValuesIn(algorithms().begin(), algorithms().end()),
                          named_by_parameter);
 
-/// Runs several lives; in each, the failures start at a different allocation.
-/// @param count How many allocations fail.
-void expect_short_lives(const BroadPhase::Config& config, long count, bool worlds, long most) {
-  expect_right_lives(most, [&](long first) -> std::optional<long> {
-    ShortLife life(config, AllocationTrouble(first, count), {.looks = first % 4 < 2, .worlds = worlds});
-    if (!life.live()) return std::nullopt;
-    return life.trouble().points();
-  });
-}
+/// Allocations start to fail at a different one in each life.
+constexpr auto expect_host_lives = expect_short_lives<AllocationTrouble>;
+constexpr auto expect_lives_on_device = expect_device_lives<AllocationTrouble>;
 
 TEST_P(EachAlgorithm, AnAllocationThatFailsIsMadeGood) {
-  expect_short_lives(config(), 1, false, 25);
+  expect_host_lives(config(), 1, 25, false);
 }
 
 TEST_P(EachAlgorithm, AllocationsThatFailFromOneOnAreMadeGood) {
-  expect_short_lives(config(), AllocationTrouble::for_good, true, 12);
-}
-
-void expect_device_lives(const std::string& algorithm, long count, long most) {
-  const CallersQueue queue;
-  expect_right_lives(most, [&](long first) -> std::optional<long> {
-    DeviceLife life(queue, {.algorithm = algorithm}, AllocationTrouble(first, count),
-                    {.looks = first % 4 < 2});
-    if (!life.live()) return std::nullopt;
-    return life.trouble().points();
-  });
+  expect_host_lives(config(), AllocationTrouble::for_good, 12, true);
 }
 
 TEST(AllocationFailure, OfADeviceBroadPhaseIsMadeGood) {
   for (const std::string algorithm : {"brute-force", "tiles"}) {
     SCOPED_TRACE(algorithm);
-    expect_device_lives(algorithm, 1, 12);
-    expect_device_lives(algorithm, AllocationTrouble::for_good, 8);
+    expect_lives_on_device(algorithm, 1, 12);
+    expect_lives_on_device(algorithm, AllocationTrouble::for_good, 8);
   }
 }
 
@@ -73,14 +58,13 @@ TEST(AllocationFailure, OfAHybridIsMadeGood) {
     int changed_over = 0;
     expect_right_lives(200, [&](long first) -> std::optional<long> {
       const Pretender::Orders orders{.expected_seconds = 0, .expected_for_all = 7e-6};
-      ShortLife<AllocationTrouble, Core> life(
-          make_hybrid(
-              make_algorithm({.algorithm = "oracle"}),
-              [&orders] { return std::make_unique<Pretender>(orders); }, 0),
-          AllocationTrouble(first, count), {.looks = first % 4 < 2, .worlds = true, .updates = 1000});
-      if (!life.live()) return std::nullopt;
+      Twins<Core, AllocationTrouble> twins(std::in_place, AllocationTrouble(first, count), first % 4 < 2,
+                                           make_hybrid(
+                                               make_algorithm({.algorithm = "oracle"}),
+                                               [&orders] { return std::make_unique<Pretender>(orders); }, 0));
+      if (!live(twins, {.updates = 1000})) return std::nullopt;
       if (orders.updates > 0) ++changed_over;
-      return life.trouble().points();
+      return twins.trouble().points();
     });
     EXPECT_GT(changed_over, 0);
   }
@@ -92,7 +76,7 @@ INSTANTIATE_TEST_SUITE_P(Long, LongFailure, ::testing::ValuesIn(algorithms().beg
                          named_by_parameter);
 TEST_P(LongFailure, OfEveryAllocationIsMadeGood) {
   for (const long count : {1L, AllocationTrouble::for_good}) {
-    expect_short_lives(config(), count, true, AllocationTrouble::for_good);
+    expect_host_lives(config(), count, AllocationTrouble::for_good, true);
   }
 }
 

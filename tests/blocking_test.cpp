@@ -13,7 +13,7 @@
 #include <broadcl/broad_phase.hpp>
 #include <broadcl/opencl.hpp>
 
-#include "device_life.hpp"
+#include "callers_queue.hpp"
 #include "each_algorithm.hpp"
 #include "failing_opencl.hpp"
 #include "scenes/generators.hpp"

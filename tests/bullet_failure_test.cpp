@@ -1,17 +1,13 @@
 #include <BulletCollision/BroadphaseCollision/btOverlappingPairCache.h>
 #include <BulletCollision/CollisionDispatch/btCollisionDispatcher.h>
 #include <BulletCollision/CollisionDispatch/btDefaultCollisionConfiguration.h>
-#include <LinearMath/btAabbUtil2.h>
 
 #include <algorithm>
 #include <chrono>
 #include <cstdint>
 #include <optional>
-#include <random>
 #include <string>
-#include <string_view>
 #include <thread>
-#include <utility>
 #include <vector>
 
 #include <gmock/gmock.h>
@@ -20,6 +16,7 @@
 #include <broadcl/broad_phase.hpp>
 #include <broadcl/bullet.hpp>
 
+#include "bullet_short_life.hpp"
 #include "device_limits.hpp"
 #include "each_algorithm.hpp"
 #include "environment.hpp"
@@ -44,127 +41,30 @@ using ::testing::SizeIs;
 
 constexpr long most_lives = 25;
 
-using IdPairs = std::vector<std::pair<int, int>>;
+using Life = test::AdapterLife<>;
 
-/// Proxies that are moved, filtered, destroyed and created in each frame, always the same way.
-class Life {
- public:
-  explicit Life(std::string_view algorithm) : broadphase_({.algorithm = std::string(algorithm)}) {
-    broadphase_.set_error_handler([this](const std::string& error) { errors_.push_back(error); });
+/// Moves thousands of other proxies until `auto` has opened its GPU, in another thread, and uses it.
+void move_until_on_device(Life& life) {
+  BulletBroadphase& broadphase = life.broadphase();
+  btDispatcher* const dispatcher = &life.dispatcher();
+  std::vector<btBroadphaseProxy*> others;
+  for (int k = 0; k < 20'000; ++k) {
+    const btVector3 lower(0, 0, btScalar(10 + 2 * k));
+    others.push_back(broadphase.createProxy(lower, lower + btVector3(1, 1, 1), BOX_SHAPE_PROXYTYPE, &life, 1,
+                                            3, dispatcher));
   }
-  ~Life() {
-    for (btBroadphaseProxy* proxy : proxies_) broadphase_.destroyProxy(proxy, &dispatcher_);
+  const auto start = std::chrono::steady_clock::now();
+  for (btScalar step = 1; !life.is_on_device(); step = -step) {
+    ASSERT_LT(std::chrono::steady_clock::now() - start, test::patience);
+    for (btBroadphaseProxy* proxy : others) {
+      const btVector3 by(step, 0, 0);
+      broadphase.setAabb(proxy, proxy->m_aabbMin + by, proxy->m_aabbMax + by, dispatcher);
+    }
+    broadphase.calculateOverlappingPairs(dispatcher);
   }
-  Life(const Life&) = delete;
-  Life& operator=(const Life&) = delete;
-  Life(Life&&) = delete;
-  Life& operator=(Life&&) = delete;
-
-  /// A few frames; in some, the next calculation begins early.
-  void live() {
-    for (int frame = 0; frame < 5; ++frame) {
-      change();
-      if (frame % 2 == 1) {
-        broadphase_.begin();
-        change();
-      }
-      broadphase_.calculateOverlappingPairs(&dispatcher_);
-      ASSERT_EQ(cached(), overlapping()) << "frame " << frame;
-    }
-  }
-
-  void begin() { broadphase_.begin(); }
-
-  /// Two frames in which one proxy moves.
-  void rest() {
-    for (int frame = 0; frame < 2; ++frame) {
-      btBroadphaseProxy& proxy = *proxies_[5];
-      const btVector3 step(random(), 0, 0);
-      broadphase_.setAabb(&proxy, proxy.m_aabbMin + step, proxy.m_aabbMax + step, &dispatcher_);
-      broadphase_.calculateOverlappingPairs(&dispatcher_);
-      ASSERT_EQ(cached(), overlapping()) << "at rest, frame " << frame;
-    }
-  }
-
-  /// Moves thousands of other proxies until `auto` has opened its GPU, in another thread, and uses it.
-  void move_until_on_device() {
-    std::vector<btBroadphaseProxy*> others;
-    for (int k = 0; k < 20'000; ++k) {
-      const btVector3 lower(0, 0, btScalar(10 + 2 * k));
-      others.push_back(broadphase_.createProxy(lower, lower + btVector3(1, 1, 1), BOX_SHAPE_PROXYTYPE, this,
-                                               1, 3, &dispatcher_));
-    }
-    const auto start = std::chrono::steady_clock::now();
-    for (btScalar step = 1; !is_on_device(); step = -step) {
-      ASSERT_LT(std::chrono::steady_clock::now() - start, test::patience);
-      for (btBroadphaseProxy* proxy : others) {
-        const btVector3 by(step, 0, 0);
-        broadphase_.setAabb(proxy, proxy->m_aabbMin + by, proxy->m_aabbMax + by, &dispatcher_);
-      }
-      broadphase_.calculateOverlappingPairs(&dispatcher_);
-    }
-    for (btBroadphaseProxy* proxy : others) broadphase_.destroyProxy(proxy, &dispatcher_);
-    broadphase_.calculateOverlappingPairs(&dispatcher_);
-  }
-
-  [[nodiscard]] const std::vector<std::string>& errors() const { return errors_; }
-  [[nodiscard]] bool is_on_device() const { return broadphase_.broad_phase().device() != nullptr; }
-
- private:
-  btScalar random() { return std::uniform_real_distribution<btScalar>(0, 1)(engine_); }
-
-  void change() {
-    for (std::size_t k = 0; k < proxies_.size(); k += 3) {
-      const btVector3 step(random(), random(), 0);
-      broadphase_.setAabb(proxies_[k], proxies_[k]->m_aabbMin + step, proxies_[k]->m_aabbMax + step,
-                          &dispatcher_);
-    }
-    for (std::size_t k = 0; k < proxies_.size(); k += 7) {
-      proxies_[k]->m_collisionFilterMask ^= 1;
-      std::swap(proxies_[k], proxies_.back());
-      broadphase_.destroyProxy(proxies_.back(), &dispatcher_);
-      proxies_.pop_back();
-    }
-    for (int k = 0; k < 12; ++k) {
-      const btVector3 lower(5 * random(), 5 * random(), 0);
-      proxies_.push_back(broadphase_.createProxy(lower, lower + btVector3(1, 1, 1), BOX_SHAPE_PROXYTYPE, this,
-                                                 1 + k % 2, 3, &dispatcher_));
-    }
-  }
-
-  IdPairs cached() {
-    IdPairs pairs;
-    const btBroadphasePairArray& array = broadphase_.getOverlappingPairCache()->getOverlappingPairArray();
-    for (int k = 0; k < array.size(); ++k) {
-      pairs.emplace_back(array[k].m_pProxy0->m_uniqueId, array[k].m_pProxy1->m_uniqueId);
-    }
-    std::sort(pairs.begin(), pairs.end());
-    return pairs;
-  }
-
-  IdPairs overlapping() {
-    IdPairs pairs;
-    for (const btBroadphaseProxy* s : proxies_) {
-      for (const btBroadphaseProxy* t : proxies_) {
-        if (s->m_uniqueId < t->m_uniqueId &&
-            TestAabbAgainstAabb2(s->m_aabbMin, s->m_aabbMax, t->m_aabbMin, t->m_aabbMax) &&
-            (s->m_collisionFilterGroup & t->m_collisionFilterMask) != 0 &&
-            (t->m_collisionFilterGroup & s->m_collisionFilterMask) != 0) {
-          pairs.emplace_back(s->m_uniqueId, t->m_uniqueId);
-        }
-      }
-    }
-    std::sort(pairs.begin(), pairs.end());
-    return pairs;
-  }
-
-  btDefaultCollisionConfiguration configuration_;
-  btCollisionDispatcher dispatcher_{&configuration_};
-  std::vector<std::string> errors_;
-  BulletBroadphase broadphase_;
-  std::vector<btBroadphaseProxy*> proxies_;
-  std::mt19937 engine_{1};  // NOLINT(bugprone-random-generator-seed): the same life each time
-};
+  for (btBroadphaseProxy* proxy : others) broadphase.destroyProxy(proxy, dispatcher);
+  broadphase.calculateOverlappingPairs(dispatcher);
+}
 
 class BulletFailure : public ::testing::TestWithParam<AlgorithmInfo> {};
 
@@ -282,7 +182,7 @@ TEST(BulletFailure, AutoLeavesAGpuThatFails) {
   for (long first = 0; first < 200; first += 8) {
     SCOPED_TRACE("call " + std::to_string(first));
     Life life("auto");
-    life.move_until_on_device();
+    move_until_on_device(life);
     life.live();
     ASSERT_TRUE(life.is_on_device());
     const FailingOpenCl one_fails(first, 1);

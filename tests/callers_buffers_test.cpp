@@ -9,7 +9,7 @@
 
 #include <broadcl/opencl.hpp>
 
-#include "device_life.hpp"
+#include "callers_queue.hpp"
 #include "each_algorithm.hpp"
 #include "expect_error.hpp"
 #include "test_name.hpp"

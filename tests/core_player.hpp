@@ -113,7 +113,7 @@ class CorePlayer {
 
   /// Writes all boxes or some; at first, one has a NaN.
   void map(const CoreOp& op) {
-    const std::size_t n = op.count > 1 ? std::min(op.count, script_.most) : reference().size();
+    const std::size_t n = op.count > 1 ? mapped_of(script_, op) : reference().size();
     if (reference().is_in_flight()) {
       return require_error("between begin() and finish()", [&] { (void)subject_.map(n); });
     }

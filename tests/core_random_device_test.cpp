@@ -2,65 +2,76 @@
 #include "opencl/api.hpp"  // before <CL/cl.h>: it chooses the version
 
 #include <algorithm>
-#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <optional>
 #include <string>
-#include <utility>
-#include <vector>
 
 #include <gtest/gtest.h>
 
 #include <broadcl/opencl.hpp>
 
 #include "core_random_script.hpp"
-#include "device_life.hpp"
+#include "device_twins.hpp"
 #include "each_algorithm.hpp"
 #include "random_scripts.hpp"
-#include "reference.hpp"
 #include "test_name.hpp"
 
 namespace broadcl::test {
 namespace {
 
-/// Plays a script to a DeviceBroadPhase and the reference. If the filters divide the objects into two sets,
-/// the first objects are the first set.
+/// Plays a script to DeviceTwins. If the filters divide the objects into two sets, the first objects are the
+/// first set.
 class DevicePlayer {
  public:
   DevicePlayer(const CallersQueue& queue, const std::string& algorithm, const CoreScript& script)
-      : queue_(queue), script_(script), broad_phase_(queue(), {.algorithm = algorithm}) {
-    if (are_two_sets()) {
-      boxes_.assign(1 + script.most / 3, inverted);
-      filters_.resize(boxes_.size());
+      : script_(script), twins_(queue, {.algorithm = algorithm}) {
+    frame_.worlds = script.filters > FilterKind::groups;
+    if (script.filters == FilterKind::sets || script.filters == FilterKind::sets_of_worlds) {
+      frame_.first_count = 1 + script.most / 3;
+      frame_.boxes.assign(*frame_.first_count, inverted);
     }
-    first_count_ = boxes_.size();
+    resize_filters();
     reserve();
   }
 
   void apply(const CoreOp& op) {
     switch (op.verb) {
       case CoreVerb::add:
-        for (unsigned k = 0; k < op.count && boxes_.size() < most(); ++k) add(op, k);
+        for (unsigned k = 0; k < op.count && frame_.boxes.size() < most(); ++k) add(op, k);
         break;
       case CoreVerb::map:
-        layout_ = op.which % 3;
+        frame_.gap = op.which % 3;
+        frame_.worlds = script_.filters > FilterKind::groups && op.which % 4 != 0;  // only for speed
         if (op.count > 1) resize(op);
         break;
-      case CoreVerb::exclude:
-        exclude(exclusions_of(op, reference_.pairs()));
+      case CoreVerb::drift:
+        for (unsigned k = 0; k < op.count && !twins_.is_in_flight(); ++k) {
+          for (Aabb& box : frame_.boxes) box = drifted(box, drift_of(op));
+          op.which % 2 == 0 ? update() : enqueue(2);
+        }
         break;
+      case CoreVerb::exclude: {
+        const Pairs pairs = exclusions_of(op, twins_.reference().pairs());
+        if (twins_.is_in_flight())
+          return require_error("finish()", [&] { twins_.tested().set_exclusions(pairs); });
+        twins_.set_exclusions(pairs);
+        break;
+      }
       case CoreVerb::begin:
-        if (!begun_) begin();
+        if (!twins_.is_in_flight()) twins_.begin(frame_);
         break;
       case CoreVerb::update:
+        if (op.which % 5 == 0) frame_.ordered_worlds = 3;
         update();
         break;
       case CoreVerb::enqueue:
-        enqueue(op.which % 3);
+        if (!twins_.is_in_flight()) enqueue(op.which % 3);
         break;
       case CoreVerb::shrink:
-        shrink();
+        if (twins_.is_in_flight()) return require_error("finish()", [&] { twins_.tested().shrink(); });
+        twins_.shrink();
+        reserve();
         break;
       case CoreVerb::refuse:
         refuse();
@@ -68,220 +79,78 @@ class DevicePlayer {
       case CoreVerb::change_side:
         break;
       default:
-        for (unsigned k = 0; k < op.count && !boxes_.empty(); ++k) {
-          apply_to((op.which + k) % boxes_.size(), op, k);
+        for (unsigned k = 0; k < op.count && !frame_.boxes.empty(); ++k) {
+          apply_to((op.which + k) % frame_.boxes.size(), op, k);
         }
     }
   }
 
   void update() {
-    if (!begun_) begin();
-    const auto result = broad_phase_.finish();
-    const Reference::Changes expected = reference_.finish();
-    require(same("added", queue_.read(result.added), numbered(expected.added)));
-    require(same("removed", queue_.read(result.removed), numbered(expected.removed)));
-    if (result.pair_count != reference_.pairs().size()) fail("another number of pairs");
-    if (result.invalid_boxes != begun_->invalid || result.first_invalid != begun_->first_invalid) {
-      fail(std::to_string(result.invalid_boxes) + " invalid boxes");
-    }
-    if (result.incomplete != std::exchange(incomplete_, 0)) fail("another number of incomplete updates");
-    begun_.reset();
-    require(same("pairs", queue_.read(broad_phase_.pairs()), numbered(reference_.pairs())));
+    if (!twins_.is_in_flight()) twins_.begin(frame_);
+    require(twins_.finish());
+    frame_.ordered_worlds = 0;
   }
 
  private:
-  struct Given {  // NOLINT(bugprone-exception-escape): handles do not throw when moved
-    cl::Buffer boxes, second, filters;
-    DeviceBroadPhase::Boxes arguments;
-    std::size_t invalid = 0;
-    std::optional<std::uint32_t> first_invalid;
-  };
-  /// An update that nobody has waited for.
-  struct Enqueued {  // NOLINT(bugprone-exception-escape): as above
-    Given given;
-    cl::Buffer added, removed, counts;
-    std::array<std::uint32_t, 4> expected_counts;
-    Reference::Changes expected;
-  };
-
-  [[nodiscard]] bool are_two_sets() const {
-    return script_.filters == FilterKind::sets || script_.filters == FilterKind::sets_of_worlds;
-  }
   [[nodiscard]] std::uint32_t most() const { return script_.most + script_.most / 3 + 1; }
-
-  void reserve() { broad_phase_.reserve(most(), most() * most() / 2, true); }
-
-  /// Pairs by the indices of boxes in their sets.
-  [[nodiscard]] Pairs numbered(Pairs pairs) const {
-    for (Pair& pair : pairs) pair.b -= static_cast<std::uint32_t>(first_count_);
-    return pairs;
+  void reserve() { twins_.reserve(most(), most() * most() / 2); }
+  void resize_filters() {
+    if (script_.filters != FilterKind::none) frame_.filters.resize(frame_.boxes.size());
   }
 
   void add(const CoreOp& op, unsigned call) {
-    boxes_.push_back(box_of(script_, op, call));
-    filters_.push_back(filter_of(script_, op, call));
+    frame_.boxes.push_back(box_of(script_, op, call));
+    resize_filters();
+    if (!frame_.filters.empty()) frame_.filters.back() = filter_of(script_, op, call);
   }
 
   void resize(const CoreOp& op) {
-    const std::size_t n = first_count_ + std::min(op.count, script_.most);
-    if (boxes_.size() > n) {
-      boxes_.resize(n);
-      filters_.resize(n);
-    }
-    for (unsigned k = 0; boxes_.size() < n; ++k) add(op, k);
+    const std::size_t n = frame_.first_count.value_or(0) + mapped_of(script_, op);
+    if (frame_.boxes.size() > n) frame_.boxes.resize(n);
+    for (unsigned k = 0; frame_.boxes.size() < n; ++k) add(op, k);
+    resize_filters();
   }
 
   void apply_to(std::size_t k, const CoreOp& op, unsigned call) {
     if (op.verb == CoreVerb::filter) {
-      filters_[k] = filter_of(script_, op, call);
-    } else if (op.verb == CoreVerb::remove && op.which % 2 == 0 && boxes_.size() > first_count_) {
-      boxes_.pop_back();
-      filters_.pop_back();
+      if (!frame_.filters.empty()) frame_.filters[k] = filter_of(script_, op, call);
+    } else if (op.verb == CoreVerb::remove && op.which % 2 == 0 &&
+               frame_.boxes.size() > frame_.first_count.value_or(0)) {
+      frame_.boxes.pop_back();
+      resize_filters();
     } else {
-      boxes_[k] = op.verb == CoreVerb::remove ? inverted : box_of(script_, op, call);
+      frame_.boxes[k] = op.verb == CoreVerb::remove ? inverted : box_of(script_, op, call);
     }
-  }
-
-  /// Boxes in memory of the device, with other floats before and between them, depending on the layout.
-  [[nodiscard]] cl::Buffer give(std::size_t first, std::size_t end) const {
-    std::vector<float> floats(layout_, nan_value);
-    for (std::size_t k = first; k < end; ++k) {
-      floats.insert(floats.end(), boxes_[k].lower.begin(), boxes_[k].lower.end());
-      floats.insert(floats.end(), boxes_[k].upper.begin(), boxes_[k].upper.end());
-      floats.insert(floats.end(), layout_, nan_value);
-    }
-    return queue_.buffer_of(floats);
-  }
-
-  /// Gives all objects to the reference and to the device.
-  Given give() {
-    const std::size_t n = boxes_.size();
-    reference_.map(n);
-    Given given;
-    for (std::uint32_t k = 0; k < n; ++k) {
-      Filter filter = filters_[k];
-      if (are_two_sets()) {  // only body and world count
-        const Filter& set = k < first_count_ ? Filter::first_set : Filter::second_set;
-        filter = {.group = set.group, .mask = set.mask, .body = filter.body, .world = filter.world};
-      }
-      reference_.set_filter(k, filter);
-      reference_.move(k, boxes_[k]);
-      if (!has_nan(boxes_[k])) continue;
-      ++given.invalid;
-      if (!given.first_invalid) given.first_invalid = k;
-    }
-    const std::size_t first = are_two_sets() ? first_count_ : n;
-    given.boxes = give(0, first);
-    given.filters = queue_.buffer_of(filters_);
-    const std::size_t offset = layout_ * sizeof(float);
-    given.arguments = {.buffer = given.boxes(),
-                       .count = first,
-                       .offset = offset,
-                       .stride = sizeof(Aabb) + offset,
-                       .filters = script_.filters == FilterKind::none ? nullptr : given.filters(),
-                       .worlds = script_.filters > FilterKind::groups};
-    if (!are_two_sets()) return given;
-    given.second = give(first, n);
-    given.arguments.second = {
-        .buffer = given.second(), .count = n - first, .offset = offset, .stride = sizeof(Aabb) + offset};
-    return given;
-  }
-
-  void begin() {
-    Given given = give();
-    broad_phase_.begin(given.arguments);
-    check_enqueued();
-    reference_.begin();
-    begun_ = std::move(given);
-  }
-
-  void exclude(const Pairs& pairs) {
-    if (begun_) return require_error("finish()", [&] { broad_phase_.set_exclusions(pairs); });
-    broad_phase_.set_exclusions(pairs);
-    check_enqueued();
-    reference_.set_exclusions(pairs);
-  }
-
-  void shrink() {
-    if (begun_) return require_error("finish()", [&] { broad_phase_.shrink(); });
-    broad_phase_.shrink();
-    check_enqueued();
-    reserve();
   }
 
   /// @param lists 0: they are one too short, so that this update and all later ones are incomplete. 1: they
   /// just suffice. Otherwise they are long.
   void enqueue(unsigned lists) {
-    if (begun_) return;
-    Given given = give();
-    Reference next = reference_;
-    const Reference::Changes expected = next.finish();
-    const std::size_t longest = std::max(expected.added.size(), expected.removed.size());
-    const std::size_t capacity = std::max<std::size_t>(1, lists == 0 && longest > 0 ? longest - 1
-                                                          : lists == 1              ? longest
-                                                                                    : longest + 1000);
-    Enqueued update{.given = std::move(given),
-                    .added = queue_.buffer_of(Pairs(capacity)),
-                    .removed = queue_.buffer_of(Pairs(capacity)),
-                    .counts = queue_.buffer_of(std::vector<std::uint32_t>(4, 77)),
-                    .expected_counts = {},
-                    .expected = expected};
-    broad_phase_.enqueue(update.given.arguments, {.added = update.added(),
-                                                  .removed = update.removed(),
-                                                  .capacity = capacity,
-                                                  .counts = update.counts()});
-    is_halted_ = is_halted_ || longest > capacity;
-    if (is_halted_) {
-      ++incomplete_;
-      update.expected = {};
-    } else {
-      reference_ = std::move(next);
-    }
-    update.expected_counts = {static_cast<std::uint32_t>(update.expected.added.size()),
-                              static_cast<std::uint32_t>(update.expected.removed.size()),
-                              static_cast<std::uint32_t>(reference_.pairs().size()), is_halted_ ? 1U : 0U};
-    enqueued_.push_back(std::move(update));
-  }
-
-  /// After a call that waits.
-  void check_enqueued() {
-    for (const Enqueued& update : enqueued_) {
-      const auto counts = queue_.read_counts(update.counts);
-      if (counts != update.expected_counts) fail("the counts are " + ::testing::PrintToString(counts));
-      const Pairs added = queue_.read({.buffer = update.added(), .count = counts[0]});
-      const Pairs removed = queue_.read({.buffer = update.removed(), .count = counts[1]});
-      require(same("added by enqueue()", added, numbered(update.expected.added)));
-      require(same("removed by enqueue()", removed, numbered(update.expected.removed)));
-    }
-    enqueued_.clear();
-    is_halted_ = false;
+    const std::size_t longest = twins_.changes_of(frame_);
+    const std::size_t capacity = lists == 0 && longest > 0 ? longest - 1
+                                 : lists == 1              ? longest
+                                                           : longest + 1000;
+    twins_.enqueue(frame_, std::max<std::size_t>(1, capacity));
   }
 
   void refuse() {
+    DeviceBroadPhase& broad_phase = twins_.tested();
+    const bool is_begun = twins_.is_in_flight();
     const Pairs of_itself{{0, 1}, {3, 3}};
-    require_error(begun_ ? "finish()" : "and itself", [&] { broad_phase_.set_exclusions(of_itself); });
-    if (begun_) {
-      require_error("finish()", [&] { (void)broad_phase_.pairs(); });
-      require_error("finish()", [&] { broad_phase_.reserve(1, 1); });
-      require_error("finish()", [&] { broad_phase_.begin(begun_->arguments); });
+    require_error(is_begun ? "finish()" : "and itself", [&] { broad_phase.set_exclusions(of_itself); });
+    if (is_begun) {
+      require_error("finish()", [&] { (void)broad_phase.pairs(); });
+      require_error("finish()", [&] { broad_phase.reserve(1, 1); });
+      require_error("finish()", [&] { broad_phase.begin(twins_.arguments()); });
     } else {
-      require_error("without begin()", [&] { (void)broad_phase_.finish(); });
-      require_error("is null", [&] { broad_phase_.begin({.buffer = nullptr, .count = 3}); });
+      require_error("without begin()", [&] { (void)broad_phase.finish(); });
+      require_error("is null", [&] { broad_phase.begin({.buffer = nullptr, .count = 3}); });
     }
   }
 
-  const CallersQueue& queue_;
   const CoreScript& script_;
-  DeviceBroadPhase broad_phase_;
-  Reference reference_;
-  std::vector<Aabb> boxes_;
-  std::vector<Filter> filters_;
-  std::size_t first_count_ = 0;  // of two sets; otherwise 0
-  std::size_t layout_ = 0;       // floats before and behind each box
-  std::optional<Given> begun_;
-  std::vector<Enqueued> enqueued_;
-  bool is_halted_ = false;  // an enqueued update is incomplete
-  std::size_t incomplete_ = 0;
+  DeviceTwins<> twins_;
+  DeviceFrame frame_;
 };
 
 class RandomDevice : public ::testing::TestWithParam<std::string> {

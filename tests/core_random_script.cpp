@@ -182,6 +182,10 @@ Aabb box_of(const CoreScript& script, const CoreOp& op, unsigned k) {
   return {lower, upper};
 }
 
+std::size_t mapped_of(const CoreScript& script, const CoreOp& op) {
+  return op.filter % 10 == 0 ? 0 : std::min(op.count, script.most);
+}
+
 Filter filter_of(const CoreScript& script, const CoreOp& op, unsigned k) {
   return filter_of(script.filters, op.filter + 11 * k);
 }

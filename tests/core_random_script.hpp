@@ -61,6 +61,9 @@ struct CoreScript {
 [[nodiscard]] Aabb box_of(const CoreScript& script, const CoreOp& op, unsigned k);
 [[nodiscard]] Filter filter_of(const CoreScript& script, const CoreOp& op, unsigned k);
 
+/// The number of objects after a map() of another number.
+[[nodiscard]] std::size_t mapped_of(const CoreScript& script, const CoreOp& op);
+
 /// Pairs to exclude: of those given, none or one in a few, in any order; some twice, and some that do not
 /// overlap or do not exist.
 [[nodiscard]] Pairs exclusions_of(const CoreOp& op, const Pairs& present);

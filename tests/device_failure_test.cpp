@@ -9,7 +9,6 @@
 
 #include <broadcl/broad_phase.hpp>
 
-#include "device_life.hpp"
 #include "device_limits.hpp"
 #include "each_algorithm.hpp"
 #include "engines/device_objects.hpp"
@@ -28,46 +27,37 @@ namespace {
 
 using OpenClTrouble = Trouble<FailingOpenCl, FailingOpenCl::calls>;
 
-/// All device memory that was allocated since then must be gone, unless the device failed to give it back.
-void expect_nothing_left(const OpenClUse& before, long failures) {
-  EXPECT_EQ(opencl_use().memory_references, before.memory_references);
-  if (failures > 1 || FailingOpenCl::last_failed() == "clEnqueueUnmapMemObject") return;
-  EXPECT_EQ(opencl_use().mapped_regions, before.mapped_regions) << FailingOpenCl::last_failed();
-}
+/// All device memory that was allocated meanwhile must be gone, unless the device failed to give it back.
+struct DeviceMemoryWatch {
+  OpenClUse before = opencl_use();
+
+  void expect_nothing_left(long failures) const {
+    EXPECT_EQ(opencl_use().memory_references, before.memory_references);
+    if (failures > 1 || FailingOpenCl::last_failed() == "clEnqueueUnmapMemObject") return;
+    EXPECT_EQ(opencl_use().mapped_regions, before.mapped_regions) << FailingOpenCl::last_failed();
+  }
+};
 
 std::string name_of(long first, long count) {
   return "call " + std::to_string(first) + (count == 1 ? "" : " and those after it");
 }
 
-/// Runs several lives; in each, OpenCL calls start to fail at a different one, on a device that works again
-/// later.
-/// @param count How many calls fail.
-void expect_short_lives(const BroadPhase::Config& config, long count, long most) {
-  expect_right_lives(most, [&](long first) -> std::optional<long> {
-    const OpenClUse before = opencl_use();
-    long points = 0;
-    {
-      ShortLife life(config, OpenClTrouble(first, count), {.looks = first % 4 < 2, .worlds = true});
-      if (!life.live()) return std::nullopt;
-      points = life.trouble().points();
-    }
-    expect_nothing_left(before, count);
-    return points;
-  });
-}
+/// OpenCL calls start to fail at a different one in each life, on a device that works again later.
+constexpr auto expect_host_lives = expect_short_lives<OpenClTrouble, DeviceMemoryWatch>;
+constexpr auto expect_lives_on_device = expect_device_lives<OpenClTrouble, DeviceMemoryWatch>;
 
 NOT_IN(gpu_profile | rusticl | sanitizers,
        "fails on purpose, also where buffers are unmapped, and takes long");
 TEST_P(EachAlgorithm, ACallThatFailsMayBeRepeated) {
   if (!GetParam().on_device) return;
-  expect_short_lives(config(), 1, 30);
+  expect_host_lives(config(), 1, 30, true);
 }
 
 NOT_IN(gpu_profile | rusticl | sanitizers,
        "fails on purpose, also where buffers are unmapped, and takes long");
 TEST_P(EachAlgorithm, ADeviceThatFailsForSomeTimeLosesNothing) {
   if (!GetParam().on_device) return;
-  expect_short_lives(config(), OpenClTrouble::for_good, 15);
+  expect_host_lives(config(), OpenClTrouble::for_good, 15, true);
 }
 
 class DeviceFailure : public ::testing::TestWithParam<std::string> {};
@@ -76,33 +66,18 @@ SUITE_NOT_IN(DeviceFailure, gpu_profile | rusticl | sanitizers,
 const auto finders = ::testing::Values("brute-force", "tiles");
 INSTANTIATE_TEST_SUITE_P(Table, DeviceFailure, finders, named_by_parameter);
 
-void expect_device_lives(const std::string& algorithm, long count, long most) {
-  const CallersQueue queue;
-  expect_right_lives(most, [&](long first) -> std::optional<long> {
-    const OpenClUse before = opencl_use();
-    long points = 0;
-    {
-      DeviceLife life(queue, {.algorithm = algorithm}, OpenClTrouble(first, count), {.looks = first % 4 < 2});
-      if (!life.live()) return std::nullopt;
-      points = life.trouble().points();
-    }
-    expect_nothing_left(before, count);
-    return points;
-  });
-}
-
 TEST_P(DeviceFailure, WhicheverCallOfADeviceBroadPhaseFailsMayBeRepeated) {
-  expect_device_lives(GetParam(), 1, 30);
+  expect_lives_on_device(GetParam(), 1, 30);
 }
 
 TEST_P(DeviceFailure, ADeviceBroadPhaseGoesOnWhenTheDeviceWorksAgain) {
-  expect_device_lives(GetParam(), OpenClTrouble::for_good, 15);
+  expect_lives_on_device(GetParam(), OpenClTrouble::for_good, 15);
 }
 
 TEST_P(DeviceFailure, WithDirectMemoryACallThatFailsMayBeRepeatedToo) {
   const LimitedDevices limited(device_with_direct_memory());
-  expect_device_lives(GetParam(), 1, 30);
-  expect_short_lives({.algorithm = GetParam()}, 1, 30);
+  expect_lives_on_device(GetParam(), 1, 30);
+  expect_host_lives({.algorithm = GetParam()}, 1, 30, true);
 }
 
 /// Every call: the failure of it alone, and of it and all later ones.
@@ -110,8 +85,8 @@ class LongDeviceFailure : public DeviceFailure {};
 INSTANTIATE_TEST_SUITE_P(Long, LongDeviceFailure, finders, named_by_parameter);
 TEST_P(LongDeviceFailure, OfEveryCallIsMadeGood) {
   for (const long count : {1L, OpenClTrouble::for_good}) {
-    expect_device_lives(GetParam(), count, OpenClTrouble::for_good);
-    expect_short_lives({.algorithm = GetParam()}, count, OpenClTrouble::for_good);
+    expect_lives_on_device(GetParam(), count, OpenClTrouble::for_good);
+    expect_host_lives({.algorithm = GetParam()}, count, OpenClTrouble::for_good, true);
   }
 }
 
@@ -125,14 +100,14 @@ void expect_errors_alone(long from, long step, const Function& function) {
     bool is_over = false;
     for (long first = from; !is_over; first += is_slow_device() || first > 150 ? 101 : step) {
       SCOPED_TRACE(name_of(first, count));
-      const OpenClUse before = opencl_use();
+      const DeviceMemoryWatch watch;
       const FailingOpenCl fails(first, count);
       try {
         function();
         is_over = FailingOpenCl::calls() <= first;
       } catch (const Error&) {
         ++errors;
-        expect_nothing_left(before, count);
+        watch.expect_nothing_left(count);
       } catch (const std::exception& error) {
         ADD_FAILURE() << "an exception other than Error escapes: " << error.what();
       }

@@ -17,7 +17,7 @@
 #include <broadcl/broad_phase.hpp>
 #include <broadcl/device.hpp>
 
-#include "device_life.hpp"
+#include "callers_queue.hpp"
 #include "each_algorithm.hpp"
 #include "engines/engine_program.hpp"
 #include "environment.hpp"

@@ -13,7 +13,7 @@
 #include <broadcl/broad_phase.hpp>
 #include <broadcl/opencl.hpp>
 
-#include "device_life.hpp"
+#include "callers_queue.hpp"
 #include "device_limits.hpp"
 #include "each_algorithm.hpp"
 #include "environment.hpp"

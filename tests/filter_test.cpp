@@ -151,6 +151,19 @@ TEST_P(EachAlgorithm, SmallTheDefaultFilterOfANewObjectReachesTheDevice) {
   }
 }
 
+ALSO_IN(oclgrind | oclgrind_gpu_profile);
+TEST_P(EachAlgorithm, SmallObjectsOfAllWorldsPairWithEachOtherOnce) {
+  Twins twins({.algorithm = std::string(GetParam().name)});
+  for (const std::uint32_t world : {0U, 1U, Filter::all_worlds, 1U, Filter::all_worlds}) {
+    twins.add(unit, {.world = world});
+  }
+  ASSERT_TRUE(twins.agree());
+  EXPECT_EQ(twins.tested().pairs(), (Pairs{{0, 2}, {1, 2}, {1, 3}, {2, 3}, {0, 4}, {1, 4}, {2, 4}, {3, 4}}));
+  twins.set_filter(2, {.world = 1});
+  ASSERT_TRUE(twins.agree());
+  EXPECT_EQ(twins.tested().pairs(), (Pairs{{1, 2}, {1, 3}, {2, 3}, {0, 4}, {1, 4}, {2, 4}, {3, 4}}));
+}
+
 /// An update without pairs to test uploads nothing, but must not forget the filter.
 ALSO_IN(oclgrind);
 TEST_P(EachAlgorithm, SmallAFilterSetWhileAloneTakesEffect) {

@@ -18,8 +18,8 @@
 #include <broadcl/opencl.hpp>
 
 #include "base/parallel.hpp"
+#include "callers_queue.hpp"
 #include "core/core.hpp"
-#include "device_life.hpp"
 #include "each_algorithm.hpp"
 #include "engines/hybrid.hpp"
 #include "environment.hpp"

@@ -18,15 +18,16 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "device_life.hpp"
 #include "device_limits.hpp"
+#include "device_twins.hpp"
 #include "each_algorithm.hpp"
 #include "environment.hpp"
 #include "expect_error.hpp"
 #include "failing_opencl.hpp"
-#include "reference.hpp"
 #include "runs.hpp"
+#include "short_life.hpp"
 #include "trouble.hpp"
+#include "twins.hpp"
 
 /// Kernels that are built when they are first needed, in the middle of a life, and that the device runs only
 /// in small work-groups.
@@ -36,7 +37,36 @@ namespace {
 using ::testing::AllOf;
 using ::testing::HasSubstr;
 
-using LateTrouble = Trouble<FailingOpenCl, FailingOpenCl::calls>;
+/// Also counts the calls that block, if none fails.
+class LateTrouble : public Trouble<FailingOpenCl, FailingOpenCl::calls> {
+ public:
+  using Trouble::Trouble;
+
+  template <class Function, class AfterFailure>
+  auto call(const Function& function, const AfterFailure& after_failure) {
+    blocking_before_ = opencl_use().blocking_calls;
+    return Trouble::call(
+        [&] {
+          const Watch watch(*this);
+          return function();
+        },
+        after_failure);
+  }
+  [[nodiscard]] long blocking_calls() const { return failures() > 0 ? 0 : blocking_calls_; }
+
+ private:
+  struct Watch {
+    explicit Watch(LateTrouble& trouble) : trouble_(trouble) {}
+    ~Watch() { trouble_.blocking_calls_ = opencl_use().blocking_calls - trouble_.blocking_before_; }
+    Watch(const Watch&) = delete;
+    Watch& operator=(const Watch&) = delete;
+    Watch(Watch&&) = delete;
+    Watch& operator=(Watch&&) = delete;
+    LateTrouble& trouble_;
+  };
+  long blocking_before_ = 0;
+  long blocking_calls_ = 0;
+};
 
 /// The OpenCL call of an update that fails, if any.
 using LateFailure = std::optional<long>;
@@ -103,11 +133,10 @@ class ForAnyDevice {
 class LateHostLife {
  public:
   LateHostLife(const LateKernel& kernel, std::uint32_t n)
-      : kernel_(kernel), n_(n), broad_phase_({.algorithm = kernel.algorithm}) {
-    for (std::uint32_t k = 0; k < n; ++k) {
-      broad_phase_.add(late_box(k));
-      reference_.add(late_box(k));
-    }
+      : kernel_(kernel),
+        n_(n),
+        twins_(std::in_place, LateTrouble(0, 0), true, BroadPhase::Config{.algorithm = kernel.algorithm}) {
+    for (std::uint32_t k = 0; k < n; ++k) twins_.add(late_box(k));
   }
 
   /// Everything before the kernel is needed.
@@ -122,9 +151,11 @@ class LateHostLife {
   /// @returns The number of possible failures, if the answers were right.
   std::optional<long> need(LateFailure failure, bool sets) {
     if (kernel_.is_for("SOME_CHANGED")) {
-      move(7, late_box(n_ / 2));
+      twins_.move(7, late_box(n_ / 2));
     } else {
-      sets ? set_sets() : set_worlds();
+      for (std::uint32_t id = 0; sets && id < n_; ++id)
+        twins_.set_filter(id, id % 3 == 0 ? Filter::first_set : Filter::second_set);
+      if (!sets) set_worlds();
     }
     const long points = update(failure);
     return is_right_ ? std::optional(points) : std::nullopt;
@@ -132,54 +163,36 @@ class LateHostLife {
 
   /// @returns Whether the answers were right.
   bool go_on() {
-    move(7, late_box(7));
+    twins_.move(7, late_box(7));
     update();
-    for (std::uint32_t k = 0; k < n_; ++k) move(k, late_box(k * 3 % n_));
+    for (std::uint32_t k = 0; k < n_; ++k) twins_.move(k, late_box(k * 3 % n_));
     update();
-    move(9, late_box(11));
+    twins_.move(9, late_box(11));
     update();
     return is_right_;
   }
 
  private:
-  void move(std::uint32_t id, const Aabb& box) {
-    broad_phase_.move(id, box);
-    reference_.move(id, box);
-  }
-  void set_filter(std::uint32_t id, const Filter& filter) {
-    broad_phase_.set_filter(id, filter);
-    reference_.set_filter(id, filter);
-  }
   void set_worlds() {
-    for (std::uint32_t id = 0; id < n_; ++id) set_filter(id, {.world = id % 2});
-  }
-  void set_sets() {
-    for (std::uint32_t id = 0; id < n_; ++id)
-      set_filter(id, id % 3 == 0 ? Filter::first_set : Filter::second_set);
+    for (std::uint32_t id = 0; id < n_; ++id) twins_.set_filter(id, {.world = id % 2});
   }
 
   /// @returns The number of possible failures.
   long update(LateFailure failure = std::nullopt) {
-    LateTrouble trouble = trouble_of(failure);
-    const Delta delta =
-        trouble.call([&] { return broad_phase_.update(); },
-                     [&] { expect(same("known", broad_phase_.pairs(), reference_.pairs())); });
-    const Reference::Changes changes = reference_.finish();
-    expect(same(delta, changes.added, changes.removed));
-    expect(same("all", broad_phase_.pairs(), reference_.pairs()));
-    expect(fails_only_for(failure, trouble));
-    return trouble.points();
-  }
-
-  void expect(const ::testing::AssertionResult& result) {
-    EXPECT_TRUE(result);
-    is_right_ = is_right_ && result;
+    twins_.set_trouble(trouble_of(failure));
+    for (const ::testing::AssertionResult& result :
+         {twins_.agree(), fails_only_for(failure, twins_.trouble())}) {
+      EXPECT_TRUE(result);
+      is_right_ = is_right_ && result;
+    }
+    const long points = twins_.trouble().points();
+    twins_.set_trouble(LateTrouble(0, 0));
+    return points;
   }
 
   LateKernel kernel_;
   std::uint32_t n_;
-  BroadPhase broad_phase_;
-  Reference reference_;
+  Twins<BroadPhase, LateTrouble> twins_;
   bool is_right_ = true;
 };
 
@@ -191,19 +204,12 @@ TEST(LateComparison, LosesNothingIfACallFails) {
   expect_right_lives(12, [&](long first) -> std::optional<long> {
     const ScopedFolder folder;  // the models must not be stored yet
     const ScopedVariable cache("BROADCL_CACHE_DIR", folder.path().string());
-    BroadPhase broad_phase(config);
-    Reference reference;
-    LateTrouble trouble(first, 1);
+    Twins<BroadPhase, LateTrouble> twins(std::in_place, LateTrouble(first, 1), false, config);
     for (const std::uint32_t count : {100U, 600U}) {
-      for (auto k = static_cast<std::uint32_t>(broad_phase.size()); k < count; ++k) {
-        trouble.call([&] { return broad_phase.add(late_box(k)); }, [] {});
-        reference.add(late_box(k));
-      }
-      const Delta delta = trouble.call([&] { return broad_phase.update(); }, [] {});
-      const Reference::Changes changes = reference.finish();
-      if (!same(delta, changes.added, changes.removed)) return std::nullopt;
+      for (auto k = static_cast<std::uint32_t>(twins.tested().size()); k < count; ++k) twins.add(late_box(k));
+      if (!twins.agree()) return std::nullopt;
     }
-    return trouble.points();
+    return twins.trouble().points();
   });
 }
 
@@ -254,27 +260,21 @@ class LateDeviceLife {
   /// @param sets Whether there are two sets, in all frames; otherwise there are worlds, in the last frames.
   /// @param waits Whether to wait for each frame.
   LateDeviceLife(const CallersQueue& queue, const LateKernel& kernel, bool sets, bool waits)
-      : queue_(queue),
-        kernel_(kernel),
-        first_count_(sets ? n / 3 : n),
+      : kernel_(kernel),
         waits_(waits),
-        broad_phase_(queue(), {.algorithm = kernel.algorithm}) {
-    for (std::uint32_t k = 0; k < n; ++k) {
-      reference_.add(late_box(k), !sets              ? Filter()
-                                  : k < first_count_ ? Filter::first_set
-                                                     : Filter::second_set);
-    }
-    broad_phase_.reserve(n, most_pairs, true);
+        twins_(queue, {.algorithm = kernel.algorithm}, LateTrouble(0, 0), true) {
+    if (sets) frame_.first_count = n / 3;
+    twins_.reserve(n, most_pairs);
   }
 
   /// Everything before the kernel is needed.
   void begin() {
-    if (!is_of_sets() && kernel_.is_for("WORLDS")) update();
+    if (!frame_.first_count && kernel_.is_for("WORLDS")) update();
   }
 
   /// @returns The number of possible failures, if the answers were right.
   std::optional<long> need(LateFailure failure) {
-    has_worlds_ = !is_of_sets() && kernel_.is_for("WORLDS");
+    frame_.worlds = !frame_.first_count && kernel_.is_for("WORLDS");
     const long points = update(failure);
     return check() ? std::optional(points) : std::nullopt;
   }
@@ -282,7 +282,7 @@ class LateDeviceLife {
   /// @returns Whether the answers were right.
   bool go_on() {
     for (const bool worlds : {true, false, false, true}) {
-      has_worlds_ = worlds && !is_of_sets();
+      frame_.worlds = worlds && !frame_.first_count;
       update();
     }
     return check();
@@ -292,94 +292,33 @@ class LateDeviceLife {
   static constexpr std::uint32_t n = 60;
   static constexpr std::size_t most_pairs = n * (n - 1) / 2;
 
-  /// The device's input for a frame, and the expected answer.
-  struct Frame {
-    cl::Buffer first, second, filters, added, removed, counts;
-    Reference::Changes expected;
-    std::size_t pairs = 0;
-  };
-
-  [[nodiscard]] bool is_of_sets() const { return first_count_ < n; }
-
-  /// The next frame, in which the boxes are elsewhere.
-  Frame next() {
-    ++turn_;
-    std::vector<Aabb> boxes;
-    std::vector<Filter> filters;
-    for (std::uint32_t k = 0; k < n; ++k) {
-      boxes.push_back(late_box(k * turn_ % n));
-      reference_.move(k, boxes.back());
-      filters.push_back({.world = has_worlds_ ? k % 2 : 0U});
-      if (!is_of_sets()) reference_.set_filter(k, filters.back());
-    }
-    const auto middle = boxes.begin() + first_count_;
-    return {.first = queue_.buffer_of(std::vector<Aabb>(boxes.begin(), middle)),
-            .second = queue_.buffer_of(std::vector<Aabb>(middle, boxes.end())),
-            .filters = queue_.buffer_of(filters),
-            .added = queue_.buffer_of(Pairs(most_pairs)),
-            .removed = queue_.buffer_of(Pairs(most_pairs)),
-            .counts = queue_.buffer_of(std::vector<std::uint32_t>(4)),
-            .expected = {}};
-  }
-
   /// @returns The number of possible failures.
   long update(LateFailure failure = std::nullopt) {
-    LateTrouble trouble = trouble_of(failure);
-    const Pairs known = renumbered(reference_.pairs());
-    Frame frame = next();
-    DeviceBroadPhase::Boxes boxes{.buffer = frame.first(),
-                                  .count = first_count_,
-                                  .filters = has_worlds_ ? frame.filters() : nullptr,
-                                  .worlds = has_worlds_};
-    if (is_of_sets()) boxes.second = {.buffer = frame.second(), .count = n - first_count_};
-    const auto look = [&] { expect(same("known", queue_.read(broad_phase_.pairs()), known)); };
-    const long blocking = opencl_use().blocking_calls;
-    DeviceBroadPhase::Result result;
-    if (waits_) {
-      result = trouble.call([&] { return broad_phase_.update(boxes); }, look);
-    } else {
-      trouble.call(
-          [&] {
-            broad_phase_.enqueue(boxes, {.added = frame.added(),
-                                         .removed = frame.removed(),
-                                         .capacity = most_pairs,
-                                         .counts = frame.counts()});
-          },
-          look);
-      EXPECT_TRUE(trouble.failures() > 0 || opencl_use().blocking_calls == blocking);
+    ++turn_;
+    frame_.boxes.clear();
+    frame_.filters.clear();
+    for (std::uint32_t k = 0; k < n; ++k) {
+      frame_.boxes.push_back(late_box(k * turn_ % n));
+      if (frame_.worlds) frame_.filters.push_back({.world = k % 2});
     }
-    frame.expected = reference_.finish();
-    frame.pairs = reference_.pairs().size();
+    twins_.set_trouble(trouble_of(failure));
     if (waits_) {
-      expect(same("added", queue_.read(result.added), renumbered(frame.expected.added)));
-      expect(same("removed", queue_.read(result.removed), renumbered(frame.expected.removed)));
+      expect(twins_.update(frame_));
     } else {
-      unchecked_.push_back(frame);
+      twins_.enqueue(frame_, most_pairs);
+      EXPECT_EQ(twins_.trouble().blocking_calls(), 0);
     }
-    expect(fails_only_for(failure, trouble));
-    return trouble.points();
+    expect(fails_only_for(failure, twins_.trouble()));
+    const long points = twins_.trouble().points();
+    twins_.set_trouble(LateTrouble(0, 0));
+    return points;
   }
 
   /// @returns Whether all answers were right so far.
   bool check() {
-    for (const Frame& frame : unchecked_) {
-      const auto [added, removed, pairs, incomplete] = queue_.read_counts(frame.counts);
-      EXPECT_EQ(incomplete, 0U);
-      EXPECT_EQ(pairs, frame.pairs);
-      expect(same("added", queue_.read({.buffer = frame.added(), .count = added}),
-                  renumbered(frame.expected.added)));
-      expect(same("removed", queue_.read({.buffer = frame.removed(), .count = removed}),
-                  renumbered(frame.expected.removed)));
-    }
-    unchecked_.clear();
-    expect(same("all", queue_.read(broad_phase_.pairs()), renumbered(reference_.pairs())));
+    expect(twins_.agree());
+    expect(twins_.agree_on_pairs());
     return is_right_;
-  }
-
-  /// If there are two sets, `b` is an index into the second one.
-  [[nodiscard]] Pairs renumbered(Pairs pairs) const {
-    for (Pair& pair : pairs) pair.b -= is_of_sets() ? first_count_ : 0;
-    return pairs;
   }
 
   void expect(const ::testing::AssertionResult& result) {
@@ -387,15 +326,11 @@ class LateDeviceLife {
     is_right_ = is_right_ && result;
   }
 
-  const CallersQueue& queue_;
   LateKernel kernel_;
-  std::uint32_t first_count_;
   bool waits_;
-  DeviceBroadPhase broad_phase_;
-  Reference reference_;
-  std::vector<Frame> unchecked_;
+  DeviceTwins<LateTrouble> twins_;
+  DeviceFrame frame_;
   std::uint32_t turn_ = 0;
-  bool has_worlds_ = false;
   bool is_right_ = true;
 };
 

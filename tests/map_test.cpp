@@ -9,7 +9,6 @@
 
 #include "each_algorithm.hpp"
 #include "expect_error.hpp"
-#include "twins.hpp"
 
 /// map(): boxes written in place.
 namespace broadcl::test {
@@ -64,22 +63,6 @@ TEST_P(EachAlgorithm, SmallNewObjectsOfAMapAreEmpty) {
 }
 
 ALSO_IN(oclgrind);
-TEST_P(EachAlgorithm, SmallMapGrowsAndShrinks) {
-  Twins twins(config());
-  for (const std::size_t n : {5U, 40U, 39U, 7U, 1U, 0U, 33U, 0U, 0U, 2U}) {
-    twins.map(n, [](std::span<Aabb> boxes) {
-      for (std::size_t k = 0; k < boxes.size(); ++k) boxes[k] = apart(k % 17);
-    });
-    ASSERT_TRUE(twins.agree()) << n;
-    ASSERT_EQ(twins.tested().size(), n);
-  }
-  twins.map(20, [](std::span<Aabb> boxes) { std::fill(boxes.begin(), boxes.end(), unit); });
-  twins.map(10, [](std::span<Aabb> boxes) { boxes[3] = inverted; });
-  ASSERT_TRUE(twins.agree());
-  EXPECT_EQ(twins.tested().pairs().size(), 36U);  // of 10 boxes minus one
-}
-
-ALSO_IN(oclgrind);
 TEST_P(EachAlgorithm, SmallANaNInAMapIsNamedAndMended) {
   BroadPhase broad_phase(config());
   for (int k = 0; k < 3; ++k) broad_phase.add(unit);
@@ -103,66 +86,6 @@ TEST_P(EachAlgorithm, SmallANaNInAMapIsNamedAndMended) {
   const Delta delta = broad_phase.update();
   EXPECT_EQ(delta.added.size(), 19U);
   EXPECT_TRUE(same("removed", delta.removed, Pairs{{0, 2}, {1, 2}}));
-}
-
-ALSO_IN(oclgrind);
-TEST_P(EachAlgorithm, SmallEmptyMappedBoxesComeAndGo) {
-  Twins twins(config());
-  for (const std::size_t step : {1U, 2U, 3U, 7U}) {
-    twins.map(30, [step](std::span<Aabb> boxes) {
-      for (std::size_t k = 0; k < boxes.size(); ++k) boxes[k] = k % step == 0 ? unit : inverted;
-    });
-    ASSERT_TRUE(twins.agree()) << step;
-  }
-  twins.map(30, [](std::span<Aabb> boxes) {
-    for (const Aabb& box : boxes) ASSERT_FALSE(has_nan(box)) << "the caller wrote no NaN";
-    boxes[1] = unit;
-  });
-  ASSERT_TRUE(twins.agree());
-  EXPECT_EQ(twins.tested().pairs().size(), 15U);  // 0, 7, 14, 21, 28, and 1
-}
-
-ALSO_IN(oclgrind);
-TEST_P(EachAlgorithm, SmallMapMixesWithEverythingElse) {
-  Twins twins(config());
-  const auto write = [](std::span<Aabb> boxes) {
-    for (std::size_t k = 0; k < boxes.size(); ++k) boxes[k] = apart(k % 5);
-  };
-  // Before the map, in the same update.
-  for (int k = 0; k < 12; ++k) twins.add(unit, {.body = static_cast<std::uint32_t>(k / 2)});
-  twins.remove(4);
-  twins.remove(9);
-  twins.set_filter(5, {.world = 1});
-  twins.map(15, write);
-  ASSERT_TRUE(twins.agree());
-  // After it.
-  twins.map(15, write);
-  twins.move(2, apart(4));
-  twins.remove(7);
-  twins.remove(14);
-  twins.set_filter(3, {.mask = 0});
-  EXPECT_EQ(twins.add(apart(3)), 7U);
-  EXPECT_EQ(twins.add(apart(3)), 14U);
-  EXPECT_EQ(twins.add(apart(3)), 15U);
-  ASSERT_TRUE(twins.agree());
-  // Mapped memory that must grow for other boxes, with what was written to it.
-  twins.map(16, write);
-  for (std::uint32_t k = 0; k < 300; ++k) twins.add(apart(k));
-  ASSERT_TRUE(twins.agree());
-  // Objects that stay keep their filters; the filters of removed objects do not come back.
-  twins.map(4, write);
-  ASSERT_TRUE(twins.agree());
-  twins.map(6, [](std::span<Aabb> boxes) { std::fill(boxes.begin(), boxes.end(), unit); });
-  ASSERT_TRUE(twins.agree());
-  EXPECT_TRUE(same("pairs", twins.tested().pairs(),
-                   Pairs{{0, 2}, {1, 2}, {0, 4}, {1, 4}, {2, 4}, {0, 5}, {1, 5}, {2, 5}, {4, 5}}));
-  // And before an update that begins early.
-  twins.map(6, write);
-  twins.begin();
-  twins.move(0, apart(4));
-  twins.remove(1);
-  EXPECT_EQ(twins.add(unit), 1U);
-  ASSERT_TRUE(twins.agree());
 }
 
 /// So many boxes that several threads check them.

@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <functional>
 #include <optional>
+#include <set>
 #include <span>
 #include <string>
 #include <string_view>
@@ -15,7 +16,7 @@
 
 #include <broadcl/broad_phase.hpp>
 
-#include "device_life.hpp"
+#include "callers_queue.hpp"
 #include "device_stages.hpp"
 #include "each_algorithm.hpp"
 #include "failing_opencl.hpp"
@@ -252,13 +253,14 @@ TEST_F(DeviceProfiler, AnUpdateWithoutAnyCommandResolves) {
 TEST(BruteForceProfile, HasBothRunsOfAFrameThatIsRunAgain) {
   BroadPhase broad_phase({.algorithm = "brute-force", .profile = true});
   for (int k = 0; k < 300; ++k) broad_phase.add({{0, 0, 0}, {1, 1, 1}});
+  const long tests = test::launches_of("brute_force");
   const auto begin = steady_clock::now();
   EXPECT_EQ(broad_phase.update().added.size(), 44'850U);
   const double elapsed = seconds_since(begin);
+  EXPECT_EQ(test::launches_of("brute_force") - tests, 2);
   const std::span<const Stage> stages = broad_phase.profile();
   const auto names = names_of(stages);
-  EXPECT_EQ(std::count(names.begin(), names.end(), "test"), 2);
-  EXPECT_EQ(std::count(names.begin(), names.end(), "order"), 2);
+  EXPECT_LT(std::set<std::string_view>(names.begin(), names.end()).size(), names.size());
   double sum = 0;
   for (std::size_t k = 0; k < stages.size(); ++k) {
     sum += stages[k].host_seconds;

@@ -12,7 +12,7 @@
 
 #include <broadcl/broad_phase.hpp>
 
-#include "device_life.hpp"
+#include "callers_queue.hpp"
 #include "each_algorithm.hpp"
 #include "engines/algorithm.hpp"
 #include "engines/engine.hpp"

@@ -7,9 +7,9 @@
 #include <algorithm>
 #include <array>
 #include <broadcl/broad_phase.hpp>
-#include <chrono>
 #include <cmath>
 #include <cstddef>
+#include <ctime>
 #include <set>
 #include <string>
 #include <vector>
@@ -73,10 +73,10 @@ TEST_P(EachScenario, StartsAnywhereInTheContainer) {
 
 NOT_IN(sanitizers, "measures time");
 TEST_P(EachScenario, FindsPlaceForManyObjectsQuickly) {
-  const auto start = std::chrono::steady_clock::now();
+  const std::clock_t start = std::clock();  // processor time
   const Scenario scenario({.name = GetParam(), .objects = 100'000});
   EXPECT_EQ(scenario.objects().size(), 100'000U);
-  EXPECT_LT(std::chrono::steady_clock::now() - start, std::chrono::seconds(20));
+  EXPECT_LT(std::clock() - start, 20 * CLOCKS_PER_SEC);
 }
 
 TEST_P(EachScenario, StartsWithSpeedsInRange) {

@@ -10,13 +10,16 @@ fail() { echo "$1" >&2 && exit 1; }
 # There is nothing else, so that they can neither install nor build anything.
 ln -s "$(command -v bash)" "$(command -v cat)" "$(command -v dirname)" "$(command -v grep)" "$tools"
 ln -s "$(python3 -c 'import sys; print(sys.executable)')" "$tools/python3"
-for script in scripts/*; do
+for script in scripts/* tests/mutants; do
   [[ -x $script ]] || continue
   for option in --help -h; do
     output=$(PATH=$tools "$script" $option 2>&1) || fail "$script $option fails: $output"
     [[ $output == "usage: $script"* ]] || fail "$script $option prints: $output"
   done
 done
+
+# The text that each mutant replaces is there.
+tests/mutants --list > /dev/null
 
 # A user without sudo, on a system on which nothing is installed.
 for tool in 'apt-get:echo apt-get was called' 'dpkg-query:exit 1' 'id:echo 1000'; do

@@ -1,176 +1,192 @@
 #pragma once
 
+#include "opencl/api.hpp"  // before <CL/cl.h>: it chooses the version
+
+#include <algorithm>
 #include <cstddef>
 #include <cstdint>
 #include <exception>
+#include <limits>
+#include <optional>
 #include <span>
+#include <string>
 #include <utility>
+#include <vector>
 
 #include <gtest/gtest.h>
 
 #include <broadcl/broad_phase.hpp>
+#include <broadcl/opencl.hpp>
 
+#include "device_twins.hpp"
 #include "each_algorithm.hpp"
-#include "reference.hpp"
 #include "trouble.hpp"
+#include "twins.hpp"
 
+/// Short lives in which everything happens once; in each, another call or allocation fails.
 namespace broadcl::test {
 
-/// Calls every function of a BroadPhase over a few frames. Each call is repeated if it fails, and all answers
-/// must be those of the reference.
-/// @tparam Subject BroadPhase, or the Core of one.
-template <class Trouble, class Subject = BroadPhase>
-class ShortLife {
- public:
-  /// @param argument For the subject's constructor.
-  template <class Argument>
-  ShortLife(Argument&& argument, Trouble trouble, Habits habits)
-      : broad_phase_(std::forward<Argument>(argument)), trouble_(trouble), habits_(habits) {}
-
-  /// @returns Whether every answer was right; it stops at the first wrong one.
-  bool live() {
-    try {
-      live_on();
-    } catch (const std::exception& error) {
-      expect(::testing::AssertionFailure() << "a call fails by itself: " << error.what());
-    }
-    return is_right_;
-  }
-
-  [[nodiscard]] const Trouble& trouble() const { return trouble_; }
-  [[nodiscard]] const Subject& subject() const { return broad_phase_; }
-
- private:
-  void live_on() {
-    for (std::uint32_t k = 0; k < 10; ++k) add(at(k), {.group = 1U + k % 2, .mask = k % 5 == 0 ? 1U : 3U});
-    update();
-    for (int k = 0; k < habits_.updates; ++k) {
-      move(3, at(k % 2 == 0 ? 5 : 3));
-      update();
-    }
-    move(3, at(7));
-    set_filter(4, {.mask = 0});
-    remove(2);
-    add(at(1));
-    remove(9);
-    begin();
-    move(1, at(4));
-    remove(5);
-    add(at(6), {.body = 1});
-    for (std::uint32_t k = 0; k < 30; ++k) add(at(k), {.body = k % 4});
-    set_filter(0, {.world = habits_.worlds ? 1U : 0U});
-    finish();
-    update();
-    map(20, 1);
-    map(200, 0.001F);  // all pair
-    begin();
-    move(5, at(500));
-    finish();
-    update();
-    shrink();
-    map(12, 0.5F);
-    remove(11);
-    shrink();
-    finish();
-    add(at(2));
-    move(0, at(1));
-    update();
-  }
-
-  static Aabb at(std::size_t k, float distance = 0.7F) {
-    const float x = static_cast<float>(k) * distance;
-    return {{x, 0, 0}, {x + 1, 1, 1}};
-  }
-
-  void expect(const ::testing::AssertionResult& result) {
-    EXPECT_TRUE(result);
-    is_right_ = is_right_ && result;
-  }
-
-  /// Nothing that a caller can see may have changed.
-  void look() {
-    expect(equal("size", broad_phase_.size(), reference_.size()));
-    if (habits_.looks && !reference_.is_in_flight())
-      expect(same("known", broad_phase_.pairs(), reference_.pairs()));
-  }
-
-  template <class Function>
-  auto call(const Function& function) {
-    return trouble_.call(function, [this] { look(); });
-  }
-
-  void add(const Aabb& box, const Filter& filter = {}) {
-    if (!is_right_) return;
-    const std::uint32_t id = call([&] { return broad_phase_.add(box, filter); });
-    expect(equal("id", id, reference_.add(box, filter)));
-  }
-  void move(std::uint32_t id, const Aabb& box) {
-    if (!is_right_) return;
-    call([&] { broad_phase_.move(id, box); });
-    reference_.move(id, box);
-  }
-  void set_filter(std::uint32_t id, const Filter& filter) {
-    if (!is_right_) return;
-    call([&] { broad_phase_.set_filter(id, filter); });
-    reference_.set_filter(id, filter);
-  }
-  void remove(std::uint32_t id) {
-    if (!is_right_) return;
-    call([&] { broad_phase_.remove(id); });
-    reference_.remove(id);
-  }
-  /// Writes all boxes directly to the memory that the device reads, and updates.
-  void map(std::size_t n, float distance) {
-    if (!is_right_) return;
-    const std::span<Aabb> boxes = call([&] { return broad_phase_.map(n); });
-    reference_.map(n);
-    for (std::uint32_t id = 0; id < n; ++id) {
-      boxes[id] = at(id, distance);
-      reference_.move(id, boxes[id]);
-    }
-    update();
-  }
-  void shrink() {
-    if (is_right_) call([&] { broad_phase_.shrink(); });
-  }
-  void begin() {
-    if (!is_right_) return;
-    call([&] { broad_phase_.begin(); });
-    reference_.begin();
-  }
-  void update() {
-    expect_changes([this] {
-      if constexpr (requires { broad_phase_.update(); }) return broad_phase_.update();
-      return broad_phase_.finish();
-    });
-  }
-  void finish() {
-    expect_changes([this] { return broad_phase_.finish(); });
-  }
-
-  template <class Function>
-  void expect_changes(const Function& function) {
-    if (!is_right_) return;
-    const Delta delta = trouble_.call(function, [this] {
-      reference_.abandon();  // an update that was begun is over
-      look();
-    });
-    const Reference::Changes changes = reference_.finish();
-    expect(same(delta, changes.added, changes.removed));
-    expect(equal("size", broad_phase_.size(), reference_.size()));
-    if (is_right_) expect(same("all", call([&] { return broad_phase_.pairs(); }), reference_.pairs()));
-  }
-
-  static ::testing::AssertionResult equal(const char* what, std::size_t is, std::size_t expected) {
-    if (is == expected) return ::testing::AssertionSuccess();
-    return ::testing::AssertionFailure() << what << " is " << is << ", expected " << expected;
-  }
-
-  Subject broad_phase_;
-  Reference reference_;
-  Trouble trouble_;
-  Habits habits_;
-  bool is_right_ = true;
+/// Options of a life.
+struct Habits {
+  /// Whether objects get worlds, for which some algorithms build a kernel in the middle of a life.
+  bool worlds = true;
+  /// Updates at the beginning in which one object moves.
+  int updates = 0;
 };
+
+/// A box in a row.
+inline Aabb in_row(std::size_t k, float distance = 0.7F) {
+  const float x = static_cast<float>(k) * distance;
+  return {{x, 0, 0}, {x + 1, 1, 1}};
+}
+
+/// Calls every function over a few frames.
+template <class Subject, class Trouble>
+[[nodiscard]] ::testing::AssertionResult live(Twins<Subject, Trouble>& twins, const Habits& habits) try {
+  ::testing::AssertionResult result = ::testing::AssertionSuccess();
+  const auto update = [&] {
+    if (result) result = twins.agree();
+  };
+  const auto map = [&](std::size_t n, float distance) {
+    twins.map(n, [&](std::span<Aabb> boxes) {
+      for (std::size_t k = 0; k < n; ++k) boxes[k] = in_row(k, distance);
+    });
+    update();
+  };
+  for (std::uint32_t k = 0; k < 10; ++k)
+    twins.add(in_row(k), {.group = 1U + k % 2, .mask = k % 5 == 0 ? 1U : 3U});
+  update();
+  for (int k = 0; k < habits.updates; ++k) {
+    twins.move(3, in_row(k % 2 == 0 ? 5 : 3));
+    update();
+  }
+  twins.move(3, in_row(7));
+  twins.set_filter(4, {.mask = 0});
+  twins.set_exclusions(Pairs{{1, 3}, {0, 1}});
+  twins.remove(2);
+  twins.add(in_row(1));
+  twins.remove(9);
+  twins.begin();
+  twins.move(1, in_row(4));
+  twins.remove(5);
+  twins.add(in_row(6), {.body = 1});
+  for (std::uint32_t k = 0; k < 30; ++k) twins.add(in_row(k), {.body = k % 4});
+  twins.set_filter(0, {.world = habits.worlds ? 1U : 0U});
+  update();
+  update();
+  map(20, 1);
+  map(200, 0.001F);  // all pair
+  twins.begin();
+  twins.move(5, in_row(500));
+  update();
+  update();
+  twins.shrink();
+  map(12, 0.5F);
+  twins.remove(11);
+  twins.shrink();
+  update();
+  twins.add(in_row(2));
+  twins.move(0, in_row(1));
+  update();
+  return result;
+} catch (const std::exception& error) {
+  return ::testing::AssertionFailure() << "a call fails by itself: " << error.what();
+}
+
+/// The same with objects on the device.
+template <class Trouble>
+[[nodiscard]] ::testing::AssertionResult live(DeviceTwins<Trouble>& twins) try {
+  /// Boxes in a row, in as many groups as requested.
+  const auto row = [](std::uint32_t n, float distance, std::uint32_t groups = 0) {
+    DeviceFrame frame;
+    for (std::uint32_t k = 0; k < n; ++k) {
+      frame.boxes.push_back(in_row(k, distance));
+      if (groups > 0) frame.filters.push_back({.mask = k % groups == 0 ? 0U : 1U, .body = k / groups});
+    }
+    return frame;
+  };
+  ::testing::AssertionResult result = ::testing::AssertionSuccess();
+  const auto update = [&](const DeviceFrame& frame) {
+    if (result) result = twins.update(frame);
+  };
+  const auto enqueue = [&](const DeviceFrame& frame) {
+    constexpr std::size_t most_changes = 435;  // every pair of 30
+    twins.reserve(30, 2 * most_changes);
+    twins.enqueue(frame, most_changes);
+    if (result) result = twins.agree();
+  };
+  update(row(20, 0.7F));
+  update(row(30, 0.6F, 3));
+  update(row(200, 0.001F));  // all pair
+  twins.shrink();
+  update(row(25, 0.3F, 5));
+  twins.shrink();
+  enqueue(row(28, 0.5F, 3));
+  enqueue(row(30, 0.4F));
+  update(row(0, 1));
+  update(row(24, 0.4F));
+  return result;
+} catch (const std::exception& error) {
+  return ::testing::AssertionFailure() << "a call fails by itself: " << error.what();
+}
+
+/// Runs one life in which nothing fails, then one for each point at which something may fail.
+/// @param most If there are more points, about this many, evenly spread.
+/// @param live Takes the point that fails first, and returns how many points there were, or none after a
+/// wrong answer.
+template <class Function>
+void expect_right_lives(long most, const Function& live) {
+  const std::optional<long> points = live(std::numeric_limits<long>::max());
+  ASSERT_TRUE(points) << "although nothing fails";
+  const long step = std::max(1L, (*points + most - 1) / most);
+  for (long first = 0; first < *points; first += step) {
+    ASSERT_TRUE(live(first)) << "failure " << first << " of " << *points;
+  }
+}
+
+/// Nothing has to be as before a life.
+struct NoWatch {
+  void expect_nothing_left(long /*failures*/) const {}
+};
+
+/// Runs lives of twins that are made by a function.
+/// @tparam Watch Made before a life; afterwards, it checks that nothing is left of it.
+/// @param count How many calls fail in each.
+template <class Watch, class Trouble, class Make, class Live>
+void expect_right_lives_of(long count, long most, const Make& make, const Live& live_one) {
+  expect_right_lives(most, [&](long first) -> std::optional<long> {
+    const Watch watch;
+    long points = 0;
+    {
+      auto twins = make(Trouble(first, count), first % 4 < 2);
+      const ::testing::AssertionResult result = live_one(twins);
+      EXPECT_TRUE(result);
+      if (!result) return std::nullopt;
+      points = twins.trouble().points();
+    }
+    watch.expect_nothing_left(count);
+    return points;
+  });
+}
+
+template <class Trouble, class Watch = NoWatch>
+void expect_short_lives(const BroadPhase::Config& config, long count, long most, bool worlds = true) {
+  using Subject = Twins<BroadPhase, Trouble>;
+  expect_right_lives_of<Watch, Trouble>(
+      count, most,
+      [&](const Trouble& trouble, bool looks) { return Subject(std::in_place, trouble, looks, config); },
+      [&](Subject& twins) { return live(twins, {.worlds = worlds}); });
+}
+
+template <class Trouble, class Watch = NoWatch>
+void expect_device_lives(const std::string& algorithm, long count, long most) {
+  const CallersQueue queue;
+  expect_right_lives_of<Watch, Trouble>(
+      count, most,
+      [&](const Trouble& trouble, bool looks) {
+        return DeviceTwins<Trouble>(queue, {.algorithm = algorithm}, trouble, looks);
+      },
+      [](DeviceTwins<Trouble>& twins) { return live(twins); });
+}
 
 }  // namespace broadcl::test

@@ -1,11 +1,7 @@
 #pragma once
 
-#include <algorithm>
 #include <limits>
 #include <new>
-#include <optional>
-
-#include <gtest/gtest.h>
 
 #include <broadcl/error.hpp>
 
@@ -64,30 +60,6 @@ class Trouble {
   long count_;
   long made_ = 0;
   int failures_ = 0;
-};
-
-/// Runs one life in which nothing fails, then one for each point at which something may fail.
-/// @param most If there are more points, about this many, evenly spread.
-/// @param live Takes the point that fails first, and returns how many points there were, or none after a
-/// wrong answer.
-template <class Function>
-void expect_right_lives(long most, const Function& live) {
-  const std::optional<long> points = live(std::numeric_limits<long>::max());
-  ASSERT_TRUE(points) << "although nothing fails";
-  const long step = std::max(1L, (*points + most - 1) / most);
-  for (long first = 0; first < *points; first += step) {
-    ASSERT_TRUE(live(first)) << "failure " << first << " of " << *points;
-  }
-}
-
-/// Options of a life.
-struct Habits {
-  /// Whether it looks at all pairs after each failure, which might also repair what the failure broke.
-  bool looks = false;
-  /// Whether objects get worlds, for which some algorithms build a kernel in the middle of a life.
-  bool worlds = false;
-  /// Updates at the beginning in which one object moves.
-  int updates = 0;
 };
 
 }  // namespace broadcl::test

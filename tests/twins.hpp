@@ -107,6 +107,7 @@ class Twins {
   [[nodiscard]] Subject& tested() noexcept { return subject_; }
   [[nodiscard]] const Reference& reference() const noexcept { return reference_; }
   [[nodiscard]] const Trouble& trouble() const noexcept { return trouble_; }
+  void set_trouble(const Trouble& trouble) { trouble_ = trouble; }
   /// As of the last update, of both.
   [[nodiscard]] Pairs pairs() const { return reference_.pairs(); }
 

@@ -13,7 +13,7 @@
 #include <gtest/gtest.h>
 
 #include "base/two_sets.hpp"
-#include "device_life.hpp"
+#include "device_twins.hpp"
 #include "each_algorithm.hpp"
 #include "expect_error.hpp"
 #include "scenes/generators.hpp"
@@ -91,47 +91,6 @@ TEST_P(EachAlgorithm, OfTwoSetsAnErrorSaysWhichOneHasANaN) {
               HasSubstr("the first set: box 1 has a NaN"));
   EXPECT_THAT(error_of([&] { (void)overlapping_pairs(good, boxes, config()); }),
               HasSubstr("the second set: box 1 has a NaN"));
-}
-
-/// Objects are added, removed and moved, and change sets.
-void follow_oracle(const BroadPhase::Config& config, std::uint32_t n, std::uint32_t worlds) {
-  Twins twins(config);
-  MovingBoxes motion(n, MovingBoxes::Sizes::mixed);
-  const auto filter = [&](std::uint32_t k) {
-    Filter result = k % 3 == 0 ? Filter::first_set : Filter::second_set;
-    result.world = k % 10 == 9 && worlds > 1 ? Filter::all_worlds : k / 10 % worlds;
-    return result;
-  };
-  for (std::uint32_t k = 0; k < n; ++k) twins.add(motion.boxes()[k], filter(k));
-  ASSERT_TRUE(twins.agree());
-  for (std::uint32_t frame = 0; frame < 12; ++frame) {
-    motion.advance();
-    for (std::uint32_t k = 0; k < n; ++k) {
-      if (frame < 3 || k % 20 == frame) twins.move(k, motion.boxes()[k]);
-    }
-    if (frame == 5) twins.set_filter(n / 2, filter(n / 2 + 1));
-    if (frame == 6) {
-      twins.remove(3);
-      twins.remove(n - 15);
-    }
-    if (frame == 7) twins.add(motion.boxes()[3], Filter());  // no longer only two sets
-    if (frame == 9) twins.set_filter(3, filter(3));
-    if (frame == 10) twins.set_filter(7, {.group = 8, .mask = 0});
-    ASSERT_TRUE(twins.agree()) << "frame " << frame;
-  }
-}
-
-ALSO_IN(oclgrind);
-TEST_P(EachAlgorithm, SmallTwoSetsInMotion) {
-  follow_oracle(config(), 90, 1);
-}
-
-TEST_P(EachAlgorithm, TwoSetsInMotion) {
-  follow_oracle(config(), 1500, 1);
-}
-
-TEST_P(EachAlgorithm, TwoSetsInEachOfManyWorlds) {
-  follow_oracle(config(), 1000, 17);
 }
 
 /// World numbers that floats and shifted words cannot tell apart.
@@ -269,44 +228,26 @@ TEST(TwoSets, AreThoseOfTheFiltersThatAreThere) {
 
 class TwoSetsOnTheDevice : public ::testing::TestWithParam<std::string> {
  protected:
-  /// The scene in buffers; in the second, there are other data between the boxes.
-  DeviceBroadPhase::Boxes give(const SceneOfSets& scene) {
-    buffers_.push_back(queue_.buffer_of(scene.first()));
-    std::vector<float> second(5, nan_value);
-    for (const Aabb& box : scene.second()) {
-      second.insert(second.end(), {box.lower[0], box.lower[1], box.lower[2], box.upper[0], box.upper[1],
-                                   box.upper[2], nan_value, nan_value});
-    }
-    buffers_.push_back(queue_.buffer_of(second));
-    return {.buffer = buffers_[buffers_.size() - 2](),
-            .count = scene.first().size(),
-            .second = {.buffer = buffers_.back()(),
-                       .count = scene.second().size(),
-                       .offset = 5 * sizeof(float),
-                       .stride = 8 * sizeof(float)}};
-  }
-
+  /// Waits for some updates only.
   void follow(std::uint32_t first_count, std::uint32_t second_count) {
     SceneOfSets scene(first_count, second_count);
-    DeviceBroadPhase broad_phase(queue_(), {.algorithm = GetParam()});
-    Pairs last;
-    for (int frame = 0; frame < 4; ++frame) {
-      const auto result = broad_phase.update(give(scene));
-      const Pairs now = expected_pairs(scene.first(), scene.second());
-      Pairs added;
-      Pairs removed;
-      std::ranges::set_difference(now, last, std::back_inserter(added));
-      std::ranges::set_difference(last, now, std::back_inserter(removed));
-      ASSERT_TRUE(same("added", queue_.read(result.added), added)) << "frame " << frame;
-      ASSERT_TRUE(same("removed", queue_.read(result.removed), removed)) << "frame " << frame;
-      ASSERT_TRUE(same("all", queue_.read(broad_phase.pairs()), now)) << "frame " << frame;
-      last = now;
+    DeviceTwins twins(queue_, {.algorithm = GetParam()});
+    twins.reserve(first_count + second_count, 50'000);
+    for (int frame = 0; frame < 6; ++frame) {
+      const DeviceFrame now{
+          .boxes = scene.boxes(0, first_count + second_count), .first_count = first_count, .gap = 2};
+      if (frame % 3 == 0) {
+        ASSERT_TRUE(twins.update(now)) << "frame " << frame;
+      } else {
+        twins.enqueue(now, 20'000);
+        ASSERT_FALSE(twins.is_halted());
+        ASSERT_TRUE(twins.agree()) << "frame " << frame;
+      }
       for (int k = 0; k < 5; ++k) scene.motion.advance();
     }
   }
 
   const CallersQueue queue_;
-  std::vector<cl::Buffer> buffers_;
 };
 
 SUITE_ALSO_IN(TwoSetsOnTheDevice, gpu_profile | rusticl);
@@ -318,10 +259,6 @@ TEST_P(TwoSetsOnTheDevice, SmallSetsHaveTheirPairs) {
 
 TEST_P(TwoSetsOnTheDevice, SetsHaveTheirPairs) {
   follow(700, 900);
-}
-
-TEST_P(TwoSetsOnTheDevice, AnEmptyFirstSetHasNone) {
-  follow(0, 50);
 }
 
 /// More changes than expected, and one box with so many that they are sorted in another way.
@@ -336,62 +273,6 @@ TEST_P(TwoSetsOnTheDevice, ManyPairsOfABox) {
                                           .count = first.size(),
                                           .second = {.buffer = second_buffer(), .count = second.size()}});
   EXPECT_TRUE(same("added", queue_.read(result.added), expected_pairs(first, second)));
-}
-
-TEST_P(TwoSetsOnTheDevice, UpdatesThatNobodyWaitsFor) {
-  SceneOfSets scene(300, 200);
-  DeviceBroadPhase broad_phase(queue_(), {.algorithm = GetParam()});
-  broad_phase.reserve(500, 20'000, true);
-  Pairs last;
-  for (int frame = 0; frame < 3; ++frame) {
-    const cl::Buffer added = queue_.buffer_of(Pairs(20'000));
-    const cl::Buffer removed = queue_.buffer_of(Pairs(20'000));
-    const cl::Buffer counts = queue_.buffer_of(std::vector<std::uint32_t>(4));
-    broad_phase.enqueue(give(scene),
-                        {.added = added(), .removed = removed(), .capacity = 20'000, .counts = counts()});
-    const Pairs now = expected_pairs(scene.first(), scene.second());
-    const auto words = queue_.read_counts(counts);
-    ASSERT_EQ(words[3], 0U);
-    Pairs followed;
-    std::ranges::set_difference(last, queue_.read({removed(), words[1]}), std::back_inserter(followed));
-    const Pairs new_pairs = queue_.read({added(), words[0]});
-    last.clear();
-    std::ranges::merge(followed, new_pairs, std::back_inserter(last));
-    ASSERT_TRUE(same("all", last, now)) << "frame " << frame;
-    for (int k = 0; k < 5; ++k) scene.motion.advance();
-  }
-}
-
-/// Body and world matter; group and mask do not.
-TEST_P(TwoSetsOnTheDevice, FiltersOfBothSets) {
-  const cl::Buffer first = queue_.buffer_of(std::vector<Aabb>(2, unit));
-  const cl::Buffer second = queue_.buffer_of(std::vector<Aabb>(3, unit));
-  const cl::Buffer filters = queue_.buffer_of(std::vector<Filter>{
-      {.body = 4}, {.mask = 0, .world = 1}, {.body = 4}, {.group = 0}, {.world = Filter::all_worlds}});
-  DeviceBroadPhase broad_phase(queue_(), {.algorithm = GetParam()});
-  const auto result = broad_phase.update({.buffer = first(),
-                                          .count = 2,
-                                          .filters = filters(),
-                                          .worlds = true,
-                                          .second = {.buffer = second(), .count = 3}});
-  EXPECT_EQ(queue_.read(result.added), (Pairs{{0, 1}, {0, 2}, {1, 2}}));
-}
-
-/// Boxes::worlds affects only speed.
-ALSO_IN(oclgrind | oclgrind_gpu_profile);
-TEST_P(TwoSetsOnTheDevice, WorldsThatWereNotAnnounced) {
-  constexpr std::uint32_t far = 1'000'000;
-  const cl::Buffer boxes = queue_.buffer_of(std::vector<Aabb>(3, unit));
-  const cl::Buffer filters = queue_.buffer_of(std::vector<Filter>{{.world = far},
-                                                                  {.world = 1},
-                                                                  {.world = Filter::all_worlds},
-                                                                  {.world = 1},
-                                                                  {.world = far},
-                                                                  {.world = 2}});
-  DeviceBroadPhase broad_phase(queue_(), {.algorithm = GetParam()});
-  const auto result = broad_phase.update(
-      {.buffer = boxes(), .count = 3, .filters = filters(), .second = {.buffer = boxes(), .count = 3}});
-  EXPECT_EQ(queue_.read(result.added), (Pairs{{1, 0}, {2, 0}, {0, 1}, {2, 1}, {2, 2}}));
 }
 
 TEST_P(TwoSetsOnTheDevice, BadSetsAreRefused) {

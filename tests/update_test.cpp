@@ -1,10 +1,7 @@
 #include <broadcl/broad_phase.hpp>
 
-#include <algorithm>
 #include <filesystem>
 #include <fstream>
-#include <numeric>
-#include <random>
 #include <string>
 #include <vector>
 
@@ -12,7 +9,6 @@
 
 #include "each_algorithm.hpp"
 #include "environment.hpp"
-#include "scenes/generators.hpp"
 #include "twins.hpp"
 
 /// The cost and the result of an update if little moved.
@@ -83,37 +79,6 @@ TEST_P(EachAlgorithm, ManyChangesAreInOrder) {
   }
 }
 
-/// Moves m of n boxes, chosen at random.
-void follow_the_oracle(const BroadPhase::Config& config, std::uint32_t n) {
-  std::mt19937 random(n);
-  scenes::MovingBoxes boxes(n, scenes::MovingBoxes::Sizes::mixed, n);
-  Twins twins(config);
-  for (const Aabb& box : boxes.boxes()) twins.add(box);
-  ASSERT_TRUE(twins.agree());
-  std::vector<std::uint32_t> ids(n);
-  std::iota(ids.begin(), ids.end(), 0);
-  for (const std::uint32_t m : {1U, 2U, n / 8, n / 4, n / 4 + 1, n - 1, n, 1U, n / 4, n}) {
-    std::shuffle(ids.begin(), ids.end(), random);
-    for (int step = 0; step < 10; ++step) boxes.advance();
-    for (std::uint32_t k = 0; k < std::min(m, n); ++k)
-      twins.move(ids[k], random() % 16 == 0 ? inverted : boxes.boxes()[ids[k]]);
-    ASSERT_TRUE(twins.agree()) << m << " of " << n;
-  }
-}
-
-ALSO_IN(oclgrind);
-NOT_IN(sanitizers, "takes long");
-TEST_P(EachAlgorithm, SmallFewMovedFollowTheOracle) {
-  for (const std::uint32_t n : {3U, 18U}) follow_the_oracle(config(), n);
-}
-
-NOT_IN(gpu_profile | rusticl | sanitizers, "takes long");
-TEST_P(EachAlgorithm, FewMovedFollowTheOracle) {
-  for (const std::uint32_t n : {2U, 4U, 5U, 8U, 16U, 17U, 31U, 32U, 33U, 40U, 255U, 256U, 257U, 4097U}) {
-    if (n < 1000 || !is_slow()) follow_the_oracle(config(), n);
-  }
-}
-
 /// Capacities of 256, 384, ... boxes: a new object moves the boxes to other memory, and those that did not
 /// move must be copied to it.
 TEST_P(EachAlgorithm, BoxesThatStandStillComeAlongWhenMemoryGrows) {
@@ -128,43 +93,6 @@ TEST_P(EachAlgorithm, BoxesThatStandStillComeAlongWhenMemoryGrows) {
   }
   ASSERT_TRUE(twins.agree());
   EXPECT_EQ(twins.tested().pairs().size(), 628U);
-}
-
-ALSO_IN(oclgrind);
-TEST_P(EachAlgorithm, SmallTheLastOrAllRemovedAndAddedAgain) {
-  Twins twins(config());
-  for (std::uint32_t k = 0; k < 20; ++k) twins.add(k % 2 == 0 ? unit : apart(k / 2));
-  ASSERT_TRUE(twins.agree());
-  for (const std::uint32_t removed : {1U, 6U, 20U}) {
-    for (std::uint32_t id = 20 - removed; id < 20; ++id) twins.remove(id);
-    ASSERT_TRUE(twins.agree()) << removed;
-    for (std::uint32_t k = 0; k < removed; ++k) twins.add(k % 3 == 0 ? unit : apart(k));
-    ASSERT_TRUE(twins.agree()) << removed;
-    // And in one update.
-    for (std::uint32_t id = 20 - removed; id < 20; ++id) twins.remove(id);
-    for (std::uint32_t k = 0; k + 1 < removed; ++k) twins.add(unit);
-    ASSERT_TRUE(twins.agree()) << removed;
-    twins.add(unit);
-    ASSERT_TRUE(twins.agree()) << removed;
-  }
-}
-
-/// Each update adds few pairs and one removes many; then come updates without objects.
-TEST_P(EachAlgorithm, UpdatesOfNothingFollowThatOfMuch) {
-  for (const std::uint32_t n : {20U, 80U}) {  // on a CPU, on a GPU
-    SCOPED_TRACE(n);
-    BroadPhase broad_phase(config());
-    for (const std::size_t place : {0U, 1U}) {
-      for (std::uint32_t k = 0; k < n; ++k) broad_phase.add(apart(place));
-      EXPECT_EQ(broad_phase.update().added.size(), n * (n - 1) / 2);
-    }
-    for (std::uint32_t k = 0; k < 2 * n; ++k) broad_phase.remove(k);
-    EXPECT_EQ(broad_phase.update().removed.size(), n * (n - 1));
-    for (int frame = 0; frame < 3; ++frame) {
-      broad_phase.remove(broad_phase.add(unit));
-      EXPECT_TRUE(same(broad_phase.update(), {}, {}));
-    }
-  }
 }
 
 /// Kernels that are first needed later are also compiled later.

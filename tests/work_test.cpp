@@ -15,7 +15,7 @@
 #include <gtest/gtest.h>
 
 #include "base/packed_box.hpp"
-#include "device_life.hpp"
+#include "callers_queue.hpp"
 #include "each_algorithm.hpp"
 #include "engines/device_objects.hpp"
 #include "engines/engine.hpp"

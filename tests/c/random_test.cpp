@@ -1,0 +1,125 @@
+// Random calls of the C interface: ../core_random_test.cpp does the same in C++.
+#include <broadcl/broadcl.h>
+
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <string>
+#include <vector>
+
+#include <gtest/gtest.h>
+
+#include <broadcl/aabb.hpp>
+#include <broadcl/error.hpp>
+#include <broadcl/filter.hpp>
+#include <broadcl/pair.hpp>
+
+#include "../core_player.hpp"
+
+namespace broadcl::test {
+namespace {
+
+static_assert(sizeof(broadcl_aabb) == sizeof(Aabb) && sizeof(broadcl_pair) == sizeof(Pair));
+
+/// A BroadPhase through the C interface. Its calls throw what they report.
+class CSubject {
+ public:
+  struct Changes {
+    std::vector<Pair> added, removed;
+  };
+
+  explicit CSubject(const char* algorithm) {
+    broadcl_config config{};
+    config.size = sizeof config;
+    config.algorithm = algorithm;
+    check(broadcl_broad_phase_create(&config, &handle_));
+  }
+  ~CSubject() { (void)broadcl_broad_phase_destroy(handle_); }
+  CSubject(const CSubject&) = delete;
+  CSubject& operator=(const CSubject&) = delete;
+  CSubject(CSubject&&) = delete;
+  CSubject& operator=(CSubject&&) = delete;
+
+  std::uint32_t add(const Aabb& box, const Filter& filter) {
+    const broadcl_aabb given = to_c(box);
+    const broadcl_filter filtered = to_c(filter);
+    std::uint32_t id = 0;
+    check(broadcl_broad_phase_add(handle_, &given, filter == Filter() ? nullptr : &filtered, &id));
+    return id;
+  }
+  void move(std::uint32_t id, const Aabb& box) {
+    const broadcl_aabb given = to_c(box);
+    check(broadcl_broad_phase_move(handle_, id, &given));
+  }
+  void set_filter(std::uint32_t id, const Filter& filter) {
+    const broadcl_filter given = to_c(filter);
+    check(broadcl_broad_phase_set_filter(handle_, id, &given));
+  }
+  void remove(std::uint32_t id) { check(broadcl_broad_phase_remove(handle_, id)); }
+  void set_exclusions(std::span<const Pair> pairs) {
+    std::vector<broadcl_pair> given;
+    for (const Pair& pair : pairs) given.push_back({pair.a, pair.b});
+    check(broadcl_broad_phase_set_exclusions(handle_, given.data(), given.size()));
+  }
+  std::span<Aabb> map(std::size_t n) {
+    broadcl_aabb* boxes = nullptr;
+    check(broadcl_broad_phase_map(handle_, n, &boxes));
+    return {reinterpret_cast<Aabb*>(boxes), n};
+  }
+  void begin() { check(broadcl_broad_phase_begin(handle_)); }
+  Changes update() {
+    broadcl_delta delta{};
+    check(broadcl_broad_phase_update(handle_, &delta));
+    return {list(delta.added), list(delta.removed)};
+  }
+  Changes finish() {
+    broadcl_delta delta{};
+    check(broadcl_broad_phase_finish(handle_, &delta));
+    return {list(delta.added), list(delta.removed)};
+  }
+  void shrink() { check(broadcl_broad_phase_shrink(handle_)); }
+  std::vector<Pair> pairs() {
+    broadcl_pairs pairs{};
+    check(broadcl_broad_phase_pairs(handle_, &pairs));
+    return list(pairs);
+  }
+  [[nodiscard]] std::size_t size() const {
+    std::size_t count = 0;
+    check(broadcl_broad_phase_size(handle_, &count));
+    return count;
+  }
+
+ private:
+  static void check(broadcl_status status) {
+    if (status != BROADCL_SUCCESS) throw Error(broadcl_last_error());
+  }
+  static broadcl_aabb to_c(const Aabb& box) {
+    return {{box.lower[0], box.lower[1], box.lower[2]}, {box.upper[0], box.upper[1], box.upper[2]}};
+  }
+  static broadcl_filter to_c(const Filter& filter) {
+    broadcl_filter result = BROADCL_DEFAULT_FILTER;
+    result.group = filter.group;
+    result.mask = filter.mask;
+    result.body = filter.body;
+    result.world = filter.world;
+    return result;
+  }
+  static std::vector<Pair> list(const broadcl_pairs& pairs) {
+    std::vector<Pair> result;
+    for (std::size_t k = 0; k < pairs.count; ++k) result.push_back({pairs.data[k].a, pairs.data[k].b});
+    return result;
+  }
+
+  broadcl_broad_phase* handle_ = nullptr;
+};
+
+TEST(CRandom, SomeRandomCalls) {
+  for (const char* algorithm : {"sweep-and-prune", "brute-force"}) {
+    check_core_scripts(std::string("C, ") + algorithm, ScriptSize::small, 15, seed_of_ci,
+                       [&] { return std::make_unique<CSubject>(algorithm); });
+  }
+}
+
+}  // namespace
+}  // namespace broadcl::test
