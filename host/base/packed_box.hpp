@@ -32,6 +32,7 @@ namespace broadcl {
 }
 
 [[nodiscard]] inline bool same_bits(const Aabb& s, const Aabb& t) noexcept {
+  // NOLINTNEXTLINE(bugprone-suspicious-memory-comparison): NaNs equal each other, and -0 differs from 0
   return std::memcmp(&s, &t, sizeof(Aabb)) == 0;
 }
 
