@@ -14,7 +14,7 @@
 #include <broadcl/broad_phase.hpp>
 #include <broadcl/opencl.hpp>
 
-#include "device_life.hpp"
+#include "callers_queue.hpp"
 #include "each_algorithm.hpp"
 #include "expect_error.hpp"
 #include "forked_child.hpp"
