@@ -57,10 +57,10 @@ class BulletAllocation : public ::testing::TestWithParam<Kind> {
       life.end();
       ASSERT_FALSE(HasFailure());
       if (count == 1) {
-        ASSERT_LE(life.errors().size(), 1U);
+        ASSERT_LE(life.error_count(), 1U);
       }
       points = life.trouble().points();
-      failures_told += life.errors().size();
+      failures_told += life.error_count();
     }
     EXPECT_GT(failures_told, 4U);  // recovery from the others needed no report
   }

@@ -34,7 +34,10 @@ class AdapterLife {
                        bool at_once = false, const Trouble& trouble = {})
       : broadphase_({.algorithm = std::string(algorithm)}, cache), trouble_(trouble) {
     broadphase_.set_pairs_at_once(at_once);
-    broadphase_.set_error_handler([this](const std::string& error) { errors_.push_back(error); });
+    broadphase_.set_error_handler([this](const std::string& error) {
+      ++error_count_;
+      errors_.push_back(error);
+    });
   }
   ~AdapterLife() {
     for (btBroadphaseProxy* proxy : proxies_) broadphase_.destroyProxy(proxy, &dispatcher_);
@@ -80,6 +83,8 @@ class AdapterLife {
   }
 
   [[nodiscard]] const Trouble& trouble() const { return trouble_; }
+  [[nodiscard]] std::size_t error_count() const { return error_count_; }
+  /// Those for whose text there was memory.
   [[nodiscard]] const std::vector<std::string>& errors() const { return errors_; }
   [[nodiscard]] bool is_on_device() const { return broadphase_.broad_phase().device() != nullptr; }
   [[nodiscard]] BulletBroadphase& broadphase() { return broadphase_; }
@@ -170,6 +175,7 @@ class AdapterLife {
 
   btDefaultCollisionConfiguration configuration_;
   btCollisionDispatcher dispatcher_{&configuration_};
+  std::size_t error_count_ = 0;
   std::vector<std::string> errors_;
   BulletBroadphase broadphase_;
   Trouble trouble_;

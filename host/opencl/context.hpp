@@ -132,7 +132,7 @@ class Context {
   /// @throws Error instead of cl::Error, and other exceptions of the function.
   template <class Function>
   decltype(auto) guard(Function&& function) const {
-    return translate_errors(device().label(), [&]() -> decltype(auto) {
+    return translate_errors(opened_->label, [&]() -> decltype(auto) {
       try {
         return std::forward<Function>(function)();
       } catch (...) {

@@ -67,6 +67,7 @@ std::shared_ptr<OpenedDevice> find_or_open(const Device& device, const cl::Devic
 OpenedDevice::OpenedDevice(Device description, cl::Device opened, cl::Context in, std::optional<Tuning> named,
                            const DiskCache& disk_cache)
     : device(std::move(description)),
+      label(device.label()),
       cl_device(std::move(opened)),
       context(std::move(in)),
       quirks(quirks_of(device)),

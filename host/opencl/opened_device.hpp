@@ -24,6 +24,7 @@ struct OpenedDevice {
                const DiskCache& disk_cache);
 
   const Device device;
+  const std::string label;  ///< Of the device, stored so that it needs no memory when a call has failed.
   const cl::Device cl_device;
   const cl::Context context;
   const Quirks quirks;
