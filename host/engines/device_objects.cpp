@@ -298,6 +298,7 @@ Search DeviceObjects::upload(const Changes& changes) {
           .stamps = changes.all && now_.changed_count == 0 ? cl::Buffer() : stamps_};
 }
 
+// NOLINTNEXTLINE(bugprone-exception-escape): handles do not throw when moved
 void DeviceObjects::commit() noexcept {
   // What the last frame refers to must not be overwritten in the next one.
   if (!are_filters_new_) std::swap(now_.filters, last_.filters);

@@ -54,7 +54,7 @@ class DeviceObjects {
   /// @throws cl::Error, Error; the objects of the last frame are then unchanged.
   Search upload(const Changes& changes);
   /// The frame succeeded, and has become the last one.
-  void commit() noexcept;
+  void commit() noexcept;  // NOLINT(bugprone-exception-escape)
 
  private:
   void reserve_boxes(std::size_t slots);

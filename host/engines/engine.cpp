@@ -86,6 +86,7 @@ PairDelta::Counts Engine::find() {
 }
 
 /// The frame succeeded, and becomes the last one.
+// NOLINTNEXTLINE(bugprone-exception-escape): handles do not throw when moved
 void Engine::commit(const PairDelta::Counts& counts, bool is_next_ready) noexcept {
   delta_.commit(counts, tag_, is_next_ready);
   order_.commit(counts);

@@ -96,6 +96,7 @@ class Engine {
  private:
   void enqueue();
   PairDelta::Counts find();
+  // NOLINTNEXTLINE(bugprone-exception-escape): handles do not throw when moved
   void commit(const PairDelta::Counts& counts, bool is_next_ready) noexcept;
 
   const opencl::Context& context_;

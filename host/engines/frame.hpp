@@ -15,7 +15,7 @@ namespace broadcl {
 struct Frame {  // NOLINT(bugprone-exception-escape): handles do not throw when moved
   /// The pairs: those that stay from the last frame at the beginning of a list, those that were added at its
   /// end.
-  struct PairList {
+  struct PairList {  // NOLINT(bugprone-exception-escape): as above
     opencl::GrowingBuffer buffer;
     std::size_t capacity = 0;
     std::size_t kept = 0;
@@ -24,14 +24,14 @@ struct Frame {  // NOLINT(bugprone-exception-escape): handles do not throw when 
   };
 
   /// Filters in a buffer, and how they differ from those in the buffer of the other frame.
-  struct Filters {
+  struct Filters {  // NOLINT(bugprone-exception-escape): as above
     opencl::GrowingBuffer buffer;
     bool all = true;  ///< Not only in `slots`.
     std::vector<std::uint32_t> slots;
   };
 
   /// Where the counts are read, followed by the changes if they are needed on the host.
-  struct Result {
+  struct Result {                // NOLINT(bugprone-exception-escape): as above
     opencl::SharedBuffer small;  ///< In direct memory, if there is any.
     opencl::SharedBuffer large;
     bool is_small = false;  ///< Whether the frame uses the first of these.

@@ -65,7 +65,7 @@ class HostEngine final : public Algorithm {
     if (!changes_.all && finder_->find_changed(objects, changes_.changed, found_)) {
       exclude(exclusions_, found_);
       if (!are_known) find_known();
-      const Delta delta = changes_from(known_);
+      Delta delta = changes_from(known_);
       refuse_too_many(pairs_.size() + delta.added.size() - delta.removed.size());
       pairs_.change(delta.added, delta.removed);
       lists_.commit();
@@ -73,7 +73,7 @@ class HostEngine final : public Algorithm {
     }
     finder_->find(objects, found_);
     exclude(exclusions_, found_);
-    const Delta delta = changes_from(pairs_.all());
+    Delta delta = changes_from(pairs_.all());
     pairs_.swap(found_);
     lists_.commit();
     return delta;

@@ -110,7 +110,7 @@ class GpuBf final : public Algorithm {
       const auto bytes = bytes_of(current_, current_pairs_);
       refuse_too_many(bytes.size() - static_cast<std::size_t>(std::ranges::count(bytes, std::byte{0})));
     }
-    const Delta delta = lists_.fill([&](std::vector<Pair>& added, std::vector<Pair>& removed) {
+    Delta delta = lists_.fill([&](std::vector<Pair>& added, std::vector<Pair>& removed) {
       const opencl::Profiler::Scope stage(profiler_, "xor");
       find_changes(bytes_of(previous_, previous_pairs_), bytes_of(current_, current_pairs_), recycled_, added,
                    removed);

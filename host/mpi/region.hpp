@@ -60,7 +60,7 @@ class Region {
   [[nodiscard]] Delta search(const Function& meanwhile) {
     broad_phase_.begin();
     meanwhile();
-    const Delta delta = broad_phase_.finish();
+    Delta delta = broad_phase_.finish();
     pair_count_ += delta.added.size() - delta.removed.size();
     return delta;
   }

@@ -32,6 +32,7 @@ SharedBuffer::SharedBuffer(const Context& context, std::size_t bytes, bool direc
   });
 }
 
+// NOLINTNEXTLINE(bugprone-exception-escape): handles do not throw when moved
 SharedBuffer& SharedBuffer::operator=(SharedBuffer&& other) noexcept {
   owner_ = std::move(other.owner_);
   host_ = std::move(other.host_);

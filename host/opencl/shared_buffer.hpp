@@ -20,7 +20,7 @@ class SharedBuffer {  // NOLINT(bugprone-exception-escape): handles do not throw
   SharedBuffer(const SharedBuffer&) = delete;
   SharedBuffer& operator=(const SharedBuffer&) = delete;
   SharedBuffer(SharedBuffer&&) noexcept = default;
-  SharedBuffer& operator=(SharedBuffer&& other) noexcept;
+  SharedBuffer& operator=(SharedBuffer&& other) noexcept;  // NOLINT(bugprone-exception-escape): as above
   /// Belongs to the device, not initialised.
   /// @param bytes At least 1.
   /// @throws cl::Error
