@@ -143,6 +143,7 @@ TEST_P(EachAlgorithm, SmallScenesOfFilters) {
   for (const FilterScene& scene : small_scenes) follow(GetParam(), scene);
 }
 
+NOT_IN(sanitizers, "takes long; smaller ones are in it");
 TEST_P(EachAlgorithm, ScenesOfFilters) {
   for (const FilterScene& scene : scenes_of_filters) follow(GetParam(), scene);
 }

@@ -105,15 +105,18 @@ class Reference {
 
   static std::vector<Met> pairs_of(const State& state) {
     const std::vector<Object>& objects = state.objects;
+    std::vector<std::uint32_t> living;
+    for (std::uint32_t id = 0; id < objects.size(); ++id) {
+      if (objects[id].birth > 0 && !is_empty(objects[id].box)) living.push_back(id);
+    }
     std::vector<Met> pairs;
-    for (std::uint32_t b = 0; b < objects.size(); ++b) {
-      for (std::uint32_t a = 0; a < b; ++a) {
+    for (const std::uint32_t b : living) {
+      for (const std::uint32_t a : living) {
+        if (a == b) break;
         const Object& s = objects[a];
         const Object& t = objects[b];
-        if (s.birth > 0 && t.birth > 0 && !is_empty(s.box) && !is_empty(t.box) && overlaps(s.box, t.box) &&
-            may_pair(s.filter, t.filter) && !state.exclusions.contains({a, b})) {
+        if (overlaps(s.box, t.box) && may_pair(s.filter, t.filter) && !state.exclusions.contains({a, b}))
           pairs.push_back({{a, b}, s.birth, t.birth});
-        }
       }
     }
     return pairs;
