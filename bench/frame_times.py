@@ -4,7 +4,8 @@ of those of `auto`, one panel per study. STUDY is a folder with the study.csv of
 `broadcl study --preset large --scenarios mixed-sizes --objects 1250,3500,16000 --broadphases bullet-sap,bullet-bvh,gpu-bf,auto`.
 
 It needs matplotlib (Debian, Ubuntu: apt install python3-matplotlib). docs/images/frame-times.svg is made by
-`bench/frame_times.py docs/images/frame-times.svg "two cores, no GPU=bench/results/pocl-2-cores/mixed-sizes"`.
+`bench/frame_times.py docs/images/frame-times.svg "with a GPU (NVIDIA H200)=bench/results/nvidia-h200/mixed-sizes"
+"two cores, no GPU=bench/results/pocl-2-cores/mixed-sizes"`.
 """
 import csv
 import pathlib

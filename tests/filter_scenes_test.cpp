@@ -148,8 +148,11 @@ TEST_P(EachAlgorithm, ScenesOfFilters) {
   for (const FilterScene& scene : scenes_of_filters) follow(GetParam(), scene);
 }
 
-NOT_IN(rusticl | sanitizers, "takes long; smaller ones are in it");
-TEST_P(EachAlgorithm, LargeScenesOfFilters) {
+class LongScenes : public ::testing::TestWithParam<AlgorithmInfo> {};
+INSTANTIATE_TEST_SUITE_P(Long, LongScenes, ::testing::ValuesIn(algorithms().begin(), algorithms().end()),
+                         named_by_parameter);
+
+TEST_P(LongScenes, OfFilters) {
   for (const FilterScene& scene : large_scenes) follow(GetParam(), scene);
 }
 

@@ -81,6 +81,7 @@ class EarlySearch : public ::testing::Test {
 };
 SUITE_ALSO_IN(EarlySearch, gpu_profile | rusticl);
 
+NOT_IN(sanitizers, "takes long in the reference, which tests each pair");
 TEST_F(EarlySearch, FindsTheChangesOfBoxesThatMoveSteadily) {
   for (const MovingBoxes::Sizes sizes : {MovingBoxes::Sizes::uniform, MovingBoxes::Sizes::mixed}) {
     MovingBoxes boxes(700, sizes);
@@ -172,7 +173,7 @@ TEST_F(EarlySearch, SmallCrowdsHaveManyNearPairs) {
   EXPECT_EQ(last, Searched::early);
 }
 
-NOT_IN(sanitizers, "takes long in the reference, which tests each pair");
+NOT_IN(rusticl | sanitizers, "takes long in the reference, which tests each pair");
 /// Then each margin is as long as the scene, in which all boxes are near each other.
 TEST_F(EarlySearch, IsTriedOnceIfABoxLeapsInEachFrame) {
   constexpr std::size_t n = 2000;

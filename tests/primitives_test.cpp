@@ -238,6 +238,7 @@ TEST(RadixSort, ElementsInEachOrderStayStable) {
   });
 }
 
+NOT_IN(sanitizers, "takes long, in kernels only");
 TEST(RadixSort, RangesOfAnyBits) {
   with_each_sort([](const Context& context, RadixSort& sort) {
     for (const std::size_t n : {2000U, 9999U, 33'333U, 100'000U}) {
