@@ -58,7 +58,8 @@ def draw_panel(panel, title, times, styles):
             if multiple > HIGHEST:
                 panel.plot([x - WIDTH / 2, x + WIDTH / 2], [height * 0.9, height * 0.94], color="white", linewidth=3)
                 panel.text(x, height * 0.87, f"{multiple:.0f}×", color="white", weight="bold", rotation=90, ha="center", va="top")
-            panel.annotate(milliseconds(by_name[name]), (x, height), (0, 2), textcoords="offset points", ha="center", va="bottom")
+            panel.annotate(milliseconds(by_name[name]), (x, height), (0, 2), textcoords="offset points", ha="center", va="bottom",
+                           fontsize=8)
     panel.set(title=title, xticks=range(len(times)), xticklabels=[f"{n:,}" for n in times], xlabel="objects")
     panel.set(xlim=(-0.5, len(times) - 0.5))
     panel.axhline(1, color="#5b616d", linewidth=0.8, zorder=0)
