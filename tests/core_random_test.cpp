@@ -46,8 +46,8 @@ TEST_P(EachAlgorithm, SmallRandomCalls) {
   play_to_algorithm(config(), ScriptSize::tiny, 5, seed_of_ci);
 }
 
-NOT_IN(sanitizers, "takes long in the reference; sweep-and-prune's calls are in it");
 /// The oracle, with which others are compared in large scenes, follows the definitions.
+NOT_IN(sanitizers, "takes long in the reference; sweep-and-prune's calls are in it");
 TEST(Oracle, SomeRandomCalls) {
   play_to_algorithm({.algorithm = "oracle"}, ScriptSize::small, 150, seed_of_ci);
 }

@@ -101,8 +101,8 @@ class WithDirectMemory : public ::testing::TestWithParam<std::string> {
 INSTANTIATE_TEST_SUITE_P(Table, WithDirectMemory, ::testing::Values("brute-force", "tiles"),
                          named_by_parameter);
 
-NOT_IN(sanitizers, "takes long in the reference, which tests each pair");
 /// Few and many boxes and changes, because only few of them are in direct memory.
+NOT_IN(sanitizers, "takes long in the reference, which tests each pair");
 TEST_P(WithDirectMemory, FewAndManyChangesAreRight) {
   Twins twins({.algorithm = GetParam()});
   for (const std::uint32_t n : {40U, 4000U, 30U, 10'000U, 50U}) {

@@ -173,8 +173,8 @@ TEST_F(EarlySearch, SmallCrowdsHaveManyNearPairs) {
   EXPECT_EQ(last, Searched::early);
 }
 
-NOT_IN(rusticl | sanitizers, "takes long in the reference, which tests each pair");
 /// Then each margin is as long as the scene, in which all boxes are near each other.
+NOT_IN(rusticl | sanitizers, "takes long in the reference, which tests each pair");
 TEST_F(EarlySearch, IsTriedOnceIfABoxLeapsInEachFrame) {
   constexpr std::size_t n = 2000;
   const auto peak = [&](MakePairFinder make) {
