@@ -17,6 +17,7 @@
 #include "device_twins.hpp"
 #include "each_algorithm.hpp"
 #include "scenes/generators.hpp"
+#include "test_name.hpp"
 #include "twins.hpp"
 
 /// Worlds, sets and other filters of objects in motion.
