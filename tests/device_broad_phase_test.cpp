@@ -22,7 +22,6 @@ namespace {
 SUITE_ALSO_IN(OnCallersQueue, gpu_profile | rusticl);
 SUITE_ALSO_IN(FindersOnCallersQueue, gpu_profile | rusticl);
 
-using test::nan_value;
 using test::unit;
 using ::testing::HasSubstr;
 

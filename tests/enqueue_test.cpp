@@ -258,6 +258,7 @@ TEST_P(Enqueue, DoesNotBlock) {
   broad_phase_.reserve(500, 20'000, true);
   const Lists lists(queue_, 5000);
   std::vector<cl::Buffer> frames;
+  frames.reserve(12);
   for (int frame = 0; frame < 12; ++frame) frames.push_back(queue_.buffer_of(scene.advance(500).boxes));
   const cl::Buffer filters = queue_.buffer_of(scene.advance(500, true).filters);
   const long start = opencl_use().blocking_calls;
