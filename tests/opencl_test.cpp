@@ -11,7 +11,6 @@
 
 #include <gtest/gtest.h>
 
-#include "c/call.hpp"
 #include "environment.hpp"
 #include "expect_error.hpp"
 #include "opencl/context.hpp"
@@ -381,14 +380,6 @@ TEST(Errors, SayWhetherTheDeviceIsLostOrHasNoMemory) {
   EXPECT_EQ(kind_of(-9999), ErrorKind::device_lost) << "one of a vendor";
   EXPECT_EQ(Error("").kind(), ErrorKind::other);
   EXPECT_EQ(Error::invalid_argument("").kind(), ErrorKind::invalid_argument);
-}
-
-TEST(Errors, AreStatusesInC) {
-  const auto status_of = [](ErrorKind kind) { return c::call("f", [&] { throw Error("text", kind); }); };
-  EXPECT_EQ(status_of(ErrorKind::invalid_argument), BROADCL_INVALID_ARGUMENT);
-  EXPECT_EQ(status_of(ErrorKind::out_of_device_memory), BROADCL_OUT_OF_DEVICE_MEMORY);
-  EXPECT_EQ(status_of(ErrorKind::device_lost), BROADCL_DEVICE_LOST);
-  EXPECT_EQ(status_of(ErrorKind::other), BROADCL_FAILED);
 }
 
 TEST_F(OnDevice, SharedBuffersBringWhatTheDeviceWrote) {
