@@ -41,9 +41,6 @@ class TimedTiles final : public PairFinder {
   void find(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) override {
     seconds += time([&] { tiles_->find(search, sink, profiler); });
   }
-  [[nodiscard]] double expected_work(const Search& search, const PairDelta& sink) override {
-    return tiles_->expected_work(search, sink);
-  }
 
   static inline double seconds = 0;
 

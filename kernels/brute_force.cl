@@ -37,9 +37,6 @@
 #ifndef ROWS
 #define ROWS 8 /* rows that a work-item tests before it looks for hits */
 #endif
-#ifndef WORLDS
-#define WORLDS 0 /* 1 if objects are in different worlds */
-#endif
 /* Capacity for hits; those of a single row fit. */
 #define LOCAL_HITS 512U
 #if GROUP * WIDTH > LOCAL_HITS
@@ -63,20 +60,17 @@ typedef uint hits_t;
 
 typedef struct {
   FLOATS lower_x, lower_y, lower_z, upper_x, upper_y, upper_z;
-#if WORLDS
-  INTS world;
-#endif
 } boxes_t;
 
-/* A box; lower.w holds the bits of its world. */
+/* A box. */
 typedef struct {
   float4 lower, upper;
 } row_t;
 
-static inline row_t load_row(global const float* boxes, global const uint4* filters, const uint slot) {
+static inline row_t load_row(global const float* boxes, const uint slot) {
   box_t box;
   load_box(&box, boxes, slot);
-  const row_t row = {(float4)(box.bound[0], box.bound[1], box.bound[2], WORLDS ? as_float(filters[slot].w) : 0.0F),
+  const row_t row = {(float4)(box.bound[0], box.bound[1], box.bound[2], 0.0F),
                      (float4)(box.bound[3], box.bound[4], box.bound[5], 0.0F)};
   return row;
 }
@@ -114,8 +108,7 @@ static inline row_t finite_row(const row_t row) {
 #endif
 
 /* Box k of a work-item is in slot a + k * GROUP, so that work-items with successive indices read successive boxes. */
-static inline void load_boxes(boxes_t* s, global const float* boxes, global const uint4* filters, const uint a,
-                              const uint n) {
+static inline void load_boxes(boxes_t* s, global const float* boxes, const uint a, const uint n) {
   box_t four[WIDTH];
   for (uint k = 0; k < WIDTH; ++k) load_box(&four[k], boxes, min(a + k * GROUP, n - 1U));
 #define LANES(i) finite_lanes((FLOATS)(four[0].bound[i], four[1].bound[i], four[2].bound[i], four[3].bound[i]))
@@ -125,12 +118,6 @@ static inline void load_boxes(boxes_t* s, global const float* boxes, global cons
   s->upper_x = LANES(3);
   s->upper_y = LANES(4);
   s->upper_z = LANES(5);
-#if WORLDS
-#define WORLD(k) (int)filters[min(a + (k)*GROUP, n - 1U)].w
-  s->world = (INTS)(WORLD(0), WORLD(1), WORLD(2), WORLD(3));
-#else
-  (void)filters;
-#endif
 }
 
 /* Negative if the boxes of a lane are apart. */
@@ -153,8 +140,7 @@ static inline bool overlap(global const float* boxes, const uint a, const uint b
   return boxes_overlap(&s, &t);
 }
 #else
-static inline void load_boxes(boxes_t* s, global const float* boxes, global const uint4* filters, const uint a,
-                              const uint n) {
+static inline void load_boxes(boxes_t* s, global const float* boxes, const uint a, const uint n) {
   global const float* p = boxes + (size_t)a * AABB_FLOATS;
   s->lower_x = BOUNDS(p);
   s->lower_y = BOUNDS(p + 1);
@@ -163,11 +149,6 @@ static inline void load_boxes(boxes_t* s, global const float* boxes, global cons
   s->upper_y = BOUNDS(p + 4);
   s->upper_z = BOUNDS(p + 5);
   (void)n;
-#if WORLDS
-  s->world = WORLD_OF(filters + a);
-#else
-  (void)filters;
-#endif
 }
 
 /* Lanes are -1 if the boxes overlap. */
@@ -176,18 +157,6 @@ static inline INTS test_boxes(const boxes_t* s, const row_t t) {
                              t.lower.y, t.lower.z, t.upper.x, t.upper.y, t.upper.z);
 }
 #endif
-
-/* Whether a row may pair with a box of a work-item, according to their worlds. */
-static inline bool meets(const boxes_t* s, const row_t t) {
-#if WORLDS
-  const int world = as_int(t.lower.w);
-  return any((s->world == world) | (s->world == (int)ALL_WORLDS)) || world == (int)ALL_WORLDS;
-#else
-  (void)s;
-  (void)t;
-  return true;
-#endif
-}
 
 /* Whether a hit, of box `a` in row `b`, is a new pair. */
 static inline bool is_new_pair(const uint a, const uint b, const bool all, global const float* boxes,
@@ -231,10 +200,10 @@ static inline uint slot_of_row(const uint row, const bool all, global const uint
 #if GROUP > 1
 /* Loads the rows of a work-group, and the last one again for those that are missing. */
 static inline void load_tile(local row_t* tile, const uint first_row, const uint rows, const uint end, const bool all,
-                             global const float* boxes, global const uint* changed, global const uint4* filters) {
+                             global const float* boxes, global const uint* changed) {
   for (uint k = (uint)get_local_id(0); first_row < end && k < rows + ROWS; k += GROUP) {
     const uint slot = slot_of_row(min(first_row + k, end - 1U), all, changed);
-    tile[k] = finite_row(load_row(boxes, filters, slot));
+    tile[k] = finite_row(load_row(boxes, slot));
   }
 }
 
@@ -243,20 +212,18 @@ static inline hits_t test_rows(const boxes_t* s, local const row_t* rows) {
   hits_t bits = 0;
 #pragma unroll 4 /* more would take too many registers */
   for (uint r = ROWS; r-- > 0U;) {
-    const row_t t = rows[r];
-    bits = append_signs(bits, meets(s, t) ? apart(s, t) : (INTS)(-1));
+    bits = append_signs(bits, apart(s, rows[r]));
   }
   return ~bits;
 }
 #else
 /* Tests ROWS rows against the boxes of a work-item. */
 static inline hits_t test_rows(const boxes_t* s, const uint first, const uint end, const bool all,
-                               global const float* boxes, global const uint* changed, global const uint4* filters) {
+                               global const float* boxes, global const uint* changed) {
   INTS hit[ROWS];
   INTS some = 0;
   for (uint r = 0; r < ROWS; ++r) {
-    const row_t t = load_row(boxes, filters, slot_of_row(min(first + r, end - 1U), all, changed));
-    hit[r] = meets(s, t) ? test_boxes(s, t) : (INTS)(0);
+    hit[r] = test_boxes(s, load_row(boxes, slot_of_row(min(first + r, end - 1U), all, changed)));
     some |= hit[r];
   }
   hits_t bits = 0;
@@ -316,7 +283,7 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void brute_force(
   const uint end = has_work ? last_row : 0U;
 #if GROUP > 1
   local row_t tile[MAX_ROWS + ROWS];
-  load_tile(tile, first_row, rows, end, all, boxes, changed, filters);
+  load_tile(tile, first_row, rows, end, all, boxes, changed);
 #endif
 #if GATHER
   for (uint k = 0; copy != 0 && get_group_id(1) == 0 && k < WIDTH && a + k * GROUP < n; ++k) {
@@ -328,7 +295,7 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void brute_force(
 
   const uint begin = a >= n ? end : all ? max(first_row, a + 1U) : first_row;
   boxes_t s;
-  if (begin < end) load_boxes(&s, boxes, filters, a, n);
+  if (begin < end) load_boxes(&s, boxes, a, n);
 
   uint step = rows;
   for (uint row = first_row; row < end;) {
@@ -337,7 +304,7 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void brute_force(
 #if GROUP > 1
       hits_t bits = test_rows(&s, tile + (first - first_row));
 #else
-      hits_t bits = test_rows(&s, first, end, all, boxes, changed, filters);
+      hits_t bits = test_rows(&s, first, end, all, boxes, changed);
 #endif
       if (stop - first < ROWS) bits &= ((hits_t)1 << ((stop - first) * WIDTH)) - 1U;
       collect_hits(bits, a, first, n, all, changed, hits, &found);

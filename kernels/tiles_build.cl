@@ -194,22 +194,12 @@ static inline void refit(global float* tree, const uint start, const uint k, con
 }
 #endif
 
-#ifndef GATHER
-#define GATHER 0 /* 1 if the objects are still to be gathered */
-#endif
-#if GATHER
-#define OBJECT_PARAMETERS GATHER_PARAMETERS
-#else
-#define OBJECT_PARAMETERS                                                                     \
-  global const float *restrict boxes, global const uint4 *restrict filters, const uint stamp, \
-      global const uint *restrict stamps
-#endif
-
 /* Copies the boxes to their tiles and computes the bounds of these, one work-group per tile. Tiles past the last one
-   have no bounds. If there are stamps, only boxes that changed take part. */
+   have no bounds. If there are stamps, only boxes that changed take part. Unless `source` is null, objects are gathered
+   from there. */
 kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_fill(
     const uint n, const uint tiles, const uint parents, const uint sets, global const uint2* restrict elements,
-    global float* tree, OBJECT_PARAMETERS) {
+    global float* tree, const uint stamp, global const uint* restrict stamps, GATHER_PARAMETERS) {
 #if GROUP > 1
   local refit_t scratch;
 #endif
@@ -219,19 +209,14 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_fill(
     const uint slot = place < n ? elements[place].x : 0U;
     bounds_t bounds;
     make_none(&bounds);
-#if GATHER
-    const bool is_in = place < n;
-#else
-    const bool is_in = place < n && (stamps == 0 || is_changed(stamps[slot], stamp));
-#endif
-    if (is_in) {
+    if (place < n && (stamps == 0 || is_changed(stamps[slot], stamp))) {
       box_t box;
-#if GATHER
-      gather_object(&box, slot, source, offset, stride, first_count, second, second_offset, second_stride,
-                    source_filters, boxes, filters, counts);
-#else
-      load_box(&box, boxes, slot);
-#endif
+      if (source != 0) {
+        gather_object(&box, slot, source, offset, stride, first_count, second, second_offset, second_stride,
+                      source_filters, boxes, filters, counts);
+      } else {
+        load_box(&box, boxes, slot);
+      }
       make_bounds(&bounds, &box, slot, sets, filters);
     }
     if (tile < tiles) store_child(&bounds, tree, tile, child);
@@ -260,7 +245,7 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_refit(const
 #endif
 }
 
-#if GROUP > 1 && !GATHER
+#if GROUP > 1
 #define KEEP_NODES (KEEP_GROUP / GROUP) /* nodes per work-group */
 
 /* The same, and keeps the pairs of the last frame, which saves a launch: the first work-groups compute bounds, and the

@@ -1,15 +1,15 @@
 #include <algorithm>
-#include <array>
 #include <cstdint>
-#include <filesystem>
 #include <optional>
 #include <span>
+#include <string_view>
 #include <utility>
 
 #include <gtest/gtest.h>
 
 #include <broadcl/broad_phase.hpp>
 
+#include "boxes.hpp"
 #include "core/core.hpp"
 #include "each_algorithm.hpp"
 #include "engines/algorithm.hpp"
@@ -18,9 +18,6 @@
 #include "expect_error.hpp"
 #include "failing_opencl.hpp"
 #include "finder_variants.hpp"
-#include "finders/calibration.hpp"
-#include "opencl/context.hpp"
-#include "opencl/opened_device.hpp"
 #include "scenes/generators.hpp"
 #include "twins.hpp"
 
@@ -28,57 +25,6 @@ namespace broadcl::test {
 namespace {
 
 using ::testing::HasSubstr;
-
-SUITE_NOT_IN(Calibration, sanitizers, "measures time");
-
-constexpr std::array finders{&make_brute_force, static_cast<MakePairFinder>(&make_tiles)};
-
-std::array<CostModel, 2> calibrated_in(const std::filesystem::path& folder) {
-  const ScopedVariable variable("BROADCL_CACHE_DIR", folder.string());
-  return calibrate(opencl::Context(select_device(), false), finders);
-}
-
-/// A new measurement would differ, if only by nanoseconds.
-bool are_same(const std::array<CostModel, 2>& s, const std::array<CostModel, 2>& t) {
-  return s[0].frame == t[0].frame && s[1].frame == t[1].frame;
-}
-
-TEST(Calibration, NoTermOfAModelIsNegative) {
-  const ScopedFolder folder;
-  for (const CostModel& model : calibrated_in(folder.path())) {
-    EXPECT_GT(model.frame, 0);
-    EXPECT_GT(model.slot, 0);
-    EXPECT_GT(model.work[0], 0);
-    EXPECT_GT(model.work[1], 0);
-    EXPECT_LT(model.seconds(128, true, 128), 10);
-  }
-}
-
-TEST(Calibration, IsMeasuredOnceAndStored) {
-  const ScopedFolder folder;
-  const auto first = calibrated_in(folder.path() / "a");
-  EXPECT_TRUE(are_same(calibrated_in(folder.path() / "a"), first));
-  EXPECT_FALSE(are_same(calibrated_in(folder.path() / "b"), first));
-}
-
-TEST(Calibration, WhatWasDamagedIsMeasuredAgain) {
-  const ScopedFolder folder;
-  const auto first = calibrated_in(folder.path());
-  for (const auto& file : std::filesystem::directory_iterator(folder.path())) {
-    std::filesystem::resize_file(file, std::filesystem::file_size(file) - 1);
-  }
-  const auto second = calibrated_in(folder.path());
-  EXPECT_FALSE(are_same(second, first));
-  EXPECT_TRUE(are_same(calibrated_in(folder.path()), second));
-}
-
-TEST(Calibration, LeavesNoMemoryBehind) {
-  const ScopedFolder folder;
-  const ScopedVariable variable("BROADCL_CACHE_DIR", folder.path().string());
-  const opencl::Context context(select_device(), false);
-  (void)calibrate(context, finders);
-  EXPECT_EQ(context.memory().device_peak, 0U);
-}
 
 class DeviceFor : public ::testing::Test {
  protected:
@@ -110,57 +56,72 @@ TEST_F(DeviceFor, ANameIsThatDevice) {
   EXPECT_THAT(error_of([] { (void)device_for({.algorithm = "abacus"}); }), HasSubstr("'abacus'"));
 }
 
-TEST(Auto, TestsAllPairsOnlyIfThatIsTheLeastWork) {
+/// `auto` on the default device, whatever that is.
+Twins<Core> twins_of_auto() {
+  return Twins<Core>(std::in_place, NoTrouble(), false,
+                     make_device_algorithm({}, static_cast<MakePairFinder>(&make_auto)));
+}
+
+/// Which finder does an update.
+template <class Update>
+std::string_view finder_of(const Update& update) {
+  const long brute_force = launches_of("brute_force");
+  const long tiles = launches_of("tiles_search");
+  update();
+  const bool used_brute_force = launches_of("brute_force") > brute_force;
+  const bool used_tiles = launches_of("tiles_search") > tiles;
+  EXPECT_NE(used_brute_force, used_tiles);
+  return used_tiles ? "tiles" : "brute-force";
+}
+
+std::string_view finder_of_update(Twins<Core>& twins) {
+  return finder_of([&] { EXPECT_TRUE(twins.agree()); });
+}
+
+Aabb box_apart(std::uint32_t k) {
+  return apart(k);
+}
+
+void place(Twins<Core>& twins, std::uint32_t n, Aabb (*box)(std::uint32_t)) {
+  twins.map(n, [&](std::span<Aabb> mapped) {
+    for (std::uint32_t k = 0; k < n; ++k) mapped[k] = box(k);
+  });
+}
+
+/// A thousand boxes that overlap each other have as many pairs to compare with those of the last frame as any
+/// device tests in the time that `tiles` take at least.
+TEST(Auto, TestsAllPairsOfAFewBoxesUnlessTooManyOverlap) {
+  constexpr std::uint32_t n = 1'000;
+  const auto all_overlap = [](std::uint32_t /*k*/) { return unit; };
+  Twins<Core> twins = twins_of_auto();
+  place(twins, 100, box_apart);
+  EXPECT_EQ(finder_of_update(twins), "brute-force");
+  place(twins, n, all_overlap);
+  (void)finder_of_update(twins);  // which does not know the pairs yet
+  place(twins, n, all_overlap);
+  EXPECT_EQ(finder_of_update(twins), "tiles");
+  place(twins, 100, box_apart);
+  (void)finder_of_update(twins);
+  place(twins, 100, box_apart);
+  EXPECT_EQ(finder_of_update(twins), "brute-force");
+}
+
+NOT_IN(gpu_profile | rusticl | sanitizers, "takes long");
+TEST(Auto, DoesNotTestAllPairsOfManyBoxes) {
   constexpr std::uint32_t n = 200'000;
   if (is_slow_device()) GTEST_SKIP() << "takes long on this device";
-  if (select_device().type != DeviceType::cpu) GTEST_SKIP() << "a GPU is opened later";
-  BroadPhase broad_phase;
-  const long before = launches_of("brute_force");
-  const auto update = [&] {
-    const long tiles = launches_of("tiles_search");
-    (void)broad_phase.update();
-    return launches_of("tiles_search") > tiles;
-  };
-  for (std::uint32_t k = 0; k < n; ++k) broad_phase.add(apart(k));
-  EXPECT_TRUE(update());
-  EXPECT_EQ(launches_of("brute_force"), before);
-  // After few changes, either may be chosen.
-  for (std::uint32_t k = 1; k < 5; ++k) {
-    broad_phase.move(7 * k, apart(8));
-    const long all = launches_of("brute_force");
-    const bool tiles = update();
-    EXPECT_NE(launches_of("brute_force") > all, tiles);
-  }
+  Core core(make_device_algorithm({}, static_cast<MakePairFinder>(&make_auto)));
+  for (std::uint32_t k = 0; k < n; ++k) core.add(apart(k), {});
+  EXPECT_EQ(finder_of([&] { (void)core.finish(); }), "tiles");
+  core.move(7, apart(8));
+  EXPECT_EQ(finder_of([&] { EXPECT_EQ(core.finish().added.size(), 1U); }), "brute-force");
 }
 
-/// A GPU that needs the launch parameters of CPUs must not seem to take no time: until then, the host does
-/// the updates.
-NOT_IN(sanitizers, "measures time");
-TEST(Auto, KnowsTheCostOnAGpuWithTheProfileOfCpus) {
-  Device device = select_device();
-  device.type = DeviceType::gpu;
-  opencl::forget_opened_devices();  // which are described otherwise
-  {
-    const opencl::Context context(device, false, {}, opencl::Tuning::cpu);
-    EXPECT_GT(make_auto(context)->expected_seconds(100, 100), 0);
-  }
-  opencl::forget_opened_devices();
-}
-
-/// Every box overlaps all others, so testing all pairs is no worse: `tiles` is given up as soon as its work
-/// is known.
-NOT_IN(gpu_profile | rusticl | sanitizers, "takes long");
-TEST(Auto, WhatTilesCountsDecides) {
-  constexpr std::uint32_t n = 10'000;
-  if (select_device().type != DeviceType::cpu) GTEST_SKIP() << "on a GPU, both take equally long";
-  BroadPhase broad_phase;
-  for (std::uint32_t k = 0; k < n; ++k) broad_phase.add(unit, {.body = 1});
-  const long before = launches_of("brute_force");
-  for (int frame = 0; frame < 3; ++frame) {
-    (void)broad_phase.map(n);
-    (void)broad_phase.update();
-  }
-  EXPECT_GT(launches_of("brute_force"), before);
+/// `brute-force` tests boxes of different worlds, too.
+TEST(Auto, UsesTilesForWorlds) {
+  Twins<Core> twins = twins_of_auto();
+  for (std::uint32_t k = 0; k < 4; ++k) twins.add(unit, {.world = k / 2});
+  EXPECT_EQ(finder_of_update(twins), "tiles");
 }
 
 /// If `tiles` is used only every second frame, it cannot watch how its order ages. It still sorts again, but

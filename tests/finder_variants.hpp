@@ -24,9 +24,6 @@ class Turns final : public PairFinder {
   void find(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) override {
     finders_.at(turn_)->find(search, sink, profiler);
   }
-  [[nodiscard]] double expected_work(const Search& /*search*/, const PairDelta& /*sink*/) override {
-    return 0;
-  }
 
  private:
   std::array<std::unique_ptr<PairFinder>, 2> finders_;

@@ -36,9 +36,6 @@ class FoundBy final : public PairFinder {
   void find(const Search& search, const PairDelta& sink, opencl::Profiler& /*profiler*/) override {
     enqueue_(search, sink);
   }
-  [[nodiscard]] double expected_work(const Search& /*search*/, const PairDelta& /*sink*/) override {
-    return 0;
-  }
 
  private:
   Enqueue enqueue_;

@@ -56,7 +56,7 @@ Programs cached_programs(const std::filesystem::path& folder) {
     const std::string text{std::istreambuf_iterator<char>(file), {}};
     const std::string_view options = between(text, "-cl-std=CL1.2 ", {"\0", 1});
     const std::string_view name = between(text, "#line 1 \"", "\"");
-    if (name.empty()) continue;  // cost models
+    if (name.empty()) continue;  // what was found out about the device
     programs.insert(std::string(name) + (options.empty() ? "" : " ") + std::string(options));
   }
   return programs;

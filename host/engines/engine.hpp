@@ -71,9 +71,6 @@ class Engine {
   /// Whether a frame failed after prepare(): unsettled frames must then be settled before the next frame.
   [[nodiscard]] bool was_interrupted() const noexcept { return delta_.was_interrupted(); }
 
-  /// As PairFinder::expected_work().
-  [[nodiscard]] double expected_work(const Search& search) { return finder_->expected_work(search, delta_); }
-
   /// As Algorithm::expected_seconds().
   [[nodiscard]] double expected_seconds(std::size_t slots, std::size_t changed) const {
     return finder_->expected_seconds(slots, changed);

@@ -56,9 +56,6 @@ class PairFinder {
   /// incomplete.
   virtual void forget() noexcept {}
 
-  /// The expected work of find(), in units of the finder, which all take about the same time.
-  [[nodiscard]] virtual double expected_work(const Search& search, const PairDelta& sink) = 0;
-
   /// As Algorithm::expected_seconds().
   [[nodiscard]] virtual double expected_seconds(std::size_t /*slots*/, std::size_t /*changed*/) const {
     return 0;

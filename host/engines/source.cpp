@@ -38,4 +38,11 @@ cl_uint Source::set_arguments(cl::Kernel& kernel, cl_uint first, const Generatio
                                second_.stride, filters_, to.boxes, to.filters, counts);
 }
 
+cl_uint Source::set_no_arguments(cl::Kernel& kernel, cl_uint first, const cl::Buffer& boxes,
+                                 const cl::Buffer& filters) {
+  const cl::Buffer none;
+  return opencl::set_arguments(kernel, first, none, cl_ulong{0}, cl_ulong{0}, cl_uint{0}, none, cl_ulong{0},
+                               cl_ulong{0}, none, boxes, filters, none);
+}
+
 }  // namespace broadcl

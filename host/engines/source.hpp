@@ -38,6 +38,10 @@ class Source {
   /// @throws cl::Error
   cl_uint set_arguments(cl::Kernel& kernel, cl_uint first, const Generation& to,
                         const cl::Buffer& counts) const;
+  /// The same for a kernel whose objects need not be gathered.
+  /// @throws cl::Error
+  static cl_uint set_no_arguments(cl::Kernel& kernel, cl_uint first, const cl::Buffer& boxes,
+                                  const cl::Buffer& filters);
 
  private:
   const opencl::Context& context_;

@@ -2,7 +2,6 @@
 #include <array>
 #include <cstddef>
 #include <memory>
-#include <optional>
 #include <string_view>
 #include <utility>
 
@@ -10,101 +9,110 @@
 #include "engines/engine.hpp"
 #include "engines/hybrid.hpp"
 #include "engines/pair_finder.hpp"
-#include "finders/calibration.hpp"
 
 namespace broadcl {
 namespace {
 
-constexpr std::array<std::string_view, 2> finder_names{"brute-force", "tiles"};
-constexpr std::array<MakePairFinder, 2> both_finders{make_brute_force, make_tiles};
+/// `brute-force` is used while it has to test at most so many pairs: as many as a device can while `tiles` do
+/// what takes the same time however few boxes overlap. To check: scripts/bench FILE
+/// --benchmark_filter='^(update|some-moving|frame)/(auto|brute-force|tiles)/'
+struct MostTests {
+  double per_unit;           ///< For each compute unit of the device.
+  double per_unit_and_slot;  ///< For each slot, too, since `tiles` look at all boxes although few moved.
+};
+constexpr MostTests most_on_gpus{.per_unit = 100'000, .per_unit_and_slot = 14};
+constexpr MostTests most_on_cpus{.per_unit = 120'000, .per_unit_and_slot = 120};
 
-/// Switch only if the other finder is expected to take less than this share of the current one's time.
-constexpr double clearly_less = 0.95;
+/// The cost, in tests, of finding out whether boxes that overlap are a new pair; 70 to 190 on PoCL 3.1.
+constexpr double tests_per_hit = 100;
 
-/// With up to this many slots, `brute-force` is the better choice on every CPU.
-constexpr std::size_t small_on_cpu = 400;
+/// With fewer tests than this share of the most, `brute-force` is used again.
+constexpr double clearly_less = 0.9;
 
 /// A GPU is opened for updates that take longer, in seconds: if it is named, about as long as the fastest
 /// update on any GPU; otherwise several times that, since opening it takes time and memory.
 constexpr double slow_if_named = 30e-6;
 constexpr double slow_otherwise = 100e-6;
 
-/// Chooses in each frame the finder that is expected to take less time, by cost models of the device and by
-/// the work that each finder expects. A stage with the finder's name says which one it was.
+/// Chooses in each frame between two finders.
 class Auto final : public PairFinder {
  public:
   explicit Auto(const opencl::Context& context)
-      : context_(context), finders_{make_brute_force(context), nullptr} {
-    if (context.tuning() != opencl::Tuning::cpu || context.device().type != DeviceType::cpu) compare();
+      : context_(context),
+        most_(context.tuning() == opencl::Tuning::cpu ? most_on_cpus : most_on_gpus),
+        brute_force_(make_brute_force(context)),
+        chosen_(brute_force_.get()) {
+    // A GPU is opened while the host does the updates.
+    if (context.device().type != DeviceType::cpu) (void)tiles();
   }
 
   void warm_up(std::size_t slots) override {
-    if (slots > small_on_cpu) compare();
+    const auto n = static_cast<double>(slots);
+    if (n * n / 2 > most_tests(slots)) (void)tiles();
   }
 
   void build(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) override {
-    choose(search, sink);
-    finders_.at(chosen_)->build(search, sink, profiler);
+    chosen_ = choose(search, sink);
+    chosen_->build(search, sink, profiler);
   }
 
+  /// A stage with the finder's name says which one it was.
   void find(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) override {
-    { const opencl::Profiler::Scope stage(profiler, finder_names.at(chosen_)); }
-    finders_.at(chosen_)->find(search, sink, profiler);
+    { const opencl::Profiler::Scope stage(profiler, chosen_ == tiles_.get() ? "tiles" : "brute-force"); }
+    chosen_->find(search, sink, profiler);
   }
 
   [[nodiscard]] bool keeps(const Search& search, const PairDelta& sink) const override {
-    return finders_.at(chosen_)->keeps(search, sink);
+    return chosen_->keeps(search, sink);
   }
 
-  [[nodiscard]] bool gave_up(const PairDelta::Counts& counts) override {
-    return finders_.at(chosen_)->gave_up(counts);
-  }
+  [[nodiscard]] bool gave_up(const PairDelta::Counts& counts) override { return chosen_->gave_up(counts); }
 
   void rebuild(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) override {
-    finders_.at(chosen_)->rebuild(search, sink, profiler);
+    chosen_->rebuild(search, sink, profiler);
   }
 
   void forget() noexcept override {
-    for (const auto& finder : finders_) {
-      if (finder) finder->forget();
-    }
+    brute_force_->forget();
+    if (tiles_) tiles_->forget();
   }
 
-  [[nodiscard]] double expected_work(const Search& search, const PairDelta& sink) override {
-    return finders_.at(chosen_)->expected_work(search, sink);
-  }
-
-  /// As if no boxes overlapped. What tiles find depends on where the boxes are.
-  [[nodiscard]] double expected_seconds(std::size_t slots, std::size_t changed) const override {
-    const bool all = changed == slots;
-    const auto tests = static_cast<double>(slots) * static_cast<double>(changed) * (all ? 0.5 : 1);
-    return std::min(models_[0].seconds(slots, all, tests), models_[1].seconds(slots, all, 0));
+  /// Roughly what a large GPU takes. (Updates that were measured correct it.)
+  [[nodiscard]] double expected_seconds(std::size_t slots, std::size_t /*changed*/) const override {
+    return 30e-6 + 1e-9 * static_cast<double>(slots);
   }
 
  private:
-  /// Makes the second finder, and compares the two.
-  void compare() {
-    if (finders_[1]) return;
-    const auto models = calibrate(context_, both_finders);
-    finders_[1] = make_tiles(context_);
-    models_ = models;
+  PairFinder& tiles() {
+    if (!tiles_) tiles_ = make_tiles(context_);
+    return *tiles_;
   }
 
-  void choose(const Search& search, const PairDelta& sink) {
-    if (!finders_[1]) return;
-    const std::size_t other = 1 - chosen_;
-    if (seconds(other, search, sink) < clearly_less * seconds(chosen_, search, sink)) chosen_ = other;
+  [[nodiscard]] double most_tests(std::size_t slots) const {
+    return context_.device().compute_units *
+           (most_.per_unit + most_.per_unit_and_slot * static_cast<double>(slots));
   }
 
-  [[nodiscard]] double seconds(std::size_t which, const Search& search, const PairDelta& sink) const {
-    const double work = finders_.at(which)->expected_work(search, sink);
-    return models_.at(which).seconds(search.now.slots, search.all, work);
+  PairFinder* choose(const Search& search, const PairDelta& sink) {
+    const double most = most_tests(search.now.slots);
+    const bool few = tests(search, sink) < (chosen_ == brute_force_.get() ? most : clearly_less * most);
+    // (`brute-force` also tests boxes of different worlds.)
+    return few && !search.worlds ? brute_force_.get() : &tiles();
+  }
+
+  /// The pairs that `brute-force` would test; those that overlap count more.
+  [[nodiscard]] static double tests(const Search& search, const PairDelta& sink) {
+    const auto slots = static_cast<double>(search.now.slots);
+    const double share = search.all || slots == 0 ? 1 : std::min(1.0, 2 * search.changed_count / slots);
+    return slots * search.changed_slots() * (search.all ? 0.5 : 1) +
+           tests_per_hit * share * static_cast<double>(sink.pair_count());
   }
 
   const opencl::Context& context_;
-  std::array<CostModel, 2> models_{};  // 0 until they are measured
-  std::array<std::unique_ptr<PairFinder>, 2> finders_;
-  std::size_t chosen_ = 0;
+  MostTests most_;
+  std::unique_ptr<PairFinder> brute_force_;
+  std::unique_ptr<PairFinder> tiles_;  // on a CPU, made when it is first needed: a CPU compiles for seconds
+  PairFinder* chosen_;
 };
 
 }  // namespace

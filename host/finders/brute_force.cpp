@@ -29,22 +29,19 @@ constexpr RowLaunch brute_force_on_cpus{.width = 16,
 /// Up to this many pairs are kept by the same kernel, which takes less time than another launch.
 constexpr std::size_t most_kept = 1 << 16;
 
-/// The cost, in tests, of finding out whether boxes that overlap are a new pair; 70 to 190 on PoCL 3.1.
-constexpr double tests_per_hit = 100;
-
 /// Tests every pair on the device: kernels/brute_force.cl.
 class BruteForce final : public PairFinder {
  public:
   explicit BruteForce(const opencl::Context& context)
       : context_(context),
         launch_(context.tuning() == opencl::Tuning::cpu ? brute_force_on_cpus : brute_force_on_gpus) {
-    load({});
+    load();
   }
 
   void build(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) override {
     // (Longer lists are kept by a kernel of their own, which comes first and needs the boxes.)
     gathers_ = search.source != nullptr && search.source->packed_boxes()() != nullptr && keeps(search, sink);
-    if (has_work(search)) load(search);
+    if (has_work(search)) load();
     if (!gathers_) PairFinder::build(search, sink, profiler);
   }
 
@@ -52,7 +49,7 @@ class BruteForce final : public PairFinder {
     if (!has_work(search)) return;
     const cl_uint n = search.now.slots;
     const cl_uint row_count = search.changed_slots();
-    cl::Kernel& kernel = this->kernel(search);
+    cl::Kernel& kernel = this->kernel();
     const cl::Buffer boxes = gathers_ ? search.source->packed_boxes() : search.now.boxes;
     const std::size_t columns = opencl::round_up(opencl::divide_up(n, launch_.width), launch_.group);
     const std::size_t rows = rows_per_item(search);
@@ -83,14 +80,6 @@ class BruteForce final : public PairFinder {
     return launch_.group > 1 && has_work(search) && sink.pair_count() <= most_kept;
   }
 
-  /// Pairs to test; pairs that overlap count more.
-  [[nodiscard]] double expected_work(const Search& search, const PairDelta& sink) override {
-    const auto slots = static_cast<double>(search.now.slots);
-    const double share = search.all || slots == 0 ? 1 : std::min(1.0, 2 * search.changed_count / slots);
-    return slots * search.changed_slots() * (search.all ? 0.5 : 1) +
-           tests_per_hit * share * static_cast<double>(sink.pair_count());
-  }
-
  private:
   [[nodiscard]] static bool has_work(const Search& search) {
     return search.now.slots > 1 && search.changed_slots() > 0;
@@ -106,34 +95,33 @@ class BruteForce final : public PairFinder {
 
   /// Builds the kernel of a search when it is first needed. If the device runs it only in smaller
   /// work-groups, changes to the launch parameters for CPUs for good.
-  void load(const Search& search) {
-    if (kernel(search)() != nullptr) return;
+  void load() {
+    if (kernel()() != nullptr) return;
     try {
-      kernel(search) = make_kernel(search.worlds);
+      kernel() = make_kernel();
     } catch (const opencl::GroupTooLarge&) {
       launch_ = brute_force_on_cpus;
       kernels_ = {};
       gathers_ = false;
-      load(search);
+      load();
     }
   }
 
-  /// (Objects to be gathered are in one world.)
-  cl::Kernel& kernel(const Search& search) { return kernels_.at(gathers_ ? 2 : search.worlds ? 1 : 0); }
+  cl::Kernel& kernel() { return kernels_.at(gathers_ ? 1 : 0); }
 
-  [[nodiscard]] cl::Kernel make_kernel(bool worlds) const {
+  [[nodiscard]] cl::Kernel make_kernel() const {
     // Rows that a work-item tests before it looks for hits.
     const unsigned rows_at_once = launch_.group == 1 ? 4 : 8;
     const std::string options =
         "-DWIDTH=" + std::to_string(launch_.width) + " -DGROUP=" + std::to_string(launch_.group) +
         " -DROWS=" + std::to_string(rows_at_once) + " -DMAX_ROWS=" + std::to_string(launch_.max_rows) +
-        (worlds ? " -DWORLDS=1" : "") + (gathers_ ? " -DGATHER=1" : "");
+        (gathers_ ? " -DGATHER=1" : "");
     return context_.kernel(context_.program("brute_force.cl", options), "brute_force", launch_.group);
   }
 
   const opencl::Context& context_;
   RowLaunch launch_;
-  std::array<cl::Kernel, 3> kernels_;
+  std::array<cl::Kernel, 2> kernels_;
   bool gathers_ = false;  // this search: its kernel reads the caller's boxes, and copies them
 };
 

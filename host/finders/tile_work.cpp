@@ -19,11 +19,6 @@ constexpr double most_early_work = 2;
 /// after sorting, which is far more than is_stale() allows. If all boxes leapt, the work would be n^2.
 constexpr double given_up = 4;
 
-/// Whether two numbers are so close that an observation for one also holds for the other.
-bool alike(std::size_t s, std::size_t t) {
-  return 2 * s <= 3 * t && 2 * t <= 3 * s;
-}
-
 }  // namespace
 
 void TileWork::begin_frame(const Search& search, const PairDelta& sink) {
@@ -36,7 +31,6 @@ void TileWork::begin_frame(const Search& search, const PairDelta& sink) {
 
 void TileWork::observe(const PairDelta& sink) {
   if (!searched_frame_ || sink.frames() != *searched_frame_ + 1 || sink.work() == 0) return;
-  seen_ = {.pairs = sink.pair_count(), .slots = sorted_slots_};
   factors_.at(kind_) = static_cast<double>(sink.work()) / typical_;
 }
 
@@ -72,13 +66,6 @@ void TileWork::begin_search(const Search& search, bool is_early) {
 
 bool TileWork::early_pays() const noexcept {
   return factors_[early] <= most_early_work * factors_[all_changed];
-}
-
-double TileWork::expected(const Search& search, const PairDelta& sink) {
-  observe(sink);
-  const bool is_known = alike(seen_.slots, search.now.slots) && alike(seen_.pairs, sink.pair_count());
-  return typical(search) *
-         (is_known ? factors_ : default_factors).at(search.all ? all_changed : some_changed);
 }
 
 cl_uint TileWork::most(const Search& search, const PairDelta& sink, std::size_t groups) const {

@@ -11,8 +11,7 @@
 namespace broadcl {
 
 /// What searches of tiles cost, in nodes and boxes that they visit, as counted on the device. The work grows
-/// as boxes move away from those that they were sorted next to, so it tells when to sort again, and what the
-/// next search will take.
+/// as boxes move away from those that they were sorted next to, so it tells when to sort again.
 class TileWork {
  public:
   static constexpr double default_stale = 1.25;
@@ -37,9 +36,6 @@ class TileWork {
 
   /// Whether the last early search took less time than it saved.
   [[nodiscard]] bool early_pays() const noexcept;
-  /// As PairFinder::expected_work(): in proportion to the work of the last search of this kind. If the scene
-  /// has changed much since then, or there was no such search, the work for boxes of one size.
-  [[nodiscard]] double expected(const Search& search, const PairDelta& sink);
   /// The work at which a search by this many work-groups is given up; the largest number if it must not be.
   [[nodiscard]] cl_uint most(const Search& search, const PairDelta& sink, std::size_t groups) const;
 
@@ -69,10 +65,6 @@ class TileWork {
   // since the boxes were sorted (0 if there was none).
   std::array<double, 3> factors_ = default_factors;
   std::array<double, 3> fresh_factors_{};
-  struct {
-    std::size_t pairs = 0;
-    std::size_t slots = 0;
-  } seen_;  // by the last search
 };
 
 }  // namespace broadcl

@@ -67,21 +67,20 @@ class Tiles final : public PairFinder {
         centroids_(context),
         near_(context, fewest_early),
         sort_(context) {
-    load({}, false);
+    load({});
   }
 
   void build(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) override {
     is_built_ = search.now.slots > 1 && search.changed_slots() > 0;
     if (!is_built_) return PairFinder::build(search, sink, profiler);
-    const bool may_gather = search.source != nullptr && search.now.slots <= most_gathered;
-    load(search, may_gather);
+    load(search);
     prepare(search);
     work_.begin_frame(search, sink);
     const bool stale = work_.is_stale(search, sink);
     is_early_ = near_.begin(search, sink, !stale, work_.early_pays(), profiler);
     work_.begin_search(search, is_early_);
     if (is_early_) return search_early(search, sink, profiler);
-    const bool gathers = may_gather && !stale;
+    const bool gathers = search.source != nullptr && search.now.slots <= most_gathered && !stale;
     if (!gathers) PairFinder::build(search, sink, profiler);
     if (stale) sort(search, sink, profiler);
     fill_trees(search, gathers, sink, profiler);
@@ -120,10 +119,6 @@ class Tiles final : public PairFinder {
   /// (The boxes that were sorted may be those of an incomplete frame.)
   void forget() noexcept override { work_.forget_sort(); }
 
-  [[nodiscard]] double expected_work(const Search& search, const PairDelta& sink) override {
-    return work_.expected(search, sink);
-  }
-
  private:
   struct Kernels {  // NOLINT(bugprone-exception-escape): handles do not throw when moved
     opencl::SizedKernel centroids, keys, world_keys;
@@ -134,20 +129,17 @@ class Tiles final : public PairFinder {
 
   /// Builds the kernels that a search needs, whether it sorts or not, unless they are built. If the device
   /// runs one of them only in smaller work-groups, changes to the launch parameters for CPUs for good.
-  /// @param may_gather Whether the search may be of objects that are still to be gathered.
-  void load(const Search& search, bool may_gather) {
+  void load(const Search& search) {
     try {
       const bool worlds = has_worlds(search);
       (void)kernels(worlds);
       if (!search.all) (void)search_kernel(false, worlds);
-      if (may_gather) (void)gathering_fill(worlds);  // in the first frame, although that sorts
     } catch (const opencl::GroupTooLarge&) {
       launch_ = tiles_on_cpus;
       work_.restart(launch_.node);
       kernels_ = {};
-      gathering_fills_ = {};
       capacity_ = 0;  // nodes may have had another size
-      load(search, may_gather);
+      load(search);
     }
   }
 
@@ -179,16 +171,6 @@ class Tiles final : public PairFinder {
                                "tiles_search", launch_.group);
     }
     return search;
-  }
-
-  /// The kernel that gathers all boxes and fills the tree with them.
-  cl::Kernel& gathering_fill(bool worlds) {
-    cl::Kernel& fill = gathering_fills_.at(worlds ? 1 : 0);
-    if (fill() == nullptr) {
-      fill = context_.kernel(context_.program("tiles_build.cl", options(worlds) + " -DGATHER=1"),
-                             "tiles_fill", launch_.group);
-    }
-    return fill;
   }
 
   [[nodiscard]] std::string options(bool worlds) const {
@@ -274,9 +256,9 @@ class Tiles final : public PairFinder {
   void fill_trees(const Search& search, bool gathers, const PairDelta& sink, opencl::Profiler& profiler) {
     opencl::Profiler::Scope stage(profiler, "build");
     if (gathers) {
-      cl::Kernel& fill = gathering_fill(has_worlds(search));
-      search.source->set_arguments(fill, set_fill(fill, search, tree_), search.now, sink.counts());
-      fill_tree(context_.queue(), search, fill, stage.event());
+      search.source->set_arguments(kernels(search).fill, set_fill(search, tree_, {}), search.now,
+                                   sink.counts());
+      enqueue_fill(context_.queue(), search, stage.event());
       return;
     }
     const auto fill = [&](const cl::Buffer& stamps, const Tree& tree, cl::Event* event) {
@@ -288,20 +270,20 @@ class Tiles final : public PairFinder {
 
   void fill_tree(const cl::CommandQueue& queue, const Search& search, const cl::Buffer& boxes,
                  const cl::Buffer& stamps, const Tree& tree, cl::Event* event) {
-    cl::Kernel& fill = kernels(search).fill;
-    opencl::set_arguments(fill, set_fill(fill, search, tree), boxes,
-                          has_worlds(search) ? search.now.filters : cl::Buffer(), search.stamp, stamps);
-    fill_tree(queue, search, fill, event);
+    Source::set_no_arguments(kernels(search).fill, set_fill(search, tree, stamps), boxes,
+                             has_worlds(search) ? search.now.filters : cl::Buffer());
+    enqueue_fill(queue, search, event);
   }
 
-  cl_uint set_fill(cl::Kernel& fill, const Search& search, const Tree& tree) const {
-    return opencl::set_arguments(fill, 0, search.now.slots, static_cast<cl_uint>(tiles_of(search)),
-                                 starts_.at(1), sets(search), elements_, tree.nodes);
+  /// Sets all but the GATHER_PARAMETERS; returns the index of the first of these.
+  cl_uint set_fill(const Search& search, const Tree& tree, const cl::Buffer& stamps) {
+    return opencl::set_arguments(kernels(search).fill, 0, search.now.slots,
+                                 static_cast<cl_uint>(tiles_of(search)), starts_.at(1), sets(search),
+                                 elements_, tree.nodes, search.stamp, stamps);
   }
 
-  void fill_tree(const cl::CommandQueue& queue, const Search& search, const cl::Kernel& fill,
-                 cl::Event* event) const {
-    enqueue(queue, fill, round_up(tiles_of(search), launch_.node), event);
+  void enqueue_fill(const cl::CommandQueue& queue, const Search& search, cl::Event* event) {
+    enqueue(queue, kernels(search).fill, round_up(tiles_of(search), launch_.node), event);
   }
 
   [[nodiscard]] std::size_t tiles_of(const Search& search) const {
@@ -420,7 +402,6 @@ class Tiles final : public PairFinder {
   NearPairs near_;
   opencl::RadixSort sort_;
   std::array<Kernels, 2> kernels_;
-  std::array<cl::Kernel, 2> gathering_fills_;
   cl::Buffer elements_, scratch_;  // slots, sorted
   Tree tree_;
   Tree changed_tree_;                                  // of boxes that changed, if not all did

@@ -41,14 +41,6 @@ Context::~Context() {
   if (owns_queue_) wait_if_possible(queue_);
 }
 
-Context Context::with_own_memory() const {
-  Context context(*this);
-  context.owns_queue_ = false;
-  context.memory_ = std::make_shared<Memory>();
-  context.fill_ = {};  // kernel arguments are not shared
-  return context;
-}
-
 void Context::open(const cl::CommandQueue& queue, std::optional<Tuning> tuning) {
   queue_ = queue;
   const auto known = [&] {

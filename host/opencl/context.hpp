@@ -48,10 +48,8 @@ class Context {
   /// Waits for the remaining commands in its own queue, for instance the release of mapped memory: Intel's
   /// runtime may crash if the process ends earlier.
   ~Context();
+  Context(const Context&) = delete;
   Context& operator=(const Context&) = delete;
-
-  /// The same context, but the memory of its buffers counts separately. For use while this one exists.
-  [[nodiscard]] Context with_own_memory() const;
 
   [[nodiscard]] const Device& device() const noexcept { return opened_->device; }
   [[nodiscard]] const cl::Context& context() const noexcept { return opened_->context; }
@@ -149,8 +147,6 @@ class Context {
     std::atomic<std::size_t> pinned{0};
     std::size_t device_peak = 0;
   };
-
-  Context(const Context&) = default;
 
   [[nodiscard]] cl::Buffer create(std::size_t bytes, cl_mem_flags flags) const;
   [[nodiscard]] cl::Buffer counted(cl::Buffer buffer, std::size_t bytes,
