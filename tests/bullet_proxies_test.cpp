@@ -174,7 +174,7 @@ TEST_P(Contract, S06ThereIsNoCapacity) {
   if (unfit("Sweep", "crashes when it is full") || unfit("Simple", "stops the program when it is full"))
     return;
   Rig rig(GetParam());
-  for (std::size_t k = 0; k < 5 * capacity; ++k) rig.create_unit(btScalar(1.5) * static_cast<btScalar>(k));
+  for (std::size_t k = 0; k < 2 * capacity; ++k) rig.create_unit(btScalar(1.5) * static_cast<btScalar>(k));
   const btBroadphaseProxy* last = rig.create_unit(3.2F);
   rig.calculate();
   EXPECT_EQ(rig.pair_count(), 1);

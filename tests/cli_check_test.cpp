@@ -41,6 +41,7 @@ TEST_F(Program, CheckWorksHere) {
   EXPECT_LT(end_of_host, begin_of_device) << "what needs no compiler comes first\n" << outcome.out;
 }
 
+NOT_IN(sanitizers, "takes long");
 TEST_F(Program, CheckNeedsNoDevice) {
   const Outcome outcome = run("check", "BROADCL_DEVICE= OCL_ICD_VENDORS=/nonexistent");
   expect_success(outcome);

@@ -9,6 +9,7 @@
 #include <broadcl/broad_phase.hpp>
 
 #include "program.hpp"
+#include "runs.hpp"
 
 namespace broadcl::test {
 namespace {
@@ -28,6 +29,7 @@ TEST_F(Program, PairsAreFoundOnTheHostIfThereIsNoDevice) {
   EXPECT_TRUE(outcome.out.starts_with("2 overlapping pairs of 4 boxes (auto on the host)\n")) << outcome.out;
 }
 
+NOT_IN(sanitizers, "starts many processes");
 TEST_F(Program, SaysOnceThatItBuildsKernels) {
   const auto line_of = [&](const std::string& algorithm, const std::string& environment) {
     const Outcome outcome = run("pairs four.npy --algorithm " + algorithm, environment);

@@ -15,6 +15,7 @@
 #include <broadcl/device.hpp>
 
 #include "program.hpp"
+#include "runs.hpp"
 #include "test_name.hpp"
 
 namespace broadcl::test {
@@ -130,6 +131,7 @@ TEST_F(Program, OneOfSeveralDevicesIsTheDefault) {
       1);
 }
 
+NOT_IN(sanitizers, "takes long");
 TEST_F(Program, SaysWhatPoclLacksIfItOffersNoDevice) {
   const std::string driver = "/etc/OpenCL/vendors/pocl.icd";
   const std::string environment =

@@ -37,7 +37,7 @@ void play_to_algorithm(const BroadPhase::Config& config, ScriptSize size, std::s
 }
 
 TEST_P(EachAlgorithm, SomeRandomCalls) {
-  const std::size_t scripts = GetParam().on_device ? 20 : 150;
+  const std::size_t scripts = GetParam().on_device ? 20 : 60;
   play_to_algorithm(config(), ScriptSize::small, is_slow() ? 3 : scripts, seed_of_ci);
 }
 
@@ -49,7 +49,7 @@ TEST_P(EachAlgorithm, SmallRandomCalls) {
 /// The oracle, with which others are compared in large scenes, follows the definitions.
 NOT_IN(sanitizers, "takes long in the reference; sweep-and-prune's calls are in it");
 TEST(Oracle, SomeRandomCalls) {
-  play_to_algorithm({.algorithm = "oracle"}, ScriptSize::small, 150, seed_of_ci);
+  play_to_algorithm({.algorithm = "oracle"}, ScriptSize::small, 60, seed_of_ci);
 }
 
 TEST(Long, RandomCalls) {
