@@ -39,13 +39,13 @@ void time_two_sets(benchmark::State& state, const std::string& algorithm, const 
   first.insert(first.end(), second.begin(), second.end());
   const auto finder = make_algorithm({.algorithm = algorithm});
   finder->reserve(first.size(), !as_one);
-  const auto update = [&](const Changes& changes) {
-    finder->begin(changes);
+  const auto update = [&](const Input& input) {
+    finder->begin(input);
     return finder->finish().added.size();
   };
   const auto find = [&] {
     std::ranges::copy(first, finder->boxes().begin());
-    return update({.slots = first.size(),
+    return update({.boxes = finder->boxes().first(first.size()),
                    .all = true,
                    .filters = filters,
                    .all_filters = true,

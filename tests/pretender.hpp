@@ -51,9 +51,9 @@ class Pretender final : public Algorithm {
   }
   [[nodiscard]] std::span<Aabb> boxes() noexcept override { return inner_->boxes(); }
   [[nodiscard]] std::shared_ptr<const void> boxes_owner() const override { return inner_->boxes_owner(); }
-  void begin(const Changes& changes) override {
+  void begin(const Input& input) override {
     may_fail("begin");
-    inner_->begin(changes);
+    inner_->begin(input);
   }
   void flush() override {
     may_fail("flush");

@@ -209,7 +209,7 @@ std::size_t work_of_large_boxes(cl_uint distance) {
   std::ranges::fill(objects.boxes(), packed_empty());
   for (std::size_t k = 0; k < large; ++k) objects.boxes()[k * distance] = unit;
   engine.prepare();
-  engine.begin(objects.upload({.slots = n, .all = true}));
+  engine.begin(objects.upload({.boxes = objects.boxes().first(n), .all = true}));
   const PairDelta::Counts counts = engine.finish();
   EXPECT_EQ(counts.added, large * (large - 1) / 2);
   return counts.work;

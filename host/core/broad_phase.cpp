@@ -182,7 +182,10 @@ std::vector<Pair> overlapping_pairs(const BoxView& boxes, const BroadPhase::Conf
   algorithm->reserve(boxes.size(), false);
   algorithm->reserve_exclusions(sorted.size());
   boxes.pack_to(algorithm->boxes());
-  return algorithm->find_all({.slots = boxes.size(), .all = true, .exclusions = sorted, .all_filters = true});
+  return algorithm->find_all({.boxes = algorithm->boxes().first(boxes.size()),
+                              .all = true,
+                              .exclusions = sorted,
+                              .all_filters = true});
 }
 
 std::vector<Pair> overlapping_pairs(const BoxView& first, const BoxView& second,
@@ -202,7 +205,7 @@ std::vector<Pair> overlapping_pairs(const BoxView& first, const BoxView& second,
   pack_to(second, algorithm->boxes().subspan(first.size()), "the second set");
   std::vector<Filter> filters(boxes, Filter::second_set);
   std::fill_n(filters.begin(), first.size(), Filter::first_set);
-  std::vector<Pair> pairs = algorithm->find_all({.slots = boxes,
+  std::vector<Pair> pairs = algorithm->find_all({.boxes = algorithm->boxes().first(boxes),
                                                  .all = true,
                                                  .filters = filters,
                                                  .exclusions = sorted,

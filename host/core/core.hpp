@@ -124,7 +124,7 @@ class Core {
       const std::size_t slots = slot_count();
       const bool are_two_sets = any_filters_ && sets_.are_apart();
       algorithm_->begin(
-          {.slots = slots,
+          {.boxes = algorithm_->boxes().first(slots),
            .changed = flight_.changed(),
            // If many boxes changed, testing all pairs once is less work than testing the changed boxes
            // against all.

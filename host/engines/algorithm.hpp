@@ -20,10 +20,11 @@
 
 namespace broadcl {
 
-/// The input of an update. The spans belong to the caller and, except for the filters, stay unchanged until
-/// the update is finished.
-struct Changes {
-  std::size_t slots = 0;  ///< Slots 0 .. slots-1 are tested.
+/// The input of an update: objects, and what changed since the last update. The spans belong to the caller
+/// and, except for the filters, stay unchanged until the update is finished.
+struct Input {
+  /// Those of Algorithm::boxes() that are tested, from the first on.
+  std::span<const Aabb> boxes{};
   /// Slots whose box, filter or object changed since the last update; each once, and at most a quarter of the
   /// slots. Not read if `all` is set, which means that every slot counts as changed.
   std::span<const std::uint32_t> changed{};
@@ -84,7 +85,7 @@ class Algorithm {
   [[nodiscard]] virtual std::shared_ptr<const void> boxes_owner() const = 0;
 
   /// Starts an update without waiting for the device; finish() must follow.
-  virtual void begin(const Changes& changes) = 0;
+  virtual void begin(const Input& input) = 0;
   /// Makes the device start the commands that begin() enqueued.
   virtual void flush() {}
   /// Ends the update. If begin(), flush() or finish() throws, the pairs of the last update are still known,
@@ -95,8 +96,8 @@ class Algorithm {
 
   /// The pairs of an algorithm that is used only once, instead of an update.
   /// @throws As begin() and finish().
-  [[nodiscard]] virtual std::vector<Pair> find_all(const Changes& changes) {
-    begin(changes);
+  [[nodiscard]] virtual std::vector<Pair> find_all(const Input& input) {
+    begin(input);
     const Delta delta = finish();
     return {delta.added.begin(), delta.added.end()};
   }

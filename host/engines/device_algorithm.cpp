@@ -62,11 +62,11 @@ class DeviceAlgorithm final : public Algorithm {
   [[nodiscard]] std::span<Aabb> boxes() noexcept override { return objects_->boxes(); }
   [[nodiscard]] std::shared_ptr<const void> boxes_owner() const override { return objects_->boxes_owner(); }
 
-  void begin(const Changes& changes) override {
+  void begin(const Input& input) override {
     profiler_.begin();
     context_.guard([&] {
       engine_->prepare();
-      engine_->begin(objects_->upload(changes));
+      engine_->begin(objects_->upload(input));
     });
   }
 
@@ -80,11 +80,11 @@ class DeviceAlgorithm final : public Algorithm {
     return engine_->changes().on_host(counts);
   }
 
-  [[nodiscard]] std::vector<Pair> find_all(const Changes& changes) override {
+  [[nodiscard]] std::vector<Pair> find_all(const Input& input) override {
     profiler_.begin();
     return context_.guard([&] {
-      engine_->prepare(expected_pairs(context_.device(), changes.slots));
-      engine_->begin(objects_->upload(changes));
+      engine_->prepare(expected_pairs(context_.device(), input.boxes.size()));
+      engine_->begin(objects_->upload(input));
       return engine_->finish_only_search();
     });
   }

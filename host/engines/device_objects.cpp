@@ -101,17 +101,17 @@ void DeviceObjects::reserve_boxes(std::size_t slots) {
   capacity_ = capacity;
 }
 
-void DeviceObjects::upload_filters(const Changes& changes) {
-  const std::size_t count = changes.filters.size();
+void DeviceObjects::upload_filters(const Input& input) {
+  const std::size_t count = input.filters.size();
   const std::size_t known = std::min(count, last_.filter_count);
-  const std::size_t changed = changes.refiltered.size() + count - known;
-  are_filters_new_ = changes.all_filters || changed > 0;
+  const std::size_t changed = input.refiltered.size() + count - known;
+  are_filters_new_ = input.all_filters || changed > 0;
   now_.filter_count = are_filters_new_ ? count : last_.filter_count;
   now_.objects.filters = are_filters_new_ ? cl::Buffer() : last_.objects.filters;
   if (!are_filters_new_) return;
   const Frame::Filters& last = last_.filters;
   Frame::Filters& next = now_.filters;
-  next.all = changes.all_filters || changed > count / 4;
+  next.all = input.all_filters || changed > count / 4;
   next.slots.clear();
   if (count == 0) return;
   const std::size_t bytes = (capacity_ + Generation::padding) * sizeof(Filter);
@@ -121,12 +121,12 @@ void DeviceObjects::upload_filters(const Changes& changes) {
   const cl::CommandQueue& queue = context_.queue();
   if (next.all) {
     opencl::Profiler::Scope stage(profiler_, "upload");
-    std::memcpy(staged_filters_.host(), changes.filters.data(), changes.filters.size_bytes());
-    queue.enqueueWriteBuffer(next.buffer.get(), CL_FALSE, 0, changes.filters.size_bytes(),
+    std::memcpy(staged_filters_.host(), input.filters.data(), input.filters.size_bytes());
+    queue.enqueueWriteBuffer(next.buffer.get(), CL_FALSE, 0, input.filters.size_bytes(),
                              staged_filters_.host(), nullptr, stage.event());
     return;
   }
-  next.slots.assign(changes.refiltered.begin(), changes.refiltered.end());
+  next.slots.assign(input.refiltered.begin(), input.refiltered.end());
   for (std::size_t slot = known; slot < count; ++slot) {
     next.slots.push_back(static_cast<std::uint32_t>(slot));
   }
@@ -141,16 +141,16 @@ void DeviceObjects::upload_filters(const Changes& changes) {
   }
   std::ranges::sort(stale_);
   stale_.erase(std::unique(stale_.begin(), stale_.end()), stale_.end());
-  apply_filters(changes);
+  apply_filters(input);
 }
 
 /// Uploads the filters of the slots in stale_, at most half of all.
-void DeviceObjects::apply_filters(const Changes& changes) {
+void DeviceObjects::apply_filters(const Input& input) {
   const auto count = static_cast<cl_uint>(stale_.size());
   auto* filters = reinterpret_cast<Filter*>(staged_filters_.host());
   auto* slots = reinterpret_cast<cl_uint*>(filters + count);
   for (const std::uint32_t slot : stale_) {
-    *filters++ = changes.filters[slot];
+    *filters++ = input.filters[slot];
     *slots++ = slot;
   }
   const std::size_t bytes = count * (sizeof(Filter) + sizeof(cl_uint));
@@ -168,17 +168,17 @@ void DeviceObjects::apply_filters(const Changes& changes) {
   apply_filters_.enqueue(queue, count, stage.event());
 }
 
-void DeviceObjects::upload_exclusions(const Changes& changes) {
-  are_exclusions_new_ = changes.are_exclusions_new();
+void DeviceObjects::upload_exclusions(const Input& input) {
+  are_exclusions_new_ = input.are_exclusions_new();
   now_.objects.exclusions = are_exclusions_new_ ? cl::Buffer() : last_.objects.exclusions;
-  if (!are_exclusions_new_ || changes.exclusions.empty()) return;
-  const std::size_t count = changes.exclusions.size();
+  if (!are_exclusions_new_ || input.exclusions.empty()) return;
+  const std::size_t count = input.exclusions.size();
   const std::size_t bytes = (count + 1) * sizeof(Pair);
   opencl::GrowingBuffer& buffer = now_.exclusions;
   buffer.reserve(context_, bytes, "exclusions");
   auto* staged = reinterpret_cast<Pair*>(staged_exclusions_.host());
   *staged = {.a = static_cast<std::uint32_t>(count), .b = 0};
-  std::ranges::copy(changes.exclusions, staged + 1);
+  std::ranges::copy(input.exclusions, staged + 1);
   opencl::Profiler::Scope stage(profiler_, "upload");
   context_.queue().enqueueWriteBuffer(buffer.get(), CL_FALSE, 0, bytes, staged, nullptr, stage.event());
   now_.objects.exclusions = buffer.get();
@@ -186,16 +186,16 @@ void DeviceObjects::upload_exclusions(const Changes& changes) {
 
 /// The boxes of this frame: all from the host, or those of the last frame, to which the changes are applied
 /// afterwards.
-void DeviceObjects::upload_boxes(const Changes& changes) {
+void DeviceObjects::upload_boxes(const Input& input) {
   const cl::CommandQueue& queue = context_.queue();
   const Generation& last = last_.objects;
-  now_.all_uploaded = changes.all || last.slots == 0;
-  now_.objects.slots = static_cast<cl_uint>(changes.slots);
+  now_.all_uploaded = input.all || last.slots == 0;
+  now_.objects.slots = static_cast<cl_uint>(input.boxes.size());
   if (now_.all_uploaded) {
     opencl::Profiler::Scope stage(profiler_, "upload");
     queue.enqueueWriteBuffer(now_.objects.boxes, CL_FALSE, 0,
-                             std::max<std::size_t>(1, changes.slots) * sizeof(Aabb), boxes_->host(), nullptr,
-                             stage.event());
+                             std::max<std::size_t>(1, input.boxes.size()) * sizeof(Aabb), boxes_->host(),
+                             nullptr, stage.event());
   } else if (last_.all_uploaded) {
     opencl::Profiler::Scope stage(profiler_, "copy");
     queue.enqueueCopyBuffer(last.boxes, now_.objects.boxes, 0, 0, last.slots * sizeof(Aabb), nullptr,
@@ -211,24 +211,24 @@ void DeviceObjects::upload_boxes(const Changes& changes) {
 
 /// Uploads the boxes that changed, and the stamps of this frame. If all changed, only objects that replaced
 /// others need a stamp.
-void DeviceObjects::upload_changes(const Changes& changes) {
+void DeviceObjects::upload_changes(const Input& input) {
   const auto new_slots =
-      std::ranges::lower_bound(changes.recycled, static_cast<std::uint32_t>(last_.objects.slots));
+      std::ranges::lower_bound(input.recycled, static_cast<std::uint32_t>(last_.objects.slots));
   const std::span<const std::uint32_t> slots =
-      changes.all ? std::span(changes.recycled.begin(), new_slots) : changes.changed;
+      input.all ? std::span(input.recycled.begin(), new_slots) : input.changed;
   const auto count = static_cast<cl_uint>(slots.size());
   now_.changed_count = count;
   if (count == 0) return;
-  const std::size_t bytes = staged_bytes(count, !changes.all);
+  const std::size_t bytes = staged_bytes(count, !input.all);
   const bool is_direct = staged_changes_.is_direct() && bytes <= most_direct;
   if (!is_direct) changes_.reserve(context_, bytes, "changes");
-  if (!changes.all) now_.changed.reserve(context_, count * sizeof(cl_uint), "changes");
+  if (!input.all) now_.changed.reserve(context_, count * sizeof(cl_uint), "changes");
   auto* words = reinterpret_cast<cl_uint*>(staged_changes_.host());
   auto* boxes = reinterpret_cast<Aabb*>(words + count);
   for (const std::uint32_t slot : slots) {
-    const bool recycled = std::ranges::binary_search(changes.recycled, slot);
+    const bool recycled = std::ranges::binary_search(input.recycled, slot);
     *words++ = layout::with_recycled(slot, recycled ? 1 : 0);
-    if (!changes.all) *boxes++ = this->boxes()[slot];
+    if (!input.all) *boxes++ = this->boxes()[slot];
   }
   const cl::CommandQueue& queue = context_.queue();
   if (!is_direct) {
@@ -239,8 +239,8 @@ void DeviceObjects::upload_changes(const Changes& changes) {
   opencl::Profiler::Scope stage(profiler_, "apply");
   const cl::Buffer none;
   opencl::set_arguments(apply_.kernel, 0, count, is_direct ? staged_changes_.buffer() : changes_.get(),
-                        stamp_, changes.all ? none : now_.objects.boxes, stamps_,
-                        changes.all ? none : now_.changed.get());
+                        stamp_, input.all ? none : now_.objects.boxes, stamps_,
+                        input.all ? none : now_.changed.get());
   apply_.enqueue(queue, count, stage.event());
 }
 
@@ -274,28 +274,28 @@ std::unique_ptr<DeviceObjects> DeviceObjects::successor(std::size_t slots, Frame
   return next;
 }
 
-Search DeviceObjects::upload(const Changes& changes) {
+Search DeviceObjects::upload(const Input& input) {
   if (stamp_ == layout::LAST_STAMP) {
     opencl::Profiler::Scope stage(profiler_, "clear");
     context_.fill(stamps_, 0, 0, capacity_, stage.event());
     stamp_ = 0;
   }
   ++stamp_;
-  upload_filters(changes);
-  upload_exclusions(changes);
-  upload_boxes(changes);
-  upload_changes(changes);
+  upload_filters(input);
+  upload_exclusions(input);
+  upload_boxes(input);
+  upload_changes(input);
   return {.now = now_.objects,
           .last = last_.objects,
-          .same_filters = !changes.all_filters && !changes.filters_changed && !changes.exclusions_changed,
-          .worlds = changes.worlds,
-          .sets = changes.sets,
-          .all = changes.all,
-          .changed_count = changes.all ? 0 : now_.changed_count,
+          .same_filters = !input.all_filters && !input.filters_changed && !input.exclusions_changed,
+          .worlds = input.worlds,
+          .sets = input.sets,
+          .all = input.all,
+          .changed_count = input.all ? 0 : now_.changed_count,
           .changed = now_.changed.get(),
-          .any_recycled = !changes.recycled.empty(),
+          .any_recycled = !input.recycled.empty(),
           .stamp = stamp_,
-          .stamps = changes.all && now_.changed_count == 0 ? cl::Buffer() : stamps_};
+          .stamps = input.all && now_.changed_count == 0 ? cl::Buffer() : stamps_};
 }
 
 // NOLINTNEXTLINE(bugprone-exception-escape): handles do not throw when moved

@@ -52,17 +52,17 @@ class DeviceObjects {
 
   /// Enqueues the commands that update the device's objects.
   /// @throws cl::Error, Error; the objects of the last frame are then unchanged.
-  Search upload(const Changes& changes);
+  Search upload(const Input& input);
   /// The frame succeeded, and has become the last one.
   void commit() noexcept;  // NOLINT(bugprone-exception-escape)
 
  private:
   void reserve_boxes(std::size_t slots);
-  void upload_filters(const Changes& changes);
-  void apply_filters(const Changes& changes);
-  void upload_exclusions(const Changes& changes);
-  void upload_boxes(const Changes& changes);
-  void upload_changes(const Changes& changes);
+  void upload_filters(const Input& input);
+  void apply_filters(const Input& input);
+  void upload_exclusions(const Input& input);
+  void upload_boxes(const Input& input);
+  void upload_changes(const Input& input);
 
   const opencl::Context& context_;
   opencl::Profiler& profiler_;

@@ -36,33 +36,27 @@ class HostEngine final : public Algorithm {
   [[nodiscard]] std::span<Aabb> boxes() noexcept override { return *boxes_; }
   [[nodiscard]] std::shared_ptr<const void> boxes_owner() const override { return boxes_; }
 
-  void begin(const Changes& changes) override {
-    changes_ = changes;
+  void begin(const Input& input) override {
+    input_ = input;
     new_filters_.clear();
-    if (changes.all_filters) {
-      new_filters_.assign(changes.filters.begin(), changes.filters.end());
+    if (input.all_filters) {
+      new_filters_.assign(input.filters.begin(), input.filters.end());
     } else {
-      for (const std::uint32_t slot : changes.refiltered) new_filters_.push_back(changes.filters[slot]);
-      const std::size_t known = std::min(filters_.size(), changes.filters.size());
-      new_filters_.insert(new_filters_.end(), changes.filters.begin() + static_cast<std::ptrdiff_t>(known),
-                          changes.filters.end());
+      for (const std::uint32_t slot : input.refiltered) new_filters_.push_back(input.filters[slot]);
+      const std::size_t known = std::min(filters_.size(), input.filters.size());
+      new_filters_.insert(new_filters_.end(), input.filters.begin() + static_cast<std::ptrdiff_t>(known),
+                          input.filters.end());
     }
-    if (changes.are_exclusions_new())
-      new_exclusions_.assign(changes.exclusions.begin(), changes.exclusions.end());
+    if (input.are_exclusions_new()) new_exclusions_.assign(input.exclusions.begin(), input.exclusions.end());
   }
 
   Delta finish() override try {
     // With the filters and exclusions of the last update.
-    const bool are_known = !changes_.all && changes_.changed.size() * pairs_per_search < pairs_.size() &&
-                           finder_->find_known(filters_, changes_.changed, known_);
+    const bool are_known = !input_.all && input_.changed.size() * pairs_per_search < pairs_.size() &&
+                           finder_->find_known(filters_, input_.changed, known_);
     if (are_known) exclude(exclusions_, known_);
     take_filters();
-    const HostObjects objects{.boxes = std::span(*boxes_).first(changes_.slots),
-                              .filters = filters_,
-                              .worlds = changes_.worlds,
-                              .sets = changes_.sets,
-                              .sets_decide = changes_.sets_decide};
-    if (!changes_.all && finder_->find_changed(objects, changes_.changed, found_)) {
+    if (!input_.all && finder_->find_changed(input_, found_)) {
       exclude(exclusions_, found_);
       if (!are_known) find_known();
       Delta delta = changes_from(known_);
@@ -71,7 +65,7 @@ class HostEngine final : public Algorithm {
       lists_.commit();
       return delta;
     }
-    finder_->find(objects, found_);
+    finder_->find(input_, found_);
     exclude(exclusions_, found_);
     Delta delta = changes_from(pairs_.all());
     pairs_.swap(found_);
@@ -96,15 +90,10 @@ class HostEngine final : public Algorithm {
     give_back_free_memory();
   }
 
-  [[nodiscard]] std::vector<Pair> find_all(const Changes& changes) override {
+  [[nodiscard]] std::vector<Pair> find_all(const Input& input) override {
     std::vector<Pair> pairs;
-    finder_->find({.boxes = std::span(*boxes_).first(changes.slots),
-                   .filters = changes.filters,
-                   .worlds = changes.worlds,
-                   .sets = changes.sets,
-                   .sets_decide = changes.sets_decide},
-                  pairs);
-    exclude(changes.exclusions, pairs);
+    finder_->find(input, pairs);
+    exclude(input.exclusions, pairs);
     return pairs;
   }
 
@@ -121,7 +110,7 @@ class HostEngine final : public Algorithm {
   /// @param before Pairs of the last update, to be compared with those that were found.
   Delta changes_from(std::span<const Pair> before) {
     return lists_.fill([&](std::vector<Pair>& added, std::vector<Pair>& removed) {
-      compare(before, found_, changes_.recycled, added, removed);
+      compare(before, found_, input_.recycled, added, removed);
     });
   }
 
@@ -150,25 +139,29 @@ class HostEngine final : public Algorithm {
 
   /// Makes the filters and exclusions those of this update.
   void take_filters() {
-    if (changes_.are_exclusions_new()) exclusions_.swap(new_exclusions_);
-    if (changes_.all_filters) return filters_.swap(new_filters_);
-    const std::size_t known = std::min(filters_.size(), changes_.filters.size());
-    filters_.resize(changes_.filters.size());
-    const auto first_unknown = new_filters_.begin() + static_cast<std::ptrdiff_t>(changes_.refiltered.size());
-    std::copy(first_unknown, new_filters_.end(), filters_.begin() + static_cast<std::ptrdiff_t>(known));
-    for (std::size_t k = 0; k < changes_.refiltered.size(); ++k) {
-      filters_[changes_.refiltered[k]] = new_filters_[k];
+    if (input_.are_exclusions_new()) exclusions_.swap(new_exclusions_);
+    if (input_.all_filters) {
+      filters_.swap(new_filters_);
+    } else {
+      const std::size_t known = std::min(filters_.size(), input_.filters.size());
+      filters_.resize(input_.filters.size());
+      const auto first_unknown = new_filters_.begin() + static_cast<std::ptrdiff_t>(input_.refiltered.size());
+      std::copy(first_unknown, new_filters_.end(), filters_.begin() + static_cast<std::ptrdiff_t>(known));
+      for (std::size_t k = 0; k < input_.refiltered.size(); ++k) {
+        filters_[input_.refiltered[k]] = new_filters_[k];
+      }
     }
+    input_.filters = filters_;  // the caller's were for begin() only
   }
 
   /// The pairs of the last update that contain a slot that changed.
   void find_known() {
-    std::size_t slots = changes_.slots;
-    for (const std::uint32_t slot : changes_.changed) slots = std::max<std::size_t>(slots, slot + 1);
+    std::size_t slots = input_.boxes.size();
+    for (const std::uint32_t slot : input_.changed) slots = std::max<std::size_t>(slots, slot + 1);
     const std::vector<Pair>& pairs = pairs_.all();
     if (!pairs.empty()) slots = std::max<std::size_t>(slots, pairs.back().b + 1);
     has_changed_.assign(slots, 0);
-    for (const std::uint32_t slot : changes_.changed) has_changed_[slot] = 1;
+    for (const std::uint32_t slot : input_.changed) has_changed_[slot] = 1;
     known_.resize(pairs.size());
     std::size_t count = 0;
     for (const Pair& pair : pairs) {  // few of them, at random: a branch would be slower
@@ -182,7 +175,7 @@ class HostEngine final : public Algorithm {
   std::shared_ptr<std::vector<Aabb>> boxes_ = std::make_shared<std::vector<Aabb>>();
   std::vector<Filter> filters_;  // as of the last update, and so are the exclusions
   std::vector<Pair> exclusions_;
-  Changes changes_;
+  Input input_;
   // Of this update: all filters, or those that changed, followed by those that are beyond the last ones.
   std::vector<Filter> new_filters_;
   std::vector<Pair> new_exclusions_;

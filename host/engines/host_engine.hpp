@@ -9,20 +9,11 @@
 
 namespace broadcl {
 
-/// The objects that are searched for pairs on the host.
-struct HostObjects {
-  std::span<const Aabb> boxes;
-  std::span<const Filter> filters{};  ///< One per box, or none.
-  bool worlds = false;                ///< Whether some are in a world other than 0.
-  bool sets = false;                  ///< Whether the filters part them into two sets: TwoSets.
-  bool sets_decide = false;           ///< If so, whether every two objects of different sets may pair.
-};
-
 /// Finds all pairs of boxes that overlap and may pair, by the definition, in canonical order.
 /// @throws std::bad_alloc
-void test_each_pair(const HostObjects& objects, std::vector<Pair>& pairs);
+void test_each_pair(const Input& input, std::vector<Pair>& pairs);
 
-/// The part of an algorithm that finds pairs on the host, in canonical order.
+/// The part of an algorithm that finds pairs on the host, in canonical order, whatever the exclusions.
 class HostFinder {
  public:
   HostFinder() = default;
@@ -34,7 +25,7 @@ class HostFinder {
 
   /// Finds all pairs of boxes that overlap and may pair.
   /// @throws std::bad_alloc; Error, as refuse_too_many() does.
-  virtual void find(const HostObjects& objects, std::vector<Pair>& pairs) = 0;
+  virtual void find(const Input& input, std::vector<Pair>& pairs) = 0;
 
   /// Finds those pairs of the last call of find() or find_changed() in which one of these slots took part, if
   /// find_changed() would probably search only these slots, too.
@@ -46,14 +37,11 @@ class HostFinder {
     return false;
   }
 
-  /// Finds those pairs of these objects in which one of these slots takes part, if that takes less time than
-  /// to find all. No other slot changed since the last call of find() or this function, which succeeded.
+  /// Finds those pairs in which a slot that changed takes part, if that takes less time than to find all. No
+  /// other slot changed since the last call of find() or this function, which succeeded.
   /// @returns Whether it did so. (If there are too many pairs to store before they are counted, it does not.)
   /// @throws std::bad_alloc
-  virtual bool find_changed(const HostObjects& /*objects*/, std::span<const std::uint32_t> /*changed*/,
-                            std::vector<Pair>& /*pairs*/) {
-    return false;
-  }
+  virtual bool find_changed(const Input& /*input*/, std::vector<Pair>& /*pairs*/) { return false; }
 
   /// Frees all memory; the next search is then find().
   virtual void clear() noexcept {}

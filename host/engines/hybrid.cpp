@@ -126,10 +126,10 @@ class Hybrid final : public Algorithm {
   [[nodiscard]] std::span<Aabb> boxes() noexcept override { return current().boxes(); }
   [[nodiscard]] std::shared_ptr<const void> boxes_owner() const override { return current().boxes_owner(); }
 
-  void begin(const Changes& changes) override {
+  void begin(const Input& input) override {
     if (failure_ != nullptr) std::rethrow_exception(std::exchange(failure_, nullptr));
-    changes_ = changes;
-    Changes own = changes;
+    input_ = input;
+    Input own = input;
     if (handover_) {
       own.all = own.all_filters = true;
       own.changed = own.recycled = own.refiltered = {};
@@ -156,10 +156,10 @@ class Hybrid final : public Algorithm {
     std::optional<double> taken;
     if (handover_) {
       delta = lists_.fill([&](std::vector<Pair>& added, std::vector<Pair>& removed) {
-        compare(*handover_, pairs, changes_.recycled, added, removed);
+        compare(*handover_, pairs, input_.recycled, added, removed);
       });
     } else if (was_updated_ && !opening_.is_running()) {  // the first update of all boxes takes longer
-      taken = side_->estimate.learn(current().expected_seconds(changes_.slots, changed_slots()),
+      taken = side_->estimate.learn(current().expected_seconds(input_.boxes.size(), changed_slots()),
                                     begin_seconds_ + seconds_since(start));
     }
     // Nothing below throws.
@@ -183,9 +183,7 @@ class Hybrid final : public Algorithm {
     idle.shrink(0);
   }
 
-  [[nodiscard]] std::vector<Pair> find_all(const Changes& changes) override {
-    return current().find_all(changes);
-  }
+  [[nodiscard]] std::vector<Pair> find_all(const Input& input) override { return current().find_all(input); }
 
   [[nodiscard]] std::vector<Pair> pairs() override { return handover_ ? *handover_ : current().pairs(); }
 
@@ -206,7 +204,7 @@ class Hybrid final : public Algorithm {
   [[nodiscard]] Side& other() noexcept { return is_on_device() ? host_ : device_; }
 
   [[nodiscard]] std::size_t changed_slots() const noexcept {
-    return changes_.all ? changes_.slots : changes_.changed.size();
+    return input_.all ? input_.boxes.size() : input_.changed.size();
   }
 
   /// Does something that may fail on the device: what follows is then done on the host, for good, if the
@@ -250,9 +248,10 @@ class Hybrid final : public Algorithm {
     if (device_.algorithm == nullptr) take_opened();
     if (!taken) return;
     if (device_.algorithm == nullptr) return opening_.count(*taken);
-    overspent_ = std::max(0.0, overspent_ + *taken - other().seconds(changes_.slots, changed_slots()));
-    const double there_and_back = first_search * (host_.seconds(changes_.slots, changes_.slots) +
-                                                  device_.seconds(changes_.slots, changes_.slots));
+    const std::size_t slots = input_.boxes.size();
+    overspent_ = std::max(0.0, overspent_ + *taken - other().seconds(slots, changed_slots()));
+    const double there_and_back =
+        first_search * (host_.seconds(slots, slots) + device_.seconds(slots, slots));
     if (overspent_ <= std::max(there_and_back, opening_.long_enough())) return;
     overspent_ = 0;
     hand_over();
@@ -275,7 +274,7 @@ class Hybrid final : public Algorithm {
   Now now_;
   bool filters_ = false;  // whether there is memory for filters
   bool was_updated_ = false;
-  Changes changes_;                           // of the last update
+  Input input_;                               // of the last update
   double begin_seconds_ = 0;                  // that begin() of the last update took
   double overspent_ = 0;                      // seconds that the other side would have saved
   Handover handover_;                         // if the next update is the first on its side

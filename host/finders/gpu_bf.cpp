@@ -85,13 +85,13 @@ class GpuBf final : public Algorithm {
   [[nodiscard]] std::shared_ptr<const void> boxes_owner() const override { return objects_->boxes_owner(); }
 
   /// Tests all pairs, regardless of what changed, and copies the results to the host.
-  void begin(const Changes& changes) override {
+  void begin(const Input& input) override {
     profiler_.begin();
-    recycled_.assign(changes.recycled.begin(), changes.recycled.end());
-    current_pairs_ = triangle::row_start(static_cast<std::uint32_t>(changes.slots));
+    recycled_.assign(input.recycled.begin(), input.recycled.end());
+    current_pairs_ = triangle::row_start(static_cast<std::uint32_t>(input.boxes.size()));
     context_.guard([&] {
-      grow_results(changes.slots, current_pairs_);
-      if (current_pairs_ > 0) test(changes);
+      grow_results(input.boxes.size(), current_pairs_);
+      if (current_pairs_ > 0) test(input);
     });
   }
 
@@ -167,15 +167,15 @@ class GpuBf final : public Algorithm {
                       "results of gpu-bf, one byte per pair of " + std::to_string(n) + " boxes", most));
   }
 
-  void test(const Changes& changes) {
-    Changes all = changes;
+  void test(const Input& input) {
+    Input all = input;
     all.all = true;
-    all.all_filters = changes.all_filters || has_skipped_;
+    all.all_filters = input.all_filters || has_skipped_;
     all.recycled = {};  // the host takes care of them
     const Search search = objects_->upload(all);
     current_.release();
     enqueue_kernel(search);
-    exclude(search, changes.exclusions.size());
+    exclude(search, input.exclusions.size());
     opencl::Profiler::Scope stage(profiler_, "download");
     current_.download(current_pairs_, &read_);
     if (cl::Event* const event = stage.event()) *event = read_;

@@ -7,9 +7,9 @@ namespace {
 
 /// Tests every pair by the definition.
 template <class Function>
-void for_each_pair(const HostObjects& objects, const Function& function) {
-  const std::span<const Aabb> boxes = objects.boxes;
-  const std::span<const Filter> filters = objects.filters;
+void for_each_pair(const Input& input, const Function& function) {
+  const std::span<const Aabb> boxes = input.boxes;
+  const std::span<const Filter> filters = input.filters;
   for (std::uint32_t b = 0; b < boxes.size(); ++b) {
     const Aabb box = boxes[b];
     for (std::uint32_t a = 0; a < b; ++a) {
@@ -23,22 +23,22 @@ void for_each_pair(const HostObjects& objects, const Function& function) {
 /// The reference that everything else is compared with.
 class Oracle final : public HostFinder {
  public:
-  void find(const HostObjects& objects, std::vector<Pair>& pairs) override {
+  void find(const Input& input, std::vector<Pair>& pairs) override {
     constexpr std::size_t never_too_many = 65'536;  // boxes
-    if (objects.boxes.size() > never_too_many) {
+    if (input.boxes.size() > never_too_many) {
       std::size_t count = 0;
-      for_each_pair(objects, [&](const Pair& /*pair*/) { ++count; });
+      for_each_pair(input, [&](const Pair& /*pair*/) { ++count; });
       refuse_too_many(count);
     }
-    test_each_pair(objects, pairs);
+    test_each_pair(input, pairs);
   }
 };
 
 }  // namespace
 
-void test_each_pair(const HostObjects& objects, std::vector<Pair>& pairs) {
+void test_each_pair(const Input& input, std::vector<Pair>& pairs) {
   pairs.clear();
-  for_each_pair(objects, [&](const Pair& pair) { pairs.push_back(pair); });
+  for_each_pair(input, [&](const Pair& pair) { pairs.push_back(pair); });
 }
 
 AlgorithmPointer make_oracle(const Config& /*config*/) {

@@ -114,8 +114,8 @@ std::uint32_t place_of_set(const Filter& filter) {
 }
 
 template <std::size_t axes>
-Bounds<axes> bounds_of(const HostObjects& objects, std::size_t slot) {
-  const Aabb& box = objects.boxes[slot];
+Bounds<axes> bounds_of(const Input& input, std::size_t slot) {
+  const Aabb& box = input.boxes[slot];
   Bounds<axes> bounds;
   for (std::size_t axis = 0; axis < 3; ++axis) {  // std::ranges::copy() would be a call per corner
     bounds.lower[axis] = box.lower[axis];
@@ -123,9 +123,9 @@ Bounds<axes> bounds_of(const HostObjects& objects, std::size_t slot) {
   }
   if constexpr (axes > 3) {
     // Several worlds may have the same coordinate; may_pair() distinguishes them.
-    const Filter& filter = objects.filters[slot];
+    const Filter& filter = input.filters[slot];
     const bool is_in_all = filter.world == Filter::all_worlds;
-    const float place = exact(objects.sets ? place_of_set(filter) : filter.world);
+    const float place = exact(input.sets ? place_of_set(filter) : filter.world);
     bounds.lower[3] = is_in_all ? 0 : place;
     bounds.upper[3] = is_in_all ? infinity : place;
   }
@@ -192,16 +192,16 @@ class SweepAndPrune final : public HostFinder {
  public:
   explicit SweepAndPrune(std::size_t threads) : threads_(threads) {}
 
-  void find(const HostObjects& objects, std::vector<Pair>& pairs) override {
-    if (objects.boxes.size() <= most_unsorted) {
+  void find(const Input& input, std::vector<Pair>& pairs) override {
+    if (input.boxes.size() <= most_unsorted) {
       sorted_axes_ = 0;
-      test_each_pair(objects, pairs);
+      test_each_pair(input, pairs);
       return;
     }
-    axes_of(objects) == 4 ? find(four_, objects) : find(three_, objects);
+    axes_of(input) == 4 ? find(four_, input) : find(three_, input);
     lists_.clear();
     for (const Found& found : found_) found.get(lists_);
-    sort_pairs_(lists_, objects.boxes.size(), threads_of(objects.boxes.size()), pairs);
+    sort_pairs_(lists_, input.boxes.size(), threads_of(input.boxes.size()), pairs);
   }
 
   bool find_known(std::span<const Filter> filters, std::span<const std::uint32_t> changed,
@@ -211,17 +211,15 @@ class SweepAndPrune final : public HostFinder {
     return sorted_axes_ == 4 ? search_boxes(four_, filters, pairs) : search_boxes(three_, filters, pairs);
   }
 
-  bool find_changed(const HostObjects& objects, std::span<const std::uint32_t> changed,
-                    std::vector<Pair>& pairs) override {
-    const std::size_t axes = axes_of(objects);
-    if (sorted_axes_ != axes || (axes == 4 && four_.sets != objects.sets) ||
-        changed.size() * boxes_per_changed > objects.boxes.size() || !is_order_for(objects.boxes.size()))
+  bool find_changed(const Input& input, std::vector<Pair>& pairs) override {
+    const std::size_t axes = axes_of(input);
+    if (sorted_axes_ != axes || (axes == 4 && four_.sets != input.sets) ||
+        input.changed.size() * boxes_per_changed > input.boxes.size() || !is_order_for(input.boxes.size()))
       return false;
-    moved_ += changed.size();
-    if (moved_ > most_moved * objects.boxes.size()) sorted_axes_ = 0;
+    moved_ += input.changed.size();
+    if (moved_ > most_moved * input.boxes.size()) sorted_axes_ = 0;
     if (sorted_axes_ == 0) return false;
-    return axes == 4 ? find_changed(four_, objects, changed, pairs)
-                     : find_changed(three_, objects, changed, pairs);
+    return axes == 4 ? find_changed(four_, input, pairs) : find_changed(three_, input, pairs);
   }
 
   void clear() noexcept override {
@@ -233,13 +231,11 @@ class SweepAndPrune final : public HostFinder {
   }
 
  private:
-  [[nodiscard]] static std::size_t axes_of(const HostObjects& objects) {
-    return objects.worlds || objects.sets ? 4 : 3;
-  }
+  [[nodiscard]] static std::size_t axes_of(const Input& input) { return input.worlds || input.sets ? 4 : 3; }
 
   /// The filters to test; none if the sets decide.
-  [[nodiscard]] static std::span<const Filter> filters_of(const HostObjects& objects) {
-    return objects.sets && objects.sets_decide ? std::span<const Filter>() : objects.filters;
+  [[nodiscard]] static std::span<const Filter> filters_of(const Input& input) {
+    return input.sets && input.sets_decide ? std::span<const Filter>() : input.filters;
   }
 
   [[nodiscard]] std::size_t threads_of(std::size_t boxes) {
@@ -256,16 +252,16 @@ class SweepAndPrune final : public HostFinder {
   }
 
   template <std::size_t axes>
-  void find(HostTiles<axes>& all, const HostObjects& objects) {
-    const std::size_t slots = objects.boxes.size();
+  void find(HostTiles<axes>& all, const Input& input) {
+    const std::size_t slots = input.boxes.size();
     const std::size_t threads = threads_of(slots);
-    const bool is_stale = axes != sorted_axes_ || all.sets != objects.sets || !is_order_for(slots) ||
+    const bool is_stale = axes != sorted_axes_ || all.sets != input.sets || !is_order_for(slots) ||
                           static_cast<double>(work_) > stale_growth * static_cast<double>(fresh_work_);
     sorted_axes_ = 0;  // until all is done
-    all.sets = objects.sets;
-    if (is_stale || !search(all, objects, threads, useless * static_cast<double>(fresh_work_))) {
-      sort<axes>(objects, threads);
-      (void)search(all, objects, threads, std::numeric_limits<double>::infinity());
+    all.sets = input.sets;
+    if (is_stale || !search(all, input, threads, useless * static_cast<double>(fresh_work_))) {
+      sort<axes>(input, threads);
+      (void)search(all, input, threads, std::numeric_limits<double>::infinity());
       fresh_work_ = work_;
     }
     sorted_axes_ = axes;
@@ -274,11 +270,11 @@ class SweepAndPrune final : public HostFinder {
   /// Finds all pairs, in the current order.
   /// @returns False if that takes too much work.
   template <std::size_t axes>
-  bool search(HostTiles<axes>& all, const HostObjects& objects, std::size_t threads, double most_work) {
-    while (places_.size() < objects.boxes.size()) place_next();
-    fill(all, objects, threads);
+  bool search(HostTiles<axes>& all, const Input& input, std::size_t threads, double most_work) {
+    while (places_.size() < input.boxes.size()) place_next();
+    fill(all, input, threads);
     sweep(all);
-    return search_all(all, filters_of(objects), threads, most_work);
+    return search_all(all, filters_of(input), threads, most_work);
   }
 
   /// Stores where these slots are, except those that were added and removed since the last search.
@@ -290,17 +286,16 @@ class SweepAndPrune final : public HostFinder {
   }
 
   template <std::size_t axes>
-  bool find_changed(HostTiles<axes>& all, const HostObjects& objects, std::span<const std::uint32_t> changed,
-                    std::vector<Pair>& pairs);
+  bool find_changed(HostTiles<axes>& all, const Input& input, std::vector<Pair>& pairs);
   template <std::size_t axes>
   bool search_boxes(const HostTiles<axes>& all, std::span<const Filter> filters, std::vector<Pair>& pairs);
   template <std::size_t axes>
-  void sort(const HostObjects& objects, std::size_t threads);
+  void sort(const Input& input, std::size_t threads);
   void place_next();
   template <std::size_t axes>
-  static void store(HostTiles<axes>& all, const HostObjects& objects, std::uint32_t slot, std::size_t place);
+  static void store(HostTiles<axes>& all, const Input& input, std::uint32_t slot, std::size_t place);
   template <std::size_t axes>
-  void fill(HostTiles<axes>& all, const HostObjects& objects, std::size_t threads);
+  void fill(HostTiles<axes>& all, const Input& input, std::size_t threads);
   template <std::size_t axes>
   void sweep(HostTiles<axes>& all);
   template <std::size_t axes>
@@ -326,8 +321,8 @@ class SweepAndPrune final : public HostFinder {
 
 /// Sorts the slots, such that neighbours in space mostly share a tile.
 template <std::size_t axes>
-void SweepAndPrune::sort(const HostObjects& objects, std::size_t threads) {
-  const std::span<const Aabb> boxes = objects.boxes;
+void SweepAndPrune::sort(const Input& input, std::size_t threads) {
+  const std::span<const Aabb> boxes = input.boxes;
   std::array<std::size_t, 256> exponents{};
   std::size_t rest = 0;
   for (const Aabb& box : boxes) {
@@ -345,9 +340,9 @@ void SweepAndPrune::sort(const HostObjects& objects, std::size_t threads) {
     const unsigned exponent = exponent_of(box);
     std::size_t size =
         std::min<std::size_t>(size_classes - 1, exponent < median ? 0 : (exponent - median) / 2);
-    if (axes > 3 && objects.filters[slot].world == Filter::all_worlds) size = size_classes - 1;
+    if (axes > 3 && input.filters[slot].world == Filter::all_worlds) size = size_classes - 1;
     if (is_empty(box)) size = size_classes;
-    classes.at(size).push_back(centre_of(bounds_of<axes>(objects, slot), slot));
+    classes.at(size).push_back(centre_of(bounds_of<axes>(input, slot), slot));
   }
   order_.clear();
   places_.resize(boxes.size());
@@ -370,16 +365,15 @@ void SweepAndPrune::place_next() {
 
 /// Stores the box of a slot in its tile.
 template <std::size_t axes>
-void SweepAndPrune::store(HostTiles<axes>& all, const HostObjects& objects, std::uint32_t slot,
-                          std::size_t place) {
-  const bool exists = slot < objects.boxes.size();  // it may be no_slot
+void SweepAndPrune::store(HostTiles<axes>& all, const Input& input, std::uint32_t slot, std::size_t place) {
+  const bool exists = slot < input.boxes.size();  // it may be no_slot
   all.tiles[place / node_size].set(
       place % node_size,
-      exists ? bounds_of<axes>(objects, slot) : make_bounds<axes>(not_a_number, not_a_number), slot);
+      exists ? bounds_of<axes>(input, slot) : make_bounds<axes>(not_a_number, not_a_number), slot);
 }
 
 template <std::size_t axes>
-void SweepAndPrune::fill(HostTiles<axes>& all, const HostObjects& objects, std::size_t threads) {
+void SweepAndPrune::fill(HostTiles<axes>& all, const Input& input, std::size_t threads) {
   const std::size_t tiles = (order_.size() + node_size - 1) / node_size;
   all.tiles.resize(tiles);
   all.bounds.resize(tiles);
@@ -387,7 +381,7 @@ void SweepAndPrune::fill(HostTiles<axes>& all, const HostObjects& objects, std::
   parallel_for((tiles + at_once - 1) / at_once, threads, [&](std::size_t part, std::size_t /*thread*/) {
     for (std::size_t tile = part * at_once; tile < std::min(tiles, (part + 1) * at_once); ++tile) {
       for (std::size_t place = tile * node_size; place < (tile + 1) * node_size; ++place) {
-        store(all, objects, place < order_.size() ? order_[place] : no_slot, place);
+        store(all, input, place < order_.size() ? order_[place] : no_slot, place);
       }
       all.bounds[tile] = bounds_of(all.tiles[tile]);
     }
@@ -455,10 +449,9 @@ bool SweepAndPrune::search_boxes(const HostTiles<axes>& all, std::span<const Fil
 }
 
 template <std::size_t axes>
-bool SweepAndPrune::find_changed(HostTiles<axes>& all, const HostObjects& objects,
-                                 std::span<const std::uint32_t> changed, std::vector<Pair>& pairs) {
+bool SweepAndPrune::find_changed(HostTiles<axes>& all, const Input& input, std::vector<Pair>& pairs) {
   sorted_axes_ = 0;  // until all is done
-  while (places_.size() < objects.boxes.size()) {
+  while (places_.size() < input.boxes.size()) {
     place_next();
     if (order_.size() <= all.tiles.size() * node_size) continue;
     const auto tile = static_cast<std::uint32_t>(all.tiles.size());
@@ -467,10 +460,10 @@ bool SweepAndPrune::find_changed(HostTiles<axes>& all, const HostObjects& object
     if (tile % node_size == 0) append_child(all.roots, all.nodes.size(), all.bounds.back());
     append_child(all.nodes, tile, all.bounds.back());
   }
-  set_places(changed);
+  set_places(input.changed);
   dirty_.clear();
   for (const std::uint32_t place : changed_places_) {
-    store(all, objects, order_[place], place);
+    store(all, input, order_[place], place);
     dirty_.push_back(place / node_size);
   }
   const auto each_dirty = [&](const auto& update) {
@@ -487,7 +480,7 @@ bool SweepAndPrune::find_changed(HostTiles<axes>& all, const HostObjects& object
     all.roots[node / node_size].set(node % node_size, bounds_of(all.nodes[node]), node);
     return node;
   });
-  if (!search_boxes(all, filters_of(objects), pairs)) return false;
+  if (!search_boxes(all, filters_of(input), pairs)) return false;
   sorted_axes_ = axes;
   return true;
 }
