@@ -14,6 +14,7 @@
 
 #include "boxes.hpp"
 #include "core_random_script.hpp"
+#include "each_algorithm.hpp"
 #include "kept_delta.hpp"
 #include "random_scripts.hpp"
 #include "rounding.hpp"
@@ -29,7 +30,7 @@ class CorePlayer {
       : twins_(std::in_place, NoTrouble(), false, subject), subject_(subject), script_(script) {}
 
   void apply(const CoreOp& op) {
-    const ScopedRounding rounding(rounding_modes.at(op.which % rounding_modes.size()));
+    const ScopedRounding rounding(rounding_modes.at(rounds_ ? op.which % rounding_modes.size() : 0));
     const std::vector<std::uint32_t> ids = reference().ids();
     switch (op.verb) {
       case CoreVerb::add:
@@ -157,6 +158,7 @@ class CorePlayer {
   Subject& subject_;
   const CoreScript& script_;
   std::vector<KeptDelta> kept_;
+  bool rounds_ = !is_oclgrind();
 };
 
 /// Plays random scripts.

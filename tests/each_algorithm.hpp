@@ -52,6 +52,11 @@ inline bool is_slow_device() {
   return platform.find("rusticl") != std::string::npos || platform.find("Oclgrind") != std::string::npos;
 }
 
+/// Oclgrind interprets kernels in the rounding mode of the calling thread, which no device knows.
+inline bool is_oclgrind() {
+  return select_device().platform_name.find("Oclgrind") != std::string::npos;
+}
+
 /// Tests of this suite run over every algorithm of the table (broad_phase_test.cpp).
 class EachAlgorithm : public ::testing::TestWithParam<AlgorithmInfo> {
  protected:

@@ -60,6 +60,7 @@ TEST(OpenedDevices, AreOpenedAnewAfterAFailure) {
 }
 
 TEST(OpenedDevices, OfOtherSettingsAreOthers) {
+  const ScopedVariable by_the_device("BROADCL_TUNING", "");
   const opencl::Context first(select_device(), false);
   for (const char* variable : {"BROADCL_TUNING", "BROADCL_CACHE_DIR"}) {
     const ScopedVariable other(variable, std::string(variable) == "BROADCL_TUNING" ? "gpu" : "/dev/null");
