@@ -1,9 +1,6 @@
 #include <algorithm>
-#include <array>
 #include <cstddef>
 #include <memory>
-#include <string_view>
-#include <utility>
 
 #include "engines/algorithm.hpp"
 #include "engines/engine.hpp"
@@ -13,8 +10,8 @@
 namespace broadcl {
 namespace {
 
-/// `brute-force` is used while it has to test at most so many pairs: as many as a device can while `tiles` do
-/// what takes the same time however few boxes overlap. To check: scripts/bench FILE
+/// `brute-force` is used while it has at most so many pairs to test: as many as the device tests in the time
+/// that `tiles` take even if no boxes overlap. To check: scripts/bench FILE
 /// --benchmark_filter='^(update|some-moving|frame)/(auto|brute-force|tiles)/'
 struct MostTests {
   double per_unit;           ///< For each compute unit of the device.
