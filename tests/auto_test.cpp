@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <cmath>
 #include <cstdint>
 #include <optional>
 #include <span>
@@ -88,16 +89,15 @@ void place(Twins<Core>& twins, std::uint32_t n, Aabb (*box)(std::uint32_t)) {
   });
 }
 
-/// A thousand boxes that overlap each other have as many pairs to compare with those of the last frame as any
-/// device tests in the time that `tiles` take at least.
+/// So few boxes that testing each pair takes little time on a device, but not if all of these overlap.
 TEST(Auto, TestsAllPairsOfAFewBoxesUnlessTooManyOverlap) {
-  constexpr std::uint32_t n = 1'000;
+  const auto n = static_cast<std::uint32_t>(150 * std::sqrt(select_device().compute_units));
   const auto all_overlap = [](std::uint32_t /*k*/) { return unit; };
   Twins<Core> twins = twins_of_auto();
   place(twins, 100, box_apart);
   EXPECT_EQ(finder_of_update(twins), "brute-force");
   place(twins, n, all_overlap);
-  (void)finder_of_update(twins);  // which does not know the pairs yet
+  EXPECT_EQ(finder_of_update(twins), "brute-force") << "which does not know the pairs yet";
   place(twins, n, all_overlap);
   EXPECT_EQ(finder_of_update(twins), "tiles");
   place(twins, 100, box_apart);
@@ -113,8 +113,10 @@ TEST(Auto, DoesNotTestAllPairsOfManyBoxes) {
   Core core(make_device_algorithm({}, static_cast<MakePairFinder>(&make_auto)));
   for (std::uint32_t k = 0; k < n; ++k) core.add(apart(k), {});
   EXPECT_EQ(finder_of([&] { (void)core.finish(); }), "tiles");
-  core.move(7, apart(8));
-  EXPECT_EQ(finder_of([&] { EXPECT_EQ(core.finish().added.size(), 1U); }), "brute-force");
+  // Few moved, but more than could be tested against so many while `tiles` look at a few boxes.
+  const std::uint32_t moved = 2 * select_device().compute_units;
+  for (std::uint32_t k = 0; k < moved; ++k) core.move(7 * k, apart(7 * k + 1));
+  EXPECT_EQ(finder_of([&] { EXPECT_EQ(core.finish().added.size(), moved); }), "brute-force");
 }
 
 /// `brute-force` tests boxes of different worlds, too.
