@@ -4,6 +4,7 @@
 #include <broadcl/opencl.hpp>
 
 #include <algorithm>
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <ctime>
@@ -15,6 +16,7 @@
 #include <gtest/gtest.h>
 
 #include "base/packed_box.hpp"
+#include "boxes.hpp"
 #include "callers_queue.hpp"
 #include "each_algorithm.hpp"
 #include "engines/device_objects.hpp"
@@ -197,20 +199,38 @@ TEST(Tiles, BoxesInABufferThatAllLeapAreSortedAtOnce) {
   });
 }
 
+/// Frames of `tiles`, of which the device counts the work.
+class TilesFrames {
+ public:
+  static constexpr cl_uint n = 8192;
+
+  TilesFrames() { objects_.reserve(n, false); }
+
+  [[nodiscard]] std::span<Aabb> boxes() const { return objects_.boxes().first(n); }
+
+  /// @param changed Slots; all if there are none.
+  PairDelta::Counts play(std::span<const std::uint32_t> changed = {}) {
+    engine_.prepare();
+    engine_.begin(objects_.upload({.boxes = boxes(), .changed = changed, .all = changed.empty()}));
+    const PairDelta::Counts counts = engine_.finish();
+    objects_.commit();
+    return counts;
+  }
+
+ private:
+  opencl::Context context_{select_device(), false};
+  opencl::Profiler profiler_{false};
+  Engine engine_{context_, profiler_, make_tiles, Order::Target::host};
+  DeviceObjects objects_{context_, profiler_, engine_.frames()};
+};
+
 /// The work of finding the pairs of equal boxes among far more empty ones.
 std::size_t work_of_large_boxes(cl_uint distance) {
-  constexpr cl_uint n = 8192;
   constexpr cl_uint large = 64;
-  const opencl::Context context(select_device(), false);
-  opencl::Profiler profiler(false);
-  Engine engine(context, profiler, make_tiles, Order::Target::host);
-  DeviceObjects objects(context, profiler, engine.frames());
-  objects.reserve(n, false);
-  std::ranges::fill(objects.boxes(), packed_empty());
-  for (std::size_t k = 0; k < large; ++k) objects.boxes()[k * distance] = unit;
-  engine.prepare();
-  engine.begin(objects.upload({.boxes = objects.boxes().first(n), .all = true}));
-  const PairDelta::Counts counts = engine.finish();
+  TilesFrames frames;
+  std::ranges::fill(frames.boxes(), packed_empty());
+  for (std::size_t k = 0; k < large; ++k) frames.boxes()[k * distance] = unit;
+  const PairDelta::Counts counts = frames.play();
   EXPECT_EQ(counts.added, large * (large - 1) / 2);
   return counts.work;
 }
@@ -220,6 +240,18 @@ std::size_t work_of_large_boxes(cl_uint distance) {
 ALSO_IN(gpu_profile);
 TEST(Tiles, LargeBoxesDoNotShareTilesWithEmptyOnes) {
   EXPECT_EQ(work_of_large_boxes(128), work_of_large_boxes(1));
+}
+
+ALSO_IN(gpu_profile);
+TEST(Tiles, FewChangesTakeLittleWork) {
+  TilesFrames frames;
+  for (std::uint32_t k = 0; k < TilesFrames::n; ++k) frames.boxes()[k] = apart(k);
+  const std::size_t of_all = frames.play().work;
+  frames.boxes()[7] = apart(8);
+  const PairDelta::Counts counts = frames.play(std::array{7U, 5000U});
+  EXPECT_EQ(counts.added, 1U);
+  EXPECT_GT(counts.work, 0U);
+  EXPECT_LT(8 * counts.work, of_all);
 }
 
 }  // namespace
