@@ -6,6 +6,8 @@
 //                           on the host, in 256 consecutive frames in which every box moves
 // update-from-memory/...    the same from boxes in ordinary memory
 // some-moving/ALGORITHM/M/N the same as update, but only M of N boxes move
+// some-moving-from-memory/... the same by update() with all boxes in ordinary memory
+// some-moving-from-list/... the same by move() with a list of those that move, and update()
 // frame/NAME/SCENE/N        a frame through Bullet's interface in which every box moves: setAabb for each,
 //                           from ordinary memory, then calculateOverlappingPairs
 // frame-some-moving/NAME/M/N  the same, but only M of N boxes move
@@ -61,26 +63,22 @@ std::size_t size(const Delta& delta) {
   return delta.added.size() + delta.removed.size();
 }
 
-enum class From { staging, memory };
+/// Where boxes are at the beginning of a frame: given to the library already; or in ordinary memory, all of
+/// them, or those that move with their ids.
+enum class From { staging, memory, list };
 
 void time_update(benchmark::State& state, const AlgorithmInfo& algorithm, const Scene& scene, std::uint32_t n,
                  From from) {
   BroadPhase broad_phase({.algorithm = std::string(algorithm.name)});
   MovingBoxes boxes(n, scene.sizes);
-  const auto fill = [&] {
-    const std::span<Aabb> mapped = broad_phase.map(n);
-    std::copy(boxes.boxes().begin(), boxes.boxes().end(), mapped.begin());
-  };
-  fill();
-  (void)broad_phase.update();
+  (void)broad_phase.update(boxes.boxes());
   const auto advance = [&] {
     boxes.advance();
     if (from == From::memory) return;
     for (std::uint32_t id = 0; id < n; ++id) broad_phase.move(id, boxes.boxes()[id]);
   };
   const auto update = [&] {
-    if (from == From::memory) fill();
-    return size(broad_phase.update());
+    return size(from == From::memory ? broad_phase.update(boxes.boxes()) : broad_phase.update());
   };
   warm_up(advance, update);
   FrameTimes frames(state);
@@ -92,19 +90,24 @@ void time_update(benchmark::State& state, const AlgorithmInfo& algorithm, const 
 }
 
 void time_some_moving(benchmark::State& state, const AlgorithmInfo& algorithm, std::uint32_t n,
-                      std::uint32_t moving) {
+                      std::uint32_t moving, From from) {
   BroadPhase broad_phase({.algorithm = std::string(algorithm.name)});
   MovingBoxes boxes(n, MovingBoxes::Sizes::uniform);
-  for (const Aabb& box : boxes.boxes()) broad_phase.add(box);
-  (void)broad_phase.update();
+  std::vector<Aabb> present(boxes.boxes().begin(), boxes.boxes().end());
+  std::vector<std::uint32_t> ids(moving);
+  for (std::uint32_t k = 0; k < moving; ++k) ids[k] = k * (n / moving);
+  std::vector<Aabb> moved(moving);
+  (void)broad_phase.update(present);
   const auto advance = [&] {
     boxes.advance();
-    for (std::uint32_t k = 0; k < moving; ++k) {
-      const std::uint32_t id = k * (n / moving);
-      broad_phase.move(id, boxes.boxes()[id]);
-    }
+    for (std::uint32_t k = 0; k < moving; ++k) present[ids[k]] = moved[k] = boxes.boxes()[ids[k]];
+    if (from == From::staging) broad_phase.move(ids, moved);
   };
-  const auto update = [&] { return size(broad_phase.update()); };
+  const auto update = [&] {
+    if (from == From::memory) return size(broad_phase.update(present));
+    if (from == From::list) broad_phase.move(ids, moved);
+    return size(broad_phase.update());
+  };
   warm_up(advance, update);
   FrameTimes frames(state);
   for ([[maybe_unused]] auto _ : state) {
@@ -177,10 +180,31 @@ void register_all() {
       if (algorithm.name == "oracle" || algorithm.name == "gpu-bf") continue;
       const std::string name = "some-moving/" + std::string(algorithm.name) + "/" +
                                std::to_string(some.moving) + "/" + std::to_string(some.of);
-      benchmark::RegisterBenchmark(name.c_str(), time_some_moving, algorithm, some.of, some.moving)
+      benchmark::RegisterBenchmark(name.c_str(), time_some_moving, algorithm, some.of, some.moving,
+                                   From::staging)
           ->UseManualTime()
           ->Iterations(256)
           ->Unit(benchmark::kMicrosecond);
+    }
+  }
+  for (const SomeMoving some : {SomeMoving{1000, 1'000'000},
+                                {10'000, 1'000'000},
+                                {500'000, 1'000'000},
+                                {1'000'000, 1'000'000},
+                                {1000, 5'000'000},
+                                {5'000'000, 5'000'000}}) {
+    for (const AlgorithmInfo& algorithm : algorithms()) {
+      if (algorithm.name != "auto" && algorithm.name != "tiles" && algorithm.name != "sweep-and-prune")
+        continue;
+      for (const From from : {From::memory, From::list}) {
+        const std::string name =
+            std::string(from == From::memory ? "some-moving-from-memory/" : "some-moving-from-list/") +
+            std::string(algorithm.name) + "/" + std::to_string(some.moving) + "/" + std::to_string(some.of);
+        benchmark::RegisterBenchmark(name.c_str(), time_some_moving, algorithm, some.of, some.moving, from)
+            ->UseManualTime()
+            ->Iterations(64)
+            ->Unit(benchmark::kMicrosecond);
+      }
     }
   }
   for (const scenes::BroadphaseInfo& info : scenes::broadphases()) {

@@ -76,19 +76,10 @@ class BroadCL:
         return broadcl.overlapping_pairs(boxes, **self.config)
 
     def moving(self, boxes):
-        self.broad_phase.map(len(boxes))[:] = boxes
-        return self.broad_phase.update()
+        return self.broad_phase.update(boxes)
 
     def all_pairs(self, _):
         return self.broad_phase.pairs()
-
-
-class Squares(BroadCL):
-    def moving(self, boxes):
-        place = self.broad_phase.map(len(boxes)).reshape(-1, 2, 3)
-        place[:, :, :2] = boxes.reshape(-1, 2, 2)
-        place[:, :, 2] = 0
-        return self.broad_phase.update()
 
 
 class Points(BroadCL):
@@ -367,7 +358,7 @@ SCENES = {
     ),
     "squares": (
         squares,
-        {"broadcl": Squares, "broadcl, one thread": one_thread(Squares), "shapely STRtree": Shapely},
+        {"broadcl": BroadCL, "broadcl, one thread": one_thread(BroadCL), "shapely STRtree": Shapely},
     ),
     "points": (
         points,

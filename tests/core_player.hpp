@@ -34,12 +34,16 @@ class CorePlayer {
     const std::vector<std::uint32_t> ids = reference().ids();
     switch (op.verb) {
       case CoreVerb::add:
+        if (op.which % 4 == 0) return add_several(op);
         for (unsigned k = 0; k < op.count && reference().size() < script_.most; ++k) {
           add(box_of(script_, op, k), filter_of(script_, op, k));
         }
         break;
       case CoreVerb::map:
         map(op);
+        break;
+      case CoreVerb::give:
+        give(op);
         break;
       case CoreVerb::drift:
         for (unsigned k = 0; k < op.count && !reference().is_in_flight(); ++k) drift(op);
@@ -67,11 +71,13 @@ class CorePlayer {
       case CoreVerb::change_side:
         break;
       default:
+        if (op.which % 4 == 0 && apply_to_several(ids, op)) break;
         for (unsigned k = 0; k < op.count && k < ids.size(); ++k) {
           apply_to(ids[(op.which + k) % ids.size()], op, k);
         }
     }
     if (subject_.size() != reference().size()) fail("another size");
+    if (op.which % 16 == 0) require(twins_.has_same_objects());
   }
 
   /// Ends the last update. The lists of earlier ones must be as they were.
@@ -94,6 +100,51 @@ class CorePlayer {
   void add(const Aabb& box, const Filter& filter) {
     if (has_nan(box)) return require_error("NaN", [&] { subject_.add(box, filter); });
     twins_.add(box, filter);
+  }
+
+  void add_several(const CoreOp& op) {
+    std::vector<Aabb> boxes;
+    std::vector<Filter> filters;
+    for (unsigned k = 0; k < op.count && reference().size() + boxes.size() < script_.most; ++k) {
+      boxes.push_back(box_of(script_, op, k));
+      filters.push_back(filter_of(script_, op, k));
+    }
+    const auto nan = std::ranges::find_if(boxes, has_nan);
+    if (nan == boxes.end()) return twins_.add(boxes, filters);
+    require_error("box " + std::to_string(nan - boxes.begin()),
+                  [&] { subject_.add(BoxView(boxes), filters); });
+  }
+
+  /// Moves or removes several at once. The result is whether the operation is one of these.
+  bool apply_to_several(const std::vector<std::uint32_t>& ids, const CoreOp& op) {
+    if (op.verb != CoreVerb::move && op.verb != CoreVerb::remove) return false;
+    std::vector<std::uint32_t> chosen;
+    std::vector<Aabb> boxes;
+    for (unsigned k = 0; k < op.count && k < ids.size(); ++k) {
+      chosen.push_back(ids[(op.which + k) % ids.size()]);
+      boxes.push_back(box_of(script_, op, k));
+    }
+    if (op.verb == CoreVerb::remove) {
+      if (chosen.empty()) return true;
+      chosen.push_back(chosen.front());
+      require_error("twice", [&] { subject_.remove(chosen); });
+      chosen.pop_back();
+      twins_.remove(chosen);
+      return true;
+    }
+    if (op.which % 8 == 0 && !chosen.empty()) {  // the first one again
+      chosen.push_back(chosen.front());
+      boxes.push_back(boxes.front());
+      std::swap(boxes.front(), boxes[boxes.size() / 2]);
+    }
+    const auto nan = std::ranges::find_if(boxes, has_nan);
+    if (nan != boxes.end()) {
+      require_error("box " + std::to_string(nan - boxes.begin()),
+                    [&] { subject_.move(chosen, BoxView(boxes)); });
+    } else {
+      twins_.move(chosen, boxes);
+    }
+    return true;
   }
 
   /// An operation on one object that exists.
@@ -130,6 +181,36 @@ class CorePlayer {
     const Aabb before = std::exchange(boxes[invalid], {{nan_value, 0, 0}, {1, 1, 1}});
     require_error("box " + std::to_string(invalid), [&] { subject_.begin(); });
     boxes[invalid] = before;
+  }
+
+  /// Gives boxes for all objects, as float32 or float64; some or all are those that the objects have. At
+  /// first, one has a NaN.
+  void give(const CoreOp& op) {
+    const std::size_t n = op.count > 1 ? mapped_of(script_, op) : reference().size();
+    std::vector<Aabb> boxes(n);
+    for (std::uint32_t k = 0; k < n; ++k) {
+      const bool keeps = reference().contains(k) && k % (1 + op.filter % 7) != 0;
+      const Aabb box = keeps ? reference().box(k) : box_of(script_, op, k);
+      boxes[k] = has_nan(box) ? inverted : box;
+    }
+    std::vector<double> numbers;
+    for (const Aabb& box : boxes) {
+      numbers.insert(numbers.end(), box.lower.begin(), box.lower.end());
+      numbers.insert(numbers.end(), box.upper.begin(), box.upper.end());
+    }
+    const BoxView view = op.which % 3 == 0 ? BoxView::interleaved(numbers.data(), n) : BoxView(boxes);
+    if (reference().is_in_flight()) {
+      return require_error("between begin() and finish()", [&] { (void)subject_.update(view); });
+    }
+    if (n > 0) {
+      const std::size_t invalid = op.which % n;
+      const Aabb before = std::exchange(boxes[invalid], {{nan_value, 0, 0}, {1, 1, 1}});
+      require_error("box " + std::to_string(invalid), [&] { (void)subject_.update(BoxView(boxes)); });
+      boxes[invalid] = before;
+      require(twins_.has_same_objects());
+    }
+    if (op.which % 2 == 0) return twins_.begin(view);
+    require(twins_.agree(view, [](const auto& /*delta*/) {}));
   }
 
   /// Moves all boxes by the same small step, or those of even ids, as in the frames of a simulation.

@@ -8,8 +8,8 @@
 namespace broadcl::test {
 namespace {
 
-constexpr std::array<std::string_view, 14> core_verb_names{
-    "add",     "remove", "replace", "move",    "map",         "drift",  "filter",
+constexpr std::array<std::string_view, 15> core_verb_names{
+    "add",     "remove", "replace", "move",    "map",         "give",   "drift", "filter",
     "exclude", "begin",  "update",  "enqueue", "change side", "shrink", "refuse"};
 constexpr std::array<std::string_view, 6> filter_kind_names{"no",      "groups as",         "worlds as",
                                                             "sets as", "sets of worlds as", "all kinds of"};
@@ -19,13 +19,14 @@ struct CoreWeight {
   CoreVerb verb;
   unsigned weight;
 };
-constexpr std::array core_weights{CoreWeight{CoreVerb::add, 20},      CoreWeight{CoreVerb::remove, 30},
-                                  CoreWeight{CoreVerb::replace, 30},  CoreWeight{CoreVerb::move, 300},
-                                  CoreWeight{CoreVerb::map, 15},      CoreWeight{CoreVerb::drift, 15},
-                                  CoreWeight{CoreVerb::filter, 40},   CoreWeight{CoreVerb::exclude, 60},
-                                  CoreWeight{CoreVerb::begin, 60},    CoreWeight{CoreVerb::update, 300},
-                                  CoreWeight{CoreVerb::enqueue, 120}, CoreWeight{CoreVerb::change_side, 40},
-                                  CoreWeight{CoreVerb::shrink, 15},   CoreWeight{CoreVerb::refuse, 20}};
+constexpr std::array core_weights{CoreWeight{CoreVerb::add, 20},         CoreWeight{CoreVerb::remove, 30},
+                                  CoreWeight{CoreVerb::replace, 30},     CoreWeight{CoreVerb::move, 300},
+                                  CoreWeight{CoreVerb::map, 15},         CoreWeight{CoreVerb::give, 30},
+                                  CoreWeight{CoreVerb::drift, 15},       CoreWeight{CoreVerb::filter, 40},
+                                  CoreWeight{CoreVerb::exclude, 60},     CoreWeight{CoreVerb::begin, 60},
+                                  CoreWeight{CoreVerb::update, 300},     CoreWeight{CoreVerb::enqueue, 120},
+                                  CoreWeight{CoreVerb::change_side, 40}, CoreWeight{CoreVerb::shrink, 15},
+                                  CoreWeight{CoreVerb::refuse, 20}};
 
 class CoreGenerator {
  public:
@@ -82,7 +83,8 @@ class CoreGenerator {
         live_ += count;
         return count;
       }
-      case CoreVerb::map: {
+      case CoreVerb::map:
+      case CoreVerb::give: {
         const unsigned count = dice_.one_in(4) ? few : most;
         if (count > 1) live_ = count;
         return count;

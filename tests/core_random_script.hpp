@@ -20,7 +20,9 @@ enum class CoreVerb {
   remove,
   replace,  ///< Remove and add with the same box, so that the id belongs to another object.
   move,
-  map,  ///< Of another number of objects, unless `count` is 1; of a DeviceBroadPhase also in another layout.
+  map,   ///< Of another number of objects, unless `count` is 1; of a DeviceBroadPhase also in another layout.
+  give,  ///< An update, or its begin, with boxes of the caller's for all objects, of the same number or
+         ///< another.
   drift,  ///< A few updates in which boxes move a little.
   filter,
   exclude,

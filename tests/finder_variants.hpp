@@ -17,8 +17,11 @@ class Turns final : public PairFinder {
  public:
   explicit Turns(const opencl::Context& context) : finders_{make_brute_force(context), make_tiles(context)} {}
 
-  void build(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) override {
+  void begin(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) override {
     turn_ = 1 - turn_;
+    finders_.at(turn_)->begin(search, sink, profiler);
+  }
+  void build(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) override {
     finders_.at(turn_)->build(search, sink, profiler);
   }
   void find(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) override {

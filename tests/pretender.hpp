@@ -50,6 +50,8 @@ class Pretender final : public Algorithm {
     inner_->shrink(slots);
   }
   [[nodiscard]] std::span<Aabb> boxes() noexcept override { return inner_->boxes(); }
+  [[nodiscard]] std::span<Aabb> spare_boxes() override { return inner_->spare_boxes(); }
+  void swap_boxes() noexcept override { inner_->swap_boxes(); }
   [[nodiscard]] std::shared_ptr<const void> boxes_owner() const override { return inner_->boxes_owner(); }
   void begin(const Input& input) override {
     may_fail("begin");

@@ -47,6 +47,9 @@ class Reference {
   [[nodiscard]] std::size_t slots() const { return ids().empty() ? 0 : ids().back() + 1; }
   /// Of all objects, ascending.
   [[nodiscard]] std::vector<std::uint32_t> ids() const;
+  [[nodiscard]] bool contains(std::uint32_t id) const {
+    return id < now_.objects.size() && now_.objects[id].birth > 0;
+  }
   [[nodiscard]] const Aabb& box(std::uint32_t id) const { return now_.objects[id].box; }
   [[nodiscard]] const Filter& filter(std::uint32_t id) const { return now_.objects[id].filter; }
   [[nodiscard]] bool is_in_flight() const { return begun_.has_value(); }

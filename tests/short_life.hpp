@@ -40,6 +40,12 @@ inline Aabb in_row(std::size_t k, float distance = 0.7F) {
   return {{x, 0, 0}, {x + 1, 1, 1}};
 }
 
+inline std::vector<Aabb> row(std::size_t n, float distance) {
+  std::vector<Aabb> boxes;
+  for (std::size_t k = 0; k < n; ++k) boxes.push_back(in_row(k, distance));
+  return boxes;
+}
+
 /// Calls every function over a few frames.
 template <class Subject, class Trouble>
 [[nodiscard]] ::testing::AssertionResult live(Twins<Subject, Trouble>& twins, const Habits& habits) try {
@@ -87,6 +93,24 @@ template <class Subject, class Trouble>
   update();
   twins.add(in_row(2));
   twins.move(0, in_row(1));
+  update();
+  twins.add(row(6, 0.4F), std::vector<Filter>(6, {.body = 1}));
+  twins.move(std::vector<std::uint32_t>{2, 4, 12}, row(3, 0.2F));
+  twins.remove(std::vector<std::uint32_t>{3, 13});
+  // Of the same boxes few differ, which is noticed one frame later.
+  std::vector<Aabb> boxes = row(14, 0.6F);
+  const auto give = [&] {
+    if (result) result = twins.agree(BoxView(boxes), [](const auto& /*delta*/) {});
+  };
+  give();
+  boxes[5] = in_row(2);
+  give();
+  boxes[6] = in_row(3);
+  give();
+  boxes.resize(12);
+  give();
+  boxes = row(40, 0.6F);
+  twins.begin(BoxView(boxes));
   update();
   return result;
 } catch (const std::exception& error) {

@@ -58,6 +58,21 @@ class Twins {
     call([&] { subject_.remove(id); });
     reference_.remove(id);
   }
+  /// Several at once.
+  void add(std::span<const Aabb> boxes, std::span<const Filter> filters) {
+    const std::vector<std::uint32_t> ids = call([&] { return subject_.add(BoxView(boxes), filters); });
+    for (std::size_t k = 0; k < boxes.size(); ++k) {
+      expect_equal("a new id", ids[k], reference_.add(boxes[k], filters[k]));
+    }
+  }
+  void move(std::span<const std::uint32_t> ids, std::span<const Aabb> boxes) {
+    call([&] { subject_.move(ids, BoxView(boxes)); });
+    for (std::size_t k = 0; k < boxes.size(); ++k) reference_.move(ids[k], boxes[k]);
+  }
+  void remove(std::span<const std::uint32_t> ids) {
+    call([&] { subject_.remove(ids); });
+    for (const std::uint32_t id : ids) reference_.remove(id);
+  }
   /// Maps n boxes and has `write` write them, for each of the two. Either may have any empty box in place of
   /// an empty one.
   template <class Function>
@@ -74,6 +89,12 @@ class Twins {
     call([&] { subject_.begin(); });
     reference_.begin();
   }
+  /// Begins an update with these boxes for all objects.
+  void begin(const BoxView& boxes) {
+    call([&] { subject_.begin(boxes); });
+    set_all(boxes);
+    reference_.begin();
+  }
   void shrink() {
     call([&] { subject_.shrink(); });
   }
@@ -86,19 +107,18 @@ class Twins {
   /// @param with Called with the changes that the subject reports.
   template <class Function>
   [[nodiscard]] ::testing::AssertionResult agree(const Function& with) {
-    const auto delta = trouble_.call([&] { return finish(); },
+    return agree(with, trouble_.call([&] { return finish(); },
                                      [&] {
                                        reference_.abandon();  // an update that was begun is over
                                        look();
-                                     });
-    const Reference::Changes expected = reference_.finish();
-    expect(same("added", delta.added, expected.added));
-    expect(same("removed", delta.removed, expected.removed));
-    with(delta);
-    expect_equal("the size", subject_.size(), reference_.size());
-    if (is_right()) expect(same("pairs", call([&] { return subject_.pairs(); }), reference_.pairs()));
-    if (is_right()) return ::testing::AssertionSuccess();
-    return ::testing::AssertionFailure() << std::exchange(wrong_, "");
+                                     }));
+  }
+  /// An update with these boxes for all objects.
+  template <class Function>
+  [[nodiscard]] ::testing::AssertionResult agree(const BoxView& boxes, const Function& with) {
+    const auto delta = call([&] { return subject_.update(boxes); });
+    set_all(boxes);
+    return agree(with, delta);
   }
 
   /// The subject was updated by itself.
@@ -111,7 +131,26 @@ class Twins {
   /// As of the last update, of both.
   [[nodiscard]] Pairs pairs() const { return reference_.pairs(); }
 
+  /// Whether the subject has the ids, boxes and filters of the reference.
+  [[nodiscard]] ::testing::AssertionResult has_same_objects() {
+    compare_objects();
+    if (is_right()) return ::testing::AssertionSuccess();
+    return ::testing::AssertionFailure() << std::exchange(wrong_, "");
+  }
+
  private:
+  template <class Function, class Changes>
+  [[nodiscard]] ::testing::AssertionResult agree(const Function& with, const Changes& delta) {
+    const Reference::Changes expected = reference_.finish();
+    expect(same("added", delta.added, expected.added));
+    expect(same("removed", delta.removed, expected.removed));
+    with(delta);
+    expect_equal("the size", subject_.size(), reference_.size());
+    if (is_right()) expect(same("pairs", call([&] { return subject_.pairs(); }), reference_.pairs()));
+    if (is_right()) return ::testing::AssertionSuccess();
+    return ::testing::AssertionFailure() << std::exchange(wrong_, "");
+  }
+
   [[nodiscard]] auto finish() {
     if constexpr (requires { subject_.update(); }) {
       if (!reference_.is_in_flight()) return subject_.update();
@@ -119,14 +158,35 @@ class Twins {
     return subject_.finish();
   }
 
+  void set_all(const BoxView& boxes) {
+    reference_.map(boxes.size());
+    for (std::uint32_t k = 0; k < boxes.size(); ++k) reference_.move(k, boxes[k]);
+  }
+
   template <class Function>
   auto call(const Function& function) {
     return trouble_.call(function, [this] { look(); });
   }
 
+  void compare_objects() {
+    for (std::uint32_t id = 0; id < reference_.slots() + 2; ++id) {
+      const bool is_there = reference_.contains(id);
+      if (subject_.contains(id) != is_there) return expect(wrong("whether it is there", id));
+      if (!is_there) continue;
+      const Aabb box = subject_.box(id);
+      const Aabb& expected = reference_.box(id);
+      if (is_empty(box) ? !is_empty(expected) : box != expected) return expect(wrong("the box", id));
+      if (subject_.filter(id) != reference_.filter(id)) return expect(wrong("the filter", id));
+    }
+  }
+  [[nodiscard]] static ::testing::AssertionResult wrong(const char* what, std::uint32_t id) {
+    return ::testing::AssertionFailure() << what << " of object " << id;
+  }
+
   /// Nothing that a caller can see may have changed.
   void look() {
     expect_equal("the size", subject_.size(), reference_.size());
+    if constexpr (requires { subject_.contains(0U); }) compare_objects();
     if (looks_ && !reference_.is_in_flight()) expect(same("known", subject_.pairs(), reference_.pairs()));
   }
 

@@ -107,11 +107,16 @@ auto BoxView::with_layout(const Function& function) const {
     return function(Strided<float, 2>{bounds_, stride_});
   }
   if (is_double_) return function(Strided<double, 3>{bounds_, stride_});
-  bool is_packed = stride_ == sizeof(Aabb);
+  return boxes() != nullptr ? function(Packed{bounds_[0]}) : function(Strided<float, 3>{bounds_, stride_});
+}
+
+const Aabb* BoxView::boxes() const noexcept {
+  if (bounds_[2] == nullptr) return nullptr;
+  bool is_packed = !is_double_ && stride_ == sizeof(Aabb);
   for (std::size_t index = 1; index < bounds_.size(); ++index) {
     is_packed = is_packed && bounds_[index] == bounds_[index - 1] + sizeof(float);
   }
-  return is_packed ? function(Packed{bounds_[0]}) : function(Strided<float, 3>{bounds_, stride_});
+  return is_packed ? reinterpret_cast<const Aabb*>(bounds_[0]) : nullptr;
 }
 
 /// Copies the boxes until `prepare(box)` is false for one. Returns the lowest index of such a box, or size()
@@ -136,6 +141,12 @@ std::size_t BoxView::copy(std::span<Aabb> out, const Prepare& prepare) const {
 
 Aabb BoxView::operator[](std::size_t k) const noexcept {
   return with_layout([k](const auto& boxes) { return boxes[k]; });
+}
+
+void BoxView::read(std::size_t first, std::span<Aabb> out) const noexcept {
+  with_layout([&](const auto& boxes) {
+    for (std::size_t k = 0; k < out.size(); ++k) out[k] = boxes[first + k];
+  });
 }
 
 void BoxView::copy_to(std::span<Aabb> out) const {

@@ -1,6 +1,8 @@
 #pragma once
 
+#include <cstddef>
 #include <cstring>
+#include <exception>
 #include <limits>
 #include <string>
 
@@ -35,6 +37,12 @@ namespace broadcl {
   // NOLINTNEXTLINE(bugprone-suspicious-memory-comparison): NaNs equal each other, and -0 differs from 0
   return std::memcmp(&s, &t, sizeof(Aabb)) == 0;
 }
+
+/// A box has a NaN bound. (No Error, which an algorithm might take for one of its own.)
+struct InvalidBox : std::exception {
+  explicit InvalidBox(std::size_t which) : index(which) {}
+  std::size_t index;
+};
 
 [[noreturn]] inline void throw_nan(const std::string& what) {
   throw Error::invalid_argument(

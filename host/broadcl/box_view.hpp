@@ -109,6 +109,8 @@ class BROADCL_API BoxView {
   void pack_to(std::span<Aabb> out) const;
 
  private:
+  friend class BoxReader;
+
   template <Bound S>
   BoxView(const std::array<const S*, 3>& lower, const std::array<const S*, 3>& upper, std::size_t n,
           std::ptrdiff_t stride)
@@ -135,6 +137,11 @@ class BROADCL_API BoxView {
   auto with_layout(const Function& function) const;
   template <class Prepare>
   [[nodiscard]] std::size_t copy(std::span<Aabb> out, const Prepare& prepare) const;
+
+  /// The boxes, if they are those of an array of Aabb; otherwise null.
+  [[nodiscard]] const Aabb* boxes() const noexcept;
+  /// Copies as many boxes as there is memory for, from one on.
+  void read(std::size_t first, std::span<Aabb> out) const noexcept;
 
   bool is_double_ = false;
   std::ptrdiff_t stride_ = 0;

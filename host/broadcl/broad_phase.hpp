@@ -69,9 +69,22 @@ class BROADCL_API BroadPhase {
   /// @throws Error for a NaN bound, and if there is no memory for the box.
   std::uint32_t add(const Aabb& box, const Filter& filter = Filter());
 
+  /// Adds an object for each box.
+  /// @param filters As many as boxes, or one for all.
+  /// @returns The ids, in the order of the boxes: as if they were added one after the other.
+  /// @throws Error as above; then none was added.
+  std::vector<std::uint32_t> add(const BoxView& boxes, std::span<const Filter> filters);
+  std::vector<std::uint32_t> add(const BoxView& boxes, const Filter& filter = Filter());
+
   /// Replaces the box of an object. A box that is equal to the old one does not count as movement.
   /// @throws Error for an unknown id and for a NaN bound.
   void move(std::uint32_t id, const Aabb& box);
+
+  /// Replaces the boxes of some objects, by several threads if there are many and the ids ascend. If an id is
+  /// given twice, the later box counts.
+  /// @param ids As many as boxes.
+  /// @throws Error as above; then none was replaced.
+  void move(std::span<const std::uint32_t> ids, const BoxView& boxes);
 
   /// Replaces the filter of an object. From the next update on, it has the pairs that the new filter allows.
   /// @throws Error for an unknown id, and if there is no memory for filters.
@@ -88,11 +101,23 @@ class BROADCL_API BroadPhase {
   /// update.
   /// @throws Error for an unknown id.
   void remove(std::uint32_t id);
+  /// Removes some objects.
+  /// @throws Error for an unknown id, and for one that is given twice; then none was removed.
+  void remove(std::span<const std::uint32_t> ids);
 
-  /// For callers whose boxes all move, or are stored elsewhere. Makes 0 .. n-1 the ids of the objects, by
-  /// adding those that are missing and removing all others, and returns the memory from which the device
-  /// reads their boxes, for the caller to write. New objects have empty boxes until then. All objects count
-  /// as moved.
+  /// Whether an object has this id.
+  [[nodiscard]] bool contains(std::uint32_t id) const noexcept;
+  /// The box of an object, as it will be in the next update. (An empty one may have other bounds than those
+  /// that were given.)
+  /// @throws Error for an unknown id.
+  [[nodiscard]] Aabb box(std::uint32_t id) const;
+  /// Its filter.
+  /// @throws Error for an unknown id.
+  [[nodiscard]] Filter filter(std::uint32_t id) const;
+
+  /// For callers who compute all boxes in place. Makes 0 .. n-1 the ids of the objects, by adding those that
+  /// are missing and removing all others, and returns the memory from which the device reads their boxes, for
+  /// the caller to write. New objects have empty boxes until then. All objects count as moved.
   /// @returns n boxes, which may be written until the next call of a function of this object that is not
   /// const. If one of them has a NaN bound, the next update() or begin() throws an Error that names the first
   /// such box, and changes nothing; the boxes may still be written: write one without NaN, and call it again.
@@ -105,6 +130,14 @@ class BROADCL_API BroadPhase {
   /// memory of map(). The call may be repeated.
   Delta update();
 
+  /// The same with new boxes for all objects, from memory of the caller in any layout: box k becomes that of
+  /// object k. Makes 0 .. n-1 the ids of the objects, as map() does; those that existed keep their filters.
+  /// Each box is read once, by several threads if there are many, while a device receives those before. Boxes
+  /// that are the same as before do not count as movement.
+  /// @throws Error for a NaN bound (it names the first such box), between begin() and finish(), and as
+  /// update() does. Objects, boxes and pairs are then as before the call, which may be repeated.
+  Delta update(const BoxView& boxes);
+
   /// Starts an update on the device and returns at once. Until finish(), the thread is free, and objects may
   /// be added, moved, removed and filtered; these changes belong to the next update. No-op if an update was
   /// started already. If the host does the update, finish() does all of the work, so nothing is gained.
@@ -113,6 +146,12 @@ class BROADCL_API BroadPhase {
   /// update.
   /// @throws Error as update() does.
   void begin();
+
+  /// The same with new boxes for all objects: see update(). The memory of the boxes may be overwritten when
+  /// this returns.
+  /// @throws Error as update() does, also if an update was started already. Objects and boxes are then as
+  /// before.
+  void begin(const BoxView& boxes);
 
   /// Waits for the update that begin() started, or does one if none was started, and returns the changes, for
   /// the state of the objects at begin().

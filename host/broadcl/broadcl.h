@@ -287,10 +287,25 @@ BROADCL_API broadcl_status broadcl_broad_phase_destroy(broadcl_broad_phase* broa
 /// @returns BROADCL_INVALID_ARGUMENT also for a NaN bound.
 BROADCL_API broadcl_status broadcl_broad_phase_add(broadcl_broad_phase* broad_phase, const broadcl_aabb* box,
                                                    const broadcl_filter* filter, uint32_t* id);
+/// Adds an object for each box, as if one after the other; all or none.
+/// @param filters `filter_count` filters: as many as boxes, or one for all, or 0 for BROADCL_DEFAULT_FILTER.
+/// @param ids For as many ids as boxes, in their order.
+/// @returns BROADCL_INVALID_ARGUMENT also for a NaN bound, of which the error names the first box.
+BROADCL_API broadcl_status broadcl_broad_phase_add_boxes(broadcl_broad_phase* broad_phase,
+                                                         const broadcl_boxes* boxes,
+                                                         const broadcl_filter* filters, size_t filter_count,
+                                                         uint32_t* ids);
 /// Replaces the box of an object. An equal box does not count as movement.
 /// @returns BROADCL_INVALID_ARGUMENT also for an unknown id and for a NaN bound.
 BROADCL_API broadcl_status broadcl_broad_phase_move(broadcl_broad_phase* broad_phase, uint32_t id,
                                                     const broadcl_aabb* box);
+/// Replaces the boxes of `count` objects, by several threads if there are many and the ids ascend; all or none.
+/// If an id is given twice, the later box counts.
+/// @param boxes `count` boxes.
+/// @returns BROADCL_INVALID_ARGUMENT as above.
+BROADCL_API broadcl_status broadcl_broad_phase_move_boxes(broadcl_broad_phase* broad_phase,
+                                                          const uint32_t* ids, size_t count,
+                                                          const broadcl_boxes* boxes);
 /// Replaces the filter of an object from the next update on.
 /// @returns BROADCL_INVALID_ARGUMENT also for an unknown id.
 BROADCL_API broadcl_status broadcl_broad_phase_set_filter(broadcl_broad_phase* broad_phase, uint32_t id,
@@ -298,6 +313,24 @@ BROADCL_API broadcl_status broadcl_broad_phase_set_filter(broadcl_broad_phase* b
 /// Removes an object. Its pairs are in `removed` of the next update.
 /// @returns BROADCL_INVALID_ARGUMENT also for an unknown id.
 BROADCL_API broadcl_status broadcl_broad_phase_remove(broadcl_broad_phase* broad_phase, uint32_t id);
+
+/// Removes `count` objects; all or none.
+/// @returns BROADCL_INVALID_ARGUMENT also for an unknown id, and for one that is given twice.
+BROADCL_API broadcl_status broadcl_broad_phase_remove_ids(broadcl_broad_phase* broad_phase,
+                                                          const uint32_t* ids, size_t count);
+
+/// Whether an object has this id: 1 or 0.
+BROADCL_API broadcl_status broadcl_broad_phase_contains(const broadcl_broad_phase* broad_phase, uint32_t id,
+                                                        int* contains);
+/// The box of an object, as it will be in the next update. An empty one may have other bounds than those that
+/// were given.
+/// @returns BROADCL_INVALID_ARGUMENT also for an unknown id.
+BROADCL_API broadcl_status broadcl_broad_phase_box(const broadcl_broad_phase* broad_phase, uint32_t id,
+                                                   broadcl_aabb* box);
+/// Its filter.
+/// @returns As above.
+BROADCL_API broadcl_status broadcl_broad_phase_filter(const broadcl_broad_phase* broad_phase, uint32_t id,
+                                                      broadcl_filter* filter);
 
 /// Replaces the list of pairs of ids that are never reported, whatever their boxes and filters: for instance
 /// joined bodies. A pair applies to whichever objects have the two ids. Initially the list is empty.
@@ -313,15 +346,22 @@ BROADCL_API broadcl_status broadcl_broad_phase_set_exclusions(broadcl_broad_phas
 /// @returns BROADCL_FAILED also between begin and finish.
 BROADCL_API broadcl_status broadcl_broad_phase_map(broadcl_broad_phase* broad_phase, size_t count,
                                                    broadcl_aabb** boxes);
-/// The same, but copies all boxes from the caller's memory, in any layout. If memory is exhausted, the boxes
-/// are unspecified.
-BROADCL_API broadcl_status broadcl_broad_phase_set_boxes(broadcl_broad_phase* broad_phase,
-                                                         const broadcl_boxes* boxes);
 
 /// Finds every pair of overlapping boxes whose filters allow it, and returns what changed since the last
 /// update. The same as begin and finish.
 /// @param delta May be null. Valid until the next update, finish or shrink.
 BROADCL_API broadcl_status broadcl_broad_phase_update(broadcl_broad_phase* broad_phase, broadcl_delta* delta);
+/// The same with new boxes for all objects, from memory of the caller in any layout: box k becomes that of
+/// object k. Makes 0 .. count-1 the ids of the objects, as map does; those that existed keep their filters.
+/// Boxes that are the same as before do not count as movement. If this fails, objects, boxes and pairs are as
+/// before the call, which may be repeated.
+/// @returns BROADCL_INVALID_ARGUMENT also for a NaN bound, of which the error names the first box;
+/// BROADCL_FAILED also between begin and finish.
+BROADCL_API broadcl_status broadcl_broad_phase_update_boxes(broadcl_broad_phase* broad_phase,
+                                                            const broadcl_boxes* boxes, broadcl_delta* delta);
+/// Starts such an update, as begin does; the memory of the boxes may be overwritten afterwards.
+BROADCL_API broadcl_status broadcl_broad_phase_begin_boxes(broadcl_broad_phase* broad_phase,
+                                                           const broadcl_boxes* boxes);
 /// Starts an update on the device and returns at once. Changes that are made before finish belong to the next
 /// update. No-op if an update was started already. If the host does the update, finish does all of the work.
 BROADCL_API broadcl_status broadcl_broad_phase_begin(broadcl_broad_phase* broad_phase);

@@ -1,6 +1,7 @@
 #include <broadcl/broadcl.h>
 #include <broadcl/broad_phase.hpp>
 
+#include <algorithm>
 #include <cstddef>
 #include <cstdint>
 #include <optional>
@@ -119,9 +120,28 @@ broadcl_status broadcl_broad_phase_add(broadcl_broad_phase* broad_phase, const b
   });
 }
 
+broadcl_status broadcl_broad_phase_add_boxes(broadcl_broad_phase* broad_phase, const broadcl_boxes* boxes,
+                                             const broadcl_filter* filters, std::size_t filter_count,
+                                             std::uint32_t* ids) {
+  return c::call(__func__, [&] {
+    const BoxView view = c::to_view(boxes, "boxes");
+    if (view.size() > 0) c::required(ids, "ids");
+    const std::vector<std::uint32_t> added =
+        filter_count == 0 ? object(broad_phase).add(view)
+                          : object(broad_phase).add(view, c::to_filters(filters, filter_count, "filters"));
+    std::ranges::copy(added, ids);
+  });
+}
+
 broadcl_status broadcl_broad_phase_move(broadcl_broad_phase* broad_phase, std::uint32_t id,
                                         const broadcl_aabb* box) {
   return c::call(__func__, [&] { object(broad_phase).move(id, c::to_aabb(c::required(box, "box"))); });
+}
+
+broadcl_status broadcl_broad_phase_move_boxes(broadcl_broad_phase* broad_phase, const std::uint32_t* ids,
+                                              std::size_t count, const broadcl_boxes* boxes) {
+  return c::call(__func__,
+                 [&] { object(broad_phase).move(c::array(ids, count, "ids"), c::to_view(boxes, "boxes")); });
 }
 
 broadcl_status broadcl_broad_phase_set_filter(broadcl_broad_phase* broad_phase, std::uint32_t id,
@@ -132,6 +152,27 @@ broadcl_status broadcl_broad_phase_set_filter(broadcl_broad_phase* broad_phase, 
 
 broadcl_status broadcl_broad_phase_remove(broadcl_broad_phase* broad_phase, std::uint32_t id) {
   return c::call(__func__, [&] { object(broad_phase).remove(id); });
+}
+
+broadcl_status broadcl_broad_phase_remove_ids(broadcl_broad_phase* broad_phase, const std::uint32_t* ids,
+                                              std::size_t count) {
+  return c::call(__func__, [&] { object(broad_phase).remove(c::array(ids, count, "ids")); });
+}
+
+broadcl_status broadcl_broad_phase_contains(const broadcl_broad_phase* broad_phase, std::uint32_t id,
+                                            int* contains) {
+  return c::call(__func__,
+                 [&] { c::required(contains, "contains") = object(broad_phase).contains(id) ? 1 : 0; });
+}
+
+broadcl_status broadcl_broad_phase_box(const broadcl_broad_phase* broad_phase, std::uint32_t id,
+                                       broadcl_aabb* box) {
+  return c::call(__func__, [&] { c::required(box, "box") = c::to_c(object(broad_phase).box(id)); });
+}
+
+broadcl_status broadcl_broad_phase_filter(const broadcl_broad_phase* broad_phase, std::uint32_t id,
+                                          broadcl_filter* filter) {
+  return c::call(__func__, [&] { c::required(filter, "filter") = c::to_c(object(broad_phase).filter(id)); });
 }
 
 broadcl_status broadcl_broad_phase_set_exclusions(broadcl_broad_phase* broad_phase, const broadcl_pair* pairs,
@@ -147,15 +188,20 @@ broadcl_status broadcl_broad_phase_map(broadcl_broad_phase* broad_phase, std::si
   });
 }
 
-broadcl_status broadcl_broad_phase_set_boxes(broadcl_broad_phase* broad_phase, const broadcl_boxes* boxes) {
+broadcl_status broadcl_broad_phase_update(broadcl_broad_phase* broad_phase, broadcl_delta* delta) {
+  return c::call(__func__, [&] { finish(broad_phase, delta); });
+}
+
+broadcl_status broadcl_broad_phase_update_boxes(broadcl_broad_phase* broad_phase, const broadcl_boxes* boxes,
+                                                broadcl_delta* delta) {
   return c::call(__func__, [&] {
-    const BoxView view = c::to_view(boxes, "boxes");
-    view.copy_to(object(broad_phase).map(view.size()));
+    const Delta changes = object(broad_phase).update(c::to_view(boxes, "boxes"));
+    if (delta != nullptr) *delta = c::to_c(changes);
   });
 }
 
-broadcl_status broadcl_broad_phase_update(broadcl_broad_phase* broad_phase, broadcl_delta* delta) {
-  return c::call(__func__, [&] { finish(broad_phase, delta); });
+broadcl_status broadcl_broad_phase_begin_boxes(broadcl_broad_phase* broad_phase, const broadcl_boxes* boxes) {
+  return c::call(__func__, [&] { object(broad_phase).begin(c::to_view(boxes, "boxes")); });
 }
 
 broadcl_status broadcl_broad_phase_begin(broadcl_broad_phase* broad_phase) {

@@ -46,6 +46,15 @@ std::span<const Pair> to_pairs(const broadcl_pair* pairs, std::size_t count, con
   return {reinterpret_cast<const Pair*>(given.data()), given.size()};
 }
 
+std::span<const Filter> to_filters(const broadcl_filter* filters, std::size_t count, const char* name) {
+  static_assert(offsetof(broadcl_filter, group) == offsetof(Filter, group) &&
+                offsetof(broadcl_filter, mask) == offsetof(Filter, mask) &&
+                offsetof(broadcl_filter, body) == offsetof(Filter, body) &&
+                offsetof(broadcl_filter, world) == offsetof(Filter, world));
+  const auto given = array(filters, count, name);
+  return {reinterpret_cast<const Filter*>(given.data()), given.size()};
+}
+
 CompileHandler to_handler(broadcl_compile_handler handler, void* data) {
   if (handler == nullptr) return {};
   return [handler, data](const Device& device, const std::string& cache_folder) {

@@ -23,6 +23,14 @@ namespace broadcl::c {
   return {{box.lower[0], box.lower[1], box.lower[2]}, {box.upper[0], box.upper[1], box.upper[2]}};
 }
 
+[[nodiscard]] inline broadcl_aabb to_c(const Aabb& box) noexcept {
+  return {{box.lower[0], box.lower[1], box.lower[2]}, {box.upper[0], box.upper[1], box.upper[2]}};
+}
+
+[[nodiscard]] inline broadcl_filter to_c(const Filter& filter) noexcept {
+  return {.group = filter.group, .mask = filter.mask, .body = filter.body, .world = filter.world};
+}
+
 [[nodiscard]] inline Filter to_filter(const broadcl_filter& filter) noexcept {
   return {.group = filter.group, .mask = filter.mask, .body = filter.body, .world = filter.world};
 }
@@ -45,6 +53,10 @@ static_assert(sizeof(broadcl_pair) == sizeof(Pair) && sizeof(broadcl_aabb) == si
 /// Pairs of the caller.
 /// @throws Error if the pointer is null and the count is not 0.
 [[nodiscard]] std::span<const Pair> to_pairs(const broadcl_pair* pairs, std::size_t count, const char* name);
+
+/// Filters of the caller, likewise.
+[[nodiscard]] std::span<const Filter> to_filters(const broadcl_filter* filters, std::size_t count,
+                                                 const char* name);
 
 /// @throws Error for arguments that BoxView does not accept.
 [[nodiscard]] BoxView to_view(const broadcl_boxes* boxes, const char* name);

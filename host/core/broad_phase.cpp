@@ -65,7 +65,7 @@ AlgorithmPointer make_for_one_search(Config config) {
 class BroadPhase::Impl final : public Core {
  public:
   explicit Impl(const Config& config)
-      : Core(make_algorithm(config)), info_(find_algorithm(config.algorithm).info) {}
+      : Core(make_algorithm(config), config.threads), info_(find_algorithm(config.algorithm).info) {}
 
   [[nodiscard]] const AlgorithmInfo& info() const noexcept { return info_; }
 
@@ -83,8 +83,20 @@ std::uint32_t BroadPhase::add(const Aabb& box, const Filter& filter) {
   return impl_->add(box, filter);
 }
 
+std::vector<std::uint32_t> BroadPhase::add(const BoxView& boxes, std::span<const Filter> filters) {
+  return impl_->add(boxes, filters);
+}
+
+std::vector<std::uint32_t> BroadPhase::add(const BoxView& boxes, const Filter& filter) {
+  return impl_->add(boxes, {&filter, 1});
+}
+
 void BroadPhase::move(std::uint32_t id, const Aabb& box) {
   impl_->move(id, box);
+}
+
+void BroadPhase::move(std::span<const std::uint32_t> ids, const BoxView& boxes) {
+  impl_->move(ids, boxes);
 }
 
 void BroadPhase::set_filter(std::uint32_t id, const Filter& filter) {
@@ -97,6 +109,22 @@ void BroadPhase::set_exclusions(std::span<const Pair> pairs) {
 
 void BroadPhase::remove(std::uint32_t id) {
   impl_->remove(id);
+}
+
+void BroadPhase::remove(std::span<const std::uint32_t> ids) {
+  impl_->remove(ids);
+}
+
+bool BroadPhase::contains(std::uint32_t id) const noexcept {
+  return impl_->contains(id);
+}
+
+Aabb BroadPhase::box(std::uint32_t id) const {
+  return impl_->box(id);
+}
+
+Filter BroadPhase::filter(std::uint32_t id) const {
+  return impl_->filter(id);
 }
 
 MappedBoxes BroadPhase::map(std::size_t n) {
@@ -112,9 +140,17 @@ Delta BroadPhase::update() {
   return impl_->finish();
 }
 
+Delta BroadPhase::update(const BoxView& boxes) {
+  return impl_->update(boxes);
+}
+
 void BroadPhase::begin() {
   impl_->begin();
   impl_->flush();
+}
+
+void BroadPhase::begin(const BoxView& boxes) {
+  impl_->begin(boxes);
 }
 
 Delta BroadPhase::finish() {

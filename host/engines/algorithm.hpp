@@ -2,6 +2,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <span>
 #include <string_view>
@@ -20,11 +21,21 @@
 
 namespace broadcl {
 
+/// Called for slots `begin` to `end` once their boxes are written.
+using BoxesWritten = std::function<void(std::size_t begin, std::size_t end)>;
+/// Writes all boxes of an update by several threads. The calling thread calls `meanwhile` first, and then
+/// `written` for ranges that together are all slots.
+/// @throws What these throw; InvalidBox.
+using WriteBoxes = std::function<void(const std::function<void()>& meanwhile, const BoxesWritten& written)>;
+
 /// The input of an update: objects, and what changed since the last update. The spans belong to the caller
 /// and, except for the filters, stay unchanged until the update is finished.
 struct Input {
   /// Those of Algorithm::boxes() that are tested, from the first on.
   std::span<const Aabb> boxes{};
+  /// If not null, begin() must call it, and the boxes are written by that. Only if uploads_boxes(), and with
+  /// `all`.
+  const WriteBoxes* write = nullptr;
   /// Slots whose box, filter or object changed since the last update; each once, and at most a quarter of the
   /// slots. Not read if `all` is set, which means that every slot counts as changed.
   std::span<const std::uint32_t> changed{};
@@ -81,8 +92,20 @@ class Algorithm {
   /// throws.
   [[nodiscard]] virtual std::span<Aabb> boxes() noexcept = 0;
 
+  /// Memory for as many other boxes, for a caller that writes all of them. Its content is unspecified, except
+  /// after swap_boxes(), until one of the functions above or begin() is called: then it has the boxes from
+  /// before. Valid as long as boxes().
+  /// @throws Error, std::bad_alloc; nothing has changed then, except perhaps where boxes() are.
+  [[nodiscard]] virtual std::span<Aabb> spare_boxes() = 0;
+  /// Makes them the boxes, and the boxes the spare ones. Not during an update.
+  virtual void swap_boxes() noexcept = 0;
+
   /// An owner of the memory of boxes(), which may outlive this object.
   [[nodiscard]] virtual std::shared_ptr<const void> boxes_owner() const = 0;
+
+  /// Whether begin() copies boxes to a device, which gains time if they are still being written:
+  /// Input::write.
+  [[nodiscard]] virtual bool uploads_boxes() const noexcept { return false; }
 
   /// Starts an update without waiting for the device; finish() must follow.
   virtual void begin(const Input& input) = 0;

@@ -1,6 +1,7 @@
 #include <algorithm>
 #include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <utility>
@@ -60,13 +61,24 @@ class DeviceAlgorithm final : public Algorithm {
   }
 
   [[nodiscard]] std::span<Aabb> boxes() noexcept override { return objects_->boxes(); }
+  [[nodiscard]] std::span<Aabb> spare_boxes() override {
+    return context_.guard([&] { return objects_->spare_boxes(); });
+  }
+  void swap_boxes() noexcept override { objects_->swap_boxes(); }
   [[nodiscard]] std::shared_ptr<const void> boxes_owner() const override { return objects_->boxes_owner(); }
+
+  /// (A CPU would only copy them once more.)
+  [[nodiscard]] bool uploads_boxes() const noexcept override {
+    return context_.tuning() != opencl::Tuning::cpu;
+  }
 
   void begin(const Input& input) override {
     profiler_.begin();
     context_.guard([&] {
       engine_->prepare();
-      engine_->begin(objects_->upload(input));
+      engine_->begin(objects_->upload(input), 0, [&](const std::function<void()>& meanwhile) {
+        objects_->upload_written(input, meanwhile);
+      });
     });
   }
 

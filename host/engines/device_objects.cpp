@@ -27,6 +27,11 @@ opencl::MappedBuffer staging(const opencl::Context& context, std::size_t bytes) 
                                      : opencl::MappedBuffer::pinned(context, bytes);
 }
 
+/// Memory for boxes, which their users may keep.
+std::shared_ptr<opencl::MappedBuffer> staged_boxes(const opencl::Context& context, std::size_t bytes) {
+  return {new opencl::MappedBuffer(opencl::MappedBuffer::pinned(context, bytes)), opencl::DeleteAndWait()};
+}
+
 /// Bytes of staged changes: one word each, and their boxes unless all boxes are uploaded.
 std::size_t staged_bytes(std::size_t changes, bool boxes) {
   return changes * (sizeof(cl_uint) + (boxes ? sizeof(Aabb) : 0));
@@ -74,14 +79,22 @@ std::size_t DeviceObjects::capacity_for(std::size_t slots) const {
   return std::min(most_slots, bytes / sizeof(Aabb) - Generation::padding);
 }
 
+std::size_t DeviceObjects::bytes_for(std::size_t slots) const noexcept {
+  return (slots + Generation::padding) * sizeof(Aabb);
+}
+
+std::span<Aabb> DeviceObjects::spare_boxes() {
+  if (spare_ == nullptr) spare_ = staged_boxes(context_, bytes_for(capacity_));
+  return {reinterpret_cast<Aabb*>(spare_->host()), capacity_};
+}
+
 void DeviceObjects::reserve_boxes(std::size_t slots) {
   const std::size_t capacity = capacity_for(slots);
-  const std::size_t bytes = (capacity + Generation::padding) * sizeof(Aabb);
+  const std::size_t bytes = bytes_for(capacity);
   // An update has at most a quarter of the slots in `changed`, with their boxes, or all slots recycled,
   // without boxes.
   const std::size_t staged = std::max(staged_bytes(capacity / 4 + 1, true), staged_bytes(capacity, false));
-  const std::shared_ptr<opencl::MappedBuffer> boxes(
-      new opencl::MappedBuffer(opencl::MappedBuffer::pinned(context_, bytes)), opencl::DeleteAndWait());
+  std::shared_ptr<opencl::MappedBuffer> boxes = staged_boxes(context_, bytes);
   auto staged_changes = staging(context_, staged);
   cl::Buffer last = context_.buffer(bytes);
   cl::Buffer next = context_.buffer(bytes);
@@ -92,7 +105,8 @@ void DeviceObjects::reserve_boxes(std::size_t slots) {
     queue.enqueueCopyBuffer(last_.objects.boxes, last, 0, 0, last_.objects.slots * sizeof(Aabb));
   }
   if (capacity_ > 0) std::memcpy(boxes->host(), boxes_->host(), capacity_ * sizeof(Aabb));
-  boxes_ = boxes;
+  boxes_ = std::move(boxes);
+  spare_.reset();
   staged_changes_ = std::move(staged_changes);
   last_.objects.boxes = std::move(last);
   last_.all_uploaded = true;  // now_ has none of them
@@ -191,6 +205,7 @@ void DeviceObjects::upload_boxes(const Input& input) {
   const Generation& last = last_.objects;
   now_.all_uploaded = input.all || last.slots == 0;
   now_.objects.slots = static_cast<cl_uint>(input.boxes.size());
+  if (input.write != nullptr) return;
   if (now_.all_uploaded) {
     opencl::Profiler::Scope stage(profiler_, "upload");
     queue.enqueueWriteBuffer(now_.objects.boxes, CL_FALSE, 0,
@@ -207,6 +222,17 @@ void DeviceObjects::upload_boxes(const Input& input) {
                           now_.objects.boxes);
     copy_.enqueue(queue, last_.changed_count, stage.event());
   }
+}
+
+void DeviceObjects::upload_written(const Input& input, const std::function<void()>& meanwhile) {
+  if (input.write == nullptr) return meanwhile();
+  opencl::Profiler::Scope stage(profiler_, "upload");
+  const cl::CommandQueue& queue = context_.queue();
+  (*input.write)(meanwhile, [&](std::size_t begin, std::size_t end) {
+    queue.enqueueWriteBuffer(now_.objects.boxes, CL_FALSE, begin * sizeof(Aabb), (end - begin) * sizeof(Aabb),
+                             boxes().data() + begin, nullptr, stage.event());
+    queue.flush();
+  });
 }
 
 /// Uploads the boxes that changed, and the stamps of this frame. If all changed, only objects that replaced

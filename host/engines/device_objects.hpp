@@ -2,6 +2,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <span>
 #include <vector>
@@ -47,16 +48,25 @@ class DeviceObjects {
 
   /// The boxes, for the host to write, except between upload() and the end of the frame.
   [[nodiscard]] std::span<Aabb> boxes() const noexcept;
+  /// As Algorithm::spare_boxes() and swap_boxes().
+  /// @throws cl::Error, Error
+  [[nodiscard]] std::span<Aabb> spare_boxes();
+  void swap_boxes() noexcept { boxes_.swap(spare_); }
   /// As Algorithm::boxes_owner().
   [[nodiscard]] std::shared_ptr<const void> boxes_owner() const noexcept { return boxes_; }
 
   /// Enqueues the commands that update the device's objects.
   /// @throws cl::Error, Error; the objects of the last frame are then unchanged.
   Search upload(const Input& input);
+  /// The rest, if boxes are still to be written: Input::write. Enqueues their upload as they are written.
+  /// @param meanwhile Called first, while other threads write.
+  /// @throws As upload(), and as Input::write and `meanwhile`.
+  void upload_written(const Input& input, const std::function<void()>& meanwhile);
   /// The frame succeeded, and has become the last one.
   void commit() noexcept;  // NOLINT(bugprone-exception-escape)
 
  private:
+  [[nodiscard]] std::size_t bytes_for(std::size_t slots) const noexcept;
   void reserve_boxes(std::size_t slots);
   void upload_filters(const Input& input);
   void apply_filters(const Input& input);
@@ -71,8 +81,9 @@ class DeviceObjects {
   std::size_t capacity_ = 0;  // slots
   // Pinned memory, from which the device is updated. Changes are in direct memory if there is any.
   std::shared_ptr<opencl::MappedBuffer> boxes_;
-  opencl::MappedBuffer staged_changes_;  // as kernels/changes.cl reads them
-  opencl::MappedBuffer staged_filters_;  // all, or changes likewise
+  std::shared_ptr<opencl::MappedBuffer> spare_;  // null until it is needed
+  opencl::MappedBuffer staged_changes_;          // as kernels/changes.cl reads them
+  opencl::MappedBuffer staged_filters_;          // all, or changes likewise
   opencl::MappedBuffer staged_exclusions_;
   bool are_filters_new_ = false;      // in this frame; otherwise they are those of the last one
   bool are_exclusions_new_ = false;   // as above

@@ -24,10 +24,11 @@ std::unique_ptr<Engine> Engine::successor() const {
   return next;
 }
 
-void Engine::begin(Search search, cl_uint tag) {
+void Engine::begin(Search search, cl_uint tag, const Upload& upload) {
   search_ = std::move(search);
   tag_ = tag;
   order_.begin(search_);
+  upload([&] { finder_->begin(search_, delta_, profiler_); });
   finder_->build(search_, delta_, profiler_);
   enqueue();
 }
@@ -44,6 +45,7 @@ void Engine::enqueue(Search search, cl_uint tag, const Report& report) {
   search_.may_give_up = false;
   tag_ = tag;
   order_.begin(search_, report);
+  finder_->begin(search_, delta_, profiler_);
   finder_->build(search_, delta_, profiler_);
   enqueue();
   context_.queue().flush();

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <functional>
 #include <memory>
 #include <vector>
 
@@ -38,6 +39,8 @@ class Engine {
   /// @throws cl::Error, Error; nothing has changed then.
   void warm_up(std::size_t slots) { finder_->warm_up(slots); }
 
+  using Upload = std::function<void(const std::function<void()>& meanwhile)>;
+
   /// Must not be called while there are unsettled frames, unless the new frame will be enqueued, too.
   /// @param pairs How many to reserve memory for. If there are more, the frame runs again.
   /// @throws cl::Error, Error
@@ -45,8 +48,11 @@ class Engine {
   /// Enqueues the search and the reading of its results. Unless the search has a source, commands that update
   /// the objects must have been enqueued.
   /// @param tag Any number; settle() returns that of the last complete frame.
-  /// @throws cl::Error, Error
-  void begin(Search search, cl_uint tag = 0);
+  /// @param upload Calls what it is given, and enqueues the commands that upload the boxes, unless those are
+  /// enqueued already.
+  /// @throws cl::Error, Error; what `upload` throws.
+  void begin(
+      Search search, cl_uint tag = 0, const Upload& upload = [](const auto& first) { first(); });
   /// Waits for the search. Waits again only if the lists were too small, if far more changed than in the last
   /// frame, or if the finder gave up.
   /// @throws cl::Error, Error

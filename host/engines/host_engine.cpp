@@ -31,9 +31,15 @@ class HostEngine final : public Algorithm {
                                                       packed_empty());
     std::ranges::copy(*boxes_, larger->begin());
     boxes_ = std::move(larger);
+    spare_.reset();
   }
 
   [[nodiscard]] std::span<Aabb> boxes() noexcept override { return *boxes_; }
+  [[nodiscard]] std::span<Aabb> spare_boxes() override {
+    if (spare_ == nullptr) spare_ = std::make_shared<std::vector<Aabb>>(boxes_->size());
+    return *spare_;
+  }
+  void swap_boxes() noexcept override { boxes_.swap(spare_); }
   [[nodiscard]] std::shared_ptr<const void> boxes_owner() const override { return boxes_; }
 
   void begin(const Input& input) override {
@@ -77,6 +83,7 @@ class HostEngine final : public Algorithm {
   }
 
   void shrink(std::size_t slots) override {
+    spare_.reset();
     if (slots < boxes_->size()) {
       boxes_ = std::make_shared<std::vector<Aabb>>(boxes_->begin(),
                                                    boxes_->begin() + static_cast<std::ptrdiff_t>(slots));
@@ -173,7 +180,8 @@ class HostEngine final : public Algorithm {
 
   std::unique_ptr<HostFinder> finder_;
   std::shared_ptr<std::vector<Aabb>> boxes_ = std::make_shared<std::vector<Aabb>>();
-  std::vector<Filter> filters_;  // as of the last update, and so are the exclusions
+  std::shared_ptr<std::vector<Aabb>> spare_;  // null until it is needed
+  std::vector<Filter> filters_;               // as of the last update, and so are the exclusions
   std::vector<Pair> exclusions_;
   Input input_;
   // Of this update: all filters, or those that changed, followed by those that are beyond the last ones.

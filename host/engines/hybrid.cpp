@@ -124,7 +124,16 @@ class Hybrid final : public Algorithm {
   }
 
   [[nodiscard]] std::span<Aabb> boxes() noexcept override { return current().boxes(); }
+  [[nodiscard]] std::span<Aabb> spare_boxes() override {
+    std::span<Aabb> boxes;
+    or_leave_device([&] { boxes = current().spare_boxes(); });
+    has_spare_ = true;
+    return boxes;
+  }
+  void swap_boxes() noexcept override { current().swap_boxes(); }
   [[nodiscard]] std::shared_ptr<const void> boxes_owner() const override { return current().boxes_owner(); }
+
+  [[nodiscard]] bool uploads_boxes() const noexcept override { return current().uploads_boxes(); }
 
   void begin(const Input& input) override {
     if (failure_ != nullptr) std::rethrow_exception(std::exchange(failure_, nullptr));
@@ -173,7 +182,7 @@ class Hybrid final : public Algorithm {
 
   void shrink(std::size_t slots) override {
     or_leave_device([&] { current().shrink(slots); });
-    filters_ = false;
+    filters_ = has_spare_ = false;
     lists_.clear();
     if (handover_) handover_->shrink_to_fit();
     if (device_.algorithm == nullptr || opencl::is_forked()) return;
@@ -233,6 +242,7 @@ class Hybrid final : public Algorithm {
     Algorithm& next = *other().algorithm;
     const std::span<const Aabb> boxes = current().boxes();
     next.reserve(boxes.size(), filters_);
+    if (has_spare_) std::ranges::copy(current().spare_boxes(), next.spare_boxes().begin());
     std::ranges::copy(boxes, next.boxes().begin());
     side_ = &other();
     if (pairs) handover_ = std::move(pairs);
@@ -272,7 +282,8 @@ class Hybrid final : public Algorithm {
   Opening opening_;
   std::exception_ptr failure_;  // of opening, for the next update
   Now now_;
-  bool filters_ = false;  // whether there is memory for filters
+  bool filters_ = false;    // whether there is memory for filters
+  bool has_spare_ = false;  // and for spare boxes
   bool was_updated_ = false;
   Input input_;                               // of the last update
   double begin_seconds_ = 0;                  // that begin() of the last update took

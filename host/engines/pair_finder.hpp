@@ -24,7 +24,12 @@ class PairFinder {
   /// @throws cl::Error, Error; nothing has changed then.
   virtual void warm_up(std::size_t /*slots*/) {}
 
-  /// Builds the kernels that only this search needs, if there are any, then enqueues those that prepare it.
+  /// Builds the kernels that only this search needs, if there are any, and may enqueue those that do not need
+  /// its boxes, which may not be there yet.
+  /// @throws cl::Error, Error
+  virtual void begin(const Search& /*search*/, const PairDelta& /*sink*/, opencl::Profiler& /*profiler*/) {}
+
+  /// Enqueues the kernels that prepare the search. Called after begin().
   /// If the search has a source, they or those of find() gather the objects, and count invalid ones in the
   /// counts of the sink.
   /// @throws cl::Error, Error

@@ -48,8 +48,12 @@ class Auto final : public PairFinder {
     if (n * n / 2 > most_tests(slots)) (void)tiles();
   }
 
-  void build(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) override {
+  void begin(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) override {
     chosen_ = choose(search, sink);
+    chosen_->begin(search, sink, profiler);
+  }
+
+  void build(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) override {
     chosen_->build(search, sink, profiler);
   }
 

@@ -82,6 +82,10 @@ class GpuBf final : public Algorithm {
   }
 
   [[nodiscard]] std::span<Aabb> boxes() noexcept override { return objects_->boxes(); }
+  [[nodiscard]] std::span<Aabb> spare_boxes() override {
+    return context_.guard([&] { return objects_->spare_boxes(); });
+  }
+  void swap_boxes() noexcept override { objects_->swap_boxes(); }
   [[nodiscard]] std::shared_ptr<const void> boxes_owner() const override { return objects_->boxes_owner(); }
 
   /// Tests all pairs, regardless of what changed, and copies the results to the host.

@@ -121,7 +121,9 @@ void NearPairs::set_sink(cl::Kernel& kernel, cl_uint first, const Search& search
 void NearPairs::searched() {
   queue_.enqueueMarkerWithWaitList(nullptr, &searched_);
   queue_.flush();
-  // (Not later: keeping pairs at the same time takes longer than afterwards.)
+}
+
+void NearPairs::await_search() {
   const std::vector<cl::Event> events{searched_};
   context_.queue().enqueueBarrierWithWaitList(&events);
 }

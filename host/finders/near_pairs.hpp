@@ -44,6 +44,9 @@ class NearPairs {
   void set_sink(cl::Kernel& kernel, cl_uint first, const Search& search) const;
   /// @throws cl::Error
   void searched();
+  /// Makes what is enqueued to the context's queue from now on wait for the early search.
+  /// @throws cl::Error
+  void await_search();
 
   /// Enqueues the kernel that appends the new pairs, if the search was early, and that finds out how far
   /// boxes move, if the next frame may be searched early.

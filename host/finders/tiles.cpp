@@ -35,7 +35,7 @@ TilesLaunch launch_for(opencl::Tuning tuning) {
 }
 
 constexpr std::size_t most_workers = 8;
-constexpr std::size_t search_groups_per_unit = 64;         // as far as most_workers allows
+constexpr std::size_t search_groups_per_unit = 32;         // as far as most_workers allows
 constexpr std::size_t dense_search_groups_per_unit = 128;  // if all tiles are dense
 /// From this many boxes on, a GPU takes long enough to receive them that a search meanwhile pays.
 constexpr std::size_t fewest_searched_early = 1 << 17;
@@ -70,19 +70,26 @@ class Tiles final : public PairFinder {
     load({});
   }
 
-  void build(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) override {
+  void begin(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) override {
     is_built_ = search.now.slots > 1 && search.changed_slots() > 0;
-    if (!is_built_) return PairFinder::build(search, sink, profiler);
+    is_early_ = false;
+    if (!is_built_) return;
     load(search);
     prepare(search);
     work_.begin_frame(search, sink);
-    const bool stale = work_.is_stale(search, sink);
-    is_early_ = near_.begin(search, sink, !stale, work_.early_pays(), profiler);
+    is_stale_ = work_.is_stale(search, sink);
+    is_early_ = near_.begin(search, sink, !is_stale_, work_.early_pays(), profiler);
     work_.begin_search(search, is_early_);
-    if (is_early_) return search_early(search, sink, profiler);
-    const bool gathers = search.source != nullptr && search.now.slots <= most_gathered && !stale;
+    if (is_early_) search_early(search, sink, profiler);
+  }
+
+  void build(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) override {
+    if (!is_built_) return PairFinder::build(search, sink, profiler);
+    // (Not later: keeping pairs at the same time takes longer than afterwards.)
+    if (is_early_) return near_.await_search();
+    const bool gathers = search.source != nullptr && search.now.slots <= most_gathered && !is_stale_;
     if (!gathers) PairFinder::build(search, sink, profiler);
-    if (stale) sort(search, sink, profiler);
+    if (is_stale_) sort(search, sink, profiler);
     fill_trees(search, gathers, sink, profiler);
   }
 
@@ -411,6 +418,7 @@ class Tiles final : public PairFinder {
   std::size_t top_ = 1;                                // the level at which the search starts
   cl_uint roots_ = 0;                                  // its nodes
   bool is_built_ = false;                              // for this search
+  bool is_stale_ = false;                              // whether this search must sort
   bool is_early_ = false;                              // whether this search is early
   cl_uint most_work_ = 0;                              // at which it is given up
 };

@@ -3,6 +3,8 @@
 #include <nanobind/ndarray.h>
 #include <nanobind/stl/string.h>
 
+#include <algorithm>
+#include <array>
 #include <memory>
 #include <utility>
 
@@ -68,6 +70,14 @@ nb::object to_array(std::vector<std::uint32_t>&& words) {
   const std::size_t size = owner->size();
   using Array = nb::ndarray<nb::numpy, std::uint32_t, nb::ndim<1>>;
   return Array(data, {size}, keep(std::move(owner))).cast(nb::rv_policy::reference);
+}
+
+nb::object to_array(const Aabb& box) {
+  auto owner = std::make_unique<std::array<float, 6>>();
+  std::ranges::copy(box.upper, std::ranges::copy(box.lower, owner->begin()).out);
+  float* data = owner->data();
+  using Array = nb::ndarray<nb::numpy, float, nb::shape<6>>;
+  return Array(data, {6}, keep(std::move(owner))).cast(nb::rv_policy::reference);
 }
 
 Words::Words(nb::handle words, const std::string& name, const WordKind& kind) {

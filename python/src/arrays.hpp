@@ -10,6 +10,7 @@
 #include <string>
 #include <vector>
 
+#include <broadcl/aabb.hpp>
 #include <broadcl/pair.hpp>
 
 namespace broadcl::python {
@@ -32,6 +33,9 @@ nanobind::capsule keep(std::unique_ptr<Owner> owner) {
 
 /// An (n,) uint32 array, which takes the words over.
 [[nodiscard]] nanobind::object to_array(std::vector<std::uint32_t>&& words);
+
+/// A (6,) float32 array: lower x, y, z, upper x, y, z.
+[[nodiscard]] nanobind::object to_array(const Aabb& box);
 
 /// What integers mean to a caller.
 struct WordKind {

@@ -57,6 +57,15 @@ class Filters {
     }
   }
 
+  /// As many as there are objects; or one, if it is the same for all.
+  [[nodiscard]] std::vector<Filter> list() const {
+    std::size_t count = 1;
+    for (const Words& words : words_) count = words.is_single() ? count : words.size();
+    std::vector<Filter> filters;
+    for (std::size_t k = 0; k < count; ++k) filters.push_back((*this)[k]);
+    return filters;
+  }
+
   Filter operator[](std::size_t k) const {
     return {.group = words_[0][k], .mask = words_[1][k], .body = words_[2][k], .world = words_[3][k]};
   }
@@ -80,26 +89,21 @@ class Objects {
 
   nb::object add(nb::handle boxes, nb::handle group, nb::handle mask, nb::handle body, nb::handle world) {
     const BoxArray array(boxes, "boxes");
-    array.refuse_nan();
-    const Filters filters(group, mask, body, world, array.view().size());
+    const std::vector<Filter> filters = Filters(group, mask, body, world, array.view().size()).list();
     const OneThread::Use use(thread_);
     take_mapped();
-    std::vector<std::uint32_t> ids;
-    ids.reserve(array.view().size());
-    const std::size_t size = broad_phase_->size() + array.view().size();  // ids are dense
-    if (size > live_.capacity()) live_.reserve(std::max(size, 2 * live_.capacity()));
-    nb::object result;
+    // First, because memory may run out.
+    std::vector<std::uint32_t> ids(array.view().size());
+    const std::span<std::uint32_t> out(ids);
+    nb::object result = to_array(std::move(ids));
+    or_name_row(array, [&] { std::ranges::copy(broad_phase_->add(array.view(), filters), out.begin()); });
+    if (!array.is_single()) return result;
     try {
-      for (std::size_t k = 0; k < array.view().size(); ++k) {
-        ids.push_back(broad_phase_->add(array.view()[k], filters[k]));
-      }
-      result = array.is_single() ? nb::int_(ids.front()) : to_array(std::vector(ids));
+      return nb::int_(out.front());
     } catch (...) {
-      for (const std::uint32_t id : ids) broad_phase_->remove(id);
+      broad_phase_->remove(out.front());
       throw;
     }
-    for (const std::uint32_t id : ids) set_live(id, true);
-    return result;
   }
 
   void move(nb::handle ids, nb::handle boxes) {
@@ -114,18 +118,16 @@ class Objects {
                              std::to_string(words.size()) + " and " + std::to_string(array.view().size()))
                                 .c_str());
     }
-    array.refuse_nan();
     const OneThread::Use use(thread_);
-    refuse_unknown(words);
     take_mapped();
-    for (std::size_t k = 0; k < words.size(); ++k) broad_phase_->move(words[k], array.view()[k]);
+    or_name_row(array, [&] { broad_phase_->move(words.all(), array.view()); });
   }
 
   void set_filter(nb::handle ids, nb::handle group, nb::handle mask, nb::handle body, nb::handle world) {
     const Words words(ids, "ids");
     const Filters filters(group, mask, body, world, words.size());
     const OneThread::Use use(thread_);
-    refuse_unknown(words);
+    for (const std::uint32_t id : words.all()) (void)broad_phase_->filter(id);  // it must exist
     take_mapped();
     for (std::size_t k = 0; k < words.size(); ++k) broad_phase_->set_filter(words[k], filters[k]);
   }
@@ -133,19 +135,8 @@ class Objects {
   void remove(nb::handle ids) {
     const Words words(ids, "ids");
     const OneThread::Use use(thread_);
-    refuse_unknown(words);
-    std::vector<std::uint32_t> sorted;
-    for (std::size_t k = 0; k < words.size(); ++k) sorted.push_back(words[k]);
-    std::ranges::sort(sorted);
-    const auto twice = std::ranges::adjacent_find(sorted);
-    if (twice != sorted.end()) {
-      throw nb::value_error(("id " + std::to_string(*twice) + " is given twice; name each once").c_str());
-    }
     take_mapped();
-    for (std::size_t k = 0; k < words.size(); ++k) {
-      broad_phase_->remove(words[k]);
-      set_live(words[k], false);
-    }
+    without_gil([&] { broad_phase_->remove(words.all()); });
   }
 
   void set_exclusions(nb::handle pairs) {
@@ -158,11 +149,10 @@ class Objects {
 
   void shrink() {
     const OneThread::Use use(thread_);
-    if (delta_) throw Error("the last update's changes were not returned; call finish() for them first");
+    refuse_unreturned();
     take_mapped();
     const GilReleased released;
     broad_phase_->shrink();
-    live_.shrink_to_fit();
   }
 
   nb::object map(std::size_t n) {
@@ -171,9 +161,7 @@ class Objects {
     MappedBoxes mapped;
     try {
       const GilReleased released;
-      live_.reserve(n);
       mapped = broad_phase_->map(n);
-      live_.assign(n, 1);
     } catch (const Error&) {  // `auto` leaves a device that failed, and its memory
       take_mapped();
       throw;
@@ -185,19 +173,52 @@ class Objects {
     return array_;
   }
 
-  Changes update() {
-    return changes([&] { return broad_phase_->update(); });
+  Changes update(nb::handle boxes) {
+    if (boxes.is_none()) {
+      return changes([&] { or_refuse_nan([&] { delta_ = broad_phase_->update(); }); });
+    }
+    const BoxArray array(boxes, "boxes");
+    refuse_unreturned();
+    return changes([&] {
+      or_name_row(array, [&] { delta_ = broad_phase_->update(array.view()); });
+      take_mapped();
+    });
   }
   Changes finish() {
-    return changes([&] { return broad_phase_->finish(); });
+    return changes([&] { or_refuse_nan([&] { delta_ = broad_phase_->finish(); }); });
   }
-  void begin() {
+  void begin(nb::handle boxes) {
+    if (!boxes.is_none()) return begin(BoxArray(boxes, "boxes"));
     const OneThread::Use use(thread_);
-    if (delta_) throw Error("the last update's changes were not returned; call finish() for them first");
-    or_refuse_nan([&] {
-      const GilReleased released;
-      broad_phase_->begin();
-    });
+    refuse_unreturned();
+    or_refuse_nan([&] { broad_phase_->begin(); });
+  }
+  void begin(const BoxArray& boxes) {
+    const OneThread::Use use(thread_);
+    refuse_unreturned();
+    or_name_row(boxes, [&] { broad_phase_->begin(boxes.view()); });
+    take_mapped();
+  }
+
+  bool contains(std::uint32_t id) {
+    const OneThread::Use use(thread_);
+    return broad_phase_->contains(id);
+  }
+
+  nb::object box(std::uint32_t id) {
+    const OneThread::Use use(thread_);
+    return to_array(broad_phase_->box(id));
+  }
+
+  nb::dict filter(std::uint32_t id) {
+    const OneThread::Use use(thread_);
+    const Filter filter = broad_phase_->filter(id);
+    nb::dict result;
+    result["group"] = filter.group;
+    result["mask"] = filter.mask;
+    result["body"] = filter.body;
+    result["world"] = filter.world;
+    return result;
   }
 
   nb::object pairs() {
@@ -229,18 +250,29 @@ class Objects {
   }
 
  private:
+  /// @param update Does an update and stores its changes.
   template <class Function>
-  Changes changes(const Function& function) {
+  Changes changes(const Function& update) {
     const OneThread::Use use(thread_);
-    if (!delta_) {
-      or_refuse_nan([&] {
-        const GilReleased released;
-        delta_ = function();
-      });
-    }
+    if (!delta_) update();
     Changes changes{to_array(delta_->added, delta_->owner), to_array(delta_->removed, delta_->owner)};
     delta_.reset();
     return changes;
+  }
+
+  void refuse_unreturned() const {
+    if (delta_) throw Error("the last update's changes were not returned; call finish() for them first");
+  }
+
+  /// Does something with boxes of the caller. The message for a NaN names its row.
+  template <class Function>
+  static void or_name_row(const BoxArray& boxes, const Function& function) {
+    try {
+      without_gil(function);
+    } catch (const Error& error) {
+      if (error.kind() == ErrorKind::invalid_argument) boxes.refuse_nan();
+      throw;
+    }
   }
 
   /// Ends the writing to the array of map(): it can only be read from now on.
@@ -255,7 +287,7 @@ class Objects {
   template <class Function>
   void or_refuse_nan(const Function& function) {
     try {
-      function();
+      without_gil(function);
     } catch (const Error& error) {
       if (error.kind() != ErrorKind::invalid_argument) take_mapped();
       throw;
@@ -266,23 +298,9 @@ class Objects {
     take_mapped();
   }
 
-  void refuse_unknown(const Words& ids) const {
-    for (std::size_t k = 0; k < ids.size(); ++k) {
-      if (ids[k] < live_.size() && live_[ids[k]] != 0) continue;
-      throw nb::value_error(
-          ("no object has the id " + std::to_string(ids[k]) + "; use the ids that add() returned").c_str());
-    }
-  }
-
-  void set_live(std::uint32_t id, bool is_live) {
-    if (id >= live_.size()) live_.resize(id + 1, 0);
-    live_[id] = is_live ? 1 : 0;
-  }
-
   OneThread thread_;
   std::optional<BroadPhase> broad_phase_;
-  std::vector<std::uint8_t> live_;  // by id
-  std::optional<Delta> delta_;      // of the last update, until its arrays are made
+  std::optional<Delta> delta_;  // of the last update, until its arrays are made
 
   nb::object array_;  // of map(), as long as what is written there counts
 };
@@ -316,7 +334,7 @@ may be several times as large; copy the arrays if you keep those of many updates
       R"(Holds a set of moving boxes, and reports at each `update` which pairs began and which ceased to overlap.
 
 The cost of an update depends on how much moved. A call that raises has changed nothing, except that
-a call with an array of ids may be done in part if memory runs out. The GIL is released during
+`set_filter` with an array of ids may be done in part if memory runs out. The GIL is released during
 searches. All arrays that are returned may be kept for as long as you like.
 
 Parameters
@@ -493,12 +511,59 @@ ValueError
     For more than 2,147,483,648 objects.
 Error
     Between `begin` and `finish`, and if there is no memory for the boxes.)")
+      .def("contains", &Objects::contains, "id"_a, "Whether an object has this id.")
+      .def("box", &Objects::box, "id"_a,
+           nb::sig("def box(self, id: int) -> numpy.typing.NDArray[numpy.float32]"),
+           R"(Returns the box of an object, as it will be in the next update.
+
+Parameters
+----------
+id : int
+    An id.
+
+Returns
+-------
+numpy.ndarray
+    ``(6,)`` float32, a copy: lower x, y, z, upper x, y, z. An empty box may have other bounds than
+    those that were given.
+
+Raises
+------
+ValueError
+    For an unknown id.)")
+      .def("filter", &Objects::filter, "id"_a, nb::sig("def filter(self, id: int) -> dict[str, int]"),
+           R"(Returns the filter of an object.
+
+Parameters
+----------
+id : int
+    An id.
+
+Returns
+-------
+dict of str to int
+    ``group``, ``mask``, ``body`` and ``world``, as for `add`.
+
+Raises
+------
+ValueError
+    For an unknown id.)")
       .def(
-          "update", &Objects::update,
+          "update", &Objects::update, "boxes"_a = nb::none(),
+          nb::sig("def update(self, boxes: numpy.typing.ArrayLike | tuple[numpy.typing.ArrayLike, "
+                  "numpy.typing.ArrayLike] | None = None) -> Delta"),
           R"(Finds every overlapping pair that the filters allow, and returns what changed since the last update.
 
 The same as `begin` and `finish`. After an exception, the call may be repeated. If there was no
 memory for the arrays of the Delta, it then returns that Delta, without another search.
+
+Parameters
+----------
+boxes : array_like or tuple, optional
+    New boxes for all objects, as for `overlapping_pairs`, in host memory: row k becomes the box of
+    object k. The ids are then 0 .. n-1: missing objects are added, all others removed, and those that
+    existed keep their filters. Boxes that are the same as before do not count as movement. Copied,
+    while a device receives them.
 
 Returns
 -------
@@ -508,16 +573,23 @@ Delta
 Raises
 ------
 ValueError
-    For a NaN that was written to the array of `map`.
+    For a NaN in `boxes` (the text names the row), or one that was written to the array of `map`.
 Error
-    If the device fails.
+    If the device fails; with `boxes`, also between `begin` and `finish`.
 MemoryError
     If memory runs out.)")
-      .def("begin", &Objects::begin,
+      .def("begin", nb::overload_cast<nb::handle>(&Objects::begin), "boxes"_a = nb::none(),
+           nb::sig("def begin(self, boxes: numpy.typing.ArrayLike | tuple[numpy.typing.ArrayLike, "
+                   "numpy.typing.ArrayLike] | None = None) -> None"),
            R"(Starts an update on the device, and returns at once.
 
-Objects that are added, moved or removed before `finish` belong to the next update. No-op if an
-update was started already. On the host, `finish` does all of the work.
+Objects that are added, moved or removed before `finish` belong to the next update. Without boxes, it
+is a no-op if an update was started already. On the host, `finish` does all of the work.
+
+Parameters
+----------
+boxes : array_like or tuple, optional
+    As for `update`. You may overwrite them when this returns.
 
 Raises
 ------

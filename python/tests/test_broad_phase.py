@@ -106,6 +106,19 @@ class Machine(RuleBasedStateMachine):
         self.boxes = dict(enumerate(values))
 
     @precondition(lambda self: self.begun is None)
+    @rule(values=boxes(most=12), begins=st.booleans(), double=st.booleans())
+    def give(self, values, begins, double):
+        self.filters = {id: self.filters.get(id, DEFAULT) for id in range(len(values))}
+        self.boxes = dict(enumerate(values))
+        given = values.astype(np.float64) if double else values.copy()
+        if begins:
+            self.begun = self.pairs_now()
+            self.broad_phase.begin(given)
+            given[:] = 0
+        else:
+            self.check(self.pairs_now(), self.broad_phase.update(given))
+
+    @precondition(lambda self: self.begun is None)
     @rule()
     def begin(self):
         self.begun = self.pairs_now()
@@ -115,7 +128,10 @@ class Machine(RuleBasedStateMachine):
     def update(self, call):
         expected = self.pairs_now() if self.begun is None else self.begun
         self.begun = None
-        added, removed = getattr(self.broad_phase, call)()
+        self.check(expected, getattr(self.broad_phase, call)())
+
+    def check(self, expected, delta):
+        added, removed = delta
         assert as_set(removed) <= self.followed
         self.followed -= as_set(removed)
         assert not as_set(added) & self.followed
@@ -126,8 +142,19 @@ class Machine(RuleBasedStateMachine):
             assert pairs.tolist() == sorted(pairs.tolist(), key=lambda pair: pair[::-1])
 
     @invariant()
-    def size(self):
+    def objects(self):
         assert len(self.broad_phase) == len(self.boxes)
+        for id in range(max(self.boxes, default=0) + 2):
+            assert self.broad_phase.contains(id) == (id in self.boxes)
+            if id not in self.boxes:
+                continue
+            assert tuple(self.broad_phase.filter(id).values()) == self.filters[id]
+            box, expected = self.broad_phase.box(id), self.boxes[id]
+            assert box.shape == (6,) and box.dtype == np.float32
+            if (expected[:3] <= expected[3:]).all():
+                assert np.array_equal(box, expected)
+            else:
+                assert (box[:3] > box[3:]).any()
 
 
 class TilesMachine(Machine):

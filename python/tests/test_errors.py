@@ -56,6 +56,10 @@ def test_the_first_nan_is_named():
     ids = broad_phase.add(good)
     with pytest.raises(ValueError, match="row 7 of boxes has a NaN"):
         broad_phase.move(ids, with_nan(7))
+    for update in (broad_phase.update, broad_phase.begin):
+        with pytest.raises(ValueError, match="row 7 of boxes has a NaN"):
+            update(with_nan(7))
+        assert np.array_equal([broad_phase.box(id) for id in ids], good)
 
 
 @pytest.mark.parametrize("update", ["update", "begin", "finish"])
@@ -164,6 +168,9 @@ def test_calls_between_begin_and_finish():
         broad_phase.pairs()
     with pytest.raises(broadcl.Error, match="finish"):
         broad_phase.map(3)
+    for update in (broad_phase.update, broad_phase.begin):
+        with pytest.raises(broadcl.Error, match="finish"):
+            update(uniform(5))
     broad_phase.finish()
 
 
@@ -199,8 +206,11 @@ def test_no_memory_for_the_delta(begins):
     finally:
         testing.remove_mem_hooks()
     assert delta is None
+    for boxes in (None, uniform(3)):
+        with pytest.raises(broadcl.Error, match="finish"):
+            broad_phase.begin(boxes)
     with pytest.raises(broadcl.Error, match="finish"):
-        broad_phase.begin()
+        broad_phase.update(uniform(3))
     assert len(broad_phase.update().added) == 80 * 79 // 2
     assert len(broad_phase.update().added) == 0
 

@@ -68,8 +68,7 @@ std::optional<std::string> check_still(const std::vector<BoxScene>& scenes,
                                        const BroadPhase::Config& config) {
   BroadPhase broad_phase(config);
   for (const BoxScene& scene : scenes) {
-    std::copy(scene.boxes.begin(), scene.boxes.end(), broad_phase.map(scene.boxes.size()).begin());
-    (void)broad_phase.update();
+    (void)broad_phase.update(scene.boxes);
     if (const auto wrong = difference(broad_phase.pairs(), oracle(scene.boxes))) {
       return "scene '" + scene.name + "' of " + counted(scene.boxes.size(), "box") + ": " + *wrong;
     }

@@ -52,7 +52,16 @@ TEST_F(CBroadPhase, NullArgumentsAreRefusedAndChangeNothing) {
   EXPECT_INVALID("box is null", broadcl_broad_phase_move, handle_, 0, nullptr);
   EXPECT_INVALID("filter is null", broadcl_broad_phase_set_filter, handle_, 0, nullptr);
   EXPECT_INVALID("boxes is null", broadcl_broad_phase_map, handle_, 1, nullptr);
-  EXPECT_INVALID("boxes is null", broadcl_broad_phase_set_boxes, handle_, nullptr);
+  EXPECT_INVALID("boxes is null", broadcl_broad_phase_update_boxes, handle_, nullptr, nullptr);
+  EXPECT_INVALID("boxes is null", broadcl_broad_phase_begin_boxes, handle_, nullptr);
+  EXPECT_INVALID("boxes is null", broadcl_broad_phase_add_boxes, handle_, nullptr, nullptr, 0, &id);
+  EXPECT_INVALID("ids is null", broadcl_broad_phase_add_boxes, handle_, &boxes, nullptr, 0, nullptr);
+  EXPECT_INVALID("filters is null", broadcl_broad_phase_add_boxes, handle_, &boxes, nullptr, 1, &id);
+  EXPECT_INVALID("ids is null", broadcl_broad_phase_move_boxes, handle_, nullptr, 1, &boxes);
+  EXPECT_INVALID("ids is null", broadcl_broad_phase_remove_ids, handle_, nullptr, 1);
+  EXPECT_INVALID("contains is null", broadcl_broad_phase_contains, handle_, 0, nullptr);
+  EXPECT_INVALID("box is null", broadcl_broad_phase_box, handle_, 0, nullptr);
+  EXPECT_INVALID("filter is null", broadcl_broad_phase_filter, handle_, 0, nullptr);
   EXPECT_INVALID("pairs is null", broadcl_broad_phase_pairs, handle_, nullptr);
   EXPECT_INVALID("size is null", broadcl_broad_phase_size, handle_, nullptr);
   EXPECT_INVALID("info is null", broadcl_broad_phase_device, handle_, nullptr);
@@ -159,8 +168,9 @@ TEST_F(CBroadPhase, NeverReportsWhatIsExcluded) {
 TEST_F(CBroadPhase, BoxesAreCopiedOrWrittenInPlace) {
   const std::vector<broadcl_aabb> boxes = random_boxes(100);
   broadcl_boxes given = view(boxes);
-  OK(broadcl_broad_phase_set_boxes(handle_, &given));
-  EXPECT_EQ(list(update().added), overlapping(boxes));
+  broadcl_delta delta{};
+  OK(broadcl_broad_phase_update_boxes(handle_, &given, &delta));
+  EXPECT_EQ(list(delta.added), overlapping(boxes));
   broadcl_pairs pairs{};
   OK(broadcl_broad_phase_pairs(handle_, &pairs));
   EXPECT_EQ(list(pairs), overlapping(boxes));

@@ -310,9 +310,8 @@ TEST_F(COnDevice, ABroadPhaseOnADeviceSaysThatItCompiles) {
   EXPECT_EQ(heard.cache_folder, "");
   const std::vector<broadcl_aabb> boxes = random_boxes(60);
   const broadcl_boxes given = view(boxes);
-  OK(broadcl_broad_phase_set_boxes(handle, &given));
   broadcl_delta delta{};
-  OK(broadcl_broad_phase_update(handle, &delta));
+  OK(broadcl_broad_phase_update_boxes(handle, &given, &delta));
   EXPECT_EQ(list(delta.added), overlapping(boxes));
   const broadcl_stage* stages = nullptr;
   std::size_t count = 0;

@@ -71,7 +71,14 @@ TEST(C, NullHandlesAreRefused) {
   EXPECT_INVALID("broad_phase is null", broadcl_broad_phase_set_filter, nullptr, 0, &filter);
   EXPECT_INVALID("broad_phase is null", broadcl_broad_phase_remove, nullptr, 0);
   EXPECT_INVALID("broad_phase is null", broadcl_broad_phase_map, nullptr, 0, &mapped);
-  EXPECT_INVALID("broad_phase is null", broadcl_broad_phase_set_boxes, nullptr, &boxes);
+  EXPECT_INVALID("broad_phase is null", broadcl_broad_phase_update_boxes, nullptr, &boxes, nullptr);
+  EXPECT_INVALID("broad_phase is null", broadcl_broad_phase_begin_boxes, nullptr, &boxes);
+  EXPECT_INVALID("broad_phase is null", broadcl_broad_phase_add_boxes, nullptr, &boxes, nullptr, 0, &id);
+  EXPECT_INVALID("broad_phase is null", broadcl_broad_phase_move_boxes, nullptr, &id, 1, &boxes);
+  EXPECT_INVALID("broad_phase is null", broadcl_broad_phase_remove_ids, nullptr, &id, 1);
+  EXPECT_INVALID("broad_phase is null", broadcl_broad_phase_contains, nullptr, 0, &contains);
+  EXPECT_INVALID("broad_phase is null", broadcl_broad_phase_box, nullptr, 0, &of_object);
+  EXPECT_INVALID("broad_phase is null", broadcl_broad_phase_filter, nullptr, 0, &filter_of_object);
   EXPECT_INVALID("broad_phase is null", broadcl_broad_phase_update, nullptr, nullptr);
   EXPECT_INVALID("broad_phase is null", broadcl_broad_phase_begin, nullptr);
   EXPECT_INVALID("broad_phase is null", broadcl_broad_phase_finish, nullptr, nullptr);

@@ -48,15 +48,45 @@ class CSubject {
     check(broadcl_broad_phase_add(handle_, &given, filter == Filter() ? nullptr : &filtered, &id));
     return id;
   }
+  std::vector<std::uint32_t> add(const BoxView& boxes, std::span<const Filter> filters) {
+    const Boxes given(boxes);
+    std::vector<broadcl_filter> rules;
+    for (const Filter& filter : filters) rules.push_back(to_c(filter));
+    std::vector<std::uint32_t> ids(boxes.size());
+    check(broadcl_broad_phase_add_boxes(handle_, given.get(), rules.data(), rules.size(), ids.data()));
+    return ids;
+  }
   void move(std::uint32_t id, const Aabb& box) {
     const broadcl_aabb given = to_c(box);
     check(broadcl_broad_phase_move(handle_, id, &given));
+  }
+  void move(std::span<const std::uint32_t> ids, const BoxView& boxes) {
+    const Boxes given(boxes);
+    check(broadcl_broad_phase_move_boxes(handle_, ids.data(), ids.size(), given.get()));
   }
   void set_filter(std::uint32_t id, const Filter& filter) {
     const broadcl_filter given = to_c(filter);
     check(broadcl_broad_phase_set_filter(handle_, id, &given));
   }
   void remove(std::uint32_t id) { check(broadcl_broad_phase_remove(handle_, id)); }
+  void remove(std::span<const std::uint32_t> ids) {
+    check(broadcl_broad_phase_remove_ids(handle_, ids.data(), ids.size()));
+  }
+  bool contains(std::uint32_t id) {
+    int is_there = 0;
+    check(broadcl_broad_phase_contains(handle_, id, &is_there));
+    return is_there != 0;
+  }
+  Aabb box(std::uint32_t id) {
+    broadcl_aabb box{};
+    check(broadcl_broad_phase_box(handle_, id, &box));
+    return {{box.lower[0], box.lower[1], box.lower[2]}, {box.upper[0], box.upper[1], box.upper[2]}};
+  }
+  Filter filter(std::uint32_t id) {
+    broadcl_filter filter{};
+    check(broadcl_broad_phase_filter(handle_, id, &filter));
+    return {.group = filter.group, .mask = filter.mask, .body = filter.body, .world = filter.world};
+  }
   void set_exclusions(std::span<const Pair> pairs) {
     std::vector<broadcl_pair> given;
     for (const Pair& pair : pairs) given.push_back({pair.a, pair.b});
@@ -68,6 +98,12 @@ class CSubject {
     return {reinterpret_cast<Aabb*>(boxes), n};
   }
   void begin() { check(broadcl_broad_phase_begin(handle_)); }
+  void begin(const BoxView& boxes) { check(broadcl_broad_phase_begin_boxes(handle_, Boxes(boxes).get())); }
+  Changes update(const BoxView& boxes) {
+    broadcl_delta delta{};
+    check(broadcl_broad_phase_update_boxes(handle_, Boxes(boxes).get(), &delta));
+    return {list(delta.added), list(delta.removed)};
+  }
   Changes update() {
     broadcl_delta delta{};
     check(broadcl_broad_phase_update(handle_, &delta));
@@ -91,6 +127,22 @@ class CSubject {
   }
 
  private:
+  /// Boxes of a view, in the C interface.
+  class Boxes {
+   public:
+    explicit Boxes(const BoxView& view) : copy_(view.size()) {
+      view.copy_to(copy_);
+      boxes_.size = sizeof boxes_;
+      boxes_.data = copy_.data();
+      boxes_.count = copy_.size();
+    }
+    [[nodiscard]] const broadcl_boxes* get() const { return &boxes_; }
+
+   private:
+    std::vector<Aabb> copy_;
+    broadcl_boxes boxes_{};
+  };
+
   static void check(broadcl_status status) {
     if (status != BROADCL_SUCCESS) throw Error(broadcl_last_error());
   }

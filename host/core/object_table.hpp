@@ -1,0 +1,160 @@
+#pragma once
+
+#include <algorithm>
+#include <cstddef>
+#include <cstdint>
+#include <functional>
+#include <iterator>
+#include <span>
+#include <string>
+#include <vector>
+
+#include <broadcl/error.hpp>
+#include <broadcl/filter.hpp>
+
+#include "base/two_sets.hpp"
+
+namespace broadcl {
+
+/// Which ids exist, and their filters. Only reserve() and copies allocate.
+class ObjectTable {
+ public:
+  /// Reserves memory for all ids below this one.
+  /// @throws std::bad_alloc
+  void reserve(std::size_t ids) {
+    states_.reserve(ids);
+    filters_.reserve(ids);
+    free_.reserve(ids);
+  }
+
+  /// The same without the ids from this one on, which must be free, and without memory for them.
+  /// @throws std::bad_alloc
+  [[nodiscard]] ObjectTable shrunk(std::size_t ids) const {
+    ObjectTable result;
+    result.reserve(ids);
+    result.states_.assign(states_.begin(), states_.begin() + static_cast<std::ptrdiff_t>(ids));
+    result.filters_.assign(filters_.begin(), filters_.begin() + static_cast<std::ptrdiff_t>(ids));
+    std::ranges::copy_if(free_, std::back_inserter(result.free_),
+                         [ids](std::uint32_t id) { return id < ids; });
+    std::ranges::sort(result.free_);  // which is a heap
+    result.size_ = size_;
+    result.slots_ = slots_;
+    result.any_filters_ = any_filters_;
+    result.any_worlds_ = any_worlds_;
+    result.sets_ = sets_;
+    return result;
+  }
+
+  /// The id that add() will return: the lowest that is free.
+  [[nodiscard]] std::uint32_t next() const noexcept {
+    return free_.empty() ? static_cast<std::uint32_t>(states_.size()) : free_.front();
+  }
+
+  /// The filter is that of the last object with this id.
+  std::uint32_t add() noexcept {
+    const std::uint32_t id = next();
+    if (free_.empty()) {
+      grow(std::size_t{id} + 1);
+    } else {
+      std::ranges::pop_heap(free_, std::greater<>());
+      free_.pop_back();
+    }
+    bring_to_life(id);
+    return id;
+  }
+
+  void remove(std::uint32_t id) noexcept {
+    bury(id);
+    free_.push_back(id);
+    std::ranges::push_heap(free_, std::greater<>());
+  }
+
+  /// Makes 0 .. n-1 the ids of the objects. Calls removed(id) for each object that is removed, then added(id)
+  /// for each that is added, which has the filter of the last object with this id.
+  template <class Removed, class Added>
+  void set_ids(std::size_t n, const Removed& removed, const Added& added) noexcept {
+    if (n > ids()) grow(n);
+    free_.clear();
+    for (auto id = static_cast<std::uint32_t>(n); id < ids(); ++id) {
+      free_.push_back(id);
+      if (!contains(id)) continue;
+      bury(id);
+      removed(id);
+    }
+    for (std::uint32_t id = 0; size_ < n; ++id) {
+      if (contains(id)) continue;
+      bring_to_life(id);
+      added(id);
+    }
+  }
+
+  /// @returns Whether it is another one.
+  bool set_filter(std::uint32_t id, const Filter& filter) noexcept {
+    if (filters_[id] == filter) return false;
+    sets_.remove(filters_[id]);
+    sets_.add(filter);
+    filters_[id] = filter;
+    any_filters_ = any_filters_ || filter != Filter();
+    any_worlds_ = any_worlds_ || filter.world != 0;
+    return true;
+  }
+
+  [[nodiscard]] bool contains(std::uint32_t id) const noexcept {
+    return id < states_.size() && states_[id] == State::live;
+  }
+  /// @throws Error if no object has this id.
+  void refuse_unknown(std::uint32_t id) const {
+    if (contains(id)) return;
+    throw Error::invalid_argument("no object has the id " + std::to_string(id) +
+                                  "; use the ids that add() returned");
+  }
+  [[nodiscard]] const Filter& filter(std::uint32_t id) const noexcept { return filters_[id]; }
+  [[nodiscard]] std::size_t size() const noexcept { return size_; }
+  /// No id was ever this or higher.
+  [[nodiscard]] std::size_t ids() const noexcept { return states_.size(); }
+  /// No object has this id or a higher one.
+  [[nodiscard]] std::size_t slots() noexcept {
+    while (slots_ > 0 && states_[slots_ - 1] != State::live) --slots_;
+    return slots_;
+  }
+
+  /// By id; none if all objects that ever were had the default filter.
+  [[nodiscard]] std::span<const Filter> filters() const noexcept {
+    return any_filters_ ? std::span<const Filter>(filters_) : std::span<const Filter>();
+  }
+  [[nodiscard]] bool any_filters() const noexcept { return any_filters_; }
+  [[nodiscard]] bool any_worlds() const noexcept { return any_worlds_; }
+  [[nodiscard]] const TwoSets& sets() const noexcept { return sets_; }
+
+ private:
+  enum class State : std::uint8_t { free, live };
+
+  void grow(std::size_t ids) noexcept {
+    states_.resize(ids, State::free);
+    filters_.resize(ids);
+  }
+
+  void bring_to_life(std::uint32_t id) noexcept {
+    states_[id] = State::live;
+    ++size_;
+    slots_ = std::max<std::size_t>(slots_, std::size_t{id} + 1);
+    sets_.add(filters_[id]);
+  }
+
+  void bury(std::uint32_t id) noexcept {
+    states_[id] = State::free;
+    --size_;
+    sets_.remove(filters_[id]);
+  }
+
+  std::vector<State> states_;        // by id
+  std::vector<Filter> filters_;      // by id
+  std::vector<std::uint32_t> free_;  // a heap, the lowest id first
+  std::size_t size_ = 0;
+  std::size_t slots_ = 0;
+  bool any_filters_ = false;  // some object has had a filter other than the default
+  bool any_worlds_ = false;
+  TwoSets sets_;  // of the objects
+};
+
+}  // namespace broadcl
