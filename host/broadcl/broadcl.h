@@ -299,8 +299,8 @@ BROADCL_API broadcl_status broadcl_broad_phase_add_boxes(broadcl_broad_phase* br
 /// @returns BROADCL_INVALID_ARGUMENT also for an unknown id and for a NaN bound.
 BROADCL_API broadcl_status broadcl_broad_phase_move(broadcl_broad_phase* broad_phase, uint32_t id,
                                                     const broadcl_aabb* box);
-/// Replaces the boxes of `count` objects, by several threads if there are many and the ids ascend; all or none.
-/// If an id is given twice, the later box counts.
+/// Replaces the boxes of `count` objects, by several threads if there are many and the ids ascend; all or
+/// none. If an id is given twice, the later box counts.
 /// @param boxes `count` boxes.
 /// @returns BROADCL_INVALID_ARGUMENT as above.
 BROADCL_API broadcl_status broadcl_broad_phase_move_boxes(broadcl_broad_phase* broad_phase,
