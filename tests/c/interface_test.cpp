@@ -55,6 +55,9 @@ TEST(C, NullHandlesAreRefused) {
   broadcl_pairs pairs{};
   broadcl_pair_buffer buffer{};
   broadcl_aabb* mapped = nullptr;
+  int contains = 0;
+  broadcl_aabb of_object{};
+  broadcl_filter filter_of_object{};
   const broadcl_algorithm* row = nullptr;
   const broadcl_stage* stages = nullptr;
   const char* line = nullptr;
