@@ -167,12 +167,18 @@ broadcl_status broadcl_broad_phase_contains(const broadcl_broad_phase* broad_pha
 
 broadcl_status broadcl_broad_phase_box(const broadcl_broad_phase* broad_phase, std::uint32_t id,
                                        broadcl_aabb* box) {
-  return c::call(__func__, [&] { c::required(box, "box") = c::to_c(object(broad_phase).box(id)); });
+  return c::call(__func__, [&] {
+    broadcl_aabb& out = c::required(box, "box");
+    out = c::to_c(object(broad_phase).box(id));
+  });
 }
 
 broadcl_status broadcl_broad_phase_filter(const broadcl_broad_phase* broad_phase, std::uint32_t id,
                                           broadcl_filter* filter) {
-  return c::call(__func__, [&] { c::required(filter, "filter") = c::to_c(object(broad_phase).filter(id)); });
+  return c::call(__func__, [&] {
+    broadcl_filter& out = c::required(filter, "filter");
+    out = c::to_c(object(broad_phase).filter(id));
+  });
 }
 
 broadcl_status broadcl_broad_phase_set_exclusions(broadcl_broad_phase* broad_phase, const broadcl_pair* pairs,

@@ -340,7 +340,7 @@ class Core {
   [[nodiscard]] bool is_in_flight() const noexcept { return update_ == Update::in_flight; }
   [[nodiscard]] bool is_begun() const noexcept { return update_ == Update::begun || is_in_flight(); }
 
-  void set_box(std::uint32_t id, const Aabb& packed) noexcept {
+  void set_box(std::uint32_t id, const Aabb& packed) {
     if (is_late()) {
       set_box_later(id, packed);
     } else {
@@ -380,7 +380,10 @@ class Core {
   void reserve_all(std::size_t n) {
     refuse_forked();
     if (is_begun()) throw Error("boxes cannot be replaced between begin() and finish(); call finish() first");
-    if (n > most_objects) throw_too_many();
+    if (n > most_objects) {
+      throw Error::invalid_argument(std::to_string(n) + " objects are too many; use at most " +
+                                    std::to_string(most_objects));
+    }
     apply_late();
     reserve(std::max(n, objects_.ids()), false);
   }
