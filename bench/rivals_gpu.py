@@ -86,8 +86,7 @@ class BroadCL:
         return self.broad_phase.update()
 
     def memory(self, boxes):
-        self.load(boxes)
-        return self.total()
+        return self.broad_phase.update(boxes)
 
     def pairs(self):
         return self.broad_phase.pairs()
