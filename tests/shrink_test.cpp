@@ -163,15 +163,21 @@ TEST(HostMemory, IsAsDocumented) {
     std::cout << what << ": " << bytes.now / per << " bytes, at most " << bytes.peak / per << "\n";
   };
   const BroadPhase::Config config{.algorithm = "sweep-and-prune"};
-  for (const std::string how : {"map()", "add()", "add() with filters"}) {
+  for (const std::string how : {"map()", "update(boxes)", "add()", "add() with filters"}) {
     EXPECT_TRUE(holds_in_child([&] {
       constexpr std::uint32_t n = 300'000;
       BroadPhase broad_phase(config);
+      std::vector<Aabb> given(n, unit);
       const Added boxes = bytes_of([&] {
-        for (std::uint32_t k = 0; how != "map()" && k < n; ++k) {
+        for (std::uint32_t k = 0; how.starts_with("add()") && k < n; ++k) {
           broad_phase.add(apart(k), {.mask = how == "add()" ? ~0U : 3U});
         }
         for (std::size_t frame = 0; frame < 4; ++frame) {
+          if (how == "update(boxes)") {
+            for (std::uint32_t k = 0; k < n; ++k) given[k] = apart(k + frame);
+            (void)broad_phase.update(given);
+            continue;
+          }
           const std::span<Aabb> mapped = how == "map()" ? broad_phase.map(n) : std::span<Aabb>();
           for (std::uint32_t k = 0; k < n; ++k) {
             mapped.empty() ? broad_phase.move(k, apart(k + frame)) : void(mapped[k] = apart(k + frame));
