@@ -122,8 +122,8 @@ TEST_P(CallersBoxes, OfAnyLayoutAreTheSame) {
   for (std::size_t k = 0; k < many; ++k) {
     const Aabb& box = scene.boxes()[k];
     for (std::size_t axis = 0; axis < 3; ++axis) {
-      columns[axis * many + k] = double{box.lower[axis]};
-      columns[(axis + 3) * many + k] = double{box.upper[axis]};
+      columns[axis * many + k] = static_cast<double>(box.lower[axis]);
+      columns[(axis + 3) * many + k] = static_cast<double>(box.upper[axis]);
     }
     if (k < 2000) squares.insert(squares.end(), {box.lower[0], box.lower[1], box.upper[0], box.upper[1]});
   }
