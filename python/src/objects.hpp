@@ -1,0 +1,309 @@
+#pragma once
+
+#include <nanobind/nanobind.h>
+#include <nanobind/ndarray.h>
+
+#include <algorithm>
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <exception>
+#include <memory>
+#include <new>
+#include <optional>
+#include <span>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include <broadcl/broad_phase.hpp>
+
+#include "arrays.hpp"
+#include "box_array.hpp"
+#include "config.hpp"
+#include "gil.hpp"
+#include "one_thread.hpp"
+#include "profile.hpp"
+
+namespace broadcl::python {
+
+template <class Function>
+auto without_gil(const Function& function) {
+  const GilReleased released;
+  return function();
+}
+
+/// The changes of an update as arrays.
+struct Changes {
+  nanobind::object added;
+  nanobind::object removed;
+};
+
+/// One value or array per field of a Filter.
+class Filters {
+ public:
+  Filters(nanobind::handle group, nanobind::handle mask, nanobind::handle body, nanobind::handle world,
+          std::size_t n)
+      : words_{Words(group, "group", {.is_bits = true}), Words(mask, "mask", {.is_bits = true}),
+               Words(body, "body", {.remedy = "; broadcl.NO_BODY belongs to none"}),
+               Words(world, "world", {.remedy = "; broadcl.ALL_WORLDS is all of them"})} {
+    for (const Words& words : words_) {
+      if (words.is_single() || words.size() == n) continue;
+      throw nanobind::value_error(("filters must be integers, or arrays of length " + std::to_string(n) +
+                                   ", not " + std::to_string(words.size()))
+                                      .c_str());
+    }
+  }
+
+  /// As many as there are objects; or one, if it is the same for all.
+  [[nodiscard]] std::vector<Filter> list() const {
+    std::size_t count = 1;
+    for (const Words& words : words_) count = words.is_single() ? count : words.size();
+    std::vector<Filter> filters;
+    for (std::size_t k = 0; k < count; ++k) filters.push_back((*this)[k]);
+    return filters;
+  }
+
+  Filter operator[](std::size_t k) const {
+    return {.group = words_[0][k], .mask = words_[1][k], .body = words_[2][k], .world = words_[3][k]};
+  }
+
+ private:
+  std::array<Words, 4> words_;
+};
+
+/// A BroadPhase for Python: one thread at a time, all or nothing for arrays too, and arrays that live as long
+/// as anybody looks at them.
+class Objects {
+ public:
+  explicit Objects(const Config& config) : broad_phase_(without_gil([&] { return BroadPhase(config); })) {}
+  Objects(const Objects&) = delete;
+  Objects& operator=(const Objects&) = delete;
+  /// May wait for the thread that opens a device.
+  ~Objects() {
+    const GilReleased released;
+    const std::optional<BroadPhase> last = std::move(broad_phase_);
+  }
+
+  nanobind::object add(nanobind::handle boxes, nanobind::handle group, nanobind::handle mask,
+                       nanobind::handle body, nanobind::handle world) {
+    const BoxArray array(boxes, "boxes");
+    const std::vector<Filter> filters = Filters(group, mask, body, world, array.view().size()).list();
+    const OneThread::Use use(thread_);
+    take_mapped();
+    // First, because memory may run out.
+    std::vector<std::uint32_t> ids(array.view().size());
+    const std::span<std::uint32_t> out(ids);
+    nanobind::object result = to_array(std::move(ids));
+    or_name_row(array, [&] { std::ranges::copy(broad_phase_->add(array.view(), filters), out.begin()); });
+    if (!array.is_single()) return result;
+    try {
+      return nanobind::int_(out.front());
+    } catch (...) {
+      broad_phase_->remove(out.front());
+      throw;
+    }
+  }
+
+  void move(nanobind::handle ids, nanobind::handle boxes) {
+    const Words words(ids, "ids");
+    const BoxArray array(boxes, "boxes");
+    if (words.is_single() != array.is_single() && words.size() == array.view().size()) {
+      throw nanobind::value_error(
+          "move() needs one id and one box, or arrays of both; not one and an array of one");
+    }
+    if (words.size() != array.view().size()) {
+      throw nanobind::value_error(("move() needs one id and one box, or as many ids as boxes; not " +
+                                   std::to_string(words.size()) + " and " +
+                                   std::to_string(array.view().size()))
+                                      .c_str());
+    }
+    const OneThread::Use use(thread_);
+    take_mapped();
+    or_name_row(array, [&] { broad_phase_->move(words.all(), array.view()); });
+  }
+
+  void set_filter(nanobind::handle ids, nanobind::handle group, nanobind::handle mask, nanobind::handle body,
+                  nanobind::handle world) {
+    const Words words(ids, "ids");
+    const Filters filters(group, mask, body, world, words.size());
+    const OneThread::Use use(thread_);
+    for (const std::uint32_t id : words.all()) (void)broad_phase_->filter(id);  // it must exist
+    take_mapped();
+    for (std::size_t k = 0; k < words.size(); ++k) broad_phase_->set_filter(words[k], filters[k]);
+  }
+
+  void remove(nanobind::handle ids) {
+    const Words words(ids, "ids");
+    const OneThread::Use use(thread_);
+    take_mapped();
+    without_gil([&] { broad_phase_->remove(words.all()); });
+  }
+
+  void set_exclusions(nanobind::handle pairs) {
+    const std::vector<Pair> exclusions = to_exclusions(pairs);
+    const OneThread::Use use(thread_);
+    take_mapped();
+    const GilReleased released;
+    broad_phase_->set_exclusions(exclusions);
+  }
+
+  void shrink() {
+    const OneThread::Use use(thread_);
+    refuse_unreturned();
+    take_mapped();
+    const GilReleased released;
+    broad_phase_->shrink();
+  }
+
+  nanobind::object map(std::size_t n) {
+    refuse_too_many(n);
+    const OneThread::Use use(thread_);
+    MappedBoxes mapped;
+    try {
+      const GilReleased released;
+      mapped = broad_phase_->map(n);
+    } catch (const Error&) {  // `auto` leaves a device that failed, and its memory
+      take_mapped();
+      throw;
+    }
+    take_mapped();
+    using Array = nanobind::ndarray<nanobind::numpy, float, nanobind::shape<-1, 6>>;
+    array_ = Array(mapped.data(), {n, 6}, keep(std::make_unique<std::shared_ptr<const void>>(mapped.owner)))
+                 .cast(nanobind::rv_policy::reference);
+    return array_;
+  }
+
+  Changes update(nanobind::handle boxes) {
+    if (boxes.is_none()) {
+      return changes([&] { or_refuse_nan([&] { delta_ = broad_phase_->update(); }); });
+    }
+    const BoxArray array(boxes, "boxes");
+    refuse_unreturned();
+    return changes([&] {
+      or_name_row(array, [&] { delta_ = broad_phase_->update(array.view()); });
+      take_mapped();
+    });
+  }
+  Changes finish() {
+    return changes([&] { or_refuse_nan([&] { delta_ = broad_phase_->finish(); }); });
+  }
+  void begin(nanobind::handle boxes) {
+    if (!boxes.is_none()) return begin(BoxArray(boxes, "boxes"));
+    const OneThread::Use use(thread_);
+    refuse_unreturned();
+    or_refuse_nan([&] { broad_phase_->begin(); });
+  }
+  void begin(const BoxArray& boxes) {
+    const OneThread::Use use(thread_);
+    refuse_unreturned();
+    or_name_row(boxes, [&] { broad_phase_->begin(boxes.view()); });
+    take_mapped();
+  }
+
+  bool contains(std::uint32_t id) {
+    const OneThread::Use use(thread_);
+    return broad_phase_->contains(id);
+  }
+
+  nanobind::object box(std::uint32_t id) {
+    const OneThread::Use use(thread_);
+    return to_array(broad_phase_->box(id));
+  }
+
+  nanobind::dict filter(std::uint32_t id) {
+    const OneThread::Use use(thread_);
+    const Filter filter = broad_phase_->filter(id);
+    nanobind::dict result;
+    result["group"] = filter.group;
+    result["mask"] = filter.mask;
+    result["body"] = filter.body;
+    result["world"] = filter.world;
+    return result;
+  }
+
+  nanobind::object pairs() {
+    const OneThread::Use use(thread_);
+    return to_array(without_gil([&] { return broad_phase_->pairs(); }));
+  }
+
+  std::size_t size() {
+    const OneThread::Use use(thread_);
+    return broad_phase_->size();
+  }
+
+  std::optional<Device> device() {
+    const OneThread::Use use(thread_);
+    const Device* device = broad_phase_->device();
+    return device == nullptr ? std::nullopt : std::optional(*device);
+  }
+
+  std::string algorithm() { return std::string(broad_phase_->algorithm().name); }
+
+  nanobind::dict memory() {
+    const OneThread::Use use(thread_);
+    return to_dict(broad_phase_->memory());
+  }
+
+  nanobind::dict profile() {
+    const OneThread::Use use(thread_);
+    return to_dict(broad_phase_->profile());
+  }
+
+ private:
+  /// @param update Does an update and stores its changes.
+  template <class Function>
+  Changes changes(const Function& update) {
+    const OneThread::Use use(thread_);
+    if (!delta_) update();
+    Changes changes{to_array(delta_->added, delta_->owner), to_array(delta_->removed, delta_->owner)};
+    delta_.reset();
+    return changes;
+  }
+
+  void refuse_unreturned() const {
+    if (delta_) throw Error("the last update's changes were not returned; call finish() for them first");
+  }
+
+  /// Does something with boxes of the caller. The message for a NaN names its row.
+  template <class Function>
+  static void or_name_row(const BoxArray& boxes, const Function& function) {
+    try {
+      without_gil(function);
+    } catch (const Error& error) {
+      if (error.kind() == ErrorKind::invalid_argument) boxes.refuse_nan();
+      throw;
+    }
+  }
+
+  /// Ends the writing to the array of map(): it can only be read from now on.
+  void take_mapped() {
+    if (!array_.is_valid()) return;
+    array_.attr("setflags")(nanobind::arg("write") = false);
+    array_.reset();
+  }
+
+  /// Does an update, or begins one. A NaN in the array of map() is the caller's error, not the device's,
+  /// and can be corrected there: only then is the array still to be written.
+  template <class Function>
+  void or_refuse_nan(const Function& function) {
+    try {
+      without_gil(function);
+    } catch (const Error& error) {
+      if (error.kind() != ErrorKind::invalid_argument) take_mapped();
+      throw;
+    } catch (...) {
+      take_mapped();
+      throw;
+    }
+    take_mapped();
+  }
+
+  OneThread thread_;
+  std::optional<BroadPhase> broad_phase_;
+  std::optional<Delta> delta_;  // of the last update, until its arrays are made
+
+  nanobind::object array_;  // of map(), as long as what is written there counts
+};
+
+}  // namespace broadcl::python
