@@ -175,7 +175,7 @@ TEST(BoxReplacement, PassesOnEachSlotOnce) {
   for (const unsigned n : {0U, 1U, 15U, 16U, 17U, 2047U, 2048U, 2049U, 12'287U, 12'289U, 40'000U, 100'001U}) {
     for (const unsigned threads : {1U, 3U}) {
       BoxReplacement replacement(threads);
-      replacement.begin(n, n);
+      replacement.begin(n);
       const std::vector<Aabb> boxes(n, unit);
       std::vector<Aabb> copy(n);
       std::size_t next = 0;

@@ -2,9 +2,11 @@
 
 #include <atomic>
 #include <cstddef>
+#include <cstdint>
 #include <functional>
 #include <memory>
 #include <optional>
+#include <span>
 #include <string>
 #include <thread>
 #include <utility>
@@ -101,6 +103,14 @@ TEST_P(EachAlgorithm, OnADeviceIsRefusedAndCanBeDestroyedInAForkedChild) {
       expect_refused([&] { updated->add(unit); });
       expect_refused([&] { updated->move(1, unit); });
       expect_refused([&] { updated->remove(1); });
+      const std::vector<Aabb> given(300, unit);
+      const std::vector<std::uint32_t> ids{1, 2};
+      expect_refused([&] { updated->add(given); });
+      expect_refused([&] { updated->move(ids, std::span(given).first(2)); });
+      expect_refused([&] { updated->remove(ids); });
+      expect_refused([&] { (void)updated->box(1); });
+      expect_refused([&] { updated->update(given); });
+      expect_refused([&] { updated->begin(given); });
       expect_refused([&] { updated->map(10); });
       expect_refused([&] { updated->update(); });
       expect_refused([&] { updated->begin(); });

@@ -1,17 +1,15 @@
 #include <broadcl/box_view.hpp>
 
 #include <algorithm>
-#include <atomic>
 #include <cstdint>
 #include <cstring>
 #include <limits>
 #include <string>
-#include <thread>
 
 #include <broadcl/error.hpp>
 
+#include "base/box_parts.hpp"
 #include "base/packed_box.hpp"
-#include "base/parallel.hpp"
 
 namespace broadcl {
 namespace {
@@ -60,21 +58,6 @@ struct Strided {
     }
   }
 };
-
-/// Splits 0 .. n-1 among threads and returns the smallest result of `part(begin, end)`.
-template <class Part>
-std::size_t least_of_parts(std::size_t n, const Part& part) {
-  constexpr std::size_t size = std::size_t{1} << 16U;
-  if (n < 2 * size) return part(0, n);
-  std::atomic<std::size_t> least = n;
-  parallel_for((n + size - 1) / size, std::thread::hardware_concurrency(),
-               [&](std::size_t k, std::size_t /*thread*/) {
-                 const std::size_t own = part(k * size, std::min(n, (k + 1) * size));
-                 for (std::size_t known = least; own < known && !least.compare_exchange_weak(known, own);) {
-                 }
-               });
-  return least;
-}
 
 }  // namespace
 
@@ -128,14 +111,17 @@ std::size_t BoxView::copy(std::span<Aabb> out, const Prepare& prepare) const {
                                   std::to_string(out.size()) + "; give memory for all boxes of the view");
   }
   return with_layout([&](const auto& boxes) {
-    return least_of_parts(size_, [boxes, out, n = size_, &prepare](std::size_t begin, std::size_t end) {
-      for (std::size_t k = begin; k < end; ++k) {
-        Aabb box = boxes[k];
-        if (!prepare(box)) return k;
-        out[k] = box;
-      }
-      return n;
-    });
+    constexpr std::size_t fewest_for_threads = 1 << 17;  // which might be more than the caller wants
+    LowestFound refused(size_);
+    for_each_part(size_, size_ < fewest_for_threads ? 1 : 0,
+                  [&](std::size_t begin, std::size_t end, std::size_t /*thread*/) {
+                    for (std::size_t k = begin; k < end; ++k) {
+                      Aabb box = boxes[k];
+                      if (!prepare(box)) return refused.add(k);
+                      out[k] = box;
+                    }
+                  });
+    return refused.get();
   });
 }
 

@@ -39,19 +39,4 @@ void parallel_for(std::size_t n, std::size_t threads, const Function& function) 
   if (loop.error) std::rethrow_exception(loop.error);
 }
 
-/// Splits 0 .. n-1 into parts and calls function(begin, end) for each, on all processors if there is much to
-/// do.
-/// @param function Must not throw.
-template <class Function>
-void for_each_part(std::size_t n, const Function& function) noexcept {
-  constexpr std::size_t part = std::size_t{1} << 18U;
-  if (n < 4 * part) {
-    function(std::size_t{0}, n);
-    return;
-  }
-  parallel_for(
-      (n + part - 1) / part, std::thread::hardware_concurrency(),
-      [&](std::size_t k, std::size_t /*thread*/) { function(k * part, std::min(n, (k + 1) * part)); });
-}
-
 }  // namespace broadcl

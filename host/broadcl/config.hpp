@@ -36,8 +36,9 @@ struct Config {
   /// would be faster.
   std::string algorithm = "auto";
 
-  /// Number of threads that an algorithm of the host may use, including the caller's; 0 for one per
-  /// processor. (Hundreds of thousands of boxes are copied by as many threads as there are processors.)
+  /// Number of threads that an algorithm of the host may use, and that may copy boxes (at most eight do),
+  /// including the caller's; 0 for one per processor. (overlapping_pairs() copies hundreds of thousands of
+  /// boxes by several threads, whatever this is.)
   std::size_t threads = 0;
 
   /// Whether to measure stages on the device, too: see Stage. Costs a few microseconds per update.

@@ -9,6 +9,7 @@
 #include <broadcl/aabb.hpp>
 #include <broadcl/box_view.hpp>
 
+#include "base/box_parts.hpp"
 #include "base/box_reader.hpp"
 #include "base/packed_box.hpp"
 #include "core/object_table.hpp"
@@ -40,21 +41,16 @@ class BoxMoves {
   template <class Function>
   void for_each_changed(const Function& function) const {
     for (std::size_t k = 0; k < counts_.size(); ++k) {
-      for (std::size_t i = 0; i < counts_[k]; ++i) function(changed_[k * part + i]);
+      for (std::size_t i = 0; i < counts_[k]; ++i) function(changed_[k * boxes_per_part + i]);
     }
   }
 
  private:
-  static constexpr std::size_t part = 2048;  // boxes
-
   template <class Function>
   void for_each(std::size_t begin, std::size_t end, const Function& function) const {
     BoxReader(boxes_).for_each(begin, end,
                                [&](std::size_t k, const Aabb& box) { function(ids_[k], pack(box)); });
   }
-  template <class Function>
-  void for_each_part(const Function& function) const;
-
   std::span<const std::uint32_t> ids_;
   const BoxView& boxes_;
   std::size_t threads_;

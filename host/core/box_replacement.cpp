@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <atomic>
+#include <cstdint>
 #include <cstring>
 #include <numeric>
 #include <utility>
@@ -11,9 +12,9 @@
 #include <emmintrin.h>
 #endif
 
+#include "base/box_parts.hpp"
 #include "base/box_reader.hpp"
 #include "base/packed_box.hpp"
-#include "core/copy_threads.hpp"
 
 namespace broadcl {
 namespace {
@@ -24,10 +25,6 @@ constexpr std::size_t least_parts = 6;
 
 /// One block of so many is a sample.
 constexpr std::size_t blocks_per_sample = 16;
-
-constexpr std::size_t divide_up(std::size_t n, std::size_t divisor) {
-  return (n + divisor - 1) / divisor;
-}
 
 /// Copies a block to memory that the processor does not read soon: without reading it first, and without
 /// displacing others from its caches. finish_stream() must follow before anybody else reads it.
@@ -53,54 +50,58 @@ void finish_stream() noexcept {
 
 }  // namespace
 
-void BoxReplacement::begin(std::size_t boxes, std::size_t slots) {
+void BoxReplacement::begin(std::size_t boxes) {
+  counts_.assign(parts_of(boxes), 0);
+  boxes_ = boxes;
+  beyond_ = 0;
+  any_empty_ = false;
+}
+
+void BoxReplacement::begin_in_place(std::size_t boxes, std::size_t slots) {
   if (slots > capacity_) {
     const std::size_t capacity = std::max(slots, capacity_ + capacity_ / 2);
     clear();
     replaced_ = std::make_unique_for_overwrite<Replaced[]>(capacity);  // NOLINT(modernize-avoid-c-arrays)
     capacity_ = capacity;
   }
-  counts_.assign(divide_up(boxes, part), 0);
-  boxes_ = boxes;
-  beyond_ = 0;
-  any_empty_ = false;
+  begin(boxes);
 }
 
-/// Calls block(part, slot, boxes) for all boxes of the view, packed, and end(part) after those of a part,
-/// unless there is a NaN.
+/// Calls block(part, slot, boxes) for all boxes of the view, packed, and end(part, thread) after those of a
+/// part, unless there is a NaN.
+/// @param meanwhile Called first by the calling thread.
 template <class Block, class End>
 void BoxReplacement::for_each_block(const BoxView& view, const std::function<void()>& meanwhile,
                                     const Block& block, const End& end) {
-  std::atomic<std::size_t> first_nan = boxes_;
+  LowestFound nan(boxes_);
   std::atomic<bool> any_empty = false;
-  bool has_begun = !meanwhile;  // of this thread
-  parallel_for(counts_.size(), copy_threads(boxes_, threads_), [&](std::size_t k, std::size_t thread) {
+  bool has_begun = false;  // of the calling thread
+  for_each_part(boxes_, threads_, [&](std::size_t first, std::size_t last, std::size_t thread) {
     if (thread == 0 && !std::exchange(has_begun, true)) meanwhile();
     BoxReader reader(view);
     std::array<Aabb, BoxReader::block> packed;
-    const std::size_t last = std::min(boxes_, (k + 1) * part);
-    for (std::size_t slot = k * part; slot < last; slot += BoxReader::block) {
+    for (std::size_t slot = first; slot < last; slot += BoxReader::block) {
       std::span<const Aabb> boxes = reader.read(slot, last);
       if (!std::ranges::all_of(boxes, is_proper)) {
         any_empty = true;
-        const auto nan = std::ranges::find_if(boxes, has_nan);
-        if (nan != boxes.end()) return lower(first_nan, slot + static_cast<std::size_t>(nan - boxes.begin()));
+        const auto found = std::ranges::find_if(boxes, has_nan);
+        if (found != boxes.end()) return nan.add(slot + static_cast<std::size_t>(found - boxes.begin()));
         std::ranges::transform(boxes, packed.begin(), pack);
         boxes = std::span(packed).first(boxes.size());
       }
-      block(k, slot, boxes);
+      block(first / boxes_per_part, slot, boxes);
     }
-    if (first_nan == boxes_) end(k, thread);
+    if (!nan.any()) end(first / boxes_per_part, thread);
   });
   if (!has_begun) meanwhile();
-  if (first_nan < boxes_) throw InvalidBox(first_nan);
+  if (nan.any()) throw InvalidBox(nan.get());
   any_empty_ = any_empty;
 }
 
 void BoxReplacement::copy(const BoxView& view, std::span<const Aabb> before, std::span<Aabb> boxes,
                           const std::function<void()>& meanwhile, const BoxesWritten& written) {
   const std::size_t parts = counts_.size();
-  const std::size_t parts_per_piece = std::max(least_parts, divide_up(parts, most_pieces));
+  const std::size_t parts_per_piece = std::max(least_parts, (parts + most_pieces - 1) / most_pieces);
   std::array<std::atomic<std::size_t>, most_pieces> parts_copied{};  // of each piece
   std::size_t next = 0;                                              // the first piece that was not passed on
   const auto pass_on = [&] {
@@ -109,7 +110,7 @@ void BoxReplacement::copy(const BoxView& view, std::span<const Aabb> before, std
       const std::size_t first = next * parts_per_piece;
       const std::size_t last = std::min(parts, first + parts_per_piece);
       if (parts_copied.at(next) < last - first) return;
-      written(first * part, std::min(boxes_, last * part));
+      written(first * boxes_per_part, std::min(boxes_, last * boxes_per_part));
     }
   };
   sampled_ = blocks_per_sample;
@@ -137,18 +138,18 @@ void BoxReplacement::copy(const BoxView& view, std::span<const Aabb> before, std
 void BoxReplacement::replace(const BoxView& view, std::span<Aabb> boxes) {
   sampled_ = 1;
   for_each_block(
-      view, nullptr,
+      view, [] {},
       [&](std::size_t k, std::size_t slot, std::span<const Aabb> from) {
         Aabb* to = boxes.data() + slot;
         // NOLINTNEXTLINE(bugprone-suspicious-memory-comparison): as in same_bits()
         if (std::memcmp(to, from.data(), from.size_bytes()) == 0) return;
-        Replaced* replaced = replaced_.get() + k * part + counts_[k];
+        Replaced* replaced = replaced_.get() + k * boxes_per_part + counts_[k];
         for (const Aabb& box : from) {  // a branch that depends on the box would be slower
           *replaced = {static_cast<std::uint32_t>(slot++), *to};
           replaced += static_cast<std::ptrdiff_t>(!same_bits(*to, box));
           *to++ = box;
         }
-        counts_[k] = static_cast<std::size_t>(replaced - (replaced_.get() + k * part));
+        counts_[k] = static_cast<std::size_t>(replaced - (replaced_.get() + k * boxes_per_part));
       },
       [](std::size_t /*part*/, std::size_t /*thread*/) {});
 }

@@ -10,6 +10,7 @@
 #include <broadcl/aabb.hpp>
 #include <broadcl/box_view.hpp>
 
+#include "base/box_parts.hpp"
 #include "engines/algorithm.hpp"
 
 namespace broadcl {
@@ -20,15 +21,18 @@ class BoxReplacement {
   /// @param threads At most; 0 for one per processor.
   explicit BoxReplacement(std::size_t threads) : threads_(threads) {}
 
-  /// Forgets the last replacement, and reserves memory for another.
+  /// Forgets the last replacement, before copy().
   /// @param boxes Of the view.
+  /// @throws std::bad_alloc
+  void begin(std::size_t boxes);
+  /// The same before replace(): also reserves memory for what is replaced.
   /// @param slots Of all objects, before and afterwards.
   /// @throws std::bad_alloc
-  void begin(std::size_t boxes, std::size_t slots);
+  void begin_in_place(std::size_t boxes, std::size_t slots);
 
   /// For boxes most of which change: writes them elsewhere. A sample tells how many change.
   /// @param before The boxes that they replace.
-  /// @param meanwhile Called by this thread before it copies. May be null.
+  /// @param meanwhile Called by this thread before it copies.
   /// @param written Called by this thread for consecutive slots that together are all of the view. Null if no
   /// device reads them.
   /// @throws InvalidBox for the first box with a NaN bound; what `written` throws.
@@ -59,15 +63,13 @@ class BoxReplacement {
   void clear() noexcept { *this = BoxReplacement(threads_); }
 
  private:
-  static constexpr std::size_t part = 2048;  // slots
-
   struct Replaced {
     std::uint32_t slot;
     Aabb before;
   };
 
   [[nodiscard]] std::span<const Replaced> list(std::size_t of_part) const noexcept {
-    return {replaced_.get() + of_part * part, counts_[of_part]};
+    return {replaced_.get() + of_part * boxes_per_part, counts_[of_part]};
   }
   template <class Block, class End>
   void for_each_block(const BoxView& view, const std::function<void()>& meanwhile, const Block& block,

@@ -92,9 +92,8 @@ class Algorithm {
   /// throws.
   [[nodiscard]] virtual std::span<Aabb> boxes() noexcept = 0;
 
-  /// Memory for as many other boxes, for a caller that writes all of them. Its content is unspecified, except
-  /// after swap_boxes(), until one of the functions above or begin() is called: then it has the boxes from
-  /// before. Valid as long as boxes().
+  /// Memory for as many other boxes. Its content is unspecified; after swap_boxes(), it has the boxes from
+  /// before, until reserve() or shrink() is called. Valid as long as boxes().
   /// @throws Error, std::bad_alloc; nothing has changed then, except perhaps where boxes() are.
   [[nodiscard]] virtual std::span<Aabb> spare_boxes() = 0;
   /// Makes them the boxes, and the boxes the spare ones. Not during an update.

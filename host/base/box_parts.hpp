@@ -1,0 +1,56 @@
+#pragma once
+
+#include <algorithm>
+#include <atomic>
+#include <cstddef>
+#include <thread>
+
+#include "base/parallel.hpp"
+
+namespace broadcl {
+
+/// Boxes are read and written in parts of so many, by several threads if there are many.
+inline constexpr std::size_t boxes_per_part = 2048;
+
+[[nodiscard]] constexpr std::size_t parts_of(std::size_t boxes) noexcept {
+  return (boxes + boxes_per_part - 1) / boxes_per_part;
+}
+
+/// Calls function(begin, end, thread) for each part of 0 .. n-1. The first box of a part is a multiple of
+/// boxes_per_part.
+/// @param threads At most; 0 for one per processor. With few boxes per thread, waking it takes longer than it
+/// saves; with more than eight threads, memory is not faster.
+/// @throws As parallel_for().
+template <class Function>
+void for_each_part(std::size_t n, std::size_t threads, const Function& function) {
+  constexpr std::size_t least_boxes = 4096;
+  constexpr std::size_t most_threads = 8;
+  std::size_t useful = std::clamp<std::size_t>(n / least_boxes, 1, most_threads);
+  if (useful > 1) {
+    useful = std::min(useful,
+                      threads != 0 ? threads : std::max<std::size_t>(1, std::thread::hardware_concurrency()));
+  }
+  parallel_for(parts_of(n), useful, [&](std::size_t k, std::size_t thread) {
+    function(k * boxes_per_part, std::min(n, (k + 1) * boxes_per_part), thread);
+  });
+}
+
+/// The lowest of some numbers below n that several threads find.
+class LowestFound {
+ public:
+  explicit LowestFound(std::size_t n) noexcept : n_(n), lowest_(n) {}
+
+  void add(std::size_t number) noexcept {
+    for (std::size_t known = lowest_; number < known && !lowest_.compare_exchange_weak(known, number);) {
+    }
+  }
+  [[nodiscard]] bool any() const noexcept { return lowest_ < n_; }
+  /// n if there is none.
+  [[nodiscard]] std::size_t get() const noexcept { return lowest_; }
+
+ private:
+  std::size_t n_;
+  std::atomic<std::size_t> lowest_;
+};
+
+}  // namespace broadcl
