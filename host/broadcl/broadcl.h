@@ -190,8 +190,9 @@ typedef struct broadcl_config {
   /// is not set either, the best GPU, otherwise the best CPU, otherwise the first device. "auto" starts on
   /// the host and opens a GPU later; it uses a CPU only if that is named.
   const char* device;
-  const char* algorithm;               ///< A name of broadcl_algorithms(); null for "auto".
-  size_t threads;                      ///< Threads for an algorithm of the host; 0 for one per processor.
+  const char* algorithm;  ///< A name of broadcl_algorithms(); null for "auto".
+  /// Threads for an algorithm of the host and for copying boxes; 0 for one per processor.
+  size_t threads;
   int profile;                         ///< Whether to measure stages on the device, too.
   broadcl_compile_handler on_compile;  ///< May be null.
   void* on_compile_data;               ///< Passed to it.

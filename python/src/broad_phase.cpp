@@ -54,7 +54,8 @@ algorithm : str
     A key of `algorithms`. ``"auto"`` works on the host or on a GPU, whichever is expected to be
     faster.
 threads : int
-    Number of threads that an algorithm of the host may use; 0 for one per processor.
+    Number of threads that an algorithm of the host may use, and that may copy boxes; 0 for one per
+    processor.
 profile : bool
     Whether to measure stages on the device, too: see the method `profile`.
 
