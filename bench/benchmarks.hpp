@@ -11,6 +11,7 @@ void register_primitives();
 void register_proxies();
 void register_rectangles();
 void register_resting();
+void register_steady();
 void register_two_sets();
 void register_whole_list();
 void register_worlds();

@@ -265,6 +265,7 @@ int main(int argc, char** argv) try {
   broadcl::register_primitives();
   broadcl::register_proxies();
   broadcl::register_resting();
+  broadcl::register_steady();
   broadcl::register_whole_list();
   broadcl::register_device_frames();
   broadcl::register_worlds();

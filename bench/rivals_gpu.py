@@ -76,7 +76,7 @@ class BroadCL:
     def __init__(self, scene: Scene, options):
         self.broad_phase = broadcl.BroadPhase(algorithm=options.algorithm, device=options.opencl)
         end = time.perf_counter() + options.warm_up
-        while time.perf_counter() < end:
+        while time.perf_counter() < end or (options.opencl and self.broad_phase.device is None):
             self.memory(scene.advance())
 
     def load(self, boxes):
@@ -98,7 +98,10 @@ class BroadCLOnDevice:
     def __init__(self, scene: Scene, options):
         name = broadcl.select_device(options.opencl).name.strip()
         devices = [device for platform in pyopencl.get_platforms() for device in platform.get_devices()]
-        context = pyopencl.Context([next(device for device in devices if device.name.strip() == name)])
+        devices = [device for device in devices if device.name.strip() == name]
+        if not devices:
+            raise RuntimeError(f"pyopencl does not list {name}")
+        context = pyopencl.Context(devices[:1])
         self.queue = pyopencl.CommandQueue(context)
         self.broad_phase = broadcl.DeviceBroadPhase(self.queue)
         self.boxes = pyopencl.array.to_device(self.queue, scene.advance())

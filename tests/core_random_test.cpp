@@ -85,7 +85,7 @@ class Changeable {
   explicit Changeable(std::string_view algorithm)
       : core_(make_hybrid(
             make_algorithm({.algorithm = "sweep-and-prune"}),
-            [this, algorithm] { return std::make_unique<Pretender>(orders_, algorithm); }, 0,
+            [this, algorithm] { return std::make_unique<Pretender>(orders_, algorithm); }, 0, 1,
             [this] { return clock_ += std::chrono::microseconds(10); })) {
     const std::uint32_t id = core_.add(unit, {});
     for (std::size_t k = 1; core_.algorithm().memory().device == 0; ++k) {  // until the device is opened

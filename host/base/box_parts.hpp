@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <atomic>
 #include <cstddef>
-#include <thread>
 
 #include "base/parallel.hpp"
 
@@ -25,11 +24,7 @@ template <class Function>
 void for_each_part(std::size_t n, std::size_t threads, const Function& function) {
   constexpr std::size_t least_boxes = 4096;
   constexpr std::size_t most_threads = 8;
-  std::size_t useful = std::clamp<std::size_t>(n / least_boxes, 1, most_threads);
-  if (useful > 1) {
-    useful = std::min(useful,
-                      threads != 0 ? threads : std::max<std::size_t>(1, std::thread::hardware_concurrency()));
-  }
+  const std::size_t useful = std::min(most_threads, useful_threads(n, least_boxes, threads));
   parallel_for(parts_of(n), useful, [&](std::size_t k, std::size_t thread) {
     function(k * boxes_per_part, std::min(n, (k + 1) * boxes_per_part), thread);
   });

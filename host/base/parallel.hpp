@@ -10,6 +10,20 @@
 
 namespace broadcl {
 
+/// What threads write is aligned to this, so that they do not wait for each other's caches.
+inline constexpr std::size_t cache_line = 64;
+
+/// How many threads n things are worth, at most.
+/// @param least How many things pay for waking a thread.
+/// @param most 0 for one thread per processor.
+[[nodiscard]] inline std::size_t useful_threads(std::size_t n, std::size_t least, std::size_t most) {
+  const std::size_t useful = n / least;
+  if (useful < 2) return 1;
+  if (most != 0) return std::min(useful, most);
+  static const std::size_t processors = std::max(1U, std::thread::hardware_concurrency());
+  return std::min(useful, processors);
+}
+
 /// Calls function(k, thread) once for each k < n; `thread`, below `threads`, is the number of the calling
 /// thread. The caller's thread takes part; uses fewer threads if others are busy.
 /// @throws What the function throws; the other calls have then returned or were not made.

@@ -13,17 +13,29 @@
 namespace broadcl {
 namespace {
 
-/// What a caller shares; it lives on the caller's stack. All but the first three members are guarded by the
-/// pool's mutex.
+/// What a caller shares; it lives on the caller's stack. All but the first three members are changed only
+/// with the pool's lock.
 struct Work {
   void (*function)(void* context, std::size_t thread);
   void* context;
   std::size_t helpers;  // that are wanted
   std::size_t joined = 0;
-  std::size_t active = 0;  // of those that joined
-  Work* next = nullptr;    // that wants helpers, too
+  std::atomic<std::size_t> active = 0;  // of those that joined
+  Work* next = nullptr;                 // that wants helpers, too
   std::condition_variable ended{};
 };
+
+/// An update shares work several times in a row. To put a thread to sleep and to wake it takes about as long
+/// as this.
+constexpr std::chrono::microseconds longest_spin(50);
+
+/// Waits until a condition holds, or gives up soon.
+template <class Condition>
+void spin_until(const Condition& condition) {
+  if (condition()) return;
+  const auto end = std::chrono::steady_clock::now() + longest_spin;
+  while (!condition() && std::chrono::steady_clock::now() < end) std::this_thread::yield();
+}
 
 /// After that, threads end. They start again when they are needed.
 constexpr std::chrono::seconds longest_idle(10);
@@ -32,19 +44,31 @@ class Pool {
  public:
   void share(Work& work) {
     {
-      const std::scoped_lock lock(mutex_);
+      const std::unique_lock lock = acquire();
       start_threads(work.helpers);
       work.next = first_;
       first_ = &work;
     }
-    for (std::size_t k = 0; k < work.helpers; ++k) wanted_.notify_one();
+    wanted_.notify_one();  // the thread that joins wakes the next one
     work.function(work.context, 0);
-    std::unique_lock lock(mutex_);
-    remove(work);
+    {
+      const std::unique_lock lock = acquire();
+      remove(work);
+    }
+    spin_until([&] { return work.active == 0; });
+    std::unique_lock lock = acquire();
     work.ended.wait(lock, [&] { return work.active == 0; });
   }
 
  private:
+  /// The lock is held for a few instructions only, so that spinning mostly takes less time than sleeping.
+  [[nodiscard]] std::unique_lock<std::mutex> acquire() {
+    std::unique_lock lock(mutex_, std::defer_lock);
+    spin_until([&] { return lock.try_lock(); });
+    if (!lock) lock.lock();
+    return lock;
+  }
+
   void start_threads(std::size_t count) {
     try {
       for (; threads_ < count; ++threads_) std::thread([this] { help(); }).detach();
@@ -53,33 +77,40 @@ class Pool {
   }
 
   void help() {
-    std::unique_lock lock(mutex_);
+    std::unique_lock lock = acquire();
     while (wanted_.wait_for(lock, longest_idle, [&] { return first_ != nullptr; })) {
       Work& work = *first_;
       const std::size_t thread = ++work.joined;
       if (thread == work.helpers) first_ = work.next;
       ++work.active;
+      const bool are_more_wanted = first_ != nullptr;
       lock.unlock();
+      if (are_more_wanted) wanted_.notify_one();
       work.function(work.context, thread);
-      lock.lock();
+      lock = acquire();
       // With the lock, without which the caller does not destroy its work.
       if (--work.active == 0) work.ended.notify_one();
+      lock.unlock();
+      spin_until([&] { return first_ != nullptr; });
+      lock = acquire();
     }
     --threads_;
   }
 
   void remove(const Work& work) {
-    for (Work** link = &first_; *link != nullptr; link = &(*link)->next) {
-      if (*link != &work) continue;
-      *link = work.next;
+    if (first_ == &work) {
+      first_ = work.next;
       return;
+    }
+    for (Work* other = first_; other != nullptr; other = other->next) {
+      if (other->next == &work) other->next = work.next;
     }
   }
 
   std::mutex mutex_;
   std::condition_variable wanted_;
   std::size_t threads_ = 0;
-  Work* first_ = nullptr;  // the latest that wants helpers
+  std::atomic<Work*> first_ = nullptr;  // the latest that wants helpers
 };
 
 /// Never destroyed, because its threads may outlive static destructors. A forked child has none of them, so

@@ -11,6 +11,7 @@
 #include "base/system.hpp"
 #include "engines/change_lists.hpp"
 #include "engines/changing_pairs.hpp"
+#include "engines/pair_comparison.hpp"
 
 namespace broadcl {
 namespace {
@@ -23,7 +24,8 @@ constexpr std::size_t least_boxes = 16;
 
 class HostEngine final : public Algorithm {
  public:
-  explicit HostEngine(std::unique_ptr<HostFinder> finder) : finder_(std::move(finder)) {}
+  HostEngine(std::unique_ptr<HostFinder> finder, std::size_t threads)
+      : finder_(std::move(finder)), compare_(threads) {}
 
   void reserve(std::size_t slots, bool /*filters*/) override {
     if (slots <= boxes_->size()) return;
@@ -117,7 +119,7 @@ class HostEngine final : public Algorithm {
   /// @param before Pairs of the last update, to be compared with those that were found.
   Delta changes_from(std::span<const Pair> before) {
     return lists_.fill([&](std::vector<Pair>& added, std::vector<Pair>& removed) {
-      compare(before, found_, input_.recycled, added, removed);
+      compare_(before, found_, input_.recycled, added, removed);
     });
   }
 
@@ -125,6 +127,7 @@ class HostEngine final : public Algorithm {
   void clear() noexcept {
     finder_->clear();
     pairs_.free_scratch();
+    compare_.free_scratch();
     free_lists(found_, known_, has_changed_, new_filters_, new_exclusions_);
   }
 
@@ -188,6 +191,7 @@ class HostEngine final : public Algorithm {
   std::vector<Filter> new_filters_;
   std::vector<Pair> new_exclusions_;
   ChangingPairs pairs_;  // as of the last update
+  PairComparison compare_;
   ChangeLists lists_;
   std::vector<Pair> found_, known_;
   std::vector<char> has_changed_;  // by slot
@@ -195,8 +199,8 @@ class HostEngine final : public Algorithm {
 
 }  // namespace
 
-AlgorithmPointer make_host_engine(std::unique_ptr<HostFinder> finder) {
-  return std::make_unique<HostEngine>(std::move(finder));
+AlgorithmPointer make_host_engine(std::unique_ptr<HostFinder> finder, std::size_t threads) {
+  return std::make_unique<HostEngine>(std::move(finder), threads);
 }
 
 }  // namespace broadcl

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <memory>
 #include <span>
@@ -48,6 +49,7 @@ class HostFinder {
 };
 
 /// Makes an algorithm of the host. It needs no OpenCL and has no profile.
-[[nodiscard]] AlgorithmPointer make_host_engine(std::unique_ptr<HostFinder> finder);
+/// @param threads At most; 0 for one per processor.
+[[nodiscard]] AlgorithmPointer make_host_engine(std::unique_ptr<HostFinder> finder, std::size_t threads);
 
 }  // namespace broadcl

@@ -13,6 +13,7 @@
 #include "base/free_lists.hpp"
 #include "base/pair_lists.hpp"
 #include "engines/change_lists.hpp"
+#include "engines/pair_comparison.hpp"
 #include "opencl/process.hpp"
 
 namespace broadcl {
@@ -59,6 +60,7 @@ class Estimate {
 struct Side {
   AlgorithmPointer algorithm;
   Estimate estimate{};
+  bool has_pairs = false;  // of an earlier update
 
   [[nodiscard]] double seconds(std::size_t slots, std::size_t changed) const {
     return estimate.seconds(algorithm->expected_seconds(slots, changed));
@@ -111,8 +113,11 @@ using Handover = std::optional<std::vector<Pair>>;
 
 class Hybrid final : public Algorithm {
  public:
-  Hybrid(AlgorithmPointer host, OpenDevice open, double slow_update, Now now)
-      : host_{std::move(host)}, opening_(std::move(open), slow_update), now_(std::move(now)) {}
+  Hybrid(AlgorithmPointer host, OpenDevice open, double slow_update, std::size_t threads, Now now)
+      : host_{std::move(host)},
+        opening_(std::move(open), slow_update),
+        now_(std::move(now)),
+        compare_(threads) {}
 
   void reserve(std::size_t slots, bool filters) override {
     or_leave_device([&] { current().reserve(slots, filters); });
@@ -158,15 +163,19 @@ class Hybrid final : public Algorithm {
     const auto start = now_();
     Delta delta;
     std::vector<Pair> pairs;
+    bool had_pairs = false;
     or_leave_device([&] {
       delta = current().finish();
-      if (handover_) pairs = current().pairs();
+      had_pairs = std::exchange(side_->has_pairs, true);
+      if (handover_ && had_pairs) pairs = current().pairs();
     });
     std::optional<double> taken;
     if (handover_) {
       delta = lists_.fill([&](std::vector<Pair>& added, std::vector<Pair>& removed) {
-        compare(*handover_, pairs, input_.recycled, added, removed);
+        const std::span<const Pair> now = had_pairs ? pairs : delta.added;
+        compare_(*handover_, now, input_.recycled, added, removed);
       });
+      compare_.free_scratch();
     } else if (was_updated_ && !opening_.is_running()) {  // the first update of all boxes takes longer
       taken = side_->estimate.learn(current().expected_seconds(input_.boxes.size(), changed_slots()),
                                     begin_seconds_ + seconds_since(start));
@@ -186,10 +195,11 @@ class Hybrid final : public Algorithm {
     lists_.clear();
     if (handover_) handover_->shrink_to_fit();
     if (device_.algorithm == nullptr || opencl::is_forked()) return;
-    Algorithm& idle = *other().algorithm;
-    idle.begin({.all = true, .all_filters = true});  // no objects, so that it knows no pairs
-    (void)idle.finish();
-    idle.shrink(0);
+    Side& idle = other();
+    idle.algorithm->begin({.all = true, .all_filters = true});  // no objects, so that it knows no pairs
+    (void)idle.algorithm->finish();
+    idle.has_pairs = false;
+    idle.algorithm->shrink(0);
   }
 
   [[nodiscard]] std::vector<Pair> find_all(const Input& input) override { return current().find_all(input); }
@@ -291,13 +301,15 @@ class Hybrid final : public Algorithm {
   Handover handover_;                         // if the next update is the first on its side
   Algorithm* asked_ = host_.algorithm.get();  // did the last update
   AlgorithmPointer failed_;                   // the device, if it did that one and then failed
-  ChangeLists lists_;                         // the changes of an update after a handover
+  PairComparison compare_;                    // of an update after a handover
+  ChangeLists lists_;                         // and its changes
 };
 
 }  // namespace
 
-AlgorithmPointer make_hybrid(AlgorithmPointer host, OpenDevice open, double slow_update, Now now) {
-  return std::make_unique<Hybrid>(std::move(host), std::move(open), slow_update, std::move(now));
+AlgorithmPointer make_hybrid(AlgorithmPointer host, OpenDevice open, double slow_update, std::size_t threads,
+                             Now now) {
+  return std::make_unique<Hybrid>(std::move(host), std::move(open), slow_update, threads, std::move(now));
 }
 
 }  // namespace broadcl

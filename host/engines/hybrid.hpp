@@ -22,8 +22,9 @@ using Now = std::function<std::chrono::steady_clock::time_point()>;
 /// longer be read from the device.
 /// @param slow_update Updates that take more seconds are slow. The device is opened once slow updates in a
 /// row have taken 100 times as long.
+/// @param threads For its own work on the host, at most; 0 for one per processor.
 /// @param now Measures updates.
 [[nodiscard]] AlgorithmPointer make_hybrid(AlgorithmPointer host, OpenDevice open, double slow_update,
-                                           Now now = std::chrono::steady_clock::now);
+                                           std::size_t threads = 1, Now now = std::chrono::steady_clock::now);
 
 }  // namespace broadcl

@@ -134,7 +134,8 @@ AlgorithmPointer make_auto(const Config& config) {
       return nullptr;
     }
   };
-  return make_hybrid(make_sweep_and_prune(config), open, is_named ? slow_if_named : slow_otherwise);
+  return make_hybrid(make_sweep_and_prune(config), open, is_named ? slow_if_named : slow_otherwise,
+                     config.threads);
 }
 
 }  // namespace broadcl

@@ -42,7 +42,7 @@ void test_each_pair(const Input& input, std::vector<Pair>& pairs) {
 }
 
 AlgorithmPointer make_oracle(const Config& /*config*/) {
-  return make_host_engine(std::make_unique<Oracle>());
+  return make_host_engine(std::make_unique<Oracle>(), 1);
 }
 
 }  // namespace broadcl

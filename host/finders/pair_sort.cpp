@@ -17,6 +17,9 @@ constexpr unsigned most_partition_bits = 8;
 constexpr std::size_t most_compared = 32;
 constexpr std::size_t most_in_partition = 0xffffffff;
 
+/// A thread takes partitions with about so many pairs at a time.
+constexpr std::size_t pairs_at_once = 1024;
+
 /// A pass of a radix sort, stable.
 template <class Digit>
 void sort_by(std::span<const Pair> from, std::span<Pair> to, unsigned digits, const Digit& digit) {
@@ -85,9 +88,14 @@ void PairSort::operator()(std::span<const std::span<const Pair>> lists, std::siz
   parallel_for(lists.size(), threads, [&](std::size_t k, std::size_t /*thread*/) {
     for (const Pair& pair : lists[k]) sorted[positions_[k][partition_of(pair)]++] = pair;
   });
-  parallel_for(partitions, threads, [&](std::size_t k, std::size_t thread) {
-    const std::span<Pair> partition = std::span(sorted).subspan(starts[k], starts[k + 1] - starts[k]);
-    sort_partition(partition, bits, low_bits, scratch_[thread]);
+  const std::size_t at_once =
+      std::bit_floor(std::clamp<std::size_t>(partitions * pairs_at_once / (total + 1), 1, partitions));
+  parallel_for(partitions / at_once, threads, [&](std::size_t part, std::size_t thread) {
+    const std::size_t end = (part + 1) * at_once;
+    for (std::size_t k = part * at_once; k < end; ++k) {
+      const std::span<Pair> partition = std::span(sorted).subspan(starts[k], starts[k + 1] - starts[k]);
+      sort_partition(partition, bits, low_bits, scratch_[thread]);
+    }
   });
 }
 

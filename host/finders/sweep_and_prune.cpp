@@ -1,23 +1,24 @@
 #include <algorithm>
 #include <array>
 #include <atomic>
-#include <bit>
 #include <cstddef>
 #include <cstdint>
 #include <limits>
 #include <memory>
 #include <numeric>
-#include <thread>
+#include <optional>
+#include <tuple>
+#include <utility>
 #include <vector>
 
 #include "base/free_lists.hpp"
-#include "base/packed_box.hpp"
 #include "base/pair_lists.hpp"
 #include "base/parallel.hpp"
-#include "base/two_sets.hpp"
 #include "engines/host_engine.hpp"
 #include "finders/pair_sort.hpp"
+#include "finders/slot_bounds.hpp"
 #include "finders/tile_search.hpp"
+#include "finders/tile_sort.hpp"
 
 namespace broadcl {
 namespace {
@@ -25,22 +26,23 @@ namespace {
 constexpr float infinity = std::numeric_limits<float>::infinity();
 constexpr float not_a_number = std::numeric_limits<float>::quiet_NaN();
 
-/// Classes of sizes, which do not share tiles: up to 4 times the median, up to 16 times, and so on. The last
-/// class has everything larger, and the objects of all worlds.
-constexpr std::size_t size_classes = 4;
-
 /// Up to this many boxes, testing each pair takes less time than sorting and sweeping.
 constexpr std::size_t most_unsorted = 16;
 
-/// Boxes are sorted again once the work exceeds this multiple of the work in a new order.
-constexpr double stale_growth = 1.25;
+/// Boxes are sorted again once the work exceeds this multiple of the work in a new order, or after so many
+/// searches.
+constexpr double stale_growth = 1.1;
+constexpr std::size_t most_frames = 64;
+
+/// Sorting is distributed over so many searches, so that none takes much longer than others.
+constexpr std::size_t frames_per_sort = 3;
 
 /// A search stops at this multiple, because the order has become useless (boxes leapt); then boxes are sorted
 /// again.
 constexpr double useless = 4;
 
-/// With fewer boxes per thread, starting threads takes longer than they save.
-constexpr std::size_t boxes_per_thread = 4096;
+/// With fewer boxes per thread, waking threads takes longer than they save.
+constexpr std::size_t boxes_per_thread = 512;
 
 /// If at most one in this many boxes changed, only those that changed are searched.
 constexpr std::size_t boxes_per_changed = 16;
@@ -52,102 +54,6 @@ constexpr std::size_t most_moved = 4;
 /// More pairs are counted before they are stored, so that memory is not exhausted by a list that is too long
 /// in the end.
 constexpr std::size_t most_uncounted = std::size_t{1} << 28U;
-
-/// The position of a box in its order.
-template <std::size_t axes>
-struct Centre {
-  std::array<float, axes> at;
-  std::uint32_t slot;
-};
-
-template <std::size_t axes>
-std::size_t widest_axis(std::span<const Centre<axes>> centres) {
-  std::array<float, axes> lower = centres.front().at;
-  std::array<float, axes> upper = lower;
-  for (const Centre<axes>& centre : centres) {
-    for (std::size_t axis = 0; axis < axes; ++axis) {
-      lower[axis] = std::min(lower[axis], centre.at[axis]);
-      upper[axis] = std::max(upper[axis], centre.at[axis]);
-    }
-  }
-  if (axes > 3 && lower[axes - 1] < upper[axes - 1]) return axes - 1;  // worlds before places
-  std::size_t widest = 0;
-  for (std::size_t axis = 1; axis < 3; ++axis) {
-    if (upper[axis] - lower[axis] > upper[widest] - lower[widest]) widest = axis;
-  }
-  return widest;
-}
-
-/// Puts boxes into the order of a k-d tree, in which the boxes of each tile are neighbours, and so are the
-/// tiles of each node.
-/// @param first The tile of the first box.
-template <std::size_t axes>
-void split(std::span<Centre<axes>> centres, std::size_t first, std::size_t threads) {
-  if (centres.size() <= node_size) return;
-  const std::size_t axis = widest_axis<axes>(centres);
-  const std::size_t end = first + (centres.size() + node_size - 1) / node_size;
-  std::size_t second = (first + end) / 2;  // the first tile of the second half
-  const std::size_t node = (second + node_size / 2) / node_size * node_size;
-  if (node > first && node < end) second = node;
-  const auto middle = static_cast<std::ptrdiff_t>((second - first) * node_size);
-  std::nth_element(centres.begin(), centres.begin() + middle, centres.end(),
-                   [axis](const Centre<axes>& s, const Centre<axes>& t) { return s.at[axis] < t.at[axis]; });
-  const std::array halves{centres.first(static_cast<std::size_t>(middle)),
-                          centres.subspan(static_cast<std::size_t>(middle))};
-  parallel_for(2, threads, [&](std::size_t k, std::size_t /*thread*/) {
-    split(halves.at(k), k == 0 ? first : second, threads / 2);
-  });
-}
-
-/// The number without those of its last bits that a float cannot represent, so that no rounding mode matters.
-float exact(std::uint32_t number) {
-  constexpr int digits = std::numeric_limits<float>::digits;
-  const int lost =
-      std::max(std::numeric_limits<std::uint32_t>::digits - std::countl_zero(number), digits) - digits;
-  return static_cast<float>(number >> lost << lost);
-}
-
-/// A number that a float can represent.
-std::uint32_t place_of_set(const Filter& filter) {
-  constexpr std::uint32_t most = (1U << 23U) - 1;
-  return 2 * std::min(filter.world, most) + TwoSets::set_of(filter);
-}
-
-template <std::size_t axes>
-Bounds<axes> bounds_of(const Input& input, std::size_t slot) {
-  const Aabb& box = input.boxes[slot];
-  Bounds<axes> bounds;
-  for (std::size_t axis = 0; axis < 3; ++axis) {  // std::ranges::copy() would be a call per corner
-    bounds.lower[axis] = box.lower[axis];
-    bounds.upper[axis] = box.upper[axis];
-  }
-  if constexpr (axes > 3) {
-    // Several worlds may have the same coordinate; may_pair() distinguishes them.
-    const Filter& filter = input.filters[slot];
-    const bool is_in_all = filter.world == Filter::all_worlds;
-    const float place = exact(input.sets ? place_of_set(filter) : filter.world);
-    bounds.lower[3] = is_in_all ? 0 : place;
-    bounds.upper[3] = is_in_all ? infinity : place;
-  }
-  return bounds;
-}
-
-template <std::size_t axes>
-Centre<axes> centre_of(const Bounds<axes>& bounds, std::uint32_t slot) {
-  constexpr float most = std::numeric_limits<float>::max();
-  Centre<axes> centre{.at = {}, .slot = slot};
-  for (std::size_t axis = 0; axis < axes; ++axis) {
-    centre.at[axis] = std::max(bounds.lower[axis], -most) / 2 + std::min(bounds.upper[axis], most) / 2;
-  }
-  return centre;
-}
-
-/// The exponent of the largest edge of a box, as floats store it.
-unsigned exponent_of(const Aabb& box) {
-  float edge = 0;
-  for (std::size_t axis = 0; axis < 3; ++axis) edge = std::max(edge, box.upper[axis] - box.lower[axis]);
-  return std::bit_cast<std::uint32_t>(edge) >> 23U;
-}
 
 /// The bounds of all children of a node.
 template <std::size_t axes>
@@ -206,7 +112,7 @@ class SweepAndPrune final : public HostFinder {
 
   bool find_known(std::span<const Filter> filters, std::span<const std::uint32_t> changed,
                   std::vector<Pair>& pairs) override {
-    if (sorted_axes_ == 0 || changed.size() * boxes_per_changed > places_.size()) return false;
+    if (sorted_axes_ == 0 || changed.size() * boxes_per_changed > order_.places.size()) return false;
     set_places(changed);
     return sorted_axes_ == 4 ? search_boxes(four_, filters, pairs) : search_boxes(three_, filters, pairs);
   }
@@ -217,6 +123,7 @@ class SweepAndPrune final : public HostFinder {
         input.changed.size() * boxes_per_changed > input.boxes.size() || !is_order_for(input.boxes.size()))
       return false;
     moved_ += input.changed.size();
+    next_order_ = {};  // the boxes are others by the time it is ready
     if (moved_ > most_moved * input.boxes.size()) sorted_axes_ = 0;
     if (sorted_axes_ == 0) return false;
     return axes == 4 ? find_changed(four_, input, pairs) : find_changed(three_, input, pairs);
@@ -224,7 +131,9 @@ class SweepAndPrune final : public HostFinder {
 
   void clear() noexcept override {
     sorted_axes_ = 0;
-    free_lists(order_, places_, changed_places_, dirty_, found_, lists_);
+    order_ = {};
+    next_order_ = {};
+    free_lists(changed_places_, dirty_, found_, lists_);
     three_ = {};
     four_ = {};
     sort_pairs_ = {};
@@ -238,40 +147,70 @@ class SweepAndPrune final : public HostFinder {
     return input.sets && input.sets_decide ? std::span<const Filter>() : input.filters;
   }
 
-  [[nodiscard]] std::size_t threads_of(std::size_t boxes) {
-    const std::size_t most = boxes / boxes_per_thread;
-    if (most < 2) return 1;
-    // Asked only now, since the system may have to read a file.
-    if (threads_ == 0) threads_ = std::max(1U, std::thread::hardware_concurrency());
-    return std::min(most, threads_);
+  [[nodiscard]] std::size_t threads_of(std::size_t boxes) const {
+    return useful_threads(boxes, boxes_per_thread, threads_);
   }
 
   /// Whether there are not many more slots, or many fewer, than when they were sorted.
   [[nodiscard]] bool is_order_for(std::size_t slots) const {
-    return slots <= places_.size() + places_.size() / 4 && places_.size() / 2 <= slots;
+    const std::size_t sorted = order_.places.size();
+    return slots <= sorted + sorted / 4 && sorted / 2 <= slots;
   }
 
   template <std::size_t axes>
   void find(HostTiles<axes>& all, const Input& input) {
     const std::size_t slots = input.boxes.size();
     const std::size_t threads = threads_of(slots);
-    const bool is_stale = axes != sorted_axes_ || all.sets != input.sets || !is_order_for(slots) ||
-                          static_cast<double>(work_) > stale_growth * static_cast<double>(fresh_work_);
+    const bool is_sorted = axes == sorted_axes_ && all.sets == input.sets && is_order_for(slots);
     sorted_axes_ = 0;  // until all is done
     all.sets = input.sets;
-    if (is_stale || !search(all, input, threads, useless * static_cast<double>(fresh_work_))) {
-      sort<axes>(input, threads);
+    const bool is_new = is_sorted && renew_order<axes>(input, threads);
+    if (!is_sorted || !search(all, input, threads, useless * static_cast<double>(fresh_work_))) {
+      sort_at_once<axes>(input, threads);
       (void)search(all, input, threads, std::numeric_limits<double>::infinity());
+      fresh_work_ = work_;
+    } else if (is_new) {
       fresh_work_ = work_;
     }
     sorted_axes_ = axes;
+  }
+
+  /// Begins a new order if the present one is old, or goes on with it.
+  /// @returns Whether there is a new one.
+  template <std::size_t axes>
+  bool renew_order(const Input& input, std::size_t threads) {
+    std::optional<TileSort<axes>>& next = std::get<std::optional<TileSort<axes>>>(next_order_);
+    ++frames_;
+    if (!next) {
+      if (frames_ < most_frames &&
+          static_cast<double>(work_) <= stale_growth * static_cast<double>(fresh_work_))
+        return false;
+      work_per_frame_ = next.emplace(input, threads).work() / frames_per_sort;
+    }
+    if (!next->advance(work_per_frame_, threads)) return false;
+    take_order(*next);
+    return true;
+  }
+
+  template <std::size_t axes>
+  void sort_at_once(const Input& input, std::size_t threads) {
+    TileSort<axes> sort(input, threads);
+    (void)sort.advance(std::numeric_limits<std::size_t>::max(), threads);
+    take_order(sort);
+  }
+
+  template <std::size_t axes>
+  void take_order(TileSort<axes>& sort) noexcept {
+    std::swap(order_, sort.order());
+    next_order_ = {};
+    moved_ = frames_ = 0;
   }
 
   /// Finds all pairs, in the current order.
   /// @returns False if that takes too much work.
   template <std::size_t axes>
   bool search(HostTiles<axes>& all, const Input& input, std::size_t threads, double most_work) {
-    while (places_.size() < input.boxes.size()) place_next();
+    while (order_.places.size() < input.boxes.size()) order_.append();
     fill(all, input, threads);
     sweep(all);
     return search_all(all, filters_of(input), threads, most_work);
@@ -281,7 +220,7 @@ class SweepAndPrune final : public HostFinder {
   void set_places(std::span<const std::uint32_t> slots) {
     changed_places_.clear();
     for (const std::uint32_t slot : slots) {
-      if (slot < places_.size()) changed_places_.push_back(places_[slot]);
+      if (slot < order_.places.size()) changed_places_.push_back(order_.places[slot]);
     }
   }
 
@@ -289,9 +228,6 @@ class SweepAndPrune final : public HostFinder {
   bool find_changed(HostTiles<axes>& all, const Input& input, std::vector<Pair>& pairs);
   template <std::size_t axes>
   bool search_boxes(const HostTiles<axes>& all, std::span<const Filter> filters, std::vector<Pair>& pairs);
-  template <std::size_t axes>
-  void sort(const Input& input, std::size_t threads);
-  void place_next();
   template <std::size_t axes>
   static void store(HostTiles<axes>& all, const Input& input, std::uint32_t slot, std::size_t place);
   template <std::size_t axes>
@@ -302,13 +238,15 @@ class SweepAndPrune final : public HostFinder {
   bool search_all(const HostTiles<axes>& all, std::span<const Filter> filters, std::size_t threads,
                   double most_work, std::size_t most_stored = most_uncounted);
 
-  std::size_t threads_;                // 0 if there is to be one per processor
-  std::vector<std::uint32_t> order_;   // slots by tile; no_slot where a tile has no more
-  std::vector<std::uint32_t> places_;  // of slots in this order
-  std::size_t sorted_axes_ = 0;        // of the tiles; 0 if they are not as of the last update
-  std::size_t moved_ = 0;              // boxes since the order was new that were searched alone
-  std::size_t work_ = 0;               // of the last search of all
-  std::size_t fresh_work_ = 0;         // of the first one in this order
+  std::size_t threads_;  // 0 if there is to be one per processor
+  TileOrder order_;
+  std::size_t sorted_axes_ = 0;  // of the tiles; 0 if they are not as of the last update
+  std::tuple<std::optional<TileSort<3>>, std::optional<TileSort<4>>> next_order_;  // at most one
+  std::size_t work_per_frame_ = 0;                                                 // to make it
+  std::size_t frames_ = 0;      // searches of all since the order was new
+  std::size_t moved_ = 0;       // boxes since then that were searched alone
+  std::size_t work_ = 0;        // of the last search of all
+  std::size_t fresh_work_ = 0;  // of the first one in this order
   HostTiles<3> three_;
   HostTiles<4> four_;
   std::vector<std::uint32_t> changed_places_;  // of slots that changed
@@ -318,50 +256,6 @@ class SweepAndPrune final : public HostFinder {
   std::vector<std::span<const Pair>> lists_;  // of these
   PairSort sort_pairs_;
 };
-
-/// Sorts the slots, such that neighbours in space mostly share a tile.
-template <std::size_t axes>
-void SweepAndPrune::sort(const Input& input, std::size_t threads) {
-  const std::span<const Aabb> boxes = input.boxes;
-  std::array<std::size_t, 256> exponents{};
-  std::size_t rest = 0;
-  for (const Aabb& box : boxes) {
-    if (is_empty(box)) continue;
-    ++exponents[exponent_of(box)];
-    ++rest;
-  }
-  rest /= 2;
-  unsigned median = 0;
-  while (rest > exponents[median]) rest -= exponents[median++];
-  // Empty boxes come last.
-  std::array<std::vector<Centre<axes>>, size_classes + 1> classes;
-  for (std::uint32_t slot = 0; slot < boxes.size(); ++slot) {
-    const Aabb& box = boxes[slot];
-    const unsigned exponent = exponent_of(box);
-    std::size_t size =
-        std::min<std::size_t>(size_classes - 1, exponent < median ? 0 : (exponent - median) / 2);
-    if (axes > 3 && input.filters[slot].world == Filter::all_worlds) size = size_classes - 1;
-    if (is_empty(box)) size = size_classes;
-    classes.at(size).push_back(centre_of(bounds_of<axes>(input, slot), slot));
-  }
-  order_.clear();
-  places_.resize(boxes.size());
-  for (std::vector<Centre<axes>>& centres : classes) {
-    while (order_.size() % node_size != 0) order_.push_back(no_slot);
-    if (&centres != &classes.back()) split(std::span(centres), order_.size() / node_size, threads);
-    for (const Centre<axes>& centre : centres) {
-      places_[centre.slot] = static_cast<std::uint32_t>(order_.size());
-      order_.push_back(centre.slot);
-    }
-  }
-  moved_ = 0;
-}
-
-/// Puts the next slot into the last tile, or into a new one.
-void SweepAndPrune::place_next() {
-  places_.push_back(static_cast<std::uint32_t>(order_.size()));
-  order_.push_back(static_cast<std::uint32_t>(places_.size() - 1));
-}
 
 /// Stores the box of a slot in its tile.
 template <std::size_t axes>
@@ -374,14 +268,15 @@ void SweepAndPrune::store(HostTiles<axes>& all, const Input& input, std::uint32_
 
 template <std::size_t axes>
 void SweepAndPrune::fill(HostTiles<axes>& all, const Input& input, std::size_t threads) {
-  const std::size_t tiles = (order_.size() + node_size - 1) / node_size;
+  const std::size_t tiles = (order_.slots.size() + node_size - 1) / node_size;
   all.tiles.resize(tiles);
   all.bounds.resize(tiles);
-  constexpr std::size_t at_once = 64;
+  constexpr std::size_t at_once = 8;
+  const std::span<const std::uint32_t> slots = order_.slots;
   parallel_for((tiles + at_once - 1) / at_once, threads, [&](std::size_t part, std::size_t /*thread*/) {
     for (std::size_t tile = part * at_once; tile < std::min(tiles, (part + 1) * at_once); ++tile) {
       for (std::size_t place = tile * node_size; place < (tile + 1) * node_size; ++place) {
-        store(all, input, place < order_.size() ? order_[place] : no_slot, place);
+        store(all, input, place < slots.size() ? slots[place] : no_slot, place);
       }
       all.bounds[tile] = bounds_of(all.tiles[tile]);
     }
@@ -451,9 +346,9 @@ bool SweepAndPrune::search_boxes(const HostTiles<axes>& all, std::span<const Fil
 template <std::size_t axes>
 bool SweepAndPrune::find_changed(HostTiles<axes>& all, const Input& input, std::vector<Pair>& pairs) {
   sorted_axes_ = 0;  // until all is done
-  while (places_.size() < input.boxes.size()) {
-    place_next();
-    if (order_.size() <= all.tiles.size() * node_size) continue;
+  while (order_.places.size() < input.boxes.size()) {
+    order_.append();
+    if (order_.slots.size() <= all.tiles.size() * node_size) continue;
     const auto tile = static_cast<std::uint32_t>(all.tiles.size());
     append_child(all.tiles, tile * node_size, make_bounds<axes>(not_a_number, not_a_number));
     all.bounds.push_back(make_bounds<axes>(infinity, -infinity));
@@ -463,7 +358,7 @@ bool SweepAndPrune::find_changed(HostTiles<axes>& all, const Input& input, std::
   set_places(input.changed);
   dirty_.clear();
   for (const std::uint32_t place : changed_places_) {
-    store(all, input, order_[place], place);
+    store(all, input, order_.slots[place], place);
     dirty_.push_back(place / node_size);
   }
   const auto each_dirty = [&](const auto& update) {
@@ -488,7 +383,7 @@ bool SweepAndPrune::find_changed(HostTiles<axes>& all, const Input& input, std::
 }  // namespace
 
 AlgorithmPointer make_sweep_and_prune(const Config& config) {
-  return make_host_engine(std::make_unique<SweepAndPrune>(config.threads));
+  return make_host_engine(std::make_unique<SweepAndPrune>(config.threads), config.threads);
 }
 
 }  // namespace broadcl

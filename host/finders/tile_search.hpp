@@ -12,6 +12,8 @@
 #include <broadcl/filter.hpp>
 #include <broadcl/pair.hpp>
 
+#include "base/parallel.hpp"
+
 namespace broadcl {
 
 /// Boxes per tile, and tiles per node: as many as a word has bits.
@@ -43,7 +45,7 @@ void extend(Bounds<axes>& bounds, const Bounds<axes>& by) {
 /// The bounds of boxes or of tiles, by component, so that one instruction compares several of them. Unused
 /// entries are NaN.
 template <std::size_t axes>
-struct alignas(64) Node {
+struct alignas(cache_line) Node {
   std::array<std::array<float, node_size>, axes> lower, upper;
   std::array<std::uint32_t, node_size> index;  // slots or tiles
 
@@ -87,7 +89,7 @@ struct PairCount {
 
 /// The pairs that a thread found, in blocks, so that none is copied when there are more, and no memory is
 /// written in advance. The blocks are kept.
-class Found {
+class alignas(cache_line) Found {
  public:
   std::size_t work = 0;
 

@@ -69,10 +69,12 @@ void refuse_other_queue(nb::handle array, nb::handle queue, const std::string& n
   throw nb::value_error((name + " must be an array of the same queue; use its with_queue()").c_str());
 }
 
-nb::object new_array(nb::handle queue, std::size_t pairs, nb::handle data) {
+nb::object new_array(nb::handle queue, std::size_t pairs, nb::handle data,
+                     nb::handle allocator = nb::none()) {
   const nb::object numpy = nb::module_::import_("numpy");
   const nb::object make = nb::module_::import_("pyopencl.array").attr("Array");
-  return make(queue, nb::make_tuple(pairs, 2), numpy.attr("uint32"), "data"_a = data);
+  return make(queue, nb::make_tuple(pairs, 2), numpy.attr("uint32"), "data"_a = data,
+              "allocator"_a = allocator);
 }
 
 nb::object to_buffer(cl_mem buffer) {
@@ -182,8 +184,13 @@ nb::object show_on_device(const DeviceBroadPhase::PairBuffer& pairs, nb::handle 
   return new_array(queue, pairs.count, to_buffer(pairs.buffer));
 }
 
-nb::object copy_on_device(const DeviceBroadPhase::PairBuffer& pairs, nb::handle queue) {
-  nb::object copy = new_array(queue, pairs.count, nb::none());
+nb::object make_memory_pool(nb::handle queue) {
+  const nb::object tools = nb::module_::import_("pyopencl.tools");
+  return tools.attr("MemoryPool")(tools.attr("ImmediateAllocator")(queue));
+}
+
+nb::object copy_on_device(const DeviceBroadPhase::PairBuffer& pairs, nb::handle queue, nb::handle pool) {
+  nb::object copy = new_array(queue, pairs.count, nb::none(), pool);
   if (pairs.count == 0) return copy;
   const nb::object enqueue = nb::module_::import_("pyopencl").attr("enqueue_copy");
   const nb::object event = enqueue(queue, copy.attr("base_data"), to_buffer(pairs.buffer),

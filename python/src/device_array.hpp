@@ -40,8 +40,12 @@ struct DeviceBoxes {
 /// An array (m, 2) uint32 of pyopencl that shows these pairs and keeps their buffer alive.
 [[nodiscard]] nanobind::object show_on_device(const DeviceBroadPhase::PairBuffer& pairs,
                                               nanobind::handle queue);
-/// Likewise, with a copy of the pairs, which is enqueued.
+
+/// A pool of pyopencl for memory on the device of a queue. To allocate a buffer may take longer than an
+/// update.
+[[nodiscard]] nanobind::object make_memory_pool(nanobind::handle queue);
+/// An array of a copy of these pairs, which is enqueued, in memory of a pool.
 [[nodiscard]] nanobind::object copy_on_device(const DeviceBroadPhase::PairBuffer& pairs,
-                                              nanobind::handle queue);
+                                              nanobind::handle queue, nanobind::handle pool);
 
 }  // namespace broadcl::python

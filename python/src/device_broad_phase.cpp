@@ -38,7 +38,9 @@ struct DeviceChanges {
 class DeviceObjects {
  public:
   DeviceObjects(nb::handle queue, const std::string& algorithm, bool profile)
-      : queue_(nb::borrow(queue)), broad_phase_(open(queue, algorithm, profile)) {}
+      : queue_(nb::borrow(queue)),
+        broad_phase_(open(queue, algorithm, profile)),
+        pool_(make_memory_pool(queue)) {}
   DeviceObjects(const DeviceObjects&) = delete;
   DeviceObjects& operator=(const DeviceObjects&) = delete;
   ~DeviceObjects() = default;
@@ -66,8 +68,9 @@ class DeviceObjects {
       const GilReleased released;
       result_ = broad_phase_.finish();
     }
-    DeviceChanges changes{copy_on_device(result_->added, queue_), copy_on_device(result_->removed, queue_),
-                          result_->pair_count, result_->invalid_boxes, result_->first_invalid};
+    DeviceChanges changes{copy_on_device(result_->added, queue_, pool_),
+                          copy_on_device(result_->removed, queue_, pool_), result_->pair_count,
+                          result_->invalid_boxes, result_->first_invalid};
     result_.reset();
     return changes;
   }
@@ -82,8 +85,11 @@ class DeviceObjects {
   void shrink() {
     const OneThread::Use use(thread_);
     if (result_) throw Error("the last update's changes were not returned; call finish() for them first");
-    const GilReleased released;
-    broad_phase_.shrink();
+    {
+      const GilReleased released;
+      broad_phase_.shrink();
+    }
+    pool_.attr("free_held")();
   }
 
   nb::object pairs() {
@@ -93,7 +99,7 @@ class DeviceObjects {
       const GilReleased released;
       pairs = broad_phase_.pairs();
     }
-    return copy_on_device(pairs, queue_);
+    return copy_on_device(pairs, queue_, pool_);
   }
 
   nb::object queue() const { return queue_; }
@@ -170,6 +176,7 @@ class DeviceObjects {
   OneThread thread_;
   nb::object queue_;
   DeviceBroadPhase broad_phase_;
+  nb::object pool_;                                 // of the arrays that are returned
   nb::object inputs_ = nb::none();                  // of the update that was begun
   std::optional<DeviceBroadPhase::Result> result_;  // of the last update, until its changes are copied
 };
@@ -189,7 +196,8 @@ void add_device_broad_phase(nb::module_& module) {
                             R"(What changed between two updates of a `DeviceBroadPhase`.
 
 ``added, removed = device_broad_phase.update(boxes)`` takes it apart. The arrays own their data;
-``get()`` copies them to NumPy.)")
+``get()`` copies them to NumPy. When an array is no longer referenced, its memory is used again, by
+commands in the queue of the broad phase: keep arrays that another queue reads until it has finished.)")
       .def_ro("added", &DeviceChanges::added, nb::sig("def added(self) -> pyopencl.array.Array"),
               "``(m, 2)`` uint32, on the device: the pairs that began to overlap, in canonical order.")
       .def_ro("removed", &DeviceChanges::removed, nb::sig("def removed(self) -> pyopencl.array.Array"),

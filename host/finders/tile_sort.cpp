@@ -1,0 +1,278 @@
+#include "finders/tile_sort.hpp"
+
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <limits>
+#include <memory>
+#include <utility>
+
+#include "base/box_parts.hpp"
+#include "base/packed_box.hpp"
+#include "base/parallel.hpp"
+#include "finders/slot_bounds.hpp"
+#include "finders/tile_search.hpp"
+
+namespace broadcl {
+namespace {
+
+/// Classes of sizes, which do not share tiles: up to 4 times the median, up to 16 times, and so on, and at
+/// last everything larger, with the objects of all worlds.
+constexpr std::size_t size_classes = 4;
+/// Empty boxes follow, in a class of their own.
+constexpr std::size_t classes = size_classes + 1;
+
+/// Nodes of up to so many boxes are sorted in one step, by one thread.
+constexpr std::size_t sorted_at_once = node_size * node_size;
+
+/// The exponent of the largest edge of a box, as floats store it.
+std::uint32_t exponent_of(const Aabb& box) {
+  float edge = 0;
+  for (std::size_t axis = 0; axis < 3; ++axis) edge = std::max(edge, box.upper[axis] - box.lower[axis]);
+  return std::bit_cast<std::uint32_t>(edge) >> 23U;
+}
+
+/// The median of a sample of boxes; 0 if all of them are empty.
+std::uint32_t median_exponent(std::span<const Aabb> boxes) {
+  constexpr std::size_t samples = 1024;
+  std::vector<std::uint32_t> exponents;
+  for (std::size_t slot = 0; slot < boxes.size(); slot += boxes.size() / samples + 1) {
+    if (!is_empty(boxes[slot])) exponents.push_back(exponent_of(boxes[slot]));
+  }
+  if (exponents.empty()) return 0;
+  const auto median = exponents.begin() + static_cast<std::ptrdiff_t>(exponents.size() / 2);
+  std::ranges::nth_element(exponents, median);
+  return *median;
+}
+
+template <std::size_t axes>
+std::uint8_t class_of(const Input& input, std::size_t slot, std::uint32_t median) {
+  const Aabb& box = input.boxes[slot];
+  if (is_empty(box)) return size_classes;
+  if (axes > 3 && input.filters[slot].world == Filter::all_worlds) return size_classes - 1;
+  const std::uint32_t exponent = std::max(exponent_of(box), median);
+  return static_cast<std::uint8_t>(std::min<std::uint32_t>(size_classes - 1, (exponent - median) / 2));
+}
+
+/// An integer that compares as the number does.
+std::int32_t key_of(float number) {
+  const auto bits = std::bit_cast<std::int32_t>(number);
+  return bits ^ (bits >> 31 & std::numeric_limits<std::int32_t>::max());
+}
+
+/// Divides keys in two: those less than `key`, and the first `equal` of those equal to it, come first.
+struct Cut {
+  std::int32_t key;
+  std::size_t equal;
+};
+
+/// @returns The cut before which `first` of the keys are, more than none and fewer than all.
+Cut cut_after(std::span<const std::int32_t> keys, std::size_t first) {
+  const auto count_below = [&](std::int64_t limit) {
+    std::uint32_t count = 0;  // 32 bits, so that one instruction counts several of the keys
+    for (const std::int32_t key : keys)
+      count += static_cast<std::uint32_t>(key < static_cast<std::int32_t>(limit));
+    return std::size_t{count};
+  };
+  // At most `first` keys are below the lower limit, and more, or all, below the upper one.
+  std::int64_t lower = std::numeric_limits<std::int32_t>::min();
+  std::int64_t upper = std::int64_t{std::numeric_limits<std::int32_t>::max()} + 1;
+  std::size_t below_lower = 0;
+  std::size_t below_upper = keys.size();
+  std::array<std::int32_t, 16> sample;
+  for (std::size_t k = 0; k < sample.size(); ++k) sample.at(k) = keys[k * keys.size() / sample.size()];
+  std::ranges::sort(sample);
+  const std::size_t near = std::clamp<std::size_t>(first * sample.size() / keys.size(), 2, sample.size() - 3);
+  for (std::size_t step = 0; upper - lower > 1; ++step) {
+    std::int64_t limit = (lower + upper) / 2;
+    if (step < 2) {
+      limit = sample.at(step == 0 ? near - 2 : near + 2);
+    } else if (step % 8 != 0) {  // as if keys were evenly distributed
+      limit = lower + static_cast<std::int64_t>(static_cast<double>(upper - lower) *
+                                                static_cast<double>(first - below_lower) /
+                                                static_cast<double>(below_upper - below_lower));
+    }
+    limit = std::clamp(limit, lower + 1, upper - 1);
+    const std::size_t below = count_below(limit);
+    if (below == first) return {.key = static_cast<std::int32_t>(limit), .equal = 0};
+    (below < first ? lower : upper) = limit;
+    (below < first ? below_lower : below_upper) = below;
+  }
+  return {.key = static_cast<std::int32_t>(lower), .equal = first - below_lower};
+}
+
+}  // namespace
+
+void TileOrder::append() {
+  places.push_back(static_cast<std::uint32_t>(slots.size()));
+  slots.push_back(static_cast<std::uint32_t>(places.size() - 1));
+}
+
+template <std::size_t axes>
+TileSort<axes>::TileSort(const Input& input, std::size_t threads) : slots_(input.boxes.size()) {
+  const std::uint32_t median = median_exponent(input.boxes);
+  using Positions = std::array<std::size_t, classes>;
+  std::vector<Positions> next(parts_of(slots_));  // of each part, in each class
+  const auto for_slots = [&](const auto& function) {
+    parallel_for(next.size(), threads, [&](std::size_t part, std::size_t /*thread*/) {
+      const std::size_t end = std::min(slots_, (part + 1) * boxes_per_part);
+      for (std::size_t slot = part * boxes_per_part; slot < end; ++slot) function(next[part], slot);
+    });
+  };
+  std::vector<std::uint8_t> class_by_slot(slots_);
+  for_slots([&](Positions& counts, std::size_t slot) {
+    ++counts.at(class_by_slot[slot] = class_of<axes>(input, slot, median));
+  });
+  std::array<std::size_t, classes + 1> starts{};
+  for (std::size_t k = 0; k < classes; ++k) {
+    starts.at(k + 1) = starts.at(k);
+    for (Positions& positions : next) starts.at(k + 1) += std::exchange(positions.at(k), starts.at(k + 1));
+  }
+
+  centres_ = std::make_unique_for_overwrite<Centre[]>(slots_);     // NOLINT(modernize-avoid-c-arrays)
+  others_ = std::make_unique_for_overwrite<Centre[]>(slots_);      // NOLINT(modernize-avoid-c-arrays)
+  keys_ = std::make_unique_for_overwrite<std::int32_t[]>(slots_);  // NOLINT(modernize-avoid-c-arrays)
+  constexpr float most = std::numeric_limits<float>::max();
+  for_slots([&](Positions& positions, std::size_t slot) {
+    const Bounds<axes> bounds = bounds_of<axes>(input, slot);
+    Centre& centre = centres_[positions.at(class_by_slot[slot])++];
+    centre.slot = static_cast<std::uint32_t>(slot);
+    for (std::size_t axis = 0; axis < axes; ++axis)
+      centre.at[axis] = std::max(bounds.lower[axis], -most) / 2 + std::min(bounds.upper[axis], most) / 2;
+  });
+
+  order_.places.resize(slots_);
+  for (std::size_t k = 0; k < classes; ++k) {
+    const std::size_t begin = starts.at(k);
+    const std::size_t count = starts.at(k + 1) - begin;
+    if (count == 0) continue;
+    const std::size_t first = order_.slots.size();
+    order_.slots.resize(first + count);
+    const std::span centres(centres_.get() + begin, count);
+    if (k == size_classes) {
+      place(centres, first);
+    } else {
+      pending_.push_back({centres, {others_.get() + begin, count}, {keys_.get() + begin, count}, first});
+      order_.slots.resize((order_.slots.size() + node_size - 1) / node_size * node_size, no_slot);
+    }
+  }
+}
+
+template <std::size_t axes>
+std::size_t TileSort<axes>::work() const noexcept {
+  std::size_t work = 0;
+  for (const Node& node : pending_) work += node.from.size() * std::bit_width(node.from.size() / node_size);
+  return work;
+}
+
+template <std::size_t axes>
+bool TileSort<axes>::advance(std::size_t work, std::size_t threads) {
+  std::size_t done = 0;
+  while (!pending_.empty() && (done == 0 || done < work)) {
+    std::size_t count = 0;
+    std::size_t next = done;
+    while (count < pending_.size() && (count == 0 || next < work)) next += work_of(pending_[count++]);
+    std::vector<std::array<Node, 2>> halves(count);
+    parallel_for(count, threads, [&](std::size_t k, std::size_t /*thread*/) {
+      const Node& node = pending_[k];
+      if (node.from.size() <= sorted_at_once) return sort(node);
+      halves[k] = halves_of(node);
+    });
+    pending_.erase(pending_.begin(), pending_.begin() + static_cast<std::ptrdiff_t>(count));
+    for (const std::array<Node, 2>& both : halves) {
+      if (!both[0].from.empty()) pending_.insert(pending_.end(), both.begin(), both.end());
+    }
+    done = next;
+  }
+  return pending_.empty();
+}
+
+/// The work of sort() or halves_of(), whichever is to be called.
+template <std::size_t axes>
+std::size_t TileSort<axes>::work_of(const Node& node) noexcept {
+  const std::size_t size = node.from.size();
+  return size * (size <= sorted_at_once ? std::bit_width(size / node_size) : 1);
+}
+
+template <std::size_t axes>
+void TileSort<axes>::sort(const Node& node) {
+  if (node.from.size() <= node_size) return place(node.from, node.first);
+  for (const Node& half : halves_of(node)) sort(half);
+}
+
+/// Puts boxes where they belong, in this order.
+template <std::size_t axes>
+void TileSort<axes>::place(std::span<const Centre> centres, std::size_t first) {
+  for (const Centre& centre : centres) {
+    order_.places[centre.slot] = static_cast<std::uint32_t>(first);
+    order_.slots[first++] = centre.slot;
+  }
+}
+
+/// Divides a node into two of whole tiles and, if possible, whole nodes of the sweep.
+template <std::size_t axes>
+auto TileSort<axes>::halves_of(const Node& node) -> std::array<Node, 2> {
+  const std::size_t first = node.first / node_size;  // tile
+  const std::size_t end = first + (node.from.size() + node_size - 1) / node_size;
+  std::size_t second = (first + end) / 2;
+  const std::size_t aligned = (second + node_size / 2) / node_size * node_size;
+  if (aligned > first && aligned < end) second = aligned;
+  const std::size_t middle = (second - first) * node_size;
+  partition(node, middle);
+  return {Node{node.to.first(middle), node.from.first(middle), node.keys.first(middle), node.first},
+          Node{node.to.subspan(middle), node.from.subspan(middle), node.keys.subspan(middle),
+               node.first + middle}};
+}
+
+/// The axis along which a sample of some centres extends farthest.
+template <std::size_t axes>
+std::size_t TileSort<axes>::widest_axis(std::span<const Centre> centres) {
+  constexpr std::size_t samples = 256;
+  std::array<float, axes> lower = centres.front().at;
+  std::array<float, axes> upper = lower;
+  for (std::size_t k = 0; k < centres.size(); k += centres.size() / samples + 1) {
+    for (std::size_t axis = 0; axis < axes; ++axis) {
+      lower[axis] = std::min(lower[axis], centres[k].at[axis]);
+      upper[axis] = std::max(upper[axis], centres[k].at[axis]);
+    }
+  }
+  if (axes > 3 && lower[axes - 1] < upper[axes - 1]) return axes - 1;  // worlds before places
+  std::size_t widest = 0;
+  for (std::size_t axis = 1; axis < 3; ++axis) {
+    if (upper[axis] - lower[axis] > upper[widest] - lower[widest]) widest = axis;
+  }
+  return widest;
+}
+
+/// Moves the centres, those before the middle along the widest axis first. Has no branches that depend on the
+/// boxes, as in "Super Scalar Sample Sort" (Sanders, Winkel, ESA 2004).
+template <std::size_t axes>
+void TileSort<axes>::partition(const Node& node, std::size_t middle) {
+  const std::span<const Centre> from = node.from;
+  const std::span<std::int32_t> keys = node.keys;
+  const std::size_t axis = widest_axis(from);
+  for (std::size_t k = 0; k < from.size(); ++k) keys[k] = key_of(from[k].at[axis]);
+  Cut cut = cut_after(keys, middle);
+  std::size_t next = 0;  // of the first half
+  const auto move_all = [&](const auto& is_in_first_half) {
+    for (std::size_t k = 0; k < from.size(); ++k) {
+      const std::size_t is_first = is_in_first_half(keys[k]);
+      const std::size_t other = middle + k - next;
+      node.to[other ^ ((other ^ next) & (0 - is_first))] = from[k];
+      next += is_first;
+    }
+  };
+  const auto is_below = [&](std::int32_t key) { return static_cast<std::size_t>(key < cut.key); };
+  if (cut.equal == 0) return move_all(is_below);
+  move_all([&](std::int32_t key) {
+    const std::size_t equal =
+        static_cast<std::size_t>(key == cut.key) & static_cast<std::size_t>(cut.equal > 0);
+    cut.equal -= equal;
+    return is_below(key) | equal;
+  });
+}
+
+template class TileSort<3>;
+template class TileSort<4>;
+
+}  // namespace broadcl

@@ -1,0 +1,193 @@
+// The order of the tiles of sweep and prune, and the comparison of its pairs with those of the last frame.
+#include <algorithm>
+#include <array>
+#include <cstdint>
+#include <limits>
+#include <random>
+#include <set>
+#include <span>
+#include <vector>
+
+#include <gtest/gtest.h>
+
+#include "each_algorithm.hpp"
+#include "engines/pair_comparison.hpp"
+#include "finders/tile_search.hpp"
+#include "finders/tile_sort.hpp"
+
+namespace broadcl::test {
+namespace {
+
+constexpr std::size_t whole = std::numeric_limits<std::size_t>::max();
+
+std::vector<Aabb> points(std::size_t count, const std::vector<float>& coordinates) {
+  std::mt19937 random(3);
+  std::uniform_int_distribution<std::size_t> index(0, coordinates.size() - 1);
+  std::vector<Aabb> boxes(count);
+  for (Aabb& box : boxes) {
+    for (float& bound : box.lower) bound = coordinates[index(random)];
+    box.upper = box.lower;
+  }
+  return boxes;
+}
+
+Input input_of(const std::vector<Aabb>& boxes, const std::vector<Filter>& filters = {}) {
+  Input input;
+  input.boxes = boxes;
+  input.filters = filters;
+  input.worlds = !filters.empty();
+  return input;
+}
+
+template <std::size_t axes = 3>
+TileOrder order_of(const Input& input, std::size_t work = whole, std::size_t threads = 1) {
+  TileSort<axes> sort(input, threads);
+  while (!sort.advance(work, threads)) {
+  }
+  return sort.order();
+}
+
+void expect_each_once(const TileOrder& order, std::size_t slots) {
+  ASSERT_EQ(order.places.size(), slots);
+  for (std::uint32_t slot = 0; slot < slots; ++slot) {
+    ASSERT_LT(order.places[slot], order.slots.size());
+    EXPECT_EQ(order.slots[order.places[slot]], slot);
+  }
+  EXPECT_EQ(std::ranges::count(order.slots, no_slot),
+            static_cast<std::ptrdiff_t>(order.slots.size() - slots));
+}
+
+/// The sum of the edges of the tiles.
+double extent_of(const TileOrder& order, std::span<const Aabb> boxes) {
+  double sum = 0;
+  for (std::size_t first = 0; first < order.slots.size(); first += node_size) {
+    Bounds<3> bounds = make_bounds<3>(infinity, -infinity);
+    for (std::size_t k = first; k < std::min(order.slots.size(), first + node_size); ++k) {
+      if (order.slots[k] == no_slot) continue;
+      const Aabb& box = boxes[order.slots[k]];
+      extend(bounds, Bounds<3>{.lower = box.lower, .upper = box.upper});
+    }
+    for (std::size_t axis = 0; axis < 3; ++axis)
+      sum += static_cast<double>(bounds.upper[axis] - bounds.lower[axis]);
+  }
+  return sum;
+}
+
+TEST(TileSort, PutsTheBoxesOfEachCellIntoATile) {
+  std::vector<Aabb> boxes;  // a grid of 16 x 16 x 16, the slots of which are permuted
+  for (std::uint32_t k = 0; k < 4096; ++k) {
+    const std::uint32_t at = k * 2731 % 4096;
+    Aabb& box = boxes.emplace_back();
+    box.lower = {static_cast<float>(at % 16), static_cast<float>(at / 16 % 16), static_cast<float>(at / 256)};
+    box.upper = box.lower;
+  }
+  const TileOrder order = order_of(input_of(boxes));
+  expect_each_once(order, boxes.size());
+  EXPECT_EQ(extent_of(order, boxes), 128 * (3 + 3 + 1)) << "a tile has 4 x 4 x 2 points";
+}
+
+TEST(TileSort, PutsEachBoxAtOnePlace) {
+  const float largest = std::numeric_limits<float>::max();
+  const float least = std::numeric_limits<float>::denorm_min();
+  const std::vector<std::vector<float>> kinds{
+      {0},        {-1, 1},        {-infinity, 0, infinity}, {-largest, largest, 1}, {-least, 0, least},
+      {-0.0F, 0}, {1, 1.0000001F}};
+  for (const std::vector<float>& coordinates : kinds) {
+    for (const std::size_t count : {1U, 31U, 32U, 33U, 64U, 65U, 1000U, 1025U, 5000U}) {
+      SCOPED_TRACE(testing::Message() << count << " boxes near " << coordinates.front());
+      const std::vector<Aabb> boxes = points(count, coordinates);
+      expect_each_once(order_of(input_of(boxes)), count);
+    }
+  }
+}
+
+TEST(TileSort, IsTheSameInStepsAndWithThreads) {
+  std::vector<float> coordinates(1000);
+  for (std::size_t k = 0; k < coordinates.size(); ++k) coordinates[k] = static_cast<float>(k) / 7;
+  std::vector<Aabb> boxes = points(20'000, coordinates);
+  for (std::size_t k = 0; k < boxes.size(); k += 5) boxes[k].upper[k % 3] += 40;  // a second class
+  const Input input = input_of(boxes);
+  const TileOrder expected = order_of(input);
+  expect_each_once(expected, boxes.size());
+  for (const std::size_t work : {std::size_t{1}, std::size_t{30'000}, whole}) {
+    for (const std::size_t threads : {1U, 4U}) {
+      const TileOrder order = order_of(input, work, threads);
+      EXPECT_EQ(order.slots, expected.slots) << work << ", " << threads;
+      EXPECT_EQ(order.places, expected.places) << work << ", " << threads;
+    }
+  }
+}
+
+TEST(TileSort, DoesAboutAsMuchWorkInAStepAsItIsTold) {
+  const std::vector<Aabb> boxes = points(50'000, {1, 2, 3, 4, 5, 6, 7, 8, 9});
+  TileSort<3> sort(input_of(boxes), 1);
+  const std::size_t share = sort.work() / 4;
+  std::size_t steps = 1;
+  while (!sort.advance(share, 1)) ++steps;
+  EXPECT_GE(steps, 3U);
+  EXPECT_LE(steps, 5U);
+}
+
+TEST(TileSort, SeparatesSizesAndWorlds) {
+  std::vector<Aabb> boxes = points(2048, {1, 2, 3, 4, 5, 6, 7, 8});
+  std::vector<Filter> filters(boxes.size());
+  for (std::size_t k = 0; k < boxes.size(); ++k) {
+    filters[k].world = static_cast<std::uint32_t>(k % 4);
+    for (float& bound : boxes[k].upper) bound += k < 512 ? 100 : 1;
+  }
+  filters[1000].world = Filter::all_worlds;
+  boxes[1001] = {{infinity, infinity, infinity}, {-infinity, -infinity, -infinity}};
+  const TileOrder order = order_of<4>(input_of(boxes, filters));
+  expect_each_once(order, boxes.size());
+  const auto kind_of = [&](std::uint32_t slot) {
+    if (slot == 1000 || slot == 1001) return slot;
+    return filters[slot].world + (slot < 512 ? 10 : 20);
+  };
+  std::size_t mixed = 0;  // tiles
+  for (std::size_t first = 0; first < order.slots.size(); first += node_size) {
+    std::set<std::uint32_t> kinds;
+    for (std::size_t k = first; k < std::min(order.slots.size(), first + node_size); ++k) {
+      if (order.slots[k] != no_slot) kinds.insert(kind_of(order.slots[k]));
+    }
+    mixed += static_cast<std::size_t>(kinds.size() > 1);
+  }
+  EXPECT_LE(mixed, 8U) << "of 65; the worlds do not end where tiles do";
+  EXPECT_EQ(order.slots.back(), 1001U) << "empty boxes are last";
+}
+
+TEST(TileSort, AppendsSlots) {
+  TileOrder order = order_of(input_of(points(33, {1, 2})));
+  const std::size_t end = order.slots.size();
+  order.append();
+  EXPECT_EQ(order.slots.size(), end + 1);
+  EXPECT_EQ(order.slots.back(), 33U);
+  EXPECT_EQ(order.places.back(), end);
+}
+
+TEST(PairComparison, IsThatOfOneThread) {
+  std::mt19937 random(1);
+  const auto list = [&](std::uint32_t n, unsigned of_ten) {
+    std::vector<Pair> pairs;
+    for (std::uint32_t b = 1; b < n; ++b) {
+      for (std::uint32_t a = b < 6 ? 0 : b - 6; a < b; ++a) {
+        if (random() % 10 < of_ten) pairs.push_back({a, b});
+      }
+    }
+    return pairs;
+  };
+  const std::vector<std::uint32_t> recycled{7, 500, 501, 4000, 9999};
+  const std::array lists{list(10'000, 9), list(10'000, 8), list(2000, 10), list(10, 5), std::vector<Pair>{}};
+  PairComparison comparison(4);
+  for (const std::vector<Pair>& before : lists) {
+    for (const std::vector<Pair>& now : lists) {
+      std::vector<Pair> added, removed, expected_added, expected_removed;
+      compare(before, now, recycled, expected_added, expected_removed);
+      comparison(before, now, recycled, added, removed);
+      EXPECT_EQ(added, expected_added) << before.size() << ", " << now.size();
+      EXPECT_EQ(removed, expected_removed) << before.size() << ", " << now.size();
+    }
+  }
+}
+
+}  // namespace
+}  // namespace broadcl::test
