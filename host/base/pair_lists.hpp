@@ -24,17 +24,29 @@ inline void refuse_too_many(std::size_t pairs) {
     throw Error("more than " + std::to_string(most_pairs) + " pairs overlap; use fewer boxes");
 }
 
-/// Resizes a list that is to be overwritten. Most of the time that a long new list takes is spent in page
-/// faults, so it gets large pages.
+/// Makes a list large enough. Most of the time that a long new list takes is spent in page faults, so it gets
+/// large pages.
 /// @throws std::bad_alloc; the list is empty then, or as before.
+inline void reserve_for_writing(std::vector<Pair>& pairs, std::size_t n) {
+  if (n <= pairs.capacity()) return;
+  pairs.clear();
+  pairs.reserve(std::max(n, pairs.capacity() + pairs.capacity() / 2));
+  use_large_pages(pairs.data(), pairs.capacity() * sizeof(Pair));
+}
+
+/// Resizes a list that is to be overwritten.
+/// @throws As reserve_for_writing() does.
 inline void resize_for_writing(std::vector<Pair>& pairs, std::size_t n) {
-  constexpr std::size_t large = std::size_t{4} << 20U;  // bytes
-  if (n > pairs.capacity()) {
-    pairs.clear();
-    pairs.reserve(std::max(n, pairs.capacity() + pairs.capacity() / 2));
-    if (n * sizeof(Pair) >= large) use_large_pages(pairs.data(), pairs.capacity() * sizeof(Pair));
-  }
+  reserve_for_writing(pairs, n);
   pairs.resize(n);
+}
+
+/// @throws std::bad_alloc
+[[nodiscard]] inline std::vector<Pair> copy_of(std::span<const Pair> pairs) {
+  std::vector<Pair> copy;
+  reserve_for_writing(copy, pairs.size());
+  copy.assign(pairs.begin(), pairs.end());
+  return copy;
 }
 
 // Lists of pairs as sets: each in canonical order, without duplicates.

@@ -125,6 +125,8 @@ bool call_in_forks(void (*function)()) noexcept {
 
 void use_large_pages([[maybe_unused]] void* begin, [[maybe_unused]] std::size_t bytes) noexcept {
 #ifdef MADV_HUGEPAGE
+  constexpr std::size_t least = std::size_t{4} << 20U;  // below, they would be shared with other memory
+  if (bytes < least) return;
   const auto page = static_cast<std::size_t>(sysconf(_SC_PAGESIZE));
   const std::size_t before = reinterpret_cast<std::uintptr_t>(begin) % page;
   (void)madvise(static_cast<std::byte*>(begin) - before, before + bytes, MADV_HUGEPAGE);

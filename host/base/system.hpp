@@ -48,8 +48,8 @@ struct OwnFile {
 /// @returns Whether that is possible, or not needed because there is no fork.
 bool call_in_forks(void (*function)()) noexcept;
 
-/// Asks the system for large pages, with which first accesses to new memory take less time. Does nothing on
-/// systems other than Linux.
+/// Asks the system for large pages, with which first accesses to new memory take less time. Does nothing for
+/// less than 4 MB, and on systems other than Linux.
 void use_large_pages(void* begin, std::size_t bytes) noexcept;
 
 /// Returns freed memory of the host to the system, as far as the standard library does not do so by itself.

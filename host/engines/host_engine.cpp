@@ -111,7 +111,7 @@ class HostEngine final : public Algorithm {
     return 5e-6 + std::min(600e-9 * static_cast<double>(changed), 150e-9 * static_cast<double>(slots));
   }
 
-  [[nodiscard]] std::vector<Pair> pairs() override { return pairs_.all(); }
+  [[nodiscard]] std::vector<Pair> pairs() override { return copy_of(pairs_.all()); }
   [[nodiscard]] const Device* device() const noexcept override { return nullptr; }
   [[nodiscard]] std::span<const Stage> profile() const noexcept override { return {}; }
 

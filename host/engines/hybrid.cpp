@@ -79,12 +79,18 @@ class Opening {
   [[nodiscard]] bool is_running() const noexcept { return result_ != nullptr; }
 
   /// @param taken The seconds of an update on the host.
+  /// @param prepare What to do with the device in that thread, once it is open.
   /// @throws std::bad_alloc, std::system_error
-  void count(double taken) {
+  void count(double taken, const std::function<void(Algorithm&)>& prepare) {
     slow_seconds_ = taken > slow_update_ ? slow_seconds_ + taken : 0;
     if (slow_seconds_ < long_enough() || open_ == nullptr) return;
     opencl::use_in_this_process();  // before a process can be forked without the thread
-    result_ = Result(new std::future(std::async(std::launch::async, open_)));
+    const auto work = [open = open_, prepare] {
+      AlgorithmPointer device = open();
+      if (device != nullptr) prepare(*device);
+      return device;
+    };
+    result_ = Result(new std::future(std::async(std::launch::async, work)));
     open_ = nullptr;
   }
 
@@ -245,6 +251,16 @@ class Hybrid final : public Algorithm {
     // The next update is done on the device again.
   }
 
+  /// Allocates memory, which takes several times as long as an update.
+  static void prepare(Algorithm& device, std::size_t slots, bool filters, bool spare) {
+    try {
+      device.reserve(slots, filters);
+      if (spare) (void)device.spare_boxes();
+    } catch (const Error&) {  // it may have enough memory later, when it is to be used
+    } catch (const std::bad_alloc&) {
+    }
+  }
+
   /// @throws Error, std::bad_alloc; nothing has changed then.
   void hand_over() {
     Handover pairs;
@@ -267,7 +283,11 @@ class Hybrid final : public Algorithm {
     if (opencl::is_forked()) return;
     if (device_.algorithm == nullptr) take_opened();
     if (!taken) return;
-    if (device_.algorithm == nullptr) return opening_.count(*taken);
+    if (device_.algorithm == nullptr) {
+      return opening_.count(
+          *taken, [slots = current().boxes().size(), filters = filters_,
+                   spare = has_spare_](Algorithm& device) { prepare(device, slots, filters, spare); });
+    }
     const std::size_t slots = input_.boxes.size();
     overspent_ = std::max(0.0, overspent_ + *taken - other().seconds(slots, changed_slots()));
     const double there_and_back =

@@ -5,11 +5,13 @@
 #include <bit>
 #include <limits>
 #include <memory>
+#include <type_traits>
 #include <utility>
 
 #include "base/box_parts.hpp"
 #include "base/packed_box.hpp"
 #include "base/parallel.hpp"
+#include "base/system.hpp"
 #include "finders/slot_bounds.hpp"
 #include "finders/tile_search.hpp"
 
@@ -129,9 +131,15 @@ TileSort<axes>::TileSort(const Input& input, std::size_t threads) : slots_(input
     for (Positions& positions : next) starts.at(k + 1) += std::exchange(positions.at(k), starts.at(k + 1));
   }
 
-  centres_ = std::make_unique_for_overwrite<Centre[]>(slots_);     // NOLINT(modernize-avoid-c-arrays)
-  others_ = std::make_unique_for_overwrite<Centre[]>(slots_);      // NOLINT(modernize-avoid-c-arrays)
-  keys_ = std::make_unique_for_overwrite<std::int32_t[]>(slots_);  // NOLINT(modernize-avoid-c-arrays)
+  const auto allocate = [&](auto& array) {
+    using Array = std::remove_reference_t<decltype(array)>;
+    array =
+        std::make_unique_for_overwrite<typename Array::element_type[]>(slots_);  // NOLINT(*-avoid-c-arrays)
+    use_large_pages(array.get(), slots_ * sizeof(typename Array::element_type));
+  };
+  allocate(centres_);
+  allocate(others_);
+  allocate(keys_);
   constexpr float most = std::numeric_limits<float>::max();
   for_slots([&](Positions& positions, std::size_t slot) {
     const Bounds<axes> bounds = bounds_of<axes>(input, slot);
