@@ -34,8 +34,11 @@ class TimedTiles final : public PairFinder {
  public:
   explicit TimedTiles(const opencl::Context& context) : context_(context), tiles_(make_tiles(context)) {}
 
-  void build(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) override {
+  void begin(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) override {
     tiles_->forget();
+    tiles_->begin(search, sink, profiler);
+  }
+  void build(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) override {
     seconds = time([&] { tiles_->build(search, sink, profiler); });
   }
   void find(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) override {
@@ -84,6 +87,7 @@ void time_whole_list(benchmark::State& state, const std::filesystem::path& file)
     return {found, seconds};
   };
   const std::size_t overlapping = find_all().pairs;  // the lists grow here, untimed
+  if (overlapping == 0) return state.SkipWithError("no pairs were found");
   for ([[maybe_unused]] auto _ : state) {
     const Result result = find_all();
     if (result.pairs != overlapping) state.SkipWithError("the number of pairs changed");

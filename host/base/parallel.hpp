@@ -4,7 +4,6 @@
 #include <atomic>
 #include <cstddef>
 #include <exception>
-#include <thread>
 
 #include "base/thread_pool.hpp"
 
@@ -15,13 +14,11 @@ inline constexpr std::size_t cache_line = 64;
 
 /// How many threads n things are worth, at most.
 /// @param least How many things pay for waking a thread.
-/// @param most 0 for one thread per processor.
+/// @param most 0 for one thread per free processor.
 [[nodiscard]] inline std::size_t useful_threads(std::size_t n, std::size_t least, std::size_t most) {
   const std::size_t useful = n / least;
   if (useful < 2) return 1;
-  if (most != 0) return std::min(useful, most);
-  static const std::size_t processors = std::max(1U, std::thread::hardware_concurrency());
-  return std::min(useful, processors);
+  return std::min(useful, most != 0 ? most : free_processors());
 }
 
 /// Calls function(k, thread) once for each k < n; `thread`, below `threads`, is the number of the calling

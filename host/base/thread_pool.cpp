@@ -1,5 +1,6 @@
 #include "base/thread_pool.hpp"
 
+#include <algorithm>
 #include <atomic>
 #include <chrono>
 #include <condition_variable>
@@ -49,7 +50,7 @@ class Pool {
       work.next = first_;
       first_ = &work;
     }
-    wanted_.notify_one();  // the thread that joins wakes the next one
+    for (std::size_t k = 0; k < work.helpers; ++k) wanted_.notify_one();
     work.function(work.context, 0);
     {
       const std::unique_lock lock = acquire();
@@ -83,9 +84,7 @@ class Pool {
       const std::size_t thread = ++work.joined;
       if (thread == work.helpers) first_ = work.next;
       ++work.active;
-      const bool are_more_wanted = first_ != nullptr;
       lock.unlock();
-      if (are_more_wanted) wanted_.notify_one();
       work.function(work.context, thread);
       lock = acquire();
       // With the lock, without which the caller does not destroy its work.
@@ -116,8 +115,12 @@ class Pool {
 /// Never destroyed, because its threads may outlive static destructors. A forked child has none of them, so
 /// it makes another pool.
 std::atomic<Pool*> the_pool = nullptr;
+std::atomic<std::size_t> processors_left = 0;  // to background work
 
-[[maybe_unused]] const bool is_made_anew = call_in_forks([] { the_pool = nullptr; });
+[[maybe_unused]] const bool is_made_anew = call_in_forks([] {
+  the_pool = nullptr;
+  processors_left = 0;
+});
 
 /// Null if there is no memory for it.
 Pool* pool() {
@@ -130,6 +133,19 @@ Pool* pool() {
 }
 
 }  // namespace
+
+BackgroundWork::BackgroundWork() noexcept {
+  ++processors_left;
+}
+BackgroundWork::~BackgroundWork() {
+  --processors_left;
+}
+
+std::size_t free_processors() noexcept {
+  constexpr std::size_t few = 4;  // of these, one less would be felt more than sharing it
+  static const std::size_t all = std::max(1U, std::thread::hardware_concurrency());
+  return all < few ? all : std::max<std::size_t>(1, all - std::min<std::size_t>(all, processors_left));
+}
 
 void share_work(std::size_t helpers, void (*work)(void* context, std::size_t thread),
                 void* context) noexcept {

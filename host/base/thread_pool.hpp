@@ -16,4 +16,19 @@ namespace broadcl {
 /// @param work Must not throw.
 void share_work(std::size_t helpers, void (*work)(void* context, std::size_t thread), void* context) noexcept;
 
+/// While it exists, a processor is left to a thread that is not of the pool, so that no helper has to wait
+/// for it.
+class BackgroundWork {
+ public:
+  BackgroundWork() noexcept;
+  ~BackgroundWork();
+  BackgroundWork(const BackgroundWork&) = delete;
+  BackgroundWork& operator=(const BackgroundWork&) = delete;
+  BackgroundWork(BackgroundWork&&) = delete;
+  BackgroundWork& operator=(BackgroundWork&&) = delete;
+};
+
+/// The number of processors, without those that are left to background work, if there are at least four.
+[[nodiscard]] std::size_t free_processors() noexcept;
+
 }  // namespace broadcl

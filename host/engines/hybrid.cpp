@@ -12,6 +12,7 @@
 
 #include "base/free_lists.hpp"
 #include "base/pair_lists.hpp"
+#include "base/thread_pool.hpp"
 #include "engines/change_lists.hpp"
 #include "engines/pair_comparison.hpp"
 #include "opencl/process.hpp"
@@ -86,6 +87,7 @@ class Opening {
     if (slow_seconds_ < long_enough() || open_ == nullptr) return;
     opencl::use_in_this_process();  // before a process can be forked without the thread
     const auto work = [open = open_, prepare] {
+      const BackgroundWork background;
       AlgorithmPointer device = open();
       if (device != nullptr) prepare(*device);
       return device;

@@ -260,7 +260,9 @@ void TileSort<axes>::partition(const Node& node, std::size_t middle) {
   const std::span<std::int32_t> keys = node.keys;
   const std::size_t axis = widest_axis(from);
   for (std::size_t k = 0; k < from.size(); ++k) keys[k] = key_of(from[k].at[axis]);
-  Cut cut = cut_after(keys, middle);
+  const Cut cut = cut_after(keys, middle);
+  const std::int32_t limit = cut.key;
+  std::size_t equal_left = cut.equal;
   std::size_t next = 0;  // of the first half
   const auto move_all = [&](const auto& is_in_first_half) {
     for (std::size_t k = 0; k < from.size(); ++k) {
@@ -270,12 +272,12 @@ void TileSort<axes>::partition(const Node& node, std::size_t middle) {
       next += is_first;
     }
   };
-  const auto is_below = [&](std::int32_t key) { return static_cast<std::size_t>(key < cut.key); };
-  if (cut.equal == 0) return move_all(is_below);
+  const auto is_below = [&](std::int32_t key) { return static_cast<std::size_t>(key < limit); };
+  if (equal_left == 0) return move_all(is_below);
   move_all([&](std::int32_t key) {
     const std::size_t equal =
-        static_cast<std::size_t>(key == cut.key) & static_cast<std::size_t>(cut.equal > 0);
-    cut.equal -= equal;
+        static_cast<std::size_t>(key == limit) & static_cast<std::size_t>(equal_left > 0);
+    equal_left -= equal;
     return is_below(key) | equal;
   });
 }
