@@ -89,7 +89,7 @@ Cut cut_after(std::span<const std::int32_t> keys, std::size_t first) {
     std::int64_t limit = (lower + upper) / 2;
     if (step < 2) {
       limit = sample.at(step == 0 ? near - 2 : near + 2);
-    } else if (step % 8 != 0) {  // as if keys were evenly distributed
+    } else if (step % 4 != 0) {  // as if keys were evenly distributed
       limit = lower + static_cast<std::int64_t>(static_cast<double>(upper - lower) *
                                                 static_cast<double>(first - below_lower) /
                                                 static_cast<double>(below_upper - below_lower));

@@ -159,6 +159,23 @@ def test_shrink(queue):
     broad_phase.finish()
 
 
+def test_memory_is_used_again(queue):
+    here = to_device(queue, np.tile(np.float32([0, 0, 0, 1, 1, 1]), (200, 1)))
+    apart = to_device(queue, np.repeat(np.arange(200, dtype=np.float32) * 2, 6).reshape(-1, 6))
+    broad_phase = broadcl.DeviceBroadPhase(queue)
+    buffers, kept = set(), []
+    for frame in range(12):
+        added, removed = broad_phase.update(here if frame % 2 == 0 else apart)
+        changes = added if frame % 2 == 0 else removed
+        assert changes.shape == (200 * 199 // 2, 2)
+        buffers.add(changes.base_data.int_ptr)
+        if frame == 3:
+            kept = [(changes, changes.get())]
+        del added, removed, changes
+    assert len(buffers) <= 3, "that of the array that is kept is not used again"
+    assert np.array_equal(kept[0][0].get(), kept[0][1])
+
+
 def test_exclusions(queue):
     values = uniform(300)
     expected = oracle(values)
