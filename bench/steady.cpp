@@ -90,7 +90,7 @@ void time_opening(benchmark::State& state, const Scene& scene, std::uint32_t n) 
     const double last = on_host.back();  // at its end, the boxes and pairs were handed over
     on_host.pop_back();
     const double first = time_frame(broad_phase, boxes, wall_seconds);
-    std::vector<double> on_gpu;
+    std::vector<double> on_gpu(32);
     for (int frame = 0; frame < 32; ++frame) on_gpu.push_back(time_frame(broad_phase, boxes, wall_seconds));
     const double median = quantile(on_host, 0.5);
     state.SetIterationTime(median);

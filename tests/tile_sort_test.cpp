@@ -77,8 +77,9 @@ TEST(TileSort, PutsTheBoxesOfEachCellIntoATile) {
   std::vector<Aabb> boxes;  // a grid of 16 x 16 x 16, the slots of which are permuted
   for (std::uint32_t k = 0; k < 4096; ++k) {
     const std::uint32_t at = k * 2731 % 4096;
+    const std::uint32_t layer = at / 256;
     Aabb& box = boxes.emplace_back();
-    box.lower = {static_cast<float>(at % 16), static_cast<float>(at / 16 % 16), static_cast<float>(at / 256)};
+    box.lower = {static_cast<float>(at % 16), static_cast<float>(at / 16 % 16), static_cast<float>(layer)};
     box.upper = box.lower;
   }
   const TileOrder order = order_of(input_of(boxes));

@@ -88,9 +88,10 @@ void PairSort::operator()(std::span<const std::span<const Pair>> lists, std::siz
   parallel_for(lists.size(), threads, [&](std::size_t k, std::size_t /*thread*/) {
     for (const Pair& pair : lists[k]) sorted[positions_[k][partition_of(pair)]++] = pair;
   });
-  const std::size_t at_once =
-      std::bit_floor(std::clamp<std::size_t>(partitions * pairs_at_once / (total + 1), 1, partitions));
-  parallel_for(partitions / at_once, threads, [&](std::size_t part, std::size_t thread) {
+  const unsigned part_bits =
+      std::min(partition_bits, static_cast<unsigned>(std::bit_width(total / pairs_at_once)));
+  const std::size_t at_once = partitions >> part_bits;
+  parallel_for(std::size_t{1} << part_bits, threads, [&](std::size_t part, std::size_t thread) {
     const std::size_t end = (part + 1) * at_once;
     for (std::size_t k = part * at_once; k < end; ++k) {
       const std::span<Pair> partition = std::span(sorted).subspan(starts[k], starts[k + 1] - starts[k]);

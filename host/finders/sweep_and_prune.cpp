@@ -6,9 +6,8 @@
 #include <limits>
 #include <memory>
 #include <numeric>
-#include <optional>
-#include <tuple>
 #include <utility>
+#include <variant>
 #include <vector>
 
 #include "base/free_lists.hpp"
@@ -123,16 +122,16 @@ class SweepAndPrune final : public HostFinder {
         input.changed.size() * boxes_per_changed > input.boxes.size() || !is_order_for(input.boxes.size()))
       return false;
     moved_ += input.changed.size();
-    next_order_ = {};  // the boxes are others by the time it is ready
+    next_order_ = std::monostate();  // the boxes are others by the time it is ready
     if (moved_ > most_moved * input.boxes.size()) sorted_axes_ = 0;
     if (sorted_axes_ == 0) return false;
     return axes == 4 ? find_changed(four_, input, pairs) : find_changed(three_, input, pairs);
   }
 
-  void clear() noexcept override {
+  void clear() noexcept override {  // NOLINT(bugprone-exception-escape): a monostate throws nothing
     sorted_axes_ = 0;
     order_ = {};
-    next_order_ = {};
+    next_order_ = std::monostate();
     free_lists(changed_places_, dirty_, found_, lists_);
     three_ = {};
     four_ = {};
@@ -179,13 +178,14 @@ class SweepAndPrune final : public HostFinder {
   /// @returns Whether there is a new one.
   template <std::size_t axes>
   bool renew_order(const Input& input, std::size_t threads) {
-    std::optional<TileSort<axes>>& next = std::get<std::optional<TileSort<axes>>>(next_order_);
+    auto* next = std::get_if<TileSort<axes>>(&next_order_);
     ++frames_;
-    if (!next) {
+    if (next == nullptr) {
       if (frames_ < most_frames &&
           static_cast<double>(work_) <= stale_growth * static_cast<double>(fresh_work_))
         return false;
-      work_per_frame_ = next.emplace(input, threads).work() / frames_per_sort;
+      next = &next_order_.template emplace<TileSort<axes>>(input, threads);
+      work_per_frame_ = next->work() / frames_per_sort;
     }
     if (!next->advance(work_per_frame_, threads)) return false;
     take_order(*next);
@@ -200,9 +200,9 @@ class SweepAndPrune final : public HostFinder {
   }
 
   template <std::size_t axes>
-  void take_order(TileSort<axes>& sort) noexcept {
+  void take_order(TileSort<axes>& sort) {
     std::swap(order_, sort.order());
-    next_order_ = {};
+    next_order_ = std::monostate();
     moved_ = frames_ = 0;
   }
 
@@ -241,8 +241,8 @@ class SweepAndPrune final : public HostFinder {
   std::size_t threads_;  // 0 if there is to be one per processor
   TileOrder order_;
   std::size_t sorted_axes_ = 0;  // of the tiles; 0 if they are not as of the last update
-  std::tuple<std::optional<TileSort<3>>, std::optional<TileSort<4>>> next_order_;  // at most one
-  std::size_t work_per_frame_ = 0;                                                 // to make it
+  std::variant<std::monostate, TileSort<3>, TileSort<4>> next_order_;  // that is being made
+  std::size_t work_per_frame_ = 0;                                     // to make it
   std::size_t frames_ = 0;      // searches of all since the order was new
   std::size_t moved_ = 0;       // boxes since then that were searched alone
   std::size_t work_ = 0;        // of the last search of all

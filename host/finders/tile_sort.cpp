@@ -27,6 +27,11 @@ constexpr std::size_t classes = size_classes + 1;
 /// Nodes of up to so many boxes are sorted in one step, by one thread.
 constexpr std::size_t sorted_at_once = node_size * node_size;
 
+/// How many times a node of so many boxes is divided.
+std::size_t levels_of(std::size_t boxes) {
+  return static_cast<std::size_t>(std::bit_width(boxes / node_size));
+}
+
 /// The exponent of the largest edge of a box, as floats store it.
 std::uint32_t exponent_of(const Aabb& box) {
   float edge = 0;
@@ -169,7 +174,7 @@ TileSort<axes>::TileSort(const Input& input, std::size_t threads) : slots_(input
 template <std::size_t axes>
 std::size_t TileSort<axes>::work() const noexcept {
   std::size_t work = 0;
-  for (const Node& node : pending_) work += node.from.size() * std::bit_width(node.from.size() / node_size);
+  for (const Node& node : pending_) work += node.from.size() * levels_of(node.from.size());
   return work;
 }
 
@@ -199,7 +204,7 @@ bool TileSort<axes>::advance(std::size_t work, std::size_t threads) {
 template <std::size_t axes>
 std::size_t TileSort<axes>::work_of(const Node& node) noexcept {
   const std::size_t size = node.from.size();
-  return size * (size <= sorted_at_once ? std::bit_width(size / node_size) : 1);
+  return size * (size <= sorted_at_once ? levels_of(size) : 1);
 }
 
 template <std::size_t axes>
