@@ -6,10 +6,14 @@
 #include <random>
 #include <set>
 #include <span>
+#include <thread>
 #include <vector>
 
 #include <gtest/gtest.h>
 
+#include <broadcl/broad_phase.hpp>
+
+#include "base/thread_pool.hpp"
 #include "each_algorithm.hpp"
 #include "engines/pair_comparison.hpp"
 #include "finders/tile_search.hpp"
@@ -163,6 +167,75 @@ TEST(TileSort, AppendsSlots) {
   EXPECT_EQ(order.slots.size(), end + 1);
   EXPECT_EQ(order.slots.back(), 33U);
   EXPECT_EQ(order.places.back(), end);
+}
+
+/// Boxes move, leap, come and go, and get worlds, while new orders are being made.
+TEST(SweepAndPrune, FindsWhatChangesWhileItSorts) {
+  BroadPhase tested({.algorithm = "sweep-and-prune", .threads = 2});
+  BroadPhase reference({.algorithm = "oracle"});
+  const auto both = [&](const auto& function) {
+    function(tested);
+    function(reference);
+  };
+  std::mt19937 random(5);
+  std::uniform_real_distribution<float> place(0, 12);
+  std::uniform_real_distribution<float> step(-0.3F, 0.3F);
+  std::vector<std::uint32_t> ids;
+  std::vector<Aabb> boxes;  // by id
+  const auto add = [&](std::size_t count) {
+    for (std::size_t k = 0; k < count; ++k) {
+      const std::array<float, 3> lower{place(random), place(random), place(random)};
+      const Aabb box{lower, {lower[0] + 1, lower[1] + 1, lower[2] + 1}};
+      const std::uint32_t id = tested.add(box);
+      ASSERT_EQ(reference.add(box), id);
+      ids.push_back(id);
+      boxes.resize(std::max<std::size_t>(boxes.size(), id + 1));
+      boxes[id] = box;
+    }
+  };
+  add(500);
+  for (int frame = 0; frame < 200; ++frame) {
+    const bool leap = frame == 60 || frame == 61 || frame == 130;
+    const std::size_t moving = frame % 10 == 7 ? 5 : ids.size();
+    for (std::size_t k = 0; k < moving; ++k) {
+      Aabb& box = boxes[ids[k]];
+      for (std::size_t axis = 0; axis < 3; ++axis) {
+        const float lower = leap ? place(random) : box.lower[axis] + step(random);
+        box.lower[axis] = lower;
+        box.upper[axis] = lower + 1;
+      }
+      both([&](BroadPhase& broad_phase) { broad_phase.move(ids[k], box); });
+    }
+    if (frame % 10 == 3) {
+      for (int k = 0; k < 60; ++k) {
+        std::swap(ids[random() % ids.size()], ids.back());
+        both([&](BroadPhase& broad_phase) { broad_phase.remove(ids.back()); });
+        ids.pop_back();
+      }
+      add(frame == 103 ? 400 : 60);
+    }
+    if (frame == 90 || frame == 150) {
+      for (const std::uint32_t id : ids)
+        both([&](BroadPhase& broad_phase) {
+          broad_phase.set_filter(id, {.world = frame == 90 ? id % 3 : 0});
+        });
+    }
+    if (frame == 120) both([](BroadPhase& broad_phase) { broad_phase.shrink(); });
+    const Delta found = tested.update();
+    const Delta expected = reference.update();
+    ASSERT_TRUE(std::ranges::equal(found.added, expected.added)) << frame;
+    ASSERT_TRUE(std::ranges::equal(found.removed, expected.removed)) << frame;
+  }
+}
+
+TEST(FreeProcessors, LackTheOneOfBackgroundWork) {
+  const std::size_t all = free_processors();
+  EXPECT_EQ(all, std::max(1U, std::thread::hardware_concurrency()));
+  {
+    const BackgroundWork work;
+    EXPECT_EQ(free_processors(), all < 4 ? all : all - 1);
+  }
+  EXPECT_EQ(free_processors(), all);
 }
 
 TEST(PairComparison, IsThatOfOneThread) {

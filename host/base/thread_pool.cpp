@@ -62,7 +62,7 @@ class Pool {
   }
 
  private:
-  /// The lock is held for a few instructions only, so that spinning mostly takes less time than sleeping.
+  /// The lock is mostly held for a few instructions only, so that spinning takes less time than sleeping.
   [[nodiscard]] std::unique_lock<std::mutex> acquire() {
     std::unique_lock lock(mutex_, std::defer_lock);
     spin_until([&] { return lock.try_lock(); });
@@ -115,11 +115,12 @@ class Pool {
 /// Never destroyed, because its threads may outlive static destructors. A forked child has none of them, so
 /// it makes another pool.
 std::atomic<Pool*> the_pool = nullptr;
+std::atomic<std::size_t> processors = 0;       // 0 if unknown
 std::atomic<std::size_t> processors_left = 0;  // to background work
 
 [[maybe_unused]] const bool is_made_anew = call_in_forks([] {
   the_pool = nullptr;
-  processors_left = 0;
+  processors = processors_left = 0;
 });
 
 /// Null if there is no memory for it.
@@ -143,7 +144,8 @@ BackgroundWork::~BackgroundWork() {
 
 std::size_t free_processors() noexcept {
   constexpr std::size_t few = 4;  // of these, one less would be felt more than sharing it
-  static const std::size_t all = std::max(1U, std::thread::hardware_concurrency());
+  if (processors == 0) processors = std::max(1U, std::thread::hardware_concurrency());
+  const std::size_t all = processors;
   return all < few ? all : std::max<std::size_t>(1, all - std::min<std::size_t>(all, processors_left));
 }
 

@@ -16,8 +16,8 @@ namespace broadcl {
 /// @param work Must not throw.
 void share_work(std::size_t helpers, void (*work)(void* context, std::size_t thread), void* context) noexcept;
 
-/// While it exists, a processor is left to a thread that is not of the pool, so that no helper has to wait
-/// for it.
+/// While it exists, free_processors() leaves a processor to a thread that is not of the pool, so that no
+/// helper has to wait for it.
 class BackgroundWork {
  public:
   BackgroundWork() noexcept;

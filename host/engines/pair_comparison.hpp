@@ -30,7 +30,8 @@ class PairComparison {
     const std::span<const Pair> longer = before.size() > now.size() ? before : now;
     const std::size_t shorter = std::min(before.size(), now.size());
     const std::size_t threads = useful_threads(longer.size(), pairs_per_thread, threads_);
-    // If most pairs changed, the lists of the parts would take as much memory as those that are wanted.
+    // If one list is much shorter, most pairs changed, and the lists of the parts would take as much memory
+    // as those that are wanted.
     if (threads == 1 || shorter < longer.size() / 4) return compare(before, now, recycled, added, removed);
     const std::size_t parts = (longer.size() + pairs_per_part - 1) / pairs_per_part;
     if (parts_.size() < parts) parts_.resize(parts);
@@ -46,6 +47,7 @@ class PairComparison {
     });
     join(parts, &Part::added, added);
     join(parts, &Part::removed, removed);
+    if (added.size() + removed.size() > longer.size()) free_scratch();
   }
 
   /// Frees memory that is only needed to compare.

@@ -73,6 +73,19 @@ struct Cut {
   std::size_t equal;
 };
 
+/// @returns The least and the greatest of the keys from a lower limit up to below an upper one.
+std::pair<std::int64_t, std::int64_t> range_within(std::span<const std::int32_t> keys, std::int64_t lower,
+                                                   std::int64_t upper) {
+  std::int64_t least = upper;
+  std::int64_t greatest = lower;
+  for (const std::int32_t key : keys) {
+    if (key < lower || key >= upper) continue;
+    least = std::min<std::int64_t>(least, key);
+    greatest = std::max<std::int64_t>(greatest, key);
+  }
+  return {least, greatest};
+}
+
 /// @returns The cut before which `first` of the keys are, more than none and fewer than all.
 Cut cut_after(std::span<const std::int32_t> keys, std::size_t first) {
   const auto count_below = [&](std::int64_t limit) {
@@ -91,6 +104,12 @@ Cut cut_after(std::span<const std::int32_t> keys, std::size_t first) {
   std::ranges::sort(sample);
   const std::size_t near = std::clamp<std::size_t>(first * sample.size() / keys.size(), 2, sample.size() - 3);
   for (std::size_t step = 0; upper - lower > 1; ++step) {
+    if (step % 16 == 15) {  // keys may be few numbers, far apart
+      const auto [least, most] = range_within(keys, lower, upper);
+      lower = least;
+      upper = most + 1;
+      if (upper - lower == 1) break;
+    }
     std::int64_t limit = (lower + upper) / 2;
     if (step < 2) {
       limit = sample.at(step == 0 ? near - 2 : near + 2);

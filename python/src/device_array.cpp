@@ -186,7 +186,7 @@ nb::object show_on_device(const DeviceBroadPhase::PairBuffer& pairs, nb::handle 
 
 nb::object make_memory_pool(nb::handle queue) {
   const nb::object tools = nb::module_::import_("pyopencl.tools");
-  return tools.attr("MemoryPool")(tools.attr("ImmediateAllocator")(queue));
+  return tools.attr("MemoryPool")(tools.attr("ImmediateAllocator")(queue), "leading_bits_in_bin_id"_a = 1);
 }
 
 nb::object copy_on_device(const DeviceBroadPhase::PairBuffer& pairs, nb::handle queue, nb::handle pool) {

@@ -41,8 +41,8 @@ struct DeviceBoxes {
 [[nodiscard]] nanobind::object show_on_device(const DeviceBroadPhase::PairBuffer& pairs,
                                               nanobind::handle queue);
 
-/// A pool of pyopencl for memory on the device of a queue. To allocate a buffer may take longer than an
-/// update.
+/// A pool of pyopencl for memory on the device of a queue, with two sizes between each power of two and the
+/// next. To allocate a buffer may take longer than an update.
 [[nodiscard]] nanobind::object make_memory_pool(nanobind::handle queue);
 /// An array of a copy of these pairs, which is enqueued, in memory of a pool.
 [[nodiscard]] nanobind::object copy_on_device(const DeviceBroadPhase::PairBuffer& pairs,
