@@ -1,5 +1,7 @@
+// Lists of pairs that change, and how they are compared.
 #include "engines/changing_pairs.hpp"
 
+#include <array>
 #include <cstdint>
 #include <random>
 #include <set>
@@ -7,6 +9,8 @@
 
 #include <gtest/gtest.h>
 
+#include "base/pair_lists.hpp"
+#include "engines/pair_comparison.hpp"
 #include "runs.hpp"
 
 namespace broadcl::test {
@@ -37,6 +41,31 @@ TEST(ChangingPairs, AreThoseOfASet) {
     ASSERT_EQ(pairs.size(), expected.size()) << change;
     if (below(16) == 0) {
       ASSERT_EQ(pairs.all(), std::vector(expected.begin(), expected.end())) << change;
+    }
+  }
+}
+
+TEST(PairComparison, IsThatOfOneThread) {
+  std::mt19937 random(1);
+  const auto list = [&](std::uint32_t n, unsigned of_ten) {
+    std::vector<Pair> pairs;
+    for (std::uint32_t b = 1; b < n; ++b) {
+      for (std::uint32_t a = b < 6 ? 0 : b - 6; a < b; ++a) {
+        if (random() % 10 < of_ten) pairs.push_back({a, b});
+      }
+    }
+    return pairs;
+  };
+  const std::vector<std::uint32_t> recycled{7, 500, 501, 4000, 9999};
+  const std::array lists{list(10'000, 9), list(10'000, 8), list(2000, 10), list(10, 5), std::vector<Pair>{}};
+  PairComparison comparison(4);
+  for (const std::vector<Pair>& before : lists) {
+    for (const std::vector<Pair>& now : lists) {
+      std::vector<Pair> added, removed, expected_added, expected_removed;
+      compare(before, now, recycled, expected_added, expected_removed);
+      comparison(before, now, recycled, added, removed);
+      EXPECT_EQ(added, expected_added) << before.size() << ", " << now.size();
+      EXPECT_EQ(removed, expected_removed) << before.size() << ", " << now.size();
     }
   }
 }

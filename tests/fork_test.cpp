@@ -1,5 +1,6 @@
 #include "opencl/api.hpp"  // before <CL/cl.h>: it chooses the version
 
+#include <algorithm>
 #include <atomic>
 #include <cstddef>
 #include <cstdint>
@@ -20,6 +21,7 @@
 #include <broadcl/opencl.hpp>
 
 #include "base/parallel.hpp"
+#include "base/thread_pool.hpp"
 #include "callers_queue.hpp"
 #include "core/core.hpp"
 #include "each_algorithm.hpp"
@@ -55,6 +57,17 @@ TEST(Fork, TheChildHasThreadsOfItsOwn) {
     EXPECT_EQ(started_threads(), before + 2);
   }));
   EXPECT_EQ(count(), 1000U);
+}
+
+TEST(Fork, NoProcessorOfTheChildIsLeftToAThreadOfTheParent) {
+  const std::size_t all = free_processors();
+  EXPECT_EQ(all, std::max(1U, std::thread::hardware_concurrency()));
+  {
+    const BackgroundWork work;
+    EXPECT_EQ(free_processors(), all < 4 ? all : all - 1);
+    EXPECT_TRUE(holds_in_child([&] { EXPECT_EQ(free_processors(), all); }));
+  }
+  EXPECT_EQ(free_processors(), all);
 }
 
 TEST(Fork, NoDeviceCanBeUsedInTheChild) {

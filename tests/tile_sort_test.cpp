@@ -1,4 +1,4 @@
-// The order of the tiles of sweep and prune, and the comparison of its pairs with those of the last frame.
+// The order of the tiles of sweep and prune.
 #include <algorithm>
 #include <array>
 #include <cstdint>
@@ -6,16 +6,13 @@
 #include <random>
 #include <set>
 #include <span>
-#include <thread>
 #include <vector>
 
 #include <gtest/gtest.h>
 
 #include <broadcl/broad_phase.hpp>
 
-#include "base/thread_pool.hpp"
 #include "each_algorithm.hpp"
-#include "engines/pair_comparison.hpp"
 #include "finders/tile_search.hpp"
 #include "finders/tile_sort.hpp"
 
@@ -212,7 +209,7 @@ TEST(SweepAndPrune, FindsWhatChangesWhileItSorts) {
         both([&](BroadPhase& broad_phase) { broad_phase.remove(ids.back()); });
         ids.pop_back();
       }
-      add(frame == 103 ? 400 : 60);
+      add(frame == 103 ? 400 : 90);
     }
     if (frame == 90 || frame == 150) {
       for (const std::uint32_t id : ids)
@@ -225,41 +222,6 @@ TEST(SweepAndPrune, FindsWhatChangesWhileItSorts) {
     const Delta expected = reference.update();
     ASSERT_TRUE(std::ranges::equal(found.added, expected.added)) << frame;
     ASSERT_TRUE(std::ranges::equal(found.removed, expected.removed)) << frame;
-  }
-}
-
-TEST(FreeProcessors, LackTheOneOfBackgroundWork) {
-  const std::size_t all = free_processors();
-  EXPECT_EQ(all, std::max(1U, std::thread::hardware_concurrency()));
-  {
-    const BackgroundWork work;
-    EXPECT_EQ(free_processors(), all < 4 ? all : all - 1);
-  }
-  EXPECT_EQ(free_processors(), all);
-}
-
-TEST(PairComparison, IsThatOfOneThread) {
-  std::mt19937 random(1);
-  const auto list = [&](std::uint32_t n, unsigned of_ten) {
-    std::vector<Pair> pairs;
-    for (std::uint32_t b = 1; b < n; ++b) {
-      for (std::uint32_t a = b < 6 ? 0 : b - 6; a < b; ++a) {
-        if (random() % 10 < of_ten) pairs.push_back({a, b});
-      }
-    }
-    return pairs;
-  };
-  const std::vector<std::uint32_t> recycled{7, 500, 501, 4000, 9999};
-  const std::array lists{list(10'000, 9), list(10'000, 8), list(2000, 10), list(10, 5), std::vector<Pair>{}};
-  PairComparison comparison(4);
-  for (const std::vector<Pair>& before : lists) {
-    for (const std::vector<Pair>& now : lists) {
-      std::vector<Pair> added, removed, expected_added, expected_removed;
-      compare(before, now, recycled, expected_added, expected_removed);
-      comparison(before, now, recycled, added, removed);
-      EXPECT_EQ(added, expected_added) << before.size() << ", " << now.size();
-      EXPECT_EQ(removed, expected_removed) << before.size() << ", " << now.size();
-    }
   }
 }
 

@@ -29,7 +29,7 @@ constexpr float not_a_number = std::numeric_limits<float>::quiet_NaN();
 constexpr std::size_t most_unsorted = 16;
 
 /// Boxes are sorted again once the work exceeds this multiple of the work in a new order, or after so many
-/// searches.
+/// searches, since the order may have been poor from the beginning: boxes may leap while it is made.
 constexpr double stale_growth = 1.1;
 constexpr std::size_t most_frames = 64;
 
@@ -119,7 +119,7 @@ class SweepAndPrune final : public HostFinder {
   bool find_changed(const Input& input, std::vector<Pair>& pairs) override {
     const std::size_t axes = axes_of(input);
     if (sorted_axes_ != axes || (axes == 4 && four_.sets != input.sets) ||
-        input.changed.size() * boxes_per_changed > input.boxes.size() || !fits(order_, input.boxes.size()))
+        input.changed.size() * boxes_per_changed > input.boxes.size() || !is_order_for(input.boxes.size()))
       return false;
     moved_ += input.changed.size();
     if (moved_ > most_moved * input.boxes.size()) sorted_axes_ = 0;
@@ -149,9 +149,9 @@ class SweepAndPrune final : public HostFinder {
     return useful_threads(boxes, boxes_per_thread, threads_);
   }
 
-  /// Whether there are not many more slots, or many fewer, than in an order.
-  [[nodiscard]] static bool fits(const TileOrder& order, std::size_t slots) {
-    const std::size_t sorted = order.places.size();
+  /// Whether there are not many more slots, or many fewer, than when they were sorted.
+  [[nodiscard]] bool is_order_for(std::size_t slots) const {
+    const std::size_t sorted = order_.places.size();
     return slots <= sorted + sorted / 4 && sorted / 2 <= slots;
   }
 
@@ -159,22 +159,16 @@ class SweepAndPrune final : public HostFinder {
   void find(HostTiles<axes>& all, const Input& input) {
     const std::size_t slots = input.boxes.size();
     const std::size_t threads = threads_of(slots);
-    const bool is_sorted = axes == sorted_axes_ && all.sets == input.sets && fits(order_, slots);
+    const bool is_sorted = axes == sorted_axes_ && all.sets == input.sets && is_order_for(slots);
     sorted_axes_ = 0;  // until all is done
     all.sets = input.sets;
-    const bool is_new = is_sorted && renew_order<axes>(input, threads);
+    bool is_fresh = is_sorted && renew_order<axes>(input, threads);
     if (!is_sorted || !search(all, input, threads, useless * static_cast<double>(fresh_work_))) {
       sort_at_once<axes>(input, threads);
       (void)search(all, input, threads, std::numeric_limits<double>::infinity());
-      fresh_work_ = work_;
-    } else if (is_new) {
-      // If boxes leapt while it was made, another one follows; but not for ever, since the scene may have
-      // become denser.
-      const bool is_poor = static_cast<double>(work_) > stale_growth * static_cast<double>(fresh_work_);
-      if (is_poor && !was_poor_) frames_ = most_frames;
-      was_poor_ = is_poor && !was_poor_;
-      fresh_work_ = work_;
+      is_fresh = true;
     }
+    if (is_fresh) fresh_work_ = work_;
     sorted_axes_ = axes;
   }
 
@@ -183,10 +177,6 @@ class SweepAndPrune final : public HostFinder {
   template <std::size_t axes>
   bool renew_order(const Input& input, std::size_t threads) {
     auto* next = std::get_if<TileSort<axes>>(&next_order_);
-    if (next != nullptr && !fits(next->order(), input.boxes.size())) {
-      next_order_ = std::monostate();
-      next = nullptr;
-    }
     ++frames_;
     if (next == nullptr) {
       if (frames_ < most_frames &&
@@ -252,7 +242,6 @@ class SweepAndPrune final : public HostFinder {
   std::size_t sorted_axes_ = 0;  // of the tiles; 0 if they are not as of the last update
   std::variant<std::monostate, TileSort<3>, TileSort<4>> next_order_;  // that is being made
   std::size_t work_per_frame_ = 0;                                     // to make it
-  bool was_poor_ = false;       // the last order that was new, and another one follows
   std::size_t frames_ = 0;      // searches of all since the order was new
   std::size_t moved_ = 0;       // boxes since then that were searched alone
   std::size_t work_ = 0;        // of the last search of all
