@@ -140,9 +140,8 @@ TileSort<axes>::TileSort(const Input& input, std::size_t threads) : slots_(input
   using Positions = std::array<std::size_t, classes>;
   std::vector<Positions> next(parts_of(slots_));  // of each part, in each class
   const auto for_slots = [&](const auto& function) {
-    parallel_for(next.size(), threads, [&](std::size_t part, std::size_t /*thread*/) {
-      const std::size_t end = std::min(slots_, (part + 1) * boxes_per_part);
-      for (std::size_t slot = part * boxes_per_part; slot < end; ++slot) function(next[part], slot);
+    for_each_part(slots_, threads, [&](std::size_t begin, std::size_t end, std::size_t /*thread*/) {
+      for (std::size_t slot = begin; slot < end; ++slot) function(next[begin / boxes_per_part], slot);
     });
   };
   std::vector<std::uint8_t> class_by_slot(slots_);
