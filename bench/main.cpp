@@ -268,6 +268,7 @@ int main(int argc, char** argv) try {
   broadcl::register_steady();
   broadcl::register_whole_list();
   broadcl::register_device_frames();
+  broadcl::register_double_precision();
   broadcl::register_worlds();
   broadcl::register_two_sets();
   broadcl::register_rectangles();

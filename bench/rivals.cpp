@@ -258,7 +258,7 @@ void register_all() {
   if (const char* folder = std::getenv("BROADCL_TEST_DATA")) {  // NOLINT(concurrency-mt-unsafe)
     for (const std::string set :
          {"cloth-funnel-faces", "cloth-funnel-edges", "cloth-ball-faces", "cloth-ball-edges"}) {
-      register_set(set, cli::read_boxes(std::filesystem::path(folder) / (set + ".npy")));
+      register_set(set, cli::read_boxes(std::filesystem::path(folder) / (set + ".npy")).as_float32());
     }
   }
   for (const std::size_t n : {24'000U, 80'000U, 146'000U, 220'000U}) {

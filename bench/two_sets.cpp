@@ -28,8 +28,8 @@ std::vector<Aabb> shrunk(std::vector<Aabb> boxes) {
 
 void time_two_sets(benchmark::State& state, const std::string& algorithm, const std::filesystem::path& folder,
                    bool points, bool as_one) {
-  std::vector<Aabb> first = cli::read_boxes(folder / "cloth-ball-edges.npy");
-  std::vector<Aabb> second = cli::read_boxes(folder / "cloth-ball-faces.npy");
+  std::vector<Aabb> first = cli::read_boxes(folder / "cloth-ball-edges.npy").as_float32();
+  std::vector<Aabb> second = cli::read_boxes(folder / "cloth-ball-faces.npy").as_float32();
   if (points) second = shrunk(std::move(second));
   std::vector<Filter> filters;
   if (!as_one) {

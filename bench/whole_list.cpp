@@ -69,7 +69,7 @@ void time_whole_list(benchmark::State& state, const std::filesystem::path& file)
   const opencl::Context context(select_device(), false);
   opencl::Profiler profiler(false);
   Engine engine(context, profiler, make_timed_tiles, Order::Target::host);
-  const Generation objects = on_device(context, cli::read_boxes(file));
+  const Generation objects = on_device(context, cli::read_boxes(file).as_float32());
   const Generation none{.boxes = objects.boxes};
   const auto search = [&](const Generation& now, const Generation& last) {
     engine.prepare();
@@ -98,7 +98,7 @@ void time_whole_list(benchmark::State& state, const std::filesystem::path& file)
 
 void time_whole_call(benchmark::State& state, const std::string& algorithm,
                      const std::filesystem::path& file) {
-  const std::vector<Aabb> boxes = cli::read_boxes(file);
+  const std::vector<Aabb> boxes = cli::read_boxes(file).as_float32();
   const auto find_all = [&] {
     const auto finder = make_algorithm({.algorithm = algorithm});
     finder->reserve(boxes.size(), false);

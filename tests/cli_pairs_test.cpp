@@ -8,6 +8,7 @@
 
 #include <broadcl/broad_phase.hpp>
 
+#include "npy_bytes.hpp"
 #include "program.hpp"
 #include "runs.hpp"
 
@@ -60,6 +61,16 @@ TEST_F(Program, PairsOfEveryAlgorithm) {
     EXPECT_NE(written.find("'descr': '<u4', 'fortran_order': False, 'shape': (2, 2)"), std::string::npos);
     EXPECT_EQ(written.substr(written.find('\n') + 1), std::string("\0\0\0\0\1\0\0\0\1\0\0\0\2\0\0\0", 16));
   }
+}
+
+/// 0.1 + 0.2 and 0.3 are one number in single precision.
+TEST_F(Program, PairsOfDoublePrecisionAreExact) {
+  const std::vector<double> numbers{0.1 + 0.2, 0, 0, 1, 1, 1, 0, 0, 0, 0.3, 1, 1};
+  write_file(path("double.npy"),
+             npy("{'descr': '<f8', 'fortran_order': False, 'shape': (2, 6), }", bytes_of(numbers)));
+  const Outcome outcome = run("pairs double.npy");
+  expect_success(outcome);
+  EXPECT_TRUE(outcome.out.starts_with("0 overlapping pairs of 2 boxes")) << outcome.out;
 }
 
 TEST_F(Program, PairsOfNoBoxes) {

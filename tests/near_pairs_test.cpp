@@ -106,7 +106,7 @@ TEST_F(EarlySearch, EachOfItsCommandsIsTimed) {
   }
 }
 
-ALSO_IN(oclgrind | oclgrind_gpu_profile);
+ALSO_IN(oclgrind);
 TEST_F(EarlySearch, IsRepeatedIfABoxMovesFartherThanExpected) {
   MovingBoxes boxes(300, MovingBoxes::Sizes::uniform);
   start(boxes.boxes());

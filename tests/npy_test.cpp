@@ -26,7 +26,7 @@ const std::string float_rows = "{'descr': '<f4', 'fortran_order': False, 'shape'
 
 std::vector<Aabb> read(const std::string& file) {
   std::istringstream stream(file);
-  return read_boxes(stream);
+  return read_boxes(stream).as_float32();
 }
 
 /// The text of the error that a file causes, empty if it causes none.

@@ -230,7 +230,7 @@ TEST_P(EachAlgorithm, RealBoxesHaveThePairsThatWereCounted) {
                                 RealBoxes{"cloth-ball-faces.npy", 92'230, 4'539'382},
                                 RealBoxes{"cloth-ball-edges.npy", 138'825, 5'901'866}}) {
     if (real.boxes > most) continue;
-    const std::vector<Aabb> boxes = cli::read_boxes(std::filesystem::path(folder) / real.file);
+    const std::vector<Aabb> boxes = cli::read_boxes(std::filesystem::path(folder) / real.file).as_float32();
     ASSERT_EQ(boxes.size(), real.boxes);
     const Pairs pairs = overlapping_pairs(boxes, config());
     EXPECT_EQ(pairs.size(), real.pairs) << real.file;

@@ -8,6 +8,7 @@
 
 #include <broadcl/error.hpp>
 
+#include "base/aabb64.hpp"
 #include "base/box_parts.hpp"
 #include "base/packed_box.hpp"
 
@@ -25,6 +26,11 @@ struct Packed {
     std::memcpy(&box, boxes + k * sizeof(Aabb), sizeof(Aabb));
     return box;
   }
+
+  [[nodiscard]] Aabb64 exact(std::size_t k) const noexcept {
+    const Aabb box = (*this)[k];
+    return to_aabb64(box.lower, box.upper);
+  }
 };
 
 /// Boxes in any other layout.
@@ -33,19 +39,32 @@ struct Strided {
   BoundPointers bounds;
   std::ptrdiff_t stride;
 
-  Aabb operator[](std::size_t k) const noexcept {
+  struct Corners {
+    std::array<S, 3> lower, upper;
+  };
+
+  [[nodiscard]] Corners corners(std::size_t k) const noexcept {
     const std::ptrdiff_t offset = static_cast<std::ptrdiff_t>(k) * stride;
     const auto bound = [&](std::size_t index) {
       S value;
       std::memcpy(&value, bounds[index] + offset, sizeof(S));
       return value;
     };
-    std::array<S, 3> lower{bound(0), bound(1)};
-    std::array<S, 3> upper{bound(3), bound(4)};
+    Corners corners{{bound(0), bound(1)}, {bound(3), bound(4)}};
     if constexpr (dimensions > 2) {
-      lower[2] = bound(2);
-      upper[2] = bound(5);
+      corners.lower[2] = bound(2);
+      corners.upper[2] = bound(5);
     }
+    return corners;
+  }
+
+  [[nodiscard]] Aabb64 exact(std::size_t k) const noexcept {
+    const auto [lower, upper] = corners(k);
+    return to_aabb64(lower, upper);
+  }
+
+  Aabb operator[](std::size_t k) const noexcept {
+    const auto [lower, upper] = corners(k);
     if constexpr (std::same_as<S, float>) {
       return {lower, upper};
     } else if (lower[0] > upper[0] || lower[1] > upper[1] || lower[2] > upper[2]) {
@@ -127,6 +146,10 @@ std::size_t BoxView::copy(std::span<Aabb> out, const Prepare& prepare) const {
 
 Aabb BoxView::operator[](std::size_t k) const noexcept {
   return with_layout([k](const auto& boxes) { return boxes[k]; });
+}
+
+Aabb64 BoxView::exact(std::size_t k) const noexcept {
+  return with_layout([k](const auto& boxes) { return boxes.exact(k); });
 }
 
 void BoxView::read(std::size_t first, std::span<Aabb> out) const noexcept {

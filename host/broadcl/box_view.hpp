@@ -14,6 +14,8 @@
 
 namespace broadcl {
 
+struct Aabb64;
+
 /// The type of the caller's bounds: float or double.
 template <class S>
 concept Bound = std::same_as<S, float> || std::same_as<S, double>;
@@ -30,7 +32,8 @@ concept AabbArray = std::ranges::contiguous_range<Range> && std::ranges::sized_r
 /// A view owns no memory. The memory that it shows must outlive it, and must not change while the view is
 /// read. Any number of threads may read a view at the same time. Copying a view is cheap.
 ///
-/// Bounds are float32 or float64; float64 rounds outward as round_outward() does, except that an empty box
+/// Bounds are float32 or float64. overlapping_pairs() finds the pairs of float64 boxes exactly. Everything
+/// else reads them as float32: they are rounded outward as round_outward() does, except that an empty box
 /// stays empty.
 ///
 /// The functions that make a view take pointers to the bounds of box 0 and a stride, the distance in bytes
@@ -91,6 +94,9 @@ class BROADCL_API BoxView {
                    std::array<const S*, 3>{numbers + 2, numbers + 3, nullptr}, n, stride);
   }
 
+  /// Whether the bounds are float64.
+  [[nodiscard]] bool is_double() const noexcept { return is_double_; }
+
   /// Number of boxes.
   [[nodiscard]] std::size_t size() const noexcept { return size_; }
 
@@ -110,6 +116,7 @@ class BROADCL_API BoxView {
 
  private:
   friend class BoxReader;
+  friend class ExactBoxes;
 
   template <Bound S>
   BoxView(const std::array<const S*, 3>& lower, const std::array<const S*, 3>& upper, std::size_t n,
@@ -140,6 +147,8 @@ class BROADCL_API BoxView {
 
   /// The boxes, if they are those of an array of Aabb; otherwise null.
   [[nodiscard]] const Aabb* boxes() const noexcept;
+  /// Box k, with the numbers that the caller has.
+  [[nodiscard]] Aabb64 exact(std::size_t k) const noexcept;
   /// Copies as many boxes as there is memory for, from one on.
   void read(std::size_t first, std::span<Aabb> out) const noexcept;
 

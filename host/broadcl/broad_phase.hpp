@@ -216,7 +216,9 @@ class BROADCL_API BroadPhase {
                                                              std::size_t per_second);
 
 /// All overlapping pairs of boxes in the caller's memory, in any layout, by index, in canonical order. The
-/// boxes are read once and not stored. By default the host does the search, unless a CPU is named as the
+/// boxes are not stored. Boxes in float64 have exactly the pairs that overlap or touch as float64: they are
+/// searched as float32, about an origin near them, and pairs that touch there are compared in float64. Their
+/// memory must not change during the call. By default the host does the search, unless a CPU is named as the
 /// device. A device stays open for later calls, but its memory is freed, so for frequent searches keep a
 /// BroadPhase.
 /// Any number of threads may call this at the same time, also with the same boxes.

@@ -112,7 +112,9 @@ typedef struct broadcl_boxes {
   const void* data;
   size_t count;      ///< Number of boxes.
   ptrdiff_t stride;  ///< Bytes from each box to the next, a multiple of the numbers' size; 0 if without gaps.
-  int32_t type;      ///< broadcl_type of the numbers. float64 rounds outward: pairs are then a superset.
+  /// broadcl_type of the numbers. broadcl_pair_list_create() and its variants find the pairs of float64 boxes
+  /// exactly; everything else rounds them outward to float32, so that its pairs are a superset.
+  int32_t type;
   uint32_t dimensions;  ///< 2 or 3; 0 means 3. Boxes in two dimensions extend from 0 to 0 in z.
 } broadcl_boxes;
 

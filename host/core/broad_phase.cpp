@@ -2,10 +2,12 @@
 
 #include <algorithm>
 #include <memory>
+#include <optional>
 #include <string>
 #include <utility>
 
 #include "core/core.hpp"
+#include "core/exact_boxes.hpp"
 #include "core/exclusions.hpp"
 #include "engines/algorithm.hpp"
 
@@ -21,6 +23,12 @@ void pack_to(const BoxView& boxes, std::span<Aabb> out, const std::string& set) 
   } catch (const Error& error) {
     throw Error(set + ": " + error.what(), error.kind());
   }
+}
+
+/// @param invalid The index of a box with a NaN among those of both sets, or their number if there is none.
+void refuse_nan(std::size_t invalid, std::size_t first, std::size_t second) {
+  if (invalid < first) throw_nan("the first set: box " + std::to_string(invalid));
+  if (invalid - first < second) throw_nan("the second set: box " + std::to_string(invalid - first));
 }
 
 /// An object and one of its labels.
@@ -217,11 +225,19 @@ std::vector<Pair> overlapping_pairs(const BoxView& boxes, const BroadPhase::Conf
   const auto algorithm = make_for_one_search(config);
   algorithm->reserve(boxes.size(), false);
   algorithm->reserve_exclusions(sorted.size());
-  boxes.pack_to(algorithm->boxes());
-  return algorithm->find_all({.boxes = algorithm->boxes().first(boxes.size()),
-                              .all = true,
-                              .exclusions = sorted,
-                              .all_filters = true});
+  const std::span<Aabb> packed = algorithm->boxes().first(boxes.size());
+  const Input input{.boxes = packed, .all = true, .exclusions = sorted, .all_filters = true};
+  if (!boxes.is_double()) {
+    boxes.pack_to(packed);
+    return algorithm->find_all(input);
+  }
+  const ExactBoxes exact(boxes, {}, config.threads);
+  if (const std::size_t invalid = exact.pack_to(packed); invalid < boxes.size()) {
+    throw_nan("box " + std::to_string(invalid));
+  }
+  std::vector<Pair> pairs = algorithm->find_all(input);
+  exact.keep_overlapping(pairs, algorithm->boxes());
+  return pairs;
 }
 
 std::vector<Pair> overlapping_pairs(const BoxView& first, const BoxView& second,
@@ -237,17 +253,25 @@ std::vector<Pair> overlapping_pairs(const BoxView& first, const BoxView& second,
   const auto algorithm = make_for_one_search(config);
   algorithm->reserve(boxes, true);
   algorithm->reserve_exclusions(sorted.size());
-  pack_to(first, algorithm->boxes(), "the first set");
-  pack_to(second, algorithm->boxes().subspan(first.size()), "the second set");
+  const std::span<Aabb> packed = algorithm->boxes().first(boxes);
+  std::optional<ExactBoxes> exact;
+  if (first.is_double() || second.is_double()) {
+    exact.emplace(first, second, config.threads);
+    refuse_nan(exact->pack_to(packed), first.size(), second.size());
+  } else {
+    pack_to(first, packed, "the first set");
+    pack_to(second, packed.subspan(first.size()), "the second set");
+  }
   std::vector<Filter> filters(boxes, Filter::second_set);
   std::fill_n(filters.begin(), first.size(), Filter::first_set);
-  std::vector<Pair> pairs = algorithm->find_all({.boxes = algorithm->boxes().first(boxes),
+  std::vector<Pair> pairs = algorithm->find_all({.boxes = packed,
                                                  .all = true,
                                                  .filters = filters,
                                                  .exclusions = sorted,
                                                  .all_filters = true,
                                                  .sets = true,
                                                  .sets_decide = true});
+  if (exact) exact->keep_overlapping(pairs, algorithm->boxes());
   for (Pair& pair : pairs) pair.b -= static_cast<std::uint32_t>(first.size());
   return pairs;
 }

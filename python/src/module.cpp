@@ -220,7 +220,8 @@ a, b : array_like or tuple
     adjacent; lower and upper corners of different types or strides; one box that is repeated.
 
     Boxes are closed, so boxes that touch overlap. Bounds may be infinite. A box with lower > upper
-    is empty and overlaps nothing. float64 is rounded outward to float32.
+    is empty and overlaps nothing. The pairs of float64 boxes are those that overlap as float64;
+    convert the array to float32 for those that overlap as float32.
 
     Boxes in pyopencl arrays or buffers are searched on their device. They must be float32,
     ``(n, 6)`` or ``(n, 2, 3)``, the numbers of each box without gaps.

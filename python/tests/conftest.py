@@ -28,9 +28,9 @@ def rounded(boxes: np.ndarray) -> np.ndarray:
 
 
 def oracle(a: np.ndarray, b: np.ndarray | None = None) -> np.ndarray:
-    """All overlapping pairs of (n, 6) boxes, in canonical order."""
-    first = rounded(a)
-    second = first if b is None else rounded(b)
+    """All overlapping pairs of (n, 6) boxes of float32 or float64, in canonical order."""
+    first = np.asarray(a)
+    second = first if b is None else np.asarray(b)
     overlap = np.ones((len(first), len(second)), bool)
     for axis in range(3):
         overlap &= first[:, None, axis] <= second[None, :, axis + 3]

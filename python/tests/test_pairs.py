@@ -122,8 +122,18 @@ def test_pairs_of_float32(algorithm, values):
 
 
 @given(boxes(np.float64))
-def test_pairs_of_float64_round_outward(values):
-    assert np.array_equal(broadcl.overlapping_pairs(values), oracle(values))
+@pytest.mark.parametrize("algorithm", HOST)
+def test_pairs_of_float64(algorithm, values):
+    assert np.array_equal(broadcl.overlapping_pairs(values, algorithm=algorithm), oracle(values))
+
+
+def test_float64_is_exact_and_float32_is_what_the_caller_rounds():
+    lower = np.float64([[0.1 + 0.2, 0, 0], [0, 0, 0]])
+    upper = np.float64([[1, 1, 1], [0.3, 1, 1]])
+    assert broadcl.overlapping_pairs((lower, upper)).tolist() == []
+    assert broadcl.overlapping_pairs((lower.astype(np.float32), upper.astype(np.float32))).tolist() == [[0, 1]]
+    far = np.hstack([lower, upper]) + [6.4e6, 0, 0] * 2
+    assert np.array_equal(broadcl.overlapping_pairs(far), oracle(far))
 
 
 @given(boxes(np.float32), boxes(np.float64))

@@ -6,12 +6,14 @@
 #include <broadcl/box_view.hpp>
 #include <broadcl/error.hpp>
 #include <charconv>
+#include <cmath>
 #include <fstream>
 #include <istream>
 #include <limits>
 #include <optional>
 #include <system_error>
 #include <type_traits>
+#include <variant>
 
 #include "cli/input_file.hpp"
 #include "cli/text.hpp"
@@ -173,6 +175,24 @@ std::string to_text(const std::vector<std::uint64_t>& shape) {
   return "(" + text + (shape.size() == 1 ? ",)" : ")");
 }
 
+/// @param row_stride, bound_stride Bytes in the file.
+template <class Number>
+std::vector<Number> load_rows(const std::string& data, std::size_t rows, bool big_endian,
+                              std::size_t row_stride, std::size_t bound_stride) {
+  std::vector<Number> numbers;
+  numbers.reserve(rows * columns);
+  for (std::size_t row = 0; row < rows; ++row) {
+    for (std::size_t column = 0; column < columns; ++column) {
+      numbers.push_back(load<Number>(data.data() + row * row_stride + column * bound_stride, big_endian));
+      if (std::isnan(numbers.back())) {
+        throw Error("row " + std::to_string(row) +
+                    " (the first is 0) holds a NaN; remove it or give it bounds");
+      }
+    }
+  }
+  return numbers;
+}
+
 void append_little_endian(std::string& bytes, std::uint32_t value, unsigned size) {
   for (unsigned i = 0; i < size; ++i) bytes += static_cast<char>((value >> (8 * i)) & 0xff);
 }
@@ -227,7 +247,18 @@ Aabb load_box(BoundType type, const char* lower, const char* upper, std::size_t 
   return BoxView::corners(corners[0].data(), corners[1].data(), 1)[0];
 }
 
-std::vector<Aabb> read_boxes(std::istream& stream) {
+BoxView FileBoxes::view() const {
+  return std::visit([](const auto& all) { return BoxView::interleaved(all.data(), all.size() / columns); },
+                    numbers);
+}
+
+std::vector<Aabb> FileBoxes::as_float32() const {
+  std::vector<Aabb> boxes(view().size());
+  view().copy_to(boxes);
+  return boxes;
+}
+
+FileBoxes read_boxes(std::istream& stream) {
   const NpyHeader header = read_npy_header(stream);
   if (header.shape.size() != 2 || header.shape[1] != columns) {
     throw Error("its shape is " + header.shape_text() + "; (n, 6) is needed: min x, y, z, max x, y, z");
@@ -248,22 +279,16 @@ std::vector<Aabb> read_boxes(std::istream& stream) {
   }
 
   const std::size_t number = header.bounds.size();
-  const std::size_t box_stride = header.fortran_order ? number : columns * number;
+  const std::size_t row_stride = header.fortran_order ? number : columns * number;
   const std::size_t bound_stride = header.fortran_order ? rows * number : number;
-  std::vector<Aabb> boxes;
-  boxes.reserve(rows);
-  for (std::size_t row = 0; row < rows; ++row) {
-    const char* const lower = data.data() + row * box_stride;
-    boxes.push_back(load_box(header.bounds, lower, lower + 3 * bound_stride, bound_stride));
-    if (has_nan(boxes.back())) {
-      throw Error("row " + std::to_string(row) +
-                  " (the first is 0) holds a NaN; remove it or give it bounds");
-    }
+  const bool big_endian = header.bounds.big_endian;
+  if (header.bounds.is_double) {
+    return {load_rows<double>(data, rows, big_endian, row_stride, bound_stride)};
   }
-  return boxes;
+  return {load_rows<float>(data, rows, big_endian, row_stride, bound_stride)};
 }
 
-std::vector<Aabb> read_boxes(const std::filesystem::path& file) {
+FileBoxes read_boxes(const std::filesystem::path& file) {
   std::ifstream stream = open_input(file);
   try {
     return read_boxes(stream);

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <broadcl/aabb.hpp>
+#include <broadcl/box_view.hpp>
 #include <broadcl/pair.hpp>
 #include <cstddef>
 #include <cstdint>
@@ -9,6 +10,7 @@
 #include <span>
 #include <string>
 #include <string_view>
+#include <variant>
 #include <vector>
 
 /// Arrays in the format of NumPy (.npy): "NEP 1, A Simple File Format for NumPy Arrays".
@@ -44,13 +46,22 @@ struct NpyHeader {
 /// except that an empty box stays empty.
 [[nodiscard]] Aabb load_box(BoundType type, const char* lower, const char* upper, std::size_t stride);
 
+/// The numbers of boxes as a file has them: six per box, min x, y, z, max x, y, z.
+struct FileBoxes {
+  std::variant<std::vector<float>, std::vector<double>> numbers;
+
+  /// Valid as long as the numbers.
+  [[nodiscard]] BoxView view() const;
+  [[nodiscard]] std::vector<Aabb> as_float32() const;
+};
+
 /// Reads boxes from an array of shape (n, 6), one row per box: min x, y, z, max x, y, z. Takes float32 and
-/// float64, which is rounded outward, in either byte order, in C or Fortran order.
+/// float64, in either byte order, in C or Fortran order.
 /// @throws Error that names the file and what is wrong with it; for a NaN, also its row.
-[[nodiscard]] std::vector<Aabb> read_boxes(const std::filesystem::path& file);
+[[nodiscard]] FileBoxes read_boxes(const std::filesystem::path& file);
 
 /// The same from a stream; errors do not name a file.
-[[nodiscard]] std::vector<Aabb> read_boxes(std::istream& stream);
+[[nodiscard]] FileBoxes read_boxes(std::istream& stream);
 
 /// The bytes of an array of shape (m, 2), little-endian uint32, one row per pair.
 [[nodiscard]] std::string to_npy(std::span<const Pair> pairs);

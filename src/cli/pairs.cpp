@@ -57,7 +57,8 @@ Exit run_pairs(const PairsOptions& options) {
     out.emplace(options.out);
   }
   Stopwatch stopwatch;
-  const std::vector<Aabb> boxes = read_boxes(options.file);
+  const FileBoxes file = read_boxes(options.file);
+  const BoxView boxes = file.view();
   std::string times = "reading " + stopwatch.lap() + " s";
   // A device that was asked for must exist, even if the algorithm runs on the host.
   if (!options.broad_phase.device.empty()) (void)select_device(options.broad_phase.device);
@@ -72,7 +73,8 @@ Exit run_pairs(const PairsOptions& options) {
   std::cout << counted(pairs.size(), "overlapping pair") << " of " << counted(boxes.size(), "box") << " ("
             << options.broad_phase.algorithm << " on " << (device ? one_line(device->label()) : "the host")
             << ")\n";
-  const auto empty = static_cast<std::size_t>(std::ranges::count_if(boxes, is_empty));
+  std::size_t empty = 0;
+  for (std::size_t k = 0; k < boxes.size(); ++k) empty += is_empty(boxes[k]) ? 1U : 0U;
   if (empty > 0) {
     std::cout << counted(empty, "box") << (empty == 1 ? " is" : " are")
               << " inverted (min > max) and ignored; are the columns min x, y, z, max x, y, z?\n";
@@ -86,10 +88,10 @@ Exit run_pairs(const PairsOptions& options) {
 Verb add_pairs(CLI::App& program) {
   auto options = std::make_shared<PairsOptions>();
   CLI::App* verb = program.add_subcommand("pairs", "Find all overlapping pairs of an array of boxes");
-  verb->add_option(
-          "FILE", options->file,
-          "NumPy array (.npy) of shape (n, 6), one row per box: min x, y, z, max x, y, z; float32, or "
-          "float64, which is rounded outward")
+  verb->add_option("FILE", options->file,
+                   "NumPy array (.npy) of shape (n, 6), one row per box: min x, y, z, max x, y, z; float32 "
+                   "or float64, "
+                   "whose pairs are exact")
       ->required()
       ->type_name("");
   add_name(*verb, "--algorithm", options->broad_phase.algorithm,

@@ -50,6 +50,11 @@ TEST(CPairList, HasAllPairsOfBoxesInAnyLayout) {
   given.type = BROADCL_FLOAT64;
   given.dimensions = 3;
   EXPECT_EQ(pairs_of(given), expected);
+  // 0.1 + 0.2 and 0.3 are one number in single precision.
+  const std::array<double, 12> exact{0.1 + 0.2, 0, 0, 1, 1, 1, 0, 0, 0, 0.3, 1, 1};
+  given.data = exact.data();
+  given.count = 2;
+  EXPECT_THAT(pairs_of(given), IsEmpty());
   EXPECT_THAT(pairs_of(view({})), IsEmpty());
 }
 

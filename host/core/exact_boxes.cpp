@@ -1,0 +1,113 @@
+#include "core/exact_boxes.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "base/box_parts.hpp"
+#include "base/floating_point.hpp"
+#include "base/packed_box.hpp"
+#include "base/parallel.hpp"
+#include "base/prefetch.hpp"
+
+namespace broadcl {
+namespace {
+
+/// A number near which most others lie: zero if it is among them, since single precision is finest there.
+double middle_of(std::vector<double>& numbers) {
+  std::erase_if(numbers, [](double number) { return !std::isfinite(number); });
+  if (numbers.empty()) return 0;
+  std::ranges::sort(numbers);
+  const std::size_t tenth = numbers.size() / 10;
+  if (numbers[tenth] <= 0 && numbers[numbers.size() - 1 - tenth] >= 0) return 0;
+  return numbers[numbers.size() / 2];
+}
+
+/// Whether two packed boxes that overlap have a bound in common.
+bool touch(const Aabb& s, const Aabb& t) noexcept {
+  bool any = false;
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    any |= s.lower[axis] == t.upper[axis];
+    any |= t.lower[axis] == s.upper[axis];
+  }
+  return any;
+}
+
+}  // namespace
+
+ExactBoxes::ExactBoxes(const BoxView& first, const BoxView& second, std::size_t threads)
+    : first_(first), second_(second), threads_(threads), origin_(choose_origin()) {}
+
+[[gnu::noinline]] std::array<double, 3> ExactBoxes::choose_origin() const {
+  constexpr std::size_t most_samples = 128;
+  const std::size_t samples = std::min(size(), most_samples);
+  std::array<double, 3> origin{};
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    std::vector<double> lower(samples);
+    for (std::size_t k = 0; k < samples; ++k) lower[k] = box(k * (size() / samples)).lower[axis];
+    origin[axis] = middle_of(lower);
+  }
+  return origin;
+}
+
+std::size_t ExactBoxes::pack_to(std::span<Aabb> out) const {
+  LowestFound invalid(size());
+  for_each_part(size(), threads_, [&](std::size_t begin, std::size_t end, std::size_t /*thread*/) {
+    const DefaultFloatingPoint as_everywhere;
+    if (const std::size_t first = pack(begin, end, out); first < end) invalid.add(first);
+  });
+  return invalid.get();
+}
+
+/// Returns the first box with a NaN, or `end`.
+[[gnu::noinline]] std::size_t ExactBoxes::pack(std::size_t begin, std::size_t end,
+                                               std::span<Aabb> out) const noexcept {
+  for (std::size_t k = begin; k < end; ++k) {
+    const Aabb64 exact = box(k);
+    Aabb& packed = out[k];
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      packed.lower[axis] = static_cast<float>(exact.lower[axis] - origin_[axis]);
+      packed.upper[axis] = static_cast<float>(exact.upper[axis] - origin_[axis]);
+    }
+    if (!exact.is_proper()) [[unlikely]] {
+      if (exact.has_nan()) return k;
+      packed = packed_empty();
+    }
+  }
+  return end;
+}
+
+void ExactBoxes::keep_overlapping(std::vector<Pair>& pairs, std::span<const Aabb> packed) const {
+  constexpr std::size_t least_pairs = 1 << 14;  // per thread
+  // One part per thread: what remains of each but the first is moved once more.
+  const std::size_t parts = useful_threads(pairs.size(), least_pairs, threads_);
+  const auto begin_of = [&](std::size_t part) { return pairs.size() * part / parts; };
+  std::vector<std::size_t> kept(parts);
+  parallel_for(parts, parts, [&](std::size_t part, std::size_t /*thread*/) {
+    const DefaultFloatingPoint as_everywhere;
+    const std::size_t begin = begin_of(part);
+    kept[part] = keep(std::span(pairs).subspan(begin, begin_of(part + 1) - begin), packed);
+  });
+  auto end = pairs.begin() + static_cast<std::ptrdiff_t>(kept[0]);
+  for (std::size_t part = 1; part < parts; ++part) {
+    const auto begin = pairs.begin() + static_cast<std::ptrdiff_t>(begin_of(part));
+    end =
+        end == begin ? begin + static_cast<std::ptrdiff_t>(kept[part]) : std::copy_n(begin, kept[part], end);
+  }
+  pairs.erase(end, pairs.end());
+}
+
+/// Moves the pairs that remain to the front; returns how many.
+[[gnu::noinline]] std::size_t ExactBoxes::keep(std::span<Pair> pairs,
+                                               std::span<const Aabb> packed) const noexcept {
+  constexpr std::size_t ahead = 16;
+  std::size_t count = 0;
+  for (std::size_t k = 0; k < pairs.size(); ++k) {
+    if (k + ahead < pairs.size()) prefetch(&packed[pairs[k + ahead].a]);
+    const Pair pair = pairs[k];
+    if (touch(packed[pair.a], packed[pair.b]) && !box(pair.a).overlaps(box(pair.b))) continue;
+    pairs[count++] = pair;
+  }
+  return count;
+}
+
+}  // namespace broadcl

@@ -1,0 +1,53 @@
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <span>
+#include <vector>
+
+#include <broadcl/box_view.hpp>
+#include <broadcl/pair.hpp>
+
+#include "base/aabb64.hpp"
+
+namespace broadcl {
+
+/// The caller's boxes, one set or two, in double precision. They are searched in single precision, and the
+/// pairs that are found are those of the caller's numbers.
+///
+/// A bound x becomes float(x - origin), lower and upper bounds alike. That never decreases where x increases,
+/// so boxes that overlap still do, and two bounds that differ afterwards have kept their order. Hence only
+/// pairs that touch in single precision are in doubt, and are compared in double precision.
+class ExactBoxes {
+ public:
+  /// @param second Empty for one set. Its boxes follow those of the first.
+  /// @param threads At most; 0 for one per processor.
+  ExactBoxes(const BoxView& first, const BoxView& second, std::size_t threads);
+
+  [[nodiscard]] std::size_t size() const noexcept { return first_.size() + second_.size(); }
+
+  /// All boxes in single precision, packed.
+  /// @param out As many as size().
+  /// @returns The lowest index of a box with a NaN, or size() if there is none; `out` is then unspecified.
+  [[nodiscard]] std::size_t pack_to(std::span<Aabb> out) const;
+
+  /// Removes the pairs that overlap in single precision only.
+  /// @param packed What pack_to() wrote.
+  /// @param pairs Indices of the boxes.
+  void keep_overlapping(std::vector<Pair>& pairs, std::span<const Aabb> packed) const;
+
+ private:
+  [[nodiscard]] Aabb64 box(std::size_t k) const noexcept {
+    return k < first_.size() ? first_.exact(k) : second_.exact(k - first_.size());
+  }
+  [[nodiscard]] std::array<double, 3> choose_origin() const;
+  [[nodiscard]] std::size_t pack(std::size_t begin, std::size_t end, std::span<Aabb> out) const noexcept;
+  [[nodiscard]] std::size_t keep(std::span<Pair> pairs, std::span<const Aabb> packed) const noexcept;
+
+  BoxView first_;
+  BoxView second_;
+  std::size_t threads_;
+  std::array<double, 3> origin_;
+};
+
+}  // namespace broadcl
