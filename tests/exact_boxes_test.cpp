@@ -206,13 +206,35 @@ TEST(ExactBoxes, NeitherRoundingNorFlushingOfTheCallerMatters) {
 #endif
 }
 
-/// Enough for several threads, each of which removes pairs.
-NOT_IN(sanitizers, "tests 32 million pairs without optimisation");
-TEST(ExactBoxes, ManyPairsAreTestedByThreads) {
-  const Boxes64 boxes = flush_cubes(20, 6.4e6);
+/// So many pairs that several threads test them, and only a few that touch, so that these are removed while
+/// the others stay together.
+TEST(ExactBoxes, FewOfManyPairsAreRemoved) {
+  constexpr std::uint32_t n = 420;
+  for (const std::size_t every : {1U, 7U, 100U}) {
+    Boxes64 boxes;
+    Pairs expected;
+    for (std::uint32_t b = 0; b < n; ++b) {
+      // All overlap each other, except that now and then one begins an ulp after all others end.
+      const double begin = b % every == every - 1 ? std::nextafter(1.0, 2.0) : 0;
+      boxes.push_back({{begin, 0, 0}, {std::max(begin, 1.0), 1, 1}});
+    }
+    expected = expected_pairs(boxes);
+    for (const std::size_t threads : {1U, 3U, 5U}) {
+      EXPECT_TRUE(same("pairs", overlapping_pairs(view_of(boxes), {.threads = threads}), expected));
+    }
+  }
+}
+
+/// Enough for several threads, of which only the caller's rounds in another way.
+NOT_IN(sanitizers, "tests 43 million pairs without optimisation");
+TEST(ExactBoxes, ManyAreReadAndTestedByThreads) {
+  const Boxes64 boxes = flush_cubes(21, 6.4e6);
   const Pairs expected = expected_pairs(boxes);
-  for (const std::size_t threads : {1U, 2U, 5U}) {
-    EXPECT_TRUE(same("pairs", overlapping_pairs(view_of(boxes), {.threads = threads}), expected));
+  for (const int mode : {FE_TONEAREST, FE_UPWARD, FE_DOWNWARD}) {
+    const ScopedRounding rounding(mode);
+    for (const std::size_t threads : {1U, 2U, 5U}) {
+      EXPECT_TRUE(same("pairs", overlapping_pairs(view_of(boxes), {.threads = threads}), expected));
+    }
   }
 }
 
