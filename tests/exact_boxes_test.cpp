@@ -107,7 +107,7 @@ Boxes64 special_boxes() {
                                    1.0,         1 + 3e-16, largest, infinity64};
   Boxes64 boxes;
   for (const double lower : bounds) {
-    for (const double upper : bounds) boxes.push_back({{0, lower, -1}, {0, upper, 1}});
+    for (const double upper : bounds) boxes.push_back({{-1, lower, -1}, {1, upper, 1}});
   }
   return boxes;
 }
@@ -138,6 +138,10 @@ TEST_P(EachAlgorithm, InfiniteEmptyAndDenormalBoxesInDoublePrecision) {
   expect_exact(config(), special_boxes(), "special boxes");
   expect_exact(config(), {}, "no boxes");
   expect_exact(config(), Boxes64(3, {{1, 1, 1}, {0, 0, 0}}), "empty boxes only");
+  Boxes64 half_empty = flush_cubes(5, 6.4e6);
+  constexpr double largest = std::numeric_limits<double>::max();
+  half_empty.resize(2 * half_empty.size(), {{largest, largest, largest}, {-largest, -largest, -largest}});
+  expect_exact(config(), half_empty, "half of the boxes are empty");
   expect_exact(config(), Boxes64(3, {{0, infinity64, 0}, {0, infinity64, 0}}), "all at infinity");
 }
 

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "base/box_parts.hpp"
 #include "base/floating_point.hpp"
@@ -22,6 +23,12 @@ double middle_of(std::vector<double>& numbers) {
   return numbers[numbers.size() / 2];
 }
 
+/// Rounds to the nearest float32, and what would be denormal to 0, as which some processors take it anyway.
+float to_normal_float(double number) noexcept {
+  const auto rounded = static_cast<float>(number);
+  return std::abs(rounded) < std::numeric_limits<float>::min() ? 0.0F : rounded;
+}
+
 /// Whether two packed boxes that overlap have a bound in common.
 bool touch(const Aabb& s, const Aabb& t) noexcept {
   bool any = false;
@@ -37,16 +44,17 @@ bool touch(const Aabb& s, const Aabb& t) noexcept {
 ExactBoxes::ExactBoxes(const BoxView& first, const BoxView& second, std::size_t threads)
     : first_(first), second_(second), threads_(threads), origin_(choose_origin()) {}
 
-[[gnu::noinline]] std::array<double, 3> ExactBoxes::choose_origin() const {
+/// (Empty boxes may have bounds far from all others.)
+std::array<double, 3> ExactBoxes::choose_origin() const {
   constexpr std::size_t most_samples = 128;
-  const std::size_t samples = std::min(size(), most_samples);
-  std::array<double, 3> origin{};
-  for (std::size_t axis = 0; axis < 3; ++axis) {
-    std::vector<double> lower(samples);
-    for (std::size_t k = 0; k < samples; ++k) lower[k] = box(k * (size() / samples)).lower[axis];
-    origin[axis] = middle_of(lower);
+  const std::size_t step = size() / most_samples + 1;
+  std::array<std::vector<double>, 3> lower;
+  for (std::size_t k = 0; k < size(); k += step) {
+    const Aabb64 sample = box(k);
+    if (!sample.is_proper()) continue;
+    for (std::size_t axis = 0; axis < 3; ++axis) lower[axis].push_back(sample.lower[axis]);
   }
-  return origin;
+  return {middle_of(lower[0]), middle_of(lower[1]), middle_of(lower[2])};
 }
 
 std::size_t ExactBoxes::pack_to(std::span<Aabb> out) const {
@@ -65,8 +73,8 @@ std::size_t ExactBoxes::pack_to(std::span<Aabb> out) const {
     const Aabb64 exact = box(k);
     Aabb& packed = out[k];
     for (std::size_t axis = 0; axis < 3; ++axis) {
-      packed.lower[axis] = static_cast<float>(exact.lower[axis] - origin_[axis]);
-      packed.upper[axis] = static_cast<float>(exact.upper[axis] - origin_[axis]);
+      packed.lower[axis] = to_normal_float(exact.lower[axis] - origin_[axis]);
+      packed.upper[axis] = to_normal_float(exact.upper[axis] - origin_[axis]);
     }
     if (!exact.is_proper()) [[unlikely]] {
       if (exact.has_nan()) return k;

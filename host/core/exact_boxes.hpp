@@ -15,9 +15,10 @@ namespace broadcl {
 /// The caller's boxes, one set or two, in double precision. They are searched in single precision, and the
 /// pairs that are found are those of the caller's numbers.
 ///
-/// A bound x becomes float(x - origin), lower and upper bounds alike. That never decreases where x increases,
-/// so boxes that overlap still do, and two bounds that differ afterwards have kept their order. Hence only
-/// pairs that touch in single precision are in doubt, and are compared in double precision.
+/// A bound x becomes float(x - origin), or 0 if that is denormal, lower and upper bounds alike. That never
+/// decreases where x increases, so boxes that overlap still do, and two bounds that differ afterwards have
+/// kept their order. Hence only pairs that touch in single precision are in doubt, and are compared in double
+/// precision.
 class ExactBoxes {
  public:
   /// @param second Empty for one set. Its boxes follow those of the first.

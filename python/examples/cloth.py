@@ -35,7 +35,7 @@ size = 90
 faces = triangles(size)
 before, after = cloth(size, opening=0.31), cloth(size, opening=0.28)
 
-# The bounds of what each face sweeps over, as float64: they are rounded outward.
+# The bounds of what each face sweeps over, as float64: their pairs are exact.
 swept = np.concatenate([before[faces], after[faces]], axis=1)  # (m, 6, 3)
 pairs = broadcl.overlapping_pairs((swept.min(axis=1), swept.max(axis=1)))
 
