@@ -190,8 +190,10 @@ TEST_P(EachAlgorithm, ANaNInDoublePrecisionIsNamed) {
 }
 
 TEST(ExactBoxes, NeitherRoundingNorFlushingOfTheCallerMatters) {
+  Boxes64 apart(40, {{1e-42, 0, 0}, {1, 1, 1}});  // by a denormal number
+  apart.resize(80, {{-1, 0.5, 0.5}, {0, 2, 2}});
   const std::vector<Boxes64> scenes{flush_cubes(6, 0), flush_cubes(6, 6.4e6), halves_of_steps(5, 1000),
-                                    special_boxes()};
+                                    special_boxes(), apart};
   std::vector<Pairs> expected;
   expected.reserve(scenes.size());
   for (const Boxes64& boxes : scenes) expected.push_back(expected_pairs(boxes));
