@@ -246,6 +246,13 @@ TEST(ExactBoxes, ManyAreReadAndTestedByThreads) {
   }
 }
 
+/// Most boxes are far from zero, where float32 has steps of a kilometre.
+TEST(ExactBoxes, FarApart) {
+  Boxes64 boxes = flush_cubes(4, 0);
+  for (const Aabb64& box : flush_cubes(5, 1e10)) boxes.push_back(box);
+  EXPECT_TRUE(same("pairs", overlapping_pairs(view_of(boxes)), expected_pairs(boxes)));
+}
+
 /// Any layout: the rows of a matrix, and two dimensions.
 TEST(ExactBoxes, OfAnyLayout) {
   const Boxes64 boxes = flush_cubes(4, 5e5);

@@ -66,7 +66,14 @@ TEST(NpyRead, FortranOrder) {
   EXPECT_EQ(read(npy(header, bytes_of(by_columns))), two_boxes);
 }
 
-TEST(NpyRead, Float64RoundsOutward) {
+TEST(NpyRead, Float64IsKept) {
+  const std::vector<double> numbers{0.1, -0.1, 0.5, 0.1, 0.2, 1e300};
+  std::istringstream stream(
+      npy("{'descr': '<f8', 'fortran_order': False, 'shape': (1, 6), }", bytes_of(numbers)));
+  EXPECT_EQ(std::get<std::vector<double>>(read_boxes(stream).numbers), numbers);
+}
+
+TEST(NpyRead, Float64AsFloat32RoundsOutward) {
   const std::string header = "{'descr': '<f8', 'fortran_order': False, 'shape': (1, 6), }";
   const auto boxes = read(npy(header, bytes_of(std::vector<double>{0.1, -0.1, 0.5, 0.1, 0.2, 1e300})));
   ASSERT_EQ(boxes.size(), 1U);

@@ -94,9 +94,6 @@ class BROADCL_API BoxView {
                    std::array<const S*, 3>{numbers + 2, numbers + 3, nullptr}, n, stride);
   }
 
-  /// Whether the bounds are float64.
-  [[nodiscard]] bool is_double() const noexcept { return is_double_; }
-
   /// Number of boxes.
   [[nodiscard]] std::size_t size() const noexcept { return size_; }
 

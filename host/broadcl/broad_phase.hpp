@@ -224,7 +224,8 @@ class BROADCL_API BroadPhase {
 /// Any number of threads may call this at the same time, also with the same boxes.
 /// @param exclusions Pairs of indices that are not reported, in any order: see BroadPhase::set_exclusions().
 /// @throws Error for a NaN bound (it names the first such box), for an exclusion of a box and itself or of a
-/// box that does not exist, and as BroadPhase does; std::bad_alloc.
+/// box that does not exist, for more than 2^31 pairs (of float64 boxes, also if they overlap as float32
+/// only), and as BroadPhase does; std::bad_alloc.
 [[nodiscard]] BROADCL_API std::vector<Pair> overlapping_pairs(
     const BoxView& boxes, const BroadPhase::Config& config = BroadPhase::Config(),
     std::span<const Pair> exclusions = {});

@@ -227,7 +227,7 @@ std::vector<Pair> overlapping_pairs(const BoxView& boxes, const BroadPhase::Conf
   algorithm->reserve_exclusions(sorted.size());
   const std::span<Aabb> packed = algorithm->boxes().first(boxes.size());
   const Input input{.boxes = packed, .all = true, .exclusions = sorted, .all_filters = true};
-  if (!boxes.is_double()) {
+  if (!ExactBoxes::are_needed(boxes)) {
     boxes.pack_to(packed);
     return algorithm->find_all(input);
   }
@@ -255,7 +255,7 @@ std::vector<Pair> overlapping_pairs(const BoxView& first, const BoxView& second,
   algorithm->reserve_exclusions(sorted.size());
   const std::span<Aabb> packed = algorithm->boxes().first(boxes);
   std::optional<ExactBoxes> exact;
-  if (first.is_double() || second.is_double()) {
+  if (ExactBoxes::are_needed(first, second)) {
     exact.emplace(first, second, config.threads);
     refuse_nan(exact->pack_to(packed), first.size(), second.size());
   } else {

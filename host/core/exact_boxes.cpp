@@ -13,14 +13,30 @@
 namespace broadcl {
 namespace {
 
-/// A number near which most others lie: zero if it is among them, since single precision is finest there.
-double middle_of(std::vector<double>& numbers) {
-  std::erase_if(numbers, [](double number) { return !std::isfinite(number); });
-  if (numbers.empty()) return 0;
-  std::ranges::sort(numbers);
-  const std::size_t tenth = numbers.size() / 10;
-  if (numbers[tenth] <= 0 && numbers[numbers.size() - 1 - tenth] >= 0) return 0;
-  return numbers[numbers.size() / 2];
+/// The lower and upper bound of a box on an axis.
+struct Interval {
+  double lower;
+  double upper;
+};
+
+/// How badly float32 resolves intervals about an origin: the sum of its steps there, as parts of the
+/// intervals' lengths, 1 at most.
+double badness(const std::vector<Interval>& intervals, double origin) {
+  double sum = 0;
+  for (const auto& [lower, upper] : intervals) {
+    const double step = std::abs(lower - origin) * static_cast<double>(std::numeric_limits<float>::epsilon());
+    sum += step < upper - lower ? step / (upper - lower) : 1;
+  }
+  return sum;
+}
+
+/// The median, or 0 if that is as good, since many numbers are exact there.
+double origin_for(std::vector<Interval>& intervals) {
+  if (intervals.empty()) return 0;
+  const auto middle = intervals.begin() + static_cast<std::ptrdiff_t>(intervals.size() / 2);
+  std::ranges::nth_element(intervals, middle, {}, &Interval::lower);
+  const double median = middle->lower;
+  return badness(intervals, median) < badness(intervals, 0) ? median : 0;
 }
 
 /// Rounds to the nearest float32, and what would be denormal to 0, as which some processors take it anyway.
@@ -42,19 +58,25 @@ bool touch(const Aabb& s, const Aabb& t) noexcept {
 }  // namespace
 
 ExactBoxes::ExactBoxes(const BoxView& first, const BoxView& second, std::size_t threads)
-    : first_(first), second_(second), threads_(threads), origin_(choose_origin()) {}
+    : first_(first), second_(second), threads_(threads), is_flat_(is_flat(first) && is_flat(second)) {
+  const DefaultFloatingPoint as_everywhere;
+  origin_ = choose_origin();
+}
 
 /// (Empty boxes may have bounds far from all others.)
-std::array<double, 3> ExactBoxes::choose_origin() const {
+[[gnu::noinline]] std::array<double, 3> ExactBoxes::choose_origin() const {
   constexpr std::size_t most_samples = 128;
-  const std::size_t step = size() / most_samples + 1;
-  std::array<std::vector<double>, 3> lower;
+  const std::size_t step = (size() / most_samples) | 1;  // odd, since every second box is often of a kind
+  std::array<std::vector<Interval>, 3> samples;
   for (std::size_t k = 0; k < size(); k += step) {
     const Aabb64 sample = box(k);
     if (!sample.is_proper()) continue;
-    for (std::size_t axis = 0; axis < 3; ++axis) lower[axis].push_back(sample.lower[axis]);
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      const Interval interval{sample.lower[axis], sample.upper[axis]};
+      if (std::isfinite(interval.upper - interval.lower)) samples[axis].push_back(interval);
+    }
   }
-  return {middle_of(lower[0]), middle_of(lower[1]), middle_of(lower[2])};
+  return {origin_for(samples[0]), origin_for(samples[1]), origin_for(samples[2])};
 }
 
 std::size_t ExactBoxes::pack_to(std::span<Aabb> out) const {
@@ -75,6 +97,10 @@ std::size_t ExactBoxes::pack_to(std::span<Aabb> out) const {
     for (std::size_t axis = 0; axis < 3; ++axis) {
       packed.lower[axis] = to_normal_float(exact.lower[axis] - origin_[axis]);
       packed.upper[axis] = to_normal_float(exact.upper[axis] - origin_[axis]);
+    }
+    if (is_flat_) {  // bounds in which no two boxes touch
+      packed.lower[2] = -1;
+      packed.upper[2] = 1;
     }
     if (!exact.is_proper()) [[unlikely]] {
       if (exact.has_nan()) return k;

@@ -21,6 +21,11 @@ namespace broadcl {
 /// precision.
 class ExactBoxes {
  public:
+  /// Whether the caller's numbers are more than float32 can tell. Otherwise float32 is exact.
+  [[nodiscard]] static bool are_needed(const BoxView& first, const BoxView& second = {}) noexcept {
+    return first.is_double_ || second.is_double_;
+  }
+
   /// @param second Empty for one set. Its boxes follow those of the first.
   /// @param threads At most; 0 for one per processor.
   ExactBoxes(const BoxView& first, const BoxView& second, std::size_t threads);
@@ -41,6 +46,10 @@ class ExactBoxes {
   [[nodiscard]] Aabb64 box(std::size_t k) const noexcept {
     return k < first_.size() ? first_.exact(k) : second_.exact(k - first_.size());
   }
+  /// Whether all boxes extend from 0 to 0 in z, because they have no z.
+  [[nodiscard]] static bool is_flat(const BoxView& boxes) noexcept {
+    return boxes.size() == 0 || boxes.bounds_[2] == nullptr;
+  }
   [[nodiscard]] std::array<double, 3> choose_origin() const;
   [[nodiscard]] std::size_t pack(std::size_t begin, std::size_t end, std::span<Aabb> out) const noexcept;
   [[nodiscard]] std::size_t keep(std::span<Pair> pairs, std::span<const Aabb> packed) const noexcept;
@@ -48,7 +57,8 @@ class ExactBoxes {
   BoxView first_;
   BoxView second_;
   std::size_t threads_;
-  std::array<double, 3> origin_;
+  bool is_flat_;
+  std::array<double, 3> origin_{};
 };
 
 }  // namespace broadcl

@@ -116,7 +116,8 @@ class Algorithm {
   /// exists.
   virtual Delta finish() = 0;
 
-  /// The pairs of an algorithm that is used only once, instead of an update.
+  /// The pairs of an algorithm that is used only once, instead of an update. Afterwards boxes() are as
+  /// before.
   /// @throws As begin() and finish().
   [[nodiscard]] virtual std::vector<Pair> find_all(const Input& input) {
     begin(input);

@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
-from hypothesis import settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
 import broadcl
-from conftest import boxes, oracle, uniform
+from conftest import boxes, oracle, rounded, uniform
 
 ALL = 2**32 - 1
 DEFAULT = (1, ALL, broadcl.NO_BODY, 0)
@@ -164,6 +164,13 @@ class TilesMachine(Machine):
 TestAnyCalls = Machine.TestCase
 TestAnyCallsOnADevice = TilesMachine.TestCase
 TestAnyCallsOnADevice.settings = settings(max_examples=max(5, settings().max_examples // 6))
+
+
+@given(boxes(np.float64))
+def test_float64_is_rounded_outward(values):
+    broad_phase = broadcl.BroadPhase()
+    broad_phase.add(values)
+    assert np.array_equal(broad_phase.update().added, oracle(rounded(values)))
 
 
 @pytest.mark.parametrize("algorithm", broadcl.algorithms())

@@ -247,7 +247,7 @@ Aabb load_box(BoundType type, const char* lower, const char* upper, std::size_t 
   return BoxView::corners(corners[0].data(), corners[1].data(), 1)[0];
 }
 
-BoxView FileBoxes::view() const {
+BoxView FileBoxes::view() const& {
   return std::visit([](const auto& all) { return BoxView::interleaved(all.data(), all.size() / columns); },
                     numbers);
 }

@@ -51,7 +51,8 @@ struct FileBoxes {
   std::variant<std::vector<float>, std::vector<double>> numbers;
 
   /// Valid as long as the numbers.
-  [[nodiscard]] BoxView view() const;
+  [[nodiscard]] BoxView view() const&;
+  BoxView view() && = delete;
   [[nodiscard]] std::vector<Aabb> as_float32() const;
 };
 

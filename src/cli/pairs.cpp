@@ -90,8 +90,7 @@ Verb add_pairs(CLI::App& program) {
   CLI::App* verb = program.add_subcommand("pairs", "Find all overlapping pairs of an array of boxes");
   verb->add_option("FILE", options->file,
                    "NumPy array (.npy) of shape (n, 6), one row per box: min x, y, z, max x, y, z; float32 "
-                   "or float64, "
-                   "whose pairs are exact")
+                   "or float64, whose pairs are exact")
       ->required()
       ->type_name("");
   add_name(*verb, "--algorithm", options->broad_phase.algorithm,
