@@ -273,6 +273,9 @@ TEST(ExactBoxes, OfAnyLayout) {
   for (Aabb64& box : in_a_plane) box.lower[2] = box.upper[2] = 0;
   EXPECT_TRUE(same("pairs", overlapping_pairs(BoxView::rectangles(flat.data(), boxes.size())),
                    expected_pairs(in_a_plane)));
+  EXPECT_TRUE(same("pairs of a plane and space",
+                   overlapping_pairs(BoxView::rectangles(flat.data(), boxes.size()), view_of(boxes)),
+                   expected_pairs(in_a_plane, boxes)));
 }
 
 }  // namespace
