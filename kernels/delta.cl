@@ -22,7 +22,7 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void delta_keep(KEEP_K
   uint kept_count = 0;
   uint removed_count = 0;
   for (uint k = first; k < end; ++k) {
-    const uint2 pair = last_pair(last, keep_scalars.last_capacity, k, last_kept);
+    const uint2 pair = list_pair(last, keep_scalars.last_capacity, k, last_kept);
     /* (A branch, because in Oclgrind 21.10 such a condition, used as a number, is not always 1.) */
     if (is_kept(pair, &keep_scalars, boxes, keep_filters, keep_exclusions, keep_stamps)) {
       kept[k - first] = 1;
@@ -36,7 +36,7 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void delta_keep(KEEP_K
   uint next_removed = atomic_add(&counts[COUNT_REMOVED], removed_count);
   uint next_kept = atomic_add(&counts[COUNT_KEPT], kept_count);
   for (uint k = first; k < end; ++k) {
-    const uint2 pair = last_pair(last, keep_scalars.last_capacity, k, last_kept);
+    const uint2 pair = list_pair(last, keep_scalars.last_capacity, k, last_kept);
     if (kept[k - first] == 0) {
       removed[next_removed++] = pair;
     } else {

@@ -37,6 +37,11 @@ typedef struct {
         last_exclusions, stamps, counts                                                                  \
   }
 
+/* A pair of a list, of which `kept` are at the beginning. */
+static inline uint2 list_pair(global const uint2* pairs, const uint capacity, const uint k, const uint kept) {
+  return pairs[k < kept ? k : capacity - 1U - (k - kept)];
+}
+
 /* Pairs of the last frame. */
 static inline uint last_found(global const uint* counts) {
   return counts[COUNT_LAST_KEPT] + counts[COUNT_LAST_ADDED];

@@ -17,11 +17,6 @@
       global const uint4 *restrict keep_filters, global const uint2 *restrict keep_exclusions,          \
       global const uint *restrict keep_stamps
 
-/* A pair of the last frame's list, of which `kept` are at the beginning. */
-static inline uint2 last_pair(global const uint2* last, const uint last_capacity, const uint k, const uint kept) {
-  return last[k < kept ? k : last_capacity - 1U - (k - kept)];
-}
-
 /* Whether a pair of the last frame is one of this frame. */
 static inline bool is_kept(const uint2 pair, const keep_scalars_t* keep, global const float* boxes,
                            global const uint4* filters, global const uint2* exclusions, global const uint* stamps) {
@@ -77,7 +72,7 @@ INLINE void keep_pairs(const keep_scalars_t* keep, global const uint2* last, glo
       const uint k = i * KEEP_GROUP + item;
       uchar kept = 0;
       if (first + k < end) {
-        pair[i] = last_pair(last, keep->last_capacity, first + k, last_kept);
+        pair[i] = list_pair(last, keep->last_capacity, first + k, last_kept);
         if (is_kept(pair[i], keep, boxes, filters, exclusions, stamps)) kept = 1;
       }
       ((local uchar*)chunk->bytes)[k] = kept;

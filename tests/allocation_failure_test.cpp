@@ -22,6 +22,7 @@
 #include "test_name.hpp"
 #include "trouble.hpp"
 #include "twins.hpp"
+#include "warped.hpp"
 
 /// Failed allocations of host memory: every call does all of its work or none.
 namespace broadcl::test {
@@ -38,6 +39,10 @@ constexpr auto expect_lives_on_device = expect_device_lives<AllocationTrouble>;
 
 TEST_P(EachAlgorithm, AnAllocationThatFailsIsMadeGood) {
   expect_host_lives(config(), 1, 25, false);
+}
+
+TEST_P(EachAlgorithm, AnAllocationThatFailsInDoublePrecisionIsMadeGood) {
+  expect_short_lives<AllocationTrouble, NoWatch, Warped<BroadPhase64>>(config(), 1, 25, false);
 }
 
 TEST_P(EachAlgorithm, AllocationsThatFailFromOneOnAreMadeGood) {
@@ -77,6 +82,8 @@ INSTANTIATE_TEST_SUITE_P(Long, LongFailure, ::testing::ValuesIn(algorithms().beg
 TEST_P(LongFailure, OfEveryAllocationIsMadeGood) {
   for (const long count : {1L, AllocationTrouble::for_good}) {
     expect_host_lives(config(), count, AllocationTrouble::for_good, true);
+    expect_short_lives<AllocationTrouble, NoWatch, Warped<BroadPhase64>>(config(), count,
+                                                                         AllocationTrouble::for_good, true);
   }
 }
 

@@ -3,7 +3,7 @@
 // The statements of the contract between a btBroadphaseInterface and Bullet 3.24. Each has a test with its
 // number, for BroadCL's broad phase and, to prove the tests themselves, for Bullet's own: 1 to 6 in
 // bullet_proxies_test.cpp, 7 to 18 in bullet_pairs_test.cpp, 20 to 24 in bullet_caches_test.cpp, 25 to 28 in
-// bullet_queries_test.cpp, 29 to 33 in bullet_life_test.cpp. 19 (boxes of double builds are rounded outward)
+// bullet_queries_test.cpp, 29 to 33 in bullet_life_test.cpp. 19 (pairs of double builds are exact)
 // is in bullet_float64_test.cpp.
 #include <BulletCollision/BroadphaseCollision/btOverlappingPairCache.h>
 #include <BulletCollision/BroadphaseCollision/btOverlappingPairCallback.h>

@@ -12,25 +12,11 @@
 #include <utility>
 #include <vector>
 
-#include <broadcl/aabb.hpp>
 #include <broadcl/pair.hpp>
 
 #include "bullet_random_script.hpp"
 
 namespace broadcl::test {
-
-/// The box that is searched. In double precision the core has float boxes, which contain those of the
-/// proxies.
-[[nodiscard]] inline Corners searched_box(const Corners& box) {
-#ifdef BT_USE_DOUBLE_PRECISION
-  const auto& [lower, upper] = box;
-  const Aabb rounded = round_outward({lower.x(), lower.y(), lower.z()}, {upper.x(), upper.y(), upper.z()});
-  const auto vector = [](const std::array<float, 3>& v) { return btVector3(v[0], v[1], v[2]); };
-  return {vector(rounded.lower), vector(rounded.upper)};
-#else
-  return box;
-#endif
-}
 
 [[nodiscard]] inline bool has_nan(const Corners& box) {
   for (int axis = 0; axis < 3; ++axis) {
@@ -207,7 +193,7 @@ inline void BulletReference::calculate() {
   const std::vector<int> ids = live();
   std::vector<Corners> boxes;
   boxes.reserve(ids.size());
-  for (const int id : ids) boxes.push_back(searched_box(box(id)));
+  for (const int id : ids) boxes.push_back(box(id));
   for (std::size_t t = 0; t < ids.size(); ++t) {
     for (std::size_t s = 0; s < t; ++s) {
       if (!overlap(boxes[s], boxes[t])) continue;

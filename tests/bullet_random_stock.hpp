@@ -93,7 +93,7 @@ class Stock {
 /// infinity and NaN would spoil the nodes above it.
 [[nodiscard]] inline Corners for_tree(const Corners& box) {
   if (is_invalid(box)) return {{0, 0, 0}, {0, 0, 0}};
-  Corners result = searched_box(box);
+  Corners result = box;
   const btVector3 most(btScalar(1e18), btScalar(1e18), btScalar(1e18));
   for (btVector3* corner : {&result.lower, &result.upper}) {
     corner->setMax(-most);

@@ -97,7 +97,7 @@ class Player {
 void Player::create(const Corners& box, int group, int mask) {
   const int id = reference_.create(box, group, mask);
   for_subjects([&](Subject& subject) { subject.create(id, box, group, mask); });
-  simple_.create(id, test::searched_box(box));
+  simple_.create(id, box);
   tree_.create(id, test::for_tree(box));
 }
 
@@ -111,7 +111,7 @@ void Player::destroy(int id) {
 void Player::move(int id, const Corners& box) {
   reference_.move(id, box);
   for_subjects([&](Subject& subject) { subject.move(id, box); });
-  simple_.move(id, test::searched_box(box));
+  simple_.move(id, box);
   tree_.move(id, test::for_tree(box));
 }
 

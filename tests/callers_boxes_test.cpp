@@ -28,7 +28,6 @@ namespace broadcl::test {
 namespace {
 
 using scenes::MovingBoxes;
-using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 
 /// More than are copied, and uploaded, at once.
@@ -117,20 +116,21 @@ TEST_P(CallersBoxes, MayBeOverwrittenOnceTheUpdateHasBegun) {
 
 TEST_P(CallersBoxes, OfAnyLayoutAreTheSame) {
   const MovingBoxes scene(many, MovingBoxes::Sizes::uniform);
-  std::vector<double> columns(6 * many);
+  constexpr std::size_t column = many;
+  std::vector<double> columns(6 * column);
   std::vector<float> squares;
   for (std::size_t k = 0; k < many; ++k) {
     const Aabb& box = scene.boxes()[k];
     for (std::size_t axis = 0; axis < 3; ++axis) {
-      columns[axis * many + k] = static_cast<double>(box.lower[axis]);
-      columns[(axis + 3) * many + k] = static_cast<double>(box.upper[axis]);
+      columns[axis * column + k] = static_cast<double>(box.lower[axis]);
+      columns[(axis + 3) * column + k] = static_cast<double>(box.upper[axis]);
     }
     if (k < 2000) squares.insert(squares.end(), {box.lower[0], box.lower[1], box.upper[0], box.upper[1]});
   }
   const double* at = columns.data();
   const std::vector<BoxView> views{
-      BoxView::arrays<double>({at, at + many, at + 2 * many}, {at + 3 * many, at + 4 * many, at + 5 * many},
-                              many),
+      BoxView::arrays<double>({at, at + column, at + 2 * column},
+                              {at + 3 * column, at + 4 * column, at + 5 * column}, many),
       BoxView::rectangles(squares.data(), 2000)};
   BroadPhase broad_phase(fast_algorithm(GetParam()));
   for (const BoxView& view : views) {

@@ -16,6 +16,7 @@
 #include <broadcl/broad_phase.hpp>
 
 #include "core/core.hpp"
+#include "core/core64.hpp"
 #include "core_player.hpp"
 #include "core_random_script.hpp"
 #include "each_algorithm.hpp"
@@ -26,6 +27,7 @@
 #include "pretender.hpp"
 #include "random_scripts.hpp"
 #include "test_name.hpp"
+#include "warped.hpp"
 
 namespace broadcl::test {
 namespace {
@@ -41,6 +43,13 @@ TEST_P(EachAlgorithm, SomeRandomCalls) {
   play_to_algorithm(config(), ScriptSize::small, is_slow() ? 3 : scripts, seed_of_ci);
 }
 
+/// In double precision, which single precision can seldom tell.
+TEST_P(EachAlgorithm, SomeRandomCallsInDoublePrecision) {
+  const std::size_t scripts = GetParam().on_device ? 10 : 40;
+  check_core_scripts(config().algorithm, ScriptSize::small, is_slow() ? 2 : scripts, seed_of_ci,
+                     [] { return std::make_unique<Warped<BroadPhase64>>(config()); });
+}
+
 ALSO_IN(oclgrind);
 TEST_P(EachAlgorithm, SmallRandomCalls) {
   play_to_algorithm(config(), ScriptSize::tiny, 5, seed_of_ci);
@@ -54,7 +63,10 @@ TEST(Oracle, SomeRandomCalls) {
 
 TEST(Long, RandomCalls) {
   for (const AlgorithmInfo& info : algorithms()) {
-    play_to_algorithm({.algorithm = std::string(info.name)}, ScriptSize::small, 2000, std::nullopt);
+    const BroadPhase::Config config{.algorithm = std::string(info.name)};
+    play_to_algorithm(config, ScriptSize::small, 2000, std::nullopt);
+    check_core_scripts(config.algorithm, ScriptSize::small, 1000, std::nullopt,
+                       [&] { return std::make_unique<Warped<BroadPhase64>>(config); });
   }
 }
 
@@ -80,6 +92,8 @@ TEST_P(LongRandomVariant, ManyRandomCalls) {
 }
 
 /// Changes between the host and what it takes for a device whenever the script says so.
+/// @tparam Subject Core, or one with the same functions.
+template <class Subject>
 class Changeable {
  public:
   explicit Changeable(std::string_view algorithm)
@@ -87,7 +101,7 @@ class Changeable {
             make_algorithm({.algorithm = "sweep-and-prune"}),
             [this, algorithm] { return std::make_unique<Pretender>(orders_, algorithm); }, 0, 1,
             [this] { return clock_ += std::chrono::microseconds(10); })) {
-    const std::uint32_t id = core_.add(unit, {});
+    const std::uint32_t id = core_.add(unit, Filter());
     for (std::size_t k = 1; core_.algorithm().memory().device == 0; ++k) {  // until the device is opened
       core_.move(id, apart(k % 2));
       (void)core_.finish();
@@ -103,23 +117,21 @@ class Changeable {
     orders_.expected_seconds = is_fast_ ? 0 : 1e-3;
     orders_.takes = std::chrono::milliseconds(is_fast_ ? 0 : 1);
   }
-  [[nodiscard]] Core& core() { return core_; }
+  [[nodiscard]] Subject& core() { return core_; }
 
  private:
   Time clock_;
   Pretender::Orders orders_{.clock = &clock_};
   bool is_fast_ = false;
-  Core core_;
+  Subject core_;
 };
 
-class RandomHybrid : public ::testing::TestWithParam<std::string_view> {};
-
-TEST_P(RandomHybrid, SomeRandomCalls) {
-  constexpr std::size_t scripts = 20;
+template <class Subject>
+void play_to_hybrid(std::string_view device, std::size_t scripts) {
   std::size_t changes = 0;
-  check_scripts("auto with " + std::string(GetParam()), scripts, seed_of_ci, [&] {
+  check_scripts("auto with " + std::string(device), scripts, seed_of_ci, [&] {
     const CoreScript script = *core_scripts(ScriptSize::small);
-    Changeable subject(GetParam());
+    Changeable<Subject> subject(device);
     CorePlayer player(subject.core(), script);
     bool was_on_device = false;
     apply_each(script.ops, [&](const CoreOp& op) {
@@ -130,9 +142,19 @@ TEST_P(RandomHybrid, SomeRandomCalls) {
     });
     player.end();
   });
-  if (!HasFailure() && !is_reproduced()) {
+  if (!::testing::Test::HasFailure() && !is_reproduced()) {
     EXPECT_GT(changes, 2 * scripts);
   }
+}
+
+class RandomHybrid : public ::testing::TestWithParam<std::string_view> {};
+
+TEST_P(RandomHybrid, SomeRandomCalls) {
+  play_to_hybrid<Core>(GetParam(), 20);
+}
+
+TEST_P(RandomHybrid, SomeRandomCallsInDoublePrecision) {
+  play_to_hybrid<Warped<Core64>>(GetParam(), 10);
 }
 
 INSTANTIATE_TEST_SUITE_P(Device, RandomHybrid, ::testing::Values("oracle", "brute-force", "tiles"),

@@ -20,6 +20,7 @@
 #include "short_life.hpp"
 #include "test_name.hpp"
 #include "trouble.hpp"
+#include "warped.hpp"
 
 /// Devices that fail: every call does all of its work or none.
 namespace broadcl::test {
@@ -51,6 +52,13 @@ NOT_IN(gpu_profile | rusticl | sanitizers,
 TEST_P(EachAlgorithm, ACallThatFailsMayBeRepeated) {
   if (!GetParam().on_device) return;
   expect_host_lives(config(), 1, 30, true);
+}
+
+NOT_IN(gpu_profile | rusticl | sanitizers,
+       "fails on purpose, also where buffers are unmapped, and takes long");
+TEST_P(EachAlgorithm, ACallThatFailsInDoublePrecisionMayBeRepeated) {
+  if (!GetParam().on_device) return;
+  expect_short_lives<OpenClTrouble, DeviceMemoryWatch, Warped<BroadPhase64>>(config(), 1, 30, true);
 }
 
 NOT_IN(gpu_profile | rusticl | sanitizers,

@@ -11,7 +11,7 @@
 
 #include <gtest/gtest.h>
 
-#include "base/aabb64.hpp"
+#include "boxes64.hpp"
 #include "each_algorithm.hpp"
 #include "expect_error.hpp"
 #include "rounding.hpp"
@@ -21,100 +21,11 @@
 namespace broadcl::test {
 namespace {
 
-using Boxes64 = std::vector<Aabb64>;
 using ::testing::HasSubstr;
-
-constexpr double infinity64 = std::numeric_limits<double>::infinity();
-
-BoxView view_of(const Boxes64& boxes) {
-  return boxes.empty() ? BoxView() : BoxView::interleaved(boxes.front().lower.data(), boxes.size());
-}
-
-/// By the definition alone.
-Pairs expected_pairs(const Boxes64& boxes) {
-  Pairs pairs;
-  for (std::uint32_t b = 0; b < boxes.size(); ++b) {
-    for (std::uint32_t a = 0; a < b; ++a) {
-      if (boxes[a].overlaps(boxes[b])) pairs.push_back({a, b});
-    }
-  }
-  return pairs;
-}
-
-Pairs expected_pairs(const Boxes64& first, const Boxes64& second) {
-  Pairs pairs;
-  for (std::uint32_t b = 0; b < second.size(); ++b) {
-    for (std::uint32_t a = 0; a < first.size(); ++a) {
-      if (first[a].overlaps(second[b])) pairs.push_back({a, b});
-    }
-  }
-  return pairs;
-}
-
-/// Cubes side by side, whose faces meet or miss each other by an ulp: 0.1 + 0.2 and 0.3.
-Boxes64 flush_cubes(int edge, double offset) {
-  Boxes64 boxes;
-  for (int x = 0; x < edge; ++x) {
-    for (int y = 0; y < edge; ++y) {
-      for (int z = 0; z < edge; ++z) {
-        const std::array<double, 3> lower{offset + 0.1 * x, 0.1 * y - offset, 0.1 * z};
-        boxes.push_back({lower, {lower[0] + 0.1, lower[1] + 0.1, lower[2] + 0.1}});
-      }
-    }
-  }
-  return boxes;
-}
-
-/// Edges of footprints, each of which begins where the last one ends.
-Boxes64 footprints(std::uint32_t seed, double easting, double northing) {
-  std::mt19937 random(seed);
-  std::uniform_real_distribution<double> place(0, 800), length(-12, 12);
-  Boxes64 boxes;
-  for (int house = 0; house < 60; ++house) {
-    std::array<double, 2> corner{easting + place(random), northing + place(random)};
-    for (int edge = 0; edge < 5; ++edge) {
-      const std::array<double, 2> next{corner[0] + length(random), corner[1] + length(random)};
-      boxes.push_back({{std::min(corner[0], next[0]), std::min(corner[1], next[1]), 0},
-                       {std::max(corner[0], next[0]), std::max(corner[1], next[1]), 0}});
-      corner = next;
-    }
-  }
-  return boxes;
-}
-
-/// Boxes on the grid of single precision, moved by half of its step at most.
-Boxes64 halves_of_steps(std::uint32_t seed, double offset) {
-  std::mt19937 random(seed);
-  std::uniform_int_distribution<int> cell(0, 12), half(-1, 1);
-  const double step =
-      static_cast<double>(std::nextafter(static_cast<float>(offset + 1), 1e30F)) - (offset + 1);
-  Boxes64 boxes(150);
-  for (Aabb64& box : boxes) {
-    for (std::size_t axis = 0; axis < 3; ++axis) {
-      box.lower[axis] = offset + step * (cell(random) + 0.5 * half(random));
-      box.upper[axis] = box.lower[axis] + step * (4 + 0.5 * half(random));
-    }
-  }
-  return boxes;
-}
-
-/// Each of these numbers as a bound, on one axis.
-Boxes64 special_boxes() {
-  constexpr double least = std::numeric_limits<double>::denorm_min();
-  constexpr double largest = std::numeric_limits<double>::max();
-  const std::vector<double> bounds{-infinity64, -largest,  -1e300,  -1.0,      -1e-42, -least,
-                                   -0.0,        0.0,       least,   1e-310,    1e-42,  1 - 1e-16,
-                                   1.0,         1 + 3e-16, largest, infinity64};
-  Boxes64 boxes;
-  for (const double lower : bounds) {
-    for (const double upper : bounds) boxes.push_back({{-1, lower, -1}, {1, upper, 1}});
-  }
-  return boxes;
-}
 
 void expect_exact(const BroadPhase::Config& config, const Boxes64& boxes, const std::string& name) {
   SCOPED_TRACE(name);
-  EXPECT_TRUE(same("pairs", overlapping_pairs(view_of(boxes), config), expected_pairs(boxes)));
+  EXPECT_TRUE(same("pairs", overlapping_pairs(boxes, config), expected_pairs(boxes)));
 }
 
 TEST_P(EachAlgorithm, FlushBoxesInDoublePrecision) {
@@ -149,8 +60,7 @@ TEST_P(EachAlgorithm, TwoSetsInDoublePrecisionAreExact) {
   const Boxes64 first = flush_cubes(5, 6.4e6);
   Boxes64 second = flush_cubes(6, 6.4e6);
   second.push_back({{1, 0, 0}, {0, 1, 1}});
-  EXPECT_TRUE(same("pairs", overlapping_pairs(view_of(first), view_of(second), config()),
-                   expected_pairs(first, second)));
+  EXPECT_TRUE(same("pairs", overlapping_pairs(first, second, config()), expected_pairs(first, second)));
 }
 
 TEST_P(EachAlgorithm, OneSetMayBeInSinglePrecision) {
@@ -162,10 +72,8 @@ TEST_P(EachAlgorithm, OneSetMayBeInSinglePrecision) {
     second.push_back({{at, 16, 16}, {at, 17, 17}});
     second64.push_back({{static_cast<double>(at), 16, 16}, {static_cast<double>(at), 17, 17}});
   }
-  EXPECT_TRUE(
-      same("pairs", overlapping_pairs(view_of(first), second, config()), expected_pairs(first, second64)));
-  EXPECT_TRUE(
-      same("pairs", overlapping_pairs(second, view_of(first), config()), expected_pairs(second64, first)));
+  EXPECT_TRUE(same("pairs", overlapping_pairs(first, second, config()), expected_pairs(first, second64)));
+  EXPECT_TRUE(same("pairs", overlapping_pairs(second, first, config()), expected_pairs(second64, first)));
 }
 
 TEST_P(EachAlgorithm, ExclusionsInDoublePrecision) {
@@ -174,18 +82,17 @@ TEST_P(EachAlgorithm, ExclusionsInDoublePrecision) {
   Pairs expected;
   for (const Pair& pair : expected_pairs(boxes)) (pair.a % 3 == 0 ? excluded : expected).push_back(pair);
   ASSERT_FALSE(excluded.empty());
-  EXPECT_TRUE(same("pairs", overlapping_pairs(view_of(boxes), config(), excluded), expected));
+  EXPECT_TRUE(same("pairs", overlapping_pairs(boxes, config(), excluded), expected));
 }
 
 TEST_P(EachAlgorithm, ANaNInDoublePrecisionIsNamed) {
   Boxes64 boxes = flush_cubes(2, 0);
   const Boxes64 good = boxes;
   boxes[5].upper[1] = std::nan("");
-  EXPECT_THAT(error_of([&] { (void)overlapping_pairs(view_of(boxes), config()); }),
-              HasSubstr("box 5 has a NaN"));
-  EXPECT_THAT(error_of([&] { (void)overlapping_pairs(view_of(boxes), view_of(good), config()); }),
+  EXPECT_THAT(error_of([&] { (void)overlapping_pairs(boxes, config()); }), HasSubstr("box 5 has a NaN"));
+  EXPECT_THAT(error_of([&] { (void)overlapping_pairs(boxes, good, config()); }),
               HasSubstr("the first set: box 5 has a NaN"));
-  EXPECT_THAT(error_of([&] { (void)overlapping_pairs(view_of(good), view_of(boxes), config()); }),
+  EXPECT_THAT(error_of([&] { (void)overlapping_pairs(good, boxes, config()); }),
               HasSubstr("the second set: box 5 has a NaN"));
 }
 
@@ -200,16 +107,14 @@ TEST(ExactBoxes, NeitherRoundingNorFlushingOfTheCallerMatters) {
   for (const int mode : {FE_DOWNWARD, FE_UPWARD, FE_TOWARDZERO}) {
     const ScopedRounding rounding(mode);
     for (std::size_t k = 0; k < scenes.size(); ++k) {
-      EXPECT_TRUE(same("pairs", overlapping_pairs(view_of(scenes[k]), {.algorithm = "sweep-and-prune"}),
-                       expected[k]));
+      EXPECT_TRUE(same("pairs", overlapping_pairs(scenes[k], {.algorithm = "sweep-and-prune"}), expected[k]));
       EXPECT_EQ(std::fegetround(), mode);
     }
   }
 #ifdef __SSE2__
   const ScopedFlush flush;
   for (std::size_t k = 0; k < scenes.size(); ++k) {
-    EXPECT_TRUE(
-        same("pairs", overlapping_pairs(view_of(scenes[k]), {.algorithm = "sweep-and-prune"}), expected[k]));
+    EXPECT_TRUE(same("pairs", overlapping_pairs(scenes[k], {.algorithm = "sweep-and-prune"}), expected[k]));
   }
 #endif
 }
@@ -228,7 +133,7 @@ TEST(ExactBoxes, FewOfManyPairsAreRemoved) {
     }
     expected = expected_pairs(boxes);
     for (const std::size_t threads : {1U, 3U, 5U}) {
-      EXPECT_TRUE(same("pairs", overlapping_pairs(view_of(boxes), {.threads = threads}), expected));
+      EXPECT_TRUE(same("pairs", overlapping_pairs(boxes, {.threads = threads}), expected));
     }
   }
 }
@@ -241,7 +146,7 @@ TEST(ExactBoxes, ManyAreReadAndTestedByThreads) {
   for (const int mode : {FE_TONEAREST, FE_UPWARD, FE_DOWNWARD}) {
     const ScopedRounding rounding(mode);
     for (const std::size_t threads : {1U, 2U, 5U}) {
-      EXPECT_TRUE(same("pairs", overlapping_pairs(view_of(boxes), {.threads = threads}), expected));
+      EXPECT_TRUE(same("pairs", overlapping_pairs(boxes, {.threads = threads}), expected));
     }
   }
 }
@@ -250,7 +155,7 @@ TEST(ExactBoxes, ManyAreReadAndTestedByThreads) {
 TEST(ExactBoxes, FarApart) {
   Boxes64 boxes = flush_cubes(4, 0);
   for (const Aabb64& box : flush_cubes(5, 1e10)) boxes.push_back(box);
-  EXPECT_TRUE(same("pairs", overlapping_pairs(view_of(boxes)), expected_pairs(boxes)));
+  EXPECT_TRUE(same("pairs", overlapping_pairs(boxes), expected_pairs(boxes)));
 }
 
 /// Any layout: the rows of a matrix, and two dimensions.
@@ -274,7 +179,7 @@ TEST(ExactBoxes, OfAnyLayout) {
   EXPECT_TRUE(same("pairs", overlapping_pairs(BoxView::rectangles(flat.data(), boxes.size())),
                    expected_pairs(in_a_plane)));
   EXPECT_TRUE(same("pairs of a plane and space",
-                   overlapping_pairs(BoxView::rectangles(flat.data(), boxes.size()), view_of(boxes)),
+                   overlapping_pairs(BoxView::rectangles(flat.data(), boxes.size()), boxes),
                    expected_pairs(in_a_plane, boxes)));
 }
 

@@ -193,9 +193,9 @@ void expect_right_lives_of(long count, long most, const Make& make, const Live& 
   });
 }
 
-template <class Trouble, class Watch = NoWatch>
+template <class Trouble, class Watch = NoWatch, class Tested = BroadPhase>
 void expect_short_lives(const BroadPhase::Config& config, long count, long most, bool worlds = true) {
-  using Subject = Twins<BroadPhase, Trouble>;
+  using Subject = Twins<Tested, Trouble>;
   expect_right_lives_of<Watch, Trouble>(
       count, most,
       [&](const Trouble& trouble, bool looks) { return Subject(std::in_place, trouble, looks, config); },

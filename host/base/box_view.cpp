@@ -8,14 +8,26 @@
 
 #include <broadcl/error.hpp>
 
-#include "base/aabb64.hpp"
 #include "base/box_parts.hpp"
+#include "base/box_reader.hpp"
+#include "base/origin.hpp"
 #include "base/packed_box.hpp"
+#include "base/stream.hpp"
 
 namespace broadcl {
 namespace {
 
 using BoundPointers = std::array<const std::byte*, 6>;
+
+template <class S>
+Aabb64 to_aabb64(const std::array<S, 3>& lower, const std::array<S, 3>& upper) noexcept {
+  Aabb64 box{};
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    box.lower[axis] = static_cast<double>(lower[axis]);
+    box.upper[axis] = static_cast<double>(upper[axis]);
+  }
+  return box;
+}
 
 /// Boxes in the layout of an array of Aabb.
 struct Packed {
@@ -104,7 +116,7 @@ void BoxView::check(const void* pointer, std::size_t alignment, std::size_t n, s
 
 template <class Function>
 auto BoxView::with_layout(const Function& function) const {
-  if (bounds_[2] == nullptr && size_ > 0) {
+  if (are_rectangles()) {
     if (is_double_) return function(Strided<double, 2>{bounds_, stride_});
     return function(Strided<float, 2>{bounds_, stride_});
   }
@@ -114,7 +126,7 @@ auto BoxView::with_layout(const Function& function) const {
 
 const Aabb* BoxView::boxes() const noexcept {
   if (bounds_[2] == nullptr) return nullptr;
-  bool is_packed = !is_double_ && stride_ == sizeof(Aabb);
+  bool is_packed = conversion_ == nullptr && !is_double_ && stride_ == sizeof(Aabb);
   for (std::size_t index = 1; index < bounds_.size(); ++index) {
     is_packed = is_packed && bounds_[index] == bounds_[index - 1] + sizeof(float);
   }
@@ -152,7 +164,30 @@ Aabb64 BoxView::exact(std::size_t k) const noexcept {
   return with_layout([k](const auto& boxes) { return boxes.exact(k); });
 }
 
+bool BoxView::are_flat() const noexcept {
+  if (are_rectangles()) return true;
+  return with_layout([this](const auto& boxes) {
+    for (std::size_t k = 0; k < size_; ++k) {
+      if (!is_flat(boxes.exact(k))) return false;
+    }
+    return true;
+  });
+}
+
+void BoxView::read(std::size_t first, std::span<Aabb64> out) const noexcept {
+  with_layout([&](const auto& boxes) {
+    for (std::size_t k = 0; k < out.size(); ++k) out[k] = boxes.exact(first + k);
+  });
+}
+
 void BoxView::read(std::size_t first, std::span<Aabb> out) const noexcept {
+  if (conversion_ != nullptr) {
+    std::array<Aabb64, BoxReader::block> block;
+    const std::span<Aabb64> exact = std::span(block).first(out.size());
+    read(first, exact);
+    stream(std::span<const Aabb64>(exact), conversion_->boxes + first);
+    return conversion_->origin.convert(exact, out);
+  }
   with_layout([&](const auto& boxes) {
     for (std::size_t k = 0; k < out.size(); ++k) out[k] = boxes[first + k];
   });

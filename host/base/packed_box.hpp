@@ -24,6 +24,17 @@ namespace broadcl {
          t.lower[1] <= s.upper[1] && s.lower[2] <= t.upper[2] && t.lower[2] <= s.upper[2];
 }
 
+/// Whether two packed boxes that overlap have a bound in common: the lower one of one and the upper one of
+/// the other.
+[[nodiscard]] constexpr bool packed_touch(const Aabb& s, const Aabb& t) noexcept {
+  bool any = false;
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    any |= s.lower[axis] == t.upper[axis];
+    any |= t.lower[axis] == s.upper[axis];
+  }
+  return any;
+}
+
 /// Whether a box is neither empty nor has a NaN.
 [[nodiscard]] constexpr bool is_proper(const Aabb& box) noexcept {
   return packed_overlaps(box, box);

@@ -8,23 +8,25 @@
 #include <cstddef>
 #include <ranges>
 #include <span>
+#include <type_traits>
 
 #include <broadcl/export.h>
 #include <broadcl/aabb.hpp>
 
 namespace broadcl {
 
-struct Aabb64;
+struct Conversion;
 
 /// The type of the caller's bounds: float or double.
 template <class S>
 concept Bound = std::same_as<S, float> || std::same_as<S, double>;
 
-/// A contiguous range of Aabb that outlives the expression: a named std::vector or array, or a range that
-/// does not own its boxes, such as std::span. A temporary std::vector does not qualify.
+/// A contiguous range of Aabb or Aabb64 that outlives the expression: a named std::vector or array, or a
+/// range that does not own its boxes, such as std::span. A temporary std::vector does not qualify.
 template <class Range>
 concept AabbArray = std::ranges::contiguous_range<Range> && std::ranges::sized_range<Range> &&
-    std::ranges::borrowed_range<Range> && std::same_as<std::ranges::range_value_t<Range>, Aabb>;
+    std::ranges::borrowed_range<Range> &&(std::same_as<std::ranges::range_value_t<Range>, Aabb> ||
+                                          std::same_as<std::ranges::range_value_t<Range>, Aabb64>);
 
 /// A read-only view of boxes in the caller's memory, in any layout with a constant distance between boxes.
 /// Nothing is copied.
@@ -32,9 +34,9 @@ concept AabbArray = std::ranges::contiguous_range<Range> && std::ranges::sized_r
 /// A view owns no memory. The memory that it shows must outlive it, and must not change while the view is
 /// read. Any number of threads may read a view at the same time. Copying a view is cheap.
 ///
-/// Bounds are float32 or float64. overlapping_pairs() finds the pairs of float64 boxes exactly. Everything
-/// else reads them as float32: they are rounded outward as round_outward() does, except that an empty box
-/// stays empty.
+/// Bounds are float32 or float64. overlapping_pairs() and BroadPhase64 find the pairs of float64 boxes
+/// exactly. Everything else reads them as float32: they are rounded outward as round_outward() does, except
+/// that an empty box stays empty.
 ///
 /// The functions that make a view take pointers to the bounds of box 0 and a stride, the distance in bytes
 /// from each box to the next; 0 means without gaps. It must be a multiple of the bounds' alignment, and is
@@ -49,7 +51,7 @@ class BROADCL_API BoxView {
   /// The boxes of an array.
   template <AabbArray Range>
   BoxView(Range&& boxes)  // NOLINT(bugprone-forwarding-reference-overload): a BoxView is not an AabbArray
-      : BoxView(interleaved(reinterpret_cast<const float*>(std::ranges::data(boxes)),
+      : BoxView(interleaved(reinterpret_cast<const BoundOf<Range>*>(std::ranges::data(boxes)),
                             static_cast<std::size_t>(std::ranges::size(boxes)))) {}
 
   /// n boxes of six numbers each: lower x, y, z, upper x, y, z; the first box is at `numbers`.
@@ -113,7 +115,11 @@ class BROADCL_API BoxView {
 
  private:
   friend class BoxReader;
+  friend class Core64;
   friend class ExactBoxes;
+
+  template <class Range>
+  using BoundOf = std::conditional_t<std::same_as<std::ranges::range_value_t<Range>, Aabb64>, double, float>;
 
   template <Bound S>
   BoxView(const std::array<const S*, 3>& lower, const std::array<const S*, 3>& upper, std::size_t n,
@@ -144,16 +150,21 @@ class BROADCL_API BoxView {
 
   /// The boxes, if they are those of an array of Aabb; otherwise null.
   [[nodiscard]] const Aabb* boxes() const noexcept;
-  /// Box k, with the numbers that the caller has.
-  [[nodiscard]] Aabb64 exact(std::size_t k) const noexcept;
-  /// Copies as many boxes as there is memory for, from one on.
+  /// Copies as many boxes as there is memory for, from one on; a block of BoxReader at most.
   void read(std::size_t first, std::span<Aabb> out) const noexcept;
+  /// The same with the numbers that the caller has.
+  void read(std::size_t first, std::span<Aabb64> out) const noexcept;
+  [[nodiscard]] Aabb64 exact(std::size_t k) const noexcept;
+  [[nodiscard]] bool are_rectangles() const noexcept { return size_ > 0 && bounds_[2] == nullptr; }
+  /// Whether all boxes extend from 0 to 0 in z.
+  [[nodiscard]] bool are_flat() const noexcept;
 
   bool is_double_ = false;
   std::ptrdiff_t stride_ = 0;
   std::size_t size_ = 0;
   std::array<const std::byte*, 6>
-      bounds_{};  // of box 0: lower x, y, z, upper x, y, z; no z in two dimensions
+      bounds_{};                            // of box 0: lower x, y, z, upper x, y, z; no z in two dimensions
+  const Conversion* conversion_ = nullptr;  // by which BoxReader reads them, if not rounded outward
 };
 
 /// Any other range whose elements convert to Aabb.

@@ -1,7 +1,7 @@
 #pragma once
 
 /// For Bullet programs, from C++17 on. To use broad_phase() of a BulletBroadphase, also include
-/// broadcl/broad_phase.hpp, which needs C++20.
+/// broadcl/broad_phase.hpp, or broadcl/broad_phase64.hpp for double precision, which need C++20.
 
 #include <cstddef>
 #include <functional>
@@ -28,6 +28,7 @@ class btOverlappingPairCache;
 namespace broadcl {
 
 class BroadPhase;
+class BroadPhase64;
 
 namespace detail {
 
@@ -53,8 +54,8 @@ constexpr BulletAbi bullet_abi{BT_BULLET_VERSION,          sizeof(btVector3),
 inline namespace float64 {
 #endif
 
-/// A Bullet broad phase whose pairs are found by a BroadPhase, on the host or on an OpenCL device. Use it in
-/// place of a `btDbvtBroadphase`.
+/// A Bullet broad phase whose pairs are found by a BroadPhase or a BroadPhase64, on the host or on an OpenCL
+/// device. Use it in place of a `btDbvtBroadphase`.
 ///
 /// Overlaps are those of the exact boxes that Bullet sets, including boxes that only touch, as of
 /// calculateOverlappingPairs(). A pair that continues to overlap keeps its entry in the pair cache and its
@@ -70,9 +71,9 @@ inline namespace float64 {
 /// cache, so not if as many are added in the same step.) If the callback is set, cleared or replaced, the
 /// cache decides about every overlapping pair again.
 ///
-/// If Bullet is built for double precision (BT_USE_DOUBLE_PRECISION, the target broadcl::bullet-float64), the
-/// device has boxes in float32 that are rounded outward: all pairs of the exact boxes are found, and also
-/// some whose boxes are apart by less than the rounding. Bounds of proxies, and queries, stay exact.
+/// If Bullet is built for double precision (BT_USE_DOUBLE_PRECISION, the target broadcl::bullet-float64), a
+/// BroadPhase64 finds the pairs: exactly those of the boxes in double precision, at any distance from the
+/// origin.
 ///
 /// If the device fails, the error is reported once; that calculation and all later ones are done on the host,
 /// by sweep and prune, and broad_phase().device() is null.
@@ -95,6 +96,13 @@ inline namespace float64 {
 /// no thread calls any other function.
 class BROADCL_BULLET_API BulletBroadphase : public btBroadphaseInterface {
  public:
+  /// What finds the pairs.
+#ifdef BT_USE_DOUBLE_PRECISION
+  using Core = BroadPhase64;
+#else
+  using Core = BroadPhase;
+#endif
+
   /// Opens the device, unless the algorithm starts on the host: see Config::algorithm.
   /// @param config The device and the algorithm.
   /// @param cache Receives the pairs; not owned, must outlive this object. If null, the object makes its own:
@@ -185,7 +193,7 @@ class BROADCL_BULLET_API BulletBroadphase : public btBroadphaseInterface {
 
   /// The core that finds the pairs, for its device, algorithm and profile. It is replaced if the device
   /// fails.
-  [[nodiscard]] const BroadPhase& broad_phase() const noexcept;
+  [[nodiscard]] const Core& broad_phase() const noexcept;
 
  private:
   struct Impl;

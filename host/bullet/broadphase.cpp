@@ -157,7 +157,7 @@ void BulletBroadphase::setAabb(btBroadphaseProxy* proxy, const btVector3& aabbMi
   own.m_aabbMin = aabbMin;
   own.m_aabbMax = aabbMax;
   impl_->pool.mark_changed(own);
-  impl_->search.move(own.id(), is_good ? proper_box(aabbMin, aabbMax) : empty_aabb());
+  impl_->search.move(own.id(), is_good ? proper_box(aabbMin, aabbMax) : empty_box());
   impl_->queries.touch(own.id());
   if (turns_nan) impl_->report_nan(own);
   impl_->add_at_once(own);
@@ -222,7 +222,7 @@ void BulletBroadphase::set_error_handler(std::function<void(const std::string&)>
   impl_->reports.set_handler(std::move(handler));
 }
 
-const BroadPhase& BulletBroadphase::broad_phase() const noexcept {
+const BulletBroadphase::Core& BulletBroadphase::broad_phase() const noexcept {
   return impl_->search.core();
 }
 

@@ -69,17 +69,25 @@ struct Masks {
   return is_proper(proxy.m_aabbMin, proxy.m_aabbMax);
 }
 
-/// The core's version of a proper box: rounded outward if Bullet's precision is double.
-[[nodiscard]] inline Aabb proper_box(const btVector3& lower, const btVector3& upper) {
+/// A box in Bullet's precision.
 #ifdef BT_USE_DOUBLE_PRECISION
-  return round_outward({lower.x(), lower.y(), lower.z()}, {upper.x(), upper.y(), upper.z()});
+using ProxyBox = Aabb64;
+[[nodiscard]] constexpr ProxyBox empty_box() noexcept {
+  return empty_aabb64();
+}
 #else
-  return {{lower.x(), lower.y(), lower.z()}, {upper.x(), upper.y(), upper.z()}};
+using ProxyBox = Aabb;
+[[nodiscard]] constexpr ProxyBox empty_box() noexcept {
+  return empty_aabb();
+}
 #endif
+
+[[nodiscard]] inline ProxyBox proper_box(const btVector3& lower, const btVector3& upper) noexcept {
+  return {{lower.x(), lower.y(), lower.z()}, {upper.x(), upper.y(), upper.z()}};
 }
 
-[[nodiscard]] inline Aabb box_of(const btBroadphaseProxy& proxy) {
-  return is_proper(proxy) ? proper_box(proxy.m_aabbMin, proxy.m_aabbMax) : empty_aabb();
+[[nodiscard]] inline ProxyBox box_of(const btBroadphaseProxy& proxy) noexcept {
+  return is_proper(proxy) ? proper_box(proxy.m_aabbMin, proxy.m_aabbMax) : empty_box();
 }
 
 }  // namespace broadcl

@@ -12,6 +12,8 @@
 #include <vector>
 
 #include <broadcl/broad_phase.hpp>
+#include <broadcl/broad_phase64.hpp>
+#include <broadcl/bullet.hpp>
 
 #include "base/pair_lists.hpp"
 #include "bullet/filter_watch.hpp"
@@ -27,9 +29,10 @@ namespace broadcl {
 /// of date; the next find() copies all proxies again.
 class ProxySearch {
  public:
+  using Core = BulletBroadphase::Core;
+
   /// @param cache, pool, reports Must outlive this object.
-  ProxySearch(const BroadPhase::Config& config, btOverlappingPairCache& cache, ProxyPool& pool,
-              Reports& reports)
+  ProxySearch(const Config& config, btOverlappingPairCache& cache, ProxyPool& pool, Reports& reports)
       : core_(config), threads_(config.threads), pool_(pool), filters_(cache, pool), reports_(reports) {}
 
   /// @param proxy Not in the pool yet.
@@ -40,7 +43,7 @@ class ProxySearch {
     return on_core([&] { return core_.add(box_of(proxy), filters_.filter(masks_of(proxy))); });
   }
 
-  void move(std::uint32_t id, const Aabb& box) {
+  void move(std::uint32_t id, const ProxyBox& box) {
     is_late_ = true;
     attempt([&] { on_core([&] { core_.move(id, box); }); });
   }
@@ -108,7 +111,7 @@ class ProxySearch {
     }
   }
 
-  [[nodiscard]] const BroadPhase& core() const noexcept { return core_; }
+  [[nodiscard]] const Core& core() const noexcept { return core_; }
 
  private:
   /// Calls a function that uses the core. If the device fails, a core on the host replaces the core for good,
@@ -119,7 +122,7 @@ class ProxySearch {
       return function();
     } catch (const Error& error) {
       if (!core_.algorithm().on_device) throw;  // (`auto` may have left the device already)
-      BroadPhase host({.algorithm = "sweep-and-prune", .threads = threads_});
+      Core host({.algorithm = "sweep-and-prune", .threads = threads_});
       fill(host);
       core_ = std::move(host);
       must_compare_ = true;
@@ -137,10 +140,10 @@ class ProxySearch {
 
   /// Copies all boxes and filters to a core. If that fails, the core either has the right ids, or is
   /// unchanged.
-  void fill(BroadPhase& core) const {
+  void fill(Core& core) const {
     std::size_t slots = 0;
     pool_.for_each([&](const Proxy& proxy) { slots = std::size_t{proxy.id()} + 1; });
-    const std::span<Aabb> boxes = core.map(slots);
+    const std::span<ProxyBox> boxes = core.map(slots);
     pool_.for_each([&](const Proxy& proxy) { boxes[proxy.id()] = box_of(proxy); });
     for (std::uint32_t id = 0; id < slots; ++id) {
       if (!pool_[id].is_live()) core.remove(id);
@@ -173,7 +176,7 @@ class ProxySearch {
     return {.added = added_, .removed = removed_};
   }
 
-  BroadPhase core_;
+  Core core_;
   std::size_t threads_;  // as configured
   ProxyPool& pool_;
   FilterWatch filters_;

@@ -1,11 +1,15 @@
 #include <broadcl/broadcl.h>
 #include <broadcl/broad_phase.hpp>
+#include <broadcl/broad_phase64.hpp>
 
 #include <algorithm>
 #include <cstddef>
 #include <cstdint>
 #include <optional>
 #include <span>
+#include <string>
+#include <utility>
+#include <variant>
 #include <vector>
 
 #include "c/call.hpp"
@@ -16,7 +20,7 @@ struct broadcl_pair_list {
 };
 
 struct broadcl_broad_phase {
-  broadcl::BroadPhase broad_phase;
+  std::variant<broadcl::BroadPhase, broadcl::BroadPhase64> broad_phase;
   std::vector<broadcl::Pair> pairs{};               ///< What broadcl_broad_phase_pairs() has returned.
   std::optional<broadcl::c::DeviceFacts> device{};  ///< And ..._device(),
   std::vector<broadcl_stage> stages{};              ///< ..._profile().
@@ -26,16 +30,32 @@ using namespace broadcl;
 
 namespace {
 
-BroadPhase& object(broadcl_broad_phase* handle) {
-  return c::required(handle, "broad_phase").broad_phase;
+/// Calls a function with the object of a handle.
+template <class Handle, class Function>
+auto with(Handle* handle, const Function& function) {
+  return std::visit(function, c::required(handle, "broad_phase").broad_phase);
 }
 
-const BroadPhase& object(const broadcl_broad_phase* handle) {
-  return c::required(handle, "broad_phase").broad_phase;
+Aabb box_for(const BroadPhase& /*object*/, const broadcl_aabb& box) {
+  return c::to_aabb(box);
+}
+Aabb64 box_for(const BroadPhase64& /*object*/, const broadcl_aabb& box) {
+  return c::to_aabb64(box);
+}
+
+/// The object of a handle, which must have boxes of a type.
+/// @param remedy What to call if it has those of the other.
+template <class Object, class Handle>
+auto& of_type(Handle* handle, const char* remedy) {
+  auto* object = std::get_if<Object>(&c::required(handle, "broad_phase").broad_phase);
+  if (object == nullptr) {
+    throw Error::invalid_argument(std::string("the boxes are of the other type; call ") + remedy);
+  }
+  return *object;
 }
 
 void finish(broadcl_broad_phase* broad_phase, broadcl_delta* delta) {
-  const Delta changes = object(broad_phase).finish();
+  const Delta changes = with(broad_phase, [](auto& object) { return object.finish(); });
   if (delta != nullptr) *delta = c::to_c(changes);
 }
 
@@ -103,7 +123,11 @@ broadcl_status broadcl_pair_list_pairs(const broadcl_pair_list* list, broadcl_pa
 broadcl_status broadcl_broad_phase_create(const broadcl_config* config, broadcl_broad_phase** broad_phase) {
   return c::call(__func__, [&] {
     c::required(broad_phase, "broad_phase");
-    *broad_phase = new broadcl_broad_phase{.broad_phase = BroadPhase(c::to_config(config))};
+    if (c::is_float64(config)) {
+      *broad_phase = new broadcl_broad_phase{.broad_phase = BroadPhase64(c::to_config(config))};
+    } else {
+      *broad_phase = new broadcl_broad_phase{.broad_phase = BroadPhase(c::to_config(config))};
+    }
   });
 }
 
@@ -116,7 +140,8 @@ broadcl_status broadcl_broad_phase_add(broadcl_broad_phase* broad_phase, const b
   return c::call(__func__, [&] {
     c::required(id, "id");
     const Filter rule = filter == nullptr ? Filter() : c::to_filter(*filter);
-    *id = object(broad_phase).add(c::to_aabb(c::required(box, "box")), rule);
+    const broadcl_aabb& given = c::required(box, "box");
+    *id = with(broad_phase, [&](auto& object) { return object.add(box_for(object, given), rule); });
   });
 }
 
@@ -126,50 +151,71 @@ broadcl_status broadcl_broad_phase_add_boxes(broadcl_broad_phase* broad_phase, c
   return c::call(__func__, [&] {
     const BoxView view = c::to_view(boxes, "boxes");
     if (view.size() > 0) c::required(ids, "ids");
-    const std::vector<std::uint32_t> added =
-        filter_count == 0 ? object(broad_phase).add(view)
-                          : object(broad_phase).add(view, c::to_filters(filters, filter_count, "filters"));
-    std::ranges::copy(added, ids);
+    const Filter none;
+    const std::span<const Filter> rules =
+        filter_count == 0 ? std::span(&none, 1) : c::to_filters(filters, filter_count, "filters");
+    std::ranges::copy(with(broad_phase, [&](auto& object) { return object.add(view, rules); }), ids);
   });
 }
 
 broadcl_status broadcl_broad_phase_move(broadcl_broad_phase* broad_phase, std::uint32_t id,
                                         const broadcl_aabb* box) {
-  return c::call(__func__, [&] { object(broad_phase).move(id, c::to_aabb(c::required(box, "box"))); });
+  return c::call(__func__, [&] {
+    const broadcl_aabb& given = c::required(box, "box");
+    with(broad_phase, [&](auto& object) { object.move(id, box_for(object, given)); });
+  });
 }
 
 broadcl_status broadcl_broad_phase_move_boxes(broadcl_broad_phase* broad_phase, const std::uint32_t* ids,
                                               std::size_t count, const broadcl_boxes* boxes) {
-  return c::call(__func__,
-                 [&] { object(broad_phase).move(c::array(ids, count, "ids"), c::to_view(boxes, "boxes")); });
+  return c::call(__func__, [&] {
+    const std::span<const std::uint32_t> objects = c::array(ids, count, "ids");
+    const BoxView view = c::to_view(boxes, "boxes");
+    with(broad_phase, [&](auto& object) { object.move(objects, view); });
+  });
 }
 
 broadcl_status broadcl_broad_phase_set_filter(broadcl_broad_phase* broad_phase, std::uint32_t id,
                                               const broadcl_filter* filter) {
-  return c::call(__func__,
-                 [&] { object(broad_phase).set_filter(id, c::to_filter(c::required(filter, "filter"))); });
+  return c::call(__func__, [&] {
+    const Filter rule = c::to_filter(c::required(filter, "filter"));
+    with(broad_phase, [&](auto& object) { object.set_filter(id, rule); });
+  });
 }
 
 broadcl_status broadcl_broad_phase_remove(broadcl_broad_phase* broad_phase, std::uint32_t id) {
-  return c::call(__func__, [&] { object(broad_phase).remove(id); });
+  return c::call(__func__, [&] { with(broad_phase, [&](auto& object) { object.remove(id); }); });
 }
 
 broadcl_status broadcl_broad_phase_remove_ids(broadcl_broad_phase* broad_phase, const std::uint32_t* ids,
                                               std::size_t count) {
-  return c::call(__func__, [&] { object(broad_phase).remove(c::array(ids, count, "ids")); });
+  return c::call(__func__, [&] {
+    const std::span<const std::uint32_t> objects = c::array(ids, count, "ids");
+    with(broad_phase, [&](auto& object) { object.remove(objects); });
+  });
 }
 
 broadcl_status broadcl_broad_phase_contains(const broadcl_broad_phase* broad_phase, std::uint32_t id,
                                             int* contains) {
-  return c::call(__func__,
-                 [&] { c::required(contains, "contains") = object(broad_phase).contains(id) ? 1 : 0; });
+  return c::call(__func__, [&] {
+    int& out = c::required(contains, "contains");
+    out = with(broad_phase, [&](const auto& object) { return object.contains(id); }) ? 1 : 0;
+  });
 }
 
 broadcl_status broadcl_broad_phase_box(const broadcl_broad_phase* broad_phase, std::uint32_t id,
                                        broadcl_aabb* box) {
   return c::call(__func__, [&] {
     broadcl_aabb& out = c::required(box, "box");
-    out = c::to_c(object(broad_phase).box(id));
+    out = c::to_c(of_type<BroadPhase>(broad_phase, "broadcl_broad_phase_box64()").box(id));
+  });
+}
+
+broadcl_status broadcl_broad_phase_box64(const broadcl_broad_phase* broad_phase, std::uint32_t id,
+                                         broadcl_aabb64* box) {
+  return c::call(__func__, [&] {
+    broadcl_aabb64& out = c::required(box, "box");
+    out = c::to_c(of_type<BroadPhase64>(broad_phase, "broadcl_broad_phase_box()").box(id));
   });
 }
 
@@ -177,20 +223,33 @@ broadcl_status broadcl_broad_phase_filter(const broadcl_broad_phase* broad_phase
                                           broadcl_filter* filter) {
   return c::call(__func__, [&] {
     broadcl_filter& out = c::required(filter, "filter");
-    out = c::to_c(object(broad_phase).filter(id));
+    out = c::to_c(with(broad_phase, [&](const auto& object) { return object.filter(id); }));
   });
 }
 
 broadcl_status broadcl_broad_phase_set_exclusions(broadcl_broad_phase* broad_phase, const broadcl_pair* pairs,
                                                   std::size_t count) {
-  return c::call(__func__, [&] { object(broad_phase).set_exclusions(c::to_pairs(pairs, count, "pairs")); });
+  return c::call(__func__, [&] {
+    const std::span<const Pair> exclusions = c::to_pairs(pairs, count, "pairs");
+    with(broad_phase, [&](auto& object) { object.set_exclusions(exclusions); });
+  });
 }
 
 broadcl_status broadcl_broad_phase_map(broadcl_broad_phase* broad_phase, std::size_t count,
                                        broadcl_aabb** boxes) {
   return c::call(__func__, [&] {
     c::required(boxes, "boxes");
-    *boxes = reinterpret_cast<broadcl_aabb*>(object(broad_phase).map(count).data());
+    *boxes = reinterpret_cast<broadcl_aabb*>(
+        of_type<BroadPhase>(broad_phase, "broadcl_broad_phase_map64()").map(count).data());
+  });
+}
+
+broadcl_status broadcl_broad_phase_map64(broadcl_broad_phase* broad_phase, std::size_t count,
+                                         broadcl_aabb64** boxes) {
+  return c::call(__func__, [&] {
+    c::required(boxes, "boxes");
+    *boxes = reinterpret_cast<broadcl_aabb64*>(
+        of_type<BroadPhase64>(broad_phase, "broadcl_broad_phase_map()").map(count).data());
   });
 }
 
@@ -201,17 +260,21 @@ broadcl_status broadcl_broad_phase_update(broadcl_broad_phase* broad_phase, broa
 broadcl_status broadcl_broad_phase_update_boxes(broadcl_broad_phase* broad_phase, const broadcl_boxes* boxes,
                                                 broadcl_delta* delta) {
   return c::call(__func__, [&] {
-    const Delta changes = object(broad_phase).update(c::to_view(boxes, "boxes"));
+    const BoxView view = c::to_view(boxes, "boxes");
+    const Delta changes = with(broad_phase, [&](auto& object) { return object.update(view); });
     if (delta != nullptr) *delta = c::to_c(changes);
   });
 }
 
 broadcl_status broadcl_broad_phase_begin_boxes(broadcl_broad_phase* broad_phase, const broadcl_boxes* boxes) {
-  return c::call(__func__, [&] { object(broad_phase).begin(c::to_view(boxes, "boxes")); });
+  return c::call(__func__, [&] {
+    const BoxView view = c::to_view(boxes, "boxes");
+    with(broad_phase, [&](auto& object) { object.begin(view); });
+  });
 }
 
 broadcl_status broadcl_broad_phase_begin(broadcl_broad_phase* broad_phase) {
-  return c::call(__func__, [&] { object(broad_phase).begin(); });
+  return c::call(__func__, [&] { with(broad_phase, [](auto& object) { object.begin(); }); });
 }
 
 broadcl_status broadcl_broad_phase_finish(broadcl_broad_phase* broad_phase, broadcl_delta* delta) {
@@ -220,7 +283,7 @@ broadcl_status broadcl_broad_phase_finish(broadcl_broad_phase* broad_phase, broa
 
 broadcl_status broadcl_broad_phase_shrink(broadcl_broad_phase* broad_phase) {
   return c::call(__func__, [&] {
-    object(broad_phase).shrink();
+    with(broad_phase, [](auto& object) { object.shrink(); });
     broad_phase->pairs = std::vector<Pair>();
   });
 }
@@ -229,20 +292,22 @@ broadcl_status broadcl_broad_phase_pairs(broadcl_broad_phase* broad_phase, broad
   return c::call(__func__, [&] {
     c::required(pairs, "pairs");
     broadcl_broad_phase& handle = c::required(broad_phase, "broad_phase");
-    handle.pairs = handle.broad_phase.pairs();
+    handle.pairs = with(&handle, [](const auto& object) { return object.pairs(); });
     *pairs = c::to_c(handle.pairs);
   });
 }
 
 broadcl_status broadcl_broad_phase_size(const broadcl_broad_phase* broad_phase, std::size_t* size) {
-  return c::call(__func__, [&] { c::required(size, "size") = object(broad_phase).size(); });
+  return c::call(__func__, [&] {
+    c::required(size, "size") = with(broad_phase, [](const auto& object) { return object.size(); });
+  });
 }
 
 broadcl_status broadcl_broad_phase_device(broadcl_broad_phase* broad_phase, broadcl_device_info* info) {
   return c::call(__func__, [&] {
     const c::Out out(info, "info");
     broadcl_broad_phase& handle = c::required(broad_phase, "broad_phase");
-    const Device* device = handle.broad_phase.device();
+    const Device* device = with(&handle, [](const auto& object) { return object.device(); });
     if (device == nullptr) {
       out.write({});
     } else {
@@ -253,13 +318,16 @@ broadcl_status broadcl_broad_phase_device(broadcl_broad_phase* broad_phase, broa
 
 broadcl_status broadcl_broad_phase_algorithm(const broadcl_broad_phase* broad_phase,
                                              const broadcl_algorithm** row) {
-  return c::call(__func__, [&] { c::required(row, "row") = &c::row_of(object(broad_phase).algorithm()); });
+  return c::call(__func__, [&] {
+    c::required(row, "row") =
+        &c::row_of(*with(broad_phase, [](const auto& object) { return &object.algorithm(); }));
+  });
 }
 
 broadcl_status broadcl_broad_phase_memory(const broadcl_broad_phase* broad_phase, broadcl_memory_use* use) {
   return c::call(__func__, [&] {
     const c::Out out(use, "use");
-    out.write(c::to_c(object(broad_phase).memory()));
+    out.write(c::to_c(with(broad_phase, [](const auto& object) { return object.memory(); })));
   });
 }
 
@@ -269,7 +337,7 @@ broadcl_status broadcl_broad_phase_profile(broadcl_broad_phase* broad_phase, con
     c::required(stages, "stages");
     c::required(count, "count");
     broadcl_broad_phase& handle = c::required(broad_phase, "broad_phase");
-    handle.stages = c::to_c(handle.broad_phase.profile());
+    handle.stages = c::to_c(with(&handle, [](const auto& object) { return object.profile(); }));
     *stages = handle.stages.data();
     *count = handle.stages.size();
   });

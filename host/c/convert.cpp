@@ -75,6 +75,13 @@ Config to_config(const broadcl_config* config) {
   return result;
 }
 
+bool is_float64(const broadcl_config* config) {
+  const std::int32_t type = read_optional(config, "config").type;
+  if (type == BROADCL_FLOAT32 || type == BROADCL_FLOAT64) return type == BROADCL_FLOAT64;
+  throw Error::invalid_argument("config->type is " + std::to_string(type) +
+                                "; give BROADCL_FLOAT32 or BROADCL_FLOAT64");
+}
+
 DeviceFacts::DeviceFacts(Device device)
     : device_(std::move(device)), id_(device_.id()), label_(device_.label()) {}
 

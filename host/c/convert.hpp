@@ -35,8 +35,22 @@ namespace broadcl::c {
   return {.group = filter.group, .mask = filter.mask, .body = filter.body, .world = filter.world};
 }
 
+[[nodiscard]] inline broadcl_aabb64 to_c(const Aabb64& box) noexcept {
+  return {{box.lower[0], box.lower[1], box.lower[2]}, {box.upper[0], box.upper[1], box.upper[2]}};
+}
+
+/// Exactly.
+[[nodiscard]] inline Aabb64 to_aabb64(const broadcl_aabb& box) noexcept {
+  Aabb64 result{};
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    result.lower[axis] = static_cast<double>(box.lower[axis]);
+    result.upper[axis] = static_cast<double>(box.upper[axis]);
+  }
+  return result;
+}
+
 static_assert(sizeof(broadcl_pair) == sizeof(Pair) && sizeof(broadcl_aabb) == sizeof(Aabb) &&
-              sizeof(broadcl_filter) == sizeof(Filter));
+              sizeof(broadcl_aabb64) == sizeof(Aabb64) && sizeof(broadcl_filter) == sizeof(Filter));
 
 [[nodiscard]] inline broadcl_pairs to_c(std::span<const Pair> pairs) noexcept {
   return {reinterpret_cast<const broadcl_pair*>(pairs.data()), pairs.size()};
@@ -63,6 +77,10 @@ static_assert(sizeof(broadcl_pair) == sizeof(Pair) && sizeof(broadcl_aabb) == si
 
 /// @throws Error
 [[nodiscard]] Config to_config(const broadcl_config* config);
+
+/// Whether the boxes of a broadcl_broad_phase are float64.
+/// @throws Error for an unknown type.
+[[nodiscard]] bool is_float64(const broadcl_config* config);
 
 /// Null if the handler is null.
 [[nodiscard]] CompileHandler to_handler(broadcl_compile_handler handler, void* data);

@@ -3,18 +3,14 @@
 #include <algorithm>
 #include <array>
 #include <atomic>
-#include <cstdint>
 #include <cstring>
 #include <numeric>
 #include <utility>
 
-#ifdef __SSE2__
-#include <emmintrin.h>
-#endif
-
 #include "base/box_parts.hpp"
 #include "base/box_reader.hpp"
 #include "base/packed_box.hpp"
+#include "base/stream.hpp"
 
 namespace broadcl {
 namespace {
@@ -25,28 +21,6 @@ constexpr std::size_t least_parts = 6;
 
 /// One block of so many is a sample.
 constexpr std::size_t blocks_per_sample = 16;
-
-/// Copies a block to memory that the processor does not read soon: without reading it first, and without
-/// displacing others from its caches. finish_stream() must follow before anybody else reads it.
-void stream(std::span<const Aabb> boxes, Aabb* to) noexcept {
-#ifdef __SSE2__
-  if (boxes.size() == BoxReader::block && reinterpret_cast<std::uintptr_t>(to) % sizeof(__m128i) == 0) {
-    const auto* from = reinterpret_cast<const __m128i*>(boxes.data());
-    auto* out = reinterpret_cast<__m128i*>(to);
-    for (std::size_t k = 0; k < boxes.size_bytes() / sizeof(__m128i); ++k) {
-      _mm_stream_si128(out + k, _mm_loadu_si128(from + k));
-    }
-    return;
-  }
-#endif
-  std::ranges::copy(boxes, to);
-}
-
-void finish_stream() noexcept {
-#ifdef __SSE2__
-  _mm_sfence();
-#endif
-}
 
 }  // namespace
 
@@ -91,6 +65,7 @@ void BoxReplacement::for_each_block(const BoxView& view, const std::function<voi
       }
       block(first / boxes_per_part, slot, boxes);
     }
+    finish_stream();  // of this function, or of a Conversion
     if (!nan.any()) end(first / boxes_per_part, thread);
   });
   if (!has_begun) meanwhile();
@@ -128,7 +103,6 @@ void BoxReplacement::copy(const BoxView& view, std::span<const Aabb> before, std
         }
       },
       [&](std::size_t k, std::size_t thread) {
-        finish_stream();
         ++parts_copied.at(k / parts_per_piece);
         if (thread == 0) pass_on();  // (a driver may be slower if several threads call it)
       });

@@ -251,7 +251,8 @@ void Core::begin(const WriteBoxes* write) {
                        .exclusions_changed = flight_.exclusions,
                        .worlds = objects_.any_worlds(),
                        .sets = are_two_sets,
-                       .sets_decide = are_two_sets && objects_.sets().decide()});
+                       .sets_decide = are_two_sets && objects_.sets().decide(),
+                       .listener = listener_});
   });
 }
 

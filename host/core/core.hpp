@@ -79,6 +79,10 @@ class Core {
   void shrink();
 
   [[nodiscard]] std::vector<Pair> pairs() const;
+
+  /// @param listener Of each update that has something to do. Must outlive this object.
+  void set_listener(PairListener& listener) noexcept { listener_ = &listener; }
+
   [[nodiscard]] std::span<const Stage> profile() const noexcept {
     return update_ == Update::done ? algorithm_->profile() : std::span<const Stage>();
   }
@@ -236,6 +240,7 @@ class Core {
   std::vector<LateBox> late_;
   BoxReplacement replacement_;
   bool many_moved_ = true;  // in the last replacement
+  PairListener* listener_ = nullptr;
 };
 
 }  // namespace broadcl

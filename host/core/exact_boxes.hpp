@@ -1,6 +1,5 @@
 #pragma once
 
-#include <array>
 #include <cstddef>
 #include <span>
 #include <vector>
@@ -8,17 +7,12 @@
 #include <broadcl/box_view.hpp>
 #include <broadcl/pair.hpp>
 
-#include "base/aabb64.hpp"
+#include "base/origin.hpp"
 
 namespace broadcl {
 
 /// The caller's boxes, one set or two, in double precision. They are searched in single precision, and the
-/// pairs that are found are those of the caller's numbers.
-///
-/// A bound x becomes float(x - origin), or 0 if that is denormal, lower and upper bounds alike. That never
-/// decreases where x increases, so boxes that overlap still do, and two bounds that differ afterwards have
-/// kept their order. Hence only pairs that touch in single precision are in doubt, and are compared in double
-/// precision.
+/// pairs that are found are those of the caller's numbers: origin.hpp.
 class ExactBoxes {
  public:
   /// Whether the caller's numbers are more than float32 can tell. Otherwise float32 is exact.
@@ -46,19 +40,13 @@ class ExactBoxes {
   [[nodiscard]] Aabb64 box(std::size_t k) const noexcept {
     return k < first_.size() ? first_.exact(k) : second_.exact(k - first_.size());
   }
-  /// Whether all boxes extend from 0 to 0 in z, because they have no z.
-  [[nodiscard]] static bool is_flat(const BoxView& boxes) noexcept {
-    return boxes.size() == 0 || boxes.bounds_[2] == nullptr;
-  }
-  [[nodiscard]] std::array<double, 3> choose_origin() const;
-  [[nodiscard]] std::size_t pack(std::size_t begin, std::size_t end, std::span<Aabb> out) const noexcept;
+  [[nodiscard]] std::size_t pack(const BoxView& view, std::span<Aabb> out) const;
   [[nodiscard]] std::size_t keep(std::span<Pair> pairs, std::span<const Aabb> packed) const noexcept;
 
   BoxView first_;
   BoxView second_;
   std::size_t threads_;
-  bool is_flat_;
-  std::array<double, 3> origin_{};
+  Origin origin_;
 };
 
 }  // namespace broadcl

@@ -28,6 +28,26 @@ using BoxesWritten = std::function<void(std::size_t begin, std::size_t end)>;
 /// @throws What these throw; InvalidBox.
 using WriteBoxes = std::function<void(const std::function<void()>& meanwhile, const BoxesWritten& written)>;
 
+/// Learns about the pairs of an update before that is committed, so that it can fail together with the
+/// update.
+class PairListener {
+ public:
+  PairListener() = default;
+  virtual ~PairListener() = default;
+  PairListener(const PairListener&) = delete;
+  PairListener& operator=(const PairListener&) = delete;
+  PairListener(PairListener&&) = delete;
+  PairListener& operator=(PairListener&&) = delete;
+
+  /// @param pairs Those that touch: touching.hpp. In any order.
+  /// @throws std::bad_alloc
+  virtual void list_touching(std::vector<Pair> pairs) = 0;
+  /// Called afterwards. If it is called again in the same update, the last call counts.
+  /// @param added, removed How many pairs finish() will return.
+  /// @throws std::bad_alloc
+  virtual void expect_changes(std::size_t added, std::size_t removed) = 0;
+};
+
 /// The input of an update: objects, and what changed since the last update. The spans belong to the caller
 /// and, except for the filters, stay unchanged until the update is finished.
 struct Input {
@@ -49,12 +69,13 @@ struct Input {
   std::span<const std::uint32_t> refiltered{};
   /// Pairs of slots that are never reported, in canonical order, each once. Read in begin() only.
   std::span<const Pair> exclusions{};
-  bool all_filters = false;         ///< Every filter, and the exclusions, count as changed.
-  bool filters_changed = false;     ///< Whether the filter of a slot that is not in `recycled` changed.
-  bool exclusions_changed = false;  ///< Since the last update.
-  bool worlds = false;              ///< Whether some object is in a world other than 0.
-  bool sets = false;                ///< Whether the filters part the objects into two sets: TwoSets.
-  bool sets_decide = false;         ///< If so, whether every two objects of different sets may pair.
+  bool all_filters = false;          ///< Every filter, and the exclusions, count as changed.
+  bool filters_changed = false;      ///< Whether the filter of a slot that is not in `recycled` changed.
+  bool exclusions_changed = false;   ///< Since the last update.
+  bool worlds = false;               ///< Whether some object is in a world other than 0.
+  bool sets = false;                 ///< Whether the filters part the objects into two sets: TwoSets.
+  bool sets_decide = false;          ///< If so, whether every two objects of different sets may pair.
+  PairListener* listener = nullptr;  ///< If not null, finish() must call it.
 
   [[nodiscard]] bool are_exclusions_new() const noexcept { return all_filters || exclusions_changed; }
 };

@@ -74,6 +74,7 @@ class DeviceAlgorithm final : public Algorithm {
 
   void begin(const Input& input) override {
     profiler_.begin();
+    listener_ = input.listener;
     context_.guard([&] {
       engine_->prepare();
       engine_->begin(objects_->upload(input), 0, [&](const std::function<void()>& meanwhile) {
@@ -87,7 +88,7 @@ class DeviceAlgorithm final : public Algorithm {
   }
 
   Delta finish() override {
-    const PairDelta::Counts counts = context_.guard([&] { return engine_->finish(); });
+    const PairDelta::Counts counts = context_.guard([&] { return engine_->finish(listener_); });
     objects_->commit();
     return engine_->changes().on_host(counts);
   }
@@ -118,6 +119,7 @@ class DeviceAlgorithm final : public Algorithm {
   opencl::Profiler profiler_;
   std::unique_ptr<Engine> engine_;
   std::unique_ptr<DeviceObjects> objects_;  // in its frames
+  PairListener* listener_ = nullptr;        // of the update that was begun
 };
 
 }  // namespace

@@ -95,9 +95,14 @@ void Engine::commit(const PairDelta::Counts& counts, bool is_next_ready) noexcep
   frames_.swap();
 }
 
-PairDelta::Counts Engine::finish() {
+PairDelta::Counts Engine::finish(PairListener* listener) {
   const PairDelta::Counts counts = find();
   const bool is_next_ready = order_.complete(delta_, counts);
+  if (listener != nullptr) {
+    if (!touching_) touching_.emplace(context_, profiler_);
+    listener->list_touching(touching_->find(frames_.now, counts.found - counts.added, counts.added));
+    listener->expect_changes(counts.added, counts.removed);
+  }
   profiler_.resolve();
   commit(counts, is_next_ready);
   return counts;

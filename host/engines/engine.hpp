@@ -2,6 +2,7 @@
 
 #include <functional>
 #include <memory>
+#include <optional>
 #include <vector>
 
 #include <broadcl/pair.hpp>
@@ -12,6 +13,7 @@
 #include "engines/pair_delta.hpp"
 #include "engines/pair_finder.hpp"
 #include "engines/search.hpp"
+#include "engines/touching.hpp"
 #include "opencl/context.hpp"
 #include "opencl/profiler.hpp"
 
@@ -55,8 +57,9 @@ class Engine {
       Search search, cl_uint tag = 0, const Upload& upload = [](const auto& first) { first(); });
   /// Waits for the search. Waits again only if the lists were too small, if far more changed than in the last
   /// frame, or if the finder gave up.
-  /// @throws cl::Error, Error
-  PairDelta::Counts finish();
+  /// @param listener Null if there is none.
+  /// @throws cl::Error, Error; what the listener throws.
+  PairDelta::Counts finish(PairListener* listener = nullptr);
   /// Ends the only frame of an engine, instead of finish(): returns its pairs in canonical order, without
   /// sorting its changes.
   /// @throws cl::Error, Error
@@ -110,9 +113,10 @@ class Engine {
   PairDelta delta_;
   Order order_;
   std::unique_ptr<PairFinder> finder_;
-  Search search_;               // of the frame that was begun
-  cl_uint tag_ = 0;             // of that frame
-  std::size_t most_slots_ = 1;  // of all frames: greater than every slot of a pair
+  std::optional<TouchingPairs> touching_;  // once they are asked for
+  Search search_;                          // of the frame that was begun
+  cl_uint tag_ = 0;                        // of that frame
+  std::size_t most_slots_ = 1;             // of all frames: greater than every slot of a pair
 };
 
 /// An algorithm that finds pairs on the device, for a BroadPhase.

@@ -12,6 +12,7 @@
 #include "engines/change_lists.hpp"
 #include "engines/changing_pairs.hpp"
 #include "engines/pair_comparison.hpp"
+#include "engines/touching.hpp"
 
 namespace broadcl {
 namespace {
@@ -25,7 +26,7 @@ constexpr std::size_t least_boxes = 16;
 class HostEngine final : public Algorithm {
  public:
   HostEngine(std::unique_ptr<HostFinder> finder, std::size_t threads)
-      : finder_(std::move(finder)), compare_(threads) {}
+      : finder_(std::move(finder)), threads_(threads), compare_(threads) {}
 
   void reserve(std::size_t slots, bool /*filters*/) override {
     if (slots <= boxes_->size()) return;
@@ -69,6 +70,10 @@ class HostEngine final : public Algorithm {
       if (!are_known) find_known();
       Delta delta = changes_from(known_);
       refuse_too_many(pairs_.size() + delta.added.size() - delta.removed.size());
+      if (input_.listener != nullptr) {
+        const std::vector<Pair> touching = difference(find_touching(pairs_.all()), delta.removed);
+        tell_listener(merge(touching, find_touching(delta.added)), delta);
+      }
       pairs_.change(delta.added, delta.removed);
       lists_.commit();
       return delta;
@@ -76,6 +81,7 @@ class HostEngine final : public Algorithm {
     finder_->find(input_, found_);
     exclude(exclusions_, found_);
     Delta delta = changes_from(pairs_.all());
+    if (input_.listener != nullptr) tell_listener(find_touching(found_), delta);
     pairs_.swap(found_);
     lists_.commit();
     return delta;
@@ -121,6 +127,14 @@ class HostEngine final : public Algorithm {
     return lists_.fill([&](std::vector<Pair>& added, std::vector<Pair>& removed) {
       compare_(before, found_, input_.recycled, added, removed);
     });
+  }
+
+  [[nodiscard]] std::vector<Pair> find_touching(std::span<const Pair> pairs) const {
+    return touching_pairs(pairs, *boxes_, threads_);
+  }
+  void tell_listener(std::vector<Pair> touching, const Delta& delta) const {
+    input_.listener->list_touching(std::move(touching));
+    input_.listener->expect_changes(delta.added.size(), delta.removed.size());
   }
 
   /// Frees what is not needed before the next update, which searches all boxes.
@@ -182,6 +196,7 @@ class HostEngine final : public Algorithm {
   }
 
   std::unique_ptr<HostFinder> finder_;
+  std::size_t threads_;  // at most; 0 for one per processor
   std::shared_ptr<std::vector<Aabb>> boxes_ = std::make_shared<std::vector<Aabb>>();
   std::shared_ptr<std::vector<Aabb>> spare_;  // null until it is needed
   std::vector<Filter> filters_;               // as of the last update, and so are the exclusions

@@ -183,6 +183,9 @@ class Hybrid final : public Algorithm {
         const std::span<const Pair> now = had_pairs ? pairs : delta.added;
         compare_(*handover_, now, input_.recycled, added, removed);
       });
+      if (input_.listener != nullptr) {
+        input_.listener->expect_changes(delta.added.size(), delta.removed.size());
+      }
       compare_.free_scratch();
     } else if (was_updated_ && !opening_.is_running()) {  // the first update of all boxes takes longer
       taken = side_->estimate.learn(current().expected_seconds(input_.boxes.size(), changed_slots()),

@@ -8,6 +8,7 @@
 #include "engines/algorithm.hpp"
 #include "engines/change_lists.hpp"
 #include "engines/device_objects.hpp"
+#include "engines/touching.hpp"
 #include "finders/byte_matrix.hpp"
 #include "finders/row_launch.hpp"
 #include "finders/triangle.hpp"
@@ -44,6 +45,7 @@ class GpuBf final : public Algorithm {
   GpuBf(const Config& config, const Device& device)
       : context_(device, config.profile, config.on_compile),
         profiler_(config.profile),
+        threads_(config.threads),
         launch_(context_.tuning() == opencl::Tuning::cpu ? gpu_bf_on_cpus : gpu_bf_on_gpus),
         objects_(std::make_unique<DeviceObjects>(context_, profiler_, *frames_)) {
     make_kernels();
@@ -92,6 +94,7 @@ class GpuBf final : public Algorithm {
   void begin(const Input& input) override {
     profiler_.begin();
     recycled_.assign(input.recycled.begin(), input.recycled.end());
+    listener_ = input.listener;
     current_pairs_ = triangle::row_start(static_cast<std::uint32_t>(input.boxes.size()));
     context_.guard([&] {
       grow_results(input.boxes.size(), current_pairs_);
@@ -119,6 +122,11 @@ class GpuBf final : public Algorithm {
       find_changes(bytes_of(previous_, previous_pairs_), bytes_of(current_, current_pairs_), recycled_, added,
                    removed);
     });
+    if (listener_ != nullptr) {
+      const std::vector<Pair> pairs = pairs_of(bytes_of(current_, current_pairs_));
+      listener_->list_touching(touching_pairs(pairs, boxes(), threads_));
+      listener_->expect_changes(delta.added.size(), delta.removed.size());
+    }
     if (current_pairs_ > 0) {
       frames_->swap();
       objects_->commit();
@@ -130,18 +138,20 @@ class GpuBf final : public Algorithm {
     return delta;
   }
 
-  [[nodiscard]] std::vector<Pair> pairs() override {
-    std::vector<Pair> found;
-    std::vector<Pair> none;
-    find_changes({}, bytes_of(previous_, previous_pairs_), {}, found, none);
-    return found;
-  }
+  [[nodiscard]] std::vector<Pair> pairs() override { return pairs_of(bytes_of(previous_, previous_pairs_)); }
 
   [[nodiscard]] const Device* device() const noexcept override { return &context_.device(); }
   [[nodiscard]] MemoryUse memory() const noexcept override { return context_.memory(); }
   [[nodiscard]] std::span<const Stage> profile() const noexcept override { return profiler_.stages(); }
 
  private:
+  [[nodiscard]] static std::vector<Pair> pairs_of(std::span<const std::byte> results) {
+    std::vector<Pair> found;
+    std::vector<Pair> none;
+    find_changes({}, results, {}, found, none);
+    return found;
+  }
+
   [[nodiscard]] static std::span<const std::byte> bytes_of(const opencl::SharedBuffer& results,
                                                            std::size_t pairs) {
     return {results.host(), pairs};
@@ -222,6 +232,7 @@ class GpuBf final : public Algorithm {
 
   opencl::Context context_;
   opencl::Profiler profiler_;
+  std::size_t threads_;  // at most; 0 for one per processor
   RowLaunch launch_;
   std::string option_;  // for the compiler, if results are large
   opencl::SizedKernel kernel_, exclude_;
@@ -234,6 +245,7 @@ class GpuBf final : public Algorithm {
   std::size_t previous_pairs_ = 0;
   bool has_skipped_ = false;  // whether the last update was not uploaded, as it had no pairs to test
   std::vector<std::uint32_t> recycled_;
+  PairListener* listener_ = nullptr;  // of the update that was begun
   ChangeLists lists_;
 };
 

@@ -34,6 +34,15 @@ std::vector<Pair> to_pairs(const Words& words) {
   return pairs;
 }
 
+template <class Bound, class Box>
+nb::object bounds_of(const Box& box) {
+  auto owner = std::make_unique<std::array<Bound, 6>>();
+  std::ranges::copy(box.upper, std::ranges::copy(box.lower, owner->begin()).out);
+  Bound* data = owner->data();
+  using Array = nb::ndarray<nb::numpy, Bound, nb::shape<6>>;
+  return Array(data, {6}, keep(std::move(owner))).cast(nb::rv_policy::reference);
+}
+
 void refuse_itself(const Pair& pair, std::size_t row, const std::string& name) {
   if (pair.a != pair.b) return;
   throw nb::value_error(("row " + std::to_string(row) + " of " + name + " has the id " +
@@ -73,11 +82,11 @@ nb::object to_array(std::vector<std::uint32_t>&& words) {
 }
 
 nb::object to_array(const Aabb& box) {
-  auto owner = std::make_unique<std::array<float, 6>>();
-  std::ranges::copy(box.upper, std::ranges::copy(box.lower, owner->begin()).out);
-  float* data = owner->data();
-  using Array = nb::ndarray<nb::numpy, float, nb::shape<6>>;
-  return Array(data, {6}, keep(std::move(owner))).cast(nb::rv_policy::reference);
+  return bounds_of<float>(box);
+}
+
+nb::object to_array(const Aabb64& box) {
+  return bounds_of<double>(box);
 }
 
 Words::Words(nb::handle words, const std::string& name, const WordKind& kind) {

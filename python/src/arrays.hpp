@@ -36,6 +36,8 @@ nanobind::capsule keep(std::unique_ptr<Owner> owner) {
 
 /// A (6,) float32 array: lower x, y, z, upper x, y, z.
 [[nodiscard]] nanobind::object to_array(const Aabb& box);
+/// The same in float64.
+[[nodiscard]] nanobind::object to_array(const Aabb64& box);
 
 /// What integers mean to a caller.
 struct WordKind {

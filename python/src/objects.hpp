@@ -13,10 +13,13 @@
 #include <optional>
 #include <span>
 #include <string>
+#include <type_traits>
 #include <utility>
+#include <variant>
 #include <vector>
 
 #include <broadcl/broad_phase.hpp>
+#include <broadcl/broad_phase64.hpp>
 
 #include "arrays.hpp"
 #include "box_array.hpp"
@@ -72,17 +75,22 @@ class Filters {
   std::array<Words, 4> words_;
 };
 
-/// A BroadPhase for Python: one thread at a time, all or nothing for arrays too, and arrays that live as long
-/// as anybody looks at them.
+/// A BroadPhase or a BroadPhase64 for Python: one thread at a time, all or nothing for arrays too, and arrays
+/// that live as long as anybody looks at them.
 class Objects {
  public:
-  explicit Objects(const Config& config) : broad_phase_(without_gil([&] { return BroadPhase(config); })) {}
+  /// @param in_double Whether boxes are float64.
+  Objects(const Config& config, bool in_double)
+      : broad_phase_(without_gil([&] {
+          return in_double ? Either(std::in_place_type<BroadPhase64>, config)
+                           : Either(std::in_place_type<BroadPhase>, config);
+        })) {}
   Objects(const Objects&) = delete;
   Objects& operator=(const Objects&) = delete;
   /// May wait for the thread that opens a device.
   ~Objects() {
     const GilReleased released;
-    const std::optional<BroadPhase> last = std::move(broad_phase_);
+    const std::optional<Either> last = std::move(broad_phase_);
   }
 
   nanobind::object add(nanobind::handle boxes, nanobind::handle group, nanobind::handle mask,
@@ -95,12 +103,14 @@ class Objects {
     std::vector<std::uint32_t> ids(array.view().size());
     const std::span<std::uint32_t> out(ids);
     nanobind::object result = to_array(std::move(ids));
-    or_name_row(array, [&] { std::ranges::copy(broad_phase_->add(array.view(), filters), out.begin()); });
+    or_name_row(array, [&] {
+      std::ranges::copy(with([&](auto& object) { return object.add(array.view(), filters); }), out.begin());
+    });
     if (!array.is_single()) return result;
     try {
       return nanobind::int_(out.front());
     } catch (...) {
-      broad_phase_->remove(out.front());
+      with([&](auto& object) { object.remove(out.front()); });
       throw;
     }
   }
@@ -120,7 +130,7 @@ class Objects {
     }
     const OneThread::Use use(thread_);
     take_mapped();
-    or_name_row(array, [&] { broad_phase_->move(words.all(), array.view()); });
+    or_name_row(array, [&] { with([&](auto& object) { object.move(words.all(), array.view()); }); });
   }
 
   void set_filter(nanobind::handle ids, nanobind::handle group, nanobind::handle mask, nanobind::handle body,
@@ -128,16 +138,18 @@ class Objects {
     const Words words(ids, "ids");
     const Filters filters(group, mask, body, world, words.size());
     const OneThread::Use use(thread_);
-    for (const std::uint32_t id : words.all()) (void)broad_phase_->filter(id);  // it must exist
-    take_mapped();
-    for (std::size_t k = 0; k < words.size(); ++k) broad_phase_->set_filter(words[k], filters[k]);
+    with([&](auto& object) {
+      for (const std::uint32_t id : words.all()) (void)object.filter(id);  // it must exist
+      take_mapped();
+      for (std::size_t k = 0; k < words.size(); ++k) object.set_filter(words[k], filters[k]);
+    });
   }
 
   void remove(nanobind::handle ids) {
     const Words words(ids, "ids");
     const OneThread::Use use(thread_);
     take_mapped();
-    without_gil([&] { broad_phase_->remove(words.all()); });
+    without_gil([&] { with([&](auto& object) { object.remove(words.all()); }); });
   }
 
   void set_exclusions(nanobind::handle pairs) {
@@ -145,7 +157,7 @@ class Objects {
     const OneThread::Use use(thread_);
     take_mapped();
     const GilReleased released;
-    broad_phase_->set_exclusions(exclusions);
+    with([&](auto& object) { object.set_exclusions(exclusions); });
   }
 
   void shrink() {
@@ -153,67 +165,63 @@ class Objects {
     refuse_unreturned();
     take_mapped();
     const GilReleased released;
-    broad_phase_->shrink();
+    with([](auto& object) { object.shrink(); });
   }
 
   nanobind::object map(std::size_t n) {
     refuse_too_many(n);
     const OneThread::Use use(thread_);
-    MappedBoxes mapped;
     try {
-      const GilReleased released;
-      mapped = broad_phase_->map(n);
+      array_ = with([&](auto& object) { return map(object, n); });
     } catch (const Error&) {  // `auto` leaves a device that failed, and its memory
       take_mapped();
       throw;
     }
-    take_mapped();
-    using Array = nanobind::ndarray<nanobind::numpy, float, nanobind::shape<-1, 6>>;
-    array_ = Array(mapped.data(), {n, 6}, keep(std::make_unique<std::shared_ptr<const void>>(mapped.owner)))
-                 .cast(nanobind::rv_policy::reference);
     return array_;
   }
 
   Changes update(nanobind::handle boxes) {
     if (boxes.is_none()) {
-      return changes([&] { or_refuse_nan([&] { delta_ = broad_phase_->update(); }); });
+      return changes(
+          [&] { or_refuse_nan([&] { delta_ = with([](auto& object) { return object.update(); }); }); });
     }
     const BoxArray array(boxes, "boxes");
     refuse_unreturned();
     return changes([&] {
-      or_name_row(array, [&] { delta_ = broad_phase_->update(array.view()); });
+      or_name_row(array, [&] { delta_ = with([&](auto& object) { return object.update(array.view()); }); });
       take_mapped();
     });
   }
   Changes finish() {
-    return changes([&] { or_refuse_nan([&] { delta_ = broad_phase_->finish(); }); });
+    return changes(
+        [&] { or_refuse_nan([&] { delta_ = with([](auto& object) { return object.finish(); }); }); });
   }
   void begin(nanobind::handle boxes) {
     if (!boxes.is_none()) return begin(BoxArray(boxes, "boxes"));
     const OneThread::Use use(thread_);
     refuse_unreturned();
-    or_refuse_nan([&] { broad_phase_->begin(); });
+    or_refuse_nan([&] { with([](auto& object) { object.begin(); }); });
   }
   void begin(const BoxArray& boxes) {
     const OneThread::Use use(thread_);
     refuse_unreturned();
-    or_name_row(boxes, [&] { broad_phase_->begin(boxes.view()); });
+    or_name_row(boxes, [&] { with([&](auto& object) { object.begin(boxes.view()); }); });
     take_mapped();
   }
 
   bool contains(std::uint32_t id) {
     const OneThread::Use use(thread_);
-    return broad_phase_->contains(id);
+    return with([&](const auto& object) { return object.contains(id); });
   }
 
   nanobind::object box(std::uint32_t id) {
     const OneThread::Use use(thread_);
-    return to_array(broad_phase_->box(id));
+    return with([&](const auto& object) { return to_array(object.box(id)); });
   }
 
   nanobind::dict filter(std::uint32_t id) {
     const OneThread::Use use(thread_);
-    const Filter filter = broad_phase_->filter(id);
+    const Filter filter = with([&](const auto& object) { return object.filter(id); });
     nanobind::dict result;
     result["group"] = filter.group;
     result["mask"] = filter.mask;
@@ -224,33 +232,57 @@ class Objects {
 
   nanobind::object pairs() {
     const OneThread::Use use(thread_);
-    return to_array(without_gil([&] { return broad_phase_->pairs(); }));
+    return to_array(without_gil([&] { return with([](const auto& object) { return object.pairs(); }); }));
   }
 
   std::size_t size() {
     const OneThread::Use use(thread_);
-    return broad_phase_->size();
+    return with([](const auto& object) { return object.size(); });
   }
 
   std::optional<Device> device() {
     const OneThread::Use use(thread_);
-    const Device* device = broad_phase_->device();
+    const Device* device = with([](const auto& object) { return object.device(); });
     return device == nullptr ? std::nullopt : std::optional(*device);
   }
 
-  std::string algorithm() { return std::string(broad_phase_->algorithm().name); }
+  std::string algorithm() {
+    return with([](const auto& object) { return std::string(object.algorithm().name); });
+  }
+
+  [[nodiscard]] bool is_in_double() const noexcept {
+    return std::holds_alternative<BroadPhase64>(*broad_phase_);
+  }
 
   nanobind::dict memory() {
     const OneThread::Use use(thread_);
-    return to_dict(broad_phase_->memory());
+    return to_dict(with([](const auto& object) { return object.memory(); }));
   }
 
   nanobind::dict profile() {
     const OneThread::Use use(thread_);
-    return to_dict(broad_phase_->profile());
+    return with([](const auto& object) { return to_dict(object.profile()); });
   }
 
  private:
+  using Either = std::variant<BroadPhase, BroadPhase64>;
+
+  template <class Function>
+  auto with(const Function& function) {
+    return std::visit(function, *broad_phase_);
+  }
+
+  /// Ends the writing to the last array of map(), and makes another one.
+  template <class Object>
+  nanobind::object map(Object& object, std::size_t n) {
+    auto mapped = without_gil([&] { return object.map(n); });
+    take_mapped();
+    using Bound = std::remove_reference_t<decltype(mapped.front().lower.front())>;
+    using Array = nanobind::ndarray<nanobind::numpy, Bound, nanobind::shape<-1, 6>>;
+    auto owner = std::make_unique<std::shared_ptr<const void>>(mapped.owner);
+    return Array(mapped.data(), {n, 6}, keep(std::move(owner))).cast(nanobind::rv_policy::reference);
+  }
+
   /// @param update Does an update and stores its changes.
   template <class Function>
   Changes changes(const Function& update) {
@@ -300,7 +332,7 @@ class Objects {
   }
 
   OneThread thread_;
-  std::optional<BroadPhase> broad_phase_;
+  std::optional<Either> broad_phase_;
   std::optional<Delta> delta_;  // of the last update, until its arrays are made
 
   nanobind::object array_;  // of map(), as long as what is written there counts

@@ -28,18 +28,25 @@ class Machine(RuleBasedStateMachine):
     """Any sequence of calls, compared with a dictionary of boxes and the oracle."""
 
     algorithm = "auto"
+    dtype = np.float32
 
     def __init__(self):
         super().__init__()
-        self.broad_phase = broadcl.BroadPhase(algorithm=self.algorithm)
+        self.broad_phase = broadcl.BroadPhase(algorithm=self.algorithm, dtype=self.dtype)
         self.boxes = {}
         self.filters = {}
         self.followed = set()
         self.begun = None  # the pairs of the update that was begun
 
+    def own(self, values):
+        """Boxes of the dtype: in float64, they are apart by less than float32 can tell."""
+        if self.dtype == np.float32:
+            return values
+        return values.astype(np.float64) + (np.arange(len(values)) % 3 * 2.0**-40)[:, None]
+
     def pairs_now(self):
         ids = sorted(self.boxes)
-        found = oracle(np.array([self.boxes[id] for id in ids], np.float32).reshape(-1, 6))
+        found = oracle(np.array([self.boxes[id] for id in ids], self.dtype).reshape(-1, 6))
         pairs = ((ids[a], ids[b]) for a, b in found.tolist())
         return {(a, b) for a, b in pairs if may_pair(self.filters[a], self.filters[b])}
 
@@ -51,6 +58,7 @@ class Machine(RuleBasedStateMachine):
 
     @rule(values=boxes(most=6), filter=filters, plain=st.booleans())
     def add(self, values, filter, plain):
+        values = self.own(values)
         if plain:
             ids = self.broad_phase.add(values)
             filter = DEFAULT
@@ -69,6 +77,7 @@ class Machine(RuleBasedStateMachine):
     def move(self, data):
         ids = self.choose(data)
         values = data.draw(boxes(most=max(len(ids), 1)).filter(lambda array: len(array) >= len(ids)))[: len(ids)]
+        values = self.own(values)
         self.broad_phase.move(ids, values)
         self.boxes.update(zip(ids, values))
 
@@ -91,12 +100,13 @@ class Machine(RuleBasedStateMachine):
     @precondition(lambda self: self.begun is None)
     @rule(values=boxes(most=12))
     def write(self, values):
+        values = self.own(values)
         n = len(values)
         view = self.broad_phase.map(n)
-        assert view.shape == (n, 6) and view.dtype == np.float32
+        assert view.shape == (n, 6) and view.dtype == self.dtype
         for id in range(n):
             empty = [np.inf] * 3 + [-np.inf] * 3
-            old = self.boxes.get(id, np.float32(empty))
+            old = self.boxes.get(id, self.dtype(empty))
             if (old[:3] <= old[3:]).all():
                 assert np.array_equal(view[id], old)
             else:
@@ -108,6 +118,7 @@ class Machine(RuleBasedStateMachine):
     @precondition(lambda self: self.begun is None)
     @rule(values=boxes(most=12), begins=st.booleans(), double=st.booleans())
     def give(self, values, begins, double):
+        values = self.own(values)
         self.filters = {id: self.filters.get(id, DEFAULT) for id in range(len(values))}
         self.boxes = dict(enumerate(values))
         given = values.astype(np.float64) if double else values.copy()
@@ -150,7 +161,7 @@ class Machine(RuleBasedStateMachine):
                 continue
             assert tuple(self.broad_phase.filter(id).values()) == self.filters[id]
             box, expected = self.broad_phase.box(id), self.boxes[id]
-            assert box.shape == (6,) and box.dtype == np.float32
+            assert box.shape == (6,) and box.dtype == self.dtype
             if (expected[:3] <= expected[3:]).all():
                 assert np.array_equal(box, expected)
             else:
@@ -161,7 +172,13 @@ class TilesMachine(Machine):
     algorithm = "tiles"
 
 
+class DoubleMachine(Machine):
+    algorithm = "sweep-and-prune"
+    dtype = np.float64
+
+
 TestAnyCalls = Machine.TestCase
+TestAnyCallsInDoublePrecision = DoubleMachine.TestCase
 TestAnyCallsOnADevice = TilesMachine.TestCase
 TestAnyCallsOnADevice.settings = settings(max_examples=max(5, settings().max_examples // 6))
 
@@ -171,6 +188,38 @@ def test_float64_is_rounded_outward(values):
     broad_phase = broadcl.BroadPhase()
     broad_phase.add(values)
     assert np.array_equal(broad_phase.update().added, oracle(rounded(values)))
+
+
+@given(boxes(np.float64))
+def test_float64_is_exact_if_asked_for(values):
+    broad_phase = broadcl.BroadPhase(dtype=np.float64)
+    assert np.array_equal(broad_phase.update(values).added, oracle(values))
+
+
+def test_dtype():
+    assert broadcl.BroadPhase().dtype == np.float32
+    for double in (np.float64, "float64", float, np.dtype("d")):
+        broad_phase = broadcl.BroadPhase(dtype=double)
+        assert broad_phase.dtype == np.float64
+    assert broad_phase.add([0, 0, 0, 1, 1, 1]) == 0
+    assert broad_phase.box(0).dtype == np.float64 and broad_phase.map(1).dtype == np.float64
+    with pytest.raises(ValueError, match="dtype must be float32 or float64, not int32"):
+        broadcl.BroadPhase(dtype=np.int32)
+    with pytest.raises(TypeError):
+        broadcl.BroadPhase(dtype="boxes")
+
+
+@pytest.mark.parametrize("algorithm", broadcl.algorithms())
+def test_flush_boxes_in_map_coordinates(algorithm):
+    edges = 6.4e6 + 0.1 * np.arange(41)
+    values = np.zeros((40, 6))
+    values[:, 0], values[:, 3] = edges[:-1], edges[1:]
+    values[::4, 0] = np.nextafter(values[::4, 0], np.inf)  # apart by an ulp
+    broad_phase = broadcl.BroadPhase(algorithm=algorithm, dtype="float64")
+    assert np.array_equal(broad_phase.update(values).added, oracle(values))
+    values[:, 0] = edges[:-1]
+    added, removed = broad_phase.update(values)
+    assert len(added) == 9 and len(removed) == 0
 
 
 @pytest.mark.parametrize("algorithm", broadcl.algorithms())

@@ -1,9 +1,11 @@
 #include <sys/resource.h>
 
+#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <cstdio>
 #include <cstdlib>
+#include <utility>
 #include <vector>
 
 #include <gmock/gmock.h>
@@ -251,6 +253,106 @@ TEST(CDeathTest, ExhaustedMemoryHasItsStatus) {
   };
   EXPECT_EXIT(map_in_a_small_process(), testing::ExitedWithCode(BROADCL_OUT_OF_MEMORY),
               "broadcl_broad_phase_map: memory of the host is exhausted");
+}
+
+/// Three boxes in a row: the first two are flush, the third is apart by an ulp.
+std::vector<broadcl_aabb64> row64() {
+  const double x = 6.4e6;
+  return {{{x, 0, 0}, {x + 1, 1, 1}},
+          {{x + 1, 0, 0}, {x + 2, 1, 1}},
+          {{std::nextafter(x + 2, 1e30), 0, 0}, {x + 3, 1, 1}}};
+}
+
+broadcl_boxes view(const std::vector<broadcl_aabb64>& boxes) {
+  auto result = sized<broadcl_boxes>();
+  result.data = boxes.data();
+  result.count = boxes.size();
+  result.type = BROADCL_FLOAT64;
+  return result;
+}
+
+/// A broad phase in double precision.
+class CBroadPhase64 : public CBroadPhase {
+ protected:
+  void SetUp() override {
+    broadcl_config config = on_host();
+    config.type = BROADCL_FLOAT64;
+    OK(broadcl_broad_phase_create(&config, &handle_));
+  }
+};
+
+TEST_F(CBroadPhase64, PairsAreExactWhicheverFunctionGivesTheBoxes) {
+  std::vector<broadcl_aabb64> boxes = row64();
+  const broadcl_boxes given = view(boxes);
+  std::vector<std::uint32_t> ids(3);
+  OK(broadcl_broad_phase_add_boxes(handle_, &given, nullptr, 0, ids.data()));
+  EXPECT_THAT(list(update().added), ElementsAre(broadcl_pair{0, 1}));
+  std::swap(boxes[0], boxes[2]);
+  OK(broadcl_broad_phase_move_boxes(handle_, ids.data(), ids.size(), &given));
+  broadcl_delta delta = update();
+  EXPECT_THAT(list(delta.added), ElementsAre(broadcl_pair{1, 2}));
+  EXPECT_THAT(list(delta.removed), ElementsAre(broadcl_pair{0, 1}));
+  broadcl_aabb64 box{};
+  OK(broadcl_broad_phase_box64(handle_, 0, &box));
+  EXPECT_EQ(box.lower[0], boxes[0].lower[0]);
+  boxes[0].lower[0] = boxes[1].upper[0];
+  OK(broadcl_broad_phase_update_boxes(handle_, &given, &delta));
+  EXPECT_THAT(list(delta.added), ElementsAre(broadcl_pair{0, 1}));
+  broadcl_aabb64* mapped = nullptr;
+  OK(broadcl_broad_phase_map64(handle_, 3, &mapped));
+  EXPECT_EQ(mapped[0].lower[0], boxes[0].lower[0]);
+  mapped[0].lower[0] = std::nextafter(mapped[0].lower[0], 1e30);
+  EXPECT_THAT(list(update().removed), ElementsAre(broadcl_pair{0, 1}));
+  OK(broadcl_broad_phase_begin_boxes(handle_, &given));
+  OK(broadcl_broad_phase_finish(handle_, &delta));
+  EXPECT_THAT(list(delta.added), ElementsAre(broadcl_pair{0, 1}));
+  broadcl_pairs pairs{};
+  OK(broadcl_broad_phase_pairs(handle_, &pairs));
+  EXPECT_THAT(list(pairs), ElementsAre(broadcl_pair{0, 1}, broadcl_pair{1, 2}));
+}
+
+TEST_F(CBroadPhase64, TakesBoxesInSinglePrecisionExactly) {
+  EXPECT_EQ(add(cube(0)), 0U);
+  EXPECT_EQ(add(cube(5)), 1U);
+  const broadcl_aabb flush = cube(1);
+  OK(broadcl_broad_phase_move(handle_, 1, &flush));
+  const broadcl_filter filter{1, 1, 7, 0};
+  OK(broadcl_broad_phase_set_filter(handle_, 1, &filter));
+  EXPECT_THAT(list(update().added), ElementsAre(broadcl_pair{0, 1}));
+  OK(broadcl_broad_phase_remove(handle_, 0));
+  EXPECT_THAT(list(update().removed), ElementsAre(broadcl_pair{0, 1}));
+  int is_there = 1;
+  OK(broadcl_broad_phase_contains(handle_, 0, &is_there));
+  EXPECT_EQ(is_there, 0);
+  OK(broadcl_broad_phase_shrink(handle_));
+  std::size_t size = 0;
+  OK(broadcl_broad_phase_size(handle_, &size));
+  EXPECT_EQ(size, 1U);
+}
+
+TEST_F(CBroadPhase64, FunctionsForTheOtherTypeAreRefused) {
+  add(cube(0));
+  broadcl_aabb box{};
+  broadcl_aabb* boxes = nullptr;
+  EXPECT_INVALID("call broadcl_broad_phase_box64()", broadcl_broad_phase_box, handle_, 0, &box);
+  EXPECT_INVALID("call broadcl_broad_phase_map64()", broadcl_broad_phase_map, handle_, 1, &boxes);
+  EXPECT_INVALID("box is null", broadcl_broad_phase_box64, handle_, 0, nullptr);
+  EXPECT_INVALID("boxes is null", broadcl_broad_phase_map64, handle_, 1, nullptr);
+  broadcl_aabb64 box64{};
+  EXPECT_INVALID("no object has the id 5", broadcl_broad_phase_box64, handle_, 5, &box64);
+}
+
+TEST_F(CBroadPhase, FunctionsForDoublePrecisionAreRefused) {
+  add(cube(0));
+  broadcl_aabb64 box{};
+  broadcl_aabb64* boxes = nullptr;
+  EXPECT_INVALID("call broadcl_broad_phase_box()", broadcl_broad_phase_box64, handle_, 0, &box);
+  EXPECT_INVALID("call broadcl_broad_phase_map()", broadcl_broad_phase_map64, handle_, 1, &boxes);
+  broadcl_config config = on_host();
+  config.type = 2;
+  broadcl_broad_phase* other = nullptr;
+  EXPECT_INVALID("config->type is 2", broadcl_broad_phase_create, &config, &other);
+  EXPECT_EQ(other, nullptr);
 }
 
 }  // namespace

@@ -1,0 +1,360 @@
+#include <broadcl/broad_phase64.hpp>
+
+#include <algorithm>
+#include <array>
+#include <cfenv>
+#include <cmath>
+#include <cstdint>
+#include <limits>
+#include <memory>
+#include <optional>
+#include <random>
+#include <set>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include <gtest/gtest.h>
+
+#include "boxes64.hpp"
+#include "core/core64.hpp"
+#include "each_algorithm.hpp"
+#include "engines/algorithm.hpp"
+#include "expect_error.hpp"
+#include "rounding.hpp"
+#include "runs.hpp"
+
+/// A BroadPhase64 reports the changes of the pairs of the caller's numbers. (That it does so whatever the
+/// calls, and if they fail, is tested by core_random_test.cpp and others, with warped.hpp.)
+namespace broadcl::test {
+namespace {
+
+Pairs pairs_with(const std::vector<Filter>& filters, const Boxes64& boxes) {
+  Pairs pairs = expected_pairs(boxes);
+  std::erase_if(pairs, [&](const Pair& pair) { return !may_pair(filters[pair.a], filters[pair.b]); });
+  return pairs;
+}
+
+/// A BroadPhase64 and the pairs that it must have.
+class Exact {
+ public:
+  explicit Exact(const Config& config, std::size_t frame = 0) : broad_phase_(config), frame_(frame) {}
+
+  /// An update with these boxes, in one of several ways.
+  void update(const Boxes64& boxes, const std::string& what) {
+    SCOPED_TRACE(what + ", frame " + std::to_string(frame_));
+    const Delta delta = give(boxes);
+    const Pairs pairs = filters_.empty() ? expected_pairs(boxes) : pairs_with(filters_, boxes);
+    Pairs added;
+    Pairs removed;
+    std::ranges::set_difference(pairs, pairs_, std::back_inserter(added));
+    std::ranges::set_difference(pairs_, pairs, std::back_inserter(removed));
+    EXPECT_TRUE(same(delta, added, removed));
+    EXPECT_TRUE(same("pairs", broad_phase_.pairs(), pairs));
+    pairs_ = pairs;
+    ++frame_;
+  }
+
+  void set_filters(const std::vector<Filter>& filters) {
+    filters_ = filters;
+    broad_phase_.map(filters.size());
+    for (std::uint32_t id = 0; id < filters.size(); ++id) broad_phase_.set_filter(id, filters[id]);
+  }
+
+  [[nodiscard]] BroadPhase64& tested() noexcept { return broad_phase_; }
+  [[nodiscard]] const Pairs& pairs() const noexcept { return pairs_; }
+
+ private:
+  Delta give(const Boxes64& boxes) {
+    if (frame_ % 4 == 0 || broad_phase_.size() != boxes.size()) return broad_phase_.update(boxes);
+    if (frame_ % 4 == 1) {
+      std::ranges::copy(boxes, broad_phase_.map(boxes.size()).begin());
+    } else {
+      for (std::uint32_t id = 0; id < boxes.size(); ++id) {
+        if (boxes[id] != broad_phase_.box(id)) broad_phase_.move(id, boxes[id]);
+      }
+    }
+    if (frame_ % 4 == 2) broad_phase_.begin();
+    return broad_phase_.finish();
+  }
+
+  BroadPhase64 broad_phase_;
+  std::size_t frame_;
+  std::vector<Filter> filters_;
+  Pairs pairs_;
+};
+
+/// Moves bounds by an ulp of double precision, or by half a step of single precision about another one.
+void walk(Boxes64& boxes, std::mt19937& random, double about) {
+  const double step = static_cast<double>(std::nextafter(static_cast<float>(about), 1e30F)) - about;
+  std::uniform_int_distribution<int> direction(-1, 1);
+  for (Aabb64& box : boxes) {
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      const int by = direction(random);
+      double& bound = direction(random) > 0 ? box.lower[axis] : box.upper[axis];
+      if (by < 0) bound = std::nextafter(bound, -infinity64);
+      if (by > 0) bound += step / 2;
+    }
+  }
+}
+
+TEST_P(EachAlgorithm, FlushBoxesThatWalkHaveExactChanges) {
+  for (const double offset : {0.0, 5e5, 6.4e6, 1e8}) {
+    Exact exact(config());
+    Boxes64 boxes = flush_cubes(4, offset);
+    std::mt19937 random(1);
+    for (int frame = 0; frame < 8; ++frame) {
+      exact.update(boxes, "cubes at " + std::to_string(offset));
+      walk(boxes, random, offset);
+    }
+  }
+}
+
+TEST_P(EachAlgorithm, FootprintsAndHalvesOfStepsHaveExactChanges) {
+  Exact exact(config());
+  for (const std::uint32_t seed : {1U, 2U, 3U}) {
+    Boxes64 boxes = footprints(seed, 500'000, 6'460'000);
+    exact.update(boxes, "footprints");
+    std::mt19937 random(seed);
+    walk(boxes, random, 0.1);
+    exact.update(boxes, "footprints, some with a height");
+    boxes = halves_of_steps(seed, 1e7);
+    exact.update(boxes, "halves of steps");
+  }
+}
+
+TEST_P(EachAlgorithm, SpecialBoxesHaveExactChanges) {
+  Boxes64 boxes = special_boxes();
+  Exact exact(config());
+  for (int frame = 0; frame < 4; ++frame) {
+    exact.update(boxes, "special boxes");
+    std::ranges::rotate(boxes, boxes.begin() + 37);
+  }
+}
+
+/// One box in two that are flush moves by less than single precision can tell, while nothing else changes.
+ALSO_IN(oclgrind | gpu_profile | rusticl);
+TEST_P(EachAlgorithm, AMoveThatSinglePrecisionCannotTellCounts) {
+  BroadPhase64 broad_phase(config());
+  const double place = 6.4e6;
+  const double far = place + 1e7;  // between which there is no good origin
+  for (const double x : {place, place + 1, far, far + 1}) broad_phase.add(Aabb64{{x, 0, 0}, {x + 1, 1, 1}});
+  EXPECT_TRUE(same(broad_phase.update(), Pairs{{0, 1}, {2, 3}}, {}));
+  for (const std::uint32_t id : {1U, 3U}) {
+    const Pairs pair{{id - 1, id}};
+    const Aabb64 flush = broad_phase.box(id);
+    Aabb64 apart = flush;
+    apart.lower[0] = std::nextafter(apart.lower[0], infinity64);
+    broad_phase.move(id, apart);
+    EXPECT_TRUE(same(broad_phase.update(), {}, pair));
+    EXPECT_TRUE(same(broad_phase.update(), {}, {}));
+    broad_phase.begin();
+    broad_phase.move(id, flush);
+    EXPECT_EQ(broad_phase.box(id), flush);
+    EXPECT_TRUE(same(broad_phase.finish(), {}, {})) << "moved after begin()";
+    EXPECT_TRUE(same(broad_phase.update(), pair, {}));
+  }
+}
+
+TEST_P(EachAlgorithm, TwoSetsAndWorldsInDoublePrecision) {
+  Boxes64 boxes = flush_cubes(4, 6.4e6);
+  std::vector<Filter> sets;
+  std::vector<Filter> worlds;
+  for (std::uint32_t k = 0; k < boxes.size(); ++k) {
+    sets.push_back(k % 3 == 0 ? Filter::first_set : Filter::second_set);
+    worlds.push_back({.world = k % 7 == 0 ? Filter::all_worlds : k % 2});
+  }
+  for (const auto& filters : {sets, worlds}) {
+    Exact exact(config(), 1);
+    exact.set_filters(filters);
+    std::mt19937 random(2);
+    for (int frame = 0; frame < 4; ++frame) {
+      exact.update(boxes, "filters");
+      walk(boxes, random, 6.4e6);
+    }
+  }
+}
+
+TEST_P(EachAlgorithm, ExclusionsInDoublePrecisionHaveExactChanges) {
+  BroadPhase64 broad_phase(config());
+  const Boxes64 boxes = flush_cubes(3, 5e5);
+  const Pairs all = expected_pairs(boxes);
+  Pairs excluded;
+  Pairs others;
+  for (const Pair& pair : all) (pair.a % 3 == 0 ? excluded : others).push_back(pair);
+  EXPECT_TRUE(same(broad_phase.update(boxes), all, {}));
+  broad_phase.set_exclusions(excluded);
+  EXPECT_TRUE(same(broad_phase.update(), {}, excluded));
+  EXPECT_TRUE(same("pairs", broad_phase.pairs(), others));
+  broad_phase.set_exclusions({});
+  EXPECT_TRUE(same(broad_phase.update(), excluded, {}));
+}
+
+TEST_P(EachAlgorithm, BoxesOfAPlaneAndOfSpaceInDoublePrecision) {
+  std::vector<double> rectangles;
+  for (int k = 0; k < 40; ++k) {
+    const double x = 6.46e6 + 0.1 * k;
+    rectangles.insert(rectangles.end(), {x, 0, x + 0.1, 1});
+  }
+  Boxes64 flat(40);
+  for (std::size_t k = 0; k < flat.size(); ++k) {
+    flat[k] = {{rectangles[4 * k], 0, 0}, {rectangles[4 * k + 2], 1, 0}};
+  }
+  BroadPhase64 broad_phase(config());
+  const Pairs pairs = expected_pairs(flat);
+  EXPECT_TRUE(same(broad_phase.update(BoxView::rectangles(rectangles.data(), 40)), pairs, {}));
+  // Above all of them, by less than the bounds that boxes of a plane get for the search.
+  broad_phase.add(Aabb64{{0, 0, 1e-9}, {1e7, 1, 1}});
+  EXPECT_TRUE(same(broad_phase.update(), {}, {}));
+  broad_phase.move(40, Aabb64{{0, 0, 0}, {1e7, 1, 1}});
+  EXPECT_EQ(broad_phase.update().added.size(), 40U);
+  EXPECT_EQ(broad_phase.update(flat).removed.size(), 40U);
+  EXPECT_TRUE(same("pairs", broad_phase.pairs(), pairs));
+}
+
+TEST_P(EachAlgorithm, ANaNInDoublePrecisionChangesNothing) {
+  BroadPhase64 broad_phase(config());
+  Boxes64 boxes = flush_cubes(3, 5e5);
+  (void)broad_phase.update(boxes);
+  const Aabb64 good = boxes[5];
+  boxes[5].upper[1] = std::nan("");
+  boxes[6].lower[0] += 1;
+  const auto expect_refused = [&](const auto& call, const std::string& what) {
+    EXPECT_THAT(error_of(call), ::testing::HasSubstr(what + " has a NaN"));
+    EXPECT_EQ(broad_phase.size(), boxes.size());
+    EXPECT_EQ(broad_phase.box(5), good);
+    EXPECT_NE(broad_phase.box(6), boxes[6]);
+  };
+  expect_refused([&] { broad_phase.add(boxes[5]); }, "a box");
+  expect_refused([&] { broad_phase.move(4, boxes[5]); }, "a box");
+  expect_refused([&] { broad_phase.add(BoxView(boxes)); }, "box 5");
+  std::vector<std::uint32_t> ids(boxes.size());
+  for (std::uint32_t id = 0; id < ids.size(); ++id) ids[id] = id;
+  expect_refused([&] { broad_phase.move(ids, boxes); }, "box 5");
+  expect_refused([&] { (void)broad_phase.update(boxes); }, "box 5");
+  expect_refused([&] { broad_phase.begin(boxes); }, "box 5");
+  EXPECT_TRUE(same(broad_phase.update(), {}, {}));
+  const std::span<Aabb64> mapped = broad_phase.map(boxes.size());
+  mapped[7].lower[2] = std::nan("");
+  EXPECT_THAT(error_of([&] { (void)broad_phase.update(); }), ::testing::HasSubstr("box 7 has a NaN"));
+  mapped[7] = {{5e5, 0, 0}, {5e5 + 1, 1, 1}};
+  Boxes64 now(mapped.begin(), mapped.end());
+  (void)broad_phase.update();
+  EXPECT_TRUE(same("pairs", broad_phase.pairs(), expected_pairs(now)));
+}
+
+TEST(BroadPhase64, HasTheSameIdsAndErrorsAsABroadPhase) {
+  BroadPhase64 broad_phase({.algorithm = "sweep-and-prune"});
+  const Aabb64 box{{0, 0, 0}, {1, 1, 1}};
+  EXPECT_EQ(broad_phase.add(box), 0U);
+  EXPECT_EQ(broad_phase.add(box, {.world = 3}), 1U);
+  const Boxes64 two(2, box);
+  EXPECT_EQ(broad_phase.add(two), (std::vector<std::uint32_t>{2, 3}));
+  broad_phase.remove(1);
+  EXPECT_FALSE(broad_phase.contains(1));
+  EXPECT_EQ(broad_phase.add(box), 1U);
+  EXPECT_EQ(broad_phase.filter(1), Filter());
+  EXPECT_EQ(broad_phase.device(), nullptr);
+  EXPECT_EQ(broad_phase.algorithm().name, "sweep-and-prune");
+  EXPECT_EQ(broad_phase.memory().device, 0U);
+  EXPECT_THAT(error_of([&] { (void)broad_phase.box(9); }), ::testing::HasSubstr("no object has the id 9"));
+  EXPECT_THAT(error_of([&] { broad_phase.move(9, box); }), ::testing::HasSubstr("no object has the id 9"));
+  const Aabb64 empty{{3, 0, 0}, {2, 1, 1}};
+  broad_phase.move(1, empty);
+  EXPECT_EQ(broad_phase.box(1), empty);
+  BroadPhase64 other = std::move(broad_phase);
+  EXPECT_EQ(other.update().added.size(), 3U);
+  const std::vector<Aabb> single(2, {{0, 0, 0}, {1, 1, 1}});
+  EXPECT_EQ(other.update(single).removed.size(), 3U);
+}
+
+TEST(BroadPhase64, NeitherRoundingNorFlushingOfTheCallerMatters) {
+  for (const int mode : {FE_DOWNWARD, FE_UPWARD, FE_TOWARDZERO}) {
+    const ScopedRounding rounding(mode);
+    Exact exact({.algorithm = "sweep-and-prune"});
+    for (const Boxes64& boxes : {flush_cubes(5, 6.4e6), halves_of_steps(5, 1000), special_boxes()}) {
+      for (int way = 0; way < 4; ++way) exact.update(boxes, "rounding");
+    }
+    EXPECT_EQ(std::fegetround(), mode);
+  }
+#ifdef __SSE2__
+  const ScopedFlush flush;
+  Exact exact({.algorithm = "sweep-and-prune"});
+  for (int frame = 0; frame < 8; ++frame) {
+    exact.update(frame % 2 == 0 ? special_boxes() : flush_cubes(3, 0), "flushing");
+  }
+#endif
+}
+
+/// Many boxes, which threads convert, and many pairs that touch, which they compare.
+NOT_IN(sanitizers, "tests ten million pairs without optimisation");
+TEST(BroadPhase64, ManyAreComparedByThreads) {
+  Boxes64 boxes = flush_cubes(17, 6.4e6);
+  for (const std::size_t threads : {1U, 3U}) {
+    Exact exact({.algorithm = "sweep-and-prune", .threads = threads});
+    exact.update(boxes, "cubes");
+    std::mt19937 random(3);
+    walk(boxes, random, 6.4e6);
+    exact.update(boxes, "moved");
+  }
+}
+
+TEST(BroadPhase64, ShrinksAndKeepsMappedMemory) {
+  BroadPhase64 broad_phase({.algorithm = "sweep-and-prune"});
+  const Boxes64 boxes = flush_cubes(5, 1e6);
+  std::optional<MappedBoxes64> mapped = broad_phase.map(boxes.size());
+  std::ranges::copy(boxes, mapped->begin());
+  (void)broad_phase.update();
+  const Boxes64 many(1000, boxes[0]);
+  (void)broad_phase.add(many);
+  (void)broad_phase.update(many);
+  (void)broad_phase.update(boxes);
+  EXPECT_EQ(mapped->size(), boxes.size());
+  EXPECT_GE(mapped->front().lower[0], 0);
+  broad_phase.shrink();
+  EXPECT_TRUE(same("pairs", broad_phase.pairs(), expected_pairs(boxes)));
+  broad_phase.remove(0);
+  broad_phase.shrink();
+  EXPECT_FALSE(broad_phase.update().removed.empty());
+  { const BroadPhase64 gone = std::move(broad_phase); }
+  EXPECT_GE(mapped->back().lower[0], 0);
+}
+
+/// How many of the boxes that an algorithm reads are different.
+std::size_t different_boxes(Algorithm& algorithm, std::size_t n) {
+  std::set<std::array<float, 3>> lower;
+  for (const Aabb& box : algorithm.boxes().first(n)) lower.insert(box.lower);
+  return lower.size();
+}
+
+/// Boxes that fly so far away that single precision cannot tell them apart about their first origin.
+TEST(BroadPhase64, TheOriginFollowsTheBoxes) {
+  for (const bool maps : {false, true}) {
+    AlgorithmPointer algorithm = make_algorithm({.algorithm = "sweep-and-prune"});
+    Algorithm& inside = *algorithm;
+    Core64 core(std::move(algorithm));
+    Boxes64 boxes = flush_cubes(5, 0);
+    const auto update = [&] {
+      if (maps) {
+        std::ranges::copy(boxes, core.map(boxes.size()).begin());
+        (void)core.finish();
+      } else {
+        (void)core.update(boxes);
+      }
+      ASSERT_TRUE(same("pairs", core.pairs(), expected_pairs(boxes)));
+    };
+    for (int frame = 0; frame < 20; ++frame) {
+      update();
+      for (Aabb64& box : boxes) {
+        box.lower[1] += 3e6;
+        box.upper[1] += 3e6;
+      }
+    }
+    EXPECT_LT(different_boxes(inside, boxes.size()), boxes.size());
+    for (int frame = 0; frame < 20; ++frame) update();
+    EXPECT_EQ(different_boxes(inside, boxes.size()), boxes.size());
+  }
+}
+
+}  // namespace
+}  // namespace broadcl::test
