@@ -99,16 +99,17 @@ void register_double_precision() {
   for_each_scene(
       [](const std::string& algorithm, const std::string& scene, MovingBoxes::Sizes sizes, std::uint32_t n) {
         const std::string end = "/" + std::to_string(n);
+        const std::string boxes = algorithm + "/" + scene;
         for (const bool in_double : {false, true}) {
-          const std::string name =
-              "all-pairs/" + algorithm + "/" + scene + (in_double ? "/float64" : "/float32") + end;
+          const std::string type = in_double ? "/float64" : "/float32";
+          const std::string name = std::string("all-pairs/").append(boxes).append(type).append(end);
           benchmark::RegisterBenchmark(name.c_str(), time_all_pairs, algorithm, sizes, n, in_double)
               ->UseManualTime()
               ->Unit(benchmark::kMillisecond);
         }
-        const std::string name = "update-in-double/" + algorithm + "/" + scene;
         const auto add = [&](const std::string& type, const auto& time) {
-          benchmark::RegisterBenchmark((name + type + end).c_str(), time, algorithm, sizes, n)
+          const std::string name = std::string("update-in-double/").append(boxes).append(type).append(end);
+          benchmark::RegisterBenchmark(name.c_str(), time, algorithm, sizes, n)
               ->UseManualTime()
               ->Iterations(64)
               ->Unit(benchmark::kMicrosecond);

@@ -128,7 +128,7 @@ TEST_P(EachAlgorithm, SpecialBoxesHaveExactChanges) {
   Exact exact(config());
   for (int frame = 0; frame < 4; ++frame) {
     exact.update(boxes, "special boxes");
-    std::ranges::rotate(boxes, boxes.begin() + 37);
+    std::rotate(boxes.begin(), boxes.begin() + 37, boxes.end());
   }
 }
 

@@ -120,20 +120,20 @@ class Warped {
   Delta update() requires requires(Subject subject) { subject.update(); }
   {
     write();
-    const Delta delta = subject_.update();
+    Delta delta = subject_.update();
     boxes_.clear();
     return delta;
   }
   Delta update(const BoxView& boxes) {
     write();
     const std::vector<Aabb64> all = warped(boxes);
-    const Delta delta = subject_.update(all);
+    Delta delta = subject_.update(all);
     boxes_.clear();
     return delta;
   }
   Delta finish() {
     write();
-    const Delta delta = subject_.finish();
+    Delta delta = subject_.finish();
     boxes_.clear();
     return delta;
   }

@@ -78,6 +78,13 @@ class Filters {
 /// A BroadPhase or a BroadPhase64 for Python: one thread at a time, all or nothing for arrays too, and arrays
 /// that live as long as anybody looks at them.
 class Objects {
+  using Either = std::variant<BroadPhase, BroadPhase64>;
+
+  template <class Function>
+  auto with(const Function& function) {
+    return std::visit(function, *broad_phase_);
+  }
+
  public:
   /// @param in_double Whether boxes are float64.
   Objects(const Config& config, bool in_double)
@@ -172,7 +179,7 @@ class Objects {
     refuse_too_many(n);
     const OneThread::Use use(thread_);
     try {
-      array_ = with([&](auto& object) { return map(object, n); });
+      array_ = with([&](auto& object) { return array_of_map(object, n); });
     } catch (const Error&) {  // `auto` leaves a device that failed, and its memory
       take_mapped();
       throw;
@@ -265,16 +272,9 @@ class Objects {
   }
 
  private:
-  using Either = std::variant<BroadPhase, BroadPhase64>;
-
-  template <class Function>
-  auto with(const Function& function) {
-    return std::visit(function, *broad_phase_);
-  }
-
   /// Ends the writing to the last array of map(), and makes another one.
   template <class Object>
-  nanobind::object map(Object& object, std::size_t n) {
+  nanobind::object array_of_map(Object& object, std::size_t n) {
     auto mapped = without_gil([&] { return object.map(n); });
     take_mapped();
     using Bound = std::remove_reference_t<decltype(mapped.front().lower.front())>;
