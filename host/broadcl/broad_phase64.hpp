@@ -36,7 +36,7 @@ struct MappedBoxes64 : std::span<Aabb64> {
 /// Boxes are searched as float32, about an origin near them. Pairs that touch there are compared in float64,
 /// on the host: few, unless many boxes lie side by side. The origin is chosen from the first boxes, and
 /// another one when the boxes have gone so far that many pairs touch in float32 only; that update searches
-/// all boxes. Each box takes 72 bytes of the host's memory in addition, 120 with update(boxes).
+/// all boxes. Each box takes 48 bytes of the host's memory in addition, 96 with update(boxes).
 ///
 /// Functions, errors, lifetimes and thread safety are those of BroadPhase. Results do not depend on the
 /// rounding mode of the calling thread, nor on whether its processor treats denormal numbers as 0.

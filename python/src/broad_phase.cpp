@@ -74,7 +74,7 @@ profile : bool
     Whether to measure stages on the device, too: see the method `profile`.
 dtype : dtype_like
     Of the boxes, float32 or float64. With float64, pairs and changes are exactly those of boxes in
-    double precision, however near or far their bounds; each box takes 72 to 120 bytes more on the
+    double precision, however near or far their bounds; each box takes 48 to 96 bytes more on the
     host. With float32, boxes that are given in float64 are rounded outward.
 
 Raises
