@@ -12,6 +12,7 @@
 #include <broadcl/broad_phase.hpp>
 
 #include "core/core.hpp"
+#include "core/core64.hpp"
 #include "each_algorithm.hpp"
 #include "engines/hybrid.hpp"
 #include "failing_allocations.hpp"
@@ -58,21 +59,32 @@ TEST(AllocationFailure, OfADeviceBroadPhaseIsMadeGood) {
 }
 
 /// Once one object has moved often enough, the hybrid switches from the host to its supposed device.
-TEST(AllocationFailure, OfAHybridIsMadeGood) {
+/// @tparam Subject Core, or one with the same functions.
+template <class Subject>
+void expect_hybrid_lives() {
   for (const long count : {1L, AllocationTrouble::for_good}) {
     int changed_over = 0;
     expect_right_lives(200, [&](long first) -> std::optional<long> {
       const Pretender::Orders orders{.expected_seconds = 0, .expected_for_all = 7e-6};
-      Twins<Core, AllocationTrouble> twins(std::in_place, AllocationTrouble(first, count), first % 4 < 2,
-                                           make_hybrid(
-                                               make_algorithm({.algorithm = "oracle"}),
-                                               [&orders] { return std::make_unique<Pretender>(orders); }, 0));
+      Twins<Subject, AllocationTrouble> twins(
+          std::in_place, AllocationTrouble(first, count), first % 4 < 2,
+          make_hybrid(
+              make_algorithm({.algorithm = "oracle"}),
+              [&orders] { return std::make_unique<Pretender>(orders); }, 0));
       if (!live(twins, {.updates = 1000})) return std::nullopt;
       if (orders.updates > 0) ++changed_over;
       return twins.trouble().points();
     });
     EXPECT_GT(changed_over, 0);
   }
+}
+
+TEST(AllocationFailure, OfAHybridIsMadeGood) {
+  expect_hybrid_lives<Core>();
+}
+
+TEST(AllocationFailure, OfAHybridInDoublePrecisionIsMadeGood) {
+  expect_hybrid_lives<Warped<Core64>>();
 }
 
 /// Every allocation, including those for kernels that are built in the middle of a life.
