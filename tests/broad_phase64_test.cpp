@@ -305,9 +305,9 @@ TEST(BroadPhase64, ShrinksAndKeepsMappedMemory) {
   std::optional<MappedBoxes64> mapped = broad_phase.map(boxes.size());
   std::ranges::copy(boxes, mapped->begin());
   (void)broad_phase.update();
-  const Boxes64 many(1000, boxes[0]);
-  (void)broad_phase.add(many);
-  (void)broad_phase.update(many);
+  const Boxes64 thousand(1000, boxes[0]);
+  (void)broad_phase.add(thousand);
+  (void)broad_phase.update(thousand);
   (void)broad_phase.update(boxes);
   EXPECT_EQ(mapped->size(), boxes.size());
   EXPECT_GE(mapped->front().lower[0], 0);

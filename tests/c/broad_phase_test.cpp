@@ -263,7 +263,7 @@ std::vector<broadcl_aabb64> row64() {
           {{std::nextafter(x + 2, 1e30), 0, 0}, {x + 3, 1, 1}}};
 }
 
-broadcl_boxes view(const std::vector<broadcl_aabb64>& boxes) {
+broadcl_boxes view64(const std::vector<broadcl_aabb64>& boxes) {
   auto result = sized<broadcl_boxes>();
   result.data = boxes.data();
   result.count = boxes.size();
@@ -283,7 +283,7 @@ class CBroadPhase64 : public CBroadPhase {
 
 TEST_F(CBroadPhase64, PairsAreExactWhicheverFunctionGivesTheBoxes) {
   std::vector<broadcl_aabb64> boxes = row64();
-  const broadcl_boxes given = view(boxes);
+  const broadcl_boxes given = view64(boxes);
   std::vector<std::uint32_t> ids(3);
   OK(broadcl_broad_phase_add_boxes(handle_, &given, nullptr, 0, ids.data()));
   EXPECT_THAT(list(update().added), ElementsAre(broadcl_pair{0, 1}));
