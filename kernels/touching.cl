@@ -7,12 +7,12 @@
 
 /* (Packed boxes of a BroadPhase64 have no -0.) */
 static inline bool boxes_touch(const box_t* s, const box_t* t) {
-  bool any = false;
+  bool touch = false;
   for (uint axis = 0; axis < 3U; ++axis) {
-    if (as_uint(s->bound[axis]) == as_uint(t->bound[axis + 3U])) any = true;
-    if (as_uint(t->bound[axis]) == as_uint(s->bound[axis + 3U])) any = true;
+    if (as_uint(s->bound[axis]) == as_uint(t->bound[axis + 3U])) touch = true;
+    if (as_uint(t->bound[axis]) == as_uint(s->bound[axis + 3U])) touch = true;
   }
-  return any;
+  return touch;
 }
 
 /* `pairs` has `kept` pairs at its beginning and `added` ones at its end. `result` has first a number of pairs, to

@@ -212,6 +212,28 @@ TEST_P(EachAlgorithm, BoxesOfAPlaneAndOfSpaceInDoublePrecision) {
   EXPECT_TRUE(same("pairs", broad_phase.pairs(), pairs));
 }
 
+/// After boxes of a plane, map() gives some an extent in z.
+TEST_P(EachAlgorithm, MappedBoxesOfAPlaneMayLeaveItInDoublePrecision) {
+  const Boxes64 flat(3, {{0, 0, 0}, {1, 1, 0}});
+  for (const bool maps : {false, true}) {
+    BroadPhase64 broad_phase(config());
+    if (maps) {
+      std::ranges::copy(flat, broad_phase.map(flat.size()).begin());
+      (void)broad_phase.update();
+    } else {
+      (void)broad_phase.update(flat);
+    }
+    const std::span<Aabb64> mapped = broad_phase.map(flat.size());
+    for (std::size_t k = 0; k < mapped.size(); ++k) {
+      mapped[k].lower[2] = 10.0 * static_cast<double>(k);
+      mapped[k].upper[2] = mapped[k].lower[2] + 1;
+    }
+    EXPECT_TRUE(same(broad_phase.update(), {}, all_pairs(3)));
+    broad_phase.move(2, Aabb64{{0, 0, 11}, {1, 1, 12}});
+    EXPECT_TRUE(same(broad_phase.update(), Pairs{{1, 2}}, {}));
+  }
+}
+
 TEST_P(EachAlgorithm, ANaNInDoublePrecisionChangesNothing) {
   BroadPhase64 broad_phase(config());
   Boxes64 boxes = flush_cubes(3, 5e5);
@@ -259,6 +281,8 @@ TEST(BroadPhase64, HasTheSameIdsAndErrorsAsABroadPhase) {
   EXPECT_EQ(broad_phase.memory().device, 0U);
   EXPECT_THAT(error_of([&] { (void)broad_phase.box(9); }), ::testing::HasSubstr("no object has the id 9"));
   EXPECT_THAT(error_of([&] { broad_phase.move(9, box); }), ::testing::HasSubstr("no object has the id 9"));
+  EXPECT_THAT(error_of([&] { broad_phase.map(std::size_t{1} << 60U); }),
+              ::testing::HasSubstr("are too many"));
   const Aabb64 empty{{3, 0, 0}, {2, 1, 1}};
   broad_phase.move(1, empty);
   EXPECT_EQ(broad_phase.box(1), empty);
@@ -279,6 +303,12 @@ TEST(BroadPhase64, NeitherRoundingNorFlushingOfTheCallerMatters) {
   }
 #ifdef __SSE2__
   const ScopedFlush flush;
+  const std::vector<Aabb> denormal{{{1e-40F, 0, 0}, {2e-40F, 1, 1}}, {{3e-40F, 0, 0}, {4e-40F, 1, 1}}};
+  BroadPhase64 single({.algorithm = "sweep-and-prune"});
+  EXPECT_TRUE(same(single.update(denormal), {}, {}));
+  const Boxes64 first_only{single.box(0)};
+  EXPECT_TRUE(same("pairs", overlapping_pairs(denormal, first_only, {.algorithm = "sweep-and-prune"}),
+                   Pairs{{0, 0}}));
   Exact exact({.algorithm = "sweep-and-prune"});
   for (int frame = 0; frame < 8; ++frame) {
     exact.update(frame % 2 == 0 ? special_boxes() : flush_cubes(3, 0), "flushing");

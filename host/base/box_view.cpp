@@ -13,6 +13,7 @@
 #include "base/origin.hpp"
 #include "base/packed_box.hpp"
 #include "base/stream.hpp"
+#include "base/to_double.hpp"
 
 namespace broadcl {
 namespace {
@@ -23,8 +24,8 @@ template <class S>
 Aabb64 to_aabb64(const std::array<S, 3>& lower, const std::array<S, 3>& upper) noexcept {
   Aabb64 box{};
   for (std::size_t axis = 0; axis < 3; ++axis) {
-    box.lower[axis] = static_cast<double>(lower[axis]);
-    box.upper[axis] = static_cast<double>(upper[axis]);
+    box.lower[axis] = to_double(lower[axis]);
+    box.upper[axis] = to_double(upper[axis]);
   }
   return box;
 }
@@ -168,7 +169,7 @@ bool BoxView::are_flat() const noexcept {
   if (are_rectangles()) return true;
   return with_layout([this](const auto& boxes) {
     for (std::size_t k = 0; k < size_; ++k) {
-      if (!is_flat(boxes.exact(k))) return false;
+      if (!is_flat_or_empty(boxes.exact(k))) return false;
     }
     return true;
   });

@@ -1,6 +1,6 @@
 #pragma once
 
-#if defined(__SSE2__) && defined(__x86_64__)
+#if defined(__SSE2_MATH__) && defined(__x86_64__)
 #include <xmmintrin.h>
 #else
 #include <cfenv>
@@ -14,7 +14,7 @@ namespace broadcl {
 /// Operations must stand in functions that are not inlined, or a compiler may move them out of its life.
 class DefaultFloatingPoint {
  public:
-#if defined(__SSE2__) && defined(__x86_64__)
+#if defined(__SSE2_MATH__) && defined(__x86_64__)
   /// (std::fesetenv() would take ten times as long, since it also sets the older unit, which nothing uses.)
   DefaultFloatingPoint() noexcept : callers_(_mm_getcsr()) {
     constexpr unsigned at_start = 0x1f80;  // of a process
@@ -38,7 +38,7 @@ class DefaultFloatingPoint {
   DefaultFloatingPoint& operator=(DefaultFloatingPoint&&) = delete;
 
  private:
-#if defined(__SSE2__) && defined(__x86_64__)
+#if defined(__SSE2_MATH__) && defined(__x86_64__)
   unsigned callers_;
 #else
   std::fenv_t callers_{};

@@ -25,12 +25,17 @@ std::vector<Interval> intervals_of(std::span<const Aabb64> boxes, std::size_t ax
   return intervals;
 }
 
-/// The sum of float32's steps at the intervals about a place, as parts of their lengths, 1 at most.
+/// The sum of float32's steps at the intervals about a place, as parts of their lengths, 1 at most. Those
+/// without a length, such as points, count as if they stood side by side.
 double badness_at(double place, const std::vector<Interval>& intervals) {
+  if (intervals.empty()) return 0;
+  const auto [first, last] = std::ranges::minmax_element(intervals, {}, &Interval::lower);
+  const double distance = (last->lower - first->lower) / static_cast<double>(intervals.size());
   double sum = 0;
   for (const auto& [lower, upper] : intervals) {
+    const double length = upper > lower ? upper - lower : distance;
     const double step = std::abs(lower - place) * static_cast<double>(std::numeric_limits<float>::epsilon());
-    sum += step < upper - lower ? step / (upper - lower) : 1;
+    sum += step < length ? step / length : 1;
   }
   return sum;
 }
@@ -66,7 +71,7 @@ float to_normal_float(double number) noexcept {
       converted.upper[axis] = to_normal_float(box.upper[axis] - place[axis]);
       is_proper &= box.lower[axis] <= box.upper[axis];
     }
-    if (is_flat) {
+    if (is_flat && is_proper) {
       converted.lower[2] = -1;
       converted.upper[2] = 1;
     }

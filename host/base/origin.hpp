@@ -71,11 +71,11 @@ template <class Function>
   return samples;
 }
 
-/// Whether a box extends from 0 to 0 in z.
-[[nodiscard]] constexpr bool is_flat(const Aabb64& box) noexcept {
+/// Whether a box has no point whose z is not 0.
+[[nodiscard]] constexpr bool is_flat_or_empty(const Aabb64& box) noexcept {
   // (A processor may take denormal numbers for zeros.)
   const auto is_zero = [](double number) { return std::bit_cast<std::uint64_t>(number) << 1U == 0; };
-  return is_zero(box.lower[2]) && is_zero(box.upper[2]);
+  return (is_zero(box.lower[2]) && is_zero(box.upper[2])) || is_empty(box);
 }
 
 }  // namespace broadcl

@@ -18,8 +18,8 @@ namespace broadcl {
 template <class Select>
 [[nodiscard]] std::vector<Pair> select_pairs(std::span<const Pair> pairs, std::size_t threads,
                                              const Select& select) {
-  constexpr std::size_t least_pairs = 1 << 14;  // per thread
-  const std::size_t parts = useful_threads(pairs.size(), least_pairs, threads);
+  constexpr std::size_t pairs_per_thread = 1 << 14;  // at least
+  const std::size_t parts = useful_threads(pairs.size(), pairs_per_thread, threads);
   const auto begin_of = [&](std::size_t part) { return pairs.size() * part / parts; };
   std::vector<std::vector<Pair>> selected(parts);
   parallel_for(parts, parts, [&](std::size_t part, std::size_t /*thread*/) {

@@ -156,7 +156,7 @@ class BROADCL_API BoxView {
   void read(std::size_t first, std::span<Aabb64> out) const noexcept;
   [[nodiscard]] Aabb64 exact(std::size_t k) const noexcept;
   [[nodiscard]] bool are_rectangles() const noexcept { return size_ > 0 && bounds_[2] == nullptr; }
-  /// Whether all boxes extend from 0 to 0 in z.
+  /// Whether no box has a point whose z is not 0.
   [[nodiscard]] bool are_flat() const noexcept;
 
   bool is_double_ = false;

@@ -34,7 +34,8 @@ struct MappedBoxes64 : std::span<Aabb64> {
 /// every device and on the host. A box that moves by less than float32 can tell moves.
 ///
 /// Boxes are searched as float32, about an origin near them. Pairs that touch there are compared in float64,
-/// on the host: few, unless many boxes lie side by side. The origin is chosen from the first boxes, and
+/// on the host: few, unless many boxes lie side by side. To find them, each update in which something has
+/// changed looks at all pairs, even if little moved. The origin is chosen from the first boxes, and
 /// another one when the boxes have gone so far that many pairs touch in float32 only; that update searches
 /// all boxes. Each box takes 48 bytes of the host's memory in addition, 96 with update(boxes).
 ///
@@ -110,8 +111,8 @@ class BROADCL_API BroadPhase64 {
   [[nodiscard]] const AlgorithmInfo& algorithm() const noexcept;
   /// OpenCL memory in use: BroadPhase::memory().
   [[nodiscard]] MemoryUse memory() const noexcept;
-  /// The stages of the last update: BroadPhase::profile(). On a device, `touching` finds the pairs that are
-  /// compared in float64.
+  /// The stages of the last update: BroadPhase::profile(). `touching` finds the pairs that are compared in
+  /// float64; gpu-bf does this on the host, as a part of no stage.
   [[nodiscard]] std::span<const Stage> profile() const noexcept;
 
  private:

@@ -205,10 +205,10 @@ typedef struct broadcl_config {
   int profile;                         ///< Whether to measure stages on the device, too.
   broadcl_compile_handler on_compile;  ///< May be null.
   void* on_compile_data;               ///< Passed to it.
-  /// broadcl_type of the boxes of a broadcl_broad_phase. With BROADCL_FLOAT64, its pairs and changes are
-  /// exactly those of boxes in double precision, however near or far their bounds: give them as
-  /// broadcl_boxes, and use broadcl_broad_phase_map64() and broadcl_broad_phase_box64(). Takes 48 to 96
-  /// bytes more per box on the host.
+  /// broadcl_type of the boxes of a broadcl_broad_phase; other objects ignore it. With BROADCL_FLOAT64, its
+  /// pairs and changes are exactly those of boxes in double precision, however near or far their bounds: give
+  /// them as broadcl_boxes, and use broadcl_broad_phase_map64() and broadcl_broad_phase_box64(). Takes 48 to
+  /// 96 bytes more per box on the host.
   int32_t type;
 } broadcl_config;
 

@@ -16,6 +16,8 @@
 #include <broadcl/pair.hpp>
 #include <broadcl/profile.hpp>
 
+#include "base/to_double.hpp"
+
 /// The values of the C interface and those of C++.
 namespace broadcl::c {
 
@@ -43,8 +45,8 @@ namespace broadcl::c {
 [[nodiscard]] inline Aabb64 to_aabb64(const broadcl_aabb& box) noexcept {
   Aabb64 result{};
   for (std::size_t axis = 0; axis < 3; ++axis) {
-    result.lower[axis] = static_cast<double>(box.lower[axis]);
-    result.upper[axis] = static_cast<double>(box.upper[axis]);
+    result.lower[axis] = to_double(box.lower[axis]);
+    result.upper[axis] = to_double(box.upper[axis]);
   }
   return result;
 }

@@ -328,10 +328,14 @@ void Core::apply_late() {
   late_.clear();
 }
 
-void Core::reserve_all(std::size_t n) {
+void Core::refuse_replacement(std::size_t n) const {
   refuse_forked();
   if (is_begun()) throw Error("boxes cannot be replaced between begin() and finish(); call finish() first");
   if (n > most_objects) throw_too_many(n);
+}
+
+void Core::reserve_all(std::size_t n) {
+  refuse_replacement(n);
   apply_late();
   reserve(std::max(n, objects_.ids()), false);
 }

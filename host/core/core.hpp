@@ -64,6 +64,8 @@ class Core {
   [[nodiscard]] const Filter& filter(std::uint32_t id) const;
 
   std::span<Aabb> map(std::size_t n);
+  /// What map() and begin() throw for n boxes before they do anything.
+  void refuse_replacement(std::size_t n) const;
 
   /// Like map(), but for packed boxes, which begin() need not read. Must not be called between map() and
   /// begin().

@@ -34,7 +34,7 @@ void Core64::reserve_late(std::size_t count) {
 
 void Core64::store(std::uint32_t id, const Aabb64& box) noexcept {
   has_changed_ = true;
-  must_convert_ = must_convert_ || (origin_.is_flat() && !is_flat(box));
+  must_convert_ = must_convert_ || (origin_.is_flat() && !is_flat_or_empty(box));
   if (is_begun_) {
     late_.push_back({id, box});
   } else {
@@ -108,6 +108,7 @@ Aabb64 Core64::box(std::uint32_t id) const {
 }
 
 std::span<Aabb64> Core64::map(std::size_t n) {
+  core_.refuse_replacement(n);
   reserve(n);
   std::vector<std::uint32_t> added;
   for (std::uint32_t id = 0; id < n; ++id) {
@@ -117,6 +118,7 @@ std::span<Aabb64> Core64::map(std::size_t n) {
   // Nothing below throws.
   for (const std::uint32_t id : added) (*boxes_)[id] = empty_aabb64();
   mapped_ = n;
+  must_convert_ = must_convert_ || origin_.is_flat();  // what is written may have an extent in z
   return std::span(*boxes_).first(n);
 }
 
@@ -133,7 +135,7 @@ Origin Core64::choose_origin() const {
   });
   bool are_flat = true;
   for (std::uint32_t id = 0; are_flat && id < boxes.size(); ++id) {
-    are_flat = !contains(id) || is_flat(boxes[id]);
+    are_flat = !contains(id) || is_flat_or_empty(boxes[id]);
   }
   return best_origin(samples, are_flat);
 }
@@ -216,9 +218,9 @@ void Core64::begin(const BoxView& boxes) {
 
 Delta Core64::update(const BoxView& boxes) {
   Delta delta;
+  has_changed_ = true;
   replace_all(boxes, [&](const BoxView& converted) {
-    has_changed_ = true;
-    delta = finish(*spare_, [&] { return core_.update(converted); });
+    delta = finish_core(*spare_, [&] { return core_.update(converted); });
   });
   has_changed_ = false;
   return delta;
@@ -231,7 +233,7 @@ void Core64::flush() {
 Delta Core64::finish() {
   begin();
   Delta delta;
-  or_end_update([&] { delta = finish(*boxes_, [&] { return core_.finish(); }); });
+  or_end_update([&] { delta = finish_core(*boxes_, [&] { return core_.finish(); }); });
   has_changed_ = false;
   end_update();
   return delta;
@@ -254,7 +256,7 @@ void Core64::end_update() noexcept {
 }
 
 template <class Finish>
-Delta Core64::finish(std::span<const Aabb64> boxes, const Finish& finish) {
+Delta Core64::finish_core(std::span<const Aabb64> boxes, const Finish& finish) {
   exact_.begin(boxes);
   const Delta found = finish();
   if (has_changed_) exact_.compare_again();

@@ -100,7 +100,7 @@ class Core64 {
   /// @param boxes Those of the update.
   /// @param finish Does so.
   template <class Finish>
-  Delta finish(std::span<const Aabb64> boxes, const Finish& finish);
+  Delta finish_core(std::span<const Aabb64> boxes, const Finish& finish);
 
   ExactPairs exact_;  // of the other core
   Core core_;
@@ -114,7 +114,7 @@ class Core64 {
 
   Origin origin_;
   bool has_origin_ = false;    // It was chosen.
-  bool must_convert_ = false;  // Some box has an extent in z, for which the origin is not made.
+  bool must_convert_ = false;  // Some box may have an extent in z, for which the origin is not made.
   std::size_t updates_ = 0;    // since an origin was chosen
 };
 

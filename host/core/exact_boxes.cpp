@@ -43,9 +43,9 @@ std::size_t ExactBoxes::pack(const BoxView& view, std::span<Aabb> out) const {
 }
 
 void ExactBoxes::keep_overlapping(std::vector<Pair>& pairs, std::span<const Aabb> packed) const {
-  constexpr std::size_t least_pairs = 1 << 14;  // per thread
+  constexpr std::size_t pairs_per_thread = 1 << 14;  // at least
   // One part per thread: what remains of each but the first is moved once more.
-  const std::size_t parts = useful_threads(pairs.size(), least_pairs, threads_);
+  const std::size_t parts = useful_threads(pairs.size(), pairs_per_thread, threads_);
   const auto begin_of = [&](std::size_t part) { return pairs.size() * part / parts; };
   std::vector<std::size_t> kept(parts);
   parallel_for(parts, parts, [&](std::size_t part, std::size_t /*thread*/) {

@@ -80,12 +80,12 @@ void ExactPairs::find_edits(std::span<const Pair> changes, std::span<const Pair>
 void ExactPairs::apply(std::span<const Pair> changes, std::span<const Edit> edits,
                        std::vector<Pair>& out) const noexcept {
   constexpr std::size_t most_parts = 64;
-  constexpr std::size_t least_pairs = 1 << 14;  // per thread
+  constexpr std::size_t pairs_per_thread = 1 << 14;  // at least
   const std::size_t edits_per_part = edits.size() / most_parts + 1;
   const std::size_t parts = edits.size() / edits_per_part + 1;
   const std::size_t tail = changes.size() - (edits.empty() ? 0 : edits.back().next_from());
   out.resize((edits.empty() ? 0 : edits.back().next_to()) + tail);
-  parallel_for(parts, useful_threads(changes.size(), least_pairs, threads_),
+  parallel_for(parts, useful_threads(changes.size(), pairs_per_thread, threads_),
                [&](std::size_t part, std::size_t /*thread*/) {
                  const std::size_t first = part * edits_per_part;
                  const std::size_t end = std::min(edits.size(), first + edits_per_part);

@@ -23,7 +23,7 @@ class ExactPairs final : public PairListener {
   /// @param threads That compare pairs, at most; 0 for one per processor.
   explicit ExactPairs(std::size_t threads) : threads_(threads) {}
 
-  /// @param boxes Of the update, by id. May be written until the core's update ends.
+  /// @param boxes Of the update, by id. May be written until the core lists the pairs.
   void begin(std::span<const Aabb64> boxes) noexcept { next_ = {.boxes = boxes}; }
   void list_touching(std::vector<Pair> pairs) override;
   void expect_changes(std::size_t added, std::size_t removed) override;

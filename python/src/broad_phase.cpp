@@ -20,12 +20,15 @@ namespace {
 
 /// @throws TypeError, ValueError
 bool is_float64(nb::handle dtype) {
-  const nb::object given = nb::module_::import_("numpy").attr("dtype")(dtype);
-  const auto name = nb::cast<std::string>(given.attr("name"));
-  if (name != "float32" && name != "float64") {
-    throw nb::value_error(("dtype must be float32 or float64, not " + name).c_str());
+  if (dtype.is_none()) throw nb::type_error("dtype must be float32 or float64, not None");
+  const nb::object type = nb::module_::import_("numpy").attr("dtype");
+  const nb::object given = type(dtype);
+  const bool is_double = given.equal(type("float64"));
+  if (!is_double && !given.equal(type("float32"))) {
+    throw nb::value_error(
+        (std::string("dtype must be float32 or float64, not ") + nb::str(given).c_str()).c_str());
   }
-  return name == "float64";
+  return is_double;
 }
 
 }  // namespace

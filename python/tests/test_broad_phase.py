@@ -205,8 +205,9 @@ def test_dtype():
     assert broad_phase.box(0).dtype == np.float64 and broad_phase.map(1).dtype == np.float64
     with pytest.raises(ValueError, match="dtype must be float32 or float64, not int32"):
         broadcl.BroadPhase(dtype=np.int32)
-    with pytest.raises(TypeError):
-        broadcl.BroadPhase(dtype="boxes")
+    for other in ("boxes", None):
+        with pytest.raises(TypeError):
+            broadcl.BroadPhase(dtype=other)
 
 
 @pytest.mark.parametrize("algorithm", broadcl.algorithms())
