@@ -11,6 +11,7 @@
 #include <broadcl/device.hpp>
 #include <broadcl/pair.hpp>
 
+#include "each_algorithm.hpp"
 #include "engines/kernel_arguments.hpp"
 #include "opencl/context.hpp"
 #include "opencl/launch.hpp"
@@ -21,8 +22,6 @@ namespace broadcl::test {
 namespace {
 
 SUITE_ALSO_IN(OrderSmall, gpu_profile | rusticl);
-
-using Pairs = std::vector<Pair>;
 
 bool before(const Pair& s, const Pair& t) {
   return std::pair(s.b, s.a) < std::pair(t.b, t.a);
