@@ -22,10 +22,13 @@ void time_frames(benchmark::State& state, Make make, double distance) {
   constexpr int cubes = 1000;
   const std::unique_ptr<btBroadphaseInterface> broadphase = make();
   std::vector<btBroadphaseProxy*> proxies;
+  proxies.reserve(cubes);
   int frame = 0;
   const auto lower = [&](int k) {
     const double sway = 0.25 * (frame % 4);  // a number of float32, too, so that cubes touch everywhere
-    return btVector3(distance + k % 10 + sway, 1.2 * (k / 10 % 10), 1.2 * (k / 100));
+    const int row = k / 10 % 10;
+    const int layer = k / 100;
+    return btVector3(distance + k % 10 + sway, 1.2 * row, 1.2 * layer);
   };
   const btVector3 edge(1, 1, 1);
   for (int k = 0; k < cubes; ++k) {

@@ -65,7 +65,9 @@ TEST(BulletFloat64, PairsAreThoseOfBulletAtEveryDistance) {
     Rig rig(kinds[0]);
     std::vector<btBroadphaseProxy*> proxies;
     const auto box = [](int k, double from) {
-      const btVector3 lower(from + k % 10, 1.2 * (k / 10 % 10), 1.2 * (k / 100));
+      const int row = k / 10 % 10;
+      const int layer = k / 100;
+      const btVector3 lower(from + k % 10, 1.2 * row, 1.2 * layer);
       return std::pair(lower, btVector3(lower + btVector3(1, 1, 1)));
     };
     for (int k = 0; k < 1000; ++k) {
