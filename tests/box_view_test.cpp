@@ -1,6 +1,7 @@
 #include <broadcl/box_view.hpp>
 
 #include <algorithm>
+#include <array>
 #include <bit>
 #include <cstdint>
 #include <deque>
@@ -198,8 +199,9 @@ TYPED_TEST(BoxViewOf, EveryLayoutReadsTheSameBoxes) {
 TYPED_TEST(BoxViewOf, NoBoxesNeedNoMemory) {
   using S = TypeParam;
   const S* none = nullptr;
-  for (const BoxView& view : {BoxView::interleaved(none, 0), BoxView::corners(none, none, 0),
-                              BoxView::arrays<S>({}, {}, 0), BoxView::interleaved(none, 0, 1), BoxView()}) {
+  const std::array views{BoxView::interleaved(none, 0), BoxView::corners(none, none, 0),
+                         BoxView::arrays<S>({}, {}, 0), BoxView::interleaved(none, 0, 1), BoxView()};
+  for (const BoxView& view : views) {
     EXPECT_EQ(view.size(), 0U);
     view.copy_to({});
     view.pack_to({});

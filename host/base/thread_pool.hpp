@@ -2,9 +2,11 @@
 
 #include <cstddef>
 
+#include <broadcl/export.h>
+
 namespace broadcl {
 
-/// Lets other threads of this process take part in the caller's work.
+/// Lets other threads of this process take part in the caller's work. (Exported for the MPI component.)
 ///
 /// Calls work(context, 0) in the calling thread, and work(context, 1), work(context, 2), ... up to `helpers`
 /// in threads of a pool that are free, or become free before the first call returns. So callers never wait
@@ -14,7 +16,7 @@ namespace broadcl {
 /// could start. They start when they are needed, and end when they have been idle for ten seconds; a forked
 /// child starts its own.
 /// @param work Must not throw.
-void share_work(std::size_t helpers, void (*work)(void* context, std::size_t thread), void* context) noexcept;
+BROADCL_API void share_work(std::size_t helpers, void (*work)(void* context, std::size_t thread), void* context) noexcept;
 
 /// While it exists, free_processors() leaves a processor to a thread that is not of the pool, so that no
 /// helper has to wait for it.
@@ -29,6 +31,6 @@ class BackgroundWork {
 };
 
 /// The number of processors, without those that are left to background work, if there are at least four.
-[[nodiscard]] std::size_t free_processors() noexcept;
+[[nodiscard]] BROADCL_API std::size_t free_processors() noexcept;
 
 }  // namespace broadcl

@@ -25,10 +25,6 @@
 
 namespace broadcl {
 
-namespace mpi {
-class Region;
-}
-
 /// Boxes in memory of a BroadPhase, for the caller to write: see BroadPhase::map(). They may be read as long
 /// as this object or a copy of it exists, even if the BroadPhase uses other memory by then, or is destroyed.
 struct MappedBoxes : std::span<Aabb> {
@@ -191,10 +187,6 @@ class BROADCL_API BroadPhase {
   [[nodiscard]] std::span<const Stage> profile() const noexcept;
 
  private:
-  friend class mpi::Region;
-  /// Like map(), but for packed boxes: valid, or all NaN if they are empty.
-  std::span<Aabb> map_packed(std::size_t n);
-
   class Impl;
   std::unique_ptr<Impl> impl_;
 };

@@ -8,7 +8,6 @@
 
 #include <mpi.h>
 
-#include <array>
 #include <compare>
 #include <cstddef>
 #include <cstdint>
@@ -24,6 +23,7 @@
 #include <broadcl/error.hpp>
 #include <broadcl/filter.hpp>
 #include <broadcl/memory.hpp>
+#include <broadcl/pair.hpp>
 #include <broadcl/profile.hpp>
 
 namespace broadcl {
@@ -54,25 +54,29 @@ struct MpiPair {
   }
 };
 
-/// What changed between two updates, of the pairs whose first object is on this rank; otherwise like Delta.
-/// The spans belong to the MpiBroadPhase and are valid until its next update().
+/// What changed between two updates, of the pairs whose first object is on this rank: those of two objects of
+/// this rank, followed by those with objects of other ranks. Both are in canonical order, and so are they
+/// together, since ids compare by rank first.
 struct MpiDelta {
-  std::span<const MpiPair> added;
-  std::span<const MpiPair> removed;
+  Delta own{};  ///< By the objects' ids on this rank. Valid as long as this or a copy of it exists.
+  // The spans belong to the MpiBroadPhase and are valid until its next update().
+  std::span<const MpiPair> added{};    ///< With objects of other ranks.
+  std::span<const MpiPair> removed{};  ///< With objects of other ranks.
 };
 
 /// A BroadPhase across all ranks of a communicator. Each rank has its own objects, anywhere in space; pairs
 /// form among all of them. For any number of ranks and any distribution of the objects, the lists of all
 /// ranks together are those of one BroadPhase that has all objects.
 ///
-/// Space is divided into regions, one for each rank, which its device searches. If objects are on the rank of
-/// their region (region_of()), there is little to send.
+/// Each rank's device finds the pairs of its own objects. Only objects near those of another rank, its halo,
+/// are sent to that rank. So place objects that are near each other on the same rank. If objects lie anywhere,
+/// each rank gets the boxes of all others, which is as slow as it sounds.
 ///
 /// The constructor, update(), pairs() and the destructor are collective: all ranks of the communicator call
 /// them, in the same order. So is an assignment to an object that is in use, because it destroys that one.
 /// All other functions concern only the calling rank. MPI must have been initialised for MPI_THREAD_FUNNELED
 /// or more; this class calls MPI in the thread that calls its functions, which has to be the main thread if
-/// MPI supports no more than MPI_THREAD_FUNNELED. There are no exclusions.
+/// MPI supports no more than MPI_THREAD_FUNNELED.
 ///
 /// If a collective function fails on one rank, also for lack of memory, it throws the same Error, which names
 /// that rank, on all ranks. It has then changed nothing on any rank, and may be repeated. (If MPI itself
@@ -110,6 +114,12 @@ class BROADCL_MPI_API MpiBroadPhase {
   /// @throws Error for an unknown id.
   void set_filter(std::uint32_t id, const Filter& filter);
 
+  /// Replaces this rank's list of pairs that are never reported, whatever their boxes and filters: see
+  /// BroadPhase::set_exclusions(). Initially the list is empty.
+  /// @param pairs Those whose first object is on this rank, in any order; copied.
+  /// @throws Error for another pair, and for a pair of an object with itself.
+  void set_exclusions(std::span<const MpiPair> pairs);
+
   /// Removes an object; its id may be given to the next one added.
   /// @throws Error for an unknown id.
   void remove(std::uint32_t id);
@@ -132,22 +142,17 @@ class BROADCL_MPI_API MpiBroadPhase {
   /// Number of objects of this rank.
   [[nodiscard]] std::size_t size() const noexcept;
 
-  /// The rank whose region contains a point, as of the last update.
-  [[nodiscard]] int region_of(const std::array<float, 3>& point) const noexcept;
-
   /// This rank's device; null for the host. Owned by this object.
   [[nodiscard]] const Device* device() const noexcept;
 
   /// OpenCL memory in use on this rank.
   [[nodiscard]] MemoryUse memory() const noexcept;
 
-  /// The stages of the last update on this rank, in order, by the host's clock: "agree" (exchanges what all
-  /// ranks must know first), "divide" (if space was divided again), "route" (decides which rank gets which
-  /// boxes), "send", "search", "report" (decides which changes this region reports), "return" (sends them to
-  /// the ranks of the objects), "collect". "agree", "send" and "return" include waiting for other ranks. If
-  /// the search had to be set up again, the first stages occur twice. The parts of "search", as in
-  /// BroadPhase::profile() and with device times if Config::profile is set, precede it. Valid until the next
-  /// update() or pairs().
+  /// The stages of the last update on this rank: those of the search among its own objects, as
+  /// BroadPhase::profile() has them; then, by the host's clock, "begin" (starts that search), "halo" (decides
+  /// which objects other ranks need), "send", "find" (searches the halos), "return" (sends the changes to the
+  /// ranks of the first objects) and "finish" (waits for the first search). All but "begin" and "find" include
+  /// waiting for other ranks. Valid until the next update().
   [[nodiscard]] std::span<const Stage> profile() const noexcept;
 
   /// Bytes of boxes and pairs that this rank sent to others in the last update, until pairs() is called.

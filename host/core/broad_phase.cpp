@@ -140,10 +140,6 @@ MappedBoxes BroadPhase::map(std::size_t n) {
   return {boxes, impl_->algorithm().boxes_owner()};
 }
 
-std::span<Aabb> BroadPhase::map_packed(std::size_t n) {
-  return impl_->map_packed(n);
-}
-
 Delta BroadPhase::update() {
   return impl_->finish();
 }

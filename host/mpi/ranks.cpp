@@ -53,13 +53,13 @@ Ranks::~Ranks() {
   if (is_finalised == 0) MPI_Comm_free(&comm_);
 }
 
-Ranks::Host Ranks::host() const {
-  MPI_Comm host = MPI_COMM_NULL;
-  check(MPI_Comm_split_type(comm_, MPI_COMM_TYPE_SHARED, 0, MPI_INFO_NULL, &host), "MPI_Comm_split_type");
-  Host result{};
-  MPI_Comm_rank(host, &result.rank);
-  MPI_Comm_size(host, &result.ranks);
-  MPI_Comm_free(&host);
+Ranks::Node Ranks::node() const {
+  MPI_Comm node = MPI_COMM_NULL;
+  check(MPI_Comm_split_type(comm_, MPI_COMM_TYPE_SHARED, 0, MPI_INFO_NULL, &node), "MPI_Comm_split_type");
+  Node result{};
+  MPI_Comm_rank(node, &result.rank);
+  MPI_Comm_size(node, &result.ranks);
+  MPI_Comm_free(&node);
   return result;
 }
 
@@ -77,23 +77,6 @@ void Ranks::agree(const char* failure, ErrorKind kind) const {
 void Ranks::gather_bytes(const void* value, std::size_t size, void* values) const {
   const int bytes = static_cast<int>(size);
   check(MPI_Allgather(value, bytes, MPI_BYTE, values, bytes, MPI_BYTE, comm_), "MPI_Allgather");
-}
-
-void Ranks::gather_all_bytes(const void* values, const std::vector<std::uint64_t>& sizes, void* all) const {
-  std::vector<int> counts;
-  std::vector<int> offsets;
-  together([&] {
-    std::size_t offset = 0;
-    for (const std::uint64_t size : sizes) {
-      counts.push_back(static_cast<int>(size));
-      offsets.push_back(static_cast<int>(offset));
-      offset += size;
-    }
-    if (offset > most_bytes) throw Error("too many ranks for a sample of their objects; use fewer");
-  });
-  check(MPI_Allgatherv(values, counts[static_cast<std::size_t>(rank_)], MPI_BYTE, all, counts.data(),
-                       offsets.data(), MPI_BYTE, comm_),
-        "MPI_Allgatherv");
 }
 
 void Ranks::exchange(const std::vector<Bytes>& out, std::vector<Bytes>& in) const {

@@ -21,6 +21,7 @@ namespace broadcl::mpi {
 class Bytes {
  public:
   /// The content is lost.
+  /// @throws std::bad_alloc, unless the size is 0.
   void resize(std::size_t size) {
     if (size > capacity_) {
       capacity_ = 0;
@@ -56,12 +57,12 @@ class Ranks {
   [[nodiscard]] int rank() const noexcept { return rank_; }
   [[nodiscard]] int count() const noexcept { return count_; }
 
-  /// How many ranks are on this rank's host, and how many of them precede this rank.
-  struct Host {
+  /// How many ranks are on this rank's node, and how many of them precede this rank.
+  struct Node {
     int ranks;
     int rank;
   };
-  [[nodiscard]] Host host() const;
+  [[nodiscard]] Node node() const;
 
   /// Calls a function that does not communicate.
   /// @throws Error on all ranks if the function throws on one; the error is that of the lowest such rank.
@@ -85,7 +86,7 @@ class Ranks {
     agree(nullptr);
   }
 
-  /// The values of all ranks.
+  /// The values of all ranks, by rank.
   template <class Value>
   [[nodiscard]] std::vector<Value> gather(const Value& value) const {
     static_assert(std::is_trivially_copyable_v<Value>);
@@ -93,19 +94,6 @@ class Ranks {
     together([&] { values.resize(static_cast<std::size_t>(count_)); });
     gather_bytes(&value, sizeof(Value), values.data());
     return values;
-  }
-
-  /// The values of all ranks, by rank.
-  template <class Value>
-  [[nodiscard]] std::vector<Value> gather_all(std::span<const Value> values) const {
-    static_assert(std::is_trivially_copyable_v<Value>);
-    const std::vector<std::uint64_t> sizes = gather(std::uint64_t{values.size_bytes()});
-    std::vector<Value> all;
-    std::size_t bytes = 0;
-    for (const std::uint64_t size : sizes) bytes += size;
-    together([&] { all.resize(bytes / sizeof(Value)); });
-    gather_all_bytes(values.data(), sizes, all.data());
-    return all;
   }
 
   /// Sends out[r] to rank r, and receives in[r] from it, for all r except this rank. Any number of bytes.
@@ -116,7 +104,6 @@ class Ranks {
   /// @throws Error
   void agree(const char* failure, ErrorKind kind = ErrorKind::other) const;
   void gather_bytes(const void* value, std::size_t size, void* values) const;
-  void gather_all_bytes(const void* values, const std::vector<std::uint64_t>& sizes, void* all) const;
 
   MPI_Comm comm_ = MPI_COMM_NULL;
   int rank_ = 0;

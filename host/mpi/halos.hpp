@@ -1,0 +1,70 @@
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include <broadcl/aabb.hpp>
+#include <broadcl/filter.hpp>
+#include <broadcl/mpi.hpp>
+
+#include "mpi/ranks.hpp"
+
+namespace broadcl::mpi {
+
+/// The objects of a halo, by id.
+struct Halo {
+  std::vector<std::uint32_t> ids;
+  std::vector<Aabb> boxes;
+  std::vector<Filter> filters;
+
+  void clear() noexcept;
+  /// Makes boxes and filters as many as ids.
+  void fit();
+};
+
+/// What changed in a halo since the last update. Positions are indices in the halo, ascending.
+struct HaloChanges {
+  std::span<const MpiPair> exclusions{};  ///< Those with the receiver, in canonical order.
+  bool has_exclusions = false;            ///< If not, they are as before.
+  std::span<const std::uint32_t> left{};  ///< Positions in the last halo.
+  std::span<const std::uint32_t> entered{};
+  std::span<const Aabb> entered_boxes{};
+  std::span<const Filter> entered_filters{};
+  std::span<const std::uint32_t> moved{};  ///< Positions in the new halo.
+  std::span<const Aabb> moved_boxes{};
+  std::span<const std::uint32_t> refiltered{};  ///< Likewise.
+  std::span<const Filter> new_filters{};
+
+  void write(Bytes& message) const;
+  /// @param message Must outlive this object. An empty one has no changes.
+  [[nodiscard]] static HaloChanges read(const Bytes& message);
+};
+
+/// A halo in the last update and in this one.
+class HaloHistory {
+ public:
+  /// Makes the new halo.
+  /// @param near Ids of the objects of this halo among those that changed, ascending.
+  /// @param changed Ids, ascending, if not `all`: other objects are in the halo if they were.
+  /// @returns The new halo, for the caller to write boxes and filters; null if it is as before.
+  Halo* renew(std::span<const std::uint32_t> near, bool all, std::span<const std::uint32_t> changed);
+  /// Describes what changed.
+  /// @param recycled Ids that belong to other objects now, ascending.
+  void write(std::span<const std::uint32_t> recycled, HaloChanges exclusions, Bytes& message);
+  /// Describes the halo of the last update as if it had been empty before.
+  void write_last(Bytes& message) const;
+  void commit() noexcept;
+
+ private:
+  Halo last_, next_;
+  bool is_new_ = false;  // otherwise next_ is unused, and the halo is as before
+  // Memory for changes.
+  std::vector<std::uint32_t> left_, moved_, refiltered_;
+  std::vector<Aabb> moved_boxes_;
+  std::vector<Filter> new_filters_;
+  Halo entered_;
+};
+
+}  // namespace broadcl::mpi
