@@ -1,0 +1,141 @@
+"""Which differences are more than noise."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from study.data import Cell, Study
+from study.plan import BULLETS
+
+SEED = 1
+RESAMPLES = 10_000
+CONFIDENCE = 0.95
+FEWEST = 5  # runs of each side; with fewer, an interval spans little more than the runs themselves
+
+
+@dataclass(frozen=True)
+class Ratio:
+    """A ratio of two medians, its confidence interval (none if there are too few runs), and how much times differ that
+    should be equal."""
+
+    value: float
+    interval: tuple[float, float] | None
+    noise: float
+
+    @property
+    def is_clear(self) -> bool:
+        """Whether the interval excludes 1, and the difference exceeds the noise."""
+        if self.interval is None or self.interval[0] <= 1 <= self.interval[1]:
+            return False
+        return max(self.value, 1 / self.value) > 1 + self.noise
+
+
+def ratio_of_medians(a: np.ndarray, b: np.ndarray, noise: float = 0) -> Ratio:
+    """Median of a over median of b, one value per run each, with a percentile bootstrap over the runs.
+
+    Each call has a generator of its own with the same seed, so that an interval depends only on its own runs.
+    """
+    value = float(np.median(a) / np.median(b))
+    if min(len(a), len(b)) < FEWEST:
+        return Ratio(value, None, noise)
+    random = np.random.default_rng(SEED)
+    top, bottom = (np.median(x[random.integers(0, len(x), (RESAMPLES, len(x)))], axis=1) for x in (a, b))
+    tail = (1 - CONFIDENCE) / 2
+    low, high = np.quantile(top / bottom, (tail, 1 - tail))
+    return Ratio(value, (float(low), float(high)), noise)
+
+
+@dataclass(frozen=True)
+class Rest:
+    """Total time without update and broad phase, ms per frame: medians over the runs of algorithms that play the same
+    simulation to the last bit, for which it should be equal."""
+
+    milliseconds: dict[str, float]
+
+    @property
+    def difference(self) -> float:
+        """The longest over the shortest, minus 1."""
+        return max(self.milliseconds.values()) / min(self.milliseconds.values()) - 1
+
+
+@lru_cache(maxsize=None)
+def rest_of(study: Study, cell: Cell, clock: str = "") -> Rest | None:
+    """By the wall clock, or of the thread's CPU ("_cpu"). None if fewer than two such algorithms ran."""
+    own = [[b for b in group if b not in BULLETS and "+" not in b] for group in study.same_pairs(cell)]
+    names = max(own, key=len, default=[])
+    times = study.times(cell, f"rest{clock}_mean_ms")
+    return Rest({b: float(np.median(times[b])) for b in names}) if len(names) > 1 else None
+
+
+@lru_cache(maxsize=None)
+def noise_of(study: Study, cell: Cell) -> float:
+    """How much times of a cell differ that should be equal; if it does not tell, the most of all cells."""
+    rest = rest_of(study, cell)
+    if rest:
+        return rest.difference
+    others = [rest_of(study, each) for each in study.cells()]
+    return max((each.difference for each in others if each), default=0)
+
+
+@dataclass(frozen=True)
+class Standing:
+    """A cell, judged by one metric."""
+
+    cell: Cell
+    milliseconds: dict[str, float]  # fastest first: median over the runs of the mean per frame
+    over_first: dict[str, Ratio]  # time over that of the fastest, for all others
+    ours_over_bullet: tuple[str, str, Ratio] | None  # the fastest of BroadCL's over the fastest of Bullet's
+
+    @property
+    def first(self) -> str:
+        return next(iter(self.milliseconds))
+
+    @property
+    def is_judged(self) -> bool:
+        """Whether anything can be called clear."""
+        return any(ratio.interval for ratio in self.over_first.values())
+
+    @property
+    def ties(self) -> list[str]:
+        """Those that are not clearly slower than the first."""
+        return [b for b, ratio in self.over_first.items() if not ratio.is_clear]
+
+
+@lru_cache(maxsize=None)
+def standing(study: Study, cell: Cell, metric: str) -> Standing:
+    times = study.times(cell, f"{metric}_mean_ms")
+    noise = noise_of(study, cell)
+    order = sorted(times, key=lambda b: float(np.median(times[b])))
+    ours = [b for b in order if b not in BULLETS]
+    bullets = [b for b in order if b in BULLETS]
+    rivals = None
+    if ours and bullets:
+        rivals = ours[0], bullets[0], ratio_of_medians(times[ours[0]], times[bullets[0]], noise)
+    return Standing(
+        cell,
+        {b: float(np.median(times[b])) for b in order},
+        {b: ratio_of_medians(times[b], times[order[0]], noise) for b in order[1:]},
+        rivals,
+    )
+
+
+def reference(names: list[str]) -> str:
+    """What the others are compared with: btDbvtBroadphase, which Bullet's examples use; otherwise the first of Bullet's,
+    otherwise the first."""
+    return sorted(names, key=lambda b: (b != "bullet-bvh", b not in BULLETS))[0]
+
+
+def three_digits(x: float) -> str:
+    """A number for people: three significant digits, but all digits before the point; no exponent."""
+    if x == 0:
+        return "0"
+    magnitude = int(np.floor(np.log10(abs(float(f"{x:.2e}")))))
+    return f"{x:,.{max(0, 2 - magnitude)}f}"
+
+
+def ratio_digits(x: float) -> str:
+    """A ratio for people: three digits, or four just above 1, to show on which side of 1 it is."""
+    return f"{x:.3f}" if 1 <= x < 1.1 else three_digits(x)

@@ -1,0 +1,128 @@
+"""The folder of a study: study.json, one file in runs/ per run that is done, recordings/. Needs nothing but Python.
+
+Every file appears whole or not at all, so that a study may be interrupted at any moment and continued later.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import gzip
+import json
+import os
+import zlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from study.errors import StudyError
+from study.plan import Plan, Run
+
+FORMAT = 2
+# Milliseconds by the wall clock, and of the CPU of the thread that simulates; as `broadcl simulate --csv` writes them.
+COLUMNS = "frame,update_ms,broad_phase_ms,total_ms,update_cpu_ms,broad_phase_cpu_ms,total_cpu_ms,pairs"
+ELSEWHERE = "name another folder with --out"
+
+
+def write(path: Path, data: bytes) -> None:
+    """Writes a file under another name, and renames it."""
+    beside = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        beside.write_bytes(data)
+        beside.replace(path)
+    except OSError as error:
+        with contextlib.suppress(OSError):
+            beside.unlink()
+        raise StudyError(f"cannot write '{path}': {error.strerror}") from None
+
+
+@contextlib.contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """Makes the folder, and keeps other studies out of it."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    except OSError as error:
+        raise StudyError(f"cannot make the folder '{folder}': {error.strerror}") from None
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        yield
+    except BlockingIOError:
+        raise StudyError(f"another study is running in '{folder}'; wait for its end, or {ELSEWHERE}") from None
+    finally:
+        os.close(descriptor)
+
+
+def read_document(folder: Path) -> dict[str, Any] | None:
+    """study.json, with a Plan in "plan"; None if the study has not begun."""
+    path = folder / "study.json"
+    try:
+        document = json.loads(path.read_bytes())
+        if document["format"] != FORMAT:
+            raise StudyError(f"'{path}' was written by another version; {ELSEWHERE}")
+        document["plan"] = Plan.from_json(document["plan"])
+        for key in ("command", "date", "jobs", "shares", "here", "summaries"):
+            document[key]  # noqa: B018
+        return document
+    except FileNotFoundError:
+        if (folder / "runs").exists():
+            raise StudyError(f"'{folder}' has runs but no study.json; {ELSEWHERE}") from None
+        return None
+    except OSError as error:
+        raise StudyError(f"cannot read '{path}': {error.strerror}") from None
+    except (ValueError, KeyError, TypeError, AttributeError):
+        raise StudyError(f"'{path}' is damaged; {ELSEWHERE}") from None
+
+
+def write_document(folder: Path, document: dict[str, Any]) -> None:
+    data = {**document, "plan": document["plan"].to_json()}
+    write(folder / "study.json", (json.dumps(data, indent=2, ensure_ascii=False) + "\n").encode())
+
+
+def path_of(folder: Path, run: Run) -> Path:
+    return folder / "runs" / f"{run.name}.csv.gz"
+
+
+def store(folder: Path, run: Run, facts: dict[str, Any], csv: str) -> None:
+    """Stores a run: a line of facts, then what `broadcl simulate --csv` has written."""
+    text = f"# {json.dumps(facts, ensure_ascii=False)}\n{csv}"
+    if problem := _problem(run, csv):
+        raise StudyError(f"the program's times of {run.name} cannot be used: {problem}")
+    write(path_of(folder, run), gzip.compress(text.encode(), mtime=0))
+
+
+def load(folder: Path, run: Run) -> tuple[dict[str, Any], str] | None:
+    """The facts and the CSV of a run; None if it is not done. StudyError if its file is damaged."""
+    path = path_of(folder, run)
+    try:
+        first, _, csv = gzip.decompress(path.read_bytes()).decode().partition("\n")
+        problem = _problem(run, csv)
+        facts = json.loads(first.removeprefix("# "))
+        facts["device"]  # noqa: B018
+    except FileNotFoundError:
+        return None
+    except (OSError, EOFError, ValueError, KeyError, TypeError, zlib.error):
+        problem = "it is not a file of a run"
+    if problem:
+        raise StudyError(f"'{path}' is damaged: {problem}")
+    return facts, csv
+
+
+def _problem(run: Run, csv: str) -> str | None:
+    """What is wrong with the frames of a run."""
+    lines = csv.splitlines()
+    if not lines or lines[0] != COLUMNS:
+        return f"the first line is not '{COLUMNS}'"
+    if not csv.endswith("\n") or len(lines) != run.frames + 1:
+        return f"it has not {run.frames} frames"
+    columns = COLUMNS.count(",") + 1
+    for frame, line in enumerate(lines[1:]):
+        fields = line.split(",")
+        try:
+            is_good = len(fields) == columns and int(fields[0]) == frame and all(float(x) >= 0 for x in fields)
+        except ValueError:
+            is_good = False
+        if not is_good:
+            return f"frame {frame} is malformed"
+    return None
