@@ -8,7 +8,7 @@ import tempfile
 from dataclasses import replace
 from pathlib import Path
 
-import matplotlib.pyplot as plt
+import matplotlib
 import numpy as np
 from browser import Browser
 from matplotlib import font_manager
@@ -19,8 +19,7 @@ from study import page
 from study.data import Study, read_study
 from study.errors import StudyError
 from study.figures import STYLES
-from study.key_frames import COLOUR_MAP
-from study.recording import FRAME_SECONDS, Recording, read_recording
+from study.recording import FRAME_SECONDS, Recording, read_recording, replay_data
 
 SCENARIO = "mixed-sizes"
 RUNS = {"bullet-bvh": "Bullet (bullet-bvh)", "auto": "BroadCL (auto)"}
@@ -30,7 +29,7 @@ EDGE = 396  # of the picture of a run, pixels
 SCALE = 2  # the page draws this many times larger, for smooth edges
 GAP = 8
 HEAD, FOOT = 60, 24
-RAMP = plt.get_cmap(COLOUR_MAP)
+RAMP = matplotlib.colormaps["viridis"]
 GROUND, TEXT, SOFT, TRACK = "#ffffff", "#1d2129", "#5b616d", "#e3e5e9"
 QUALITY = 70
 ZOOMS = 4  # presses of the key that brings the camera nearer
@@ -45,7 +44,7 @@ def _page(recordings: list[Recording]) -> str:
     return (
         f'<!DOCTYPE html><html lang="en"><meta charset="utf-8"><style>{style}</style>'
         + (page.HERE / "replay.html").read_text(encoding="utf-8")
-        + str(page.replay_scripts(recordings, sys.maxsize, top_overlaps=TOP_OVERLAPS))
+        + page.replay_scripts([replay_data(r, sys.maxsize) | {"top_overlaps": TOP_OVERLAPS} for r in recordings])
     )
 
 

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """bench/frame_times.py OUT.svg TITLE=STUDY ...: draws the times of update and broad phase in `mixed-sizes`, as multiples
 of those of `auto`, one panel per study. STUDY is a folder with the study.csv of
-`scripts/study --preset large --scenarios mixed-sizes --objects 1250,3500,16000 --broadphases bullet-sap,bullet-bvh,gpu-bf,auto`.
+`scripts/study --scenarios mixed-sizes --objects 1250,3500,16000 --broadphases bullet-sap,bullet-bvh,gpu-bf,auto --out STUDY`.
 
 It needs matplotlib (Debian, Ubuntu: apt install python3-matplotlib). docs/images/frame-times.svg is made by
 `bench/frame_times.py docs/images/frame-times.svg "with a GPU (NVIDIA H200)=bench/results/nvidia-h200/mixed-sizes"

@@ -11,10 +11,17 @@ from pathlib import Path
 from typing import Any
 
 from study.errors import StudyError
-from study.plan import PRESETS, plan_of
+from study.plan import PRESETS, RECORDINGS, plan_of
 from study.run import Settings, run_study
 
 UNDONE = 3  # exit status: the time was up before all runs were done
+REPLACED = ("scenarios", "objects", "broadphases", "frames", "repeat")  # parts of a preset
+ABOUT = """Installs what is missing, builds, simulates each combination of scenarios, numbers of objects and broad phases, stores the
+times in a folder, and makes a page of them: DIR/index.html. Runs that are in the folder are not repeated: give the same command,
+or just --out DIR, to continue a study."""
+END = """
+Other options replace what each part of the preset has. Exit status: 3 if --minutes were over before all runs were done.
+Without the script: PYTHONPATH=SOURCES python3 -P -m study --program BROADCL."""
 
 
 def _number(kind: Callable[[str], Any], least: float) -> Callable[[str], Any]:
@@ -32,80 +39,54 @@ def _number(kind: Callable[[str], Any], least: float) -> Callable[[str], Any]:
 
 def _list(parse: Callable[[str], Any]) -> Callable[[str], tuple[Any, ...]]:
     def parse_list(text: str) -> tuple[Any, ...]:
-        elements = [element.strip() for element in text.split(",")]
-        if "" in elements:
-            raise argparse.ArgumentTypeError("an element of the list is empty")
-        values = [parse(element) for element in elements]
+        values = [parse(element) for element in text.split(",")]
         for value in values:
-            if values.count(value) > 1:
-                raise argparse.ArgumentTypeError(f"'{value}' is given twice")
+            if value == "" or values.count(value) > 1:
+                raise argparse.ArgumentTypeError(f"'{value}' is given twice" if value else "an element of the list is empty")
         return tuple(values)
 
     return parse_list
 
 
-def _jobs(text: str) -> str:
-    return text if text == "auto" else str(_number(int, 1)(text))
-
-
 def _parser() -> argparse.ArgumentParser:
-    summaries = "".join(f"  {name:10} {summary}\n" for name, (summary, _) in PRESETS.items())
-    parser = argparse.ArgumentParser(
-        prog="scripts/study",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        allow_abbrev=False,
-        description="Installs what is missing, builds, simulates each combination of scenarios, numbers of objects and "
-        "broad\nphases, stores the times in a folder, and makes a page of them: DIR/index.html. Runs that are in the\n"
-        "folder are not repeated: give the same command, or just --out DIR, to continue a study.",
-        epilog=f"presets:\n{summaries}\nOther options replace what each part of the preset has. Exit status: 3 if --minutes "
-        "were over before all\nruns were done. Without the script: PYTHONPATH=SOURCES python3 -P -m study.",
-    )
-    whole, least_two = _number(int, 1), _number(int, 2)
-    parser.add_argument("--out", metavar="DIR", help="the folder of the study")
-    parser.add_argument("--preset", metavar="NAME", help="what to measure; see below; default: quick")
-    parser.add_argument("--scenarios", metavar="A,B", type=_list(str), help="scenarios to simulate")
-    parser.add_argument("--objects", metavar="N,M", type=_list(whole), help="numbers of objects")
-    parser.add_argument("--broadphases", metavar="A,B", type=_list(str), help="broad phases to measure")
-    parser.add_argument("--frames", metavar="N", type=least_two, help="frames per run")
-    parser.add_argument("--repeat", metavar="N", type=whole, help="runs of each combination")
-    parser.add_argument("--seed", metavar="N", type=_number(int, 0), help="of simulations and their order; default: 1")
-    parser.add_argument("--device", metavar="D", help="as for `broadcl simulate`; default: the best one, and for auto the host "
-                        "unless there is a GPU")
-    parser.add_argument("--jobs", metavar="N", type=_jobs, help="runs at once, each with its share of the processors; auto: as many "
-                        "as leave CPU times unchanged within 5 %%, which is measured first; default: 1")
-    parser.add_argument("--part", metavar="NAME", help="only the runs of this part of the plan; `recordings`: only the recordings "
-                        "for the replay")
-    parser.add_argument("--minutes", metavar="M", type=_number(float, 0), help="start no run after M minutes")
+    presets = "\n".join(f"  {name:10} {summary}" for name, (summary, _) in PRESETS.items())
+    parser = argparse.ArgumentParser(prog="scripts/study", formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False,
+                                     description=ABOUT, epilog=f"presets:\n{presets}\n{END}")  # fmt: skip
+    whole = _number(int, 1)
+    jobs: Callable[[str], str] = lambda text: text if text == "auto" else str(whole(text))  # noqa: E731
+    for name, metavar, kind, text in (
+        ("out", "DIR", str, "the folder of the study"),
+        ("preset", "NAME", str, "what to measure; see below; default: quick"),
+        ("scenarios", "A,B", _list(str), "scenarios to simulate"),
+        ("objects", "N,M", _list(whole), "numbers of objects"),
+        ("broadphases", "A,B", _list(str), "broad phases to measure"),
+        ("frames", "N", _number(int, 2), "frames per run"),
+        ("repeat", "N", whole, "runs of each combination"),
+        ("seed", "N", _number(int, 0), "of the simulations and their order; default: 1"),
+        ("device", "D", str, "as for `broadcl simulate`; default: the best one, and for auto the host unless there is a GPU"),
+        ("jobs", "N", jobs, "runs at once, each with its share of the processors; auto: as many as leave CPU times unchanged"
+         " within 5 %%, which is measured first; default: 1"),
+        ("part", "NAME", str, f"only the runs of this part of the plan; {RECORDINGS}: only the recordings for the replay"),
+        ("minutes", "M", _number(float, 0), "start no run after M minutes"),
+        ("page", "DIR", str, "only make the page, of the study in DIR"),
+        ("program", "FILE", str, "the program; default: what the script has built"),
+    ):  # fmt: skip
+        parser.add_argument(f"--{name}", metavar=metavar, type=kind, help=text)
     parser.add_argument("--no-page", action="store_true", help="make no page; needs only Python")
-    parser.add_argument("--page", metavar="DIR", help="only make the page, of the study in DIR")
-    parser.add_argument("--program", metavar="FILE", default="broadcl", help="the program; default: what the script has built")
     return parser
 
 
 def _settings(options: argparse.Namespace) -> Settings:
-    given = {k: getattr(options, k) for k in ("scenarios", "objects", "broadphases", "frames", "repeat")}
-    words = [f"--preset {options.preset or 'quick'}"]
-    for name, value in (*given.items(), ("seed", options.seed), ("device", options.device)):
-        if value is not None:
-            words.append(f"--{name} {shlex.quote(','.join(map(str, value)) if isinstance(value, tuple) else str(value))}")
+    given = {name: getattr(options, name) for name in ("preset", *REPLACED, "seed", "device")}
+    texts = {name: ",".join(map(str, x)) if isinstance(x, tuple) else str(x) for name, x in given.items() if x is not None}
     plan = None
-    if options.preset is not None or len(words) > 1 or not (Path(options.out) / "study.json").exists():
-        seed = 1 if options.seed is None else options.seed
-        plan = plan_of(options.preset or "quick", seed, options.device or "", **given)
-    command = " ".join(["scripts/study", *words])
-    return Settings(Path(options.out), options.program, plan, options.jobs, options.part, options.minutes, command)
-
-
-def _run(options: argparse.Namespace) -> int:
-    folder = Path(options.page or options.out)
-    is_done = True
-    if options.page is None:
-        is_done = run_study(_settings(options))
-    if not options.no_page and options.part != "recordings":
-        from study.page import make  # needs more than Python
-
-        print(make(folder))
-    return 0 if is_done else UNDONE
+    if texts or not (Path(options.out) / "study.json").exists():
+        texts = {"preset": "quick", **texts}
+        replaced = {name: given[name] for name in REPLACED}
+        plan = plan_of(texts["preset"], 1 if options.seed is None else options.seed, options.device or "", **replaced)
+    command = " ".join(["scripts/study", *(f"--{name} {shlex.quote(text)}" for name, text in texts.items())])
+    program = options.program or "broadcl"
+    return Settings(Path(options.out), program, plan, options.jobs, options.part, options.minutes, command)
 
 
 def main() -> int:
@@ -116,7 +97,12 @@ def main() -> int:
         parser.error("name the folder with --out, or one that is done with --page")
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
-        return _run(options)
+        is_done = options.page is not None or run_study(_settings(options))
+        if not options.no_page and options.part != RECORDINGS:
+            from study.page import make  # needs more than Python
+
+            print(make(Path(options.page or options.out)))
+        return 0 if is_done else UNDONE
     except (StudyError, OSError) as error:
         print(f"study: {error}", file=sys.stderr)
         return 2

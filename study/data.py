@@ -92,21 +92,20 @@ class Study:
         """For each broad phase, its frames: medians over the repeats, of the longest runs."""
         found: dict[str, pd.DataFrame] = {}
         for broadphase in self.broadphases:
-            runs = [f for r, f in self.frames.items() if (r.scenario, r.objects, r.broadphase) == (scenario, objects, broadphase)]
+            runs = self._frames_of(scenario, objects, broadphase)
             if runs:
                 found[broadphase] = pd.concat(runs).groupby(level="frame").median()
         return found
+
+    def _frames_of(self, *key: Any) -> list[pd.DataFrame]:
+        return [f for r, f in self.frames.items() if (r.scenario, r.objects, r.broadphase) == key]
 
     def same_pairs(self, cell: Cell) -> list[list[str]]:
         """Groups of exact broad phases that had the same number of pairs in each frame of each repeat."""
         groups: list[tuple[np.ndarray, list[str]]] = []
         for broadphase in self.broadphases:
-            key = (cell.scenario, cell.objects, broadphase)
-            pairs = [
-                f.pairs.to_numpy()[: cell.frames]
-                for r, f in self.frames.items()
-                if (r.scenario, r.objects, r.broadphase) == key and r.frames >= cell.frames
-            ]
+            runs = self._frames_of(cell.scenario, cell.objects, broadphase)
+            pairs = [f.pairs.to_numpy()[: cell.frames] for f in runs if len(f) >= cell.frames]
             if broadphase in INEXACT or not pairs:
                 continue
             is_steady = all(np.array_equal(p, pairs[0]) for p in pairs)
@@ -152,7 +151,7 @@ def read_study(folder: Path) -> Study:
     for run in document["plan"].runs():
         loaded = load(folder, run)
         if loaded is not None:
-            devices[run], frames[run] = loaded[0]["device"], _read_frames(loaded[1])
+            devices[run], frames[run] = loaded[0], _read_frames(loaded[1])
     if not frames:
         raise StudyError(f"'{folder}' has no run that is done; run the study")
     lengths: dict[tuple[str, int], set[int]] = {}

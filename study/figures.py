@@ -1,11 +1,10 @@
-"""Figures 1 to 6, drawn with matplotlib. The same study gives the same bytes."""
+"""Figures 2 to 6, drawn with matplotlib. The same study gives the same bytes."""
 
 from __future__ import annotations
 
 import io
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -13,19 +12,16 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator
 
 from study.data import METRICS, Study
-from study.key_frames import top_speed
 from study.plan import PAPER, PAPER_OBJECTS
-from study.recording import FRAME_SECONDS, Recording
 
-INK = "#5b616e"  # of text and axes, unless the page's own colour takes its place
+INK = "#5b616e"  # of text and axes in files; the page has its own
 POINTS = 512  # per line in Figures 2 to 5; fewer in those that a reader has to open
 FEW_POINTS = 128
 MARKS = 6  # per line in Figures 2 to 5
 PANELS = ("search", "total", "update", "broad_phase", "pairs")
 
 
-@dataclass(frozen=True)
-class Style:
+class Style(NamedTuple):
     """Of a broad phase, the same in every figure. The colours differ in lightness too, for readers with a colour vision
     deficiency; Bullet's own are not solid."""
 
@@ -46,33 +42,16 @@ STYLES = {
     "auto+culling": Style("#1cb2dc", (), "o", False),
 }
 OTHERS = ("#7d8f1d", "#5f7fa3", "#a86b4c", "#3a9fb0")
+INKED = ("axes.edgecolor", "axes.labelcolor", "axes.titlecolor", "grid.color", "text.color", "xtick.color", "ytick.color")
 SETTINGS: dict[str, Any] = {
-    "svg.hashsalt": "broadcl",
-    "svg.fonttype": "none",
-    "font.family": "DejaVu Sans",
-    "font.size": 9,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.edgecolor": INK,
-    "axes.labelcolor": INK,
-    "axes.titlecolor": INK,
-    "axes.titlesize": 10,
-    "axes.titlelocation": "left",
-    "axes.grid": True,
-    "grid.color": INK,
-    "grid.alpha": 0.15,
-    "text.color": INK,
-    "xtick.color": INK,
-    "ytick.color": INK,
-    "axes.facecolor": "none",
-    "legend.frameon": False,
-    "figure.dpi": 100,
-}
+    **dict.fromkeys(INKED, INK), "svg.hashsalt": "broadcl", "svg.fonttype": "none", "font.family": "DejaVu Sans", "font.size": 9,
+    "axes.spines.top": False, "axes.spines.right": False, "axes.titlesize": 10, "axes.titlelocation": "left", "axes.grid": True,
+    "grid.alpha": 0.15, "axes.facecolor": "none", "legend.frameon": False,
+}  # fmt: skip
 
 
 def style_of(broadphase: str) -> Style:
-    others = Style(OTHERS[sum(map(ord, broadphase)) % len(OTHERS)], (), "P")
-    return STYLES.get(broadphase, others)
+    return STYLES.get(broadphase, Style(OTHERS[sum(map(ord, broadphase)) % len(OTHERS)], (), "P"))
 
 
 def number_of(scenario: str) -> int:
@@ -88,9 +67,8 @@ def shown_objects(study: Study, scenario: str) -> int:
 
 def _line(broadphase: str) -> dict[str, Any]:
     style = style_of(broadphase)
-    face = style.colour if style.filled else "white"
-    look = {"color": style.colour, "linestyle": (0, style.dash) if style.dash else "-", "marker": style.marker, "markerfacecolor": face}
-    return {**look, "markersize": 4, "label": broadphase}
+    look = {"color": style.colour, "linestyle": (0, style.dash) if style.dash else "-", "marker": style.marker}
+    return {**look, "markerfacecolor": style.colour if style.filled else "white", "markersize": 4, "label": broadphase}
 
 
 def _label_decades(panel: Any, digits: list[int]) -> None:
@@ -123,7 +101,7 @@ def over_objects(study: Study, metric: str) -> Figure:
         panel.xaxis.set_major_formatter("{x:,.0f}")
         _label_decades(panel, [1, 2, 5])
     for panel in axes.flat[len(study.scenarios) :]:
-        panel.set_visible(False)
+        panel.remove()
     return figure
 
 
@@ -141,11 +119,10 @@ def over_frames(study: Study, scenario: str, objects: int, points: int = POINTS)
     longest = max(map(len, by_frame.values()))
     step = -(-longest // points)
     for panel, metric in zip(axes, PANELS):
-        column = metric if metric == "pairs" else f"{metric}_ms"
         for k, (broadphase, frames) in enumerate(by_frame.items()):
+            x, y = medians_of(frames[metric if metric == "pairs" else f"{metric}_ms"].to_numpy(), step)
             marks = (0.02 + 0.02 * k, 1 / MARKS)  # side by side
             gid = f"frames-{scenario}-{objects}-{metric}--{broadphase}"
-            x, y = medians_of(frames[column].to_numpy(), step)
             panel.plot(x, y, linewidth=1, markevery=marks, gid=gid, **_line(broadphase))
         panel.set(title=METRICS.get(metric, metric), ylabel="" if metric == "pairs" else "ms", xlim=(0, longest - 1))
         _label_decades(panel, [1])
@@ -153,65 +130,40 @@ def over_frames(study: Study, scenario: str, objects: int, points: int = POINTS)
     return figure
 
 
-def key_frames(recordings: list[Recording], images: dict[str, list[np.ndarray]]) -> Figure:
-    """Figure 1: one row per recorded scenario."""
-    columns = len(next(iter(images.values())))
-    figure, axes = plt.subplots(len(recordings), columns, figsize=(2.2 * columns, 2.45 * len(recordings)), squeeze=False)
-    for row, recording in zip(axes, recordings):
-        for k, (panel, frame, image) in enumerate(zip(row, recording.key_frames, images[recording.scenario])):
-            panel.imshow(image, interpolation="antialiased")
-            panel.set_title(f"\nframe {frame}, {frame * FRAME_SECONDS:.1f} s", fontsize=8)
-            if k == 0:
-                above = f"{recording.scenario}, {recording.objects:,} objects; speed"
-                above += f" from 0 (violet) to {top_speed(recording):.3g} m/s (yellow)"
-                # It reaches over the other columns.
-                panel.annotate(above, (0, 1), (0, 17), "axes fraction", "offset points", fontsize=8).set_in_layout(False)
-            panel.set_axis_off()
-    figure.tight_layout()
-    return figure
-
-
-def _svg(figure: Figure, out: Any) -> None:
-    figure.savefig(out, format="svg", transparent=True, metadata={"Date": None, "Creator": None})
+def _svg(figure: Figure) -> str:
+    text = io.StringIO()
+    figure.savefig(text, format="svg", transparent=True, metadata={"Date": None, "Creator": None})
+    return text.getvalue()
 
 
 def inline(figure: Figure) -> str:
     """For the page: without a legend and in the page's colours. Lines of broad phase X have ids that end in --X."""
     figure.tight_layout()
-    text = io.StringIO()
-    _svg(figure, text)
+    svg = _svg(figure)
     plt.close(figure)
-    svg = text.getvalue()
     return svg[svg.index("<svg") :].replace(INK, "currentColor")
 
 
-def save(figure: Figure, path: Path, title: str = "") -> None:
-    """Saves a figure as PATH.svg and PATH.png, with a title, and a legend of all panels."""
-    entries: dict[str, Any] = {}
-    for panel in figure.axes:
-        handles, labels = panel.get_legend_handles_labels()
-        entries.update(zip(labels, handles))
-    if entries:
-        height = figure.get_figheight()
-        figure.tight_layout(rect=(0, 0.5 / height, 1, 1 - (0.25 / height if title else 0)))
-        figure.legend(entries.values(), entries.keys(), loc="lower center", ncol=4)
-        figure.suptitle(title, x=0.01, ha="left", fontsize=11)
-    _svg(figure, f"{path}.svg")
-    figure.savefig(f"{path}.png", dpi=150, facecolor="white", metadata={"Software": None})
+def save(figure: Figure, path: Path, title: str) -> None:
+    """As an SVG file, with a title and a legend of all panels."""
+    pairs = [panel.get_legend_handles_labels() for panel in figure.axes]
+    entries = {label: handle for handles, labels in pairs for handle, label in zip(handles, labels)}
+    height = figure.get_figheight()
+    figure.tight_layout(rect=(0, 0.5 / height, 1, 1 - 0.25 / height))
+    figure.legend(entries.values(), entries.keys(), loc="lower center", ncol=4)
+    figure.suptitle(title, x=0.01, ha="left", fontsize=11)
+    path.write_text(_svg(figure), encoding="utf-8")
     plt.close(figure)
 
 
-def save_all(study: Study, recordings: list[Recording], images: dict[str, list[np.ndarray]], folder: Path) -> list[str]:
-    """Writes figure-1 to figure-6, figure-6 also of update and broad phase together; returns their names."""
+def save_all(study: Study, folder: Path) -> list[str]:
+    """Writes figure-2 to figure-6, and figure-6 of update and broad phase together; returns the names of the files."""
     names = []
-    if recordings:
-        save(key_frames(recordings, images), folder / "figure-1")
-        names.append("figure-1")
     for scenario in study.scenarios:
         objects = shown_objects(study, scenario)
-        names.append(f"figure-{number_of(scenario)}" + ("" if scenario in PAPER else f"-{scenario}"))
+        names.append(f"figure-{number_of(scenario)}.svg")
         save(over_frames(study, scenario, objects), folder / names[-1], f"{scenario}, {objects:,} objects")
-    for name, metric in (("figure-6-search", "search"), ("figure-6", "total")):
+    for name, metric in (("figure-6-search.svg", "search"), ("figure-6.svg", "total")):
         save(over_objects(study, metric), folder / name, METRICS[metric])
         names.append(name)
     return names

@@ -12,104 +12,83 @@ from typing import Any
 
 import jinja2
 import matplotlib
-import matplotlib.pyplot as plt
 import numpy as np
-from markupsafe import Markup
+from markupsafe import Markup, escape
 
-from study import figures, verdict
+from study import figures, statistics, verdict
 from study.data import INEXACT, METRICS, Cell, Study, read_study
-from study.errors import StudyError
-from study.key_frames import COLOUR_MAP, data_url, draw, top_speed
-from study.recording import FRAME_SECONDS, Recording, read_recordings, replay_data
-from study.statistics import (
-    FEWEST, RESAMPLES, SEED, noise_of, ratio_digits, ratio_of_medians, reference, rest_of, standing, three_digits
-)
+from study.errors import listed
+from study.plan import BULLETS
+from study.recording import Recording, read_recordings, replay_data
+from study.statistics import noise_of, ratio_digits, ratio_of_medians, rest_of, standing, three_digits
 
 HERE = Path(__file__).parent
-LIBRARIES = Path("/usr/share/javascript/three")
-MOST_BYTES = 6_000_000
-FEWEST_FOR_REPLAYS = 500_000
+MOST_FOR_REPLAYS = 3_000_000  # bytes; the page has at most twice as many
+KEY_FRAMES = 4
 
 
-def script(source: str) -> Markup:
-    """A script, with its strings and comments kept from ending the element early."""
-    return Markup("<script>" + re.sub("</(script)", r"<\\/\1", source, flags=re.I) + "</script>")
-
-
-def replay_scripts(recordings: list[Recording], budget: float, **changes: Any) -> Markup:
-    """What the replay needs, its runs in a budget of characters."""
-    try:
-        libraries = [(LIBRARIES / n).read_text() for n in ("three.min.js", "examples/js/controls/OrbitControls.js")]
-    except OSError as error:
-        raise StudyError(f"{error}: run 'scripts/setup study' to install it") from None
-    ramp = np.rint(plt.get_cmap(COLOUR_MAP)(np.arange(256))[:, :3] * 255).astype(int).ravel().tolist()
-    share = max(budget - sum(map(len, libraries)), FEWEST_FOR_REPLAYS) / max(len(recordings), 1)
-    data = {"runs": [replay_data(r, share) | changes for r in recordings], "ramp": ramp}
-    text = json.dumps(data, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
-    head = Markup(f'<script type="application/json" id="recordings">{text}</script>')
-    return head + Markup().join(map(script, [*libraries, (HERE / "replay.js").read_text()]))
+def replay_scripts(runs: list[dict[str, Any]]) -> str:
+    """What the replay needs, of runs by replay_data()."""
+    ramp = np.rint(matplotlib.colormaps["viridis"](np.arange(256))[:, :3] * 255).astype(int).ravel().tolist()
+    text = json.dumps({"runs": runs, "ramp": ramp}, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
+    return f'<script type="application/json" id="recordings">{text}</script><script>{(HERE / "replay.js").read_text()}</script>'
 
 
 def _with_code(text: str) -> Markup:
     """Escaped text, with `names` set as code."""
-    return Markup(re.sub("`([^`]+)`", r"<code>\1</code>", str(jinja2.utils.markupsafe.escape(text))))
+    return Markup(re.sub("`([^`]+)`", r"<code>\1</code>", str(escape(text))))
 
 
 def _facts(study: Study) -> dict[str, str]:
     document, here = study.document, study.document["here"]
-    lengths = sorted({run.frames for run in study.frames})
+    tried = "; ".join(f"{ratio:.2f} with {jobs}" for jobs, ratio in document["tried_jobs"][1:])
     at_once = f"{document['jobs']}"
-    if document["tried_jobs"]:
-        tried = "; ".join(f"{ratio:.2f} with {jobs}" for jobs, ratio in document["tried_jobs"][1:])
+    if tried:
         at_once += f" (CPU time of a run's thread, as a multiple of that alone: {tried})"
     if document["jobs"] > 1:
-        at_once += f", each on {len(document['shares'][0].split(','))} of the processors"
+        at_once += f", each on {document['shares'][0].count(',') + 1} of the processors"
     return {
         "Measured": document["date"],
         "Processor": f"{here['cpu']}, {here['threads']} threads",
         "System": here["system"],
         "OpenCL device": f"{here['device']} ({here['driver']})" if here["device"] else "none",
         "Versions": f"BroadCL {here['broadcl']}, Bullet {here['bullet']}",
-        "Runs": f"{len(study.frames):,}, of {verdict.listed([f'{n:,}' for n in lengths])} frames",
+        "Runs": f"{len(study.frames):,}, of {listed([f'{n:,}' for n in sorted({r.frames for r in study.frames})])} frames",
         "Runs at once": at_once,
         "Command": f"`{document['command']}`",
     }
 
 
 def _ran_on(study: Study, broadphase: str) -> str:
-    devices = sorted(set(study.runs[study.runs.broadphase == broadphase].device))
-    return verdict.listed([device or "the host" for device in devices])
+    return listed([device or "the host" for device in sorted(set(study.runs[study.runs.broadphase == broadphase].device))])
+
+
+def _medians(study: Study, cell: Cell, broadphase: str, columns: list[str]) -> dict[str, str]:
+    return {c: three_digits(float(np.median(study.times(cell, c)[broadphase]))) for c in columns}
 
 
 def _row(study: Study, cell: Cell, metric: str, broadphase: str) -> dict[str, Any]:
-    """Columns of a table of times."""
+    """Columns of a table of times: of a metric, or of pairs."""
+    if metric == "pairs":
+        mean, last = (float(np.median(study.times(cell, c)[broadphase])) for c in ("pairs_mean", "pairs_last"))
+        texts = {"pairs_mean": f"{mean:,.1f}", "pairs_last": f"{last:,.0f}"}
+        return texts | _medians(study, cell, broadphase, ["total_sum_ms", "first_frame_total_ms"]) | {"is_best": False}
     times = study.times(cell, f"{metric}_mean_ms")
-    base = reference(list(times))
-    columns = [f"{metric}_mean_ms", f"{metric}_cpu_mean_ms", f"{metric}_median_ms", f"{metric}_p95_ms"]
-    row: dict[str, Any] = {c: three_digits(float(np.median(study.times(cell, c)[broadphase]))) for c in columns}
+    base = next(b for b in ("bullet-bvh", *BULLETS, *times) if b in times)
+    row: dict[str, Any] = _medians(study, cell, broadphase, [f"{metric}_{c}_ms" for c in ("mean", "cpu_mean", "median", "p95")])
     ratio = ratio_of_medians(times[broadphase], times[base], noise_of(study, cell))
-    low, high = ratio.interval or (None, None)
     row["ratio"] = "1" if broadphase == base else ratio_digits(ratio.value)
-    row["from"], row["to"] = (ratio_digits(x) if x and broadphase != base else "" for x in (low, high))
-    row["is_clear"] = ratio.is_clear
-    row["is_best"] = standing(study, cell, metric).first == broadphase
-    return row
+    row["from"], row["to"] = (ratio_digits(x) if x and broadphase != base else "" for x in ratio.interval or (0, 0))
+    return row | {"is_clear": ratio.is_clear, "is_best": standing(study, cell, metric).first == broadphase}
 
 
-def _pairs_row(study: Study, cell: Cell, broadphase: str) -> dict[str, str]:
-    columns = ("pairs_mean", "pairs_last", "total_sum_ms", "first_frame_total_ms")
-    mean, last, whole, first = (float(np.median(study.times(cell, c)[broadphase])) for c in columns)
-    return dict(zip(columns, (f"{mean:,.1f}", f"{last:,.0f}", three_digits(whole), three_digits(first))))
-
-
-def _rest_rows(study: Study) -> list[dict[str, Any]]:
+def _rest_rows(study: Study) -> list[tuple[Cell, list[str]]]:
     rows = []
     for cell in study.cells():
-        wall, cpu = rest_of(study, cell), rest_of(study, cell, "_cpu")
-        if wall and cpu:
-            ends = [f(r.milliseconds.values()) for r in (wall, cpu) for f in (min, max)]
-            texts = [three_digits(x) for x in ends] + [f"{r.difference * 100:.1f} %" for r in (wall, cpu)]
-            rows.append({"cell": cell, "names": ", ".join(wall.milliseconds), "texts": texts})
+        rests = [rest for clock in ("", "_cpu") if (rest := rest_of(study, cell, clock))]
+        ends = [three_digits(end(rest.milliseconds.values())) for rest in rests for end in (min, max)]
+        if rests:
+            rows.append((cell, ends + [f"{rest.difference * 100:.1f} %" for rest in rests]))
     return rows
 
 
@@ -121,25 +100,22 @@ def _frame_figures(study: Study, scenario: str) -> dict[int, Markup]:
     return {n: Markup(figures.inline(figures.over_frames(study, scenario, n, most))) for n, most in points.items()}
 
 
-def page(study: Study, recordings: list[Recording], images: dict[str, list[np.ndarray]], files: list[str]) -> str:
+def page(study: Study, recordings: list[Recording], files: list[str]) -> str:
     """The whole page as text."""
     environment = jinja2.Environment(loader=jinja2.FileSystemLoader(HERE), autoescape=True, undefined=jinja2.StrictUndefined,
-                                     trim_blocks=True, lstrip_blocks=True)
-    environment.filters |= {"code": _with_code, "url": data_url}
-    shown = {
-        **{f.__name__.strip("_"): f for f in (_row, _pairs_row, _ran_on, _rest_rows, rest_of, standing, three_digits, top_speed)},
-        **{"study": study, "recordings": recordings, "images": images, "files": files, "facts": _facts(study)},
-        **{"verdict": verdict, "figures": figures, "METRICS": METRICS, "INEXACT": INEXACT, "frame_seconds": FRAME_SECONDS},
-        "over_objects": {m: Markup(figures.inline(figures.over_objects(study, m))) for m in METRICS},
-        "over_frames": {s: _frame_figures(study, s) for s in study.scenarios},
-        **{"resamples": RESAMPLES, "seed": SEED, "fewest": FEWEST, "listed": verdict.listed},
-        **{name: Markup((HERE / name.replace("_", ".")).read_text()) for name in ("style_css", "replay_html")},
-    }
-    text = environment.get_template("page.html").render(shown)
-    if not recordings:
-        return text
-    end = text.rindex("</body>")
-    return text[:end] + str(replay_scripts(recordings, MOST_BYTES - len(text.encode()))) + text[end:]
+                                     trim_blocks=True, lstrip_blocks=True)  # fmt: skip
+    environment.filters["code"] = _with_code
+    share = MOST_FOR_REPLAYS / max(len(recordings), 1)
+    runs = [replay_data(recording, share) for recording in recordings]
+    return environment.get_template("page.html").render(
+        study=study, runs=runs, key_frames=lambda run: np.linspace(0, run["frames"] - 1, KEY_FRAMES).round().astype(int).tolist(),
+        files=files, facts=_facts(study), rests=_rest_rows(study), verdict=verdict, figures=figures, statistics=statistics,
+        METRICS=METRICS, INEXACT=INEXACT, row=_row, ran_on=_ran_on,
+        over_frames={s: _frame_figures(study, s) for s in study.scenarios},
+        over_objects={m: Markup(figures.inline(figures.over_objects(study, m))) for m in METRICS},
+        style=Markup((HERE / "style.css").read_text()), replay=Markup((HERE / "replay.html").read_text()),
+        scripts=Markup(replay_scripts(runs)),
+    )  # fmt: skip
 
 
 def make(folder: Path) -> str:
@@ -147,12 +123,11 @@ def make(folder: Path) -> str:
     matplotlib.use("Agg")
     study = read_study(folder)
     recordings = read_recordings(folder, study.scenarios)
-    images = {r.scenario: [draw(r, frame) for frame in r.key_frames] for r in recordings}
     with matplotlib.rc_context(figures.SETTINGS), tempfile.TemporaryDirectory(dir=folder, prefix=".page-") as beside:
         made = Path(beside)
         (made / "figures").mkdir()
-        files = figures.save_all(study, recordings, images, made / "figures")
-        (made / "index.html").write_text(page(study, recordings, images, files), encoding="utf-8")
+        files = figures.save_all(study, made / "figures")
+        (made / "index.html").write_text(page(study, recordings, files), encoding="utf-8")
         study.runs.to_csv(made / "study.csv", index=False, float_format="%.6g")
         shutil.rmtree(folder / "figures", ignore_errors=True)
         for name in ("figures", "study.csv", "index.html"):

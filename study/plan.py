@@ -11,7 +11,6 @@ from typing import Any
 from study.errors import StudyError
 
 PAPER = ("free-fall", "agitated", "rolling-gravity", "mixed-sizes")  # Figures 2 to 5, in this order
-STREAMING = "streaming"
 PAPER_OBJECTS = 1250  # in Figures 2 to 5
 RECORDINGS = "recordings"  # beside the parts of a plan: runs for the replay, which are not measured
 BULLETS = ("bullet-bf", "bullet-sap", "bullet-bvh")
@@ -49,7 +48,6 @@ class Run:
 class Plan:
     preset: str
     parts: tuple[Part, ...]
-    left_out: tuple[str, ...] = ()  # what the preset does not measure, and why; for people
     seed: int = 1  # of the simulations and of the order of the runs
     device: str = ""  # as `broadcl simulate --device` takes it
 
@@ -95,53 +93,29 @@ class Plan:
         numbers = [n for part in parts for n in (*part.objects, part.frames, part.repeat)]
         if not parts or not all(re.fullmatch("[a-z0-9+-]+", name) for name in names) or min(numbers) < 1:
             raise ValueError("no plan")  # names become parts of paths
-        return Plan(data["preset"], parts, tuple(data["left_out"]), data["seed"], data["device"])
+        return Plan(data["preset"], parts, data["seed"], data["device"])
 
 
-_OVER_OBJECTS = (500, 1250, 2000, 2750, 3500)
 # fmt: off
-PRESETS = {
-    plan.preset: (summary, plan)
-    for summary, plan in (
-        (
-            "500 and 1,250 objects, 48 frames; takes about two minutes on two cores",
-            Plan("quick", (Part("all", (*PAPER, STREAMING), (500, 1250), ALL, 48, 3),)),
-        ),
-        (
-            "Figures 2 to 6 of Serpa and Rodrigues 2014; takes many hours",
-            Plan("paper", (
-                Part("figures-2-5", PAPER, (PAPER_OBJECTS,), (*BULLETS, "gpu-bf", "auto"), 2048, 5),
-                Part("figure-6", PAPER, _OVER_OBJECTS, (*BULLETS[1:], "gpu-bf", "auto", "auto+culling"), 512, 5),
-                Part("bullet-bf", PAPER, (500, 1250), BULLETS[:1], 512, 5),
-                Part("bullet-bf-3500", PAPER, (3500,), BULLETS[:1], 64, 1),
-                Part("algorithms", PAPER, (1250, 3500), ("brute-force", "tiles"), 512, 5),
-            ), ("bullet-bf beyond 1,250 objects, but for one short run: it takes 0.1 to 0.2 s per frame",)),
-        ),
-        (
-            "objects that come and go: 1,250 and 3,500 objects, 512 frames",
-            Plan(STREAMING, (Part("all", (STREAMING,), (1250, 3500), (*BULLETS[1:], "gpu-bf", "auto"), 512, 5),)),
-        ),
-        (
-            "2,000 to 16,000 objects, 256 frames, without the broad phases that are too slow for that",
-            Plan("large", (
-                Part("all", (*PAPER, STREAMING), (2000, 8000, 16000), ("bullet-bvh", *ALL[4:]), 256, 5),
-                Part("gpu-bf", (*PAPER, STREAMING), (2000, 8000), ("gpu-bf",), 256, 5),
-            ), ("bullet-bf: it takes seconds per frame at 16,000 objects",
-                "bullet-sap: it takes half a second per frame at 16,000 objects",
-                "gpu-bf at 16,000 objects: one byte per pair is 128 MB per frame")),
-        ),
-    )
-}
+PRESETS = {plan.preset: (summary, plan) for summary, plan in (
+    ("500 and 1,250 objects, 48 frames; takes about two minutes on two cores", Plan("quick", (
+        Part("all", (*PAPER, "streaming"), (500, 1250), ALL, 48, 3),
+    ))),
+    ("Figures 2 to 6 of Serpa and Rodrigues 2014; takes many hours", Plan("paper", (
+        Part("figures-2-5", PAPER, (PAPER_OBJECTS,), (*BULLETS, "gpu-bf", "auto"), 2048, 5),
+        Part("figure-6", PAPER, (500, 1250, 2000, 2750, 3500), (*BULLETS[1:], "gpu-bf", "auto", "auto+culling"), 512, 5),
+        Part("bullet-bf", PAPER, (500, 1250), BULLETS[:1], 512, 5),  # with more objects it takes 0.1 to 0.2 s per frame
+        Part("bullet-bf-3500", PAPER, (3500,), BULLETS[:1], 64, 1),
+        Part("algorithms", PAPER, (1250, 3500), ("brute-force", "tiles"), 512, 5),
+    ))),
+)}
 # fmt: on
 
 
-def plan_of(preset: str, seed: int, device: str, **changes: Any) -> Plan:
-    """A preset in which each part has these scenarios, objects, broadphases, frames and repeat instead, where they
-    are not None."""
+def plan_of(preset: str, seed: int, device: str, **replaced: Any) -> Plan:
+    """A preset, each part of which has these scenarios, objects, broadphases, frames and repeat instead if they are not None."""
     if preset not in PRESETS:
         raise StudyError(f"no preset is named '{preset}'; the presets are: {', '.join(PRESETS)}")
-    given = {name: value for name, value in changes.items() if value is not None}
+    given = {name: value for name, value in replaced.items() if value is not None}
     plan = PRESETS[preset][1]
-    parts = tuple(replace(part, **given) for part in plan.parts)
-    left_out = () if "broadphases" in given else plan.left_out
-    return replace(plan, parts=parts, left_out=left_out, seed=seed, device=device)
+    return replace(plan, parts=tuple(replace(part, **given) for part in plan.parts), seed=seed, device=device)

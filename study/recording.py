@@ -16,7 +16,6 @@ from study.errors import StudyError
 FRAME_SECONDS = 1 / 30
 STRIDES = (1, 2, 4)  # every how many frames one is stored; those in between are interpolated
 LEVELS = 65535
-KEY_FRAMES = 4
 
 
 @dataclass(frozen=True)
@@ -29,11 +28,6 @@ class Recording:
     @property
     def objects(self) -> int:
         return int(self.boxes.shape[1])
-
-    @property
-    def key_frames(self) -> list[int]:
-        """The first frame, the last one, and two evenly spaced between them."""
-        return [round(x) for x in np.linspace(0, len(self.boxes) - 1, KEY_FRAMES)]
 
     def speeds(self, frame: int, stride: int = 1) -> np.ndarray:
         """Speeds of the centres, m/s, since the previous frame (for the first frame: to the next)."""

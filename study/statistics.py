@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,14 +13,13 @@ from study.plan import BULLETS
 
 SEED = 1
 RESAMPLES = 10_000
-CONFIDENCE = 0.95
+TAILS = (0.025, 0.975)
 FEWEST = 5  # runs of each side; with fewer, an interval spans little more than the runs themselves
 
 
-@dataclass(frozen=True)
-class Ratio:
-    """A ratio of two medians, its confidence interval (none if there are too few runs), and how much times differ that
-    should be equal."""
+class Ratio(NamedTuple):
+    """A ratio of two medians, its 95 % interval (none if there are too few runs), and how much times differ that should be
+    equal."""
 
     value: float
     interval: tuple[float, float] | None
@@ -43,13 +43,11 @@ def ratio_of_medians(a: np.ndarray, b: np.ndarray, noise: float = 0) -> Ratio:
         return Ratio(value, None, noise)
     random = np.random.default_rng(SEED)
     top, bottom = (np.median(x[random.integers(0, len(x), (RESAMPLES, len(x)))], axis=1) for x in (a, b))
-    tail = (1 - CONFIDENCE) / 2
-    low, high = np.quantile(top / bottom, (tail, 1 - tail))
+    low, high = np.quantile(top / bottom, TAILS)
     return Ratio(value, (float(low), float(high)), noise)
 
 
-@dataclass(frozen=True)
-class Rest:
+class Rest(NamedTuple):
     """Total time without update and broad phase, ms per frame: medians over the runs of algorithms that play the same
     simulation to the last bit, for which it should be equal."""
 
@@ -73,11 +71,8 @@ def rest_of(study: Study, cell: Cell, clock: str = "") -> Rest | None:
 @lru_cache(maxsize=None)
 def noise_of(study: Study, cell: Cell) -> float:
     """How much times of a cell differ that should be equal; if it does not tell, the most of all cells."""
-    rest = rest_of(study, cell)
-    if rest:
-        return rest.difference
-    others = [rest_of(study, each) for each in study.cells()]
-    return max((each.difference for each in others if each), default=0)
+    rests = [rest_of(study, each) for each in ([cell] if rest_of(study, cell) else study.cells())]
+    return max((rest.difference for rest in rests if rest), default=0)
 
 
 @dataclass(frozen=True)
@@ -87,7 +82,7 @@ class Standing:
     cell: Cell
     milliseconds: dict[str, float]  # fastest first: median over the runs of the mean per frame
     over_first: dict[str, Ratio]  # time over that of the fastest, for all others
-    ours_over_bullet: tuple[str, str, Ratio] | None  # the fastest of BroadCL's over the fastest of Bullet's
+    rivals: tuple[str, str, Ratio] | None  # the fastest of BroadCL's, over the fastest of Bullet's
 
     @property
     def first(self) -> str:
@@ -107,32 +102,20 @@ class Standing:
 @lru_cache(maxsize=None)
 def standing(study: Study, cell: Cell, metric: str) -> Standing:
     times = study.times(cell, f"{metric}_mean_ms")
-    noise = noise_of(study, cell)
-    order = sorted(times, key=lambda b: float(np.median(times[b])))
-    ours = [b for b in order if b not in BULLETS]
-    bullets = [b for b in order if b in BULLETS]
-    rivals = None
-    if ours and bullets:
-        rivals = ours[0], bullets[0], ratio_of_medians(times[ours[0]], times[bullets[0]], noise)
-    return Standing(
-        cell,
-        {b: float(np.median(times[b])) for b in order},
-        {b: ratio_of_medians(times[b], times[order[0]], noise) for b in order[1:]},
-        rivals,
-    )
+    medians = {b: float(np.median(t)) for b, t in times.items()}
+    order = sorted(medians, key=lambda b: medians[b])
 
+    def over(a: str, b: str) -> Ratio:
+        return ratio_of_medians(times[a], times[b], noise_of(study, cell))
 
-def reference(names: list[str]) -> str:
-    """What the others are compared with: btDbvtBroadphase, which Bullet's examples use; otherwise the first of Bullet's,
-    otherwise the first."""
-    return sorted(names, key=lambda b: (b != "bullet-bvh", b not in BULLETS))[0]
+    fastest = [next((b for b in order if (b in BULLETS) == is_bullet), None) for is_bullet in (False, True)]
+    rivals = (*fastest, over(*fastest)) if all(fastest) else None
+    return Standing(cell, {b: medians[b] for b in order}, {b: over(b, order[0]) for b in order[1:]}, rivals)
 
 
 def three_digits(x: float) -> str:
     """A number for people: three significant digits, but all digits before the point; no exponent."""
-    if x == 0:
-        return "0"
-    magnitude = int(np.floor(np.log10(abs(float(f"{x:.2e}")))))
+    magnitude = int(np.floor(np.log10(abs(float(f"{x:.2e}"))))) if x else 2
     return f"{x:,.{max(0, 2 - magnitude)}f}"
 
 

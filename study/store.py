@@ -19,6 +19,7 @@ from study.errors import StudyError
 from study.plan import Plan, Run
 
 FORMAT = 2
+KEYS = ("command", "date", "jobs", "tried_jobs", "shares", "here", "summaries")
 # Milliseconds by the wall clock, and of the CPU of the thread that simulates; as `broadcl simulate --csv` writes them.
 COLUMNS = "frame,update_ms,broad_phase_ms,total_ms,update_cpu_ms,broad_phase_cpu_ms,total_cpu_ms,pairs"
 ELSEWHERE = "name another folder with --out"
@@ -32,8 +33,7 @@ def write(path: Path, data: bytes) -> None:
         beside.write_bytes(data)
         beside.replace(path)
     except OSError as error:
-        with contextlib.suppress(OSError):
-            beside.unlink()
+        beside.unlink(missing_ok=True)
         raise StudyError(f"cannot write '{path}': {error.strerror}") from None
 
 
@@ -61,10 +61,7 @@ def read_document(folder: Path) -> dict[str, Any] | None:
         document = json.loads(path.read_bytes())
         if document["format"] != FORMAT:
             raise StudyError(f"'{path}' was written by another version; {ELSEWHERE}")
-        document["plan"] = Plan.from_json(document["plan"])
-        for key in ("command", "date", "jobs", "shares", "here", "summaries"):
-            document[key]  # noqa: B018
-        return document
+        return {key: document[key] for key in ("format", *KEYS)} | {"plan": Plan.from_json(document["plan"])}
     except FileNotFoundError:
         if (folder / "runs").exists():
             raise StudyError(f"'{folder}' has runs but no study.json; {ELSEWHERE}") from None
@@ -80,49 +77,44 @@ def write_document(folder: Path, document: dict[str, Any]) -> None:
     write(folder / "study.json", (json.dumps(data, indent=2, ensure_ascii=False) + "\n").encode())
 
 
-def path_of(folder: Path, run: Run) -> Path:
+def _path(folder: Path, run: Run) -> Path:
     return folder / "runs" / f"{run.name}.csv.gz"
 
 
-def store(folder: Path, run: Run, facts: dict[str, Any], csv: str) -> None:
-    """Stores a run: a line of facts, then what `broadcl simulate --csv` has written."""
-    text = f"# {json.dumps(facts, ensure_ascii=False)}\n{csv}"
+def store(folder: Path, run: Run, device: str, csv: str) -> None:
+    """Stores a run: a line with the device, then what `broadcl simulate --csv` has written."""
     if problem := _problem(run, csv):
-        raise StudyError(f"the program's times of {run.name} cannot be used: {problem}")
-    write(path_of(folder, run), gzip.compress(text.encode(), mtime=0))
+        raise StudyError(f"the program's times cannot be used: {problem}")
+    write(_path(folder, run), gzip.compress(f"{json.dumps(device)}\n{csv}".encode(), mtime=0))
 
 
-def load(folder: Path, run: Run) -> tuple[dict[str, Any], str] | None:
-    """The facts and the CSV of a run; None if it is not done. StudyError if its file is damaged."""
-    path = path_of(folder, run)
+def load(folder: Path, run: Run) -> tuple[str, str] | None:
+    """The device (empty for the host) and the CSV of a run; None if it is not done. StudyError if its file is damaged."""
+    path = _path(folder, run)
     try:
         first, _, csv = gzip.decompress(path.read_bytes()).decode().partition("\n")
-        problem = _problem(run, csv)
-        facts = json.loads(first.removeprefix("# "))
-        facts["device"]  # noqa: B018
+        device, problem = str(json.loads(first)), _problem(run, csv)
     except FileNotFoundError:
         return None
-    except (OSError, EOFError, ValueError, KeyError, TypeError, zlib.error):
+    except (OSError, EOFError, ValueError, zlib.error):
         problem = "it is not a file of a run"
     if problem:
         raise StudyError(f"'{path}' is damaged: {problem}")
-    return facts, csv
+    return device, csv
 
 
 def _problem(run: Run, csv: str) -> str | None:
     """What is wrong with the frames of a run."""
-    lines = csv.splitlines()
-    if not lines or lines[0] != COLUMNS:
-        return f"the first line is not '{COLUMNS}'"
-    if not csv.endswith("\n") or len(lines) != run.frames + 1:
+    head, *lines = csv.splitlines() or [""]
+    if head != COLUMNS:
+        return f"its columns are not '{COLUMNS}'"
+    if not csv.endswith("\n") or len(lines) != run.frames:
         return f"it has not {run.frames} frames"
-    columns = COLUMNS.count(",") + 1
-    for frame, line in enumerate(lines[1:]):
-        fields = line.split(",")
+    for frame, line in enumerate(lines):
         try:
-            is_good = len(fields) == columns and int(fields[0]) == frame and all(float(x) >= 0 for x in fields)
+            number, *times = map(float, line.split(","))
         except ValueError:
-            is_good = False
-        if not is_good:
+            return f"frame {frame} is malformed"
+        if number != frame or len(times) != COLUMNS.count(",") or not all(time >= 0 for time in times):
             return f"frame {frame} is malformed"
     return None

@@ -11,8 +11,8 @@ from selenium import webdriver
 from selenium.webdriver.chrome.options import Options
 from selenium.webdriver.chrome.service import Service
 
-FLAGS = ("--headless=new", "--no-sandbox", "--disable-dev-shm-usage", "--host-resolver-rules=MAP * ~NOTFOUND", "--hide-scrollbars")
-WITH_WEBGL = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader")
+FLAGS = ("--headless=new", "--no-sandbox", "--disable-dev-shm-usage", "--host-resolver-rules=MAP * ~NOTFOUND", "--hide-scrollbars",
+         "--disable-gpu")  # fmt: skip
 HEIGHT = 900
 KEEP_ERRORS = """
   window.wentWrong = [];
@@ -24,18 +24,21 @@ KEEP_ERRORS = """
 class Browser:
     """A page in a window of some width, in light or dark."""
 
-    def __init__(self, page: Path, width: int, theme: str, webgl: bool = True) -> None:
+    def __init__(self, page: Path, width: int, theme: str) -> None:
         options = Options()
         options.binary_location = "/usr/bin/chromium"
-        for flag in (*FLAGS, *(WITH_WEBGL if webgl else ("--disable-3d-apis",)), f"--window-size={width},{HEIGHT}"):
+        for flag in (*FLAGS, f"--window-size={width},{HEIGHT}"):
             options.add_argument(flag)
         options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
         self.driver = webdriver.Chrome(service=Service("/usr/bin/chromedriver"), options=options)
-        self.page, self.width, self.theme = page.resolve(), width, theme
+        self.page, self.theme = page.resolve(), theme
         size = {"width": width, "height": HEIGHT, "deviceScaleFactor": 1, "mobile": False}
-        self.devtools("Emulation.setDeviceMetricsOverride", size)
-        self.devtools("Emulation.setEmulatedMedia", {"features": [{"name": "prefers-color-scheme", "value": theme}]})
-        self.devtools("Page.addScriptToEvaluateOnNewDocument", {"source": KEEP_ERRORS})
+        for command, arguments in (
+            ("Emulation.setDeviceMetricsOverride", size),
+            ("Emulation.setEmulatedMedia", {"features": [{"name": "prefers-color-scheme", "value": theme}]}),
+            ("Page.addScriptToEvaluateOnNewDocument", {"source": KEEP_ERRORS}),
+        ):
+            self.driver.execute_cdp_cmd(command, arguments)
         self.driver.get(self.page.as_uri())
 
     def __enter__(self) -> Browser:
@@ -43,9 +46,6 @@ class Browser:
 
     def __exit__(self, *_: object) -> None:
         self.driver.quit()
-
-    def devtools(self, command: str, arguments: dict[str, Any]) -> dict[str, Any]:
-        return self.driver.execute_cdp_cmd(command, arguments)
 
     def js(self, source: str, *arguments: Any) -> Any:
         """Runs the body of a function; what it returns."""
@@ -65,7 +65,7 @@ class Browser:
 
     def picture(self, selector: str) -> bytes:
         """PNG of an element, whole even if it is taller than the window."""
-        box = self.js("const r = document.querySelector(arguments[0]).getBoundingClientRect();"
-                      "return {x: r.x + scrollX, y: r.y + scrollY, width: r.width, height: r.height, scale: 1};", selector)
-        shot = self.devtools("Page.captureScreenshot", {"captureBeyondViewport": True, "clip": box})
+        clip = self.js("const r = document.querySelector(arguments[0]).getBoundingClientRect();"
+                       "return {x: r.x + scrollX, y: r.y + scrollY, width: r.width, height: r.height, scale: 1};", selector)  # fmt: skip
+        shot = self.driver.execute_cdp_cmd("Page.captureScreenshot", {"captureBeyondViewport": True, "clip": clip})
         return base64.b64decode(shot["data"])

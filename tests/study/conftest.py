@@ -40,7 +40,7 @@ SMALL = Plan("small", (
     Part("short", ("free-fall", "mixed-sizes"), (10, 20), ("bullet-bvh", "tiles", "auto"), 6, 5),
     Part("long", ("free-fall",), (20,), ("bullet-bvh", "tiles"), 9, 5),
     Part("never", ("free-fall",), (20,), ("gpu-bf",), 6, 5),
-), ("a <tag>",))  # fmt: skip
+))  # fmt: skip
 DEVICE = "Some <GPU>"
 # Milliseconds per frame with 10 objects, twice as long with 20: update, broad phase, total. Outside of the first two, tiles take
 # 1.5 and auto 1.65: they differ by 10 %.
@@ -74,7 +74,7 @@ def small_study(tmp_path: Path) -> Path:
     store.write_document(folder, {**document, "here": here, "summaries": summaries, "tried_jobs": [[1, 1.0], [2, 1.2]]})
     for run in SMALL.runs():
         if run.broadphase in TIMES:
-            store.store(folder, run, {"device": "" if run.broadphase == "bullet-bvh" else DEVICE}, csv_of(run))
+            store.store(folder, run, "" if run.broadphase == "bullet-bvh" else DEVICE, csv_of(run))
     low = np.random.default_rng(7).uniform(-3, 3, (6, 10, 3)).cumsum(axis=0)
     (folder / "recordings").mkdir()
     np.save(folder / "recordings" / "free-fall.npy", np.concatenate([low, low + 1], axis=2).astype(np.float32))

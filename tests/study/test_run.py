@@ -56,8 +56,8 @@ def test_stores_each_run_and_continues_with_nothing(run: Runner) -> None:
     document = store.read_document(run.out)
     assert document and document["here"]["device"] == "P / D" and document["jobs"] == 1
     assert set(run.files) == {f"{r.name}.csv.gz" for r in document["plan"].runs()}
-    facts, csv = store.load(run.out, document["plan"].runs()[-1]) or ({}, "")
-    assert facts["device"] == "P / D" and csv.splitlines()[-1] == "2,1.0,0.5,4.0,1.0,0.5,3.5,2"
+    device, csv = store.load(run.out, document["plan"].runs()[-1]) or ("", "")
+    assert device == "P / D" and csv.splitlines()[-1] == "2,1.0,0.5,4.0,1.0,0.5,3.5,2"
     assert sorted(path.name for path in (run.out / "recordings").iterdir()) == ["free-fall.npy", "mixed-sizes.npy"]
     before, calls = run.files, len(run.calls)
     run(f"--out s {TINY}")
@@ -87,7 +87,7 @@ def test_repeats_damaged_runs_and_no_others(run: Runner) -> None:
     before = run.files
     name = "free-fall-5-tiles-1.csv.gz"
     path = run.out / "runs" / name
-    for spoiled in (b"", before[name][1][:-9], store.gzip.compress(b"# {}\nframe\n")):
+    for spoiled in (b"", before[name][1][:-9], store.gzip.compress(b'""\nframe\n')):
         path.write_bytes(spoiled)
         error = run()
         assert f"{name}' is damaged" in error and "the run is repeated" in error
