@@ -44,7 +44,7 @@ def _page(recordings: list[Recording]) -> str:
     return (
         f'<!DOCTYPE html><html lang="en"><meta charset="utf-8"><style>{style}</style>'
         + (page.HERE / "replay.html").read_text(encoding="utf-8")
-        + page.replay_scripts([replay_data(r, sys.maxsize) | {"top_overlaps": TOP_OVERLAPS} for r in recordings])
+        + page.replay_scripts([replay_data(r, most_boxes=sys.maxsize) | {"top_overlaps": TOP_OVERLAPS} for r in recordings])
     )
 
 

@@ -39,7 +39,7 @@ def _number(kind: Callable[[str], Any], least: float) -> Callable[[str], Any]:
 
 def _list(parse: Callable[[str], Any]) -> Callable[[str], tuple[Any, ...]]:
     def parse_list(text: str) -> tuple[Any, ...]:
-        values = [parse(element) for element in text.split(",")]
+        values = [parse(element) if element else "" for element in text.split(",")]
         for value in values:
             if value == "" or values.count(value) > 1:
                 raise argparse.ArgumentTypeError(f"'{value}' is given twice" if value else "an element of the list is empty")

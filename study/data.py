@@ -102,20 +102,13 @@ class Study:
 
     def same_pairs(self, cell: Cell) -> list[list[str]]:
         """Groups of exact broad phases that had the same number of pairs in each frame of each repeat."""
-        groups: list[tuple[np.ndarray, list[str]]] = []
+        groups: dict[bytes, list[str]] = {}
         for broadphase in self.broadphases:
-            runs = self._frames_of(cell.scenario, cell.objects, broadphase)
-            pairs = [f.pairs.to_numpy()[: cell.frames] for f in runs if len(f) >= cell.frames]
-            if broadphase in INEXACT or not pairs:
-                continue
-            is_steady = all(np.array_equal(p, pairs[0]) for p in pairs)
-            for known, group in groups:
-                if is_steady and np.array_equal(known, pairs[0]):
-                    group.append(broadphase)
-                    break
-            else:
-                groups.append((pairs[0] if is_steady else np.array([]), [broadphase]))
-        return [group for _, group in groups]
+            runs = [f for f in self._frames_of(cell.scenario, cell.objects, broadphase) if len(f) >= cell.frames]
+            pairs = {f.pairs.to_numpy()[: cell.frames].tobytes() for f in runs}
+            if pairs and broadphase not in INEXACT:
+                groups.setdefault(pairs.pop() if len(pairs) == 1 else broadphase.encode(), []).append(broadphase)
+        return list(groups.values())
 
 
 def _read_frames(csv: str) -> pd.DataFrame:
@@ -157,11 +150,8 @@ def read_study(folder: Path) -> Study:
     lengths: dict[tuple[str, int], set[int]] = {}
     for run in frames:
         lengths.setdefault((run.scenario, run.objects), set()).add(run.frames)
-    rows = [
-        row
-        for run, times in frames.items()
-        for row in _summaries(
-            run, devices[run], times, sorted(n for n in lengths[run.scenario, run.objects] if n <= run.frames)
-        )
-    ]
+    rows = []
+    for run, times in frames.items():
+        shorter = sorted(n for n in lengths[run.scenario, run.objects] if n <= run.frames)
+        rows += _summaries(run, devices[run], times, shorter)
     return Study(folder, document, frames, pd.DataFrame(rows))

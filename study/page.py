@@ -23,7 +23,6 @@ from study.recording import Recording, read_recordings, replay_data
 from study.statistics import noise_of, ratio_digits, ratio_of_medians, rest_of, standing, three_digits
 
 HERE = Path(__file__).parent
-MOST_FOR_REPLAYS = 3_000_000  # bytes; the page has at most twice as many
 KEY_FRAMES = 4
 
 
@@ -105,8 +104,7 @@ def page(study: Study, recordings: list[Recording], files: list[str]) -> str:
     environment = jinja2.Environment(loader=jinja2.FileSystemLoader(HERE), autoescape=True, undefined=jinja2.StrictUndefined,
                                      trim_blocks=True, lstrip_blocks=True)  # fmt: skip
     environment.filters["code"] = _with_code
-    share = MOST_FOR_REPLAYS / max(len(recordings), 1)
-    runs = [replay_data(recording, share) for recording in recordings]
+    runs = [replay_data(recording) for recording in recordings]
     return environment.get_template("page.html").render(
         study=study, runs=runs, key_frames=lambda run: np.linspace(0, run["frames"] - 1, KEY_FRAMES).round().astype(int).tolist(),
         files=files, facts=_facts(study), rests=_rest_rows(study), verdict=verdict, figures=figures, statistics=statistics,

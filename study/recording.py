@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import zlib
-from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,7 +13,7 @@ import numpy as np
 from study.errors import StudyError
 
 FRAME_SECONDS = 1 / 30
-STRIDES = (1, 2, 4)  # every how many frames one is stored; those in between are interpolated
+MOST_BOXES = 60_000  # that the page has of a recording; those of frames in between are interpolated
 LEVELS = 65535
 
 
@@ -76,48 +75,27 @@ def quantised(boxes: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarra
     return np.rint((boxes - np.tile(low, 2)) / np.tile(size, 2) * LEVELS).astype(np.uint16)
 
 
-def pack(rows: Iterable[np.ndarray], budget: float = np.inf) -> tuple[str, int]:
-    """Packs as many uint16 rows as fit into a budget of characters, at least two; the text and their number.
-
-    Each row is the difference from the previous one, low bytes first, then high bytes; deflated, in base64.
-    """
-    compressor = zlib.compressobj()
-    before: np.ndarray | None = None
-    packed, kept = b"", 0
-    for row in rows:
-        change = row if before is None else row - before
-        with_row = compressor.copy()
-        data = (change & 0xFF).astype(np.uint8).tobytes() + (change >> 8).astype(np.uint8).tobytes()
-        more = with_row.compress(data) + with_row.flush(zlib.Z_SYNC_FLUSH)
-        if kept >= 2 and (len(packed) + len(more)) * 4 / 3 + 16 > budget:
-            break
-        compressor, before, packed, kept = with_row, row, packed + more, kept + 1
-    return base64.b64encode(packed + compressor.flush()).decode("ascii"), kept
+def pack(rows: np.ndarray) -> str:
+    """uint16 rows, each as the difference from the previous one, low bytes first, then high bytes; deflated, in base64."""
+    rows = rows.reshape(len(rows), -1)
+    changes = np.diff(rows, axis=0, prepend=np.zeros_like(rows[:1]))
+    planes = np.concatenate([changes & 0xFF, changes >> 8], axis=1).astype(np.uint8)
+    return base64.b64encode(zlib.compress(planes.tobytes(), 9)).decode("ascii")
 
 
-def replay_data(recording: Recording, budget: float) -> dict[str, Any]:
-    """A recording as the page's replay reads it, within a budget of characters, but at least two frames."""
+def replay_data(recording: Recording, most_boxes: int = MOST_BOXES) -> dict[str, Any]:
+    """A recording as the page's replay reads it: as many of its frames, evenly spaced, as have so many boxes."""
     low, high = recording.low, recording.high
-    for stride in STRIDES:
-        # Grouped by coordinate, so that similar values are adjacent and compress better.
-        steps = (quantised(block, low, high).T for block in recording.boxes[::stride])
-        boxes, kept = pack(steps, budget * 0.9)
-        if kept * stride >= len(recording.boxes):
-            break
-    frames = range(0, kept * stride, stride)
-    overlaps = np.stack([np.minimum(count_overlaps(recording.boxes[f]), 255) for f in frames])
+    stride = max(1, -(-len(recording.boxes) * recording.objects // most_boxes))
+    frames = range(0, len(recording.boxes), stride)
+    # Grouped by coordinate, so that similar values are adjacent and compress better.
+    steps = np.stack([quantised(recording.boxes[f], low, high).T for f in frames])
+    overlaps = np.stack([np.minimum(count_overlaps(recording.boxes[f]), 255) for f in frames]).astype(np.uint16)
     speeds = np.concatenate([recording.speeds(f, stride) for f in frames])
     return {
-        "scenario": recording.scenario,
-        "objects": recording.objects,
-        "recorded_frames": len(recording.boxes),
-        "stride": stride,
-        "frames": len(frames),
-        "frame_seconds": FRAME_SECONDS,
-        "low": low.tolist(),
-        "high": high.tolist(),
+        **{"scenario": recording.scenario, "objects": recording.objects, "recorded_frames": len(recording.boxes)},
+        **{"stride": stride, "frames": len(frames), "frame_seconds": FRAME_SECONDS, "low": low.tolist(), "high": high.tolist()},
         "top_speed": max(float(np.quantile(speeds, 0.98)), 1e-3),
         "top_overlaps": max(int(np.quantile(overlaps, 0.99)), 1),
-        "boxes": boxes,
-        "overlaps": pack(overlaps.astype(np.uint16))[0],
+        **{"boxes": pack(steps), "overlaps": pack(overlaps)},
     }

@@ -194,8 +194,9 @@ def _begin(settings: Settings, program: Program) -> dict[str, Any]:
     if document and settings.part == RECORDINGS:  # which are the same everywhere
         return document
     tables = program.tables()
-    for kind, known, names in (("scenario", tables["scenarios"], plan.scenarios),
-                               ("broad phase", tables["broadphases"], [b.removesuffix("+culling") for b in plan.broadphases])):  # fmt: skip
+    without = [b.removesuffix("+culling") for b in plan.broadphases]
+    for kind, key, names in (("scenario", "scenarios", plan.scenarios), ("broad phase", "broadphases", without)):
+        known = tables[key]
         for name in names:
             if name not in known:
                 raise StudyError(f"no {kind} is named '{name}'; the {kind}s are: {', '.join(known)}")
@@ -213,54 +214,46 @@ def _begin(settings: Settings, program: Program) -> dict[str, Any]:
     return document
 
 
-class _Measurement:
-    """Does runs, as many at once as the study has shares of the processors."""
+def _measure(folder: Path, document: dict[str, Any], program: Program, deadline: float, runs: list[Run],
+             done: int) -> tuple[int, list[str]]:  # fmt: skip
+    """Does runs, as many at once as the study has shares of the processors. How many are done then, and a line per failure."""
+    shares: queue.SimpleQueue[str] = queue.SimpleQueue()
+    for share in document["shares"]:
+        shares.put(share)
 
-    def __init__(self, folder: Path, document: dict[str, Any], program: Program, deadline: float) -> None:
-        self.folder, self.document, self.program, self.deadline = folder, document, program, deadline
-        self.shares: queue.SimpleQueue[str] = queue.SimpleQueue()
-        for share in document["shares"]:
-            self.shares.put(share)
-
-    def measure(self, runs: list[Run], done: int) -> tuple[int, list[str]]:
-        """How many runs are done now, and one line per run that failed."""
-        first, planned, begin, failed = done, done + len(runs), time.monotonic(), []
-        with ThreadPoolExecutor(len(self.document["shares"])) as pool:
-            futures = {pool.submit(self._one, run): run for run in runs}
-            try:
-                for future in as_completed(futures):
-                    try:
-                        if not future.result():
-                            continue
-                    except StudyError as error:
-                        failed.append(f"{futures[future].name}: {error}")
-                        say(failed[-1])
-                        continue
-                    done += 1
-                    minutes = (time.monotonic() - begin) / (done - first) * (planned - done) / 60
-                    is_terminal = sys.stderr.isatty()
-                    if is_terminal or done * 10 // planned > (done - 1) * 10 // planned:
-                        say(f"{done} of {planned} runs, about {minutes:.0f} min left", end="" if is_terminal else "\n")
-            except BaseException:
-                pool.shutdown(wait=False, cancel_futures=True)
-                self.program.stop()
-                raise
-        return done, failed
-
-    def _one(self, run: Run) -> bool:
+    def measure_one(run: Run) -> bool:
         """Whether there was time for it."""
-        if time.monotonic() > self.deadline:
+        if time.monotonic() > deadline:
             return False
-        share = self.shares.get()
+        share = shares.get()
         try:
-            facts, csv = self.program.simulate(run, self.document["plan"], share)
+            facts, csv = program.simulate(run, document["plan"], share)
         finally:
-            self.shares.put(share)
-        device, here = label_of(facts["device"]), self.document["here"]
-        if facts["versions"]["broadcl"] != here["broadcl"] or device not in ("", here["device"]):
-            raise StudyError("the program or the device is another one than at the start of the study")
-        store(self.folder, run, device, csv)
+            shares.put(share)
+        store(folder, run, label_of(facts["device"]), csv)
         return True
+
+    first, planned, begin, failed = done, done + len(runs), time.monotonic(), []
+    with ThreadPoolExecutor(len(document["shares"])) as pool:
+        futures = {pool.submit(measure_one, run): run for run in runs}
+        try:
+            for future in as_completed(futures):
+                try:
+                    if not future.result():
+                        continue
+                except StudyError as error:
+                    failed.append(f"{futures[future].name}: {error}")
+                    say(failed[-1])
+                    continue
+                done += 1
+                minutes = (time.monotonic() - begin) / (done - first) * (planned - done) / 60
+                if sys.stderr.isatty() or done * 10 // planned > (done - 1) * 10 // planned:
+                    say(f"{done} of {planned} runs, about {minutes:.0f} min left", end="" if sys.stderr.isatty() else "\n")
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            program.stop()
+            raise
+    return done, failed
 
 
 def _record(folder: Path, plan: Plan, program: Program) -> None:
@@ -291,7 +284,7 @@ def run_study(settings: Settings) -> bool:
             except StudyError as error:
                 say(f"{error}; the run is repeated")
                 missing.append(run)
-        done, failed = _Measurement(settings.out, document, program, deadline).measure(missing, len(runs) - len(missing))
+        done, failed = _measure(settings.out, document, program, deadline, missing, len(runs) - len(missing))
         if runs:
             say(f"{done} of {len(runs)} runs are done")
         if settings.part in (None, RECORDINGS) and not failed and time.monotonic() < deadline:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import base64
 import itertools
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +15,7 @@ from study.errors import StudyError
 from study.figures import medians_of, number_of
 from study.page import make
 from study.plan import PAPER
-from study.recording import LEVELS, count_overlaps, pack, quantised, read_recording
+from study.recording import LEVELS, count_overlaps, pack, quantised, read_recording, replay_data
 from study.statistics import noise_of, ratio_of_medians, rest_of, standing, three_digits
 
 
@@ -146,19 +148,18 @@ def test_overlaps_are_those_of_all_pairs() -> None:
     np.testing.assert_array_equal(count_overlaps(boxes), meets.sum(axis=1) - 1)
 
 
-def test_packed_rows_come_back_and_keep_to_the_budget() -> None:
-    import base64
-    import zlib
-
+def test_packed_rows_come_back() -> None:
     boxes = _boxes()
     low, high = boxes[:, :3].min(axis=0), boxes[:, 3:].max(axis=0)
     steps = np.stack([quantised(each, low, high).T for each in (boxes, boxes[::-1], boxes)])
-    text, kept = pack(steps)
-    planes = np.frombuffer(zlib.decompress(base64.b64decode(text)), np.uint8).astype(np.uint16).reshape(kept, 2, *steps.shape[1:])
+    planes = np.frombuffer(zlib.decompress(base64.b64decode(pack(steps))), np.uint8).astype(np.uint16).reshape(3, 2, *steps.shape[1:])
     back = np.cumsum(planes[:, 0] | planes[:, 1] << 8, axis=0, dtype=np.uint16)
     np.testing.assert_array_equal(back, steps)
     unscaled = back[0].T / LEVELS * np.tile(high - low, 2) + np.tile(low, 2)
     assert np.abs(unscaled - boxes).max() < 0.51 * (high - low).max() / LEVELS + 1e-6
-    rows = np.random.default_rng(3).integers(0, 65536, (50, 300)).astype(np.uint16)
-    text, kept = pack(rows, budget=10_000)
-    assert 9_000 < len(text) <= 10_000 and kept < 50 and pack(rows, budget=10)[1] == 2
+
+
+def test_long_recordings_are_thinned(small_study: Path) -> None:
+    recording = read_recording("free-fall", small_study / "recordings" / "free-fall.npy")
+    whole, thin = replay_data(recording), replay_data(recording, most_boxes=25)
+    assert [(data["stride"], data["frames"], data["recorded_frames"]) for data in (whole, thin)] == [(1, 6, 6), (3, 2, 6)]
