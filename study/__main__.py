@@ -16,9 +16,9 @@ from study.run import Settings, run_study
 
 UNDONE = 3  # exit status: the time was up before all runs were done
 REPLACED = ("scenarios", "objects", "broadphases", "frames", "repeat")  # parts of a preset
-ABOUT = """Installs what is missing, builds, simulates each combination of scenarios, numbers of objects and broad phases, stores the
-times in a folder, and makes a page of them: DIR/index.html. Runs that are in the folder are not repeated: give the same command,
-or just --out DIR, to continue a study."""
+ABOUT = """Installs what is missing, builds, simulates each combination of scenarios, numbers of objects and broad phases, stores
+the times in a folder, and makes a page of them: DIR/index.html. Runs that are in the folder are not repeated: give the same
+command, or just --out DIR, to continue a study."""
 END = """
 Other options replace what each part of the preset has. Exit status: 3 if --minutes were over before all runs were done.
 Without the script: PYTHONPATH=SOURCES python3 -P -m study --program BROADCL."""

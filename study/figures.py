@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import re
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -15,8 +16,8 @@ from study.data import METRICS, Study
 from study.plan import PAPER, PAPER_OBJECTS
 
 INK = "#5b616e"  # of text and axes in files; the page has its own
-POINTS = 512  # per line in Figures 2 to 5; fewer in those that a reader has to open
-FEW_POINTS = 128
+POINTS = 400  # per line in Figures 2 to 5; fewer in those that a reader has to open
+FEW_POINTS = 100
 MARKS = 6  # per line in Figures 2 to 5
 PANELS = ("search", "total", "update", "broad_phase", "pairs")
 
@@ -46,7 +47,7 @@ INKED = ("axes.edgecolor", "axes.labelcolor", "axes.titlecolor", "grid.color", "
 SETTINGS: dict[str, Any] = {
     **dict.fromkeys(INKED, INK), "svg.hashsalt": "broadcl", "svg.fonttype": "none", "font.family": "DejaVu Sans", "font.size": 9,
     "axes.spines.top": False, "axes.spines.right": False, "axes.titlesize": 10, "axes.titlelocation": "left", "axes.grid": True,
-    "grid.alpha": 0.15, "axes.facecolor": "none", "legend.frameon": False,
+    "grid.alpha": 0.2, "axes.facecolor": "none", "legend.frameon": False,
 }  # fmt: skip
 
 
@@ -137,9 +138,10 @@ def _svg(figure: Figure) -> str:
 
 
 def inline(figure: Figure) -> str:
-    """For the page: without a legend and in the page's colours. Lines of broad phase X have ids that end in --X."""
+    """For the page: without a legend, in the page's colours, and with one decimal, which is a tenth of a point. Lines of broad
+    phase X have ids that end in --X."""
     figure.tight_layout()
-    svg = _svg(figure)
+    svg = re.sub(r"(\.\d)\d+", r"\1", _svg(figure))
     plt.close(figure)
     return svg[svg.index("<svg") :].replace(INK, "currentColor")
 

@@ -107,7 +107,8 @@ def page(study: Study, recordings: list[Recording], files: list[str]) -> str:
     runs = [replay_data(recording) for recording in recordings]
     return environment.get_template("page.html").render(
         study=study, runs=runs, key_frames=lambda run: np.linspace(0, run["frames"] - 1, KEY_FRAMES).round().astype(int).tolist(),
-        files=files, facts=_facts(study), rests=_rest_rows(study), verdict=verdict, figures=figures, statistics=statistics,
+        files=["study.csv", *(f"figures/{name}" for name in files)], facts=_facts(study), rests=_rest_rows(study),
+        verdict=verdict, figures=figures, statistics=statistics,
         METRICS=METRICS, INEXACT=INEXACT, row=_row, ran_on=_ran_on,
         over_frames={s: _frame_figures(study, s) for s in study.scenarios},
         over_objects={m: Markup(figures.inline(figures.over_objects(study, m))) for m in METRICS},

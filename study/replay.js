@@ -66,14 +66,15 @@
     const nearest = Math.round(position);  // the speed is that since the frame before this one
     const to = Math.max(nearest, Math.min(1, from.frames - 1)) * 6 * n;
     const since = Math.max(0, to - 6 * n);
-    const bound = (k, i) => low[k % 3] + (boxes[a + k * n + i] + (position - before) * (boxes[b + k * n + i] - boxes[a + k * n + i])) *
-      size[k % 3] / 65535;
-    const moved = (k, i) => (boxes[to + k * n + i] + boxes[to + (k + 3) * n + i] - boxes[since + k * n + i] -
-      boxes[since + (k + 3) * n + i]) / 2 * size[k] / 65535;
+    const metres = size.map((x) => x / 65535);
+    const bound = (k, i) => low[k % 3] + metres[k % 3] *
+      (boxes[a + k * n + i] + (position - before) * (boxes[b + k * n + i] - boxes[a + k * n + i]));
+    const doubled = (start, k, i) => boxes[start + k * n + i] + boxes[start + (k + 3) * n + i];
+    const moved = (k, i) => (doubled(to, k, i) - doubled(since, k, i)) / 2 * metres[k];
     const shown = Array.from({ length: n }, (_, i) => {
       const [lo, hi] = [[0, 1, 2].map((k) => bound(k, i)), [3, 4, 5].map((k) => bound(k, i))];
-      const share = bySpeed ? Math.hypot(moved(0, i), moved(1, i), moved(2, i)) / (from.stride * from.frame_seconds) / from.top_speed
-        : from.overlaps[nearest * n + i] / from.top_overlaps;
+      const speed = Math.hypot(moved(0, i), moved(1, i), moved(2, i)) / (from.stride * from.frame_seconds);
+      const share = bySpeed ? speed / from.top_speed : from.overlaps[nearest * n + i] / from.top_overlaps;
       const away = Math.hypot(...lo.map((x, k) => (x + hi[k]) / 2 - eye[k]));
       return { lo, hi, away, colour: Math.min(255, Math.round(share * 255)) };
     });
@@ -121,7 +122,8 @@
   }
 
   function turn(sideways, upward, factor) {
-    view = { theta: view.theta + sideways, phi: Math.min(Math.max(view.phi + upward, 0.05), 3.09), distance: view.distance * factor };
+    const phi = Math.min(Math.max(view.phi + upward, 0.05), 3.09);
+    view = { theta: view.theta + sideways, phi, distance: view.distance * factor };
     drawn = false;
   }
 
@@ -149,7 +151,7 @@
     keys[event.key]();
   });
   canvas.addEventListener("pointerdown", (event) => { canvas.focus(); canvas.setPointerCapture(event.pointerId); });
-  canvas.addEventListener("pointermove", (event) => { if (event.buttons) turn(-event.movementX / 150, -event.movementY / 150, 1); });
+  canvas.addEventListener("pointermove", (event) => event.buttons && turn(-event.movementX / 150, -event.movementY / 150, 1));
   canvas.addEventListener("wheel", (event) => {
     if (document.activeElement !== canvas) return;  // the page scrolls
     event.preventDefault();

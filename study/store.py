@@ -10,6 +10,7 @@ import fcntl
 import gzip
 import json
 import os
+import re
 import zlib
 from collections.abc import Iterator
 from pathlib import Path
@@ -82,7 +83,8 @@ def _path(folder: Path, run: Run) -> Path:
 
 
 def store(folder: Path, run: Run, device: str, csv: str) -> None:
-    """Stores a run: a line with the device, then what `broadcl simulate --csv` has written."""
+    """Stores a run: a line with the device, then what `broadcl simulate --csv` has written, with five digits of each time."""
+    csv = re.sub(r"\d+\.\d+", lambda time: f"{float(time[0]):.5g}", csv)
     if problem := _problem(run, csv):
         raise StudyError(f"the program's times cannot be used: {problem}")
     write(_path(folder, run), gzip.compress(f"{json.dumps(device)}\n{csv}".encode(), mtime=0))

@@ -14,26 +14,20 @@ from study.plan import Part, Plan, Run
 PROGRAM = """#!{python} -S
 import json, os, sys, time
 if "--help" in sys.argv:
-    print("Scenarios:\\n  free-fall   falls\\n  mixed-sizes all <sizes>\\nBroad phases:\\n  bullet-bvh  trees\\n  tiles  tiles\\n  auto  auto")
-    sys.exit()
+    sys.exit(print("Scenarios:\\n  free-fall   falls\\n  mixed-sizes all\\nBroad phases:\\n  bullet-bvh  trees\\n  tiles  tiles\\n"))
 options = dict(zip(sys.argv[2::2], sys.argv[3::2]))
-with open({log!r}, "a") as log:
-    print(*sys.argv[1:], file=log)
+print(*sys.argv[1:], file=open({log!r}, "a"))
 if options["--scenario"] in os.environ.get("FAILS", ""):
-    print("broadcl: it fails", file=sys.stderr)
-    sys.exit(2)
+    sys.exit(print("broadcl: it fails", file=sys.stderr) or 2)
 if options["--scenario"] in os.environ.get("WAITS", ""):
     time.sleep(60)
 if "--record" in options:
-    open(options["--record"], "w").close()
-    sys.exit()
-with open(options["--csv"], "w") as csv:
-    print({columns!r}, file=csv)
-    for frame in range(int(options["--frames"])):
-        print(f"{{frame}},1.0,0.5,4.0,1.0,0.5,3.5,{{frame}}", file=csv)
-with open(options["--json"], "w") as summary:
-    device = None if options["--broadphase"] == "bullet-bvh" else dict(platform="P", name="D", driver_version="1")
-    json.dump(dict(versions=dict(broadcl="1.2.3", bullet="3.24"), device=device, cpu_milliseconds=dict(total=dict(mean=3.5))), summary)
+    sys.exit(open(options["--record"], "w").close())
+rows = [f"{{frame}},1.0,0.5,4.0,1.0,0.5,3.5,{{frame}}" for frame in range(int(options["--frames"]))]
+print({columns!r}, *rows, sep="\\n", file=open(options["--csv"], "w"))
+device = None if options["--broadphase"] == "bullet-bvh" else dict(platform="P", name="D", driver_version="1")
+summary = dict(versions=dict(broadcl="1.2.3", bullet="3.24"), device=device, cpu_milliseconds=dict(total=dict(mean=3.5)))
+json.dump(summary, open(options["--json"], "w"))
 """
 
 SMALL = Plan("small", (
@@ -57,11 +51,9 @@ def program(tmp_path: Path) -> Path:
 
 def csv_of(run: Run) -> str:
     """Repeats differ by a thousandth. CPU times are half of the wall-clock times."""
-    noise = 1 + 0.001 * (run.repeat - 3)
-    update, broad_phase, total = (x * run.objects / 10 * noise for x in TIMES[run.broadphase])
-    times = (update, broad_phase, total, update / 2, broad_phase / 2, total / 2)
-    rows = [",".join([str(k), *(f"{x:.6f}" for x in times), str(k * run.objects)]) for k in range(run.frames)]
-    return "\n".join([store.COLUMNS, *rows]) + "\n"
+    wall = np.array(TIMES[run.broadphase]) * run.objects / 10 * (1 + 0.001 * (run.repeat - 3))
+    times = ",".join(f"{x:.6f}" for x in (*wall, *wall / 2))
+    return "\n".join([store.COLUMNS, *(f"{k},{times},{k * run.objects}" for k in range(run.frames))]) + "\n"
 
 
 @pytest.fixture
