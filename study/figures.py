@@ -16,8 +16,8 @@ from study.data import METRICS, Study
 from study.plan import PAPER, PAPER_OBJECTS
 
 INK = "#5b616e"  # of text and axes in files; the page has its own
-POINTS = 400  # per line in Figures 2 to 5; fewer in those that a reader has to open
-FEW_POINTS = 100
+POINTS = 350  # per line in Figures 2 to 5; fewer in those that a reader has to open
+FEW_POINTS = 90
 MARKS = 6  # per line in Figures 2 to 5
 PANELS = ("search", "total", "update", "broad_phase", "pairs")
 
@@ -141,7 +141,7 @@ def inline(figure: Figure) -> str:
     """For the page: without a legend, in the page's colours, and with one decimal, which is a tenth of a point. Lines of broad
     phase X have ids that end in --X."""
     figure.tight_layout()
-    svg = re.sub(r"(\.\d)\d+", r"\1", _svg(figure))
+    svg = re.sub(r' (d|x|y)="[^"]*"', lambda place: re.sub(r"(\.\d)\d+|\s*\n", r"\1", place[0]), _svg(figure))
     plt.close(figure)
     return svg[svg.index("<svg") :].replace(INK, "currentColor")
 
