@@ -59,7 +59,11 @@ class Program:
                 self._running.add(process)
         except OSError as error:
             raise StudyError(f"cannot start '{self.path}': {error.strerror}; build it, or name it with --program") from None
-        out, error = process.communicate()
+        try:
+            out, error = process.communicate()
+        except BaseException:
+            process.terminate()
+            raise
         with self._lock:
             self._running.discard(process)
         if process.returncode == 0:
@@ -235,8 +239,8 @@ def _measure(folder: Path, document: dict[str, Any], program: Program, deadline:
 
     first, planned, begin, failed = done, done + len(runs), time.monotonic(), []
     with ThreadPoolExecutor(len(document["shares"])) as pool:
-        futures = {pool.submit(measure_one, run): run for run in runs}
         try:
+            futures = {pool.submit(measure_one, run): run for run in runs}
             for future in as_completed(futures):
                 try:
                     if not future.result():
