@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -64,10 +63,9 @@ class Study:
 
     def cells(self, scenario: str | None = None) -> list[Cell]:
         """Those that have runs; by scenario, objects and frames."""
-        rows = self.runs[CELL].drop_duplicates()
-        cells = [Cell(str(s), int(n), int(f)) for s, n, f in rows.itertuples(index=False)]
+        found = {Cell(*key) for key in self.runs[CELL].itertuples(index=False)}
         order = self.scenarios
-        return sorted((c for c in cells if scenario in (None, c.scenario)), key=lambda c: (order.index(c.scenario), *c[1:]))
+        return sorted((c for c in found if scenario in (None, c.scenario)), key=lambda c: (order.index(c.scenario), *c[1:]))
 
     def largest(self, scenario: str) -> Cell:
         """The cell with the most objects, and of these the one with the most frames."""
@@ -79,32 +77,27 @@ class Study:
         frames = max(counts[counts == counts.max()].index)
         return [c for c in self.cells(scenario) if c.frames == frames]
 
-    def rows(self, cell: Cell) -> pd.DataFrame:
-        """The runs of a cell."""
-        return self.runs[(self.runs[CELL] == list(cell)).all(axis=1)]
-
     def times(self, cell: Cell, column: str = "search_mean_ms") -> dict[str, np.ndarray]:
         """For each broad phase of a cell, a value per repeat."""
-        groups = dict(list(self.rows(cell).groupby("broadphase")[column]))
+        rows = self.runs[(self.runs[CELL] == list(cell)).all(axis=1)]
+        groups = dict(list(rows.groupby("broadphase")[column]))
         return {b: groups[b].to_numpy() for b in self.broadphases if b in groups}
 
-    def medians_by_frame(self, scenario: str, objects: int) -> dict[str, pd.DataFrame]:
-        """For each broad phase, its frames: medians over the repeats, of the longest runs."""
-        found: dict[str, pd.DataFrame] = {}
-        for broadphase in self.broadphases:
-            runs = self._frames_of(scenario, objects, broadphase)
-            if runs:
-                found[broadphase] = pd.concat(runs).groupby(level="frame").median()
-        return found
+    def frames_of(self, scenario: str, objects: int, broadphase: str, least: int = 0) -> list[pd.DataFrame]:
+        """Of the runs that have at least so many frames."""
+        key = (scenario, objects, broadphase)
+        return [f for r, f in self.frames.items() if (r.scenario, r.objects, r.broadphase) == key and r.frames >= least]
 
-    def _frames_of(self, *key: Any) -> list[pd.DataFrame]:
-        return [f for r, f in self.frames.items() if (r.scenario, r.objects, r.broadphase) == key]
+    def medians_by_frame(self, scenario: str, objects: int) -> dict[str, pd.DataFrame]:
+        """For each broad phase, its frames: medians over the repeats."""
+        runs = {b: self.frames_of(scenario, objects, b) for b in self.broadphases}
+        return {b: pd.concat(frames).groupby(level="frame").median() for b, frames in runs.items() if frames}
 
     def same_pairs(self, cell: Cell) -> list[list[str]]:
         """Groups of exact broad phases that had the same number of pairs in each frame of each repeat."""
         groups: dict[bytes, list[str]] = {}
         for broadphase in self.broadphases:
-            runs = [f for f in self._frames_of(cell.scenario, cell.objects, broadphase) if len(f) >= cell.frames]
+            runs = self.frames_of(cell.scenario, cell.objects, broadphase, cell.frames)
             pairs = {f.pairs.to_numpy()[: cell.frames].tobytes() for f in runs}
             if pairs and broadphase not in INEXACT:
                 groups.setdefault(pairs.pop() if len(pairs) == 1 else broadphase.encode(), []).append(broadphase)
@@ -119,19 +112,16 @@ def _read_frames(csv: str) -> pd.DataFrame:
     return frames
 
 
-def _summaries(run: Run, device: str, frames: pd.DataFrame, lengths: list[int]) -> Iterator[dict[str, Any]]:
-    for length in lengths:
-        part = frames.iloc[:length]
-        counted = part.iloc[1:]  # without the warm-up
-        row = {"scenario": run.scenario, "objects": run.objects, "frames": length, "broadphase": run.broadphase}
-        row |= {"device": device, "repeat": run.repeat}
-        for name in (*METRICS, "rest"):
-            times = counted[f"{name}_ms"]
-            row[f"{name}_mean_ms"], row[f"{name}_median_ms"] = times.mean(), times.median()
-            row[f"{name}_p95_ms"], row[f"{name}_cpu_mean_ms"] = times.quantile(0.95), counted[f"{name}_cpu_ms"].mean()
-        row |= {"pairs_mean": counted.pairs.mean(), "pairs_last": int(counted.pairs.iloc[-1])}
-        row |= {"total_sum_ms": counted.total_ms.sum(), "first_frame_total_ms": part.total_ms.iloc[0]}
-        yield row
+def _summary(run: Run, device: str, frames: pd.DataFrame) -> dict[str, Any]:
+    """The row of a run; frame 0 is the warm-up."""
+    row = {**run._asdict(), "frames": len(frames), "device": device}
+    counted = frames.iloc[1:]
+    for name in (*METRICS, "rest"):
+        times = counted[f"{name}_ms"]
+        row[f"{name}_mean_ms"], row[f"{name}_median_ms"] = times.mean(), times.median()
+        row[f"{name}_p95_ms"], row[f"{name}_cpu_mean_ms"] = times.quantile(0.95), counted[f"{name}_cpu_ms"].mean()
+    row |= {"pairs_mean": counted.pairs.mean(), "pairs_last": int(counted.pairs.iloc[-1])}
+    return row | {"total_sum_ms": counted.total_ms.sum(), "first_frame_total_ms": frames.total_ms.iloc[0]}
 
 
 def read_study(folder: Path) -> Study:
@@ -150,8 +140,10 @@ def read_study(folder: Path) -> Study:
     lengths: dict[tuple[str, int], set[int]] = {}
     for run in frames:
         lengths.setdefault((run.scenario, run.objects), set()).add(run.frames)
-    rows = []
-    for run, times in frames.items():
-        shorter = sorted(n for n in lengths[run.scenario, run.objects] if n <= run.frames)
-        rows += _summaries(run, devices[run], times, shorter)
+    rows = [
+        _summary(run, devices[run], times.iloc[:length])
+        for run, times in frames.items()
+        for length in sorted(lengths[run.scenario, run.objects])
+        if length <= run.frames
+    ]
     return Study(folder, document, frames, pd.DataFrame(rows))

@@ -20,7 +20,7 @@ from study.data import INEXACT, METRICS, Cell, Study, read_study
 from study.errors import listed
 from study.plan import BULLETS
 from study.recording import Recording, read_recordings, replay_data
-from study.statistics import noise_of, ratio_digits, ratio_of_medians, rest_of, standing, three_digits
+from study.statistics import difference, noise_of, ratio_digits, ratio_of_medians, rest_of, standing, three_digits
 
 HERE = Path(__file__).parent
 KEY_FRAMES = 4
@@ -82,13 +82,12 @@ def _row(study: Study, cell: Cell, metric: str, broadphase: str) -> dict[str, An
 
 
 def _rest_rows(study: Study) -> list[tuple[Cell, list[str]]]:
-    rows = []
-    for cell in study.cells():
-        rests = [rest for clock in ("", "_cpu") if (rest := rest_of(study, cell, clock))]
-        ends = [three_digits(end(rest.milliseconds.values())) for rest in rests for end in (min, max)]
-        if rests:
-            rows.append((cell, ends + [f"{rest.difference * 100:.1f} %" for rest in rests]))
-    return rows
+    """Of each cell that tells: least and most of rest_of() by either clock, then the differences."""
+    rests = {cell: [rest_of(study, cell, clock) for clock in ("", "_cpu")] for cell in study.cells() if rest_of(study, cell)}
+    return [
+        (cell, [three_digits(end) for rest in both for end in (rest[0], rest[-1])] + [f"{difference(rest):.1%}" for rest in both])
+        for cell, both in rests.items()
+    ]
 
 
 def _frame_figures(study: Study, scenario: str) -> dict[int, Markup]:

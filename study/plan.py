@@ -6,7 +6,7 @@ import itertools
 import random
 import re
 from dataclasses import asdict, dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 from study.errors import StudyError
 
@@ -29,8 +29,7 @@ class Part:
     repeat: int
 
 
-@dataclass(frozen=True, order=True)
-class Run:
+class Run(NamedTuple):
     """One simulation. Its name is that of its file."""
 
     scenario: str

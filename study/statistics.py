@@ -47,32 +47,27 @@ def ratio_of_medians(a: np.ndarray, b: np.ndarray, noise: float = 0) -> Ratio:
     return Ratio(value, (float(low), float(high)), noise)
 
 
-class Rest(NamedTuple):
-    """Total time without update and broad phase, ms per frame: medians over the runs of algorithms that play the same
-    simulation to the last bit, for which it should be equal."""
-
-    milliseconds: dict[str, float]
-
-    @property
-    def difference(self) -> float:
-        """The longest over the shortest, minus 1."""
-        return max(self.milliseconds.values()) / min(self.milliseconds.values()) - 1
-
-
 @lru_cache(maxsize=None)
-def rest_of(study: Study, cell: Cell, clock: str = "") -> Rest | None:
-    """By the wall clock, or of the thread's CPU ("_cpu"). None if fewer than two such algorithms ran."""
+def rest_of(study: Study, cell: Cell, clock: str = "") -> list[float]:
+    """Total time without update and broad phase, ms per frame, of algorithms that play the same simulation to the last bit, for
+    which it should be equal: medians over the runs, ascending. By the wall clock, or of the thread's CPU ("_cpu"). Empty if
+    fewer than two such algorithms ran."""
     own = [[b for b in group if b not in BULLETS and "+" not in b] for group in study.same_pairs(cell)]
     names = max(own, key=len, default=[])
     times = study.times(cell, f"rest{clock}_mean_ms")
-    return Rest({b: float(np.median(times[b])) for b in names}) if len(names) > 1 else None
+    return sorted(float(np.median(times[b])) for b in names) if len(names) > 1 else []
+
+
+def difference(rest: list[float]) -> float:
+    """The longest over the shortest, minus 1."""
+    return rest[-1] / rest[0] - 1
 
 
 @lru_cache(maxsize=None)
 def noise_of(study: Study, cell: Cell) -> float:
     """How much times of a cell differ that should be equal; if it does not tell, the most of all cells."""
     rests = [rest_of(study, each) for each in ([cell] if rest_of(study, cell) else study.cells())]
-    return max((rest.difference for rest in rests if rest), default=0)
+    return max((difference(rest) for rest in rests if rest), default=0)
 
 
 @dataclass(frozen=True)

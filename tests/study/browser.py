@@ -65,7 +65,7 @@ class Browser:
 
     def picture(self, selector: str) -> bytes:
         """PNG of an element, whole even if it is taller than the window."""
-        clip = self.js("const r = document.querySelector(arguments[0]).getBoundingClientRect();"
-                       "return {x: r.x + scrollX, y: r.y + scrollY, width: r.width, height: r.height, scale: 1};", selector)  # fmt: skip
+        clip = self.js("""const r = document.querySelector(arguments[0]).getBoundingClientRect();
+          return {x: r.x + scrollX, y: r.y + scrollY, width: r.width, height: r.height, scale: 1};""", selector)
         shot = self.driver.execute_cdp_cmd("Page.captureScreenshot", {"captureBeyondViewport": True, "clip": clip})
         return base64.b64decode(shot["data"])

@@ -37,7 +37,7 @@ def tables(browser: Browser, folder: Path) -> None:
     """Every number of every table is a median of study.csv, and none is missing."""
     medians = pd.read_csv(folder / "study.csv").groupby(CELL).median(numeric_only=True)
     shown = browser.js("""return [...document.querySelectorAll("#tables td[data-column]")].map(td => {
-      const row = td.closest("tr"); return [`${row.dataset.cell}/${row.dataset.broadphase}`, td.dataset.column, td.textContent]; })""")
+      const { cell, broadphase } = td.closest("tr").dataset; return [`${cell}/${broadphase}`, td.dataset.column, td.textContent]; })""")
     cells = {(key, column): text for key, column, text in shown if column not in ("ratio", "from", "to")}
     columns = [c for c in medians if re.match("pairs|.*_ms$", c) and not c.startswith("rest")]
     assert len(cells) == len(medians) * len(columns), f"{len(cells)} numbers, not {len(medians)} rows of {len(columns)}"
@@ -71,8 +71,8 @@ def replay(browser: Browser, _: Path) -> None:
         return str(browser.js("return document.querySelector(arguments[0]).toDataURL()", selector))
 
     def change(name: str, value: object) -> None:
-        browser.js("const e = document.getElementById('replay-' + arguments[0]); if (arguments[1] === null) return e.click();"
-                   "e.value = arguments[1]; e.dispatchEvent(new Event('input')); e.dispatchEvent(new Event('change'))", name, value)  # fmt: skip
+        browser.js("""const e = document.getElementById("replay-" + arguments[0]); if (arguments[1] === null) return e.click();
+          e.value = arguments[1]; e.dispatchEvent(new Event("input")); e.dispatchEvent(new Event("change"))""", name, value)
 
     def frame() -> int:
         return int(browser.js("return document.getElementById('replay-frame').textContent").split()[1])

@@ -14,7 +14,7 @@ from study.plan import Part, Plan, Run
 PROGRAM = """#!{python} -S
 import json, os, sys, time
 if "--help" in sys.argv:
-    sys.exit(print("Scenarios:\\n  free-fall   falls\\n  mixed-sizes all\\nBroad phases:\\n  bullet-bvh  trees\\n  tiles  tiles\\n"))
+    sys.exit(print("Scenarios:\\n  free-fall  falls\\n  mixed-sizes all\\nBroad phases:\\n  bullet-bvh trees\\n  tiles  tiles\\n"))
 options = dict(zip(sys.argv[2::2], sys.argv[3::2]))
 print(*sys.argv[1:], file=open({log!r}, "a"))
 if options["--scenario"] in os.environ.get("FAILS", ""):

@@ -43,7 +43,8 @@ def test_the_order_is_random_by_repeat_and_depends_on_the_seed_alone() -> None:
 
 def test_options_replace_what_each_part_has() -> None:
     plan = plan_of("paper", 7, "cpu", objects=(9,), frames=3, repeat=1, broadphases=("tiles",))
-    assert len(plan.runs()) == 4 and {(r.objects, r.frames) for r in plan.runs()} == {(9, 3)} and (plan.seed, plan.device) == (7, "cpu")
+    assert len(plan.runs()) == 4 and {(r.objects, r.frames) for r in plan.runs()} == {(9, 3)}
+    assert (plan.seed, plan.device) == (7, "cpu")
     with pytest.raises(StudyError, match="no preset is named 'slow'; the presets are: quick, paper"):
         plan_of("slow", 1, "")
 
