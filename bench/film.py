@@ -17,8 +17,8 @@ from selenium.webdriver.support.ui import WebDriverWait
 
 from study import page
 from study.data import Study, read_study
-from study.errors import StudyError
 from study.figures import STYLES
+from study.plan import StudyError
 from study.recording import FRAME_SECONDS, Recording, read_recording, replay_data
 
 SCENARIO = "mixed-sizes"

@@ -10,8 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from study.errors import StudyError
-from study.plan import PRESETS, RECORDINGS, plan_of
+from study.plan import PRESETS, RECORDINGS, StudyError, plan_of
 from study.run import Settings, run_study
 
 UNDONE = 3  # exit status: the time was up before all runs were done
@@ -66,6 +65,7 @@ def _parser() -> argparse.ArgumentParser:
         ("device", "D", str, "as for `broadcl simulate`; default: the best one, and for auto the host unless there is a GPU"),
         ("jobs", "N", jobs, "runs at once, each with its share of the processors; auto: as many as leave CPU times unchanged"
          " within 5 %%, which is measured first; default: 1"),
+        ("gpus", "N", whole, "NVIDIA GPUs of a kind for these runs to use in turn; default: 1"),
         ("part", "NAME", str, f"only the runs of this part of the plan; {RECORDINGS}: only the recordings for the replay"),
         ("minutes", "M", _number(float, 0), "start no run after M minutes"),
         ("page", "DIR", str, "only make the page, of the study in DIR"),
@@ -86,7 +86,7 @@ def _settings(options: argparse.Namespace) -> Settings:
         plan = plan_of(texts["preset"], 1 if options.seed is None else options.seed, options.device or "", **replaced)
     command = " ".join(["scripts/study", *(f"--{name} {shlex.quote(text)}" for name, text in texts.items())])
     program = options.program or "broadcl"
-    return Settings(Path(options.out), program, plan, options.jobs, options.part, options.minutes, command)
+    return Settings(Path(options.out), program, plan, options.jobs, options.gpus or 1, options.part, options.minutes, command)
 
 
 def main() -> int:

@@ -10,8 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from study.errors import StudyError
-from study.plan import BULLETS, PAPER, Plan, Run
+from study.plan import BULLETS, PAPER, Plan, Run, StudyError
 from study.store import load, read_document
 
 # A broad phase may do its work in the update or after it, so only the sum of both is comparable: it comes first.

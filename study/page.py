@@ -17,8 +17,7 @@ from markupsafe import Markup, escape
 
 from study import figures, statistics, verdict
 from study.data import INEXACT, METRICS, Cell, Study, read_study
-from study.errors import listed
-from study.plan import BULLETS
+from study.plan import BULLETS, listed
 from study.recording import Recording, read_recordings, replay_data
 from study.statistics import difference, noise_of, ratio_digits, ratio_of_medians, rest_of, standing, three_digits
 
@@ -45,7 +44,9 @@ def _facts(study: Study) -> dict[str, str]:
     if tried:
         at_once += f" (CPU time of a run's thread, as a multiple of that alone: {tried})"
     if document["jobs"] > 1:
-        at_once += f", each on {document['shares'][0].count(',') + 1} of the processors"
+        gpus = len({gpu for _, gpu in document["shares"]})
+        own = document["shares"][0][0].count(",") + 1
+        at_once += f", each on {own} of the processors" + f" and one of {gpus} GPUs" * (gpus > 1)
     return {
         "Measured": document["date"],
         "Processor": f"{here['cpu']}, {here['threads']} threads",

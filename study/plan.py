@@ -8,13 +8,20 @@ import re
 from dataclasses import asdict, dataclass, replace
 from typing import Any, NamedTuple
 
-from study.errors import StudyError
-
 PAPER = ("free-fall", "agitated", "rolling-gravity", "mixed-sizes")  # Figures 2 to 5, in this order
 PAPER_OBJECTS = 1250  # in Figures 2 to 5
 RECORDINGS = "recordings"  # beside the parts of a plan: runs for the replay, which are not measured
 BULLETS = ("bullet-bf", "bullet-sap", "bullet-bvh")
 ALL = (*BULLETS, "gpu-bf", "brute-force", "tiles", "auto", "auto+culling")
+
+
+class StudyError(Exception):
+    """One line that says what is wrong and what to do about it."""
+
+
+def listed(items: list[str]) -> str:
+    """Returns "a, b and c"."""
+    return " and ".join(filter(None, (", ".join(items[:-1]), items[-1])))
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from study.errors import StudyError
+from study.plan import StudyError
 
 FRAME_SECONDS = 1 / 30
 MOST_BOXES = 35_000  # that the page has of a recording; those of frames in between are interpolated

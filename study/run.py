@@ -21,8 +21,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from study.errors import StudyError
-from study.plan import ALL, BULLETS, RECORDINGS, Plan, Run
+from study.plan import ALL, BULLETS, RECORDINGS, Plan, Run, StudyError
 from study.store import ELSEWHERE, FORMAT, load, locked, read_document, store, write_document
 
 UNCHANGED = 1.05  # times the CPU time of a run alone: as many runs as stay below share the machine
@@ -35,6 +34,10 @@ def say(line: str, end: str = "\n") -> None:
     print(f"\r{line}\033[K" if sys.stderr.isatty() else line, end=end, file=sys.stderr, flush=True)
 
 
+# Of the machine, for a run: processors as taskset takes them, and the number of an NVIDIA GPU; all if empty.
+Share = tuple[str, str]
+
+
 class Program:
     """The program `broadcl`."""
 
@@ -44,18 +47,17 @@ class Program:
         self._lock = threading.Lock()
         self._is_stopped = False
 
-    def __call__(self, *arguments: str, processors: str = "") -> str:
-        """What it prints; StudyError with its error.
-
-        processors: a list as taskset takes it, to which the process is bound; all if empty.
-        """
+    def __call__(self, *arguments: str, share: Share = ("", "")) -> str:
+        """What it prints; StudyError with its error."""
+        processors, gpu = share
         bound = ["taskset", "-c", processors] if processors else []
+        environment = {**os.environ, "CUDA_VISIBLE_DEVICES": gpu} if gpu else None
         pipe = subprocess.PIPE
         try:
             with self._lock:
                 if self._is_stopped:
                     raise StudyError("interrupted")
-                process = subprocess.Popen([*bound, self.path, *arguments], text=True, stdout=pipe, stderr=pipe)
+                process = subprocess.Popen([*bound, self.path, *arguments], text=True, stdout=pipe, stderr=pipe, env=environment)
                 self._running.add(process)
         except OSError as error:
             raise StudyError(f"cannot start '{self.path}': {error.strerror}; build it, or name it with --program") from None
@@ -89,13 +91,13 @@ class Program:
             tables[key] = dict(re.findall(r"^  (\S+) +(.*)$", rows[1], re.M))
         return tables
 
-    def simulate(self, run: Run, plan: Plan, processors: str = "") -> tuple[dict[str, Any], str]:
+    def simulate(self, run: Run, plan: Plan, share: Share = ("", "")) -> tuple[dict[str, Any], str]:
         """The summary and the frames of a run."""
         with tempfile.TemporaryDirectory(prefix="broadcl-") as folder:
             csv, summary = Path(folder) / "run.csv", Path(folder) / "run.json"
             self("simulate", *_scene(run.scenario, run.objects, run.frames, plan), "--broadphase", run.broadphase,
                  *(["--device", plan.device] if plan.device else []), "--csv", str(csv), "--json", str(summary),
-                 processors=processors)  # fmt: skip
+                 share=share)  # fmt: skip
             return json.loads(summary.read_bytes()), csv.read_text()
 
 
@@ -129,32 +131,31 @@ def _here(program: Program, plan: Plan) -> dict[str, Any]:
     }
 
 
-def _shares(jobs: int) -> list[str]:
-    """The processors of each of so many runs at once."""
-    if jobs == 1:
-        return [""]
-    if shutil.which("taskset") is None:
-        raise StudyError("--jobs needs taskset (Debian, Ubuntu: apt install util-linux)")
+def _shares(jobs: int, gpus: int) -> list[Share]:
+    """The share of each of so many runs at once; each of several GPUs is used in turn."""
     processors = sorted(os.sched_getaffinity(0))
     if jobs > len(processors):
         raise StudyError(f"--jobs {jobs}: there are only {len(processors)} processors")
+    if jobs > 1 and shutil.which("taskset") is None:
+        raise StudyError("--jobs needs taskset (Debian, Ubuntu: apt install util-linux)")
     ends = [len(processors) * k // jobs for k in range(jobs + 1)]
-    return [",".join(map(str, processors[a:b])) for a, b in zip(ends, ends[1:])]
+    lists = [",".join(map(str, processors[a:b])) for a, b in zip(ends, ends[1:])] if jobs > 1 else [""]
+    return [(own, str(k % gpus) if gpus > 1 else "") for k, own in enumerate(lists)]
 
 
-def _try_jobs(program: Program, plan: Plan) -> tuple[int, list[list[float]]]:
+def _try_jobs(program: Program, plan: Plan, gpus: int) -> tuple[int, list[list[float]]]:
     """How many runs can share the machine, and what was measured: runs at once, and their thread's CPU time as a
     multiple of that of the same run alone, for the broad phase that suffers most."""
     names = [b for b in ("bullet-bvh", "gpu-bf", "auto") if b in plan.broadphases] or plan.broadphases[:1]
     objects = plan.objects[len(plan.objects) // 2]
     runs = [Run(plan.scenarios[-1], objects, name, 1, TRIED_FRAMES) for name in names]
 
-    def cpu(run: Run, processors: str) -> float:
-        return float(program.simulate(run, plan, processors)[0]["cpu_milliseconds"]["total"]["mean"])
+    def cpu(run: Run, share: Share) -> float:
+        return float(program.simulate(run, plan, share)[0]["cpu_milliseconds"]["total"]["mean"])
 
-    found, jobs = [[1, 1.0]], 2
+    found, jobs = [[1, 1.0]], max(2, gpus)
     while jobs <= len(os.sched_getaffinity(0)) and found[-1][1] <= UNCHANGED:
-        shares = _shares(jobs)
+        shares = _shares(jobs, gpus)
         # Alone, but with as many processors as later.
         alone = {run: statistics.median(cpu(run, shares[0]) for _ in range(3)) for run in runs}
         together: dict[Run, list[float]] = {run: [] for run in runs}
@@ -178,6 +179,7 @@ class Settings:
     program: str
     plan: Plan | None
     jobs: str | None  # a number, or "auto"
+    gpus: int
     part: str | None
     minutes: float | None  # after which no run is started
     command: str
@@ -210,10 +212,11 @@ def _begin(settings: Settings, program: Program) -> dict[str, Any]:
             if value != here.get(key):
                 raise StudyError(f"{holds}, with the {key} '{value}', but here it is '{here.get(key)}'; {ELSEWHERE}")
         return document
-    jobs, tried = _try_jobs(program, plan) if settings.jobs == "auto" else (int(settings.jobs or 1), [])
+    gpus = settings.gpus
+    jobs, tried = _try_jobs(program, plan, gpus) if settings.jobs == "auto" else (int(settings.jobs or 1), [])
     date = datetime.datetime.now(datetime.timezone.utc).strftime("%Y-%m-%d %H:%M UTC")
     document = {"format": FORMAT, "command": settings.command, "date": date, "plan": plan, "jobs": jobs, "tried_jobs": tried}
-    document |= {"shares": _shares(jobs), "here": here, "summaries": tables}
+    document |= {"shares": _shares(jobs, gpus), "here": here, "summaries": tables}
     write_document(settings.out, document)
     return document
 
@@ -221,7 +224,7 @@ def _begin(settings: Settings, program: Program) -> dict[str, Any]:
 def _measure(folder: Path, document: dict[str, Any], program: Program, deadline: float, runs: list[Run],
              done: int) -> tuple[int, list[str]]:  # fmt: skip
     """Does runs, as many at once as the study has shares of the processors. How many are done then, and a line per failure."""
-    shares: queue.SimpleQueue[str] = queue.SimpleQueue()
+    shares: queue.SimpleQueue[Share] = queue.SimpleQueue()
     for share in document["shares"]:
         shares.put(share)
 

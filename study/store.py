@@ -16,8 +16,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from study.errors import StudyError
-from study.plan import Plan, Run
+from study.plan import Plan, Run, StudyError
 
 FORMAT = 2
 KEYS = ("command", "date", "jobs", "tried_jobs", "shares", "here", "summaries")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from itertools import groupby
 
 from study.data import CELL, Study
-from study.errors import listed
+from study.plan import listed
 from study.statistics import FEWEST, Ratio, Standing, ratio_digits, standing, three_digits
 
 

@@ -37,7 +37,7 @@ def tables(browser: Browser, folder: Path) -> None:
     """Every number of every table is a median of study.csv, and none is missing."""
     medians = pd.read_csv(folder / "study.csv").groupby(CELL).median(numeric_only=True)
     shown = browser.js("""return [...document.querySelectorAll("#tables td[data-column]")].map(td => {
-      const { cell, broadphase } = td.closest("tr").dataset; return [`${cell}/${broadphase}`, td.dataset.column, td.textContent]; })""")
+      const row = td.closest("tr").dataset; return [`${row.cell}/${row.broadphase}`, td.dataset.column, td.textContent]; })""")
     cells = {(key, column): text for key, column, text in shown if column not in ("ratio", "from", "to")}
     columns = [c for c in medians if re.match("pairs|.*_ms$", c) and not c.startswith("rest")]
     assert len(cells) == len(medians) * len(columns), f"{len(cells)} numbers, not {len(medians)} rows of {len(columns)}"

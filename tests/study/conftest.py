@@ -16,7 +16,7 @@ import json, os, sys, time
 if "--help" in sys.argv:
     sys.exit(print("Scenarios:\\n  free-fall  falls\\n  mixed-sizes all\\nBroad phases:\\n  bullet-bvh trees\\n  tiles  tiles\\n"))
 options = dict(zip(sys.argv[2::2], sys.argv[3::2]))
-print(*sys.argv[1:], file=open({log!r}, "a"))
+print(*sys.argv[1:], "on GPU", os.environ.get("CUDA_VISIBLE_DEVICES"), file=open({log!r}, "a"))
 if options["--scenario"] in os.environ.get("FAILS", ""):
     sys.exit(print("broadcl: it fails", file=sys.stderr) or 2)
 if options["--scenario"] in os.environ.get("WAITS", ""):
@@ -62,8 +62,9 @@ def small_study(tmp_path: Path) -> Path:
     folder = tmp_path / "study"
     here = {"broadcl": "1.2.3", "bullet": "3.24", "cpu": "A <CPU>", "threads": 2, "system": "S", "device": DEVICE, "driver": "1"}
     summaries = {"scenarios": {"free-fall": "falls", "mixed-sizes": "mixed"}, "broadphases": {b: b for b in (*TIMES, "gpu-bf")}}
-    document = {"format": store.FORMAT, "command": "scripts/study", "date": "2020-01-02", "plan": SMALL, "jobs": 1, "shares": [""]}
-    store.write_document(folder, {**document, "here": here, "summaries": summaries, "tried_jobs": [[1, 1.0], [2, 1.2]]})
+    document = {"format": store.FORMAT, "command": "scripts/study", "date": "2020-01-02", "plan": SMALL, "jobs": 2}
+    document |= {"here": here, "summaries": summaries, "tried_jobs": [[1, 1.0], [2, 1.02]], "shares": [["0,1", "0"], ["2,3", "1"]]}
+    store.write_document(folder, document)
     for run in SMALL.runs():
         if run.broadphase in TIMES:
             store.store(folder, run, "" if run.broadphase == "bullet-bvh" else DEVICE, csv_of(run))

@@ -5,8 +5,7 @@ from __future__ import annotations
 import json
 
 import pytest
-from study.errors import StudyError
-from study.plan import BULLETS, PAPER, PRESETS, Plan, plan_of
+from study.plan import BULLETS, PAPER, PRESETS, Plan, StudyError, plan_of
 
 QUICK_PLAN, PAPER_PLAN = PRESETS["quick"][1], PRESETS["paper"][1]
 

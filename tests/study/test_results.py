@@ -11,10 +11,9 @@ import numpy as np
 import pytest
 from study import store, verdict
 from study.data import Cell, read_study
-from study.errors import StudyError
 from study.figures import medians_of, number_of
 from study.page import make
-from study.plan import PAPER
+from study.plan import PAPER, StudyError
 from study.recording import LEVELS, count_overlaps, pack, quantised, read_recording, replay_data
 from study.statistics import noise_of, ratio_of_medians, rest_of, standing, three_digits
 
@@ -97,6 +96,7 @@ def test_the_page_is_the_same_each_time_needs_no_recording_and_escapes_names(sma
     text = (small_study / "index.html").read_text()
     before, after = (page.partition('<section id="scenes">') for page in (whole, text))
     assert before[0] == after[0] and "no recordings" in after[2] and 'id="figure-1"' in before[2]
+    assert "multiple of that alone: 1.02 with 2), each on 2 of the processors and one of 2 GPUs" in whole
     assert "A <CPU>" not in whole and "<GPU>" not in whole and 'src="http' not in whole
 
 
@@ -147,7 +147,8 @@ def test_packed_rows_come_back() -> None:
     boxes = _boxes()
     low, high = boxes[:, :3].min(axis=0), boxes[:, 3:].max(axis=0)
     steps = np.stack([quantised(each, low, high).T for each in (boxes, boxes[::-1], boxes)])
-    planes = np.frombuffer(zlib.decompress(base64.b64decode(pack(steps))), np.uint8).reshape(3, 2, *steps.shape[1:]).astype(np.uint16)
+    stored = np.frombuffer(zlib.decompress(base64.b64decode(pack(steps))), np.uint8).astype(np.uint16)
+    planes = stored.reshape(3, 2, *steps.shape[1:])
     back = np.cumsum(planes[:, 0] | planes[:, 1] << 8, axis=0, dtype=np.uint16)
     np.testing.assert_array_equal(back, steps)
     unscaled = back[0].T / LEVELS * np.tile(high - low, 2) + np.tile(low, 2)

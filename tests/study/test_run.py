@@ -127,9 +127,12 @@ def test_parts_minutes_and_jobs(run: Runner) -> None:
     document = json.loads((run.folder / "t" / "study.json").read_text())
     threads = len(os.sched_getaffinity(0))
     assert document["tried_jobs"][0] == [1, 1.0] and ("2 runs at once" in said) == (threads > 1)
-    processors = [p for share in document["shares"] for p in share.split(",") if p]
+    processors = [p for share, _ in document["shares"] for p in share.split(",") if p]
     assert document["jobs"] == len(document["shares"])
     assert len(set(processors)) == len(processors) == threads * (document["jobs"] > 1)
+    (run.folder / "log").write_text("")
+    run(f"{TINY} --out u --jobs {min(2, threads)} --gpus 2")
+    assert {call[-1] for call in run.calls if "free-fall --objects 5" in call} == set("01"[: min(2, threads)])
 
 
 @pytest.mark.parametrize(
