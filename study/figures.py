@@ -16,8 +16,8 @@ from study.data import METRICS, Study
 from study.plan import PAPER, PAPER_OBJECTS
 
 INK = "#5b616e"  # of text and axes in files; the page has its own
-POINTS = 350  # per line in Figures 2 to 5; fewer in those that a reader has to open
-FEW_POINTS = 90
+POINTS = 300  # per line in Figures 2 to 5; fewer in those that a reader has to open
+FEW_POINTS = 50
 MARKS = 6  # per line in Figures 2 to 5
 PANELS = ("search", "total", "update", "broad_phase", "pairs")
 

@@ -13,7 +13,7 @@ import numpy as np
 from study.plan import StudyError
 
 FRAME_SECONDS = 1 / 30
-MOST_BOXES = 35_000  # that the page has of a recording; those of frames in between are interpolated
+MOST_BOXES = 48_000  # that the page has of a recording; those of frames in between are interpolated
 LEVELS = 65535
 
 

@@ -26,8 +26,8 @@ from study.store import ELSEWHERE, FORMAT, load, locked, read_document, store, w
 
 UNCHANGED = 1.05  # times the CPU time of a run alone: as many runs as stay below share the machine
 TRIED_FRAMES = 64
-RECORDED_FRAMES = 300
-RECORDED_OBJECTS = 3500
+RECORDED_FRAMES = 150
+RECORDED_OBJECTS = 1250
 
 
 def say(line: str, end: str = "\n") -> None:
