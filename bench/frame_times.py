@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """bench/frame_times.py OUT.svg TITLE=STUDY ...: draws the times of update and broad phase in `mixed-sizes`, as multiples
 of those of `auto`, one panel per study. STUDY is a folder with the study.csv of
-`broadcl study --preset large --scenarios mixed-sizes --objects 1250,3500,16000 --broadphases bullet-sap,bullet-bvh,gpu-bf,auto`.
+`scripts/study --scenarios mixed-sizes --objects 1250,3500,16000 --broadphases bullet-sap,bullet-bvh,gpu-bf,auto --out STUDY`.
 
 It needs matplotlib (Debian, Ubuntu: apt install python3-matplotlib). docs/images/frame-times.svg is made by
 `bench/frame_times.py docs/images/frame-times.svg "with a GPU (NVIDIA H200)=bench/results/nvidia-h200/mixed-sizes"
@@ -27,7 +27,8 @@ HIGHEST = 12  # multiple; higher bars end there and say how high they are
 
 
 def times_of(folder):
-    """Number of objects -> broad phase -> update and broad phase, ms: mean of the frames, median of the repeats."""
+    """Number of objects -> broad phase -> update and broad phase, ms: mean of the frames, median of the repeats. (The runs are
+    expected to be of the same length.)"""
     runs = {}
     with open(pathlib.Path(folder) / "study.csv", encoding="utf-8", newline="") as file:
         for row in csv.DictReader(file):
@@ -95,7 +96,7 @@ def main():
     matplotlib.use("svg")
     import matplotlib.pyplot as plt
 
-    from report.palette import STYLES
+    from study.figures import STYLES
 
     draw(plt, sys.argv[1], studies, STYLES)
 

@@ -112,9 +112,6 @@ TEST_F(Program, CountsOneInTheSingular) {
   EXPECT_TRUE(run("pairs one.npy").out.starts_with("0 overlapping pairs of 1 box ("));
   const std::string out = run("simulate --objects 1 --frames 1 --broadphase bullet-bf").out;
   EXPECT_NE(out.find(", 1 cube, 1 frame, seed 1\n"), std::string::npos) << out;
-  const Outcome study =
-      run("study --scenarios free-fall --objects 1 --broadphases bullet-bf --frames 2 --repeat 1 --out one");
-  EXPECT_NE(study.out.find(", 1 of 1 run done, of 2 frames each\n"), std::string::npos) << study.out;
 }
 
 TEST_F(Program, PairsReplacesAnOlderFileOnlyWhenItIsDone) {

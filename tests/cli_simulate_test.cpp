@@ -40,10 +40,14 @@ TEST_P(ProgramSimulate, VerifiesAndReports) {
   const std::vector<CsvRow> rows = csv_rows(path("run.csv"));
   ASSERT_EQ(rows.size(), 12U);
   double sum_of_totals = 0;
+  double sum_of_cpu_totals = 0;
   for (const CsvRow& row : rows) {
     EXPECT_GE(row.total, row.update + row.broad_phase);
-    if (&row != &rows.front()) sum_of_totals += row.total;
+    if (&row == &rows.front()) continue;
+    sum_of_totals += row.total;
+    sum_of_cpu_totals += row.total_cpu;
   }
+  EXPECT_GT(sum_of_cpu_totals, 0);
 
   const json summary = json::parse(read_file(path("run.json")));
   const json config = {
@@ -53,6 +57,7 @@ TEST_P(ProgramSimulate, VerifiesAndReports) {
   EXPECT_EQ("broadcl " + summary["versions"]["broadcl"].get<std::string>() + "\n", run("--version").out);
   EXPECT_EQ(summary["device"].is_null(), GetParam().starts_with("bullet-"));
   EXPECT_NEAR(summary["milliseconds"]["total"]["mean"].get<double>(), sum_of_totals / 11, 1e-5);
+  EXPECT_NEAR(summary["cpu_milliseconds"]["total"]["mean"].get<double>(), sum_of_cpu_totals / 11, 1e-5);
   for (const std::string stage : {"update", "broad_phase", "total"}) {
     const json& times = summary["milliseconds"][stage];
     EXPECT_GE(times["p95"].get<double>(), times["median"].get<double>());

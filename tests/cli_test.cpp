@@ -30,28 +30,26 @@ TEST_F(Program, Version) {
 }
 
 TEST_F(Program, HelpForAll) {
-  for (const std::string verb : {"", "devices", "simulate", "replay", "study", "pairs", "check"}) {
+  for (const std::string verb : {"", "devices", "simulate", "replay", "pairs", "check"}) {
     const Outcome outcome = run(verb + " --help");
     expect_success(outcome);
     EXPECT_NE(outcome.out.find("--help"), std::string::npos) << verb;
   }
 }
 
-TEST_F(Program, TheManPageHasEveryVerbAndOption) {
-  std::string page = read_file(BROADCL_KERNEL_FOLDER "/../docs/broadcl.1");
-  std::erase(page, '\\');
+TEST_F(Program, HelpOfAllHasEveryVerbAndOption) {
+  const std::string page = run("--help-all").out;
   std::size_t options = 0;
-  for (const std::string verb : {"devices", "simulate", "replay", "study", "pairs", "check"}) {
-    EXPECT_NE(page.find("\n.SS " + verb + "\n"), std::string::npos) << verb;
+  for (const std::string verb : {"devices", "simulate", "replay", "pairs", "check"}) {
+    EXPECT_NE(page.find("\n" + verb + "\n"), std::string::npos) << verb;
     const std::string help = run(verb + " --help").out;
-    const std::regex option("\n  (?:-h,)?(--[a-z-]+)");
+    const std::regex option("\n  (--[a-z-]+)");
     for (std::sregex_iterator match(help.begin(), help.end(), option), end; match != end;
          ++match, ++options) {
-      const std::regex word((*match)[1].str() + "[^a-z-]");
-      EXPECT_TRUE(std::regex_search(page, word)) << verb << " " << (*match)[1];
+      EXPECT_NE(page.find("\n    " + (*match)[1].str()), std::string::npos) << verb << " " << (*match)[1];
     }
   }
-  EXPECT_GT(options, 30U);
+  EXPECT_GT(options, 20U);
 }
 
 TEST_F(Program, HelpListsTheTables) {
@@ -138,7 +136,7 @@ TEST_F(Program, SaysWhatPoclLacksIfItOffersNoDevice) {
       "BROADCL_DEVICE= OCL_ICD_VENDORS=" + driver + " POCL_CACHE_DIR=/proc/nowhere";
   if (!fs::exists(driver)) GTEST_SKIP() << "PoCL is not installed";
   if (run("devices", environment).exit_code == 0) GTEST_SKIP() << "this PoCL needs no folder";
-  for (const std::string arguments : {"devices", "pairs four.npy --algorithm tiles", "study"}) {
+  for (const std::string arguments : {"devices", "pairs four.npy --algorithm tiles"}) {
     SCOPED_TRACE(arguments);
     expect_refused(run(arguments, environment),
                    "installed: Portable Computing Language; PoCL shows none without");
@@ -152,7 +150,7 @@ TEST_F(Program, WithoutAnyDeviceSaysWhatToInstall) {
   if (run("devices", "BROADCL_DEVICE= OCL_ICD_VENDORS=/nonexistent").exit_code == 0) {
     GTEST_SKIP() << "this OpenCL loader ignores OCL_ICD_VENDORS, so devices cannot be hidden";
   }
-  for (const std::string arguments : {"devices", "check", "pairs four.npy", "simulate --frames 1", "study"}) {
+  for (const std::string arguments : {"devices", "check", "pairs four.npy", "simulate --frames 1"}) {
     SCOPED_TRACE(arguments);
     expect_refused(run(arguments, "OCL_ICD_VENDORS=/nonexistent"), "install");
   }
@@ -261,9 +259,9 @@ TEST_P(ProgramBadInput, IsRefusedAndLeavesNothing) {
 }
 
 const std::vector<BadInput> bad_inputs = {
-    {"NoVerb", "", "no verb given; use devices, simulate, replay, study, pairs or check; see"},
+    {"NoVerb", "", "no verb given; use devices, simulate, replay, pairs or check; see"},
     {"UnknownVerb", "frobnicate",
-     "unknown verb 'frobnicate'; use devices, simulate, replay, study, pairs or check; see 'broadcl --help'"},
+     "unknown verb 'frobnicate'; use devices, simulate, replay, pairs or check; see 'broadcl --help'"},
     {"UnknownVerbWithOptions", "frobnicate --json", "unknown verb 'frobnicate'"},
     {"LineBreakInVerb", "'frob\nnicate'", "unknown verb 'frob nicate'"},
     {"TwoVerbs", "devices check", "check"},

@@ -99,8 +99,8 @@ TEST(NpyRead, NoBoxes) {
   EXPECT_TRUE(read(npy("{'descr': '<f4', 'fortran_order': False, 'shape': (0, 6), }", "")).empty());
 }
 
-TEST(NpyRead, KeysInAnyOrderAndAnySpacing) {
-  const std::string header = "{ \"shape\":(2,6,),'fortran_order' :False , 'descr': \"<f4\"}   \n";
+TEST(NpyRead, AnySpacing) {
+  const std::string header = "{ 'descr': '<f4','fortran_order' :False , 'shape':( 2,6 ,)}   \n";
   EXPECT_EQ(read(npy(header, bytes_of(two_rows))), two_boxes);
 }
 
@@ -174,35 +174,35 @@ std::vector<BadFile> bad_files() {
       {"TrailingByte", good + "x", "more than the 48 bytes"},
       {"HugeHeader", "\x93NUMPY" + little_endian(2, 2) + little_endian(0xffffffff, 4) + "{",
        "4294967295 bytes"},
-      {"NoDictionary", with_header("[1, 2]"), "'{' is missing"},
-      {"EmptyHeader", with_header(""), "'{' is missing"},
-      {"OpenDictionary", with_header("{'descr': '<f4'"), "'}' is missing"},
-      {"OpenString", with_header("{'descr: "), "a string has no closing quote"},
-      {"NoValue", with_header("{'descr'}"), "':' is missing"},
-      {"NoShape", with_header("{'descr': '<f4', 'fortran_order': False, }"), "'shape' is missing"},
+      {"NoDictionary", with_header("[1, 2]"), "header is malformed: [1, 2]; save"},
+      {"EmptyHeader", with_header(""), "header is malformed"},
+      {"OpenDictionary", with_header("{'descr': '<f4'"), "header is malformed"},
+      {"OpenString", with_header("{'descr: "), "header is malformed"},
+      {"NoShape", with_header("{'descr': '<f4', 'fortran_order': False, }"), "header is malformed"},
       {"UnknownKey", with_header("{'descr': '<f4', 'colour': 'red'}"), "'colour'"},
-      {"KeyTwice", with_header("{'descr': '<f4', 'descr': '<f4'}"), "repeated"},
       {"LineBreakInKey", with_header("{'a\nb': '<f4'}"), "'a b'"},
-      {"SomethingFollows", with_header(float_rows + " 1"), "after the dictionary"},
+      {"SomethingFollows", with_header(float_rows + " 1"), "header is malformed"},
       {"OrderIsANumber", with_header("{'descr': '<f4', 'fortran_order': 0, 'shape': (2, 6)}"),
-       "neither True"},
+       "header is malformed"},
+      {"LongHeader", with_header(std::string(4096, '(')), "it claims 4096 bytes"},
       {"Integers", with_dtype("'<i4'"), "dtype is '<i4'"},
       {"Half", with_dtype("'<f2'"), "dtype is '<f2'"},
       {"Object", with_dtype("'|O'"), "dtype is '|O'"},
       {"EmptyDtype", with_dtype("''"), "dtype is ''"},
       {"Records", with_dtype("[('x', '<f4')]"), "dtype is a record"},
-      {"DtypeIsANumber", with_dtype("4"), "a string is missing"},
+      {"DtypeIsANumber", with_dtype("4"), "header is malformed"},
       {"OneDimension", with_shape("(12,)"), "shape is (12,)"},
       {"NoDimension", with_shape("()"), "shape is ()"},
       {"ThreeDimensions", with_shape("(2, 2, 3)"), "shape is (2, 2, 3)"},
       {"FiveColumns", with_shape("(2, 5)"), "shape is (2, 5)"},
       {"RowsAndColumnsSwapped", with_shape("(6, 2)"), "shape is (6, 2)"},
-      {"NegativeShape", with_shape("(-2, 6)"), "not a tuple"},
-      {"FractionalShape", with_shape("(2.5, 6)"), "not a tuple"},
-      {"ShapeWithoutComma", with_shape("(2 6)"), "not a tuple"},
-      {"ShapeIsANumber", with_shape("(12)"), "not a tuple"},
-      {"ShapeIsOpen", with_header("{'descr': '<f4', 'fortran_order': False, 'shape': (2, 6"), "not a tuple"},
-      {"ShapeIsNoTuple", with_shape("12"), "'(' is missing"},
+      {"NegativeShape", with_shape("(-2, 6)"), "header is malformed"},
+      {"FractionalShape", with_shape("(2.5, 6)"), "header is malformed"},
+      {"ShapeWithoutComma", with_shape("(2 6)"), "header is malformed"},
+      {"ShapeIsANumber", with_shape("(12)"), "header is malformed"},
+      {"ShapeIsOpen", with_header("{'descr': '<f4', 'fortran_order': False, 'shape': (2, 6"),
+       "header is malformed"},
+      {"ShapeIsNoTuple", with_shape("12"), "header is malformed"},
       {"MoreRowsThanThereAre", with_shape("(4294967295, 6)"), "needs 103079215080 bytes"},
       {"MoreRowsThanIds", with_shape("(4294967296, 6)"), "too large"},
       {"SizeOverflows", with_shape("(3074457345618258604, 6)"), "too large"},

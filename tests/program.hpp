@@ -50,11 +50,15 @@ inline std::vector<std::string> lines_of(const std::string& text) {
   return lines;
 }
 
-/// A frame in a file that --csv has written: milliseconds, and pairs.
+/// A frame in a file that --csv has written: milliseconds by the wall clock and of the thread's CPU, and
+/// pairs.
 struct CsvRow {
   double update;
   double broad_phase;
   double total;
+  double update_cpu;
+  double broad_phase_cpu;
+  double total_cpu;
   std::size_t pairs;
 };
 
@@ -64,20 +68,26 @@ inline std::vector<CsvRow> csv_rows(const fs::path& file) {
   std::vector<CsvRow> rows;
   for (const std::string& line : lines) {
     if (&line == &lines.front()) {
-      EXPECT_EQ(line, "frame,update_ms,broad_phase_ms,total_ms,pairs");
+      EXPECT_EQ(
+          line,
+          "frame,update_ms,broad_phase_ms,total_ms,update_cpu_ms,broad_phase_cpu_ms,total_cpu_ms,pairs");
       continue;
     }
     std::istringstream stream(line);
     std::size_t frame = 0;
-    std::string commas(4, ' ');
+    std::string commas(7, ' ');
     CsvRow row{};
     stream >> frame >> commas[0] >> row.update >> commas[1] >> row.broad_phase >> commas[2] >> row.total >>
-        commas[3] >> row.pairs;
+        commas[3] >> row.update_cpu >> commas[4] >> row.broad_phase_cpu >> commas[5] >> row.total_cpu >>
+        commas[6] >> row.pairs;
     EXPECT_TRUE(stream && stream.peek() == EOF) << line;
-    EXPECT_EQ(commas, ",,,,");
+    EXPECT_EQ(commas, std::string(7, ','));
     EXPECT_EQ(frame, rows.size());
     EXPECT_GT(row.update, 0);
     EXPECT_GT(row.broad_phase, 0);
+    EXPECT_GE(row.update_cpu, 0);
+    EXPECT_GE(row.broad_phase_cpu, 0);
+    EXPECT_GE(row.total_cpu + 2e-6, row.update_cpu + row.broad_phase_cpu);  // each is rounded
     rows.push_back(row);
   }
   return rows;

@@ -27,7 +27,7 @@ for tool in 'apt-get:echo apt-get was called' 'dpkg-query:exit 1' 'id:echo 1000'
   chmod +x "$tools/${tool%%:*}"
 done
 status=0
-output=$(PATH=$tools scripts/setup report 2>&1) || status=$?
+output=$(PATH=$tools scripts/setup study 2>&1) || status=$?
 [[ $status -eq 2 ]] || fail "scripts/setup without root exits with $status: $output"
 [[ $output == *$'\napt-get update && apt-get install -y --no-install-recommends python3-numpy '* ]] ||
   fail "scripts/setup without root prints: $output"

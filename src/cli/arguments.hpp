@@ -19,7 +19,6 @@ namespace broadcl::cli {
 
 inline constexpr std::uint32_t most_objects = 1'000'000;
 inline constexpr std::uint32_t most_frames = 10'000'000;
-inline constexpr std::uint32_t most_repeats = 1000;
 
 /// Parses the value of an option: a whole decimal number from `lowest` to `highest`, inclusive.
 template <std::unsigned_integral Number>

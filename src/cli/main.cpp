@@ -44,7 +44,7 @@ std::vector<Verb> add_verbs(CLI::App& program) {
   return {
       add_devices(program),
 #ifdef BROADCL_WITH_BULLET
-      add_simulate(program), add_replay(program), add_study(program),
+      add_simulate(program), add_replay(program),
 #endif
       add_pairs(program),    add_check(program),
   };
@@ -55,6 +55,7 @@ Exit run(int argc, const char* const* argv) {
   program.set_version_flag("--version", "broadcl " BROADCL_VERSION_STRING);
   program.require_subcommand(0, 1);
   const std::vector<Verb> verbs = add_verbs(program);
+  program.set_help_all_flag("--help-all", "Print this and the help of every verb and exit");
   program.get_formatter()->label("SUBCOMMAND", "VERB");
   for (const Verb& verb : verbs) verb.arguments->group("Verbs");
   try {

@@ -10,7 +10,8 @@
 #include <fstream>
 #include <istream>
 #include <limits>
-#include <optional>
+#include <regex>
+#include <string>
 #include <system_error>
 #include <type_traits>
 #include <variant>
@@ -22,116 +23,44 @@ namespace broadcl::cli {
 namespace {
 
 constexpr std::string_view magic = "\x93NUMPY";
-constexpr std::size_t longest_header = 65535;
+constexpr std::size_t longest_header = 4096;  // NumPy writes 118 bytes for two dimensions
 constexpr std::size_t columns = 6;
 
-/// Reads the dictionary of a header, which is a Python literal:
+[[noreturn]] void fail(const std::string& header) {
+  throw Error("its header is malformed: " + one_line(header.substr(0, 100)) +
+              "; save the array again with numpy.save");
+}
+
+BoundType bound_type(const std::string& dtype) {
+  if (dtype.starts_with('[')) throw Error("its dtype is a record; float32 or float64 is needed");
+  const std::string name = dtype.substr(1, dtype.size() - 2);
+  if (name != "<f4" && name != ">f4" && name != "<f8" && name != ">f8") {
+    throw Error("its dtype is '" + one_line(name) + "'; float32 or float64 is needed");
+  }
+  return {.is_double = name.back() == '8', .big_endian = name.front() == '>'};
+}
+
+/// The dictionary of a header, a Python literal, in the order in which NumPy writes it:
 /// {'descr': '<f4', 'fortran_order': False, 'shape': (3, 6), }
-class HeaderParser {
- public:
-  explicit HeaderParser(std::string_view text) : rest_(text) {}
-
-  NpyHeader parse() {
-    std::optional<std::string> dtype;
-    std::optional<bool> fortran_order;
-    std::optional<std::vector<std::uint64_t>> shape;
-    expect('{');
-    while (!accept('}')) {
-      const std::string key = string();
-      expect(':');
-      if (key == "descr" && !dtype) {
-        dtype = dtype_string();
-      } else if (key == "fortran_order" && !fortran_order) {
-        fortran_order = boolean();
-      } else if (key == "shape" && !shape) {
-        shape = tuple();
-      } else {
-        fail("the key '" + key + "' is unknown or repeated");
-      }
-      if (!accept(',')) {
-        expect('}');
-        break;
-      }
+NpyHeader parse(const std::string& text) {
+  static const std::regex dictionary(
+      R"(\s*\{\s*'descr'\s*:\s*('[^']*'|\[[^\]]*\])\s*,\s*'fortran_order'\s*:\s*(True|False)\s*,)"
+      R"(\s*'shape'\s*:\s*\(\s*((?:\d+\s*,\s*)*)(\d*)\s*\)\s*,?\s*\}\s*)");
+  std::smatch found;
+  if (!std::regex_match(text, found, dictionary)) fail(text);
+  const std::string sizes = found.str(3) + found.str(4);
+  if (found.str(3).empty() && !sizes.empty()) fail(text);  // (3) is not a tuple
+  NpyHeader header{.bounds = bound_type(found.str(1)), .fortran_order = found.str(2) == "True", .shape = {}};
+  static const std::regex number("\\d+");
+  for (std::sregex_iterator size(sizes.begin(), sizes.end(), number), end; size != end; ++size) {
+    const std::string digits = size->str();
+    std::uint64_t& value = header.shape.emplace_back();
+    if (std::from_chars(digits.data(), digits.data() + digits.size(), value).ec != std::errc()) {
+      throw Error("its shape is too large for any memory");
     }
-    skip_spaces();
-    if (!rest_.empty()) fail("there is text after the dictionary");
-    if (!dtype || !fortran_order || !shape) fail("'descr', 'fortran_order' or 'shape' is missing");
-    return {.bounds = bound_type(*dtype), .fortran_order = *fortran_order, .shape = *shape};
   }
-
- private:
-  [[noreturn]] static void fail(const std::string& what) {
-    throw Error("its header is malformed: " + one_line(what) + "; save the array again with numpy.save");
-  }
-
-  void skip_spaces() { rest_.remove_prefix(std::min(rest_.find_first_not_of(" \t\n"), rest_.size())); }
-
-  bool accept(std::string_view token) {
-    skip_spaces();
-    if (!rest_.starts_with(token)) return false;
-    rest_.remove_prefix(token.size());
-    return true;
-  }
-  bool accept(char token) { return accept(std::string_view(&token, 1)); }
-
-  void expect(char token) {
-    if (!accept(token)) fail(std::string("'") + token + "' is missing");
-  }
-
-  std::string string() {
-    skip_spaces();
-    const char quote = rest_.empty() ? '\0' : rest_.front();
-    if (quote != '\'' && quote != '"') fail("a string is missing");
-    const std::size_t end = rest_.find(quote, 1);
-    if (end == std::string_view::npos) fail("a string has no closing quote");
-    std::string text(rest_.substr(1, end - 1));
-    rest_.remove_prefix(end + 1);
-    return text;
-  }
-
-  std::string dtype_string() {
-    if (accept('[')) throw Error("its dtype is a record; float32 or float64 is needed");
-    return string();
-  }
-
-  static BoundType bound_type(const std::string& dtype) {
-    if (dtype != "<f4" && dtype != ">f4" && dtype != "<f8" && dtype != ">f8") {
-      throw Error("its dtype is '" + one_line(dtype) + "'; float32 or float64 is needed");
-    }
-    return {.is_double = dtype.back() == '8', .big_endian = dtype.front() == '>'};
-  }
-
-  bool boolean() {
-    if (accept("True")) return true;
-    if (!accept("False")) fail("'fortran_order' is neither True nor False");
-    return false;
-  }
-
-  std::uint64_t integer() {
-    skip_spaces();
-    std::uint64_t value = 0;
-    const auto [end, error] = std::from_chars(rest_.data(), rest_.data() + rest_.size(), value);
-    if (error == std::errc::result_out_of_range) throw Error("its shape is too large for any memory");
-    if (error != std::errc()) fail("'shape' is not a tuple of sizes");
-    rest_.remove_prefix(static_cast<std::size_t>(end - rest_.data()));
-    return value;
-  }
-
-  std::vector<std::uint64_t> tuple() {
-    std::vector<std::uint64_t> sizes;
-    bool comma = true;
-    expect('(');
-    while (!accept(')')) {
-      if (!comma) fail("'shape' is not a tuple of sizes");
-      sizes.push_back(integer());
-      comma = accept(',');
-    }
-    if (sizes.size() == 1 && !comma) fail("'shape' is not a tuple of sizes");
-    return sizes;
-  }
-
-  std::string_view rest_;
-};
+  return header;
+}
 
 /// Reads up to `size` bytes; fewer if the stream ends early.
 std::string read_bytes(std::istream& stream, std::size_t size) {
@@ -217,11 +146,11 @@ NpyHeader read_npy_header(std::istream& stream) {
   if (version.size() < 2 || length_bytes.size() < length_size) throw Error("it ends within its header");
   length_bytes.resize(4);
   const auto length = load<std::uint32_t>(length_bytes.data(), false);
-  if (length > longest_header)
+  if (length >= longest_header)
     throw Error("its header is malformed: it claims " + std::to_string(length) + " bytes");
   const std::string text = read_bytes(stream, length);
   if (text.size() < length) throw Error("it ends within its header");
-  return HeaderParser(text).parse();
+  return parse(text);
 }
 
 std::string npy_header(std::string_view dtype, const std::vector<std::uint64_t>& shape) {

@@ -1,6 +1,5 @@
 #pragma once
 
-#include <algorithm>
 #include <chrono>
 #include <cstdint>
 #include <cstdio>
@@ -27,8 +26,10 @@ namespace broadcl::cli {
 class ProgressBar {
  public:
   /// @param steps How often advance() will be called.
-  explicit ProgressBar(std::uint64_t steps = 1) : steps_(steps), visible_(is_terminal(stderr)) {}
-  ~ProgressBar() { clear(); }
+  explicit ProgressBar(std::uint64_t steps) : steps_(steps), visible_(is_terminal(stderr)) {}
+  ~ProgressBar() {
+    if (visible_ && shown_) std::fputs("\r\033[K", stderr);
+  }
   ProgressBar(const ProgressBar&) = delete;
   ProgressBar& operator=(const ProgressBar&) = delete;
   ProgressBar(ProgressBar&&) = delete;
@@ -41,28 +42,6 @@ class ProgressBar {
          seconds_left(done_, steps_, seconds_since(first_ended_)));
   }
 
-  /// @param share How much of the work is done, 0 to 1.
-  /// @param seconds How long the rest will take, if that is known.
-  void show(double share, std::optional<double> seconds) {
-    constexpr double interval = 0.1;
-    constexpr double width = 50;
-    if (!visible_ || (shown_ && seconds_since(*shown_) < interval)) return;
-    shown_ = Clock::now();
-    const double bounded = std::clamp(share, 0.0, 1.0);
-    const auto filled = static_cast<std::size_t>(bounded * width);
-    const std::string bar = left(std::string(filled, '#'), static_cast<std::size_t>(width));
-    const std::string rest = seconds ? ", " + duration_text(*seconds) + " left" : "";
-    std::fprintf(stderr, "\r[%s] %3.0f %%%s\033[K", bar.c_str(), bounded * 100, rest.c_str());
-    std::fflush(stderr);
-  }
-
-  /// Prints a line to stderr, whether or not it is a terminal.
-  void say(const std::string& line) {
-    clear();
-    shown_.reset();
-    std::fputs((line + "\n").c_str(), stderr);
-  }
-
  private:
   using Clock = std::chrono::steady_clock;
 
@@ -70,8 +49,18 @@ class ProgressBar {
     return std::chrono::duration<double>(Clock::now() - begin).count();
   }
 
-  void clear() const {
-    if (visible_ && shown_) std::fputs("\r\033[K", stderr);
+  /// @param share How much of the work is done, 0 to 1.
+  /// @param seconds How long the rest will take, if that is known.
+  void show(double share, std::optional<double> seconds) {
+    constexpr double interval = 0.1;
+    constexpr double width = 50;
+    if (!visible_ || (shown_ && seconds_since(*shown_) < interval)) return;
+    shown_ = Clock::now();
+    const auto filled = static_cast<std::size_t>(share * width);
+    const std::string bar = left(std::string(filled, '#'), static_cast<std::size_t>(width));
+    const std::string rest = seconds ? ", " + duration_text(*seconds) + " left" : "";
+    std::fprintf(stderr, "\r[%s] %3.0f %%%s\033[K", bar.c_str(), share * 100, rest.c_str());
+    std::fflush(stderr);
   }
 
   std::uint64_t steps_;

@@ -73,8 +73,7 @@ Exit run_comparison(const SimulateOptions& options) {
                       !options.record.empty() || options.simulation.profile;
   if (stores) {
     throw Error(
-        "--csv, --json, --trace, --record and --profile are for one broad phase; 'broadcl study' "
-        "stores the times of several");
+        "--csv, --json, --trace, --record and --profile are for one broad phase; name one with --broadphase");
   }
   for (const std::string& name : names) (void)scenes::find_broadphase(name);
   std::vector<SimulationResult> results;

@@ -74,6 +74,9 @@ void add_times(SimulationResult& result, const scenes::FrameTimes& times) {
   result.broad_phase_start.push_back(times.broad_phase_start * 1e3);
   result.broad_phase.push_back(times.broad_phase * 1e3);
   result.total.push_back(times.total * 1e3);
+  result.cpu.update.push_back(times.cpu.update * 1e3);
+  result.cpu.broad_phase.push_back(times.cpu.broad_phase * 1e3);
+  result.cpu.total.push_back(times.cpu.total * 1e3);
 }
 
 void add_frame(Verdict& verdict, std::uint32_t frame, const scenes::Difference& difference) {

@@ -41,6 +41,13 @@ struct Verdict {
   std::optional<std::uint32_t> first_wrong_frame;
 };
 
+/// Milliseconds of the parts of a frame; one value per frame each.
+struct CpuMilliseconds {
+  std::vector<double> update;
+  std::vector<double> broad_phase;
+  std::vector<double> total;
+};
+
 /// One value per frame each; times in milliseconds.
 struct SimulationResult {
   std::vector<std::chrono::steady_clock::time_point> start;
@@ -49,6 +56,7 @@ struct SimulationResult {
   std::vector<double> broad_phase_start;  ///< Since the start of the frame.
   std::vector<double> broad_phase;
   std::vector<double> total;
+  CpuMilliseconds cpu;  ///< Of the thread that simulates.
   std::vector<std::size_t> pairs;
   /// Of the broad phase; empty if they were not asked for or if it has none.
   std::vector<std::vector<Stage>> stages;
@@ -90,7 +98,7 @@ struct Frames {
 [[nodiscard]] nlohmann::ordered_json versions();
 /// What every document says about its simulation: "config", "device" and "versions".
 [[nodiscard]] nlohmann::ordered_json facts(const SimulationConfig& config, const SimulationResult& result);
-/// One row per frame: frame,update_ms,broad_phase_ms,total_ms,pairs.
+/// One row per frame: its number, times by the wall clock and of the thread's CPU, and the number of pairs.
 [[nodiscard]] std::string csv_report(const SimulationResult& result);
 /// The configuration and the summary.
 [[nodiscard]] std::string json_report(const SimulationConfig& config, const SimulationResult& result);

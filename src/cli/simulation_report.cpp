@@ -188,6 +188,9 @@ std::string document_text(const ordered_json& config, const SimulationResult& re
   document["milliseconds"] = {{"update", json_of(result.update)},
                               {"broad_phase", json_of(result.broad_phase)},
                               {"total", json_of(result.total)}};
+  document["cpu_milliseconds"] = {{"update", json_of(result.cpu.update)},
+                                  {"broad_phase", json_of(result.cpu.broad_phase)},
+                                  {"total", json_of(result.cpu.total)}};
   document["stages"] = stages;
   document["pairs"] = {{"mean", mean_of(result.pairs)}, {"last", result.pairs.back()}};
   document["verify"] = result.verdict ? json_of(*result.verdict) : ordered_json();
@@ -198,11 +201,16 @@ std::string document_text(const ordered_json& config, const SimulationResult& re
 
 std::string csv_report(const SimulationResult& result) {
   constexpr int decimals = 6;
-  std::string text = "frame,update_ms,broad_phase_ms,total_ms,pairs\n";
+  std::string text =
+      "frame,update_ms,broad_phase_ms,total_ms,update_cpu_ms,broad_phase_cpu_ms,total_cpu_ms,pairs\n";
   for (std::size_t frame = 0; frame < result.total.size(); ++frame) {
-    text += std::to_string(frame) + "," + fixed(result.update[frame], decimals) + "," +
-            fixed(result.broad_phase[frame], decimals) + "," + fixed(result.total[frame], decimals) + "," +
-            std::to_string(result.pairs[frame]) + "\n";
+    text += std::to_string(frame) + ",";
+    for (const std::vector<double>* times :
+         {&result.update, &result.broad_phase, &result.total, &result.cpu.update, &result.cpu.broad_phase,
+          &result.cpu.total}) {
+      text += fixed((*times)[frame], decimals) + ",";
+    }
+    text += std::to_string(result.pairs[frame]) + "\n";
   }
   return text;
 }

@@ -19,13 +19,6 @@ std::string quoted(const std::filesystem::path& path) {
   return std::string("'").append(one_line(path.string())).append("'");
 }
 
-std::string csv_field(const std::string& text) {
-  if (text.find_first_of(",\"\r\n") == std::string::npos) return text;
-  std::string field = "\"";
-  for (const char c : text) field += c == '"' ? "\"\"" : std::string(1, c);
-  return field + "\"";
-}
-
 std::string fixed(double value, int decimals) {
   std::ostringstream stream;
   stream << std::fixed << std::setprecision(decimals) << value;
@@ -41,24 +34,6 @@ std::string size_text(std::uint64_t bytes) {
     ++unit;
   }
   return fixed(value, unit == 0 ? 0 : 1) + " " + std::string(units[unit]);
-}
-
-std::string list_of(const std::vector<std::string>& names) {
-  std::string text;
-  for (const std::string& name : names) text += (text.empty() ? "" : ",") + name;
-  return text;
-}
-
-std::string list_of(const std::vector<std::uint32_t>& numbers) {
-  std::string text;
-  for (const std::uint32_t number : numbers) text += (text.empty() ? "" : ",") + std::to_string(number);
-  return text;
-}
-
-std::string grouped(std::uint64_t value) {
-  std::string text = std::to_string(value);
-  for (std::size_t place = text.size(); place > 3; place -= 3) text.insert(place - 3, ",");
-  return text;
 }
 
 std::string counted(std::uint64_t count, const std::string& noun) {

@@ -3,7 +3,6 @@
 #include <cstdint>
 #include <filesystem>
 #include <string>
-#include <vector>
 
 namespace broadcl::cli {
 
@@ -13,21 +12,11 @@ namespace broadcl::cli {
 /// A path for messages: quoted, on one line.
 [[nodiscard]] std::string quoted(const std::filesystem::path& path);
 
-/// A text as a field of a CSV file, quoted if necessary (RFC 4180).
-[[nodiscard]] std::string csv_field(const std::string& text);
-
 /// "3.1416" for 4 decimals.
 [[nodiscard]] std::string fixed(double value, int decimals);
 
 /// "15.6 GiB", for a number of bytes.
 [[nodiscard]] std::string size_text(std::uint64_t bytes);
-
-/// The elements separated by commas, as options take lists.
-[[nodiscard]] std::string list_of(const std::vector<std::string>& names);
-[[nodiscard]] std::string list_of(const std::vector<std::uint32_t>& numbers);
-
-/// "16,000".
-[[nodiscard]] std::string grouped(std::uint64_t value);
 
 /// "1 frame", "12 frames", "1 box", "2 boxes".
 [[nodiscard]] std::string counted(std::uint64_t count, const std::string& noun);

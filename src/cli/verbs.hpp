@@ -27,6 +27,5 @@ struct Verb {
 [[nodiscard]] Verb add_replay(CLI::App& program);
 [[nodiscard]] Verb add_pairs(CLI::App& program);
 [[nodiscard]] Verb add_check(CLI::App& program);
-[[nodiscard]] Verb add_study(CLI::App& program);
 
 }  // namespace broadcl::cli

@@ -7,6 +7,7 @@
 #include <cstddef>
 
 #include "scenes/remove_all_pairs.hpp"
+#include "scenes/thread_time.hpp"
 
 namespace broadcl::scenes {
 namespace {
@@ -34,21 +35,28 @@ BoxWorld::~BoxWorld() {
 
 FrameTimes BoxWorld::step(std::span<const Aabb> boxes) {
   using Clock = std::chrono::steady_clock;
+  const double cpu_begin = thread_seconds();
   const Clock::time_point begin = Clock::now();
   for (std::size_t k = 0; k < proxies_.size(); ++k) {
     broadphase_.setAabb(proxies_[k], to_bullet(boxes[k].lower), to_bullet(boxes[k].upper), nullptr);
   }
   const Clock::time_point updated = Clock::now();
+  const double cpu_updated = thread_seconds();
+  const Clock::time_point search = Clock::now();
   broadphase_.calculateOverlappingPairs(nullptr);
   const Clock::time_point end = Clock::now();
   const std::chrono::duration<double> update = updated - begin;
-  const std::chrono::duration<double> broad_phase = end - updated;
+  const std::chrono::duration<double> broad_phase = end - search;
+  const double cpu_end = thread_seconds();
   return {.start = begin,
           .update_start = 0,
           .update = update.count(),
           .broad_phase_start = update.count(),
           .broad_phase = broad_phase.count(),
-          .total = update.count() + broad_phase.count()};
+          .total = update.count() + broad_phase.count(),
+          .cpu = {.update = cpu_updated - cpu_begin,
+                  .broad_phase = cpu_end - cpu_updated,
+                  .total = cpu_end - cpu_begin}};
 }
 
 Difference BoxWorld::verify(std::span<const Aabb> boxes) {

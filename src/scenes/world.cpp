@@ -1,6 +1,5 @@
 #include "scenes/world.hpp"
 
-#include <BulletCollision/BroadphaseCollision/btDbvtBroadphase.h>
 #include <BulletCollision/CollisionDispatch/btCollisionDispatcherMt.h>
 #include <BulletCollision/CollisionDispatch/btDefaultCollisionConfiguration.h>
 #include <BulletCollision/CollisionShapes/btBoxShape.h>
@@ -13,7 +12,6 @@
 #include <array>
 #include <chrono>
 #include <cstdint>
-#include <limits>
 #include <map>
 #include <numbers>
 #include <set>
@@ -22,6 +20,7 @@
 
 #include "scenes/remove_all_pairs.hpp"
 #include "scenes/task_scheduler.hpp"
+#include "scenes/thread_time.hpp"
 
 namespace broadcl::scenes {
 namespace {
@@ -32,17 +31,21 @@ double seconds(TimePoint begin, TimePoint end) {
   return std::chrono::duration<double>(end - begin).count();
 }
 
-/// When something ran.
+/// When something ran, and how long this thread worked meanwhile.
 struct Interval {
   TimePoint begin;
   TimePoint end;
+  double cpu;  // seconds
 };
 
 template <class Function>
 Interval measure(Function&& function) {
+  // What is measured with the wall clock does not contain the readings of the other one, which take longer.
+  const double cpu = thread_seconds();
   const TimePoint begin = std::chrono::steady_clock::now();
   function();
-  return {begin, std::chrono::steady_clock::now()};
+  const TimePoint end = std::chrono::steady_clock::now();
+  return {begin, end, thread_seconds() - cpu};
 }
 
 btVector3 to_bullet(const Eigen::Vector3f& v) {
@@ -78,29 +81,6 @@ class TimedWorld final : public BulletWorld {
  private:
   Stages& stages_;
 };
-
-/// The parts of a world without objects.
-struct EmptyWorld {
-  btDefaultCollisionConfiguration config;
-  btCollisionDispatcher dispatcher{&config};
-  btDbvtBroadphase broadphase;
-  btSequentialImpulseConstraintSolver solver;
-};
-
-/// Seconds per call: the minimum of several means.
-template <class Function>
-double least_seconds(Function&& function) {
-  constexpr int batches = 20;
-  constexpr int calls = 2000;
-  double least = std::numeric_limits<double>::max();
-  for (int batch = 0; batch < batches; ++batch) {
-    const Interval all = measure([&] {
-      for (int call = 0; call < calls; ++call) function();
-    });
-    least = std::min(least, seconds(all.begin, all.end) / calls);
-  }
-  return least;
-}
 
 /// Pools large enough for the contacts of crowded scenes. Bullet's default pools hold 4,096 pairs; further
 /// ones come from the heap.
@@ -197,7 +177,8 @@ class World::Impl {
             .update = seconds(update.begin, update.end) + exchange_seconds,
             .broad_phase_start = seconds(frame.begin, broad_phase.begin),
             .broad_phase = seconds(broad_phase.begin, broad_phase.end),
-            .total = seconds(frame.begin, frame.end)};
+            .total = seconds(frame.begin, frame.end),
+            .cpu = {.update = update.cpu + exchange.cpu, .broad_phase = broad_phase.cpu, .total = frame.cpu}};
   }
 
   [[nodiscard]] const Scenario& scenario() const noexcept { return scenario_; }
@@ -295,21 +276,6 @@ class World::Impl {
   std::vector<std::unique_ptr<btRigidBody>> bodies_;
   Physics physics_;
 };
-
-double measuring_overhead() {
-  EmptyWorld parts;
-  const auto stages_of = [&](btDiscreteDynamicsWorld& world) {
-    world.updateAabbs();
-    world.computeOverlappingPairs();
-  };
-  btDiscreteDynamicsWorld plain(&parts.dispatcher, &parts.broadphase, &parts.solver, &parts.config);
-  Stages stages;
-  TimedWorld<btDiscreteDynamicsWorld> timed(stages, &parts.dispatcher, &parts.broadphase, &parts.solver,
-                                            &parts.config);
-  const double without = least_seconds([&] { stages_of(plain); });
-  const double with = least_seconds([&] { (void)measure([&] { stages_of(timed); }); });
-  return with - without;
-}
 
 World::World(const Scenario::Config& config, btBroadphaseInterface& broadphase, std::uint32_t threads)
     : impl_(std::make_unique<Impl>(config, broadphase, threads)) {}

@@ -1,1 +1,0 @@
-"""Makes the report of a study: one HTML file that needs no network, and its figures as SVG and PNG files."""

@@ -1,0 +1,1 @@
+"""Repeats the comparison of Serpa and Rodrigues: plans and runs simulations, and makes a page of the results."""
