@@ -35,7 +35,8 @@ class Grid {
   [[nodiscard]] std::size_t cell_of(const Corners& box) const noexcept {
     const Lanes c = box.centroid();
     const auto intervals = -((c > borders_[0]) + (c > borders_[1]) + (c > borders_[2]));
-    return static_cast<std::size_t>(16 * intervals[0] + 4 * intervals[1] + intervals[2]);
+    const int cell = 16 * intervals[0] + 4 * intervals[1] + intervals[2];
+    return static_cast<std::size_t>(cell);
   }
   /// Whether a box would make that of its cell useless, since it is longer than most cells, or is outside the
   /// space in which most boxes are.

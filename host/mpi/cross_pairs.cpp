@@ -49,8 +49,8 @@ void CrossPairs::set_exclusions(std::vector<MpiPair> pairs) noexcept {
 
 std::span<const MpiPair> CrossPairs::exclusions_with(std::size_t other) const {
   const auto rank = [](const MpiPair& pair) { return static_cast<std::size_t>(rank_of(pair.b)); };
-  const auto [begin, end] = std::ranges::equal_range(exclusions_, other, {}, rank);
-  return {begin, end};
+  const auto begin = std::ranges::lower_bound(exclusions_, other, {}, rank);
+  return {begin, std::ranges::upper_bound(begin, exclusions_.end(), other, {}, rank)};
 }
 
 /// Receives messages of the ranks that send to this one, and that of this rank to itself.
