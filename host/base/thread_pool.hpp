@@ -16,7 +16,8 @@ namespace broadcl {
 /// could start. They start when they are needed, and end when they have been idle for ten seconds; a forked
 /// child starts its own.
 /// @param work Must not throw.
-BROADCL_API void share_work(std::size_t helpers, void (*work)(void* context, std::size_t thread), void* context) noexcept;
+BROADCL_API void share_work(std::size_t helpers, void (*work)(void* context, std::size_t thread),
+                            void* context) noexcept;
 
 /// While it exists, free_processors() leaves a processor to a thread that is not of the pool, so that no
 /// helper has to wait for it.

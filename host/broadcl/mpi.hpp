@@ -69,8 +69,8 @@ struct MpiDelta {
 /// ranks together are those of one BroadPhase that has all objects.
 ///
 /// Each rank's device finds the pairs of its own objects. Only objects near those of another rank, its halo,
-/// are sent to that rank. So place objects that are near each other on the same rank. If objects lie anywhere,
-/// each rank gets the boxes of all others, which is as slow as it sounds.
+/// are sent to that rank. So place objects that are near each other on the same rank. If objects lie
+/// anywhere, each rank gets the boxes of all others, which is as slow as it sounds.
 ///
 /// The constructor, update(), pairs() and the destructor are collective: all ranks of the communicator call
 /// them, in the same order. So is an assignment to an object that is in use, because it destroys that one.
@@ -151,8 +151,8 @@ class BROADCL_MPI_API MpiBroadPhase {
   /// The stages of the last update on this rank: those of the search among its own objects, as
   /// BroadPhase::profile() has them; then, by the host's clock, "begin" (starts that search), "halo" (decides
   /// which objects other ranks need), "send", "find" (searches the halos), "return" (sends the changes to the
-  /// ranks of the first objects) and "finish" (waits for the first search). All but "begin" and "find" include
-  /// waiting for other ranks. Valid until the next update().
+  /// ranks of the first objects) and "finish" (waits for the first search). All but "begin" and "find"
+  /// include waiting for other ranks. Valid until the next update().
   [[nodiscard]] std::span<const Stage> profile() const noexcept;
 
   /// Bytes of boxes and pairs that this rank sent to others in the last update, until pairs() is called.
