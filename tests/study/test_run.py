@@ -25,7 +25,9 @@ class Runner:
 
     def start(self, arguments: str, **environment: str) -> subprocess.Popen[str]:
         command = [sys.executable, "-m", "study", "--program", str(self.program), "--no-page", *arguments.split()]
+        # A shell makes what it starts in the background ignore SIGINT.
         return subprocess.Popen(command, cwd=self.folder, text=True, stderr=subprocess.PIPE,
+                                preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
                                 env={**os.environ, "PYTHONPATH": str(Path(__file__).parents[2]), **environment})  # fmt: skip
 
     def __call__(self, arguments: str = TINY, status: int = 0, **environment: str) -> str:
