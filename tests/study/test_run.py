@@ -134,7 +134,9 @@ def test_parts_minutes_and_jobs(run: Runner) -> None:
     assert len(set(processors)) == len(processors) == threads * (document["jobs"] > 1)
     (run.folder / "log").write_text("")
     run(f"{TINY} --out u --jobs {min(2, threads)} --gpus 2")
-    assert {call[-1] for call in run.calls if "free-fall --objects 5" in call} == set("01"[: min(2, threads)])
+    gpus = set("01"[: min(2, threads)])
+    assert {gpu for _, gpu in json.loads((run.folder / "u" / "study.json").read_text())["shares"]} == gpus
+    assert {call[-1] for call in run.calls if "free-fall --objects 5" in call} <= gpus
 
 
 @pytest.mark.parametrize(
