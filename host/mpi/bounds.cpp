@@ -39,15 +39,16 @@ Aabb enlarged(Aabb box, float margin) noexcept {
 /// Makes a box so small that it does not meet another one, and keeps as much of it as possible.
 void cut(Aabb& box, const Aabb& other) noexcept {
   if (!packed_overlaps(box, other)) return;
-  const float infinity = std::numeric_limits<float>::infinity();
+  constexpr float infinity = std::numeric_limits<float>::infinity();
+  constexpr float least_step = std::numeric_limits<float>::min();  // A processor may take less for zero.
   float most = 0;
   Aabb best = packed_empty();
   for (std::size_t axis = 0; axis < 3; ++axis) {
     const float length = box.upper[axis] - box.lower[axis];
     Aabb below = box;
     Aabb above = box;
-    below.upper[axis] = std::nextafter(other.lower[axis], -infinity);
-    above.lower[axis] = std::nextafter(other.upper[axis], infinity);
+    below.upper[axis] = std::nextafter(other.lower[axis] - least_step, -infinity);
+    above.lower[axis] = std::nextafter(other.upper[axis] + least_step, infinity);
     for (const Aabb& rest : {below, above}) {
       const float part = (rest.upper[axis] - rest.lower[axis]) / length;
       if (part > most) {

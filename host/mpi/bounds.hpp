@@ -83,9 +83,6 @@ class OwnBounds {
   void grow_older() noexcept { ++age_; }
 
   [[nodiscard]] const Bounds& get() const noexcept { return bounds_; }
-  [[nodiscard]] const Grid& grid() const noexcept { return grid_; }
-  /// Those in Bounds::large, ascending.
-  [[nodiscard]] std::span<const std::uint32_t> large_ids() const noexcept { return large_ids_; }
 
   /// The number of a cell or `alone`, if the bounds there contain the box; otherwise `outside`.
   [[nodiscard]] std::size_t place_of(std::uint32_t id, const Corners& box) const noexcept {
@@ -99,9 +96,9 @@ class OwnBounds {
   Grid grid_;
   Bounds bounds_{};
   std::array<Corners, cell_count> cells_{};  // of bounds_
-  std::vector<std::uint32_t> large_ids_;
-  float margin_ = 1.0F / 64;  // in cells
-  std::size_t age_ = 0;       // updates
+  std::vector<std::uint32_t> large_ids_;     // of bounds_, ascending
+  float margin_ = 1.0F / 64;                 // in cells
+  std::size_t age_ = 0;                      // updates
   std::size_t objects_ = 0;
   bool are_there_ = false;
 };

@@ -34,13 +34,7 @@ void append(const Bytes& message, std::vector<MpiPair>& added, std::vector<MpiPa
 }  // namespace
 
 CrossPairs::CrossPairs(const Config& config, std::size_t rank, std::size_t ranks)
-    : rank_(rank),
-      bounds_(ranks),
-      halos_(ranks),
-      search_(config, rank, ranks),
-      near_(ranks),
-      out_(ranks),
-      in_(ranks) {}
+    : rank_(rank), halos_(ranks), search_(config, rank, ranks), near_(ranks), out_(ranks), in_(ranks) {}
 
 void CrossPairs::set_exclusions(std::vector<MpiPair> pairs) noexcept {
   exclusions_ = std::move(pairs);
@@ -103,8 +97,8 @@ void CrossPairs::exchange_bounds(const Ranks& ranks, Objects& objects, bool is_d
     const Grid grid(objects.sample());
     own_bounds_.renew(grid, objects.survey(grid), objects.count());
   });
-  bounds_ = ranks.gather(own_bounds_.get());
-  ranks.together([&] { neighbours_.set(rank_, own_bounds_, bounds_); });
+  const std::vector<Bounds> bounds = ranks.gather(own_bounds_.get());
+  ranks.together([&] { neighbours_.set(rank_, own_bounds_, bounds); });
   const std::vector<Aabb> interiors = ranks.gather(neighbours_.interior());
   neighbours_.set_interior(rank_, interiors);
   are_bounds_due_ = false;

@@ -51,7 +51,6 @@ class CrossPairs {
  private:
   void find_halos(const Ranks& ranks, Objects& objects);
   void exchange_bounds(const Ranks& ranks, Objects& objects, bool is_due);
-  void make_halos(Objects& objects);
   void receive_halos();
   void exchange(const Ranks& ranks);
   void write_pairs();
@@ -60,7 +59,6 @@ class CrossPairs {
 
   std::size_t rank_;
   OwnBounds own_bounds_;
-  std::vector<Bounds> bounds_;  // by rank
   Neighbours neighbours_;
   std::vector<HaloHistory> halos_;  // by rank: Neighbours
   HaloSearch search_;

@@ -1,7 +1,6 @@
 #include "mpi/halos.hpp"
 
 #include <algorithm>
-#include <array>
 #include <cstring>
 #include <iterator>
 #include <type_traits>

@@ -76,7 +76,7 @@ Delta HostObjects::finish() {
   is_begun_ = false;
   deltas_.push_back(search_.finish());  // within its capacity
   if (deltas_.size() == 1) return deltas_.front();
-  const auto lists = std::make_shared<PairLists>(together(deltas_, changes_.recycled()));
+  const auto lists = std::make_shared<PairLists>(combined(deltas_, changes_.recycled()));
   return {.added = lists->added, .removed = lists->removed, .owner = lists};
 }
 

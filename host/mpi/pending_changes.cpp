@@ -41,7 +41,7 @@ void for_each_pair(std::span<const Event> events, const Function& function) {
 
 }  // namespace
 
-PairLists together(Updates updates, std::span<const std::uint32_t> recycled) {
+PairLists combined(Updates updates, std::span<const std::uint32_t> recycled) {
   const auto is_recycled = [&](std::uint32_t id) { return std::ranges::binary_search(recycled, id); };
   PairLists lists;
   for_each_pair(events_of(updates), [&](std::span<const Event> events) {

@@ -18,7 +18,7 @@ struct PairLists {
 
 /// What several updates changed together.
 /// @param recycled Ids that were given to other objects meanwhile, ascending.
-[[nodiscard]] PairLists together(Updates updates, std::span<const std::uint32_t> recycled);
+[[nodiscard]] PairLists combined(Updates updates, std::span<const std::uint32_t> recycled);
 
 /// All pairs from before some updates.
 /// @param pairs Those from after them, in canonical order.
