@@ -1,6 +1,9 @@
 #include <broadcl/broad_phase.hpp>
 
 #include <algorithm>
+#include <cstddef>
+#include <cstdint>
+#include <functional>
 #include <memory>
 #include <span>
 #include <vector>
@@ -60,6 +63,42 @@ TEST_P(EachAlgorithm, SmallNewObjectsOfAMapAreEmpty) {
   const std::span<Aabb> boxes = broad_phase.map(40);
   for (std::size_t k = 10; k < 40; ++k) ASSERT_TRUE(is_empty(boxes[k]) && !has_nan(boxes[k])) << k;
   EXPECT_EQ(broad_phase.update().removed.size(), 30U * 29 / 2 - 45);
+}
+
+// One by one and together, also during an update and after others were mapped.
+TEST_P(EachAlgorithm, SmallObjectsThatBecameEmptyHaveNoNaNInAMap) {
+  const std::vector<Aabb> empty(2, empty_aabb());
+  const std::vector<std::uint32_t> last{7, 8};
+  const auto check = [&](const std::function<void(BroadPhase&)>& make_empty, std::ptrdiff_t count) {
+    BroadPhase broad_phase(config());
+    for (std::uint32_t k = 0; k < 9; ++k) broad_phase.add(apart(k));
+    make_empty(broad_phase);
+    const std::span<Aabb> boxes = broad_phase.map(9);
+    EXPECT_EQ(std::ranges::count_if(boxes, is_empty), count);
+    EXPECT_TRUE(std::ranges::none_of(boxes, has_nan));
+    EXPECT_NO_THROW((void)broad_phase.update());
+  };
+  check([&](BroadPhase& of) { of.move(8, empty[0]); }, 1);
+  check([&](BroadPhase& of) { of.move(last, BoxView(empty)); }, 2);
+  for (const bool are_several : {false, true}) {
+    const auto move = [&](BroadPhase& of) {
+      if (are_several) return of.move(last, BoxView(empty));
+      for (const std::uint32_t id : last) of.move(id, empty[0]);
+    };
+    const auto during_an_update = [&](BroadPhase& of) {
+      of.begin();
+      move(of);
+      (void)of.finish();
+    };
+    const auto after_a_map = [&](BroadPhase& of) {
+      const std::span<Aabb> boxes = of.map(6);
+      for (std::uint32_t k = 0; k < 6; ++k) boxes[k] = apart(k);
+      for (std::uint32_t k = 6; k < 9; ++k) of.add(apart(k));
+      move(of);
+    };
+    check(during_an_update, 2);
+    check(after_a_map, 2);
+  }
 }
 
 ALSO_IN(oclgrind);

@@ -128,11 +128,11 @@ void Core::move(std::span<const std::uint32_t> ids, const BoxView& boxes) {
   BoxMoves moves(ids, boxes, objects_, threads_);
   reserve_late(ids.size());
   // Nothing below throws.
+  any_empty_ = any_empty_ || moves.any_empty();
   if (is_late() || mapped_ > 0) {
     return moves.for_each([&](std::uint32_t id, const Aabb& packed) { set_box(id, packed); });
   }
   moves.store(boxes_);
-  any_empty_ = any_empty_ || moves.any_empty();
   if (moves.changed_count() > objects_.slots() / 4) {
     changes_.all = true;
   } else {
