@@ -221,13 +221,13 @@ Delta Core::update(const BoxView& boxes) {
   return delta;
 }
 
-void Core::begin(const WriteBoxes* write) {
+void Core::begin(const WriteBoxes* write, const LookAtBoxes* look) {
   refuse_forked();
   if (is_begun()) return;
   apply_late();
   flight_.reserve(capacity_);  // here, since an update in flight reads it
   or_find_boxes([&] { algorithm_->reserve_exclusions(exclusions_.size()); });
-  take_mapped();
+  take_mapped(look);
   update_ = Update::begun;
   if (changes_.empty()) return;
   std::swap(flight_, changes_);
@@ -366,7 +366,7 @@ void Core::copy_all(const BoxView& view) {
     if (id >= n) boxes_[id] = box;
   });
   changes_.all = true;
-  begin(writes_later ? &write : nullptr);
+  begin(writes_later ? &write : nullptr, nullptr);
   many_moved_ = replacement_.count() > n / 4;
   any_empty_ = any_empty_ || replacement_.any_empty();
 }
@@ -387,7 +387,7 @@ void Core::replace_in_place(const BoxView& view) {
   begin();
 }
 
-void Core::take_mapped() {
+void Core::take_mapped(const LookAtBoxes* look) {
   const std::span<Aabb> boxes = boxes_.first(mapped_);
   std::atomic<bool> any_empty = false;
   LowestFound nan(boxes.size());
@@ -397,6 +397,7 @@ void Core::take_mapped() {
       any_empty = true;
       if (has_nan(boxes[id])) return nan.add(id);
     }
+    if (look != nullptr) (*look)(begin, end, boxes);
   });
   if (nan.any()) throw_nan("box " + std::to_string(nan.get()));
   // Nothing below throws.

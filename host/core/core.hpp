@@ -2,10 +2,12 @@
 
 #include <algorithm>
 #include <cstdint>
+#include <functional>
 #include <span>
 #include <utility>
 #include <vector>
 
+#include <broadcl/export.h>
 #include <broadcl/aabb.hpp>
 #include <broadcl/box_view.hpp>
 #include <broadcl/filter.hpp>
@@ -21,9 +23,13 @@
 
 namespace broadcl {
 
+/// Called for the boxes from `begin` to `end`, one of the parts of for_each_part(), by one of several
+/// threads.
+using LookAtBoxes = std::function<void(std::size_t begin, std::size_t end, std::span<const Aabb> boxes)>;
+
 /// Objects, their ids, and what changed. Each function first does everything that may throw; a comment
 /// marks where the rest begins, which cannot throw. So a function that throws has changed nothing.
-class Core {
+class BROADCL_API Core {
  public:
   /// @param threads That copy boxes, at most; 0 for one per processor.
   explicit Core(AlgorithmPointer algorithm, std::size_t threads = 0)
@@ -62,6 +68,10 @@ class Core {
 
   [[nodiscard]] Aabb box(std::uint32_t id) const;
   [[nodiscard]] const Filter& filter(std::uint32_t id) const;
+  /// By id; none if all objects that ever were had the default filter.
+  [[nodiscard]] std::span<const Filter> filters() const noexcept { return objects_.filters(); }
+  /// Of the update that was begun, packed, by id; empty for ids that are free.
+  [[nodiscard]] std::span<const Aabb> boxes() const noexcept { return boxes_.first(objects_.ids()); }
 
   std::span<Aabb> map(std::size_t n);
   /// What map() and begin() throw for n boxes before they do anything.
@@ -71,7 +81,12 @@ class Core {
   /// begin().
   std::span<Aabb> map_packed(std::size_t n);
 
-  void begin() { begin(nullptr); }
+  void begin() { begin(nullptr, nullptr); }
+  /// @param look Called for each part of the boxes of map() when begin() has just read them, so that they
+  /// need not be read from memory twice. Boxes that are empty or have a NaN are still as the caller wrote
+  /// them.
+  /// @throws What `look` throws; there is no update then.
+  void begin(const LookAtBoxes& look) { begin(nullptr, &look); }
   void begin(const BoxView& boxes);
   void flush();
   Delta finish();
@@ -173,7 +188,8 @@ class Core {
   void reserve_all(std::size_t n);
 
   /// @param write Writes the boxes, all of which count as changed. Null if they are written.
-  void begin(const WriteBoxes* write);
+  /// @param look At the boxes of map(); null for nothing.
+  void begin(const WriteBoxes* write, const LookAtBoxes* look);
 
   /// Makes 0 .. n-1 the ids of the objects. The memory must be reserved.
   /// @param set Called with ids, and with the boxes of those that are removed or added.
@@ -200,7 +216,8 @@ class Core {
 
   void replace_empty(std::span<Aabb> boxes, const Aabb& by) const noexcept;
   /// Packs the boxes that the caller wrote in place.
-  void take_mapped();
+  /// @param look Null for nothing.
+  void take_mapped(const LookAtBoxes* look);
 
   /// Reserves memory of the algorithm, which may store the boxes elsewhere even if that fails.
   template <class Function>

@@ -8,6 +8,7 @@
 #include <string_view>
 #include <vector>
 
+#include <broadcl/export.h>
 #include <broadcl/aabb.hpp>
 #include <broadcl/algorithms.hpp>
 #include <broadcl/config.hpp>
@@ -194,7 +195,7 @@ struct AlgorithmRow {
 [[nodiscard]] bool names_device(const Config& config);
 
 /// @throws Error as find_algorithm() and the algorithm's constructor do.
-[[nodiscard]] AlgorithmPointer make_algorithm(const Config& config);
+[[nodiscard]] BROADCL_API AlgorithmPointer make_algorithm(const Config& config);
 
 /// @throws Error as find_algorithm() does, and for an algorithm without a PairFinder.
 [[nodiscard]] MakePairFinder find_pair_finder(std::string_view name);

@@ -170,13 +170,14 @@ void Neighbours::set(std::size_t rank, const OwnBounds& own, std::span<const Bou
     hulls_[place] = Corners(hull);
   }
   begin_.back() = candidates_.size();
-  interior_ = packed_empty();
-  for (const Aabb& cell : own.get().cells) extend(interior_, cell);
-  for (const auto& [halo, box] : others) cut(interior_, box);
+  interior_box_ = packed_empty();
+  for (const Aabb& cell : own.get().cells) extend(interior_box_, cell);
+  for (const auto& [halo, box] : others) cut(interior_box_, box);
 }
 
 void Neighbours::set_interior(std::size_t rank, std::span<const Aabb> interiors) {
-  for (const Aabb& other : interiors.first(rank)) cut(interior_, other);
+  for (const Aabb& other : interiors.first(rank)) cut(interior_box_, other);
+  interior_ = Corners(interior_box_);
 }
 
 }  // namespace broadcl::mpi

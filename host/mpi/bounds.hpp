@@ -8,6 +8,7 @@
 
 #include <broadcl/aabb.hpp>
 
+#include "base/packed_box.hpp"
 #include "mpi/corners.hpp"
 
 namespace broadcl::mpi {
@@ -124,32 +125,40 @@ class Neighbours {
   /// To be called after set(), with the interiors of all ranks, by rank.
   void set_interior(std::size_t rank, std::span<const Aabb> interiors);
 
-  /// Calls function(halo) for each halo.
-  /// @param place OwnBounds::place_of().
+  /// Calls function(halo) for each halo of an object.
+  /// @returns Whether this rank's bounds contain the box. If not, there are no calls.
   template <class Function>
-  void for_each_halo(std::size_t place, const Corners& box, const Function& function) const {
-    if (!meet(hulls_[place], box)) return;
+  bool for_each_halo(const OwnBounds& own, std::uint32_t id, const Aabb& box,
+                     const Function& function) const {
+    const Corners corners(box);
+    if (contains(interior_, corners) || !is_proper(box)) return true;
+    const std::size_t place = own.place_of(id, corners);
+    if (place == OwnBounds::outside) return false;
+    if (!meet(hulls_[place], corners)) return true;
     std::uint32_t found = none;
     for (const Candidate& candidate : of(place)) {
-      if (candidate.halo == found || !meet(candidate.box, box)) continue;
+      if (candidate.halo == found || !meet(candidate.box, corners)) continue;
       found = candidate.halo;
       function(found);
     }
+    return true;
   }
   /// A box that meets no bounds of another rank, nor its interior. So objects inside belong to no halo,
   /// whatever this rank's own bounds are. This is all that is computed for most objects.
-  [[nodiscard]] const Aabb& interior() const noexcept { return interior_; }
+  [[nodiscard]] const Aabb& interior() const noexcept { return interior_box_; }
+
+ private:
+  static constexpr std::uint32_t none = ~std::uint32_t{0};
+
   /// What an object in a cell, or one that is `alone`, may overlap; by halo.
   [[nodiscard]] std::span<const Candidate> of(std::size_t place) const noexcept {
     return std::span(candidates_).subspan(begin_[place], begin_[place + 1] - begin_[place]);
   }
 
- private:
-  static constexpr std::uint32_t none = ~std::uint32_t{0};
-
   std::vector<Candidate> candidates_;  // by place
   std::array<std::size_t, cell_count + 2> begin_{};
-  Aabb interior_{};
+  Aabb interior_box_{};
+  Corners interior_;
   std::array<Corners, cell_count + 1> hulls_{};  // of the candidates of each place
 };
 

@@ -74,8 +74,6 @@ class MpiBroadPhase::Impl {
     cross_.restore(*ranks_);
     MpiDelta delta;
     try {
-      ranks_->together([&] { objects_.begin(); });
-      stages_.end("begin");
       cross_.update(*ranks_, objects_, stages_);
       ranks_->together([&] {
         delta.own = objects_.finish();
@@ -175,11 +173,11 @@ std::size_t MpiBroadPhase::size() const noexcept {
 }
 
 const Device* MpiBroadPhase::device() const noexcept {
-  return impl_->objects().search().device();
+  return impl_->objects().search().algorithm().device();
 }
 
 MemoryUse MpiBroadPhase::memory() const noexcept {
-  return sum(impl_->objects().search().memory(), impl_->cross().memory());
+  return sum(impl_->objects().search().algorithm().memory(), impl_->cross().memory());
 }
 
 std::span<const Stage> MpiBroadPhase::profile() const noexcept {

@@ -104,24 +104,26 @@ void CrossPairs::exchange_bounds(const Ranks& ranks, Objects& objects, bool is_d
   are_bounds_due_ = false;
 }
 
-/// Finds the objects that belong to halos, with bounds that are true for all ranks.
-void CrossPairs::find_halos(const Ranks& ranks, Objects& objects) {
+/// Starts the update of the objects, and finds those that belong to halos, with bounds that are true for all
+/// ranks.
+void CrossPairs::find_halos(const Ranks& ranks, Objects& objects, Stages& stages) {
   bool is_all = objects.have_all_changed();
   bool is_due = are_bounds_due_ || own_bounds_.are_due(objects.count());
-  for (bool is_done = false;;) {
-    if (any(ranks.gather(std::uint8_t{is_due}))) {
-      exchange_bounds(ranks, objects, is_due);
-      is_all = true;
-    } else if (is_done) {
-      break;
-    }
+  const bool are_due = any(ranks.gather(std::uint8_t{is_due}));
+  ranks.together([&] {
+    const bool are_inside = objects.begin(are_due ? nullptr : &own_bounds_, neighbours_, near_);
+    is_due = is_due || !are_inside;
+  });
+  stages.end("begin");
+  while (any(ranks.gather(std::uint8_t{is_due}))) {
+    exchange_bounds(ranks, objects, is_due);
+    is_all = true;
     ranks.together([&] { is_due = !objects.find_near(own_bounds_, neighbours_, is_all, near_); });
-    is_done = true;
   }
   ranks.together([&] {
     for (std::size_t other = 0; other < halos_.size(); ++other) {
       HaloHistory& halo = halos_[other];
-      if (Halo* changed = halo.renew(near_[other], is_all, objects.changed())) objects.describe(*changed);
+      halo.renew(near_[other], is_all, objects.changed());
       HaloChanges exclusions;
       if (have_exclusions_changed_ && rank_ < other && sends(rank_, other)) {
         exclusions = {.exclusions = exclusions_with(other), .has_exclusions = true};
@@ -157,10 +159,13 @@ void CrossPairs::collect() {
 }
 
 void CrossPairs::update(const Ranks& ranks, Objects& objects, Stages& stages) {
-  if (halos_.size() == 1) return;
+  if (halos_.size() == 1) {
+    ranks.together([&] { (void)objects.begin(nullptr, neighbours_, near_); });
+    return stages.end("begin");
+  }
   is_lost_ = true;  // until commit()
+  find_halos(ranks, objects, stages);
   is_any_changed_ = objects.have_all_changed() || !objects.changed().empty();
-  find_halos(ranks, objects);
   stages.end("halo");
   exchange(ranks);
   stages.end("send");

@@ -34,7 +34,7 @@ class CrossPairs {
 
   /// Restores the halos of the last update if one has failed since. Must precede the others.
   void restore(const Ranks& ranks);
-  /// Finds what changed since the last commit().
+  /// Starts the update of the objects, and meanwhile finds what changed since the last commit().
   void update(const Ranks& ranks, Objects& objects, Stages& stages);
   // What it found, of the pairs whose first object is of this rank; valid until the next update.
   [[nodiscard]] std::span<const MpiPair> added() const noexcept { return added_; }
@@ -49,7 +49,7 @@ class CrossPairs {
   [[nodiscard]] MemoryUse memory() const noexcept { return search_.broad_phase().memory(); }
 
  private:
-  void find_halos(const Ranks& ranks, Objects& objects);
+  void find_halos(const Ranks& ranks, Objects& objects, Stages& stages);
   void exchange_bounds(const Ranks& ranks, Objects& objects, bool is_due);
   void receive_halos();
   void exchange(const Ranks& ranks);
@@ -68,7 +68,7 @@ class CrossPairs {
   bool are_bounds_due_ = true;  // since an update failed
 
   // Of this update.
-  std::vector<std::vector<std::uint32_t>> near_;  // by halo
+  std::vector<Halo> near_;  // by halo
   bool is_any_changed_ = false;
   std::vector<Bytes> out_, in_;  // messages, by rank
   Bytes own_halo_;

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cstring>
-#include <iterator>
 #include <type_traits>
 #include <utility>
 
@@ -46,9 +45,10 @@ void Halo::clear() noexcept {
   filters.clear();
 }
 
-void Halo::fit() {
-  boxes.resize(ids.size());
-  filters.resize(ids.size());
+void Halo::add(std::uint32_t id, const Aabb& box, const Filter& filter) {
+  ids.push_back(id);
+  boxes.push_back(box);
+  filters.push_back(filter);
 }
 
 void HaloChanges::write(Bytes& message) const {
@@ -92,22 +92,24 @@ HaloChanges HaloChanges::read(const Bytes& message) {
   return changes;
 }
 
-Halo* HaloHistory::renew(std::span<const std::uint32_t> near, bool all,
-                         std::span<const std::uint32_t> changed) {
-  const auto has_changed = [&](std::uint32_t id) { return std::ranges::binary_search(changed, id); };
+void HaloHistory::renew(Halo& near, bool all, std::span<const std::uint32_t> changed) {
   const auto was_here = [&](std::uint32_t id) { return std::ranges::binary_search(last_.ids, id); };
-  is_new_ = all || !near.empty() || std::ranges::any_of(changed, was_here);
-  if (!is_new_) return nullptr;
-  next_.ids.clear();
-  if (all) {
-    next_.ids.assign(near.begin(), near.end());
-  } else {
-    std::vector<std::uint32_t> others;
-    std::ranges::remove_copy_if(last_.ids, std::back_inserter(others), has_changed);
-    std::ranges::merge(others, near, std::back_inserter(next_.ids));
+  is_new_ = all || !near.ids.empty() || std::ranges::any_of(changed, was_here);
+  if (!is_new_) return;
+  if (all) return std::swap(next_, near);
+  next_.clear();
+  std::size_t other = 0;  // position in near
+  const auto add_below = [&](std::uint64_t id) {
+    for (; other < near.ids.size() && near.ids[other] < id; ++other) {
+      next_.add(near.ids[other], near.boxes[other], near.filters[other]);
+    }
+  };
+  for (std::size_t k = 0; k < last_.ids.size(); ++k) {
+    if (std::ranges::binary_search(changed, last_.ids[k])) continue;
+    add_below(last_.ids[k]);
+    next_.add(last_.ids[k], last_.boxes[k], last_.filters[k]);
   }
-  next_.fit();
-  return &next_;
+  add_below(std::uint64_t{1} << 32U);
 }
 
 void HaloHistory::write(std::span<const std::uint32_t> recycled, HaloChanges changes, Bytes& message) {
@@ -126,9 +128,7 @@ void HaloHistory::write(std::span<const std::uint32_t> recycled, HaloChanges cha
     const bool is_other = !recycled.empty() && std::ranges::binary_search(recycled, id);
     leave_below(id + std::uint64_t{is_other});
     if (is_other || before == last_.ids.size() || last_.ids[before] != id) {
-      entered_.ids.push_back(id);
-      entered_.boxes.push_back(next_.boxes[now]);
-      entered_.filters.push_back(next_.filters[now]);
+      entered_.add(id, next_.boxes[now], next_.filters[now]);
       continue;
     }
     if (!same_bits(last_.boxes[before], next_.boxes[now])) {

@@ -20,8 +20,7 @@ struct Halo {
   std::vector<Filter> filters;
 
   void clear() noexcept;
-  /// Makes boxes and filters as many as ids.
-  void fit();
+  void add(std::uint32_t id, const Aabb& box, const Filter& filter);
 };
 
 /// What changed in a halo since the last update. Positions are indices in the halo, ascending.
@@ -46,10 +45,9 @@ struct HaloChanges {
 class HaloHistory {
  public:
   /// Makes the new halo.
-  /// @param near Ids of the objects of this halo among those that changed, ascending.
+  /// @param near The objects of this halo among those that changed. Its content is unspecified afterwards.
   /// @param changed Ids, ascending, if not `all`: other objects are in the halo if they were.
-  /// @returns The new halo, for the caller to write boxes and filters; null if it is as before.
-  Halo* renew(std::span<const std::uint32_t> near, bool all, std::span<const std::uint32_t> changed);
+  void renew(Halo& near, bool all, std::span<const std::uint32_t> changed);
   /// Describes what changed.
   /// @param recycled Ids that belong to other objects now, ascending.
   void write(std::span<const std::uint32_t> recycled, HaloChanges exclusions, Bytes& message);

@@ -4,6 +4,8 @@
 #include <atomic>
 #include <exception>
 #include <memory>
+#include <optional>
+#include <span>
 #include <utility>
 
 #include "base/box_parts.hpp"
@@ -14,6 +16,60 @@ namespace broadcl::mpi {
 namespace {
 
 constexpr std::size_t sample_size = 4096;
+
+/// Finds the objects that belong to halos, part by part: see for_each_part().
+class NearParts {
+ public:
+  NearParts(const OwnBounds& own, const Neighbours& neighbours, std::size_t objects)
+      : own_(own), neighbours_(neighbours), parts_(parts_of(objects)) {}
+
+  /// May be called for several parts at the same time.
+  /// @param begin, end Of the part.
+  /// @param id_of Gives the id of an object.
+  template <class IdOf>
+  void find(std::size_t begin, std::size_t end, const IdOf& id_of, std::span<const Aabb> boxes) {
+    std::vector<Near> found;
+    bool are_inside = true;
+    for (std::size_t k = begin; k < end; ++k) {
+      const std::uint32_t id = id_of(k);
+      are_inside &= neighbours_.for_each_halo(own_, id, boxes[id], [&](std::uint32_t halo) {
+        found.push_back({.halo = halo, .id = id, .box = boxes[id]});
+      });
+    }
+    if (!are_inside) are_inside_ = false;
+    parts_[begin / boxes_per_part] = std::move(found);
+    objects_ += end - begin;
+  }
+  /// In how many objects it has looked.
+  [[nodiscard]] std::size_t objects() const noexcept { return objects_; }
+  /// @param filters By id; none if all are the default one.
+  /// @returns Whether the bounds contain all of them.
+  bool join(std::span<const Filter> filters, std::vector<Halo>& near) const {
+    for (Halo& halo : near) halo.clear();
+    for (const std::vector<Near>& part : parts_) {
+      for (const auto& [halo, id, box] : part) {
+        near[halo].add(id, box, filters.empty() ? Filter() : filters[id]);
+      }
+    }
+    return are_inside_;
+  }
+
+ private:
+  struct Near {
+    std::uint32_t halo, id;
+    Aabb box;
+  };
+
+  const OwnBounds& own_;
+  const Neighbours& neighbours_;
+  std::vector<std::vector<Near>> parts_;
+  std::atomic<bool> are_inside_ = true;
+  std::atomic<std::size_t> objects_ = 0;
+};
+
+std::uint32_t same(std::size_t id) {
+  return static_cast<std::uint32_t>(id);
+}
 
 }  // namespace
 
@@ -28,7 +84,6 @@ std::uint32_t HostObjects::add(const Aabb& box, const Filter& filter) {
   reserve(ids_ + 1);
   const std::uint32_t id = search_.add(box, filter);
   // Nothing below throws.
-  mapped_ = {};
   changes_.recycle(id);
   ids_ = std::max(ids_, std::size_t{id} + 1);
   return id;
@@ -36,7 +91,6 @@ std::uint32_t HostObjects::add(const Aabb& box, const Filter& filter) {
 
 void HostObjects::move(std::uint32_t id, const Aabb& box) {
   search_.move(id, box);
-  mapped_ = {};
   changes_.insert(id);
 }
 
@@ -47,7 +101,6 @@ void HostObjects::set_filter(std::uint32_t id, const Filter& filter) {
 
 void HostObjects::remove(std::uint32_t id) {
   search_.remove(id);
-  mapped_ = {};
   changes_.insert(id);
 }
 
@@ -57,19 +110,27 @@ std::span<Aabb> HostObjects::map(std::size_t n) {
   for (std::uint32_t id = 0; has_holes && id < n; ++id) {
     if (!search_.contains(id)) changes_.recycle(id);  // if the next line throws, that does no harm
   }
-  mapped_ = search_.map(n);
+  const std::span<Aabb> boxes = search_.map(n);
   changes_.all = true;
   ids_ = n;
-  return mapped_;
+  return boxes;
 }
 
-void HostObjects::begin() {
+bool HostObjects::begin(const OwnBounds* own, const Neighbours& neighbours, std::vector<Halo>& near) {
   deltas_.reserve(deltas_.size() + 1);
   changed_.assign(changes_.changed().begin(), changes_.changed().end());
   std::ranges::sort(changed_);
-  search_.begin();
-  changes_.sort_recycled();
+  std::optional<NearParts> parts;
+  if (own != nullptr) parts.emplace(*own, neighbours, ids_);
+  search_.begin([&](std::size_t begin, std::size_t end, std::span<const Aabb> boxes) {
+    if (parts) parts->find(begin, end, same, boxes);
+  });
+  search_.flush();
   is_begun_ = true;
+  changes_.sort_recycled();
+  if (!parts) return true;
+  return parts->objects() == ids_ ? parts->join(search_.filters(), near)
+                                  : find_near(*own, neighbours, have_all_changed(), near);
 }
 
 Delta HostObjects::finish() {
@@ -91,7 +152,6 @@ void HostObjects::abandon() noexcept {
 void HostObjects::commit() noexcept {
   deltas_.clear();
   changes_.clear();
-  mapped_ = {};
 }
 
 std::vector<Pair> HostObjects::pairs() const {
@@ -99,27 +159,11 @@ std::vector<Pair> HostObjects::pairs() const {
   return deltas_.empty() ? pairs : undone(deltas_, pairs);
 }
 
-Aabb HostObjects::box(std::uint32_t id) const {
-  return search_.contains(id) ? pack(search_.box(id)) : packed_empty();
-}
-
-/// Calls function(box_of), which returns packed boxes.
-template <class Function>
-void HostObjects::with_boxes(const Function& function) const {
-  if (mapped_.empty()) {
-    function([this](std::uint32_t id) { return box(id); });
-  } else {
-    function([boxes = mapped_.data()](std::uint32_t id) -> const Aabb& {
-      return boxes[id];
-    });  // begin() has packed them
-  }
-}
-
 std::vector<Aabb> HostObjects::sample() {
   std::vector<Aabb> boxes;
-  const auto stride = static_cast<std::uint32_t>(ids_ / sample_size + 1);
-  for (std::uint32_t id = 0; id < ids_; id += stride) {
-    const Aabb one = box(id);
+  const std::size_t stride = ids_ / sample_size + 1;
+  for (std::size_t id = 0; id < ids_; id += stride) {
+    const Aabb& one = search_.boxes()[id];
     if (is_proper(one)) boxes.push_back(one);
   }
   return boxes;
@@ -130,15 +174,13 @@ Survey HostObjects::survey(const Grid& grid) {
   constexpr std::size_t most_parts = 32;
   const std::size_t parts = std::min(most_parts, parts_of(ids_));
   std::vector<Survey> surveys(parts);
-  with_boxes([&](const auto& box_of) {
-    const std::size_t threads = useful_threads(ids_, boxes_per_part, threads_);
-    parallel_for(parts, threads, [&](std::size_t part, std::size_t /*thread*/) {
-      const auto end = static_cast<std::uint32_t>(ids_ * (part + 1) / parts);
-      for (auto id = static_cast<std::uint32_t>(ids_ * part / parts); id < end; ++id) {
-        const Aabb one = box_of(id);
-        if (is_proper(one)) surveys[part].add(grid, id, one);
-      }
-    });
+  const std::size_t threads = useful_threads(ids_, boxes_per_part, threads_);
+  parallel_for(parts, threads, [&](std::size_t part, std::size_t /*thread*/) {
+    const std::size_t end = ids_ * (part + 1) / parts;
+    for (std::size_t id = ids_ * part / parts; id < end; ++id) {
+      const Aabb& one = search_.boxes()[id];
+      if (is_proper(one)) surveys[part].add(grid, static_cast<std::uint32_t>(id), one);
+    }
   });
   Survey all;
   for (const Survey& survey : surveys) all.add(grid, survey);
@@ -149,51 +191,22 @@ bool HostObjects::have_all_changed() const {
   return changes_.all || 4 * changes_.changed().size() > ids_;
 }
 
-bool HostObjects::find_near(const OwnBounds& bounds, const Neighbours& neighbours, bool all,
-                            std::vector<std::vector<std::uint32_t>>& near) {
-  struct Near {
-    std::uint32_t halo, id;
-  };
+bool HostObjects::find_near(const OwnBounds& own, const Neighbours& neighbours, bool all,
+                            std::vector<Halo>& near) {
   const std::size_t count = all ? ids_ : changed_.size();
-  std::vector<std::vector<Near>> parts(parts_of(count));
-  const Corners interior(neighbours.interior());
-  std::atomic<bool> are_inside = true;
-  with_boxes([&](const auto& box_of) {
-    const std::size_t threads = useful_threads(count, 2 * boxes_per_part, threads_);
-    parallel_for(parts.size(), threads, [&](std::size_t part, std::size_t /*thread*/) {
-      std::vector<Near> found;
-      const std::size_t end = std::min(count, (part + 1) * boxes_per_part);
-      for (std::size_t k = part * boxes_per_part; k < end; ++k) {
-        const std::uint32_t id = all ? static_cast<std::uint32_t>(k) : changed_[k];
-        const Aabb& box = box_of(id);
-        const Corners corners(box);
-        if (contains(interior, corners)) continue;
-        const std::size_t place = bounds.place_of(id, corners);
-        if (place == OwnBounds::outside) {
-          if (is_proper(box)) are_inside = false;
-          continue;
-        }
-        neighbours.for_each_halo(place, corners, [&](std::uint32_t halo) { found.push_back({halo, id}); });
-      }
-      parts[part] = std::move(found);
-    });
+  NearParts parts(own, neighbours, count);
+  const std::size_t threads = useful_threads(count, 2 * boxes_per_part, threads_);
+  parallel_for(parts_of(count), threads, [&](std::size_t part, std::size_t /*thread*/) {
+    const std::size_t begin = part * boxes_per_part;
+    const std::size_t end = std::min(count, begin + boxes_per_part);
+    if (all) {
+      parts.find(begin, end, same, search_.boxes());
+    } else {
+      parts.find(
+          begin, end, [this](std::size_t k) { return changed_[k]; }, search_.boxes());
+    }
   });
-  for (std::vector<std::uint32_t>& halo : near) halo.clear();
-  for (const std::vector<Near>& part : parts) {
-    for (const auto& [halo, id] : part) near[halo].push_back(id);
-  }
-  return are_inside;
-}
-
-void HostObjects::describe(Halo& halo) {
-  with_boxes([&](const auto& box_of) {
-    for_each_part(halo.ids.size(), threads_, [&](std::size_t begin, std::size_t end, std::size_t /*thread*/) {
-      for (std::size_t k = begin; k < end; ++k) {
-        halo.boxes[k] = box_of(halo.ids[k]);
-        halo.filters[k] = search_.filter(halo.ids[k]);
-      }
-    });
-  });
+  return parts.join(search_.filters(), near);
 }
 
 }  // namespace broadcl::mpi

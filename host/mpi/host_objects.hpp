@@ -6,20 +6,26 @@
 #include <vector>
 
 #include <broadcl/aabb.hpp>
-#include <broadcl/broad_phase.hpp>
+#include <broadcl/config.hpp>
 #include <broadcl/filter.hpp>
+#include <broadcl/pair.hpp>
 
 #include "core/change_set.hpp"
+#include "core/core.hpp"
+#include "engines/algorithm.hpp"
+#include "mpi/bounds.hpp"
+#include "mpi/halos.hpp"
 #include "mpi/objects.hpp"
 
 namespace broadcl::mpi {
 
-/// The objects of a rank in a BroadPhase, which finds the pairs among them, and what changed since the last
-/// commit(). An update of the BroadPhase that was not followed by commit(), because another rank failed,
+/// The objects of a rank in a Core, which finds the pairs among them, and what changed since the last
+/// commit(). An update of the Core that was not followed by commit(), because another rank failed,
 /// counts as if it had not been done.
 class HostObjects final : public Objects {
  public:
-  explicit HostObjects(const Config& config) : search_(config), threads_(config.threads) {}
+  explicit HostObjects(const Config& config)
+      : search_(make_algorithm(config), config.threads), threads_(config.threads) {}
 
   // Like the functions of MpiBroadPhase.
   std::uint32_t add(const Aabb& box, const Filter& filter);
@@ -30,9 +36,6 @@ class HostObjects final : public Objects {
 
   void set_exclusions(std::span<const Pair> pairs) { search_.set_exclusions(pairs); }
 
-  /// Starts an update.
-  /// @throws As BroadPhase; then there is none.
-  void begin();
   /// Ends the update that was begun.
   /// @returns What changed since the last commit(); valid until the next update.
   Delta finish();
@@ -41,30 +44,26 @@ class HostObjects final : public Objects {
   void commit() noexcept;
   /// All pairs of two objects of this rank, as of the last commit().
   [[nodiscard]] std::vector<Pair> pairs() const;
-  [[nodiscard]] const BroadPhase& search() const noexcept { return search_; }
+  [[nodiscard]] const Core& search() const noexcept { return search_; }
 
+  [[nodiscard]] bool begin(const OwnBounds* own, const Neighbours& neighbours,
+                           std::vector<Halo>& near) override;
   [[nodiscard]] std::size_t count() const override { return search_.size(); }
   [[nodiscard]] std::vector<Aabb> sample() override;
   [[nodiscard]] Survey survey(const Grid& grid) override;
   [[nodiscard]] bool have_all_changed() const override;
   [[nodiscard]] std::span<const std::uint32_t> changed() const override { return changed_; }
   [[nodiscard]] std::span<const std::uint32_t> recycled() const override { return changes_.recycled(); }
-  [[nodiscard]] bool find_near(const OwnBounds& bounds, const Neighbours& neighbours, bool all,
-                               std::vector<std::vector<std::uint32_t>>& near) override;
-  void describe(Halo& halo) override;
+  [[nodiscard]] bool find_near(const OwnBounds& own, const Neighbours& neighbours, bool all,
+                               std::vector<Halo>& near) override;
 
  private:
   void reserve(std::size_t ids);
-  /// Packed.
-  [[nodiscard]] Aabb box(std::uint32_t id) const;
-  template <class Function>
-  void with_boxes(const Function& function) const;
 
-  BroadPhase search_;
+  Core search_;
   std::size_t threads_;
   std::size_t ids_ = 0;       // All ids are below.
   std::size_t reserved_ = 0;  // ids, in changes_
-  MappedBoxes mapped_;        // all boxes, if there are any
   ChangeSet changes_;
   std::vector<std::uint32_t> changed_;  // of the update that was begun
   std::vector<Delta> deltas_;           // of the updates since the last commit()

@@ -22,6 +22,13 @@ class Objects {
   Objects(Objects&&) = delete;
   Objects& operator=(Objects&&) = delete;
 
+  /// Starts an update of the pairs of two objects of this rank.
+  /// @param own Null to find nothing; otherwise find_near() is done, too, among all objects if
+  /// have_all_changed().
+  /// @throws As BroadPhase::begin(); then there is no update.
+  [[nodiscard]] virtual bool begin(const OwnBounds* own, const Neighbours& neighbours,
+                                   std::vector<Halo>& near) = 0;
+
   /// How many there are.
   [[nodiscard]] virtual std::size_t count() const = 0;
   /// Some boxes, evenly selected; all if there are few.
@@ -39,12 +46,9 @@ class Objects {
 
   /// Finds the objects that belong to halos.
   /// @param all Among all objects; otherwise among those that changed().
-  /// @param near For each halo, the ids, ascending.
   /// @returns Whether the bounds contain all of them. If not, `near` may be incomplete.
-  [[nodiscard]] virtual bool find_near(const OwnBounds& bounds, const Neighbours& neighbours, bool all,
-                                       std::vector<std::vector<std::uint32_t>>& near) = 0;
-  /// Writes boxes and filters of objects that belong to a halo.
-  virtual void describe(Halo& halo) = 0;
+  [[nodiscard]] virtual bool find_near(const OwnBounds& own, const Neighbours& neighbours, bool all,
+                                       std::vector<Halo>& near) = 0;
 };
 
 }  // namespace broadcl::mpi
