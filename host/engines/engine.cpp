@@ -87,15 +87,14 @@ PairDelta::Counts Engine::find() {
   return counts;
 }
 
-/// The frame succeeded, and becomes the last one.
 // NOLINTNEXTLINE(bugprone-exception-escape): handles do not throw when moved
-void Engine::commit(const PairDelta::Counts& counts, bool is_next_ready) noexcept {
-  delta_.commit(counts, tag_, is_next_ready);
-  order_.commit(counts);
+void Engine::commit(const Completed& completed) noexcept {
+  delta_.commit(completed.counts, tag_, completed.is_next_ready);
+  order_.commit(completed.counts);
   frames_.swap();
 }
 
-PairDelta::Counts Engine::finish(PairListener* listener) {
+Engine::Completed Engine::complete(PairListener* listener) {
   const PairDelta::Counts counts = find();
   const bool is_next_ready = order_.complete(delta_, counts);
   if (listener != nullptr) {
@@ -104,14 +103,13 @@ PairDelta::Counts Engine::finish(PairListener* listener) {
     listener->expect_changes(counts.added, counts.removed);
   }
   profiler_.resolve();
-  commit(counts, is_next_ready);
-  return counts;
+  return {.counts = counts, .is_next_ready = is_next_ready};
 }
 
 std::vector<Pair> Engine::finish_only_search() {
   const PairDelta::Counts counts = find();
   profiler_.resolve();
-  commit(counts, false);
+  commit({.counts = counts, .is_next_ready = false});
   return pairs();
 }
 

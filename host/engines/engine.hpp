@@ -59,7 +59,23 @@ class Engine {
   /// frame, or if the finder gave up.
   /// @param listener Null if there is none.
   /// @throws cl::Error, Error; what the listener throws.
-  PairDelta::Counts finish(PairListener* listener = nullptr);
+  PairDelta::Counts finish(PairListener* listener = nullptr) {
+    const Completed completed = complete(listener);
+    commit(completed);
+    return completed.counts;
+  }
+
+  struct Completed {
+    PairDelta::Counts counts;
+    bool is_next_ready = false;
+  };
+  /// finish() without the end: unless commit() follows, the last frame is still the last one, as if this one
+  /// had failed.
+  [[nodiscard]] Completed complete(PairListener* listener = nullptr);
+  /// The frame succeeded, and becomes the last one.
+  // NOLINTNEXTLINE(bugprone-exception-escape): handles do not throw when moved
+  void commit(const Completed& completed) noexcept;
+
   /// Ends the only frame of an engine, instead of finish(): returns its pairs in canonical order, without
   /// sorting its changes.
   /// @throws cl::Error, Error
@@ -102,8 +118,6 @@ class Engine {
  private:
   void enqueue();
   PairDelta::Counts find();
-  // NOLINTNEXTLINE(bugprone-exception-escape): handles do not throw when moved
-  void commit(const PairDelta::Counts& counts, bool is_next_ready) noexcept;
 
   const opencl::Context& context_;
   opencl::Profiler& profiler_;
