@@ -14,7 +14,7 @@ install(FILES
 install(FILES ${PROJECT_SOURCE_DIR}/cmake/bullet.cmake
   DESTINATION ${package_folder} RENAME broadcl-bullet-library.cmake)
 install(FILES ${PROJECT_SOURCE_DIR}/LICENSE DESTINATION ${CMAKE_INSTALL_DOCDIR})
-install(DIRECTORY broadcl DESTINATION ${CMAKE_INSTALL_INCLUDEDIR} PATTERN bullet.hpp EXCLUDE PATTERN mpi.hpp EXCLUDE)
+install(DIRECTORY broadcl DESTINATION ${CMAKE_INSTALL_INCLUDEDIR} PATTERN bullet.hpp EXCLUDE PATTERN "mpi*.hpp" EXCLUDE)
 install(TARGETS broadcl broadcl_c EXPORT broadcl-targets)
 install(EXPORT broadcl-targets NAMESPACE broadcl:: DESTINATION ${package_folder})
 foreach(adapter IN LISTS adapters)
@@ -28,7 +28,7 @@ endif()
 if(BROADCL_MPI)
   install(TARGETS broadcl_mpi EXPORT broadcl-mpi-targets)
   install(EXPORT broadcl-mpi-targets NAMESPACE broadcl:: DESTINATION ${package_folder})
-  install(FILES broadcl/mpi.hpp DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/broadcl)
+  install(FILES broadcl/mpi.hpp broadcl/mpi_opencl.hpp DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/broadcl)
 endif()
 
 # Files for pkg-config. They find the prefix from where they are, unless libraries have a place outside of it.

@@ -1,7 +1,8 @@
 /* All kernels that are used with any search, in one program, for the reason in tiles.cl: they update objects, keep
-   pairs, sort changes, and look for pairs that touch. */
+   pairs, sort changes, and look for pairs that touch and for boxes outside of another one. */
 
 #include "changes.cl"
 #include "delta.cl"
 #include "order.cl"
+#include "outside.cl"
 #include "touching.cl"

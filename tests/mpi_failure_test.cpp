@@ -91,7 +91,8 @@ TEST(Mpi, AnAlgorithmThatOneRankDoesNotKnowIsRefusedOnAll) {
 template <class MakeFailing>
 bool update_in_trouble(MpiTwins& twins, int failing_rank, const MakeFailing& make_failing) {
   std::string failure;
-  MpiDelta delta;
+  twins.prepare();
+  decltype(twins.tested().update()) delta;
   if (world_rank() == failing_rank) {
     const auto failing = make_failing();
     failure = error_of([&] { delta = twins.tested().update(); });

@@ -1,5 +1,9 @@
 #pragma once
 
+#ifdef BROADCL_MPI_ON_DEVICE
+#include "mpi_on_device.hpp"  // before <CL/cl.h>: it chooses the version
+#endif
+
 #include <mpi.h>
 
 #include <algorithm>
@@ -30,7 +34,20 @@ inline int world_size() {
   return size;
 }
 
-/// An MpiBroadPhase, and one BroadPhase that has the objects of all ranks. Every rank makes the calls of all
+#ifdef BROADCL_MPI_ON_DEVICE
+using TestedRanks = MpiOnDevice;
+/// Each index is always the same object's.
+constexpr bool ids_are_recycled = false;
+#else
+using TestedRanks = MpiBroadPhase;
+constexpr bool ids_are_recycled = true;
+inline void prepare(MpiBroadPhase& /*tested*/) {}
+inline std::span<const Pair> read(const MpiBroadPhase& /*tested*/, std::span<const Pair> pairs) {
+  return pairs;
+}
+#endif
+
+/// What is tested, and one BroadPhase that has the objects of all ranks. Every rank makes the calls of all
 /// ranks to the latter, so each knows the expected result without asking.
 class MpiTwins {
  public:
@@ -45,7 +62,7 @@ class MpiTwins {
     (void)expected_.map(most * is_live_.size());
   }
 
-  [[nodiscard]] MpiBroadPhase& tested() { return tested_; }
+  [[nodiscard]] TestedRanks& tested() { return tested_; }
 
   // The calls of one rank. All ranks make them with the same arguments.
 
@@ -58,8 +75,7 @@ class MpiTwins {
       EXPECT_EQ(tested_.add(box, filter), id);
       boxes_[id] = box;
     }
-    expected_.remove(slot(rank, id));
-    EXPECT_EQ(expected_.add(box, filter), slot(rank, id));
+    replace(slot(rank, id), box, filter);
     return id;
   }
   void remove(int rank, std::uint32_t id) {
@@ -68,8 +84,7 @@ class MpiTwins {
       tested_.remove(id);
       boxes_[id] = empty_aabb();
     }
-    expected_.remove(slot(rank, id));
-    EXPECT_EQ(expected_.add(empty_aabb()), slot(rank, id));
+    replace(slot(rank, id), empty_aabb(), Filter());
   }
   void move(int rank, std::uint32_t id, const Aabb& box) {
     if (rank == rank_) {
@@ -116,8 +131,7 @@ class MpiTwins {
       if (stays && of(rank)[id]) {
         expected_.move(slot(rank, id), boxes[id]);
       } else if (stays || of(rank)[id]) {
-        expected_.remove(slot(rank, id));
-        EXPECT_EQ(expected_.add(stays ? boxes[id] : empty_aabb()), slot(rank, id));
+        replace(slot(rank, id), stays ? boxes[id] : empty_aabb(), Filter());
       }
       of(rank)[id] = stays;
     }
@@ -127,11 +141,17 @@ class MpiTwins {
   [[nodiscard]] std::uint32_t most() const { return most_; }
 
   /// Updates both and compares what changed.
-  void update() { compare(tested_.update()); }
-  void compare(const MpiDelta& delta) {
+  void update() {
+    prepare();
+    compare(tested_.update());
+  }
+  /// Does the caller's part of an update.
+  void prepare() { test::prepare(tested_); }
+  template <class Changes>
+  void compare(const Changes& changes) {
     const Delta expected = expected_.update();
-    EXPECT_EQ(together(delta.own.added, delta.added), own(expected.added));
-    EXPECT_EQ(together(delta.own.removed, delta.removed), own(expected.removed));
+    EXPECT_EQ(together(read(tested_, changes.own.added), changes.added), own(expected.added));
+    EXPECT_EQ(together(read(tested_, changes.own.removed), changes.removed), own(expected.removed));
     changes_ += expected.added.size() + expected.removed.size();
   }
   void compare_pairs() { EXPECT_EQ(tested_.pairs(), own(expected_.pairs())); }
@@ -140,6 +160,16 @@ class MpiTwins {
   [[nodiscard]] std::size_t changes() const { return changes_; }
 
  private:
+  /// Gives a slot to another object.
+  void replace(std::uint32_t slot, const Aabb& box, const Filter& filter) {
+    if (ids_are_recycled) {
+      expected_.remove(slot);
+      EXPECT_EQ(expected_.add(box, filter), slot);
+    } else {
+      expected_.move(slot, box);
+      expected_.set_filter(slot, filter);
+    }
+  }
   std::vector<bool>& of(int rank) { return is_live_[static_cast<std::size_t>(rank)]; }
   [[nodiscard]] std::uint32_t slot(int rank, std::uint32_t id) const {
     return static_cast<std::uint32_t>(rank) * most_ + id;
@@ -165,7 +195,7 @@ class MpiTwins {
 
   int rank_;
   std::uint32_t most_;
-  MpiBroadPhase tested_;
+  TestedRanks tested_;
   BroadPhase expected_;
   std::vector<std::vector<bool>> is_live_;  // by rank and id
   std::vector<Aabb> boxes_;                 // of this rank, by id

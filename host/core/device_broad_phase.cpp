@@ -2,75 +2,67 @@
 
 #include <broadcl/opencl.hpp>
 
-#include <utility>
-
-#include "opencl/process.hpp"
+#include <memory>
 
 namespace broadcl {
 
-class DeviceBroadPhase::Impl : public DeviceCore {
+class DeviceBroadPhase::Impl {
  public:
-  using DeviceCore::DeviceCore;
+  Impl(cl_command_queue queue, const Config& config) : core(make_device_core(queue, config)) {}
+
+  DeviceCorePointer core;
 };
 
 DeviceBroadPhase::DeviceBroadPhase(cl_command_queue queue) : DeviceBroadPhase(queue, Config()) {}
 DeviceBroadPhase::DeviceBroadPhase(cl_command_queue queue, const Config& config)
-    : impl_(opencl::make_tuned([&](std::optional<opencl::Tuning> tuning) {
-        return std::make_unique<Impl>(queue, config, tuning);
-      })) {}
-DeviceBroadPhase::~DeviceBroadPhase() {
-  opencl::DeleteUnlessForked()(impl_.release());
-}
+    : impl_(std::make_unique<Impl>(queue, config)) {}
+DeviceBroadPhase::~DeviceBroadPhase() = default;
 DeviceBroadPhase::DeviceBroadPhase(DeviceBroadPhase&&) noexcept = default;
-DeviceBroadPhase& DeviceBroadPhase::operator=(DeviceBroadPhase&& other) noexcept {
-  DeviceBroadPhase taken(std::move(other));
-  impl_.swap(taken.impl_);
-  return *this;
-}
+DeviceBroadPhase& DeviceBroadPhase::operator=(DeviceBroadPhase&&) noexcept = default;
 
 DeviceBroadPhase::Result DeviceBroadPhase::update(const Boxes& boxes) {
-  impl_->begin(boxes);
-  return impl_->finish();
+  impl_->core->begin(boxes);
+  return impl_->core->finish();
 }
 
 void DeviceBroadPhase::begin(const Boxes& boxes) {
-  impl_->begin(boxes);
+  impl_->core->begin(boxes);
 }
 
 DeviceBroadPhase::Result DeviceBroadPhase::finish() {
-  return impl_->finish();
+  return impl_->core->finish();
 }
 
 void DeviceBroadPhase::reserve(std::size_t boxes, std::size_t pairs, bool filters) {
-  impl_->reserve(boxes, pairs, filters);
+  impl_->core->reserve(boxes, pairs, filters);
 }
 
 void DeviceBroadPhase::shrink() {
-  impl_->shrink();
+  impl_->core->shrink();
 }
 
 void DeviceBroadPhase::set_exclusions(std::span<const Pair> pairs) {
-  impl_->set_exclusions(pairs);
+  impl_->core->set_exclusions(pairs);
 }
 
 void DeviceBroadPhase::enqueue(const Boxes& boxes, const ChangeBuffers& changes) {
-  impl_->enqueue(boxes, changes);
+  impl_->core->enqueue(boxes, changes);
 }
 
 DeviceBroadPhase::PairBuffer DeviceBroadPhase::pairs() {
-  return impl_->pairs();
+  return impl_->core->pairs();
 }
 
 const Device& DeviceBroadPhase::device() const noexcept {
-  return impl_->context().device();
+  return impl_->core->context().device();
 }
 
 MemoryUse DeviceBroadPhase::memory() const noexcept {
-  return impl_->context().memory();
+  return impl_->core->context().memory();
 }
 
 std::span<const Stage> DeviceBroadPhase::profile() const noexcept {
-  return impl_->profile();
+  return impl_->core->profile();
 }
 
 }  // namespace broadcl

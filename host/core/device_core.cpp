@@ -87,10 +87,27 @@ std::invoke_result_t<const Function&> DeviceCore::guard_reservation(const Functi
   }
 }
 
+DeviceCorePointer make_device_core(cl_command_queue queue, const DeviceBroadPhase::Config& config) {
+  return opencl::make_tuned([&](std::optional<opencl::Tuning> tuning) {
+    return DeviceCorePointer(new DeviceCore(queue, config, tuning));
+  });
+}
+
+// (Not guarded: after a refusal there is nothing to wait for.)
+void DeviceCore::refuse_invalid(const Boxes& boxes) const {
+  opencl::translate_errors(context_.device().label(), [&] { check(boxes); });
+}
+
+void DeviceCore::read(cl_mem buffer, std::size_t offset, std::span<std::byte> to) const {
+  if (to.empty()) return;
+  context_.guard([&] {
+    context_.queue().enqueueReadBuffer(cl::Buffer(buffer, true), CL_TRUE, offset, to.size(), to.data());
+  });
+}
+
 void DeviceCore::begin(const Boxes& boxes) {
   refuse_in_flight("begin()");
-  // (Not guarded: after a refusal there is nothing to wait for.)
-  opencl::translate_errors(context_.device().label(), [&] { check(boxes); });
+  refuse_invalid(boxes);
   guard_reservation([&] {
     settle();
     profiler_.begin();

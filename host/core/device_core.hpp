@@ -16,6 +16,7 @@
 #include "engines/search.hpp"
 #include "engines/source.hpp"
 #include "opencl/context.hpp"
+#include "opencl/process.hpp"
 #include "opencl/profiler.hpp"
 #include "opencl/tuning.hpp"
 
@@ -32,6 +33,8 @@ class BROADCL_API DeviceCore {
   DeviceCore(cl_command_queue queue, const DeviceBroadPhase::Config& config,
              std::optional<opencl::Tuning> tuning);
 
+  /// What begin() throws for boxes before it does anything.
+  void refuse_invalid(const Boxes& boxes) const;
   void begin(const Boxes& boxes);
   /// Waits for the update that begin() started. It takes effect by commit(), or not at all if abandon() or
   /// begin() follows.
@@ -50,6 +53,10 @@ class BROADCL_API DeviceCore {
   void set_exclusions(std::span<const Pair> pairs);
   void enqueue(const Boxes& boxes, const ChangeBuffers& changes);
   PairBuffer pairs();
+
+  /// Reads a buffer of the caller from `offset` on. Waits for the queue.
+  /// @throws Error
+  void read(cl_mem buffer, std::size_t offset, std::span<std::byte> to) const;
 
   [[nodiscard]] const opencl::Context& context() const noexcept { return context_; }
   [[nodiscard]] std::span<const Stage> profile() const noexcept { return profiler_.stages(); }
@@ -101,5 +108,10 @@ class BROADCL_API DeviceCore {
   std::size_t begun_first_count_ = 0;
   std::size_t incomplete_ = 0;  // incomplete updates by enqueue() since the last result
 };
+
+using DeviceCorePointer = std::unique_ptr<DeviceCore, opencl::DeleteUnlessForked>;
+/// @throws As the constructor of DeviceBroadPhase.
+[[nodiscard]] BROADCL_API DeviceCorePointer make_device_core(cl_command_queue queue,
+                                                             const DeviceBroadPhase::Config& config);
 
 }  // namespace broadcl

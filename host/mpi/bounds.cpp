@@ -5,6 +5,7 @@
 #include <iterator>
 #include <limits>
 
+#include "base/box_parts.hpp"
 #include "base/packed_box.hpp"
 
 namespace broadcl::mpi {
@@ -14,6 +15,7 @@ namespace {
 constexpr std::size_t longest_life = 128;
 /// If bounds were true for fewer or more updates than this, the margin is doubled or halved.
 constexpr std::size_t short_life = 8, long_life = 64;
+constexpr std::size_t sample_size = 4096;
 /// In cells.
 constexpr float least_margin = 1.0F / 1024, most_margin = 1;
 
@@ -107,6 +109,31 @@ void Survey::add(const Grid& grid, const Survey& other) {
     extend(cells[cell], other.cells[cell]);
   }
   for (const Large& one : other.large) add(grid, one.id, one.box);
+}
+
+std::vector<Aabb> sample_of(std::span<const Aabb> boxes) {
+  std::vector<Aabb> sample;
+  const std::size_t stride = boxes.size() / sample_size + 1;
+  for (std::size_t id = 0; id < boxes.size(); id += stride) {
+    if (is_proper(boxes[id])) sample.push_back(boxes[id]);
+  }
+  return sample;
+}
+
+Survey survey_of(const Grid& grid, std::span<const Aabb> boxes, std::size_t threads) {
+  // By part, so that the ids of objects that are alone do not depend on the threads.
+  constexpr std::size_t most_parts = 32;
+  const std::size_t n = boxes.size();
+  const std::size_t parts = std::min(most_parts, parts_of(n));
+  std::vector<Survey> surveys(parts);
+  parallel_for(parts, useful_threads(n, boxes_per_part, threads), [&](std::size_t part, std::size_t) {
+    for (std::size_t id = n * part / parts; id < n * (part + 1) / parts; ++id) {
+      if (is_proper(boxes[id])) surveys[part].add(grid, static_cast<std::uint32_t>(id), boxes[id]);
+    }
+  });
+  Survey all;
+  for (const Survey& survey : surveys) all.add(grid, survey);
+  return all;
 }
 
 bool OwnBounds::are_due(std::size_t objects) const noexcept {

@@ -68,6 +68,11 @@ struct Survey {
   void add(const Grid& grid, const Survey& other);
 };
 
+/// Some boxes, evenly selected; all if there are few. No improper ones.
+[[nodiscard]] std::vector<Aabb> sample_of(std::span<const Aabb> boxes);
+/// @param boxes By id; improper ones do not count.
+[[nodiscard]] Survey survey_of(const Grid& grid, std::span<const Aabb> boxes, std::size_t threads);
+
 /// What a rank has told the others about its objects. It has a margin, so that it remains true while objects
 /// move a little.
 class OwnBounds {

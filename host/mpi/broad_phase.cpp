@@ -7,11 +7,11 @@
 #include <optional>
 #include <span>
 #include <string>
-#include <thread>
 #include <utility>
 #include <vector>
 
 #include "mpi/cross_pairs.hpp"
+#include "mpi/exclusions.hpp"
 #include "mpi/host_objects.hpp"
 #include "mpi/ranks.hpp"
 #include "mpi/stages.hpp"
@@ -19,16 +19,6 @@
 namespace broadcl {
 
 using namespace mpi;
-
-namespace {
-
-MemoryUse sum(const MemoryUse& s, const MemoryUse& t) noexcept {
-  return {.device = s.device + t.device,
-          .device_peak = s.device_peak + t.device_peak,
-          .pinned = s.pinned + t.pinned};
-}
-
-}  // namespace
 
 class MpiBroadPhase::Impl {
  public:
@@ -43,27 +33,10 @@ class MpiBroadPhase::Impl {
   [[nodiscard]] std::span<const Stage> profile() const noexcept { return profile_; }
 
   void set_exclusions(std::span<const MpiPair> pairs) {
-    std::vector<Pair> own;
-    std::vector<MpiPair> others;
-    for (auto [a, b] : pairs) {
-      if (b < a) std::swap(a, b);
-      if (rank_of(a) != ranks_->rank() || rank_of(b) >= ranks_->count()) {
-        throw Error::invalid_argument("the first object of an excluded pair is of rank " +
-                                      std::to_string(rank_of(a)) + ", the second of rank " +
-                                      std::to_string(rank_of(b)) + "; give the pair on rank " +
-                                      std::to_string(rank_of(a)) + ", of ranks of the communicator");
-      }
-      if (rank_of(b) == rank_of(a)) {
-        own.push_back({local_id(a), local_id(b)});
-      } else {
-        others.push_back({a, b});
-      }
-    }
-    std::ranges::sort(others);
-    others.erase(std::unique(others.begin(), others.end()), others.end());
-    objects_.set_exclusions(own);
+    Exclusions exclusions(pairs, ranks_->rank(), ranks_->count());
+    objects_.set_exclusions(exclusions.own);
     // Nothing below throws.
-    cross_.set_exclusions(std::move(others));
+    cross_.set_exclusions(std::move(exclusions.of_others));
   }
 
   MpiDelta update() {
@@ -78,7 +51,7 @@ class MpiBroadPhase::Impl {
       ranks_->together([&] {
         delta.own = objects_.finish();
         stages_.end("finish");
-        write_profile();
+        stages_.append_to(profile_, objects_.search().profile());
       });
     } catch (...) {
       objects_.abandon();
@@ -106,12 +79,6 @@ class MpiBroadPhase::Impl {
   }
 
  private:
-  void write_profile() {
-    const std::span<const Stage> own = objects_.search().profile();
-    profile_.assign(own.begin(), own.end());
-    profile_.insert(profile_.end(), stages_.get().begin(), stages_.get().end());
-  }
-
   std::optional<Ranks> ranks_;
   HostObjects objects_;
   CrossPairs cross_;
@@ -121,12 +88,9 @@ class MpiBroadPhase::Impl {
 
 MpiBroadPhase::MpiBroadPhase(MPI_Comm comm, const Config& config) {
   Ranks ranks(comm);
-  const Ranks::Node node = ranks.node();
+  Config own = config;
+  own.threads = ranks.threads(config.threads);
   ranks.together([&] {
-    Config own = config;
-    if (own.threads == 0) {
-      own.threads = std::max(1U, std::thread::hardware_concurrency() / static_cast<unsigned>(node.ranks));
-    }
     impl_ = std::make_unique<Impl>(own, static_cast<std::size_t>(ranks.rank()),
                                    static_cast<std::size_t>(ranks.count()));
   });

@@ -4,6 +4,8 @@
 #include <cstdint>
 #include <utility>
 
+#include "mpi/near_parts.hpp"
+
 namespace broadcl::mpi {
 namespace {
 
@@ -34,7 +36,13 @@ void append(const Bytes& message, std::vector<MpiPair>& added, std::vector<MpiPa
 }  // namespace
 
 CrossPairs::CrossPairs(const Config& config, std::size_t rank, std::size_t ranks)
-    : rank_(rank), halos_(ranks), search_(config, rank, ranks), near_(ranks), out_(ranks), in_(ranks) {}
+    : rank_(rank),
+      threads_(config.threads),
+      halos_(ranks),
+      search_(config, rank, ranks),
+      near_(ranks),
+      out_(ranks),
+      in_(ranks) {}
 
 void CrossPairs::set_exclusions(std::vector<MpiPair> pairs) noexcept {
   exclusions_ = std::move(pairs);
@@ -94,8 +102,9 @@ void CrossPairs::exchange_bounds(const Ranks& ranks, Objects& objects, bool is_d
   are_bounds_due_ = true;  // until all of this is done
   ranks.together([&] {
     if (!is_due) return;
-    const Grid grid(objects.sample());
-    own_bounds_.renew(grid, objects.survey(grid), objects.count());
+    const std::span<const Aabb> boxes = objects.boxes();
+    const Grid grid(sample_of(boxes));
+    own_bounds_.renew(grid, survey_of(grid, boxes, threads_), objects.count());
   });
   const std::vector<Bounds> bounds = ranks.gather(own_bounds_.get());
   ranks.together([&] { neighbours_.set(rank_, own_bounds_, bounds); });
@@ -118,7 +127,9 @@ void CrossPairs::find_halos(const Ranks& ranks, Objects& objects, Stages& stages
   while (any(ranks.gather(std::uint8_t{is_due}))) {
     exchange_bounds(ranks, objects, is_due);
     is_all = true;
-    ranks.together([&] { is_due = !objects.find_near(own_bounds_, neighbours_, is_all, near_); });
+    ranks.together([&] {
+      is_due = !find_near(own_bounds_, neighbours_, objects.boxes(), objects.filters(), threads_, near_);
+    });
   }
   ranks.together([&] {
     for (std::size_t other = 0; other < halos_.size(); ++other) {

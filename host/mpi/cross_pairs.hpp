@@ -17,6 +17,12 @@
 
 namespace broadcl::mpi {
 
+[[nodiscard]] constexpr MemoryUse sum(const MemoryUse& s, const MemoryUse& t) noexcept {
+  return {.device = s.device + t.device,
+          .device_peak = s.device_peak + t.device_peak,
+          .pinned = s.pinned + t.pinned};
+}
+
 /// Finds the pairs of objects of different ranks. Each rank tells the others bounds of its objects. Of each
 /// two ranks, one sends those of its objects that overlap the other's bounds, its halo, and the other one
 /// searches them against its own that overlap the bounds of the first. If two boxes overlap, both are among
@@ -58,6 +64,7 @@ class CrossPairs {
   [[nodiscard]] std::span<const MpiPair> exclusions_with(std::size_t other) const;
 
   std::size_t rank_;
+  std::size_t threads_;
   OwnBounds own_bounds_;
   Neighbours neighbours_;
   std::vector<HaloHistory> halos_;  // by rank: Neighbours

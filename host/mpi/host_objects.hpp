@@ -49,13 +49,11 @@ class HostObjects final : public Objects {
   [[nodiscard]] bool begin(const OwnBounds* own, const Neighbours& neighbours,
                            std::vector<Halo>& near) override;
   [[nodiscard]] std::size_t count() const override { return search_.size(); }
-  [[nodiscard]] std::vector<Aabb> sample() override;
-  [[nodiscard]] Survey survey(const Grid& grid) override;
+  [[nodiscard]] std::span<const Aabb> boxes() override { return search_.boxes().first(ids_); }
+  [[nodiscard]] std::span<const Filter> filters() override { return search_.filters(); }
   [[nodiscard]] bool have_all_changed() const override;
   [[nodiscard]] std::span<const std::uint32_t> changed() const override { return changed_; }
   [[nodiscard]] std::span<const std::uint32_t> recycled() const override { return changes_.recycled(); }
-  [[nodiscard]] bool find_near(const OwnBounds& own, const Neighbours& neighbours, bool all,
-                               std::vector<Halo>& near) override;
 
  private:
   void reserve(std::size_t ids);

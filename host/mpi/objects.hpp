@@ -22,18 +22,23 @@ class Objects {
   Objects(Objects&&) = delete;
   Objects& operator=(Objects&&) = delete;
 
-  /// Starts an update of the pairs of two objects of this rank.
-  /// @param own Null to find nothing; otherwise find_near() is done, too, among all objects if
-  /// have_all_changed().
+  /// Starts an update of the pairs of two objects of this rank, and finds the objects that belong to halos:
+  /// among those that changed(), or among all if have_all_changed().
+  /// @param own Null if no halos are wanted.
+  /// @param near By halo.
+  /// @returns Whether the bounds contain all objects. If not, `near` may be incomplete.
   /// @throws As BroadPhase::begin(); then there is no update.
   [[nodiscard]] virtual bool begin(const OwnBounds* own, const Neighbours& neighbours,
                                    std::vector<Halo>& near) = 0;
 
+  // Of the update that was begun.
+
   /// How many there are.
   [[nodiscard]] virtual std::size_t count() const = 0;
-  /// Some boxes, evenly selected; all if there are few.
-  [[nodiscard]] virtual std::vector<Aabb> sample() = 0;
-  [[nodiscard]] virtual Survey survey(const Grid& grid) = 0;
+  /// Packed, by id; empty ones for ids that are free. Perhaps copied from a device.
+  [[nodiscard]] virtual std::span<const Aabb> boxes() = 0;
+  /// By id; none if all are the default one.
+  [[nodiscard]] virtual std::span<const Filter> filters() = 0;
 
   // What changed since the last update that succeeded on all ranks.
 
@@ -43,12 +48,6 @@ class Objects {
   [[nodiscard]] virtual std::span<const std::uint32_t> changed() const = 0;
   /// Ids that belong to other objects than before, ascending.
   [[nodiscard]] virtual std::span<const std::uint32_t> recycled() const = 0;
-
-  /// Finds the objects that belong to halos.
-  /// @param all Among all objects; otherwise among those that changed().
-  /// @returns Whether the bounds contain all of them. If not, `near` may be incomplete.
-  [[nodiscard]] virtual bool find_near(const OwnBounds& own, const Neighbours& neighbours, bool all,
-                                       std::vector<Halo>& near) = 0;
 };
 
 }  // namespace broadcl::mpi

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cstring>
+#include <thread>
 
 #include <broadcl/error.hpp>
 
@@ -77,6 +78,11 @@ void Ranks::agree(const char* failure, ErrorKind kind) const {
 void Ranks::gather_bytes(const void* value, std::size_t size, void* values) const {
   const int bytes = static_cast<int>(size);
   check(MPI_Allgather(value, bytes, MPI_BYTE, values, bytes, MPI_BYTE, comm_), "MPI_Allgather");
+}
+
+std::size_t Ranks::threads(std::size_t configured) const {
+  const auto ranks = static_cast<std::size_t>(node().ranks);
+  return configured != 0 ? configured : std::max<std::size_t>(1, std::thread::hardware_concurrency() / ranks);
 }
 
 void Ranks::exchange(const std::vector<Bytes>& out, std::vector<Bytes>& in) const {

@@ -63,6 +63,8 @@ class Ranks {
     int rank;
   };
   [[nodiscard]] Node node() const;
+  /// Config::threads; for 0, this rank's share of its node's processors. Collective.
+  [[nodiscard]] std::size_t threads(std::size_t configured) const;
 
   /// Calls a function that does not communicate.
   /// @throws Error on all ranks if the function throws on one; the error is that of the lowest such rank.

@@ -31,7 +31,12 @@ class Stages {
     }
     stage_start_ = now;
   }
-  [[nodiscard]] std::span<const Stage> get() const noexcept { return stages_; }
+  /// Appends the stages of this rank's own search, and then these.
+  /// @throws std::bad_alloc
+  void append_to(std::vector<Stage>& profile, std::span<const Stage> own) const {
+    profile.insert(profile.end(), own.begin(), own.end());
+    profile.insert(profile.end(), stages_.begin(), stages_.end());
+  }
 
  private:
   using Clock = std::chrono::steady_clock;
