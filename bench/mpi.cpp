@@ -1,10 +1,12 @@
-// How much faster several ranks are than one BroadPhase:
+// How much faster several ranks are than one BroadPhase or DeviceBroadPhase:
 //
 //   mpiexec -n 2 build-dev/bench/broadcl_bench_mpi --objects 20000000
 //
 // Rank 0 first plays all objects by itself, with all processors of its node. Then all ranks play them
-// together, and must find as many changes in each frame, of the same pairs. Boxes lie in the memory that
-// map() returned when the time begins. Times are medians, those of ranks of the slowest one.
+// together, and must find as many changes in each frame, of the same pairs. When the time begins, boxes lie
+// in the memory that map() returned, or on the device. Times are medians, those of ranks of the slowest one.
+#include "opencl/api.hpp"  // before <CL/cl.h>: it chooses the version
+
 #include <mpi.h>
 
 #include <algorithm>
@@ -25,6 +27,7 @@
 
 #include <broadcl/broad_phase.hpp>
 #include <broadcl/mpi.hpp>
+#include <broadcl/mpi_opencl.hpp>
 
 #include "base/box_parts.hpp"
 
@@ -36,6 +39,7 @@ struct Options {
   std::size_t frames = 20;
   std::string placement = "blocks";
   bool profile = false;
+  bool on_device = false;
   Config config{};
 };
 
@@ -188,45 +192,112 @@ class Stages {
 /// In the first frame everything is new, in the second one buffers grow.
 constexpr std::size_t first_measured = 2;
 
+/// Boxes in the memory that map() returns.
+template <class Tested>
+class OnHost {
+ public:
+  template <class... Arguments>
+  explicit OnHost(const Options& options, const Arguments&... arguments)
+      : tested_(arguments..., options.config) {}
+
+  [[nodiscard]] Tested& tested() { return tested_; }
+  void write(std::span<const std::uint32_t> objects, const Scene& scene, std::size_t frame) {
+    bench::write(tested_.map(objects.size()), objects, scene, frame);
+  }
+  auto update() { return tested_.update(); }
+  [[nodiscard]] std::span<const Pair> read(std::span<const Pair> pairs) const { return pairs; }
+  [[nodiscard]] std::string label() const {
+    return tested_.device() != nullptr ? tested_.device()->label() : "host";
+  }
+
+ private:
+  Tested tested_;
+};
+
+/// Boxes on the device.
+template <class Tested>
+class OnDevice {
+ public:
+  template <class... Arguments>
+  explicit OnDevice(const Options& options, const Arguments&... arguments)
+      : device_(open(options.config)), tested_(arguments..., queue_(), config_of(options.config)) {}
+
+  [[nodiscard]] Tested& tested() { return tested_; }
+  void write(std::span<const std::uint32_t> objects, const Scene& scene, std::size_t frame) {
+    boxes_.resize(objects.size());
+    bench::write(boxes_, objects, scene, frame);
+    const std::size_t bytes = std::max<std::size_t>(1, boxes_.size() * sizeof(Aabb));
+    if (buffer_() == nullptr) buffer_ = cl::Buffer(context_, CL_MEM_READ_ONLY, bytes);
+    if (!boxes_.empty()) queue_.enqueueWriteBuffer(buffer_, CL_TRUE, 0, bytes, boxes_.data());
+  }
+  auto update() { return tested_.update({.buffer = buffer_(), .count = boxes_.size()}); }
+  [[nodiscard]] std::vector<Pair> read(const DeviceBroadPhase::PairBuffer& pairs) const {
+    std::vector<Pair> read(pairs.count);
+    if (read.empty()) return read;
+    queue_.enqueueReadBuffer(cl::Buffer(pairs.buffer, true), CL_TRUE, 0, read.size() * sizeof(Pair),
+                             read.data());
+    return read;
+  }
+  [[nodiscard]] std::string label() const { return tested_.device().label(); }
+
+ private:
+  static cl::Device open(const Config& config) {
+    const Device device = select_device(config.device);
+    std::vector<cl::Platform> platforms;
+    cl::Platform::get(&platforms);
+    std::vector<cl::Device> devices;
+    platforms.at(device.platform).getDevices(CL_DEVICE_TYPE_ALL, &devices);
+    return devices.at(device.index);
+  }
+  static DeviceBroadPhase::Config config_of(const Config& config) { return {.algorithm = config.algorithm}; }
+
+  cl::Device device_;
+  cl::Context context_{device_};
+  cl::CommandQueue queue_{context_, device_};
+  Tested tested_;
+  std::vector<Aabb> boxes_;
+  cl::Buffer buffer_;
+};
+
+template <class Subject>
 Run play_alone(const Options& options, const Scene& scene, const Placement& placement) {
   const std::vector<std::uint32_t> objects = placement.all();
-  BroadPhase broad_phase(options.config);
+  Subject subject(options);
   Run run;
   Stages stages;
   for (std::size_t frame = 0; frame < options.frames + first_measured; ++frame) {
-    write(broad_phase.map(objects.size()), objects, scene, frame);
-    Delta delta;
-    const double seconds = seconds_of([&] { delta = broad_phase.update(); });
+    subject.write(objects, scene, frame);
+    decltype(subject.update()) delta;
+    const double seconds = seconds_of([&] { delta = subject.update(); });
     Changes changes;
-    for (const auto& [a, b] : delta.added) changes.add(a, b, true);
-    for (const auto& [a, b] : delta.removed) changes.add(a, b, false);
+    for (const auto& [a, b] : subject.read(delta.added)) changes.add(a, b, true);
+    for (const auto& [a, b] : subject.read(delta.removed)) changes.add(a, b, false);
     run.changes.push_back(changes);
     if (frame < first_measured) continue;
     run.seconds.push_back(seconds);
-    stages.add(broad_phase.profile());
+    stages.add(subject.tested().profile());
   }
-  std::printf("one BroadPhase, %s: %.3f ms\n",
-              broad_phase.device() != nullptr ? broad_phase.device()->label().c_str() : "host",
-              1e3 * median(run.seconds));
+  std::printf("alone, %s: %.3f ms\n", subject.label().c_str(), 1e3 * median(run.seconds));
   if (options.profile) stages.print();
   return run;
 }
 
+template <class Subject>
 Run play_together(const Options& options, const Scene& scene, const Placement& placement) {
   const std::span<const std::uint32_t> objects = placement.of(world_rank());
-  MpiBroadPhase broad_phase(MPI_COMM_WORLD, options.config);
+  Subject subject(options, MPI_COMM_WORLD);
   Run run;
   Stages stages;
   std::vector<double> bytes;
   for (std::size_t frame = 0; frame < options.frames + first_measured; ++frame) {
-    write(broad_phase.map(objects.size()), objects, scene, frame);
+    subject.write(objects, scene, frame);
     MPI_Barrier(MPI_COMM_WORLD);
-    MpiDelta delta;
-    double seconds = seconds_of([&] { delta = broad_phase.update(); });
+    decltype(subject.update()) delta;
+    double seconds = seconds_of([&] { delta = subject.update(); });
     Changes changes;
     const auto offset = placement.id(mpi_id(world_rank(), 0));
-    for (const auto& [a, b] : delta.own.added) changes.add(offset + a, offset + b, true);
-    for (const auto& [a, b] : delta.own.removed) changes.add(offset + a, offset + b, false);
+    for (const auto& [a, b] : subject.read(delta.own.added)) changes.add(offset + a, offset + b, true);
+    for (const auto& [a, b] : subject.read(delta.own.removed)) changes.add(offset + a, offset + b, false);
     for (const auto& [a, b] : delta.added) changes.add(placement.id(a), placement.id(b), true);
     for (const auto& [a, b] : delta.removed) changes.add(placement.id(a), placement.id(b), false);
     MPI_Allreduce(MPI_IN_PLACE, &changes.count, 1, MPI_UINT64_T, MPI_SUM, MPI_COMM_WORLD);
@@ -235,31 +306,31 @@ Run play_together(const Options& options, const Scene& scene, const Placement& p
     if (frame < first_measured) continue;
     MPI_Allreduce(MPI_IN_PLACE, &seconds, 1, MPI_DOUBLE, MPI_MAX, MPI_COMM_WORLD);
     run.seconds.push_back(seconds);
-    stages.add(broad_phase.profile());
-    bytes.push_back(static_cast<double>(broad_phase.bytes_sent()));
+    stages.add(subject.tested().profile());
+    bytes.push_back(static_cast<double>(subject.tested().bytes_sent()));
   }
   if (world_rank() == 0) std::printf("%d ranks: %.3f ms\n", world_size(), 1e3 * median(run.seconds));
   for (int rank = 0; rank < world_size(); ++rank) {
     std::fflush(stdout);
     MPI_Barrier(MPI_COMM_WORLD);
     if (rank != world_rank() || !options.profile) continue;
-    std::printf("  rank %d, %s, %zu objects, %.0f bytes sent\n", rank,
-                broad_phase.device() != nullptr ? broad_phase.device()->label().c_str() : "host",
+    std::printf("  rank %d, %s, %zu objects, %.0f bytes sent\n", rank, subject.label().c_str(),
                 objects.size(), median(bytes));
     stages.print();
   }
   return run;
 }
 
+template <class Alone, class Together>
 int run(const Options& options) {
   const Scene scene(options.objects);
   const Placement placement(options, scene);
   Options own = options;
   if (own.config.device.empty()) own.config.device = mpi_device(MPI_COMM_WORLD);
   Run alone;
-  if (world_rank() == 0) alone = play_alone(own, scene, placement);
+  if (world_rank() == 0) alone = play_alone<Alone>(own, scene, placement);
   MPI_Barrier(MPI_COMM_WORLD);
-  const Run together = play_together(own, scene, placement);
+  const Run together = play_together<Together>(own, scene, placement);
   if (world_rank() != 0) return 0;
   std::printf(
       "%.2f times as fast; %zu objects, medians of %zu frames, slowest rank, %llu changes per frame\n",
@@ -272,7 +343,7 @@ int run(const Options& options) {
 
 int main(int argc, char** argv) try {
   Options options;
-  CLI::App app("How much faster several ranks are than one BroadPhase.");
+  CLI::App app("How much faster several ranks are than one BroadPhase or DeviceBroadPhase.");
   app.add_option("--objects", options.objects, "of all ranks together")->check(CLI::Range(1U, 1U << 30U));
   app.add_option("--frames", options.frames, "to measure")->check(CLI::PositiveNumber);
   app.add_option("--placement", options.placement,
@@ -280,10 +351,12 @@ int main(int argc, char** argv) try {
       ->check(CLI::IsMember({"blocks", "random"}));
   app.add_option("--algorithm", options.config.algorithm);
   app.add_option("--device", options.config.device, "by default the ranks of a node share its GPUs");
-  app.add_option("--threads", options.config.threads, "of each rank, and of the single BroadPhase");
+  app.add_option("--threads", options.config.threads, "of each rank, and if there is only one");
+  app.add_flag("--on-device", options.on_device, "boxes are on the device, and changes stay there");
   app.add_flag("--profile", options.profile, "print the stages of an update");
   CLI11_PARSE(app, argc, argv);
-  return run(options);
+  if (options.on_device) return run<OnDevice<DeviceBroadPhase>, OnDevice<MpiDeviceBroadPhase>>(options);
+  return run<OnHost<BroadPhase>, OnHost<MpiBroadPhase>>(options);
 } catch (const std::exception& error) {
   std::fprintf(stderr, "%s\n", error.what());
   MPI_Abort(MPI_COMM_WORLD, 2);
