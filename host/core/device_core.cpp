@@ -125,6 +125,7 @@ void DeviceCore::complete() {
   completed_ = guard_reservation([&] { return engine_->complete(); });
 }
 
+// NOLINTNEXTLINE(bugprone-exception-escape): handles do not throw when moved
 DeviceBroadPhase::Result DeviceCore::commit() noexcept {
   engine_->commit(completed_);
   const PairDelta::Counts& counts = completed_.counts;

@@ -40,7 +40,7 @@ class BROADCL_API DeviceCore {
   /// begin() follows.
   /// @throws As finish().
   void complete();
-  Result commit() noexcept;
+  Result commit() noexcept;  // NOLINT(bugprone-exception-escape): handles do not throw when moved
   /// Ends an update that was begun, if there is one, as if it had failed.
   void abandon() noexcept;
   Result finish() {

@@ -133,8 +133,8 @@ class Neighbours {
   /// Calls function(halo) for each halo of an object.
   /// @returns Whether this rank's bounds contain the box. If not, there are no calls.
   template <class Function>
-  bool for_each_halo(const OwnBounds& own, std::uint32_t id, const Aabb& box,
-                     const Function& function) const {
+  [[nodiscard]] bool for_each_halo(const OwnBounds& own, std::uint32_t id, const Aabb& box,
+                                   const Function& function) const {
     const Corners corners(box);
     if (contains(interior_, corners) || !is_proper(box)) return true;
     const std::size_t place = own.place_of(id, corners);

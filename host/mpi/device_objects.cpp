@@ -7,6 +7,14 @@
 #include "mpi/near_parts.hpp"
 
 namespace broadcl::mpi {
+namespace {
+
+struct PlacedCopy {
+  std::uint32_t id;
+  Aabb box;
+};
+
+}  // namespace
 
 void DeviceObjects::set(const DeviceBroadPhase::Boxes& boxes) {
   if (boxes.second.buffer != nullptr || boxes.second.count > 0) {
@@ -38,7 +46,7 @@ bool DeviceObjects::begin(const OwnBounds* own, const Neighbours& neighbours, st
   NearParts parts(*own, neighbours, count);
   parts.find_all(threads_, [&](std::size_t k) {
     const BoxesOutside::Found found = outside_[k];
-    return std::pair(found.index, found.box);
+    return PlacedCopy{.id = found.index, .box = found.box};
   });
   return parts.join(
       [&](std::size_t k) {

@@ -43,15 +43,15 @@ class NearParts {
       : own_(own), neighbours_(neighbours), parts_(parts_of(objects)), objects_(objects) {}
 
   /// Looks at the objects from `begin` to `end`, one part. May be called for several at the same time.
-  /// @param at Returns the id and the box of object k.
+  /// @param at Returns the `id` and the `box` of object k.
   template <class At>
   void find(std::size_t begin, std::size_t end, const At& at) {
     std::vector<Near> found;
     bool are_inside = true;
     for (std::size_t k = begin; k < end; ++k) {
-      const auto& [id, box] = at(k);
-      are_inside &= neighbours_.for_each_halo(own_, id, box, [&](std::uint32_t halo) {
-        found.push_back({.halo = halo, .object = static_cast<std::uint32_t>(k), .box = box});
+      const auto& placed = at(k);
+      are_inside &= neighbours_.for_each_halo(own_, placed.id, placed.box, [&](std::uint32_t halo) {
+        found.push_back({.halo = halo, .object = static_cast<std::uint32_t>(k), .box = placed.box});
       });
     }
     if (!are_inside) are_inside_ = false;
