@@ -39,8 +39,9 @@ void play_to_algorithm(const BroadPhase::Config& config, ScriptSize size, std::s
 }
 
 TEST_P(EachAlgorithm, SomeRandomCalls) {
-  const std::size_t scripts = GetParam().on_device ? 20 : 60;
-  play_to_algorithm(config(), ScriptSize::small, is_slow() ? 3 : scripts, seed_of_ci);
+  const std::size_t scripts = (GetParam().on_device ? 20U : 60U) / (is_sanitized ? 2 : 1);
+  const bool is_slow = GetParam().on_device && is_slow_device();
+  play_to_algorithm(config(), ScriptSize::small, is_slow ? 3 : scripts, seed_of_ci);
 }
 
 /// In double precision, which single precision can seldom tell.

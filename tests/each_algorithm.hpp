@@ -57,6 +57,13 @@ inline bool is_oclgrind() {
   return select_device().platform_name.find("Oclgrind") != std::string::npos;
 }
 
+/// Whether AddressSanitizer watches, which needs few objects to see what they do.
+#ifdef __has_feature
+inline constexpr bool is_sanitized = __has_feature(address_sanitizer);
+#else
+inline constexpr bool is_sanitized = false;
+#endif
+
 /// Tests of this suite run over every algorithm of the table (broad_phase_test.cpp).
 class EachAlgorithm : public ::testing::TestWithParam<AlgorithmInfo> {
  protected:
@@ -66,7 +73,9 @@ class EachAlgorithm : public ::testing::TestWithParam<AlgorithmInfo> {
     EXPECT_EQ(overlapping_pairs(boxes, config()), overlapping_pairs(boxes, {.algorithm = "oracle"})) << what;
   }
 
-  [[nodiscard]] static bool is_slow() { return GetParam().on_device && is_slow_device(); }
+  [[nodiscard]] static bool is_slow() {
+    return is_sanitized || (GetParam().on_device && is_slow_device());
+  }
 };
 
 SUITE_ALSO_IN(EachAlgorithm, gpu_profile | rusticl);

@@ -95,8 +95,8 @@ TEST_P(EachAlgorithm, SmallExclusionsAreNotReported) {
 }
 
 TEST_P(EachAlgorithm, ExclusionsAreNotReported) {
-  follow(config(), 1500);
-  search_once(config(), 1500);
+  follow(config(), is_slow() ? 500 : 1500);
+  search_once(config(), is_slow() ? 500 : 1500);
 }
 
 TEST_P(EachAlgorithm, ExclusionsHoldForIds) {

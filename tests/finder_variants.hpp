@@ -27,6 +27,18 @@ class Turns final : public PairFinder {
   void find(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) override {
     finders_.at(turn_)->find(search, sink, profiler);
   }
+  [[nodiscard]] bool keeps(const Search& search, const PairDelta& sink) const override {
+    return finders_.at(turn_)->keeps(search, sink);
+  }
+  [[nodiscard]] bool gave_up(const PairDelta::Counts& counts) override {
+    return finders_.at(turn_)->gave_up(counts);
+  }
+  void rebuild(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) override {
+    finders_.at(turn_)->rebuild(search, sink, profiler);
+  }
+  void forget() noexcept override {
+    for (const auto& finder : finders_) finder->forget();
+  }
 
  private:
   std::array<std::unique_ptr<PairFinder>, 2> finders_;
