@@ -73,9 +73,7 @@ class EachAlgorithm : public ::testing::TestWithParam<AlgorithmInfo> {
     EXPECT_EQ(overlapping_pairs(boxes, config()), overlapping_pairs(boxes, {.algorithm = "oracle"})) << what;
   }
 
-  [[nodiscard]] static bool is_slow() {
-    return is_sanitized || (GetParam().on_device && is_slow_device());
-  }
+  [[nodiscard]] static bool is_slow() { return is_sanitized || (GetParam().on_device && is_slow_device()); }
 };
 
 SUITE_ALSO_IN(EachAlgorithm, gpu_profile | rusticl);

@@ -57,7 +57,7 @@ class BROADCL_API BoxesOutside {
   // Of the commands that were enqueued.
   std::size_t boxes_ = 0;
   cl::Buffer source_, filters_;  // The caller's, since kernels do not own their arguments.
-  std::size_t most_ = 0;  // boxes
+  std::size_t most_ = 0;         // boxes
   cl::Event ready_;
 };
 
