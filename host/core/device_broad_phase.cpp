@@ -58,7 +58,7 @@ const Device& DeviceBroadPhase::device() const noexcept {
 }
 
 MemoryUse DeviceBroadPhase::memory() const noexcept {
-  return impl_->core->context().memory();
+  return impl_->core->memory();
 }
 
 std::span<const Stage> DeviceBroadPhase::profile() const noexcept {

@@ -77,6 +77,12 @@ DeviceCore::DeviceCore(cl_command_queue queue, const DeviceBroadPhase::Config& c
       })),
       source_(context_.guard([&] { return std::make_unique<Source>(context_); })) {}
 
+DeviceCore::~DeviceCore() = default;
+
+MemoryUse DeviceCore::memory() const noexcept {
+  return context_.memory();
+}
+
 template <class Function>
 std::invoke_result_t<const Function&> DeviceCore::guard_reservation(const Function& function) {
   try {

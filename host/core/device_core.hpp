@@ -32,6 +32,11 @@ class BROADCL_API DeviceCore {
 
   DeviceCore(cl_command_queue queue, const DeviceBroadPhase::Config& config,
              std::optional<opencl::Tuning> tuning);
+  ~DeviceCore();
+  DeviceCore(const DeviceCore&) = delete;
+  DeviceCore& operator=(const DeviceCore&) = delete;
+  DeviceCore(DeviceCore&&) = delete;
+  DeviceCore& operator=(DeviceCore&&) = delete;
 
   /// What begin() throws for boxes before it does anything.
   void refuse_invalid(const Boxes& boxes) const;
@@ -58,6 +63,7 @@ class BROADCL_API DeviceCore {
   /// @throws Error
   void read(cl_mem buffer, std::size_t offset, std::span<std::byte> to) const;
 
+  [[nodiscard]] MemoryUse memory() const noexcept;
   [[nodiscard]] const opencl::Context& context() const noexcept { return context_; }
   [[nodiscard]] std::span<const Stage> profile() const noexcept { return profiler_.stages(); }
 

@@ -102,7 +102,7 @@ const Device& MpiDeviceBroadPhase::device() const noexcept {
 }
 
 MemoryUse MpiDeviceBroadPhase::memory() const noexcept {
-  return sum(impl_->core().context().memory(), impl_->cross().memory());
+  return sum(impl_->core().memory(), impl_->cross().memory());
 }
 
 std::span<const Stage> MpiDeviceBroadPhase::profile() const noexcept {
