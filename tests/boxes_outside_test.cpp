@@ -22,9 +22,6 @@ namespace {
 
 SUITE_ALSO_IN(OutsideOnCallersQueue, gpu_profile | rusticl | oclgrind);
 
-constexpr float infinity = std::numeric_limits<float>::infinity();
-constexpr float least = std::numeric_limits<float>::denorm_min();
-
 class OutsideOnCallersQueue : public testing::Test, protected CallersQueue {
  protected:
   static bool is_outside(const Aabb& inner, const Aabb& box) {
@@ -67,6 +64,8 @@ class OutsideOnCallersQueue : public testing::Test, protected CallersQueue {
 };
 
 TEST_F(OutsideOnCallersQueue, SmallBoxesOfEveryKind) {
+  constexpr float infinity = std::numeric_limits<float>::infinity();
+  constexpr float least = std::numeric_limits<float>::denorm_min();
   const Aabb inner{{0, 0, 0}, {1, 1, 1}};
   const std::vector<Aabb> boxes{
       unit,
