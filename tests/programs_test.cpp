@@ -15,6 +15,7 @@
 #include "callers_queue.hpp"
 #include "each_algorithm.hpp"
 #include "engines/algorithm.hpp"
+#include "engines/boxes_outside.hpp"
 #include "engines/engine.hpp"
 #include "environment.hpp"
 #include "failing_opencl.hpp"
@@ -108,6 +109,8 @@ void expect_listed_programs(const std::string& profile) {
     live_on_the_device(algorithm);
   }
   live_on_the_host("gpu-bf");
+  const opencl::Context context(select_device(), false);
+  const BoxesOutside for_mpi(context);
   if (profile != "cpu") search_early();
   EXPECT_THAT(cached_programs(folder.path()), ::testing::ContainerEq(listed_programs(profile)));
 }

@@ -3,8 +3,6 @@
 #include <algorithm>
 #include <cstring>
 
-#include "engines/engine_program.hpp"
-
 namespace broadcl {
 namespace {
 
@@ -19,8 +17,10 @@ cl_float4 corner(const std::array<float, 3>& bounds) {
 
 BoxesOutside::BoxesOutside(const opencl::Context& context)
     : context_(context),
-      mark_(context.guard([&] { return context.sized_kernel(engine_program(context), "mark_outside"); })),
-      copy_(context.guard([&] { return context.sized_kernel(engine_program(context), "copy_outside"); })),
+      mark_(
+          context.guard([&] { return context.sized_kernel(context.program("outside.cl"), "mark_outside"); })),
+      copy_(
+          context.guard([&] { return context.sized_kernel(context.program("outside.cl"), "copy_outside"); })),
       scan_(context.guard([&] { return opencl::Scan(context); })) {}
 
 std::size_t BoxesOutside::words_per_box() const noexcept {
