@@ -69,6 +69,25 @@ TEST(Mpi, ANaNIsNamedOnAllRanksAndMended) {
   twins.compare_pairs();
 }
 
+#ifdef BROADCL_MPI_ON_DEVICE
+TEST(Mpi, BoxesThatOneRankCannotGiveAreRefusedOnAll) {
+  const CallersQueue queue;
+  const cl::Buffer buffer = queue.buffer_of(std::vector<Aabb>(2, unit));
+  MpiDeviceBroadPhase tested(MPI_COMM_WORLD, queue());
+  const DeviceBroadPhase::Boxes good{.buffer = buffer(), .count = 2};
+  const auto expect_error = [&](const DeviceBroadPhase::Boxes& bad, const std::string& what) {
+    const bool is_bad = world_rank() == world_size() - 1;
+    EXPECT_THAT(error_of([&] { (void)tested.update(is_bad ? bad : good); }),
+                AllOf(StartsWith("rank " + std::to_string(world_size() - 1) + ": "), HasSubstr(what)));
+  };
+  expect_error({.buffer = nullptr, .count = 2}, "the buffer of boxes is null");
+  expect_error({.buffer = buffer(), .count = 3}, "too few for 3");
+  expect_error({.buffer = buffer(), .count = 2, .ordered_worlds = 1}, "sorted by world");
+  expect_error({.buffer = buffer(), .count = 1, .second = {.buffer = buffer(), .count = 1}}, "two sets");
+  EXPECT_EQ(tested.update(good).own.added.count, 1U);
+}
+#endif
+
 TEST(Mpi, UnknownIdsAreRefused) {
   MpiBroadPhase tested(MPI_COMM_WORLD, config());
   EXPECT_THAT(error_of([&] { tested.move(0, empty_aabb()); }), HasSubstr("no object has the id 0"));

@@ -149,10 +149,10 @@ class BROADCL_MPI_API MpiBroadPhase {
   [[nodiscard]] MemoryUse memory() const noexcept;
 
   /// The stages of the last update on this rank: those of the search among its own objects, as
-  /// BroadPhase::profile() has them; then, by the host's clock, "begin" (starts that search), "halo" (decides
-  /// which objects other ranks need), "send", "find" (searches the halos), "return" (sends the changes to the
-  /// ranks of the first objects) and "finish" (waits for the first search). All but "begin" and "find"
-  /// include waiting for other ranks. Valid until the next update().
+  /// BroadPhase::profile() has them; then, by the host's clock, "begin" (starts that search, and decides
+  /// which objects other ranks need), "halo" (makes lists of these), "send", "find" (searches the halos),
+  /// "return" (sends the changes to the ranks of the first objects) and "finish" (waits for the first
+  /// search). All but "find" include waiting for other ranks. Valid until the next update().
   [[nodiscard]] std::span<const Stage> profile() const noexcept;
 
   /// Bytes of boxes and pairs that this rank sent to others in the last update, until pairs() is called.

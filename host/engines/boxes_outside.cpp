@@ -1,6 +1,6 @@
 #include "engines/boxes_outside.hpp"
 
-#include <algorithm>
+#include <array>
 #include <cstring>
 
 namespace broadcl {

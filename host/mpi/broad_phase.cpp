@@ -88,9 +88,10 @@ class MpiBroadPhase::Impl {
 
 MpiBroadPhase::MpiBroadPhase(MPI_Comm comm, const Config& config) {
   Ranks ranks(comm);
-  Config own = config;
-  own.threads = ranks.threads(config.threads);
+  const std::size_t threads = ranks.threads(config.threads);
   ranks.together([&] {
+    Config own = config;
+    own.threads = threads;
     impl_ = std::make_unique<Impl>(own, static_cast<std::size_t>(ranks.rank()),
                                    static_cast<std::size_t>(ranks.count()));
   });
@@ -141,7 +142,7 @@ const Device* MpiBroadPhase::device() const noexcept {
 }
 
 MemoryUse MpiBroadPhase::memory() const noexcept {
-  return sum(impl_->objects().search().algorithm().memory(), impl_->cross().memory());
+  return impl_->cross().memory(impl_->objects().search().algorithm().memory());
 }
 
 std::span<const Stage> MpiBroadPhase::profile() const noexcept {

@@ -17,12 +17,6 @@
 
 namespace broadcl::mpi {
 
-[[nodiscard]] constexpr MemoryUse sum(const MemoryUse& s, const MemoryUse& t) noexcept {
-  return {.device = s.device + t.device,
-          .device_peak = s.device_peak + t.device_peak,
-          .pinned = s.pinned + t.pinned};
-}
-
 /// Finds the pairs of objects of different ranks. Each rank tells the others bounds of its objects. Of each
 /// two ranks, one sends those of its objects that overlap the other's bounds, its halo, and the other one
 /// searches them against its own that overlap the bounds of the first. If two boxes overlap, both are among
@@ -52,7 +46,13 @@ class CrossPairs {
   [[nodiscard]] std::vector<MpiPair> pairs(const Ranks& ranks);
 
   [[nodiscard]] std::size_t bytes_sent() const noexcept { return bytes_sent_; }
-  [[nodiscard]] MemoryUse memory() const noexcept { return search_.broad_phase().memory(); }
+  /// In addition to that of the objects.
+  [[nodiscard]] MemoryUse memory(const MemoryUse& of_objects) const noexcept {
+    const MemoryUse own = search_.broad_phase().memory();
+    return {.device = of_objects.device + own.device,
+            .device_peak = of_objects.device_peak + own.device_peak,
+            .pinned = of_objects.pinned + own.pinned};
+  }
 
  private:
   void find_halos(const Ranks& ranks, Objects& objects, Stages& stages);

@@ -102,7 +102,7 @@ const Device& MpiDeviceBroadPhase::device() const noexcept {
 }
 
 MemoryUse MpiDeviceBroadPhase::memory() const noexcept {
-  return sum(impl_->core().memory(), impl_->cross().memory());
+  return impl_->cross().memory(impl_->core().memory());
 }
 
 std::span<const Stage> MpiDeviceBroadPhase::profile() const noexcept {

@@ -7,14 +7,6 @@
 #include "mpi/near_parts.hpp"
 
 namespace broadcl::mpi {
-namespace {
-
-struct PlacedCopy {
-  std::uint32_t id;
-  Aabb box;
-};
-
-}  // namespace
 
 void DeviceObjects::set(const DeviceBroadPhase::Boxes& boxes) {
   if (boxes.second.buffer != nullptr || boxes.second.count > 0) {
@@ -31,22 +23,19 @@ void DeviceObjects::set(const DeviceBroadPhase::Boxes& boxes) {
 }
 
 bool DeviceObjects::begin(const OwnBounds* own, const Neighbours& neighbours, std::vector<Halo>& near) {
-  std::size_t count = 0;
   if (own != nullptr) {
     outside_.begin({.buffer = cl::Buffer(source_.buffer, true),
                     .count = source_.count,
                     .offset = source_.offset / sizeof(float),
                     .stride = (source_.stride == 0 ? sizeof(Aabb) : source_.stride) / sizeof(float)},
                    cl::Buffer(source_.filters, true), neighbours.interior());
-    // Before the update begins, for a driver may report both together.
-    count = outside_.finish();
   }
   core_->begin(source_);
   if (own == nullptr) return true;
-  NearParts parts(*own, neighbours, count);
+  NearParts parts(*own, neighbours, outside_.finish());
   parts.find_all(threads_, [&](std::size_t k) {
     const BoxesOutside::Found found = outside_[k];
-    return PlacedCopy{.id = found.index, .box = found.box};
+    return Placed{.id = found.index, .box = found.box};
   });
   return parts.join(
       [&](std::size_t k) {

@@ -19,7 +19,7 @@ namespace broadcl::mpi {
 
 struct Placed {
   std::uint32_t id;
-  const Aabb& box;
+  Aabb box;
 };
 [[nodiscard]] inline Placed placed(std::size_t id, std::span<const Aabb> boxes) noexcept {
   return {.id = static_cast<std::uint32_t>(id), .box = boxes[id]};
@@ -43,13 +43,13 @@ class NearParts {
       : own_(own), neighbours_(neighbours), parts_(parts_of(objects)), objects_(objects) {}
 
   /// Looks at the objects from `begin` to `end`, one part. May be called for several at the same time.
-  /// @param at Returns the `id` and the `box` of object k.
+  /// @param at Returns the id and the box of object k: Placed.
   template <class At>
   void find(std::size_t begin, std::size_t end, const At& at) {
     std::vector<Near> found;
     bool are_inside = true;
     for (std::size_t k = begin; k < end; ++k) {
-      const auto& placed = at(k);
+      const Placed placed = at(k);
       are_inside &= neighbours_.for_each_halo(own_, placed.id, placed.box, [&](std::uint32_t halo) {
         found.push_back({.halo = halo, .object = static_cast<std::uint32_t>(k), .box = placed.box});
       });
@@ -69,7 +69,7 @@ class NearParts {
   }
   [[nodiscard]] bool has_seen_all() const noexcept { return seen_ == objects_; }
 
-  /// @param label Returns the id and the filter of object k. Ids must ascend.
+  /// @param label Returns the id and the filter of object k: Labelled. Ids must ascend.
   /// @param near What it found, by halo.
   /// @returns Whether the bounds contain all objects. If not, `near` may be incomplete.
   template <class Label>
@@ -77,8 +77,8 @@ class NearParts {
     for (Halo& halo : near) halo.clear();
     for (const std::vector<Near>& part : parts_) {
       for (const auto& [halo, object, box] : part) {
-        const auto& [id, filter] = label(object);
-        near[halo].add(id, box, filter);
+        const Labelled labelled = label(object);
+        near[halo].add(labelled.id, box, labelled.filter);
       }
     }
     return are_inside_;
