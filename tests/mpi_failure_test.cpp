@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstddef>
 #include <span>
 #include <string>
 #include <vector>
@@ -12,9 +13,10 @@
 #include <gtest/gtest.h>
 
 #include "boxes.hpp"
+#include "expect_error.hpp"
 #include "failing_allocations.hpp"
 #include "failing_opencl.hpp"
-#include "mpi_changes.hpp"
+#include "mpi_player.hpp"
 #include "mpi_twins.hpp"
 
 /// What fails on one rank fails on all, and changes nothing on any.
@@ -112,11 +114,18 @@ bool update_in_trouble(MpiTwins& twins, int failing_rank, const MakeFailing& mak
   std::string failure;
   twins.prepare();
   decltype(twins.tested().update()) delta;
+  const auto update = [&] {
+    try {
+      delta = twins.tested().update();
+    } catch (const Error& error) {
+      failure = error.what();
+    }
+  };
   if (world_rank() == failing_rank) {
     const auto failing = make_failing();
-    failure = error_of([&] { delta = twins.tested().update(); });
+    update();
   } else {
-    failure = error_of([&] { delta = twins.tested().update(); });
+    update();
   }
   int failures = failure.empty() ? 0 : 1;
   MPI_Allreduce(MPI_IN_PLACE, &failures, 1, MPI_INT, MPI_SUM, MPI_COMM_WORLD);
@@ -129,36 +138,56 @@ bool update_in_trouble(MpiTwins& twins, int failing_rank, const MakeFailing& mak
   return true;
 }
 
+/// Changes of a random script.
+class Changes {
+ public:
+  explicit Changes(const CoreScript& script) : ops_(script.ops), player_(script) {}
+
+  [[nodiscard]] MpiTwins& twins() { return player_.twins(); }
+
+  void of_objects(std::size_t ops) {
+    for (; ops > 0; --ops) player_.change(next());
+  }
+  /// The boxes of all objects of each rank, in place if nothing else changed.
+  void of_all_boxes() {
+    CoreOp op = next();
+    op.count = 20;
+    op.filter = 1;
+    for (int rank = 0; rank < world_size(); ++rank) player_.map(rank, op);
+  }
+
+ private:
+  const CoreOp& next() { return ops_[next_++ % ops_.size()]; }
+
+  const std::vector<CoreOp>& ops_;
+  std::size_t next_ = 0;
+  MpiPlayer player_;
+};
+
 void exhaust_memory(bool in_place) {
   constexpr long most = 2000;
   const long step = algorithm_under_test == "sweep-and-prune" ? 1 : 37;
+  const CoreScript script = script_of(7);
   int failures = 0;
   int successes = 0;  // in a row, because the ranks have different numbers of points
   for (long first = 0; first < most && successes < world_size() && !has_failed(); first += step) {
     SCOPED_TRACE(std::to_string(first) + (in_place ? ", in place" : ""));
-    MpiTwins twins(config());
-    Dice dice(7);
-    const auto change = [&](int calls) {
-      if (in_place) {
-        map_all(twins, dice);
-      } else {
-        for (int call = 0; call < calls; ++call) do_anything(twins, dice, true);
-      }
-    };
+    Changes changes(script);
+    const auto change = [&](std::size_t ops) { in_place ? changes.of_all_boxes() : changes.of_objects(ops); };
     change(60);
-    twins.update();
+    changes.twins().update();
     change(40);
     const auto make_failing = [&] { return FailingAllocations(first, 1); };
-    if (!update_in_trouble(twins, static_cast<int>(first) % world_size(), make_failing)) {
+    if (!update_in_trouble(changes.twins(), static_cast<int>(first) % world_size(), make_failing)) {
       ++successes;
       continue;
     }
     successes = 0;
     ++failures;
-    if (first % 2 == 0) twins.compare_pairs();
+    if (first % 2 == 0) changes.twins().compare_pairs();
     if (first % 3 != 0) change(5);
-    twins.update();
-    twins.compare_pairs();
+    changes.twins().update();
+    changes.twins().compare_pairs();
   }
   EXPECT_GE(failures, 2);
 }
@@ -171,23 +200,24 @@ TEST(Mpi, WhereverMemoryIsExhaustedTheCallMayBeRepeated) {
 /// For one call, and for all until the next update.
 TEST(Mpi, ADeviceThatFailsOnOneRankLosesNothingOnAny) {
   if (algorithm_under_test == "sweep-and-prune") return;
-  MpiTwins twins(config());
-  Dice dice(8);
+  const CoreScript script = script_of(8);
+  Changes changes(script);
+  MpiTwins& twins = changes.twins();
   int failures = 0;
   for (int first = 0; first < 60 && !has_failed(); ++first) {
     SCOPED_TRACE(first);
     if (first % 3 == 0) {
-      for (int call = 0; call < 20; ++call) do_anything(twins, dice, true);
+      changes.of_objects(20);
     } else {
-      map_all(twins, dice);
+      changes.of_all_boxes();
       twins.update();
-      map_all(twins, dice);
+      changes.of_all_boxes();
     }
     const auto make_failing = [&] { return FailingOpenCl(first % 30, first < 30 ? 1 : 1000); };
     if (!update_in_trouble(twins, first % world_size(), make_failing)) continue;
     ++failures;
     if (first % 2 == 0) twins.compare_pairs();
-    if (first % 5 == 0) map_all(twins, dice);
+    if (first % 5 == 0) changes.of_all_boxes();
     twins.update();
   }
   twins.compare_pairs();

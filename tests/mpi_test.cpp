@@ -4,8 +4,10 @@
 
 #include <algorithm>
 #include <array>
+#include <cstddef>
 #include <cstdint>
 #include <cstdlib>
+#include <random>
 #include <span>
 #include <string>
 #include <utility>
@@ -15,8 +17,10 @@
 #include <gtest/gtest.h>
 
 #include "boxes.hpp"
-#include "mpi_changes.hpp"
+#include "expect_error.hpp"
+#include "mpi_player.hpp"
 #include "mpi_twins.hpp"
+#include "random_scripts.hpp"
 
 /// MpiBroadPhase against one device that has all objects. Started by mpirun with any number of ranks, which
 /// all run the same tests at the same time; the first argument may name an algorithm.
@@ -25,57 +29,57 @@ namespace {
 
 using ::testing::HasSubstr;
 
-void play_random_calls(std::uint32_t seed, bool filters, int updates) {
-  SCOPED_TRACE("seed " + std::to_string(seed));
-  MpiTwins twins(config());
-  Dice dice(seed);
-  for (int k = 0; k < updates && !has_failed(); ++k) {
-    const std::uint32_t calls = dice.below(3) == 0 ? dice.below(200) : dice.below(6);
-    for (std::uint32_t call = 0; call < calls; ++call) do_anything(twins, dice, filters);
-    if (dice.below(8) == 0) {
-      std::vector<Aabb> boxes(dice.below(60));
-      for (Aabb& box : boxes) box = dice.any();
-      const int rank = dice.rank();
-      twins.map(rank, boxes);
-      for (; dice.below(2) == 0; twins.map(rank, boxes)) {
-        twins.update();
-        if (!boxes.empty()) boxes[dice.below(static_cast<std::uint32_t>(boxes.size()))] = dice.any();
-      }
-      if (dice.below(4) == 0) do_anything(twins, dice, filters);
-    }
-    if (filters && dice.below(8) == 0) {
-      const std::uint32_t one_of = 1 + dice.below(12);
-      twins.set_exclusions(16, [&] { return dice.below(one_of) == 0; });
-    }
-    twins.update();
-    if (dice.below(8) == 0) twins.compare_pairs();
+float uniform(Dice& dice, float lower, float upper) {
+  return lower + (upper - lower) * static_cast<float>(dice.below(1U << 24U)) * 0x1p-24F;
+}
+
+/// A cube somewhere in the unit cube.
+Aabb cube(Dice& dice, float edge) {
+  Aabb box{};
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    box.lower[axis] = uniform(dice, 0, 1);
+    box.upper[axis] = box.lower[axis] + edge;
   }
-  EXPECT_GT(twins.changes(), 1000U);
+  return box;
+}
+
+int any_rank(Dice& dice) {
+  return static_cast<int>(dice.below(static_cast<unsigned>(world_size())));
+}
+
+/// @returns How many pairs began or ended.
+std::size_t play(std::size_t scripts, std::uint64_t seed) {
+  std::size_t changes = 0;
+  check_scripts(algorithm_under_test, scripts, seed, [&] {
+    const CoreScript script = *core_scripts(ScriptSize::small);
+    MpiPlayer player(script);
+    apply_each(script.ops, [&](const CoreOp& op) { player.apply(op); });
+    player.twins().update();
+    player.twins().compare_pairs();
+    changes += player.twins().changes();
+  });
+  return changes;
 }
 
 TEST(Mpi, RandomCalls) {
-  play_random_calls(1, false, frames(120));
-}
-
-TEST(Mpi, RandomCallsWithFiltersAndWorlds) {
-  play_random_calls(2, true, frames(120));
+  EXPECT_GT(play(static_cast<std::size_t>(frames(48) / world_size()), seed_of_ci), 1000U);
 }
 
 TEST(LongMpi, ManyRandomCalls) {
-  for (std::uint32_t seed = 10; seed < 40 && !has_failed(); ++seed) {
-    play_random_calls(seed, seed % 2 == 0, frames(400));
-  }
+  std::uint64_t seed = std::random_device()();
+  MPI_Bcast(&seed, 1, MPI_UINT64_T, 0, MPI_COMM_WORLD);
+  play(100, seed);
 }
 
 TEST(Mpi, BoxesInMotionCrossRanks) {
   MpiTwins twins(config());
-  Dice dice(3);
+  Dice dice(rc::Random(3));
   constexpr std::uint32_t n = 200;
   std::vector<std::vector<Aabb>> boxes(static_cast<std::size_t>(world_size()), std::vector<Aabb>(n));
   std::vector<std::array<float, 3>> steps(n);
-  for (auto& step : steps) step = {dice.uniform(-1, 1), dice.uniform(-1, 1), dice.uniform(-1, 1)};
+  for (auto& step : steps) step = {uniform(dice, -1, 1), uniform(dice, -1, 1), uniform(dice, -1, 1)};
   for (auto& of_rank : boxes) {
-    for (Aabb& box : of_rank) box = dice.cube(0.08F);
+    for (Aabb& box : of_rank) box = cube(dice, 0.08F);
   }
   for (int frame = 0; frame < frames(40); ++frame) {
     for (int rank = 0; rank < world_size(); ++rank) {
@@ -99,10 +103,10 @@ TEST(Mpi, ManyBoxesAreFoundInParts) {
   if (world_size() != 2 || algorithm_under_test != "sweep-and-prune") return;
   constexpr std::uint32_t n = 40000;
   MpiTwins twins(config(), n);
-  Dice dice(9);
+  Dice dice(rc::Random(9));
   std::array<std::vector<Aabb>, 2> boxes{std::vector<Aabb>(n), std::vector<Aabb>(n)};
   for (auto& of_rank : boxes) {
-    for (Aabb& box : of_rank) box = dice.cube(0.02F);
+    for (Aabb& box : of_rank) box = cube(dice, 0.02F);
   }
   for (int frame = 0; frame < 3; ++frame) {
     for (int rank = 0; rank < 2; ++rank) {
@@ -125,7 +129,7 @@ void place_apart(MpiTwins& twins, Dice& dice, std::size_t objects) {
   for (int rank = 0; rank < world_size(); ++rank) {
     std::vector<Aabb> boxes(objects);
     for (Aabb& box : boxes) {
-      box = dice.cube(0.05F);
+      box = cube(dice, 0.05F);
       box.lower[0] += static_cast<float>(10 * rank);
       box.upper[0] += static_cast<float>(10 * rank);
     }
@@ -138,7 +142,7 @@ void place_apart(MpiTwins& twins, Dice& dice, std::size_t objects) {
 TEST(Mpi, BytesSentAreThoseOfWhatChanged) {
   if (world_size() != 2) return;
   MpiTwins twins(config());
-  Dice dice(10);
+  Dice dice(rc::Random(10));
   place_apart(twins, dice, 100);
   const auto expect_to_other = [&](std::size_t bytes) {
     twins.update();
@@ -163,10 +167,10 @@ TEST(Mpi, AStrayObjectDoesNotBringAllToTheOtherRank) {
   if (world_size() != 2) return;
   for (const bool is_large : {false, true}) {
     MpiTwins twins(config());
-    Dice dice(11);
+    Dice dice(rc::Random(11));
     place_apart(twins, dice, 200);
     const Aabb stray =
-        is_large ? Aabb{{-infinity, -infinity, -1}, {infinity, infinity, 0.01F}} : dice.cube(0.1F);
+        is_large ? Aabb{{-infinity, -infinity, -1}, {infinity, infinity, 0.01F}} : cube(dice, 0.1F);
     for (const int rank : {0, 1}) {
       Aabb box = stray;
       if (!is_large) {  // among the objects of the other rank
@@ -218,11 +222,11 @@ TEST(Mpi, ObjectsMeetBetweenTheObjectsOfBothRanks) {
 /// Each object goes from rank to rank: it is removed from one and added to the next.
 TEST(Mpi, ObjectsJumpFromRankToRank) {
   MpiTwins twins(config());
-  Dice dice(4);
+  Dice dice(rc::Random(4));
   std::vector<std::pair<int, std::uint32_t>> objects;
   for (int k = 0; k < 60; ++k) {
-    const int rank = dice.rank();
-    objects.emplace_back(rank, twins.add(rank, dice.cube(0.3F)));
+    const int rank = any_rank(dice);
+    objects.emplace_back(rank, twins.add(rank, cube(dice, 0.3F)));
   }
   twins.update();
   for (int frame = 0; frame < frames(20); ++frame) {
@@ -230,7 +234,7 @@ TEST(Mpi, ObjectsJumpFromRankToRank) {
       if (dice.below(3) == 0) continue;
       twins.remove(rank, id);
       rank = (rank + 1) % world_size();
-      id = twins.add(rank, dice.cube(0.3F));
+      id = twins.add(rank, cube(dice, 0.3F));
     }
     twins.update();
   }
@@ -239,9 +243,8 @@ TEST(Mpi, ObjectsJumpFromRankToRank) {
 
 TEST(Mpi, ARankBecomesEmptyAndGetsObjectsAgain) {
   MpiTwins twins(config());
-  Dice dice(12);
-  map_all(twins, dice);
-  twins.update();
+  Dice dice(rc::Random(12));
+  place_apart(twins, dice, 20);
   for (int rank = 0; rank < world_size(); ++rank) {
     twins.map(rank, {});
     twins.update();
@@ -254,12 +257,12 @@ TEST(Mpi, ARankBecomesEmptyAndGetsObjectsAgain) {
 /// In one update, halos become much larger than memory was allocated for.
 TEST(Mpi, HalosOutgrowTheirMemory) {
   MpiTwins twins(config(), 3000);
-  Dice dice(13);
+  Dice dice(rc::Random(13));
   place_apart(twins, dice, 40);
   for (const std::size_t objects : {300U, 3000U, 1U, 2000U}) {
     for (int rank = 0; rank < world_size(); ++rank) {
       std::vector<Aabb> boxes(objects);
-      for (Aabb& box : boxes) box = dice.cube(0.03F);
+      for (Aabb& box : boxes) box = cube(dice, 0.03F);
       twins.map(rank, boxes);
     }
     twins.update();
@@ -269,17 +272,23 @@ TEST(Mpi, HalosOutgrowTheirMemory) {
 
 TEST(Mpi, ExclusionsOfObjectsOfOtherRanks) {
   MpiTwins twins(config());
-  Dice dice(14);
+  Dice dice(rc::Random(14));
   for (int rank = 0; rank < world_size(); ++rank) {
-    for (int k = 0; k < 12; ++k) twins.add(rank, dice.cube(0.7F), {.body = dice.below(3)});
+    for (int k = 0; k < 12; ++k) twins.add(rank, cube(dice, 0.7F), {.body = dice.below(3)});
   }
   twins.update();
   for (int frame = 0; frame < frames(30); ++frame) {
     if (frame % 2 == 0) {
-      twins.set_exclusions(12, [&] { return dice.below(3) == 0; });
+      std::vector<Pair> pairs;
+      for (const MpiId b : twins.objects()) {
+        for (const MpiId a : twins.objects()) {
+          if (a < b && dice.one_in(3)) pairs.push_back({twins.slot(a), twins.slot(b)});
+        }
+      }
+      twins.set_exclusions(pairs);
     }
-    if (frame % 3 == 0) twins.set_filter(dice.rank(), dice.below(12), {.body = dice.below(3)});
-    if (frame % 5 == 0) twins.move(dice.rank(), dice.below(12), dice.cube(0.7F));
+    if (frame % 3 == 0) twins.set_filter(any_rank(dice), dice.below(12), {.body = dice.below(3)});
+    if (frame % 5 == 0) twins.move(any_rank(dice), dice.below(12), cube(dice, 0.7F));
     twins.update();
     twins.compare_pairs();
   }
@@ -296,13 +305,13 @@ TEST(Mpi, ExclusionsOfObjectsOfOtherRanks) {
 TEST(Mpi, AllObjectsOfOneRank) {
   for (const int rank : {0, world_size() - 1}) {
     MpiTwins twins(config());
-    Dice dice(5);
+    Dice dice(rc::Random(5));
     twins.update();
     twins.compare_pairs();
-    for (std::uint32_t id = 0; id < 200; ++id) twins.add(rank, dice.cube(0.2F));
+    for (std::uint32_t id = 0; id < 200; ++id) twins.add(rank, cube(dice, 0.2F));
     twins.update();
     for (int frame = 0; frame < frames(10); ++frame) {
-      for (std::uint32_t id = 0; id < 200; id += 7) twins.move(rank, id, dice.cube(0.2F));
+      for (std::uint32_t id = 0; id < 200; id += 7) twins.move(rank, id, cube(dice, 0.2F));
       twins.update();
     }
     twins.compare_pairs();
@@ -328,13 +337,13 @@ TEST(Mpi, AllBoxesAtOnePlace) {
 
 TEST(Mpi, TwoSets) {
   MpiTwins twins(config());
-  Dice dice(6);
+  Dice dice(rc::Random(6));
   for (int rank = 0; rank < world_size(); ++rank) {
     for (int k = 0; k < 100; ++k)
-      twins.add(rank, dice.cube(0.2F), k % 3 == 0 ? Filter::first_set : Filter::second_set);
+      twins.add(rank, cube(dice, 0.2F), k % 3 == 0 ? Filter::first_set : Filter::second_set);
   }
   for (int frame = 0; frame < frames(10); ++frame) {
-    for (std::uint32_t id = 0; id < 100; id += 3) twins.move(dice.rank(), id, dice.cube(0.2F));
+    for (std::uint32_t id = 0; id < 100; id += 3) twins.move(any_rank(dice), id, cube(dice, 0.2F));
     twins.update();
   }
   twins.compare_pairs();

@@ -9,9 +9,11 @@
 #include <algorithm>
 #include <cstddef>
 #include <cstdint>
+#include <exception>
 #include <ostream>
 #include <span>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include <gtest/gtest.h>
@@ -20,6 +22,7 @@
 #include <broadcl/mpi.hpp>
 
 #include "base/packed_box.hpp"
+#include "random_scripts.hpp"
 
 namespace broadcl::test {
 
@@ -48,7 +51,8 @@ inline std::span<const Pair> read(const MpiBroadPhase& /*tested*/, std::span<con
 #endif
 
 /// What is tested, and one BroadPhase that has the objects of all ranks. Every rank makes the calls of all
-/// ranks to the latter, so each knows the expected result without asking.
+/// ranks to the latter, so each knows the expected result without asking. What is wrong on one rank ends the
+/// test or the script on all, in the next collective function.
 class MpiTwins {
  public:
   /// @param most Ids of each rank.
@@ -72,7 +76,7 @@ class MpiTwins {
     const auto id = static_cast<std::uint32_t>(free - is_live.begin());
     *free = true;
     if (rank == rank_) {
-      EXPECT_EQ(tested_.add(box, filter), id);
+      if (tested_.add(box, filter) != id) note("another id than the lowest that is free");
       boxes_[id] = box;
     }
     replace(slot(rank, id), box, filter);
@@ -97,31 +101,36 @@ class MpiTwins {
     if (rank == rank_) tested_.set_filter(id, filter);
     expected_.set_filter(slot(rank, id), filter);
   }
-  /// Excludes the pairs that a function selects: of all pairs of ids below a limit, on any two ranks.
-  template <class Function>
-  void set_exclusions(std::uint32_t limit, const Function& select) {
+  /// @param pairs Of slots; others are left out.
+  void set_exclusions(const std::vector<Pair>& pairs) {
     std::vector<MpiPair> excluded;
     std::vector<Pair> expected;
-    const std::uint32_t ids = limit * static_cast<std::uint32_t>(world_size());
-    for (std::uint32_t b = 0; b < ids; ++b) {
-      for (std::uint32_t a = 0; a < b; ++a) {
-        if (!select()) continue;
-        const MpiPair pair{mpi_id(static_cast<int>(a / limit), a % limit),
-                           mpi_id(static_cast<int>(b / limit), b % limit)};
-        expected.push_back(
-            {slot(rank_of(pair.a), local_id(pair.a)), slot(rank_of(pair.b), local_id(pair.b))});
-        if (rank_of(pair.a) == rank_) excluded.push_back(pair);
-      }
+    for (const Pair& pair : pairs) {
+      const auto [a, b] = std::minmax(pair.a, pair.b);
+      if (b >= most_ * is_live_.size()) continue;
+      expected.push_back({a, b});
+      if (rank_of(mpi(a)) == rank_) excluded.push_back({mpi(a), mpi(b)});
     }
     tested_.set_exclusions(excluded);
     expected_.set_exclusions(expected);
+  }
+  /// A call of one rank, which must throw an Error with this text.
+  template <class Function>
+  void refuse(int rank, std::string_view text, const Function& function) {
+    if (rank != rank_) return;
+    try {
+      require_error(text, [&] { function(tested_); });
+    } catch (const std::exception& error) {
+      note(error.what());
+    }
   }
   void map(int rank, std::span<const Aabb> boxes) {
     if (rank == rank_) {
       const std::span<Aabb> mapped = tested_.map(boxes.size());
       const auto same = [](const Aabb& s, const Aabb& t) { return same_bits(pack(s), pack(t)); };
-      EXPECT_TRUE(std::ranges::equal(mapped, std::span(boxes_).first(boxes.size()), same))
-          << "map() must return the boxes as they were given, or empty ones for empty ones";
+      if (!std::ranges::equal(mapped, std::span(boxes_).first(boxes.size()), same)) {
+        note("map() must return the boxes as they were given, or empty ones for empty ones");
+      }
       std::ranges::fill(boxes_, empty_aabb());
       std::ranges::copy(boxes, boxes_.begin());
       std::ranges::copy(boxes, mapped.begin());
@@ -137,8 +146,28 @@ class MpiTwins {
     }
   }
 
-  [[nodiscard]] bool is_live(int rank, std::uint32_t id) { return of(rank)[id]; }
-  [[nodiscard]] std::uint32_t most() const { return most_; }
+  /// The objects of all ranks.
+  [[nodiscard]] std::vector<MpiId> objects() const {
+    std::vector<MpiId> objects;
+    for (std::uint32_t k = 0; k < most_ * is_live_.size(); ++k) {
+      if (is_live_[k / most_][k % most_]) objects.push_back(mpi(k));
+    }
+    return objects;
+  }
+  /// Of a rank, by id, up to the last object.
+  [[nodiscard]] std::vector<Aabb> boxes(int rank) const {
+    std::vector<Aabb> boxes;
+    for (const MpiId id : objects()) {
+      if (rank_of(id) != rank) continue;
+      boxes.resize(local_id(id) + 1, empty_aabb());
+      boxes.back() = expected_.box(slot(id));
+    }
+    return boxes;
+  }
+  /// All pairs, as of the last update, of slots.
+  [[nodiscard]] std::vector<Pair> present() const { return expected_.pairs(); }
+  /// The number of an object among those of all ranks.
+  [[nodiscard]] std::uint32_t slot(MpiId id) const { return slot(rank_of(id), local_id(id)); }
 
   /// Updates both and compares what changed.
   void update() {
@@ -150,11 +179,15 @@ class MpiTwins {
   template <class Changes>
   void compare(const Changes& changes) {
     const Delta expected = expected_.update();
-    EXPECT_EQ(together(read(tested_, changes.own.added), changes.added), own(expected.added));
-    EXPECT_EQ(together(read(tested_, changes.own.removed), changes.removed), own(expected.removed));
+    compare("added", together(read(tested_, changes.own.added), changes.added), own(expected.added));
+    compare("removed", together(read(tested_, changes.own.removed), changes.removed), own(expected.removed));
     changes_ += expected.added.size() + expected.removed.size();
+    end_if_wrong();
   }
-  void compare_pairs() { EXPECT_EQ(tested_.pairs(), own(expected_.pairs())); }
+  void compare_pairs() {
+    compare("pairs", tested_.pairs(), own(expected_.pairs()));
+    end_if_wrong();
+  }
 
   /// Changes on all ranks so far: to make sure that something happened.
   [[nodiscard]] std::size_t changes() const { return changes_; }
@@ -164,7 +197,7 @@ class MpiTwins {
   void replace(std::uint32_t slot, const Aabb& box, const Filter& filter) {
     if (ids_are_recycled) {
       expected_.remove(slot);
-      EXPECT_EQ(expected_.add(box, filter), slot);
+      if (expected_.add(box, filter) != slot) note("another slot");
     } else {
       expected_.move(slot, box);
       expected_.set_filter(slot, filter);
@@ -193,6 +226,20 @@ class MpiTwins {
     return own;
   }
 
+  void compare(const std::string& what, const std::vector<MpiPair>& is,
+               const std::vector<MpiPair>& expected) {
+    if (is == expected) return;
+    note(what + " are " + ::testing::PrintToString(is) + ", expected " + ::testing::PrintToString(expected));
+  }
+  void note(const std::string& wrong) {
+    if (wrong_.empty()) wrong_ = "rank " + std::to_string(rank_) + ": " + wrong;
+  }
+  void end_if_wrong() const {
+    int first = wrong_.empty() ? world_size() : rank_;
+    MPI_Allreduce(MPI_IN_PLACE, &first, 1, MPI_INT, MPI_MIN, MPI_COMM_WORLD);
+    if (first < world_size()) fail(wrong_.empty() ? "wrong on rank " + std::to_string(first) : wrong_);
+  }
+
   int rank_;
   std::uint32_t most_;
   TestedRanks tested_;
@@ -200,6 +247,7 @@ class MpiTwins {
   std::vector<std::vector<bool>> is_live_;  // by rank and id
   std::vector<Aabb> boxes_;                 // of this rank, by id
   std::size_t changes_ = 0;
+  std::string wrong_;  // on this rank
 };
 
 }  // namespace broadcl::test
