@@ -145,9 +145,7 @@ INLINE void refit(const bounds_t* mine, const uint item, local refit_t* scratch,
   const uint word = item % WORDS;
   const uint part = item / WORDS;
   uint widest = 0;
-  for (uint child = part * PART; child < (part + 1U) * PART; ++child) {
-    widest = max(widest, scratch->words[word][child]);
-  }
+  for (uint i = 0; i < PART; ++i) widest = max(widest, scratch->words[word][part * PART + i]);
   scratch->parts[word][part] = widest;
   barrier(CLK_LOCAL_MEM_FENCE);
   if (part > 0U || word >= BOUNDS_OF_CHILD) return;

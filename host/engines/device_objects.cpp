@@ -313,15 +313,15 @@ Search DeviceObjects::upload(const Input& input) {
   upload_changes(input);
   return {.now = now_.objects,
           .last = last_.objects,
+          .changed = {.all = input.all,
+                      .count = input.all ? 0 : now_.changed_count,
+                      .slots = now_.changed.get(),
+                      .any_recycled = !input.recycled.empty(),
+                      .stamp = stamp_,
+                      .stamps = input.all && now_.changed_count == 0 ? cl::Buffer() : stamps_},
           .same_filters = !input.all_filters && !input.filters_changed && !input.exclusions_changed,
           .worlds = input.worlds,
-          .sets = input.sets,
-          .all = input.all,
-          .changed_count = input.all ? 0 : now_.changed_count,
-          .changed = now_.changed.get(),
-          .any_recycled = !input.recycled.empty(),
-          .stamp = stamp_,
-          .stamps = input.all && now_.changed_count == 0 ? cl::Buffer() : stamps_};
+          .sets = input.sets};
 }
 
 // NOLINTNEXTLINE(bugprone-exception-escape): handles do not throw when moved

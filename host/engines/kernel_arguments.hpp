@@ -22,13 +22,13 @@ namespace broadcl {
 inline cl_uint set_pair_sink(cl::Kernel& kernel, cl_uint first, const Search& search, std::size_t capacity,
                              const cl::Buffer& pairs, const cl::Buffer& counts) {
   const cl::Buffer none;
-  return opencl::set_arguments(
-      kernel, first,
-      layout::sink_scalars_t{
-          .capacity = static_cast<cl_uint>(capacity), .last_slots = search.last.slots, .stamp = search.stamp},
-      pairs, search.last.boxes, search.same_filters ? none : search.last.filters,
-      search.same_filters ? none : search.last.exclusions, search.any_recycled ? search.stamps : none,
-      counts);
+  return opencl::set_arguments(kernel, first,
+                               layout::sink_scalars_t{.capacity = static_cast<cl_uint>(capacity),
+                                                      .last_slots = search.last.slots,
+                                                      .stamp = search.changed.stamp},
+                               pairs, search.last.boxes, search.same_filters ? none : search.last.filters,
+                               search.same_filters ? none : search.last.exclusions,
+                               search.changed.any_recycled ? search.changed.stamps : none, counts);
 }
 
 }  // namespace broadcl

@@ -108,15 +108,15 @@ std::size_t PairDelta::most_to_keep() const noexcept {
 cl_uint PairDelta::set_keep(cl::Kernel& kernel, cl_uint first, const Search& search, bool keeps) const {
   const cl::Buffer none;
   const bool same_filters = !keeps || search.same_filters;
-  return opencl::set_arguments(kernel, first,
-                               layout::keep_scalars_t{.last_capacity = static_cast<cl_uint>(last_.capacity),
-                                                      .all = search.all ? cl_uint{1} : cl_uint{0},
-                                                      .slots = search.now.slots,
-                                                      .stamp = search.stamp,
-                                                      .capacity = static_cast<cl_uint>(now_.capacity)},
-                               keeps ? last_.buffer.get() : none, keeps ? removed() : none,
-                               same_filters ? none : search.now.filters,
-                               same_filters ? none : search.now.exclusions, keeps ? search.stamps : none);
+  return opencl::set_arguments(
+      kernel, first,
+      layout::keep_scalars_t{.last_capacity = static_cast<cl_uint>(last_.capacity),
+                             .all = search.changed.all ? cl_uint{1} : cl_uint{0},
+                             .slots = search.now.slots,
+                             .stamp = search.changed.stamp,
+                             .capacity = static_cast<cl_uint>(now_.capacity)},
+      keeps ? last_.buffer.get() : none, keeps ? removed() : none, same_filters ? none : search.now.filters,
+      same_filters ? none : search.now.exclusions, keeps ? search.changed.stamps : none);
 }
 
 void PairDelta::set_keep_kernel(cl::Kernel& kernel, cl_uint first, const Search& search) const {

@@ -21,10 +21,23 @@ struct Generation {  // NOLINT(bugprone-exception-escape): handles do not throw 
 
 class Source;
 
+/// Which slots changed since the last frame.
+struct ChangedSlots {  // NOLINT(bugprone-exception-escape): as above
+  bool all = true;     ///< Every slot counts as changed; otherwise those in `slots` do.
+  cl_uint count = 0;
+  cl::Buffer slots{};         ///< Each once.
+  bool any_recycled = false;  ///< Whether the object of some slot is another one than in the last frame.
+  cl_uint stamp = 0;          ///< Of this frame.
+  /// One word per slot that says whether it changed (unless `all`), and whether its object is not that of the
+  /// last frame: kernels/stamp.h. Null if neither applies to any slot.
+  cl::Buffer stamps{};
+};
+
 /// Objects on the device, to be searched for pairs. The pairs of the last frame follow from `last`.
 struct Search {  // NOLINT(bugprone-exception-escape): as above
   Generation now;
   Generation last{};
+  ChangedSlots changed{};
   /// Where PairFinder::build() has to gather `now` from; null if `now` is up to date.
   const Source* source = nullptr;
   /// Whether no exclusion changed since the last frame, and no filter of an object that existed then.
@@ -33,17 +46,9 @@ struct Search {  // NOLINT(bugprone-exception-escape): as above
   bool sets = false;    ///< Whether filters part the objects into two sets: TwoSets.
   /// If not 0, changes are sorted by world first, and this is the number of worlds.
   cl_uint ordered_worlds = 0;
-  bool all = true;  ///< Whether all slots count as changed; otherwise those in `changed` did.
-  cl_uint changed_count = 0;
-  cl::Buffer changed{};       ///< Slots, each once.
-  bool any_recycled = false;  ///< Whether the object of some slot is another one than in the last frame.
-  cl_uint stamp = 0;          ///< Of this frame.
-  /// One word per slot that says whether it changed (unless `all`), and whether its object is not that of the
-  /// last frame: kernels/stamp.h. Null if neither applies to any slot.
-  cl::Buffer stamps{};
   bool may_give_up = true;  ///< Whether the host waits for the search, and repeats it if it was given up.
 
-  [[nodiscard]] cl_uint changed_slots() const noexcept { return all ? now.slots : changed_count; }
+  [[nodiscard]] cl_uint changed_slots() const noexcept { return changed.all ? now.slots : changed.count; }
 };
 
 }  // namespace broadcl

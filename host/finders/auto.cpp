@@ -104,8 +104,9 @@ class Auto final : public PairFinder {
   /// The pairs that `brute-force` would test; those that overlap count more.
   [[nodiscard]] static double tests(const Search& search, const PairDelta& sink) {
     const auto slots = static_cast<double>(search.now.slots);
-    const double share = search.all || slots == 0 ? 1 : std::min(1.0, 2 * search.changed_count / slots);
-    return slots * search.changed_slots() * (search.all ? 0.5 : 1) +
+    const double share =
+        search.changed.all || slots == 0 ? 1 : std::min(1.0, 2 * search.changed.count / slots);
+    return slots * search.changed_slots() * (search.changed.all ? 0.5 : 1) +
            tests_per_hit * share * static_cast<double>(sink.pair_count());
   }
 

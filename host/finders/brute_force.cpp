@@ -64,7 +64,7 @@ class BruteForce final : public PairFinder {
                                         .row_count = row_count,
                                         .rows = static_cast<cl_uint>(rows),
                                         .first_run = static_cast<cl_uint>(first)},
-          boxes, search.changed, search.stamps, search.now.filters, search.now.exclusions);
+          boxes, search.changed.slots, search.changed.stamps, search.now.filters, search.now.exclusions);
       if (gathers_) k = opencl::set_arguments(kernel, k, first == 0 ? search.now.boxes : cl::Buffer());
       sink.set_sink(kernel, sink.set_keep(kernel, k, search, keeps), search);
       context_.queue().enqueueNDRangeKernel(kernel, cl::NullRange,
@@ -89,7 +89,7 @@ class BruteForce final : public PairFinder {
   [[nodiscard]] std::size_t rows_per_item(const Search& search) const {
     // In an average column, half of the rows come before its boxes.
     const std::size_t columns = opencl::divide_up(search.now.slots, launch_.width);
-    const std::size_t runs = columns * search.changed_slots() / (search.all ? 2 : 1);
+    const std::size_t runs = columns * search.changed_slots() / (search.changed.all ? 2 : 1);
     return launch_.rows(runs, context_);
   }
 

@@ -44,8 +44,8 @@ bool NearPairs::load() try {
 }
 
 bool NearPairs::is_possible(const Search& search) const noexcept {
-  return search.source == nullptr && search.may_give_up && search.all && search.same_filters &&
-         !search.any_recycled && search.now.slots == search.last.slots && search.now.slots >= fewest_;
+  return search.source == nullptr && search.may_give_up && search.changed.all && search.same_filters &&
+         !search.changed.any_recycled && search.now.slots == search.last.slots && search.now.slots >= fewest_;
 }
 
 /// Whether the distances that boxes moved in the last frame are known; draws conclusions from that frame.

@@ -60,7 +60,7 @@ void TileWork::set_sorted(const Search& search, const PairDelta& sink) {
 }
 
 void TileWork::begin_search(const Search& search, bool is_early) {
-  kind_ = is_early ? early : search.all ? all_changed : some_changed;
+  kind_ = is_early ? early : search.changed.all ? all_changed : some_changed;
   typical_ = typical(search);
 }
 

@@ -140,7 +140,7 @@ class Tiles final : public PairFinder {
     try {
       const bool worlds = has_worlds(search);
       (void)kernels(worlds);
-      if (!search.all) (void)search_kernel(false, worlds);
+      if (!search.changed.all) (void)search_kernel(false, worlds);
     } catch (const opencl::GroupTooLarge&) {
       launch_ = tiles_on_cpus;
       work_.restart(launch_.node);
@@ -193,7 +193,7 @@ class Tiles final : public PairFinder {
   void prepare(const Search& search) {
     if (search.now.slots > capacity_) reserve(search.now.slots);
     reserve_tree(tree_, has_worlds(search));
-    if (!search.all) reserve_tree(changed_tree_, has_worlds(search));
+    if (!search.changed.all) reserve_tree(changed_tree_, has_worlds(search));
   }
 
   void reserve(std::size_t slots) {
@@ -272,7 +272,7 @@ class Tiles final : public PairFinder {
       fill_tree(context_.queue(), search, search.now.boxes, stamps, tree, event);
     };
     fill({}, tree_, stage.event());
-    if (!search.all) fill(search.stamps, changed_tree_, stage.event());
+    if (!search.changed.all) fill(search.changed.stamps, changed_tree_, stage.event());
   }
 
   void fill_tree(const cl::CommandQueue& queue, const Search& search, const cl::Buffer& boxes,
@@ -286,7 +286,7 @@ class Tiles final : public PairFinder {
   cl_uint set_fill(const Search& search, const Tree& tree, const cl::Buffer& stamps) {
     return opencl::set_arguments(kernels(search).fill, 0, search.now.slots,
                                  static_cast<cl_uint>(tiles_of(search)), starts_.at(1), sets(search),
-                                 elements_, tree.nodes, search.stamp, stamps);
+                                 elements_, tree.nodes, search.changed.stamp, stamps);
   }
 
   void enqueue_fill(const cl::CommandQueue& queue, const Search& search, cl::Event* event) {
@@ -318,7 +318,7 @@ class Tiles final : public PairFinder {
     }
     opencl::Profiler::Scope stage(profiler, "refit");
     refit(context_.queue(), search, tree_, sink.is_kept_by_finder() ? 2 : 1, stage);
-    if (!search.all) refit(context_.queue(), search, changed_tree_, 1, stage);
+    if (!search.changed.all) refit(context_.queue(), search, changed_tree_, 1, stage);
   }
 
   /// @param level The first whose bounds are to be computed.
@@ -365,7 +365,7 @@ class Tiles final : public PairFinder {
     const bool is_first = search.last.slots == 0;
     const std::size_t dense_workers = is_first ? this->workers(tiles, dense_search_groups_per_unit) : workers;
     most_work_ = work_.most(search, sink, tiles * dense_workers);
-    cl::Kernel& kernel = search_kernel(search.all, has_worlds(search));
+    cl::Kernel& kernel = search_kernel(search.changed.all, has_worlds(search));
     layout::tiles_search_scalars_t scalars{.starts = {},
                                            .top = static_cast<cl_uint>(top_),
                                            .roots = roots_,
@@ -374,8 +374,8 @@ class Tiles final : public PairFinder {
                                            .sets = sets(search)};
     std::ranges::copy(starts_, scalars.starts);
     const cl_uint next = opencl::set_arguments(kernel, 0, scalars, tree_.nodes,
-                                               search.all ? cl::Buffer() : changed_tree_.nodes, elements_,
-                                               search.now.filters, search.now.exclusions);
+                                               search.changed.all ? cl::Buffer() : changed_tree_.nodes,
+                                               elements_, search.now.filters, search.now.exclusions);
     if (is_early_) {
       near_.set_sink(kernel, next, search);
     } else {
