@@ -138,7 +138,15 @@ bool update_in_trouble(MpiTwins& twins, int failing_rank, const MakeFailing& mak
   return true;
 }
 
-/// Changes of a random script.
+/// A script of up to 60 objects with filters, always the same.
+CoreScript script_of_filters() {
+  CoreScript script = core_scripts(ScriptSize::small)(rc::Random(17), 0).value();
+  script.most = 60;
+  script.filters = FilterKind::all;
+  return script;
+}
+
+/// The changes of objects in a script.
 class Changes {
  public:
   explicit Changes(const CoreScript& script) : ops_(script.ops), player_(script) {}
@@ -167,7 +175,7 @@ class Changes {
 void exhaust_memory(bool in_place) {
   constexpr long most = 2000;
   const long step = algorithm_under_test == "sweep-and-prune" ? 1 : 37;
-  const CoreScript script = script_of(7);
+  const CoreScript script = script_of_filters();
   int failures = 0;
   int successes = 0;  // in a row, because the ranks have different numbers of points
   for (long first = 0; first < most && successes < world_size() && !has_failed(); first += step) {
@@ -200,7 +208,7 @@ TEST(Mpi, WhereverMemoryIsExhaustedTheCallMayBeRepeated) {
 /// For one call, and for all until the next update.
 TEST(Mpi, ADeviceThatFailsOnOneRankLosesNothingOnAny) {
   if (algorithm_under_test == "sweep-and-prune") return;
-  const CoreScript script = script_of(8);
+  const CoreScript script = script_of_filters();
   Changes changes(script);
   MpiTwins& twins = changes.twins();
   int failures = 0;

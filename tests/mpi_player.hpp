@@ -29,7 +29,7 @@ inline Config config() {
   return {.algorithm = algorithm_under_test, .threads = 2};
 }
 
-/// Plays a script to MpiTwins. The numbers of an operation choose a rank, too.
+/// Plays a script to MpiTwins, and refers to it. The numbers of an operation choose a rank, too.
 class MpiPlayer {
  public:
   explicit MpiPlayer(const CoreScript& script) : script_(script), twins_(config(), script.most) {}
@@ -147,11 +147,6 @@ class MpiPlayer {
   const CoreScript& script_;
   MpiTwins twins_;
 };
-
-/// A script, always the same for a number.
-inline CoreScript script_of(std::uint64_t number) {
-  return core_scripts(ScriptSize::small)(rc::Random(number), 0).value();
-}
 
 /// The same on all ranks, so that none stops while others continue.
 inline bool has_failed() {
