@@ -7,9 +7,10 @@
    `for (k = item; k < count; ...)`, is followed by a barrier that only some conditions lead to: all work-items then run
    its body at least once. So what follows such a loop is a barrier that is always passed.
 
-   PoCL 6.0 may take it for the same in all work-items where a loop begins that comes after a barrier, although that
-   follows from the work-item, as in `for (k = item * SIZE; ...)`. Whether it does depends on addresses in the compiler:
-   one compilation in some fifty is wrong, and stays in PoCL's cache. So such loops begin at 0.
+   PoCL 6.0 may take the first value of a loop variable for the same in all work-items if it is computed before a
+   barrier and the loop comes after it, as in `for (k = item * SIZE; ...)`. Whether it does depends on addresses in the
+   compiler: two compilations of some ninety were wrong, and stay in PoCL's cache. Seen in refit() of tiles_build.cl,
+   whose loop begins at 0 since.
 
    PoCL compiles what follows a barrier that only some conditions lead to once for each way there, so each further
    condition before it may multiply the time that it takes to compile the kernel. */

@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <cstddef>
 #include <cstdint>
-#include <string>
 #include <vector>
 
 #include <broadcl/mpi.hpp>
@@ -16,18 +15,6 @@
 
 /// Random calls of all ranks, as core_random_test.cpp has them of one broad phase.
 namespace broadcl::test {
-
-/// The first argument of the program.
-inline std::string algorithm_under_test = "sweep-and-prune";
-
-/// Fewer frames if the device is a CPU.
-inline int frames(int on_the_host) {
-  return algorithm_under_test == "sweep-and-prune" ? on_the_host : on_the_host / 8 + 2;
-}
-
-inline Config config() {
-  return {.algorithm = algorithm_under_test, .threads = 2};
-}
 
 /// Plays a script to MpiTwins, and refers to it. The numbers of an operation choose a rank, too.
 class MpiPlayer {
@@ -117,8 +104,10 @@ class MpiPlayer {
     } else if (op.verb == CoreVerb::filter) {
       twins_.set_filter(rank, id, filter_of(script_, op, k));
     } else {
+      const Aabb box = twins_.box(rank, id);
+      const Filter filter = twins_.filter(rank, id);
       twins_.remove(rank, id);
-      if (op.verb == CoreVerb::replace) twins_.add(rank, box(rank, op, k), filter_of(script_, op, k));
+      if (op.verb == CoreVerb::replace) twins_.add(rank, box, filter);
     }
   }
 
@@ -147,12 +136,5 @@ class MpiPlayer {
   const CoreScript& script_;
   MpiTwins twins_;
 };
-
-/// The same on all ranks, so that none stops while others continue.
-inline bool has_failed() {
-  int failed = ::testing::Test::HasFailure() ? 1 : 0;
-  MPI_Allreduce(MPI_IN_PLACE, &failed, 1, MPI_INT, MPI_MAX, MPI_COMM_WORLD);
-  return failed != 0;
-}
 
 }  // namespace broadcl::test

@@ -37,6 +37,25 @@ inline int world_size() {
   return size;
 }
 
+/// The first argument of the program.
+inline std::string algorithm_under_test = "sweep-and-prune";
+
+/// Fewer frames if the device is a CPU.
+inline int frames(int on_the_host) {
+  return algorithm_under_test == "sweep-and-prune" ? on_the_host : on_the_host / 8 + 2;
+}
+
+inline Config config() {
+  return {.algorithm = algorithm_under_test, .threads = 2};
+}
+
+/// The same on all ranks, so that none stops while others continue.
+inline bool has_failed() {
+  int failed = ::testing::Test::HasFailure() ? 1 : 0;
+  MPI_Allreduce(MPI_IN_PLACE, &failed, 1, MPI_INT, MPI_MAX, MPI_COMM_WORLD);
+  return failed != 0;
+}
+
 #ifdef BROADCL_MPI_ON_DEVICE
 using TestedRanks = MpiOnDevice;
 /// Each index is always the same object's.
@@ -160,10 +179,12 @@ class MpiTwins {
     for (const MpiId id : objects()) {
       if (rank_of(id) != rank) continue;
       boxes.resize(local_id(id) + 1, empty_aabb());
-      boxes.back() = expected_.box(slot(id));
+      boxes.back() = box(rank, local_id(id));
     }
     return boxes;
   }
+  [[nodiscard]] Aabb box(int rank, std::uint32_t id) const { return expected_.box(slot(rank, id)); }
+  [[nodiscard]] Filter filter(int rank, std::uint32_t id) const { return expected_.filter(slot(rank, id)); }
   /// All pairs, as of the last update, of slots.
   [[nodiscard]] std::vector<Pair> present() const { return expected_.pairs(); }
   /// The number of an object among those of all ranks.
