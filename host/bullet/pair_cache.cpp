@@ -153,8 +153,12 @@ void PairCache::prefetch_after(int k) {
     if (culling_ != nullptr) culling_->prefetch_objects(pair);
     // A pair without an algorithm is new, or needs none.
     if (pair.m_algorithm == nullptr) return;
-    prefetch(pair.m_pProxy0->m_clientObject, sizeof(btCollisionObject));
-    prefetch(pair.m_pProxy1->m_clientObject, sizeof(btCollisionObject));
+    const auto* first = static_cast<const btCollisionObject*>(pair.m_pProxy0->m_clientObject);
+    const auto* second = static_cast<const btCollisionObject*>(pair.m_pProxy1->m_clientObject);
+    // Bullet skips pairs at rest. Prefetching for them would double the time of a frame without motion.
+    if (!first->isActive() && !second->isActive()) return;
+    prefetch(first, sizeof *first);
+    prefetch(second, sizeof *second);
     prefetch_contacts(*pair.m_algorithm);
   }
 }
