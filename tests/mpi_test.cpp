@@ -98,17 +98,20 @@ TEST(Mpi, BoxesInMotionCrossRanks) {
   EXPECT_GT(twins.changes(), 400U);
 }
 
-/// So many boxes that several threads share the work.
+/// So many boxes that several threads share the work. All objects of a rank are in its halo, except those
+/// that are far away for a frame.
 TEST(Mpi, ManyBoxesAreFoundInParts) {
   if (world_size() != 2 || algorithm_under_test != "sweep-and-prune") return;
   constexpr std::uint32_t n = 40000;
-  MpiTwins twins(config(), n);
+  Config several = config();
+  several.threads = 3;
+  MpiTwins twins(several, n);
   Dice dice(rc::Random(9));
   std::array<std::vector<Aabb>, 2> boxes{std::vector<Aabb>(n), std::vector<Aabb>(n)};
   for (auto& of_rank : boxes) {
     for (Aabb& box : of_rank) box = cube(dice, 0.02F);
   }
-  for (int frame = 0; frame < 3; ++frame) {
+  for (std::uint32_t frame = 0; frame < 4; ++frame) {
     for (int rank = 0; rank < 2; ++rank) {
       std::vector<Aabb>& of_rank = boxes.at(static_cast<std::size_t>(rank));
       for (std::uint32_t id = 0; id < n; ++id) {
@@ -116,7 +119,9 @@ TEST(Mpi, ManyBoxesAreFoundInParts) {
         of_rank[id].lower[id % 3] += step;
         of_rank[id].upper[id % 3] += step;
       }
-      twins.map(rank, of_rank);
+      std::vector<Aabb> given = of_rank;
+      for (std::uint32_t id = frame; id < n; id += 7) given[id] = empty_aabb();
+      twins.map(rank, given);
     }
     twins.update();
   }

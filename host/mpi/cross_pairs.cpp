@@ -139,7 +139,7 @@ void CrossPairs::find_halos(const Ranks& ranks, Objects& objects, Stages& stages
       if (have_exclusions_changed_ && rank_ < other && sends(rank_, other)) {
         exclusions = {.exclusions = exclusions_with(other), .has_exclusions = true};
       }
-      halo.write(objects.recycled(), exclusions, other == rank_ ? own_halo_ : out_[other]);
+      halo.write(objects.recycled(), exclusions, threads_, other == rank_ ? own_halo_ : out_[other]);
     }
   });
 }

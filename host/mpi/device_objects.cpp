@@ -32,8 +32,8 @@ bool DeviceObjects::begin(const OwnBounds* own, const Neighbours& neighbours, st
   }
   core_->begin(source_);
   if (own == nullptr) return true;
-  NearParts parts(*own, neighbours, outside_.finish());
-  parts.find_all(threads_, [&](std::size_t k) {
+  NearParts parts(*own, neighbours, outside_.finish(), threads_);
+  parts.find_all([&](std::size_t k) {
     const BoxesOutside::Found found = outside_[k];
     return Placed{.id = found.index, .box = found.box};
   });

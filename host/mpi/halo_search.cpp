@@ -20,6 +20,16 @@ bool contains(const std::shared_ptr<const std::vector<MpiPair>>& pairs, const Mp
   return pairs && std::ranges::binary_search(*pairs, pair);
 }
 
+/// @param positions Ascending, at least one.
+void erase(std::vector<std::uint32_t>& values, std::span<const std::uint32_t> positions) {
+  auto end = values.begin() + positions.front();
+  for (std::size_t k = 0; k < positions.size(); ++k) {
+    const auto next = k + 1 < positions.size() ? values.begin() + positions[k + 1] : values.end();
+    end = std::copy(values.begin() + positions[k] + 1, next, end);
+  }
+  values.erase(end, values.end());
+}
+
 }  // namespace
 
 HaloSearch::HaloSearch(const Config& config, std::size_t rank, std::size_t ranks)
@@ -101,18 +111,8 @@ void HaloSearch::relocate(Source& source, std::size_t position, const Filter& fi
 void HaloSearch::leave(Source& source, std::span<const std::uint32_t> positions) {
   if (positions.empty()) return;
   for (const std::uint32_t position : positions) release(source.slots[position]);
-  std::size_t count = positions.front();
-  auto next = positions.begin();
-  for (std::size_t k = count; k < source.ids.size(); ++k) {
-    if (next != positions.end() && *next == k) {
-      ++next;
-      continue;
-    }
-    source.ids[count] = source.ids[k];
-    source.slots[count++] = source.slots[k];
-  }
-  source.ids.resize(count);
-  source.slots.resize(count);
+  erase(source.ids, positions);
+  erase(source.slots, positions);
 }
 
 void HaloSearch::enter(Source& source, std::size_t from, const HaloChanges& changes) {
@@ -121,16 +121,15 @@ void HaloSearch::enter(Source& source, std::size_t from, const HaloChanges& chan
   std::vector<std::uint32_t> slots;
   ids.reserve(source.ids.size() + changes.entered.size());
   slots.reserve(ids.capacity());
-  std::size_t old = 0;
-  const auto take_below = [&](std::uint64_t id) {
-    for (; old < source.ids.size() && source.ids[old] < id; ++old) {
-      ids.push_back(source.ids[old]);
-      slots.push_back(source.slots[old]);
-    }
+  auto old = source.ids.begin();
+  const auto keep_until = [&](std::vector<std::uint32_t>::iterator end) {
+    const auto slot = source.slots.begin() + (old - source.ids.begin());
+    slots.insert(slots.end(), slot, slot + (end - old));
+    ids.insert(ids.end(), std::exchange(old, end), end);
   };
   for (std::size_t k = 0; k < changes.entered.size(); ++k) {
     const std::uint32_t id = changes.entered[k];
-    take_below(id);
+    keep_until(std::lower_bound(old, source.ids.end(), id));
     const std::uint32_t slot = allocate({.object = mpi_id(static_cast<int>(from), id),
                                          .filter = changes.entered_filters[k],
                                          .is_new = true,
@@ -139,7 +138,7 @@ void HaloSearch::enter(Source& source, std::size_t from, const HaloChanges& chan
     ids.push_back(id);
     slots.push_back(slot);
   }
-  take_below(std::uint64_t{1} << 32U);
+  keep_until(source.ids.end());
   source.ids.swap(ids);
   source.slots.swap(slots);
 }

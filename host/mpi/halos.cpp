@@ -5,6 +5,7 @@
 #include <type_traits>
 #include <utility>
 
+#include "base/box_parts.hpp"
 #include "base/packed_box.hpp"
 
 namespace broadcl::mpi {
@@ -51,25 +52,42 @@ void Halo::add(std::uint32_t id, const Aabb& box, const Filter& filter) {
   filters.push_back(filter);
 }
 
-void HaloChanges::write(Bytes& message) const {
-  const Header header{exclusions.size(), left.size(),       entered.size(),
-                      moved.size(),      refiltered.size(), has_exclusions ? 1U : 0U};
-  const bool is_empty = left.empty() && entered.empty() && moved.empty() && refiltered.empty();
-  if (is_empty && !has_exclusions) return message.resize(0);
-  message.resize(sizeof header + exclusions.size_bytes() + left.size_bytes() + entered.size_bytes() +
-                 entered_boxes.size_bytes() + entered_filters.size_bytes() + moved.size_bytes() +
-                 moved_boxes.size_bytes() + refiltered.size_bytes() + new_filters.size_bytes());
+void Halo::resize(std::size_t count) {
+  ids.resize(count);
+  boxes.resize(count);
+  filters.resize(count);
+}
+
+void HaloChanges::write(std::span<const HaloChanges> parts, Bytes& message) {
+  Header header{};
+  std::size_t bytes = sizeof header;
+  for (const HaloChanges& part : parts) {
+    header.exclusions += part.exclusions.size();
+    header.left += part.left.size();
+    header.entered += part.entered.size();
+    header.moved += part.moved.size();
+    header.refiltered += part.refiltered.size();
+    if (part.has_exclusions) header.has_exclusions = 1;
+    bytes += part.exclusions.size_bytes() + part.left.size_bytes() + part.entered.size_bytes() +
+             part.entered_boxes.size_bytes() + part.entered_filters.size_bytes() + part.moved.size_bytes() +
+             part.moved_boxes.size_bytes() + part.refiltered.size_bytes() + part.new_filters.size_bytes();
+  }
+  if (bytes == sizeof header && header.has_exclusions == 0) return message.resize(0);
+  message.resize(bytes);
   Cursor cursor(message.data());
-  cursor.copy(std::span(&header, 1));
-  cursor.copy(exclusions);
-  cursor.copy(left);
-  cursor.copy(entered);
-  cursor.copy(entered_boxes);
-  cursor.copy(entered_filters);
-  cursor.copy(moved);
-  cursor.copy(moved_boxes);
-  cursor.copy(refiltered);
-  cursor.copy(new_filters);
+  cursor.copy(std::span<const Header>(&header, 1));
+  const auto copy = [&](auto array) {
+    for (const HaloChanges& part : parts) cursor.copy(part.*array);
+  };
+  copy(&HaloChanges::exclusions);
+  copy(&HaloChanges::left);
+  copy(&HaloChanges::entered);
+  copy(&HaloChanges::entered_boxes);
+  copy(&HaloChanges::entered_filters);
+  copy(&HaloChanges::moved);
+  copy(&HaloChanges::moved_boxes);
+  copy(&HaloChanges::refiltered);
+  copy(&HaloChanges::new_filters);
 }
 
 HaloChanges HaloChanges::read(const Bytes& message) {
@@ -112,53 +130,79 @@ void HaloHistory::renew(Halo& near, bool all, std::span<const std::uint32_t> cha
   add_below(std::uint64_t{1} << 32U);
 }
 
-void HaloHistory::write(std::span<const std::uint32_t> recycled, HaloChanges changes, Bytes& message) {
-  left_.clear();
-  moved_.clear();
-  moved_boxes_.clear();
-  refiltered_.clear();
-  new_filters_.clear();
-  entered_.clear();
-  std::uint32_t before = 0;  // position in last_
-  const auto leave_below = [&](std::uint64_t id) {
-    for (; before < last_.ids.size() && last_.ids[before] < id; ++before) left_.push_back(before);
+void HaloHistory::Part::clear() noexcept {
+  left.clear();
+  moved.clear();
+  moved_boxes.clear();
+  refiltered.clear();
+  new_filters.clear();
+  entered.clear();
+}
+
+HaloChanges HaloHistory::Part::changes() const {
+  return {.left = left,
+          .entered = entered.ids,
+          .entered_boxes = entered.boxes,
+          .entered_filters = entered.filters,
+          .moved = moved,
+          .moved_boxes = moved_boxes,
+          .refiltered = refiltered,
+          .new_filters = new_filters};
+}
+
+/// Compares a part of the new halo, and what the last one had up to the next part.
+void HaloHistory::compare(std::size_t part, std::span<const std::uint32_t> recycled) {
+  const std::size_t begin = part * boxes_per_part;
+  const bool is_end = begin + boxes_per_part >= next_.ids.size();
+  const std::size_t end = is_end ? next_.ids.size() : begin + boxes_per_part;
+  const auto position_in_last = [&](std::size_t position) {
+    const auto found = std::ranges::lower_bound(last_.ids, next_.ids[position]);
+    return static_cast<std::uint32_t>(found - last_.ids.begin());
   };
-  for (std::uint32_t now = 0; is_new_ && now < next_.ids.size(); ++now) {
+  std::uint32_t before = part == 0 ? 0 : position_in_last(begin);
+  const std::size_t before_end = is_end ? last_.ids.size() : position_in_last(end);
+  auto& [left, moved, refiltered, moved_boxes, new_filters, entered] = parts_[part];
+  const auto leave_below = [&](std::uint64_t id) {
+    for (; before < before_end && last_.ids[before] < id; ++before) left.push_back(before);
+  };
+  for (auto now = static_cast<std::uint32_t>(begin); now < end; ++now) {
     const std::uint32_t id = next_.ids[now];
     const bool is_other = !recycled.empty() && std::ranges::binary_search(recycled, id);
     leave_below(id + std::uint64_t{is_other});
-    if (is_other || before == last_.ids.size() || last_.ids[before] != id) {
-      entered_.add(id, next_.boxes[now], next_.filters[now]);
+    if (is_other || before == before_end || last_.ids[before] != id) {
+      entered.add(id, next_.boxes[now], next_.filters[now]);
       continue;
     }
     if (!same_bits(last_.boxes[before], next_.boxes[now])) {
-      moved_.push_back(now);
-      moved_boxes_.push_back(next_.boxes[now]);
+      moved.push_back(now);
+      moved_boxes.push_back(next_.boxes[now]);
     }
     if (last_.filters[before] != next_.filters[now]) {
-      refiltered_.push_back(now);
-      new_filters_.push_back(next_.filters[now]);
+      refiltered.push_back(now);
+      new_filters.push_back(next_.filters[now]);
     }
     ++before;
   }
-  if (is_new_) leave_below(std::uint64_t{1} << 32U);
-  changes.left = left_;
-  changes.entered = entered_.ids;
-  changes.entered_boxes = entered_.boxes;
-  changes.entered_filters = entered_.filters;
-  changes.moved = moved_;
-  changes.moved_boxes = moved_boxes_;
-  changes.refiltered = refiltered_;
-  changes.new_filters = new_filters_;
-  changes.write(message);
+  leave_below(std::uint64_t{1} << 32U);
+}
+
+void HaloHistory::write(std::span<const std::uint32_t> recycled, const HaloChanges& exclusions,
+                        std::size_t threads, Bytes& message) {
+  const std::size_t objects = next_.ids.size();
+  parts_.resize(is_new_ ? std::max<std::size_t>(1, parts_of(objects)) : 0);
+  parallel_for(parts_.size(), useful_threads(objects, 2 * boxes_per_part, threads),
+               [&](std::size_t part, std::size_t /*thread*/) {
+                 parts_[part].clear();
+                 compare(part, recycled);
+               });
+  std::vector<HaloChanges> changes{exclusions};
+  for (const Part& part : parts_) changes.push_back(part.changes());
+  HaloChanges::write(changes, message);
 }
 
 void HaloHistory::write_last(Bytes& message) const {
-  HaloChanges changes;
-  changes.entered = last_.ids;
-  changes.entered_boxes = last_.boxes;
-  changes.entered_filters = last_.filters;
-  changes.write(message);
+  const HaloChanges all{.entered = last_.ids, .entered_boxes = last_.boxes, .entered_filters = last_.filters};
+  HaloChanges::write(std::span(&all, 1), message);
 }
 
 void HaloHistory::commit() noexcept {

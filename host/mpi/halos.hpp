@@ -21,6 +21,12 @@ struct Halo {
 
   void clear() noexcept;
   void add(std::uint32_t id, const Aabb& box, const Filter& filter);
+  void resize(std::size_t count);
+  void set(std::size_t position, std::uint32_t id, const Aabb& box, const Filter& filter) noexcept {
+    ids[position] = id;
+    boxes[position] = box;
+    filters[position] = filter;
+  }
 };
 
 /// What changed in a halo since the last update. Positions are indices in the halo, ascending.
@@ -36,7 +42,8 @@ struct HaloChanges {
   std::span<const std::uint32_t> refiltered{};  ///< Likewise.
   std::span<const Filter> new_filters{};
 
-  void write(Bytes& message) const;
+  /// Writes changes of consecutive parts of a halo.
+  static void write(std::span<const HaloChanges> parts, Bytes& message);
   /// @param message Must outlive this object. An empty one has no changes.
   [[nodiscard]] static HaloChanges read(const Bytes& message);
 };
@@ -50,19 +57,29 @@ class HaloHistory {
   void renew(Halo& near, bool all, std::span<const std::uint32_t> changed);
   /// Describes what changed.
   /// @param recycled Ids that belong to other objects now, ascending.
-  void write(std::span<const std::uint32_t> recycled, HaloChanges exclusions, Bytes& message);
+  void write(std::span<const std::uint32_t> recycled, const HaloChanges& exclusions, std::size_t threads,
+             Bytes& message);
   /// Describes the halo of the last update as if it had been empty before.
   void write_last(Bytes& message) const;
   void commit() noexcept;
 
  private:
+  /// Memory for what changed among consecutive objects.
+  struct Part {
+    std::vector<std::uint32_t> left, moved, refiltered;
+    std::vector<Aabb> moved_boxes;
+    std::vector<Filter> new_filters;
+    Halo entered;
+
+    void clear() noexcept;
+    [[nodiscard]] HaloChanges changes() const;
+  };
+
+  void compare(std::size_t part, std::span<const std::uint32_t> recycled);
+
   Halo last_, next_;
   bool is_new_ = false;  // otherwise next_ is unused, and the halo is as before
-  // Memory for changes.
-  std::vector<std::uint32_t> left_, moved_, refiltered_;
-  std::vector<Aabb> moved_boxes_;
-  std::vector<Filter> new_filters_;
-  Halo entered_;
+  std::vector<Part> parts_;
 };
 
 }  // namespace broadcl::mpi

@@ -59,7 +59,7 @@ bool HostObjects::begin(const OwnBounds* own, const Neighbours& neighbours, std:
   changed_.assign(changes_.changed().begin(), changes_.changed().end());
   std::ranges::sort(changed_);
   std::optional<NearParts> parts;
-  if (own != nullptr) parts.emplace(*own, neighbours, ids_);
+  if (own != nullptr) parts.emplace(*own, neighbours, ids_, threads_);
   search_.begin([&](std::size_t begin, std::size_t end, std::span<const Aabb> all) {
     if (parts) parts->find(begin, end, [&](std::size_t id) { return placed(id, all); });
   });
@@ -70,8 +70,8 @@ bool HostObjects::begin(const OwnBounds* own, const Neighbours& neighbours, std:
   if (parts->has_seen_all())
     return parts->join([&](std::size_t id) { return labelled(id, filters()); }, near);
   if (have_all_changed()) return find_near(*own, neighbours, boxes(), filters(), threads_, near);
-  NearParts some(*own, neighbours, changed_.size());
-  some.find_all(threads_, [&](std::size_t k) { return placed(changed_[k], boxes()); });
+  NearParts some(*own, neighbours, changed_.size(), threads_);
+  some.find_all([&](std::size_t k) { return placed(changed_[k], boxes()); });
   return some.join([&](std::size_t k) { return labelled(changed_[k], filters()); }, near);
 }
 

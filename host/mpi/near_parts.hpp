@@ -39,8 +39,8 @@ class NearParts {
  public:
   /// @param own, neighbours Must outlive this object.
   /// @param objects How many there are.
-  NearParts(const OwnBounds& own, const Neighbours& neighbours, std::size_t objects)
-      : own_(own), neighbours_(neighbours), parts_(parts_of(objects)), objects_(objects) {}
+  NearParts(const OwnBounds& own, const Neighbours& neighbours, std::size_t objects, std::size_t threads)
+      : own_(own), neighbours_(neighbours), parts_(parts_of(objects)), objects_(objects), threads_(threads) {}
 
   /// Looks at the objects from `begin` to `end`, one part. May be called for several at the same time.
   /// @param at Returns the id and the box of object k: Placed.
@@ -60,8 +60,8 @@ class NearParts {
   }
   /// Looks at all objects.
   template <class At>
-  void find_all(std::size_t threads, const At& at) {
-    const std::size_t useful = useful_threads(objects_, 2 * boxes_per_part, threads);
+  void find_all(const At& at) {
+    const std::size_t useful = useful_threads(objects_, 2 * boxes_per_part, threads_);
     parallel_for(parts_.size(), useful, [&](std::size_t part, std::size_t /*thread*/) {
       const std::size_t begin = part * boxes_per_part;
       find(begin, std::min(objects_, begin + boxes_per_part), at);
@@ -74,13 +74,29 @@ class NearParts {
   /// @returns Whether the bounds contain all objects. If not, `near` may be incomplete.
   template <class Label>
   bool join(const Label& label, std::vector<Halo>& near) const {
-    for (Halo& halo : near) halo.clear();
-    for (const std::vector<Near>& part : parts_) {
-      for (const auto& [halo, object, box] : part) {
-        const Labelled labelled = label(object);
-        near[halo].add(labelled.id, box, labelled.filter);
-      }
+    std::size_t found = 0;
+    for (const std::vector<Near>& part : parts_) found += part.size();
+    const std::size_t groups = useful_threads(found, 2 * boxes_per_part, threads_);
+    const auto for_each_near = [&](const auto& function) {
+      parallel_for(groups, groups, [&](std::size_t group, std::size_t /*thread*/) {
+        const std::size_t end = parts_.size() * (group + 1) / groups;
+        for (std::size_t k = parts_.size() * group / groups; k < end; ++k) {
+          for (const Near& object : parts_[k]) function(group, object);
+        }
+      });
+    };
+    // By group and halo: how many objects, and then where the next one is to be written.
+    std::vector<std::vector<std::size_t>> places(groups, std::vector<std::size_t>(near.size()));
+    for_each_near([&](std::size_t group, const Near& object) { ++places[group][object.halo]; });
+    for (std::size_t halo = 0; halo < near.size(); ++halo) {
+      std::size_t size = 0;
+      for (std::vector<std::size_t>& of_group : places) size += std::exchange(of_group[halo], size);
+      near[halo].resize(size);
     }
+    for_each_near([&](std::size_t group, const Near& object) {
+      const Labelled labelled = label(object.object);
+      near[object.halo].set(places[group][object.halo]++, labelled.id, object.box, labelled.filter);
+    });
     return are_inside_;
   }
 
@@ -93,7 +109,7 @@ class NearParts {
   const OwnBounds& own_;
   const Neighbours& neighbours_;
   std::vector<std::vector<Near>> parts_;
-  std::size_t objects_;
+  std::size_t objects_, threads_;
   std::atomic<bool> are_inside_ = true;
   std::atomic<std::size_t> seen_ = 0;
 };
@@ -104,8 +120,8 @@ class NearParts {
 [[nodiscard]] inline bool find_near(const OwnBounds& own, const Neighbours& neighbours,
                                     std::span<const Aabb> boxes, std::span<const Filter> filters,
                                     std::size_t threads, std::vector<Halo>& near) {
-  NearParts parts(own, neighbours, boxes.size());
-  parts.find_all(threads, [&](std::size_t id) { return placed(id, boxes); });
+  NearParts parts(own, neighbours, boxes.size(), threads);
+  parts.find_all([&](std::size_t id) { return placed(id, boxes); });
   return parts.join([&](std::size_t id) { return labelled(id, filters); }, near);
 }
 
