@@ -43,6 +43,11 @@ bool has_list(int id) {
   return 0 <= id && id < end;
 }
 
+/// @param client Of a pair that has an algorithm: a collision object, or null.
+bool is_at_rest(const void* client) {
+  return client != nullptr && !static_cast<const btCollisionObject*>(client)->isActive();
+}
+
 /// Passes on pairs that are not idle.
 class CulledCallback final : public btOverlapCallback {
  public:
@@ -153,12 +158,10 @@ void PairCache::prefetch_after(int k) {
     if (culling_ != nullptr) culling_->prefetch_objects(pair);
     // A pair without an algorithm is new, or needs none.
     if (pair.m_algorithm == nullptr) return;
-    const auto* first = static_cast<const btCollisionObject*>(pair.m_pProxy0->m_clientObject);
-    const auto* second = static_cast<const btCollisionObject*>(pair.m_pProxy1->m_clientObject);
     // Bullet skips pairs at rest. Prefetching for them would double the time of a frame without motion.
-    if (!first->isActive() && !second->isActive()) return;
-    prefetch(first, sizeof *first);
-    prefetch(second, sizeof *second);
+    if (is_at_rest(pair.m_pProxy0->m_clientObject) && is_at_rest(pair.m_pProxy1->m_clientObject)) return;
+    prefetch(pair.m_pProxy0->m_clientObject, sizeof(btCollisionObject));
+    prefetch(pair.m_pProxy1->m_clientObject, sizeof(btCollisionObject));
     prefetch_contacts(*pair.m_algorithm);
   }
 }
