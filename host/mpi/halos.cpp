@@ -161,25 +161,25 @@ void HaloHistory::compare(std::size_t part, std::span<const std::uint32_t> recyc
   };
   std::uint32_t before = part == 0 ? 0 : position_in_last(begin);
   const std::size_t before_end = is_end ? last_.ids.size() : position_in_last(end);
-  auto& [left, moved, refiltered, moved_boxes, new_filters, entered] = parts_[part];
+  Part& changes = parts_[part];
   const auto leave_below = [&](std::uint64_t id) {
-    for (; before < before_end && last_.ids[before] < id; ++before) left.push_back(before);
+    for (; before < before_end && last_.ids[before] < id; ++before) changes.left.push_back(before);
   };
   for (auto now = static_cast<std::uint32_t>(begin); now < end; ++now) {
     const std::uint32_t id = next_.ids[now];
     const bool is_other = !recycled.empty() && std::ranges::binary_search(recycled, id);
     leave_below(id + std::uint64_t{is_other});
     if (is_other || before == before_end || last_.ids[before] != id) {
-      entered.add(id, next_.boxes[now], next_.filters[now]);
+      changes.entered.add(id, next_.boxes[now], next_.filters[now]);
       continue;
     }
     if (!same_bits(last_.boxes[before], next_.boxes[now])) {
-      moved.push_back(now);
-      moved_boxes.push_back(next_.boxes[now]);
+      changes.moved.push_back(now);
+      changes.moved_boxes.push_back(next_.boxes[now]);
     }
     if (last_.filters[before] != next_.filters[now]) {
-      refiltered.push_back(now);
-      new_filters.push_back(next_.filters[now]);
+      changes.refiltered.push_back(now);
+      changes.new_filters.push_back(next_.filters[now]);
     }
     ++before;
   }
