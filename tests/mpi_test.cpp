@@ -99,7 +99,7 @@ TEST(Mpi, BoxesInMotionCrossRanks) {
 }
 
 /// So many boxes that several threads share the work. All objects of a rank are in its halo, except those
-/// that are far away for a frame.
+/// that are empty for a frame. Some are replaced, around the end of a part of the halo.
 TEST(Mpi, ManyBoxesAreFoundInParts) {
   if (world_size() != 2 || algorithm_under_test != "sweep-and-prune") return;
   constexpr std::uint32_t n = 40000;
@@ -122,6 +122,11 @@ TEST(Mpi, ManyBoxesAreFoundInParts) {
       std::vector<Aabb> given = of_rank;
       for (std::uint32_t id = frame; id < n; id += 7) given[id] = empty_aabb();
       twins.map(rank, given);
+      for (std::uint32_t id = 2300; frame > 0 && id < 2450; ++id) {
+        twins.remove(rank, id);
+        const Filter filter{.group = 1U << (id + frame) % 2, .mask = 3};
+        twins.add(rank, given[id], id % 3 == 0 ? filter : Filter());
+      }
     }
     twins.update();
   }

@@ -25,7 +25,8 @@ namespace broadcl {
 /// cache does what Bullet's does.
 ///
 /// When Bullet collides two objects or frees their contacts, it mostly waits for memory. So the cache
-/// prefetches what the next pairs need.
+/// prefetches what the next pairs need. A pair may have an algorithm only if its clients are collision
+/// objects or null.
 class PairCache final : public btHashedOverlappingPairCache {
  public:
   PairCache() { manifolds_.reserve(1); }

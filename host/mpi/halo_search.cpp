@@ -21,7 +21,7 @@ bool contains(const std::shared_ptr<const std::vector<MpiPair>>& pairs, const Mp
 }
 
 /// @param positions Ascending, at least one.
-void erase(std::vector<std::uint32_t>& values, std::span<const std::uint32_t> positions) {
+void erase_at(std::vector<std::uint32_t>& values, std::span<const std::uint32_t> positions) {
   auto end = values.begin() + positions.front();
   for (std::size_t k = 0; k < positions.size(); ++k) {
     const auto next = k + 1 < positions.size() ? values.begin() + positions[k + 1] : values.end();
@@ -111,8 +111,8 @@ void HaloSearch::relocate(Source& source, std::size_t position, const Filter& fi
 void HaloSearch::leave(Source& source, std::span<const std::uint32_t> positions) {
   if (positions.empty()) return;
   for (const std::uint32_t position : positions) release(source.slots[position]);
-  erase(source.ids, positions);
-  erase(source.slots, positions);
+  erase_at(source.ids, positions);
+  erase_at(source.slots, positions);
 }
 
 void HaloSearch::enter(Source& source, std::size_t from, const HaloChanges& changes) {

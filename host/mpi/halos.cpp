@@ -189,14 +189,15 @@ void HaloHistory::compare(std::size_t part, std::span<const std::uint32_t> recyc
 void HaloHistory::write(std::span<const std::uint32_t> recycled, const HaloChanges& exclusions,
                         std::size_t threads, Bytes& message) {
   const std::size_t objects = next_.ids.size();
-  parts_.resize(is_new_ ? std::max<std::size_t>(1, parts_of(objects)) : 0);
-  parallel_for(parts_.size(), useful_threads(objects, 2 * boxes_per_part, threads),
+  const std::size_t count = is_new_ ? std::max<std::size_t>(1, parts_of(objects)) : 0;
+  if (parts_.size() < count) parts_.resize(count);
+  parallel_for(count, useful_threads(objects, 2 * boxes_per_part, threads),
                [&](std::size_t part, std::size_t /*thread*/) {
                  parts_[part].clear();
                  compare(part, recycled);
                });
   std::vector<HaloChanges> changes{exclusions};
-  for (const Part& part : parts_) changes.push_back(part.changes());
+  for (const Part& part : std::span(parts_).first(count)) changes.push_back(part.changes());
   HaloChanges::write(changes, message);
 }
 

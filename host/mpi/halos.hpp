@@ -9,6 +9,7 @@
 #include <broadcl/filter.hpp>
 #include <broadcl/mpi.hpp>
 
+#include "base/parallel.hpp"
 #include "mpi/ranks.hpp"
 
 namespace broadcl::mpi {
@@ -42,7 +43,7 @@ struct HaloChanges {
   std::span<const std::uint32_t> refiltered{};  ///< Likewise.
   std::span<const Filter> new_filters{};
 
-  /// Writes changes of consecutive parts of a halo.
+  /// Writes changes of consecutive parts of a halo, of which at most one has exclusions.
   static void write(std::span<const HaloChanges> parts, Bytes& message);
   /// @param message Must outlive this object. An empty one has no changes.
   [[nodiscard]] static HaloChanges read(const Bytes& message);
@@ -65,7 +66,7 @@ class HaloHistory {
 
  private:
   /// Memory for what changed among consecutive objects.
-  struct Part {
+  struct alignas(cache_line) Part {
     std::vector<std::uint32_t> left, moved, refiltered;
     std::vector<Aabb> moved_boxes;
     std::vector<Filter> new_filters;

@@ -39,6 +39,7 @@ class NearParts {
  public:
   /// @param own, neighbours Must outlive this object.
   /// @param objects How many there are.
+  /// @param threads At most; 0 for one per processor.
   NearParts(const OwnBounds& own, const Neighbours& neighbours, std::size_t objects, std::size_t threads)
       : own_(own), neighbours_(neighbours), parts_(parts_of(objects)), objects_(objects), threads_(threads) {}
 
@@ -77,25 +78,28 @@ class NearParts {
     std::size_t found = 0;
     for (const std::vector<Near>& part : parts_) found += part.size();
     const std::size_t groups = useful_threads(found, 2 * boxes_per_part, threads_);
+    // By halo: how many objects a group of parts has, and then where its next one is to be written.
+    using Places = std::vector<std::size_t>;
+    std::vector<Places> places(groups, Places(near.size()));
     const auto for_each_near = [&](const auto& function) {
       parallel_for(groups, groups, [&](std::size_t group, std::size_t /*thread*/) {
+        Places own = places[group];  // so that threads do not write side by side
         const std::size_t end = parts_.size() * (group + 1) / groups;
         for (std::size_t k = parts_.size() * group / groups; k < end; ++k) {
-          for (const Near& object : parts_[k]) function(group, object);
+          for (const Near& object : parts_[k]) function(object, own[object.halo]);
         }
+        places[group] = std::move(own);
       });
     };
-    // By group and halo: how many objects, and then where the next one is to be written.
-    std::vector<std::vector<std::size_t>> places(groups, std::vector<std::size_t>(near.size()));
-    for_each_near([&](std::size_t group, const Near& object) { ++places[group][object.halo]; });
+    for_each_near([](const Near& /*object*/, std::size_t& count) { ++count; });
     for (std::size_t halo = 0; halo < near.size(); ++halo) {
       std::size_t size = 0;
-      for (std::vector<std::size_t>& of_group : places) size += std::exchange(of_group[halo], size);
+      for (Places& of_group : places) size += std::exchange(of_group[halo], size);
       near[halo].resize(size);
     }
-    for_each_near([&](std::size_t group, const Near& object) {
+    for_each_near([&](const Near& object, std::size_t& place) {
       const Labelled labelled = label(object.object);
-      near[object.halo].set(places[group][object.halo]++, labelled.id, object.box, labelled.filter);
+      near[object.halo].set(place++, labelled.id, object.box, labelled.filter);
     });
     return are_inside_;
   }
