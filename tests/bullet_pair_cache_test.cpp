@@ -219,6 +219,39 @@ TEST(BulletPairCache, TakesProxiesOfAnyIdAndIdsThatAreShared) {
   EXPECT_GT(twins.most_pairs(), 10U);
 }
 
+TEST(BulletPairCache, ContactsOfPairsAtRestAreNotPrefetched) {
+  constexpr std::size_t count = 20;
+  Side<PairCache> side;
+  std::array<btCollisionObject, count> objects;
+  std::array<btBroadphaseProxy, count> proxies;
+  for (std::size_t k = 0; k < count; ++k) {
+    proxies[k] = btBroadphaseProxy(btVector3(0, 0, 0), btVector3(1, 1, 1), &objects[k], 1, -1);
+    proxies[k].m_uniqueId = static_cast<int>(k);
+  }
+  int looks = 0;
+  for (std::size_t k = 1; k < count; ++k) {
+    side.cache.addOverlappingPair(&proxies[k - 1], &proxies[k])->m_algorithm = test::MortalAlgorithm::make(
+        side.dispatcher, [] {}, [&] { ++looks; });
+  }
+  const auto looks_of_all = [&] {
+    looks = 0;
+    Record record;
+    side.cache.processAllOverlappingPairs(&record, &side.dispatcher, btDispatcherInfo());
+    EXPECT_EQ(record.pairs.back().size(), count - 1);
+    return looks;
+  };
+  EXPECT_GT(looks_of_all(), 10);
+  for (btCollisionObject& object : objects) object.forceActivationState(ISLAND_SLEEPING);
+  EXPECT_EQ(looks_of_all(), 0);
+  objects[count / 2].forceActivationState(ACTIVE_TAG);
+  EXPECT_EQ(looks_of_all(), 2);
+  for (btBroadphaseProxy& proxy : proxies) proxy.m_clientObject = nullptr;
+  EXPECT_GT(looks_of_all(), 10);
+  for (btBroadphaseProxy& proxy : proxies) {
+    side.cache.removeOverlappingPairsContainingProxy(&proxy, &side.dispatcher);
+  }
+}
+
 TEST(BulletPairCache, WithItTheAdapterDoesTheSame) {
   const test::Kind& broadcl = test::kinds[0];
   btHashedOverlappingPairCache bullets;

@@ -13,9 +13,11 @@ namespace broadcl::test {
 class MortalAlgorithm final : public btCollisionAlgorithm {
  public:
   /// In the dispatcher's memory, as Bullet makes them; it is destroyed with its pair.
-  static btCollisionAlgorithm* make(btDispatcher& dispatcher, std::function<void()> at_end) {
+  /// @param at_look Is called when somebody asks for contacts.
+  static btCollisionAlgorithm* make(
+      btDispatcher& dispatcher, std::function<void()> at_end, std::function<void()> at_look = [] {}) {
     void* place = dispatcher.allocateCollisionAlgorithm(sizeof(MortalAlgorithm));
-    return new (place) MortalAlgorithm(std::move(at_end));
+    return new (place) MortalAlgorithm(std::move(at_end), std::move(at_look));
   }
   ~MortalAlgorithm() override { at_end_(); }
   MortalAlgorithm(const MortalAlgorithm&) = delete;
@@ -29,12 +31,13 @@ class MortalAlgorithm final : public btCollisionAlgorithm {
                                  const btDispatcherInfo& /*info*/, btManifoldResult* /*result*/) override {
     return 1;
   }
-  void getAllContactManifolds(btManifoldArray& /*manifolds*/) override {}
+  void getAllContactManifolds(btManifoldArray& /*manifolds*/) override { at_look_(); }
 
  private:
-  explicit MortalAlgorithm(std::function<void()> at_end) : at_end_(std::move(at_end)) {}
+  MortalAlgorithm(std::function<void()> at_end, std::function<void()> at_look)
+      : at_end_(std::move(at_end)), at_look_(std::move(at_look)) {}
 
-  std::function<void()> at_end_;
+  std::function<void()> at_end_, at_look_;
 };
 
 }  // namespace broadcl::test
