@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import asyncio
 import shlex
 import signal
 import sys
@@ -52,7 +53,6 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="scripts/study", formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False,
                                      description=ABOUT, epilog=f"presets:\n{presets}\n{END}")  # fmt: skip
     whole = _number(int, 1)
-    jobs: Callable[[str], str] = lambda text: text if text == "auto" else str(whole(text))  # noqa: E731
     for name, metavar, kind, text in (
         ("out", "DIR", str, "the folder of the study"),
         ("preset", "NAME", str, "what to measure; see below; default: quick"),
@@ -63,8 +63,7 @@ def _parser() -> argparse.ArgumentParser:
         ("repeat", "N", whole, "runs of each combination"),
         ("seed", "N", _number(int, 0), "of the simulations and their order; default: 1"),
         ("device", "D", str, "as for `broadcl simulate`; default: the best one, and for auto the host unless there is a GPU"),
-        ("jobs", "N", jobs, "runs at once, each with its share of the processors; auto: as many as leave CPU times unchanged"
-         " within 5 %%, which is measured first; default: 1"),
+        ("jobs", "N", whole, "runs at once, each with its share of the processors; default: 1"),
         ("gpus", "N", whole, "NVIDIA GPUs of a kind for these runs to use in turn; default: 1"),
         ("part", "NAME", str, f"only the runs of this part of the plan; {RECORDINGS}: only the recordings for the replay"),
         ("minutes", "M", _number(float, 0), "start no run after M minutes"),
@@ -97,7 +96,7 @@ def main() -> int:
         parser.error("name the folder with --out, or one that is done with --page")
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
-        is_done = options.page is not None or run_study(_settings(options))
+        is_done = options.page is not None or asyncio.run(run_study(_settings(options)))
         if not options.no_page and options.part != RECORDINGS:
             from study.page import make  # needs more than Python
 

@@ -39,14 +39,11 @@ def _with_code(text: str) -> Markup:
 
 def _facts(study: Study) -> dict[str, str]:
     document, here = study.document, study.document["here"]
-    tried = "; ".join(f"{ratio:.2f} with {jobs}" for jobs, ratio in document["tried_jobs"][1:])
-    at_once = f"{document['jobs']}"
-    if tried:
-        at_once += f" (CPU time of a run's thread, as a multiple of that alone: {tried})"
-    if document["jobs"] > 1:
-        gpus = len({gpu for _, gpu in document["shares"]})
-        own = document["shares"][0][0].count(",") + 1
-        at_once += f", each on {own} of the processors" + f" and one of {gpus} GPUs" * (gpus > 1)
+    shares = document["shares"]
+    at_once = f"{len(shares)}"
+    if len(shares) > 1:
+        gpus = len({gpu for _, gpu in shares})
+        at_once += f", each on {shares[0][0].count(',') + 1} of the processors" + f" and one of {gpus} GPUs" * (gpus > 1)
     return {
         "Measured": document["date"],
         "Processor": f"{here['cpu']}, {here['threads']} threads",

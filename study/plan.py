@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import random
 import re
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 PAPER = ("free-fall", "agitated", "rolling-gravity", "mixed-sizes")  # Figures 2 to 5, in this order
@@ -88,9 +88,6 @@ class Plan:
         shuffled = sorted(runs)
         random.Random(self.seed).shuffle(shuffled)
         return sorted(shuffled, key=lambda run: run.repeat)
-
-    def to_json(self) -> dict[str, Any]:
-        return asdict(self)
 
     @staticmethod
     def from_json(data: dict[str, Any]) -> Plan:

@@ -10,23 +10,14 @@
   const startView = { theta: 0.66, phi: 1.15, distance: 3.25 };  // angles, and the distance in edges of the world
   let [run, view, at, playing, drawn, last] = [null, { ...startView }, 0, false, true, 0];  // at: in stored frames, with a fraction
 
-  // (rows, width) numbers, each row stored as the difference from the previous one, low bytes first, then high bytes; deflated.
-  async function unpack(text, width) {
+  async function unpack(text) {
     const packed = Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
     const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("deflate"));
-    const bytes = new Uint8Array(await new Response(stream).arrayBuffer());
-    const values = new Uint16Array(bytes.length / 2);
-    for (let k = 0; k < values.length; ++k) {
-      const low = 2 * k - k % width;  // bytes of the rows before, plus the index in this row
-      values[k] = (k < width ? 0 : values[k - width]) + (bytes[low] | (bytes[low + width] << 8));
-    }
-    return values;
+    return new Uint16Array(await new Response(stream).arrayBuffer());
   }
 
   async function load(from) {
-    if (typeof from.boxes === "string") {
-      [from.boxes, from.overlaps] = await Promise.all([unpack(from.boxes, 6 * from.objects), unpack(from.overlaps, from.objects)]);
-    }
+    if (typeof from.boxes === "string") [from.boxes, from.overlaps] = await Promise.all([from.boxes, from.overlaps].map(unpack));
     return from;
   }
 

@@ -13,7 +13,6 @@ from study.plan import BULLETS
 
 SEED = 1
 RESAMPLES = 10_000
-TAILS = (0.025, 0.975)
 FEWEST = 5  # runs of each side; with fewer, an interval spans little more than the runs themselves
 
 
@@ -43,7 +42,7 @@ def ratio_of_medians(a: np.ndarray, b: np.ndarray, noise: float = 0) -> Ratio:
         return Ratio(value, None, noise)
     random = np.random.default_rng(SEED)
     top, bottom = (np.median(x[random.integers(0, len(x), (RESAMPLES, len(x)))], axis=1) for x in (a, b))
-    low, high = np.quantile(top / bottom, TAILS)
+    low, high = np.quantile(top / bottom, (0.025, 0.975))
     return Ratio(value, (float(low), float(high)), noise)
 
 

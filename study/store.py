@@ -13,13 +13,14 @@ import os
 import re
 import zlib
 from collections.abc import Iterator
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from study.plan import Plan, Run, StudyError
 
 FORMAT = 2
-KEYS = ("command", "date", "jobs", "tried_jobs", "shares", "here", "summaries")
+KEYS = ("command", "date", "shares", "here", "summaries")
 # Milliseconds by the wall clock, and of the CPU of the thread that simulates; as `broadcl simulate --csv` writes them.
 COLUMNS = "frame,update_ms,broad_phase_ms,total_ms,update_cpu_ms,broad_phase_cpu_ms,total_cpu_ms,pairs"
 ELSEWHERE = "name another folder with --out"
@@ -73,7 +74,7 @@ def read_document(folder: Path) -> dict[str, Any] | None:
 
 
 def write_document(folder: Path, document: dict[str, Any]) -> None:
-    data = {**document, "plan": document["plan"].to_json()}
+    data = {**document, "plan": asdict(document["plan"])}
     write(folder / "study.json", (json.dumps(data, indent=2, ensure_ascii=False) + "\n").encode())
 
 
@@ -111,11 +112,9 @@ def _problem(run: Run, csv: str) -> str | None:
         return f"its columns are not '{COLUMNS}'"
     if not csv.endswith("\n") or len(lines) != run.frames:
         return f"it has not {run.frames} frames"
+    row = re.compile(r"(\d+)" + r",\d+(?:\.\d+)?(?:e[-+]\d+)?" * COLUMNS.count(","))
     for frame, line in enumerate(lines):
-        try:
-            number, *times = map(float, line.split(","))
-        except ValueError:
-            return f"frame {frame} is malformed"
-        if number != frame or len(times) != COLUMNS.count(",") or not all(time >= 0 for time in times):
+        match = row.fullmatch(line)
+        if not match or int(match[1]) != frame:
             return f"frame {frame} is malformed"
     return None

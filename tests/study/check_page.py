@@ -124,7 +124,6 @@ def main() -> None:
                 check(browser, folder)
                 print(f"{theme}, {width} pixels: {check.__name__}: ok", flush=True)
             assert not browser.errors(), browser.errors()
-    print("all checks of the page passed")
 
 
 if __name__ == "__main__":

@@ -62,8 +62,8 @@ def small_study(tmp_path: Path) -> Path:
     folder = tmp_path / "study"
     here = {"broadcl": "1.2.3", "bullet": "3.24", "cpu": "A <CPU>", "threads": 2, "system": "S", "device": DEVICE, "driver": "1"}
     summaries = {"scenarios": {"free-fall": "falls", "mixed-sizes": "mixed"}, "broadphases": {b: b for b in (*TIMES, "gpu-bf")}}
-    document = {"format": store.FORMAT, "command": "scripts/study", "date": "2020-01-02", "plan": SMALL, "jobs": 2}
-    document |= {"here": here, "summaries": summaries, "tried_jobs": [[1, 1.0], [2, 1.02]], "shares": [["0,1", "0"], ["2,3", "1"]]}
+    document = {"format": store.FORMAT, "command": "scripts/study", "date": "2020-01-02", "plan": SMALL}
+    document |= {"here": here, "summaries": summaries, "shares": [["0,1", "0"], ["2,3", "1"]]}
     store.write_document(folder, document)
     for run in SMALL.runs():
         if run.broadphase in TIMES:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import asdict
 
 import pytest
 from study.plan import BULLETS, PAPER, PRESETS, Plan, StudyError, plan_of
@@ -49,7 +50,7 @@ def test_options_replace_what_each_part_has() -> None:
 
 
 def test_json_and_back() -> None:
-    text = json.dumps(PAPER_PLAN.to_json())
+    text = json.dumps(asdict(PAPER_PLAN))
     assert Plan.from_json(json.loads(text)) == PAPER_PLAN
     with pytest.raises(ValueError):
         Plan.from_json(json.loads(text.replace("free-fall", "../x")))

@@ -18,9 +18,6 @@ from study.recording import LEVELS, count_overlaps, pack, quantised, read_record
 from study.statistics import noise_of, ratio_of_medians, rest_of, standing, three_digits
 
 
-NO_FRAMES = "0,nan,1,1,1,1,1,1\n" * 6
-
-
 def test_a_cell_has_the_frames_that_all_of_its_runs_have(small_study: Path) -> None:
     study = read_study(small_study)
     assert [tuple(c) for c in study.cells("free-fall")] == [("free-fall", 10, 6), ("free-fall", 20, 6), ("free-fall", 20, 9)]
@@ -96,7 +93,7 @@ def test_the_page_is_the_same_each_time_needs_no_recording_and_escapes_names(sma
     text = (small_study / "index.html").read_text()
     before, after = (page.partition('<section id="scenes">') for page in (whole, text))
     assert before[0] == after[0] and "no recordings" in after[2] and 'id="figure-1"' in before[2]
-    assert "multiple of that alone: 1.02 with 2), each on 2 of the processors and one of 2 GPUs" in whole
+    assert ">2, each on 2 of the processors and one of 2 GPUs<" in whole
     assert "A <CPU>" not in whole and "<GPU>" not in whole and 'src="http' not in whole
 
 
@@ -107,7 +104,8 @@ def test_the_page_is_the_same_each_time_needs_no_recording_and_escapes_names(sma
         ("is damaged", "study.json", b"{"),
         ("'.*auto-1.csv.gz' is damaged: it is not a file of a run", "runs/free-fall-10-auto-1.csv.gz", b"x"),
         ("is damaged: it has not 6 frames", "runs/free-fall-10-auto-1.csv.gz", f'""\n{store.COLUMNS}\n'.encode()),
-        ("frame 0 is malformed", "runs/free-fall-10-auto-1.csv.gz", f'""\n{store.COLUMNS}\n{NO_FRAMES}'.encode()),
+        ("frame 0 is malformed", "runs/free-fall-10-auto-1.csv.gz",
+         f'""\n{store.COLUMNS}\n'.encode() + b"0,nan,1,1,1,1,1,1\n" * 6),  # fmt: skip
         ("is not a recording", "recordings/free-fall.npy", b"x"),
     ],
 )
@@ -143,16 +141,12 @@ def test_overlaps_are_those_of_all_pairs() -> None:
     np.testing.assert_array_equal(count_overlaps(boxes), meets.sum(axis=1) - 1)
 
 
-def test_packed_rows_come_back() -> None:
+def test_packed_boxes_come_back() -> None:
     boxes = _boxes()
     low, high = boxes[:, :3].min(axis=0), boxes[:, 3:].max(axis=0)
-    steps = np.stack([quantised(each, low, high).T for each in (boxes, boxes[::-1], boxes)])
-    stored = np.frombuffer(zlib.decompress(base64.b64decode(pack(steps))), np.uint8).astype(np.uint16)
-    planes = stored.reshape(3, 2, *steps.shape[1:])
-    back = np.cumsum(planes[:, 0] | planes[:, 1] << 8, axis=0, dtype=np.uint16)
-    np.testing.assert_array_equal(back, steps)
-    unscaled = back[0].T / LEVELS * np.tile(high - low, 2) + np.tile(low, 2)
-    assert np.abs(unscaled - boxes).max() < 0.51 * (high - low).max() / LEVELS + 1e-6
+    unpacked = np.frombuffer(zlib.decompress(base64.b64decode(pack(quantised(boxes, low, high)))), "<u2").reshape(boxes.shape)
+    back = unpacked / LEVELS * np.tile(high - low, 2) + np.tile(low, 2)
+    assert np.abs(back - boxes).max() < 0.51 * (high - low).max() / LEVELS + 1e-6
 
 
 def test_long_recordings_are_thinned(small_study: Path) -> None:

@@ -56,7 +56,7 @@ def run(tmp_path: Path, program: Path) -> Runner:
 def test_stores_each_run_and_continues_with_nothing(run: Runner) -> None:
     assert "16 of 16 runs are done" in run()
     document = store.read_document(run.out)
-    assert document and document["here"]["device"] == "P / D" and document["jobs"] == 1
+    assert document and document["here"]["device"] == "P / D" and document["shares"] == [["", ""]]
     assert set(run.files) == {f"{r.name}.csv.gz" for r in document["plan"].runs()}
     device, csv = store.load(run.out, document["plan"].runs()[-1]) or ("", "")
     assert device == "P / D" and csv.splitlines()[-1] == "2,1,0.5,4,1,0.5,3.5,2"
@@ -125,17 +125,14 @@ def test_parts_minutes_and_jobs(run: Runner) -> None:
     run("--out s --part recordings")
     assert not run.files and (run.out / "recordings" / "free-fall.npy").exists()
     assert "no part is named 'x'; the parts of this study are: all, recordings" in run("--out s --part x", 2)
-    said = run(f"{TINY} --out t --jobs auto")
-    document = json.loads((run.folder / "t" / "study.json").read_text())
-    threads = len(os.sched_getaffinity(0))
-    assert document["tried_jobs"][0] == [1, 1.0] and ("2 runs at once" in said) == (threads > 1)
-    processors = [p for share, _ in document["shares"] for p in share.split(",") if p]
-    assert document["jobs"] == len(document["shares"])
-    assert len(set(processors)) == len(processors) == threads * (document["jobs"] > 1)
     (run.folder / "log").write_text("")
-    run(f"{TINY} --out u --jobs {min(2, threads)} --gpus 2")
-    gpus = set("01"[: min(2, threads)])
-    assert {gpu for _, gpu in json.loads((run.folder / "u" / "study.json").read_text())["shares"]} == gpus
+    jobs = min(2, threads := len(os.sched_getaffinity(0)))
+    run(f"{TINY} --out t --jobs {jobs} --gpus 2")
+    shares = json.loads((run.folder / "t" / "study.json").read_text())["shares"]
+    processors = [p for share, _ in shares for p in share.split(",") if p]
+    assert len(shares) == jobs and len(set(processors)) == len(processors) == threads * (jobs > 1)
+    gpus = set("01"[:jobs])
+    assert {gpu for _, gpu in shares} == gpus
     assert {call[-1] for call in run.calls if "free-fall --objects 5" in call} <= gpus
 
 
