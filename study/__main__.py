@@ -94,9 +94,9 @@ def main() -> int:
     options = parser.parse_args()
     if (options.out is None) == (options.page is None):
         parser.error("name the folder with --out, or one that is done with --page")
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         is_done = options.page is not None or asyncio.run(run_study(_settings(options)))
+        signal.signal(signal.SIGTERM, signal.default_int_handler)  # so that files beside the page are removed
         if not options.no_page and options.part != RECORDINGS:
             from study.page import make  # needs more than Python
 
@@ -105,7 +105,7 @@ def main() -> int:
     except (StudyError, OSError) as error:
         print(f"study: {error}", file=sys.stderr)
         return 2
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, asyncio.CancelledError):
         print("study: interrupted; give the same command to continue", file=sys.stderr)
         return 130
 

@@ -85,7 +85,7 @@ def replay_data(recording: Recording, most_boxes: int = MOST_BOXES) -> dict[str,
     low, high = recording.low, recording.high
     stride = max(1, -(-len(recording.boxes) * recording.objects // most_boxes))
     frames = range(0, len(recording.boxes), stride)
-    # Grouped by coordinate, so that similar values are adjacent and compress better.
+    # Grouped by coordinate, as replay.js reads them.
     steps = np.stack([quantised(recording.boxes[f], low, high).T for f in frames])
     overlaps = np.stack([np.minimum(count_overlaps(recording.boxes[f]), 255) for f in frames]).astype(np.uint16)
     speeds = np.concatenate([recording.speeds(f, stride) for f in frames])

@@ -9,6 +9,7 @@ import json
 import os
 import platform
 import re
+import signal
 import sys
 import tempfile
 import time
@@ -28,7 +29,7 @@ def say(line: str, end: str = "\n") -> None:
     print(f"\r{line}\033[K" if sys.stderr.isatty() else line, end=end, file=sys.stderr, flush=True)
 
 
-# Of the machine, for a run: a list of processors, and the number of an NVIDIA GPU; all if empty.
+# The part of the machine that a run uses: processors as taskset takes them, and the number of an NVIDIA GPU; empty means all.
 Share = tuple[str, str]
 
 
@@ -41,22 +42,21 @@ class Program:
     async def __call__(self, *arguments: str, share: Share = ("", "")) -> str:
         """What it prints; StudyError with its error."""
         processors, gpu = share
-        bind = (lambda: os.sched_setaffinity(0, map(int, processors.split(",")))) if processors else None
+        command = [*(["taskset", "-c", processors] if processors else []), self.path, *arguments]
         environment = {**os.environ, "CUDA_VISIBLE_DEVICES": gpu} if gpu else None
         try:
-            process = await asyncio.create_subprocess_exec(self.path, *arguments, stdout=PIPE, stderr=PIPE, env=environment,
-                                                           preexec_fn=bind)  # fmt: skip
+            process = await asyncio.create_subprocess_exec(*command, stdout=PIPE, stderr=PIPE, env=environment)
         except OSError as error:
-            raise StudyError(f"cannot start '{self.path}': {error.strerror}; build it, or name it with --program") from None
+            raise StudyError(f"cannot start '{command[0]}': {error.strerror}; build it, or name it with --program") from None
         try:
-            out, error = await process.communicate()
+            out, errors = await process.communicate()
         finally:
             if process.returncode is None:  # cancelled
                 process.terminate()
                 await process.wait()
         if process.returncode == 0:
             return out.decode()
-        lines = error.decode(errors="replace").strip().splitlines() or [f"it ended with {process.returncode}"]
+        lines = errors.decode(errors="replace").strip().splitlines() or [f"it ended with {process.returncode}"]
         raise StudyError(lines[-1].removeprefix("broadcl: "))
 
     async def tables(self) -> dict[str, dict[str, str]]:
@@ -182,7 +182,7 @@ async def _measure(folder: Path, document: dict[str, Any], program: Program, dea
                 return
             facts, csv = await program.simulate(run, document["plan"], share)
             store(folder, run, label_of(facts["device"]), csv)
-        except StudyError as error:
+        except (StudyError, OSError, ValueError) as error:
             failed.append(f"{run.name}: {error}")
             say(failed[-1])
             return
@@ -193,7 +193,9 @@ async def _measure(folder: Path, document: dict[str, Any], program: Program, dea
         if sys.stderr.isatty() or done * 10 // planned > (done - 1) * 10 // planned:
             say(f"{done} of {planned} runs, about {minutes:.0f} min left", end="" if sys.stderr.isatty() else "\n")
 
-    await asyncio.gather(*map(measure_one, runs))
+    async with asyncio.TaskGroup() as group:
+        for run in runs:
+            group.create_task(measure_one(run))
     return done, failed
 
 
@@ -214,6 +216,8 @@ async def run_study(settings: Settings) -> bool:
     """Does the runs that are missing; whether all are done now."""
     deadline = time.monotonic() + 60 * (float("inf") if settings.minutes is None else settings.minutes)
     program = Program(settings.program)
+    if task := asyncio.current_task():
+        asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, task.cancel)
     with locked(settings.out):
         document = await _begin(settings, program)
         plan: Plan = document["plan"]

@@ -10,7 +10,7 @@ import pytest
 from study import store
 from study.plan import Part, Plan, Run
 
-# It logs each call, fails in scenarios that the variable FAILS names, and waits in those that WAITS names.
+# It logs each call, fails in scenarios that the variable FAILS names, only ends in those of ENDS, and waits in those of WAITS.
 PROGRAM = """#!{python} -S
 import json, os, sys, time
 if "--help" in sys.argv:
@@ -19,6 +19,8 @@ options = dict(zip(sys.argv[2::2], sys.argv[3::2]))
 print(*sys.argv[1:], "on GPU", os.environ.get("CUDA_VISIBLE_DEVICES"), file=open({log!r}, "a"))
 if options["--scenario"] in os.environ.get("FAILS", ""):
     sys.exit(print("broadcl: it fails", file=sys.stderr) or 2)
+if options["--scenario"] in os.environ.get("ENDS", ""):
+    sys.exit()
 if options["--scenario"] in os.environ.get("WAITS", ""):
     time.sleep(60)
 if "--record" in options:

@@ -70,12 +70,14 @@ def test_stores_each_run_and_continues_with_nothing(run: Runner) -> None:
 def test_continues_after_an_interruption(run: Runner) -> None:
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGKILL):
         (run.folder / "log").write_text("")
-        process = run.start(TINY, WAITS="mixed-sizes")
+        process = run.start(f"{TINY} --jobs {min(2, len(os.sched_getaffinity(0)))}", WAITS="mixed-sizes")
         while not any("mixed" in call for call in run.calls):
             time.sleep(0.01)
         process.send_signal(number)
         error = process.communicate(timeout=30)[1]
         assert "Traceback" not in error and ("interrupted" in error) == (number != signal.SIGKILL)
+        commands = subprocess.run(["ps", "-eo", "args"], text=True, stdout=subprocess.PIPE, check=True).stdout
+        assert number == signal.SIGKILL or str(run.program) not in commands
     before = run.files
     assert before.keys() == {name for name in before if name.startswith("free-fall")}
     run("--out s")
@@ -114,9 +116,10 @@ def test_refuses_another_plan_machine_version_and_a_second_study(run: Runner) ->
     assert run.files == before
 
 
-def test_goes_on_with_the_others_if_a_run_fails(run: Runner) -> None:
-    error = run(status=2, FAILS="mixed-sizes")
-    assert "8 of 16 runs are done" in error and "8 runs failed" in error and "it fails" in error and len(run.files) == 8
+@pytest.mark.parametrize(("how", "message"), [("FAILS", "it fails"), ("ENDS", "No such file")])
+def test_goes_on_with_the_others_if_a_run_fails(run: Runner, how: str, message: str) -> None:
+    error = run(status=2, **{how: "mixed-sizes"})
+    assert "8 of 16 runs are done" in error and "8 runs failed" in error and message in error and len(run.files) == 8
     assert "16 of 16" in run()
 
 
