@@ -163,7 +163,7 @@ TEST(HostMemory, IsAsDocumented) {
   const auto print = [](const char* what, Added bytes, double per) {
     std::cout << what << ": " << bytes.now / per << " bytes, at most " << bytes.peak / per << "\n";
   };
-  const BroadPhase::Config config{.algorithm = "sweep-and-prune"};
+  const BroadPhase::Config config{.algorithm = "sweep-and-prune", .threads = 1};
   for (const std::string how : {"map()", "update(boxes)", "add()", "add() with filters"}) {
     EXPECT_TRUE(holds_in_child([&] {
       constexpr std::uint32_t n = 300'000;
