@@ -67,9 +67,8 @@ def _medians(study: Study, cell: Cell, broadphase: str, columns: list[str]) -> d
 def _row(study: Study, cell: Cell, metric: str, broadphase: str) -> dict[str, Any]:
     """Columns of a table of times: of a metric, or of pairs."""
     if metric == "pairs":
-        mean, last = (float(np.median(study.times(cell, c)[broadphase])) for c in ("pairs_mean", "pairs_last"))
-        texts = {"pairs_mean": f"{mean:,.1f}", "pairs_last": f"{last:,.0f}"}
-        return texts | _medians(study, cell, broadphase, ["total_sum_ms", "first_frame_total_ms"]) | {"is_best": False}
+        columns = ["pairs_mean", "pairs_last", "total_sum_ms", "first_frame_total_ms"]
+        return _medians(study, cell, broadphase, columns) | {"is_best": False}
     times = study.times(cell, f"{metric}_mean_ms")
     base = next(b for b in ("bullet-bvh", *BULLETS, *times) if b in times)
     row: dict[str, Any] = _medians(study, cell, broadphase, [f"{metric}_{c}_ms" for c in ("mean", "cpu_mean", "median", "p95")])

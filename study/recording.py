@@ -14,7 +14,7 @@ from study.plan import StudyError
 
 FRAME_SECONDS = 1 / 30
 MOST_BOXES = 48_000  # that the page has of a recording; those of frames in between are interpolated
-LEVELS = 65535
+LEVELS = 4095  # of a coordinate: some millimetres each, a tenth of a pixel
 
 
 @dataclass(frozen=True)
@@ -23,10 +23,6 @@ class Recording:
     boxes: np.ndarray  # (frames, n, 6) float32, memory-mapped: the initial state, then each frame
     low: np.ndarray  # (3,) corners of what all boxes occupy
     high: np.ndarray
-
-    @property
-    def objects(self) -> int:
-        return int(self.boxes.shape[1])
 
     def speeds(self, frame: int, stride: int = 1) -> np.ndarray:
         """Speeds of the centres, m/s, since the previous frame (for the first frame: to the next)."""
@@ -45,14 +41,14 @@ def read_recordings(folder: Path, scenarios: list[str]) -> list[Recording]:
 def read_recording(scenario: str, path: Path) -> Recording:
     try:
         boxes = np.load(path, mmap_mode="r", allow_pickle=False)
+        if boxes.dtype != np.float32 or boxes.ndim != 3 or boxes.shape[2] != 6 or min(boxes.shape) < 1:
+            raise ValueError("float32 of shape (frames, n, 6) is needed")
+        low, high = boxes[..., :3].min((0, 1)), boxes[..., 3:].max((0, 1))
+        if not np.isfinite([low, high]).all() or np.any(boxes[..., :3] > boxes[..., 3:]):
+            raise ValueError("a box is not finite, or its corners are swapped")
     except (ValueError, OSError) as error:
         raise StudyError(f"'{path}' is not a recording: {error}; remove it") from None
-    if boxes.dtype != np.float32 or boxes.ndim != 3 or boxes.shape[2] != 6 or min(boxes.shape) < 1:
-        raise StudyError(f"'{path}' is not a recording: float32 of shape (frames, n, 6) is needed; remove it")
-    corners = np.concatenate([boxes[..., :3].min((0, 1)), boxes[..., 3:].max((0, 1))])
-    if not np.all(np.isfinite(corners)) or np.any(boxes[..., :3] > boxes[..., 3:]):
-        raise StudyError(f"'{path}' is not a recording: a box is not finite, or its corners are swapped; remove it")
-    return Recording(scenario, boxes, corners[:3], corners[3:])
+    return Recording(scenario, boxes, low, high)
 
 
 def count_overlaps(boxes: np.ndarray) -> np.ndarray:
@@ -82,16 +78,16 @@ def pack(numbers: np.ndarray) -> str:
 
 def replay_data(recording: Recording, most_boxes: int = MOST_BOXES) -> dict[str, Any]:
     """A recording as the page's replay reads it: as many of its frames, evenly spaced, as have so many boxes."""
-    low, high = recording.low, recording.high
-    stride = max(1, -(-len(recording.boxes) * recording.objects // most_boxes))
+    low, high, objects = recording.low, recording.high, recording.boxes.shape[1]
+    stride = max(1, -(-len(recording.boxes) * objects // most_boxes))
     frames = range(0, len(recording.boxes), stride)
     # Grouped by coordinate, as replay.js reads them.
     steps = np.stack([quantised(recording.boxes[f], low, high).T for f in frames])
     overlaps = np.stack([np.minimum(count_overlaps(recording.boxes[f]), 255) for f in frames]).astype(np.uint16)
     speeds = np.concatenate([recording.speeds(f, stride) for f in frames])
     return {
-        **{"scenario": recording.scenario, "objects": recording.objects, "recorded_frames": len(recording.boxes)},
-        **{"stride": stride, "frames": len(frames), "frame_seconds": FRAME_SECONDS, "low": low.tolist(), "high": high.tolist()},
+        **{"scenario": recording.scenario, "objects": objects, "recorded_frames": len(recording.boxes), "stride": stride},
+        **{"frames": len(frames), "frame_seconds": FRAME_SECONDS, "levels": LEVELS, "low": low.tolist(), "high": high.tolist()},
         "top_speed": max(float(np.quantile(speeds, 0.98)), 1e-3),
         "top_overlaps": max(int(np.quantile(overlaps, 0.99)), 1),
         **{"boxes": pack(steps), "overlaps": pack(overlaps)},

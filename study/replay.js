@@ -57,7 +57,7 @@
     const nearest = Math.round(position);  // the speed is that since the frame before this one
     const to = Math.max(nearest, Math.min(1, from.frames - 1)) * 6 * n;
     const since = Math.max(0, to - 6 * n);
-    const metres = size.map((x) => x / 65535);
+    const metres = size.map((x) => x / from.levels);
     const bound = (k, i) => low[k % 3] + metres[k % 3] *
       (boxes[a + k * n + i] + (position - before) * (boxes[b + k * n + i] - boxes[a + k * n + i]));
     const doubled = (start, k, i) => boxes[start + k * n + i] + boxes[start + (k + 3) * n + i];
@@ -148,8 +148,7 @@
     event.preventDefault();
     turn(0, 0, event.deltaY > 0 ? 1.1 : 0.9);
   });
-  const stops = [...Array(17).keys()].map((k) => shades[1][Math.round(k * 255 / 16)]);
-  item("ramp").style.background = `linear-gradient(to right, ${stops.join()})`;
+  item("ramp").style.background = `linear-gradient(to right, ${shades[1].join()})`;
   runs.forEach((each, k) => item("scenario").append(new Option(each.scenario, String(k))));
   item("scenario").addEventListener("change", (event) => choose(Number(event.target.value)));
   item("play").addEventListener("click", () => play(!playing));

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from study import store, verdict
 from study.data import Cell, read_study
-from study.figures import medians_of, number_of
+from study.figures import medians_of
 from study.page import make
-from study.plan import PAPER, StudyError
+from study.plan import StudyError
 from study.recording import LEVELS, count_overlaps, pack, quantised, read_recording, replay_data
 from study.statistics import noise_of, ratio_of_medians, rest_of, standing, three_digits
 
@@ -57,10 +57,6 @@ def test_says_what_did_not_run(small_study: Path) -> None:
     (small_study / "runs" / "mixed-sizes-20-auto-5.csv.gz").unlink()
     lines = verdict.absent(read_study(small_study))
     assert lines == ["`gpu-bf` has no runs.", "6 of 65 planned runs are not done yet."]
-
-
-def test_the_papers_figures_have_its_numbers() -> None:
-    assert [number_of(s) for s in (*PAPER, "streaming")] == [2, 3, 4, 5, 7]
 
 
 def test_intervals_are_those_of_all_resamples() -> None:
