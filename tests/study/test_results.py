@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from study import store, verdict
 from study.data import Cell, read_study
-from study.figures import medians_of
+from study.figures import medians_of, number_of
 from study.page import make
-from study.plan import StudyError
+from study.plan import PAPER, StudyError
 from study.recording import LEVELS, count_overlaps, pack, quantised, read_recording, replay_data
 from study.statistics import noise_of, ratio_of_medians, rest_of, standing, three_digits
 
@@ -85,6 +85,7 @@ def test_the_page_is_the_same_each_time_needs_no_recording_and_escapes_names(sma
     (small_study / "recordings" / "free-fall.npy").unlink()
     make(small_study)
     assert {path.name for path in first} == {"study.csv", *(f"figure-{n}.svg" for n in ("2", "5", "6", "6-search"))}
+    assert [number_of(s) for s in (*PAPER, "streaming")] == [2, 3, 4, 5, 7]
     assert {path: path.read_text() for path in first} == first and not list(small_study.glob(".page-*"))
     text = (small_study / "index.html").read_text()
     before, after = (page.partition('<section id="scenes">') for page in (whole, text))
