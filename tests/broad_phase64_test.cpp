@@ -292,6 +292,39 @@ TEST(BroadPhase64, HasTheSameIdsAndErrorsAsABroadPhase) {
   EXPECT_EQ(other.update(single).removed.size(), 3U);
 }
 
+/// Neither reads boxes of which there are too many.
+template <class Subject>
+void expect_counts_to_be_refused() {
+  Subject broad_phase({.algorithm = "sweep-and-prune"});
+  const std::array<double, 6> one{0, 0, 0, 1, 1, 1};
+  const std::uint32_t id = broad_phase.add(BoxView::interleaved(one.data(), 1)).front();
+  const BoxView boxes = BoxView::interleaved(one.data(), std::size_t{1} << 50U);
+  EXPECT_THAT(error_of([&] { (void)broad_phase.update(boxes); }), ::testing::HasSubstr("are too many"));
+  EXPECT_THAT(error_of([&] { broad_phase.begin(boxes); }), ::testing::HasSubstr("are too many"));
+  EXPECT_THAT(error_of([&] { (void)broad_phase.add(boxes); }), ::testing::HasSubstr("are too many"));
+  EXPECT_THAT(error_of([&] { (void)broad_phase.map(boxes.size()); }), ::testing::HasSubstr("are too many"));
+  EXPECT_THAT(error_of([&] { broad_phase.move({&id, 1}, boxes); }), ::testing::HasSubstr("as many of both"));
+  const std::array<Filter, 2> filters{};
+  EXPECT_THAT(error_of([&] { (void)broad_phase.add(boxes, filters); }),
+              ::testing::HasSubstr("2 filters for"));
+  EXPECT_EQ(broad_phase.size(), 1U);
+}
+
+TEST(BroadPhase64, RefusesCountsBeforeItReads) {
+  expect_counts_to_be_refused<BroadPhase64>();
+  expect_counts_to_be_refused<BroadPhase>();
+}
+
+/// By its id, also if ids below are free.
+TEST(BroadPhase64, ANaNInAMapIsNamed) {
+  BroadPhase64 broad_phase({.algorithm = "sweep-and-prune"});
+  const std::span<Aabb64> boxes = broad_phase.map(10);
+  std::ranges::fill(boxes, Aabb64{{0, 0, 0}, {1, 1, 1}});
+  boxes[5].lower[0] = std::nan("");
+  broad_phase.remove(3);
+  EXPECT_THAT(error_of([&] { (void)broad_phase.update(); }), ::testing::HasSubstr("box 5 has a NaN"));
+}
+
 TEST(BroadPhase64, NeitherRoundingNorFlushingOfTheCallerMatters) {
   for (const int mode : {FE_DOWNWARD, FE_UPWARD, FE_TOWARDZERO}) {
     const ScopedRounding rounding(mode);

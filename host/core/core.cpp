@@ -98,11 +98,7 @@ void Core::replace_all(const BoxView& view, const Function& end) {
 
 std::vector<std::uint32_t> Core::add(const BoxView& boxes, std::span<const Filter> filters) {
   refuse_forked();
-  if (filters.size() != 1 && filters.size() != boxes.size()) {
-    throw Error::invalid_argument(std::to_string(filters.size()) + " filters for " +
-                                  std::to_string(boxes.size()) + " boxes; give one for all, or one for each");
-  }
-  if (boxes.size() > most_objects) throw_too_many(boxes.size());
+  refuse_addition(boxes.size(), filters.size());
   std::vector<Aabb> packed(boxes.size());
   boxes.pack_to(packed);
   const bool any_filters = std::ranges::any_of(filters, [](const Filter& f) { return f != Filter(); });
@@ -121,10 +117,7 @@ std::vector<std::uint32_t> Core::add(const BoxView& boxes, std::span<const Filte
 
 void Core::move(std::span<const std::uint32_t> ids, const BoxView& boxes) {
   refuse_forked();
-  if (ids.size() != boxes.size()) {
-    throw Error::invalid_argument(std::to_string(ids.size()) + " ids and " + std::to_string(boxes.size()) +
-                                  " boxes; give as many of both");
-  }
+  refuse_moves(ids.size(), boxes.size());
   BoxMoves moves(ids, boxes, objects_, threads_);
   reserve_late(ids.size());
   // Nothing below throws.
@@ -328,10 +321,25 @@ void Core::apply_late() {
   late_.clear();
 }
 
-void Core::refuse_replacement(std::size_t n) const {
+void Core::refuse_replacement(std::size_t boxes) const {
   refuse_forked();
   if (is_begun()) throw Error("boxes cannot be replaced between begin() and finish(); call finish() first");
-  if (n > most_objects) throw_too_many(n);
+  if (boxes > most_objects) throw_too_many(boxes);
+}
+
+void Core::refuse_addition(std::size_t boxes, std::size_t filters) {
+  if (filters != 1 && filters != boxes) {
+    throw Error::invalid_argument(std::to_string(filters) + " filters for " + std::to_string(boxes) +
+                                  " boxes; give one for all, or one for each");
+  }
+  if (boxes > most_objects) throw_too_many(boxes);
+}
+
+void Core::refuse_moves(std::size_t ids, std::size_t boxes) {
+  if (ids != boxes) {
+    throw Error::invalid_argument(std::to_string(ids) + " ids and " + std::to_string(boxes) +
+                                  " boxes; give as many of both");
+  }
 }
 
 void Core::reserve_all(std::size_t n) {

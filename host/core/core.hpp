@@ -74,8 +74,11 @@ class BROADCL_API Core {
   [[nodiscard]] std::span<const Aabb> boxes() const noexcept { return boxes_.first(objects_.ids()); }
 
   std::span<Aabb> map(std::size_t n);
-  /// What map() and begin() throw for n boxes before they do anything.
-  void refuse_replacement(std::size_t n) const;
+  /// What functions throw for these numbers of boxes, ids and filters before they do anything: map() and
+  /// begin(), add(), and move().
+  void refuse_replacement(std::size_t boxes) const;
+  static void refuse_addition(std::size_t boxes, std::size_t filters);
+  static void refuse_moves(std::size_t ids, std::size_t boxes);
 
   /// Like map(), but for packed boxes, which begin() need not read. Must not be called between map() and
   /// begin().

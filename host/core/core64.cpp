@@ -67,6 +67,7 @@ std::uint32_t Core64::add(const Aabb64& box, const Filter& filter) {
   if (has_nan(box)) throw_nan("a box");
   reserve(size() + 1);  // the lowest free id is at most their number
   reserve_late(1);
+  Core::refuse_addition(boxes.size(), filters.size());
   const std::uint32_t id = core_.add(origin_.convert(box), filter);
   // Nothing below throws.
   store(id, box);
@@ -85,6 +86,7 @@ std::vector<std::uint32_t> Core64::add(const BoxView& boxes, std::span<const Fil
 }
 
 void Core64::move(std::uint32_t id, const Aabb64& box) {
+  Core::refuse_moves(ids.size(), boxes.size());
   if (has_nan(box)) throw_nan("a box");
   reserve_late(1);
   core_.move(id, origin_.convert(box));
@@ -186,7 +188,7 @@ void Core64::begin() {
 
 template <class Update>
 void Core64::replace_all(const BoxView& boxes, const Update& update) {
-  if (is_begun_) return core_.begin(boxes);  // which throws
+  core_.refuse_replacement(boxes.size());
   Origin origin = origin_;
   const bool is_flat = boxes.are_flat();
   const bool chooses = !has_origin_ || must_choose() || is_flat != origin.is_flat();

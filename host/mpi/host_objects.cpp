@@ -43,6 +43,7 @@ void HostObjects::remove(std::uint32_t id) {
 }
 
 std::span<Aabb> HostObjects::map(std::size_t n) {
+  search_.refuse_replacement(n);
   reserve(n);
   const bool has_holes = search_.size() != n || ids_ != n;
   for (std::uint32_t id = 0; has_holes && id < n; ++id) {

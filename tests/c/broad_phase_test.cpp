@@ -188,6 +188,8 @@ TEST_F(CBroadPhase, BoxesAreCopiedOrWrittenInPlace) {
   OK(broadcl_broad_phase_pairs(handle_, &pairs));
   EXPECT_THAT(list(pairs), ElementsAre(broadcl_pair{0, 1}));
   EXPECT_INVALID("too many", broadcl_broad_phase_map, handle_, std::size_t{1} << 40U, &mapped);
+  given.count = std::size_t{1} << 50U;
+  EXPECT_INVALID("too many", broadcl_broad_phase_update_boxes, handle_, &given, nullptr);
 }
 
 TEST_F(CBroadPhase, ListsStayUntilTheyAreReplaced) {
@@ -283,7 +285,7 @@ class CBroadPhase64 : public CBroadPhase {
 
 TEST_F(CBroadPhase64, PairsAreExactWhicheverFunctionGivesTheBoxes) {
   std::vector<broadcl_aabb64> boxes = row64();
-  const broadcl_boxes given = view64(boxes);
+  broadcl_boxes given = view64(boxes);
   std::vector<std::uint32_t> ids(3);
   OK(broadcl_broad_phase_add_boxes(handle_, &given, nullptr, 0, ids.data()));
   EXPECT_THAT(list(update().added), ElementsAre(broadcl_pair{0, 1}));
@@ -298,6 +300,11 @@ TEST_F(CBroadPhase64, PairsAreExactWhicheverFunctionGivesTheBoxes) {
   boxes[0].lower[0] = boxes[1].upper[0];
   OK(broadcl_broad_phase_update_boxes(handle_, &given, &delta));
   EXPECT_THAT(list(delta.added), ElementsAre(broadcl_pair{0, 1}));
+  given.count = std::size_t{1} << 50U;
+  EXPECT_INVALID("too many", broadcl_broad_phase_update_boxes, handle_, &given, &delta);
+  EXPECT_INVALID("too many", broadcl_broad_phase_begin_boxes, handle_, &given);
+  EXPECT_INVALID("too many", broadcl_broad_phase_add_boxes, handle_, &given, nullptr, 0, ids.data());
+  given.count = boxes.size();
   broadcl_aabb64* mapped = nullptr;
   OK(broadcl_broad_phase_map64(handle_, 3, &mapped));
   EXPECT_EQ(mapped[0].lower[0], boxes[0].lower[0]);
