@@ -1,6 +1,10 @@
 #include <broadcl/broad_phase.hpp>
 
+#include <algorithm>
 #include <cmath>
+#include <cstdint>
+#include <ctime>
+#include <limits>
 #include <vector>
 
 #include <gtest/gtest.h>
@@ -8,6 +12,7 @@
 #include "each_algorithm.hpp"
 #include "expect_error.hpp"
 #include "twins.hpp"
+#include "warped.hpp"
 
 /// begin() and finish(), and calls in between.
 namespace broadcl::test {
@@ -50,6 +55,36 @@ TEST_P(EachAlgorithm, MemoryGrowsForWhatIsAddedInFlight) {
   twins.begin();
   EXPECT_EQ(twins.add(unit), 8U);
   ASSERT_TRUE(twins.agree());
+}
+
+/// @returns Whether boxes that were set during an update are read about as fast as others.
+template <class Subject>
+bool are_read_at_once() {
+  constexpr std::uint32_t n = 3000;
+  Subject broad_phase(Config{.algorithm = "sweep-and-prune", .threads = 1});
+  std::vector<std::uint32_t> ids;
+  for (std::uint32_t k = 0; k < n; ++k) ids.push_back(broad_phase.add(apart(k), Filter()));
+  const auto work_of_reads = [&] {
+    std::clock_t least = std::numeric_limits<std::clock_t>::max();
+    for (int time = 0; time < 5; ++time) {
+      const std::clock_t start = std::clock();
+      for (const std::uint32_t id : ids) EXPECT_EQ(broad_phase.box(id).lower[0], apart(id + 1).lower[0]);
+      least = std::min(least, std::clock() - start);
+    }
+    return static_cast<double>(least);
+  };
+  broad_phase.begin();
+  for (const std::uint32_t id : ids) broad_phase.move(id, apart(id));
+  for (const std::uint32_t id : ids) broad_phase.move(id, apart(id + 1));
+  const double in_flight = work_of_reads();
+  (void)broad_phase.finish();
+  return in_flight < 3 * work_of_reads();
+}
+
+NOT_IN(sanitizers, "measures time");
+TEST(InFlight, BoxesThatWereSetAreReadAtOnce) {
+  EXPECT_TRUE(are_read_at_once<BroadPhase>());
+  EXPECT_TRUE(are_read_at_once<Warped<BroadPhase64>>());
 }
 
 /// More pairs than the device has memory for: finish() reports this error. Everything that was done before

@@ -10,7 +10,6 @@
 #include <broadcl/error.hpp>
 
 #include "base/box_parts.hpp"
-#include "base/free_lists.hpp"
 #include "core/box_moves.hpp"
 #include "core/exclusions.hpp"
 
@@ -170,8 +169,8 @@ void Core::remove(std::span<const std::uint32_t> ids) {
 Aabb Core::box(std::uint32_t id) const {
   refuse_forked();
   objects_.refuse_unknown(id);
-  const auto late = std::ranges::find(late_.rbegin(), late_.rend(), id, &LateBox::id);
-  const Aabb& box = late != late_.rend() ? late->box : boxes_[id];
+  const Aabb* const late = late_.find(id);
+  const Aabb& box = late != nullptr ? *late : boxes_[id];
   return id >= mapped_ && has_nan(box) ? empty_aabb() : box;
 }
 
@@ -282,7 +281,7 @@ void Core::shrink() {
   objects_ = std::move(objects);
   changes_ = std::move(changes);
   flight_ = {};
-  free_lists(late_);
+  late_.shrink();
   replacement_.clear();
   capacity_ = ids;
   update_ = Update::none;
@@ -317,7 +316,7 @@ void Core::reserve_algorithm(std::size_t ids, bool filters) {
 void Core::apply_late() {
   reserve_algorithm(objects_.ids(), objects_.any_filters());
   // Nothing below throws.
-  for (const LateBox& late : late_) store_box(late.id, late.box);
+  for (const auto& [id, box] : late_) store_box(id, box);
   late_.clear();
 }
 

@@ -17,6 +17,7 @@
 #include "base/packed_box.hpp"
 #include "core/box_replacement.hpp"
 #include "core/change_set.hpp"
+#include "core/late_boxes.hpp"
 #include "core/object_table.hpp"
 #include "engines/algorithm.hpp"
 #include "opencl/process.hpp"
@@ -53,7 +54,10 @@ class BROADCL_API Core {
   void move(std::uint32_t id, const Aabb& box) {
     refuse_forked();
     objects_.refuse_unknown(id);
-    set_box(id, pack_or_refuse(box));
+    const Aabb& packed = pack_or_refuse(box);
+    reserve_late(1);
+    // Nothing below throws.
+    set_box(id, packed);
   }
 
   void move(std::span<const std::uint32_t> ids, const BoxView& boxes);
@@ -123,11 +127,6 @@ class BROADCL_API Core {
   static constexpr Aabb empty_box = empty_aabb(), packed_empty_box = packed_empty();
   static constexpr std::size_t least_capacity = 16;  // so that the first objects do not each allocate
 
-  struct LateBox {
-    std::uint32_t id;
-    Aabb box;  // packed
-  };
-
   /// Whether the algorithm has memory for this many boxes, and for filters if there are any.
   [[nodiscard]] bool has_memory_for(std::size_t ids, bool filters) const noexcept {
     return boxes_.size() >= ids && (has_filter_memory_ || !filters);
@@ -140,7 +139,7 @@ class BROADCL_API Core {
   void reserve_algorithm(std::size_t ids, bool filters);
 
   void reserve_late(std::size_t count) {
-    if (is_late() && late_.capacity() - late_.size() < count) late_.reserve(2 * late_.size() + 16 + count);
+    if (is_late()) late_.reserve(count, capacity_);
   }
 
   std::uint32_t add_packed(const Aabb& packed, const Filter& filter) noexcept {
@@ -158,17 +157,13 @@ class BROADCL_API Core {
   [[nodiscard]] bool is_in_flight() const noexcept { return update_ == Update::in_flight; }
   [[nodiscard]] bool is_begun() const noexcept { return update_ == Update::begun || is_in_flight(); }
 
-  void set_box(std::uint32_t id, const Aabb& packed) {
+  /// If it is late, there must be memory for that.
+  void set_box(std::uint32_t id, const Aabb& packed) noexcept {
     if (is_late()) {
-      set_box_later(id, packed);
+      late_.set(id, packed);
     } else {
       store_box(id, packed);
     }
-  }
-
-  /// (Not inlined, since move() is called for each object.)
-  [[gnu::noinline]] void set_box_later(std::uint32_t id, const Aabb& packed) {
-    late_.push_back({id, packed});
   }
 
   void store_box(std::uint32_t id, const Aabb& packed) noexcept {
@@ -259,7 +254,7 @@ class BROADCL_API Core {
   ChangeSet changes_;  // since the last update began
   ChangeSet flight_;   // the changes that the update in flight applies
   Update update_ = Update::none;
-  std::vector<LateBox> late_;
+  LateBoxes<Aabb> late_;  // packed
   BoxReplacement replacement_;
   bool many_moved_ = true;  // in the last replacement
   PairListener* listener_ = nullptr;

@@ -5,7 +5,6 @@
 #include <broadcl/error.hpp>
 
 #include "base/box_parts.hpp"
-#include "base/free_lists.hpp"
 #include "base/packed_box.hpp"
 
 namespace broadcl {
@@ -29,14 +28,14 @@ void Core64::reserve(std::size_t objects) {
 }
 
 void Core64::reserve_late(std::size_t count) {
-  if (is_begun_ && late_.capacity() - late_.size() < count) late_.reserve(2 * late_.size() + 16 + count);
+  if (is_begun_) late_.reserve(count, boxes_->size());
 }
 
 void Core64::store(std::uint32_t id, const Aabb64& box) noexcept {
   has_changed_ = true;
   must_convert_ = must_convert_ || (origin_.is_flat() && !is_flat_or_empty(box));
   if (is_begun_) {
-    late_.push_back({id, box});
+    late_.set(id, box);
   } else {
     (*boxes_)[id] = box;
   }
@@ -105,8 +104,8 @@ void Core64::move(std::span<const std::uint32_t> ids, const BoxView& boxes) {
 
 Aabb64 Core64::box(std::uint32_t id) const {
   (void)core_.box(id);  // if there is such an object
-  const auto late = std::ranges::find(late_.rbegin(), late_.rend(), id, &LateBox::id);
-  return late != late_.rend() ? late->box : (*boxes_)[id];
+  const Aabb64* const late = late_.find(id);
+  return late != nullptr ? *late : (*boxes_)[id];
 }
 
 std::span<Aabb64> Core64::map(std::size_t n) {
@@ -276,7 +275,7 @@ void Core64::shrink() {
   boxes_ = std::move(boxes);
   spare_.reset();
   exact_.shrink();
-  free_lists(late_);
+  late_.shrink();
 }
 
 }  // namespace broadcl

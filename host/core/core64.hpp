@@ -17,6 +17,7 @@
 #include "base/origin.hpp"
 #include "core/core.hpp"
 #include "core/exact_pairs.hpp"
+#include "core/late_boxes.hpp"
 
 namespace broadcl {
 
@@ -63,11 +64,6 @@ class Core64 {
  private:
   using Boxes = std::vector<Aabb64>;
 
-  struct LateBox {
-    std::uint32_t id;
-    Aabb64 box;
-  };
-
   /// Reserves memory for the boxes of this many objects, which have the lowest ids.
   void reserve(std::size_t objects);
   void reserve_late(std::size_t count);
@@ -107,7 +103,7 @@ class Core64 {
   std::size_t threads_;
   std::shared_ptr<Boxes> boxes_ = std::make_shared<Boxes>();  // by id
   std::shared_ptr<Boxes> spare_;                              // to be exchanged for them; null until needed
-  std::vector<LateBox> late_;                                 // that were set during an update
+  LateBoxes<Aabb64> late_;
   std::size_t mapped_ = 0;    // boxes that the caller may have written in place
   bool is_begun_ = false;     // an update
   bool has_changed_ = false;  // a box, perhaps by less than float32 can tell, since the last update
