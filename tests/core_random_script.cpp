@@ -210,7 +210,7 @@ Pairs exclusions_of(const CoreOp& op, const Pairs& present) {
   Pairs pairs;
   if (step == 0) return pairs;
   for (std::size_t k = op.which % step; k < present.size(); k += step) pairs.push_back(present[k]);
-  for (std::uint32_t k = 0; k < 5; ++k) pairs.push_back({op.which % 40 + k, op.which % 7});
+  for (std::uint32_t k = 0; k < 20; ++k) pairs.push_back({op.which % 40 + k, op.which % 7});
   std::erase_if(pairs, [](const Pair& pair) { return pair.a == pair.b; });
   pairs.push_back(pairs.front());
   pairs.push_back({0, 0xffffffff});

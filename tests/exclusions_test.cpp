@@ -58,6 +58,21 @@ void follow(const BroadPhase::Config& config, std::uint32_t n) {
   ASSERT_TRUE(twins.agree()) << "none";
 }
 
+/// Boxes that were replaced by fewer may still be in memory.
+ALSO_IN(oclgrind);
+TEST_P(EachAlgorithm, SmallExclusionsOfIdsWithoutObjectsAddNoPairs) {
+  Twins twins(config());
+  const std::vector<Aabb> boxes(20, unit);
+  const std::span<const Aabb> all = boxes;
+  for (const std::size_t n : {20U, 20U, 20U, 10U, 10U}) {
+    ASSERT_TRUE(twins.agree(BoxView(all.first(n)), [](const auto& /*delta*/) {}));
+  }
+  twins.set_exclusions(Pairs{{1, 13}, {2, 14}});
+  ASSERT_TRUE(twins.agree());
+  twins.set_exclusions(Pairs{{1, 3}, {14, 15}});
+  ASSERT_TRUE(twins.agree());
+}
+
 /// Searches n boxes with exclusions, once as one set and once as two.
 void search_once(const BroadPhase::Config& config, std::uint32_t n) {
   const MovingBoxes motion(n, MovingBoxes::Sizes::mixed);

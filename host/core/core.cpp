@@ -64,7 +64,8 @@ void Core::replace_all(const BoxView& view, const Function& end) {
   } else {
     replacement_.begin_in_place(n, std::max(n, objects_.ids()));
   }
-  const bool same_ids = objects_.size() == n && objects_.slots() == n;
+  const std::size_t slots = objects_.slots();
+  const bool same_ids = objects_.size() == n && slots == n;
   std::optional<std::pair<ObjectTable, ChangeSet>> before;
   if (!same_ids) {
     before.emplace(objects_, changes_);
@@ -76,6 +77,7 @@ void Core::replace_all(const BoxView& view, const Function& end) {
   const auto restore = [&] {
     if (most_move) {
       swap_boxes();
+      spare_slots_ = std::max(spare_slots_, n);
     } else {
       replacement_.undo(boxes_);
     }
@@ -86,6 +88,7 @@ void Core::replace_all(const BoxView& view, const Function& end) {
   try {
     most_move ? copy_all(view) : replace_in_place(view);
     end();
+    if (most_move) spare_slots_ = slots;
   } catch (const InvalidBox& box) {
     restore();
     throw_nan("box " + std::to_string(box.index));
@@ -146,7 +149,7 @@ void Core::set_exclusions(std::span<const Pair> pairs) {
   // Nothing below throws.
   exclusions_ = std::move(sorted);
   for (const Pair& pair : changed) {
-    if (pair.b >= objects_.ids()) continue;
+    if (!objects_.contains(pair.a) || !objects_.contains(pair.b)) continue;
     changes_.insert(pair.a);
     changes_.insert(pair.b);
   }
@@ -369,9 +372,8 @@ void Core::copy_all(const BoxView& view) {
   };
   const bool writes_later = algorithm_->uploads_boxes();
   if (!writes_later) write([] {}, nullptr);
-  set_ids(n, packed_empty(), [&](std::uint32_t id, const Aabb& box) {
-    if (id >= n) boxes_[id] = box;
-  });
+  for (std::size_t id = n; id < std::min(spare_slots_, boxes_.size()); ++id) boxes_[id] = packed_empty();
+  set_ids(n, packed_empty(), [](std::uint32_t /*id*/, const Aabb& /*box*/) {});
   changes_.all = true;
   begin(writes_later ? &write : nullptr, nullptr);
   many_moved_ = replacement_.count() > n / 4;

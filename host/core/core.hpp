@@ -249,6 +249,7 @@ class BROADCL_API Core {
   ObjectTable objects_;
   std::vector<Pair> exclusions_;  // in canonical order
   std::size_t mapped_ = 0;        // boxes that the caller may have written in place
+  std::size_t spare_slots_ = 0;   // from here on, the algorithm's spare boxes are packed_empty()
   bool any_empty_ = false;        // the box of some object may be packed_empty()
 
   ChangeSet changes_;  // since the last update began

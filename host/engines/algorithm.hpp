@@ -109,13 +109,13 @@ class Algorithm {
   /// @throws Error, std::bad_alloc; boxes and pairs are then as before.
   virtual void shrink(std::size_t slots) = 0;
 
-  /// The boxes, in memory that the caller may write between updates; at least as many as were reserved. Valid
-  /// until the next reserve(), shrink() or finish(), or until reserve_exclusions(), begin() or flush()
-  /// throws.
+  /// The boxes, in memory that the caller may write between updates; at least as many as were reserved.
+  /// Those that the caller has not written yet are packed_empty(). Valid until the next reserve(), shrink()
+  /// or finish(), or until reserve_exclusions(), begin() or flush() throws.
   [[nodiscard]] virtual std::span<Aabb> boxes() noexcept = 0;
 
-  /// Memory for as many other boxes. Its content is unspecified; after swap_boxes(), it has the boxes from
-  /// before, until reserve() or shrink() is called. Valid as long as boxes().
+  /// Memory for as many other boxes, which are packed_empty() at first, and again if reserve() or shrink()
+  /// moved the boxes; after swap_boxes(), it has the boxes from before. Valid as long as boxes().
   /// @throws Error, std::bad_alloc; nothing has changed then, except perhaps where boxes() are.
   [[nodiscard]] virtual std::span<Aabb> spare_boxes() = 0;
   /// Makes them the boxes, and the boxes the spare ones. Not during an update.

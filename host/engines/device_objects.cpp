@@ -8,6 +8,7 @@
 
 #include <broadcl/error.hpp>
 
+#include "base/packed_box.hpp"
 #include "engines/engine_program.hpp"
 #include "engines/kernel_layout.hpp"
 #include "opencl/launch.hpp"
@@ -29,7 +30,10 @@ opencl::MappedBuffer staging(const opencl::Context& context, std::size_t bytes) 
 
 /// Memory for boxes, which their users may keep.
 std::shared_ptr<opencl::MappedBuffer> staged_boxes(const opencl::Context& context, std::size_t bytes) {
-  return {new opencl::MappedBuffer(opencl::MappedBuffer::pinned(context, bytes)), opencl::DeleteAndWait()};
+  std::shared_ptr<opencl::MappedBuffer> staged(
+      new opencl::MappedBuffer(opencl::MappedBuffer::pinned(context, bytes)), opencl::DeleteAndWait());
+  std::fill_n(reinterpret_cast<Aabb*>(staged->host()), bytes / sizeof(Aabb), packed_empty());
+  return staged;
 }
 
 /// Bytes of staged changes: one word each, and their boxes unless all boxes are uploaded.

@@ -39,7 +39,7 @@ class HostEngine final : public Algorithm {
 
   [[nodiscard]] std::span<Aabb> boxes() noexcept override { return *boxes_; }
   [[nodiscard]] std::span<Aabb> spare_boxes() override {
-    if (spare_ == nullptr) spare_ = std::make_shared<std::vector<Aabb>>(boxes_->size());
+    if (spare_ == nullptr) spare_ = std::make_shared<std::vector<Aabb>>(boxes_->size(), packed_empty());
     return *spare_;
   }
   void swap_boxes() noexcept override { boxes_.swap(spare_); }

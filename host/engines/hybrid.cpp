@@ -11,6 +11,7 @@
 #include <broadcl/error.hpp>
 
 #include "base/free_lists.hpp"
+#include "base/packed_box.hpp"
 #include "base/pair_lists.hpp"
 #include "base/thread_pool.hpp"
 #include "engines/change_lists.hpp"
@@ -273,8 +274,11 @@ class Hybrid final : public Algorithm {
     Algorithm& next = *other().algorithm;
     const std::span<const Aabb> boxes = current().boxes();
     next.reserve(boxes.size(), filters_);
-    if (has_spare_) std::ranges::copy(current().spare_boxes(), next.spare_boxes().begin());
-    std::ranges::copy(boxes, next.boxes().begin());
+    const auto copy = [](std::span<const Aabb> from, std::span<Aabb> to) {
+      std::fill(std::ranges::copy(from, to.begin()).out, to.end(), packed_empty());
+    };
+    if (has_spare_) copy(current().spare_boxes(), next.spare_boxes());
+    copy(boxes, next.boxes());
     side_ = &other();
     if (pairs) handover_ = std::move(pairs);
   }
