@@ -7,6 +7,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <cstdlib>
+#include <limits>
 #include <random>
 #include <span>
 #include <string>
@@ -192,6 +193,23 @@ TEST(Mpi, AStrayObjectDoesNotBringAllToTheOtherRank) {
     EXPECT_LT(twins.tested().bytes_sent(), 48 + 44 * 30 + 1000U) << is_large;
     twins.compare_pairs();
   }
+}
+
+/// The bounds of a rank contain its objects even if the distances between these are no finite numbers.
+TEST(Mpi, ObjectsAreAsFarApartAsFloatsCanBe) {
+  MpiTwins twins(config());
+  constexpr float most = std::numeric_limits<float>::max();
+  for (int rank = 0; rank < world_size(); ++rank) {
+    for (std::uint32_t k = 0; k < 20; ++k) {
+      const float at = k % 2 == 0 ? -most : most;
+      twins.add(rank, {{at, at, at}, {at, at, at}});
+      twins.add(rank, {{-infinity, at, at}, {at, at, infinity}});
+    }
+  }
+  twins.update();
+  for (int rank = 0; rank < world_size(); ++rank) twins.move(rank, 1, unit);
+  twins.update();
+  twins.compare_pairs();
 }
 
 TEST(Mpi, TheProfileHasThePartsOfTheSearch) {

@@ -78,7 +78,7 @@ Grid::Grid(std::span<const Aabb> sample) {
     for (const std::size_t border : {0U, 1U, 2U}) borders_[border][axis] = quantile(25 + 25 * border);
     lower_[axis] = quantile(2);
     upper_[axis] = quantile(98);
-    cell_size_ = std::max(cell_size_, (upper_[axis] - lower_[axis]) / 4);
+    cell_size_ = std::max(cell_size_, upper_[axis] / 4 - lower_[axis] / 4);  // finite
   }
 }
 
