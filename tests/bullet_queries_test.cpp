@@ -5,6 +5,8 @@
 #include <array>
 #include <chrono>
 #include <cstddef>
+#include <cstdlib>
+#include <limits>
 #include <set>
 #include <string_view>
 #include <thread>
@@ -226,6 +228,59 @@ TEST(BulletQueries, BesideEqualBoxesTakeAsLongAsBesideOthers) {
     return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   };
   EXPECT_TRUE(holds_once([&] { return seconds_of_queries(0) < 5 * seconds_of_queries(2); }));
+}
+
+/// While it exists, Bullet's allocator has memory for some more allocations, and then returns null.
+class BulletMemory {
+ public:
+  BulletMemory() {
+    btAlignedAllocSetCustomAligned(
+        [](std::size_t bytes, int alignment) {
+          const auto multiple = static_cast<std::size_t>(alignment);
+          return left_-- > 0 ? std::aligned_alloc(multiple, (bytes + multiple - 1) / multiple * multiple)
+                             : nullptr;
+        },
+        std::free);
+  }
+  ~BulletMemory() { btAlignedAllocSetCustomAligned(nullptr, nullptr); }
+  BulletMemory(const BulletMemory&) = delete;
+  BulletMemory& operator=(const BulletMemory&) = delete;
+
+  static void set(int allocations) noexcept { left_ = allocations; }
+  static constexpr int plenty = std::numeric_limits<int>::max();
+
+ private:
+  inline static int left_ = plenty;
+};
+
+/// They scan until there is memory for a tree, or for more nodes of one.
+TEST(BulletQueries, NeedNoMemory) {
+  const btVector3 lower(4, 4, 4);
+  const btVector3 upper(12, 12, 12);
+  for (const int allocations : {0, 1, 2, 3, 100, 900}) {
+    const BulletMemory memory;
+    QueryRig rig(kinds.front());
+    Random random(12);
+    for (int round = 0; round < 200; ++round) {
+      if (round % 20 == 0) {
+        const btVector3 corner = random.point(20);
+        rig.move(rig.proxies()[random.below(400)], corner, corner + btVector3(2, 2, 2));
+        const btVector3 other = random.point(20);
+        rig.move(rig.create(other, other, 1, 1, rig.proxies()[random.below(400)]->m_clientObject), other,
+                 other + btVector3(1, 1, 1));
+      }
+      std::multiset<const void*> expected;
+      for (const btBroadphaseProxy* proxy : rig.proxies()) {
+        if (TestAabbAgainstAabb2(lower, upper, proxy->m_aabbMin, proxy->m_aabbMax)) {
+          expected.insert(proxy->m_clientObject);
+        }
+      }
+      // At first there is enough, so that there is a tree to which nodes are added.
+      BulletMemory::set(round < 100 ? BulletMemory::plenty : allocations);
+      ASSERT_EQ(rig.boxes(lower, upper), expected) << round << " with " << allocations;
+      BulletMemory::set(BulletMemory::plenty);
+    }
+  }
 }
 
 }  // namespace

@@ -27,6 +27,56 @@ std::size_t depth(const btDbvtNode* node) {
   return levels;
 }
 
+/// Nodes for a btDbvt, which itself does not notice if Bullet's allocator returns null.
+class Nodes {
+ public:
+  Nodes() = default;
+  ~Nodes() {
+    for (btDbvtNode* node : nodes_) btAlignedFree(node);
+  }
+  Nodes(const Nodes&) = delete;
+  Nodes& operator=(const Nodes&) = delete;
+
+  /// @throws std::bad_alloc
+  void allocate(std::size_t count) {
+    nodes_.reserve(nodes_.size() + count);
+    for (; count > 0; --count) {
+      void* const memory = btAlignedAlloc(sizeof(btDbvtNode), 16);
+      if (memory == nullptr) throw std::bad_alloc();
+      nodes_.push_back(new (memory) btDbvtNode());
+    }
+  }
+
+  /// A leaf that the caller owns.
+  btDbvtNode& leaf(const btDbvtVolume& box, Proxy& proxy) noexcept {
+    btDbvtNode& node = take();
+    node.volume = box;
+    node.childs[1] = nullptr;
+    node.data = &proxy;
+    return node;
+  }
+
+  /// The parent of two nodes, likewise.
+  btDbvtNode& parent(btDbvtNode& s, btDbvtNode& t) noexcept {
+    btDbvtNode& node = take();
+    Merge(s.volume, t.volume, node.volume);
+    node.childs[0] = &s;
+    node.childs[1] = &t;
+    s.parent = t.parent = &node;
+    return node;
+  }
+
+ private:
+  btDbvtNode& take() noexcept {
+    btDbvtNode& node = *nodes_.back();
+    nodes_.pop_back();
+    node.parent = nullptr;
+    return node;
+  }
+
+  std::vector<btDbvtNode*> nodes_;
+};
+
 /// A leaf, and where to sort it.
 struct Sortable {
   explicit Sortable(btDbvtNode& node) : leaf(&node) {
@@ -41,8 +91,8 @@ struct Sortable {
 };
 
 /// Joins leaves to a balanced tree, whatever their boxes are, and returns its root.
-btDbvtNode* join(std::span<Sortable> leaves) {
-  if (leaves.size() == 1) return leaves.front().leaf;
+btDbvtNode& join(std::span<Sortable> leaves, Nodes& nodes) noexcept {
+  if (leaves.size() == 1) return *leaves.front().leaf;
   btVector3 lower = leaves.front().place;
   btVector3 upper = lower;
   for (const Sortable& leaf : leaves) {
@@ -53,13 +103,7 @@ btDbvtNode* join(std::span<Sortable> leaves) {
   const std::size_t half = leaves.size() / 2;
   std::ranges::nth_element(leaves, leaves.begin() + static_cast<std::ptrdiff_t>(half), {},
                            [axis](const Sortable& leaf) { return leaf.place[axis]; });
-  auto* const node = new (btAlignedAlloc(sizeof(btDbvtNode), 16)) btDbvtNode();
-  node->parent = nullptr;
-  node->childs[0] = join(leaves.first(half));
-  node->childs[1] = join(leaves.subspan(half));
-  for (btDbvtNode* child : node->childs) child->parent = node;
-  Merge(node->childs[0]->volume, node->childs[1]->volume, node->volume);
-  return node;
+  return nodes.parent(join(leaves.first(half), nodes), join(leaves.subspan(half), nodes));
 }
 
 /// Passes the leaves that the tree finds to a callback.
@@ -146,6 +190,7 @@ void QueryTree::update() {
     rebuild();
     return;
   }
+  Nodes nodes;
   // If the objects of a row were inserted in order, the tree would be as deep as the row is long.
   std::shuffle(stale_.begin(), stale_.end(), random_);
   std::size_t levels = 0;
@@ -157,7 +202,12 @@ void QueryTree::update() {
     if (is_found && node.leaf != nullptr) {
       tree_.update(node.leaf, box);
     } else if (is_found) {
-      node.leaf = tree_.insert(box, &proxy);
+      nodes.allocate(2);
+      node.leaf = &nodes.leaf(box, proxy);
+      btDbvtNode* const root = tree_.m_root;
+      tree_.m_root = root == nullptr ? node.leaf : &nodes.parent(*root, *node.leaf);
+      ++tree_.m_leaves;
+      tree_.update(node.leaf, box);  // moves it from below the root to its place
     } else if (node.leaf != nullptr) {
       tree_.remove(node.leaf);
       node.leaf = nullptr;
@@ -176,6 +226,8 @@ void QueryTree::update() {
 void QueryTree::rebuild() {
   std::vector<Sortable> leaves;
   leaves.reserve(nodes_.size());
+  Nodes nodes;
+  nodes.allocate(2 * nodes_.size());
   for (const std::uint32_t id : stale_) nodes_[id].is_stale = false;
   stale_.clear();
   scanned_ = 0;
@@ -183,12 +235,11 @@ void QueryTree::rebuild() {
   for (Node& node : nodes_) node.leaf = nullptr;
   pool_.for_each([&](Proxy& proxy) {
     if (!is_proper(proxy)) return;
-    tree_.m_root = nullptr;  // each leaf is a tree at first
-    btDbvtNode* const leaf = tree_.insert(btDbvtVolume::FromMM(proxy.m_aabbMin, proxy.m_aabbMax), &proxy);
-    nodes_[proxy.id()].leaf = leaf;
-    leaves.emplace_back(*leaf);
+    btDbvtNode& leaf = nodes.leaf(btDbvtVolume::FromMM(proxy.m_aabbMin, proxy.m_aabbMax), proxy);
+    nodes_[proxy.id()].leaf = &leaf;
+    leaves.emplace_back(leaf);
   });
-  tree_.m_root = leaves.empty() ? nullptr : join(leaves);
+  if (!leaves.empty()) tree_.m_root = &join(leaves, nodes);
   tree_.m_leaves = static_cast<int>(leaves.size());  // clear() does not reset it
 }
 
