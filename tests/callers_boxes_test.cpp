@@ -12,6 +12,7 @@
 
 #include <broadcl/broad_phase.hpp>
 
+#include "base/box_parts.hpp"
 #include "core/box_replacement.hpp"
 #include "core/core.hpp"
 #include "each_algorithm.hpp"
@@ -168,6 +169,28 @@ TEST_P(CallersBoxes, ManyMayBeAddedMovedAndRemovedAtOnce) {
   EXPECT_EQ(broad_phase.size(), 0U);
   (void)broad_phase.update();
   EXPECT_TRUE(broad_phase.pairs().empty());
+}
+
+/// Each part of the boxes begins with an id with which the part before ends.
+TEST_P(CallersBoxes, OfIdsThatAreGivenTwiceTheLaterCounts) {
+  constexpr auto part = static_cast<std::uint32_t>(boxes_per_part);
+  constexpr std::uint32_t n = 40 * part;
+  BroadPhase::Config config = fast_algorithm(GetParam());
+  config.threads = 2;
+  BroadPhase broad_phase(config);
+  const std::vector<Aabb> before(n, empty_aabb());
+  (void)broad_phase.add(before);
+  std::vector<std::uint32_t> ids(n);
+  std::vector<Aabb> boxes(n);
+  for (std::uint32_t k = 0; k < n; ++k) {
+    ids[k] = k - k / part;
+    boxes[k] = apart(k);
+  }
+  broad_phase.move(ids, boxes);
+  for (std::uint32_t k = part; k < n; k += part) {
+    ASSERT_EQ(ids[k], ids[k - 1]);
+    ASSERT_EQ(broad_phase.box(ids[k]), boxes[k]);
+  }
 }
 
 /// The parts of many boxes are uploaded while others are copied.

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <array>
+#include <atomic>
 #include <cstddef>
 #include <cstdint>
 #include <filesystem>
@@ -17,10 +18,12 @@
 
 #include <gtest/gtest.h>
 
+#include "base/thread_pool.hpp"
 #include "bullet_rig.hpp"
 #include "each_algorithm.hpp"
 #include "environment.hpp"
 #include "opencl/error.hpp"
+#include "patience.hpp"
 #include "query_rig.hpp"
 #include "runs.hpp"
 
@@ -95,6 +98,61 @@ TEST(Threads, QueriesRightAfterChangesAnswerAsOneAfterTheOther) {
     }
   }
   EXPECT_GT(met, 1000U);
+}
+
+/// A caller's work is over when it returns, also if another caller has shared work since.
+TEST(Threads, OfThePoolLeaveTheWorkOfACallerThatReturned) {
+  struct Shared {
+    std::atomic<int> running = 0, late = 0;
+    std::atomic<bool> may_return = false, has_returned = false;
+    /// Without a pause, since what is on the caller's stack has to stay there.
+    static void wait_for(const std::atomic<bool>& flag) {
+      while (!flag) std::this_thread::yield();
+    }
+    static void work(void* context, std::size_t /*thread*/) {
+      auto& own = *static_cast<Shared*>(context);
+      if (own.has_returned) ++own.late;
+      ++own.running;
+      wait_for(own.may_return);
+    }
+    void share(std::size_t helpers) {
+      share_work(helpers, work, this);
+      has_returned = true;
+    }
+    void end() {
+      may_return = true;
+      wait_for(has_returned);
+    }
+  };
+  constexpr int threads = 16;
+  Shared busy;  // all threads of the pool
+  Shared first;
+  Shared second;
+  std::atomic<bool> over = false;
+  const auto share = [&](Shared& own, std::size_t helpers) {
+    return std::thread([&own, &over, helpers] {
+      own.share(helpers);
+      Shared::wait_for(over);
+    });
+  };
+  std::array callers{share(busy, threads), std::thread(), std::thread()};
+  ASSERT_TRUE(eventually([&] { return busy.running == threads + 1; }));
+  callers[1] = share(first, 1);
+  ASSERT_TRUE(eventually([&] { return first.running == 1; }));
+  callers[2] = share(second, 1);
+  ASSERT_TRUE(eventually([&] { return second.running == 1; }));
+  first.end();
+  second.end();
+  busy.end();
+  // They have looked for work when they do some.
+  Shared last;
+  std::thread after([&] { last.share(threads); });
+  ASSERT_TRUE(eventually([&] { return last.running == threads + 1; }));
+  last.end();
+  over = true;
+  for (std::thread& caller : callers) caller.join();
+  after.join();
+  EXPECT_EQ(first.late, 0);
 }
 
 /// The pairs of each frame, from the creation of a broad phase to its destruction.

@@ -51,22 +51,15 @@ std::vector<Aabb64> Core64::read(const BoxView& boxes) const {
 
 std::vector<Aabb> Core64::convert(std::span<const Aabb64> boxes) const {
   std::vector<Aabb> converted(boxes.size());
-  LowestFound nan(boxes.size());
   for_each_part(boxes.size(), threads_, [&](std::size_t begin, std::size_t end, std::size_t /*thread*/) {
     origin_.convert(boxes.subspan(begin, end - begin), std::span(converted).subspan(begin, end - begin));
-    for (std::size_t k = begin; k < end; ++k) {
-      if (has_nan(boxes[k])) return nan.add(k);
-    }
   });
-  if (nan.any()) throw_nan("box " + std::to_string(nan.get()));
   return converted;
 }
 
 std::uint32_t Core64::add(const Aabb64& box, const Filter& filter) {
-  if (has_nan(box)) throw_nan("a box");
   reserve(size() + 1);  // the lowest free id is at most their number
   reserve_late(1);
-  Core::refuse_addition(boxes.size(), filters.size());
   const std::uint32_t id = core_.add(origin_.convert(box), filter);
   // Nothing below throws.
   store(id, box);
@@ -74,6 +67,7 @@ std::uint32_t Core64::add(const Aabb64& box, const Filter& filter) {
 }
 
 std::vector<std::uint32_t> Core64::add(const BoxView& boxes, std::span<const Filter> filters) {
+  Core::refuse_addition(boxes.size(), filters.size());
   const std::vector<Aabb64> exact = read(boxes);
   const std::vector<Aabb> converted = convert(exact);
   reserve(size() + exact.size());
@@ -85,8 +79,6 @@ std::vector<std::uint32_t> Core64::add(const BoxView& boxes, std::span<const Fil
 }
 
 void Core64::move(std::uint32_t id, const Aabb64& box) {
-  Core::refuse_moves(ids.size(), boxes.size());
-  if (has_nan(box)) throw_nan("a box");
   reserve_late(1);
   core_.move(id, origin_.convert(box));
   // Nothing below throws.
@@ -94,6 +86,7 @@ void Core64::move(std::uint32_t id, const Aabb64& box) {
 }
 
 void Core64::move(std::span<const std::uint32_t> ids, const BoxView& boxes) {
+  Core::refuse_moves(ids.size(), boxes.size());
   const std::vector<Aabb64> exact = read(boxes);
   const std::vector<Aabb> converted = convert(exact);
   reserve_late(ids.size());
