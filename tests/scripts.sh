@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# tests/scripts.sh: each script explains itself, scripts/setup says what root must do if it cannot do it, and scripts/demo
-# builds what can be installed.
+# tests/scripts.sh: each script explains itself, scripts/setup says what root must do if it cannot do it, and waits for apt's
+# locks, and scripts/demo builds what can be installed.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 tools=$(mktemp -d)
@@ -31,6 +31,27 @@ output=$(PATH=$tools scripts/setup study 2>&1) || status=$?
 [[ $status -eq 2 ]] || fail "scripts/setup without root exits with $status: $output"
 [[ $output == *$'\napt-get update && apt-get install -y --no-install-recommends python3-numpy '* ]] ||
   fail "scripts/setup without root prints: $output"
+
+# Root, while another program has apt's locks: of the lists, then of dpkg. Another failure ends it at once.
+ln -s "$(command -v env)" "$(command -v sed)" "$tools"
+cat > "$tools/apt-get" << END
+#!/usr/bin/env bash
+echo "\$@" >> "$tools/calls"
+[[ \$(grep -c "^\$1" "$tools/calls") -gt 2 ]] && echo "Setting up all of it" && exit
+echo "E: Could not get lock /var/lib/\$1/lock. It is held by process 1 (other)" >&2
+exit 100
+END
+printf '#!/usr/bin/env bash\necho 0\n' > "$tools/id"
+printf '#!/usr/bin/env bash\n' > "$tools/sleep"
+chmod +x "$tools/sleep"
+output=$(PATH=$tools scripts/setup study 2>&1) || fail "scripts/setup does not wait for apt's locks: $output"
+[[ $(grep -c '^scripts/setup: waiting for another program: E: Could not get lock' <<< "$output") -eq 4 &&
+  $output == *$'\nSetting up all of it' ]] || fail "scripts/setup waits for apt's locks and prints: $output"
+printf '#!/usr/bin/env bash\necho "E: No network" >&2\nexit 100\n' > "$tools/apt-get"
+status=0
+output=$(PATH=$tools scripts/setup study 2>&1) || status=$?
+[[ $status -eq 100 && $output == *$'\nE: No network' ]] || fail "scripts/setup without a network exits with $status: $output"
+rm "$tools/calls"
 
 # Everything is installed. `scripts/test --long` really builds and installs what the demo builds.
 printf '#!/usr/bin/env bash\necho install ok installed\n' > "$tools/dpkg-query"
