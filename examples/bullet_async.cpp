@@ -1,12 +1,15 @@
-// A Bullet world without dynamics whose pairs are found on the device while the program does other work.
+// A Bullet world without dynamics whose pairs are found on a device while the program does other work. If the
+// device is the processor itself, both share its cores.
 #include <chrono>
 #include <cmath>
 #include <cstdio>
 #include <exception>
+#include <string>
 #include <vector>
 
 #include <btBulletCollisionCommon.h>
 
+#include <broadcl/broad_phase.hpp>
 #include <broadcl/bullet.hpp>
 
 constexpr int frames = 60;
@@ -28,6 +31,7 @@ float water(int frame) {
 }
 
 struct Result {
+  std::string device;
   double milliseconds;  // per frame
   int manifolds;        // summed over all frames, to show that the results are the same
   float water;
@@ -36,7 +40,8 @@ struct Result {
 Result simulate(bool async) {
   btDefaultCollisionConfiguration configuration;
   btCollisionDispatcher dispatcher(&configuration);
-  broadcl::BulletBroadphase broadphase;
+  // The default, `auto`, would stay on the host, where begin() gains nothing.
+  broadcl::BulletBroadphase broadphase({.algorithm = "tiles"});
   btCollisionWorld world(&dispatcher, &broadphase, &configuration);
 
   btSphereShape ball(0.5F);
@@ -47,8 +52,10 @@ Result simulate(bool async) {
   }
 
   Result result{};
-  const auto start = std::chrono::steady_clock::now();
-  for (int frame = 0; frame < frames; ++frame) {
+  result.device = broadphase.broad_phase().device()->label();
+  std::chrono::steady_clock::time_point start;
+  for (int frame = 0; frame <= frames; ++frame) {
+    if (frame == 1) start = std::chrono::steady_clock::now();  // the first may compile kernels
     for (int k = 0; k < world.getNumCollisionObjects(); ++k) {
       const btVector3 cell(static_cast<float>(k % 20), static_cast<float>(k / 400),
                            static_cast<float>(k / 20 % 20));
@@ -73,10 +80,10 @@ Result simulate(bool async) {
 int main() try {
   const Result plain = simulate(false);
   const Result async = simulate(true);
+  std::printf("pairs found on %s\n", async.device.c_str());
   std::printf("without begin(): %.2f ms per frame\nwith begin():    %.2f ms per frame\n", plain.milliseconds,
               async.milliseconds);
-  std::printf("gain:            %.2f ms; highest wave %.2f m\n", plain.milliseconds - async.milliseconds,
-              static_cast<double>(async.water));
+  std::printf("the highest wave has %.2f m\n", static_cast<double>(async.water));
   if (plain.manifolds != async.manifolds || plain.manifolds == 0) {
     std::fprintf(stderr, "the results differ\n");
     return 1;

@@ -17,10 +17,20 @@ function(expect_refused text)
   endif()
 endfunction()
 
+# Whether `output` is what output/ has for a program; ... stands for any part of a line.
+function(expect_output program)
+  file(READ ${CMAKE_CURRENT_FUNCTION_LIST_DIR}/output/${program}.txt expected)
+  string(REGEX REPLACE "([][+.*?^$()|\\\\])" "\\\\\\1" pattern "${expected}")
+  string(REPLACE "\\.\\.\\." "[^\n]*" pattern "${pattern}")
+  if(NOT output MATCHES "^${pattern}$")
+    message(FATAL_ERROR "${program} should print\n${expected}and prints\n${output}")
+  endif()
+endfunction()
+
 function(run_programs folder)
   foreach(program IN LISTS ARGN)
     run(${folder}/${program})
-    message(STATUS "${program}: ${output}")
+    expect_output(${program})
   endforeach()
 endfunction()
 
