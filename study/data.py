@@ -42,7 +42,8 @@ class Study:
     document: dict[str, Any]  # study.json
     frames: dict[Run, pd.DataFrame]  # one row per frame: milliseconds, and `pairs`
     # One row per run and cell. X_mean_ms is by the wall clock, X_cpu_mean_ms of the thread that simulates. X is `search`,
-    # `total`, `update`, `broad_phase`, or `rest`: what is not update and broad phase.
+    # `total`, `update`, `broad_phase`, or `rest`: what is not update and broad phase. X_judged is by `clock`: "_cpu", or "" for what
+    # works on a device in some run, since the thread waits for that.
     runs: pd.DataFrame
 
     @property
@@ -145,4 +146,9 @@ def read_study(folder: Path) -> Study:
         for length in sorted(lengths[run.scenario, run.objects])
         if length <= run.frames
     ]
-    return Study(folder, document, frames, pd.DataFrame(rows))
+    runs = pd.DataFrame(rows)
+    waits = runs.groupby("broadphase").device.transform("any")
+    runs["clock"] = np.where(waits, "", "_cpu")
+    for metric in METRICS:
+        runs[f"{metric}_judged"] = runs[f"{metric}_mean_ms"].where(waits, runs[f"{metric}_cpu_mean_ms"])
+    return Study(folder, document, frames, runs)

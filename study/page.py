@@ -19,7 +19,8 @@ from study import figures, statistics, verdict
 from study.data import INEXACT, METRICS, Cell, Study, read_study
 from study.plan import BULLETS, listed
 from study.recording import Recording, read_recordings, replay_data
-from study.statistics import difference, noise_of, ratio_digits, ratio_of_medians, rest_of, standing, three_digits
+from study.run import say
+from study.statistics import compare, ratio_digits, rest_of, standing, three_digits
 
 HERE = Path(__file__).parent
 KEY_FRAMES = 4
@@ -69,20 +70,20 @@ def _row(study: Study, cell: Cell, metric: str, broadphase: str) -> dict[str, An
     if metric == "pairs":
         columns = ["pairs_mean", "pairs_last", "total_sum_ms", "first_frame_total_ms"]
         return _medians(study, cell, broadphase, columns) | {"is_best": False}
-    times = study.times(cell, f"{metric}_mean_ms")
+    times = study.times(cell)
     base = next(b for b in ("bullet-bvh", *BULLETS, *times) if b in times)
     row: dict[str, Any] = _medians(study, cell, broadphase, [f"{metric}_{c}_ms" for c in ("mean", "cpu_mean", "median", "p95")])
-    ratio = ratio_of_medians(times[broadphase], times[base], noise_of(study, cell))
+    ratio = compare(study, cell, metric, broadphase, base)
     row["ratio"] = "1" if broadphase == base else ratio_digits(ratio.value)
     row["from"], row["to"] = (ratio_digits(x) if x and broadphase != base else "" for x in ratio.interval or (0, 0))
     return row | {"is_clear": ratio.is_clear, "is_best": standing(study, cell, metric).first == broadphase}
 
 
 def _rest_rows(study: Study) -> list[tuple[Cell, list[str]]]:
-    """Of each cell that tells: least and most of rest_of() by either clock, then the differences."""
-    rests = {cell: [rest_of(study, cell, clock) for clock in ("", "_cpu")] for cell in study.cells() if rest_of(study, cell)}
+    """Of each cell that tells: least and most of rest_of() by either clock, then by how much they differ."""
+    rests = {cell: [rest_of(study, cell, clock) for clock in ("", "_cpu")] for cell in study.cells() if rest_of(study, cell, "")}
     return [
-        (cell, [three_digits(end) for rest in both for end in (rest[0], rest[-1])] + [f"{difference(rest):.1%}" for rest in both])
+        (cell, [three_digits(x) for rest in both for x in (rest[0], rest[-1])] + [f"{x[-1] / x[0] - 1:.1%}" for x in both])
         for cell, both in rests.items()
     ]
 
@@ -115,6 +116,7 @@ def page(study: Study, recordings: list[Recording], files: list[str]) -> str:
 
 def make(folder: Path) -> str:
     """Makes the page; an existing one is replaced only when everything is done. Returns what to tell the user."""
+    say("making the page, which takes up to some minutes")
     matplotlib.use("Agg")
     study = read_study(folder)
     recordings = read_recordings(folder, study.scenarios)

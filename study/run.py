@@ -97,8 +97,6 @@ async def _here(program: Program, plan: Plan) -> dict[str, Any]:
             break
     else:
         raise StudyError(f"'{program.path}' cannot simulate; see '{program.path} check'")
-    if "cpu_milliseconds" not in facts:
-        raise StudyError(f"'{program.path}' is of an older version than this study; build it again")
     cpu = re.search(r"^model name\s*: (.*)$", Path("/proc/cpuinfo").read_text(), re.M)
     return {
         **{name: facts["versions"][name] for name in ("broadcl", "bullet")},
@@ -208,6 +206,7 @@ async def _record(folder: Path, plan: Plan, program: Program) -> None:
     for scenario in plan.scenarios:
         path = folder / RECORDINGS / f"{scenario}.npy"
         if not path.exists():
+            say(f"recording {scenario} for the replay")
             scene = _scene(scenario, objects, frames, plan)
             await program("simulate", *scene, "--broadphase", "sweep-and-prune", "--record", str(path))
 

@@ -27,9 +27,13 @@ class Ratio(NamedTuple):
     @property
     def is_clear(self) -> bool:
         """Whether the interval excludes 1, and the difference exceeds the noise."""
-        if self.interval is None or self.interval[0] <= 1 <= self.interval[1]:
-            return False
-        return max(self.value, 1 / self.value) > 1 + self.noise
+        return self.interval is not None and not self.is_tie
+
+    @property
+    def is_tie(self) -> bool:
+        """Whether that is not so; without an interval, whether the difference is within the noise."""
+        low, high = self.interval or (self.value, self.value)
+        return low <= 1 <= high or max(self.value, 1 / self.value) <= 1 + self.noise
 
 
 def ratio_of_medians(a: np.ndarray, b: np.ndarray, noise: float = 0) -> Ratio:
@@ -47,7 +51,7 @@ def ratio_of_medians(a: np.ndarray, b: np.ndarray, noise: float = 0) -> Ratio:
 
 
 @lru_cache(maxsize=None)
-def rest_of(study: Study, cell: Cell, clock: str = "") -> list[float]:
+def rest_of(study: Study, cell: Cell, clock: str) -> list[float]:
     """Total time without update and broad phase, ms per frame, of algorithms that play the same simulation to the last bit, for
     which it should be equal: medians over the runs, ascending. By the wall clock, or of the thread's CPU ("_cpu"). Empty if
     fewer than two such algorithms ran."""
@@ -57,16 +61,17 @@ def rest_of(study: Study, cell: Cell, clock: str = "") -> list[float]:
     return sorted(float(np.median(times[b])) for b in names) if len(names) > 1 else []
 
 
-def difference(rest: list[float]) -> float:
-    """The longest over the shortest, minus 1."""
-    return rest[-1] / rest[0] - 1
-
-
 @lru_cache(maxsize=None)
-def noise_of(study: Study, cell: Cell) -> float:
+def noise_of(study: Study, cell: Cell, clock: str) -> float:
     """How much times of a cell differ that should be equal; if it does not tell, the most of all cells."""
-    rests = [rest_of(study, each) for each in ([cell] if rest_of(study, cell) else study.cells())]
-    return max((difference(rest) for rest in rests if rest), default=0)
+    rests = [rest_of(study, each, clock) for each in ([cell] if rest_of(study, cell, clock) else study.cells())]
+    return max((rest[-1] / rest[0] - 1 for rest in rests if rest), default=0)
+
+
+def compare(study: Study, cell: Cell, metric: str, a: str, b: str) -> Ratio:
+    """The time of a broad phase over that of another, by the clocks that judge them."""
+    times, clocks = study.times(cell, f"{metric}_judged"), study.times(cell, "clock")
+    return ratio_of_medians(times[a], times[b], max(noise_of(study, cell, clocks[each][0]) for each in (a, b)))
 
 
 @dataclass(frozen=True)
@@ -83,28 +88,18 @@ class Standing:
         return next(iter(self.milliseconds))
 
     @property
-    def is_judged(self) -> bool:
-        """Whether anything can be called clear."""
-        return any(ratio.interval for ratio in self.over_first.values())
-
-    @property
     def ties(self) -> list[str]:
-        """Those that are not clearly slower than the first."""
-        return [b for b, ratio in self.over_first.items() if not ratio.is_clear]
+        """Those that are as fast as the first, as far as one can tell."""
+        return [b for b, ratio in self.over_first.items() if ratio.is_tie]
 
 
 @lru_cache(maxsize=None)
 def standing(study: Study, cell: Cell, metric: str) -> Standing:
-    times = study.times(cell, f"{metric}_mean_ms")
-    medians = {b: float(np.median(t)) for b, t in times.items()}
-    order = sorted(medians, key=lambda b: medians[b])
-
-    def over(a: str, b: str) -> Ratio:
-        return ratio_of_medians(times[a], times[b], noise_of(study, cell))
-
-    fastest = [next((b for b in order if (b in BULLETS) == is_bullet), None) for is_bullet in (False, True)]
-    rivals = (*fastest, over(*fastest)) if all(fastest) else None
-    return Standing(cell, {b: medians[b] for b in order}, {b: over(b, order[0]) for b in order[1:]}, rivals)
+    times = study.times(cell, f"{metric}_judged")
+    medians = {b: float(np.median(times[b])) for b in sorted(times, key=lambda b: np.median(times[b]))}
+    fastest = [next((b for b in medians if (b in BULLETS) == is_bullet), None) for is_bullet in (False, True)]
+    rivals = (*fastest, compare(study, cell, metric, *fastest)) if all(fastest) else None
+    return Standing(cell, medians, {b: compare(study, cell, metric, b, [*medians][0]) for b in [*medians][1:]}, rivals)
 
 
 def three_digits(x: float) -> str:

@@ -78,21 +78,17 @@ def write_document(folder: Path, document: dict[str, Any]) -> None:
     write(folder / "study.json", (json.dumps(data, indent=2, ensure_ascii=False) + "\n").encode())
 
 
-def _path(folder: Path, run: Run) -> Path:
-    return folder / "runs" / f"{run.name}.csv.gz"
-
-
 def store(folder: Path, run: Run, device: str, csv: str) -> None:
     """Stores a run: a line with the device, then what `broadcl simulate --csv` has written, with five digits of each time."""
     csv = re.sub(r"\d+\.\d+", lambda time: f"{float(time[0]):.5g}", csv)
     if problem := _problem(run, csv):
         raise StudyError(f"the program's times cannot be used: {problem}")
-    write(_path(folder, run), gzip.compress(f"{json.dumps(device)}\n{csv}".encode(), mtime=0))
+    write(folder / "runs" / f"{run.name}.csv.gz", gzip.compress(f"{json.dumps(device)}\n{csv}".encode(), mtime=0))
 
 
 def load(folder: Path, run: Run) -> tuple[str, str] | None:
     """The device (empty for the host) and the CSV of a run; None if it is not done. StudyError if its file is damaged."""
-    path = _path(folder, run)
+    path = folder / "runs" / f"{run.name}.csv.gz"
     try:
         first, _, csv = gzip.decompress(path.read_bytes()).decode().partition("\n")
         device, problem = str(json.loads(first)), _problem(run, csv)

@@ -16,14 +16,14 @@ def times_as_long(ratio: Ratio) -> str:
 
 
 def certainty(study: Study) -> str:
-    """Explains when a difference is called clear."""
+    """Which clock judges, and when a difference is called clear."""
+    waiting = listed([f"`{b}`" for b in study.broadphases if "" in set(study.runs.clock[study.runs.broadphase == b])] or ["none"])
+    text = f"Times are CPU times of the thread that simulates; by the wall clock if it waits for a device: those of {waiting}. "
     most = study.runs.groupby([*CELL, "broadphase"]).size().max()
     if most < FEWEST:
-        return f"Intervals need {FEWEST} runs, but there are at most {most}: so nothing is called clear."
-    return (
-        "A difference is clear if its 95 % interval excludes 1 and it exceeds the difference of times that should be equal (see"
-        f" “How far to trust this”). Ratios without an interval are of fewer than {FEWEST} runs, and not judged."
-    )
+        return f"{text}Intervals need {FEWEST} runs, but there are at most {most}: so nothing is called clear."
+    return text + ("A difference is clear if its 95 % interval excludes 1 and it exceeds the noise, which is how much times differ, by"
+                   " the same clocks, that should be equal (see “How far to trust this”).")  # fmt: skip
 
 
 def headline(study: Study) -> list[str]:
@@ -34,12 +34,12 @@ def headline(study: Study) -> list[str]:
         claims = []
         for first in dict.fromkeys(place.first for place in places.values()):
             own = [(s, place) for s, place in places.items() if place.first == first]
-            claims.append(f"`{first}` in " + listed([s + " (not clearly)" * (p.is_judged and bool(p.ties)) for s, p in own]))
+            claims.append(f"`{first}` in " + listed([s + " (within noise)" * bool(p.ties) for s, p in own]))
         most = listed([f"{n:,}" for n in sorted({place.cell.objects for place in places.values()})])
         sentences.append(f"With {most} objects, {subject} least time with {'; with '.join(claims)}.")
-        ratios = sorted((place.rivals[2].value, s) for s, place in places.items() if place.rivals)
+        ratios = sorted(((place.rivals[2], s) for s, place in places.items() if place.rivals), key=lambda r: r[0].value)
         if ratios:
-            low, high = (f"{times_as_long(places[s].rivals[2])} times as long in {s}" for _, s in (ratios[0], ratios[-1]))
+            low, high = (f"{times_as_long(r)} times as long{' (within noise)' * r.is_tie} in {s}" for r, s in (ratios[0], ratios[-1]))
             ends = low if len(ratios) == 1 else f"from {low} to {high}"
             sentences.append(f"With BroadCL's fastest, compared with the fastest of Bullet's own, {subject} {ends}.")
     return sentences
@@ -61,12 +61,13 @@ def sentences(study: Study, scenario: str, metric: str) -> list[str]:
 def _who_is_first(place: Standing) -> str:
     text = f"With {place.cell}: `{place.first}` is first, {three_digits(place.milliseconds[place.first])} ms per frame."
     named = {b: f"`{b}` {times_as_long(ratio)}" for b, ratio in place.over_first.items()}
-    if not place.is_judged:
-        return f"{text} Times as long: {listed(list(named.values()))}." if named else f"{text} Nothing else ran."
     if place.ties:
-        text += f" Not clearly slower, times as long: {listed([named[b] for b in place.ties])}."
-    slower = [name for b, name in named.items() if b not in place.ties]
-    return f"{text} Clearly slower: {slower[0]} times as long{', and others' * (len(slower) > 1)}." if slower else text
+        text += f" Within noise, times as long: {listed([named[b] for b in place.ties])}."
+    if not (slower := [b for b in named if b not in place.ties]):
+        return text if named else f"{text} Nothing else ran."
+    if place.over_first[slower[0]].is_clear:
+        return f"{text} Clearly slower: {named[slower[0]]} times as long{', and others' * (len(slower) > 1)}."
+    return f"{text} Times as long: {listed([named[b] for b in slower])}."
 
 
 def _over_objects(places: list[Standing]) -> str:
@@ -75,8 +76,8 @@ def _over_objects(places: list[Standing]) -> str:
     for first, group in groupby(places, key=lambda place: place.first):
         same = list(group)
         sizes = f"{same[0].cell.objects:,}" + (f" to {same[-1].cell.objects:,}" if len(same) > 1 else "")
-        unclear = [f"{p.cell.objects:,}" for p in same if p.is_judged and p.ties]
-        texts.append(f"`{first}` with {sizes}" + (f" (not clearly at {listed(unclear)})" if unclear else ""))
+        ties = [f"{p.cell.objects:,}" for p in same if p.ties]
+        texts.append(f"`{first}` with {sizes}" + (f" (within noise at {listed(ties)})" if ties else ""))
     if len(texts) == 1:
         return f"First at every number of objects: {texts[0]}."
     return f"The first changes with the number of objects: {', then '.join(texts)}."

@@ -54,7 +54,7 @@ def run(tmp_path: Path, program: Path) -> Runner:
 
 
 def test_stores_each_run_and_continues_with_nothing(run: Runner) -> None:
-    assert "16 of 16 runs are done" in run()
+    assert "16 of 16 runs are done" in (said := run()) and "recording mixed-sizes" in said
     document = store.read_document(run.out)
     assert document and document["here"]["device"] == "P / D" and document["shares"] == [["", ""]]
     assert set(run.files) == {f"{r.name}.csv.gz" for r in document["plan"].runs()}
