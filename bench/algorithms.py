@@ -56,8 +56,8 @@ def draw_tiles(path):
             box = [[x - edge / 2, y - edge / 2], [x + edge / 2, y + edge / 2]]
             is_filled = k == chosen or is_compared and meets(box, bounds[chosen])
             outline(panels[1], *box, facecolor=colour if is_filled else "none", edgecolor=INK, linewidth=0.3)
-    for panel, title in zip(panels, ("boxes in the order of the curve, in tiles of 32", "one tile, and what it is compared with")):
-        panel.set(title=title, xlim=(-0.02, 1.02), ylim=(-0.02, 1.02), aspect="equal")
+    for panel in panels:
+        panel.set(xlim=(-0.02, 1.02), ylim=(-0.02, 1.02), aspect="equal")
         panel.axis("off")
     save(figure, path)
 
@@ -87,7 +87,7 @@ def save(figure, path):
 
 
 folder = pathlib.Path(sys.argv[1])
-inked = dict.fromkeys(("axes.labelcolor", "axes.titlecolor", "text.color", "xtick.color", "ytick.color"), INK)
+inked = dict.fromkeys(("axes.labelcolor", "xtick.color", "ytick.color"), INK)
 with matplotlib.rc_context({**inked, "svg.hashsalt": "broadcl", "svg.fonttype": "none", "font.family": "DejaVu Sans"}):
     draw_tiles(folder / "tiles.svg")
     draw_triangle(folder / "triangle.svg")
