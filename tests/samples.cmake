@@ -1,8 +1,11 @@
 # cmake -D SOURCE=source-tree -P samples.cmake: a comment <!-- FILE --> or <!-- FILE region --> in Markdown precedes code that is that
-# of FILE, or what FILE has between two lines with [region]. CI compiles and runs these files.
+# of FILE, or what FILE has between two lines with [region]. CI compiles and runs these files. (Only Sphinx includes files.)
 file(GLOB pages ${SOURCE}/README.md ${SOURCE}/docs/*.md)
 foreach(page IN LISTS pages)
   file(READ ${page} rest)
+  if(rest MATCHES "literalinclude")
+    message(SEND_ERROR "${page} includes a file, which is not seen where Markdown is read as it is")
+  endif()
   while(rest MATCHES "<!-- ([^ ]+) ?([a-z]*) -->\n(.*)")
     set(name ${CMAKE_MATCH_1})
     set(region ${CMAKE_MATCH_2})
