@@ -83,7 +83,8 @@ def draw_triangle(path):
 def save(figure, path):
     figure.tight_layout()
     figure.savefig(path, transparent=True, metadata={"Date": None, "Creator": None})
-    path.write_text(re.sub(r"(\.\d)\d+", r"\1", path.read_text()))  # a tenth of a point
+    text = re.sub(r"(\.\d)\d+", r"\1", path.read_text())  # a tenth of a point
+    path.write_text(re.sub(r"\s*\n\s*(?![\s<])", " ", text))  # one line per element
 
 
 folder = pathlib.Path(sys.argv[1])
