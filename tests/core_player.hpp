@@ -90,11 +90,17 @@ class CorePlayer {
   [[nodiscard]] const Reference& reference() const { return twins_.reference(); }
 
   void update(bool keep) {
+    const bool was_begun = reference().is_in_flight();
     require(twins_.agree([&](const auto& delta) {
       if constexpr (std::is_same_v<decltype(delta), const Delta&>) {
         if (keep) kept_.emplace_back(delta);
       }
     }));
+    if constexpr (requires { subject_.boxes(); }) {  // a Core's, which nothing may take for an object
+      for (std::uint32_t id = 0; !was_begun && id < subject_.boxes().size(); ++id) {
+        if (!reference().contains(id) && !has_nan(subject_.boxes()[id])) fail("a free id has a box");
+      }
+    }
   }
 
   void add(const Aabb& box, const Filter& filter) {
@@ -183,8 +189,8 @@ class CorePlayer {
     boxes[invalid] = before;
   }
 
-  /// Gives boxes for all objects, as float32 or float64; some or all are those that the objects have. At
-  /// first, one has a NaN.
+  /// Gives boxes for all objects, as float32 or float64, also in several frames in which all move; some or
+  /// all are those that the objects have. At first, one has a NaN.
   void give(const CoreOp& op) {
     const std::size_t n = op.count > 1 ? mapped_of(script_, op) : reference().size();
     std::vector<Aabb> boxes(n);
@@ -194,13 +200,16 @@ class CorePlayer {
       boxes[k] = has_nan(box) ? inverted : box;
     }
     std::vector<double> numbers;
-    for (const Aabb& box : boxes) {
-      numbers.insert(numbers.end(), box.lower.begin(), box.lower.end());
-      numbers.insert(numbers.end(), box.upper.begin(), box.upper.end());
-    }
-    const BoxView view = op.which % 3 == 0 ? BoxView::interleaved(numbers.data(), n) : BoxView(boxes);
+    const auto view = [&] {
+      numbers.clear();
+      for (const Aabb& box : boxes) {
+        numbers.insert(numbers.end(), box.lower.begin(), box.lower.end());
+        numbers.insert(numbers.end(), box.upper.begin(), box.upper.end());
+      }
+      return op.which % 3 == 0 ? BoxView::interleaved(numbers.data(), n) : BoxView(boxes);
+    };
     if (reference().is_in_flight()) {
-      return require_error("between begin() and finish()", [&] { (void)subject_.update(view); });
+      return require_error("between begin() and finish()", [&] { (void)subject_.update(view()); });
     }
     if (n > 0) {
       const std::size_t invalid = op.which % n;
@@ -210,8 +219,13 @@ class CorePlayer {
       require(twins_.has_same_objects());
       if (op.filter % 4 == 0) return;  // no update that might repair what that one broke
     }
-    if (op.which % 2 == 0) return twins_.begin(view);
-    require(twins_.agree(view, [](const auto& /*delta*/) {}));
+    const auto update = [&] { require(twins_.agree(view(), [](const auto& /*delta*/) {})); };
+    for (unsigned frame = 0; frame < op.which / 6 % 3; ++frame) {
+      update();
+      for (Aabb& box : boxes) box = drifted(box, drift_of(op));
+    }
+    if (op.which % 2 == 0) return twins_.begin(view());
+    update();
   }
 
   /// Moves all boxes by the same small step, or those of even ids, as in the frames of a simulation.

@@ -14,6 +14,9 @@ constexpr std::array<std::string_view, 15> core_verb_names{
 constexpr std::array<std::string_view, 6> filter_kind_names{"no",      "groups as",         "worlds as",
                                                             "sets as", "sets of worlds as", "all kinds of"};
 
+/// Of exclusions: 0 none, 1 few, others many.
+constexpr unsigned exclusion_kinds = 6;
+
 /// How often each verb is chosen, if there are objects.
 struct CoreWeight {
   CoreVerb verb;
@@ -60,6 +63,10 @@ class CoreGenerator {
     while (script.ops.size() < length) {
       const CoreVerb next = live_ < script.most && dice_.one_in(4) ? CoreVerb::add : verb();
       script.ops.push_back(op(script, next, count(next, script.most)));
+      if (next != CoreVerb::give || !dice_.one_in(3)) continue;
+      CoreOp few = op(script, CoreVerb::exclude, 1);  // perhaps of ids that are free now
+      few.filter = few.filter / exclusion_kinds * exclusion_kinds + 1;
+      script.ops.push_back(few);
     }
     return script;
   }
@@ -85,7 +92,8 @@ class CoreGenerator {
       }
       case CoreVerb::map:
       case CoreVerb::give: {
-        const unsigned count = dice_.one_in(4) ? few : most;
+        const unsigned many = dice_.one_in(3) ? 1 + dice_.below(most) : most;
+        const unsigned count = dice_.one_in(4) ? few : many;
         if (count > 1) live_ = count;
         return count;
       }
@@ -205,13 +213,13 @@ Aabb drifted(Aabb box, float step) {
 }
 
 Pairs exclusions_of(const CoreOp& op, const Pairs& present) {
-  constexpr std::array<std::size_t, 6> steps{0, 0, 1, 3, 7, 50};
-  const std::size_t step = steps.at(op.filter % steps.size());
+  constexpr std::array<std::size_t, exclusion_kinds> steps{0, 0, 1, 3, 7, 50};
+  const std::size_t step = steps.at(op.filter % exclusion_kinds);
   Pairs pairs;
-  if (step == 0) return pairs;
-  for (std::size_t k = op.which % step; k < present.size(); k += step) pairs.push_back(present[k]);
-  for (std::uint32_t k = 0; k < 20; ++k) pairs.push_back({op.which % 40 + k, op.which % 7});
-  std::erase_if(pairs, [](const Pair& pair) { return pair.a == pair.b; });
+  if (op.filter % exclusion_kinds == 0) return pairs;
+  for (std::size_t k = op.which % 40; step > 0 && k < present.size(); k += step) pairs.push_back(present[k]);
+  const std::uint32_t others = 1 + op.filter / exclusion_kinds % 4;
+  for (std::uint32_t k = 0; k < others; ++k) pairs.push_back({8 + op.which % 40 + k, op.which % 7});
   pairs.push_back(pairs.front());
   pairs.push_back({0, 0xffffffff});
   std::ranges::reverse(pairs);

@@ -62,14 +62,15 @@ void follow(const BroadPhase::Config& config, std::uint32_t n) {
 ALSO_IN(oclgrind);
 TEST_P(EachAlgorithm, SmallExclusionsOfIdsWithoutObjectsAddNoPairs) {
   Twins twins(config());
-  const std::vector<Aabb> boxes(20, unit);
-  const std::span<const Aabb> all = boxes;
+  float x = 0;
   for (const std::size_t n : {20U, 20U, 20U, 10U, 10U}) {
-    ASSERT_TRUE(twins.agree(BoxView(all.first(n)), [](const auto& /*delta*/) {}));
+    x += 0.125F;
+    const std::vector<Aabb> boxes(n, {{x, 0, 0}, {x + 1, 1, 1}});
+    ASSERT_TRUE(twins.agree(BoxView(boxes), [](const auto& /*delta*/) {}));
   }
-  twins.set_exclusions(Pairs{{1, 13}, {2, 14}});
+  twins.set_exclusions(Pairs{{1, 13}});
   ASSERT_TRUE(twins.agree());
-  twins.set_exclusions(Pairs{{1, 3}, {14, 15}});
+  twins.set_exclusions(Pairs{{14, 15}});
   ASSERT_TRUE(twins.agree());
 }
 
