@@ -52,6 +52,34 @@ TEST_P(EachAlgorithm, AnAllocationThatFailsInDoublePrecisionIsMadeGood) {
                                                                        false);
 }
 
+/// Whatever a search has done with the new boxes when it failed, the next one has the old ones.
+TEST_P(EachAlgorithm, AfterAnUpdateThatFailedTheOldBoxesMove) {
+  BroadPhase broad_phase(config());
+  std::vector<Aabb> boxes = row(400, 0.7F);
+  (void)broad_phase.update(boxes);
+  for (const std::size_t n : {100U, 700U}) {
+    const std::vector<Aabb> others = row(n, 0.3F);
+    for (long first = 0;; ++first) {
+      SCOPED_TRACE("allocation " + std::to_string(first));
+      bool has_failed = false;
+      try {
+        const FailingAllocations one_fails(first, 1);
+        (void)broad_phase.update(others);
+      } catch (const Error&) {
+        has_failed = true;
+      } catch (const std::bad_alloc&) {
+        has_failed = true;
+      }
+      if (!has_failed) break;
+      boxes[7] = in_row(static_cast<std::size_t>(first % 90));
+      broad_phase.move(7, boxes[7]);
+      (void)broad_phase.update();
+      ASSERT_TRUE(same("pairs", broad_phase.pairs(), overlapping_pairs(boxes, {.algorithm = "oracle"})));
+    }
+    (void)broad_phase.update(boxes);
+  }
+}
+
 TEST_P(EachAlgorithm, AllocationsThatFailFromOneOnAreMadeGood) {
   expect_host_lives(config(), AllocationTrouble::for_good, 12, true);
 }

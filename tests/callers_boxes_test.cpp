@@ -224,7 +224,11 @@ TEST(BoxReplacement, PassesOnEachSlotOnce) {
 
 /// `auto` leaves a device that fails, with all that there was before.
 TEST(HybridFailure, OfAnUpdateWithTheCallersBoxesKeepsTheOldOnes) {
-  for (const bool many_move : {true, false}) {
+  struct Case {
+    bool many_move;
+    std::size_t n;  // boxes of the update that fails
+  };
+  for (const auto& [many_move, n] : {Case{true, 8}, Case{true, 6}, Case{false, 8}, Case{false, 6}}) {
     for (const char* function : {"begin", "finish"}) {
       SCOPED_TRACE(function);
       Pretender::Orders orders{.expected_seconds = 0};
@@ -245,10 +249,12 @@ TEST(HybridFailure, OfAnUpdateWithTheCallersBoxesKeepsTheOldOnes) {
       const Pairs before = core.pairs();
       std::vector<Aabb> moved = boxes;
       moved[1] = apart(20);
+      moved.resize(n);
       orders.fails = function;
       EXPECT_EQ(error_of([&] { (void)core.update(moved); }), "the device failed");
       EXPECT_EQ(core.algorithm().device(), nullptr);
       EXPECT_EQ(core.pairs(), before);
+      ASSERT_EQ(core.size(), 8U);
       for (std::uint32_t k = 0; k < 8; ++k) EXPECT_EQ(core.box(k), boxes[k]);
       EXPECT_TRUE(same(core.finish(), {}, {}));
       EXPECT_TRUE(same(core.update(moved), {}, Pairs{{0, 1}}));

@@ -156,7 +156,8 @@ class CorePlayer {
   /// An operation on one object that exists.
   void apply_to(std::uint32_t id, const CoreOp& op, unsigned k) {
     if (op.verb == CoreVerb::move) {
-      const Aabb box = box_of(script_, op, k);
+      const bool drifts = op.which % 3 == 0;  // which float32 cannot tell of a Warped
+      const Aabb box = drifts ? drifted(reference().box(id), drift_of(op)) : box_of(script_, op, k);
       if (has_nan(box)) return require_error("NaN", [&] { subject_.move(id, box); });
       twins_.move(id, box);
     } else if (op.verb == CoreVerb::filter) {
@@ -189,8 +190,8 @@ class CorePlayer {
     boxes[invalid] = before;
   }
 
-  /// Gives boxes for all objects, as float32 or float64, also in several frames in which all move; some or
-  /// all are those that the objects have. At first, one has a NaN.
+  /// Gives boxes for all objects, as float32 or float64, also in several frames in which some move; at
+  /// first, some or all are those that the objects have, and one has a NaN.
   void give(const CoreOp& op) {
     const std::size_t n = op.count > 1 ? mapped_of(script_, op) : reference().size();
     std::vector<Aabb> boxes(n);
@@ -222,7 +223,10 @@ class CorePlayer {
     const auto update = [&] { require(twins_.agree(view(), [](const auto& /*delta*/) {})); };
     for (unsigned frame = 0; frame < op.which / 6 % 3; ++frame) {
       update();
-      for (Aabb& box : boxes) box = drifted(box, drift_of(op));
+      for (std::size_t k = 0; k < n; k += 1 + op.filter % 7) boxes[k] = drifted(boxes[k], drift_of(op));
+      if (n == 0) continue;
+      const Aabb other = box_of(script_, op, frame);
+      boxes[op.filter % n] = has_nan(other) ? inverted : other;
     }
     if (op.which % 2 == 0) return twins_.begin(view());
     update();
