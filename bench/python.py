@@ -440,6 +440,8 @@ def main() -> None:
     parser.add_argument("--scene", choices=SCENES, help="only this one")
     parser.add_argument("--json", help="write the results here too")
     arguments = parser.parse_args()
+    if arguments.json == "-":
+        parser.error("--json: name a file")
 
     versions = {}
     for package in dict.fromkeys(method.package for _, methods in SCENES.values() for method in methods.values()):

@@ -355,6 +355,8 @@ def main() -> None:
     parser.add_argument("--warm-up", type=float, default=2, help="seconds in which BroadCL's auto may open its device")
     parser.add_argument("--json", help="write the results here too")
     options = parser.parse_args()
+    if options.json == "-":
+        parser.error("--json: name a file")
     if options.opencl is None and options.device != "cpu":
         options.opencl = "gpu"
 

@@ -172,6 +172,21 @@ TEST_F(Program, FullDiskIsAnError) {
   }
 }
 
+TEST_F(Program, FilesAreNotWrittenToStandardOutput) {
+  const std::vector<std::string> before = files();
+  const std::string simulate = "simulate --objects 5 --frames 2 --broadphase bullet-bf ";
+  expect_success(run(simulate + "--record run.npy"));
+  const std::string replay = "replay run.npy --broadphase bullet-bf ";
+  for (const std::string& arguments :
+       {std::string("pairs four.npy --out -"), simulate + "--csv -", simulate + "--json -",
+        simulate + "--trace -", replay + "--csv -", replay + "--json -"}) {
+    SCOPED_TRACE(arguments);
+    expect_refused(run(arguments), "files are not written to standard output ('-'); name a file");
+  }
+  fs::remove(path("run.npy"));
+  EXPECT_EQ(files(), before);
+}
+
 TEST_F(Program, FileThatBecomesTooLargeIsAnError) {
   const std::vector<std::string> before = files();
   expect_refused(
@@ -182,7 +197,7 @@ TEST_F(Program, FileThatBecomesTooLargeIsAnError) {
 
 TEST_F(Program, LeavesNoTemporaryFileWhenASignalEndsIt) {
   const std::vector<std::string> before = files();
-  for (const int signal : {SIGINT, SIGTERM, SIGHUP, SIGPIPE}) {
+  for (const int signal : {SIGINT, SIGQUIT, SIGTERM, SIGHUP, SIGPIPE}) {
     SCOPED_TRACE(signal);
     run_until([&] { return files().size() >= before.size() + 2; }, signal,
               "simulate --frames 1000000 --broadphase bullet-bf --csv run.csv --json run.json");

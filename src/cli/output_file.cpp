@@ -15,6 +15,7 @@ namespace broadcl::cli {
 namespace fs = std::filesystem;
 
 OutputFile::OutputFile(const fs::path& target) : name_(quoted(target)) {
+  if (target == "-") throw Error("files are not written to standard output ('-'); name a file");
   std::error_code error;
   target_ = fs::absolute(target, error);
   if (error) fail(error.value());

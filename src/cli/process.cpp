@@ -63,7 +63,7 @@ void open_standard_streams() {
 void prepare_process() {
   open_standard_streams();
   (void)std::signal(SIGXFSZ, SIG_IGN);
-  for (const int number : {SIGINT, SIGTERM, SIGHUP, SIGPIPE}) {
+  for (const int number : {SIGINT, SIGQUIT, SIGTERM, SIGHUP, SIGPIPE}) {
     // What was ignored, as by nohup, stays so.
     if (std::signal(number, remove_files_and_end) == SIG_IGN) (void)std::signal(number, SIG_IGN);
   }
