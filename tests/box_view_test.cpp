@@ -196,6 +196,56 @@ TYPED_TEST(BoxViewOf, EveryLayoutReadsTheSameBoxes) {
   }
 }
 
+TYPED_TEST(BoxViewOf, InvertedBoxesAreCountedInEveryLayout) {
+  using S = TypeParam;
+  constexpr S unbounded = std::numeric_limits<S>::infinity();
+  const auto inverted_of = [](const std::vector<Numbers<S>>& boxes) {
+    std::vector<std::size_t> inverted;
+    for (std::size_t k = 0; k < boxes.size(); ++k) {
+      const auto is_inverted = [&box = boxes[k]](std::size_t axis) {
+        return box[axis] > box[axis + 3] && (box[axis] != unbounded || box[axis + 3] != -unbounded);
+      };
+      if (is_inverted(0) || is_inverted(1) || is_inverted(2)) inverted.push_back(k);
+    }
+    return inverted;
+  };
+  const auto expect_counted = [&](const std::vector<Numbers<S>>& boxes) {
+    const std::vector<std::size_t> expected = inverted_of(boxes);
+    for (const Layout<S>& layout : layouts<S>(boxes)) {
+      SCOPED_TRACE(layout.name);
+      const InvertedBoxes inverted = layout.view.inverted();
+      EXPECT_EQ(inverted.count, expected.size());
+      EXPECT_EQ(inverted.first, expected.empty() ? 0 : expected.front());
+      EXPECT_EQ(inverted.likely, BoxLayout::min_max);
+    }
+  };
+  std::vector<Numbers<S>> boxes = boxes_of_every_kind<S>(300);
+  expect_counted(boxes);
+  for (const std::size_t k : inverted_of(boxes)) boxes[k] = {unbounded, 0, 0, -unbounded, 1, 1};
+  expect_counted(boxes);
+  for (const std::size_t k : {std::size_t{250}, boxes.size() - 1}) {
+    boxes[k] = {0, 0, 1, 1, 1, 0};
+    expect_counted(boxes);
+  }
+}
+
+TYPED_TEST(BoxViewOf, TheLikelyLayoutOfInvertedBoxes) {
+  using S = TypeParam;
+  constexpr S unbounded = std::numeric_limits<S>::infinity();
+  const auto likely = [](const std::vector<S>& numbers) {
+    return BoxView::interleaved(numbers.data(), numbers.size() / 6).inverted().likely;
+  };
+  EXPECT_EQ(likely({0, 1, 0, 1, 0, 1, 5, 6, 1, 2, 1, 2, unbounded, -unbounded, 0, 0, 0, 1}), BoxLayout::axes);
+  EXPECT_EQ(likely({5, 6, 7, 1, 0, 1, 8, 0, 7, 1, 2, 1, 0, 0, 0, 1, 1, 1}), BoxLayout::centre_size);
+  EXPECT_EQ(likely({5, 6, 7, 1, 0, 1, 8, 0, 7, 1, 2, -1, 0, 0, 0, 1, 1, 1}), BoxLayout::min_max);
+  EXPECT_EQ(likely({5, 6, 7, 1, 0, 1, 0, 0, 0, 1, 2, 1, 0, 0, 0, 1, 1, 1}), BoxLayout::min_max);
+  const std::vector<S> flat{0, 1, 0, 1, 5, 6, 1, 2};
+  EXPECT_EQ(BoxView::rectangles(flat.data(), 2).inverted().likely, BoxLayout::axes);
+  const std::vector<S> centres{5, 6, 1, 1, 8, 9, 2, 1};
+  EXPECT_EQ(BoxView::rectangles(centres.data(), 2).inverted().likely, BoxLayout::centre_size);
+  EXPECT_EQ(BoxView().inverted().count, 0U);
+}
+
 TYPED_TEST(BoxViewOf, NoBoxesNeedNoMemory) {
   using S = TypeParam;
   const S* none = nullptr;

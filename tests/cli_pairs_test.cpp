@@ -1,4 +1,5 @@
 // `broadcl pairs`, run as users run it.
+#include <algorithm>
 #include <filesystem>
 #include <regex>
 #include <string>
@@ -92,17 +93,30 @@ TEST_F(Program, PairsSaysHowLongItTook) {
       << line;
 }
 
-TEST_F(Program, PairsSaysHowManyBoxesAreInverted) {
+TEST_F(Program, PairsWarnsOfInvertedBoxes) {
+  const auto warning_of = [&](const std::vector<float>& boxes) {
+    write_file(path("boxes.npy"), npy(boxes));
+    const Outcome outcome = run("pairs boxes.npy");
+    EXPECT_EQ(outcome.exit_code, 0);
+    EXPECT_EQ(lines_of(outcome.out).size(), 2U);
+    return outcome.err;
+  };
+  const std::string begin = "broadcl: warning: inverted boxes (min > max), which overlap nothing: ";
+  const std::string give = " Give min x, y, z, max x, y, z\n";
   std::vector<float> boxes = four_boxes;
+  EXPECT_EQ(warning_of(boxes), "");
+  const auto [lower, upper] = empty_aabb();
+  std::ranges::copy(upper, std::ranges::copy(lower, boxes.begin()).out);
+  EXPECT_EQ(warning_of(boxes), "");
   boxes[6] = 5;  // above its upper bound
-  write_file(path("one.npy"), npy(boxes));
-  boxes[0] = 5;
-  write_file(path("two.npy"), npy(boxes));
-  EXPECT_EQ(lines_of(run("pairs four.npy").out).size(), 2U);
-  const std::string question = "; are the columns min x, y, z, max x, y, z?";
-  EXPECT_EQ(lines_of(run("pairs one.npy").out).at(1), "1 box is inverted (min > max) and ignored" + question);
-  EXPECT_EQ(lines_of(run("pairs two.npy").out).at(1),
-            "2 boxes are inverted (min > max) and ignored" + question);
+  EXPECT_EQ(warning_of(boxes),
+            begin +
+                "1 of 4 rows, the first of them row 1; infinity > -infinity on each axis is a box that is "
+                "meant to be empty\n");
+  EXPECT_EQ(warning_of({0, 1, 0, 1, 0, 1, 5, 6, 1, 2, 1, 2}),
+            begin + "2 of 2 rows, the first of them row 0; are the columns min x, max x, min y, ...?" + give);
+  EXPECT_EQ(warning_of({5, 6, 7, 1, 1, 1, 8, 0, 7, 1, 1, 1}),
+            begin + "2 of 2 rows, the first of them row 0; are the columns a centre and a size?" + give);
 }
 
 TEST_F(Program, CountsOneInTheSingular) {

@@ -30,8 +30,43 @@ Aabb64 to_aabb64(const std::array<S, 3>& lower, const std::array<S, 3>& upper) n
   return box;
 }
 
+/// Whether a lower bound exceeds the upper one, but not as in empty_aabb().
+template <class S>
+bool is_inverted(S lower, S upper) noexcept {
+  constexpr S infinity = std::numeric_limits<S>::infinity();
+  return lower > upper && !(lower == infinity && upper == -infinity);
+}
+
+template <class S>
+bool is_inverted(const std::array<S, 3>& lower, const std::array<S, 3>& upper) noexcept {
+  return is_inverted(lower[0], upper[0]) || is_inverted(lower[1], upper[1]) ||
+         is_inverted(lower[2], upper[2]);
+}
+
+/// The layout of boxes of which so many are inverted, if their numbers are not what the view says.
+template <class Boxes>
+BoxLayout likely_layout(const Boxes& boxes, std::size_t size, std::size_t inverted) noexcept {
+  constexpr std::size_t dimensions = Boxes::dimensions;
+  bool are_axes = true;
+  bool are_centres = inverted > size / 2;
+  for (std::size_t k = 0; k < size && (are_axes || are_centres); ++k) {
+    const auto [lower, upper] = boxes.corners(k);
+    const auto number = [&lower = lower, &upper = upper](std::size_t index) {
+      return index < dimensions ? lower[index] : upper[index - dimensions];
+    };
+    for (std::size_t axis = 0; axis < dimensions; ++axis) {
+      are_axes = are_axes && !is_inverted(number(2 * axis), number(2 * axis + 1));
+      are_centres = are_centres && upper[axis] >= 0;
+    }
+  }
+  if (are_axes) return BoxLayout::axes;
+  return are_centres ? BoxLayout::centre_size : BoxLayout::min_max;
+}
+
 /// Boxes in the layout of an array of Aabb.
 struct Packed {
+  static constexpr std::size_t dimensions = 3;
+
   const std::byte* boxes;
 
   Aabb operator[](std::size_t k) const noexcept {
@@ -40,15 +75,34 @@ struct Packed {
     return box;
   }
 
+  [[nodiscard]] Aabb corners(std::size_t k) const noexcept { return (*this)[k]; }
+
   [[nodiscard]] Aabb64 exact(std::size_t k) const noexcept {
     const Aabb box = (*this)[k];
     return to_aabb64(box.lower, box.upper);
   }
+
+  /// Whether no lower bound exceeds the upper one. (A vector has x of the next box or of the upper corner,
+  /// too.)
+  [[nodiscard]] bool are_ordered(std::size_t begin, std::size_t end) const noexcept {
+    using Lanes [[gnu::vector_size(16)]] = float;
+    auto any = Lanes{} > Lanes{};
+    for (std::size_t k = begin; k < end; ++k) {
+      Lanes lower;
+      Lanes upper;
+      std::memcpy(&lower, boxes + k * sizeof(Aabb), sizeof(Lanes));
+      std::memcpy(&upper, boxes + k * sizeof(Aabb) + offsetof(Aabb, upper), sizeof(Lanes));
+      any |= lower > upper;
+    }
+    return (any[0] | any[1] | any[2]) == 0;
+  }
 };
 
 /// Boxes in any other layout.
-template <class S, std::size_t dimensions>
+template <class S, std::size_t number_of_dimensions>
 struct Strided {
+  static constexpr std::size_t dimensions = number_of_dimensions;
+
   BoundPointers bounds;
   std::ptrdiff_t stride;
 
@@ -172,6 +226,25 @@ bool BoxView::are_flat() const noexcept {
       if (!is_flat_or_empty(boxes.exact(k))) return false;
     }
     return true;
+  });
+}
+
+InvertedBoxes BoxView::inverted() const noexcept {
+  return with_layout([this](const auto& boxes) {
+    InvertedBoxes found;
+    constexpr std::size_t block = 32;
+    for (std::size_t begin = 0; begin < size_; begin += block) {
+      const std::size_t end = std::min(size_, begin + block);
+      if constexpr (std::same_as<std::remove_cvref_t<decltype(boxes)>, Packed>) {
+        if (end < size_ && boxes.are_ordered(begin, end)) continue;
+      }
+      for (std::size_t k = begin; k < end; ++k) {
+        const auto [lower, upper] = boxes.corners(k);
+        if (is_inverted(lower, upper) && found.count++ == 0) found.first = k;
+      }
+    }
+    if (found.count > 0) found.likely = likely_layout(boxes, size_, found.count);
+    return found;
   });
 }
 

@@ -21,6 +21,20 @@ struct Conversion;
 template <class S>
 concept Bound = std::same_as<S, float> || std::same_as<S, double>;
 
+/// What the numbers of a box may be.
+enum class BoxLayout {
+  min_max,      ///< Lower x, y, z, upper x, y, z.
+  axes,         ///< Lower x, upper x, lower y, upper y, lower z, upper z.
+  centre_size,  ///< Centre x, y, z, size x, y, z, or half of the size.
+};
+
+/// What BoxView::inverted() found.
+struct InvertedBoxes {
+  std::size_t count = 0;                  ///< Number of inverted boxes.
+  std::size_t first = 0;                  ///< The lowest index of one; 0 if there is none.
+  BoxLayout likely = BoxLayout::min_max;  ///< A layout in which none would be; min_max if none is likely.
+};
+
 /// A contiguous range of Aabb or Aabb64 that outlives the expression: a named std::vector or array, or a
 /// range that does not own its boxes, such as std::span. A temporary std::vector does not qualify.
 template <class Range>
@@ -101,6 +115,11 @@ class BROADCL_API BoxView {
 
   /// Box k, 0 <= k < size(), as float32.
   [[nodiscard]] Aabb operator[](std::size_t k) const noexcept;
+
+  /// Counts the boxes whose lower bound exceeds the upper one on some axis, except that an axis from infinity
+  /// to -infinity, as empty_aabb() has it, does not count. They overlap nothing, and are often a sign of
+  /// numbers in another layout. Reads all boxes; a small part of the time of a search.
+  [[nodiscard]] InvertedBoxes inverted() const noexcept;
 
   /// Copies all boxes as float32, with several threads if there are many.
   /// @param out Must not overlap the viewed memory; boxes after the first size() are not changed.

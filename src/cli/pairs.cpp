@@ -42,6 +42,20 @@ class Stopwatch {
   Clock::time_point begin_ = Clock::now();
 };
 
+void warn_of_inverted(const BoxView& boxes) {
+  const InvertedBoxes inverted = boxes.inverted();
+  if (inverted.count == 0) return;
+  std::string what_to_do = "infinity > -infinity on each axis is a box that is meant to be empty";
+  if (inverted.likely == BoxLayout::axes) {
+    what_to_do = "are the columns min x, max x, min y, ...? Give min x, y, z, max x, y, z";
+  } else if (inverted.likely == BoxLayout::centre_size) {
+    what_to_do = "are the columns a centre and a size? Give min x, y, z, max x, y, z";
+  }
+  std::cerr << "broadcl: warning: inverted boxes (min > max), which overlap nothing: " << inverted.count
+            << " of " << boxes.size() << " rows, the first of them row " << inverted.first << "; "
+            << what_to_do << "\n";
+}
+
 Exit run_pairs(const PairsOptions& options) {
   std::optional<OutputFile> out;
   if (!options.out.empty()) {
@@ -60,6 +74,7 @@ Exit run_pairs(const PairsOptions& options) {
   const FileBoxes file = read_boxes(options.file);
   const BoxView boxes = file.view();
   std::string times = "reading " + stopwatch.lap() + " s";
+  warn_of_inverted(boxes);
   // A device that was asked for must exist, even if the algorithm runs on the host.
   if (!options.broad_phase.device.empty()) (void)select_device(options.broad_phase.device);
   const std::optional<Device> device = device_for(options.broad_phase);
@@ -73,12 +88,6 @@ Exit run_pairs(const PairsOptions& options) {
   std::cout << counted(pairs.size(), "overlapping pair") << " of " << counted(boxes.size(), "box") << " ("
             << options.broad_phase.algorithm << " on " << (device ? one_line(device->label()) : "the host")
             << ")\n";
-  std::size_t empty = 0;
-  for (std::size_t k = 0; k < boxes.size(); ++k) empty += is_empty(boxes[k]) ? 1U : 0U;
-  if (empty > 0) {
-    std::cout << counted(empty, "box") << (empty == 1 ? " is" : " are")
-              << " inverted (min > max) and ignored; are the columns min x, y, z, max x, y, z?\n";
-  }
   std::cout << times << (device ? "; searching includes opening the device" : "") << "\n";
   return Exit::success;
 }
