@@ -126,10 +126,11 @@ class BROADCL_API BroadPhase {
   /// memory of map(). The call may be repeated.
   Delta update();
 
-  /// The same with new boxes for all objects, from memory of the caller in any layout: box k becomes that of
-  /// object k. Makes 0 .. n-1 the ids of the objects, as map() does; those that existed keep their filters.
-  /// Each box is read once, by several threads if there are many, while a device receives those before. Boxes
-  /// that are the same as before do not count as movement.
+  /// The same with new boxes for all objects: box k becomes that of object k, missing objects are added, and
+  /// objects beyond the last box are removed. The ids are then 0 .. n-1; objects that existed keep their
+  /// filters. The boxes are in memory of the caller, in any layout. Each box is read once, by several threads
+  /// if there are many, while a device receives those before. Boxes that are the same as before do not count
+  /// as movement.
   /// @throws Error for a NaN bound (it names the first such box), between begin() and finish(), and as
   /// update() does. Objects, boxes and pairs are then as before the call, which may be repeated.
   Delta update(const BoxView& boxes);
@@ -143,8 +144,8 @@ class BROADCL_API BroadPhase {
   /// @throws Error as update() does.
   void begin();
 
-  /// The same with new boxes for all objects: see update(). The memory of the boxes may be overwritten when
-  /// this returns.
+  /// The same with new boxes for all objects, of which those beyond the last box are removed: see update().
+  /// The memory of the boxes may be overwritten when this returns.
   /// @throws Error as update() does, also if an update was started already. Objects and boxes are then as
   /// before.
   void begin(const BoxView& boxes);

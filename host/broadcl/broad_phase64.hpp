@@ -87,12 +87,13 @@ class BROADCL_API BroadPhase64 {
   /// Finds every pair of overlapping boxes whose filters allow it, and returns what changed since the last
   /// update: BroadPhase::update().
   Delta update();
-  /// The same with new boxes for all objects, in float32 or float64.
+  /// The same with new boxes for all objects, in float32 or float64; missing objects are added, and objects
+  /// beyond the last box are removed.
   Delta update(const BoxView& boxes);
 
   /// Starts an update on the device and returns at once: BroadPhase::begin().
   void begin();
-  /// The same with new boxes for all objects.
+  /// The same with new boxes for all objects, of which those beyond the last box are removed.
   void begin(const BoxView& boxes);
   /// Waits for the update that begin() started, or does one, and returns the changes: BroadPhase::finish().
   Delta finish();

@@ -376,15 +376,16 @@ BROADCL_API broadcl_status broadcl_broad_phase_map64(broadcl_broad_phase* broad_
 /// update. The same as begin and finish.
 /// @param delta May be null. Valid until the next update, finish or shrink.
 BROADCL_API broadcl_status broadcl_broad_phase_update(broadcl_broad_phase* broad_phase, broadcl_delta* delta);
-/// The same with new boxes for all objects, from memory of the caller in any layout: box k becomes that of
-/// object k. Makes 0 .. count-1 the ids of the objects, as map does; those that existed keep their filters.
-/// Boxes that are the same as before do not count as movement. If this fails, objects, boxes and pairs are as
-/// before the call, which may be repeated.
+/// The same with new boxes for all objects: box k becomes that of object k, missing objects are added, and
+/// objects beyond the last box are removed. The ids are then 0 .. count-1; objects that existed keep their
+/// filters. The boxes are in memory of the caller, in any layout. Boxes that are the same as before do not
+/// count as movement. If this fails, objects, boxes and pairs are as before the call, which may be repeated.
 /// @returns BROADCL_INVALID_ARGUMENT also for a NaN bound, of which the error names the first box;
 /// BROADCL_FAILED also between begin and finish.
 BROADCL_API broadcl_status broadcl_broad_phase_update_boxes(broadcl_broad_phase* broad_phase,
                                                             const broadcl_boxes* boxes, broadcl_delta* delta);
-/// Starts such an update, as begin does; the memory of the boxes may be overwritten afterwards.
+/// Starts such an update, which also removes objects beyond the last box, as begin does; the memory of the
+/// boxes may be overwritten afterwards.
 BROADCL_API broadcl_status broadcl_broad_phase_begin_boxes(broadcl_broad_phase* broad_phase,
                                                            const broadcl_boxes* boxes);
 /// Starts an update on the device and returns at once. Changes that are made before finish belong to the next
@@ -509,8 +510,8 @@ BROADCL_API broadcl_status broadcl_device_broad_phase_create(struct _cl_command_
 /// No-op for null. Does not wait. Wait for the queue before the process ends.
 BROADCL_API broadcl_status broadcl_device_broad_phase_destroy(broadcl_device_broad_phase* broad_phase);
 
-/// Finds every pair of overlapping boxes whose filters allow it. The same as begin and finish; waits for the
-/// queue once.
+/// Finds every pair of overlapping boxes whose filters allow it; objects beyond the last box no longer exist.
+/// The same as begin and finish; waits for the queue once.
 /// @param result May be null.
 BROADCL_API broadcl_status broadcl_device_broad_phase_update(broadcl_device_broad_phase* broad_phase,
                                                              const broadcl_device_boxes* boxes,

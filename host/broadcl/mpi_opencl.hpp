@@ -58,7 +58,7 @@ class BROADCL_MPI_API MpiDeviceBroadPhase {
   void set_exclusions(std::span<const MpiPair> pairs);
 
   /// Collective. Finds every pair of overlapping boxes whose filters allow it, and returns the changes since
-  /// the last update. Waits for the queue.
+  /// the last update; objects of this rank beyond its last box no longer exist. Waits for the queue.
   /// @param boxes Of this rank, in a buffer of the queue's context, without Boxes::second and
   /// Boxes::ordered_worlds. Their number may change from update to update.
   /// @throws Error on all ranks.

@@ -124,8 +124,8 @@ class BROADCL_API DeviceBroadPhase {
   DeviceBroadPhase(DeviceBroadPhase&&) noexcept;
   DeviceBroadPhase& operator=(DeviceBroadPhase&&) noexcept;
 
-  /// Finds every pair of overlapping boxes whose filters allow it. The same as begin() and finish(); waits
-  /// for the queue once, for the counts.
+  /// Finds every pair of overlapping boxes whose filters allow it; objects beyond the last box no longer
+  /// exist. The same as begin() and finish(); waits for the queue once, for the counts.
   /// @throws Error if the device fails or its memory is exhausted, and for a buffer that is null, too small
   /// or of another context; std::bad_alloc. The known pairs are then as before, and the call may be repeated.
   Result update(const Boxes& boxes);
