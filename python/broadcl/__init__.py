@@ -7,8 +7,8 @@
     added, removed = broad_phase.update()
 """
 
-from broadcl._check import check
-from broadcl._core import (
+from ._check import check
+from ._core import (
     ALL_WORLDS,
     NO_BODY,
     BroadPhase,
@@ -25,7 +25,7 @@ from broadcl._core import (
     pairs_that_share,
     select_device,
 )
-from broadcl._core import version as __version__
+from ._core import version as __version__
 
 __all__ = [
     "ALL_WORLDS",

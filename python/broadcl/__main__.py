@@ -7,14 +7,14 @@ import contextlib
 import io
 import sys
 
-import broadcl
+from . import Error, __version__, check, devices, select_device
 
 
 def _devices(_: argparse.Namespace) -> int:
-    found = broadcl.devices()
+    found = devices()
     try:
-        default = broadcl.select_device().id
-    except broadcl.Error as error:
+        default = select_device().id
+    except Error as error:
         if found:
             raise
         print(f"{error}\nThe algorithms of the host work without a device.")
@@ -27,7 +27,7 @@ def _devices(_: argparse.Namespace) -> int:
 
 
 def _check(arguments: argparse.Namespace) -> int:
-    results = broadcl.check(arguments.device)
+    results = check(arguments.device)
     for algorithm, result in results.items():
         print(f"{algorithm:16} {result}")
     works = set(results.values()) == {"right"}
@@ -48,7 +48,7 @@ def _write(text: str) -> None:
 
 def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m broadcl", description="Does BroadCL work here?")
-    parser.add_argument("--version", action="version", version=broadcl.__version__)
+    parser.add_argument("--version", action="version", version=__version__)
     verbs = parser.add_subparsers(required=True, metavar="VERB")
 
     verb = verbs.add_parser("devices", help="list the OpenCL devices that can be used")
@@ -65,7 +65,7 @@ def main() -> int:
             result = arguments.run(arguments)
         _write(output.getvalue())
         return result
-    except (broadcl.Error, ValueError, MemoryError) as error:
+    except (Error, ValueError, MemoryError) as error:
         print(f"broadcl: {error}", file=sys.stderr)
         return 2
 

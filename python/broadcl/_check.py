@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from broadcl import _core
+from . import _core
 
 
 def _frames() -> list[tuple[str, np.ndarray, np.ndarray]]:

@@ -180,6 +180,12 @@ void add_device(nb::module_& module) {
 
 NB_MODULE(_core, module) {
   using namespace broadcl::python;
+  if (const nb::handle known = nb::type<broadcl::Device>(); known.is_valid()) {
+    const auto name = nb::cast<std::string>(known.attr("__module__"));
+    throw nb::import_error(("BroadCL is in this process already, as " + name +
+                            ", and can be there only once: import that one, and leave it in sys.modules")
+                               .c_str());
+  }
   if (PyInterpreterState_GetID(PyInterpreterState_Get()) != 0) {
     throw nb::import_error("broadcl works in the main interpreter only; start another process");
   }

@@ -1,5 +1,6 @@
 import os
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -67,6 +68,38 @@ def test_without_opencl(no_opencl):
     assert run.returncode == 0, run.stderr
     assert "no OpenCL device found" in program("devices", **no_opencl).stdout
     assert "works here" in program("check", **no_opencl).stdout
+
+
+def in_a_copy(folder, code):
+    """Runs code in which a copy of the package is app.vendored."""
+    shutil.copytree(Path(broadcl.__file__).parent, folder / "app" / "vendored")
+    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=folder)
+
+
+def test_a_vendored_copy(tmp_path):
+    code = """if True:
+        import sys
+        sys.modules["broadcl"] = None  # which nothing can import
+        import app.vendored as vendored
+        assert vendored.overlapping_pairs([[0, 0, 0, 1, 1, 1]] * 2).tolist() == [[0, 1]]
+        assert set(vendored.check().values()) == {"right"}
+        import app.vendored.__main__
+    """
+    run = in_a_copy(tmp_path, code)
+    assert run.returncode == 0, run.stderr
+
+
+@pytest.mark.parametrize("again", [
+    "import app.vendored", "for name in list(sys.modules):\n    if name.startswith('broadcl'): del sys.modules[name]\nimport broadcl",
+])
+def test_a_second_copy_says_that_there_can_be_one(tmp_path, again):
+    run = in_a_copy(tmp_path, f"import sys, broadcl\n{again}")
+    assert run.returncode == 1
+    assert run.stderr.splitlines()[-1] == (
+        "ImportError: BroadCL is in this process already, as broadcl._core, and can be there only once: import that one, "
+        "and leave it in sys.modules"
+    )
+    assert "Warning" not in run.stderr
 
 
 def test_the_module_links_no_opencl():
