@@ -7,9 +7,12 @@
     added, removed = broad_phase.update()
 """
 
+import copyreg
+
 from ._check import check
 from ._core import (
     ALL_WORLDS,
+    EMPTY,
     NO_BODY,
     BroadPhase,
     Delta,
@@ -18,6 +21,7 @@ from ._core import (
     DeviceDelta,
     DeviceLost,
     Error,
+    InvertedBoxesWarning,
     OutOfDeviceMemory,
     algorithms,
     devices,
@@ -29,6 +33,7 @@ from ._core import version as __version__
 
 __all__ = [
     "ALL_WORLDS",
+    "EMPTY",
     "NO_BODY",
     "BroadPhase",
     "Delta",
@@ -37,6 +42,7 @@ __all__ = [
     "DeviceDelta",
     "DeviceLost",
     "Error",
+    "InvertedBoxesWarning",
     "OutOfDeviceMemory",
     "__version__",
     "algorithms",
@@ -46,3 +52,6 @@ __all__ = [
     "pairs_that_share",
     "select_device",
 ]
+
+# Functions are pickled by their names, as Python's own are.
+copyreg.pickle(type(overlapping_pairs), lambda function: function.__qualname__)

@@ -28,7 +28,7 @@ def _scenes() -> Iterator[np.ndarray]:
         flat = lower * [1, 1, 0]
         mixed = np.hstack([flat, flat + 0.5]).astype(np.float32)
         mixed[::7] = [-np.inf, -np.inf, 0, np.inf, np.inf, 0]  # planes
-        mixed[::5] = [1, 1, 1, -1, -1, -1]  # empty
+        mixed[::5] = _core.EMPTY
         yield mixed
 
 

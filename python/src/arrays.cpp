@@ -89,12 +89,21 @@ nb::object to_array(const Aabb64& box) {
   return bounds_of<double>(box);
 }
 
+void refuse_masked(nb::handle array, const std::string& name) {
+  if (!nb::hasattr(array, "mask")) return;
+  const nb::object masked = nb::module_::import_("numpy").attr("ma").attr("is_masked");
+  if (!nb::cast<bool>(masked(array))) return;
+  throw nb::value_error(
+      (name + " has masked values; leave them out, or replace boxes by broadcl.EMPTY").c_str());
+}
+
 Words::Words(nb::handle words, const std::string& name, const WordKind& kind) {
   if (PyLong_Check(words.ptr())) {
     words_ = {to_word(words, name, kind)};
     is_single_ = true;
     return;
   }
+  refuse_masked(words, name);
   using Array = nb::ndarray<const std::uint32_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
   Array array;
   if (!nb::hasattr(words, "__dlpack__") || !nb::try_cast(words, array, false)) {
@@ -128,6 +137,7 @@ Words::Words(nb::handle words, const std::string& name, const WordKind& kind) {
 }
 
 Words Words::of_table(nb::handle table, const std::string& name, std::size_t columns) {
+  refuse_masked(table, name);
   const nb::object any = nb::module_::import_("numpy").attr("asarray")(table);
   const nb::object shape = any.attr("shape");
   const std::size_t found = nb::len(shape) == 2 ? nb::cast<std::size_t>(shape[1]) : 0;

@@ -39,6 +39,9 @@ nanobind::capsule keep(std::unique_ptr<Owner> owner) {
 /// The same in float64.
 [[nodiscard]] nanobind::object to_array(const Aabb64& box);
 
+/// @throws ValueError for an array with masked values, which would be read all the same.
+void refuse_masked(nanobind::handle array, const std::string& name);
+
 /// What integers mean to a caller.
 struct WordKind {
   bool is_bits = false;     ///< Then -2^31 .. -1 are accepted, too: -1 is all bits, ~1 all but the lowest.

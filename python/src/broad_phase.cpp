@@ -1,4 +1,5 @@
 #include <nanobind/nanobind.h>
+#include <nanobind/stl/optional.h>
 #include <nanobind/stl/string.h>
 
 #include <cstddef>
@@ -6,6 +7,7 @@
 
 #include "classes.hpp"
 #include "config.hpp"
+#include "keywords.hpp"
 #include "objects.hpp"
 
 namespace nb = nanobind;
@@ -90,25 +92,27 @@ Error
     For an unknown device, unless the algorithm is one of the host, and if OpenCL fails.
 RuntimeError
     By every method, if another thread is using the object.)")
+      .def("__init__",
+           with_keywords(
+               "BroadPhase",
+               +[](Objects* self, const Selector& device, const std::string& algorithm, std::size_t threads,
+                   bool profile, nb::handle dtype) {
+                 new (self) Objects(to_config(device, algorithm, threads, profile), is_float64(dtype));
+               }),
+           nb::kw_only(), "device"_a = nb::none(), "algorithm"_a = "auto", "threads"_a = 0,
+           "profile"_a = false, "dtype"_a = "float32", "unknown"_a,
+           nb::sig("def __init__(self, *, device: str | Device | None = None, algorithm: str = \"auto\", "
+                   "threads: int = 0, profile: bool = False, dtype: numpy.typing.DTypeLike = \"float32\") -> "
+                   "None"))
       .def(
-          "__init__",
-          [](Objects* self, const Selector& device, const std::string& algorithm, std::size_t threads,
-             bool profile, nb::handle dtype) {
-            new (self) Objects(to_config(device, algorithm, threads, profile), is_float64(dtype));
-          },
-          nb::kw_only(), "device"_a = nb::none(), "algorithm"_a = "auto", "threads"_a = 0,
-          "profile"_a = false, "dtype"_a = "float32",
-          nb::sig("def __init__(self, *, device: str | Device | None = None, algorithm: str = \"auto\", "
-                  "threads: int = 0, profile: bool = False, dtype: numpy.typing.DTypeLike = \"float32\") -> "
-                  "None"))
-      .def("add", &Objects::add, "boxes"_a.none(), nb::kw_only(), "group"_a = 1, "mask"_a = 0xffffffffU,
-           "body"_a = Filter::no_body, "world"_a = 0,
-           nb::sig(
-               "def add(self, boxes: " BOXES
-               ", *, group: numpy.typing.ArrayLike = 1, mask: numpy.typing.ArrayLike = "
-               "4294967295, body: numpy.typing.ArrayLike = 4294967295, world: numpy.typing.ArrayLike = 0) -> "
-               "int | numpy.typing.NDArray[numpy.uint32]"),
-           R"(Adds objects and returns their ids.
+          "add", with_keywords("add", &Objects::add), "boxes"_a = nb::none(), nb::kw_only(), "group"_a = 1,
+          "mask"_a = 0xffffffffU, "body"_a = Filter::no_body, "world"_a = 0, "layout"_a = "min max",
+          "unknown"_a,
+          nb::sig("def add(self, boxes: " BOXES
+                  ", *, group: numpy.typing.ArrayLike = 1, mask: numpy.typing.ArrayLike = "
+                  "4294967295, body: numpy.typing.ArrayLike = 4294967295, world: numpy.typing.ArrayLike = 0, "
+                  "layout: str = 'min max') -> int | numpy.typing.NDArray[numpy.uint32]"),
+          R"(Adds objects and returns their ids.
 
 Parameters
 ----------
@@ -121,6 +125,8 @@ body : int or array_like of int
     Objects of the same body never pair; those of `NO_BODY` belong to none.
 world : int or array_like of int
     Objects of different worlds never pair; those of `ALL_WORLDS` are in all of them.
+layout : str
+    As for `overlapping_pairs`.
 
 Returns
 -------
@@ -134,8 +140,10 @@ ValueError
     For a NaN (the text names the row), and for a wrong shape.
 TypeError
     For another dtype or kind of object.)")
-      .def("move", &Objects::move, "ids"_a.none(), "boxes"_a.none(),
-           nb::sig("def move(self, ids: numpy.typing.ArrayLike, boxes: " BOXES ") -> None"),
+      .def("move", with_keywords("move", &Objects::move), "ids"_a = nb::none(), "boxes"_a = nb::none(),
+           nb::kw_only(), "layout"_a = "min max", "unknown"_a,
+           nb::sig("def move(self, ids: numpy.typing.ArrayLike, boxes: " BOXES
+                   ", *, layout: str = 'min max') -> None"),
            R"(Replaces the box of one object, or of n objects.
 
 A box that is equal to the old one does not count as movement. A call that raises has moved nothing.
@@ -146,6 +154,8 @@ ids : int or array_like of int
     One id, or ``(n,)``.
 boxes : array_like or tuple
     As many boxes as ids, as for `add`. Copied.
+layout : str
+    As for `overlapping_pairs`.
 
 Raises
 ------
@@ -154,8 +164,9 @@ ValueError
 TypeError
     For another dtype or kind of object.)")
       .def(
-          "set_filter", &Objects::set_filter, "ids"_a.none(), nb::kw_only(), "group"_a = 1,
-          "mask"_a = 0xffffffffU, "body"_a = Filter::no_body, "world"_a = 0,
+          "set_filter", with_keywords("set_filter", &Objects::set_filter), "ids"_a = nb::none(),
+          nb::kw_only(), "group"_a = 1, "mask"_a = 0xffffffffU, "body"_a = Filter::no_body, "world"_a = 0,
+          "unknown"_a,
           nb::sig(
               "def set_filter(self, ids: numpy.typing.ArrayLike, *, group: numpy.typing.ArrayLike = 1, mask: "
               "numpy.typing.ArrayLike = 4294967295, body: numpy.typing.ArrayLike = 4294967295, world: "
@@ -175,7 +186,8 @@ ValueError
     For an unknown id or a wrong shape.
 TypeError
     For another dtype.)")
-      .def("set_exclusions", &Objects::set_exclusions, "pairs"_a.none(),
+      .def("set_exclusions", with_keywords("set_exclusions", &Objects::set_exclusions),
+           "pairs"_a = nb::none(), "unknown"_a,
            nb::sig("def set_exclusions(self, pairs: numpy.typing.ArrayLike) -> None"),
            R"(Replaces the list of pairs of ids that are never reported.
 
@@ -192,7 +204,7 @@ ValueError
     For a pair of an id and itself, and for a wrong shape.
 TypeError
     For another dtype.)")
-      .def("remove", &Objects::remove, "ids"_a.none(),
+      .def("remove", with_keywords("remove", &Objects::remove), "ids"_a = nb::none(), "unknown"_a,
            nb::sig("def remove(self, ids: numpy.typing.ArrayLike) -> None"),
            R"(Removes one object, or n objects.
 
@@ -209,7 +221,7 @@ ValueError
     For an unknown id, or for one that is given twice.
 TypeError
     For another dtype.)")
-      .def("shrink", &Objects::shrink,
+      .def("shrink", with_keywords("shrink", &Objects::shrink), nb::sig("def shrink(self) -> None"),
            R"(Gives back memory that the present objects and pairs do not need, on host and device.
 
 Nothing does so by itself; call it after an update with far more pairs than usual. Arrays that were
@@ -221,7 +233,7 @@ Error
     Between `begin` and `finish`, and if the device fails.
 MemoryError
     If memory runs out.)")
-      .def("map", &Objects::map, "n"_a,
+      .def("map", with_keywords("map", &Objects::map), "n"_a = nb::none(), "unknown"_a,
            nb::sig("def map(self, n: int) -> numpy.typing.NDArray[numpy.float32] | "
                    "numpy.typing.NDArray[numpy.float64]"),
            R"(Makes 0 .. n-1 the ids of the objects, and returns their boxes for you to write.
@@ -248,8 +260,9 @@ ValueError
     For more than 2,147,483,648 objects.
 Error
     Between `begin` and `finish`, and if there is no memory for the boxes.)")
-      .def("contains", &Objects::contains, "id"_a, "Whether an object has this id.")
-      .def("box", &Objects::box, "id"_a,
+      .def("contains", with_keywords("contains", &Objects::contains), "id"_a = nb::none(), "unknown"_a,
+           nb::sig("def contains(self, id: int) -> bool"), "Whether an object has this id.")
+      .def("box", with_keywords("box", &Objects::box), "id"_a = nb::none(), "unknown"_a,
            nb::sig("def box(self, id: int) -> numpy.typing.NDArray[numpy.float32] | "
                    "numpy.typing.NDArray[numpy.float64]"),
            R"(Returns the box of an object, as it will be in the next update.
@@ -269,7 +282,8 @@ Raises
 ------
 ValueError
     For an unknown id.)")
-      .def("filter", &Objects::filter, "id"_a, nb::sig("def filter(self, id: int) -> dict[str, int]"),
+      .def("filter", with_keywords("filter", &Objects::filter), "id"_a = nb::none(), "unknown"_a,
+           nb::sig("def filter(self, id: int) -> dict[str, int]"),
            R"(Returns the filter of an object.
 
 Parameters
@@ -287,9 +301,11 @@ Raises
 ValueError
     For an unknown id.)")
       .def(
-          "update", &Objects::update, "boxes"_a = nb::none(),
-          nb::sig("def update(self, boxes: " BOXES " | None = None) -> Delta"),
-          R"(Finds every overlapping pair that the filters allow, and returns what changed since the last update.
+          "update", with_keywords("update", &Objects::update), "boxes"_a = nb::none(), nb::kw_only(),
+          "layout"_a = "min max", "unknown"_a,
+          nb::sig("def update(self, boxes: " BOXES " | None = None, *, layout: str = 'min max') -> Delta"),
+          R"(Finds every overlapping pair that the filters allow, and returns what changed since the last update;
+with `boxes`, these are first given to all objects, of which those beyond the last box are removed.
 
 The same as `begin` and `finish`. After an exception, the call may be repeated. If there was no
 memory for the arrays of the Delta, it then returns that Delta, without another search.
@@ -298,9 +314,11 @@ Parameters
 ----------
 boxes : array_like or tuple, optional
     New boxes for all objects, as for `overlapping_pairs`, in host memory: row k becomes the box of
-    object k. The ids are then 0 .. n-1: missing objects are added, all others removed, and those that
-    existed keep their filters. Boxes that are the same as before do not count as movement. Copied,
+    object k. The ids are then 0 .. n-1: missing objects are added, those beyond row n-1 removed, and
+    those that existed keep their filters. Boxes that are the same as before do not count as movement. Copied,
     while a device receives them.
+layout : str
+    As for `overlapping_pairs`.
 
 Returns
 -------
@@ -315,9 +333,11 @@ Error
     If the device fails; with `boxes`, also between `begin` and `finish`.
 MemoryError
     If memory runs out.)")
-      .def("begin", nb::overload_cast<nb::handle>(&Objects::begin), "boxes"_a = nb::none(),
-           nb::sig("def begin(self, boxes: " BOXES " | None = None) -> None"),
-           R"(Starts an update on the device, and returns at once.
+      .def(
+          "begin", with_keywords("begin", &Objects::begin), "boxes"_a = nb::none(), nb::kw_only(),
+          "layout"_a = "min max", "unknown"_a,
+          nb::sig("def begin(self, boxes: " BOXES " | None = None, *, layout: str = 'min max') -> None"),
+          R"(Starts an update on the device, and returns at once; with `boxes`, objects beyond the last box are removed.
 
 Objects that are added, moved or removed before `finish` belong to the next update. Without boxes, it
 is a no-op if an update was started already. On the host, `finish` does all of the work.
@@ -326,12 +346,14 @@ Parameters
 ----------
 boxes : array_like or tuple, optional
     As for `update`. You may overwrite them when this returns.
+layout : str
+    As for `overlapping_pairs`.
 
 Raises
 ------
 ValueError, Error, MemoryError
     As `update` does.)")
-      .def("finish", &Objects::finish,
+      .def("finish", with_keywords("finish", &Objects::finish), nb::sig("def finish(self) -> Delta"),
            R"(Waits for the update that `begin` started, or does one, and returns the changes.
 
 Returns
@@ -343,7 +365,8 @@ Raises
 ------
 ValueError, Error, MemoryError
     As `update` does.)")
-      .def("pairs", &Objects::pairs, nb::sig("def pairs(self) -> numpy.typing.NDArray[numpy.uint32]"),
+      .def("pairs", with_keywords("pairs", &Objects::pairs),
+           nb::sig("def pairs(self) -> numpy.typing.NDArray[numpy.uint32]"),
            R"(Returns all pairs as of the last update.
 
 Returns
@@ -356,7 +379,8 @@ Raises
 ------
 Error
     Between `begin` and `finish`.)")
-      .def("profile", &Objects::profile, nb::sig("def profile(self) -> dict[str, dict[str, float]]"),
+      .def("profile", with_keywords("profile", &Objects::profile),
+           nb::sig("def profile(self) -> dict[str, dict[str, float]]"),
            R"(Returns where the time of the last update on a device went.
 
 Returns

@@ -16,6 +16,7 @@
 #include "config.hpp"
 #include "device_array.hpp"
 #include "gil.hpp"
+#include "keywords.hpp"
 #include "one_thread.hpp"
 #include "profile.hpp"
 
@@ -243,17 +244,22 @@ Error
     For an algorithm of the host, an out-of-order queue, and if OpenCL fails.
 RuntimeError
     By every method, if another thread is using the object.)")
-      .def(nb::init<nb::handle, const std::string&, bool>(), "queue"_a.none(), nb::kw_only(),
-           "algorithm"_a = "auto", "profile"_a = false,
-           nb::sig("def __init__(self, queue: pyopencl.CommandQueue, *, algorithm: str = 'auto', "
-                   "profile: bool = False) -> None"))
       .def(
-          "update", &DeviceObjects::update, "boxes"_a.none(), "second"_a = nb::none(), nb::kw_only(),
-          "filters"_a = nb::none(), "worlds"_a = false,
+          "__init__",
+          with_keywords(
+              "DeviceBroadPhase", +[](DeviceObjects* self, nb::handle queue, const std::string& algorithm,
+                                      bool profile) { new (self) DeviceObjects(queue, algorithm, profile); }),
+          "queue"_a = nb::none(), nb::kw_only(), "algorithm"_a = "auto", "profile"_a = false, "unknown"_a,
+          nb::sig("def __init__(self, queue: pyopencl.CommandQueue, *, algorithm: str = 'auto', "
+                  "profile: bool = False) -> None"))
+      .def(
+          "update", with_keywords("update", &DeviceObjects::update), "boxes"_a = nb::none(),
+          "second"_a = nb::none(), nb::kw_only(), "filters"_a = nb::none(), "worlds"_a = false, "unknown"_a,
           nb::sig("def update(self, boxes: pyopencl.array.Array | pyopencl.Buffer, second: "
                   "pyopencl.array.Array | pyopencl.Buffer | None = None, *, filters: pyopencl.array.Array | "
                   "pyopencl.Buffer | None = None, worlds: bool = False) -> DeviceDelta"),
-          R"(Finds every overlapping pair that the filters allow, and returns what changed since the last update.
+          R"(Finds every overlapping pair that the filters allow, and returns what changed since the last update;
+objects beyond the last box no longer exist.
 
 Waits for the queue once, for the counts. A call that raises leaves the known pairs as they were;
 but see `finish` for exceptions of pyopencl.
@@ -285,8 +291,8 @@ ValueError
     For a wrong shape or another queue.
 Error
     If the device fails, and between `begin` and `finish`.)")
-      .def("begin", &DeviceObjects::begin, "boxes"_a.none(), "second"_a = nb::none(), nb::kw_only(),
-           "filters"_a = nb::none(), "worlds"_a = false,
+      .def("begin", with_keywords("begin", &DeviceObjects::begin), "boxes"_a = nb::none(),
+           "second"_a = nb::none(), nb::kw_only(), "filters"_a = nb::none(), "worlds"_a = false, "unknown"_a,
            nb::sig("def begin(self, boxes: pyopencl.array.Array | pyopencl.Buffer, second: "
                    "pyopencl.array.Array | pyopencl.Buffer | None = None, *, filters: pyopencl.array.Array | "
                    "pyopencl.Buffer | None = None, worlds: bool = False) -> None"),
@@ -298,7 +304,8 @@ Raises
 ------
 TypeError, ValueError, Error
     As `update` does.)")
-      .def("finish", &DeviceObjects::finish,
+      .def("finish", with_keywords("finish", &DeviceObjects::finish),
+           nb::sig("def finish(self) -> DeviceDelta"),
            R"(Waits for the update that `begin` started, and returns the changes.
 
 If pyopencl fails while it copies the changes, call `finish` again; no other update can begin before.
@@ -312,7 +319,8 @@ Raises
 ------
 Error
     As `update` does, and if no update was begun.)")
-      .def("set_exclusions", &DeviceObjects::set_exclusions, "pairs"_a.none(),
+      .def("set_exclusions", with_keywords("set_exclusions", &DeviceObjects::set_exclusions),
+           "pairs"_a = nb::none(), "unknown"_a,
            nb::sig("def set_exclusions(self, pairs: numpy.typing.ArrayLike) -> None"),
            R"(Replaces the list of pairs of indices that are never reported.
 
@@ -332,7 +340,7 @@ TypeError
     For another dtype.
 Error
     Between `begin` and `finish`.)")
-      .def("shrink", &DeviceObjects::shrink,
+      .def("shrink", with_keywords("shrink", &DeviceObjects::shrink), nb::sig("def shrink(self) -> None"),
            R"(Gives back memory that the boxes and pairs of the last update do not need.
 
 Nothing does so by itself; call it after an update with far more pairs than usual. Arrays that were
@@ -342,7 +350,8 @@ Raises
 ------
 Error
     Between `begin` and `finish`, and if the device fails.)")
-      .def("pairs", &DeviceObjects::pairs, nb::sig("def pairs(self) -> pyopencl.array.Array"),
+      .def("pairs", with_keywords("pairs", &DeviceObjects::pairs),
+           nb::sig("def pairs(self) -> pyopencl.array.Array"),
            R"(Returns all pairs as of the last update.
 
 Returns
@@ -355,7 +364,8 @@ Raises
 ------
 Error
     Between `begin` and `finish`.)")
-      .def("profile", &DeviceObjects::profile, nb::sig("def profile(self) -> dict[str, dict[str, float]]"),
+      .def("profile", with_keywords("profile", &DeviceObjects::profile),
+           nb::sig("def profile(self) -> dict[str, dict[str, float]]"),
            R"(Returns where the time of the last update went.
 
 Returns

@@ -19,6 +19,8 @@
 #include "config.hpp"
 #include "device_array.hpp"
 #include "gil.hpp"
+#include "inverted_boxes.hpp"
+#include "keywords.hpp"
 
 namespace nb = nanobind;
 using namespace nb::literals;
@@ -44,15 +46,30 @@ Config to_config(const Selector& device, const std::string& algorithm, std::size
 
 namespace {
 
+void refuse_other_dimensions(const BoxArray& a, const BoxArray& b) {
+  if (a.dimensions() == 0 || b.dimensions() == 0 || a.dimensions() == b.dimensions()) return;
+  throw nb::value_error(("a has boxes in " + std::to_string(a.dimensions()) + " dimensions and b in " +
+                         std::to_string(b.dimensions()) + "; give both in the same number of dimensions")
+                            .c_str());
+}
+
 nb::object find_pairs(nb::handle a, nb::handle b, nb::handle exclusions, const Selector& device,
-                      const std::string& algorithm, std::size_t threads) {
+                      const std::string& algorithm, std::size_t threads, const std::string& layout,
+                      const nb::kwargs& unknown) {
   if (is_on_device(a)) throw nb::next_overload();
+  refuse_unknown("overlapping_pairs", unknown);
   const Config config = to_config(device, algorithm, threads);
-  const BoxArray first(a, b.is_none() ? "boxes" : "a");
+  const BoxArray first(a, b.is_none() ? "boxes" : "a", layout);
   std::optional<BoxArray> second;
-  if (!b.is_none()) second.emplace(b, "b");
+  if (!b.is_none()) second.emplace(b, "b", layout);
+  if (second) refuse_other_dimensions(first, *second);
   const std::vector<Pair> without = to_exclusions(
       exclusions, first.view().size(), second ? std::optional(second->view().size()) : std::nullopt);
+  if (second) {
+    warn_of_inverted({&first, &*second});
+  } else {
+    warn_of_inverted({&first});
+  }
   std::vector<Pair> pairs;
   try {
     const GilReleased released;
@@ -69,12 +86,13 @@ nb::object find_pairs(nb::handle a, nb::handle b, nb::handle exclusions, const S
 
 /// The overload for arrays on a device. Arguments that the other overload does not accept come here, too.
 nb::object find_pairs_on_device(nb::handle a, nb::handle b, nb::handle exclusions, nb::handle queue,
-                                const std::string& algorithm) {
+                                const std::string& algorithm, const nb::kwargs& unknown) {
   if (!is_on_device(a)) {
     throw nb::type_error(
-        "device must be a string, an element of devices() or None; a pyopencl queue works only for "
-        "pyopencl arrays");
+        "device must be a string, an element of devices() or None (a pyopencl queue works only for "
+        "pyopencl arrays), threads an integer from 0 on, and layout a string");
   }
+  refuse_unknown("for boxes on a device, overlapping_pairs", unknown);
   return find_on_device(a, b, exclusions, queue, algorithm);
 }
 
@@ -191,6 +209,7 @@ NB_MODULE(_core, module) {
   }
   module.doc() = "The C++ core of BroadCL.";
   add_errors(module);
+  add_inverted_boxes(module);
   add_device(module);
   add_broad_phase(module);
   add_device_broad_phase(module);
@@ -198,13 +217,14 @@ NB_MODULE(_core, module) {
   module.attr("NO_BODY") = broadcl::Filter::no_body;
   module.attr("ALL_WORLDS") = broadcl::Filter::all_worlds;
   module.def(
-      "overlapping_pairs", &find_pairs, "a"_a.none(), "b"_a = nb::none(), nb::kw_only(),
+      "overlapping_pairs", &find_pairs, "a"_a = nb::none(), "b"_a = nb::none(), nb::kw_only(),
       "exclusions"_a = nb::none(), "device"_a = nb::none(), "algorithm"_a = "auto", "threads"_a = 0,
+      "layout"_a = "min max", "unknown"_a,
       nb::sig("def overlapping_pairs(a: numpy.typing.ArrayLike | tuple[numpy.typing.ArrayLike, "
               "numpy.typing.ArrayLike], b: numpy.typing.ArrayLike | tuple[numpy.typing.ArrayLike, "
               "numpy.typing.ArrayLike] | None = None, *, exclusions: numpy.typing.ArrayLike | None = None, "
-              "device: str | Device | None = None, algorithm: str = 'auto', threads: int = 0) -> "
-              "numpy.typing.NDArray[numpy.uint32]"),
+              "device: str | Device | None = None, algorithm: str = 'auto', threads: int = 0, "
+              "layout: str = 'min max') -> numpy.typing.NDArray[numpy.uint32]"),
       R"(Finds all overlapping pairs of boxes.
 
 With two sets, finds all pairs of a box of `a` and a box of `b`; nothing is tested inside a set.
@@ -222,15 +242,17 @@ a, b : array_like or tuple
 
     NumPy arrays, and other objects with the buffer protocol or DLPack, are read where they are,
     with any strides. Nothing may write to them during the call. These are copied first: lists;
-    memory that is misaligned or in the other byte order; ``(n, 4)`` arrays whose columns are not
+    integers, which are taken as float64; other layouts than ``"min max"``; memory that is
+    misaligned or in the other byte order; ``(n, 4)`` arrays whose columns are not
     adjacent; lower and upper corners of different types or strides; one box that is repeated.
 
     Boxes are closed, so boxes that touch overlap. Bounds may be infinite. A box with lower > upper
-    is empty and overlaps nothing. The pairs of float64 boxes are those that overlap as float64;
+    is empty and overlaps nothing; there is an `InvertedBoxesWarning` for such boxes, except for
+    `EMPTY`. The pairs of float64 boxes are those that overlap as float64;
     convert the array to float32 for those that overlap as float32.
 
     Boxes in pyopencl arrays or buffers are searched on their device. They must be float32,
-    ``(n, 6)`` or ``(n, 2, 3)``, the numbers of each box without gaps.
+    ``(n, 6)`` or ``(n, 2, 3)``, the numbers of each box without gaps. There is no warning for them.
 exclusions : array_like of int, optional
     ``(k, 2)``, in host memory: pairs that are not reported, in any order. They are given as the
     rows of the result are. `pairs_that_share` lists those of a mesh.
@@ -246,6 +268,13 @@ algorithm : str
 threads : int
     Number of threads that an algorithm of the host may use; 0 for one per processor. Not for boxes
     on a device.
+layout : str
+    What the numbers of each box are; in two dimensions without z. Not for boxes on a device.
+
+    - ``"min max"``: lower x, y, z, upper x, y, z;
+    - ``"axes"``: lower x, upper x, lower y, upper y, lower z, upper z, in ``(n, 6)`` or ``(n, 4)``;
+    - ``"centre size"``: centre x, y, z, size x, y, z, also in ``(n, 2, 3)`` and a tuple;
+    - ``"centre half size"``: the same with half of the size. Corners are computed in float64.
 
 Returns
 -------
@@ -257,8 +286,9 @@ numpy.ndarray or pyopencl.array.Array
 Raises
 ------
 ValueError
-    For a NaN (the text names the row), a wrong shape, an exclusion of a box and itself or of a box
-    that does not exist, or an unknown algorithm.
+    For a NaN (the text names the row), a wrong shape, two sets in a different number of dimensions,
+    integers beyond 2^53, masked values, an exclusion of a box and itself or of a box that does not
+    exist, or an unknown algorithm or layout.
 TypeError
     For another dtype or kind of object.
 Error
@@ -266,13 +296,14 @@ Error
 MemoryError
     If memory runs out.)");
   module.def(
-      "overlapping_pairs", &find_pairs_on_device, "a"_a.none(), "b"_a = nb::none(), nb::kw_only(),
-      "exclusions"_a = nb::none(), "device"_a = nb::none(), "algorithm"_a = "auto",
+      "overlapping_pairs", &find_pairs_on_device, "a"_a = nb::none(), "b"_a = nb::none(), nb::kw_only(),
+      "exclusions"_a = nb::none(), "device"_a = nb::none(), "algorithm"_a = "auto", "unknown"_a,
       nb::sig("def overlapping_pairs(a: pyopencl.array.Array | pyopencl.Buffer, b: pyopencl.array.Array | "
               "pyopencl.Buffer | None = None, *, exclusions: numpy.typing.ArrayLike | None = None, device: "
               "pyopencl.CommandQueue | None = None, algorithm: str = 'auto') -> pyopencl.array.Array"));
   module.def(
-      "pairs_that_share", &find_sharing, "a"_a.none(), "b"_a = nb::none(),
+      "pairs_that_share", with_keywords("pairs_that_share", &find_sharing), "a"_a = nb::none(),
+      "b"_a = nb::none(), "unknown"_a,
       nb::sig("def pairs_that_share(a: numpy.typing.ArrayLike, b: numpy.typing.ArrayLike | None = None) -> "
               "numpy.typing.NDArray[numpy.uint32]"),
       R"(Finds all pairs of objects that have a label in common.
@@ -302,7 +333,7 @@ TypeError
     For another dtype.
 MemoryError
     If memory runs out.)");
-  module.def("devices", &all_devices,
+  module.def("devices", with_keywords("devices", &all_devices), nb::sig("def devices() -> list[Device]"),
              R"(Lists the OpenCL devices that can be used.
 
 Returns
@@ -314,7 +345,8 @@ Raises
 ------
 Error
     If there are devices, but none is usable.)");
-  module.def("select_device", &choose_device, "selector"_a = nb::none(),
+  module.def("select_device", with_keywords("select_device", &choose_device), "selector"_a = nb::none(),
+             "unknown"_a, nb::sig("def select_device(selector: str | Device | None = None) -> Device"),
              R"(Returns the device that a selector chooses.
 
 Parameters
@@ -333,7 +365,8 @@ Raises
 ------
 Error
     If no device matches, or if there is none. The text says what to install.)");
-  module.def("algorithms", &algorithm_summaries, nb::sig("def algorithms() -> dict[str, str]"),
+  module.def("algorithms", with_keywords("algorithms", &algorithm_summaries),
+             nb::sig("def algorithms() -> dict[str, str]"),
              R"(Lists the algorithms.
 
 Returns

@@ -25,6 +25,8 @@
 #include "box_array.hpp"
 #include "config.hpp"
 #include "gil.hpp"
+#include "inverted_boxes.hpp"
+#include "keywords.hpp"
 #include "one_thread.hpp"
 #include "profile.hpp"
 
@@ -101,9 +103,10 @@ class Objects {
   }
 
   nanobind::object add(nanobind::handle boxes, nanobind::handle group, nanobind::handle mask,
-                       nanobind::handle body, nanobind::handle world) {
-    const BoxArray array(boxes, "boxes");
+                       nanobind::handle body, nanobind::handle world, const std::string& layout) {
+    const BoxArray array(boxes, "boxes", layout);
     const std::vector<Filter> filters = Filters(group, mask, body, world, array.view().size()).list();
+    warn_of_inverted({&array});
     const OneThread::Use use(thread_);
     take_mapped();
     // First, because memory may run out.
@@ -122,9 +125,9 @@ class Objects {
     }
   }
 
-  void move(nanobind::handle ids, nanobind::handle boxes) {
+  void move(nanobind::handle ids, nanobind::handle boxes, const std::string& layout) {
     const Words words(ids, "ids");
-    const BoxArray array(boxes, "boxes");
+    const BoxArray array(boxes, "boxes", layout);
     if (words.is_single() != array.is_single() && words.size() == array.view().size()) {
       throw nanobind::value_error(
           "move() needs one id and one box, or arrays of both; not one and an array of one");
@@ -135,6 +138,7 @@ class Objects {
                                    std::to_string(array.view().size()))
                                       .c_str());
     }
+    warn_of_inverted({&array});
     const OneThread::Use use(thread_);
     take_mapped();
     or_name_row(array, [&] { with([&](auto& object) { object.move(words.all(), array.view()); }); });
@@ -175,7 +179,8 @@ class Objects {
     with([](auto& object) { object.shrink(); });
   }
 
-  nanobind::object map(std::size_t n) {
+  nanobind::object map(std::optional<std::size_t> number) {
+    const std::size_t n = required(number, "n");
     refuse_too_many(n);
     const OneThread::Use use(thread_);
     try {
@@ -187,13 +192,14 @@ class Objects {
     return array_;
   }
 
-  Changes update(nanobind::handle boxes) {
+  Changes update(nanobind::handle boxes, const std::string& layout) {
     if (boxes.is_none()) {
       return changes(
           [&] { or_refuse_nan([&] { delta_ = with([](auto& object) { return object.update(); }); }); });
     }
-    const BoxArray array(boxes, "boxes");
+    const BoxArray array(boxes, "boxes", layout);
     refuse_unreturned();
+    warn_of_inverted({&array});
     return changes([&] {
       or_name_row(array, [&] { delta_ = with([&](auto& object) { return object.update(array.view()); }); });
       take_mapped();
@@ -203,32 +209,36 @@ class Objects {
     return changes(
         [&] { or_refuse_nan([&] { delta_ = with([](auto& object) { return object.finish(); }); }); });
   }
-  void begin(nanobind::handle boxes) {
-    if (!boxes.is_none()) return begin(BoxArray(boxes, "boxes"));
+  void begin(nanobind::handle boxes, const std::string& layout) {
+    if (boxes.is_none()) {
+      const OneThread::Use use(thread_);
+      refuse_unreturned();
+      return or_refuse_nan([&] { with([](auto& object) { object.begin(); }); });
+    }
+    const BoxArray array(boxes, "boxes", layout);
+    warn_of_inverted({&array});
     const OneThread::Use use(thread_);
     refuse_unreturned();
-    or_refuse_nan([&] { with([](auto& object) { object.begin(); }); });
-  }
-  void begin(const BoxArray& boxes) {
-    const OneThread::Use use(thread_);
-    refuse_unreturned();
-    or_name_row(boxes, [&] { with([&](auto& object) { object.begin(boxes.view()); }); });
+    or_name_row(array, [&] { with([&](auto& object) { object.begin(array.view()); }); });
     take_mapped();
   }
 
-  bool contains(std::uint32_t id) {
+  bool contains(std::optional<std::uint32_t> id) {
+    const std::uint32_t known = required(id, "id");
     const OneThread::Use use(thread_);
-    return with([&](const auto& object) { return object.contains(id); });
+    return with([&](const auto& object) { return object.contains(known); });
   }
 
-  nanobind::object box(std::uint32_t id) {
+  nanobind::object box(std::optional<std::uint32_t> id) {
+    const std::uint32_t known = required(id, "id");
     const OneThread::Use use(thread_);
-    return with([&](const auto& object) { return to_array(object.box(id)); });
+    return with([&](const auto& object) { return to_array(object.box(known)); });
   }
 
-  nanobind::dict filter(std::uint32_t id) {
+  nanobind::dict filter(std::optional<std::uint32_t> id) {
+    const std::uint32_t known = required(id, "id");
     const OneThread::Use use(thread_);
-    const Filter filter = with([&](const auto& object) { return object.filter(id); });
+    const Filter filter = with([&](const auto& object) { return object.filter(known); });
     nanobind::dict result;
     result["group"] = filter.group;
     result["mask"] = filter.mask;

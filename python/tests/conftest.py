@@ -69,6 +69,19 @@ def uniform(n: int, overlaps: float = 3, seed: int = 0) -> np.ndarray:
     return np.hstack([lower, lower + 1]).astype(np.float32)
 
 
+class OnlyDlpack:
+    """What nothing but DLPack can read."""
+
+    def __init__(self, values):
+        self._values = values
+
+    def __dlpack__(self, **arguments):
+        return self._values.__dlpack__(**arguments)
+
+    def __dlpack_device__(self):
+        return self._values.__dlpack_device__()
+
+
 @pytest.fixture
 def no_opencl(tmp_path):
     (tmp_path / "libOpenCL.so.1").touch()  # found first, and no library

@@ -7,6 +7,8 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, 
 import broadcl
 from conftest import boxes, oracle, rounded, uniform
 
+pytestmark = pytest.mark.filterwarnings("ignore::broadcl.InvertedBoxesWarning")  # of random boxes
+
 ALL = 2**32 - 1
 DEFAULT = (1, ALL, broadcl.NO_BODY, 0)
 

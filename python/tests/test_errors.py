@@ -17,13 +17,12 @@ def with_nan(row):
 
 
 @pytest.mark.parametrize("values", [
-    np.zeros((2, 6), np.int32), np.zeros((2, 6), np.float16), np.zeros((2, 6), ">i4"), np.zeros((2, 6), complex),
-    np.zeros((2, 6), object), 5, None, "boxes", object(), {1: 2},
+    np.zeros((2, 6), np.float16), np.zeros((2, 6), bool), np.zeros((2, 6), complex), np.zeros((2, 6), object), None, "boxes", object(), {1: 2},
 ], ids=lambda values: f"{type(values).__name__}-{getattr(values, 'dtype', '')}")
 def test_another_type(values):
-    with pytest.raises(TypeError, match=re.escape("must be float32 or float64")):
+    with pytest.raises(TypeError, match="must be float32, float64 or integers"):
         broadcl.overlapping_pairs(values)
-    with pytest.raises(TypeError, match="must be float32 or float64"):
+    with pytest.raises(TypeError, match="must be float32, float64 or integers"):
         broadcl.BroadPhase().add(values)
 
 
@@ -39,6 +38,99 @@ def test_another_shape(shape):
 def test_another_shape_of_two(pair):
     with pytest.raises(ValueError, match="same shape|must be of shape"):
         broadcl.overlapping_pairs(pair)
+
+
+@pytest.mark.parametrize("two", [2, 3])
+def test_a_list_of_two_arrays_is_not_a_tuple(two):
+    lower, upper = np.zeros((two, 3)), np.ones((two, 3))
+    for take in (broadcl.overlapping_pairs, broadcl.BroadPhase().add, broadcl.BroadPhase().update):
+        with pytest.raises(ValueError, match=r"boxes is a list of two arrays; give the tuple \(lower, upper\)"):
+            take([lower, upper])
+
+
+def test_sets_of_different_dimensions():
+    solid, flat = uniform(5), uniform(5)[:, [0, 1, 3, 4]]
+    with pytest.raises(ValueError, match="a has boxes in 3 dimensions and b in 2; give both in the same"):
+        broadcl.overlapping_pairs(solid, flat)
+    with pytest.raises(ValueError, match="a has boxes in 2 dimensions and b in 3; give both in the same"):
+        broadcl.overlapping_pairs(flat, (solid[:, :3], solid[:, 3:]))
+    assert len(broadcl.overlapping_pairs(flat, flat)) >= 5
+    assert len(broadcl.overlapping_pairs(flat, [])) == 0
+
+
+def test_masked_values():
+    masked = np.ma.array(uniform(5), mask=False)
+    assert np.array_equal(broadcl.overlapping_pairs(masked), broadcl.overlapping_pairs(uniform(5)))
+    masked[2] = np.ma.masked
+    broad_phase = broadcl.BroadPhase()
+    ids = broad_phase.add(uniform(5))
+    for take in (broadcl.overlapping_pairs, broad_phase.add, broad_phase.update, lambda boxes: broad_phase.move(ids, boxes)):
+        for boxes in (masked, (masked[:, :3], masked[:, 3:])):
+            with pytest.raises(ValueError, match="boxes has masked values; leave them out, or replace boxes by broadcl.EMPTY"):
+                take(boxes)
+    some = np.ma.array([0, 1], mask=[False, True])
+    for take in (broad_phase.remove, lambda ids: broad_phase.set_filter([0, 1], group=ids)):
+        with pytest.raises(ValueError, match="has masked values"):
+            take(some)
+    with pytest.raises(ValueError, match="has masked values"):
+        broad_phase.set_exclusions(np.ma.array([[0, 1], [1, 2]], mask=[[False, False], [True, True]]))
+    assert len(broad_phase) == 5
+
+
+@pytest.mark.parametrize("number", [2**53 + 1, -(2**53) - 1, 2**63 - 1, -(2**63), 2**64 - 1])
+def test_integers_that_float64_cannot_hold(number):
+    boxes = [[0, 0, 0, 1, 1, 1], [min(number, 0), 0, 0, max(number, 0), 1, 1]]
+    array = np.array(boxes, np.uint64 if number >= 2**63 else np.int64)
+    for values in (array, list(array)):
+        with pytest.raises(ValueError, match=rf"boxes must be integers from -2\^53 to 2\^53, .* not {number}; convert"):
+            broadcl.overlapping_pairs(values)
+
+
+def test_layouts():
+    with pytest.raises(ValueError, match="no layout is named 'x'; the layouts are: 'min max', 'axes', 'centre size', 'centre half"):
+        broadcl.overlapping_pairs(uniform(2), layout="x")
+    with pytest.raises(ValueError, match=r"boxes must be of shape \(n, 6\) or \(n, 4\) in the layout 'axes'"):
+        broadcl.overlapping_pairs(uniform(2).reshape(2, 2, 3), layout="axes")
+    with pytest.raises(ValueError, match="boxes must be one array in the layout 'axes'"):
+        broadcl.overlapping_pairs((np.zeros((2, 3)), np.ones((2, 3))), layout="axes")
+    with pytest.raises(TypeError, match="layout a string"):
+        broadcl.overlapping_pairs(uniform(2), layout=None)
+
+
+@pytest.mark.parametrize("call, name, keyword", [
+    (lambda: broadcl.overlapping_pairs(uniform(2), thread=1), "overlapping_pairs", "thread"),
+    (lambda: broadcl.overlapping_pairs(boxes=uniform(2)), "overlapping_pairs", "boxes"),
+    (lambda: broadcl.pairs_that_share(c=[[0]]), "pairs_that_share", "c"),
+    (lambda: broadcl.select_device(device="gpu"), "select_device", "device"),
+    (lambda: broadcl.BroadPhase(thread=1), "BroadPhase", "thread"),
+    (lambda: broadcl.DeviceBroadPhase(device=None), "DeviceBroadPhase", "device"),
+    (lambda: broadcl.BroadPhase().add(box=uniform(2)), "add", "box"),
+    (lambda: broadcl.BroadPhase().move(id=0, box=uniform(2)), "move", "id"),
+    (lambda: broadcl.BroadPhase().set_filter(0, groups=1), "set_filter", "groups"),
+    (lambda: broadcl.BroadPhase().set_exclusions(exclusions=[]), "set_exclusions", "exclusions"),
+    (lambda: broadcl.BroadPhase().remove(id=0), "remove", "id"),
+    (lambda: broadcl.BroadPhase().map(count=0), "map", "count"),
+    (lambda: broadcl.BroadPhase().contains(ids=0), "contains", "ids"),
+    (lambda: broadcl.BroadPhase().box(ids=0), "box", "ids"),
+    (lambda: broadcl.BroadPhase().filter(ids=0), "filter", "ids"),
+    (lambda: broadcl.BroadPhase().update(uniform(2), order="x"), "update", "order"),
+    (lambda: broadcl.BroadPhase().begin(box=uniform(2)), "begin", "box"),
+    (lambda: broadcl.BroadPhase().finish(boxes=uniform(2)), "finish", "boxes"),
+    (lambda: broadcl.devices(type="gpu"), "devices", "type"),
+], ids=lambda value: value if isinstance(value, str) else "")
+def test_an_unknown_keyword_is_named(call, name, keyword):
+    with pytest.raises(TypeError, match=rf"^{name}\(\) got an unexpected keyword argument '{keyword}'$"):
+        call()
+
+
+def test_a_missing_argument_is_named():
+    broad_phase = broadcl.BroadPhase()
+    for call, name in ((broad_phase.map, "n"), (broad_phase.contains, "id"), (broad_phase.box, "id"), (broad_phase.filter, "id")):
+        with pytest.raises(TypeError, match=f"^the argument '{name}' is missing$"):
+            call()
+    for call in (broad_phase.add, broad_phase.remove, broad_phase.move, broad_phase.set_exclusions, broadcl.overlapping_pairs):
+        with pytest.raises((TypeError, ValueError), match="^(boxes|ids|pairs) must be .*$"):
+            call()
 
 
 def test_the_first_nan_is_named():

@@ -235,6 +235,8 @@ def test_what_is_refused(queue):
         (TypeError, "host memory", lambda: broadcl.BroadPhase().add(boxes)),
         (TypeError, "only for pyopencl arrays", lambda: broadcl.overlapping_pairs(values, device=queue)),
         (ValueError, r"positive stride; not \(20, 6\) with strides \(-24, 4\)", lambda: broadcl.overlapping_pairs(boxes[::-1])),
+        (TypeError, r"for boxes on a device, overlapping_pairs\(\) .* argument 'layout'", lambda: broadcl.overlapping_pairs(boxes, layout="axes")),
+        (TypeError, r"update\(\) .* argument 'layout'", lambda: broad_phase.update(boxes, layout="axes")),
         (TypeError, "device must be a pyopencl.CommandQueue or None, not str", lambda: broadcl.overlapping_pairs(boxes, device="cpu")),
         (TypeError, "CommandQueue, not NoneType", lambda: broadcl.DeviceBroadPhase(None)),
         (ValueError, "no algorithm is named", lambda: broadcl.DeviceBroadPhase(queue, algorithm="magic")),

@@ -8,22 +8,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import broadcl
-from conftest import boxes, oracle, uniform
+from conftest import OnlyDlpack, boxes, oracle, uniform
+
+pytestmark = pytest.mark.filterwarnings("ignore::broadcl.InvertedBoxesWarning")  # of random boxes
 
 HOST = ["auto", "sweep-and-prune", "oracle"]
-
-
-class OnlyDlpack:
-    """What nothing but DLPack can read."""
-
-    def __init__(self, values):
-        self._values = values
-
-    def __dlpack__(self, **arguments):
-        return self._values.__dlpack__(**arguments)
-
-    def __dlpack_device__(self):
-        return self._values.__dlpack_device__()
 
 
 def in_columns(values):
@@ -95,6 +84,24 @@ def test_reads_buffers_that_numpy_does_not_know():
     assert broadcl.overlapping_pairs(((ctypes.c_float * 6) * 2)((0, 0, 0, 1, 1, 1), (1, 1, 1, 2, 2, 2))).tolist() == [[0, 1]]
     one = array.array("d", [0, 0, 0, 1, 1, 1])
     assert broadcl.overlapping_pairs(one, one).tolist() == [[0, 0]]
+
+
+@pytest.mark.parametrize("dtype", ["i1", "u2", "i4", "u4", "i8", "u8", int])
+def test_integers_are_float64(dtype):
+    values = np.round(uniform(60) * 2).astype(dtype)
+    for form in set(FORMS) - {every_second}:  # which needs a NaN
+        assert np.array_equal(broadcl.overlapping_pairs(form(values)), oracle(values)), form
+    broad_phase = broadcl.BroadPhase(dtype=np.float64)
+    assert np.array_equal(broad_phase.update(values).added, oracle(values))
+    large = np.array([[0, 0, 0, 2**53 - 1, 1, 1], [2**53, 0, 0, 2**53, 1, 1]])  # float32 cannot tell these
+    assert len(broadcl.overlapping_pairs(large)) == len(broadcl.overlapping_pairs(large.tolist())) == 0
+
+
+def test_nested_lists_and_lists_of_boxes():
+    lower, upper = np.zeros((2, 3)), np.ones((2, 3))
+    assert broadcl.overlapping_pairs((lower, upper)).tolist() == [[0, 1]]
+    assert broadcl.overlapping_pairs([[[0, 0, 0], [1, 1, 1]], [[1, 1, 1], [2, 2, 2]]]).tolist() == [[0, 1]]
+    assert broadcl.overlapping_pairs([np.array([[0, 0, 0], [1, 1, 1]])] * 3).tolist() == [[0, 1], [0, 2], [1, 2]]
 
 
 def test_sizes_of_one_and_none():

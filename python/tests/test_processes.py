@@ -2,6 +2,7 @@
 
 import gc
 import multiprocessing
+import pickle
 
 import numpy as np
 import pytest
@@ -51,6 +52,15 @@ def test_a_forked_process_stays_on_the_host():
     run("fork", use_inherited)
     assert np.array_equal(on_device[0].pairs(), oracle(uniform(500)))
     on_device = None
+
+
+def test_functions_can_be_sent_to_processes():
+    values = [uniform(60, seed=seed) for seed in range(3)]
+    with multiprocessing.get_context("spawn").Pool(1) as pool:
+        found = pool.map(broadcl.overlapping_pairs, values)
+    assert all(np.array_equal(pairs, oracle(boxes)) for pairs, boxes in zip(found, values))
+    for function in (broadcl.overlapping_pairs, broadcl.pairs_that_share, broadcl.devices, broadcl.check):
+        assert pickle.loads(pickle.dumps(function)) is function
 
 
 def test_a_spawned_process_uses_devices():
