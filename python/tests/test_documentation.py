@@ -43,6 +43,27 @@ def test_the_first_page():
     assert len(names["added"])
 
 
+@pytest.mark.parametrize("header, declaration", [
+    ("broad_phase.hpp", "Delta update(const BoxView& boxes)"), ("broad_phase.hpp", "void begin(const BoxView& boxes)"),
+    ("broad_phase64.hpp", "Delta update(const BoxView& boxes)"), ("broad_phase64.hpp", "void begin(const BoxView& boxes)"),
+    ("opencl.hpp", "Result update(const Boxes& boxes)"), ("mpi_opencl.hpp", "Result update(const Boxes& boxes)"),
+    ("broadcl.h", "broadcl_broad_phase_update_boxes("), ("broadcl.h", "broadcl_broad_phase_begin_boxes("),
+    ("broadcl.h", "broadcl_device_broad_phase_update("),
+])
+def test_the_first_sentence_about_new_boxes_says_which_objects_they_remove(header, declaration):
+    lines = (ROOT / "host/broadcl" / header).read_text().splitlines()
+    end = begin = next(k for k, line in enumerate(lines) if declaration in line)
+    while lines[begin - 1].strip().startswith("///"):
+        begin -= 1
+    text = " ".join(line.strip().removeprefix("///").strip() for line in lines[begin:end]).removeprefix("Collective. ")
+    assert "beyond" in text.split(". ")[0]
+
+
+def test_the_first_sentence_about_new_boxes_says_which_objects_they_remove_in_python():
+    for function in (broadcl.BroadPhase.update, broadcl.BroadPhase.begin, broadcl.DeviceBroadPhase.update):
+        assert "beyond" in function.__doc__.split("\n\n")[1].split(". ")[0]
+
+
 @pytest.mark.parametrize("example", sorted((ROOT / "python/examples").glob("*.py")), ids=lambda path: path.stem)
 def test_examples(example, tmp_path):
     picture = tmp_path / "picture.png"
