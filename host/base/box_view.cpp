@@ -22,12 +22,8 @@ using BoundPointers = std::array<const std::byte*, 6>;
 
 template <class S>
 Aabb64 to_aabb64(const std::array<S, 3>& lower, const std::array<S, 3>& upper) noexcept {
-  Aabb64 box{};
-  for (std::size_t axis = 0; axis < 3; ++axis) {
-    box.lower[axis] = to_double(lower[axis]);
-    box.upper[axis] = to_double(upper[axis]);
-  }
-  return box;
+  return {{to_double(lower[0]), to_double(lower[1]), to_double(lower[2])},
+          {to_double(upper[0]), to_double(upper[1]), to_double(upper[2])}};
 }
 
 /// Whether a lower bound exceeds the upper one, but not as in empty_aabb().

@@ -33,6 +33,7 @@ template <std::size_t axes>
 [[nodiscard]] Bounds<axes> bounds_of(const Input& input, std::size_t slot) noexcept {
   const Aabb& box = input.boxes[slot];
   Bounds<axes> bounds;
+#pragma GCC unroll 3
   for (std::size_t axis = 0; axis < 3; ++axis) {  // std::ranges::copy() would be a call per corner
     bounds.lower[axis] = box.lower[axis];
     bounds.upper[axis] = box.upper[axis];

@@ -3,13 +3,21 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
+#include <cstring>
 
 namespace broadcl {
 namespace {
 
 // The following functions are compiled twice, for any processor and for those with AVX2, so they must be
-// inlined.
+// inlined. They are vectorised by hand, since GCC does it with -O3 only.
 #define BROADCL_INLINE [[gnu::always_inline]] inline
+
+using FourLanes [[gnu::vector_size(16)]] = float;
+#ifdef _WIN32  // where GCC aligns no more than 16 bytes on the stack
+using EightLanes = FourLanes;
+#else
+using EightLanes [[gnu::vector_size(32)]] = float;
+#endif
 
 constexpr std::array<std::uint32_t, node_size> bit_of = [] {
   std::array<std::uint32_t, node_size> bits{};
@@ -22,23 +30,38 @@ BROADCL_INLINE std::size_t lowest_bit(std::uint32_t bits) {
 }
 
 /// One bit per child of a node: whether it overlaps these bounds along the first axes.
-template <std::size_t tested, std::size_t axes>
+template <class Lanes, std::size_t tested, std::size_t axes>
 BROADCL_INLINE std::uint32_t overlapping_along(const Node<axes>& node, const Bounds<axes>& bounds) {
-  std::uint32_t bits = 0;
-  for (std::size_t k = 0; k < node_size; ++k) {
-    unsigned overlaps = 1;  // not a branch per axis
+  using Bits = decltype(Lanes{} <= Lanes{});
+  constexpr std::size_t lanes = sizeof(Lanes) / sizeof(float);
+  const Node<axes>* children = &node;
+  asm("" : "+r"(children));  // so that GCC does not copy them to the stack before a loop of few rounds
+  Bits of_lanes;
+  std::memcpy(&of_lanes, bit_of.data(), sizeof of_lanes);
+  Bits bits{};
+#pragma GCC unroll 8
+  for (std::size_t k = node_size; k > 0;) {
+    k -= lanes;
+    Bits overlaps = of_lanes;
+#pragma GCC unroll 4
     for (std::size_t axis = 0; axis < tested; ++axis) {
-      overlaps &= unsigned{node.lower[axis][k] <= bounds.upper[axis]} &
-                  unsigned{bounds.lower[axis] <= node.upper[axis][k]};
+      Lanes lower;
+      Lanes upper;
+      std::memcpy(&lower, &children->lower[axis][k], sizeof lower);
+      std::memcpy(&upper, &children->upper[axis][k], sizeof upper);
+      overlaps &= (lower <= bounds.upper[axis]) & (bounds.lower[axis] <= upper);
     }
-    bits |= overlaps != 0 ? bit_of[k] : 0;
+    bits = bits << int{lanes} | overlaps;
   }
-  return bits;
+  std::uint32_t all = 0;
+#pragma GCC unroll 8
+  for (std::size_t lane = 0; lane < lanes; ++lane) all |= static_cast<std::uint32_t>(bits[lane]);
+  return all;
 }
 
-template <std::size_t axes>
+template <class Lanes, std::size_t axes>
 BROADCL_INLINE std::uint32_t overlapping(const Node<axes>& node, const Bounds<axes>& bounds) {
-  return overlapping_along<axes>(node, bounds);
+  return overlapping_along<Lanes, axes>(node, bounds);
 }
 
 template <std::size_t axes>
@@ -80,47 +103,49 @@ BROADCL_INLINE Pair* store_found(Pair* next, const Node<axes>& tile, std::uint32
 }
 
 /// Tests the boxes of two tiles. Along axes that are not tested, all of them overlap.
-template <std::size_t tested, std::size_t axes>
+template <class Lanes, std::size_t tested, std::size_t axes>
 BROADCL_INLINE void test_along(Found& found, const HostTiles<axes>& all, std::size_t s, std::size_t t,
                                std::span<const Filter> filters) {
-  const auto overlapping_of = [&](const Node<axes>& tile, const Bounds<axes>& bounds) {
-    return overlapping_along<tested>(tile, tested < axes ? bounds : target_of(all, bounds));
+  const auto target = [&](const Bounds<axes>& bounds) {
+    return tested < axes ? bounds : target_of(all, bounds);
   };
-  const std::uint32_t of_s = overlapping_of(all.tiles[s], all.bounds[t]);
+  const std::uint32_t of_s = overlapping_along<Lanes, tested>(all.tiles[s], target(all.bounds[t]));
   if (of_s == 0) return;
-  const std::uint32_t of_t = overlapping_of(all.tiles[t], all.bounds[s]);
+  const std::uint32_t of_t = overlapping_along<Lanes, tested>(all.tiles[t], target(all.bounds[s]));
   const bool is_s_smaller = std::popcount(of_s) < std::popcount(of_t);
   const Node<axes>& smaller = all.tiles[is_s_smaller ? s : t];
   const Node<axes>& larger = all.tiles[is_s_smaller ? t : s];
   Pair* next = found.next();
   for (std::uint32_t bits = is_s_smaller ? of_s : of_t; bits != 0; bits &= bits - 1) {
     const auto k = lowest_bit(bits);
-    next = store_found(next, larger, overlapping_of(larger, smaller.get(k)), smaller.index[k], filters);
+    const std::uint32_t found_in_larger = overlapping_along<Lanes, tested>(larger, target(smaller.get(k)));
+    next = store_found(next, larger, found_in_larger, smaller.index[k], filters);
   }
   found.set_next(next);
 }
 
 /// Tests the boxes of two tiles, one of which overlaps the target of the other.
-template <std::size_t axes>
+template <class Lanes, std::size_t axes>
 BROADCL_INLINE void test(Found& found, const HostTiles<axes>& all, std::size_t s, std::size_t t,
                          std::span<const Filter> filters) {
   if constexpr (axes > 3) {
     // If each tile is at a single position along the fourth axis, the two positions were compared already.
     const auto is_flat = [](const Bounds<axes>& bounds) { return bounds.lower[3] == bounds.upper[3]; };
-    if (is_flat(all.bounds[s]) && is_flat(all.bounds[t])) return test_along<3>(found, all, s, t, filters);
+    if (is_flat(all.bounds[s]) && is_flat(all.bounds[t]))
+      return test_along<Lanes, 3>(found, all, s, t, filters);
   }
-  test_along<axes>(found, all, s, t, filters);
+  test_along<Lanes, axes>(found, all, s, t, filters);
 }
 
 /// Tests the boxes of a tile with each other.
-template <std::size_t axes>
+template <class Lanes, std::size_t axes>
 BROADCL_INLINE void test_itself(Found& found, const HostTiles<axes>& all, std::size_t s,
                                 std::span<const Filter> filters) {
   if (!overlaps(all.bounds[s], target_of(all, all.bounds[s]))) return;  // they are of one set
   const Node<axes>& tile = all.tiles[s];
   Pair* next = found.next();
   for (std::size_t k = 1; k < node_size; ++k) {
-    const std::uint32_t bits = overlapping(tile, target_of(all, tile.get(k))) & (bit_of[k] - 1);
+    const std::uint32_t bits = overlapping<Lanes>(tile, target_of(all, tile.get(k))) & (bit_of[k] - 1);
     next = store_found(next, tile, bits, tile.index[k], filters);
   }
   found.set_next(next);
@@ -128,28 +153,28 @@ BROADCL_INLINE void test_itself(Found& found, const HostTiles<axes>& all, std::s
 
 /// Tests some tiles of a node with tiles of a node that is not earlier in the sweep.
 /// @param tiles One bit per tile.
-template <std::size_t axes>
+template <class Lanes, std::size_t axes>
 BROADCL_INLINE void test_nodes(Found& found, const HostTiles<axes>& all, std::size_t own, std::uint32_t tiles,
                                std::size_t other, std::span<const Filter> filters) {
   constexpr std::size_t most = node_size * node_size;  // pairs of two tiles
   for (; tiles != 0; tiles &= tiles - 1) {
     const std::size_t child = lowest_bit(tiles);
     const std::size_t s = own * node_size + child;
-    std::uint32_t others = overlapping(all.nodes[other], target_of(all, all.bounds[s]));
+    std::uint32_t others = overlapping<Lanes>(all.nodes[other], target_of(all, all.bounds[s]));
     if (own == other) {
       found.reserve(most);
-      test_itself(found, all, s, filters);
+      test_itself<Lanes>(found, all, s, filters);
       others &= 0xfffffffeU << child;
     }
     for (; others != 0; others &= others - 1) {
       found.reserve(most);
       ++found.work;
-      test(found, all, s, other * node_size + lowest_bit(others), filters);
+      test<Lanes>(found, all, s, other * node_size + lowest_bit(others), filters);
     }
   }
 }
 
-template <std::size_t axes>
+template <class Lanes, std::size_t axes>
 BROADCL_INLINE void search_tiles(Found& found, const HostTiles<axes>& all, std::size_t part,
                                  std::span<const Filter> filters) {
   constexpr std::size_t tiles_per_part = node_size / parts_per_node;
@@ -163,12 +188,13 @@ BROADCL_INLINE void search_tiles(Found& found, const HostTiles<axes>& all, std::
     const Bounds<axes> others = bounds_of(other);
     if (others.lower[all.axis] > bounds.upper[all.axis]) break;
     if (!overlaps(others, bounds)) continue;
-    test_nodes(found, all, own, overlapping(all.nodes[own], target_of(all, others)) & tiles, other, filters);
+    test_nodes<Lanes>(found, all, own, overlapping<Lanes>(all.nodes[own], target_of(all, others)) & tiles,
+                      other, filters);
   }
 }
 
 /// Tests some boxes with all others.
-template <std::size_t axes>
+template <class Lanes, std::size_t axes>
 BROADCL_INLINE void search_boxes(Found& found, const HostTiles<axes>& all,
                                  std::span<const std::uint32_t> places, std::span<const Filter> filters) {
   for (const std::uint32_t place : places) {
@@ -176,11 +202,11 @@ BROADCL_INLINE void search_boxes(Found& found, const HostTiles<axes>& all,
     const Bounds<axes> bounds = target_of(all, own.get(place % node_size));
     const std::uint32_t slot = own.index[place % node_size];
     for (const Node<axes>& root : all.roots) {
-      for (std::uint32_t nodes = overlapping(root, bounds); nodes != 0; nodes &= nodes - 1) {
+      for (std::uint32_t nodes = overlapping<Lanes>(root, bounds); nodes != 0; nodes &= nodes - 1) {
         const Node<axes>& node = all.nodes[root.index[lowest_bit(nodes)]];
-        for (std::uint32_t tiles = overlapping(node, bounds); tiles != 0; tiles &= tiles - 1) {
+        for (std::uint32_t tiles = overlapping<Lanes>(node, bounds); tiles != 0; tiles &= tiles - 1) {
           const Node<axes>& tile = all.tiles[node.index[lowest_bit(tiles)]];
-          std::uint32_t hits = overlapping(tile, bounds);
+          std::uint32_t hits = overlapping<Lanes>(tile, bounds);
           if (&tile == &own) hits &= ~bit_of[place % node_size];
           found.reserve(node_size);
           found.set_next(store_found(found.next(), tile, hits, slot, filters));
@@ -194,23 +220,24 @@ BROADCL_INLINE void search_boxes(Found& found, const HostTiles<axes>& all,
 template <std::size_t axes>
 [[gnu::target("avx2")]] void search_tiles_avx2(Found& found, const HostTiles<axes>& all, std::size_t part,
                                                std::span<const Filter> filters) {
-  search_tiles(found, all, part, filters);
+  search_tiles<EightLanes>(found, all, part, filters);
 }
 template <std::size_t axes>
 [[gnu::target("avx2")]] void search_boxes_avx2(Found& found, const HostTiles<axes>& all,
                                                std::span<const std::uint32_t> places,
                                                std::span<const Filter> filters) {
-  search_boxes(found, all, places, filters);
+  search_boxes<EightLanes>(found, all, places, filters);
 }
 template <std::size_t axes>
 TileSearch<axes> vectorised() {
-  if (__builtin_cpu_supports("avx2") == 0) return {search_tiles<axes>, search_boxes<axes>};
+  if (__builtin_cpu_supports("avx2") == 0)
+    return {search_tiles<FourLanes, axes>, search_boxes<FourLanes, axes>};
   return {search_tiles_avx2<axes>, search_boxes_avx2<axes>};
 }
 #else
 template <std::size_t axes>
 TileSearch<axes> vectorised() {
-  return {search_tiles<axes>, search_boxes<axes>};
+  return {search_tiles<FourLanes, axes>, search_boxes<FourLanes, axes>};
 }
 #endif
 
@@ -218,7 +245,8 @@ TileSearch<axes> vectorised() {
 
 template <std::size_t axes>
 TileSearch<axes> tile_search(bool plain) {
-  return plain ? TileSearch<axes>{search_tiles<axes>, search_boxes<axes>} : vectorised<axes>();
+  return plain ? TileSearch<axes>{search_tiles<FourLanes, axes>, search_boxes<FourLanes, axes>}
+               : vectorised<axes>();
 }
 template TileSearch<3> tile_search<3>(bool);
 template TileSearch<4> tile_search<4>(bool);

@@ -21,6 +21,7 @@ inline constexpr std::size_t node_size = 32;
 inline constexpr std::uint32_t no_slot = 0xffffffff;
 
 /// Lower and upper bounds along each axis. If objects are in different worlds, these are a fourth axis.
+// (Pragmas unroll loops over the axes, because GCC alone does so with -O3 only.)
 template <std::size_t axes>
 struct Bounds {
   std::array<float, axes> lower, upper;
@@ -36,6 +37,7 @@ Bounds<axes> make_bounds(float lower, float upper) {
 
 template <std::size_t axes>
 void extend(Bounds<axes>& bounds, const Bounds<axes>& by) {
+#pragma GCC unroll 4
   for (std::size_t axis = 0; axis < axes; ++axis) {  // NaN changes nothing
     bounds.lower[axis] = by.lower[axis] < bounds.lower[axis] ? by.lower[axis] : bounds.lower[axis];
     bounds.upper[axis] = by.upper[axis] > bounds.upper[axis] ? by.upper[axis] : bounds.upper[axis];
@@ -50,6 +52,7 @@ struct alignas(cache_line) Node {
   std::array<std::uint32_t, node_size> index;  // slots or tiles
 
   void set(std::size_t k, const Bounds<axes>& bounds, std::uint32_t index_of_k) {
+#pragma GCC unroll 4
     for (std::size_t axis = 0; axis < axes; ++axis) {
       lower[axis][k] = bounds.lower[axis];
       upper[axis][k] = bounds.upper[axis];
@@ -58,6 +61,7 @@ struct alignas(cache_line) Node {
   }
   [[nodiscard]] Bounds<axes> get(std::size_t k) const {
     Bounds<axes> bounds;
+#pragma GCC unroll 4
     for (std::size_t axis = 0; axis < axes; ++axis) {
       bounds.lower[axis] = lower[axis][k];
       bounds.upper[axis] = upper[axis][k];
