@@ -45,3 +45,12 @@ build(static consumer bullet_consumer)
 expect_refused("component c: BroadCL is a static library of C++ here; add CXX to the languages of your project"
   ${CMAKE_COMMAND} -S ${SOURCE}/consume/c -B ${folder}/c)
 make_with_pkg_config(${prefix})
+
+# A plug-in that contains them can be unloaded.
+configure(plugin ../tests/plugin)
+run(${CMAKE_COMMAND} --build ${folder}/plugin)
+run(sh -c "cc -shared -fPIC plugin.c -Wl,--version-script=plugin.map -o ${folder}/plugin/by_pkg_config.so \
+  $(pkg-config --cflags --libs broadcl)" WORKING_DIRECTORY ${SOURCE}/../tests/plugin)
+foreach(plugin libplugin by_pkg_config)
+  run(${folder}/plugin/plugin_host ${folder}/plugin/${plugin}.so)
+endforeach()

@@ -76,7 +76,8 @@ function(make_with_pkg_config prefix)
   run(${CMAKE_COMMAND} -E copy_directory ${SOURCE}/consume ${folder}/consume)
   file(GLOB pkg_config_files ${prefix}/lib*/pkgconfig ${prefix}/lib/*/pkgconfig)
   cmake_path(GET pkg_config_files PARENT_PATH libraries)
-  run(${CMAKE_COMMAND} -E env PKG_CONFIG_PATH=${pkg_config_files} make -C ${folder}/consume/pkg_config BULLET=1
+  set(ENV{PKG_CONFIG_PATH} ${pkg_config_files})
+  run(make -C ${folder}/consume/pkg_config BULLET=1
     CXXFLAGS=-Werror "CFLAGS=-Wall -Wextra -Werror -pedantic" LDFLAGS=-Wl,-rpath,${libraries})
   run_programs(${folder}/consume/pkg_config consumer c_consumer bullet_consumer)
 endfunction()
