@@ -79,6 +79,16 @@ TEST_P(EachAlgorithm, SmallObjectsThatBecameEmptyHaveNoNaNInAMap) {
     EXPECT_NO_THROW((void)broad_phase.update());
   };
   check([&](BroadPhase& of) { of.move(8, empty[0]); }, 1);
+  for (const int updates : {0, 2}) {  // before, so that in the last one few boxes change
+    const auto update = [&](BroadPhase& of) {
+      std::vector<Aabb> boxes;
+      for (std::uint32_t k = 0; k < 9; ++k) boxes.push_back(apart(k));
+      for (int k = 0; k < updates; ++k) (void)of.update(boxes);
+      std::ranges::copy(empty, boxes.begin() + 3);
+      (void)of.update(boxes);
+    };
+    check(update, 2);
+  }
   check([&](BroadPhase& of) { of.move(last, BoxView(empty)); }, 2);
   for (const bool are_several : {false, true}) {
     const auto move = [&](BroadPhase& of) {
@@ -125,6 +135,21 @@ TEST_P(EachAlgorithm, SmallANaNInAMapIsNamedAndMended) {
   const Delta delta = broad_phase.update();
   EXPECT_EQ(delta.added.size(), 19U);
   EXPECT_TRUE(same("removed", delta.removed, Pairs{{0, 2}, {1, 2}}));
+}
+
+/// What was written to a map counts although an update with other boxes failed.
+TEST_P(EachAlgorithm, SmallAMapStaysAfterAnUpdateThatFailed) {
+  BroadPhase broad_phase(config());
+  const std::span<Aabb> boxes = broad_phase.map(3);
+  std::ranges::fill(boxes, unit);
+  const std::vector<Aabb> invalid(4, {{nan_value, 0, 0}, {1, 1, 1}});
+  EXPECT_THAT(error_of([&] { (void)broad_phase.update(invalid); }), HasSubstr("box 0 "));
+  boxes[1].lower[0] = nan_value;
+  EXPECT_THAT(error_of([&] { (void)broad_phase.update(invalid); }), HasSubstr("box 0 "));
+  EXPECT_THAT(error_of([&] { (void)broad_phase.update(); }), HasSubstr("box 1 "));
+  boxes[1] = {{1, 1, 1}, {0, 0, 0}};
+  EXPECT_THAT(error_of([&] { (void)broad_phase.update(invalid); }), HasSubstr("box 0 "));
+  EXPECT_TRUE(same(broad_phase.update(), Pairs{{0, 2}}, {}));
 }
 
 /// So many boxes that several threads check them.
