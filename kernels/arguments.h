@@ -43,9 +43,10 @@ typedef struct {
   uint roots;               /* its nodes */
   uint workers;             /* work-groups that share the search of a tile */
   uint most_work;           /* at which the search is given up */
+  uint worlds;              /* 1 if the trees have worlds */
   uint sets;                /* filter.h */
 } tiles_search_scalars_t;
-HAS_WORDS(tiles_search_scalars_t, TREE_LEVELS + 5U);
+HAS_WORDS(tiles_search_scalars_t, TREE_LEVELS + 6U);
 
 /* CHANGES_PARAMETERS of order.cl. */
 typedef struct {

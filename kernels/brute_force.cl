@@ -18,10 +18,7 @@
 #ifndef WIDTH
 #define WIDTH 4 /* boxes of a work-item; 16 with the tuning for CPUs */
 #endif
-#ifndef GATHER
-#define GATHER 0 /* 1 if `boxes` are the caller's, which are copied to `copy` */
-#endif
-#define CALLERS_BOXES GATHER
+#define CALLERS_BOXES (GROUP > 1) /* with the tuning for GPUs, `boxes` may be the caller's */
 #include "aabb.h"
 #include "bits.h"
 #include "delta.h"
@@ -246,19 +243,13 @@ static inline void collect_hits(hits_t bits, const uint a, const uint first, con
   }
 }
 
-#if GATHER
-#define COPY_PARAMETER global float* restrict copy,
-#else
-#define COPY_PARAMETER
-#endif
-
 /* A work-item has WIDTH boxes `a`, by its index in dimension 0, and a run of rows, from the first on, by its index in
-   dimension 1. Unless `last` is null, this also does the work of delta.cl; unless `copy` is null, it copies the
-   boxes. */
+   dimension 1. Unless `last` is null, this also does the work of delta.cl; unless `copy` is null, `boxes` are the
+   caller's, and this copies them. */
 kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void brute_force(
     const brute_force_scalars_t scalars, global const float* restrict boxes, global const uint* restrict changed,
     global const uint* restrict changed_stamps, global const uint4* restrict filters,
-    global const uint2* restrict exclusions, COPY_PARAMETER KEEP_PARAMETERS, PAIR_SINK_PARAMETERS) {
+    global const uint2* restrict exclusions, global float* restrict copy, KEEP_PARAMETERS, PAIR_SINK_PARAMETERS) {
   const uint n = scalars.n;
   const uint rows = scalars.rows;
   const pair_sink_t sink = PAIR_SINK;
@@ -285,12 +276,10 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void brute_force(
   local row_t tile[MAX_ROWS + ROWS];
   load_tile(tile, first_row, rows, end, all, boxes, changed);
 #endif
-#if GATHER
   for (uint k = 0; copy != 0 && get_group_id(1) == 0 && k < WIDTH && a + k * GROUP < n; ++k) {
     box_t box;
     gather_object(&box, a + k * GROUP, boxes, 0, AABB_FLOATS, n, 0, 0, 0, 0, copy, 0, counts);
   }
-#endif
   barrier(CLK_LOCAL_MEM_FENCE);
 
   const uint begin = a >= n ? end : all ? max(first_row, a + 1U) : first_row;

@@ -5,10 +5,6 @@
 #include "aabb.h"
 #include "filter.h"
 
-#ifndef WORLDS
-#define WORLDS 0 /* 1 if objects are in different worlds, whose bounds are kept apart */
-#endif
-
 /* The bucket with the bounds of a world. Worlds may share a bucket, but not with objects of all worlds. `buckets` is
    2^k + 1, or 1 for all objects. */
 static inline uint bucket_of_world(const uint world, const uint buckets) {

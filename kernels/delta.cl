@@ -3,10 +3,8 @@
 #ifndef GROUP
 #define GROUP 256 /* work-items per work-group; 1 with the tuning for CPUs */
 #endif
-#ifndef CHUNK
-#define CHUNK 4 /* pairs per work-item */
-#endif
-#define KEEP_RUN CHUNK
+#include "sizes.h"
+#define KEEP_RUN DELTA_RUN_OF(GROUP)
 #include "keep.h"
 
 kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void delta_keep(KEEP_KERNEL_PARAMETERS) {
@@ -16,9 +14,9 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void delta_keep(KEEP_K
              (uint)get_group_id(0), (uint)get_num_groups(0), &chunk);
 #else
   const uint last_kept = counts[COUNT_LAST_KEPT];
-  const uint first = (uint)get_global_id(0) * CHUNK;
-  const uint end = is_halted(counts) ? 0U : min(first + CHUNK, last_found(counts));
-  uchar kept[CHUNK];
+  const uint first = (uint)get_global_id(0) * KEEP_RUN;
+  const uint end = is_halted(counts) ? 0U : min(first + KEEP_RUN, last_found(counts));
+  uchar kept[KEEP_RUN];
   uint kept_count = 0;
   uint removed_count = 0;
   for (uint k = first; k < end; ++k) {

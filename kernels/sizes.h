@@ -6,6 +6,9 @@
 /* Children of a node of tiles.h, by the number of work-items per work-group. */
 #define CHILDREN_OF(group) ((group) > 1 ? (group) : 32)
 
+/* Pairs per work-item of delta.cl, likewise. */
+#define DELTA_RUN_OF(group) ((group) > 1 ? 4 : 256)
+
 enum {
   CENTROID_WORDS = 6, /* of the bounds of the centroids, per bucket: centroids.cl */
 

@@ -2,5 +2,6 @@
    compiling the kernels. */
 
 #include "centroids.cl"
+#include "near_pairs.cl"
 #include "tiles_build.cl"
 #include "tiles_search.cl"

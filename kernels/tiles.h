@@ -19,9 +19,6 @@
 #define WIDTH 4 /* vectors take registers there */
 #endif
 #include "lanes.h"
-#ifndef WORLDS
-#define WORLDS 0 /* 1 if objects are in different worlds */
-#endif
 
 /* Number of children of a node, and of boxes of a tile, which count as children, too. A mask has one bit for each. */
 #define NODE (0U + CHILDREN_OF(GROUP))
@@ -34,46 +31,47 @@ typedef ulong4 masks_t; /* one per level */
 typedef uint mask_t;
 typedef uint4 masks_t;
 #endif
-#define BOUNDS_OF_CHILD (0U + (WORLDS ? CHILD_WORDS_OF_WORLDS : CHILD_WORDS))
-#define NODE_WORDS (NODE * BOUNDS_OF_CHILD) /* lower x of all children, then lower y, ... */
-#define FIRST_WORLD 6U                      /* after the floats, as uints */
+/* The words of a child in a tree with worlds, or without. */
+#define BOUNDS_OF_CHILD(worlds) (0U + ((worlds) ? CHILD_WORDS_OF_WORLDS : CHILD_WORDS))
+#define FIRST_WORLD 6U /* after the floats, as uints */
 #define LAST_WORLD 7U
 
-/* Bounds of a child: of a box, or of all boxes below a node. NaN, and no world, if there is no child. */
+/* Bounds of a child: of a box, or of all boxes below a node. NaN, and no world, if there is no child. In a tree without
+   worlds, every child is in all of them. */
 typedef struct {
   float bound[AABB_FLOATS];
-#if WORLDS
   uint first_world, last_world;
-#endif
 } bounds_t;
 
-static inline size_t child_at(const uint node, const uint bound, const uint child) {
-  return (size_t)node * NODE_WORDS + bound * NODE + child;
+/* The place of a word of a child: a node has lower x of all children, then lower y, ... */
+static inline size_t child_at(const uint node, const uint bound, const uint child, const bool worlds) {
+  return (size_t)node * (NODE * BOUNDS_OF_CHILD(worlds)) + bound * NODE + child;
 }
 
-static inline void load_child(bounds_t* bounds, global const float* tree, const uint node, const uint child) {
-  for (uint i = 0; i < AABB_FLOATS; ++i) bounds->bound[i] = tree[child_at(node, i, child)];
-#if WORLDS
-  bounds->first_world = ((global const uint*)tree)[child_at(node, FIRST_WORLD, child)];
-  bounds->last_world = ((global const uint*)tree)[child_at(node, LAST_WORLD, child)];
-#endif
+static inline void load_child(bounds_t* bounds, global const float* tree, const uint node, const uint child,
+                              const bool worlds) {
+  for (uint i = 0; i < AABB_FLOATS; ++i) bounds->bound[i] = tree[child_at(node, i, child, worlds)];
+  bounds->first_world = 0;
+  bounds->last_world = UINT_MAX;
+  if (worlds) {
+    bounds->first_world = ((global const uint*)tree)[child_at(node, FIRST_WORLD, child, worlds)];
+    bounds->last_world = ((global const uint*)tree)[child_at(node, LAST_WORLD, child, worlds)];
+  }
 }
 
-static inline void store_child(const bounds_t* bounds, global float* tree, const uint node, const uint child) {
-  for (uint i = 0; i < AABB_FLOATS; ++i) tree[child_at(node, i, child)] = bounds->bound[i];
-#if WORLDS
-  ((global uint*)tree)[child_at(node, FIRST_WORLD, child)] = bounds->first_world;
-  ((global uint*)tree)[child_at(node, LAST_WORLD, child)] = bounds->last_world;
-#endif
+static inline void store_child(const bounds_t* bounds, global float* tree, const uint node, const uint child,
+                               const bool worlds) {
+  for (uint i = 0; i < AABB_FLOATS; ++i) tree[child_at(node, i, child, worlds)] = bounds->bound[i];
+  if (worlds) {
+    ((global uint*)tree)[child_at(node, FIRST_WORLD, child, worlds)] = bounds->first_world;
+    ((global uint*)tree)[child_at(node, LAST_WORLD, child, worlds)] = bounds->last_world;
+  }
 }
 
 static inline bool bounds_overlap(const bounds_t* s, const bounds_t* t) {
-  int overlap = AABB_OVERLAPS(s->bound[0], s->bound[1], s->bound[2], s->bound[3], s->bound[4], s->bound[5], t->bound[0],
-                              t->bound[1], t->bound[2], t->bound[3], t->bound[4], t->bound[5]);
-#if WORLDS
-  overlap &= (s->first_world <= t->last_world) & (t->first_world <= s->last_world);
-#endif
-  return overlap != 0;
+  const int overlap = AABB_OVERLAPS(s->bound[0], s->bound[1], s->bound[2], s->bound[3], s->bound[4], s->bound[5],
+                                    t->bound[0], t->bound[1], t->bound[2], t->bound[3], t->bound[4], t->bound[5]);
+  return (overlap & (s->first_world <= t->last_world) & (t->first_world <= s->last_world)) != 0;
 }
 
 #endif

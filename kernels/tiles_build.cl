@@ -53,7 +53,7 @@ kernel void tiles_keys(const uint n, global const float* restrict boxes, global 
   const uint k = (uint)get_global_id(0);
   if (k >= n) return;
   global const float* box = boxes + (size_t)k * AABB_FLOATS;
-  const uint bucket = WORLDS ? bucket_of_world(filters[k].w, buckets) : 0U;
+  const uint bucket = filters == 0 ? 0U : bucket_of_world(filters[k].w, buckets);
   float corner[3];
   float longest = 0;
   for (uint i = 0; i < 3U; ++i) {
@@ -87,31 +87,23 @@ kernel void tiles_world_keys(const uint n, const uint sets, global const uint4* 
 /* Bounds of nothing. */
 static inline void make_none(bounds_t* bounds) {
   for (uint i = 0; i < AABB_FLOATS; ++i) bounds->bound[i] = NAN;
-#if WORLDS
   bounds->first_world = NO_FIRST_WORLD;
   bounds->last_world = NO_LAST_WORLD;
-#endif
 }
 
 /* Makes the bounds of nothing those of an object. */
-static inline void make_bounds(bounds_t* bounds, const box_t* box, const uint slot, const uint sets,
+static inline void make_bounds(bounds_t* bounds, const box_t* box, const uint slot, const bool worlds, const uint sets,
                                global const uint4* filters) {
   for (uint i = 0; i < AABB_FLOATS; ++i) bounds->bound[i] = box->bound[i];
-#if WORLDS
-  if (isnan(box->bound[0])) return;
+  if (!worlds || isnan(box->bound[0])) return;
   bounds->first_world = first_world(filters[slot], sets);
   bounds->last_world = last_world(filters[slot], sets);
-#else
-  (void)slot;
-  (void)sets;
-  (void)filters;
-#endif
 }
 
 #if GROUP > 1
 #define FOR_EACH_CHILD(child) const uint child = (uint)get_local_id(0);
 
-#define WORDS 8U                      /* six bounds, and two worlds if there are any */
+#define WORDS 8U                      /* six bounds, and two worlds */
 #define PART (NODE / (GROUP / WORDS)) /* children that a work-item merges */
 
 typedef struct {
@@ -130,17 +122,13 @@ static inline uint word_of_upper(const float bound) {
 /* Merges the bounds of all children of node k of a level, one per work-item, and stores them as child k of the level
    above. All work-items must call it; `item` is a work-item's index among those of its node. */
 INLINE void refit(const bounds_t* mine, const uint item, local refit_t* scratch, global float* tree, const uint k,
-                  const uint parents) {
+                  const uint parents, const bool worlds) {
   for (uint i = 0; i < 3U; ++i) {
     scratch->words[i][item] = word_of_lower(mine->bound[i]);
     scratch->words[i + 3U][item] = word_of_upper(mine->bound[i + 3U]);
   }
-#if WORLDS
   scratch->words[FIRST_WORLD][item] = ~mine->first_world;
   scratch->words[LAST_WORLD][item] = mine->last_world;
-#else
-  scratch->words[FIRST_WORLD][item] = scratch->words[LAST_WORLD][item] = 0;
-#endif
   barrier(CLK_LOCAL_MEM_FENCE);
   const uint word = item % WORDS;
   const uint part = item / WORDS;
@@ -148,9 +136,9 @@ INLINE void refit(const bounds_t* mine, const uint item, local refit_t* scratch,
   for (uint i = 0; i < PART; ++i) widest = max(widest, scratch->words[word][part * PART + i]);
   scratch->parts[word][part] = widest;
   barrier(CLK_LOCAL_MEM_FENCE);
-  if (part > 0U || word >= BOUNDS_OF_CHILD) return;
+  if (part > 0U || word >= BOUNDS_OF_CHILD(worlds)) return;
   for (uint i = 1; i < GROUP / WORDS; ++i) widest = max(widest, scratch->parts[word][i]);
-  const size_t at = child_at(parents + k / NODE, word, k % NODE);
+  const size_t at = child_at(parents + k / NODE, word, k % NODE, worlds);
   const uint value = word < 3U || word == FIRST_WORLD ? ~widest : widest;
   if (word < AABB_FLOATS) {
     tree[at] = from_ordered(value);
@@ -163,11 +151,12 @@ INLINE void refit(const bounds_t* mine, const uint item, local refit_t* scratch,
 
 /* Computes the bounds of the children of node k of a level, which are child k of the level above; those of none if
    there is no such node. */
-static inline void refit(global float* tree, const uint start, const uint k, const bool exists, const uint parents) {
+static inline void refit(global float* tree, const uint start, const uint k, const bool exists, const uint parents,
+                         const bool worlds) {
   for (uint i = 0; i < AABB_FLOATS; ++i) {
     float bound = NAN;
     for (uint child = 0; exists && child < NODE; ++child) {
-      const float other = tree[child_at(start + k, i, child)];
+      const float other = tree[child_at(start + k, i, child, worlds)];
 #if FLUSHES
       const bool is_wider =
           NOT_ABOVE(other, other) != 0 && (i < 3U ? NOT_ABOVE(bound, other) : NOT_ABOVE(other, bound)) == 0;
@@ -176,19 +165,18 @@ static inline void refit(global float* tree, const uint start, const uint k, con
       bound = i < 3U ? fmin(bound, other) : fmax(bound, other);
 #endif
     }
-    tree[child_at(parents + k / NODE, i, k % NODE)] = bound;
+    tree[child_at(parents + k / NODE, i, k % NODE, worlds)] = bound;
   }
-#if WORLDS
-  global uint* worlds = (global uint*)tree;
+  if (!worlds) return;
+  global uint* words = (global uint*)tree;
   uint first = NO_FIRST_WORLD;
   uint last = NO_LAST_WORLD;
   for (uint child = 0; exists && child < NODE; ++child) {
-    first = min(first, worlds[child_at(start + k, FIRST_WORLD, child)]);
-    last = max(last, worlds[child_at(start + k, LAST_WORLD, child)]);
+    first = min(first, words[child_at(start + k, FIRST_WORLD, child, worlds)]);
+    last = max(last, words[child_at(start + k, LAST_WORLD, child, worlds)]);
   }
-  worlds[child_at(parents + k / NODE, FIRST_WORLD, k % NODE)] = first;
-  worlds[child_at(parents + k / NODE, LAST_WORLD, k % NODE)] = last;
-#endif
+  words[child_at(parents + k / NODE, FIRST_WORLD, k % NODE, worlds)] = first;
+  words[child_at(parents + k / NODE, LAST_WORLD, k % NODE, worlds)] = last;
 }
 #endif
 
@@ -196,8 +184,9 @@ static inline void refit(global float* tree, const uint start, const uint k, con
    have no bounds. If there are stamps, only boxes that changed take part. Unless `source` is null, objects are gathered
    from there. */
 kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_fill(
-    const uint n, const uint tiles, const uint parents, const uint sets, global const uint2* restrict elements,
-    global float* tree, const uint stamp, global const uint* restrict stamps, GATHER_PARAMETERS) {
+    const uint n, const uint tiles, const uint parents, const uint worlds, const uint sets,
+    global const uint2* restrict elements, global float* tree, const uint stamp, global const uint* restrict stamps,
+    GATHER_PARAMETERS) {
 #if GROUP > 1
   local refit_t scratch;
 #endif
@@ -215,31 +204,31 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_fill(
       } else {
         load_box(&box, boxes, slot);
       }
-      make_bounds(&bounds, &box, slot, sets, filters);
+      make_bounds(&bounds, &box, slot, worlds != 0U, sets, filters);
     }
-    if (tile < tiles) store_child(&bounds, tree, tile, child);
+    if (tile < tiles) store_child(&bounds, tree, tile, child, worlds != 0U);
 #if GROUP > 1
-    refit(&bounds, child, &scratch, tree, tile, parents);
+    refit(&bounds, child, &scratch, tree, tile, parents, worlds != 0U);
 #endif
   }
 #if GROUP == 1
-  refit(tree, 0, tile, tile < tiles, parents);
+  refit(tree, 0, tile, tile < tiles, parents, worlds != 0U);
 #endif
 }
 
 /* Computes the bounds of a level's nodes, for the level above, one work-group per node. */
-kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_refit(const uint start, const uint nodes,
-                                                                           const uint parents, global float* tree) {
+kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_refit(
+    const uint start, const uint nodes, const uint parents, const uint worlds, global float* tree) {
   const uint k = (uint)get_group_id(0);
 #if GROUP > 1
   local refit_t scratch;
   bounds_t bounds;
   const uint item = (uint)get_local_id(0);
   make_none(&bounds);
-  if (k < nodes) load_child(&bounds, tree, start + k, item);
-  refit(&bounds, item, &scratch, tree, k, parents);
+  if (k < nodes) load_child(&bounds, tree, start + k, item, worlds != 0U);
+  refit(&bounds, item, &scratch, tree, k, parents, worlds != 0U);
 #else
-  refit(tree, start, k, k < nodes, parents);
+  refit(tree, start, k, k < nodes, parents, worlds != 0U);
 #endif
 }
 
@@ -249,7 +238,8 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_refit(const
 /* The same, and keeps the pairs of the last frame, which saves a launch: the first work-groups compute bounds, and the
    others keep pairs. */
 kernel __attribute__((reqd_work_group_size(KEEP_GROUP, 1, 1))) void tiles_refit_and_keep(
-    const uint start, const uint nodes, const uint parents, global float* tree, KEEP_KERNEL_PARAMETERS) {
+    const uint start, const uint nodes, const uint parents, const uint worlds, global float* tree,
+    KEEP_KERNEL_PARAMETERS) {
   local refit_t scratch[KEEP_NODES];
   local keep_t chunk;
   const uint group = (uint)get_group_id(0);
@@ -260,8 +250,8 @@ kernel __attribute__((reqd_work_group_size(KEEP_GROUP, 1, 1))) void tiles_refit_
     const uint k = group * KEEP_NODES + node;
     bounds_t bounds;
     make_none(&bounds);
-    if (k < nodes) load_child(&bounds, tree, start + k, item);
-    refit(&bounds, item, &scratch[node], tree, k, parents);
+    if (k < nodes) load_child(&bounds, tree, start + k, item, worlds != 0U);
+    refit(&bounds, item, &scratch[node], tree, k, parents, worlds != 0U);
   } else {
     keep_pairs(&keep_scalars, last, removed, keep_filters, keep_exclusions, keep_stamps, boxes, pairs, counts,
                group - refitting, (uint)get_num_groups(0) - refitting, &chunk);

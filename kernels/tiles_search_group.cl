@@ -21,7 +21,7 @@ typedef struct {
   /* Boxes that overlap the bounds of the tile, with their indices in lower.w. */
   float4 lower[BATCH + NODE];
   float4 upper[BATCH + NODE];
-#if WORLDS
+#if GENERAL
   uint2 worlds[BATCH + NODE];
 #endif
   uint slots[BATCH + NODE];
@@ -36,18 +36,14 @@ typedef struct {
 /* Bits of the children of a node that the tile has to visit, and this work-item's child. All work-items must call
    it. */
 INLINE mask_t visit(const uint node, global const float* tree, global const float* changed, const target_t* target,
-                    bounds_t* child, local ballots_t* ballots, uint* turn) {
+                    const bool worlds, bounds_t* child, local ballots_t* ballots, uint* turn) {
   bool overlaps = false;
-#if SOME_CHANGED
-  load_child(child, changed, node, (uint)get_local_id(0));
-  overlaps = bounds_overlap(child, &target->all);
-  load_child(child, tree, node, (uint)get_local_id(0));
-  overlaps = overlaps || bounds_overlap(child, &target->changed);
-#else
-  (void)changed;
-  load_child(child, tree, node, (uint)get_local_id(0));
-  overlaps = bounds_overlap(child, &target->all);
-#endif
+  if (changed != 0) {
+    load_child(child, changed, node, (uint)get_local_id(0), worlds);
+    overlaps = bounds_overlap(child, &target->all);
+  }
+  load_child(child, tree, node, (uint)get_local_id(0), worlds);
+  overlaps = overlaps || bounds_overlap(child, changed == 0 ? &target->all : &target->changed);
   return vote(overlaps, ballots, turn);
 }
 
@@ -56,10 +52,10 @@ INLINE mask_t visit(const uint node, global const float* tree, global const floa
    `bits`, that overlap a box of the tile; `child` is this work-item's. (Otherwise the work-groups with such tiles
    would work long after all others.) All work-items must call it. */
 INLINE mask_t near_a_box(const mask_t bits, const bounds_t* child, global const float* tree, const uint tile,
-                         const uint sets, local ballots_t* ballots, uint* turn) {
+                         const bool worlds, const uint sets, local ballots_t* ballots, uint* turn) {
   bounds_t target = *child;
   to_target(&target, sets);
-  return bits & vote(overlapping(tree, tile, &target) != 0U, ballots, turn);
+  return bits & vote(overlapping(tree, tile, &target, worlds) != 0U, ballots, turn);
 }
 
 /* Appends those hits that are new pairs: all of them if there was no box in the last frame. All work-items must call
@@ -117,7 +113,7 @@ INLINE bool test_candidates(local search_t* scratch, const uint count, const bou
       int hit = AABB_OVERLAPS(own->bound[0], own->bound[1], own->bound[2], own->bound[3], own->bound[4], own->bound[5],
                               lower.x, lower.y, lower.z, upper.x, upper.y, upper.z);
       hit &= place < as_uint(lower.w);
-#if WORLDS
+#if GENERAL
       const uint2 worlds = scratch->worlds[first + k];
       hit &= (own->first_world <= worlds.y) & (worlds.x <= own->last_world);
 #endif
@@ -148,7 +144,7 @@ static inline uint add_candidates(local search_t* scratch, const uint count, con
     const uint place = node * NODE + item;
     scratch->lower[k] = (float4)(child->bound[0], child->bound[1], child->bound[2], as_float(place));
     scratch->upper[k] = (float4)(child->bound[3], child->bound[4], child->bound[5], 0.0F);
-#if WORLDS
+#if GENERAL
     scratch->worlds[k] = (uint2)(child->first_world, child->last_world);
 #endif
     scratch->slots[k] = elements[place].x;
@@ -159,11 +155,12 @@ static inline uint add_candidates(local search_t* scratch, const uint count, con
 /* Finds the pairs of a tile with itself and later ones. */
 kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_search(TILES_SEARCH_PARAMETERS) {
   const pair_sink_t sink = PAIR_SINK;
+  const bool worlds = HAS_WORLDS;
   const uint tile = (uint)get_group_id(0);
   target_t target;
-  load_target(&target, tree, changed, scalars.starts[1] + tile / NODE, tile % NODE, scalars.sets);
+  load_target(&target, tree, SOME_CHANGED, scalars.starts[1] + tile / NODE, tile % NODE, worlds, scalars.sets);
   /* (Also if all take part: a condition for that would multiply the time that PoCL takes to compile this: inline.h.) */
-  const uint parts = is_dense(tree, tile, &target.all) ? (uint)get_num_groups(1) : scalars.workers;
+  const uint parts = is_dense(tree, tile, &target.all, worlds) ? (uint)get_num_groups(1) : scalars.workers;
   if ((uint)get_group_id(1) >= parts) return;
   const mask_t share = every_bit(parts);
 
@@ -172,7 +169,7 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_search(TILE
   const uint own_place = tile * NODE + item;
   const uint own_slot = elements[own_place].x;
   bounds_t own;
-  load_child(&own, tree, tile, item);
+  load_child(&own, tree, tile, item, worlds);
   to_target(&own, scalars.sets);
   box_t own_last;
   load_last_box(&own_last, &sink, own_slot);
@@ -189,13 +186,13 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_search(TILE
   const uint end = is_halted(counts) ? 0U : scalars.roots;
   while (walk.root < end) {
     bounds_t child;
-    mask_t bits =
-        visit(start_of(&scalars, walk.level) + walk.node, tree, changed, &target, &child, &scratch.ballots, &turn);
+    mask_t bits = visit(start_of(&scalars, walk.level) + walk.node, tree, SOME_CHANGED, &target, worlds, &child,
+                        &scratch.ballots, &turn);
     ++work;
     if (walk.level > 0U) {
       bits = not_before(bits, walk.node, tile >> (NODE_BITS * (walk.level - 1U)));
       if ((uint)popcount(bits) > NODE / 2U) {
-        bits = near_a_box(bits, &child, tree, tile, scalars.sets, &scratch.ballots, &turn);
+        bits = near_a_box(bits, &child, tree, tile, worlds, scalars.sets, &scratch.ballots, &turn);
       }
       if (walk.level == 1U) bits &= share << (uint)get_group_id(1);
       set_rest(&rest, walk.level, bits);

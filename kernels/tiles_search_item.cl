@@ -8,13 +8,9 @@
 
 /* Bits of the children of a node that the tile has to visit. */
 static inline mask_t visit(const uint node, global const float* tree, global const float* changed,
-                           const target_t* target) {
-#if SOME_CHANGED
-  return overlapping(changed, node, &target->all) | overlapping(tree, node, &target->changed);
-#else
-  (void)changed;
-  return overlapping(tree, node, &target->all);
-#endif
+                           const target_t* target, const bool worlds) {
+  if (changed == 0) return overlapping(tree, node, &target->all, worlds);
+  return overlapping(changed, node, &target->all, worlds) | overlapping(tree, node, &target->changed, worlds);
 }
 
 static inline void append_hits(const pair_sink_t* sink, local const uint2* hits, const uint count) {
@@ -26,14 +22,14 @@ static inline void append_hits(const pair_sink_t* sink, local const uint2* hits,
 /* Tests the boxes of the tile against a box, the child of a node, and appends the new pairs to the hits; returns their
    number. */
 static inline uint test_box(local uint2* hits, uint found, const uint tile, const uint node, const uint child,
-                            const uint sets, global const float* tree, global const uint2* elements,
+                            const bool worlds, const uint sets, global const float* tree, global const uint2* elements,
                             local const box_t* own_last, global const uint4* filters, global const uint2* exclusions,
                             const pair_sink_t* sink) {
   bounds_t box;
-  load_child(&box, tree, node, child);
+  load_child(&box, tree, node, child, worlds);
   to_target(&box, sets);
   const uint slot = elements[node * NODE + child].x;
-  mask_t own = overlapping(tree, tile, &box);
+  mask_t own = overlapping(tree, tile, &box, worlds);
   if (node == tile) own &= ((mask_t)1 << child) - 1U;
   if (own == 0U) return found;
   box_t other_last;
@@ -51,10 +47,11 @@ static inline uint test_box(local uint2* hits, uint found, const uint tile, cons
 /* Finds the pairs of a tile with itself and later ones. */
 kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_search(TILES_SEARCH_PARAMETERS) {
   const pair_sink_t sink = PAIR_SINK;
+  const bool worlds = HAS_WORLDS;
   const uint tile = (uint)get_group_id(0);
   target_t target;
-  load_target(&target, tree, changed, scalars.starts[1] + tile / NODE, tile % NODE, scalars.sets);
-  const uint parts = is_dense(tree, tile, &target.all) ? (uint)get_num_groups(1) : scalars.workers;
+  load_target(&target, tree, SOME_CHANGED, scalars.starts[1] + tile / NODE, tile % NODE, worlds, scalars.sets);
+  const uint parts = is_dense(tree, tile, &target.all, worlds) ? (uint)get_num_groups(1) : scalars.workers;
   if ((uint)get_group_id(1) >= parts) return;
   const mask_t share = every_bit(parts);
 
@@ -73,7 +70,7 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_search(TILE
   start_walk(&walk, &rest, tile, scalars.top);
   const uint end = is_halted(counts) ? 0U : scalars.roots;
   while (walk.root < end) {
-    mask_t bits = visit(start_of(&scalars, walk.level) + walk.node, tree, changed, &target);
+    mask_t bits = visit(start_of(&scalars, walk.level) + walk.node, tree, SOME_CHANGED, &target, worlds);
     ++work;
     if (walk.level > 0U) {
       bits = not_before(bits, walk.node, tile >> (NODE_BITS * (walk.level - 1U)));
@@ -82,7 +79,7 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_search(TILE
     } else {
       work += (uint)popcount(bits);
       for (; bits != 0U; bits &= bits - 1U) {
-        found = test_box(hits, found, tile, walk.node, LOWEST_BIT(bits), scalars.sets, tree, elements, own_last,
+        found = test_box(hits, found, tile, walk.node, LOWEST_BIT(bits), worlds, scalars.sets, tree, elements, own_last,
                          filters, exclusions, &sink);
         if (found < FLUSH) continue;
         append_hits(&sink, hits, found);
@@ -96,6 +93,6 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_search(TILE
     }
   }
   append_hits(&sink, hits, found);
-  atomic_add(&sink.counts[COUNT_WORK], work);
+  atomic_add(&counts[COUNT_WORK], work);
 }
 #endif

@@ -6,9 +6,11 @@
 #include "delta.h"
 #include "tiles.h"
 
-#ifndef SOME_CHANGED
-#define SOME_CHANGED 0 /* 1 if not all boxes changed: there is a second tree, of those that did */
+#ifndef GENERAL
+#define GENERAL (GROUP == 1) /* 0 for one world all of whose boxes changed, which takes a GPU fewer registers */
 #endif
+#define HAS_WORLDS (GENERAL && scalars.worlds != 0U)
+#define SOME_CHANGED (GENERAL ? changed : 0) /* the tree of the boxes that changed, or null if all did */
 
 /* `changed` is the tree of the boxes that changed, or null if all did. The index of a work-group in dimension 0 is a
    tile; the first `workers` work-groups along dimension 1 share its search, or all of them if it is dense. Each visits,
@@ -72,33 +74,28 @@ static inline bool is_new_pair(const uint2 pair, const box_t* s, const box_t* t,
 /* Turns bounds into the bounds to search for: with two sets, those of the other set of the same world. (An interval of
    several sets is extended to all sets of its worlds.) */
 static inline void to_target(bounds_t* bounds, const uint sets) {
-#if WORLDS
   const bool is_one = bounds->first_world == bounds->last_world;
   bounds->first_world = is_one ? bounds->first_world ^ sets : bounds->first_world & ~sets;
   bounds->last_world = is_one ? bounds->last_world ^ sets : bounds->last_world | sets;
-#else
-  (void)bounds;
-  (void)sets;
-#endif
 }
 
 /* One bit per child of a node: whether it overlaps these bounds. */
-static inline mask_t overlapping(global const float* tree, const uint node, const bounds_t* bounds) {
+static inline mask_t overlapping(global const float* tree, const uint node, const bounds_t* bounds, const bool worlds) {
   mask_t bits = 0;
 #if GROUP > 1
 #pragma unroll 1 /* more would take too many registers */
 #endif
   for (uint part = 0; part < NODE / WIDTH; ++part) {
-    global const float* p = tree + child_at(node, 0, part * WIDTH);
+    global const float* p = tree + child_at(node, 0, part * WIDTH, worlds);
 #define LOAD(i) PASTE(vload, WIDTH)(0, p + (i)*NODE)
     INTS overlap = AABB_OVERLAPS_LANES(
         LOAD(0), LOAD(1), LOAD(2), LOAD(3), LOAD(4), LOAD(5), bounds->bound[0], bounds->bound[1], bounds->bound[2],
         bounds->bound[3], bounds->bound[4], bounds->bound[5]);
-#if WORLDS
-    global const uint* worlds = (global const uint*)p;
-    overlap &= (PASTE(vload, WIDTH)(0, worlds + FIRST_WORLD * NODE) <= bounds->last_world) &
-               (PASTE(vload, WIDTH)(0, worlds + LAST_WORLD * NODE) >= bounds->first_world);
-#endif
+    if (worlds) {
+      global const uint* words = (global const uint*)p;
+      overlap &= (PASTE(vload, WIDTH)(0, words + FIRST_WORLD * NODE) <= bounds->last_world) &
+                 (PASTE(vload, WIDTH)(0, words + LAST_WORLD * NODE) >= bounds->first_world);
+    }
     bits |= (mask_t)lane_mask(overlap) << (part * WIDTH);
   }
   return bits;
@@ -107,22 +104,17 @@ static inline mask_t overlapping(global const float* tree, const uint node, cons
 /* The bounds that a tile searches for: those of all its boxes, and of those that changed. */
 typedef struct {
   bounds_t all;
-#if SOME_CHANGED
-  bounds_t changed;
-#endif
+  bounds_t changed; /* not set if all did */
 } target_t;
 
 /* `node` and `child` are those of the tile. */
 static inline void load_target(target_t* target, global const float* tree, global const float* changed, const uint node,
-                               const uint child, const uint sets) {
-  load_child(&target->all, tree, node, child);
+                               const uint child, const bool worlds, const uint sets) {
+  load_child(&target->all, tree, node, child, worlds);
   to_target(&target->all, sets);
-#if SOME_CHANGED
-  load_child(&target->changed, changed, node, child);
+  if (changed == 0) return;
+  load_child(&target->changed, changed, node, child, worlds);
   to_target(&target->changed, sets);
-#else
-  (void)changed;
-#endif
 }
 
 /* Where a walk through the tree is, and below which root node. (Without a rest_t, because an array among them would put
@@ -156,9 +148,9 @@ static inline void walk_on(walk_t* walk, rest_t* rest, const uint top) {
 }
 
 /* Whether boxes of the size of the first would fill half of the tile if they did not overlap. */
-static inline bool is_dense(global const float* tree, const uint tile, const bounds_t* bounds) {
+static inline bool is_dense(global const float* tree, const uint tile, const bounds_t* bounds, const bool worlds) {
   bounds_t box;
-  load_child(&box, tree, tile, 0);
+  load_child(&box, tree, tile, 0, worlds);
   float volume = 2U * NODE;
   float space = 1;
   for (uint i = 0; i < 3U; ++i) {

@@ -104,9 +104,7 @@ class CentroidBoundsOf : public ::testing::TestWithParam<std::string> {
  protected:
   void expect(const std::vector<Aabb>& boxes) { expect_bounds(context_, kernel_, centroids_, boxes); }
   void expect_worlds(const std::vector<Aabb>& boxes) {
-    opencl::SizedKernel kernel =
-        context_.sized_kernel(context_.program("centroids.cl", "-DWORLDS=1"), "centroids");
-    expect_bounds_of_worlds(context_, kernel, centroids_, boxes);
+    expect_bounds_of_worlds(context_, kernel_, centroids_, boxes);
   }
 
  private:

@@ -16,7 +16,6 @@ namespace broadcl::test {
 namespace {
 
 std::optional<Limits> current;
-long asked_of_kernels_until_now = 0;
 
 constexpr cl_mem_flags large_buffer = 1 << 23;  // CL_MEM_ALLOW_UNRESTRICTED_SIZE_INTEL
 std::set<cl_mem> large_buffers;
@@ -32,26 +31,11 @@ void limit(std::size_t bytes, void* value, Number most) {
   *number = std::min(*number, most);
 }
 
-/// Whether an entry of Limits::work_group_of_kernel applies to a kernel.
-bool is_meant(const cl::Kernel& kernel, std::string_view which) {
-  const std::size_t end = std::min(which.size(), which.find(' '));
-  if (kernel.getInfo<CL_KERNEL_FUNCTION_NAME>() != which.substr(0, end)) return false;
-  const cl::Device device = kernel.getInfo<CL_KERNEL_CONTEXT>().getInfo<CL_CONTEXT_DEVICES>().front();
-  const auto program = kernel.getInfo<CL_KERNEL_PROGRAM>();
-  return program.getBuildInfo<CL_PROGRAM_BUILD_OPTIONS>(device).find(which.substr(end)) != std::string::npos;
-}
-
-/// The largest number of work-items per work-group, if the kernel has its own limit.
-std::optional<std::size_t> own_limit(const cl::Kernel& kernel) {
-  for (const auto& [which, most] : current->work_group_of_kernel) {
-    if (is_meant(kernel, which)) return most;
-  }
-  return std::nullopt;
-}
-
-/// The same for any kernel.
+/// The largest number of work-items per work-group of a kernel.
 std::size_t most_work_items(const cl::Kernel& kernel) {
-  return std::min(current->work_group, own_limit(kernel).value_or(current->work_group));
+  const auto& own_limits = current->work_group_of_kernel;
+  const auto own = own_limits.find(kernel.getInfo<CL_KERNEL_FUNCTION_NAME>());
+  return own == own_limits.end() ? current->work_group : std::min(current->work_group, own->second);
 }
 
 }  // namespace
@@ -70,14 +54,9 @@ Limits gpu_with_waves_of(cl_uint width) {
                       {is_amd ? wavefront_width_of_amd : warp_size_of_nvidia, answer(width)}}};
 }
 
-LimitedDevices::LimitedDevices(const Limits& limits)
-    : before_(current), asked_before_(asked_of_kernels_until_now) {
+LimitedDevices::LimitedDevices(const Limits& limits) : before_(current) {
   current = limits;
   opencl::forget_opened_devices();
-}
-
-long LimitedDevices::asked_of_kernels() const noexcept {
-  return asked_of_kernels_until_now - asked_before_;
 }
 
 LimitedDevices::~LimitedDevices() {
@@ -201,9 +180,7 @@ void limit_device_info(cl_device_info name, std::size_t bytes, void* value) {
 
 void limit_kernel_info(cl_kernel kernel, cl_kernel_work_group_info name, std::size_t bytes, void* value) {
   if (!current || name != CL_KERNEL_WORK_GROUP_SIZE || value == nullptr) return;
-  const cl::Kernel retained(kernel, true);
-  limit(bytes, value, most_work_items(retained));
-  if (own_limit(retained)) ++asked_of_kernels_until_now;
+  limit(bytes, value, most_work_items(cl::Kernel(kernel, true)));
 }
 
 }  // namespace broadcl::test

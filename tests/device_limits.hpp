@@ -14,8 +14,7 @@ namespace broadcl::test {
 /// What other devices allow less of than the real one, or answer differently.
 struct Limits {
   std::size_t work_group = std::numeric_limits<std::size_t>::max();  ///< Work-items.
-  /// The same for some kernels: by name; if a space and options follow, only in programs that were built with
-  /// these.
+  /// The same for some kernels, by name.
   std::map<std::string, std::size_t> work_group_of_kernel{};
   cl_ulong local_memory = std::numeric_limits<cl_ulong>::max();                    ///< Bytes per work-group.
   cl_ulong allocation = std::numeric_limits<cl_ulong>::max();                      ///< Bytes per buffer.
@@ -54,8 +53,6 @@ class LimitedDevices {
  public:
   explicit LimitedDevices(const Limits& limits);
   ~LimitedDevices();
-  /// How often the limit of a single kernel has been queried so far.
-  [[nodiscard]] long asked_of_kernels() const noexcept;
   LimitedDevices(const LimitedDevices&) = delete;
   LimitedDevices& operator=(const LimitedDevices&) = delete;
   LimitedDevices(LimitedDevices&&) = delete;
@@ -63,7 +60,6 @@ class LimitedDevices {
 
  private:
   std::optional<Limits> before_;
-  long asked_before_;
 };
 
 // Functions for the shim in failing_opencl.cpp: the error of a call that exceeds the limits, or CL_SUCCESS,

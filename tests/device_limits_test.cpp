@@ -19,10 +19,10 @@
 
 #include "callers_queue.hpp"
 #include "each_algorithm.hpp"
-#include "engines/engine_program.hpp"
 #include "environment.hpp"
 #include "expect_error.hpp"
 #include "opencl/arithmetic.hpp"
+#include "opencl/common_program.hpp"
 #include "opencl/context.hpp"
 #include "patience.hpp"
 #include "runs.hpp"
@@ -216,7 +216,9 @@ TEST_F(LimitedDevice, ThatRunsKernelsInSmallWorkGroupsOnlyGetsSuchOnes) {
     EXPECT_EQ(on_device.update({.buffer = queue.buffer_of(boxes)(), .count = 50}).pair_count, 1225U);
   };
   expect_all_pairs("tiles", {{"radix_sort_scatter", 128}, {"tiles_keys", 8}});
-  expect_all_pairs("tiles", {{"tiles_search", 16}});
+  for (const char* kernel : {"tiles_fill", "tiles_refit_and_keep", "tiles_search"}) {
+    expect_all_pairs("tiles", {{kernel, 16}});
+  }
   expect_all_pairs("brute-force", {{"brute_force", 1}});
   expect_all_pairs("auto", {{"order_small", 64}});
   expect_all_pairs("gpu-bf", {{"gpu_bf", 1}});
@@ -251,8 +253,8 @@ TEST_F(LimitedDevice, ThatCannotRunAKernelSaysSoAtOnce) {
 /// Whether the implementation reports how much local memory a kernel needs; PoCL 6.0 always says 0.
 bool tells_local_memory() {
   const opencl::Context context(select_device(), false);
-  const EngineLaunch& launch = engine_launch(context);
-  const cl::Kernel kernel = context.kernel(engine_program(context), "order_small", launch.group);
+  const cl::Kernel kernel =
+      context.kernel(opencl::common_program(context), "order_small", opencl::common_group(context));
   const cl::Device device(context.queue().getInfo<CL_QUEUE_DEVICE>());
   return kernel.getWorkGroupInfo<CL_KERNEL_LOCAL_MEM_SIZE>(device) > 0;
 }

@@ -32,6 +32,8 @@ std::atomic<cl_command_queue> last_queue = nullptr;
 std::atomic<long> blocking_calls = 0;
 std::atomic<long> memory_references = 0;
 std::atomic<long> programs_built = 0;
+std::atomic<long> programs_being_built = 0;
+std::atomic<long> most_built_at_once = 0;
 std::atomic<long> commands_without_event = 0;
 std::atomic<long> mapped_regions = 0;
 std::atomic<long> transfers = 0;
@@ -77,6 +79,12 @@ void count_launch(cl_kernel kernel) {
   const auto name = cl::Kernel(kernel, true).getInfo<CL_KERNEL_FUNCTION_NAME>();
   const std::lock_guard lock(launches_mutex);
   ++launches[name];
+}
+
+void begin_building() {
+  const long now = ++programs_being_built;
+  for (long most = most_built_at_once; now > most && !most_built_at_once.compare_exchange_weak(most, now);) {
+  }
 }
 
 std::atomic<opencl::CreateDirect> real_create_direct = nullptr;
@@ -139,7 +147,9 @@ struct Watched<name, Result(Arguments...)> {
         return count_mapping(memory);
       }
     }
+    if constexpr (text == "clBuildProgram") begin_building();
     const Result result = call_limited(all);
+    if constexpr (text == "clBuildProgram") --programs_being_built;
     if constexpr (text == "clGetExtensionFunctionAddressForPlatform") {
       if (std::string_view(std::get<1>(all)) != "clCreateBufferNV") return result;
       real_create_direct = reinterpret_cast<opencl::CreateDirect>(result);
@@ -269,6 +279,7 @@ OpenClUse opencl_use() noexcept {
           .memory_references = memory_references,
           .mapped_regions = mapped_regions,
           .programs_built = programs_built,
+          .most_built_at_once = most_built_at_once,
           .commands_without_event = commands_without_event,
           .transfers = transfers};
 }

@@ -29,6 +29,7 @@ struct OpenClUse {
   long memory_references = 0;  ///< To memory objects: one per creation and retain, less one per release.
   long mapped_regions = 0;     ///< Mappings, less those that have ended.
   long programs_built = 0;
+  long most_built_at_once = 0;      ///< Programs, by several threads.
   long commands_without_event = 0;  ///< Kernels and copies.
   long transfers = 0;               ///< Copies between host and device.
 };

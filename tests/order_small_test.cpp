@@ -98,7 +98,7 @@ class OrderSmall : public ::testing::TestWithParam<std::pair<std::size_t, std::s
   const opencl::Context context_{select_device(), false};
   const std::size_t group_ = GetParam().first;
   cl::Kernel kernel_{
-      context_.kernel(context_.program("engine.cl", "-DGROUP=" + std::to_string(group_) + GetParam().second),
+      context_.kernel(context_.program("common.cl", "-DGROUP=" + std::to_string(group_) + GetParam().second),
                       "order_small", group_)};
 };
 

@@ -163,9 +163,8 @@ class BROADCL_API DeviceBroadPhase {
   void set_exclusions(std::span<const Pair> pairs);
 
   /// Enqueues an update that writes its changes, in canonical order, to buffers of the caller, for commands
-  /// that are enqueued after it. Does not wait for the device, except after a call that failed. The first
-  /// update, and the first with worlds, build kernels, again if the device turns out to run one only in
-  /// smaller work-groups. Memory must have been reserved.
+  /// that are enqueued after it. Does not wait for the device, except after a call that failed. Memory must
+  /// have been reserved.
   ///
   /// If more pairs overlap than was reserved, if more changed than the buffers hold, or if more than 4,096
   /// changes have the same b (or the same world, if changes are sorted by world), the update is incomplete:

@@ -1,7 +1,6 @@
 #include "core/device_core.hpp"
 
 #include <algorithm>
-#include <limits>
 #include <utility>
 
 #include <broadcl/aabb.hpp>
@@ -30,10 +29,6 @@ cl::CommandQueue retained(cl_command_queue queue, bool profile) {
         "profiling is requested, but the queue does not measure; make it with CL_QUEUE_PROFILING_ENABLE");
   }
   return result;
-}
-
-void warm_up(Engine& engine) {
-  engine.warm_up(std::numeric_limits<std::size_t>::max());  // begin() must not block
 }
 
 bool has_filters(const DeviceBroadPhase::Boxes& boxes) {
@@ -70,10 +65,8 @@ DeviceCore::DeviceCore(cl_command_queue queue, const DeviceBroadPhase::Config& c
     : context_(retained(queue, config.profile), config.on_compile, tuning),
       profiler_(config.profile),
       engine_(context_.guard([&] {
-        auto engine = std::make_unique<Engine>(context_, profiler_, find_pair_finder(config.algorithm),
-                                               Order::Target::device);
-        warm_up(*engine);
-        return engine;
+        return std::make_unique<Engine>(context_, profiler_, find_pair_finder(config.algorithm),
+                                        Order::Target::device);
       })),
       source_(context_.guard([&] { return std::make_unique<Source>(context_); })) {}
 
@@ -168,7 +161,6 @@ void DeviceCore::shrink() {
   context_.guard([&] {
     settle();
     auto engine = engine_->successor();
-    warm_up(*engine);
     auto source = std::make_unique<Source>(context_);
     const Frame& last = engine_->frames().last;
     if (last.objects.slots > 0) {

@@ -34,15 +34,10 @@ class DeviceAlgorithm final : public Algorithm {
       : context_(device, config.profile, config.on_compile, tuning),
         profiler_(config.profile),
         engine_(std::make_unique<Engine>(context_, profiler_, make_finder, Order::Target::host)),
-        objects_(std::make_unique<DeviceObjects>(context_, profiler_, engine_->frames())) {
-    engine_->warm_up(objects_->capacity_for(0));
-  }
+        objects_(std::make_unique<DeviceObjects>(context_, profiler_, engine_->frames())) {}
 
   void reserve(std::size_t slots, bool filters) override {
-    context_.guard([&] {
-      engine_->warm_up(objects_->capacity_for(slots));
-      objects_->reserve(slots, filters);
-    });
+    context_.guard([&] { objects_->reserve(slots, filters); });
   }
 
   void reserve_exclusions(std::size_t count) override {
@@ -53,7 +48,6 @@ class DeviceAlgorithm final : public Algorithm {
     context_.guard([&] {
       auto engine = engine_->successor();
       auto objects = objects_->successor(slots, engine->frames());
-      engine->warm_up(objects->capacity_for(0));
       objects_ = std::move(objects);
       engine_ = std::move(engine);
       opencl::wait_if_possible(context_.queue());

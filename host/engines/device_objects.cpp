@@ -9,8 +9,8 @@
 #include <broadcl/error.hpp>
 
 #include "base/packed_box.hpp"
-#include "engines/engine_program.hpp"
 #include "engines/kernel_layout.hpp"
+#include "opencl/common_program.hpp"
 #include "opencl/launch.hpp"
 
 namespace broadcl {
@@ -45,7 +45,7 @@ std::size_t staged_bytes(std::size_t changes, bool boxes) {
 
 DeviceObjects::DeviceObjects(const opencl::Context& context, opencl::Profiler& profiler, Frames& frames)
     : context_(context), profiler_(profiler), now_(frames.now), last_(frames.last) {
-  const cl::Program program = engine_program(context);
+  const cl::Program program = opencl::common_program(context);
   apply_ = context.sized_kernel(program, "apply_changes");
   apply_filters_ = context.sized_kernel(program, "apply_filters");
   copy_ = context.sized_kernel(program, "copy_boxes");
@@ -72,6 +72,7 @@ void DeviceObjects::reserve_exclusions(std::size_t count) {
     staged_exclusions_ = opencl::MappedBuffer::pinned(context_, opencl::grown(context_, bytes, "exclusions"));
 }
 
+/// The number of slots for which there is memory after reserve(slots).
 std::size_t DeviceObjects::capacity_for(std::size_t slots) const {
   if (slots <= capacity_) return capacity_;
   if (slots > most_slots) {

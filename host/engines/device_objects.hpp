@@ -38,10 +38,6 @@ class DeviceObjects {
   /// @throws cl::Error, Error
   [[nodiscard]] std::unique_ptr<DeviceObjects> successor(std::size_t slots, Frames& frames) const;
 
-  /// The number of slots for which there is memory after reserve(slots).
-  /// @throws Error
-  [[nodiscard]] std::size_t capacity_for(std::size_t slots) const;
-
   /// As Algorithm::reserve_exclusions().
   /// @throws cl::Error, Error; nothing has changed then.
   void reserve_exclusions(std::size_t count);
@@ -66,6 +62,7 @@ class DeviceObjects {
   void commit() noexcept;  // NOLINT(bugprone-exception-escape)
 
  private:
+  [[nodiscard]] std::size_t capacity_for(std::size_t slots) const;
   [[nodiscard]] std::size_t bytes_for(std::size_t slots) const noexcept;
   void reserve_boxes(std::size_t slots);
   void upload_filters(const Input& input);

@@ -37,10 +37,6 @@ class Engine {
   /// @throws cl::Error, Error
   [[nodiscard]] std::unique_ptr<Engine> successor() const;
 
-  /// Must be called before a frame of more slots than ever. May block, so that begin() does not have to.
-  /// @throws cl::Error, Error; nothing has changed then.
-  void warm_up(std::size_t slots) { finder_->warm_up(slots); }
-
   using Upload = std::function<void(const std::function<void()>& meanwhile)>;
 
   /// Must not be called while there are unsettled frames, unless the new frame will be enqueued, too.

@@ -4,8 +4,8 @@
 #include <bit>
 #include <utility>
 
-#include "engines/engine_program.hpp"
 #include "engines/kernel_arguments.hpp"
+#include "opencl/common_program.hpp"
 #include "opencl/launch.hpp"
 
 namespace broadcl {
@@ -33,8 +33,8 @@ Order::Order(const opencl::Context& context, opencl::Profiler& profiler, Frames&
       sort_(context),
       scan_(context),
       by_world_(context) {
-  const cl::Program program = engine_program(context);
-  small_ = context.kernel(program, "order_small", engine_launch(context).group);
+  const cl::Program program = opencl::common_program(context);
+  small_ = context.kernel(program, "order_small", opencl::common_group(context));
   count_ = context.sized_kernel(program, "order_count");
   scatter_ = context.sized_kernel(program, "order_scatter");
   place_ = context.sized_kernel(program, "order_place");
@@ -144,7 +144,7 @@ void Order::set_results(cl::Kernel& kernel, cl_uint first, const PairDelta& delt
 
 /// @param event Is set to that of the last kernel, unless it is null.
 void Order::sort_in_one_launch(const PairDelta& delta, cl_uint tag, cl::Event* event) {
-  const std::size_t group = engine_launch(context_).group;
+  const std::size_t group = opencl::common_group(context_);
   set_results(small_, set_changes(small_, delta, tag), delta);
   const std::size_t groups =
       opencl::divide_up(std::max<std::size_t>(plan_.list_capacity, 1), layout::ORDER_RANGE);

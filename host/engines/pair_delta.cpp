@@ -7,8 +7,8 @@
 #include <broadcl/error.hpp>
 
 #include "base/pair_lists.hpp"
-#include "engines/engine_program.hpp"
 #include "engines/kernel_arguments.hpp"
+#include "opencl/common_program.hpp"
 #include "opencl/launch.hpp"
 
 namespace broadcl {
@@ -24,7 +24,7 @@ PairDelta::PairDelta(const opencl::Context& context, opencl::Profiler& profiler,
       frames_(frames),
       now_(frames.now.pairs),
       last_(frames.last.pairs) {
-  keep_ = context.kernel(engine_program(context), "delta_keep", engine_launch(context).group);
+  keep_ = context.kernel(opencl::common_program(context), "delta_keep", opencl::common_group(context));
   for (Frame* frame : {&frames.now, &frames.last}) frame->counts = context.buffer(count_bytes);
 }
 
@@ -127,10 +127,10 @@ void PairDelta::keep(const Search& search) {
   if (most_to_keep() == 0) return;
   opencl::Profiler::Scope stage(profiler_, "keep");
   set_keep_kernel(keep_, 0, search);
-  const EngineLaunch& launch = engine_launch(context_);
-  const std::size_t groups = opencl::divide_up(most_to_keep(), launch.group * launch.keep_chunk);
-  context_.queue().enqueueNDRangeKernel(keep_, cl::NullRange, cl::NDRange(groups * launch.group),
-                                        cl::NDRange(launch.group), nullptr, stage.event());
+  const std::size_t group = opencl::common_group(context_);
+  const std::size_t groups = opencl::divide_up(most_to_keep(), group * DELTA_RUN_OF(group));
+  context_.queue().enqueueNDRangeKernel(keep_, cl::NullRange, cl::NDRange(groups * group), cl::NDRange(group),
+                                        nullptr, stage.event());
 }
 
 cl_uint PairDelta::set_sink(cl::Kernel& kernel, cl_uint first, const Search& search) const {

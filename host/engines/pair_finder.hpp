@@ -20,12 +20,7 @@ class PairFinder {
   PairFinder(PairFinder&&) = delete;
   PairFinder& operator=(PairFinder&&) = delete;
 
-  /// Does what takes long before the first search of up to this many slots. May block.
-  /// @throws cl::Error, Error; nothing has changed then.
-  virtual void warm_up(std::size_t /*slots*/) {}
-
-  /// Builds the kernels that only this search needs, if there are any, and may enqueue those that do not need
-  /// its boxes, which may not be there yet.
+  /// May enqueue the kernels that do not need the boxes of this search, which may not be there yet.
   /// @throws cl::Error, Error
   virtual void begin(const Search& /*search*/, const PairDelta& /*sink*/, opencl::Profiler& /*profiler*/) {}
 

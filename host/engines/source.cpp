@@ -4,13 +4,13 @@
 
 #include <broadcl/aabb.hpp>
 
-#include "engines/engine_program.hpp"
+#include "opencl/common_program.hpp"
 #include "opencl/launch.hpp"
 
 namespace broadcl {
 
 Source::Source(const opencl::Context& context)
-    : context_(context), gather_(context.sized_kernel(engine_program(context), "gather_boxes")) {}
+    : context_(context), gather_(context.sized_kernel(opencl::common_program(context), "gather_boxes")) {}
 
 void Source::set(Boxes boxes, Boxes second, cl::Buffer filters) {
   boxes_ = std::move(boxes);

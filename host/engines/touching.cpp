@@ -6,7 +6,7 @@
 #include "base/pair_lists.hpp"
 #include "base/pair_selection.hpp"
 #include "base/prefetch.hpp"
-#include "engines/engine_program.hpp"
+#include "opencl/common_program.hpp"
 #include "opencl/launch.hpp"
 
 namespace broadcl {
@@ -31,7 +31,7 @@ std::vector<Pair> touching_pairs(std::span<const Pair> pairs, std::span<const Aa
 TouchingPairs::TouchingPairs(const opencl::Context& context, opencl::Profiler& profiler)
     : context_(context),
       profiler_(profiler),
-      kernel_(context.sized_kernel(engine_program(context), "touching_pairs")) {}
+      kernel_(context.sized_kernel(opencl::common_program(context), "touching_pairs")) {}
 
 std::vector<Pair> TouchingPairs::find(const Frame& frame, std::size_t kept, std::size_t added) {
   if (kept + added == 0) return {};

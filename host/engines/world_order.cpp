@@ -2,13 +2,13 @@
 
 #include <bit>
 
-#include "engines/engine_program.hpp"
+#include "opencl/common_program.hpp"
 #include "opencl/launch.hpp"
 
 namespace broadcl {
 
 WorldOrder::WorldOrder(const opencl::Context& context) : context_(context) {
-  const cl::Program program = engine_program(context);
+  const cl::Program program = opencl::common_program(context);
   offsets_ = context.sized_kernel(program, "order_offsets");
   keys_ = context.sized_kernel(program, "order_world_keys");
   pick_ = context.sized_kernel(program, "order_pick");

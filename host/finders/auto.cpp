@@ -38,15 +38,8 @@ class Auto final : public PairFinder {
       : context_(context),
         most_(context.tuning() == opencl::Tuning::cpu ? most_on_cpus : most_on_gpus),
         brute_force_(make_brute_force(context)),
-        chosen_(brute_force_.get()) {
-    // A GPU is opened while the host does the updates.
-    if (context.device().type != DeviceType::cpu) (void)tiles();
-  }
-
-  void warm_up(std::size_t slots) override {
-    const auto n = static_cast<double>(slots);
-    if (n * n / 2 > most_tests(slots)) (void)tiles();
-  }
+        tiles_(make_tiles(context)),
+        chosen_(brute_force_.get()) {}
 
   void begin(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) override {
     chosen_ = choose(search, sink);
@@ -75,7 +68,7 @@ class Auto final : public PairFinder {
 
   void forget() noexcept override {
     brute_force_->forget();
-    if (tiles_) tiles_->forget();
+    tiles_->forget();
   }
 
   /// Roughly what a large GPU takes. (Updates that were measured correct it.)
@@ -84,11 +77,6 @@ class Auto final : public PairFinder {
   }
 
  private:
-  PairFinder& tiles() {
-    if (!tiles_) tiles_ = make_tiles(context_);
-    return *tiles_;
-  }
-
   [[nodiscard]] double most_tests(std::size_t slots) const {
     return context_.device().compute_units *
            (most_.per_unit + most_.per_unit_and_slot * static_cast<double>(slots));
@@ -98,7 +86,7 @@ class Auto final : public PairFinder {
     const double most = most_tests(search.now.slots);
     const bool few = tests(search, sink) < (chosen_ == brute_force_.get() ? most : clearly_less * most);
     // (`brute-force` also tests boxes of different worlds.)
-    return few && !search.worlds ? brute_force_.get() : &tiles();
+    return few && !search.worlds ? brute_force_.get() : tiles_.get();
   }
 
   /// The pairs that `brute-force` would test; those that overlap count more.
@@ -113,7 +101,7 @@ class Auto final : public PairFinder {
   const opencl::Context& context_;
   MostTests most_;
   std::unique_ptr<PairFinder> brute_force_;
-  std::unique_ptr<PairFinder> tiles_;  // on a CPU, made when it is first needed: a CPU compiles for seconds
+  std::unique_ptr<PairFinder> tiles_;
   PairFinder* chosen_;
 };
 

@@ -1,5 +1,4 @@
 #include <algorithm>
-#include <array>
 #include <cstddef>
 #include <memory>
 #include <string>
@@ -35,13 +34,12 @@ class BruteForce final : public PairFinder {
   explicit BruteForce(const opencl::Context& context)
       : context_(context),
         launch_(context.tuning() == opencl::Tuning::cpu ? brute_force_on_cpus : brute_force_on_gpus) {
-    load();
+    make_kernel();
   }
 
   void build(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) override {
     // (Longer lists are kept by a kernel of their own, which comes first and needs the boxes.)
     gathers_ = search.source != nullptr && search.source->packed_boxes()() != nullptr && keeps(search, sink);
-    if (has_work(search)) load();
     if (!gathers_) PairFinder::build(search, sink, profiler);
   }
 
@@ -49,7 +47,6 @@ class BruteForce final : public PairFinder {
     if (!has_work(search)) return;
     const cl_uint n = search.now.slots;
     const cl_uint row_count = search.changed_slots();
-    cl::Kernel& kernel = this->kernel();
     const cl::Buffer boxes = gathers_ ? search.source->packed_boxes() : search.now.boxes;
     const std::size_t columns = opencl::round_up(opencl::divide_up(n, launch_.width), launch_.group);
     const std::size_t rows = rows_per_item(search);
@@ -58,16 +55,16 @@ class BruteForce final : public PairFinder {
     for (std::size_t first = 0; first < runs; first += at_once) {
       opencl::Profiler::Scope stage(profiler, "test");
       const bool keeps = first == 0 && sink.is_kept_by_finder();
-      cl_uint k = opencl::set_arguments(
-          kernel, 0,
+      const cl_uint next = opencl::set_arguments(
+          kernel_, 0,
           layout::brute_force_scalars_t{.n = n,
                                         .row_count = row_count,
                                         .rows = static_cast<cl_uint>(rows),
                                         .first_run = static_cast<cl_uint>(first)},
-          boxes, search.changed.slots, search.changed.stamps, search.now.filters, search.now.exclusions);
-      if (gathers_) k = opencl::set_arguments(kernel, k, first == 0 ? search.now.boxes : cl::Buffer());
-      sink.set_sink(kernel, sink.set_keep(kernel, k, search, keeps), search);
-      context_.queue().enqueueNDRangeKernel(kernel, cl::NullRange,
+          boxes, search.changed.slots, search.changed.stamps, search.now.filters, search.now.exclusions,
+          gathers_ && first == 0 ? search.now.boxes : cl::Buffer());
+      sink.set_sink(kernel_, sink.set_keep(kernel_, next, search, keeps), search);
+      context_.queue().enqueueNDRangeKernel(kernel_, cl::NullRange,
                                             cl::NDRange(columns, std::min(at_once, runs - first)),
                                             cl::NDRange(launch_.group, 1), nullptr, stage.event());
     }
@@ -93,36 +90,23 @@ class BruteForce final : public PairFinder {
     return launch_.rows(runs, context_);
   }
 
-  /// Builds the kernel of a search when it is first needed. If the device runs it only in smaller
-  /// work-groups, changes to the launch parameters for CPUs for good.
-  void load() {
-    if (kernel()() != nullptr) return;
-    try {
-      kernel() = make_kernel();
-    } catch (const opencl::GroupTooLarge&) {
-      launch_ = brute_force_on_cpus;
-      kernels_ = {};
-      gathers_ = false;
-      load();
-    }
-  }
-
-  cl::Kernel& kernel() { return kernels_.at(gathers_ ? 1 : 0); }
-
-  [[nodiscard]] cl::Kernel make_kernel() const {
+  /// If the device runs it only in smaller work-groups, with the launch parameters for CPUs.
+  void make_kernel() try {
     // Rows that a work-item tests before it looks for hits.
     const unsigned rows_at_once = launch_.group == 1 ? 4 : 8;
     const std::string options =
         "-DWIDTH=" + std::to_string(launch_.width) + " -DGROUP=" + std::to_string(launch_.group) +
-        " -DROWS=" + std::to_string(rows_at_once) + " -DMAX_ROWS=" + std::to_string(launch_.max_rows) +
-        (gathers_ ? " -DGATHER=1" : "");
-    return context_.kernel(context_.program("brute_force.cl", options), "brute_force", launch_.group);
+        " -DROWS=" + std::to_string(rows_at_once) + " -DMAX_ROWS=" + std::to_string(launch_.max_rows);
+    kernel_ = context_.kernel(context_.program("brute_force.cl", options), "brute_force", launch_.group);
+  } catch (const opencl::GroupTooLarge&) {
+    launch_ = brute_force_on_cpus;
+    make_kernel();
   }
 
   const opencl::Context& context_;
   RowLaunch launch_;
-  std::array<cl::Kernel, 2> kernels_;
-  bool gathers_ = false;  // this search: its kernel reads the caller's boxes, and copies them
+  cl::Kernel kernel_;
+  bool gathers_ = false;  // this search: the kernel reads the caller's boxes, and copies them
 };
 
 }  // namespace

@@ -16,7 +16,7 @@ class CentroidBounds {
 
   /// Enqueues the reduction of the first n boxes, six floats each; those without a finite centroid, in
   /// particular empty ones, are ignored. Does not wait.
-  /// @param kernel centroids, of a program with -DWORLDS=1 if there are filters.
+  /// @param kernel centroids.
   /// @param filters If not null, there are separate bounds for each world, and for the objects of all worlds.
   /// @param stage To which the commands belong; null if to none.
   /// @throws cl::Error, Error

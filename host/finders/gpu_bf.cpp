@@ -1,5 +1,6 @@
 #include <algorithm>
 #include <memory>
+#include <optional>
 #include <string>
 #include <utility>
 
@@ -47,6 +48,9 @@ class GpuBf final : public Algorithm {
         profiler_(config.profile),
         threads_(config.threads),
         launch_(context_.tuning() == opencl::Tuning::cpu ? gpu_bf_on_cpus : gpu_bf_on_gpus),
+        large_(context_.large_buffers()),
+        program_(build()),
+        large_program_(large_ ? build(large_->option) : cl::Program()),
         objects_(std::make_unique<DeviceObjects>(context_, profiler_, *frames_)) {
     make_kernels();
   }
@@ -157,11 +161,13 @@ class GpuBf final : public Algorithm {
     return {results.host(), pairs};
   }
 
+  [[nodiscard]] cl::Program build(const std::string& option = {}) const {
+    return context_.program("gpu_bf.cl", "-DWIDTH=" + std::to_string(launch_.width) + option);
+  }
+
   void make_kernels() {
-    const std::string width = "-DWIDTH=" + std::to_string(launch_.width);
-    const cl::Program program = context_.program("gpu_bf.cl", width + option_);
-    kernel_ = context_.sized_kernel(program, "gpu_bf", launch_.group);
-    exclude_ = context_.sized_kernel(program, "gpu_bf_exclude", launch_.group);
+    kernel_ = context_.sized_kernel(program_, "gpu_bf", launch_.group);
+    exclude_ = context_.sized_kernel(program_, "gpu_bf_exclude", launch_.group);
   }
 
   /// Grows the buffer of this frame's results. Those of the last frame are not changed.
@@ -170,9 +176,9 @@ class GpuBf final : public Algorithm {
     if (bytes <= current_.bytes()) return;
     current_ = {};
     std::uint64_t most = context_.device().max_allocation;
-    if (const auto large = context_.large_buffers(); large && bytes > most) {
-      most = large->most;
-      option_ = large->option;
+    if (large_ && bytes > most) {
+      most = large_->most;
+      program_ = large_program_;
       make_kernels();
     }
     current_ = opencl::SharedBuffer(
@@ -234,7 +240,9 @@ class GpuBf final : public Algorithm {
   opencl::Profiler profiler_;
   std::size_t threads_;  // at most; 0 for one per processor
   RowLaunch launch_;
-  std::string option_;  // for the compiler, if results are large
+  std::optional<opencl::Context::LargeBuffers> large_;
+  cl::Program program_;
+  cl::Program large_program_;  // for large buffers
   opencl::SizedKernel kernel_, exclude_;
   std::unique_ptr<Frames> frames_ = std::make_unique<Frames>();  // the objects of each
   std::unique_ptr<DeviceObjects> objects_;

@@ -32,9 +32,8 @@ constexpr std::size_t never = std::numeric_limits<std::size_t>::max();
 /// @returns Whether the context can provide what this needs.
 bool NearPairs::load() try {
   if (queue_() != nullptr) return true;
-  const cl::Program program = context_.program("near_pairs.cl");
-  grow_ = context_.sized_kernel(program, "near_pairs_grow");
-  test_ = context_.sized_kernel(program, "near_pairs_test", layout::NEAR_GROUP);
+  grow_ = context_.sized_kernel(program_, "near_pairs_grow");
+  test_ = context_.sized_kernel(program_, "near_pairs_test", layout::NEAR_GROUP);
   counts_ = context_.buffer(PairDelta::count_bytes);
   queue_ = context_.second_queue();
   return true;

@@ -20,8 +20,10 @@ class NearPairs {
  public:
   /// @param context Must outlive this object. If it cannot provide what this needs, nothing is searched
   /// early.
+  /// @param program With the kernels of kernels/near_pairs.cl.
   /// @param fewest With fewer boxes, nothing is searched early. The largest number: nothing ever is.
-  NearPairs(const opencl::Context& context, std::size_t fewest) : context_(context), fewest_(fewest) {}
+  NearPairs(const opencl::Context& context, cl::Program program, std::size_t fewest)
+      : context_(context), program_(std::move(program)), fewest_(fewest) {}
   ~NearPairs() { wait(); }
   NearPairs(const NearPairs&) = delete;
   NearPairs& operator=(const NearPairs&) = delete;
@@ -91,6 +93,7 @@ class NearPairs {
   void wait() const noexcept;
 
   const opencl::Context& context_;
+  cl::Program program_;
   std::size_t fewest_;
   opencl::SizedKernel grow_, test_;
   cl::CommandQueue queue_;

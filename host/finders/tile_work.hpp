@@ -21,7 +21,6 @@ class TileWork {
   TileWork(std::size_t node, double stale) : node_(node), stale_(stale) {}
 
   /// Starts again with tiles of another size.
-  void restart(std::size_t node) { *this = TileWork(node, stale_); }
 
   /// Records the work of the last search, and that a frame begins.
   void begin_frame(const Search& search, const PairDelta& sink);

@@ -49,6 +49,11 @@ bool has_worlds(const Search& search) {
   return search.worlds || search.sets;
 }
 
+/// The parameter `worlds` of kernels/tiles_build.cl.
+cl_uint worlds(const Search& search) {
+  return has_worlds(search) ? 1 : 0;
+}
+
 /// The parameter `sets` of kernels/filter.h.
 cl_uint sets(const Search& search) {
   return search.sets ? 1 : 0;
@@ -63,18 +68,16 @@ class Tiles final : public PairFinder {
   Tiles(const opencl::Context& context, double stale, std::size_t fewest_early)
       : context_(context),
         launch_(launch_for(context.tuning())),
+        kernels_(make_kernels()),
         work_(launch_.node, stale),
         centroids_(context),
-        near_(context, fewest_early),
-        sort_(context) {
-    load({});
-  }
+        near_(context, kernels_.program, fewest_early),
+        sort_(context) {}
 
   void begin(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) override {
     is_built_ = search.now.slots > 1 && search.changed_slots() > 0;
     is_early_ = false;
     if (!is_built_) return;
-    load(search);
     prepare(search);
     work_.begin_frame(search, sink);
     is_stale_ = work_.is_stale(search, sink);
@@ -128,61 +131,37 @@ class Tiles final : public PairFinder {
 
  private:
   struct Kernels {  // NOLINT(bugprone-exception-escape): handles do not throw when moved
+    cl::Program program;
     opencl::SizedKernel centroids, keys, world_keys;
-    cl::Kernel fill, refit, search;
-    cl::Kernel refit_and_keep{};  // on a GPU
-    cl::Kernel search_some{};     // if it is built
+    cl::Kernel fill, refit;
+    cl::Kernel refit_and_keep;      // on a GPU
+    cl::Kernel search, search_all;  // any boxes; one world, all of whose boxes changed
   };
 
-  /// Builds the kernels that a search needs, whether it sorts or not, unless they are built. If the device
-  /// runs one of them only in smaller work-groups, changes to the launch parameters for CPUs for good.
-  void load(const Search& search) {
-    try {
-      const bool worlds = has_worlds(search);
-      (void)kernels(worlds);
-      if (!search.changed.all) (void)search_kernel(false, worlds);
-    } catch (const opencl::GroupTooLarge&) {
-      launch_ = tiles_on_cpus;
-      work_.restart(launch_.node);
-      kernels_ = {};
-      capacity_ = 0;  // nodes may have had another size
-      load(search);
-    }
-  }
-
-  /// The kernels for one world or for several.
-  Kernels& kernels(bool worlds) {
-    Kernels& kernels = kernels_.at(worlds ? 1 : 0);
-    if (kernels.search() != nullptr) return kernels;
-    const cl::Program program = context_.program("tiles.cl", options(worlds));
-    kernels = {.centroids = context_.sized_kernel(program, "centroids"),
-               .keys = context_.sized_kernel(program, "tiles_keys"),
-               .world_keys = context_.sized_kernel(program, "tiles_world_keys"),
-               .fill = context_.kernel(program, "tiles_fill", launch_.group),
-               .refit = context_.kernel(program, "tiles_refit", launch_.group),
-               .search = context_.kernel(program, "tiles_search", launch_.group)};
+  /// If the device runs one of them only in smaller work-groups, changes to the launch parameters for CPUs.
+  [[nodiscard]] Kernels make_kernels() try {
+    const std::string options =
+        "-DGROUP=" + std::to_string(launch_.group) + (context_.has_nvidia_vote() ? " -DNVIDIA" : "");
+    const cl::Program program = context_.program("tiles.cl", options);
+    const auto kernel = [&](const char* name) { return context_.kernel(program, name, launch_.group); };
+    Kernels kernels{.program = program,
+                    .centroids = context_.sized_kernel(program, "centroids"),
+                    .keys = context_.sized_kernel(program, "tiles_keys"),
+                    .world_keys = context_.sized_kernel(program, "tiles_world_keys"),
+                    .fill = kernel("tiles_fill"),
+                    .refit = kernel("tiles_refit"),
+                    .refit_and_keep = {},
+                    .search = kernel("tiles_search"),
+                    .search_all = kernel("tiles_search")};
     if (launch_.group > 1) {
       kernels.refit_and_keep = context_.kernel(program, "tiles_refit_and_keep", layout::TILES_KEEP_GROUP);
+      kernels.search = context_.kernel(context_.program("tiles_search.cl", options + " -DGENERAL=1"),
+                                       "tiles_search", launch_.group);
     }
     return kernels;
-  }
-
-  Kernels& kernels(const Search& search) { return kernels(has_worlds(search)); }
-
-  /// The kernel that searches all boxes or those that changed.
-  cl::Kernel& search_kernel(bool all, bool worlds) {
-    if (all) return kernels(worlds).search;
-    cl::Kernel& search = kernels(worlds).search_some;
-    if (search() == nullptr) {
-      search = context_.kernel(context_.program("tiles_search.cl", options(worlds) + " -DSOME_CHANGED=1"),
-                               "tiles_search", launch_.group);
-    }
-    return search;
-  }
-
-  [[nodiscard]] std::string options(bool worlds) const {
-    return "-DGROUP=" + std::to_string(launch_.group) + (context_.has_nvidia_vote() ? " -DNVIDIA" : "") +
-           (worlds ? " -DWORLDS=1" : "");
+  } catch (const opencl::GroupTooLarge&) {
+    launch_ = tiles_on_cpus;
+    return make_kernels();
   }
 
   struct Tree {  // NOLINT(bugprone-exception-escape): handles do not throw when moved
@@ -240,19 +219,19 @@ class Tiles final : public PairFinder {
   void sort(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) {
     opencl::Profiler::Scope stage(profiler, "sort");
     work_.forget_sort();  // until all is enqueued: after a part of it, a slot may be there twice
-    Kernels& kernels = this->kernels(search);
     const cl::Buffer& filters = has_worlds(search) ? search.now.filters : cl::Buffer();
     // (Sets of one world share their bounds.)
-    centroids_.enqueue(this->kernels(search.worlds).centroids, search.now.boxes,
-                       search.worlds ? filters : cl::Buffer(), search.now.slots, &stage);
-    opencl::set_arguments(kernels.keys.kernel, 0, search.now.slots, search.now.boxes, filters,
+    centroids_.enqueue(kernels_.centroids, search.now.boxes, search.worlds ? filters : cl::Buffer(),
+                       search.now.slots, &stage);
+    opencl::set_arguments(kernels_.keys.kernel, 0, search.now.slots, search.now.boxes, filters,
                           centroids_.buckets(), centroids_.result(), elements_);
-    kernels.keys.enqueue(context_.queue(), search.now.slots, stage.event());
+    kernels_.keys.enqueue(context_.queue(), search.now.slots, stage.event());
     sort_.enqueue(elements_, scratch_, search.now.slots,
                   {{32 + layout::CODE_BITS - layout::SORTED_BITS, layout::SORTED_BITS}}, &stage);
     if (has_worlds(search)) {  // they count first, so they are sorted by last
-      opencl::set_arguments(kernels.world_keys.kernel, 0, search.now.slots, sets(search), filters, elements_);
-      kernels.world_keys.enqueue(context_.queue(), search.now.slots, stage.event());
+      opencl::set_arguments(kernels_.world_keys.kernel, 0, search.now.slots, sets(search), filters,
+                            elements_);
+      kernels_.world_keys.enqueue(context_.queue(), search.now.slots, stage.event());
       const unsigned bits = search.worlds ? 32 : 1;
       sort_.enqueue(elements_, scratch_, search.now.slots, {{32, bits}}, &stage);
     }
@@ -263,8 +242,7 @@ class Tiles final : public PairFinder {
   void fill_trees(const Search& search, bool gathers, const PairDelta& sink, opencl::Profiler& profiler) {
     opencl::Profiler::Scope stage(profiler, "build");
     if (gathers) {
-      search.source->set_arguments(kernels(search).fill, set_fill(search, tree_, {}), search.now,
-                                   sink.counts());
+      search.source->set_arguments(kernels_.fill, set_fill(search, tree_, {}), search.now, sink.counts());
       enqueue_fill(context_.queue(), search, stage.event());
       return;
     }
@@ -277,20 +255,20 @@ class Tiles final : public PairFinder {
 
   void fill_tree(const cl::CommandQueue& queue, const Search& search, const cl::Buffer& boxes,
                  const cl::Buffer& stamps, const Tree& tree, cl::Event* event) {
-    Source::set_no_arguments(kernels(search).fill, set_fill(search, tree, stamps), boxes,
+    Source::set_no_arguments(kernels_.fill, set_fill(search, tree, stamps), boxes,
                              has_worlds(search) ? search.now.filters : cl::Buffer());
     enqueue_fill(queue, search, event);
   }
 
   /// Sets all but the GATHER_PARAMETERS; returns the index of the first of these.
   cl_uint set_fill(const Search& search, const Tree& tree, const cl::Buffer& stamps) {
-    return opencl::set_arguments(kernels(search).fill, 0, search.now.slots,
-                                 static_cast<cl_uint>(tiles_of(search)), starts_.at(1), sets(search),
-                                 elements_, tree.nodes, search.changed.stamp, stamps);
+    return opencl::set_arguments(kernels_.fill, 0, search.now.slots, static_cast<cl_uint>(tiles_of(search)),
+                                 starts_.at(1), worlds(search), sets(search), elements_, tree.nodes,
+                                 search.changed.stamp, stamps);
   }
 
   void enqueue_fill(const cl::CommandQueue& queue, const Search& search, cl::Event* event) {
-    enqueue(queue, kernels(search).fill, round_up(tiles_of(search), launch_.node), event);
+    enqueue(queue, kernels_.fill, round_up(tiles_of(search), launch_.node), event);
   }
 
   [[nodiscard]] std::size_t tiles_of(const Search& search) const {
@@ -307,12 +285,12 @@ class Tiles final : public PairFinder {
     if (sink.is_kept_by_finder()) {
       opencl::Profiler::Scope stage(profiler, "keep");
       const std::size_t nodes = nodes_of(search);
-      cl::Kernel& kernel = kernels(search).refit_and_keep;
-      sink.set_keep_kernel(kernel, set_refit(kernel, tree_, 1, nodes), search);
+      sink.set_keep_kernel(kernels_.refit_and_keep,
+                           set_refit(kernels_.refit_and_keep, search, tree_, 1, nodes), search);
       const std::size_t groups =
           round_up(nodes, launch_.node) * launch_.group / layout::TILES_KEEP_GROUP +
           divide_up(sink.most_to_keep(), std::size_t{layout::TILES_KEEP_GROUP} * layout::TILES_KEEP_RUN);
-      context_.queue().enqueueNDRangeKernel(kernel, cl::NullRange,
+      context_.queue().enqueueNDRangeKernel(kernels_.refit_and_keep, cl::NullRange,
                                             cl::NDRange(groups * layout::TILES_KEEP_GROUP),
                                             cl::NDRange(layout::TILES_KEEP_GROUP), nullptr, stage.event());
     }
@@ -325,21 +303,21 @@ class Tiles final : public PairFinder {
   void refit(const cl::CommandQueue& queue, const Search& search, const Tree& tree, std::size_t level,
              opencl::Profiler::Scope& stage) {
     std::size_t nodes = nodes_of(search);
-    cl::Kernel& refit = kernels(search).refit;
     // The search starts at the first level that has at most `most_roots` nodes.
     for (top_ = 1; nodes > launch_.most_roots && top_ + 1 < layout::TREE_LEVELS;
          ++top_, nodes = divide_up(nodes, launch_.node)) {
       if (top_ < level) continue;
-      set_refit(refit, tree, top_, nodes);
-      enqueue(queue, refit, round_up(nodes, launch_.node), stage.event());
+      set_refit(kernels_.refit, search, tree, top_, nodes);
+      enqueue(queue, kernels_.refit, round_up(nodes, launch_.node), stage.event());
     }
     roots_ = static_cast<cl_uint>(nodes);
   }
 
   /// @param nodes Of the level.
-  cl_uint set_refit(cl::Kernel& kernel, const Tree& tree, std::size_t level, std::size_t nodes) const {
+  cl_uint set_refit(cl::Kernel& kernel, const Search& search, const Tree& tree, std::size_t level,
+                    std::size_t nodes) const {
     return opencl::set_arguments(kernel, 0, starts_.at(level), static_cast<cl_uint>(nodes),
-                                 starts_.at(level + 1), tree.nodes);
+                                 starts_.at(level + 1), worlds(search), tree.nodes);
   }
 
   /// Enqueues the search for near pairs.
@@ -365,12 +343,14 @@ class Tiles final : public PairFinder {
     const bool is_first = search.last.slots == 0;
     const std::size_t dense_workers = is_first ? this->workers(tiles, dense_search_groups_per_unit) : workers;
     most_work_ = work_.most(search, sink, tiles * dense_workers);
-    cl::Kernel& kernel = search_kernel(search.changed.all, has_worlds(search));
+    const bool is_all = search.changed.all && !has_worlds(search);
+    cl::Kernel& kernel = is_all ? kernels_.search_all : kernels_.search;
     layout::tiles_search_scalars_t scalars{.starts = {},
                                            .top = static_cast<cl_uint>(top_),
                                            .roots = roots_,
                                            .workers = static_cast<cl_uint>(workers),
                                            .most_work = most_work_,
+                                           .worlds = worlds(search),
                                            .sets = sets(search)};
     std::ranges::copy(starts_, scalars.starts);
     const cl_uint next = opencl::set_arguments(kernel, 0, scalars, tree_.nodes,
@@ -404,11 +384,11 @@ class Tiles final : public PairFinder {
 
   const opencl::Context& context_;
   TilesLaunch launch_;
+  Kernels kernels_;
   TileWork work_;
   CentroidBounds centroids_;
   NearPairs near_;
   opencl::RadixSort sort_;
-  std::array<Kernels, 2> kernels_;
   cl::Buffer elements_, scratch_;  // slots, sorted
   Tree tree_;
   Tree changed_tree_;                                  // of boxes that changed, if not all did

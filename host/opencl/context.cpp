@@ -6,9 +6,9 @@
 #include <utility>
 
 #include "opencl/arithmetic.hpp"
+#include "opencl/common_program.hpp"
 #include "opencl/devices.hpp"
 #include "opencl/error.hpp"
-#include "opencl/primitives.hpp"
 
 namespace broadcl::opencl {
 
@@ -133,7 +133,7 @@ cl::CommandQueue Context::second_queue() const {
 
 void Context::fill(const cl::CommandQueue& queue, const cl::Buffer& buffer, cl_uint value, std::size_t first,
                    std::size_t count, cl::Event* event) const {
-  if (fill_.kernel() == nullptr) fill_ = sized_kernel(primitives(*this), "fill");
+  if (fill_.kernel() == nullptr) fill_ = sized_kernel(common_program(*this), "fill");
   set_arguments(fill_.kernel, 0, static_cast<cl_uint>(count), value, static_cast<cl_ulong>(first), buffer);
   // A GPU takes longer for work-items that set only one word.
   constexpr std::size_t most_items = std::size_t{1} << 18;

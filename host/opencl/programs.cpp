@@ -19,6 +19,12 @@ std::string key_of(const Device& device, std::string_view key) {
   return result += key;
 }
 
+/// To be held while a program is built.
+std::unique_lock<std::mutex> lock_for_building(const Quirks& quirks) {
+  static std::mutex one_at_a_time;
+  return quirks.builds_one_at_a_time ? std::unique_lock(one_at_a_time) : std::unique_lock<std::mutex>();
+}
+
 }  // namespace
 
 Programs::Programs(Device device, cl::Device cl_device, cl::Context context, DiskCache disk_cache)
@@ -65,11 +71,11 @@ cl::Program Programs::build(std::string_view file, const std::string& source, co
   const std::string key = options + '\0' + source;
   const DiskCache::Bytes binary = load(key).value_or(DiskCache::Bytes());
   // If the driver keeps programs, only a marker is stored, so that on_compile is not called again.
-  const bool is_kept_by_driver = quirks_of(device_).keeps_programs;
-  if (!binary.empty() && !is_kept_by_driver) {
+  const Quirks quirks = quirks_of(device_);
+  if (!binary.empty() && !quirks.keeps_programs) {
     if (auto program = from_binary(binary, options)) return *program;
   }
-  if (binary.empty() || !is_kept_by_driver) {
+  if (binary.empty() || !quirks.keeps_programs) {
     if (const CompileHandler handler = std::exchange(on_compile, {})) {
       // Whether the binary can be stored there shows by storing an empty one.
       const bool is_stored = disk_cache_.store(key_of(device_, key), {});
@@ -78,12 +84,13 @@ cl::Program Programs::build(std::string_view file, const std::string& source, co
   }
   cl::Program program(context_, source);
   try {
+    const auto lock = lock_for_building(quirks);
     program.build(cl_device_, options.c_str());
   } catch (const cl::BuildError&) {
     throw Error(device_.label() + ": " + std::string(file) + " does not compile:\n" +
                 with_file_names(program.getBuildInfo<CL_PROGRAM_BUILD_LOG>(cl_device_), source));
   }
-  if (is_kept_by_driver) {
+  if (quirks.keeps_programs) {
     if (binary.empty()) store(key, {'1'});
     return program;
   }

@@ -22,10 +22,12 @@ bool has_extension(const cl::Device& device, std::string_view name) {
 }  // namespace
 
 Quirks quirks_of(const Device& device) {
+  const bool is_pocl = device.platform_name == "Portable Computing Language";
   return {
       .ends_long_loops = device.type == DeviceType::cpu && device.name.find("llvmpipe") != std::string::npos,
       .misjudges_kernels = device.platform_name == "rusticl" && device.driver_version.starts_with("22."),
-      .keeps_programs = device.platform_name == "Portable Computing Language",
+      .keeps_programs = is_pocl,
+      .builds_one_at_a_time = is_pocl,
       .has_large_buffers =
           device.type == DeviceType::gpu && device.platform_name.starts_with("Intel(R) OpenCL")};
 }

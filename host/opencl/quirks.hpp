@@ -23,6 +23,9 @@ struct Quirks {
   /// because it compiles every kernel once more, for work-groups of any size.
   bool keeps_programs = false;
 
+  /// PoCL has races if several threads build programs.
+  bool builds_one_at_a_time = false;
+
   /// Intel's own driver for its GPUs allows buffers as large as the memory, with a flag, for kernels that are
   /// compiled with an option.
   bool has_large_buffers = false;

@@ -5,8 +5,8 @@
 #include <bit>
 #include <utility>
 
+#include "opencl/common_program.hpp"
 #include "opencl/launch.hpp"
-#include "opencl/primitives.hpp"
 
 namespace broadcl::opencl {
 namespace {
@@ -32,8 +32,8 @@ RadixSort::RadixSort(const Context& context) : RadixSort(context, default_most_s
 
 RadixSort::RadixSort(const Context& context, std::size_t most_small)
     : context_(context), most_small_(most_small), scan_(context) {
-  const cl::Program program = primitives(context);
-  const std::size_t group = primitives_group(context);
+  const cl::Program program = common_program(context);
+  const std::size_t group = common_group(context);
   count_ = context.kernel(program, "radix_sort_count", group);
   scatter_ = context.kernel(program, "radix_sort_scatter", group);
   small_ = context.kernel(program, "radix_sort_small", group);
@@ -46,7 +46,7 @@ RadixSort::RadixSort(const Context& context, std::size_t most_small)
 
 void RadixSort::enqueue_small(const cl::Buffer& elements, const cl::Buffer& scratch, cl_uint n, Bits key,
                               Profiler::Scope* stage) {
-  const std::size_t group = primitives_group(context_);
+  const std::size_t group = common_group(context_);
   const auto enqueue = [&](cl::Kernel& kernel, std::size_t groups, const cl::Buffer& from,
                            const cl::Buffer& to) {
     set_arguments(kernel, 0, n, cl_uint{key.first}, cl_uint{key.count}, from, to);
@@ -71,8 +71,8 @@ void RadixSort::enqueue_pass(const cl::Buffer& source, const cl::Buffer& target,
   const bool scans = context_.tuning() == Tuning::cpu || blocks.count > most_unscanned;
   set_arguments(count_, 5, counts_);
   set_arguments(scatter_, 5, target, cl_uint{scans ? 1U : 0U}, counts_);
-  const cl::NDRange group(primitives_group(context_));
-  const cl::NDRange items(blocks.count * primitives_group(context_));
+  const cl::NDRange group(common_group(context_));
+  const cl::NDRange items(blocks.count * common_group(context_));
   context_.queue().enqueueNDRangeKernel(count_, cl::NullRange, items, group, nullptr, event_of(stage));
   if (scans) scan_.enqueue(counts_, counts_, std::size_t{blocks.count} << digit.count, stage);
   context_.queue().enqueueNDRangeKernel(scatter_, cl::NullRange, items, group, nullptr, event_of(stage));

@@ -1,8 +1,8 @@
 #include "opencl/scan.hpp"
 
 #include "opencl/blocks.hpp"
+#include "opencl/common_program.hpp"
 #include "opencl/launch.hpp"
-#include "opencl/primitives.hpp"
 
 namespace broadcl::opencl {
 namespace {
@@ -18,8 +18,8 @@ constexpr std::size_t most_blocks = (std::size_t{1} << 31) / longest_block;
 }  // namespace
 
 Scan::Scan(const Context& context) : context_(context) {
-  const cl::Program program = primitives(context);
-  const std::size_t group = primitives_group(context);
+  const cl::Program program = common_program(context);
+  const std::size_t group = common_group(context);
   sums_ = context.kernel(program, "scan_sums", group);
   blocks_ = context.kernel(program, "scan_blocks", group);
   block_sums_ = context.buffer(most_blocks * sizeof(cl_uint));
@@ -27,7 +27,7 @@ Scan::Scan(const Context& context) : context_(context) {
 
 void Scan::enqueue(const cl::Buffer& values, const cl::Buffer& to, std::size_t n, Profiler::Scope* stage) {
   if (n == 0) return;
-  const std::size_t group = primitives_group(context_);
+  const std::size_t group = common_group(context_);
   const Blocks blocks = split_into_blocks(context_, n, shortest_block(context_), longest_block);
   const auto enqueue_each = [&](cl::Kernel& kernel) {
     set_arguments(kernel, 0, static_cast<cl_uint>(n), blocks.length, values, block_sums_);

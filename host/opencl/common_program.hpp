@@ -6,12 +6,12 @@
 
 namespace broadcl::opencl {
 
-/// The program of the kernels that have nothing to do with boxes: kernels/primitives.cl.
+/// The program of the kernels that every object may need: kernels/common.cl.
 /// @throws cl::Error, Error
-[[nodiscard]] cl::Program primitives(const Context& context);
+[[nodiscard]] cl::Program common_program(const Context& context);
 
-/// Work-items per work-group of those kernels that sort and scan.
-[[nodiscard]] inline std::size_t primitives_group(const Context& context) noexcept {
+/// Work-items per work-group of those of its kernels that have local memory.
+[[nodiscard]] inline std::size_t common_group(const Context& context) noexcept {
   return context.tuning() == Tuning::cpu ? 1 : 256;
 }
 

@@ -1,0 +1,10 @@
+/* The kernels that every object on a device may need, in one program, for the reason in tiles.cl: they update objects,
+   keep pairs, sort changes, look for pairs that touch, set words, sort numbers and add them up. */
+
+#include "changes.cl"
+#include "delta.cl"
+#include "fill.cl"
+#include "order.cl"
+#include "radix_sort.cl"
+#include "scan.cl"
+#include "touching.cl"
