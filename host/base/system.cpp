@@ -1,6 +1,9 @@
 #include "base/system.hpp"
 
+#include <algorithm>
 #include <cstdlib>
+#include <initializer_list>
+#include <string_view>
 #include <system_error>
 #include <utility>
 
@@ -137,6 +140,31 @@ void give_back_free_memory() noexcept {
 #ifdef __GLIBC__
   (void)malloc_trim(0);  // what threads have freed stays in their arenas
 #endif
+}
+
+#endif
+
+#ifdef __linux__
+
+bool may_have_gpu(const std::filesystem::path& folder) {
+  std::error_code failure;
+  const auto has_file = [&](const std::filesystem::path& in, std::initializer_list<std::string_view> begin) {
+    for (std::filesystem::directory_iterator file(in, failure), end; !failure && file != end;
+         file.increment(failure)) {
+      const std::string name = file->path().filename().string();
+      if (std::ranges::any_of(begin, [&](std::string_view text) { return name.starts_with(text); }))
+        return true;
+    }
+    return false;
+  };
+  return has_file(folder, {"nvidia", "kfd", "dxg", "mali", "kgsl", "pvr"}) || failure ||
+         has_file(folder / "dri", {"render"});
+}
+
+#else
+
+bool may_have_gpu(const std::filesystem::path& /*folder*/) {
+  return true;
 }
 
 #endif

@@ -48,6 +48,10 @@ struct OwnFile {
 /// @returns Whether that is possible, or not needed because there is no fork.
 bool call_in_forks(void (*function)()) noexcept;
 
+/// Whether this machine may have a GPU: on Linux, whether there is a device file of one.
+/// @param folder Of device files.
+[[nodiscard]] bool may_have_gpu(const std::filesystem::path& folder = "/dev");
+
 /// Asks the system for large pages, with which first accesses to new memory take less time. Does nothing for
 /// less than 4 MB, and on systems other than Linux.
 void use_large_pages(void* begin, std::size_t bytes) noexcept;

@@ -9,7 +9,7 @@
 namespace broadcl {
 
 /// Makes an algorithm that works on a device; null if no device would be faster than the host. Called in
-/// another thread, at most once.
+/// another thread, at most once. Empty if there is no device.
 using OpenDevice = std::function<AlgorithmPointer()>;
 
 /// Returns the present time.

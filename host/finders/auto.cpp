@@ -2,6 +2,7 @@
 #include <cstddef>
 #include <memory>
 
+#include "base/system.hpp"
 #include "engines/algorithm.hpp"
 #include "engines/engine.hpp"
 #include "engines/hybrid.hpp"
@@ -114,7 +115,7 @@ std::unique_ptr<PairFinder> make_auto(const opencl::Context& context) {
 AlgorithmPointer make_auto(const Config& config) {
   const bool is_named = names_device(config);
   if (is_named && device_for(config)) return make_device_algorithm(config, make_auto);
-  const auto open = [config, is_named]() -> AlgorithmPointer {
+  const OpenDevice open = [config, is_named]() -> AlgorithmPointer {
     try {
       if (select_device(config.device).type == DeviceType::cpu) return nullptr;
       return make_device_algorithm(config, make_auto);
@@ -123,8 +124,10 @@ AlgorithmPointer make_auto(const Config& config) {
       return nullptr;
     }
   };
-  return make_hybrid(make_sweep_and_prune(config), open, is_named ? slow_if_named : slow_otherwise,
-                     config.threads);
+  // Asking OpenCL for devices loads all drivers, for the rest of the process.
+  static const bool has_gpu = may_have_gpu();
+  return make_hybrid(make_sweep_and_prune(config), is_named || has_gpu ? open : OpenDevice(),
+                     is_named ? slow_if_named : slow_otherwise, config.threads);
 }
 
 }  // namespace broadcl

@@ -26,9 +26,9 @@ void use_in_this_process() {
   Process unused = Process::unused;
   if (process.compare_exchange_strong(unused, Process::user) || unused != Process::forked) return;
   throw Error(
-      "OpenCL was used by the process from which this one was forked, and does not work after a fork; start "
-      "processes another way (Python: multiprocessing.set_start_method('spawn')), or use devices only after "
-      "the fork");
+      "OpenCL was used by the process from which this one was forked (by `auto`, to look for a GPU, once "
+      "updates were slow), and does not work after a fork; start processes another way (Python: "
+      "multiprocessing.set_start_method('spawn')), or use devices and `auto` only after the fork");
 }
 
 bool is_forked() noexcept {
