@@ -28,8 +28,10 @@ Quirks quirks_of(const Device& device) {
       .misjudges_kernels = device.platform_name == "rusticl" && device.driver_version.starts_with("22."),
       .keeps_programs = is_pocl,
       .builds_one_at_a_time = is_pocl,
-      .has_large_buffers =
-          device.type == DeviceType::gpu && device.platform_name.starts_with("Intel(R) OpenCL")};
+      // (Its names are "Intel(R) OpenCL Graphics" and "Intel(R) OpenCL HD Graphics".)
+      .has_large_buffers = device.type == DeviceType::gpu &&
+                           device.platform_name.starts_with("Intel(R) OpenCL") &&
+                           device.platform_name.ends_with("Graphics")};
 }
 
 unsigned arithmetic_units(const Device& device) {
