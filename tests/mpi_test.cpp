@@ -204,6 +204,8 @@ TEST(Mpi, ObjectsAreAsFarApartAsFloatsCanBe) {
       const float at = k % 2 == 0 ? -most : most;
       twins.add(rank, {{at, at, at}, {at, at, at}});
       twins.add(rank, {{-infinity, at, at}, {at, at, infinity}});
+      const float end = k % 2 == 0 ? -infinity : infinity;
+      twins.add(rank, {{end, at, end}, {end, at, end}});
     }
   }
   twins.update();
