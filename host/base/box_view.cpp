@@ -10,6 +10,7 @@
 
 #include "base/box_parts.hpp"
 #include "base/box_reader.hpp"
+#include "base/lanes.hpp"
 #include "base/origin.hpp"
 #include "base/packed_box.hpp"
 #include "base/stream.hpp"
@@ -81,13 +82,12 @@ struct Packed {
   /// Whether no lower bound exceeds the upper one. (A vector has x of the next box or of the upper corner,
   /// too.)
   [[nodiscard]] bool are_ordered(std::size_t begin, std::size_t end) const noexcept {
-    using Lanes [[gnu::vector_size(16)]] = float;
-    auto any = Lanes{} > Lanes{};
+    auto any = FourLanes{} > FourLanes{};
     for (std::size_t k = begin; k < end; ++k) {
-      Lanes lower;
-      Lanes upper;
-      std::memcpy(&lower, boxes + k * sizeof(Aabb), sizeof(Lanes));
-      std::memcpy(&upper, boxes + k * sizeof(Aabb) + offsetof(Aabb, upper), sizeof(Lanes));
+      FourLanes lower;
+      FourLanes upper;
+      std::memcpy(&lower, boxes + k * sizeof(Aabb), sizeof lower);
+      std::memcpy(&upper, boxes + k * sizeof(Aabb) + offsetof(Aabb, upper), sizeof upper);
       any |= lower > upper;
     }
     return (any[0] | any[1] | any[2]) == 0;

@@ -5,6 +5,8 @@
 #include <cmath>
 #include <cstring>
 
+#include "base/lanes.hpp"
+
 namespace broadcl {
 namespace {
 
@@ -12,7 +14,6 @@ namespace {
 // inlined. They are vectorised by hand, since GCC does it with -O3 only.
 #define BROADCL_INLINE [[gnu::always_inline]] inline
 
-using FourLanes [[gnu::vector_size(16)]] = float;
 #ifdef _WIN32  // where GCC aligns no more than 16 bytes on the stack
 using EightLanes = FourLanes;
 #else

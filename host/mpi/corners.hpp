@@ -5,10 +5,12 @@
 
 #include <broadcl/aabb.hpp>
 
+#include "base/lanes.hpp"
+
 namespace broadcl::mpi {
 
-/// Three floats, and one that does not count. (In scalar form, what follows takes 2.5 times as long.)
-using Lanes [[gnu::vector_size(16)]] = float;
+/// Three floats, and one that does not count.
+using Lanes = FourLanes;
 
 /// A box, for comparisons without branches.
 struct Corners {
