@@ -10,7 +10,6 @@
 #include <gtest/gtest.h>
 
 #include "base/pair_lists.hpp"
-#include "engines/pair_comparison.hpp"
 #include "runs.hpp"
 
 namespace broadcl::test {
@@ -45,7 +44,7 @@ TEST(ChangingPairs, AreThoseOfASet) {
   }
 }
 
-TEST(PairComparison, IsThatOfOneThread) {
+TEST(PairLists, CompareByPartsAsByOneThread) {
   std::mt19937 random(1);
   const auto list = [&](std::uint32_t n, unsigned of_ten) {
     std::vector<Pair> pairs;
@@ -58,12 +57,13 @@ TEST(PairComparison, IsThatOfOneThread) {
   };
   const std::vector<std::uint32_t> recycled{7, 500, 501, 4000, 9999};
   const std::array lists{list(10'000, 9), list(10'000, 8), list(2000, 10), list(10, 5), std::vector<Pair>{}};
-  PairComparison comparison(4);
+  PairParts one(1);
+  PairParts four(4);
   for (const std::vector<Pair>& before : lists) {
     for (const std::vector<Pair>& now : lists) {
       std::vector<Pair> added, removed, expected_added, expected_removed;
-      compare(before, now, recycled, expected_added, expected_removed);
-      comparison(before, now, recycled, added, removed);
+      compare(before, now, recycled, one, expected_added, expected_removed);
+      compare(before, now, recycled, four, added, removed);
       EXPECT_EQ(added, expected_added) << before.size() << ", " << now.size();
       EXPECT_EQ(removed, expected_removed) << before.size() << ", " << now.size();
     }

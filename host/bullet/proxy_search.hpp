@@ -169,10 +169,8 @@ class ProxySearch {
     // A pair that was removed and added again has stayed, unless one of its ids was reused.
     std::vector<Pair> back = intersection(added_, removed_);
     std::erase_if(back, [&](const Pair& pair) { return !pool_.is_known(pair); });
-    if (!back.empty()) {
-      added_ = difference(added_, back);
-      removed_ = difference(removed_, back);
-    }
+    subtract(added_, back);
+    subtract(removed_, back);
     return {.added = added_, .removed = removed_};
   }
 

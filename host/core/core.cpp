@@ -2,7 +2,6 @@
 
 #include <atomic>
 #include <functional>
-#include <iterator>
 #include <optional>
 #include <string>
 #include <tuple>
@@ -10,6 +9,7 @@
 #include <broadcl/error.hpp>
 
 #include "base/box_parts.hpp"
+#include "base/pair_lists.hpp"
 #include "core/box_moves.hpp"
 #include "core/exclusions.hpp"
 
@@ -144,8 +144,7 @@ void Core::set_filter(std::uint32_t id, const Filter& filter) {
 
 void Core::set_exclusions(std::span<const Pair> pairs) {
   std::vector<Pair> sorted = sorted_exclusions(pairs);
-  std::vector<Pair> changed;
-  std::ranges::set_symmetric_difference(exclusions_, sorted, std::back_inserter(changed));
+  const std::vector<Pair> changed = symmetric_difference(exclusions_, sorted);
   // Nothing below throws.
   exclusions_ = std::move(sorted);
   for (const Pair& pair : changed) {

@@ -4,7 +4,6 @@
 #include <utility>
 
 #include "base/pair_lists.hpp"
-#include "base/pair_selection.hpp"
 #include "base/parallel.hpp"
 #include "base/prefetch.hpp"
 

@@ -1,6 +1,5 @@
 #pragma once
 
-#include <algorithm>
 #include <cstddef>
 #include <span>
 #include <utility>
@@ -17,19 +16,19 @@ namespace broadcl {
 /// so that most of them do not rewrite the list.
 class ChangingPairs {
  public:
-  [[nodiscard]] std::size_t size() const noexcept { return pairs_.size() + added_.size() - removed_.size(); }
+  [[nodiscard]] std::size_t size() const noexcept { return size_; }
 
   /// @throws std::bad_alloc
   [[nodiscard]] const std::vector<Pair>& all() {
-    if (!added_.empty() || !removed_.empty()) rewrite();
+    if (!changed_.empty()) rewrite();
     return pairs_;
   }
 
   /// Exchanges the whole list for another one.
   void swap(std::vector<Pair>& pairs) noexcept {
     pairs_.swap(pairs);
-    added_.clear();
-    removed_.clear();
+    size_ = pairs_.size();
+    changed_.clear();
   }
 
   /// Frees memory that is only needed to change the list.
@@ -40,51 +39,34 @@ class ChangingPairs {
   void shrink() {
     (void)all();
     free_scratch();
-    for (std::vector<Pair>* list : {&pairs_, &added_, &removed_}) list->shrink_to_fit();
+    pairs_.shrink_to_fit();
+    changed_.shrink_to_fit();
   }
 
   /// @param added,removed In canonical order. A pair in both stays.
   /// @throws std::bad_alloc Then nothing has changed.
   void change(std::span<const Pair> added, std::span<const Pair> removed) {
-    const std::vector<Pair> come = difference(added, removed);
-    const std::vector<Pair> gone = difference(removed, added);
-    std::vector<Pair> all_added = merge(difference(added_, gone), difference(come, removed_));
-    std::vector<Pair> all_removed = merge(difference(removed_, come), difference(gone, added_));
-    const std::size_t most = pairs_.size() / 64;
-    if (all_added.size() + all_removed.size() > most) {
-      rewritten_.reserve(pairs_.size() + all_added.size());
-    }
-    added_.swap(all_added);
-    removed_.swap(all_removed);
-    if (added_.size() + removed_.size() > most) rewrite();
+    std::vector<Pair> changed = symmetric_difference(changed_, symmetric_difference(added, removed));
+    const std::size_t size = size_ + added.size() - removed.size();
+    const bool rewrites = changed.size() > pairs_.size() / 64;
+    if (rewrites) rewritten_.reserve(size);
+    changed_.swap(changed);
+    size_ = size;
+    if (rewrites) rewrite();
   }
 
  private:
   void rewrite() {
     rewritten_.clear();
-    rewritten_.reserve(pairs_.size() + added_.size());
-    auto rest = pairs_.begin();
-    auto come = added_.begin();
-    auto gone = removed_.begin();
-    while (come != added_.end() || gone != removed_.end()) {
-      const bool comes = gone == removed_.end() || (come != added_.end() && *come < *gone);
-      const auto at = std::lower_bound(rest, pairs_.end(), comes ? *come : *gone);
-      rewritten_.insert(rewritten_.end(), rest, at);
-      rest = at;
-      if (comes) {
-        rewritten_.push_back(*come++);
-      } else {
-        ++rest;
-        ++gone;
-      }
-    }
-    rewritten_.insert(rewritten_.end(), rest, pairs_.end());
+    rewritten_.reserve(size_);
+    walk(pairs_, changed_, append_to(rewritten_), append_to(rewritten_), leave_out);
     swap(rewritten_);
   }
 
   std::vector<Pair> pairs_;
-  std::vector<Pair> added_, removed_;  // since then
-  std::vector<Pair> rewritten_;        // memory for the next list
+  std::vector<Pair> changed_;  // since then: those that were added to the list, or removed from it
+  std::size_t size_ = 0;
+  std::vector<Pair> rewritten_;  // memory for the next list
 };
 
 }  // namespace broadcl

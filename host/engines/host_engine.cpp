@@ -11,7 +11,6 @@
 #include "base/system.hpp"
 #include "engines/change_lists.hpp"
 #include "engines/changing_pairs.hpp"
-#include "engines/pair_comparison.hpp"
 #include "engines/touching.hpp"
 
 namespace broadcl {
@@ -26,7 +25,7 @@ constexpr std::size_t least_boxes = 16;
 class HostEngine final : public Algorithm {
  public:
   HostEngine(std::unique_ptr<HostFinder> finder, std::size_t threads)
-      : finder_(std::move(finder)), threads_(threads), compare_(threads) {}
+      : finder_(std::move(finder)), threads_(threads), parts_(threads) {}
 
   void reserve(std::size_t slots, bool /*filters*/) override {
     if (slots <= boxes_->size()) return;
@@ -63,10 +62,10 @@ class HostEngine final : public Algorithm {
     // With the filters and exclusions of the last update.
     const bool are_known = !input_.all && input_.changed.size() * pairs_per_search < pairs_.size() &&
                            finder_->find_known(filters_, input_.changed, known_);
-    if (are_known) exclude(exclusions_, known_);
+    if (are_known) subtract(known_, exclusions_);
     take_filters();
     if (!input_.all && finder_->find_changed(input_, found_)) {
-      exclude(exclusions_, found_);
+      subtract(found_, exclusions_);
       if (!are_known) find_known();
       Delta delta = changes_from(known_);
       refuse_too_many(pairs_.size() + delta.added.size() - delta.removed.size());
@@ -79,7 +78,7 @@ class HostEngine final : public Algorithm {
       return delta;
     }
     finder_->find(input_, found_);
-    exclude(exclusions_, found_);
+    subtract(found_, exclusions_);
     Delta delta = changes_from(pairs_.all());
     if (input_.listener != nullptr) tell_listener(find_touching(found_), delta);
     pairs_.swap(found_);
@@ -108,7 +107,7 @@ class HostEngine final : public Algorithm {
   [[nodiscard]] std::vector<Pair> find_all(const Input& input) override {
     std::vector<Pair> pairs;
     finder_->find(input, pairs);
-    exclude(input.exclusions, pairs);
+    subtract(pairs, input.exclusions);
     return pairs;
   }
 
@@ -125,7 +124,7 @@ class HostEngine final : public Algorithm {
   /// @param before Pairs of the last update, to be compared with those that were found.
   Delta changes_from(std::span<const Pair> before) {
     return lists_.fill([&](std::vector<Pair>& added, std::vector<Pair>& removed) {
-      compare_(before, found_, input_.recycled, added, removed);
+      compare(before, found_, input_.recycled, parts_, added, removed);
     });
   }
 
@@ -141,24 +140,8 @@ class HostEngine final : public Algorithm {
   void clear() noexcept {
     finder_->clear();
     pairs_.free_scratch();
-    compare_.free_scratch();
+    parts_.free_scratch();
     free_lists(found_, known_, has_changed_, new_filters_, new_exclusions_);
-  }
-
-  /// Both lists are in canonical order.
-  static void exclude(std::span<const Pair> exclusions, std::vector<Pair>& pairs) {
-    if (exclusions.empty()) return;
-    auto kept = pairs.begin();
-    auto next = exclusions.begin();  // the first that does not precede the current pair
-    for (const Pair& pair : pairs) {
-      // The steps double, since there may be far more exclusions than pairs.
-      for (std::ptrdiff_t step = 1; next != exclusions.end() && *next < pair; step *= 2) {
-        const auto end = next + std::min(step, exclusions.end() - next);
-        next = *(end - 1) < pair ? end : std::lower_bound(next, end, pair);
-      }
-      if (next == exclusions.end() || *next != pair) *kept++ = pair;
-    }
-    pairs.erase(kept, pairs.end());
   }
 
   /// Makes the filters and exclusions those of this update.
@@ -186,13 +169,7 @@ class HostEngine final : public Algorithm {
     if (!pairs.empty()) slots = std::max<std::size_t>(slots, pairs.back().b + 1);
     has_changed_.assign(slots, 0);
     for (const std::uint32_t slot : input_.changed) has_changed_[slot] = 1;
-    known_.resize(pairs.size());
-    std::size_t count = 0;
-    for (const Pair& pair : pairs) {  // few of them, at random: a branch would be slower
-      known_[count] = pair;
-      count += static_cast<std::size_t>(has_changed_[pair.a] | has_changed_[pair.b]);
-    }
-    known_.resize(count);
+    select_by_slots(pairs, has_changed_, known_);
   }
 
   std::unique_ptr<HostFinder> finder_;
@@ -206,10 +183,10 @@ class HostEngine final : public Algorithm {
   std::vector<Filter> new_filters_;
   std::vector<Pair> new_exclusions_;
   ChangingPairs pairs_;  // as of the last update
-  PairComparison compare_;
+  PairParts parts_;
   ChangeLists lists_;
   std::vector<Pair> found_, known_;
-  std::vector<char> has_changed_;  // by slot
+  std::vector<std::uint8_t> has_changed_;  // by slot
 };
 
 }  // namespace

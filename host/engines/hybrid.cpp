@@ -15,7 +15,6 @@
 #include "base/pair_lists.hpp"
 #include "base/thread_pool.hpp"
 #include "engines/change_lists.hpp"
-#include "engines/pair_comparison.hpp"
 #include "opencl/process.hpp"
 
 namespace broadcl {
@@ -126,7 +125,7 @@ class Hybrid final : public Algorithm {
       : host_{std::move(host)},
         opening_(std::move(open), slow_update),
         now_(std::move(now)),
-        compare_(threads) {}
+        parts_(threads) {}
 
   void reserve(std::size_t slots, bool filters) override {
     or_leave_device([&] { current().reserve(slots, filters); });
@@ -182,12 +181,12 @@ class Hybrid final : public Algorithm {
     if (handover_) {
       delta = lists_.fill([&](std::vector<Pair>& added, std::vector<Pair>& removed) {
         const std::span<const Pair> now = had_pairs ? pairs : delta.added;
-        compare_(*handover_, now, input_.recycled, added, removed);
+        compare(*handover_, now, input_.recycled, parts_, added, removed);
       });
       if (input_.listener != nullptr) {
         input_.listener->expect_changes(delta.added.size(), delta.removed.size());
       }
-      compare_.free_scratch();
+      parts_.free_scratch();
     } else if (was_updated_ && !opening_.is_running()) {  // the first update of all boxes takes longer
       taken = side_->estimate.learn(current().expected_seconds(input_.boxes.size(), changed_slots()),
                                     begin_seconds_ + seconds_since(start));
@@ -330,7 +329,7 @@ class Hybrid final : public Algorithm {
   Handover handover_;                         // if the next update is the first on its side
   Algorithm* asked_ = host_.algorithm.get();  // did the last update
   AlgorithmPointer failed_;                   // the device, if it did that one and then failed
-  PairComparison compare_;                    // of an update after a handover
+  PairParts parts_;                           // of an update after a handover
   ChangeLists lists_;                         // and its changes
 };
 

@@ -4,7 +4,6 @@
 
 #include "base/packed_box.hpp"
 #include "base/pair_lists.hpp"
-#include "base/pair_selection.hpp"
 #include "base/prefetch.hpp"
 #include "opencl/common_program.hpp"
 #include "opencl/launch.hpp"
