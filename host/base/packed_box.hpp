@@ -18,10 +18,14 @@ namespace broadcl {
   return {{nan, nan, nan}, {nan, nan, nan}};
 }
 
-/// overlaps() of packed boxes.
-[[nodiscard]] constexpr bool packed_overlaps(const Aabb& s, const Aabb& t) noexcept {
-  return s.lower[0] <= t.upper[0] && t.lower[0] <= s.upper[0] && s.lower[1] <= t.upper[1] &&
-         t.lower[1] <= s.upper[1] && s.lower[2] <= t.upper[2] && t.lower[2] <= s.upper[2];
+/// overlaps() of packed boxes, or of what has more axes.
+template <std::size_t axes = 3, class Box>
+[[nodiscard]] constexpr bool packed_overlaps(const Box& s, const Box& t) noexcept {
+  bool all = true;
+  for (std::size_t k = 0; k < axes; ++k) {
+    all &= detail::meet(s.lower[k], s.upper[k], t.lower[k], t.upper[k]);
+  }
+  return all;
 }
 
 /// Whether two packed boxes that overlap have a bound in common: the lower one of one and the upper one of

@@ -31,6 +31,12 @@ static_assert(sizeof(Aabb) == 24, "24 bytes per box cross the bus");
 
 namespace detail {
 
+/// Whether two closed intervals share a point. False if a bound is NaN.
+template <class T>
+[[nodiscard]] constexpr bool meet(T lower_s, T upper_s, T lower_t, T upper_t) noexcept {
+  return lower_s <= upper_t && lower_t <= upper_s;
+}
+
 /// One integer per bound, lower bounds first. They compare as the bounds do; those of NaNs are outside
 /// -infinite_key .. infinite_key.
 template <class Key, class Box>
@@ -64,7 +70,7 @@ template <class Key, class Box>
   const auto key_s = keys<Key>(s);
   const auto key_t = keys<Key>(t);
   for (std::size_t axis = 0; axis < 3; ++axis) {
-    if (key_s[axis] > key_t[axis + 3] || key_t[axis] > key_s[axis + 3]) return false;
+    if (!meet(key_s[axis], key_s[axis + 3], key_t[axis], key_t[axis + 3])) return false;
   }
   return true;
 }

@@ -54,7 +54,7 @@ struct Masks {
 [[nodiscard]] inline bool overlaps(const btVector3& lower_s, const btVector3& upper_s,
                                    const btVector3& lower_t, const btVector3& upper_t) noexcept {
   for (int axis = 0; axis < 3; ++axis) {
-    if (!(lower_s[axis] <= upper_t[axis] && lower_t[axis] <= upper_s[axis])) return false;
+    if (!detail::meet(lower_s[axis], upper_s[axis], lower_t[axis], upper_t[axis])) return false;
   }
   return true;
 }

@@ -69,10 +69,9 @@ std::size_t best_axis(std::span<const Bounds<axes>> nodes) {
   std::array<std::size_t, axes> overlaps{};
   for (std::size_t s = 0; s < nodes.size(); s += nodes.size() / samples + 1) {
     for (std::size_t axis = 0; axis < axes; ++axis) {
-      const float lower = nodes[s].lower[axis];
-      const float upper = nodes[s].upper[axis];
       for (const Bounds<axes>& node : nodes) {
-        if (lower <= node.upper[axis] && node.lower[axis] <= upper) ++overlaps[axis];
+        overlaps[axis] += static_cast<std::size_t>(
+            detail::meet(nodes[s].lower[axis], nodes[s].upper[axis], node.lower[axis], node.upper[axis]));
       }
     }
   }

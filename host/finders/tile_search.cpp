@@ -6,6 +6,7 @@
 #include <cstring>
 
 #include "base/lanes.hpp"
+#include "base/packed_box.hpp"
 
 namespace broadcl {
 namespace {
@@ -50,7 +51,7 @@ BROADCL_INLINE std::uint32_t overlapping_along(const Node<axes>& node, const Bou
       Lanes upper;
       std::memcpy(&lower, &children->lower[axis][k], sizeof lower);
       std::memcpy(&upper, &children->upper[axis][k], sizeof upper);
-      overlaps &= (lower <= bounds.upper[axis]) & (bounds.lower[axis] <= upper);
+      overlaps &= (lower <= bounds.upper[axis]) & (bounds.lower[axis] <= upper);  // detail::meet() of lanes
     }
     bits = bits << int{lanes} | overlaps;
   }
@@ -63,14 +64,6 @@ BROADCL_INLINE std::uint32_t overlapping_along(const Node<axes>& node, const Bou
 template <class Lanes, std::size_t axes>
 BROADCL_INLINE std::uint32_t overlapping(const Node<axes>& node, const Bounds<axes>& bounds) {
   return overlapping_along<Lanes, axes>(node, bounds);
-}
-
-template <std::size_t axes>
-BROADCL_INLINE bool overlaps(const Bounds<axes>& s, const Bounds<axes>& t) {
-  for (std::size_t axis = 0; axis < axes; ++axis) {
-    if (s.lower[axis] > t.upper[axis] || t.lower[axis] > s.upper[axis]) return false;
-  }
-  return true;
 }
 
 /// The bounds to search for a box or tile with these bounds. With two sets, those of the other set in the
@@ -142,7 +135,7 @@ BROADCL_INLINE void test(Found& found, const HostTiles<axes>& all, std::size_t s
 template <class Lanes, std::size_t axes>
 BROADCL_INLINE void test_itself(Found& found, const HostTiles<axes>& all, std::size_t s,
                                 std::span<const Filter> filters) {
-  if (!overlaps(all.bounds[s], target_of(all, all.bounds[s]))) return;  // they are of one set
+  if (!packed_overlaps<axes>(all.bounds[s], target_of(all, all.bounds[s]))) return;  // they are of one set
   const Node<axes>& tile = all.tiles[s];
   Pair* next = found.next();
   for (std::size_t k = 1; k < node_size; ++k) {
@@ -188,7 +181,7 @@ BROADCL_INLINE void search_tiles(Found& found, const HostTiles<axes>& all, std::
   for (const std::uint32_t other : std::span(all.sweep).subspan(position)) {
     const Bounds<axes> others = bounds_of(other);
     if (others.lower[all.axis] > bounds.upper[all.axis]) break;
-    if (!overlaps(others, bounds)) continue;
+    if (!packed_overlaps<axes>(others, bounds)) continue;
     test_nodes<Lanes>(found, all, own, overlapping<Lanes>(all.nodes[own], target_of(all, others)) & tiles,
                       other, filters);
   }
