@@ -11,6 +11,7 @@
 #include <broadcl/error.hpp>
 
 #include "base/free_lists.hpp"
+#include "base/hysteresis.hpp"
 #include "base/packed_box.hpp"
 #include "base/pair_lists.hpp"
 #include "base/thread_pool.hpp"
@@ -83,8 +84,8 @@ class Opening {
   /// @param prepare What to do with the device in that thread, once it is open.
   /// @throws std::bad_alloc, std::system_error
   void count(double taken, const std::function<void(Algorithm&)>& prepare) {
-    slow_seconds_ = taken > slow_update_ ? slow_seconds_ + taken : 0;
-    if (slow_seconds_ < long_enough() || open_ == nullptr) return;
+    const double excess = taken > slow_update_ ? taken : -long_enough();
+    if (!rule_.must_change(excess, long_enough()) || open_ == nullptr) return;
     opencl::use_in_this_process();  // before a process can be forked without the thread
     const auto work = [open = open_, prepare] {
       const BackgroundWork background;
@@ -111,8 +112,8 @@ class Opening {
 
   OpenDevice open_;  // until it is called
   Result result_;
-  double slow_update_;       // seconds
-  double slow_seconds_ = 0;  // that slow updates in a row have taken
+  double slow_update_;  // seconds
+  Hysteresis rule_;
 };
 
 /// The last update was done on one side, the next one is done on the other. It must search all boxes there,
@@ -282,10 +283,8 @@ class Hybrid final : public Algorithm {
     if (pairs) handover_ = std::move(pairs);
   }
 
-  /// Decides which side does the next update. A switch costs a search of all boxes on the other side, so it
-  /// is made once staying has cost as much as going there and back (see "An optimal on-line algorithm for
-  /// metrical task systems", Borodin, Linial and Saks, 1992), and as much as the slow updates that open a
-  /// device.
+  /// Decides which side does the next update. A switch costs a search of all boxes there, and later perhaps
+  /// another one here, and must save as much as the slow updates that open a device.
   /// @param taken The seconds of the last update, if that says what later ones take.
   void choose(std::optional<double> taken) noexcept try {
     if (opencl::is_forked()) return;
@@ -297,11 +296,10 @@ class Hybrid final : public Algorithm {
                    spare = has_spare_](Algorithm& device) { prepare(device, slots, filters, spare); });
     }
     const std::size_t slots = input_.boxes.size();
-    overspent_ = std::max(0.0, overspent_ + *taken - other().seconds(slots, changed_slots()));
     const double there_and_back =
         first_search * (host_.seconds(slots, slots) + device_.seconds(slots, slots));
-    if (overspent_ <= std::max(there_and_back, opening_.long_enough())) return;
-    overspent_ = 0;
+    const double excess = *taken - other().seconds(slots, changed_slots());
+    if (!rule_.must_change(excess, std::max(there_and_back, opening_.long_enough()))) return;
     hand_over();
     other().estimate.pause();
   } catch (...) {
@@ -325,7 +323,7 @@ class Hybrid final : public Algorithm {
   bool was_updated_ = false;
   Input input_;                               // of the last update
   double begin_seconds_ = 0;                  // that begin() of the last update took
-  double overspent_ = 0;                      // seconds that the other side would have saved
+  Hysteresis rule_;                           // that chooses the side
   Handover handover_;                         // if the next update is the first on its side
   Algorithm* asked_ = host_.algorithm.get();  // did the last update
   AlgorithmPointer failed_;                   // the device, if it did that one and then failed

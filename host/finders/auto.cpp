@@ -2,6 +2,7 @@
 #include <cstddef>
 #include <memory>
 
+#include "base/hysteresis.hpp"
 #include "base/system.hpp"
 #include "engines/algorithm.hpp"
 #include "engines/engine.hpp"
@@ -24,8 +25,8 @@ constexpr MostTests most_on_cpus{.per_unit = 120'000, .per_unit_and_slot = 120};
 /// The cost, in tests, of finding out whether boxes that overlap are a new pair; 70 to 190 on PoCL 3.1.
 constexpr double tests_per_hit = 100;
 
-/// With fewer tests than this share of the most, `brute-force` is used again.
-constexpr double clearly_less = 0.9;
+/// What a change of the finder costs, as a share of these tests.
+constexpr double change = 0.1;
 
 /// A GPU is opened for updates that take longer, in seconds: if it is named, about as long as the fastest
 /// update on any GPU; otherwise several times that, since opening it takes time and memory.
@@ -84,10 +85,12 @@ class Auto final : public PairFinder {
   }
 
   PairFinder* choose(const Search& search, const PairDelta& sink) {
+    if (search.worlds) return tiles_.get();  // (`brute-force` also tests boxes of different worlds)
     const double most = most_tests(search.now.slots);
-    const bool few = tests(search, sink) < (chosen_ == brute_force_.get() ? most : clearly_less * most);
-    // (`brute-force` also tests boxes of different worlds.)
-    return few && !search.worlds ? brute_force_.get() : tiles_.get();
+    const double more = tests(search, sink) - most;
+    const bool is_brute_force = chosen_ == brute_force_.get();
+    const bool changes = rule_.must_change(is_brute_force ? more : -more, change * most);
+    return is_brute_force != changes ? brute_force_.get() : tiles_.get();
   }
 
   /// The pairs that `brute-force` would test; those that overlap count more.
@@ -104,6 +107,7 @@ class Auto final : public PairFinder {
   std::unique_ptr<PairFinder> brute_force_;
   std::unique_ptr<PairFinder> tiles_;
   PairFinder* chosen_;
+  Hysteresis rule_;  // that chooses it
 };
 
 }  // namespace
