@@ -16,12 +16,7 @@
    together are written together. It sorts by RANK_BITS bits at a time: each work-item counts its VALUES elements in
    private counters, whose prefix sums are ranks (as Merrill and Grimshaw do, with two counters per word).
 
-   A small number of elements is sorted by a whole range of bits in one or two launches: radix_sort_small sorts each
-   tile, radix_sort_merge merges all tiles at once, by ranks (as Satish, Harris and Garland merge two).
-
-   With GROUP 1 a single work-item processes a block, with private counters and neither local memory nor barriers. Then
-   only the most significant digit is sorted by in this way. That splits the elements into buckets that fit into a
-   processor's cache, each of which one work-item of radix_sort_buckets sorts by the remaining bits.
+   With GROUP 1 a single work-item processes a block, one element after the other.
 
    There are fewer than 2^31 elements, so that the sum of two indices fits into a uint. */
 
@@ -41,15 +36,28 @@ static inline uint digit_of(const ulong element, const uint first, const uint bi
   return (uint)(element >> first) & ((1U << bits) - 1U);
 }
 
-#if GROUP > 1
-
 #ifndef TILE
-#define TILE 4096 /* a multiple of GROUP, and a power of two less than 2^16 */
-#endif
-#if (TILE & (TILE - 1)) != 0
-#error "binary searches of a tile halve their steps"
+#define TILE (GROUP > 1 ? 4096 : 1) /* a multiple of GROUP, less than 2^16 */
 #endif
 #define VALUES (TILE / GROUP) /* elements per work-item */
+
+#if GROUP > 1
+#define ADD(counter, count) atomic_add(counter, count)
+#else
+#define ADD(counter, count) (*(counter) += (count)) /* an atomic takes a CPU longer */
+#endif
+
+/* The elements of the tile, GROUP apart. Those from `end` on have all bits set, so they come after all others. */
+static inline void load_tile(ulong elements[VALUES], global const ulong* restrict source, const uint tile,
+                             const uint end) {
+#pragma unroll
+  for (uint k = 0; k < VALUES; ++k) {
+    const uint place = tile + k * GROUP + (uint)get_local_id(0);
+    elements[k] = place < end ? source[place] : ~0UL;
+  }
+}
+
+#if GROUP > 1
 #define RANK_BITS 4
 #define COUNTERS (1 << (RANK_BITS - 1)) /* words per work-item, with two counters each */
 /* Words per work-item in the scan of all counters. The extra one holds zeros: odd strides avoid bank conflicts. */
@@ -122,16 +130,6 @@ INLINE void rank_tile(const ulong elements[VALUES], uint ranks[VALUES], const ui
   }
 }
 
-/* The elements of the tile, GROUP apart. Those from `end` on have all bits set, so they come after all others. */
-static inline void load_tile(ulong elements[VALUES], global const ulong* restrict source, const uint tile,
-                             const uint end) {
-#pragma unroll
-  for (uint k = 0; k < VALUES; ++k) {
-    const uint place = tile + k * GROUP + (uint)get_local_id(0);
-    elements[k] = place < end ? source[place] : ~0UL;
-  }
-}
-
 /* Sorts the tile by a range of bits. Work-items hold elements that are GROUP apart, before and after. */
 INLINE void sort_tile(ulong elements[VALUES], const uint first, const uint bits, local uint* pool,
                       local uint* scan_pool) {
@@ -147,6 +145,8 @@ INLINE void sort_tile(ulong elements[VALUES], const uint first, const uint bits,
     exchange(elements, ranks, last ? item : item * VALUES, last ? GROUP : 1U, pool);
   }
 }
+
+#endif
 
 kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void radix_sort_count(
     const uint n, const uint length, const uint first, const uint bits, global const ulong* restrict elements,
@@ -169,14 +169,14 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void radix_sort_count(
       if (tile + k * GROUP + item < end) {
         const uint digit = digit_of(own[k], first, bits);
         if (digit != run_digit) {
-          if (run != 0) atomic_add(&block_counts[run_digit], run);
+          if (run != 0) ADD(&block_counts[run_digit], run);
           run_digit = digit;
           run = 0;
         }
         ++run;
       }
     }
-    if (run != 0) atomic_add(&block_counts[run_digit], run);
+    if (run != 0) ADD(&block_counts[run_digit], run);
   }
   barrier(CLK_LOCAL_MEM_FENCE);
   for (uint digit = item; digit < 1U << bits; digit += GROUP) {
@@ -184,44 +184,50 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void radix_sort_count(
   }
 }
 
-#if DIGITS > GROUP
-#error "a digit needs a work-item"
-#endif
 /* The indices at which the elements of each digit of a block begin. (No `restrict`: Oclgrind 21.10 does not know what
    remains of it after inlining.) */
 INLINE void load_starts(local uint* starts, global const uint* counts, const bool is_scanned, const uint block,
                         const uint digits, local uint* scan_pool) {
-  const uint digit = (uint)get_local_id(0);
   const uint blocks = (uint)get_num_groups(0);
-  global const uint* own = counts + min(digit, digits - 1U) * blocks;
-  uint all = 0;
-  uint before = is_scanned ? own[block] : 0U;
-  for (uint k = 0; k < blocks && !is_scanned; ++k) {
-    const uint count = own[k];
-    all += count;
-    if (k < block) before += count;
+  uint start = 0; /* of the digits of this step */
+  for (uint step = 0; step < digits; step += GROUP) {
+    const uint digit = step + (uint)get_local_id(0);
+    global const uint* own = counts + min(digit, digits - 1U) * blocks;
+    uint all = 0;
+    uint before = is_scanned ? own[block] : 0U;
+    for (uint k = 0; k < blocks && !is_scanned; ++k) {
+      const uint count = own[k];
+      all += count;
+      if (k < block) before += count;
+    }
+    uint total;
+    before += start + scan_group(all, &total, scan_pool);
+    start += total;
+    if (digit < digits) starts[digit] = before;
   }
-  uint total;
-  before += scan_group(all, &total, scan_pool);
-  if (digit < digits) starts[digit] = before;
   barrier(CLK_LOCAL_MEM_FENCE);
 }
 
 kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void radix_sort_scatter(
     const uint n, const uint length, const uint first, const uint bits, global const ulong* restrict source,
     global ulong* restrict target, const uint is_scanned, global const uint* restrict counts) {
+#if GROUP > 1
   local uint pool[POOL];
+#endif
   local uint scan_pool[SCAN_POOL];
   local uint next[DIGITS]; /* the index of the next element of a digit */
-  const uint item = (uint)get_local_id(0);
   const uint block = (uint)get_group_id(0);
   const uint begin = block * length;
   const uint end = min(n, begin + length);
   load_starts(next, counts, is_scanned != 0U, block, 1U << bits, scan_pool);
   for (uint tile = begin; tile < end; tile += TILE) {
-    const uint size = min((uint)TILE, end - tile);
     ulong elements[VALUES];
     load_tile(elements, source, tile, end);
+#if GROUP == 1
+    target[next[digit_of(elements[0], first, bits)]++] = elements[0];
+#else
+    const uint item = (uint)get_local_id(0);
+    const uint size = min((uint)TILE, end - tile);
     sort_tile(elements, first, bits, pool, scan_pool);
 
     barrier(CLK_LOCAL_MEM_FENCE);
@@ -249,163 +255,6 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void radix_sort_scatte
       const uint digit = digit_of(elements[k], first, bits);
       if (position < size && (position == size - 1U || digits[position + 1U] != digit)) next[digit] += position + 1U;
     }
-  }
-}
-
-/* Sorts each tile by a range of bits, one work-group per tile. If there is only one, both buffers may be the same. */
-kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void radix_sort_small(
-    const uint n, const uint first, const uint bits, global ulong* source, global ulong* target) {
-  local uint pool[POOL];
-  local uint scan_pool[SCAN_POOL];
-  const uint tile = (uint)get_group_id(0) * TILE;
-  ulong own[VALUES];
-  load_tile(own, source, tile, n);
-  sort_tile(own, first, bits, pool, scan_pool);
-#pragma unroll
-  for (uint k = 0; k < VALUES; ++k) {
-    const uint place = tile + k * GROUP + (uint)get_local_id(0);
-    if (place < n) target[place] = own[k];
-  }
-}
-
-#define SEARCHES 8U /* at the same time, per work-item: each of them mostly waits for memory */
-
-/* The bits of an element, as a number. */
-static inline ulong key_of(const ulong element, const uint first, const uint bits) {
-  return element >> first & ~0UL >> (64U - bits);
-}
-
-/* Merges sorted tiles: the index of an element is the sum over all tiles of the elements there that come before it,
-   which a work-item finds by binary search. */
-kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void radix_sort_merge(
-    const uint n, const uint first, const uint bits, global const ulong* restrict source,
-    global ulong* restrict target) {
-  const uint own = (uint)get_global_id(0);
-  if (own >= n) return;
-  const ulong element = source[own];
-  const ulong key = key_of(element, first, bits);
-  uint before = own % TILE;
-  for (uint tile = 0; tile * TILE < n; tile += SEARCHES) {
-    uint counts[SEARCHES]; /* elements of each tile that come before */
-#pragma unroll
-    for (uint i = 0; i < SEARCHES; ++i) counts[i] = 0;
-    for (uint step = TILE; step > 0; step /= 2U) {
-      ulong keys[SEARCHES];
-#pragma unroll
-      for (uint i = 0; i < SEARCHES; ++i) {
-        const uint last = (tile + i) * TILE + counts[i] + step - 1U;
-        keys[i] = key_of(source[min(last, n - 1U)], first, bits);
-      }
-#pragma unroll
-      for (uint i = 0; i < SEARCHES; ++i) {
-        const uint last = (tile + i) * TILE + counts[i] + step - 1U;
-        const uint end = tile + i == own / TILE ? 0U : min(n, (tile + i + 1U) * TILE);
-        /* (Not by && or ||, because compilers then load one key after the other.) */
-        const uint is_less = keys[i] < key ? 1U : 0U;
-        const uint is_equal = keys[i] == key ? 1U : 0U;
-        const uint is_earlier = tile + i < own / TILE ? 1U : 0U;
-        const uint is_inside = last < end ? 1U : 0U;
-        counts[i] += step * (is_inside & (is_less | (is_equal & is_earlier)));
-      }
-    }
-#pragma unroll
-    for (uint i = 0; i < SEARCHES; ++i) before += counts[i];
-  }
-  target[before] = element;
-}
-
-#else
-
-kernel __attribute__((reqd_work_group_size(1, 1, 1))) void radix_sort_count(
-    const uint n, const uint length, const uint first, const uint bits, global const ulong* restrict elements,
-    global uint* restrict counts) {
-  uint block_counts[DIGITS];
-  const uint block = (uint)get_group_id(0);
-  const uint begin = block * length;
-  const uint end = min(n, begin + length);
-  for (uint digit = 0; digit < DIGITS; ++digit) block_counts[digit] = 0;
-  for (uint k = begin; k < end; ++k) ++block_counts[digit_of(elements[k], first, bits)];
-  for (uint digit = 0; digit < 1U << bits; ++digit) {
-    counts[digit * (uint)get_num_groups(0) + block] = block_counts[digit];
-  }
-}
-
-kernel __attribute__((reqd_work_group_size(1, 1, 1))) void radix_sort_scatter(
-    const uint n, const uint length, const uint first, const uint bits, global const ulong* restrict source,
-    global ulong* restrict target, const uint is_scanned, global const uint* restrict starts) {
-  (void)is_scanned;
-  uint next[DIGITS]; /* the index of the next element of a digit */
-  const uint block = (uint)get_group_id(0);
-  const uint begin = block * length;
-  const uint end = min(n, begin + length);
-  for (uint digit = 0; digit < 1U << bits; ++digit) next[digit] = starts[digit * (uint)get_num_groups(0) + block];
-  for (uint k = begin; k < end; ++k) {
-    const ulong element = source[k];
-    target[next[digit_of(element, first, bits)]++] = element;
-  }
-}
-
-#define LONG_DIGIT_BITS 10 /* at most, for a pass of a work-item over at least LONG_RUN elements */
-#define LONG_RUN 8192U
-
-/* Sorts n elements of `source` by a range of bits, the least significant digit first, back and forth between two
-   buffers. Returns the one that has them in the end. */
-static inline global ulong* sort_run(const uint n, const uint first, const uint bits, global ulong* source,
-                                     global ulong* target) {
-  /* As few digits as possible, of about equal length. */
-  const uint most_bits = n < LONG_RUN ? DIGIT_BITS : LONG_DIGIT_BITS;
-  uint left = (bits + most_bits - 1U) / most_bits;
-  for (uint done = 0; left > 0; --left) {
-    const uint digit_first = first + done;
-    const uint digit_bits = (bits - done + left - 1U) / left;
-    const uint digits = 1U << digit_bits;
-    uint next[1 << LONG_DIGIT_BITS]; /* the index of the next element of a digit */
-    for (uint digit = 0; digit < digits; ++digit) next[digit] = 0;
-    for (uint k = 0; k < n; ++k) ++next[digit_of(source[k], digit_first, digit_bits)];
-    uint place = 0;
-    for (uint digit = 0; digit < digits; ++digit) {
-      const uint count = next[digit];
-      next[digit] = place;
-      place += count;
-    }
-    for (uint k = 0; k < n; ++k) {
-      const ulong element = source[k];
-      target[next[digit_of(element, digit_first, digit_bits)]++] = element;
-    }
-    global ulong* const sorted = target;
-    target = source;
-    source = sorted;
-    done += digit_bits;
-  }
-  return source;
-}
-
-/* Sorts n elements by a range of bits, with one work-item. */
-kernel __attribute__((reqd_work_group_size(1, 1, 1))) void radix_sort_small(
-    const uint n, const uint first, const uint bits, global ulong* elements, global ulong* scratch) {
-  global const ulong* sorted = sort_run(n, first, bits, elements, scratch);
-  if (sorted == elements) return;
-  for (uint k = 0; k < n; ++k) elements[k] = sorted[k];
-}
-
-/* Sorts each bucket by two ranges of bits, one work-item per bucket. Of the less significant range, .s0 is the first
-   bit and .s1 the number of bits; of the other one, .s2 and .s3. The n elements are in `scratch` before, and in
-   `elements` afterwards. Bucket k begins at starts[k * blocks]. */
-kernel __attribute__((reqd_work_group_size(1, 1, 1))) void radix_sort_buckets(
-    const uint n, const uint blocks, const uint4 ranges, global ulong* elements, global ulong* scratch,
-    global const uint* restrict starts) {
-  const uint bucket = (uint)get_group_id(0);
-  const uint begin = starts[bucket * blocks];
-  const uint end = bucket + 1U < (uint)get_num_groups(0) ? starts[(bucket + 1U) * blocks] : n;
-  global ulong* const own = elements + begin;
-  global ulong* source = scratch + begin;
-  for (uint range = 0; range < 2U; ++range) {
-    global ulong* const target = source == own ? scratch + begin : own;
-    source =
-        sort_run(end - begin, range == 0U ? ranges.s0 : ranges.s2, range == 0U ? ranges.s1 : ranges.s3, source, target);
-  }
-  if (source == own) return;
-  for (uint k = 0; k < end - begin; ++k) own[k] = source[k];
-}
-
 #endif
+  }
+}

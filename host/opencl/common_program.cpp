@@ -6,7 +6,7 @@ namespace broadcl::opencl {
 
 cl::Program common_program(const Context& context) {
   return context.program("common.cl", "-DGROUP=" + std::to_string(common_group(context)) +
-                                          " -DTILE=" + std::to_string(sort_tile) +
+                                          " -DTILE=" + std::to_string(sort_tile(context)) +
                                           " -DDIGIT_BITS=" + std::to_string(digit_bits));
 }
 

@@ -15,9 +15,10 @@ namespace broadcl::opencl {
   return context.tuning() == Tuning::cpu ? 1 : 256;
 }
 
-/// Elements that a work-group sorts in local memory, with the tuning for GPUs; with both tunings the
-/// length of a block to sort is a multiple of it. A power of two.
-constexpr std::size_t sort_tile = 4096;
+/// Elements that a work-group sorts in local memory; with the tuning for CPUs it sorts none.
+[[nodiscard]] inline std::size_t sort_tile(const Context& context) noexcept {
+  return context.tuning() == Tuning::cpu ? 1 : 4096;
+}
 constexpr unsigned digit_bits = 8;  // of a pass of a sort, at most
 
 }  // namespace broadcl::opencl

@@ -12,9 +12,7 @@ namespace broadcl::opencl {
 
 /// Stable sorting of 8-byte elements on the device: kernels/radix_sort.cl, which names the sources.
 ///
-/// It makes one pass over the elements for every 8 bits, or fewer, of each range; if there are few elements,
-/// one or two launches per range. On CPUs it makes one pass by the upper bits and one launch, in which each
-/// work-item sorts the elements that have the same upper bits.
+/// It makes one pass over the elements for every 8 bits, or fewer, of each range.
 class RadixSort {
  public:
   /// A range of the bits of an element, read as the 64-bit number that it is on a little-endian device: bit 0
@@ -34,10 +32,6 @@ class RadixSort {
   /// @throws Error, cl::Error
   explicit RadixSort(const Context& context);
 
-  /// The same, for tests.
-  /// @param most_small The largest number of elements that radix_sort_small sorts.
-  RadixSort(const Context& context, std::size_t most_small);
-
   /// Enqueues a stable ascending sort, in place. Does not wait. Sorts by one object must be enqueued one
   /// after the other, as by a single thread. The object's memory, for counters, is at most 1 KiB per 4096
   /// elements, and grows before anything is enqueued.
@@ -52,21 +46,12 @@ class RadixSort {
                Profiler::Scope* stage = nullptr);
 
  private:
-  void enqueue_small(const cl::Buffer& elements, const cl::Buffer& scratch, cl_uint n, Bits key,
-                     Profiler::Scope* stage);
-  void enqueue_digits(const cl::Buffer& elements, const cl::Buffer& scratch, cl_uint n, Blocks blocks,
-                      const Keys& keys, Profiler::Scope* stage);
-  void enqueue_buckets(const cl::Buffer& elements, const cl::Buffer& scratch, cl_uint n, Blocks blocks,
-                       const Keys& keys, Profiler::Scope* stage);
   void enqueue_pass(const cl::Buffer& source, const cl::Buffer& target, cl_uint n, Blocks blocks, Bits digit,
                     Profiler::Scope* stage);
 
   const Context& context_;
-  std::size_t most_small_;
   Scan scan_;
-  cl::Kernel count_, scatter_, small_;
-  cl::Kernel merge_;         // with the tuning for GPUs
-  cl::Kernel buckets_;       // with that for CPUs
+  cl::Kernel count_, scatter_;
   cl::Buffer counts_;        // by digit, then by block
   cl_uint most_blocks_ = 0;  // blocks that counts_ has capacity for
 };
