@@ -254,7 +254,7 @@ TEST_F(LimitedDevice, ThatCannotRunAKernelSaysSoAtOnce) {
 bool tells_local_memory() {
   const opencl::Context context(select_device(), false);
   const cl::Kernel kernel =
-      context.kernel(opencl::common_program(context), "order_small", opencl::common_group(context));
+      context.kernel(opencl::common_program(context), "order_small", context.launch().group);
   const cl::Device device(context.queue().getInfo<CL_QUEUE_DEVICE>());
   return kernel.getWorkGroupInfo<CL_KERNEL_LOCAL_MEM_SIZE>(device) > 0;
 }

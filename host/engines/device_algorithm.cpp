@@ -61,10 +61,7 @@ class DeviceAlgorithm final : public Algorithm {
   void swap_boxes() noexcept override { objects_->swap_boxes(); }
   [[nodiscard]] std::shared_ptr<const void> boxes_owner() const override { return objects_->boxes_owner(); }
 
-  /// (A CPU would only copy them once more.)
-  [[nodiscard]] bool uploads_boxes() const noexcept override {
-    return context_.tuning() != opencl::Tuning::cpu;
-  }
+  [[nodiscard]] bool uploads_boxes() const noexcept override { return context_.launch().uploads_boxes; }
 
   void begin(const Input& input) override {
     profiler_.begin();

@@ -15,11 +15,6 @@ namespace {
 /// take.
 constexpr std::size_t small_result = 256 << 10;
 
-/// Up to this many changes per list are sorted in one launch.
-std::size_t most_in_one_launch(const opencl::Context& context) {
-  return context.tuning() == opencl::Tuning::cpu ? 256 : 8192;
-}
-
 constexpr std::string_view what = "changes of overlapping pairs";
 
 }  // namespace
@@ -29,12 +24,11 @@ Order::Order(const opencl::Context& context, opencl::Profiler& profiler, Frames&
       profiler_(profiler),
       frames_(frames),
       target_(target),
-      most_in_one_launch_(most_in_one_launch(context)),
       sort_(context),
       scan_(context),
       by_world_(context) {
   const cl::Program program = opencl::common_program(context);
-  small_ = context.kernel(program, "order_small", opencl::common_group(context));
+  small_ = context.kernel(program, "order_small", context.launch().group);
   count_ = context.sized_kernel(program, "order_count");
   scatter_ = context.sized_kernel(program, "order_scatter");
   place_ = context.sized_kernel(program, "order_place");
@@ -57,9 +51,9 @@ void Order::reserve_buckets(std::size_t count) {
 
 void Order::begin(const Search& search) {
   plan_ = OrderPlan(search);  // without a report, so that lists that grow do not exist twice
-  plan_.by_buckets = plan_.worlds > 0 || history_.expects_more_than(most_in_one_launch_);
+  plan_.by_buckets = plan_.worlds > 0 || history_.expects_more_than(context_.launch().max_order_small);
   const std::size_t most = (context_.device().max_allocation - PairDelta::count_bytes) / sizeof(Pair);
-  history_.set_capacity(plan_, most_in_one_launch_, allocated(), most);
+  history_.set_capacity(plan_, context_.launch().max_order_small, allocated(), most);
   reserve_result(plan_.capacity);
   if (plan_.by_buckets) {
     plan_buckets();
@@ -85,7 +79,7 @@ void Order::begin(const Search& search, const Report& report) {
   plan_.report = report;
   plan_.is_awaited = false;
   plan_.list_capacity = std::min(report.capacity, most_changes);
-  plan_.by_buckets = plan_.worlds > 0 || plan_.list_capacity > most_in_one_launch_;
+  plan_.by_buckets = plan_.worlds > 0 || plan_.list_capacity > context_.launch().max_order_small;
   plan_.capacity = std::min(2 * plan_.list_capacity, scattered_.bytes() / sizeof(Pair));
   if (plan_.by_buckets) plan_buckets();
 }
@@ -144,7 +138,7 @@ void Order::set_results(cl::Kernel& kernel, cl_uint first, const PairDelta& delt
 
 /// @param event Is set to that of the last kernel, unless it is null.
 void Order::sort_in_one_launch(const PairDelta& delta, cl_uint tag, cl::Event* event) {
-  const std::size_t group = opencl::common_group(context_);
+  const std::size_t group = context_.launch().group;
   set_results(small_, set_changes(small_, delta, tag), delta);
   const std::size_t groups =
       opencl::divide_up(std::max<std::size_t>(plan_.list_capacity, 1), layout::ORDER_RANGE);

@@ -99,7 +99,6 @@ class Order {
   opencl::Profiler& profiler_;
   Frames& frames_;
   Target target_;
-  std::size_t most_in_one_launch_;  // changes of a list
   opencl::RadixSort sort_;
   opencl::Scan scan_;
   WorldOrder by_world_;

@@ -24,7 +24,7 @@ PairDelta::PairDelta(const opencl::Context& context, opencl::Profiler& profiler,
       frames_(frames),
       now_(frames.now.pairs),
       last_(frames.last.pairs) {
-  keep_ = context.kernel(opencl::common_program(context), "delta_keep", opencl::common_group(context));
+  keep_ = context.kernel(opencl::common_program(context), "delta_keep", context.launch().group);
   for (Frame* frame : {&frames.now, &frames.last}) frame->counts = context.buffer(count_bytes);
 }
 
@@ -127,7 +127,7 @@ void PairDelta::keep(const Search& search) {
   if (most_to_keep() == 0) return;
   opencl::Profiler::Scope stage(profiler_, "keep");
   set_keep_kernel(keep_, 0, search);
-  const std::size_t group = opencl::common_group(context_);
+  const std::size_t group = context_.launch().group;
   const std::size_t groups = opencl::divide_up(most_to_keep(), group * DELTA_RUN_OF(group));
   context_.queue().enqueueNDRangeKernel(keep_, cl::NullRange, cl::NDRange(groups * group), cl::NDRange(group),
                                         nullptr, stage.event());

@@ -12,16 +12,6 @@
 namespace broadcl {
 namespace {
 
-/// `brute-force` is used while it has at most so many pairs to test: as many as the device tests in the time
-/// that `tiles` take even if no boxes overlap. To check: scripts/bench FILE
-/// --benchmark_filter='^(update|some-moving|frame)/(auto|brute-force|tiles)/'
-struct MostTests {
-  double per_unit;           ///< For each compute unit of the device.
-  double per_unit_and_slot;  ///< For each slot, too, since `tiles` look at all boxes although few moved.
-};
-constexpr MostTests most_on_gpus{.per_unit = 100'000, .per_unit_and_slot = 14};
-constexpr MostTests most_on_cpus{.per_unit = 120'000, .per_unit_and_slot = 120};
-
 /// The cost, in tests, of finding out whether boxes that overlap are a new pair; 70 to 190 on PoCL 3.1.
 constexpr double tests_per_hit = 100;
 
@@ -38,7 +28,6 @@ class Auto final : public PairFinder {
  public:
   explicit Auto(const opencl::Context& context)
       : context_(context),
-        most_(context.tuning() == opencl::Tuning::cpu ? most_on_cpus : most_on_gpus),
         brute_force_(make_brute_force(context)),
         tiles_(make_tiles(context)),
         chosen_(brute_force_.get()) {}
@@ -79,9 +68,11 @@ class Auto final : public PairFinder {
   }
 
  private:
+  /// The pairs that `brute-force` may have to test, at most, to be used.
   [[nodiscard]] double most_tests(std::size_t slots) const {
+    const opencl::LaunchParameters& launch = context_.launch();
     return context_.device().compute_units *
-           (most_.per_unit + most_.per_unit_and_slot * static_cast<double>(slots));
+           (launch.auto_tests + launch.auto_tests_per_slot * static_cast<double>(slots));
   }
 
   PairFinder* choose(const Search& search, const PairDelta& sink) {
@@ -103,7 +94,6 @@ class Auto final : public PairFinder {
   }
 
   const opencl::Context& context_;
-  MostTests most_;
   std::unique_ptr<PairFinder> brute_force_;
   std::unique_ptr<PairFinder> tiles_;
   PairFinder* chosen_;

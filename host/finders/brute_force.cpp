@@ -12,19 +12,6 @@
 namespace broadcl {
 namespace {
 
-constexpr RowLaunch brute_force_on_gpus{.width = 4,
-                                        .group = 128,
-                                        .min_rows = 16,
-                                        .max_rows = 256,
-                                        .items = 2500,
-                                        .most_tests = std::size_t{1} << 32};
-constexpr RowLaunch brute_force_on_cpus{.width = 16,
-                                        .group = 1,
-                                        .min_rows = 256,
-                                        .max_rows = 4096,
-                                        .items = 256,
-                                        .most_tests = std::size_t{1} << 30};
-
 /// Up to this many pairs are kept by the same kernel, which takes less time than another launch.
 constexpr std::size_t most_kept = 1 << 16;
 
@@ -32,9 +19,13 @@ constexpr std::size_t most_kept = 1 << 16;
 class BruteForce final : public PairFinder {
  public:
   explicit BruteForce(const opencl::Context& context)
-      : context_(context),
-        launch_(context.tuning() == opencl::Tuning::cpu ? brute_force_on_cpus : brute_force_on_gpus) {
-    make_kernel();
+      : context_(context), launch_(context.launch().brute_force) {
+    // Rows that a work-item tests before it looks for hits.
+    const unsigned rows_at_once = launch_.group == 1 ? 4 : 8;
+    const std::string options =
+        "-DWIDTH=" + std::to_string(launch_.width) + " -DGROUP=" + std::to_string(launch_.group) +
+        " -DROWS=" + std::to_string(rows_at_once) + " -DMAX_ROWS=" + std::to_string(launch_.max_rows);
+    kernel_ = context_.kernel(context_.program("brute_force.cl", options), "brute_force", launch_.group);
   }
 
   void build(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) override {
@@ -49,9 +40,9 @@ class BruteForce final : public PairFinder {
     const cl_uint row_count = search.changed_slots();
     const cl::Buffer boxes = gathers_ ? search.source->packed_boxes() : search.now.boxes;
     const std::size_t columns = opencl::round_up(opencl::divide_up(n, launch_.width), launch_.group);
-    const std::size_t rows = rows_per_item(search);
+    const std::size_t rows = this->rows(search);
     const std::size_t runs = opencl::divide_up(row_count, rows);
-    const std::size_t at_once = launch_.runs_at_once(rows, n);
+    const std::size_t at_once = runs_at_once(launch_, rows, n);
     for (std::size_t first = 0; first < runs; first += at_once) {
       opencl::Profiler::Scope stage(profiler, "test");
       const bool keeps = first == 0 && sink.is_kept_by_finder();
@@ -83,28 +74,15 @@ class BruteForce final : public PairFinder {
   }
 
   /// Rows per work-item.
-  [[nodiscard]] std::size_t rows_per_item(const Search& search) const {
+  [[nodiscard]] std::size_t rows(const Search& search) const {
     // In an average column, half of the rows come before its boxes.
     const std::size_t columns = opencl::divide_up(search.now.slots, launch_.width);
     const std::size_t runs = columns * search.changed_slots() / (search.changed.all ? 2 : 1);
-    return launch_.rows(runs, context_);
-  }
-
-  /// If the device runs it only in smaller work-groups, with the launch parameters for CPUs.
-  void make_kernel() try {
-    // Rows that a work-item tests before it looks for hits.
-    const unsigned rows_at_once = launch_.group == 1 ? 4 : 8;
-    const std::string options =
-        "-DWIDTH=" + std::to_string(launch_.width) + " -DGROUP=" + std::to_string(launch_.group) +
-        " -DROWS=" + std::to_string(rows_at_once) + " -DMAX_ROWS=" + std::to_string(launch_.max_rows);
-    kernel_ = context_.kernel(context_.program("brute_force.cl", options), "brute_force", launch_.group);
-  } catch (const opencl::GroupTooLarge&) {
-    launch_ = brute_force_on_cpus;
-    make_kernel();
+    return rows_per_item(launch_, runs, context_);
   }
 
   const opencl::Context& context_;
-  RowLaunch launch_;
+  const opencl::RowLaunch& launch_;
   cl::Kernel kernel_;
   bool gathers_ = false;  // this search: the kernel reads the caller's boxes, and copies them
 };

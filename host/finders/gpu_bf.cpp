@@ -23,19 +23,6 @@
 namespace broadcl {
 namespace {
 
-constexpr RowLaunch gpu_bf_on_gpus{.width = 4,
-                                   .group = 128,
-                                   .min_rows = 8,
-                                   .max_rows = 128,
-                                   .items = 4096,
-                                   .most_tests = std::size_t{1} << 32};
-constexpr RowLaunch gpu_bf_on_cpus{.width = 16,
-                                   .group = 64,
-                                   .min_rows = 64,
-                                   .max_rows = 512,
-                                   .items = 1024,
-                                   .most_tests = std::size_t{1} << 30};
-
 using opencl::divide_up;
 using opencl::round_up;
 
@@ -47,7 +34,7 @@ class GpuBf final : public Algorithm {
       : context_(device, config.profile, config.on_compile),
         profiler_(config.profile),
         threads_(config.threads),
-        launch_(context_.tuning() == opencl::Tuning::cpu ? gpu_bf_on_cpus : gpu_bf_on_gpus),
+        launch_(context_.launch().gpu_bf),
         large_(context_.large_buffers()),
         program_(build()),
         large_program_(large_ ? build(large_->option) : cl::Program()),
@@ -220,11 +207,11 @@ class GpuBf final : public Algorithm {
     const std::size_t columns = round_up(divide_up(n, launch_.width), kernel_.group);
     const std::size_t class_rows = (n + period - 1) / period;
     // In an average row, half of the columns are past the end.
-    const std::size_t rows = launch_.rows(columns / 2 * period * class_rows, context_);
+    const std::size_t rows = rows_per_item(launch_, columns / 2 * period * class_rows, context_);
     const std::size_t chunks = (class_rows + rows - 1) / rows;
     const std::size_t seam_lines = (n + columns - 1) / columns;
     const std::size_t lines = period * chunks + seam_lines;
-    const std::size_t at_once = launch_.runs_at_once(rows, n);
+    const std::size_t at_once = runs_at_once(launch_, rows, n);
     for (std::size_t first = 0; first < lines; first += at_once) {
       opencl::set_arguments(kernel_.kernel, 0, n, static_cast<cl_uint>(rows), static_cast<cl_uint>(chunks),
                             static_cast<cl_uint>(first), search.now.boxes, search.now.filters,
@@ -239,7 +226,7 @@ class GpuBf final : public Algorithm {
   opencl::Context context_;
   opencl::Profiler profiler_;
   std::size_t threads_;  // at most; 0 for one per processor
-  RowLaunch launch_;
+  const opencl::RowLaunch& launch_;
   std::optional<opencl::Context::LargeBuffers> large_;
   cl::Program program_;
   cl::Program large_program_;  // for large buffers

@@ -18,24 +18,7 @@
 namespace broadcl {
 namespace {
 
-/// Launch parameters.
-struct TilesLaunch {
-  std::size_t node;   ///< Children of a node.
-  std::size_t group;  ///< Work-items per work-group: one per child, as many as a GPU runs in step; or one.
-  std::size_t most_roots;  ///< Of the search: a launch more would leave fewer.
-};
-
-constexpr TilesLaunch tiles_on_gpus{.node = CHILDREN_OF(32), .group = 32, .most_roots = 8};
-constexpr TilesLaunch tiles_on_gpus_of_64{.node = CHILDREN_OF(64), .group = 64, .most_roots = 8};
-constexpr TilesLaunch tiles_on_cpus{.node = CHILDREN_OF(1), .group = 1, .most_roots = 1};
-
-TilesLaunch launch_for(opencl::Tuning tuning) {
-  if (tuning == opencl::Tuning::cpu) return tiles_on_cpus;
-  return tuning == opencl::Tuning::gpu64 ? tiles_on_gpus_of_64 : tiles_on_gpus;
-}
-
-constexpr std::size_t most_workers = 8;
-constexpr std::size_t search_groups_per_unit = 32;         // as far as most_workers allows
+constexpr std::size_t search_groups_per_unit = 32;         // as far as tiles_max_workers allows
 constexpr std::size_t dense_search_groups_per_unit = 128;  // if all tiles are dense
 /// From this many boxes on, a GPU takes long enough to receive them that a search meanwhile pays.
 constexpr std::size_t fewest_searched_early = 1 << 17;
@@ -67,9 +50,9 @@ class Tiles final : public PairFinder {
  public:
   Tiles(const opencl::Context& context, double stale, std::size_t fewest_early)
       : context_(context),
-        launch_(launch_for(context.tuning())),
+        group_(context.launch().tiles_group),
         kernels_(make_kernels()),
-        work_(launch_.node, stale),
+        work_(node_, stale),
         centroids_(context),
         near_(context, kernels_.program, fewest_early),
         sort_(context) {}
@@ -106,7 +89,7 @@ class Tiles final : public PairFinder {
   }
 
   [[nodiscard]] bool keeps(const Search& search, const PairDelta& /*sink*/) const override {
-    return is_built_ && !is_early_ && launch_.group > 1 && nodes_of(search) > launch_.most_roots;
+    return is_built_ && !is_early_ && group_ > 1 && nodes_of(search) > context_.launch().tiles_max_roots;
   }
 
   [[nodiscard]] bool gave_up(const PairDelta::Counts& counts) override {
@@ -138,12 +121,11 @@ class Tiles final : public PairFinder {
     cl::Kernel search, search_all;  // any boxes; one world, all of whose boxes changed
   };
 
-  /// If the device runs one of them only in smaller work-groups, changes to the launch parameters for CPUs.
-  [[nodiscard]] Kernels make_kernels() try {
+  [[nodiscard]] Kernels make_kernels() const {
     const std::string options =
-        "-DGROUP=" + std::to_string(launch_.group) + (context_.has_nvidia_vote() ? " -DNVIDIA" : "");
+        "-DGROUP=" + std::to_string(group_) + (context_.has_nvidia_vote() ? " -DNVIDIA" : "");
     const cl::Program program = context_.program("tiles.cl", options);
-    const auto kernel = [&](const char* name) { return context_.kernel(program, name, launch_.group); };
+    const auto kernel = [&](const char* name) { return context_.kernel(program, name, group_); };
     Kernels kernels{.program = program,
                     .centroids = context_.sized_kernel(program, "centroids"),
                     .keys = context_.sized_kernel(program, "tiles_keys"),
@@ -153,15 +135,12 @@ class Tiles final : public PairFinder {
                     .refit_and_keep = {},
                     .search = kernel("tiles_search"),
                     .search_all = kernel("tiles_search")};
-    if (launch_.group > 1) {
+    if (group_ > 1) {
       kernels.refit_and_keep = context_.kernel(program, "tiles_refit_and_keep", layout::TILES_KEEP_GROUP);
       kernels.search = context_.kernel(context_.program("tiles_search.cl", options + " -DGENERAL=1"),
-                                       "tiles_search", launch_.group);
+                                       "tiles_search", group_);
     }
     return kernels;
-  } catch (const opencl::GroupTooLarge&) {
-    launch_ = tiles_on_cpus;
-    return make_kernels();
   }
 
   struct Tree {  // NOLINT(bugprone-exception-escape): handles do not throw when moved
@@ -180,9 +159,9 @@ class Tiles final : public PairFinder {
     work_.forget_sort();
     elements_ = scratch_ = {};
     tree_ = changed_tree_ = {};
-    const std::size_t needed = round_up(slots, launch_.node);
-    std::size_t capacity = opencl::grown(context_, needed * sizeof(cl_ulong), "sorted boxes") /
-                           sizeof(cl_ulong) / launch_.node * launch_.node;
+    const std::size_t needed = round_up(slots, node_);
+    std::size_t capacity =
+        opencl::grown(context_, needed * sizeof(cl_ulong), "sorted boxes") / sizeof(cl_ulong) / node_ * node_;
     set_levels(capacity);
     if (tree_bytes(true) > context_.device().max_allocation) {
       capacity = needed;
@@ -198,14 +177,13 @@ class Tiles final : public PairFinder {
     nodes_ = 0;
     for (std::size_t level = 0, size = capacity; level < layout::TREE_LEVELS; ++level) {
       starts_.at(level) = static_cast<cl_uint>(nodes_);
-      size = divide_up(size, launch_.node);
+      size = divide_up(size, node_);
       nodes_ += size;
     }
   }
 
   [[nodiscard]] std::size_t tree_bytes(bool worlds) const {
-    return nodes_ * launch_.node * sizeof(cl_uint) *
-           (worlds ? layout::CHILD_WORDS_OF_WORLDS : layout::CHILD_WORDS);
+    return nodes_ * node_ * sizeof(cl_uint) * (worlds ? layout::CHILD_WORDS_OF_WORLDS : layout::CHILD_WORDS);
   }
 
   void reserve_tree(Tree& tree, bool worlds) const {
@@ -268,15 +246,15 @@ class Tiles final : public PairFinder {
   }
 
   void enqueue_fill(const cl::CommandQueue& queue, const Search& search, cl::Event* event) {
-    enqueue(queue, kernels_.fill, round_up(tiles_of(search), launch_.node), event);
+    enqueue(queue, kernels_.fill, round_up(tiles_of(search), node_), event);
   }
 
   [[nodiscard]] std::size_t tiles_of(const Search& search) const {
-    return divide_up(search.now.slots, launch_.node);
+    return divide_up(search.now.slots, node_);
   }
   /// Nodes whose children are tiles.
   [[nodiscard]] std::size_t nodes_of(const Search& search) const {
-    return divide_up(tiles_of(search), launch_.node);
+    return divide_up(tiles_of(search), node_);
   }
 
   /// Computes the bounds of nodes, of one level after the other, and keeps the pairs of the last frame if
@@ -288,7 +266,7 @@ class Tiles final : public PairFinder {
       sink.set_keep_kernel(kernels_.refit_and_keep,
                            set_refit(kernels_.refit_and_keep, search, tree_, 1, nodes), search);
       const std::size_t groups =
-          round_up(nodes, launch_.node) * launch_.group / layout::TILES_KEEP_GROUP +
+          round_up(nodes, node_) * group_ / layout::TILES_KEEP_GROUP +
           divide_up(sink.most_to_keep(), std::size_t{layout::TILES_KEEP_GROUP} * layout::TILES_KEEP_RUN);
       context_.queue().enqueueNDRangeKernel(kernels_.refit_and_keep, cl::NullRange,
                                             cl::NDRange(groups * layout::TILES_KEEP_GROUP),
@@ -304,11 +282,11 @@ class Tiles final : public PairFinder {
              opencl::Profiler::Scope& stage) {
     std::size_t nodes = nodes_of(search);
     // The search starts at the first level that has at most `most_roots` nodes.
-    for (top_ = 1; nodes > launch_.most_roots && top_ + 1 < layout::TREE_LEVELS;
-         ++top_, nodes = divide_up(nodes, launch_.node)) {
+    for (top_ = 1; nodes > context_.launch().tiles_max_roots && top_ + 1 < layout::TREE_LEVELS;
+         ++top_, nodes = divide_up(nodes, node_)) {
       if (top_ < level) continue;
       set_refit(kernels_.refit, search, tree, top_, nodes);
-      enqueue(queue, kernels_.refit, round_up(nodes, launch_.node), stage.event());
+      enqueue(queue, kernels_.refit, round_up(nodes, node_), stage.event());
     }
     roots_ = static_cast<cl_uint>(nodes);
   }
@@ -362,28 +340,28 @@ class Tiles final : public PairFinder {
       sink.set_sink(kernel, next, search);
     }
     const cl::CommandQueue& queue = is_early_ ? near_.queue() : context_.queue();
-    queue.enqueueNDRangeKernel(kernel, cl::NullRange, cl::NDRange(tiles * launch_.group, dense_workers),
-                               cl::NDRange(launch_.group, 1), nullptr, stage.event());
+    queue.enqueueNDRangeKernel(kernel, cl::NullRange, cl::NDRange(tiles * group_, dense_workers),
+                               cl::NDRange(group_, 1), nullptr, stage.event());
   }
 
   /// Number of work-groups that share the search of a tile; if there are few tiles, a GPU would otherwise
   /// have too little to do.
   [[nodiscard]] std::size_t workers(std::size_t tiles, std::size_t groups_per_unit) const {
-    if (launch_.group == 1) return 1;
     const std::size_t useful = context_.device().compute_units * groups_per_unit;
     std::size_t workers = 1;
-    while (workers < most_workers && tiles * workers * 2 <= useful) workers *= 2;
+    while (workers < context_.launch().tiles_max_workers && tiles * workers * 2 <= useful) workers *= 2;
     return workers;
   }
 
   void enqueue(const cl::CommandQueue& queue, const cl::Kernel& kernel, std::size_t groups,
                cl::Event* event) const {
-    queue.enqueueNDRangeKernel(kernel, cl::NullRange, cl::NDRange(groups * launch_.group),
-                               cl::NDRange(launch_.group), nullptr, event);
+    queue.enqueueNDRangeKernel(kernel, cl::NullRange, cl::NDRange(groups * group_), cl::NDRange(group_),
+                               nullptr, event);
   }
 
   const opencl::Context& context_;
-  TilesLaunch launch_;
+  std::size_t group_;                       // work-items per work-group
+  std::size_t node_ = CHILDREN_OF(group_);  // children of a node
   Kernels kernels_;
   TileWork work_;
   CentroidBounds centroids_;

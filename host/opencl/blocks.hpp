@@ -32,8 +32,8 @@ struct Blocks {
     throw Error(context.device().label() + ": " + std::to_string(n) +
                 " values are too many to sort or to add up at once; use fewer boxes");
   }
-  const std::size_t enough = std::min<std::size_t>(
-      4096, std::size_t{context.device().compute_units} * (context.tuning() == Tuning::cpu ? 4 : 8));
+  const std::size_t enough =
+      std::min<std::size_t>(4096, std::size_t{context.device().compute_units} * context.launch().blocks);
   const std::size_t tiles = (n + tile - 1) / tile;
   const std::size_t length = std::min((tiles + enough - 1) / enough * tile, longest);
   return {.count = static_cast<cl_uint>((n + length - 1) / length), .length = static_cast<cl_uint>(length)};

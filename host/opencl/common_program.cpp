@@ -5,8 +5,8 @@
 namespace broadcl::opencl {
 
 cl::Program common_program(const Context& context) {
-  return context.program("common.cl", "-DGROUP=" + std::to_string(common_group(context)) +
-                                          " -DTILE=" + std::to_string(sort_tile(context)) +
+  return context.program("common.cl", "-DGROUP=" + std::to_string(context.launch().group) +
+                                          " -DTILE=" + std::to_string(context.launch().sort_tile) +
                                           " -DDIGIT_BITS=" + std::to_string(digit_bits));
 }
 

@@ -24,8 +24,7 @@
 namespace broadcl::opencl {
 
 /// The device runs a kernel only in smaller work-groups, or has too little local memory for large ones, and
-/// nobody named the tuning with such large ones: what the kernel is for works with the launch
-/// parameters for CPUs, which have work-groups of one.
+/// nobody named the tuning with such large ones: make_tuned() catches it.
 class GroupTooLarge : public Error {
  public:
   using Error::Error;
@@ -60,6 +59,7 @@ class Context {
   /// The tuning. The environment variable BROADCL_TUNING overrides it, so that each tuning can be
   /// tested on any device.
   [[nodiscard]] Tuning tuning() const noexcept { return tuning_; }
+  [[nodiscard]] const LaunchParameters& launch() const noexcept { return launch_parameters(tuning_); }
 
   /// Whether the 32 work-items of a work-group can vote with NVIDIA's instruction: kernels/vote.h. False if
   /// BROADCL_TUNING is set, so that kernels can be tested without the instruction.

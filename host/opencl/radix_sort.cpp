@@ -22,7 +22,7 @@ constexpr std::size_t most_unscanned = 64;
 
 RadixSort::RadixSort(const Context& context) : context_(context), scan_(context) {
   const cl::Program program = common_program(context);
-  const std::size_t group = common_group(context);
+  const std::size_t group = context.launch().group;
   count_ = context.kernel(program, "radix_sort_count", group);
   scatter_ = context.kernel(program, "radix_sort_scatter", group);
 }
@@ -35,8 +35,8 @@ void RadixSort::enqueue_pass(const cl::Buffer& source, const cl::Buffer& target,
   const bool scans = blocks.count > most_unscanned;
   set_arguments(count_, 5, counts_);
   set_arguments(scatter_, 5, target, cl_uint{scans ? 1U : 0U}, counts_);
-  const cl::NDRange group(common_group(context_));
-  const cl::NDRange items(blocks.count * common_group(context_));
+  const cl::NDRange group(context_.launch().group);
+  const cl::NDRange items(blocks.count * context_.launch().group);
   context_.queue().enqueueNDRangeKernel(count_, cl::NullRange, items, group, nullptr, event_of(stage));
   if (scans) scan_.enqueue(counts_, counts_, std::size_t{blocks.count} << digit.count, stage);
   context_.queue().enqueueNDRangeKernel(scatter_, cl::NullRange, items, group, nullptr, event_of(stage));
