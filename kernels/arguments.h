@@ -48,7 +48,7 @@ typedef struct {
 } tiles_search_scalars_t;
 HAS_WORDS(tiles_search_scalars_t, TREE_LEVELS + 6U);
 
-/* CHANGES_PARAMETERS of order.cl. */
+/* CHANGES_PARAMETERS of order.h. */
 typedef struct {
   uint capacity;        /* of the list of pairs */
   uint list_capacity;   /* of each list of changes */

@@ -27,6 +27,7 @@
 #include "inline.h"
 #include "keep.h"
 #include "lanes.h"
+#include "pair.h"
 
 #ifndef MAX_ROWS
 #define MAX_ROWS 128 /* rows of a work-group, at most */
@@ -166,7 +167,7 @@ static inline bool is_new_pair(const uint a, const uint b, const bool all, globa
   (void)boxes;
 #endif
   if (filters != 0 && !may_pair(filters[a], filters[b])) return false;
-  const uint2 pair = (uint2)(min(a, b), max(a, b));
+  const uint2 pair = pair_of(a, b);
   if (is_excluded(pair, exclusions)) return false;
   /* (A branch, because Oclgrind 21.10 evaluates some negated conditions as true.) */
   if (was_in_last_frame(sink, pair)) return false;
@@ -183,7 +184,7 @@ INLINE void append_new(local uint2* hits, const uint count, local uint* found_ne
     const bool is_new =
         first + item < count && is_new_pair(hit.x, hit.y, all, boxes, changed_stamps, filters, exclusions, sink);
     barrier(CLK_LOCAL_MEM_FENCE);
-    if (is_new) hits[NEXT(found_new)] = (uint2)(min(hit.x, hit.y), max(hit.x, hit.y));
+    if (is_new) hits[NEXT(found_new)] = pair_of(hit.x, hit.y);
     barrier(CLK_LOCAL_MEM_FENCE);
   }
   append_pairs(sink, hits, *found_new, GROUP, base);

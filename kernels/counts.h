@@ -9,10 +9,10 @@ enum {
   COUNT_ADDED,
   COUNT_ADDED_HIGH,
   COUNT_WORK,          /* what an algorithm counts for itself */
-  COUNT_UNORDERED,     /* not 0 if order.cl leaves the changes to the host */
+  COUNT_UNORDERED,     /* not 0 if order_buckets.cl leaves the changes to the host */
   COUNT_INVALID,       /* boxes with a NaN bound, if boxes are gathered on the device */
   COUNT_INVALID_FIRST, /* UINT_MAX minus the index of the first of them */
-  /* What a frame must know about earlier ones, so that frames can follow each other without the host: order.cl passes
+  /* What a frame must know about earlier ones, so that frames can follow each other without the host: order.h passes
      it on. */
   COUNT_LAST_KEPT,    /* pairs at the beginning of the last complete frame's list */
   COUNT_LAST_ADDED,   /* and at its end */

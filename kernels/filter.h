@@ -2,6 +2,8 @@
 #ifndef BROADCL_FILTER_H
 #define BROADCL_FILTER_H
 
+#include "pair.h"
+
 #define NO_BODY 0xffffffffU
 #define ALL_WORLDS 0xffffffffU
 
@@ -37,9 +39,9 @@ static inline bool is_excluded(const uint2 pair, global const uint2* exclusions)
   uint end = exclusions[0].x + 1U;
   while (begin < end) {
     const uint middle = begin + (end - begin) / 2U;
-    const uint2 other = exclusions[middle];
-    if (other.x == pair.x && other.y == pair.y) return true;
-    if (other.y < pair.y || (other.y == pair.y && other.x < pair.x)) {
+    const ulong other = key_of_pair(exclusions[middle]);
+    if (other == key_of_pair(pair)) return true;
+    if (other < key_of_pair(pair)) {
       begin = middle + 1U;
     } else {
       end = middle;

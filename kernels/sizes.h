@@ -30,7 +30,7 @@ enum {
   /* near_pairs.cl */
   NEAR_GROUP = 256, /* work-items per work-group, at most */
 
-  /* order.cl */
+  /* order_small.cl */
   ORDER_RANGE = 64 /* changes that a work-group sorts in one launch, on average */
 };
 

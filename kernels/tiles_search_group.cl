@@ -67,13 +67,13 @@ INLINE void append_new(local search_t* scratch, const uint count, global const u
   for (uint k = item; all_new && k < count; k += GROUP) {
     const uint2 hit = scratch->hits[k];
     const uint own = scratch->own_slots[hit.x];
-    scratch->hits[k] = (uint2)(min(own, hit.y), max(own, hit.y));
+    scratch->hits[k] = pair_of(own, hit.y);
   }
   barrier(CLK_LOCAL_MEM_FENCE);
   for (uint first = 0; !all_new && first < count; first += GROUP) {
     const uint2 hit = scratch->hits[min(first + item, count - 1U)];
     const uint own = scratch->own_slots[hit.x];
-    const uint2 pair = (uint2)(min(own, hit.y), max(own, hit.y));
+    const uint2 pair = pair_of(own, hit.y);
     const box_t own_last = scratch->own_last[hit.x];
     box_t last;
     load_last_box(&last, sink, hit.y);

@@ -37,7 +37,7 @@ static inline uint test_box(local uint2* hits, uint found, const uint tile, cons
   for (; own != 0U; own &= own - 1U) {
     const uint mine = LOWEST_BIT(own);
     const uint my_slot = elements[tile * NODE + mine].x;
-    const uint2 pair = (uint2)(min(my_slot, slot), max(my_slot, slot));
+    const uint2 pair = pair_of(my_slot, slot);
     const box_t mine_last = own_last[mine];
     if (is_new_pair(pair, &mine_last, &other_last, filters, exclusions, sink)) hits[found++] = pair;
   }

@@ -27,7 +27,7 @@ bool before(const Pair& s, const Pair& t) {
   return std::pair(s.b, s.a) < std::pair(t.b, t.a);
 }
 
-/// The kernel of kernels/order.cl, compiled with one work-item or many per work-group, and with more or less
+/// kernels/order_small.cl, compiled with one work-item or many per work-group, and with more or less
 /// memory for what a work-group sorts at once.
 class OrderSmall : public ::testing::TestWithParam<std::pair<std::size_t, std::string>> {
  protected:

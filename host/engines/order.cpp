@@ -279,7 +279,7 @@ Delta Order::on_host(const PairDelta::Counts& counts) const noexcept {
 void Order::sort(const cl::Buffer& pairs, std::size_t n, std::size_t slots, const cl::Buffer& scratch,
                  opencl::Profiler::Scope* stage) {
   const auto bits = static_cast<unsigned>(std::bit_width(slots));
-  sort_.enqueue(pairs, scratch, n, {{0, bits}, {32, bits}}, stage);
+  sort_.enqueue(pairs, scratch, n, {{layout::PAIR_FIRST_BIT, bits}, {layout::PAIR_SECOND_BIT, bits}}, stage);
 }
 
 }  // namespace broadcl

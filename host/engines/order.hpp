@@ -20,7 +20,7 @@
 namespace broadcl {
 
 /// Sorts the changes of a frame into canonical order, in buffers that later frames reuse, and copies the
-/// counts, and the changes if the target is the host, to the host: kernels/order.cl.
+/// counts, and the changes if the target is the host, to the host: kernels/order.h.
 class Order {
  public:
   /// Where the changes are needed.

@@ -12,12 +12,12 @@ namespace broadcl {
 /// not wait for it.
 struct Report {  // NOLINT(bugprone-exception-escape): handles do not throw when moved
   cl::Buffer added{}, removed{};
-  cl::Buffer counts{};                            ///< As kernels/order.cl reports them, to a caller.
+  cl::Buffer counts{};                            ///< As kernels/order.h reports them, to a caller.
   std::size_t capacity = 0;                       ///< Pairs that each list has memory for.
   cl::Buffer added_offsets{}, removed_offsets{};  ///< Where worlds begin, if changes are ordered by world.
 };
 
-/// How the changes of one frame are ordered: kernels/order.cl.
+/// How the changes of one frame are ordered: kernels/order.h.
 struct OrderPlan {  // NOLINT(bugprone-exception-escape): as above
   /// The least number of changes to read with the counts, and the least capacity for them.
   static constexpr std::size_t least_changes = 512;

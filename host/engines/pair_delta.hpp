@@ -87,7 +87,7 @@ class PairDelta {
   [[nodiscard]] bool fits(const Counts& counts) const noexcept { return counts.found <= now_.capacity; }
   /// The frame succeeded: to be called before it becomes the last one. Its counts must have been read.
   /// @param tag Any number; settle() returns that of the last complete frame.
-  /// @param is_next_ready Whether the kernels of kernels/order.cl have prepared the counts of the next frame.
+  /// @param is_next_ready Whether the kernels of kernels/order.h have prepared the counts of the next frame.
   void commit(const Counts& counts, cl_uint tag, bool is_next_ready) noexcept;
   /// The same for a frame that has been enqueued, and for which the caller does not wait.
   void commit_unread() noexcept;

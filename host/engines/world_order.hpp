@@ -11,7 +11,7 @@
 namespace broadcl {
 
 /// Changes that are ordered by world, and canonically within a world: where worlds begin in the lists, and a
-/// sort for lists that the buckets of kernels/order.cl did not order.
+/// sort for lists that the buckets of kernels/order_buckets.cl did not order.
 class WorldOrder {
  public:
   /// @param context Must outlive this object.

@@ -6,7 +6,6 @@ namespace broadcl::opencl {
 
 cl::Program common_program(const Context& context) {
   return context.program("common.cl", "-DGROUP=" + std::to_string(context.launch().group) +
-                                          " -DTILE=" + std::to_string(context.launch().sort_tile) +
                                           " -DDIGIT_BITS=" + std::to_string(digit_bits));
 }
 

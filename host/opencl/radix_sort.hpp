@@ -36,8 +36,7 @@ class RadixSort {
   /// after the other, as by a single thread. The object's memory, for counters, is at most 1 KiB per 4096
   /// elements, and grows before anything is enqueued.
   ///
-  /// For instance, {{0, k}, {32, k}} sorts pairs {a, b} of uints with k bits by b, then by a; {{32, 32}}
-  /// sorts {value, key}.
+  /// For instance, {{32, 32}} sorts {value, key}, and kernels/pair.h has the bits of a pair.
   /// @param elements, scratch Two buffers of at least n elements each. Scratch is overwritten.
   /// @param n Less than 2^31, otherwise an Error is thrown.
   /// @param stage To which the commands belong; null if to none.

@@ -10,7 +10,6 @@ const LaunchParameters& launch_parameters(Tuning tuning) noexcept {
   static constexpr LaunchParameters gpu{};
   static constexpr LaunchParameters gpu64{.tiles_group = 64};
   static constexpr LaunchParameters cpu{.group = 1,
-                                        .sort_tile = 1,
                                         .blocks = 4,
                                         .min_scan_block = 16384,
                                         .max_order_small = 256,

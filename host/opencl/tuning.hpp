@@ -24,8 +24,6 @@ struct RowLaunch {
 struct LaunchParameters {
   /// Work-items per work-group of the kernels of common.cl that have local memory.
   std::size_t group = 256;
-  /// Elements that such a work-group sorts at once: kernels/radix_sort.cl.
-  std::size_t sort_tile = 4096;
   /// Of lists that are sorted or added up, wanted per compute unit.
   std::size_t blocks = 8;
   /// Values per block that is added up, at least: a multiple of four per work-item.
