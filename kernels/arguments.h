@@ -54,11 +54,12 @@ typedef struct {
   uint list_capacity;   /* of each list of changes */
   uint total_capacity;  /* of both together */
   uint tag;             /* a number that the host chooses for the frame */
-  uint buckets_of_list; /* the rest is 0 in one launch */
+  uint buckets_of_list; /* these three are 0 in one launch */
   uint bucket_bits;
   uint worlds;
+  uint second_set; /* its first slot, or 0 if there is no second set */
 } order_scalars_t;
-HAS_WORDS(order_scalars_t, 7);
+HAS_WORDS(order_scalars_t, 8);
 
 /* NOLINTEND(modernize-use-using, modernize-avoid-c-arrays) */
 

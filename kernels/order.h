@@ -24,7 +24,7 @@ static inline void find_changes(changes_t* changes, const uint capacity, global 
 }
 
 /* The pairs of a frame, and where to write the changes. `added` and `removed` are null if the changes follow the
-   counts. `report`, if not null, receives what a caller who does not wait has to know: the numbers of added, removed
+   counts. Nobody waits for the frame if `result` is null. `report`, if not null, receives the numbers of added, removed
    and all pairs, and whether the frame is incomplete. */
 #define CHANGES_PARAMETERS                                                                                       \
   const order_scalars_t scalars, global const uint2 *restrict pairs, global const uint2 *restrict removed_pairs, \
@@ -55,7 +55,7 @@ static inline void pass_count(const uint k, const changes_t* changes, const bool
   if (k == COUNT_LAST_KEPT) next = complete ? counts[COUNT_KEPT] : counts[k];
   if (k == COUNT_LAST_ADDED) next = complete ? counts[COUNT_ADDED] : counts[k];
   if (k == COUNT_LAST_TAG) next = complete ? tag : counts[k];
-  if (k == COUNT_COMPLETE && report != 0) next = counts[k] + (complete ? 1U : 0U);
+  if (k == COUNT_COMPLETE && result == 0) next = counts[k] + (complete ? 1U : 0U);
   if (k == COUNT_HALTED) next = complete ? 0U : 1U;
   next_counts[k] = next;
   if (report == 0 || k != 0U) return;
@@ -70,6 +70,11 @@ static inline global uint2* result_list(const bool is_added, const changes_t* ch
                                         global uint2* added, global uint2* removed) {
   if (is_added) return added != 0 ? added : (global uint2*)(result + COUNTS);
   return removed != 0 ? removed : (global uint2*)(result + COUNTS) + changes->added_count;
+}
+
+/* A pair as it is written: of two sets, with the index in the second one. */
+static inline uint2 numbered(const uint2 pair, const order_scalars_t* scalars) {
+  return (uint2)(pair.x, pair.y - scalars->second_set);
 }
 
 /* The world of a pair: that of both objects, or of the one that is not in all worlds; `worlds` if both are in all

@@ -77,6 +77,7 @@ kernel void order_place(CHANGES_PARAMETERS, BUCKET_PARAMETERS, global uint* rest
       index += key_of_pair(scattered[other]) < key_of_pair(pair) ? 1U : 0U;
     }
     const bool is_added = k < changes.added_count;
-    result_list(is_added, &changes, result, added, removed)[index - (is_added ? 0U : changes.added_count)] = pair;
+    result_list(is_added, &changes, result, added, removed)[index - (is_added ? 0U : changes.added_count)] =
+        numbered(pair, &scalars);
   }
 }

@@ -50,14 +50,15 @@ typedef struct {
 
 /* For a list of at most GROUP changes, which needs no ranges: each work-group places some of them. */
 INLINE void place_part(const uint group, const uint groups, global const uint2* list, const uint size,
-                       local sorting_t* shared, global uint2* to) {
+                       local sorting_t* shared, const order_scalars_t* scalars, global uint2* to) {
   local ulong* collected = (local ulong*)shared->collected;
   const uint item = (uint)get_local_id(0);
   collected[item] = item < size ? key_of_pair(list[item]) : ULONG_MAX;
   barrier(CLK_LOCAL_MEM_FENCE);
   const uint part = (size + groups - 1U) / groups;
   const uint k = group * part + item;
-  if (item < part && k < size) to[rank_of(collected[k], shared->collected, (size + 3U) / 4U * 4U)] = list[k];
+  if (item < part && k < size)
+    to[rank_of(collected[k], shared->collected, (size + 3U) / 4U * 4U)] = numbered(list[k], scalars);
 }
 
 /* Finds where the range of a work-group begins and ends. All groups take the same sample, of which each needs two
@@ -129,7 +130,7 @@ INLINE void collect_range(const range_t* range, global const uint2* list, const 
 
 /* Sorts the changes that were collected, and places them. Returns whether these are all of the range; otherwise nothing
    is placed, and element LARGEST_RANGE / 4 of `sorted` is where a shorter range may end. */
-INLINE bool place_range(local sorting_t* shared, global uint2* to) {
+INLINE bool place_range(local sorting_t* shared, const order_scalars_t* scalars, global uint2* to) {
   local ulong* collected = (local ulong*)shared->collected;
   const uint item = (uint)get_local_id(0);
   const bool is_whole = shared->count <= LARGEST_RANGE;
@@ -147,7 +148,7 @@ INLINE bool place_range(local sorting_t* shared, global uint2* to) {
   for (uint from = 0; from < n; from += GROUP) {
     const uint k = from + item;
     if (k < n && is_whole) {
-      to[shared->before + k] = pair_of_key(shared->sorted[k]);
+      to[shared->before + k] = numbered(pair_of_key(shared->sorted[k]), scalars);
     }
   }
   return is_whole;
@@ -176,7 +177,7 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void order_small(CHANG
   global const uint2* list = is_added ? changes.added : changes.removed;
   global uint2* to = result_list(is_added, &changes, result, added, removed);
   if (GROUP > 1 && size <= GROUP) {
-    place_part(group, groups, list, size, &shared, to);
+    place_part(group, groups, list, size, &shared, &scalars, to);
     return;
   }
   find_limits(group, groups, list, size, &shared);
@@ -188,7 +189,7 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void order_small(CHANG
     range_t range;
     set_range(&range, begin, end);
     collect_range(&range, list, size, &shared);
-    const bool is_whole = place_range(&shared, to);
+    const bool is_whole = place_range(&shared, &scalars, to);
     begin = is_whole ? end : begin;
     end = is_whole ? last : shared.sorted[LARGEST_RANGE / 4U];
     barrier(CLK_LOCAL_MEM_FENCE);

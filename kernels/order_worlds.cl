@@ -3,21 +3,21 @@
 #include "order.h"
 
 /* Finds where each world begins in lists that are sorted by world, one work-item per world; after the worlds come the
-   pairs of no such world and the end. The lengths are those of `report`, unless it is null. */
-kernel void order_offsets(const uint worlds, const uint added_count, const uint removed_count,
-                          global const uint* restrict report, global const uint2* restrict added,
-                          global const uint2* restrict removed, global const uint4* restrict filters,
-                          global const uint4* restrict last_filters, global uint* restrict added_offsets,
-                          global uint* restrict removed_offsets) {
+   pairs of no such world and the end. The lengths are those of `report`. */
+kernel void order_offsets(const uint worlds, const uint second_set, global const uint* restrict report,
+                          global const uint2* restrict added, global const uint2* restrict removed,
+                          global const uint4* restrict filters, global const uint4* restrict last_filters,
+                          global uint* restrict added_offsets, global uint* restrict removed_offsets) {
   const uint world = (uint)get_global_id(0);
   if (world > worlds + 1U) return;
   for (uint list = 0; list < 2U; ++list) {
     const bool is_added = list == 0U;
     uint begin = 0;
-    uint end = report != 0 ? report[list] : is_added ? added_count : removed_count;
+    uint end = report[list];
     while (begin < end) {
       const uint middle = begin + (end - begin) / 2U;
-      const uint2 pair = is_added ? added[middle] : removed[middle];
+      uint2 pair = is_added ? added[middle] : removed[middle];
+      pair.y += second_set;
       if (world_of(pair, worlds, is_added ? filters : last_filters) < world) {
         begin = middle + 1U;
       } else {

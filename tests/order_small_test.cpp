@@ -65,7 +65,8 @@ class OrderSmall : public ::testing::TestWithParam<std::pair<std::size_t, std::s
                                           .tag = 5,
                                           .buckets_of_list = 0,
                                           .bucket_bits = 0,
-                                          .worlds = 0};
+                                          .worlds = 0,
+                                          .second_set = 0};
     opencl::set_arguments(kernel_, 0, scalars, pairs, removals, now, next, cl::Buffer(), cl::Buffer(),
                           to_added, to_removed);
     context_.queue().enqueueNDRangeKernel(kernel_, cl::NullRange, cl::NDRange(groups * group_, 2),

@@ -120,7 +120,7 @@ cl::Buffer Engine::sorted_pairs() {
   if (n == 0) return sorted;
   delta_.copy_pairs(sorted);
   order_.sort(sorted, n, most_slots_, context_.buffer(bytes));
-  order_.renumber(sorted, n);
+  order_.renumber(sorted, n, frames_.last.objects.second_set);
   return sorted;
 }
 

@@ -53,7 +53,7 @@ void Order::begin(const Search& search) {
   plan_ = OrderPlan(search);  // without a report, so that lists that grow do not exist twice
   plan_.by_buckets = plan_.worlds > 0 || history_.expects_more_than(context_.launch().max_order_small);
   const std::size_t most = (context_.device().max_allocation - PairDelta::count_bytes) / sizeof(Pair);
-  history_.set_capacity(plan_, context_.launch().max_order_small, allocated(), most);
+  history_.set_capacity(plan_, context_.launch().max_order_small, most);
   reserve_result(plan_.capacity);
   if (plan_.by_buckets) {
     plan_buckets();
@@ -68,6 +68,7 @@ void Order::report_to_own_lists() {
   if (target_ == Target::host) return;
   plan_.report = {.added = added(),
                   .removed = removed(),
+                  .counts = plan_.worlds > 0 ? by_world_.counts() : cl::Buffer(),
                   .capacity = plan_.list_capacity,
                   .added_offsets = added_offsets(),
                   .removed_offsets = removed_offsets()};
@@ -87,15 +88,6 @@ void Order::begin(const Search& search, const Report& report) {
 void Order::reserve_ahead(std::size_t slots, std::size_t pairs) {
   reserve_buckets(2 * (slots + 1));
   scattered_.reserve(context_, 2 * std::max(OrderPlan::least_changes, pairs) * sizeof(Pair), what);
-}
-
-/// Changes that there is memory for already.
-std::size_t Order::allocated() const noexcept {
-  const std::size_t bytes =
-      target_ == Target::device
-          ? std::min(added_.bytes(), removed_.bytes())
-          : std::max(frames_.now.result.large.bytes(), PairDelta::count_bytes) - PairDelta::count_bytes;
-  return bytes / sizeof(Pair);
 }
 
 void Order::reserve_result(std::size_t changes) {
@@ -125,7 +117,8 @@ cl_uint Order::set_changes(cl::Kernel& kernel, const PairDelta& delta, cl_uint t
                               .tag = tag,
                               .buckets_of_list = static_cast<cl_uint>(plan_.buckets),
                               .bucket_bits = plan_.bucket_bits,
-                              .worlds = static_cast<cl_uint>(plan_.worlds)},
+                              .worlds = static_cast<cl_uint>(plan_.worlds),
+                              .second_set = plan_.second_set},
       delta.list(), delta.removed(), delta.counts());
 }
 
@@ -190,26 +183,15 @@ void Order::enqueue(const PairDelta& delta, cl_uint tag) {
     cl::Event* const event = is_last ? &ready_ : own;
     plan_.by_buckets ? sort_by_buckets(delta, tag, event, stage) : sort_in_one_launch(delta, tag, event);
     if (is_last && own != nullptr) *own = ready_;
-    if (!plan_.is_awaited && plan_.worlds > 0) by_world_.enqueue_offsets(plan_, {}, stage);
-    if (!plan_.is_awaited) {
-      renumber(plan_.second_set, plan_.report.added, 0, plan_.report.removed, 0, plan_.report.counts,
-               plan_.capacity, &stage);
-    }
+    by_world_.enqueue_offsets(plan_, stage);
   }
   if (plan_.is_awaited) read(plan_.expected);
 }
 
-/// @param counts The lengths of the lists; if null, the lengths are those given by the host.
-/// @param pairs The largest number of pairs in both lists.
-/// @param stage To which the command belongs; null if to none.
-void Order::renumber(cl_uint second_set, const cl::Buffer& added, std::size_t added_count,
-                     const cl::Buffer& removed, std::size_t removed_count, const cl::Buffer& counts,
-                     std::size_t pairs, opencl::Profiler::Scope* stage) {
-  if (second_set == 0 || pairs == 0) return;
-  constexpr std::size_t most_items = std::size_t{1} << 20;
-  opencl::set_arguments(renumber_.kernel, 0, second_set, static_cast<cl_uint>(added_count),
-                        static_cast<cl_uint>(removed_count), counts, added, removed);
-  renumber_.enqueue(context_.queue(), std::min(pairs, most_items), opencl::event_of(stage));
+void Order::renumber(const cl::Buffer& pairs, std::size_t n, cl_uint second_set, cl::Event* event) {
+  if (second_set == 0) return;
+  opencl::set_arguments(renumber_.kernel, 0, static_cast<cl_uint>(n), second_set, pairs);
+  renumber_.enqueue(context_.queue(), n, event);
 }
 
 PairDelta::Counts Order::wait(const PairDelta& delta) {
@@ -227,11 +209,6 @@ bool Order::complete(const PairDelta& delta, const PairDelta::Counts& counts) {
   const bool is_ordered = plan_.fits(counts);
   if (counts.is_unordered) history_.bucket_was_too_large();
   if (!is_ordered) sort_changes(delta, counts);
-  if (plan_.worlds > 0 || plan_.second_set > 0) {
-    opencl::Profiler::Scope stage(profiler_, "order");
-    if (plan_.worlds > 0) by_world_.enqueue_offsets(plan_, counts, stage);
-    renumber(plan_.second_set, added(), counts.added, removed(), counts.removed, {}, changes, &stage);
-  }
   if (target_ == Target::host && (!is_ordered || changes > plan_.expected)) {
     read(changes);
     (void)wait(delta);
@@ -251,11 +228,17 @@ void Order::sort_changes(const PairDelta& delta, const PairDelta::Counts& counts
     scattered_.reserve(context_, n * sizeof(Pair), what);
     sort(to.get(), n, plan_.slots, scattered_.get(), &stage);
     if (plan_.worlds > 0) by_world_.sort(to.get(), n, filters, plan_.worlds, scattered_.get(), sort_, stage);
+    renumber(to.get(), n, plan_.second_set, stage.event());
   };
   plan_.report = {};  // lists that grow do not exist twice
   sort_list(added_, delta.list(), delta.list_capacity() - counts.added, counts.added, plan_.filters);
   sort_list(removed_, delta.removed(), 0, counts.removed, plan_.last_filters);
   report_to_own_lists();
+  if (plan_.worlds > 0) {
+    context_.fill(plan_.report.counts, static_cast<cl_uint>(counts.added), 0, 1, stage.event());
+    context_.fill(plan_.report.counts, static_cast<cl_uint>(counts.removed), 1, 1, stage.event());
+    by_world_.enqueue_offsets(plan_, stage);
+  }
   if (target_ == Target::device) return;
   reserve_result(counts.added + counts.removed);
   result().release();

@@ -72,15 +72,12 @@ class Order {
   void sort(const cl::Buffer& pairs, std::size_t n, std::size_t slots, const cl::Buffer& scratch,
             opencl::Profiler::Scope* stage = nullptr);
   /// Enqueues the command that replaces slots of the second set, if there are two, by indices in that set.
-  /// @param pairs Of the last frame.
+  /// @param second_set Its first slot, or 0 if there is none.
   /// @throws cl::Error
-  void renumber(const cl::Buffer& pairs, std::size_t n) {
-    renumber(frames_.last.objects.second_set, pairs, n, {}, 0, {}, n, nullptr);
-  }
+  void renumber(const cl::Buffer& pairs, std::size_t n, cl_uint second_set, cl::Event* event = nullptr);
 
  private:
   [[nodiscard]] opencl::SharedBuffer& result() noexcept { return frames_.now.result.get(); }
-  [[nodiscard]] std::size_t allocated() const noexcept;
   void plan_buckets();
   void reserve_buckets(std::size_t count);
   void reserve_result(std::size_t changes);
@@ -91,9 +88,6 @@ class Order {
   void set_results(cl::Kernel& kernel, cl_uint first, const PairDelta& delta);
   void read(std::size_t changes);
   void sort_changes(const PairDelta& delta, const PairDelta::Counts& counts);
-  void renumber(cl_uint second_set, const cl::Buffer& added, std::size_t added_count,
-                const cl::Buffer& removed, std::size_t removed_count, const cl::Buffer& counts,
-                std::size_t pairs, opencl::Profiler::Scope* stage);
 
   const opencl::Context& context_;
   opencl::Profiler& profiler_;

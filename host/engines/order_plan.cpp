@@ -29,11 +29,10 @@ bool ChangeHistory::expects_more_than(std::size_t changes) const noexcept {
   return std::min(longest_, longest_before_) > changes;
 }
 
-void ChangeHistory::set_capacity(OrderPlan& plan, std::size_t most_sorted, std::size_t allocated,
-                                 std::size_t most) noexcept {
+void ChangeHistory::set_capacity(OrderPlan& plan, std::size_t most_sorted, std::size_t most) noexcept {
   const std::size_t wanted = plan.by_buckets ? changes_ + changes_ / 4 : 3 * std::min(longest_, most_sorted);
   // More memory only if it is wanted twice in a row.
-  plan.capacity = std::max(OrderPlan::least_changes, std::min(wanted, std::max(wanted_, allocated)));
+  plan.capacity = std::max(OrderPlan::least_changes, std::min(wanted, std::max(wanted_, allocated_)));
   plan.capacity = std::min(plan.capacity, most);
   plan.list_capacity = plan.by_buckets ? plan.capacity : plan.capacity / 2;
   plan.expected =
@@ -43,6 +42,7 @@ void ChangeHistory::set_capacity(OrderPlan& plan, std::size_t most_sorted, std::
 
 void ChangeHistory::commit(const PairDelta::Counts& counts) noexcept {
   changes_ = counts.added + counts.removed;
+  allocated_ = std::max(allocated_, changes_);
   longest_before_ = std::exchange(longest_, std::max(counts.added, counts.removed));
 }
 

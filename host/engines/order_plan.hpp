@@ -12,7 +12,7 @@ namespace broadcl {
 /// not wait for it.
 struct Report {  // NOLINT(bugprone-exception-escape): handles do not throw when moved
   cl::Buffer added{}, removed{};
-  cl::Buffer counts{};                            ///< As kernels/order.h reports them, to a caller.
+  cl::Buffer counts{};                            ///< As kernels/order.h reports them, if not null.
   std::size_t capacity = 0;                       ///< Pairs that each list has memory for.
   cl::Buffer added_offsets{}, removed_offsets{};  ///< Where worlds begin, if changes are ordered by world.
 };
@@ -56,10 +56,8 @@ class ChangeHistory {
   [[nodiscard]] bool expects_more_than(std::size_t changes) const noexcept;
   /// Sets how many changes to have memory for, and how many to read together with the counts.
   /// @param most_sorted Of a list, in one launch.
-  /// @param allocated Changes that there is memory for already.
   /// @param most Changes that there may be memory for.
-  void set_capacity(OrderPlan& plan, std::size_t most_sorted, std::size_t allocated,
-                    std::size_t most) noexcept;
+  void set_capacity(OrderPlan& plan, std::size_t most_sorted, std::size_t most) noexcept;
 
   [[nodiscard]] bool was_bucket_too_large() const noexcept { return was_bucket_too_large_; }
   void bucket_was_too_large() noexcept { was_bucket_too_large_ = true; }
@@ -72,6 +70,7 @@ class ChangeHistory {
   std::size_t longest_ = 0;            // the longer of its lists
   std::size_t longest_before_ = 0;     // that of the frame before
   std::size_t wanted_ = 0;             // the number of changes to have memory for in the last frame
+  std::size_t allocated_ = 0;          // changes that there was memory for in some frame
   bool was_bucket_too_large_ = false;  // in some frame
 };
 

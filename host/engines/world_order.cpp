@@ -15,6 +15,7 @@ WorldOrder::WorldOrder(const opencl::Context& context) : context_(context) {
 }
 
 void WorldOrder::reserve(std::size_t worlds) {
+  if (worlds > 0 && counts_() == nullptr) counts_ = context_.buffer(4 * sizeof(cl_uint));
   for (opencl::GrowingBuffer* offsets : {&added_offsets_, &removed_offsets_}) {
     if (worlds == 0) {
       offsets->clear();
@@ -24,13 +25,12 @@ void WorldOrder::reserve(std::size_t worlds) {
   }
 }
 
-void WorldOrder::enqueue_offsets(const OrderPlan& plan, const PairDelta::Counts& counts,
-                                 opencl::Profiler::Scope& stage) {
+void WorldOrder::enqueue_offsets(const OrderPlan& plan, opencl::Profiler::Scope& stage) {
+  if (plan.worlds == 0) return;
   const Report& report = plan.report;
-  opencl::set_arguments(offsets_.kernel, 0, static_cast<cl_uint>(plan.worlds),
-                        static_cast<cl_uint>(counts.added), static_cast<cl_uint>(counts.removed),
-                        report.counts, report.added, report.removed, plan.filters, plan.last_filters,
-                        report.added_offsets, report.removed_offsets);
+  opencl::set_arguments(offsets_.kernel, 0, static_cast<cl_uint>(plan.worlds), plan.second_set, report.counts,
+                        report.added, report.removed, plan.filters, plan.last_filters, report.added_offsets,
+                        report.removed_offsets);
   offsets_.enqueue(context_.queue(), plan.worlds + 2, stage.event());
 }
 

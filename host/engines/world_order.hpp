@@ -23,12 +23,12 @@ class WorldOrder {
   void reserve(std::size_t worlds);
   [[nodiscard]] const cl::Buffer& added_offsets() const noexcept { return added_offsets_.get(); }
   [[nodiscard]] const cl::Buffer& removed_offsets() const noexcept { return removed_offsets_.get(); }
+  /// A report's counts, for frames whose caller gives no buffer for them.
+  [[nodiscard]] const cl::Buffer& counts() const noexcept { return counts_; }
 
-  /// Enqueues the command that writes the offsets of the report.
-  /// @param counts The lengths of the lists, unless the report has a buffer with them.
+  /// Enqueues the command that writes the offsets of the report, if changes are ordered by world.
   /// @throws cl::Error
-  void enqueue_offsets(const OrderPlan& plan, const PairDelta::Counts& counts,
-                       opencl::Profiler::Scope& stage);
+  void enqueue_offsets(const OrderPlan& plan, opencl::Profiler::Scope& stage);
 
   /// Enqueues the commands that sort a list that is in canonical order.
   /// @param filters Of the frame in which these were pairs.
@@ -41,6 +41,7 @@ class WorldOrder {
   const opencl::Context& context_;
   opencl::SizedKernel offsets_, keys_, pick_;
   opencl::GrowingBuffer added_offsets_, removed_offsets_;
+  cl::Buffer counts_;  // null until there are worlds
 };
 
 }  // namespace broadcl
