@@ -11,6 +11,7 @@
 #include "base/packed_box.hpp"
 #include "engines/kernel_layout.hpp"
 #include "opencl/common_program.hpp"
+#include "opencl/direct_memory.hpp"
 #include "opencl/launch.hpp"
 
 namespace broadcl {
@@ -18,9 +19,6 @@ namespace {
 
 constexpr std::size_t most_slots = std::size_t{1} << 31;  // a slot and a bit share a word
 constexpr std::size_t least_slots = 256;
-
-/// Up to this many bytes of changes, kernels read them from host memory if the device can.
-constexpr std::size_t most_direct = 256 << 10;
 
 /// Memory in which to stage changes.
 opencl::MappedBuffer staging(const opencl::Context& context, std::size_t bytes) {
@@ -173,7 +171,7 @@ void DeviceObjects::apply_filters(const Input& input) {
     *slots++ = slot;
   }
   const std::size_t bytes = count * (sizeof(Filter) + sizeof(cl_uint));
-  const bool is_direct = staged_filters_.is_direct() && bytes <= most_direct;
+  const bool is_direct = staged_filters_.is_direct() && bytes <= opencl::most_direct;
   const cl::CommandQueue& queue = context_.queue();
   if (!is_direct) {
     opencl::Profiler::Scope stage(profiler_, "upload");
@@ -251,7 +249,7 @@ void DeviceObjects::upload_changes(const Input& input) {
   now_.changed_count = count;
   if (count == 0) return;
   const std::size_t bytes = staged_bytes(count, !input.all);
-  const bool is_direct = staged_changes_.is_direct() && bytes <= most_direct;
+  const bool is_direct = staged_changes_.is_direct() && bytes <= opencl::most_direct;
   if (!is_direct) changes_.reserve(context_, bytes, "changes");
   if (!input.all) now_.changed.reserve(context_, count * sizeof(cl_uint), "changes");
   auto* words = reinterpret_cast<cl_uint*>(staged_changes_.host());

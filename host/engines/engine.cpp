@@ -62,11 +62,7 @@ PairDelta::Settled Engine::settle() {
 
 void Engine::enqueue() {
   most_slots_ = std::max<std::size_t>(most_slots_, search_.now.slots);
-  if (finder_->keeps(search_, delta_)) {
-    delta_.leave_keeping_to_finder();
-  } else {
-    delta_.keep(search_);
-  }
+  if (!finder_->keeps(search_, delta_)) delta_.keep(search_);
   finder_->find(search_, delta_, profiler_);
   order_.enqueue(delta_, tag_);
 }

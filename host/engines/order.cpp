@@ -6,14 +6,11 @@
 
 #include "engines/kernel_arguments.hpp"
 #include "opencl/common_program.hpp"
+#include "opencl/direct_memory.hpp"
 #include "opencl/launch.hpp"
 
 namespace broadcl {
 namespace {
-
-/// The largest result that kernels write to direct memory, in bytes: more than the changes of one launch
-/// take.
-constexpr std::size_t small_result = 256 << 10;
 
 constexpr std::string_view what = "changes of overlapping pairs";
 
@@ -99,11 +96,11 @@ void Order::reserve_result(std::size_t changes) {
     removed_.reserve(context_, changes * sizeof(Pair), what);
   }
   Frame::Result& result = frames_.now.result;
-  result.is_small = bytes <= small_result && context_.has_direct_memory();
+  result.is_small = bytes <= opencl::most_direct && context_.has_direct_memory();
   opencl::SharedBuffer& buffer = result.get();
   if (buffer.bytes() >= bytes && !buffer.is_kept()) return;
   buffer = {};
-  buffer = result.is_small ? opencl::SharedBuffer(context_, small_result, true)
+  buffer = result.is_small ? opencl::SharedBuffer(context_, opencl::most_direct, true)
                            : opencl::SharedBuffer(context_, opencl::grown(context_, bytes, what));
 }
 
@@ -111,7 +108,7 @@ void Order::reserve_result(std::size_t changes) {
 cl_uint Order::set_changes(cl::Kernel& kernel, const PairDelta& delta, cl_uint tag) const {
   return opencl::set_arguments(
       kernel, 0,
-      layout::order_scalars_t{.capacity = static_cast<cl_uint>(delta.list_capacity()),
+      layout::order_scalars_t{.capacity = static_cast<cl_uint>(frames_.now.pairs.capacity),
                               .list_capacity = static_cast<cl_uint>(plan_.list_capacity),
                               .total_capacity = static_cast<cl_uint>(plan_.capacity),
                               .tag = tag,
@@ -119,12 +116,12 @@ cl_uint Order::set_changes(cl::Kernel& kernel, const PairDelta& delta, cl_uint t
                               .bucket_bits = plan_.bucket_bits,
                               .worlds = static_cast<cl_uint>(plan_.worlds),
                               .second_set = plan_.second_set},
-      delta.list(), delta.removed(), delta.counts());
+      frames_.now.pairs.buffer.get(), delta.removed(), frames_.now.counts);
 }
 
 /// Sets a kernel's RESULT_PARAMETERS, its last ones.
-void Order::set_results(cl::Kernel& kernel, cl_uint first, const PairDelta& delta) {
-  opencl::set_arguments(kernel, first, delta.next_counts(),
+void Order::set_results(cl::Kernel& kernel, cl_uint first) {
+  opencl::set_arguments(kernel, first, frames_.last.counts,
                         plan_.is_awaited ? result().device() : cl::Buffer(), plan_.report.counts,
                         plan_.report.added, plan_.report.removed);
 }
@@ -132,7 +129,7 @@ void Order::set_results(cl::Kernel& kernel, cl_uint first, const PairDelta& delt
 /// @param event Is set to that of the last kernel, unless it is null.
 void Order::sort_in_one_launch(const PairDelta& delta, cl_uint tag, cl::Event* event) {
   const std::size_t group = context_.launch().group;
-  set_results(small_, set_changes(small_, delta, tag), delta);
+  set_results(small_, set_changes(small_, delta, tag));
   const std::size_t groups =
       opencl::divide_up(std::max<std::size_t>(plan_.list_capacity, 1), layout::ORDER_RANGE);
   context_.queue().enqueueNDRangeKernel(small_, cl::NullRange, cl::NDRange(groups * group, 2),
@@ -157,7 +154,7 @@ void Order::sort_by_buckets(const PairDelta& delta, cl_uint tag, cl::Event* even
                                                scattered_.get(), plan_.filters, plan_.last_filters);
     if (sized == &place_) {
       kernel.setArg(next, bucket_counts_.get());
-      set_results(kernel, next + 1, delta);
+      set_results(kernel, next + 1);
     }
     sized->enqueue(context_.queue(), items, sized == &place_ ? event : stage.event());
     if (sized == &count_) scan_.enqueue(bucket_counts_.get(), buckets_.get(), buckets, &stage);
@@ -231,7 +228,8 @@ void Order::sort_changes(const PairDelta& delta, const PairDelta::Counts& counts
     renumber(to.get(), n, plan_.second_set, stage.event());
   };
   plan_.report = {};  // lists that grow do not exist twice
-  sort_list(added_, delta.list(), delta.list_capacity() - counts.added, counts.added, plan_.filters);
+  const Frame::PairList& pairs = frames_.now.pairs;
+  sort_list(added_, pairs.buffer.get(), pairs.capacity - counts.added, counts.added, plan_.filters);
   sort_list(removed_, delta.removed(), 0, counts.removed, plan_.last_filters);
   report_to_own_lists();
   if (plan_.worlds > 0) {

@@ -85,7 +85,7 @@ class Order {
   void sort_in_one_launch(const PairDelta& delta, cl_uint tag, cl::Event* event);
   void sort_by_buckets(const PairDelta& delta, cl_uint tag, cl::Event* event, opencl::Profiler::Scope& stage);
   cl_uint set_changes(cl::Kernel& kernel, const PairDelta& delta, cl_uint tag) const;
-  void set_results(cl::Kernel& kernel, cl_uint first, const PairDelta& delta);
+  void set_results(cl::Kernel& kernel, cl_uint first);
   void read(std::size_t changes);
   void sort_changes(const PairDelta& delta, const PairDelta::Counts& counts);
 

@@ -55,7 +55,6 @@ void PairDelta::begin(std::size_t pairs) {
   if (unread_ == 0) reserve(std::max(pairs, last_.found()));
   if (!is_clean_) clear_counts();
   is_clean_ = false;
-  is_kept_by_finder_ = false;
 }
 
 void PairDelta::clear_counts() {
@@ -120,7 +119,8 @@ cl_uint PairDelta::set_keep(cl::Kernel& kernel, cl_uint first, const Search& sea
 }
 
 void PairDelta::set_keep_kernel(cl::Kernel& kernel, cl_uint first, const Search& search) const {
-  opencl::set_arguments(kernel, set_keep(kernel, first, search, true), search.now.boxes, list(), counts());
+  opencl::set_arguments(kernel, set_keep(kernel, first, search, true), search.now.boxes, now_.buffer.get(),
+                        counts());
 }
 
 void PairDelta::keep(const Search& search) {
@@ -134,7 +134,7 @@ void PairDelta::keep(const Search& search) {
 }
 
 cl_uint PairDelta::set_sink(cl::Kernel& kernel, cl_uint first, const Search& search) const {
-  return set_pair_sink(kernel, first, search, now_.capacity, list(), counts());
+  return set_pair_sink(kernel, first, search, now_.capacity, now_.buffer.get(), counts());
 }
 
 PairDelta::Counts PairDelta::counts_of(const std::byte* counts) const {

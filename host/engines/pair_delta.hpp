@@ -66,9 +66,6 @@ class PairDelta {
   /// removed.
   /// @throws cl::Error
   void keep(const Search& search);
-  /// Leaves this to the finder's kernel.
-  void leave_keeping_to_finder() noexcept { is_kept_by_finder_ = true; }
-  [[nodiscard]] bool is_kept_by_finder() const noexcept { return is_kept_by_finder_; }
   /// The number of pairs of the last frame, or, if nobody has waited for that, how many there may be.
   [[nodiscard]] std::size_t most_to_keep() const noexcept;
   /// Sets a kernel's KEEP_PARAMETERS, from the given index on; returns the index after the last of them.
@@ -101,12 +98,9 @@ class PairDelta {
   /// Whether a frame was begun that was neither committed nor replaced by another.
   [[nodiscard]] bool was_interrupted() const noexcept { return !is_clean_; }
 
-  /// The counts of this frame and of the next.
+  /// The counts of this frame.
   [[nodiscard]] const cl::Buffer& counts() const noexcept { return frames_.now.counts; }
-  [[nodiscard]] const cl::Buffer& next_counts() const noexcept { return frames_.last.counts; }
-  /// This frame's pairs, with the added ones at the end of the list; and the removed pairs.
-  [[nodiscard]] const cl::Buffer& list() const noexcept { return now_.buffer.get(); }
-  [[nodiscard]] std::size_t list_capacity() const noexcept { return now_.capacity; }
+  /// The pairs that this frame removed.
   [[nodiscard]] const cl::Buffer& removed() const noexcept { return removed_.get(); }
 
   /// Enqueues the commands that copy the pairs of the last frame.
@@ -133,9 +127,8 @@ class PairDelta {
   Frames& frames_;
   Frame::PairList &now_, &last_;  // of these
   cl::Kernel keep_;
-  opencl::GrowingBuffer removed_;   // with capacity for all pairs of the last frame
-  bool is_kept_by_finder_ = false;  // in this frame
-  bool is_clean_ = false;           // the counts of the next frame are ready
+  opencl::GrowingBuffer removed_;  // with capacity for all pairs of the last frame
+  bool is_clean_ = false;          // the counts of the next frame are ready
   cl_uint last_tag_ = 0;
   std::size_t unread_ = 0;  // frames that nobody has waited for
   std::size_t work_ = 0;

@@ -45,7 +45,6 @@ class BruteForce final : public PairFinder {
     const std::size_t at_once = runs_at_once(launch_, rows, n);
     for (std::size_t first = 0; first < runs; first += at_once) {
       opencl::Profiler::Scope stage(profiler, "test");
-      const bool keeps = first == 0 && sink.is_kept_by_finder();
       const cl_uint next = opencl::set_arguments(
           kernel_, 0,
           layout::brute_force_scalars_t{.n = n,
@@ -54,7 +53,7 @@ class BruteForce final : public PairFinder {
                                         .first_run = static_cast<cl_uint>(first)},
           boxes, search.changed.slots, search.changed.stamps, search.now.filters, search.now.exclusions,
           gathers_ && first == 0 ? search.now.boxes : cl::Buffer());
-      sink.set_sink(kernel_, sink.set_keep(kernel_, next, search, keeps), search);
+      sink.set_sink(kernel_, sink.set_keep(kernel_, next, search, first == 0 && keeps(search, sink)), search);
       context_.queue().enqueueNDRangeKernel(kernel_, cl::NullRange,
                                             cl::NDRange(columns, std::min(at_once, runs - first)),
                                             cl::NDRange(launch_.group, 1), nullptr, stage.event());

@@ -260,7 +260,8 @@ class Tiles final : public PairFinder {
   /// Computes the bounds of nodes, of one level after the other, and keeps the pairs of the last frame if
   /// that was left to this.
   void refit(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) {
-    if (sink.is_kept_by_finder()) {
+    const bool keeps = this->keeps(search, sink);
+    if (keeps) {
       opencl::Profiler::Scope stage(profiler, "keep");
       const std::size_t nodes = nodes_of(search);
       sink.set_keep_kernel(kernels_.refit_and_keep,
@@ -273,7 +274,7 @@ class Tiles final : public PairFinder {
                                             cl::NDRange(layout::TILES_KEEP_GROUP), nullptr, stage.event());
     }
     opencl::Profiler::Scope stage(profiler, "refit");
-    refit(context_.queue(), search, tree_, sink.is_kept_by_finder() ? 2 : 1, stage);
+    refit(context_.queue(), search, tree_, keeps ? 2 : 1, stage);
     if (!search.changed.all) refit(context_.queue(), search, changed_tree_, 1, stage);
   }
 

@@ -8,6 +8,10 @@ namespace broadcl::opencl {
 
 class Context;
 
+/// Bytes that kernels read or write in direct memory at once, at most: more take less time in one transfer.
+/// The changes that are ordered in one launch take fewer.
+constexpr std::size_t most_direct = 256 << 10;
+
 /// Allocates memory of the host that kernels access over the bus, also while it is mapped. Parameters as of
 /// clCreateBuffer, after the second of which come flags of the extension.
 using CreateDirect = cl_mem(CL_API_CALL*)(cl_context, cl_mem_flags, cl_bitfield, std::size_t, void*, cl_int*);
