@@ -57,13 +57,8 @@ template <class Function>
 void Core::replace_all(const BoxView& view, const Function& end) {
   const std::size_t n = view.size();
   reserve_all(n);
-  const bool most_move = many_moved_;
-  if (most_move) {
-    replacement_.begin(n);
-    or_find_boxes([&] { (void)algorithm_->spare_boxes(); });
-  } else {
-    replacement_.begin_in_place(n, std::max(n, objects_.ids()));
-  }
+  replacement_.begin(n);
+  or_find_boxes([&] { (void)algorithm_->spare_boxes(); });
   const std::size_t slots = objects_.slots();
   const bool same_ids = objects_.size() == n && slots == n;
   std::optional<std::pair<ObjectTable, ChangeSet>> before;
@@ -73,22 +68,18 @@ void Core::replace_all(const BoxView& view, const Function& end) {
     before->second.reserve(capacity_);
   }
   const std::size_t mapped = std::exchange(mapped_, 0);
-  if (most_move) swap_boxes();
+  swap_boxes();
   const auto restore = [&] {
-    if (most_move) {
-      swap_boxes();
-      spare_slots_ = std::max(spare_slots_, n);
-    } else {
-      replacement_.undo(boxes_);
-    }
+    swap_boxes();
+    spare_slots_ = std::max(spare_slots_, n);
     mapped_ = mapped;
     if (before) std::tie(objects_, changes_) = std::move(*before);
     changes_.all = changes_.all_filters = true;
   };
   try {
-    most_move ? copy_all(view) : replace_in_place(view);
+    copy_all(view);
     end();
-    if (most_move) spare_slots_ = slots;
+    spare_slots_ = slots;
   } catch (const InvalidBox& box) {
     restore();
     throw_nan("box " + std::to_string(box.index));
@@ -369,30 +360,19 @@ void Core::copy_all(const BoxView& view) {
   const WriteBoxes write = [&](const std::function<void()>& meanwhile, const BoxesWritten& written) {
     replacement_.copy(view, before, boxes_, meanwhile, written);
   };
-  const bool writes_later = algorithm_->uploads_boxes();
+  // An upload of all boxes can begin before it is known which changed.
+  const bool writes_later = many_moved_ && algorithm_->uploads_boxes();
   if (!writes_later) write([] {}, nullptr);
   for (std::size_t id = n; id < std::min(spare_slots_, boxes_.size()); ++id) boxes_[id] = packed_empty();
   set_ids(n, packed_empty(), [](std::uint32_t /*id*/, const Aabb& /*box*/) {});
-  changes_.all = true;
+  if (writes_later || replacement_.count() > n / 4) {
+    changes_.all = true;
+  } else {
+    replacement_.for_each_changed([&](std::uint32_t slot) { changes_.insert(slot); });
+  }
   begin(writes_later ? &write : nullptr, nullptr);
   many_moved_ = replacement_.count() > n / 4;
   any_empty_ = any_empty_ || replacement_.any_empty();
-}
-
-void Core::replace_in_place(const BoxView& view) {
-  const std::size_t n = view.size();
-  replacement_.replace(view, boxes_);
-  set_ids(n, packed_empty(), [&](std::uint32_t id, const Aabb& box) {
-    if (id >= n) replacement_.replace(id, box, boxes_);
-  });
-  many_moved_ = replacement_.count() > n / 4;
-  any_empty_ = any_empty_ || replacement_.any_empty();
-  if (many_moved_) {
-    changes_.all = true;
-  } else {
-    replacement_.for_each([&](std::uint32_t slot) { changes_.insert(slot); });
-  }
-  begin();
 }
 
 void Core::take_mapped(const LookAtBoxes* look) {

@@ -206,11 +206,8 @@ class BROADCL_API Core {
 
   void swap_boxes() noexcept;
 
-  /// Copies all boxes, while a device receives those before, and begins the update.
+  /// Copies all boxes and begins the update. If most moved in the last one, a device receives them meanwhile.
   void copy_all(const BoxView& view);
-
-  /// Replaces the boxes that change, and begins the update.
-  void replace_in_place(const BoxView& view);
 
   void replace_empty(std::span<Aabb> boxes, const Aabb& by) const noexcept;
   /// Packs the boxes that the caller wrote in place.
