@@ -65,7 +65,7 @@ Finder make_broadcl(const std::string& algorithm, std::size_t threads, const std
   opened->reserve(boxes.size(), false);
   return [opened, &boxes] {  // the rest of overlapping_pairs()
     BoxView(boxes).pack_to(opened->boxes());
-    return opened->find_all({.boxes = opened->boxes().first(boxes.size()), .all = true});
+    return opened->find_all({.boxes = opened->boxes().first(boxes.size()), .changed = {.all = true}});
   };
 }
 

@@ -45,16 +45,15 @@ void time_two_sets(benchmark::State& state, const std::string& algorithm, const 
   };
   const auto find = [&] {
     std::ranges::copy(first, finder->boxes().begin());
-    return update({.boxes = finder->boxes().first(first.size()),
-                   .all = true,
-                   .filters = filters,
-                   .all_filters = true,
-                   .sets = !as_one,
-                   .sets_decide = !as_one});
+    return update(
+        {.boxes = finder->boxes().first(first.size()),
+         .changed = {.all = true},
+         .rules = {.filters = filters, .all_changed = true, .sets = !as_one, .sets_decide = !as_one}});
   };
   std::size_t pairs = find();  // memory grows here, untimed
   for ([[maybe_unused]] auto _ : state) {
-    (void)update({.all = true, .all_filters = true, .sets = !as_one});  // so that all pairs are new
+    (void)update({.changed = {.all = true},
+                  .rules = {.all_changed = true, .sets = !as_one}});  // so that all pairs are new
     const auto start = std::chrono::steady_clock::now();
     pairs = find();
     state.SetIterationTime(std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count());

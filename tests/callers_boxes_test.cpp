@@ -13,7 +13,7 @@
 #include <broadcl/broad_phase.hpp>
 
 #include "base/box_parts.hpp"
-#include "core/box_replacement.hpp"
+#include "base/box_replacement.hpp"
 #include "core/core.hpp"
 #include "each_algorithm.hpp"
 #include "engines/hybrid.hpp"
@@ -197,29 +197,40 @@ TEST_P(CallersBoxes, OfIdsThatAreGivenTwiceTheLaterCounts) {
 TEST(BoxReplacement, PassesOnEachSlotOnce) {
   for (const unsigned n : {0U, 1U, 15U, 16U, 17U, 2047U, 2048U, 2049U, 12'287U, 12'289U, 40'000U, 100'001U}) {
     for (const unsigned threads : {1U, 3U}) {
-      BoxReplacement replacement(threads);
-      replacement.begin(n);
       const std::vector<Aabb> boxes(n, unit);
+      const std::vector<Aabb> before(n);
       std::vector<Aabb> copy(n);
+      const BoxView view(boxes);
+      BoxReplacement replacement(view, before, copy, true, threads);
       std::size_t next = 0;
-      bool has_begun = false;
-      const auto meanwhile = [&] {
-        EXPECT_FALSE(std::exchange(has_begun, true));
-        EXPECT_EQ(next, 0U);
-      };
-      replacement.copy(boxes, std::vector<Aabb>(n), copy, meanwhile, [&](std::size_t begin, std::size_t end) {
-        ASSERT_EQ(begin, next);
-        ASSERT_GT(end, begin);
+      do {
+        const std::size_t begin = std::exchange(next, replacement.next());
+        ASSERT_TRUE(begin < next || next == n);
         ASSERT_TRUE(
-            std::all_of(copy.data() + begin, copy.data() + end, [](const Aabb& b) { return b == unit; }));
-        next = end;
-      });
-      EXPECT_EQ(next, n);
-      EXPECT_TRUE(has_begun);
+            std::all_of(copy.data() + begin, copy.data() + next, [](const Aabb& b) { return b == unit; }));
+      } while (next < n);
       EXPECT_EQ(copy, boxes);
-      EXPECT_GE(replacement.count(), n / 2);
+      EXPECT_EQ(replacement.count(), n);
     }
   }
+}
+
+TEST(BoxReplacement, TellsWhichChange) {
+  constexpr std::uint32_t n = 40'000;
+  std::vector<Aabb> boxes(n, unit);
+  const std::vector<Aabb> before = boxes;
+  const std::vector<std::uint32_t> expected{0, 15, 16, 2047, 2048, 17'003, n - 1};
+  for (const std::uint32_t slot : expected) boxes[slot] = apart(slot);
+  boxes[15] = empty_aabb();
+  const BoxView view(boxes);
+  std::vector<Aabb> copy(n);
+  BoxReplacement replacement(view, before, copy, false, 2);
+  replacement.finish();
+  EXPECT_EQ(replacement.count(), expected.size());
+  EXPECT_TRUE(replacement.any_empty());
+  std::vector<std::uint32_t> changed;
+  replacement.for_each_changed([&](std::uint32_t slot) { changed.push_back(slot); });
+  EXPECT_EQ(changed, expected);
 }
 
 /// `auto` leaves a device that fails, with all that there was before.

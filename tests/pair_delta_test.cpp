@@ -57,7 +57,8 @@ TEST(PairDelta, ExhaustedMemoryLeavesTheLastFrameKnown) {
   objects.reserve(n, false);
   const auto update = [&] {
     engine.prepare();
-    engine.begin(objects.upload({.boxes = objects.boxes().first(n), .all = true}));
+    engine.begin(objects.upload({.boxes = objects.boxes().first(n), .changed = {.all = true}}));
+    engine.search();
     const PairDelta::Counts counts = engine.finish();
     objects.commit();
     return engine.changes().on_host(counts);
@@ -100,7 +101,8 @@ TEST(PairDelta, AListMayBeAsLargeAsTheLargestAllocation) {
     objects.boxes()[0] = {{-1, 0, 0}, {0, 1, 1}};  // touches the others
     const auto update = [&] {
       engine.prepare();
-      engine.begin(objects.upload({.boxes = objects.boxes().first(n), .all = true}));
+      engine.begin(objects.upload({.boxes = objects.boxes().first(n), .changed = {.all = true}}));
+      engine.search();
       const std::size_t found = engine.finish().found;
       objects.commit();
       return found;
@@ -148,7 +150,8 @@ kernel void reserve(const uint times, PAIR_SINK_PARAMETERS) {
   DeviceObjects objects(context, profiler, engine.frames());
   objects.reserve(200, false);
   engine.prepare();
-  engine.begin(objects.upload({.boxes = objects.boxes().first(200), .all = true}));
+  engine.begin(objects.upload({.boxes = objects.boxes().first(200), .changed = {.all = true}}));
+  engine.search();
   EXPECT_THAT(test::error_of([&] { (void)engine.finish(); }), HasSubstr("more than 2147483648 pairs"));
   EXPECT_TRUE(engine.pairs().empty());
 }
@@ -202,15 +205,15 @@ TEST_F(Objects, OnlyWhatChangedCrossesTheBus) {
   objects_.reserve(n, false);
   std::vector<Aabb> expected(n);
   for (std::uint32_t k = 0; k < n; ++k) expected[k] = objects_.boxes()[k] = test::apart(k);
-  EXPECT_EQ(update({.boxes = objects_.boxes().first(n), .all = true}, {}), expected);
+  EXPECT_EQ(update({.boxes = objects_.boxes().first(n), .changed = {.all = true}}, {}), expected);
   for (std::uint32_t k = 0; k < n; ++k) objects_.boxes()[k] = test::unit;
   for (const std::array<std::uint32_t, 3> changed :
        {std::array{71U, 0U, 99U}, {5U, 71U, 98U}, {1U, 2U, 3U}}) {
     const std::vector<Aabb> before = expected;
     for (const std::uint32_t slot : changed) expected[slot] = test::unit;
-    EXPECT_EQ(update({.boxes = objects_.boxes().first(n), .changed = changed}, before), expected);
+    EXPECT_EQ(update({.boxes = objects_.boxes().first(n), .changed = {.slots = changed}}, before), expected);
   }
-  EXPECT_EQ(update({.boxes = objects_.boxes().first(n), .all = true}, expected),
+  EXPECT_EQ(update({.boxes = objects_.boxes().first(n), .changed = {.all = true}}, expected),
             std::vector<Aabb>(n, test::unit));
 }
 
@@ -218,11 +221,11 @@ TEST_F(Objects, AnUpdateThatDoesNotSucceedLeavesTheLastOne) {
   constexpr std::uint32_t n = 10;
   objects_.reserve(n, false);
   for (std::uint32_t k = 0; k < n; ++k) objects_.boxes()[k] = test::apart(k);
-  const std::vector<Aabb> before = update({.boxes = objects_.boxes().first(n), .all = true}, {});
+  const std::vector<Aabb> before = update({.boxes = objects_.boxes().first(n), .changed = {.all = true}}, {});
   for (std::uint32_t k = 0; k < n; ++k) objects_.boxes()[k] = test::unit;
   const std::array<std::uint32_t, 2> changed{3, 4};
-  (void)objects_.upload({.boxes = objects_.boxes().first(n), .changed = changed});
-  EXPECT_EQ(update({.boxes = objects_.boxes().first(n), .all = true}, before),
+  (void)objects_.upload({.boxes = objects_.boxes().first(n), .changed = {.slots = changed}});
+  EXPECT_EQ(update({.boxes = objects_.boxes().first(n), .changed = {.all = true}}, before),
             std::vector<Aabb>(n, test::unit));
 }
 
@@ -231,9 +234,8 @@ TEST_F(Objects, NewFiltersComeAlongAndThoseOfTheLastUpdateStay) {
   std::vector<Filter> before;
   const auto expect_uploaded = [&](bool changed) {
     const Search search = objects_.upload({.boxes = objects_.boxes().first(filters.size()),
-                                           .all = true,
-                                           .filters = filters,
-                                           .all_filters = changed});
+                                           .changed = {.all = true},
+                                           .rules = {.filters = filters, .all_changed = changed}});
     EXPECT_EQ(read<Filter>(search.now.filters, filters.size()), filters);
     EXPECT_EQ(search.last.filters() != nullptr, !before.empty());
     EXPECT_EQ(read<Filter>(search.last.filters, before.size()), before);
@@ -261,11 +263,10 @@ TEST_F(Objects, OnlyFiltersThatChangedCrossTheBus) {
                                    bool all) {
     std::vector<Filter> expected = all ? given : before;
     for (const std::uint32_t slot : changed) expected[slot] = given[slot];
-    const Search search = objects_.upload({.boxes = objects_.boxes().first(n),
-                                           .all = true,
-                                           .filters = given,
-                                           .refiltered = changed,
-                                           .all_filters = all});
+    const Search search =
+        objects_.upload({.boxes = objects_.boxes().first(n),
+                         .changed = {.all = true},
+                         .rules = {.filters = given, .all_changed = all, .refiltered = changed}});
     EXPECT_EQ(read<Filter>(search.now.filters, n), expected);
     if (search.last.slots > 0) {
       EXPECT_EQ(read<Filter>(search.last.filters, n), before);
@@ -281,8 +282,9 @@ TEST_F(Objects, OnlyFiltersThatChangedCrossTheBus) {
       for (const std::uint32_t slot : last) given[slot] = before[slot];
       expect_uploaded(given, std::array{1U, 2U}, false);
       before = std::vector<Filter>(n, {.body = 5});
-      const Search search = objects_.upload(
-          {.boxes = objects_.boxes().first(n), .all = true, .filters = before, .all_filters = true});
+      const Search search = objects_.upload({.boxes = objects_.boxes().first(n),
+                                             .changed = {.all = true},
+                                             .rules = {.filters = before, .all_changed = true}});
       EXPECT_EQ(read<Filter>(search.now.filters, n), before);
       commit();
     }

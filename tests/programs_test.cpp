@@ -162,7 +162,7 @@ void search_early() {
   algorithm->reserve(2, false);
   for (Aabb& box : algorithm->boxes().first(2)) box = unit;
   for (int frame = 0; frame < 2; ++frame) {
-    algorithm->begin({.boxes = algorithm->boxes().first(2), .all = true});
+    algorithm->begin({.boxes = algorithm->boxes().first(2), .changed = {.all = true}});
     (void)algorithm->finish();
   }
 }

@@ -251,7 +251,7 @@ TEST(BruteForce, IdsPast24Bits) {
       if (a < b) expected.push_back({a, b});
     }
   }
-  algorithm->begin({.boxes = algorithm->boxes().first(n), .changed = changed, .recycled = {}});
+  algorithm->begin({.boxes = algorithm->boxes().first(n), .changed = {.slots = changed}});
   EXPECT_TRUE(same(algorithm->finish(), expected, {}));
   EXPECT_TRUE(same("pairs", algorithm->pairs(), expected));
 
@@ -265,7 +265,7 @@ TEST(BruteForce, IdsPast24Bits) {
   std::ranges::copy_if(expected, std::back_inserter(ended),
                        [](const Pair& pair) { return pair.b == n - 1 || pair.a == past || pair.b == past; });
   const std::vector<std::uint32_t> recycled{n - 1};
-  algorithm->begin({.boxes = algorithm->boxes().first(n), .changed = next, .recycled = recycled});
+  algorithm->begin({.boxes = algorithm->boxes().first(n), .changed = {.slots = next, .recycled = recycled}});
   EXPECT_TRUE(same(algorithm->finish(), of_last, ended));
 }
 

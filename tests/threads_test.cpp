@@ -8,6 +8,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <latch>
+#include <optional>
 #include <random>
 #include <set>
 #include <string>
@@ -100,42 +101,36 @@ TEST(Threads, QueriesRightAfterChangesAnswerAsOneAfterTheOther) {
   EXPECT_GT(met, 1000U);
 }
 
-/// A caller's work is over when it returns, also if another caller has shared work since.
-TEST(Threads, OfThePoolLeaveTheWorkOfACallerThatReturned) {
+/// A loop is over when finish() returns, also if another caller has begun one since.
+TEST(Threads, OfThePoolLeaveTheLoopOfACallerThatReturned) {
   struct Shared {
     std::atomic<int> running = 0, late = 0;
     std::atomic<bool> may_return = false, has_returned = false;
-    /// Without a pause, since what is on the caller's stack has to stay there.
-    static void wait_for(const std::atomic<bool>& flag) {
-      while (!flag) std::this_thread::yield();
-    }
-    static void work(void* context, std::size_t /*thread*/) {
-      auto& own = *static_cast<Shared*>(context);
-      if (own.has_returned) ++own.late;
-      ++own.running;
-      wait_for(own.may_return);
-    }
+    std::optional<ParallelLoop> loop;
+
     void share(std::size_t helpers) {
-      share_work(helpers, work, this);
+      loop.emplace(helpers + 1, helpers + 1, [&](std::size_t /*k*/, std::size_t /*thread*/) {
+        ++running;
+        while (!may_return) std::this_thread::yield();
+      });
+      loop->finish();
+      // In the same memory, for this thread alone, which makes no call.
+      loop.emplace(1, 1, [&](std::size_t /*k*/, std::size_t /*thread*/) { ++late; });
       has_returned = true;
     }
     void end() {
       may_return = true;
-      wait_for(has_returned);
+      while (!has_returned) std::this_thread::yield();
     }
   };
   constexpr int threads = 16;
   Shared busy;  // all threads of the pool
   Shared first;
   Shared second;
-  std::atomic<bool> over = false;
-  const auto share = [&](Shared& own, std::size_t helpers) {
-    return std::thread([&own, &over, helpers] {
-      own.share(helpers);
-      Shared::wait_for(over);
-    });
+  const auto share = [](Shared& own, std::size_t helpers) {
+    return std::thread([&own, helpers] { own.share(helpers); });
   };
-  std::array callers{share(busy, threads), std::thread(), std::thread()};
+  std::array callers{share(busy, threads), std::thread(), std::thread(), std::thread()};
   ASSERT_TRUE(eventually([&] { return busy.running == threads + 1; }));
   callers[1] = share(first, 1);
   ASSERT_TRUE(eventually([&] { return first.running == 1; }));
@@ -146,12 +141,10 @@ TEST(Threads, OfThePoolLeaveTheWorkOfACallerThatReturned) {
   busy.end();
   // They have looked for work when they do some.
   Shared last;
-  std::thread after([&] { last.share(threads); });
+  callers[3] = share(last, threads);
   ASSERT_TRUE(eventually([&] { return last.running == threads + 1; }));
   last.end();
-  over = true;
   for (std::thread& caller : callers) caller.join();
-  after.join();
   EXPECT_EQ(first.late, 0);
 }
 

@@ -35,8 +35,8 @@ std::vector<Aabb> points(std::size_t count, const std::vector<float>& coordinate
 Input input_of(const std::vector<Aabb>& boxes, const std::vector<Filter>& filters = {}) {
   Input input;
   input.boxes = boxes;
-  input.filters = filters;
-  input.worlds = !filters.empty();
+  input.rules.filters = filters;
+  input.rules.worlds = !filters.empty();
   return input;
 }
 

@@ -211,7 +211,8 @@ class TilesFrames {
   /// @param changed Slots; all if there are none.
   PairDelta::Counts play(std::span<const std::uint32_t> changed = {}) {
     engine_.prepare();
-    engine_.begin(objects_.upload({.boxes = boxes(), .changed = changed, .all = changed.empty()}));
+    engine_.begin(objects_.upload({.boxes = boxes(), .changed = {.all = changed.empty(), .slots = changed}}));
+    engine_.search();
     const PairDelta::Counts counts = engine_.finish();
     objects_.commit();
     return counts;

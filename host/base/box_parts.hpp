@@ -15,17 +15,22 @@ inline constexpr std::size_t boxes_per_part = 2048;
   return (boxes + boxes_per_part - 1) / boxes_per_part;
 }
 
+/// How many threads n boxes are worth: with few per thread, waking it takes longer than it saves; with more
+/// than eight threads, memory is not faster.
+/// @param threads At most; 0 for one per processor.
+[[nodiscard]] inline std::size_t threads_of(std::size_t n, std::size_t threads) {
+  constexpr std::size_t least_boxes = 4096;
+  constexpr std::size_t most_threads = 8;
+  return std::min(most_threads, useful_threads(n, least_boxes, threads));
+}
+
 /// Calls function(begin, end, thread) for each part of 0 .. n-1. The first box of a part is a multiple of
 /// boxes_per_part.
-/// @param threads At most; 0 for one per processor. With few boxes per thread, waking it takes longer than it
-/// saves; with more than eight threads, memory is not faster.
+/// @param threads As above.
 /// @throws As parallel_for().
 template <class Function>
 void for_each_part(std::size_t n, std::size_t threads, const Function& function) {
-  constexpr std::size_t least_boxes = 4096;
-  constexpr std::size_t most_threads = 8;
-  const std::size_t useful = std::min(most_threads, useful_threads(n, least_boxes, threads));
-  parallel_for(parts_of(n), useful, [&](std::size_t k, std::size_t thread) {
+  parallel_for(parts_of(n), threads_of(n, threads), [&](std::size_t k, std::size_t thread) {
     function(k * boxes_per_part, std::min(n, (k + 1) * boxes_per_part), thread);
   });
 }

@@ -1,9 +1,8 @@
 #pragma once
 
 #include <algorithm>
-#include <atomic>
 #include <cstddef>
-#include <exception>
+#include <functional>
 
 #include "base/thread_pool.hpp"
 
@@ -28,26 +27,9 @@ template <class Function>
 void parallel_for(std::size_t n, std::size_t threads, const Function& function) {
   if (std::min(threads, n) < 2) {
     for (std::size_t k = 0; k < n; ++k) function(k, std::size_t{0});
-    return;
+  } else {
+    ParallelLoop(n, threads, std::cref(function)).finish();
   }
-  struct Loop {
-    const Function& function;
-    std::size_t n;
-    std::atomic<std::size_t> next{0};
-    std::atomic_flag has_failed{};
-    std::exception_ptr error{};  // of the first call that failed
-  } loop{function, n};
-  const auto work = [](void* context, std::size_t thread) {
-    Loop& shared = *static_cast<Loop*>(context);
-    try {
-      for (std::size_t k = shared.next++; k < shared.n; k = shared.next++) shared.function(k, thread);
-    } catch (...) {
-      shared.next = shared.n;
-      if (!shared.has_failed.test_and_set()) shared.error = std::current_exception();
-    }
-  };
-  share_work(std::min(threads, n) - 1, work, &loop);
-  if (loop.error) std::rethrow_exception(loop.error);
 }
 
 }  // namespace broadcl

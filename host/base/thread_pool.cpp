@@ -8,23 +8,12 @@
 #include <mutex>
 #include <new>
 #include <thread>
+#include <utility>
 
 #include "base/system.hpp"
 
 namespace broadcl {
 namespace {
-
-/// What a caller shares; it lives on the caller's stack. All but the first three members are changed only
-/// with the pool's lock.
-struct Work {
-  void (*function)(void* context, std::size_t thread);
-  void* context;
-  std::size_t helpers;  // that are wanted
-  std::size_t joined = 0;
-  std::atomic<std::size_t> active = 0;  // of those that joined
-  Work* next = nullptr;                 // that wants helpers, too
-  std::condition_variable ended{};
-};
 
 /// An update shares work several times in a row. To put a thread to sleep and to wake it takes about as long
 /// as this.
@@ -41,24 +30,29 @@ void spin_until(const Condition& condition) {
 /// After that, threads end. They start again when they are needed.
 constexpr std::chrono::seconds longest_idle(10);
 
-class Pool {
+}  // namespace
+
+class ThreadPool {
  public:
-  void share(Work& work) {
+  void share(ParallelLoop& loop) {
     {
       const std::unique_lock lock = acquire();
-      start_threads(work.helpers);
-      work.next = first_;
-      first_ = &work;
+      start_threads(loop.helpers_);
+      loop.next_ = first_;
+      first_ = &loop;
     }
-    for (std::size_t k = 0; k < work.helpers; ++k) wanted_.notify_one();
-    work.function(work.context, 0);
+    for (std::size_t k = 0; k < loop.helpers_; ++k) wanted_.notify_one();
+  }
+
+  /// No more helpers join; waits for those that did.
+  void end(ParallelLoop& loop) {
     {
       const std::unique_lock lock = acquire();
-      remove(work);
+      remove(loop);
     }
-    spin_until([&] { return work.active == 0; });
+    spin_until([&] { return loop.active_ == 0; });
     std::unique_lock lock = acquire();
-    work.ended.wait(lock, [&] { return work.active == 0; });
+    loop.ended_.wait(lock, [&] { return loop.active_ == 0; });
   }
 
  private:
@@ -80,15 +74,16 @@ class Pool {
   void help() {
     std::unique_lock lock = acquire();
     while (wanted_.wait_for(lock, longest_idle, [&] { return first_ != nullptr; })) {
-      Work& work = *first_;
-      const std::size_t thread = ++work.joined;
-      if (thread == work.helpers) first_ = work.next;
-      ++work.active;
+      ParallelLoop& loop = *first_;
+      const std::size_t thread = ++loop.joined_;
+      if (thread == loop.helpers_) first_ = loop.next_;
+      ++loop.active_;
       lock.unlock();
-      work.function(work.context, thread);
+      while (loop.step(thread)) {
+      }
       lock = acquire();
-      // With the lock, without which the caller does not destroy its work.
-      if (--work.active == 0) work.ended.notify_one();
+      // With the lock, without which the caller does not destroy its loop.
+      if (--loop.active_ == 0) loop.ended_.notify_one();
       lock.unlock();
       spin_until([&] { return first_ != nullptr; });
       lock = acquire();
@@ -96,25 +91,27 @@ class Pool {
     --threads_;
   }
 
-  void remove(const Work& work) {
-    if (first_ == &work) {
-      first_ = work.next;
+  void remove(const ParallelLoop& loop) {
+    if (first_ == &loop) {
+      first_ = loop.next_;
       return;
     }
-    for (Work* other = first_; other != nullptr; other = other->next) {
-      if (other->next == &work) other->next = work.next;
+    for (ParallelLoop* other = first_; other != nullptr; other = other->next_) {
+      if (other->next_ == &loop) other->next_ = loop.next_;
     }
   }
 
   std::mutex mutex_;
   std::condition_variable wanted_;
   std::size_t threads_ = 0;
-  std::atomic<Work*> first_ = nullptr;  // the latest that wants helpers
+  std::atomic<ParallelLoop*> first_ = nullptr;  // the latest that wants helpers
 };
+
+namespace {
 
 /// Never destroyed, because its threads may outlive static destructors. A forked child has none of them, so
 /// it makes another pool.
-std::atomic<Pool*> the_pool = nullptr;
+std::atomic<ThreadPool*> the_pool = nullptr;
 std::atomic<std::size_t> processors = 0;       // 0 if unknown
 std::atomic<std::size_t> processors_left = 0;  // to background work
 
@@ -124,10 +121,10 @@ std::atomic<std::size_t> processors_left = 0;  // to background work
 });
 
 /// Null if there is no memory for it.
-Pool* pool() {
-  Pool* known = the_pool;
+ThreadPool* pool() {
+  ThreadPool* known = the_pool;
   if (known != nullptr) return known;
-  auto* const made = new (std::nothrow) Pool;
+  auto* const made = new (std::nothrow) ThreadPool;
   if (the_pool.compare_exchange_strong(known, made)) return made;
   delete made;  // another thread was faster
   return known;
@@ -149,12 +146,35 @@ std::size_t free_processors() noexcept {
   return all < few ? all : std::max<std::size_t>(1, all - std::min<std::size_t>(all, processors_left));
 }
 
-void share_work(std::size_t helpers, void (*work)(void* context, std::size_t thread),
-                void* context) noexcept {
-  Pool* const helping = pool();
-  if (helping == nullptr) return work(context, 0);
-  Work shared{.function = work, .context = context, .helpers = helpers};
-  helping->share(shared);
+ParallelLoop::ParallelLoop(std::size_t n, std::size_t threads, Function function)
+    : n_(n), function_(std::move(function)), helpers_(std::max<std::size_t>(1, std::min(threads, n)) - 1) {
+  if (helpers_ == 0) return;
+  pool_ = pool();
+  if (pool_ != nullptr) pool_->share(*this);
+}
+
+bool ParallelLoop::step(std::size_t thread) noexcept {
+  const std::size_t k = call_++;
+  if (k >= n_) return false;
+  try {
+    function_(k, thread);
+  } catch (...) {
+    call_ = n_;
+    if (!has_failed_.test_and_set()) error_ = std::current_exception();
+  }
+  return true;
+}
+
+void ParallelLoop::stop() noexcept {
+  call_ = n_;
+  if (ThreadPool* const pool = std::exchange(pool_, nullptr)) pool->end(*this);
+}
+
+void ParallelLoop::finish() {
+  while (step()) {
+  }
+  stop();
+  if (error_) std::rethrow_exception(error_);
 }
 
 }  // namespace broadcl

@@ -1,23 +1,58 @@
 #pragma once
 
+#include <atomic>
+#include <condition_variable>
 #include <cstddef>
+#include <exception>
+#include <functional>
 
 #include <broadcl/export.h>
 
 namespace broadcl {
 
-/// Lets other threads of this process take part in the caller's work. (Exported for the MPI component.)
-///
-/// Calls work(context, 0) in the calling thread, and work(context, 1), work(context, 2), ... up to `helpers`
-/// in threads of a pool that are free, or become free before the first call returns. So callers never wait
-/// for each other's work, and calls may be nested. Returns when all of these calls have returned.
+class ThreadPool;
+
+/// Calls function(k, thread) once for each k < n, in order as calls begin: in the thread that has this
+/// object, as number 0, and in threads of a pool that are free, or become free before stop() or finish()
+/// returns. So nobody waits for others' work, and loops may be nested. (Exported for the MPI component.)
 ///
 /// The pool has as many threads as the largest number of helpers that was wanted so far, or as the system
 /// could start. They start when they are needed, and end when they have been idle for ten seconds; a forked
 /// child starts its own.
-/// @param work Must not throw.
-BROADCL_API void share_work(std::size_t helpers, void (*work)(void* context, std::size_t thread),
-                            void* context) noexcept;
+class BROADCL_API ParallelLoop {
+ public:
+  using Function = std::function<void(std::size_t k, std::size_t thread)>;
+
+  /// Other threads begin at once.
+  /// @param threads At most, with that of the caller.
+  ParallelLoop(std::size_t n, std::size_t threads, Function function);
+  ~ParallelLoop() { stop(); }
+
+  /// Makes the next call.
+  /// @returns Whether there was one left.
+  bool step(std::size_t thread = 0) noexcept;
+  /// Leaves out the calls that were not made, and waits for those of other threads.
+  void stop() noexcept;
+  /// Makes the calls that are left, and waits for those of other threads.
+  /// @throws What the function throws; the other calls have then returned or were not made.
+  void finish();
+
+ private:
+  friend class ThreadPool;
+
+  std::size_t n_;
+  Function function_;
+  std::atomic<std::size_t> call_ = 0;  // the next one
+  std::atomic_flag has_failed_{};
+  std::exception_ptr error_;    // of the first call that failed
+  std::size_t helpers_;         // that are wanted
+  ThreadPool* pool_ = nullptr;  // in which it is
+  // Changed only with the pool's lock.
+  std::size_t joined_ = 0;
+  std::atomic<std::size_t> active_ = 0;  // of those that joined
+  ParallelLoop* next_ = nullptr;         // that wants helpers, too
+  std::condition_variable ended_{};
+};
 
 /// While it exists, free_processors() leaves a processor to a thread that is not of the pool, so that no
 /// helper has to wait for it.

@@ -222,7 +222,8 @@ std::vector<Pair> overlapping_pairs(const BoxView& boxes, const BroadPhase::Conf
   algorithm->reserve(boxes.size(), false);
   algorithm->reserve_exclusions(sorted.size());
   const std::span<Aabb> packed = algorithm->boxes().first(boxes.size());
-  const Input input{.boxes = packed, .all = true, .exclusions = sorted, .all_filters = true};
+  const Input input{
+      .boxes = packed, .changed = {.all = true}, .rules = {.exclusions = sorted, .all_changed = true}};
   if (!ExactBoxes::are_needed(boxes)) {
     boxes.pack_to(packed);
     return algorithm->find_all(input);
@@ -261,12 +262,12 @@ std::vector<Pair> overlapping_pairs(const BoxView& first, const BoxView& second,
   std::vector<Filter> filters(boxes, Filter::second_set);
   std::fill_n(filters.begin(), first.size(), Filter::first_set);
   std::vector<Pair> pairs = algorithm->find_all({.boxes = packed,
-                                                 .all = true,
-                                                 .filters = filters,
-                                                 .exclusions = sorted,
-                                                 .all_filters = true,
-                                                 .sets = true,
-                                                 .sets_decide = true});
+                                                 .changed = {.all = true},
+                                                 .rules = {.filters = filters,
+                                                           .exclusions = sorted,
+                                                           .all_changed = true,
+                                                           .sets = true,
+                                                           .sets_decide = true}});
   if (exact) exact->keep_overlapping(pairs, algorithm->boxes());
   for (Pair& pair : pairs) pair.b -= static_cast<std::uint32_t>(first.size());
   return pairs;

@@ -9,6 +9,7 @@
 #include <broadcl/error.hpp>
 
 #include "base/box_parts.hpp"
+#include "base/box_replacement.hpp"
 #include "base/pair_lists.hpp"
 #include "core/box_moves.hpp"
 #include "core/exclusions.hpp"
@@ -57,8 +58,10 @@ template <class Function>
 void Core::replace_all(const BoxView& view, const Function& end) {
   const std::size_t n = view.size();
   reserve_all(n);
-  replacement_.begin(n);
-  or_find_boxes([&] { (void)algorithm_->spare_boxes(); });
+  or_find_boxes([&] {
+    (void)algorithm_->spare_boxes();
+    algorithm_->reserve_exclusions(exclusions_.size());  // which may move boxes, before they are written
+  });
   const std::size_t slots = objects_.slots();
   const bool same_ids = objects_.size() == n && slots == n;
   std::optional<std::pair<ObjectTable, ChangeSet>> before;
@@ -206,7 +209,7 @@ Delta Core::update(const BoxView& boxes) {
   return delta;
 }
 
-void Core::begin(const WriteBoxes* write, const LookAtBoxes* look) {
+void Core::begin(BoxReplacement* arriving, const LookAtBoxes* look) {
   refuse_forked();
   if (is_begun()) return;
   apply_late();
@@ -221,22 +224,20 @@ void Core::begin(const WriteBoxes* write, const LookAtBoxes* look) {
   or_roll_back([&] {
     const std::size_t slots = objects_.slots();
     const bool are_two_sets = objects_.any_filters() && objects_.sets().are_apart();
+    // If many boxes changed, testing all pairs once is less work than testing the changed boxes against all.
+    const bool all = flight_.all || flight_.changed().size() > slots / 4;
     algorithm_->begin({.boxes = algorithm_->boxes().first(slots),
-                       .write = write,
-                       .changed = flight_.changed(),
-                       // If many boxes changed, testing all pairs once is less work than testing the
-                       // changed boxes against all.
-                       .all = flight_.all || flight_.changed().size() > slots / 4,
-                       .recycled = flight_.recycled(),
-                       .filters = objects_.filters(),
-                       .refiltered = flight_.refiltered(),
-                       .exclusions = exclusions_,
-                       .all_filters = flight_.all_filters,
-                       .filters_changed = flight_.filters,
-                       .exclusions_changed = flight_.exclusions,
-                       .worlds = objects_.any_worlds(),
-                       .sets = are_two_sets,
-                       .sets_decide = are_two_sets && objects_.sets().decide(),
+                       .arriving = arriving,
+                       .changed = {.all = all, .slots = flight_.changed(), .recycled = flight_.recycled()},
+                       .rules = {.filters = objects_.filters(),
+                                 .exclusions = exclusions_,
+                                 .all_changed = flight_.all_filters,
+                                 .refiltered = flight_.refiltered(),
+                                 .filters_changed = flight_.filters,
+                                 .exclusions_changed = flight_.exclusions,
+                                 .worlds = objects_.any_worlds(),
+                                 .sets = are_two_sets,
+                                 .sets_decide = are_two_sets && objects_.sets().decide()},
                        .listener = listener_});
   });
 }
@@ -275,7 +276,6 @@ void Core::shrink() {
   changes_ = std::move(changes);
   flight_ = {};
   late_.shrink();
-  replacement_.clear();
   capacity_ = ids;
   update_ = Update::none;
   exclusions_.shrink_to_fit();
@@ -356,23 +356,21 @@ void Core::swap_boxes() noexcept {
 
 void Core::copy_all(const BoxView& view) {
   const std::size_t n = view.size();
-  const std::span<const Aabb> before = algorithm_->spare_boxes();
-  const WriteBoxes write = [&](const std::function<void()>& meanwhile, const BoxesWritten& written) {
-    replacement_.copy(view, before, boxes_, meanwhile, written);
-  };
+  const bool uploads = algorithm_->uploads_boxes();
+  BoxReplacement replacement(view, algorithm_->spare_boxes(), boxes_, uploads, threads_);
   // An upload of all boxes can begin before it is known which changed.
-  const bool writes_later = many_moved_ && algorithm_->uploads_boxes();
-  if (!writes_later) write([] {}, nullptr);
+  const bool arrive_later = uploads && many_moved_;
+  if (!arrive_later) replacement.finish();
   for (std::size_t id = n; id < std::min(spare_slots_, boxes_.size()); ++id) boxes_[id] = packed_empty();
   set_ids(n, packed_empty(), [](std::uint32_t /*id*/, const Aabb& /*box*/) {});
-  if (writes_later || replacement_.count() > n / 4) {
+  if (arrive_later || replacement.count() > n / 4) {
     changes_.all = true;
   } else {
-    replacement_.for_each_changed([&](std::uint32_t slot) { changes_.insert(slot); });
+    replacement.for_each_changed([&](std::uint32_t slot) { changes_.insert(slot); });
   }
-  begin(writes_later ? &write : nullptr, nullptr);
-  many_moved_ = replacement_.count() > n / 4;
-  any_empty_ = any_empty_ || replacement_.any_empty();
+  begin(arrive_later ? &replacement : nullptr, nullptr);
+  many_moved_ = replacement.count() > n / 4;
+  any_empty_ = any_empty_ || replacement.any_empty();
 }
 
 void Core::take_mapped(const LookAtBoxes* look) {

@@ -15,7 +15,6 @@
 #include <broadcl/profile.hpp>
 
 #include "base/packed_box.hpp"
-#include "core/box_replacement.hpp"
 #include "core/change_set.hpp"
 #include "core/late_boxes.hpp"
 #include "core/object_table.hpp"
@@ -34,10 +33,7 @@ class BROADCL_API Core {
  public:
   /// @param threads That copy boxes, at most; 0 for one per processor.
   explicit Core(AlgorithmPointer algorithm, std::size_t threads = 0)
-      : algorithm_(std::move(algorithm)),
-        boxes_(algorithm_->boxes()),
-        threads_(threads),
-        replacement_(threads) {}
+      : algorithm_(std::move(algorithm)), boxes_(algorithm_->boxes()), threads_(threads) {}
 
   std::uint32_t add(const Aabb& box, const Filter& filter) {
     refuse_forked();
@@ -185,9 +181,9 @@ class BROADCL_API Core {
   /// Reserves memory for the boxes of 0 .. n-1.
   void reserve_all(std::size_t n);
 
-  /// @param write Writes the boxes, all of which count as changed. Null if they are written.
+  /// @param arriving The boxes, all of which count as changed. Null if they are there.
   /// @param look At the boxes of map(); null for nothing.
-  void begin(const WriteBoxes* write, const LookAtBoxes* look);
+  void begin(BoxReplacement* arriving, const LookAtBoxes* look);
 
   /// Makes 0 .. n-1 the ids of the objects. The memory must be reserved.
   /// @param set Called with ids, and with the boxes of those that are removed or added.
@@ -252,8 +248,7 @@ class BROADCL_API Core {
   ChangeSet changes_;  // since the last update began
   ChangeSet flight_;   // the changes that the update in flight applies
   Update update_ = Update::none;
-  LateBoxes<Aabb> late_;  // packed
-  BoxReplacement replacement_;
+  LateBoxes<Aabb> late_;    // packed
   bool many_moved_ = true;  // in the last replacement
   PairListener* listener_ = nullptr;
 };

@@ -112,6 +112,7 @@ void DeviceCore::begin(const Boxes& boxes) {
     profiler_.begin();
     engine_->prepare();
     engine_->begin(search_of(boxes), tag_of(boxes));
+    engine_->search();
     context_.queue().flush();
   });
   begun_first_count_ = first_count_of(boxes);

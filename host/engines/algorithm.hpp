@@ -2,7 +2,6 @@
 
 #include <cstddef>
 #include <cstdint>
-#include <functional>
 #include <memory>
 #include <span>
 #include <string_view>
@@ -22,12 +21,7 @@
 
 namespace broadcl {
 
-/// Called for slots `begin` to `end` once their boxes are written.
-using BoxesWritten = std::function<void(std::size_t begin, std::size_t end)>;
-/// Writes all boxes of an update by several threads. The calling thread calls `meanwhile` first, and then
-/// `written` for ranges that together are all slots.
-/// @throws What these throw; InvalidBox.
-using WriteBoxes = std::function<void(const std::function<void()>& meanwhile, const BoxesWritten& written)>;
+class BoxReplacement;
 
 /// Learns about the pairs of an update before that is committed, so that it can fail together with the
 /// update.
@@ -49,36 +43,46 @@ class PairListener {
   virtual void expect_changes(std::size_t added, std::size_t removed) = 0;
 };
 
-/// The input of an update: objects, and what changed since the last update. The spans belong to the caller
-/// and, except for the filters, stay unchanged until the update is finished.
+/// The slots that changed since the last update.
+struct SlotChanges {
+  /// Every slot counts as changed, and `slots` is not read.
+  bool all = false;
+  /// Slots whose box, filter or object changed; each once, and at most a quarter of the slots.
+  std::span<const std::uint32_t> slots{};
+  /// Slots whose object is not that of the last update, so that all old pairs of the slot end. Ascending.
+  std::span<const std::uint32_t> recycled{};
+};
+
+/// Which objects may pair, and what of that changed since the last update.
+struct PairRules {
+  /// One filter per slot; none if all objects have the default one. Read in begin() only.
+  std::span<const Filter> filters{};
+  /// Pairs of slots that are never reported, in canonical order, each once. Read in begin() only.
+  std::span<const Pair> exclusions{};
+  bool all_changed = false;  ///< Every filter, and the exclusions, count as changed.
+  /// Slots whose filter changed; each once. Those that the filters of the last update did not include need
+  /// not be among them. Not read if `all_changed` is set.
+  std::span<const std::uint32_t> refiltered{};
+  bool filters_changed = false;     ///< Whether the filter of a slot changed that was not recycled.
+  bool exclusions_changed = false;  ///< Since the last update.
+  bool worlds = false;              ///< Whether some object is in a world other than 0.
+  bool sets = false;                ///< Whether the filters part the objects into two sets: TwoSets.
+  bool sets_decide = false;         ///< If so, whether every two objects of different sets may pair.
+
+  [[nodiscard]] bool are_exclusions_new() const noexcept { return all_changed || exclusions_changed; }
+};
+
+/// The input of an update. What it refers to belongs to the caller and, except for the filters, stays
+/// unchanged until the update is finished.
 struct Input {
   /// Those of Algorithm::boxes() that are tested, from the first on.
   std::span<const Aabb> boxes{};
-  /// If not null, begin() must call it, and the boxes are written by that. Only if uploads_boxes(), and with
-  /// `all`.
-  const WriteBoxes* write = nullptr;
-  /// Slots whose box, filter or object changed since the last update; each once, and at most a quarter of the
-  /// slots. Not read if `all` is set, which means that every slot counts as changed.
-  std::span<const std::uint32_t> changed{};
-  bool all = false;
-  /// Slots whose object is not that of the last update, so that all old pairs of the slot end. Ascending.
-  std::span<const std::uint32_t> recycled{};
-  /// One filter per slot; none if all objects have the default one. Read in begin() only.
-  std::span<const Filter> filters{};
-  /// Slots whose filter is not that of the last update; each once. Those that the filters of the last update
-  /// did not include need not be among them. Not read if `all_filters` is set.
-  std::span<const std::uint32_t> refiltered{};
-  /// Pairs of slots that are never reported, in canonical order, each once. Read in begin() only.
-  std::span<const Pair> exclusions{};
-  bool all_filters = false;          ///< Every filter, and the exclusions, count as changed.
-  bool filters_changed = false;      ///< Whether the filter of a slot that is not in `recycled` changed.
-  bool exclusions_changed = false;   ///< Since the last update.
-  bool worlds = false;               ///< Whether some object is in a world other than 0.
-  bool sets = false;                 ///< Whether the filters part the objects into two sets: TwoSets.
-  bool sets_decide = false;          ///< If so, whether every two objects of different sets may pair.
+  /// If not null, it is still writing the boxes, and begin() must wait for them. Only if uploads_boxes(), and
+  /// if all count as changed.
+  BoxReplacement* arriving = nullptr;
+  SlotChanges changed{};
+  PairRules rules{};
   PairListener* listener = nullptr;  ///< If not null, finish() must call it.
-
-  [[nodiscard]] bool are_exclusions_new() const noexcept { return all_filters || exclusions_changed; }
 };
 
 /// An algorithm for a BroadPhase: stores the boxes, finds the pairs, and remembers the pairs of the last
@@ -125,7 +129,7 @@ class Algorithm {
   [[nodiscard]] virtual std::shared_ptr<const void> boxes_owner() const = 0;
 
   /// Whether begin() copies boxes to a device, which gains time if they are still being written:
-  /// Input::write.
+  /// Input::arriving.
   [[nodiscard]] virtual bool uploads_boxes() const noexcept { return false; }
 
   /// Starts an update without waiting for the device; finish() must follow.
@@ -133,9 +137,9 @@ class Algorithm {
   /// Makes the device start the commands that begin() enqueued.
   virtual void flush() {}
   /// Ends the update. If begin(), flush() or finish() throws, the pairs of the last update are still known,
-  /// and the next update must have `all` and `all_filters` set. The returned lists stay unchanged until the
-  /// next finish(), even if another update begins before that, and as long as the Delta or a copy of it
-  /// exists.
+  /// and the next update must have all slots and rules count as changed. The returned lists stay unchanged
+  /// until the next finish(), even if another update begins before that, and as long as the Delta or a copy
+  /// of it exists.
   virtual Delta finish() = 0;
 
   /// The pairs of an algorithm that is used only once, instead of an update. Afterwards boxes() are as

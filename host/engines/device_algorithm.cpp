@@ -1,7 +1,6 @@
 #include <algorithm>
 #include <cstddef>
 #include <cstdint>
-#include <functional>
 #include <memory>
 #include <optional>
 #include <utility>
@@ -68,9 +67,9 @@ class DeviceAlgorithm final : public Algorithm {
     listener_ = input.listener;
     context_.guard([&] {
       engine_->prepare();
-      engine_->begin(objects_->upload(input), 0, [&](const std::function<void()>& meanwhile) {
-        objects_->upload_written(input, meanwhile);
-      });
+      engine_->begin(objects_->upload(input));
+      objects_->upload_arriving(input);
+      engine_->search();
     });
   }
 
@@ -89,6 +88,7 @@ class DeviceAlgorithm final : public Algorithm {
     return context_.guard([&] {
       engine_->prepare(expected_pairs(context_.device(), input.boxes.size()));
       engine_->begin(objects_->upload(input));
+      engine_->search();
       return engine_->finish_only_search();
     });
   }

@@ -8,6 +8,7 @@
 
 #include <broadcl/error.hpp>
 
+#include "base/box_replacement.hpp"
 #include "base/packed_box.hpp"
 #include "engines/kernel_layout.hpp"
 #include "opencl/common_program.hpp"
@@ -119,16 +120,16 @@ void DeviceObjects::reserve_boxes(std::size_t slots) {
 }
 
 void DeviceObjects::upload_filters(const Input& input) {
-  const std::size_t count = input.filters.size();
+  const std::size_t count = input.rules.filters.size();
   const std::size_t known = std::min(count, last_.filter_count);
-  const std::size_t changed = input.refiltered.size() + count - known;
-  are_filters_new_ = input.all_filters || changed > 0;
+  const std::size_t changed = input.rules.refiltered.size() + count - known;
+  are_filters_new_ = input.rules.all_changed || changed > 0;
   now_.filter_count = are_filters_new_ ? count : last_.filter_count;
   now_.objects.filters = are_filters_new_ ? cl::Buffer() : last_.objects.filters;
   if (!are_filters_new_) return;
   const Frame::Filters& last = last_.filters;
   Frame::Filters& next = now_.filters;
-  next.all = input.all_filters || changed > count / 4;
+  next.all = input.rules.all_changed || changed > count / 4;
   next.slots.clear();
   if (count == 0) return;
   const std::size_t bytes = (capacity_ + Generation::padding) * sizeof(Filter);
@@ -138,12 +139,12 @@ void DeviceObjects::upload_filters(const Input& input) {
   const cl::CommandQueue& queue = context_.queue();
   if (next.all) {
     opencl::Profiler::Scope stage(profiler_, "upload");
-    std::memcpy(staged_filters_.host(), input.filters.data(), input.filters.size_bytes());
-    queue.enqueueWriteBuffer(next.buffer.get(), CL_FALSE, 0, input.filters.size_bytes(),
+    std::memcpy(staged_filters_.host(), input.rules.filters.data(), input.rules.filters.size_bytes());
+    queue.enqueueWriteBuffer(next.buffer.get(), CL_FALSE, 0, input.rules.filters.size_bytes(),
                              staged_filters_.host(), nullptr, stage.event());
     return;
   }
-  next.slots.assign(input.refiltered.begin(), input.refiltered.end());
+  next.slots.assign(input.rules.refiltered.begin(), input.rules.refiltered.end());
   for (std::size_t slot = known; slot < count; ++slot) {
     next.slots.push_back(static_cast<std::uint32_t>(slot));
   }
@@ -167,7 +168,7 @@ void DeviceObjects::apply_filters(const Input& input) {
   auto* filters = reinterpret_cast<Filter*>(staged_filters_.host());
   auto* slots = reinterpret_cast<cl_uint*>(filters + count);
   for (const std::uint32_t slot : stale_) {
-    *filters++ = input.filters[slot];
+    *filters++ = input.rules.filters[slot];
     *slots++ = slot;
   }
   const std::size_t bytes = count * (sizeof(Filter) + sizeof(cl_uint));
@@ -186,16 +187,16 @@ void DeviceObjects::apply_filters(const Input& input) {
 }
 
 void DeviceObjects::upload_exclusions(const Input& input) {
-  are_exclusions_new_ = input.are_exclusions_new();
+  are_exclusions_new_ = input.rules.are_exclusions_new();
   now_.objects.exclusions = are_exclusions_new_ ? cl::Buffer() : last_.objects.exclusions;
-  if (!are_exclusions_new_ || input.exclusions.empty()) return;
-  const std::size_t count = input.exclusions.size();
+  if (!are_exclusions_new_ || input.rules.exclusions.empty()) return;
+  const std::size_t count = input.rules.exclusions.size();
   const std::size_t bytes = (count + 1) * sizeof(Pair);
   opencl::GrowingBuffer& buffer = now_.exclusions;
   buffer.reserve(context_, bytes, "exclusions");
   auto* staged = reinterpret_cast<Pair*>(staged_exclusions_.host());
   *staged = {.a = static_cast<std::uint32_t>(count), .b = 0};
-  std::ranges::copy(input.exclusions, staged + 1);
+  std::ranges::copy(input.rules.exclusions, staged + 1);
   opencl::Profiler::Scope stage(profiler_, "upload");
   context_.queue().enqueueWriteBuffer(buffer.get(), CL_FALSE, 0, bytes, staged, nullptr, stage.event());
   now_.objects.exclusions = buffer.get();
@@ -206,9 +207,9 @@ void DeviceObjects::upload_exclusions(const Input& input) {
 void DeviceObjects::upload_boxes(const Input& input) {
   const cl::CommandQueue& queue = context_.queue();
   const Generation& last = last_.objects;
-  now_.all_uploaded = input.all || last.slots == 0;
+  now_.all_uploaded = input.changed.all || last.slots == 0;
   now_.objects.slots = static_cast<cl_uint>(input.boxes.size());
-  if (input.write != nullptr) return;
+  if (input.arriving != nullptr) return;
   if (now_.all_uploaded) {
     opencl::Profiler::Scope stage(profiler_, "upload");
     queue.enqueueWriteBuffer(now_.objects.boxes, CL_FALSE, 0,
@@ -227,37 +228,43 @@ void DeviceObjects::upload_boxes(const Input& input) {
   }
 }
 
-void DeviceObjects::upload_written(const Input& input, const std::function<void()>& meanwhile) {
-  if (input.write == nullptr) return meanwhile();
+void DeviceObjects::upload_arriving(const Input& input) {
+  if (input.arriving == nullptr) return;
   opencl::Profiler::Scope stage(profiler_, "upload");
   const cl::CommandQueue& queue = context_.queue();
-  (*input.write)(meanwhile, [&](std::size_t begin, std::size_t end) {
-    queue.enqueueWriteBuffer(now_.objects.boxes, CL_FALSE, begin * sizeof(Aabb), (end - begin) * sizeof(Aabb),
-                             boxes().data() + begin, nullptr, stage.event());
-    queue.flush();
-  });
+  std::size_t begin = 0;
+  do {
+    const std::size_t end = input.arriving->next();
+    if (end > begin) {
+      queue.enqueueWriteBuffer(now_.objects.boxes, CL_FALSE, begin * sizeof(Aabb),
+                               (end - begin) * sizeof(Aabb), input.boxes.data() + begin, nullptr,
+                               stage.event());
+      queue.flush();
+    }
+    begin = end;
+  } while (begin < input.boxes.size());
 }
 
 /// Uploads the boxes that changed, and the stamps of this frame. If all changed, only objects that replaced
 /// others need a stamp.
 void DeviceObjects::upload_changes(const Input& input) {
   const auto new_slots =
-      std::ranges::lower_bound(input.recycled, static_cast<std::uint32_t>(last_.objects.slots));
+      std::ranges::lower_bound(input.changed.recycled, static_cast<std::uint32_t>(last_.objects.slots));
   const std::span<const std::uint32_t> slots =
-      input.all ? std::span(input.recycled.begin(), new_slots) : input.changed;
+      input.changed.all ? std::span(input.changed.recycled.begin(), new_slots) : input.changed.slots;
   const auto count = static_cast<cl_uint>(slots.size());
   now_.changed_count = count;
   if (count == 0) return;
-  const std::size_t bytes = staged_bytes(count, !input.all);
+  const std::size_t bytes = staged_bytes(count, !input.changed.all);
   const bool is_direct = staged_changes_.is_direct() && bytes <= opencl::most_direct;
   if (!is_direct) changes_.reserve(context_, bytes, "changes");
-  if (!input.all) now_.changed.reserve(context_, count * sizeof(cl_uint), "changes");
+  if (!input.changed.all) now_.changed.reserve(context_, count * sizeof(cl_uint), "changes");
   auto* words = reinterpret_cast<cl_uint*>(staged_changes_.host());
   auto* boxes = reinterpret_cast<Aabb*>(words + count);
   for (const std::uint32_t slot : slots) {
-    const bool recycled = std::ranges::binary_search(input.recycled, slot);
+    const bool recycled = std::ranges::binary_search(input.changed.recycled, slot);
     *words++ = layout::with_recycled(slot, recycled ? 1 : 0);
-    if (!input.all) *boxes++ = this->boxes()[slot];
+    if (!input.changed.all) *boxes++ = this->boxes()[slot];
   }
   const cl::CommandQueue& queue = context_.queue();
   if (!is_direct) {
@@ -268,8 +275,8 @@ void DeviceObjects::upload_changes(const Input& input) {
   opencl::Profiler::Scope stage(profiler_, "apply");
   const cl::Buffer none;
   opencl::set_arguments(apply_.kernel, 0, count, is_direct ? staged_changes_.buffer() : changes_.get(),
-                        stamp_, input.all ? none : now_.objects.boxes, stamps_,
-                        input.all ? none : now_.changed.get());
+                        stamp_, input.changed.all ? none : now_.objects.boxes, stamps_,
+                        input.changed.all ? none : now_.changed.get());
   apply_.enqueue(queue, count, stage.event());
 }
 
@@ -316,15 +323,16 @@ Search DeviceObjects::upload(const Input& input) {
   upload_changes(input);
   return {.now = now_.objects,
           .last = last_.objects,
-          .changed = {.all = input.all,
-                      .count = input.all ? 0 : now_.changed_count,
+          .changed = {.all = input.changed.all,
+                      .count = input.changed.all ? 0 : now_.changed_count,
                       .slots = now_.changed.get(),
-                      .any_recycled = !input.recycled.empty(),
+                      .any_recycled = !input.changed.recycled.empty(),
                       .stamp = stamp_,
-                      .stamps = input.all && now_.changed_count == 0 ? cl::Buffer() : stamps_},
-          .same_filters = !input.all_filters && !input.filters_changed && !input.exclusions_changed,
-          .worlds = input.worlds,
-          .sets = input.sets};
+                      .stamps = input.changed.all && now_.changed_count == 0 ? cl::Buffer() : stamps_},
+          .same_filters =
+              !input.rules.all_changed && !input.rules.filters_changed && !input.rules.exclusions_changed,
+          .worlds = input.rules.worlds,
+          .sets = input.rules.sets};
 }
 
 // NOLINTNEXTLINE(bugprone-exception-escape): handles do not throw when moved

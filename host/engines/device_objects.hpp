@@ -2,7 +2,6 @@
 
 #include <cstddef>
 #include <cstdint>
-#include <functional>
 #include <memory>
 #include <span>
 #include <vector>
@@ -54,10 +53,9 @@ class DeviceObjects {
   /// Enqueues the commands that update the device's objects.
   /// @throws cl::Error, Error; the objects of the last frame are then unchanged.
   Search upload(const Input& input);
-  /// The rest, if boxes are still to be written: Input::write. Enqueues their upload as they are written.
-  /// @param meanwhile Called first, while other threads write.
-  /// @throws As upload(), and as Input::write and `meanwhile`.
-  void upload_written(const Input& input, const std::function<void()>& meanwhile);
+  /// The rest, if boxes are still being written: enqueues the upload of each piece that is there.
+  /// @throws As upload() and BoxReplacement::next().
+  void upload_arriving(const Input& input);
   /// The frame succeeded, and has become the last one.
   void commit() noexcept;  // NOLINT(bugprone-exception-escape)
 

@@ -24,11 +24,14 @@ std::unique_ptr<Engine> Engine::successor() const {
   return next;
 }
 
-void Engine::begin(Search search, cl_uint tag, const Upload& upload) {
+void Engine::begin(Search search, cl_uint tag) {
   search_ = std::move(search);
   tag_ = tag;
   order_.begin(search_);
-  upload([&] { finder_->begin(search_, delta_, profiler_); });
+  finder_->begin(search_, delta_, profiler_);
+}
+
+void Engine::search() {
   finder_->build(search_, delta_, profiler_);
   enqueue();
 }

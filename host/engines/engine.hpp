@@ -1,6 +1,5 @@
 #pragma once
 
-#include <functional>
 #include <memory>
 #include <optional>
 #include <vector>
@@ -22,8 +21,8 @@ namespace broadcl {
 /// The engine of BroadPhase and DeviceBroadPhase. It does one frame at a time, and does not depend on where
 /// objects come from and where changes go.
 ///
-/// A frame consists of prepare(), the commands that update the objects, and begin() and finish(), or
-/// enqueue() if the caller does not wait for the frame. If one of these fails, the pairs of the last frame
+/// A frame consists of prepare(), the commands that update the objects, and begin(), search() and finish(),
+/// or enqueue() if the caller does not wait for the frame. If one of these fails, the pairs of the last frame
 /// are still known, and the next frame starts with prepare() again.
 class Engine {
  public:
@@ -37,20 +36,18 @@ class Engine {
   /// @throws cl::Error, Error
   [[nodiscard]] std::unique_ptr<Engine> successor() const;
 
-  using Upload = std::function<void(const std::function<void()>& meanwhile)>;
-
   /// Must not be called while there are unsettled frames, unless the new frame will be enqueued, too.
   /// @param pairs How many to reserve memory for. If there are more, the frame runs again.
   /// @throws cl::Error, Error
   void prepare(std::size_t pairs = 0) { delta_.begin(pairs); }
+  /// Enqueues what needs no new boxes.
+  /// @param tag Any number; settle() returns that of the last complete frame.
+  /// @throws cl::Error, Error
+  void begin(Search search, cl_uint tag = 0);
   /// Enqueues the search and the reading of its results. Unless the search has a source, commands that update
   /// the objects must have been enqueued.
-  /// @param tag Any number; settle() returns that of the last complete frame.
-  /// @param upload Calls what it is given, and enqueues the commands that upload the boxes, unless those are
-  /// enqueued already.
-  /// @throws cl::Error, Error; what `upload` throws.
-  void begin(
-      Search search, cl_uint tag = 0, const Upload& upload = [](const auto& first) { first(); });
+  /// @throws cl::Error, Error
+  void search();
   /// Waits for the search. Waits again only if the lists were too small, if far more changed than in the last
   /// frame, or if the finder gave up.
   /// @param listener Null if there is none.

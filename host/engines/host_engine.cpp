@@ -46,25 +46,27 @@ class HostEngine final : public Algorithm {
 
   void begin(const Input& input) override {
     input_ = input;
+    const PairRules& rules = input.rules;
     new_filters_.clear();
-    if (input.all_filters) {
-      new_filters_.assign(input.filters.begin(), input.filters.end());
+    if (rules.all_changed) {
+      new_filters_.assign(rules.filters.begin(), rules.filters.end());
     } else {
-      for (const std::uint32_t slot : input.refiltered) new_filters_.push_back(input.filters[slot]);
-      const std::size_t known = std::min(filters_.size(), input.filters.size());
-      new_filters_.insert(new_filters_.end(), input.filters.begin() + static_cast<std::ptrdiff_t>(known),
-                          input.filters.end());
+      for (const std::uint32_t slot : rules.refiltered) new_filters_.push_back(rules.filters[slot]);
+      const std::size_t known = std::min(filters_.size(), rules.filters.size());
+      new_filters_.insert(new_filters_.end(), rules.filters.begin() + static_cast<std::ptrdiff_t>(known),
+                          rules.filters.end());
     }
-    if (input.are_exclusions_new()) new_exclusions_.assign(input.exclusions.begin(), input.exclusions.end());
+    if (rules.are_exclusions_new()) new_exclusions_.assign(rules.exclusions.begin(), rules.exclusions.end());
   }
 
   Delta finish() override try {
     // With the filters and exclusions of the last update.
-    const bool are_known = !input_.all && input_.changed.size() * pairs_per_search < pairs_.size() &&
-                           finder_->find_known(filters_, input_.changed, known_);
+    const bool are_known = !input_.changed.all &&
+                           input_.changed.slots.size() * pairs_per_search < pairs_.size() &&
+                           finder_->find_known(filters_, input_.changed.slots, known_);
     if (are_known) subtract(known_, exclusions_);
     take_filters();
-    if (!input_.all && finder_->find_changed(input_, found_)) {
+    if (!input_.changed.all && finder_->find_changed(input_, found_)) {
       subtract(found_, exclusions_);
       if (!are_known) find_known();
       Delta delta = changes_from(known_);
@@ -107,7 +109,7 @@ class HostEngine final : public Algorithm {
   [[nodiscard]] std::vector<Pair> find_all(const Input& input) override {
     std::vector<Pair> pairs;
     finder_->find(input, pairs);
-    subtract(pairs, input.exclusions);
+    subtract(pairs, input.rules.exclusions);
     return pairs;
   }
 
@@ -124,7 +126,7 @@ class HostEngine final : public Algorithm {
   /// @param before Pairs of the last update, to be compared with those that were found.
   Delta changes_from(std::span<const Pair> before) {
     return lists_.fill([&](std::vector<Pair>& added, std::vector<Pair>& removed) {
-      compare(before, found_, input_.recycled, parts_, added, removed);
+      compare(before, found_, input_.changed.recycled, parts_, added, removed);
     });
   }
 
@@ -146,29 +148,29 @@ class HostEngine final : public Algorithm {
 
   /// Makes the filters and exclusions those of this update.
   void take_filters() {
-    if (input_.are_exclusions_new()) exclusions_.swap(new_exclusions_);
-    if (input_.all_filters) {
+    PairRules& rules = input_.rules;
+    if (rules.are_exclusions_new()) exclusions_.swap(new_exclusions_);
+    if (rules.all_changed) {
       filters_.swap(new_filters_);
     } else {
-      const std::size_t known = std::min(filters_.size(), input_.filters.size());
-      filters_.resize(input_.filters.size());
-      const auto first_unknown = new_filters_.begin() + static_cast<std::ptrdiff_t>(input_.refiltered.size());
+      const std::size_t known = std::min(filters_.size(), rules.filters.size());
+      filters_.resize(rules.filters.size());
+      const auto first_unknown = new_filters_.begin() + static_cast<std::ptrdiff_t>(rules.refiltered.size());
       std::copy(first_unknown, new_filters_.end(), filters_.begin() + static_cast<std::ptrdiff_t>(known));
-      for (std::size_t k = 0; k < input_.refiltered.size(); ++k) {
-        filters_[input_.refiltered[k]] = new_filters_[k];
-      }
+      for (std::size_t k = 0; k < rules.refiltered.size(); ++k)
+        filters_[rules.refiltered[k]] = new_filters_[k];
     }
-    input_.filters = filters_;  // the caller's were for begin() only
+    rules.filters = filters_;  // the caller's were for begin() only
   }
 
   /// The pairs of the last update that contain a slot that changed.
   void find_known() {
     std::size_t slots = input_.boxes.size();
-    for (const std::uint32_t slot : input_.changed) slots = std::max<std::size_t>(slots, slot + 1);
+    for (const std::uint32_t slot : input_.changed.slots) slots = std::max<std::size_t>(slots, slot + 1);
     const std::vector<Pair>& pairs = pairs_.all();
     if (!pairs.empty()) slots = std::max<std::size_t>(slots, pairs.back().b + 1);
     has_changed_.assign(slots, 0);
-    for (const std::uint32_t slot : input_.changed) has_changed_[slot] = 1;
+    for (const std::uint32_t slot : input_.changed.slots) has_changed_[slot] = 1;
     select_by_slots(pairs, has_changed_, known_);
   }
 

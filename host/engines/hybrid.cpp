@@ -10,6 +10,7 @@
 
 #include <broadcl/error.hpp>
 
+#include "base/box_replacement.hpp"
 #include "base/free_lists.hpp"
 #include "base/hysteresis.hpp"
 #include "base/packed_box.hpp"
@@ -154,13 +155,20 @@ class Hybrid final : public Algorithm {
     input_ = input;
     Input own = input;
     if (handover_) {
-      own.all = own.all_filters = true;
-      own.changed = own.recycled = own.refiltered = {};
+      own.changed = {.all = true};
+      own.rules.all_changed = true;
     }
     begin_seconds_ = 0;  // on the host, which does its work in finish()
     if (!is_on_device()) return current().begin(own);
     const auto start = now_();
-    or_leave_device([&] { current().begin(own); });
+    or_leave_device([&] {
+      try {
+        current().begin(own);
+      } catch (...) {
+        if (own.arriving != nullptr) own.arriving->stop();  // boxes are copied if the device is left
+        throw;
+      }
+    });
     begin_seconds_ = seconds_since(start);
   }
 
@@ -182,7 +190,7 @@ class Hybrid final : public Algorithm {
     if (handover_) {
       delta = lists_.fill([&](std::vector<Pair>& added, std::vector<Pair>& removed) {
         const std::span<const Pair> now = had_pairs ? pairs : delta.added;
-        compare(*handover_, now, input_.recycled, parts_, added, removed);
+        compare(*handover_, now, input_.changed.recycled, parts_, added, removed);
       });
       if (input_.listener != nullptr) {
         input_.listener->expect_changes(delta.added.size(), delta.removed.size());
@@ -208,7 +216,8 @@ class Hybrid final : public Algorithm {
     if (handover_) handover_->shrink_to_fit();
     if (device_.algorithm == nullptr || opencl::is_forked()) return;
     Side& idle = other();
-    idle.algorithm->begin({.all = true, .all_filters = true});  // no objects, so that it knows no pairs
+    idle.algorithm->begin(
+        {.changed = {.all = true}, .rules = {.all_changed = true}});  // no objects, so that it knows no pairs
     (void)idle.algorithm->finish();
     idle.has_pairs = false;
     idle.algorithm->shrink(0);
@@ -235,7 +244,7 @@ class Hybrid final : public Algorithm {
   [[nodiscard]] Side& other() noexcept { return is_on_device() ? host_ : device_; }
 
   [[nodiscard]] std::size_t changed_slots() const noexcept {
-    return input_.all ? input_.boxes.size() : input_.changed.size();
+    return input_.changed.all ? input_.boxes.size() : input_.changed.slots.size();
   }
 
   /// Does something that may fail on the device: what follows is then done on the host, for good, if the

@@ -84,7 +84,7 @@ class GpuBf final : public Algorithm {
   /// Tests all pairs, regardless of what changed, and copies the results to the host.
   void begin(const Input& input) override {
     profiler_.begin();
-    recycled_.assign(input.recycled.begin(), input.recycled.end());
+    recycled_.assign(input.changed.recycled.begin(), input.changed.recycled.end());
     listener_ = input.listener;
     current_pairs_ = triangle::row_start(static_cast<std::uint32_t>(input.boxes.size()));
     context_.guard([&] {
@@ -176,13 +176,12 @@ class GpuBf final : public Algorithm {
 
   void test(const Input& input) {
     Input all = input;
-    all.all = true;
-    all.all_filters = input.all_filters || has_skipped_;
-    all.recycled = {};  // the host takes care of them
+    all.changed = {.all = true};  // the host takes care of those that are recycled
+    all.rules.all_changed = input.rules.all_changed || has_skipped_;
     const Search search = objects_->upload(all);
     current_.release();
     enqueue_kernel(search);
-    exclude(search, input.exclusions.size());
+    exclude(search, input.rules.exclusions.size());
     opencl::Profiler::Scope stage(profiler_, "download");
     current_.download(current_pairs_, &read_);
     if (cl::Event* const event = stage.event()) *event = read_;

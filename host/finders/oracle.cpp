@@ -9,7 +9,7 @@ namespace {
 template <class Function>
 void for_each_pair(const Input& input, const Function& function) {
   const std::span<const Aabb> boxes = input.boxes;
-  const std::span<const Filter> filters = input.filters;
+  const std::span<const Filter> filters = input.rules.filters;
   for (std::uint32_t b = 0; b < boxes.size(); ++b) {
     const Aabb box = boxes[b];
     for (std::uint32_t a = 0; a < b; ++a) {

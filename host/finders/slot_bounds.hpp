@@ -40,9 +40,9 @@ template <std::size_t axes>
   }
   if constexpr (axes > 3) {
     // Several worlds may have the same coordinate; may_pair() distinguishes them.
-    const Filter& filter = input.filters[slot];
+    const Filter& filter = input.rules.filters[slot];
     const bool is_in_all = filter.world == Filter::all_worlds;
-    const float place = exact(input.sets ? place_of_set(filter) : filter.world);
+    const float place = exact(input.rules.sets ? place_of_set(filter) : filter.world);
     bounds.lower[3] = is_in_all ? 0 : place;
     bounds.upper[3] = is_in_all ? std::numeric_limits<float>::infinity() : place;
   }

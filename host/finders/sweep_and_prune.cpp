@@ -117,10 +117,11 @@ class SweepAndPrune final : public HostFinder {
 
   bool find_changed(const Input& input, std::vector<Pair>& pairs) override {
     const std::size_t axes = axes_of(input);
-    if (sorted_axes_ != axes || (axes == 4 && four_.sets != input.sets) ||
-        input.changed.size() * boxes_per_changed > input.boxes.size() || !is_order_for(input.boxes.size()))
+    if (sorted_axes_ != axes || (axes == 4 && four_.sets != input.rules.sets) ||
+        input.changed.slots.size() * boxes_per_changed > input.boxes.size() ||
+        !is_order_for(input.boxes.size()))
       return false;
-    moved_ += input.changed.size();
+    moved_ += input.changed.slots.size();
     if (moved_ > most_moved * input.boxes.size()) sorted_axes_ = 0;
     if (sorted_axes_ == 0) return false;
     return axes == 4 ? find_changed(four_, input, pairs) : find_changed(three_, input, pairs);
@@ -137,11 +138,13 @@ class SweepAndPrune final : public HostFinder {
   }
 
  private:
-  [[nodiscard]] static std::size_t axes_of(const Input& input) { return input.worlds || input.sets ? 4 : 3; }
+  [[nodiscard]] static std::size_t axes_of(const Input& input) {
+    return input.rules.worlds || input.rules.sets ? 4 : 3;
+  }
 
   /// The filters to test; none if the sets decide.
   [[nodiscard]] static std::span<const Filter> filters_of(const Input& input) {
-    return input.sets && input.sets_decide ? std::span<const Filter>() : input.filters;
+    return input.rules.sets && input.rules.sets_decide ? std::span<const Filter>() : input.rules.filters;
   }
 
   [[nodiscard]] std::size_t threads_of(std::size_t boxes) const {
@@ -158,9 +161,9 @@ class SweepAndPrune final : public HostFinder {
   void find(HostTiles<axes>& all, const Input& input) {
     const std::size_t slots = input.boxes.size();
     const std::size_t threads = threads_of(slots);
-    const bool is_sorted = axes == sorted_axes_ && all.sets == input.sets && is_order_for(slots);
+    const bool is_sorted = axes == sorted_axes_ && all.sets == input.rules.sets && is_order_for(slots);
     sorted_axes_ = 0;  // until all is done
-    all.sets = input.sets;
+    all.sets = input.rules.sets;
     bool is_fresh = is_sorted && renew_order<axes>(input, threads);
     if (!is_sorted || !search(all, input, threads, useless * static_cast<double>(fresh_work_))) {
       sort_at_once<axes>(input, threads);
@@ -353,7 +356,7 @@ bool SweepAndPrune::find_changed(HostTiles<axes>& all, const Input& input, std::
     if (tile % node_size == 0) append_child(all.roots, all.nodes.size(), all.bounds.back());
     append_child(all.nodes, tile, all.bounds.back());
   }
-  set_places(input.changed);
+  set_places(input.changed.slots);
   dirty_.clear();
   for (const std::uint32_t place : changed_places_) {
     store(all, input, order_.slots[place], place);

@@ -56,7 +56,7 @@ template <std::size_t axes>
 std::uint8_t class_of(const Input& input, std::size_t slot, std::uint32_t median) {
   const Aabb& box = input.boxes[slot];
   if (is_empty(box)) return size_classes;
-  if (axes > 3 && input.filters[slot].world == Filter::all_worlds) return size_classes - 1;
+  if (axes > 3 && input.rules.filters[slot].world == Filter::all_worlds) return size_classes - 1;
   const std::uint32_t exponent = std::max(exponent_of(box), median);
   return static_cast<std::uint8_t>(std::min<std::uint32_t>(size_classes - 1, (exponent - median) / 2));
 }
