@@ -220,7 +220,7 @@ TEST(BoxReplacement, TellsWhichChange) {
   std::vector<Aabb> boxes(n, unit);
   const std::vector<Aabb> before = boxes;
   const std::vector<std::uint32_t> expected{0, 15, 16, 2047, 2048, 17'003, n - 1};
-  for (const std::uint32_t slot : expected) boxes[slot] = apart(slot);
+  for (const std::uint32_t slot : expected) boxes[slot] = apart(slot + 1);
   boxes[15] = empty_aabb();
   const BoxView view(boxes);
   std::vector<Aabb> copy(n);

@@ -6,6 +6,7 @@
 #include <fstream>
 #include <functional>
 #include <memory>
+#include <numeric>
 #include <utility>
 #include <vector>
 
@@ -233,8 +234,10 @@ TEST_F(Objects, NewFiltersComeAlongAndThoseOfTheLastUpdateStay) {
   std::vector<Filter> filters;
   std::vector<Filter> before;
   const auto expect_uploaded = [&](bool changed) {
+    std::vector<std::uint32_t> added(filters.size() - before.size());
+    std::iota(added.begin(), added.end(), static_cast<std::uint32_t>(before.size()));
     const Search search = objects_.upload({.boxes = objects_.boxes().first(filters.size()),
-                                           .changed = {.all = true},
+                                           .changed = {.all = true, .recycled = added},
                                            .rules = {.filters = filters, .all_changed = changed}});
     EXPECT_EQ(read<Filter>(search.now.filters, filters.size()), filters);
     EXPECT_EQ(search.last.filters() != nullptr, !before.empty());
@@ -246,6 +249,10 @@ TEST_F(Objects, NewFiltersComeAlongAndThoseOfTheLastUpdateStay) {
     objects_.reserve(n, true);
     while (filters.size() < n) filters.push_back({.body = static_cast<std::uint32_t>(filters.size())});
     expect_uploaded(n == 1);
+  }
+  for (std::uint32_t k = 0; k < 3; ++k) {  // few
+    filters.push_back({.body = k});
+    expect_uploaded(false);
   }
   filters[3].mask = 0;
   expect_uploaded(true);

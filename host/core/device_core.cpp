@@ -273,7 +273,7 @@ void DeviceCore::settle() {
   Frame& last = engine_->frames().last;
   last.objects = {.slots = settled.tag >> 1U,
                   .boxes = last.boxes.get(),
-                  .filters = (settled.tag & 1U) != 0 ? last.filters.buffer.get() : cl::Buffer(),
+                  .filters = (settled.tag & 1U) != 0 ? last.filters.get() : cl::Buffer(),
                   .exclusions = complete_exclusions_,
                   .second_set = second_set_of(*first_count_)};
   incomplete_ += incomplete;
@@ -281,8 +281,7 @@ void DeviceCore::settle() {
 
 void DeviceCore::reserve(Frame& frame, std::size_t boxes, bool filters) const {
   frame.boxes.reserve(context_, (boxes + Generation::padding) * sizeof(Aabb), "boxes");
-  if (filters)
-    frame.filters.buffer.reserve(context_, (boxes + Generation::padding) * sizeof(Filter), "filters");
+  if (filters) frame.filters.reserve(context_, (boxes + Generation::padding) * sizeof(Filter), "filters");
 }
 
 void DeviceCore::copy(const Frame& from, Frame& to) const {
@@ -292,10 +291,9 @@ void DeviceCore::copy(const Frame& from, Frame& to) const {
     context_.queue().enqueueCopyBuffer(from.boxes.get(), to.boxes.get(), 0, 0, slots * sizeof(Aabb));
     to.objects.boxes = to.boxes.get();
   }
-  if (from.objects.filters() == nullptr || to.filters.buffer.get()() == from.filters.buffer.get()()) return;
-  context_.queue().enqueueCopyBuffer(from.filters.buffer.get(), to.filters.buffer.get(), 0, 0,
-                                     slots * sizeof(Filter));
-  to.objects.filters = to.filters.buffer.get();
+  if (from.objects.filters() == nullptr || to.filters.get()() == from.filters.get()()) return;
+  context_.queue().enqueueCopyBuffer(from.filters.get(), to.filters.get(), 0, 0, slots * sizeof(Filter));
+  to.objects.filters = to.filters.get();
 }
 
 void DeviceCore::check(const ChangeBuffers& changes, const Boxes& boxes) const {
@@ -374,7 +372,7 @@ Search DeviceCore::search_of(const Boxes& boxes) {
   reserve(next, count_of(boxes), filters);
   next.objects = {.slots = static_cast<cl_uint>(count_of(boxes)),
                   .boxes = next.boxes.get(),
-                  .filters = filters ? next.filters.buffer.get() : cl::Buffer(),
+                  .filters = filters ? next.filters.get() : cl::Buffer(),
                   .exclusions = exclusions_,
                   .second_set = second_set_of(first_count_of(boxes))};
   source_->set({.buffer = cl::Buffer(boxes.buffer, true),

@@ -1,6 +1,7 @@
 #include "engines/device_objects.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cstdint>
 #include <cstring>
 #include <string>
@@ -35,9 +36,9 @@ std::shared_ptr<opencl::MappedBuffer> staged_boxes(const opencl::Context& contex
   return staged;
 }
 
-/// Bytes of staged changes: one word each, and their boxes unless all boxes are uploaded.
-std::size_t staged_bytes(std::size_t changes, bool boxes) {
-  return changes * (sizeof(cl_uint) + (boxes ? sizeof(Aabb) : 0));
+/// Bytes of staged changes: one word each, with or without boxes and filters.
+std::size_t staged_bytes(std::size_t changes, bool boxes, bool filters) {
+  return changes * (sizeof(cl_uint) + (boxes ? sizeof(Aabb) : 0) + (filters ? sizeof(Filter) : 0));
 }
 
 }  // namespace
@@ -46,8 +47,7 @@ DeviceObjects::DeviceObjects(const opencl::Context& context, opencl::Profiler& p
     : context_(context), profiler_(profiler), now_(frames.now), last_(frames.last) {
   const cl::Program program = opencl::common_program(context);
   apply_ = context.sized_kernel(program, "apply_changes");
-  apply_filters_ = context.sized_kernel(program, "apply_filters");
-  copy_ = context.sized_kernel(program, "copy_boxes");
+  copy_ = context.sized_kernel(program, "copy_objects");
   reserve_boxes(1);
 }
 
@@ -95,9 +95,10 @@ std::span<Aabb> DeviceObjects::spare_boxes() {
 void DeviceObjects::reserve_boxes(std::size_t slots) {
   const std::size_t capacity = capacity_for(slots);
   const std::size_t bytes = bytes_for(capacity);
-  // An update has at most a quarter of the slots in `changed`, with their boxes, or all slots recycled,
-  // without boxes.
-  const std::size_t staged = std::max(staged_bytes(capacity / 4 + 1, true), staged_bytes(capacity, false));
+  // An update has at most a quarter of the slots in `changed`, or all slots recycled, without boxes and
+  // filters.
+  const std::size_t staged =
+      std::max(staged_bytes(capacity / 4 + 1, true, true), staged_bytes(capacity, false, false));
   std::shared_ptr<opencl::MappedBuffer> boxes = staged_boxes(context_, bytes);
   auto staged_changes = staging(context_, staged);
   cl::Buffer last = context_.buffer(bytes);
@@ -119,77 +120,44 @@ void DeviceObjects::reserve_boxes(std::size_t slots) {
   capacity_ = capacity;
 }
 
-void DeviceObjects::upload_filters(const Input& input) {
-  const std::size_t count = input.rules.filters.size();
-  const std::size_t known = std::min(count, last_.filter_count);
-  const std::size_t changed = input.rules.refiltered.size() + count - known;
-  are_filters_new_ = input.rules.all_changed || changed > 0;
-  now_.filter_count = are_filters_new_ ? count : last_.filter_count;
-  now_.objects.filters = are_filters_new_ ? cl::Buffer() : last_.objects.filters;
-  if (!are_filters_new_) return;
-  const Frame::Filters& last = last_.filters;
-  Frame::Filters& next = now_.filters;
-  next.all = input.rules.all_changed || changed > count / 4;
-  next.slots.clear();
-  if (count == 0) return;
+/// The filters of this frame: all from the host, or those of the last frame.
+/// @returns Whether they are a copy, to which changes are applied afterwards.
+bool DeviceObjects::upload_filters(const Input& input) {
+  const PairRules& rules = input.rules;
+  const auto recycled = input.changed.recycled;
+  const Generation& last = last_.objects;
+  now_.objects.filters = cl::Buffer();
+  if (rules.filters.empty()) return false;
+  const bool any_new = !recycled.empty() && recycled.back() >= last.slots;
+  const bool all = rules.all_changed || last.filters() == nullptr || last.slots == 0 ||
+                   (input.changed.all && recycled.size() + rules.refiltered.size() > rules.filters.size() / 4);
+  if (input.changed.all && !all && rules.refiltered.empty() && !any_new) {
+    now_.objects.filters = last.filters;
+    return false;
+  }
   const std::size_t bytes = (capacity_ + Generation::padding) * sizeof(Filter);
-  const bool is_older_known = !last.all && next.buffer.bytes() >= bytes;
-  next.buffer.reserve(context_, bytes, "filters");
-  now_.objects.filters = next.buffer.get();
+  const bool grows = now_.filters.bytes() < bytes;
+  now_.filters.reserve(context_, bytes, "filters");
+  now_.objects.filters = now_.filters.get();
   const cl::CommandQueue& queue = context_.queue();
-  if (next.all) {
+  if (all) {
+    now_.all_uploaded = true;
     opencl::Profiler::Scope stage(profiler_, "upload");
-    std::memcpy(staged_filters_.host(), input.rules.filters.data(), input.rules.filters.size_bytes());
-    queue.enqueueWriteBuffer(next.buffer.get(), CL_FALSE, 0, input.rules.filters.size_bytes(),
+    std::memcpy(staged_filters_.host(), rules.filters.data(), rules.filters.size_bytes());
+    queue.enqueueWriteBuffer(now_.filters.get(), CL_FALSE, 0, rules.filters.size_bytes(),
                              staged_filters_.host(), nullptr, stage.event());
-    return;
-  }
-  next.slots.assign(input.rules.refiltered.begin(), input.rules.refiltered.end());
-  for (std::size_t slot = known; slot < count; ++slot) {
-    next.slots.push_back(static_cast<std::uint32_t>(slot));
-  }
-  stale_ = next.slots;
-  if (is_older_known) {
-    // The buffer has the filters before those of the last frame.
-    stale_.insert(stale_.end(), last.slots.begin(), last.slots.end());
-  } else {
+  } else if (grows || now_.all_uploaded || last_.all_uploaded) {
     opencl::Profiler::Scope stage(profiler_, "copy");
-    queue.enqueueCopyBuffer(last.buffer.get(), next.buffer.get(), 0, 0, known * sizeof(Filter), nullptr,
+    queue.enqueueCopyBuffer(last.filters, now_.filters.get(), 0, 0, last.slots * sizeof(Filter), nullptr,
                             stage.event());
   }
-  std::ranges::sort(stale_);
-  stale_.erase(std::unique(stale_.begin(), stale_.end()), stale_.end());
-  apply_filters(input);
-}
-
-/// Uploads the filters of the slots in stale_, at most half of all.
-void DeviceObjects::apply_filters(const Input& input) {
-  const auto count = static_cast<cl_uint>(stale_.size());
-  auto* filters = reinterpret_cast<Filter*>(staged_filters_.host());
-  auto* slots = reinterpret_cast<cl_uint*>(filters + count);
-  for (const std::uint32_t slot : stale_) {
-    *filters++ = input.rules.filters[slot];
-    *slots++ = slot;
-  }
-  const std::size_t bytes = count * (sizeof(Filter) + sizeof(cl_uint));
-  const bool is_direct = staged_filters_.is_direct() && bytes <= opencl::most_direct;
-  const cl::CommandQueue& queue = context_.queue();
-  if (!is_direct) {
-    opencl::Profiler::Scope stage(profiler_, "upload");
-    filter_changes_.reserve(context_, bytes, "changes");
-    queue.enqueueWriteBuffer(filter_changes_.get(), CL_FALSE, 0, bytes, staged_filters_.host(), nullptr,
-                             stage.event());
-  }
-  opencl::Profiler::Scope stage(profiler_, "apply");
-  opencl::set_arguments(apply_filters_.kernel, 0, count,
-                        is_direct ? staged_filters_.buffer() : filter_changes_.get(), now_.objects.filters);
-  apply_filters_.enqueue(queue, count, stage.event());
+  return !all;
 }
 
 void DeviceObjects::upload_exclusions(const Input& input) {
-  are_exclusions_new_ = input.rules.are_exclusions_new();
-  now_.objects.exclusions = are_exclusions_new_ ? cl::Buffer() : last_.objects.exclusions;
-  if (!are_exclusions_new_ || input.rules.exclusions.empty()) return;
+  const bool are_new = input.rules.are_exclusions_new();
+  now_.objects.exclusions = are_new ? cl::Buffer() : last_.objects.exclusions;
+  if (!are_new || input.rules.exclusions.empty()) return;
   const std::size_t count = input.rules.exclusions.size();
   const std::size_t bytes = (count + 1) * sizeof(Pair);
   opencl::GrowingBuffer& buffer = now_.exclusions;
@@ -204,11 +172,10 @@ void DeviceObjects::upload_exclusions(const Input& input) {
 
 /// The boxes of this frame: all from the host, or those of the last frame, to which the changes are applied
 /// afterwards.
-void DeviceObjects::upload_boxes(const Input& input) {
+/// @param with_filters The same for filters.
+void DeviceObjects::upload_boxes(const Input& input, bool with_filters) {
   const cl::CommandQueue& queue = context_.queue();
   const Generation& last = last_.objects;
-  now_.all_uploaded = input.changed.all || last.slots == 0;
-  now_.objects.slots = static_cast<cl_uint>(input.boxes.size());
   if (input.arriving != nullptr) return;
   if (now_.all_uploaded) {
     opencl::Profiler::Scope stage(profiler_, "upload");
@@ -220,10 +187,11 @@ void DeviceObjects::upload_boxes(const Input& input) {
     queue.enqueueCopyBuffer(last.boxes, now_.objects.boxes, 0, 0, last.slots * sizeof(Aabb), nullptr,
                             stage.event());
   } else if (last_.changed_count > 0) {
-    // now_ has the boxes of the frame before the last one.
+    // now_ has those of the frame before the last one.
     opencl::Profiler::Scope stage(profiler_, "copy");
     opencl::set_arguments(copy_.kernel, 0, last_.changed_count, last_.changed.get(), last.boxes,
-                          now_.objects.boxes);
+                          now_.objects.boxes, last.filters,
+                          with_filters ? now_.objects.filters : cl::Buffer());
     copy_.enqueue(queue, last_.changed_count, stage.event());
   }
 }
@@ -245,26 +213,34 @@ void DeviceObjects::upload_arriving(const Input& input) {
   } while (begin < input.boxes.size());
 }
 
-/// Uploads the boxes that changed, and the stamps of this frame. If all changed, only objects that replaced
+/// Uploads the objects that changed, and the stamps of this frame. If all changed, only objects that replaced
 /// others need a stamp.
-void DeviceObjects::upload_changes(const Input& input) {
-  const auto new_slots =
-      std::ranges::lower_bound(input.changed.recycled, static_cast<std::uint32_t>(last_.objects.slots));
-  const std::span<const std::uint32_t> slots =
-      input.changed.all ? std::span(input.changed.recycled.begin(), new_slots) : input.changed.slots;
-  const auto count = static_cast<cl_uint>(slots.size());
+/// @param with_filters Whether their filters are uploaded, too.
+void DeviceObjects::upload_changes(const Input& input, bool with_filters) {
+  const auto& [all, slots, recycled] = input.changed;
+  std::array<std::span<const std::uint32_t>, 2> changed{slots};
+  if (all && with_filters) {
+    changed = {recycled, input.rules.refiltered};
+  } else if (all) {
+    changed[0] = {recycled.begin(),
+                  std::ranges::lower_bound(recycled, static_cast<std::uint32_t>(last_.objects.slots))};
+  }
+  const auto count = static_cast<cl_uint>(changed[0].size() + changed[1].size());
   now_.changed_count = count;
   if (count == 0) return;
-  const std::size_t bytes = staged_bytes(count, !input.changed.all);
+  const std::size_t bytes = staged_bytes(count, !all, with_filters);
   const bool is_direct = staged_changes_.is_direct() && bytes <= opencl::most_direct;
   if (!is_direct) changes_.reserve(context_, bytes, "changes");
-  if (!input.changed.all) now_.changed.reserve(context_, count * sizeof(cl_uint), "changes");
+  if (!all) now_.changed.reserve(context_, count * sizeof(cl_uint), "changes");
   auto* words = reinterpret_cast<cl_uint*>(staged_changes_.host());
   auto* boxes = reinterpret_cast<Aabb*>(words + count);
-  for (const std::uint32_t slot : slots) {
-    const bool recycled = std::ranges::binary_search(input.changed.recycled, slot);
-    *words++ = layout::with_recycled(slot, recycled ? 1 : 0);
-    if (!input.changed.all) *boxes++ = this->boxes()[slot];
+  auto* filters = reinterpret_cast<Filter*>(boxes + (all ? 0 : count));
+  for (const std::span<const std::uint32_t> list : changed) {
+    for (const std::uint32_t slot : list) {
+      *words++ = layout::with_recycled(slot, std::ranges::binary_search(recycled, slot) ? 1 : 0);
+      if (!all) *boxes++ = this->boxes()[slot];
+      if (with_filters) *filters++ = input.rules.filters[slot];
+    }
   }
   const cl::CommandQueue& queue = context_.queue();
   if (!is_direct) {
@@ -275,8 +251,8 @@ void DeviceObjects::upload_changes(const Input& input) {
   opencl::Profiler::Scope stage(profiler_, "apply");
   const cl::Buffer none;
   opencl::set_arguments(apply_.kernel, 0, count, is_direct ? staged_changes_.buffer() : changes_.get(),
-                        stamp_, input.changed.all ? none : now_.objects.boxes, stamps_,
-                        input.changed.all ? none : now_.changed.get());
+                        stamp_, all ? none : now_.objects.boxes, with_filters ? now_.objects.filters : none,
+                        stamps_, all ? none : now_.changed.get());
   apply_.enqueue(queue, count, stage.event());
 }
 
@@ -296,10 +272,9 @@ std::unique_ptr<DeviceObjects> DeviceObjects::successor(std::size_t slots, Frame
     queue.enqueueCopyBuffer(from, to.get(), 0, 0, bytes);
     return to.get();
   };
-  frames.last.filter_count = std::min<std::size_t>(last_.filter_count, last.slots);
   if (last.filters() != nullptr) {
-    objects.filters = copy(last.filters, (frames.last.filter_count + Generation::padding) * sizeof(Filter),
-                           frames.last.filters.buffer);
+    objects.filters =
+        copy(last.filters, (last.slots + Generation::padding) * sizeof(Filter), frames.last.filters);
   }
   if (last.exclusions() != nullptr) {
     cl_uint count = 0;  // which comes first: kernels/filter.h
@@ -317,10 +292,12 @@ Search DeviceObjects::upload(const Input& input) {
     stamp_ = 0;
   }
   ++stamp_;
-  upload_filters(input);
+  now_.all_uploaded = input.changed.all || last_.objects.slots == 0;
+  now_.objects.slots = static_cast<cl_uint>(input.boxes.size());
+  const bool with_filters = upload_filters(input);
   upload_exclusions(input);
-  upload_boxes(input);
-  upload_changes(input);
+  upload_boxes(input, with_filters);
+  upload_changes(input, with_filters);
   return {.now = now_.objects,
           .last = last_.objects,
           .changed = {.all = input.changed.all,
@@ -338,8 +315,8 @@ Search DeviceObjects::upload(const Input& input) {
 // NOLINTNEXTLINE(bugprone-exception-escape): handles do not throw when moved
 void DeviceObjects::commit() noexcept {
   // What the last frame refers to must not be overwritten in the next one.
-  if (!are_filters_new_) std::swap(now_.filters, last_.filters);
-  if (!are_exclusions_new_) std::swap(now_.exclusions, last_.exclusions);
+  if (last_.objects.filters() != last_.filters.get()()) std::swap(now_.filters, last_.filters);
+  if (last_.objects.exclusions() != last_.exclusions.get()()) std::swap(now_.exclusions, last_.exclusions);
 }
 
 }  // namespace broadcl

@@ -4,7 +4,6 @@
 #include <cstdint>
 #include <memory>
 #include <span>
-#include <vector>
 
 #include <broadcl/aabb.hpp>
 #include <broadcl/pair.hpp>
@@ -63,30 +62,25 @@ class DeviceObjects {
   [[nodiscard]] std::size_t capacity_for(std::size_t slots) const;
   [[nodiscard]] std::size_t bytes_for(std::size_t slots) const noexcept;
   void reserve_boxes(std::size_t slots);
-  void upload_filters(const Input& input);
-  void apply_filters(const Input& input);
+  bool upload_filters(const Input& input);
   void upload_exclusions(const Input& input);
-  void upload_boxes(const Input& input);
-  void upload_changes(const Input& input);
+  void upload_boxes(const Input& input, bool with_filters);
+  void upload_changes(const Input& input, bool with_filters);
 
   const opencl::Context& context_;
   opencl::Profiler& profiler_;
   Frame &now_, &last_;
-  opencl::SizedKernel apply_, apply_filters_, copy_;
+  opencl::SizedKernel apply_, copy_;
   std::size_t capacity_ = 0;  // slots
   // Pinned memory, from which the device is updated. Changes are in direct memory if there is any.
   std::shared_ptr<opencl::MappedBuffer> boxes_;
   std::shared_ptr<opencl::MappedBuffer> spare_;  // null until it is needed
   opencl::MappedBuffer staged_changes_;          // as kernels/changes.cl reads them
-  opencl::MappedBuffer staged_filters_;          // all, or changes likewise
+  opencl::MappedBuffer staged_filters_;          // all
   opencl::MappedBuffer staged_exclusions_;
-  bool are_filters_new_ = false;      // in this frame; otherwise they are those of the last one
-  bool are_exclusions_new_ = false;   // as above
-  std::vector<std::uint32_t> stale_;  // slots whose filters are not in the buffer of this frame yet
-  // Staged changes on the device, unless kernels read those.
-  opencl::GrowingBuffer changes_, filter_changes_;
-  cl::Buffer stamps_;  // one word per slot
-  cl_uint stamp_ = 0;  // of the last frame
+  opencl::GrowingBuffer changes_;  // those that are staged, on the device, unless kernels read these
+  cl::Buffer stamps_;              // one word per slot
+  cl_uint stamp_ = 0;              // of the last frame
 };
 
 }  // namespace broadcl

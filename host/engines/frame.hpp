@@ -1,9 +1,7 @@
 #pragma once
 
 #include <cstddef>
-#include <cstdint>
 #include <utility>
-#include <vector>
 
 #include "engines/search.hpp"
 #include "opencl/growing_buffer.hpp"
@@ -23,13 +21,6 @@ struct Frame {  // NOLINT(bugprone-exception-escape): handles do not throw when 
     [[nodiscard]] std::size_t found() const noexcept { return kept + added; }
   };
 
-  /// Filters in a buffer, and how they differ from those in the buffer of the other frame.
-  struct Filters {  // NOLINT(bugprone-exception-escape): as above
-    opencl::GrowingBuffer buffer;
-    bool all = true;  ///< Not only in `slots`.
-    std::vector<std::uint32_t> slots;
-  };
-
   /// Where the counts are read, followed by the changes if they are needed on the host.
   struct Result {                // NOLINT(bugprone-exception-escape): as above
     opencl::SharedBuffer small;  ///< In direct memory, if there is any.
@@ -40,14 +31,11 @@ struct Frame {  // NOLINT(bugprone-exception-escape): handles do not throw when 
   };
 
   Generation objects;
-  bool all_uploaded = true;       ///< All boxes were, not only those of the slots in `changed`.
+  bool all_uploaded = true;       ///< All boxes were, not only objects in the slots in `changed`.
   opencl::GrowingBuffer changed;  ///< Slots.
   cl_uint changed_count = 0;
-  std::size_t filter_count = 0;
   // Memory for objects. `objects` may refer to that of the other frame if they did not change.
-  opencl::GrowingBuffer boxes;
-  Filters filters;
-  opencl::GrowingBuffer exclusions;
+  opencl::GrowingBuffer boxes, filters, exclusions;
 
   PairList pairs;
   cl::Buffer counts;  ///< kernels/counts.h

@@ -176,7 +176,7 @@ class GpuBf final : public Algorithm {
 
   void test(const Input& input) {
     Input all = input;
-    all.changed = {.all = true};  // the host takes care of those that are recycled
+    all.changed.all = true;
     all.rules.all_changed = input.rules.all_changed || has_skipped_;
     const Search search = objects_->upload(all);
     current_.release();
