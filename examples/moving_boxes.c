@@ -26,17 +26,16 @@ static void move_a_box_past_others(void) {
   broadcl_config config = {.size = sizeof config};
   broadcl_broad_phase* broad_phase = NULL;
   check(broadcl_broad_phase_create(&config, &broad_phase));
-  uint32_t id = 0;
-  for (int k = 0; k < 5; ++k) {
-    const broadcl_aabb box = cube_at(2.0F * (float)k);
-    check(broadcl_broad_phase_add(broad_phase, &box, NULL, &id));
-  }
-  const broadcl_aabb start = cube_at(-1.5F);
-  check(broadcl_broad_phase_add(broad_phase, &start, NULL, &id));
+  /* Five boxes in a row, and one that moves. */
+  broadcl_aabb cubes[6] = {cube_at(0), cube_at(2), cube_at(4), cube_at(6), cube_at(8), cube_at(-1.5F)};
+  uint32_t ids[6];
+  const broadcl_boxes boxes = {.size = sizeof boxes, .data = cubes, .count = 6};
+  check(broadcl_broad_phase_add(broad_phase, &boxes, NULL, 0, ids));
+  const broadcl_boxes moving = {.size = sizeof moving, .data = &cubes[5], .count = 1};
   for (int frame = 0; frame < 6; ++frame) {
-    const broadcl_aabb box = cube_at(-1.5F + 2.0F * (float)frame);
+    cubes[5] = cube_at(-1.5F + 2.0F * (float)frame);
     broadcl_delta delta;
-    check(broadcl_broad_phase_move(broad_phase, id, &box));
+    check(broadcl_broad_phase_move(broad_phase, &ids[5], 1, &moving));
     check(broadcl_broad_phase_update(broad_phase, &delta));
     print(frame, "part", delta.removed);
     print(frame, "meet", delta.added);
@@ -49,7 +48,7 @@ static void find_all_pairs(void) {
   broadcl_boxes boxes = {.size = sizeof boxes, .data = numbers, .count = 3, .type = BROADCL_FLOAT64};
   broadcl_pair_list* list = NULL;
   broadcl_pairs pairs;
-  check(broadcl_pair_list_create(&boxes, NULL, &list));
+  check(broadcl_pair_list_create(&boxes, NULL, NULL, 0, NULL, &list));
   check(broadcl_pair_list_pairs(list, &pairs));
   printf("%u of %u boxes overlap: %u pair\n", (unsigned)pairs.count * 2, (unsigned)boxes.count,
          (unsigned)pairs.count);

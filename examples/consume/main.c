@@ -7,7 +7,7 @@ int main(void) {
   const broadcl_boxes boxes = {.size = sizeof boxes, .data = numbers, .count = 2};
   broadcl_pair_list* list = NULL;
   broadcl_pairs pairs = {NULL, 0};
-  if (broadcl_pair_list_create(&boxes, NULL, &list) || broadcl_pair_list_pairs(list, &pairs)) {
+  if (broadcl_pair_list_create(&boxes, NULL, NULL, 0, NULL, &list) || broadcl_pair_list_pairs(list, &pairs)) {
     fprintf(stderr, "%s\n", broadcl_last_error());
     return 1;
   }

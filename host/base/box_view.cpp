@@ -1,6 +1,7 @@
 #include <broadcl/box_view.hpp>
 
 #include <algorithm>
+#include <bit>
 #include <cstdint>
 #include <cstring>
 #include <limits>
@@ -14,12 +15,22 @@
 #include "base/origin.hpp"
 #include "base/packed_box.hpp"
 #include "base/stream.hpp"
-#include "base/to_double.hpp"
 
 namespace broadcl {
 namespace {
 
 using BoundPointers = std::array<const std::byte*, 6>;
+
+/// The same number, also if the processor takes denormal numbers for zeros.
+double to_double(float number) noexcept {
+  const auto bits = std::bit_cast<std::uint32_t>(number);
+  if ((bits & 0x7f800000U) != 0) return static_cast<double>(number);
+  const double magnitude = static_cast<double>(bits & 0x007fffffU) * 0x1p-149;
+  return bits >> 31U != 0 ? -magnitude : magnitude;
+}
+double to_double(double number) noexcept {
+  return number;
+}
 
 template <class S>
 Aabb64 to_aabb64(const std::array<S, 3>& lower, const std::array<S, 3>& upper) noexcept {

@@ -118,7 +118,7 @@ typedef struct broadcl_boxes {
   const void* data;
   size_t count;      ///< Number of boxes.
   ptrdiff_t stride;  ///< Bytes from each box to the next, a multiple of the numbers' size; 0 if without gaps.
-  /// broadcl_type of the numbers. broadcl_pair_list_create() and its variants, and a broadcl_broad_phase with
+  /// broadcl_type of the numbers. broadcl_pair_list_create(), and a broadcl_broad_phase with
   /// broadcl_config.type, find the pairs of float64 boxes exactly; everything else rounds them outward to
   /// float32, so that its pairs are a superset.
   int32_t type;
@@ -234,50 +234,32 @@ typedef struct broadcl_stage {
 /// A list of pairs that belongs to the caller.
 typedef struct broadcl_pair_list broadcl_pair_list;
 
-/// Finds all overlapping pairs of boxes, by index. By default the host does the search, unless a CPU is named
-/// as the device. A device stays open for later calls, but its memory is freed, so for frequent searches keep
-/// a broadcl_broad_phase.
-/// @param config May be null.
-/// @returns BROADCL_INVALID_ARGUMENT also for a NaN bound; the error names the first such box.
-BROADCL_API broadcl_status broadcl_pair_list_create(const broadcl_boxes* boxes, const broadcl_config* config,
-                                                    broadcl_pair_list** list);
-/// Finds all overlapping pairs of a box of one set and a box of another: `a` is an index in `first`, `b` in
-/// `second`, so `a` may be greater. Nothing is tested inside a set. (For two sets that move, keep a
-/// broadcl_broad_phase with the filters BROADCL_FIRST_SET and BROADCL_SECOND_SET.)
-/// @param config May be null.
-/// @returns As broadcl_pair_list_create().
-BROADCL_API broadcl_status broadcl_pair_list_create_between(const broadcl_boxes* first,
-                                                            const broadcl_boxes* second,
-                                                            const broadcl_config* config,
-                                                            broadcl_pair_list** list);
-/// Finds the pairs of broadcl_pair_list_create(), or with a second set those of
-/// broadcl_pair_list_create_between(), except those in `exclusions`.
-/// @param second Null if there is one set.
+/// Finds all overlapping pairs of boxes, by index, except those that are excluded. By default the host does
+/// the search, unless a CPU is named as the device. A device stays open for later calls, but its memory is
+/// freed, so for frequent searches keep a broadcl_broad_phase.
+/// @param second Null for the pairs of one set. Otherwise a second set: each pair has a box of each, `a` is
+/// an index in `boxes`, `b` in `second`, so `a` may be greater, and nothing is tested inside a set. (For two
+/// sets that move, keep a broadcl_broad_phase with the filters BROADCL_FIRST_SET and BROADCL_SECOND_SET.)
 /// @param exclusions `count` pairs of indices that are not reported, in any order; for one set also with a >
 /// b. May be null if `count` is 0.
 /// @param config May be null.
-/// @returns BROADCL_INVALID_ARGUMENT also for an exclusion of a box and itself, or of a box that does not
-/// exist.
-BROADCL_API broadcl_status broadcl_pair_list_create_excluding(const broadcl_boxes* first,
-                                                              const broadcl_boxes* second,
-                                                              const broadcl_pair* exclusions, size_t count,
-                                                              const broadcl_config* config,
-                                                              broadcl_pair_list** list);
-/// All pairs of objects that have a label in common, for broadcl_broad_phase_set_exclusions() and
-/// broadcl_pair_list_create_excluding(). If the objects are the edges or faces of a mesh, their labels are
-/// the numbers of their vertices.
+/// @returns BROADCL_INVALID_ARGUMENT also for a NaN bound, of which the error names the first box, and for an
+/// exclusion of a box and itself, or of a box that does not exist.
+BROADCL_API broadcl_status broadcl_pair_list_create(const broadcl_boxes* boxes, const broadcl_boxes* second,
+                                                    const broadcl_pair* exclusions, size_t count,
+                                                    const broadcl_config* config, broadcl_pair_list** list);
+/// All pairs of objects that have a label in common, as exclusions. If the objects are the edges or faces of
+/// a mesh, their labels are the numbers of their vertices.
 /// @param labels `per_object` labels of object 0, then as many of object 1, and so on; `count` in all. May be
-///   null if there are none.
-/// @returns BROADCL_INVALID_ARGUMENT if `count` is not a multiple of `per_object`.
+/// null if there are none.
+/// @param second_labels The same of a second set: each pair then has an object of each set. If these are the
+/// faces and the vertices of a mesh, a face has three labels and a vertex has one, its number.
+/// @param per_second 0 for the pairs of one set.
+/// @returns BROADCL_INVALID_ARGUMENT if a count is not a multiple of the number per object.
 BROADCL_API broadcl_status broadcl_pair_list_create_sharing(const uint32_t* labels, size_t count,
-                                                            size_t per_object, broadcl_pair_list** list);
-/// The same for pairs of an object of one set and an object of another. If these are the faces and the
-/// vertices of a mesh, a face has three labels and a vertex has one, its number.
-BROADCL_API broadcl_status broadcl_pair_list_create_sharing_between(const uint32_t* first_labels,
-                                                                    size_t first_count, size_t per_first,
-                                                                    const uint32_t* second_labels,
-                                                                    size_t second_count, size_t per_second,
-                                                                    broadcl_pair_list** list);
+                                                            size_t per_object, const uint32_t* second_labels,
+                                                            size_t second_count, size_t per_second,
+                                                            broadcl_pair_list** list);
 /// No-op for null.
 BROADCL_API broadcl_status broadcl_pair_list_destroy(broadcl_pair_list* list);
 /// @param pairs Valid until the list is destroyed.
@@ -297,42 +279,28 @@ BROADCL_API broadcl_status broadcl_broad_phase_create(const broadcl_config* conf
 /// No-op for null.
 BROADCL_API broadcl_status broadcl_broad_phase_destroy(broadcl_broad_phase* broad_phase);
 
-/// Adds an object. Its id is the lowest free one.
-/// @param filter Null for BROADCL_DEFAULT_FILTER.
-/// @returns BROADCL_INVALID_ARGUMENT also for a NaN bound.
-BROADCL_API broadcl_status broadcl_broad_phase_add(broadcl_broad_phase* broad_phase, const broadcl_aabb* box,
-                                                   const broadcl_filter* filter, uint32_t* id);
-/// Adds an object for each box, as if one after the other; all or none.
+/// Adds an object for each box, as if one after the other; all or none. The id of each is the lowest free
+/// one.
 /// @param filters `filter_count` filters: as many as boxes, or one for all, or 0 for BROADCL_DEFAULT_FILTER.
 /// @param ids For as many ids as boxes, in their order.
 /// @returns BROADCL_INVALID_ARGUMENT also for a NaN bound, of which the error names the first box.
-BROADCL_API broadcl_status broadcl_broad_phase_add_boxes(broadcl_broad_phase* broad_phase,
-                                                         const broadcl_boxes* boxes,
-                                                         const broadcl_filter* filters, size_t filter_count,
-                                                         uint32_t* ids);
-/// Replaces the box of an object. An equal box does not count as movement.
-/// @returns BROADCL_INVALID_ARGUMENT also for an unknown id and for a NaN bound.
-BROADCL_API broadcl_status broadcl_broad_phase_move(broadcl_broad_phase* broad_phase, uint32_t id,
-                                                    const broadcl_aabb* box);
+BROADCL_API broadcl_status broadcl_broad_phase_add(broadcl_broad_phase* broad_phase,
+                                                   const broadcl_boxes* boxes, const broadcl_filter* filters,
+                                                   size_t filter_count, uint32_t* ids);
 /// Replaces the boxes of `count` objects, by several threads if there are many and the ids ascend; all or
-/// none. If an id is given twice, the later box counts.
+/// none. If an id is given twice, the later box counts. An equal box does not count as movement.
 /// @param boxes `count` boxes.
-/// @returns BROADCL_INVALID_ARGUMENT as above.
-BROADCL_API broadcl_status broadcl_broad_phase_move_boxes(broadcl_broad_phase* broad_phase,
-                                                          const uint32_t* ids, size_t count,
-                                                          const broadcl_boxes* boxes);
+/// @returns BROADCL_INVALID_ARGUMENT also for an unknown id and for a NaN bound.
+BROADCL_API broadcl_status broadcl_broad_phase_move(broadcl_broad_phase* broad_phase, const uint32_t* ids,
+                                                    size_t count, const broadcl_boxes* boxes);
 /// Replaces the filter of an object from the next update on.
 /// @returns BROADCL_INVALID_ARGUMENT also for an unknown id.
 BROADCL_API broadcl_status broadcl_broad_phase_set_filter(broadcl_broad_phase* broad_phase, uint32_t id,
                                                           const broadcl_filter* filter);
-/// Removes an object. Its pairs are in `removed` of the next update.
-/// @returns BROADCL_INVALID_ARGUMENT also for an unknown id.
-BROADCL_API broadcl_status broadcl_broad_phase_remove(broadcl_broad_phase* broad_phase, uint32_t id);
-
-/// Removes `count` objects; all or none.
+/// Removes `count` objects; all or none. Their pairs are in `removed` of the next update.
 /// @returns BROADCL_INVALID_ARGUMENT also for an unknown id, and for one that is given twice.
-BROADCL_API broadcl_status broadcl_broad_phase_remove_ids(broadcl_broad_phase* broad_phase,
-                                                          const uint32_t* ids, size_t count);
+BROADCL_API broadcl_status broadcl_broad_phase_remove(broadcl_broad_phase* broad_phase, const uint32_t* ids,
+                                                      size_t count);
 
 /// Whether an object has this id: 1 or 0.
 BROADCL_API broadcl_status broadcl_broad_phase_contains(const broadcl_broad_phase* broad_phase, uint32_t id,

@@ -36,13 +36,6 @@ auto with(Handle* handle, const Function& function) {
   return std::visit(function, c::required(handle, "broad_phase").broad_phase);
 }
 
-Aabb box_for(const BroadPhase& /*object*/, const broadcl_aabb& box) {
-  return c::to_aabb(box);
-}
-Aabb64 box_for(const BroadPhase64& /*object*/, const broadcl_aabb& box) {
-  return c::to_aabb64(box);
-}
-
 /// The object of a handle, which must have boxes of a type.
 /// @param remedy What to call if it has those of the other.
 template <class Object, class Handle>
@@ -61,54 +54,30 @@ void finish(broadcl_broad_phase* broad_phase, broadcl_delta* delta) {
 
 }  // namespace
 
-broadcl_status broadcl_pair_list_create(const broadcl_boxes* boxes, const broadcl_config* config,
-                                        broadcl_pair_list** list) {
+broadcl_status broadcl_pair_list_create(const broadcl_boxes* boxes, const broadcl_boxes* second,
+                                        const broadcl_pair* exclusions, std::size_t count,
+                                        const broadcl_config* config, broadcl_pair_list** list) {
   return c::call(__func__, [&] {
     c::required(list, "list");
-    *list = new broadcl_pair_list{overlapping_pairs(c::to_view(boxes, "boxes"), c::to_config(config))};
-  });
-}
-
-broadcl_status broadcl_pair_list_create_between(const broadcl_boxes* first, const broadcl_boxes* second,
-                                                const broadcl_config* config, broadcl_pair_list** list) {
-  return c::call(__func__, [&] {
-    c::required(list, "list");
-    *list = new broadcl_pair_list{
-        overlapping_pairs(c::to_view(first, "first"), c::to_view(second, "second"), c::to_config(config))};
-  });
-}
-
-broadcl_status broadcl_pair_list_create_excluding(const broadcl_boxes* first, const broadcl_boxes* second,
-                                                  const broadcl_pair* exclusions, std::size_t count,
-                                                  const broadcl_config* config, broadcl_pair_list** list) {
-  return c::call(__func__, [&] {
-    c::required(list, "list");
+    const BoxView view = c::to_view(boxes, "boxes");
     const std::span<const Pair> without = c::to_pairs(exclusions, count, "exclusions");
-    *list = new broadcl_pair_list{
-        second == nullptr ? overlapping_pairs(c::to_view(first, "first"), c::to_config(config), without)
-                          : overlapping_pairs(c::to_view(first, "first"), c::to_view(second, "second"),
-                                              c::to_config(config), without)};
+    *list = new broadcl_pair_list{second == nullptr ? overlapping_pairs(view, c::to_config(config), without)
+                                                    : overlapping_pairs(view, c::to_view(second, "second"),
+                                                                        c::to_config(config), without)};
   });
 }
 
 broadcl_status broadcl_pair_list_create_sharing(const std::uint32_t* labels, std::size_t count,
-                                                std::size_t per_object, broadcl_pair_list** list) {
+                                                std::size_t per_object, const std::uint32_t* second_labels,
+                                                std::size_t second_count, std::size_t per_second,
+                                                broadcl_pair_list** list) {
   return c::call(__func__, [&] {
     c::required(list, "list");
-    *list = new broadcl_pair_list{pairs_that_share(c::array(labels, count, "labels"), per_object)};
-  });
-}
-
-broadcl_status broadcl_pair_list_create_sharing_between(const std::uint32_t* first_labels,
-                                                        std::size_t first_count, std::size_t per_first,
-                                                        const std::uint32_t* second_labels,
-                                                        std::size_t second_count, std::size_t per_second,
-                                                        broadcl_pair_list** list) {
-  return c::call(__func__, [&] {
-    c::required(list, "list");
-    *list = new broadcl_pair_list{
-        pairs_that_share(c::array(first_labels, first_count, "first_labels"), per_first,
-                         c::array(second_labels, second_count, "second_labels"), per_second)};
+    const std::span<const std::uint32_t> first = c::array(labels, count, "labels");
+    const std::span<const std::uint32_t> second = c::array(second_labels, second_count, "second_labels");
+    const bool is_one_set = second.empty() && per_second == 0;
+    *list = new broadcl_pair_list{is_one_set ? pairs_that_share(first, per_object)
+                                             : pairs_that_share(first, per_object, second, per_second)};
   });
 }
 
@@ -135,19 +104,9 @@ broadcl_status broadcl_broad_phase_destroy(broadcl_broad_phase* broad_phase) {
   return c::call(__func__, [&] { delete broad_phase; });
 }
 
-broadcl_status broadcl_broad_phase_add(broadcl_broad_phase* broad_phase, const broadcl_aabb* box,
-                                       const broadcl_filter* filter, std::uint32_t* id) {
-  return c::call(__func__, [&] {
-    c::required(id, "id");
-    const Filter rule = filter == nullptr ? Filter() : c::to_filter(*filter);
-    const broadcl_aabb& given = c::required(box, "box");
-    *id = with(broad_phase, [&](auto& object) { return object.add(box_for(object, given), rule); });
-  });
-}
-
-broadcl_status broadcl_broad_phase_add_boxes(broadcl_broad_phase* broad_phase, const broadcl_boxes* boxes,
-                                             const broadcl_filter* filters, std::size_t filter_count,
-                                             std::uint32_t* ids) {
+broadcl_status broadcl_broad_phase_add(broadcl_broad_phase* broad_phase, const broadcl_boxes* boxes,
+                                       const broadcl_filter* filters, std::size_t filter_count,
+                                       std::uint32_t* ids) {
   return c::call(__func__, [&] {
     const BoxView view = c::to_view(boxes, "boxes");
     if (view.size() > 0) c::required(ids, "ids");
@@ -158,16 +117,8 @@ broadcl_status broadcl_broad_phase_add_boxes(broadcl_broad_phase* broad_phase, c
   });
 }
 
-broadcl_status broadcl_broad_phase_move(broadcl_broad_phase* broad_phase, std::uint32_t id,
-                                        const broadcl_aabb* box) {
-  return c::call(__func__, [&] {
-    const broadcl_aabb& given = c::required(box, "box");
-    with(broad_phase, [&](auto& object) { object.move(id, box_for(object, given)); });
-  });
-}
-
-broadcl_status broadcl_broad_phase_move_boxes(broadcl_broad_phase* broad_phase, const std::uint32_t* ids,
-                                              std::size_t count, const broadcl_boxes* boxes) {
+broadcl_status broadcl_broad_phase_move(broadcl_broad_phase* broad_phase, const std::uint32_t* ids,
+                                        std::size_t count, const broadcl_boxes* boxes) {
   return c::call(__func__, [&] {
     const std::span<const std::uint32_t> objects = c::array(ids, count, "ids");
     const BoxView view = c::to_view(boxes, "boxes");
@@ -183,12 +134,8 @@ broadcl_status broadcl_broad_phase_set_filter(broadcl_broad_phase* broad_phase, 
   });
 }
 
-broadcl_status broadcl_broad_phase_remove(broadcl_broad_phase* broad_phase, std::uint32_t id) {
-  return c::call(__func__, [&] { with(broad_phase, [&](auto& object) { object.remove(id); }); });
-}
-
-broadcl_status broadcl_broad_phase_remove_ids(broadcl_broad_phase* broad_phase, const std::uint32_t* ids,
-                                              std::size_t count) {
+broadcl_status broadcl_broad_phase_remove(broadcl_broad_phase* broad_phase, const std::uint32_t* ids,
+                                          std::size_t count) {
   return c::call(__func__, [&] {
     const std::span<const std::uint32_t> objects = c::array(ids, count, "ids");
     with(broad_phase, [&](auto& object) { object.remove(objects); });

@@ -16,14 +16,8 @@
 #include <broadcl/pair.hpp>
 #include <broadcl/profile.hpp>
 
-#include "base/to_double.hpp"
-
 /// The values of the C interface and those of C++.
 namespace broadcl::c {
-
-[[nodiscard]] inline Aabb to_aabb(const broadcl_aabb& box) noexcept {
-  return {{box.lower[0], box.lower[1], box.lower[2]}, {box.upper[0], box.upper[1], box.upper[2]}};
-}
 
 [[nodiscard]] inline broadcl_aabb to_c(const Aabb& box) noexcept {
   return {{box.lower[0], box.lower[1], box.lower[2]}, {box.upper[0], box.upper[1], box.upper[2]}};
@@ -39,16 +33,6 @@ namespace broadcl::c {
 
 [[nodiscard]] inline broadcl_aabb64 to_c(const Aabb64& box) noexcept {
   return {{box.lower[0], box.lower[1], box.lower[2]}, {box.upper[0], box.upper[1], box.upper[2]}};
-}
-
-/// Exactly.
-[[nodiscard]] inline Aabb64 to_aabb64(const broadcl_aabb& box) noexcept {
-  Aabb64 result{};
-  for (std::size_t axis = 0; axis < 3; ++axis) {
-    result.lower[axis] = to_double(box.lower[axis]);
-    result.upper[axis] = to_double(box.upper[axis]);
-  }
-  return result;
 }
 
 static_assert(sizeof(broadcl_pair) == sizeof(Pair) && sizeof(broadcl_aabb) == sizeof(Aabb) &&

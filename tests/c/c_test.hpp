@@ -54,6 +54,13 @@ inline broadcl_boxes view(const std::vector<broadcl_aabb>& boxes) {
   return result;
 }
 
+inline broadcl_boxes view_of_one(const broadcl_aabb& box) {
+  auto result = sized<broadcl_boxes>();
+  result.data = &box;
+  result.count = 1;
+  return result;
+}
+
 inline Pairs list(const broadcl_pairs& pairs) {
   return {pairs.data, pairs.data + pairs.count};
 }

@@ -23,7 +23,8 @@ TEST(CPairList, HasAllPairsOfBoxesInAnyLayout) {
   const auto pairs_of = [](const broadcl_boxes& given) {
     const broadcl_config config = on_host();
     broadcl_pair_list* pairs = nullptr;
-    EXPECT_EQ(broadcl_pair_list_create(&given, &config, &pairs), BROADCL_SUCCESS) << broadcl_last_error();
+    EXPECT_EQ(broadcl_pair_list_create(&given, nullptr, nullptr, 0, &config, &pairs), BROADCL_SUCCESS)
+        << broadcl_last_error();
     broadcl_pairs found{};
     EXPECT_EQ(broadcl_pair_list_pairs(pairs, &found), BROADCL_SUCCESS);
     Pairs result = list(found);
@@ -86,16 +87,13 @@ TEST(CPairList, HasPairsOfTwoSetsAndOfRectangles) {
   second.dimensions = 2;
   const broadcl_config config = on_host();
   broadcl_pair_list* pairs = nullptr;
-  OK(broadcl_pair_list_create_between(&first, &second, &config, &pairs));
+  OK(broadcl_pair_list_create(&first, &second, nullptr, 0, &config, &pairs));
   broadcl_pairs found{};
   OK(broadcl_pair_list_pairs(pairs, &found));
   EXPECT_EQ(list(found), expected);
   OK(broadcl_pair_list_destroy(pairs));
-  EXPECT_INVALID("list is null", broadcl_pair_list_create_between, &first, &second, &config, nullptr);
-  EXPECT_INVALID("first is null", broadcl_pair_list_create_between, nullptr, &second, &config, &pairs);
-  EXPECT_INVALID("second is null", broadcl_pair_list_create_between, &first, nullptr, &config, &pairs);
   second.stride = 7;
-  EXPECT_INVALID("second: ", broadcl_pair_list_create_between, &first, &second, &config, &pairs);
+  EXPECT_INVALID("second: ", broadcl_pair_list_create, &first, &second, nullptr, 0, &config, &pairs);
 }
 
 TEST(CPairList, LacksWhatIsExcluded) {
@@ -125,7 +123,7 @@ TEST(CPairList, LacksWhatIsExcluded) {
   const auto found = [&](const broadcl_boxes& s, const broadcl_boxes* t, const Pairs& without) {
     broadcl_pair_list* made = nullptr;
     broadcl_pairs pairs{};
-    EXPECT_EQ(broadcl_pair_list_create_excluding(&s, t, without.data(), without.size(), &config, &made),
+    EXPECT_EQ(broadcl_pair_list_create(&s, t, without.data(), without.size(), &config, &made),
               BROADCL_SUCCESS)
         << broadcl_last_error();
     EXPECT_EQ(broadcl_pair_list_pairs(made, &pairs), BROADCL_SUCCESS);
@@ -140,65 +138,71 @@ TEST(CPairList, LacksWhatIsExcluded) {
   broadcl_pair_list* none = nullptr;
   const broadcl_pair itself{2, 2};
   const broadcl_pair beyond{0, 120};
-  EXPECT_INVALID("2 and itself", broadcl_pair_list_create_excluding, &both, nullptr, &itself, 1, &config,
-                 &none);
-  EXPECT_INVALID("(0, 120)", broadcl_pair_list_create_excluding, &first, &second, &beyond, 1, &config, &none);
-  EXPECT_INVALID("exclusions is null", broadcl_pair_list_create_excluding, &both, nullptr, nullptr, 1,
-                 &config, &none);
-  EXPECT_INVALID("first is null", broadcl_pair_list_create_excluding, nullptr, &both, nullptr, 0, &config,
-                 &none);
-  EXPECT_INVALID("list is null", broadcl_pair_list_create_excluding, &both, nullptr, nullptr, 0, &config,
-                 nullptr);
+  EXPECT_INVALID("2 and itself", broadcl_pair_list_create, &both, nullptr, &itself, 1, &config, &none);
+  EXPECT_INVALID("(0, 120)", broadcl_pair_list_create, &first, &second, &beyond, 1, &config, &none);
+  EXPECT_INVALID("exclusions is null", broadcl_pair_list_create, &both, nullptr, nullptr, 1, &config, &none);
+  EXPECT_INVALID("boxes is null", broadcl_pair_list_create, nullptr, &both, nullptr, 0, &config, &none);
+  EXPECT_INVALID("list is null", broadcl_pair_list_create, &both, nullptr, nullptr, 0, &config, nullptr);
   EXPECT_EQ(none, nullptr);
 }
 
 TEST(CPairList, HasWhatSharesALabel) {
   const std::vector<std::uint32_t> faces = {1, 2, 3, 3, 2, 7};
   const std::vector<std::uint32_t> vertices = {0, 1, 2};
-  broadcl_pair_list* made = nullptr;
-  OK(broadcl_pair_list_create_sharing_between(faces.data(), faces.size(), 3, vertices.data(), vertices.size(),
-                                              1, &made));
-  broadcl_pairs pairs{};
-  OK(broadcl_pair_list_pairs(made, &pairs));
-  EXPECT_THAT(list(pairs), ElementsAre(broadcl_pair{0, 1}, broadcl_pair{0, 2}, broadcl_pair{1, 2}));
-  OK(broadcl_pair_list_destroy(made));
-  made = nullptr;
-  EXPECT_INVALID("5 labels", broadcl_pair_list_create_sharing_between, faces.data(), 5, 3, vertices.data(), 3,
-                 1, &made);
-  EXPECT_INVALID("first_labels is null", broadcl_pair_list_create_sharing_between, nullptr, 6, 3,
-                 vertices.data(), 3, 1, &made);
-  EXPECT_INVALID("second_labels is null", broadcl_pair_list_create_sharing_between, faces.data(), 6, 3,
-                 nullptr, 3, 1, &made);
-  EXPECT_INVALID("list is null", broadcl_pair_list_create_sharing_between, faces.data(), 6, 3,
-                 vertices.data(), 3, 1, nullptr);
-  EXPECT_EQ(made, nullptr);
+  const auto found = [&](const std::vector<std::uint32_t>& second, std::size_t per_second) {
+    broadcl_pair_list* made = nullptr;
+    broadcl_pairs pairs{};
+    EXPECT_EQ(broadcl_pair_list_create_sharing(faces.data(), faces.size(), 3, second.data(), second.size(),
+                                               per_second, &made),
+              BROADCL_SUCCESS)
+        << broadcl_last_error();
+    EXPECT_EQ(broadcl_pair_list_pairs(made, &pairs), BROADCL_SUCCESS);
+    Pairs result = list(pairs);
+    EXPECT_EQ(broadcl_pair_list_destroy(made), BROADCL_SUCCESS);
+    return result;
+  };
+  EXPECT_THAT(found(vertices, 1), ElementsAre(broadcl_pair{0, 1}, broadcl_pair{0, 2}, broadcl_pair{1, 2}));
+  EXPECT_THAT(found({}, 1), IsEmpty());
+  EXPECT_THAT(found({}, 0), ElementsAre(broadcl_pair{0, 1}));
+
+  broadcl_pair_list* none = nullptr;
+  EXPECT_INVALID("5 labels", broadcl_pair_list_create_sharing, faces.data(), 5, 3, nullptr, 0, 0, &none);
+  EXPECT_INVALID("3 labels", broadcl_pair_list_create_sharing, faces.data(), 6, 3, vertices.data(), 3, 0,
+                 &none);
+  EXPECT_INVALID("labels is null", broadcl_pair_list_create_sharing, nullptr, 6, 3, nullptr, 0, 0, &none);
+  EXPECT_INVALID("second_labels is null", broadcl_pair_list_create_sharing, faces.data(), 6, 3, nullptr, 3, 1,
+                 &none);
+  EXPECT_INVALID("list is null", broadcl_pair_list_create_sharing, faces.data(), 6, 3, nullptr, 0, 0,
+                 nullptr);
+  EXPECT_EQ(none, nullptr);
 }
 
 TEST(CPairList, RefusesBoxesThatAreNone) {
   const std::vector<broadcl_aabb> boxes = {cube(0), cube(nan_value)};
   broadcl_pair_list* pairs = nullptr;
   broadcl_boxes given = view(boxes);
-  EXPECT_INVALID("box 1 has a NaN bound", broadcl_pair_list_create, &given, nullptr, &pairs);
+  EXPECT_INVALID("box 1 has a NaN bound", broadcl_pair_list_create, &given, nullptr, nullptr, 0, nullptr,
+                 &pairs);
   given.type = 7;
-  EXPECT_INVALID("boxes->type is 7", broadcl_pair_list_create, &given, nullptr, &pairs);
+  EXPECT_INVALID("boxes->type is 7", broadcl_pair_list_create, &given, nullptr, nullptr, 0, nullptr, &pairs);
   given = view(boxes);
   given.dimensions = 4;
-  EXPECT_INVALID("boxes->dimensions is 4", broadcl_pair_list_create, &given, nullptr, &pairs);
+  EXPECT_INVALID("boxes->dimensions is 4", broadcl_pair_list_create, &given, nullptr, nullptr, 0, nullptr,
+                 &pairs);
   given = view(boxes);
   given.stride = 25;
-  EXPECT_INVALID("stride", broadcl_pair_list_create, &given, nullptr, &pairs);
+  EXPECT_INVALID("stride", broadcl_pair_list_create, &given, nullptr, nullptr, 0, nullptr, &pairs);
   given = view(boxes);
   given.data = nullptr;
-  EXPECT_INVALID("null", broadcl_pair_list_create, &given, nullptr, &pairs);
+  EXPECT_INVALID("null", broadcl_pair_list_create, &given, nullptr, nullptr, 0, nullptr, &pairs);
   given.size = 0;
-  EXPECT_INVALID("boxes->size is 0", broadcl_pair_list_create, &given, nullptr, &pairs);
-  EXPECT_INVALID("boxes is null", broadcl_pair_list_create, nullptr, nullptr, &pairs);
+  EXPECT_INVALID("boxes->size is 0", broadcl_pair_list_create, &given, nullptr, nullptr, 0, nullptr, &pairs);
   const broadcl_config config = on_host("frobnicate");
   given = view({cube(0)});
-  EXPECT_INVALID("frobnicate", broadcl_pair_list_create, &given, &config, &pairs);
+  EXPECT_INVALID("frobnicate", broadcl_pair_list_create, &given, nullptr, nullptr, 0, &config, &pairs);
   EXPECT_EQ(pairs, nullptr);
   given = view({});
-  OK(broadcl_pair_list_create(&given, nullptr, &pairs));
+  OK(broadcl_pair_list_create(&given, nullptr, nullptr, 0, nullptr, &pairs));
   EXPECT_INVALID("pairs is null", broadcl_pair_list_pairs, pairs, nullptr);
   OK(broadcl_pair_list_destroy(pairs));
 }

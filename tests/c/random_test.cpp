@@ -42,35 +42,29 @@ class CSubject {
   CSubject& operator=(CSubject&&) = delete;
 
   std::uint32_t add(const Aabb& box, const Filter& filter) {
-    const broadcl_aabb given = to_c(box);
-    const broadcl_filter filtered = to_c(filter);
-    std::uint32_t id = 0;
-    check(broadcl_broad_phase_add(handle_, &given, filter == Filter() ? nullptr : &filtered, &id));
-    return id;
+    const std::size_t filters = filter == Filter() ? 0 : 1;
+    return add(BoxView(std::span(&box, 1)), {&filter, filters}).front();
   }
   std::vector<std::uint32_t> add(const BoxView& boxes, std::span<const Filter> filters) {
     const Boxes given(boxes);
     std::vector<broadcl_filter> rules;
     for (const Filter& filter : filters) rules.push_back(to_c(filter));
     std::vector<std::uint32_t> ids(boxes.size());
-    check(broadcl_broad_phase_add_boxes(handle_, given.get(), rules.data(), rules.size(), ids.data()));
+    check(broadcl_broad_phase_add(handle_, given.get(), rules.data(), rules.size(), ids.data()));
     return ids;
   }
-  void move(std::uint32_t id, const Aabb& box) {
-    const broadcl_aabb given = to_c(box);
-    check(broadcl_broad_phase_move(handle_, id, &given));
-  }
+  void move(std::uint32_t id, const Aabb& box) { move({&id, 1}, BoxView(std::span(&box, 1))); }
   void move(std::span<const std::uint32_t> ids, const BoxView& boxes) {
     const Boxes given(boxes);
-    check(broadcl_broad_phase_move_boxes(handle_, ids.data(), ids.size(), given.get()));
+    check(broadcl_broad_phase_move(handle_, ids.data(), ids.size(), given.get()));
   }
   void set_filter(std::uint32_t id, const Filter& filter) {
     const broadcl_filter given = to_c(filter);
     check(broadcl_broad_phase_set_filter(handle_, id, &given));
   }
-  void remove(std::uint32_t id) { check(broadcl_broad_phase_remove(handle_, id)); }
+  void remove(std::uint32_t id) { remove({&id, 1}); }
   void remove(std::span<const std::uint32_t> ids) {
-    check(broadcl_broad_phase_remove_ids(handle_, ids.data(), ids.size()));
+    check(broadcl_broad_phase_remove(handle_, ids.data(), ids.size()));
   }
   bool contains(std::uint32_t id) {
     int is_there = 0;
@@ -145,9 +139,6 @@ class CSubject {
 
   static void check(broadcl_status status) {
     if (status != BROADCL_SUCCESS) throw Error(broadcl_last_error());
-  }
-  static broadcl_aabb to_c(const Aabb& box) {
-    return {{box.lower[0], box.lower[1], box.lower[2]}, {box.upper[0], box.upper[1], box.upper[2]}};
   }
   static broadcl_filter to_c(const Filter& filter) {
     broadcl_filter result = BROADCL_DEFAULT_FILTER;

@@ -15,7 +15,8 @@ int find_pairs(void) {
   const broadcl_config config = {.size = sizeof config, .algorithm = "sweep-and-prune", .threads = 4};
   broadcl_pair_list* list = NULL;
   broadcl_pairs pairs = {NULL, 0};
-  if (broadcl_pair_list_create(&view, &config, &list) || broadcl_pair_list_pairs(list, &pairs)) {
+  if (broadcl_pair_list_create(&view, NULL, NULL, 0, &config, &list) ||
+      broadcl_pair_list_pairs(list, &pairs)) {
     fprintf(stderr, "%s\n", broadcl_last_error());
     return 1;
   }
