@@ -52,7 +52,7 @@ def check(device: str | _core.Device | None = None) -> dict[str, str]:
     """
     if device is not None or _core.devices():
         device = _core.select_device(device)
-    names = [name for name in _core.algorithms() if device is not None or name in ("sweep-and-prune", "oracle", "auto")]
+    names = _core.algorithms() if device is not None else _core.host_algorithms()
     frames = _frames()
     return {name: _result(name, device, frames) for name in names}
 

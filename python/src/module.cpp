@@ -117,6 +117,15 @@ nb::dict algorithm_summaries() {
   return result;
 }
 
+/// Those that need no device; `auto` then stays on the host.
+std::vector<std::string> host_algorithms() {
+  std::vector<std::string> result;
+  for (const AlgorithmInfo& row : algorithms()) {
+    if (!row.on_device || row.name == "auto") result.emplace_back(row.name);
+  }
+  return result;
+}
+
 nb::object add_exception(nb::module_& module, const std::string& name, nb::handle base,
                          const char* description) {
   const auto scope = nb::cast<std::string>(module.attr("__name__"));
@@ -373,4 +382,5 @@ Returns
 -------
 dict of str to str
     The values for `algorithm`, each with a one-line description.)");
+  module.def("host_algorithms", &host_algorithms, "Lists the algorithms that work without a device.");
 }
