@@ -1,6 +1,7 @@
 // `broadcl simulate`, run as users run it.
 #include <cstddef>
 #include <optional>
+#include <set>
 #include <sstream>
 #include <string>
 #include <utility>
@@ -122,11 +123,52 @@ TEST_F(Program, SimulateComparesBroadPhasesWithTheFirst) {
 }
 
 TEST_F(Program, SimulateReportsStagesOnlyWithProfile) {
-  const Outcome outcome = run("simulate --objects 5 --frames 2 --json run.json --trace trace.json");
+  const Outcome outcome = run("simulate --objects 5 --frames 2 --json run.json");
   expect_success(outcome);
   EXPECT_EQ(outcome.out.find("stages"), std::string::npos) << outcome.out;
   EXPECT_TRUE(json::parse(read_file(path("run.json")))["stages"].is_null());
 }
+
+class ProgramStages : public Program, public testing::WithParamInterface<std::string> {};
+
+TEST_P(ProgramStages, AreReportedWithProfile) {
+  const Outcome outcome =
+      run("simulate --objects 60 --frames 8 --profile --json run.json --broadphase " + GetParam());
+  expect_success(outcome);
+  const json summary = json::parse(read_file(path("run.json")));
+  const double broad_phase = summary["milliseconds"]["broad_phase"]["mean"];
+  double sum = 0;
+  std::vector<std::string> names;
+  int on_device = 0;
+  const std::size_t table = outcome.out.find("\nstages of the broad phase ");
+  ASSERT_NE(table, std::string::npos) << outcome.out;
+  std::size_t offset = table;
+  for (const json& stage : summary["stages"]) {
+    names.push_back(stage["name"]);
+    offset = outcome.out.find("\n" + names.back() + " ", offset + 1);
+    ASSERT_NE(offset, std::string::npos) << names.back() << " is not in its row in\n" << outcome.out;
+    std::istringstream row(outcome.out.substr(offset + 1 + names.back().size()));
+    for (const std::string side : {"host", "device"}) {
+      for (const std::string column : {"mean", "median", "p95"}) {
+        double shown = -1;
+        row >> shown;
+        EXPECT_NEAR(shown, stage[side + "_milliseconds"][column].get<double>(), 1e-4) << names.back();
+      }
+    }
+    const double mean = stage["host_milliseconds"]["mean"];
+    EXPECT_NEAR(stage["share_of_broad_phase"].get<double>(), mean / broad_phase, 1e-9);
+    const json& times = stage["device_milliseconds"];  // the mean leaves out the first frame
+    on_device += times["mean"].get<double>() > 0 || times["first_frame"].get<double>() > 0 ? 1 : 0;
+    sum += mean;
+  }
+  EXPECT_EQ(std::set<std::string>(names.begin(), names.end()).size(), names.size());
+  EXPECT_GE(on_device, 2);
+  EXPECT_LT(static_cast<std::size_t>(on_device), names.size()) << "the host waits";
+  EXPECT_LE(sum, broad_phase);
+}
+
+INSTANTIATE_TEST_SUITE_P(BroadPhases, ProgramStages, testing::Values("gpu-bf", "brute-force"),
+                         named_by_parameter);
 
 TEST_F(Program, SimulateSaysThatABroadPhaseHasNoStages) {
   for (const std::string broadphase : {"bullet-bf", "bullet-sap", "bullet-bvh", "oracle"}) {

@@ -162,8 +162,7 @@ TEST_F(Program, WithoutAnyDeviceSaysWhatToInstall) {
 TEST_F(Program, FullDiskIsAnError) {
   expect_refused(run("pairs four.npy --out /dev/full"), "cannot write '/dev/full'");
   fs::create_symlink("/dev/full", path("full.npy"));
-  for (const std::string option :
-       {"--csv /dev/full", "--json /dev/full", "--trace /dev/full", "--record full.npy"}) {
+  for (const std::string option : {"--csv /dev/full", "--json /dev/full", "--record full.npy"}) {
     SCOPED_TRACE(option);
     const std::vector<std::string> before = files();
     expect_refused(run("simulate --objects 5 --frames 2 --broadphase bullet-bf " + option),
@@ -177,9 +176,8 @@ TEST_F(Program, FilesAreNotWrittenToStandardOutput) {
   const std::string simulate = "simulate --objects 5 --frames 2 --broadphase bullet-bf ";
   expect_success(run(simulate + "--record run.npy"));
   const std::string replay = "replay run.npy --broadphase bullet-bf ";
-  for (const std::string& arguments :
-       {std::string("pairs four.npy --out -"), simulate + "--csv -", simulate + "--json -",
-        simulate + "--trace -", replay + "--csv -", replay + "--json -"}) {
+  for (const std::string& arguments : {std::string("pairs four.npy --out -"), simulate + "--csv -",
+                                       simulate + "--json -", replay + "--csv -", replay + "--json -"}) {
     SCOPED_TRACE(arguments);
     expect_refused(run(arguments), "files are not written to standard output ('-'); name a file");
   }
@@ -331,13 +329,9 @@ const std::vector<BadInput> bad_inputs = {
     {"SimulateCsvIsDirectory", "simulate --csv folder", "'folder' is a directory"},
     {"SimulateCsvInMissingFolder", "simulate --csv missing/run.csv", "missing/run.csv"},
     {"SimulateOneFileForBoth", "simulate --csv run --json ./run", "same file"},
-    {"SimulateTraceInUnwritableFolder", "simulate --trace /proc/trace.json", "'/proc/trace.json'"},
-    {"SimulateTraceWithoutFile", "simulate --trace", "--trace"},
-    {"SimulateOneFileForCsvAndTrace", "simulate --csv run --trace ./run",
-     "--csv and --trace name the same file"},
-    {"SimulateOneFileForJsonAndTrace", "simulate --json run --trace folder/../run",
-     "--json and --trace name"},
-    {"SimulateTraceOfUnknownBroadphase", "simulate --broadphase frobnicate --trace run.json", "bullet-bvh"},
+    {"SimulateJsonInUnwritableFolder", "simulate --json /proc/run.json", "'/proc/run.json'"},
+    {"SimulateOneFileForJsonAndRecord", "simulate --json run.npy --record folder/../run.npy",
+     "--json and --record name the same file"},
     {"SimulateProfileWithValue", "simulate --profile=maybe", "profile"},
 
     {"LineBreakInScenario", "simulate --scenario 'a\nb'", "'a b'"},

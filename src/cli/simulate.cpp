@@ -14,7 +14,6 @@
 #include "cli/progress_bar.hpp"
 #include "cli/recording.hpp"
 #include "cli/simulation.hpp"
-#include "cli/trace.hpp"
 #include "cli/verbs.hpp"
 #include "scenes/broadphases.hpp"
 #include "scenes/scenario.hpp"
@@ -28,22 +27,18 @@ struct SimulateOptions {
   std::optional<std::vector<std::string>> broadphases;
   std::string csv;
   std::string json;
-  std::string trace;
   std::string record;
 };
 
 Exit run_simulate(const SimulateOptions& options) {
   std::optional<OutputFile> csv;
   std::optional<OutputFile> json;
-  std::optional<OutputFile> trace;
   std::optional<RecordingWriter> recording;
   if (!options.csv.empty()) csv.emplace(options.csv);
   if (!options.json.empty()) json.emplace(options.json);
-  if (!options.trace.empty()) trace.emplace(options.trace);
   if (!options.record.empty()) recording.emplace(options.record, recording_info(options.simulation));
   refuse_same_file({{"--csv", csv ? &*csv : nullptr},
                     {"--json", json ? &*json : nullptr},
-                    {"--trace", trace ? &*trace : nullptr},
                     {"--record", recording ? &recording->file() : nullptr}});
 
   const SimulationResult result = [&] {
@@ -53,11 +48,9 @@ Exit run_simulate(const SimulateOptions& options) {
   }();
   if (csv) csv->write(csv_report(result));
   if (json) json->write(json_report(options.simulation, result));
-  if (trace) write_trace(*trace, options.simulation, result);
   if (recording) recording->commit();
   if (csv) csv->commit();
   if (json) json->commit();
-  if (trace) trace->commit();
   std::cout << table_report(options.simulation, result);
   if (recording) {
     std::cout << "The recording contains the objects, but not the " << scenes::World::walls
@@ -69,11 +62,10 @@ Exit run_simulate(const SimulateOptions& options) {
 /// Simulates the same with one broad phase after the other.
 Exit run_comparison(const SimulateOptions& options) {
   const std::vector<std::string>& names = *options.broadphases;
-  const bool stores = !options.csv.empty() || !options.json.empty() || !options.trace.empty() ||
-                      !options.record.empty() || options.simulation.profile;
+  const bool stores =
+      !options.csv.empty() || !options.json.empty() || !options.record.empty() || options.simulation.profile;
   if (stores) {
-    throw Error(
-        "--csv, --json, --trace, --record and --profile are for one broad phase; name one with --broadphase");
+    throw Error("--csv, --json, --record and --profile are for one broad phase; name one with --broadphase");
   }
   for (const std::string& name : names) (void)scenes::find_broadphase(name);
   std::vector<SimulationResult> results;
@@ -126,9 +118,6 @@ Verb add_simulate(CLI::App& program) {
       "was built with threads");
   add_file(*verb, "--csv", options->csv, "Write the times of each frame here");
   add_file(*verb, "--json", options->json, "Write the summary here");
-  add_file(*verb, "--trace", options->trace,
-           "Write a trace of all frames here, for ui.perfetto.dev and chrome://tracing; measures the same as "
-           "--profile");
   add_file(
       *verb, "--record", options->record,
       "Write the boxes of all objects here, initially and after each frame, for 'broadcl replay': .aabbs "
@@ -140,7 +129,6 @@ Verb add_simulate(CLI::App& program) {
                  "Compare the pairs of each frame with the oracle; not part of the times");
   verb->footer(simulate_footer());
   return {verb, [options] {
-            options->simulation.trace = !options->trace.empty();
             if (!options->broadphases) return run_simulate(*options);
             if (options->broadphases->size() > 1) return run_comparison(*options);
             options->simulation.broadphase = options->broadphases->front();

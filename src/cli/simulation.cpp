@@ -15,15 +15,11 @@
 namespace broadcl::cli {
 namespace {
 
-bool measures_stages(const SimulationConfig& config) {
-  return config.profile || config.trace;
-}
-
 std::unique_ptr<btBroadphaseInterface> make_broadphase(const SimulationConfig& config) {
   return scenes::make_broadphase(
       {.name = config.broadphase,
        .device = config.device,
-       .profile = measures_stages(config),
+       .profile = config.profile,
        .on_compile = announce_compiling,
        .objects = config.scenario.objects + scenes::World::walls,
        .world_edge = scenes::World::outer_edge(scenes::Scenario(config.scenario))});
@@ -68,10 +64,7 @@ std::vector<Stage> stages_of(const BroadPhase* core) {
 }
 
 void add_times(SimulationResult& result, const scenes::FrameTimes& times) {
-  result.start.push_back(times.start);
-  result.update_start.push_back(times.update_start * 1e3);
   result.update.push_back(times.update * 1e3);
-  result.broad_phase_start.push_back(times.broad_phase_start * 1e3);
   result.broad_phase.push_back(times.broad_phase * 1e3);
   result.total.push_back(times.total * 1e3);
   result.cpu.update.push_back(times.cpu.update * 1e3);
@@ -134,7 +127,7 @@ SimulationResult simulate(const SimulationConfig& config, const std::function<vo
                     }};
   if (config.verify) frames.verify = [&] { return scenes::verify(world.bullet()); };
   record();
-  return measure(frames, config.broadphase, *broadphase, measures_stages(config));
+  return measure(frames, config.broadphase, *broadphase, config.profile);
 }
 
 RecordingInfo recording_info(const SimulationConfig& config) {

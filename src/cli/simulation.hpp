@@ -2,7 +2,6 @@
 
 #include <broadcl/device.hpp>
 #include <broadcl/profile.hpp>
-#include <chrono>
 #include <cstddef>
 #include <cstdint>
 #include <functional>
@@ -30,7 +29,6 @@ struct SimulationConfig {
   std::string device;               ///< As select_device() takes it.
   bool verify = false;              ///< Compare every frame with the oracle.
   bool profile = false;             ///< Report the stages of the broad phase.
-  bool trace = false;               ///< Record the stages for a trace.
 };
 
 /// How the frames compare with the oracle. A broad phase that is not exact may have extra pairs.
@@ -50,10 +48,7 @@ struct CpuMilliseconds {
 
 /// One value per frame each; times in milliseconds.
 struct SimulationResult {
-  std::vector<std::chrono::steady_clock::time_point> start;
-  std::vector<double> update_start;  ///< Since the start of the frame.
   std::vector<double> update;
-  std::vector<double> broad_phase_start;  ///< Since the start of the frame.
   std::vector<double> broad_phase;
   std::vector<double> total;
   CpuMilliseconds cpu;  ///< Of the thread that simulates.
@@ -96,8 +91,6 @@ struct Frames {
 
 /// The versions of BroadCL and of Bullet.
 [[nodiscard]] nlohmann::ordered_json versions();
-/// What every document says about its simulation: "config", "device" and "versions".
-[[nodiscard]] nlohmann::ordered_json facts(const SimulationConfig& config, const SimulationResult& result);
 /// One row per frame: its number, times by the wall clock and of the thread's CPU, and the number of pairs.
 [[nodiscard]] std::string csv_report(const SimulationResult& result);
 /// The configuration and the summary.

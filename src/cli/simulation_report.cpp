@@ -176,15 +176,11 @@ ordered_json json_of(const SimulationConfig& config) {
   return json;
 }
 
-ordered_json facts_of(const ordered_json& config, const SimulationResult& result) {
-  return {{"config", config},
-          {"device", result.device ? cli::json_of(*result.device) : ordered_json()},
-          {"versions", versions()}};
-}
-
 std::string document_text(const ordered_json& config, const SimulationResult& result,
                           const ordered_json& stages) {
-  ordered_json document = facts_of(config, result);
+  ordered_json document = {{"config", config},
+                           {"device", result.device ? cli::json_of(*result.device) : ordered_json()},
+                           {"versions", versions()}};
   document["milliseconds"] = {{"update", json_of(result.update)},
                               {"broad_phase", json_of(result.broad_phase)},
                               {"total", json_of(result.total)}};
@@ -220,10 +216,6 @@ ordered_json versions() {
   return {{"broadcl", BROADCL_VERSION_STRING},
           {"bullet",
            std::to_string(bullet / 100) + (bullet % 100 < 10 ? ".0" : ".") + std::to_string(bullet % 100)}};
-}
-
-ordered_json facts(const SimulationConfig& config, const SimulationResult& result) {
-  return facts_of(json_of(config), result);
 }
 
 std::string json_report(const SimulationConfig& config, const SimulationResult& result) {

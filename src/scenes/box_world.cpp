@@ -48,10 +48,7 @@ FrameTimes BoxWorld::step(std::span<const Aabb> boxes) {
   const std::chrono::duration<double> update = updated - begin;
   const std::chrono::duration<double> broad_phase = end - search;
   const double cpu_end = thread_seconds();
-  return {.start = begin,
-          .update_start = 0,
-          .update = update.count(),
-          .broad_phase_start = update.count(),
+  return {.update = update.count(),
           .broad_phase = broad_phase.count(),
           .total = update.count() + broad_phase.count(),
           .cpu = {.update = cpu_updated - cpu_begin,

@@ -25,27 +25,20 @@
 namespace broadcl::scenes {
 namespace {
 
-using TimePoint = std::chrono::steady_clock::time_point;
-
-double seconds(TimePoint begin, TimePoint end) {
-  return std::chrono::duration<double>(end - begin).count();
-}
-
-/// When something ran, and how long this thread worked meanwhile.
-struct Interval {
-  TimePoint begin;
-  TimePoint end;
-  double cpu;  // seconds
+/// How long something ran, in seconds.
+struct Duration {
+  double wall;
+  double cpu;  ///< Of this thread.
 };
 
 template <class Function>
-Interval measure(Function&& function) {
+Duration measure(Function&& function) {
   // What is measured with the wall clock does not contain the readings of the other one, which take longer.
   const double cpu = thread_seconds();
-  const TimePoint begin = std::chrono::steady_clock::now();
+  const auto begin = std::chrono::steady_clock::now();
   function();
-  const TimePoint end = std::chrono::steady_clock::now();
-  return {begin, end, thread_seconds() - cpu};
+  const auto end = std::chrono::steady_clock::now();
+  return {std::chrono::duration<double>(end - begin).count(), thread_seconds() - cpu};
 }
 
 btVector3 to_bullet(const Eigen::Vector3f& v) {
@@ -56,10 +49,10 @@ Eigen::Vector3f to_eigen(const btVector3& v) {
   return {v.x(), v.y(), v.z()};
 }
 
-/// When the stages of the last step ran.
+/// The stages of the last step.
 struct Stages {
-  Interval update;
-  Interval broad_phase;
+  Duration update;
+  Duration broad_phase;
 };
 
 /// One of Bullet's worlds, measured.
@@ -164,20 +157,16 @@ class World::Impl {
       body.setLinearVelocity(to_bullet(kick.velocity));
     }
     if (!scenario_.exchanges().empty()) wake_neighbours();
-    Interval exchange{};
-    const Interval frame = measure([&] {
+    Duration exchange{};
+    const Duration frame = measure([&] {
       exchange = measure([this] { this->exchange(); });
       bullet().stepSimulation(Scenario::frame_seconds, 0);
     });
     scenario_.advance();
     const auto& [update, broad_phase] = physics_.stages();
-    const double exchange_seconds = seconds(exchange.begin, exchange.end);
-    return {.start = frame.begin,
-            .update_start = seconds(frame.begin, update.begin) - exchange_seconds,
-            .update = seconds(update.begin, update.end) + exchange_seconds,
-            .broad_phase_start = seconds(frame.begin, broad_phase.begin),
-            .broad_phase = seconds(broad_phase.begin, broad_phase.end),
-            .total = seconds(frame.begin, frame.end),
+    return {.update = update.wall + exchange.wall,
+            .broad_phase = broad_phase.wall,
+            .total = frame.wall,
             .cpu = {.update = update.cpu + exchange.cpu, .broad_phase = broad_phase.cpu, .total = frame.cpu}};
   }
 

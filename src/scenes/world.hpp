@@ -1,7 +1,6 @@
 #pragma once
 
 #include <Eigen/Geometry>
-#include <chrono>
 #include <cstddef>
 #include <cstdint>
 #include <memory>
@@ -24,13 +23,9 @@ struct CpuTimes {
 /// clock for update, broad phase and total. The readings add about a microsecond to the total, and a tenth of
 /// that to the other two.
 struct FrameTimes {
-  std::chrono::steady_clock::time_point start;  ///< Start of the frame; the other starts are relative to it.
-  double update_start;
   /// btCollisionWorld::updateAabbs(), which computes every object's box and passes it to setAabb(), plus the
-  /// exchange of objects before the step; update_start is shifted as if the exchange ran right before
-  /// updateAabbs().
+  /// exchange of objects before the step.
   double update;
-  double broad_phase_start;
   double broad_phase;  ///< btCollisionWorld::computeOverlappingPairs().
   double total;  ///< The exchange of objects and the whole stepSimulation(), including collision response.
   CpuTimes cpu;
