@@ -47,7 +47,8 @@ TEST_F(Program, SaysOnceThatItBuildsKernels) {
         "BROADCL_CACHE_DIR=/dev/null", "BROADCL_CACHE_DIR=/proc/nowhere", "BROADCL_CACHE_DIR=four.npy"}) {
     EXPECT_EQ(line_of("brute-force", environment),
               "compiling kernels for " + label +
-                  ", at each start because no cache folder can be written; BROADCL_CACHE_DIR can name one\n");
+                  ", at each start because there is no cache folder that only you can write; "
+                  "BROADCL_CACHE_DIR can name one\n");
   }
   EXPECT_EQ(line_of("sweep-and-prune", "BROADCL_CACHE_DIR=other"), "");
 }

@@ -89,15 +89,16 @@ TEST(KernelSource, AFileThatIsMissingOrCannotBeReadIsNamed) {
 class Cache : public ::testing::Test {
  protected:
   test::ScopedFolder folder_;
-  DiskCache cache_{folder_.path() / "new"};
+  DiskCache cache_{folder_.path() / "new", "driver"};
   const DiskCache::Bytes bytes_{'b', 'i', 'n', 0, 255};
 };
 
 TEST_F(Cache, LoadsWhatWasStored) {
-  EXPECT_EQ(cache_.load("key"), std::nullopt);
+  EXPECT_EQ(cache_.load("key"), DiskCache::Bytes());
   EXPECT_TRUE(cache_.store("key", bytes_));
   EXPECT_EQ(cache_.load("key"), bytes_);
-  EXPECT_EQ(cache_.load("other"), std::nullopt);
+  EXPECT_EQ(cache_.load("other"), DiskCache::Bytes());
+  EXPECT_EQ(DiskCache(cache_.folder(), "other").load("key"), DiskCache::Bytes());
   ASSERT_TRUE(cache_.store("key", {}));
   EXPECT_EQ(cache_.load("key"), DiskCache::Bytes());
 }
@@ -116,12 +117,12 @@ TEST_F(Cache, EveryDamagedByteAndEveryTruncationIsDetected) {
     std::string bad = good;
     bad[k] = static_cast<char>(bad[k] ^ 1);
     write(file, bad);
-    EXPECT_EQ(cache_.load("key"), std::nullopt) << "byte " << k;
+    EXPECT_EQ(cache_.load("key"), DiskCache::Bytes()) << "byte " << k;
     write(file, good.substr(0, k));
-    EXPECT_EQ(cache_.load("key"), std::nullopt) << "truncated after " << k;
+    EXPECT_EQ(cache_.load("key"), DiskCache::Bytes()) << "truncated after " << k;
   }
   write(file, good + "x");
-  EXPECT_EQ(cache_.load("key"), std::nullopt);
+  EXPECT_EQ(cache_.load("key"), DiskCache::Bytes());
   write(file, good);
   EXPECT_EQ(cache_.load("key"), bytes_);
 }
@@ -129,45 +130,46 @@ TEST_F(Cache, EveryDamagedByteAndEveryTruncationIsDetected) {
 TEST_F(Cache, AFileThatBelongsToAnotherKeyIsNotUsed) {
   ASSERT_TRUE(cache_.store("key", bytes_));
   fs::rename(cache_.file_of("key"), cache_.file_of("yek"));
-  EXPECT_EQ(cache_.load("yek"), std::nullopt);
+  EXPECT_EQ(cache_.load("yek"), DiskCache::Bytes());
 }
 
 TEST_F(Cache, AFolderWhereAFileShouldBeIsAMiss) {
   fs::create_directories(cache_.file_of("key"));
-  EXPECT_EQ(cache_.load("key"), std::nullopt);
+  EXPECT_EQ(cache_.load("key"), DiskCache::Bytes());
   EXPECT_FALSE(cache_.store("key", bytes_));
-  EXPECT_EQ(cache_.load("key"), std::nullopt);
+  EXPECT_EQ(cache_.load("key"), DiskCache::Bytes());
   EXPECT_TRUE(cache_.store("other", bytes_));
   EXPECT_EQ(std::distance(fs::directory_iterator(folder_.path() / "new"), {}), 2);
 }
 
 TEST_F(Cache, AFileWhereTheFolderShouldBeStoresNothing) {
   write(folder_.path() / "file", "");
-  const DiskCache cache(folder_.path() / "file");
+  const DiskCache cache(folder_.path() / "file", "driver");
   EXPECT_FALSE(cache.store("key", bytes_));
-  EXPECT_EQ(cache.load("key"), std::nullopt);
+  EXPECT_EQ(cache.load("key"), DiskCache::Bytes());
 }
 
 TEST_F(Cache, TheEnvironmentNamesTheFolder) {
   const test::ScopedVariable xdg("XDG_CACHE_HOME", (folder_.path() / "xdg").string());
+  const Device device = select_device();
   {
     const test::ScopedVariable none("BROADCL_CACHE_DIR", "");
-    EXPECT_EQ(DiskCache().file_of("key").parent_path(), folder_.path() / "xdg" / "broadcl");
+    EXPECT_EQ(DiskCache(device).folder(), folder_.path() / "xdg" / "broadcl");
   }
   {
     const test::ScopedVariable own("BROADCL_CACHE_DIR", (folder_.path() / "own").string());
-    EXPECT_EQ(DiskCache().file_of("key").parent_path(), folder_.path() / "own");
+    EXPECT_EQ(DiskCache(device).folder(), folder_.path() / "own");
   }
   const test::ScopedVariable off("BROADCL_CACHE_DIR", "/dev/null");
-  EXPECT_TRUE(DiskCache().folder().empty());
-  EXPECT_FALSE(DiskCache().store("key", bytes_));
+  EXPECT_EQ(DiskCache(device).folder(), "");
+  EXPECT_FALSE(DiskCache(device).store("key", bytes_));
 }
 
 #ifndef _WIN32
 
 TEST_F(Cache, OnlyTheUserMayUseWhatIsCreated) {
-  const DiskCache cache(folder_.path() / "a" / "b");
   const mode_t before = umask(0);
+  const DiskCache cache(folder_.path() / "a" / "b", "driver");
   const bool is_stored = cache.store("key", bytes_);
   umask(before);
   ASSERT_TRUE(is_stored);
@@ -177,63 +179,26 @@ TEST_F(Cache, OnlyTheUserMayUseWhatIsCreated) {
   EXPECT_EQ(fs::status(cache.file_of("key")).permissions(), fs::perms::owner_read | fs::perms::owner_write);
 }
 
-TEST_F(Cache, NoLinkIsFollowed) {
-  const fs::path other = folder_.path() / "other";
-  write(other, "precious");
-  const fs::path file = cache_.file_of("key");
-  fs::create_directory(file.parent_path());
-  fs::create_symlink(other, file);
-  // (Temporary files once had these names.)
-  for (int k = 0; k < 1000; ++k) {
-    const std::string suffix = "." + std::to_string(getpid()) + "-" + std::to_string(k) + ".tmp";
-    fs::create_symlink(other, file.string() + suffix);
-  }
-  EXPECT_TRUE(cache_.store("key", bytes_));
-  EXPECT_EQ(content(other), "precious");
-  EXPECT_TRUE(fs::is_regular_file(fs::symlink_status(file)));
-  EXPECT_EQ(cache_.load("key"), bytes_);
-  fs::rename(file, other);
-  fs::create_symlink(other, file);
-  EXPECT_EQ(cache_.load("key"), std::nullopt);
-}
-
-TEST_F(Cache, AFileThatSomebodyElseMayHaveWrittenIsNotUsed) {
-  const fs::path file = cache_.file_of("key");
-  for (const fs::perms writer : {fs::perms::group_write, fs::perms::others_write}) {
-    ASSERT_TRUE(cache_.store("key", bytes_));
-    fs::permissions(file, writer, fs::perm_options::add);
-    EXPECT_EQ(cache_.load("key"), std::nullopt);
-  }
+TEST_F(Cache, AFolderInWhichSomebodyElseMayWriteIsNotUsed) {
   ASSERT_TRUE(cache_.store("key", bytes_));
+  const fs::path folder = cache_.folder();
+  const auto expect_unused = [&] {
+    const DiskCache cache(folder, "driver");
+    EXPECT_EQ(cache.folder(), "");
+    EXPECT_EQ(cache.load("key"), DiskCache::Bytes());
+    EXPECT_FALSE(cache.store("key", bytes_));
+  };
+  for (const fs::perms writer : {fs::perms::group_write, fs::perms::others_write}) {
+    fs::permissions(folder, writer, fs::perm_options::add);
+    expect_unused();
+    fs::permissions(folder, writer, fs::perm_options::remove);
+    EXPECT_EQ(DiskCache(folder, "driver").load("key"), bytes_);
+  }
   constexpr uid_t somebody = 12345;
-  if (chown(file.c_str(), somebody, static_cast<gid_t>(-1)) != 0) return;  // only root may
-  EXPECT_EQ(cache_.load("key"), std::nullopt);
-}
-
-TEST_F(Cache, WhatIsNoFileIsNeitherWaitedForNorRead) {
-  const fs::path file = cache_.file_of("key");
-  fs::create_directory(file.parent_path());
-  ASSERT_EQ(mkfifo(file.c_str(), S_IRUSR | S_IWUSR), 0);
-  EXPECT_EQ(cache_.load("key"), std::nullopt);
-  EXPECT_TRUE(cache_.store("key", bytes_));
-  EXPECT_EQ(cache_.load("key"), bytes_);
-  fs::remove(file);
-  fs::create_symlink("/dev/zero", file);
-  EXPECT_EQ(cache_.load("key"), std::nullopt);
+  if (chown(folder.c_str(), somebody, static_cast<gid_t>(-1)) == 0) expect_unused();  // only root may
 }
 
 #endif
-
-TEST_F(Cache, ASizeThatNoProgramHasIsNotRead) {
-  ASSERT_TRUE(cache_.store("key", bytes_));
-  const fs::path file = cache_.file_of("key");
-  std::string header = content(file);
-  constexpr std::uint64_t size = std::uint64_t{1} << 34;
-  std::memcpy(&header[16], &size, sizeof size);
-  write(file, header);
-  fs::resize_file(file, header.size() - bytes_.size() + size);  // without data on the disk
-  EXPECT_EQ(cache_.load("key"), std::nullopt);
-}
 
 class OnDevice : public ::testing::Test {
  protected:

@@ -5,16 +5,8 @@
 #include <initializer_list>
 #include <string_view>
 #include <system_error>
-#include <utility>
 
-#ifdef _WIN32
-#include <fcntl.h>
-#include <io.h>
-#include <share.h>
-#include <sys/stat.h>
-
-#include <random>
-#else
+#ifndef _WIN32
 #include <fcntl.h>
 #include <pthread.h>
 #include <sys/mman.h>
@@ -36,29 +28,14 @@ std::optional<std::string> environment(const char* name) {
 
 #ifdef _WIN32
 
-void create_private_folder(const std::filesystem::path& folder) {
-  std::error_code ignored;
-  std::filesystem::create_directories(folder, ignored);
+bool make_private_folder(const std::filesystem::path& folder) {
+  std::error_code failure;
+  std::filesystem::create_directories(folder, failure);
+  return std::filesystem::is_directory(folder, failure);
 }
 
-NewFile create_private_file(const std::filesystem::path& folder) {
-  std::random_device random;
-  const std::filesystem::path path =
-      folder / ("new-" + std::to_string(random()) + "-" + std::to_string(random()));
-  int descriptor = -1;
-  _wsopen_s(&descriptor, path.c_str(), _O_CREAT | _O_EXCL | _O_WRONLY | _O_BINARY | _O_NOINHERIT, _SH_DENYRW,
-            _S_IREAD | _S_IWRITE);
-  return {path, File(descriptor < 0 ? nullptr : _fdopen(descriptor, "wb"))};
-}
-
-OwnFile open_own_file(const std::filesystem::path& path) {
-  std::error_code ignored;
-  if (!std::filesystem::is_regular_file(std::filesystem::symlink_status(path, ignored))) return {};
-  int descriptor = -1;
-  _wsopen_s(&descriptor, path.c_str(), _O_RDONLY | _O_BINARY | _O_NOINHERIT, _SH_DENYNO, _S_IREAD);
-  if (descriptor < 0) return {};
-  const auto size = static_cast<std::uint64_t>(_filelengthi64(descriptor));
-  return {File(_fdopen(descriptor, "rb")), size};
+File create_private_file(const std::filesystem::path& path) {
+  return File(std::fopen(path.string().c_str(), "wbx"));
 }
 
 std::optional<std::filesystem::path> user_cache_directory() {
@@ -76,43 +53,21 @@ void give_back_free_memory() noexcept {}
 
 #else
 
-namespace {
-
-/// Takes the descriptor, if it is one.
-File to_stream(int descriptor, const char* mode) {
-  if (descriptor < 0) return nullptr;
-  File stream(fdopen(descriptor, mode));
-  if (!stream) close(descriptor);
-  return stream;
-}
-
-bool is_own(const struct stat& status) {
-  const bool is_of_user = status.st_uid == geteuid() || status.st_uid == 0;
-  return S_ISREG(status.st_mode) && is_of_user && (status.st_mode & (S_IWGRP | S_IWOTH)) == 0;
-}
-
-}  // namespace
-
-void create_private_folder(const std::filesystem::path& folder) {
+bool make_private_folder(const std::filesystem::path& folder) {
   std::filesystem::path path;
   for (const std::filesystem::path& part : folder) {
     path /= part;
     (void)mkdir(path.c_str(), S_IRWXU);
   }
-}
-
-NewFile create_private_file(const std::filesystem::path& folder) {
-  std::string path = (folder / "new-XXXXXX").string();
-  File stream = to_stream(mkostemp(path.data(), O_CLOEXEC), "wb");
-  return {path, std::move(stream)};
-}
-
-OwnFile open_own_file(const std::filesystem::path& path) {
-  const int descriptor = open(path.c_str(), O_RDONLY | O_NOFOLLOW | O_NONBLOCK | O_NOCTTY | O_CLOEXEC);
-  File stream = to_stream(descriptor, "rb");
   struct stat status {};
-  if (!stream || fstat(descriptor, &status) != 0 || !is_own(status)) return {};
-  return {std::move(stream), static_cast<std::uint64_t>(status.st_size)};
+  if (stat(folder.c_str(), &status) != 0 || !S_ISDIR(status.st_mode)) return false;
+  const bool is_of_user = status.st_uid == geteuid() || status.st_uid == 0;
+  return is_of_user && (status.st_mode & (S_IWGRP | S_IWOTH)) == 0;
+}
+
+File create_private_file(const std::filesystem::path& path) {
+  const int descriptor = open(path.c_str(), O_CREAT | O_EXCL | O_WRONLY | O_CLOEXEC, S_IRUSR | S_IWUSR);
+  return File(descriptor < 0 ? nullptr : fdopen(descriptor, "wb"));
 }
 
 std::optional<std::filesystem::path> user_cache_directory() {

@@ -1,7 +1,6 @@
 #pragma once
 
 #include <cstddef>
-#include <cstdint>
 #include <cstdio>
 #include <filesystem>
 #include <memory>
@@ -23,26 +22,15 @@ struct CloseFile {
 using File = std::unique_ptr<std::FILE, CloseFile>;
 
 /// Creates a folder, and those above it, unless they exist. Only the user may use what is created. (On
-/// Windows, whoever may use the folder above.) Failures show when a file is created there.
-void create_private_folder(const std::filesystem::path& folder);
+/// Windows, whoever may use the folder above.)
+/// @returns Whether it is a folder of the user or of root in which nobody else may write. (On Windows,
+/// whether it is a folder.)
+[[nodiscard]] bool make_private_folder(const std::filesystem::path& folder);
 
-struct NewFile {
-  std::filesystem::path path;
-  File stream;  ///< Null if no file could be created.
-};
-
-/// Creates a file for writing, under a name that cannot be guessed and that nothing had before, so no link is
-/// followed. Only the user may read and write it.
-[[nodiscard]] NewFile create_private_file(const std::filesystem::path& folder);
-
-struct OwnFile {
-  File stream;  ///< Null if there is no such file, or if it cannot be read.
-  std::uint64_t size = 0;
-};
-
-/// Opens a file for reading, if it is a regular file, not a link, that belongs to the user or to root, and
-/// that nobody else may write. (On Windows, any regular file.) Never waits.
-[[nodiscard]] OwnFile open_own_file(const std::filesystem::path& path);
+/// Creates a file for writing, which only the user may read and write. (On Windows, whoever may use its
+/// folder.)
+/// @returns Null if that fails, or if there is such a file.
+[[nodiscard]] File create_private_file(const std::filesystem::path& path);
 
 /// Has a function called at the beginning of every process that is forked from this one by fork().
 /// @returns Whether that is possible, or not needed because there is no fork.

@@ -36,11 +36,11 @@ cl_uint measure_arithmetic(const Context& context) {
 bool flushes_denormals(const Context& context) {
   const std::string key = "arithmetic" + kernel_source("arithmetic.cl");
   cl_uint result = 0;
-  if (const auto stored = context.load(key); stored && stored->size() == 1) {
-    result = stored->front();
+  if (const auto stored = context.disk_cache().load(key); stored.size() == 1) {
+    result = stored.front();
   } else {
     result = measure_arithmetic(context);
-    context.store(key, {static_cast<DiskCache::Bytes::value_type>(result)});
+    (void)context.disk_cache().store(key, {static_cast<DiskCache::Bytes::value_type>(result)});
   }
   if ((result & HAS_NEEDED) != HAS_NEEDED) {
     throw Error(context.device().label() +

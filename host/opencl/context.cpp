@@ -190,14 +190,6 @@ MemoryUse Context::memory() const noexcept {
   return {.device = memory_->device, .device_peak = memory_->device_peak, .pinned = memory_->pinned};
 }
 
-std::optional<DiskCache::Bytes> Context::load(std::string_view key) const {
-  return opened_->programs.load(key);
-}
-
-void Context::store(std::string_view key, const DiskCache::Bytes& bytes) const {
-  opened_->programs.store(key, bytes);
-}
-
 cl::Program Context::program(std::string_view file, const std::string& options) const {
   return translate_errors(device().label(), [&] {
     return opened_->programs.get(file, findings_.options + " " + options, on_compile_);

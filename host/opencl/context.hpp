@@ -91,10 +91,7 @@ class Context {
   /// refers to it, including commands and kernel arguments.
   [[nodiscard]] MemoryUse memory() const noexcept;
 
-  /// The data stored on disk under a key for this device and driver, if there is any.
-  [[nodiscard]] std::optional<DiskCache::Bytes> load(std::string_view key) const;
-  /// Stores data on disk under a key for this device and driver, if that is possible.
-  void store(std::string_view key, const DiskCache::Bytes& bytes) const;
+  [[nodiscard]] const DiskCache& disk_cache() const noexcept { return opened_->disk_cache; }
 
   /// Builds a kernel file, or loads its binary from the cache, if it has not done so before.
   /// @param file Name of a file of kernels/.

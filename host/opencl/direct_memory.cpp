@@ -50,9 +50,9 @@ cl::Buffer create_direct(CreateDirect create, const cl::Context& context, std::s
 
 bool is_direct_memory_coherent(const Context& context) try {
   const std::string key = "direct memory";
-  if (const auto stored = context.load(key); stored && stored->size() == 1) return stored->front() != 0;
+  if (const auto stored = context.disk_cache().load(key); stored.size() == 1) return stored.front() != 0;
   const bool is_coherent = measure(context);
-  context.store(key, {static_cast<DiskCache::Bytes::value_type>(is_coherent ? 1 : 0)});
+  (void)context.disk_cache().store(key, {static_cast<DiskCache::Bytes::value_type>(is_coherent ? 1 : 0)});
   return is_coherent;
 } catch (const cl::Error&) {
   return false;

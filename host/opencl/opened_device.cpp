@@ -46,7 +46,7 @@ template <class Make>
 std::shared_ptr<OpenedDevice> find_or_open(const Device& device, const cl::Device& cl_device,
                                            cl_context callers_context, const Make& make) {
   const std::optional<Tuning> named = named_tuning();
-  const DiskCache disk_cache;
+  DiskCache disk_cache(device);
   const Key key{cl_device(), callers_context, named, disk_cache.folder()};
   Registry& known = registry();
   const std::scoped_lock lock(known.mutex);
@@ -54,7 +54,7 @@ std::shared_ptr<OpenedDevice> find_or_open(const Device& device, const cl::Devic
     if (entry.key != key) continue;
     if (auto opened = entry.device.lock()) return opened;
   }
-  auto opened = std::make_shared<OpenedDevice>(device, cl_device, make(), named, disk_cache);
+  auto opened = std::make_shared<OpenedDevice>(device, cl_device, make(), named, std::move(disk_cache));
   std::erase_if(known.entries, [](const Entry& entry) { return entry.device.expired(); });
   known.entries.push_back({.key = key,
                            .device = opened,
@@ -65,7 +65,7 @@ std::shared_ptr<OpenedDevice> find_or_open(const Device& device, const cl::Devic
 }  // namespace
 
 OpenedDevice::OpenedDevice(Device description, cl::Device opened, cl::Context in, std::optional<Tuning> named,
-                           const DiskCache& disk_cache)
+                           DiskCache stored)
     : device(std::move(description)),
       label(device.label()),
       cl_device(std::move(opened)),
@@ -74,6 +74,7 @@ OpenedDevice::OpenedDevice(Device description, cl::Device opened, cl::Context in
       named_tuning(named),
       largest_group(largest_group_of(cl_device)),
       local_memory(cl_device.getInfo<CL_DEVICE_LOCAL_MEM_SIZE>()),
+      disk_cache(std::move(stored)),
       programs(device, cl_device, context, disk_cache) {}
 
 std::shared_ptr<OpenedDevice> opened_device(const Device& device) {

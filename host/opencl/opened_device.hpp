@@ -21,7 +21,7 @@ namespace broadcl::opencl {
 struct OpenedDevice {
   /// @throws cl::Error
   OpenedDevice(Device description, cl::Device opened, cl::Context in, std::optional<Tuning> named,
-               const DiskCache& disk_cache);
+               DiskCache stored);
 
   const Device device;
   const std::string label;  ///< Of the device, stored so that it needs no memory when a call has failed.
@@ -31,6 +31,7 @@ struct OpenedDevice {
   const std::optional<Tuning> named_tuning;  ///< By the environment.
   const std::size_t largest_group;           ///< Work-items per work-group.
   const cl_ulong local_memory;               ///< Bytes per work-group.
+  const DiskCache disk_cache;
   Programs programs;
 
   /// What has to be tested there.

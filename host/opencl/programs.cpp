@@ -10,15 +10,6 @@
 namespace broadcl::opencl {
 namespace {
 
-/// A key for this device and its driver only.
-std::string key_of(const Device& device, std::string_view key) {
-  std::string result;
-  for (const std::string& part : {device.platform_name, device.name, device.version, device.driver_version}) {
-    result += part + '\0';
-  }
-  return result += key;
-}
-
 /// To be held while a program is built.
 std::unique_lock<std::mutex> lock_for_building(const Quirks& quirks) {
   static std::mutex one_at_a_time;
@@ -27,11 +18,11 @@ std::unique_lock<std::mutex> lock_for_building(const Quirks& quirks) {
 
 }  // namespace
 
-Programs::Programs(Device device, cl::Device cl_device, cl::Context context, DiskCache disk_cache)
+Programs::Programs(Device device, cl::Device cl_device, cl::Context context, const DiskCache& disk_cache)
     : device_(std::move(device)),
       cl_device_(std::move(cl_device)),
       context_(std::move(context)),
-      disk_cache_(std::move(disk_cache)) {}
+      disk_cache_(disk_cache) {}
 
 cl::Program Programs::get(std::string_view file, const std::string& options, CompileHandler& on_compile) {
   const std::string source = kernel_source(file);
@@ -44,14 +35,6 @@ cl::Program Programs::get(std::string_view file, const std::string& options, Com
   const cl::Program program = build(file, source, options, on_compile);
   const std::scoped_lock lock(mutex_);
   return built_.emplace(key, program).first->second;
-}
-
-std::optional<DiskCache::Bytes> Programs::load(std::string_view key) const {
-  return disk_cache_.load(key_of(device_, key));
-}
-
-void Programs::store(std::string_view key, const DiskCache::Bytes& bytes) const {
-  (void)disk_cache_.store(key_of(device_, key), bytes);
 }
 
 /// A program from a cached binary; none if the driver rejects it.
@@ -69,7 +52,7 @@ std::optional<cl::Program> Programs::from_binary(const DiskCache::Bytes& binary,
 cl::Program Programs::build(std::string_view file, const std::string& source, const std::string& options,
                             CompileHandler& on_compile) const {
   const std::string key = options + '\0' + source;
-  const DiskCache::Bytes binary = load(key).value_or(DiskCache::Bytes());
+  const DiskCache::Bytes binary = disk_cache_.load(key);
   // If the driver keeps programs, only a marker is stored, so that on_compile is not called again.
   const Quirks quirks = quirks_of(device_);
   if (!binary.empty() && !quirks.keeps_programs) {
@@ -78,7 +61,7 @@ cl::Program Programs::build(std::string_view file, const std::string& source, co
   if (binary.empty() || !quirks.keeps_programs) {
     if (const CompileHandler handler = std::exchange(on_compile, {})) {
       // Whether the binary can be stored there shows by storing an empty one.
-      const bool is_stored = disk_cache_.store(key_of(device_, key), {});
+      const bool is_stored = disk_cache_.store(key, {});
       handler(device_, is_stored ? disk_cache_.folder().string() : "");
     }
   }
@@ -91,11 +74,11 @@ cl::Program Programs::build(std::string_view file, const std::string& source, co
                 with_file_names(program.getBuildInfo<CL_PROGRAM_BUILD_LOG>(cl_device_), source));
   }
   if (quirks.keeps_programs) {
-    if (binary.empty()) store(key, {'1'});
+    if (binary.empty()) (void)disk_cache_.store(key, {'1'});
     return program;
   }
   const auto binaries = program.getInfo<CL_PROGRAM_BINARIES>();
-  if (binaries.size() == 1 && !binaries.front().empty()) store(key, binaries.front());
+  if (binaries.size() == 1 && !binaries.front().empty()) (void)disk_cache_.store(key, binaries.front());
   return program;
 }
 

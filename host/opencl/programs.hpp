@@ -17,7 +17,8 @@ namespace broadcl::opencl {
 /// The programs of a context, each of which is built once, or loaded from disk. Several threads may use them.
 class Programs {
  public:
-  Programs(Device device, cl::Device cl_device, cl::Context context, DiskCache disk_cache);
+  /// @param disk_cache Of the device; must outlive the programs.
+  Programs(Device device, cl::Device cl_device, cl::Context context, const DiskCache& disk_cache);
 
   /// @param file Name of a file of kernels/.
   /// @param options For the compiler.
@@ -25,11 +26,6 @@ class Programs {
   /// @throws cl::Error; Error with the compiler's log, which names file and line, if it does not compile.
   [[nodiscard]] cl::Program get(std::string_view file, const std::string& options,
                                 CompileHandler& on_compile);
-
-  /// The data stored on disk under a key for this device and driver, if there is any.
-  [[nodiscard]] std::optional<DiskCache::Bytes> load(std::string_view key) const;
-  /// Stores data on disk under a key for this device and driver, if that is possible.
-  void store(std::string_view key, const DiskCache::Bytes& bytes) const;
 
  private:
   [[nodiscard]] cl::Program build(std::string_view file, const std::string& source,
@@ -40,7 +36,7 @@ class Programs {
   Device device_;
   cl::Device cl_device_;
   cl::Context context_;
-  DiskCache disk_cache_;
+  const DiskCache& disk_cache_;
   std::mutex mutex_;
   std::map<std::string, cl::Program> built_;  // by options and source
 };
