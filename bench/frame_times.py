@@ -4,7 +4,7 @@ of those of `auto`, one panel per study. STUDY is a folder with the study.csv of
 `scripts/study --scenarios mixed-sizes --objects 1250,3500,16000 --broadphases bullet-sap,bullet-bvh,gpu-bf,auto --out STUDY`.
 
 It needs matplotlib (Debian, Ubuntu: apt install python3-matplotlib). docs/images/frame-times.svg is made by
-`bench/frame_times.py docs/images/frame-times.svg "with a GPU (NVIDIA H200)=bench/results/nvidia-h200/mixed-sizes"
+`bench/frame_times.py frame-times.svg "with a GPU (NVIDIA H200)=bench/results/nvidia-h200/mixed-sizes"
 "two cores, no GPU=bench/results/pocl-2-cores/mixed-sizes"`.
 """
 import csv
@@ -69,8 +69,9 @@ def draw_panel(panel, title, times, styles):
 
 
 def draw(plt, out, studies, styles):
-    settings = {"font.family": "DejaVu Sans", "font.size": 9, "svg.hashsalt": "broadcl", "axes.titlelocation": "left",
-                "axes.titlesize": 10, "axes.spines.top": False, "axes.spines.right": False, "legend.frameon": False}
+    settings = {"font.family": "DejaVu Sans", "font.size": 9, "svg.hashsalt": "broadcl", "svg.fonttype": "none",
+                "axes.titlelocation": "left", "axes.titlesize": 10, "axes.spines.top": False, "axes.spines.right": False,
+                "legend.frameon": False}
     with plt.rc_context(settings):
         # About 830 pixels wide, in which 9 points are 12 pixels.
         figure, axes = plt.subplots(1, len(studies), figsize=(8.8, 4.1), sharey=True, squeeze=False)

@@ -1,11 +1,10 @@
 #!/usr/bin/env python3
-"""bench/plot.py RESULT.json: prints the times of frames, of updates, or of proxies that come, move and go, as a Markdown
-table. bench/plot.py OUT.svg UPDATES.json [UPDATES.json ...]: draws how the time of an update grows with the number of
-boxes, one panel per device.
+"""bench/plot.py MACHINE.csv SET: prints the times of frames, of updates, or of proxies that come, move and go, as a Markdown
+table. bench/plot.py OUT.svg MACHINE.csv: draws how the time of an update grows with the number of boxes, from the set `growth`.
 
-Drawing needs matplotlib (Debian, Ubuntu: apt install python3-matplotlib). The results come from `scripts/bench`.
+Drawing needs matplotlib (Debian, Ubuntu: apt install python3-matplotlib). The tables of machines are those of bench/results.
 """
-import json
+import csv
 import math
 import sys
 
@@ -16,25 +15,29 @@ def three_digits(x):
     return f"{x:,.0f}" if x >= 100 else f"{x:.3g}"
 
 
-def of_repetitions(rows):
-    """The medians of repeated benchmarks, and those that ran once, in the program's order (they may have run in random
-    order)."""
-    medians = [row for row in rows if row.get("aggregate_name", "median") == "median"]
-    return sorted(medians, key=lambda row: row["family_index"])
+def read(path, group):
+    """For each benchmark of a set, its figures by name; the time of the benchmark itself is that of ""."""
+    rows = {}
+    with open(path, encoding="utf-8", newline="") as file:
+        for row in csv.DictReader(file):
+            if row["set"] == group:
+                name, _, kind = row["name"].partition(" ")
+                rows.setdefault(name, {})[kind] = float(row["median"])
+    return rows
 
 
 def print_proxies(result):
     """One row per operation: times, in brackets as multiples of the reference, and pairs."""
     rows = {}
-    for row in of_repetitions(result["benchmarks"]):
-        _, operation, name, scene, count = row["run_name"].split("/")[:5]
+    for run, row in result.items():
+        _, operation, name, scene, count = run.split("/")[:5]
         rows.setdefault((operation, f"{int(count):,} {scene}"), {})[name] = row
     names = list(dict.fromkeys(name for row in rows.values() for name in row))
-    print(f"| {result['context']['device']}, ms | " + " | ".join(f"`{name}`" for name in names) + " | pairs |")
+    print("| ms | " + " | ".join(f"`{name}`" for name in names) + " | pairs |")
     print("| --- |" + " ---: |" * (len(names) + 1))
     for (operation, scene), row in rows.items():
-        times = [row[name]["real_time"] for name in names]
-        cells = [f"{three_digits(time)} ({three_digits(time / row[REFERENCE]['real_time'])})" for time in times]
+        times = [row[name][""] for name in names]
+        cells = [f"{three_digits(time)} ({three_digits(time / row[REFERENCE][''])})" for time in times]
         pairs = dict.fromkeys(f"{row[name]['overlapping']:,.0f}" for name in names)
         print(f"| {operation}, {scene} | " + " | ".join(cells) + f" | {' / '.join(pairs)} |")
 
@@ -42,11 +45,12 @@ def print_proxies(result):
 def print_frames(result):
     """One row per scene and number of boxes."""
     rows = {}
-    for row in of_repetitions(result["benchmarks"]):
-        _, name, scene, count = row["run_name"].split("/")[:4]
-        rows.setdefault(f"{int(count):,} {scene}", {})[name] = row["real_time"] / 1000
+    for run, row in result.items():
+        kind, name, scene, count = run.split("/")[:4]
+        label = f"{int(count):,} {scene}" if kind == "frame" else f"{int(count):,}, of which {scene} move"
+        rows.setdefault(label, {})[name] = row[""] / 1000
     names = list(dict.fromkeys(name for row in rows.values() for name in row))
-    print(f"| {result['context']['device']}, ms | " + " | ".join(f"`{name}`" for name in names) + " |")
+    print("| ms | " + " | ".join(f"`{name}`" for name in names) + " |")
     print("| --- |" + " ---: |" * len(names))
     for scene, row in rows.items():
         print(f"| {scene} | " + " | ".join(three_digits(row[name]) if name in row else "" for name in names) + " |")
@@ -55,66 +59,62 @@ def print_frames(result):
 def print_updates(result):
     """One row per benchmark: mean, p95 and longest of its frames, and changes; for whole lists the mean and pairs; for
     kernels only the mean."""
-    print(f"| {result['context']['device']}, microseconds | mean | p95 | longest | changes or pairs |")
+    print("| microseconds | mean | p95 | longest | changes or pairs |")
     print("| --- |" + " ---: |" * 4)
-    for row in of_repetitions(result["benchmarks"]):
-        cells = [row["real_time"], row.get("p95_us"), row.get("max_us"), row.get("changes", row.get("overlapping"))]
+    for run, row in result.items():
+        cells = [row[""], row.get("p95"), row.get("max"), row.get("changes", row.get("overlapping"))]
         texts = ["" if cell is None else three_digits(cell) for cell in cells]
-        print(f"| `{row['run_name'].split('/iterations')[0].removesuffix('/manual_time')}` | " + " | ".join(texts) + " |")
+        print(f"| `{run}` | " + " | ".join(texts) + " |")
 
 
 def growth_of(result):
     """Per scene the mean times of updates with tiles, as (boxes, microseconds)."""
     series = {}
-    for row in result["benchmarks"]:
-        parts = row["run_name"].split("/")
+    for run, row in result.items():
+        parts = run.split("/")
         if parts[:2] == ["update", "tiles"] and int(parts[3]) >= 16000:
-            series.setdefault(parts[2], []).append((int(parts[3]), row["real_time"]))
+            series.setdefault(parts[2], []).append((int(parts[3]), row[""]))
     return series
 
 
-def draw_growth(plt, results, out):
-    """One panel per device: the time of an update per box, next to n log n."""
-    figure, axes = plt.subplots(1, len(results), figsize=(5.5 * len(results), 3.8), squeeze=False)
-    for result, panel in zip(results, axes[0]):
-        for scene, points in growth_of(result).items():
-            boxes, times = zip(*sorted(points))
-            panel.plot(boxes, [1000 * t / n for n, t in zip(boxes, times)], marker="o", label=scene)
-            first = 1000 * times[0] / boxes[0] / math.log(boxes[0])
-            panel.plot(boxes, [first * math.log(n) for n in boxes], "--", color="grey", linewidth=1)
-        panel.set(title=result["context"]["device"].split(" / ")[-1], xlabel="boxes, all moving", xscale="log")
-        panel.set_ylim(bottom=0)
-        panel.grid(alpha=0.3)
-    axes[0][0].set_ylabel("one update, ns per box (dashed: n log n)")
-    axes[0][0].legend()
+def draw_growth(plt, result, out):
+    """The time of an update per box, next to n log n."""
+    figure, panel = plt.subplots(figsize=(5.5, 3.8))
+    for scene, points in growth_of(result).items():
+        boxes, times = zip(*sorted(points))
+        panel.plot(boxes, [1000 * t / n for n, t in zip(boxes, times)], marker="o", label=scene)
+        first = 1000 * times[0] / boxes[0] / math.log(boxes[0])
+        panel.plot(boxes, [first * math.log(n) for n in boxes], "--", color="grey", linewidth=1)
+    panel.set(xlabel="boxes, all moving", ylabel="one update, ns per box (dashed: n log n)", xscale="log")
+    panel.set_ylim(bottom=0)
+    panel.grid(alpha=0.3)
+    panel.legend()
     figure.tight_layout()
-    figure.savefig(out, metadata={"Date": None})
-
-
-def read(path):
-    with open(path, encoding="utf-8") as file:
-        return json.load(file)
+    figure.savefig(out, metadata={"Date": None, "Creator": None})
 
 
 UPDATES = ("update", "update-from-memory", "update-device", "update-enqueue", "worlds", "some-moving", "whole-list", "kernel")
-PRINTERS = {"frame": print_frames, "proxies": print_proxies, **dict.fromkeys(UPDATES, print_updates)}
+FRAMES = ("frame", "frame-some-moving")
+PRINTERS = {"proxies": print_proxies, **dict.fromkeys(FRAMES, print_frames), **dict.fromkeys(UPDATES, print_updates)}
 
 
 def main():
-    if len(sys.argv) == 2 and sys.argv[1].endswith(".json"):
-        result = read(sys.argv[1])
-        kind = result["benchmarks"][0]["run_name"].split("/")[0]
-        if kind not in PRINTERS:
-            sys.exit(f"{sys.argv[1]}: no table is known for benchmarks named {kind}/...")
-        return PRINTERS[kind](result)
-    if len(sys.argv) < 3:
+    if len(sys.argv) != 3:
         sys.exit(__doc__)
+    if not sys.argv[1].endswith(".svg"):
+        table, group = sys.argv[1:]
+        result = read(table, group)
+        kind = next(iter(result), "nothing").split("/")[0]
+        if kind not in PRINTERS:
+            sys.exit(f"{table}: no table is known for the set '{group}', which begins with {kind}")
+        return PRINTERS[kind](result)
     import matplotlib  # for pictures only
 
     matplotlib.use("svg")
     import matplotlib.pyplot as plt
 
-    draw_growth(plt, [read(path) for path in sys.argv[2:]], sys.argv[1])
+    with plt.rc_context({"svg.hashsalt": "broadcl", "svg.fonttype": "none", "font.family": "DejaVu Sans"}):
+        draw_growth(plt, read(sys.argv[2], "growth"), sys.argv[1])
 
 
 if __name__ == "__main__":

@@ -16,7 +16,7 @@ from study.data import METRICS, Study
 from study.plan import PAPER, PAPER_OBJECTS
 
 INK = "#5b616e"  # of text and axes in files; the page has its own
-POINTS = 300  # per line in Figures 2 to 5; fewer in those that a reader has to open
+POINTS = 200  # per line in Figures 2 to 5; fewer in those that a reader has to open
 FEW_POINTS = 50
 MARKS = 6  # per line in Figures 2 to 5
 PANELS = ("search", "total", "update", "broad_phase", "pairs")
@@ -47,7 +47,7 @@ INKED = ("axes.edgecolor", "axes.labelcolor", "axes.titlecolor", "grid.color", "
 SETTINGS: dict[str, Any] = {
     **dict.fromkeys(INKED, INK), "svg.hashsalt": "broadcl", "svg.fonttype": "none", "font.family": "DejaVu Sans", "font.size": 9,
     "axes.spines.top": False, "axes.spines.right": False, "axes.titlesize": 10, "axes.titlelocation": "left", "axes.grid": True,
-    "grid.alpha": 0.2, "axes.facecolor": "none", "legend.frameon": False,
+    "grid.alpha": 0.2, "axes.facecolor": "none", "legend.frameon": False, "xtick.bottom": False, "ytick.left": False,
 }  # fmt: skip
 
 
@@ -132,16 +132,16 @@ def over_frames(study: Study, scenario: str, objects: int, points: int = POINTS)
 
 
 def _svg(figure: Figure) -> str:
+    """With one decimal, which is a tenth of a point."""
     text = io.StringIO()
     figure.savefig(text, format="svg", transparent=True, metadata={"Date": None, "Creator": None})
-    return text.getvalue()
+    return re.sub(r' (d|x|y)="[^"]*"', lambda place: re.sub(r"(\.\d)\d+|\s*\n", r"\1", place[0]), text.getvalue())
 
 
 def inline(figure: Figure) -> str:
-    """For the page: without a legend, in the page's colours, and with one decimal, which is a tenth of a point. Lines of broad
-    phase X have ids that end in --X."""
+    """For the page: without a legend, in the page's colours. Lines of broad phase X have ids that end in --X."""
     figure.tight_layout()
-    svg = re.sub(r' (d|x|y)="[^"]*"', lambda place: re.sub(r"(\.\d)\d+|\s*\n", r"\1", place[0]), _svg(figure))
+    svg = _svg(figure)
     plt.close(figure)
     return svg[svg.index("<svg") :].replace(INK, "currentColor")
 
