@@ -10,11 +10,11 @@ from pathlib import Path
 
 import matplotlib
 import numpy as np
-from browser import Browser
 from matplotlib import font_manager
 from PIL import Image, ImageDraw, ImageFont
 from selenium.webdriver.support.ui import WebDriverWait
 
+from browser import Browser
 from study import page
 from study.data import Study, read_study
 from study.figures import STYLES
@@ -23,15 +23,15 @@ from study.recording import FRAME_SECONDS, Recording, read_recording, replay_dat
 
 SCENARIO = "mixed-sizes"
 RUNS = {"bullet-bvh": "Bullet (bullet-bvh)", "auto": "BroadCL (auto)"}
-STEP = 2  # frames of the simulation per picture
-TOGETHER = 10  # frames whose mean time is shown while they pass
-EDGE = 396  # of the picture of a run, pixels
+STEP = 4  # frames of the simulation per picture
+TOGETHER = 8  # frames whose mean time is shown while they pass
+EDGE = 296  # of the picture of a run, pixels
 SCALE = 2  # the page draws this many times larger, for smooth edges
 GAP = 8
-HEAD, FOOT = 60, 24
+HEAD, FOOT = 45, 19
 RAMP = matplotlib.colormaps["viridis"]
 GROUND, TEXT, SOFT, TRACK = "#ffffff", "#1d2129", "#5b616d", "#e3e5e9"
-QUALITY = 70
+QUALITY = 20
 ZOOMS = 4  # presses of the key that brings the camera nearer
 TOP_OVERLAPS = 30  # of the brightest boxes
 
@@ -99,23 +99,23 @@ def _composed(pictures: list[Image.Image], times: list[float], longest: float, f
     """The pictures of one frame with captions."""
     image = Image.new("RGB", (2 * EDGE + GAP, HEAD + EDGE + FOOT), GROUND)
     draw = ImageDraw.Draw(image)
-    bold, plain, small = _font(17, "bold"), _font(17), _font(13)
+    bold, small = _font(13, "bold"), _font(10)
     for k, (name, title) in enumerate(RUNS.items()):
         left = k * (EDGE + GAP)
-        right = left + EDGE - 6
-        draw.text((left + 6, 8), title, TEXT, bold)
-        draw.text((right, 8), f"{times[k]:.1f} ms", TEXT, bold, anchor="ra")
-        draw.rectangle((left + 6, 38, right, 52), TRACK)
-        width = (right - left - 6) * min(times[k] / longest, 1)
-        draw.rectangle((left + 6, 38, left + 6 + width, 52), STYLES[name].colour)
+        right = left + EDGE - 4
+        draw.text((left + 4, 6), title, TEXT, bold)
+        draw.text((right, 6), f"{times[k]:.1f} ms", TEXT, bold, anchor="ra")
+        draw.rectangle((left + 4, 28, right, 39), TRACK)
+        width = (right - left - 4) * min(times[k] / longest, 1)
+        draw.rectangle((left + 4, 28, left + 4 + width, 39), STYLES[name].colour)
         image.paste(pictures[k], (left, HEAD))
     y = HEAD + EDGE + 2
-    draw.text((6, y), foot, SOFT, small)
+    draw.text((4, y), foot, SOFT, small)
     draw.text((right, y), f"{TOP_OVERLAPS} overlaps", SOFT, small, anchor="ra")
-    left = right - 170
-    for x, colour in enumerate(RAMP(np.linspace(0, 1, 70), bytes=True)):
-        draw.line((left + x, y + 3, left + x, y + 13), tuple(colour))
-    draw.text((left - 14, y), "0", SOFT, small)
+    left = right - 128
+    for x, colour in enumerate(RAMP(np.linspace(0, 1, 52), bytes=True)):
+        draw.line((left + x, y + 2, left + x, y + 10), tuple(colour))
+    draw.text((left - 10, y), "0", SOFT, small)
     return image
 
 
@@ -155,6 +155,7 @@ def film(runs: Path, folder: Path, out: Path, caption: str) -> None:
         loop=0,
         quality=QUALITY,
         method=6,
+        minimize_size=True,
     )
 
 
