@@ -283,7 +283,7 @@ if wp is not None:
     ):
         i = wp.tid()
         boxes = wp.bvh_query_aabb(bvh, lower[i], upper[i])
-        j = int(0)
+        j = int(0)  # noqa: RUF046, UP018 (Warp: a variable that changes in a loop)
         while wp.bvh_query_next(boxes, j):
             if i < j:
                 k = wp.atomic_add(count, 0, 1)
@@ -381,7 +381,7 @@ def main() -> None:
                 row = {"scene": scene, "boxes": n, "method": name}
                 try:
                     row |= measure(method, scene, n, options)
-                except Exception as error:  # pylint: disable=broad-exception-caught
+                except Exception as error:  # noqa: BLE001 (whatever a package throws is its result)
                     row["failed"] = f"{error}"
                 times = (row.get(f"{kind}_us") for kind in ("total", "memory", "device"))
                 cells = "".join(f"{'-':>12}" if value is None else f"{value:12.1f}" for value in times)

@@ -86,9 +86,9 @@ def replay_data(recording: Recording, most_boxes: int = MOST_BOXES) -> dict[str,
     overlaps = np.stack([np.minimum(count_overlaps(recording.boxes[f]), 255) for f in frames]).astype(np.uint16)
     speeds = np.concatenate([recording.speeds(f, stride) for f in frames])
     return {
-        **{"scenario": recording.scenario, "objects": objects, "recorded_frames": len(recording.boxes), "stride": stride},
-        **{"frames": len(frames), "frame_seconds": FRAME_SECONDS, "levels": LEVELS, "low": low.tolist(), "high": high.tolist()},
+        "scenario": recording.scenario, "objects": objects, "recorded_frames": len(recording.boxes), "stride": stride,
+        "frames": len(frames), "frame_seconds": FRAME_SECONDS, "levels": LEVELS, "low": low.tolist(), "high": high.tolist(),
         "top_speed": max(float(np.quantile(speeds, 0.98)), 1e-3),
         "top_overlaps": max(int(np.quantile(overlaps, 0.99)), 1),
-        **{"boxes": pack(steps), "overlaps": pack(overlaps)},
+        "boxes": pack(steps), "overlaps": pack(overlaps),
     }

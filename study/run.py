@@ -15,6 +15,7 @@ import tempfile
 import time
 from asyncio.subprocess import PIPE
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -64,10 +65,10 @@ class Program:
         text = await self("simulate", "--help")
         tables = {}
         for key, title in (("scenarios", "Scenarios"), ("broadphases", "Broad phases")):
-            rows = re.search(rf"^{title}:\n((?:  .*\n)+)", text, re.M)
+            rows = re.search(rf"^{title}:\n((?:  .*\n)+)", text, re.MULTILINE)
             if not rows:
                 raise StudyError(f"'{self.path}' cannot simulate; it must be built with Bullet")
-            tables[key] = dict(re.findall(r"^  (\S+) +(.*)$", rows[1], re.M))
+            tables[key] = dict(re.findall(r"^  (\S+) +(.*)$", rows[1], re.MULTILINE))
         return tables
 
     async def simulate(self, run: Run, plan: Plan, share: Share = ("", "")) -> tuple[dict[str, Any], str]:
@@ -97,7 +98,7 @@ async def _here(program: Program, plan: Plan) -> dict[str, Any]:
             break
     else:
         raise StudyError(f"'{program.path}' cannot simulate; see '{program.path} check'")
-    cpu = re.search(r"^model name\s*: (.*)$", Path("/proc/cpuinfo").read_text(), re.M)
+    cpu = re.search(r"^model name\s*: (.*)$", Path("/proc/cpuinfo").read_text(), re.MULTILINE)
     return {
         **{name: facts["versions"][name] for name in ("broadcl", "bullet")},
         "cpu": cpu[1] if cpu else platform.machine(),
@@ -114,7 +115,7 @@ def _shares(jobs: int, gpus: int) -> list[Share]:
     if jobs > len(processors):
         raise StudyError(f"--jobs {jobs}: there are only {len(processors)} processors")
     ends = [len(processors) * k // jobs for k in range(jobs + 1)]
-    lists = [",".join(map(str, processors[a:b])) for a, b in zip(ends, ends[1:])] if jobs > 1 else [""]
+    lists = [",".join(map(str, processors[a:b])) for a, b in pairwise(ends)] if jobs > 1 else [""]
     return [(own, str(k % gpus) if gpus > 1 else "") for k, own in enumerate(lists)]
 
 

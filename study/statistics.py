@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -50,7 +50,7 @@ def ratio_of_medians(a: np.ndarray, b: np.ndarray, noise: float = 0) -> Ratio:
     return Ratio(value, (float(low), float(high)), noise)
 
 
-@lru_cache(maxsize=None)
+@cache
 def rest_of(study: Study, cell: Cell, clock: str) -> list[float]:
     """Total time without update and broad phase, ms per frame, of algorithms that play the same simulation to the last bit, for
     which it should be equal: medians over the runs, ascending. By the wall clock, or of the thread's CPU ("_cpu"). Empty if
@@ -61,7 +61,7 @@ def rest_of(study: Study, cell: Cell, clock: str) -> list[float]:
     return sorted(float(np.median(times[b])) for b in names) if len(names) > 1 else []
 
 
-@lru_cache(maxsize=None)
+@cache
 def noise_of(study: Study, cell: Cell, clock: str) -> float:
     """How much times of a cell differ that should be equal; if it does not tell, the most of all cells."""
     rests = [rest_of(study, each, clock) for each in ([cell] if rest_of(study, cell, clock) else study.cells())]
@@ -93,13 +93,13 @@ class Standing:
         return [b for b, ratio in self.over_first.items() if ratio.is_tie]
 
 
-@lru_cache(maxsize=None)
+@cache
 def standing(study: Study, cell: Cell, metric: str) -> Standing:
     times = study.times(cell, f"{metric}_judged")
     medians = {b: float(np.median(times[b])) for b in sorted(times, key=lambda b: np.median(times[b]))}
     fastest = [next((b for b in medians if (b in BULLETS) == is_bullet), None) for is_bullet in (False, True)]
     rivals = (*fastest, compare(study, cell, metric, *fastest)) if all(fastest) else None
-    return Standing(cell, medians, {b: compare(study, cell, metric, b, [*medians][0]) for b in [*medians][1:]}, rivals)
+    return Standing(cell, medians, {b: compare(study, cell, metric, b, next(iter(medians))) for b in [*medians][1:]}, rivals)
 
 
 def three_digits(x: float) -> str:

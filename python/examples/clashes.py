@@ -11,8 +11,8 @@ import numpy as np
 import broadcl
 
 matplotlib.use("Agg")
-import matplotlib.pyplot as plt  # noqa: E402
-from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # noqa: E402
+import matplotlib.pyplot as plt
+from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 
 def beams(bays: int, storeys: int) -> np.ndarray:

@@ -11,7 +11,7 @@ import numpy as np
 import broadcl
 
 matplotlib.use("Agg")
-import matplotlib.pyplot as plt  # noqa: E402
+import matplotlib.pyplot as plt
 
 CUT_OFF = 2.5  # in diameters
 WALL = 14.0

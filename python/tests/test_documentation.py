@@ -3,9 +3,9 @@ import subprocess
 import sys
 from pathlib import Path
 
-import matplotlib.image as image
 import numpy as np
 import pytest
+from matplotlib import image
 
 import broadcl
 from conftest import uniform

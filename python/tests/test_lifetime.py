@@ -146,7 +146,7 @@ def test_nothing_leaks():
         broad_phase.move(ids[:2000], values[1000:3000])
         broad_phase.update()
         broad_phase.move(ids[:2000], values[:2000])
-        added, removed = broad_phase.update()
+        broad_phase.update()
         broad_phase.pairs()
         other = broadcl.BroadPhase(algorithm="sweep-and-prune")
         other.map(20_000)[:] = values

@@ -1,4 +1,3 @@
-#!/usr/bin/env python3
 """check_page.py DIR: opens DIR/index.html in headless Chromium, in light and dark, wide and narrow, and checks that it works and
 that its tables have what study.csv says. Screenshots go to DIR/screenshots."""
 
@@ -10,9 +9,10 @@ import time
 from pathlib import Path
 
 import pandas as pd
-from browser import Browser
 from selenium.webdriver.common.keys import Keys
 from selenium.webdriver.support.ui import WebDriverWait
+
+from browser import Browser
 
 VIEWS = [("light", 1400), ("dark", 1400), ("light", 360), ("dark", 360)]
 WORKED_THROUGH = [("light", 1400), ("dark", 360)]  # where buttons are pressed too

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from study import store
 from study.plan import Part, Plan, Run
 

@@ -6,6 +6,7 @@ import json
 from dataclasses import asdict
 
 import pytest
+
 from study.plan import BULLETS, PAPER, PRESETS, Plan, StudyError, plan_of
 
 QUICK_PLAN, PAPER_PLAN = PRESETS["quick"][1], PRESETS["paper"][1]

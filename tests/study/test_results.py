@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from study import store, verdict
 from study.data import Cell, read_study
 from study.figures import medians_of, number_of
@@ -103,7 +104,7 @@ def test_the_page_is_the_same_each_time_needs_no_recording_and_escapes_names(sma
         ("'.*auto-1.csv.gz' is damaged: it is not a file of a run", "runs/free-fall-10-auto-1.csv.gz", b"x"),
         ("is damaged: it has not 6 frames", "runs/free-fall-10-auto-1.csv.gz", f'""\n{store.COLUMNS}\n'.encode()),
         ("frame 0 is malformed", "runs/free-fall-10-auto-1.csv.gz",
-         f'""\n{store.COLUMNS}\n'.encode() + b"0,nan,1,1,1,1,1,1\n" * 6),  # fmt: skip
+         f'""\n{store.COLUMNS}\n'.encode() + b"0,nan,1,1,1,1,1,1\n" * 6),
         ("is not a recording", "recordings/free-fall.npy", b"x"),
     ],
 )

@@ -12,6 +12,7 @@ import time
 from pathlib import Path
 
 import pytest
+
 from study import store
 
 TINY = "--out s --scenarios free-fall,mixed-sizes --objects 5,6 --broadphases bullet-bvh,tiles --frames 3 --repeat 2"
