@@ -8,7 +8,7 @@ trap 'rm -rf "$tools"' EXIT
 fail() { echo "$1" >&2 && exit 1; }
 
 # There is nothing else, so that they can neither install nor build anything.
-ln -s "$(command -v bash)" "$(command -v cat)" "$(command -v dirname)" "$(command -v grep)" "$tools"
+ln -s "$(command -v bash)" "$(command -v cat)" "$(command -v dirname)" "$(command -v grep)" "$(command -v sed)" "$tools"
 ln -s "$(python3 -c 'import sys; print(sys.executable)')" "$tools/python3"
 for script in scripts/* tests/mutants; do
   [[ -x $script ]] || continue
@@ -33,7 +33,7 @@ output=$(PATH=$tools scripts/setup study 2>&1) || status=$?
   fail "scripts/setup without root prints: $output"
 
 # Root, while another program has apt's locks: of the lists, then of dpkg. Another failure ends it at once.
-ln -s "$(command -v env)" "$(command -v sed)" "$tools"
+ln -s "$(command -v env)" "$tools"
 cat > "$tools/apt-get" << END
 #!/usr/bin/env bash
 echo "\$@" >> "$tools/calls"
