@@ -6,7 +6,7 @@ set -euo pipefail
 log=$(mktemp)
 trap 'rm -f "$log"' EXIT
 exec 4>&1
-{ BROADCL_DEVICE= BROADCL_CACHE_DIR= XDG_CACHE_HOME= HOME= \
+{ BROADCL_DEVICE='' BROADCL_CACHE_DIR='' XDG_CACHE_HOME='' HOME='' \
   oclgrind --data-races --max-errors 20 --log /dev/fd/3 "$@" 3>&1 >&4 4>&- || echo "the command failed"; } | cat > "$log"
 if [ -s "$log" ]; then
   cat "$log"

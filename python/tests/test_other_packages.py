@@ -17,6 +17,7 @@ def output(*arguments, missing=0):
     return run.stdout
 
 
+@pytest.mark.comparison
 def test_python():
     table = output(BENCH / "python.py", "--most", 10_000, "--rounds", 1)
     packages = "rtree", "coal", "python-fcl", "trimesh", "ipctk LBVH", "ipctk SweepAndPrune", "shapely STRtree", "vesin"
@@ -25,6 +26,7 @@ def test_python():
     assert table.count(f"\n{'broadcl':22} ") == 6, table  # in three scenes
 
 
+@pytest.mark.comparison
 def test_a_broad_phase_of_ipctk():
     table = output(BENCH / "ipctk_cloth.py", "--faces", 10_000, "--rounds", 1)
     assert "10,082 faces" in table
