@@ -5,12 +5,10 @@
 #include <optional>
 #include <utility>
 
-#include "engines/device_objects.hpp"
 #include "engines/engine.hpp"
-#include "opencl/context.hpp"
+#include "engines/on_device.hpp"
 #include "opencl/error.hpp"
 #include "opencl/launch.hpp"
-#include "opencl/profiler.hpp"
 
 namespace broadcl {
 namespace {
@@ -26,21 +24,13 @@ std::size_t expected_pairs(const Device& device, std::size_t slots) {
 }
 
 /// The engine with objects from the host and changes for the host.
-class DeviceAlgorithm final : public Algorithm {
+class DeviceAlgorithm final : public OnDevice {
  public:
   DeviceAlgorithm(const Config& config, const Device& device, std::optional<opencl::Tuning> tuning,
                   MakePairFinder make_finder)
-      : context_(device, config.profile, config.on_compile, tuning),
-        profiler_(config.profile),
-        engine_(std::make_unique<Engine>(context_, profiler_, make_finder, Order::Target::host)),
-        objects_(std::make_unique<DeviceObjects>(context_, profiler_, engine_->frames())) {}
-
-  void reserve(std::size_t slots, bool filters) override {
-    context_.guard([&] { objects_->reserve(slots, filters); });
-  }
-
-  void reserve_exclusions(std::size_t count) override {
-    context_.guard([&] { objects_->reserve_exclusions(count); });
+      : OnDevice(config, device, tuning),
+        engine_(std::make_unique<Engine>(context_, profiler_, make_finder, Order::Target::host)) {
+    objects_ = std::make_unique<DeviceObjects>(context_, profiler_, engine_->frames());
   }
 
   void shrink(std::size_t slots) override {
@@ -53,13 +43,6 @@ class DeviceAlgorithm final : public Algorithm {
     });
   }
 
-  [[nodiscard]] std::span<Aabb> boxes() noexcept override { return objects_->boxes(); }
-  [[nodiscard]] std::span<Aabb> spare_boxes() override {
-    return context_.guard([&] { return objects_->spare_boxes(); });
-  }
-  void swap_boxes() noexcept override { objects_->swap_boxes(); }
-  [[nodiscard]] std::shared_ptr<const void> boxes_owner() const override { return objects_->boxes_owner(); }
-
   [[nodiscard]] bool uploads_boxes() const noexcept override { return context_.launch().uploads_boxes; }
 
   void begin(const Input& input) override {
@@ -71,10 +54,6 @@ class DeviceAlgorithm final : public Algorithm {
       objects_->upload_arriving(input);
       engine_->search();
     });
-  }
-
-  void flush() override {
-    context_.guard([&] { context_.queue().flush(); });
   }
 
   Delta finish() override {
@@ -101,16 +80,8 @@ class DeviceAlgorithm final : public Algorithm {
     return context_.guard([&] { return engine_->pairs(); });
   }
 
-  [[nodiscard]] const Device* device() const noexcept override { return &context_.device(); }
-  [[nodiscard]] MemoryUse memory() const noexcept override { return context_.memory(); }
-  [[nodiscard]] std::span<const Stage> profile() const noexcept override { return profiler_.stages(); }
-
  private:
-  opencl::Context context_;
-  opencl::Profiler profiler_;
-  std::unique_ptr<Engine> engine_;
-  std::unique_ptr<DeviceObjects> objects_;  // in its frames
-  PairListener* listener_ = nullptr;        // of the update that was begun
+  std::unique_ptr<Engine> engine_;  // with the frames of the objects
 };
 
 }  // namespace

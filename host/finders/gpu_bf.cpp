@@ -8,16 +8,14 @@
 #include "base/pair_lists.hpp"
 #include "engines/algorithm.hpp"
 #include "engines/change_lists.hpp"
-#include "engines/device_objects.hpp"
+#include "engines/on_device.hpp"
 #include "engines/touching.hpp"
 #include "finders/byte_matrix.hpp"
 #include "finders/row_launch.hpp"
 #include "finders/triangle.hpp"
-#include "opencl/context.hpp"
 #include "opencl/error.hpp"
 #include "opencl/growing_buffer.hpp"
 #include "opencl/launch.hpp"
-#include "opencl/profiler.hpp"
 #include "opencl/shared_buffer.hpp"
 
 namespace broadcl {
@@ -28,26 +26,17 @@ using opencl::round_up;
 
 /// The paper's algorithm: one byte of result per pair. The host has the bytes of this frame and of the last
 /// one, and XORs them.
-class GpuBf final : public Algorithm {
+class GpuBf final : public OnDevice {
  public:
   GpuBf(const Config& config, const Device& device)
-      : context_(device, config.profile, config.on_compile),
-        profiler_(config.profile),
+      : OnDevice(config, device),
         threads_(config.threads),
         launch_(context_.launch().gpu_bf),
         large_(context_.large_buffers()),
         program_(build()),
-        large_program_(large_ ? build(large_->option) : cl::Program()),
-        objects_(std::make_unique<DeviceObjects>(context_, profiler_, *frames_)) {
+        large_program_(large_ ? build(large_->option) : cl::Program()) {
+    objects_ = std::make_unique<DeviceObjects>(context_, profiler_, *frames_);
     make_kernels();
-  }
-
-  void reserve(std::size_t slots, bool filters) override {
-    context_.guard([&] { objects_->reserve(slots, filters); });
-  }
-
-  void reserve_exclusions(std::size_t count) override {
-    context_.guard([&] { objects_->reserve_exclusions(count); });
   }
 
   void shrink(std::size_t slots) override {
@@ -74,13 +63,6 @@ class GpuBf final : public Algorithm {
     free_lists(recycled_);
   }
 
-  [[nodiscard]] std::span<Aabb> boxes() noexcept override { return objects_->boxes(); }
-  [[nodiscard]] std::span<Aabb> spare_boxes() override {
-    return context_.guard([&] { return objects_->spare_boxes(); });
-  }
-  void swap_boxes() noexcept override { objects_->swap_boxes(); }
-  [[nodiscard]] std::shared_ptr<const void> boxes_owner() const override { return objects_->boxes_owner(); }
-
   /// Tests all pairs, regardless of what changed, and copies the results to the host.
   void begin(const Input& input) override {
     profiler_.begin();
@@ -91,10 +73,6 @@ class GpuBf final : public Algorithm {
       grow_results(input.boxes.size(), current_pairs_);
       if (current_pairs_ > 0) test(input);
     });
-  }
-
-  void flush() override {
-    context_.guard([&] { context_.queue().flush(); });
   }
 
   Delta finish() override {
@@ -130,10 +108,6 @@ class GpuBf final : public Algorithm {
   }
 
   [[nodiscard]] std::vector<Pair> pairs() override { return pairs_of(bytes_of(previous_, previous_pairs_)); }
-
-  [[nodiscard]] const Device* device() const noexcept override { return &context_.device(); }
-  [[nodiscard]] MemoryUse memory() const noexcept override { return context_.memory(); }
-  [[nodiscard]] std::span<const Stage> profile() const noexcept override { return profiler_.stages(); }
 
  private:
   [[nodiscard]] static std::vector<Pair> pairs_of(std::span<const std::byte> results) {
@@ -222,8 +196,6 @@ class GpuBf final : public Algorithm {
     }
   }
 
-  opencl::Context context_;
-  opencl::Profiler profiler_;
   std::size_t threads_;  // at most; 0 for one per processor
   const opencl::RowLaunch& launch_;
   std::optional<opencl::Context::LargeBuffers> large_;
@@ -231,15 +203,13 @@ class GpuBf final : public Algorithm {
   cl::Program large_program_;  // for large buffers
   opencl::SizedKernel kernel_, exclude_;
   std::unique_ptr<Frames> frames_ = std::make_unique<Frames>();  // the objects of each
-  std::unique_ptr<DeviceObjects> objects_;
-  opencl::SharedBuffer current_;   // bytes of this frame while it runs
-  opencl::SharedBuffer previous_;  // bytes of the last frame
-  cl::Event read_;                 // after which the host may read the bytes of this frame
+  opencl::SharedBuffer current_;                                 // bytes of this frame while it runs
+  opencl::SharedBuffer previous_;                                // bytes of the last frame
+  cl::Event read_;  // after which the host may read the bytes of this frame
   std::size_t current_pairs_ = 0;
   std::size_t previous_pairs_ = 0;
   bool has_skipped_ = false;  // whether the last update was not uploaded, as it had no pairs to test
   std::vector<std::uint32_t> recycled_;
-  PairListener* listener_ = nullptr;  // of the update that was begun
   ChangeLists lists_;
 };
 
