@@ -18,7 +18,7 @@ kernel void copy_objects(const uint count, global const uint* restrict slots, gl
 
 /* Applies changes, one work-item per change. `changes` has one word per change, a slot as with_recycled() makes
    it, followed by the boxes, and then the filters. If all boxes were uploaded at once, `boxes` and `changed` are
-   null and boxes are left out; so are filters if `filters` is null. (A slot may be there twice, then with the same.) */
+   null and boxes are left out; so are filters if `filters` is null. */
 kernel void apply_changes(const uint count, global const uint* restrict changes, const uint stamp,
                           global uint* restrict boxes, global uint* restrict filters, global uint* restrict stamps,
                           global uint* restrict changed) {

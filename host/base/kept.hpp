@@ -5,8 +5,8 @@
 
 namespace broadcl {
 
-/// Whether there are other owners of the object that this points to. If not, all former owners, in any
-/// thread, have finished with it.
+/// Memory that users may keep longer than an update, or than its object, is in a shared_ptr, of which they
+/// get copies. Whether there are any; if not, all former users, in any thread, have finished with it.
 template <class T>
 [[nodiscard]] bool is_kept(const std::shared_ptr<T>& pointer) noexcept {
   if (pointer.use_count() > 1) return true;

@@ -60,8 +60,8 @@ struct PairRules {
   /// Pairs of slots that are never reported, in canonical order, each once. Read in begin() only.
   std::span<const Pair> exclusions{};
   bool all_changed = false;  ///< Every filter, and the exclusions, count as changed.
-  /// Slots whose filter changed; each once. Those that were recycled need not be among them. Not read if
-  /// `all_changed` is set.
+  /// Slots whose filter is not that of the last update; each once. Those beyond the boxes of the last update
+  /// need not be among them if they are recycled. Not read if `all_changed` is set.
   std::span<const std::uint32_t> refiltered{};
   bool filters_changed = false;     ///< Whether the filter of a slot changed that was not recycled.
   bool exclusions_changed = false;  ///< Since the last update.

@@ -1,11 +1,12 @@
 #include "engines/device_objects.hpp"
 
 #include <algorithm>
-#include <array>
 #include <cstdint>
 #include <cstring>
+#include <iterator>
 #include <string>
 #include <utility>
+#include <vector>
 
 #include <broadcl/error.hpp>
 
@@ -30,8 +31,7 @@ opencl::MappedBuffer staging(const opencl::Context& context, std::size_t bytes) 
 
 /// Memory for boxes, which their users may keep.
 std::shared_ptr<opencl::MappedBuffer> staged_boxes(const opencl::Context& context, std::size_t bytes) {
-  std::shared_ptr<opencl::MappedBuffer> staged(
-      new opencl::MappedBuffer(opencl::MappedBuffer::pinned(context, bytes)), opencl::DeleteAndWait());
+  auto staged = share(context, opencl::MappedBuffer::pinned(context, bytes));
   std::fill_n(reinterpret_cast<Aabb*>(staged->host()), bytes / sizeof(Aabb), packed_empty());
   return staged;
 }
@@ -129,8 +129,9 @@ bool DeviceObjects::upload_filters(const Input& input) {
   now_.objects.filters = cl::Buffer();
   if (rules.filters.empty()) return false;
   const bool any_new = !recycled.empty() && recycled.back() >= last.slots;
-  const bool all = rules.all_changed || last.filters() == nullptr || last.slots == 0 ||
-                   (input.changed.all && recycled.size() + rules.refiltered.size() > rules.filters.size() / 4);
+  const bool all =
+      rules.all_changed || last.filters() == nullptr || last.slots == 0 ||
+      (input.changed.all && recycled.size() + rules.refiltered.size() > rules.filters.size() / 4);
   if (input.changed.all && !all && rules.refiltered.empty() && !any_new) {
     now_.objects.filters = last.filters;
     return false;
@@ -217,15 +218,20 @@ void DeviceObjects::upload_arriving(const Input& input) {
 /// others need a stamp.
 /// @param with_filters Whether their filters are uploaded, too.
 void DeviceObjects::upload_changes(const Input& input, bool with_filters) {
-  const auto& [all, slots, recycled] = input.changed;
-  std::array<std::span<const std::uint32_t>, 2> changed{slots};
-  if (all && with_filters) {
-    changed = {recycled, input.rules.refiltered};
-  } else if (all) {
-    changed[0] = {recycled.begin(),
-                  std::ranges::lower_bound(recycled, static_cast<std::uint32_t>(last_.objects.slots))};
+  const bool all = input.changed.all;
+  const auto recycled = input.changed.recycled;
+  const auto is_recycled = [&](std::uint32_t slot) { return std::ranges::binary_search(recycled, slot); };
+  std::vector<std::uint32_t> of_all;
+  if (all) {
+    const auto new_slots =
+        std::ranges::lower_bound(recycled, static_cast<std::uint32_t>(last_.objects.slots));
+    of_all.assign(recycled.begin(), with_filters ? recycled.end() : new_slots);
   }
-  const auto count = static_cast<cl_uint>(changed[0].size() + changed[1].size());
+  if (all && with_filters) {
+    std::ranges::remove_copy_if(input.rules.refiltered, std::back_inserter(of_all), is_recycled);
+  }
+  const std::span<const std::uint32_t> changed = all ? of_all : input.changed.slots;
+  const auto count = static_cast<cl_uint>(changed.size());
   now_.changed_count = count;
   if (count == 0) return;
   const std::size_t bytes = staged_bytes(count, !all, with_filters);
@@ -235,12 +241,10 @@ void DeviceObjects::upload_changes(const Input& input, bool with_filters) {
   auto* words = reinterpret_cast<cl_uint*>(staged_changes_.host());
   auto* boxes = reinterpret_cast<Aabb*>(words + count);
   auto* filters = reinterpret_cast<Filter*>(boxes + (all ? 0 : count));
-  for (const std::span<const std::uint32_t> list : changed) {
-    for (const std::uint32_t slot : list) {
-      *words++ = layout::with_recycled(slot, std::ranges::binary_search(recycled, slot) ? 1 : 0);
-      if (!all) *boxes++ = this->boxes()[slot];
-      if (with_filters) *filters++ = input.rules.filters[slot];
-    }
+  for (const std::uint32_t slot : changed) {
+    *words++ = layout::with_recycled(slot, is_recycled(slot) ? 1 : 0);
+    if (!all) *boxes++ = this->boxes()[slot];
+    if (with_filters) *filters++ = input.rules.filters[slot];
   }
   const cl::CommandQueue& queue = context_.queue();
   if (!is_direct) {

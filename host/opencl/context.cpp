@@ -38,6 +38,7 @@ Context::Context(const cl::CommandQueue& queue, CompileHandler on_compile, std::
 }
 
 Context::~Context() {
+  life_.reset();
   if (owns_queue_) wait_if_possible(queue_);
 }
 

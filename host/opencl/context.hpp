@@ -53,6 +53,8 @@ class Context {
   [[nodiscard]] const Device& device() const noexcept { return opened_->device; }
   [[nodiscard]] const cl::Context& context() const noexcept { return opened_->context; }
   [[nodiscard]] const cl::CommandQueue& queue() const noexcept { return queue_; }
+  /// Expires when the destructor begins.
+  [[nodiscard]] std::weak_ptr<const void> life() const noexcept { return life_; }
   /// Another in-order queue with the same properties. Its owner has to wait for it: guard() does not.
   /// @throws cl::Error
   [[nodiscard]] cl::CommandQueue second_queue() const;
@@ -164,6 +166,7 @@ class Context {
   mutable CompileHandler on_compile_;  // empty once it was called
   mutable SizedKernel fill_;           // built when it is first needed
   std::shared_ptr<Memory> memory_ = std::make_shared<Memory>();
+  std::shared_ptr<const void> life_ = std::make_shared<char>();
 };
 
 /// Makes an object that works on a device. If the device runs a kernel only in smaller work-groups, for

@@ -45,12 +45,14 @@ MappedBuffer& MappedBuffer::operator=(MappedBuffer&& other) noexcept {
   return *this;
 }
 
-// NOLINTNEXTLINE(bugprone-exception-escape): as above
-void DeleteAndWait::operator()(const MappedBuffer* buffer) const noexcept {
-  if (is_forked()) return;
-  const cl::CommandQueue queue = buffer->queue();
-  delete buffer;
-  wait_if_possible(queue);
+std::shared_ptr<MappedBuffer> share(const Context& context, MappedBuffer buffer) {
+  const auto end = [life = context.life()](const MappedBuffer* shared) {
+    if (is_forked()) return;
+    const cl::CommandQueue queue = shared->queue();
+    delete shared;
+    if (life.expired()) wait_if_possible(queue);
+  };
+  return {new MappedBuffer(std::move(buffer)), end};
 }
 
 void MappedBuffer::map(cl_bool blocking, cl::Event* event) {

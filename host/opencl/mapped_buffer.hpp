@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstddef>
+#include <memory>
 
 #include "opencl/api.hpp"
 #include "opencl/context.hpp"
@@ -53,10 +54,9 @@ class MappedBuffer {
   std::byte* host_ = nullptr;
 };
 
-/// Deletes a buffer and waits until its memory is released, for owners that may outlive the context, which
-/// otherwise waits for its queue. Does nothing if the process was forked.
-struct DeleteAndWait {
-  void operator()(const MappedBuffer* buffer) const noexcept;  // NOLINT(bugprone-exception-escape)
-};
+/// Shares a buffer with users who may keep it (kept.hpp), also longer than the context, which waits for its
+/// queue: once that is gone, whoever has the last copy waits until the memory is released. It is not deleted
+/// if the process was forked.
+[[nodiscard]] std::shared_ptr<MappedBuffer> share(const Context& context, MappedBuffer buffer);
 
 }  // namespace broadcl::opencl

@@ -20,7 +20,7 @@ class SharedBuffer {  // NOLINT(bugprone-exception-escape): handles do not throw
   SharedBuffer(const SharedBuffer&) = delete;
   SharedBuffer& operator=(const SharedBuffer&) = delete;
   SharedBuffer(SharedBuffer&&) noexcept = default;
-  SharedBuffer& operator=(SharedBuffer&& other) noexcept;  // NOLINT(bugprone-exception-escape): as above
+  SharedBuffer& operator=(SharedBuffer&&) noexcept = default;  // NOLINT(bugprone-exception-escape): as above
   /// Belongs to the device, not initialised.
   /// @param bytes At least 1.
   /// @throws cl::Error
@@ -34,9 +34,9 @@ class SharedBuffer {  // NOLINT(bugprone-exception-escape): handles do not throw
   }
 
   /// Of the memory of host(). Do not call release() or download() as long as there are copies.
-  [[nodiscard]] const std::shared_ptr<const void>& owner() const noexcept { return owner_; }
+  [[nodiscard]] std::shared_ptr<const void> owner() const noexcept { return host_; }
   /// Whether there are.
-  [[nodiscard]] bool is_kept() const noexcept { return broadcl::is_kept(owner_); }
+  [[nodiscard]] bool is_kept() const noexcept { return broadcl::is_kept(host_); }
 
   /// Enqueues the command that releases it to the device.
   /// @throws cl::Error
@@ -52,7 +52,6 @@ class SharedBuffer {  // NOLINT(bugprone-exception-escape): handles do not throw
   cl::CommandQueue queue_;
   cl::Buffer device_;  // null if host and device share memory
   std::shared_ptr<MappedBuffer> host_ = std::make_shared<MappedBuffer>();
-  std::shared_ptr<const void> owner_;  // ends before host_, unless others have copies
 };
 
 }  // namespace broadcl::opencl
