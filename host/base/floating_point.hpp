@@ -6,13 +6,15 @@
 #include <cfenv>
 #endif
 
+#include "base/non_copyable.hpp"
+
 namespace broadcl {
 
 /// While it exists, the calling thread rounds to the nearest number, has denormal numbers, and no operation
 /// traps, whatever its owner has set; then everything is as before. So all threads compute the same.
 ///
 /// Operations must stand in functions that are not inlined, or a compiler may move them out of its life.
-class DefaultFloatingPoint {
+class DefaultFloatingPoint : NonCopyable {
  public:
 #if defined(__SSE2_MATH__) && defined(__x86_64__)
   /// (std::fesetenv() would take ten times as long, since it also sets the older unit, which nothing uses.)
@@ -32,10 +34,6 @@ class DefaultFloatingPoint {
     std::fesetenv(&callers_);
   }
 #endif
-  DefaultFloatingPoint(const DefaultFloatingPoint&) = delete;
-  DefaultFloatingPoint& operator=(const DefaultFloatingPoint&) = delete;
-  DefaultFloatingPoint(DefaultFloatingPoint&&) = delete;
-  DefaultFloatingPoint& operator=(DefaultFloatingPoint&&) = delete;
 
  private:
 #if defined(__SSE2_MATH__) && defined(__x86_64__)

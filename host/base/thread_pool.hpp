@@ -8,6 +8,8 @@
 
 #include <broadcl/export.h>
 
+#include "base/non_copyable.hpp"
+
 namespace broadcl {
 
 class ThreadPool;
@@ -56,14 +58,10 @@ class BROADCL_API ParallelLoop {
 
 /// While it exists, free_processors() leaves a processor to a thread that is not of the pool, so that no
 /// helper has to wait for it.
-class BackgroundWork {
+class BackgroundWork : NonCopyable {
  public:
   BackgroundWork() noexcept;
   ~BackgroundWork();
-  BackgroundWork(const BackgroundWork&) = delete;
-  BackgroundWork& operator=(const BackgroundWork&) = delete;
-  BackgroundWork(BackgroundWork&&) = delete;
-  BackgroundWork& operator=(BackgroundWork&&) = delete;
 };
 
 /// The number of processors, without those that are left to background work, if there are at least four.

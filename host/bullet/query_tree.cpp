@@ -8,6 +8,8 @@
 #include <cstddef>
 #include <span>
 
+#include "base/non_copyable.hpp"
+
 namespace broadcl {
 namespace {
 
@@ -28,14 +30,11 @@ std::size_t depth(const btDbvtNode* node) {
 }
 
 /// Nodes for a btDbvt, which itself does not notice if Bullet's allocator returns null.
-class Nodes {
+class Nodes : NonCopyable {
  public:
-  Nodes() = default;
   ~Nodes() {
     for (btDbvtNode* node : nodes_) btAlignedFree(node);
   }
-  Nodes(const Nodes&) = delete;
-  Nodes& operator=(const Nodes&) = delete;
 
   /// @throws std::bad_alloc
   void allocate(std::size_t count) {

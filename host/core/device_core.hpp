@@ -12,6 +12,7 @@
 #include <broadcl/export.h>
 #include <broadcl/opencl.hpp>
 
+#include "base/non_copyable.hpp"
 #include "engines/engine.hpp"
 #include "engines/search.hpp"
 #include "engines/source.hpp"
@@ -23,7 +24,7 @@
 namespace broadcl {
 
 /// What is behind a DeviceBroadPhase, whose functions of the same names say what these do.
-class BROADCL_API DeviceCore {
+class BROADCL_API DeviceCore : NonCopyable {
  public:
   using Boxes = DeviceBroadPhase::Boxes;
   using PairBuffer = DeviceBroadPhase::PairBuffer;
@@ -33,10 +34,6 @@ class BROADCL_API DeviceCore {
   DeviceCore(cl_command_queue queue, const DeviceBroadPhase::Config& config,
              std::optional<opencl::Tuning> tuning);
   ~DeviceCore();
-  DeviceCore(const DeviceCore&) = delete;
-  DeviceCore& operator=(const DeviceCore&) = delete;
-  DeviceCore(DeviceCore&&) = delete;
-  DeviceCore& operator=(DeviceCore&&) = delete;
 
   /// What begin() throws for boxes before it does anything.
   void refuse_invalid(const Boxes& boxes) const;

@@ -17,6 +17,7 @@
 #include <broadcl/pair.hpp>
 #include <broadcl/profile.hpp>
 
+#include "base/non_copyable.hpp"
 #include "opencl/process.hpp"
 
 namespace broadcl {
@@ -25,14 +26,9 @@ class BoxReplacement;
 
 /// Learns about the pairs of an update before that is committed, so that it can fail together with the
 /// update.
-class PairListener {
+class PairListener : NonCopyable {
  public:
-  PairListener() = default;
   virtual ~PairListener() = default;
-  PairListener(const PairListener&) = delete;
-  PairListener& operator=(const PairListener&) = delete;
-  PairListener(PairListener&&) = delete;
-  PairListener& operator=(PairListener&&) = delete;
 
   /// @param pairs Those that touch: touching.hpp. In any order.
   /// @throws std::bad_alloc
@@ -89,14 +85,9 @@ struct Input {
 /// update.
 ///
 /// Boxes are in slots 0, 1, ...; a slot that is free, or whose box is empty, contains packed_empty().
-class Algorithm {
+class Algorithm : NonCopyable {
  public:
-  Algorithm() = default;
   virtual ~Algorithm() = default;
-  Algorithm(const Algorithm&) = delete;
-  Algorithm& operator=(const Algorithm&) = delete;
-  Algorithm(Algorithm&&) = delete;
-  Algorithm& operator=(Algorithm&&) = delete;
 
   /// Reserves memory for at least this many slots, and keeps the existing boxes. Must not be called during an
   /// update. May block, so that begin() does not have to.

@@ -6,6 +6,7 @@
 #include <span>
 #include <vector>
 
+#include "base/non_copyable.hpp"
 #include "engines/algorithm.hpp"
 
 namespace broadcl {
@@ -15,14 +16,9 @@ namespace broadcl {
 void test_each_pair(const Input& input, std::vector<Pair>& pairs);
 
 /// The part of an algorithm that finds pairs on the host, in canonical order, whatever the exclusions.
-class HostFinder {
+class HostFinder : NonCopyable {
  public:
-  HostFinder() = default;
   virtual ~HostFinder() = default;
-  HostFinder(const HostFinder&) = delete;
-  HostFinder& operator=(const HostFinder&) = delete;
-  HostFinder(HostFinder&&) = delete;
-  HostFinder& operator=(HostFinder&&) = delete;
 
   /// Finds all pairs of boxes that overlap and may pair.
   /// @throws std::bad_alloc; Error, as refuse_too_many() does.

@@ -2,6 +2,7 @@
 
 #include <cstddef>
 
+#include "base/non_copyable.hpp"
 #include "engines/pair_delta.hpp"
 #include "engines/search.hpp"
 #include "engines/source.hpp"
@@ -11,14 +12,9 @@
 namespace broadcl {
 
 /// The part of an algorithm that finds pairs on the device.
-class PairFinder {
+class PairFinder : NonCopyable {
  public:
-  PairFinder() = default;
   virtual ~PairFinder() = default;
-  PairFinder(const PairFinder&) = delete;
-  PairFinder& operator=(const PairFinder&) = delete;
-  PairFinder(PairFinder&&) = delete;
-  PairFinder& operator=(PairFinder&&) = delete;
 
   /// May enqueue the kernels that do not need the boxes of this search, which may not be there yet.
   /// @throws cl::Error, Error

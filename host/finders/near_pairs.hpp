@@ -3,6 +3,7 @@
 #include <cstddef>
 #include <limits>
 
+#include "base/non_copyable.hpp"
 #include "engines/pair_delta.hpp"
 #include "engines/search.hpp"
 #include "opencl/context.hpp"
@@ -16,7 +17,7 @@ namespace broadcl {
 /// own, the finder searches the boxes of the last frame, enlarged by a margin; when the new boxes are there,
 /// only the near pairs that it found are tested. The margin follows from how far boxes moved in the last
 /// frame. If a box moves farther, the frame is searched again, without this.
-class NearPairs {
+class NearPairs : NonCopyable {
  public:
   /// @param context Must outlive this object. If it cannot provide what this needs, nothing is searched
   /// early.
@@ -25,10 +26,6 @@ class NearPairs {
   NearPairs(const opencl::Context& context, cl::Program program, std::size_t fewest)
       : context_(context), program_(std::move(program)), fewest_(fewest) {}
   ~NearPairs() { wait(); }
-  NearPairs(const NearPairs&) = delete;
-  NearPairs& operator=(const NearPairs&) = delete;
-  NearPairs(NearPairs&&) = delete;
-  NearPairs& operator=(NearPairs&&) = delete;
 
   /// Starts a frame, whose boxes may still be uploaded in the context's queue.
   /// @param can_search Whether the finder can do without these boxes.

@@ -7,20 +7,16 @@
 
 #include <broadcl/aabb.hpp>
 
+#include "base/non_copyable.hpp"
 #include "mpi/bounds.hpp"
 #include "mpi/halos.hpp"
 
 namespace broadcl::mpi {
 
 /// The objects of a rank, as CrossPairs sees them: on the host or on a device.
-class Objects {
+class Objects : NonCopyable {
  public:
-  Objects() = default;
   virtual ~Objects() = default;
-  Objects(const Objects&) = delete;
-  Objects& operator=(const Objects&) = delete;
-  Objects(Objects&&) = delete;
-  Objects& operator=(Objects&&) = delete;
 
   /// Starts an update of the pairs of two objects of this rank, and finds the objects that belong to halos:
   /// among those that changed(), or among all if have_all_changed().

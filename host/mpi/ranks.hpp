@@ -50,9 +50,6 @@ class Ranks {
   ~Ranks();
   Ranks(Ranks&& other) noexcept
       : comm_(std::exchange(other.comm_, MPI_COMM_NULL)), rank_(other.rank_), count_(other.count_) {}
-  Ranks(const Ranks&) = delete;
-  Ranks& operator=(const Ranks&) = delete;
-  Ranks& operator=(Ranks&&) = delete;
 
   [[nodiscard]] int rank() const noexcept { return rank_; }
   [[nodiscard]] int count() const noexcept { return count_; }

@@ -14,6 +14,7 @@
 #include <broadcl/error.hpp>
 #include <broadcl/memory.hpp>
 
+#include "base/non_copyable.hpp"
 #include "opencl/api.hpp"
 #include "opencl/disk_cache.hpp"
 #include "opencl/error.hpp"
@@ -32,7 +33,7 @@ class GroupTooLarge : public Error {
 
 /// What one object needs on a device that it shares with others: an in-order queue, the tuning of its
 /// kernels, and a count of its memory.
-class Context {
+class Context : NonCopyable {
  public:
   /// @param profile Whether the queue records device times.
   /// @param on_compile Called before the first program is built from its source.
@@ -47,8 +48,6 @@ class Context {
   /// Waits for the remaining commands in its own queue, for instance the release of mapped memory: Intel's
   /// runtime may crash if the process ends earlier.
   ~Context();
-  Context(const Context&) = delete;
-  Context& operator=(const Context&) = delete;
 
   [[nodiscard]] const Device& device() const noexcept { return opened_->device; }
   [[nodiscard]] const cl::Context& context() const noexcept { return opened_->context; }

@@ -27,8 +27,6 @@ class MappedBuffer {
   ~MappedBuffer();
   MappedBuffer(MappedBuffer&& other) noexcept;             // NOLINT(bugprone-exception-escape)
   MappedBuffer& operator=(MappedBuffer&& other) noexcept;  // NOLINT(bugprone-exception-escape)
-  MappedBuffer(const MappedBuffer&) = delete;
-  MappedBuffer& operator=(const MappedBuffer&) = delete;
 
   [[nodiscard]] std::size_t bytes() const noexcept { return bytes_; }
   [[nodiscard]] const cl::Buffer& buffer() const noexcept { return buffer_; }

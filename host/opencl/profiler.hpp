@@ -9,6 +9,7 @@
 
 #include <broadcl/profile.hpp>
 
+#include "base/non_copyable.hpp"
 #include "opencl/api.hpp"
 
 namespace broadcl::opencl {
@@ -21,14 +22,10 @@ class Profiler {
 
   /// Measures the wall clock of a stage from its construction to its destruction. Scopes may nest and
   /// overlap; stages are in the order in which scopes were made.
-  class Scope {
+  class Scope : NonCopyable {
    public:
     Scope(Profiler& profiler, std::string_view name);
     ~Scope();
-    Scope(const Scope&) = delete;
-    Scope& operator=(const Scope&) = delete;
-    Scope(Scope&&) = delete;
-    Scope& operator=(Scope&&) = delete;
 
     /// Where to store the event of the stage's next command; null if device times are not wanted.
     /// @throws std::bad_alloc

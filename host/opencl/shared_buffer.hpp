@@ -17,8 +17,6 @@ class SharedBuffer {  // NOLINT(bugprone-exception-escape): handles do not throw
  public:
   SharedBuffer() = default;
   ~SharedBuffer() = default;
-  SharedBuffer(const SharedBuffer&) = delete;
-  SharedBuffer& operator=(const SharedBuffer&) = delete;
   SharedBuffer(SharedBuffer&&) noexcept = default;
   SharedBuffer& operator=(SharedBuffer&&) noexcept = default;  // NOLINT(bugprone-exception-escape): as above
   /// Belongs to the device, not initialised.
