@@ -175,8 +175,8 @@ TEST(Identical, DevicesAreOfTwoImplementationsIfRusticlIsOn) {
 const auto name_of = [](const auto& test) { return test::test_name(std::get<0>(test.param)); };
 
 INSTANTIATE_TEST_SUITE_P(Identical, IdenticalRun,
-                         testing::Combine(testing::Values("agitated", "mixed-sizes", "streaming"),
-                                          testing::Values(200U), testing::Values(64)),
+                         testing::Combine(testing::Values("mixed-sizes", "streaming"), testing::Values(200U),
+                                          testing::Values(64)),
                          name_of);
 INSTANTIATE_TEST_SUITE_P(Long, IdenticalRun,
                          testing::Combine(testing::ValuesIn(test::scenario_names()), testing::Values(1000U),
