@@ -21,7 +21,7 @@ SUITE_NOT_IN(ProgramWrongKernels, sanitizers, "compiles all kernels anew");
 
 using nlohmann::json;
 
-NOT_IN(sanitizers, "takes long");
+NOT_IN(all_default | sanitizers, "takes long");
 TEST_F(Program, CheckWorksHere) {
   const Outcome outcome = run("check --device " + select_device().id());
   expect_success(outcome);

@@ -46,26 +46,28 @@ std::string name_of(long first, long count) {
 /// OpenCL calls start to fail at a different one in each life, on a device that works again later.
 constexpr auto expect_host_lives = expect_short_lives<OpenClTrouble, DeviceMemoryWatch>;
 constexpr auto expect_lives_on_device = expect_device_lives<OpenClTrouble, DeviceMemoryWatch>;
+/// Lives with each change; LongDeviceFailure has one for every call.
+constexpr long most_lives = 16;
 
 NOT_IN(gpu_profile | rusticl | sanitizers,
        "fails on purpose, also where buffers are unmapped, and takes long");
 TEST_P(EachAlgorithm, ACallThatFailsMayBeRepeated) {
   if (!GetParam().on_device) return;
-  expect_host_lives(config(), 1, 30, true);
+  expect_host_lives(config(), 1, most_lives, true);
 }
 
 NOT_IN(gpu_profile | rusticl | sanitizers,
        "fails on purpose, also where buffers are unmapped, and takes long");
 TEST_P(EachAlgorithm, ACallThatFailsInDoublePrecisionMayBeRepeated) {
   if (!GetParam().on_device) return;
-  expect_short_lives<OpenClTrouble, DeviceMemoryWatch, Warped<BroadPhase64>>(config(), 1, 30, true);
+  expect_short_lives<OpenClTrouble, DeviceMemoryWatch, Warped<BroadPhase64>>(config(), 1, most_lives, true);
 }
 
 NOT_IN(gpu_profile | rusticl | sanitizers,
        "fails on purpose, also where buffers are unmapped, and takes long");
 TEST_P(EachAlgorithm, ADeviceThatFailsForSomeTimeLosesNothing) {
   if (!GetParam().on_device) return;
-  expect_host_lives(config(), OpenClTrouble::for_good, 15, true);
+  expect_host_lives(config(), OpenClTrouble::for_good, most_lives / 2, true);
 }
 
 class DeviceFailure : public ::testing::TestWithParam<std::string> {};
@@ -75,17 +77,17 @@ const auto finders = ::testing::Values("brute-force", "tiles");
 INSTANTIATE_TEST_SUITE_P(Table, DeviceFailure, finders, named_by_parameter);
 
 TEST_P(DeviceFailure, WhicheverCallOfADeviceBroadPhaseFailsMayBeRepeated) {
-  expect_lives_on_device(GetParam(), 1, 30);
+  expect_lives_on_device(GetParam(), 1, most_lives);
 }
 
 TEST_P(DeviceFailure, ADeviceBroadPhaseGoesOnWhenTheDeviceWorksAgain) {
-  expect_lives_on_device(GetParam(), OpenClTrouble::for_good, 15);
+  expect_lives_on_device(GetParam(), OpenClTrouble::for_good, most_lives / 2);
 }
 
 TEST_P(DeviceFailure, WithDirectMemoryACallThatFailsMayBeRepeatedToo) {
   const LimitedDevices limited(device_with_direct_memory());
-  expect_lives_on_device(GetParam(), 1, 30);
-  expect_host_lives({.algorithm = GetParam()}, 1, 30, true);
+  expect_lives_on_device(GetParam(), 1, most_lives);
+  expect_host_lives({.algorithm = GetParam()}, 1, most_lives, true);
 }
 
 /// Every call: the failure of it alone, and of it and all later ones.

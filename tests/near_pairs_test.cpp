@@ -174,7 +174,7 @@ TEST_F(EarlySearch, SmallCrowdsHaveManyNearPairs) {
 }
 
 /// Then each margin is as long as the scene, in which all boxes are near each other.
-NOT_IN(rusticl | sanitizers, "takes long in the reference, which tests each pair");
+NOT_IN(all_default | rusticl | sanitizers, "takes long in the reference, which tests each pair");
 TEST_F(EarlySearch, IsTriedOnceIfABoxLeapsInEachFrame) {
   constexpr std::size_t n = 2000;
   const auto peak = [&](MakePairFinder make) {

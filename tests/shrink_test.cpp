@@ -123,7 +123,7 @@ TEST(HostMemory, IsGivenBackToTheSystem) {
 }
 #endif
 
-NOT_IN(sanitizers, "which need addresses");
+NOT_IN(all_default | sanitizers, "takes long, and sanitizers need addresses");
 TEST(HostMemory, SufficesAgainAfterARealShortage) {
   EXPECT_TRUE(holds_in_child([] {
     constexpr std::uint32_t n = 40'000;
@@ -158,7 +158,7 @@ Added bytes_of(const Function& function) {
 }
 
 /// The figures of docs/algorithms.md, which this prints.
-NOT_IN(sanitizers, "which need more");
+NOT_IN(all_default | sanitizers, "takes long, and sanitizers need more");
 TEST(HostMemory, IsAsDocumented) {
   const auto print = [](const char* what, Added bytes, double per) {
     std::cout << what << ": " << bytes.now / per << " bytes, at most " << bytes.peak / per << "\n";
