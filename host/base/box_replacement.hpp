@@ -23,7 +23,7 @@ class BoxReplacement {
  public:
   /// @param view, before, boxes New boxes, those that they replace, and where they are written. They must
   /// outlive this object.
-  /// @param streams Whether a device will read them rather than the processor.
+  /// @param streams Whether the processor will not read them while they are in its caches.
   /// @param threads At most; 0 for one per processor.
   /// @throws std::bad_alloc
   BoxReplacement(const BoxView& view, std::span<const Aabb> before, std::span<Aabb> boxes, bool streams,

@@ -357,7 +357,9 @@ void Core::swap_boxes() noexcept {
 void Core::copy_all(const BoxView& view) {
   const std::size_t n = view.size();
   const bool uploads = algorithm_->uploads_boxes();
-  BoxReplacement replacement(view, algorithm_->spare_boxes(), boxes_, uploads, threads_);
+  constexpr std::size_t most_cached = std::size_t{1} << 18U;
+  const bool streams = uploads || n > most_cached;
+  BoxReplacement replacement(view, algorithm_->spare_boxes(), boxes_, streams, threads_);
   // An upload of all boxes can begin before it is known which changed.
   const bool arrive_later = uploads && many_moved_;
   if (!arrive_later) replacement.finish();
