@@ -12,6 +12,11 @@ namespace {
 /// Boxes arrive in pieces, each of which has at least so many parts.
 constexpr std::size_t least_parts = 6;
 
+bool are_same(std::span<const Aabb> block, const Aabb* boxes) {
+  // NOLINTNEXTLINE(bugprone-suspicious-memory-comparison): as in same_bits()
+  return std::memcmp(block.data(), boxes, block.size_bytes()) == 0;
+}
+
 }  // namespace
 
 BoxReplacement::BoxReplacement(const BoxView& view, std::span<const Aabb> before, std::span<Aabb> boxes,
@@ -62,7 +67,7 @@ void BoxReplacement::copy(std::size_t part) {
     }
     if (streams_) {
       stream(block, boxes_.data() + slot);
-    } else {
+    } else if (!are_same(block, boxes_.data() + slot)) {  // reading takes less time than writing
       std::ranges::copy(block, boxes_.data() + slot);
     }
     changed += compare(slot, block);
@@ -74,8 +79,7 @@ void BoxReplacement::copy(std::size_t part) {
 
 std::size_t BoxReplacement::compare(std::size_t slot, std::span<const Aabb> block) noexcept {
   unsigned changed = 0;
-  // NOLINTNEXTLINE(bugprone-suspicious-memory-comparison): as in same_bits()
-  if (std::memcmp(before_.data() + slot, block.data(), block.size_bytes()) != 0) {
+  if (!are_same(block, before_.data() + slot)) {
     for (std::size_t k = 0; k < block.size(); ++k) {
       changed |= static_cast<unsigned>(!same_bits(before_[slot + k], block[k])) << k;
     }
