@@ -201,7 +201,8 @@ TEST(BoxReplacement, PassesOnEachSlotOnce) {
       const std::vector<Aabb> before(n);
       std::vector<Aabb> copy(n);
       const BoxView view(boxes);
-      BoxReplacement replacement(view, before, copy, true, threads);
+      const bool samples = threads > 1;
+      BoxReplacement replacement(view, before, copy, true, samples, threads);
       std::size_t next = 0;
       do {
         const std::size_t begin = std::exchange(next, replacement.next());
@@ -210,7 +211,7 @@ TEST(BoxReplacement, PassesOnEachSlotOnce) {
             std::all_of(copy.data() + begin, copy.data() + next, [](const Aabb& b) { return b == unit; }));
       } while (next < n);
       EXPECT_EQ(copy, boxes);
-      EXPECT_EQ(replacement.count(), n);
+      EXPECT_NEAR(static_cast<double>(replacement.count()), n, samples ? 256 : 0);
     }
   }
 }
@@ -224,7 +225,7 @@ TEST(BoxReplacement, TellsWhichChange) {
   boxes[15] = empty_aabb();
   const BoxView view(boxes);
   std::vector<Aabb> copy(n);
-  BoxReplacement replacement(view, before, copy, false, 2);
+  BoxReplacement replacement(view, before, copy, false, false, 2);
   replacement.finish();
   EXPECT_EQ(replacement.count(), expected.size());
   EXPECT_TRUE(replacement.any_empty());

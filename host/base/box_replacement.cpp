@@ -20,11 +20,12 @@ bool are_same(std::span<const Aabb> block, const Aabb* boxes) {
 }  // namespace
 
 BoxReplacement::BoxReplacement(const BoxView& view, std::span<const Aabb> before, std::span<Aabb> boxes,
-                               bool streams, std::size_t threads)
+                               bool streams, bool samples, std::size_t threads)
     : view_(view),
       before_(before),
       boxes_(boxes),
       streams_(streams),
+      blocks_per_sample_(samples ? 16 : 1),
       changed_((view.size() + BoxReader::block - 1) / BoxReader::block),
       nan_(view.size()),
       parts_per_piece_(std::max(least_parts, (parts_of(view.size()) + most_pieces - 1) / most_pieces)),
@@ -70,7 +71,7 @@ void BoxReplacement::copy(std::size_t part) {
     } else if (!are_same(block, boxes_.data() + slot)) {  // reading takes less time than writing
       std::ranges::copy(block, boxes_.data() + slot);
     }
-    changed += compare(slot, block);
+    if (slot / BoxReader::block % blocks_per_sample_ == 0) changed += compare(slot, block);
   }
   finish_stream();  // of this function, or of a Conversion
   count_ += changed;

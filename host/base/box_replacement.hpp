@@ -27,7 +27,7 @@ class BoxReplacement {
   /// @param threads At most; 0 for one per processor.
   /// @throws std::bad_alloc
   BoxReplacement(const BoxView& view, std::span<const Aabb> before, std::span<Aabb> boxes, bool streams,
-                 std::size_t threads);
+                 bool samples, std::size_t threads);
 
   /// Waits for more boxes. To be called until there are all.
   /// @returns How many there are, from the first on: more than before, or all.
@@ -40,7 +40,7 @@ class BoxReplacement {
   void finish();
 
   /// Once there are all: how many boxes of the view are not the same as before.
-  [[nodiscard]] std::size_t count() const noexcept { return count_; }
+  [[nodiscard]] std::size_t count() const noexcept { return blocks_per_sample_ * count_; }
   /// Calls function(slot) for each of these.
   template <class Function>
   void for_each_changed(const Function& function) const {
@@ -64,6 +64,7 @@ class BoxReplacement {
   std::span<const Aabb> before_;
   std::span<Aabb> boxes_;
   bool streams_;
+  std::size_t blocks_per_sample_;       // one of so many is compared
   std::vector<std::uint16_t> changed_;  // a bit per box, by block of BoxReader
   std::atomic<std::size_t> count_ = 0;  // of these bits
   std::atomic<bool> any_empty_ = false;

@@ -359,9 +359,9 @@ void Core::copy_all(const BoxView& view) {
   const bool uploads = algorithm_->uploads_boxes();
   constexpr std::size_t most_cached = std::size_t{1} << 18U;
   const bool streams = uploads || n > most_cached;
-  BoxReplacement replacement(view, algorithm_->spare_boxes(), boxes_, streams, threads_);
   // An upload of all boxes can begin before it is known which changed.
   const bool arrive_later = uploads && many_moved_;
+  BoxReplacement replacement(view, algorithm_->spare_boxes(), boxes_, streams, arrive_later, threads_);
   if (!arrive_later) replacement.finish();
   for (std::size_t id = n; id < std::min(spare_slots_, boxes_.size()); ++id) boxes_[id] = packed_empty();
   set_ids(n, packed_empty(), [](std::uint32_t /*id*/, const Aabb& /*box*/) {});
