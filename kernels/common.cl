@@ -9,5 +9,6 @@
 #include "order_small.cl"
 #include "order_worlds.cl"
 #include "radix_sort.cl"
+#include "radix_sort_small.cl"
 #include "scan.cl"
 #include "touching.cl"

@@ -111,10 +111,16 @@ void expect_sorted(const Context& context, RadixSort& sort, std::vector<Element>
       << "element " << wrong.first - elements.begin() << " is " << *wrong.second;
 }
 
+/// Runs a test with the kernels of each tuning, with that for GPUs both as it is and without the
+/// launches for few elements.
 void with_each_sort(const std::function<void(const Context&, RadixSort&)>& test) {
   with_both_profiles([&](const Context& context) {
     RadixSort sort(context);
     test(context, sort);
+    if (context.launch().max_merged == 0) return;
+    SCOPED_TRACE("by digits");
+    RadixSort by_digits(context, 0);
+    test(context, by_digits);
   });
 }
 
@@ -276,6 +282,17 @@ TEST(RadixSort, ThreeMillion) {
     expect_sorted(context, sort,
                   numbered(3'000'000, [](std::size_t k) { return ~static_cast<std::uint32_t>(k); }),
                   {{32, 6}});
+  });
+}
+
+/// The longest lists that are sorted in few launches, and one element more, by all bits.
+TEST(RadixSort, AroundTheLongestListsOfFewLaunchesByAllBits) {
+  with_both_profiles([](const Context& context) {
+    RadixSort sort(context);
+    const std::size_t longest = context.launch().max_merged;
+    for (const std::size_t n : {longest, longest + 1}) {
+      expect_sorted(context, sort, random_elements(n), {{0, 64}});
+    }
   });
 }
 

@@ -10,9 +10,9 @@
 namespace broadcl::opencl {
 namespace {
 
-/// Elements per block: lengths are multiples of the first.
-constexpr std::size_t shortest_block = 4096;
-constexpr std::size_t longest_sorted_block = 8 * shortest_block;
+/// Elements per tile: TILE in kernels/radix_tile.h. Blocks consist of tiles.
+constexpr std::size_t sort_tile = 4096;
+constexpr std::size_t longest_sorted_block = 8 * sort_tile;
 
 /// Up to this many blocks, it takes less time to add up the counts in each work-group than to launch their
 /// scan.
@@ -20,11 +20,29 @@ constexpr std::size_t most_unscanned = 64;
 
 }  // namespace
 
-RadixSort::RadixSort(const Context& context) : context_(context), scan_(context) {
+RadixSort::RadixSort(const Context& context, std::size_t max_merged)
+    : context_(context), max_merged_(max_merged), scan_(context) {
   const cl::Program program = common_program(context);
   const std::size_t group = context.launch().group;
   count_ = context.kernel(program, "radix_sort_count", group);
   scatter_ = context.kernel(program, "radix_sort_scatter", group);
+  if (max_merged == 0) return;
+  small_ = context.kernel(program, "radix_sort_small", group);
+  merge_ = context.kernel(program, "radix_sort_merge", group);
+}
+
+void RadixSort::enqueue_merged(const cl::Buffer& elements, const cl::Buffer& scratch, cl_uint n, Bits key,
+                               Profiler::Scope* stage) {
+  const std::size_t group = context_.launch().group;
+  const auto enqueue = [&](cl::Kernel& kernel, std::size_t groups, const cl::Buffer& from,
+                           const cl::Buffer& to) {
+    set_arguments(kernel, 0, n, cl_uint{key.first}, cl_uint{key.count}, from, to);
+    context_.queue().enqueueNDRangeKernel(kernel, cl::NullRange, cl::NDRange(groups * group),
+                                          cl::NDRange(group), nullptr, event_of(stage));
+  };
+  if (n <= sort_tile) return enqueue(small_, 1, elements, elements);
+  enqueue(small_, divide_up(n, sort_tile), elements, scratch);
+  enqueue(merge_, divide_up(n, group), scratch, elements);
 }
 
 void RadixSort::enqueue_pass(const cl::Buffer& source, const cl::Buffer& target, cl_uint n, Blocks blocks,
@@ -45,7 +63,13 @@ void RadixSort::enqueue_pass(const cl::Buffer& source, const cl::Buffer& target,
 void RadixSort::enqueue(const cl::Buffer& elements, const cl::Buffer& scratch, std::size_t n,
                         const Keys& keys, Profiler::Scope* stage) {
   if (n < 2) return;
-  const Blocks blocks = split_into_blocks(context_, n, shortest_block, longest_sorted_block);
+  if (n <= max_merged_) {
+    for (const Bits& key : {keys.minor, keys.major}) {
+      if (key.count > 0) enqueue_merged(elements, scratch, static_cast<cl_uint>(n), key, stage);
+    }
+    return;
+  }
+  const Blocks blocks = split_into_blocks(context_, n, sort_tile, longest_sorted_block);
   if (blocks.count > most_blocks_) {
     counts_ = context_.buffer((std::size_t{blocks.count} << digit_bits) * sizeof(cl_uint));
     most_blocks_ = blocks.count;

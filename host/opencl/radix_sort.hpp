@@ -12,7 +12,8 @@ namespace broadcl::opencl {
 
 /// Stable sorting of 8-byte elements on the device: kernels/radix_sort.cl, which names the sources.
 ///
-/// It makes one pass over the elements for every 8 bits, or fewer, of each range.
+/// It makes one pass over the elements for every 8 bits, or fewer, of each range; if there are few elements,
+/// on a GPU, one or two launches per range.
 class RadixSort {
  public:
   /// A range of the bits of an element, read as the 64-bit number that it is on a little-endian device: bit 0
@@ -30,7 +31,9 @@ class RadixSort {
 
   /// @param context Must outlive this object.
   /// @throws Error, cl::Error
-  explicit RadixSort(const Context& context);
+  explicit RadixSort(const Context& context) : RadixSort(context, context.launch().max_merged) {}
+  /// The same, for tests.
+  RadixSort(const Context& context, std::size_t max_merged);
 
   /// Enqueues a stable ascending sort, in place. Does not wait. Sorts by one object must be enqueued one
   /// after the other, as by a single thread. The object's memory, for counters, is at most 1 KiB per 4096
@@ -45,14 +48,18 @@ class RadixSort {
                Profiler::Scope* stage = nullptr);
 
  private:
+  void enqueue_merged(const cl::Buffer& elements, const cl::Buffer& scratch, cl_uint n, Bits key,
+                      Profiler::Scope* stage);
   void enqueue_pass(const cl::Buffer& source, const cl::Buffer& target, cl_uint n, Blocks blocks, Bits digit,
                     Profiler::Scope* stage);
 
   const Context& context_;
+  std::size_t max_merged_;
   Scan scan_;
   cl::Kernel count_, scatter_;
-  cl::Buffer counts_;        // by digit, then by block
-  cl_uint most_blocks_ = 0;  // blocks that counts_ has capacity for
+  cl::Kernel small_, merge_;  // with the tuning for GPUs
+  cl::Buffer counts_;         // by digit, then by block
+  cl_uint most_blocks_ = 0;   // blocks that counts_ has capacity for
 };
 
 }  // namespace broadcl::opencl

@@ -12,6 +12,7 @@ const LaunchParameters& launch_parameters(Tuning tuning) noexcept {
   static constexpr LaunchParameters cpu{.group = 1,
                                         .blocks = 4,
                                         .min_scan_block = 16384,
+                                        .max_merged = 0,
                                         .max_order_small = 256,
                                         .brute_force = {.width = 16,
                                                         .group = 1,

@@ -28,6 +28,9 @@ struct LaunchParameters {
   std::size_t blocks = 8;
   /// Values per block that is added up, at least: a multiple of four per work-item.
   std::size_t min_scan_block = 4096;
+  /// Elements that are sorted by tiles that are merged, at most: these are launches less, but merging
+  /// searches each tile for each element.
+  std::size_t max_merged = 65536;
   /// Changes per list that are ordered in one launch, at most.
   std::size_t max_order_small = 8192;
   RowLaunch brute_force{.width = 4,
