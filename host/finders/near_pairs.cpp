@@ -50,13 +50,14 @@ bool NearPairs::is_possible(const Search& search) const noexcept {
 /// Whether the distances that boxes moved in the last frame are known; draws conclusions from that frame.
 bool NearPairs::is_distance_known(const Search& search, const PairDelta& sink, bool pays) {
   // (If the last frame here failed, another finder may have done the one after it.)
-  const bool has_failed = state_ == State::searching || (state_ != State::off && sink.frames() == frame_);
-  if (state_ == State::searching) wait();
+  const bool has_failed =
+      plan_.state == State::searching || (plan_.state != State::off && sink.frames() == plan_.frame);
+  if (plan_.state == State::searching) wait();
   if (has_failed) pause();  // perhaps memory was short
   // (If the last boxes are in another buffer now, the commands that copied them may not have ended.)
-  const bool follows = sink.frames() == frame_ + 1 && search.last.boxes() == now_;
-  if (!follows || state_ == State::off) return false;
-  if (state_ == State::measured) return true;
+  const bool follows = sink.frames() == plan_.frame + 1 && search.last.boxes() == plan_.boxes;
+  if (!follows || plan_.state == State::off) return false;
+  if (plan_.state == State::measured) return true;
   if (pays) {
     back_off_.shorten();
   } else {
@@ -68,23 +69,21 @@ bool NearPairs::is_distance_known(const Search& search, const PairDelta& sink, b
 bool NearPairs::begin(const Search& search, const PairDelta& sink, bool can_search, bool pays,
                       opencl::Profiler& profiler) {
   const bool is_margin_known = is_distance_known(search, sink, pays);
-  state_ = State::off;
-  frame_ = sink.frames();
-  now_ = search.now.boxes();
+  plan_ = {.frame = sink.frames(), .boxes = search.now.boxes()};
   if (!is_possible(search)) margin_limit_ = std::numeric_limits<float>::infinity();
-  if (!is_possible(search) || !back_off_.is_over(frame_) || !load()) return false;
-  state_ = State::measured;
+  if (!is_possible(search) || !back_off_.is_over(plan_.frame) || !load()) return false;
+  plan_.state = State::measured;
   if (!can_search || !is_margin_known) return false;
-  margin_ = margin_factor * std::bit_cast<float>(sink.displacement());
-  if (!(margin_ < margin_limit_) || !reserve(search.now.slots, sink.pair_count(), profiler)) {
+  plan_.margin = margin_factor * std::bit_cast<float>(sink.displacement());
+  if (!(plan_.margin < margin_limit_) || !reserve(search.now.slots, sink.pair_count(), profiler)) {
     pause();
     return false;
   }
 
   context_.queue().flush();  // so that the upload starts first
-  state_ = State::searching;
+  plan_.state = State::searching;
   opencl::Profiler::Scope stage(profiler, "early");
-  opencl::set_arguments(grow_.kernel, 0, search.last.slots, search.last.boxes, margin_, grown_.get(),
+  opencl::set_arguments(grow_.kernel, 0, search.last.slots, search.last.boxes, plan_.margin, grown_.get(),
                         counts_);
   grow_.enqueue(queue_, std::max<std::size_t>(search.last.slots, layout::COUNTS), stage.event());
   return true;
@@ -128,10 +127,10 @@ void NearPairs::await_search() {
 }
 
 void NearPairs::test(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) {
-  if (state_ == State::off) return;
+  if (plan_.state == State::off) return;
   opencl::Profiler::Scope stage(profiler, "near");
   const cl_uint next = opencl::set_arguments(
-      test_.kernel, 0, search.now.slots, search.now.boxes, is_early() ? margin_ : 0.0F, capacity(),
+      test_.kernel, 0, search.now.slots, search.now.boxes, is_early() ? plan_.margin : 0.0F, capacity(),
       is_early() ? pairs_.get() : cl::Buffer(), is_early() ? counts_ : cl::Buffer());
   sink.set_sink(test_.kernel, next, search);
   const std::size_t items = context_.device().compute_units * test_groups_per_unit * test_.group;
@@ -139,22 +138,22 @@ void NearPairs::test(const Search& search, const PairDelta& sink, opencl::Profil
 }
 
 bool NearPairs::is_early() const noexcept {
-  return state_ == State::searching || state_ == State::searched;
+  return plan_.state == State::searching || plan_.state == State::searched;
 }
 
 bool NearPairs::missed(const PairDelta::Counts& counts, bool finder_gave_up) noexcept {
   if (!is_early()) return false;
-  state_ = State::searched;
-  if (finder_gave_up) margin_limit_ = margin_ / 2;
+  plan_.state = State::searched;
+  if (finder_gave_up) margin_limit_ = plan_.margin / 2;
   if (counts.displacement == TOO_MANY_NEAR && !finder_gave_up) wanted_ = 4 * std::size_t{capacity()};
-  return finder_gave_up || counts.displacement > std::bit_cast<cl_uint>(margin_);
+  return finder_gave_up || counts.displacement > std::bit_cast<cl_uint>(plan_.margin);
 }
 
 void NearPairs::pause() {
-  state_ = State::off;
+  plan_.state = State::off;
   grown_.clear();
   pairs_.clear();
-  back_off_.start(frame_);
+  back_off_.start(plan_.frame);
 }
 
 void NearPairs::BackOff::start(std::size_t frame) noexcept {

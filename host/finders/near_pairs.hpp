@@ -60,12 +60,19 @@ class NearPairs : NonCopyable {
   void pause();
 
  private:
-  /// What was done in the frame that is begun or was the last one.
   enum class State {
     off,        ///< Nothing.
     measured,   ///< The distances that boxes move.
     searching,  ///< They were measured after an early search, which may not have ended.
     searched,   ///< The same, and it has ended.
+  };
+
+  /// What is done in the frame that is begun, or was in the last one.
+  struct Plan {
+    State state = State::off;
+    std::size_t frame = 0;   ///< Its number.
+    cl_mem boxes = nullptr;  ///< Those of this frame.
+    float margin = 0;        ///< By which the last ones are enlarged.
   };
 
   /// The time that passes before an early search after one that did not pay: each is twice as long as the one
@@ -99,10 +106,7 @@ class NearPairs : NonCopyable {
   opencl::GrowingBuffer pairs_;
   std::size_t wanted_ = 0;  // near pairs to make room for, if that many are useful
   cl::Buffer counts_;       // as those of PairDelta
-  State state_ = State::off;
-  std::size_t frame_ = 0;  // its number
-  cl_mem now_ = nullptr;   // its boxes
-  float margin_ = 0;
+  Plan plan_;
   /// A margin with which all boxes would be near each other, as long as objects do not come or go.
   float margin_limit_ = std::numeric_limits<float>::infinity();
   BackOff back_off_;
