@@ -16,6 +16,15 @@ namespace {
 using ::testing::ElementsAre;
 using ::testing::IsEmpty;
 
+/// The pairs of a list, which is destroyed.
+Pairs taken_from(broadcl_pair_list* made) {
+  broadcl_pairs pairs{};
+  EXPECT_EQ(broadcl_pair_list_pairs(made, &pairs), BROADCL_SUCCESS);
+  Pairs result = list(pairs);
+  EXPECT_EQ(broadcl_pair_list_destroy(made), BROADCL_SUCCESS);
+  return result;
+}
+
 TEST(CPairList, HasAllPairsOfBoxesInAnyLayout) {
   const std::vector<broadcl_aabb> boxes = random_boxes(200);
   const Pairs expected = overlapping(boxes);
@@ -25,11 +34,7 @@ TEST(CPairList, HasAllPairsOfBoxesInAnyLayout) {
     broadcl_pair_list* pairs = nullptr;
     EXPECT_EQ(broadcl_pair_list_create(&given, nullptr, nullptr, 0, &config, &pairs), BROADCL_SUCCESS)
         << broadcl_last_error();
-    broadcl_pairs found{};
-    EXPECT_EQ(broadcl_pair_list_pairs(pairs, &found), BROADCL_SUCCESS);
-    Pairs result = list(found);
-    EXPECT_EQ(broadcl_pair_list_destroy(pairs), BROADCL_SUCCESS);
-    return result;
+    return taken_from(pairs);
   };
   EXPECT_EQ(pairs_of(view(boxes)), expected);
 
@@ -122,14 +127,10 @@ TEST(CPairList, LacksWhatIsExcluded) {
   const broadcl_config config = on_host();
   const auto found = [&](const broadcl_boxes& s, const broadcl_boxes* t, const Pairs& without) {
     broadcl_pair_list* made = nullptr;
-    broadcl_pairs pairs{};
     EXPECT_EQ(broadcl_pair_list_create(&s, t, without.data(), without.size(), &config, &made),
               BROADCL_SUCCESS)
         << broadcl_last_error();
-    EXPECT_EQ(broadcl_pair_list_pairs(made, &pairs), BROADCL_SUCCESS);
-    Pairs result = list(pairs);
-    EXPECT_EQ(broadcl_pair_list_destroy(made), BROADCL_SUCCESS);
-    return result;
+    return taken_from(made);
   };
   EXPECT_EQ(found(both, nullptr, exclusions), expected);
   EXPECT_EQ(found(both, nullptr, {}), all);
@@ -151,15 +152,11 @@ TEST(CPairList, HasWhatSharesALabel) {
   const std::vector<std::uint32_t> vertices = {0, 1, 2};
   const auto found = [&](const std::vector<std::uint32_t>& second, std::size_t per_second) {
     broadcl_pair_list* made = nullptr;
-    broadcl_pairs pairs{};
     EXPECT_EQ(broadcl_pair_list_create_sharing(faces.data(), faces.size(), 3, second.data(), second.size(),
                                                per_second, &made),
               BROADCL_SUCCESS)
         << broadcl_last_error();
-    EXPECT_EQ(broadcl_pair_list_pairs(made, &pairs), BROADCL_SUCCESS);
-    Pairs result = list(pairs);
-    EXPECT_EQ(broadcl_pair_list_destroy(made), BROADCL_SUCCESS);
-    return result;
+    return taken_from(made);
   };
   EXPECT_THAT(found(vertices, 1), ElementsAre(broadcl_pair{0, 1}, broadcl_pair{0, 2}, broadcl_pair{1, 2}));
   EXPECT_THAT(found({}, 1), IsEmpty());
