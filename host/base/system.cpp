@@ -67,7 +67,9 @@ bool make_private_folder(const std::filesystem::path& folder) {
 
 File create_private_file(const std::filesystem::path& path) {
   const int descriptor = open(path.c_str(), O_CREAT | O_EXCL | O_WRONLY | O_CLOEXEC, S_IRUSR | S_IWUSR);
-  return File(descriptor < 0 ? nullptr : fdopen(descriptor, "wb"));
+  File file(descriptor < 0 ? nullptr : fdopen(descriptor, "wb"));
+  if (!file && descriptor >= 0) close(descriptor);
+  return file;
 }
 
 std::optional<std::filesystem::path> user_cache_directory() {

@@ -20,8 +20,6 @@ class TileWork {
   /// @param stale To sort again once the work exceeds this multiple of the work after sorting.
   TileWork(std::size_t node, double stale) : node_(node), stale_(stale) {}
 
-  /// Starts again with tiles of another size.
-
   /// Records the work of the last search, and that a frame begins.
   void begin_frame(const Search& search, const PairDelta& sink);
   /// Whether to sort the boxes for this search. To be called once per frame.
