@@ -6,61 +6,47 @@
 #include <limits>
 #include <memory>
 #include <numeric>
+#include <optional>
+#include <span>
 #include <utility>
 #include <variant>
 #include <vector>
 
-#include "base/free_lists.hpp"
 #include "base/pair_lists.hpp"
 #include "base/parallel.hpp"
 #include "engines/host_engine.hpp"
 #include "finders/pair_sort.hpp"
-#include "finders/slot_bounds.hpp"
 #include "finders/tile_search.hpp"
 #include "finders/tile_sort.hpp"
+#include "finders/tile_tree.hpp"
 
 namespace broadcl {
 namespace {
 
-constexpr float infinity = std::numeric_limits<float>::infinity();
-constexpr float not_a_number = std::numeric_limits<float>::quiet_NaN();
-
 /// Up to this many boxes, testing each pair takes less time than sorting and sweeping.
 constexpr std::size_t most_unsorted = 16;
-
-/// Boxes are sorted again once the work exceeds this multiple of the work in a new order, or after so many
-/// searches, since the order may have been poor from the beginning: boxes may leap while it is made.
-constexpr double stale_growth = 1.1;
-constexpr std::size_t most_frames = 64;
-
-/// Sorting is distributed over so many searches, so that none takes much longer than others.
-constexpr std::size_t frames_per_sort = 3;
-
-/// A search stops at this multiple, because the order has become useless (boxes leapt); then boxes are sorted
-/// again.
-constexpr double useless = 4;
 
 /// With fewer boxes per thread, waking threads takes longer than they save.
 constexpr std::size_t boxes_per_thread = 512;
 
-/// If at most one in this many boxes changed, only those that changed are searched.
-constexpr std::size_t boxes_per_changed = 16;
+/// If at most one in this many boxes changed, only those that changed are searched: the search for one takes
+/// as long as that of so many if all are searched.
+constexpr std::size_t boxes_per_changed = 5;
+/// A thread takes so many of them at a time.
+constexpr std::size_t searched_at_once = 64;
 
-/// How often, on average, each box may move before the order counts as old, if only changed boxes are
-/// searched.
-constexpr std::size_t most_moved = 4;
+/// Boxes are sorted at once if more than one in this many has to be put into another tile.
+constexpr std::size_t boxes_per_inserted = 8;
+
+/// Otherwise a sort is distributed over frames, so that none takes much longer than others: over so many in
+/// which all boxes are searched, or such that it takes about as long as the search of those that changed.
+constexpr std::size_t frames_per_sort = 3;
+constexpr std::size_t comparisons_per_work = 4;
+constexpr std::size_t most_frames_per_sort = 64;
 
 /// More pairs are counted before they are stored, so that memory is not exhausted by a list that is too long
 /// in the end.
 constexpr std::size_t most_uncounted = std::size_t{1} << 28U;
-
-/// The bounds of all children of a node.
-template <std::size_t axes>
-Bounds<axes> bounds_of(const Node<axes>& node) {
-  Bounds<axes> bounds = make_bounds<axes>(infinity, -infinity);
-  for (std::size_t k = 0; k < node_size; ++k) extend(bounds, node.get(k));
-  return bounds;
-}
 
 /// The axis along which the fewest of these overlap.
 template <std::size_t axes>
@@ -78,70 +64,90 @@ std::size_t best_axis(std::span<const Bounds<axes>> nodes) {
   return static_cast<std::size_t>(std::ranges::min_element(overlaps) - overlaps.begin());
 }
 
-/// Appends child k to the last of some nodes, or to a new one.
-template <std::size_t axes>
-void append_child(std::vector<Node<axes>>& nodes, std::size_t k, const Bounds<axes>& bounds) {
-  if (k % node_size == 0) {
-    Node<axes>& node = nodes.emplace_back();
-    for (std::size_t child = 0; child < node_size; ++child)
-      node.set(child, make_bounds<axes>(not_a_number, not_a_number), no_slot);
+/// How much longer searches take than when the boxes were sorted, in multiples of a search of all boxes.
+class OrderAge {
+ public:
+  /// Records a search.
+  /// @param share How long it would take in a new order.
+  void add(bool all, std::size_t work, double share) {
+    Searches& first = first_.at(all ? 1 : 0);
+    searched_ += share;
+    last_excess_ = 0;
+    if (first.share < least_share) {
+      first.work += static_cast<double>(work);
+      first.share += share;
+    } else if (first.work > 0) {
+      last_excess_ = static_cast<double>(work) * first.share / first.work - share;
+      excess_ = std::max(0.0, excess_ + last_excess_);
+    }
   }
-  nodes.back().set(k % node_size, bounds, static_cast<std::uint32_t>(k));
-}
+
+  /// Whether searches will have taken as much longer as it takes to sort when a new order is done. (Or the
+  /// order may have been poor from the beginning.)
+  [[nodiscard]] bool is_old() const noexcept {
+    return excess_ + frames_per_sort * last_excess_ >= time_to_sort || searched_ >= most_searched;
+  }
+  /// Whether it became old so soon that the next one would be so before it is done.
+  [[nodiscard]] bool is_short_lived() const noexcept { return is_old() && searched_ <= frames_per_sort; }
+
+ private:
+  static constexpr double time_to_sort = 0.9;
+  static constexpr double most_searched = 64;
+  static constexpr double least_share = 0.25;  // of what others are compared with
+
+  struct Searches {
+    double work = 0;
+    double share = 0;
+  };
+  std::array<Searches, 2> first_;  // of those that changed, and of all boxes
+  double searched_ = 0;
+  double excess_ = 0;
+  double last_excess_ = 0;
+};
 
 /// Sweep and prune (Cohen, Lin, Manocha, Ponamgi, "I-COLLIDE: An Interactive and Exact Collision Detection
 /// System for Large-Scale Environments", I3D 1995), not of boxes, but of nodes of neighbouring tiles of
 /// neighbouring boxes. Where two nodes overlap, their tiles are tested, and where these overlap, their boxes.
-class SweepAndPrune final : public HostFinder {
+template <std::size_t axes>
+class Sweep {
  public:
-  explicit SweepAndPrune(std::size_t threads) : threads_(threads) {}
+  Sweep(bool sets, std::size_t threads) : tree_(sets), threads_(threads) {}
 
-  void find(const Input& input, std::vector<Pair>& pairs) override {
-    if (input.boxes.size() <= most_unsorted) {
-      sorted_axes_ = 0;
-      test_each_pair(input, pairs);
-      return;
-    }
-    axes_of(input) == 4 ? find(four_, input) : find(three_, input);
-    lists_.clear();
-    for (const Found& found : found_) found.get(lists_);
-    sort_pairs_(lists_, input.boxes.size(), threads_of(input.boxes.size()), pairs);
+  [[nodiscard]] bool is_for(const Input& input) noexcept {
+    return tree_.tiles().sets == input.rules.sets && (axes > 3) == (input.rules.worlds || input.rules.sets);
+  }
+  /// Whether to search only those that changed.
+  [[nodiscard]] bool is_few(std::span<const std::uint32_t> changed) const noexcept {
+    return changed.size() * boxes_per_changed <= tree_.size();
+  }
+
+  /// As the functions of HostFinder.
+  void find(const Input& input, std::vector<Pair>& pairs) {
+    const std::size_t threads = threads_of(input.boxes.size());
+    update(input, threads, true);
+    sweep();
+    search_all(filters_of(input), threads, most_uncounted);
+    age_.add(true, work_, 1);
+    is_sorted_ = true;
+    sort_pairs_(lists_, input.boxes.size(), threads, pairs);
   }
 
   bool find_known(std::span<const Filter> filters, std::span<const std::uint32_t> changed,
-                  std::vector<Pair>& pairs) override {
-    if (sorted_axes_ == 0 || changed.size() * boxes_per_changed > order_.places.size()) return false;
-    set_places(changed);
-    return sorted_axes_ == 4 ? search_boxes(four_, filters, pairs) : search_boxes(three_, filters, pairs);
+                  std::vector<Pair>& pairs) {
+    return is_sorted_ && is_few(changed) && search_boxes(filters, changed, pairs);
   }
 
-  bool find_changed(const Input& input, std::vector<Pair>& pairs) override {
-    const std::size_t axes = axes_of(input);
-    if (sorted_axes_ != axes || (axes == 4 && four_.sets != input.rules.sets) ||
-        input.changed.slots.size() * boxes_per_changed > input.boxes.size() ||
-        !is_order_for(input.boxes.size()))
-      return false;
-    moved_ += input.changed.slots.size();
-    if (moved_ > most_moved * input.boxes.size()) sorted_axes_ = 0;
-    if (sorted_axes_ == 0) return false;
-    return axes == 4 ? find_changed(four_, input, pairs) : find_changed(three_, input, pairs);
-  }
-
-  void clear() noexcept override {  // NOLINT(bugprone-exception-escape): a monostate throws nothing
-    sorted_axes_ = 0;
-    order_ = {};
-    next_order_ = std::monostate();
-    free_lists(changed_places_, dirty_, found_, lists_);
-    three_ = {};
-    four_ = {};
-    sort_pairs_ = {};
+  bool find_changed(const Input& input, std::vector<Pair>& pairs) {
+    const std::span<const std::uint32_t> changed = input.changed.slots;
+    if (!is_sorted_ || !is_few(changed)) return false;
+    update(input, threads_of(input.boxes.size()), false);
+    if (!search_boxes(filters_of(input), changed, pairs)) return false;
+    age_.add(false, work_,
+             static_cast<double>(changed.size() * boxes_per_changed) / static_cast<double>(tree_.size() + 1));
+    return is_sorted_ = true;
   }
 
  private:
-  [[nodiscard]] static std::size_t axes_of(const Input& input) {
-    return input.rules.worlds || input.rules.sets ? 4 : 3;
-  }
-
   /// The filters to test; none if the sets decide.
   [[nodiscard]] static std::span<const Filter> filters_of(const Input& input) {
     return input.rules.sets && input.rules.sets_decide ? std::span<const Filter>() : input.rules.filters;
@@ -151,235 +157,180 @@ class SweepAndPrune final : public HostFinder {
     return useful_threads(boxes, boxes_per_thread, threads_);
   }
 
-  /// Whether there are not many more slots, or many fewer, than when they were sorted.
-  [[nodiscard]] bool is_order_for(std::size_t slots) const {
-    const std::size_t sorted = order_.places.size();
-    return slots <= sorted + sorted / 4 && sorted / 2 <= slots;
-  }
-
-  template <std::size_t axes>
-  void find(HostTiles<axes>& all, const Input& input) {
-    const std::size_t slots = input.boxes.size();
-    const std::size_t threads = threads_of(slots);
-    const bool is_sorted = axes == sorted_axes_ && all.sets == input.rules.sets && is_order_for(slots);
-    sorted_axes_ = 0;  // until all is done
-    all.sets = input.rules.sets;
-    bool is_fresh = is_sorted && renew_order<axes>(input, threads);
-    if (!is_sorted || !search(all, input, threads, useless * static_cast<double>(fresh_work_))) {
-      sort_at_once<axes>(input, threads);
-      (void)search(all, input, threads, std::numeric_limits<double>::infinity());
-      is_fresh = true;
+  /// Puts boxes that changed into tiles, and all boxes into new ones if the order is old.
+  /// @param all Whether all boxes are to be searched.
+  void update(const Input& input, std::size_t threads, bool all) {
+    const bool is_sorted = std::exchange(is_sorted_, false);  // until all is done
+    if (!is_sorted || (all && (age_.is_short_lived() || tree_.is_abandoned(input))))
+      return sort_at_once(input, threads);
+    const std::span<const std::uint32_t> left = tree_.read(input, threads);
+    left_.insert(left_.end(), left.begin(), left.end());
+    std::size_t inserted = left_.size();
+    const std::size_t work =
+        1 + (all ? work_to_sort_ / frames_per_sort
+                 : std::max(comparisons_per_work * work_, work_to_sort_ / most_frames_per_sort));
+    if (!next_ && (age_.is_old() || tree_.size() < sorted_ / 2)) {
+      inserted += left.size() * work_to_sort_ / work;
+      next_.emplace(input, threads);
+      left_.clear();
     }
-    if (is_fresh) fresh_work_ = work_;
-    sorted_axes_ = axes;
+    if (inserted * boxes_per_inserted > tree_.size()) return sort_at_once(input, threads);
+    if (next_ && next_->advance(work, threads)) return take_order(input, threads);
+    if (!next_) left_.clear();
+    tree_.insert(input);
   }
 
-  /// Begins a new order if the present one is old, or goes on with it.
-  /// @returns Whether there is a new one.
-  template <std::size_t axes>
-  bool renew_order(const Input& input, std::size_t threads) {
-    auto* next = std::get_if<TileSort<axes>>(&next_order_);
-    ++frames_;
-    if (next == nullptr) {
-      if (frames_ < most_frames &&
-          static_cast<double>(work_) <= stale_growth * static_cast<double>(fresh_work_))
-        return false;
-      next = &next_order_.template emplace<TileSort<axes>>(input, threads);
-      work_per_frame_ = next->work() / frames_per_sort;
-    }
-    if (!next->advance(work_per_frame_, threads)) return false;
-    take_order(*next);
-    return true;
-  }
-
-  template <std::size_t axes>
   void sort_at_once(const Input& input, std::size_t threads) {
-    next_order_ = std::monostate();
-    TileSort<axes> sort(input, threads);
-    (void)sort.advance(std::numeric_limits<std::size_t>::max(), threads);
-    take_order(sort);
+    left_.clear();
+    next_.emplace(input, threads);
+    work_to_sort_ = next_->work();
+    (void)next_->advance(std::numeric_limits<std::size_t>::max(), threads);
+    take_order(input, threads);
   }
 
-  template <std::size_t axes>
-  void take_order(TileSort<axes>& sort) {
-    std::swap(order_, sort.order());
-    next_order_ = std::monostate();
-    moved_ = frames_ = 0;
-  }
-
-  /// Finds all pairs, in the current order.
-  /// @returns False if that takes too much work.
-  template <std::size_t axes>
-  bool search(HostTiles<axes>& all, const Input& input, std::size_t threads, double most_work) {
-    while (order_.places.size() < input.boxes.size()) order_.append();
-    fill(all, input, threads);
-    sweep(all);
-    return search_all(all, filters_of(input), threads, most_work);
-  }
-
-  /// Stores where these slots are, except those that were added and removed since the last search.
-  void set_places(std::span<const std::uint32_t> slots) {
-    changed_places_.clear();
-    for (const std::uint32_t slot : slots) {
-      if (slot < order_.places.size()) changed_places_.push_back(order_.places[slot]);
+  void take_order(const Input& input, std::size_t threads) {
+    TileOrder& order = next_->order();
+    for (const std::uint32_t slot : left_) {  // where they were when it was begun, they would be in the way
+      if (slot >= order.places.size() || order.places[slot] == no_slot) continue;
+      order.slots[std::exchange(order.places[slot], no_slot)] = no_slot;
     }
+    left_.clear();
+    tree_.fill(order, input, threads);
+    next_.reset();
+    age_ = {};
+    sorted_ = tree_.size();
   }
 
-  template <std::size_t axes>
-  bool find_changed(HostTiles<axes>& all, const Input& input, std::vector<Pair>& pairs);
-  template <std::size_t axes>
-  bool search_boxes(const HostTiles<axes>& all, std::span<const Filter> filters, std::vector<Pair>& pairs);
-  template <std::size_t axes>
-  static void store(HostTiles<axes>& all, const Input& input, std::uint32_t slot, std::size_t place);
-  template <std::size_t axes>
-  void fill(HostTiles<axes>& all, const Input& input, std::size_t threads);
-  template <std::size_t axes>
-  void sweep(HostTiles<axes>& all);
-  template <std::size_t axes>
-  bool search_all(const HostTiles<axes>& all, std::span<const Filter> filters, std::size_t threads,
-                  double most_work, std::size_t most_stored = most_uncounted);
+  void sweep();
+  void search_all(std::span<const Filter> filters, std::size_t threads, std::size_t most_stored);
+  bool search_boxes(std::span<const Filter> filters, std::span<const std::uint32_t> slots,
+                    std::vector<Pair>& pairs);
+  template <class Search>
+  void search(std::size_t parts, std::size_t threads, std::size_t most_stored, const Search& search);
 
+  TileTree<axes> tree_;
   std::size_t threads_;  // 0 if there is to be one per processor
-  TileOrder order_;
-  std::size_t sorted_axes_ = 0;  // of the tiles; 0 if they are not as of the last update
-  std::variant<std::monostate, TileSort<3>, TileSort<4>> next_order_;  // that is being made
-  std::size_t work_per_frame_ = 0;                                     // to make it
-  std::size_t frames_ = 0;      // searches of all since the order was new
-  std::size_t moved_ = 0;       // boxes since then that were searched alone
-  std::size_t work_ = 0;        // of the last search of all
-  std::size_t fresh_work_ = 0;  // of the first one in this order
-  HostTiles<3> three_;
-  HostTiles<4> four_;
-  std::vector<std::uint32_t> changed_places_;  // of slots that changed
-  std::vector<std::uint32_t> dirty_;
+  bool is_sorted_ = false;
+  OrderAge age_;
+  std::size_t sorted_ = 0;              // boxes
+  std::optional<TileSort<axes>> next_;  // the order that is being made
+  std::size_t work_to_sort_ = 0;
+  std::vector<std::uint32_t> left_;           // slots whose boxes left their tiles meanwhile
+  std::vector<std::uint32_t> places_;         // that are searched
+  std::size_t work_ = 0;                      // of the last search
   std::vector<Found> found_;                  // by each thread
   PairCount count_;                           // of all threads
   std::vector<std::span<const Pair>> lists_;  // of these
   PairSort sort_pairs_;
 };
 
-/// Stores the box of a slot in its tile.
+/// Puts the nodes into the order of the sweep.
 template <std::size_t axes>
-void SweepAndPrune::store(HostTiles<axes>& all, const Input& input, std::uint32_t slot, std::size_t place) {
-  const bool exists = slot < input.boxes.size();  // it may be no_slot
-  all.tiles[place / node_size].set(
-      place % node_size,
-      exists ? bounds_of<axes>(input, slot) : make_bounds<axes>(not_a_number, not_a_number), slot);
-}
-
-template <std::size_t axes>
-void SweepAndPrune::fill(HostTiles<axes>& all, const Input& input, std::size_t threads) {
-  const std::size_t tiles = (order_.slots.size() + node_size - 1) / node_size;
-  all.tiles.resize(tiles);
-  all.bounds.resize(tiles);
-  constexpr std::size_t at_once = 8;
-  const std::span<const std::uint32_t> slots = order_.slots;
-  parallel_for((tiles + at_once - 1) / at_once, threads, [&](std::size_t part, std::size_t /*thread*/) {
-    for (std::size_t tile = part * at_once; tile < std::min(tiles, (part + 1) * at_once); ++tile) {
-      for (std::size_t place = tile * node_size; place < (tile + 1) * node_size; ++place) {
-        store(all, input, place < slots.size() ? slots[place] : no_slot, place);
-      }
-      all.bounds[tile] = bounds_of(all.tiles[tile]);
-    }
-  });
-}
-
-/// Puts the tiles into nodes, and the nodes into the order of the sweep.
-template <std::size_t axes>
-void SweepAndPrune::sweep(HostTiles<axes>& all) {
-  all.nodes.clear();
-  for (std::size_t tile = 0; tile < all.tiles.size(); ++tile) append_child(all.nodes, tile, all.bounds[tile]);
+void Sweep<axes>::sweep() {
+  HostTiles<axes>& all = tree_.tiles();
   std::vector<Bounds<axes>> bounds;
-  for (const Node<axes>& node : all.nodes) bounds.push_back(bounds_of(node));
-  all.roots.clear();
-  for (std::size_t node = 0; node < bounds.size(); ++node) append_child(all.roots, node, bounds[node]);
+  for (std::size_t node = 0; node < all.nodes.size(); ++node)
+    bounds.push_back(all.roots[node / node_size].get(node % node_size));
   all.axis = best_axis<axes>(bounds);
   all.sweep.resize(bounds.size());
   std::iota(all.sweep.begin(), all.sweep.end(), 0U);
   std::ranges::sort(all.sweep, {}, [&](std::uint32_t node) { return bounds[node].lower[all.axis]; });
 }
 
+/// Calls search(found, part) for each part.
 template <std::size_t axes>
-bool SweepAndPrune::search_all(const HostTiles<axes>& all, std::span<const Filter> filters,
-                               std::size_t threads, double most_work, std::size_t most_stored) {
-  const TileSearch<axes> search = tile_search<axes>();
+template <class Search>
+void Sweep<axes>::search(std::size_t parts, std::size_t threads, std::size_t most_stored,
+                         const Search& search) {
   found_.resize(std::max(found_.size(), threads));
   count_.count = 0;
   count_.most_stored = most_stored;
   for (Found& found : found_) found.clear(count_);
-  std::atomic<std::size_t> work = 0;
-  parallel_for(all.nodes.size() * parts_per_node, threads, [&](std::size_t part, std::size_t thread) {
-    if (static_cast<double>(work) > most_work) return;
-    Found& found = found_[thread];
-    const std::size_t before = found.work;
-    search.tiles(found, all, part, filters);
-    work += found.work - before;
-  });
-  work_ = work;
-  if (static_cast<double>(work_) > most_work) return false;
-  for (Found& found : found_) found.end();
-  if (count_.count <= most_stored) return true;
-  refuse_too_many(count_.count);
-  return search_all(all, filters, threads, most_work, most_pairs);
+  parallel_for(parts, threads, [&](std::size_t part, std::size_t thread) { search(found_[thread], part); });
+  work_ = 0;
+  lists_.clear();
+  for (Found& found : found_) {
+    work_ += found.work;
+    found.end();
+    found.get(lists_);
+  }
 }
 
-/// Finds the pairs of the boxes that changed.
+template <std::size_t axes>
+void Sweep<axes>::search_all(std::span<const Filter> filters, std::size_t threads, std::size_t most_stored) {
+  const HostTiles<axes>& all = tree_.tiles();
+  search(all.nodes.size() * parts_per_node, threads, most_stored,
+         [&](Found& found, std::size_t part) { tile_search<axes>().tiles(found, all, part, filters); });
+  if (count_.count <= most_stored) return;
+  refuse_too_many(count_.count);
+  search_all(filters, threads, most_pairs);
+}
+
+/// Finds the pairs of some boxes.
 /// @returns False if there are too many pairs to store before they are counted.
 template <std::size_t axes>
-bool SweepAndPrune::search_boxes(const HostTiles<axes>& all, std::span<const Filter> filters,
-                                 std::vector<Pair>& pairs) {
-  found_.resize(std::max<std::size_t>(1, found_.size()));
-  count_.count = 0;
-  count_.most_stored = most_uncounted;
-  found_[0].clear(count_);
-  tile_search<axes>().boxes(found_[0], all, changed_places_, filters);
-  found_[0].end();
+bool Sweep<axes>::search_boxes(std::span<const Filter> filters, std::span<const std::uint32_t> slots,
+                               std::vector<Pair>& pairs) {
+  places_.clear();
+  for (const std::uint32_t slot : slots) {
+    const std::uint32_t place = tree_.place_of(slot);
+    if (place != no_slot) places_.push_back(place);
+  }
+  const std::size_t threads = useful_threads(places_.size(), searched_at_once, threads_);
+  search((places_.size() + searched_at_once - 1) / searched_at_once, threads, most_uncounted,
+         [&](Found& found, std::size_t part) {
+           const std::size_t first = part * searched_at_once;
+           const std::size_t count = std::min(searched_at_once, places_.size() - first);
+           tile_search<axes>().boxes(found, tree_.tiles(), std::span(places_).subspan(first, count), filters);
+         });
   if (count_.count > most_uncounted) return false;
-  lists_.clear();
-  found_[0].get(lists_);
-  pairs.clear();
-  for (const std::span<const Pair> list : lists_) pairs.insert(pairs.end(), list.begin(), list.end());
-  std::ranges::sort(pairs);
+  sort_pairs_(lists_, tree_.slots(), threads, pairs);
   pairs.erase(std::unique(pairs.begin(), pairs.end()), pairs.end());  // of two that changed
   return true;
 }
 
-template <std::size_t axes>
-bool SweepAndPrune::find_changed(HostTiles<axes>& all, const Input& input, std::vector<Pair>& pairs) {
-  sorted_axes_ = 0;  // until all is done
-  while (order_.places.size() < input.boxes.size()) {
-    order_.append();
-    if (order_.slots.size() <= all.tiles.size() * node_size) continue;
-    const auto tile = static_cast<std::uint32_t>(all.tiles.size());
-    append_child(all.tiles, tile * node_size, make_bounds<axes>(not_a_number, not_a_number));
-    all.bounds.push_back(make_bounds<axes>(infinity, -infinity));
-    if (tile % node_size == 0) append_child(all.roots, all.nodes.size(), all.bounds.back());
-    append_child(all.nodes, tile, all.bounds.back());
+class SweepAndPrune final : public HostFinder {
+ public:
+  explicit SweepAndPrune(std::size_t threads) : threads_(threads) {}
+
+  void find(const Input& input, std::vector<Pair>& pairs) override {
+    if (input.boxes.size() <= most_unsorted) {
+      sweep_ = std::monostate();
+      return test_each_pair(input, pairs);
+    }
+    input.rules.worlds || input.rules.sets ? find<4>(input, pairs) : find<3>(input, pairs);
   }
-  set_places(input.changed.slots);
-  dirty_.clear();
-  for (const std::uint32_t place : changed_places_) {
-    store(all, input, order_.slots[place], place);
-    dirty_.push_back(place / node_size);
+
+  bool find_known(std::span<const Filter> filters, std::span<const std::uint32_t> changed,
+                  std::vector<Pair>& pairs) override {
+    return with_sweep([&](auto& sweep) { return sweep.find_known(filters, changed, pairs); });
   }
-  const auto each_dirty = [&](const auto& update) {
-    std::ranges::sort(dirty_);
-    dirty_.erase(std::unique(dirty_.begin(), dirty_.end()), dirty_.end());
-    for (std::uint32_t& index : dirty_) index = update(index);
-  };
-  each_dirty([&](std::uint32_t tile) {
-    all.bounds[tile] = bounds_of(all.tiles[tile]);
-    all.nodes[tile / node_size].set(tile % node_size, all.bounds[tile], tile);
-    return static_cast<std::uint32_t>(tile / node_size);
-  });
-  each_dirty([&](std::uint32_t node) {
-    all.roots[node / node_size].set(node % node_size, bounds_of(all.nodes[node]), node);
-    return node;
-  });
-  if (!search_boxes(all, filters_of(input), pairs)) return false;
-  sorted_axes_ = axes;
-  return true;
-}
+
+  bool find_changed(const Input& input, std::vector<Pair>& pairs) override {
+    return with_sweep([&](auto& sweep) { return sweep.is_for(input) && sweep.find_changed(input, pairs); });
+  }
+
+  void clear() noexcept override { sweep_ = std::monostate(); }
+
+ private:
+  template <std::size_t axes>
+  void find(const Input& input, std::vector<Pair>& pairs) {
+    auto* sweep = std::get_if<Sweep<axes>>(&sweep_);
+    if (sweep == nullptr || !sweep->is_for(input))
+      sweep = &sweep_.template emplace<Sweep<axes>>(input.rules.sets, threads_);
+    sweep->find(input, pairs);
+  }
+
+  template <class Function>
+  bool with_sweep(const Function& function) {
+    if (auto* sweep = std::get_if<Sweep<3>>(&sweep_)) return function(*sweep);
+    if (auto* sweep = std::get_if<Sweep<4>>(&sweep_)) return function(*sweep);
+    return false;
+  }
+
+  std::size_t threads_;  // 0 if there is to be one per processor
+  std::variant<std::monostate, Sweep<3>, Sweep<4>> sweep_;
+};
 
 }  // namespace
 

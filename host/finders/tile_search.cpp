@@ -4,6 +4,7 @@
 #include <bit>
 #include <cmath>
 #include <cstring>
+#include <limits>
 
 #include "base/lanes.hpp"
 #include "base/packed_box.hpp"
@@ -200,6 +201,7 @@ BROADCL_INLINE void search_boxes(Found& found, const HostTiles<axes>& all,
         const Node<axes>& node = all.nodes[root.index[lowest_bit(nodes)]];
         for (std::uint32_t tiles = overlapping<Lanes>(node, bounds); tiles != 0; tiles &= tiles - 1) {
           const Node<axes>& tile = all.tiles[node.index[lowest_bit(tiles)]];
+          ++found.work;
           std::uint32_t hits = overlapping<Lanes>(tile, bounds);
           if (&tile == &own) hits &= ~bit_of[place % node_size];
           found.reserve(node_size);
@@ -208,6 +210,41 @@ BROADCL_INLINE void search_boxes(Found& found, const HostTiles<axes>& all,
       }
     }
   }
+}
+
+/// (A child whose bounds are NaN never grows less than another one.)
+template <class Lanes, std::size_t axes>
+BROADCL_INLINE std::size_t least_growth(std::span<const Node<axes>> nodes, const Bounds<axes>& box) {
+  using Bits = decltype(Lanes{} <= Lanes{});
+  constexpr std::size_t lanes = sizeof(Lanes) / sizeof(float);
+  constexpr float of_worlds = 0x1p60F;
+  Lanes least = Lanes{} + std::numeric_limits<float>::infinity();
+  Bits best{};
+  Bits child;
+  for (std::size_t lane = 0; lane < lanes; ++lane) child[lane] = static_cast<std::int32_t>(lane);
+  for (const Node<axes>& node : nodes) {
+    for (std::size_t k = 0; k < node_size; k += lanes, child += lanes) {
+      Lanes growth{};
+#pragma GCC unroll 4
+      for (std::size_t axis = 0; axis < axes; ++axis) {
+        Lanes lower;
+        Lanes upper;
+        std::memcpy(&lower, &node.lower[axis][k], sizeof lower);
+        std::memcpy(&upper, &node.upper[axis][k], sizeof upper);
+        const Lanes more = (lower <= box.lower[axis] ? Lanes{} : lower - box.lower[axis]) +
+                           (box.upper[axis] <= upper ? Lanes{} : box.upper[axis] - upper);
+        growth += axis < 3 ? more : more * of_worlds;
+      }
+      const Bits is_less = growth < least;
+      least = is_less ? growth : least;
+      best = is_less ? child : best;
+    }
+  }
+  std::size_t lane = 0;
+  for (std::size_t other = 1; other < lanes; ++other) {
+    if (least[other] < least[lane]) lane = other;
+  }
+  return static_cast<std::size_t>(best[lane]);
 }
 
 #if defined(__x86_64__) && defined(__GNUC__)
@@ -223,15 +260,9 @@ template <std::size_t axes>
   search_boxes<EightLanes>(found, all, places, filters);
 }
 template <std::size_t axes>
-TileSearch<axes> vectorised() {
-  if (__builtin_cpu_supports("avx2") == 0)
-    return {search_tiles<FourLanes, axes>, search_boxes<FourLanes, axes>};
-  return {search_tiles_avx2<axes>, search_boxes_avx2<axes>};
-}
-#else
-template <std::size_t axes>
-TileSearch<axes> vectorised() {
-  return {search_tiles<FourLanes, axes>, search_boxes<FourLanes, axes>};
+[[gnu::target("avx2")]] std::size_t least_growth_avx2(std::span<const Node<axes>> nodes,
+                                                      const Bounds<axes>& box) {
+  return least_growth<EightLanes>(nodes, box);
 }
 #endif
 
@@ -239,8 +270,13 @@ TileSearch<axes> vectorised() {
 
 template <std::size_t axes>
 TileSearch<axes> tile_search(bool plain) {
-  return plain ? TileSearch<axes>{search_tiles<FourLanes, axes>, search_boxes<FourLanes, axes>}
-               : vectorised<axes>();
+#if defined(__x86_64__) && defined(__GNUC__)
+  if (!plain && __builtin_cpu_supports("avx2") != 0)
+    return {search_tiles_avx2<axes>, search_boxes_avx2<axes>, least_growth_avx2<axes>};
+#else
+  (void)plain;
+#endif
+  return {search_tiles<FourLanes, axes>, search_boxes<FourLanes, axes>, least_growth<FourLanes, axes>};
 }
 template TileSearch<3> tile_search<3>(bool);
 template TileSearch<4> tile_search<4>(bool);

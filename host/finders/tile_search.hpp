@@ -5,6 +5,7 @@
 #include <atomic>
 #include <cstddef>
 #include <cstdint>
+#include <limits>
 #include <memory>
 #include <span>
 #include <vector>
@@ -42,6 +43,13 @@ void extend(Bounds<axes>& bounds, const Bounds<axes>& by) {
     bounds.lower[axis] = by.lower[axis] < bounds.lower[axis] ? by.lower[axis] : bounds.lower[axis];
     bounds.upper[axis] = by.upper[axis] > bounds.upper[axis] ? by.upper[axis] : bounds.upper[axis];
   }
+}
+
+/// Along an axis; finite.
+template <std::size_t axes>
+float centre_of(const Bounds<axes>& bounds, std::size_t axis) {
+  constexpr float most = std::numeric_limits<float>::max();
+  return std::max(bounds.lower[axis], -most) / 2 + std::min(bounds.upper[axis], most) / 2;
 }
 
 /// The bounds of boxes or of tiles, by component, so that one instruction compares several of them. Unused
@@ -169,6 +177,9 @@ struct TileSearch {
   /// Finds the pairs of some boxes, given by their places in the tiles, with all others.
   void (*boxes)(Found& found, const HostTiles<axes>& all, std::span<const std::uint32_t> places,
                 std::span<const Filter> filters);
+  /// @returns Which child of some nodes, all of them counted, grows least if it is to contain a box; one of
+  /// the same world if there is one.
+  std::size_t (*least_growth)(std::span<const Node<axes>> nodes, const Bounds<axes>& box);
 };
 
 /// @param plain Whether to return the version for any processor, instead of the one for this processor.

@@ -20,9 +20,9 @@ namespace {
 
 /// Classes of sizes, which do not share tiles: up to 4 times the median, up to 16 times, and so on, and at
 /// last everything larger, with the objects of all worlds.
-constexpr std::size_t size_classes = 4;
-/// Empty boxes follow, in a class of their own.
-constexpr std::size_t classes = size_classes + 1;
+constexpr std::size_t classes = 4;
+/// Of slots without a box.
+constexpr std::uint8_t no_class = classes;
 
 /// Nodes of up to so many boxes are sorted in one step, by one thread.
 constexpr std::size_t sorted_at_once = node_size * node_size;
@@ -55,10 +55,10 @@ std::uint32_t median_exponent(std::span<const Aabb> boxes) {
 template <std::size_t axes>
 std::uint8_t class_of(const Input& input, std::size_t slot, std::uint32_t median) {
   const Aabb& box = input.boxes[slot];
-  if (is_empty(box)) return size_classes;
-  if (axes > 3 && input.rules.filters[slot].world == Filter::all_worlds) return size_classes - 1;
+  if (is_empty(box)) return no_class;
+  if (axes > 3 && input.rules.filters[slot].world == Filter::all_worlds) return classes - 1;
   const std::uint32_t exponent = std::max(exponent_of(box), median);
-  return static_cast<std::uint8_t>(std::min<std::uint32_t>(size_classes - 1, (exponent - median) / 2));
+  return static_cast<std::uint8_t>(std::min<std::uint32_t>(classes - 1, (exponent - median) / 2));
 }
 
 /// An integer that compares as the number does.
@@ -129,22 +129,18 @@ Cut cut_after(std::span<const std::int32_t> keys, std::size_t first) {
 
 }  // namespace
 
-void TileOrder::append() {
-  places.push_back(static_cast<std::uint32_t>(slots.size()));
-  slots.push_back(static_cast<std::uint32_t>(places.size() - 1));
-}
-
 template <std::size_t axes>
-TileSort<axes>::TileSort(const Input& input, std::size_t threads) : slots_(input.boxes.size()) {
+TileSort<axes>::TileSort(const Input& input, std::size_t threads) {
+  const std::size_t slots = input.boxes.size();
   const std::uint32_t median = median_exponent(input.boxes);
-  using Positions = std::array<std::size_t, classes>;
-  std::vector<Positions> next(parts_of(slots_));  // of each part, in each class
+  using Positions = std::array<std::size_t, classes + 1>;
+  std::vector<Positions> next(parts_of(slots));  // of each part, in each class
   const auto for_slots = [&](const auto& function) {
-    for_each_part(slots_, threads, [&](std::size_t begin, std::size_t end, std::size_t /*thread*/) {
+    for_each_part(slots, threads, [&](std::size_t begin, std::size_t end, std::size_t /*thread*/) {
       for (std::size_t slot = begin; slot < end; ++slot) function(next[begin / boxes_per_part], slot);
     });
   };
-  std::vector<std::uint8_t> class_by_slot(slots_);
+  std::vector<std::uint8_t> class_by_slot(slots);
   for_slots([&](Positions& counts, std::size_t slot) {
     ++counts.at(class_by_slot[slot] = class_of<axes>(input, slot, median));
   });
@@ -154,38 +150,36 @@ TileSort<axes>::TileSort(const Input& input, std::size_t threads) : slots_(input
     for (Positions& positions : next) starts.at(k + 1) += std::exchange(positions.at(k), starts.at(k + 1));
   }
 
+  const std::size_t boxes = starts.back();
   const auto allocate = [&](auto& array) {
     using Array = std::remove_reference_t<decltype(array)>;
     array =
-        std::make_unique_for_overwrite<typename Array::element_type[]>(slots_);  // NOLINT(*-avoid-c-arrays)
-    use_large_pages(array.get(), slots_ * sizeof(typename Array::element_type));
+        std::make_unique_for_overwrite<typename Array::element_type[]>(boxes);  // NOLINT(*-avoid-c-arrays)
+    use_large_pages(array.get(), boxes * sizeof(typename Array::element_type));
   };
   allocate(centres_);
   allocate(others_);
   allocate(keys_);
-  constexpr float most = std::numeric_limits<float>::max();
   for_slots([&](Positions& positions, std::size_t slot) {
+    if (class_by_slot[slot] == no_class) return;
     const Bounds<axes> bounds = bounds_of<axes>(input, slot);
     Centre& centre = centres_[positions.at(class_by_slot[slot])++];
     centre.slot = static_cast<std::uint32_t>(slot);
-    for (std::size_t axis = 0; axis < axes; ++axis)
-      centre.at[axis] = std::max(bounds.lower[axis], -most) / 2 + std::min(bounds.upper[axis], most) / 2;
+    for (std::size_t axis = 0; axis < axes; ++axis) centre.at[axis] = centre_of(bounds, axis);
   });
 
-  order_.places.resize(slots_);
+  order_.places.resize(slots, no_slot);
   for (std::size_t k = 0; k < classes; ++k) {
     const std::size_t begin = starts.at(k);
     const std::size_t count = starts.at(k + 1) - begin;
     if (count == 0) continue;
     const std::size_t first = order_.slots.size();
     order_.slots.resize(first + count);
-    const std::span centres(centres_.get() + begin, count);
-    if (k == size_classes) {
-      place(centres, first);
-    } else {
-      pending_.push_back({centres, {others_.get() + begin, count}, {keys_.get() + begin, count}, first});
-      order_.slots.resize((order_.slots.size() + node_size - 1) / node_size * node_size, no_slot);
-    }
+    order_.slots.resize((order_.slots.size() + node_size - 1) / node_size * node_size, no_slot);
+    pending_.push_back({{centres_.get() + begin, count},
+                        {others_.get() + begin, count},
+                        {keys_.get() + begin, count},
+                        first});
   }
 }
 

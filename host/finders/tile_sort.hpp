@@ -14,14 +14,10 @@ namespace broadcl {
 /// Which slot is at which place of the tiles.
 struct TileOrder {
   std::vector<std::uint32_t> slots;   // by place; no_slot where a tile has no more
-  std::vector<std::uint32_t> places;  // by slot
-
-  /// Puts the next slot into the last tile, or into a new one.
-  /// @throws std::bad_alloc
-  void append();
+  std::vector<std::uint32_t> places;  // by slot; no_slot for one without a box
 };
 
-/// Sorts all slots, such that neighbours in space mostly share a tile, and neighbouring tiles a node: into
+/// Sorts all slots that have boxes, such that neighbours in space mostly share a tile, and neighbouring tiles a node: into
 /// the order of a k-d tree. May do so in several steps, between which boxes may change; it then sorts the
 /// boxes as they were.
 /// @tparam axes 4 if the order depends on worlds or sets, too; otherwise 3.
@@ -62,7 +58,6 @@ class TileSort {
   void sort(const Node& node);
   void place(std::span<const Centre> centres, std::size_t first);
 
-  std::size_t slots_;
   std::unique_ptr<Centre[]> centres_, others_;  // NOLINT(modernize-avoid-c-arrays): not initialised
   std::unique_ptr<std::int32_t[]> keys_;        // NOLINT(modernize-avoid-c-arrays)
   TileOrder order_;

@@ -1,0 +1,340 @@
+#include "finders/tile_tree.hpp"
+
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <cmath>
+#include <limits>
+#include <utility>
+
+#include "base/parallel.hpp"
+#include "finders/slot_bounds.hpp"
+
+namespace broadcl {
+namespace {
+
+constexpr float infinity = std::numeric_limits<float>::infinity();
+constexpr float not_a_number = std::numeric_limits<float>::quiet_NaN();
+
+/// Of no box.
+template <std::size_t axes>
+Bounds<axes> nowhere() {
+  return make_bounds<axes>(infinity, -infinity);
+}
+
+/// What has no child.
+template <std::size_t axes>
+Node<axes> empty_node() {
+  Node<axes> node;
+  for (std::size_t k = 0; k < node_size; ++k)
+    node.set(k, make_bounds<axes>(not_a_number, not_a_number), no_slot);
+  return node;
+}
+
+bool has_box(const Input& input, std::uint32_t slot) {
+  return slot < input.boxes.size() && !std::isnan(input.boxes[slot].lower[0]);
+}
+
+/// The bounds of all children of a node.
+template <std::size_t axes>
+Bounds<axes> bounds_of(const Node<axes>& node) {
+  Bounds<axes> bounds = nowhere<axes>();
+  for (std::size_t k = 0; k < node_size; ++k) extend(bounds, node.get(k));
+  return bounds;
+}
+
+/// Twice as large, about the same centre.
+template <std::size_t axes>
+Bounds<axes> home_of(Bounds<axes> bounds) {
+#pragma GCC unroll 4
+  for (std::size_t axis = 0; axis < axes; ++axis) {
+    const float half = (bounds.upper[axis] - bounds.lower[axis]) / 2;
+    const float margin = half > 0 ? half : 0;  // NaN if the boxes are at infinity
+    bounds.lower[axis] -= margin;
+    bounds.upper[axis] += margin;
+  }
+  return bounds;
+}
+
+template <std::size_t axes>
+bool is_within(const Bounds<axes>& bounds, const Bounds<axes>& home) {
+  bool within = true;
+#pragma GCC unroll 4
+  for (std::size_t axis = 0; axis < axes; ++axis)
+    within &= home.lower[axis] <= bounds.lower[axis] && bounds.upper[axis] <= home.upper[axis];
+  return within;
+}
+
+/// The half of the children of a full node that are farther along the axis along which their centres extend
+/// farthest, a bit for each.
+template <std::size_t axes>
+std::uint32_t upper_half(const Node<axes>& node) {
+  std::array<std::pair<float, std::uint32_t>, node_size> best;
+  float widest = -1;
+  for (std::size_t axis = axes; axis-- > 0;) {
+    std::array<std::pair<float, std::uint32_t>, node_size> centres;
+    for (std::uint32_t k = 0; k < node_size; ++k) centres[k] = {centre_of(node.get(k), axis), k};
+    const auto [least, greatest] = std::ranges::minmax_element(centres);
+    const float width = greatest->first - least->first;
+    if (width <= widest) continue;
+    widest = width;
+    best = centres;
+    if (axis == 3 && width > 0) break;  // worlds before places
+  }
+  std::ranges::nth_element(best, best.begin() + node_size / 2);
+  std::uint32_t half = 0;
+  for (std::size_t k = node_size / 2; k < node_size; ++k) half |= 1U << best[k].second;
+  return half;
+}
+
+template <class Function>
+void for_each_bit(std::uint32_t bits, const Function& function) {
+  for (; bits != 0; bits &= bits - 1) function(static_cast<std::size_t>(std::countr_zero(bits)));
+}
+
+}  // namespace
+
+template <std::size_t axes>
+void TileTree<axes>::fill(TileOrder& order, const Input& input, std::size_t threads) {
+  places_.swap(order.places);
+  const std::size_t tiles = std::max<std::size_t>(1, (order.slots.size() + node_size - 1) / node_size);
+  order.slots.resize(tiles * node_size, no_slot);
+  resize(0);
+  resize(tiles);
+  for (Occupancy& occupancy : occupancy_) occupancy.home = make_bounds<axes>(-infinity, infinity);
+  read_all(input, threads, order.slots.data());
+  insert(input);
+}
+
+template <std::size_t axes>
+bool TileTree<axes>::is_abandoned(const Input& input) const {
+  constexpr std::size_t samples = 64;
+  std::size_t left = 0;
+  for (std::size_t slot = 0; slot < places_.size(); slot += places_.size() / samples + 1) {
+    const std::uint32_t place = places_[slot];
+    left += static_cast<std::size_t>(
+        place != no_slot && slot < input.boxes.size() &&
+        !is_within(broadcl::bounds_of<axes>(input, slot), occupancy_[place / node_size].home));
+  }
+  return left > samples / 4;
+}
+
+template <std::size_t axes>
+std::span<const std::uint32_t> TileTree<axes>::read(const Input& input, std::size_t threads) {
+  if (input.changed.all) {
+    read_all(input, threads, nullptr);
+  } else {
+    read_changed(input);
+  }
+  return left_;
+}
+
+template <std::size_t axes>
+void TileTree<axes>::insert(const Input& input) {
+  for (const std::uint32_t slot : left_) insert(slot, broadcl::bounds_of<axes>(input, slot));
+  size_ += left_.size();
+  left_.clear();
+}
+
+/// Adds empty tiles, and nodes for them.
+template <std::size_t axes>
+void TileTree<axes>::resize(std::size_t tiles) {
+  const auto resize = [](auto& list, std::size_t size, const auto& value) {
+    if (size > list.capacity()) list.reserve(size + size / 2);
+    list.resize(size, value);
+  };
+  const auto parents_of = [](std::size_t children) { return (children + node_size - 1) / node_size; };
+  resize(all_.tiles, tiles, empty_node<axes>());
+  resize(all_.bounds, tiles, nowhere<axes>());
+  resize(occupancy_, tiles, Occupancy{.home = nowhere<axes>(), .taken = 0, .leaving = 0});
+  resize(all_.nodes, parents_of(tiles), empty_node<axes>());
+  resize(all_.roots, parents_of(all_.nodes.size()), empty_node<axes>());
+  resize(dirty_, all_.nodes.size(), 0U);
+}
+
+/// @param slots By place; null if all boxes are where they were.
+template <std::size_t axes>
+void TileTree<axes>::read_all(const Input& input, std::size_t threads, const std::uint32_t* slots) {
+  constexpr std::size_t at_once = 8;
+  const std::size_t tiles = all_.tiles.size();
+  parallel_for((tiles + at_once - 1) / at_once, threads, [&](std::size_t part, std::size_t /*thread*/) {
+    for (std::size_t tile = part * at_once; tile < std::min(tiles, (part + 1) * at_once); ++tile)
+      read_tile(input, tile, slots == nullptr ? all_.tiles[tile].index.data() : slots + tile * node_size);
+  });
+  left_.clear();
+  size_ = 0;
+  for (std::size_t tile = 0; tile < tiles; ++tile) {
+    size_ += static_cast<std::size_t>(std::popcount(occupancy_[tile].taken));
+    for_each_bit(std::exchange(occupancy_[tile].leaving, 0), [&](std::size_t k) {
+      left_.push_back(all_.tiles[tile].index[k]);
+      clear_place(tile * node_size + k);
+    });
+  }
+  for (std::size_t node = 0; node < all_.nodes.size(); ++node) update_node(node);
+  const std::size_t n = input.boxes.size();
+  if (places_.size() < n) places_.resize(n, no_slot);
+  if (size_ + left_.size() == n) return;
+  left_.clear();
+  for (std::uint32_t slot = 0; slot < n; ++slot) {
+    if (places_[slot] == no_slot && has_box(input, slot)) left_.push_back(slot);
+  }
+}
+
+/// Computes the tile's bounds, without those boxes that leave it.
+template <std::size_t axes>
+void TileTree<axes>::read_tile(const Input& input, std::size_t tile, const std::uint32_t* slots) {
+  Node<axes>& node = all_.tiles[tile];
+  Occupancy& occupancy = occupancy_[tile];
+  Bounds<axes>& bounds = all_.bounds[tile] = nowhere<axes>();
+  occupancy.taken = 0;
+  for (std::size_t k = 0; k < node_size; ++k) {
+    const std::uint32_t slot = slots[k];
+    if (has_box(input, slot)) {
+      const Bounds<axes> box = broadcl::bounds_of<axes>(input, slot);
+      node.set(k, box, slot);
+      extend(bounds, box);
+      occupancy.taken |= 1U << k;
+    } else if (slot != no_slot) {
+      node.index[k] = slot;
+      clear_place(tile * node_size + k);
+    }
+  }
+  if (!is_within(bounds, occupancy.home)) {
+    bounds = nowhere<axes>();
+    for_each_bit(occupancy.taken, [&](std::size_t k) {
+      const bool leaves = !is_within(node.get(k), occupancy.home);
+      occupancy.leaving |= static_cast<std::uint32_t>(leaves) << k;
+      if (!leaves) extend(bounds, node.get(k));
+    });
+    occupancy.taken &= ~occupancy.leaving;
+  }
+  occupancy.home = home_of(bounds);
+}
+
+template <std::size_t axes>
+void TileTree<axes>::read_changed(const Input& input) {
+  left_.clear();
+  if (places_.size() < input.boxes.size()) places_.resize(input.boxes.size(), no_slot);
+  for (const std::uint32_t slot : input.changed.slots) {
+    const std::uint32_t place = place_of(slot);
+    const bool exists = has_box(input, slot);
+    if (place != no_slot) {
+      const std::size_t tile = place / node_size;
+      dirty_[tile / node_size] |= 1U << tile % node_size;
+      if (exists) {
+        const Bounds<axes> box = broadcl::bounds_of<axes>(input, slot);
+        if (is_within(box, occupancy_[tile].home)) {
+          all_.tiles[tile].set(place % node_size, box, slot);
+          continue;
+        }
+      }
+      clear_place(place);
+      --size_;
+    }
+    if (exists) left_.push_back(slot);
+  }
+  for (std::size_t node = 0; node < dirty_.size(); ++node) {
+    if (dirty_[node] == 0) continue;
+    for_each_bit(std::exchange(dirty_[node], 0), [&](std::size_t k) {
+      const std::size_t tile = node * node_size + k;
+      all_.bounds[tile] = bounds_of(all_.tiles[tile]);
+    });
+    update_node(node);
+  }
+}
+
+template <std::size_t axes>
+void TileTree<axes>::clear_place(std::size_t place) {
+  const std::size_t tile = place / node_size;
+  const std::size_t k = place % node_size;
+  const std::uint32_t slot = std::exchange(all_.tiles[tile].index[k], no_slot);
+  if (slot < places_.size()) places_[slot] = no_slot;
+  all_.tiles[tile].set(k, make_bounds<axes>(not_a_number, not_a_number), no_slot);
+  occupancy_[tile].taken &= ~(1U << k);
+}
+
+/// Sets the bounds of a node's tiles, and its own.
+template <std::size_t axes>
+void TileTree<axes>::update_node(std::size_t node) {
+  const std::size_t first = node * node_size;
+  for (std::size_t tile = first; tile < std::min(all_.tiles.size(), first + node_size); ++tile)
+    all_.nodes[node].set(tile - first, all_.bounds[tile], static_cast<std::uint32_t>(tile));
+  all_.roots[node / node_size].set(node % node_size, bounds_of(all_.nodes[node]),
+                                   static_cast<std::uint32_t>(node));
+}
+
+template <std::size_t axes>
+void TileTree<axes>::insert(std::uint32_t slot, const Bounds<axes>& box) {
+  const auto least_growth = tile_search<axes>().least_growth;
+  const std::size_t node = least_growth(all_.roots, box);
+  const std::size_t tile = node * node_size + least_growth(std::span(all_.nodes).subspan(node, 1), box);
+  if (~occupancy_[tile].taken == 0) {
+    const std::size_t other = empty_tile(node);
+    other == no_slot ? divide_node(node) : divide_tile(tile, other);
+    return insert(slot, box);
+  }
+  Occupancy& occupancy = occupancy_[tile];
+  const auto k = static_cast<std::size_t>(std::countr_one(occupancy.taken));
+  places_[slot] = static_cast<std::uint32_t>(tile * node_size + k);
+  all_.tiles[tile].set(k, box, slot);
+  extend(all_.bounds[tile], box);
+  if (occupancy.taken == 0 || !is_within(box, occupancy.home)) occupancy.home = home_of(all_.bounds[tile]);
+  occupancy.taken |= 1U << k;
+  all_.nodes[node].set(tile % node_size, all_.bounds[tile], static_cast<std::uint32_t>(tile));
+  Node<axes>& root = all_.roots[node / node_size];
+  Bounds<axes> bounds = root.get(node % node_size);
+  extend(bounds, box);
+  root.set(node % node_size, bounds, static_cast<std::uint32_t>(node));
+}
+
+/// @returns A tile of the node; no_slot if it has none that is empty.
+template <std::size_t axes>
+std::size_t TileTree<axes>::empty_tile(std::size_t node) {
+  for (std::size_t tile = node * node_size; tile < (node + 1) * node_size; ++tile) {
+    if (tile == all_.tiles.size()) resize(tile + 1);
+    if (occupancy_[tile].taken == 0) return tile;
+  }
+  return no_slot;
+}
+
+/// Moves half of the boxes of a full tile to an empty one of the same node.
+template <std::size_t axes>
+void TileTree<axes>::divide_tile(std::size_t tile, std::size_t other) {
+  std::size_t next = other * node_size;
+  for_each_bit(upper_half(all_.tiles[tile]), [&](std::size_t k) {
+    const std::uint32_t slot = all_.tiles[tile].index[k];
+    all_.tiles[other].set(next % node_size, all_.tiles[tile].get(k), slot);
+    clear_place(tile * node_size + k);
+    places_[slot] = static_cast<std::uint32_t>(next++);
+  });
+  occupancy_[other].taken = (1U << node_size / 2) - 1;
+  for (const std::size_t half : {tile, other}) {
+    all_.bounds[half] = bounds_of(all_.tiles[half]);
+    occupancy_[half].home = home_of(all_.bounds[half]);
+  }
+  update_node(tile / node_size);
+}
+
+/// Moves half of the tiles of a full node to a new one.
+template <std::size_t axes>
+void TileTree<axes>::divide_node(std::size_t node) {
+  std::size_t next = all_.nodes.size() * node_size;
+  resize(next + node_size / 2);
+  for_each_bit(upper_half(all_.nodes[node]), [&](std::size_t k) {
+    const std::size_t tile = node * node_size + k;
+    std::swap(all_.tiles[tile], all_.tiles[next]);
+    std::swap(all_.bounds[tile], all_.bounds[next]);
+    std::swap(occupancy_[tile], occupancy_[next]);
+    for_each_bit(occupancy_[next].taken, [&](std::size_t child) {
+      places_[all_.tiles[next].index[child]] = static_cast<std::uint32_t>(next * node_size + child);
+    });
+    ++next;
+  });
+  update_node(node);
+  update_node(all_.nodes.size() - 1);
+}
+
+template class TileTree<3>;
+template class TileTree<4>;
+
+}  // namespace broadcl

@@ -1,0 +1,73 @@
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "engines/algorithm.hpp"
+#include "finders/tile_search.hpp"
+#include "finders/tile_sort.hpp"
+
+namespace broadcl {
+
+/// Boxes in tiles, first in an order of TileSort. A box that leaves its tile is put into the tile that grows
+/// least, and what is full is divided, so tiles stay small while boxes come, go and leap (Guttman, "R-Trees:
+/// A Dynamic Index Structure for Spatial Searching", SIGMOD 1984). If a function throws, fill() must follow.
+template <std::size_t axes>
+class TileTree {
+ public:
+  explicit TileTree(bool sets) { all_.sets = sets; }
+
+  [[nodiscard]] HostTiles<axes>& tiles() noexcept { return all_; }
+  /// The boxes that have a place in a tile.
+  [[nodiscard]] std::size_t size() const noexcept { return size_; }
+  /// Greater than every slot that has a place.
+  [[nodiscard]] std::size_t slots() const noexcept { return places_.size(); }
+  /// The place of a slot; no_slot if it has none.
+  [[nodiscard]] std::uint32_t place_of(std::uint32_t slot) const noexcept {
+    return slot < places_.size() ? places_[slot] : no_slot;
+  }
+
+  /// Puts all boxes into new tiles, those that are not in the order by insert().
+  /// @throws std::bad_alloc
+  void fill(TileOrder& order, const Input& input, std::size_t threads);
+
+  /// Whether most of a sample of boxes have left their tiles, so that read() would be in vain.
+  [[nodiscard]] bool is_abandoned(const Input& input) const;
+  /// Reads the boxes that changed.
+  /// @returns The slots whose boxes have no place: they are new, or have left their tiles. Call insert()
+  /// next, or fill().
+  /// @throws std::bad_alloc
+  [[nodiscard]] std::span<const std::uint32_t> read(const Input& input, std::size_t threads);
+  /// @throws std::bad_alloc
+  void insert(const Input& input);
+
+ private:
+  /// Of a tile.
+  struct Occupancy {
+    Bounds<axes> home;      // a box that reaches beyond it leaves the tile
+    std::uint32_t taken;    // a bit for each place that has a box
+    std::uint32_t leaving;  // and whose box leaves
+  };
+
+  void resize(std::size_t tiles);
+  void read_all(const Input& input, std::size_t threads, const std::uint32_t* slots);
+  void read_tile(const Input& input, std::size_t tile, const std::uint32_t* slots);
+  void read_changed(const Input& input);
+  void clear_place(std::size_t place);
+  void update_node(std::size_t node);
+  void insert(std::uint32_t slot, const Bounds<axes>& box);
+  [[nodiscard]] std::size_t empty_tile(std::size_t node);
+  void divide_tile(std::size_t tile, std::size_t other);
+  void divide_node(std::size_t node);
+
+  HostTiles<axes> all_;
+  std::vector<Occupancy> occupancy_;   // by tile
+  std::vector<std::uint32_t> places_;  // by slot
+  std::vector<std::uint32_t> left_;    // slots that are to be inserted
+  std::vector<std::uint32_t> dirty_;   // by node, a bit for each tile that changed
+  std::size_t size_ = 0;
+};
+
+}  // namespace broadcl
