@@ -72,23 +72,27 @@ class OrderAge {
   void add(bool all, std::size_t work, double share) {
     Searches& first = first_.at(all ? 1 : 0);
     searched_ += share;
-    last_excess_ = 0;
+    double excess = 0;
     if (first.share < least_share) {
       first.work += static_cast<double>(work);
       first.share += share;
     } else if (first.work > 0) {
-      last_excess_ = static_cast<double>(work) * first.share / first.work - share;
-      excess_ = std::max(0.0, excess_ + last_excess_);
+      excess = static_cast<double>(work) * first.share / first.work - share;
     }
+    sum_ = std::max(0.0, sum_ + excess);
+    // It grows.
+    expected_ = frames_per_sort * excess +
+                frames_per_sort * (frames_per_sort + 1) / 2.0 * std::max(0.0, excess - last_);
+    last_ = excess;
   }
 
-  /// Whether searches will have taken as much longer as it takes to sort when a new order is done. (Or the
-  /// order may have been poor from the beginning.)
+  /// Whether searches will have taken as much longer as a sort takes, when a new order is done that is begun
+  /// now. (Or the order may have been poor from the beginning.)
   [[nodiscard]] bool is_old() const noexcept {
-    return excess_ + frames_per_sort * last_excess_ >= time_to_sort || searched_ >= most_searched;
+    return sum_ + expected_ >= time_to_sort || searched_ >= most_searched;
   }
-  /// Whether it became old so soon that the next one would be so before it is done.
-  [[nodiscard]] bool is_short_lived() const noexcept { return is_old() && searched_ <= frames_per_sort; }
+  /// Whether those until then alone will.
+  [[nodiscard]] bool is_useless() const noexcept { return expected_ >= time_to_sort; }
 
  private:
   static constexpr double time_to_sort = 0.9;
@@ -101,8 +105,9 @@ class OrderAge {
   };
   std::array<Searches, 2> first_;  // of those that changed, and of all boxes
   double searched_ = 0;
-  double excess_ = 0;
-  double last_excess_ = 0;
+  double sum_ = 0;       // of the excess
+  double last_ = 0;      // excess
+  double expected_ = 0;  // while a sort is distributed over frames
 };
 
 /// Sweep and prune (Cohen, Lin, Manocha, Ponamgi, "I-COLLIDE: An Interactive and Exact Collision Detection
@@ -161,7 +166,7 @@ class Sweep {
   /// @param all Whether all boxes are to be searched.
   void update(const Input& input, std::size_t threads, bool all) {
     const bool is_sorted = std::exchange(is_sorted_, false);  // until all is done
-    if (!is_sorted || (all && (age_.is_short_lived() || tree_.is_abandoned(input))))
+    if (!is_sorted || (all && (age_.is_useless() || tree_.is_abandoned(input))))
       return sort_at_once(input, threads);
     const std::span<const std::uint32_t> left = tree_.read(input, threads);
     left_.insert(left_.end(), left.begin(), left.end());

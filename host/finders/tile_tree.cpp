@@ -116,7 +116,7 @@ bool TileTree<axes>::is_abandoned(const Input& input) const {
         place != no_slot && slot < input.boxes.size() &&
         !is_within(broadcl::bounds_of<axes>(input, slot), occupancy_[place / node_size].home));
   }
-  return left > samples / 4;
+  return left > samples / 6;
 }
 
 template <std::size_t axes>
