@@ -30,7 +30,6 @@
 #include <BulletCollision/CollisionDispatch/btDefaultCollisionConfiguration.h>
 #include <BulletCollision/CollisionDispatch/btGhostObject.h>
 #include <BulletCollision/CollisionShapes/btBoxShape.h>
-#include <BulletCollision/CollisionShapes/btSphereShape.h>
 #include <BulletDynamics/ConstraintSolver/btSequentialImpulseConstraintSolver.h>
 #include <BulletDynamics/Dynamics/btDiscreteDynamicsWorld.h>
 #include <BulletDynamics/Dynamics/btRigidBody.h>
@@ -92,6 +91,8 @@ const std::vector<Row> special_rows{
     {"terrain", 20'000},
     {"replace-10%", 20'000},
     {"come-or-go-1%", 100'000, 40},
+    {"come-1%", 100'000, 40},
+    {"go-1%", 100'000, 40},
     {"thinned", 200'000},
     {"cables", 100'000, 30},
     {"one-place", 1'000, 100},
@@ -204,32 +205,29 @@ class BulletWorld {
     constexpr int dynamic_bodies = 500;
     constexpr int static_bodies = 3'000;
     scenes::Random random(1);
-    const auto point = [&] {
-      const Eigen::Vector3f at = random.vector(-15, 15);
-      return btTransform(btQuaternion::getIdentity(), btVector3(at.x(), at.y(), at.z()));
+    const auto anywhere = [&](float low, float high) {
+      const Eigen::Vector3f at = random.vector(-30, 30);
+      return btTransform(btQuaternion::getIdentity(), btVector3(at.x(), random.uniform(low, high), at.z()));
     };
     broadphase_->getOverlappingPairCache()->setInternalGhostPairCallback(&callback_);
     world_.setGravity(btVector3(0, 0, 0));
-    world_.setForceUpdateAllAabbs(false);
     for (int k = 0; k < dynamic_bodies + static_bodies; ++k) {
       const bool moves = k < dynamic_bodies;
-      btRigidBody::btRigidBodyConstructionInfo info(moves ? 1 : 0, nullptr, &cube_,
-                                                    btVector3(0.2F, 0.2F, 0.2F));
-      info.m_startWorldTransform = point();
-      info.m_restitution = 1;
-      info.m_friction = 0;
-      auto& body = bodies_.emplace_back(std::make_unique<btRigidBody>(info));
+      btCollisionShape& shape = moves ? cube_ : large_cube_;
+      auto& body = bodies_.emplace_back(
+          std::make_unique<btRigidBody>(moves ? 1 : 0, nullptr, &shape, btVector3(0.2F, 0.2F, 0.2F)));
+      body->setWorldTransform(moves ? anywhere(3, 10) : anywhere(-4, 0));
       if (moves) {
         const Eigen::Vector3f velocity = random.vector(-6, 6);
-        body->setLinearVelocity(btVector3(velocity.x(), velocity.y(), velocity.z()));
+        body->setLinearVelocity(btVector3(velocity.x(), 0, velocity.z()));
         body->setActivationState(DISABLE_DEACTIVATION);
       }
       world_.addRigidBody(body.get());
     }
     for (int k = 0; ghosts && k < 300; ++k) {
       auto& ghost = ghosts_.emplace_back(std::make_unique<btPairCachingGhostObject>());
-      ghost->setCollisionShape(&sphere_);
-      ghost->setWorldTransform(point());
+      ghost->setCollisionShape(&large_cube_);
+      ghost->setWorldTransform(anywhere(-2, 8));
       ghost->setCollisionFlags(btCollisionObject::CF_NO_CONTACT_RESPONSE);
       world_.addCollisionObject(ghost.get(), btBroadphaseProxy::SensorTrigger,
                                 btBroadphaseProxy::DefaultFilter);
@@ -248,7 +246,7 @@ class BulletWorld {
 
  private:
   btBoxShape cube_{btVector3(0.4F, 0.4F, 0.4F)};
-  btSphereShape sphere_{1.5F};
+  btBoxShape large_cube_{btVector3(2.5F, 2.5F, 2.5F)};
   btGhostPairCallback callback_;
   btDefaultCollisionConfiguration configuration_;
   btCollisionDispatcher dispatcher_{&configuration_};

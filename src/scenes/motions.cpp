@@ -277,7 +277,7 @@ Step with_speed(float most) {
 Step level(float resting, float overlaps, bool filters) {
   return [=](Motion& motion) {
     const float count = std::floor(resting * static_cast<float>(motion.count()));
-    const float edge = std::cbrt(std::min(overlaps, count / 10) / count) / 2;
+    const float edge = std::cbrt(std::min(overlaps, count / 4) / count) / 2;
     for (std::uint32_t id = 0; static_cast<float>(id) < count; ++id) {
       const Vector3f size = motion.random.vector(0.5F, 1.5F) * edge;
       motion.boxes[id] = box_at(motion.random.vector(0, 1), size / 2);
@@ -386,7 +386,7 @@ std::span<const MotionInfo> motions() {
       {"leap-1%", nothing, each(some(0.01F), leap), true},
       {"leap-10%", nothing, each(some(0.1F), leap), true},
       {"leap-100%", nothing, each(all, leap), true},
-      {"level", level(0.92F, 1000, true), each(movers, drift)},
+      {"level", level(0.92F, 2400, true), each(movers, drift)},
       {"level-unfiltered", level(0.92F, 100, false), each(movers, drift)},
       {"level-90%", level(0.9F, 150, true), each(movers, drift)},
       {"terrain", terrain(0.92F), each(movers, roam)},
@@ -401,7 +401,7 @@ std::span<const MotionInfo> motions() {
       {"come-or-go-1%", nothing, in_turn({add(0.01F), each(some(0.01F), remove)})},
       {"come-1%", nothing, add(0.01F)},
       {"go-1%", nothing, each(some(0.01F), remove)},
-      {"thinned", nothing, once_in(~0U, 1, each(some(0.9F), remove), all_drift)},
+      {"thinned", nothing, once_in(~0U, 2, each(some(0.9F), remove), all_drift)},
       {"unload", nothing, once_in(20, 5, each(some(0.5F), remove), once_in(20, 15, add(0.5F), all_drift))},
       {"explode", nothing, each(all, apart)},
       {"collapse", each_box([](Motion& m, auto id) {

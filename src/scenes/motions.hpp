@@ -70,7 +70,7 @@ class Motion {
   std::vector<Filter> filters;         ///< By id.
   Random random;
   float edge;               ///< Of a cube.
-  std::uint32_t frame = 0;  ///< The first one that step() makes is 1.
+  std::uint32_t frame = 0;  ///< The first one, which adds all objects, is 1.
 
   [[nodiscard]] std::uint32_t count() const { return static_cast<std::uint32_t>(boxes.size()); }
   [[nodiscard]] bool contains(std::uint32_t id) const { return !free_.contains(id); }
