@@ -48,6 +48,9 @@ class CorePlayer {
       case CoreVerb::drift:
         for (unsigned k = 0; k < op.count && !reference().is_in_flight(); ++k) drift(op);
         break;
+      case CoreVerb::stir:
+        for (unsigned k = 0; k < op.count && !reference().is_in_flight(); ++k) stir(op, k);
+        break;
       case CoreVerb::exclude:
         twins_.set_exclusions(exclusions_of(op, reference().pairs()));
         break;
@@ -238,6 +241,22 @@ class CorePlayer {
     twins_.map(reference().slots(), [&](std::span<Aabb> boxes) {
       for (std::size_t k = 0; k < boxes.size(); k += 1 + op.which % 2) boxes[k] = drifted(boxes[k], step);
     });
+    update(false);
+  }
+
+  void stir(const CoreOp& op, unsigned number) {
+    const std::vector<std::uint32_t> ids = reference().ids();
+    std::vector<Aabb> before;
+    for (const std::uint32_t id : ids) before.push_back(reference().box(id));
+    std::vector<std::uint32_t> moved;
+    std::vector<Aabb> boxes;
+    for (std::size_t k = 0; k < ids.size(); ++k) {
+      const std::optional<Aabb> box = stirred(script_, op, number, before, k);
+      if (!box) continue;
+      moved.push_back(ids[k]);
+      boxes.push_back(*box);
+    }
+    twins_.move(moved, boxes);
     update(false);
   }
 

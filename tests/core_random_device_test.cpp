@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include <gtest/gtest.h>
 
@@ -49,6 +50,15 @@ class DevicePlayer {
         for (unsigned k = 0; k < op.count && !twins_.is_in_flight(); ++k) {
           for (Aabb& box : frame_.boxes) box = drifted(box, drift_of(op));
           op.which % 2 == 0 ? update() : enqueue(2);
+        }
+        break;
+      case CoreVerb::stir:
+        for (unsigned k = 0; k < op.count && !twins_.is_in_flight(); ++k) {
+          const std::vector<Aabb> before = frame_.boxes;
+          for (std::size_t box = 0; box < before.size(); ++box) {
+            frame_.boxes[box] = stirred(script_, op, k, before, box).value_or(before[box]);
+          }
+          update();
         }
         break;
       case CoreVerb::exclude: {

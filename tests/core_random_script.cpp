@@ -8,11 +8,11 @@
 namespace broadcl::test {
 namespace {
 
-constexpr std::array<std::string_view, 15> core_verb_names{
-    "add",     "remove", "replace", "move",    "map",         "give",   "drift", "filter",
-    "exclude", "begin",  "update",  "enqueue", "change side", "shrink", "refuse"};
-constexpr std::array<std::string_view, 6> filter_kind_names{"no",      "groups as",         "worlds as",
-                                                            "sets as", "sets of worlds as", "all kinds of"};
+constexpr std::array<std::string_view, 16> core_verb_names{
+    "add",    "remove",  "replace", "move",   "map",     "give",        "drift",  "stir",
+    "filter", "exclude", "begin",   "update", "enqueue", "change side", "shrink", "refuse"};
+constexpr std::array<std::string_view, 7> filter_kind_names{
+    "no", "levels as", "groups as", "worlds as", "sets as", "sets of worlds as", "all kinds of"};
 
 /// Of exclusions: 0 none, 1 few, others many.
 constexpr unsigned exclusion_kinds = 6;
@@ -22,14 +22,14 @@ struct CoreWeight {
   CoreVerb verb;
   unsigned weight;
 };
-constexpr std::array core_weights{CoreWeight{CoreVerb::add, 20},         CoreWeight{CoreVerb::remove, 30},
-                                  CoreWeight{CoreVerb::replace, 30},     CoreWeight{CoreVerb::move, 300},
-                                  CoreWeight{CoreVerb::map, 15},         CoreWeight{CoreVerb::give, 30},
-                                  CoreWeight{CoreVerb::drift, 15},       CoreWeight{CoreVerb::filter, 40},
-                                  CoreWeight{CoreVerb::exclude, 60},     CoreWeight{CoreVerb::begin, 60},
-                                  CoreWeight{CoreVerb::update, 300},     CoreWeight{CoreVerb::enqueue, 120},
-                                  CoreWeight{CoreVerb::change_side, 40}, CoreWeight{CoreVerb::shrink, 15},
-                                  CoreWeight{CoreVerb::refuse, 20}};
+constexpr std::array core_weights{CoreWeight{CoreVerb::add, 20},      CoreWeight{CoreVerb::remove, 30},
+                                  CoreWeight{CoreVerb::replace, 30},  CoreWeight{CoreVerb::move, 300},
+                                  CoreWeight{CoreVerb::map, 15},      CoreWeight{CoreVerb::give, 30},
+                                  CoreWeight{CoreVerb::drift, 15},    CoreWeight{CoreVerb::stir, 15},
+                                  CoreWeight{CoreVerb::filter, 40},   CoreWeight{CoreVerb::exclude, 60},
+                                  CoreWeight{CoreVerb::begin, 60},    CoreWeight{CoreVerb::update, 300},
+                                  CoreWeight{CoreVerb::enqueue, 120}, CoreWeight{CoreVerb::change_side, 40},
+                                  CoreWeight{CoreVerb::shrink, 15},   CoreWeight{CoreVerb::refuse, 20}};
 
 class CoreGenerator {
  public:
@@ -56,7 +56,7 @@ class CoreGenerator {
       script.most = 2300;
       script.extent = 64;
     }
-    script.filters = dice_.one_in(2) ? FilterKind::none : static_cast<FilterKind>(1 + dice_.below(5));
+    script.filters = dice_.one_in(2) ? FilterKind::none : static_cast<FilterKind>(1 + dice_.below(6));
     odd_boxes_ = dice_.pick(std::array{0U, 0U, 3U, 20U});
     is_lively_ = dice_.one_in(2);
     grows_slowly_ = dice_.one_in(3);
@@ -100,12 +100,14 @@ class CoreGenerator {
       case CoreVerb::move:
         return dice_.one_in(is_lively_ ? 2 : 10) ? most : few;
       case CoreVerb::drift:
+      case CoreVerb::stir:
         return 1 + dice_.below(8);
       case CoreVerb::filter:
         return dice_.one_in(10) ? most : few;
       case CoreVerb::remove:
       case CoreVerb::replace: {
-        const unsigned count = dice_.one_in(20) ? most : few;
+        const unsigned many = dice_.one_in(2) ? most : 1 + live_ * 9 / 10;
+        const unsigned count = dice_.one_in(20) ? many : few;
         if (verb == CoreVerb::remove) live_ -= std::min(live_, count);
         return count;
       }
@@ -177,6 +179,7 @@ Filter filter_of(FilterKind kind, unsigned number) {
   const bool all = kind == FilterKind::all;
   Filter filter;
   if (sets) filter = number % 2 == 0 ? Filter::first_set : Filter::second_set;
+  if (kind == FilterKind::levels) return number % 12 == 0 ? Filter() : Filter{.group = 2, .mask = ~2U};
   if (kind == FilterKind::groups || all) {
     filter = {.group = groups.at(number % 5), .mask = masks.at(number / 5 % 4)};
   }
@@ -210,6 +213,14 @@ Aabb drifted(Aabb box, float step) {
     box.upper[axis] += step * static_cast<float>(1 + axis);
   }
   return box;
+}
+
+std::optional<Aabb> stirred(const CoreScript& script, const CoreOp& op, unsigned update,
+                            std::span<const Aabb> boxes, std::size_t k) {
+  if (op.filter % 2 == 0) return boxes[(k + 1 + op.which) % boxes.size()];
+  if ((k + update) % (1 + op.which % 20) != 0) return std::nullopt;
+  const Aabb box = box_of(script, op, static_cast<unsigned>(k) + update);
+  return has_nan(box) ? empty_aabb() : box;
 }
 
 Pairs exclusions_of(const CoreOp& op, const Pairs& present) {

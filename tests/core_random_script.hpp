@@ -1,7 +1,9 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <ostream>
+#include <span>
 #include <vector>
 
 #include <rapidcheck.h>
@@ -24,6 +26,7 @@ enum class CoreVerb {
   give,  ///< An update, or its begin, with boxes of the caller's for all objects, of the same number or
          ///< another.
   drift,  ///< A few updates in which boxes move a little.
+  stir,   ///< A few updates in which some objects leap, or all change places.
   filter,
   exclude,
   begin,
@@ -34,8 +37,8 @@ enum class CoreVerb {
   refuse  ///< Calls with errors, which must change nothing.
 };
 
-/// Which filters a script uses.
-enum class FilterKind { none, groups, worlds, sets, sets_of_worlds, all };
+/// Which filters a script uses. Of `levels`, most objects refuse each other, as Bullet's static ones do.
+enum class FilterKind { none, levels, groups, worlds, sets, sets_of_worlds, all };
 
 /// One call, or a few of the same kind.
 struct CoreOp {
@@ -65,6 +68,11 @@ struct CoreScript {
 
 /// The number of objects after a map() of another number.
 [[nodiscard]] std::size_t mapped_of(const CoreScript& script, const CoreOp& op);
+
+/// Box k of an update of a stir, k < number of objects.
+/// @param boxes Of all objects, before the update.
+[[nodiscard]] std::optional<Aabb> stirred(const CoreScript& script, const CoreOp& op, unsigned update,
+                                          std::span<const Aabb> boxes, std::size_t k);
 
 /// Pairs to exclude: of those given, none or one in a few, in any order; some twice, and some that do not
 /// overlap or do not exist.

@@ -1,4 +1,5 @@
-// Objects that move in every way that the table of motions has: each algorithm reports what the oracle reports.
+// Objects that move in every way that the table of motions has: each algorithm reports what the oracle
+// reports.
 #include "scenes/motions.hpp"
 
 #include <algorithm>
@@ -72,7 +73,7 @@ TEST_P(EachAlgorithm, FollowsEachMotionOfObjectsWithFilters) {
 TEST(Motions, AreFollowedByOneThreadAndBySeveral) {
   for (const std::size_t threads : {1U, 3U}) {
     expect_oracle_in_each({.algorithm = "sweep-and-prune", .threads = threads},
-                          is_sanitized ? Extent{300, 12} : Extent{1500, 30});
+                          is_sanitized ? Extent{300, 12} : Extent{1100, 16});
   }
 }
 

@@ -40,6 +40,10 @@ Aabb moved_to(const Aabb& box, const Vector3f& at) {
   return box_at(at, half(box));
 }
 
+std::size_t part_of(std::size_t n, float share) {
+  return static_cast<std::size_t>(std::ceil(share * static_cast<float>(n)));
+}
+
 // Who.
 
 Ids all(const Motion& motion, Random& /*random*/) {
@@ -49,7 +53,7 @@ Ids all(const Motion& motion, Random& /*random*/) {
   }
   return ids;
 }
-Who those(std::function<bool(const Motion&, std::uint32_t)> condition) {
+Who those(const std::function<bool(const Motion&, std::uint32_t)>& condition) {
   return [=](const Motion& motion, Random& random) {
     Ids ids = all(motion, random);
     std::erase_if(ids, [&](std::uint32_t id) { return !condition(motion, id); });
@@ -60,7 +64,7 @@ Who those(std::function<bool(const Motion&, std::uint32_t)> condition) {
 Who some(float share) {
   return [=](const Motion& motion, Random& random) {
     Ids ids = all(motion, random);
-    const auto wanted = static_cast<std::size_t>(std::ceil(share * static_cast<float>(ids.size())));
+    const std::size_t wanted = part_of(ids.size(), share);
     for (std::size_t k = 0; k < wanted; ++k) {
       std::swap(ids[k], ids[k + random.index(static_cast<std::uint32_t>(ids.size() - k))]);
     }
@@ -153,7 +157,7 @@ void shoot(Motion& motion, std::uint32_t id) {
   motion.move(id, box_at(from + step / 2, size));
 }
 /// Away from the centre of the scene, or towards it.
-How scale(std::function<float(float time)> factor) {
+How scale(const std::function<float(float time)>& factor) {
   return [=](Motion& motion, std::uint32_t id) {
     const float time = motion.edge * static_cast<float>(motion.frame);
     const Vector3f at = centre(motion.boxes[id]) - middle;
@@ -184,30 +188,31 @@ void remove(Motion& motion, std::uint32_t id) {
 
 // Steps.
 
-Step each(Who who, How how) {
+Step each(const Who& who, const How& how) {
   return [=](Motion& motion) {
     for (const std::uint32_t id : who(motion, motion.random)) how(motion, id);
   };
 }
-Step in_turn(std::vector<Step> steps) {
+Step in_turn(const std::vector<Step>& steps) {
   return [=](Motion& motion) { steps[motion.frame % steps.size()](motion); };
 }
-Step both(Step first, Step second) {
+Step both(const Step& first, const Step& second) {
   return [=](Motion& motion) {
     first(motion);
     second(motion);
   };
 }
 /// @param phase Of `period` frames, the one in which something else happens.
-Step once_in(std::uint32_t period, std::uint32_t phase, Step then, Step otherwise) {
+Step once_in(std::uint32_t period, std::uint32_t phase, const Step& then, const Step& otherwise) {
   return [=](Motion& motion) { (motion.frame % period == phase ? then : otherwise)(motion); };
 }
 void nothing(Motion& /*motion*/) {}
 /// A share of the number of objects at first.
 Step add(float share) {
   return [=](Motion& motion) {
-    const float count = share * static_cast<float>(motion.steps.size());
-    for (float k = 0; k < count; ++k) motion.add(cube_at(motion.random.vector(0, 1), motion.edge));
+    for (std::size_t k = part_of(motion.steps.size(), share); k > 0; --k) {
+      motion.add(cube_at(motion.random.vector(0, 1), motion.edge));
+    }
   };
 }
 Step replace(float share) {
@@ -222,7 +227,7 @@ void permute(Motion& motion) {
 }
 /// Some at the front end, others begin at the back, and all others get other ids.
 void slide(Motion& motion) {
-  const auto gone = static_cast<std::ptrdiff_t>(motion.count() / 100 + motion.random.index(2));
+  const std::ptrdiff_t gone = motion.count() / 100 + motion.random.index(2);
   motion.boxes.erase(motion.boxes.begin(), motion.boxes.begin() + gone);
   while (motion.boxes.size() < motion.steps.size() - motion.frame % 3) {
     motion.boxes.push_back(cube_at(motion.random.vector(0, 1), motion.edge));
@@ -257,7 +262,7 @@ void leap_in_blocks(Motion& motion) {
 
 // Starts.
 
-Step each_box(std::function<Aabb(Motion&, std::uint32_t id)> make) {
+Step each_box(const std::function<Aabb(Motion&, std::uint32_t id)>& make) {
   return [=](Motion& motion) {
     for (std::uint32_t id = 0; id < motion.count(); ++id) motion.boxes[id] = make(motion, id);
   };
@@ -298,8 +303,10 @@ Step terrain(float resting) {
       motion.steps[id] = motion.steps[id].cwiseProduct(Vector3f(1, 0, 1)).normalized() * size / 10;
     }
     for (std::uint32_t id = 0; id < 2 * cells * cells; ++id) {
-      const auto x = static_cast<float>(id / 2 % cells) * size;
-      const auto z = static_cast<float>(id / 2 / cells) * size;
+      const std::uint32_t cell = id / 2;
+      const std::uint32_t row = cell / cells;
+      const float x = static_cast<float>(cell % cells) * size;
+      const float z = static_cast<float>(row) * size;
       Eigen::AlignedBox3f bounds;
       for (const auto& [dx, dz] :
            {std::pair(0.0F, 0.0F), {size, size}, {id % 2 == 0 ? size : 0, id % 2 == 0 ? 0 : size}}) {
@@ -356,7 +363,7 @@ Aabb in_plane(Motion& motion, std::uint32_t id) {
 }
 /// Boxes of a block beside each other.
 Aabb cluster(Motion& motion, std::uint32_t id) {
-  const Vector3f at = id % 64 == 0 ? motion.random.vector(0, 1) : centre(motion.boxes[id / 64 * 64]);
+  const Vector3f at = id % 64 == 0 ? motion.random.vector(0, 1) : centre(motion.boxes[id - id % 64]);
   return cube_at(at + motion.random.vector(-2, 2) * motion.edge, motion.edge);
 }
 void bullets(Motion& motion) {
