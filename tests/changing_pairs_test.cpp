@@ -1,8 +1,10 @@
 // Lists of pairs that change, and how they are compared.
 #include "engines/changing_pairs.hpp"
 
+#include <algorithm>
 #include <array>
 #include <cstdint>
+#include <iterator>
 #include <random>
 #include <set>
 #include <vector>
@@ -44,7 +46,7 @@ TEST(ChangingPairs, AreThoseOfASet) {
   }
 }
 
-TEST(PairLists, CompareByPartsAsByOneThread) {
+TEST(PairLists, CompareByPartsAndByTheDefinition) {
   std::mt19937 random(1);
   const auto list = [&](std::uint32_t n, unsigned of_ten) {
     std::vector<Pair> pairs;
@@ -55,17 +57,32 @@ TEST(PairLists, CompareByPartsAsByOneThread) {
     }
     return pairs;
   };
-  const std::vector<std::uint32_t> recycled{7, 500, 501, 4000, 9999};
+  std::vector<std::uint32_t> often;
+  for (std::uint32_t slot = 0; slot < 10'000; slot += 1 + slot * slot % 5) often.push_back(slot);
   const std::array lists{list(10'000, 9), list(10'000, 8), list(2000, 10), list(10, 5), std::vector<Pair>{}};
   PairParts one(1);
   PairParts four(4);
-  for (const std::vector<Pair>& before : lists) {
-    for (const std::vector<Pair>& now : lists) {
-      std::vector<Pair> added, removed, expected_added, expected_removed;
-      compare(before, now, recycled, one, expected_added, expected_removed);
-      compare(before, now, recycled, four, added, removed);
-      EXPECT_EQ(added, expected_added) << before.size() << ", " << now.size();
-      EXPECT_EQ(removed, expected_removed) << before.size() << ", " << now.size();
+  for (const std::vector<std::uint32_t>& recycled :
+       {std::vector<std::uint32_t>{}, {7}, {7, 500, 501, 4000, 9999}, often}) {
+    const auto is_recycled = [&](const Pair& pair) {
+      return std::ranges::binary_search(recycled, pair.a) || std::ranges::binary_search(recycled, pair.b);
+    };
+    const auto expected = [&](const std::vector<Pair>& in, const std::vector<Pair>& other) {
+      std::vector<Pair> pairs;
+      std::ranges::copy_if(in, std::back_inserter(pairs), [&](const Pair& pair) {
+        return is_recycled(pair) || !std::ranges::binary_search(other, pair);
+      });
+      return pairs;
+    };
+    for (const std::vector<Pair>& before : lists) {
+      for (const std::vector<Pair>& now : lists) {
+        for (PairParts* const parts : {&one, &four}) {
+          std::vector<Pair> added, removed;
+          compare(before, now, recycled, *parts, added, removed);
+          EXPECT_EQ(added, expected(now, before)) << before.size() << ", " << now.size();
+          EXPECT_EQ(removed, expected(before, now)) << before.size() << ", " << now.size();
+        }
+      }
     }
   }
 }

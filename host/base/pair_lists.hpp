@@ -12,6 +12,7 @@
 
 #include "base/free_lists.hpp"
 #include "base/parallel.hpp"
+#include "base/slot_set.hpp"
 #include "base/system.hpp"
 
 namespace broadcl {
@@ -196,13 +197,13 @@ class PairParts {
 inline void compare(std::span<const Pair> before, std::span<const Pair> now,
                     std::span<const std::uint32_t> recycled, PairParts& parts, std::vector<Pair>& added,
                     std::vector<Pair>& removed) {
-  const auto is_recycled = [&](std::uint32_t slot) { return std::ranges::binary_search(recycled, slot); };
+  const SlotSet recycled_slots(recycled);
   const auto work = [&](std::span<const Pair> s, std::span<const Pair> t, std::vector<Pair>& gone,
                         std::vector<Pair>& come) {
     walk(s, t, append_to(gone), append_to(come), [&](std::span<const Pair> run) {
       if (recycled.empty()) return;
       for (const Pair& pair : run) {
-        if (!is_recycled(pair.a) && !is_recycled(pair.b)) continue;
+        if (!recycled_slots.contains(pair.a) && !recycled_slots.contains(pair.b)) continue;
         gone.push_back(pair);
         come.push_back(pair);
       }
