@@ -12,6 +12,7 @@
 #include "base/pair_lists.hpp"
 #include "base/parallel.hpp"
 #include "each_algorithm.hpp"
+#include "engines/algorithm.hpp"
 #include "finders/pair_sort.hpp"
 #include "finders/tile_search.hpp"
 
@@ -112,6 +113,18 @@ template <std::size_t axes>
 void expect_same_pairs(const HostTiles<axes>& all) {
   std::vector<std::uint32_t> places(all.tiles.size() * node_size);
   std::iota(places.begin(), places.end(), 0U);
+  std::vector<Aabb> boxes;
+  std::vector<Filter> positions;
+  for (const std::uint32_t place : places) {
+    const Bounds<axes> box = all.tiles[place / node_size].get(place % node_size);
+    boxes.push_back({{box.lower[0], box.lower[1], box.lower[2]}, {box.upper[0], box.upper[1], box.upper[2]}});
+    if constexpr (axes > 3) {
+      const auto position = static_cast<std::uint32_t>(std::max(box.lower[3], 0.0F));
+      positions.push_back(all.sets ? Filter{.group = position % 2, .world = position / 2}
+                                   : Filter{.world = position});
+    }
+  }
+  const Input input{.boxes = boxes, .rules = {.filters = positions, .sets = all.sets}};
   for (const bool with_filters : {false, true}) {
     std::vector<Filter> filters;
     for (std::uint32_t k = 0; with_filters && k < places.size(); ++k)
@@ -134,6 +147,11 @@ void expect_same_pairs(const HostTiles<axes>& all) {
       EXPECT_EQ(pairs.size(), 2 * expected.size()) << "each is found by both boxes";
       pairs.erase(std::unique(pairs.begin(), pairs.end()), pairs.end());
       EXPECT_TRUE(same("of boxes", pairs, expected)) << plain;
+      Pairs unsorted{{0, 0}};
+      HostTiles<axes> tiles;
+      tiles.sets = all.sets;
+      tile_search<axes>(plain).unsorted(unsorted, tiles, input, filters);
+      EXPECT_TRUE(same("unsorted", unsorted, expected)) << plain;
     }
   }
 }

@@ -23,8 +23,12 @@
 namespace broadcl {
 namespace {
 
-/// Up to this many boxes, testing each pair takes less time than sorting and sweeping.
-constexpr std::size_t most_unsorted = 16;
+/// Up to so many boxes, testing each with all before it takes less time than sorting and sweeping.
+constexpr std::size_t most_unsorted = 6 * node_size;
+/// So does it if more pairs are found than the square of the boxes divided by this, which need not be sorted
+/// then. (But more boxes could have too many pairs.)
+constexpr std::size_t square_per_dense = 32;
+constexpr std::size_t most_dense = 65'536;
 
 /// With fewer boxes per thread, waking threads takes longer than they save.
 constexpr std::size_t boxes_per_thread = 512;
@@ -121,31 +125,41 @@ class Sweep {
   [[nodiscard]] bool is_for(const Input& input) noexcept {
     return tree_.tiles().sets == input.rules.sets && (axes > 3) == (input.rules.worlds || input.rules.sets);
   }
-  /// Whether to search only those that changed.
-  [[nodiscard]] bool is_few(std::span<const std::uint32_t> changed) const noexcept {
-    return changed.size() * boxes_per_changed <= tree_.size();
-  }
-
   /// As the functions of HostFinder.
   void find(const Input& input, std::vector<Pair>& pairs) {
-    const std::size_t threads = threads_of(input.boxes.size());
+    const std::size_t slots = input.boxes.size();
+    if (slots <= most_unsorted) {
+      is_sorted_ = false;
+      return find_unsorted(input, pairs);
+    }
+    const std::size_t threads = threads_of(slots);
     update(input, threads, true);
     sweep();
-    search_all(filters_of(input), threads, most_uncounted);
+    const std::size_t most_sorted =
+        slots > most_dense ? most_pairs : slots * slots / square_per_dense * threads;
+    search_all(filters_of(input), threads, std::min(most_sorted, most_uncounted));
     age_.add(true, work_, 1);
     is_sorted_ = true;
-    sort_pairs_(lists_, input.boxes.size(), threads, pairs);
+    if (count_.count > most_sorted) {
+      reserve_for_writing(pairs, count_.count);
+      return find_unsorted(input, pairs);
+    }
+    if (count_.count > most_uncounted) search_all(filters_of(input), threads, most_pairs);
+    sort_pairs_(lists_, slots, threads, pairs);
   }
 
   bool find_known(std::span<const Filter> filters, std::span<const std::uint32_t> changed,
                   std::vector<Pair>& pairs) {
-    return is_sorted_ && is_few(changed) && search_boxes(filters, changed, pairs);
+    return is_sorted_ && changed.size() * boxes_per_changed <= tree_.size() &&
+           search_boxes(filters, changed, pairs);
   }
 
   bool find_changed(const Input& input, std::vector<Pair>& pairs) {
     const std::span<const std::uint32_t> changed = input.changed.slots;
-    if (!is_sorted_ || !is_few(changed)) return false;
-    update(input, threads_of(input.boxes.size()), false);
+    const std::size_t slots = input.boxes.size();
+    const std::size_t boxes = is_sorted_ ? tree_.size() : std::min(slots, most_unsorted);
+    if (slots <= node_size || changed.size() * boxes_per_changed > boxes) return false;
+    update(input, threads_of(slots), false);
     if (!search_boxes(filters_of(input), changed, pairs)) return false;
     age_.add(false, work_,
              static_cast<double>(changed.size() * boxes_per_changed) / static_cast<double>(tree_.size() + 1));
@@ -206,6 +220,11 @@ class Sweep {
     sorted_ = tree_.size();
   }
 
+  void find_unsorted(const Input& input, std::vector<Pair>& pairs) {
+    unsorted_.sets = tree_.tiles().sets;
+    tile_search<axes>().unsorted(pairs, unsorted_, input, filters_of(input));
+  }
+
   void sweep();
   void search_all(std::span<const Filter> filters, std::size_t threads, std::size_t most_stored);
   bool search_boxes(std::span<const Filter> filters, std::span<const std::uint32_t> slots,
@@ -213,6 +232,7 @@ class Sweep {
   template <class Search>
   void search(std::size_t parts, std::size_t threads, std::size_t most_stored, const Search& search);
 
+  HostTiles<axes> unsorted_;
   TileTree<axes> tree_;
   std::size_t threads_;  // 0 if there is to be one per processor
   bool is_sorted_ = false;
@@ -266,9 +286,7 @@ void Sweep<axes>::search_all(std::span<const Filter> filters, std::size_t thread
   const HostTiles<axes>& all = tree_.tiles();
   search(all.nodes.size() * parts_per_node, threads, most_stored,
          [&](Found& found, std::size_t part) { tile_search<axes>().tiles(found, all, part, filters); });
-  if (count_.count <= most_stored) return;
   refuse_too_many(count_.count);
-  search_all(filters, threads, most_pairs);
 }
 
 /// Finds the pairs of some boxes.
@@ -299,10 +317,6 @@ class SweepAndPrune final : public HostFinder {
   explicit SweepAndPrune(std::size_t threads) : threads_(threads) {}
 
   void find(const Input& input, std::vector<Pair>& pairs) override {
-    if (input.boxes.size() <= most_unsorted) {
-      sweep_ = std::monostate();
-      return test_each_pair(input, pairs);
-    }
     input.rules.worlds || input.rules.sets ? find<4>(input, pairs) : find<3>(input, pairs);
   }
 

@@ -5,9 +5,11 @@
 #include <cmath>
 #include <cstring>
 #include <limits>
+#include <utility>
 
 #include "base/lanes.hpp"
 #include "base/packed_box.hpp"
+#include "finders/slot_bounds.hpp"
 
 namespace broadcl {
 namespace {
@@ -247,6 +249,31 @@ BROADCL_INLINE std::size_t least_growth(std::span<const Node<axes>> nodes, const
   return static_cast<std::size_t>(best[lane]);
 }
 
+template <class Lanes, std::size_t axes>
+BROADCL_INLINE void search_unsorted(std::vector<Pair>& pairs, HostTiles<axes>& all, const Input& input,
+                                    std::span<const Filter> filters) {
+  const auto slots = static_cast<std::uint32_t>(input.boxes.size());
+  all.tiles.resize((slots + node_size - 1) / node_size);
+  for (std::uint32_t slot = 0; slot < slots; ++slot)
+    all.tiles[slot / node_size].set(slot % node_size, bounds_of<axes>(input, slot), slot);
+  std::array<Pair, node_size * node_size> found;
+  Pair* next = found.data();
+  const auto append = [&] { pairs.insert(pairs.end(), found.data(), std::exchange(next, found.data())); };
+  pairs.clear();
+  const std::span<const Node<axes>> tiles = all.tiles;
+  for (std::uint32_t slot = 1; slot < slots; ++slot) {
+    const Node<axes>& own = tiles[slot / node_size];
+    const Bounds<axes> target = target_of(all, own.get(slot % node_size));
+    for (const Node<axes>& tile : tiles.first(slot / node_size)) {
+      next = store_found(next, tile, overlapping<Lanes>(tile, target), slot, filters);
+      if (next > &found[found.size() - 2 * node_size]) append();
+    }
+    const std::uint32_t before = bit_of[slot % node_size] - 1;
+    next = store_found(next, own, overlapping<Lanes>(own, target) & before, slot, filters);
+  }
+  append();
+}
+
 #if defined(__x86_64__) && defined(__GNUC__)
 template <std::size_t axes>
 [[gnu::target("avx2")]] void search_tiles_avx2(Found& found, const HostTiles<axes>& all, std::size_t part,
@@ -264,6 +291,11 @@ template <std::size_t axes>
                                                       const Bounds<axes>& box) {
   return least_growth<EightLanes>(nodes, box);
 }
+template <std::size_t axes>
+[[gnu::target("avx2")]] void search_unsorted_avx2(std::vector<Pair>& pairs, HostTiles<axes>& all,
+                                                  const Input& input, std::span<const Filter> filters) {
+  search_unsorted<EightLanes>(pairs, all, input, filters);
+}
 #endif
 
 }  // namespace
@@ -272,11 +304,13 @@ template <std::size_t axes>
 TileSearch<axes> tile_search(bool plain) {
 #if defined(__x86_64__) && defined(__GNUC__)
   if (!plain && __builtin_cpu_supports("avx2") != 0)
-    return {search_tiles_avx2<axes>, search_boxes_avx2<axes>, least_growth_avx2<axes>};
+    return {search_tiles_avx2<axes>, search_boxes_avx2<axes>, least_growth_avx2<axes>,
+            search_unsorted_avx2<axes>};
 #else
   (void)plain;
 #endif
-  return {search_tiles<FourLanes, axes>, search_boxes<FourLanes, axes>, least_growth<FourLanes, axes>};
+  return {search_tiles<FourLanes, axes>, search_boxes<FourLanes, axes>, least_growth<FourLanes, axes>,
+          search_unsorted<FourLanes, axes>};
 }
 template TileSearch<3> tile_search<3>(bool);
 template TileSearch<4> tile_search<4>(bool);

@@ -17,6 +17,8 @@
 
 namespace broadcl {
 
+struct Input;
+
 /// Boxes per tile, and tiles per node: as many as a word has bits.
 inline constexpr std::size_t node_size = 32;
 inline constexpr std::uint32_t no_slot = 0xffffffff;
@@ -180,6 +182,11 @@ struct TileSearch {
   /// @returns Which child of some nodes, all of them counted, grows least if it is to contain a box; one of
   /// the same world if there is one.
   std::size_t (*least_growth)(std::span<const Node<axes>> nodes, const Bounds<axes>& box);
+  /// Finds all pairs, in canonical order, by testing each box with all before it. Of `all`, it reads `sets`
+  /// and writes the tiles.
+  /// @throws std::bad_alloc
+  void (*unsorted)(std::vector<Pair>& pairs, HostTiles<axes>& all, const Input& input,
+                   std::span<const Filter> filters);
 };
 
 /// @param plain Whether to return the version for any processor, instead of the one for this processor.
