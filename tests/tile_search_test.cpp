@@ -110,7 +110,7 @@ Pairs expected_pairs(const HostTiles<axes>& all, const std::vector<Filter>& filt
 }
 
 template <std::size_t axes>
-void expect_same_pairs(const HostTiles<axes>& all) {
+void expect_same_pairs(HostTiles<axes> all) {
   std::vector<std::uint32_t> places(all.tiles.size() * node_size);
   std::iota(places.begin(), places.end(), 0U);
   std::vector<Aabb> boxes;
@@ -125,10 +125,19 @@ void expect_same_pairs(const HostTiles<axes>& all) {
     }
   }
   const Input input{.boxes = boxes, .rules = {.filters = positions, .sets = all.sets}};
+  const auto group_of = [](std::uint32_t slot) {  // that of all slots of some tiles, and of the second node
+    const std::uint32_t tile = slot / node_size;
+    return tile / node_size == 1 ? 2U : 1U << (tile % 2 == 0 ? tile : slot) % 3;
+  };
   for (const bool with_filters : {false, true}) {
     std::vector<Filter> filters;
     for (std::uint32_t k = 0; with_filters && k < places.size(); ++k)
-      filters.push_back({.group = 1U << k % 3, .mask = 5});
+      filters.push_back({.group = group_of(k), .mask = 5});
+    all.node_filters.assign(all.nodes.size(), no_filter);
+    for (std::size_t tile = 0; with_filters && tile < all.tiles.size(); ++tile) {
+      all.tile_filters.push_back(filter_of(all.tiles[tile], filters));
+      extend(all.node_filters[tile / node_size], all.tile_filters[tile]);
+    }
     const Pairs expected = expected_pairs(all, filters);
     ASSERT_GT(expected.size(), 100U);
     for (const bool plain : {true, false}) {

@@ -161,7 +161,64 @@ TEST(TileSort, SeparatesSizesAndWorlds) {
   EXPECT_LE(mixed, 8U) << "of 65; the worlds do not end where tiles do";
 }
 
-/// Boxes move, leap, come and go, and get worlds, while new orders are being made.
+TEST(TileSort, SeparatesFiltersThatRefuseManyObjects) {
+  const std::vector<Aabb> boxes = points(2000, {1, 2, 3, 4});
+  std::vector<Filter> filters;
+  for (std::uint32_t k = 0; k < boxes.size(); ++k) {
+    if (k % 10 < 5) {
+      filters.push_back({.group = 2, .mask = 5});
+    } else {
+      filters.push_back({.group = k % 10 == 5 ? 4U : 1U, .mask = 0xffffffff, .body = k});
+    }
+  }
+  Input input = input_of(boxes, filters);
+  input.rules.worlds = false;
+  const auto mixed_tiles = [&] {
+    const TileOrder order = order_of(input);
+    expect_each_once(order, boxes.size());
+    std::size_t mixed = 0;
+    for (std::size_t first = 0; first < order.slots.size(); first += node_size) {
+      std::uint32_t groups = 0;
+      for (std::size_t k = first; k < std::min(order.slots.size(), first + node_size); ++k) {
+        if (order.slots[k] != no_slot) groups |= filters[order.slots[k]].group;
+      }
+      mixed += static_cast<std::size_t>((groups & 2U) != 0 && groups != 2);
+    }
+    EXPECT_EQ(order.is_by_filter, mixed == 0);
+    return mixed;
+  };
+  EXPECT_EQ(mixed_tiles(), 0U);
+  for (Filter& filter : filters) filter.mask |= 2U;
+  EXPECT_GT(mixed_tiles(), 50U) << "of 63: now all may pair";
+}
+
+TEST(TileSort, SeparatesDirectionsIfThatPays) {
+  const auto mixed_tiles = [](float length) {
+    std::mt19937 random(3);
+    std::uniform_real_distribution<float> place(0, 20);
+    std::vector<Aabb> boxes(3200);
+    for (std::size_t k = 0; k < boxes.size(); ++k) {
+      for (std::size_t axis = 0; axis < 3; ++axis) {
+        boxes[k].lower[axis] = place(random);
+        boxes[k].upper[axis] = boxes[k].lower[axis] + (axis == k % 3 ? length : 0.5F);
+      }
+    }
+    const TileOrder order = order_of(input_of(boxes));
+    expect_each_once(order, boxes.size());
+    std::size_t mixed = 0;
+    for (std::size_t first = 0; first < order.slots.size(); first += node_size) {
+      std::set<std::uint32_t> directions;
+      for (std::size_t k = first; k < std::min(order.slots.size(), first + node_size); ++k) {
+        if (order.slots[k] != no_slot) directions.insert(order.slots[k] % 3);
+      }
+      mixed += static_cast<std::size_t>(directions.size() > 1);
+    }
+    return mixed;
+  };
+  EXPECT_EQ(mixed_tiles(15), 0U);
+  EXPECT_GT(mixed_tiles(2), 90U) << "of 100: tiles extend as far as boxes";
+}
+/// Boxes move, leap, come and go, and get filters and worlds, while new orders are being made.
 TEST(SweepAndPrune, FindsWhatChangesWhileItSorts) {
   BroadPhase tested({.algorithm = "sweep-and-prune", .threads = 2});
   BroadPhase reference({.algorithm = "oracle"});
@@ -205,6 +262,12 @@ TEST(SweepAndPrune, FindsWhatChangesWhileItSorts) {
         ids.pop_back();
       }
       add(frame == 103 ? 400 : 90);
+    }
+    if (frame == 20 || frame == 47) {
+      for (std::size_t k = 0; k < (frame == 20 ? ids.size() : 3); ++k) {
+        const Filter filter = frame == 20 && k % 4 != 0 ? Filter{.group = 2, .mask = ~2U} : Filter();
+        both([&](BroadPhase& broad_phase) { broad_phase.set_filter(ids[k], filter); });
+      }
     }
     if (frame == 90 || frame == 150) {
       for (const std::uint32_t id : ids)

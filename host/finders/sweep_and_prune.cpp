@@ -134,6 +134,7 @@ class Sweep {
     }
     const std::size_t threads = threads_of(slots);
     update(input, threads, true);
+    find_filters(filters_of(input), threads);
     sweep();
     const std::size_t most_sorted =
         slots > most_dense ? most_pairs : slots * slots / square_per_dense * threads;
@@ -215,6 +216,7 @@ class Sweep {
     }
     left_.clear();
     tree_.fill(order, input, threads);
+    is_by_filter_ = order.is_by_filter;
     next_.reset();
     age_ = {};
     sorted_ = tree_.size();
@@ -225,6 +227,7 @@ class Sweep {
     tile_search<axes>().unsorted(pairs, unsorted_, input, filters_of(input));
   }
 
+  void find_filters(std::span<const Filter> filters, std::size_t threads);
   void sweep();
   void search_all(std::span<const Filter> filters, std::size_t threads, std::size_t most_stored);
   bool search_boxes(std::span<const Filter> filters, std::span<const std::uint32_t> slots,
@@ -237,6 +240,7 @@ class Sweep {
   std::size_t threads_;  // 0 if there is to be one per processor
   bool is_sorted_ = false;
   OrderAge age_;
+  bool is_by_filter_ = false;           // whether filters decided which objects share tiles
   std::size_t sorted_ = 0;              // boxes
   std::optional<TileSort<axes>> next_;  // the order that is being made
   std::size_t work_to_sort_ = 0;
@@ -248,6 +252,20 @@ class Sweep {
   std::vector<std::span<const Pair>> lists_;  // of these
   PairSort sort_pairs_;
 };
+
+/// Finds what the tiles and nodes may pair with.
+template <std::size_t axes>
+void Sweep<axes>::find_filters(std::span<const Filter> filters, std::size_t threads) {
+  HostTiles<axes>& all = tree_.tiles();
+  all.tile_filters.resize(is_by_filter_ && !filters.empty() ? all.tiles.size() : 0);
+  if (all.tile_filters.empty()) return;
+  all.node_filters.assign(all.nodes.size(), no_filter);
+  parallel_for(all.nodes.size(), threads, [&](std::size_t node, std::size_t /*thread*/) {
+    const std::size_t end = std::min(all.tiles.size(), (node + 1) * node_size);
+    for (std::size_t tile = node * node_size; tile < end; ++tile)
+      extend(all.node_filters[node], all.tile_filters[tile] = filter_of(all.tiles[tile], filters));
+  });
+}
 
 /// Puts the nodes into the order of the sweep.
 template <std::size_t axes>

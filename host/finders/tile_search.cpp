@@ -154,19 +154,24 @@ template <class Lanes, std::size_t axes>
 BROADCL_INLINE void test_nodes(Found& found, const HostTiles<axes>& all, std::size_t own, std::uint32_t tiles,
                                std::size_t other, std::span<const Filter> filters) {
   constexpr std::size_t most = node_size * node_size;  // pairs of two tiles
+  const auto tiles_may_pair = [&](std::size_t s, std::size_t t) {
+    return all.tile_filters.empty() || may_pair(all.tile_filters[s], all.tile_filters[t]);
+  };
   for (; tiles != 0; tiles &= tiles - 1) {
     const std::size_t child = lowest_bit(tiles);
     const std::size_t s = own * node_size + child;
     std::uint32_t others = overlapping<Lanes>(all.nodes[other], target_of(all, all.bounds[s]));
     if (own == other) {
       found.reserve(most);
-      test_itself<Lanes>(found, all, s, filters);
+      if (tiles_may_pair(s, s)) test_itself<Lanes>(found, all, s, filters);
       others &= 0xfffffffeU << child;
     }
     for (; others != 0; others &= others - 1) {
+      const std::size_t t = other * node_size + lowest_bit(others);
+      if (!tiles_may_pair(s, t)) continue;
       found.reserve(most);
       ++found.work;
-      test<Lanes>(found, all, s, other * node_size + lowest_bit(others), filters);
+      test<Lanes>(found, all, s, t, filters);
     }
   }
 }
@@ -185,6 +190,7 @@ BROADCL_INLINE void search_tiles(Found& found, const HostTiles<axes>& all, std::
     const Bounds<axes> others = bounds_of(other);
     if (others.lower[all.axis] > bounds.upper[all.axis]) break;
     if (!packed_overlaps<axes>(others, bounds)) continue;
+    if (!all.tile_filters.empty() && !may_pair(all.node_filters[own], all.node_filters[other])) continue;
     test_nodes<Lanes>(found, all, own, overlapping<Lanes>(all.nodes[own], target_of(all, others)) & tiles,
                       other, filters);
   }

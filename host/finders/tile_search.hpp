@@ -87,12 +87,33 @@ struct HostTiles {
   std::vector<Bounds<axes>> bounds;  // of the tiles
   std::vector<Node<axes>> nodes;
   std::vector<Node<axes>> roots;
+  std::vector<Filter> tile_filters;  // by filter_of(), until boxes change; none if they do not matter
+  std::vector<Filter> node_filters;
   std::vector<std::uint32_t> sweep;  // nodes by ascending lower bounds along the axis, until boxes change
   std::size_t axis = 0;
   /// Whether there are two sets: along the fourth axis, set s of world w is at 2 w + s, and only pairs of one
   /// object of each set are reported.
   bool sets = false;
 };
+
+/// A filter that pairs with nothing.
+inline constexpr Filter no_filter{.group = 0, .mask = 0};
+
+/// Makes a filter pair with what another one pairs with, too, whatever the bodies and worlds.
+inline void extend(Filter& filter, const Filter& by) {
+  filter.group |= by.group;
+  filter.mask |= by.mask;
+}
+
+/// A filter that pairs with what some box of a tile pairs with.
+template <std::size_t axes>
+Filter filter_of(const Node<axes>& tile, std::span<const Filter> filters) {
+  Filter filter = no_filter;
+  for (std::size_t k = 0; k < node_size; ++k) {
+    if (tile.lower[0][k] <= tile.upper[0][k]) extend(filter, filters[tile.index[k]]);
+  }
+  return filter;
+}
 
 /// How many pairs all threads found in a search, and how many of them are stored at most. Beyond that, pairs
 /// are counted only.

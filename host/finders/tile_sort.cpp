@@ -9,20 +9,14 @@
 #include <utility>
 
 #include "base/box_parts.hpp"
-#include "base/packed_box.hpp"
 #include "base/parallel.hpp"
 #include "base/system.hpp"
 #include "finders/slot_bounds.hpp"
+#include "finders/tile_classes.hpp"
 #include "finders/tile_search.hpp"
 
 namespace broadcl {
 namespace {
-
-/// Classes of sizes, which do not share tiles: up to 4 times the median, up to 16 times, and so on, and at
-/// last everything larger, with the objects of all worlds.
-constexpr std::size_t classes = 4;
-/// Of slots without a box.
-constexpr std::uint8_t no_class = classes;
 
 /// Nodes of up to so many boxes are sorted in one step, by one thread.
 constexpr std::size_t sorted_at_once = node_size * node_size;
@@ -30,35 +24,6 @@ constexpr std::size_t sorted_at_once = node_size * node_size;
 /// How many times a node of so many boxes is divided.
 std::size_t levels_of(std::size_t boxes) {
   return static_cast<std::size_t>(std::bit_width(boxes / node_size));
-}
-
-/// The exponent of the largest edge of a box, as floats store it.
-std::uint32_t exponent_of(const Aabb& box) {
-  float edge = 0;
-  for (std::size_t axis = 0; axis < 3; ++axis) edge = std::max(edge, box.upper[axis] - box.lower[axis]);
-  return std::bit_cast<std::uint32_t>(edge) >> 23U;
-}
-
-/// The median of a sample of boxes; 0 if all of them are empty.
-std::uint32_t median_exponent(std::span<const Aabb> boxes) {
-  constexpr std::size_t samples = 1024;
-  std::vector<std::uint32_t> exponents;
-  for (std::size_t slot = 0; slot < boxes.size(); slot += boxes.size() / samples + 1) {
-    if (!is_empty(boxes[slot])) exponents.push_back(exponent_of(boxes[slot]));
-  }
-  if (exponents.empty()) return 0;
-  const auto median = exponents.begin() + static_cast<std::ptrdiff_t>(exponents.size() / 2);
-  std::ranges::nth_element(exponents, median);
-  return *median;
-}
-
-template <std::size_t axes>
-std::uint8_t class_of(const Input& input, std::size_t slot, std::uint32_t median) {
-  const Aabb& box = input.boxes[slot];
-  if (is_empty(box)) return no_class;
-  if (axes > 3 && input.rules.filters[slot].world == Filter::all_worlds) return classes - 1;
-  const std::uint32_t exponent = std::max(exponent_of(box), median);
-  return static_cast<std::uint8_t>(std::min<std::uint32_t>(classes - 1, (exponent - median) / 2));
 }
 
 /// An integer that compares as the number does.
@@ -132,8 +97,8 @@ Cut cut_after(std::span<const std::int32_t> keys, std::size_t first) {
 template <std::size_t axes>
 TileSort<axes>::TileSort(const Input& input, std::size_t threads) {
   const std::size_t slots = input.boxes.size();
-  const std::uint32_t median = median_exponent(input.boxes);
-  using Positions = std::array<std::size_t, classes + 1>;
+  const TileClasses classes(input);
+  using Positions = std::array<std::size_t, TileClasses::count + 1>;
   std::vector<Positions> next(parts_of(slots));  // of each part, in each class
   const auto for_slots = [&](const auto& function) {
     for_each_part(slots, threads, [&](std::size_t begin, std::size_t end, std::size_t /*thread*/) {
@@ -141,11 +106,10 @@ TileSort<axes>::TileSort(const Input& input, std::size_t threads) {
     });
   };
   std::vector<std::uint8_t> class_by_slot(slots);
-  for_slots([&](Positions& counts, std::size_t slot) {
-    ++counts.at(class_by_slot[slot] = class_of<axes>(input, slot, median));
-  });
-  std::array<std::size_t, classes + 1> starts{};
-  for (std::size_t k = 0; k < classes; ++k) {
+  for_slots(
+      [&](Positions& counts, std::size_t slot) { ++counts.at(class_by_slot[slot] = classes.of(slot)); });
+  std::array<std::size_t, TileClasses::count + 1> starts{};
+  for (std::size_t k = 0; k < TileClasses::count; ++k) {
     starts.at(k + 1) = starts.at(k);
     for (Positions& positions : next) starts.at(k + 1) += std::exchange(positions.at(k), starts.at(k + 1));
   }
@@ -161,7 +125,7 @@ TileSort<axes>::TileSort(const Input& input, std::size_t threads) {
   allocate(others_);
   allocate(keys_);
   for_slots([&](Positions& positions, std::size_t slot) {
-    if (class_by_slot[slot] == no_class) return;
+    if (class_by_slot[slot] == TileClasses::none) return;
     const Bounds<axes> bounds = bounds_of<axes>(input, slot);
     Centre& centre = centres_[positions.at(class_by_slot[slot])++];
     centre.slot = static_cast<std::uint32_t>(slot);
@@ -169,7 +133,8 @@ TileSort<axes>::TileSort(const Input& input, std::size_t threads) {
   });
 
   order_.places.resize(slots, no_slot);
-  for (std::size_t k = 0; k < classes; ++k) {
+  order_.is_by_filter = classes.are_by_filter();
+  for (std::size_t k = 0; k < TileClasses::count; ++k) {
     const std::size_t begin = starts.at(k);
     const std::size_t count = starts.at(k + 1) - begin;
     if (count == 0) continue;

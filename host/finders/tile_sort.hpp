@@ -15,6 +15,7 @@ namespace broadcl {
 struct TileOrder {
   std::vector<std::uint32_t> slots;   // by place; no_slot where a tile has no more
   std::vector<std::uint32_t> places;  // by slot; no_slot for one without a box
+  bool is_by_filter = false;          // whether filters decided which objects share tiles
 };
 
 /// Sorts all slots that have boxes, such that neighbours in space mostly share a tile, and neighbouring tiles a node: into
