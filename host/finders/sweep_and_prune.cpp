@@ -33,11 +33,10 @@ constexpr std::size_t most_dense = 65'536;
 /// With fewer boxes per thread, waking threads takes longer than they save.
 constexpr std::size_t boxes_per_thread = 512;
 
-/// If at most one in this many boxes changed, only those that changed are searched: the search for one takes
-/// as long as that of so many if all are searched.
+/// The search for a box that changed takes about as long as that of so many if all are searched.
 constexpr std::size_t boxes_per_changed = 5;
-/// A thread takes so many of them at a time.
-constexpr std::size_t searched_at_once = 64;
+/// A thread takes so many tiles with such boxes at a time.
+constexpr std::size_t searched_at_once = 32;
 
 /// Boxes are sorted at once if more than one in this many has to be put into another tile.
 constexpr std::size_t boxes_per_inserted = 8;
@@ -151,17 +150,15 @@ class Sweep {
 
   bool find_known(std::span<const Filter> filters, std::span<const std::uint32_t> changed,
                   std::vector<Pair>& pairs) {
-    return is_sorted_ && changed.size() * boxes_per_changed <= tree_.size() &&
-           search_boxes(filters, changed, pairs);
+    return is_sorted_ && search_changed(filters, changed, pairs);
   }
 
   bool find_changed(const Input& input, std::vector<Pair>& pairs) {
     const std::span<const std::uint32_t> changed = input.changed.slots;
     const std::size_t slots = input.boxes.size();
-    const std::size_t boxes = is_sorted_ ? tree_.size() : std::min(slots, most_unsorted);
-    if (slots <= node_size || changed.size() * boxes_per_changed > boxes) return false;
+    if (slots <= node_size) return false;
     update(input, threads_of(slots), false);
-    if (!search_boxes(filters_of(input), changed, pairs)) return false;
+    if (!search_changed(filters_of(input), changed, pairs)) return false;
     age_.add(false, work_,
              static_cast<double>(changed.size() * boxes_per_changed) / static_cast<double>(tree_.size() + 1));
     return is_sorted_ = true;
@@ -230,8 +227,8 @@ class Sweep {
   void find_filters(std::span<const Filter> filters, std::size_t threads);
   void sweep();
   void search_all(std::span<const Filter> filters, std::size_t threads, std::size_t most_stored);
-  bool search_boxes(std::span<const Filter> filters, std::span<const std::uint32_t> slots,
-                    std::vector<Pair>& pairs);
+  bool search_changed(std::span<const Filter> filters, std::span<const std::uint32_t> slots,
+                      std::vector<Pair>& pairs);
   template <class Search>
   void search(std::size_t parts, std::size_t threads, std::size_t most_stored, const Search& search);
 
@@ -245,7 +242,8 @@ class Sweep {
   std::optional<TileSort<axes>> next_;  // the order that is being made
   std::size_t work_to_sort_ = 0;
   std::vector<std::uint32_t> left_;           // slots whose boxes left their tiles meanwhile
-  std::vector<std::uint32_t> places_;         // that are searched
+  std::vector<std::uint32_t> changed_;        // by tile, a bit for each box that is searched alone
+  std::vector<std::uint32_t> changed_tiles_;  // that have such a box
   std::size_t work_ = 0;                      // of the last search
   std::vector<Found> found_;                  // by each thread
   PairCount count_;                           // of all threads
@@ -310,23 +308,27 @@ void Sweep<axes>::search_all(std::span<const Filter> filters, std::size_t thread
 /// Finds the pairs of some boxes.
 /// @returns False if there are too many pairs to store before they are counted.
 template <std::size_t axes>
-bool Sweep<axes>::search_boxes(std::span<const Filter> filters, std::span<const std::uint32_t> slots,
-                               std::vector<Pair>& pairs) {
-  places_.clear();
+bool Sweep<axes>::search_changed(std::span<const Filter> filters, std::span<const std::uint32_t> slots,
+                                 std::vector<Pair>& pairs) {
+  for (const std::uint32_t tile : changed_tiles_) changed_[tile] = 0;
+  changed_tiles_.clear();
+  changed_.resize(tree_.tiles().tiles.size());
   for (const std::uint32_t slot : slots) {
     const std::uint32_t place = tree_.place_of(slot);
-    if (place != no_slot) places_.push_back(place);
+    if (place == no_slot) continue;
+    std::uint32_t& bits = changed_[place / node_size];
+    if (bits == 0) changed_tiles_.push_back(place / node_size);
+    bits |= 1U << place % node_size;
   }
-  const std::size_t threads = useful_threads(places_.size(), searched_at_once, threads_);
-  search((places_.size() + searched_at_once - 1) / searched_at_once, threads, most_uncounted,
-         [&](Found& found, std::size_t part) {
-           const std::size_t first = part * searched_at_once;
-           const std::size_t count = std::min(searched_at_once, places_.size() - first);
-           tile_search<axes>().boxes(found, tree_.tiles(), std::span(places_).subspan(first, count), filters);
-         });
+  const std::size_t parts = (changed_tiles_.size() + searched_at_once - 1) / searched_at_once;
+  const std::size_t threads = useful_threads(parts, 1, threads_);
+  search(parts, threads, most_uncounted, [&](Found& found, std::size_t part) {
+    const std::size_t end = std::min(changed_tiles_.size(), (part + 1) * searched_at_once);
+    for (std::size_t k = part * searched_at_once; k < end; ++k)
+      tile_search<axes>().changed(found, tree_.tiles(), changed_, changed_tiles_[k], filters);
+  });
   if (count_.count > most_uncounted) return false;
   sort_pairs_(lists_, tree_.slots(), threads, pairs);
-  pairs.erase(std::unique(pairs.begin(), pairs.end()), pairs.end());  // of two that changed
   return true;
 }
 

@@ -196,26 +196,54 @@ BROADCL_INLINE void search_tiles(Found& found, const HostTiles<axes>& all, std::
   }
 }
 
-/// Tests some boxes with all others.
+/// Tests boxes of a tile that changed with all others, but with those that changed in earlier tiles.
 template <class Lanes, std::size_t axes>
-BROADCL_INLINE void search_boxes(Found& found, const HostTiles<axes>& all,
-                                 std::span<const std::uint32_t> places, std::span<const Filter> filters) {
-  for (const std::uint32_t place : places) {
-    const Node<axes>& own = all.tiles[place / node_size];
-    const Bounds<axes> bounds = target_of(all, own.get(place % node_size));
-    const std::uint32_t slot = own.index[place % node_size];
-    for (const Node<axes>& root : all.roots) {
-      for (std::uint32_t nodes = overlapping<Lanes>(root, bounds); nodes != 0; nodes &= nodes - 1) {
-        const Node<axes>& node = all.nodes[root.index[lowest_bit(nodes)]];
-        for (std::uint32_t tiles = overlapping<Lanes>(node, bounds); tiles != 0; tiles &= tiles - 1) {
-          const Node<axes>& tile = all.tiles[node.index[lowest_bit(tiles)]];
-          ++found.work;
-          std::uint32_t hits = overlapping<Lanes>(tile, bounds);
-          if (&tile == &own) hits &= ~bit_of[place % node_size];
-          found.reserve(node_size);
-          found.set_next(store_found(found.next(), tile, hits, slot, filters));
-        }
+BROADCL_INLINE void search_changed(Found& found, const HostTiles<axes>& all,
+                                   std::span<const std::uint32_t> changed, std::size_t s,
+                                   std::span<const Filter> filters) {
+  const Node<axes>& own = all.tiles[s];
+  const std::uint32_t of_own = changed[s];
+  Bounds<axes> hull = own.get(lowest_bit(of_own));
+  for (std::uint32_t bits = of_own & (of_own - 1); bits != 0; bits &= bits - 1)
+    extend(hull, own.get(lowest_bit(bits)));
+  hull = target_of(all, hull);
+  const auto test_with = [&](std::size_t t) {
+    const Node<axes>& tile = all.tiles[t];
+    const std::uint32_t of_tile = overlapping<Lanes>(tile, hull) & (t < s ? ~changed[t] : ~0U);
+    ++found.work;
+    if (of_tile == 0) return;
+    found.reserve(node_size * node_size);
+    Pair* next = found.next();
+    const auto store = [&](const Node<axes>& others, std::uint32_t hits, std::uint32_t slot) {
+      next = store_found(next, others, hits, slot, filters);
+    };
+    if (t == s) {
+      for (std::uint32_t bits = of_own; bits != 0;
+           bits &= bits - 1) {  // those not in `bits` have had their turn
+        const std::size_t k = lowest_bit(bits);
+        store(own, overlapping<Lanes>(own, target_of(all, own.get(k))) & ~bits, own.index[k]);
       }
+    } else if ((of_own & (of_own - 1)) == 0) {
+      store(tile, of_tile, own.index[lowest_bit(of_own)]);
+    } else {
+      const std::uint32_t hit = overlapping<Lanes>(own, target_of(all, all.bounds[t])) & of_own;
+      const bool is_own_smaller = std::popcount(hit) < std::popcount(of_tile);
+      const Node<axes>& smaller = is_own_smaller ? own : tile;
+      const Node<axes>& larger = is_own_smaller ? tile : own;
+      const std::uint32_t of_larger = is_own_smaller ? of_tile : hit;
+      for (std::uint32_t bits = is_own_smaller ? hit : of_tile; bits != 0; bits &= bits - 1) {
+        const std::size_t k = lowest_bit(bits);
+        store(larger, overlapping<Lanes>(larger, target_of(all, smaller.get(k))) & of_larger,
+              smaller.index[k]);
+      }
+    }
+    found.set_next(next);
+  };
+  for (const Node<axes>& root : all.roots) {
+    for (std::uint32_t nodes = overlapping<Lanes>(root, hull); nodes != 0; nodes &= nodes - 1) {
+      const Node<axes>& node = all.nodes[root.index[lowest_bit(nodes)]];
+      for (std::uint32_t tiles = overlapping<Lanes>(node, hull); tiles != 0; tiles &= tiles - 1)
+        test_with(node.index[lowest_bit(tiles)]);
     }
   }
 }
@@ -287,10 +315,10 @@ template <std::size_t axes>
   search_tiles<EightLanes>(found, all, part, filters);
 }
 template <std::size_t axes>
-[[gnu::target("avx2")]] void search_boxes_avx2(Found& found, const HostTiles<axes>& all,
-                                               std::span<const std::uint32_t> places,
-                                               std::span<const Filter> filters) {
-  search_boxes<EightLanes>(found, all, places, filters);
+[[gnu::target("avx2")]] void search_changed_avx2(Found& found, const HostTiles<axes>& all,
+                                                 std::span<const std::uint32_t> changed, std::size_t tile,
+                                                 std::span<const Filter> filters) {
+  search_changed<EightLanes>(found, all, changed, tile, filters);
 }
 template <std::size_t axes>
 [[gnu::target("avx2")]] std::size_t least_growth_avx2(std::span<const Node<axes>> nodes,
@@ -310,12 +338,12 @@ template <std::size_t axes>
 TileSearch<axes> tile_search(bool plain) {
 #if defined(__x86_64__) && defined(__GNUC__)
   if (!plain && __builtin_cpu_supports("avx2") != 0)
-    return {search_tiles_avx2<axes>, search_boxes_avx2<axes>, least_growth_avx2<axes>,
+    return {search_tiles_avx2<axes>, search_changed_avx2<axes>, least_growth_avx2<axes>,
             search_unsorted_avx2<axes>};
 #else
   (void)plain;
 #endif
-  return {search_tiles<FourLanes, axes>, search_boxes<FourLanes, axes>, least_growth<FourLanes, axes>,
+  return {search_tiles<FourLanes, axes>, search_changed<FourLanes, axes>, least_growth<FourLanes, axes>,
           search_unsorted<FourLanes, axes>};
 }
 template TileSearch<3> tile_search<3>(bool);

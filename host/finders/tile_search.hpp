@@ -197,9 +197,12 @@ struct TileSearch {
   /// Finds the pairs of some tiles with themselves and with tiles of nodes that are not earlier in the sweep.
   /// @param part Less than parts_per_node times the number of nodes.
   void (*tiles)(Found& found, const HostTiles<axes>& all, std::size_t part, std::span<const Filter> filters);
-  /// Finds the pairs of some boxes, given by their places in the tiles, with all others.
-  void (*boxes)(Found& found, const HostTiles<axes>& all, std::span<const std::uint32_t> places,
-                std::span<const Filter> filters);
+  /// Finds the pairs of the boxes of a tile that changed with all others, except those that changed in
+  /// earlier tiles.
+  /// @param changed By tile, a bit for each box.
+  /// @param tile One of those that have such a box.
+  void (*changed)(Found& found, const HostTiles<axes>& all, std::span<const std::uint32_t> changed,
+                  std::size_t tile, std::span<const Filter> filters);
   /// @returns Which child of some nodes, all of them counted, grows least if it is to contain a box; one of
   /// the same world if there is one.
   std::size_t (*least_growth)(std::span<const Node<axes>> nodes, const Bounds<axes>& box);
