@@ -1,6 +1,7 @@
 #pragma once
 
 #include <algorithm>
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <span>
@@ -240,14 +241,24 @@ template <class Select>
 /// @param is_one For each slot of a pair, 0 or 1.
 /// @throws std::bad_alloc
 inline void select_by_slots(std::span<const Pair> pairs, std::span<const std::uint8_t> is_one,
-                            std::vector<Pair>& selected) {
-  selected.resize(pairs.size());
-  std::size_t count = 0;
-  for (const Pair& pair : pairs) {  // few of them, at random: a branch would be slower
-    selected[count] = pair;
-    count += static_cast<std::size_t>(is_one[pair.a] | is_one[pair.b]);
-  }
-  selected.resize(count);
+                            PairParts& parts, std::vector<Pair>& selected) {
+  std::vector<Pair> none;
+  const auto select = [&](std::span<const Pair> part, std::span<const Pair> /*t*/, std::vector<Pair>& own,
+                          std::vector<Pair>& /*none*/) {
+    constexpr std::size_t at_once = 512;
+    std::array<Pair, at_once> some;
+    while (!part.empty()) {
+      std::size_t count = 0;
+      const std::span<const Pair> next = part.first(std::min(at_once, part.size()));
+      for (const Pair& pair : next) {  // few of them, at random: a branch would be slower
+        some[count] = pair;
+        count += static_cast<std::size_t>(is_one[pair.a] | is_one[pair.b]);
+      }
+      append_to(own)(std::span(some).first(count));
+      part = part.subspan(next.size());
+    }
+  };
+  parts(pairs, {}, select, selected, none);
 }
 
 }  // namespace broadcl

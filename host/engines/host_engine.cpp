@@ -16,8 +16,10 @@
 namespace broadcl {
 namespace {
 
-/// To look at so many pairs takes as long as to search for those of one box.
+/// To look at so many pairs takes as long as to search for those of one box, and at so many as to sort one
+/// that is found.
 constexpr std::size_t pairs_per_search = 256;
+constexpr std::size_t pairs_per_found = 3;
 
 /// The smallest capacity, so that the first boxes do not each allocate.
 constexpr std::size_t least_boxes = 16;
@@ -61,8 +63,9 @@ class HostEngine final : public Algorithm {
 
   Delta finish() override try {
     // With the filters and exclusions of the last update.
-    const bool are_known = !input_.changed.all &&
-                           input_.changed.slots.size() * pairs_per_search < pairs_.size() &&
+    const std::size_t time_to_search =
+        input_.changed.slots.size() * pairs_per_search + known_.size() * pairs_per_found;  // as the last time
+    const bool are_known = !input_.changed.all && time_to_search < pairs_.size() &&
                            finder_->find_known(filters_, input_.changed.slots, known_);
     if (are_known) subtract(known_, exclusions_);
     take_filters();
@@ -171,7 +174,7 @@ class HostEngine final : public Algorithm {
     if (!pairs.empty()) slots = std::max<std::size_t>(slots, pairs.back().b + 1);
     has_changed_.assign(slots, 0);
     for (const std::uint32_t slot : input_.changed.slots) has_changed_[slot] = 1;
-    select_by_slots(pairs, has_changed_, known_);
+    select_by_slots(pairs, has_changed_, parts_, known_);
   }
 
   std::unique_ptr<HostFinder> finder_;

@@ -34,7 +34,7 @@ constexpr std::size_t most_dense = 65'536;
 constexpr std::size_t boxes_per_thread = 512;
 
 /// The search for a box that changed takes about as long as that of so many if all are searched.
-constexpr std::size_t boxes_per_changed = 5;
+constexpr std::size_t boxes_per_changed = 3;
 /// A thread takes so many tiles with such boxes at a time.
 constexpr std::size_t searched_at_once = 32;
 
@@ -44,8 +44,9 @@ constexpr std::size_t boxes_per_inserted = 8;
 /// Otherwise a sort is distributed over frames, so that none takes much longer than others: over so many in
 /// which all boxes are searched, or such that it takes about as long as the search of those that changed.
 constexpr std::size_t frames_per_sort = 3;
-constexpr std::size_t comparisons_per_work = 4;
+constexpr std::size_t comparisons_per_work = 8;
 constexpr std::size_t most_frames_per_sort = 64;
+constexpr std::size_t work_per_node = 256;  // as long as reading a node
 
 /// More pairs are counted before they are stored, so that memory is not exhausted by a list that is too long
 /// in the end.
@@ -67,7 +68,8 @@ std::size_t best_axis(std::span<const Bounds<axes>> nodes) {
   return static_cast<std::size_t>(std::ranges::min_element(overlaps) - overlaps.begin());
 }
 
-/// How much longer searches take than when the boxes were sorted, in multiples of a search of all boxes.
+/// When to sort again: as long as a search takes longer than the first one by less than sorting, and what
+/// searches have taken longer since, take per search. All in multiples of a search of all boxes.
 class OrderAge {
  public:
   /// Records a search.
@@ -75,32 +77,35 @@ class OrderAge {
   void add(bool all, std::size_t work, double share) {
     Searches& first = first_.at(all ? 1 : 0);
     searched_ += share;
-    double excess = 0;
     if (first.share < least_share) {
       first.work += static_cast<double>(work);
       first.share += share;
-    } else if (first.work > 0) {
-      excess = static_cast<double>(work) * first.share / first.work - share;
+      return;
     }
-    sum_ = std::max(0.0, sum_ + excess);
-    // It grows.
-    expected_ = frames_per_sort * excess +
-                frames_per_sort * (frames_per_sort + 1) / 2.0 * std::max(0.0, excess - last_);
-    last_ = excess;
+    const double excess = static_cast<double>(work) * first.share / std::max(1.0, first.work) - share;
+    sum_ += excess;
+    growth_ = all ? std::max(0.0, excess - rate_) : 0;
+    rate_ += (excess / share - rate_) * std::min(1.0, share);  // that of few boxes says little
   }
 
-  /// Whether searches will have taken as much longer as a sort takes, when a new order is done that is begun
-  /// now. (Or the order may have been poor from the beginning.)
+  /// Whether a new order that is begun now will be done in time. (Or the present one may have been poor from
+  /// the beginning.)
   [[nodiscard]] bool is_old() const noexcept {
-    return sum_ + expected_ >= time_to_sort || searched_ >= most_searched;
+    return (rate_ + frames_per_sort * growth_) * (searched_ + frames_per_sort) >=
+               time_to_sort + sum_ + expected() ||
+           searched_ >= most_searched;
   }
-  /// Whether those until then alone will.
-  [[nodiscard]] bool is_useless() const noexcept { return expected_ >= time_to_sort; }
+  /// Whether what searches will take longer until then is as much as sorting at once takes.
+  [[nodiscard]] bool is_useless() const noexcept { return expected() >= time_to_sort; }
 
  private:
   static constexpr double time_to_sort = 0.9;
   static constexpr double most_searched = 64;
   static constexpr double least_share = 0.25;  // of what others are compared with
+
+  [[nodiscard]] double expected() const noexcept {
+    return frames_per_sort * rate_ + frames_per_sort * (frames_per_sort + 1) / 2.0 * growth_;
+  }
 
   struct Searches {
     double work = 0;
@@ -108,9 +113,9 @@ class OrderAge {
   };
   std::array<Searches, 2> first_;  // of those that changed, and of all boxes
   double searched_ = 0;
-  double sum_ = 0;       // of the excess
-  double last_ = 0;      // excess
-  double expected_ = 0;  // while a sort is distributed over frames
+  double sum_ = 0;   // of the excess over the first searches
+  double rate_ = 0;  // the present excess
+  double growth_ = 0;
 };
 
 /// Sweep and prune (Cohen, Lin, Manocha, Ponamgi, "I-COLLIDE: An Interactive and Exact Collision Detection
@@ -119,7 +124,7 @@ class OrderAge {
 template <std::size_t axes>
 class Sweep {
  public:
-  Sweep(bool sets, std::size_t threads) : tree_(sets), threads_(threads) {}
+  Sweep(bool sets, std::size_t threads) : tree_(sets), next_tree_(sets), threads_(threads) {}
 
   [[nodiscard]] bool is_for(const Input& input) noexcept {
     return tree_.tiles().sets == input.rules.sets && (axes > 3) == (input.rules.worlds || input.rules.sets);
@@ -180,43 +185,55 @@ class Sweep {
     const bool is_sorted = std::exchange(is_sorted_, false);  // until all is done
     if (!is_sorted || (all && (age_.is_useless() || tree_.is_abandoned(input))))
       return sort_at_once(input, threads);
-    const std::span<const std::uint32_t> left = tree_.read(input, threads);
-    left_.insert(left_.end(), left.begin(), left.end());
-    std::size_t inserted = left_.size();
+    (void)tree_.read(input, everything, threads);
+    const std::span<const std::uint32_t> left = tree_.left();
+    const bool begins = !next_order_ && !is_reading_ && (age_.is_old() || tree_.size() < sorted_ / 2);
     const std::size_t work =
         1 + (all ? work_to_sort_ / frames_per_sort
                  : std::max(comparisons_per_work * work_, work_to_sort_ / most_frames_per_sort));
-    if (!next_ && (age_.is_old() || tree_.size() < sorted_ / 2)) {
-      inserted += left.size() * work_to_sort_ / work;
-      next_.emplace(input, threads);
-      left_.clear();
-    }
+    const std::size_t inserted = left_.size() + left.size() * (begins ? work_to_sort_ / work + 1 : 1);
     if (inserted * boxes_per_inserted > tree_.size()) return sort_at_once(input, threads);
-    if (next_ && next_->advance(work, threads)) return take_order(input, threads);
-    if (!next_) left_.clear();
+    if (begins) {
+      next_order_.emplace(input, threads);
+      work_to_sort_ = next_order_->work();
+    } else if (next_order_) {
+      left_.insert(left_.end(), left.begin(), left.end());
+    }
+    if (next_order_ && (all || !begins) && next_order_->advance(work, threads)) {
+      start_order(next_tree_, input);
+      is_reading_ = true;
+    }
+    if (is_reading_) {
+      for (const std::uint32_t slot : left) next_tree_.take_out(slot);
+      if (next_tree_.read(input, all ? everything : 1 + work_ / work_per_node, threads)) {
+        std::swap(tree_, next_tree_);
+        is_reading_ = false;
+      }
+    }
     tree_.insert(input);
   }
 
   void sort_at_once(const Input& input, std::size_t threads) {
     left_.clear();
-    next_.emplace(input, threads);
-    work_to_sort_ = next_->work();
-    (void)next_->advance(std::numeric_limits<std::size_t>::max(), threads);
-    take_order(input, threads);
+    next_order_.emplace(input, threads);
+    work_to_sort_ = next_order_->work();
+    (void)next_order_->advance(everything, threads);
+    start_order(tree_, input);
+    is_reading_ = false;
+    (void)tree_.read(input, everything, threads);
+    tree_.insert(input);
   }
 
-  void take_order(const Input& input, std::size_t threads) {
-    TileOrder& order = next_->order();
-    for (const std::uint32_t slot : left_) {  // where they were when it was begun, they would be in the way
-      if (slot >= order.places.size() || order.places[slot] == no_slot) continue;
-      order.slots[std::exchange(order.places[slot], no_slot)] = no_slot;
-    }
+  /// Gives the new order to a tree.
+  void start_order(TileTree<axes>& tree, const Input& input) {
+    tree.start(next_order_->order(), input);
+    for (const std::uint32_t slot : left_)
+      tree.take_out(slot);  // since it is not where it was when the sort began
     left_.clear();
-    tree_.fill(order, input, threads);
-    is_by_filter_ = order.is_by_filter;
-    next_.reset();
+    is_by_filter_ = next_order_->order().is_by_filter;
+    next_order_.reset();
     age_ = {};
-    sorted_ = tree_.size();
+    sorted_ = tree.size();
   }
 
   void find_unsorted(const Input& input, std::vector<Pair>& pairs) {
@@ -232,14 +249,18 @@ class Sweep {
   template <class Search>
   void search(std::size_t parts, std::size_t threads, std::size_t most_stored, const Search& search);
 
+  static constexpr std::size_t everything = std::numeric_limits<std::size_t>::max();
+
   HostTiles<axes> unsorted_;
   TileTree<axes> tree_;
-  std::size_t threads_;  // 0 if there is to be one per processor
+  TileTree<axes> next_tree_;  // in the next order
+  bool is_reading_ = false;   // it, in parts
+  std::size_t threads_;       // 0 if there is to be one per processor
   bool is_sorted_ = false;
   OrderAge age_;
-  bool is_by_filter_ = false;           // whether filters decided which objects share tiles
-  std::size_t sorted_ = 0;              // boxes
-  std::optional<TileSort<axes>> next_;  // the order that is being made
+  std::size_t sorted_ = 0;                    // boxes
+  bool is_by_filter_ = false;                 // whether filters decided which objects share tiles
+  std::optional<TileSort<axes>> next_order_;  // that is being made
   std::size_t work_to_sort_ = 0;
   std::vector<std::uint32_t> left_;           // slots whose boxes left their tiles meanwhile
   std::vector<std::uint32_t> changed_;        // by tile, a bit for each box that is searched alone

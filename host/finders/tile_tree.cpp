@@ -95,15 +95,30 @@ void for_each_bit(std::uint32_t bits, const Function& function) {
 }  // namespace
 
 template <std::size_t axes>
-void TileTree<axes>::fill(TileOrder& order, const Input& input, std::size_t threads) {
-  places_.swap(order.places);
+void TileTree<axes>::start(TileOrder& order, const Input& input) {
   const std::size_t tiles = std::max<std::size_t>(1, (order.slots.size() + node_size - 1) / node_size);
   order.slots.resize(tiles * node_size, no_slot);
-  resize(0);
+  places_.swap(order.places);
+  left_.clear();
+  all_.nodes.clear();
+  all_.roots.clear();
   resize(tiles);
-  for (Occupancy& occupancy : occupancy_) occupancy.home = make_bounds<axes>(-infinity, infinity);
-  read_all(input, threads, order.slots.data());
-  insert(input);
+  size_ = 0;
+  for (std::size_t tile = 0; tile < tiles; ++tile) {
+    occupancy_[tile] = {
+        .home = make_bounds<axes>(-infinity, infinity), .taken = 0, .unread = ~0U, .leaving = 0};
+    for (std::size_t k = 0; k < node_size; ++k) {
+      const std::uint32_t slot = all_.tiles[tile].index[k] = order.slots[tile * node_size + k];
+      if (slot == no_slot) {
+        clear_place(tile * node_size + k);
+      } else {
+        occupancy_[tile].taken |= 1U << k;
+        ++size_;
+      }
+    }
+  }
+  std::ranges::fill(unread_, ~0U);
+  find_left(input);
 }
 
 template <std::size_t axes>
@@ -120,23 +135,103 @@ bool TileTree<axes>::is_abandoned(const Input& input) const {
 }
 
 template <std::size_t axes>
-std::span<const std::uint32_t> TileTree<axes>::read(const Input& input, std::size_t threads) {
+bool TileTree<axes>::read(const Input& input, std::size_t most, std::size_t threads) {
+  if (places_.size() < input.boxes.size()) places_.resize(input.boxes.size(), no_slot);
   if (input.changed.all) {
-    read_all(input, threads, nullptr);
+    std::ranges::fill(unread_, ~0U);
   } else {
-    read_changed(input);
+    for (const std::uint32_t slot : input.changed.slots) {
+      const std::uint32_t place = place_of(slot);
+      if (place == no_slot) {
+        left_.push_back(slot);
+      } else {
+        const std::size_t tile = place / node_size;
+        unread_[tile / node_size] |= 1U << tile % node_size;
+        occupancy_[tile].unread |= 1U << place % node_size;
+      }
+    }
   }
-  return left_;
+  nodes_.clear();
+  std::size_t node = 0;
+  for (; node < unread_.size() && nodes_.size() < most; ++node) {
+    if (unread_[node] != 0) nodes_.push_back(static_cast<std::uint32_t>(node));
+  }
+  parallel_for(nodes_.size(), threads, [&](std::size_t k, std::size_t /*thread*/) {
+    const std::size_t first = nodes_[k] * node_size;
+    for_each_bit(std::exchange(unread_[nodes_[k]], 0), [&](std::size_t child) {
+      if (first + child < all_.tiles.size()) read_tile(input, first + child);
+    });
+    update_node(nodes_[k]);
+  });
+  for (const std::uint32_t read : nodes_) {
+    for (std::size_t tile = read * node_size; tile < std::min(all_.tiles.size(), (read + 1) * node_size);
+         ++tile)
+      for_each_bit(occupancy_[tile].leaving, [&](std::size_t k) { take_out(all_.tiles[tile].index[k]); });
+  }
+  if (input.changed.all) find_left(input);
+  return node == unread_.size();
+}
+
+template <std::size_t axes>
+void TileTree<axes>::read_tile(const Input& input, std::size_t tile) {
+  Node<axes>& node = all_.tiles[tile];
+  Occupancy& occupancy = occupancy_[tile];
+  Bounds<axes>& bounds = all_.bounds[tile] = nowhere<axes>();
+  occupancy.leaving = 0;
+  const std::uint32_t unread = std::exchange(occupancy.unread, 0) | (input.changed.all ? ~0U : 0U);
+  for (std::size_t k = 0; k < node_size; ++k) {
+    const std::uint32_t slot = node.index[k];
+    if (slot == no_slot) continue;
+    if ((unread >> k & 1U) == 0) {
+      extend(bounds, node.get(k));
+    } else if (has_box(input, slot)) {
+      const Bounds<axes> box = broadcl::bounds_of<axes>(input, slot);
+      node.set(k, box, slot);
+      extend(bounds, box);
+    } else {
+      occupancy.leaving |= 1U << k;
+    }
+  }
+  if (!is_within(bounds, occupancy.home)) {
+    bounds = nowhere<axes>();
+    for_each_bit(occupancy.taken & ~occupancy.leaving, [&](std::size_t k) {
+      const bool leaves = !is_within(node.get(k), occupancy.home);
+      occupancy.leaving |= static_cast<std::uint32_t>(leaves) << k;
+      if (!leaves) extend(bounds, node.get(k));
+    });
+  }
+  if (input.changed.all || occupancy.home.lower[0] == -infinity) occupancy.home = home_of(bounds);
+}
+
+template <std::size_t axes>
+void TileTree<axes>::take_out(std::uint32_t slot) {
+  const std::uint32_t place = place_of(slot);
+  if (place == no_slot) return;
+  clear_place(place);
+  --size_;
+  left_.push_back(slot);
 }
 
 template <std::size_t axes>
 void TileTree<axes>::insert(const Input& input) {
-  for (const std::uint32_t slot : left_) insert(slot, broadcl::bounds_of<axes>(input, slot));
-  size_ += left_.size();
+  for (const std::uint32_t slot : left_) {
+    if (has_box(input, slot) && places_[slot] == no_slot) insert(slot, broadcl::bounds_of<axes>(input, slot));
+  }
   left_.clear();
 }
 
-/// Adds empty tiles, and nodes for them.
+/// Lists the slots whose boxes have no place.
+template <std::size_t axes>
+void TileTree<axes>::find_left(const Input& input) {
+  if (size_ == input.boxes.size()) return;
+  left_.clear();
+  places_.resize(std::max(places_.size(), input.boxes.size()), no_slot);
+  for (std::uint32_t slot = 0; slot < input.boxes.size(); ++slot) {
+    if (places_[slot] == no_slot && has_box(input, slot)) left_.push_back(slot);
+  }
+}
+
+/// Adds empty tiles, and nodes for them; or takes the last tiles away.
 template <std::size_t axes>
 void TileTree<axes>::resize(std::size_t tiles) {
   const auto resize = [](auto& list, std::size_t size, const auto& value) {
@@ -146,109 +241,18 @@ void TileTree<axes>::resize(std::size_t tiles) {
   const auto parents_of = [](std::size_t children) { return (children + node_size - 1) / node_size; };
   resize(all_.tiles, tiles, empty_node<axes>());
   resize(all_.bounds, tiles, nowhere<axes>());
-  resize(occupancy_, tiles, Occupancy{.home = nowhere<axes>(), .taken = 0, .leaving = 0});
+  resize(occupancy_, tiles, Occupancy{.home = nowhere<axes>(), .taken = 0, .unread = 0, .leaving = 0});
   resize(all_.nodes, parents_of(tiles), empty_node<axes>());
   resize(all_.roots, parents_of(all_.nodes.size()), empty_node<axes>());
-  resize(dirty_, all_.nodes.size(), 0U);
-}
-
-/// @param slots By place; null if all boxes are where they were.
-template <std::size_t axes>
-void TileTree<axes>::read_all(const Input& input, std::size_t threads, const std::uint32_t* slots) {
-  constexpr std::size_t at_once = 8;
-  const std::size_t tiles = all_.tiles.size();
-  parallel_for((tiles + at_once - 1) / at_once, threads, [&](std::size_t part, std::size_t /*thread*/) {
-    for (std::size_t tile = part * at_once; tile < std::min(tiles, (part + 1) * at_once); ++tile)
-      read_tile(input, tile, slots == nullptr ? all_.tiles[tile].index.data() : slots + tile * node_size);
-  });
-  left_.clear();
-  size_ = 0;
-  for (std::size_t tile = 0; tile < tiles; ++tile) {
-    size_ += static_cast<std::size_t>(std::popcount(occupancy_[tile].taken));
-    for_each_bit(std::exchange(occupancy_[tile].leaving, 0), [&](std::size_t k) {
-      left_.push_back(all_.tiles[tile].index[k]);
-      clear_place(tile * node_size + k);
-    });
-  }
-  for (std::size_t node = 0; node < all_.nodes.size(); ++node) update_node(node);
-  const std::size_t n = input.boxes.size();
-  if (places_.size() < n) places_.resize(n, no_slot);
-  if (size_ + left_.size() == n) return;
-  left_.clear();
-  for (std::uint32_t slot = 0; slot < n; ++slot) {
-    if (places_[slot] == no_slot && has_box(input, slot)) left_.push_back(slot);
-  }
-}
-
-/// Computes the tile's bounds, without those boxes that leave it.
-template <std::size_t axes>
-void TileTree<axes>::read_tile(const Input& input, std::size_t tile, const std::uint32_t* slots) {
-  Node<axes>& node = all_.tiles[tile];
-  Occupancy& occupancy = occupancy_[tile];
-  Bounds<axes>& bounds = all_.bounds[tile] = nowhere<axes>();
-  occupancy.taken = 0;
-  for (std::size_t k = 0; k < node_size; ++k) {
-    const std::uint32_t slot = slots[k];
-    if (has_box(input, slot)) {
-      const Bounds<axes> box = broadcl::bounds_of<axes>(input, slot);
-      node.set(k, box, slot);
-      extend(bounds, box);
-      occupancy.taken |= 1U << k;
-    } else if (slot != no_slot) {
-      node.index[k] = slot;
-      clear_place(tile * node_size + k);
-    }
-  }
-  if (!is_within(bounds, occupancy.home)) {
-    bounds = nowhere<axes>();
-    for_each_bit(occupancy.taken, [&](std::size_t k) {
-      const bool leaves = !is_within(node.get(k), occupancy.home);
-      occupancy.leaving |= static_cast<std::uint32_t>(leaves) << k;
-      if (!leaves) extend(bounds, node.get(k));
-    });
-    occupancy.taken &= ~occupancy.leaving;
-  }
-  occupancy.home = home_of(bounds);
-}
-
-template <std::size_t axes>
-void TileTree<axes>::read_changed(const Input& input) {
-  left_.clear();
-  if (places_.size() < input.boxes.size()) places_.resize(input.boxes.size(), no_slot);
-  for (const std::uint32_t slot : input.changed.slots) {
-    const std::uint32_t place = place_of(slot);
-    const bool exists = has_box(input, slot);
-    if (place != no_slot) {
-      const std::size_t tile = place / node_size;
-      dirty_[tile / node_size] |= 1U << tile % node_size;
-      if (exists) {
-        const Bounds<axes> box = broadcl::bounds_of<axes>(input, slot);
-        if (is_within(box, occupancy_[tile].home)) {
-          all_.tiles[tile].set(place % node_size, box, slot);
-          continue;
-        }
-      }
-      clear_place(place);
-      --size_;
-    }
-    if (exists) left_.push_back(slot);
-  }
-  for (std::size_t node = 0; node < dirty_.size(); ++node) {
-    if (dirty_[node] == 0) continue;
-    for_each_bit(std::exchange(dirty_[node], 0), [&](std::size_t k) {
-      const std::size_t tile = node * node_size + k;
-      all_.bounds[tile] = bounds_of(all_.tiles[tile]);
-    });
-    update_node(node);
-  }
+  resize(unread_, all_.nodes.size(), 0U);
 }
 
 template <std::size_t axes>
 void TileTree<axes>::clear_place(std::size_t place) {
   const std::size_t tile = place / node_size;
   const std::size_t k = place % node_size;
-  const std::uint32_t slot = std::exchange(all_.tiles[tile].index[k], no_slot);
-  if (slot < places_.size()) places_[slot] = no_slot;
+  const std::uint32_t slot = all_.tiles[tile].index[k];
+  if (slot != no_slot) places_[slot] = no_slot;
   all_.tiles[tile].set(k, make_bounds<axes>(not_a_number, not_a_number), no_slot);
   occupancy_[tile].taken &= ~(1U << k);
 }
@@ -280,6 +284,7 @@ void TileTree<axes>::insert(std::uint32_t slot, const Bounds<axes>& box) {
   extend(all_.bounds[tile], box);
   if (occupancy.taken == 0 || !is_within(box, occupancy.home)) occupancy.home = home_of(all_.bounds[tile]);
   occupancy.taken |= 1U << k;
+  ++size_;
   all_.nodes[node].set(tile % node_size, all_.bounds[tile], static_cast<std::uint32_t>(tile));
   Node<axes>& root = all_.roots[node / node_size];
   Bounds<axes> bounds = root.get(node % node_size);

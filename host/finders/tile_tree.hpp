@@ -13,7 +13,7 @@ namespace broadcl {
 
 /// Boxes in tiles, first in an order of TileSort. A box that leaves its tile is put into the tile that grows
 /// least, and what is full is divided, so tiles stay small while boxes come, go and leap (Guttman, "R-Trees:
-/// A Dynamic Index Structure for Spatial Searching", SIGMOD 1984). If a function throws, fill() must follow.
+/// A Dynamic Index Structure for Spatial Searching", SIGMOD 1984). If a function throws, start() must follow.
 template <std::size_t axes>
 class TileTree {
  public:
@@ -29,17 +29,23 @@ class TileTree {
     return slot < places_.size() ? places_[slot] : no_slot;
   }
 
-  /// Puts all boxes into new tiles, those that are not in the order by insert().
+  /// Takes another order, whose boxes are to be read. Those that are not in it have no place yet.
   /// @throws std::bad_alloc
-  void fill(TileOrder& order, const Input& input, std::size_t threads);
+  void start(TileOrder& order, const Input& input);
 
   /// Whether most of a sample of boxes have left their tiles, so that read() would be in vain.
   [[nodiscard]] bool is_abandoned(const Input& input) const;
-  /// Reads the boxes that changed.
-  /// @returns The slots whose boxes have no place: they are new, or have left their tiles. Call insert()
-  /// next, or fill().
+  /// Reads boxes that changed or were not read yet.
+  /// @param most Nodes that are read.
+  /// @returns Whether all have been read.
   /// @throws std::bad_alloc
-  [[nodiscard]] std::span<const std::uint32_t> read(const Input& input, std::size_t threads);
+  bool read(const Input& input, std::size_t most, std::size_t threads);
+
+  /// Slots that are new, or have left their tiles, and have no place until insert().
+  [[nodiscard]] std::span<const std::uint32_t> left() const noexcept { return left_; }
+  /// Makes a slot leave its tile, if it has one.
+  /// @throws std::bad_alloc
+  void take_out(std::uint32_t slot);
   /// @throws std::bad_alloc
   void insert(const Input& input);
 
@@ -48,15 +54,15 @@ class TileTree {
   struct Occupancy {
     Bounds<axes> home;      // a box that reaches beyond it leaves the tile
     std::uint32_t taken;    // a bit for each place that has a box
-    std::uint32_t leaving;  // and whose box leaves
+    std::uint32_t unread;   // whose box is to be read
+    std::uint32_t leaving;  // whose box leaves
   };
 
   void resize(std::size_t tiles);
-  void read_all(const Input& input, std::size_t threads, const std::uint32_t* slots);
-  void read_tile(const Input& input, std::size_t tile, const std::uint32_t* slots);
-  void read_changed(const Input& input);
-  void clear_place(std::size_t place);
+  void find_left(const Input& input);
+  void read_tile(const Input& input, std::size_t tile);
   void update_node(std::size_t node);
+  void clear_place(std::size_t place);
   void insert(std::uint32_t slot, const Bounds<axes>& box);
   [[nodiscard]] std::size_t empty_tile(std::size_t node);
   void divide_tile(std::size_t tile, std::size_t other);
@@ -65,8 +71,9 @@ class TileTree {
   HostTiles<axes> all_;
   std::vector<Occupancy> occupancy_;   // by tile
   std::vector<std::uint32_t> places_;  // by slot
-  std::vector<std::uint32_t> left_;    // slots that are to be inserted
-  std::vector<std::uint32_t> dirty_;   // by node, a bit for each tile that changed
+  std::vector<std::uint32_t> left_;
+  std::vector<std::uint32_t> unread_;  // by node, a bit for each tile with boxes to be read
+  std::vector<std::uint32_t> nodes_;   // that are read
   std::size_t size_ = 0;
 };
 
