@@ -61,6 +61,7 @@ struct Options {
   std::string rows = ".*";
   std::uint32_t objects = 0;
   std::size_t frames = 0;
+  bool wall = false;
   bool growth = false;
   bool list = false;
 };
@@ -123,7 +124,7 @@ std::vector<Row> rows(const Options& options) {
 class Clock {
  public:
   explicit Clock(const Options& options)
-      : id_(options.config.algorithm == "sweep-and-prune" && options.config.threads == 1
+      : id_(!options.wall && options.config.algorithm == "sweep-and-prune" && options.config.threads == 1
                 ? CLOCK_PROCESS_CPUTIME_ID
                 : CLOCK_MONOTONIC) {}
 
@@ -277,15 +278,15 @@ void print(const Row& row, const Result& result, std::optional<double> tremble) 
   const auto quarter = static_cast<std::ptrdiff_t>((times.size() + 3) / 4);
   const double rise =
       median({times.end() - quarter, times.end()}) / median({times.begin(), times.begin() + quarter});
-  std::printf("%-34s %8zu %9.4f %9.4f %9.4f %6.2f ", row.name().c_str(), result.objects, middle,
+  std::printf("%-34s %8zu %10.5f %10.5f %10.5f %6.2f ", row.name().c_str(), result.objects, middle,
               quantile(times, 0.999), quantile(times, 1), rise);
   std::printf(tremble ? "%8.2f" : "       -", middle / tremble.value_or(1));
-  std::printf(" %7.2f %9.4f\n", middle / result.again, result.again);
+  std::printf(" %7.2f %10.5f\n", middle / result.again, result.again);
   std::fflush(stdout);
 }
 
 void run_rows(const Options& options) {
-  std::printf("%-34s %8s %9s %9s %9s %6s %8s %7s %9s\n", "row", "objects", "median", "p99.9", "longest",
+  std::printf("%-34s %8s %10s %10s %10s %6s %8s %7s %10s\n", "row", "objects", "median", "p99.9", "longest",
               "rise", "/tremble", "/again", "again");
   std::map<std::size_t, double> trembling;
   for (const Row& row : rows(options)) {
@@ -329,6 +330,7 @@ int run(int argc, char** argv) {
   app.add_option("--algorithm", options.config.algorithm)->capture_default_str();
   app.add_option("--device", options.config.device, "As select_device() takes it");
   app.add_option("--threads", options.config.threads, "0: one per processor")->capture_default_str();
+  app.add_flag("--wall", options.wall, "Measure wall time with one thread, too");
   app.add_flag("--growth", options.growth, "Print how times grow with the number of objects instead");
   app.add_flag("--list", options.list, "Print the names of the rows alone");
   CLI11_PARSE(app, argc, argv);
