@@ -34,7 +34,7 @@ constexpr std::size_t most_dense = 65'536;
 constexpr std::size_t boxes_per_thread = 512;
 
 /// The search for a box that changed takes about as long as that of so many if all are searched.
-constexpr std::size_t boxes_per_changed = 3;
+constexpr std::size_t boxes_per_changed = 6;
 /// A thread takes so many tiles with such boxes at a time.
 constexpr std::size_t searched_at_once = 32;
 

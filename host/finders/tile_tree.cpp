@@ -118,6 +118,7 @@ void TileTree<axes>::start(TileOrder& order, const Input& input) {
     }
   }
   std::ranges::fill(unread_, ~0U);
+  read_nodes_ = 0;
   find_left(input);
 }
 
@@ -152,9 +153,9 @@ bool TileTree<axes>::read(const Input& input, std::size_t most, std::size_t thre
     }
   }
   nodes_.clear();
-  std::size_t node = 0;
-  for (; node < unread_.size() && nodes_.size() < most; ++node) {
-    if (unread_[node] != 0) nodes_.push_back(static_cast<std::uint32_t>(node));
+  read_nodes_ += std::min(most, unread_.size() - read_nodes_);
+  for (std::uint32_t node = 0; node < read_nodes_; ++node) {
+    if (unread_[node] != 0) nodes_.push_back(node);
   }
   parallel_for(nodes_.size(), threads, [&](std::size_t k, std::size_t /*thread*/) {
     const std::size_t first = nodes_[k] * node_size;
@@ -166,10 +167,11 @@ bool TileTree<axes>::read(const Input& input, std::size_t most, std::size_t thre
   for (const std::uint32_t read : nodes_) {
     for (std::size_t tile = read * node_size; tile < std::min(all_.tiles.size(), (read + 1) * node_size);
          ++tile)
-      for_each_bit(occupancy_[tile].leaving, [&](std::size_t k) { take_out(all_.tiles[tile].index[k]); });
+      for_each_bit(std::exchange(occupancy_[tile].leaving, 0),
+                   [&](std::size_t k) { take_out(all_.tiles[tile].index[k]); });
   }
   if (input.changed.all) find_left(input);
-  return node == unread_.size();
+  return read_nodes_ == unread_.size();
 }
 
 template <std::size_t axes>
@@ -179,27 +181,18 @@ void TileTree<axes>::read_tile(const Input& input, std::size_t tile) {
   Bounds<axes>& bounds = all_.bounds[tile] = nowhere<axes>();
   occupancy.leaving = 0;
   const std::uint32_t unread = std::exchange(occupancy.unread, 0) | (input.changed.all ? ~0U : 0U);
-  for (std::size_t k = 0; k < node_size; ++k) {
+  for_each_bit(unread & occupancy.taken, [&](std::size_t k) {
     const std::uint32_t slot = node.index[k];
-    if (slot == no_slot) continue;
-    if ((unread >> k & 1U) == 0) {
-      extend(bounds, node.get(k));
-    } else if (has_box(input, slot)) {
-      const Bounds<axes> box = broadcl::bounds_of<axes>(input, slot);
-      node.set(k, box, slot);
-      extend(bounds, box);
-    } else {
+    Bounds<axes> box = make_bounds<axes>(not_a_number, not_a_number);
+    if (has_box(input, slot)) box = broadcl::bounds_of<axes>(input, slot);
+    if (!is_within(box, occupancy.home)) {
       occupancy.leaving |= 1U << k;
+      box = make_bounds<axes>(not_a_number, not_a_number);
     }
-  }
-  if (!is_within(bounds, occupancy.home)) {
-    bounds = nowhere<axes>();
-    for_each_bit(occupancy.taken & ~occupancy.leaving, [&](std::size_t k) {
-      const bool leaves = !is_within(node.get(k), occupancy.home);
-      occupancy.leaving |= static_cast<std::uint32_t>(leaves) << k;
-      if (!leaves) extend(bounds, node.get(k));
-    });
-  }
+    node.set(k, box, slot);
+    extend(bounds, box);
+  });
+  if (~unread != 0) bounds = bounds_of(node);
   if (input.changed.all || occupancy.home.lower[0] == -infinity) occupancy.home = home_of(bounds);
 }
 

@@ -36,7 +36,7 @@ class TileTree {
   /// Whether most of a sample of boxes have left their tiles, so that read() would be in vain.
   [[nodiscard]] bool is_abandoned(const Input& input) const;
   /// Reads boxes that changed or were not read yet.
-  /// @param most Nodes that are read.
+  /// @param most How many nodes are read for the first time.
   /// @returns Whether all have been read.
   /// @throws std::bad_alloc
   bool read(const Input& input, std::size_t most, std::size_t threads);
@@ -73,7 +73,8 @@ class TileTree {
   std::vector<std::uint32_t> places_;  // by slot
   std::vector<std::uint32_t> left_;
   std::vector<std::uint32_t> unread_;  // by node, a bit for each tile with boxes to be read
-  std::vector<std::uint32_t> nodes_;   // that are read
+  std::vector<std::uint32_t> nodes_;   // that are being read
+  std::size_t read_nodes_ = 0;         // the first ones, which were read once
   std::size_t size_ = 0;
 };
 
