@@ -29,7 +29,7 @@ typedef struct {
   uint found;
   uint found_new;
   uint base;
-  uint tested;   /* candidates, by this work-group, that are not in the total yet */
+  uint work;     /* nodes and candidates, by this work-group, that are not in the total yet */
   uint all_work; /* the total when this work-group last added to it */
 } search_t;
 
@@ -88,18 +88,16 @@ INLINE void append_new(local search_t* scratch, const uint count, global const u
   barrier(CLK_LOCAL_MEM_FENCE);
 }
 
-/* Tests the candidates: all work-items compare each of them with their own boxes. Returns whether to give up, because
-   all work-groups together have done more than `most_work`. All work-items must call it. */
-INLINE bool test_candidates(local search_t* scratch, const uint count, const bounds_t* own, const uint place,
-                            const uint most_work, global const uint4* filters, global const uint2* exclusions,
-                            const pair_sink_t* sink) {
+/* Tests the candidates, after a number of nodes: all work-items compare each of them with their own boxes. Returns
+   whether to give up, because all work-groups together have done more than `most_work`. All work-items must call it. */
+INLINE bool test_candidates(local search_t* scratch, const uint count, const uint nodes, const bounds_t* own,
+                            const uint place, const uint most_work, global const uint4* filters,
+                            global const uint2* exclusions, const pair_sink_t* sink) {
   if (get_local_id(0) == 0U) {
-    scratch->tested += count;
-    const uint news = scratch->tested;
-    if (news >= REPORTED_WORK) {
-      scratch->all_work = atomic_add(&sink->counts[COUNT_WORK], news) + news;
-      scratch->tested = 0;
-    }
+    const uint work = scratch->work + nodes + count;
+    const bool reports = work >= REPORTED_WORK;
+    if (reports) scratch->all_work = atomic_add(&sink->counts[COUNT_WORK], work) + work;
+    scratch->work = reports ? 0U : work;
   }
   barrier(CLK_LOCAL_MEM_FENCE);
   const bool gives_up = scratch->all_work > most_work;
@@ -175,11 +173,11 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_search(TILE
   load_last_box(&own_last, &sink, own_slot);
   scratch.own_last[item] = own_last;
   scratch.own_slots[item] = own_slot;
-  if (item == 0U) scratch.found = scratch.found_new = scratch.tested = scratch.all_work = 0;
+  if (item == 0U) scratch.found = scratch.found_new = scratch.work = scratch.all_work = 0;
 
   uint turn = 0;
   uint count = 0; /* of candidates */
-  uint work = 0;  /* nodes; candidates are counted in `tested` */
+  uint nodes = 0; /* since the last test */
   walk_t walk;
   rest_t rest;
   start_walk(&walk, &rest, tile, scalars.top);
@@ -188,7 +186,7 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_search(TILE
     bounds_t child;
     mask_t bits = visit(start_of(&scalars, walk.level) + walk.node, tree, SOME_CHANGED, &target, worlds, &child,
                         &scratch.ballots, &turn);
-    ++work;
+    ++nodes;
     if (walk.level > 0U) {
       bits = not_before(bits, walk.node, tile >> (NODE_BITS * (walk.level - 1U)));
       if ((uint)popcount(bits) > NODE / 2U) {
@@ -200,15 +198,15 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_search(TILE
       count = add_candidates(&scratch, count, bits, &child, walk.node, elements);
     }
     walk_on(&walk, &rest, scalars.top);
-    if (count > BATCH || walk.root >= end) {
-      if (test_candidates(&scratch, count, &own, own_place, scalars.most_work, filters, exclusions, &sink)) {
+    if (count > BATCH || nodes >= REPORTED_WORK || walk.root >= end) {
+      if (test_candidates(&scratch, count, nodes, &own, own_place, scalars.most_work, filters, exclusions, &sink)) {
         walk.root = end;
       }
-      count = 0;
+      count = nodes = 0;
     }
   }
   /* (A halted frame has passed no barrier since the first work-item cleared what this reads.) */
-  if (work > 0U) append_new(&scratch, scratch.found, filters, exclusions, &sink);
-  if (item == 0U) atomic_add(&sink.counts[COUNT_WORK], work + scratch.tested);
+  if (end > 0U) append_new(&scratch, scratch.found, filters, exclusions, &sink);
+  if (item == 0U) atomic_add(&sink.counts[COUNT_WORK], scratch.work);
 }
 #endif

@@ -58,13 +58,13 @@ struct FinderVariant {
 };
 inline constexpr std::array finder_variants{
     FinderVariant{"TilesSortedInEachFrame",
-                  [](const opencl::Context& context) { return make_tiles(context, 0, never_early); }},
+                  [](const opencl::Context& context) { return make_tiles(context, -1, never_early); }},
     FinderVariant{"TilesSortedOnce",
                   [](const opencl::Context& context) {
                     return make_tiles(context, std::numeric_limits<double>::infinity(), never_early);
                   }},
     FinderVariant{"TilesSearchedEarly",
-                  [](const opencl::Context& context) { return make_tiles(context, 1.25, 1); }},
+                  [](const opencl::Context& context) { return make_tiles(context, 3, 1); }},
     FinderVariant{"TilesAndBruteForceInTurn", make_turns}};
 
 inline std::ostream& operator<<(std::ostream& out, const FinderVariant& variant) {

@@ -32,7 +32,7 @@ namespace {
 using scenes::MovingBoxes;
 
 std::unique_ptr<PairFinder> make_early_tiles(const opencl::Context& context) {
-  return make_tiles(context, 1.25, 1);
+  return make_tiles(context, 3, 1);
 }
 
 std::unique_ptr<PairFinder> make_early_tiles_in_one_order(const opencl::Context& context) {
@@ -192,7 +192,7 @@ TEST_F(EarlySearch, IsTriedOnceIfABoxLeapsInEachFrame) {
   };
   const auto [again, early] = peak(make_early_tiles);
   const auto [none, late] = peak([](const opencl::Context& context) {
-    return make_tiles(context, 1.25, std::numeric_limits<std::size_t>::max());
+    return make_tiles(context, 3, std::numeric_limits<std::size_t>::max());
   });
   EXPECT_EQ(again, 1U);
   EXPECT_EQ(none, 0U);

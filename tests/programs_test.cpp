@@ -157,7 +157,7 @@ void live_in_double_precision() {
 /// Also uses the kernels that GPUs with memory of their own need for many boxes.
 void search_early() {
   const auto algorithm =
-      make_device_algorithm({}, [](const opencl::Context& context) { return make_tiles(context, 1.25, 1); });
+      make_device_algorithm({}, [](const opencl::Context& context) { return make_tiles(context, 3, 1); });
   const NothingIsBuilt expected;
   algorithm->reserve(2, false);
   for (Aabb& box : algorithm->boxes().first(2)) box = unit;

@@ -201,10 +201,10 @@ struct AlgorithmRow {
 [[nodiscard]] std::unique_ptr<PairFinder> make_auto(const opencl::Context& context);
 [[nodiscard]] std::unique_ptr<PairFinder> make_brute_force(const opencl::Context& context);
 [[nodiscard]] std::unique_ptr<PairFinder> make_tiles(const opencl::Context& context);
-/// @param stale Sort again once the work exceeds this multiple of the work in a new order: 0 sorts in every
-/// frame, infinity only if the number of slots changed.
+/// @param sort_work Sort again once searches have exceeded their work in a new order by this much per box. A
+/// negative number: in every frame. Infinity: only if the number of slots changed.
 /// @param fewest_early The fewest boxes that are searched before they are uploaded: NearPairs.
-[[nodiscard]] std::unique_ptr<PairFinder> make_tiles(const opencl::Context& context, double stale,
+[[nodiscard]] std::unique_ptr<PairFinder> make_tiles(const opencl::Context& context, double sort_work,
                                                      std::size_t fewest_early);
 [[nodiscard]] AlgorithmPointer make_gpu_bf(const Config& config);
 [[nodiscard]] AlgorithmPointer make_sweep_and_prune(const Config& config);

@@ -24,7 +24,6 @@ constexpr std::size_t most_near_pairs = std::size_t{1} << 31;  // indices are 32
 std::size_t most_useful(std::size_t boxes, std::size_t pairs) {
   return std::min(most_near_pairs, std::max({least_near_pairs, boxes, 4 * pairs}));
 }
-constexpr std::size_t longest_pause = 256;
 constexpr std::size_t never = std::numeric_limits<std::size_t>::max();
 
 }  // namespace
@@ -154,11 +153,6 @@ void NearPairs::pause() {
   grown_.clear();
   pairs_.clear();
   back_off_.start(plan_.frame);
-}
-
-void NearPairs::BackOff::start(std::size_t frame) noexcept {
-  frames_ = std::min(2 * frames_ + 1, longest_pause);
-  end_ = frame + 1 + frames_;
 }
 
 void NearPairs::wait() const noexcept {

@@ -3,6 +3,7 @@
 #include <cstddef>
 #include <limits>
 
+#include "base/back_off.hpp"
 #include "base/non_copyable.hpp"
 #include "engines/pair_delta.hpp"
 #include "engines/search.hpp"
@@ -75,19 +76,6 @@ class NearPairs : NonCopyable {
     float margin = 0;        ///< By which the last ones are enlarged.
   };
 
-  /// The time that passes before an early search after one that did not pay: each is twice as long as the one
-  /// before, and half as long after one that paid.
-  class BackOff {
-   public:
-    [[nodiscard]] bool is_over(std::size_t frame) const noexcept { return frame >= end_; }
-    void shorten() noexcept { frames_ /= 2; }
-    void start(std::size_t frame) noexcept;
-
-   private:
-    std::size_t frames_ = 0;
-    std::size_t end_ = 0;  // the number of a frame
-  };
-
   [[nodiscard]] bool load();
   [[nodiscard]] bool is_possible(const Search& search) const noexcept;
   [[nodiscard]] bool is_distance_known(const Search& search, const PairDelta& sink, bool pays);
@@ -109,7 +97,7 @@ class NearPairs : NonCopyable {
   Plan plan_;
   /// A margin with which all boxes would be near each other, as long as objects do not come or go.
   float margin_limit_ = std::numeric_limits<float>::infinity();
-  BackOff back_off_;
+  BackOff back_off_{256};
 };
 
 }  // namespace broadcl

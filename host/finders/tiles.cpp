@@ -48,11 +48,11 @@ using opencl::round_up;
 /// Boxes sorted in space, under a tree of bounds: kernels/tiles.cl.
 class Tiles final : public PairFinder {
  public:
-  Tiles(const opencl::Context& context, double stale, std::size_t fewest_early)
+  Tiles(const opencl::Context& context, double sort_work, std::size_t fewest_early)
       : context_(context),
         group_(context.launch().tiles_group),
         kernels_(make_kernels()),
-        work_(node_, stale),
+        work_(node_, sort_work),
         centroids_(context),
         near_(context, kernels_.program, fewest_early),
         sort_(context) {}
@@ -62,8 +62,7 @@ class Tiles final : public PairFinder {
     is_early_ = false;
     if (!is_built_) return;
     prepare(search);
-    work_.begin_frame(search, sink);
-    is_stale_ = work_.is_stale(search, sink);
+    is_stale_ = work_.begin_frame(search, sink);
     is_early_ = near_.begin(search, sink, !is_stale_, work_.early_pays(), profiler);
     work_.begin_search(search, is_early_);
     if (is_early_) search_early(search, sink, profiler);
@@ -104,6 +103,7 @@ class Tiles final : public PairFinder {
       is_early_ = false;
       work_.begin_search(search, is_early_);
     } else {
+      work_.give_up(sink);
       sort(search, sink, profiler);
     }
     fill_trees(search, false, sink, profiler);
@@ -387,13 +387,13 @@ class Tiles final : public PairFinder {
 std::unique_ptr<PairFinder> make_tiles(const opencl::Context& context) {
   const Device& device = context.device();
   const bool uploads_beside = device.type == DeviceType::gpu && !device.host_unified;
-  return make_tiles(context, TileWork::default_stale,
+  return make_tiles(context, TileWork::default_sort_work,
                     uploads_beside ? fewest_searched_early : std::numeric_limits<std::size_t>::max());
 }
 
-std::unique_ptr<PairFinder> make_tiles(const opencl::Context& context, double stale,
+std::unique_ptr<PairFinder> make_tiles(const opencl::Context& context, double sort_work,
                                        std::size_t fewest_early) {
-  return std::make_unique<Tiles>(context, stale, fewest_early);
+  return std::make_unique<Tiles>(context, sort_work, fewest_early);
 }
 
 }  // namespace broadcl
