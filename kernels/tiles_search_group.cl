@@ -157,6 +157,7 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_search(TILE
   const uint tile = (uint)get_group_id(0);
   target_t target;
   load_target(&target, tree, SOME_CHANGED, scalars.starts[1] + tile / NODE, tile % NODE, worlds, scalars.sets);
+  if (isnan(target.all.bound[0])) return; /* only free slots */
   /* (Also if all take part: a condition for that would multiply the time that PoCL takes to compile this: inline.h.) */
   const uint parts = is_dense(tree, tile, &target.all, worlds) ? (uint)get_num_groups(1) : scalars.workers;
   if ((uint)get_group_id(1) >= parts) return;

@@ -307,7 +307,7 @@ Search DeviceObjects::upload(const Input& input) {
           .changed = {.all = input.changed.all,
                       .count = input.changed.all ? 0 : now_.changed_count,
                       .slots = now_.changed.get(),
-                      .any_recycled = !input.changed.recycled.empty(),
+                      .recycled = static_cast<cl_uint>(input.changed.recycled.size()),
                       .stamp = stamp_,
                       .stamps = input.changed.all && now_.changed_count == 0 ? cl::Buffer() : stamps_},
           .same_filters =

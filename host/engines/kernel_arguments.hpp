@@ -28,7 +28,7 @@ inline cl_uint set_pair_sink(cl::Kernel& kernel, cl_uint first, const Search& se
                                                       .stamp = search.changed.stamp},
                                pairs, search.last.boxes, search.same_filters ? none : search.last.filters,
                                search.same_filters ? none : search.last.exclusions,
-                               search.changed.any_recycled ? search.changed.stamps : none, counts);
+                               search.changed.recycled > 0 ? search.changed.stamps : none, counts);
 }
 
 }  // namespace broadcl

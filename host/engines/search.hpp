@@ -25,9 +25,9 @@ class Source;
 struct ChangedSlots {  // NOLINT(bugprone-exception-escape): as above
   bool all = true;     ///< Every slot counts as changed; otherwise those in `slots` do.
   cl_uint count = 0;
-  cl::Buffer slots{};         ///< Each once.
-  bool any_recycled = false;  ///< Whether the object of some slot is another one than in the last frame.
-  cl_uint stamp = 0;          ///< Of this frame.
+  cl::Buffer slots{};    ///< Each once.
+  cl_uint recycled = 0;  ///< Slots whose object is another one than in the last frame.
+  cl_uint stamp = 0;     ///< Of this frame.
   /// One word per slot that says whether it changed (unless `all`), and whether its object is not that of the
   /// last frame: kernels/stamp.h. Null if neither applies to any slot.
   cl::Buffer stamps{};

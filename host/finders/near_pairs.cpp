@@ -43,7 +43,7 @@ bool NearPairs::load() try {
 
 bool NearPairs::is_possible(const Search& search) const noexcept {
   return search.source == nullptr && search.may_give_up && search.changed.all && search.same_filters &&
-         !search.changed.any_recycled && search.now.slots == search.last.slots && search.now.slots >= fewest_;
+         search.changed.recycled == 0 && search.now.slots == search.last.slots && search.now.slots >= fewest_;
 }
 
 /// Whether the distances that boxes moved in the last frame are known; draws conclusions from that frame.

@@ -10,6 +10,8 @@ namespace {
 
 /// The excess per box that has moved, if the work is not known.
 constexpr double unwatched = 0.375;
+/// The excess per object that came or went: a place in the order is wasted, or in a wrong place.
+constexpr double replaced = 6;
 /// An early search takes more time than it saves if its work is more than this multiple of that of a search
 /// of all.
 constexpr double most_early_work = 2;
@@ -24,7 +26,8 @@ bool TileWork::begin_frame(const Search& search, const PairDelta& sink) {
     return true;
   if (sink.frames() == sorted_frame_) return false;
   // (The next excess is at least as much.)
-  return order_.must_change(excess, sort_work(search) - excess) || !unsorted_.is_over(sink.frames());
+  return order_.must_change(excess + replaced * search.changed.recycled, sort_work(search) - excess) ||
+         !unsorted_.is_over(sink.frames());
 }
 
 /// What the last search took more than the first of its kind since the boxes were sorted.
