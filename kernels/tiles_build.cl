@@ -181,22 +181,31 @@ static inline void refit(global float* tree, const uint start, const uint k, con
 #endif
 
 /* Copies the boxes to their tiles and computes the bounds of these, one work-group per tile. Tiles past the last one
-   have no bounds. If there are stamps, only boxes that changed take part. Unless `source` is null, objects are gathered
-   from there. */
+   have no bounds. Work-groups with index 1 in dimension 1 do so for the tree of boxes that changed, `changed`. Unless
+   `source` is null, objects are gathered from there. If `since` is not 0, it is the stamp of the frame of which the
+   trees have the boxes. */
 kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_fill(
     const uint n, const uint tiles, const uint parents, const uint worlds, const uint sets,
-    global const uint2* restrict elements, global float* tree, const uint stamp, global const uint* restrict stamps,
-    GATHER_PARAMETERS) {
+    global const uint2* restrict elements, global float* all, global float* changed, const uint stamp, const uint since,
+    global const uint* restrict stamps, GATHER_PARAMETERS) {
+  const uint tile = (uint)get_group_id(0);
+  const bool some = get_group_id(1) > 0;
+  global float* tree = some ? changed : all;
 #if GROUP > 1
   local refit_t scratch;
+#else
+  bool is_current = since > 0U;
+  for (uint place = tile * NODE; is_current && place < min(n, (tile + 1U) * NODE); ++place) {
+    is_current = stamps[elements[place].x] >> 1 < since;
+  }
+  if (is_current) return;
 #endif
-  const uint tile = (uint)get_group_id(0);
   FOR_EACH_CHILD(child) {
     const uint place = tile * NODE + child;
     const uint slot = place < n ? elements[place].x : 0U;
     bounds_t bounds;
     make_none(&bounds);
-    if (place < n && (stamps == 0 || is_changed(stamps[slot], stamp))) {
+    if (place < n && (!some || is_changed(stamps[slot], stamp))) {
       box_t box;
       if (source != 0) {
         gather_object(&box, slot, source, offset, stride, first_count, second, second_offset, second_stride,
@@ -216,10 +225,12 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_fill(
 #endif
 }
 
-/* Computes the bounds of a level's nodes, for the level above, one work-group per node. */
+/* Computes the bounds of a level's nodes, for the level above, one work-group per node; of both trees as above. */
 kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_refit(
-    const uint start, const uint nodes, const uint parents, const uint worlds, global float* tree) {
+    const uint start, const uint nodes, const uint parents, const uint worlds, global float* all,
+    global float* changed) {
   const uint k = (uint)get_group_id(0);
+  global float* tree = get_group_id(1) > 0 ? changed : all;
 #if GROUP > 1
   local refit_t scratch;
   bounds_t bounds;
@@ -238,16 +249,18 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_refit(
 /* The same, and keeps the pairs of the last frame, which saves a launch: the first work-groups compute bounds, and the
    others keep pairs. */
 kernel __attribute__((reqd_work_group_size(KEEP_GROUP, 1, 1))) void tiles_refit_and_keep(
-    const uint start, const uint nodes, const uint parents, const uint worlds, global float* tree,
+    const uint start, const uint nodes, const uint parents, const uint worlds, global float* all, global float* changed,
     KEEP_KERNEL_PARAMETERS) {
   local refit_t scratch[KEEP_NODES];
   local keep_t chunk;
   const uint group = (uint)get_group_id(0);
-  const uint refitting = (nodes + NODE - 1U) / NODE * NODE / KEEP_NODES;
+  const uint per_tree = (nodes + NODE - 1U) / NODE * NODE / KEEP_NODES;
+  const uint refitting = changed == 0 ? per_tree : 2U * per_tree;
   if (group < refitting) {
+    global float* tree = group < per_tree ? all : changed;
     const uint node = (uint)get_local_id(0) / GROUP;
     const uint item = (uint)get_local_id(0) % GROUP;
-    const uint k = group * KEEP_NODES + node;
+    const uint k = group % per_tree * KEEP_NODES + node;
     bounds_t bounds;
     make_none(&bounds);
     if (k < nodes) load_child(&bounds, tree, start + k, item, worlds != 0U);

@@ -173,7 +173,9 @@ void expect_leaps_to_be_sorted_at_once(const std::function<Pairs(const std::vect
     EXPECT_GT(at_rest, before);
     random.shuffle(std::span(places));
     EXPECT_TRUE(same("pairs", frame(), expected));
-    EXPECT_EQ(launches_of("tiles_fill") - at_rest, 2 * (at_rest - before)) << "the tree is built twice";
+    const int times = k < 2 ? 2 : 1;  // after two leaps, the third is expected
+    EXPECT_EQ(launches_of("tiles_fill") - at_rest, times * (at_rest - before))
+        << "how often the tree is built";
   }
 }
 

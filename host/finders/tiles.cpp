@@ -3,6 +3,7 @@
 #include <cstddef>
 #include <limits>
 #include <memory>
+#include <optional>
 #include <string>
 
 #include "engines/algorithm.hpp"
@@ -63,6 +64,10 @@ class Tiles final : public PairFinder {
     if (!is_built_) return;
     prepare(search);
     is_stale_ = work_.begin_frame(search, sink);
+    const bool follows = filled_ && filled_->frame + 1 == sink.frames() && search.same_filters &&
+                         !search.changed.all && filled_->stamp < search.changed.stamp;
+    since_ = follows ? filled_->stamp : 0;
+    filled_.reset();
     is_early_ = near_.begin(search, sink, !is_stale_, work_.early_pays(), profiler);
     work_.begin_search(search, is_early_);
     if (is_early_) search_early(search, sink, profiler);
@@ -143,6 +148,12 @@ class Tiles final : public PairFinder {
     return kernels;
   }
 
+  /// When the trees were filled with boxes of which some had changed.
+  struct Filled {
+    std::size_t frame = 0;
+    cl_uint stamp = 0;
+  };
+
   struct Tree {  // NOLINT(bugprone-exception-escape): handles do not throw when moved
     cl::Buffer nodes;
     std::size_t bytes = 0;
@@ -197,6 +208,7 @@ class Tiles final : public PairFinder {
   void sort(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) {
     opencl::Profiler::Scope stage(profiler, "sort");
     work_.forget_sort();  // until all is enqueued: after a part of it, a slot may be there twice
+    since_ = 0;
     const cl::Buffer& filters = has_worlds(search) ? search.now.filters : cl::Buffer();
     // (Sets of one world share their bounds.)
     centroids_.enqueue(kernels_.centroids, search.now.boxes, search.worlds ? filters : cl::Buffer(),
@@ -220,33 +232,35 @@ class Tiles final : public PairFinder {
   void fill_trees(const Search& search, bool gathers, const PairDelta& sink, opencl::Profiler& profiler) {
     opencl::Profiler::Scope stage(profiler, "build");
     if (gathers) {
-      search.source->set_arguments(kernels_.fill, set_fill(search, tree_, {}), search.now, sink.counts());
+      search.source->set_arguments(kernels_.fill, set_fill(search), search.now, sink.counts());
       enqueue_fill(context_.queue(), search, stage.event());
       return;
     }
-    const auto fill = [&](const cl::Buffer& stamps, const Tree& tree, cl::Event* event) {
-      fill_tree(context_.queue(), search, search.now.boxes, stamps, tree, event);
-    };
-    fill({}, tree_, stage.event());
-    if (!search.changed.all) fill(search.changed.stamps, changed_tree_, stage.event());
+    fill_trees(context_.queue(), search, search.now.boxes, stage.event());
+    if (!search.changed.all) filled_ = {.frame = sink.frames(), .stamp = search.changed.stamp};
   }
 
-  void fill_tree(const cl::CommandQueue& queue, const Search& search, const cl::Buffer& boxes,
-                 const cl::Buffer& stamps, const Tree& tree, cl::Event* event) {
-    Source::set_no_arguments(kernels_.fill, set_fill(search, tree, stamps), boxes,
+  void fill_trees(const cl::CommandQueue& queue, const Search& search, const cl::Buffer& boxes,
+                  cl::Event* event) {
+    Source::set_no_arguments(kernels_.fill, set_fill(search), boxes,
                              has_worlds(search) ? search.now.filters : cl::Buffer());
     enqueue_fill(queue, search, event);
   }
 
   /// Sets all but the GATHER_PARAMETERS; returns the index of the first of these.
-  cl_uint set_fill(const Search& search, const Tree& tree, const cl::Buffer& stamps) {
+  cl_uint set_fill(const Search& search) {
     return opencl::set_arguments(kernels_.fill, 0, search.now.slots, static_cast<cl_uint>(tiles_of(search)),
-                                 starts_.at(1), worlds(search), sets(search), elements_, tree.nodes,
-                                 search.changed.stamp, stamps);
+                                 starts_.at(1), worlds(search), sets(search), elements_, tree_.nodes,
+                                 changed_nodes(search), search.changed.stamp, since_, search.changed.stamps);
   }
 
   void enqueue_fill(const cl::CommandQueue& queue, const Search& search, cl::Event* event) {
-    enqueue(queue, kernels_.fill, round_up(tiles_of(search), node_), event);
+    enqueue(queue, kernels_.fill, round_up(tiles_of(search), node_), search, event);
+  }
+
+  /// Null if all boxes changed.
+  [[nodiscard]] cl::Buffer changed_nodes(const Search& search) const {
+    return search.changed.all ? cl::Buffer() : changed_tree_.nodes;
   }
 
   [[nodiscard]] std::size_t tiles_of(const Search& search) const {
@@ -264,50 +278,48 @@ class Tiles final : public PairFinder {
     if (keeps) {
       opencl::Profiler::Scope stage(profiler, "keep");
       const std::size_t nodes = nodes_of(search);
-      sink.set_keep_kernel(kernels_.refit_and_keep,
-                           set_refit(kernels_.refit_and_keep, search, tree_, 1, nodes), search);
+      sink.set_keep_kernel(kernels_.refit_and_keep, set_refit(kernels_.refit_and_keep, search, 1, nodes),
+                           search);
       const std::size_t groups =
-          round_up(nodes, node_) * group_ / layout::TILES_KEEP_GROUP +
+          round_up(nodes, node_) * trees_of(search) * group_ / layout::TILES_KEEP_GROUP +
           divide_up(sink.most_to_keep(), std::size_t{layout::TILES_KEEP_GROUP} * layout::TILES_KEEP_RUN);
       context_.queue().enqueueNDRangeKernel(kernels_.refit_and_keep, cl::NullRange,
                                             cl::NDRange(groups * layout::TILES_KEEP_GROUP),
                                             cl::NDRange(layout::TILES_KEEP_GROUP), nullptr, stage.event());
     }
     opencl::Profiler::Scope stage(profiler, "refit");
-    refit(context_.queue(), search, tree_, keeps ? 2 : 1, stage);
-    if (!search.changed.all) refit(context_.queue(), search, changed_tree_, 1, stage);
+    refit(context_.queue(), search, keeps ? 2 : 1, stage);
   }
 
   /// @param level The first whose bounds are to be computed.
-  void refit(const cl::CommandQueue& queue, const Search& search, const Tree& tree, std::size_t level,
+  void refit(const cl::CommandQueue& queue, const Search& search, std::size_t level,
              opencl::Profiler::Scope& stage) {
     std::size_t nodes = nodes_of(search);
     // The search starts at the first level that has at most `most_roots` nodes.
     for (top_ = 1; nodes > context_.launch().tiles_max_roots && top_ + 1 < layout::TREE_LEVELS;
          ++top_, nodes = divide_up(nodes, node_)) {
       if (top_ < level) continue;
-      set_refit(kernels_.refit, search, tree, top_, nodes);
-      enqueue(queue, kernels_.refit, round_up(nodes, node_), stage.event());
+      set_refit(kernels_.refit, search, top_, nodes);
+      enqueue(queue, kernels_.refit, round_up(nodes, node_), search, stage.event());
     }
     roots_ = static_cast<cl_uint>(nodes);
   }
 
   /// @param nodes Of the level.
-  cl_uint set_refit(cl::Kernel& kernel, const Search& search, const Tree& tree, std::size_t level,
-                    std::size_t nodes) const {
+  cl_uint set_refit(cl::Kernel& kernel, const Search& search, std::size_t level, std::size_t nodes) const {
     return opencl::set_arguments(kernel, 0, starts_.at(level), static_cast<cl_uint>(nodes),
-                                 starts_.at(level + 1), worlds(search), tree.nodes);
+                                 starts_.at(level + 1), worlds(search), tree_.nodes, changed_nodes(search));
   }
 
   /// Enqueues the search for near pairs.
   void search_early(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) {
     {
       opencl::Profiler::Scope stage(profiler, "build");
-      fill_tree(near_.queue(), search, near_.boxes(), {}, tree_, stage.event());
+      fill_trees(near_.queue(), search, near_.boxes(), stage.event());
     }
     {
       opencl::Profiler::Scope stage(profiler, "refit");
-      refit(near_.queue(), search, tree_, 1, stage);
+      refit(near_.queue(), search, 1, stage);
     }
     enqueue_search(search, sink, profiler);
     near_.searched();
@@ -332,8 +344,7 @@ class Tiles final : public PairFinder {
                                            .worlds = worlds(search),
                                            .sets = sets(search)};
     std::ranges::copy(starts_, scalars.starts);
-    const cl_uint next = opencl::set_arguments(kernel, 0, scalars, tree_.nodes,
-                                               search.changed.all ? cl::Buffer() : changed_tree_.nodes,
+    const cl_uint next = opencl::set_arguments(kernel, 0, scalars, tree_.nodes, changed_nodes(search),
                                                elements_, search.now.filters, search.now.exclusions);
     if (is_early_) {
       near_.set_sink(kernel, next, search);
@@ -354,11 +365,14 @@ class Tiles final : public PairFinder {
     return workers;
   }
 
+  /// Enqueues a kernel with as many work-groups for each tree.
   void enqueue(const cl::CommandQueue& queue, const cl::Kernel& kernel, std::size_t groups,
-               cl::Event* event) const {
-    queue.enqueueNDRangeKernel(kernel, cl::NullRange, cl::NDRange(groups * group_), cl::NDRange(group_),
-                               nullptr, event);
+               const Search& search, cl::Event* event) const {
+    queue.enqueueNDRangeKernel(kernel, cl::NullRange, cl::NDRange(groups * group_, trees_of(search)),
+                               cl::NDRange(group_, 1), nullptr, event);
   }
+
+  static std::size_t trees_of(const Search& search) { return search.changed.all ? 1 : 2; }
 
   const opencl::Context& context_;
   std::size_t group_;                       // work-items per work-group
@@ -376,10 +390,12 @@ class Tiles final : public PairFinder {
   std::size_t capacity_ = 0;                           // slots
   std::size_t top_ = 1;                                // the level at which the search starts
   cl_uint roots_ = 0;                                  // its nodes
-  bool is_built_ = false;                              // for this search
-  bool is_stale_ = false;                              // whether this search must sort
-  bool is_early_ = false;                              // whether this search is early
-  cl_uint most_work_ = 0;                              // at which it is given up
+  std::optional<Filled> filled_;
+  cl_uint since_ = 0;      // of this search: boxes with older stamps are in the trees already
+  bool is_built_ = false;  // for this search
+  bool is_stale_ = false;  // whether this search must sort
+  bool is_early_ = false;  // whether this search is early
+  cl_uint most_work_ = 0;  // at which it is given up
 };
 
 }  // namespace
