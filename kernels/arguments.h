@@ -43,10 +43,11 @@ typedef struct {
   uint roots;               /* its nodes */
   uint workers;             /* work-groups that share the search of a tile */
   uint most_work;           /* at which the search is given up */
+  uint most_grown;          /* COUNT_GROWN at which it is not begun */
   uint worlds;              /* 1 if the trees have worlds */
   uint sets;                /* filter.h */
 } tiles_search_scalars_t;
-HAS_WORDS(tiles_search_scalars_t, TREE_LEVELS + 6U);
+HAS_WORDS(tiles_search_scalars_t, TREE_LEVELS + 7U);
 
 /* CHANGES_PARAMETERS of order.h. */
 typedef struct {

@@ -20,7 +20,9 @@ enum {
   COUNT_COMPLETE,     /* complete frames since the last one that was waited for */
   COUNT_HALTED,       /* not 0 if the frame before was not complete: then this one changes nothing either */
   COUNT_DISPLACEMENT, /* of near_pairs.cl: how far boxes have moved, at most, as a float */
-  COUNTS              /* an even number, so that pairs can follow */
+  COUNT_GROWN,        /* of tiles_build.cl: tiles that are twice as long as in the last frame */
+  COUNT_UNUSED,       /* so that the number of counts is even, and pairs can follow */
+  COUNTS
 };
 
 /* In place of a displacement: there were more near pairs than fit. */

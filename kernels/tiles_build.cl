@@ -100,6 +100,11 @@ static inline void make_bounds(bounds_t* bounds, const box_t* box, const uint sl
   bounds->last_world = last_world(filters[slot], sets);
 }
 
+/* What bound i adds to a sum that is positive if bounds have grown to more than twice the length, over all axes. */
+static inline float growth(const uint i, const float last, const float now) {
+  return i < 3U ? 2.0F * last - now : now - 2.0F * last;
+}
+
 #if GROUP > 1
 #define FOR_EACH_CHILD(child) const uint child = (uint)get_local_id(0);
 
@@ -109,6 +114,7 @@ static inline void make_bounds(bounds_t* bounds, const box_t* box, const uint sl
 typedef struct {
   uint words[WORDS][NODE + 1U];
   uint parts[WORDS][GROUP / WORDS];
+  float growth[AABB_FLOATS];
 } refit_t;
 
 /* Bounds as words, such that the larger word is the wider bound, and 0 is no bound. */
@@ -120,9 +126,10 @@ static inline uint word_of_upper(const float bound) {
 }
 
 /* Merges the bounds of all children of node k of a level, one per work-item, and stores them as child k of the level
-   above. All work-items must call it; `item` is a work-item's index among those of its node. */
+   above. Unless `counts` is null, counts it if these have grown. All work-items must call it; `item` is a work-item's
+   index among those of its node. */
 INLINE void refit(const bounds_t* mine, const uint item, local refit_t* scratch, global float* tree, const uint k,
-                  const uint parents, const bool worlds) {
+                  const uint parents, const bool worlds, global uint* counts) {
   for (uint i = 0; i < 3U; ++i) {
     scratch->words[i][item] = word_of_lower(mine->bound[i]);
     scratch->words[i + 3U][item] = word_of_upper(mine->bound[i + 3U]);
@@ -136,23 +143,31 @@ INLINE void refit(const bounds_t* mine, const uint item, local refit_t* scratch,
   for (uint i = 0; i < PART; ++i) widest = max(widest, scratch->words[word][part * PART + i]);
   scratch->parts[word][part] = widest;
   barrier(CLK_LOCAL_MEM_FENCE);
-  if (part > 0U || word >= BOUNDS_OF_CHILD(worlds)) return;
-  for (uint i = 1; i < GROUP / WORDS; ++i) widest = max(widest, scratch->parts[word][i]);
-  const size_t at = child_at(parents + k / NODE, word, k % NODE, worlds);
-  const uint value = word < 3U || word == FIRST_WORLD ? ~widest : widest;
-  if (word < AABB_FLOATS) {
-    tree[at] = from_ordered(value);
-  } else {
-    ((global uint*)tree)[at] = value;
+  if (part == 0U && word < BOUNDS_OF_CHILD(worlds)) {
+    for (uint i = 1; i < GROUP / WORDS; ++i) widest = max(widest, scratch->parts[word][i]);
+    const size_t at = child_at(parents + k / NODE, word, k % NODE, worlds);
+    const uint value = word < 3U || word == FIRST_WORLD ? ~widest : widest;
+    if (word < AABB_FLOATS) {
+      scratch->growth[word] = growth(word, tree[at], from_ordered(value));
+      tree[at] = from_ordered(value);
+    } else {
+      ((global uint*)tree)[at] = value;
+    }
   }
+  barrier(CLK_LOCAL_MEM_FENCE);
+  if (item > 0U || counts == 0) return;
+  float sum = 0;
+  for (uint i = 0; i < AABB_FLOATS; ++i) sum += scratch->growth[i];
+  if (sum > 0) atomic_inc(&counts[COUNT_GROWN]);
 }
 #else
 #define FOR_EACH_CHILD(child) for (uint child = 0; child < NODE; ++child)
 
 /* Computes the bounds of the children of node k of a level, which are child k of the level above; those of none if
-   there is no such node. */
+   there is no such node. Unless `counts` is null, counts it if these have grown. */
 static inline void refit(global float* tree, const uint start, const uint k, const bool exists, const uint parents,
-                         const bool worlds) {
+                         const bool worlds, global uint* counts) {
+  float sum = 0;
   for (uint i = 0; i < AABB_FLOATS; ++i) {
     float bound = NAN;
     for (uint child = 0; exists && child < NODE; ++child) {
@@ -165,8 +180,11 @@ static inline void refit(global float* tree, const uint start, const uint k, con
       bound = i < 3U ? fmin(bound, other) : fmax(bound, other);
 #endif
     }
-    tree[child_at(parents + k / NODE, i, k % NODE, worlds)] = bound;
+    const size_t at = child_at(parents + k / NODE, i, k % NODE, worlds);
+    sum += growth(i, tree[at], bound);
+    tree[at] = bound;
   }
+  if (counts != 0 && sum > 0) atomic_inc(&counts[COUNT_GROWN]);
   if (!worlds) return;
   global uint* words = (global uint*)tree;
   uint first = NO_FIRST_WORLD;
@@ -217,11 +235,11 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_fill(
     }
     if (tile < tiles) store_child(&bounds, tree, tile, child, worlds != 0U);
 #if GROUP > 1
-    refit(&bounds, child, &scratch, tree, tile, parents, worlds != 0U);
+    refit(&bounds, child, &scratch, tree, tile, parents, worlds != 0U, some ? 0 : counts);
 #endif
   }
 #if GROUP == 1
-  refit(tree, 0, tile, tile < tiles, parents, worlds != 0U);
+  refit(tree, 0, tile, tile < tiles, parents, worlds != 0U, some ? 0 : counts);
 #endif
 }
 
@@ -237,9 +255,9 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_refit(
   const uint item = (uint)get_local_id(0);
   make_none(&bounds);
   if (k < nodes) load_child(&bounds, tree, start + k, item, worlds != 0U);
-  refit(&bounds, item, &scratch, tree, k, parents, worlds != 0U);
+  refit(&bounds, item, &scratch, tree, k, parents, worlds != 0U, 0);
 #else
-  refit(tree, start, k, k < nodes, parents, worlds != 0U);
+  refit(tree, start, k, k < nodes, parents, worlds != 0U, 0);
 #endif
 }
 
@@ -264,7 +282,7 @@ kernel __attribute__((reqd_work_group_size(KEEP_GROUP, 1, 1))) void tiles_refit_
     bounds_t bounds;
     make_none(&bounds);
     if (k < nodes) load_child(&bounds, tree, start + k, item, worlds != 0U);
-    refit(&bounds, item, &scratch[node], tree, k, parents, worlds != 0U);
+    refit(&bounds, item, &scratch[node], tree, k, parents, worlds != 0U, 0);
   } else {
     keep_pairs(&keep_scalars, last, removed, keep_filters, keep_exclusions, keep_stamps, boxes, pairs, counts,
                group - refitting, (uint)get_num_groups(0) - refitting, &chunk);

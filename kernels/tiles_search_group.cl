@@ -182,7 +182,7 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_search(TILE
   walk_t walk;
   rest_t rest;
   start_walk(&walk, &rest, tile, scalars.top);
-  const uint end = is_halted(counts) ? 0U : scalars.roots;
+  const uint end = is_halted(counts) || counts[COUNT_GROWN] > scalars.most_grown ? 0U : scalars.roots;
   while (walk.root < end) {
     bounds_t child;
     mask_t bits = visit(start_of(&scalars, walk.level) + walk.node, tree, SOME_CHANGED, &target, worlds, &child,

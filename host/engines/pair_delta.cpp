@@ -147,7 +147,8 @@ PairDelta::Counts PairDelta::counts_of(const std::byte* counts) const {
           .is_unordered = words[layout::COUNT_UNORDERED] != 0,
           .invalid_boxes = words[layout::COUNT_INVALID],
           .first_invalid = ~words[layout::COUNT_INVALID_FIRST],
-          .displacement = words[layout::COUNT_DISPLACEMENT]};
+          .displacement = words[layout::COUNT_DISPLACEMENT],
+          .grown_tiles = words[layout::COUNT_GROWN]};
 }
 
 void PairDelta::commit(const Counts& counts, cl_uint tag, bool is_next_ready) noexcept {

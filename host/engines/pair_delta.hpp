@@ -37,6 +37,7 @@ class PairDelta {
     std::size_t first_invalid = 0;
     cl_uint displacement =
         0;  ///< The bits of a float: how far boxes moved, at most, if NearPairs measured it.
+    cl_uint grown_tiles = 0;  ///< If `tiles` counted them.
   };
 
   /// @param context, profiler, frames Must outlive this object.

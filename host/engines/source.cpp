@@ -39,10 +39,10 @@ cl_uint Source::set_arguments(cl::Kernel& kernel, cl_uint first, const Generatio
 }
 
 cl_uint Source::set_no_arguments(cl::Kernel& kernel, cl_uint first, const cl::Buffer& boxes,
-                                 const cl::Buffer& filters) {
+                                 const cl::Buffer& filters, const cl::Buffer& counts) {
   const cl::Buffer none;
   return opencl::set_arguments(kernel, first, none, cl_ulong{0}, cl_ulong{0}, cl_uint{0}, none, cl_ulong{0},
-                               cl_ulong{0}, none, boxes, filters, none);
+                               cl_ulong{0}, none, boxes, filters, counts);
 }
 
 }  // namespace broadcl

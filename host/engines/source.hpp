@@ -41,7 +41,7 @@ class Source {
   /// The same for a kernel whose objects need not be gathered.
   /// @throws cl::Error
   static cl_uint set_no_arguments(cl::Kernel& kernel, cl_uint first, const cl::Buffer& boxes,
-                                  const cl::Buffer& filters);
+                                  const cl::Buffer& filters, const cl::Buffer& counts);
 
  private:
   const opencl::Context& context_;

@@ -24,6 +24,10 @@ constexpr std::size_t dense_search_groups_per_unit = 128;  // if all tiles are d
 /// From this many boxes on, a GPU takes long enough to receive them that a search meanwhile pays.
 constexpr std::size_t fewest_searched_early = 1 << 17;
 
+/// If more than one of so many tiles have grown to twice their size since the last frame, boxes have leapt,
+/// and a search would be given up.
+constexpr std::size_t least_share_grown = 8;
+
 /// Up to this many objects are gathered tile by tile, which saves a launch; with more, gathering them by slot
 /// takes less time.
 constexpr std::size_t most_gathered = 131072;
@@ -98,7 +102,7 @@ class Tiles final : public PairFinder {
 
   [[nodiscard]] bool gave_up(const PairDelta::Counts& counts) override {
     if (!is_built_) return false;
-    const bool was_given_up = counts.work > most_work_;
+    const bool was_given_up = counts.work > most_work_ || counts.grown_tiles > most_grown_;
     return near_.missed(counts, was_given_up) || was_given_up;
   }
 
@@ -236,14 +240,14 @@ class Tiles final : public PairFinder {
       enqueue_fill(context_.queue(), search, stage.event());
       return;
     }
-    fill_trees(context_.queue(), search, search.now.boxes, stage.event());
+    fill_trees(context_.queue(), search, search.now.boxes, sink.counts(), stage.event());
     if (!search.changed.all) filled_ = {.frame = sink.frames(), .stamp = search.changed.stamp};
   }
 
   void fill_trees(const cl::CommandQueue& queue, const Search& search, const cl::Buffer& boxes,
-                  cl::Event* event) {
+                  const cl::Buffer& counts, cl::Event* event) {
     Source::set_no_arguments(kernels_.fill, set_fill(search), boxes,
-                             has_worlds(search) ? search.now.filters : cl::Buffer());
+                             has_worlds(search) ? search.now.filters : cl::Buffer(), counts);
     enqueue_fill(queue, search, event);
   }
 
@@ -315,7 +319,7 @@ class Tiles final : public PairFinder {
   void search_early(const Search& search, const PairDelta& sink, opencl::Profiler& profiler) {
     {
       opencl::Profiler::Scope stage(profiler, "build");
-      fill_trees(near_.queue(), search, near_.boxes(), stage.event());
+      fill_trees(near_.queue(), search, near_.boxes(), {}, stage.event());
     }
     {
       opencl::Profiler::Scope stage(profiler, "refit");
@@ -334,6 +338,8 @@ class Tiles final : public PairFinder {
     const bool is_first = search.last.slots == 0;
     const std::size_t dense_workers = is_first ? this->workers(tiles, dense_search_groups_per_unit) : workers;
     most_work_ = work_.most(search, sink, tiles * dense_workers);
+    const bool may_give_up = most_work_ < std::numeric_limits<cl_uint>::max();
+    most_grown_ = may_give_up ? static_cast<cl_uint>(tiles / least_share_grown) : most_work_;
     const bool is_all = search.changed.all && !has_worlds(search);
     cl::Kernel& kernel = is_all ? kernels_.search_all : kernels_.search;
     layout::tiles_search_scalars_t scalars{.starts = {},
@@ -341,6 +347,7 @@ class Tiles final : public PairFinder {
                                            .roots = roots_,
                                            .workers = static_cast<cl_uint>(workers),
                                            .most_work = most_work_,
+                                           .most_grown = most_grown_,
                                            .worlds = worlds(search),
                                            .sets = sets(search)};
     std::ranges::copy(starts_, scalars.starts);
@@ -391,11 +398,12 @@ class Tiles final : public PairFinder {
   std::size_t top_ = 1;                                // the level at which the search starts
   cl_uint roots_ = 0;                                  // its nodes
   std::optional<Filled> filled_;
-  cl_uint since_ = 0;      // of this search: boxes with older stamps are in the trees already
-  bool is_built_ = false;  // for this search
-  bool is_stale_ = false;  // whether this search must sort
-  bool is_early_ = false;  // whether this search is early
-  cl_uint most_work_ = 0;  // at which it is given up
+  cl_uint since_ = 0;       // of this search: boxes with older stamps are in the trees already
+  bool is_built_ = false;   // for this search
+  bool is_stale_ = false;   // whether this search must sort
+  bool is_early_ = false;   // whether this search is early
+  cl_uint most_work_ = 0;   // at which it is given up
+  cl_uint most_grown_ = 0;  // tiles, with which it is not begun
 };
 
 }  // namespace
