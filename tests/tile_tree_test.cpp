@@ -20,6 +20,8 @@
 namespace broadcl::test {
 namespace {
 
+constexpr std::size_t whole = std::numeric_limits<std::size_t>::max();
+
 Aabb box_at(float x, float y, float z) {
   return {{x, y, z}, {x + 1, y + 1, z + 1}};
 }
@@ -36,24 +38,22 @@ class Tree {
 
   void fill() {
     TileSort<3> sort(input(), 1);
-    while (!sort.advance(std::numeric_limits<std::size_t>::max(), 1)) {
+    while (!sort.advance(whole, 1)) {
     }
-    tree.fill(sort.order(), input(), 1);
+    tree.start(sort.order(), input());
+    EXPECT_TRUE(tree.read(input(), whole, 1));
+    tree.insert(input());
   }
 
   /// @returns How many boxes were put into other tiles.
   std::size_t update(const std::vector<std::uint32_t>& slots) {
     changed = slots;
-    const std::size_t left = tree.read(input(), 2).size();
-    tree.insert(input());
-    return left;
+    return update(input());
   }
   std::size_t update_all() {
     Input all = input();
     all.changed = {.all = true};
-    const std::size_t left = tree.read(all, 2).size();
-    tree.insert(all);
-    return left;
+    return update(all);
   }
 
   [[nodiscard]] Input input() const {
@@ -110,6 +110,12 @@ class Tree {
   TileTree<3> tree{false};
 
  private:
+  std::size_t update(const Input& input) {
+    EXPECT_TRUE(tree.read(input, whole, 2));
+    const std::size_t left = tree.left().size();
+    tree.insert(input);
+    return left;
+  }
   static void expect_bounds(const Bounds<3>& bounds, const Node<3>& node) {
     Bounds<3> expected = make_bounds<3>(infinity, -infinity);
     for (std::size_t k = 0; k < node_size; ++k) extend(expected, node.get(k));
@@ -177,6 +183,26 @@ TEST(TileTree, TakesBoxesThatComeAndGo) {
     update(slots);
     EXPECT_EQ(tree.tree.size(), 10U);
   }
+}
+
+TEST(TileTree, IsReadInParts) {
+  Tree tree(5000);
+  TileSort<3> sort(tree.input(), 1);
+  while (!sort.advance(whole, 1)) {
+  }
+  tree.boxes.push_back(tree.anywhere());  // since then
+  tree.boxes[7] = packed_empty();
+  tree.changed = {1, 2, 3, 5000};
+  tree.tree.start(sort.order(), tree.input());
+  EXPECT_EQ(tree.tree.left().size(), 1U);
+  tree.tree.take_out(8);
+  std::size_t parts = 1;
+  for (; !tree.tree.read(tree.input(), 1, 1); ++parts) {
+    for (const std::uint32_t slot : tree.changed) tree.boxes[slot] = tree.anywhere();
+  }
+  EXPECT_EQ(parts, 5U);
+  tree.tree.insert(tree.input());
+  tree.expect_valid();
 }
 
 TEST(TileTree, TakesBoxesWithoutLimits) {

@@ -83,6 +83,23 @@ TEST(Tiles, BoxesAreSortedAgainSoonerIfTheyLeap) {
   EXPECT_GT(leaping, drifting);
 }
 
+/// Those that are left would be a few per tile.
+TEST(Tiles, BoxesAreSortedAgainOnceMostAreGone) {
+  constexpr std::uint32_t n = 4000;
+  const scenes::MovingBoxes scene(n, scenes::MovingBoxes::Sizes::uniform);
+  BroadPhase broad_phase({.algorithm = "tiles"});
+  for (const Aabb& box : scene.boxes()) broad_phase.add(box);
+  (void)broad_phase.update();
+  const auto sorts_after_removing = [&](std::uint32_t first, std::uint32_t end) {
+    for (std::uint32_t k = first; k < end; ++k) broad_phase.remove(k);
+    const long before = launches_of("tiles_keys");
+    (void)broad_phase.update();
+    return launches_of("tiles_keys") - before;
+  };
+  EXPECT_EQ(sorts_after_removing(0, n / 4), 0);
+  EXPECT_EQ(sorts_after_removing(n / 4, n / 10 * 9), 1);
+}
+
 /// Of one thread.
 class HostWork : public ::testing::Test {
  protected:
