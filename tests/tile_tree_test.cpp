@@ -20,7 +20,7 @@
 namespace broadcl::test {
 namespace {
 
-constexpr std::size_t whole = std::numeric_limits<std::size_t>::max();
+constexpr std::size_t everything = std::numeric_limits<std::size_t>::max();
 
 Aabb box_at(float x, float y, float z) {
   return {{x, y, z}, {x + 1, y + 1, z + 1}};
@@ -38,10 +38,10 @@ class Tree {
 
   void fill() {
     TileSort<3> sort(input(), 1);
-    while (!sort.advance(whole, 1)) {
+    while (!sort.advance(everything, 1)) {
     }
     tree.start(sort.order(), input());
-    EXPECT_TRUE(tree.read(input(), whole, 1));
+    EXPECT_TRUE(tree.read(input(), everything, 1));
     tree.insert(input());
   }
 
@@ -111,7 +111,7 @@ class Tree {
 
  private:
   std::size_t update(const Input& input) {
-    EXPECT_TRUE(tree.read(input, whole, 2));
+    EXPECT_TRUE(tree.read(input, everything, 2));
     const std::size_t left = tree.left().size();
     tree.insert(input);
     return left;
@@ -188,7 +188,7 @@ TEST(TileTree, TakesBoxesThatComeAndGo) {
 TEST(TileTree, IsReadInParts) {
   Tree tree(5000);
   TileSort<3> sort(tree.input(), 1);
-  while (!sort.advance(whole, 1)) {
+  while (!sort.advance(everything, 1)) {
   }
   tree.boxes.push_back(tree.anywhere());  // since then
   tree.boxes[7] = packed_empty();

@@ -200,6 +200,7 @@ class Sweep {
       left_.insert(left_.end(), left.begin(), left.end());
     }
     if (next_order_ && (all || !begins) && next_order_->advance(work, threads)) {
+      if (all) return take_order(input, threads);
       start_order(next_tree_, input);
       is_reading_ = true;
     }
@@ -218,6 +219,10 @@ class Sweep {
     next_order_.emplace(input, threads);
     work_to_sort_ = next_order_->work();
     (void)next_order_->advance(everything, threads);
+    take_order(input, threads);
+  }
+
+  void take_order(const Input& input, std::size_t threads) {
     start_order(tree_, input);
     is_reading_ = false;
     (void)tree_.read(input, everything, threads);
