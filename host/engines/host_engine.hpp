@@ -25,7 +25,7 @@ class HostFinder : NonCopyable {
   virtual void find(const Input& input, std::vector<Pair>& pairs) = 0;
 
   /// Finds those pairs of the last call of find() or find_changed() in which one of these slots took part, if
-  /// find_changed() would probably search only these slots, too.
+  /// that takes less time than to look at all pairs.
   /// @param filters As of that call.
   /// @returns Whether it did so.
   /// @throws std::bad_alloc
