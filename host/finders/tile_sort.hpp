@@ -18,9 +18,9 @@ struct TileOrder {
   bool is_by_filter = false;          // whether filters decided which objects share tiles
 };
 
-/// Sorts all slots that have boxes, such that neighbours in space mostly share a tile, and neighbouring tiles a node: into
-/// the order of a k-d tree. May do so in several steps, between which boxes may change; it then sorts the
-/// boxes as they were.
+/// Sorts all slots that have boxes, such that neighbours in space mostly share a tile, and neighbouring tiles
+/// a node: into the order of a k-d tree. May do so in several steps, between which boxes may change; it then
+/// sorts the boxes as they were.
 /// @tparam axes 4 if the order depends on worlds or sets, too; otherwise 3.
 template <std::size_t axes>
 class TileSort {

@@ -98,28 +98,32 @@ template <std::size_t axes>
 void TileTree<axes>::start(TileOrder& order, const Input& input) {
   const std::size_t tiles = std::max<std::size_t>(1, (order.slots.size() + node_size - 1) / node_size);
   order.slots.resize(tiles * node_size, no_slot);
+  order_.swap(order.slots);
   places_.swap(order.places);
+  size_ = order_.size() - static_cast<std::size_t>(std::ranges::count(order_, no_slot));
   left_.clear();
   all_.nodes.clear();
   all_.roots.clear();
   resize(tiles);
-  size_ = 0;
-  for (std::size_t tile = 0; tile < tiles; ++tile) {
-    occupancy_[tile] = {
-        .home = make_bounds<axes>(-infinity, infinity), .taken = 0, .unread = ~0U, .leaving = 0};
-    for (std::size_t k = 0; k < node_size; ++k) {
-      const std::uint32_t slot = all_.tiles[tile].index[k] = order.slots[tile * node_size + k];
-      if (slot == no_slot) {
-        clear_place(tile * node_size + k);
-      } else {
-        occupancy_[tile].taken |= 1U << k;
-        ++size_;
-      }
-    }
-  }
   std::ranges::fill(unread_, ~0U);
   read_nodes_ = 0;
   find_left(input);
+}
+
+/// Takes the boxes of a tile from the order.
+template <std::size_t axes>
+void TileTree<axes>::start_tile(std::size_t tile) {
+  Occupancy& occupancy = occupancy_[tile];
+  occupancy = {.home = make_bounds<axes>(-infinity, infinity), .taken = 0, .unread = ~0U, .leaving = 0};
+  for (std::size_t k = 0; k < node_size; ++k) {
+    const std::uint32_t slot = order_[tile * node_size + k];
+    if (slot == no_slot) {
+      all_.tiles[tile].set(k, make_bounds<axes>(not_a_number, not_a_number), no_slot);
+    } else {
+      all_.tiles[tile].index[k] = slot;
+      occupancy.taken |= 1U << k;
+    }
+  }
 }
 
 template <std::size_t axes>
@@ -153,25 +157,35 @@ bool TileTree<axes>::read(const Input& input, std::size_t most, std::size_t thre
     }
   }
   nodes_.clear();
+  const std::size_t first_new = read_nodes_;
   read_nodes_ += std::min(most, unread_.size() - read_nodes_);
   for (std::uint32_t node = 0; node < read_nodes_; ++node) {
     if (unread_[node] != 0) nodes_.push_back(node);
   }
   parallel_for(nodes_.size(), threads, [&](std::size_t k, std::size_t /*thread*/) {
-    const std::size_t first = nodes_[k] * node_size;
-    for_each_bit(std::exchange(unread_[nodes_[k]], 0), [&](std::size_t child) {
-      if (first + child < all_.tiles.size()) read_tile(input, first + child);
+    const std::size_t node = nodes_[k];
+    for_each_unread(node, [&](std::size_t tile) {
+      if (node >= first_new) start_tile(tile);
+      read_tile(input, tile);
     });
-    update_node(nodes_[k]);
+    update_node(node, unread_[node]);
   });
-  for (const std::uint32_t read : nodes_) {
-    for (std::size_t tile = read * node_size; tile < std::min(all_.tiles.size(), (read + 1) * node_size);
-         ++tile)
-      for_each_bit(std::exchange(occupancy_[tile].leaving, 0),
-                   [&](std::size_t k) { take_out(all_.tiles[tile].index[k]); });
+  for (const std::uint32_t node : nodes_) {
+    for_each_unread(node, [&](std::size_t tile) {
+      for_each_bit(occupancy_[tile].leaving, [&](std::size_t k) { take_out(all_.tiles[tile].index[k]); });
+    });
+    unread_[node] = 0;
   }
   if (input.changed.all) find_left(input);
   return read_nodes_ == unread_.size();
+}
+
+template <std::size_t axes>
+template <class Function>
+void TileTree<axes>::for_each_unread(std::size_t node, const Function& function) {
+  for_each_bit(unread_[node], [&](std::size_t k) {
+    if (node * node_size + k < all_.tiles.size()) function(node * node_size + k);
+  });
 }
 
 template <std::size_t axes>
@@ -200,7 +214,11 @@ template <std::size_t axes>
 void TileTree<axes>::take_out(std::uint32_t slot) {
   const std::uint32_t place = place_of(slot);
   if (place == no_slot) return;
-  clear_place(place);
+  if (place / node_size / node_size < read_nodes_) {
+    clear_place(place);
+  } else {
+    order_[place] = places_[slot] = no_slot;
+  }
   --size_;
   left_.push_back(slot);
 }
@@ -250,12 +268,14 @@ void TileTree<axes>::clear_place(std::size_t place) {
   occupancy_[tile].taken &= ~(1U << k);
 }
 
-/// Sets the bounds of a node's tiles, and its own.
+/// Sets the bounds of the children of a node that changed, and its own.
 template <std::size_t axes>
-void TileTree<axes>::update_node(std::size_t node) {
-  const std::size_t first = node * node_size;
-  for (std::size_t tile = first; tile < std::min(all_.tiles.size(), first + node_size); ++tile)
-    all_.nodes[node].set(tile - first, all_.bounds[tile], static_cast<std::uint32_t>(tile));
+void TileTree<axes>::update_node(std::size_t node, std::uint32_t children) {
+  for_each_bit(children, [&](std::size_t k) {
+    const std::size_t tile = node * node_size + k;
+    if (tile < all_.tiles.size())
+      all_.nodes[node].set(k, all_.bounds[tile], static_cast<std::uint32_t>(tile));
+  });
   all_.roots[node / node_size].set(node % node_size, bounds_of(all_.nodes[node]),
                                    static_cast<std::uint32_t>(node));
 }
@@ -310,7 +330,7 @@ void TileTree<axes>::divide_tile(std::size_t tile, std::size_t other) {
     all_.bounds[half] = bounds_of(all_.tiles[half]);
     occupancy_[half].home = home_of(all_.bounds[half]);
   }
-  update_node(tile / node_size);
+  update_node(tile / node_size, ~0U);
 }
 
 /// Moves half of the tiles of a full node to a new one.
@@ -318,6 +338,7 @@ template <std::size_t axes>
 void TileTree<axes>::divide_node(std::size_t node) {
   std::size_t next = all_.nodes.size() * node_size;
   resize(next + node_size / 2);
+  read_nodes_ = all_.nodes.size();
   for_each_bit(upper_half(all_.nodes[node]), [&](std::size_t k) {
     const std::size_t tile = node * node_size + k;
     std::swap(all_.tiles[tile], all_.tiles[next]);
@@ -328,8 +349,8 @@ void TileTree<axes>::divide_node(std::size_t node) {
     });
     ++next;
   });
-  update_node(node);
-  update_node(all_.nodes.size() - 1);
+  update_node(node, ~0U);
+  update_node(all_.nodes.size() - 1, ~0U);
 }
 
 template class TileTree<3>;

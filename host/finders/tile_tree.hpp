@@ -60,8 +60,11 @@ class TileTree {
 
   void resize(std::size_t tiles);
   void find_left(const Input& input);
+  template <class Function>
+  void for_each_unread(std::size_t node, const Function& function);
+  void start_tile(std::size_t tile);
   void read_tile(const Input& input, std::size_t tile);
-  void update_node(std::size_t node);
+  void update_node(std::size_t node, std::uint32_t children);
   void clear_place(std::size_t place);
   void insert(std::uint32_t slot, const Bounds<axes>& box);
   [[nodiscard]] std::size_t empty_tile(std::size_t node);
@@ -70,6 +73,7 @@ class TileTree {
 
   HostTiles<axes> all_;
   std::vector<Occupancy> occupancy_;   // by tile
+  std::vector<std::uint32_t> order_;   // slots by place, of tiles that were not read yet
   std::vector<std::uint32_t> places_;  // by slot
   std::vector<std::uint32_t> left_;
   std::vector<std::uint32_t> unread_;  // by node, a bit for each tile with boxes to be read
