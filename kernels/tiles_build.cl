@@ -201,7 +201,7 @@ static inline void refit(global float* tree, const uint start, const uint k, con
 /* Copies the boxes to their tiles and computes the bounds of these, one work-group per tile. Tiles past the last one
    have no bounds. Work-groups with index 1 in dimension 1 do so for the tree of boxes that changed, `changed`. Unless
    `source` is null, objects are gathered from there. If `since` is not 0, it is the stamp of the frame of which the
-   trees have the boxes. */
+   trees have the boxes; work-groups of one then leave out tiles that have not changed. */
 kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_fill(
     const uint n, const uint tiles, const uint parents, const uint worlds, const uint sets,
     global const uint2* restrict elements, global float* all, global float* changed, const uint stamp, const uint since,
@@ -211,13 +211,12 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void tiles_fill(
   global float* tree = some ? changed : all;
 #if GROUP > 1
   local refit_t scratch;
-#else
-  bool is_current = since > 0U;
+#endif
+  bool is_current = GROUP == 1 && since > 0U;
   for (uint place = tile * NODE; is_current && place < min(n, (tile + 1U) * NODE); ++place) {
     is_current = stamps[elements[place].x] >> 1 < since;
   }
   if (is_current) return;
-#endif
   FOR_EACH_CHILD(child) {
     const uint place = tile * NODE + child;
     const uint slot = place < n ? elements[place].x : 0U;
