@@ -56,7 +56,11 @@ double pairs_of_tiles(std::span<const std::vector<Lengths>> parts, const Lengths
     if (part.empty()) continue;
     const double tiles = objects * static_cast<double>(part.size()) / node_size;
     Lengths extent = scene;
-    for (double k = tiles; k > 1; k /= 2) *std::ranges::max_element(extent) /= 2;
+    double in_part = tiles;
+    while (in_part > 1) {
+      in_part /= 2;
+      *std::ranges::max_element(extent) /= 2;
+    }
     for (std::size_t axis = 0; axis < 3; ++axis) extent.at(axis) += edge_of_tiles(part, axis);
     const auto pairs_with = [&](double others, const Lengths& other_extent) {
       double overlapping = tiles * others;
