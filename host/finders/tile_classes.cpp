@@ -102,7 +102,7 @@ bool TileClasses::should_be_by_shape(std::span<const std::size_t> sample) const 
     Bounds<3> centre;
     Lengths& edges = together.emplace_back();
     for (std::size_t axis = 0; axis < 3; ++axis) {
-      edges.at(axis) = double{box.upper[axis]} - double{box.lower[axis]};
+      edges.at(axis) = static_cast<double>(box.upper[axis]) - static_cast<double>(box.lower[axis]);
       centre.lower[axis] = centre.upper[axis] = box.lower[axis] / 2 + box.upper[axis] / 2;
     }
     apart.at(shape(slot)).push_back(edges);
@@ -110,7 +110,7 @@ bool TileClasses::should_be_by_shape(std::span<const std::size_t> sample) const 
   }
   Lengths scene;
   for (std::size_t axis = 0; axis < 3; ++axis)
-    scene.at(axis) = double{centres.upper[axis]} - double{centres.lower[axis]};
+    scene.at(axis) = static_cast<double>(centres.upper[axis]) - static_cast<double>(centres.lower[axis]);
   const double objects = static_cast<double>(input_.boxes.size()) / static_cast<double>(sample.size());
   return pairs_of_tiles(apart, scene, objects) <
          worthwhile * pairs_of_tiles(std::span(&together, 1), scene, objects);
