@@ -120,7 +120,7 @@ void expect_same_pairs(HostTiles<axes> all) {
     const Bounds<axes> box = all.tiles[place / node_size].get(place % node_size);
     boxes.push_back({{box.lower[0], box.lower[1], box.lower[2]}, {box.upper[0], box.upper[1], box.upper[2]}});
     if constexpr (axes > 3) {
-      const auto position = static_cast<std::uint32_t>(std::max(box.lower[3], 0.0F));
+      const auto position = static_cast<std::uint32_t>(std::max(0.0F, box.lower[3]));
       positions.push_back(all.sets ? Filter{.group = position % 2, .world = position / 2}
                                    : Filter{.world = position});
     }
