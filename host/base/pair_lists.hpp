@@ -258,7 +258,10 @@ inline void select_by_slots(std::span<const Pair> pairs, std::span<const std::ui
       part = part.subspan(next.size());
     }
   };
-  parts(pairs, {}, select, selected, none);
+  constexpr std::size_t pairs_for_threads = 262144;  // with fewer, waking a thread takes longer
+  if (pairs.size() >= pairs_for_threads) return parts(pairs, {}, select, selected, none);
+  selected.clear();
+  select(pairs, {}, selected, none);
 }
 
 }  // namespace broadcl

@@ -32,6 +32,8 @@ constexpr std::size_t most_dense = 65'536;
 
 /// With fewer boxes per thread, waking threads takes longer than they save.
 constexpr std::size_t boxes_per_thread = 512;
+/// If only those that changed are searched:
+constexpr std::size_t changed_per_thread = 2048;
 
 /// The search for a box that changed takes about as long as that of so many if all are searched.
 constexpr std::size_t boxes_per_changed = 6;
@@ -162,7 +164,7 @@ class Sweep {
     const std::span<const std::uint32_t> changed = input.changed.slots;
     const std::size_t slots = input.boxes.size();
     if (slots <= node_size) return false;
-    update(input, threads_of(slots), false);
+    update(input, useful_threads(changed.size(), changed_per_thread, threads_), false);
     if (!search_changed(filters_of(input), changed, pairs)) return false;
     age_.add(false, work_,
              static_cast<double>(changed.size() * boxes_per_changed) / static_cast<double>(tree_.size() + 1));
@@ -347,7 +349,7 @@ bool Sweep<axes>::search_changed(std::span<const Filter> filters, std::span<cons
     bits |= 1U << place % node_size;
   }
   const std::size_t parts = (changed_tiles_.size() + searched_at_once - 1) / searched_at_once;
-  const std::size_t threads = useful_threads(parts, 1, threads_);
+  const std::size_t threads = useful_threads(slots.size(), changed_per_thread, threads_);
   search(parts, threads, most_uncounted, [&](Found& found, std::size_t part) {
     const std::size_t end = std::min(changed_tiles_.size(), (part + 1) * searched_at_once);
     for (std::size_t k = part * searched_at_once; k < end; ++k)
