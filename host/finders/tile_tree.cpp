@@ -5,6 +5,7 @@
 #include <bit>
 #include <cmath>
 #include <limits>
+#include <numeric>
 #include <utility>
 
 #include "base/parallel.hpp"
@@ -142,26 +143,28 @@ bool TileTree<axes>::is_abandoned(const Input& input) const {
 template <std::size_t axes>
 bool TileTree<axes>::read(const Input& input, std::size_t most, std::size_t threads) {
   if (places_.size() < input.boxes.size()) places_.resize(input.boxes.size(), no_slot);
+  nodes_.clear();
+  const std::size_t first_new = read_nodes_;
   if (input.changed.all) {
     std::ranges::fill(unread_, ~0U);
+    nodes_.resize(first_new);
+    std::iota(nodes_.begin(), nodes_.end(), 0U);
   } else {
     for (const std::uint32_t slot : input.changed.slots) {
       const std::uint32_t place = place_of(slot);
       if (place == no_slot) {
         left_.push_back(slot);
-      } else {
-        const std::size_t tile = place / node_size;
-        unread_[tile / node_size] |= 1U << tile % node_size;
-        occupancy_[tile].unread |= 1U << place % node_size;
+        continue;
       }
+      const std::uint32_t tile = place / node_size;
+      const std::uint32_t node = tile / node_size;
+      if (unread_[node] == 0) nodes_.push_back(node);  // those that were never read are not 0
+      unread_[node] |= 1U << tile % node_size;
+      occupancy_[tile].unread |= 1U << place % node_size;
     }
   }
-  nodes_.clear();
-  const std::size_t first_new = read_nodes_;
-  read_nodes_ += std::min(most, unread_.size() - read_nodes_);
-  for (std::uint32_t node = 0; node < read_nodes_; ++node) {
-    if (unread_[node] != 0) nodes_.push_back(node);
-  }
+  for (; read_nodes_ < unread_.size() && read_nodes_ - first_new < most; ++read_nodes_)
+    nodes_.push_back(static_cast<std::uint32_t>(read_nodes_));
   parallel_for(nodes_.size(), threads, [&](std::size_t k, std::size_t /*thread*/) {
     const std::size_t node = nodes_[k];
     for_each_unread(node, [&](std::size_t tile) {
