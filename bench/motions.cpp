@@ -8,7 +8,11 @@
 // of trembling as many boxes (in the same run), and of "again": overlapping_pairs() of the boxes of the last
 // frame, whose time is the last column. For rows of Bullet, which are whole frames, "again" is
 // btDbvtBroadphase.
+//
+// With --double, a row is a scene of scenes/clusters.hpp: a BroadPhase64 plays it with clusters far apart,
+// and a BroadPhase with the same boxes near 0, in turns. Times of frames are means.
 #include <algorithm>
+#include <array>
 #include <chrono>
 #include <cmath>
 #include <cstddef>
@@ -36,14 +40,18 @@
 #include <CLI/CLI.hpp>
 
 #include <broadcl/broad_phase.hpp>
+#include <broadcl/broad_phase64.hpp>
 #include <broadcl/bullet.hpp>
 
+#include "scenes/clusters.hpp"
 #include "scenes/motions.hpp"
 #include "scenes/random.hpp"
 
 namespace broadcl::bench {
 namespace {
 
+using scenes::Clusters;
+using scenes::ClustersInfo;
 using scenes::Motion;
 using scenes::MotionFrame;
 using scenes::MotionInfo;
@@ -63,6 +71,7 @@ struct Options {
   std::size_t frames = 0;
   bool wall = false;
   bool growth = false;
+  bool in_double = false;
   bool list = false;
 };
 
@@ -320,6 +329,62 @@ void run_growth(const Options& options) {
   }
 }
 
+std::string name_of(const ClustersInfo& info) {
+  const std::uint32_t movers = std::min(info.movers, info.boxes) + info.convoy + info.commuters;
+  return std::string(info.name) + "/" + std::to_string(std::min(movers, info.boxes));
+}
+
+/// Times of one call in double precision and one in single precision, and their ratio.
+void print_both(double far, double near) {
+  std::printf(" %10.5f %10.5f %7.2f", far, near, far / near);
+}
+
+void run_clusters(const Options& options) {
+  const Clock clock(options);
+  std::printf("%-24s %8s %10s %10s %7s %10s %10s %7s %10s %10s %7s\n", "scene/movers", "pairs", "float64",
+              "float32", "ratio", "longest", "float32", "ratio", "one-shot", "float32", "ratio");
+  for (const ClustersInfo& info : scenes::clusters()) {
+    if (!std::regex_search(name_of(info), std::regex(options.rows))) continue;
+    Clusters scene(info);
+    BroadPhase64 far(options.config);
+    BroadPhase near(options.config);
+    const auto play = [&](std::size_t frames) {
+      std::vector<Clusters::Frame> calls(frames);
+      for (Clusters::Frame& frame : calls) frame = scene.next();
+      return std::array{clock.time([&] {
+                          for (const auto& frame : calls) (void)frame.far.play(far);
+                        }),
+                        clock.time([&] {
+                          for (const auto& frame : calls) (void)frame.near.play(near);
+                        })};
+    };
+    for (int frame = 0; frame < 20; ++frame) (void)play(1);
+    // Frames of few objects take less than the clock can tell.
+    const std::size_t together = 1 + 100 / (std::min(info.movers, info.boxes) + info.convoy + info.commuters);
+    const std::size_t times =
+        (options.frames == 0 ? 200 : options.frames) / std::min<std::size_t>(together, 10);
+    std::array<double, 2> sum{}, longest{};
+    for (std::size_t k = 0; k < times; ++k) {
+      const auto taken = play(together);
+      for (std::size_t of = 0; of < 2; ++of) {
+        sum[of] += taken[of] / static_cast<double>(times * together);
+        longest[of] = std::max(longest[of], taken[of] / static_cast<double>(together));
+      }
+    }
+    std::vector<double> far_once(9), near_once(9);
+    for (std::size_t k = 0; k < far_once.size(); ++k) {
+      far_once[k] = clock.time([&] { (void)overlapping_pairs(scene.far(), options.config); });
+      near_once[k] = clock.time([&] { (void)overlapping_pairs(scene.near(), options.config); });
+    }
+    std::printf("%-24s %8zu", name_of(info).c_str(), far.pairs().size());
+    print_both(sum[0], sum[1]);
+    print_both(longest[0], longest[1]);
+    print_both(median(far_once), median(near_once));
+    std::printf("\n");
+    std::fflush(stdout);
+  }
+}
+
 int run(int argc, char** argv) {
   Options options;
   CLI::App app("Times of frames in which objects move in different ways");
@@ -332,12 +397,16 @@ int run(int argc, char** argv) {
   app.add_option("--threads", options.config.threads, "0: one per processor")->capture_default_str();
   app.add_flag("--wall", options.wall, "Measure wall time with one thread, too");
   app.add_flag("--growth", options.growth, "Print how times grow with the number of objects instead");
+  app.add_flag("--double", options.in_double,
+               "Print times in double precision, with clusters far apart, instead");
   app.add_flag("--list", options.list, "Print the names of the rows alone");
   CLI11_PARSE(app, argc, argv);
   if (options.list) {
     for (const Row& row : rows(options)) std::printf("%s\n", row.name().c_str());
   } else if (options.growth) {
     run_growth(options);
+  } else if (options.in_double) {
+    run_clusters(options);
   } else {
     run_rows(options);
   }

@@ -31,13 +31,14 @@ struct MotionInfo {
 [[nodiscard]] std::span<const MotionInfo> motions();
 
 /// The calls of one frame. Ids and boxes are those of a BroadPhase that got all frames so far.
-struct MotionFrame {
+template <class Box>
+struct BasicMotionFrame {
   std::vector<std::uint32_t> removed{};  ///< Ascending, like `moved`.
-  std::vector<Aabb> added{};
+  std::vector<Box> added{};
   std::vector<Filter> filters{};  ///< Of those that are added.
   std::vector<std::uint32_t> moved{};
-  std::vector<Aabb> boxes{};  ///< Of those that move, or for update(boxes).
-  bool whole = false;         ///< Whether update(boxes) is the only call.
+  std::vector<Box> boxes{};  ///< Of those that move, or for update(boxes).
+  bool whole = false;        ///< Whether update(boxes) is the only call.
 
   /// @param subject A BroadPhase, or a class with the same functions.
   /// @returns The changes.
@@ -50,6 +51,7 @@ struct MotionFrame {
     return subject.update();
   }
 };
+using MotionFrame = BasicMotionFrame<Aabb>;
 
 /// Objects in motion, in the unit cube unless a scene says otherwise: the frames of a scene of the table,
 /// which a benchmark can time and a test can give to several objects. Deterministic.
