@@ -1,4 +1,4 @@
-/* Collects those pairs of a list whose boxes touch, that is, have a bound in common. */
+/* Collects those pairs of a list whose boxes touch, that is, have a bound in common on one of some axes. */
 
 #include "aabb.h"
 #include "delta.h"
@@ -6,9 +6,10 @@
 #define PAIRS_PER_ITEM 8U
 
 /* (Packed boxes of a BroadPhase64 have no -0.) */
-static inline bool boxes_touch(const box_t* s, const box_t* t) {
+static inline bool boxes_touch(const box_t* s, const box_t* t, const uint axes) {
   bool touch = false;
   for (uint axis = 0; axis < 3U; ++axis) {
+    if ((axes >> axis & 1U) == 0U) continue;
     if (as_uint(s->bound[axis]) == as_uint(t->bound[axis + 3U])) touch = true;
     if (as_uint(t->bound[axis]) == as_uint(s->bound[axis + 3U])) touch = true;
   }
@@ -17,9 +18,9 @@ static inline bool boxes_touch(const box_t* s, const box_t* t) {
 
 /* `pairs` has `kept` pairs at its beginning and `added` ones at its end. `result` has first a number of pairs, to
    which this one adds those that touch, and which was `counted` before; then these, of which there is memory for
-   `most`. */
-kernel void touching_pairs(const uint capacity, const uint kept, const uint added, const uint counted, const uint most,
-                           global const uint2* restrict pairs, global const float* restrict boxes,
+   `most`. `axes` has a bit for each axis that counts. */
+kernel void touching_pairs(const uint capacity, const uint kept, const uint added, const uint axes, const uint counted,
+                           const uint most, global const uint2* restrict pairs, global const float* restrict boxes,
                            global uint2* restrict result) {
   const uint stride = (uint)get_local_size(0);
   const uint first = (uint)get_group_id(0) * stride * PAIRS_PER_ITEM + (uint)get_local_id(0);
@@ -32,7 +33,7 @@ kernel void touching_pairs(const uint capacity, const uint kept, const uint adde
     box_t t;
     load_box(&s, boxes, pair.x);
     load_box(&t, boxes, pair.y);
-    if (boxes_touch(&s, &t)) found |= 1U << i;
+    if (boxes_touch(&s, &t, axes)) found |= 1U << i;
   }
   if (found == 0U) return;
   uint next = atomic_add((global uint*)result, (uint)popcount(found)) - counted;

@@ -151,7 +151,7 @@ std::vector<Aabb> rounded_numbers() {
 
 /// As integers, so that NaNs and denormal numbers are compared, too.
 bool same_boxes(const std::vector<Aabb>& s, const std::vector<Aabb>& t) {
-  return std::ranges::equal(s, t, same_bits);
+  return std::ranges::equal(s, t, same_bits<Aabb>);
 }
 
 TEST(Aabb, DoublesRoundToTheNextFloats) {

@@ -12,7 +12,6 @@
 #include <broadcl/broad_phase.hpp>
 
 #include "core/core.hpp"
-#include "core/core64.hpp"
 #include "each_algorithm.hpp"
 #include "engines/hybrid.hpp"
 #include "failing_allocations.hpp"
@@ -48,8 +47,11 @@ TEST_P(EachAlgorithm, AnAllocationThatFailsIsMadeGood) {
 }
 
 TEST_P(EachAlgorithm, AnAllocationThatFailsInDoublePrecisionIsMadeGood) {
-  expect_short_lives<AllocationTrouble, NoWatch, Warped<BroadPhase64>>(config(), 1, most_lives(GetParam()),
-                                                                       false);
+  constexpr auto expect_lives = expect_short_lives<AllocationTrouble, NoWatch, Warped<BroadPhase64>>;
+  expect_lives(config(), 1, most_lives(GetParam()), false);
+  constexpr auto expect_lives_in_towns =
+      expect_short_lives<AllocationTrouble, NoWatch, Warped<BroadPhase64>, 4>;
+  expect_lives_in_towns(config(), 1, most_lives(GetParam()), false);
 }
 
 /// Whatever a search has done with the new boxes when it failed, the next one has the old ones.
@@ -114,11 +116,11 @@ void expect_hybrid_lives() {
 }
 
 TEST(AllocationFailure, OfAHybridIsMadeGood) {
-  expect_hybrid_lives<Core>();
+  expect_hybrid_lives<Core<Aabb>>();
 }
 
 TEST(AllocationFailure, OfAHybridInDoublePrecisionIsMadeGood) {
-  expect_hybrid_lives<Warped<Core64>>();
+  expect_hybrid_lives<Warped<Core<Aabb64>>>();
 }
 
 /// Every allocation, including those for kernels that are built in the middle of a life.

@@ -58,9 +58,9 @@ TEST_F(DeviceFor, ANameIsThatDevice) {
 }
 
 /// `auto` on the default device, whatever that is.
-Twins<Core> twins_of_auto() {
-  return Twins<Core>(std::in_place, NoTrouble(), false,
-                     make_device_algorithm({}, static_cast<MakePairFinder>(&make_auto)));
+Twins<Core<Aabb>> twins_of_auto() {
+  return Twins<Core<Aabb>>(std::in_place, NoTrouble(), false,
+                           make_device_algorithm({}, static_cast<MakePairFinder>(&make_auto)));
 }
 
 /// Which finder does an update.
@@ -75,7 +75,7 @@ std::string_view finder_of(const Update& update) {
   return used_tiles ? "tiles" : "brute-force";
 }
 
-std::string_view finder_of_update(Twins<Core>& twins) {
+std::string_view finder_of_update(Twins<Core<Aabb>>& twins) {
   return finder_of([&] { EXPECT_TRUE(twins.agree()); });
 }
 
@@ -83,7 +83,7 @@ Aabb box_apart(std::uint32_t k) {
   return apart(k);
 }
 
-void place(Twins<Core>& twins, std::uint32_t n, Aabb (*box)(std::uint32_t)) {
+void place(Twins<Core<Aabb>>& twins, std::uint32_t n, Aabb (*box)(std::uint32_t)) {
   twins.map(n, [&](std::span<Aabb> mapped) {
     for (std::uint32_t k = 0; k < n; ++k) mapped[k] = box(k);
   });
@@ -93,7 +93,7 @@ void place(Twins<Core>& twins, std::uint32_t n, Aabb (*box)(std::uint32_t)) {
 TEST(Auto, TestsAllPairsOfAFewBoxesUnlessTooManyOverlap) {
   const auto n = static_cast<std::uint32_t>(150 * std::sqrt(select_device().compute_units));
   const auto all_overlap = [](std::uint32_t /*k*/) { return unit; };
-  Twins<Core> twins = twins_of_auto();
+  Twins<Core<Aabb>> twins = twins_of_auto();
   place(twins, 100, box_apart);
   EXPECT_EQ(finder_of_update(twins), "brute-force");
   place(twins, n, all_overlap);
@@ -110,7 +110,7 @@ NOT_IN(gpu_profile | rusticl | sanitizers, "takes long");
 TEST(Auto, DoesNotTestAllPairsOfManyBoxes) {
   constexpr std::uint32_t n = 200'000;
   if (is_slow_device()) GTEST_SKIP() << "takes long on this device";
-  Core core(make_device_algorithm({}, static_cast<MakePairFinder>(&make_auto)));
+  Core<Aabb> core(make_device_algorithm({}, static_cast<MakePairFinder>(&make_auto)));
   for (std::uint32_t k = 0; k < n; ++k) core.add(apart(k), {});
   EXPECT_EQ(finder_of([&] { (void)core.finish(); }), "tiles");
   // Few moved, but more than could be tested against so many while `tiles` look at a few boxes.
@@ -121,7 +121,7 @@ TEST(Auto, DoesNotTestAllPairsOfManyBoxes) {
 
 /// `brute-force` tests boxes of different worlds, too.
 TEST(Auto, UsesTilesForWorlds) {
-  Twins<Core> twins = twins_of_auto();
+  Twins<Core<Aabb>> twins = twins_of_auto();
   for (std::uint32_t k = 0; k < 4; ++k) twins.add(unit, {.world = k / 2});
   EXPECT_EQ(finder_of_update(twins), "tiles");
 }
@@ -131,7 +131,7 @@ TEST(Auto, UsesTilesForWorlds) {
 TEST(Auto, TilesThatTakeTurnsSortOnceInAWhile) {
   constexpr std::uint32_t n = 500;
   scenes::MovingBoxes boxes(n, scenes::MovingBoxes::Sizes::uniform);
-  Twins<Core> twins(std::in_place, NoTrouble(), false, make_device_algorithm({}, make_turns));
+  Twins<Core<Aabb>> twins(std::in_place, NoTrouble(), false, make_device_algorithm({}, make_turns));
   const long searches = launches_of("tiles_search");
   const long sorts = launches_of("tiles_keys");
   for (int frame = 0; frame < 40; ++frame) {

@@ -190,7 +190,7 @@ TYPED_TEST(BoxViewOf, EveryLayoutReadsTheSameBoxes) {
       for (std::size_t k = 0; k < n; ++k) one_by_one.push_back(layout.view[k]);
       ASSERT_TRUE(bits(one_by_one) == bits(out)) << layout.name;
       ASSERT_TRUE(std::ranges::none_of(out, has_nan)) << layout.name;
-      std::ranges::transform(out, out.begin(), pack);
+      std::ranges::transform(out, out.begin(), pack<Aabb>);
       ASSERT_TRUE(bits(out) == expected) << layout.name;
     }
   }

@@ -5,7 +5,9 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <limits>
+#include <numeric>
 #include <random>
 #include <vector>
 
@@ -20,14 +22,20 @@ using Boxes64 = std::vector<Aabb64>;
 
 inline constexpr double infinity64 = std::numeric_limits<double>::infinity();
 
-/// By the definition alone.
+/// By the definition, of boxes that overlap on the first axis.
 [[nodiscard]] inline Pairs expected_pairs(const Boxes64& boxes) {
+  std::vector<std::uint32_t> ids(boxes.size());
+  std::iota(ids.begin(), ids.end(), 0U);
+  const auto lower = [&](std::uint32_t id) { return boxes[id].lower[0]; };
+  std::ranges::sort(ids, std::ranges::less(), lower);
   Pairs pairs;
-  for (std::uint32_t b = 0; b < boxes.size(); ++b) {
-    for (std::uint32_t a = 0; a < b; ++a) {
-      if (overlaps(boxes[a], boxes[b])) pairs.push_back({a, b});
+  for (auto one = ids.begin(); one != ids.end(); ++one) {
+    for (auto other = one + 1; other != ids.end() && lower(*other) <= boxes[*one].upper[0]; ++other) {
+      if (overlaps(boxes[*one], boxes[*other]))
+        pairs.push_back({std::min(*one, *other), std::max(*one, *other)});
     }
   }
+  std::ranges::sort(pairs);
   return pairs;
 }
 

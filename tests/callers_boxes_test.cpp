@@ -202,7 +202,7 @@ TEST(BoxReplacement, PassesOnEachSlotOnce) {
       std::vector<Aabb> copy(n);
       const BoxView view(boxes);
       const bool samples = threads > 1;
-      BoxReplacement replacement(view, before, copy, true, samples, threads);
+      BoxReplacement<Aabb> replacement(view, before, copy, true, samples, threads);
       std::size_t next = 0;
       do {
         const std::size_t begin = std::exchange(next, replacement.next());
@@ -225,7 +225,7 @@ TEST(BoxReplacement, TellsWhichChange) {
   boxes[15] = empty_aabb();
   const BoxView view(boxes);
   std::vector<Aabb> copy(n);
-  BoxReplacement replacement(view, before, copy, false, false, 2);
+  BoxReplacement<Aabb> replacement(view, before, copy, false, false, 2);
   replacement.finish();
   EXPECT_EQ(replacement.count(), expected.size());
   EXPECT_TRUE(replacement.any_empty());
@@ -244,7 +244,7 @@ TEST(HybridFailure, OfAnUpdateWithTheCallersBoxesKeepsTheOldOnes) {
     for (const char* function : {"begin", "finish"}) {
       SCOPED_TRACE(function);
       Pretender::Orders orders{.expected_seconds = 0};
-      Core core(make_hybrid(
+      Core<Aabb> core(make_hybrid(
           make_algorithm({.algorithm = "sweep-and-prune"}),
           [&orders] { return std::make_unique<Pretender>(orders); }, 0));
       std::vector<Aabb> boxes{unit, unit, apart(1), apart(2), apart(3), apart(4), apart(5), apart(6)};

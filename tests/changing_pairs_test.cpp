@@ -12,6 +12,7 @@
 #include <gtest/gtest.h>
 
 #include "base/pair_lists.hpp"
+#include "core/pair_index.hpp"
 #include "runs.hpp"
 
 namespace broadcl::test {
@@ -43,6 +44,41 @@ TEST(ChangingPairs, AreThoseOfASet) {
     if (below(16) == 0) {
       ASSERT_EQ(pairs.all(), std::vector(expected.begin(), expected.end())) << change;
     }
+  }
+}
+
+TEST(PairIndex, IsASetOfPairsThatSlotsAreLookedUpIn) {
+  std::mt19937 random(1);
+  std::set<Pair> expected;
+  PairIndex index;
+  for (int change = 0; change < 3000; ++change) {
+    const auto slots = static_cast<std::uint32_t>(20 + change / 100);
+    const auto slot = [&] { return static_cast<std::uint32_t>(random() % slots); };
+    const std::vector some{slot(), slot(), slot(), slot()};
+    const auto is_of_some = [&](const Pair& pair) {
+      return std::ranges::count(some, pair.a) + std::ranges::count(some, pair.b) > 0;
+    };
+    std::vector<Pair> found;
+    std::ranges::copy_if(expected, std::back_inserter(found), is_of_some);
+    ASSERT_EQ(index.of(some), found) << change;
+    if (random() % 500 == 0) {
+      index.clear();
+      expected.clear();
+    } else if (random() % 2 == 0) {
+      for (const Pair& pair : found) index.erase(pair);
+      std::erase_if(expected, is_of_some);
+    }
+    std::set<Pair> more;
+    for (auto k = random() % 20; k > 0; --k) {
+      const std::uint32_t b = 1 + static_cast<std::uint32_t>(random() % (slots - 1));
+      const Pair pair{slot() % b, b};
+      if (!expected.contains(pair)) more.insert(pair);
+    }
+    index.reserve(more.size(), slots);
+    for (const Pair& pair : more) index.insert(pair);
+    expected.insert(more.begin(), more.end());
+    ASSERT_EQ(index.size(), expected.size()) << change;
+    ASSERT_EQ(index.all(), std::vector(expected.begin(), expected.end())) << change;
   }
 }
 

@@ -19,6 +19,7 @@
 #include "random_scripts.hpp"
 #include "rounding.hpp"
 #include "twins.hpp"
+#include "warped.hpp"
 
 namespace broadcl::test {
 
@@ -27,7 +28,9 @@ template <class Subject>
 class CorePlayer {
  public:
   CorePlayer(Subject& subject, const CoreScript& script)
-      : twins_(std::in_place, NoTrouble(), false, subject), subject_(subject), script_(script) {}
+      : twins_(std::in_place, NoTrouble(), false, subject), subject_(subject), script_(script) {
+    if constexpr (requires { subject.set_warp(Warp()); }) subject.set_warp(Warp(script.warp));
+  }
 
   void apply(const CoreOp& op) {
     const ScopedRounding rounding(rounding_modes.at(rounds_ ? op.which % rounding_modes.size() : 0));
@@ -72,6 +75,7 @@ class CorePlayer {
         break;
       case CoreVerb::enqueue:
       case CoreVerb::change_side:
+      case CoreVerb::fail:
         break;
       default:
         if (op.which % 4 == 0 && apply_to_several(ids, op)) break;
@@ -82,6 +86,20 @@ class CorePlayer {
     if (subject_.size() != reference().size()) fail("another size");
     if (op.which % 16 == 0) require(twins_.has_same_objects());
   }
+
+  /// Updates that fail, one or two in a row, unless they need nothing of what does.
+  void fail_to_update(const CoreOp& op) {
+    for (unsigned k = 0; k < 1 + op.which % 2; ++k) {
+      try {
+        op.filter % 3 == 0 && !reference().is_in_flight() ? give(op) : update(false);
+      } catch (const Error&) {
+        ++failures_;
+        if (op.which % 4 < 2) require(same("known", subject_.pairs(), reference().pairs()));
+        twins_.note_failure();
+      }
+    }
+  }
+  [[nodiscard]] std::size_t failures() const noexcept { return failures_; }
 
   /// Ends the last update. The lists of earlier ones must be as they were.
   void end() {
@@ -277,6 +295,7 @@ class CorePlayer {
   Subject& subject_;
   const CoreScript& script_;
   std::vector<KeptDelta> kept_;
+  std::size_t failures_ = 0;
   bool rounds_ = !is_oclgrind();
 };
 

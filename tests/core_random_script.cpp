@@ -8,9 +8,9 @@
 namespace broadcl::test {
 namespace {
 
-constexpr std::array<std::string_view, 16> core_verb_names{
-    "add",    "remove",  "replace", "move",   "map",     "give",        "drift",  "stir",
-    "filter", "exclude", "begin",   "update", "enqueue", "change side", "shrink", "refuse"};
+constexpr std::array<std::string_view, 17> core_verb_names{
+    "add",     "remove", "replace", "move",    "map",         "give", "drift",  "stir",  "filter",
+    "exclude", "begin",  "update",  "enqueue", "change side", "fail", "shrink", "refuse"};
 constexpr std::array<std::string_view, 7> filter_kind_names{
     "no", "levels as", "groups as", "worlds as", "sets as", "sets of worlds as", "all kinds of"};
 
@@ -29,7 +29,8 @@ constexpr std::array core_weights{CoreWeight{CoreVerb::add, 20},      CoreWeight
                                   CoreWeight{CoreVerb::filter, 40},   CoreWeight{CoreVerb::exclude, 60},
                                   CoreWeight{CoreVerb::begin, 60},    CoreWeight{CoreVerb::update, 300},
                                   CoreWeight{CoreVerb::enqueue, 120}, CoreWeight{CoreVerb::change_side, 40},
-                                  CoreWeight{CoreVerb::shrink, 15},   CoreWeight{CoreVerb::refuse, 20}};
+                                  CoreWeight{CoreVerb::fail, 40},     CoreWeight{CoreVerb::shrink, 15},
+                                  CoreWeight{CoreVerb::refuse, 20}};
 
 class CoreGenerator {
  public:
@@ -57,6 +58,7 @@ class CoreGenerator {
       script.extent = 64;
     }
     script.filters = dice_.one_in(2) ? FilterKind::none : static_cast<FilterKind>(1 + dice_.below(6));
+    script.warp = dice_.below(1000);
     odd_boxes_ = dice_.pick(std::array{0U, 0U, 3U, 20U});
     is_lively_ = dice_.one_in(2);
     grows_slowly_ = dice_.one_in(3);
@@ -204,7 +206,8 @@ Filter filter_of(const CoreScript& script, const CoreOp& op, unsigned k) {
 }
 
 float drift_of(const CoreOp& op) {
-  return static_cast<float>(1 + op.which % 5) / (op.which % 2 == 0 ? 64.0F : -64.0F);
+  const float step = op.which % 7 == 0 ? 0x1p-21F : 0x1p-6F;  // perhaps one that float32 can just tell
+  return static_cast<float>(1 + op.which % 5) * (op.which % 2 == 0 ? step : -step);
 }
 
 Aabb drifted(Aabb box, float step) {
@@ -246,7 +249,8 @@ std::ostream& operator<<(std::ostream& out, const CoreOp& op) {
 
 std::ostream& operator<<(std::ostream& out, const CoreScript& script) {
   out << "with at most " << script.most << " objects in " << script.extent << " halves, and "
-      << filter_kind_names.at(static_cast<std::size_t>(script.filters)) << " filters\n";
+      << filter_kind_names.at(static_cast<std::size_t>(script.filters)) << " filters, warp " << script.warp
+      << "\n";
   for (std::size_t k = 0; k < script.ops.size(); ++k) out << "  " << k << ": " << script.ops[k] << "\n";
   return out;
 }

@@ -33,6 +33,7 @@ enum class CoreVerb {
   update,       ///< Or finish(), if an update was begun.
   enqueue,      ///< An update of a DeviceBroadPhase that nobody waits for.
   change_side,  ///< Of `auto`, between host and device.
+  fail,         ///< An update or two that fail when all but the comparison in double precision is done.
   shrink,
   refuse  ///< Calls with errors, which must change nothing.
 };
@@ -56,6 +57,7 @@ struct CoreScript {
   std::uint32_t most = 0;  ///< Objects at once, at most.
   int extent = 1;          ///< Of the corners of boxes, in halves: the smaller, the more pairs.
   FilterKind filters = FilterKind::none;
+  unsigned warp = 0;  ///< In double precision: which Warp.
   std::vector<CoreOp> ops;
 };
 

@@ -16,7 +16,6 @@
 #include <broadcl/broad_phase.hpp>
 
 #include "core/core.hpp"
-#include "core/core64.hpp"
 #include "core_player.hpp"
 #include "core_random_script.hpp"
 #include "each_algorithm.hpp"
@@ -74,8 +73,9 @@ TEST(Long, RandomCalls) {
 class RandomVariant : public ::testing::TestWithParam<FinderVariant> {
  protected:
   static void play(std::size_t scripts, std::optional<std::uint64_t> seed) {
-    check_core_scripts(GetParam().name, ScriptSize::small, scripts, seed,
-                       [] { return std::make_unique<Core>(make_device_algorithm({}, GetParam().make)); });
+    check_core_scripts(GetParam().name, ScriptSize::small, scripts, seed, [] {
+      return std::make_unique<Core<Aabb>>(make_device_algorithm({}, GetParam().make));
+    });
   }
 };
 SUITE_ALSO_IN(RandomVariant, gpu_profile | rusticl);
@@ -118,6 +118,7 @@ class Changeable {
     orders_.expected_seconds = is_fast_ ? 0 : 1e-3;
     orders_.takes = std::chrono::milliseconds(is_fast_ ? 0 : 1);
   }
+  void set_failing(bool fails) { orders_.fails = fails ? "touching" : ""; }
   [[nodiscard]] Subject& core() { return core_; }
 
  private:
@@ -137,6 +138,11 @@ void play_to_hybrid(std::string_view device, std::size_t scripts) {
     bool was_on_device = false;
     apply_each(script.ops, [&](const CoreOp& op) {
       if (op.verb == CoreVerb::change_side) subject.change_side();
+      if (op.verb == CoreVerb::fail) {
+        subject.set_failing(true);
+        player.fail_to_update(op);
+        subject.set_failing(false);
+      }
       player.apply(op);
       const bool is_on_device = subject.core().algorithm().device() != nullptr;
       if (std::exchange(was_on_device, is_on_device) != is_on_device) ++changes;
@@ -148,14 +154,40 @@ void play_to_hybrid(std::string_view device, std::size_t scripts) {
   }
 }
 
+/// Updates fail that the algorithm has already done.
+void play_to_failing(std::string_view algorithm) {
+  std::size_t failures = 0;
+  check_scripts("failing " + std::string(algorithm), 40, seed_of_ci, [&] {
+    const CoreScript script = *core_scripts(ScriptSize::small);
+    Pretender::Orders orders;
+    Warped<Core<Aabb64>> subject(std::make_unique<Pretender>(orders, algorithm));
+    CorePlayer player(subject, script);
+    apply_each(script.ops, [&](const CoreOp& op) {
+      if (op.verb != CoreVerb::fail) return player.apply(op);
+      orders.fails = "touching";
+      player.fail_to_update(op);
+      orders.fails.clear();
+    });
+    player.end();
+    failures += player.failures();
+  });
+  if (!::testing::Test::HasFailure() && !is_reproduced()) {
+    EXPECT_GT(failures, 40U);
+  }
+}
+
+TEST(RandomFailure, OfTheComparisonInDoublePrecision) {
+  for (const std::string_view algorithm : {"oracle", "sweep-and-prune", "tiles"}) play_to_failing(algorithm);
+}
+
 class RandomHybrid : public ::testing::TestWithParam<std::string_view> {};
 
 TEST_P(RandomHybrid, SomeRandomCalls) {
-  play_to_hybrid<Core>(GetParam(), 20);
+  play_to_hybrid<Core<Aabb>>(GetParam(), 20);
 }
 
 TEST_P(RandomHybrid, SomeRandomCallsInDoublePrecision) {
-  play_to_hybrid<Warped<Core64>>(GetParam(), 10);
+  play_to_hybrid<Warped<Core<Aabb64>>>(GetParam(), 10);
 }
 
 INSTANTIATE_TEST_SUITE_P(Device, RandomHybrid, ::testing::Values("oracle", "brute-force", "tiles"),

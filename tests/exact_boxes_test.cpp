@@ -28,12 +28,6 @@ void expect_exact(const BroadPhase::Config& config, const Boxes64& boxes, const 
   EXPECT_TRUE(same("pairs", overlapping_pairs(boxes, config), expected_pairs(boxes)));
 }
 
-TEST_P(EachAlgorithm, FlushBoxesInDoublePrecision) {
-  for (const double offset : {0.0, 5e5, 6.4e6, 1e8}) {
-    expect_exact(config(), flush_cubes(6, offset), std::to_string(offset));
-  }
-}
-
 TEST_P(EachAlgorithm, FootprintsInMapCoordinates) {
   expect_exact(config(), footprints(1, 0, 0), "near the origin");
   expect_exact(config(), footprints(2, 500'000, 6'460'000), "in map coordinates");
@@ -149,13 +143,6 @@ TEST(ExactBoxes, ManyAreReadAndTestedByThreads) {
       EXPECT_TRUE(same("pairs", overlapping_pairs(boxes, {.threads = threads}), expected));
     }
   }
-}
-
-/// Most boxes are far from zero, where float32 has steps of a kilometre.
-TEST(ExactBoxes, FarApart) {
-  Boxes64 boxes = flush_cubes(4, 0);
-  for (const Aabb64& box : flush_cubes(5, 1e10)) boxes.push_back(box);
-  EXPECT_TRUE(same("pairs", overlapping_pairs(boxes), expected_pairs(boxes)));
 }
 
 /// Any layout: the rows of a matrix, and two dimensions.

@@ -169,14 +169,14 @@ TEST(Fork, WhileADeviceIsOpenedTheChildStaysOnTheHost) {
     std::atomic<bool> is_opening = false;
     std::atomic<bool> may_end = is_opened;
     const Pretender::Orders orders{.expected_seconds = 0};
-    std::optional<Core> core(std::in_place, make_hybrid(
-                                                make_algorithm({.algorithm = "sweep-and-prune"}),
-                                                [&]() -> AlgorithmPointer {
-                                                  is_opening = true;
-                                                  while (!may_end) std::this_thread::yield();
-                                                  return std::make_unique<Pretender>(orders);
-                                                },
-                                                0));
+    std::optional<Core<Aabb>> core(std::in_place, make_hybrid(
+                                                      make_algorithm({.algorithm = "sweep-and-prune"}),
+                                                      [&]() -> AlgorithmPointer {
+                                                        is_opening = true;
+                                                        while (!may_end) std::this_thread::yield();
+                                                        return std::make_unique<Pretender>(orders);
+                                                      },
+                                                      0));
     const auto update = [&](std::size_t k) {
       core->move(0, k % 2 == 0 ? unit : apart(1));
       (void)core->finish();

@@ -60,7 +60,7 @@ void repeat_until(const Condition& is_done, const Function& update) {
 
 TEST(HybridFailure, NoMemoryOnTheDeviceLaterLeavesTheHost) {
   Pretender::Orders orders;
-  Twins<Core> twins(std::in_place, NoTrouble(), false, hybrid(orders));
+  Twins<Core<Aabb>> twins(std::in_place, NoTrouble(), false, hybrid(orders));
   for (std::uint32_t k = 0; k < 40; ++k) twins.add(apart(k), {});
   std::uint32_t turn = 0;
   const auto update = [&] {
@@ -79,7 +79,7 @@ TEST(HybridFailure, NoMemoryOnTheDeviceLaterLeavesTheHost) {
 
 /// Moves a box to and fro until the next update runs on the device, or on the host.
 /// @param expected_seconds Of an update on the device.
-void move_until(Core& core, Pretender::Orders& orders, bool is_on_device, double expected_seconds) {
+void move_until(Core<Aabb>& core, Pretender::Orders& orders, bool is_on_device, double expected_seconds) {
   orders.expected_seconds = expected_seconds;
   std::size_t at = 1;
   repeat_until([&] { return (core.algorithm().device() != nullptr) == is_on_device; },
@@ -91,7 +91,7 @@ void move_until(Core& core, Pretender::Orders& orders, bool is_on_device, double
 }
 
 /// Adds three equal boxes, and moves one away until the next update runs on the device, in which it returns.
-void meet_on_host(Core& core, Pretender::Orders& orders) {
+void meet_on_host(Core<Aabb>& core, Pretender::Orders& orders) {
   for (std::uint32_t k = 0; k < 3; ++k) core.add(unit, {});
   EXPECT_EQ(core.finish().added.size(), 3U);
   move_until(core, orders, true, at_once);
@@ -100,7 +100,7 @@ void meet_on_host(Core& core, Pretender::Orders& orders) {
 
 TEST(HybridSwitch, AnIdThatIsUsedAgainForTheFirstUpdateOnTheDeviceIsAnotherObject) {
   Pretender::Orders orders;
-  Core core(hybrid(orders));
+  Core<Aabb> core(hybrid(orders));
   meet_on_host(core, orders);
   core.remove(2);
   EXPECT_EQ(core.add(unit, {}), 2U);
@@ -110,7 +110,7 @@ TEST(HybridSwitch, AnIdThatIsUsedAgainForTheFirstUpdateOnTheDeviceIsAnotherObjec
 }
 
 /// After a failure on the device, the pairs are as before, and the host finds what has changed since.
-void expect_nothing_lost(Core& core, const Pairs& before) {
+void expect_nothing_lost(Core<Aabb>& core, const Pairs& before) {
   EXPECT_EQ(core.algorithm().device(), nullptr);
   EXPECT_EQ(core.pairs(), before);
   core.move(1, apart(2));
@@ -123,7 +123,7 @@ TEST(HybridFailure, OfTheFirstUpdateOnTheDeviceLosesNothing) {
   for (const std::string function : {"finish", "pairs"}) {
     SCOPED_TRACE(function);
     Pretender::Orders orders;
-    Core core(hybrid(orders));
+    Core<Aabb> core(hybrid(orders));
     meet_on_host(core, orders);
     if (function == "pairs") {  // which is called if the device returns what changed since it was left
       (void)core.finish();
@@ -144,7 +144,7 @@ TEST(HybridFailure, OfTheFirstUpdateOnTheDeviceLosesNothing) {
 void fail_on_device(const std::string& function) {
   SCOPED_TRACE(function);
   Pretender::Orders orders;
-  Core core(hybrid(orders));
+  Core<Aabb> core(hybrid(orders));
   meet_on_host(core, orders);
   (void)core.finish();
   ASSERT_NE(core.algorithm().device(), nullptr);
@@ -176,7 +176,7 @@ TEST(HybridFailure, OnTheDeviceIsFollowedByUpdatesOnTheHost) {
 
 TEST(HybridFailure, OfADeviceThatNoLongerHasThePairsStaysThere) {
   Pretender::Orders orders;
-  Core core(hybrid(orders));
+  Core<Aabb> core(hybrid(orders));
   meet_on_host(core, orders);
   (void)core.finish();
   orders.fails = "finish";
@@ -192,7 +192,7 @@ TEST(HybridFailure, OfADeviceThatNoLongerHasThePairsStaysThere) {
 
 TEST(HybridFailure, NoMemoryOnTheDeviceIsFollowedByUpdatesOnTheHost) {
   Pretender::Orders orders;
-  Core core(hybrid(orders));
+  Core<Aabb> core(hybrid(orders));
   meet_on_host(core, orders);
   (void)core.finish();
   ASSERT_NE(core.algorithm().device(), nullptr);
@@ -228,7 +228,7 @@ AlgorithmPointer without_device(int& calls, const std::string& algorithm, double
 }
 
 /// Updates with so many boxes that the oracle takes long.
-void update_many(Core& core, int updates) {
+void update_many(Core<Aabb>& core, int updates) {
   constexpr std::uint32_t n = 1000;
   for (int k = 0; k < updates; ++k) {
     const std::span<Aabb> boxes = core.map(n);
@@ -242,7 +242,7 @@ void update_many(Core& core, int updates) {
 TEST(HybridOpens, ADeviceOnceUpdatesTakeLong) {
   const Pretender::Orders orders{.expected_seconds = at_once};
   std::thread::id opened_by;
-  Core core(make_hybrid(
+  Core<Aabb> core(make_hybrid(
       make_algorithm({.algorithm = "oracle"}),
       [&]() -> AlgorithmPointer {
         opened_by = std::this_thread::get_id();
@@ -258,7 +258,7 @@ TEST(HybridOpens, ADeviceOnceUpdatesTakeLong) {
 TEST(HybridOpens, NoDeviceForFewObjects) {
   int calls = 0;
   {
-    Core core(without_device(calls, "sweep-and-prune", slow_update));
+    Core<Aabb> core(without_device(calls, "sweep-and-prune", slow_update));
     core.add(unit, {});
     for (int k = 0; k < 100; ++k) {
       core.move(0, apart(static_cast<std::size_t>(k % 2)));
@@ -271,7 +271,7 @@ TEST(HybridOpens, NoDeviceForFewObjects) {
 TEST(HybridOpens, OnceEvenIfThereIsNone) {
   int calls = 0;
   {
-    Core core(without_device(calls, "oracle", slow_update));
+    Core<Aabb> core(without_device(calls, "oracle", slow_update));
     update_many(core, 100);
     EXPECT_EQ(core.algorithm().device(), nullptr);
   }
@@ -281,7 +281,7 @@ TEST(HybridOpens, OnceEvenIfThereIsNone) {
 template <class Failure>
 void expect_thrown_once(const Failure& failure) {
   int calls = 0;
-  Core core(make_hybrid(
+  Core<Aabb> core(make_hybrid(
       host(),
       [&]() -> AlgorithmPointer {
         ++calls;
@@ -322,7 +322,7 @@ TEST(HybridOpens, AFailureIsAnErrorOnceAndLosesNothing) {
 TEST(HybridOpens, AnExceptionOfTheUsersLeavesTheHost) {
   int calls = 0;
   {
-    Core core(make_hybrid(
+    Core<Aabb> core(make_hybrid(
         make_algorithm({.algorithm = "oracle"}),
         [&]() -> AlgorithmPointer {
           ++calls;
@@ -342,7 +342,7 @@ struct TwoPretenders {
   Pretender::Orders host_orders{.expected_seconds = 5e-6, .clock = &clock};
   Pretender::Orders device_orders{.clock = &clock};
   std::function<void()> while_opening = [] {};
-  Core core;
+  Core<Aabb> core;
   std::size_t moves = 0;
 
   explicit TwoPretenders(double slow)
@@ -448,7 +448,7 @@ TEST(HybridSwitch, IsSoonFinalAfterALastingChange) {
 TEST(HybridOpens, NoDeviceForASingleUpdate) {
   int calls = 0;
   {
-    Core core(without_device(calls, "sweep-and-prune", at_once));
+    Core<Aabb> core(without_device(calls, "sweep-and-prune", at_once));
     core.add(unit, {});
     (void)core.finish();
   }
@@ -458,7 +458,7 @@ TEST(HybridOpens, NoDeviceForASingleUpdate) {
 TEST(HybridOpens, TheDestructorWaitsForIt) {
   bool is_over = false;
   {
-    Core core(make_hybrid(
+    Core<Aabb> core(make_hybrid(
         make_algorithm({.algorithm = "oracle"}),
         [&]() -> AlgorithmPointer {
           std::this_thread::sleep_for(milliseconds(50));

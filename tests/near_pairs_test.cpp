@@ -77,7 +77,7 @@ class EarlySearch : public ::testing::Test {
     return ::testing::AssertionFailure() << "no early search in " << most << " frames";
   }
 
-  std::optional<Twins<Core>> twins_;
+  std::optional<Twins<Core<Aabb>>> twins_;
 };
 SUITE_ALSO_IN(EarlySearch, gpu_profile | rusticl);
 

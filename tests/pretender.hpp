@@ -68,6 +68,10 @@ class Pretender final : public Algorithm {
     ++orders_.updates;
     return delta;
   }
+  [[nodiscard]] Touching touching(AxisSet axes) override {
+    may_fail("touching");
+    return inner_->touching(axes);
+  }
   [[nodiscard]] double expected_seconds(std::size_t slots, std::size_t changed) const override {
     return slots == changed ? orders_.expected_for_all.value_or(orders_.expected_seconds)
                             : orders_.expected_seconds;

@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <exception>
 #include <limits>
+#include <numeric>
 #include <optional>
 #include <span>
 #include <string>
@@ -22,6 +23,7 @@
 #include "each_algorithm.hpp"
 #include "trouble.hpp"
 #include "twins.hpp"
+#include "warped.hpp"
 
 /// Short lives in which everything happens once; in each, another call or allocation fails.
 namespace broadcl::test {
@@ -32,6 +34,8 @@ struct Habits {
   bool worlds = true;
   /// Updates at the beginning in which one object moves.
   int updates = 0;
+  /// In double precision: which Warp.
+  unsigned warp = 0;
 };
 
 /// A box in a row.
@@ -49,6 +53,7 @@ inline std::vector<Aabb> row(std::size_t n, float distance) {
 /// Calls every function over a few frames.
 template <class Subject, class Trouble>
 [[nodiscard]] ::testing::AssertionResult live(Twins<Subject, Trouble>& twins, const Habits& habits) try {
+  if constexpr (requires { twins.tested().set_warp(Warp()); }) twins.tested().set_warp(Warp(habits.warp));
   ::testing::AssertionResult result = ::testing::AssertionSuccess();
   const auto update = [&] {
     if (result) result = twins.agree();
@@ -82,6 +87,15 @@ template <class Subject, class Trouble>
   update();
   map(20, 1);
   map(200, 0.001F);  // all pair
+  std::vector<std::uint32_t> some(49);
+  std::iota(some.begin(), some.end(), 0U);
+  std::vector<Aabb> far = row(some.size(), 0.5F);
+  for (Aabb& box : far) box.lower[2] = box.upper[2] = -100 + box.lower[0];
+  twins.move(some, far);
+  update();
+  twins.move(0, in_row(0));
+  update();
+  map(200, 0.001F);
   twins.begin();
   twins.move(5, in_row(500));
   update();
@@ -193,13 +207,13 @@ void expect_right_lives_of(long count, long most, const Make& make, const Live& 
   });
 }
 
-template <class Trouble, class Watch = NoWatch, class Tested = BroadPhase>
+template <class Trouble, class Watch = NoWatch, class Tested = BroadPhase, unsigned warp = 0>
 void expect_short_lives(const BroadPhase::Config& config, long count, long most, bool worlds = true) {
   using Subject = Twins<Tested, Trouble>;
   expect_right_lives_of<Watch, Trouble>(
       count, most,
       [&](const Trouble& trouble, bool looks) { return Subject(std::in_place, trouble, looks, config); },
-      [&](Subject& twins) { return live(twins, {.worlds = worlds}); });
+      [&](Subject& twins) { return live(twins, {.worlds = worlds, .warp = warp}); });
 }
 
 template <class Trouble, class Watch = NoWatch>

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <span>
@@ -107,18 +108,34 @@ class Twins {
   /// @param with Called with the changes that the subject reports.
   template <class Function>
   [[nodiscard]] ::testing::AssertionResult agree(const Function& with) {
-    return agree(with, trouble_.call([&] { return finish(); },
-                                     [&] {
-                                       reference_.abandon();  // an update that was begun is over
-                                       look();
-                                     }));
+    return agree(with, trouble_.call([&] { return finish(); }, [this] { note_failure(); }));
   }
   /// An update with these boxes for all objects.
   template <class Function>
   [[nodiscard]] ::testing::AssertionResult agree(const BoxView& boxes, const Function& with) {
-    const auto delta = call([&] { return subject_.update(boxes); });
+    const auto delta = trouble_.call([&] { return subject_.update(boxes); }, [this] { note_failure(); });
     set_all(boxes);
     return agree(with, delta);
+  }
+
+  /// An update of the subject failed. The next one must find what changed since the last success.
+  void note_failure() {
+    reference_.abandon();  // an update that was begun is over
+    look();
+    constexpr std::uint32_t replaced = 0;
+    if (reference_.contains(replaced)) {
+      const Aabb box = reference_.box(replaced);
+      const Filter filter = reference_.filter(replaced);
+      subject_.remove(replaced);
+      reference_.remove(replaced);
+      expect_equal("the id of another object", subject_.add(box, filter), reference_.add(box, filter));
+    }
+    if (reference_.contains(1)) {
+      Aabb box = reference_.box(1);
+      box.upper[0] = std::nextafter(box.upper[0], box.lower[0]);
+      subject_.move(1, box);
+      reference_.move(1, box);
+    }
   }
 
   /// The subject was updated by itself.

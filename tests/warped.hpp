@@ -1,5 +1,6 @@
 #pragma once
 
+#include <array>
 #include <bit>
 #include <cmath>
 #include <cstddef>
@@ -13,65 +14,105 @@
 
 namespace broadcl::test {
 
-/// Another number in the same order as those of others, in double precision: of all numbers between two
-/// powers of two, single precision can tell none apart.
-[[nodiscard]] inline double warped(float number) noexcept {
-  const auto exact = static_cast<double>(number);
-  if (!std::isfinite(exact)) return exact;
-  constexpr std::uint64_t fraction = (std::uint64_t{1} << 52U) - 1;
-  const auto bits = std::bit_cast<std::uint64_t>(exact);
-  return std::bit_cast<double>((bits & ~fraction) | (bits & fraction) >> 25U);
-}
+/// Other numbers in the same order, in double precision. Intervals of as many numbers each become far shorter
+/// than the gaps that are then between them. Exact, whatever the rounding mode.
+class Warp {
+ public:
+  struct Intervals {
+    double width;     ///< Of each, in single precision.
+    int count;        ///< On each side of 0; larger numbers are in one more.
+    double distance;  ///< From one's beginning to that of the next, in double precision.
+    double length;    ///< Of each, as a part of the distance. (All but the count are powers of two.)
+  };
+  static constexpr std::array<Intervals, 8> choices{{
+      {0.5, 64, 1, 0x1p-29},      // what differs by less than 0.5, single precision cannot tell apart
+      {4, 8, 0x1p23, 0x1p-20},    // clusters of metres, 10,000 km apart
+      {8, 4, 0x1p23, 0x1p-20},    // the same, and fewer
+      {16, 2, 0x1p23, 0x1p-29},   // two clusters of millimetres
+      {1, 100, 0x1p16, 0x1p-26},  // towns of millimetres on the earth
+      {4, 8, 0x1p1020, 0x1p-24},  // up to the largest numbers
+      {8, 6, 0x1p-140, 0x1p-20},  // denormal in single precision
+      {2, 32, 1, 0.5},            // gaps as long as intervals
+  }};
 
-[[nodiscard]] inline float unwarped(double number) noexcept {
-  if (!std::isfinite(number)) return static_cast<float>(number);
-  constexpr std::uint64_t fraction = (std::uint64_t{1} << 52U) - 1;
-  const auto bits = std::bit_cast<std::uint64_t>(number);
-  return static_cast<float>(std::bit_cast<double>((bits & ~fraction) | (bits & fraction) << 25U));
-}
+  /// @param number Any, of which the choice depends.
+  explicit Warp(unsigned number = 0) noexcept : in_(choices.at(number % choices.size())) {}
 
-[[nodiscard]] inline Aabb64 warped(const Aabb& box) noexcept {
-  const auto [x, y, z] = box.lower;
-  const auto [u, v, w] = box.upper;
-  return {{warped(x), warped(y), warped(z)}, {warped(u), warped(v), warped(w)}};
-}
+  [[nodiscard]] double operator()(float number) const noexcept {
+    const auto exact = static_cast<double>(number);
+    if (!std::isfinite(exact)) return exact;
+    const double at = std::abs(exact) / in_.width;
+    const double interval = std::trunc(at);
+    double place = interval + (at - interval) * in_.length;
+    if (at >= in_.count)
+      place = in_.count + (std::bit_cast<std::uint32_t>(std::abs(number)) - end()) * 0x1p-31;
+    return std::copysign(place * in_.distance, exact);
+  }
 
-[[nodiscard]] inline Aabb unwarped(const Aabb64& box) noexcept {
-  const auto [x, y, z] = box.lower;
-  const auto [u, v, w] = box.upper;
-  return {{unwarped(x), unwarped(y), unwarped(z)}, {unwarped(u), unwarped(v), unwarped(w)}};
-}
+  [[nodiscard]] float inverse(double number) const noexcept {
+    if (!std::isfinite(number)) return static_cast<float>(number);
+    const double place = std::abs(number) / in_.distance;
+    const double interval = std::trunc(place);
+    auto result = static_cast<float>((interval + (place - interval) / in_.length) * in_.width);
+    if (place >= in_.count) {
+      result = std::bit_cast<float>(end() + static_cast<std::uint32_t>((place - in_.count) * 0x1p31));
+    }
+    return std::signbit(number) ? -result : result;
+  }
 
-[[nodiscard]] inline std::vector<Aabb64> warped(const BoxView& boxes) {
-  std::vector<Aabb64> all(boxes.size());
-  for (std::size_t k = 0; k < all.size(); ++k) all[k] = warped(boxes[k]);
-  return all;
-}
+  [[nodiscard]] Aabb64 operator()(const Aabb& box) const noexcept {
+    const auto [x, y, z] = box.lower;
+    const auto [u, v, w] = box.upper;
+    const Warp& warp = *this;
+    return {{warp(x), warp(y), warp(z)}, {warp(u), warp(v), warp(w)}};
+  }
+  [[nodiscard]] Aabb inverse(const Aabb64& box) const noexcept {
+    const auto [x, y, z] = box.lower;
+    const auto [u, v, w] = box.upper;
+    return {{inverse(x), inverse(y), inverse(z)}, {inverse(u), inverse(v), inverse(w)}};
+  }
+  [[nodiscard]] std::vector<Aabb64> operator()(const BoxView& boxes) const {
+    std::vector<Aabb64> all(boxes.size());
+    for (std::size_t k = 0; k < all.size(); ++k) all[k] = (*this)(boxes[k]);
+    return all;
+  }
 
-/// A BroadPhase64 or a Core64 as a BroadPhase or a Core, with the same pairs, so that what tests one of these
-/// tests the others.
+ private:
+  /// The bits of the first number beyond all intervals.
+  [[nodiscard]] std::uint32_t end() const noexcept {
+    return std::bit_cast<std::uint32_t>(static_cast<float>(in_.width) * static_cast<float>(in_.count));
+  }
+
+  Intervals in_;
+};
+
+/// A BroadPhase64 or a Core<Aabb64> as a BroadPhase or a Core, with the same pairs, so that what tests one of
+/// these tests the others.
 template <class Subject>
 class Warped {
  public:
   template <class... Arguments>
   explicit Warped(Arguments&&... arguments) : subject_(std::forward<Arguments>(arguments)...) {}
 
+  /// @pre No object exists.
+  void set_warp(const Warp& warp) { warp_ = warp; }
+
   std::uint32_t add(const Aabb& box, const Filter& filter) {
     settle();
-    return subject_.add(warped(box), filter);
+    return subject_.add(warp_(box), filter);
   }
   std::vector<std::uint32_t> add(const BoxView& boxes, std::span<const Filter> filters) {
     settle();
-    const std::vector<Aabb64> all = warped(boxes);
+    const std::vector<Aabb64> all = warp_(boxes);
     return subject_.add(all, filters);
   }
   void move(std::uint32_t id, const Aabb& box) {
     settle();
-    subject_.move(id, warped(box));
+    subject_.move(id, warp_(box));
   }
   void move(std::span<const std::uint32_t> ids, const BoxView& boxes) {
     settle();
-    const std::vector<Aabb64> all = warped(boxes);
+    const std::vector<Aabb64> all = warp_(boxes);
     subject_.move(ids, all);
   }
   void set_filter(std::uint32_t id, const Filter& filter) {
@@ -91,7 +132,7 @@ class Warped {
   [[nodiscard]] bool contains(std::uint32_t id) const { return subject_.contains(id); }
   [[nodiscard]] Aabb box(std::uint32_t id) {
     write();
-    return unwarped(subject_.box(id));
+    return warp_.inverse(subject_.box(id));
   }
   [[nodiscard]] Filter filter(std::uint32_t id) const { return subject_.filter(id); }
 
@@ -99,7 +140,7 @@ class Warped {
     write();
     std::vector<Aabb> boxes(n);
     const std::span<Aabb64> memory = subject_.map(n);
-    for (std::size_t k = 0; k < n; ++k) boxes[k] = unwarped(memory[k]);
+    for (std::size_t k = 0; k < n; ++k) boxes[k] = warp_.inverse(memory[k]);
     memory_ = memory;
     boxes_ = std::move(boxes);
     return boxes_;
@@ -113,7 +154,7 @@ class Warped {
   }
   void begin(const BoxView& boxes) {
     write();
-    const std::vector<Aabb64> all = warped(boxes);
+    const std::vector<Aabb64> all = warp_(boxes);
     subject_.begin(all);
     boxes_.clear();
   }
@@ -126,7 +167,7 @@ class Warped {
   }
   Delta update(const BoxView& boxes) {
     write();
-    const std::vector<Aabb64> all = warped(boxes);
+    const std::vector<Aabb64> all = warp_(boxes);
     Delta delta = subject_.update(all);
     boxes_.clear();
     return delta;
@@ -149,7 +190,7 @@ class Warped {
  private:
   /// What was written to the boxes of map().
   void write() {
-    for (std::size_t k = 0; k < boxes_.size(); ++k) memory_[k] = warped(boxes_[k]);
+    for (std::size_t k = 0; k < boxes_.size(); ++k) memory_[k] = warp_(boxes_[k]);
   }
   void settle() {
     write();
@@ -157,6 +198,7 @@ class Warped {
   }
 
   Subject subject_;
+  Warp warp_;
   std::vector<Aabb> boxes_;  // of map(), as long as they may be written
   std::span<Aabb64> memory_;
 };

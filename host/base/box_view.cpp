@@ -10,11 +10,8 @@
 #include <broadcl/error.hpp>
 
 #include "base/box_parts.hpp"
-#include "base/box_reader.hpp"
 #include "base/lanes.hpp"
-#include "base/origin.hpp"
 #include "base/packed_box.hpp"
-#include "base/stream.hpp"
 
 namespace broadcl {
 namespace {
@@ -183,16 +180,18 @@ auto BoxView::with_layout(const Function& function) const {
     return function(Strided<float, 2>{bounds_, stride_});
   }
   if (is_double_) return function(Strided<double, 3>{bounds_, stride_});
-  return boxes() != nullptr ? function(Packed{bounds_[0]}) : function(Strided<float, 3>{bounds_, stride_});
+  return boxes(false) != nullptr ? function(Packed{bounds_[0]})
+                                 : function(Strided<float, 3>{bounds_, stride_});
 }
 
-const Aabb* BoxView::boxes() const noexcept {
+const void* BoxView::boxes(bool in_double) const noexcept {
   if (bounds_[2] == nullptr) return nullptr;
-  bool is_packed = conversion_ == nullptr && !is_double_ && stride_ == sizeof(Aabb);
+  const std::ptrdiff_t size = in_double ? sizeof(double) : sizeof(float);
+  bool is_packed = is_double_ == in_double && stride_ == std::ssize(bounds_) * size;
   for (std::size_t index = 1; index < bounds_.size(); ++index) {
-    is_packed = is_packed && bounds_[index] == bounds_[index - 1] + sizeof(float);
+    is_packed = is_packed && bounds_[index] == bounds_[index - 1] + size;
   }
-  return is_packed ? reinterpret_cast<const Aabb*>(bounds_[0]) : nullptr;
+  return is_packed ? bounds_[0] : nullptr;
 }
 
 /// Copies the boxes until `prepare(box)` is false for one. Returns the lowest index of such a box, or size()
@@ -226,16 +225,6 @@ Aabb64 BoxView::exact(std::size_t k) const noexcept {
   return with_layout([k](const auto& boxes) { return boxes.exact(k); });
 }
 
-bool BoxView::are_flat() const noexcept {
-  if (are_rectangles()) return true;
-  return with_layout([this](const auto& boxes) {
-    for (std::size_t k = 0; k < size_; ++k) {
-      if (!is_flat_or_empty(boxes.exact(k))) return false;
-    }
-    return true;
-  });
-}
-
 InvertedBoxes BoxView::inverted() const noexcept {
   return with_layout([this](const auto& boxes) {
     InvertedBoxes found;
@@ -255,24 +244,20 @@ InvertedBoxes BoxView::inverted() const noexcept {
   });
 }
 
-void BoxView::read(std::size_t first, std::span<Aabb64> out) const noexcept {
+template <class Box>
+void BoxView::read(std::size_t first, std::span<Box> out) const noexcept {
   with_layout([&](const auto& boxes) {
-    for (std::size_t k = 0; k < out.size(); ++k) out[k] = boxes.exact(first + k);
+    for (std::size_t k = 0; k < out.size(); ++k) {
+      if constexpr (std::same_as<Box, Aabb>) {
+        out[k] = boxes[first + k];
+      } else {
+        out[k] = boxes.exact(first + k);
+      }
+    }
   });
 }
-
-void BoxView::read(std::size_t first, std::span<Aabb> out) const noexcept {
-  if (conversion_ != nullptr) {
-    std::array<Aabb64, BoxReader::block> block;
-    const std::span<Aabb64> exact = std::span(block).first(out.size());
-    read(first, exact);
-    stream(std::span<const Aabb64>(exact), conversion_->boxes + first);
-    return conversion_->origin.convert(exact, out);
-  }
-  with_layout([&](const auto& boxes) {
-    for (std::size_t k = 0; k < out.size(); ++k) out[k] = boxes[first + k];
-  });
-}
+template void BoxView::read(std::size_t first, std::span<Aabb> out) const noexcept;
+template void BoxView::read(std::size_t first, std::span<Aabb64> out) const noexcept;
 
 void BoxView::copy_to(std::span<Aabb> out) const {
   (void)copy(out, [](const Aabb& /*box*/) { return true; });

@@ -15,8 +15,6 @@
 
 namespace broadcl {
 
-struct Conversion;
-
 /// The type of the caller's bounds: float or double.
 template <class S>
 concept Bound = std::same_as<S, float> || std::same_as<S, double>;
@@ -133,8 +131,8 @@ class BROADCL_API BoxView {
   void pack_to(std::span<Aabb> out) const;
 
  private:
+  template <class Box>
   friend class BoxReader;
-  friend class Core64;
   friend class ExactBoxes;
 
   template <class Range>
@@ -167,23 +165,19 @@ class BROADCL_API BoxView {
   template <class Prepare>
   [[nodiscard]] std::size_t copy(std::span<Aabb> out, const Prepare& prepare) const;
 
-  /// The boxes, if they are those of an array of Aabb; otherwise null.
-  [[nodiscard]] const Aabb* boxes() const noexcept;
-  /// Copies as many boxes as there is memory for, from one on; a block of BoxReader at most.
-  void read(std::size_t first, std::span<Aabb> out) const noexcept;
-  /// The same with the numbers that the caller has.
-  void read(std::size_t first, std::span<Aabb64> out) const noexcept;
+  /// The boxes, if they are those of an array of Aabb, or of Aabb64; otherwise null.
+  [[nodiscard]] const void* boxes(bool in_double) const noexcept;
+  /// Copies as many boxes as there is memory for, from one on.
+  template <class Box>
+  void read(std::size_t first, std::span<Box> out) const noexcept;
+  /// With the numbers that the caller has.
   [[nodiscard]] Aabb64 exact(std::size_t k) const noexcept;
   [[nodiscard]] bool are_rectangles() const noexcept { return size_ > 0 && bounds_[2] == nullptr; }
-  /// Whether no box has a point whose z is not 0.
-  [[nodiscard]] bool are_flat() const noexcept;
 
   bool is_double_ = false;
   std::ptrdiff_t stride_ = 0;
   std::size_t size_ = 0;
-  std::array<const std::byte*, 6>
-      bounds_{};                            // of box 0: lower x, y, z, upper x, y, z; no z in two dimensions
-  const Conversion* conversion_ = nullptr;  // by which BoxReader reads them, if not rounded outward
+  std::array<const std::byte*, 6> bounds_{};  // of box 0: lower x, y, z, upper ones; no z in two dimensions
 };
 
 /// Any other range whose elements convert to Aabb.

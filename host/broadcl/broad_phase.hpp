@@ -25,13 +25,16 @@
 
 namespace broadcl {
 
-/// Boxes in memory of a BroadPhase, for the caller to write: see BroadPhase::map(). They may be read as long
-/// as this object or a copy of it exists, even if the BroadPhase uses other memory by then, or is destroyed.
-struct MappedBoxes : std::span<Aabb> {
+/// Boxes in memory of a broad phase, for the caller to write: see BasicBroadPhase::map(). They may be read as
+/// long as this object or a copy of it exists, even if the broad phase uses other memory by then, or is
+/// destroyed.
+template <class Box>
+struct BasicMappedBoxes : std::span<Box> {
   std::shared_ptr<const void> owner{};  ///< Of the memory.
 };
 
 /// Holds a set of moving boxes and reports at each update() which pairs began and which ceased to overlap.
+/// Programs name it BroadPhase, or BroadPhase64 for boxes in double precision.
 ///
 /// The cost of an update depends on how much moved. If nothing moved, there is no search; if few objects
 /// moved, only their boxes are uploaded and tested against all others; pairs of two objects that did not move
@@ -47,23 +50,26 @@ struct MappedBoxes : std::span<Aabb> {
 /// OpenCL does not work in a process that is forked after OpenCL was used: there, functions of an object on a
 /// device throw an Error, `auto` stays on the host if it is there, and objects may be destroyed. Use devices
 /// only after the fork, or start processes another way.
-class BROADCL_API BroadPhase {
+/// @tparam Box Aabb or Aabb64. Views may have boxes in float32 or float64, whichever this is; those of
+/// float64 are rounded outward for an Aabb.
+template <class Box>
+class BROADCL_API BasicBroadPhase {
  public:
   using Config = broadcl::Config;
 
   /// Opens the device and builds the kernels, unless the algorithm starts on the host: see Config::algorithm.
   /// Objects on the same device share both, which stay until the process ends or an OpenCL call fails.
   /// @throws Error for an unknown algorithm or device, and if OpenCL fails.
-  BroadPhase();
-  explicit BroadPhase(const Config& config);
-  ~BroadPhase();
-  BroadPhase(BroadPhase&&) noexcept;
-  BroadPhase& operator=(BroadPhase&&) noexcept;
+  BasicBroadPhase();
+  explicit BasicBroadPhase(const Config& config);
+  ~BasicBroadPhase();
+  BasicBroadPhase(BasicBroadPhase&&) noexcept;
+  BasicBroadPhase& operator=(BasicBroadPhase&&) noexcept;
 
   /// Adds an object and returns its id, the lowest that is free. So ids stay dense and depend only on the
   /// sequence of calls.
   /// @throws Error for a NaN bound, and if there is no memory for the box.
-  std::uint32_t add(const Aabb& box, const Filter& filter = Filter());
+  std::uint32_t add(const Box& box, const Filter& filter = Filter());
 
   /// Adds an object for each box.
   /// @param filters As many as boxes, or one for all.
@@ -74,7 +80,7 @@ class BROADCL_API BroadPhase {
 
   /// Replaces the box of an object. A box that is equal to the old one does not count as movement.
   /// @throws Error for an unknown id and for a NaN bound.
-  void move(std::uint32_t id, const Aabb& box);
+  void move(std::uint32_t id, const Box& box);
 
   /// Replaces the boxes of some objects, by several threads if there are many and the ids ascend. If an id is
   /// given twice, the later box counts.
@@ -106,19 +112,20 @@ class BROADCL_API BroadPhase {
   /// The box of an object, as it will be in the next update. (An empty one may have other bounds than those
   /// that were given.)
   /// @throws Error for an unknown id.
-  [[nodiscard]] Aabb box(std::uint32_t id) const;
+  [[nodiscard]] Box box(std::uint32_t id) const;
   /// Its filter.
   /// @throws Error for an unknown id.
   [[nodiscard]] Filter filter(std::uint32_t id) const;
 
   /// For callers who compute all boxes in place. Makes 0 .. n-1 the ids of the objects, by adding those that
-  /// are missing and removing all others, and returns the memory from which the device reads their boxes, for
-  /// the caller to write. New objects have empty boxes until then. All objects count as moved.
+  /// are missing and removing all others, and returns the memory from which the device (in a BroadPhase64,
+  /// the next update) reads their boxes, for the caller to write. New objects have empty boxes until then.
+  /// All objects count as moved.
   /// @returns n boxes, which may be written until the next call of a function of this object that is not
   /// const. If one of them has a NaN bound, the next update() or begin() throws an Error that names the first
   /// such box, and changes nothing; the boxes may still be written: write one without NaN, and call it again.
   /// @throws Error between begin() and finish(), and if there is no memory for the boxes.
-  MappedBoxes map(std::size_t n);
+  BasicMappedBoxes<Box> map(std::size_t n);
 
   /// Finds every pair of overlapping boxes whose filters allow it, and returns what changed since the last
   /// update. The same as begin() and finish().
@@ -159,8 +166,7 @@ class BROADCL_API BroadPhase {
   /// Gives back memory that the present objects and pairs do not need, on host and device, for instance after
   /// an update with far more pairs than usual; nothing does so by itself. Objects, ids and pairs stay as they
   /// are. The lists of the last update become invalid, unless their Delta exists; profile() then returns
-  /// nothing. The next updates take longer, until memory has grown again. Waits
-  /// for the device.
+  /// nothing. The next updates take longer, until memory has grown again. Waits for the device.
   /// @throws Error between begin() and finish(), and if the device fails or has too little memory for a
   /// moment, since what is needed is copied.
   void shrink();
@@ -184,13 +190,21 @@ class BROADCL_API BroadPhase {
   [[nodiscard]] MemoryUse memory() const noexcept;
 
   /// The stages of the last update, in order; none if nothing had moved, or if an algorithm of the host did
-  /// it. Valid until the next update.
+  /// it. Valid until the next update. (In a BroadPhase64, `touching` finds the pairs that are compared in
+  /// float64; gpu-bf does this on the host, as a part of no stage.)
   [[nodiscard]] std::span<const Stage> profile() const noexcept;
 
  private:
-  class Impl;
+  struct Impl;
   std::unique_ptr<Impl> impl_;
 };
+
+/// A broad phase whose boxes are in single precision.
+using BroadPhase = BasicBroadPhase<Aabb>;
+/// Boxes in memory of a BroadPhase, for the caller to write.
+using MappedBoxes = BasicMappedBoxes<Aabb>;
+
+extern template class BROADCL_API BasicBroadPhase<Aabb>;
 
 /// All pairs of objects that have a label in common, in canonical order, for BroadPhase::set_exclusions(). If
 /// the objects are the edges or faces of a mesh, their labels are the numbers of their vertices. Any number
@@ -210,7 +224,7 @@ class BROADCL_API BroadPhase {
 
 /// All overlapping pairs of boxes in the caller's memory, in any layout, by index, in canonical order. The
 /// boxes are not stored. Boxes in float64 have exactly the pairs that overlap or touch as float64: they are
-/// searched as float32, about an origin near them, and pairs that touch there are compared in float64. Their
+/// searched as float32, as by a BroadPhase64, and pairs that touch there are compared in float64. Their
 /// memory must not change during the call. By default the host does the search, unless a CPU is named as the
 /// device. A device stays open for later calls, but its memory is freed, so for frequent searches keep a
 /// BroadPhase.

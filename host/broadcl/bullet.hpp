@@ -27,8 +27,10 @@ class btOverlappingPairCache;
 
 namespace broadcl {
 
-class BroadPhase;
-class BroadPhase64;
+struct Aabb;
+struct Aabb64;
+template <class Box>
+class BasicBroadPhase;
 
 namespace detail {
 
@@ -96,11 +98,11 @@ inline namespace float64 {
 /// no thread calls any other function.
 class BROADCL_BULLET_API BulletBroadphase : public btBroadphaseInterface {
  public:
-  /// What finds the pairs.
+  /// What finds the pairs: a BroadPhase, or in double precision a BroadPhase64.
 #ifdef BT_USE_DOUBLE_PRECISION
-  using Core = BroadPhase64;
+  using Core = BasicBroadPhase<Aabb64>;
 #else
-  using Core = BroadPhase;
+  using Core = BasicBroadPhase<Aabb>;
 #endif
 
   /// Opens the device, unless the algorithm starts on the host: see Config::algorithm.

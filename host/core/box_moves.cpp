@@ -6,8 +6,9 @@
 
 namespace broadcl {
 
-BoxMoves::BoxMoves(std::span<const std::uint32_t> ids, const BoxView& boxes, const ObjectTable& objects,
-                   std::size_t threads)
+template <class Box>
+BoxMoves<Box>::BoxMoves(std::span<const std::uint32_t> ids, const BoxView& boxes, const ObjectTable& objects,
+                        std::size_t threads)
     : ids_(ids),
       boxes_(boxes),
       threads_(threads),
@@ -18,7 +19,7 @@ BoxMoves::BoxMoves(std::span<const std::uint32_t> ids, const BoxView& boxes, con
   std::atomic<bool> any_empty = false;
   std::atomic<bool> ascend = true;
   for_each_part(ids_.size(), threads_, [&](std::size_t begin, std::size_t end, std::size_t /*thread*/) {
-    BoxReader(boxes_).for_each(begin, end, [&](std::size_t k, const Aabb& box) {
+    BoxReader<Box>(boxes_).for_each(begin, end, [&](std::size_t k, const Box& box) {
       if (!objects.contains(ids_[k])) unknown.add(k);
       if (k > 0 && ids_[k] <= ids_[k - 1]) ascend = false;
       if (is_proper(box)) return;
@@ -32,11 +33,12 @@ BoxMoves::BoxMoves(std::span<const std::uint32_t> ids, const BoxView& boxes, con
   if (!ascend) threads_ = 1;  // an id may be there twice
 }
 
-void BoxMoves::store(std::span<Aabb> boxes) noexcept {
+template <class Box>
+void BoxMoves<Box>::store(std::span<Box> boxes) noexcept {
   for_each_part(ids_.size(), threads_, [&](std::size_t begin, std::size_t end, std::size_t /*thread*/) {
     std::uint32_t* const changed = changed_.get() + begin;
     std::size_t count = 0;
-    for_each(begin, end, [&](std::uint32_t id, const Aabb& box) {
+    for_each(begin, end, [&](std::uint32_t id, const Box& box) {
       changed[count] = id;
       count += static_cast<std::size_t>(!same_bits(boxes[id], box));
       boxes[id] = box;
@@ -45,8 +47,12 @@ void BoxMoves::store(std::span<Aabb> boxes) noexcept {
   });
 }
 
-std::size_t BoxMoves::changed_count() const noexcept {
+template <class Box>
+std::size_t BoxMoves<Box>::changed_count() const noexcept {
   return std::accumulate(counts_.begin(), counts_.end(), std::size_t{0});
 }
+
+template class BoxMoves<Aabb>;
+template class BoxMoves<Aabb64>;
 
 }  // namespace broadcl

@@ -18,6 +18,7 @@ namespace broadcl {
 
 /// New boxes of some objects, which several threads check and store if there are many. (They store only if
 /// the ids ascend, so that none is there twice.) If an id is given twice, it gets the later box.
+template <class Box>
 class BoxMoves {
  public:
   /// @param ids, boxes As many of both; they must outlive this object.
@@ -35,7 +36,7 @@ class BoxMoves {
   }
 
   /// Stores the boxes.
-  void store(std::span<Aabb> boxes) noexcept;
+  void store(std::span<Box> boxes) noexcept;
   /// Of the ids whose boxes are others now, each at least once.
   [[nodiscard]] std::size_t changed_count() const noexcept;
   template <class Function>
@@ -48,9 +49,10 @@ class BoxMoves {
  private:
   template <class Function>
   void for_each(std::size_t begin, std::size_t end, const Function& function) const {
-    BoxReader(boxes_).for_each(begin, end,
-                               [&](std::size_t k, const Aabb& box) { function(ids_[k], pack(box)); });
+    BoxReader<Box>(boxes_).for_each(begin, end,
+                                    [&](std::size_t k, const Box& box) { function(ids_[k], pack(box)); });
   }
+
   std::span<const std::uint32_t> ids_;
   const BoxView& boxes_;
   std::size_t threads_;

@@ -1,4 +1,5 @@
 #include <broadcl/broad_phase.hpp>
+#include <broadcl/broad_phase64.hpp>
 
 #include <algorithm>
 #include <memory>
@@ -70,124 +71,159 @@ AlgorithmPointer make_for_one_search(Config config) {
 
 }  // namespace
 
-class BroadPhase::Impl final : public Core {
- public:
-  explicit Impl(const Config& config)
-      : Core(make_algorithm(config), config.threads), info_(find_algorithm(config.algorithm).info) {}
-
-  [[nodiscard]] const AlgorithmInfo& info() const noexcept { return info_; }
-
- private:
-  const AlgorithmInfo& info_;
+// (Without functions of its own, which would be exported.)
+template <class Box>
+struct BasicBroadPhase<Box>::Impl {
+  Core<Box> core;
+  const AlgorithmInfo& info;
 };
 
-BroadPhase::BroadPhase() : BroadPhase(Config()) {}
-BroadPhase::BroadPhase(const Config& config) : impl_(std::make_unique<Impl>(config)) {}
-BroadPhase::~BroadPhase() = default;
-BroadPhase::BroadPhase(BroadPhase&&) noexcept = default;
-BroadPhase& BroadPhase::operator=(BroadPhase&&) noexcept = default;
+template <class Box>
+BasicBroadPhase<Box>::BasicBroadPhase() : BasicBroadPhase(Config()) {}
 
-std::uint32_t BroadPhase::add(const Aabb& box, const Filter& filter) {
-  return impl_->add(box, filter);
+template <class Box>
+BasicBroadPhase<Box>::BasicBroadPhase(const Config& config)
+    : impl_(new Impl{Core<Box>(make_algorithm(config), config.threads),
+                     find_algorithm(config.algorithm).info}) {}
+
+template <class Box>
+BasicBroadPhase<Box>::~BasicBroadPhase() = default;
+
+template <class Box>
+BasicBroadPhase<Box>::BasicBroadPhase(BasicBroadPhase&&) noexcept = default;
+
+template <class Box>
+BasicBroadPhase<Box>& BasicBroadPhase<Box>::operator=(BasicBroadPhase&&) noexcept = default;
+
+template <class Box>
+std::uint32_t BasicBroadPhase<Box>::add(const Box& box, const Filter& filter) {
+  return impl_->core.add(box, filter);
 }
 
-std::vector<std::uint32_t> BroadPhase::add(const BoxView& boxes, std::span<const Filter> filters) {
-  return impl_->add(boxes, filters);
+template <class Box>
+std::vector<std::uint32_t> BasicBroadPhase<Box>::add(const BoxView& boxes, std::span<const Filter> filters) {
+  return impl_->core.add(boxes, filters);
 }
 
-std::vector<std::uint32_t> BroadPhase::add(const BoxView& boxes, const Filter& filter) {
-  return impl_->add(boxes, {&filter, 1});
+template <class Box>
+std::vector<std::uint32_t> BasicBroadPhase<Box>::add(const BoxView& boxes, const Filter& filter) {
+  return impl_->core.add(boxes, {&filter, 1});
 }
 
-void BroadPhase::move(std::uint32_t id, const Aabb& box) {
-  impl_->move(id, box);
+template <class Box>
+void BasicBroadPhase<Box>::move(std::uint32_t id, const Box& box) {
+  impl_->core.move(id, box);
 }
 
-void BroadPhase::move(std::span<const std::uint32_t> ids, const BoxView& boxes) {
-  impl_->move(ids, boxes);
+template <class Box>
+void BasicBroadPhase<Box>::move(std::span<const std::uint32_t> ids, const BoxView& boxes) {
+  impl_->core.move(ids, boxes);
 }
 
-void BroadPhase::set_filter(std::uint32_t id, const Filter& filter) {
-  impl_->set_filter(id, filter);
+template <class Box>
+void BasicBroadPhase<Box>::set_filter(std::uint32_t id, const Filter& filter) {
+  impl_->core.set_filter(id, filter);
 }
 
-void BroadPhase::set_exclusions(std::span<const Pair> pairs) {
-  impl_->set_exclusions(pairs);
+template <class Box>
+void BasicBroadPhase<Box>::set_exclusions(std::span<const Pair> pairs) {
+  impl_->core.set_exclusions(pairs);
 }
 
-void BroadPhase::remove(std::uint32_t id) {
-  impl_->remove(id);
+template <class Box>
+void BasicBroadPhase<Box>::remove(std::uint32_t id) {
+  impl_->core.remove(id);
 }
 
-void BroadPhase::remove(std::span<const std::uint32_t> ids) {
-  impl_->remove(ids);
+template <class Box>
+void BasicBroadPhase<Box>::remove(std::span<const std::uint32_t> ids) {
+  impl_->core.remove(ids);
 }
 
-bool BroadPhase::contains(std::uint32_t id) const noexcept {
-  return impl_->contains(id);
+template <class Box>
+bool BasicBroadPhase<Box>::contains(std::uint32_t id) const noexcept {
+  return impl_->core.contains(id);
 }
 
-Aabb BroadPhase::box(std::uint32_t id) const {
-  return impl_->box(id);
+template <class Box>
+Box BasicBroadPhase<Box>::box(std::uint32_t id) const {
+  return impl_->core.box(id);
 }
 
-Filter BroadPhase::filter(std::uint32_t id) const {
-  return impl_->filter(id);
+template <class Box>
+Filter BasicBroadPhase<Box>::filter(std::uint32_t id) const {
+  return impl_->core.filter(id);
 }
 
-MappedBoxes BroadPhase::map(std::size_t n) {
-  const std::span<Aabb> boxes = impl_->map(n);
-  return {boxes, impl_->algorithm().boxes_owner()};
+template <class Box>
+BasicMappedBoxes<Box> BasicBroadPhase<Box>::map(std::size_t n) {
+  const std::span<Box> boxes = impl_->core.map(n);
+  return {boxes, impl_->core.boxes_owner()};
 }
 
-Delta BroadPhase::update() {
-  return impl_->finish();
+template <class Box>
+Delta BasicBroadPhase<Box>::update() {
+  return impl_->core.finish();
 }
 
-Delta BroadPhase::update(const BoxView& boxes) {
-  return impl_->update(boxes);
+template <class Box>
+Delta BasicBroadPhase<Box>::update(const BoxView& boxes) {
+  return impl_->core.update(boxes);
 }
 
-void BroadPhase::begin() {
-  impl_->begin();
-  impl_->flush();
+template <class Box>
+void BasicBroadPhase<Box>::begin() {
+  impl_->core.begin();
+  impl_->core.flush();
 }
 
-void BroadPhase::begin(const BoxView& boxes) {
-  impl_->begin(boxes);
+template <class Box>
+void BasicBroadPhase<Box>::begin(const BoxView& boxes) {
+  impl_->core.begin(boxes);
 }
 
-Delta BroadPhase::finish() {
-  return impl_->finish();
+template <class Box>
+Delta BasicBroadPhase<Box>::finish() {
+  return impl_->core.finish();
 }
 
-void BroadPhase::shrink() {
-  impl_->shrink();
+template <class Box>
+void BasicBroadPhase<Box>::shrink() {
+  impl_->core.shrink();
 }
 
-std::vector<Pair> BroadPhase::pairs() const {
-  return impl_->pairs();
+template <class Box>
+std::vector<Pair> BasicBroadPhase<Box>::pairs() const {
+  return impl_->core.pairs();
 }
 
-std::size_t BroadPhase::size() const noexcept {
-  return impl_->size();
+template <class Box>
+std::size_t BasicBroadPhase<Box>::size() const noexcept {
+  return impl_->core.size();
 }
 
-const Device* BroadPhase::device() const noexcept {
-  return impl_->algorithm().device();
+template <class Box>
+const Device* BasicBroadPhase<Box>::device() const noexcept {
+  return impl_->core.algorithm().device();
 }
 
-MemoryUse BroadPhase::memory() const noexcept {
-  return impl_->algorithm().memory();
+template <class Box>
+MemoryUse BasicBroadPhase<Box>::memory() const noexcept {
+  return impl_->core.algorithm().memory();
 }
 
-const AlgorithmInfo& BroadPhase::algorithm() const noexcept {
-  return impl_->info();
+template <class Box>
+const AlgorithmInfo& BasicBroadPhase<Box>::algorithm() const noexcept {
+  return impl_->info;
 }
 
-std::span<const Stage> BroadPhase::profile() const noexcept {
-  return impl_->profile();
+template <class Box>
+std::span<const Stage> BasicBroadPhase<Box>::profile() const noexcept {
+  return impl_->core.profile();
 }
+
+template class BasicBroadPhase<Aabb>;
+template class BasicBroadPhase<Aabb64>;
 
 std::vector<Pair> pairs_that_share(std::span<const std::uint32_t> labels, std::size_t per_object) {
   const std::vector<Labelled> objects = by_label(labels, per_object);
@@ -228,7 +264,7 @@ std::vector<Pair> overlapping_pairs(const BoxView& boxes, const BroadPhase::Conf
     boxes.pack_to(packed);
     return algorithm->find_all(input);
   }
-  const ExactBoxes exact(boxes, {}, config.threads);
+  ExactBoxes exact(boxes, {}, config.threads);
   if (const std::size_t invalid = exact.pack_to(packed); invalid < boxes.size()) {
     throw_nan("box " + std::to_string(invalid));
   }

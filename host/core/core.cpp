@@ -1,7 +1,6 @@
 #include "core/core.hpp"
 
 #include <atomic>
-#include <functional>
 #include <optional>
 #include <string>
 #include <tuple>
@@ -15,23 +14,45 @@
 #include "core/exclusions.hpp"
 
 namespace broadcl {
+namespace {
 
+constexpr std::size_t most_objects = std::size_t{1} << 31;
+
+[[noreturn]] void throw_too_many(std::size_t objects) {
+  throw Error::invalid_argument(std::to_string(objects) + " objects are too many; use at most " +
+                                std::to_string(most_objects));
+}
+
+void refuse_twice(std::span<const std::uint32_t> ids) {
+  if (ids.size() < 2) return;
+  std::vector<std::uint32_t> sorted(ids.begin(), ids.end());
+  std::ranges::sort(sorted);
+  const auto twice = std::ranges::adjacent_find(sorted);
+  if (twice != sorted.end()) {
+    throw Error::invalid_argument("the id " + std::to_string(*twice) + " is given twice; give each once");
+  }
+}
+
+}  // namespace
+
+template <class Box>
 template <class Function>
-void Core::or_find_boxes(const Function& function) {
+void Core<Box>::or_find_boxes(const Function& function) {
   try {
     function();
   } catch (...) {
-    boxes_ = algorithm_->boxes();
+    boxes_ = find_boxes();
     throw;
   }
 }
 
+template <class Box>
 template <class Function>
-void Core::or_roll_back(const Function& function) {
+void Core<Box>::or_roll_back(const Function& function) {
   try {
     function();
   } catch (...) {
-    boxes_ = algorithm_->boxes();
+    boxes_ = find_boxes();
     update_ = Update::none;
     changes_.insert(flight_);
     changes_.all = changes_.all_filters = true;
@@ -40,11 +61,12 @@ void Core::or_roll_back(const Function& function) {
   }
 }
 
+template <class Box>
 template <class SetBox>
-void Core::set_ids(std::size_t n, const Aabb& empty, const SetBox& set) noexcept {
+void Core<Box>::set_ids(std::size_t n, const Box& empty, const SetBox& set) noexcept {
   const auto removed = [&](std::uint32_t id) {
     changes_.recycle(id);
-    set(id, packed_empty());
+    set(id, packed_empty_box);
   };
   const auto added = [&](std::uint32_t id) {
     set(id, empty);
@@ -54,12 +76,46 @@ void Core::set_ids(std::size_t n, const Aabb& empty, const SetBox& set) noexcept
   objects_.set_ids(n, removed, added);
 }
 
+template <class Box>
+std::span<Box> Core<Box>::find_boxes() noexcept {
+  if constexpr (is_exact) {
+    const std::span<Box> boxes = exact_.boxes.get();
+    return boxes.first(std::min(boxes.size(), algorithm_->boxes().size()));
+  } else {
+    return algorithm_->boxes();
+  }
+}
+
+template <class Box>
+std::span<Box> Core<Box>::find_spare() {
+  if constexpr (is_exact) {
+    (void)algorithm_->spare_boxes();
+    return exact_.boxes.spare();
+  } else {
+    return algorithm_->spare_boxes();
+  }
+}
+
+template <class Box>
 template <class Function>
-void Core::replace_all(const BoxView& view, const Function& end) {
+void Core<Box>::replace_all(const BoxView& view, const Function& end) {
+  try {
+    replace_once(view, end);
+  } catch (const OutgrownMap&) {
+    if constexpr (is_exact) {
+      exact_.converted.renew(view);
+      replace_once(view, end);
+    }
+  }
+}
+
+template <class Box>
+template <class Function>
+void Core<Box>::replace_once(const BoxView& view, const Function& end) {
   const std::size_t n = view.size();
   reserve_all(n);
   or_find_boxes([&] {
-    (void)algorithm_->spare_boxes();
+    (void)find_spare();
     algorithm_->reserve_exclusions(exclusions_.size());  // which may move boxes, before they are written
   });
   const std::size_t slots = objects_.slots();
@@ -92,11 +148,23 @@ void Core::replace_all(const BoxView& view, const Function& end) {
   }
 }
 
-std::vector<std::uint32_t> Core::add(const BoxView& boxes, std::span<const Filter> filters) {
+template <class Box>
+std::vector<std::uint32_t> Core<Box>::add(const BoxView& boxes, std::span<const Filter> filters) {
   refuse_forked();
-  refuse_addition(boxes.size(), filters.size());
-  std::vector<Aabb> packed(boxes.size());
-  boxes.pack_to(packed);
+  if (filters.size() != 1 && filters.size() != boxes.size()) {
+    throw Error::invalid_argument(std::to_string(filters.size()) + " filters for " +
+                                  std::to_string(boxes.size()) + " boxes; give one for all, or one for each");
+  }
+  if (boxes.size() > most_objects) throw_too_many(boxes.size());
+  std::vector<Box> packed(boxes.size());
+  LowestFound nan(packed.size());
+  for_each_part(packed.size(), threads_, [&](std::size_t begin, std::size_t end, std::size_t /*thread*/) {
+    BoxReader<Box>(boxes).for_each(begin, end, [&](std::size_t k, const Box& box) {
+      if (has_nan(box)) nan.add(k);
+      packed[k] = pack(box);
+    });
+  });
+  if (nan.any()) throw_nan("box " + std::to_string(nan.get()));
   const bool any_filters = std::ranges::any_of(filters, [](const Filter& f) { return f != Filter(); });
   std::vector<std::uint32_t> ids(packed.size());
   // (Perhaps some have free ids.)
@@ -104,22 +172,26 @@ std::vector<std::uint32_t> Core::add(const BoxView& boxes, std::span<const Filte
   reserve(objects_.ids() + packed.size() - std::min(free, packed.size()), any_filters);
   reserve_late(packed.size());
   // Nothing below throws.
-  any_empty_ = any_empty_ || std::ranges::any_of(packed, has_nan);
+  any_empty_ = any_empty_ || std::ranges::any_of(packed, [](const Box& box) { return has_nan(box); });
   for (std::size_t k = 0; k < packed.size(); ++k) {
     ids[k] = add_packed(packed[k], filters[filters.size() == 1 ? 0 : k]);
   }
   return ids;
 }
 
-void Core::move(std::span<const std::uint32_t> ids, const BoxView& boxes) {
+template <class Box>
+void Core<Box>::move(std::span<const std::uint32_t> ids, const BoxView& boxes) {
   refuse_forked();
-  refuse_moves(ids.size(), boxes.size());
-  BoxMoves moves(ids, boxes, objects_, threads_);
+  if (ids.size() != boxes.size()) {
+    throw Error::invalid_argument(std::to_string(ids.size()) + " ids and " + std::to_string(boxes.size()) +
+                                  " boxes; give as many of both");
+  }
+  BoxMoves<Box> moves(ids, boxes, objects_, threads_);
   reserve_late(ids.size());
   // Nothing below throws.
   any_empty_ = any_empty_ || moves.any_empty();
   if (is_late() || mapped_ > 0) {
-    return moves.for_each([&](std::uint32_t id, const Aabb& packed) { set_box(id, packed); });
+    return moves.for_each([&](std::uint32_t id, const Box& packed) { set_box(id, packed); });
   }
   moves.store(boxes_);
   if (moves.changed_count() > objects_.slots() / 4) {
@@ -129,14 +201,16 @@ void Core::move(std::span<const std::uint32_t> ids, const BoxView& boxes) {
   }
 }
 
-void Core::set_filter(std::uint32_t id, const Filter& filter) {
+template <class Box>
+void Core<Box>::set_filter(std::uint32_t id, const Filter& filter) {
   objects_.refuse_unknown(id);
   reserve(objects_.ids(), filter != Filter());
   // Nothing below throws.
   store_filter(id, filter);
 }
 
-void Core::set_exclusions(std::span<const Pair> pairs) {
+template <class Box>
+void Core<Box>::set_exclusions(std::span<const Pair> pairs) {
   std::vector<Pair> sorted = sorted_exclusions(pairs);
   const std::vector<Pair> changed = symmetric_difference(exclusions_, sorted);
   // Nothing below throws.
@@ -149,7 +223,8 @@ void Core::set_exclusions(std::span<const Pair> pairs) {
   changes_.exclusions = changes_.exclusions || !changed.empty();
 }
 
-void Core::remove(std::span<const std::uint32_t> ids) {
+template <class Box>
+void Core<Box>::remove(std::span<const std::uint32_t> ids) {
   refuse_forked();
   for (const std::uint32_t id : ids) objects_.refuse_unknown(id);
   refuse_twice(ids);
@@ -158,64 +233,84 @@ void Core::remove(std::span<const std::uint32_t> ids) {
   for (const std::uint32_t id : ids) {
     objects_.remove(id);
     changes_.recycle(id);
-    set_box(id, packed_empty());
+    set_box(id, packed_empty_box);
   }
 }
 
-Aabb Core::box(std::uint32_t id) const {
+template <class Box>
+Box Core<Box>::box(std::uint32_t id) const {
   refuse_forked();
   objects_.refuse_unknown(id);
-  const Aabb* const late = late_.find(id);
-  const Aabb& box = late != nullptr ? *late : boxes_[id];
-  return id >= mapped_ && has_nan(box) ? empty_aabb() : box;
+  const Box* const late = late_.find(id);
+  const Box& box = late != nullptr ? *late : boxes_[id];
+  return id >= mapped_ && has_nan(box) ? empty_box : box;
 }
 
-const Filter& Core::filter(std::uint32_t id) const {
+template <class Box>
+const Filter& Core<Box>::filter(std::uint32_t id) const {
   objects_.refuse_unknown(id);
   return objects_.filter(id);
 }
 
 /// Replaces all boxes that are not proper.
-void Core::replace_empty(std::span<Aabb> boxes, const Aabb& by) const noexcept {
+template <class Box>
+void Core<Box>::replace_empty(std::span<Box> boxes, const Box& by) const noexcept {
   for_each_part(boxes.size(), threads_, [&](std::size_t begin, std::size_t end, std::size_t /*thread*/) {
-    for (Aabb& box : boxes.subspan(begin, end - begin)) {
+    for (Box& box : boxes.subspan(begin, end - begin)) {
       if (!is_proper(box)) box = by;
     }
   });
 }
 
-std::span<Aabb> Core::map(std::size_t n) {
-  const std::size_t own = mapped_;  // boxes that the caller has written before
-  const std::span<Aabb> boxes = remap(n, n, empty_aabb());
+template <class Box>
+std::span<Box> Core<Box>::map(std::size_t n) {
+  reserve_all(n);
+  // Nothing below throws.
+  const std::size_t own = std::exchange(mapped_, n);  // boxes that the caller has written before
+  set_ids(n, empty_box, [&](std::uint32_t id, const Box& box) { boxes_[id] = box; });
+  changes_.all = true;
+  const std::span<Box> boxes = boxes_.first(n);
   if (n > own && any_empty_) {  // the caller must not get an error for a NaN that somebody else wrote
-    replace_empty(boxes.subspan(own), empty_aabb());
+    replace_empty(boxes.subspan(own), empty_box);
     any_empty_ = false;
   }
   return boxes;
 }
 
-std::span<Aabb> Core::map_packed(std::size_t n) {
-  any_empty_ = true;
-  return remap(n, 0, packed_empty());
+template <class Box>
+std::shared_ptr<const void> Core<Box>::boxes_owner() const {
+  if constexpr (is_exact) {
+    return exact_.boxes.owner();
+  } else {
+    return algorithm_->boxes_owner();
+  }
 }
 
-void Core::begin(const BoxView& boxes) {
+template <class Box>
+void Core<Box>::begin(const BoxView& boxes) {
   replace_all(boxes, [&] { flush(); });
 }
 
-Delta Core::update(const BoxView& boxes) {
+template <class Box>
+Delta Core<Box>::update(const BoxView& boxes) {
   Delta delta;
   replace_all(boxes, [&] { delta = finish(); });
   return delta;
 }
 
-void Core::begin(BoxReplacement* arriving, const LookAtBoxes* look) {
+template <class Box>
+void Core<Box>::begin(ArrivingBoxes* arriving, const LookAtBoxes<Box>* look, bool are_converted) {
   refuse_forked();
   if (is_begun()) return;
   apply_late();
   flight_.reserve(capacity_);  // here, since an update in flight reads it
   or_find_boxes([&] { algorithm_->reserve_exclusions(exclusions_.size()); });
+  if constexpr (is_exact) exact_.pairs.begin(*algorithm_);
   take_mapped(look);
+  if constexpr (is_exact) {
+    if (!are_converted && !changes_.empty())
+      exact_.converted.convert(boxes_.first(objects_.ids()), algorithm_->boxes(), changes_);
+  }
   update_ = Update::begun;
   if (changes_.empty()) return;
   std::swap(flight_, changes_);
@@ -237,20 +332,30 @@ void Core::begin(BoxReplacement* arriving, const LookAtBoxes* look) {
                                  .exclusions_changed = flight_.exclusions,
                                  .worlds = objects_.any_worlds(),
                                  .sets = are_two_sets,
-                                 .sets_decide = are_two_sets && objects_.sets().decide()},
-                       .listener = listener_});
+                                 .sets_decide = are_two_sets && objects_.sets().decide()}});
   });
 }
 
-void Core::flush() {
+template <class Box>
+void Core<Box>::flush() {
   if (is_in_flight()) or_roll_back([&] { algorithm_->flush(); });
 }
 
-Delta Core::finish() {
+template <class Box>
+Delta Core<Box>::finish() {
   begin();
   Delta delta;
-  if (is_in_flight()) or_roll_back([&] { delta = algorithm_->finish(); });
-  boxes_ = algorithm_->boxes();
+  if (is_in_flight()) {
+    or_roll_back([&] {
+      delta = algorithm_->finish();
+      if constexpr (is_exact) {
+        const SlotChanges changed{.slots = flight_.changed(), .recycled = flight_.recycled()};
+        delta = exact_.pairs.finish(*algorithm_, delta, changed, exact_.converted.in_doubt(), boxes_);
+        exact_.converted.count_apart(exact_.pairs.apart(), objects_.size());
+      }
+    });
+  }
+  boxes_ = find_boxes();
   flight_.clear();
   update_ = is_in_flight() ? Update::done : Update::none;
   // If there is no memory yet for objects that were added during the update, the next update allocates it.
@@ -258,7 +363,8 @@ Delta Core::finish() {
   return delta;
 }
 
-void Core::shrink() {
+template <class Box>
+void Core<Box>::shrink() {
   if (is_begun()) throw Error("shrink() was called between begin() and finish(); call finish() first");
   refuse_forked();
   apply_late();
@@ -269,9 +375,15 @@ void Core::shrink() {
   changes.insert(changes_);
   ObjectTable objects = objects_.shrunk(ids);
   has_filter_memory_ = false;  // even if a part of the following fails
-  or_find_boxes([&] { algorithm_->shrink(ids); });
+  or_find_boxes([&] {
+    if constexpr (is_exact) {
+      exact_.pairs.shrink();
+      exact_.boxes.shrink(ids);
+    }
+    algorithm_->shrink(ids);
+  });
   // Nothing below throws, until all is done.
-  boxes_ = algorithm_->boxes();
+  boxes_ = find_boxes();
   objects_ = std::move(objects);
   changes_ = std::move(changes);
   flight_ = {};
@@ -282,13 +394,19 @@ void Core::shrink() {
   reserve_algorithm(ids, objects_.any_filters());
 }
 
-std::vector<Pair> Core::pairs() const {
+template <class Box>
+std::vector<Pair> Core<Box>::pairs() const {
   refuse_forked();
   if (is_begun()) throw Error("pairs() was called between begin() and finish(); call finish() first");
-  return algorithm_->pairs();
+  if constexpr (is_exact) {
+    return exact_.pairs.all(*algorithm_);
+  } else {
+    return algorithm_->pairs();
+  }
 }
 
-void Core::reserve(std::size_t ids, bool filters) {
+template <class Box>
+void Core<Box>::reserve(std::size_t ids, bool filters) {
   if (ids > most_objects) throw_too_many(ids);
   if (ids > capacity_) {
     const std::size_t capacity = std::max({ids, capacity_ + capacity_ / 2, least_capacity});
@@ -299,84 +417,88 @@ void Core::reserve(std::size_t ids, bool filters) {
   if (!is_in_flight()) reserve_algorithm(ids, filters || objects_.any_filters());
 }
 
-void Core::reserve_algorithm(std::size_t ids, bool filters) {
+template <class Box>
+void Core<Box>::reserve_algorithm(std::size_t ids, bool filters) {
   if (has_memory_for(ids, filters)) return;
-  or_find_boxes([&] { algorithm_->reserve(ids, filters || has_filter_memory_); });
-  boxes_ = algorithm_->boxes();
+  or_find_boxes([&] {
+    if constexpr (is_exact) exact_.boxes.reserve(ids);
+    algorithm_->reserve(ids, filters || has_filter_memory_);
+  });
+  boxes_ = find_boxes();
   has_filter_memory_ = has_filter_memory_ || filters;
 }
 
-void Core::apply_late() {
+template <class Box>
+void Core<Box>::apply_late() {
   reserve_algorithm(objects_.ids(), objects_.any_filters());
   // Nothing below throws.
   for (const auto& [id, box] : late_) store_box(id, box);
   late_.clear();
 }
 
-void Core::refuse_replacement(std::size_t boxes) const {
+template <class Box>
+void Core<Box>::refuse_replacement(std::size_t boxes) const {
   refuse_forked();
   if (is_begun()) throw Error("boxes cannot be replaced between begin() and finish(); call finish() first");
   if (boxes > most_objects) throw_too_many(boxes);
 }
 
-void Core::refuse_addition(std::size_t boxes, std::size_t filters) {
-  if (filters != 1 && filters != boxes) {
-    throw Error::invalid_argument(std::to_string(filters) + " filters for " + std::to_string(boxes) +
-                                  " boxes; give one for all, or one for each");
-  }
-  if (boxes > most_objects) throw_too_many(boxes);
-}
-
-void Core::refuse_moves(std::size_t ids, std::size_t boxes) {
-  if (ids != boxes) {
-    throw Error::invalid_argument(std::to_string(ids) + " ids and " + std::to_string(boxes) +
-                                  " boxes; give as many of both");
-  }
-}
-
-void Core::reserve_all(std::size_t n) {
+template <class Box>
+void Core<Box>::reserve_all(std::size_t n) {
   refuse_replacement(n);
   apply_late();
   reserve(std::max(n, objects_.ids()), false);
 }
 
-std::span<Aabb> Core::remap(std::size_t n, std::size_t mapped, const Aabb& empty) {
-  reserve_all(n);
-  // Nothing below throws.
-  mapped_ = mapped;
-  set_ids(n, empty, [&](std::uint32_t id, const Aabb& box) { boxes_[id] = box; });
-  changes_.all = true;
-  return boxes_.first(n);
-}
-
-void Core::swap_boxes() noexcept {
+template <class Box>
+void Core<Box>::swap_boxes() noexcept {
   algorithm_->swap_boxes();
-  boxes_ = algorithm_->boxes();
+  if constexpr (is_exact) exact_.boxes.swap();
+  boxes_ = find_boxes();
 }
 
-void Core::copy_all(const BoxView& view) {
+template <class Box>
+void Core<Box>::copy_all(const BoxView& view) {
   const std::size_t n = view.size();
   const bool uploads = algorithm_->uploads_boxes();
   constexpr std::size_t most_cached = std::size_t{1} << 18U;
   const bool streams = uploads || n > most_cached;
   // An upload of all boxes can begin before it is known which changed.
   const bool arrive_later = uploads && many_moved_;
-  BoxReplacement replacement(view, algorithm_->spare_boxes(), boxes_, streams, arrive_later, threads_);
+  Conversion* conversion = nullptr;
+  if constexpr (is_exact) {
+    conversion = &exact_.converted.begin(view, find_spare().first(objects_.ids()), algorithm_->spare_boxes(),
+                                         algorithm_->boxes(), changes_, arrive_later);
+  }
+  BoxReplacement<Box> replacement(view, find_spare(), boxes_, streams, arrive_later, threads_, conversion);
   if (!arrive_later) replacement.finish();
-  for (std::size_t id = n; id < std::min(spare_slots_, boxes_.size()); ++id) boxes_[id] = packed_empty();
-  set_ids(n, packed_empty(), [](std::uint32_t /*id*/, const Aabb& /*box*/) {});
+  for (std::size_t id = n; id < std::min(spare_slots_, boxes_.size()); ++id) {
+    boxes_[id] = packed_empty_box;
+    if constexpr (is_exact) algorithm_->boxes()[id] = packed_empty();
+  }
+  set_ids(n, packed_empty_box, [](std::uint32_t /*id*/, const Box& /*box*/) {});
+  if constexpr (is_exact) {
+    if (!arrive_later) {
+      exact_.converted.end();
+      exact_.converted.settle(boxes_.first(n), algorithm_->boxes(), changes_);
+    }
+  }
   if (arrive_later || replacement.count() > n / 4) {
     changes_.all = true;
   } else {
     replacement.for_each_changed([&](std::uint32_t slot) { changes_.insert(slot); });
   }
-  begin(arrive_later ? &replacement : nullptr, nullptr);
+  begin(arrive_later ? &replacement : nullptr, nullptr, true);
+  if constexpr (is_exact) {
+    if (arrive_later) exact_.converted.end();
+  }
   many_moved_ = replacement.count() > n / 4;
   any_empty_ = any_empty_ || replacement.any_empty();
 }
 
-void Core::take_mapped(const LookAtBoxes* look) {
-  const std::span<Aabb> boxes = boxes_.first(mapped_);
+template <class Box>
+void Core<Box>::take_mapped(const LookAtBoxes<Box>* look) {
+  const std::span<Box> boxes = boxes_.first(mapped_);
   std::atomic<bool> any_empty = false;
   LowestFound nan(boxes.size());
   for_each_part(boxes.size(), threads_, [&](std::size_t begin, std::size_t end, std::size_t /*thread*/) {
@@ -391,24 +513,12 @@ void Core::take_mapped(const LookAtBoxes* look) {
   // Nothing below throws.
   if (any_empty) {
     any_empty_ = true;
-    replace_empty(boxes, packed_empty());
+    replace_empty(boxes, packed_empty_box);
   }
   mapped_ = 0;
 }
 
-void Core::throw_too_many(std::size_t objects) {
-  throw Error::invalid_argument(std::to_string(objects) + " objects are too many; use at most " +
-                                std::to_string(most_objects));
-}
-
-void Core::refuse_twice(std::span<const std::uint32_t> ids) {
-  if (ids.size() < 2) return;
-  std::vector<std::uint32_t> sorted(ids.begin(), ids.end());
-  std::ranges::sort(sorted);
-  const auto twice = std::ranges::adjacent_find(sorted);
-  if (twice != sorted.end()) {
-    throw Error::invalid_argument("the id " + std::to_string(*twice) + " is given twice; give each once");
-  }
-}
+template class Core<Aabb>;
+template class Core<Aabb64>;
 
 }  // namespace broadcl

@@ -3,7 +3,10 @@
 #include <algorithm>
 #include <cstdint>
 #include <functional>
+#include <limits>
+#include <memory>
 #include <span>
+#include <type_traits>
 #include <utility>
 #include <vector>
 
@@ -14,8 +17,12 @@
 #include <broadcl/pair.hpp>
 #include <broadcl/profile.hpp>
 
+#include "base/box_replacement.hpp"
+#include "base/kept_boxes.hpp"
 #include "base/packed_box.hpp"
 #include "core/change_set.hpp"
+#include "core/converted_boxes.hpp"
+#include "core/exact_pairs.hpp"
 #include "core/late_boxes.hpp"
 #include "core/object_table.hpp"
 #include "engines/algorithm.hpp"
@@ -25,19 +32,35 @@ namespace broadcl {
 
 /// Called for the boxes from `begin` to `end`, one of the parts of for_each_part(), by one of several
 /// threads.
-using LookAtBoxes = std::function<void(std::size_t begin, std::size_t end, std::span<const Aabb> boxes)>;
+template <class Box>
+using LookAtBoxes = std::function<void(std::size_t begin, std::size_t end, std::span<const Box> boxes)>;
+
+/// What a core in double precision has beside its algorithm.
+struct ExactParts {
+  explicit ExactParts(std::size_t threads) : converted(threads), pairs(threads) {}
+
+  KeptBoxes<Aabb64> boxes;
+  ConvertedBoxes converted;
+  ExactPairs pairs;
+};
+struct NoExactParts {
+  explicit NoExactParts(std::size_t /*threads*/) noexcept {}
+};
 
 /// Objects, their ids, and what changed. Each function first does everything that may throw; a comment
 /// marks where the rest begins, which cannot throw. So a function that throws has changed nothing.
-class BROADCL_API Core {
+/// @tparam Box Aabb, or Aabb64: then the algorithm gets boxes as float32 that overlap if these do, and those
+/// of its pairs are left out that do not overlap.
+template <class Box>
+class Core {
  public:
   /// @param threads That copy boxes, at most; 0 for one per processor.
   explicit Core(AlgorithmPointer algorithm, std::size_t threads = 0)
-      : algorithm_(std::move(algorithm)), boxes_(algorithm_->boxes()), threads_(threads) {}
+      : algorithm_(std::move(algorithm)), exact_(threads), boxes_(find_boxes()), threads_(threads) {}
 
-  std::uint32_t add(const Aabb& box, const Filter& filter) {
+  std::uint32_t add(const Box& box, const Filter& filter) {
     refuse_forked();
-    const Aabb& packed = pack_or_refuse(box);
+    const Box& packed = pack_or_refuse(box);
     reserve(std::max<std::size_t>(objects_.ids(), std::size_t{objects_.next()} + 1), filter != Filter());
     reserve_late(1);
     // Nothing below throws.
@@ -47,10 +70,10 @@ class BROADCL_API Core {
   /// @param filters One for all boxes, or as many as boxes.
   std::vector<std::uint32_t> add(const BoxView& boxes, std::span<const Filter> filters);
 
-  void move(std::uint32_t id, const Aabb& box) {
+  void move(std::uint32_t id, const Box& box) {
     refuse_forked();
     objects_.refuse_unknown(id);
-    const Aabb& packed = pack_or_refuse(box);
+    const Box& packed = pack_or_refuse(box);
     reserve_late(1);
     // Nothing below throws.
     set_box(id, packed);
@@ -66,30 +89,25 @@ class BROADCL_API Core {
 
   [[nodiscard]] bool contains(std::uint32_t id) const noexcept { return objects_.contains(id); }
 
-  [[nodiscard]] Aabb box(std::uint32_t id) const;
+  [[nodiscard]] Box box(std::uint32_t id) const;
   [[nodiscard]] const Filter& filter(std::uint32_t id) const;
   /// By id; none if all objects that ever were had the default filter.
   [[nodiscard]] std::span<const Filter> filters() const noexcept { return objects_.filters(); }
   /// Of the update that was begun, packed, by id; empty for ids that are free.
-  [[nodiscard]] std::span<const Aabb> boxes() const noexcept { return boxes_.first(objects_.ids()); }
+  [[nodiscard]] std::span<const Box> boxes() const noexcept { return boxes_.first(objects_.ids()); }
 
-  std::span<Aabb> map(std::size_t n);
-  /// What functions throw for these numbers of boxes, ids and filters before they do anything: map() and
-  /// begin(), add(), and move().
+  std::span<Box> map(std::size_t n);
+  /// Of the memory that map() returned.
+  [[nodiscard]] std::shared_ptr<const void> boxes_owner() const;
+  /// What map() throws for this number of boxes before it does anything.
   void refuse_replacement(std::size_t boxes) const;
-  static void refuse_addition(std::size_t boxes, std::size_t filters);
-  static void refuse_moves(std::size_t ids, std::size_t boxes);
-
-  /// Like map(), but for packed boxes, which begin() need not read. Must not be called between map() and
-  /// begin().
-  std::span<Aabb> map_packed(std::size_t n);
 
   void begin() { begin(nullptr, nullptr); }
   /// @param look Called for each part of the boxes of map() when begin() has just read them, so that they
   /// need not be read from memory twice. Boxes that are empty or have a NaN are still as the caller wrote
   /// them.
   /// @throws What `look` throws; there is no update then.
-  void begin(const LookAtBoxes& look) { begin(nullptr, &look); }
+  void begin(const LookAtBoxes<Box>& look) { begin(nullptr, &look); }
   void begin(const BoxView& boxes);
   void flush();
   Delta finish();
@@ -99,9 +117,6 @@ class BROADCL_API Core {
   void shrink();
 
   [[nodiscard]] std::vector<Pair> pairs() const;
-
-  /// @param listener Of each update that has something to do. Must outlive this object.
-  void set_listener(PairListener& listener) noexcept { listener_ = &listener; }
 
   [[nodiscard]] std::span<const Stage> profile() const noexcept {
     return update_ == Update::done ? algorithm_->profile() : std::span<const Stage>();
@@ -119,8 +134,10 @@ class BROADCL_API Core {
     in_flight  // The algorithm is doing it.
   };
 
-  static constexpr std::size_t most_objects = std::size_t{1} << 31;
-  static constexpr Aabb empty_box = empty_aabb(), packed_empty_box = packed_empty();
+  static constexpr auto infinity = std::numeric_limits<BoundOf<Box>>::infinity();
+  static constexpr bool is_exact = std::is_same_v<Box, Aabb64>;
+  static constexpr Box packed_empty_box = packed_empty<Box>();
+  static constexpr Box empty_box{{infinity, infinity, infinity}, {-infinity, -infinity, -infinity}};
   static constexpr std::size_t least_capacity = 16;  // so that the first objects do not each allocate
 
   /// Whether the algorithm has memory for this many boxes, and for filters if there are any.
@@ -138,7 +155,7 @@ class BROADCL_API Core {
     if (is_late()) late_.reserve(count, capacity_);
   }
 
-  std::uint32_t add_packed(const Aabb& packed, const Filter& filter) noexcept {
+  std::uint32_t add_packed(const Box& packed, const Filter& filter) noexcept {
     const std::uint32_t id = objects_.add();
     changes_.recycle(id);
     set_box(id, packed);
@@ -154,7 +171,7 @@ class BROADCL_API Core {
   [[nodiscard]] bool is_begun() const noexcept { return update_ == Update::begun || is_in_flight(); }
 
   /// If it is late, there must be memory for that.
-  void set_box(std::uint32_t id, const Aabb& packed) noexcept {
+  void set_box(std::uint32_t id, const Box& packed) noexcept {
     if (is_late()) {
       late_.set(id, packed);
     } else {
@@ -162,10 +179,10 @@ class BROADCL_API Core {
     }
   }
 
-  void store_box(std::uint32_t id, const Aabb& packed) noexcept {
+  void store_box(std::uint32_t id, const Box& packed) noexcept {
     // Among boxes that the caller writes in place, a NaN would be the caller's.
-    const Aabb& box = id < mapped_ && !is_proper(packed) ? empty_box : packed;
-    Aabb& old = boxes_[id];
+    const Box& box = id < mapped_ && !is_proper(packed) ? empty_box : packed;
+    Box& old = boxes_[id];
     if (same_bits(old, box)) return;
     old = box;
     changes_.insert(id);
@@ -183,32 +200,37 @@ class BROADCL_API Core {
 
   /// @param arriving The boxes, all of which count as changed. Null if they are there.
   /// @param look At the boxes of map(); null for nothing.
-  void begin(BoxReplacement* arriving, const LookAtBoxes* look);
+  /// @param are_converted Whether the algorithm has the boxes, too.
+  void begin(ArrivingBoxes* arriving, const LookAtBoxes<Box>* look, bool are_converted = false);
 
   /// Makes 0 .. n-1 the ids of the objects. The memory must be reserved.
   /// @param set Called with ids, and with the boxes of those that are removed or added.
   /// @param empty Boxes of objects that are added.
   template <class SetBox>
-  void set_ids(std::size_t n, const Aabb& empty, const SetBox& set) noexcept;
-
-  /// @param mapped How many of the boxes begin() has to pack.
-  /// @param empty The boxes of new objects.
-  std::span<Aabb> remap(std::size_t n, std::size_t mapped, const Aabb& empty);
+  void set_ids(std::size_t n, const Box& empty, const SetBox& set) noexcept;
 
   /// Makes the boxes of a view those of all objects, and begins an update. If this or `end` fails, everything
   /// is as before.
   template <class Function>
   void replace_all(const BoxView& view, const Function& end);
+  template <class Function>
+  void replace_once(const BoxView& view, const Function& end);
 
   void swap_boxes() noexcept;
 
   /// Copies all boxes and begins the update. If most moved in the last one, a device receives them meanwhile.
   void copy_all(const BoxView& view);
 
-  void replace_empty(std::span<Aabb> boxes, const Aabb& by) const noexcept;
+  void replace_empty(std::span<Box> boxes, const Box& by) const noexcept;
   /// Packs the boxes that the caller wrote in place.
   /// @param look Null for nothing.
-  void take_mapped(const LookAtBoxes* look);
+  void take_mapped(const LookAtBoxes<Box>* look);
+
+  /// The caller's boxes, as many as the algorithm has memory for.
+  [[nodiscard]] std::span<Box> find_boxes() noexcept;
+  /// Memory for as many others.
+  /// @throws As Algorithm::spare_boxes().
+  [[nodiscard]] std::span<Box> find_spare();
 
   /// Reserves memory of the algorithm, which may store the boxes elsewhere even if that fails.
   template <class Function>
@@ -218,16 +240,13 @@ class BROADCL_API Core {
   template <class Function>
   void or_roll_back(const Function& function);
 
-  [[noreturn]] static void throw_too_many(std::size_t objects);
-  static void refuse_twice(std::span<const std::uint32_t> ids);
-
   /// (Memory of a device may not be there after a fork.)
   void refuse_forked() const {
     if (opencl::is_forked() && algorithm_->device() != nullptr) opencl::use_in_this_process();
   }
 
   /// @returns The box, or one that lives as long as the program.
-  const Aabb& pack_or_refuse(const Aabb& box) {
+  const Box& pack_or_refuse(const Box& box) {
     if (is_proper(box)) return box;
     if (has_nan(box)) throw_nan("a box");
     any_empty_ = true;
@@ -235,22 +254,25 @@ class BROADCL_API Core {
   }
 
   AlgorithmPointer algorithm_;
-  std::span<Aabb> boxes_;           // the algorithm's
+  [[no_unique_address]] std::conditional_t<is_exact, ExactParts, NoExactParts> exact_;
+  std::span<Box> boxes_;            // the algorithm's, or those of `exact_`
   std::size_t threads_;             // that copy boxes
   bool has_filter_memory_ = false;  // in the algorithm
   std::size_t capacity_ = 0;        // ids that the following have capacity for
   ObjectTable objects_;
   std::vector<Pair> exclusions_;  // in canonical order
   std::size_t mapped_ = 0;        // boxes that the caller may have written in place
-  std::size_t spare_slots_ = 0;   // from here on, the algorithm's spare boxes are packed_empty()
+  std::size_t spare_slots_ = 0;   // from here on, spare boxes are packed_empty()
   bool any_empty_ = false;        // the box of some object may be packed_empty()
 
   ChangeSet changes_;  // since the last update began
   ChangeSet flight_;   // the changes that the update in flight applies
   Update update_ = Update::none;
-  LateBoxes<Aabb> late_;    // packed
+  LateBoxes<Box> late_;     // packed
   bool many_moved_ = true;  // in the last replacement
-  PairListener* listener_ = nullptr;
 };
+
+extern template class BROADCL_API Core<Aabb>;  // for libbroadcl_mpi
+extern template class Core<Aabb64>;
 
 }  // namespace broadcl

@@ -7,12 +7,13 @@
 #include <broadcl/box_view.hpp>
 #include <broadcl/pair.hpp>
 
-#include "base/origin.hpp"
+#include "base/coordinate_map.hpp"
+#include "base/packed_box.hpp"
 
 namespace broadcl {
 
-/// The caller's boxes, one set or two, in double precision. They are searched in single precision, and the
-/// pairs that are found are those of the caller's numbers: origin.hpp.
+/// The caller's boxes, one set or two, in double precision, for one search. They are searched in single
+/// precision, and the pairs that are found are those of the caller's numbers.
 class ExactBoxes {
  public:
   /// Whether the caller's numbers are more than float32 can tell. Otherwise float32 is exact.
@@ -22,6 +23,7 @@ class ExactBoxes {
 
   /// @param second Empty for one set. Its boxes follow those of the first.
   /// @param threads At most; 0 for one per processor.
+  /// @throws std::bad_alloc
   ExactBoxes(const BoxView& first, const BoxView& second, std::size_t threads);
 
   [[nodiscard]] std::size_t size() const noexcept { return first_.size() + second_.size(); }
@@ -29,24 +31,27 @@ class ExactBoxes {
   /// All boxes in single precision, packed.
   /// @param out As many as size().
   /// @returns The lowest index of a box with a NaN, or size() if there is none; `out` is then unspecified.
-  [[nodiscard]] std::size_t pack_to(std::span<Aabb> out) const;
+  [[nodiscard]] std::size_t pack_to(std::span<Aabb> out);
 
   /// Removes the pairs that overlap in single precision only.
   /// @param packed What pack_to() wrote.
   /// @param pairs Indices of the boxes.
+  /// @throws std::bad_alloc
   void keep_overlapping(std::vector<Pair>& pairs, std::span<const Aabb> packed) const;
 
  private:
   [[nodiscard]] Aabb64 box(std::size_t k) const noexcept {
     return k < first_.size() ? first_.exact(k) : second_.exact(k - first_.size());
   }
-  [[nodiscard]] std::size_t pack(const BoxView& view, std::span<Aabb> out) const;
-  [[nodiscard]] std::size_t keep(std::span<Pair> pairs, std::span<const Aabb> packed) const noexcept;
+  /// Calls function(index of the first box, boxes) for blocks of the boxes from `begin` to `end`.
+  template <class Function>
+  void for_each_block(std::size_t begin, std::size_t end, const Function& function) const;
 
   BoxView first_;
   BoxView second_;
   std::size_t threads_;
-  Origin origin_;
+  CoordinateMap map_;
+  AxisSet in_doubt_ = 0;
 };
 
 }  // namespace broadcl

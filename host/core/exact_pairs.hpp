@@ -1,81 +1,85 @@
 #pragma once
 
 #include <cstddef>
-#include <memory>
+#include <optional>
 #include <span>
 #include <vector>
 
 #include <broadcl/aabb.hpp>
 #include <broadcl/pair.hpp>
 
+#include "base/floating_point.hpp"
+#include "base/packed_box.hpp"
+#include "base/pair_lists.hpp"
+#include "core/pair_index.hpp"
 #include "engines/algorithm.hpp"
 #include "engines/change_lists.hpp"
 
 namespace broadcl {
 
-/// Turns the pairs and changes of a core in single precision into those in double precision. Among the pairs
-/// that touch in single precision, it remembers those that are apart in double precision.
-///
-/// An update consists of begin(), that of the core, and commit(). If it fails before commit(), the pairs of
-/// the last update are still known.
-class ExactPairs final : public PairListener {
+/// Appends those of some pairs whose boxes do not overlap.
+template <class Function>
+[[gnu::noinline]] void append_apart(std::span<const Pair> pairs, const Function& box, std::vector<Pair>& to) {
+  for (const Pair& pair : pairs) {
+    if (!packed_overlaps(box(pair.a), box(pair.b))) to.push_back(pair);
+  }
+}
+
+/// Those of some pairs whose boxes do not overlap, in canonical order.
+/// @param box Returns a box in double precision that is not empty, by slot.
+/// @param threads At most; 0 for one per processor.
+/// @throws std::bad_alloc
+template <class Function>
+[[nodiscard]] std::vector<Pair> pairs_apart(std::span<const Pair> pairs, std::size_t threads,
+                                            const Function& box) {
+  std::vector<Pair> apart =
+      select_pairs(pairs, threads, [&](std::span<const Pair> part, std::vector<Pair>& selected) {
+        const DefaultFloatingPoint as_everywhere;
+        append_apart(part, box, selected);
+      });
+  if (!std::ranges::is_sorted(apart)) std::ranges::sort(apart);
+  return apart;
+}
+
+/// Turns the pairs and changes of an algorithm into those in double precision: the pairs that touch as
+/// float32 are compared, and it is remembered which are apart.
+class ExactPairs {
  public:
   /// @param threads That compare pairs, at most; 0 for one per processor.
-  explicit ExactPairs(std::size_t threads) : threads_(threads) {}
+  explicit ExactPairs(std::size_t threads) : threads_(threads), parts_(threads) {}
 
-  /// @param boxes Of the update, by id. May be written until the core lists the pairs.
-  void begin(std::span<const Aabb64> boxes) noexcept { next_ = {.boxes = boxes}; }
-  void list_touching(std::vector<Pair> pairs) override;
-  void expect_changes(std::size_t added, std::size_t removed) override;
-  /// To be called if a box has changed, perhaps by less than single precision can tell: if the core had
-  /// nothing to do, compares the pairs that touched in the last update.
-  /// @throws std::bad_alloc
-  void compare_again();
-  /// @param found The changes of the core.
-  Delta commit(const Delta& found) noexcept;
+  /// To be called before each update of the algorithm.
+  /// @throws As Algorithm::pairs(); nothing has changed then.
+  void begin(Algorithm& algorithm);
+  /// To be called after it. If this throws, all() still returns the pairs that were last reported, and all
+  /// slots must count as changed in the next update.
+  /// @param found The changes of the algorithm.
+  /// @param changed The slots that changed, of which `recycled` are counted from the last success on.
+  /// @param axes On which bounds may be told apart only in double precision.
+  /// @param boxes Of the update, by slot.
+  /// @returns The changes since the last success.
+  /// @throws As Algorithm::touching() and Algorithm::pairs(); std::bad_alloc.
+  Delta finish(Algorithm& algorithm, const Delta& found, const SlotChanges& changed, AxisSet axes,
+               std::span<const Aabb64> boxes);
 
-  /// How many pairs touch in single precision.
-  [[nodiscard]] std::size_t touching() const noexcept { return touching_.size(); }
-  /// The pairs of the core that overlap in double precision.
-  /// @throws std::bad_alloc
-  [[nodiscard]] std::vector<Pair> overlapping(std::vector<Pair> pairs) const;
+  /// All pairs as of the last success.
+  /// @throws As Algorithm::pairs(); std::bad_alloc.
+  [[nodiscard]] std::vector<Pair> all(Algorithm& algorithm) const;
+  /// How many pairs touch as float32, but are apart.
+  [[nodiscard]] std::size_t apart() const noexcept { return apart_.size(); }
 
   /// Frees what the next update does not need.
-  void shrink() noexcept;
+  /// @throws std::bad_alloc; nothing has changed then.
+  void shrink();
 
  private:
-  /// A pair that is inserted into a list, or left out of it.
-  struct Edit {
-    std::size_t from;  // the index in the list of the pair, or of the next one
-    std::size_t to;    // the index in the edited list
-    Pair pair;
-    bool is_inserted;
-    [[nodiscard]] std::size_t next_from() const noexcept { return is_inserted ? from : from + 1; }
-    [[nodiscard]] std::size_t next_to() const noexcept { return is_inserted ? to + 1 : to; }
-  };
-
-  static void find_edits(std::span<const Pair> changes, std::span<const Pair> except,
-                         std::span<const Pair> turned, std::span<const Pair> opposite,
-                         std::vector<Edit>& edits) noexcept;
-  void apply(std::span<const Pair> changes, std::span<const Edit> edits,
-             std::vector<Pair>& out) const noexcept;
-
-  /// What becomes of the members of the same name.
-  struct Next {
-    std::span<const Aabb64> boxes{};
-    bool is_listed = false;
-    std::vector<Pair> touching{}, apart{};
-    // The lists to return, with memory for all changes; null if those of the core will do.
-    std::vector<Pair>*added = nullptr, *removed = nullptr;
-    std::shared_ptr<const void> owner{};
-    std::vector<Edit> added_edits{}, removed_edits{};  // to the lists of the core, with memory for all
-  };
-
   std::size_t threads_;
-  std::vector<Pair> touching_;  // in single precision, in any order
-  std::vector<Pair> apart_;     // those of them that do not overlap in double precision, in canonical order
+  PairIndex apart_;  // of the pairs of the algorithm
+  PairParts parts_;
   ChangeLists lists_;
-  Next next_;
+  // Since the last success, if something failed: changes of the algorithm, and later the pairs before them.
+  std::optional<Delta> unreported_;
+  std::optional<std::vector<Pair>> reported_;
 };
 
 }  // namespace broadcl

@@ -18,26 +18,12 @@
 #include <broadcl/profile.hpp>
 
 #include "base/non_copyable.hpp"
+#include "base/packed_box.hpp"
 #include "opencl/process.hpp"
 
 namespace broadcl {
 
-class BoxReplacement;
-
-/// Learns about the pairs of an update before that is committed, so that it can fail together with the
-/// update.
-class PairListener : NonCopyable {
- public:
-  virtual ~PairListener() = default;
-
-  /// @param pairs Those that touch: touching.hpp. In any order.
-  /// @throws std::bad_alloc
-  virtual void list_touching(std::vector<Pair> pairs) = 0;
-  /// Called afterwards. If it is called again in the same update, the last call counts.
-  /// @param added, removed How many pairs finish() will return.
-  /// @throws std::bad_alloc
-  virtual void expect_changes(std::size_t added, std::size_t removed) = 0;
-};
+class ArrivingBoxes;
 
 /// The slots that changed since the last update.
 struct SlotChanges {
@@ -75,10 +61,15 @@ struct Input {
   std::span<const Aabb> boxes{};
   /// If not null, it is still writing the boxes, and begin() must wait for them. Only if uploads_boxes(), and
   /// if all count as changed.
-  BoxReplacement* arriving = nullptr;
+  ArrivingBoxes* arriving = nullptr;
   SlotChanges changed{};
   PairRules rules{};
-  PairListener* listener = nullptr;  ///< If not null, finish() must call it.
+};
+
+/// Pairs whose boxes have a bound in common.
+struct Touching {
+  bool all = false;           ///< Whether they are all such pairs, not only those of slots that changed.
+  std::vector<Pair> pairs{};  ///< In any order.
 };
 
 /// An algorithm for a BroadPhase: stores the boxes, finds the pairs, and remembers the pairs of the last
@@ -141,6 +132,11 @@ class Algorithm : NonCopyable {
     const Delta delta = finish();
     return {delta.added.begin(), delta.added.end()};
   }
+
+  /// The pairs of the last update whose boxes touch: touching.hpp. To be called before anything changes.
+  /// @param axes On one of these axes.
+  /// @throws Error, std::bad_alloc; nothing has changed then.
+  [[nodiscard]] virtual Touching touching(AxisSet axes) = 0;
 
   /// A rough estimate of the seconds that an update takes, as if few boxes overlapped; 0 if unknown.
   [[nodiscard]] virtual double expected_seconds(std::size_t /*slots*/, std::size_t /*changed*/) const {

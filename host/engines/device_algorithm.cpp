@@ -47,7 +47,6 @@ class DeviceAlgorithm final : public OnDevice {
 
   void begin(const Input& input) override {
     profiler_.begin();
-    listener_ = input.listener;
     context_.guard([&] {
       engine_->prepare();
       engine_->begin(objects_->upload(input));
@@ -57,9 +56,13 @@ class DeviceAlgorithm final : public OnDevice {
   }
 
   Delta finish() override {
-    const PairDelta::Counts counts = context_.guard([&] { return engine_->finish(listener_); });
+    const PairDelta::Counts counts = context_.guard([&] { return engine_->finish(); });
     objects_->commit();
     return engine_->changes().on_host(counts);
+  }
+
+  [[nodiscard]] Touching touching(AxisSet axes) override {
+    return context_.guard([&] { return engine_->touching(axes); });
   }
 
   [[nodiscard]] std::vector<Pair> find_all(const Input& input) override {

@@ -93,14 +93,9 @@ void Engine::commit(const Completed& completed) noexcept {
   frames_.swap();
 }
 
-Engine::Completed Engine::complete(PairListener* listener) {
+Engine::Completed Engine::complete() {
   const PairDelta::Counts counts = find();
   const bool is_next_ready = order_.complete(delta_, counts);
-  if (listener != nullptr) {
-    if (!touching_) touching_.emplace(context_, profiler_);
-    listener->list_touching(touching_->find(frames_.now, counts.found - counts.added, counts.added));
-    listener->expect_changes(counts.added, counts.removed);
-  }
   profiler_.resolve();
   return {.counts = counts, .is_next_ready = is_next_ready};
 }
@@ -110,6 +105,13 @@ std::vector<Pair> Engine::finish_only_search() {
   profiler_.resolve();
   commit({.counts = counts, .is_next_ready = false});
   return pairs();
+}
+
+Touching Engine::touching(AxisSet axes) {
+  if (!touching_) touching_.emplace(context_, profiler_);
+  Touching touching{.all = true, .pairs = touching_->find(frames_.last, axes)};
+  profiler_.resolve();
+  return touching;
 }
 
 cl::Buffer Engine::sorted_pairs() {

@@ -50,10 +50,9 @@ class Engine {
   void search();
   /// Waits for the search. Waits again only if the lists were too small, if far more changed than in the last
   /// frame, or if the finder gave up.
-  /// @param listener Null if there is none.
-  /// @throws cl::Error, Error; what the listener throws.
-  PairDelta::Counts finish(PairListener* listener = nullptr) {
-    const Completed completed = complete(listener);
+  /// @throws cl::Error, Error
+  PairDelta::Counts finish() {
+    const Completed completed = complete();
     commit(completed);
     return completed.counts;
   }
@@ -64,7 +63,7 @@ class Engine {
   };
   /// finish() without the end: unless commit() follows, the last frame is still the last one, as if this one
   /// had failed.
-  [[nodiscard]] Completed complete(PairListener* listener = nullptr);
+  [[nodiscard]] Completed complete();
   /// The frame succeeded, and becomes the last one.
   // NOLINTNEXTLINE(bugprone-exception-escape): handles do not throw when moved
   void commit(const Completed& completed) noexcept;
@@ -101,6 +100,9 @@ class Engine {
   [[nodiscard]] const Order& changes() const noexcept { return order_; }
   /// Number of pairs as of the last frame.
   [[nodiscard]] std::size_t pair_count() const noexcept { return delta_.pair_count(); }
+  /// As Algorithm::touching(), for all pairs of the last frame.
+  /// @throws cl::Error, Error, std::bad_alloc
+  [[nodiscard]] Touching touching(AxisSet axes);
   /// Enqueues the commands that write all pairs of the last frame, in canonical order, to a new buffer.
   /// @throws cl::Error, Error
   [[nodiscard]] cl::Buffer sorted_pairs();

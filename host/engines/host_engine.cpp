@@ -6,7 +6,7 @@
 #include <utility>
 
 #include "base/free_lists.hpp"
-#include "base/packed_box.hpp"
+#include "base/kept_boxes.hpp"
 #include "base/pair_lists.hpp"
 #include "base/system.hpp"
 #include "engines/change_lists.hpp"
@@ -21,30 +21,16 @@ namespace {
 constexpr std::size_t pairs_per_search = 256;
 constexpr std::size_t pairs_per_found = 3;
 
-/// The smallest capacity, so that the first boxes do not each allocate.
-constexpr std::size_t least_boxes = 16;
-
 class HostEngine final : public Algorithm {
  public:
   HostEngine(std::unique_ptr<HostFinder> finder, std::size_t threads)
       : finder_(std::move(finder)), threads_(threads), parts_(threads) {}
 
-  void reserve(std::size_t slots, bool /*filters*/) override {
-    if (slots <= boxes_->size()) return;
-    auto larger = std::make_shared<std::vector<Aabb>>(std::max({slots, boxes_->size() * 3 / 2, least_boxes}),
-                                                      packed_empty());
-    std::ranges::copy(*boxes_, larger->begin());
-    boxes_ = std::move(larger);
-    spare_.reset();
-  }
-
-  [[nodiscard]] std::span<Aabb> boxes() noexcept override { return *boxes_; }
-  [[nodiscard]] std::span<Aabb> spare_boxes() override {
-    if (spare_ == nullptr) spare_ = std::make_shared<std::vector<Aabb>>(boxes_->size(), packed_empty());
-    return *spare_;
-  }
-  void swap_boxes() noexcept override { boxes_.swap(spare_); }
-  [[nodiscard]] std::shared_ptr<const void> boxes_owner() const override { return boxes_; }
+  void reserve(std::size_t slots, bool /*filters*/) override { boxes_.reserve(slots); }
+  [[nodiscard]] std::span<Aabb> boxes() noexcept override { return boxes_.get(); }
+  [[nodiscard]] std::span<Aabb> spare_boxes() override { return boxes_.spare(); }
+  void swap_boxes() noexcept override { boxes_.swap(); }
+  [[nodiscard]] std::shared_ptr<const void> boxes_owner() const override { return boxes_.owner(); }
 
   void begin(const Input& input) override {
     input_ = input;
@@ -74,20 +60,17 @@ class HostEngine final : public Algorithm {
       if (!are_known) find_known();
       Delta delta = changes_from(known_);
       refuse_too_many(pairs_.size() + delta.added.size() - delta.removed.size());
-      if (input_.listener != nullptr) {
-        const std::vector<Pair> touching = difference(find_touching(pairs_.all()), delta.removed);
-        tell_listener(merge(touching, find_touching(delta.added)), delta);
-      }
       pairs_.change(delta.added, delta.removed);
       lists_.commit();
+      has_found_all_ = false;
       return delta;
     }
     finder_->find(input_, found_);
     subtract(found_, exclusions_);
     Delta delta = changes_from(pairs_.all());
-    if (input_.listener != nullptr) tell_listener(find_touching(found_), delta);
     pairs_.swap(found_);
     lists_.commit();
+    has_found_all_ = true;
     return delta;
   } catch (...) {
     clear();
@@ -95,11 +78,7 @@ class HostEngine final : public Algorithm {
   }
 
   void shrink(std::size_t slots) override {
-    spare_.reset();
-    if (slots < boxes_->size()) {
-      boxes_ = std::make_shared<std::vector<Aabb>>(boxes_->begin(),
-                                                   boxes_->begin() + static_cast<std::ptrdiff_t>(slots));
-    }
+    boxes_.shrink(slots);
     filters_.resize(std::min(filters_.size(), slots));  // the caller forgets those of free slots beyond
     filters_.shrink_to_fit();
     exclusions_.shrink_to_fit();
@@ -121,6 +100,10 @@ class HostEngine final : public Algorithm {
     return 5e-6 + std::min(600e-9 * static_cast<double>(changed), 150e-9 * static_cast<double>(slots));
   }
 
+  [[nodiscard]] Touching touching(AxisSet axes) override {
+    const std::span<const Pair> pairs = has_found_all_ ? pairs_.all() : found_;
+    return {.all = has_found_all_, .pairs = touching_pairs(pairs, boxes(), axes, threads_)};
+  }
   [[nodiscard]] std::vector<Pair> pairs() override { return copy_of(pairs_.all()); }
   [[nodiscard]] const Device* device() const noexcept override { return nullptr; }
   [[nodiscard]] std::span<const Stage> profile() const noexcept override { return {}; }
@@ -131,14 +114,6 @@ class HostEngine final : public Algorithm {
     return lists_.fill([&](std::vector<Pair>& added, std::vector<Pair>& removed) {
       compare(before, found_, input_.changed.recycled, parts_, added, removed);
     });
-  }
-
-  [[nodiscard]] std::vector<Pair> find_touching(std::span<const Pair> pairs) const {
-    return touching_pairs(pairs, *boxes_, threads_);
-  }
-  void tell_listener(std::vector<Pair> touching, const Delta& delta) const {
-    input_.listener->list_touching(std::move(touching));
-    input_.listener->expect_changes(delta.added.size(), delta.removed.size());
   }
 
   /// Frees what is not needed before the next update, which searches all boxes.
@@ -179,9 +154,8 @@ class HostEngine final : public Algorithm {
 
   std::unique_ptr<HostFinder> finder_;
   std::size_t threads_;  // at most; 0 for one per processor
-  std::shared_ptr<std::vector<Aabb>> boxes_ = std::make_shared<std::vector<Aabb>>();
-  std::shared_ptr<std::vector<Aabb>> spare_;  // null until it is needed
-  std::vector<Filter> filters_;               // as of the last update, and so are the exclusions
+  KeptBoxes<Aabb> boxes_;
+  std::vector<Filter> filters_;  // as of the last update, and so are the exclusions
   std::vector<Pair> exclusions_;
   Input input_;
   // Of this update: all filters, or those that changed, followed by those that are beyond the last ones.
@@ -191,6 +165,7 @@ class HostEngine final : public Algorithm {
   PairParts parts_;
   ChangeLists lists_;
   std::vector<Pair> found_, known_;
+  bool has_found_all_ = true;              // in the last update, not only the pairs of what changed
   std::vector<std::uint8_t> has_changed_;  // by slot
 };
 

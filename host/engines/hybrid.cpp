@@ -11,7 +11,6 @@
 #include <broadcl/error.hpp>
 
 #include "base/box_replacement.hpp"
-#include "base/free_lists.hpp"
 #include "base/hysteresis.hpp"
 #include "base/packed_box.hpp"
 #include "base/pair_lists.hpp"
@@ -192,9 +191,6 @@ class Hybrid final : public Algorithm {
         const std::span<const Pair> now = had_pairs ? pairs : delta.added;
         compare(*handover_, now, input_.changed.recycled, parts_, added, removed);
       });
-      if (input_.listener != nullptr) {
-        input_.listener->expect_changes(delta.added.size(), delta.removed.size());
-      }
       parts_.free_scratch();
     } else if (was_updated_ && !opening_.is_running()) {  // the first update of all boxes takes longer
       taken = side_->estimate.learn(current().expected_seconds(input_.boxes.size(), changed_slots()),
@@ -224,6 +220,12 @@ class Hybrid final : public Algorithm {
   }
 
   [[nodiscard]] std::vector<Pair> find_all(const Input& input) override { return current().find_all(input); }
+
+  [[nodiscard]] Touching touching(AxisSet axes) override {
+    Touching touching;
+    or_leave_device([&] { touching = asked_->touching(axes); });
+    return touching;
+  }
 
   [[nodiscard]] std::vector<Pair> pairs() override { return handover_ ? *handover_ : current().pairs(); }
 

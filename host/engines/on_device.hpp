@@ -44,7 +44,6 @@ class OnDevice : public Algorithm {
   opencl::Context context_;
   opencl::Profiler profiler_;
   std::unique_ptr<DeviceObjects> objects_;
-  PairListener* listener_ = nullptr;  // of the update that was begun
 };
 
 }  // namespace broadcl

@@ -16,13 +16,13 @@ constexpr std::size_t least_touching = 511;  // that are read at once, with thei
 
 }  // namespace
 
-std::vector<Pair> touching_pairs(std::span<const Pair> pairs, std::span<const Aabb> boxes,
+std::vector<Pair> touching_pairs(std::span<const Pair> pairs, std::span<const Aabb> boxes, AxisSet axes,
                                  std::size_t threads) {
   return select_pairs(pairs, threads, [&](std::span<const Pair> part, std::vector<Pair>& touching) {
     constexpr std::size_t ahead = 16;
     for (std::size_t k = 0; k < part.size(); ++k) {
       if (k + ahead < part.size()) prefetch(&boxes[part[k + ahead].a]);
-      if (packed_touch(boxes[part[k].a], boxes[part[k].b])) touching.push_back(part[k]);
+      if (packed_touch(boxes[part[k].a], boxes[part[k].b], axes)) touching.push_back(part[k]);
     }
   });
 }
@@ -32,8 +32,9 @@ TouchingPairs::TouchingPairs(const opencl::Context& context, opencl::Profiler& p
       profiler_(profiler),
       kernel_(context.sized_kernel(opencl::common_program(context), "touching_pairs")) {}
 
-std::vector<Pair> TouchingPairs::find(const Frame& frame, std::size_t kept, std::size_t added) {
-  if (kept + added == 0) return {};
+std::vector<Pair> TouchingPairs::find(const Frame& frame, AxisSet axes) {
+  const std::size_t count = frame.pairs.found();
+  if (count == 0) return {};
   opencl::Profiler::Scope stage(profiler_, "touching");
   const cl::CommandQueue& queue = context_.queue();
   std::vector<Pair> pairs;
@@ -45,10 +46,10 @@ std::vector<Pair> TouchingPairs::find(const Frame& frame, std::size_t kept, std:
     if (!is_counted_) context_.fill(result_.get(), counted_ = 0, 0, 1, stage.event());
     is_counted_ = false;  // if anything below fails
     opencl::set_arguments(kernel_.kernel, 0, static_cast<cl_uint>(frame.pairs.capacity),
-                          static_cast<cl_uint>(kept), static_cast<cl_uint>(added), counted_,
-                          static_cast<cl_uint>(most), frame.pairs.buffer.get(), frame.objects.boxes,
-                          result_.get());
-    kernel_.enqueue(queue, opencl::divide_up(kept + added, pairs_per_item), stage.event());
+                          static_cast<cl_uint>(frame.pairs.kept), static_cast<cl_uint>(frame.pairs.added),
+                          static_cast<cl_uint>(axes), counted_, static_cast<cl_uint>(most),
+                          frame.pairs.buffer.get(), frame.objects.boxes, result_.get());
+    kernel_.enqueue(queue, opencl::divide_up(count, pairs_per_item), stage.event());
     pairs.resize(1 + most);
     queue.enqueueReadBuffer(result_.get(), CL_TRUE, 0, bytes, pairs.data());
     expected_ = pairs.front().a - counted_;

@@ -7,6 +7,7 @@
 #include <broadcl/aabb.hpp>
 #include <broadcl/pair.hpp>
 
+#include "base/packed_box.hpp"
 #include "engines/frame.hpp"
 #include "opencl/context.hpp"
 #include "opencl/growing_buffer.hpp"
@@ -14,12 +15,13 @@
 
 namespace broadcl {
 
-/// Those of the pairs whose boxes touch: the lower bound of one is the upper bound of the other on some axis.
+/// Those of the pairs whose boxes touch: the lower bound of one is the upper bound of the other on an axis.
 /// @param boxes By slot, packed.
+/// @param axes Those that count.
 /// @param threads At most; 0 for one per processor.
 /// @throws std::bad_alloc
 [[nodiscard]] std::vector<Pair> touching_pairs(std::span<const Pair> pairs, std::span<const Aabb> boxes,
-                                               std::size_t threads);
+                                               AxisSet axes, std::size_t threads);
 
 /// The same for the pairs of a frame on a device: kernels/touching.cl.
 class TouchingPairs {
@@ -29,10 +31,10 @@ class TouchingPairs {
   TouchingPairs(const opencl::Context& context, opencl::Profiler& profiler);
 
   /// Waits for the device.
-  /// @param frame Whose search has ended, with `kept` and `added` pairs.
+  /// @param frame Whose search has ended.
   /// @returns In any order.
   /// @throws cl::Error, Error, std::bad_alloc
-  [[nodiscard]] std::vector<Pair> find(const Frame& frame, std::size_t kept, std::size_t added);
+  [[nodiscard]] std::vector<Pair> find(const Frame& frame, AxisSet axes);
 
  private:
   const opencl::Context& context_;

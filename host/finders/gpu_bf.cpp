@@ -67,7 +67,6 @@ class GpuBf final : public OnDevice {
   void begin(const Input& input) override {
     profiler_.begin();
     recycled_.assign(input.changed.recycled.begin(), input.changed.recycled.end());
-    listener_ = input.listener;
     current_pairs_ = triangle::row_start(static_cast<std::uint32_t>(input.boxes.size()));
     context_.guard([&] {
       grow_results(input.boxes.size(), current_pairs_);
@@ -91,11 +90,6 @@ class GpuBf final : public OnDevice {
       find_changes(bytes_of(previous_, previous_pairs_), bytes_of(current_, current_pairs_), recycled_, added,
                    removed);
     });
-    if (listener_ != nullptr) {
-      const std::vector<Pair> pairs = pairs_of(bytes_of(current_, current_pairs_));
-      listener_->list_touching(touching_pairs(pairs, boxes(), threads_));
-      listener_->expect_changes(delta.added.size(), delta.removed.size());
-    }
     if (current_pairs_ > 0) {
       frames_->swap();
       objects_->commit();
@@ -105,6 +99,10 @@ class GpuBf final : public OnDevice {
     previous_pairs_ = current_pairs_;
     lists_.commit();
     return delta;
+  }
+
+  [[nodiscard]] Touching touching(AxisSet axes) override {
+    return {.all = true, .pairs = touching_pairs(pairs(), boxes(), axes, threads_)};
   }
 
   [[nodiscard]] std::vector<Pair> pairs() override { return pairs_of(bytes_of(previous_, previous_pairs_)); }

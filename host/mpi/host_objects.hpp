@@ -44,7 +44,7 @@ class HostObjects final : public Objects {
   void commit() noexcept;
   /// All pairs of two objects of this rank, as of the last commit().
   [[nodiscard]] std::vector<Pair> pairs() const;
-  [[nodiscard]] const Core& search() const noexcept { return search_; }
+  [[nodiscard]] const Core<Aabb>& search() const noexcept { return search_; }
 
   [[nodiscard]] bool begin(const OwnBounds* own, const Neighbours& neighbours,
                            std::vector<Halo>& near) override;
@@ -58,7 +58,7 @@ class HostObjects final : public Objects {
  private:
   void reserve(std::size_t ids);
 
-  Core search_;
+  Core<Aabb> search_;
   std::size_t threads_;
   std::size_t ids_ = 0;       // All ids are below.
   std::size_t reserved_ = 0;  // ids, in changes_

@@ -45,7 +45,6 @@ def test_the_first_page():
 
 @pytest.mark.parametrize("header, declaration", [
     ("broad_phase.hpp", "Delta update(const BoxView& boxes)"), ("broad_phase.hpp", "void begin(const BoxView& boxes)"),
-    ("broad_phase64.hpp", "Delta update(const BoxView& boxes)"), ("broad_phase64.hpp", "void begin(const BoxView& boxes)"),
     ("opencl.hpp", "Result update(const Boxes& boxes)"), ("mpi_opencl.hpp", "Result update(const Boxes& boxes)"),
     ("broadcl.h", "broadcl_broad_phase_update_boxes("), ("broadcl.h", "broadcl_broad_phase_begin_boxes("),
     ("broadcl.h", "broadcl_device_broad_phase_update("),
