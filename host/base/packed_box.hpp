@@ -13,7 +13,7 @@ namespace broadcl {
 
 /// The type of a box's bounds.
 template <class Box>
-using BoundOf = typename decltype(Box::lower)::value_type;
+using BoundType = typename decltype(Box::lower)::value_type;
 
 /// Bit k is set if axis k is in the set.
 using AxisSet = unsigned;
@@ -22,7 +22,7 @@ using AxisSet = unsigned;
 /// every closed comparison is false.
 template <class Box = Aabb>
 [[nodiscard]] constexpr Box packed_empty() noexcept {
-  constexpr auto nan = std::numeric_limits<BoundOf<Box>>::quiet_NaN();
+  constexpr auto nan = std::numeric_limits<BoundType<Box>>::quiet_NaN();
   return {{nan, nan, nan}, {nan, nan, nan}};
 }
 

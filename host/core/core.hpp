@@ -134,7 +134,7 @@ class Core {
     in_flight  // The algorithm is doing it.
   };
 
-  static constexpr auto infinity = std::numeric_limits<BoundOf<Box>>::infinity();
+  static constexpr auto infinity = std::numeric_limits<BoundType<Box>>::infinity();
   static constexpr bool is_exact = std::is_same_v<Box, Aabb64>;
   static constexpr Box packed_empty_box = packed_empty<Box>();
   static constexpr Box empty_box{{infinity, infinity, infinity}, {-infinity, -infinity, -infinity}};
