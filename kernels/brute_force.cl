@@ -91,6 +91,7 @@ static inline bool is_new_pair(const uint a, const uint b, const bool all, globa
   if (filters != 0 && !may_pair(filters[a], filters[b])) return false;
   const uint2 pair = pair_of(a, b);
   if (is_excluded(pair, exclusions)) return false;
+  if (!are_within_reach(sink->ungrown, pair)) return false;
   /* (A branch, because Oclgrind 21.10 evaluates some negated conditions as true.) */
   if (was_in_last_frame(sink, pair)) return false;
   return true;
@@ -137,7 +138,7 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void brute_force(
   const pair_sink_t sink = PAIR_SINK;
 #if GROUP > 1
   local keep_t chunk;
-  keep_pairs(&keep_scalars, last, removed, keep_filters, keep_exclusions, keep_stamps, boxes, pairs, counts,
+  keep_pairs(&keep_scalars, last, removed, keep_filters, keep_exclusions, keep_stamps, boxes, ungrown, pairs, counts,
              (uint)(get_group_id(1) * get_num_groups(0) + get_group_id(0)),
              (uint)(get_num_groups(0) * get_num_groups(1)), &chunk);
 #endif

@@ -10,7 +10,7 @@
 kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void delta_keep(KEEP_KERNEL_PARAMETERS) {
 #if GROUP > 1
   local keep_t chunk;
-  keep_pairs(&keep_scalars, last, removed, keep_filters, keep_exclusions, keep_stamps, boxes, pairs, counts,
+  keep_pairs(&keep_scalars, last, removed, keep_filters, keep_exclusions, keep_stamps, boxes, ungrown, pairs, counts,
              (uint)get_group_id(0), (uint)get_num_groups(0), &chunk);
 #else
   const uint last_kept = counts[COUNT_LAST_KEPT];
@@ -22,7 +22,7 @@ kernel __attribute__((reqd_work_group_size(GROUP, 1, 1))) void delta_keep(KEEP_K
   for (uint k = first; k < end; ++k) {
     const uint2 pair = list_pair(last, keep_scalars.last_capacity, k, last_kept);
     /* (A branch, because in Oclgrind 21.10 such a condition, used as a number, is not always 1.) */
-    if (is_kept(pair, &keep_scalars, boxes, keep_filters, keep_exclusions, keep_stamps)) {
+    if (is_kept(pair, &keep_scalars, boxes, ungrown, keep_filters, keep_exclusions, keep_stamps)) {
       kept[k - first] = 1;
       ++kept_count;
     } else {

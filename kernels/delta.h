@@ -13,6 +13,7 @@
 #include "aabb.h"
 #include "arguments.h"
 #include "counts.h"
+#include "distance.h"
 #include "filter.h"
 #include "inline.h"
 #include "stamp.h"
@@ -20,21 +21,24 @@
 typedef struct {
   uint capacity, last_slots, stamp;    /* arguments.h */
   global uint2* pairs;                 /* the list of this frame */
-  global const float* last_boxes;      /* of the last frame */
+  global const float8* ungrown;        /* of this frame: distance.h; null if distances need not be tested */
+  global const float8* last_ungrown;   /* of the last frame */
+  global const float* last_boxes;      /* likewise */
   global const uint4* last_filters;    /* of the last frame; null if they forbade no pair that is allowed now */
   global const uint2* last_exclusions; /* likewise */
   global const uint* stamps;           /* one word per slot: stamp.h; null if no object was replaced */
   global uint* counts;
 } pair_sink_t;
 
-#define PAIR_SINK_PARAMETERS                                                                                \
-  const sink_scalars_t sink_scalars, global uint2 *restrict pairs, global const float *restrict last_boxes, \
-      global const uint4 *restrict last_filters, global const uint2 *restrict last_exclusions,              \
+#define PAIR_SINK_PARAMETERS                                                                              \
+  const sink_scalars_t sink_scalars, global uint2 *restrict pairs, global const float8 *restrict ungrown, \
+      global const float8 *restrict last_ungrown, global const float *restrict last_boxes,                \
+      global const uint4 *restrict last_filters, global const uint2 *restrict last_exclusions,            \
       global const uint *restrict stamps, global uint *restrict counts
-#define PAIR_SINK                                                                                        \
-  {                                                                                                      \
-    sink_scalars.capacity, sink_scalars.last_slots, sink_scalars.stamp, pairs, last_boxes, last_filters, \
-        last_exclusions, stamps, counts                                                                  \
+#define PAIR_SINK                                                                                                 \
+  {                                                                                                               \
+    sink_scalars.capacity, sink_scalars.last_slots, sink_scalars.stamp, pairs, ungrown, last_ungrown, last_boxes, \
+        last_filters, last_exclusions, stamps, counts                                                             \
   }
 
 /* A pair of a list, of which `kept` are at the beginning. */
@@ -69,7 +73,7 @@ static inline bool was_in_last_frame(const pair_sink_t* sink, const uint2 pair) 
   box_t t;
   load_last_box(&s, sink, pair.x);
   load_last_box(&t, sink, pair.y);
-  return boxes_overlap(&s, &t) && could_pair(sink, pair);
+  return boxes_overlap(&s, &t) && are_within_reach(sink->last_ungrown, pair) && could_pair(sink, pair);
 }
 
 /* Reserves indices for `total` pairs; returns the first. (If there are too many pairs for 32 bits, indices repeat; but

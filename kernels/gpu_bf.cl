@@ -6,6 +6,7 @@
    in which its words begin at the same `a`, so that it reads its WIDTH boxes once. */
 
 #include "aabb.h"
+#include "distance.h"
 #include "filter.h"
 #include "lanes.h"
 #include "triangle.h"
@@ -30,24 +31,31 @@ typedef int4 word_t;
 #define PACK(bits) ((bits).s048c | (bits).s159d | (bits).s26ae | (bits).s37bf)
 #endif
 
-/* Clears the lanes of those pairs (a, b), (a + 1, b), ... whose filters do not allow it. */
-INTS filter_lanes(const INTS lanes, global const uint4* restrict filters, const uint a, const uint b) {
+/* Clears the lanes of those pairs (a, b), (a + 1, b), ... that are none, although boxes overlap. */
+INTS filter_lanes(const INTS lanes, global const uint4* restrict filters, global const float8* restrict ungrown,
+                  const uint a, const uint b) {
   if (!any(lanes)) return lanes;
-  const uint4 filter = filters[b];
-  uint allowed = 0;
-  for (uint lane = 0; lane < WIDTH; ++lane) allowed |= may_pair(filters[a + lane], filter) ? 1U << lane : 0U;
+  uint allowed = filters == 0 ? UINT_MAX : 0U;
+  for (uint lane = 0; filters != 0 && lane < WIDTH; ++lane) {
+    allowed |= may_pair(filters[a + lane], filters[b]) ? 1U << lane : 0U;
+  }
+#pragma unroll 1
+  for (uint lane = 0; ungrown != 0 && lane < WIDTH; ++lane) {
+    if (!are_within_reach(ungrown, (uint2)(a + lane, b))) allowed &= ~(1U << lane);
+  }
   return select((INTS)(0), lanes, ((INTS)((int)allowed) & LANE_BITS) != 0);
 }
 
 /* A seam: the last pairs of row b - 1, then the first pairs of row b, and perhaps of later rows. Bytes after the last
    row n - 1 become 0. */
 void test_seam(const uint b, const uint n, global const float* restrict boxes, global const uint4* restrict filters,
-               global uint* restrict words) {
+               global const float8* restrict ungrown, global uint* restrict words) {
   const ulong seam = row_start(b) - row_start(b) % WIDTH;
   uint s = (uint)(seam - row_start(b - 1U));
   uint t = b - 1U;
   for (uint word = 0; word < WIDTH / 4U; ++word) {
     uint packed = 0;
+#pragma unroll 1
     for (uint k = 0; k < 4U; ++k, ++s) {
       if (s == t) {
         s = 0;
@@ -58,6 +66,7 @@ void test_seam(const uint b, const uint n, global const float* restrict boxes, g
         global const float* q = boxes + (size_t)t * AABB_FLOATS;
         uint hit = (uint)AABB_OVERLAPS(p[0], p[1], p[2], p[3], p[4], p[5], q[0], q[1], q[2], q[3], q[4], q[5]);
         if (hit != 0U && filters != 0) hit = may_pair(filters[s], filters[t]) ? 1U : 0U;
+        if (hit != 0U) hit = are_within_reach(ungrown, (uint2)(s, t)) ? 1U : 0U;
         packed |= hit << (8U * k);
       }
     }
@@ -78,12 +87,12 @@ kernel void gpu_bf_exclude(const uint count, const uint n, global const uint2* r
    PERIOD) and a chunk of `rows` rows of that class; from PERIOD * chunks on, it is a seam, for n work-items in all. */
 kernel void gpu_bf(const uint n, const uint rows, const uint chunks, const uint first,
                    global const float* restrict boxes, global const uint4* restrict filters,
-                   global word_t* restrict words) {
+                   global const float8* restrict ungrown, global word_t* restrict words) {
   const uint x = (uint)get_global_id(0);
   const uint y = first + (uint)get_global_id(1);
   if (y >= PERIOD * chunks) {
     const uint b = (y - PERIOD * chunks) * (uint)get_global_size(0) + x + 1U;
-    if (b <= n && owns_seam(b, WIDTH)) test_seam(b, n, boxes, filters, (global uint*)words);
+    if (b <= n && owns_seam(b, WIDTH)) test_seam(b, n, boxes, filters, ungrown, (global uint*)words);
     return;
   }
 
@@ -107,7 +116,7 @@ kernel void gpu_bf(const uint n, const uint rows, const uint chunks, const uint 
     global const float* q = boxes + (size_t)b * AABB_FLOATS;
     INTS lanes =
         AABB_OVERLAPS_LANES(lower_x, lower_y, lower_z, upper_x, upper_y, upper_z, q[0], q[1], q[2], q[3], q[4], q[5]);
-    if (filters != 0) lanes = filter_lanes(lanes, filters, a, b);
+    if (filters != 0 || ungrown != 0) lanes = filter_lanes(lanes, filters, ungrown, a, b);
     const INTS bits = BYTE_BITS & lanes;
     words[(row_start(b) + a) / WIDTH] = PACK(bits);
   }

@@ -19,7 +19,8 @@
 
 /* Whether a pair of the last frame is one of this frame. */
 static inline bool is_kept(const uint2 pair, const keep_scalars_t* keep, global const float* boxes,
-                           global const uint4* filters, global const uint2* exclusions, global const uint* stamps) {
+                           global const float8* ungrown, global const uint4* filters, global const uint2* exclusions,
+                           global const uint* stamps) {
   if (pair.y >= keep->slots) return false;
   if (stamps != 0) {
     const uint s = stamps[pair.x];
@@ -32,12 +33,14 @@ static inline bool is_kept(const uint2 pair, const keep_scalars_t* keep, global 
   box_t t;
   load_box(&s, boxes, pair.x);
   load_box(&t, boxes, pair.y);
-  return boxes_overlap(&s, &t) && (filters == 0 || may_pair(filters[pair.x], filters[pair.y]));
+  return boxes_overlap(&s, &t) && are_within_reach(ungrown, pair) &&
+         (filters == 0 || may_pair(filters[pair.x], filters[pair.y]));
 }
 
-/* What a kernel needs that only keeps pairs: the boxes of this frame, and its list. */
-#define KEEP_KERNEL_PARAMETERS \
-  KEEP_PARAMETERS, global const float *restrict boxes, global uint2 *restrict pairs, global uint *restrict counts
+/* What a kernel needs that only keeps pairs: the boxes of this frame (distance.h), and its list. */
+#define KEEP_KERNEL_PARAMETERS                                                                \
+  KEEP_PARAMETERS, global const float *restrict boxes, global const float8 *restrict ungrown, \
+      global uint2 *restrict pairs, global uint *restrict counts
 
 #if GROUP > 1
 #ifndef KEEP_RUN
@@ -60,8 +63,8 @@ typedef struct {
    not know what remains of it after inlining.) */
 INLINE void keep_pairs(const keep_scalars_t* keep, global const uint2* last, global uint2* removed,
                        global const uint4* filters, global const uint2* exclusions, global const uint* stamps,
-                       global const float* boxes, global uint2* pairs, global uint* counts, const uint group,
-                       const uint groups, local keep_t* chunk) {
+                       global const float* boxes, global const float8* ungrown, global uint2* pairs,
+                       global uint* counts, const uint group, const uint groups, local keep_t* chunk) {
   const uint item = (uint)get_local_id(0);
   const uint end = last == 0 || is_halted(counts) ? 0U : last_found(counts);
   const uint last_kept = counts[COUNT_LAST_KEPT];
@@ -73,7 +76,7 @@ INLINE void keep_pairs(const keep_scalars_t* keep, global const uint2* last, glo
       uchar kept = 0;
       if (first + k < end) {
         pair[i] = list_pair(last, keep->last_capacity, first + k, last_kept);
-        if (is_kept(pair[i], keep, boxes, filters, exclusions, stamps)) kept = 1;
+        if (is_kept(pair[i], keep, boxes, ungrown, filters, exclusions, stamps)) kept = 1;
       }
       ((local uchar*)chunk->bytes)[k] = kept;
     }

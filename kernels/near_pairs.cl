@@ -89,7 +89,7 @@ kernel void near_pairs_test(const uint slots, global const float* restrict boxes
         box_t t;
         load_box(&s, boxes, pair.x);
         load_box(&t, boxes, pair.y);
-        if (boxes_overlap(&s, &t)) hits[atomic_inc(&found)] = pair;
+        if (boxes_overlap(&s, &t) && are_within_reach(ungrown, pair)) hits[atomic_inc(&found)] = pair;
       }
     }
     barrier(CLK_LOCAL_MEM_FENCE);

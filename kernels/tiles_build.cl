@@ -283,7 +283,7 @@ kernel __attribute__((reqd_work_group_size(KEEP_GROUP, 1, 1))) void tiles_refit_
     if (k < nodes) load_child(&bounds, tree, start + k, item, worlds != 0U);
     refit(&bounds, item, &scratch[node], tree, k, parents, worlds != 0U, 0);
   } else {
-    keep_pairs(&keep_scalars, last, removed, keep_filters, keep_exclusions, keep_stamps, boxes, pairs, counts,
+    keep_pairs(&keep_scalars, last, removed, keep_filters, keep_exclusions, keep_stamps, boxes, ungrown, pairs, counts,
                group - refitting, (uint)get_num_groups(0) - refitting, &chunk);
   }
 }

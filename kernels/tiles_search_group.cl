@@ -63,7 +63,7 @@ INLINE mask_t near_a_box(const mask_t bits, const bounds_t* child, global const 
 INLINE void append_new(local search_t* scratch, const uint count, global const uint4* filters,
                        global const uint2* exclusions, const pair_sink_t* sink) {
   const uint item = (uint)get_local_id(0);
-  const bool all_new = sink->last_slots == 0U && filters == 0 && exclusions == 0;
+  const bool all_new = sink->last_slots == 0U && filters == 0 && exclusions == 0 && sink->ungrown == 0;
   for (uint k = item; all_new && k < count; k += GROUP) {
     const uint2 hit = scratch->hits[k];
     const uint own = scratch->own_slots[hit.x];

@@ -7,7 +7,8 @@
 #include "tiles.h"
 
 #ifndef GENERAL
-#define GENERAL (GROUP == 1) /* 0 for one world all of whose boxes changed, which takes a GPU fewer registers */
+/* 0 for one world without reaches, all of whose boxes changed, which takes a GPU fewer registers. */
+#define GENERAL (GROUP == 1)
 #endif
 #define HAS_WORLDS (GENERAL && scalars.worlds != 0U)
 #define SOME_CHANGED (GENERAL ? changed : 0) /* the tree of the boxes that changed, or null if all did */
@@ -66,8 +67,11 @@ static inline bool is_new_pair(const uint2 pair, const box_t* s, const box_t* t,
                                global const uint2* exclusions, const pair_sink_t* sink) {
   if (filters != 0 && !may_pair(filters[pair.x], filters[pair.y])) return false;
   if (is_excluded(pair, exclusions)) return false;
+  if (GENERAL && !are_within_reach(sink->ungrown, pair)) return false;
   /* (Branches, because Oclgrind 21.10 evaluates some negated conditions as true.) */
-  if (boxes_overlap(s, t) && could_pair(sink, pair)) return false;
+  if (boxes_overlap(s, t) && (!GENERAL || are_within_reach(sink->last_ungrown, pair)) && could_pair(sink, pair)) {
+    return false;
+  }
   return true;
 }
 

@@ -54,6 +54,56 @@ TEST_P(EachAlgorithm, AnAllocationThatFailsInDoublePrecisionIsMadeGood) {
   expect_lives_in_towns(config(), 1, most_lives(GetParam()), false);
 }
 
+/// Calls a function until none of its allocations fails any more; after each failure, all is as before.
+template <class Function>
+void call_with_failures(BroadPhase64& broad_phase, const Function& function) {
+  const Pairs pairs = broad_phase.pairs();
+  const std::size_t size = broad_phase.size();
+  std::vector<double> reaches;
+  for (std::uint32_t id = 0; id < size; ++id) reaches.push_back(broad_phase.reach(id));
+  for (long first = 0;; ++first) {
+    try {
+      const FailingAllocations failing(first, 1);
+      return function();
+    } catch (const std::bad_alloc&) {
+    }
+    EXPECT_TRUE(same("pairs", broad_phase.pairs(), pairs));
+    ASSERT_EQ(broad_phase.size(), size);
+    for (std::uint32_t id = 0; id < size; ++id) EXPECT_EQ(broad_phase.reach(id), reaches[id]);
+  }
+}
+
+TEST(AllocationFailure, ReachesInDoublePrecision) {
+  BroadPhase64 failing({.algorithm = "sweep-and-prune"});
+  BroadPhase64 other({.algorithm = "oracle"});
+  std::vector<Aabb64> boxes(300);
+  for (std::size_t k = 0; k < boxes.size(); ++k) {
+    const double x = 1e7 + 1.1 * static_cast<double>(k);
+    boxes[k] = {{x, 0, 0}, {x, 0, 0}};
+  }
+  const auto call = [&](const auto& function) {
+    call_with_failures(failing, [&] { function(failing); });
+    function(other);
+    EXPECT_TRUE(same("pairs", failing.pairs(), other.pairs()));
+  };
+  const std::vector<Filter> filters(1);
+  const std::vector<double> reaches{0.55};
+  const std::vector<double> longer{1.1};
+  const std::vector<std::uint32_t> some{0, 3, 7, 299};
+  const auto update = [](BroadPhase64& broad_phase) { (void)broad_phase.update(); };
+  call([&](BroadPhase64& broad_phase) { broad_phase.add(boxes, filters); });
+  call(update);
+  call([&](BroadPhase64& broad_phase) { broad_phase.set_reach(some, longer); });
+  call(update);
+  EXPECT_GT(failing.pairs().size(), 0U);
+  call([&](BroadPhase64& broad_phase) { broad_phase.add(boxes, filters, reaches); });
+  call(update);
+  boxes.resize(700, {{1e7, 0, 0}, {1e7, 0, 0}});
+  call([&](BroadPhase64& broad_phase) { (void)broad_phase.update(boxes); });
+  call([](BroadPhase64& broad_phase) { broad_phase.shrink(); });
+  call(update);
+}
+
 /// Whatever a search has done with the new boxes when it failed, the next one has the old ones.
 TEST_P(EachAlgorithm, AfterAnUpdateThatFailedTheOldBoxesMove) {
   BroadPhase broad_phase(config());
@@ -80,6 +130,32 @@ TEST_P(EachAlgorithm, AfterAnUpdateThatFailedTheOldBoxesMove) {
     }
     (void)broad_phase.update(boxes);
   }
+}
+
+/// Whatever a query has read when it fails, later ones and the next update find all.
+TEST_P(EachAlgorithm, AQueryThatFailsHasChangedNothing) {
+  std::vector<Aabb> boxes = row(700, 0.7F);
+  const std::vector<Aabb> queries = row(600, 0.4F);
+  BroadPhase broad_phase(config());
+  (void)broad_phase.add(BoxView(boxes));
+  for (long first = 0;; ++first) {
+    SCOPED_TRACE("allocation " + std::to_string(first));
+    (void)broad_phase.update();
+    boxes[7] = in_row(static_cast<std::size_t>(first % 90));
+    broad_phase.move(7, boxes[7]);
+    bool has_failed = false;
+    try {
+      const FailingAllocations one_fails(first, 1);
+      (void)broad_phase.overlapping(BoxView(queries));
+    } catch (const std::bad_alloc&) {
+      has_failed = true;
+    }
+    ASSERT_EQ(broad_phase.overlapping(BoxView(queries)).ids,
+              overlapping(BoxView(boxes), BoxView(queries)).ids);
+    if (!has_failed) break;
+  }
+  (void)broad_phase.update();
+  ASSERT_TRUE(same("pairs", broad_phase.pairs(), overlapping_pairs(boxes, {.algorithm = "oracle"})));
 }
 
 TEST_P(EachAlgorithm, AllocationsThatFailFromOneOnAreMadeGood) {

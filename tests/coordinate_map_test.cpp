@@ -26,7 +26,7 @@ CoordinateMap map_of(const Boxes64& boxes, std::size_t threads = 1) {
           [&](std::size_t first, std::span<Aabb64> out) {
             std::copy_n(boxes.begin() + static_cast<std::ptrdiff_t>(first), out.size(), out.begin());
           },
-          threads};
+          false, threads};
 }
 
 std::pair<std::vector<Aabb>, unsigned> converted(const CoordinateMap& map, const Boxes64& boxes) {

@@ -15,6 +15,7 @@
 #include "boxes.hpp"
 #include "core_random_script.hpp"
 #include "each_algorithm.hpp"
+#include "expected_hits.hpp"
 #include "kept_delta.hpp"
 #include "random_scripts.hpp"
 #include "rounding.hpp"
@@ -53,6 +54,15 @@ class CorePlayer {
         break;
       case CoreVerb::stir:
         for (unsigned k = 0; k < op.count && !reference().is_in_flight(); ++k) stir(op, k);
+        break;
+      case CoreVerb::reach:
+        if (twins_.has_reaches()) set_reach(ids, op);
+        break;
+      case CoreVerb::ask:
+        ask(op);
+        break;
+      case CoreVerb::partners:
+        expect_partners();
         break;
       case CoreVerb::exclude:
         twins_.set_exclusions(exclusions_of(op, reference().pairs()));
@@ -191,6 +201,18 @@ class CorePlayer {
     }
   }
 
+  /// Of several objects, perhaps the same for all. An id may be given twice.
+  void set_reach(const std::vector<std::uint32_t>& ids, const CoreOp& op) {
+    std::vector<std::uint32_t> chosen;
+    std::vector<float> reaches;
+    for (unsigned k = 0; k < op.count && !ids.empty(); ++k) {
+      chosen.push_back(ids[(op.which + k) % ids.size()]);
+      reaches.push_back(reach_of(op, k));
+    }
+    if (op.which % 4 == 0) reaches.resize(1);
+    twins_.set_reach(chosen, reaches);
+  }
+
   /// Writes all boxes or some; at first, one has a NaN.
   void map(const CoreOp& op) {
     const std::size_t n = op.count > 1 ? mapped_of(script_, op) : reference().size();
@@ -276,6 +298,53 @@ class CorePlayer {
     }
     twins_.move(moved, boxes);
     update(false);
+  }
+
+  void ask(const CoreOp& op) {
+    std::vector<Aabb> boxes;
+    std::vector<Filter> filters;
+    std::vector<std::uint32_t> except;
+    for (unsigned k = 0; k < op.which % 150; ++k) {
+      boxes.push_back(box_of(script_, op, k));
+      filters.push_back(filter_of(script_, op, k));
+      except.push_back((op.which + k) % (script_.most + 1));
+    }
+    const auto nan = std::ranges::find_if(boxes, has_nan);
+    if (nan != boxes.end()) {
+      require_error("box " + std::to_string(nan - boxes.begin()),
+                    [&] { (void)overlapping_of(subject_, boxes, {}); });
+      *nan = inverted;
+      boxes.erase(std::remove_if(boxes.begin(), boxes.end(), has_nan), boxes.end());
+    }
+    QueryOptions options{.count_only = op.filter % 5 == 0};
+    if (op.filter % 2 == 0)
+      options.filters = std::span(filters).first(op.filter % 4 == 0 ? boxes.size()
+                                                                    : std::min<std::size_t>(1, boxes.size()));
+    if (op.filter % 3 == 0) options.except = std::span(except).first(boxes.size());
+    if (op.filter % 7 == 0) options.limit = 1 + op.filter % 3;
+    if (twins_.has_reaches() && op.filter % 5 < 3) options.within = static_cast<double>(op.filter % 7) / 4;
+    Objects<Aabb> objects;
+    for (const std::uint32_t id : reference().ids())
+      objects.set(id, reference().box(id), reference().filter(id), reference().reach(id));
+    const Hits expected = expected_hits<Aabb>(objects, boxes, options);
+    const Hits hits = overlapping_of(subject_, boxes, options);
+    if (hits.offsets != expected.offsets || hits.ids != expected.ids) fail("other hits");
+  }
+
+  void expect_partners() {
+    if (reference().size() == 0) return;
+    if (reference().is_in_flight()) {
+      return require_error("finish()", [&] { (void)partners_of(subject_, reference().ids().front()); });
+    }
+    std::vector<std::vector<std::uint32_t>> expected(reference().slots());
+    for (const Pair& pair : reference().pairs()) {
+      if (pair.a < expected.size()) expected[pair.a].push_back(pair.b);
+      if (pair.b < expected.size()) expected[pair.b].push_back(pair.a);
+    }
+    for (const std::uint32_t id : reference().ids()) {
+      std::ranges::sort(expected[id]);
+      if (partners_of(subject_, id) != expected[id]) fail("other partners");
+    }
   }
 
   void refuse(const CoreOp& op) {

@@ -87,6 +87,8 @@ class DevicePlayer {
         refuse();
         break;
       case CoreVerb::change_side:
+      case CoreVerb::ask:
+      case CoreVerb::partners:
         break;
       default:
         for (unsigned k = 0; k < op.count && !frame_.boxes.empty(); ++k) {

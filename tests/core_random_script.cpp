@@ -8,9 +8,9 @@
 namespace broadcl::test {
 namespace {
 
-constexpr std::array<std::string_view, 17> core_verb_names{
-    "add",     "remove", "replace", "move",    "map",         "give", "drift",  "stir",  "filter",
-    "exclude", "begin",  "update",  "enqueue", "change side", "fail", "shrink", "refuse"};
+constexpr std::array<std::string_view, 20> core_verb_names{
+    "add", "remove",   "replace", "move",  "map",    "give",    "drift",       "stir", "filter", "reach",
+    "ask", "partners", "exclude", "begin", "update", "enqueue", "change side", "fail", "shrink", "refuse"};
 constexpr std::array<std::string_view, 7> filter_kind_names{
     "no", "levels as", "groups as", "worlds as", "sets as", "sets of worlds as", "all kinds of"};
 
@@ -22,15 +22,16 @@ struct CoreWeight {
   CoreVerb verb;
   unsigned weight;
 };
-constexpr std::array core_weights{CoreWeight{CoreVerb::add, 20},      CoreWeight{CoreVerb::remove, 30},
-                                  CoreWeight{CoreVerb::replace, 30},  CoreWeight{CoreVerb::move, 300},
-                                  CoreWeight{CoreVerb::map, 15},      CoreWeight{CoreVerb::give, 30},
-                                  CoreWeight{CoreVerb::drift, 15},    CoreWeight{CoreVerb::stir, 15},
-                                  CoreWeight{CoreVerb::filter, 40},   CoreWeight{CoreVerb::exclude, 60},
-                                  CoreWeight{CoreVerb::begin, 60},    CoreWeight{CoreVerb::update, 300},
-                                  CoreWeight{CoreVerb::enqueue, 120}, CoreWeight{CoreVerb::change_side, 40},
-                                  CoreWeight{CoreVerb::fail, 40},     CoreWeight{CoreVerb::shrink, 15},
-                                  CoreWeight{CoreVerb::refuse, 20}};
+constexpr std::array core_weights{CoreWeight{CoreVerb::add, 20},         CoreWeight{CoreVerb::remove, 30},
+                                  CoreWeight{CoreVerb::replace, 30},     CoreWeight{CoreVerb::move, 300},
+                                  CoreWeight{CoreVerb::map, 15},         CoreWeight{CoreVerb::give, 30},
+                                  CoreWeight{CoreVerb::drift, 15},       CoreWeight{CoreVerb::stir, 15},
+                                  CoreWeight{CoreVerb::filter, 40},      CoreWeight{CoreVerb::reach, 30},
+                                  CoreWeight{CoreVerb::ask, 60},         CoreWeight{CoreVerb::partners, 10},
+                                  CoreWeight{CoreVerb::exclude, 60},     CoreWeight{CoreVerb::begin, 60},
+                                  CoreWeight{CoreVerb::update, 300},     CoreWeight{CoreVerb::enqueue, 120},
+                                  CoreWeight{CoreVerb::change_side, 60}, CoreWeight{CoreVerb::fail, 40},
+                                  CoreWeight{CoreVerb::shrink, 15},      CoreWeight{CoreVerb::refuse, 20}};
 
 class CoreGenerator {
  public:
@@ -105,6 +106,7 @@ class CoreGenerator {
       case CoreVerb::stir:
         return 1 + dice_.below(8);
       case CoreVerb::filter:
+      case CoreVerb::reach:
         return dice_.one_in(10) ? most : few;
       case CoreVerb::remove:
       case CoreVerb::replace: {
@@ -203,6 +205,11 @@ std::size_t mapped_of(const CoreScript& script, const CoreOp& op) {
 
 Filter filter_of(const CoreScript& script, const CoreOp& op, unsigned k) {
   return filter_of(script.filters, op.filter + 11 * k);
+}
+
+float reach_of(const CoreOp& op, unsigned k) {
+  constexpr std::array reaches{0.0F, 0.0F, 0.5F, 0.25F, 1 / 3.0F, 1.5F, 0x1p-64F};
+  return reaches.at((op.filter + 5 * k) % reaches.size());
 }
 
 float drift_of(const CoreOp& op) {

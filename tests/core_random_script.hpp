@@ -28,6 +28,9 @@ enum class CoreVerb {
   drift,  ///< A few updates in which boxes move a little.
   stir,   ///< A few updates in which some objects leap, or all change places.
   filter,
+  reach,
+  ask,       ///< Queries with boxes, in several ways.
+  partners,  ///< Of all objects.
   exclude,
   begin,
   update,       ///< Or finish(), if an update was begun.
@@ -67,6 +70,9 @@ struct CoreScript {
 /// Box k < count of an operation, and its filter.
 [[nodiscard]] Aabb box_of(const CoreScript& script, const CoreOp& op, unsigned k);
 [[nodiscard]] Filter filter_of(const CoreScript& script, const CoreOp& op, unsigned k);
+
+/// The reach of object k of an operation.
+[[nodiscard]] float reach_of(const CoreOp& op, unsigned k);
 
 /// The number of objects after a map() of another number.
 [[nodiscard]] std::size_t mapped_of(const CoreScript& script, const CoreOp& op);

@@ -4,6 +4,8 @@
 #include <iterator>
 #include <utility>
 
+#include "near.hpp"
+
 namespace broadcl::test {
 
 std::uint32_t Reference::add(const Aabb& box, const Filter& filter) {
@@ -12,7 +14,7 @@ std::uint32_t Reference::add(const Aabb& box, const Filter& filter) {
       std::find_if(objects.begin(), objects.end(), [](const Object& object) { return object.birth == 0; });
   const auto id = static_cast<std::uint32_t>(free - objects.begin());
   if (free == objects.end()) objects.emplace_back();
-  objects[id] = {.box = box, .filter = filter, .birth = ++births_};
+  objects[id] = {.box = box, .filter = filter, .reach = 0, .birth = ++births_};
   return id;
 }
 
@@ -24,7 +26,8 @@ void Reference::set_exclusions(std::span<const Pair> pairs) {
 void Reference::map(std::size_t n) {
   now_.objects.resize(n);
   for (Object& object : now_.objects) {
-    if (object.birth == 0) object = {.box = {{1, 1, 1}, {0, 0, 0}}, .filter = {}, .birth = ++births_};
+    if (object.birth == 0)
+      object = {.box = {{1, 1, 1}, {0, 0, 0}}, .filter = {}, .reach = 0, .birth = ++births_};
   }
 }
 
@@ -60,7 +63,9 @@ std::vector<Reference::Met> Reference::pairs_of(const State& state) {
       if (a == b) break;
       const Object& s = objects[a];
       const Object& t = objects[b];
-      if (overlaps(s.box, t.box) && may_pair(s.filter, t.filter) && !state.exclusions.contains({a, b}))
+      const bool reach = s.reach > 0 || t.reach > 0;
+      if ((reach ? are_near(s.box, t.box, s.reach, t.reach) : overlaps(s.box, t.box)) &&
+          may_pair(s.filter, t.filter) && !state.exclusions.contains({a, b}))
         pairs.push_back({{a, b}, s.birth, t.birth});
     }
   }

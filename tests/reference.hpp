@@ -14,7 +14,8 @@
 
 namespace broadcl::test {
 
-/// What a BroadPhase must answer, by the definitions of overlaps(), may_pair() and exclusions alone.
+/// What a BroadPhase must answer, by the definitions of overlaps(), are_near(), may_pair() and
+/// exclusions alone.
 class Reference {
  public:
   struct Changes {
@@ -25,6 +26,7 @@ class Reference {
   std::uint32_t add(const Aabb& box, const Filter& filter = {});
   void move(std::uint32_t id, const Aabb& box) { now_.objects[id].box = box; }
   void set_filter(std::uint32_t id, const Filter& filter) { now_.objects[id].filter = filter; }
+  void set_reach(std::uint32_t id, float reach) { now_.objects[id].reach = reach; }
   void set_exclusions(std::span<const Pair> pairs);
   void remove(std::uint32_t id) { now_.objects[id] = {}; }
 
@@ -52,12 +54,14 @@ class Reference {
   }
   [[nodiscard]] const Aabb& box(std::uint32_t id) const { return now_.objects[id].box; }
   [[nodiscard]] const Filter& filter(std::uint32_t id) const { return now_.objects[id].filter; }
+  [[nodiscard]] float reach(std::uint32_t id) const { return now_.objects[id].reach; }
   [[nodiscard]] bool is_in_flight() const { return begun_.has_value(); }
 
  private:
   struct Object {
     Aabb box{};
     Filter filter{};
+    float reach = 0;
     int birth = 0;  // 0 for none; a reused id is another object
   };
   struct State {

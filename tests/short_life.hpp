@@ -71,6 +71,11 @@ template <class Subject, class Trouble>
     twins.move(3, in_row(k % 2 == 0 ? 5 : 3));
     update();
   }
+  const std::vector<std::uint32_t> first{0, 1, 6};
+  const auto set_reach = [&](float reach) {
+    if (twins.has_reaches()) twins.set_reach(first, std::vector{reach});
+  };
+  set_reach(0.4F);
   twins.move(3, in_row(7));
   twins.set_filter(4, {.mask = 0});
   twins.set_exclusions(Pairs{{1, 3}, {0, 1}});
@@ -78,6 +83,7 @@ template <class Subject, class Trouble>
   twins.add(in_row(1));
   twins.remove(9);
   twins.begin();
+  set_reach(1.5F);
   twins.move(1, in_row(4));
   twins.remove(5);
   twins.add(in_row(6), {.body = 1});

@@ -10,28 +10,37 @@
 
 #include <gtest/gtest.h>
 
+#include "base/distance.hpp"
 #include "base/pair_lists.hpp"
 #include "base/parallel.hpp"
 #include "each_algorithm.hpp"
 #include "engines/algorithm.hpp"
 #include "finders/pair_sort.hpp"
 #include "finders/tile_search.hpp"
+#include "near.hpp"
 
 /// The parts of sweep and prune.
 namespace broadcl::test {
 namespace {
 
-/// Tiles of random boxes, in nodes that touch the next one along the first axis, the last of them first in
-/// the sweep. Every seventh box is missing. Along the fourth axis, if there is one, boxes are at four
-/// positions; those of every other tile at the same one.
 template <std::size_t axes>
-HostTiles<axes> random_tiles(std::size_t tiles) {
+Aabb aabb_of(const Bounds<axes>& box) {
+  return {{box.lower[0], box.lower[1], box.lower[2]}, {box.upper[0], box.upper[1], box.upper[2]}};
+}
+
+/// Tiles of random boxes, in nodes that touch the next one along the first axis, the last of them first in
+/// the sweep. Every seventh box is missing. With reaches, bounds are those of grown boxes. Along the fourth
+/// axis, if there is one, boxes are at four positions; those of every other tile at the same one.
+template <std::size_t axes>
+HostTiles<axes> random_tiles(std::size_t tiles, bool reaches = false) {
   std::mt19937 random(7);
   std::uniform_int_distribution<int> coordinate(0, 9);  // so that bounds often touch
   const Bounds<axes> none = make_bounds<axes>(nan_value, nan_value);
   Node<axes> empty;
   for (std::size_t k = 0; k < node_size; ++k) empty.set(k, none, 0);
   HostTiles<axes> all;
+  all.reaches = reaches;
+  all.boxes.resize(reaches ? tiles : 0);
   all.nodes.assign((tiles + node_size - 1) / node_size, empty);
   all.roots.assign(1, empty);
   for (std::size_t tile = 0; tile < tiles; ++tile) {
@@ -48,6 +57,11 @@ HostTiles<axes> random_tiles(std::size_t tiles) {
       if constexpr (axes > 3) {
         if (k % 7 != 3)
           box.lower[3] = box.upper[3] = static_cast<float>((tile % 2 == 0 ? tile / 2 : tile + k) % 4);
+      }
+      if (reaches) {
+        const float reach = static_cast<float>(std::max(0, coordinate(random) - 6)) / 2;
+        all.boxes[tile].set(k, aabb_of(box), reach);
+        box = grown(box, reach);
       }
       node.set(k, box, static_cast<std::uint32_t>(tile * node_size + k));
       extend(bounds, box);
@@ -94,14 +108,18 @@ template <std::size_t axes>
 Pairs expected_pairs(const HostTiles<axes>& all, const std::vector<Filter>& filters) {
   Pairs pairs;
   const auto box_of = [&](std::uint32_t slot) { return all.tiles[slot / node_size].get(slot % node_size); };
-  const auto aabb = [](const Bounds<axes>& box) -> Aabb {
-    return {{box.lower[0], box.lower[1], box.lower[2]}, {box.upper[0], box.upper[1], box.upper[2]}};
+  const auto are_together = [&](std::uint32_t a, std::uint32_t b) {
+    if (!all.reaches) return overlaps(aabb_of(box_of(a)), aabb_of(box_of(b)));
+    const TileBoxes& s = all.boxes[a / node_size];
+    const TileBoxes& t = all.boxes[b / node_size];
+    return are_near(s.get(a % node_size), t.get(b % node_size), s.reach[a % node_size],
+                    t.reach[b % node_size]);
   };
   for (std::uint32_t b = 0; b < all.tiles.size() * node_size; ++b) {
     for (std::uint32_t a = 0; a < b; ++a) {
       const Bounds<axes> s = box_of(a);
       const Bounds<axes> t = box_of(b);
-      if (overlaps(aabb(s), aabb(t)) && positions_pair(all, s, t) &&
+      if (are_together(a, b) && positions_pair(all, s, t) &&
           (filters.empty() || may_pair(filters[a], filters[b]))) {
         pairs.push_back({a, b});
       }
@@ -115,17 +133,20 @@ void expect_same_pairs(HostTiles<axes> all) {
   std::vector<std::uint32_t> places(all.tiles.size() * node_size);
   std::iota(places.begin(), places.end(), 0U);
   std::vector<Aabb> boxes;
+  std::vector<float> reaches;
   std::vector<Filter> positions;
   for (const std::uint32_t place : places) {
-    const Bounds<axes> box = all.tiles[place / node_size].get(place % node_size);
-    boxes.push_back({{box.lower[0], box.lower[1], box.lower[2]}, {box.upper[0], box.upper[1], box.upper[2]}});
+    const std::size_t k = place % node_size;
+    const Bounds<axes> box = all.tiles[place / node_size].get(k);
+    boxes.push_back(all.reaches ? all.boxes[place / node_size].get(k) : aabb_of(box));
+    if (all.reaches) reaches.push_back(all.boxes[place / node_size].reach[k]);
     if constexpr (axes > 3) {
       const auto position = static_cast<std::uint32_t>(std::max(0.0F, box.lower[3]));
       positions.push_back(all.sets ? Filter{.group = position % 2, .world = position / 2}
                                    : Filter{.world = position});
     }
   }
-  const Input input{.boxes = boxes, .rules = {.filters = positions, .sets = all.sets}};
+  const Input input{.boxes = boxes, .rules = {.filters = positions, .reaches = reaches, .sets = all.sets}};
   const auto group_of = [](std::uint32_t slot) {  // that of all slots of some tiles, and of the second node
     const std::uint32_t tile = slot / node_size;
     return tile / node_size == 1 ? 2U : 1U << (tile % 2 == 0 ? tile : slot) % 3;
@@ -146,7 +167,7 @@ void expect_same_pairs(HostTiles<axes> all) {
       Found found;
       found.clear(count);
       for (std::size_t part = 0; part < all.nodes.size() * parts_per_node; ++part)
-        tile_search<axes>(plain).tiles(found, all, part, filters);
+        tile_search<axes>(all.reaches, plain).tiles(found, all, part, filters);
       EXPECT_TRUE(same("of tiles", sorted(found), expected)) << plain;
       found.end();
       EXPECT_EQ(count.count, expected.size());
@@ -158,7 +179,8 @@ void expect_same_pairs(HostTiles<axes> all) {
         Found of_changed;
         of_changed.clear(count);
         for (std::size_t tile = 0; tile < all.tiles.size(); ++tile) {
-          if (changed[tile] != 0) tile_search<axes>(plain).changed(of_changed, all, changed, tile, filters);
+          if (changed[tile] != 0)
+            tile_search<axes>(all.reaches, plain).changed(of_changed, all, changed, tile, filters);
         }
         Pairs pairs;
         std::ranges::copy_if(expected, std::back_inserter(pairs),
@@ -168,7 +190,8 @@ void expect_same_pairs(HostTiles<axes> all) {
       Pairs unsorted{{0, 0}};
       HostTiles<axes> tiles;
       tiles.sets = all.sets;
-      tile_search<axes>(plain).unsorted(unsorted, tiles, input, filters);
+      tiles.reaches = all.reaches;
+      tile_search<axes>(all.reaches, plain).unsorted(unsorted, tiles, input, filters);
       EXPECT_TRUE(same("unsorted", unsorted, expected)) << plain;
     }
   }
@@ -214,13 +237,16 @@ TEST(Found, CountsOnlyWhatIsTooMuchToStore) {
 TEST(TileSearch, ForEachProcessorFindsTheSamePairs) {
   expect_same_pairs(random_tiles<3>(9));
   expect_same_pairs(random_tiles<3>(2 * node_size + 5));
+  expect_same_pairs(random_tiles<3>(2 * node_size + 5, true));
 }
 
 TEST(TileSearch, ForEachProcessorFindsTheSamePairsOfWorldsAndSets) {
-  HostTiles<4> all = random_tiles<4>(2 * node_size + 5);
-  expect_same_pairs(all);
-  all.sets = true;
-  expect_same_pairs(all);
+  for (const bool reaches : {false, true}) {
+    HostTiles<4> all = random_tiles<4>(2 * node_size + 5, reaches);
+    expect_same_pairs(all);
+    all.sets = true;
+    expect_same_pairs(all);
+  }
 }
 
 TEST(PairSort, AListThatGrowsStepByStepIsSeldomReplaced) {

@@ -107,7 +107,7 @@ class Tree {
 
   std::vector<Aabb> boxes;
   std::vector<std::uint32_t> changed;
-  TileTree<3> tree{false};
+  TileTree<3> tree{false, false};
 
  private:
   std::size_t update(const Input& input) {

@@ -51,6 +51,19 @@ class Twins {
     call([&] { subject_.set_filter(id, filter); });
     reference_.set_filter(id, filter);
   }
+  /// Whether the subject has reaches.
+  [[nodiscard]] bool has_reaches() const {
+    return requires {
+      subject_.set_reach(std::span<const std::uint32_t>(), std::span<const float>());
+    };
+  }
+  /// @param reaches As many as ids, or one for all. Only if it has reaches.
+  void set_reach(std::span<const std::uint32_t> ids, std::span<const float> reaches) {
+    if constexpr (requires { subject_.set_reach(ids, reaches); })
+      call([&] { subject_.set_reach(ids, reaches); });
+    for (std::size_t k = 0; k < ids.size(); ++k)
+      reference_.set_reach(ids[k], reaches[reaches.size() == 1 ? 0 : k]);
+  }
   void set_exclusions(std::span<const Pair> pairs) {
     call([&] { subject_.set_exclusions(pairs); });
     reference_.set_exclusions(pairs);
@@ -193,7 +206,15 @@ class Twins {
       const Aabb box = subject_.box(id);
       const Aabb& expected = reference_.box(id);
       if (is_empty(box) ? !is_empty(expected) : box != expected) return expect(wrong("the box", id));
+      if (has_reaches() && reach_of(id) != reference_.reach(id)) return expect(wrong("the reach", id));
       if (subject_.filter(id) != reference_.filter(id)) return expect(wrong("the filter", id));
+    }
+  }
+  [[nodiscard]] float reach_of(std::uint32_t id) const {
+    if constexpr (requires { subject_.reach(id); }) {
+      return subject_.reach(id);
+    } else {
+      return 0;
     }
   }
   [[nodiscard]] static ::testing::AssertionResult wrong(const char* what, std::uint32_t id) {

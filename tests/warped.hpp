@@ -12,7 +12,27 @@
 #include <broadcl/broad_phase.hpp>
 #include <broadcl/broad_phase64.hpp>
 
+#include "core/queries.hpp"
+
 namespace broadcl::test {
+
+/// Queries of a BroadPhase, or of a Core.
+template <class Subject>
+[[nodiscard]] Hits overlapping_of(Subject& subject, const BoxView& boxes, const QueryOptions& options) {
+  return subject.overlapping(boxes, options);
+}
+template <class Box>
+[[nodiscard]] Hits overlapping_of(Core<Box>& core, const BoxView& boxes, const QueryOptions& options) {
+  return Queries<Box>(core, 1).overlapping(boxes, options);
+}
+template <class Subject>
+[[nodiscard]] std::vector<std::uint32_t> partners_of(Subject& subject, std::uint32_t id) {
+  return subject.partners(id);
+}
+template <class Box>
+[[nodiscard]] std::vector<std::uint32_t> partners_of(Core<Box>& core, std::uint32_t id) {
+  return Queries<Box>(core, 1).partners(id);
+}
 
 /// Other numbers in the same order, in double precision. Intervals of as many numbers each become far shorter
 /// than the gaps that are then between them. Exact, whatever the rounding mode.
@@ -178,6 +198,13 @@ class Warped {
     boxes_.clear();
     return delta;
   }
+
+  [[nodiscard]] Hits overlapping(const BoxView& boxes, const QueryOptions& options) {
+    write();
+    const std::vector<Aabb64> all = warp_(boxes);
+    return overlapping_of(subject_, all, options);
+  }
+  [[nodiscard]] std::vector<std::uint32_t> partners(std::uint32_t id) { return partners_of(subject_, id); }
 
   void shrink() {
     settle();

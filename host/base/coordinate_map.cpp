@@ -99,7 +99,7 @@ void CoordinateMap::Survey::add(const Survey& other) noexcept {
   std::ranges::transform(sizes, other.sizes, sizes.begin(), std::plus());
 }
 
-[[gnu::noinline]] CoordinateMap::Axis::Axis(const Survey& survey, std::size_t boxes) {
+[[gnu::noinline]] CoordinateMap::Axis::Axis(const Survey& survey, std::size_t boxes, bool keeps_distances) {
   const auto& [range, sizes] = survey;
   if (range[0] > range[1]) return;
   // If they are points, their distance if they were in a line.
@@ -114,7 +114,11 @@ void CoordinateMap::Survey::add(const Survey& other) noexcept {
   const double place = is_about_0 ? 0 : range[0] / 2 + range[1] / 2;
   const double distance = is_about_0 ? largest : length(range) / 2;
   const double reach = std::max(reach_of(least), distance);
-  *this = Axis({{place - reach, place + reach}}, least);
+  if (keeps_distances) {
+    pieces = {{}, {place}, {}};
+  } else {
+    *this = Axis({{place - reach, place + reach}}, least);
+  }
   extent = distance;
 }
 
@@ -274,7 +278,8 @@ inline std::size_t CoordinateMap::Axis::piece_of(double scaled) const noexcept {
   }
 }
 
-CoordinateMap::CoordinateMap(std::size_t boxes, const ReadBoxes& read, std::size_t threads) {
+CoordinateMap::CoordinateMap(std::size_t boxes, const ReadBoxes& read, bool keeps_distances,
+                             std::size_t threads) {
   threads = threads_of(boxes, threads);
   const auto for_all = [&](const auto& function) {
     for_each_part(boxes, threads, [&](std::size_t begin, std::size_t end, std::size_t thread) {
@@ -295,10 +300,10 @@ CoordinateMap::CoordinateMap(std::size_t boxes, const ReadBoxes& read, std::size
   const DefaultFloatingPoint as_everywhere;
   for (std::size_t axis = 0; axis < axes_.size(); ++axis) {
     for (std::size_t k = 1; k < threads; ++k) surveys[0][axis].add(surveys[k][axis]);
-    axes_[axis] = Axis(surveys[0][axis], boxes);
-    if (!axes_[axis].is_fine()) bounds[axis].resize(2 * boxes);
+    axes_[axis] = Axis(surveys[0][axis], boxes, keeps_distances);
+    if (!axes_[axis].is_fine() && !keeps_distances) bounds[axis].resize(2 * boxes);
   }
-  if (std::ranges::all_of(axes_, &Axis::is_fine)) return;
+  if (keeps_distances || std::ranges::all_of(axes_, &Axis::is_fine)) return;
   for_all([&](std::size_t first, std::span<const Aabb64> some, std::size_t /*thread*/) {
     for (std::size_t axis = 0; axis < axes_.size(); ++axis) {
       if (bounds[axis].empty()) continue;

@@ -38,9 +38,11 @@ class CoordinateMap {
   CoordinateMap() = default;
 
   /// For some boxes, of which none is away then.
+  /// @param keeps_distances Whether all bounds of an axis are only moved by the same number, and rounded.
+  /// None is ever away then, and image_error() is how inexact images are.
   /// @param threads At most.
   /// @throws std::bad_alloc
-  CoordinateMap(std::size_t boxes, const ReadBoxes& read, std::size_t threads);
+  CoordinateMap(std::size_t boxes, const ReadBoxes& read, bool keeps_distances, std::size_t threads);
 
   /// Whether it was made for boxes of which some has a finite bound.
   [[nodiscard]] bool is_made() const noexcept {
@@ -82,7 +84,7 @@ class CoordinateMap {
   struct Axis {
     Axis() = default;
     /// One interval.
-    Axis(const Survey& survey, std::size_t boxes);
+    Axis(const Survey& survey, std::size_t boxes, bool keeps_distances);
     /// Cuts gaps out until float32 resolves it well, or that does not help any more.
     /// @param bounds The lower and the upper one of each box.
     void cut(std::span<const double> bounds);

@@ -8,6 +8,7 @@
 #include <memory>
 #include <ranges>
 #include <span>
+#include <type_traits>
 #include <utility>
 #include <vector>
 
@@ -22,6 +23,7 @@
 #include <broadcl/memory.hpp>
 #include <broadcl/pair.hpp>
 #include <broadcl/profile.hpp>
+#include <broadcl/query.hpp>
 
 namespace broadcl {
 
@@ -43,9 +45,9 @@ struct BasicMappedBoxes : std::span<Box> {
 /// If a function throws, it has changed nothing: objects and known pairs are as before. Functions that
 /// allocate may throw std::bad_alloc as well as Error.
 ///
-/// Not synchronised: only one thread at a time may use an object. Different objects are independent of each
-/// other and may be used by different threads and use different devices. Movable, not copyable; an object
-/// that was moved from may only be destroyed or assigned to.
+/// Only one thread at a time may use an object, except for overlapping() and partners(). Different objects
+/// are independent of each other and may be used by different threads and use different devices. Movable, not
+/// copyable; an object that was moved from may only be destroyed or assigned to.
 ///
 /// OpenCL does not work in a process that is forked after OpenCL was used: there, functions of an object on a
 /// device throw an Error, `auto` stays on the host if it is there, and objects may be destroyed. Use devices
@@ -56,6 +58,8 @@ template <class Box>
 class BROADCL_API BasicBroadPhase {
  public:
   using Config = broadcl::Config;
+  /// The type of bounds and reaches: float or double.
+  using Bound = std::conditional_t<std::is_same_v<Box, Aabb64>, double, float>;
 
   /// Opens the device and builds the kernels, unless the algorithm starts on the host: see Config::algorithm.
   /// Objects on the same device share both, which stay until the process ends or an OpenCL call fails.
@@ -68,14 +72,18 @@ class BROADCL_API BasicBroadPhase {
 
   /// Adds an object and returns its id, the lowest that is free. So ids stay dense and depend only on the
   /// sequence of calls.
-  /// @throws Error for a NaN bound, and if there is no memory for the box.
-  std::uint32_t add(const Box& box, const Filter& filter = Filter());
+  /// @param reach How far the object reaches beyond its box: see set_reach().
+  /// @throws Error for a NaN bound, for a reach that set_reach() refuses, and if there is no memory for the
+  /// box.
+  std::uint32_t add(const Box& box, const Filter& filter = Filter(), Bound reach = 0);
 
   /// Adds an object for each box.
   /// @param filters As many as boxes, or one for all.
+  /// @param reaches As many as boxes, one for all, or none: 0 for all.
   /// @returns The ids, in the order of the boxes: as if they were added one after the other.
   /// @throws Error as above; then none was added.
-  std::vector<std::uint32_t> add(const BoxView& boxes, std::span<const Filter> filters);
+  std::vector<std::uint32_t> add(const BoxView& boxes, std::span<const Filter> filters,
+                                 std::span<const Bound> reaches = {});
   std::vector<std::uint32_t> add(const BoxView& boxes, const Filter& filter = Filter());
 
   /// Replaces the box of an object. A box that is equal to the old one does not count as movement.
@@ -91,6 +99,20 @@ class BROADCL_API BasicBroadPhase {
   /// Replaces the filter of an object. From the next update on, it has the pairs that the new filter allows.
   /// @throws Error for an unknown id, and if there is no memory for filters.
   void set_filter(std::uint32_t id, const Filter& filter);
+
+  /// Sets how far some objects reach beyond their boxes. Two objects pair if the distance of their boxes is
+  /// at most the sum of their reaches. Spheres and particles are points with a reach. A reach that changes
+  /// counts as movement; box() returns the box all the same. With a sum of 0, or below 2^-63, boxes have to
+  /// overlap.
+  ///
+  /// The distance is Euclidean. Along each axis, the gap is lower bound minus upper bound if that is at least
+  /// 2^-63, otherwise 0; the squares of the three gaps are added in the order of the axes, and the sum is
+  /// compared with the square of the sum of the reaches, each step rounded to the nearest number of the type
+  /// of the bounds. So results are the same on every device.
+  /// @param reaches As many as ids, or one for all. If an id is given twice, the later one counts.
+  /// @throws Error for an unknown id, for a reach that is negative, NaN or greater than 2^62, and if there is
+  /// a Config::distance; then none was set.
+  void set_reach(std::span<const std::uint32_t> ids, std::span<const Bound> reaches);
 
   /// Replaces the list of pairs of ids that are never reported, whatever their boxes and filters: for
   /// instance joined bodies, or edges that share a vertex (pairs_that_share()). A pair applies to whichever
@@ -116,6 +138,9 @@ class BROADCL_API BasicBroadPhase {
   /// Its filter.
   /// @throws Error for an unknown id.
   [[nodiscard]] Filter filter(std::uint32_t id) const;
+  /// Its reach; with a Config::distance, half of that.
+  /// @throws Error for an unknown id.
+  [[nodiscard]] Bound reach(std::uint32_t id) const;
 
   /// For callers who compute all boxes in place. Makes 0 .. n-1 the ids of the objects, by adding those that
   /// are missing and removing all others, and returns the memory from which the device (in a BroadPhase64,
@@ -174,6 +199,35 @@ class BROADCL_API BasicBroadPhase {
   /// All pairs as of the last update, in canonical order.
   /// @throws Error between begin() and finish(), and if the device fails.
   [[nodiscard]] std::vector<Pair> pairs() const;
+
+  /// The ids of the objects that are in a pair with this one, as of the last update, in ascending order. The
+  /// first call after an update passes once over the pairs and keeps 12 bytes for each of them, until
+  /// shrink(); further ones take as long as there are partners.
+  /// @throws Error for an unknown id, between begin() and finish(), and if the device fails.
+  [[nodiscard]] std::vector<std::uint32_t> partners(std::uint32_t id) const;
+
+  /// The objects that overlap or touch some boxes, or are near them (QueryOptions::within): as their boxes
+  /// are set now, also between begin() and finish(). No update is needed before, and none is done. A point is
+  /// a box of no size. An empty box finds nothing, and empty objects are never found. An object finds itself
+  /// if it asks with its own box, unless it is excepted. Exclusions do not matter.
+  ///
+  /// The host does this, whatever does the updates, with the tree that its own updates use. The first queries
+  /// after a change test what changed one by one; when that has taken as long as putting it into the tree,
+  /// that is done, and the next update need not do it again. An object on a device keeps a tree for queries
+  /// on the host from the first one on, until shrink().
+  ///
+  /// Several threads may call this at the same time, as long as nobody calls a function that is not const.
+  /// @throws Error for a NaN bound (it names the first such box), for as many filters or exceptions as there
+  /// must not be, for a distance that is negative, NaN or greater than 2^62, and if there are more than
+  /// `most_hits`; std::bad_alloc.
+  [[nodiscard]] Hits overlapping(const BoxView& boxes, const QueryOptions& options = QueryOptions()) const;
+
+  /// The same for a single box.
+  /// @param ids Receives what it finds, in ascending order, in place of what it had; so its memory is used
+  /// again. Empty if only the number is wanted.
+  /// @returns How many it finds.
+  std::size_t overlapping(const Box& box, std::vector<std::uint32_t>& ids,
+                          const QueryOptions& options = QueryOptions()) const;
 
   /// Number of objects.
   [[nodiscard]] std::size_t size() const noexcept;
@@ -248,8 +302,27 @@ extern template class BROADCL_API BasicBroadPhase<Aabb>;
     const BoxView& first, const BoxView& second, const BroadPhase::Config& config = BroadPhase::Config(),
     std::span<const Pair> exclusions = {});
 
-/// The same for one set in any other range of boxes, including a temporary one. Boxes that no BoxView can
-/// view are copied.
+/// Of each query the boxes that it finds, by index: as BasicBroadPhase::overlapping() of a broad phase that
+/// has these boxes. For frequent queries, keep a BroadPhase, which keeps the tree. Any number of threads may
+/// call this at the same time.
+/// @param boxes, queries Boxes in float64, in one of the two, are compared as float64.
+/// @throws Error for a NaN bound (it names the first such box), and as BasicBroadPhase::overlapping() does.
+[[nodiscard]] BROADCL_API Hits overlapping(const BoxView& boxes, const BoxView& queries,
+                                           const QueryOptions& options = QueryOptions(),
+                                           const BroadPhase::Config& config = BroadPhase::Config());
+
+/// The squares of the distances of pairs of boxes, as BasicBroadPhase::set_reach() defines them: of float64
+/// boxes in float64, otherwise in float32. Infinite if a box is empty or has a NaN.
+/// @param pairs By index.
+/// @throws Error for an index of no box; std::bad_alloc.
+[[nodiscard]] BROADCL_API std::vector<double> squared_distances(const BoxView& boxes,
+                                                                std::span<const Pair> pairs);
+/// The same for pairs of a box of one set and a box of another.
+[[nodiscard]] BROADCL_API std::vector<double> squared_distances(const BoxView& first, const BoxView& second,
+                                                                std::span<const Pair> pairs);
+
+/// overlapping_pairs() of one set in any other range of boxes, including a temporary one. Boxes that no
+/// BoxView can view are copied.
 template <AabbRange Range>
 [[nodiscard]] std::vector<Pair> overlapping_pairs(Range&& boxes,
                                                   const BroadPhase::Config& config = BroadPhase::Config(),

@@ -10,11 +10,13 @@
 ///   output parameters are not written to; the call may be repeated.
 /// - Structs that begin with `size` may grow in later versions. Set the whole struct to zero and `size` to
 ///   sizeof, as in `broadcl_config config = {.size = sizeof config};`. Zero always means the default.
-/// - Handles are made by functions that end in `_create`. They belong to the caller, who destroys them with
-///   the matching `_destroy`. Everything else that is returned belongs to the object that returned it.
-/// - An object may be used by only one thread at a time; different objects are independent of each other.
-///   Functions that take no handle may be called by any number of threads at the same time. Some functions
-///   read environment variables, so no thread may set one at the same time.
+/// - Handles are made by functions with `_create` in their names, and by broadcl_broad_phase_overlapping().
+///   They belong to the caller, who destroys them with the matching `_destroy`. Everything else that is
+///   returned belongs to the object that returned it.
+/// - An object may be used by only one thread at a time, except by broadcl_broad_phase_overlapping();
+///   different objects are independent of each other. Functions that take no handle may be called by any
+///   number of threads at the same time. Some functions read environment variables, so no thread may set one
+///   at the same time.
 /// - Pairs are in canonical order (see struct broadcl_pair), unless they are sorted by world.
 
 #include <stddef.h>
@@ -210,6 +212,9 @@ typedef struct broadcl_config {
   /// them as broadcl_boxes, and use broadcl_broad_phase_map64() and broadcl_broad_phase_box64(). Takes 48 to
   /// 96 bytes more per box on the host.
   int32_t type;
+  /// How far apart the boxes of a pair may be. It is as if each object had half of this as its reach:
+  /// see broadcl_broad_phase_set_reach(), which is then refused.
+  double distance;
 } broadcl_config;
 
 /// OpenCL memory that an object holds, in bytes. Buffers grow with boxes and pairs; most never shrink.
@@ -265,6 +270,53 @@ BROADCL_API broadcl_status broadcl_pair_list_destroy(broadcl_pair_list* list);
 /// @param pairs Valid until the list is destroyed.
 BROADCL_API broadcl_status broadcl_pair_list_pairs(const broadcl_pair_list* list, broadcl_pairs* pairs);
 
+// --- What is where
+
+/// What queries find, and how much of it is returned.
+typedef struct broadcl_query_options {
+  size_t size;  ///< sizeof(broadcl_query_options)
+  /// With which filters the queries ask: one for all or one for each; null if none is to be tested.
+  const broadcl_filter* filters;
+  size_t filter_count;
+  const uint32_t* except;  ///< Null, or for each query the id of an object that it does not find.
+  size_t except_count;
+  uint64_t most_hits;  ///< If queries find more in all, the call fails; 0 for 2^31.
+  double within;       ///< The reach with which the queries ask, which adds to those of objects.
+  uint32_t limit;      ///< How many objects each query finds at most: those with the lowest ids; 0 for all.
+  int count_only;      ///< Whether only the offsets are wanted.
+} broadcl_query_options;
+
+/// What queries found: query k the ids from offsets[k] to offsets[k + 1], in ascending order.
+typedef struct broadcl_hits {
+  const uint64_t* offsets;  ///< One more than queries.
+  size_t query_count;
+  const uint32_t* ids;  ///< Null if they were only counted.
+} broadcl_hits;
+
+/// What a batch of queries found. It belongs to the caller.
+typedef struct broadcl_hit_list broadcl_hit_list;
+
+/// Of each query the indices of the boxes that overlap or touch it, or are near it. For frequent queries keep
+/// a broadcl_broad_phase, and call broadcl_broad_phase_overlapping(), which has the same arguments and
+/// errors.
+/// @param queries A box for each; points are boxes of no size. Exact if boxes or queries are float64.
+/// @param options May be null, like `config`.
+/// @returns BROADCL_INVALID_ARGUMENT also for a NaN bound, of which the error names the first box.
+BROADCL_API broadcl_status broadcl_hit_list_create(const broadcl_boxes* boxes, const broadcl_boxes* queries,
+                                                   const broadcl_query_options* options,
+                                                   const broadcl_config* config, broadcl_hit_list** list);
+/// No-op for null.
+BROADCL_API broadcl_status broadcl_hit_list_destroy(broadcl_hit_list* list);
+/// @param hits Valid until the list is destroyed.
+BROADCL_API broadcl_status broadcl_hit_list_hits(const broadcl_hit_list* list, broadcl_hits* hits);
+
+/// The squares of the distances of `count` pairs of boxes: of float64 boxes in float64, otherwise in float32;
+/// infinite if a box is empty or has a NaN.
+/// @param second Null for pairs of one set; otherwise `a` is an index in `boxes`, `b` in `second`.
+BROADCL_API broadcl_status broadcl_squared_distances(const broadcl_boxes* boxes, const broadcl_boxes* second,
+                                                     const broadcl_pair* pairs, size_t count,
+                                                     double* distances);
+
 // --- Moving boxes
 
 /// A set of moving boxes that reports at each update which pairs began and which ceased to overlap. The
@@ -297,6 +349,15 @@ BROADCL_API broadcl_status broadcl_broad_phase_move(broadcl_broad_phase* broad_p
 /// @returns BROADCL_INVALID_ARGUMENT also for an unknown id.
 BROADCL_API broadcl_status broadcl_broad_phase_set_filter(broadcl_broad_phase* broad_phase, uint32_t id,
                                                           const broadcl_filter* filter);
+/// Sets how far `count` objects reach beyond their boxes, initially 0; all or none. Two objects pair if the
+/// Euclidean distance of their boxes is at most the sum of their reaches. (docs/distances.md has each step of
+/// the arithmetic.) A reach that changes counts as movement.
+/// @param reaches As many as ids, or one for all; rounded to float32 if the boxes are.
+/// @returns BROADCL_INVALID_ARGUMENT also for an unknown id, for a reach that is negative, NaN or greater
+/// than 2^62, and if there is a broadcl_config.distance.
+BROADCL_API broadcl_status broadcl_broad_phase_set_reach(broadcl_broad_phase* broad_phase,
+                                                         const uint32_t* ids, size_t count,
+                                                         const double* reaches, size_t reach_count);
 /// Removes `count` objects; all or none. Their pairs are in `removed` of the next update.
 /// @returns BROADCL_INVALID_ARGUMENT also for an unknown id, and for one that is given twice.
 BROADCL_API broadcl_status broadcl_broad_phase_remove(broadcl_broad_phase* broad_phase, const uint32_t* ids,
@@ -318,6 +379,10 @@ BROADCL_API broadcl_status broadcl_broad_phase_box64(const broadcl_broad_phase* 
 /// @returns As above.
 BROADCL_API broadcl_status broadcl_broad_phase_filter(const broadcl_broad_phase* broad_phase, uint32_t id,
                                                       broadcl_filter* filter);
+/// Its reach; with a broadcl_config.distance, half of that.
+/// @returns As above.
+BROADCL_API broadcl_status broadcl_broad_phase_reach(const broadcl_broad_phase* broad_phase, uint32_t id,
+                                                     double* reach);
 
 /// Replaces the list of pairs of ids that are never reported, whatever their boxes and filters: for instance
 /// joined bodies. A pair applies to whichever objects have the two ids. Initially the list is empty.
@@ -374,6 +439,19 @@ BROADCL_API broadcl_status broadcl_broad_phase_shrink(broadcl_broad_phase* broad
 /// @param pairs Valid until the next call of this function, update, finish or shrink.
 /// @returns BROADCL_FAILED also between begin and finish.
 BROADCL_API broadcl_status broadcl_broad_phase_pairs(broadcl_broad_phase* broad_phase, broadcl_pairs* pairs);
+/// The ids of the objects that are in a pair with this one, as of the last update, in ascending order. The
+/// first call after an update passes once over the pairs.
+/// @param ids Valid until the next call of this function, or shrink.
+/// @returns BROADCL_INVALID_ARGUMENT also for an unknown id; BROADCL_FAILED also between begin and finish.
+BROADCL_API broadcl_status broadcl_broad_phase_partners(broadcl_broad_phase* broad_phase, uint32_t id,
+                                                        const uint32_t** ids, size_t* count);
+/// Of each query the objects that overlap or touch it, or are near it, as their boxes are set now: no update
+/// is needed, and none is done. An object that asks with its own box finds itself, unless it is excepted.
+/// Several threads may call this at the same time, as long as none calls another function with this object.
+BROADCL_API broadcl_status broadcl_broad_phase_overlapping(const broadcl_broad_phase* broad_phase,
+                                                           const broadcl_boxes* boxes,
+                                                           const broadcl_query_options* options,
+                                                           broadcl_hit_list** list);
 /// The number of objects.
 BROADCL_API broadcl_status broadcl_broad_phase_size(const broadcl_broad_phase* broad_phase, size_t* size);
 /// The device that will do the next update.

@@ -41,6 +41,11 @@ struct Config {
   /// boxes by several threads, whatever this is.)
   std::size_t threads = 0;
 
+  /// How far apart the boxes of a pair may be: with 0 they overlap or touch. It is as if each object had half
+  /// of this as its reach (BasicBroadPhase::set_reach(), which defines the distance, and is then refused).
+  /// For a BroadPhase it is rounded to float32. An MpiBroadPhase refuses any but 0.
+  double distance = 0;
+
   /// Whether to measure stages on the device, too: see Stage. Costs a few microseconds per update.
   bool profile = false;
 

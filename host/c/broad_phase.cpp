@@ -19,10 +19,15 @@ struct broadcl_pair_list {
   std::vector<broadcl::Pair> pairs;
 };
 
+struct broadcl_hit_list {
+  broadcl::Hits hits;
+};
+
 struct broadcl_broad_phase {
   std::variant<broadcl::BroadPhase, broadcl::BroadPhase64> broad_phase;
   std::vector<broadcl::Pair> pairs{};               ///< What broadcl_broad_phase_pairs() has returned.
-  std::optional<broadcl::c::DeviceFacts> device{};  ///< And ..._device(),
+  std::vector<std::uint32_t> partners{};            ///< And ..._partners(),
+  std::optional<broadcl::c::DeviceFacts> device{};  ///< ..._device(),
   std::vector<broadcl_stage> stages{};              ///< ..._profile().
 };
 
@@ -89,6 +94,39 @@ broadcl_status broadcl_pair_list_pairs(const broadcl_pair_list* list, broadcl_pa
   return c::call(__func__, [&] { c::required(pairs, "pairs") = c::to_c(c::required(list, "list").pairs); });
 }
 
+broadcl_status broadcl_hit_list_create(const broadcl_boxes* boxes, const broadcl_boxes* queries,
+                                       const broadcl_query_options* options, const broadcl_config* config,
+                                       broadcl_hit_list** list) {
+  return c::call(__func__, [&] {
+    c::required(list, "list");
+    *list = new broadcl_hit_list{overlapping(c::to_view(boxes, "boxes"), c::to_view(queries, "queries"),
+                                             c::to_options(options), c::to_config(config))};
+  });
+}
+
+broadcl_status broadcl_hit_list_destroy(broadcl_hit_list* list) {
+  return c::call(__func__, [&] { delete list; });
+}
+
+broadcl_status broadcl_hit_list_hits(const broadcl_hit_list* list, broadcl_hits* hits) {
+  return c::call(__func__, [&] {
+    const Hits& found = c::required(list, "list").hits;
+    c::required(hits, "hits") = {found.offsets.data(), found.size(),
+                                 found.ids.empty() ? nullptr : found.ids.data()};
+  });
+}
+
+broadcl_status broadcl_squared_distances(const broadcl_boxes* boxes, const broadcl_boxes* second,
+                                         const broadcl_pair* pairs, std::size_t count, double* distances) {
+  return c::call(__func__, [&] {
+    const BoxView view = c::to_view(boxes, "boxes");
+    const std::span<const Pair> of = c::to_pairs(pairs, count, "pairs");
+    if (count > 0) c::required(distances, "distances");
+    std::ranges::copy(squared_distances(view, second == nullptr ? view : c::to_view(second, "second"), of),
+                      distances);
+  });
+}
+
 broadcl_status broadcl_broad_phase_create(const broadcl_config* config, broadcl_broad_phase** broad_phase) {
   return c::call(__func__, [&] {
     c::required(broad_phase, "broad_phase");
@@ -134,6 +172,19 @@ broadcl_status broadcl_broad_phase_set_filter(broadcl_broad_phase* broad_phase, 
   });
 }
 
+broadcl_status broadcl_broad_phase_set_reach(broadcl_broad_phase* broad_phase, const std::uint32_t* ids,
+                                             std::size_t count, const double* reaches,
+                                             std::size_t reach_count) {
+  return c::call(__func__, [&] {
+    const std::span<const std::uint32_t> objects = c::array(ids, count, "ids");
+    const std::span<const double> given = c::array(reaches, reach_count, "reaches");
+    with(broad_phase, [&]<class Box>(BasicBroadPhase<Box>& object) {
+      using Bound = typename BasicBroadPhase<Box>::Bound;
+      object.set_reach(objects, std::vector<Bound>(given.begin(), given.end()));
+    });
+  });
+}
+
 broadcl_status broadcl_broad_phase_remove(broadcl_broad_phase* broad_phase, const std::uint32_t* ids,
                                           std::size_t count) {
   return c::call(__func__, [&] {
@@ -171,6 +222,14 @@ broadcl_status broadcl_broad_phase_filter(const broadcl_broad_phase* broad_phase
   return c::call(__func__, [&] {
     broadcl_filter& out = c::required(filter, "filter");
     out = c::to_c(with(broad_phase, [&](const auto& object) { return object.filter(id); }));
+  });
+}
+
+broadcl_status broadcl_broad_phase_reach(const broadcl_broad_phase* broad_phase, std::uint32_t id,
+                                         double* reach) {
+  return c::call(__func__, [&] {
+    c::required(reach, "reach") =
+        with(broad_phase, [&](const auto& object) { return static_cast<double>(object.reach(id)); });
   });
 }
 
@@ -232,6 +291,7 @@ broadcl_status broadcl_broad_phase_shrink(broadcl_broad_phase* broad_phase) {
   return c::call(__func__, [&] {
     with(broad_phase, [](auto& object) { object.shrink(); });
     broad_phase->pairs = std::vector<Pair>();
+    broad_phase->partners = std::vector<std::uint32_t>();
   });
 }
 
@@ -241,6 +301,31 @@ broadcl_status broadcl_broad_phase_pairs(broadcl_broad_phase* broad_phase, broad
     broadcl_broad_phase& handle = c::required(broad_phase, "broad_phase");
     handle.pairs = with(&handle, [](const auto& object) { return object.pairs(); });
     *pairs = c::to_c(handle.pairs);
+  });
+}
+
+broadcl_status broadcl_broad_phase_partners(broadcl_broad_phase* broad_phase, std::uint32_t id,
+                                            const std::uint32_t** ids, std::size_t* count) {
+  return c::call(__func__, [&] {
+    c::required(ids, "ids");
+    c::required(count, "count");
+    broadcl_broad_phase& handle = c::required(broad_phase, "broad_phase");
+    handle.partners = with(&handle, [&](const auto& object) { return object.partners(id); });
+    *ids = handle.partners.data();
+    *count = handle.partners.size();
+  });
+}
+
+broadcl_status broadcl_broad_phase_overlapping(const broadcl_broad_phase* broad_phase,
+                                               const broadcl_boxes* boxes,
+                                               const broadcl_query_options* options,
+                                               broadcl_hit_list** list) {
+  return c::call(__func__, [&] {
+    c::required(list, "list");
+    const BoxView view = c::to_view(boxes, "boxes");
+    const QueryOptions how = c::to_options(options);
+    *list = new broadcl_hit_list{
+        with(broad_phase, [&](const auto& object) { return object.overlapping(view, how); })};
   });
 }
 

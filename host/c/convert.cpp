@@ -70,8 +70,20 @@ Config to_config(const broadcl_config* config) {
   if (given.device != nullptr) result.device = given.device;
   if (given.algorithm != nullptr) result.algorithm = given.algorithm;
   result.threads = given.threads;
+  result.distance = given.distance;
   result.profile = given.profile != 0;
   result.on_compile = to_handler(given.on_compile, given.on_compile_data);
+  return result;
+}
+
+QueryOptions to_options(const broadcl_query_options* options) {
+  const broadcl_query_options given = read_optional(options, "options");
+  QueryOptions result{.filters = to_filters(given.filters, given.filter_count, "options->filters"),
+                      .except = array(given.except, given.except_count, "options->except"),
+                      .count_only = given.count_only != 0};
+  if (given.limit != 0) result.limit = given.limit;
+  if (given.most_hits != 0) result.most_hits = given.most_hits;
+  if (given.within != 0) result.within = given.within;
   return result;
 }
 

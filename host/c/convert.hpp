@@ -15,6 +15,7 @@
 #include <broadcl/memory.hpp>
 #include <broadcl/pair.hpp>
 #include <broadcl/profile.hpp>
+#include <broadcl/query.hpp>
 
 /// The values of the C interface and those of C++.
 namespace broadcl::c {
@@ -63,6 +64,9 @@ static_assert(sizeof(broadcl_pair) == sizeof(Pair) && sizeof(broadcl_aabb) == si
 
 /// @throws Error
 [[nodiscard]] Config to_config(const broadcl_config* config);
+
+/// @throws Error
+[[nodiscard]] QueryOptions to_options(const broadcl_query_options* options);
 
 /// Whether the boxes of a broadcl_broad_phase are float64.
 /// @throws Error for an unknown type.

@@ -7,8 +7,8 @@
 namespace broadcl {
 
 template <class Box>
-BoxMoves<Box>::BoxMoves(std::span<const std::uint32_t> ids, const BoxView& boxes, const ObjectTable& objects,
-                        std::size_t threads)
+BoxMoves<Box>::BoxMoves(std::span<const std::uint32_t> ids, const BoxView& boxes,
+                        const ObjectTable<BoundType<Box>>& objects, std::size_t threads)
     : ids_(ids),
       boxes_(boxes),
       threads_(threads),

@@ -24,8 +24,8 @@ class BoxMoves {
   /// @param ids, boxes As many of both; they must outlive this object.
   /// @param threads At most; 0 for one per processor.
   /// @throws Error for an unknown id, and for the first box with a NaN bound; std::bad_alloc.
-  BoxMoves(std::span<const std::uint32_t> ids, const BoxView& boxes, const ObjectTable& objects,
-           std::size_t threads);
+  BoxMoves(std::span<const std::uint32_t> ids, const BoxView& boxes,
+           const ObjectTable<BoundType<Box>>& objects, std::size_t threads);
 
   [[nodiscard]] bool any_empty() const noexcept { return any_empty_; }
 

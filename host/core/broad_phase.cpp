@@ -2,14 +2,21 @@
 #include <broadcl/broad_phase64.hpp>
 
 #include <algorithm>
+#include <limits>
 #include <memory>
 #include <optional>
 #include <string>
 #include <utility>
 
+#include "base/box_parts.hpp"
+#include "base/box_reader.hpp"
+#include "base/distance.hpp"
+#include "base/floating_point.hpp"
 #include "core/core.hpp"
 #include "core/exact_boxes.hpp"
 #include "core/exclusions.hpp"
+#include "core/queries.hpp"
+#include "core/reach.hpp"
 #include "engines/algorithm.hpp"
 
 namespace broadcl {
@@ -17,10 +24,11 @@ namespace {
 
 constexpr std::size_t most_in_search = std::size_t{1} << 31;
 
-/// Like BoxView::pack_to(), but the error names the set.
-void pack_to(const BoxView& boxes, std::span<Aabb> out, const std::string& set) {
+/// Does something such that its error names the set of boxes that it is about.
+template <class Function>
+auto naming(const std::string& set, const Function& function) {
   try {
-    boxes.pack_to(out);
+    return function();
   } catch (const Error& error) {
     throw Error(set + ": " + error.what(), error.kind());
   }
@@ -30,6 +38,23 @@ void pack_to(const BoxView& boxes, std::span<Aabb> out, const std::string& set) 
 void refuse_nan(std::size_t invalid, std::size_t first, std::size_t second) {
   if (invalid < first) throw_nan("the first set: box " + std::to_string(invalid));
   if (invalid - first < second) throw_nan("the second set: box " + std::to_string(invalid - first));
+}
+
+/// Of so many boxes in single precision; none if there is no distance.
+std::vector<float> reaches_for(const Config& config, std::size_t boxes) {
+  const auto reach = reach_for<float>(config);
+  return std::vector<float>(reach > 0 ? boxes : 0, reach);
+}
+
+template <class Box>
+[[gnu::noinline]] void square_distances(BoxReader<Box> first, BoxReader<Box> second,
+                                        std::span<const Pair> pairs, double* out) {
+  for (const auto& [a, b] : pairs) {
+    const Box& s = first.read(a, std::size_t{a} + 1).front();
+    const Box& t = second.read(b, std::size_t{b} + 1).front();
+    *out++ = is_proper(s) && is_proper(t) ? static_cast<double>(squared_distance(s, t))
+                                          : std::numeric_limits<double>::infinity();
+  }
 }
 
 /// An object and one of its labels.
@@ -76,15 +101,35 @@ template <class Box>
 struct BasicBroadPhase<Box>::Impl {
   Core<Box> core;
   const AlgorithmInfo& info;
+  std::optional<Queries<Box>> queries{};
 };
+
+namespace {
+
+/// The core, if objects are about to change.
+template <class Impl>
+auto& changing(Impl& impl) noexcept {
+  impl->queries->forget_boxes();
+  return impl->core;
+}
+/// The core, if the pairs may change, too.
+template <class Impl>
+auto& updating(Impl& impl) noexcept {
+  impl->queries->forget_pairs();
+  return impl->core;
+}
+
+}  // namespace
 
 template <class Box>
 BasicBroadPhase<Box>::BasicBroadPhase() : BasicBroadPhase(Config()) {}
 
 template <class Box>
 BasicBroadPhase<Box>::BasicBroadPhase(const Config& config)
-    : impl_(new Impl{Core<Box>(make_algorithm(config), config.threads),
-                     find_algorithm(config.algorithm).info}) {}
+    : impl_(new Impl{Core<Box>(make_algorithm(config), config.threads, reach_for<Bound>(config)),
+                     find_algorithm(config.algorithm).info}) {
+  impl_->queries.emplace(impl_->core, config.threads);
+}
 
 template <class Box>
 BasicBroadPhase<Box>::~BasicBroadPhase() = default;
@@ -96,33 +141,39 @@ template <class Box>
 BasicBroadPhase<Box>& BasicBroadPhase<Box>::operator=(BasicBroadPhase&&) noexcept = default;
 
 template <class Box>
-std::uint32_t BasicBroadPhase<Box>::add(const Box& box, const Filter& filter) {
-  return impl_->core.add(box, filter);
+std::uint32_t BasicBroadPhase<Box>::add(const Box& box, const Filter& filter, Bound reach) {
+  return changing(impl_).add(box, filter, reach);
 }
 
 template <class Box>
-std::vector<std::uint32_t> BasicBroadPhase<Box>::add(const BoxView& boxes, std::span<const Filter> filters) {
-  return impl_->core.add(boxes, filters);
+std::vector<std::uint32_t> BasicBroadPhase<Box>::add(const BoxView& boxes, std::span<const Filter> filters,
+                                                     std::span<const Bound> reaches) {
+  return changing(impl_).add(boxes, filters, reaches);
 }
 
 template <class Box>
 std::vector<std::uint32_t> BasicBroadPhase<Box>::add(const BoxView& boxes, const Filter& filter) {
-  return impl_->core.add(boxes, {&filter, 1});
+  return changing(impl_).add(boxes, {&filter, 1});
 }
 
 template <class Box>
 void BasicBroadPhase<Box>::move(std::uint32_t id, const Box& box) {
-  impl_->core.move(id, box);
+  changing(impl_).move(id, box);
 }
 
 template <class Box>
 void BasicBroadPhase<Box>::move(std::span<const std::uint32_t> ids, const BoxView& boxes) {
-  impl_->core.move(ids, boxes);
+  changing(impl_).move(ids, boxes);
 }
 
 template <class Box>
 void BasicBroadPhase<Box>::set_filter(std::uint32_t id, const Filter& filter) {
-  impl_->core.set_filter(id, filter);
+  changing(impl_).set_filter(id, filter);
+}
+
+template <class Box>
+void BasicBroadPhase<Box>::set_reach(std::span<const std::uint32_t> ids, std::span<const Bound> reaches) {
+  changing(impl_).set_reach(ids, reaches);
 }
 
 template <class Box>
@@ -132,12 +183,12 @@ void BasicBroadPhase<Box>::set_exclusions(std::span<const Pair> pairs) {
 
 template <class Box>
 void BasicBroadPhase<Box>::remove(std::uint32_t id) {
-  impl_->core.remove(id);
+  changing(impl_).remove(id);
 }
 
 template <class Box>
 void BasicBroadPhase<Box>::remove(std::span<const std::uint32_t> ids) {
-  impl_->core.remove(ids);
+  changing(impl_).remove(ids);
 }
 
 template <class Box>
@@ -156,45 +207,67 @@ Filter BasicBroadPhase<Box>::filter(std::uint32_t id) const {
 }
 
 template <class Box>
+auto BasicBroadPhase<Box>::reach(std::uint32_t id) const -> Bound {
+  return impl_->core.reach(id);
+}
+
+template <class Box>
 BasicMappedBoxes<Box> BasicBroadPhase<Box>::map(std::size_t n) {
-  const std::span<Box> boxes = impl_->core.map(n);
+  const std::span<Box> boxes = changing(impl_).map(n);
   return {boxes, impl_->core.boxes_owner()};
 }
 
 template <class Box>
 Delta BasicBroadPhase<Box>::update() {
-  return impl_->core.finish();
+  return updating(impl_).finish();
 }
 
 template <class Box>
 Delta BasicBroadPhase<Box>::update(const BoxView& boxes) {
-  return impl_->core.update(boxes);
+  return updating(impl_).update(boxes);
 }
 
 template <class Box>
 void BasicBroadPhase<Box>::begin() {
-  impl_->core.begin();
+  updating(impl_).begin();
   impl_->core.flush();
 }
 
 template <class Box>
 void BasicBroadPhase<Box>::begin(const BoxView& boxes) {
-  impl_->core.begin(boxes);
+  updating(impl_).begin(boxes);
 }
 
 template <class Box>
 Delta BasicBroadPhase<Box>::finish() {
-  return impl_->core.finish();
+  return updating(impl_).finish();
 }
 
 template <class Box>
 void BasicBroadPhase<Box>::shrink() {
+  impl_->queries->shrink();
   impl_->core.shrink();
 }
 
 template <class Box>
 std::vector<Pair> BasicBroadPhase<Box>::pairs() const {
   return impl_->core.pairs();
+}
+
+template <class Box>
+std::vector<std::uint32_t> BasicBroadPhase<Box>::partners(std::uint32_t id) const {
+  return impl_->queries->partners(id);
+}
+
+template <class Box>
+Hits BasicBroadPhase<Box>::overlapping(const BoxView& boxes, const QueryOptions& options) const {
+  return impl_->queries->overlapping(boxes, options);
+}
+
+template <class Box>
+std::size_t BasicBroadPhase<Box>::overlapping(const Box& box, std::vector<std::uint32_t>& ids,
+                                              const QueryOptions& options) const {
+  return impl_->queries->overlapping(box, ids, options);
 }
 
 template <class Box>
@@ -249,27 +322,44 @@ std::vector<Pair> pairs_that_share(std::span<const std::uint32_t> first_labels, 
   return each_once(std::move(pairs));
 }
 
+Hits overlapping(const BoxView& boxes, const BoxView& queries, const QueryOptions& options,
+                 const BroadPhase::Config& config) {
+  (void)find_algorithm(config.algorithm);
+  Config host = config;
+  host.algorithm = "sweep-and-prune";
+  const auto find = [&](auto broad_phase) {
+    (void)naming("the boxes", [&] { return broad_phase.add(boxes); });
+    return naming("the queries", [&] { return broad_phase.overlapping(queries, options); });
+  };
+  return ExactBoxes::are_needed(boxes, queries) ? find(BroadPhase64(host)) : find(BroadPhase(host));
+}
+
 std::vector<Pair> overlapping_pairs(const BoxView& boxes, const BroadPhase::Config& config,
                                     std::span<const Pair> exclusions) {
   if (boxes.size() > most_in_search) throw Error::invalid_argument("more than 2147483648 boxes; use fewer");
   refuse_unknown(exclusions, boxes.size(), boxes.size());
   const std::vector<Pair> sorted = sorted_exclusions(exclusions);
+  std::vector<float> reaches;
   const auto algorithm = make_for_one_search(config);
   algorithm->reserve(boxes.size(), false);
   algorithm->reserve_exclusions(sorted.size());
   const std::span<Aabb> packed = algorithm->boxes().first(boxes.size());
-  const Input input{
-      .boxes = packed, .changed = {.all = true}, .rules = {.exclusions = sorted, .all_changed = true}};
-  if (!ExactBoxes::are_needed(boxes)) {
+  std::optional<ExactBoxes> exact;
+  if (ExactBoxes::are_needed(boxes)) {
+    exact.emplace(boxes, BoxView(), reach_for<double>(config), config.threads);
+    if (const std::size_t invalid = exact->pack_to(packed); invalid < boxes.size()) {
+      throw_nan("box " + std::to_string(invalid));
+    }
+    reaches = exact->reaches(packed);
+  } else {
+    reaches = reaches_for(config, boxes.size());
     boxes.pack_to(packed);
-    return algorithm->find_all(input);
   }
-  ExactBoxes exact(boxes, {}, config.threads);
-  if (const std::size_t invalid = exact.pack_to(packed); invalid < boxes.size()) {
-    throw_nan("box " + std::to_string(invalid));
-  }
-  std::vector<Pair> pairs = algorithm->find_all(input);
-  exact.keep_overlapping(pairs, algorithm->boxes());
+  std::vector<Pair> pairs =
+      algorithm->find_all({.boxes = packed,
+                           .changed = {.all = true},
+                           .rules = {.exclusions = sorted, .reaches = reaches, .all_changed = true}});
+  if (exact) exact->keep_pairs(pairs, algorithm->boxes(), reaches);
   return pairs;
 }
 
@@ -283,17 +373,20 @@ std::vector<Pair> overlapping_pairs(const BoxView& first, const BoxView& second,
   std::vector<Pair> sorted(exclusions.begin(), exclusions.end());
   for (Pair& pair : sorted) pair.b += static_cast<std::uint32_t>(first.size());
   sorted = sorted_exclusions(sorted);
+  std::vector<float> reaches;
   const auto algorithm = make_for_one_search(config);
   algorithm->reserve(boxes, true);
   algorithm->reserve_exclusions(sorted.size());
   const std::span<Aabb> packed = algorithm->boxes().first(boxes);
   std::optional<ExactBoxes> exact;
   if (ExactBoxes::are_needed(first, second)) {
-    exact.emplace(first, second, config.threads);
+    exact.emplace(first, second, reach_for<double>(config), config.threads);
     refuse_nan(exact->pack_to(packed), first.size(), second.size());
+    reaches = exact->reaches(packed);
   } else {
-    pack_to(first, packed, "the first set");
-    pack_to(second, packed.subspan(first.size()), "the second set");
+    reaches = reaches_for(config, boxes);
+    naming("the first set", [&] { first.pack_to(packed); });
+    naming("the second set", [&] { second.pack_to(packed.subspan(first.size())); });
   }
   std::vector<Filter> filters(boxes, Filter::second_set);
   std::fill_n(filters.begin(), first.size(), Filter::first_set);
@@ -301,12 +394,37 @@ std::vector<Pair> overlapping_pairs(const BoxView& first, const BoxView& second,
                                                  .changed = {.all = true},
                                                  .rules = {.filters = filters,
                                                            .exclusions = sorted,
+                                                           .reaches = reaches,
                                                            .all_changed = true,
                                                            .sets = true,
                                                            .sets_decide = true}});
-  if (exact) exact->keep_overlapping(pairs, algorithm->boxes());
+  if (exact) exact->keep_pairs(pairs, algorithm->boxes(), reaches);
   for (Pair& pair : pairs) pair.b -= static_cast<std::uint32_t>(first.size());
   return pairs;
+}
+
+std::vector<double> squared_distances(const BoxView& boxes, std::span<const Pair> pairs) {
+  return squared_distances(boxes, boxes, pairs);
+}
+
+std::vector<double> squared_distances(const BoxView& first, const BoxView& second,
+                                      std::span<const Pair> pairs) {
+  for (const auto& [a, b] : pairs) {
+    if (a < first.size() && b < second.size()) continue;
+    throw Error::invalid_argument("there is no box for the pair (" + std::to_string(a) + ", " +
+                                  std::to_string(b) + "); use indices of the boxes");
+  }
+  std::vector<double> squares(pairs.size());
+  const bool are_exact = ExactBoxes::are_needed(first, second);
+  for_each_part(pairs.size(), 0, [&](std::size_t begin, std::size_t end, std::size_t /*thread*/) {
+    const DefaultFloatingPoint as_everywhere;
+    const auto square = [&](const auto& s, const auto& t) {
+      square_distances(s, t, pairs.subspan(begin, end - begin), squares.data() + begin);
+    };
+    are_exact ? square(BoxReader<Aabb64>(first), BoxReader<Aabb64>(second))
+              : square(BoxReader<Aabb>(first), BoxReader<Aabb>(second));
+  });
+  return squares;
 }
 
 }  // namespace broadcl

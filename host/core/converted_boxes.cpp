@@ -79,6 +79,14 @@ void ConvertedBoxes::settle(std::span<const Aabb64> boxes, std::span<Aabb> out, 
   outside_ = 0;
 }
 
+void ConvertedBoxes::keep_distances(ChangeSet& changes) {
+  if (keeps_distances_) return;
+  map_ = CoordinateMap();
+  changes.all = true;
+  keeps_distances_ = true;
+  is_current_ = false;
+}
+
 CoordinateMap ConvertedBoxes::map_for(const BoxView& view) const {
   return {view.size(),
           [&](std::size_t first, std::span<Aabb64> out) {
@@ -86,7 +94,7 @@ CoordinateMap ConvertedBoxes::map_for(const BoxView& view) const {
                 first, first + out.size(),
                 [&](std::size_t k, const Aabb64& box) { out[k - first] = pack(box); });
           },
-          threads_};
+          keeps_distances_, threads_};
 }
 
 void ConvertedBoxes::renew(const BoxView& view) {

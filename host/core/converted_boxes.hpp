@@ -21,7 +21,11 @@ namespace broadcl {
 class ConvertedBoxes {
  public:
   /// @param threads At most; 0 for one per processor.
-  explicit ConvertedBoxes(std::size_t threads) noexcept : threads_(threads) {}
+  explicit ConvertedBoxes(std::size_t threads) : threads_(threads) {}
+
+  /// Makes the map keep distances from now on. If it did not before, all boxes count as changed afterwards.
+  /// @throws std::bad_alloc; nothing has changed then.
+  void keep_distances(ChangeSet& changes);
 
   /// Converts the boxes that changed. Those that have another image, because the map changed, count as
   /// changed afterwards.
@@ -50,6 +54,12 @@ class ConvertedBoxes {
   /// map.
   void count_apart(std::size_t apart, std::size_t slots) noexcept;
 
+  /// The image of another box. Not before some boxes were converted.
+  [[nodiscard]] Aabb image_of(const Aabb64& box) const noexcept {
+    Aabb image;
+    (void)map_.convert({&box, 1}, {&image, 1});
+    return image;
+  }
   /// The axes on which only double precision tells some bounds apart.
   [[nodiscard]] AxisSet in_doubt() const noexcept { return in_doubt_; }
 
@@ -61,6 +71,7 @@ class ConvertedBoxes {
   void convert_one(std::uint32_t slot, std::span<const Aabb64> boxes, std::span<Aabb> out) noexcept;
 
   std::size_t threads_;
+  bool keeps_distances_ = false;
   CoordinateMap map_;
   std::optional<Conversion> conversion_;  // of all boxes, by the map
   AxisSet in_doubt_ = 0;

@@ -9,9 +9,11 @@
 
 #include "base/box_parts.hpp"
 #include "base/box_replacement.hpp"
+#include "base/packed_boxes.hpp"
 #include "base/pair_lists.hpp"
 #include "core/box_moves.hpp"
 #include "core/exclusions.hpp"
+#include "core/reach.hpp"
 
 namespace broadcl {
 namespace {
@@ -21,6 +23,15 @@ constexpr std::size_t most_objects = std::size_t{1} << 31;
 [[noreturn]] void throw_too_many(std::size_t objects) {
   throw Error::invalid_argument(std::to_string(objects) + " objects are too many; use at most " +
                                 std::to_string(most_objects));
+}
+
+[[noreturn]] void throw_has_distance() {
+  throw Error::invalid_argument("objects have the reaches that Config::distance gives them; set that to 0");
+}
+
+template <class Bound>
+bool any_above_0(std::span<const Bound> reaches) {
+  return std::ranges::any_of(reaches, [](Bound reach) { return reach > 0; });
 }
 
 void refuse_twice(std::span<const std::uint32_t> ids) {
@@ -57,6 +68,7 @@ void Core<Box>::or_roll_back(const Function& function) {
     changes_.insert(flight_);
     changes_.all = changes_.all_filters = true;
     flight_.clear();
+    forget_unread();
     throw;
   }
 }
@@ -72,6 +84,7 @@ void Core<Box>::set_ids(std::size_t n, const Box& empty, const SetBox& set) noex
     set(id, empty);
     changes_.recycle(id);
     store_filter(id, Filter());
+    store_reach(id, objects_.first_reach());
   };
   objects_.set_ids(n, removed, added);
 }
@@ -120,11 +133,12 @@ void Core<Box>::replace_once(const BoxView& view, const Function& end) {
   });
   const std::size_t slots = objects_.slots();
   const bool same_ids = objects_.size() == n && slots == n;
-  std::optional<std::pair<ObjectTable, ChangeSet>> before;
+  std::optional<std::pair<ObjectTable<Bound>, ChangeSet>> before;
   if (!same_ids) {
     before.emplace(objects_, changes_);
     before->first.reserve(capacity_);
     before->second.reserve(capacity_);
+    before->second.insert(read_);
   }
   const std::size_t mapped = std::exchange(mapped_, 0);
   swap_boxes();
@@ -149,32 +163,29 @@ void Core<Box>::replace_once(const BoxView& view, const Function& end) {
 }
 
 template <class Box>
-std::vector<std::uint32_t> Core<Box>::add(const BoxView& boxes, std::span<const Filter> filters) {
+std::vector<std::uint32_t> Core<Box>::add(const BoxView& boxes, std::span<const Filter> filters,
+                                          std::span<const Bound> reaches) {
   refuse_forked();
   if (filters.size() != 1 && filters.size() != boxes.size()) {
     throw Error::invalid_argument(std::to_string(filters.size()) + " filters for " +
                                   std::to_string(boxes.size()) + " boxes; give one for all, or one for each");
   }
+  constexpr Bound none = 0;
+  if (reaches.empty()) reaches = {&none, 1};
+  refuse_reaches(reaches, boxes.size());
   if (boxes.size() > most_objects) throw_too_many(boxes.size());
-  std::vector<Box> packed(boxes.size());
-  LowestFound nan(packed.size());
-  for_each_part(packed.size(), threads_, [&](std::size_t begin, std::size_t end, std::size_t /*thread*/) {
-    BoxReader<Box>(boxes).for_each(begin, end, [&](std::size_t k, const Box& box) {
-      if (has_nan(box)) nan.add(k);
-      packed[k] = pack(box);
-    });
-  });
-  if (nan.any()) throw_nan("box " + std::to_string(nan.get()));
+  const std::vector<Box> packed = packed_boxes<Box>(boxes, "", threads_);
   const bool any_filters = std::ranges::any_of(filters, [](const Filter& f) { return f != Filter(); });
   std::vector<std::uint32_t> ids(packed.size());
   // (Perhaps some have free ids.)
   const std::size_t free = objects_.ids() - objects_.size();
-  reserve(objects_.ids() + packed.size() - std::min(free, packed.size()), any_filters);
+  reserve(objects_.ids() + packed.size() - std::min(free, packed.size()), any_filters, any_above_0(reaches));
   reserve_late(packed.size());
   // Nothing below throws.
   any_empty_ = any_empty_ || std::ranges::any_of(packed, [](const Box& box) { return has_nan(box); });
   for (std::size_t k = 0; k < packed.size(); ++k) {
-    ids[k] = add_packed(packed[k], filters[filters.size() == 1 ? 0 : k]);
+    ids[k] =
+        add_packed(packed[k], filters[filters.size() == 1 ? 0 : k], reaches[reaches.size() == 1 ? 0 : k]);
   }
   return ids;
 }
@@ -207,6 +218,28 @@ void Core<Box>::set_filter(std::uint32_t id, const Filter& filter) {
   reserve(objects_.ids(), filter != Filter());
   // Nothing below throws.
   store_filter(id, filter);
+}
+
+template <class Box>
+void Core<Box>::refuse_reaches(std::span<const Bound> reaches, std::size_t objects) const {
+  if (reaches.size() != 1 && reaches.size() != objects) {
+    throw Error::invalid_argument(std::to_string(reaches.size()) + " reaches for " + std::to_string(objects) +
+                                  " objects; give one for all, or one for each");
+  }
+  for (const Bound reach : reaches) {
+    refuse_invalid_reach(reach);
+    if (reach > 0 && objects_.first_reach() > 0) throw_has_distance();
+  }
+}
+
+template <class Box>
+void Core<Box>::set_reach(std::span<const std::uint32_t> ids, std::span<const Bound> reaches) {
+  if (objects_.first_reach() > 0) throw_has_distance();
+  for (const std::uint32_t id : ids) objects_.refuse_unknown(id);
+  refuse_reaches(reaches, ids.size());
+  reserve(objects_.ids(), false, any_above_0(reaches));
+  // Nothing below throws.
+  for (std::size_t k = 0; k < ids.size(); ++k) store_reach(ids[k], reaches[reaches.size() == 1 ? 0 : k]);
 }
 
 template <class Box>
@@ -247,9 +280,84 @@ Box Core<Box>::box(std::uint32_t id) const {
 }
 
 template <class Box>
+BoxTree& Core<Box>::choose_tree() {
+  BoxTree* const tree = algorithm_->tree();
+  if (tree != nullptr) {
+    if (own_tree_) {  // another algorithm does the updates now, which has not read what that tree has
+      changes_.reserve(capacity_);
+      changes_.insert(read_);
+      read_.clear();
+      unread_.clear();
+      own_tree_.reset();
+    }
+    return *tree;
+  }
+  if (!own_tree_) {
+    own_tree_ = make_box_tree(threads_);
+    unread_.all = true;
+  }
+  return *own_tree_;
+}
+
+template <class Box>
+std::optional<std::vector<std::uint32_t>> Core<Box>::unread() const {
+  std::vector<std::uint32_t> ids;
+  const BoxTree* const tree = own_tree_ ? own_tree_.get() : algorithm_->tree();
+  bool all = mapped_ > 0 || tree == nullptr || !tree->is_ready();
+  const auto append = [&](const ChangeSet& changes) {
+    ids.insert(ids.end(), changes.changed().begin(), changes.changed().end());
+    all = all || changes.all;
+  };
+  append(changes_);
+  append(unread_);
+  if (is_in_flight() && !own_tree_ && !unread_slots_) append(flight_);
+  for (const auto& late : late_) ids.push_back(late.id);
+  if (all) return std::nullopt;
+  std::ranges::sort(ids);
+  ids.erase(std::unique(ids.begin(), ids.end()), ids.end());
+  return ids;
+}
+
+template <class Box>
+void Core<Box>::copy_to(Core& core) const {
+  std::vector<Box> boxes(objects_.ids());
+  for (std::uint32_t id = 0; id < boxes.size(); ++id) {
+    const Box box = packed_box(id);
+    boxes[id] = has_nan(box) ? empty_box : box;
+  }
+  constexpr Filter any{};
+  (void)core.add(boxes, objects_.any_filters() ? objects_.filters() : std::span(&any, 1), objects_.reaches());
+}
+
+template <class Box>
+void Core<Box>::read() {
+  read_.reserve(capacity_);
+  unread_.reserve(capacity_);
+  reserve_algorithm(objects_.ids(), objects_.any_filters());
+  convert_changed(false);
+  unread_.insert(changes_);
+  const std::size_t slots = objects_.slots();
+  const bool all = unread_.all || unread_.changed().size() > slots / 4;
+  const Input input{.boxes = algorithm_->boxes().first(slots),
+                    .changed = {.all = all, .slots = unread_.changed()},
+                    .rules = rules()};
+  own_tree_ ? own_tree_->read(input) : algorithm_->read(input);
+  // Nothing below throws.
+  unread_.clear();
+  read_.insert(changes_);
+  changes_.clear();
+}
+
+template <class Box>
 const Filter& Core<Box>::filter(std::uint32_t id) const {
   objects_.refuse_unknown(id);
   return objects_.filter(id);
+}
+
+template <class Box>
+auto Core<Box>::reach(std::uint32_t id) const -> Bound {
+  objects_.refuse_unknown(id);
+  return objects_.reach(id);
 }
 
 /// Replaces all boxes that are not proper.
@@ -298,41 +406,63 @@ Delta Core<Box>::update(const BoxView& boxes) {
   return delta;
 }
 
+/// Makes what changed known to the algorithm's boxes.
+template <class Box>
+void Core<Box>::convert_changed(bool are_converted) {
+  if constexpr (is_exact) {
+    if (!are_converted && objects_.any_reaches()) exact_.converted.keep_distances(changes_);
+    if (!are_converted && !changes_.empty())
+      exact_.converted.convert(boxes_.first(objects_.ids()), algorithm_->boxes(), changes_);
+    exact_.reaches.update(objects_.reaches(), algorithm_->boxes(), changes_);
+  }
+}
+
+/// Those of the objects, without what changed.
+template <class Box>
+PairRules Core<Box>::rules() const {
+  const bool are_two_sets = objects_.any_filters() && objects_.sets().are_apart();
+  return {.filters = objects_.filters(),
+          .reaches = reaches_of_images(),
+          .worlds = objects_.any_worlds(),
+          .sets = are_two_sets,
+          .sets_decide = are_two_sets && objects_.sets().decide()};
+}
+
 template <class Box>
 void Core<Box>::begin(ArrivingBoxes* arriving, const LookAtBoxes<Box>* look, bool are_converted) {
   refuse_forked();
   if (is_begun()) return;
   apply_late();
   flight_.reserve(capacity_);  // here, since an update in flight reads it
+  if (own_tree_ || !read_.empty()) unread_.reserve(capacity_);
   or_find_boxes([&] { algorithm_->reserve_exclusions(exclusions_.size()); });
   if constexpr (is_exact) exact_.pairs.begin(*algorithm_);
   take_mapped(look);
-  if constexpr (is_exact) {
-    if (!are_converted && !changes_.empty())
-      exact_.converted.convert(boxes_.first(objects_.ids()), algorithm_->boxes(), changes_);
-  }
+  convert_changed(are_converted);
   update_ = Update::begun;
-  if (changes_.empty()) return;
+  if (changes_.empty() && read_.empty()) return;
+  if (own_tree_ || !read_.empty()) unread_.insert(changes_);
+  if (!read_.empty() && !own_tree_) unread_slots_ = {.all = unread_.all, .slots = unread_.changed()};
   std::swap(flight_, changes_);
+  flight_.insert(read_);
+  read_.clear();
   flight_.sort_recycled();
   update_ = Update::in_flight;
   or_roll_back([&] {
     const std::size_t slots = objects_.slots();
-    const bool are_two_sets = objects_.any_filters() && objects_.sets().are_apart();
+    PairRules rules = this->rules();
+    rules.exclusions = exclusions_;
+    rules.all_changed = flight_.all_filters;
+    rules.refiltered = flight_.refiltered();
+    rules.filters_changed = flight_.filters;
+    rules.exclusions_changed = flight_.exclusions;
     // If many boxes changed, testing all pairs once is less work than testing the changed boxes against all.
     const bool all = flight_.all || flight_.changed().size() > slots / 4;
     algorithm_->begin({.boxes = algorithm_->boxes().first(slots),
                        .arriving = arriving,
                        .changed = {.all = all, .slots = flight_.changed(), .recycled = flight_.recycled()},
-                       .rules = {.filters = objects_.filters(),
-                                 .exclusions = exclusions_,
-                                 .all_changed = flight_.all_filters,
-                                 .refiltered = flight_.refiltered(),
-                                 .filters_changed = flight_.filters,
-                                 .exclusions_changed = flight_.exclusions,
-                                 .worlds = objects_.any_worlds(),
-                                 .sets = are_two_sets,
-                                 .sets_decide = are_two_sets && objects_.sets().decide()}});
+                       .unread = unread_slots_ ? &*unread_slots_ : nullptr,
+                       .rules = rules});
   });
 }
 
@@ -350,13 +480,15 @@ Delta Core<Box>::finish() {
       delta = algorithm_->finish();
       if constexpr (is_exact) {
         const SlotChanges changed{.slots = flight_.changed(), .recycled = flight_.recycled()};
-        delta = exact_.pairs.finish(*algorithm_, delta, changed, exact_.converted.in_doubt(), boxes_);
+        delta = exact_.pairs.finish(*algorithm_, delta, changed, exact_.converted.in_doubt(), boxes_,
+                                    exact_.reaches.exact());
         exact_.converted.count_apart(exact_.pairs.apart(), objects_.size());
       }
     });
   }
   boxes_ = find_boxes();
   flight_.clear();
+  forget_unread();
   update_ = is_in_flight() ? Update::done : Update::none;
   // If there is no memory yet for objects that were added during the update, the next update allocates it.
   if (has_memory_for(objects_.ids(), objects_.any_filters())) apply_late();
@@ -368,6 +500,9 @@ void Core<Box>::shrink() {
   if (is_begun()) throw Error("shrink() was called between begin() and finish(); call finish() first");
   refuse_forked();
   apply_late();
+  changes_.insert(read_);
+  read_ = unread_ = {};
+  own_tree_.reset();
   std::size_t ids = objects_.slots();  // higher ones that are free need not be stored
   for (const std::uint32_t changed : changes_.changed()) ids = std::max<std::size_t>(ids, changed + 1);
   ChangeSet changes;
@@ -379,6 +514,7 @@ void Core<Box>::shrink() {
     if constexpr (is_exact) {
       exact_.pairs.shrink();
       exact_.boxes.shrink(ids);
+      exact_.reaches.shrink(ids);
     }
     algorithm_->shrink(ids);
   });
@@ -406,7 +542,7 @@ std::vector<Pair> Core<Box>::pairs() const {
 }
 
 template <class Box>
-void Core<Box>::reserve(std::size_t ids, bool filters) {
+void Core<Box>::reserve(std::size_t ids, bool filters, bool reaches) {
   if (ids > most_objects) throw_too_many(ids);
   if (ids > capacity_) {
     const std::size_t capacity = std::max({ids, capacity_ + capacity_ / 2, least_capacity});
@@ -414,6 +550,7 @@ void Core<Box>::reserve(std::size_t ids, bool filters) {
     changes_.reserve(capacity);
     capacity_ = capacity;
   }
+  if (reaches) objects_.reserve_reaches();
   if (!is_in_flight()) reserve_algorithm(ids, filters || objects_.any_filters());
 }
 
@@ -464,9 +601,11 @@ void Core<Box>::copy_all(const BoxView& view) {
   constexpr std::size_t most_cached = std::size_t{1} << 18U;
   const bool streams = uploads || n > most_cached;
   // An upload of all boxes can begin before it is known which changed.
-  const bool arrive_later = uploads && many_moved_;
+  // (Reaches of images depend on the images.)
+  const bool arrive_later = uploads && many_moved_ && !(is_exact && objects_.any_reaches());
   Conversion* conversion = nullptr;
   if constexpr (is_exact) {
+    if (objects_.any_reaches()) exact_.converted.keep_distances(changes_);
     conversion = &exact_.converted.begin(view, find_spare().first(objects_.ids()), algorithm_->spare_boxes(),
                                          algorithm_->boxes(), changes_, arrive_later);
   }

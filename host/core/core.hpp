@@ -5,6 +5,7 @@
 #include <functional>
 #include <limits>
 #include <memory>
+#include <optional>
 #include <span>
 #include <type_traits>
 #include <utility>
@@ -23,9 +24,11 @@
 #include "core/change_set.hpp"
 #include "core/converted_boxes.hpp"
 #include "core/exact_pairs.hpp"
+#include "core/exact_reaches.hpp"
 #include "core/late_boxes.hpp"
 #include "core/object_table.hpp"
 #include "engines/algorithm.hpp"
+#include "engines/box_tree.hpp"
 #include "opencl/process.hpp"
 
 namespace broadcl {
@@ -37,10 +40,11 @@ using LookAtBoxes = std::function<void(std::size_t begin, std::size_t end, std::
 
 /// What a core in double precision has beside its algorithm.
 struct ExactParts {
-  explicit ExactParts(std::size_t threads) : converted(threads), pairs(threads) {}
+  explicit ExactParts(std::size_t threads) : converted(threads), reaches(threads), pairs(threads) {}
 
   KeptBoxes<Aabb64> boxes;
   ConvertedBoxes converted;
+  ExactReaches reaches;
   ExactPairs pairs;
 };
 struct NoExactParts {
@@ -54,21 +58,32 @@ struct NoExactParts {
 template <class Box>
 class Core {
  public:
-  /// @param threads That copy boxes, at most; 0 for one per processor.
-  explicit Core(AlgorithmPointer algorithm, std::size_t threads = 0)
-      : algorithm_(std::move(algorithm)), exact_(threads), boxes_(find_boxes()), threads_(threads) {}
+  using Bound = BoundType<Box>;
 
-  std::uint32_t add(const Box& box, const Filter& filter) {
+  /// @param threads That copy boxes, at most; 0 for one per processor.
+  /// @param reach Of all objects; if it is 0, each may have its own.
+  explicit Core(AlgorithmPointer algorithm, std::size_t threads = 0, Bound reach = 0)
+      : algorithm_(std::move(algorithm)),
+        exact_(threads),
+        boxes_(find_boxes()),
+        threads_(threads),
+        objects_(reach) {}
+
+  std::uint32_t add(const Box& box, const Filter& filter, Bound reach = 0) {
     refuse_forked();
+    if (reach != 0) refuse_reaches({&reach, 1}, 1);
     const Box& packed = pack_or_refuse(box);
-    reserve(std::max<std::size_t>(objects_.ids(), std::size_t{objects_.next()} + 1), filter != Filter());
+    reserve(std::max<std::size_t>(objects_.ids(), std::size_t{objects_.next()} + 1), filter != Filter(),
+            reach > 0);
     reserve_late(1);
     // Nothing below throws.
-    return add_packed(packed, filter);
+    return add_packed(packed, filter, reach);
   }
 
   /// @param filters One for all boxes, or as many as boxes.
-  std::vector<std::uint32_t> add(const BoxView& boxes, std::span<const Filter> filters);
+  /// @param reaches The same, or none.
+  std::vector<std::uint32_t> add(const BoxView& boxes, std::span<const Filter> filters,
+                                 std::span<const Bound> reaches = {});
 
   void move(std::uint32_t id, const Box& box) {
     refuse_forked();
@@ -82,6 +97,7 @@ class Core {
   void move(std::span<const std::uint32_t> ids, const BoxView& boxes);
 
   void set_filter(std::uint32_t id, const Filter& filter);
+  void set_reach(std::span<const std::uint32_t> ids, std::span<const Bound> reaches);
   void set_exclusions(std::span<const Pair> pairs);
 
   void remove(std::uint32_t id) { remove({&id, 1}); }
@@ -91,8 +107,48 @@ class Core {
 
   [[nodiscard]] Box box(std::uint32_t id) const;
   [[nodiscard]] const Filter& filter(std::uint32_t id) const;
+  [[nodiscard]] Bound reach(std::uint32_t id) const;
   /// By id; none if all objects that ever were had the default filter.
   [[nodiscard]] std::span<const Filter> filters() const noexcept { return objects_.filters(); }
+  [[nodiscard]] std::span<const Bound> reaches() const noexcept { return objects_.reaches(); }
+  /// The box of an id as it is set now; if no object has it, packed_empty().
+  [[nodiscard]] Box packed_box(std::uint32_t id) const noexcept {
+    const Box* const late = late_.empty() ? nullptr : late_.find(id);
+    if (late == nullptr && id >= boxes_.size())
+      return packed_empty_box;                          // free, after a shrink() that failed
+    return pack(late != nullptr ? *late : boxes_[id]);  // those that were in map() may not be packed
+  }
+  /// Ids below this one are all that objects have.
+  [[nodiscard]] std::size_t ids() const noexcept { return objects_.ids(); }
+  /// The box of the algorithm that a box would become. Only if boxes were converted.
+  [[nodiscard]] Aabb image_of(const Box& box) const noexcept {
+    if constexpr (is_exact) {
+      return exact_.converted.image_of(box);
+    } else {
+      return box;
+    }
+  }
+
+  /// Chooses the tree of queries: that of the algorithm, or else one of its own.
+  /// @throws std::bad_alloc
+  [[nodiscard]] BoxTree& choose_tree();
+  /// The ids whose boxes or rules may not be those in that tree, ascending; none if all may be others.
+  /// @throws std::bad_alloc
+  [[nodiscard]] std::optional<std::vector<std::uint32_t>> unread() const;
+  /// Adds the objects as they are set now to an empty core, under the same ids. (Those that do not exist have
+  /// empty boxes.)
+  /// @throws std::bad_alloc
+  void copy_to(Core& core) const;
+  /// Whether read() can put these into that tree now.
+  [[nodiscard]] bool can_read() const noexcept { return mapped_ == 0 && late_.empty() && !is_begun(); }
+  /// The next update need not do so again.
+  /// @throws std::bad_alloc
+  void read();
+
+  /// (Memory of a device may not be there after a fork.)
+  void refuse_forked() const {
+    if (opencl::is_forked() && algorithm_->device() != nullptr) opencl::use_in_this_process();
+  }
   /// Of the update that was begun, packed, by id; empty for ids that are free.
   [[nodiscard]] std::span<const Box> boxes() const noexcept { return boxes_.first(objects_.ids()); }
 
@@ -134,7 +190,7 @@ class Core {
     in_flight  // The algorithm is doing it.
   };
 
-  static constexpr auto infinity = std::numeric_limits<BoundType<Box>>::infinity();
+  static constexpr auto infinity = std::numeric_limits<Bound>::infinity();
   static constexpr bool is_exact = std::is_same_v<Box, Aabb64>;
   static constexpr Box packed_empty_box = packed_empty<Box>();
   static constexpr Box empty_box{{infinity, infinity, infinity}, {-infinity, -infinity, -infinity}};
@@ -147,7 +203,7 @@ class Core {
 
   /// Reserves memory for this many ids, so that functions that use these ids need not allocate. During an
   /// update, the algorithm's memory is reserved only after the update.
-  void reserve(std::size_t ids, bool filters);
+  void reserve(std::size_t ids, bool filters, bool reaches = false);
 
   void reserve_algorithm(std::size_t ids, bool filters);
 
@@ -155,11 +211,12 @@ class Core {
     if (is_late()) late_.reserve(count, capacity_);
   }
 
-  std::uint32_t add_packed(const Box& packed, const Filter& filter) noexcept {
+  std::uint32_t add_packed(const Box& packed, const Filter& filter, Bound reach) noexcept {
     const std::uint32_t id = objects_.add();
     changes_.recycle(id);
     set_box(id, packed);
     store_filter(id, filter);
+    store_reach(id, objects_.first_reach() + reach);  // one of the two is 0
     return id;
   }
 
@@ -191,6 +248,30 @@ class Core {
   void store_filter(std::uint32_t id, const Filter& filter) noexcept {
     if (objects_.set_filter(id, filter)) changes_.refilter(id);
   }
+
+  void convert_changed(bool are_converted);
+  [[nodiscard]] PairRules rules() const;
+  /// To be called when an update is over: the algorithm's tree has read all of it.
+  void forget_unread() noexcept {
+    if (!own_tree_) unread_.clear();
+    unread_slots_.reset();
+  }
+
+  void store_reach(std::uint32_t id, Bound reach) noexcept {
+    if (objects_.set_reach(id, reach)) changes_.insert(id);
+  }
+
+  /// Those of the algorithm's boxes, by slot.
+  [[nodiscard]] std::span<const float> reaches_of_images() const noexcept {
+    if constexpr (is_exact) {
+      return exact_.reaches.of_images();
+    } else {
+      return objects_.reaches();
+    }
+  }
+
+  /// @throws Error unless there is one for all objects, or one for each, and all of them are valid.
+  void refuse_reaches(std::span<const Bound> reaches, std::size_t objects) const;
 
   /// Stores the boxes that were set while an update was in flight.
   void apply_late();
@@ -240,11 +321,6 @@ class Core {
   template <class Function>
   void or_roll_back(const Function& function);
 
-  /// (Memory of a device may not be there after a fork.)
-  void refuse_forked() const {
-    if (opencl::is_forked() && algorithm_->device() != nullptr) opencl::use_in_this_process();
-  }
-
   /// @returns The box, or one that lives as long as the program.
   const Box& pack_or_refuse(const Box& box) {
     if (is_proper(box)) return box;
@@ -259,14 +335,18 @@ class Core {
   std::size_t threads_;             // that copy boxes
   bool has_filter_memory_ = false;  // in the algorithm
   std::size_t capacity_ = 0;        // ids that the following have capacity for
-  ObjectTable objects_;
+  ObjectTable<Bound> objects_;
   std::vector<Pair> exclusions_;  // in canonical order
   std::size_t mapped_ = 0;        // boxes that the caller may have written in place
   std::size_t spare_slots_ = 0;   // from here on, spare boxes are packed_empty()
   bool any_empty_ = false;        // the box of some object may be packed_empty()
 
-  ChangeSet changes_;  // since the last update began
-  ChangeSet flight_;   // the changes that the update in flight applies
+  ChangeSet changes_;  // since the last update began, except those in read_
+  ChangeSet read_;     // those that read() has read
+  ChangeSet unread_;   // earlier ones that the own tree has not read; without one, of the update in flight
+  std::optional<SlotChanges> unread_slots_;  // the same of the update in flight, if some were read
+  std::unique_ptr<BoxTree> own_tree_;        // for queries, if the algorithm has none
+  ChangeSet flight_;                         // the changes that the update in flight applies
   Update update_ = Update::none;
   LateBoxes<Box> late_;     // packed
   bool many_moved_ = true;  // in the last replacement

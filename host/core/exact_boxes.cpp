@@ -8,6 +8,7 @@
 #include "base/box_reader.hpp"
 #include "base/pair_lists.hpp"
 #include "core/exact_pairs.hpp"
+#include "core/exact_reaches.hpp"
 #include "engines/touching.hpp"
 
 namespace broadcl {
@@ -25,8 +26,8 @@ void ExactBoxes::for_each_block(std::size_t begin, std::size_t end, const Functi
   }
 }
 
-ExactBoxes::ExactBoxes(const BoxView& first, const BoxView& second, std::size_t threads)
-    : first_(first), second_(second), threads_(threads) {
+ExactBoxes::ExactBoxes(const BoxView& first, const BoxView& second, double reach, std::size_t threads)
+    : first_(first), second_(second), reach_(reach), threads_(threads) {
   map_ = CoordinateMap(
       size(),
       [this](std::size_t begin, std::span<Aabb64> out) {
@@ -34,7 +35,7 @@ ExactBoxes::ExactBoxes(const BoxView& first, const BoxView& second, std::size_t 
           std::ranges::transform(block, out.subspan(at - begin).begin(), pack<Aabb64>);
         });
       },
-      threads);
+      reach > 0, threads);
 }
 
 std::size_t ExactBoxes::pack_to(std::span<Aabb> out) {
@@ -55,10 +56,22 @@ std::size_t ExactBoxes::pack_to(std::span<Aabb> out) {
   return invalid.get();
 }
 
-void ExactBoxes::keep_overlapping(std::vector<Pair>& pairs, std::span<const Aabb> packed) const {
-  if (in_doubt_ == 0) return;
-  const std::vector<Pair> touching = touching_pairs(pairs, packed, in_doubt_, threads_);
-  subtract(pairs, pairs_apart(touching, threads_, [this](std::uint32_t k) { return box(k); }));
+std::vector<float> ExactBoxes::reaches(std::span<const Aabb> packed) const {
+  std::vector<float> reaches(reach_ > 0 ? size() : 0);
+  for_each_part(reaches.size(), threads_, [&](std::size_t begin, std::size_t end, std::size_t /*thread*/) {
+    const DefaultFloatingPoint as_everywhere;
+    for (std::size_t k = begin; k < end; ++k) reaches[k] = reach_of_image(packed[k], reach_);
+  });
+  return reaches;
+}
+
+void ExactBoxes::keep_pairs(std::vector<Pair>& pairs, std::span<const Aabb> packed,
+                            std::span<const float> reaches) const {
+  if (in_doubt_ == 0 && reaches.empty()) return;
+  const std::vector<Pair> touching = touching_pairs(pairs, packed, reaches, in_doubt_, threads_);
+  subtract(pairs, pairs_apart(
+                      touching, threads_, [this](std::uint32_t k) { return box(k); },
+                      [this](std::uint32_t /*k*/) { return reach_; }));
 }
 
 }  // namespace broadcl

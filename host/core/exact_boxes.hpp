@@ -22,9 +22,10 @@ class ExactBoxes {
   }
 
   /// @param second Empty for one set. Its boxes follow those of the first.
+  /// @param reach Of each box.
   /// @param threads At most; 0 for one per processor.
   /// @throws std::bad_alloc
-  ExactBoxes(const BoxView& first, const BoxView& second, std::size_t threads);
+  ExactBoxes(const BoxView& first, const BoxView& second, double reach, std::size_t threads);
 
   [[nodiscard]] std::size_t size() const noexcept { return first_.size() + second_.size(); }
 
@@ -33,11 +34,16 @@ class ExactBoxes {
   /// @returns The lowest index of a box with a NaN, or size() if there is none; `out` is then unspecified.
   [[nodiscard]] std::size_t pack_to(std::span<Aabb> out);
 
-  /// Removes the pairs that overlap in single precision only.
-  /// @param packed What pack_to() wrote.
+  /// The reaches of what pack_to() wrote; none if all are 0.
+  /// @throws std::bad_alloc
+  [[nodiscard]] std::vector<float> reaches(std::span<const Aabb> packed) const;
+
+  /// Removes the pairs that only single precision takes for pairs.
+  /// @param packed, reaches What pack_to() wrote, and reaches() returned.
   /// @param pairs Indices of the boxes.
   /// @throws std::bad_alloc
-  void keep_overlapping(std::vector<Pair>& pairs, std::span<const Aabb> packed) const;
+  void keep_pairs(std::vector<Pair>& pairs, std::span<const Aabb> packed,
+                  std::span<const float> reaches) const;
 
  private:
   [[nodiscard]] Aabb64 box(std::size_t k) const noexcept {
@@ -49,6 +55,7 @@ class ExactBoxes {
 
   BoxView first_;
   BoxView second_;
+  double reach_;
   std::size_t threads_;
   CoordinateMap map_;
   AxisSet in_doubt_ = 0;

@@ -9,11 +9,12 @@ void ExactPairs::begin(Algorithm& algorithm) {
 }
 
 Delta ExactPairs::finish(Algorithm& algorithm, const Delta& found, const SlotChanges& changed, AxisSet axes,
-                         std::span<const Aabb64> boxes) {
+                         std::span<const Aabb64> boxes, std::span<const double> reaches) {
   if (!reported_) unreported_ = found;
-  const Touching touching = axes == 0 ? Touching{.all = true} : algorithm.touching(axes);
-  const std::vector<Pair> now =
-      pairs_apart(touching.pairs, threads_, [&](std::uint32_t slot) -> const Aabb64& { return boxes[slot]; });
+  const Touching touching = axes == 0 && reaches.empty() ? Touching{.all = true} : algorithm.touching(axes);
+  const std::vector<Pair> now = pairs_apart(
+      touching.pairs, threads_, [&](std::uint32_t slot) -> const Aabb64& { return boxes[slot]; },
+      [&](std::uint32_t slot) { return reaches.empty() ? 0 : reaches[slot]; });
   const std::vector<Pair> before = touching.all ? apart_.all() : apart_.of(changed.slots);
   Delta delta = found;
   if (reported_) {

@@ -8,6 +8,7 @@
 #include <broadcl/aabb.hpp>
 #include <broadcl/pair.hpp>
 
+#include "base/distance.hpp"
 #include "base/floating_point.hpp"
 #include "base/packed_box.hpp"
 #include "base/pair_lists.hpp"
@@ -17,25 +18,27 @@
 
 namespace broadcl {
 
-/// Appends those of some pairs whose boxes do not overlap.
-template <class Function>
-[[gnu::noinline]] void append_apart(std::span<const Pair> pairs, const Function& box, std::vector<Pair>& to) {
+/// Appends those of some pairs whose boxes are not within the sum of their reaches.
+template <class Box, class Reach>
+[[gnu::noinline]] void append_apart(std::span<const Pair> pairs, const Box& box, const Reach& reach,
+                                    std::vector<Pair>& to) {
   for (const Pair& pair : pairs) {
-    if (!packed_overlaps(box(pair.a), box(pair.b))) to.push_back(pair);
+    if (!is_within(box(pair.a), box(pair.b), reach(pair.a) + reach(pair.b))) to.push_back(pair);
   }
 }
 
-/// Those of some pairs whose boxes do not overlap, in canonical order.
+/// Those of some pairs whose boxes are not within the sum of their reaches, in canonical order.
 /// @param box Returns a box in double precision that is not empty, by slot.
+/// @param reach Returns its reach.
 /// @param threads At most; 0 for one per processor.
 /// @throws std::bad_alloc
-template <class Function>
-[[nodiscard]] std::vector<Pair> pairs_apart(std::span<const Pair> pairs, std::size_t threads,
-                                            const Function& box) {
+template <class Box, class Reach>
+[[nodiscard]] std::vector<Pair> pairs_apart(std::span<const Pair> pairs, std::size_t threads, const Box& box,
+                                            const Reach& reach) {
   std::vector<Pair> apart =
       select_pairs(pairs, threads, [&](std::span<const Pair> part, std::vector<Pair>& selected) {
         const DefaultFloatingPoint as_everywhere;
-        append_apart(part, box, selected);
+        append_apart(part, box, reach, selected);
       });
   if (!std::ranges::is_sorted(apart)) std::ranges::sort(apart);
   return apart;
@@ -56,11 +59,11 @@ class ExactPairs {
   /// @param found The changes of the algorithm.
   /// @param changed The slots that changed, of which `recycled` are counted from the last success on.
   /// @param axes On which bounds may be told apart only in double precision.
-  /// @param boxes Of the update, by slot.
+  /// @param boxes, reaches Of the update, by slot; no reaches if there are none.
   /// @returns The changes since the last success.
   /// @throws As Algorithm::touching() and Algorithm::pairs(); std::bad_alloc.
   Delta finish(Algorithm& algorithm, const Delta& found, const SlotChanges& changed, AxisSet axes,
-               std::span<const Aabb64> boxes);
+               std::span<const Aabb64> boxes, std::span<const double> reaches);
 
   /// All pairs as of the last success.
   /// @throws As Algorithm::pairs(); std::bad_alloc.

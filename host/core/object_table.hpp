@@ -16,24 +16,38 @@
 
 namespace broadcl {
 
-/// Which ids exist, and their filters. Only reserve() and copies allocate.
+/// Which ids exist, their filters, and their reaches if there are any. Only the functions that reserve memory
+/// and copies allocate.
+/// @tparam Bound The type of reaches.
+template <class Bound>
 class ObjectTable {
  public:
+  ObjectTable() = default;
+  /// @param reach Of all objects, if it is not 0.
+  explicit ObjectTable(Bound reach) noexcept : first_reach_(reach), any_reaches_(reach > 0) {}
+
   /// Reserves memory for all ids below this one.
   /// @throws std::bad_alloc
   void reserve(std::size_t ids) {
     states_.reserve(ids);
     filters_.reserve(ids);
     free_.reserve(ids);
+    if (any_reaches_) reaches_.reserve(ids);
   }
+  /// Must be called before some reach is not 0. Memory for reaches of as many ids as there is memory for.
+  /// @throws std::bad_alloc
+  void reserve_reaches() { reaches_.reserve(states_.capacity()); }
 
   /// The same without the ids from this one on, which must be free, and without memory for them.
   /// @throws std::bad_alloc
   [[nodiscard]] ObjectTable shrunk(std::size_t ids) const {
-    ObjectTable result;
+    ObjectTable result(first_reach_);
+    result.any_reaches_ = any_reaches_;
     result.reserve(ids);
     result.states_.assign(states_.begin(), states_.begin() + static_cast<std::ptrdiff_t>(ids));
     result.filters_.assign(filters_.begin(), filters_.begin() + static_cast<std::ptrdiff_t>(ids));
+    if (any_reaches_)
+      result.reaches_.assign(reaches_.begin(), reaches_.begin() + static_cast<std::ptrdiff_t>(ids));
     std::ranges::copy_if(free_, std::back_inserter(result.free_),
                          [ids](std::uint32_t id) { return id < ids; });
     std::ranges::sort(result.free_);  // which is a heap
@@ -50,7 +64,7 @@ class ObjectTable {
     return free_.empty() ? static_cast<std::uint32_t>(states_.size()) : free_.front();
   }
 
-  /// The filter is that of the last object with this id.
+  /// Filter and reach are those of the last object with this id.
   std::uint32_t add() noexcept {
     const std::uint32_t id = next();
     if (free_.empty()) {
@@ -70,7 +84,7 @@ class ObjectTable {
   }
 
   /// Makes 0 .. n-1 the ids of the objects. Calls removed(id) for each object that is removed, then added(id)
-  /// for each that is added, which has the filter of the last object with this id.
+  /// for each that is added, which has filter and reach of the last object with this id.
   template <class Removed, class Added>
   void set_ids(std::size_t n, const Removed& removed, const Added& added) noexcept {
     if (n > ids()) grow(n);
@@ -99,6 +113,15 @@ class ObjectTable {
     return true;
   }
 
+  /// @returns Whether it is another one.
+  bool set_reach(std::uint32_t id, Bound reach) noexcept {
+    if (this->reach(id) == reach) return false;
+    if (!any_reaches_) reaches_.resize(ids());
+    any_reaches_ = true;
+    reaches_[id] = reach;
+    return true;
+  }
+
   [[nodiscard]] bool contains(std::uint32_t id) const noexcept {
     return id < states_.size() && states_[id] == State::live;
   }
@@ -109,6 +132,7 @@ class ObjectTable {
                                   "; use the ids that add() returned");
   }
   [[nodiscard]] const Filter& filter(std::uint32_t id) const noexcept { return filters_[id]; }
+  [[nodiscard]] Bound reach(std::uint32_t id) const noexcept { return any_reaches_ ? reaches_[id] : 0; }
   [[nodiscard]] std::size_t size() const noexcept { return size_; }
   /// No id was ever this or higher.
   [[nodiscard]] std::size_t ids() const noexcept { return states_.size(); }
@@ -122,6 +146,11 @@ class ObjectTable {
   [[nodiscard]] std::span<const Filter> filters() const noexcept {
     return any_filters_ ? std::span<const Filter>(filters_) : std::span<const Filter>();
   }
+  /// By id; none if all objects that ever were had the reach 0.
+  [[nodiscard]] std::span<const Bound> reaches() const noexcept { return reaches_; }
+  /// Of an object that is given none.
+  [[nodiscard]] Bound first_reach() const noexcept { return first_reach_; }
+  [[nodiscard]] bool any_reaches() const noexcept { return any_reaches_; }
   [[nodiscard]] bool any_filters() const noexcept { return any_filters_; }
   [[nodiscard]] bool any_worlds() const noexcept { return any_worlds_; }
   [[nodiscard]] const TwoSets& sets() const noexcept { return sets_; }
@@ -132,6 +161,7 @@ class ObjectTable {
   void grow(std::size_t ids) noexcept {
     states_.resize(ids, State::free);
     filters_.resize(ids);
+    if (any_reaches_) reaches_.resize(ids, first_reach_);
   }
 
   void bring_to_life(std::uint32_t id) noexcept {
@@ -149,9 +179,12 @@ class ObjectTable {
 
   std::vector<State> states_;        // by id
   std::vector<Filter> filters_;      // by id
+  std::vector<Bound> reaches_;       // by id, if there are any
   std::vector<std::uint32_t> free_;  // a heap, the lowest id first
   std::size_t size_ = 0;
   std::size_t slots_ = 0;
+  Bound first_reach_ = 0;
+  bool any_reaches_ = false;  // some object has had one other than 0
   bool any_filters_ = false;  // some object has had a filter other than the default
   bool any_worlds_ = false;
   TwoSets sets_;  // of the objects

@@ -24,6 +24,7 @@
 namespace broadcl {
 
 class ArrivingBoxes;
+class BoxTree;
 
 /// The slots that changed since the last update.
 struct SlotChanges {
@@ -41,6 +42,10 @@ struct PairRules {
   std::span<const Filter> filters{};
   /// Pairs of slots that are never reported, in canonical order, each once. Read in begin() only.
   std::span<const Pair> exclusions{};
+  /// One per slot: how far its object reaches beyond its box (base/distance.hpp); none if no object ever had
+  /// a reach. Two objects are then a pair if their boxes are within the sum of their reaches. Read in begin()
+  /// only. A slot whose reach is not that of the last update is among those that changed.
+  std::span<const float> reaches{};
   bool all_changed = false;  ///< Every filter, and the exclusions, count as changed.
   /// Slots whose filter is not that of the last update; each once. Those beyond the boxes of the last update
   /// need not be among them if they are recycled. Not read if `all_changed` is set.
@@ -63,10 +68,19 @@ struct Input {
   /// if all count as changed.
   ArrivingBoxes* arriving = nullptr;
   SlotChanges changed{};
+  /// Those slots among them that Algorithm::read() has not read; null: all.
+  const SlotChanges* unread = nullptr;
   PairRules rules{};
+
+  /// For a tree, which has read the others.
+  [[nodiscard]] Input for_tree() const {
+    Input input = *this;
+    if (unread != nullptr) input.changed = *unread;
+    return input;
+  }
 };
 
-/// Pairs whose boxes have a bound in common.
+/// Pairs whose boxes have a bound in common or, with reaches, are near the limit.
 struct Touching {
   bool all = false;           ///< Whether they are all such pairs, not only those of slots that changed.
   std::vector<Pair> pairs{};  ///< In any order.
@@ -137,6 +151,12 @@ class Algorithm : NonCopyable {
   /// @param axes On one of these axes.
   /// @throws Error, std::bad_alloc; nothing has changed then.
   [[nodiscard]] virtual Touching touching(AxisSet axes) = 0;
+
+  /// The tree of its updates, which read() puts boxes into; null if it has none.
+  [[nodiscard]] virtual BoxTree* tree() noexcept { return nullptr; }
+  /// Puts what changed since the last update or call into tree(). Not during an update.
+  /// @throws std::bad_alloc; the tree is then not ready.
+  virtual void read(const Input& /*input*/) {}
 
   /// A rough estimate of the seconds that an update takes, as if few boxes overlapped; 0 if unknown.
   [[nodiscard]] virtual double expected_seconds(std::size_t /*slots*/, std::size_t /*changed*/) const {

@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <cstring>
 #include <iterator>
+#include <limits>
 #include <string>
 #include <utility>
 #include <vector>
@@ -36,9 +37,10 @@ std::shared_ptr<opencl::MappedBuffer> staged_boxes(const opencl::Context& contex
   return staged;
 }
 
-/// Bytes of staged changes: one word each, with or without boxes and filters.
-std::size_t staged_bytes(std::size_t changes, bool boxes, bool filters) {
-  return changes * (sizeof(cl_uint) + (boxes ? sizeof(Aabb) : 0) + (filters ? sizeof(Filter) : 0));
+/// Bytes of staged changes: one word each, with or without boxes, filters and reaches.
+std::size_t staged_bytes(std::size_t changes, bool boxes, bool filters, bool reaches) {
+  return changes * (sizeof(cl_uint) + (boxes ? sizeof(Aabb) : 0) + (filters ? sizeof(Filter) : 0) +
+                    (reaches ? sizeof(float) : 0));
 }
 
 }  // namespace
@@ -48,6 +50,7 @@ DeviceObjects::DeviceObjects(const opencl::Context& context, opencl::Profiler& p
   const cl::Program program = opencl::common_program(context);
   apply_ = context.sized_kernel(program, "apply_changes");
   copy_ = context.sized_kernel(program, "copy_objects");
+  grow_ = context.sized_kernel(program, "grow_boxes");
   reserve_boxes(1);
 }
 
@@ -95,10 +98,9 @@ std::span<Aabb> DeviceObjects::spare_boxes() {
 void DeviceObjects::reserve_boxes(std::size_t slots) {
   const std::size_t capacity = capacity_for(slots);
   const std::size_t bytes = bytes_for(capacity);
-  // An update has at most a quarter of the slots in `changed`, or all slots recycled, without boxes and
-  // filters.
+  // An update has at most a quarter of the slots in `changed`, or all slots recycled, without anything else.
   const std::size_t staged =
-      std::max(staged_bytes(capacity / 4 + 1, true, true), staged_bytes(capacity, false, false));
+      std::max(staged_bytes(capacity / 4 + 1, true, true, true), staged_bytes(capacity, false, false, false));
   std::shared_ptr<opencl::MappedBuffer> boxes = staged_boxes(context_, bytes);
   auto staged_changes = staging(context_, staged);
   cl::Buffer last = context_.buffer(bytes);
@@ -118,6 +120,43 @@ void DeviceObjects::reserve_boxes(std::size_t slots) {
   now_.objects.boxes = std::move(next);
   stamps_ = std::move(stamps);
   capacity_ = capacity;
+}
+
+/// Prepares the boxes of this frame to be grown, if there are reaches.
+void DeviceObjects::prepare_reaches(const Input& input) {
+  now_.objects.ungrown = cl::Buffer();
+  if (input.rules.reaches.empty() || input.boxes.empty()) return;
+  const std::size_t bytes = (capacity_ + Generation::padding) * sizeof(cl_float8);
+  if (now_.ungrown.bytes() < bytes) last_.all_uploaded = true;  // now_ has none of them
+  now_.ungrown.reserve(context_, bytes, "boxes");
+  now_.objects.ungrown = now_.ungrown.get();
+  if (last_.objects.ungrown() == nullptr) now_.all_uploaded = true;
+  if (staged_reaches_.bytes() >= capacity_ * sizeof(float)) return;
+  staged_reaches_ = opencl::MappedBuffer::pinned(context_, capacity_ * sizeof(float));
+  std::fill_n(reinterpret_cast<float*>(staged_reaches_.host()), capacity_,
+              std::numeric_limits<float>::quiet_NaN());
+  now_.all_uploaded = true;
+}
+
+/// Grows all boxes of this frame, which were uploaded.
+void DeviceObjects::grow_boxes(const Input& input) {
+  if (now_.objects.ungrown() == nullptr) return;
+  const Generation& last = last_.objects;
+  const std::span<const float> reaches = input.rules.reaches.first(input.boxes.size());
+  const std::span staged(reinterpret_cast<float*>(staged_reaches_.host()), reaches.size());
+  const bool same = !input.rules.all_changed && last.ungrown() != nullptr && reaches.size() <= last.slots &&
+                    std::ranges::equal(reaches, staged);
+  if (!same) {
+    reaches_.reserve(context_, reaches.size_bytes(), "reaches");
+    std::ranges::copy(reaches, staged.begin());
+    opencl::Profiler::Scope stage(profiler_, "upload");
+    context_.queue().enqueueWriteBuffer(reaches_.get(), CL_FALSE, 0, staged.size_bytes(), staged.data(),
+                                        nullptr, stage.event());
+  }
+  opencl::Profiler::Scope stage(profiler_, "grow");
+  opencl::set_arguments(grow_.kernel, 0, now_.objects.slots, same ? cl::Buffer() : reaches_.get(),
+                        last.ungrown, now_.objects.boxes, now_.objects.ungrown);
+  grow_.enqueue(context_.queue(), now_.objects.slots, stage.event());
 }
 
 /// The filters of this frame: all from the host, or those of the last frame.
@@ -183,16 +222,20 @@ void DeviceObjects::upload_boxes(const Input& input, bool with_filters) {
     queue.enqueueWriteBuffer(now_.objects.boxes, CL_FALSE, 0,
                              std::max<std::size_t>(1, input.boxes.size()) * sizeof(Aabb), boxes_->host(),
                              nullptr, stage.event());
+    grow_boxes(input);
   } else if (last_.all_uploaded) {
     opencl::Profiler::Scope stage(profiler_, "copy");
     queue.enqueueCopyBuffer(last.boxes, now_.objects.boxes, 0, 0, last.slots * sizeof(Aabb), nullptr,
                             stage.event());
+    if (now_.objects.ungrown() == nullptr) return;
+    queue.enqueueCopyBuffer(last.ungrown, now_.objects.ungrown, 0, 0, last.slots * sizeof(cl_float8), nullptr,
+                            stage.event());
   } else if (last_.changed_count > 0) {
     // now_ has those of the frame before the last one.
     opencl::Profiler::Scope stage(profiler_, "copy");
-    opencl::set_arguments(copy_.kernel, 0, last_.changed_count, last_.changed.get(), last.boxes,
-                          now_.objects.boxes, last.filters,
-                          with_filters ? now_.objects.filters : cl::Buffer());
+    opencl::set_arguments(
+        copy_.kernel, 0, last_.changed_count, last_.changed.get(), last.boxes, now_.objects.boxes,
+        last.filters, with_filters ? now_.objects.filters : cl::Buffer(), last.ungrown, now_.objects.ungrown);
     copy_.enqueue(queue, last_.changed_count, stage.event());
   }
 }
@@ -212,6 +255,7 @@ void DeviceObjects::upload_arriving(const Input& input) {
     }
     begin = end;
   } while (begin < input.boxes.size());
+  grow_boxes(input);
 }
 
 /// Uploads the objects that changed, and the stamps of this frame. If all changed, only objects that replaced
@@ -234,16 +278,20 @@ void DeviceObjects::upload_changes(const Input& input, bool with_filters) {
   const auto count = static_cast<cl_uint>(changed.size());
   now_.changed_count = count;
   if (count == 0) return;
-  const std::size_t bytes = staged_bytes(count, !all, with_filters);
+  const bool with_reaches = !all && now_.objects.ungrown() != nullptr;
+  const std::size_t bytes = staged_bytes(count, !all, with_filters, with_reaches);
   const bool is_direct = staged_changes_.is_direct() && bytes <= opencl::most_direct;
   if (!is_direct) changes_.reserve(context_, bytes, "changes");
   if (!all) now_.changed.reserve(context_, count * sizeof(cl_uint), "changes");
   auto* words = reinterpret_cast<cl_uint*>(staged_changes_.host());
   auto* boxes = reinterpret_cast<Aabb*>(words + count);
-  auto* filters = reinterpret_cast<Filter*>(boxes + (all ? 0 : count));
+  auto* reaches = reinterpret_cast<float*>(boxes + (all ? 0 : count));
+  auto* filters = reinterpret_cast<Filter*>(reaches + (with_reaches ? count : 0));
+  auto* staged_reaches = reinterpret_cast<float*>(staged_reaches_.host());
   for (const std::uint32_t slot : changed) {
     *words++ = layout::with_recycled(slot, is_recycled(slot) ? 1 : 0);
     if (!all) *boxes++ = this->boxes()[slot];
+    if (with_reaches) *reaches++ = staged_reaches[slot] = input.rules.reaches[slot];
     if (with_filters) *filters++ = input.rules.filters[slot];
   }
   const cl::CommandQueue& queue = context_.queue();
@@ -256,7 +304,7 @@ void DeviceObjects::upload_changes(const Input& input, bool with_filters) {
   const cl::Buffer none;
   opencl::set_arguments(apply_.kernel, 0, count, is_direct ? staged_changes_.buffer() : changes_.get(),
                         stamp_, all ? none : now_.objects.boxes, with_filters ? now_.objects.filters : none,
-                        stamps_, all ? none : now_.changed.get());
+                        stamps_, all ? none : now_.changed.get(), all ? none : now_.objects.ungrown);
   apply_.enqueue(queue, count, stage.event());
 }
 
@@ -280,6 +328,10 @@ std::unique_ptr<DeviceObjects> DeviceObjects::successor(std::size_t slots, Frame
     objects.filters =
         copy(last.filters, (last.slots + Generation::padding) * sizeof(Filter), frames.last.filters);
   }
+  if (last.ungrown() != nullptr) {
+    objects.ungrown =
+        copy(last.ungrown, (last.slots + Generation::padding) * sizeof(cl_float8), frames.last.ungrown);
+  }
   if (last.exclusions() != nullptr) {
     cl_uint count = 0;  // which comes first: kernels/filter.h
     queue.enqueueReadBuffer(last.exclusions, CL_TRUE, 0, sizeof count, &count);
@@ -298,6 +350,7 @@ Search DeviceObjects::upload(const Input& input) {
   ++stamp_;
   now_.all_uploaded = input.changed.all || last_.objects.slots == 0;
   now_.objects.slots = static_cast<cl_uint>(input.boxes.size());
+  prepare_reaches(input);
   const bool with_filters = upload_filters(input);
   upload_exclusions(input);
   upload_boxes(input, with_filters);

@@ -62,6 +62,8 @@ class DeviceObjects {
   [[nodiscard]] std::size_t capacity_for(std::size_t slots) const;
   [[nodiscard]] std::size_t bytes_for(std::size_t slots) const noexcept;
   void reserve_boxes(std::size_t slots);
+  void prepare_reaches(const Input& input);
+  void grow_boxes(const Input& input);
   bool upload_filters(const Input& input);
   void upload_exclusions(const Input& input);
   void upload_boxes(const Input& input, bool with_filters);
@@ -70,7 +72,7 @@ class DeviceObjects {
   const opencl::Context& context_;
   opencl::Profiler& profiler_;
   Frame &now_, &last_;
-  opencl::SizedKernel apply_, copy_;
+  opencl::SizedKernel apply_, copy_, grow_;
   std::size_t capacity_ = 0;  // slots
   // Pinned memory, from which the device is updated. Changes are in direct memory if there is any.
   std::shared_ptr<opencl::MappedBuffer> boxes_;
@@ -78,9 +80,11 @@ class DeviceObjects {
   opencl::MappedBuffer staged_changes_;          // as kernels/changes.cl reads them
   opencl::MappedBuffer staged_filters_;          // all
   opencl::MappedBuffer staged_exclusions_;
-  opencl::GrowingBuffer changes_;  // those that are staged, on the device, unless kernels read these
-  cl::Buffer stamps_;              // one word per slot
-  cl_uint stamp_ = 0;              // of the last frame
+  opencl::MappedBuffer staged_reaches_;  // all, of the last frame; NaN if it is not known
+  opencl::GrowingBuffer changes_;        // those that are staged, on the device, unless kernels read these
+  opencl::GrowingBuffer reaches_;        // those that are staged, on the device
+  cl::Buffer stamps_;                    // one word per slot
+  cl_uint stamp_ = 0;                    // of the last frame
 };
 
 }  // namespace broadcl

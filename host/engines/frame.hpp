@@ -35,7 +35,7 @@ struct Frame {  // NOLINT(bugprone-exception-escape): handles do not throw when 
   opencl::GrowingBuffer changed;  ///< Slots.
   cl_uint changed_count = 0;
   // Memory for objects. `objects` may refer to that of the other frame if they did not change.
-  opencl::GrowingBuffer boxes, filters, exclusions;
+  opencl::GrowingBuffer boxes, filters, exclusions, ungrown;
 
   PairList pairs;
   cl::Buffer counts;  ///< kernels/counts.h

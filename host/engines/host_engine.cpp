@@ -9,6 +9,7 @@
 #include "base/kept_boxes.hpp"
 #include "base/pair_lists.hpp"
 #include "base/system.hpp"
+#include "engines/box_tree.hpp"
 #include "engines/change_lists.hpp"
 #include "engines/changing_pairs.hpp"
 #include "engines/touching.hpp"
@@ -35,6 +36,15 @@ class HostEngine final : public Algorithm {
   void begin(const Input& input) override {
     input_ = input;
     const PairRules& rules = input.rules;
+    if (input.changed.all) {
+      reaches_.assign(rules.reaches.begin(), rules.reaches.end());
+    } else {
+      reaches_.resize(rules.reaches.size());  // one that never changed is 0
+      for (const std::uint32_t slot :
+           rules.reaches.empty() ? std::span<const std::uint32_t>() : input.changed.slots)
+        reaches_[slot] = rules.reaches[slot];
+    }
+    input_.rules.reaches = reaches_;
     new_filters_.clear();
     if (rules.all_changed) {
       new_filters_.assign(rules.filters.begin(), rules.filters.end());
@@ -48,12 +58,9 @@ class HostEngine final : public Algorithm {
   }
 
   Delta finish() override try {
-    // With the filters and exclusions of the last update.
-    const std::size_t time_to_search =
-        input_.changed.slots.size() * pairs_per_search + known_.size() * pairs_per_found;  // as the last time
-    const bool are_known = !input_.changed.all && time_to_search < pairs_.size() &&
-                           finder_->find_known(filters_, input_.changed.slots, known_);
-    if (are_known) subtract(known_, exclusions_);
+    if (!input_.changed.all) keep_known(input_.for_tree().changed);
+    const bool are_known = std::exchange(are_known_, true);
+    read_.clear();
     take_filters();
     if (!input_.changed.all && finder_->find_changed(input_, found_)) {
       subtract(found_, exclusions_);
@@ -81,6 +88,8 @@ class HostEngine final : public Algorithm {
     boxes_.shrink(slots);
     filters_.resize(std::min(filters_.size(), slots));  // the caller forgets those of free slots beyond
     filters_.shrink_to_fit();
+    reaches_.resize(std::min(reaches_.size(), slots));
+    reaches_.shrink_to_fit();
     exclusions_.shrink_to_fit();
     pairs_.shrink();
     lists_.clear();
@@ -95,6 +104,19 @@ class HostEngine final : public Algorithm {
     return pairs;
   }
 
+  [[nodiscard]] BoxTree* tree() noexcept override { return finder_->tree(); }
+  void read(const Input& input) override {
+    read_.reserve(read_.size() + input.changed.slots.size());
+    keep_known(input.changed);
+    if (!filters_.empty()) filters_.resize(std::max(filters_.size(), input.boxes.size()));  // of the tree
+    if (are_known_) {
+      read_.insert(read_.end(), input.changed.slots.begin(), input.changed.slots.end());
+      std::ranges::sort(read_);
+      read_.erase(std::unique(read_.begin(), read_.end()), read_.end());
+    }
+    finder_->tree()->read(input);
+  }
+
   /// Does not know how many boxes overlap, which can change the time several times over.
   [[nodiscard]] double expected_seconds(std::size_t slots, std::size_t changed) const override {
     return 5e-6 + std::min(600e-9 * static_cast<double>(changed), 150e-9 * static_cast<double>(slots));
@@ -102,7 +124,7 @@ class HostEngine final : public Algorithm {
 
   [[nodiscard]] Touching touching(AxisSet axes) override {
     const std::span<const Pair> pairs = has_found_all_ ? pairs_.all() : found_;
-    return {.all = has_found_all_, .pairs = touching_pairs(pairs, boxes(), axes, threads_)};
+    return {.all = has_found_all_, .pairs = touching_pairs(pairs, boxes(), reaches_, axes, threads_)};
   }
   [[nodiscard]] std::vector<Pair> pairs() override { return copy_of(pairs_.all()); }
   [[nodiscard]] const Device* device() const noexcept override { return nullptr; }
@@ -116,12 +138,33 @@ class HostEngine final : public Algorithm {
     });
   }
 
+  /// Finds the pairs of some slots as of the last update, with its filters and exclusions, before the finder
+  /// reads what changed there: unless this takes longer than to look at all pairs in finish().
+  void keep_known(const SlotChanges& unread) {
+    const std::size_t time_to_search =
+        unread.slots.size() * pairs_per_search + known_.size() * pairs_per_found;  // as the last time
+    const bool may_be_known = std::exchange(are_known_, false) && !unread.all;
+    if (!may_be_known || time_to_search >= pairs_.size() ||
+        !finder_->find_known(filters_, unread.slots, found_))
+      return;
+    subtract(found_, exclusions_);
+    if (read_.empty()) {
+      known_.swap(found_);
+    } else {  // whose pairs were found before they were read
+      const SlotSet read(read_);
+      std::erase_if(found_, [&](const Pair& pair) { return read.contains(pair.a) || read.contains(pair.b); });
+      known_ = merge(known_, found_);
+    }
+    are_known_ = true;
+  }
+
   /// Frees what is not needed before the next update, which searches all boxes.
   void clear() noexcept {
     finder_->clear();
+    are_known_ = true;
     pairs_.free_scratch();
     parts_.free_scratch();
-    free_lists(found_, known_, has_changed_, new_filters_, new_exclusions_);
+    free_lists(found_, known_, read_, has_changed_, new_filters_, new_exclusions_);
   }
 
   /// Makes the filters and exclusions those of this update.
@@ -157,6 +200,7 @@ class HostEngine final : public Algorithm {
   KeptBoxes<Aabb> boxes_;
   std::vector<Filter> filters_;  // as of the last update, and so are the exclusions
   std::vector<Pair> exclusions_;
+  std::vector<float> reaches_;  // of this update
   Input input_;
   // Of this update: all filters, or those that changed, followed by those that are beyond the last ones.
   std::vector<Filter> new_filters_;
@@ -165,7 +209,9 @@ class HostEngine final : public Algorithm {
   PairParts parts_;
   ChangeLists lists_;
   std::vector<Pair> found_, known_;
-  bool has_found_all_ = true;              // in the last update, not only the pairs of what changed
+  bool are_known_ = true;            // the known pairs of slots that have been read since the last update
+  std::vector<std::uint32_t> read_;  // these, ascending, as long as they are known
+  bool has_found_all_ = true;        // in the last update, not only the pairs of what changed
   std::vector<std::uint8_t> has_changed_;  // by slot
 };
 

@@ -40,6 +40,9 @@ class HostFinder : NonCopyable {
   /// @throws std::bad_alloc
   virtual bool find_changed(const Input& /*input*/, std::vector<Pair>& /*pairs*/) { return false; }
 
+  /// The tree that find() and find_changed() read boxes into; null if there is none.
+  [[nodiscard]] virtual BoxTree* tree() noexcept { return nullptr; }
+
   /// Frees all memory; the next search is then find().
   virtual void clear() noexcept {}
 };

@@ -155,6 +155,7 @@ class Hybrid final : public Algorithm {
     Input own = input;
     if (handover_) {
       own.changed = {.all = true};
+      own.unread = nullptr;
       own.rules.all_changed = true;
     }
     begin_seconds_ = 0;  // on the host, which does its work in finish()
@@ -220,6 +221,9 @@ class Hybrid final : public Algorithm {
   }
 
   [[nodiscard]] std::vector<Pair> find_all(const Input& input) override { return current().find_all(input); }
+
+  [[nodiscard]] BoxTree* tree() noexcept override { return handover_ ? nullptr : current().tree(); }
+  void read(const Input& input) override { current().read(input); }
 
   [[nodiscard]] Touching touching(AxisSet axes) override {
     Touching touching;

@@ -119,8 +119,8 @@ cl_uint PairDelta::set_keep(cl::Kernel& kernel, cl_uint first, const Search& sea
 }
 
 void PairDelta::set_keep_kernel(cl::Kernel& kernel, cl_uint first, const Search& search) const {
-  opencl::set_arguments(kernel, set_keep(kernel, first, search, true), search.now.boxes, now_.buffer.get(),
-                        counts());
+  opencl::set_arguments(kernel, set_keep(kernel, first, search, true), search.now.boxes, search.now.ungrown,
+                        now_.buffer.get(), counts());
 }
 
 void PairDelta::keep(const Search& search) {
@@ -134,7 +134,7 @@ void PairDelta::keep(const Search& search) {
 }
 
 cl_uint PairDelta::set_sink(cl::Kernel& kernel, cl_uint first, const Search& search) const {
-  return set_pair_sink(kernel, first, search, now_.capacity, now_.buffer.get(), counts());
+  return set_pair_sink(kernel, first, search, now_.capacity, now_.buffer.get(), search.now.ungrown, counts());
 }
 
 PairDelta::Counts PairDelta::counts_of(const std::byte* counts) const {

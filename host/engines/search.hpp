@@ -12,6 +12,9 @@ struct Generation {  // NOLINT(bugprone-exception-escape): handles do not throw 
   cl::Buffer boxes{};       ///< Six floats per slot; `padding` more slots can be read, but are not used.
   cl::Buffer filters{};     ///< One uint4 per slot, padded likewise; null if all have the default filter.
   cl::Buffer exclusions{};  ///< In the format of kernels/filter.h; null if there are none.
+  /// If not null, boxes are grown by the reaches of their objects, and these are the boxes as they were, and
+  /// the reaches: one float8 per slot, as kernels/distance.h has it.
+  cl::Buffer ungrown{};
   /// If not 0, the first slot of the second of two sets, whose objects are reported by their indices in that
   /// set.
   cl_uint second_set = 0;

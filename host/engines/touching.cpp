@@ -2,6 +2,8 @@
 
 #include <algorithm>
 
+#include "base/distance.hpp"
+#include "base/floating_point.hpp"
 #include "base/packed_box.hpp"
 #include "base/pair_lists.hpp"
 #include "base/prefetch.hpp"
@@ -13,13 +15,27 @@ namespace {
 
 constexpr std::size_t pairs_per_item = 8;    // of the kernel
 constexpr std::size_t least_touching = 511;  // that are read at once, with their number
+constexpr std::size_t ahead = 16;
+
+[[gnu::noinline]] void append_in_doubt(std::span<const Pair> pairs, std::span<const Aabb> boxes,
+                                       std::span<const float> reaches, std::vector<Pair>& to) {
+  for (std::size_t k = 0; k < pairs.size(); ++k) {
+    if (k + ahead < pairs.size()) {
+      prefetch(&boxes[pairs[k + ahead].a]);
+      prefetch(&reaches[pairs[k + ahead].a]);
+    }
+    const auto [a, b] = pairs[k];
+    if (is_in_doubt(boxes[a], boxes[b], reaches[a] + reaches[b])) to.push_back(pairs[k]);
+  }
+}
 
 }  // namespace
 
-std::vector<Pair> touching_pairs(std::span<const Pair> pairs, std::span<const Aabb> boxes, AxisSet axes,
-                                 std::size_t threads) {
+std::vector<Pair> touching_pairs(std::span<const Pair> pairs, std::span<const Aabb> boxes,
+                                 std::span<const float> reaches, AxisSet axes, std::size_t threads) {
   return select_pairs(pairs, threads, [&](std::span<const Pair> part, std::vector<Pair>& touching) {
-    constexpr std::size_t ahead = 16;
+    const DefaultFloatingPoint as_everywhere;
+    if (!reaches.empty()) return append_in_doubt(part, boxes, reaches, touching);
     for (std::size_t k = 0; k < part.size(); ++k) {
       if (k + ahead < part.size()) prefetch(&boxes[part[k + ahead].a]);
       if (packed_touch(boxes[part[k].a], boxes[part[k].b], axes)) touching.push_back(part[k]);

@@ -16,12 +16,15 @@
 namespace broadcl {
 
 /// Those of the pairs whose boxes touch: the lower bound of one is the upper bound of the other on an axis.
+/// With reaches, those that are in doubt: base/distance.hpp.
 /// @param boxes By slot, packed.
+/// @param reaches By slot; none if there are none.
 /// @param axes Those that count.
 /// @param threads At most; 0 for one per processor.
 /// @throws std::bad_alloc
 [[nodiscard]] std::vector<Pair> touching_pairs(std::span<const Pair> pairs, std::span<const Aabb> boxes,
-                                               AxisSet axes, std::size_t threads);
+                                               std::span<const float> reaches, AxisSet axes,
+                                               std::size_t threads);
 
 /// The same for the pairs of a frame on a device: kernels/touching.cl.
 class TouchingPairs {

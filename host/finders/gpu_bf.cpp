@@ -102,7 +102,8 @@ class GpuBf final : public OnDevice {
   }
 
   [[nodiscard]] Touching touching(AxisSet axes) override {
-    return {.all = true, .pairs = touching_pairs(pairs(), boxes(), axes, threads_)};
+    if (frames_->last.objects.ungrown() != nullptr) return {.all = true, .pairs = pairs()};
+    return {.all = true, .pairs = touching_pairs(pairs(), boxes(), {}, axes, threads_)};
   }
 
   [[nodiscard]] std::vector<Pair> pairs() override { return pairs_of(bytes_of(previous_, previous_pairs_)); }
@@ -186,7 +187,7 @@ class GpuBf final : public OnDevice {
     for (std::size_t first = 0; first < lines; first += at_once) {
       opencl::set_arguments(kernel_.kernel, 0, n, static_cast<cl_uint>(rows), static_cast<cl_uint>(chunks),
                             static_cast<cl_uint>(first), search.now.boxes, search.now.filters,
-                            current_.device());
+                            search.now.ungrown, current_.device());
       opencl::Profiler::Scope stage(profiler_, "test");
       context_.queue().enqueueNDRangeKernel(kernel_.kernel, cl::NullRange,
                                             cl::NDRange(columns, std::min(at_once, lines - first)),

@@ -111,8 +111,8 @@ cl_uint NearPairs::capacity() const noexcept {
 }
 
 void NearPairs::set_sink(cl::Kernel& kernel, cl_uint first, const Search& search) const {
-  // (Filters did not change, and no object was replaced.)
-  set_pair_sink(kernel, first, search, capacity(), pairs_.get(), counts_);
+  // (Filters did not change, and no object was replaced. Distances are tested when the boxes are there.)
+  set_pair_sink(kernel, first, search, capacity(), pairs_.get(), {}, counts_);
 }
 
 void NearPairs::searched() {

@@ -1,3 +1,5 @@
+#include "base/distance.hpp"
+#include "base/floating_point.hpp"
 #include "base/packed_box.hpp"
 #include "base/pair_lists.hpp"
 #include "engines/host_engine.hpp"
@@ -7,15 +9,16 @@ namespace {
 
 /// Tests every pair by the definition.
 template <class Function>
-void for_each_pair(const Input& input, const Function& function) {
+[[gnu::noinline]] void for_each_pair(const Input& input, const Function& function) {
   const std::span<const Aabb> boxes = input.boxes;
   const std::span<const Filter> filters = input.rules.filters;
+  const std::span<const float> reaches = input.rules.reaches;
   for (std::uint32_t b = 0; b < boxes.size(); ++b) {
     const Aabb box = boxes[b];
     for (std::uint32_t a = 0; a < b; ++a) {
-      if (packed_overlaps(boxes[a], box) && (filters.empty() || may_pair(filters[a], filters[b]))) {
-        function(Pair{a, b});
-      }
+      const bool are_near = reaches.empty() ? packed_overlaps(boxes[a], box)
+                                            : is_within(boxes[a], box, reaches[a] + reaches[b]);
+      if (are_near && (filters.empty() || may_pair(filters[a], filters[b]))) function(Pair{a, b});
     }
   }
 }
@@ -24,6 +27,7 @@ void for_each_pair(const Input& input, const Function& function) {
 class Oracle final : public HostFinder {
  public:
   void find(const Input& input, std::vector<Pair>& pairs) override {
+    const DefaultFloatingPoint as_everywhere;
     constexpr std::size_t never_too_many = 65'536;  // boxes
     if (input.boxes.size() > never_too_many) {
       std::size_t count = 0;

@@ -12,10 +12,13 @@
 #include <variant>
 #include <vector>
 
+#include "base/floating_point.hpp"
 #include "base/pair_lists.hpp"
 #include "base/parallel.hpp"
+#include "engines/box_tree.hpp"
 #include "engines/host_engine.hpp"
 #include "finders/pair_sort.hpp"
+#include "finders/slot_bounds.hpp"
 #include "finders/tile_search.hpp"
 #include "finders/tile_sort.hpp"
 #include "finders/tile_tree.hpp"
@@ -126,10 +129,13 @@ class OrderAge {
 template <std::size_t axes>
 class Sweep {
  public:
-  Sweep(bool sets, std::size_t threads) : tree_(sets), next_tree_(sets), threads_(threads) {}
+  Sweep(const PairRules& rules, std::size_t threads)
+      : tree_(rules.sets, !rules.reaches.empty()), next_tree_(tree_), threads_(threads) {}
 
   [[nodiscard]] bool is_for(const Input& input) noexcept {
-    return tree_.tiles().sets == input.rules.sets && (axes > 3) == (input.rules.worlds || input.rules.sets);
+    const HostTiles<axes>& all = tree_.tiles();
+    return all.sets == input.rules.sets && all.reaches == !input.rules.reaches.empty() &&
+           (axes > 3) == (input.rules.worlds || input.rules.sets);
   }
   /// As the functions of HostFinder.
   void find(const Input& input, std::vector<Pair>& pairs) {
@@ -139,7 +145,7 @@ class Sweep {
       return find_unsorted(input, pairs);
     }
     const std::size_t threads = threads_of(slots);
-    update(input, threads, true);
+    update(input.for_tree(), threads, true);
     find_filters(filters_of(input), threads);
     sweep();
     const std::size_t most_sorted =
@@ -164,12 +170,21 @@ class Sweep {
     const std::span<const std::uint32_t> changed = input.changed.slots;
     const std::size_t slots = input.boxes.size();
     if (slots <= node_size) return false;
-    update(input, useful_threads(changed.size(), changed_per_thread, threads_), false);
+    update(input.for_tree(), useful_threads(changed.size(), changed_per_thread, threads_), false);
     if (!search_changed(filters_of(input), changed, pairs)) return false;
     age_.add(false, work_,
              static_cast<double>(changed.size() * boxes_per_changed) / static_cast<double>(tree_.size() + 1));
     return is_sorted_ = true;
   }
+
+  /// As the functions of BoxTree.
+  void read(const Input& input) {
+    const bool all = input.changed.all;
+    update(input, all ? threads_of(input.boxes.size()) : 1, all);
+    is_sorted_ = true;
+  }
+  [[nodiscard]] bool is_ready() const noexcept { return is_sorted_; }
+  void find(std::span<const QueryBox> queries, HitList& hits) const;
 
  private:
   /// The filters to test; none if the sets decide.
@@ -244,8 +259,10 @@ class Sweep {
   }
 
   void find_unsorted(const Input& input, std::vector<Pair>& pairs) {
+    const DefaultFloatingPoint as_everywhere;
     unsorted_.sets = tree_.tiles().sets;
-    tile_search<axes>().unsorted(pairs, unsorted_, input, filters_of(input));
+    unsorted_.reaches = tree_.tiles().reaches;
+    tile_search<axes>(unsorted_.reaches).unsorted(pairs, unsorted_, input, filters_of(input));
   }
 
   void find_filters(std::span<const Filter> filters, std::size_t threads);
@@ -315,7 +332,10 @@ void Sweep<axes>::search(std::size_t parts, std::size_t threads, std::size_t mos
   count_.count = 0;
   count_.most_stored = most_stored;
   for (Found& found : found_) found.clear(count_);
-  parallel_for(parts, threads, [&](std::size_t part, std::size_t thread) { search(found_[thread], part); });
+  parallel_for(parts, threads, [&](std::size_t part, std::size_t thread) {
+    const DefaultFloatingPoint as_everywhere;
+    search(found_[thread], part);
+  });
   work_ = 0;
   lists_.clear();
   for (Found& found : found_) {
@@ -328,8 +348,9 @@ void Sweep<axes>::search(std::size_t parts, std::size_t threads, std::size_t mos
 template <std::size_t axes>
 void Sweep<axes>::search_all(std::span<const Filter> filters, std::size_t threads, std::size_t most_stored) {
   const HostTiles<axes>& all = tree_.tiles();
-  search(all.nodes.size() * parts_per_node, threads, most_stored,
-         [&](Found& found, std::size_t part) { tile_search<axes>().tiles(found, all, part, filters); });
+  search(all.nodes.size() * parts_per_node, threads, most_stored, [&](Found& found, std::size_t part) {
+    tile_search<axes>(all.reaches).tiles(found, all, part, filters);
+  });
   refuse_too_many(count_.count);
 }
 
@@ -353,19 +374,30 @@ bool Sweep<axes>::search_changed(std::span<const Filter> filters, std::span<cons
   search(parts, threads, most_uncounted, [&](Found& found, std::size_t part) {
     const std::size_t end = std::min(changed_tiles_.size(), (part + 1) * searched_at_once);
     for (std::size_t k = part * searched_at_once; k < end; ++k)
-      tile_search<axes>().changed(found, tree_.tiles(), changed_, changed_tiles_[k], filters);
+      tile_search<axes>(tree_.tiles().reaches)
+          .changed(found, tree_.tiles(), changed_, changed_tiles_[k], filters);
   });
   if (count_.count > most_uncounted) return false;
   sort_pairs_(lists_, tree_.slots(), threads, pairs);
   return true;
 }
 
-class SweepAndPrune final : public HostFinder {
+template <std::size_t axes>
+void Sweep<axes>::find(std::span<const QueryBox> queries, HitList& hits) const {
+  const HostTiles<axes>& all = tree_.tiles();
+  QueryTile<axes> tile;
+  for (const QueryBox& query : queries) tile.add(query.box, query.reach, bounds_of<axes>(query, all.sets));
+  if (tile.hull.lower[0] > tile.hull.upper[0]) return;  // no query has a box; infinite ones would meet that
+  tile_search<axes>(all.reaches || tile.any_reach).queries(hits, all, tile);
+}
+
+class SweepAndPrune final : public HostFinder, public BoxTree {
  public:
   explicit SweepAndPrune(std::size_t threads) : threads_(threads) {}
 
   void find(const Input& input, std::vector<Pair>& pairs) override {
-    input.rules.worlds || input.rules.sets ? find<4>(input, pairs) : find<3>(input, pairs);
+    input.rules.worlds || input.rules.sets ? sweep_for<4>(input).find(input, pairs)
+                                           : sweep_for<3>(input).find(input, pairs);
   }
 
   bool find_known(std::span<const Filter> filters, std::span<const std::uint32_t> changed,
@@ -377,16 +409,30 @@ class SweepAndPrune final : public HostFinder {
     return with_sweep([&](auto& sweep) { return sweep.is_for(input) && sweep.find_changed(input, pairs); });
   }
 
+  [[nodiscard]] BoxTree* tree() noexcept override { return this; }
+  void read(const Input& input) override {
+    input.rules.worlds || input.rules.sets ? sweep_for<4>(input).read(input)
+                                           : sweep_for<3>(input).read(input);
+  }
+  [[nodiscard]] bool is_ready() const noexcept override {
+    return with_sweep([](const auto& sweep) { return sweep.is_ready(); });
+  }
+  void find(std::span<const QueryBox> queries, HitList& hits) const override {
+    (void)with_sweep([&](const auto& sweep) {
+      sweep.find(queries, hits);
+      return true;
+    });
+  }
+
   // NOLINTNEXTLINE(bugprone-exception-escape): a monostate throws nothing
   void clear() noexcept override { sweep_ = std::monostate(); }
 
  private:
   template <std::size_t axes>
-  void find(const Input& input, std::vector<Pair>& pairs) {
+  Sweep<axes>& sweep_for(const Input& input) {
     auto* sweep = std::get_if<Sweep<axes>>(&sweep_);
-    if (sweep == nullptr || !sweep->is_for(input))
-      sweep = &sweep_.template emplace<Sweep<axes>>(input.rules.sets, threads_);
-    sweep->find(input, pairs);
+    if (sweep != nullptr && sweep->is_for(input)) return *sweep;
+    return sweep_.template emplace<Sweep<axes>>(input.rules, threads_);
   }
 
   template <class Function>
@@ -394,6 +440,10 @@ class SweepAndPrune final : public HostFinder {
     if (auto* sweep = std::get_if<Sweep<3>>(&sweep_)) return function(*sweep);
     if (auto* sweep = std::get_if<Sweep<4>>(&sweep_)) return function(*sweep);
     return false;
+  }
+  template <class Function>
+  [[nodiscard]] bool with_sweep(const Function& function) const {
+    return const_cast<SweepAndPrune*>(this)->with_sweep(function);
   }
 
   std::size_t threads_;  // 0 if there is to be one per processor
@@ -404,6 +454,20 @@ class SweepAndPrune final : public HostFinder {
 
 AlgorithmPointer make_sweep_and_prune(const Config& config) {
   return make_host_engine(std::make_unique<SweepAndPrune>(config.threads), config.threads);
+}
+
+std::unique_ptr<BoxTree> make_box_tree(std::size_t threads) {
+  return std::make_unique<SweepAndPrune>(threads);
+}
+
+std::vector<std::uint32_t> order_in_space(std::span<const Aabb> boxes, std::span<const Filter> filters,
+                                          std::size_t threads) {
+  const auto order = [&](auto sort) {
+    (void)sort.advance(std::numeric_limits<std::size_t>::max(), threads);
+    return std::move(sort.order().slots);
+  };
+  const Input input{.boxes = boxes, .rules = {.filters = filters}};
+  return filters.empty() ? order(TileSort<3>(input, threads)) : order(TileSort<4>(input, threads));
 }
 
 }  // namespace broadcl

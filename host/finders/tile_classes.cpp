@@ -82,7 +82,7 @@ TileClasses::TileClasses(const Input& input) : input_(input) {
   if (sample.empty()) return;
   std::vector<std::uint32_t> exponents;
   exponents.reserve(sample.size());
-  for (const std::size_t slot : sample) exponents.push_back(exponent_of(largest_edge(input.boxes[slot])));
+  for (const std::size_t slot : sample) exponents.push_back(size_exponent_of(slot));
   const auto median = exponents.begin() + static_cast<std::ptrdiff_t>(exponents.size() / 2);
   std::ranges::nth_element(exponents, median);
   median_ = *median;

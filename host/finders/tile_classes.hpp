@@ -31,7 +31,7 @@ class TileClasses {
   [[nodiscard]] std::uint8_t of(std::size_t slot) const noexcept {
     const Aabb& box = input_.boxes[slot];
     if (is_empty(box)) return none;
-    std::size_t size = (std::max(exponent_of(largest_edge(box)), median_) - median_) / 2;
+    std::size_t size = (std::max(size_exponent_of(slot), median_) - median_) / 2;
     std::size_t refused = 0;  // one bit per filter
     if (!input_.rules.filters.empty()) {
       const Filter& filter = input_.rules.filters[slot];
@@ -59,9 +59,10 @@ class TileClasses {
     for (std::size_t axis = 0; axis < 3; ++axis) edge = std::max(edge, box.upper[axis] - box.lower[axis]);
     return edge;
   }
-  /// As floats store it.
-  [[nodiscard]] static std::uint32_t exponent_of(float number) noexcept {
-    return std::bit_cast<std::uint32_t>(number) >> 23U;
+  /// Of the largest edge of the grown box, as floats store it.
+  [[nodiscard]] std::uint32_t size_exponent_of(std::size_t slot) const noexcept {
+    const float reach = input_.rules.reaches.empty() ? 0 : input_.rules.reaches[slot];
+    return std::bit_cast<std::uint32_t>(largest_edge(input_.boxes[slot]) + 2 * reach) >> 23U;
   }
   /// One bit per axis: whether the box extends along it at least half as far as along any other.
   [[nodiscard]] static std::size_t shape_of(const Aabb& box) noexcept {

@@ -7,8 +7,10 @@
 #include <limits>
 #include <utility>
 
+#include "base/distance.hpp"
 #include "base/lanes.hpp"
 #include "base/packed_box.hpp"
+#include "engines/box_tree.hpp"
 #include "finders/slot_bounds.hpp"
 
 namespace broadcl {
@@ -17,6 +19,7 @@ namespace {
 // The following functions are compiled twice, for any processor and for those with AVX2, so they must be
 // inlined. They are vectorised by hand, since GCC does it with -O3 only.
 #define BROADCL_INLINE [[gnu::always_inline]] inline
+#define BROADCL_INLINE_LAMBDA __attribute__((always_inline))
 
 #ifdef _WIN32  // where GCC aligns no more than 16 bytes on the stack
 using EightLanes = FourLanes;
@@ -85,11 +88,73 @@ BROADCL_INLINE Bounds<axes> target_of(const HostTiles<axes>& all, Bounds<axes> b
   return bounds;
 }
 
-/// Stores the pairs of a box with some boxes of a tile.
+/// Boxes of a tile and their reaches, which are 0 if `reach` is null.
+struct TileColumns {
+  const std::array<float, node_size>* lower;
+  const std::array<float, node_size>* upper;
+  const float* reach;
+
+  [[nodiscard]] Aabb get(std::size_t k) const {
+    return {{lower[0][k], lower[1][k], lower[2][k]}, {upper[0][k], upper[1][k], upper[2][k]}};
+  }
+};
+BROADCL_INLINE TileColumns columns_of(const TileBoxes& boxes) {
+  return {boxes.lower.data(), boxes.upper.data(), boxes.reach.data()};
+}
+
+/// Those of some boxes of a tile, a bit for each, that are within the sum of the reaches of a box of another
+/// tile: is_within(). All of them are proper.
+template <class Lanes>
+BROADCL_INLINE std::uint32_t within_reach(const TileColumns& tile, std::uint32_t bits, const Aabb& other,
+                                          float reach_of_other) {
+  using Bits = decltype(Lanes{} <= Lanes{});
+  constexpr std::size_t lanes = sizeof(Lanes) / sizeof(float);
+  constexpr float least = least_distance<float>;
+  Bits of_lanes;
+  std::memcpy(&of_lanes, bit_of.data(), sizeof of_lanes);
+  Bits near{};
+  for (std::size_t k = node_size; k > 0;) {
+    k -= lanes;
+    Lanes squared{};
+#pragma GCC unroll 3
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      Lanes lower;
+      Lanes upper;
+      std::memcpy(&lower, &tile.lower[axis][k], sizeof lower);
+      std::memcpy(&upper, &tile.upper[axis][k], sizeof upper);
+      const Lanes above = lower - other.upper[axis];  // NaN, as the other one, if both are infinite
+      const Lanes below = other.lower[axis] - upper;
+      Lanes gap = above > below ? above : below;
+      gap = gap >= least ? gap : Lanes{};
+      squared += gap * gap;
+    }
+    Lanes reach{};
+    if (tile.reach != nullptr) std::memcpy(&reach, &tile.reach[k], sizeof reach);
+    reach += reach_of_other;
+    near = near << int{lanes} | ((squared <= reach * reach) & of_lanes);
+  }
+  std::uint32_t all = 0;
+#pragma GCC unroll 8
+  for (std::size_t lane = 0; lane < lanes; ++lane) all |= static_cast<std::uint32_t>(near[lane]);
+  bits &= all;
+  if (reach_of_other >= least) return bits;
+  for (std::uint32_t rest = bits; rest != 0; rest &= rest - 1) {
+    const std::size_t k = lowest_bit(rest);
+    const float reach = (tile.reach != nullptr ? tile.reach[k] : 0) + reach_of_other;
+    if (reach < least && !packed_overlaps(tile.get(k), other)) bits ^= bit_of[k];
+  }
+  return bits;
+}
+
+/// Stores the pairs of a box of a tile with some boxes of another tile, `t`.
 /// @returns Where the next pair is to be stored.
-template <std::size_t axes>
-BROADCL_INLINE Pair* store_found(Pair* next, const Node<axes>& tile, std::uint32_t bits, std::uint32_t other,
-                                 std::span<const Filter> filters) {
+template <class Lanes, bool reaches, std::size_t axes>
+BROADCL_INLINE Pair* store_found(Pair* next, const HostTiles<axes>& all, std::size_t t, std::uint32_t bits,
+                                 std::size_t s, std::size_t k, std::span<const Filter> filters) {
+  const Node<axes>& tile = all.tiles[t];
+  const std::uint32_t other = all.tiles[s].index[k];
+  if (reaches && bits != 0)
+    bits = within_reach<Lanes>(columns_of(all.boxes[t]), bits, all.boxes[s].get(k), all.boxes[s].reach[k]);
   for (; bits != 0; bits &= bits - 1) {
     const std::uint32_t slot = tile.index[lowest_bit(bits)];
     if (!filters.empty() && !may_pair(filters[slot], filters[other])) continue;
@@ -100,7 +165,7 @@ BROADCL_INLINE Pair* store_found(Pair* next, const Node<axes>& tile, std::uint32
 }
 
 /// Tests the boxes of two tiles. Along axes that are not tested, all of them overlap.
-template <class Lanes, std::size_t tested, std::size_t axes>
+template <class Lanes, bool reaches, std::size_t tested, std::size_t axes>
 BROADCL_INLINE void test_along(Found& found, const HostTiles<axes>& all, std::size_t s, std::size_t t,
                                std::span<const Filter> filters) {
   const auto target = [&](const Bounds<axes>& bounds) {
@@ -110,32 +175,36 @@ BROADCL_INLINE void test_along(Found& found, const HostTiles<axes>& all, std::si
   if (of_s == 0) return;
   const std::uint32_t of_t = overlapping_along<Lanes, tested>(all.tiles[t], target(all.bounds[s]));
   const bool is_s_smaller = std::popcount(of_s) < std::popcount(of_t);
-  const Node<axes>& smaller = all.tiles[is_s_smaller ? s : t];
-  const Node<axes>& larger = all.tiles[is_s_smaller ? t : s];
+  const std::size_t smaller = is_s_smaller ? s : t;
+  const std::size_t larger = is_s_smaller ? t : s;
+  const std::uint32_t of_larger = is_s_smaller ? of_t : of_s;
   Pair* next = found.next();
   for (std::uint32_t bits = is_s_smaller ? of_s : of_t; bits != 0; bits &= bits - 1) {
     const auto k = lowest_bit(bits);
-    const std::uint32_t found_in_larger = overlapping_along<Lanes, tested>(larger, target(smaller.get(k)));
-    next = store_found(next, larger, found_in_larger, smaller.index[k], filters);
+    const std::uint32_t found_in_larger =
+        reaches && tested == 3  // these are tested anyway
+            ? of_larger
+            : overlapping_along<Lanes, tested>(all.tiles[larger], target(all.tiles[smaller].get(k)));
+    next = store_found<Lanes, reaches>(next, all, larger, found_in_larger, smaller, k, filters);
   }
   found.set_next(next);
 }
 
 /// Tests the boxes of two tiles, one of which overlaps the target of the other.
-template <class Lanes, std::size_t axes>
+template <class Lanes, bool reaches, std::size_t axes>
 BROADCL_INLINE void test(Found& found, const HostTiles<axes>& all, std::size_t s, std::size_t t,
                          std::span<const Filter> filters) {
   if constexpr (axes > 3) {
     // If each tile is at a single position along the fourth axis, the two positions were compared already.
     const auto is_flat = [](const Bounds<axes>& bounds) { return bounds.lower[3] == bounds.upper[3]; };
     if (is_flat(all.bounds[s]) && is_flat(all.bounds[t]))
-      return test_along<Lanes, 3>(found, all, s, t, filters);
+      return test_along<Lanes, reaches, 3>(found, all, s, t, filters);
   }
-  test_along<Lanes, axes>(found, all, s, t, filters);
+  test_along<Lanes, reaches, axes>(found, all, s, t, filters);
 }
 
 /// Tests the boxes of a tile with each other.
-template <class Lanes, std::size_t axes>
+template <class Lanes, bool reaches, std::size_t axes>
 BROADCL_INLINE void test_itself(Found& found, const HostTiles<axes>& all, std::size_t s,
                                 std::span<const Filter> filters) {
   if (!packed_overlaps<axes>(all.bounds[s], target_of(all, all.bounds[s]))) return;  // they are of one set
@@ -143,14 +212,14 @@ BROADCL_INLINE void test_itself(Found& found, const HostTiles<axes>& all, std::s
   Pair* next = found.next();
   for (std::size_t k = 1; k < node_size; ++k) {
     const std::uint32_t bits = overlapping<Lanes>(tile, target_of(all, tile.get(k))) & (bit_of[k] - 1);
-    next = store_found(next, tile, bits, tile.index[k], filters);
+    next = store_found<Lanes, reaches>(next, all, s, bits, s, k, filters);
   }
   found.set_next(next);
 }
 
 /// Tests some tiles of a node with tiles of a node that is not earlier in the sweep.
 /// @param tiles One bit per tile.
-template <class Lanes, std::size_t axes>
+template <class Lanes, bool reaches, std::size_t axes>
 BROADCL_INLINE void test_nodes(Found& found, const HostTiles<axes>& all, std::size_t own, std::uint32_t tiles,
                                std::size_t other, std::span<const Filter> filters) {
   constexpr std::size_t most = node_size * node_size;  // pairs of two tiles
@@ -163,7 +232,7 @@ BROADCL_INLINE void test_nodes(Found& found, const HostTiles<axes>& all, std::si
     std::uint32_t others = overlapping<Lanes>(all.nodes[other], target_of(all, all.bounds[s]));
     if (own == other) {
       found.reserve(most);
-      if (tiles_may_pair(s, s)) test_itself<Lanes>(found, all, s, filters);
+      if (tiles_may_pair(s, s)) test_itself<Lanes, reaches>(found, all, s, filters);
       others &= 0xfffffffeU << child;
     }
     for (; others != 0; others &= others - 1) {
@@ -171,12 +240,12 @@ BROADCL_INLINE void test_nodes(Found& found, const HostTiles<axes>& all, std::si
       if (!tiles_may_pair(s, t)) continue;
       found.reserve(most);
       ++found.work;
-      test<Lanes>(found, all, s, t, filters);
+      test<Lanes, reaches>(found, all, s, t, filters);
     }
   }
 }
 
-template <class Lanes, std::size_t axes>
+template <class Lanes, bool reaches, std::size_t axes>
 BROADCL_INLINE void search_tiles(Found& found, const HostTiles<axes>& all, std::size_t part,
                                  std::span<const Filter> filters) {
   constexpr std::size_t tiles_per_part = node_size / parts_per_node;
@@ -191,13 +260,26 @@ BROADCL_INLINE void search_tiles(Found& found, const HostTiles<axes>& all, std::
     if (others.lower[all.axis] > bounds.upper[all.axis]) break;
     if (!packed_overlaps<axes>(others, bounds)) continue;
     if (!all.tile_filters.empty() && !may_pair(all.node_filters[own], all.node_filters[other])) continue;
-    test_nodes<Lanes>(found, all, own, overlapping<Lanes>(all.nodes[own], target_of(all, others)) & tiles,
-                      other, filters);
+    test_nodes<Lanes, reaches>(
+        found, all, own, overlapping<Lanes>(all.nodes[own], target_of(all, others)) & tiles, other, filters);
+  }
+}
+
+/// Calls function(tile) for tiles whose bounds, and those of the nodes above, are not culled.
+/// @param select Returns a bit for each child of a node that is not.
+template <std::size_t axes, class Select, class Function>
+BROADCL_INLINE void visit(const HostTiles<axes>& all, const Select& select, const Function& function) {
+  for (const Node<axes>& root : all.roots) {
+    for (std::uint32_t nodes = select(root); nodes != 0; nodes &= nodes - 1) {
+      const Node<axes>& node = all.nodes[root.index[lowest_bit(nodes)]];
+      for (std::uint32_t tiles = select(node); tiles != 0; tiles &= tiles - 1)
+        function(std::size_t{node.index[lowest_bit(tiles)]});
+    }
   }
 }
 
 /// Tests boxes of a tile that changed with all others, but with those that changed in earlier tiles.
-template <class Lanes, std::size_t axes>
+template <class Lanes, bool reaches, std::size_t axes>
 BROADCL_INLINE void search_changed(Found& found, const HostTiles<axes>& all,
                                    std::span<const std::uint32_t> changed, std::size_t s,
                                    std::span<const Filter> filters) {
@@ -214,38 +296,71 @@ BROADCL_INLINE void search_changed(Found& found, const HostTiles<axes>& all,
     if (of_tile == 0) return;
     found.reserve(node_size * node_size);
     Pair* next = found.next();
-    const auto store = [&](const Node<axes>& others, std::uint32_t hits, std::uint32_t slot) {
-      next = store_found(next, others, hits, slot, filters);
+    const auto store = [&](std::size_t others, std::uint32_t hits, std::size_t with, std::size_t k) {
+      next = store_found<Lanes, reaches>(next, all, others, hits, with, k, filters);
     };
     if (t == s) {
       for (std::uint32_t bits = of_own; bits != 0;
            bits &= bits - 1) {  // those not in `bits` have had their turn
         const std::size_t k = lowest_bit(bits);
-        store(own, overlapping<Lanes>(own, target_of(all, own.get(k))) & ~bits, own.index[k]);
+        store(s, overlapping<Lanes>(own, target_of(all, own.get(k))) & ~bits, s, k);
       }
     } else if ((of_own & (of_own - 1)) == 0) {
-      store(tile, of_tile, own.index[lowest_bit(of_own)]);
+      store(t, of_tile, s, lowest_bit(of_own));
     } else {
       const std::uint32_t hit = overlapping<Lanes>(own, target_of(all, all.bounds[t])) & of_own;
       const bool is_own_smaller = std::popcount(hit) < std::popcount(of_tile);
-      const Node<axes>& smaller = is_own_smaller ? own : tile;
-      const Node<axes>& larger = is_own_smaller ? tile : own;
+      const std::size_t smaller = is_own_smaller ? s : t;
+      const std::size_t larger = is_own_smaller ? t : s;
       const std::uint32_t of_larger = is_own_smaller ? of_tile : hit;
       for (std::uint32_t bits = is_own_smaller ? hit : of_tile; bits != 0; bits &= bits - 1) {
         const std::size_t k = lowest_bit(bits);
-        store(larger, overlapping<Lanes>(larger, target_of(all, smaller.get(k))) & of_larger,
-              smaller.index[k]);
+        const Bounds<axes> target = target_of(all, all.tiles[smaller].get(k));
+        store(larger, overlapping<Lanes>(all.tiles[larger], target) & of_larger, smaller, k);
       }
     }
     found.set_next(next);
   };
-  for (const Node<axes>& root : all.roots) {
-    for (std::uint32_t nodes = overlapping<Lanes>(root, hull); nodes != 0; nodes &= nodes - 1) {
-      const Node<axes>& node = all.nodes[root.index[lowest_bit(nodes)]];
-      for (std::uint32_t tiles = overlapping<Lanes>(node, hull); tiles != 0; tiles &= tiles - 1)
-        test_with(node.index[lowest_bit(tiles)]);
+  visit<axes>(
+      all, [&](const Node<axes>& node) { return overlapping<Lanes>(node, hull); }, test_with);
+}
+
+/// Tests some queries with all boxes.
+template <class Lanes, bool reaches, std::size_t axes>
+BROADCL_INLINE void search_queries(HitList& hits, const HostTiles<axes>& all,
+                                   const QueryTile<axes>& queries) {
+  const auto overlaps_hull = [&](const Node<axes>& node) { return overlapping<Lanes>(node, queries.hull); };
+  visit<axes>(all, overlaps_hull, [&](std::size_t t) BROADCL_INLINE_LAMBDA {
+    const Node<axes>& tile = all.tiles[t];
+    const std::uint32_t of_tile = overlaps_hull(tile);
+    if (of_tile == 0) return;
+    const TileColumns boxes =
+        all.reaches ? columns_of(all.boxes[t]) : TileColumns{tile.lower.data(), tile.upper.data(), nullptr};
+    Hit* next = hits.reserve(node_size * node_size);
+    const std::uint32_t of_queries =
+        queries.size == 1 ? 1 : overlapping<Lanes>(queries.bounds, all.bounds[t]);
+    if (std::popcount(of_queries) <= std::popcount(of_tile)) {
+      for (std::uint32_t rest = of_queries; rest != 0; rest &= rest - 1) {
+        const auto k = static_cast<std::uint32_t>(lowest_bit(rest));
+        std::uint32_t bits = queries.size == 1 ? of_tile : overlapping<Lanes>(tile, queries.bounds.get(k));
+        if (reaches && bits != 0)
+          bits = within_reach<Lanes>(boxes, bits, queries.boxes.get(k), queries.boxes.reach[k]);
+        for (; bits != 0; bits &= bits - 1) *next++ = {k, tile.index[lowest_bit(bits)]};
+      }
+    } else {
+      for (std::uint32_t rest = of_tile; rest != 0; rest &= rest - 1) {
+        const std::size_t k = lowest_bit(rest);
+        std::uint32_t bits = overlapping<Lanes>(queries.bounds, tile.get(k));
+        if (reaches && bits != 0) {
+          bits = within_reach<Lanes>(columns_of(queries.boxes), bits, boxes.get(k),
+                                     boxes.reach != nullptr ? boxes.reach[k] : 0);
+        }
+        for (; bits != 0; bits &= bits - 1)
+          *next++ = {static_cast<std::uint32_t>(lowest_bit(bits)), tile.index[k]};
+      }
     }
-  }
+    hits.set_end(next);
+  });
 }
 
 /// (A child whose bounds are NaN never grows less than another one.)
@@ -283,70 +398,87 @@ BROADCL_INLINE std::size_t least_growth(std::span<const Node<axes>> nodes, const
   return static_cast<std::size_t>(best[lane]);
 }
 
-template <class Lanes, std::size_t axes>
+template <class Lanes, bool reaches, std::size_t axes>
 BROADCL_INLINE void search_unsorted(std::vector<Pair>& pairs, HostTiles<axes>& all, const Input& input,
                                     std::span<const Filter> filters) {
   const auto slots = static_cast<std::uint32_t>(input.boxes.size());
   all.tiles.resize((slots + node_size - 1) / node_size);
-  for (std::uint32_t slot = 0; slot < slots; ++slot)
-    all.tiles[slot / node_size].set(slot % node_size, bounds_of<axes>(input, slot), slot);
+  all.boxes.resize(reaches ? all.tiles.size() : 0);
+  for (std::uint32_t slot = 0; slot < slots; ++slot) {
+    const std::size_t k = slot % node_size;
+    all.tiles[slot / node_size].set(k, bounds_of<axes>(input, slot), slot);
+    if (reaches) all.boxes[slot / node_size].set(k, input.boxes[slot], input.rules.reaches[slot]);
+  }
   std::array<Pair, node_size * node_size> found;
   Pair* next = found.data();
   const auto append = [&] { pairs.insert(pairs.end(), found.data(), std::exchange(next, found.data())); };
   pairs.clear();
   const std::span<const Node<axes>> tiles = all.tiles;
   for (std::uint32_t slot = 1; slot < slots; ++slot) {
-    const Node<axes>& own = tiles[slot / node_size];
-    const Bounds<axes> target = target_of(all, own.get(slot % node_size));
-    for (const Node<axes>& tile : tiles.first(slot / node_size)) {
-      next = store_found(next, tile, overlapping<Lanes>(tile, target), slot, filters);
+    const std::size_t own = slot / node_size;
+    const std::size_t k = slot % node_size;
+    const Bounds<axes> target = target_of(all, tiles[own].get(k));
+    for (std::size_t tile = 0; tile < own; ++tile) {
+      next = store_found<Lanes, reaches>(next, all, tile, overlapping<Lanes>(tiles[tile], target), own, k,
+                                         filters);
       if (next > &found[found.size() - 2 * node_size]) append();
     }
-    const std::uint32_t before = bit_of[slot % node_size] - 1;
-    next = store_found(next, own, overlapping<Lanes>(own, target) & before, slot, filters);
+    const std::uint32_t before = overlapping<Lanes>(tiles[own], target) & (bit_of[k] - 1);
+    next = store_found<Lanes, reaches>(next, all, own, before, own, k, filters);
   }
   append();
 }
 
 #if defined(__x86_64__) && defined(__GNUC__)
-template <std::size_t axes>
+template <bool reaches, std::size_t axes>
 [[gnu::target("avx2")]] void search_tiles_avx2(Found& found, const HostTiles<axes>& all, std::size_t part,
                                                std::span<const Filter> filters) {
-  search_tiles<EightLanes>(found, all, part, filters);
+  search_tiles<EightLanes, reaches>(found, all, part, filters);
 }
-template <std::size_t axes>
+template <bool reaches, std::size_t axes>
 [[gnu::target("avx2")]] void search_changed_avx2(Found& found, const HostTiles<axes>& all,
                                                  std::span<const std::uint32_t> changed, std::size_t tile,
                                                  std::span<const Filter> filters) {
-  search_changed<EightLanes>(found, all, changed, tile, filters);
+  search_changed<EightLanes, reaches>(found, all, changed, tile, filters);
+}
+template <bool reaches, std::size_t axes>
+[[gnu::target("avx2")]] void search_queries_avx2(HitList& hits, const HostTiles<axes>& all,
+                                                 const QueryTile<axes>& queries) {
+  search_queries<EightLanes, reaches>(hits, all, queries);
 }
 template <std::size_t axes>
 [[gnu::target("avx2")]] std::size_t least_growth_avx2(std::span<const Node<axes>> nodes,
                                                       const Bounds<axes>& box) {
   return least_growth<EightLanes>(nodes, box);
 }
-template <std::size_t axes>
+template <bool reaches, std::size_t axes>
 [[gnu::target("avx2")]] void search_unsorted_avx2(std::vector<Pair>& pairs, HostTiles<axes>& all,
                                                   const Input& input, std::span<const Filter> filters) {
-  search_unsorted<EightLanes>(pairs, all, input, filters);
+  search_unsorted<EightLanes, reaches>(pairs, all, input, filters);
 }
 #endif
+
+template <bool reaches, std::size_t axes>
+TileSearch<axes> search_with(bool plain) {
+#if defined(__x86_64__) && defined(__GNUC__)
+  if (!plain && __builtin_cpu_supports("avx2") != 0)
+    return {search_tiles_avx2<reaches, axes>, search_changed_avx2<reaches, axes>,
+            search_queries_avx2<reaches, axes>, least_growth_avx2<axes>, search_unsorted_avx2<reaches, axes>};
+#else
+  (void)plain;
+#endif
+  return {search_tiles<FourLanes, reaches, axes>, search_changed<FourLanes, reaches, axes>,
+          search_queries<FourLanes, reaches, axes>, least_growth<FourLanes, axes>,
+          search_unsorted<FourLanes, reaches, axes>};
+}
 
 }  // namespace
 
 template <std::size_t axes>
-TileSearch<axes> tile_search(bool plain) {
-#if defined(__x86_64__) && defined(__GNUC__)
-  if (!plain && __builtin_cpu_supports("avx2") != 0)
-    return {search_tiles_avx2<axes>, search_changed_avx2<axes>, least_growth_avx2<axes>,
-            search_unsorted_avx2<axes>};
-#else
-  (void)plain;
-#endif
-  return {search_tiles<FourLanes, axes>, search_changed<FourLanes, axes>, least_growth<FourLanes, axes>,
-          search_unsorted<FourLanes, axes>};
+TileSearch<axes> tile_search(bool reaches, bool plain) {
+  return reaches ? search_with<true, axes>(plain) : search_with<false, axes>(plain);
 }
-template TileSearch<3> tile_search<3>(bool);
-template TileSearch<4> tile_search<4>(bool);
+template TileSearch<3> tile_search<3>(bool, bool);
+template TileSearch<4> tile_search<4>(bool, bool);
 
 }  // namespace broadcl

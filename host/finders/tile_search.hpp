@@ -10,6 +10,7 @@
 #include <span>
 #include <vector>
 
+#include <broadcl/aabb.hpp>
 #include <broadcl/filter.hpp>
 #include <broadcl/pair.hpp>
 
@@ -17,6 +18,7 @@
 
 namespace broadcl {
 
+class HitList;
 struct Input;
 
 /// Boxes per tile, and tiles per node: as many as a word has bits.
@@ -80,10 +82,30 @@ struct alignas(cache_line) Node {
   }
 };
 
+/// The boxes of a tile and their reaches, by component, if its bounds are those of grown boxes. Unused
+/// entries are unspecified.
+struct alignas(cache_line) TileBoxes {
+  std::array<std::array<float, node_size>, 3> lower, upper;
+  std::array<float, node_size> reach;
+
+  void set(std::size_t k, const Aabb& box, float reach_of_k) {
+#pragma GCC unroll 3
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      lower[axis][k] = box.lower[axis];
+      upper[axis][k] = box.upper[axis];
+    }
+    reach[k] = reach_of_k;
+  }
+  [[nodiscard]] Aabb get(std::size_t k) const {
+    return {{lower[0][k], lower[1][k], lower[2][k]}, {upper[0][k], upper[1][k], upper[2][k]}};
+  }
+};
+
 /// Neighbouring boxes in tiles, neighbouring tiles in nodes, and these in roots.
 template <std::size_t axes>
 struct HostTiles {
   std::vector<Node<axes>> tiles;
+  std::vector<TileBoxes> boxes;      // in the tiles; none if there are no reaches
   std::vector<Bounds<axes>> bounds;  // of the tiles
   std::vector<Node<axes>> nodes;
   std::vector<Node<axes>> roots;
@@ -94,6 +116,32 @@ struct HostTiles {
   /// Whether there are two sets: along the fourth axis, set s of world w is at 2 w + s, and only pairs of one
   /// object of each set are reported.
   bool sets = false;
+  bool reaches = false;  // whether boxes have to be within the sum of their reaches
+};
+
+/// Queries, or a single one. Unused entries of `bounds` are NaN, unless it is one.
+template <std::size_t axes>
+struct QueryTile {
+  Node<axes> bounds;  // of grown boxes
+  TileBoxes boxes;
+  Bounds<axes> hull = make_bounds<axes>(infinity, -infinity);
+  std::uint32_t size = 0;
+  bool any_reach = false;
+
+  void add(const Aabb& box, float reach, const Bounds<axes>& grown) {
+    if (size == 1) {
+      for (std::size_t k = 1; k < node_size; ++k)
+        bounds.set(k, make_bounds<axes>(std::numeric_limits<float>::quiet_NaN(), 0), no_slot);
+    }
+    bounds.set(size, grown, size);
+    boxes.set(size, box, reach);
+    extend(hull, grown);
+    any_reach = any_reach || reach > 0;
+    ++size;
+  }
+
+ private:
+  static constexpr float infinity = std::numeric_limits<float>::infinity();
 };
 
 /// A filter that pairs with nothing.
@@ -203,18 +251,22 @@ struct TileSearch {
   /// @param tile One of those that have such a box.
   void (*changed)(Found& found, const HostTiles<axes>& all, std::span<const std::uint32_t> changed,
                   std::size_t tile, std::span<const Filter> filters);
+  /// Appends all boxes that some queries overlap or, if there are reaches, that are within them.
+  /// @throws std::bad_alloc
+  void (*queries)(HitList& hits, const HostTiles<axes>& all, const QueryTile<axes>& queries);
   /// @returns Which child of some nodes, all of them counted, grows least if it is to contain a box; one of
   /// the same world if there is one.
   std::size_t (*least_growth)(std::span<const Node<axes>> nodes, const Bounds<axes>& box);
   /// Finds all pairs, in canonical order, by testing each box with all before it. Of `all`, it reads `sets`
-  /// and writes the tiles.
+  /// and writes the tiles and their boxes.
   /// @throws std::bad_alloc
   void (*unsorted)(std::vector<Pair>& pairs, HostTiles<axes>& all, const Input& input,
                    std::span<const Filter> filters);
 };
 
+/// @param reaches HostTiles::reaches
 /// @param plain Whether to return the version for any processor, instead of the one for this processor.
 template <std::size_t axes>
-[[nodiscard]] TileSearch<axes> tile_search(bool plain = false);
+[[nodiscard]] TileSearch<axes> tile_search(bool reaches, bool plain = false);
 
 }  // namespace broadcl

@@ -8,7 +8,9 @@
 #include <numeric>
 #include <utility>
 
+#include "base/floating_point.hpp"
 #include "base/parallel.hpp"
+#include "base/prefetch.hpp"
 #include "finders/slot_bounds.hpp"
 
 namespace broadcl {
@@ -166,6 +168,7 @@ bool TileTree<axes>::read(const Input& input, std::size_t most, std::size_t thre
   for (; read_nodes_ < unread_.size() && read_nodes_ - first_new < most; ++read_nodes_)
     nodes_.push_back(static_cast<std::uint32_t>(read_nodes_));
   parallel_for(nodes_.size(), threads, [&](std::size_t k, std::size_t /*thread*/) {
+    const DefaultFloatingPoint as_everywhere;
     const std::size_t node = nodes_[k];
     for_each_unread(node, [&](std::size_t tile) {
       if (node >= first_new) start_tile(tile);
@@ -191,20 +194,38 @@ void TileTree<axes>::for_each_unread(std::size_t node, const Function& function)
   });
 }
 
+/// Puts the box of a slot into a place of a tile.
 template <std::size_t axes>
-void TileTree<axes>::read_tile(const Input& input, std::size_t tile) {
+void TileTree<axes>::set_place(const Input& input, std::size_t place, const Bounds<axes>& box,
+                               std::uint32_t slot) {
+  const std::size_t tile = place / node_size;
+  all_.tiles[tile].set(place % node_size, box, slot);
+  if (all_.reaches) all_.boxes[tile].set(place % node_size, input.boxes[slot], input.rules.reaches[slot]);
+}
+
+template <std::size_t axes>
+[[gnu::noinline]] void TileTree<axes>::read_tile(const Input& input, std::size_t tile) {
   Node<axes>& node = all_.tiles[tile];
   Occupancy& occupancy = occupancy_[tile];
   Bounds<axes>& bounds = all_.bounds[tile] = nowhere<axes>();
   occupancy.leaving = 0;
   const std::uint32_t unread = std::exchange(occupancy.unread, 0) | (input.changed.all ? ~0U : 0U);
-  for_each_bit(unread & occupancy.taken, [&](std::size_t k) {
+  const std::uint32_t read = unread & occupancy.taken;
+  if (all_.reaches) {
+    for_each_bit(read, [&](std::size_t k) {
+      prefetch(input.boxes.data() + node.index[k]);
+      prefetch(input.rules.reaches.data() + node.index[k]);
+    });
+  }
+  for_each_bit(read, [&](std::size_t k) {
     const std::uint32_t slot = node.index[k];
     Bounds<axes> box = make_bounds<axes>(not_a_number, not_a_number);
     if (has_box(input, slot)) box = broadcl::bounds_of<axes>(input, slot);
     if (!is_within(box, occupancy.home)) {
       occupancy.leaving |= 1U << k;
       box = make_bounds<axes>(not_a_number, not_a_number);
+    } else if (all_.reaches) {
+      all_.boxes[tile].set(k, input.boxes[slot], input.rules.reaches[slot]);
     }
     node.set(k, box, slot);
     extend(bounds, box);
@@ -228,8 +249,9 @@ void TileTree<axes>::take_out(std::uint32_t slot) {
 
 template <std::size_t axes>
 void TileTree<axes>::insert(const Input& input) {
+  const DefaultFloatingPoint as_everywhere;
   for (const std::uint32_t slot : left_) {
-    if (has_box(input, slot) && places_[slot] == no_slot) insert(slot, broadcl::bounds_of<axes>(input, slot));
+    if (has_box(input, slot) && places_[slot] == no_slot) insert(input, slot);
   }
   left_.clear();
 }
@@ -254,6 +276,7 @@ void TileTree<axes>::resize(std::size_t tiles) {
   };
   const auto parents_of = [](std::size_t children) { return (children + node_size - 1) / node_size; };
   resize(all_.tiles, tiles, empty_node<axes>());
+  if (all_.reaches) resize(all_.boxes, tiles, TileBoxes());
   resize(all_.bounds, tiles, nowhere<axes>());
   resize(occupancy_, tiles, Occupancy{.home = nowhere<axes>(), .taken = 0, .unread = 0, .leaving = 0});
   resize(all_.nodes, parents_of(tiles), empty_node<axes>());
@@ -284,19 +307,20 @@ void TileTree<axes>::update_node(std::size_t node, std::uint32_t children) {
 }
 
 template <std::size_t axes>
-void TileTree<axes>::insert(std::uint32_t slot, const Bounds<axes>& box) {
-  const auto least_growth = tile_search<axes>().least_growth;
+[[gnu::noinline]] void TileTree<axes>::insert(const Input& input, std::uint32_t slot) {
+  const Bounds<axes> box = broadcl::bounds_of<axes>(input, slot);
+  const auto least_growth = tile_search<axes>(all_.reaches).least_growth;
   const std::size_t node = least_growth(all_.roots, box);
   const std::size_t tile = node * node_size + least_growth(std::span(all_.nodes).subspan(node, 1), box);
   if (~occupancy_[tile].taken == 0) {
     const std::size_t other = empty_tile(node);
-    other == no_slot ? divide_node(node) : divide_tile(tile, other);
-    return insert(slot, box);
+    other == no_slot ? divide_node(node) : divide_tile(input, tile, other);
+    return insert(input, slot);
   }
   Occupancy& occupancy = occupancy_[tile];
   const auto k = static_cast<std::size_t>(std::countr_one(occupancy.taken));
   places_[slot] = static_cast<std::uint32_t>(tile * node_size + k);
-  all_.tiles[tile].set(k, box, slot);
+  set_place(input, places_[slot], box, slot);
   extend(all_.bounds[tile], box);
   if (occupancy.taken == 0 || !is_within(box, occupancy.home)) occupancy.home = home_of(all_.bounds[tile]);
   occupancy.taken |= 1U << k;
@@ -320,11 +344,11 @@ std::size_t TileTree<axes>::empty_tile(std::size_t node) {
 
 /// Moves half of the boxes of a full tile to an empty one of the same node.
 template <std::size_t axes>
-void TileTree<axes>::divide_tile(std::size_t tile, std::size_t other) {
+void TileTree<axes>::divide_tile(const Input& input, std::size_t tile, std::size_t other) {
   std::size_t next = other * node_size;
   for_each_bit(upper_half(all_.tiles[tile]), [&](std::size_t k) {
     const std::uint32_t slot = all_.tiles[tile].index[k];
-    all_.tiles[other].set(next % node_size, all_.tiles[tile].get(k), slot);
+    set_place(input, next, all_.tiles[tile].get(k), slot);
     clear_place(tile * node_size + k);
     places_[slot] = static_cast<std::uint32_t>(next++);
   });
@@ -345,6 +369,7 @@ void TileTree<axes>::divide_node(std::size_t node) {
   for_each_bit(upper_half(all_.nodes[node]), [&](std::size_t k) {
     const std::size_t tile = node * node_size + k;
     std::swap(all_.tiles[tile], all_.tiles[next]);
+    if (all_.reaches) std::swap(all_.boxes[tile], all_.boxes[next]);
     std::swap(all_.bounds[tile], all_.bounds[next]);
     std::swap(occupancy_[tile], occupancy_[next]);
     for_each_bit(occupancy_[next].taken, [&](std::size_t child) {

@@ -17,9 +17,13 @@ namespace broadcl {
 template <std::size_t axes>
 class TileTree {
  public:
-  explicit TileTree(bool sets) { all_.sets = sets; }
+  TileTree(bool sets, bool reaches) {
+    all_.sets = sets;
+    all_.reaches = reaches;
+  }
 
   [[nodiscard]] HostTiles<axes>& tiles() noexcept { return all_; }
+  [[nodiscard]] const HostTiles<axes>& tiles() const noexcept { return all_; }
   /// The boxes that have a place in a tile.
   [[nodiscard]] std::size_t size() const noexcept { return size_; }
   /// Greater than every slot that has a place.
@@ -66,9 +70,10 @@ class TileTree {
   void read_tile(const Input& input, std::size_t tile);
   void update_node(std::size_t node, std::uint32_t children);
   void clear_place(std::size_t place);
-  void insert(std::uint32_t slot, const Bounds<axes>& box);
+  void set_place(const Input& input, std::size_t place, const Bounds<axes>& box, std::uint32_t slot);
+  void insert(const Input& input, std::uint32_t slot);
   [[nodiscard]] std::size_t empty_tile(std::size_t node);
-  void divide_tile(std::size_t tile, std::size_t other);
+  void divide_tile(const Input& input, std::size_t tile, std::size_t other);
   void divide_node(std::size_t node);
 
   HostTiles<axes> all_;

@@ -127,7 +127,7 @@ class Tiles final : public PairFinder {
     opencl::SizedKernel centroids, keys, world_keys;
     cl::Kernel fill, refit;
     cl::Kernel refit_and_keep;      // on a GPU
-    cl::Kernel search, search_all;  // any boxes; one world, all of whose boxes changed
+    cl::Kernel search, search_all;  // any boxes; one world without reaches, all of whose boxes changed
   };
 
   [[nodiscard]] Kernels make_kernels() const {
@@ -340,7 +340,8 @@ class Tiles final : public PairFinder {
     most_work_ = work_.most(search, sink, tiles * dense_workers);
     const bool may_give_up = most_work_ < std::numeric_limits<cl_uint>::max();
     most_grown_ = may_give_up ? static_cast<cl_uint>(tiles / least_share_grown) : most_work_;
-    const bool is_all = search.changed.all && !has_worlds(search);
+    const bool is_all = search.changed.all && !has_worlds(search) && search.now.ungrown() == nullptr &&
+                        search.last.ungrown() == nullptr;
     cl::Kernel& kernel = is_all ? kernels_.search_all : kernels_.search;
     layout::tiles_search_scalars_t scalars{.starts = {},
                                            .top = static_cast<cl_uint>(top_),

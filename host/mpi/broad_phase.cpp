@@ -90,6 +90,8 @@ MpiBroadPhase::MpiBroadPhase(MPI_Comm comm, const Config& config) {
   Ranks ranks(comm);
   const std::size_t threads = ranks.threads(config.threads);
   ranks.together([&] {
+    if (config.distance != 0)
+      throw Error::invalid_argument("ranks search no distances; set Config::distance to 0");
     Config own = config;
     own.threads = threads;
     impl_ = std::make_unique<Impl>(own, static_cast<std::size_t>(ranks.rank()),

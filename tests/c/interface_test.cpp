@@ -39,6 +39,7 @@ TEST(C, TheLastErrorIsOfItsThreadAndStays) {
 TEST(C, DestroyingNothingIsANoOp) {
   OK(broadcl_device_list_destroy(nullptr));
   OK(broadcl_pair_list_destroy(nullptr));
+  OK(broadcl_hit_list_destroy(nullptr));
   OK(broadcl_broad_phase_destroy(nullptr));
   OK(broadcl_device_broad_phase_destroy(nullptr));
 }
@@ -52,6 +53,10 @@ TEST(C, NullHandlesAreRefused) {
   const auto changes = sized<broadcl_change_buffers>();
   auto result = sized<broadcl_device_result>();
   broadcl_pairs pairs{};
+  broadcl_hits hits{};
+  broadcl_hit_list* found = nullptr;
+  const std::uint32_t* ids = nullptr;
+  double reach = 0;
   broadcl_pair_buffer buffer{};
   broadcl_aabb* mapped = nullptr;
   int contains = 0;
@@ -68,6 +73,7 @@ TEST(C, NullHandlesAreRefused) {
   EXPECT_INVALID("list is null", broadcl_device_list_failure, nullptr, 0, &line);
   EXPECT_INVALID("list is null", broadcl_device_list_select, nullptr, "cpu", &n);
   EXPECT_INVALID("list is null", broadcl_pair_list_pairs, nullptr, &pairs);
+  EXPECT_INVALID("list is null", broadcl_hit_list_hits, nullptr, &hits);
   EXPECT_INVALID("broad_phase is null", broadcl_broad_phase_set_filter, nullptr, 0, &filter);
   EXPECT_INVALID("broad_phase is null", broadcl_broad_phase_map, nullptr, 0, &mapped);
   EXPECT_INVALID("broad_phase is null", broadcl_broad_phase_update_boxes, nullptr, &boxes, nullptr);
@@ -78,6 +84,10 @@ TEST(C, NullHandlesAreRefused) {
   EXPECT_INVALID("broad_phase is null", broadcl_broad_phase_contains, nullptr, 0, &contains);
   EXPECT_INVALID("broad_phase is null", broadcl_broad_phase_box, nullptr, 0, &of_object);
   EXPECT_INVALID("broad_phase is null", broadcl_broad_phase_filter, nullptr, 0, &filter_of_object);
+  EXPECT_INVALID("broad_phase is null", broadcl_broad_phase_set_reach, nullptr, &id, 1, &reach, 1);
+  EXPECT_INVALID("broad_phase is null", broadcl_broad_phase_reach, nullptr, 0, &reach);
+  EXPECT_INVALID("broad_phase is null", broadcl_broad_phase_partners, nullptr, 0, &ids, &n);
+  EXPECT_INVALID("broad_phase is null", broadcl_broad_phase_overlapping, nullptr, &boxes, nullptr, &found);
   EXPECT_INVALID("broad_phase is null", broadcl_broad_phase_update, nullptr, nullptr);
   EXPECT_INVALID("broad_phase is null", broadcl_broad_phase_begin, nullptr);
   EXPECT_INVALID("broad_phase is null", broadcl_broad_phase_finish, nullptr, nullptr);

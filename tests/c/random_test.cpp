@@ -62,6 +62,10 @@ class CSubject {
     const broadcl_filter given = to_c(filter);
     check(broadcl_broad_phase_set_filter(handle_, id, &given));
   }
+  void set_reach(std::span<const std::uint32_t> ids, std::span<const float> reaches) {
+    const std::vector<double> given(reaches.begin(), reaches.end());
+    check(broadcl_broad_phase_set_reach(handle_, ids.data(), ids.size(), given.data(), given.size()));
+  }
   void remove(std::uint32_t id) { remove({&id, 1}); }
   void remove(std::span<const std::uint32_t> ids) {
     check(broadcl_broad_phase_remove(handle_, ids.data(), ids.size()));
@@ -80,6 +84,16 @@ class CSubject {
     broadcl_filter filter{};
     check(broadcl_broad_phase_filter(handle_, id, &filter));
     return {.group = filter.group, .mask = filter.mask, .body = filter.body, .world = filter.world};
+  }
+  float reach(std::uint32_t id) {
+    double reach = 0;
+    check(broadcl_broad_phase_reach(handle_, id, &reach));
+    return static_cast<float>(reach);
+  }
+  broadcl_algorithm algorithm() {
+    const broadcl_algorithm* row = nullptr;
+    check(broadcl_broad_phase_algorithm(handle_, &row));
+    return *row;
   }
   void set_exclusions(std::span<const Pair> pairs) {
     std::vector<broadcl_pair> given;
@@ -113,6 +127,33 @@ class CSubject {
     broadcl_pairs pairs{};
     check(broadcl_broad_phase_pairs(handle_, &pairs));
     return list(pairs);
+  }
+  Hits overlapping(const BoxView& boxes, const QueryOptions& options) {
+    std::vector<broadcl_filter> rules;
+    for (const Filter& filter : options.filters) rules.push_back(to_c(filter));
+    broadcl_query_options given{};
+    given.size = sizeof given;
+    given.filters = rules.data();
+    given.filter_count = rules.size();
+    given.except = options.except.data();
+    given.except_count = options.except.size();
+    given.within = options.within.value_or(0);
+    given.limit = options.limit == QueryOptions::all ? 0 : options.limit;
+    given.count_only = options.count_only ? 1 : 0;
+    broadcl_hit_list* list = nullptr;
+    check(broadcl_broad_phase_overlapping(handle_, Boxes(boxes).get(), &given, &list));
+    broadcl_hits hits{};
+    check(broadcl_hit_list_hits(list, &hits));
+    Hits result{.offsets = {hits.offsets, hits.offsets + hits.query_count + 1}};
+    if (hits.ids != nullptr) result.ids.assign(hits.ids, hits.ids + result.offsets.back());
+    check(broadcl_hit_list_destroy(list));
+    return result;
+  }
+  std::vector<std::uint32_t> partners(std::uint32_t id) {
+    const std::uint32_t* ids = nullptr;
+    std::size_t count = 0;
+    check(broadcl_broad_phase_partners(handle_, id, &ids, &count));
+    return {ids, ids + count};
   }
   [[nodiscard]] std::size_t size() const {
     std::size_t count = 0;

@@ -1,0 +1,64 @@
+#pragma once
+
+#include <atomic>
+#include <cstddef>
+#include <cstdint>
+#include <optional>
+#include <shared_mutex>
+#include <span>
+#include <vector>
+
+#include <broadcl/box_view.hpp>
+#include <broadcl/query.hpp>
+
+#include "base/slot_set.hpp"
+#include "core/core.hpp"
+
+namespace broadcl {
+
+/// Queries of the objects of a core. Several threads may ask at the same time, but not while objects change.
+template <class Box>
+class Queries {
+ public:
+  /// @param core Must outlive this object.
+  /// @param threads At most; 0 for one per processor.
+  Queries(Core<Box>& core, std::size_t threads) : core_(core), threads_(threads) {}
+
+  /// As the functions of BasicBroadPhase.
+  [[nodiscard]] Hits overlapping(const BoxView& boxes, const QueryOptions& options);
+  std::size_t overlapping(const Box& box, std::vector<std::uint32_t>& ids, const QueryOptions& options);
+  [[nodiscard]] std::vector<std::uint32_t> partners(std::uint32_t id);
+
+  /// To be called before objects change.
+  void forget_boxes() noexcept { is_current_ = false; }
+  /// To be called before the pairs may change, too.
+  void forget_pairs() noexcept {
+    has_pairs_ = is_current_ = false;
+    scanned_ = 0;
+  }
+  void shrink() noexcept;
+
+ private:
+  template <class Function>
+  auto with_current(std::size_t queries, const Function& function);
+  [[nodiscard]] std::size_t unread_count() const noexcept { return unread_ ? unread_->size() : core_.ids(); }
+  [[nodiscard]] bool must_read(std::size_t queries) const noexcept;
+  void find_unread(std::size_t queries);
+  void index_pairs();
+
+  Core<Box>& core_;
+  std::size_t threads_;
+  std::shared_mutex mutex_;  // of what follows, and of the core
+  bool is_current_ = false;
+  const BoxTree* tree_ = nullptr;
+  std::optional<std::vector<std::uint32_t>>
+      unread_;  // ids whose boxes are not in the tree; none if it has none
+  SlotSet unread_set_{{}};
+  std::atomic<std::size_t> scanned_ = 0;  // boxes that were tested one by one
+  bool has_pairs_ = false;
+  std::vector<Pair> pairs_;
+  std::vector<std::uint32_t> first_larger_;  // by id + 1: the first of its larger partners
+  std::vector<std::uint32_t> larger_;
+};
+
+}  // namespace broadcl
