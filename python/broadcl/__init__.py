@@ -25,9 +25,11 @@ from ._core import (
     OutOfDeviceMemory,
     algorithms,
     devices,
+    overlapping,
     overlapping_pairs,
     pairs_that_share,
     select_device,
+    squared_distances,
 )
 from ._core import version as __version__
 
@@ -48,9 +50,11 @@ __all__ = [
     "algorithms",
     "check",
     "devices",
+    "overlapping",
     "overlapping_pairs",
     "pairs_that_share",
     "select_device",
+    "squared_distances",
 ]
 
 # Functions are pickled by their names, as Python's own are.

@@ -73,14 +73,6 @@ nb::object to_array(std::span<const Pair> pairs, const std::shared_ptr<const voi
       .cast(nb::rv_policy::reference);
 }
 
-nb::object to_array(std::vector<std::uint32_t>&& words) {
-  auto owner = std::make_unique<std::vector<std::uint32_t>>(std::move(words));
-  std::uint32_t* data = owner->data();
-  const std::size_t size = owner->size();
-  using Array = nb::ndarray<nb::numpy, std::uint32_t, nb::ndim<1>>;
-  return Array(data, {size}, keep(std::move(owner))).cast(nb::rv_policy::reference);
-}
-
 nb::object to_array(const Aabb& box) {
   return bounds_of<float>(box);
 }
@@ -153,9 +145,35 @@ Words Words::of_table(nb::handle table, const std::string& name, std::size_t col
   return words;
 }
 
+std::vector<double> to_numbers(nb::handle numbers, const std::string& name) {
+  refuse_masked(numbers, name);
+  const nb::object numpy = nb::module_::import_("numpy");
+  const nb::object any = numpy.attr("atleast_1d")(numbers);
+  const nb::object dtype = any.attr("dtype");
+  if (const auto kind = nb::cast<std::string>(dtype.attr("kind"));
+      kind != "f" && kind != "i" && kind != "u") {
+    throw nb::type_error(
+        (name + " must be a number or an array of numbers, not " + nb::str(nb::handle(dtype)).c_str())
+            .c_str());
+  }
+  if (nb::cast<std::size_t>(any.attr("ndim")) != 1) {
+    const nb::object shape = any.attr("shape");
+    throw nb::value_error(
+        (name + " must be of shape (n,), not " + nb::str(nb::handle(shape)).c_str()).c_str());
+  }
+  using Array = nb::ndarray<const double, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
+  const auto array = nb::cast<Array>(numpy.attr("ascontiguousarray")(any, "dtype"_a = "float64"));
+  return {array.data(), array.data() + array.shape(0)};
+}
+
+PairArray::PairArray(nb::handle pairs, const std::string& name) {
+  refuse_masked(pairs, name);
+  if (nb::hasattr(pairs, "__dlpack__") && nb::try_cast(pairs, array_, false)) return;
+  copy_ = to_pairs(Words::of_table(pairs, name, 2));
+}
+
 std::vector<Pair> to_exclusions(nb::handle pairs) {
-  const Words words = Words::of_table(pairs, "pairs", 2);
-  std::vector<Pair> exclusions = to_pairs(words);
+  std::vector<Pair> exclusions = to_pairs(Words::of_table(pairs, "pairs", 2));
   for (std::size_t k = 0; k < exclusions.size(); ++k) refuse_itself(exclusions[k], k, "pairs");
   return exclusions;
 }

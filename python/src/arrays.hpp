@@ -1,6 +1,7 @@
 #pragma once
 
 #include <nanobind/nanobind.h>
+#include <nanobind/ndarray.h>
 
 #include <cstddef>
 #include <cstdint>
@@ -8,6 +9,7 @@
 #include <optional>
 #include <span>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include <broadcl/aabb.hpp>
@@ -31,8 +33,15 @@ nanobind::capsule keep(std::unique_ptr<Owner> owner) {
 [[nodiscard]] nanobind::object to_array(std::span<const Pair> pairs,
                                         const std::shared_ptr<const void>& owner);
 
-/// An (n,) uint32 array, which takes the words over.
-[[nodiscard]] nanobind::object to_array(std::vector<std::uint32_t>&& words);
+/// An (n,) array, which takes the numbers over.
+template <class Number>
+[[nodiscard]] nanobind::object to_array(std::vector<Number>&& numbers) {
+  auto owner = std::make_unique<std::vector<Number>>(std::move(numbers));
+  Number* data = owner->data();
+  const std::size_t size = owner->size();
+  using Array = nanobind::ndarray<nanobind::numpy, Number, nanobind::ndim<1>>;
+  return Array(data, {size}, keep(std::move(owner))).cast(nanobind::rv_policy::reference);
+}
 
 /// A (6,) float32 array: lower x, y, z, upper x, y, z.
 [[nodiscard]] nanobind::object to_array(const Aabb& box);
@@ -73,6 +82,29 @@ class Words {
   std::vector<std::uint32_t> words_;
   bool is_single_ = false;
   std::size_t columns_ = 0;
+};
+
+/// A number that a caller gives, or an array of them (n,).
+/// @param name What messages call them.
+/// @throws TypeError, ValueError
+[[nodiscard]] std::vector<double> to_numbers(nanobind::handle numbers, const std::string& name);
+
+/// An (m, 2) array of pairs, read where it is if it is one of uint32 without gaps; otherwise a copy.
+class PairArray {
+ public:
+  /// @param name What messages call them.
+  /// @throws TypeError, ValueError
+  PairArray(nanobind::handle pairs, const std::string& name);
+
+  [[nodiscard]] std::span<const Pair> all() const noexcept {
+    if (!array_.is_valid()) return copy_;
+    return {reinterpret_cast<const Pair*>(array_.data()), array_.shape(0)};
+  }
+
+ private:
+  nanobind::ndarray<const std::uint32_t, nanobind::shape<-1, 2>, nanobind::c_contig, nanobind::device::cpu>
+      array_;
+  std::vector<Pair> copy_;
 };
 
 /// An (m, 2) array of pairs that are never to be reported.

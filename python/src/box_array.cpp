@@ -60,7 +60,7 @@ nb::object to_numpy(nb::handle array) {
 }
 
 /// By ArrayLayout.
-constexpr std::array layout_names = {"min max", "axes", "centre size", "centre half size"};
+constexpr std::array layout_names = {"min max", "axes", "centre size", "centre half size", "points"};
 
 ArrayLayout to_layout(const std::string& name) {
   std::string known;
@@ -120,11 +120,18 @@ void BoxArray::refuse_shape(const Array& array) const {
     shape += std::to_string(array.shape(axis)) + (axis + 1 < array.ndim() ? ", " : "");
   }
   if (array.ndim() == 1) shape += ",";
+  if (layout_ == ArrayLayout::points) {
+    throw nb::value_error((name_ +
+                           " must be of shape (n, 3) or (n, 2) in the layout 'points', or without n for one "
+                           "point; not (" +
+                           shape + ")")
+                              .c_str());
+  }
   throw nb::value_error(
       (name_ +
        " must be of shape (n, 6), (n, 2, 3) or (n, 4), or a tuple (lower, upper) of two arrays of "
        "shape (n, 3), or without n for one box; not (" +
-       shape + ")")
+       shape + ")" + (last(array) == 3 ? "; for points, give layout='points'" : ""))
           .c_str());
 }
 
@@ -187,6 +194,9 @@ nb::tuple BoxArray::corners_of(nb::handle centres, nb::handle sizes) const {
 Array BoxArray::to_corners(Array array) const {
   const nb::object numpy = nb::module_::import_("numpy");
   const nb::object numbers = to_numpy(array.cast());
+  if (layout_ == ArrayLayout::points) {
+    return nb::cast<Array>(numpy.attr("concatenate")(nb::make_tuple(numbers, numbers), -1));
+  }
   if (layout_ == ArrayLayout::axes) {
     const nb::object by_axis = numbers.attr("reshape")(-1, last(array) / 2, 2);
     return nb::cast<Array>(by_axis.attr("swapaxes")(1, 2).attr("reshape")(numbers.attr("shape")));
@@ -207,16 +217,19 @@ void BoxArray::take_one(nb::handle boxes) {
   const Array& array = arrays_[0];
   const std::size_t dimensions = array.ndim();
   if (is_empty_list(array)) return;
-  const bool is_corners = dimensions >= 2 && last(array) == 3 && array.shape(dimensions - 2) == 2;
-  const bool is_row = dimensions >= 1 && (last(array) == 6 || last(array) == 4);
+  const bool are_points = layout_ == ArrayLayout::points;
+  const bool is_corners =
+      !are_points && dimensions >= 2 && last(array) == 3 && array.shape(dimensions - 2) == 2;
+  const bool is_row =
+      dimensions >= 1 && (last(array) == (are_points ? 3 : 6) || last(array) == (are_points ? 2 : 4));
   const std::size_t own = is_corners ? 2 : 1;  // dimensions of one box
   if ((!is_corners && !is_row) || dimensions > own + 1) refuse_shape(array);
   if (is_corners && layout_ == ArrayLayout::axes) {
     throw nb::value_error((name_ + " must be of shape (n, 6) or (n, 4) in the layout 'axes'").c_str());
   }
-  dimensions_ = last(array) == 4 ? 2 : 3;
   is_single_ = dimensions == own;
   if (layout_ != ArrayLayout::min_max) arrays_[0] = to_corners(arrays_[0]);
+  dimensions_ = last(array) == 4 ? 2 : 3;
   const bool is_repeated = !is_single_ && array.stride(0) == 0;
   if (is_repeated || (last(array) == 4 && array.stride(dimensions - 1) != 1)) {
     const nb::object numpy = nb::module_::import_("numpy");
@@ -248,8 +261,10 @@ void BoxArray::view_one() {
 }
 
 void BoxArray::take_two(nb::handle lower, nb::handle upper) {
-  if (layout_ == ArrayLayout::axes) {
-    throw nb::value_error((name_ + " must be one array in the layout 'axes', not a tuple of two").c_str());
+  if (layout_ == ArrayLayout::axes || layout_ == ArrayLayout::points) {
+    throw nb::value_error((name_ + " must be one array in the layout '" +
+                           layout_names.at(static_cast<std::size_t>(layout_)) + "', not a tuple of two")
+                              .c_str());
   }
   arrays_ = {to_array(lower), to_array(upper)};
   if (std::ranges::all_of(arrays_, is_empty_list)) return;

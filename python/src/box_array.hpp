@@ -14,8 +14,9 @@ namespace broadcl::python {
 /// @throws ValueError for more boxes than the core takes.
 void refuse_too_many(std::size_t boxes);
 
-/// What the numbers of a box are, as callers name it: "min max", "axes", "centre size", "centre half size".
-enum class ArrayLayout { min_max, axes, centre_size, centre_half_size };
+/// What the numbers of a box are, as callers name it: "min max", "axes", "centre size", "centre half size",
+/// "points".
+enum class ArrayLayout { min_max, axes, centre_size, centre_half_size, points };
 
 /// Boxes that a caller gives in any of the forms that docs/python.md lists, read where they are. Only what no
 /// BoxView can view is copied: lists, integers, other layouts than "min max", columns of rectangles or of two

@@ -3,6 +3,7 @@
 #include <nanobind/stl/string.h>
 
 #include <cstddef>
+#include <cstdint>
 #include <string>
 
 #include "classes.hpp"
@@ -77,6 +78,9 @@ threads : int
     processor.
 profile : bool
     Whether to measure stages on the device, too: see the method `profile`.
+distance : float
+    How far apart the boxes of a pair may be. It is as if each object had half of this as its reach:
+    see `set_reach`, which is then refused.
 dtype : dtype_like
     Of the boxes, float32 or float64. With float64, pairs and changes are exactly those of boxes in
     double precision, however near or far their bounds; each box takes 48 to 96 bytes more on the
@@ -85,33 +89,36 @@ dtype : dtype_like
 Raises
 ------
 ValueError
-    For an unknown algorithm, and for another dtype.
+    For an unknown algorithm, another dtype, and a distance that is negative, NaN or greater than 2^63.
 TypeError
     For what is no dtype.
 Error
     For an unknown device, unless the algorithm is one of the host, and if OpenCL fails.
 RuntimeError
-    By every method, if another thread is using the object.)")
+    By every method, if another thread is using the object. Only `overlapping` and `partners` may be
+    called by several threads at the same time.)")
       .def("__init__",
            with_keywords(
                "BroadPhase",
                +[](Objects* self, const Selector& device, const std::string& algorithm, std::size_t threads,
-                   bool profile, nb::handle dtype) {
-                 new (self) Objects(to_config(device, algorithm, threads, profile), is_float64(dtype));
+                   bool profile, nb::handle dtype, double distance) {
+                 new (self)
+                     Objects(to_config(device, algorithm, threads, profile, distance), is_float64(dtype));
                }),
            nb::kw_only(), "device"_a = nb::none(), "algorithm"_a = "auto", "threads"_a = 0,
-           "profile"_a = false, "dtype"_a = "float32", "unknown"_a,
+           "profile"_a = false, "dtype"_a = "float32", "distance"_a = 0, "unknown"_a,
            nb::sig("def __init__(self, *, device: str | Device | None = None, algorithm: str = \"auto\", "
-                   "threads: int = 0, profile: bool = False, dtype: numpy.typing.DTypeLike = \"float32\") -> "
-                   "None"))
+                   "threads: int = 0, profile: bool = False, dtype: numpy.typing.DTypeLike = \"float32\", "
+                   "distance: float = 0) -> None"))
       .def(
           "add", with_keywords("add", &Objects::add), "boxes"_a = nb::none(), nb::kw_only(), "group"_a = 1,
-          "mask"_a = 0xffffffffU, "body"_a = Filter::no_body, "world"_a = 0, "layout"_a = "min max",
-          "unknown"_a,
+          "mask"_a = 0xffffffffU, "body"_a = Filter::no_body, "world"_a = 0, "reach"_a = 0,
+          "layout"_a = "min max", "unknown"_a,
           nb::sig("def add(self, boxes: " BOXES
                   ", *, group: numpy.typing.ArrayLike = 1, mask: numpy.typing.ArrayLike = "
                   "4294967295, body: numpy.typing.ArrayLike = 4294967295, world: numpy.typing.ArrayLike = 0, "
-                  "layout: str = 'min max') -> int | numpy.typing.NDArray[numpy.uint32]"),
+                  "reach: numpy.typing.ArrayLike = 0, layout: str = 'min max') -> int | "
+                  "numpy.typing.NDArray[numpy.uint32]"),
           R"(Adds objects and returns their ids.
 
 Parameters
@@ -125,6 +132,8 @@ body : int or array_like of int
     Objects of the same body never pair; those of `NO_BODY` belong to none.
 world : int or array_like of int
     Objects of different worlds never pair; those of `ALL_WORLDS` are in all of them.
+reach : float or array_like of float
+    How far the objects reach beyond their boxes: see `set_reach`.
 layout : str
     As for `overlapping_pairs`.
 
@@ -137,7 +146,7 @@ int or numpy.ndarray
 Raises
 ------
 ValueError
-    For a NaN (the text names the row), and for a wrong shape.
+    For a NaN (the text names the row), a wrong shape, and a reach that `set_reach` refuses.
 TypeError
     For another dtype or kind of object.)")
       .def("move", with_keywords("move", &Objects::move), "ids"_a = nb::none(), "boxes"_a = nb::none(),
@@ -184,6 +193,35 @@ Raises
 ------
 ValueError
     For an unknown id or a wrong shape.
+TypeError
+    For another dtype.)")
+      .def("set_reach", with_keywords("set_reach", &Objects::set_reach), "ids"_a = nb::none(),
+           "reaches"_a = nb::none(), "unknown"_a,
+           nb::sig(
+               "def set_reach(self, ids: numpy.typing.ArrayLike, reaches: numpy.typing.ArrayLike) -> None"),
+           R"(Sets how far one object, or n objects, reach beyond their boxes.
+
+Two objects pair if the distance of their boxes is at most the sum of their reaches. Initially a reach
+is 0; with a sum of 0, or below 2^-63, boxes have to overlap. Spheres and particles are points with a
+reach. A reach that changes counts as movement.
+
+The distance is Euclidean. Along each axis, the gap is lower bound minus upper bound if that is at least
+2^-63, otherwise 0; the squares of the three gaps are added in the order of the axes, and the sum is
+compared with the square of the sum of the reaches, each step rounded to the nearest number of the
+`dtype`. So results are the same on every device.
+
+Parameters
+----------
+ids : int or array_like of int
+    One id, or ``(n,)``.
+reaches : float or array_like of float
+    One for all, or ``(n,)``. Rounded to the `dtype`.
+
+Raises
+------
+ValueError
+    For an unknown id, a reach that is negative, NaN or greater than 2^62, a wrong shape, and if the
+    object has a `distance`.
 TypeError
     For another dtype.)")
       .def("set_exclusions", with_keywords("set_exclusions", &Objects::set_exclusions),
@@ -300,6 +338,24 @@ Raises
 ------
 ValueError
     For an unknown id.)")
+      .def("reach", with_keywords("reach", &Objects::reach), "id"_a = nb::none(), "unknown"_a,
+           nb::sig("def reach(self, id: int) -> float"),
+           R"(Returns the reach of an object; with a `distance`, half of that.
+
+Parameters
+----------
+id : int
+    An id.
+
+Returns
+-------
+float
+    In the precision of the `dtype`.
+
+Raises
+------
+ValueError
+    For an unknown id.)")
       .def(
           "update", with_keywords("update", &Objects::update), "boxes"_a = nb::none(), nb::kw_only(),
           "layout"_a = "min max", "unknown"_a,
@@ -379,6 +435,92 @@ Raises
 ------
 Error
     Between `begin` and `finish`.)")
+      .def("partners", with_keywords("partners", &Objects::partners), "id"_a = nb::none(), "unknown"_a,
+           nb::sig("def partners(self, id: int) -> numpy.typing.NDArray[numpy.uint32]"),
+           R"(Returns the ids of the objects that are in a pair with this one, as of the last update.
+
+The first call after an update passes once over the pairs and keeps 4 bytes for each partner, until
+`shrink`; further ones take as long as there are partners. Several threads may call this at the same time.
+
+Parameters
+----------
+id : int
+    An id.
+
+Returns
+-------
+numpy.ndarray
+    ``(k,)`` uint32, ascending, owned by the caller.
+
+Raises
+------
+ValueError
+    For an unknown id.
+Error
+    Between `begin` and `finish`.)")
+      .def(
+          "overlapping", with_keywords("overlapping", &Objects::overlapping), "boxes"_a = nb::none(),
+          nb::kw_only(), "group"_a = nb::none(), "mask"_a = nb::none(), "body"_a = nb::none(),
+          "world"_a = nb::none(), "limit"_a = nb::none(), "except_"_a = nb::none(),
+          "most_hits"_a = std::uint64_t{1} << 31U, "count_only"_a = false, "within"_a = nb::none(),
+          "layout"_a = "min max", "unknown"_a,
+          nb::sig("def overlapping(self, boxes: " BOXES
+                  ", *, group: numpy.typing.ArrayLike | None = None, mask: numpy.typing.ArrayLike | None = "
+                  "None, body: numpy.typing.ArrayLike | None = None, world: numpy.typing.ArrayLike | None = "
+                  "None, limit: int | None = None, except_: numpy.typing.ArrayLike | None = None, most_hits: "
+                  "int = 2147483648, count_only: bool = False, within: float | None = None, layout: str = "
+                  "'min max') -> tuple[numpy.typing.NDArray[numpy.uint64], "
+                  "numpy.typing.NDArray[numpy.uint32]]"),
+          R"(Finds, for each of some boxes, the objects that overlap or touch it, or are near it.
+
+Objects have the boxes that are set now, also between `begin` and `finish`; no update is needed before,
+and none is done. An object that asks with its own box finds itself, unless it is excepted. Exclusions
+do not matter. Empty boxes find nothing, and are never found. The host does this, whatever does the updates.
+
+Several threads may call this at the same time. The GIL is released.
+
+Parameters
+----------
+boxes : array_like or tuple
+    One query each: boxes as for `overlapping_pairs`, in host memory. One box without the first
+    dimension is a batch of one.
+group, mask, body, world : int or array_like of int, optional
+    The filters with which the queries ask, one for all or one for each: they find what may pair with an
+    object that has this filter. What is left out gets the default value of `add`; if all are left
+    out, everything is found.
+limit : int, optional
+    How many objects each query finds at most: those with the lowest ids.
+except_ : array_like of int, optional
+    For each query the id of an object that it does not find, such as its own. Ids that no object has
+    exclude nothing.
+most_hits : int
+    How much all queries together may find. If it is more, this raises before memory is exhausted.
+count_only : bool
+    Whether only the offsets are wanted.
+within : float, optional
+    The reach with which the queries ask: they find what would pair with an object that has their box
+    and this reach. If it is left out, 0: what overlaps, touches or reaches to it.
+layout : str
+    As for `overlapping_pairs`.
+
+Returns
+-------
+offsets : numpy.ndarray
+    ``(n + 1,)`` uint64, owned by the caller: ``ids[offsets[k]:offsets[k + 1]]`` are those of query k.
+ids : numpy.ndarray
+    ``(m,)`` uint32, owned by the caller: of each query in ascending order. Empty if they were only counted.
+
+Raises
+------
+ValueError
+    For a NaN (the text names the row), a wrong shape, another number of filters or exceptions, and a
+    distance that is negative, NaN or greater than 2^62.
+TypeError
+    For another dtype or kind of object.
+Error
+    For more than `most_hits`.
+MemoryError
+    If memory runs out.)")
       .def("profile", with_keywords("profile", &Objects::profile),
            nb::sig("def profile(self) -> dict[str, dict[str, float]]"),
            R"(Returns where the time of the last update on a device went.

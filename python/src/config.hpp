@@ -22,6 +22,6 @@ using Selector = std::optional<std::variant<std::string, Device>>;
 
 /// @throws ValueError for an unknown algorithm.
 [[nodiscard]] Config to_config(const Selector& device, const std::string& algorithm, std::size_t threads,
-                               bool profile = false);
+                               bool profile = false, double distance = 0);
 
 }  // namespace broadcl::python

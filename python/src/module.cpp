@@ -6,6 +6,7 @@
 #include <cstddef>
 #include <exception>
 #include <optional>
+#include <span>
 #include <string>
 #include <utility>
 #include <vector>
@@ -21,6 +22,7 @@
 #include "gil.hpp"
 #include "inverted_boxes.hpp"
 #include "keywords.hpp"
+#include "query.hpp"
 
 namespace nb = nanobind;
 using namespace nb::literals;
@@ -33,11 +35,16 @@ std::string to_text(const Selector& selector) {
   return std::get<std::string>(*selector);
 }
 
-Config to_config(const Selector& device, const std::string& algorithm, std::size_t threads, bool profile) {
+Config to_config(const Selector& device, const std::string& algorithm, std::size_t threads, bool profile,
+                 double distance) {
   std::string known;
   for (const AlgorithmInfo& row : algorithms()) {
     if (row.name == algorithm) {
-      return {.device = to_text(device), .algorithm = algorithm, .threads = threads, .profile = profile};
+      return {.device = to_text(device),
+              .algorithm = algorithm,
+              .threads = threads,
+              .distance = distance,
+              .profile = profile};
     }
     known += (known.empty() ? "" : ", ") + std::string(row.name);
   }
@@ -48,17 +55,34 @@ namespace {
 
 void refuse_other_dimensions(const BoxArray& a, const BoxArray& b) {
   if (a.dimensions() == 0 || b.dimensions() == 0 || a.dimensions() == b.dimensions()) return;
-  throw nb::value_error(("a has boxes in " + std::to_string(a.dimensions()) + " dimensions and b in " +
-                         std::to_string(b.dimensions()) + "; give both in the same number of dimensions")
+  throw nb::value_error((a.name() + " has boxes in " + std::to_string(a.dimensions()) + " dimensions and " +
+                         b.name() + " in " + std::to_string(b.dimensions()) +
+                         "; give both in the same number of dimensions")
                             .c_str());
+}
+
+/// Does something with boxes of the caller, without the GIL. The message for a NaN names its row.
+template <class Function>
+auto or_name_row(const BoxArray& first, const BoxArray* second, const Function& function) {
+  try {
+    const GilReleased released;
+    return function();
+  } catch (const Error& error) {
+    const bool may_be_nan = error.kind() == ErrorKind::invalid_argument;
+    if (may_be_nan) first.refuse_nan();
+    if (may_be_nan && second != nullptr) second->refuse_nan();
+    throw;
+  }
 }
 
 nb::object find_pairs(nb::handle a, nb::handle b, nb::handle exclusions, const Selector& device,
                       const std::string& algorithm, std::size_t threads, const std::string& layout,
-                      const nb::kwargs& unknown) {
+                      nb::handle distance, const nb::kwargs& unknown) {
   if (is_on_device(a)) throw nb::next_overload();
   refuse_unknown("overlapping_pairs", unknown);
-  const Config config = to_config(device, algorithm, threads);
+  double apart = 0;  // (as a parameter, it would accept integers only if there were no other overload)
+  if (!nb::try_cast(distance, apart)) throw nb::type_error("distance must be a number");
+  const Config config = to_config(device, algorithm, threads, false, apart);
   const BoxArray first(a, b.is_none() ? "boxes" : "a", layout);
   std::optional<BoxArray> second;
   if (!b.is_none()) second.emplace(b, "b", layout);
@@ -70,18 +94,10 @@ nb::object find_pairs(nb::handle a, nb::handle b, nb::handle exclusions, const S
   } else {
     warn_of_inverted({&first});
   }
-  std::vector<Pair> pairs;
-  try {
-    const GilReleased released;
-    pairs = second ? overlapping_pairs(first.view(), second->view(), config, without)
-                   : overlapping_pairs(first.view(), config, without);
-  } catch (const Error& error) {
-    const bool may_be_nan = error.kind() == ErrorKind::invalid_argument;
-    if (may_be_nan) first.refuse_nan();
-    if (may_be_nan && second) second->refuse_nan();
-    throw;
-  }
-  return to_array(std::move(pairs));
+  return to_array(or_name_row(first, second ? &*second : nullptr, [&] {
+    return second ? overlapping_pairs(first.view(), second->view(), config, without)
+                  : overlapping_pairs(first.view(), config, without);
+  }));
 }
 
 /// The overload for arrays on a device. Arguments that the other overload does not accept come here, too.
@@ -94,6 +110,40 @@ nb::object find_pairs_on_device(nb::handle a, nb::handle b, nb::handle exclusion
   }
   refuse_unknown("for boxes on a device, overlapping_pairs", unknown);
   return find_on_device(a, b, exclusions, queue, algorithm);
+}
+
+nb::tuple find_hits(nb::handle boxes, nb::handle queries, std::optional<std::uint32_t> limit,
+                    nb::handle except, std::uint64_t most_hits, bool count_only, std::optional<double> within,
+                    std::size_t threads, const std::string& layout) {
+  const BoxArray first(boxes, "boxes", layout);
+  const BoxArray second(queries, "queries", layout);
+  refuse_other_dimensions(first, second);
+  const nb::none all;
+  const Query query(all, all, all, all, limit, except, most_hits, count_only, within, second.view().size());
+  warn_of_inverted({&first, &second});
+  return to_arrays(or_name_row(first, &second, [&] {
+    return overlapping(first.view(), second.view(), query.options(), {.threads = threads});
+  }));
+}
+
+nb::object find_distances_between(nb::handle a, nb::handle b, nb::handle pairs, const std::string& layout) {
+  const BoxArray first(a, b.is_none() ? "boxes" : "a", layout);
+  std::optional<BoxArray> second;
+  if (!b.is_none()) second.emplace(b, "b", layout);
+  if (second) refuse_other_dimensions(first, *second);
+  const PairArray array(pairs, "pairs");
+  const std::span<const Pair> of = array.all();
+  std::vector<double> distances;
+  {
+    const GilReleased released;
+    distances =
+        second ? squared_distances(first.view(), second->view(), of) : squared_distances(first.view(), of);
+  }
+  return to_array(std::move(distances));
+}
+
+nb::object find_distances(nb::handle boxes, nb::handle pairs, const std::string& layout) {
+  return find_distances_between(boxes, nb::none(), pairs, layout);
 }
 
 nb::object find_sharing(nb::handle a, nb::handle b) {
@@ -228,13 +278,13 @@ NB_MODULE(_core, module) {
   module.def(
       "overlapping_pairs", &find_pairs, "a"_a = nb::none(), "b"_a = nb::none(), nb::kw_only(),
       "exclusions"_a = nb::none(), "device"_a = nb::none(), "algorithm"_a = "auto", "threads"_a = 0,
-      "layout"_a = "min max", "unknown"_a,
+      "layout"_a = "min max", "distance"_a = 0, "unknown"_a,
       nb::sig("def overlapping_pairs(a: numpy.typing.ArrayLike | tuple[numpy.typing.ArrayLike, "
               "numpy.typing.ArrayLike], b: numpy.typing.ArrayLike | tuple[numpy.typing.ArrayLike, "
               "numpy.typing.ArrayLike] | None = None, *, exclusions: numpy.typing.ArrayLike | None = None, "
               "device: str | Device | None = None, algorithm: str = 'auto', threads: int = 0, "
-              "layout: str = 'min max') -> numpy.typing.NDArray[numpy.uint32]"),
-      R"(Finds all overlapping pairs of boxes.
+              "layout: str = 'min max', distance: float = 0) -> numpy.typing.NDArray[numpy.uint32]"),
+      R"(Finds all overlapping pairs of boxes, or all that are within a distance.
 
 With two sets, finds all pairs of a box of `a` and a box of `b`; nothing is tested inside a set.
 Any number of threads may call this at the same time; the GIL is released.
@@ -284,6 +334,10 @@ layout : str
     - ``"axes"``: lower x, upper x, lower y, upper y, lower z, upper z, in ``(n, 6)`` or ``(n, 4)``;
     - ``"centre size"``: centre x, y, z, size x, y, z, also in ``(n, 2, 3)`` and a tuple;
     - ``"centre half size"``: the same with half of the size. Corners are computed in float64.
+    - ``"points"``: x, y, z, boxes of no size, in ``(n, 3)``, or ``(n, 2)`` in two dimensions.
+distance : float
+    How far apart the boxes of a pair may be: see `BroadPhase.set_reach`, which defines the distance.
+    `squared_distances` returns the distances. Not for boxes on a device.
 
 Returns
 -------
@@ -310,6 +364,84 @@ MemoryError
       nb::sig("def overlapping_pairs(a: pyopencl.array.Array | pyopencl.Buffer, b: pyopencl.array.Array | "
               "pyopencl.Buffer | None = None, *, exclusions: numpy.typing.ArrayLike | None = None, device: "
               "pyopencl.CommandQueue | None = None, algorithm: str = 'auto') -> pyopencl.array.Array"));
+  module.def(
+      "overlapping", with_keywords("overlapping", &find_hits), "boxes"_a = nb::none(),
+      "queries"_a = nb::none(), nb::kw_only(), "limit"_a = nb::none(), "except_"_a = nb::none(),
+      "most_hits"_a = std::uint64_t{1} << 31U, "count_only"_a = false, "within"_a = nb::none(),
+      "threads"_a = 0, "layout"_a = "min max", "unknown"_a,
+      nb::sig("def overlapping(boxes: numpy.typing.ArrayLike | tuple[numpy.typing.ArrayLike, "
+              "numpy.typing.ArrayLike], queries: numpy.typing.ArrayLike | tuple[numpy.typing.ArrayLike, "
+              "numpy.typing.ArrayLike], *, limit: int | None = None, except_: numpy.typing.ArrayLike | "
+              "None = None, most_hits: int = 2147483648, count_only: bool = False, within: float | None "
+              "= None, threads: int = 0, layout: str = 'min max') -> "
+              "tuple[numpy.typing.NDArray[numpy.uint64], numpy.typing.NDArray[numpy.uint32]]"),
+      R"(Finds, for each query, the boxes that overlap or touch it, or are near it.
+
+For frequent queries keep a `BroadPhase`, which keeps what is sorted here in each call. Any number of
+threads may call this at the same time; the GIL is released.
+
+Parameters
+----------
+boxes, queries : array_like or tuple
+    Boxes as for `overlapping_pairs`, in host memory. If either are float64, both are compared as
+    float64. For boxes and points, give ``(points, points)`` as `queries`.
+limit, except_, most_hits, count_only, within
+    As for `BroadPhase.overlapping`; `except_` has indices of boxes.
+threads : int
+    Number of threads; 0 for one per processor.
+layout : str
+    That of both, as for `overlapping_pairs`.
+
+Returns
+-------
+offsets, ids : numpy.ndarray
+    As `BroadPhase.overlapping` returns them; ids are indices of boxes.
+
+Raises
+------
+ValueError, TypeError, Error, MemoryError
+    As `BroadPhase.overlapping` does.)");
+  module.def("squared_distances", &find_distances, "boxes"_a, "pairs"_a, nb::kw_only(),
+             "layout"_a = "min max",
+             nb::sig("def squared_distances(boxes: numpy.typing.ArrayLike | tuple[numpy.typing.ArrayLike, "
+                     "numpy.typing.ArrayLike], pairs: numpy.typing.ArrayLike, *, layout: str = 'min max') -> "
+                     "numpy.typing.NDArray[numpy.float64]"),
+             R"(Returns the squares of the distances of pairs of boxes.
+
+`BroadPhase.set_reach` defines the distance. Any number of threads may call this at the same time; the
+GIL is released.
+
+Parameters
+----------
+boxes, a, b : array_like or tuple
+    Boxes as for `overlapping_pairs`, in host memory.
+pairs : array_like of int
+    ``(m, 2)``: rows (i, j) of indices in `boxes`, or with two sets (index in `a`, index in `b`), as
+    `overlapping_pairs` returns them, whose arrays are not copied.
+layout : str
+    As for `overlapping_pairs`.
+
+Returns
+-------
+numpy.ndarray
+    ``(m,)`` float64, in the order of the pairs. Computed in float64 if a set is float64, otherwise in
+    float32. Infinite if a box is empty or has a NaN.
+
+Raises
+------
+ValueError
+    For an index of no box, and for a wrong shape.
+TypeError
+    For another dtype or kind of object.
+MemoryError
+    If memory runs out.)");
+  module.def("squared_distances", with_keywords("squared_distances", &find_distances_between),
+             "a"_a = nb::none(), "b"_a = nb::none(), "pairs"_a = nb::none(), nb::kw_only(),
+             "layout"_a = "min max", "unknown"_a,
+             nb::sig("def squared_distances(a: numpy.typing.ArrayLike | tuple[numpy.typing.ArrayLike, "
+                     "numpy.typing.ArrayLike], b: numpy.typing.ArrayLike | tuple[numpy.typing.ArrayLike, "
+                     "numpy.typing.ArrayLike], pairs: numpy.typing.ArrayLike, *, layout: str = 'min max') -> "
+                     "numpy.typing.NDArray[numpy.float64]"));
   module.def(
       "pairs_that_share", with_keywords("pairs_that_share", &find_sharing), "a"_a = nb::none(),
       "b"_a = nb::none(), "unknown"_a,

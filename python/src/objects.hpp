@@ -29,6 +29,7 @@
 #include "keywords.hpp"
 #include "one_thread.hpp"
 #include "profile.hpp"
+#include "query.hpp"
 
 namespace broadcl::python {
 
@@ -42,39 +43,6 @@ auto without_gil(const Function& function) {
 struct Changes {
   nanobind::object added;
   nanobind::object removed;
-};
-
-/// One value or array per field of a Filter.
-class Filters {
- public:
-  Filters(nanobind::handle group, nanobind::handle mask, nanobind::handle body, nanobind::handle world,
-          std::size_t n)
-      : words_{Words(group, "group", {.is_bits = true}), Words(mask, "mask", {.is_bits = true}),
-               Words(body, "body", {.remedy = "; broadcl.NO_BODY belongs to none"}),
-               Words(world, "world", {.remedy = "; broadcl.ALL_WORLDS is all of them"})} {
-    for (const Words& words : words_) {
-      if (words.is_single() || words.size() == n) continue;
-      throw nanobind::value_error(("filters must be integers, or arrays of length " + std::to_string(n) +
-                                   ", not " + std::to_string(words.size()))
-                                      .c_str());
-    }
-  }
-
-  /// As many as there are objects; or one, if it is the same for all.
-  [[nodiscard]] std::vector<Filter> list() const {
-    std::size_t count = 1;
-    for (const Words& words : words_) count = words.is_single() ? count : words.size();
-    std::vector<Filter> filters;
-    for (std::size_t k = 0; k < count; ++k) filters.push_back((*this)[k]);
-    return filters;
-  }
-
-  Filter operator[](std::size_t k) const {
-    return {.group = words_[0][k], .mask = words_[1][k], .body = words_[2][k], .world = words_[3][k]};
-  }
-
- private:
-  std::array<Words, 4> words_;
 };
 
 /// A BroadPhase or a BroadPhase64 for Python: one thread at a time, all or nothing for arrays too, and arrays
@@ -103,9 +71,12 @@ class Objects {
   }
 
   nanobind::object add(nanobind::handle boxes, nanobind::handle group, nanobind::handle mask,
-                       nanobind::handle body, nanobind::handle world, const std::string& layout) {
+                       nanobind::handle body, nanobind::handle world, nanobind::handle reach,
+                       const std::string& layout) {
     const BoxArray array(boxes, "boxes", layout);
     const std::vector<Filter> filters = Filters(group, mask, body, world, array.view().size()).list();
+    std::vector<double> reaches = to_numbers(reach, "reach");
+    if (reaches == std::vector{0.0}) reaches.clear();
     warn_of_inverted({&array});
     const OneThread::Use use(thread_);
     take_mapped();
@@ -114,7 +85,9 @@ class Objects {
     const std::span<std::uint32_t> out(ids);
     nanobind::object result = to_array(std::move(ids));
     or_name_row(array, [&] {
-      std::ranges::copy(with([&](auto& object) { return object.add(array.view(), filters); }), out.begin());
+      std::ranges::copy(
+          with([&](auto& object) { return object.add(array.view(), filters, bounds_for(object, reaches)); }),
+          out.begin());
     });
     if (!array.is_single()) return result;
     try {
@@ -154,6 +127,14 @@ class Objects {
       take_mapped();
       for (std::size_t k = 0; k < words.size(); ++k) object.set_filter(words[k], filters[k]);
     });
+  }
+
+  void set_reach(nanobind::handle ids, nanobind::handle reaches) {
+    const Words words(ids, "ids");
+    const std::vector<double> numbers = to_numbers(reaches, "reaches");
+    const OneThread::Use use(thread_);
+    take_mapped();
+    with([&](auto& object) { object.set_reach(words.all(), bounds_for(object, numbers)); });
   }
 
   void remove(nanobind::handle ids) {
@@ -247,6 +228,36 @@ class Objects {
     return result;
   }
 
+  double reach(std::optional<std::uint32_t> id) {
+    const std::uint32_t known = required(id, "id");
+    const OneThread::Use use(thread_);
+    return with([&](const auto& object) { return static_cast<double>(object.reach(known)); });
+  }
+
+  nanobind::object partners(std::optional<std::uint32_t> id) {
+    const std::uint32_t known = required(id, "id");
+    const OneThread::Query use(thread_);
+    return to_array(
+        without_gil([&] { return with([&](const auto& object) { return object.partners(known); }); }));
+  }
+
+  nanobind::tuple overlapping(nanobind::handle boxes, nanobind::handle group, nanobind::handle mask,
+                              nanobind::handle body, nanobind::handle world,
+                              std::optional<std::uint32_t> limit, nanobind::handle except,
+                              std::uint64_t most_hits, bool count_only, std::optional<double> within,
+                              const std::string& layout) {
+    const BoxArray array(boxes, "boxes", layout);
+    const Query query(group, mask, body, world, limit, except, most_hits, count_only, within,
+                      array.view().size());
+    warn_of_inverted({&array});
+    const OneThread::Query use(thread_);
+    Hits hits;
+    or_name_row(array, [&] {
+      hits = with([&](const auto& object) { return object.overlapping(array.view(), query.options()); });
+    });
+    return to_arrays(std::move(hits));
+  }
+
   nanobind::object pairs() {
     const OneThread::Use use(thread_);
     return to_array(without_gil([&] { return with([](const auto& object) { return object.pairs(); }); }));
@@ -282,6 +293,13 @@ class Objects {
   }
 
  private:
+  /// Numbers as bounds of the boxes of an object.
+  template <class Box>
+  static std::vector<typename BasicBroadPhase<Box>::Bound> bounds_for(const BasicBroadPhase<Box>& /*object*/,
+                                                                      const std::vector<double>& numbers) {
+    return {numbers.begin(), numbers.end()};
+  }
+
   /// Ends the writing to the last array of map(), and makes another one.
   template <class Object>
   nanobind::object array_of_map(Object& object, std::size_t n) {

@@ -27,16 +27,39 @@ def rounded(boxes: np.ndarray) -> np.ndarray:
     return np.where(inverted, np.hstack([up[:, :3], down[:, 3:]]), np.hstack([down[:, :3], up[:, 3:]]))
 
 
-def oracle(a: np.ndarray, b: np.ndarray | None = None) -> np.ndarray:
-    """All overlapping pairs of (n, 6) boxes of float32 or float64, in canonical order."""
-    first = np.asarray(a)
-    second = first if b is None else np.asarray(b)
+def squared_distances(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """(n, m) of the type of the boxes; infinite for empty ones."""
+    squares = []
+    with np.errstate(over="ignore", invalid="ignore"):
+        for axis in range(3):
+            lower, upper = first[:, None, axis], first[:, None, axis + 3]
+            other_lower, other_upper = second[None, :, axis], second[None, :, axis + 3]
+            gap = np.where(upper < other_lower, other_lower - upper, np.where(other_upper < lower, lower - other_upper, 0))
+            squares.append(np.square(np.where(gap < 2.0**-63, 0, gap).astype(first.dtype)))
+        result = (squares[0] + squares[1]) + squares[2]
+    empty = (first[:, :3] > first[:, 3:]).any(axis=1)[:, None] | (second[:, :3] > second[:, 3:]).any(axis=1)[None, :]
+    return np.where(empty, first.dtype.type(np.inf), result)
+
+
+def near(first: np.ndarray, second: np.ndarray, reach=0) -> np.ndarray:
+    """(n, m) bool: which (n, 6) boxes overlap, or are within the sum of their reaches, for instance (n, m)."""
     overlap = np.ones((len(first), len(second)), bool)
     for axis in range(3):
         overlap &= first[:, None, axis] <= second[None, :, axis + 3]
         overlap &= second[None, :, axis] <= first[:, None, axis + 3]
     overlap &= (first[:, :3] <= first[:, 3:]).all(axis=1)[:, None]
     overlap &= (second[:, :3] <= second[:, 3:]).all(axis=1)[None, :]
+    if not np.any(reach):
+        return overlap
+    reach = np.asarray(reach, first.dtype)
+    return np.where(reach < 2.0**-63, overlap, squared_distances(first, second) <= np.square(reach))
+
+
+def oracle(a: np.ndarray, b: np.ndarray | None = None, reach=0) -> np.ndarray:
+    """All pairs of (n, 6) boxes of float32 or float64 that are near each other, in canonical order."""
+    first = np.asarray(a)
+    second = first if b is None else np.asarray(b)
+    overlap = near(first, second, reach)
     if b is None:
         overlap &= np.triu(np.ones_like(overlap), 1)
     column, row = np.nonzero(overlap.T)

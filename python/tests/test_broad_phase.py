@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
 import broadcl
-from conftest import boxes, oracle, rounded, uniform
+from conftest import boxes, near, oracle, rounded, uniform
 
 pytestmark = pytest.mark.filterwarnings("ignore::broadcl.InvertedBoxesWarning")  # of random boxes
 
@@ -23,6 +23,7 @@ def as_set(pairs):
 
 
 words = st.sampled_from([0, 1, 2, 3, ALL])
+reaches = st.sampled_from([0, 0.5, 1, 2, 0.1, 2.0**-70, 2.0**40, 2.0**62])
 filters = st.tuples(words, words, st.sampled_from([0, 1, ALL]), st.sampled_from([0, 1, ALL]))
 
 
@@ -37,6 +38,7 @@ class Machine(RuleBasedStateMachine):
         self.broad_phase = broadcl.BroadPhase(algorithm=self.algorithm, dtype=self.dtype)
         self.boxes = {}
         self.filters = {}
+        self.reaches = {}  # of those that have one
         self.followed = set()
         self.begun = None  # the pairs of the update that was begun
 
@@ -48,9 +50,16 @@ class Machine(RuleBasedStateMachine):
 
     def pairs_now(self):
         ids = sorted(self.boxes)
-        found = oracle(np.array([self.boxes[id] for id in ids], self.dtype).reshape(-1, 6))
+        reach = self.reaches_of(ids)
+        found = oracle(self.boxes_of(ids), reach=reach[:, None] + reach)
         pairs = ((ids[a], ids[b]) for a, b in found.tolist())
         return {(a, b) for a, b in pairs if may_pair(self.filters[a], self.filters[b])}
+
+    def boxes_of(self, ids):
+        return np.array([self.boxes[id] for id in ids], self.dtype).reshape(-1, 6)
+
+    def reaches_of(self, ids):
+        return np.array([self.reaches.get(id, 0) for id in ids], self.dtype)
 
     def lowest_free(self):
         return next(id for id in range(len(self.boxes) + 1) if id not in self.boxes)
@@ -58,20 +67,21 @@ class Machine(RuleBasedStateMachine):
     def choose(self, data, least=0):
         return data.draw(st.lists(st.sampled_from(sorted(self.boxes)), unique=True, min_size=least))
 
-    @rule(values=boxes(most=6), filter=filters, plain=st.booleans())
-    def add(self, values, filter, plain):
+    @rule(values=boxes(most=6), filter=filters, plain=st.booleans(), reach=reaches)
+    def add(self, values, filter, plain, reach):
         values = self.own(values)
         if plain:
             ids = self.broad_phase.add(values)
-            filter = DEFAULT
+            filter, reach = DEFAULT, 0
         else:
             group, mask, body, world = filter
-            ids = self.broad_phase.add(values, group=group, mask=[mask] * len(values), body=body, world=world)
+            ids = self.broad_phase.add(values, group=group, mask=[mask] * len(values), body=body, world=world, reach=reach)
         expected = []
         for value in values:
             expected.append(self.lowest_free())
             self.boxes[expected[-1]] = value
             self.filters[expected[-1]] = filter
+            self.reaches[expected[-1]] = reach
         assert ids.tolist() == expected
 
     @precondition(lambda self: self.boxes)
@@ -92,12 +102,45 @@ class Machine(RuleBasedStateMachine):
         self.filters.update((id, filter) for id in ids)
 
     @precondition(lambda self: self.boxes)
+    @rule(data=st.data(), reach=reaches, single=st.booleans())
+    def set_reach(self, data, reach, single):
+        ids = self.choose(data)
+        self.broad_phase.set_reach(ids, reach if single else [reach] * len(ids))
+        self.reaches.update((id, reach) for id in ids)
+
+    @precondition(lambda self: self.boxes)
     @rule(data=st.data())
     def remove(self, data):
         ids = self.choose(data)
         self.broad_phase.remove(np.array(ids, np.int64))
         for id in ids:
-            del self.boxes[id], self.filters[id]
+            del self.boxes[id], self.filters[id], self.reaches[id]
+
+    @rule(values=boxes(most=40), filter=st.none() | filters, within=st.none() | reaches, limit=st.none() | st.integers(0, 3),
+          excepts=st.booleans())
+    def query(self, values, filter, within, limit, excepts):
+        values = self.own(values)
+        ids = sorted(self.boxes)
+        finds = near(values, self.boxes_of(ids), 0 if within is None else self.dtype(within) + self.reaches_of(ids)[None, :])
+        if filter is not None:
+            finds &= np.array([may_pair(filter, self.filters[id]) for id in ids], bool)
+        if excepts:
+            finds &= np.arange(len(values))[:, None] != np.array(ids)
+        expected = [np.array(ids, np.uint32)[row][:limit] for row in finds]
+        options = {} if filter is None else dict(zip(("group", "mask", "body", "world"), filter))
+        if excepts:
+            options["except_"] = np.arange(len(values))
+        offsets, found = self.broad_phase.overlapping(values, within=within, limit=limit, **options)
+        assert offsets.dtype == np.uint64 and found.dtype == np.uint32
+        assert offsets.tolist() == np.cumsum([0] + [len(row) for row in expected]).tolist()
+        assert found.tolist() == np.concatenate([np.empty(0), *expected]).tolist()
+
+    @precondition(lambda self: self.begun is None)
+    @rule()
+    def partners(self):
+        for id in self.boxes:
+            expected = sorted(a + b - id for a, b in self.followed if id in (a, b))
+            assert self.broad_phase.partners(id).tolist() == expected
 
     @precondition(lambda self: self.begun is None)
     @rule(values=boxes(most=12))
@@ -115,6 +158,7 @@ class Machine(RuleBasedStateMachine):
                 assert (view[id, :3] > view[id, 3:]).any()
         view[:] = values
         self.filters = {id: self.filters.get(id, DEFAULT) for id in range(n)}
+        self.reaches = {id: self.reaches.get(id, 0) for id in range(n)}
         self.boxes = dict(enumerate(values))
 
     @precondition(lambda self: self.begun is None)
@@ -122,6 +166,7 @@ class Machine(RuleBasedStateMachine):
     def give(self, values, begins, double):
         values = self.own(values)
         self.filters = {id: self.filters.get(id, DEFAULT) for id in range(len(values))}
+        self.reaches = {id: self.reaches.get(id, 0) for id in range(len(values))}
         self.boxes = dict(enumerate(values))
         given = values.astype(np.float64) if double else values.copy()
         if begins:
@@ -162,6 +207,7 @@ class Machine(RuleBasedStateMachine):
             if id not in self.boxes:
                 continue
             assert tuple(self.broad_phase.filter(id).values()) == self.filters[id]
+            assert self.broad_phase.reach(id) == self.dtype(self.reaches[id])
             box, expected = self.broad_phase.box(id), self.boxes[id]
             assert box.shape == (6,) and box.dtype == self.dtype
             if (expected[:3] <= expected[3:]).all():
