@@ -1,8 +1,10 @@
 #!/usr/bin/env python3
-"""bench/algorithms.py FOLDER: draws tiles.svg and triangle.svg, the pictures of docs/algorithms.md, into a folder (docs/images).
+"""bench/algorithms.py FOLDER: draws pictures into a folder (docs/images): tiles.svg and triangle.svg for docs/algorithms.md,
+queries.svg and distances.svg for the pages of these names.
 
 It needs matplotlib (Debian, Ubuntu: apt install python3-matplotlib).
 """
+import math
 import pathlib
 import random
 import re
@@ -12,7 +14,7 @@ import matplotlib
 
 matplotlib.use("Agg")
 from matplotlib import pyplot
-from matplotlib.patches import Rectangle
+from matplotlib.patches import Circle, FancyBboxPatch, Rectangle
 
 TILE = 32  # boxes
 WIDTH = 4  # pairs of a word
@@ -80,6 +82,75 @@ def draw_triangle(path):
     save(figure, path)
 
 
+def gap(s, t):
+    return math.hypot(*(max(s[0][k] - t[1][k], t[0][k] - s[1][k], 0) for k in (0, 1)))
+
+
+def two_panels(path, draw_left, draw_right):
+    figure, panels = pyplot.subplots(1, 2, figsize=(9, 4.6))
+    for panel, draw in zip(panels, (draw_left, draw_right)):
+        draw(panel)
+        panel.set(xlim=(-0.02, 1.02), ylim=(-0.02, 1.02), aspect="equal")
+        panel.axis("off")
+    save(figure, path)
+
+
+def draw_queries(path):
+    """Boxes, and those that a box, a point, and a box with a reach find."""
+    pick, reach = random.Random(7), 0.13
+    corners = [(pick.uniform(0, 0.9), pick.uniform(0, 0.9)) for _ in range(60)]
+    boxes = [(low, [bound + pick.uniform(0.03, 0.12) for bound in low]) for low in corners]
+    box, point, near = ([0.12, 0.5], [0.45, 0.85]), ([0.78, 0.32], [0.78, 0.32]), ([0.4, 0.42], [0.62, 0.6])
+
+    def draw_overlapping(panel):
+        for s in boxes:
+            colour = COLOURS[0] if meets(s, box) else COLOURS[1] if meets(s, point) else None
+            outline(panel, *s, facecolor=colour + "50" if colour else "none", edgecolor=colour or INK)
+        outline(panel, *box, facecolor="none", edgecolor=COLOURS[3], linewidth=2, linestyle="--")
+        panel.plot(*point[0], marker="o", color=COLOURS[3])
+
+    def draw_within(panel):
+        for s in boxes:
+            colour = COLOURS[0] if meets(s, near) else COLOURS[5] if gap(s, near) <= reach else None
+            outline(panel, *s, facecolor=colour + "50" if colour else "none", edgecolor=colour or INK)
+        outline(panel, *near, facecolor="none", edgecolor=COLOURS[3], linewidth=2, linestyle="--")
+        size = [near[1][k] - near[0][k] for k in (0, 1)]
+        panel.add_patch(FancyBboxPatch(near[0], *size, boxstyle=f"round,pad={reach}", facecolor="none", edgecolor=COLOURS[3]))
+
+    two_panels(path, draw_overlapping, draw_within)
+
+
+def draw_distances(path):
+    """Points with the pairs within a distance, and spheres with those that meet."""
+    pick, distance = random.Random(12), 0.13
+    points = [(pick.random(), pick.random()) for _ in range(70)]
+    spheres = [((pick.uniform(0.1, 0.9), pick.uniform(0.1, 0.9)), pick.choice((0.02, 0.03, 0.05, 0.09))) for _ in range(34)]
+    chosen = min(points, key=lambda point: math.dist(point, (0.5, 0.5)))
+
+    def join(panel, s, t, colour):
+        panel.plot(*zip(s, t), color=colour, linewidth=1.2)
+
+    def draw_points(panel):
+        for b, t in enumerate(points):
+            for s in points[:b]:
+                if math.dist(s, t) <= distance:
+                    join(panel, s, t, COLOURS[3] if chosen in (s, t) else COLOURS[0])
+        panel.add_patch(Circle(chosen, distance, facecolor=COLOURS[3] + "20", edgecolor=COLOURS[3], linestyle="--"))
+        panel.plot(*zip(*points), linestyle="none", marker="o", markersize=4, color=INK)
+
+    def draw_spheres(panel):
+        for b, (t, reach) in enumerate(spheres):
+            partners = [s for s, other in spheres[:b] if math.dist(s, t) <= reach + other]
+            for s in partners:
+                join(panel, s, t, COLOURS[0])
+            meets_any = any(math.dist(s, t) <= reach + other for s, other in spheres if s != t)
+            colour = COLOURS[0] if meets_any else INK
+            panel.add_patch(Circle(t, reach, facecolor=colour + "30" if meets_any else "none", edgecolor=colour))
+        panel.plot(*zip(*(s for s, _ in spheres)), linestyle="none", marker="o", markersize=3, color=INK)
+
+    two_panels(path, draw_points, draw_spheres)
+
+
 def save(figure, path):
     figure.tight_layout()
     figure.savefig(path, transparent=True, metadata={"Date": None, "Creator": None})
@@ -92,3 +163,5 @@ inked = dict.fromkeys(("axes.labelcolor", "xtick.color", "ytick.color"), INK)
 with matplotlib.rc_context({**inked, "svg.hashsalt": "broadcl", "svg.fonttype": "none", "font.family": "DejaVu Sans"}):
     draw_tiles(folder / "tiles.svg")
     draw_triangle(folder / "triangle.svg")
+    draw_queries(folder / "queries.svg")
+    draw_distances(folder / "distances.svg")
