@@ -10,6 +10,7 @@ void register_double_precision();
 void register_objects();
 void register_primitives();
 void register_proxies();
+void register_queries();
 void register_rectangles();
 void register_resting();
 void register_steady();

@@ -264,6 +264,7 @@ int main(int argc, char** argv) try {
   broadcl::register_objects();
   broadcl::register_primitives();
   broadcl::register_proxies();
+  broadcl::register_queries();
   broadcl::register_resting();
   broadcl::register_steady();
   broadcl::register_whole_list();

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """All overlapping pairs by BroadCL and by other packages of PyPI, which need not all be installed:
 
-    pip install . python-fcl rtree trimesh ipctk coal shapely vesin
+    pip install . python-fcl rtree trimesh ipctk coal shapely vesin scipy
     bench/python.py [--most 1000000] [--scene cubes] [--json FILE]
 
 From a NumPy array to pairs, in ms: medians of rounds in which the packages take turns. "still" is a search from scratch, "moving" a
@@ -9,12 +9,11 @@ frame in which everything moves. There are three scenes:
 
     cubes      (n, 6) boxes in three dimensions
     squares    (n, 4) boxes in two
-    points     (n, 3) points; pairs are those within a distance. BroadCL finds overlapping cubes around them, then NumPy
-               computes the distances, which the times include
+    points     (n, 3) points; pairs are those within a distance
 
 What is done once is left out: objects of coal and python-fcl, meshes of ipctk and trimesh, geometries of shapely that do not move.
-In a moving frame, "broadcl" gives the changes of boxes; all others, and BroadCL for points, give all pairs. Each list of pairs is
-compared with BroadCL's. A package is left out of the larger sizes once it would take more than --budget seconds.
+In a moving frame, "broadcl" gives the changes; all others give all pairs. Each list of pairs is compared with BroadCL's. A package is
+left out of the larger sizes once it would take more than --budget seconds.
 """
 
 import argparse
@@ -83,24 +82,28 @@ class BroadCL:
 
 
 class Points(BroadCL):
-    """Cubes around points overlap if all coordinates are within the cut-off."""
-
-    @staticmethod
-    def within(points, pairs):
-        apart = points.take(pairs[:, 0], axis=0)
-        apart -= points.take(pairs[:, 1], axis=0)
-        return pairs.compress(np.einsum("ij,ij->i", apart, apart) <= CUTOFF**2, axis=0)
+    def __init__(self, points, **config):
+        super().__init__(points, distance=CUTOFF, **config)
 
     def still(self, points):
-        boxes = np.hstack([points - CUTOFF / 2, points + CUTOFF / 2])
-        return self.within(points, broadcl.overlapping_pairs(boxes, **self.config))
+        return broadcl.overlapping_pairs(points, layout="points", **self.config)
 
     def moving(self, points):
-        boxes = self.broad_phase.map(len(points))
-        boxes[:, :3] = points - CUTOFF / 2
-        boxes[:, 3:] = points + CUTOFF / 2
-        self.broad_phase.update()
-        return self.within(points, self.broad_phase.pairs())
+        return self.broad_phase.update(points, layout="points")
+
+
+class CKDTree:
+    package = "scipy"
+
+    def __init__(self, points):
+        from scipy.spatial import cKDTree
+
+        self.tree = cKDTree
+
+    def still(self, points):
+        return self.tree(points).query_pairs(CUTOFF, output_type="ndarray")
+
+    moving = still  # it is built anew
 
 
 class Shapely:
@@ -367,6 +370,7 @@ SCENES = {
             "broadcl, one thread": one_thread(Points),
             "vesin": Vesin,
             "vesin, one thread": VesinOneThread,
+            "cKDTree, one thread": CKDTree,
         },
     ),
 }
