@@ -121,7 +121,7 @@ class Machine(RuleBasedStateMachine):
     def query(self, values, filter, within, limit, excepts):
         values = self.own(values)
         ids = sorted(self.boxes)
-        finds = near(values, self.boxes_of(ids), 0 if within is None else self.dtype(within) + self.reaches_of(ids)[None, :])
+        finds = near(values, self.boxes_of(ids), self.dtype(within or 0) + self.reaches_of(ids)[None, :])
         if filter is not None:
             finds &= np.array([may_pair(filter, self.filters[id]) for id in ids], bool)
         if excepts:
