@@ -304,7 +304,7 @@ class CorePlayer {
     std::vector<Aabb> boxes;
     std::vector<Filter> filters;
     std::vector<std::uint32_t> except;
-    for (unsigned k = 0; k < op.which % 150; ++k) {
+    for (unsigned k = 0; k < op.which % (op.filter % 4 == 0 ? 150 : 20); ++k) {
       boxes.push_back(box_of(script_, op, k));
       filters.push_back(filter_of(script_, op, k));
       except.push_back((op.which + k) % (script_.most + 1));

@@ -26,6 +26,7 @@ template <class Bound, class Operation>
 template <class Box>
 [[nodiscard]] bool are_near(const Box& s, const Box& t, BoundOf<Box> reach_s, BoundOf<Box> reach_t) {
   using Bound = BoundOf<Box>;
+  if (reach_s == 0 && reach_t == 0) return overlaps(s, t);
   const auto least = static_cast<Bound>(std::ldexp(1, -63));
   const ScopedRounding rounding(FE_TONEAREST);
   if (is_empty(s) || is_empty(t)) return false;
