@@ -103,6 +103,8 @@ TEST_P(EachAlgorithm, OnADeviceIsRefusedAndCanBeDestroyedInAForkedChild) {
   };
   auto updated = make();
   std::optional<Delta> delta = updated->update();
+  std::vector<std::uint32_t> asked;
+  EXPECT_EQ(updated->overlapping(unit, asked), 300U);
   const std::size_t pairs = delta->added.size();
   auto begun = make();
   begun->begin();
@@ -111,9 +113,14 @@ TEST_P(EachAlgorithm, OnADeviceIsRefusedAndCanBeDestroyedInAForkedChild) {
     if (updated->device() == nullptr) {
       updated->remove(7);
       EXPECT_EQ(updated->update().removed.size(), 299U);
+      const std::vector<Aabb> queries(100, unit);
+      EXPECT_EQ(updated->overlapping(queries).ids.size(), 299U * 100U);
+      EXPECT_EQ(updated->partners(1).size(), 298U);
       EXPECT_EQ(begun->finish().added.size(), pairs);
     } else {
       expect_refused([&] { updated->add(unit); });
+      expect_refused([&] { (void)updated->overlapping(BoxView(std::span(&unit, 1))); });
+      expect_refused([&] { (void)updated->partners(1); });
       expect_refused([&] { updated->move(1, unit); });
       expect_refused([&] { updated->remove(1); });
       const std::vector<Aabb> given(300, unit);
