@@ -43,6 +43,8 @@ HostTiles<axes> random_tiles(std::size_t tiles, bool reaches = false) {
   all.boxes.resize(reaches ? tiles : 0);
   all.nodes.assign((tiles + node_size - 1) / node_size, empty);
   all.roots.assign(1, empty);
+  all.tops.assign(1, empty);
+  Bounds<axes> of_all = make_bounds<axes>(infinity, -infinity);
   for (std::size_t tile = 0; tile < tiles; ++tile) {
     Bounds<axes> bounds = make_bounds<axes>(infinity, -infinity);
     Node<axes>& node = all.tiles.emplace_back();
@@ -73,8 +75,10 @@ HostTiles<axes> random_tiles(std::size_t tiles, bool reaches = false) {
     Bounds<axes> bounds = make_bounds<axes>(infinity, -infinity);
     for (std::size_t child = 0; child < node_size; ++child) extend(bounds, all.nodes[k].get(child));
     all.roots[0].set(k, bounds, k);
+    extend(of_all, bounds);
     all.sweep.insert(all.sweep.begin(), k);
   }
+  all.tops[0].set(0, of_all, 0);
   return all;
 }
 

@@ -101,8 +101,9 @@ class Tree {
       ASSERT_EQ(child.upper, all.bounds[tile].upper);
     }
     EXPECT_EQ(stored, placed) << "free places have no box";
-    for (std::size_t node = 0; node < all.nodes.size(); ++node)
-      expect_bounds(all.roots.at(node / node_size).get(node % node_size), all.nodes[node]);
+    expect_parents(all.nodes, all.tiles);
+    expect_parents(all.roots, all.nodes);
+    expect_parents(all.tops, all.roots);
   }
 
   std::vector<Aabb> boxes;
@@ -115,6 +116,16 @@ class Tree {
     const std::size_t left = tree.left().size();
     tree.insert(input);
     return left;
+  }
+  /// No parent has a slot that is greater than one below it, so none is left out.
+  static void expect_parents(const std::vector<Node<3>>& parents, const std::vector<Node<3>>& children) {
+    ASSERT_EQ(parents.size(), (children.size() + node_size - 1) / node_size);
+    for (std::size_t k = 0; k < children.size(); ++k) {
+      const Node<3>& parent = parents[k / node_size];
+      if (std::isnan(parent.lower[0][k % node_size])) continue;  // has been empty all the time
+      expect_bounds(parent.get(k % node_size), children[k]);
+      ASSERT_LE(parent.index[k % node_size], std::ranges::min(children[k].index));
+    }
   }
   static void expect_bounds(const Bounds<3>& bounds, const Node<3>& node) {
     Bounds<3> expected = make_bounds<3>(infinity, -infinity);

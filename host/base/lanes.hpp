@@ -6,4 +6,14 @@ namespace broadcl {
 /// several times as long.)
 using FourLanes [[gnu::vector_size(16)]] = float;
 
+#ifdef _WIN32  // where GCC aligns no more than 16 bytes on the stack
+using EightLanes = FourLanes;
+#else
+using EightLanes [[gnu::vector_size(32)]] = float;
+#endif
+
+// For functions that are compiled twice, for any processor and for those with AVX2.
+#define BROADCL_INLINE [[gnu::always_inline]] inline
+#define BROADCL_INLINE_LAMBDA __attribute__((always_inline))
+
 }  // namespace broadcl

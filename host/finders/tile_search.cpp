@@ -16,16 +16,8 @@
 namespace broadcl {
 namespace {
 
-// The following functions are compiled twice, for any processor and for those with AVX2, so they must be
-// inlined. They are vectorised by hand, since GCC does it with -O3 only.
-#define BROADCL_INLINE [[gnu::always_inline]] inline
-#define BROADCL_INLINE_LAMBDA __attribute__((always_inline))
-
-#ifdef _WIN32  // where GCC aligns no more than 16 bytes on the stack
-using EightLanes = FourLanes;
-#else
-using EightLanes [[gnu::vector_size(32)]] = float;
-#endif
+// The following functions are compiled twice, so they must be inlined. They are vectorised by hand, since GCC
+// does it with -O3 only.
 
 constexpr std::array<std::uint32_t, node_size> bit_of = [] {
   std::array<std::uint32_t, node_size> bits{};
@@ -269,11 +261,15 @@ BROADCL_INLINE void search_tiles(Found& found, const HostTiles<axes>& all, std::
 /// @param select Returns a bit for each child of a node that is not.
 template <std::size_t axes, class Select, class Function>
 BROADCL_INLINE void visit(const HostTiles<axes>& all, const Select& select, const Function& function) {
-  for (const Node<axes>& root : all.roots) {
-    for (std::uint32_t nodes = select(root); nodes != 0; nodes &= nodes - 1) {
-      const Node<axes>& node = all.nodes[root.index[lowest_bit(nodes)]];
-      for (std::uint32_t tiles = select(node); tiles != 0; tiles &= tiles - 1)
-        function(std::size_t{node.index[lowest_bit(tiles)]});
+  for (std::size_t top = 0; top < all.tops.size(); ++top) {
+    std::uint32_t roots = all.roots.size() > 1 ? select(all.tops[top]) : 1;
+    for (; roots != 0; roots &= roots - 1) {
+      const std::size_t root = top * node_size + lowest_bit(roots);
+      for (std::uint32_t nodes = select(all.roots[root]); nodes != 0; nodes &= nodes - 1) {
+        const std::size_t node = root * node_size + lowest_bit(nodes);
+        for (std::uint32_t tiles = select(all.nodes[node]); tiles != 0; tiles &= tiles - 1)
+          function(node * node_size + lowest_bit(tiles));
+      }
     }
   }
 }

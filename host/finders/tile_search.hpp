@@ -61,7 +61,7 @@ float centre_of(const Bounds<axes>& bounds, std::size_t axis) {
 template <std::size_t axes>
 struct alignas(cache_line) Node {
   std::array<std::array<float, node_size>, axes> lower, upper;
-  std::array<std::uint32_t, node_size> index;  // slots or tiles
+  std::array<std::uint32_t, node_size> index;  // slots; of tiles, not greater than any slot in them
 
   void set(std::size_t k, const Bounds<axes>& bounds, std::uint32_t index_of_k) {
 #pragma GCC unroll 4
@@ -101,7 +101,7 @@ struct alignas(cache_line) TileBoxes {
   }
 };
 
-/// Neighbouring boxes in tiles, neighbouring tiles in nodes, and these in roots.
+/// Neighbouring boxes in tiles, neighbouring tiles in nodes, these in roots, and these in tops.
 template <std::size_t axes>
 struct HostTiles {
   std::vector<Node<axes>> tiles;
@@ -109,6 +109,7 @@ struct HostTiles {
   std::vector<Bounds<axes>> bounds;  // of the tiles
   std::vector<Node<axes>> nodes;
   std::vector<Node<axes>> roots;
+  std::vector<Node<axes>> tops;
   std::vector<Filter> tile_filters;  // by filter_of(), until boxes change; none if they do not matter
   std::vector<Filter> node_filters;
   std::vector<std::uint32_t> sweep;  // nodes by ascending lower bounds along the axis, until boxes change

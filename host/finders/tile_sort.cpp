@@ -199,14 +199,17 @@ void TileSort<axes>::place(std::span<const Centre> centres, std::size_t first) {
   }
 }
 
-/// Divides a node into two of whole tiles and, if possible, whole nodes of the sweep.
+/// Divides a node into two of whole tiles and, if possible, whole nodes and roots.
 template <std::size_t axes>
 auto TileSort<axes>::halves_of(const Node& node) -> std::array<Node, 2> {
   const std::size_t first = node.first / node_size;  // tile
   const std::size_t end = first + (node.from.size() + node_size - 1) / node_size;
-  std::size_t second = (first + end) / 2;
-  const std::size_t aligned = (second + node_size / 2) / node_size * node_size;
-  if (aligned > first && aligned < end) second = aligned;
+  const std::size_t half = (first + end) / 2;
+  std::size_t second = half;
+  for (const std::size_t size : {node_size, node_size * node_size}) {
+    const std::size_t aligned = (half + size / 2) / size * size;
+    if (aligned > first && aligned < end) second = aligned;
+  }
   const std::size_t middle = (second - first) * node_size;
   partition(node, middle);
   return {Node{node.to.first(middle), node.from.first(middle), node.keys.first(middle), node.first},

@@ -46,6 +46,11 @@ Bounds<axes> bounds_of(const Node<axes>& node) {
   return bounds;
 }
 
+template <std::size_t axes>
+std::uint32_t least_index(const Node<axes>& node) {
+  return std::ranges::min(node.index);
+}
+
 /// Twice as large, about the same centre.
 template <std::size_t axes>
 Bounds<axes> home_of(Bounds<axes> bounds) {
@@ -107,6 +112,7 @@ void TileTree<axes>::start(TileOrder& order, const Input& input) {
   left_.clear();
   all_.nodes.clear();
   all_.roots.clear();
+  all_.tops.clear();
   resize(tiles);
   std::ranges::fill(unread_, ~0U);
   read_nodes_ = 0;
@@ -176,7 +182,9 @@ bool TileTree<axes>::read(const Input& input, std::size_t most, std::size_t thre
     });
     update_node(node, unread_[node]);
   });
+  std::size_t root = no_slot;
   for (const std::uint32_t node : nodes_) {
+    if (node / node_size != root) update_root(root = node / node_size);
     for_each_unread(node, [&](std::size_t tile) {
       for_each_bit(occupancy_[tile].leaving, [&](std::size_t k) { take_out(all_.tiles[tile].index[k]); });
     });
@@ -281,6 +289,7 @@ void TileTree<axes>::resize(std::size_t tiles) {
   resize(occupancy_, tiles, Occupancy{.home = nowhere<axes>(), .taken = 0, .unread = 0, .leaving = 0});
   resize(all_.nodes, parents_of(tiles), empty_node<axes>());
   resize(all_.roots, parents_of(all_.nodes.size()), empty_node<axes>());
+  resize(all_.tops, parents_of(all_.roots.size()), empty_node<axes>());
   resize(unread_, all_.nodes.size(), 0U);
 }
 
@@ -299,11 +308,17 @@ template <std::size_t axes>
 void TileTree<axes>::update_node(std::size_t node, std::uint32_t children) {
   for_each_bit(children, [&](std::size_t k) {
     const std::size_t tile = node * node_size + k;
-    if (tile < all_.tiles.size())
-      all_.nodes[node].set(k, all_.bounds[tile], static_cast<std::uint32_t>(tile));
+    if (tile < all_.tiles.size()) all_.nodes[node].set(k, all_.bounds[tile], least_index(all_.tiles[tile]));
   });
   all_.roots[node / node_size].set(node % node_size, bounds_of(all_.nodes[node]),
-                                   static_cast<std::uint32_t>(node));
+                                   least_index(all_.nodes[node]));
+}
+
+/// Sets the bounds of a root whose children changed.
+template <std::size_t axes>
+void TileTree<axes>::update_root(std::size_t root) {
+  all_.tops[root / node_size].set(root % node_size, bounds_of(all_.roots[root]),
+                                  least_index(all_.roots[root]));
 }
 
 template <std::size_t axes>
@@ -325,11 +340,14 @@ template <std::size_t axes>
   if (occupancy.taken == 0 || !is_within(box, occupancy.home)) occupancy.home = home_of(all_.bounds[tile]);
   occupancy.taken |= 1U << k;
   ++size_;
-  all_.nodes[node].set(tile % node_size, all_.bounds[tile], static_cast<std::uint32_t>(tile));
-  Node<axes>& root = all_.roots[node / node_size];
-  Bounds<axes> bounds = root.get(node % node_size);
-  extend(bounds, box);
-  root.set(node % node_size, bounds, static_cast<std::uint32_t>(node));
+  const auto add_to = [&](Node<axes>& parent, std::size_t child, Bounds<axes> bounds) {
+    extend(bounds, box);
+    parent.set(child, bounds, std::min(parent.index[child], slot));
+  };
+  const std::size_t root = node / node_size;
+  add_to(all_.nodes[node], tile % node_size, all_.bounds[tile]);
+  add_to(all_.roots[root], node % node_size, all_.roots[root].get(node % node_size));
+  add_to(all_.tops[root / node_size], root % node_size, all_.tops[root / node_size].get(root % node_size));
 }
 
 /// @returns A tile of the node; no_slot if it has none that is empty.
@@ -377,8 +395,10 @@ void TileTree<axes>::divide_node(std::size_t node) {
     });
     ++next;
   });
-  update_node(node, ~0U);
-  update_node(all_.nodes.size() - 1, ~0U);
+  for (const std::size_t half : {node, all_.nodes.size() - 1}) {
+    update_node(half, ~0U);
+    update_root(half / node_size);
+  }
 }
 
 template class TileTree<3>;

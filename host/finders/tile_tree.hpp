@@ -69,6 +69,7 @@ class TileTree {
   void start_tile(std::size_t tile);
   void read_tile(const Input& input, std::size_t tile);
   void update_node(std::size_t node, std::uint32_t children);
+  void update_root(std::size_t root);
   void clear_place(std::size_t place);
   void set_place(const Input& input, std::size_t place, const Bounds<axes>& box, std::uint32_t slot);
   void insert(const Input& input, std::uint32_t slot);
