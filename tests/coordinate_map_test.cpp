@@ -173,7 +173,18 @@ std::vector<double> numbers_of(const Boxes64& boxes, const CoordinateMap& map, s
   return numbers;
 }
 
-/// What makes pairs exact.
+/// Whether a number is between those that may have its image.
+bool is_original(const CoordinateMap& map, std::size_t axis, float image, double number) {
+  const CoordinateMap::Shift back = map.shift_along(axis);
+  const double moved = static_cast<double>(image) + back.shift;
+  const double off = std::abs(static_cast<double>(image)) * CoordinateMap::relative_error + back.error;
+  if (back.limit > 0 && std::abs(static_cast<double>(image)) <= back.limit && std::isfinite(image))
+    return moved - off <= number && number <= moved + off;
+  return (back.limit > 0 && std::isinf(back.limit)) ||
+         (map.least_original(axis, image) <= number && number <= map.greatest_original(axis, image));
+}
+
+/// What makes pairs and queries exact.
 void expect_order(const CoordinateMap& map, const std::vector<double>& numbers, std::size_t axis) {
   float last = -std::numeric_limits<float>::infinity();
   double told_apart = nan64;  // with the last image
@@ -182,6 +193,7 @@ void expect_order(const CoordinateMap& map, const std::vector<double>& numbers, 
     const auto [images, found] = converted(map, {point(number)});
     const float image = images[0].lower[axis];
     ASSERT_EQ(image, images[0].upper[axis]);
+    ASSERT_TRUE(is_original(map, axis, image, number)) << number << " on axis " << axis;
     ASSERT_GE(image, last) << number << " on axis " << axis;
     ASSERT_TRUE(image == 0 ? !std::signbit(image) : std::fpclassify(image) != FP_SUBNORMAL) << number;
     ASSERT_TRUE(number != before || image == last) << number;

@@ -24,6 +24,7 @@
 #include "each_algorithm.hpp"
 #include "expect_error.hpp"
 #include "expected_hits.hpp"
+#include "expected_ranked_hits.hpp"
 #include "rounding.hpp"
 
 /// Queries of boxes, and partners of objects.
@@ -55,6 +56,32 @@ std::vector<Box> some_boxes(std::size_t n, unsigned seed) {
   return boxes;
 }
 
+/// Along axes, faces and diagonals, at any angle, and none at all.
+/// @param starts Receives the boxes, made finite.
+template <class Box>
+Ways<Box> some_ways(const std::vector<Box>& boxes, std::vector<Box>& starts) {
+  using Bound = BoundOf<Box>;
+  std::mt19937 random(6);
+  std::uniform_int_distribution<int> step(-2, 2), kind(0, 3);
+  std::uniform_real_distribution<Bound> any(-9, 9);
+  Ways<Box> ways;
+  starts = boxes;
+  for (Box& start : starts) {
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      if (std::isinf(start.lower[axis])) start.lower[axis] = start.upper[axis];
+      if (std::isinf(start.upper[axis]) || kind(random) > 0) start.upper[axis] = start.lower[axis];
+    }
+    const bool is_straight = kind(random) > 0;
+    auto& direction = ways.directions.emplace_back();
+    for (Bound& component : direction)
+      component = is_straight ? static_cast<Bound>(step(random)) : any(random);
+    const std::array<Bound, 4> lengths{Bound{0}, Bound{1}, Bound{2.5},
+                                       std::numeric_limits<Bound>::infinity()};
+    ways.lengths.push_back(lengths.at(static_cast<std::size_t>(kind(random))));
+  }
+  return ways;
+}
+
 Filter some_filter(std::size_t number) {
   const auto k = static_cast<std::uint32_t>(number);
   return {.group = 1 + k % 3,
@@ -72,6 +99,7 @@ class Asked {
   Asked(const BroadPhase::Config& config, std::size_t queries, bool filters)
       : subject_(config), queries_(some_boxes<Box>(queries, 77)), has_filters_(filters) {
     for (std::size_t k = 0; k < queries_.size(); ++k) filters_.push_back(some_filter(3 * k + 1));
+    ways_ = some_ways(queries_, starts_);
   }
 
   void add(std::span<const Box> boxes) {
@@ -125,6 +153,12 @@ class Asked {
             options.count_only ? std::span<const std::uint32_t>() : expected[k];
         EXPECT_TRUE(std::ranges::equal(ids, found)) << "query " << k;
       }
+      if (options.limit == QueryOptions::all && !options.within) continue;
+      expect_same_hits(subject_.nearest(BoxView(queries_), options),
+                       expected_ranked_hits<Box>(objects_, queries_, nullptr, options));
+      if (options.within) continue;
+      expect_same_hits(subject_.along(BoxView(starts_), ways_.directions, ways_.lengths, options),
+                       expected_ranked_hits<Box>(objects_, starts_, &ways_, options));
     }
   }
 
@@ -132,6 +166,8 @@ class Asked {
   Subject subject_;
   Objects<Box> objects_;
   std::vector<Box> queries_;
+  std::vector<Box> starts_;
+  Ways<Box> ways_;
   std::vector<Filter> filters_;
   bool has_filters_;
 };

@@ -6,16 +6,21 @@
 #include <new>
 #include <numeric>
 #include <random>
+#include <type_traits>
+#include <utility>
 #include <vector>
 
 #include <gtest/gtest.h>
 
+#include "base/coordinate_map.hpp"
 #include "base/distance.hpp"
+#include "base/moving_box.hpp"
 #include "base/pair_lists.hpp"
 #include "base/parallel.hpp"
 #include "each_algorithm.hpp"
 #include "engines/algorithm.hpp"
 #include "finders/pair_sort.hpp"
+#include "finders/ranked_search.hpp"
 #include "finders/tile_search.hpp"
 #include "near.hpp"
 
@@ -250,6 +255,74 @@ TEST(TileSearch, ForEachProcessorFindsTheSamePairsOfWorldsAndSets) {
     expect_same_pairs(all);
     all.sets = true;
     expect_same_pairs(all);
+  }
+}
+
+/// All boxes with keys up to a limit, as the functions for one box find them.
+template <class Box, std::size_t axes>
+void expect_ranked(const HostTiles<axes>& all) {
+  using Bound = BoundType<Box>;
+  using Hits = std::vector<std::pair<Bound, std::uint32_t>>;
+  struct Search final : RankedSearch<Box> {
+    void take(std::uint32_t slot, Bound key) override { hits.emplace_back(key, slot); }
+    Hits hits;
+  };
+  const CoordinateMap rounds;
+  const auto bounds = [](const auto& corner) {
+    return std::array<Bound, 3>{static_cast<Bound>(corner[0]), static_cast<Bound>(corner[1]),
+                                static_cast<Bound>(corner[2])};
+  };
+  const MovingBox<Box> moving{
+      .box = {{-1, 2, 3}, {0, 2, 4}}, .reciprocals = {Bound(0.5), -1, 0}, .length = 20};
+  for (const bool moves : {false, true}) {
+    Hits expected;
+    for (std::uint32_t slot = 0; slot < all.tiles.size() * node_size; ++slot) {
+      Aabb box = aabb_of(all.tiles[slot / node_size].get(slot % node_size));
+      if (has_nan(box)) continue;
+      if (all.reaches) box = all.boxes[slot / node_size].get(slot % node_size);
+      const Box other{bounds(box.lower), bounds(box.upper)};
+      if (!moves) {
+        const Bound key = squared_distance(moving.box, other);
+        if (key <= 50) expected.emplace_back(key, slot);
+      } else if (const auto time = time_of_meeting(moving, other)) {
+        expected.emplace_back(*time, slot);
+      }
+    }
+    std::ranges::sort(expected);
+    EXPECT_GT(expected.size(), 2U);
+    for (const bool plain : {false, true}) {
+      for (const bool limited : {false, true}) {
+        Search search;
+        search.box = moving.box;
+        search.moving = moves ? &moving : nullptr;
+        search.most = moves ? moving.length : 50;
+        search.is_limited = limited;
+        search.map = &rounds;
+        ranked_tile_search<axes, Box>(plain)(search, all);
+        std::ranges::sort(search.hits, {}, [](const auto& hit) { return hit.second; });
+        auto in_order = expected;
+        std::ranges::sort(in_order, {}, [](const auto& hit) { return hit.second; });
+        if constexpr (std::is_same_v<Box, Aabb>) {
+          EXPECT_EQ(search.hits, in_order) << moves << plain << limited;
+        } else {  // bounds are rounded outward, so there may be more, and no key is greater
+          auto found = search.hits.begin();
+          for (const auto& [key, slot] : in_order) {
+            while (found != search.hits.end() && found->second < slot) ++found;
+            ASSERT_TRUE(found != search.hits.end() && found->second == slot && found->first <= key);
+            EXPECT_NEAR(found->first, key, 1e-3);
+          }
+        }
+      }
+    }
+  }
+}
+
+TEST(RankedSearch, ForEachProcessorFindsTheSame) {
+  for (const bool reaches : {false, true}) {
+    expect_ranked<Aabb>(random_tiles<3>(2 * node_size + 5, reaches));
+    expect_ranked<Aabb64>(random_tiles<3>(2 * node_size + 5, reaches));
+    expect_ranked<Aabb>(random_tiles<4>(2 * node_size + 5, reaches));
+    expect_ranked<Aabb64>(random_tiles<4>(9, reaches));
   }
 }
 

@@ -78,6 +78,11 @@ float image_of(double number) noexcept {
   return static_cast<float>(std::abs(number) < 0x1p-126 ? 0 : number);
 }
 
+/// By how much numbers near 0 change if they become images, and others when these are moved back by -shift.
+double error_of(double shift) noexcept {
+  return std::abs(shift) * 0x1p-50 + 0x1p-125;
+}
+
 bool is_window(std::size_t piece) noexcept {
   return piece % 2 != 0;
 }
@@ -276,6 +281,34 @@ inline std::size_t CoordinateMap::Axis::piece_of(double scaled) const noexcept {
     const double centre = fits ? inside.front() / 2 + inside.back() / 2 : inside[inside.size() / 2];
     shift = std::nearbyint((centre - static_cast<double>(low) - length / 2) / unit) * unit;
   }
+}
+
+auto CoordinateMap::shift_along(std::size_t axis) const noexcept -> Shift {
+  const Axis& along = axes_.at(axis);
+  const double shift = along.pieces[along.pieces.size() / 2].shift;
+  return {along.limit, shift, error_of(shift)};
+}
+
+double CoordinateMap::least_original(std::size_t axis, float image) const noexcept {
+  const Axis& along = axes_.at(axis);
+  const auto piece = std::ranges::lower_bound(along.pieces, image, {}, &Piece::high);
+  const auto number = static_cast<std::size_t>(piece - along.pieces.begin());
+  if (image <= piece->low) return number == 0 ? -infinite : along.thresholds[number - 1] * along.inverse;
+  const auto scaled = static_cast<double>(image);
+  return (scaled - (std::abs(scaled) * relative_error + error_of(piece->shift)) + piece->shift) *
+         along.inverse;
+}
+
+double CoordinateMap::greatest_original(std::size_t axis, float image) const noexcept {
+  const Axis& along = axes_.at(axis);
+  const auto next = std::ranges::upper_bound(along.pieces, image, {}, &Piece::low);
+  const auto piece = next - 1;
+  const auto number = static_cast<std::size_t>(piece - along.pieces.begin());
+  if (image >= piece->high)
+    return next == along.pieces.end() ? infinite : along.thresholds[number] * along.inverse;
+  const auto scaled = static_cast<double>(image);
+  return (scaled + (std::abs(scaled) * relative_error + error_of(piece->shift)) + piece->shift) *
+         along.inverse;
 }
 
 CoordinateMap::CoordinateMap(std::size_t boxes, const ReadBoxes& read, bool keeps_distances,

@@ -55,6 +55,20 @@ class CoordinateMap {
   /// @return The bits of all boxes together.
   [[nodiscard]] unsigned convert(std::span<const Aabb64> boxes, std::span<Aabb> out) const noexcept;
 
+  /// How the images of an axis that are up to a limit are moved back.
+  struct Shift {
+    double limit;  ///< 0 if there are none.
+    double shift;
+    double error;  ///< What is moved back is at most so far from the original, and `relative_error` of the
+                   ///< image.
+  };
+  static constexpr double relative_error = 0x1p-22;
+  [[nodiscard]] Shift shift_along(std::size_t axis) const noexcept;
+
+  /// Bounds between which all bounds are whose images are between two others.
+  [[nodiscard]] double least_original(std::size_t axis, float image) const noexcept;
+  [[nodiscard]] double greatest_original(std::size_t axis, float image) const noexcept;
+
   /// Moves windows in whose gaps boxes are outside to these. Images of boxes that are not away stay the same.
   /// @param boxes All that are away.
   /// @throws std::bad_alloc; then nothing has changed.

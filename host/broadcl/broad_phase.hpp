@@ -3,6 +3,7 @@
 #include <broadcl/cxx20.hpp>
 #ifdef BROADCL_CXX20
 
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <memory>
@@ -27,6 +28,11 @@
 
 namespace broadcl {
 
+namespace detail {
+template <class Box>
+struct TreeAccess;
+}
+
 /// Boxes in memory of a broad phase, for the caller to write: see BasicBroadPhase::map(). They may be read as
 /// long as this object or a copy of it exists, even if the broad phase uses other memory by then, or is
 /// destroyed.
@@ -45,7 +51,8 @@ struct BasicMappedBoxes : std::span<Box> {
 /// If a function throws, it has changed nothing: objects and known pairs are as before. Functions that
 /// allocate may throw std::bad_alloc as well as Error.
 ///
-/// Only one thread at a time may use an object, except for overlapping() and partners(). Different objects
+/// Only one thread at a time may use an object, except for overlapping(), nearest(),
+/// along() and partners(). Different objects
 /// are independent of each other and may be used by different threads and use different devices. Movable, not
 /// copyable; an object that was moved from may only be destroyed or assigned to.
 ///
@@ -229,6 +236,37 @@ class BROADCL_API BasicBroadPhase {
   std::size_t overlapping(const Box& box, std::vector<std::uint32_t>& ids,
                           const QueryOptions& options = QueryOptions()) const;
 
+  /// The objects that are nearest to some boxes: of each query the `limit` ones with the least distance, and
+  /// of those at the same distance the ones with the lowest ids, in this order. Without a limit, all that are
+  /// at most QueryOptions::within away. Distances are those that set_reach() defines, squared, of the boxes
+  /// themselves: reaches do not matter. What overlaps the query is at distance 0, and so is what it misses by
+  /// less than 2^-63; that is not found if `within` is less. Otherwise as overlapping().
+  [[nodiscard]] Hits nearest(const BoxView& boxes, const QueryOptions& options = QueryOptions()) const;
+
+  /// The objects that some boxes meet on their way, in the order in which they do, and by id if at the same
+  /// time: of each query the first `limit` ones. A ray is a box of no size. Reaches do not matter. Otherwise
+  /// as overlapping().
+  ///
+  /// A box moves from its start by t times its direction, for all t from 0 to its length. It meets an object
+  /// if along each axis it is not beyond it yet, and not past it, at the same t; the first one is its time.
+  /// Along an axis on which it moves, that is for t from (l - b) r to (u - a) r, or the other way round if it
+  /// moves down, where [a, b] is the interval of the start, [l, u] that of the object, and r = 1 / component
+  /// of the direction; each operation is rounded to the nearest number, in the precision of the bounds. Along
+  /// the others, that is always if the intervals share a number, and otherwise never. A component whose
+  /// reciprocal is infinite counts as 0. So what is met at the start has the time 0; along a face or an edge
+  /// that is parallel to an axis, a ray meets the box; and rounding decides where it passes an edge at an
+  /// angle. What is at infinity is met at an infinite time.
+  /// @param starts Finite, or empty: those meet nothing.
+  /// @param directions One for each start, or one for all. Finite, of any length; with 0, objects are found
+  /// that the start overlaps.
+  /// @param lengths In multiples of the directions, one for each start, one for all, or none: infinite.
+  /// Infinity is allowed.
+  /// @throws Error as overlapping(), for an infinite start, for a direction that is infinite or NaN, for a
+  /// length that is negative or NaN, and if QueryOptions::within is given.
+  [[nodiscard]] Hits along(const BoxView& starts, std::span<const std::array<Bound, 3>> directions,
+                           std::span<const Bound> lengths = {},
+                           const QueryOptions& options = QueryOptions()) const;
+
   /// Number of objects.
   [[nodiscard]] std::size_t size() const noexcept;
 
@@ -249,6 +287,7 @@ class BROADCL_API BasicBroadPhase {
   [[nodiscard]] std::span<const Stage> profile() const noexcept;
 
  private:
+  friend struct detail::TreeAccess<Box>;
   struct Impl;
   std::unique_ptr<Impl> impl_;
 };
@@ -310,6 +349,20 @@ extern template class BROADCL_API BasicBroadPhase<Aabb>;
 [[nodiscard]] BROADCL_API Hits overlapping(const BoxView& boxes, const BoxView& queries,
                                            const QueryOptions& options = QueryOptions(),
                                            const BroadPhase::Config& config = BroadPhase::Config());
+
+/// Of each query the boxes that are nearest to it, by index: as BasicBroadPhase::nearest(), and otherwise as
+/// overlapping().
+[[nodiscard]] BROADCL_API Hits nearest(const BoxView& boxes, const BoxView& queries,
+                                       const QueryOptions& options = QueryOptions(),
+                                       const BroadPhase::Config& config = BroadPhase::Config());
+
+/// Of each query the boxes that it meets on its way, by index: as BasicBroadPhase::along(), and otherwise as
+/// overlapping(). Directions and lengths are rounded to float32 unless boxes are compared as float64.
+[[nodiscard]] BROADCL_API Hits along(const BoxView& boxes, const BoxView& starts,
+                                     std::span<const std::array<double, 3>> directions,
+                                     std::span<const double> lengths = {},
+                                     const QueryOptions& options = QueryOptions(),
+                                     const BroadPhase::Config& config = BroadPhase::Config());
 
 /// The squares of the distances of pairs of boxes, as BasicBroadPhase::set_reach() defines them: of float64
 /// boxes in float64, otherwise in float32. Infinite if a box is empty or has a NaN.

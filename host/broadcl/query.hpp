@@ -22,7 +22,8 @@ struct QueryOptions {
   /// allows it. With none, everything is found, and no filter is tested.
   std::span<const Filter> filters{};
 
-  /// How many objects each query finds at most: those with the lowest ids.
+  /// How many objects each query finds at most: those with the lowest ids, or those that come first in
+  /// nearest() and along().
   std::uint32_t limit = all;
 
   /// None, or for each query the id of an object that it does not find, such as its own; an id that no object
@@ -37,7 +38,8 @@ struct QueryOptions {
   bool count_only = false;
 
   /// How far from the box of a query objects may be: a query finds what would pair with an object that has
-  /// its box and this reach. If not given, 0: what overlaps, touches or reaches to it.
+  /// its box and this reach. If not given, 0: what overlaps, touches or reaches to it. nearest() finds what
+  /// is at most so far away, whatever the reaches of objects; if it is not given, at any distance.
   std::optional<double> within{};
 };
 
@@ -45,8 +47,13 @@ struct QueryOptions {
 struct Hits {
   /// Of the ids of each query, and their number at the end: one more than queries.
   std::vector<std::uint64_t> offsets{};
-  /// Of each query in ascending order, one query after the other. Empty if they were only counted.
+  /// Of each query in ascending order, one query after the other; of nearest() and along() in their order.
+  /// Empty if they were only counted.
   std::vector<std::uint32_t> ids{};
+  /// Of nearest(), for each id: the square of the distance.
+  std::vector<double> squared_distances{};
+  /// Of along(), for each id: when it is met, in multiples of the direction.
+  std::vector<double> times{};
 
   /// Number of queries.
   [[nodiscard]] std::size_t size() const noexcept { return offsets.empty() ? 0 : offsets.size() - 1; }

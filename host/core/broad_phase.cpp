@@ -17,6 +17,7 @@
 #include "core/exclusions.hpp"
 #include "core/queries.hpp"
 #include "core/reach.hpp"
+#include "core/tree_access.hpp"
 #include "engines/algorithm.hpp"
 
 namespace broadcl {
@@ -30,20 +31,8 @@ auto naming(const std::string& set, const Function& function) {
   try {
     return function();
   } catch (const Error& error) {
-    throw Error(set + ": " + error.what(), error.kind());
+    throw Error(set + error.what(), error.kind());
   }
-}
-
-/// @param invalid The index of a box with a NaN among those of both sets, or their number if there is none.
-void refuse_nan(std::size_t invalid, std::size_t first, std::size_t second) {
-  if (invalid < first) throw_nan("the first set: box " + std::to_string(invalid));
-  if (invalid - first < second) throw_nan("the second set: box " + std::to_string(invalid - first));
-}
-
-/// Of so many boxes in single precision; none if there is no distance.
-std::vector<float> reaches_for(const Config& config, std::size_t boxes) {
-  const auto reach = reach_for<float>(config);
-  return std::vector<float>(reach > 0 ? boxes : 0, reach);
 }
 
 template <class Box>
@@ -92,6 +81,59 @@ std::vector<Pair> each_once(std::vector<Pair> pairs) {
 AlgorithmPointer make_for_one_search(Config config) {
   if (config.algorithm == "auto" && device_for(config)) config.algorithm = "tiles";
   return make_algorithm(config);
+}
+
+/// What a function finds with a broad phase of boxes that are searched once, for queries.
+template <class Function>
+Hits query_once(const BoxView& boxes, const BoxView& queries, Config config, const Function& function) {
+  (void)find_algorithm(config.algorithm);
+  config.algorithm = "sweep-and-prune";
+  const auto find = [&](auto broad_phase) {
+    (void)naming("the boxes: ", [&] { return broad_phase.add(boxes); });
+    return naming("the queries: ", [&] { return function(broad_phase); });
+  };
+  return ExactBoxes::are_needed(boxes, queries) ? find(BroadPhase64(config)) : find(BroadPhase(config));
+}
+
+/// The pairs of one set, or of two, whose boxes follow each other then.
+/// @param second Null for one set.
+/// @param exclusions In canonical order.
+std::vector<Pair> search_once(const BoxView& first, const BoxView* second, std::span<const Pair> exclusions,
+                              const Config& config) {
+  const bool sets = second != nullptr;
+  const BoxView rest = sets ? *second : BoxView();
+  const std::size_t boxes = first.size() + rest.size();
+  const auto algorithm = make_for_one_search(config);
+  algorithm->reserve(boxes, sets);
+  algorithm->reserve_exclusions(exclusions.size());
+  const std::span<Aabb> packed = algorithm->boxes().first(boxes);
+  std::vector<float> reaches;
+  std::optional<ExactBoxes> exact;
+  if (ExactBoxes::are_needed(first, rest)) {
+    exact.emplace(first, rest, reach_for<double>(config), config.threads);
+    if (const std::size_t nan = exact->pack_to(packed); nan < boxes) {
+      const bool is_first = nan < first.size();
+      throw_nan((sets ? is_first ? "the first set: box " : "the second set: box " : "box ") +
+                std::to_string(is_first ? nan : nan - first.size()));
+    }
+    reaches = exact->reaches(packed);
+  } else {
+    reaches.assign(config.distance > 0 ? boxes : 0, reach_for<float>(config));
+    naming(sets ? "the first set: " : "", [&] { first.pack_to(packed); });
+    naming("the second set: ", [&] { rest.pack_to(packed.subspan(first.size())); });
+  }
+  std::vector<Filter> filters(sets ? boxes : 0, Filter::second_set);
+  if (sets) std::fill_n(filters.begin(), first.size(), Filter::first_set);
+  std::vector<Pair> pairs = algorithm->find_all({.boxes = packed,
+                                                 .changed = {.all = true},
+                                                 .rules = {.filters = filters,
+                                                           .exclusions = exclusions,
+                                                           .reaches = reaches,
+                                                           .all_changed = true,
+                                                           .sets = sets,
+                                                           .sets_decide = sets}});
+  if (exact) exact->keep_pairs(pairs, algorithm->boxes(), reaches);
+  return pairs;
 }
 
 }  // namespace
@@ -229,6 +271,7 @@ Delta BasicBroadPhase<Box>::update(const BoxView& boxes) {
 
 template <class Box>
 void BasicBroadPhase<Box>::begin() {
+  impl_->queries->prepare_begin();
   updating(impl_).begin();
   impl_->core.flush();
 }
@@ -240,6 +283,7 @@ void BasicBroadPhase<Box>::begin(const BoxView& boxes) {
 
 template <class Box>
 Delta BasicBroadPhase<Box>::finish() {
+  impl_->queries->prepare_finish();
   return updating(impl_).finish();
 }
 
@@ -271,6 +315,17 @@ std::size_t BasicBroadPhase<Box>::overlapping(const Box& box, std::vector<std::u
 }
 
 template <class Box>
+Hits BasicBroadPhase<Box>::nearest(const BoxView& boxes, const QueryOptions& options) const {
+  return impl_->queries->nearest(boxes, options);
+}
+
+template <class Box>
+Hits BasicBroadPhase<Box>::along(const BoxView& starts, std::span<const std::array<Bound, 3>> directions,
+                                 std::span<const Bound> lengths, const QueryOptions& options) const {
+  return impl_->queries->along(starts, directions, lengths, options);
+}
+
+template <class Box>
 std::size_t BasicBroadPhase<Box>::size() const noexcept {
   return impl_->core.size();
 }
@@ -298,6 +353,19 @@ std::span<const Stage> BasicBroadPhase<Box>::profile() const noexcept {
 template class BasicBroadPhase<Aabb>;
 template class BasicBroadPhase<Aabb64>;
 
+template <class Box>
+bool detail::TreeAccess<Box>::has_all(const BasicBroadPhase<Box>& broad_phase) {
+  return broad_phase.impl_->queries->has_all();
+}
+
+template <class Box>
+void detail::TreeAccess<Box>::find(const BasicBroadPhase<Box>& broad_phase, RankedSearch<Box>& search) {
+  broad_phase.impl_->queries->find(search);
+}
+
+template struct BROADCL_API detail::TreeAccess<Aabb>;
+template struct BROADCL_API detail::TreeAccess<Aabb64>;
+
 std::vector<Pair> pairs_that_share(std::span<const std::uint32_t> labels, std::size_t per_object) {
   const std::vector<Labelled> objects = by_label(labels, per_object);
   std::vector<Pair> pairs;
@@ -324,43 +392,35 @@ std::vector<Pair> pairs_that_share(std::span<const std::uint32_t> first_labels, 
 
 Hits overlapping(const BoxView& boxes, const BoxView& queries, const QueryOptions& options,
                  const BroadPhase::Config& config) {
-  (void)find_algorithm(config.algorithm);
-  Config host = config;
-  host.algorithm = "sweep-and-prune";
-  const auto find = [&](auto broad_phase) {
-    (void)naming("the boxes", [&] { return broad_phase.add(boxes); });
-    return naming("the queries", [&] { return broad_phase.overlapping(queries, options); });
-  };
-  return ExactBoxes::are_needed(boxes, queries) ? find(BroadPhase64(host)) : find(BroadPhase(host));
+  return query_once(boxes, queries, config,
+                    [&](auto& broad_phase) { return broad_phase.overlapping(queries, options); });
+}
+
+Hits nearest(const BoxView& boxes, const BoxView& queries, const QueryOptions& options,
+             const BroadPhase::Config& config) {
+  return query_once(boxes, queries, config,
+                    [&](auto& broad_phase) { return broad_phase.nearest(queries, options); });
+}
+
+Hits along(const BoxView& boxes, const BoxView& starts, std::span<const std::array<double, 3>> directions,
+           std::span<const double> lengths, const QueryOptions& options, const BroadPhase::Config& config) {
+  return query_once(boxes, starts, config, [&]<class Box>(BasicBroadPhase<Box>& broad_phase) {
+    using Bound = BoundType<Box>;
+    const DefaultFloatingPoint as_everywhere;
+    std::vector<std::array<Bound, 3>> rounded_directions;
+    for (const auto& [x, y, z] : directions)
+      rounded_directions.push_back({rounded_to<Bound>(x), rounded_to<Bound>(y), rounded_to<Bound>(z)});
+    std::vector<Bound> rounded_lengths;
+    for (const double length : lengths) rounded_lengths.push_back(rounded_to<Bound>(length));
+    return broad_phase.along(starts, rounded_directions, rounded_lengths, options);
+  });
 }
 
 std::vector<Pair> overlapping_pairs(const BoxView& boxes, const BroadPhase::Config& config,
                                     std::span<const Pair> exclusions) {
   if (boxes.size() > most_in_search) throw Error::invalid_argument("more than 2147483648 boxes; use fewer");
   refuse_unknown(exclusions, boxes.size(), boxes.size());
-  const std::vector<Pair> sorted = sorted_exclusions(exclusions);
-  std::vector<float> reaches;
-  const auto algorithm = make_for_one_search(config);
-  algorithm->reserve(boxes.size(), false);
-  algorithm->reserve_exclusions(sorted.size());
-  const std::span<Aabb> packed = algorithm->boxes().first(boxes.size());
-  std::optional<ExactBoxes> exact;
-  if (ExactBoxes::are_needed(boxes)) {
-    exact.emplace(boxes, BoxView(), reach_for<double>(config), config.threads);
-    if (const std::size_t invalid = exact->pack_to(packed); invalid < boxes.size()) {
-      throw_nan("box " + std::to_string(invalid));
-    }
-    reaches = exact->reaches(packed);
-  } else {
-    reaches = reaches_for(config, boxes.size());
-    boxes.pack_to(packed);
-  }
-  std::vector<Pair> pairs =
-      algorithm->find_all({.boxes = packed,
-                           .changed = {.all = true},
-                           .rules = {.exclusions = sorted, .reaches = reaches, .all_changed = true}});
-  if (exact) exact->keep_pairs(pairs, algorithm->boxes(), reaches);
-  return pairs;
+  return search_once(boxes, nullptr, sorted_exclusions(exclusions), config);
 }
 
 std::vector<Pair> overlapping_pairs(const BoxView& first, const BoxView& second,
@@ -368,38 +428,12 @@ std::vector<Pair> overlapping_pairs(const BoxView& first, const BoxView& second,
   if (first.size() > most_in_search || second.size() > most_in_search - first.size()) {
     throw Error::invalid_argument("more than 2147483648 boxes in both sets; use fewer");
   }
-  const std::size_t boxes = first.size() + second.size();
   refuse_unknown(exclusions, first.size(), second.size());
-  std::vector<Pair> sorted(exclusions.begin(), exclusions.end());
-  for (Pair& pair : sorted) pair.b += static_cast<std::uint32_t>(first.size());
-  sorted = sorted_exclusions(sorted);
-  std::vector<float> reaches;
-  const auto algorithm = make_for_one_search(config);
-  algorithm->reserve(boxes, true);
-  algorithm->reserve_exclusions(sorted.size());
-  const std::span<Aabb> packed = algorithm->boxes().first(boxes);
-  std::optional<ExactBoxes> exact;
-  if (ExactBoxes::are_needed(first, second)) {
-    exact.emplace(first, second, reach_for<double>(config), config.threads);
-    refuse_nan(exact->pack_to(packed), first.size(), second.size());
-    reaches = exact->reaches(packed);
-  } else {
-    reaches = reaches_for(config, boxes);
-    naming("the first set", [&] { first.pack_to(packed); });
-    naming("the second set", [&] { second.pack_to(packed.subspan(first.size())); });
-  }
-  std::vector<Filter> filters(boxes, Filter::second_set);
-  std::fill_n(filters.begin(), first.size(), Filter::first_set);
-  std::vector<Pair> pairs = algorithm->find_all({.boxes = packed,
-                                                 .changed = {.all = true},
-                                                 .rules = {.filters = filters,
-                                                           .exclusions = sorted,
-                                                           .reaches = reaches,
-                                                           .all_changed = true,
-                                                           .sets = true,
-                                                           .sets_decide = true}});
-  if (exact) exact->keep_pairs(pairs, algorithm->boxes(), reaches);
-  for (Pair& pair : pairs) pair.b -= static_cast<std::uint32_t>(first.size());
+  const auto before = static_cast<std::uint32_t>(first.size());
+  std::vector<Pair> without(exclusions.begin(), exclusions.end());
+  for (Pair& pair : without) pair.b += before;
+  std::vector<Pair> pairs = search_once(first, &second, sorted_exclusions(without), config);
+  for (Pair& pair : pairs) pair.b -= before;
   return pairs;
 }
 

@@ -54,12 +54,13 @@ class ConvertedBoxes {
   /// map.
   void count_apart(std::size_t apart, std::size_t slots) noexcept;
 
-  /// The image of another box. Not before some boxes were converted.
+  /// The image of another box.
   [[nodiscard]] Aabb image_of(const Aabb64& box) const noexcept {
     Aabb image;
     (void)map_.convert({&box, 1}, {&image, 1});
     return image;
   }
+  [[nodiscard]] const CoordinateMap& map() const noexcept { return map_; }
   /// The axes on which only double precision tells some bounds apart.
   [[nodiscard]] AxisSet in_doubt() const noexcept { return in_doubt_; }
 

@@ -118,14 +118,23 @@ class Core {
       return packed_empty_box;                          // free, after a shrink() that failed
     return pack(late != nullptr ? *late : boxes_[id]);  // those that were in map() may not be packed
   }
-  /// Ids below this one are all that objects have.
-  [[nodiscard]] std::size_t ids() const noexcept { return objects_.ids(); }
-  /// The box of the algorithm that a box would become. Only if boxes were converted.
+  /// No object has this id or a higher one. (Only one thread at a time may ask.)
+  [[nodiscard]] std::size_t slots() noexcept { return objects_.slots(); }
+  /// The box of the algorithm that a box would become.
   [[nodiscard]] Aabb image_of(const Box& box) const noexcept {
     if constexpr (is_exact) {
       return exact_.converted.image_of(box);
     } else {
       return box;
+    }
+  }
+
+  /// How boxes were converted; null if they were not.
+  [[nodiscard]] const CoordinateMap* map_of_boxes() const noexcept {
+    if constexpr (is_exact) {
+      return &exact_.converted.map();
+    } else {
+      return nullptr;
     }
   }
 
@@ -135,10 +144,13 @@ class Core {
   /// The ids whose boxes or rules may not be those in that tree, ascending; none if all may be others.
   /// @throws std::bad_alloc
   [[nodiscard]] std::optional<std::vector<std::uint32_t>> unread() const;
+  /// How many these are, or more.
+  [[nodiscard]] std::size_t count_unread() noexcept;
   /// Adds the objects as they are set now to an empty core, under the same ids. (Those that do not exist have
   /// empty boxes.)
+  /// @param slots As slots() returned.
   /// @throws std::bad_alloc
-  void copy_to(Core& core) const;
+  void copy_to(Core& core, std::size_t slots) const;
   /// Whether read() can put these into that tree now.
   [[nodiscard]] bool can_read() const noexcept { return mapped_ == 0 && late_.empty() && !is_begun(); }
   /// The next update need not do so again.
@@ -249,6 +261,8 @@ class Core {
     if (objects_.set_filter(id, filter)) changes_.refilter(id);
   }
 
+  template <class Function>
+  [[nodiscard]] bool for_each_unread(const Function& function) const;
   void convert_changed(bool are_converted);
   [[nodiscard]] PairRules rules() const;
   /// To be called when an update is over: the algorithm's tree has read all of it.

@@ -30,44 +30,12 @@ namespace {
 /// The tree reads a box in the time in which so many are tested one by one.
 constexpr std::size_t tests_per_read = 4;
 
-/// Fewer queries are not sorted.
-constexpr std::size_t fewest_sorted = 2 * BoxTree::most_queries;
-constexpr std::size_t queries_per_thread = 512;
-
-/// @throws Error
-void refuse_options(const QueryOptions& options, std::size_t queries) {
-  const auto refuse_count = [&](std::size_t count, const char* of) {
-    throw Error::invalid_argument(std::to_string(count) + " " + of + " for " + std::to_string(queries) +
-                                  " queries; give none, or one for each");
-  };
-  if (options.filters.size() > 1 && options.filters.size() != queries)
-    refuse_count(options.filters.size(), "filters");
-  if (!options.except.empty() && options.except.size() != queries)
-    refuse_count(options.except.size(), "exceptions");
-  if (options.within) refuse_invalid_reach(*options.within, "within is ");
-}
-
-[[noreturn]] void throw_too_many_hits(std::uint64_t most) {
-  throw Error("queries find more than " + std::to_string(most) +
-              " objects; give fewer queries, a limit, or a larger most_hits");
-}
-
-/// What queries search.
-template <class Box>
-struct Searched {
-  const Core<Box>& core;
-  const BoxTree* tree;                    // null if all boxes are tested one by one
-  std::span<const std::uint32_t> unread;  // ids of boxes that are not in the tree
-  const SlotSet& unread_set;
-  std::size_t threads;
-};
-
 /// Some queries, which are searched for in tiles.
 template <class Box>
 class TiledQueries {
  public:
   TiledQueries(const Searched<Box>& in, std::span<const Box> queries, const QueryOptions& options)
-      : in_(in), queries_(queries), options_(options) {
+      : in_(in), queries_(queries), rules_(in.core, options) {
     refuse_options(options, queries.size());
     const DefaultFloatingPoint as_everywhere;
     within_ = rounded_to<Bound>(options.within.value_or(0));
@@ -84,15 +52,14 @@ class TiledQueries {
     if (in_.tree != nullptr) {
       std::array<QueryBox, BoxTree::most_queries> tile;
       for (std::size_t k = 0; k < indices.size(); ++k) {
-        tile[k] = {.box = images_[indices[k]],
-                   .reach = reach_of(indices[k]),
-                   .world = options_.filters.empty() ? Filter::all_worlds : filter_of(indices[k]).world};
+        tile[k] = {
+            .box = images_[indices[k]], .reach = reach_of(indices[k]), .world = rules_.world_of(indices[k])};
       }
       in_.tree->find(std::span(tile).first(indices.size()), hits);
       keep(indices, hits);
     }
     for (std::uint32_t k = 0; k < indices.size(); ++k) {
-      const std::uint32_t end = in_.tree == nullptr ? static_cast<std::uint32_t>(in_.core.ids()) : 0;
+      const std::uint32_t end = in_.tree == nullptr ? static_cast<std::uint32_t>(in_.slots) : 0;
       for (std::uint32_t id = 0; id < end; ++id) test(indices, k, id, hits);
       for (const std::uint32_t id : in_.unread) test(indices, k, id, hits);
     }
@@ -110,27 +77,16 @@ class TiledQueries {
     }
   }
 
-  [[nodiscard]] const Filter& filter_of(std::uint32_t query) const noexcept {
-    return options_.filters[options_.filters.size() == 1 ? 0 : query];
-  }
-
   [[nodiscard]] bool is_near(std::uint32_t query, std::uint32_t id) const noexcept {
     const std::span<const Bound> reaches = in_.core.reaches();
     return is_within(queries_[query], in_.core.packed_box(id), within_ + (reaches.empty() ? 0 : reaches[id]));
   }
 
-  [[nodiscard]] bool accepts(std::uint32_t query, std::uint32_t id) const noexcept {
-    if (!options_.except.empty() && options_.except[query] == id) return false;
-    if (options_.filters.empty()) return true;
-    const std::span<const Filter> filters = in_.core.filters();
-    return may_pair(filters.empty() ? Filter() : filters[id], filter_of(query));
-  }
-
   /// Removes the hits of unread boxes, and those that float32 or the options make wrong.
   void keep(std::span<const std::uint32_t> indices, HitList& hits) const {
-    if (!is_exact && in_.unread.empty() && options_.filters.empty() && options_.except.empty()) return;
+    if (!is_exact && in_.unread.empty() && rules_.accept_all()) return;
     const auto is_wrong = [&](const Hit& hit) {
-      return in_.unread_set.contains(hit.slot) || !accepts(indices[hit.query], hit.slot) ||
+      return in_.unread_set.contains(hit.slot) || !rules_.accept(indices[hit.query], hit.slot) ||
              (is_exact && !is_near(indices[hit.query], hit.slot));
     };
     const std::span<Hit> found = hits.get();
@@ -138,16 +94,15 @@ class TiledQueries {
   }
 
   void test(std::span<const std::uint32_t> indices, std::uint32_t k, std::uint32_t id, HitList& hits) const {
-    if (!is_near(indices[k], id) || !accepts(indices[k], id)) return;
+    if (!is_near(indices[k], id) || !rules_.accept(indices[k], id)) return;
     Hit* const next = hits.reserve(1);
     *next = {k, id};
     hits.set_end(next + 1);
   }
 
-  /// Finds the images of the queries in the tree.
+  /// Finds the images of the queries.
   void convert() {
     if constexpr (is_exact) {
-      if (in_.tree == nullptr) return;
       converted_.resize(queries_.size());
       for_each_part(queries_.size(), in_.threads,
                     [&](std::size_t begin, std::size_t end, std::size_t /*thread*/) {
@@ -165,7 +120,7 @@ class TiledQueries {
 
   const Searched<Box>& in_;
   std::span<const Box> queries_;
-  const QueryOptions& options_;
+  QueryRules<Box> rules_;
   Bound within_ = 0;
   std::vector<Aabb> converted_;
   std::span<const Aabb> images_;
@@ -224,64 +179,11 @@ void append_slots(std::span<const Hit> hits, std::uint32_t limit,
 template <class Box>
 Hits search(const Searched<Box>& in, std::span<const Box> queries, const QueryOptions& options) {
   const TiledQueries<Box> search(in, queries, options);
-  const std::size_t n = queries.size();
-  const bool sorts = n >= fewest_sorted;
-  std::vector<std::uint32_t> order;
-  if (sorts) {
-    const bool is_by_filter = options.filters.size() > 1;
-    order = order_in_space(search.images(), is_by_filter ? options.filters : std::span<const Filter>(),
-                           in.threads);
-  } else {
-    for (std::uint32_t k = 0; k < n; ++k) order.push_back(k);
-  }
-  const std::size_t per_tile = sorts ? BoxTree::most_queries : 1;
-  const std::size_t tiles = (order.size() + per_tile - 1) / per_tile;
-  const auto tile_of = [&](std::size_t tile) {
-    const std::span<const std::uint32_t> all =
-        std::span(order).subspan(tile * per_tile, std::min(per_tile, order.size() - tile * per_tile));
-    return all.first(static_cast<std::size_t>(std::ranges::find(all, no_query) - all.begin()));
-  };
-  struct alignas(cache_line) OfThread {
-    HitList hits;
-    std::vector<std::uint32_t> slots;
-  };
-  struct OfTile {
-    std::size_t thread;
-    std::size_t first;
-  };
-  const std::size_t threads = useful_threads(n, queries_per_thread, in.threads);
-  std::vector<OfThread> found(threads);
-  std::vector<OfTile> places(tiles);
-  std::atomic<std::uint64_t> total = 0;
-  Hits result;
-  result.offsets.resize(n + 1);
-  parallel_for(tiles, threads, [&](std::size_t t, std::size_t thread) {
-    OfThread& own = found[thread];
-    const std::span<const std::uint32_t> tile = tile_of(t);
-    search.find(tile, own.hits);
-    places[t] = {thread, own.slots.size()};
-    std::array<std::uint32_t, BoxTree::most_queries> counts;
-    append_slots(own.hits.get(), options.limit, counts, own.slots);
-    for (std::size_t k = 0; k < tile.size(); ++k) result.offsets[tile[k] + 1] = counts[k];
-    const std::size_t count = own.slots.size() - places[t].first;
-    if (options.count_only) own.slots.clear();
-    if ((total += count) > options.most_hits) throw_too_many_hits(options.most_hits);
-  });
-  for (std::size_t k = 0; k < n; ++k) result.offsets[k + 1] += result.offsets[k];
-  if (options.count_only) return result;
-  result.ids.reserve(total);
-  use_large_pages(result.ids.data(), total * sizeof(std::uint32_t));
-  result.ids.resize(total);
-  parallel_for(tiles, threads, [&](std::size_t t, std::size_t /*thread*/) {
-    auto next = found[places[t].thread].slots.begin() + static_cast<std::ptrdiff_t>(places[t].first);
-    for (const std::uint32_t query : tile_of(t)) {
-      const std::uint64_t first = result.offsets[query];
-      const auto count = static_cast<std::ptrdiff_t>(result.offsets[query + 1] - first);
-      std::copy(next, next + count, result.ids.begin() + static_cast<std::ptrdiff_t>(first));
-      next += count;
-    }
-  });
-  return result;
+  return collect_hits(search.images(), options, in.threads,
+                      [&](std::span<const std::uint32_t> tile, FoundHits& found) {
+                        search.find(tile, found.hits);
+                        append_slots(found.hits.get(), options.limit, found.counts, found.slots);
+                      });
 }
 
 /// The same for one. If this throws, the ids are as before.
@@ -308,15 +210,20 @@ std::size_t search(const Searched<Box>& in, const Box& query, const QueryOptions
 template <class Box>
 Hits Queries<Box>::overlapping(const BoxView& boxes, const QueryOptions& options) {
   refuse_options(options, boxes.size());
-  core_.refuse_forked();
   const std::vector<Box> packed = packed_boxes<Box>(boxes, "", threads_);
-  return with_current(packed.size(), [&](const Searched<Box>& in) {
-    if (packed.size() * unread_count() <= tests_per_read * core_.ids())
-      return search(in, std::span<const Box>(packed), options);
+  return answer(packed.size(),
+                [&](const Searched<Box>& in) { return search(in, std::span<const Box>(packed), options); });
+}
+
+/// Calls a function with what many queries are to search.
+template <class Box>
+Hits Queries<Box>::answer(std::size_t queries, const std::function<Hits(const Searched<Box>&)>& search) {
+  return with_current(queries, [&](const Searched<Box>& in) {
+    if (queries * unread_count() <= tests_per_read * slots_) return search(in);
     // (The tree cannot read anything now.)
     Core<Box> copy(make_sweep_and_prune({.threads = threads_}), threads_);
-    core_.copy_to(copy);
-    return Queries(copy, threads_).overlapping(boxes, options);
+    core_.copy_to(copy, slots_);
+    return Queries(copy, threads_).answer(queries, search);
   });
 }
 
@@ -344,6 +251,7 @@ auto Queries<Box>::with_current(std::size_t queries, const Function& function) {
   const bool all = !unread_;
   scanned_.fetch_add(queries * unread_count(), std::memory_order_relaxed);
   return function(Searched<Box>{.core = core_,
+                                .slots = slots_,
                                 .tree = all ? nullptr : tree_,
                                 .unread = all ? std::span<const std::uint32_t>() : *unread_,
                                 .unread_set = unread_set_,
@@ -361,6 +269,7 @@ bool Queries<Box>::must_read(std::size_t queries) const noexcept {
 template <class Box>
 void Queries<Box>::find_unread(std::size_t queries) {
   is_current_ = false;  // until all is done
+  slots_ = core_.slots();
   tree_ = &core_.choose_tree();
   unread_ = core_.unread();
   if (must_read(queries)) {
@@ -370,6 +279,31 @@ void Queries<Box>::find_unread(std::size_t queries) {
   }
   unread_set_ = SlotSet(unread_ ? *unread_ : std::span<const std::uint32_t>());
   is_current_ = true;
+}
+
+template <class Box>
+void Queries<Box>::prepare_begin() {
+  if (!std::exchange(are_asked_in_flight_, false)) return;
+  (void)core_.choose_tree();
+  if (core_.count_unread() > 0 && core_.can_read()) core_.read();
+}
+
+/// Reads all boxes if testing all of them would have taken as long as reading those that are not in the tree.
+template <class Box>
+bool Queries<Box>::read_all() {
+  core_.refuse_forked();
+  const std::unique_lock unique(mutex_);
+  if (has_all_) return true;
+  is_current_ = false;
+  slots_ = core_.slots();
+  tree_ = &core_.choose_tree();
+  if (const std::size_t unread = core_.count_unread(); unread > 0 || !tree_->is_ready()) {
+    scanned_ += slots_;
+    if (scanned_ <= tests_per_read * unread || !core_.can_read()) return false;
+    core_.read();
+    scanned_ = 0;
+  }
+  return has_all_ = true;
 }
 
 template <class Box>

@@ -12,6 +12,7 @@
 #include <broadcl/filter.hpp>
 
 #include "base/non_copyable.hpp"
+#include "engines/ranked_search.hpp"
 
 namespace broadcl {
 
@@ -80,6 +81,10 @@ class BoxTree {
   /// @param queries At most most_queries.
   /// @throws std::bad_alloc
   virtual void find(std::span<const QueryBox> queries, HitList& hits) const = 0;
+  /// Passes boxes that a search wants to it. Likewise, but allocates nothing, and leaves the floating-point
+  /// environment to the caller.
+  virtual void find(RankedSearch<Aabb>& search) const = 0;
+  virtual void find(RankedSearch<Aabb64>& search) const = 0;
 };
 
 /// @param threads At most; 0 for one per processor.

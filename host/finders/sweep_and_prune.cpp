@@ -18,6 +18,7 @@
 #include "engines/box_tree.hpp"
 #include "engines/host_engine.hpp"
 #include "finders/pair_sort.hpp"
+#include "finders/ranked_search.hpp"
 #include "finders/slot_bounds.hpp"
 #include "finders/tile_search.hpp"
 #include "finders/tile_sort.hpp"
@@ -185,6 +186,10 @@ class Sweep {
   }
   [[nodiscard]] bool is_ready() const noexcept { return is_sorted_; }
   void find(std::span<const QueryBox> queries, HitList& hits) const;
+  template <class Box>
+  void find(RankedSearch<Box>& search) const {
+    ranked_tile_search<axes, Box>()(search, tree_.tiles());
+  }
 
  private:
   /// The filters to test; none if the sets decide.
@@ -424,6 +429,9 @@ class SweepAndPrune final : public HostFinder, public BoxTree {
     });
   }
 
+  void find(RankedSearch<Aabb>& search) const override { find_ranked(search); }
+  void find(RankedSearch<Aabb64>& search) const override { find_ranked(search); }
+
   // NOLINTNEXTLINE(bugprone-exception-escape): a monostate throws nothing
   void clear() noexcept override { sweep_ = std::monostate(); }
 
@@ -433,6 +441,14 @@ class SweepAndPrune final : public HostFinder, public BoxTree {
     auto* sweep = std::get_if<Sweep<axes>>(&sweep_);
     if (sweep != nullptr && sweep->is_for(input)) return *sweep;
     return sweep_.template emplace<Sweep<axes>>(input.rules, threads_);
+  }
+
+  template <class Box>
+  void find_ranked(RankedSearch<Box>& search) const {
+    (void)with_sweep([&](const auto& sweep) {
+      sweep.find(search);
+      return true;
+    });
   }
 
   template <class Function>
