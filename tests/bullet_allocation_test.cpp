@@ -7,11 +7,15 @@
 #include <ostream>
 #include <string>
 #include <string_view>
+#include <vector>
 
 #include <gtest/gtest.h>
 
+#include <broadcl/bullet.hpp>
+
 #include "bullet_short_life.hpp"
 #include "failing_allocations.hpp"
+#include "ray_callback.hpp"
 #include "test_name.hpp"
 #include "trouble.hpp"
 
@@ -72,6 +76,47 @@ TEST_P(BulletAllocation, EachThatFailsOnceIsMadeGood) {
 
 TEST_P(BulletAllocation, EachFromWhichOnAllFailIsMadeGood) {
   live(AllocationTrouble::for_good);
+}
+
+/// Queries test all proxies if there is no memory to read those that moved into a tree.
+TEST(BulletQueriesWithoutMemory, FindTheSame) {
+  struct CountingRay final : RayCallback {
+    using RayCallback::RayCallback;
+    bool process(const btBroadphaseProxy* /*proxy*/) override {
+      ++found;
+      return true;
+    }
+    int found = 0;
+  };
+  constexpr int n = 600;
+  const btVector3 size(1, 1, 1);
+  long points = 1;
+  for (long first = 0; first < points; ++first) {
+    BulletBroadphase broadphase({.algorithm = "sweep-and-prune", .threads = 1});
+    std::vector<btBroadphaseProxy*> proxies;
+    for (int k = 0; k < n; ++k) {
+      const btVector3 lower(btScalar(2 * k), 0, 0);
+      proxies.push_back(broadphase.createProxy(lower, lower + size, 0, nullptr, 1, -1, nullptr));
+    }
+    broadphase.calculateOverlappingPairs(nullptr);
+    for (int k = 0; k < n; k += 2) {
+      const btVector3 lower(btScalar(2 * k + 1), 0, 0);
+      broadphase.setAabb(proxies[static_cast<std::size_t>(k)], lower, lower + size, nullptr);
+    }
+    {
+      const FailingAllocations failing(first, AllocationTrouble::for_good);
+      for (int query = 0; query < 20; ++query) {
+        const btVector3 from(-5, 0.5F, 0.5F);
+        const btVector3 to(2 * n, 0.5F, 0.5F);
+        CountingRay ray(from, to);
+        broadphase.rayTest(from, to, ray);
+        ASSERT_EQ(ray.found, n);
+      }
+      points = FailingAllocations::allocations();
+    }
+    for (btBroadphaseProxy* proxy : proxies) broadphase.destroyProxy(proxy, nullptr);
+  }
+  EXPECT_GT(points, 1) << "the tree was never read";
 }
 
 INSTANTIATE_TEST_SUITE_P(

@@ -230,6 +230,23 @@ TEST(BulletQueries, BesideEqualBoxesTakeAsLongAsBesideOthers) {
   EXPECT_TRUE(holds_once([&] { return seconds_of_queries(0) < 5 * seconds_of_queries(2); }));
 }
 
+/// The tree then has a box that no calculation has taken out, since there was nothing to calculate.
+TEST(BulletQueries, FindNothingWhenTheLastProxyIsGone) {
+  for (const Kind& kind : kinds) {
+    Rig rig(kind);
+    btBroadphaseProxy* const proxy = rig.create_unit(0);
+    const auto boxes = [&] {
+      BoxCollector collector;
+      rig.broadphase().aabbTest({0, 0, 0}, {1, 1, 1}, collector);
+      return collector.found.size();
+    };
+    for (int k = 0; k < 20; ++k) EXPECT_EQ(boxes(), 1U);  // so often that the tree reads it
+    rig.destroy(proxy);
+    rig.calculate();
+    EXPECT_EQ(boxes(), 0U) << kind.name;
+  }
+}
+
 /// While it exists, Bullet's allocator has memory for some more allocations, and then returns null.
 class BulletMemory {
  public:

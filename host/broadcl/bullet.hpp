@@ -93,9 +93,10 @@ inline namespace float64 {
 /// A proxy with a NaN bound, or with a lower bound above the upper one, overlaps nothing until it gets a
 /// valid box. A NaN bound is reported once each time that it appears.
 ///
-/// Ray and box queries see every change at once. They use a btDbvt of the boxes, which is updated only if
-/// queries are made. Queries may run in several threads at the same time, and within one another, as long as
-/// no thread calls any other function.
+/// Ray and box queries see every change at once. They search the tree that the calculations use, which has
+/// all boxes after each of them; boxes that changed since are put into it when testing all proxies has taken
+/// as long as that. Without memory for a tree, all proxies are tested. Queries may run in several threads at
+/// the same time, and within one another, as long as no thread calls any other function.
 class BROADCL_BULLET_API BulletBroadphase : public btBroadphaseInterface {
  public:
   /// What finds the pairs: a BroadPhase, or in double precision a BroadPhase64.
@@ -155,8 +156,8 @@ class BROADCL_BULLET_API BulletBroadphase : public btBroadphaseInterface {
 
   /// If true, createProxy() and setAabb() add the pairs of a new box to the cache at once, for code that
   /// reads the cache between two calculations, as btKinematicCharacterController does. Pairs still end in the
-  /// calculation. Each box that is set then costs an update of the query tree and a search in it, as with a
-  /// btDbvtBroadphase. The default is false.
+  /// calculation. Each box that is set is then put into the tree of queries at once, and searched for, as
+  /// with a btDbvtBroadphase. The default is false.
   void set_pairs_at_once(bool at_once) noexcept;
 
   /// Keeps pairs whose boxes overlap, but whose shapes do not, from the narrow phase. This makes frames

@@ -17,8 +17,8 @@
 
 #include "bullet/cached_pairs.hpp"
 #include "bullet/proxy_pool.hpp"
+#include "bullet/proxy_queries.hpp"
 #include "bullet/proxy_search.hpp"
-#include "bullet/query_tree.hpp"
 #include "bullet/reports.hpp"
 #include "bullet/shape_culling.hpp"
 
@@ -107,7 +107,7 @@ struct BulletBroadphase::Impl {
   ShapeCulling culling{pool};
   CachedPairs pairs;
   ProxySearch search;
-  QueryTree queries{pool};
+  ProxyQueries queries{pool, search};
   bool are_pairs_added_at_once = false;
 };
 
@@ -132,7 +132,6 @@ btBroadphaseProxy* BulletBroadphase::createProxy(const btVector3& aabbMin, const
   Proxy& proxy = impl_->pool[id] = made;
   impl_->pool.seen(id) = masks_of(made);
   impl_->pool.mark_created(proxy);
-  impl_->queries.touch(id);
   impl_->culling.forget(id);
   if (has_nan(aabbMin, aabbMax)) impl_->report_nan(proxy);
   impl_->add_at_once(proxy);
@@ -145,7 +144,6 @@ void BulletBroadphase::destroyProxy(btBroadphaseProxy* proxy, btDispatcher* disp
   impl_->search.remove(id);
   impl_->pairs.remove_pairs_of(own, dispatcher);
   impl_->pool.free(own);
-  impl_->queries.touch(id);
 }
 
 void BulletBroadphase::setAabb(btBroadphaseProxy* proxy, const btVector3& aabbMin, const btVector3& aabbMax,
@@ -158,7 +156,6 @@ void BulletBroadphase::setAabb(btBroadphaseProxy* proxy, const btVector3& aabbMi
   own.m_aabbMax = aabbMax;
   impl_->pool.mark_changed(own);
   impl_->search.move(own.id(), is_good ? proper_box(aabbMin, aabbMax) : empty_box());
-  impl_->queries.touch(own.id());
   if (turns_nan) impl_->report_nan(own);
   impl_->add_at_once(own);
 }
@@ -185,7 +182,6 @@ void BulletBroadphase::begin() {
 
 void BulletBroadphase::calculateOverlappingPairs(btDispatcher* dispatcher) {
   impl_->search.attempt([&] { impl_->calculate(dispatcher); });
-  impl_->queries.start_frame();
 }
 
 btOverlappingPairCache* BulletBroadphase::getOverlappingPairCache() {

@@ -15,7 +15,7 @@
 #include "base/pair_lists.hpp"
 #include "bullet/pair_cache.hpp"
 #include "bullet/proxy_pool.hpp"
-#include "bullet/query_tree.hpp"
+#include "bullet/proxy_queries.hpp"
 
 namespace broadcl {
 
@@ -44,10 +44,10 @@ class CachedPairs {
   }
 
   /// Adds the proxies that overlap a proxy's box now and whose pairs with it are not in the cache.
-  void add_at_once(const Proxy& proxy, QueryTree& tree) {
+  void add_at_once(const Proxy& proxy, ProxyQueries& queries) {
     if (!is_proper(proxy)) return;
     Partners partners;
-    tree.aabb_test(proxy.m_aabbMin, proxy.m_aabbMax, partners);
+    queries.aabb_test(proxy.m_aabbMin, proxy.m_aabbMax, partners);
     std::sort(partners.ids.begin(), partners.ids.end());
     for (const std::uint32_t id : partners.ids) {
       if (id == proxy.id()) continue;

@@ -19,6 +19,7 @@
 #include "bullet/filter_watch.hpp"
 #include "bullet/proxy_pool.hpp"
 #include "bullet/reports.hpp"
+#include "core/tree_access.hpp"
 
 namespace broadcl {
 
@@ -86,6 +87,18 @@ class ProxySearch {
       return found;
     });
   }
+
+  /// Whether find() can search. Otherwise all proxies are to be tested.
+  [[nodiscard]] bool has_tree() const {
+    try {
+      return !is_lost_ && detail::TreeAccess<ProxyBox>::has_all(core_);
+    } catch (const std::bad_alloc&) {
+      return false;
+    } catch (const Error&) {  // The next calculation meets it, too, and reports it.
+      return false;
+    }
+  }
+  void find(RankedSearch<ProxyBox>& search) const { detail::TreeAccess<ProxyBox>::find(core_, search); }
 
   /// Whether the cache is to decide about all pairs again.
   [[nodiscard]] bool must_decide_again() const noexcept { return must_decide_again_; }
