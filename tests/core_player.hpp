@@ -1,8 +1,10 @@
 #pragma once
 
 #include <algorithm>
+#include <array>
 #include <cstddef>
 #include <cstdint>
+#include <limits>
 #include <optional>
 #include <span>
 #include <string>
@@ -16,6 +18,7 @@
 #include "core_random_script.hpp"
 #include "each_algorithm.hpp"
 #include "expected_hits.hpp"
+#include "expected_ranked_hits.hpp"
 #include "kept_delta.hpp"
 #include "random_scripts.hpp"
 #include "rounding.hpp"
@@ -326,9 +329,39 @@ class CorePlayer {
     Objects<Aabb> objects;
     for (const std::uint32_t id : reference().ids())
       objects.set(id, reference().box(id), reference().filter(id), reference().reach(id));
-    const Hits expected = expected_hits<Aabb>(objects, boxes, options);
-    const Hits hits = overlapping_of(subject_, boxes, options);
-    if (hits.offsets != expected.offsets || hits.ids != expected.ids) fail("other hits");
+    expect_hits(overlapping_of(subject_, boxes, options), expected_hits<Aabb>(objects, boxes, options));
+    if constexpr (requires { subject_.nearest(boxes, options); }) ask_in_order(op, objects, boxes, options);
+  }
+
+  /// What is nearest to boxes, and what they meet on their way.
+  void ask_in_order(const CoreOp& op, const Objects<Aabb>& objects, std::vector<Aabb> boxes,
+                    QueryOptions options) {
+    if (options.within == 0.0) options.within.reset();  // which is the same in C
+    expect_hits(subject_.nearest(boxes, options),
+                expected_ranked_hits<Aabb>(objects, boxes, nullptr, options));
+    options.within.reset();
+    constexpr std::array components{0.0F, 1.0F, -1.0F, 0.5F, 0.0F, -3.0F, 0x1p-140F};
+    constexpr std::array lengths{std::numeric_limits<float>::infinity(), 0.0F, 1.0F, 2.5F, 100.0F};
+    Ways<Aabb> ways;
+    for (unsigned k = 0; k < boxes.size(); ++k) {
+      Aabb& box = boxes[k];
+      if (k % 2 == 0 && !is_empty(box)) box.upper = box.lower;
+      const auto is_finite = [](float bound) { return std::isfinite(bound); };
+      if (!std::ranges::all_of(box.lower, is_finite) || !std::ranges::all_of(box.upper, is_finite))
+        box = inverted;
+      const std::size_t at = op.which + 11 * k;
+      ways.directions.push_back(
+          {components.at(at % 7), components.at(at / 7 % 7), components.at(at / 49 % 7)});
+      ways.lengths.push_back(lengths.at(at % lengths.size()));
+    }
+    expect_hits(subject_.along(boxes, ways.directions, ways.lengths, options),
+                expected_ranked_hits<Aabb>(objects, boxes, &ways, options));
+  }
+
+  static void expect_hits(const Hits& hits, const Hits& expected) {
+    if (hits.offsets != expected.offsets || hits.ids != expected.ids ||
+        hits.squared_distances != expected.squared_distances || hits.times != expected.times)
+      fail("other hits");
   }
 
   void expect_partners() {

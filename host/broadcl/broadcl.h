@@ -10,13 +10,12 @@
 ///   output parameters are not written to; the call may be repeated.
 /// - Structs that begin with `size` may grow in later versions. Set the whole struct to zero and `size` to
 ///   sizeof, as in `broadcl_config config = {.size = sizeof config};`. Zero always means the default.
-/// - Handles are made by functions with `_create` in their names, and by broadcl_broad_phase_overlapping().
-///   They belong to the caller, who destroys them with the matching `_destroy`. Everything else that is
-///   returned belongs to the object that returned it.
-/// - An object may be used by only one thread at a time, except by broadcl_broad_phase_overlapping();
-///   different objects are independent of each other. Functions that take no handle may be called by any
-///   number of threads at the same time. Some functions read environment variables, so no thread may set one
-///   at the same time.
+/// - Handles are made by functions with `_create` in their names, and by broadcl_broad_phase_overlapping(),
+///   _nearest() and _along(). They belong to the caller, who destroys them with the matching `_destroy`.
+///   Everything else that is returned belongs to the object that returned it.
+/// - An object may be used by only one thread at a time, except by these three; different objects are
+///   independent of each other. Functions that take no handle may be called by any number of threads at the
+///   same time. Some functions read environment variables, so no thread may set one at the same time.
 /// - Pairs are in canonical order (see struct broadcl_pair), unless they are sorted by world.
 
 #include <stddef.h>
@@ -281,16 +280,21 @@ typedef struct broadcl_query_options {
   const uint32_t* except;  ///< Null, or for each query the id of an object that it does not find.
   size_t except_count;
   uint64_t most_hits;  ///< If queries find more in all, the call fails; 0 for 2^31.
-  double within;       ///< The reach with which the queries ask, which adds to those of objects.
-  uint32_t limit;      ///< How many objects each query finds at most: those with the lowest ids; 0 for all.
+  double within;       ///< The reach with which the queries ask, which adds to those of objects. Functions
+                       ///< with `nearest` find what is at most so far away; 0 for any distance.
+  uint32_t limit;      ///< How many objects each query finds at most: those with the lowest ids, or the
+                       ///< first ones of functions with `nearest` and `along`; 0 for all.
   int count_only;      ///< Whether only the offsets are wanted.
 } broadcl_query_options;
 
-/// What queries found: query k the ids from offsets[k] to offsets[k + 1], in ascending order.
+/// What queries found: query k the ids from offsets[k] to offsets[k + 1], in ascending order, or in that of
+/// distances or times.
 typedef struct broadcl_hits {
   const uint64_t* offsets;  ///< One more than queries.
   size_t query_count;
-  const uint32_t* ids;  ///< Null if they were only counted.
+  const uint32_t* ids;              ///< Null if they were only counted.
+  const double* squared_distances;  ///< One for each id, if a function with `nearest` made the list.
+  const double* times;              ///< One for each id, if a function with `along` made the list.
 } broadcl_hits;
 
 /// What a batch of queries found. It belongs to the caller.
@@ -305,6 +309,19 @@ typedef struct broadcl_hit_list broadcl_hit_list;
 BROADCL_API broadcl_status broadcl_hit_list_create(const broadcl_boxes* boxes, const broadcl_boxes* queries,
                                                    const broadcl_query_options* options,
                                                    const broadcl_config* config, broadcl_hit_list** list);
+/// Of each query the indices of the boxes that are nearest to it: as broadcl_broad_phase_nearest(), and
+/// otherwise as broadcl_hit_list_create().
+BROADCL_API broadcl_status broadcl_hit_list_create_nearest(const broadcl_boxes* boxes,
+                                                           const broadcl_boxes* queries,
+                                                           const broadcl_query_options* options,
+                                                           const broadcl_config* config,
+                                                           broadcl_hit_list** list);
+/// Of each query the indices of the boxes that it meets on its way: as broadcl_broad_phase_along(), and
+/// otherwise as broadcl_hit_list_create().
+BROADCL_API broadcl_status broadcl_hit_list_create_along(
+    const broadcl_boxes* boxes, const broadcl_boxes* starts, const double* directions, size_t direction_count,
+    const double* lengths, size_t length_count, const broadcl_query_options* options,
+    const broadcl_config* config, broadcl_hit_list** list);
 /// No-op for null.
 BROADCL_API broadcl_status broadcl_hit_list_destroy(broadcl_hit_list* list);
 /// @param hits Valid until the list is destroyed.
@@ -452,6 +469,31 @@ BROADCL_API broadcl_status broadcl_broad_phase_overlapping(const broadcl_broad_p
                                                            const broadcl_boxes* boxes,
                                                            const broadcl_query_options* options,
                                                            broadcl_hit_list** list);
+/// Of each query the `limit` objects with the least distance, and of those at the same distance the ones with
+/// the lowest ids, in this order; without a limit all that are at most `within` away. Distances are those of
+/// broadcl_squared_distances(), in the precision of the object's boxes; reaches do not matter. Otherwise as
+/// broadcl_broad_phase_overlapping().
+BROADCL_API broadcl_status broadcl_broad_phase_nearest(const broadcl_broad_phase* broad_phase,
+                                                       const broadcl_boxes* boxes,
+                                                       const broadcl_query_options* options,
+                                                       broadcl_hit_list** list);
+/// Of each query the first `limit` objects that it meets as it moves by t times its direction, for all t from
+/// 0 to its length: in the order in which it does, and by id if at the same time. A ray is a box of no size.
+/// What is met at the start has the time 0. BasicBroadPhase::along() of C++ has the definition. Reaches do
+/// not matter. Otherwise as broadcl_broad_phase_overlapping().
+/// @param starts Finite, or empty: those meet nothing.
+/// @param directions x, y, z of `direction_count` directions: one for each start, or one for all. Finite;
+/// rounded to float32, like `lengths`, unless the object's boxes are float64.
+/// @param lengths `length_count` lengths, in multiples of the directions: one for each start, one for all, or
+/// 0 for infinite ones.
+/// @returns BROADCL_INVALID_ARGUMENT also for an infinite start, for a direction that is infinite or NaN, for
+/// a length that is negative or NaN, and if `within` is given.
+BROADCL_API broadcl_status broadcl_broad_phase_along(const broadcl_broad_phase* broad_phase,
+                                                     const broadcl_boxes* starts, const double* directions,
+                                                     size_t direction_count, const double* lengths,
+                                                     size_t length_count,
+                                                     const broadcl_query_options* options,
+                                                     broadcl_hit_list** list);
 /// The number of objects.
 BROADCL_API broadcl_status broadcl_broad_phase_size(const broadcl_broad_phase* broad_phase, size_t* size);
 /// The device that will do the next update.

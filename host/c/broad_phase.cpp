@@ -3,6 +3,7 @@
 #include <broadcl/broad_phase64.hpp>
 
 #include <algorithm>
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <optional>
@@ -57,6 +58,23 @@ void finish(broadcl_broad_phase* broad_phase, broadcl_delta* delta) {
   if (delta != nullptr) *delta = c::to_c(changes);
 }
 
+/// Makes a list of what queries find.
+/// @param search Gets their boxes and options.
+template <class Search>
+broadcl_status list_hits(const char* function, const broadcl_boxes* queries, const char* name,
+                         const broadcl_query_options* options, broadcl_hit_list** list,
+                         const Search& search) {
+  return c::call(function, [&] {
+    c::required(list, "list");
+    const BoxView view = c::to_view(queries, name);
+    *list = new broadcl_hit_list{search(view, c::to_options(options))};
+  });
+}
+
+std::span<const std::array<double, 3>> to_directions(const double* numbers, std::size_t count) {
+  return c::array(reinterpret_cast<const std::array<double, 3>*>(numbers), count, "directions");
+}
+
 }  // namespace
 
 broadcl_status broadcl_pair_list_create(const broadcl_boxes* boxes, const broadcl_boxes* second,
@@ -97,11 +115,31 @@ broadcl_status broadcl_pair_list_pairs(const broadcl_pair_list* list, broadcl_pa
 broadcl_status broadcl_hit_list_create(const broadcl_boxes* boxes, const broadcl_boxes* queries,
                                        const broadcl_query_options* options, const broadcl_config* config,
                                        broadcl_hit_list** list) {
-  return c::call(__func__, [&] {
-    c::required(list, "list");
-    *list = new broadcl_hit_list{overlapping(c::to_view(boxes, "boxes"), c::to_view(queries, "queries"),
-                                             c::to_options(options), c::to_config(config))};
-  });
+  return list_hits(__func__, queries, "queries", options, list,
+                   [&](const BoxView& view, const QueryOptions& how) {
+                     return overlapping(c::to_view(boxes, "boxes"), view, how, c::to_config(config));
+                   });
+}
+
+broadcl_status broadcl_hit_list_create_nearest(const broadcl_boxes* boxes, const broadcl_boxes* queries,
+                                               const broadcl_query_options* options,
+                                               const broadcl_config* config, broadcl_hit_list** list) {
+  return list_hits(__func__, queries, "queries", options, list,
+                   [&](const BoxView& view, const QueryOptions& how) {
+                     return nearest(c::to_view(boxes, "boxes"), view, how, c::to_config(config));
+                   });
+}
+
+broadcl_status broadcl_hit_list_create_along(const broadcl_boxes* boxes, const broadcl_boxes* starts,
+                                             const double* directions, std::size_t direction_count,
+                                             const double* lengths, std::size_t length_count,
+                                             const broadcl_query_options* options,
+                                             const broadcl_config* config, broadcl_hit_list** list) {
+  return list_hits(
+      __func__, starts, "starts", options, list, [&](const BoxView& view, const QueryOptions& how) {
+        return along(c::to_view(boxes, "boxes"), view, to_directions(directions, direction_count),
+                     c::array(lengths, length_count, "lengths"), how, c::to_config(config));
+      });
 }
 
 broadcl_status broadcl_hit_list_destroy(broadcl_hit_list* list) {
@@ -111,8 +149,9 @@ broadcl_status broadcl_hit_list_destroy(broadcl_hit_list* list) {
 broadcl_status broadcl_hit_list_hits(const broadcl_hit_list* list, broadcl_hits* hits) {
   return c::call(__func__, [&] {
     const Hits& found = c::required(list, "list").hits;
-    c::required(hits, "hits") = {found.offsets.data(), found.size(),
-                                 found.ids.empty() ? nullptr : found.ids.data()};
+    const auto data = [](const auto& items) { return items.empty() ? nullptr : items.data(); };
+    c::required(hits, "hits") = {found.offsets.data(), found.size(), data(found.ids),
+                                 data(found.squared_distances), data(found.times)};
   });
 }
 
@@ -320,13 +359,35 @@ broadcl_status broadcl_broad_phase_overlapping(const broadcl_broad_phase* broad_
                                                const broadcl_boxes* boxes,
                                                const broadcl_query_options* options,
                                                broadcl_hit_list** list) {
-  return c::call(__func__, [&] {
-    c::required(list, "list");
-    const BoxView view = c::to_view(boxes, "boxes");
-    const QueryOptions how = c::to_options(options);
-    *list = new broadcl_hit_list{
-        with(broad_phase, [&](const auto& object) { return object.overlapping(view, how); })};
-  });
+  return list_hits(
+      __func__, boxes, "boxes", options, list, [&](const BoxView& view, const QueryOptions& how) {
+        return with(broad_phase, [&](const auto& object) { return object.overlapping(view, how); });
+      });
+}
+
+broadcl_status broadcl_broad_phase_nearest(const broadcl_broad_phase* broad_phase, const broadcl_boxes* boxes,
+                                           const broadcl_query_options* options, broadcl_hit_list** list) {
+  return list_hits(__func__, boxes, "boxes", options, list,
+                   [&](const BoxView& view, const QueryOptions& how) {
+                     return with(broad_phase, [&](const auto& object) { return object.nearest(view, how); });
+                   });
+}
+
+broadcl_status broadcl_broad_phase_along(const broadcl_broad_phase* broad_phase, const broadcl_boxes* starts,
+                                         const double* directions, std::size_t direction_count,
+                                         const double* lengths, std::size_t length_count,
+                                         const broadcl_query_options* options, broadcl_hit_list** list) {
+  return list_hits(
+      __func__, starts, "starts", options, list, [&](const BoxView& view, const QueryOptions& how) {
+        return with(broad_phase, [&]<class Box>(const BasicBroadPhase<Box>& object) {
+          using Bound = typename BasicBroadPhase<Box>::Bound;
+          std::vector<std::array<Bound, 3>> ways;
+          for (const auto& [x, y, z] : to_directions(directions, direction_count))
+            ways.push_back({static_cast<Bound>(x), static_cast<Bound>(y), static_cast<Bound>(z)});
+          const std::span<const double> given = c::array(lengths, length_count, "lengths");
+          return object.along(view, ways, std::vector<Bound>(given.begin(), given.end()), how);
+        });
+      });
 }
 
 broadcl_status broadcl_broad_phase_size(const broadcl_broad_phase* broad_phase, std::size_t* size) {

@@ -88,6 +88,9 @@ TEST(C, NullHandlesAreRefused) {
   EXPECT_INVALID("broad_phase is null", broadcl_broad_phase_reach, nullptr, 0, &reach);
   EXPECT_INVALID("broad_phase is null", broadcl_broad_phase_partners, nullptr, 0, &ids, &n);
   EXPECT_INVALID("broad_phase is null", broadcl_broad_phase_overlapping, nullptr, &boxes, nullptr, &found);
+  EXPECT_INVALID("broad_phase is null", broadcl_broad_phase_nearest, nullptr, &boxes, nullptr, &found);
+  EXPECT_INVALID("broad_phase is null", broadcl_broad_phase_along, nullptr, &boxes, nullptr, 0, nullptr, 0,
+                 nullptr, &found);
   EXPECT_INVALID("broad_phase is null", broadcl_broad_phase_update, nullptr, nullptr);
   EXPECT_INVALID("broad_phase is null", broadcl_broad_phase_begin, nullptr);
   EXPECT_INVALID("broad_phase is null", broadcl_broad_phase_finish, nullptr, nullptr);

@@ -13,15 +13,30 @@
 namespace broadcl::test {
 namespace {
 
+using ::testing::Each;
 using ::testing::ElementsAre;
 using ::testing::IsEmpty;
 
 using Lists = std::vector<std::vector<std::uint32_t>>;
 
+using Numbers = std::vector<double>;
+
+constexpr double infinite = std::numeric_limits<double>::infinity();
+
 /// The hits of a list, which is destroyed.
-Lists taken_from(broadcl_hit_list* made) {
+/// @param squared_distances, times One per hit, or null if there must be none.
+Lists taken_from(broadcl_hit_list* made, Numbers* squared_distances = nullptr, Numbers* times = nullptr) {
   broadcl_hits hits{};
   EXPECT_EQ(broadcl_hit_list_hits(made, &hits), BROADCL_SUCCESS) << broadcl_last_error();
+  const auto take = [&](const double* numbers, Numbers* to) {
+    if (to == nullptr) {
+      EXPECT_EQ(numbers, nullptr);
+    } else {
+      to->assign(numbers, numbers + hits.offsets[hits.query_count]);
+    }
+  };
+  take(hits.squared_distances, squared_distances);
+  take(hits.times, times);
   Lists lists(hits.query_count);
   for (std::size_t k = 0; k < lists.size(); ++k) {
     lists[k].assign(hits.ids + hits.offsets[k], hits.ids + hits.offsets[k + 1]);
@@ -176,6 +191,120 @@ TEST_P(CQueries, MeetWhatReachesThem) {
   EXPECT_INVALID("reach is null", broadcl_broad_phase_reach, handle_, 0, nullptr);
 }
 
+TEST_P(CQueries, NearestComeInTheOrderOfTheirDistances) {
+  add({point(0), point(3), cube(4), point(3)});
+  const std::vector<broadcl_aabb> queries = {point(2.5F), {{1, 0, 0}, {0, 0, 0}}};
+  const broadcl_boxes given = view(queries);
+  auto options = sized<broadcl_query_options>();
+  options.limit = 3;
+  broadcl_hit_list* made = nullptr;
+  Numbers distances;
+  OK(broadcl_broad_phase_nearest(handle_, &given, &options, &made));
+  EXPECT_THAT(taken_from(made, &distances), ElementsAre(ElementsAre(1, 3, 2), IsEmpty()));
+  EXPECT_THAT(distances, ElementsAre(0.25, 0.25, 2.25));
+  OK(broadcl_broad_phase_nearest(handle_, &given, nullptr, &made));
+  EXPECT_THAT(taken_from(made, &distances), ElementsAre(ElementsAre(1, 3, 2, 0), IsEmpty()));
+  options.within = 1;
+  OK(broadcl_broad_phase_nearest(handle_, &given, &options, &made));
+  EXPECT_THAT(taken_from(made, &distances), ElementsAre(ElementsAre(1, 3), IsEmpty()));
+  options.count_only = 1;
+  OK(broadcl_broad_phase_nearest(handle_, &given, &options, &made));
+  broadcl_hits hits{};
+  OK(broadcl_hit_list_hits(made, &hits));
+  EXPECT_EQ(hits.offsets[2], 2U);
+  EXPECT_EQ(hits.ids, nullptr);
+  EXPECT_EQ(hits.squared_distances, nullptr);
+  OK(broadcl_hit_list_destroy(made));
+
+  made = nullptr;
+  options.within = -1;
+  EXPECT_INVALID("within", broadcl_broad_phase_nearest, handle_, &given, &options, &made);
+  const std::vector<broadcl_aabb> with_nan = {point(0), point(nan_value)};
+  const broadcl_boxes bad = view(with_nan);
+  EXPECT_INVALID("box 1 has a NaN bound", broadcl_broad_phase_nearest, handle_, &bad, nullptr, &made);
+  EXPECT_INVALID("boxes is null", broadcl_broad_phase_nearest, handle_, nullptr, nullptr, &made);
+  EXPECT_INVALID("list is null", broadcl_broad_phase_nearest, handle_, &given, nullptr, nullptr);
+  EXPECT_EQ(made, nullptr);
+}
+
+TEST_P(CQueries, RaysMeetObjectsInTheOrderOfTheirTimes) {
+  add({cube(0), cube(3), cube(4), {{-2, 5, 0}, {-1, 6, 1}}});
+  const std::vector<broadcl_aabb> starts = {{{2, 0.5F, 0.5F}, {2, 0.5F, 0.5F}}, {{-2, 0, 0}, {-1, 0, 0}}};
+  const broadcl_boxes given = view(starts);
+  const Numbers directions = {0.5, 0, 0, 0, 0.5, 0};
+  const Numbers lengths = {infinite, 10};
+  const auto along = [&](std::size_t direction_count, std::size_t length_count,
+                         const broadcl_query_options* options, Numbers* times) {
+    broadcl_hit_list* made = nullptr;
+    EXPECT_EQ(broadcl_broad_phase_along(handle_, &given, directions.data(), direction_count, lengths.data(),
+                                        length_count, options, &made),
+              BROADCL_SUCCESS)
+        << broadcl_last_error();
+    return taken_from(made, nullptr, times);
+  };
+  Numbers times;
+  EXPECT_THAT(along(2, 2, nullptr, &times), ElementsAre(ElementsAre(1, 2), ElementsAre(3)));
+  EXPECT_THAT(times, ElementsAre(2, 4, 10));
+  EXPECT_THAT(along(1, 0, nullptr, &times), ElementsAre(ElementsAre(1, 2), ElementsAre(0, 1, 2)));
+  EXPECT_THAT(times, ElementsAre(2, 4, 2, 8, 10));
+  auto options = sized<broadcl_query_options>();
+  options.limit = 1;
+  EXPECT_THAT(along(1, 1, &options, &times), ElementsAre(ElementsAre(1), ElementsAre(0)));
+  EXPECT_THAT(times, ElementsAre(2, 2));
+  // Directions are rounded to the precision of the boxes.
+  const double third = 1.0 / 3;
+  const Numbers thirds = {third, 0, 0};
+  broadcl_hit_list* made = nullptr;
+  OK(broadcl_broad_phase_along(handle_, &given, thirds.data(), 1, nullptr, 0, &options, &made));
+  (void)taken_from(made, nullptr, &times);
+  EXPECT_EQ(times[0],
+            GetParam() == BROADCL_FLOAT64 ? 1 / third : static_cast<double>(1 / static_cast<float>(third)));
+}
+
+TEST_P(CQueries, RefuseWaysThatLeadNowhere) {
+  add({cube(0)});
+  const std::vector<broadcl_aabb> starts = {point(0), point(1)};
+  const broadcl_boxes given = view(starts);
+  const Numbers directions = {1, 0, 0, 1, 0, 0};
+  const Numbers lengths = {1, 2, 3};
+  broadcl_hit_list* made = nullptr;
+  const auto refused = [&](const char* text, const broadcl_boxes* of, const double* ways,
+                           std::size_t way_count, const double* far, std::size_t far_count,
+                           const broadcl_query_options* options) {
+    SCOPED_TRACE(text);
+    EXPECT_INVALID(text, broadcl_broad_phase_along, handle_, of, ways, way_count, far, far_count, options,
+                   &made);
+    EXPECT_INVALID(text, broadcl_hit_list_create_along, of, of, ways, way_count, far, far_count, options,
+                   nullptr, &made);
+  };
+  const double* ways = directions.data();
+  refused("starts is null", nullptr, ways, 2, nullptr, 0, nullptr);
+  refused("directions is null", &given, nullptr, 2, nullptr, 0, nullptr);
+  refused("0 directions for 2 queries", &given, nullptr, 0, nullptr, 0, nullptr);
+  refused("lengths is null", &given, ways, 2, nullptr, 1, nullptr);
+  refused("3 lengths for 2 queries", &given, ways, 2, lengths.data(), 3, nullptr);
+  for (const double bad : {-1.0, std::numeric_limits<double>::quiet_NaN()}) {
+    const Numbers of_second = {1, bad};
+    refused("length 1 is", &given, ways, 2, of_second.data(), 2, nullptr);
+  }
+  for (const double bad : {infinite, std::numeric_limits<double>::quiet_NaN()}) {
+    const Numbers of_second = {1, 0, 0, 0, bad, 0};
+    refused("direction 1 is infinite or NaN", &given, of_second.data(), 2, nullptr, 0, nullptr);
+  }
+  const std::vector<broadcl_aabb> far = {point(0), point(std::numeric_limits<float>::infinity())};
+  const broadcl_boxes endless = view(far);
+  refused("start 1 is infinite", &endless, ways, 1, nullptr, 0, nullptr);
+  const std::vector<broadcl_aabb> with_nan = {point(0), point(nan_value)};
+  const broadcl_boxes bad = view(with_nan);
+  refused("box 1 has a NaN bound", &bad, ways, 1, nullptr, 0, nullptr);
+  auto options = sized<broadcl_query_options>();
+  options.within = 1;
+  refused("within", &given, ways, 2, nullptr, 0, &options);
+  EXPECT_INVALID("list is null", broadcl_broad_phase_along, handle_, &given, ways, 2, nullptr, 0, nullptr,
+                 nullptr);
+  EXPECT_EQ(made, nullptr);
+}
+
 TEST_P(CQueries, SeveralThreadsMayAsk) {
   const std::vector<broadcl_aabb> boxes = random_boxes(500);
   add(boxes);
@@ -199,12 +328,24 @@ TEST(CHitList, HasWhatIsFoundOnce) {
   OK(broadcl_hit_list_create(&none, &given, nullptr, nullptr, &made));
   EXPECT_EQ(taken_from(made), Lists(200));
 
+  auto options = sized<broadcl_query_options>();
+  options.limit = 1;
+  Numbers numbers;
+  const broadcl_boxes one = view_of_one(boxes[7]);
+  OK(broadcl_hit_list_create_nearest(&one, &given, &options, nullptr, &made));
+  EXPECT_EQ(taken_from(made, &numbers), Lists(200, {0}));
+  EXPECT_EQ(numbers[7], 0);
+  const Numbers direction = {0, 0, 0};
+  OK(broadcl_hit_list_create_along(&given, &given, direction.data(), 1, nullptr, 0, nullptr, nullptr, &made));
+  EXPECT_EQ(taken_from(made, nullptr, &numbers), expected_of(boxes));
+  EXPECT_THAT(numbers, Each(0));
+
   made = nullptr;
   const std::vector<broadcl_aabb> bad = {cube(0), cube(nan_value)};
   const broadcl_boxes with_nan = view(bad);
   EXPECT_INVALID("box 1 has a NaN bound", broadcl_hit_list_create, &given, &with_nan, nullptr, nullptr,
                  &made);
-  auto options = sized<broadcl_query_options>();
+  options = sized<broadcl_query_options>();
   options.except_count = 3;
   EXPECT_INVALID("options->except is null", broadcl_hit_list_create, &given, &given, &options, nullptr,
                  &made);
@@ -215,6 +356,9 @@ TEST(CHitList, HasWhatIsFoundOnce) {
   options.size = 3;
   EXPECT_INVALID("options->size is 3", broadcl_hit_list_create, &given, &given, &options, nullptr, &made);
   EXPECT_INVALID("queries is null", broadcl_hit_list_create, &given, nullptr, nullptr, nullptr, &made);
+  EXPECT_INVALID("queries is null", broadcl_hit_list_create_nearest, &given, nullptr, nullptr, nullptr,
+                 &made);
+  EXPECT_INVALID("boxes is null", broadcl_hit_list_create_nearest, nullptr, &given, nullptr, nullptr, &made);
   EXPECT_INVALID("list is null", broadcl_hit_list_create, &given, &given, nullptr, nullptr, nullptr);
   EXPECT_EQ(made, nullptr);
 }

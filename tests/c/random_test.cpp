@@ -1,6 +1,7 @@
 // Random calls of the C interface: ../core_random_test.cpp does the same in C++.
 #include <broadcl/broadcl.h>
 
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <memory>
@@ -129,25 +130,28 @@ class CSubject {
     return list(pairs);
   }
   Hits overlapping(const BoxView& boxes, const QueryOptions& options) {
-    std::vector<broadcl_filter> rules;
-    for (const Filter& filter : options.filters) rules.push_back(to_c(filter));
-    broadcl_query_options given{};
-    given.size = sizeof given;
-    given.filters = rules.data();
-    given.filter_count = rules.size();
-    given.except = options.except.data();
-    given.except_count = options.except.size();
-    given.within = options.within.value_or(0);
-    given.limit = options.limit == QueryOptions::all ? 0 : options.limit;
-    given.count_only = options.count_only ? 1 : 0;
-    broadcl_hit_list* list = nullptr;
-    check(broadcl_broad_phase_overlapping(handle_, Boxes(boxes).get(), &given, &list));
-    broadcl_hits hits{};
-    check(broadcl_hit_list_hits(list, &hits));
-    Hits result{.offsets = {hits.offsets, hits.offsets + hits.query_count + 1}};
-    if (hits.ids != nullptr) result.ids.assign(hits.ids, hits.ids + result.offsets.back());
-    check(broadcl_hit_list_destroy(list));
-    return result;
+    const Boxes given(boxes);
+    return hits(options, [&](const broadcl_query_options& how, broadcl_hit_list** list) {
+      return broadcl_broad_phase_overlapping(handle_, given.get(), &how, list);
+    });
+  }
+  Hits nearest(const BoxView& boxes, const QueryOptions& options) {
+    const Boxes given(boxes);
+    return hits(options, [&](const broadcl_query_options& how, broadcl_hit_list** list) {
+      return broadcl_broad_phase_nearest(handle_, given.get(), &how, list);
+    });
+  }
+  Hits along(const BoxView& starts, std::span<const std::array<float, 3>> directions,
+             std::span<const float> lengths, const QueryOptions& options) {
+    const Boxes given(starts);
+    std::vector<double> components;
+    for (const std::array<float, 3>& direction : directions)
+      components.insert(components.end(), direction.begin(), direction.end());
+    const std::vector<double> given_lengths(lengths.begin(), lengths.end());
+    return hits(options, [&](const broadcl_query_options& how, broadcl_hit_list** list) {
+      return broadcl_broad_phase_along(handle_, given.get(), components.data(), directions.size(),
+                                       given_lengths.data(), given_lengths.size(), &how, list);
+    });
   }
   std::vector<std::uint32_t> partners(std::uint32_t id) {
     const std::uint32_t* ids = nullptr;
@@ -178,6 +182,34 @@ class CSubject {
     broadcl_boxes boxes_{};
   };
 
+  /// What queries find with options.
+  template <class Ask>
+  static Hits hits(const QueryOptions& options, const Ask& ask) {
+    std::vector<broadcl_filter> rules;
+    for (const Filter& filter : options.filters) rules.push_back(to_c(filter));
+    broadcl_query_options given{};
+    given.size = sizeof given;
+    given.filters = rules.data();
+    given.filter_count = rules.size();
+    given.except = options.except.data();
+    given.except_count = options.except.size();
+    given.within = options.within.value_or(0);
+    given.limit = options.limit == QueryOptions::all ? 0 : options.limit;
+    given.count_only = options.count_only ? 1 : 0;
+    broadcl_hit_list* list = nullptr;
+    check(ask(given, &list));
+    broadcl_hits found{};
+    check(broadcl_hit_list_hits(list, &found));
+    Hits result{.offsets = {found.offsets, found.offsets + found.query_count + 1}};
+    const auto take = [&](const auto* items, auto& to) {
+      if (items != nullptr) to.assign(items, items + result.offsets.back());
+    };
+    take(found.ids, result.ids);
+    take(found.squared_distances, result.squared_distances);
+    take(found.times, result.times);
+    check(broadcl_hit_list_destroy(list));
+    return result;
+  }
   static void check(broadcl_status status) {
     if (status != BROADCL_SUCCESS) throw Error(broadcl_last_error());
   }
