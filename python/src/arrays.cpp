@@ -43,6 +43,37 @@ nb::object bounds_of(const Box& box) {
   return Array(data, {6}, keep(std::move(owner))).cast(nb::rv_policy::reference);
 }
 
+/// Numbers in float64, row after row: a single row, or an array of them.
+/// @param columns Of each row; 0 if it is a number.
+std::vector<double> to_rows(nb::handle numbers, const std::string& name, std::size_t columns) {
+  refuse_masked(numbers, name);
+  const nb::object numpy = nb::module_::import_("numpy");
+  const nb::object any = numpy.attr("asarray")(numbers);
+  const nb::object dtype = any.attr("dtype");
+  if (const auto kind = nb::cast<std::string>(dtype.attr("kind"));
+      kind != "f" && kind != "i" && kind != "u") {
+    throw nb::type_error(
+        (name + " must be a number or an array of numbers, not " + nb::str(nb::handle(dtype)).c_str())
+            .c_str());
+  }
+  const nb::object shape = any.attr("shape");
+  const std::size_t own = columns == 0 ? 0 : 1;
+  const std::size_t dimensions = nb::len(shape);
+  const bool is_empty_list = dimensions == 1 && nb::cast<std::size_t>(shape[0]) == 0;
+  const bool is_row = dimensions >= own && dimensions <= own + 1 &&
+                      (columns == 0 || nb::cast<std::size_t>(shape[dimensions - 1]) == columns);
+  if (!is_row && !is_empty_list) {
+    const std::string row = std::to_string(columns);
+    const std::string expected = columns == 0 ? "(n,)" : "(n, " + row + ") or (" + row + ",)";
+    throw nb::value_error(
+        (name + " must be of shape " + expected + ", not " + nb::str(nb::handle(shape)).c_str()).c_str());
+  }
+  using Array = nb::ndarray<const double, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
+  const auto array =
+      nb::cast<Array>(numpy.attr("ascontiguousarray")(any.attr("reshape")(-1), "dtype"_a = "float64"));
+  return {array.data(), array.data() + array.shape(0)};
+}
+
 void refuse_itself(const Pair& pair, std::size_t row, const std::string& name) {
   if (pair.a != pair.b) return;
   throw nb::value_error(("row " + std::to_string(row) + " of " + name + " has the id " +
@@ -146,24 +177,15 @@ Words Words::of_table(nb::handle table, const std::string& name, std::size_t col
 }
 
 std::vector<double> to_numbers(nb::handle numbers, const std::string& name) {
-  refuse_masked(numbers, name);
-  const nb::object numpy = nb::module_::import_("numpy");
-  const nb::object any = numpy.attr("atleast_1d")(numbers);
-  const nb::object dtype = any.attr("dtype");
-  if (const auto kind = nb::cast<std::string>(dtype.attr("kind"));
-      kind != "f" && kind != "i" && kind != "u") {
-    throw nb::type_error(
-        (name + " must be a number or an array of numbers, not " + nb::str(nb::handle(dtype)).c_str())
-            .c_str());
-  }
-  if (nb::cast<std::size_t>(any.attr("ndim")) != 1) {
-    const nb::object shape = any.attr("shape");
-    throw nb::value_error(
-        (name + " must be of shape (n,), not " + nb::str(nb::handle(shape)).c_str()).c_str());
-  }
-  using Array = nb::ndarray<const double, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
-  const auto array = nb::cast<Array>(numpy.attr("ascontiguousarray")(any, "dtype"_a = "float64"));
-  return {array.data(), array.data() + array.shape(0)};
+  return to_rows(numbers, name, 0);
+}
+
+std::vector<std::array<double, 3>> to_vectors(nb::handle vectors, const std::string& name,
+                                              std::size_t dimensions) {
+  const std::vector<double> numbers = to_rows(vectors, name, dimensions);
+  std::vector<std::array<double, 3>> result(numbers.size() / dimensions);
+  for (std::size_t k = 0; k < numbers.size(); ++k) result[k / dimensions].at(k % dimensions) = numbers[k];
+  return result;
 }
 
 PairArray::PairArray(nb::handle pairs, const std::string& name) {

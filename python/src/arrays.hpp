@@ -3,6 +3,7 @@
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
 
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <memory>
@@ -88,6 +89,12 @@ class Words {
 /// @param name What messages call them.
 /// @throws TypeError, ValueError
 [[nodiscard]] std::vector<double> to_numbers(nanobind::handle numbers, const std::string& name);
+
+/// A vector that a caller gives, (dimensions,), or an array of them (n, dimensions).
+/// @param dimensions 2 or 3; with 2, the last component is 0.
+/// @throws TypeError, ValueError
+[[nodiscard]] std::vector<std::array<double, 3>> to_vectors(nanobind::handle vectors, const std::string& name,
+                                                            std::size_t dimensions);
 
 /// An (m, 2) array of pairs, read where it is if it is one of uint32 without gaps; otherwise a copy.
 class PairArray {

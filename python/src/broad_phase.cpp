@@ -10,13 +10,10 @@
 #include "config.hpp"
 #include "keywords.hpp"
 #include "objects.hpp"
+#include "signatures.hpp"
 
 namespace nb = nanobind;
 using namespace nb::literals;
-
-// A type of Python; nanobind takes signatures as literals.
-// NOLINTNEXTLINE(cppcoreguidelines-macro-usage)
-#define BOXES "numpy.typing.ArrayLike | tuple[numpy.typing.ArrayLike, numpy.typing.ArrayLike]"
 
 namespace broadcl::python {
 namespace {
@@ -95,8 +92,8 @@ TypeError
 Error
     For an unknown device, unless the algorithm is one of the host, and if OpenCL fails.
 RuntimeError
-    By every method, if another thread is using the object. Only `overlapping` and `partners` may be
-    called by several threads at the same time.)")
+    By every method, if another thread is using the object. Only `overlapping`, `nearest`, `along` and
+    `partners` may be called by several threads at the same time.)")
       .def("__init__",
            with_keywords(
                "BroadPhase",
@@ -458,20 +455,14 @@ ValueError
     For an unknown id.
 Error
     Between `begin` and `finish`.)")
-      .def(
-          "overlapping", with_keywords("overlapping", &Objects::overlapping), "boxes"_a = nb::none(),
-          nb::kw_only(), "group"_a = nb::none(), "mask"_a = nb::none(), "body"_a = nb::none(),
-          "world"_a = nb::none(), "limit"_a = nb::none(), "except_"_a = nb::none(),
-          "most_hits"_a = std::uint64_t{1} << 31U, "count_only"_a = false, "within"_a = nb::none(),
-          "layout"_a = "min max", "unknown"_a,
-          nb::sig("def overlapping(self, boxes: " BOXES
-                  ", *, group: numpy.typing.ArrayLike | None = None, mask: numpy.typing.ArrayLike | None = "
-                  "None, body: numpy.typing.ArrayLike | None = None, world: numpy.typing.ArrayLike | None = "
-                  "None, limit: int | None = None, except_: numpy.typing.ArrayLike | None = None, most_hits: "
-                  "int = 2147483648, count_only: bool = False, within: float | None = None, layout: str = "
-                  "'min max') -> tuple[numpy.typing.NDArray[numpy.uint64], "
-                  "numpy.typing.NDArray[numpy.uint32]]"),
-          R"(Finds, for each of some boxes, the objects that overlap or touch it, or are near it.
+      .def("overlapping", with_keywords("overlapping", &Objects::find<Verb::overlapping>),
+           "boxes"_a = nb::none(), nb::kw_only(), "group"_a = nb::none(), "mask"_a = nb::none(),
+           "body"_a = nb::none(), "world"_a = nb::none(), "limit"_a = nb::none(), "except_"_a = nb::none(),
+           "most_hits"_a = std::uint64_t{1} << 31U, "count_only"_a = false, "within"_a = nb::none(),
+           "layout"_a = "min max", "unknown"_a,
+           nb::sig("def overlapping(self, boxes: " BOXES ", *, " FILTERS ", " LIMITS
+                   ", within: float | None = None, layout: str = 'min max') -> " HITS),
+           R"(Finds, for each of some boxes, the objects that overlap or touch it, or are near it.
 
 Objects have the boxes that are set now, also between `begin` and `finish`; no update is needed before,
 and none is done. An object that asks with its own box finds itself, unless it is excepted. Exclusions
@@ -521,6 +512,91 @@ Error
     For more than `most_hits`.
 MemoryError
     If memory runs out.)")
+      .def("nearest", with_keywords("nearest", &Objects::find<Verb::nearest>), "boxes"_a = nb::none(),
+           nb::kw_only(), "group"_a = nb::none(), "mask"_a = nb::none(), "body"_a = nb::none(),
+           "world"_a = nb::none(), "limit"_a = nb::none(), "except_"_a = nb::none(),
+           "most_hits"_a = std::uint64_t{1} << 31U, "count_only"_a = false, "within"_a = nb::none(),
+           "layout"_a = "min max", "unknown"_a,
+           nb::sig("def nearest(self, boxes: " BOXES ", *, " FILTERS ", " LIMITS
+                   ", within: float | None = None, layout: str = 'min max') -> " RANKED_HITS),
+           R"(Finds, for each of some boxes, the objects that are nearest to it.
+
+`set_reach` defines the distance. It is that of the boxes themselves; reaches do not matter. A box that
+overlaps the query is at distance 0. Otherwise as `overlapping`.
+
+Parameters
+----------
+boxes : array_like or tuple
+    One query each, as for `overlapping`.
+limit : int, optional
+    How many objects each query finds at most: those with the least distance, and of those at the same
+    distance the ones with the lowest ids.
+within : float, optional
+    How far away objects may be; if it is left out, at any distance.
+group, mask, body, world, except_, most_hits, count_only, layout
+    As for `overlapping`.
+
+Returns
+-------
+offsets : numpy.ndarray
+    ``(n + 1,)`` uint64, as of `overlapping`.
+ids : numpy.ndarray
+    ``(m,)`` uint32: of each query by distance, then by id. Empty if they were only counted.
+squared_distances : numpy.ndarray
+    ``(m,)`` float64: of each id, in the precision of the `dtype`.
+
+Raises
+------
+ValueError, TypeError, Error, MemoryError
+    As `overlapping` does.)")
+      .def(
+          "along", with_keywords("along", &Objects::along), "starts"_a = nb::none(),
+          "directions"_a = nb::none(), "lengths"_a = nb::none(), nb::kw_only(), "group"_a = nb::none(),
+          "mask"_a = nb::none(), "body"_a = nb::none(), "world"_a = nb::none(), "limit"_a = nb::none(),
+          "except_"_a = nb::none(), "most_hits"_a = std::uint64_t{1} << 31U, "count_only"_a = false,
+          "layout"_a = "min max", "unknown"_a,
+          nb::sig("def along(self, starts: " BOXES
+                  ", directions: numpy.typing.ArrayLike, lengths: numpy.typing.ArrayLike | None = None, "
+                  "*, " FILTERS ", " LIMITS ", layout: str = 'min max') -> " RANKED_HITS),
+          R"(Finds, for each of some boxes that move in a straight line, the objects that it meets on its way.
+
+A box moves from its start by t times its direction, for all t from 0 to its length; a ray is a box of
+no size. It meets an object at the first t at which they overlap or touch, its time: 0 if they do so at
+the start. The chapter "Rays and nearest" defines how times are rounded. Reaches do not matter.
+Otherwise as `overlapping`.
+
+Parameters
+----------
+starts : array_like or tuple
+    Boxes as for `overlapping`, finite or empty; those meet nothing. For rays, give points and
+    ``layout="points"``.
+directions : array_like of float
+    ``(n, 3)``, or ``(3,)`` for all; ``(n, 2)`` or ``(2,)`` in two dimensions. Finite, of any length;
+    rounded to the `dtype`. With 0, objects are found that the start overlaps.
+lengths : float or array_like of float, optional
+    In multiples of the directions: one for all, or ``(n,)``. If it is left out, infinite.
+limit : int, optional
+    How many objects each query finds at most: those that it meets first, and of those that it meets at
+    the same time the ones with the lowest ids.
+group, mask, body, world, except_, most_hits, count_only, layout
+    As for `overlapping`.
+
+Returns
+-------
+offsets : numpy.ndarray
+    ``(n + 1,)`` uint64, as of `overlapping`.
+ids : numpy.ndarray
+    ``(m,)`` uint32: of each query by time, then by id. Empty if they were only counted.
+times : numpy.ndarray
+    ``(m,)`` float64: when each is met, in multiples of the direction, in the precision of the `dtype`.
+
+Raises
+------
+ValueError
+    Also for an infinite start, a direction that is infinite or NaN, a length that is negative or NaN,
+    and another number of either.
+TypeError, Error, MemoryError
+    As `overlapping` does.)")
       .def("profile", with_keywords("profile", &Objects::profile),
            nb::sig("def profile(self) -> dict[str, dict[str, float]]"),
            R"(Returns where the time of the last update on a device went.

@@ -23,6 +23,7 @@
 #include "inverted_boxes.hpp"
 #include "keywords.hpp"
 #include "query.hpp"
+#include "signatures.hpp"
 
 namespace nb = nanobind;
 using namespace nb::literals;
@@ -112,18 +113,45 @@ nb::object find_pairs_on_device(nb::handle a, nb::handle b, nb::handle exclusion
   return find_on_device(a, b, exclusions, queue, algorithm);
 }
 
+/// Finds what an object with these boxes would find.
+/// @param search Gets the queries' options and the configuration.
+template <class Search>
+nb::tuple hits_of(const BoxArray& boxes, const BoxArray& queries, std::optional<std::uint32_t> limit,
+                  nb::handle except, std::uint64_t most_hits, bool count_only, std::optional<double> within,
+                  std::size_t threads, Verb verb, const Search& search) {
+  refuse_other_dimensions(boxes, queries);
+  const nb::none all;
+  const Query query(all, all, all, all, limit, except, most_hits, count_only, within, queries.view().size());
+  warn_of_inverted({&boxes, &queries});
+  return to_arrays(
+      or_name_row(boxes, &queries, [&] { return search(query.options(), Config{.threads = threads}); }),
+      verb);
+}
+
+/// overlapping() or nearest().
+template <Verb verb>
 nb::tuple find_hits(nb::handle boxes, nb::handle queries, std::optional<std::uint32_t> limit,
                     nb::handle except, std::uint64_t most_hits, bool count_only, std::optional<double> within,
                     std::size_t threads, const std::string& layout) {
   const BoxArray first(boxes, "boxes", layout);
   const BoxArray second(queries, "queries", layout);
-  refuse_other_dimensions(first, second);
-  const nb::none all;
-  const Query query(all, all, all, all, limit, except, most_hits, count_only, within, second.view().size());
-  warn_of_inverted({&first, &second});
-  return to_arrays(or_name_row(first, &second, [&] {
-    return overlapping(first.view(), second.view(), query.options(), {.threads = threads});
-  }));
+  return hits_of(first, second, limit, except, most_hits, count_only, within, threads, verb,
+                 [&](const QueryOptions& options, const Config& config) {
+                   return verb == Verb::nearest ? nearest(first.view(), second.view(), options, config)
+                                                : overlapping(first.view(), second.view(), options, config);
+                 });
+}
+
+nb::tuple find_along(nb::handle boxes, nb::handle starts, nb::handle directions, nb::handle lengths,
+                     std::optional<std::uint32_t> limit, nb::handle except, std::uint64_t most_hits,
+                     bool count_only, std::size_t threads, const std::string& layout) {
+  const BoxArray first(boxes, "boxes", layout);
+  const BoxArray second(starts, "starts", layout);
+  const Ways ways = to_ways(directions, lengths, second);
+  return hits_of(first, second, limit, except, most_hits, count_only, {}, threads, Verb::along,
+                 [&](const QueryOptions& options, const Config& config) {
+                   return along(first.view(), second.view(), ways.directions, ways.lengths, options, config);
+                 });
 }
 
 nb::object find_distances_between(nb::handle a, nb::handle b, nb::handle pairs, const std::string& layout) {
@@ -275,16 +303,14 @@ NB_MODULE(_core, module) {
   module.attr("version") = BROADCL_VERSION_STRING;
   module.attr("NO_BODY") = broadcl::Filter::no_body;
   module.attr("ALL_WORLDS") = broadcl::Filter::all_worlds;
-  module.def(
-      "overlapping_pairs", &find_pairs, "a"_a = nb::none(), "b"_a = nb::none(), nb::kw_only(),
-      "exclusions"_a = nb::none(), "device"_a = nb::none(), "algorithm"_a = "auto", "threads"_a = 0,
-      "layout"_a = "min max", "distance"_a = 0, "unknown"_a,
-      nb::sig("def overlapping_pairs(a: numpy.typing.ArrayLike | tuple[numpy.typing.ArrayLike, "
-              "numpy.typing.ArrayLike], b: numpy.typing.ArrayLike | tuple[numpy.typing.ArrayLike, "
-              "numpy.typing.ArrayLike] | None = None, *, exclusions: numpy.typing.ArrayLike | None = None, "
-              "device: str | Device | None = None, algorithm: str = 'auto', threads: int = 0, "
-              "layout: str = 'min max', distance: float = 0) -> numpy.typing.NDArray[numpy.uint32]"),
-      R"(Finds all overlapping pairs of boxes, or all that are within a distance.
+  module.def("overlapping_pairs", &find_pairs, "a"_a = nb::none(), "b"_a = nb::none(), nb::kw_only(),
+             "exclusions"_a = nb::none(), "device"_a = nb::none(), "algorithm"_a = "auto", "threads"_a = 0,
+             "layout"_a = "min max", "distance"_a = 0, "unknown"_a,
+             nb::sig("def overlapping_pairs(a: " BOXES ", b: " BOXES
+                     " | None = None, *, exclusions: numpy.typing.ArrayLike | None = None, "
+                     "device: str | Device | None = None, algorithm: str = 'auto', threads: int = 0, "
+                     "layout: str = 'min max', distance: float = 0) -> " ARRAY("uint32")),
+             R"(Finds all overlapping pairs of boxes, or all that are within a distance.
 
 With two sets, finds all pairs of a box of `a` and a box of `b`; nothing is tested inside a set.
 Any number of threads may call this at the same time; the GIL is released.
@@ -364,18 +390,13 @@ MemoryError
       nb::sig("def overlapping_pairs(a: pyopencl.array.Array | pyopencl.Buffer, b: pyopencl.array.Array | "
               "pyopencl.Buffer | None = None, *, exclusions: numpy.typing.ArrayLike | None = None, device: "
               "pyopencl.CommandQueue | None = None, algorithm: str = 'auto') -> pyopencl.array.Array"));
-  module.def(
-      "overlapping", with_keywords("overlapping", &find_hits), "boxes"_a = nb::none(),
-      "queries"_a = nb::none(), nb::kw_only(), "limit"_a = nb::none(), "except_"_a = nb::none(),
-      "most_hits"_a = std::uint64_t{1} << 31U, "count_only"_a = false, "within"_a = nb::none(),
-      "threads"_a = 0, "layout"_a = "min max", "unknown"_a,
-      nb::sig("def overlapping(boxes: numpy.typing.ArrayLike | tuple[numpy.typing.ArrayLike, "
-              "numpy.typing.ArrayLike], queries: numpy.typing.ArrayLike | tuple[numpy.typing.ArrayLike, "
-              "numpy.typing.ArrayLike], *, limit: int | None = None, except_: numpy.typing.ArrayLike | "
-              "None = None, most_hits: int = 2147483648, count_only: bool = False, within: float | None "
-              "= None, threads: int = 0, layout: str = 'min max') -> "
-              "tuple[numpy.typing.NDArray[numpy.uint64], numpy.typing.NDArray[numpy.uint32]]"),
-      R"(Finds, for each query, the boxes that overlap or touch it, or are near it.
+  module.def("overlapping", with_keywords("overlapping", &find_hits<Verb::overlapping>),
+             "boxes"_a = nb::none(), "queries"_a = nb::none(), nb::kw_only(), "limit"_a = nb::none(),
+             "except_"_a = nb::none(), "most_hits"_a = std::uint64_t{1} << 31U, "count_only"_a = false,
+             "within"_a = nb::none(), "threads"_a = 0, "layout"_a = "min max", "unknown"_a,
+             nb::sig("def overlapping(boxes: " BOXES ", queries: " BOXES ", *, " LIMITS
+                     ", within: float | None = None, threads: int = 0, layout: str = 'min max') -> " HITS),
+             R"(Finds, for each query, the boxes that overlap or touch it, or are near it.
 
 For frequent queries keep a `BroadPhase`, which keeps what is sorted here in each call. Any number of
 threads may call this at the same time; the GIL is released.
@@ -401,11 +422,66 @@ Raises
 ------
 ValueError, TypeError, Error, MemoryError
     As `BroadPhase.overlapping` does.)");
+  module.def(
+      "nearest", with_keywords("nearest", &find_hits<Verb::nearest>), "boxes"_a = nb::none(),
+      "queries"_a = nb::none(), nb::kw_only(), "limit"_a = nb::none(), "except_"_a = nb::none(),
+      "most_hits"_a = std::uint64_t{1} << 31U, "count_only"_a = false, "within"_a = nb::none(),
+      "threads"_a = 0, "layout"_a = "min max", "unknown"_a,
+      nb::sig("def nearest(boxes: " BOXES ", queries: " BOXES ", *, " LIMITS
+              ", within: float | None = None, threads: int = 0, layout: str = 'min max') -> " RANKED_HITS),
+      R"(Finds, for each query, the boxes that are nearest to it.
+
+Parameters
+----------
+boxes, queries, except_, most_hits, count_only, threads, layout
+    As for `overlapping`.
+limit, within
+    As for `BroadPhase.nearest`.
+
+Returns
+-------
+offsets, ids, squared_distances : numpy.ndarray
+    As `BroadPhase.nearest` returns them; ids are indices of boxes.
+
+Raises
+------
+ValueError, TypeError, Error, MemoryError
+    As `BroadPhase.nearest` does.)");
+  module.def(
+      "along", with_keywords("along", &find_along), "boxes"_a = nb::none(), "starts"_a = nb::none(),
+      "directions"_a = nb::none(), "lengths"_a = nb::none(), nb::kw_only(), "limit"_a = nb::none(),
+      "except_"_a = nb::none(), "most_hits"_a = std::uint64_t{1} << 31U, "count_only"_a = false,
+      "threads"_a = 0, "layout"_a = "min max", "unknown"_a,
+      nb::sig(
+          "def along(boxes: " BOXES ", starts: " BOXES
+          ", directions: numpy.typing.ArrayLike, lengths: numpy.typing.ArrayLike | None = None, *, " LIMITS
+          ", threads: int = 0, layout: str = 'min max') -> " RANKED_HITS),
+      R"(Finds, for each of some boxes that move in a straight line, the boxes that it meets on its way.
+
+Parameters
+----------
+boxes, except_, most_hits, count_only, threads
+    As for `overlapping`.
+starts, directions, lengths, limit
+    As for `BroadPhase.along`. If boxes or starts are float64, everything is computed in float64,
+    otherwise in float32.
+layout : str
+    Of boxes and starts, as for `overlapping_pairs`. For boxes and rays, give ``(points, points)`` as
+    `starts`.
+
+Returns
+-------
+offsets, ids, times : numpy.ndarray
+    As `BroadPhase.along` returns them; ids are indices of boxes.
+
+Raises
+------
+ValueError, TypeError, Error, MemoryError
+    As `BroadPhase.along` does.)");
   module.def("squared_distances", &find_distances, "boxes"_a, "pairs"_a, nb::kw_only(),
              "layout"_a = "min max",
-             nb::sig("def squared_distances(boxes: numpy.typing.ArrayLike | tuple[numpy.typing.ArrayLike, "
-                     "numpy.typing.ArrayLike], pairs: numpy.typing.ArrayLike, *, layout: str = 'min max') -> "
-                     "numpy.typing.NDArray[numpy.float64]"),
+             nb::sig("def squared_distances(boxes: " BOXES
+                     ", pairs: numpy.typing.ArrayLike, *, layout: str = 'min max') -> " ARRAY("float64")),
              R"(Returns the squares of the distances of pairs of boxes.
 
 `BroadPhase.set_reach` defines the distance. Any number of threads may call this at the same time; the
@@ -438,10 +514,8 @@ MemoryError
   module.def("squared_distances", with_keywords("squared_distances", &find_distances_between),
              "a"_a = nb::none(), "b"_a = nb::none(), "pairs"_a = nb::none(), nb::kw_only(),
              "layout"_a = "min max", "unknown"_a,
-             nb::sig("def squared_distances(a: numpy.typing.ArrayLike | tuple[numpy.typing.ArrayLike, "
-                     "numpy.typing.ArrayLike], b: numpy.typing.ArrayLike | tuple[numpy.typing.ArrayLike, "
-                     "numpy.typing.ArrayLike], pairs: numpy.typing.ArrayLike, *, layout: str = 'min max') -> "
-                     "numpy.typing.NDArray[numpy.float64]"));
+             nb::sig("def squared_distances(a: " BOXES ", b: " BOXES
+                     ", pairs: numpy.typing.ArrayLike, *, layout: str = 'min max') -> " ARRAY("float64")));
   module.def(
       "pairs_that_share", with_keywords("pairs_that_share", &find_sharing), "a"_a = nb::none(),
       "b"_a = nb::none(), "unknown"_a,

@@ -241,21 +241,36 @@ class Objects {
         without_gil([&] { return with([&](const auto& object) { return object.partners(known); }); }));
   }
 
-  nanobind::tuple overlapping(nanobind::handle boxes, nanobind::handle group, nanobind::handle mask,
-                              nanobind::handle body, nanobind::handle world,
-                              std::optional<std::uint32_t> limit, nanobind::handle except,
-                              std::uint64_t most_hits, bool count_only, std::optional<double> within,
-                              const std::string& layout) {
+  /// overlapping() or nearest().
+  template <Verb verb>
+  nanobind::tuple find(nanobind::handle boxes, nanobind::handle group, nanobind::handle mask,
+                       nanobind::handle body, nanobind::handle world, std::optional<std::uint32_t> limit,
+                       nanobind::handle except, std::uint64_t most_hits, bool count_only,
+                       std::optional<double> within, const std::string& layout) {
     const BoxArray array(boxes, "boxes", layout);
     const Query query(group, mask, body, world, limit, except, most_hits, count_only, within,
                       array.view().size());
-    warn_of_inverted({&array});
-    const OneThread::Query use(thread_);
-    Hits hits;
-    or_name_row(array, [&] {
-      hits = with([&](const auto& object) { return object.overlapping(array.view(), query.options()); });
+    return hits_of(array, verb, [&](const auto& object) {
+      return verb == Verb::nearest ? object.nearest(array.view(), query.options())
+                                   : object.overlapping(array.view(), query.options());
     });
-    return to_arrays(std::move(hits));
+  }
+
+  nanobind::tuple along(nanobind::handle starts, nanobind::handle directions, nanobind::handle lengths,
+                        nanobind::handle group, nanobind::handle mask, nanobind::handle body,
+                        nanobind::handle world, std::optional<std::uint32_t> limit, nanobind::handle except,
+                        std::uint64_t most_hits, bool count_only, const std::string& layout) {
+    const BoxArray array(starts, "starts", layout);
+    const Query query(group, mask, body, world, limit, except, most_hits, count_only, {},
+                      array.view().size());
+    const Ways ways = to_ways(directions, lengths, array);
+    return hits_of(array, Verb::along, [&]<class Box>(const BasicBroadPhase<Box>& object) {
+      using Bound = typename BasicBroadPhase<Box>::Bound;
+      std::vector<std::array<Bound, 3>> rounded;
+      for (const auto& [x, y, z] : ways.directions)
+        rounded.push_back({static_cast<Bound>(x), static_cast<Bound>(y), static_cast<Bound>(z)});
+      return object.along(array.view(), rounded, bounds_for(object, ways.lengths), query.options());
+    });
   }
 
   nanobind::object pairs() {
@@ -319,6 +334,16 @@ class Objects {
     Changes changes{to_array(delta_->added, delta_->owner), to_array(delta_->removed, delta_->owner)};
     delta_.reset();
     return changes;
+  }
+
+  /// @param search Finds the hits of boxes of the caller.
+  template <class Search>
+  nanobind::tuple hits_of(const BoxArray& boxes, Verb verb, const Search& search) {
+    warn_of_inverted({&boxes});
+    const OneThread::Query use(thread_);
+    Hits hits;
+    or_name_row(boxes, [&] { hits = with(search); });
+    return to_arrays(std::move(hits), verb);
   }
 
   void refuse_unreturned() const {

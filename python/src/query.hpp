@@ -13,6 +13,7 @@
 #include <broadcl/query.hpp>
 
 #include "arrays.hpp"
+#include "box_array.hpp"
 
 namespace broadcl::python {
 
@@ -87,9 +88,31 @@ class Query {
   std::optional<Words> except_;
 };
 
-/// Offsets and ids as a tuple of two arrays.
-[[nodiscard]] inline nanobind::tuple to_arrays(Hits&& hits) {
-  return nanobind::make_tuple(to_array(std::move(hits.offsets)), to_array(std::move(hits.ids)));
+/// How queries move.
+struct Ways {
+  std::vector<std::array<double, 3>> directions;
+  std::vector<double> lengths{};  ///< None if they are infinite.
+};
+
+[[nodiscard]] inline Ways to_ways(nanobind::handle directions, nanobind::handle lengths,
+                                  const BoxArray& starts) {
+  Ways ways{to_vectors(directions, "directions", starts.dimensions() == 2 ? 2 : 3)};
+  if (lengths.is_none()) return ways;
+  ways.lengths = to_numbers(lengths, "lengths");
+  if (!ways.lengths.empty() || starts.view().size() == 0) return ways;
+  throw nanobind::value_error("lengths is empty; give None if they are infinite");
+}
+
+/// What queries look for.
+enum class Verb { overlapping, nearest, along };
+
+/// Offsets and ids as a tuple of two arrays, or of three with squared distances or times.
+[[nodiscard]] inline nanobind::tuple to_arrays(Hits&& hits, Verb verb) {
+  const nanobind::object offsets = to_array(std::move(hits.offsets));
+  const nanobind::object ids = to_array(std::move(hits.ids));
+  if (verb == Verb::overlapping) return nanobind::make_tuple(offsets, ids);
+  return nanobind::make_tuple(
+      offsets, ids, to_array(std::move(verb == Verb::nearest ? hits.squared_distances : hits.times)));
 }
 
 }  // namespace broadcl::python

@@ -55,6 +55,52 @@ def near(first: np.ndarray, second: np.ndarray, reach=0) -> np.ndarray:
     return np.where(reach < 2.0**-63, overlap, squared_distances(first, second) <= np.square(reach))
 
 
+def proper(boxes: np.ndarray) -> np.ndarray:
+    """(n,) bool: which (n, 6) boxes are not empty."""
+    return (boxes[:, :3] <= boxes[:, 3:]).all(axis=1)
+
+
+def times(starts: np.ndarray, directions: np.ndarray, lengths: np.ndarray, boxes: np.ndarray) -> np.ndarray:
+    """(n, m) of the type of the boxes: when (n, 6) that move first meet others; NaN if they do not."""
+    begin = np.zeros((len(starts), len(boxes)), boxes.dtype)
+    end = begin + lengths.astype(boxes.dtype)[:, None]
+    meets = proper(starts)[:, None] & proper(boxes)[None, :]
+    with np.errstate(all="ignore"):
+        reciprocals = boxes.dtype.type(1) / directions.astype(boxes.dtype)
+        for axis in range(3):
+            reciprocal = reciprocals[:, axis, None]
+            to_lower = boxes[None, :, axis] - starts[:, axis + 3, None]
+            to_upper = boxes[None, :, axis + 3] - starts[:, axis, None]
+            moves = np.isfinite(reciprocal)
+            meets &= moves | ((to_lower <= 0) & (to_upper >= 0))
+            enters = np.where(reciprocal > 0, to_lower, to_upper) * reciprocal
+            leaves = np.where(reciprocal > 0, to_upper, to_lower) * reciprocal
+            begin = np.where(moves & (enters > begin), enters, begin)
+            end = np.where(moves & (leaves < end), leaves, end)
+    return np.where(meets & (begin <= end), begin, np.nan)
+
+
+def hits(finds: np.ndarray, ids, keys: np.ndarray | None = None, limit: int | None = None) -> tuple[list, ...]:
+    """Offsets, ids and keys of what queries find, (n, m) bool: in the order of the keys (n, m), then of the ids, which ascend."""
+    offsets, found, found_keys = [0], [], []
+    for k, row in enumerate(finds):
+        columns = np.flatnonzero(row)
+        if keys is not None:
+            columns = columns[np.argsort(keys[k, columns], kind="stable")]
+        columns = columns[:limit]
+        offsets.append(offsets[-1] + len(columns))
+        found += np.asarray(ids)[columns].tolist()
+        if keys is not None:
+            found_keys += keys[k, columns].tolist()
+    return (offsets, found) if keys is None else (offsets, found, found_keys)
+
+
+def as_lists(found: tuple[np.ndarray, ...]) -> tuple[list, ...]:
+    """Hits as they are returned, whose types it checks."""
+    assert [array.dtype for array in found] == [np.uint64, np.uint32, np.float64][: len(found)]
+    return tuple(array.tolist() for array in found)
+
+
 def oracle(a: np.ndarray, b: np.ndarray | None = None, reach=0) -> np.ndarray:
     """All pairs of (n, 6) boxes of float32 or float64 that are near each other, in canonical order."""
     first = np.asarray(a)
@@ -83,6 +129,18 @@ def boxes(dtype=np.float32, most=40) -> st.SearchStrategy[np.ndarray]:
         return array
 
     return rows.map(mostly_proper)
+
+
+def ways() -> st.SearchStrategy[np.ndarray]:
+    """(7, 4): directions, some of whose components are 0, tiny or huge, and lengths, some of which are 0 or infinite."""
+    component = st.sampled_from([0, 1, -1, 0.5, -3, 0.1, 1e-40, -1e38]) | st.floats(-2, 2)
+    length = st.sampled_from([0, 1, 2.5, np.inf]) | st.floats(0, 9)
+    return st.tuples(*[st.tuples(component, component, component, length)] * 7).map(np.array)
+
+
+def finite(boxes: np.ndarray) -> np.ndarray:
+    """The same, of which those with an infinite bound are empty."""
+    return np.where(np.isfinite(boxes).all(axis=1)[:, None], boxes, np.array([1, 0, 0, 0, 0, 0], boxes.dtype))
 
 
 def uniform(n: int, overlaps: float = 3, seed: int = 0) -> np.ndarray:

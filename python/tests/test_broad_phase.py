@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
 import broadcl
-from conftest import boxes, near, oracle, rounded, uniform
+from conftest import as_lists, boxes, finite, hits, near, oracle, proper, rounded, squared_distances, times, uniform, ways
 
 pytestmark = pytest.mark.filterwarnings("ignore::broadcl.InvertedBoxesWarning")  # of random boxes
 
@@ -116,24 +116,33 @@ class Machine(RuleBasedStateMachine):
         for id in ids:
             del self.boxes[id], self.filters[id], self.reaches[id]
 
-    @rule(values=boxes(most=40), filter=st.none() | filters, within=st.none() | reaches, limit=st.none() | st.integers(0, 3),
-          excepts=st.booleans())
-    def query(self, values, filter, within, limit, excepts):
+    @rule(verb=st.sampled_from(["overlapping", "nearest", "along"]), values=boxes(most=40), paths=ways(), filter=st.none() | filters,
+          within=st.none() | reaches, limit=st.none() | st.integers(0, 3), excepts=st.booleans(), single=st.booleans())
+    def query(self, verb, values, paths, filter, within, limit, excepts, single):
         values = self.own(values)
         ids = sorted(self.boxes)
-        finds = near(values, self.boxes_of(ids), self.dtype(within or 0) + self.reaches_of(ids)[None, :])
+        now = self.boxes_of(ids)
+        keys, arguments, options = None, [], {"within": within}
+        if verb == "overlapping":
+            finds = near(values, now, self.dtype(within or 0) + self.reaches_of(ids)[None, :])
+        elif verb == "nearest":
+            keys = squared_distances(values, now)
+            finds = proper(values)[:, None] & proper(now)[None, :] if within is None else near(values, now, within)
+        else:
+            options = {}
+            values = finite(values)
+            paths = np.resize(paths[: 1 if single else None], (len(values), 4))
+            arguments = [paths[0, :3], paths[0, 3]] if single and len(values) else [paths[:, :3], paths[:, 3]]
+            keys = times(values, paths[:, :3], paths[:, 3], now)
+            finds = ~np.isnan(keys)
         if filter is not None:
             finds &= np.array([may_pair(filter, self.filters[id]) for id in ids], bool)
+            options.update(zip(("group", "mask", "body", "world"), filter))
         if excepts:
             finds &= np.arange(len(values))[:, None] != np.array(ids)
-        expected = [np.array(ids, np.uint32)[row][:limit] for row in finds]
-        options = {} if filter is None else dict(zip(("group", "mask", "body", "world"), filter))
-        if excepts:
             options["except_"] = np.arange(len(values))
-        offsets, found = self.broad_phase.overlapping(values, within=within, limit=limit, **options)
-        assert offsets.dtype == np.uint64 and found.dtype == np.uint32
-        assert offsets.tolist() == np.cumsum([0] + [len(row) for row in expected]).tolist()
-        assert found.tolist() == np.concatenate([np.empty(0), *expected]).tolist()
+        found = getattr(self.broad_phase, verb)(values, *arguments, limit=limit, **options)
+        assert as_lists(found) == hits(finds, ids, keys, limit)
 
     @precondition(lambda self: self.begun is None)
     @rule()

@@ -43,6 +43,25 @@ def test_the_first_page():
     assert len(names["added"])
 
 
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_the_definition_of_rays_and_nearest(dtype):
+    page = {}
+    exec(code((ROOT / "docs/rays.md").read_text()), page)
+    assert len(page["squares"]) == 8000 and len(page["times"])
+    random = np.random.default_rng(6)
+    corners = random.integers(0, 30, (2, 60, 3)).astype(dtype) / dtype(3)
+    boxes, queries = np.stack([corners, corners + dtype(2)], axis=2)
+    directions, lengths = random.integers(-1, 3, (60, 3)).astype(dtype), random.integers(0, 9, 60).astype(dtype)
+    of_nearest = broadcl.nearest(boxes, queries, limit=5, within=3)
+    of_along = broadcl.along(boxes, queries, directions, lengths)
+    for k, (query, direction, length) in enumerate(zip(queries, directions, lengths)):
+        with np.errstate(divide="ignore"):
+            expected = page["nearest"](boxes, query, 5, 3), page["along"](boxes, query, direction, length)
+        for (offsets, ids, keys), hits in zip((of_nearest, of_along), expected):
+            of_k = slice(*offsets[k : k + 2])
+            assert list(zip(keys[of_k], ids[of_k])) == hits
+
+
 @pytest.mark.parametrize("header, declaration", [
     ("broad_phase.hpp", "Delta update(const BoxView& boxes)"), ("broad_phase.hpp", "void begin(const BoxView& boxes)"),
     ("opencl.hpp", "Result update(const Boxes& boxes)"), ("mpi_opencl.hpp", "Result update(const Boxes& boxes)"),

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import broadcl
-from conftest import boxes, near, oracle, rounded, uniform
+from conftest import as_lists, boxes, finite, hits, near, oracle, proper, rounded, squared_distances, times, uniform, ways
 
 pytestmark = pytest.mark.filterwarnings("ignore::broadcl.InvertedBoxesWarning")  # of random boxes
 
@@ -45,6 +45,62 @@ def test_float64_is_exact_in_one_search_and_rounded_outward_in_float32(values, q
         single = queries.astype(np.float32)
     assert lists(broadcl.overlapping(values, single)) == found(single.astype(float), values)
     assert lists(kept(values).overlapping(queries)) == found(rounded(queries), rounded(values))
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+@given(values=boxes(), queries=boxes(), within=st.sampled_from([None, 0, 1, 0.1, 2.0**62]), limit=st.none() | st.integers(0, 3))
+def test_what_is_nearest(dtype, values, queries, within, limit):
+    values, queries = values.astype(dtype), queries.astype(dtype)
+    finds = proper(queries)[:, None] & proper(values)[None, :] if within is None else near(queries, values, within)
+    expected = hits(finds, np.arange(len(values)), squared_distances(queries, values), limit)
+    assert as_lists(broadcl.nearest(values, queries, within=within, limit=limit)) == expected
+    assert as_lists(kept(values, dtype=dtype).nearest(queries, within=within, limit=limit)) == expected
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+@given(values=boxes(), starts=boxes().map(finite), paths=ways(), limit=st.none() | st.integers(0, 3))
+def test_what_is_on_the_way(dtype, values, starts, paths, limit):
+    values, starts = values.astype(dtype), starts.astype(dtype)
+    paths = np.resize(paths, (len(starts), 4))
+    directions, lengths = paths[:, :3], paths[:, 3]
+    met = times(starts, directions, lengths, values)
+    expected = hits(~np.isnan(met), np.arange(len(values)), met, limit)
+    assert as_lists(broadcl.along(values, starts, directions, lengths, limit=limit)) == expected
+    assert as_lists(kept(values, dtype=dtype).along(starts, directions, lengths, limit=limit)) == expected
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_nearest_points_and_rays_among_many(dtype):
+    points = np.random.default_rng(4).uniform(0, 10, (1000, 3)).astype(dtype)
+    both = np.hstack([points, points])
+    expected = hits(np.ones((len(both[::7]), 1000), bool), np.arange(1000), squared_distances(both[::7], both), 5)
+    assert as_lists(kept(both, dtype=dtype).nearest(points[::7], limit=5, layout="points")) == expected
+    assert as_lists(broadcl.nearest(points, points[::7], limit=5, layout="points")) == expected
+    values = uniform(1000).astype(dtype)
+    directions = np.random.default_rng(5).normal(size=(1000, 3))
+    broad_phase = kept(values, dtype=dtype)
+    for lengths in (None, 0, 2.5):
+        met = times(both, directions, np.full(1000, np.inf if lengths is None else lengths), values)
+        expected = hits(~np.isnan(met), np.arange(1000), met)
+        assert as_lists(broad_phase.along(points, directions, lengths, layout="points")) == expected
+        assert as_lists(broadcl.along(values, (points, points), directions, lengths)) == expected
+        offsets, ids, found = broad_phase.along(points, directions, lengths, count_only=True, layout="points")
+        assert offsets.tolist() == expected[0] and len(ids) == len(found) == 0
+
+
+def test_ways_in_two_dimensions_and_one_for_all():
+    flat = np.array([[0, 0, 1, 1], [3, 0, 4, 1], [6, 2, 7, 3]])
+    starts = np.array([[-1, 0.5, -1, 0.5], [5, 2.5, 5, 2.5]])
+    broad_phase = kept(flat)
+    for along in (broad_phase.along, lambda *ways, **options: broadcl.along(flat, *ways, **options)):
+        assert as_lists(along(starts, (0.5, 0))) == ([0, 2, 3], [0, 1, 2], [2, 8, 2])
+        assert as_lists(along(starts, [[0.5, 0], [-1, -2]], [5, np.inf])) == ([0, 1, 2], [0, 1], [2, 1])
+        assert as_lists(along(starts[0], [1, 0], 4)) == ([0, 2], [0, 1], [1, 4])
+        assert as_lists(along(starts[0], [0, 0])) == ([0, 0], [], [])
+        assert as_lists(along([], [])) == ([0], [], [])
+    assert as_lists(broad_phase.along([-1, 0.5], [1, 0], limit=1, layout="points")) == ([0, 1], [0], [1])
+    assert as_lists(broad_phase.along([[-1, 0.5, 0]], [1, 0, 0], except_=[0], layout="points")) == ([0, 1], [1], [4])
+    assert as_lists(broad_phase.nearest([5, 1], limit=2, layout="points")) == ([0, 2], [1, 2], [1, 2])
 
 
 @pytest.mark.parametrize("algorithm", broadcl.algorithms())
@@ -175,6 +231,15 @@ def test_what_is_refused():
             broad_phase.overlapping(bad[:3], within=within)
     with pytest.raises(ValueError, match="exceptions"):
         broad_phase.overlapping(bad[:3], except_=[1, 2])
+    with pytest.raises(ValueError, match="row 7 of boxes has a NaN"):
+        broad_phase.nearest(bad, limit=1)
+    for within in (-1, np.nan, np.inf):
+        with pytest.raises(ValueError, match="within"):
+            broad_phase.nearest(bad[:3], within=within)
+    with pytest.raises(ValueError, match="boxes has boxes in 3 dimensions and queries in 2"):
+        broadcl.nearest(uniform(5), uniform(5)[:, [0, 1, 3, 4]])
+    with pytest.raises(broadcl.Error, match="more than 59"):
+        broad_phase.nearest(bad[:3], most_hits=59)
     with pytest.raises(ValueError, match="boxes has boxes in 3 dimensions and queries in 2"):
         broadcl.overlapping(uniform(5), uniform(5)[:, [0, 1, 3, 4]])
     with pytest.raises(ValueError, match=r"boxes must be of shape \(n, 3\) or \(n, 2\) in the layout 'points'.*not \(20, 6\)"):
@@ -188,6 +253,39 @@ def test_what_is_refused():
     broad_phase.begin()
     with pytest.raises(broadcl.Error, match="finish"):
         broad_phase.partners(0)
+
+
+@pytest.mark.parametrize("error, message, changes", [
+    (ValueError, "row 7 of starts has a NaN", {"starts": np.where(np.arange(20)[:, None] == 7, np.nan, uniform(20))}),
+    (ValueError, "start 7 is infinite", {"starts": np.where(np.arange(20)[:, None] == 7, np.inf, uniform(20))}),
+    (ValueError, r"starts must be of shape .*not \(20, 3\); for points, give layout='points'", {"starts": uniform(20)[:, :3]}),
+    (TypeError, "starts must be float32", {"starts": None}),
+    (ValueError, r"directions must be of shape \(n, 3\) or \(3,\), not \(20,\)", {"directions": np.zeros(20)}),
+    (ValueError, r"directions must be of shape \(n, 3\) or \(3,\), not \(\)", {"directions": 1}),
+    (ValueError, r"directions must be of shape \(n, 3\) or \(3,\), not \(20, 2\)", {"directions": np.zeros((20, 2))}),
+    (ValueError, r"directions must be of shape \(n, 3\) or \(3,\), not \(1, 20, 3\)", {"directions": np.zeros((1, 20, 3))}),
+    (TypeError, "directions must be a number or an array of numbers, not complex128", {"directions": np.zeros((20, 3), complex)}),
+    (TypeError, "directions must be a number or an array of numbers, not object", {"directions": None}),
+    (ValueError, "19 directions for 20 queries", {"directions": np.zeros((19, 3))}),
+    (ValueError, "0 directions for 20 queries", {"directions": []}),
+    (ValueError, "direction 0 is infinite or NaN", {"directions": [0, np.nan, 0]}),
+    (ValueError, "direction 0 is infinite or NaN", {"directions": [0, np.inf, 0]}),
+    (ValueError, "directions has masked values", {"directions": np.ma.array([0, 1, 0], mask=[0, 1, 0])}),
+    (ValueError, "length 0 is -1", {"lengths": -1}),
+    (ValueError, "length 19 is -?nan", {"lengths": [1] * 19 + [np.nan]}),
+    (ValueError, "2 lengths for 20 queries", {"lengths": [1, 2]}),
+    (ValueError, "lengths is empty", {"lengths": []}),
+    (ValueError, r"lengths must be of shape \(n,\), not \(20, 1\)", {"lengths": np.zeros((20, 1))}),
+    (TypeError, "lengths must be a number or an array of numbers, not <U1", {"lengths": "1"}),
+    (ValueError, "exceptions", {"except_": [1, 2]}),
+    (broadcl.Error, "more than 2", {"most_hits": 2}),
+], ids=lambda value: value if isinstance(value, str) else "")
+def test_ways_that_are_refused(error, message, changes):
+    values = uniform(20)
+    arguments = {"starts": values, "directions": [1, 0, 0], **changes}
+    for along in (kept(values).along, lambda **arguments: broadcl.along(values, **arguments)):
+        with pytest.raises(error, match=message):
+            along(**arguments)
 
 
 def test_partners_are_those_of_the_last_update():
