@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 """bench/algorithms.py FOLDER: draws pictures into a folder (docs/images): tiles.svg and triangle.svg for docs/algorithms.md,
-queries.svg and distances.svg for the pages of these names.
+queries.svg, distances.svg and rays.svg for the pages of these names.
 
 It needs matplotlib (Debian, Ubuntu: apt install python3-matplotlib).
 """
@@ -151,6 +151,69 @@ def draw_distances(path):
     two_panels(path, draw_points, draw_spheres)
 
 
+def time_of_meeting(start, direction, box):
+    """When a box that moves meets another one, in multiples of the direction, none of whose components is 0; no later than 1."""
+    begin, end = 0, 1
+    for k in (0, 1):
+        times = sorted(((box[0][k] - start[1][k]) / direction[k], (box[1][k] - start[0][k]) / direction[k]))
+        begin, end = max(begin, times[0]), min(end, times[1])
+    return begin if begin <= end else None
+
+
+def draw_rays(path):
+    """Boxes in the order of their distance from a point, and in that in which a ray and a moving box meet them."""
+    pick, query = random.Random(3), ([0.5, 0.5], [0.5, 0.5])
+
+    def some(count):
+        boxes = []
+        for _ in range(count):
+            low = [pick.randrange(900) / 1024, pick.randrange(900) / 1024]
+            s = (low, [bound + pick.randrange(45, 100) / 1024 for bound in low])
+            if not any(meets(s, t) for t in boxes):
+                boxes.append(s)
+        return boxes
+
+    def in_order(found):
+        return sorted(found, key=lambda hit: hit[0])
+
+    def number(panel, found, colour):
+        for k, (_, s) in enumerate(found):
+            outline(panel, *s, facecolor=colour + "50", edgecolor=colour)
+            panel.text(*((low + high) / 2 for low, high in zip(*s)), k + 1, ha="center", va="center", color=INK)
+
+    # Whatever is left of the point is there mirrored, too, at the same distance.
+    left = [s for s in some(100) if s[1][0] < 0.46]
+    around = [*left, *(([1 - high[0], low[1]], [1 - low[0], high[1]]) for low, high in left)]
+    nearest = in_order((gap(s, query), s) for s in around)[:7]
+    along, ray, moving, direction = some(70), ([0.03, 0.36], [0.03, 0.36]), ([0.04, 0.02], [0.14, 0.1]), (0.8, 0.56)
+
+    def draw_nearest(panel):
+        for s in around:
+            outline(panel, *s, facecolor="none", edgecolor=INK)
+        number(panel, nearest, COLOURS[0])
+        for _, s in nearest:
+            ends = zip(query[0], (min(max(0.5, s[0][k]), s[1][k]) for k in (0, 1)))
+            panel.plot(*ends, color=COLOURS[3], linewidth=0.8)
+        panel.add_patch(Circle(query[0], nearest[-1][0], facecolor="none", edgecolor=COLOURS[3], linestyle="--"))
+        panel.plot(*query[0], marker="o", color=COLOURS[3])
+
+    def draw_along(panel):
+        for s in along:
+            outline(panel, *s, facecolor="none", edgecolor=INK)
+        for start, colour in ((moving, COLOURS[1]), (ray, COLOURS[0])):
+            times = ((time_of_meeting(start, direction, s), s) for s in along)
+            number(panel, in_order(hit for hit in times if hit[0] is not None), colour)
+            outline(panel, *start, facecolor="none", edgecolor=COLOURS[3], linewidth=2, linestyle="--")
+            end = [[bound + part for bound, part in zip(corner, direction)] for corner in start]
+            outline(panel, *end, facecolor="none", edgecolor=COLOURS[3], linestyle="--")
+            for corner in {(start[0][0], start[1][1]), (start[1][0], start[0][1])}:
+                way = dict(zip(("dx", "dy"), direction))
+                panel.arrow(*corner, **way, color=COLOURS[3], head_width=0.02, linewidth=1, length_includes_head=True)
+        panel.plot(*ray[0], marker="o", color=COLOURS[3])
+
+    two_panels(path, draw_nearest, draw_along)
+
+
 def save(figure, path):
     figure.tight_layout()
     figure.savefig(path, transparent=True, metadata={"Date": None, "Creator": None})
@@ -165,3 +228,4 @@ with matplotlib.rc_context({**inked, "svg.hashsalt": "broadcl", "svg.fonttype": 
     draw_triangle(folder / "triangle.svg")
     draw_queries(folder / "queries.svg")
     draw_distances(folder / "distances.svg")
+    draw_rays(folder / "rays.svg")

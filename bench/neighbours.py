@@ -6,6 +6,14 @@
 
 From a float64 array of the 47,681 positions in adk_oplsaa.gro of MDAnalysisTests, everything built anew, on one thread: medians of
 CPU times of rounds in which the ways take turns. The periodic box is ignored. All ways must find the same pairs.
+
+    bench/neighbours.py --points 100000 [--rounds 3]
+
+All points within a distance of each of so many random ones, about 8.7, in a tree that is there: BroadCL returns ids, cKDTree counts.
+
+    bench/neighbours.py --points 100000 --nearest 8 [--rounds 3]
+
+The 8 points that are nearest to each of them, with their distances; on one thread, too, medians of CPU times of rounds in turn.
 """
 
 import argparse
@@ -48,6 +56,35 @@ def by_distance_matrix(points, cutoff):
     return np.stack([entries["i"], entries["j"]], axis=1), np.square(entries["v"])
 
 
+def compare_queries(n, nearest, rounds):
+    # Multiples of 1/1024, none of them exactly so far from another, so neither has to round, but for cKDTree's roots.
+    radius = 1 + 1 / 2048
+    side = (n * 4 / 3 * np.pi * radius**3 / 8.7) ** (1 / 3)
+    points = np.round(np.random.default_rng(1).uniform(0, side, (n, 3)) * 1024) / 1024
+    broad_phase = broadcl.BroadPhase(algorithm="sweep-and-prune", threads=1)
+    broad_phase.update(points, layout="points")
+    tree = cKDTree(points)
+    if nearest:
+        ours = lambda: broad_phase.nearest(points, limit=nearest, layout="points")
+        theirs = lambda: tree.query(points, nearest)
+        are_same = lambda hits, other: np.array_equal(np.round(np.square(other[0].ravel()) * 2**20), hits[2] * 2**20)
+    else:
+        ours = lambda: broad_phase.overlapping(points, within=radius, layout="points")
+        theirs = lambda: tree.query_ball_point(points, radius, return_length=True)
+        are_same = lambda hits, counts: np.array_equal(np.diff(hits[0]), counts)
+    times = {"broadcl": [], "cKDTree": []}
+    for _ in range(rounds):
+        start = time.process_time()
+        hits = ours()
+        middle = time.process_time()
+        others = theirs()
+        times["broadcl"].append(1e3 * (middle - start))
+        times["cKDTree"].append(1e3 * (time.process_time() - middle))
+        assert are_same(hits, others), "they find others"
+    broadcl_ms, tree_ms = (statistics.median(times[name]) for name in times)
+    print(f"{n} points, {len(hits[1])} ids: broadcl {broadcl_ms:.1f} ms, cKDTree {tree_ms:.1f} ms, {broadcl_ms / tree_ms:.3f}")
+
+
 def in_order(pairs, squares):
     order = np.lexsort(pairs.T)
     return pairs[order], squares[order]
@@ -56,11 +93,17 @@ def in_order(pairs, squares):
 parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
 parser.add_argument("--cutoff", type=float, default=3.5, metavar="A")
 parser.add_argument("--rounds", type=int, default=15)
+parser.add_argument("--points", type=int, metavar="N")
+parser.add_argument("--nearest", type=int, metavar="K")
 arguments = parser.parse_args()
 try:
     from scipy.spatial import cKDTree
 except ImportError:
     sys.exit("scipy, with which this compares, is not installed: pip install scipy")
+
+if arguments.points:
+    compare_queries(arguments.points, arguments.nearest, arguments.rounds)
+    sys.exit()
 
 atoms = positions()
 ways = {"broadcl": by_broadcl, "cKDTree.query_pairs": by_query_pairs, "cKDTree.sparse_distance_matrix": by_distance_matrix}

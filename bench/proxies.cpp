@@ -69,7 +69,7 @@ class Proxies {
       proxies_[k] = nullptr;
     }
   }
-  void move(const std::vector<Bounds>& boxes) {
+  void move(std::span<const Bounds> boxes) {
     for (std::size_t k = 0; k < boxes.size(); ++k) {
       broadphase_->setAabb(proxies_[k], boxes[k].lower, boxes[k].upper, &dispatcher_);
     }
@@ -192,6 +192,30 @@ void time_rays(benchmark::State& state, const char* name, MovingBoxes::Sizes siz
   }
 }
 
+/// 50 or 500 rays among 3,500 objects.
+/// @param moving How many of them move.
+void time_ray_stage(benchmark::State& state, const char* name, std::uint32_t moving, std::size_t rays) {
+  constexpr std::uint32_t n = 3500;
+  MovingBoxes boxes(n, MovingBoxes::Sizes::uniform);
+  Proxies proxies(name, boxes);
+  proxies.create(numbers(0, n));
+  proxies.calculate();
+  double frame = 0;
+  for ([[maybe_unused]] auto _ : state) {
+    boxes.advance();
+    const std::vector<Bounds> moved = scaled(boxes);
+    const auto start = std::chrono::steady_clock::now();
+    proxies.move(std::span(moved).first(moving));
+    proxies.calculate();
+    const auto middle = std::chrono::steady_clock::now();
+    for (std::size_t k = 0; k < rays; ++k) proxies.ray(moved[k].lower, moved[n - 1 - k].upper);
+    const auto end = std::chrono::steady_clock::now();
+    state.SetIterationTime(std::chrono::duration<double>(end - middle).count());
+    frame += std::chrono::duration<double, std::milli>(end - start).count();
+  }
+  state.counters["frame"] = benchmark::Counter(frame, benchmark::Counter::kAvgIterations);
+}
+
 /// The objects touch their neighbours.
 template <class Broadphase>
 void time_life(benchmark::State& state, std::size_t n) {
@@ -259,6 +283,9 @@ constexpr std::array operations{
 ///   proxies/destroy/NAME/SCENE/N       N of 2 N proxies are destroyed in random order
 ///   proxies/stream/NAME/SCENE/N        the same tenth of N proxies is destroyed and created again
 ///   proxies/rays/NAME/SCENE/N          all N proxies move, then 100 rays are cast
+///   proxies/ray-stage/NAME/MOVING/RAYS that many rays among 3,500 proxies, MOVING of which moved; `frame`
+///   has the
+///                                      milliseconds of the whole frame
 ///   proxies/life/NAME/N                a world is made, gets N objects, and is destroyed after a calculation
 ///
 /// NAME is one of scenes::broadphases(), with `+stock` if a BulletBroadphase is given a
@@ -269,6 +296,17 @@ void register_proxies() {
     for (const std::size_t n : {0U, 1U, 2U, 5U, 16U}) {
       const std::string row = std::string("proxies/life/") + name + "/" + std::to_string(n);
       benchmark::RegisterBenchmark(row.c_str(), function, n)->Unit(benchmark::kMicrosecond);
+    }
+  }
+  for (const char* name : {"sweep-and-prune", "bullet-bvh"}) {
+    for (const auto& [moving, rays] :
+         {std::pair(500U, std::size_t{50}), std::pair(3500U, std::size_t{500})}) {
+      const std::string row = std::string("proxies/ray-stage/") + name + "/" + std::to_string(moving) + "/" +
+                              std::to_string(rays);
+      benchmark::RegisterBenchmark(row.c_str(), time_ray_stage, name, moving, rays)
+          ->UseManualTime()
+          ->Iterations(100)
+          ->Unit(benchmark::kMicrosecond);
     }
   }
   for (const Operation& operation : operations) {

@@ -1,5 +1,6 @@
 #include "benchmarks.hpp"
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstddef>
@@ -10,6 +11,7 @@
 #include <string>
 #include <vector>
 
+#include <BulletCollision/BroadphaseCollision/btDbvt.h>
 #include <benchmark/benchmark.h>
 
 #include <broadcl/broad_phase.hpp>
@@ -154,6 +156,81 @@ void time_within(benchmark::State& state, std::uint32_t n) {
   state.counters["hits"] = static_cast<double>(hits);
 }
 
+/// The eight nearest of as many points, which are in random order; or all at the same place.
+void time_nearest(benchmark::State& state, std::uint32_t n, bool equal) {
+  std::vector<Aabb> points = Points(n).boxes;
+  std::vector<Aabb> queries = points;
+  std::shuffle(queries.begin(), queries.end(), std::mt19937(seed_of_queries));
+  if (equal) points = queries = std::vector<Aabb>(n, points[0]);
+  BroadPhase broad_phase(one_thread());
+  (void)broad_phase.add(points);
+  (void)broad_phase.nearest(queries, {.limit = 8});  // makes the tree
+  for ([[maybe_unused]] auto _ : state)
+    benchmark::DoNotOptimize(broad_phase.nearest(queries, {.limit = 8}).ids.data());
+}
+
+/// As many rays as boxes.
+struct Rays {
+  static constexpr float length = 0.1F;
+
+  explicit Rays(std::uint32_t n)
+      : objects(n, MovingBoxes::Sizes::uniform), starts(Points(n).boxes), directions(n) {
+    std::mt19937 random(seed_of_queries);
+    std::normal_distribution<float> any;
+    for (auto& direction : directions) {
+      for (float& component : direction) component = any(random);
+      const float size = std::hypot(direction[0], direction[1], direction[2]);
+      for (float& component : direction) component /= size;
+    }
+  }
+  MovingBoxes objects;
+  std::vector<Aabb> starts;
+  std::vector<std::array<float, 3>> directions;
+};
+
+void time_along(benchmark::State& state, std::uint32_t n, std::uint32_t limit) {
+  const Rays rays(n);
+  BroadPhase broad_phase(one_thread());
+  (void)broad_phase.update(rays.objects.boxes());
+  std::size_t hits = 0;
+  for ([[maybe_unused]] auto _ : state) {
+    hits = broad_phase.along(rays.starts, rays.directions, {{Rays::length}}, {.limit = limit}).ids.size();
+  }
+  state.counters["hits"] = static_cast<double>(hits);
+}
+
+/// The same with the tree of Bullet's broad phase, all hits.
+void time_along_tree(benchmark::State& state, std::uint32_t n) {
+  struct Count final : btDbvt::ICollide {
+    using ICollide::Process;
+    void Process(const btDbvtNode* /*leaf*/) override { ++hits; }
+    std::size_t hits = 0;
+  };
+  const Rays rays(n);
+  const auto vector_of = [](const std::array<float, 3>& v) { return btVector3(v[0], v[1], v[2]); };
+  btDbvt tree;
+  for (const Aabb& box : rays.objects.boxes())
+    tree.insert(btDbvtVolume::FromMM(vector_of(box.lower), vector_of(box.upper)), nullptr);
+  btAlignedObjectArray<const btDbvtNode*> stack;
+  Count count;
+  for ([[maybe_unused]] auto _ : state) {
+    count.hits = 0;
+    for (std::size_t k = 0; k < n; ++k) {
+      const btVector3 from = vector_of(rays.starts[k].lower);
+      const btVector3 direction = vector_of(rays.directions[k]);
+      btVector3 inverse;
+      std::array<unsigned, 3> signs{};
+      for (int axis = 0; axis < 3; ++axis) {
+        inverse[axis] = direction[axis] == 0 ? btScalar(BT_LARGE_FLOAT) : 1 / direction[axis];
+        signs.at(static_cast<std::size_t>(axis)) = inverse[axis] < 0 ? 1 : 0;
+      }
+      tree.rayTestInternal(tree.m_root, from, from + direction * Rays::length, inverse, signs.data(),
+                           Rays::length, {0, 0, 0}, {0, 0, 0}, stack, count);
+    }
+  }
+  state.counters["hits"] = static_cast<double>(count.hits);
+}
+
 void time_pairs_within(benchmark::State& state, std::uint32_t n, bool by_cubes) {
   const Points points(n);
   Config config = one_thread();
@@ -216,6 +293,11 @@ void time_coming_within(benchmark::State& state, std::uint32_t n, const std::str
 ///   queries/between/n/without       the same without the queries
 ///   queries/partners/n              of a thousand objects after an update of all
 ///   queries/within/n                all points that are near each of them, about 8.7
+///   queries/nearest/n               the eight nearest of each of as many points
+///   queries/nearest/n/equal         the same if all points are equal
+///   queries/along/n                 all boxes on as many rays of length 0.1 in the unit cube
+///   queries/along/n/closest         only the first of each
+///   queries/along/n/as-tree         all by btDbvt
 ///   distances/once/n                pairs of points within that distance, once
 ///   distances/once/n/as-cubes       the same by cubes that overlap, and a test of each pair
 ///   distances/ALGORITHM/n           which pairs of moving points came within it, and which left
@@ -244,6 +326,11 @@ void register_queries() {
           other);
   }
   add("queries/partners", time_partners, {100'000}, "");
+  add("queries/nearest", time_nearest, {10'000, 100'000, 1'000'000}, "", false);
+  add("queries/nearest", time_nearest, {10'000, 100'000}, "/equal", true);
+  add("queries/along", time_along, {10'000, 100'000, 1'000'000}, "", QueryOptions::all);
+  add("queries/along", time_along, {10'000, 100'000, 1'000'000}, "/closest", 1U);
+  add("queries/along", time_along_tree, {10'000, 100'000, 1'000'000}, "/as-tree");
   add("queries/within", time_within, {100'000, 1'000'000}, "");
 }
 
