@@ -11,7 +11,7 @@ run(${CMAKE_COMMAND} --install ${BUILD} --prefix ${prefix})
 run(${prefix}/bin/broadcl --version)
 
 configure(examples .)
-set(examples first pairs queries distances two_sets worlds layouts on_device bullet_world bullet_async ghost_objects moving_boxes)
+set(examples first pairs queries distances rays two_sets worlds layouts on_device bullet_world bullet_async ghost_objects moving_boxes)
 if(FLOAT64)
   list(APPEND examples double_precision)
 endif()
