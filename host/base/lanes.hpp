@@ -12,8 +12,17 @@ using EightLanes = FourLanes;
 using EightLanes [[gnu::vector_size(32)]] = float;
 #endif
 
-// For functions that are compiled twice, for any processor and for those with AVX2.
+// For functions that are compiled twice, for any processor and for those with AVX2, so they must be inlined:
+// unless sanitizers check them, which takes Clang minutes then, and finds the same faults.
+#ifdef __has_feature
+#if __has_feature(address_sanitizer) || __has_feature(thread_sanitizer)
+#define BROADCL_INLINE inline
+#define BROADCL_INLINE_LAMBDA
+#endif
+#endif
+#ifndef BROADCL_INLINE
 #define BROADCL_INLINE [[gnu::always_inline]] inline
 #define BROADCL_INLINE_LAMBDA __attribute__((always_inline))
+#endif
 
 }  // namespace broadcl
