@@ -224,30 +224,34 @@ BROADCL_INLINE void for_each_wanted(const RankedSearch<Box>& search, const Node<
                                     const Function& function) {
   using Bound = BoundType<Box>;
   constexpr std::size_t lanes = sizeof(Lanes) / sizeof(Bound);
-  for (; !search.is_limited && children != 0; children &= children - 1)
-    function(static_cast<std::size_t>(std::countr_zero(children)));
   std::array<Lanes, node_size / lanes> left;
   std::memcpy(left.data(), keys.data(), sizeof left);
+  // (The function is inlined, so it is called in one place only.)
   while (children != 0) {
-    Lanes least = left[0];
+    std::uint32_t next = children;
+    Bound key{};
+    if (search.is_limited) {
+      Lanes least = left[0];
 #pragma GCC unroll 16
-    for (std::size_t k = 1; k < left.size(); ++k) least = left[k] < least ? left[k] : least;
-    fold(least, [](Lanes& s, const Lanes& t) BROADCL_INLINE_LAMBDA { s = t < s ? t : s; });
-    const Bound key = least[0];
-    std::uint32_t next =
-        children & find_bits<Lanes, Bound>([&](std::size_t k, auto& bits) BROADCL_INLINE_LAMBDA {
-          Lanes& some = left[k / lanes];
-          bits = some == key;
-          some = some > key ? some : Lanes{} + std::numeric_limits<Bound>::infinity();
-        });
+      for (std::size_t k = 1; k < left.size(); ++k) least = left[k] < least ? left[k] : least;
+      fold(least, [](Lanes& s, const Lanes& t) BROADCL_INLINE_LAMBDA { s = t < s ? t : s; });
+      key = least[0];
+      next &= find_bits<Lanes, Bound>([&](std::size_t k, auto& bits) BROADCL_INLINE_LAMBDA {
+        Lanes& some = left[k / lanes];
+        bits = some == key;
+        some = some > key ? some : Lanes{} + std::numeric_limits<Bound>::infinity();
+      });
+    }
     children ^= next;
     while (next != 0) {
       auto first = static_cast<std::size_t>(std::countr_zero(next));
-      for (std::uint32_t rest = next & (next - 1); rest != 0; rest &= rest - 1) {
-        const auto k = static_cast<std::size_t>(std::countr_zero(rest));
-        if (node.index[k] < node.index[first]) first = k;
+      if (search.is_limited) {
+        for (std::uint32_t rest = next & (next - 1); rest != 0; rest &= rest - 1) {
+          const auto k = static_cast<std::size_t>(std::countr_zero(rest));
+          if (node.index[k] < node.index[first]) first = k;
+        }
+        if (!search.wants(key, node.index[first])) return;
       }
-      if (!search.wants(key, node.index[first])) return;
       next ^= 1U << first;
       function(first);
     }
@@ -291,16 +295,17 @@ BROADCL_INLINE void search_by(RankedSearch<Box>& search, const HostTiles<axes>& 
     for_each_wanted<Lanes>(search, tile, boxes, keys,
                            [&](std::size_t k) { search.take(tile.index[k], keys[k]); });
   };
-  const auto search_root = [&](std::size_t r) BROADCL_INLINE_LAMBDA {
-    for_children(all.roots[r], [&](std::size_t j) BROADCL_INLINE_LAMBDA {
-      const std::size_t n = r * node_size + j;
-      for_children(all.nodes[n],
-                   [&](std::size_t k) BROADCL_INLINE_LAMBDA { search_tile(n * node_size + k); });
-    });
-  };
-  if (all.roots.size() == 1) return search_root(0);
   for (std::size_t t = 0; t < all.tops.size(); ++t) {
-    for_children(all.tops[t], [&](std::size_t i) BROADCL_INLINE_LAMBDA { search_root(t * node_size + i); });
+    Column<Bound> keys{};
+    const std::uint32_t roots = all.roots.size() > 1 ? find(all.tops[t], columns_of(all.tops[t]), keys) : 1;
+    for_each_wanted<Lanes>(search, all.tops[t], roots, keys, [&](std::size_t i) BROADCL_INLINE_LAMBDA {
+      const std::size_t r = t * node_size + i;
+      for_children(all.roots[r], [&](std::size_t j) BROADCL_INLINE_LAMBDA {
+        const std::size_t n = r * node_size + j;
+        for_children(all.nodes[n],
+                     [&](std::size_t k) BROADCL_INLINE_LAMBDA { search_tile(n * node_size + k); });
+      });
+    });
   }
 }
 
