@@ -68,6 +68,15 @@ TEST(OpenedDevices, OfOtherSettingsAreOthers) {
   }
 }
 
+TEST(OpenedDevices, KeepWhatIsBuiltForQueuesOfTheirContext) {
+  const opencl::Context own(select_device(), false);
+  const cl::CommandQueue queue(own.context(), own.queue().getInfo<CL_QUEUE_DEVICE>());
+  { const DeviceBroadPhase first(queue()); }
+  const long built = opencl_use().programs_built;
+  const DeviceBroadPhase second(queue());
+  EXPECT_EQ(opencl_use().programs_built, built);
+}
+
 TEST(OpenedDevices, OfACallerLastAsLongAsTheirObjects) {
   const CallersQueue queue;
   const cl::CommandQueue callers(queue(), true);

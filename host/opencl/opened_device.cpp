@@ -51,8 +51,11 @@ std::shared_ptr<OpenedDevice> find_or_open(const Device& device, const cl::Devic
   Registry& known = registry();
   const std::scoped_lock lock(known.mutex);
   for (const Entry& entry : known.entries) {
-    if (entry.key != key) continue;
-    if (auto opened = entry.device.lock()) return opened;
+    auto opened = entry.device.lock();
+    if (opened == nullptr) continue;
+    // (A queue may be of the library's own context.)
+    const bool is_own = entry.kept != nullptr && opened->context() == callers_context;
+    if (entry.key == (is_own ? Key{cl_device(), nullptr, named, std::get<3>(key)} : key)) return opened;
   }
   auto opened = std::make_shared<OpenedDevice>(device, cl_device, make(), named, std::move(disk_cache));
   std::erase_if(known.entries, [](const Entry& entry) { return entry.device.expired(); });
