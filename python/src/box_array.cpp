@@ -9,7 +9,7 @@
 #include <utility>
 
 #include "arrays.hpp"
-#include "device_array.hpp"
+#include "device_arrays.hpp"
 
 namespace nb = nanobind;
 using namespace nb::literals;
@@ -137,9 +137,8 @@ void BoxArray::refuse_shape(const Array& array) const {
 
 Array BoxArray::to_array(nb::handle object) const {
   if (is_on_device(object)) {
-    throw nb::type_error((name_ +
-                          " must be in host memory here; copy it with get(), or use a DeviceBroadPhase, "
-                          "or overlapping_pairs() with all boxes on the device")
+    throw nb::type_error((name_ + " must be in host memory here; copy it there, or use a DeviceBroadPhase, "
+                                  "or overlapping_pairs() with all boxes on the device")
                              .c_str());
   }
   refuse_masked(object, name_);

@@ -12,13 +12,16 @@ void add_broad_phase(nanobind::module_& module);
 /// Adds the classes DeviceBroadPhase and DeviceDelta.
 void add_device_broad_phase(nanobind::module_& module);
 
-/// All overlapping pairs of boxes in arrays or buffers of pyopencl, in such an array.
+/// Adds the class DeviceArray.
+void add_device_array(nanobind::module_& module);
+
+/// All overlapping pairs of boxes on a device, in arrays of pyopencl or tensors, in such an array.
 /// @param b None for one set.
 /// @param exclusions As to_exclusions() takes them.
-/// @param queue Where to work; None for the queue of `a`.
+/// @param device Where to work; None for the queue or the device of `a`.
 /// @throws TypeError, ValueError, Error
 [[nodiscard]] nanobind::object find_on_device(nanobind::handle a, nanobind::handle b,
-                                              nanobind::handle exclusions, nanobind::handle queue,
+                                              nanobind::handle exclusions, nanobind::handle device,
                                               const std::string& algorithm);
 
 }  // namespace broadcl::python

@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <optional>
 #include <string>
+#include <type_traits>
 #include <utility>
 #include <vector>
 
@@ -14,7 +15,7 @@
 #include "arrays.hpp"
 #include "classes.hpp"
 #include "config.hpp"
-#include "device_array.hpp"
+#include "device_arrays.hpp"
 #include "gil.hpp"
 #include "keywords.hpp"
 #include "one_thread.hpp"
@@ -26,7 +27,7 @@ using namespace nb::literals;
 namespace broadcl::python {
 namespace {
 
-/// The changes of an update, in arrays of pyopencl.
+/// The changes of an update, in arrays on the device.
 struct DeviceChanges {
   nb::object added;
   nb::object removed;
@@ -35,13 +36,11 @@ struct DeviceChanges {
   std::optional<std::uint32_t> first_invalid;
 };
 
-/// A DeviceBroadPhase for Python: one thread at a time, with arrays of pyopencl.
+/// A DeviceBroadPhase for Python: one thread at a time, with arrays on the device.
 class DeviceObjects {
  public:
-  DeviceObjects(nb::handle queue, const std::string& algorithm, bool profile)
-      : queue_(nb::borrow(queue)),
-        broad_phase_(open(queue, algorithm, profile)),
-        pool_(make_memory_pool(queue)) {}
+  DeviceObjects(nb::handle device, const std::string& algorithm, bool profile)
+      : arrays_(open(device, algorithm, profile)), broad_phase_(open(*arrays_, algorithm, profile)) {}
   DeviceObjects(const DeviceObjects&) = delete;
   DeviceObjects& operator=(const DeviceObjects&) = delete;
   ~DeviceObjects() = default;
@@ -53,27 +52,32 @@ class DeviceObjects {
 
   void begin(nb::handle boxes, nb::handle second, nb::handle filters, bool worlds) {
     const OneThread::Use use(thread_);
-    if (result_) throw Error("the last update's changes were not returned; call finish() for them first");
-    const Sets sets(queue_, boxes, second, filters, worlds);
-    {
-      const GilReleased released;
-      broad_phase_.begin(sets.boxes);
+    refuse_result();
+    if (!inputs_.is_none()) {
+      throw Error("begin() was called between begin() and finish(); call finish() first");
     }
+    DeviceBroadPhase::Boxes read = arrays_->read(boxes, second, filters);
+    read.worlds = worlds;
+    or_abandon([&] { without_gil([&] { broad_phase_.begin(read); }); });
     inputs_ = nb::make_tuple(boxes, second, filters);
   }
 
   DeviceChanges finish() {
     const OneThread::Use use(thread_);
     const nb::object inputs = std::exchange(inputs_, nb::none());
-    if (!result_) {
-      const GilReleased released;
-      result_ = broad_phase_.finish();
-    }
-    DeviceChanges changes{copy_on_device(result_->added, queue_, pool_),
-                          copy_on_device(result_->removed, queue_, pool_), result_->pair_count,
-                          result_->invalid_boxes, result_->first_invalid};
-    result_.reset();
-    return changes;
+    return or_abandon([&] {
+      if (!result_) result_ = without_gil([&] { return broad_phase_.finish(); });
+      DeviceChanges changes{arrays_->copy(result_->added), arrays_->copy(result_->removed),
+                            result_->pair_count, result_->invalid_boxes, result_->first_invalid};
+      arrays_->complete();
+      result_.reset();
+      return changes;
+    });
+  }
+
+  nb::object boxes(std::size_t n) {
+    const OneThread::Use use(thread_);
+    return arrays_->make_boxes(n);
   }
 
   void set_exclusions(nb::handle pairs) {
@@ -85,25 +89,25 @@ class DeviceObjects {
 
   void shrink() {
     const OneThread::Use use(thread_);
-    if (result_) throw Error("the last update's changes were not returned; call finish() for them first");
+    refuse_result();
     {
       const GilReleased released;
       broad_phase_.shrink();
     }
-    pool_.attr("free_held")();
+    arrays_->shrink();
   }
 
   nb::object pairs() {
     const OneThread::Use use(thread_);
-    DeviceBroadPhase::PairBuffer pairs;
-    {
-      const GilReleased released;
-      pairs = broad_phase_.pairs();
-    }
-    return copy_on_device(pairs, queue_, pool_);
+    const DeviceBroadPhase::PairBuffer pairs = without_gil([&] { return broad_phase_.pairs(); });
+    return or_abandon([&] {
+      nb::object copy = arrays_->copy(pairs);
+      arrays_->complete();
+      return copy;
+    });
   }
 
-  nb::object queue() const { return queue_; }
+  nb::object queue() const { return arrays_->callers_queue(); }
   Device device() const { return broad_phase_.device(); }
   nb::dict memory() {
     const OneThread::Use use(thread_);
@@ -115,23 +119,22 @@ class DeviceObjects {
   }
 
   /// See `find_on_device`.
-  static nb::object find(nb::handle a, nb::handle b, nb::handle exclusions, nb::handle queue,
+  static nb::object find(nb::handle a, nb::handle b, nb::handle exclusions, nb::handle device,
                          const std::string& algorithm) {
-    const Sets sets(queue, a, b, nb::none(), false);
-    const DeviceBroadPhase::Boxes& boxes = sets.boxes;
+    (void)to_config(std::nullopt, algorithm, 0);
+    const DeviceArraysPointer arrays = device_arrays_of(a, device);
+    const DeviceBroadPhase::Boxes boxes = arrays->read(a, b, nb::none());
     std::vector<Pair> without = to_exclusions(exclusions, boxes.count,
                                               b.is_none() ? std::nullopt : std::optional(boxes.second.count));
     if (!b.is_none()) {  // they are counted as if the second set followed the first
       for (Pair& pair : without) pair.b += static_cast<std::uint32_t>(boxes.count);
     }
-    const cl_command_queue handle = to_queue(queue);
     DeviceBroadPhase::Result result;
-    std::optional<DeviceBroadPhase> broad_phase;
+    DeviceBroadPhase broad_phase = open(*arrays, algorithm, false);
     {
       const GilReleased released;
-      broad_phase.emplace(handle, DeviceBroadPhase::Config{.algorithm = algorithm});
-      if (!without.empty()) broad_phase->set_exclusions(without);
-      result = broad_phase->update(boxes);
+      if (!without.empty()) broad_phase.set_exclusions(without);
+      result = broad_phase.update(boxes);
     }
     if (result.first_invalid) {
       const bool is_first = *result.first_invalid < boxes.count;
@@ -141,54 +144,54 @@ class DeviceObjects {
                              "give an empty box (lower > upper) for an object without one")
                                 .c_str());
     }
-    return show_on_device(result.added, queue);
+    return arrays->show(result.added);
   }
 
  private:
-  static DeviceBroadPhase open(nb::handle queue, const std::string& algorithm, bool profile) {
+  static DeviceArraysPointer open(nb::handle device, const std::string& algorithm, bool profile) {
     (void)to_config(std::nullopt, algorithm, 0);
-    const cl_command_queue handle = to_queue(queue);
-    const GilReleased released;
-    return DeviceBroadPhase(handle, {.algorithm = algorithm, .profile = profile});
+    return device_arrays(device, profile);
   }
 
-  /// The boxes of an update.
-  struct Sets {
-    Sets(nb::handle queue, nb::handle first_set, nb::handle second_set, nb::handle filters, bool worlds)
-        : first(first_set, queue, second_set.is_none() ? "boxes" : "the first set") {
-      boxes = {.buffer = first.buffer,
-               .count = first.count,
-               .offset = first.offset,
-               .stride = first.stride,
-               .worlds = worlds};
-      if (!second_set.is_none()) {
-        const DeviceBoxes& other = second.emplace(second_set, queue, "the second set");
-        boxes.second = {
-            .buffer = other.buffer, .count = other.count, .offset = other.offset, .stride = other.stride};
-      }
-      boxes.filters = to_filters(filters, queue, boxes.count + boxes.second.count);
-    }
+  static DeviceBroadPhase open(const DeviceArrays& arrays, const std::string& algorithm, bool profile) {
+    const cl_command_queue queue = arrays.queue();
+    const GilReleased released;
+    return DeviceBroadPhase(queue, {.algorithm = algorithm, .profile = profile});
+  }
 
-    DeviceBoxes first;
-    std::optional<DeviceBoxes> second;
-    DeviceBroadPhase::Boxes boxes;
-  };
+  template <class Function>
+  static std::invoke_result_t<Function> without_gil(const Function& function) {
+    const GilReleased released;
+    return function();
+  }
+
+  /// Does a part of an update.
+  template <class Function>
+  std::invoke_result_t<Function> or_abandon(const Function& function) {
+    try {
+      return function();
+    } catch (...) {
+      arrays_->abandon();
+      throw;
+    }
+  }
+
+  void refuse_result() const {
+    if (result_) throw Error("the last update's changes were not returned; call finish() for them first");
+  }
 
   OneThread thread_;
-  nb::object queue_;
+  DeviceArraysPointer arrays_;
   DeviceBroadPhase broad_phase_;
-  nb::object pool_;                                 // of the arrays that are returned
   nb::object inputs_ = nb::none();                  // of the update that was begun
   std::optional<DeviceBroadPhase::Result> result_;  // of the last update, until its changes are copied
 };
 
 }  // namespace
 
-nb::object find_on_device(nb::handle a, nb::handle b, nb::handle exclusions, nb::handle queue,
+nb::object find_on_device(nb::handle a, nb::handle b, nb::handle exclusions, nb::handle device,
                           const std::string& algorithm) {
-  (void)to_config(std::nullopt, algorithm, 0);
-  const nb::object own = queue_of(a, queue);
-  return DeviceObjects::find(a, b, exclusions, own, algorithm);
+  return DeviceObjects::find(a, b, exclusions, device, algorithm);
 }
 
 // NOLINTNEXTLINE(readability-function-size): a table
@@ -198,11 +201,16 @@ void add_device_broad_phase(nb::module_& module) {
 
 ``added, removed = device_broad_phase.update(boxes)`` takes it apart. The arrays own their data;
 ``get()`` copies them to NumPy. When an array is no longer referenced, its memory is used again, by
-commands in the queue of the broad phase: keep arrays that another queue reads until it has finished.)")
-      .def_ro("added", &DeviceChanges::added, nb::sig("def added(self) -> pyopencl.array.Array"),
-              "``(m, 2)`` uint32, on the device: the pairs that began to overlap, in canonical order.")
-      .def_ro("removed", &DeviceChanges::removed, nb::sig("def removed(self) -> pyopencl.array.Array"),
-              "``(m, 2)`` uint32, on the device: the pairs that ceased to overlap, in canonical order.")
+commands in the queue of the broad phase: keep arrays that another queue or stream reads until it has
+finished.)")
+      .def_ro("added", &DeviceChanges::added,
+              nb::sig("def added(self) -> pyopencl.array.Array | DeviceArray"),
+              "``(m, 2)``, on the device, int32 in a `DeviceArray`, otherwise uint32: the pairs that began "
+              "to overlap, in canonical order.")
+      .def_ro("removed", &DeviceChanges::removed,
+              nb::sig("def removed(self) -> pyopencl.array.Array | DeviceArray"),
+              "``(m, 2)``, on the device, int32 in a `DeviceArray`, otherwise uint32: the pairs that ceased "
+              "to overlap, in canonical order.")
       .def_ro("pair_count", &DeviceChanges::pair_count, "Number of pairs that overlap now.")
       .def_ro("invalid_boxes", &DeviceChanges::invalid_boxes,
               "Number of boxes with a NaN bound. They overlap nothing.")
@@ -213,68 +221,75 @@ commands in the queue of the broad phase: keep arrays that another queue reads u
           [](const DeviceChanges& changes) {
             return nb::iter(nb::make_tuple(changes.added, changes.removed));
           },
-          nb::sig("def __iter__(self) -> collections.abc.Iterator[pyopencl.array.Array]"))
+          nb::sig("def __iter__(self) -> collections.abc.Iterator[pyopencl.array.Array | DeviceArray]"))
       .def("__repr__", [](const DeviceChanges& changes) {
         return nb::str("DeviceDelta(added={!r}, removed={!r})").format(changes.added, changes.removed);
       });
 
   nb::class_<DeviceObjects>(
       module, "DeviceBroadPhase",
-      R"(A `BroadPhase` for boxes in pyopencl arrays or buffers: pairs and changes stay on the device, too.
+      R"(A `BroadPhase` for boxes on a device, in tensors of CUDA or arrays of pyopencl: pairs and changes stay there.
 
 Object k is the box at index k, the same object in every update. Every update tests all boxes. The
 GIL is released while the device works.
 
+Tensors are those of PyTorch, JAX, CuPy, Warp and every other library with DLPack or the CUDA array
+interface. They are copied on the device to memory that CUDA and OpenCL share, but those in the memory
+of `boxes` are not. OpenCL begins when their stream has completed what it was given.
+
 Parameters
 ----------
-queue : pyopencl.CommandQueue
-    In order. All work is done in it, and nothing else may use it during a call.
+device : pyopencl.CommandQueue, or a CUDA device
+    A queue, in order, in which all work is done; nothing else may use it during a call. Or a device:
+    ``"cuda"`` (the current one), ``"cuda:1"``, that of a library, or a tensor there.
 algorithm : str
     ``"auto"``, ``"brute-force"`` or ``"tiles"``.
 profile : bool
-    Whether to measure stages on the device; the queue must have profiling enabled.
+    Whether to measure stages on the device; a queue must have profiling enabled.
 
 Raises
 ------
 TypeError
-    For another kind of queue.
+    For another kind of device.
 ValueError
     For an unknown algorithm.
 Error
-    For an algorithm of the host, an out-of-order queue, and if OpenCL fails.
+    For an algorithm of the host, an out-of-order queue, if OpenCL or CUDA fails, and if OpenCL has no
+    driver that can share the memory of the CUDA device.
 RuntimeError
     By every method, if another thread is using the object.)")
-      .def(
-          "__init__",
-          with_keywords(
-              "DeviceBroadPhase", +[](DeviceObjects* self, nb::handle queue, const std::string& algorithm,
-                                      bool profile) { new (self) DeviceObjects(queue, algorithm, profile); }),
-          "queue"_a = nb::none(), nb::kw_only(), "algorithm"_a = "auto", "profile"_a = false, "unknown"_a,
-          nb::sig("def __init__(self, queue: pyopencl.CommandQueue, *, algorithm: str = 'auto', "
-                  "profile: bool = False) -> None"))
+      .def("__init__",
+           with_keywords(
+               "DeviceBroadPhase",
+               +[](DeviceObjects* self, nb::handle device, const std::string& algorithm, bool profile) {
+                 new (self) DeviceObjects(device, algorithm, profile);
+               }),
+           "device"_a = nb::none(), nb::kw_only(), "algorithm"_a = "auto", "profile"_a = false, "unknown"_a,
+           nb::sig("def __init__(self, device: object, *, algorithm: str = 'auto', "
+                   "profile: bool = False) -> None"))
       .def(
           "update", with_keywords("update", &DeviceObjects::update), "boxes"_a = nb::none(),
           "second"_a = nb::none(), nb::kw_only(), "filters"_a = nb::none(), "worlds"_a = false, "unknown"_a,
-          nb::sig("def update(self, boxes: pyopencl.array.Array | pyopencl.Buffer, second: "
-                  "pyopencl.array.Array | pyopencl.Buffer | None = None, *, filters: pyopencl.array.Array | "
-                  "pyopencl.Buffer | None = None, worlds: bool = False) -> DeviceDelta"),
+          nb::sig("def update(self, boxes: object, second: object | None = None, *, filters: object | None = "
+                  "None, worlds: bool = False) -> DeviceDelta"),
           R"(Finds every overlapping pair that the filters allow, and returns what changed since the last update;
 objects beyond the last box no longer exist.
 
 Waits for the queue once, for the counts. A call that raises leaves the known pairs as they were;
-but see `finish` for exceptions of pyopencl.
+but see `finish` for changes that cannot be copied.
 
 Parameters
 ----------
-boxes : pyopencl.array.Array or pyopencl.Buffer
+boxes : tensor, pyopencl.array.Array or pyopencl.Buffer
     float32, ``(n, 6)`` or ``(n, 2, 3)``, the numbers of each box without gaps; or a buffer of such
-    boxes. Only read. A box with a NaN overlaps nothing, and is counted.
-second : pyopencl.array.Array or pyopencl.Buffer, optional
+    boxes. Only read. A box with a NaN overlaps nothing, and is counted. A tensor may be overwritten
+    when this has returned.
+second : tensor, pyopencl.array.Array or pyopencl.Buffer, optional
     A second set. Then only pairs of a box of the first set and a box of the second are found. The
     first set must have the same number of boxes in every update.
-filters : pyopencl.array.Array or pyopencl.Buffer, optional
-    ``(n, 4)`` uint32: group, mask, body and world of each box, those of a second set after the
-    first.
+filters : tensor, pyopencl.array.Array or pyopencl.Buffer, optional
+    ``(n, 4)`` uint32 (of a tensor also int32, in which -1 has all bits): group, mask, body and world of
+    each box, those of a second set after the first.
 worlds : bool
     Whether the filters have different worlds. It affects only speed.
 
@@ -288,14 +303,13 @@ Raises
 TypeError
     For arrays that are not on the device, or not float32.
 ValueError
-    For a wrong shape or another queue.
+    For a wrong shape, and for another queue or CUDA device.
 Error
     If the device fails, and between `begin` and `finish`.)")
       .def("begin", with_keywords("begin", &DeviceObjects::begin), "boxes"_a = nb::none(),
            "second"_a = nb::none(), nb::kw_only(), "filters"_a = nb::none(), "worlds"_a = false, "unknown"_a,
-           nb::sig("def begin(self, boxes: pyopencl.array.Array | pyopencl.Buffer, second: "
-                   "pyopencl.array.Array | pyopencl.Buffer | None = None, *, filters: pyopencl.array.Array | "
-                   "pyopencl.Buffer | None = None, worlds: bool = False) -> None"),
+           nb::sig("def begin(self, boxes: object, second: object | None = None, *, filters: object | None = "
+                   "None, worlds: bool = False) -> None"),
            R"(Enqueues an update, and returns at once.
 
 The arguments are those of `update`. They are referenced until `finish`.
@@ -308,7 +322,7 @@ TypeError, ValueError, Error
            nb::sig("def finish(self) -> DeviceDelta"),
            R"(Waits for the update that `begin` started, and returns the changes.
 
-If pyopencl fails while it copies the changes, call `finish` again; no other update can begin before.
+If this fails while it copies the changes, call `finish` again; no other update can begin before.
 
 Returns
 -------
@@ -319,6 +333,29 @@ Raises
 ------
 Error
     As `update` does, and if no update was begun.)")
+      .def("boxes", with_keywords("boxes", &DeviceObjects::boxes), "n"_a = 0, "unknown"_a,
+           nb::sig("def boxes(self, n: int) -> DeviceArray"),
+           R"(Makes memory for boxes that OpenCL reads where they are, without a copy.
+
+Write boxes there in place, ``tensor = torch.from_dlpack(broad_phase.boxes(n))``, and give the tensor, or
+a part of it, to `update`. Do not write there between `begin` and `finish`.
+
+Parameters
+----------
+n : int
+    Number of boxes.
+
+Returns
+-------
+DeviceArray
+    ``(n, 6)`` float32, not initialised.
+
+Raises
+------
+TypeError
+    For an object with a queue of pyopencl, whose arrays are never copied.
+Error
+    If memory runs out.)")
       .def("set_exclusions", with_keywords("set_exclusions", &DeviceObjects::set_exclusions),
            "pairs"_a = nb::none(), "unknown"_a,
            nb::sig("def set_exclusions(self, pairs: numpy.typing.ArrayLike) -> None"),
@@ -351,13 +388,13 @@ Raises
 Error
     Between `begin` and `finish`, and if the device fails.)")
       .def("pairs", with_keywords("pairs", &DeviceObjects::pairs),
-           nb::sig("def pairs(self) -> pyopencl.array.Array"),
+           nb::sig("def pairs(self) -> pyopencl.array.Array | DeviceArray"),
            R"(Returns all pairs as of the last update.
 
 Returns
 -------
-pyopencl.array.Array
-    ``(m, 2)`` uint32, on the device, owned by the caller, in canonical order: sorted by b, then by
+DeviceArray or pyopencl.array.Array
+    ``(m, 2)``, int32 or uint32, on the device, owned by the caller, in canonical order: sorted by b, then by
     a; for one set, a < b.
 
 Raises
@@ -372,9 +409,9 @@ Returns
 -------
 dict of str to dict
     The stages, as in `BroadPhase.profile`.)")
-      .def_prop_ro("queue", &DeviceObjects::queue, nb::sig("def queue(self) -> pyopencl.CommandQueue"),
-                   "The pyopencl.CommandQueue in which all work is done.")
-      .def_prop_ro("device", &DeviceObjects::device, "The `Device` of the queue.")
+      .def_prop_ro("queue", &DeviceObjects::queue, nb::sig("def queue(self) -> pyopencl.CommandQueue | None"),
+                   "The pyopencl.CommandQueue in which all work is done, None for a CUDA device.")
+      .def_prop_ro("device", &DeviceObjects::device, "The `Device` of OpenCL.")
       .def_prop_ro(
           "memory", &DeviceObjects::memory, nb::sig("def memory(self) -> dict[str, int]"),
           "OpenCL memory of this object, bytes, without the caller's arrays; as in `BroadPhase.memory`.");

@@ -18,7 +18,7 @@
 #include "box_array.hpp"
 #include "classes.hpp"
 #include "config.hpp"
-#include "device_array.hpp"
+#include "device_arrays.hpp"
 #include "gil.hpp"
 #include "inverted_boxes.hpp"
 #include "keywords.hpp"
@@ -102,15 +102,15 @@ nb::object find_pairs(nb::handle a, nb::handle b, nb::handle exclusions, const S
 }
 
 /// The overload for arrays on a device. Arguments that the other overload does not accept come here, too.
-nb::object find_pairs_on_device(nb::handle a, nb::handle b, nb::handle exclusions, nb::handle queue,
+nb::object find_pairs_on_device(nb::handle a, nb::handle b, nb::handle exclusions, nb::handle device,
                                 const std::string& algorithm, const nb::kwargs& unknown) {
   if (!is_on_device(a)) {
     throw nb::type_error(
-        "device must be a string, an element of devices() or None (a pyopencl queue works only for "
-        "pyopencl arrays), threads an integer from 0 on, and layout a string");
+        "device must be a string, an element of devices() or None (a pyopencl queue or a CUDA device works "
+        "only for arrays there), threads an integer from 0 on, and layout a string");
   }
   refuse_unknown("for boxes on a device, overlapping_pairs", unknown);
-  return find_on_device(a, b, exclusions, queue, algorithm);
+  return find_on_device(a, b, exclusions, device, algorithm);
 }
 
 /// Finds what an object with these boxes would find.
@@ -299,6 +299,7 @@ NB_MODULE(_core, module) {
   add_inverted_boxes(module);
   add_device(module);
   add_broad_phase(module);
+  add_device_array(module);
   add_device_broad_phase(module);
   module.attr("version") = BROADCL_VERSION_STRING;
   module.attr("NO_BODY") = broadcl::Filter::no_body;
@@ -336,17 +337,19 @@ a, b : array_like or tuple
     `EMPTY`. The pairs of float64 boxes are those that overlap as float64;
     convert the array to float32 for those that overlap as float32.
 
-    Boxes in pyopencl arrays or buffers are searched on their device. They must be float32,
-    ``(n, 6)`` or ``(n, 2, 3)``, the numbers of each box without gaps. There is no warning for them.
+    Boxes in tensors of CUDA, or in pyopencl arrays or buffers, are searched on their device, as
+    `DeviceBroadPhase` does. They must be float32, ``(n, 6)`` or ``(n, 2, 3)``, the numbers of each box
+    without gaps. There is no warning for them.
 exclusions : array_like of int, optional
     ``(k, 2)``, in host memory: pairs that are not reported, in any order. They are given as the
     rows of the result are. `pairs_that_share` lists those of a mesh.
-device : str, Device or pyopencl.CommandQueue, optional
+device : str, Device, or for boxes on a device that of a DeviceBroadPhase, optional
     A selector as for `select_device`. The device stays open for later calls, but its memory is
     freed, so for frequent searches keep a `BroadPhase`. Algorithms of the host open no device, and ``"auto"`` opens only a CPU that
     is named, here or by the environment variable ``BROADCL_DEVICE``.
 
-    For boxes on a device, the queue to work in, which must be in order; None for the queue of `a`.
+    For boxes on a device, the queue to work in, which must be in order, or the CUDA device; None for
+    that of `a`.
     Kernels are prepared in each call, so for frequent searches keep a `DeviceBroadPhase`.
 algorithm : str
     A key of `algorithms`.
@@ -367,10 +370,10 @@ distance : float
 
 Returns
 -------
-numpy.ndarray or pyopencl.array.Array
+numpy.ndarray, pyopencl.array.Array or DeviceArray
     ``(m, 2)`` uint32, owned by the caller: rows (i, j) with i < j or, with two sets, (index in `a`,
     index in `b`). They are in canonical order: sorted by j, then by i. For boxes on a device, the
-    pairs stay there; ``get()`` of the pyopencl array copies them to NumPy.
+    pairs stay there (int32 in a `DeviceArray`); ``get()`` copies them to NumPy.
 
 Raises
 ------
@@ -387,9 +390,11 @@ MemoryError
   module.def(
       "overlapping_pairs", &find_pairs_on_device, "a"_a = nb::none(), "b"_a = nb::none(), nb::kw_only(),
       "exclusions"_a = nb::none(), "device"_a = nb::none(), "algorithm"_a = "auto", "unknown"_a,
-      nb::sig("def overlapping_pairs(a: pyopencl.array.Array | pyopencl.Buffer, b: pyopencl.array.Array | "
-              "pyopencl.Buffer | None = None, *, exclusions: numpy.typing.ArrayLike | None = None, device: "
-              "pyopencl.CommandQueue | None = None, algorithm: str = 'auto') -> pyopencl.array.Array"));
+      nb::sig(
+          "def overlapping_pairs(a: pyopencl.array.Array | pyopencl.Buffer | DeviceArray, b: "
+          "pyopencl.array.Array | pyopencl.Buffer | DeviceArray | None = None, *, exclusions: "
+          "numpy.typing.ArrayLike | None = None, device: object | None = None, algorithm: str = 'auto') -> "
+          "pyopencl.array.Array | DeviceArray"));
   module.def("overlapping", with_keywords("overlapping", &find_hits<Verb::overlapping>),
              "boxes"_a = nb::none(), "queries"_a = nb::none(), nb::kw_only(), "limit"_a = nb::none(),
              "except_"_a = nb::none(), "most_hits"_a = std::uint64_t{1} << 31U, "count_only"_a = false,

@@ -102,7 +102,7 @@ def test_layouts():
     (lambda: broadcl.pairs_that_share(c=[[0]]), "pairs_that_share", "c"),
     (lambda: broadcl.select_device(device="gpu"), "select_device", "device"),
     (lambda: broadcl.BroadPhase(thread=1), "BroadPhase", "thread"),
-    (lambda: broadcl.DeviceBroadPhase(device=None), "DeviceBroadPhase", "device"),
+    (lambda: broadcl.DeviceBroadPhase(queue=None), "DeviceBroadPhase", "queue"),
     (lambda: broadcl.BroadPhase().add(box=uniform(2)), "add", "box"),
     (lambda: broadcl.BroadPhase().move(id=0, box=uniform(2)), "move", "id"),
     (lambda: broadcl.BroadPhase().set_filter(0, groups=1), "set_filter", "groups"),

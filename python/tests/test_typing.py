@@ -10,8 +10,8 @@ from test_documentation import ROOT, code
 # stubtest expects Python's own functions and classes, and finds nanobind's.
 OF_NANOBIND = r"""
 broadcl\._core\.(algorithms|along|devices|host_algorithms|nearest|overlapping|overlapping_pairs|pairs_that_share|select_device|squared_distances)
-broadcl\._core\.(BroadPhase|Delta|Device|DeviceBroadPhase|DeviceDelta)
-broadcl\._core\.(Delta|Device|DeviceDelta)\.__init__
+broadcl\._core\.(BroadPhase|Delta|Device|DeviceArray|DeviceBroadPhase|DeviceDelta)
+broadcl\._core\.(Delta|Device|DeviceArray|DeviceDelta)\.__init__
 """
 
 
