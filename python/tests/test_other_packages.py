@@ -33,9 +33,9 @@ def test_a_broad_phase_of_ipctk():
 
 
 def test_rivals_gpu_without_rivals():
-    """Warp and Newton are too large to be installed for tests."""
+    """Warp, Newton and PyTorch are too large to be installed for tests."""
     pytest.importorskip("pyopencl")
-    missing = sum(importlib.util.find_spec(package) is None for package in ("warp", "newton"))
+    missing = sum(importlib.util.find_spec(package) is None for package in ("warp", "newton", "torch"))
     table = output(BENCH / "rivals_gpu.py", "--device", "cpu", "--sizes", 500, "--frames", 3, "--warm-up", 0, missing=missing)
     assert table.count("\nBroadCL ") == table.count("\nBroadCL, on the device ") == 2, table
     assert "pairs missing" not in table
