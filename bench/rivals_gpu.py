@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
-"""Overlapping pairs of moving boxes by BroadCL, by the BVH of NVIDIA Warp and by the broad phases of Newton, on one GPU:
+"""Overlapping pairs of moving boxes by BroadCL, by the BVH of NVIDIA Warp, by the broad phases of Newton and by PyTorch, on one GPU:
 
-    pip install . warp-lang newton pyopencl
-    bench/rivals_gpu.py [--sizes 3500 16000] [--json FILE]
+    pip install . warp-lang newton torch pyopencl
+    bench/rivals_gpu.py [--sizes 3500 16000] [--worlds 4096] [--json FILE]
 
 Packages that are not installed are left out. The scenes are those of updates.json: n cubes whose centres are uniform in the unit
 cube, with an edge such that each overlaps about four others ("uniform"), or with three classes of sizes and about 20 overlaps
@@ -13,10 +13,16 @@ by default of 24 to 100. The tree of "refit" is as old as that.
     memory    the same, from boxes in a NumPy array
     device    from boxes on the device to the result there. BroadCL: wall time until the queue has finished; it needs pyopencl.
               Warp and Newton: time between two events
+    wall      wall time from boxes in memory of CUDA to the result there. BroadCL: from tensors to tensors; a kernel of CUDA has
+              written the boxes just before, since the GPU then changes to another context. Warp and Newton: until the host knows
+              that their graph has finished; it does not read their count
 
-BroadCL delivers the pairs that start and stop overlapping, in order, and its lists grow. The others deliver all pairs, in no
-order, in an array that is half as large again as it must be in the first frame. On a GPU their frames are CUDA graphs. In the last
-frame, pairs are compared with those that BroadCL finds on the host.
+BroadCL delivers the pairs that start and stop overlapping, in order, and its lists grow. PyTorch compares all boxes with all, and
+delivers all pairs. Warp and Newton deliver all pairs, in no order, in an array that is half as large again as it must be in the
+first frame. On a GPU their frames are CUDA graphs. In the last frame, pairs are compared with those that BroadCL finds on the host.
+
+--worlds N measures N worlds of 64 cubes instead, each uniform in the unit cube, with tensors: BroadCL gets filters, PyTorch
+compares the boxes of each world.
 """
 
 import argparse
@@ -43,6 +49,13 @@ try:
     import pyopencl.array
 except ImportError:
     pyopencl = None
+try:
+    import torch
+except ImportError:
+    torch = None
+
+KINDS = "total", "memory", "device", "wall"
+BOXES_OF_A_WORLD = 64
 
 
 class Scene:
@@ -50,7 +63,9 @@ class Scene:
 
     def __init__(self, name: str, n: int):
         random = np.random.default_rng(1)
-        edge = 1 - np.sqrt(1 - np.cbrt(4 / n))
+        self.worlds = n // BOXES_OF_A_WORLD if name == "worlds" else 1
+        self.world = (np.arange(n) * self.worlds // n).astype(np.int32)
+        edge = 1 - np.sqrt(1 - np.cbrt(4 * self.worlds / n))
         factors = np.ones(n)
         if name == "mixed":
             classes = np.array([(0.1, 0.4), (0.8, 1.2), (1.6, 4.0)])[random.permutation(n) % 3]
@@ -118,10 +133,87 @@ class BroadCLOnDevice:
         return self.broad_phase.pairs().get()
 
 
+class OnTorch:
+    """Boxes in a tensor, to which a kernel writes them."""
+
+    kinds = ("wall",)
+
+    def __init__(self, scene: Scene, options):
+        boxes = scene.advance()
+        self.where = torch.device(options.device)
+        self.boxes = self.prepare(scene, len(boxes))
+        self.load(boxes)
+
+    def load(self, boxes):
+        torch.mul(torch.from_numpy(boxes).to(self.where), 1, out=self.boxes)
+        self.wait()
+
+    def wait(self):
+        if self.where.type == "cuda":
+            torch.cuda.synchronize(self.where)
+
+
+class BroadCLTensors(OnTorch):
+    def prepare(self, scene, n):
+        self.broad_phase = broadcl.DeviceBroadPhase(self.where)
+        self.worlds = scene.worlds > 1
+        world = torch.from_numpy(scene.world).to(self.where)
+        ones = torch.ones_like(world)
+        self.filters = torch.stack([ones, -ones, -ones, world], 1) if self.worlds else None
+        return self.place(n)
+
+    def place(self, n):
+        return torch.empty(n, 6, device=self.where)
+
+    def wall(self):
+        delta = self.broad_phase.update(self.boxes, filters=self.filters, worlds=self.worlds)
+        return torch.from_dlpack(delta.added), torch.from_dlpack(delta.removed)
+
+    def pairs(self):
+        return self.broad_phase.pairs().get()
+
+
+class BroadCLTensorsInPlace(BroadCLTensors):
+    def place(self, n):
+        return torch.from_dlpack(self.broad_phase.boxes(n))
+
+
+class TorchAllPairs(OnTorch):
+    """Blocks of rows of the matrix of pairs, for each world, right of the diagonal."""
+
+    rows = 4096
+
+    def prepare(self, scene, n):
+        self.worlds = scene.worlds
+        if n // self.worlds > 16_000:
+            raise RuntimeError("not measured: the matrix of all pairs is too large")
+        return torch.empty(n, 6, device=self.where)
+
+    def wall(self):
+        boxes = self.boxes.view(self.worlds, -1, 6).unbind(2)  # lower x, y, z, upper x, y, z
+        count = boxes[0].shape[1]
+        found = []
+        for begin in range(0, count, self.rows):
+            rows = slice(begin, begin + self.rows)
+            tests = (
+                test
+                for lower, upper in zip(boxes[:3], boxes[3:])
+                for test in (lower[:, rows, None] <= upper[:, None, begin:], lower[:, None, begin:] <= upper[:, rows, None])
+            )
+            overlap = functools.reduce(torch.bitwise_and, tests)
+            world, a, b = overlap.triu(1).nonzero(as_tuple=True)
+            found.append(torch.stack([a, b], 1) + (world * count + begin)[:, None])
+        self.found = torch.cat(found)
+        self.wait()
+
+    def pairs(self):
+        return self.found.cpu().numpy()
+
+
 class OnWarp:
     """Copies boxes to the device, finds the pairs there, and copies them back."""
 
-    kinds = "total", "memory", "device"
+    kinds = "total", "memory", "device", "wall"
 
     def __init__(self, scene: Scene, options):
         boxes = scene.advance()
@@ -192,6 +284,17 @@ class OnWarp:
             self.frame_on_device()
             wp.record_event(end)
             return wp.get_event_elapsed_time(start, end) / 1e3
+
+    def wall(self):
+        """The seconds until the host knows that the device has finished."""
+        with wp.ScopedDevice(self.where):
+            self.upload()
+            wp.synchronize_stream()
+            return timed(self.finish_on_device)[0]
+
+    def finish_on_device(self):
+        self.frame_on_device()
+        wp.synchronize_stream()
 
     def pairs(self):
         return self.total()
@@ -291,9 +394,16 @@ if wp is not None:
                     found[k] = wp.vec2i(i, j)
 
 
-METHODS = {"BroadCL": BroadCL}
+METHODS, METHODS_OF_WORLDS = {"BroadCL": BroadCL}, {}
 if pyopencl is not None:
     METHODS |= {"BroadCL, on the device": BroadCLOnDevice}
+if torch is not None:
+    METHODS_OF_WORLDS = {
+        "BroadCL, tensors": BroadCLTensors,
+        "BroadCL, tensors in place": BroadCLTensorsInPlace,
+        "torch, all pairs": TorchAllPairs,
+    }
+    METHODS |= METHODS_OF_WORLDS
 if wp is not None:
     METHODS |= {"Warp BVH, refit": WarpRefit, "Warp BVH, rebuild": WarpRebuild}
 if wp is not None and newton is not None:
@@ -316,7 +426,9 @@ def expected(scene_name: str, n: int, frames: int) -> np.ndarray:
     scene = Scene(scene_name, n)
     for _ in range(frames - 1):
         scene.advance()
-    return keys(broadcl.overlapping_pairs(scene.advance(), algorithm="sweep-and-prune"))
+    broad_phase = broadcl.BroadPhase(algorithm="sweep-and-prune")
+    broad_phase.add(scene.advance(), world=scene.world)
+    return keys(broad_phase.update().added)
 
 
 def measure(method, scene_name: str, n: int, options) -> dict:
@@ -351,6 +463,7 @@ def main() -> None:
     parser.add_argument("--algorithm", default="auto", help="of BroadCL")
     parser.add_argument("--scene", choices=("uniform", "mixed"), help="only this one")
     parser.add_argument("--sizes", type=int, nargs="+", default=[3_500, 16_000, 64_000, 256_000, 1_000_000])
+    parser.add_argument("--worlds", type=int, nargs="+", metavar="N", help="N worlds of 64 cubes in place of the scenes")
     parser.add_argument("--frames", type=int, help="of each measurement")
     parser.add_argument("--warm-up", type=float, default=2, help="seconds in which BroadCL's auto may open its device")
     parser.add_argument("--json", help="write the results here too")
@@ -361,7 +474,7 @@ def main() -> None:
         options.opencl = "gpu"
 
     versions = {"broadcl": broadcl.__version__}
-    for name, module in {"warp-lang": wp, "newton": newton, "pyopencl": pyopencl}.items():
+    for name, module in {"warp-lang": wp, "newton": newton, "torch": torch, "pyopencl": pyopencl}.items():
         if module is None:
             print(f"{name} is not installed", file=sys.stderr)
         else:
@@ -373,24 +486,27 @@ def main() -> None:
     where = f"{device.name}, driver {device.driver_version}"
     print(f"{where}; " + ", ".join(f"{package} {version}" for package, version in versions.items()), flush=True)
 
+    methods = METHODS_OF_WORLDS if options.worlds else METHODS
+    scenes = [("worlds", BOXES_OF_A_WORLD * worlds) for worlds in options.worlds or []]
+    if not scenes:
+        scenes = [(scene, n) for n in options.sizes for scene in ([options.scene] if options.scene else ["uniform", "mixed"])]
     results = []
-    for n in options.sizes:
-        for scene in [options.scene] if options.scene else ["uniform", "mixed"]:
-            print(f"\n{n:,} {scene}\n{'':24}{'total':>12}{'memory':>12}{'device':>12}   us")
-            for name, method in METHODS.items():
-                row = {"scene": scene, "boxes": n, "method": name}
-                try:
-                    row |= measure(method, scene, n, options)
-                except Exception as error:  # noqa: BLE001 (whatever a package throws is its result)
-                    row["failed"] = f"{error}"
-                times = (row.get(f"{kind}_us") for kind in ("total", "memory", "device"))
-                cells = "".join(f"{'-':>12}" if value is None else f"{value:12.1f}" for value in times)
-                print(f"{name:24}{cells}   {row.get('failed', '')}", flush=True)
-                results.append(row)
-            if options.json:
-                with open(options.json, "w", encoding="utf-8") as file:
-                    json.dump({"where": where, "versions": versions, "results": results}, file, indent=1)
-                    file.write("\n")
+    for scene, n in scenes:
+        print(f"\n{n:,} {scene}\n{'':25}" + "".join(f"{kind:>12}" for kind in KINDS) + "   us")
+        for name, method in methods.items():
+            row = {"scene": scene, "boxes": n, "method": name}
+            try:
+                row |= measure(method, scene, n, options)
+            except Exception as error:  # noqa: BLE001 (whatever a package throws is its result)
+                row["failed"] = f"{error}"
+            times = (row.get(f"{kind}_us") for kind in KINDS)
+            cells = "".join(f"{'-':>12}" if value is None else f"{value:12.1f}" for value in times)
+            print(f"{name:25}{cells}   {row.get('failed', '')}", flush=True)
+            results.append(row)
+        if options.json:
+            with open(options.json, "w", encoding="utf-8") as file:
+                json.dump({"where": where, "versions": versions, "results": results}, file, indent=1)
+                file.write("\n")
 
 
 if __name__ == "__main__":
