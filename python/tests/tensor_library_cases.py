@@ -1,12 +1,16 @@
 """Tensors of the libraries that are installed, on a GPU. (test_tensors.py runs these tests.)"""
 
 import gc
+import re
+import subprocess
+import sys
 
 import numpy as np
 import pytest
 
 import broadcl
 from conftest import oracle, uniform
+from test_documentation import OF_TENSORS, ROOT, code
 
 
 @pytest.fixture
@@ -111,3 +115,21 @@ def test_what_is_refused(torch):
     for tensor, message in (boxes.double(), "not float64"), (boxes.half(), "not float16"), (boxes.cpu(), "host memory"):
         with pytest.raises(TypeError, match=message):
             broad_phase.update(tensor)
+
+
+def test_the_chapter_on_tensors(torch):
+    names = {}
+    exec(code((ROOT / "docs/python.md").read_text(), "py"), names)
+    assert len(names["pairs"]) and torch.equal(names["pairs"], names["added"])
+    on_host = broadcl.BroadPhase()
+    on_host.add(names["boxes"].cpu().numpy(), world=names["environment"].cpu().numpy())
+    assert np.array_equal(names["delta"].added.get(), on_host.update().added)
+
+
+def test_the_example_of_tensors(torch):
+    command = [sys.executable, OF_TENSORS, "--spheres", "5000", "--verify"]
+    run = subprocess.run(command, capture_output=True, text=True)
+    assert run.returncode == 0, run.stderr
+    assert "the host found the same" in run.stdout
+    energies = [float(energy) for energy in re.findall(r"energy +([\d.]+)", run.stdout)]
+    assert 0 <= energies[-1] < energies[0] / 1000

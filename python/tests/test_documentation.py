@@ -20,27 +20,10 @@ def code(text, language="python"):
     return "\n".join(re.findall(rf"```{language}\n(.*?)```", text, re.DOTALL))
 
 
-@pytest.fixture
-def torch():
-    torch = pytest.importorskip("torch")
-    if not torch.cuda.is_available():
-        pytest.skip("there is no GPU with CUDA")
-    return torch
-
-
 def test_the_chapter():
     names = {"beams": uniform(30), "ducts": uniform(50)}
     exec(code((ROOT / "docs/python.md").read_text()), names)
     assert len(names["pairs"]) and len(names["worlds"]) == 10_001
-
-
-def test_the_chapter_on_tensors(torch):
-    names = {}
-    exec(code((ROOT / "docs/python.md").read_text(), "py"), names)
-    assert len(names["pairs"]) and torch.equal(names["pairs"], names["added"])
-    on_host = broadcl.BroadPhase()
-    on_host.add(names["boxes"].cpu().numpy(), world=names["environment"].cpu().numpy())
-    assert np.array_equal(names["delta"].added.get(), on_host.update().added)
 
 
 def test_the_readme():
@@ -111,12 +94,3 @@ def test_examples(example, tmp_path):
     pixels = image.imread(picture)
     assert pixels.std() > 0.05  # not an empty page
     assert pixels.shape == image.imread(ROOT / f"docs/images/{example.stem}.png").shape
-
-
-def test_the_example_of_tensors(torch):
-    command = [sys.executable, OF_TENSORS, "--spheres", "5000", "--verify"]
-    run = subprocess.run(command, capture_output=True, text=True)
-    assert run.returncode == 0, run.stderr
-    assert "the host found the same" in run.stdout
-    energies = [float(energy) for energy in re.findall(r"energy +([\d.]+)", run.stdout)]
-    assert 0 <= energies[-1] < energies[0] / 1000
