@@ -8,6 +8,7 @@
 #include <gtest/gtest.h>
 #include <nlohmann/json.hpp>
 
+#include <broadcl/version.h>
 #include <broadcl/broad_phase.hpp>
 #include <broadcl/device.hpp>
 
@@ -23,7 +24,7 @@ using nlohmann::json;
 
 NOT_IN(all_default | sanitizers, "takes long");
 TEST_F(Program, CheckWorksHere) {
-  const Outcome outcome = run("check --device " + select_device().id());
+  const Outcome outcome = run("check --device " + select_device().id() + " --report report.json");
   expect_success(outcome);
   EXPECT_TRUE(outcome.out.starts_with(select_device().label())) << outcome.out;
   EXPECT_EQ(lines_of(outcome.out).back(), "BroadCL works here.");
@@ -39,11 +40,24 @@ TEST_F(Program, CheckWorksHere) {
     }
   }
   EXPECT_LT(end_of_host, begin_of_device) << "what needs no compiler comes first\n" << outcome.out;
+
+  const json report = json::parse(read_file(path("report.json")));
+  EXPECT_EQ(report["versions"]["broadcl"], BROADCL_VERSION_STRING);
+  EXPECT_NE(report["system"], "");
+  EXPECT_EQ(report["device"]["name"], select_device().name);
+  EXPECT_EQ(report["device"]["driver_version"], select_device().driver_version);
+  EXPECT_FALSE(report.contains("why_no_device"));
+  EXPECT_EQ(report["algorithms"].size(), algorithms().size());
+  for (const json& algorithm : report["algorithms"]) {
+    EXPECT_NE(outcome.out.find("\n  " + algorithm["name"].get<std::string>() + " "), std::string::npos);
+    EXPECT_EQ(algorithm["result"], "right");
+    for (const char* part : {"open", "scenes", "frames"}) EXPECT_GT(algorithm["milliseconds"][part], 0);
+  }
 }
 
 NOT_IN(sanitizers, "takes long");
 TEST_F(Program, CheckNeedsNoDevice) {
-  const Outcome outcome = run("check", "BROADCL_DEVICE= OCL_ICD_VENDORS=/nonexistent");
+  const Outcome outcome = run("check --report report.json", "BROADCL_DEVICE= OCL_ICD_VENDORS=/nonexistent");
   expect_success(outcome);
   if (!outcome.out.starts_with(
           "Only the algorithms of the host are checked: no OpenCL device found; install")) {
@@ -55,6 +69,9 @@ TEST_F(Program, CheckNeedsNoDevice) {
                                                                             << outcome.out;
   }
   EXPECT_EQ(lines_of(outcome.out).back(), "BroadCL works here.");
+  const json report = json::parse(read_file(path("report.json")));
+  EXPECT_EQ(report["device"], nullptr);
+  EXPECT_TRUE(report["why_no_device"].get<std::string>().starts_with("no OpenCL device found"));
 }
 
 /// Kernels that find pairs that do not exist.
@@ -71,13 +88,18 @@ class ProgramWrongKernels : public Program {
 };
 
 TEST_F(ProgramWrongKernels, CheckSaysThatItDoesNotWork) {
-  const Outcome outcome = run("check", environment_);
+  const Outcome outcome = run("check --report report.json", environment_);
   EXPECT_EQ(outcome.exit_code, 1);
   EXPECT_EQ(outcome.err, "");
   EXPECT_EQ(lines_of(outcome.out).back(), "BroadCL does not work here.");
   EXPECT_TRUE(std::regex_search(outcome.out, std::regex("\n  gpu-bf +WRONG: scene '.*extra, the first \\(")))
       << outcome.out;
   EXPECT_TRUE(std::regex_search(outcome.out, std::regex("\n  oracle +right in "))) << outcome.out;
+  for (const json& algorithm : json::parse(read_file(path("report.json")))["algorithms"]) {
+    const std::string result = algorithm["result"];
+    EXPECT_NE(outcome.out.find(" " + result), std::string::npos) << result << '\n' << outcome.out;
+    EXPECT_TRUE(algorithm["name"] != "gpu-bf" || result.starts_with("scene '")) << result;
+  }
 }
 
 TEST_F(ProgramWrongKernels, SimulateNamesTheFirstWrongFrame) {

@@ -176,8 +176,9 @@ TEST_F(Program, FilesAreNotWrittenToStandardOutput) {
   const std::string simulate = "simulate --objects 5 --frames 2 --broadphase bullet-bf ";
   expect_success(run(simulate + "--record run.npy"));
   const std::string replay = "replay run.npy --broadphase bullet-bf ";
-  for (const std::string& arguments : {std::string("pairs four.npy --out -"), simulate + "--csv -",
-                                       simulate + "--json -", replay + "--csv -", replay + "--json -"}) {
+  for (const std::string& arguments :
+       {std::string("pairs four.npy --out -"), simulate + "--csv -", simulate + "--json -",
+        replay + "--csv -", replay + "--json -", std::string("check --report -")}) {
     SCOPED_TRACE(arguments);
     expect_refused(run(arguments), "files are not written to standard output ('-'); name a file");
   }
@@ -341,6 +342,10 @@ const std::vector<BadInput> bad_inputs = {
 
     {"CheckUnknownDevice", "check --device frobnicate", "'frobnicate'"},
     {"CheckDeviceNumberTooLarge", "check --device 99:0", "'99:0'"},
+    {"CheckReportOfUnknownDevice", "check --device frobnicate --report report.json", "'frobnicate'"},
+    {"CheckReportIsDirectory", "check --report folder", "'folder' is a directory"},
+    {"CheckReportInMissingFolder", "check --report missing/report.json", "missing/report.json"},
+    {"CheckReportInUnwritableFolder", "check --report /proc/report.json", "'/proc/report.json'"},
 };
 
 INSTANTIATE_TEST_SUITE_P(All, ProgramBadInput, testing::ValuesIn(bad_inputs), named_by_parameter);

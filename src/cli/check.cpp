@@ -1,6 +1,8 @@
+#include <broadcl/version.h>
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <broadcl/broad_phase.hpp>
+#include <cmath>
 #include <cstdint>
 #include <iostream>
 #include <iterator>
@@ -12,6 +14,10 @@
 
 #include "cli/arguments.hpp"
 #include "cli/compiling.hpp"
+#include "cli/json.hpp"
+#include "cli/operating_system.hpp"
+#include "cli/output_file.hpp"
+#include "cli/stopwatch.hpp"
 #include "cli/text.hpp"
 #include "cli/verbs.hpp"
 #include "scenes/generators.hpp"
@@ -20,6 +26,18 @@ namespace broadcl::cli {
 namespace {
 
 using scenes::BoxScene;
+
+struct CheckOptions {
+  std::string device;
+  std::string report;
+};
+
+/// What an algorithm took, in seconds.
+struct CheckTimes {
+  double open = 0;    ///< Until it could be used, which includes compiling kernels.
+  double scenes = 0;  ///< The updates of all scenes.
+  double frames = 0;  ///< The updates of all frames of moving boxes.
+};
 
 /// An inverted box, which overlaps nothing, for a free id.
 constexpr Aabb nowhere = {{1, 1, 1}, {-1, -1, -1}};
@@ -64,11 +82,15 @@ std::vector<BoxScene> still_scenes() {
 }
 
 /// Runs all scenes on one broad phase: opening the device for each scene would take minutes on some devices.
-std::optional<std::string> check_still(const std::vector<BoxScene>& scenes,
-                                       const BroadPhase::Config& config) {
+std::optional<std::string> check_still(const std::vector<BoxScene>& scenes, const BroadPhase::Config& config,
+                                       CheckTimes& times) {
+  Stopwatch stopwatch;
   BroadPhase broad_phase(config);
+  times.open = stopwatch.lap();
   for (const BoxScene& scene : scenes) {
+    (void)stopwatch.lap();
     (void)broad_phase.update(scene.boxes);
+    times.scenes += stopwatch.lap();
     if (const auto wrong = difference(broad_phase.pairs(), oracle(scene.boxes))) {
       return "scene '" + scene.name + "' of " + counted(scene.boxes.size(), "box") + ": " + *wrong;
     }
@@ -77,7 +99,8 @@ std::optional<std::string> check_still(const std::vector<BoxScene>& scenes,
 }
 
 /// Moving boxes, some of which leave and some of which come back in each frame.
-std::optional<std::string> check_moving(unsigned frames, const BroadPhase::Config& config) {
+std::optional<std::string> check_moving(unsigned frames, const BroadPhase::Config& config,
+                                        CheckTimes& times) {
   constexpr std::uint32_t count = 500;
   constexpr std::uint32_t stride = 7;
   BroadPhase broad_phase(config);
@@ -97,7 +120,10 @@ std::optional<std::string> check_moving(unsigned frames, const BroadPhase::Confi
       if (ids[i]) boxes.at(*ids[i]) = box;
     }
     const std::string place = "frame " + std::to_string(frame) + " of moving boxes: ";
-    const bool applied = apply_delta(broad_phase.update(), followed);
+    Stopwatch stopwatch;
+    const Delta delta = broad_phase.update();
+    times.frames += stopwatch.lap();
+    const bool applied = apply_delta(delta, followed);
     if (const auto wrong = difference(broad_phase.pairs(), oracle(boxes))) return place + *wrong;
     if (!applied || followed != broad_phase.pairs()) return place + "the changes do not lead to its pairs";
     scene.advance();
@@ -116,10 +142,28 @@ std::optional<Device> find_device(const std::string& selector, std::string& why_
   }
 }
 
-Exit run(const std::string& selector) {
+/// In milliseconds, to a thousandth.
+nlohmann::ordered_json milliseconds_of(const CheckTimes& times) {
+  const auto rounded = [](double seconds) { return std::round(seconds * 1e6) / 1e3; };
+  return {
+      {"open", rounded(times.open)}, {"scenes", rounded(times.scenes)}, {"frames", rounded(times.frames)}};
+}
+
+Exit run_check(const CheckOptions& options) {
   constexpr unsigned frames = 20;
+  std::optional<OutputFile> file;
+  if (!options.report.empty()) file.emplace(options.report);
   std::string why_none;
-  const std::optional<Device> device = find_device(selector, why_none);
+  const std::optional<Device> device = find_device(options.device, why_none);
+  auto report = nlohmann::ordered_json{{"versions", {{"broadcl", BROADCL_VERSION_STRING}}},
+                                       {"system", operating_system()},
+                                       {"device", nullptr},
+                                       {"algorithms", nlohmann::ordered_json::array()}};
+  if (device) {
+    report["device"] = json_of(*device);
+  } else {
+    report["why_no_device"] = why_none;
+  }
   const std::vector<BoxScene> scenes = still_scenes();
   std::cout << (device ? one_line(device->label()) + " (" + device->id() + ")\n"
                        : "Only the algorithms of the host are checked: " + one_line(why_none) + "\n");
@@ -134,9 +178,10 @@ Exit run(const std::string& selector) {
                                        .algorithm = std::string(algorithm.name),
                                        .on_compile = announce_compiling};
     std::optional<std::string> wrong;
+    CheckTimes times;
     try {
-      wrong = check_still(scenes, config);
-      if (!wrong) wrong = check_moving(frames, config);
+      wrong = check_still(scenes, config, times);
+      if (!wrong) wrong = check_moving(frames, config, times);
     } catch (const Error& error) {
       wrong = error.what();
     }
@@ -145,6 +190,13 @@ Exit run(const std::string& selector) {
                                                  : "right in " + counted(scenes.size(), "scene") + " and " +
                                                        counted(frames, "frame"))
               << std::flush;
+    report["algorithms"].push_back({{"name", algorithm.name},
+                                    {"result", wrong.value_or("right")},
+                                    {"milliseconds", milliseconds_of(times)}});
+  }
+  if (file) {
+    file->write(text_of(report));
+    file->commit();
   }
   std::cout << (works ? "BroadCL works here.\n" : "BroadCL does not work here.\n");
   return works ? Exit::success : Exit::difference;
@@ -153,11 +205,13 @@ Exit run(const std::string& selector) {
 }  // namespace
 
 Verb add_check(CLI::App& program) {
-  auto device = std::make_shared<std::string>();
+  auto options = std::make_shared<CheckOptions>();
   CLI::App* verb = program.add_subcommand(
       "check", "Compare every algorithm on a device with the oracle, which is brute force on the host");
-  add_device(*verb, *device);
-  return {verb, [device] { return run(*device); }};
+  add_device(*verb, options->device);
+  add_file(*verb, "--report", options->report,
+           "Write device, driver, versions, results and times here, as JSON");
+  return {verb, [options] { return run_check(*options); }};
 }
 
 }  // namespace broadcl::cli

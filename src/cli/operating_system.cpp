@@ -4,6 +4,7 @@
 #include <io.h>
 #include <process.h>
 #else
+#include <sys/utsname.h>
 #include <unistd.h>
 #endif
 
@@ -19,6 +20,10 @@ bool is_terminal(std::FILE* stream) {
   return _isatty(_fileno(stream)) != 0;
 }
 
+std::string operating_system() {
+  return "Windows";
+}
+
 #else
 
 std::uint32_t process_id() {
@@ -27,6 +32,12 @@ std::uint32_t process_id() {
 
 bool is_terminal(std::FILE* stream) {
   return isatty(fileno(stream)) != 0;
+}
+
+std::string operating_system() {
+  utsname system{};
+  uname(&system);
+  return std::string(system.sysname) + " " + system.release + " " + system.machine;
 }
 
 #endif

@@ -1,7 +1,6 @@
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <broadcl/broad_phase.hpp>
-#include <chrono>
 #include <filesystem>
 #include <iostream>
 #include <memory>
@@ -9,13 +8,13 @@
 #include <span>
 #include <string>
 #include <system_error>
-#include <utility>
 #include <vector>
 
 #include "cli/arguments.hpp"
 #include "cli/compiling.hpp"
 #include "cli/npy.hpp"
 #include "cli/output_file.hpp"
+#include "cli/stopwatch.hpp"
 #include "cli/text.hpp"
 #include "cli/verbs.hpp"
 
@@ -26,20 +25,6 @@ struct PairsOptions {
   std::string file;
   std::string out;
   BroadPhase::Config broad_phase{.on_compile = announce_compiling};
-};
-
-/// "0.123", for the seconds that passed since it was made or last asked.
-class Stopwatch {
- public:
-  [[nodiscard]] std::string lap() {
-    const Clock::time_point now = Clock::now();
-    const std::chrono::duration<double> passed = now - std::exchange(begin_, now);
-    return fixed(passed.count(), 3);
-  }
-
- private:
-  using Clock = std::chrono::steady_clock;
-  Clock::time_point begin_ = Clock::now();
 };
 
 void warn_of_inverted(const BoxView& boxes) {
@@ -70,20 +55,21 @@ Exit run_pairs(const PairsOptions& options) {
     }
     out.emplace(options.out);
   }
+  constexpr int decimals = 3;
   Stopwatch stopwatch;
   const FileBoxes file = read_boxes(options.file);
   const BoxView boxes = file.view();
-  std::string times = "reading " + stopwatch.lap() + " s";
+  std::string times = "reading " + fixed(stopwatch.lap(), decimals) + " s";
   warn_of_inverted(boxes);
   // A device that was asked for must exist, even if the algorithm runs on the host.
   if (!options.broad_phase.device.empty()) (void)select_device(options.broad_phase.device);
   const std::optional<Device> device = device_for(options.broad_phase);
   const std::vector<Pair> pairs = overlapping_pairs(boxes, options.broad_phase);
-  times += ", searching " + stopwatch.lap() + " s";
+  times += ", searching " + fixed(stopwatch.lap(), decimals) + " s";
   if (out) {
     out->write(to_npy(pairs));
     out->commit();
-    times += ", writing " + stopwatch.lap() + " s";
+    times += ", writing " + fixed(stopwatch.lap(), decimals) + " s";
   }
   std::cout << counted(pairs.size(), "overlapping pair") << " of " << counted(boxes.size(), "box") << " ("
             << options.broad_phase.algorithm << " on " << (device ? one_line(device->label()) : "the host")
