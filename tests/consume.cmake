@@ -9,6 +9,7 @@ file(REMOVE_RECURSE ${folder})
 set(ENV{CMAKE_PREFIX_PATH} ${prefix})
 run(${CMAKE_COMMAND} --install ${BUILD} --prefix ${prefix})
 run(${prefix}/bin/broadcl --version)
+run(${CMAKE_CURRENT_LIST_DIR}/completion.sh ${prefix}/bin/broadcl ${prefix}/share/bash-completion/completions/broadcl)
 
 configure(examples .)
 set(examples first pairs queries distances rays two_sets worlds layouts on_device bullet_world bullet_async ghost_objects moving_boxes)
