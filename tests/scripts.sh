@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# tests/scripts.sh: each script explains itself, scripts/setup says what root must do if it cannot do it, and waits for apt's
-# locks, and scripts/demo builds what can be installed.
+# tests/scripts.sh: each script explains itself, scripts/release-check refuses what is no release, scripts/setup says what root must
+# do if it cannot do it, and waits for apt's locks, and scripts/demo builds what can be installed.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 tools=$(mktemp -d)
@@ -10,12 +10,26 @@ fail() { echo "$1" >&2 && exit 1; }
 # There is nothing else, so that they can neither install nor build anything.
 ln -s "$(command -v bash)" "$(command -v cat)" "$(command -v dirname)" "$(command -v grep)" "$(command -v sed)" "$tools"
 ln -s "$(python3 -c 'import sys; print(sys.executable)')" "$tools/python3"
-for script in scripts/* tests/mutants; do
+for script in scripts/* packaging/check tests/mutants; do
   [[ -x $script ]] || continue
   for option in --help -h; do
     output=$(PATH=$tools "$script" $option 2>&1) || fail "$script $option fails: $output"
     [[ $output == "usage: $script"* ]] || fail "$script $option prints: $output"
   done
+done
+
+# A release that cannot be, and one that can, in a clone.
+version=$(sed -nE 's/^#define BROADCL_VERSION_(MAJOR|MINOR|PATCH) //p' host/broadcl/version.h | paste -sd.)
+for bad in "$version 2026-02-30" "$version tomorrow" "9.9.9 2026-12-31" "new 2026-12-31"; do
+  status=0
+  # shellcheck disable=SC2086
+  output=$(scripts/release-check --dry $bad 2>&1) || status=$?
+  [[ $status -eq 2 && $output == "scripts/release-check: "* && $(wc -l <<< "$output") -eq 1 ]] ||
+    fail "scripts/release-check $bad exits with $status: $output"
+done
+output=$(scripts/release-check --dry "$version" 2099-12-31 2>&1) || fail "scripts/release-check fails: $output"
+for line in "## $version (2099-12-31)" 'date-released: "2099-12-31"' ' -- .*>  Thu, 31 Dec 2099 12:00:00 +0000'; do
+  grep -qx -- "+$line" <<< "$output" || fail "scripts/release-check does not write '$line': $output"
 done
 
 # The text that each mutant replaces is there.
