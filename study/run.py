@@ -158,7 +158,7 @@ async def _begin(settings: Settings, program: Program) -> dict[str, Any]:
             if value != here.get(key):
                 raise StudyError(f"{holds}, with the {key} '{value}', but here it is '{here.get(key)}'; {ELSEWHERE}")
         return document
-    date = datetime.datetime.now(datetime.timezone.utc).strftime("%Y-%m-%d %H:%M UTC")
+    date = datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d %H:%M UTC")
     document = {"format": FORMAT, "command": settings.command, "date": date, "plan": plan}
     document |= {"shares": _shares(settings.jobs or 1, settings.gpus), "here": here, "summaries": tables}
     write_document(settings.out, document)

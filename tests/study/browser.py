@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import json
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from selenium import webdriver
 from selenium.webdriver.chrome.options import Options
@@ -41,7 +41,7 @@ class Browser:
             self.driver.execute_cdp_cmd(command, arguments)
         self.driver.get(self.page.as_uri())
 
-    def __enter__(self) -> Browser:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
