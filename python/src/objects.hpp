@@ -321,9 +321,9 @@ class Objects {
     auto mapped = without_gil([&] { return object.map(n); });
     take_mapped();
     using Bound = std::remove_reference_t<decltype(mapped.front().lower.front())>;
-    using Array = nanobind::ndarray<nanobind::numpy, Bound, nanobind::shape<-1, 6>>;
+    using Rows = nanobind::ndarray<nanobind::numpy, Bound, nanobind::shape<-1, 6>>;
     auto owner = std::make_unique<std::shared_ptr<const void>>(mapped.owner);
-    return Array(mapped.data(), {n, 6}, keep(std::move(owner))).cast(nanobind::rv_policy::reference);
+    return Rows(mapped.data(), {n, 6}, keep(std::move(owner))).cast(nanobind::rv_policy::reference);
   }
 
   /// @param update Does an update and stores its changes.
