@@ -105,19 +105,19 @@ Tensor::Tensor(nb::handle object, const TensorDevice& device, const std::string&
   const auto id = place_of(object);
   if (id && is_in_host_memory(*id)) {
     throw nb::type_error(
-        (name +
-         " is in host memory; copy it to the device, or use a BroadPhase or overlapping_pairs() for all")
+        (name + " must be on a CUDA device, not in host memory; copy it there, or use a BroadPhase, or "
+                "overlapping_pairs() with all boxes on the host")
             .c_str());
   }
   if (id && id->kind != TensorDeviceId::cuda && id->kind != TensorDeviceId::cuda_managed) {
     throw nb::type_error(
-        (name + " is on a device of the kind " + std::to_string(id->kind) +
-         " of DLPack; only CUDA's can share memory with OpenCL: copy it to the host, and use "
-         "a BroadPhase")
+        (name + " must be on a CUDA device, not on one of the kind " + std::to_string(id->kind) +
+         " of DLPack, which cannot share memory with OpenCL; copy it to the host, and use a BroadPhase")
             .c_str());
   }
   if (id) {
-    refuse_other_device(*id, device.id(), name);
+    // (Managed memory says 0.)
+    if (id->kind == TensorDeviceId::cuda) refuse_other_device(*id, device.id(), name);
     const auto current = current_stream(object, *id);
     if (!nb::isinstance<DeviceArray>(object)) stream = current.value_or(device.stream());
     const nb::object capsule = current ? object.attr("__dlpack__")("stream"_a = -1)
