@@ -12,6 +12,10 @@ void add_broad_phase(nanobind::module_& module);
 /// Adds the classes DeviceBroadPhase and DeviceDelta.
 void add_device_broad_phase(nanobind::module_& module);
 
+class Objects;
+/// Adds the functions that query an object to the class BroadPhase.
+void add_queries(nanobind::class_<Objects>& objects);
+
 /// Adds the class DeviceArray.
 void add_device_array(nanobind::module_& module);
 
