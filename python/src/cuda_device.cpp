@@ -23,6 +23,7 @@ using CudaAddress = unsigned long long;
 
 // From cuda.h.
 constexpr int out_of_memory = 2;
+constexpr int operating_system = 304;
 constexpr int pinned_memory = 1;      // CU_MEM_ALLOCATION_TYPE_PINNED
 constexpr int file_descriptor = 1;    // CU_MEM_HANDLE_TYPE_POSIX_FILE_DESCRIPTOR
 constexpr int on_device = 1;          // CU_MEM_LOCATION_TYPE_DEVICE
@@ -132,8 +133,13 @@ void check(int result, const char* call) {
   if (result == 0) return;
   const char* text = nullptr;
   if (driver().cuGetErrorString(result, &text) != 0 || text == nullptr) text = "unknown error";
-  throw Error("CUDA: " + std::string(call) + " failed: " + text + " (" + std::to_string(result) + ")",
-              result == out_of_memory ? ErrorKind::out_of_device_memory : ErrorKind::other);
+  const std::string remedy =
+      result == operating_system
+          ? "; each block of shared memory has a file descriptor, of which `ulimit -n` allows more"
+          : "";
+  throw Error(
+      "CUDA: " + std::string(call) + " failed: " + text + " (" + std::to_string(result) + ")" + remedy,
+      result == out_of_memory ? ErrorKind::out_of_device_memory : ErrorKind::other);
 }
 
 /// Makes a context current for this thread as long as it exists.

@@ -4,6 +4,7 @@ import contextlib
 import gc
 import os
 import re
+import resource
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
@@ -511,3 +512,22 @@ def test_without_a_driver(tmp_path):
 ])
 def test_drivers(fault, message):
     assert re.match(message, prints(make_one, PRETENDED_CUDA=fault))
+
+
+@only_pretended
+def test_many_objects_and_too_few_descriptors():
+    boxes, kept = on(0, uniform(20)), []
+    limits = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (len(os.listdir("/proc/self/fd")) + 40, limits[1]))
+    try:
+        with pytest.raises(broadcl.Error, match="ulimit -n"):
+            for _ in range(40):
+                kept.append(broadcl.DeviceBroadPhase("cuda"))
+                kept[-1].update(boxes)
+        kept.pop()
+        assert len(kept) > 5
+        assert all(broad_phase.update(boxes).pair_count == len(oracle(uniform(20))) for broad_phase in kept)
+        del kept[-5:]
+        assert broadcl.DeviceBroadPhase("cuda").update(boxes).pair_count == len(oracle(uniform(20)))
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, limits)

@@ -28,7 +28,8 @@ namespace {
 
 using Status = int;  // CUresult
 constexpr Status success = 0, invalid_value = 1, out_of_memory = 2, not_initialized = 3, no_device = 100;
-constexpr Status invalid_context = 201, invalid_handle = 400, illegal_address = 700, not_supported = 801;
+constexpr Status invalid_context = 201, operating_system = 304, invalid_handle = 400, illegal_address = 700,
+                 not_supported = 801;
 
 constexpr int device_count = 2;
 constexpr std::size_t granularity = 2 << 20;
@@ -257,8 +258,10 @@ int cuMemCreate(Memory** memory, std::size_t size, const int* properties, unsign
     require(properties[0] == 1 && properties[1] == 1 &&
             properties[2] == 1);  // pinned, a descriptor, a device
     require(!faulty("no-memory"), out_of_memory);
-    *memory = new Memory{memfd_create("pretended_cuda", MFD_CLOEXEC), properties[3], size};
-    require(ftruncate((*memory)->descriptor, static_cast<off_t>(size)) == 0, out_of_memory);
+    const int descriptor = memfd_create("pretended_cuda", MFD_CLOEXEC);
+    require(descriptor >= 0, operating_system);
+    require(ftruncate(descriptor, static_cast<off_t>(size)) == 0, out_of_memory);
+    *memory = new Memory{descriptor, properties[3], size};
     ++cuda.live;
   });
 }
@@ -268,6 +271,7 @@ int cuMemExportToShareableHandle(int* descriptor, Memory* memory, int type, unsi
     require(type == 1);
     require(!faulty("no-export"), not_supported);
     *descriptor = dup(memory->descriptor);
+    require(*descriptor >= 0, operating_system);
   });
 }
 
