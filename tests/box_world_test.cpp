@@ -9,6 +9,8 @@
 #include <broadcl/bullet.hpp>
 #include <cstddef>
 #include <memory>
+#include <numeric>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -25,9 +27,22 @@ const std::vector<Aabb> in_a_row = {
 const std::vector<Aabb> moved = {
     {{0, 0, 0}, {1, 1, 1}}, {{5, 0, 0}, {6, 1, 1}}, {{9, 9, 9}, {10, 10, 10}}, {{9, 9, 9}, {10, 10, 10}}};
 
+/// A frame of the same boxes as before, or of new ones.
+RecordedFrame frame_of(std::span<const Aabb> boxes, bool are_new = false) {
+  RecordedFrame frame;
+  frame.boxes.assign(boxes.begin(), boxes.end());
+  frame.ids.resize(boxes.size());
+  std::iota(frame.ids.begin(), frame.ids.end(), 0U);
+  if (are_new) frame.added = frame.ids;
+  return frame;
+}
+
 class BoxWorldOnBulletBf : public testing::Test {
  protected:
-  BoxWorldOnBulletBf() { world_.step(in_a_row); }
+  BoxWorldOnBulletBf() {
+    world_.set(frame_of(moved, true));
+    world_.step(frame_of(in_a_row));
+  }
 
   btOverlappingPairCache& cache() { return *broadphase_.getOverlappingPairCache(); }
 
@@ -38,13 +53,13 @@ class BoxWorldOnBulletBf : public testing::Test {
   }
 
   btSimpleBroadphase broadphase_;
-  BoxWorld world_{broadphase_, moved};
+  BoxWorld world_{broadphase_};
 };
 
 TEST_F(BoxWorldOnBulletBf, HasThePairsOfTheLastStep) {
   EXPECT_EQ(cache().getNumOverlappingPairs(), 2);
   expect(in_a_row, 0, 0);
-  world_.step(moved);
+  world_.step(frame_of(moved));
   EXPECT_EQ(cache().getNumOverlappingPairs(), 1);
   expect(moved, 0, 0);
 }
@@ -54,6 +69,18 @@ TEST_F(BoxWorldOnBulletBf, VerifyTrustsNoBoxOfTheBroadPhase) {
   expect(moved, 1, 2);
 }
 
+TEST_F(BoxWorldOnBulletBf, ProxiesComeAndGoAndChangeTheirFilters) {
+  RecordedFrame frame = frame_of(in_a_row);
+  frame.gone = {0, 3};
+  frame.ids = {0, 1, 2, 5};
+  frame.added = {0, 5};
+  frame.boxes = {in_a_row[0], in_a_row[1], in_a_row[2], in_a_row[2]};
+  frame.filters = {{.id = 1, .value = {.group = 2, .mask = 4}}, {.id = 5, .value = {.group = 4, .mask = 2}}};
+  world_.step(frame);
+  expect(frame.boxes, 0, 0);
+  EXPECT_EQ(cache().getNumOverlappingPairs(), 1);  // of 1 and 5
+}
+
 TEST(BoxWorld, RunsOnEveryBroadPhaseAndLeavesItEmpty) {
   MovingBoxes scene(200, MovingBoxes::Sizes::mixed);
   const std::size_t count = scene.boxes().size();
@@ -61,10 +88,11 @@ TEST(BoxWorld, RunsOnEveryBroadPhaseAndLeavesItEmpty) {
     const auto broadphase =
         make_broadphase({.name = info.name, .device = {}, .objects = count, .world_edge = 200});
     {
-      BoxWorld world(*broadphase, scene.boxes());
+      BoxWorld world(*broadphase);
+      world.set(frame_of(scene.boxes(), true));
       for (int frame = 0; frame < 5; ++frame) {
         scene.advance();
-        world.step(scene.boxes());
+        world.step(frame_of(scene.boxes()));
         const Difference difference = world.verify(scene.boxes());
         EXPECT_EQ(difference.missing, 0U) << info.name;
         EXPECT_TRUE(difference.extra == 0 || !info.exact) << info.name;

@@ -4,23 +4,29 @@
 
 #include <sys/stat.h>
 
+#include <csignal>
 #include <cstddef>
 #include <limits>
 #include <memory>
-#include <span>
 #include <string>
+#include <system_error>
 #include <vector>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <nlohmann/json.hpp>
 
+#include <broadcl/broad_phase.hpp>
+#include <broadcl/broad_phase64.hpp>
+
 #include "cli/recording.hpp"
 #include "scenes/broadphases.hpp"
 #include "scenes/world.hpp"
 
+#include "environment.hpp"
 #include "npy_bytes.hpp"
 #include "program.hpp"
+#include "runs.hpp"
 
 namespace broadcl::test {
 namespace {
@@ -76,7 +82,7 @@ TEST_F(ProgramReplay, RecordHasTheBoxesOfTheBroadPhase) {
         world.step();
         pairs.push_back(world.pair_count());
       }
-      const std::span<const Aabb> boxes = reader.next();
+      const std::vector<Aabb> boxes = reader.next().boxes;
       for (std::size_t k = 0; k < boxes.size(); ++k) {
         const Eigen::AlignedBox3f box = world.box(k);
         const Aabb expected = {{box.min().x(), box.min().y(), box.min().z()},
@@ -206,6 +212,61 @@ TEST_F(ProgramReplay, EmptyBoxesAreForThoseThatKnowThem) {
   }
 }
 
+/// What the program wrote because of BROADCL_RECORD, which Bullet's adapter obeys. (It has the walls.)
+TEST_F(ProgramReplay, ReplaysWhatARunRecorded) {
+  expect_success(run("simulate --objects 40 --frames 12 --csv run.csv", "BROADCL_RECORD=run"));
+  const std::vector<std::size_t> pairs = pairs_in(path("run.csv"));
+  // (It does not record itself, which would overwrite the file.)
+  for (const std::string broadphase : {"auto", "bullet-bf", "gpu-bf"}) {
+    expect_success(run("replay run --verify --csv run.csv --broadphase " + broadphase, "BROADCL_RECORD=run"));
+    EXPECT_EQ(pairs_in(path("run.csv")), pairs) << broadphase;
+  }
+  const Outcome several = run("replay run --verify --broadphase bullet-bf,tiles,auto");
+  expect_success(several);
+  EXPECT_THAT(several.out, testing::HasSubstr("recording     run, at most 46 boxes, 12 frames\n"));
+  EXPECT_THAT(several.out, testing::HasSubstr("auto          every frame has exactly the pairs"));
+  expect_refused(run("replay run --broadphase auto,tiles --csv run.csv"), "--csv and --json are for one");
+}
+
+NOT_IN(sanitizers, "waits for another process");
+TEST_F(ProgramReplay, ReplaysWhatAProgramRecordedUntilItWasKilled) {
+  const ScopedVariable variable("BROADCL_RECORD", path("run").string());
+  std::error_code ignored;
+  run_until([&] { return fs::file_size(path("run"), ignored) + 1 > 20'000; }, SIGKILL,
+            "simulate --objects 40 --frames 1000000 --broadphase sweep-and-prune");
+  fs::resize_file(path("run"), 20'000);
+  const Outcome outcome = run("replay run --verify");
+  expect_success(outcome);
+  EXPECT_THAT(outcome.out, testing::HasSubstr("\nverified      every frame has exactly the pairs"));
+  EXPECT_THAT(outcome.out, testing::HasSubstr("\nThe recording ends within frame 15, which is left out: "));
+}
+
+TEST_F(ProgramReplay, ReplaysWhatBulletDoesNotKnow) {
+  {
+    const ScopedVariable variable("BROADCL_RECORD", path("run").string());
+    BroadPhase broad_phase({.algorithm = "sweep-and-prune"});
+    const std::vector<Aabb> boxes(4, Aabb{{0, 0, 0}, {1, 1, 1}});
+    broad_phase.add(boxes);
+    (void)broad_phase.update();
+    broad_phase.set_filter(2, {.world = 7});
+    broad_phase.remove(0);
+    (void)broad_phase.update();
+    BroadPhase64 exact({.algorithm = "sweep-and-prune", .distance = 0.5});
+    exact.add(boxes);
+    (void)exact.update();
+  }
+  for (const std::string broadphase : {"auto", "tiles", "gpu-bf", "oracle"}) {
+    SCOPED_TRACE(broadphase);
+    expect_success(run("replay run --verify --csv run.csv --broadphase " + broadphase));
+    EXPECT_EQ(pairs_in(path("run.csv")), (std::vector<std::size_t>{6, 1}));
+    expect_success(run("replay run.2 --verify --csv run.csv --broadphase " + broadphase));
+    EXPECT_EQ(pairs_in(path("run.csv")), (std::vector<std::size_t>{6}));
+  }
+  expect_refused(run("replay run --broadphase auto,bullet-bvh"),
+                 "'run' has worlds, which bullet-bvh does not");
+  expect_refused(run("replay run.2 --broadphase bullet-bvh"), "'run.2' has a distance, which bullet-bvh");
+}
+
 TEST_F(ProgramReplay, BadInputIsRefusedAndLeavesNothing) {
   ASSERT_EQ(mkfifo(path("pipe.npy").c_str(), S_IRUSR | S_IWUSR), 0);
   const std::vector<std::string> before = files();
@@ -219,7 +280,8 @@ TEST_F(ProgramReplay, BadInputIsRefusedAndLeavesNothing) {
   expect_nothing("replay missing.npy", "'missing.npy'");
   expect_nothing("replay 'missing\n.npy'", "'missing .npy'");
   expect_nothing("replay pipe.npy", "'pipe.npy' is not a regular file");
-  expect_nothing("replay folder", "ends in .aabbs or .npy");
+  expect_nothing("replay folder", "'folder' is a directory");
+  expect_nothing("replay dangling", "cannot read 'dangling'");
   expect_nothing("replay four.npy", "(frames, n, 6)");
   expect_nothing("replay nan.npy --csv run.csv", "'nan.npy': frame 1, row 1 ");
   expect_nothing("replay rows.npy --frames 4", "'rows.npy' has only 3 frames");

@@ -23,6 +23,7 @@
 #include "base/parallel.hpp"
 #include "base/thread_pool.hpp"
 #include "callers_queue.hpp"
+#include "cli/recording.hpp"
 #include "core/core.hpp"
 #include "each_algorithm.hpp"
 #include "engines/hybrid.hpp"
@@ -200,6 +201,27 @@ TEST(Fork, WhileADeviceIsOpenedTheChildStaysOnTheHost) {
     })) << is_opened;
     may_end = true;
   }
+}
+
+/// A child does not write to its parent's file, and begins files of its own.
+TEST(Fork, TheChildRecordsToFilesOfItsOwn) {
+  const ScopedFolder folder;
+  const std::string file = (folder.path() / "run").string();
+  const ScopedVariable variable("BROADCL_RECORD", file);
+  const auto frames_of = [&](const std::string& name) { return cli::RecordingReader(name).frames(); };
+  BroadPhase broad_phase({.algorithm = "sweep-and-prune"});
+  broad_phase.add(unit, {.world = 3});
+  (void)broad_phase.update();
+  EXPECT_TRUE(holds_in_child([&] {
+    for (int k = 0; k < 3; ++k) (void)broad_phase.update();
+    BroadPhase other({.algorithm = "sweep-and-prune"});
+    (void)other.update();
+    EXPECT_EQ(frames_of(file + ".2"), 3U);
+    EXPECT_EQ(cli::RecordingReader(file + ".2").next().filters.size(), 1U);
+    EXPECT_EQ(frames_of(file + ".3"), 1U);
+  }));
+  (void)broad_phase.update();
+  EXPECT_EQ(frames_of(file), 2U);
 }
 
 }  // namespace

@@ -1,5 +1,6 @@
 #include "cli/recording.hpp"
 
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -10,8 +11,9 @@
 #include <fstream>
 #include <iterator>
 #include <limits>
-#include <span>
+#include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "environment.hpp"
@@ -98,9 +100,8 @@ class Recording : public testing::Test {
 
   static Blocks rest_of(RecordingReader& reader) {
     Blocks blocks;
-    for (std::uint32_t block = 0; block <= reader.frames(); ++block) {
-      const std::span<const Aabb> boxes = reader.next();
-      blocks.emplace_back(boxes.begin(), boxes.end());
+    for (std::uint32_t block = reader.has_initial_state() ? 0 : 1; block <= reader.frames(); ++block) {
+      blocks.push_back(reader.next().boxes);
     }
     return blocks;
   }
@@ -297,6 +298,148 @@ TEST_F(Recording, WhatIsWrongWithAFileIsReported) {
     EXPECT_THAT(error, testing::HasSubstr("'" + path(bad.name).string() + "'"));
     EXPECT_THAT(error, testing::HasSubstr(bad.message));
     EXPECT_EQ(error.find('\n'), std::string::npos) << error;
+  }
+}
+
+/// A recording of BROADCL_RECORD, in parts that a test can replace.
+struct Recorded {
+  std::string magic = "BroadCL\n";
+  std::uint32_t version = 1;
+  std::uint32_t precision = 32;
+  double distance = 0;
+  std::uint64_t zero = 0;
+  std::uint32_t count = 2;
+  std::vector<std::uint32_t> ids = {3, 5};
+  std::vector<float> numbers = {0, 0, 0, 1, 1, 1, 2, 2, 2, 3, 3, 3};
+  std::vector<std::uint32_t> filter = {1, 5, 1, 2, 3, 4};  // their number, then those of the object 5
+  std::uint32_t reaches = 1;
+  std::uint32_t reach_id = 3;
+  std::vector<std::uint32_t> gone = {0};
+  std::vector<std::uint32_t> exclusions = {1, 1, 3, 5};
+
+  [[nodiscard]] std::string header() const {
+    return magic + little_endian(version, 4) + little_endian(precision, 4) + test::bytes_of(distance) +
+           little_endian(zero, 8);
+  }
+  [[nodiscard]] std::string frame(const std::string& more = "") const {
+    const auto words = [](const std::vector<std::uint32_t>& all) {
+      std::string bytes;
+      for (const std::uint32_t number : all) bytes += little_endian(number, 4);
+      return bytes;
+    };
+    const std::string rest = words(ids) + bytes_of(numbers) + words(filter) + words({reaches, reach_id}) +
+                             test::bytes_of(0.5F) + words(gone) + words(exclusions) + more;
+    return "FRAM" + little_endian(count, 4) + little_endian(rest.size(), 8) + rest;
+  }
+};
+
+template <class Edit>
+std::string recorded(const Edit& edit) {
+  Recorded file;
+  edit(file);
+  return file.header() + file.frame();
+}
+
+TEST_F(Recording, WhatAProgramRecordedIsRead) {
+  Recorded second;
+  second.ids = {5, 7};
+  second.gone = {1, 3};
+  second.exclusions = {0};
+  second.reach_id = 7;
+  save("x", Recorded().header() + Recorded().frame() + second.frame());
+  RecordingReader reader(path("x"));
+  EXPECT_EQ(reader.frames(), 2U);
+  EXPECT_EQ(reader.boxes(), 2U);
+  EXPECT_FALSE(reader.has_initial_state() || reader.is_double() || !reader.note_of_cut().empty());
+  scenes::RecordedFrame frame = reader.next();
+  EXPECT_EQ(frame.ids, (std::vector<std::uint32_t>{3, 5}));
+  EXPECT_EQ(frame.added, frame.ids);
+  EXPECT_EQ(frame.boxes[1], (Aabb{{2, 2, 2}, {3, 3, 3}}));
+  EXPECT_EQ(frame.filters.at(0).value, (Filter{.group = 1, .mask = 2, .body = 3, .world = 4}));
+  EXPECT_EQ(frame.reaches.at(0).value, 0.5);
+  EXPECT_EQ(frame.exclusions, (std::vector<Pair>{{3, 5}}));
+  frame = reader.next();
+  EXPECT_EQ(frame.added, std::vector<std::uint32_t>{7});
+  EXPECT_EQ(frame.gone, std::vector<std::uint32_t>{3});
+  EXPECT_EQ(frame.exclusions, std::nullopt);
+}
+
+TEST_F(Recording, WhatEndsWithinAFrameIsReadWithoutIt) {
+  const std::string good = Recorded().header() + Recorded().frame();
+  Recorded empty;
+  const std::string more = empty.frame();
+  for (std::size_t size = 1; size < more.size(); ++size) {
+    save("x", good + more.substr(0, size));
+    const RecordingReader reader(path("x"));
+    EXPECT_THAT(reader.note_of_cut(), testing::StartsWith("The recording ends within frame "));
+    EXPECT_EQ(reader.frames(), 1U);
+  }
+  for (std::size_t size = 8; size < good.size(); ++size) {
+    EXPECT_THAT(refusal_of("x", good.substr(0, size)),
+                testing::HasSubstr(size < 32 ? "ends within its header" : "has no complete frame"));
+  }
+}
+
+TEST_F(Recording, WhatIsWrongWithARecordingIsReported) {
+  const std::string good = recorded([](auto&) {});
+  const std::vector<std::pair<std::string, std::string>> bad_files = {
+      {recorded([](auto& file) { file.version = 2; }), "its version is 2"},
+      {recorded([](auto& file) { file.precision = 16; }), "its precision is 16"},
+      {recorded([](auto& file) { file.distance = -1; }), "header is malformed"},
+      {recorded([](auto& file) { file.distance = std::numeric_limits<double>::quiet_NaN(); }),
+       "header is malformed"},
+      {recorded([](auto& file) { file.zero = 1; }), "header is malformed"},
+      {good + "x", "no frame begins at byte"},
+      {recorded([](auto& file) { file.count = 0xffffffff; }), "too short for 4294967295 boxes"},
+      {recorded([](auto& file) { file.precision = 64; }), "lists are longer than the frame"},
+      {recorded([](auto& file) { file.filter[0] = 0xffffffff; }), "lists are longer than the frame"},
+      {recorded([](auto& file) { file.reaches = 0xffffffff; }), "lists are longer than the frame"},
+      {recorded([](auto& file) { file.gone[0] = 0xffffffff; }), "lists are longer than the frame"},
+      {recorded([](auto& file) { file.exclusions[1] = 0xffffffff; }), "lists are longer than the frame"},
+      {recorded([](auto& file) { file.exclusions[0] = 2; }), "where exclusions begin"},
+      {Recorded().header() + Recorded().frame("more"), "bytes after its lists"},
+      {recorded([](auto& file) {
+         file.ids = {5, 5};
+       }),
+       "its ids do not ascend"},
+      {recorded([](auto& file) {
+         file.ids = {5, 3};
+       }),
+       "its ids do not ascend"},
+      {recorded([](auto& file) {
+         file.ids = {3, 0xffffffff};
+       }),
+       "the id 4294967295 is too high"},
+      {recorded([](auto& file) { file.filter[1] = 4; }), "the id 4, which no object has"},
+      {recorded([](auto& file) { file.reach_id = 4; }), "the id 4, which no object has"},
+      {recorded([](auto& file) { file.numbers[7] = nan; }), "the box of the id 5 has a NaN bound"},
+      {recorded([](auto& file) {
+         file.gone = {1, 3};
+       }),
+       "that was not in the frame before"},
+      {good + recorded([](auto& file) {
+                file.ids = {5, 6};
+                file.reach_id = 6;
+              }).substr(32),
+       "frame 1 (the first is 0): an object of the frame before is missing"},
+  };
+  for (const auto& [bytes, message] : bad_files) {
+    const std::string error = refusal_of("x", bytes);
+    EXPECT_THAT(error, testing::StartsWith("cannot use '" + path("x").string() + "': "));
+    EXPECT_THAT(error, testing::HasSubstr(message));
+  }
+  // Whatever a byte becomes, the file is read or refused.
+  for (std::size_t k = 0; k < good.size(); ++k) {
+    for (const char value : {'\0', '\x7f', '\xff'}) {
+      std::string bytes = good;
+      bytes[k] = value;
+      save("x.npy", bytes);
+      try {
+        (void)read("x.npy");
+      } catch (const Error& error) {
+        EXPECT_THAT(error.what(), testing::HasSubstr("x.npy"));
+      }
+    }
   }
 }
 

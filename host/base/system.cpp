@@ -1,14 +1,19 @@
 #include "base/system.hpp"
 
 #include <algorithm>
+#include <cerrno>
 #include <cstdlib>
 #include <initializer_list>
 #include <string_view>
 #include <system_error>
 
-#ifndef _WIN32
+#ifdef _WIN32
+#include <process.h>
+#include <share.h>
+#else
 #include <fcntl.h>
 #include <pthread.h>
+#include <sys/file.h>
 #include <sys/mman.h>
 #include <sys/stat.h>
 #include <unistd.h>
@@ -36,6 +41,16 @@ bool make_private_folder(const std::filesystem::path& folder) {
 
 File create_private_file(const std::filesystem::path& path) {
   return File(std::fopen(path.string().c_str(), "wbx"));
+}
+
+File open_unshared(const std::filesystem::path& path) {
+  File file(_wfsopen(path.c_str(), L"wb", _SH_DENYWR));
+  if (file) (void)std::setvbuf(file.get(), nullptr, _IONBF, 0);
+  return file;
+}
+
+std::uint32_t process_id() {
+  return static_cast<std::uint32_t>(_getpid());
 }
 
 std::optional<std::filesystem::path> user_cache_directory() {
@@ -70,6 +85,30 @@ File create_private_file(const std::filesystem::path& path) {
   File file(descriptor < 0 ? nullptr : fdopen(descriptor, "wb"));
   if (!file && descriptor >= 0) close(descriptor);
   return file;
+}
+
+File open_unshared(const std::filesystem::path& path) {
+  constexpr mode_t everybody =
+      S_IRUSR | S_IWUSR | S_IRGRP | S_IWGRP | S_IROTH | S_IWOTH;  // without the umask
+  const int descriptor = open(path.c_str(), O_CREAT | O_WRONLY | O_CLOEXEC, everybody);
+  if (descriptor < 0) return nullptr;
+  if (flock(descriptor, LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK) {
+    close(descriptor);
+    errno = EWOULDBLOCK;
+    return nullptr;
+  }
+  (void)!ftruncate(descriptor, 0);  // which devices do not need
+  File file(fdopen(descriptor, "wb"));
+  if (file) {
+    (void)std::setvbuf(file.get(), nullptr, _IONBF, 0);
+  } else {
+    close(descriptor);
+  }
+  return file;
+}
+
+std::uint32_t process_id() {
+  return static_cast<std::uint32_t>(getpid());
 }
 
 std::optional<std::filesystem::path> user_cache_directory() {

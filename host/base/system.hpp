@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstddef>
+#include <cstdint>
 #include <cstdio>
 #include <filesystem>
 #include <memory>
@@ -31,6 +32,13 @@ using File = std::unique_ptr<std::FILE, CloseFile>;
 /// folder.)
 /// @returns Null if that fails, or if there is such a file.
 [[nodiscard]] File create_private_file(const std::filesystem::path& path);
+
+/// Opens a file for writing, without a buffer, and empties it. The file may have been there.
+/// @returns Null if that fails: then errno is EWOULDBLOCK if another open file is one of this function, in
+/// any process. (On Windows, that is like other errors.)
+[[nodiscard]] File open_unshared(const std::filesystem::path& path);
+
+[[nodiscard]] std::uint32_t process_id();
 
 /// Has a function called at the beginning of every process that is forked from this one by fork().
 /// @returns Whether that is possible, or not needed because there is no fork.

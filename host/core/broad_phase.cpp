@@ -17,6 +17,7 @@
 #include "core/exclusions.hpp"
 #include "core/queries.hpp"
 #include "core/reach.hpp"
+#include "core/recorder.hpp"
 #include "core/tree_access.hpp"
 #include "engines/algorithm.hpp"
 
@@ -171,6 +172,7 @@ BasicBroadPhase<Box>::BasicBroadPhase(const Config& config)
     : impl_(new Impl{Core<Box>(make_algorithm(config), config.threads, reach_for<Bound>(config)),
                      find_algorithm(config.algorithm).info}) {
   impl_->queries.emplace(impl_->core, config.threads);
+  impl_->core.record_to(Recorder<Box>::make(config.distance));
 }
 
 template <class Box>

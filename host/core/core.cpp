@@ -370,6 +370,7 @@ void Core<Box>::begin(ArrivingBoxes* arriving, const LookAtBoxes<Box>* look, boo
   if constexpr (is_exact) exact_.pairs.begin(*algorithm_);
   take_mapped(look);
   convert_changed(are_converted);
+  if (arriving == nullptr) record();
   update_ = Update::begun;
   if (changes_.empty() && read_.empty()) return;
   if (own_tree_ || !read_.empty()) unread_.insert(changes_);
@@ -559,6 +560,7 @@ void Core<Box>::copy_all(const BoxView& view) {
     replacement.for_each_changed([&](std::uint32_t slot) { changes_.insert(slot); });
   }
   begin(arrive_later ? &replacement : nullptr, nullptr, true);
+  if (arrive_later) record();
   if constexpr (is_exact) {
     if (arrive_later) exact_.converted.end();
   }

@@ -27,6 +27,7 @@
 #include "core/exact_reaches.hpp"
 #include "core/late_boxes.hpp"
 #include "core/object_table.hpp"
+#include "core/recorder.hpp"
 #include "engines/algorithm.hpp"
 #include "engines/box_tree.hpp"
 #include "opencl/process.hpp"
@@ -68,6 +69,9 @@ class Core {
         boxes_(find_boxes()),
         threads_(threads),
         objects_(reach) {}
+
+  /// @param recorder Gets the objects of each update, before it is done; null for none.
+  void record_to(std::unique_ptr<Recorder<Box>> recorder) noexcept { recorder_ = std::move(recorder); }
 
   std::uint32_t add(const Box& box, const Filter& filter, Bound reach = 0) {
     refuse_forked();
@@ -313,6 +317,10 @@ class Core {
 
   void swap_boxes() noexcept;
 
+  void record() noexcept {
+    if (recorder_) recorder_->write(objects_, boxes_, {&changes_, &read_, &flight_}, exclusions_);
+  }
+
   /// Copies all boxes and begins the update. If most moved in the last one, a device receives them meanwhile.
   void copy_all(const BoxView& view);
 
@@ -364,6 +372,7 @@ class Core {
   Update update_ = Update::none;
   LateBoxes<Box> late_;     // packed
   bool many_moved_ = true;  // in the last replacement
+  std::unique_ptr<Recorder<Box>> recorder_;
 };
 
 extern template class BROADCL_API Core<Aabb>;  // for libbroadcl_mpi

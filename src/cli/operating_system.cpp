@@ -1,8 +1,9 @@
 #include "cli/operating_system.hpp"
 
+#include <cstdlib>
+
 #ifdef _WIN32
 #include <io.h>
-#include <process.h>
 #else
 #include <sys/utsname.h>
 #include <unistd.h>
@@ -12,12 +13,12 @@ namespace broadcl::cli {
 
 #ifdef _WIN32
 
-std::uint32_t process_id() {
-  return static_cast<std::uint32_t>(_getpid());
-}
-
 bool is_terminal(std::FILE* stream) {
   return _isatty(_fileno(stream)) != 0;
+}
+
+void stop_recording() {
+  (void)_putenv_s("BROADCL_RECORD", "");
 }
 
 std::string operating_system() {
@@ -26,12 +27,12 @@ std::string operating_system() {
 
 #else
 
-std::uint32_t process_id() {
-  return static_cast<std::uint32_t>(getpid());
-}
-
 bool is_terminal(std::FILE* stream) {
   return isatty(fileno(stream)) != 0;
+}
+
+void stop_recording() {
+  (void)unsetenv("BROADCL_RECORD");  // NOLINT(concurrency-mt-unsafe)
 }
 
 std::string operating_system() {

@@ -7,7 +7,6 @@
 #include <sstream>
 #include <system_error>
 
-#include "cli/operating_system.hpp"
 #include "cli/text.hpp"
 
 namespace broadcl::cli {

@@ -77,7 +77,7 @@ Exit run_comparison(const SimulateOptions& options) {
       results.push_back(simulate(config, [&] { progress.advance(); }));
     }
   }
-  std::cout << comparison_report(options.simulation, names, results);
+  std::cout << comparison_report(scenario_line(options.simulation), times_of_simulation, names, results);
   const bool wrong = std::any_of(results.begin(), results.end(), [](const SimulationResult& result) {
     return result.verdict && result.verdict->first_wrong_frame;
   });

@@ -81,27 +81,34 @@ void add_frame(Verdict& verdict, std::uint32_t frame, const scenes::Difference& 
 
 }  // namespace
 
-SimulationResult measure(const Frames& frames, const std::string& name, btBroadphaseInterface& broadphase,
-                         bool stages) {
+SimulationResult measure(const Frames& frames, bool exact, const BroadPhaseReports& reports) {
   SimulationResult result;
-  const std::shared_ptr<const std::string> last_error = watch_errors(broadphase);
-  const BroadPhase* const core = core_of(broadphase);
-  const btOverlappingPairCache& cache = *broadphase.getOverlappingPairCache();
-  if (frames.verify) result.verdict.emplace().exact = scenes::find_broadphase(name).exact;
+  if (frames.verify) result.verdict.emplace().exact = exact;
   for (std::uint32_t frame = 0; frame < frames.count; ++frame) {
     const scenes::FrameTimes times = frames.step();
-    if (!last_error->empty()) {
-      throw Error("stopped in frame " + std::to_string(frame) +
-                  ", when the broad phase reported: " + *last_error);
+    if (const std::string error = reports.error ? reports.error() : ""; !error.empty()) {
+      throw Error("stopped in frame " + std::to_string(frame) + ", when the broad phase reported: " + error);
     }
     add_times(result, times);
-    result.stages.push_back(stages ? stages_of(core) : std::vector<Stage>());
-    result.pairs.push_back(static_cast<std::size_t>(cache.getNumOverlappingPairs()));
+    result.stages.push_back(reports.stages ? reports.stages() : std::vector<Stage>());
+    result.pairs.push_back(reports.pairs());
     if (result.verdict) add_frame(*result.verdict, frame, frames.verify());
     frames.ended();
   }
-  result.device = device_of(core);
+  result.device = reports.device();
   return result;
+}
+
+SimulationResult measure(const Frames& frames, const std::string& name, btBroadphaseInterface& broadphase,
+                         bool stages) {
+  const std::shared_ptr<const std::string> last_error = watch_errors(broadphase);
+  const BroadPhase* const core = core_of(broadphase);
+  const btOverlappingPairCache& cache = *broadphase.getOverlappingPairCache();
+  BroadPhaseReports reports{.pairs = [&] { return static_cast<std::size_t>(cache.getNumOverlappingPairs()); },
+                            .device = [&] { return device_of(core); },
+                            .error = [&] { return *last_error; }};
+  if (stages) reports.stages = [&] { return stages_of(core); };
+  return measure(frames, scenes::find_broadphase(name).exact, reports);
 }
 
 SimulationResult simulate(const SimulationConfig& config, const std::function<void()>& frame_ended,

@@ -9,6 +9,7 @@
 #include <optional>
 #include <span>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "cli/recording.hpp"
@@ -67,7 +68,18 @@ struct Frames {
   std::function<void()> ended;                 ///< Called after each frame, untimed.
 };
 
+/// What a broad phase says of itself after a frame.
+struct BroadPhaseReports {
+  std::function<std::size_t()> pairs;
+  std::function<std::optional<Device>()> device;
+  std::function<std::vector<Stage>()> stages{};  ///< Empty if they are not asked for.
+  std::function<std::string()> error{};  ///< The last error that it did not throw; "" for none. May be empty.
+};
+
 /// Measures frames.
+/// @param exact Whether extra pairs count as wrong.
+/// @throws Error when the device fails: times of the fallback on the host would be meaningless.
+[[nodiscard]] SimulationResult measure(const Frames& frames, bool exact, const BroadPhaseReports& reports);
 /// @param name The name of the broad phase in scenes::broadphases().
 /// @param broadphase Its error handler is replaced.
 /// @param stages Whether to record the stages of the broad phase.
@@ -98,11 +110,16 @@ struct Frames {
 /// The summary for people.
 [[nodiscard]] std::string table_report(const SimulationConfig& config, const SimulationResult& result);
 
+/// The lines of a report that say what was simulated, and what the times are of.
+[[nodiscard]] std::string scenario_line(const SimulationConfig& config);
+extern const std::string_view times_of_simulation;
+
 /// The summaries of several broad phases, one row each, for people.
-/// @param config Of all of them, except for the broad phase.
+/// @param heading Lines that say where the frames come from.
+/// @param explained Lines that say what the times are of.
 /// @param broadphases Their names.
 /// @param results One per name; the first one is what the others are compared with.
-[[nodiscard]] std::string comparison_report(const SimulationConfig& config,
+[[nodiscard]] std::string comparison_report(const std::string& heading, std::string_view explained,
                                             std::span<const std::string> broadphases,
                                             std::span<const SimulationResult> results);
 

@@ -141,18 +141,6 @@ std::string text_of(const Verdict& verdict) {
          " over all frames, which this broad phase may have";
 }
 
-std::string scenario_line(const SimulationConfig& config) {
-  const scenes::Scenario::Config& scenario = config.scenario;
-  return "scenario      " + scenario.name + ", " +
-         counted(scenario.objects, scenario.spheres ? "sphere" : "cube") + ", " +
-         counted(config.frames, "frame") + ", seed " + std::to_string(scenario.seed) +
-         (config.threads > 1 ? ", " + counted(config.threads, "thread") : "") + "\n";
-}
-
-constexpr std::string_view update_explained =
-    "Update: updateAabbs(), which computes every object's box and passes it to setAabb(); broad phase:\n"
-    "computeOverlappingPairs(); total: the whole stepSimulation().\n";
-
 /// Mean milliseconds per frame.
 struct Means {
   double search;  ///< Update and broad phase.
@@ -195,6 +183,18 @@ std::string document_text(const ordered_json& config, const SimulationResult& re
 
 }  // namespace
 
+const std::string_view times_of_simulation =
+    "Update: updateAabbs(), which computes every object's box and passes it to setAabb(); broad phase:\n"
+    "computeOverlappingPairs(); total: the whole stepSimulation().\n";
+
+std::string scenario_line(const SimulationConfig& config) {
+  const scenes::Scenario::Config& scenario = config.scenario;
+  return "scenario      " + scenario.name + ", " +
+         counted(scenario.objects, scenario.spheres ? "sphere" : "cube") + ", " +
+         counted(config.frames, "frame") + ", seed " + std::to_string(scenario.seed) +
+         (config.threads > 1 ? ", " + counted(config.threads, "thread") : "") + "\n";
+}
+
 std::string csv_report(const SimulationResult& result) {
   constexpr int decimals = 6;
   std::string text =
@@ -230,15 +230,16 @@ std::string table_report(const SimulationConfig& config, const SimulationResult&
   const std::string text =
       table_report_of(scenario_line(config) + "broad phase   " + config.broadphase + "\n", config.broadphase,
                       result) +
-      std::string(update_explained);
+      std::string(times_of_simulation);
   return config.profile ? text + stages_table(config, result) : text;
 }
 
-std::string comparison_report(const SimulationConfig& config, std::span<const std::string> broadphases,
+std::string comparison_report(const std::string& heading, std::string_view explained,
+                              std::span<const std::string> broadphases,
                               std::span<const SimulationResult> results) {
   constexpr int decimals = 3;
   const Means first = means_of(results.front());
-  std::string text = scenario_line(config);
+  std::string text = heading;
   std::string rows;
   std::string verdicts;
   std::size_t fastest = 0;
@@ -260,8 +261,8 @@ std::string comparison_report(const SimulationConfig& config, std::span<const st
     text += "Update and broad phase take " + fixed(means_of(results[fastest]).search / first.search, 2) +
             " times as long with " + broadphases[fastest] + " as with " + broadphases[0] + ".\n";
   }
-  if (config.frames > 1) text += "Frame 0, which includes the warm-up, is left out.\n";
-  return text + std::string(update_explained);
+  if (results.front().total.size() > 1) text += "Frame 0, which includes the warm-up, is left out.\n";
+  return text + std::string(explained);
 }
 
 std::string table_report_of(const std::string& heading, const std::string& broadphase,

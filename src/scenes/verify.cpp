@@ -73,10 +73,12 @@ std::size_t count_of_difference(const std::vector<Pair>& from, const std::vector
 
 }  // namespace
 
+Difference difference(const std::vector<Pair>& pairs, const std::vector<Pair>& expected) {
+  return {.missing = count_of_difference(expected, pairs), .extra = count_of_difference(pairs, expected)};
+}
+
 Difference verify(btOverlappingPairCache& cache, Proxies proxies, std::span<const Aabb> boxes) {
-  const std::vector<Pair> expected = expected_pairs(proxies, boxes);
-  const std::vector<Pair> cached = cached_pairs(cache, proxies);
-  return {.missing = count_of_difference(expected, cached), .extra = count_of_difference(cached, expected)};
+  return difference(cached_pairs(cache, proxies), expected_pairs(proxies, boxes));
 }
 
 Difference verify(btCollisionWorld& world) {

@@ -1,8 +1,10 @@
 #pragma once
 
 #include <broadcl/aabb.hpp>
+#include <broadcl/pair.hpp>
 #include <cstddef>
 #include <span>
+#include <vector>
 
 class btCollisionWorld;
 class btOverlappingPairCache;
@@ -15,6 +17,9 @@ struct Difference {
   std::size_t missing = 0;  ///< Pairs that overlap and pass the filters, but are not in the cache.
   std::size_t extra = 0;    ///< Pairs in the cache that do not overlap or do not pass the filters.
 };
+
+/// @param pairs, expected Sorted.
+[[nodiscard]] Difference difference(const std::vector<Pair>& pairs, const std::vector<Pair>& expected);
 
 /// Compares a world's pair cache with what the algorithm `oracle` finds for the boxes that its proxies have
 /// now, filtered by group and mask both ways. To be called after a step, when these are still the boxes that
