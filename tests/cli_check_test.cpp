@@ -74,6 +74,22 @@ TEST_F(Program, CheckNeedsNoDevice) {
   EXPECT_TRUE(report["why_no_device"].get<std::string>().starts_with("no OpenCL device found"));
 }
 
+NOT_IN(sanitizers, "takes long");
+TEST_F(Program, ChecksARecording) {
+  expect_success(run("simulate --objects 40 --frames 5 --broadphase sweep-and-prune", "BROADCL_RECORD=run"));
+  const Outcome outcome = run("check run --report report.json", "BROADCL_RECORD=run");
+  expect_success(outcome);
+  const json report = json::parse(read_file(path("report.json")));
+  EXPECT_EQ(report["recording"], "run");
+  EXPECT_EQ(report["algorithms"].size(), algorithms().size());
+  EXPECT_NE(outcome.out.find("\n  gpu-bf          right in 5 frames of the recording\n"), std::string::npos)
+      << outcome.out;
+  expect_refused(run("check four.npy"), "(frames, n, 6)");
+  fs::resize_file(path("run"), fs::file_size(path("run")) - 1);
+  EXPECT_NE(run("check run").out.find("\nThe recording ends within frame 4, which is left out"),
+            std::string::npos);
+}
+
 /// Kernels that find pairs that do not exist.
 class ProgramWrongKernels : public Program {
  protected:

@@ -2,6 +2,7 @@
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <broadcl/broad_phase.hpp>
+#include <broadcl/broad_phase64.hpp>
 #include <cmath>
 #include <cstdint>
 #include <iostream>
@@ -17,10 +18,12 @@
 #include "cli/json.hpp"
 #include "cli/operating_system.hpp"
 #include "cli/output_file.hpp"
+#include "cli/recording.hpp"
 #include "cli/stopwatch.hpp"
 #include "cli/text.hpp"
 #include "cli/verbs.hpp"
 #include "scenes/generators.hpp"
+#include "scenes/recorded_objects.hpp"
 
 namespace broadcl::cli {
 namespace {
@@ -28,6 +31,7 @@ namespace {
 using scenes::BoxScene;
 
 struct CheckOptions {
+  std::string recording;
   std::string device;
   std::string report;
 };
@@ -98,6 +102,42 @@ std::optional<std::string> check_still(const std::vector<BoxScene>& scenes, cons
   return std::nullopt;
 }
 
+/// What is wrong after an update; none if its pairs are as expected and its changes lead to them.
+/// @param followed The pairs that all changes lead to.
+std::optional<std::string> difference(const Delta& delta, const std::vector<Pair>& pairs,
+                                      const std::vector<Pair>& expected, std::vector<Pair>& followed) {
+  const bool applied = apply_delta(delta, followed);
+  auto wrong = difference(pairs, expected);
+  if (!wrong && (!applied || followed != pairs)) wrong = "the changes do not lead to its pairs";
+  return wrong;
+}
+
+/// The frames of a recording.
+template <class Box>
+std::optional<std::string> check_recording(RecordingReader& recording, BroadPhase::Config config,
+                                           CheckTimes& times) {
+  config.distance = recording.distance();
+  Stopwatch stopwatch;
+  BasicBroadPhase<Box> broad_phase(config);
+  times.open = stopwatch.lap();
+  BasicBroadPhase<Box> oracle({.algorithm = "oracle", .distance = config.distance});
+  std::vector<Pair> followed;
+  recording.rewind();
+  const std::uint32_t end = recording.frames() + (recording.has_initial_state() ? 1 : 0);
+  for (std::uint32_t frame = 0; frame < end; ++frame) {
+    const scenes::RecordedFrame& objects = recording.next();
+    scenes::set_objects(oracle, objects);
+    (void)oracle.update();
+    scenes::set_objects(broad_phase, objects);
+    (void)stopwatch.lap();
+    const Delta delta = broad_phase.update();
+    times.frames += stopwatch.lap();
+    if (const auto wrong = difference(delta, broad_phase.pairs(), oracle.pairs(), followed))
+      return "frame " + std::to_string(frame) + ": " + *wrong;
+  }
+  return std::nullopt;
+}
+
 /// Moving boxes, some of which leave and some of which come back in each frame.
 std::optional<std::string> check_moving(unsigned frames, const BroadPhase::Config& config,
                                         CheckTimes& times) {
@@ -123,9 +163,8 @@ std::optional<std::string> check_moving(unsigned frames, const BroadPhase::Confi
     Stopwatch stopwatch;
     const Delta delta = broad_phase.update();
     times.frames += stopwatch.lap();
-    const bool applied = apply_delta(delta, followed);
-    if (const auto wrong = difference(broad_phase.pairs(), oracle(boxes))) return place + *wrong;
-    if (!applied || followed != broad_phase.pairs()) return place + "the changes do not lead to its pairs";
+    if (const auto wrong = difference(delta, broad_phase.pairs(), oracle(boxes), followed))
+      return place + *wrong;
     scene.advance();
   }
   return std::nullopt;
@@ -151,6 +190,11 @@ nlohmann::ordered_json milliseconds_of(const CheckTimes& times) {
 
 Exit run_check(const CheckOptions& options) {
   constexpr unsigned frames = 20;
+  std::optional<RecordingReader> recording;
+  if (!options.recording.empty()) {
+    stop_recording();
+    recording.emplace(options.recording);
+  }
   std::optional<OutputFile> file;
   if (!options.report.empty()) file.emplace(options.report);
   std::string why_none;
@@ -159,12 +203,16 @@ Exit run_check(const CheckOptions& options) {
                                        {"system", operating_system()},
                                        {"device", nullptr},
                                        {"algorithms", nlohmann::ordered_json::array()}};
+  if (recording) report["recording"] = options.recording;
   if (device) {
     report["device"] = json_of(*device);
   } else {
     report["why_no_device"] = why_none;
   }
-  const std::vector<BoxScene> scenes = still_scenes();
+  const std::vector<BoxScene> scenes = recording ? std::vector<BoxScene>() : still_scenes();
+  const std::string right =
+      "right in " + (recording ? counted(recording->frames(), "frame") + " of the recording"
+                               : counted(scenes.size(), "scene") + " and " + counted(frames, "frame"));
   std::cout << (device ? one_line(device->label()) + " (" + device->id() + ")\n"
                        : "Only the algorithms of the host are checked: " + one_line(why_none) + "\n");
   bool works = true;
@@ -180,16 +228,18 @@ Exit run_check(const CheckOptions& options) {
     std::optional<std::string> wrong;
     CheckTimes times;
     try {
-      wrong = check_still(scenes, config, times);
-      if (!wrong) wrong = check_moving(frames, config, times);
+      if (recording) {
+        wrong = recording->is_double() ? check_recording<Aabb64>(*recording, config, times)
+                                       : check_recording<Aabb>(*recording, config, times);
+      } else {
+        wrong = check_still(scenes, config, times);
+        if (!wrong) wrong = check_moving(frames, config, times);
+      }
     } catch (const Error& error) {
       wrong = error.what();
     }
     works = works && !wrong;
-    std::cout << named_row(algorithm.name, wrong ? "WRONG: " + *wrong
-                                                 : "right in " + counted(scenes.size(), "scene") + " and " +
-                                                       counted(frames, "frame"))
-              << std::flush;
+    std::cout << named_row(algorithm.name, wrong ? "WRONG: " + *wrong : right) << std::flush;
     report["algorithms"].push_back({{"name", algorithm.name},
                                     {"result", wrong.value_or("right")},
                                     {"milliseconds", milliseconds_of(times)}});
@@ -198,6 +248,7 @@ Exit run_check(const CheckOptions& options) {
     file->write(text_of(report));
     file->commit();
   }
+  if (recording) std::cout << recording->note_of_cut();
   std::cout << (works ? "BroadCL works here.\n" : "BroadCL does not work here.\n");
   return works ? Exit::success : Exit::difference;
 }
@@ -208,6 +259,9 @@ Verb add_check(CLI::App& program) {
   auto options = std::make_shared<CheckOptions>();
   CLI::App* verb = program.add_subcommand(
       "check", "Compare every algorithm on a device with the oracle, which is brute force on the host");
+  verb->add_option("FILE", options->recording,
+                   "A recording, as for 'broadcl replay', to be searched instead of built-in scenes")
+      ->type_name("");
   add_device(*verb, options->device);
   add_file(*verb, "--report", options->report,
            "Write device, driver, versions, results and times here, as JSON");

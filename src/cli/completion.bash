@@ -15,7 +15,7 @@ _broadcl() {
       if [[ $before == --* && $help =~ [[:space:]]"$before "([A-Z]+) ]]; then
         [[ ${BASH_REMATCH[1]} != FILE ]] || compopt -o default
         return
-      elif [[ $2 == -* || $help != *'[OPTIONS] FILE'* ]]; then
+      elif [[ $2 == -* || $help != *'[OPTIONS] '?('[')FILE* ]]; then
         words=$(sed -nE 's/^ +(-h, *)?(--[a-z-]+).*/\2/p' <<< "$help")
         [[ $2 == -* || ${#verb[@]} -gt 0 ]] || section=Verbs
       else
