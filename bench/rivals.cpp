@@ -32,7 +32,7 @@
 
 #include <broadcl/broad_phase.hpp>
 
-#include "cli/npy.hpp"
+#include "cli/box_file.hpp"
 #include "engines/algorithm.hpp"
 
 namespace broadcl {

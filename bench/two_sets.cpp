@@ -9,7 +9,7 @@
 
 #include <benchmark/benchmark.h>
 
-#include "cli/npy.hpp"
+#include "cli/box_file.hpp"
 #include "engines/algorithm.hpp"
 
 namespace broadcl {

@@ -12,7 +12,7 @@
 #include <broadcl/box_view.hpp>
 #include <broadcl/device.hpp>
 
-#include "cli/npy.hpp"
+#include "cli/box_file.hpp"
 #include "engines/algorithm.hpp"
 #include "engines/engine.hpp"
 #include "opencl/context.hpp"

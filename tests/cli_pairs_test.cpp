@@ -1,13 +1,19 @@
 // `broadcl pairs`, run as users run it.
 #include <algorithm>
+#include <cstddef>
+#include <cstdint>
 #include <filesystem>
 #include <regex>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include <gtest/gtest.h>
 
 #include <broadcl/broad_phase.hpp>
+#include <broadcl/error.hpp>
+
+#include "cli/box_file.hpp"
 
 #include "npy_bytes.hpp"
 #include "program.hpp"
@@ -73,6 +79,88 @@ TEST_F(Program, PairsOfDoublePrecisionAreExact) {
   const Outcome outcome = run("pairs double.npy");
   expect_success(outcome);
   EXPECT_TRUE(outcome.out.starts_with("0 overlapping pairs of 2 boxes")) << outcome.out;
+}
+
+TEST_F(Program, PairsOfTextAndOfStandardInput) {
+  const std::string rows = "0,0,0,1,1,1\n1 0 0 2 1 1  # touches it\n\n2;0;0;3;1;1e0\r\n9,9,9,+10,inf,10";
+  write_file(path("four.csv"), "lower x,y,z,upper x,y,z\n" + rows);
+  write_file(path("four"), rows);
+  write_file(path("flat.csv"), "0,0,1,1\n1,1,2,2\n3,3,4,4\n");
+  write_file(path("exact.csv"), "0.30000000000000004,0,1,1\n0,0,0.3,1\n");
+  for (const std::string file : {"four.csv", "four", "- < four.csv", "- < four.npy"}) {
+    const Outcome outcome = run("pairs " + file);
+    expect_success(outcome);
+    EXPECT_TRUE(outcome.out.starts_with("2 overlapping pairs of 4 boxes (")) << file << outcome.out;
+  }
+  EXPECT_TRUE(run("pairs flat.csv").out.starts_with("1 overlapping pair of 3 boxes ("));
+  EXPECT_TRUE(run("pairs exact.csv").out.starts_with("0 overlapping pairs of 2 boxes ("));
+  write_file(path("flat.npy"), npy({0, 0, 1, 1, 1, 1, 2, 2, 3, 3, 4, 4}, 4));
+  EXPECT_TRUE(run("pairs flat.npy").out.starts_with("1 overlapping pair of 3 boxes ("));
+  const std::vector<std::pair<std::string, std::string>> bad_files = {
+      {"0,0,1,1\nx\n", "line 2 has something other than numbers: x"},
+      {"0,0,1,x\n0,0,1,1\n", "line 1 has something other than numbers: 0,0,1,x"},
+      {"0,0,1\n", "line 1 has 3 numbers; 4 or 6 are needed"},
+      {"0,0,1,1\n0,0,0,1,1,1\n", "line 2 has 6 numbers; the first box has 4"},
+      {"0,0,1,nan\n", "line 1 has a NaN"}};
+  for (const auto& [text, message] : bad_files) {
+    write_file(path("bad.csv"), text);
+    expect_refused(run("pairs bad.csv"), "cannot use 'bad.csv': " + message);
+    expect_refused(run("pairs - < bad.csv"), "cannot use standard input: " + message);
+  }
+}
+
+/// As numpy.savez writes it: sizes in 64 bits, nothing compressed.
+TEST_F(Program, PairsOfAnArchive) {
+  const auto member = [](const std::string& name, const std::string& data, std::uint64_t begin) {
+    const std::string sizes =
+        little_endian(0, 4) + little_endian(0xffffffff, 4) + little_endian(0xffffffff, 4);
+    const std::string extra = little_endian(1, 2) + little_endian(16, 2) + little_endian(data.size(), 8) +
+                              little_endian(data.size(), 8);
+    const std::string common =
+        std::string(8, '\0') + sizes + little_endian(name.size(), 2) + little_endian(extra.size(), 2);
+    return std::pair("PK\3\4" + little_endian(45, 2) + common + name + extra + data,
+                     "PK\1\2" + little_endian(45, 2) + little_endian(45, 2) + common + std::string(10, '\0') +
+                         little_endian(begin, 4) + name + extra);
+  };
+  const auto end = [](std::uint64_t count, std::uint64_t size, std::uint64_t begin) {
+    return "PK\5\6" + std::string(4, '\0') + little_endian(count, 2) + little_endian(count, 2) +
+           little_endian(size, 4) + little_endian(begin, 4) + little_endian(0, 2);
+  };
+  const auto archive = [&](const std::string& first, const std::string& second) {
+    const auto [data, entry] = member(first, npy(four_boxes), 0);
+    const auto [more_data, more_entry] = member(second, npy({}), data.size());
+    return data + more_data + entry + more_entry +
+           end(2, entry.size() + more_entry.size(), data.size() + more_data.size());
+  };
+  const auto [data, entry] = member("arr_0.npy", npy(four_boxes), 0);
+  const std::string one = data + entry + end(1, entry.size(), data.size());
+  write_file(path("one.npz"), one);
+  write_file(path("two.npz"), archive("boxes.npy", "others.npy"));
+  for (const std::string file : {"one.npz", "two.npz", "- < one.npz"}) {
+    const Outcome outcome = run("pairs " + file);
+    expect_success(outcome);
+    EXPECT_TRUE(outcome.out.starts_with("2 overlapping pairs of 4 boxes (")) << file << outcome.out;
+  }
+  write_file(path("bad.npz"), archive("a.npy", "b.npy"));
+  expect_refused(run("pairs bad.npz"), "it has 2 arrays, none of which is called boxes");
+  std::string compressed = one;
+  compressed[data.size() + 10] = 8;
+  write_file(path("bad.npz"), compressed);
+  expect_refused(run("pairs bad.npz"), "its arrays are compressed");
+  write_file(path("bad.npz"), one.substr(0, one.size() - 30));
+  expect_refused(run("pairs bad.npz"), "'bad.npz': it is truncated");
+  // Whatever a byte becomes, the file is read or refused.
+  for (std::size_t k = 0; k < one.size(); ++k) {
+    if (k >= 40 && k < data.size()) continue;  // the array itself
+    std::string bytes = one;
+    bytes[k] = '\xff';
+    write_file(path("bad.npz"), bytes);
+    try {
+      (void)cli::read_boxes(path("bad.npz"));
+    } catch (const Error& error) {
+      EXPECT_NE(std::string(error.what()).find("bad.npz"), std::string::npos);
+    }
+  }
 }
 
 TEST_F(Program, PairsOfNoBoxes) {

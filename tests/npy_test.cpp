@@ -163,7 +163,7 @@ std::vector<BadFile> bad_files() {
   return {
       {"Empty", "", "magic bytes"},
       {"Text", "0 0 0 1 1 1\n", "magic bytes"},
-      {"Zip", "PK\3\4 and so on", "it is an archive (.npz) of .npy files; extract one"},
+      {"Zip", "PK\3\4 and so on", "it is an archive (.npz) of .npy files; save one array"},
       {"Version4", npy(float_rows, bytes_of(two_rows), 4), "format version"},
       {"Version1Minor1", "\x93NUMPY\1\1" + good.substr(8), "format version"},
       {"CutAfterMagic", good.substr(0, 6), "ends within its header"},

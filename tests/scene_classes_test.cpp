@@ -11,7 +11,7 @@
 
 #include <gtest/gtest.h>
 
-#include "cli/npy.hpp"
+#include "cli/box_file.hpp"
 #include "each_algorithm.hpp"
 #include "scenes/generators.hpp"
 #include "scenes/random.hpp"

@@ -7,7 +7,6 @@
 #include <broadcl/error.hpp>
 #include <charconv>
 #include <cmath>
-#include <fstream>
 #include <istream>
 #include <limits>
 #include <regex>
@@ -16,7 +15,6 @@
 #include <type_traits>
 #include <variant>
 
-#include "cli/input_file.hpp"
 #include "cli/text.hpp"
 
 namespace broadcl::cli {
@@ -24,7 +22,6 @@ namespace {
 
 constexpr std::string_view magic = "\x93NUMPY";
 constexpr std::size_t longest_header = 4096;  // NumPy writes 118 bytes for two dimensions
-constexpr std::size_t columns = 6;
 
 [[noreturn]] void fail(const std::string& header) {
   throw Error("its header is malformed: " + one_line(header.substr(0, 100)) +
@@ -106,7 +103,7 @@ std::string to_text(const std::vector<std::uint64_t>& shape) {
 
 /// @param row_stride, bound_stride Bytes in the file.
 template <class Number>
-std::vector<Number> load_rows(const std::string& data, std::size_t rows, bool big_endian,
+std::vector<Number> load_rows(const std::string& data, std::size_t rows, std::size_t columns, bool big_endian,
                               std::size_t row_stride, std::size_t bound_stride) {
   std::vector<Number> numbers;
   numbers.reserve(rows * columns);
@@ -134,7 +131,7 @@ std::string NpyHeader::shape_text() const {
 
 NpyHeader read_npy_header(std::istream& stream) {
   if (const std::string start = read_bytes(stream, magic.size()); start != magic) {
-    throw Error(start.starts_with("PK") ? "it is an archive (.npz) of .npy files; extract one, with unzip"
+    throw Error(start.starts_with("PK") ? "it is an archive (.npz) of .npy files; save one array as .npy"
                                         : "it is not a NumPy array: the magic bytes of .npy are missing");
   }
   const std::string version = read_bytes(stream, 2);
@@ -177,8 +174,12 @@ Aabb load_box(BoundType type, const char* lower, const char* upper, std::size_t 
 }
 
 BoxView FileBoxes::view() const& {
-  return std::visit([](const auto& all) { return BoxView::interleaved(all.data(), all.size() / columns); },
-                    numbers);
+  return std::visit(
+      [&](const auto& all) {
+        return columns == 6 ? BoxView::interleaved(all.data(), all.size() / columns)
+                            : BoxView::rectangles(all.data(), all.size() / columns);
+      },
+      numbers);
 }
 
 std::vector<Aabb> FileBoxes::as_float32() const {
@@ -189,13 +190,14 @@ std::vector<Aabb> FileBoxes::as_float32() const {
 
 FileBoxes read_boxes(std::istream& stream) {
   const NpyHeader header = read_npy_header(stream);
-  if (header.shape.size() != 2 || header.shape[1] != columns) {
-    throw Error("its shape is " + header.shape_text() + "; (n, 6) is needed: min x, y, z, max x, y, z");
+  if (header.shape.size() != 2 || (header.shape[1] != 6 && header.shape[1] != 4)) {
+    throw Error("its shape is " + header.shape_text() + "; (n, 6) or (n, 4) is needed: " + box_columns_text);
   }
   if (header.shape[0] > std::numeric_limits<std::uint32_t>::max()) {
     throw Error("its shape " + header.shape_text() + " is too large: boxes are numbered in 32 bits");
   }
   const auto rows = static_cast<std::size_t>(header.shape[0]);
+  const auto columns = static_cast<std::size_t>(header.shape[1]);
   const std::size_t size = rows * columns * header.bounds.size();
   const std::string data = read_bytes(stream, size);
   if (data.size() < size) {
@@ -212,18 +214,9 @@ FileBoxes read_boxes(std::istream& stream) {
   const std::size_t bound_stride = header.fortran_order ? rows * number : number;
   const bool big_endian = header.bounds.big_endian;
   if (header.bounds.is_double) {
-    return {load_rows<double>(data, rows, big_endian, row_stride, bound_stride)};
+    return {load_rows<double>(data, rows, columns, big_endian, row_stride, bound_stride), columns};
   }
-  return {load_rows<float>(data, rows, big_endian, row_stride, bound_stride)};
-}
-
-FileBoxes read_boxes(const std::filesystem::path& file) {
-  std::ifstream stream = open_input(file);
-  try {
-    return read_boxes(stream);
-  } catch (const Error& error) {
-    throw Error("cannot use " + quoted(file) + ": " + error.what());
-  }
+  return {load_rows<float>(data, rows, columns, big_endian, row_stride, bound_stride), columns};
 }
 
 std::string to_npy(std::span<const Pair> pairs) {

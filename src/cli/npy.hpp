@@ -5,7 +5,6 @@
 #include <broadcl/pair.hpp>
 #include <cstddef>
 #include <cstdint>
-#include <filesystem>
 #include <iosfwd>
 #include <span>
 #include <string>
@@ -46,9 +45,13 @@ struct NpyHeader {
 /// except that an empty box stays empty.
 [[nodiscard]] Aabb load_box(BoundType type, const char* lower, const char* upper, std::size_t stride);
 
-/// The numbers of boxes as a file has them: six per box, min x, y, z, max x, y, z.
+inline constexpr const char* box_columns_text = "min x, y, z, max x, y, z, or min x, y, max x, y";
+
+/// The numbers of boxes as a file has them: per box, min x, y, z, max x, y, z, or in two dimensions min x, y,
+/// max x, y.
 struct FileBoxes {
   std::variant<std::vector<float>, std::vector<double>> numbers;
+  std::size_t columns = 6;  ///< Or 4.
 
   /// Valid as long as the numbers.
   [[nodiscard]] BoxView view() const&;
@@ -56,12 +59,9 @@ struct FileBoxes {
   [[nodiscard]] std::vector<Aabb> as_float32() const;
 };
 
-/// Reads boxes from an array of shape (n, 6), one row per box: min x, y, z, max x, y, z. Takes float32 and
-/// float64, in either byte order, in C or Fortran order.
-/// @throws Error that names the file and what is wrong with it; for a NaN, also its row.
-[[nodiscard]] FileBoxes read_boxes(const std::filesystem::path& file);
-
-/// The same from a stream; errors do not name a file.
+/// Reads boxes from an array of shape (n, 6) or (n, 4), one row per box. Takes float32 and float64, in either
+/// byte order, in C or Fortran order.
+/// @throws Error that says what is wrong; for a NaN, also its row.
 [[nodiscard]] FileBoxes read_boxes(std::istream& stream);
 
 /// The bytes of an array of shape (m, 2), little-endian uint32, one row per pair.

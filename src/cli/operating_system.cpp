@@ -3,6 +3,7 @@
 #include <cstdlib>
 
 #ifdef _WIN32
+#include <fcntl.h>
 #include <io.h>
 #else
 #include <sys/utsname.h>
@@ -15,6 +16,10 @@ namespace broadcl::cli {
 
 bool is_terminal(std::FILE* stream) {
   return _isatty(_fileno(stream)) != 0;
+}
+
+void make_standard_input_binary() {
+  (void)_setmode(_fileno(stdin), _O_BINARY);
 }
 
 void stop_recording() {
@@ -30,6 +35,8 @@ std::string operating_system() {
 bool is_terminal(std::FILE* stream) {
   return isatty(fileno(stream)) != 0;
 }
+
+void make_standard_input_binary() {}
 
 void stop_recording() {
   (void)unsetenv("BROADCL_RECORD");  // NOLINT(concurrency-mt-unsafe)

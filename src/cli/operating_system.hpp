@@ -8,6 +8,9 @@ namespace broadcl::cli {
 
 [[nodiscard]] bool is_terminal(std::FILE* stream);
 
+/// Reads the bytes of standard input as they are. (Windows changes line ends otherwise.)
+void make_standard_input_binary();
+
 /// Unsets BROADCL_RECORD, for a verb that reads a recording, which may be the file that the variable names.
 void stop_recording();
 

@@ -11,8 +11,8 @@
 #include <vector>
 
 #include "cli/arguments.hpp"
+#include "cli/box_file.hpp"
 #include "cli/compiling.hpp"
-#include "cli/npy.hpp"
 #include "cli/output_file.hpp"
 #include "cli/stopwatch.hpp"
 #include "cli/text.hpp"
@@ -83,9 +83,12 @@ Exit run_pairs(const PairsOptions& options) {
 Verb add_pairs(CLI::App& program) {
   auto options = std::make_shared<PairsOptions>();
   CLI::App* verb = program.add_subcommand("pairs", "Find all overlapping pairs of an array of boxes");
-  verb->add_option("FILE", options->file,
-                   "NumPy array (.npy) of shape (n, 6), one row per box: min x, y, z, max x, y, z; float32 "
-                   "or float64, whose pairs are exact")
+  verb->add_option(
+          "FILE", options->file,
+          "NumPy array (.npy, or .npz with one array or one that is called boxes) of shape (n, 6), one "
+          "row per box: min x, y, z, max x, y, z; or (n, 4) in two dimensions: min x, y, max x, y; "
+          "float32 or float64, whose pairs are exact. Or text (.csv): a box per line, the same "
+          "numbers separated by commas, semicolons or spaces. - is standard input")
       ->required()
       ->type_name("");
   add_name(*verb, "--algorithm", options->broad_phase.algorithm,
