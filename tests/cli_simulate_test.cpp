@@ -1,4 +1,5 @@
 // `broadcl simulate`, run as users run it.
+#include <algorithm>
 #include <cstddef>
 #include <optional>
 #include <set>
@@ -94,7 +95,8 @@ TEST_F(Program, SimulateTimesTheOnlyFrameIfThereIsOne) {
 
 TEST_F(Program, SimulateComparesBroadPhasesWithTheFirst) {
   const Outcome outcome =
-      run("simulate --objects 40 --frames 12 --broadphase bullet-bf,sweep-and-prune,bullet-bvh --verify");
+      run("simulate --objects 40 --frames 12 --broadphase bullet-bf,sweep-and-prune,bullet-bvh --verify "
+          "--svg times.svg");
   expect_success(outcome);
   std::vector<std::string> names;
   for (const std::string& line : lines_of(outcome.out)) {
@@ -119,6 +121,12 @@ TEST_F(Program, SimulateComparesBroadPhasesWithTheFirst) {
        {"mixed-sizes, 40 cubes, 12 frames, seed 1\n", "\nUpdate and broad phase ",
         "\nbullet-bf     every frame has exactly", "\nbullet-bvh    no frame misses"}) {
     EXPECT_NE(outcome.out.find(part), std::string::npos) << part << " is not in\n" << outcome.out;
+  }
+  const std::string svg = read_file(path("times.svg"));
+  EXPECT_EQ(std::ranges::count(svg, '<'), std::ranges::count(svg, '>'));
+  for (const std::string part :
+       {">bullet-bf<", ">sweep-and-prune<", ">bullet-bvh<", " ms<", "×<", "40 cubes"}) {
+    EXPECT_NE(svg.find(part), std::string::npos) << part << " is not in\n" << svg;
   }
 }
 

@@ -74,5 +74,6 @@ printf '#!/usr/bin/env bash\necho 2\n' > "$tools/nproc"
 mkdir -p "$tools/build/src"
 printf '#!/usr/bin/env bash\n' > "$tools/build/src/broadcl"
 chmod +x "$tools/cmake" "$tools/nproc" "$tools/build/src/broadcl"
-PATH=$tools BROADCL_BUILD=$tools/build scripts/demo
+output=$(PATH=$tools BROADCL_BUILD=$tools/build scripts/demo)
+[[ $output == *$'\n'"The times above as a picture: $tools/build/demo.svg" ]] || fail "scripts/demo ends with: $output"
 grep -qx -- "--build $tools/build --parallel 2" "$tools/calls" || fail "scripts/demo builds: $(< "$tools/calls")"

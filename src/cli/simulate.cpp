@@ -28,17 +28,21 @@ struct SimulateOptions {
   std::string csv;
   std::string json;
   std::string record;
+  std::string svg;
 };
 
 Exit run_simulate(const SimulateOptions& options) {
   std::optional<OutputFile> csv;
   std::optional<OutputFile> json;
+  std::optional<OutputFile> svg;
   std::optional<RecordingWriter> recording;
   if (!options.csv.empty()) csv.emplace(options.csv);
   if (!options.json.empty()) json.emplace(options.json);
+  if (!options.svg.empty()) svg.emplace(options.svg);
   if (!options.record.empty()) recording.emplace(options.record, recording_info(options.simulation));
   refuse_same_file({{"--csv", csv ? &*csv : nullptr},
                     {"--json", json ? &*json : nullptr},
+                    {"--svg", svg ? &*svg : nullptr},
                     {"--record", recording ? &recording->file() : nullptr}});
 
   const SimulationResult result = [&] {
@@ -48,9 +52,14 @@ Exit run_simulate(const SimulateOptions& options) {
   }();
   if (csv) csv->write(csv_report(result));
   if (json) json->write(json_report(options.simulation, result));
+  if (svg) {
+    svg->write(
+        svg_report(scenario_line(options.simulation), {&options.simulation.broadphase, 1}, {&result, 1}));
+  }
   if (recording) recording->commit();
   if (csv) csv->commit();
   if (json) json->commit();
+  if (svg) svg->commit();
   std::cout << table_report(options.simulation, result);
   if (recording) {
     std::cout << "The recording contains the objects, but not the " << scenes::World::walls
@@ -68,6 +77,8 @@ Exit run_comparison(const SimulateOptions& options) {
     throw Error("--csv, --json, --record and --profile are for one broad phase; name one with --broadphase");
   }
   for (const std::string& name : names) (void)scenes::find_broadphase(name);
+  std::optional<OutputFile> svg;
+  if (!options.svg.empty()) svg.emplace(options.svg);
   std::vector<SimulationResult> results;
   {
     ProgressBar progress(std::uint64_t{options.simulation.frames} * names.size());
@@ -76,6 +87,10 @@ Exit run_comparison(const SimulateOptions& options) {
       config.broadphase = name;
       results.push_back(simulate(config, [&] { progress.advance(); }));
     }
+  }
+  if (svg) {
+    svg->write(svg_report(scenario_line(options.simulation), names, results));
+    svg->commit();
   }
   std::cout << comparison_report(scenario_line(options.simulation), times_of_simulation, names, results);
   const bool wrong = std::any_of(results.begin(), results.end(), [](const SimulationResult& result) {
@@ -122,6 +137,7 @@ Verb add_simulate(CLI::App& program) {
       *verb, "--record", options->record,
       "Write the boxes of all objects here, initially and after each frame, for 'broadcl replay': .aabbs "
       "or .npy, shape (1 + frames, objects, 6)");
+  add_file(*verb, "--svg", options->svg, "Draw the times of the broad phases here, as an SVG");
   verb->add_flag("--profile", simulation.profile,
                  "Report the stages of the broad phase; this also measures device times, which "
                  "costs a few microseconds per frame");

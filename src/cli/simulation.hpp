@@ -123,6 +123,11 @@ extern const std::string_view times_of_simulation;
                                             std::span<const std::string> broadphases,
                                             std::span<const SimulationResult> results);
 
+/// The same times as a picture (SVG).
+/// @param heading A line that says where the frames come from.
+[[nodiscard]] std::string svg_report(const std::string& heading, std::span<const std::string> broadphases,
+                                     std::span<const SimulationResult> results);
+
 /// json_report() for frames from another source, which `config` describes.
 [[nodiscard]] std::string json_report_of(const nlohmann::ordered_json& config,
                                          const SimulationResult& result);
