@@ -15,7 +15,7 @@ from PIL import Image, ImageDraw, ImageFont
 from selenium.webdriver.support.ui import WebDriverWait
 
 from browser import Browser
-from study import page
+from study import replay
 from study.data import Study, read_study
 from study.figures import STYLES
 from study.plan import StudyError
@@ -43,8 +43,8 @@ def _page(recordings: list[Recording]) -> str:
     style += " .controls,.scale,.note,.small{display:none}"
     return (
         f'<!DOCTYPE html><html lang="en"><meta charset="utf-8"><style>{style}</style>'
-        + (page.HERE / "replay.html").read_text(encoding="utf-8")
-        + page.replay_scripts([replay_data(r, most_boxes=sys.maxsize) | {"top_overlaps": TOP_OVERLAPS} for r in recordings])
+        + replay.CONTROLS
+        + replay.scripts([replay_data(r, most_boxes=sys.maxsize) | {"top_overlaps": TOP_OVERLAPS} for r in recordings])
     )
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import re
 import shutil
@@ -15,7 +14,7 @@ import matplotlib
 import numpy as np
 from markupsafe import Markup, escape
 
-from study import figures, statistics, verdict
+from study import figures, replay, statistics, verdict
 from study.data import INEXACT, METRICS, Cell, Study, read_study
 from study.plan import BULLETS, listed
 from study.recording import Recording, read_recordings, replay_data
@@ -24,13 +23,6 @@ from study.statistics import compare, ratio_digits, rest_of, standing, three_dig
 
 HERE = Path(__file__).parent
 KEY_FRAMES = 4
-
-
-def replay_scripts(runs: list[dict[str, Any]]) -> str:
-    """What the replay needs, of runs by replay_data()."""
-    ramp = np.rint(matplotlib.colormaps["viridis"](np.arange(256))[:, :3] * 255).astype(int).ravel().tolist()
-    text = json.dumps({"runs": runs, "ramp": ramp}, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
-    return f'<script type="application/json" id="recordings">{text}</script><script>{(HERE / "replay.js").read_text()}</script>'
 
 
 def _with_code(text: str) -> Markup:
@@ -109,8 +101,8 @@ def page(study: Study, recordings: list[Recording], files: list[str]) -> str:
         METRICS=METRICS, INEXACT=INEXACT, row=_row, ran_on=_ran_on,
         over_frames={s: _frame_figures(study, s) for s in study.scenarios},
         over_objects={m: Markup(figures.inline(figures.over_objects(study, m))) for m in METRICS},
-        style=Markup((HERE / "style.css").read_text()), replay=Markup((HERE / "replay.html").read_text()),
-        scripts=Markup(replay_scripts(runs)),
+        style=Markup(replay.STYLE + (HERE / "style.css").read_text()), replay=Markup(replay.CONTROLS),
+        scripts=Markup(replay.scripts(runs)),
     )  # fmt: skip
 
 

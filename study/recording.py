@@ -1,9 +1,7 @@
-"""Recorded runs, and how the replay gets them: thinned, quantised and packed."""
+"""Recorded runs, and how the replay gets them: thinned."""
 
 from __future__ import annotations
 
-import base64
-import zlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from study.plan import StudyError
+from study.replay import LEVELS, pack, quantised
 
 FRAME_SECONDS = 1 / 30
 MOST_BOXES = 48_000  # that the page has of a recording; those of frames in between are interpolated
-LEVELS = 4095  # of a coordinate: some millimetres each, a tenth of a pixel
 
 
 @dataclass(frozen=True)
@@ -65,29 +63,18 @@ def count_overlaps(boxes: np.ndarray) -> np.ndarray:
     return counts
 
 
-def quantised(boxes: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Coordinates as uint16, scaled between the corners."""
-    size = np.where(high > low, high - low, 1)
-    return np.rint((boxes - np.tile(low, 2)) / np.tile(size, 2) * LEVELS).astype(np.uint16)
-
-
-def pack(numbers: np.ndarray) -> str:
-    """As little-endian uint16, deflated, in base64."""
-    return base64.b64encode(zlib.compress(numbers.astype("<u2").tobytes(), 9)).decode("ascii")
-
-
 def replay_data(recording: Recording, most_boxes: int = MOST_BOXES) -> dict[str, Any]:
     """A recording as the page's replay reads it: as many of its frames, evenly spaced, as have so many boxes."""
     low, high, objects = recording.low, recording.high, recording.boxes.shape[1]
     stride = max(1, -(-len(recording.boxes) * objects // most_boxes))
     frames = range(0, len(recording.boxes), stride)
-    # Grouped by coordinate, as replay.js reads them.
     steps = np.stack([quantised(recording.boxes[f], low, high).T for f in frames])
     overlaps = np.stack([np.minimum(count_overlaps(recording.boxes[f]), 255) for f in frames]).astype(np.uint16)
     speeds = np.concatenate([recording.speeds(f, stride) for f in frames])
     return {
         "scenario": recording.scenario, "objects": objects, "recorded_frames": len(recording.boxes), "stride": stride,
         "frames": len(frames), "frame_seconds": FRAME_SECONDS, "levels": LEVELS, "low": low.tolist(), "high": high.tolist(),
+        "colours": ["speed", "overlaps"],
         "top_speed": max(float(np.quantile(speeds, 0.98)), 1e-3),
         "top_overlaps": max(int(np.quantile(overlaps, 0.99)), 1),
         "boxes": pack(steps), "overlaps": pack(overlaps),

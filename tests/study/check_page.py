@@ -96,7 +96,7 @@ def replay(browser: Browser, _: Path) -> None:
     assert len(set(shown)) == 4, "colours, outlines or boxes change nothing"
     canvas = browser.driver.find_element("css selector", "#replay-canvas")
     change("slider", 0)
-    step = browser.js("return JSON.parse(document.getElementById('recordings').textContent).runs[0].stride")
+    step = browser.js("return JSON.parse(document.getElementById('recordings').textContent)[0].stride")
     for key, expected in ((".", step), (".", 2 * step), (",", step)):
         canvas.send_keys(key)
         browser.settle()
