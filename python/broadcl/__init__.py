@@ -35,6 +35,7 @@ from ._core import (
     squared_distances,
 )
 from ._core import version as __version__
+from ._view import Page, view
 
 __all__ = [
     "ALL_WORLDS",
@@ -50,6 +51,7 @@ __all__ = [
     "Error",
     "InvertedBoxesWarning",
     "OutOfDeviceMemory",
+    "Page",
     "__version__",
     "algorithms",
     "along",
@@ -61,6 +63,7 @@ __all__ = [
     "pairs_that_share",
     "select_device",
     "squared_distances",
+    "view",
 ]
 
 # Functions are pickled by their names, as Python's own are.

@@ -6,8 +6,9 @@ import argparse
 import contextlib
 import io
 import sys
+from pathlib import Path
 
-from . import Error, __version__, check, devices, select_device
+from . import Error, __version__, _view, check, devices, select_device
 
 
 def _devices(_: argparse.Namespace) -> int:
@@ -35,6 +36,18 @@ def _check(arguments: argparse.Namespace) -> int:
     return 0 if works else 1
 
 
+def _view_file(arguments: argparse.Namespace) -> int:
+    file = Path(arguments.file)
+    out = Path(arguments.out or f"{file.stem}.html")
+    page = _view.view_file(file)
+    try:
+        page.save(out)
+    except OSError as error:
+        raise ValueError(f"cannot write '{out}': {error.strerror}") from error
+    print(f"'{out}' ({len(page.html.encode()) / 1000:,.0f} kB); open it in a browser")
+    return 0
+
+
 def _write(text: str) -> None:
     try:
         if sys.stdout is None:
@@ -47,7 +60,7 @@ def _write(text: str) -> None:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(prog="python -m broadcl", description="Does BroadCL work here?")
+    parser = argparse.ArgumentParser(prog="python -m broadcl", description="Does BroadCL work here, and what do boxes look like?")
     parser.add_argument("--version", action="version", version=__version__)
     verbs = parser.add_subparsers(required=True, metavar="VERB")
 
@@ -57,6 +70,11 @@ def main() -> int:
     verb = verbs.add_parser("check", help="compare every algorithm on a device with the oracle")
     verb.add_argument("--device", help='"P:D", gpu, cpu, accelerator, or a part of the name')
     verb.set_defaults(run=_check)
+
+    verb = verbs.add_parser("view", help="make a page in which boxes can be seen")
+    verb.add_argument("file", metavar="FILE", help="boxes: .npy, .npz or .csv, or a recording: .aabbs")
+    verb.add_argument("--out", metavar="PAGE", help="default: the name of FILE with .html, in this folder")
+    verb.set_defaults(run=_view_file)
 
     arguments = parser.parse_args()
     try:
