@@ -30,7 +30,7 @@ TEST_F(Program, Version) {
 }
 
 TEST_F(Program, HelpForAll) {
-  for (const std::string verb : {"", "devices", "simulate", "replay", "pairs", "check"}) {
+  for (const std::string verb : {"", "devices", "simulate", "replay", "pairs", "view", "check"}) {
     const Outcome outcome = run(verb + " --help");
     expect_success(outcome);
     EXPECT_NE(outcome.out.find("--help"), std::string::npos) << verb;
@@ -40,7 +40,7 @@ TEST_F(Program, HelpForAll) {
 TEST_F(Program, HelpOfAllHasEveryVerbAndOption) {
   const std::string page = run("--help-all").out;
   std::size_t options = 0;
-  for (const std::string verb : {"devices", "simulate", "replay", "pairs", "check"}) {
+  for (const std::string verb : {"devices", "simulate", "replay", "pairs", "view", "check"}) {
     EXPECT_NE(page.find("\n" + verb + "\n"), std::string::npos) << verb;
     const std::string help = run(verb + " --help").out;
     const std::regex option("\n  (--[a-z-]+)");
@@ -254,6 +254,24 @@ TEST_F(Program, NamesTheFileIfTheWorkingFolderIsGone) {
   EXPECT_EQ(read_file(path("stderr.txt")), "broadcl: cannot write 'run.csv': No such file or directory\n");
 }
 
+TEST_F(Program, ViewRunsThePythonPackage) {
+  write_file(path("runpy.py"), "raise SystemExit(9)\n");  // which is not what is imported
+  fs::create_directories(path("packages/broadcl"));
+  write_file(path("packages/broadcl/__main__.py"), "import sys\nprint(*sys.argv[1:])\nsys.exit(1)\n");
+  const Outcome outcome =
+      run("view four.npy --out page.html", "PYTHONPATH='" + path("packages").string() + "'");
+  EXPECT_EQ(outcome.exit_code, 1);
+  EXPECT_EQ(outcome.out, "view four.npy --out page.html\n");
+  EXPECT_EQ(outcome.err, "");
+}
+
+TEST_F(Program, ViewSaysWhatToInstall) {
+  expect_refused(run("view four.npy", "PATH=nowhere"), "cannot start python3: No such file or directory");
+  write_file(path("python3"), "#!/bin/sh\nexec /usr/bin/python3 -I -S \"$@\"\n");  // without packages
+  fs::permissions(path("python3"), fs::perms::owner_all);
+  expect_refused(run("view four.npy", "PATH=."), "view needs the Python package");
+}
+
 struct BadInput {
   std::string name;
   std::string arguments;
@@ -273,9 +291,9 @@ TEST_P(ProgramBadInput, IsRefusedAndLeavesNothing) {
 }
 
 const std::vector<BadInput> bad_inputs = {
-    {"NoVerb", "", "no verb given; use devices, simulate, replay, pairs or check; see"},
+    {"NoVerb", "", "no verb given; use devices, simulate, replay, pairs, view or check; see"},
     {"UnknownVerb", "frobnicate",
-     "unknown verb 'frobnicate'; use devices, simulate, replay, pairs or check; see 'broadcl --help'"},
+     "unknown verb 'frobnicate'; use devices, simulate, replay, pairs, view or check; see 'broadcl --help'"},
     {"UnknownVerbWithOptions", "frobnicate --json", "unknown verb 'frobnicate'"},
     {"LineBreakInVerb", "'frob\nnicate'", "unknown verb 'frob nicate'"},
     {"TwoVerbs", "devices check", "check"},
@@ -290,6 +308,8 @@ const std::vector<BadInput> bad_inputs = {
     {"OptionTwice", "simulate --objects 5 --objects 6", "--objects"},
     {"FlagWithValue", "simulate --spheres=maybe", "spheres"},
 
+    {"ViewNoFile", "view", "FILE"},
+    {"ViewOutWithoutName", "view four.npy --out ''", "name a file"},
     {"PairsNoFile", "pairs", "FILE"},
     {"PairsTwoFiles", "pairs four.npy four.npy", "four.npy"},
     {"PairsMissingFile", "pairs missing.npy", "'missing.npy'"},

@@ -16,7 +16,7 @@ expect() {
   completed=$(script -qec 'bash --norc --noprofile -i' /dev/null <<< "${keys}exit" | sed -nE 's/^\[ (.*) \]\r$/\1/p')
   [[ $completed == "$2" ]] || { echo "'$1' becomes '$completed', not '$2'" >&2; exit 1; }
 }
-expect 'broadcl ' 'broadcl check devices pairs replay simulate'
+expect 'broadcl ' 'broadcl check devices pairs replay simulate view'
 expect 'broadcl che' 'broadcl check'
 expect 'broadcl --' 'broadcl --help --help-all --version'
 expect 'broadcl check --' 'broadcl check --device --help --report'

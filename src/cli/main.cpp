@@ -46,7 +46,7 @@ std::vector<Verb> add_verbs(CLI::App& program) {
 #ifdef BROADCL_WITH_BULLET
       add_simulate(program), add_replay(program),
 #endif
-      add_pairs(program),    add_check(program),
+      add_pairs(program),    add_view(program),   add_check(program),
   };
 }
 

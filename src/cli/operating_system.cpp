@@ -2,10 +2,14 @@
 
 #include <cstdlib>
 
+#include <broadcl/error.hpp>
 #ifdef _WIN32
 #include <fcntl.h>
 #include <io.h>
 #else
+#include <cerrno>
+#include <system_error>
+
 #include <sys/utsname.h>
 #include <unistd.h>
 #endif
@@ -30,6 +34,10 @@ std::string operating_system() {
   return "Windows";
 }
 
+void replace_process(std::vector<std::string> arguments) {
+  throw Error("on Windows, this cannot start " + arguments.front() + "; see docs/see.md");
+}
+
 #else
 
 bool is_terminal(std::FILE* stream) {
@@ -46,6 +54,16 @@ std::string operating_system() {
   utsname system{};
   uname(&system);
   return std::string(system.sysname) + " " + system.release + " " + system.machine;
+}
+
+void replace_process(std::vector<std::string> arguments) {
+  std::vector<char*> pointers;
+  pointers.reserve(arguments.size() + 1);
+  for (std::string& argument : arguments) pointers.push_back(argument.data());
+  pointers.push_back(nullptr);
+  execvp(pointers.front(), pointers.data());
+  throw Error("cannot start " + arguments.front() + ": " + std::generic_category().message(errno) +
+              "; install it");
 }
 
 #endif

@@ -2,6 +2,7 @@
 
 #include <cstdio>
 #include <string>
+#include <vector>
 
 /// What differs between operating systems, and only the program uses.
 namespace broadcl::cli {
@@ -16,5 +17,10 @@ void stop_recording();
 
 /// Name, release and processor of the system: "Linux 6.1.0-32-amd64 x86_64". (On Windows, only its name.)
 [[nodiscard]] std::string operating_system();
+
+/// Runs a program, found as a shell finds it, in place of this one.
+/// @param arguments Begin with the name of the program.
+/// @throws Error if it cannot be started. On Windows, none can.
+[[noreturn]] void replace_process(std::vector<std::string> arguments);
 
 }  // namespace broadcl::cli

@@ -26,6 +26,7 @@ struct Verb {
 [[nodiscard]] Verb add_simulate(CLI::App& program);
 [[nodiscard]] Verb add_replay(CLI::App& program);
 [[nodiscard]] Verb add_pairs(CLI::App& program);
+[[nodiscard]] Verb add_view(CLI::App& program);
 [[nodiscard]] Verb add_check(CLI::App& program);
 
 }  // namespace broadcl::cli
