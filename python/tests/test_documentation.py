@@ -46,6 +46,12 @@ def test_the_first_page():
     assert len(names["added"])
 
 
+def test_the_page_about_seeing_boxes(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    exec(code((ROOT / "docs/see.md").read_text()), {})
+    assert (tmp_path / "boxes.html").stat().st_size > 30_000
+
+
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 def test_the_definition_of_rays_and_nearest(dtype):
     page = {}
