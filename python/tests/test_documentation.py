@@ -52,6 +52,10 @@ def test_the_page_about_seeing_boxes(tmp_path, monkeypatch):
     assert (tmp_path / "boxes.html").stat().st_size > 30_000
 
 
+def test_the_gallery_compiles():  # without its data
+    assert "view" in compile(code((ROOT / "docs/gallery.md").read_text()), "gallery.md", "exec").co_names
+
+
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 def test_the_definition_of_rays_and_nearest(dtype):
     page = {}
