@@ -2,18 +2,24 @@
 
 #include <algorithm>
 #include <array>
+#include <cstddef>
+#include <cstdint>
 #include <iterator>
 #include <span>
 #include <vector>
 
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include "each_algorithm.hpp"
+#include "expect_error.hpp"
 #include "rounding.hpp"
 #include "twins.hpp"
 
 namespace broadcl::test {
 namespace {
+
+using ::testing::HasSubstr;
 
 constexpr Filter in_world(std::uint32_t world) {
   return {.world = world};
@@ -35,6 +41,73 @@ TEST(Filter, PairsNeedBothMasksOneWorldAndTwoBodies) {
   static_assert(may_pair(in_world(Filter::all_worlds), in_world(Filter::all_worlds)));
   static_assert(!may_pair(of_body(0), of_body(0)) && may_pair(of_body(0), of_body(1)));
   static_assert(may_pair(of_body(Filter::no_body), of_body(Filter::no_body)));
+}
+
+/// Whether two layers pair, for up to 99 layers.
+bool random_pairs(std::size_t a, std::size_t b) {
+  return (std::minmax(a, b).first * 31 + std::max(a, b) * 17) % 7 < 3;
+}
+
+template <class Rule>
+void expect_rule(const std::vector<Filter>& filters, const Rule& rule) {
+  for (std::size_t a = 0; a < filters.size(); ++a) {
+    for (std::size_t b = 0; b < filters.size(); ++b) {
+      ASSERT_EQ(may_pair(filters[a], filters[b]), rule(a, b)) << a << " and " << b;
+    }
+  }
+}
+
+TEST(Filter, OfLayersFollowTheRule) {
+  EXPECT_TRUE(filters_from_layers(0, random_pairs).empty());
+  for (const std::size_t layers : {1U, 2U, 31U, 32U}) {
+    const std::vector<Filter> filters = filters_from_layers(layers, random_pairs);
+    ASSERT_EQ(filters.size(), layers);
+    expect_rule(filters, random_pairs);
+    for (std::size_t k = 0; k < layers; ++k) EXPECT_EQ(filters[k].group, 1U << k);
+  }
+}
+
+TEST(Filter, OfManyLayersShareGroups) {
+  const auto rule = [](std::size_t a, std::size_t b) { return random_pairs(a % 32, b % 32); };
+  const std::vector<Filter> filters = filters_from_layers(100, rule);
+  expect_rule(filters, rule);
+  EXPECT_EQ(filters[0], filters[32]);
+}
+
+TEST(Filter, OfLayersThatDoNotFitAreRefused) {
+  EXPECT_THAT(error_of([] {
+                (void)filters_from_layers(9, [](std::size_t a, std::size_t b) { return a == 2 && b == 5; });
+              }),
+              HasSubstr("layers 2 and 5 pair in one direction only"));
+  const auto others = [](std::size_t a, std::size_t b) { return a != b; };
+  EXPECT_EQ(filters_from_layers(32, others).size(), 32U);
+  EXPECT_THAT(error_of([&] { (void)filters_from_layers(33, others); }), HasSubstr("more than 32 kinds"));
+}
+
+TEST(Filter, OfOneSidedRulesNeedOneDirection) {
+  std::vector<std::uint32_t> types;
+  std::vector<std::uint32_t> affinities;
+  const auto rule = [&](std::size_t a, std::size_t b) {
+    return ((types[a] & affinities[b]) | (types[b] & affinities[a])) != 0;
+  };
+  for (std::uint32_t k = 0; k < 200; ++k) {
+    types.push_back(k % 3 << 30U);
+    affinities.push_back(k * k % 4 << 29U);
+  }
+  const std::vector<Filter> filters = filters_from_one_sided(types, affinities);
+  ASSERT_EQ(filters.size(), 200U);
+  expect_rule(filters, rule);
+
+  // More than 32 combinations, which differ in what has no effect.
+  for (std::uint32_t k = 0; k < 200; ++k) types[k] |= k << 3U;
+  expect_rule(filters_from_one_sided(types, affinities), rule);
+
+  for (std::uint32_t k = 0; k < 200; ++k) affinities[k] |= k << 3U;
+  EXPECT_THAT(error_of([&] { (void)filters_from_one_sided(types, affinities); }),
+              HasSubstr("more than 32 kinds"));
+  types.pop_back();
+  EXPECT_THAT(error_of([&] { (void)filters_from_one_sided(types, affinities); }),
+              HasSubstr("199 types and 200 affinities"));
 }
 
 /// Boxes that all lie in the same place, with the given filters: the pairs must be the expected ones, and the

@@ -3,7 +3,13 @@
 #include <broadcl/cxx20.hpp>
 #ifdef BROADCL_CXX20
 
+#include <cstddef>
 #include <cstdint>
+#include <functional>
+#include <span>
+#include <vector>
+
+#include <broadcl/export.h>
 
 namespace broadcl {
 
@@ -45,6 +51,26 @@ inline constexpr Filter Filter::second_set{.group = 2, .mask = 1};
   return (s.group & t.mask) != 0 && (t.group & s.mask) != 0 && worlds_meet &&
          (s.body != t.body || s.body == Filter::no_body);
 }
+
+/// Filters of layers, by a function that says which of them pair, for instance by a matrix. An object gets
+/// that of its layer; body and world may be set in it.
+///
+/// Up to 32 layers are the groups: layer k has the bit k. Of more layers, those that pair with the same
+/// layers share a group.
+/// @param pairs Whether two layers pair, by their indices; the same for (a, b) as for (b, a).
+/// @throws Error if it differs for (a, b) and (b, a), and if more than 32 groups would be needed.
+[[nodiscard]] BROADCL_API std::vector<Filter> filters_from_layers(
+    std::size_t layers, const std::function<bool(std::size_t, std::size_t)>& pairs);
+
+/// Filters of objects of which two pair if either has a type of the other's affinity, where Filter asks for
+/// both. These are MuJoCo's contype and conaffinity.
+/// @param types One bit per type of each object.
+/// @param affinities One bit per type with which each object pairs.
+/// @returns One filter per object, of as many groups as there are combinations; if these are more than 32,
+/// those that pair with the same ones share a group.
+/// @throws Error if there are not as many types as affinities, and if more than 32 groups would be needed.
+[[nodiscard]] BROADCL_API std::vector<Filter> filters_from_one_sided(
+    std::span<const std::uint32_t> types, std::span<const std::uint32_t> affinities);
 
 }  // namespace broadcl
 
