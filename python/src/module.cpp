@@ -1,9 +1,11 @@
 #include <nanobind/nanobind.h>
+#include <nanobind/ndarray.h>
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/vector.h>
 
 #include <array>
 #include <cstddef>
+#include <cstdint>
 #include <exception>
 #include <optional>
 #include <span>
@@ -13,6 +15,7 @@
 
 #include <broadcl/version.h>
 #include <broadcl/broad_phase.hpp>
+#include <broadcl/filter.hpp>
 
 #include "arrays.hpp"
 #include "box_array.hpp"
@@ -185,6 +188,37 @@ nb::object find_sharing(nb::handle a, nb::handle b) {
                    : pairs_that_share(first.all(), first.columns());
   }
   return to_array(std::move(pairs));
+}
+
+/// The groups and the masks.
+nb::tuple to_arrays(const std::vector<Filter>& filters) {
+  std::vector<std::uint32_t> groups;
+  std::vector<std::uint32_t> masks;
+  for (const Filter& filter : filters) {
+    groups.push_back(filter.group);
+    masks.push_back(filter.mask);
+  }
+  return nb::make_tuple(to_array(std::move(groups)), to_array(std::move(masks)));
+}
+
+nb::tuple make_filters_from_layers(nb::handle matrix) {
+  refuse_masked(matrix, "matrix");
+  const nb::object numpy = nb::module_::import_("numpy");
+  const nb::object flags = numpy.attr("ascontiguousarray")(matrix, "dtype"_a = "bool");
+  nb::ndarray<const bool, nb::ndim<2>, nb::c_contig, nb::device::cpu> pairs;
+  if (!nb::try_cast(flags, pairs) || pairs.shape(0) != pairs.shape(1)) {
+    throw nb::value_error((std::string("matrix must be of shape (n, n), not ") +
+                           nb::str(nb::handle(flags.attr("shape"))).c_str())
+                              .c_str());
+  }
+  return to_arrays(
+      filters_from_layers(pairs.shape(0), [&](std::size_t a, std::size_t b) { return pairs(a, b); }));
+}
+
+nb::tuple make_filters_from_one_sided(nb::handle types, nb::handle affinities) {
+  const Words of_types(types, "types", {.is_bits = true});
+  const Words of_affinities(affinities, "affinities", {.is_bits = true});
+  return to_arrays(filters_from_one_sided(of_types.all(), of_affinities.all()));
 }
 
 nb::dict algorithm_summaries() {
@@ -553,6 +587,77 @@ TypeError
     For another dtype.
 MemoryError
     If memory runs out.)");
+  module.def("filters_from_layers", with_keywords("filters_from_layers", &make_filters_from_layers),
+             "matrix"_a = nb::none(), "unknown"_a,
+             nb::sig("def filters_from_layers(matrix: numpy.typing.ArrayLike) -> tuple[" ARRAY(
+                 "uint32") ", " ARRAY("uint32") "]"),
+             R"(Makes groups and masks from a matrix that says which layers pair.
+
+Up to 32 layers are the groups: layer k has the bit k. Of more layers, those that pair with the same
+layers share a group.
+
+Parameters
+----------
+matrix : array_like
+    ``(n, n)``, symmetric: whether two layers pair.
+
+Returns
+-------
+group, mask : numpy.ndarray
+    ``(n,)`` uint32, by layer: give ``group=group[layer], mask=mask[layer]`` to `BroadPhase.add`.
+
+Raises
+------
+ValueError
+    For a matrix that is not symmetric, if more than 32 groups would be needed, and for a wrong shape.
+
+Examples
+--------
+>>> still, moving = 0, 1
+>>> group, mask = broadcl.filters_from_layers([[False, True], [True, True]])
+>>> layer = np.array([still, still, moving])
+>>> broad_phase = broadcl.BroadPhase()
+>>> ids = broad_phase.add(np.tile([0, 0, 0, 1, 1, 1], (3, 1)), group=group[layer], mask=mask[layer])
+>>> broad_phase.update().added.tolist()
+[[0, 2], [1, 2]])");
+  module.def(
+      "filters_from_one_sided", with_keywords("filters_from_one_sided", &make_filters_from_one_sided),
+      "types"_a = nb::none(), "affinities"_a = nb::none(), "unknown"_a,
+      nb::sig("def filters_from_one_sided(types: numpy.typing.ArrayLike, affinities: "
+              "numpy.typing.ArrayLike) -> tuple[" ARRAY("uint32") ", " ARRAY("uint32") "]"),
+      R"(Makes groups and masks of objects of which two pair if either has a type of the other's affinity.
+
+With `group` and `mask`, both would be needed. MuJoCo's contype and conaffinity are such types and
+affinities.
+
+Parameters
+----------
+types : array_like of int
+    ``(n,)``: one bit per type of each object.
+affinities : array_like of int
+    ``(n,)``: one bit per type with which each object pairs.
+
+Returns
+-------
+group, mask : numpy.ndarray
+    ``(n,)`` uint32, by object, for `BroadPhase.add`. There are as many groups as combinations; if these are
+    more than 32, those that pair with the same ones share a group.
+
+Raises
+------
+ValueError
+    If more than 32 groups would be needed, and for a wrong shape.
+TypeError
+    For another dtype.
+
+Examples
+--------
+>>> contype, conaffinity = [1, 0, 0], [0, 1, 0]      # the second accepts the first
+>>> group, mask = broadcl.filters_from_one_sided(contype, conaffinity)
+>>> broad_phase = broadcl.BroadPhase()
+>>> ids = broad_phase.add(np.tile([0, 0, 0, 1, 1, 1], (3, 1)), group=group, mask=mask)
+>>> broad_phase.update().added.tolist()
+[[0, 1]])");
   module.def("devices", with_keywords("devices", &all_devices), nb::sig("def devices() -> list[Device]"),
              R"(Lists the OpenCL devices that can be used.
 
