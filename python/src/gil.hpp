@@ -5,6 +5,11 @@
 #include <chrono>
 #include <thread>
 
+#ifdef Py_GIL_DISABLED
+#error \
+    "BroadCL does not support free-threaded Python: use an interpreter with a GIL, for instance 3.14 in place of 3.14t"
+#endif
+
 namespace broadcl::python {
 
 /// Releases the GIL as long as it exists.

@@ -1,6 +1,7 @@
 import os
 import subprocess
 import sys
+import sysconfig
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
@@ -10,6 +11,7 @@ import pytest
 
 import broadcl
 from conftest import oracle, uniform
+from test_documentation import ROOT
 
 
 def test_a_second_thread_gets_an_error_and_others_go_on():
@@ -99,3 +101,11 @@ time.sleep(0.1)
     for _ in range(3 if os.environ.get("BROADCL_HYPOTHESIS") == "quick" else 10):
         run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
         assert run.returncode == 0, run.stderr
+
+
+def test_a_free_threaded_interpreter_is_refused():
+    compiler = sysconfig.get_config_var("CC").split()[0]
+    folder = sysconfig.get_paths()["include"]
+    run = subprocess.run([compiler, "-E", "-x", "c++", "-DPy_GIL_DISABLED", f"-I{folder}", ROOT / "python/src/gil.hpp"],
+                         capture_output=True, text=True)
+    assert run.returncode and "does not support free-threaded Python" in run.stderr
