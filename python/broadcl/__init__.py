@@ -70,5 +70,8 @@ __all__ = [
     "view",
 ]
 
+for _value in (Page, check, view):
+    _value.__module__ = __name__
+
 # Functions are pickled by their names, as Python's own are.
 copyreg.pickle(type(overlapping_pairs), lambda function: function.__qualname__)

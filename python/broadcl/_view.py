@@ -81,6 +81,12 @@ def view(
         For other types than float32, float64 and integers.
     Error
         If the pairs cannot be found.
+
+    Examples
+    --------
+    >>> page = broadcl.view([[0, 0, 2, 2], [1, 1, 3, 3], [5, 5, 6, 6]], title="Three squares")
+    >>> "Three squares" in page.html
+    True
     """
     given = {"group": group, "mask": mask, "body": body, "world": world}
     return Page(_page(_frames.from_boxes(boxes, distance, **given), title))

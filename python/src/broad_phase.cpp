@@ -5,6 +5,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <string>
+#include <utility>
 
 #include "classes.hpp"
 #include "config.hpp"
@@ -31,30 +32,45 @@ bool is_float64(nb::handle dtype) {
   return is_double;
 }
 
-}  // namespace
+nb::handle delta;  // the class, which the module owns, and is never unloaded
 
-// NOLINTNEXTLINE(readability-function-size): a table
-void add_broad_phase(nb::module_& module) {
-  nb::class_<Changes>(module, "Delta",
-                      R"(What changed between two updates: ``added, removed = broad_phase.update()``.
+void add_delta(nb::module_& module) {
+  const nb::object type = nb::module_::import_("collections")
+                              .attr("namedtuple")("Delta", nb::make_tuple("added", "removed"),
+                                                  "module"_a = module.attr("__name__"));
+  type.attr("__doc__") = R"(What changed between two updates: ``added, removed = broad_phase.update()``.
+
+``added`` has the pairs that began to overlap, ``removed`` those that ceased to: ``(m, 2)`` uint32, in
+canonical order.
 
 Apply ``removed`` first: if an object was removed and a new one got its id in between, the same pair
 of ids may be in both. You may keep the arrays for as long as you like. Up to 2,048 pairs are a copy.
 A longer array is a view of the core's memory, which is not reused as long as the array exists, and
-may be several times as large; copy the arrays if you keep those of many updates.)")
-      .def_ro("added", &Changes::added, nb::sig("def added(self) -> numpy.typing.NDArray[numpy.uint32]"),
-              "``(m, 2)`` uint32: the pairs that began to overlap, in canonical order.")
-      .def_ro("removed", &Changes::removed,
-              nb::sig("def removed(self) -> numpy.typing.NDArray[numpy.uint32]"),
-              "``(m, 2)`` uint32: the pairs that ceased to overlap, in canonical order.")
-      .def(
-          "__iter__",
-          [](const Changes& changes) { return nb::iter(nb::make_tuple(changes.added, changes.removed)); },
-          nb::sig("def __iter__(self) -> collections.abc.Iterator[numpy.typing.NDArray[numpy.uint32]]"))
-      .def("__repr__", [](const Changes& changes) {
-        return nb::str("Delta(added={!r}, removed={!r})").format(changes.added, changes.removed);
-      });
+may be several times as large; copy the arrays if you keep those of many updates.
 
+Examples
+--------
+>>> broad_phase = broadcl.BroadPhase()
+>>> broad_phase.update([[0, 0, 2, 2], [1, 1, 3, 3]])
+Delta(added=array([[0, 1]], dtype=uint32), removed=array([], shape=(0, 2), dtype=uint32)))";
+  module.attr("Delta") = type;
+  delta = type;
+}
+
+}  // namespace
+
+nb::object make_delta(nb::object&& added, nb::object&& removed) {
+  // What the class itself does, but it would be called as a function of Python.
+  static const auto make = reinterpret_cast<newfunc>(PyType_GetSlot(&PyTuple_Type, Py_tp_new));
+  const nb::tuple fields = nb::make_tuple(nb::make_tuple(std::move(added), std::move(removed)));
+  nb::object result = nb::steal(make(reinterpret_cast<PyTypeObject*>(delta.ptr()), fields.ptr(), nullptr));
+  if (!result.is_valid()) throw nb::python_error();
+  return result;
+}
+
+// NOLINTNEXTLINE(readability-function-size): a table
+void add_broad_phase(nb::module_& module) {
+  add_delta(module);
   nb::class_<Objects> objects(
       module, "BroadPhase",
       R"(Holds a set of moving boxes, and reports at each `update` which pairs began and which ceased to overlap.
@@ -93,7 +109,21 @@ Error
     For an unknown device, unless the algorithm is one of the host, and if OpenCL fails.
 RuntimeError
     By every method, if another thread is using the object. Only `overlapping`, `nearest`, `along` and
-    `partners` may be called by several threads at the same time.)");
+    `partners` may be called by several threads at the same time.
+
+Examples
+--------
+>>> broad_phase = broadcl.BroadPhase()
+>>> ids = broad_phase.add([[0, 0, 2, 2], [1, 1, 3, 3], [5, 5, 6, 6]])
+>>> broad_phase.update().added.tolist()
+[[0, 1]]
+>>> broad_phase.move(2, [2, 2, 4, 4])
+>>> broad_phase.remove(0)
+>>> added, removed = broad_phase.update()
+>>> added.tolist(), removed.tolist()
+([[1, 2]], [[0, 1]])
+>>> broad_phase.pairs().tolist(), len(broad_phase), 0 in broad_phase
+([[1, 2]], 2, False))");
   objects
       .def("__init__",
            with_keywords(
@@ -296,8 +326,6 @@ ValueError
     For more than 2,147,483,648 objects.
 Error
     Between `begin` and `finish`, and if there is no memory for the boxes.)")
-      .def("contains", with_keywords("contains", &Objects::contains), "id"_a = nb::none(), "unknown"_a,
-           nb::sig("def contains(self, id: int) -> bool"), "Whether an object has this id.")
       .def("box", with_keywords("box", &Objects::box), "id"_a = nb::none(), "unknown"_a,
            nb::sig("def box(self, id: int) -> numpy.typing.NDArray[numpy.float32] | "
                    "numpy.typing.NDArray[numpy.float64]"),
@@ -456,7 +484,10 @@ dict of str to dict
                    "OpenCL memory, bytes: ``device``, on the device now; ``device_peak``, the largest value "
                    "of that so\n"
                    "far; ``pinned``, pinned host memory.")
-      .def("__len__", &Objects::size, "Number of objects.");
+      .def("__len__", &Objects::size, "Number of objects.")
+      .def("__contains__", &Objects::contains, nb::sig("def __contains__(self, id: int, /) -> bool"),
+           "Whether an object has this id.")
+      .def("__repr__", &Objects::text);
   add_queries(objects);
 }
 

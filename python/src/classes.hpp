@@ -9,6 +9,9 @@ namespace broadcl::python {
 /// Adds the classes BroadPhase and Delta to the module.
 void add_broad_phase(nanobind::module_& module);
 
+/// A Delta.
+[[nodiscard]] nanobind::object make_delta(nanobind::object&& added, nanobind::object&& removed);
+
 /// Adds the classes DeviceBroadPhase and DeviceDelta.
 void add_device_broad_phase(nanobind::module_& module);
 

@@ -107,6 +107,9 @@ class DeviceObjects {
     });
   }
 
+  std::string text() const {
+    return "<broadcl.DeviceBroadPhase on " + device().id() + " " + device().label() + ">";
+  }
   nb::object queue() const { return arrays_->callers_queue(); }
   Device device() const { return broad_phase_.device(); }
   nb::dict memory() {
@@ -257,7 +260,17 @@ Error
     For an algorithm of the host, an out-of-order queue, if OpenCL or CUDA fails, and if OpenCL has no
     driver that can share the memory of the CUDA device.
 RuntimeError
-    By every method, if another thread is using the object.)")
+    By every method, if another thread is using the object.
+
+Examples
+--------
+>>> import pyopencl.array
+>>> queue = pyopencl.CommandQueue(pyopencl.create_some_context(interactive=False))
+>>> boxes = np.array([[0, 0, 0, 2, 2, 2], [1, 1, 1, 3, 3, 3]], np.float32)
+>>> broad_phase = broadcl.DeviceBroadPhase(queue)
+>>> added, removed = broad_phase.update(pyopencl.array.to_device(queue, boxes))
+>>> added.get().tolist()
+[[0, 1]])")
       .def("__init__",
            with_keywords(
                "DeviceBroadPhase",
@@ -414,7 +427,8 @@ dict of str to dict
       .def_prop_ro("device", &DeviceObjects::device, "The `Device` of OpenCL.")
       .def_prop_ro(
           "memory", &DeviceObjects::memory, nb::sig("def memory(self) -> dict[str, int]"),
-          "OpenCL memory of this object, bytes, without the caller's arrays; as in `BroadPhase.memory`.");
+          "OpenCL memory of this object, bytes, without the caller's arrays; as in `BroadPhase.memory`.")
+      .def("__repr__", &DeviceObjects::text);
 }
 
 }  // namespace broadcl::python

@@ -1,6 +1,7 @@
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
 #include <nanobind/stl/string.h>
+#include <nanobind/stl/tuple.h>
 #include <nanobind/stl/vector.h>
 
 #include <array>
@@ -10,6 +11,7 @@
 #include <optional>
 #include <span>
 #include <string>
+#include <tuple>
 #include <utility>
 #include <vector>
 
@@ -22,6 +24,7 @@
 #include "classes.hpp"
 #include "config.hpp"
 #include "device_arrays.hpp"
+#include "functions.hpp"
 #include "gil.hpp"
 #include "inverted_boxes.hpp"
 #include "keywords.hpp"
@@ -288,10 +291,26 @@ bool is_same_device(const Device& s, const Device& t) {
   return s.id() == t.id() && s.label() == t.label() && s.driver_version == t.driver_version;
 }
 
+auto state_of(const Device& device) {
+  return std::tuple(device.platform, device.index, static_cast<int>(device.type), device.platform_name,
+                    device.name, device.version, device.driver_version, device.compute_units,
+                    device.clock_mhz, device.memory, device.max_allocation, device.host_unified,
+                    device.vendor_id, device.pci_address, device.uuid);
+}
+
+void set_state(Device& device, const decltype(state_of(device))& state) {
+  std::apply(
+      [&](unsigned platform, unsigned index, int type, const auto&... rest) {
+        new (&device) Device{platform, index, static_cast<DeviceType>(type), rest...};
+      },
+      state);
+}
+
 void add_device(nb::module_& module) {
   nb::class_<Device>(
       module, "Device",
-      "What an OpenCL device reports about itself. A plain value that holds no OpenCL object.\n\n"
+      "What an OpenCL device reports about itself. A plain value that holds no OpenCL object, and can be "
+      "pickled.\n\n"
       "devices() and select_device() return them; there is no constructor.")
       .def_prop_ro("id", &Device::id, "``\"P:D\"``: the numbers of platform and device in ``clinfo -l``.")
       .def_prop_ro(
@@ -311,6 +330,8 @@ void add_device(nb::module_& module) {
            [](const Device& device) { return "<broadcl.Device " + device.id() + " " + device.label() + ">"; })
       .def("__eq__", &is_same_device, nb::is_operator(),
            nb::sig("def __eq__(self, other: object, /) -> bool"))
+      .def("__getstate__", &state_of)
+      .def("__setstate__", &set_state)
       .def("__hash__", [](const Device& device) { return nb::hash(nb::str(device.id().c_str())); });
 }
 
@@ -420,7 +441,15 @@ TypeError
 Error
     If the device fails.
 MemoryError
-    If memory runs out.)");
+    If memory runs out.
+
+Examples
+--------
+>>> boxes = [[0, 0, 2, 2], [1, 1, 3, 3], [5, 5, 6, 6]]
+>>> broadcl.overlapping_pairs(boxes).tolist()
+[[0, 1]]
+>>> broadcl.overlapping_pairs(boxes, [[2, 2, 5, 5]]).tolist()    # closed: boxes that touch overlap
+[[0, 0], [1, 0], [2, 0]])");
   module.def(
       "overlapping_pairs", &find_pairs_on_device, "a"_a = nb::none(), "b"_a = nb::none(), nb::kw_only(),
       "exclusions"_a = nb::none(), "device"_a = nb::none(), "algorithm"_a = "auto", "unknown"_a,
@@ -460,7 +489,14 @@ offsets, ids : numpy.ndarray
 Raises
 ------
 ValueError, TypeError, Error, MemoryError
-    As `BroadPhase.overlapping` does.)");
+    As `BroadPhase.overlapping` does.
+
+Examples
+--------
+>>> boxes = [[0, 0, 2, 2], [1, 1, 3, 3], [5, 5, 6, 6]]
+>>> offsets, ids = broadcl.overlapping(boxes, [[0, 0, 1, 1], [9, 9, 9, 9]])
+>>> offsets.tolist(), ids.tolist()                  # two of the first query, none of the second
+([0, 2, 2], [0, 1]))");
   module.def(
       "nearest", with_keywords("nearest", &find_hits<Verb::nearest>), "boxes"_a = nb::none(),
       "queries"_a = nb::none(), nb::kw_only(), "limit"_a = nb::none(), "except_"_a = nb::none(),
@@ -485,7 +521,14 @@ offsets, ids, squared_distances : numpy.ndarray
 Raises
 ------
 ValueError, TypeError, Error, MemoryError
-    As `BroadPhase.nearest` does.)");
+    As `BroadPhase.nearest` does.
+
+Examples
+--------
+>>> points = [[0, 0, 0], [3, 0, 0], [0, 4, 0]]
+>>> offsets, ids, squares = broadcl.nearest(points, [[1, 0, 0]], limit=2, layout="points")
+>>> ids.tolist(), squares.tolist()
+([0, 1], [1.0, 4.0]))");
   module.def(
       "along", with_keywords("along", &find_along), "boxes"_a = nb::none(), "starts"_a = nb::none(),
       "directions"_a = nb::none(), "lengths"_a = nb::none(), nb::kw_only(), "limit"_a = nb::none(),
@@ -516,7 +559,15 @@ offsets, ids, times : numpy.ndarray
 Raises
 ------
 ValueError, TypeError, Error, MemoryError
-    As `BroadPhase.along` does.)");
+    As `BroadPhase.along` does.
+
+Examples
+--------
+>>> boxes = [[2, 0, 0, 3, 1, 1], [6, 0, 0, 7, 1, 1]]
+>>> start = np.array([[0.0, 0.5, 0.5]])
+>>> offsets, ids, times = broadcl.along(boxes, (start, start), [2, 0, 0])
+>>> ids.tolist(), times.tolist()
+([0, 1], [1.0, 3.0]))");
   module.def("squared_distances", &find_distances, "boxes"_a, "pairs"_a, nb::kw_only(),
              "layout"_a = "min max",
              nb::sig("def squared_distances(boxes: " BOXES
@@ -549,7 +600,13 @@ ValueError
 TypeError
     For another dtype or kind of object.
 MemoryError
-    If memory runs out.)");
+    If memory runs out.
+
+Examples
+--------
+>>> points = [[0, 0, 0], [3, 4, 0]]
+>>> broadcl.squared_distances(points, [[0, 1]], layout="points").tolist()
+[25.0])");
   module.def("squared_distances", with_keywords("squared_distances", &find_distances_between),
              "a"_a = nb::none(), "b"_a = nb::none(), "pairs"_a = nb::none(), nb::kw_only(),
              "layout"_a = "min max", "unknown"_a,
@@ -586,7 +643,13 @@ ValueError
 TypeError
     For another dtype.
 MemoryError
-    If memory runs out.)");
+    If memory runs out.
+
+Examples
+--------
+>>> faces = [[0, 1, 2], [2, 1, 3], [4, 5, 6]]      # by their vertices
+>>> broadcl.pairs_that_share(faces).tolist()
+[[0, 1]])");
   module.def("filters_from_layers", with_keywords("filters_from_layers", &make_filters_from_layers),
              "matrix"_a = nb::none(), "unknown"_a,
              nb::sig("def filters_from_layers(matrix: numpy.typing.ArrayLike) -> tuple[" ARRAY(
@@ -669,7 +732,11 @@ list of Device
 Raises
 ------
 Error
-    If there are devices, but none is usable.)");
+    If there are devices, but none is usable.
+
+Examples
+--------
+>>> gpus = [device for device in broadcl.devices() if device.type == "gpu"])");
   module.def("select_device", with_keywords("select_device", &choose_device), "selector"_a = nb::none(),
              "unknown"_a, nb::sig("def select_device(selector: str | Device | None = None) -> Device"),
              R"(Returns the device that a selector chooses.
@@ -689,7 +756,13 @@ Device
 Raises
 ------
 Error
-    If no device matches, or if there is none. The text says what to install.)");
+    If no device matches, or if there is none. The text says what to install.
+
+Examples
+--------
+>>> best = broadcl.select_device()
+>>> broadcl.select_device(best.id) == best
+True)");
   module.def("algorithms", with_keywords("algorithms", &algorithm_summaries),
              nb::sig("def algorithms() -> dict[str, str]"),
              R"(Lists the algorithms.
@@ -697,6 +770,12 @@ Error
 Returns
 -------
 dict of str to str
-    The values for `algorithm`, each with a one-line description.)");
+    The values for `algorithm`, each with a one-line description.
+
+Examples
+--------
+>>> "auto" in broadcl.algorithms()
+True)");
   module.def("host_algorithms", &host_algorithms, "Lists the algorithms that work without a device.");
+  publish(module);
 }

@@ -23,6 +23,7 @@
 
 #include "arrays.hpp"
 #include "box_array.hpp"
+#include "classes.hpp"
 #include "config.hpp"
 #include "gil.hpp"
 #include "inverted_boxes.hpp"
@@ -38,12 +39,6 @@ auto without_gil(const Function& function) {
   const GilReleased released;
   return function();
 }
-
-/// The changes of an update as arrays.
-struct Changes {
-  nanobind::object added;
-  nanobind::object removed;
-};
 
 /// A BroadPhase or a BroadPhase64 for Python: one thread at a time, all or nothing for arrays too, and arrays
 /// that live as long as anybody looks at them.
@@ -173,7 +168,7 @@ class Objects {
     return array_;
   }
 
-  Changes update(nanobind::handle boxes, const std::string& layout) {
+  nanobind::object update(nanobind::handle boxes, const std::string& layout) {
     if (boxes.is_none()) {
       return changes(
           [&] { or_refuse_nan([&] { delta_ = with([](auto& object) { return object.update(); }); }); });
@@ -186,7 +181,7 @@ class Objects {
       take_mapped();
     });
   }
-  Changes finish() {
+  nanobind::object finish() {
     return changes(
         [&] { or_refuse_nan([&] { delta_ = with([](auto& object) { return object.finish(); }); }); });
   }
@@ -204,10 +199,13 @@ class Objects {
     take_mapped();
   }
 
-  bool contains(std::optional<std::uint32_t> id) {
-    const std::uint32_t known = required(id, "id");
+  bool contains(nanobind::handle id) {
+    const auto integer = nanobind::steal(PyNumber_Index(id.ptr()));
+    if (!integer.is_valid()) throw nanobind::python_error();
+    std::uint32_t known = 0;
     const OneThread::Use use(thread_);
-    return with([&](const auto& object) { return object.contains(known); });
+    return nanobind::try_cast(integer, known) &&
+           with([&](const auto& object) { return object.contains(known); });
   }
 
   nanobind::object box(std::optional<std::uint32_t> id) {
@@ -293,6 +291,13 @@ class Objects {
     return with([](const auto& object) { return std::string(object.algorithm().name); });
   }
 
+  std::string text() {
+    const std::optional<Device> where = device();
+    return "<broadcl.BroadPhase " + algorithm() + " on " +
+           (where ? where->id() + " " + where->label() : "the host") +
+           (is_in_double() ? ", float64" : ", float32") + ", len " + std::to_string(size()) + ">";
+  }
+
   [[nodiscard]] bool is_in_double() const noexcept {
     return std::holds_alternative<BroadPhase64>(*broad_phase_);
   }
@@ -328,10 +333,11 @@ class Objects {
 
   /// @param update Does an update and stores its changes.
   template <class Function>
-  Changes changes(const Function& update) {
+  nanobind::object changes(const Function& update) {
     const OneThread::Use use(thread_);
     if (!delta_) update();
-    Changes changes{to_array(delta_->added, delta_->owner), to_array(delta_->removed, delta_->owner)};
+    nanobind::object changes =
+        make_delta(to_array(delta_->added, delta_->owner), to_array(delta_->removed, delta_->owner));
     delta_.reset();
     return changes;
   }

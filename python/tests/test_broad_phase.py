@@ -212,7 +212,7 @@ class Machine(RuleBasedStateMachine):
     def objects(self):
         assert len(self.broad_phase) == len(self.boxes)
         for id in range(max(self.boxes, default=0) + 2):
-            assert self.broad_phase.contains(id) == (id in self.boxes)
+            assert (id in self.broad_phase) == (id in self.boxes)
             if id not in self.boxes:
                 continue
             assert tuple(self.broad_phase.filter(id).values()) == self.filters[id]
@@ -306,7 +306,6 @@ def test_one_object():
     broad_phase.remove(3)
     added, removed = broad_phase.update()
     assert added.tolist() == [[0, 2]] and removed.tolist() == [[0, 1], [0, 3]]
-    assert "added=" in repr(broad_phase.update())
 
 
 def test_what_it_says_of_itself():
@@ -322,7 +321,7 @@ def test_what_it_says_of_itself():
     assert broad_phase.memory["device"] > 24_000
     assert broad_phase.device.id == broadcl.select_device().id
     assert broad_phase.device.type in ("gpu", "cpu", "accelerator", "other")
-    assert broad_phase.device.name in str(broad_phase.device) and broad_phase.device.id in repr(broad_phase.device)
+    assert broad_phase.device.name in str(broad_phase.device)
 
 
 def test_writing_counts_once():

@@ -109,7 +109,6 @@ def test_layouts():
     (lambda: broadcl.BroadPhase().set_exclusions(exclusions=[]), "set_exclusions", "exclusions"),
     (lambda: broadcl.BroadPhase().remove(id=0), "remove", "id"),
     (lambda: broadcl.BroadPhase().map(count=0), "map", "count"),
-    (lambda: broadcl.BroadPhase().contains(ids=0), "contains", "ids"),
     (lambda: broadcl.BroadPhase().box(ids=0), "box", "ids"),
     (lambda: broadcl.BroadPhase().filter(ids=0), "filter", "ids"),
     (lambda: broadcl.BroadPhase().reach(ids=0), "reach", "ids"),
@@ -134,7 +133,7 @@ def test_an_unknown_keyword_is_named(call, name, keyword):
 
 def test_a_missing_argument_is_named():
     broad_phase = broadcl.BroadPhase()
-    for call, name in ((broad_phase.map, "n"), (broad_phase.contains, "id"), (broad_phase.box, "id"), (broad_phase.filter, "id")):
+    for call, name in ((broad_phase.map, "n"), (broad_phase.box, "id"), (broad_phase.filter, "id")):
         with pytest.raises(TypeError, match=f"^the argument '{name}' is missing$"):
             call()
     for call in (broad_phase.add, broad_phase.remove, broad_phase.move, broad_phase.set_exclusions, broadcl.overlapping_pairs):

@@ -96,7 +96,7 @@ def test_a_second_copy_says_that_there_can_be_one(tmp_path, again):
     run = in_a_copy(tmp_path, f"import sys, broadcl\n{again}")
     assert run.returncode == 1
     assert run.stderr.splitlines()[-1] == (
-        "ImportError: BroadCL is in this process already, as broadcl._core, and can be there only once: import that one, "
+        "ImportError: BroadCL is in this process already, as broadcl, and can be there only once: import that one, "
         "and leave it in sys.modules"
     )
     assert "Warning" not in run.stderr
