@@ -1,3 +1,4 @@
+import doctest
 import re
 import subprocess
 import sys
@@ -54,6 +55,14 @@ def test_the_page_about_seeing_boxes(tmp_path, monkeypatch):
 
 def test_the_gallery_compiles():  # without its data
     assert "view" in compile(code((ROOT / "docs/gallery.md").read_text()), "gallery.md", "exec").co_names
+
+
+def test_what_may_pair():
+    page = doctest.DocTestParser().get_doctest(code((ROOT / "docs/what-may-pair.md").read_text()), {}, "what-may-pair.md", None, 0)
+    assert len(page.examples) > 50
+    wrong = []
+    doctest.DocTestRunner(verbose=False).run(page, out=wrong.append)
+    assert not wrong, "".join(wrong)
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
