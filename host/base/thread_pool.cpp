@@ -10,6 +10,7 @@
 #include <thread>
 #include <utility>
 
+#include "base/control_groups.hpp"
 #include "base/system.hpp"
 
 namespace broadcl {
@@ -139,10 +140,20 @@ BackgroundWork::~BackgroundWork() {
   --processors_left;
 }
 
+std::size_t usable_processors() noexcept {
+  const std::size_t known = processors;
+  if (known != 0) return known;
+  const std::size_t all = std::max(1U, std::thread::hardware_concurrency());
+  try {
+    return processors = std::min(all, control_group_processors());
+  } catch (const std::exception&) {  // no memory, or a file that cannot be read: the next call tries again
+    return all;
+  }
+}
+
 std::size_t free_processors() noexcept {
   constexpr std::size_t few = 4;  // of these, one less would be felt more than sharing it
-  if (processors == 0) processors = std::max(1U, std::thread::hardware_concurrency());
-  const std::size_t all = processors;
+  const std::size_t all = usable_processors();
   return all < few ? all : std::max<std::size_t>(1, all - std::min<std::size_t>(all, processors_left));
 }
 

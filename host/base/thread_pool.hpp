@@ -64,7 +64,10 @@ class BackgroundWork : NonCopyable {
   ~BackgroundWork();
 };
 
-/// The number of processors, without those that are left to background work, if there are at least four.
+/// The number of processors on which this process may have threads: by its affinity, and on Linux by its
+/// control groups, too.
+[[nodiscard]] BROADCL_API std::size_t usable_processors() noexcept;
+/// The same without those that are left to background work, if there are at least four.
 [[nodiscard]] BROADCL_API std::size_t free_processors() noexcept;
 
 }  // namespace broadcl

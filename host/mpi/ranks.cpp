@@ -3,9 +3,10 @@
 #include <algorithm>
 #include <array>
 #include <cstring>
-#include <thread>
 
 #include <broadcl/error.hpp>
+
+#include "base/thread_pool.hpp"
 
 namespace broadcl::mpi {
 namespace {
@@ -82,7 +83,7 @@ void Ranks::gather_bytes(const void* value, std::size_t size, void* values) cons
 
 std::size_t Ranks::threads(std::size_t configured) const {
   const auto ranks = static_cast<std::size_t>(node().ranks);
-  return configured != 0 ? configured : std::max<std::size_t>(1, std::thread::hardware_concurrency() / ranks);
+  return configured != 0 ? configured : std::max<std::size_t>(1, usable_processors() / ranks);
 }
 
 void Ranks::exchange(const std::vector<Bytes>& out, std::vector<Bytes>& in) const {
