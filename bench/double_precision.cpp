@@ -41,10 +41,11 @@ void time_all_pairs(benchmark::State& state, const std::string& algorithm, Movin
   const std::vector<Aabb> boxes(motion.boxes().begin(), motion.boxes().end());
   const std::vector<Aabb64> far = far_away(boxes);
   const BoxView view = in_double ? BoxView(far) : BoxView(boxes);
-  std::size_t pairs = overlapping_pairs(view, {.algorithm = algorithm}).size();  // opens the device, untimed
+  std::size_t pairs =
+      overlapping_pairs(view, {}, {.algorithm = algorithm}).size();  // opens the device, untimed
   for ([[maybe_unused]] auto _ : state) {
     const auto start = std::chrono::steady_clock::now();
-    pairs = overlapping_pairs(view, {.algorithm = algorithm}).size();
+    pairs = overlapping_pairs(view, {}, {.algorithm = algorithm}).size();
     state.SetIterationTime(std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count());
   }
   state.counters["pairs"] = static_cast<double>(pairs);

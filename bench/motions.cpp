@@ -202,7 +202,7 @@ Result play(const Options& options, const Row& row) {
   }
   const std::vector<Aabb> boxes = motion.present();
   result.objects = boxes.size();
-  result.again = time_calls(clock, [&] { (void)overlapping_pairs(boxes, options.config); });
+  result.again = time_calls(clock, [&] { (void)overlapping_pairs(boxes, {}, options.config); });
   return result;
 }
 
@@ -373,8 +373,8 @@ void run_clusters(const Options& options) {
     }
     std::vector<double> far_once(9), near_once(9);
     for (std::size_t k = 0; k < far_once.size(); ++k) {
-      far_once[k] = clock.time([&] { (void)overlapping_pairs(scene.far(), options.config); });
-      near_once[k] = clock.time([&] { (void)overlapping_pairs(scene.near(), options.config); });
+      far_once[k] = clock.time([&] { (void)overlapping_pairs(scene.far(), {}, options.config); });
+      near_once[k] = clock.time([&] { (void)overlapping_pairs(scene.near(), {}, options.config); });
     }
     std::printf("%-24s %8zu", name_of(info).c_str(), far.pairs().size());
     print_both(sum[0], sum[1]);

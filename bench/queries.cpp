@@ -36,7 +36,7 @@ void time_batch(benchmark::State& state, std::uint32_t n, MovingBoxes::Sizes siz
   std::size_t hits = 0;
   for ([[maybe_unused]] auto _ : state) {
     if (as_pairs) {
-      hits = overlapping_pairs(objects.boxes(), queries.boxes(), one_thread()).size();
+      hits = overlapping_pairs(objects.boxes(), queries.boxes(), {}, one_thread()).size();
     } else {
       hits = broad_phase.overlapping(queries.boxes()).ids.size();
     }
@@ -239,7 +239,7 @@ void time_pairs_within(benchmark::State& state, std::uint32_t n, bool by_cubes) 
   for ([[maybe_unused]] auto _ : state) {
     if (by_cubes) {
       const float most = points.distance * points.distance;
-      pairs = overlapping_pairs(points.cubes(), config);
+      pairs = overlapping_pairs(points.cubes(), {}, config);
       std::erase_if(pairs, [&](const Pair& pair) {
         float sum = 0;
         for (std::size_t axis = 0; axis < 3; ++axis) {
@@ -249,7 +249,7 @@ void time_pairs_within(benchmark::State& state, std::uint32_t n, bool by_cubes) 
         return sum > most;
       });
     } else {
-      pairs = overlapping_pairs(points.boxes, config);
+      pairs = overlapping_pairs(points.boxes, {}, config);
     }
   }
   state.counters["pairs"] = static_cast<double>(pairs.size());

@@ -59,7 +59,7 @@ using MakeFinder = std::function<Finder(const std::vector<Aabb>& boxes)>;
 Finder make_broadcl(const std::string& algorithm, std::size_t threads, const std::vector<Aabb>& boxes) {
   const Config config{.algorithm = algorithm, .threads = threads};
   if (!find_algorithm(algorithm).info.on_device) {
-    return [config, &boxes] { return overlapping_pairs(boxes, config); };
+    return [config, &boxes] { return overlapping_pairs(boxes, {}, config); };
   }
   const std::shared_ptr<Algorithm> opened = make_algorithm(config);
   opened->reserve(boxes.size(), false);
@@ -192,7 +192,7 @@ void time_all_pairs(benchmark::State& state, const MakeFinder& make, const std::
   Pairs pairs = make(boxes)();  // compiles kernels, unless they are stored
   std::ranges::sort(pairs);
   const std::string reference = boxes.size() < 30000 ? "oracle" : "sweep-and-prune";
-  if (pairs != overlapping_pairs(boxes, {.algorithm = reference})) {
+  if (pairs != overlapping_pairs(boxes, {}, {.algorithm = reference})) {
     return state.SkipWithError("the pairs are not those of BroadCL");
   }
   std::chrono::duration<double> open{};

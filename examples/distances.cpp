@@ -13,7 +13,7 @@ void find_once() {
   // [once]
   const std::vector<double> atoms{0, 0, 0, 3, 0, 0, 3, 1.5, 0};  // x, y, z of each
   const auto points = broadcl::BoxView::corners(atoms.data(), atoms.data(), 3);
-  const std::vector<broadcl::Pair> pairs = broadcl::overlapping_pairs(points, {.distance = 3.2});
+  const std::vector<broadcl::Pair> pairs = broadcl::overlapping_pairs(points, {}, {.distance = 3.2});
   const std::vector<double> squares = broadcl::squared_distances(points, pairs);
   for (std::size_t k = 0; k < pairs.size(); ++k) {
     std::printf("%u and %u are %.2f apart\n", pairs[k].a, pairs[k].b, std::sqrt(squares[k]));

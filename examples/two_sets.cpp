@@ -29,7 +29,7 @@ void leave_out_shared_vertices() {
   const std::vector<broadcl::Aabb> vertices{
       {{0, 0, 0}, {0, 0, 0}}, {{1, 0, 0}, {1, 0, 0}}, {{0, 1, 0}, {0, 1, 0}}, {{1, 1, 0}, {1, 1, 0}}};
   const std::vector<broadcl::Pair> own = broadcl::pairs_that_share(corners, 3, numbers, 1);
-  for (const broadcl::Pair& pair : broadcl::overlapping_pairs(faces, vertices, {}, own)) {
+  for (const broadcl::Pair& pair : broadcl::overlapping_pairs(faces, vertices, own)) {
     std::printf("face %u and vertex %u\n", pair.a, pair.b);
   }
   // [sharing]

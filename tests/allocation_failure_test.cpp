@@ -126,7 +126,7 @@ TEST_P(EachAlgorithm, AfterAnUpdateThatFailedTheOldBoxesMove) {
       boxes[7] = in_row(static_cast<std::size_t>(first % 90));
       broad_phase.move(7, boxes[7]);
       (void)broad_phase.update();
-      ASSERT_TRUE(same("pairs", broad_phase.pairs(), overlapping_pairs(boxes, {.algorithm = "oracle"})));
+      ASSERT_TRUE(same("pairs", broad_phase.pairs(), overlapping_pairs(boxes, {}, {.algorithm = "oracle"})));
     }
     (void)broad_phase.update(boxes);
   }
@@ -155,7 +155,7 @@ TEST_P(EachAlgorithm, AQueryThatFailsHasChangedNothing) {
     if (!has_failed) break;
   }
   (void)broad_phase.update();
-  ASSERT_TRUE(same("pairs", broad_phase.pairs(), overlapping_pairs(boxes, {.algorithm = "oracle"})));
+  ASSERT_TRUE(same("pairs", broad_phase.pairs(), overlapping_pairs(boxes, {}, {.algorithm = "oracle"})));
 }
 
 TEST_P(EachAlgorithm, AllocationsThatFailFromOneOnAreMadeGood) {
@@ -255,14 +255,14 @@ TEST_P(EachAlgorithm, AllPairsAtOnceAreRightOrAnError) {
   const Pairs expected = all_pairs(200);
   const std::vector<Aabb> boxes(200, unit);
   long at_start = 0;
-  (void)overlapping_pairs(std::vector<Aabb>(), config());  // opens the device
+  (void)overlapping_pairs(std::vector<Aabb>(), {}, config());  // opens the device
   {
     const FailingAllocations none_fails(0, 0);
-    (void)overlapping_pairs(std::vector<Aabb>(), config());
+    (void)overlapping_pairs(std::vector<Aabb>(), {}, config());
     at_start = FailingAllocations::allocations();
   }
   expect_errors_until_it_succeeds(std::max(0L, at_start - 10), at_start + 50, [&] {
-    const Pairs pairs = overlapping_pairs(boxes, config());
+    const Pairs pairs = overlapping_pairs(boxes, {}, config());
     const FailingAllocations::Pause pause;
     EXPECT_TRUE(same("pairs", pairs, expected));
   });

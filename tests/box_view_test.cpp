@@ -441,19 +441,19 @@ TEST(BoxView, PairsOfEveryKindOfRange) {
   const std::array<Aabb, 4> array{boxes[0], boxes[1], boxes[2], boxes[3]};
   const Aabb c_array[] = {boxes[0], boxes[1], boxes[2], boxes[3]};  // NOLINT(modernize-avoid-c-arrays)
   EXPECT_EQ(overlapping_pairs(boxes), expected);
-  EXPECT_EQ(overlapping_pairs(std::vector(boxes), oracle), expected);
-  EXPECT_EQ(overlapping_pairs(std::initializer_list<Aabb>{boxes[0], boxes[2]}, oracle),
+  EXPECT_EQ(overlapping_pairs(std::vector(boxes), {}, oracle), expected);
+  EXPECT_EQ(overlapping_pairs(std::initializer_list<Aabb>{boxes[0], boxes[2]}, {}, oracle),
             (std::vector<Pair>{{0, 1}}));
-  EXPECT_EQ(overlapping_pairs(std::span(boxes), oracle), expected);
-  EXPECT_EQ(overlapping_pairs(std::span(boxes).first(3), oracle), (std::vector<Pair>{{0, 2}}));
-  EXPECT_EQ(overlapping_pairs(array, oracle), expected);
-  EXPECT_EQ(overlapping_pairs(c_array, oracle), expected);
-  EXPECT_EQ(overlapping_pairs(balls, oracle), expected);
-  EXPECT_EQ(overlapping_pairs(std::list(boxes.begin(), boxes.end()), oracle), expected);
-  EXPECT_EQ(overlapping_pairs(std::deque(balls.begin(), balls.end()), oracle), expected);
+  EXPECT_EQ(overlapping_pairs(std::span(boxes), {}, oracle), expected);
+  EXPECT_EQ(overlapping_pairs(std::span(boxes).first(3), {}, oracle), (std::vector<Pair>{{0, 2}}));
+  EXPECT_EQ(overlapping_pairs(array, {}, oracle), expected);
+  EXPECT_EQ(overlapping_pairs(c_array, {}, oracle), expected);
+  EXPECT_EQ(overlapping_pairs(balls, {}, oracle), expected);
+  EXPECT_EQ(overlapping_pairs(std::list(boxes.begin(), boxes.end()), {}, oracle), expected);
+  EXPECT_EQ(overlapping_pairs(std::deque(balls.begin(), balls.end()), {}, oracle), expected);
   std::list<Aabb> invalid(3, unit);
   invalid.back().lower[1] = nan_of<float>;
-  EXPECT_THAT(test::error_of([&] { (void)overlapping_pairs(invalid, oracle); }), HasSubstr("box 2"));
+  EXPECT_THAT(test::error_of([&] { (void)overlapping_pairs(invalid, {}, oracle); }), HasSubstr("box 2"));
 }
 
 #if !defined(__clang__) || __clang_major__ >= 16  // older Clang does not compile libstdc++'s views
@@ -464,11 +464,11 @@ TEST(BoxView, PairsOfViewsOfTheStandardLibrary) {
     box.upper[0] += 3;
     return box;
   };
-  EXPECT_EQ(overlapping_pairs(boxes | std::views::transform(widen), oracle),
+  EXPECT_EQ(overlapping_pairs(boxes | std::views::transform(widen), {}, oracle),
             (std::vector<Pair>{{0, 2}, {1, 2}}));
   const auto is_left = [](const Aabb& box) { return box.lower[0] < 3; };
-  EXPECT_EQ(overlapping_pairs(boxes | std::views::filter(is_left), oracle), (std::vector<Pair>{{0, 1}}));
-  EXPECT_EQ(overlapping_pairs(boxes | std::views::reverse | std::views::drop(1), oracle),
+  EXPECT_EQ(overlapping_pairs(boxes | std::views::filter(is_left), {}, oracle), (std::vector<Pair>{{0, 1}}));
+  EXPECT_EQ(overlapping_pairs(boxes | std::views::reverse | std::views::drop(1), {}, oracle),
             std::vector<Pair>{});
   static_assert(std::is_convertible_v<decltype(boxes | std::views::drop(1)), BoxView>);
 }

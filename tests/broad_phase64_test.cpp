@@ -293,7 +293,7 @@ TEST(BroadPhase64, NeitherRoundingNorFlushingOfTheCallerMatters) {
   BroadPhase64 single({.algorithm = "sweep-and-prune"});
   EXPECT_TRUE(same(single.update(denormal), {}, {}));
   const Boxes64 first_only{single.box(0)};
-  EXPECT_TRUE(same("pairs", overlapping_pairs(denormal, first_only, {.algorithm = "sweep-and-prune"}),
+  EXPECT_TRUE(same("pairs", overlapping_pairs(denormal, first_only, {}, {.algorithm = "sweep-and-prune"}),
                    Pairs{{0, 0}}));
   Exact exact({.algorithm = "sweep-and-prune"});
   for (int frame = 0; frame < 8; ++frame) {

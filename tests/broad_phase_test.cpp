@@ -61,7 +61,7 @@ TEST_P(EachAlgorithm, SizesToAHundredAgreeWithTheOracle) {
 /// With any tuning, there is room for fewer at first.
 TEST_P(EachAlgorithm, OnlySearchesFindMorePairsThanWereExpected) {
   constexpr std::uint32_t n = 600;
-  EXPECT_TRUE(test::same("all at one place", overlapping_pairs(std::vector<Aabb>(n, unit), config()),
+  EXPECT_TRUE(test::same("all at one place", overlapping_pairs(std::vector<Aabb>(n, unit), {}, config()),
                          test::all_pairs(n)));
 }
 
@@ -98,7 +98,7 @@ TEST_P(EachAlgorithm, BadCallsThrowAndChangeNothing) {
 TEST_P(EachAlgorithm, ANaNInAnArrayIsNamed) {
   std::vector<Aabb> boxes(5, unit);
   boxes[3].upper[2] = nan_value;
-  EXPECT_THAT(test::error_of([&] { (void)overlapping_pairs(boxes, config()); }), HasSubstr("box 3"));
+  EXPECT_THAT(test::error_of([&] { (void)overlapping_pairs(boxes, {}, config()); }), HasSubstr("box 3"));
 }
 
 TEST_P(EachAlgorithm, TwoObjectsDoNotDisturbEachOther) {

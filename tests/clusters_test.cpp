@@ -115,7 +115,7 @@ void play(const ClustersInfo& info, const Config& config, int frames, std::uint3
       exact.recycle(random.below(boxes.size()));
     if (::testing::Test::HasFailure()) return;
   }
-  EXPECT_TRUE(same("pairs of one search", overlapping_pairs(boxes, config), expected_pairs(boxes)));
+  EXPECT_TRUE(same("pairs of one search", overlapping_pairs(boxes, {}, config), expected_pairs(boxes)));
 }
 
 void play_random(const Config& config, std::uint32_t scenes, std::uint32_t boxes, std::uint32_t first_seed) {

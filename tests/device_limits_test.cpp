@@ -46,7 +46,8 @@ std::vector<Aabb> copy(std::span<const Aabb> boxes) {
 void expect_right_pairs(const std::string& algorithm) {
   BroadPhase broad_phase({.algorithm = algorithm});
   const auto expect_pairs_of = [&](const std::vector<Aabb>& boxes, const std::string& what) {
-    EXPECT_TRUE(same(what.c_str(), broad_phase.pairs(), overlapping_pairs(boxes, {.algorithm = "oracle"})));
+    EXPECT_TRUE(
+        same(what.c_str(), broad_phase.pairs(), overlapping_pairs(boxes, {}, {.algorithm = "oracle"})));
   };
   for (const scenes::BoxScene& scene : scenes::box_scenes(150)) {
     std::ranges::copy(scene.boxes, broad_phase.map(scene.boxes.size()).begin());
@@ -119,8 +120,8 @@ std::vector<Aabb> small_boxes() {
 
 void expect_right_small_pairs(const std::string& algorithm) {
   const std::vector<Aabb> boxes = small_boxes();
-  EXPECT_TRUE(same("small", overlapping_pairs(boxes, {.algorithm = algorithm}),
-                   overlapping_pairs(boxes, {.algorithm = "oracle"})));
+  EXPECT_TRUE(same("small", overlapping_pairs(boxes, {}, {.algorithm = algorithm}),
+                   overlapping_pairs(boxes, {}, {.algorithm = "oracle"})));
 }
 
 ALSO_IN(gpu_profile | rusticl | oclgrind);
@@ -193,8 +194,8 @@ TEST_F(LimitedDevice, WithWavesOf64FindsWhatTheOracleFinds) {
   expect_right_pairs("tiles");
   // Enough boxes that the tree has another level, but too many for the oracle.
   const scenes::MovingBoxes many(50'000, scenes::MovingBoxes::Sizes::mixed);
-  EXPECT_TRUE(same("many", overlapping_pairs(many.boxes(), {.algorithm = "tiles"}),
-                   overlapping_pairs(many.boxes(), {.algorithm = "sweep-and-prune"})));
+  EXPECT_TRUE(same("many", overlapping_pairs(many.boxes(), {}, {.algorithm = "tiles"}),
+                   overlapping_pairs(many.boxes(), {}, {.algorithm = "sweep-and-prune"})));
 }
 
 /// For instance, a GPU with few registers.
@@ -209,7 +210,7 @@ TEST_F(LimitedDevice, ThatRunsKernelsInSmallWorkGroupsOnlyGetsSuchOnes) {
     const LimitedDevices limited(gpu);
     ASSERT_EQ(opencl::Context(select_device(), false).tuning(), opencl::Tuning::gpu);
     const Config config{.device = select_device().id(), .algorithm = algorithm};
-    EXPECT_EQ(overlapping_pairs(boxes, config).size(), 1225U);
+    EXPECT_EQ(overlapping_pairs(boxes, {}, config).size(), 1225U);
     if (algorithm == "gpu-bf") return;
     const CallersQueue queue;
     DeviceBroadPhase on_device(queue(), {.algorithm = algorithm});
@@ -264,12 +265,12 @@ TEST_F(LimitedDevice, WithTooLittleLocalMemorySaysSoAtOnce) {
   const bool is_told = tells_local_memory();
   const LimitedDevices limited({.local_memory = 1 << 10});
   if (!is_told) {  // nothing can be refused
-    EXPECT_EQ(overlapping_pairs(std::vector<Aabb>(50, unit), {.algorithm = "brute-force"}).size(), 1225U);
+    EXPECT_EQ(overlapping_pairs(std::vector<Aabb>(50, unit), {}, {.algorithm = "brute-force"}).size(), 1225U);
     return;
   }
   EXPECT_THAT(error_of([] { BroadPhase({.algorithm = "brute-force"}); }),
               HasSubstr("bytes of local memory, but the device has 1024; use another device"));
-  EXPECT_EQ(overlapping_pairs(std::vector<Aabb>(50, unit), {.algorithm = "gpu-bf"}).size(), 1225U);
+  EXPECT_EQ(overlapping_pairs(std::vector<Aabb>(50, unit), {}, {.algorithm = "gpu-bf"}).size(), 1225U);
   const ScopedVariable tuning("BROADCL_TUNING", "gpu");
   EXPECT_THAT(error_of([] { BroadPhase({.algorithm = "tiles"}); }),
               AllOf(HasSubstr("bytes of local memory"), HasSubstr("set BROADCL_TUNING=cpu")));
@@ -329,7 +330,7 @@ TEST_F(LimitedDevice, OfIntelHasLargeBuffersForGpuBf) {
   const std::vector<Aabb> boxes(2000, unit);
   const auto pairs_of = [&](const Limits& limits, const std::string& algorithm) {
     const LimitedDevices limited(limits);
-    return overlapping_pairs(boxes, {.algorithm = algorithm}).size();
+    return overlapping_pairs(boxes, {}, {.algorithm = algorithm}).size();
   };
   EXPECT_EQ(pairs_of(intel, "gpu-bf"), 2000U * 1999 / 2);
   Limits in_small_groups = intel;  // the kernel for large buffers, too

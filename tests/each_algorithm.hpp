@@ -70,7 +70,8 @@ class EachAlgorithm : public ::testing::TestWithParam<AlgorithmInfo> {
   [[nodiscard]] static BroadPhase::Config config() { return {.algorithm = std::string(GetParam().name)}; }
 
   static void expect_oracle(std::span<const Aabb> boxes, const std::string& what) {
-    EXPECT_EQ(overlapping_pairs(boxes, config()), overlapping_pairs(boxes, {.algorithm = "oracle"})) << what;
+    EXPECT_EQ(overlapping_pairs(boxes, {}, config()), overlapping_pairs(boxes, {}, {.algorithm = "oracle"}))
+        << what;
   }
 
   [[nodiscard]] static bool is_slow() { return is_sanitized || (GetParam().on_device && is_slow_device()); }

@@ -25,7 +25,7 @@ using ::testing::HasSubstr;
 
 void expect_exact(const BroadPhase::Config& config, const Boxes64& boxes, const std::string& name) {
   SCOPED_TRACE(name);
-  EXPECT_TRUE(same("pairs", overlapping_pairs(boxes, config), expected_pairs(boxes)));
+  EXPECT_TRUE(same("pairs", overlapping_pairs(boxes, {}, config), expected_pairs(boxes)));
 }
 
 TEST_P(EachAlgorithm, FootprintsInMapCoordinates) {
@@ -54,7 +54,7 @@ TEST_P(EachAlgorithm, TwoSetsInDoublePrecisionAreExact) {
   const Boxes64 first = flush_cubes(5, 6.4e6);
   Boxes64 second = flush_cubes(6, 6.4e6);
   second.push_back({{1, 0, 0}, {0, 1, 1}});
-  EXPECT_TRUE(same("pairs", overlapping_pairs(first, second, config()), expected_pairs(first, second)));
+  EXPECT_TRUE(same("pairs", overlapping_pairs(first, second, {}, config()), expected_pairs(first, second)));
 }
 
 TEST_P(EachAlgorithm, OneSetMayBeInSinglePrecision) {
@@ -66,8 +66,8 @@ TEST_P(EachAlgorithm, OneSetMayBeInSinglePrecision) {
     second.push_back({{at, 16, 16}, {at, 17, 17}});
     second64.push_back({{static_cast<double>(at), 16, 16}, {static_cast<double>(at), 17, 17}});
   }
-  EXPECT_TRUE(same("pairs", overlapping_pairs(first, second, config()), expected_pairs(first, second64)));
-  EXPECT_TRUE(same("pairs", overlapping_pairs(second, first, config()), expected_pairs(second64, first)));
+  EXPECT_TRUE(same("pairs", overlapping_pairs(first, second, {}, config()), expected_pairs(first, second64)));
+  EXPECT_TRUE(same("pairs", overlapping_pairs(second, first, {}, config()), expected_pairs(second64, first)));
 }
 
 TEST_P(EachAlgorithm, ExclusionsInDoublePrecision) {
@@ -76,17 +76,17 @@ TEST_P(EachAlgorithm, ExclusionsInDoublePrecision) {
   Pairs expected;
   for (const Pair& pair : expected_pairs(boxes)) (pair.a % 3 == 0 ? excluded : expected).push_back(pair);
   ASSERT_FALSE(excluded.empty());
-  EXPECT_TRUE(same("pairs", overlapping_pairs(boxes, config(), excluded), expected));
+  EXPECT_TRUE(same("pairs", overlapping_pairs(boxes, excluded, config()), expected));
 }
 
 TEST_P(EachAlgorithm, ANaNInDoublePrecisionIsNamed) {
   Boxes64 boxes = flush_cubes(2, 0);
   const Boxes64 good = boxes;
   boxes[5].upper[1] = std::nan("");
-  EXPECT_THAT(error_of([&] { (void)overlapping_pairs(boxes, config()); }), HasSubstr("box 5 has a NaN"));
-  EXPECT_THAT(error_of([&] { (void)overlapping_pairs(boxes, good, config()); }),
+  EXPECT_THAT(error_of([&] { (void)overlapping_pairs(boxes, {}, config()); }), HasSubstr("box 5 has a NaN"));
+  EXPECT_THAT(error_of([&] { (void)overlapping_pairs(boxes, good, {}, config()); }),
               HasSubstr("the first set: box 5 has a NaN"));
-  EXPECT_THAT(error_of([&] { (void)overlapping_pairs(good, boxes, config()); }),
+  EXPECT_THAT(error_of([&] { (void)overlapping_pairs(good, boxes, {}, config()); }),
               HasSubstr("the second set: box 5 has a NaN"));
 }
 
@@ -101,14 +101,16 @@ TEST(ExactBoxes, NeitherRoundingNorFlushingOfTheCallerMatters) {
   for (const int mode : {FE_DOWNWARD, FE_UPWARD, FE_TOWARDZERO}) {
     const ScopedRounding rounding(mode);
     for (std::size_t k = 0; k < scenes.size(); ++k) {
-      EXPECT_TRUE(same("pairs", overlapping_pairs(scenes[k], {.algorithm = "sweep-and-prune"}), expected[k]));
+      EXPECT_TRUE(
+          same("pairs", overlapping_pairs(scenes[k], {}, {.algorithm = "sweep-and-prune"}), expected[k]));
       EXPECT_EQ(std::fegetround(), mode);
     }
   }
 #ifdef __SSE2__
   const ScopedFlush flush;
   for (std::size_t k = 0; k < scenes.size(); ++k) {
-    EXPECT_TRUE(same("pairs", overlapping_pairs(scenes[k], {.algorithm = "sweep-and-prune"}), expected[k]));
+    EXPECT_TRUE(
+        same("pairs", overlapping_pairs(scenes[k], {}, {.algorithm = "sweep-and-prune"}), expected[k]));
   }
 #endif
 }
@@ -127,7 +129,7 @@ TEST(ExactBoxes, FewOfManyPairsAreRemoved) {
     }
     expected = expected_pairs(boxes);
     for (const std::size_t threads : {1U, 3U, 5U}) {
-      EXPECT_TRUE(same("pairs", overlapping_pairs(boxes, {.threads = threads}), expected));
+      EXPECT_TRUE(same("pairs", overlapping_pairs(boxes, {}, {.threads = threads}), expected));
     }
   }
 }
@@ -140,7 +142,7 @@ TEST(ExactBoxes, ManyAreReadAndTestedByThreads) {
   for (const int mode : {FE_TONEAREST, FE_UPWARD, FE_DOWNWARD}) {
     const ScopedRounding rounding(mode);
     for (const std::size_t threads : {1U, 2U, 5U}) {
-      EXPECT_TRUE(same("pairs", overlapping_pairs(boxes, {.threads = threads}), expected));
+      EXPECT_TRUE(same("pairs", overlapping_pairs(boxes, {}, {.threads = threads}), expected));
     }
   }
 }

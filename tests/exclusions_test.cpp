@@ -78,7 +78,7 @@ TEST_P(EachAlgorithm, SmallExclusionsOfIdsWithoutObjectsAddNoPairs) {
 void search_once(const BroadPhase::Config& config, std::uint32_t n) {
   const MovingBoxes motion(n, MovingBoxes::Sizes::mixed);
   const std::span<const Aabb> boxes = motion.boxes();
-  const Pairs all = overlapping_pairs(boxes, {.algorithm = "oracle"});
+  const Pairs all = overlapping_pairs(boxes, {}, {.algorithm = "oracle"});
   ASSERT_GT(all.size(), n / 4);
   const Pairs some = every(2, all);
   Pairs given = every(3, all_pairs(std::min(n, 100U)));  // most of them do not overlap
@@ -87,12 +87,12 @@ void search_once(const BroadPhase::Config& config, std::uint32_t n) {
   for (Pair& pair : given) {
     if (pair.a % 2 == 0) std::swap(pair.a, pair.b);
   }
-  EXPECT_TRUE(same("one set", overlapping_pairs(boxes, config, given), expected));
-  EXPECT_TRUE(same("all", overlapping_pairs(boxes, config, all), {}));
+  EXPECT_TRUE(same("one set", overlapping_pairs(boxes, given, config), expected));
+  EXPECT_TRUE(same("all", overlapping_pairs(boxes, all, config), {}));
 
   const std::span<const Aabb> first = boxes.first(n / 3);
   const std::span<const Aabb> second = boxes.subspan(n / 3);
-  const Pairs between = overlapping_pairs(first, second, {.algorithm = "oracle"});
+  const Pairs between = overlapping_pairs(first, second, {}, {.algorithm = "oracle"});
   Pairs without = every(2, between);
   // In two sets, both indices of a pair may be equal.
   for (std::uint32_t k = 0; k < first.size(); ++k) without.push_back({k, k});
@@ -100,8 +100,8 @@ void search_once(const BroadPhase::Config& config, std::uint32_t n) {
   std::ranges::sort(sorted);
   std::ranges::reverse(without);
   EXPECT_TRUE(
-      same("two sets", overlapping_pairs(first, second, config, without), difference(between, sorted)));
-  EXPECT_TRUE(same("all of two sets", overlapping_pairs(first, second, config, between), {}));
+      same("two sets", overlapping_pairs(first, second, without, config), difference(between, sorted)));
+  EXPECT_TRUE(same("all of two sets", overlapping_pairs(first, second, between, config), {}));
 }
 
 ALSO_IN(oclgrind);
@@ -136,10 +136,10 @@ TEST(Exclusions, OfOneSearchAreOfBoxesThatAreThere) {
   const std::vector<Aabb> three(3, unit);
   const std::vector<Aabb> two(2, unit);
   const auto one_set = [&](const Pairs& pairs) {
-    return error_of([&] { (void)overlapping_pairs(three, oracle, pairs); });
+    return error_of([&] { (void)overlapping_pairs(three, pairs, oracle); });
   };
   const auto two_sets = [&](const Pairs& pairs) {
-    return error_of([&] { (void)overlapping_pairs(three, two, oracle, pairs); });
+    return error_of([&] { (void)overlapping_pairs(three, two, pairs, oracle); });
   };
   EXPECT_THAT(one_set({{0, 1}, {1, 3}}), HasSubstr("exclusion (1, 3) is of a box that is not there; give "
                                                    "indices below 3"));
@@ -149,14 +149,14 @@ TEST(Exclusions, OfOneSearchAreOfBoxesThatAreThere) {
                                                     "below 3 and 2"));
   EXPECT_THAT(two_sets({{3, 1}}), HasSubstr("(3, 1)"));
   EXPECT_THAT(two_sets({{0, 0xffffffff}}), HasSubstr("(0, 4294967295)"));
-  EXPECT_EQ(overlapping_pairs(three, two, oracle, Pairs{{1, 1}, {0, 1}, {1, 0}, {2, 0}}),
+  EXPECT_EQ(overlapping_pairs(three, two, Pairs{{1, 1}, {0, 1}, {1, 0}, {2, 0}}, oracle),
             (Pairs{{0, 0}, {2, 1}}));
 }
 
 /// A list, which has no BoxView, can have exclusions, too.
 TEST(Exclusions, OfAnyRange) {
   const std::list<Aabb> boxes(3, unit);
-  EXPECT_EQ(overlapping_pairs(boxes, {.algorithm = "oracle"}, Pairs{{2, 0}}), (Pairs{{0, 1}, {1, 2}}));
+  EXPECT_EQ(overlapping_pairs(boxes, Pairs{{2, 0}}, {.algorithm = "oracle"}), (Pairs{{0, 1}, {1, 2}}));
 }
 
 TEST(Exclusions, APairOfAnIdWithItselfIsRefused) {

@@ -31,7 +31,7 @@ namespace {
 using Sizes = MovingBoxes::Sizes;
 
 double overlaps_per_box(std::span<const Aabb> boxes) {
-  const std::vector<Pair> pairs = overlapping_pairs(boxes, {.algorithm = "oracle"});
+  const std::vector<Pair> pairs = overlapping_pairs(boxes, {}, {.algorithm = "oracle"});
   return 2.0 * static_cast<double>(pairs.size()) / static_cast<double>(boxes.size());
 }
 

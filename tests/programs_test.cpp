@@ -234,7 +234,7 @@ TEST(ProgramsBuilt, ByASingleSearchAreThoseOfTiles) {
   const ScopedFolder folder;
   const ScopedVariable cache("BROADCL_CACHE_DIR", folder.path().string());
   const std::vector<Aabb> boxes(5, unit);
-  EXPECT_EQ(overlapping_pairs(boxes, {.device = select_device().id(), .algorithm = "auto"}).size(), 10U);
+  EXPECT_EQ(overlapping_pairs(boxes, {}, {.device = select_device().id(), .algorithm = "auto"}).size(), 10U);
   EXPECT_THAT(cached_programs(folder.path()), Each(Not(StartsWith("brute_force.cl"))));
 }
 

@@ -314,10 +314,10 @@ void expect_pairs_of_one_search(Config config, bool is_slow) {
         const std::string what = "numbers " + std::to_string(numbers) + ", " + std::to_string(count) +
                                  " boxes within " + std::to_string(distance);
         config.distance = distance;
-        EXPECT_TRUE(same("pairs", overlapping_pairs(boxes, config), expected(count))) << what;
+        EXPECT_TRUE(same("pairs", overlapping_pairs(boxes, {}, config), expected(count))) << what;
         const std::size_t first = count / 3;
         Pairs pairs = overlapping_pairs(BoxView(std::span(boxes).first(first)),
-                                        BoxView(std::span(boxes).subspan(first)), config);
+                                        BoxView(std::span(boxes).subspan(first)), {}, config);
         for (Pair& pair : pairs) pair.b += static_cast<std::uint32_t>(first);
         EXPECT_TRUE(same("pairs of two sets", pairs, expected(first))) << what;
       }
@@ -446,11 +446,11 @@ TEST(Reach, ThreadsFindTheSame) {
     box.lower[2] += 0.01F * static_cast<float>(&box - boxes.data());
     box.upper[2] = box.lower[2];
   }
-  const Pairs expected = overlapping_pairs(boxes, {.algorithm = "oracle", .distance = 0.3});
+  const Pairs expected = overlapping_pairs(boxes, {}, {.algorithm = "oracle", .distance = 0.3});
   const ScopedRounding rounding(FE_UPWARD);
   for (const std::size_t threads : {1U, 4U}) {
     const BroadPhase::Config config{.algorithm = "sweep-and-prune", .threads = threads, .distance = 0.3};
-    EXPECT_TRUE(same("pairs", overlapping_pairs(boxes, config), expected)) << threads;
+    EXPECT_TRUE(same("pairs", overlapping_pairs(boxes, {}, config), expected)) << threads;
     BroadPhase broad_phase(config);
     EXPECT_TRUE(same("added", broad_phase.update(boxes).added, expected)) << threads;
   }
@@ -513,7 +513,7 @@ TYPED_TEST(ReachOf, ADistanceLeavesNoChoice) {
     const BroadPhase::Config config{.algorithm = "sweep-and-prune", .distance = distance};
     EXPECT_THAT(error_of([&] { BasicBroadPhase<TypeParam> refused(config); }),
                 HasSubstr("give one from 0 to 2^63"));
-    EXPECT_THAT(error_of([&] { (void)overlapping_pairs(boxes, config); }),
+    EXPECT_THAT(error_of([&] { (void)overlapping_pairs(boxes, {}, config); }),
                 HasSubstr("give one from 0 to 2^63"));
   }
 }

@@ -252,7 +252,7 @@ TEST(BruteForce, SeveralLaunchesFindEachPairOnce) {
   const scenes::MovingBoxes boxes(50'000, scenes::MovingBoxes::Sizes::uniform);
   const Pairs expected = sweep(boxes.boxes());
   for (const char* algorithm : {"brute-force", "gpu-bf"}) {
-    EXPECT_TRUE(same(algorithm, overlapping_pairs(boxes.boxes(), {.algorithm = algorithm}), expected));
+    EXPECT_TRUE(same(algorithm, overlapping_pairs(boxes.boxes(), {}, {.algorithm = algorithm}), expected));
   }
 }
 

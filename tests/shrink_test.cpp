@@ -217,7 +217,7 @@ TEST(HostMemory, IsAsDocumented) {
     constexpr std::uint32_t n = 8000;
     const std::vector<Aabb> boxes(n, unit);
     std::vector<Pair> pairs;
-    const Added bytes = bytes_of([&] { pairs = overlapping_pairs(boxes, config); });
+    const Added bytes = bytes_of([&] { pairs = overlapping_pairs(boxes, {}, config); });
     print("overlapping_pairs(), per pair", bytes, static_cast<double>(pairs.size()));
     EXPECT_LT(bytes.peak, 17 * static_cast<double>(pairs.size()));
   }));
@@ -246,7 +246,7 @@ NOT_IN(sanitizers, "takes long");
 TEST(LongList, ThatIsCountedFirstIsComplete) {
   EXPECT_TRUE(holds_in_child([] {
     constexpr std::uint32_t n = 24'000;
-    const Pairs pairs = overlapping_pairs(std::vector<Aabb>(n, unit), {.algorithm = "sweep-and-prune"});
+    const Pairs pairs = overlapping_pairs(std::vector<Aabb>(n, unit), {}, {.algorithm = "sweep-and-prune"});
     ASSERT_EQ(pairs.size(), std::size_t{n} * (n - 1) / 2);
     std::size_t k = 0;
     for (std::uint32_t b = 0; b < n; ++b) {

@@ -248,12 +248,12 @@ TEST(Threads, FunctionsThatBelongToNoObjectRunSideBySide) {
   }
   const std::size_t count = devices().size();
   const std::string label = select_device().label();
-  const std::vector<Pair> expected = overlapping_pairs(boxes, {.algorithm = "oracle"});
+  const std::vector<Pair> expected = overlapping_pairs(boxes, {}, {.algorithm = "oracle"});
   EXPECT_EQ(expected.size(), 99U);
   std::array<bool, 4> is_right{};
   in_threads(is_right.size(), [&](std::size_t k) {
     is_right.at(k) = devices().size() == count && select_device().label() == label &&
-                     overlapping_pairs(boxes, {.algorithm = "brute-force"}) == expected;
+                     overlapping_pairs(boxes, {}, {.algorithm = "brute-force"}) == expected;
   });
   EXPECT_EQ(is_right, (std::array{true, true, true, true}));
 }

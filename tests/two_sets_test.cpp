@@ -58,7 +58,7 @@ void expect_pairs(const BroadPhase::Config& config, std::uint32_t first_count, s
   const SceneOfSets scene(first_count, second_count);
   const std::vector<Aabb> first = scene.first();
   const std::vector<Aabb> second = scene.second();
-  EXPECT_TRUE(same("pairs", overlapping_pairs(first, second, config), expected_pairs(first, second)));
+  EXPECT_TRUE(same("pairs", overlapping_pairs(first, second, {}, config), expected_pairs(first, second)));
 }
 
 ALSO_IN(oclgrind);
@@ -78,7 +78,7 @@ TEST_P(EachAlgorithm, TwoSetsAtOnce) {
 TEST_P(EachAlgorithm, TwoSetsInTwoDimensionsAndDoublePrecision) {
   const std::array<double, 8> first{0, 0, 1, 1, 5, 5, 6, 6};
   const std::array<float, 8> second{1, 1, 2, 2, 5.5F, 0, 6, 5};
-  EXPECT_EQ(overlapping_pairs(BoxView::rectangles(first.data(), 2), BoxView::rectangles(second.data(), 2),
+  EXPECT_EQ(overlapping_pairs(BoxView::rectangles(first.data(), 2), BoxView::rectangles(second.data(), 2), {},
                               config()),
             (Pairs{{0, 0}, {1, 1}}));
 }
@@ -87,9 +87,9 @@ TEST_P(EachAlgorithm, OfTwoSetsAnErrorSaysWhichOneHasANaN) {
   std::vector<Aabb> boxes(3, unit);
   const std::vector<Aabb> good(2, unit);
   boxes[1].lower[0] = nan_value;
-  EXPECT_THAT(error_of([&] { (void)overlapping_pairs(boxes, good, config()); }),
+  EXPECT_THAT(error_of([&] { (void)overlapping_pairs(boxes, good, {}, config()); }),
               HasSubstr("the first set: box 1 has a NaN"));
-  EXPECT_THAT(error_of([&] { (void)overlapping_pairs(good, boxes, config()); }),
+  EXPECT_THAT(error_of([&] { (void)overlapping_pairs(good, boxes, {}, config()); }),
               HasSubstr("the second set: box 1 has a NaN"));
 }
 

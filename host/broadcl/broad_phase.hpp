@@ -327,8 +327,8 @@ extern template class BROADCL_API BasicBroadPhase<Aabb>;
 /// box that does not exist, for more than 2^31 pairs (of float64 boxes, also if they overlap as float32
 /// only), and as BroadPhase does; std::bad_alloc.
 [[nodiscard]] BROADCL_API std::vector<Pair> overlapping_pairs(
-    const BoxView& boxes, const BroadPhase::Config& config = BroadPhase::Config(),
-    std::span<const Pair> exclusions = {});
+    const BoxView& boxes, std::span<const Pair> exclusions = {},
+    const BroadPhase::Config& config = BroadPhase::Config());
 
 /// All overlapping pairs of a box of one set and a box of another: `a` is an index in `first`, `b` in
 /// `second`. Nothing is tested inside a set. (For two sets that move, keep a BroadPhase with the filters
@@ -338,8 +338,8 @@ extern template class BROADCL_API BasicBroadPhase<Aabb>;
 /// @throws Error for a NaN bound (it names the first such box), for an exclusion of a box that does not
 /// exist, for more than 2^31 boxes together, and as BroadPhase does; std::bad_alloc.
 [[nodiscard]] BROADCL_API std::vector<Pair> overlapping_pairs(
-    const BoxView& first, const BoxView& second, const BroadPhase::Config& config = BroadPhase::Config(),
-    std::span<const Pair> exclusions = {});
+    const BoxView& first, const BoxView& second, std::span<const Pair> exclusions = {},
+    const BroadPhase::Config& config = BroadPhase::Config());
 
 /// Of each query the boxes that it finds, by index: as BasicBroadPhase::overlapping() of a broad phase that
 /// has these boxes. For frequent queries, keep a BroadPhase, which keeps the tree. Any number of threads may
@@ -377,16 +377,15 @@ extern template class BROADCL_API BasicBroadPhase<Aabb>;
 /// overlapping_pairs() of one set in any other range of boxes, including a temporary one. Boxes that no
 /// BoxView can view are copied.
 template <AabbRange Range>
-[[nodiscard]] std::vector<Pair> overlapping_pairs(Range&& boxes,
-                                                  const BroadPhase::Config& config = BroadPhase::Config(),
-                                                  std::span<const Pair> exclusions = {}) {
+[[nodiscard]] std::vector<Pair> overlapping_pairs(Range&& boxes, std::span<const Pair> exclusions = {},
+                                                  const BroadPhase::Config& config = BroadPhase::Config()) {
   if constexpr (AabbArray<Range&>) {
-    return overlapping_pairs(BoxView(boxes), config, exclusions);
+    return overlapping_pairs(BoxView(boxes), exclusions, config);
   } else {
     std::vector<Aabb> copy;
     if constexpr (std::ranges::sized_range<Range>) copy.reserve(std::ranges::size(boxes));
     for (auto&& box : boxes) copy.push_back(std::forward<decltype(box)>(box));
-    return overlapping_pairs(copy, config, exclusions);
+    return overlapping_pairs(copy, exclusions, config);
   }
 }
 

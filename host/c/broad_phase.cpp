@@ -84,9 +84,9 @@ broadcl_status broadcl_pair_list_create(const broadcl_boxes* boxes, const broadc
     c::required(list, "list");
     const BoxView view = c::to_view(boxes, "boxes");
     const std::span<const Pair> without = c::to_pairs(exclusions, count, "exclusions");
-    *list = new broadcl_pair_list{second == nullptr ? overlapping_pairs(view, c::to_config(config), without)
+    *list = new broadcl_pair_list{second == nullptr ? overlapping_pairs(view, without, c::to_config(config))
                                                     : overlapping_pairs(view, c::to_view(second, "second"),
-                                                                        c::to_config(config), without)};
+                                                                        without, c::to_config(config))};
   });
 }
 

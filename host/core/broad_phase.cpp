@@ -418,15 +418,15 @@ Hits along(const BoxView& boxes, const BoxView& starts, std::span<const std::arr
   });
 }
 
-std::vector<Pair> overlapping_pairs(const BoxView& boxes, const BroadPhase::Config& config,
-                                    std::span<const Pair> exclusions) {
+std::vector<Pair> overlapping_pairs(const BoxView& boxes, std::span<const Pair> exclusions,
+                                    const BroadPhase::Config& config) {
   if (boxes.size() > most_in_search) throw Error::invalid_argument("more than 2147483648 boxes; use fewer");
   refuse_unknown(exclusions, boxes.size(), boxes.size());
   return search_once(boxes, nullptr, sorted_exclusions(exclusions), config);
 }
 
 std::vector<Pair> overlapping_pairs(const BoxView& first, const BoxView& second,
-                                    const BroadPhase::Config& config, std::span<const Pair> exclusions) {
+                                    std::span<const Pair> exclusions, const BroadPhase::Config& config) {
   if (first.size() > most_in_search || second.size() > most_in_search - first.size()) {
     throw Error::invalid_argument("more than 2147483648 boxes in both sets; use fewer");
   }

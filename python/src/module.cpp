@@ -102,8 +102,8 @@ nb::object find_pairs(nb::handle a, nb::handle b, nb::handle exclusions, const S
     warn_of_inverted({&first});
   }
   return to_array(or_name_row(first, second ? &*second : nullptr, [&] {
-    return second ? overlapping_pairs(first.view(), second->view(), config, without)
-                  : overlapping_pairs(first.view(), config, without);
+    return second ? overlapping_pairs(first.view(), second->view(), without, config)
+                  : overlapping_pairs(first.view(), without, config);
   }));
 }
 

@@ -47,7 +47,7 @@ struct CheckTimes {
 constexpr Aabb nowhere = {{1, 1, 1}, {-1, -1, -1}};
 
 std::vector<Pair> oracle(const std::vector<Aabb>& boxes) {
-  return overlapping_pairs(boxes, {.algorithm = "oracle"});
+  return overlapping_pairs(boxes, {}, {.algorithm = "oracle"});
 }
 
 /// What is wrong with a list of pairs; none if it is as expected.

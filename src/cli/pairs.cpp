@@ -64,7 +64,7 @@ Exit run_pairs(const PairsOptions& options) {
   // A device that was asked for must exist, even if the algorithm runs on the host.
   if (!options.broad_phase.device.empty()) (void)select_device(options.broad_phase.device);
   const std::optional<Device> device = device_for(options.broad_phase);
-  const std::vector<Pair> pairs = overlapping_pairs(boxes, options.broad_phase);
+  const std::vector<Pair> pairs = overlapping_pairs(boxes, {}, options.broad_phase);
   times += ", searching " + fixed(stopwatch.lap(), decimals) + " s";
   if (out) {
     out->write(to_npy(pairs));

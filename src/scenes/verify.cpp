@@ -40,7 +40,7 @@ bool pass_filters(const btBroadphaseProxy& s, const btBroadphaseProxy& t) {
 }
 
 std::vector<Pair> expected_pairs(Proxies proxies, std::span<const Aabb> boxes) {
-  std::vector<Pair> pairs = overlapping_pairs(boxes, {.algorithm = "oracle"});
+  std::vector<Pair> pairs = overlapping_pairs(boxes, {}, {.algorithm = "oracle"});
   std::erase_if(pairs, [&](const Pair& pair) { return !pass_filters(*proxies[pair.a], *proxies[pair.b]); });
   return pairs;
 }
