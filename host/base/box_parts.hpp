@@ -5,6 +5,7 @@
 #include <cstddef>
 
 #include "base/parallel.hpp"
+#include "base/threads.hpp"
 
 namespace broadcl {
 
@@ -18,10 +19,10 @@ inline constexpr std::size_t boxes_per_part = 2048;
 /// How many threads n boxes are worth: with few per thread, waking it takes longer than it saves; with more
 /// than eight threads, memory is not faster.
 /// @param threads At most; 0 for one per processor.
-[[nodiscard]] inline std::size_t threads_of(std::size_t n, std::size_t threads) {
+[[nodiscard]] inline Threads threads_of(std::size_t n, const Threads& threads) {
   constexpr std::size_t least_boxes = 4096;
   constexpr std::size_t most_threads = 8;
-  return std::min(most_threads, useful_threads(n, least_boxes, threads));
+  return useful_threads(std::min(n, most_threads * least_boxes), least_boxes, threads);
 }
 
 /// Calls function(begin, end, thread) for each part of 0 .. n-1. The first box of a part is a multiple of
@@ -29,7 +30,7 @@ inline constexpr std::size_t boxes_per_part = 2048;
 /// @param threads As above.
 /// @throws As parallel_for().
 template <class Function>
-void for_each_part(std::size_t n, std::size_t threads, const Function& function) {
+void for_each_part(std::size_t n, const Threads& threads, const Function& function) {
   parallel_for(parts_of(n), threads_of(n, threads), [&](std::size_t k, std::size_t thread) {
     function(k * boxes_per_part, std::min(n, (k + 1) * boxes_per_part), thread);
   });

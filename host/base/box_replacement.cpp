@@ -35,7 +35,8 @@ template <class Box>
 
 template <class Box>
 BoxReplacement<Box>::BoxReplacement(const BoxView& view, std::span<const Box> before, std::span<Box> boxes,
-                                    bool streams, bool samples, std::size_t threads, Conversion* conversion)
+                                    bool streams, bool samples, const Threads& threads,
+                                    Conversion* conversion)
     : view_(view),
       before_(before),
       boxes_(boxes),

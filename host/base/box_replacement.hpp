@@ -39,7 +39,7 @@ class BoxReplacement final : public ArrivingBoxes {
   /// @param conversion To float32, which is done, too; not for an Aabb. Must outlive this object.
   /// @throws std::bad_alloc
   BoxReplacement(const BoxView& view, std::span<const Box> before, std::span<Box> boxes, bool streams,
-                 bool samples, std::size_t threads, Conversion* conversion = nullptr);
+                 bool samples, const Threads& threads, Conversion* conversion = nullptr);
 
   std::size_t next() override;
   void stop() noexcept override { loop_.stop(); }

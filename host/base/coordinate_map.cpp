@@ -312,8 +312,8 @@ double CoordinateMap::greatest_original(std::size_t axis, float image) const noe
 }
 
 CoordinateMap::CoordinateMap(std::size_t boxes, const ReadBoxes& read, bool keeps_distances,
-                             std::size_t threads) {
-  threads = threads_of(boxes, threads);
+                             const Threads& all) {
+  const Threads threads = threads_of(boxes, all);
   const auto for_all = [&](const auto& function) {
     for_each_part(boxes, threads, [&](std::size_t begin, std::size_t end, std::size_t thread) {
       const DefaultFloatingPoint as_everywhere;
@@ -325,14 +325,14 @@ CoordinateMap::CoordinateMap(std::size_t boxes, const ReadBoxes& read, bool keep
       }
     });
   };
-  std::vector<std::array<Survey, 3>> surveys(threads);
+  std::vector<std::array<Survey, 3>> surveys(threads.most);
   for_all([&](std::size_t /*first*/, std::span<const Aabb64> some, std::size_t thread) {
     for (std::size_t axis = 0; axis < axes_.size(); ++axis) surveys[thread][axis].add(axis, some);
   });
   std::array<std::vector<double>, 3> bounds;  // of axes with gaps to cut
   const DefaultFloatingPoint as_everywhere;
   for (std::size_t axis = 0; axis < axes_.size(); ++axis) {
-    for (std::size_t k = 1; k < threads; ++k) surveys[0][axis].add(surveys[k][axis]);
+    for (std::size_t k = 1; k < threads.most; ++k) surveys[0][axis].add(surveys[k][axis]);
     axes_[axis] = Axis(surveys[0][axis], boxes, keeps_distances);
     if (!axes_[axis].is_fine() && !keeps_distances) bounds[axis].resize(2 * boxes);
   }

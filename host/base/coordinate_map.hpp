@@ -11,6 +11,8 @@
 
 #include <broadcl/aabb.hpp>
 
+#include "base/threads.hpp"
+
 namespace broadcl {
 
 /// Reads as many boxes as `out` has, from `first` on; an empty box as six NaNs. Several threads call it.
@@ -42,7 +44,7 @@ class CoordinateMap {
   /// None is ever away then, and image_error() is how inexact images are.
   /// @param threads At most.
   /// @throws std::bad_alloc
-  CoordinateMap(std::size_t boxes, const ReadBoxes& read, bool keeps_distances, std::size_t threads);
+  CoordinateMap(std::size_t boxes, const ReadBoxes& read, bool keeps_distances, const Threads& threads);
 
   /// Whether it was made for boxes of which some has a finite bound.
   [[nodiscard]] bool is_made() const noexcept {

@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <span>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include <broadcl/error.hpp>
@@ -15,6 +16,7 @@
 #include "base/parallel.hpp"
 #include "base/slot_set.hpp"
 #include "base/system.hpp"
+#include "base/threads.hpp"
 
 namespace broadcl {
 
@@ -139,7 +141,7 @@ inline void subtract(std::vector<Pair>& pairs, std::span<const Pair> without) no
 class PairParts {
  public:
   /// @param threads At most; 0 for one per processor.
-  explicit PairParts(std::size_t threads) noexcept : threads_(threads) {}
+  explicit PairParts(Threads threads) noexcept : threads_(std::move(threads)) {}
 
   /// Divides two lists at the same pairs, or one in any order. If that is not worth several threads, there is
   /// one part.
@@ -154,8 +156,8 @@ class PairParts {
     first.clear();
     second.clear();
     const std::span<const Pair> longer = s.size() > t.size() ? s : t;
-    const std::size_t threads = useful_threads(longer.size(), pairs_per_thread, threads_);
-    if (threads == 1) return work(s, t, first, second);
+    const Threads threads = useful_threads(longer.size(), pairs_per_thread, threads_);
+    if (threads.most == 1) return work(s, t, first, second);
     const std::size_t parts = (longer.size() + pairs_per_part - 1) / pairs_per_part;
     if (parts_.size() < parts) parts_.resize(parts);
     parallel_for(parts, threads, [&](std::size_t k, std::size_t /*thread*/) {
@@ -187,7 +189,7 @@ class PairParts {
     std::vector<Pair> first, second;
   };
 
-  std::size_t threads_;
+  Threads threads_;
   std::vector<Part> parts_;
 };
 
@@ -224,7 +226,7 @@ inline void compare(std::span<const Pair> before, std::span<const Pair> now,
 /// @param select Called with a part of the list and a list to append its pairs to.
 /// @throws std::bad_alloc
 template <class Select>
-[[nodiscard]] std::vector<Pair> select_pairs(std::span<const Pair> pairs, std::size_t threads,
+[[nodiscard]] std::vector<Pair> select_pairs(std::span<const Pair> pairs, const Threads& threads,
                                              const Select& select) {
   std::vector<Pair> selected;
   std::vector<Pair> none;

@@ -13,19 +13,18 @@ inline constexpr std::size_t cache_line = 64;
 
 /// How many threads n things are worth, at most.
 /// @param least How many things pay for waking a thread.
-/// @param most 0 for one thread per free processor.
-[[nodiscard]] inline std::size_t useful_threads(std::size_t n, std::size_t least, std::size_t most) {
+[[nodiscard]] inline Threads useful_threads(std::size_t n, std::size_t least, const Threads& threads) {
   const std::size_t useful = n / least;
   if (useful < 2) return 1;
-  return std::min(useful, most != 0 ? most : free_processors());
+  return {std::min(useful, threads.most != 0 ? threads.most : free_processors()), threads.pool};
 }
 
-/// Calls function(k, thread) once for each k < n; `thread`, below `threads`, is the number of the calling
-/// thread. The caller's thread takes part; uses fewer threads if others are busy.
+/// Calls function(k, thread) once for each k < n; `thread`, below `threads.most`, is the number of the
+/// calling thread. The caller's thread takes part; uses fewer threads if others are busy.
 /// @throws What the function throws; the other calls have then returned or were not made.
 template <class Function>
-void parallel_for(std::size_t n, std::size_t threads, const Function& function) {
-  if (std::min(threads, n) < 2) {
+void parallel_for(std::size_t n, const Threads& threads, const Function& function) {
+  if (std::min(threads.most, n) < 2) {
     for (std::size_t k = 0; k < n; ++k) function(k, std::size_t{0});
   } else {
     ParallelLoop(n, threads, std::cref(function)).finish();

@@ -33,15 +33,20 @@ constexpr std::chrono::seconds longest_idle(10);
 
 }  // namespace
 
-class ThreadPool {
+/// Either has threads of its own, or helps in tasks that the application runs. A task belongs to no loop and
+/// helps with the latest, if there is one. So it may be run at any time, or never.
+class ThreadPool : public std::enable_shared_from_this<ThreadPool> {
  public:
+  explicit ThreadPool(Executor executor = {}) : executor_(std::move(executor)) {}
+
   void share(ParallelLoop& loop) {
     {
       const std::unique_lock lock = acquire();
-      start_threads(loop.helpers_);
+      if (!executor_) start_threads(loop.helpers_);
       loop.next_ = first_;
       first_ = &loop;
     }
+    if (executor_) return submit_tasks(loop.helpers_);
     for (std::size_t k = 0; k < loop.helpers_; ++k) wanted_.notify_one();
   }
 
@@ -72,20 +77,39 @@ class ThreadPool {
     }
   }
 
+  void submit_tasks(std::size_t count) {
+    try {
+      for (; count > 0; --count) {
+        executor_([pool = shared_from_this()] {
+          if (pool->first_ == nullptr) return;  // before the lock, which a forked child might never get
+          std::unique_lock lock = pool->acquire();
+          if (pool->first_ != nullptr) pool->help_latest(lock);
+        });
+      }
+    } catch (...) {  // as if the rest were never run
+    }
+  }
+
+  /// @param lock Ends unlocked.
+  void help_latest(std::unique_lock<std::mutex>& lock) {
+    ParallelLoop& loop = *first_;
+    const std::size_t thread = ++loop.joined_;
+    if (thread == loop.helpers_) first_ = loop.next_;
+    ++loop.active_;
+    lock.unlock();
+    while (loop.step(thread)) {
+    }
+    lock = acquire();
+    // With the lock, without which the caller does not destroy its loop.
+    if (--loop.active_ == 0) loop.ended_.notify_one();
+    lock.unlock();
+  }
+
+  /// What a thread of the pool's own does.
   void help() {
     std::unique_lock lock = acquire();
     while (wanted_.wait_for(lock, longest_idle, [&] { return first_ != nullptr; })) {
-      ParallelLoop& loop = *first_;
-      const std::size_t thread = ++loop.joined_;
-      if (thread == loop.helpers_) first_ = loop.next_;
-      ++loop.active_;
-      lock.unlock();
-      while (loop.step(thread)) {
-      }
-      lock = acquire();
-      // With the lock, without which the caller does not destroy its loop.
-      if (--loop.active_ == 0) loop.ended_.notify_one();
-      lock.unlock();
+      help_latest(lock);
       spin_until([&] { return first_ != nullptr; });
       lock = acquire();
     }
@@ -102,6 +126,7 @@ class ThreadPool {
     }
   }
 
+  Executor executor_;  // empty if it has threads of its own
   std::mutex mutex_;
   std::condition_variable wanted_;
   std::size_t threads_ = 0;
@@ -157,10 +182,15 @@ std::size_t free_processors() noexcept {
   return all < few ? all : std::max<std::size_t>(1, all - std::min<std::size_t>(all, processors_left));
 }
 
-ParallelLoop::ParallelLoop(std::size_t n, std::size_t threads, Function function)
-    : n_(n), function_(std::move(function)), helpers_(std::max<std::size_t>(1, std::min(threads, n)) - 1) {
+Threads::Threads(const Config& config)
+    : most(config.threads), pool(config.executor ? std::make_shared<ThreadPool>(config.executor) : nullptr) {}
+
+ParallelLoop::ParallelLoop(std::size_t n, const Threads& threads, Function function)
+    : n_(n),
+      function_(std::move(function)),
+      helpers_(std::max<std::size_t>(1, std::min(threads.most, n)) - 1) {
   if (helpers_ == 0) return;
-  pool_ = pool();
+  pool_ = threads.pool != nullptr ? threads.pool.get() : pool();
   if (pool_ != nullptr) pool_->share(*this);
 }
 

@@ -9,25 +9,23 @@
 #include <broadcl/export.h>
 
 #include "base/non_copyable.hpp"
+#include "base/threads.hpp"
 
 namespace broadcl {
-
-class ThreadPool;
 
 /// Calls function(k, thread) once for each k < n, in order as calls begin: in the thread that has this
 /// object, as number 0, and in threads of a pool that are free, or become free before stop() or finish()
 /// returns. So nobody waits for others' work, and loops may be nested. (Exported for the MPI component.)
 ///
-/// The pool has as many threads as the largest number of helpers that was wanted so far, or as the system
-/// could start. They start when they are needed, and end when they have been idle for ten seconds; a forked
-/// child starts its own.
+/// The library's own pool has as many threads as the largest number of helpers that was wanted so far, or as
+/// the system could start. They start when they are needed, and end when they have been idle for ten seconds;
+/// a forked child starts its own. Other pools consist of the threads that run an Executor's tasks.
 class BROADCL_API ParallelLoop {
  public:
   using Function = std::function<void(std::size_t k, std::size_t thread)>;
 
   /// Other threads begin at once.
-  /// @param threads At most, with that of the caller.
-  ParallelLoop(std::size_t n, std::size_t threads, Function function);
+  ParallelLoop(std::size_t n, const Threads& threads, Function function);
   ~ParallelLoop() { stop(); }
 
   /// Makes the next call.

@@ -192,6 +192,16 @@ BROADCL_API broadcl_status broadcl_algorithms(const broadcl_algorithm** rows, si
 typedef void (*broadcl_compile_handler)(const broadcl_device_info* device, const char* cache_folder,
                                         void* data);
 
+/// Gives a task to threads of the application, which must call run(task) exactly once, in any thread: before
+/// this returns, later, or at the same time as others. It must not wait for the task, nor do anything else
+/// meanwhile that uses the same object. Called by the threads that work for the object, several at the same
+/// time if several query it.
+///
+/// Nothing waits for a task that was not called: the thread that called the library does what nobody else
+/// does. So a call may itself be a task of the same threads. A task that is called too late, perhaps after
+/// the object was destroyed, returns at once. Of one that is never called, some bytes are never freed.
+typedef void (*broadcl_executor)(void (*run)(void* task), void* task, void* data);
+
 /// How an object works. Read once, when the object is made.
 typedef struct broadcl_config {
   size_t size;  ///< sizeof(broadcl_config)
@@ -214,6 +224,10 @@ typedef struct broadcl_config {
   /// How far apart the boxes of a pair may be. It is as if each object had half of this as its reach:
   /// see broadcl_broad_phase_set_reach(), which is then refused.
   double distance;
+  /// If it is not null, its threads do what threads of this library would do otherwise, and this library
+  /// starts none but that in which "auto" opens a GPU. Set `threads` to their number, including the caller's.
+  broadcl_executor executor;
+  void* executor_data;  ///< Passed to it.
 } broadcl_config;
 
 /// OpenCL memory that an object holds, in bytes. Buffers grow with boxes and pairs; most never shrink.

@@ -16,6 +16,17 @@ struct Device;
 /// @param cache_folder Where they are stored for the next start; empty if they cannot be stored.
 using CompileHandler = std::function<void(const Device& device, const std::string& cache_folder)>;
 
+/// Gives a task to threads of the application, which may call it at any time: before this returns, later, at
+/// the same time as others, several times or never. It must not wait for the task, nor do anything else
+/// meanwhile that uses the same object of this library. Called by the threads that work for the object,
+/// several at the same time if several query it.
+///
+/// Nothing waits for a task that was not called: the thread that called the library does what nobody else
+/// does. So loops may be nested, a call may itself be a task of the same threads, and an exception that this
+/// throws only means that the task is never called. A task that is called too late, perhaps after the object
+/// was destroyed, returns at once. Tasks throw nothing.
+using Executor = std::function<void(std::function<void()> task)>;
+
 /// How an object of this library works: which device and which algorithm it uses, and what it measures. A
 /// plain value, read once when the object is created.
 struct Config {
@@ -40,6 +51,11 @@ struct Config {
   /// including the caller's; 0 for one per processor. (overlapping_pairs() copies hundreds of thousands of
   /// boxes by several threads, whatever this is.)
   std::size_t threads = 0;
+
+  /// If it is set, its threads do what threads of this library would do otherwise, and this library starts
+  /// none but that in which `auto` opens a GPU. (OpenCL's drivers have threads, too.) Set `threads` to their
+  /// number, including the caller's.
+  Executor executor{};
 
   /// How far apart the boxes of a pair may be: with 0 they overlap or touch. It is as if each object had half
   /// of this as its reach (BasicBroadPhase::set_reach(), which defines the distance, and is then refused).

@@ -44,6 +44,7 @@ class BROADCL_MPI_API MpiDeviceBroadPhase {
   /// Collective.
   /// @param comm Duplicated.
   /// @param queue Of this rank's device: see DeviceBroadPhase. mpi_device() names one for each rank.
+  /// @param config If Config::threads is 0, the ranks of a node share its processors.
   /// @throws Error as DeviceBroadPhase does, on all ranks.
   explicit MpiDeviceBroadPhase(MPI_Comm comm, cl_command_queue queue, const Config& config = Config());
   /// Collective; before MPI_Finalize(). Wait for the queue before the process ends.

@@ -45,6 +45,8 @@ class BROADCL_API DeviceBroadPhase {
     std::string algorithm = "auto";  ///< "auto", "brute-force" or "tiles".
     bool profile = false;            ///< Measure stages on the device: the queue must have profiling enabled.
     CompileHandler on_compile{};     ///< See broadcl::Config.
+    std::size_t threads = 0;         ///< See broadcl::Config; only a MpiDeviceBroadPhase has work for them.
+    Executor executor{};             ///< Likewise.
   };
 
   /// The second of two sets of boxes, of the same kind as the first.

@@ -34,7 +34,11 @@ class ProxySearch {
 
   /// @param cache, pool, reports Must outlive this object.
   ProxySearch(const Config& config, btOverlappingPairCache& cache, ProxyPool& pool, Reports& reports)
-      : core_(config), threads_(config.threads), pool_(pool), filters_(cache, pool), reports_(reports) {}
+      : core_(config),
+        on_host_{.algorithm = "sweep-and-prune", .threads = config.threads, .executor = config.executor},
+        pool_(pool),
+        filters_(cache, pool),
+        reports_(reports) {}
 
   /// @param proxy Not in the pool yet.
   /// @returns Its id.
@@ -135,7 +139,7 @@ class ProxySearch {
       return function();
     } catch (const Error& error) {
       if (!core_.algorithm().on_device) throw;  // (`auto` may have left the device already)
-      Core host({.algorithm = "sweep-and-prune", .threads = threads_});
+      Core host(on_host_);
       fill(host);
       core_ = std::move(host);
       must_compare_ = true;
@@ -188,7 +192,7 @@ class ProxySearch {
   }
 
   Core core_;
-  std::size_t threads_;  // as configured
+  Config on_host_;  // of the core that takes over
   ProxyPool& pool_;
   FilterWatch filters_;
   Reports& reports_;

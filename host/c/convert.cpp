@@ -2,6 +2,8 @@
 
 #include <algorithm>
 #include <cstddef>
+#include <functional>
+#include <memory>
 #include <span>
 #include <string>
 #include <utility>
@@ -17,6 +19,15 @@ BoxView view_of(const broadcl_boxes& boxes) {
   const auto* numbers = static_cast<const S*>(boxes.data);
   return is_flat ? BoxView::rectangles(numbers, boxes.count, boxes.stride)
                  : BoxView::interleaved(numbers, boxes.count, boxes.stride);
+}
+
+Executor to_executor(broadcl_executor executor, void* data) {
+  if (executor == nullptr) return {};
+  return [executor, data](std::function<void()> task) {
+    using Task = std::function<void()>;
+    executor([](void* given) { (*std::unique_ptr<Task>(static_cast<Task*>(given)))(); },
+             new Task(std::move(task)), data);
+  };
 }
 
 }  // namespace
@@ -70,6 +81,7 @@ Config to_config(const broadcl_config* config) {
   if (given.device != nullptr) result.device = given.device;
   if (given.algorithm != nullptr) result.algorithm = given.algorithm;
   result.threads = given.threads;
+  result.executor = to_executor(given.executor, given.executor_data);
   result.distance = given.distance;
   result.profile = given.profile != 0;
   result.on_compile = to_handler(given.on_compile, given.on_compile_data);

@@ -3,15 +3,16 @@
 #include <atomic>
 #include <numeric>
 #include <string>
+#include <utility>
 
 namespace broadcl {
 
 template <class Box>
 BoxMoves<Box>::BoxMoves(std::span<const std::uint32_t> ids, const BoxView& boxes,
-                        const ObjectTable<BoundType<Box>>& objects, std::size_t threads)
+                        const ObjectTable<BoundType<Box>>& objects, Threads threads)
     : ids_(ids),
       boxes_(boxes),
-      threads_(threads),
+      threads_(std::move(threads)),
       changed_(std::make_unique_for_overwrite<std::uint32_t[]>(ids.size())),  // NOLINT: as declared
       counts_(parts_of(ids.size())) {
   LowestFound unknown(ids_.size());

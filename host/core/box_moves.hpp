@@ -12,6 +12,7 @@
 #include "base/box_parts.hpp"
 #include "base/box_reader.hpp"
 #include "base/packed_box.hpp"
+#include "base/threads.hpp"
 #include "core/object_table.hpp"
 
 namespace broadcl {
@@ -25,7 +26,7 @@ class BoxMoves {
   /// @param threads At most; 0 for one per processor.
   /// @throws Error for an unknown id, and for the first box with a NaN bound; std::bad_alloc.
   BoxMoves(std::span<const std::uint32_t> ids, const BoxView& boxes,
-           const ObjectTable<BoundType<Box>>& objects, std::size_t threads);
+           const ObjectTable<BoundType<Box>>& objects, Threads threads);
 
   [[nodiscard]] bool any_empty() const noexcept { return any_empty_; }
 
@@ -55,7 +56,7 @@ class BoxMoves {
 
   std::span<const std::uint32_t> ids_;
   const BoxView& boxes_;
-  std::size_t threads_;
+  Threads threads_;
   bool any_empty_ = false;
   // By part, from its first box on: ids that changed.
   std::unique_ptr<std::uint32_t[]> changed_;  // NOLINT(modernize-avoid-c-arrays): not initialised

@@ -104,6 +104,7 @@ std::vector<Pair> search_once(const BoxView& first, const BoxView* second, std::
   const bool sets = second != nullptr;
   const BoxView rest = sets ? *second : BoxView();
   const std::size_t boxes = first.size() + rest.size();
+  const Threads threads(config);
   const auto algorithm = make_for_one_search(config);
   algorithm->reserve(boxes, sets);
   algorithm->reserve_exclusions(exclusions.size());
@@ -111,7 +112,7 @@ std::vector<Pair> search_once(const BoxView& first, const BoxView* second, std::
   std::vector<float> reaches;
   std::optional<ExactBoxes> exact;
   if (ExactBoxes::are_needed(first, rest)) {
-    exact.emplace(first, rest, reach_for<double>(config), config.threads);
+    exact.emplace(first, rest, reach_for<double>(config), threads);
     if (const std::size_t nan = exact->pack_to(packed); nan < boxes) {
       const bool is_first = nan < first.size();
       throw_nan((sets ? is_first ? "the first set: box " : "the second set: box " : "box ") +
@@ -169,9 +170,9 @@ BasicBroadPhase<Box>::BasicBroadPhase() : BasicBroadPhase(Config()) {}
 
 template <class Box>
 BasicBroadPhase<Box>::BasicBroadPhase(const Config& config)
-    : impl_(new Impl{Core<Box>(make_algorithm(config), config.threads, reach_for<Bound>(config)),
+    : impl_(new Impl{Core<Box>(make_algorithm(config), Threads(config), reach_for<Bound>(config)),
                      find_algorithm(config.algorithm).info}) {
-  impl_->queries.emplace(impl_->core, config.threads);
+  impl_->queries.emplace(impl_->core, Threads(config));
   impl_->core.record_to(Recorder<Box>::make(config.distance));
 }
 

@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <optional>
 #include <span>
+#include <utility>
 #include <vector>
 
 #include <broadcl/aabb.hpp>
@@ -12,6 +13,7 @@
 #include "base/conversion.hpp"
 #include "base/coordinate_map.hpp"
 #include "base/packed_box.hpp"
+#include "base/threads.hpp"
 #include "core/change_set.hpp"
 
 namespace broadcl {
@@ -21,7 +23,7 @@ namespace broadcl {
 class ConvertedBoxes {
  public:
   /// @param threads At most; 0 for one per processor.
-  explicit ConvertedBoxes(std::size_t threads) : threads_(threads) {}
+  explicit ConvertedBoxes(Threads threads) : threads_(std::move(threads)) {}
 
   /// Makes the map keep distances from now on. If it did not before, all boxes count as changed afterwards.
   /// @throws std::bad_alloc; nothing has changed then.
@@ -71,7 +73,7 @@ class ConvertedBoxes {
   void convert_all(std::span<const Aabb64> boxes, std::span<Aabb> out);
   void convert_one(std::uint32_t slot, std::span<const Aabb64> boxes, std::span<Aabb> out) noexcept;
 
-  std::size_t threads_;
+  Threads threads_;
   bool keeps_distances_ = false;
   CoordinateMap map_;
   std::optional<Conversion> conversion_;  // of all boxes, by the map

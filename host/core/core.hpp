@@ -21,6 +21,7 @@
 #include "base/box_replacement.hpp"
 #include "base/kept_boxes.hpp"
 #include "base/packed_box.hpp"
+#include "base/threads.hpp"
 #include "core/change_set.hpp"
 #include "core/converted_boxes.hpp"
 #include "core/exact_pairs.hpp"
@@ -41,7 +42,7 @@ using LookAtBoxes = std::function<void(std::size_t begin, std::size_t end, std::
 
 /// What a core in double precision has beside its algorithm.
 struct ExactParts {
-  explicit ExactParts(std::size_t threads) : converted(threads), reaches(threads), pairs(threads) {}
+  explicit ExactParts(const Threads& threads) : converted(threads), reaches(threads), pairs(threads) {}
 
   KeptBoxes<Aabb64> boxes;
   ConvertedBoxes converted;
@@ -49,7 +50,7 @@ struct ExactParts {
   ExactPairs pairs;
 };
 struct NoExactParts {
-  explicit NoExactParts(std::size_t /*threads*/) noexcept {}
+  explicit NoExactParts(const Threads& /*threads*/) noexcept {}
 };
 
 /// Objects, their ids, and what changed. Each function first does everything that may throw; a comment
@@ -63,7 +64,7 @@ class Core {
 
   /// @param threads That copy boxes, at most; 0 for one per processor.
   /// @param reach Of all objects; if it is 0, each may have its own.
-  explicit Core(AlgorithmPointer algorithm, std::size_t threads = 0, Bound reach = 0)
+  explicit Core(AlgorithmPointer algorithm, const Threads& threads = 0, Bound reach = 0)
       : algorithm_(std::move(algorithm)),
         exact_(threads),
         boxes_(find_boxes()),
@@ -354,7 +355,7 @@ class Core {
   AlgorithmPointer algorithm_;
   [[no_unique_address]] std::conditional_t<is_exact, ExactParts, NoExactParts> exact_;
   std::span<Box> boxes_;            // the algorithm's, or those of `exact_`
-  std::size_t threads_;             // that copy boxes
+  Threads threads_;                 // that copy boxes
   bool has_filter_memory_ = false;  // in the algorithm
   std::size_t capacity_ = 0;        // ids that the following have capacity for
   ObjectTable<Bound> objects_;

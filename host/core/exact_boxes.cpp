@@ -26,7 +26,7 @@ void ExactBoxes::for_each_block(std::size_t begin, std::size_t end, const Functi
   }
 }
 
-ExactBoxes::ExactBoxes(const BoxView& first, const BoxView& second, double reach, std::size_t threads)
+ExactBoxes::ExactBoxes(const BoxView& first, const BoxView& second, double reach, const Threads& threads)
     : first_(first), second_(second), reach_(reach), threads_(threads) {
   map_ = CoordinateMap(
       size(),

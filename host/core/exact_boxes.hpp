@@ -9,6 +9,7 @@
 
 #include "base/coordinate_map.hpp"
 #include "base/packed_box.hpp"
+#include "base/threads.hpp"
 
 namespace broadcl {
 
@@ -25,7 +26,7 @@ class ExactBoxes {
   /// @param reach Of each box.
   /// @param threads At most; 0 for one per processor.
   /// @throws std::bad_alloc
-  ExactBoxes(const BoxView& first, const BoxView& second, double reach, std::size_t threads);
+  ExactBoxes(const BoxView& first, const BoxView& second, double reach, const Threads& threads);
 
   [[nodiscard]] std::size_t size() const noexcept { return first_.size() + second_.size(); }
 
@@ -56,7 +57,7 @@ class ExactBoxes {
   BoxView first_;
   BoxView second_;
   double reach_;
-  std::size_t threads_;
+  Threads threads_;
   CoordinateMap map_;
   AxisSet in_doubt_ = 0;
 };

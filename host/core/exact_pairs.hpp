@@ -12,6 +12,7 @@
 #include "base/floating_point.hpp"
 #include "base/packed_box.hpp"
 #include "base/pair_lists.hpp"
+#include "base/threads.hpp"
 #include "core/pair_index.hpp"
 #include "engines/algorithm.hpp"
 #include "engines/change_lists.hpp"
@@ -33,8 +34,8 @@ template <class Box, class Reach>
 /// @param threads At most; 0 for one per processor.
 /// @throws std::bad_alloc
 template <class Box, class Reach>
-[[nodiscard]] std::vector<Pair> pairs_apart(std::span<const Pair> pairs, std::size_t threads, const Box& box,
-                                            const Reach& reach) {
+[[nodiscard]] std::vector<Pair> pairs_apart(std::span<const Pair> pairs, const Threads& threads,
+                                            const Box& box, const Reach& reach) {
   std::vector<Pair> apart =
       select_pairs(pairs, threads, [&](std::span<const Pair> part, std::vector<Pair>& selected) {
         const DefaultFloatingPoint as_everywhere;
@@ -49,7 +50,7 @@ template <class Box, class Reach>
 class ExactPairs {
  public:
   /// @param threads That compare pairs, at most; 0 for one per processor.
-  explicit ExactPairs(std::size_t threads) : threads_(threads), parts_(threads) {}
+  explicit ExactPairs(const Threads& threads) : threads_(threads), parts_(threads) {}
 
   /// To be called before each update of the algorithm.
   /// @throws As Algorithm::pairs(); nothing has changed then.
@@ -76,7 +77,7 @@ class ExactPairs {
   void shrink();
 
  private:
-  std::size_t threads_;
+  Threads threads_;
   PairIndex apart_;  // of the pairs of the algorithm
   PairParts parts_;
   ChangeLists lists_;

@@ -5,6 +5,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <span>
+#include <utility>
 #include <vector>
 
 #include <broadcl/aabb.hpp>
@@ -12,6 +13,7 @@
 #include "base/box_parts.hpp"
 #include "base/distance.hpp"
 #include "base/floating_point.hpp"
+#include "base/threads.hpp"
 #include "core/change_set.hpp"
 
 namespace broadcl {
@@ -34,7 +36,7 @@ namespace broadcl {
 class ExactReaches {
  public:
   /// @param threads At most; 0 for one per processor.
-  explicit ExactReaches(std::size_t threads) noexcept : threads_(threads) {}
+  explicit ExactReaches(Threads threads) noexcept : threads_(std::move(threads)) {}
 
   /// To be called when the images have been made.
   /// @param changes The slots whose box, image or reach is not that of the last call.
@@ -70,7 +72,7 @@ class ExactReaches {
   }
 
  private:
-  std::size_t threads_;
+  Threads threads_;
   std::vector<double> exact_;
   std::vector<float> of_images_;
 };

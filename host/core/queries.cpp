@@ -221,7 +221,7 @@ Hits Queries<Box>::answer(std::size_t queries, const std::function<Hits(const Se
   return with_current(queries, [&](const Searched<Box>& in) {
     if (queries * unread_count() <= tests_per_read * slots_) return search(in);
     // (The tree cannot read anything now.)
-    Core<Box> copy(make_sweep_and_prune({.threads = threads_}), threads_);
+    Core<Box> copy(make_sweep_and_prune(threads_), threads_);
     core_.copy_to(copy, slots_);
     return Queries(copy, threads_).answer(queries, search);
   });

@@ -8,12 +8,14 @@
 #include <optional>
 #include <shared_mutex>
 #include <span>
+#include <utility>
 #include <vector>
 
 #include <broadcl/box_view.hpp>
 #include <broadcl/query.hpp>
 
 #include "base/slot_set.hpp"
+#include "base/threads.hpp"
 #include "core/core.hpp"
 #include "core/query_batch.hpp"
 
@@ -27,7 +29,7 @@ class Queries {
 
   /// @param core Must outlive this object.
   /// @param threads At most; 0 for one per processor.
-  Queries(Core<Box>& core, std::size_t threads) : core_(core), threads_(threads) {}
+  Queries(Core<Box>& core, Threads threads) : core_(core), threads_(std::move(threads)) {}
 
   /// As the functions of BasicBroadPhase.
   [[nodiscard]] Hits overlapping(const BoxView& boxes, const QueryOptions& options);
@@ -69,7 +71,7 @@ class Queries {
   void index_pairs();
 
   Core<Box>& core_;
-  std::size_t threads_;
+  Threads threads_;
   std::shared_mutex mutex_;  // of what follows, and of the core
   bool is_current_ = false;
   std::atomic<bool> has_all_ = false;

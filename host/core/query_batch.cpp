@@ -37,7 +37,7 @@ void refuse_options(const QueryOptions& options, std::size_t queries) {
               " objects; give fewer queries, a limit, or a larger most_hits");
 }
 
-Hits collect_hits(std::span<const Aabb> boxes, const QueryOptions& options, std::size_t threads,
+Hits collect_hits(std::span<const Aabb> boxes, const QueryOptions& options, const Threads& threads,
                   const std::function<void(std::span<const std::uint32_t>, FoundHits&)>& find) {
   const std::size_t n = boxes.size();
   const bool sorts = n >= fewest_sorted;
@@ -60,13 +60,13 @@ Hits collect_hits(std::span<const Aabb> boxes, const QueryOptions& options, std:
     std::size_t thread;
     std::size_t first;
   };
-  threads = useful_threads(n, queries_per_thread, threads);
-  std::vector<OfThread> found(threads);
+  const Threads useful = useful_threads(n, queries_per_thread, threads);
+  std::vector<OfThread> found(useful.most);
   std::vector<OfTile> places(tiles);
   std::atomic<std::uint64_t> total = 0;
   Hits result;
   result.offsets.resize(n + 1);
-  parallel_for(tiles, threads, [&](std::size_t t, std::size_t thread) {
+  parallel_for(tiles, useful, [&](std::size_t t, std::size_t thread) {
     FoundHits& own = found[thread];
     const std::span<const std::uint32_t> tile = tile_of(t);
     places[t] = {thread, own.slots.size()};
@@ -86,7 +86,7 @@ Hits collect_hits(std::span<const Aabb> boxes, const QueryOptions& options, std:
     out.reserve(total);
     use_large_pages(out.data(), total * sizeof(Number));
     out.resize(total);
-    parallel_for(tiles, threads, [&](std::size_t t, std::size_t /*thread*/) {
+    parallel_for(tiles, useful, [&](std::size_t t, std::size_t /*thread*/) {
       auto next = (found[places[t].thread].*list).begin() + static_cast<std::ptrdiff_t>(places[t].first);
       for (const std::uint32_t query : tile_of(t)) {
         const std::uint64_t first = result.offsets[query];

@@ -12,6 +12,7 @@
 #include <broadcl/query.hpp>
 
 #include "base/slot_set.hpp"
+#include "base/threads.hpp"
 #include "core/core.hpp"
 #include "engines/box_tree.hpp"
 
@@ -25,7 +26,7 @@ struct Searched {
   const BoxTree* tree;                    // null if all boxes are tested one by one
   std::span<const std::uint32_t> unread;  // ids of boxes that are not in the tree
   const SlotSet& unread_set;
-  std::size_t threads;
+  const Threads& threads;
 };
 
 /// Which objects queries may find.
@@ -74,7 +75,7 @@ struct FoundHits {
 /// @param find Called by several threads: appends the hits of a tile, whose queries it gets by index.
 /// @returns The keys as squared distances.
 [[nodiscard]] Hits collect_hits(
-    std::span<const Aabb> boxes, const QueryOptions& options, std::size_t threads,
+    std::span<const Aabb> boxes, const QueryOptions& options, const Threads& threads,
     const std::function<void(std::span<const std::uint32_t> queries, FoundHits& found)>& find);
 
 }  // namespace broadcl

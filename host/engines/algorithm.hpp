@@ -19,6 +19,7 @@
 
 #include "base/non_copyable.hpp"
 #include "base/packed_box.hpp"
+#include "base/threads.hpp"
 #include "opencl/process.hpp"
 
 namespace broadcl {
@@ -223,7 +224,7 @@ struct AlgorithmRow {
 [[nodiscard]] std::unique_ptr<PairFinder> make_tiles(const opencl::Context& context, double sort_work,
                                                      std::size_t fewest_early);
 [[nodiscard]] AlgorithmPointer make_gpu_bf(const Config& config);
-[[nodiscard]] AlgorithmPointer make_sweep_and_prune(const Config& config);
+[[nodiscard]] AlgorithmPointer make_sweep_and_prune(const Threads& threads);
 [[nodiscard]] AlgorithmPointer make_oracle(const Config& config);
 
 }  // namespace broadcl

@@ -12,6 +12,7 @@
 #include <broadcl/filter.hpp>
 
 #include "base/non_copyable.hpp"
+#include "base/threads.hpp"
 #include "engines/ranked_search.hpp"
 
 namespace broadcl {
@@ -88,14 +89,15 @@ class BoxTree {
 };
 
 /// @param threads At most; 0 for one per processor.
-[[nodiscard]] std::unique_ptr<BoxTree> make_box_tree(std::size_t threads);
+[[nodiscard]] std::unique_ptr<BoxTree> make_box_tree(const Threads& threads);
 
 /// The indices of those boxes that are not empty in an order in which neighbours are together, most_queries
 /// at a time. If there are no more, no_query.
 /// @param filters One per box if they are in different worlds.
 /// @throws std::bad_alloc
 [[nodiscard]] std::vector<std::uint32_t> order_in_space(std::span<const Aabb> boxes,
-                                                        std::span<const Filter> filters, std::size_t threads);
+                                                        std::span<const Filter> filters,
+                                                        const Threads& threads);
 inline constexpr std::uint32_t no_query = 0xffffffff;
 
 }  // namespace broadcl

@@ -24,7 +24,7 @@ constexpr std::size_t pairs_per_found = 3;
 
 class HostEngine final : public Algorithm {
  public:
-  HostEngine(std::unique_ptr<HostFinder> finder, std::size_t threads)
+  HostEngine(std::unique_ptr<HostFinder> finder, const Threads& threads)
       : finder_(std::move(finder)), threads_(threads), parts_(threads) {}
 
   void reserve(std::size_t slots, bool /*filters*/) override { boxes_.reserve(slots); }
@@ -196,7 +196,7 @@ class HostEngine final : public Algorithm {
   }
 
   std::unique_ptr<HostFinder> finder_;
-  std::size_t threads_;  // at most; 0 for one per processor
+  Threads threads_;  // at most; 0 for one per processor
   KeptBoxes<Aabb> boxes_;
   std::vector<Filter> filters_;  // as of the last update, and so are the exclusions
   std::vector<Pair> exclusions_;
@@ -217,7 +217,7 @@ class HostEngine final : public Algorithm {
 
 }  // namespace
 
-AlgorithmPointer make_host_engine(std::unique_ptr<HostFinder> finder, std::size_t threads) {
+AlgorithmPointer make_host_engine(std::unique_ptr<HostFinder> finder, const Threads& threads) {
   return std::make_unique<HostEngine>(std::move(finder), threads);
 }
 

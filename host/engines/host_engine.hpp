@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "base/non_copyable.hpp"
+#include "base/threads.hpp"
 #include "engines/algorithm.hpp"
 
 namespace broadcl {
@@ -49,6 +50,6 @@ class HostFinder : NonCopyable {
 
 /// Makes an algorithm of the host. It needs no OpenCL and has no profile.
 /// @param threads At most; 0 for one per processor.
-[[nodiscard]] AlgorithmPointer make_host_engine(std::unique_ptr<HostFinder> finder, std::size_t threads);
+[[nodiscard]] AlgorithmPointer make_host_engine(std::unique_ptr<HostFinder> finder, const Threads& threads);
 
 }  // namespace broadcl

@@ -122,7 +122,7 @@ using Handover = std::optional<std::vector<Pair>>;
 
 class Hybrid final : public Algorithm {
  public:
-  Hybrid(AlgorithmPointer host, OpenDevice open, double slow_update, std::size_t threads, Now now)
+  Hybrid(AlgorithmPointer host, OpenDevice open, double slow_update, const Threads& threads, Now now)
       : host_{std::move(host)},
         opening_(std::move(open), slow_update),
         now_(std::move(now)),
@@ -348,8 +348,8 @@ class Hybrid final : public Algorithm {
 
 }  // namespace
 
-AlgorithmPointer make_hybrid(AlgorithmPointer host, OpenDevice open, double slow_update, std::size_t threads,
-                             Now now) {
+AlgorithmPointer make_hybrid(AlgorithmPointer host, OpenDevice open, double slow_update,
+                             const Threads& threads, Now now) {
   return std::make_unique<Hybrid>(std::move(host), std::move(open), slow_update, threads, std::move(now));
 }
 

@@ -4,6 +4,7 @@
 #include <functional>
 #include <memory>
 
+#include "base/threads.hpp"
 #include "engines/algorithm.hpp"
 
 namespace broadcl {
@@ -25,6 +26,7 @@ using Now = std::function<std::chrono::steady_clock::time_point()>;
 /// @param threads For its own work on the host, at most; 0 for one per processor.
 /// @param now Measures updates.
 [[nodiscard]] AlgorithmPointer make_hybrid(AlgorithmPointer host, OpenDevice open, double slow_update,
-                                           std::size_t threads = 1, Now now = std::chrono::steady_clock::now);
+                                           const Threads& threads = 1,
+                                           Now now = std::chrono::steady_clock::now);
 
 }  // namespace broadcl

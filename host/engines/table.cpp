@@ -45,7 +45,7 @@ constexpr std::array rows{
              "boxes sorted into tiles, which are swept along one axis, on threads of the host; needs no "
              "OpenCL",
          .on_device = false},
-        make_sweep_and_prune,
+        [](const Config& config) { return make_sweep_and_prune(Threads(config)); },
         nullptr},
     AlgorithmRow{{.name = "oracle",
                   .summary = "brute force on one thread of the host, the reference for tests",

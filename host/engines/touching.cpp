@@ -32,7 +32,7 @@ constexpr std::size_t ahead = 16;
 }  // namespace
 
 std::vector<Pair> touching_pairs(std::span<const Pair> pairs, std::span<const Aabb> boxes,
-                                 std::span<const float> reaches, AxisSet axes, std::size_t threads) {
+                                 std::span<const float> reaches, AxisSet axes, const Threads& threads) {
   return select_pairs(pairs, threads, [&](std::span<const Pair> part, std::vector<Pair>& touching) {
     const DefaultFloatingPoint as_everywhere;
     if (!reaches.empty()) return append_in_doubt(part, boxes, reaches, touching);

@@ -8,6 +8,7 @@
 #include <broadcl/pair.hpp>
 
 #include "base/packed_box.hpp"
+#include "base/threads.hpp"
 #include "engines/frame.hpp"
 #include "opencl/context.hpp"
 #include "opencl/growing_buffer.hpp"
@@ -24,7 +25,7 @@ namespace broadcl {
 /// @throws std::bad_alloc
 [[nodiscard]] std::vector<Pair> touching_pairs(std::span<const Pair> pairs, std::span<const Aabb> boxes,
                                                std::span<const float> reaches, AxisSet axes,
-                                               std::size_t threads);
+                                               const Threads& threads);
 
 /// The same for the pairs of a frame on a device: kernels/touching.cl.
 class TouchingPairs {

@@ -120,8 +120,9 @@ AlgorithmPointer make_auto(const Config& config) {
   };
   // Asking OpenCL for devices loads all drivers, for the rest of the process.
   static const bool has_gpu = may_have_gpu();
-  return make_hybrid(make_sweep_and_prune(config), is_named || has_gpu ? open : OpenDevice(),
-                     is_named ? slow_if_named : slow_otherwise, config.threads);
+  const Threads threads(config);
+  return make_hybrid(make_sweep_and_prune(threads), is_named || has_gpu ? open : OpenDevice(),
+                     is_named ? slow_if_named : slow_otherwise, threads);
 }
 
 }  // namespace broadcl

@@ -30,7 +30,7 @@ class GpuBf final : public OnDevice {
  public:
   GpuBf(const Config& config, const Device& device)
       : OnDevice(config, device),
-        threads_(config.threads),
+        threads_(config),
         launch_(context_.launch().gpu_bf),
         large_(context_.large_buffers()),
         program_(build()),
@@ -195,7 +195,7 @@ class GpuBf final : public OnDevice {
     }
   }
 
-  std::size_t threads_;  // at most; 0 for one per processor
+  Threads threads_;  // at most; 0 for one per processor
   const opencl::RowLaunch& launch_;
   std::optional<opencl::Context::LargeBuffers> large_;
   cl::Program program_;

@@ -62,7 +62,7 @@ void sort_partition(std::span<Pair> pairs, unsigned bits_of_a, unsigned bits_of_
 }  // namespace
 
 void PairSort::operator()(std::span<const std::span<const Pair>> lists, std::size_t slots,
-                          std::size_t threads, std::vector<Pair>& sorted) {
+                          const Threads& threads, std::vector<Pair>& sorted) {
   std::size_t total = 0;
   for (const std::span<const Pair> list : lists) total += list.size();
   resize_for_writing(sorted, total);
@@ -73,7 +73,7 @@ void PairSort::operator()(std::span<const std::span<const Pair>> lists, std::siz
   const std::size_t partitions = std::size_t{1} << partition_bits;
   const auto partition_of = [=](const Pair& pair) { return std::uint64_t{pair.b} >> low_bits; };
   positions_.resize(lists.size());
-  scratch_.resize(std::max(scratch_.size(), threads));
+  scratch_.resize(std::max(scratch_.size(), threads.most));
   parallel_for(lists.size(), threads, [&](std::size_t k, std::size_t /*thread*/) {
     positions_[k].assign(partitions, 0);
     for (const Pair& pair : lists[k]) ++positions_[k][partition_of(pair)];

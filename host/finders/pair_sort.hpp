@@ -6,6 +6,8 @@
 
 #include <broadcl/pair.hpp>
 
+#include "base/threads.hpp"
+
 namespace broadcl {
 
 /// Sorts pairs into canonical order on the host: moves them to partitions by the upper bits of b, each of
@@ -16,7 +18,7 @@ class PairSort {
   /// @param slots Greater than every slot of the pairs.
   /// @param sorted Receives all pairs.
   /// @throws std::bad_alloc
-  void operator()(std::span<const std::span<const Pair>> lists, std::size_t slots, std::size_t threads,
+  void operator()(std::span<const std::span<const Pair>> lists, std::size_t slots, const Threads& threads,
                   std::vector<Pair>& sorted);
 
  private:

@@ -130,8 +130,8 @@ class OrderAge {
 template <std::size_t axes>
 class Sweep {
  public:
-  Sweep(const PairRules& rules, std::size_t threads)
-      : tree_(rules.sets, !rules.reaches.empty()), next_tree_(tree_), threads_(threads) {}
+  Sweep(const PairRules& rules, Threads threads)
+      : tree_(rules.sets, !rules.reaches.empty()), next_tree_(tree_), threads_(std::move(threads)) {}
 
   [[nodiscard]] bool is_for(const Input& input) noexcept {
     const HostTiles<axes>& all = tree_.tiles();
@@ -145,12 +145,12 @@ class Sweep {
       is_sorted_ = false;
       return find_unsorted(input, pairs);
     }
-    const std::size_t threads = threads_of(slots);
+    const Threads threads = threads_of(slots);
     update(input.for_tree(), threads, true);
     find_filters(filters_of(input), threads);
     sweep();
     const std::size_t most_sorted =
-        slots > most_dense ? most_pairs : slots * slots / square_per_dense * threads;
+        slots > most_dense ? most_pairs : slots * slots / square_per_dense * threads.most;
     search_all(filters_of(input), threads, std::min(most_sorted, most_uncounted));
     age_.add(true, work_, 1);
     is_sorted_ = true;
@@ -197,13 +197,13 @@ class Sweep {
     return input.rules.sets && input.rules.sets_decide ? std::span<const Filter>() : input.rules.filters;
   }
 
-  [[nodiscard]] std::size_t threads_of(std::size_t boxes) const {
+  [[nodiscard]] Threads threads_of(std::size_t boxes) const {
     return useful_threads(boxes, boxes_per_thread, threads_);
   }
 
   /// Puts boxes that changed into tiles, and all boxes into new ones if the order is old.
   /// @param all Whether all boxes are to be searched.
-  void update(const Input& input, std::size_t threads, bool all) {
+  void update(const Input& input, const Threads& threads, bool all) {
     const bool is_sorted = std::exchange(is_sorted_, false);  // until all is done
     if (!is_sorted || (all && (age_.is_useless() || tree_.is_abandoned(input))))
       return sort_at_once(input, threads);
@@ -236,7 +236,7 @@ class Sweep {
     tree_.insert(input);
   }
 
-  void sort_at_once(const Input& input, std::size_t threads) {
+  void sort_at_once(const Input& input, const Threads& threads) {
     left_.clear();
     next_order_.emplace(input, threads);
     work_to_sort_ = next_order_->work();
@@ -244,7 +244,7 @@ class Sweep {
     take_order(input, threads);
   }
 
-  void take_order(const Input& input, std::size_t threads) {
+  void take_order(const Input& input, const Threads& threads) {
     start_order(tree_, input);
     is_reading_ = false;
     (void)tree_.read(input, everything, threads);
@@ -270,13 +270,13 @@ class Sweep {
     tile_search<axes>(unsorted_.reaches).unsorted(pairs, unsorted_, input, filters_of(input));
   }
 
-  void find_filters(std::span<const Filter> filters, std::size_t threads);
+  void find_filters(std::span<const Filter> filters, const Threads& threads);
   void sweep();
-  void search_all(std::span<const Filter> filters, std::size_t threads, std::size_t most_stored);
+  void search_all(std::span<const Filter> filters, const Threads& threads, std::size_t most_stored);
   bool search_changed(std::span<const Filter> filters, std::span<const std::uint32_t> slots,
                       std::vector<Pair>& pairs);
   template <class Search>
-  void search(std::size_t parts, std::size_t threads, std::size_t most_stored, const Search& search);
+  void search(std::size_t parts, const Threads& threads, std::size_t most_stored, const Search& search);
 
   static constexpr std::size_t everything = std::numeric_limits<std::size_t>::max();
 
@@ -284,7 +284,7 @@ class Sweep {
   TileTree<axes> tree_;
   TileTree<axes> next_tree_;  // in the next order
   bool is_reading_ = false;   // it, in parts
-  std::size_t threads_;       // 0 if there is to be one per processor
+  Threads threads_;           // 0 if there is to be one per processor
   bool is_sorted_ = false;
   OrderAge age_;
   std::size_t sorted_ = 0;                    // boxes
@@ -303,7 +303,7 @@ class Sweep {
 
 /// Finds what the tiles and nodes may pair with.
 template <std::size_t axes>
-void Sweep<axes>::find_filters(std::span<const Filter> filters, std::size_t threads) {
+void Sweep<axes>::find_filters(std::span<const Filter> filters, const Threads& threads) {
   HostTiles<axes>& all = tree_.tiles();
   all.tile_filters.resize(is_by_filter_ && !filters.empty() ? all.tiles.size() : 0);
   if (all.tile_filters.empty()) return;
@@ -331,9 +331,9 @@ void Sweep<axes>::sweep() {
 /// Calls search(found, part) for each part.
 template <std::size_t axes>
 template <class Search>
-void Sweep<axes>::search(std::size_t parts, std::size_t threads, std::size_t most_stored,
+void Sweep<axes>::search(std::size_t parts, const Threads& threads, std::size_t most_stored,
                          const Search& search) {
-  found_.resize(std::max(found_.size(), threads));
+  found_.resize(std::max(found_.size(), threads.most));
   count_.count = 0;
   count_.most_stored = most_stored;
   for (Found& found : found_) found.clear(count_);
@@ -351,7 +351,8 @@ void Sweep<axes>::search(std::size_t parts, std::size_t threads, std::size_t mos
 }
 
 template <std::size_t axes>
-void Sweep<axes>::search_all(std::span<const Filter> filters, std::size_t threads, std::size_t most_stored) {
+void Sweep<axes>::search_all(std::span<const Filter> filters, const Threads& threads,
+                             std::size_t most_stored) {
   const HostTiles<axes>& all = tree_.tiles();
   search(all.nodes.size() * parts_per_node, threads, most_stored, [&](Found& found, std::size_t part) {
     tile_search<axes>(all.reaches).tiles(found, all, part, filters);
@@ -375,7 +376,7 @@ bool Sweep<axes>::search_changed(std::span<const Filter> filters, std::span<cons
     bits |= 1U << place % node_size;
   }
   const std::size_t parts = (changed_tiles_.size() + searched_at_once - 1) / searched_at_once;
-  const std::size_t threads = useful_threads(slots.size(), changed_per_thread, threads_);
+  const Threads threads = useful_threads(slots.size(), changed_per_thread, threads_);
   search(parts, threads, most_uncounted, [&](Found& found, std::size_t part) {
     const std::size_t end = std::min(changed_tiles_.size(), (part + 1) * searched_at_once);
     for (std::size_t k = part * searched_at_once; k < end; ++k)
@@ -398,7 +399,7 @@ void Sweep<axes>::find(std::span<const QueryBox> queries, HitList& hits) const {
 
 class SweepAndPrune final : public HostFinder, public BoxTree {
  public:
-  explicit SweepAndPrune(std::size_t threads) : threads_(threads) {}
+  explicit SweepAndPrune(Threads threads) : threads_(std::move(threads)) {}
 
   void find(const Input& input, std::vector<Pair>& pairs) override {
     input.rules.worlds || input.rules.sets ? sweep_for<4>(input).find(input, pairs)
@@ -462,22 +463,22 @@ class SweepAndPrune final : public HostFinder, public BoxTree {
     return const_cast<SweepAndPrune*>(this)->with_sweep(function);
   }
 
-  std::size_t threads_;  // 0 if there is to be one per processor
+  Threads threads_;  // 0 if there is to be one per processor
   std::variant<std::monostate, Sweep<3>, Sweep<4>> sweep_;
 };
 
 }  // namespace
 
-AlgorithmPointer make_sweep_and_prune(const Config& config) {
-  return make_host_engine(std::make_unique<SweepAndPrune>(config.threads), config.threads);
+AlgorithmPointer make_sweep_and_prune(const Threads& threads) {
+  return make_host_engine(std::make_unique<SweepAndPrune>(threads), threads);
 }
 
-std::unique_ptr<BoxTree> make_box_tree(std::size_t threads) {
+std::unique_ptr<BoxTree> make_box_tree(const Threads& threads) {
   return std::make_unique<SweepAndPrune>(threads);
 }
 
 std::vector<std::uint32_t> order_in_space(std::span<const Aabb> boxes, std::span<const Filter> filters,
-                                          std::size_t threads) {
+                                          const Threads& threads) {
   const auto order = [&](auto sort) {
     (void)sort.advance(std::numeric_limits<std::size_t>::max(), threads);
     return std::move(sort.order().slots);

@@ -95,7 +95,7 @@ Cut cut_after(std::span<const std::int32_t> keys, std::size_t first) {
 }  // namespace
 
 template <std::size_t axes>
-TileSort<axes>::TileSort(const Input& input, std::size_t threads) {
+TileSort<axes>::TileSort(const Input& input, const Threads& threads) {
   const std::size_t slots = input.boxes.size();
   const TileClasses classes(input);
   using Positions = std::array<std::size_t, TileClasses::count + 1>;
@@ -156,7 +156,7 @@ std::size_t TileSort<axes>::work() const noexcept {
 }
 
 template <std::size_t axes>
-bool TileSort<axes>::advance(std::size_t work, std::size_t threads) {
+bool TileSort<axes>::advance(std::size_t work, const Threads& threads) {
   std::size_t done = 0;
   while (!pending_.empty() && (done == 0 || done < work)) {
     std::size_t count = 0;

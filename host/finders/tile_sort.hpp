@@ -7,6 +7,7 @@
 #include <span>
 #include <vector>
 
+#include "base/threads.hpp"
 #include "engines/algorithm.hpp"
 
 namespace broadcl {
@@ -27,14 +28,14 @@ class TileSort {
  public:
   /// Reads all boxes.
   /// @throws std::bad_alloc
-  TileSort(const Input& input, std::size_t threads);
+  TileSort(const Input& input, const Threads& threads);
 
   /// The work that is to be done after that, in comparisons.
   [[nodiscard]] std::size_t work() const noexcept;
   /// Does a part of the work.
   /// @returns Whether all is done.
   /// @throws std::bad_alloc Then this object must not be used any more.
-  bool advance(std::size_t work, std::size_t threads);
+  bool advance(std::size_t work, const Threads& threads);
   /// The order, when all is done.
   [[nodiscard]] TileOrder& order() noexcept { return order_; }
 

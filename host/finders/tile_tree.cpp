@@ -149,7 +149,7 @@ bool TileTree<axes>::is_abandoned(const Input& input) const {
 }
 
 template <std::size_t axes>
-bool TileTree<axes>::read(const Input& input, std::size_t most, std::size_t threads) {
+bool TileTree<axes>::read(const Input& input, std::size_t most, const Threads& threads) {
   if (places_.size() < input.boxes.size()) places_.resize(input.boxes.size(), no_slot);
   nodes_.clear();
   const std::size_t first_new = read_nodes_;

@@ -5,6 +5,7 @@
 #include <span>
 #include <vector>
 
+#include "base/threads.hpp"
 #include "engines/algorithm.hpp"
 #include "finders/tile_search.hpp"
 #include "finders/tile_sort.hpp"
@@ -43,7 +44,7 @@ class TileTree {
   /// @param most How many nodes are read for the first time.
   /// @returns Whether all have been read.
   /// @throws std::bad_alloc
-  bool read(const Input& input, std::size_t most, std::size_t threads);
+  bool read(const Input& input, std::size_t most, const Threads& threads);
 
   /// Slots that are new, or have left their tiles, and have no place until insert().
   [[nodiscard]] std::span<const std::uint32_t> left() const noexcept { return left_; }

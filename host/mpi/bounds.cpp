@@ -120,7 +120,7 @@ std::vector<Aabb> sample_of(std::span<const Aabb> boxes) {
   return sample;
 }
 
-Survey survey_of(const Grid& grid, std::span<const Aabb> boxes, std::size_t threads) {
+Survey survey_of(const Grid& grid, std::span<const Aabb> boxes, const Threads& threads) {
   // By part, so that the ids of objects that are alone do not depend on the threads.
   constexpr std::size_t most_parts = 32;
   const std::size_t n = boxes.size();

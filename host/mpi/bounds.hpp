@@ -9,6 +9,7 @@
 #include <broadcl/aabb.hpp>
 
 #include "base/packed_box.hpp"
+#include "base/threads.hpp"
 #include "mpi/corners.hpp"
 
 namespace broadcl::mpi {
@@ -71,7 +72,7 @@ struct Survey {
 /// Some boxes, evenly selected; all if there are few. No improper ones.
 [[nodiscard]] std::vector<Aabb> sample_of(std::span<const Aabb> boxes);
 /// @param boxes By id; improper ones do not count.
-[[nodiscard]] Survey survey_of(const Grid& grid, std::span<const Aabb> boxes, std::size_t threads);
+[[nodiscard]] Survey survey_of(const Grid& grid, std::span<const Aabb> boxes, const Threads& threads);
 
 /// What a rank has told the others about its objects. It has a margin, so that it remains true while objects
 /// move a little.

@@ -37,7 +37,7 @@ void append(const Bytes& message, std::vector<MpiPair>& added, std::vector<MpiPa
 
 CrossPairs::CrossPairs(const Config& config, std::size_t rank, std::size_t ranks)
     : rank_(rank),
-      threads_(config.threads),
+      threads_(config),
       halos_(ranks),
       search_(config, rank, ranks),
       near_(ranks),

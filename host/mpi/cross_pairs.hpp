@@ -8,6 +8,7 @@
 #include <broadcl/broad_phase.hpp>
 #include <broadcl/mpi.hpp>
 
+#include "base/threads.hpp"
 #include "mpi/bounds.hpp"
 #include "mpi/halo_search.hpp"
 #include "mpi/halos.hpp"
@@ -64,7 +65,7 @@ class CrossPairs {
   [[nodiscard]] std::span<const MpiPair> exclusions_with(std::size_t other) const;
 
   std::size_t rank_;
-  std::size_t threads_;
+  Threads threads_;
   OwnBounds own_bounds_;
   Neighbours neighbours_;
   std::vector<HaloHistory> halos_;  // by rank: Neighbours

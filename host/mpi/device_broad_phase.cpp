@@ -19,10 +19,11 @@ class MpiDeviceBroadPhase::Impl {
   /// Does not communicate.
   Impl(cl_command_queue queue, const MpiDeviceBroadPhase::Config& config, const Ranks& ranks,
        std::size_t threads)
-      : objects_(make_device_core(queue, config), threads),
+      : objects_(make_device_core(queue, config), Threads({.threads = threads, .executor = config.executor})),
         cross_({.device = objects_.core().context().device().id(),
                 .algorithm = config.algorithm,
-                .threads = threads},
+                .threads = threads,
+                .executor = config.executor},
                static_cast<std::size_t>(ranks.rank()), static_cast<std::size_t>(ranks.count())) {}
   void join(Ranks&& ranks) noexcept { ranks_.emplace(std::move(ranks)); }
 
@@ -77,7 +78,7 @@ class MpiDeviceBroadPhase::Impl {
 
 MpiDeviceBroadPhase::MpiDeviceBroadPhase(MPI_Comm comm, cl_command_queue queue, const Config& config) {
   Ranks ranks(comm);
-  const std::size_t threads = ranks.threads(0);
+  const std::size_t threads = ranks.threads(config.threads);
   ranks.together([&] { impl_ = std::make_unique<Impl>(queue, config, ranks, threads); });
   impl_->join(std::move(ranks));
 }

@@ -1,10 +1,12 @@
 #pragma once
 
+#include "base/threads.hpp"
 #include "core/device_core.hpp"  // before <CL/cl.h>: it chooses the version
 
 #include <cstddef>
 #include <cstdint>
 #include <span>
+#include <utility>
 #include <vector>
 
 #include <broadcl/aabb.hpp>
@@ -22,8 +24,8 @@ namespace broadcl::mpi {
 class DeviceObjects final : public Objects {
  public:
   /// @param threads At most.
-  DeviceObjects(DeviceCorePointer core, std::size_t threads)
-      : core_(std::move(core)), threads_(threads), outside_(core_->context()) {}
+  DeviceObjects(DeviceCorePointer core, Threads threads)
+      : core_(std::move(core)), threads_(std::move(threads)), outside_(core_->context()) {}
 
   /// Sets the objects of the next update.
   /// @throws Error if the device cannot use them; they are then as before.
@@ -42,7 +44,7 @@ class DeviceObjects final : public Objects {
 
  private:
   DeviceCorePointer core_;
-  std::size_t threads_;
+  Threads threads_;
   BoxesOutside outside_;
   DeviceBroadPhase::Boxes source_;
   // Copies of them, if there are any.

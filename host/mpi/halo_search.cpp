@@ -33,12 +33,7 @@ void erase_at(std::vector<std::uint32_t>& values, std::span<const std::uint32_t>
 }  // namespace
 
 HaloSearch::HaloSearch(const Config& config, std::size_t rank, std::size_t ranks)
-    : rank_(rank),
-      threads_(config.threads),
-      search_(config),
-      sources_(ranks),
-      changes_(ranks),
-      relocated_(ranks) {}
+    : rank_(rank), threads_(config), search_(config), sources_(ranks), changes_(ranks), relocated_(ranks) {}
 
 void HaloSearch::clear() {
   search_.map(0);

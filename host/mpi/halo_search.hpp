@@ -11,6 +11,7 @@
 #include <broadcl/filter.hpp>
 #include <broadcl/mpi.hpp>
 
+#include "base/threads.hpp"
 #include "mpi/halos.hpp"
 
 namespace broadcl::mpi {
@@ -80,7 +81,7 @@ class HaloSearch {
   void cancel_relocated();
 
   std::size_t rank_;
-  std::size_t threads_;
+  Threads threads_;
   BroadPhase search_;
   std::vector<Slot> slots_;
   std::vector<Source> sources_;  // by rank

@@ -187,7 +187,7 @@ void HaloHistory::compare(std::size_t part, std::span<const std::uint32_t> recyc
 }
 
 void HaloHistory::write(std::span<const std::uint32_t> recycled, const HaloChanges& exclusions,
-                        std::size_t threads, Bytes& message) {
+                        const Threads& threads, Bytes& message) {
   const std::size_t objects = next_.ids.size();
   const std::size_t count = is_new_ ? std::max<std::size_t>(1, parts_of(objects)) : 0;
   if (parts_.size() < count) parts_.resize(count);

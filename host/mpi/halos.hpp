@@ -10,6 +10,7 @@
 #include <broadcl/mpi.hpp>
 
 #include "base/parallel.hpp"
+#include "base/threads.hpp"
 #include "mpi/ranks.hpp"
 
 namespace broadcl::mpi {
@@ -58,7 +59,7 @@ class HaloHistory {
   void renew(Halo& near, bool all, std::span<const std::uint32_t> changed);
   /// Describes what changed.
   /// @param recycled Ids that belong to other objects now, ascending.
-  void write(std::span<const std::uint32_t> recycled, const HaloChanges& exclusions, std::size_t threads,
+  void write(std::span<const std::uint32_t> recycled, const HaloChanges& exclusions, const Threads& threads,
              Bytes& message);
   /// Describes the halo of the last update as if it had been empty before.
   void write_last(Bytes& message) const;

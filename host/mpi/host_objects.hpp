@@ -10,6 +10,7 @@
 #include <broadcl/filter.hpp>
 #include <broadcl/pair.hpp>
 
+#include "base/threads.hpp"
 #include "core/change_set.hpp"
 #include "core/core.hpp"
 #include "engines/algorithm.hpp"
@@ -25,7 +26,7 @@ namespace broadcl::mpi {
 class HostObjects final : public Objects {
  public:
   explicit HostObjects(const Config& config)
-      : search_(make_algorithm(config), config.threads), threads_(config.threads) {}
+      : search_(make_algorithm(config), Threads(config)), threads_(config) {}
 
   // Like the functions of MpiBroadPhase.
   std::uint32_t add(const Aabb& box, const Filter& filter);
@@ -59,7 +60,7 @@ class HostObjects final : public Objects {
   void reserve(std::size_t ids);
 
   Core<Aabb> search_;
-  std::size_t threads_;
+  Threads threads_;
   std::size_t ids_ = 0;       // All ids are below.
   std::size_t reserved_ = 0;  // ids, in changes_
   ChangeSet changes_;

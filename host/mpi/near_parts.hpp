@@ -12,6 +12,7 @@
 #include <broadcl/filter.hpp>
 
 #include "base/box_parts.hpp"
+#include "base/threads.hpp"
 #include "mpi/bounds.hpp"
 #include "mpi/halos.hpp"
 
@@ -40,8 +41,12 @@ class NearParts {
   /// @param own, neighbours Must outlive this object.
   /// @param objects How many there are.
   /// @param threads At most; 0 for one per processor.
-  NearParts(const OwnBounds& own, const Neighbours& neighbours, std::size_t objects, std::size_t threads)
-      : own_(own), neighbours_(neighbours), parts_(parts_of(objects)), objects_(objects), threads_(threads) {}
+  NearParts(const OwnBounds& own, const Neighbours& neighbours, std::size_t objects, Threads threads)
+      : own_(own),
+        neighbours_(neighbours),
+        parts_(parts_of(objects)),
+        objects_(objects),
+        threads_(std::move(threads)) {}
 
   /// Looks at the objects from `begin` to `end`, one part. May be called for several at the same time.
   /// @param at Returns the id and the box of object k: Placed.
@@ -62,7 +67,7 @@ class NearParts {
   /// Looks at all objects.
   template <class At>
   void find_all(const At& at) {
-    const std::size_t useful = useful_threads(objects_, 2 * boxes_per_part, threads_);
+    const Threads useful = useful_threads(objects_, 2 * boxes_per_part, threads_);
     parallel_for(parts_.size(), useful, [&](std::size_t part, std::size_t /*thread*/) {
       const std::size_t begin = part * boxes_per_part;
       find(begin, std::min(objects_, begin + boxes_per_part), at);
@@ -77,12 +82,13 @@ class NearParts {
   bool join(const Label& label, std::vector<Halo>& near) const {
     std::size_t found = 0;
     for (const std::vector<Near>& part : parts_) found += part.size();
-    const std::size_t groups = useful_threads(found, 2 * boxes_per_part, threads_);
+    const Threads useful = useful_threads(found, 2 * boxes_per_part, threads_);
+    const std::size_t groups = useful.most;
     // By halo: how many objects a group of parts has, and then where its next one is to be written.
     using Places = std::vector<std::size_t>;
     std::vector<Places> places(groups, Places(near.size()));
     const auto for_each_near = [&](const auto& function) {
-      parallel_for(groups, groups, [&](std::size_t group, std::size_t /*thread*/) {
+      parallel_for(groups, useful, [&](std::size_t group, std::size_t /*thread*/) {
         Places own = places[group];  // so that threads do not write side by side
         const std::size_t end = parts_.size() * (group + 1) / groups;
         for (std::size_t k = parts_.size() * group / groups; k < end; ++k) {
@@ -113,7 +119,8 @@ class NearParts {
   const OwnBounds& own_;
   const Neighbours& neighbours_;
   std::vector<std::vector<Near>> parts_;
-  std::size_t objects_, threads_;
+  std::size_t objects_;
+  Threads threads_;
   std::atomic<bool> are_inside_ = true;
   std::atomic<std::size_t> seen_ = 0;
 };
@@ -123,7 +130,7 @@ class NearParts {
 /// @returns As NearParts::join().
 [[nodiscard]] inline bool find_near(const OwnBounds& own, const Neighbours& neighbours,
                                     std::span<const Aabb> boxes, std::span<const Filter> filters,
-                                    std::size_t threads, std::vector<Halo>& near) {
+                                    const Threads& threads, std::vector<Halo>& near) {
   NearParts parts(own, neighbours, boxes.size(), threads);
   parts.find_all([&](std::size_t id) { return placed(id, boxes); });
   return parts.join([&](std::size_t id) { return labelled(id, filters); }, near);
