@@ -32,6 +32,7 @@
 
 #include <broadcl/broad_phase.hpp>
 
+#include "base/packed_boxes.hpp"
 #include "cli/box_file.hpp"
 #include "engines/algorithm.hpp"
 
@@ -63,8 +64,8 @@ Finder make_broadcl(const std::string& algorithm, std::size_t threads, const std
   }
   const std::shared_ptr<Algorithm> opened = make_algorithm(config);
   opened->reserve(boxes.size(), false);
-  return [opened, &boxes] {  // the rest of overlapping_pairs()
-    BoxView(boxes).pack_to(opened->boxes());
+  return [opened, threads, &boxes] {  // the rest of overlapping_pairs()
+    pack_boxes(boxes, "", threads, opened->boxes());
     return opened->find_all({.boxes = opened->boxes().first(boxes.size()), .changed = {.all = true}});
   };
 }

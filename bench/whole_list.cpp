@@ -12,6 +12,7 @@
 #include <broadcl/box_view.hpp>
 #include <broadcl/device.hpp>
 
+#include "base/packed_boxes.hpp"
 #include "cli/box_file.hpp"
 #include "engines/algorithm.hpp"
 #include "engines/engine.hpp"
@@ -104,7 +105,7 @@ void time_whole_call(benchmark::State& state, const std::string& algorithm,
     const auto finder = make_algorithm({.algorithm = algorithm});
     finder->reserve(boxes.size(), false);
     const auto start = std::chrono::steady_clock::now();
-    BoxView(boxes).pack_to(finder->boxes());
+    pack_boxes(boxes, "", 0, finder->boxes());
     const std::vector<Pair> pairs =
         finder->find_all({.boxes = finder->boxes().first(boxes.size()), .changed = {.all = true}});
     state.SetIterationTime(std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count());

@@ -17,7 +17,7 @@
 #include <broadcl/broad_phase.hpp>
 #include <broadcl/eigen.hpp>
 
-#include "base/packed_box.hpp"
+#include "base/packed_boxes.hpp"
 #include "boxes.hpp"
 #include "expect_error.hpp"
 #include "runs.hpp"
@@ -83,9 +83,9 @@ Aabb expected_box(const Numbers<double>& box) {
   return round_outward({box[0], box[1], box[2]}, {box[3], box[4], box[5]});
 }
 
-/// The expected result of pack_to().
+/// The expected result of packed().
 template <class S>
-std::vector<Aabb> packed_boxes(const std::vector<Numbers<S>>& boxes) {
+std::vector<Aabb> expected_packed(const std::vector<Numbers<S>>& boxes) {
   std::vector<Aabb> packed(boxes.size());
   std::ranges::transform(boxes, packed.begin(), [](const Numbers<S>& box) {
     return is_empty_box(box) ? packed_empty() : expected_box(box);
@@ -107,9 +107,7 @@ std::vector<Aabb> copied(const BoxView& view) {
 }
 
 std::vector<Aabb> packed(const BoxView& view) {
-  std::vector<Aabb> out(view.size());
-  view.pack_to(out);
-  return out;
+  return packed_boxes<Aabb>(view, 0);
 }
 
 /// Boxes in memory that ends right after the last one, with NaN in the gaps between bounds.
@@ -181,7 +179,7 @@ TYPED_TEST_SUITE(BoxViewOf, BothTypes, );
 TYPED_TEST(BoxViewOf, EveryLayoutReadsTheSameBoxes) {
   for (const std::size_t n : std::array<std::size_t, 4>{1, 2, 100, of_many_threads}) {
     const auto boxes = boxes_of_every_kind<TypeParam>(n);
-    const auto expected = bits(packed_boxes(boxes));
+    const auto expected = bits(expected_packed(boxes));
     for (const Layout<TypeParam>& layout : layouts(boxes)) {
       ASSERT_EQ(layout.view.size(), n) << layout.name;
       ASSERT_TRUE(bits(packed(layout.view)) == expected) << layout.name << ", " << n;
@@ -254,7 +252,6 @@ TYPED_TEST(BoxViewOf, NoBoxesNeedNoMemory) {
   for (const BoxView& view : views) {
     EXPECT_EQ(view.size(), 0U);
     view.copy_to({});
-    view.pack_to({});
   }
   EXPECT_TRUE(overlapping_pairs(BoxView()).empty());
 }
@@ -352,12 +349,10 @@ TYPED_TEST(BoxViewOf, ACopyThatDoesNotFitIsAnError) {
   const std::vector<TypeParam> numbers(12);
   const auto view = BoxView::interleaved(numbers.data(), 2);
   std::vector<Aabb> out(1);
-  for (const auto copy : {&BoxView::copy_to, &BoxView::pack_to}) {
-    EXPECT_THAT(test::error_of([&] { (view.*copy)(out); }),
-                AllOf(HasSubstr("2 boxes do not fit into memory for 1;"), HasSubstr("give memory for all")));
-  }
+  EXPECT_THAT(test::error_of([&] { view.copy_to(out); }),
+              AllOf(HasSubstr("2 boxes do not fit into memory for 1;"), HasSubstr("give memory for all")));
   std::vector<Aabb> larger(3, unit);
-  view.pack_to(larger);
+  view.copy_to(larger);
   EXPECT_EQ(larger, (std::vector<Aabb>{Aabb{}, Aabb{}, unit}));
 }
 
@@ -500,7 +495,7 @@ TYPED_TEST(BoxViewOf, EigenMatricesOfEitherOrderAndTheirParts) {
   using RowMajor = Eigen::Matrix<S, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
   using AnyStride = Eigen::Stride<Eigen::Dynamic, Eigen::Dynamic>;
   const auto boxes = boxes_of_every_kind<S>(60);
-  const auto expected = bits(packed_boxes(boxes));
+  const auto expected = bits(expected_packed(boxes));
   const auto bits_of = [](const auto& matrix) { return bits(packed(box_view(matrix))); };
 
   const auto test_order = [&]<class Matrix>(const Matrix& matrix) {
@@ -583,7 +578,7 @@ TYPED_TEST(BoxViewOf, EigenBoxes) {
       eigen_boxes[k].max()[static_cast<Eigen::Index>(axis)] = boxes[k][axis + 3];
     }
   }
-  const auto expected = bits(packed_boxes(boxes));
+  const auto expected = bits(expected_packed(boxes));
   EXPECT_EQ(bits(packed(box_view(eigen_boxes))), expected);
   EXPECT_EQ(bits(packed(box_view(std::span<const Box>(eigen_boxes)))), expected);
   const std::array<Box, 2> empty_boxes{};

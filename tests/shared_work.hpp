@@ -73,6 +73,11 @@ std::vector<Numbers> shared_work(
   add("overlapping_pairs", pairs);
   add("of two sets", overlapping_pairs(first, second, {}, config));
   add_hits("overlapping, once", overlapping(first, second, {}, config));
+  Numbers squares;
+  for (const double square : squared_distances(first, second, pairs, config))
+    squares.push_back(static_cast<std::uint32_t>(square * 1e9));
+  results.push_back(squares);
+  after("squared_distances");
   return results;
 }
 

@@ -9,9 +9,7 @@
 
 #include <broadcl/error.hpp>
 
-#include "base/box_parts.hpp"
 #include "base/lanes.hpp"
-#include "base/packed_box.hpp"
 
 namespace broadcl {
 namespace {
@@ -194,29 +192,6 @@ const void* BoxView::boxes(bool in_double) const noexcept {
   return is_packed ? bounds_[0] : nullptr;
 }
 
-/// Copies the boxes until `prepare(box)` is false for one. Returns the lowest index of such a box, or size()
-/// if there is none.
-template <class Prepare>
-std::size_t BoxView::copy(std::span<Aabb> out, const Prepare& prepare) const {
-  if (out.size() < size_) {
-    throw Error::invalid_argument(std::to_string(size_) + " boxes do not fit into memory for " +
-                                  std::to_string(out.size()) + "; give memory for all boxes of the view");
-  }
-  return with_layout([&](const auto& boxes) {
-    constexpr std::size_t fewest_for_threads = 1 << 17;  // which might be more than the caller wants
-    LowestFound refused(size_);
-    for_each_part(size_, size_ < fewest_for_threads ? 1 : 0,
-                  [&](std::size_t begin, std::size_t end, std::size_t /*thread*/) {
-                    for (std::size_t k = begin; k < end; ++k) {
-                      Aabb box = boxes[k];
-                      if (!prepare(box)) return refused.add(k);
-                      out[k] = box;
-                    }
-                  });
-    return refused.get();
-  });
-}
-
 Aabb BoxView::operator[](std::size_t k) const noexcept {
   return with_layout([k](const auto& boxes) { return boxes[k]; });
 }
@@ -260,17 +235,11 @@ template void BoxView::read(std::size_t first, std::span<Aabb> out) const noexce
 template void BoxView::read(std::size_t first, std::span<Aabb64> out) const noexcept;
 
 void BoxView::copy_to(std::span<Aabb> out) const {
-  (void)copy(out, [](const Aabb& /*box*/) { return true; });
-}
-
-void BoxView::pack_to(std::span<Aabb> out) const {
-  const std::size_t invalid = copy(out, [](Aabb& box) {
-    if (is_proper(box)) return true;
-    if (has_nan(box)) return false;
-    box = packed_empty();
-    return true;
-  });
-  if (invalid < size_) throw_nan("box " + std::to_string(invalid));
+  if (out.size() < size_) {
+    throw Error::invalid_argument(std::to_string(size_) + " boxes do not fit into memory for " +
+                                  std::to_string(out.size()) + "; give memory for all boxes of the view");
+  }
+  read(0, out.first(size_));
 }
 
 }  // namespace broadcl

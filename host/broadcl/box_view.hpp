@@ -119,16 +119,10 @@ class BROADCL_API BoxView {
   /// numbers in another layout. Reads all boxes; a small part of the time of a search.
   [[nodiscard]] InvertedBoxes inverted() const noexcept;
 
-  /// Copies all boxes as float32, with several threads if there are many.
+  /// Copies all boxes as float32.
   /// @param out Must not overlap the viewed memory; boxes after the first size() are not changed.
-  /// @throws Error if `out` is smaller than the view; then nothing is copied. After std::bad_alloc the
-  /// content of `out` is unspecified.
+  /// @throws Error if `out` is smaller than the view; then nothing is copied.
   void copy_to(std::span<Aabb> out) const;
-
-  /// Copies all boxes in the form that algorithms read: like copy_to(), but every empty box becomes six NaNs.
-  /// @throws Error as copy_to() does, and for a NaN bound (it names the first such box); the content of `out`
-  /// is then unspecified.
-  void pack_to(std::span<Aabb> out) const;
 
  private:
   template <class Box>
@@ -162,8 +156,6 @@ class BROADCL_API BoxView {
   /// Calls a function with the boxes as a type that knows their layout.
   template <class Function>
   auto with_layout(const Function& function) const;
-  template <class Prepare>
-  [[nodiscard]] std::size_t copy(std::span<Aabb> out, const Prepare& prepare) const;
 
   /// The boxes, if they are those of an array of Aabb, or of Aabb64; otherwise null.
   [[nodiscard]] const void* boxes(bool in_double) const noexcept;

@@ -367,12 +367,15 @@ extern template class BROADCL_API BasicBroadPhase<Aabb>;
 /// The squares of the distances of pairs of boxes, as BasicBroadPhase::set_reach() defines them: of float64
 /// boxes in float64, otherwise in float32. Infinite if a box is empty or has a NaN.
 /// @param pairs By index.
+/// @param config Of which only the threads matter.
 /// @throws Error for an index of no box; std::bad_alloc.
-[[nodiscard]] BROADCL_API std::vector<double> squared_distances(const BoxView& boxes,
-                                                                std::span<const Pair> pairs);
+[[nodiscard]] BROADCL_API std::vector<double> squared_distances(
+    const BoxView& boxes, std::span<const Pair> pairs,
+    const BroadPhase::Config& config = BroadPhase::Config());
 /// The same for pairs of a box of one set and a box of another.
-[[nodiscard]] BROADCL_API std::vector<double> squared_distances(const BoxView& first, const BoxView& second,
-                                                                std::span<const Pair> pairs);
+[[nodiscard]] BROADCL_API std::vector<double> squared_distances(
+    const BoxView& first, const BoxView& second, std::span<const Pair> pairs,
+    const BroadPhase::Config& config = BroadPhase::Config());
 
 /// overlapping_pairs() of one set in any other range of boxes, including a temporary one. Boxes that no
 /// BoxView can view are copied.

@@ -211,7 +211,8 @@ typedef struct broadcl_config {
   /// the host and opens a GPU later; it uses a CPU only if that is named.
   const char* device;
   const char* algorithm;  ///< A name of broadcl_algorithms(); null for "auto".
-  /// Threads for an algorithm of the host and for copying boxes; 0 for one per processor.
+  /// Threads that may work at the same time for a call, including the caller's; 0 for one per processor, of
+  /// those that the process may use: on Linux, by its affinity and its control groups.
   size_t threads;
   int profile;                         ///< Whether to measure stages on the device, too.
   broadcl_compile_handler on_compile;  ///< May be null.
@@ -344,9 +345,10 @@ BROADCL_API broadcl_status broadcl_hit_list_hits(const broadcl_hit_list* list, b
 /// The squares of the distances of `count` pairs of boxes: of float64 boxes in float64, otherwise in float32;
 /// infinite if a box is empty or has a NaN.
 /// @param second Null for pairs of one set; otherwise `a` is an index in `boxes`, `b` in `second`.
+/// @param config May be null. Only its threads matter.
 BROADCL_API broadcl_status broadcl_squared_distances(const broadcl_boxes* boxes, const broadcl_boxes* second,
                                                      const broadcl_pair* pairs, size_t count,
-                                                     double* distances);
+                                                     const broadcl_config* config, double* distances);
 
 // --- Moving boxes
 

@@ -47,9 +47,9 @@ struct Config {
   /// would be faster.
   std::string algorithm = "auto";
 
-  /// Number of threads that an algorithm of the host may use, and that may copy boxes (at most eight do),
-  /// including the caller's; 0 for one per processor. (overlapping_pairs() copies hundreds of thousands of
-  /// boxes by several threads, whatever this is.)
+  /// Number of threads that may work at the same time for a call, including the caller's; 0 for one per
+  /// processor, of those that the process may use: on Linux, by its affinity and its control groups. (At most
+  /// eight copy boxes.)
   std::size_t threads = 0;
 
   /// If it is set, its threads do what threads of this library would do otherwise, and this library starts

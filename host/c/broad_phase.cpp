@@ -156,12 +156,14 @@ broadcl_status broadcl_hit_list_hits(const broadcl_hit_list* list, broadcl_hits*
 }
 
 broadcl_status broadcl_squared_distances(const broadcl_boxes* boxes, const broadcl_boxes* second,
-                                         const broadcl_pair* pairs, std::size_t count, double* distances) {
+                                         const broadcl_pair* pairs, std::size_t count,
+                                         const broadcl_config* config, double* distances) {
   return c::call(__func__, [&] {
     const BoxView view = c::to_view(boxes, "boxes");
     const std::span<const Pair> of = c::to_pairs(pairs, count, "pairs");
     if (count > 0) c::required(distances, "distances");
-    std::ranges::copy(squared_distances(view, second == nullptr ? view : c::to_view(second, "second"), of),
+    std::ranges::copy(squared_distances(view, second == nullptr ? view : c::to_view(second, "second"), of,
+                                        c::to_config(config)),
                       distances);
   });
 }

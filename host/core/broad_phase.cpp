@@ -12,6 +12,7 @@
 #include "base/box_reader.hpp"
 #include "base/distance.hpp"
 #include "base/floating_point.hpp"
+#include "base/packed_boxes.hpp"
 #include "core/core.hpp"
 #include "core/exact_boxes.hpp"
 #include "core/exclusions.hpp"
@@ -121,8 +122,8 @@ std::vector<Pair> search_once(const BoxView& first, const BoxView* second, std::
     reaches = exact->reaches(packed);
   } else {
     reaches.assign(config.distance > 0 ? boxes : 0, reach_for<float>(config));
-    naming(sets ? "the first set: " : "", [&] { first.pack_to(packed); });
-    naming("the second set: ", [&] { rest.pack_to(packed.subspan(first.size())); });
+    pack_boxes(first, sets ? "the first set: " : "", threads, packed);
+    pack_boxes(rest, "the second set: ", threads, packed.subspan(first.size()));
   }
   std::vector<Filter> filters(sets ? boxes : 0, Filter::second_set);
   if (sets) std::fill_n(filters.begin(), first.size(), Filter::first_set);
@@ -440,12 +441,13 @@ std::vector<Pair> overlapping_pairs(const BoxView& first, const BoxView& second,
   return pairs;
 }
 
-std::vector<double> squared_distances(const BoxView& boxes, std::span<const Pair> pairs) {
-  return squared_distances(boxes, boxes, pairs);
+std::vector<double> squared_distances(const BoxView& boxes, std::span<const Pair> pairs,
+                                      const BroadPhase::Config& config) {
+  return squared_distances(boxes, boxes, pairs, config);
 }
 
 std::vector<double> squared_distances(const BoxView& first, const BoxView& second,
-                                      std::span<const Pair> pairs) {
+                                      std::span<const Pair> pairs, const BroadPhase::Config& config) {
   for (const auto& [a, b] : pairs) {
     if (a < first.size() && b < second.size()) continue;
     throw Error::invalid_argument("there is no box for the pair (" + std::to_string(a) + ", " +
@@ -453,7 +455,8 @@ std::vector<double> squared_distances(const BoxView& first, const BoxView& secon
   }
   std::vector<double> squares(pairs.size());
   const bool are_exact = ExactBoxes::are_needed(first, second);
-  for_each_part(pairs.size(), 0, [&](std::size_t begin, std::size_t end, std::size_t /*thread*/) {
+  const Threads threads(config);
+  for_each_part(pairs.size(), threads, [&](std::size_t begin, std::size_t end, std::size_t /*thread*/) {
     const DefaultFloatingPoint as_everywhere;
     const auto square = [&](const auto& s, const auto& t) {
       square_distances(s, t, pairs.subspan(begin, end - begin), squares.data() + begin);

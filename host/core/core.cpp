@@ -174,7 +174,7 @@ std::vector<std::uint32_t> Core<Box>::add(const BoxView& boxes, std::span<const 
   if (reaches.empty()) reaches = {&none, 1};
   refuse_reaches(reaches, boxes.size());
   if (boxes.size() > most_objects) throw_too_many(boxes.size());
-  const std::vector<Box> packed = packed_boxes<Box>(boxes, "", threads_);
+  const std::vector<Box> packed = packed_boxes<Box>(boxes, threads_);
   const bool any_filters = std::ranges::any_of(filters, [](const Filter& f) { return f != Filter(); });
   std::vector<std::uint32_t> ids(packed.size());
   // (Perhaps some have free ids.)

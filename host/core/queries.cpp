@@ -210,7 +210,7 @@ std::size_t search(const Searched<Box>& in, const Box& query, const QueryOptions
 template <class Box>
 Hits Queries<Box>::overlapping(const BoxView& boxes, const QueryOptions& options) {
   refuse_options(options, boxes.size());
-  const std::vector<Box> packed = packed_boxes<Box>(boxes, "", threads_);
+  const std::vector<Box> packed = packed_boxes<Box>(boxes, threads_);
   return answer(packed.size(),
                 [&](const Searched<Box>& in) { return search(in, std::span<const Box>(packed), options); });
 }

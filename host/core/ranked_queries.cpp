@@ -173,7 +173,7 @@ bool is_infinite(const Box& box) noexcept {
 template <class Box>
 Hits Queries<Box>::nearest(const BoxView& boxes, const QueryOptions& options) {
   refuse_options(options, boxes.size());
-  const std::vector<Box> packed = packed_boxes<Box>(boxes, "", threads_);
+  const std::vector<Box> packed = packed_boxes<Box>(boxes, threads_);
   return answer(packed.size(), [&](const Searched<Box>& in) {
     return search(in, std::span(packed), options, [&](RankedHits<Box>& of_query, std::uint32_t query) {
       of_query.box = packed[query];
@@ -203,7 +203,7 @@ Hits Queries<Box>::along(const BoxView& starts, std::span<const std::array<Bound
     throw Error::invalid_argument("length " + std::to_string(k) + " is " + std::to_string(lengths[k]) +
                                   "; give one from 0 on");
   }
-  const std::vector<Box> packed = packed_boxes<Box>(starts, "", threads_);
+  const std::vector<Box> packed = packed_boxes<Box>(starts, threads_);
   const auto infinite = std::ranges::find_if(packed, is_infinite<Box>);
   if (infinite != packed.end()) {
     throw Error::invalid_argument("start " + std::to_string(infinite - packed.begin()) +

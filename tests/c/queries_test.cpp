@@ -374,12 +374,12 @@ TEST(CDistances, ArePairsWithinOne) {
   OK(broadcl_pair_list_pairs(made, &pairs));
   EXPECT_THAT(list(pairs), ElementsAre(broadcl_pair{0, 1}, broadcl_pair{1, 2}));
   std::vector<double> distances(2);
-  OK(broadcl_squared_distances(&given, nullptr, pairs.data, pairs.count, distances.data()));
+  OK(broadcl_squared_distances(&given, nullptr, pairs.data, pairs.count, nullptr, distances.data()));
   EXPECT_THAT(distances, ElementsAre(9, 0.25));
   OK(broadcl_pair_list_destroy(made));
   const broadcl_pair of_two[] = {{1, 0}, {3, 0}};
   const broadcl_boxes second = view_of_one(points[2]);
-  OK(broadcl_squared_distances(&given, &second, of_two, 2, distances.data()));
+  OK(broadcl_squared_distances(&given, &second, of_two, 2, &config, distances.data()));
   EXPECT_THAT(distances, ElementsAre(0.25, std::numeric_limits<double>::infinity()));
 
   broadcl_broad_phase* handle = nullptr;
@@ -395,9 +395,11 @@ TEST(CDistances, ArePairsWithinOne) {
   OK(broadcl_broad_phase_destroy(handle));
 
   const broadcl_pair beyond{0, 4};
-  EXPECT_INVALID("(0, 4)", broadcl_squared_distances, &given, nullptr, &beyond, 1, distances.data());
-  EXPECT_INVALID("distances is null", broadcl_squared_distances, &given, nullptr, &beyond, 1, nullptr);
-  EXPECT_INVALID("pairs is null", broadcl_squared_distances, &given, nullptr, nullptr, 1, distances.data());
+  EXPECT_INVALID("(0, 4)", broadcl_squared_distances, &given, nullptr, &beyond, 1, nullptr, distances.data());
+  EXPECT_INVALID("distances is null", broadcl_squared_distances, &given, nullptr, &beyond, 1, nullptr,
+                 nullptr);
+  EXPECT_INVALID("pairs is null", broadcl_squared_distances, &given, nullptr, nullptr, 1, nullptr,
+                 distances.data());
   config.distance = -1;
   EXPECT_INVALID("distance", broadcl_pair_list_create, &given, nullptr, nullptr, 0, &config, &made);
 }
