@@ -292,6 +292,25 @@ Step terrain(float resting) {
     }
   };
 }
+/// Up to 2,000 cubes, and below them a plain of boxes that rest, eight times as wide and with gaps between
+/// them, which goes far beyond the scene.
+void plain(Motion& motion) {
+  const std::uint32_t moving = std::min(motion.count() / 6, 2000U);
+  const std::uint32_t resting = motion.count() - moving;
+  const MovingBoxes scene(moving, MovingBoxes::Sizes::uniform);
+  motion.edge = scene.edge();
+  std::ranges::copy(scene.boxes(), motion.boxes.begin() + resting);
+  for (Vector3f& step : motion.steps) step = step.normalized() * motion.edge / 10;
+  const auto row = static_cast<std::uint32_t>(std::ceil(std::sqrt(static_cast<float>(resting))));
+  const float half = static_cast<float>(row) / 2;
+  for (std::uint32_t id = 0; id < resting; ++id) {
+    const std::uint32_t column = id / row;
+    const Vector3f cell(static_cast<float>(column) - half, 0, static_cast<float>(id % row) - half);
+    motion.boxes[id] = box_at(cell * 10 * motion.edge, Vector3f(8, 1, 8) * motion.edge);
+    motion.steps[id].setZero();
+    motion.filters[id] = {.group = 2, .mask = ~2U};
+  }
+}
 /// Drops, and a few triggers, which rest.
 void rain(Motion& motion, std::uint32_t id) {
   motion.steps[id] = {0, -motion.edge * motion.random.uniform(0.1F, 0.3F), 0};
@@ -361,6 +380,7 @@ std::span<const MotionInfo> motions() {
       {"level-unfiltered", level(0.92F, 100, false), each(movers, drift)},
       {"level-90%", level(0.9F, 150, true), each(movers, drift)},
       {"terrain", terrain(0.92F), each(movers, roam)},
+      {"plain", plain, each(movers, drift)},
       {"permute", nothing, both(all_drift, permute), true},
       {"permute-some", nothing, both(all_drift, each(some(0.02F), exchange)), true},
       {"speed-4", with_speed(4), all_drift},
