@@ -170,9 +170,9 @@ RecordingReader::RecordingReader(const std::filesystem::path& file) : name_(quot
     throw Error(name_ + " is not a regular file, and a recording is read twice; save it to a file");
   }
   stream_ = open_input(file);
-  std::string magic(recorded_magic.size(), '\0');
+  std::string first(recorded_magic.size(), '\0');
   is_recorded_ =
-      stream_.read(magic.data(), static_cast<std::streamsize>(magic.size())) && magic == recorded_magic;
+      stream_.read(first.data(), static_cast<std::streamsize>(first.size())) && first == recorded_magic;
   stream_.clear();
   stream_.seekg(0);
   const bool aabbs = !is_recorded_ && is_aabbs(file);
