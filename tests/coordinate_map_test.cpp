@@ -132,6 +132,7 @@ std::vector<Scene> scenes() {
           {"ulps below zero", ulps(-0x1p47)},
           {"near the largest numbers",
            with(clusters(5, 20, 10, 1e308, 1e300, 1e299), {point(largest), point(-largest)})},
+          {"as long as the largest numbers", {{{4e299, 0, -largest}, {1e307, 3e299, 4e299}}}},
           {"beyond float32", clusters(6, 20, 10, 1e200, 1e150, 1e149)},
           {"small boxes beyond float32", with(towns, {point(1e300), point(-1e40), point(largest)})},
           {"small numbers", clusters(7, 20, 10, 1e-100, 1e-110, 1e-111)},

@@ -95,7 +95,9 @@ bool is_window(std::size_t piece) noexcept {
     const double upper = box.upper[axis];
     if (!is_infinite(lower)) extend(range, lower);
     if (!is_infinite(upper)) extend(range, upper);
-    if (upper - lower > 0) ++sizes[std::bit_cast<std::uint64_t>(upper - lower) >> 52U];
+    // (Sizes up to the largest number would overflow what is computed from them.)
+    if (is_infinite(lower) || is_infinite(upper) || !(lower < upper)) continue;
+    ++sizes[std::bit_cast<std::uint64_t>(upper - lower) >> 52U];
   }
 }
 
@@ -109,7 +111,7 @@ void CoordinateMap::Survey::add(const Survey& other) noexcept {
   if (range[0] > range[1]) return;
   // If they are points, their distance if they were in a line.
   double least = length(range) > 0 ? length(range) / static_cast<double>(boxes) : 1;
-  const std::size_t sized = std::accumulate(sizes.begin(), sizes.end() - 1, std::size_t{0});
+  const std::size_t sized = std::accumulate(sizes.begin(), sizes.end(), std::size_t{0});
   for (std::size_t k = 0, seen = 0; sized > 0 && seen <= sized / 64; seen += sizes[k++]) {
     least = std::ldexp(1, static_cast<int>(k) - 1023);
   }

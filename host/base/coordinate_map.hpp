@@ -84,8 +84,7 @@ class CoordinateMap {
   struct Survey {
     std::array<double, 2> range{std::numeric_limits<double>::infinity(),
                                 -std::numeric_limits<double>::infinity()};  ///< Of finite bounds.
-    std::array<std::uint32_t, 2048>
-        sizes{};  ///< How many boxes, by the exponent; the last is that of infinity.
+    std::array<std::uint32_t, 2048> sizes{};  ///< How many boxes with finite bounds, by the exponent.
 
     void add(std::size_t axis, std::span<const Aabb64> boxes) noexcept;
     void add(const Survey& other) noexcept;
