@@ -157,7 +157,7 @@ class Warped {
   [[nodiscard]] Filter filter(std::uint32_t id) const { return subject_.filter(id); }
 
   std::span<Aabb> map(std::size_t n) {
-    write();
+    settle();
     std::vector<Aabb> boxes(n);
     const std::span<Aabb64> memory = subject_.map(n);
     for (std::size_t k = 0; k < n; ++k) boxes[k] = warp_.inverse(memory[k]);
@@ -173,10 +173,9 @@ class Warped {
     boxes_.clear();
   }
   void begin(const BoxView& boxes) {
-    write();
+    settle();
     const std::vector<Aabb64> all = warp_(boxes);
     subject_.begin(all);
-    boxes_.clear();
   }
   Delta update() requires requires(Subject subject) { subject.update(); }
   {
@@ -186,11 +185,9 @@ class Warped {
     return delta;
   }
   Delta update(const BoxView& boxes) {
-    write();
+    settle();
     const std::vector<Aabb64> all = warp_(boxes);
-    Delta delta = subject_.update(all);
-    boxes_.clear();
-    return delta;
+    return subject_.update(all);
   }
   Delta finish() {
     write();
