@@ -31,6 +31,11 @@ namespace {
 namespace fs = std::filesystem;
 using Lists = std::vector<std::vector<Pair>>;  // one per update
 
+void append_changes(const Delta& delta, Lists& lists) {
+  lists.emplace_back(delta.added.begin(), delta.added.end());
+  lists.emplace_back(delta.removed.begin(), delta.removed.end());
+}
+
 class BroadclRecord : public testing::Test {
  protected:
   [[nodiscard]] std::string path(const std::string& name = "run") const {
@@ -38,8 +43,9 @@ class BroadclRecord : public testing::Test {
   }
 
   /// The pairs of each frame of a file, as the oracle finds them.
+  /// @param changes Gets those that were added, and those that were removed.
   template <class Box = Aabb>
-  [[nodiscard]] Lists replayed(const std::string& name = "run") const {
+  [[nodiscard]] Lists replayed(const std::string& name = "run", Lists* changes = nullptr) const {
     const ScopedVariable unset("BROADCL_RECORD", "");
     cli::RecordingReader reader(path(name));
     EXPECT_EQ(reader.is_double(), (std::is_same_v<Box, Aabb64>));
@@ -47,7 +53,8 @@ class BroadclRecord : public testing::Test {
     Lists lists;
     for (std::uint32_t frame = 0; frame < reader.frames(); ++frame) {
       scenes::set_objects(oracle, reader.next());
-      (void)oracle.update();
+      const Delta delta = oracle.update();
+      if (changes != nullptr) append_changes(delta, *changes);
       lists.push_back(oracle.pairs());
     }
     return lists;
@@ -83,11 +90,13 @@ class Script {
     Lists lists;
     for (int k = 0; k < updates; ++k) {
       for (int change = 0; change < 8; ++change) change_something();
-      update();
+      append_changes(update(), changes);
       lists.push_back(broad_phase_.pairs());
     }
     return lists;
   }
+
+  Lists changes;
 
  private:
   std::uint32_t up_to(std::uint32_t n) { return std::uniform_int_distribution(0U, n)(random_); }
@@ -95,7 +104,7 @@ class Script {
   Box box() {
     Box box;
     for (std::size_t axis = 0; axis < 3; ++axis) {
-      box.lower[axis] = BoundType<Box>(up_to(60)) / 7;
+      box.lower[axis] = BoundType<Box>(up_to(14)) / 7;
       box.upper[axis] = box.lower[axis] + BoundType<Box>(up_to(8)) / 7;
     }
     if (up_to(9) == 0) box.upper[0] = -1;
@@ -116,7 +125,7 @@ class Script {
 
   void change_something() {
     const auto id = some_id();
-    switch (up_to(6)) {
+    switch (up_to(7)) {
       case 0:
         broad_phase_.add(box(), filter(), BoundType<Box>(up_to(2)));
         break;
@@ -134,38 +143,46 @@ class Script {
         broad_phase_.set_exclusions(exclusions);
         break;
       }
+      case 5:
+        if (id) replace(*id);
+        break;
       default:
         if (id) broad_phase_.move(*id, box());
     }
   }
 
-  void update() {
+  /// By an object like it, which has the same id unless a lower one is free.
+  void replace(std::uint32_t id) {
+    const Box box = broad_phase_.box(id);
+    const Filter filter = broad_phase_.filter(id);
+    const BoundType<Box> reach = broad_phase_.reach(id);
+    broad_phase_.remove(id);
+    broad_phase_.add(box, filter, reach);
+  }
+
+  Delta update() {
     switch (up_to(4)) {
       case 0: {
         const std::vector<Box> all = boxes();
-        (void)broad_phase_.update(all);
-        break;
+        return broad_phase_.update(all);
       }
       case 1: {
         const std::vector<Box> all = boxes();
         std::ranges::copy(all, broad_phase_.map(all.size()).begin());
-        (void)broad_phase_.update();
-        break;
+        return broad_phase_.update();
       }
       case 2: {
         const std::vector<Box> all = boxes();
         broad_phase_.begin(all);
         change_something();
-        (void)broad_phase_.finish();
-        break;
+        return broad_phase_.finish();
       }
       case 3:
         broad_phase_.begin();
         for (int k = 0; k < 4; ++k) change_something();
-        (void)broad_phase_.finish();
-        break;
+        return broad_phase_.finish();
       default:
-        (void)broad_phase_.update();
+        return broad_phase_.update();
     }
   }
 
@@ -173,14 +190,22 @@ class Script {
   BasicBroadPhase<Box> broad_phase_;
 };
 
+template <class Box>
+void expect_replayed(const std::string& algorithm, const auto& replayed) {
+  Script<Box> script({.algorithm = algorithm});
+  const Lists pairs = script.play(60);
+  Lists changes;
+  EXPECT_EQ(pairs, replayed(changes));
+  EXPECT_EQ(script.changes, changes);
+}
+
 TEST_F(BroadclRecord, HasThePairsOfEachUpdate) {
   for (const std::string algorithm : {"auto", "sweep-and-prune", "tiles"}) {
     SCOPED_TRACE(algorithm);
     const ScopedVariable variable("BROADCL_RECORD", path(algorithm));
-    const Lists lists = Script<Aabb>({.algorithm = algorithm}).play(60);
-    EXPECT_EQ(lists, replayed(algorithm));
-    const Lists lists64 = Script<Aabb64>({.algorithm = algorithm}).play(60);
-    EXPECT_EQ(lists64, replayed<Aabb64>(algorithm + ".2"));
+    expect_replayed<Aabb>(algorithm, [&](Lists& changes) { return replayed(algorithm, &changes); });
+    expect_replayed<Aabb64>(algorithm,
+                            [&](Lists& changes) { return replayed<Aabb64>(algorithm + ".2", &changes); });
   }
 }
 
