@@ -19,6 +19,12 @@ class Objects;
 /// Adds the functions that query an object to the class BroadPhase.
 void add_queries(nanobind::class_<Objects>& objects);
 
+/// Adds the functions that search boxes once.
+void add_searches(nanobind::module_& module);
+
+/// Adds the functions that make filters and exclusions.
+void add_pair_rules(nanobind::module_& module);
+
 /// Adds the class DeviceArray.
 void add_device_array(nanobind::module_& module);
 
