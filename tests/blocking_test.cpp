@@ -72,8 +72,7 @@ constexpr std::array steps{
     Step{"nothing", [](BroadPhase& /*b*/, MovingBoxes& /*s*/) {}},
 };
 
-TEST_P(EachAlgorithm, BeginDoesNotBlock) {
-  if (!GetParam().on_device) return;
+TEST_P(EachDeviceAlgorithm, BeginDoesNotBlock) {
   BroadPhase broad_phase(config());
   MovingBoxes scene(2000, MovingBoxes::Sizes::mixed);
   const long start = opencl_use().blocking_calls;

@@ -29,8 +29,11 @@ std::vector<AlgorithmInfo> algorithms_but_the_oracle() {
   return rows;
 }
 
-// One instantiation for all files: gtest collects the tests of the suite from all of them.
+// One instantiation for all files: gtest collects the tests of a suite from all of them.
 INSTANTIATE_TEST_SUITE_P(Table, EachAlgorithm, ::testing::ValuesIn(algorithms_but_the_oracle()),
+                         test::named_by_parameter);
+using test::EachDeviceAlgorithm;
+INSTANTIATE_TEST_SUITE_P(Table, EachDeviceAlgorithm, ::testing::ValuesIn(test::device_algorithms()),
                          test::named_by_parameter);
 
 TEST_P(EachAlgorithm, EveryPairIsFoundAlone) {

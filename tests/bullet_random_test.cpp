@@ -301,13 +301,6 @@ void play(const std::string& algorithm, std::size_t operations, std::optional<st
   }
 }
 
-std::vector<AlgorithmInfo> device_algorithms() {
-  std::vector<AlgorithmInfo> result;
-  std::copy_if(algorithms().begin(), algorithms().end(), std::back_inserter(result),
-               [](const AlgorithmInfo& info) { return info.on_device; });
-  return result;
-}
-
 // Only a few, because they run with every tuning, device and sanitizer.
 TEST_P(EachAlgorithm, SomeRandomCallsByBullet) {
   play(std::string(GetParam().name), is_slow() ? 400 : 2000, test::seed_of_ci);
@@ -316,17 +309,18 @@ TEST_P(EachAlgorithm, SomeRandomCallsByBullet) {
 // The algorithms share the operations equally.
 class RandomCalls : public testing::TestWithParam<AlgorithmInfo> {};
 
-INSTANTIATE_TEST_SUITE_P(Table, RandomCalls, testing::ValuesIn(device_algorithms()),
+INSTANTIATE_TEST_SUITE_P(Table, RandomCalls, testing::ValuesIn(test::device_algorithms()),
                          test::named_by_parameter);
 
 NOT_IN(all_default | sanitizers, "takes long; SomeRandomCallsByBullet is in it");
 TEST_P(RandomCalls, AHundredThousandByBullet) {
-  const std::size_t n = device_algorithms().size();
+  const std::size_t n = test::device_algorithms().size();
   play(std::string(GetParam().name), (100'000 + n - 1) / n, test::seed_of_ci);
 }
 
 TEST(Long, MillionsOfRandomCallsByBullet) {
-  for (const AlgorithmInfo& info : device_algorithms()) play(std::string(info.name), 1'000'000, std::nullopt);
+  for (const AlgorithmInfo& info : test::device_algorithms())
+    play(std::string(info.name), 1'000'000, std::nullopt);
 }
 
 }  // namespace

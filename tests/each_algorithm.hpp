@@ -79,6 +79,17 @@ class EachAlgorithm : public ::testing::TestWithParam<AlgorithmInfo> {
 
 SUITE_ALSO_IN(EachAlgorithm, gpu_profile | rusticl);
 
+/// Those of the table that may use a device.
+inline std::vector<AlgorithmInfo> device_algorithms() {
+  std::vector<AlgorithmInfo> rows(algorithms().begin(), algorithms().end());
+  std::erase_if(rows, [](const AlgorithmInfo& row) { return !row.on_device; });
+  return rows;
+}
+
+/// Tests of this suite run over these.
+class EachDeviceAlgorithm : public EachAlgorithm {};
+SUITE_ALSO_IN(EachDeviceAlgorithm, gpu_profile | rusticl);
+
 /// Whether two lists are equal, or the first difference: printing them would take long.
 inline ::testing::AssertionResult same(std::string_view what, std::span<const Pair> is,
                                        std::span<const Pair> expected) {

@@ -16,6 +16,7 @@
 
 #include <broadcl/broad_phase.hpp>
 
+#include "assertions.hpp"
 #include "device_limits.hpp"
 #include "runs.hpp"
 #include "test_name.hpp"
@@ -136,6 +137,17 @@ class TestNames : public testing::EmptyTestEventListener {
   }
 };
 
+/// Fails a test that ends without an assertion.
+class Assertions : public testing::EmptyTestEventListener {
+  void OnTestStart(const testing::TestInfo& /*test*/) override { before_ = assertions; }
+  void OnTestEnd(const testing::TestInfo& test) override {
+    const bool has_any = assertions > before_;
+    if (!has_any && test.result()->Passed()) ADD_FAILURE() << "this test has evaluated no assertion";
+  }
+
+  unsigned long before_ = 0;
+};
+
 int run(int argc, char** argv) {
   const std::vector<Test> tests = all_tests();
   const std::string_view argument = argc > 1 ? argv[1] : "";
@@ -148,6 +160,7 @@ int run(int argc, char** argv) {
   // The least that GPUs have.
   std::optional<LimitedDevices> limited;
   if (argument == "--run=gpu-profile") limited.emplace(Limits{.work_group = 256, .local_memory = 32 << 10});
+  testing::UnitTest::GetInstance()->listeners().Append(new Assertions);
   const int result = RUN_ALL_TESTS();
   const testing::UnitTest& program = *testing::UnitTest::GetInstance();
   if (program.test_to_run_count() == 0) throw std::runtime_error("no test is selected");

@@ -311,9 +311,11 @@ TEST_P(EveryCommand, IsTimed) {
   update("many more pairs than expected");
 }
 
+/// Of a DeviceBroadPhase.
+class EveryCommandOfADevice : public EveryCommand {};
+
 /// Objects that are on the device already, in several worlds, and in two sets.
-TEST_P(EveryCommand, OfADeviceBroadPhaseIsTimed) {
-  if (GetParam().name == "gpu-bf") return;  // it is for a BroadPhase only
+TEST_P(EveryCommandOfADevice, IsTimed) {
   const test::CallersQueue queue(CL_QUEUE_PROFILING_ENABLE);
   constexpr std::uint32_t n = 1500;
   scenes::MovingBoxes boxes(n, scenes::MovingBoxes::Sizes::uniform);
@@ -336,11 +338,11 @@ TEST_P(EveryCommand, OfADeviceBroadPhaseIsTimed) {
   }
 }
 
-INSTANTIATE_TEST_SUITE_P(Table, EveryCommand, ::testing::ValuesIn([] {
-                           std::vector<AlgorithmInfo> rows;
-                           for (const AlgorithmInfo& row : algorithms()) {
-                             if (row.on_device) rows.push_back(row);
-                           }
+INSTANTIATE_TEST_SUITE_P(Table, EveryCommand, ::testing::ValuesIn(test::device_algorithms()),
+                         test::named_by_parameter);
+INSTANTIATE_TEST_SUITE_P(Table, EveryCommandOfADevice, ::testing::ValuesIn([] {
+                           std::vector<AlgorithmInfo> rows = test::device_algorithms();
+                           std::erase_if(rows, [](const AlgorithmInfo& row) { return row.name == "gpu-bf"; });
                            return rows;
                          }()),
                          test::named_by_parameter);

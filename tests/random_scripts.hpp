@@ -141,10 +141,10 @@ inline void check_scripts(const std::string& subject, std::size_t scripts, std::
   const auto* const name = testing::UnitTest::GetInstance()->current_test_info()->name();
   const rc::detail::TestResult result =
       rc::detail::checkTestable(property, rc::detail::TestMetadata{.id = name, .description = name}, params);
-  if (result.is<rc::detail::SuccessResult>()) return;
   std::ostringstream message;
   rc::detail::printResultMessage(result, message);
-  FAIL() << subject << ", seed " << params.seed << ": " << message.str();
+  EXPECT_TRUE(result.is<rc::detail::SuccessResult>())
+      << subject << ", seed " << params.seed << ": " << message.str();
 }
 
 }  // namespace broadcl::test
