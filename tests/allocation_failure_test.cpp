@@ -59,8 +59,8 @@ template <class Function>
 void call_with_failures(BroadPhase64& broad_phase, const Function& function) {
   const Pairs pairs = broad_phase.pairs();
   const std::size_t size = broad_phase.size();
-  std::vector<double> reaches;
-  for (std::uint32_t id = 0; id < size; ++id) reaches.push_back(broad_phase.reach(id));
+  const std::vector<double> reaches = broad_phase.reaches();
+  const std::vector<Filter> filters = broad_phase.filters();
   for (long first = 0;; ++first) {
     try {
       const FailingAllocations failing(first, 1);
@@ -69,7 +69,8 @@ void call_with_failures(BroadPhase64& broad_phase, const Function& function) {
     }
     EXPECT_TRUE(same("pairs", broad_phase.pairs(), pairs));
     ASSERT_EQ(broad_phase.size(), size);
-    for (std::uint32_t id = 0; id < size; ++id) EXPECT_EQ(broad_phase.reach(id), reaches[id]);
+    EXPECT_EQ(broad_phase.reaches(), reaches);
+    EXPECT_EQ(broad_phase.filters(), filters);
   }
 }
 
@@ -94,6 +95,10 @@ TEST(AllocationFailure, ReachesInDoublePrecision) {
   call([&](BroadPhase64& broad_phase) { broad_phase.add(boxes, filters); });
   call(update);
   call([&](BroadPhase64& broad_phase) { broad_phase.set_reach(some, longer); });
+  call(update);
+  const std::vector<Filter> of_some{{.body = 1}, {.body = 1}, {.mask = 0}, {.world = 3}};
+  call([&](BroadPhase64& broad_phase) { broad_phase.set_filters(some, of_some); });
+  EXPECT_EQ(failing.filters(), other.filters());
   call(update);
   EXPECT_GT(failing.pairs().size(), 0U);
   call([&](BroadPhase64& broad_phase) { broad_phase.add(boxes, filters, reaches); });

@@ -130,7 +130,7 @@ class CorePlayer {
         if (keep) kept_.emplace_back(delta);
       }
     }));
-    if constexpr (requires { subject_.boxes(); }) {  // a Core's, which nothing may take for an object
+    if constexpr (requires { subject_.slots(); }) {  // a Core, whose boxes nothing may take for objects
       for (std::uint32_t id = 0; !was_begun && id < subject_.boxes().size(); ++id) {
         if (!reference().contains(id) && !has_nan(subject_.boxes()[id])) fail("a free id has a box");
       }
@@ -155,8 +155,9 @@ class CorePlayer {
                   [&] { subject_.add(BoxView(boxes), filters); });
   }
 
-  /// Moves or removes several at once. The result is whether the operation is one of these.
+  /// Moves, removes or filters several at once. The result is whether the operation is one of these.
   bool apply_to_several(const std::vector<std::uint32_t>& ids, const CoreOp& op) {
+    if (op.verb == CoreVerb::filter) return set_filters(ids, op);
     if (op.verb != CoreVerb::move && op.verb != CoreVerb::remove) return false;
     std::vector<std::uint32_t> chosen;
     std::vector<Aabb> boxes;
@@ -205,6 +206,18 @@ class CorePlayer {
   }
 
   /// Of several objects, perhaps the same for all. An id may be given twice.
+  bool set_filters(const std::vector<std::uint32_t>& ids, const CoreOp& op) {
+    std::vector<std::uint32_t> chosen;
+    std::vector<Filter> filters{filter_of(script_, op, 0)};
+    for (unsigned k = 0; k < op.count && !ids.empty(); ++k) {
+      chosen.push_back(ids[(op.which / 4 + k * (op.which / 8 % 3)) % ids.size()]);
+      if (op.which % 3 != 0 && k > 0) filters.push_back(filter_of(script_, op, k));
+    }
+    twins_.set_filters(chosen, filters);
+    return true;
+  }
+
+  /// Likewise.
   void set_reach(const std::vector<std::uint32_t>& ids, const CoreOp& op) {
     std::vector<std::uint32_t> chosen;
     std::vector<float> reaches;

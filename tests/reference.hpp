@@ -55,6 +55,9 @@ class Reference {
   [[nodiscard]] const Aabb& box(std::uint32_t id) const { return now_.objects[id].box; }
   [[nodiscard]] const Filter& filter(std::uint32_t id) const { return now_.objects[id].filter; }
   [[nodiscard]] float reach(std::uint32_t id) const { return now_.objects[id].reach; }
+  [[nodiscard]] std::vector<Pair> exclusions() const {
+    return {now_.exclusions.begin(), now_.exclusions.end()};
+  }
   [[nodiscard]] bool is_in_flight() const { return begun_.has_value(); }
 
  private:

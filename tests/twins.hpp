@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cmath>
+#include <concepts>
 #include <cstddef>
 #include <cstdint>
 #include <span>
@@ -50,6 +51,16 @@ class Twins {
   void set_filter(std::uint32_t id, const Filter& filter) {
     call([&] { subject_.set_filter(id, filter); });
     reference_.set_filter(id, filter);
+  }
+  /// @param filters As many as ids, or one for all.
+  void set_filters(std::span<const std::uint32_t> ids, std::span<const Filter> filters) {
+    const auto filter = [&](std::size_t k) { return filters[filters.size() == 1 ? 0 : k]; };
+    if constexpr (requires { subject_.set_filters(ids, filters); }) {
+      call([&] { subject_.set_filters(ids, filters); });
+    } else {
+      for (std::size_t k = 0; k < ids.size(); ++k) call([&] { subject_.set_filter(ids[k], filter(k)); });
+    }
+    for (std::size_t k = 0; k < ids.size(); ++k) reference_.set_filter(ids[k], filter(k));
   }
   /// Whether the subject has reaches.
   [[nodiscard]] bool has_reaches() const {
@@ -209,6 +220,28 @@ class Twins {
       if (has_reaches() && reach_of(id) != reference_.reach(id)) return expect(wrong("the reach", id));
       if (subject_.filter(id) != reference_.filter(id)) return expect(wrong("the filter", id));
     }
+    if constexpr (requires {
+                    { subject_.filters() } -> std::same_as<std::vector<Filter>>;
+                  })
+      compare_arrays();
+  }
+  /// Those of a subject that has what it was told of each object.
+  void compare_arrays() {
+    const std::vector<std::uint32_t> ids = reference_.ids();
+    const std::vector<Aabb> boxes = subject_.boxes();
+    const std::vector<Filter> filters = subject_.filters();
+    std::vector<float> reaches(ids.size());
+    if constexpr (requires { subject_.reaches(); }) reaches = subject_.reaches();
+    if (subject_.ids() != ids) return expect(::testing::AssertionFailure() << "other ids");
+    if (boxes.size() != ids.size() || filters.size() != ids.size() || reaches.size() != ids.size())
+      return expect(::testing::AssertionFailure() << "other numbers of objects");
+    for (std::size_t k = 0; k < ids.size(); ++k) {
+      if (boxes[k] != subject_.box(ids[k])) return expect(wrong("among all, the box", ids[k]));
+      if (filters[k] != reference_.filter(ids[k])) return expect(wrong("among all, the filter", ids[k]));
+      if (has_reaches() && reaches[k] != reference_.reach(ids[k]))
+        return expect(wrong("among all, the reach", ids[k]));
+    }
+    expect(same("exclusions", subject_.exclusions(), reference_.exclusions()));
   }
   [[nodiscard]] float reach_of(std::uint32_t id) const {
     if constexpr (requires { subject_.reach(id); }) {

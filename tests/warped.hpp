@@ -139,6 +139,10 @@ class Warped {
     settle();
     subject_.set_filter(id, filter);
   }
+  void set_filters(std::span<const std::uint32_t> ids, std::span<const Filter> filters) {
+    settle();
+    subject_.set_filters(ids, filters);
+  }
   void set_exclusions(std::span<const Pair> pairs) {
     settle();
     subject_.set_exclusions(pairs);
@@ -155,6 +159,16 @@ class Warped {
     return warp_.inverse(subject_.box(id));
   }
   [[nodiscard]] Filter filter(std::uint32_t id) const { return subject_.filter(id); }
+  [[nodiscard]] std::vector<std::uint32_t> ids() const { return subject_.ids(); }
+  [[nodiscard]] std::vector<Aabb> boxes() requires requires(Subject subject) { subject.boxes().front(); }
+  {
+    write();
+    std::vector<Aabb> boxes;
+    for (const Aabb64& box : subject_.boxes()) boxes.push_back(warp_.inverse(box));
+    return boxes;
+  }
+  [[nodiscard]] auto filters() const { return subject_.filters(); }
+  [[nodiscard]] auto exclusions() const { return subject_.exclusions(); }
 
   std::span<Aabb> map(std::size_t n) {
     settle();

@@ -107,6 +107,11 @@ class BROADCL_API BasicBroadPhase {
   /// @throws Error for an unknown id, and if there is no memory for filters.
   void set_filter(std::uint32_t id, const Filter& filter);
 
+  /// Replaces the filters of some objects.
+  /// @param filters As many as ids, or one for all. If an id is given twice, the later one counts.
+  /// @throws Error as above; then none was replaced.
+  void set_filters(std::span<const std::uint32_t> ids, std::span<const Filter> filters);
+
   /// Sets how far some objects reach beyond their boxes. Two objects pair if the distance of their boxes is
   /// at most the sum of their reaches. Spheres and particles are points with a reach. A reach that changes
   /// counts as movement; box() returns the box all the same. With a sum of 0, or below 2^-63, boxes have to
@@ -148,6 +153,17 @@ class BROADCL_API BasicBroadPhase {
   /// Its reach; with a Config::distance, half of that.
   /// @throws Error for an unknown id.
   [[nodiscard]] Bound reach(std::uint32_t id) const;
+
+  /// The ids of all objects, in ascending order.
+  [[nodiscard]] std::vector<std::uint32_t> ids() const;
+  /// The boxes of all objects, in the order of ids(), each as box() returns it.
+  [[nodiscard]] std::vector<Box> boxes() const;
+  /// Their filters, in the same order.
+  [[nodiscard]] std::vector<Filter> filters() const;
+  /// Their reaches, in the same order.
+  [[nodiscard]] std::vector<Bound> reaches() const;
+  /// What set_exclusions() was given last, in canonical order and each pair once.
+  [[nodiscard]] std::vector<Pair> exclusions() const;
 
   /// For callers who compute all boxes in place. Makes 0 .. n-1 the ids of the objects, by adding those that
   /// are missing and removing all others, and returns the memory from which the device (in a BroadPhase64,

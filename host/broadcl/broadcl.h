@@ -382,6 +382,13 @@ BROADCL_API broadcl_status broadcl_broad_phase_move(broadcl_broad_phase* broad_p
 /// @returns BROADCL_INVALID_ARGUMENT also for an unknown id.
 BROADCL_API broadcl_status broadcl_broad_phase_set_filter(broadcl_broad_phase* broad_phase, uint32_t id,
                                                           const broadcl_filter* filter);
+/// Replaces the filters of `count` objects; all or none. If an id is given twice, the later filter counts.
+/// @param filters `filter_count` filters: as many as ids, or one for all.
+/// @returns As above.
+BROADCL_API broadcl_status broadcl_broad_phase_set_filters(broadcl_broad_phase* broad_phase,
+                                                           const uint32_t* ids, size_t count,
+                                                           const broadcl_filter* filters,
+                                                           size_t filter_count);
 /// Sets how far `count` objects reach beyond their boxes, initially 0; all or none. Two objects pair if the
 /// Euclidean distance of their boxes is at most the sum of their reaches. (docs/distances.md has each step of
 /// the arithmetic.) A reach that changes counts as movement.
@@ -416,6 +423,32 @@ BROADCL_API broadcl_status broadcl_broad_phase_filter(const broadcl_broad_phase*
 /// @returns As above.
 BROADCL_API broadcl_status broadcl_broad_phase_reach(const broadcl_broad_phase* broad_phase, uint32_t id,
                                                      double* reach);
+
+/// The ids of all objects, in ascending order.
+/// @param ids `count` ids, valid until the next call of this function, or shrink.
+BROADCL_API broadcl_status broadcl_broad_phase_ids(broadcl_broad_phase* broad_phase, const uint32_t** ids,
+                                                   size_t* count);
+/// The boxes of all objects, in the order of their ids, each as broadcl_broad_phase_box() returns it.
+/// @param boxes As above.
+/// @returns BROADCL_INVALID_ARGUMENT also if the boxes are float64.
+BROADCL_API broadcl_status broadcl_broad_phase_boxes(broadcl_broad_phase* broad_phase,
+                                                     const broadcl_aabb** boxes, size_t* count);
+/// The same if the boxes are float64.
+/// @returns BROADCL_INVALID_ARGUMENT also if the boxes are float32.
+BROADCL_API broadcl_status broadcl_broad_phase_boxes64(broadcl_broad_phase* broad_phase,
+                                                       const broadcl_aabb64** boxes, size_t* count);
+/// Their filters, in the same order.
+/// @param filters As above.
+BROADCL_API broadcl_status broadcl_broad_phase_filters(broadcl_broad_phase* broad_phase,
+                                                       const broadcl_filter** filters, size_t* count);
+/// Their reaches, in the same order.
+/// @param reaches As above.
+BROADCL_API broadcl_status broadcl_broad_phase_reaches(broadcl_broad_phase* broad_phase,
+                                                       const double** reaches, size_t* count);
+/// What broadcl_broad_phase_set_exclusions() was given last, in canonical order and each pair once.
+/// @param pairs As above.
+BROADCL_API broadcl_status broadcl_broad_phase_exclusions(broadcl_broad_phase* broad_phase,
+                                                          broadcl_pairs* pairs);
 
 /// Replaces the list of pairs of ids that are never reported, whatever their boxes and filters: for instance
 /// joined bodies. A pair applies to whichever objects have the two ids. Initially the list is empty.

@@ -25,16 +25,27 @@ struct broadcl_hit_list {
 };
 
 struct broadcl_broad_phase {
+  /// What functions have returned, each under its name.
+  struct Lists {
+    std::vector<broadcl::Pair> pairs{}, exclusions{};
+    std::vector<std::uint32_t> partners{}, ids{};
+    std::vector<broadcl::Aabb> boxes{};
+    std::vector<broadcl::Aabb64> boxes64{};
+    std::vector<broadcl::Filter> filters{};
+    std::vector<double> reaches{};
+  };
+
   std::variant<broadcl::BroadPhase, broadcl::BroadPhase64> broad_phase;
-  std::vector<broadcl::Pair> pairs{};               ///< What broadcl_broad_phase_pairs() has returned.
-  std::vector<std::uint32_t> partners{};            ///< And ..._partners(),
-  std::optional<broadcl::c::DeviceFacts> device{};  ///< ..._device(),
-  std::vector<broadcl_stage> stages{};              ///< ..._profile().
+  Lists lists{};
+  std::optional<broadcl::c::DeviceFacts> device{};  ///< What broadcl_broad_phase_device() has returned,
+  std::vector<broadcl_stage> stages{};              ///< and ..._profile().
 };
 
 using namespace broadcl;
 
 namespace {
+
+using Lists = broadcl_broad_phase::Lists;
 
 /// Calls a function with the object of a handle.
 template <class Handle, class Function>
@@ -56,6 +67,30 @@ auto& of_type(Handle* handle, const char* remedy) {
 void finish(broadcl_broad_phase* broad_phase, broadcl_delta* delta) {
   const Delta changes = with(broad_phase, [](auto& object) { return object.finish(); });
   if (delta != nullptr) *delta = c::to_c(changes);
+}
+
+/// Stores a list in a handle, and returns it.
+/// @param make Makes it, of the object.
+/// @param name Of the parameter `items`.
+template <class Value, class Function, class Item>
+broadcl_status give(const char* function, broadcl_broad_phase* broad_phase, std::vector<Value> Lists::*list,
+                    const Function& make, const char* name, const Item** items, std::size_t* count) {
+  return c::call(function, [&] {
+    c::required(items, name);
+    c::required(count, "count");
+    std::vector<Value>& stored = c::required(broad_phase, "broad_phase").lists.*list;
+    stored = with(broad_phase, make);
+    *items = reinterpret_cast<const Item*>(stored.data());
+    *count = stored.size();
+  });
+}
+
+/// The same for pairs.
+template <class Function>
+broadcl_status give(const char* function, broadcl_broad_phase* broad_phase, std::vector<Pair> Lists::*list,
+                    const Function& make, broadcl_pairs* pairs) {
+  return give(function, broad_phase, list, make, "pairs", pairs == nullptr ? nullptr : &pairs->data,
+              pairs == nullptr ? nullptr : &pairs->count);
 }
 
 /// Makes a list of what queries find.
@@ -213,6 +248,16 @@ broadcl_status broadcl_broad_phase_set_filter(broadcl_broad_phase* broad_phase, 
   });
 }
 
+broadcl_status broadcl_broad_phase_set_filters(broadcl_broad_phase* broad_phase, const std::uint32_t* ids,
+                                               std::size_t count, const broadcl_filter* filters,
+                                               std::size_t filter_count) {
+  return c::call(__func__, [&] {
+    const std::span<const std::uint32_t> objects = c::array(ids, count, "ids");
+    const std::span<const Filter> rules = c::to_filters(filters, filter_count, "filters");
+    with(broad_phase, [&](auto& object) { object.set_filters(objects, rules); });
+  });
+}
+
 broadcl_status broadcl_broad_phase_set_reach(broadcl_broad_phase* broad_phase, const std::uint32_t* ids,
                                              std::size_t count, const double* reaches,
                                              std::size_t reach_count) {
@@ -274,6 +319,48 @@ broadcl_status broadcl_broad_phase_reach(const broadcl_broad_phase* broad_phase,
   });
 }
 
+broadcl_status broadcl_broad_phase_ids(broadcl_broad_phase* broad_phase, const std::uint32_t** ids,
+                                       std::size_t* count) {
+  const auto all = [](const auto& object) { return object.ids(); };
+  return give(__func__, broad_phase, &Lists::ids, all, "ids", ids, count);
+}
+
+broadcl_status broadcl_broad_phase_boxes(broadcl_broad_phase* broad_phase, const broadcl_aabb** boxes,
+                                         std::size_t* count) {
+  const auto all = [&](const auto& /*object*/) {
+    return of_type<BroadPhase>(broad_phase, "broadcl_broad_phase_boxes64()").boxes();
+  };
+  return give(__func__, broad_phase, &Lists::boxes, all, "boxes", boxes, count);
+}
+
+broadcl_status broadcl_broad_phase_boxes64(broadcl_broad_phase* broad_phase, const broadcl_aabb64** boxes,
+                                           std::size_t* count) {
+  const auto all = [&](const auto& /*object*/) {
+    return of_type<BroadPhase64>(broad_phase, "broadcl_broad_phase_boxes()").boxes();
+  };
+  return give(__func__, broad_phase, &Lists::boxes64, all, "boxes", boxes, count);
+}
+
+broadcl_status broadcl_broad_phase_filters(broadcl_broad_phase* broad_phase, const broadcl_filter** filters,
+                                           std::size_t* count) {
+  const auto all = [](const auto& object) { return object.filters(); };
+  return give(__func__, broad_phase, &Lists::filters, all, "filters", filters, count);
+}
+
+broadcl_status broadcl_broad_phase_reaches(broadcl_broad_phase* broad_phase, const double** reaches,
+                                           std::size_t* count) {
+  const auto all = [](const auto& object) {
+    const auto list = object.reaches();
+    return std::vector<double>(list.begin(), list.end());
+  };
+  return give(__func__, broad_phase, &Lists::reaches, all, "reaches", reaches, count);
+}
+
+broadcl_status broadcl_broad_phase_exclusions(broadcl_broad_phase* broad_phase, broadcl_pairs* pairs) {
+  const auto all = [](const auto& object) { return object.exclusions(); };
+  return give(__func__, broad_phase, &Lists::exclusions, all, pairs);
+}
+
 broadcl_status broadcl_broad_phase_set_exclusions(broadcl_broad_phase* broad_phase, const broadcl_pair* pairs,
                                                   std::size_t count) {
   return c::call(__func__, [&] {
@@ -331,30 +418,19 @@ broadcl_status broadcl_broad_phase_finish(broadcl_broad_phase* broad_phase, broa
 broadcl_status broadcl_broad_phase_shrink(broadcl_broad_phase* broad_phase) {
   return c::call(__func__, [&] {
     with(broad_phase, [](auto& object) { object.shrink(); });
-    broad_phase->pairs = std::vector<Pair>();
-    broad_phase->partners = std::vector<std::uint32_t>();
+    broad_phase->lists = {};
   });
 }
 
 broadcl_status broadcl_broad_phase_pairs(broadcl_broad_phase* broad_phase, broadcl_pairs* pairs) {
-  return c::call(__func__, [&] {
-    c::required(pairs, "pairs");
-    broadcl_broad_phase& handle = c::required(broad_phase, "broad_phase");
-    handle.pairs = with(&handle, [](const auto& object) { return object.pairs(); });
-    *pairs = c::to_c(handle.pairs);
-  });
+  const auto all = [](const auto& object) { return object.pairs(); };
+  return give(__func__, broad_phase, &Lists::pairs, all, pairs);
 }
 
 broadcl_status broadcl_broad_phase_partners(broadcl_broad_phase* broad_phase, std::uint32_t id,
                                             const std::uint32_t** ids, std::size_t* count) {
-  return c::call(__func__, [&] {
-    c::required(ids, "ids");
-    c::required(count, "count");
-    broadcl_broad_phase& handle = c::required(broad_phase, "broad_phase");
-    handle.partners = with(&handle, [&](const auto& object) { return object.partners(id); });
-    *ids = handle.partners.data();
-    *count = handle.partners.size();
-  });
+  const auto partners = [&](const auto& object) { return object.partners(id); };
+  return give(__func__, broad_phase, &Lists::partners, partners, "ids", ids, count);
 }
 
 broadcl_status broadcl_broad_phase_overlapping(const broadcl_broad_phase* broad_phase,

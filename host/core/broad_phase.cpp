@@ -164,6 +164,15 @@ auto& updating(Impl& impl) noexcept {
   return impl->core;
 }
 
+/// What a function returns for all objects, in the order of their ids.
+template <class Box, class Value>
+auto of_all(const Core<Box>& core, Value (Core<Box>::*function)(std::uint32_t) const) {
+  std::vector<std::remove_cvref_t<Value>> values;
+  values.reserve(core.size());
+  for (const std::uint32_t id : core.ids()) values.push_back((core.*function)(id));
+  return values;
+}
+
 }  // namespace
 
 template <class Box>
@@ -218,6 +227,11 @@ void BasicBroadPhase<Box>::set_filter(std::uint32_t id, const Filter& filter) {
 }
 
 template <class Box>
+void BasicBroadPhase<Box>::set_filters(std::span<const std::uint32_t> ids, std::span<const Filter> filters) {
+  changing(impl_).set_filters(ids, filters);
+}
+
+template <class Box>
 void BasicBroadPhase<Box>::set_reach(std::span<const std::uint32_t> ids, std::span<const Bound> reaches) {
   changing(impl_).set_reach(ids, reaches);
 }
@@ -255,6 +269,32 @@ Filter BasicBroadPhase<Box>::filter(std::uint32_t id) const {
 template <class Box>
 auto BasicBroadPhase<Box>::reach(std::uint32_t id) const -> Bound {
   return impl_->core.reach(id);
+}
+
+template <class Box>
+std::vector<std::uint32_t> BasicBroadPhase<Box>::ids() const {
+  return impl_->core.ids();
+}
+
+template <class Box>
+std::vector<Box> BasicBroadPhase<Box>::boxes() const {
+  return of_all(impl_->core, &Core<Box>::box);
+}
+
+template <class Box>
+std::vector<Filter> BasicBroadPhase<Box>::filters() const {
+  return of_all(impl_->core, &Core<Box>::filter);
+}
+
+template <class Box>
+auto BasicBroadPhase<Box>::reaches() const -> std::vector<Bound> {
+  return of_all(impl_->core, &Core<Box>::reach);
+}
+
+template <class Box>
+std::vector<Pair> BasicBroadPhase<Box>::exclusions() const {
+  const std::span<const Pair> pairs = impl_->core.exclusions();
+  return {pairs.begin(), pairs.end()};
 }
 
 template <class Box>

@@ -34,6 +34,17 @@ bool any_above_0(std::span<const Bound> reaches) {
   return std::ranges::any_of(reaches, [](Bound reach) { return reach > 0; });
 }
 
+bool any_not_default(std::span<const Filter> filters) {
+  return std::ranges::any_of(filters, [](const Filter& filter) { return filter != Filter(); });
+}
+
+/// @param what The plural of what is given for each of the objects, or once for all.
+void refuse_other_number(std::size_t given, const char* what, std::size_t objects) {
+  if (given == 1 || given == objects) return;
+  throw Error::invalid_argument(std::to_string(given) + " " + what + " for " + std::to_string(objects) +
+                                " objects; give one for all, or one for each");
+}
+
 void refuse_twice(std::span<const std::uint32_t> ids) {
   if (ids.size() < 2) return;
   std::vector<std::uint32_t> sorted(ids.begin(), ids.end());
@@ -166,20 +177,17 @@ template <class Box>
 std::vector<std::uint32_t> Core<Box>::add(const BoxView& boxes, std::span<const Filter> filters,
                                           std::span<const Bound> reaches) {
   refuse_forked();
-  if (filters.size() != 1 && filters.size() != boxes.size()) {
-    throw Error::invalid_argument(std::to_string(filters.size()) + " filters for " +
-                                  std::to_string(boxes.size()) + " boxes; give one for all, or one for each");
-  }
+  refuse_other_number(filters.size(), "filters", boxes.size());
   constexpr Bound none = 0;
   if (reaches.empty()) reaches = {&none, 1};
   refuse_reaches(reaches, boxes.size());
   if (boxes.size() > most_objects) throw_too_many(boxes.size());
   const std::vector<Box> packed = packed_boxes<Box>(boxes, threads_);
-  const bool any_filters = std::ranges::any_of(filters, [](const Filter& f) { return f != Filter(); });
   std::vector<std::uint32_t> ids(packed.size());
   // (Perhaps some have free ids.)
   const std::size_t free = objects_.ids() - objects_.size();
-  reserve(objects_.ids() + packed.size() - std::min(free, packed.size()), any_filters, any_above_0(reaches));
+  reserve(objects_.ids() + packed.size() - std::min(free, packed.size()), any_not_default(filters),
+          any_above_0(reaches));
   reserve_late(packed.size());
   // Nothing below throws.
   any_empty_ = any_empty_ || std::ranges::any_of(packed, [](const Box& box) { return has_nan(box); });
@@ -213,19 +221,17 @@ void Core<Box>::move(std::span<const std::uint32_t> ids, const BoxView& boxes) {
 }
 
 template <class Box>
-void Core<Box>::set_filter(std::uint32_t id, const Filter& filter) {
-  objects_.refuse_unknown(id);
-  reserve(objects_.ids(), filter != Filter());
+void Core<Box>::set_filters(std::span<const std::uint32_t> ids, std::span<const Filter> filters) {
+  for (const std::uint32_t id : ids) objects_.refuse_unknown(id);
+  refuse_other_number(filters.size(), "filters", ids.size());
+  reserve(objects_.ids(), any_not_default(filters));
   // Nothing below throws.
-  store_filter(id, filter);
+  for (std::size_t k = 0; k < ids.size(); ++k) store_filter(ids[k], filters[filters.size() == 1 ? 0 : k]);
 }
 
 template <class Box>
 void Core<Box>::refuse_reaches(std::span<const Bound> reaches, std::size_t objects) const {
-  if (reaches.size() != 1 && reaches.size() != objects) {
-    throw Error::invalid_argument(std::to_string(reaches.size()) + " reaches for " + std::to_string(objects) +
-                                  " objects; give one for all, or one for each");
-  }
+  refuse_other_number(reaches.size(), "reaches", objects);
   for (const Bound reach : reaches) {
     refuse_invalid_reach(reach);
     if (reach > 0 && objects_.first_reach() > 0) throw_has_distance();
@@ -289,6 +295,16 @@ template <class Box>
 auto Core<Box>::reach(std::uint32_t id) const -> Bound {
   objects_.refuse_unknown(id);
   return objects_.reach(id);
+}
+
+template <class Box>
+std::vector<std::uint32_t> Core<Box>::ids() const {
+  std::vector<std::uint32_t> ids;
+  ids.reserve(objects_.size());
+  for (std::uint32_t id = 0; ids.size() < objects_.size(); ++id) {
+    if (objects_.contains(id)) ids.push_back(id);
+  }
+  return ids;
 }
 
 /// Replaces all boxes that are not proper.

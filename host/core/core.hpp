@@ -101,7 +101,9 @@ class Core {
 
   void move(std::span<const std::uint32_t> ids, const BoxView& boxes);
 
-  void set_filter(std::uint32_t id, const Filter& filter);
+  void set_filter(std::uint32_t id, const Filter& filter) { set_filters({&id, 1}, {&filter, 1}); }
+  /// @param filters As many as ids, or one for all.
+  void set_filters(std::span<const std::uint32_t> ids, std::span<const Filter> filters);
   void set_reach(std::span<const std::uint32_t> ids, std::span<const Bound> reaches);
   void set_exclusions(std::span<const Pair> pairs);
 
@@ -113,6 +115,10 @@ class Core {
   [[nodiscard]] Box box(std::uint32_t id) const;
   [[nodiscard]] const Filter& filter(std::uint32_t id) const;
   [[nodiscard]] Bound reach(std::uint32_t id) const;
+  /// Of all objects, ascending.
+  [[nodiscard]] std::vector<std::uint32_t> ids() const;
+  /// In canonical order.
+  [[nodiscard]] std::span<const Pair> exclusions() const noexcept { return exclusions_; }
   /// By id; none if all objects that ever were had the default filter.
   [[nodiscard]] std::span<const Filter> filters() const noexcept { return objects_.filters(); }
   [[nodiscard]] std::span<const Bound> reaches() const noexcept { return objects_.reaches(); }

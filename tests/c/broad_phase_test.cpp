@@ -1,5 +1,6 @@
 #include <sys/resource.h>
 
+#include <array>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
@@ -70,6 +71,15 @@ TEST_F(CBroadPhase, NullArgumentsAreRefusedAndChangeNothing) {
   EXPECT_INVALID("box is null", broadcl_broad_phase_box, handle_, 0, nullptr);
   EXPECT_INVALID("filter is null", broadcl_broad_phase_filter, handle_, 0, nullptr);
   EXPECT_INVALID("pairs is null", broadcl_broad_phase_pairs, handle_, nullptr);
+  EXPECT_INVALID("ids is null", broadcl_broad_phase_ids, handle_, nullptr, &n);
+  EXPECT_INVALID("boxes is null", broadcl_broad_phase_boxes, handle_, nullptr, &n);
+  EXPECT_INVALID("filters is null", broadcl_broad_phase_filters, handle_, nullptr, &n);
+  EXPECT_INVALID("reaches is null", broadcl_broad_phase_reaches, handle_, nullptr, &n);
+  EXPECT_INVALID("pairs is null", broadcl_broad_phase_exclusions, handle_, nullptr);
+  const std::uint32_t* ids = nullptr;
+  EXPECT_INVALID("count is null", broadcl_broad_phase_ids, handle_, &ids, nullptr);
+  EXPECT_INVALID("ids is null", broadcl_broad_phase_set_filters, handle_, nullptr, 1, nullptr, 0);
+  EXPECT_INVALID("filters is null", broadcl_broad_phase_set_filters, handle_, &id, 1, nullptr, 1);
   EXPECT_INVALID("size is null", broadcl_broad_phase_size, handle_, nullptr);
   EXPECT_INVALID("info is null", broadcl_broad_phase_device, handle_, nullptr);
   EXPECT_INVALID("row is null", broadcl_broad_phase_algorithm, handle_, nullptr);
@@ -123,6 +133,68 @@ TEST_F(CBroadPhase, ReportsWhatChanges) {
   const broadcl_aabb invalid = cube(nan_value);
   const broadcl_boxes invalid_boxes = view_of_one(invalid);
   EXPECT_INVALID("NaN", broadcl_broad_phase_move, handle_, &a, 1, &invalid_boxes);
+}
+
+template <class Item>
+std::vector<Item> to_vector(const Item* items, std::size_t count) {
+  return {items, items + count};
+}
+
+TEST_F(CBroadPhase, ReturnsWhatIsSetOfAllObjects) {
+  for (const float x : {0.0F, 0.5F, 1.0F}) add(cube(x));
+  const std::uint32_t first = 0;
+  OK(broadcl_broad_phase_remove(handle_, &first, 1));
+  const std::array<std::uint32_t, 2> objects{2, 1};
+  const std::array<broadcl_filter, 2> rules{broadcl_filter{4, 5, 6, 7}, broadcl_filter{1, 1, 9, 0}};
+  OK(broadcl_broad_phase_set_filters(handle_, objects.data(), 2, rules.data(), 2));
+  const double reach = 0.25;
+  OK(broadcl_broad_phase_set_reach(handle_, &objects[0], 1, &reach, 1));
+  const std::array<broadcl_pair, 3> excluded{broadcl_pair{3, 2}, {2, 3}, {0, 1}};
+  OK(broadcl_broad_phase_set_exclusions(handle_, excluded.data(), excluded.size()));
+
+  std::size_t count = 0;
+  const std::uint32_t* ids = nullptr;
+  OK(broadcl_broad_phase_ids(handle_, &ids, &count));
+  EXPECT_THAT(to_vector(ids, count), ElementsAre(1, 2));
+  const broadcl_aabb* boxes = nullptr;
+  OK(broadcl_broad_phase_boxes(handle_, &boxes, &count));
+  ASSERT_EQ(count, 2U);
+  EXPECT_EQ(boxes[0].lower[0], 0.5F);
+  EXPECT_EQ(boxes[1].upper[0], 2);
+  const broadcl_filter* filters = nullptr;
+  OK(broadcl_broad_phase_filters(handle_, &filters, &count));
+  ASSERT_EQ(count, 2U);
+  EXPECT_EQ(filters[0].body, 9U);
+  EXPECT_EQ(filters[1].group, 4U);
+  EXPECT_EQ(filters[1].mask, 5U);
+  EXPECT_EQ(filters[1].world, 7U);
+  const double* reaches = nullptr;
+  OK(broadcl_broad_phase_reaches(handle_, &reaches, &count));
+  EXPECT_THAT(to_vector(reaches, count), ElementsAre(0, 0.25));
+  broadcl_pairs exclusions{};
+  OK(broadcl_broad_phase_exclusions(handle_, &exclusions));
+  EXPECT_THAT(list(exclusions), ElementsAre(broadcl_pair{0, 1}, broadcl_pair{2, 3}));
+
+  // All are still valid: each call has its own memory.
+  EXPECT_THAT(to_vector(ids, 2), ElementsAre(1, 2));
+  EXPECT_EQ(boxes[0].lower[0], 0.5F);
+  EXPECT_EQ(filters[0].body, 9U);
+
+  const std::array<std::uint32_t, 2> unknown{1, 0};
+  EXPECT_INVALID("no object has the id 0", broadcl_broad_phase_set_filters, handle_, unknown.data(), 2,
+                 rules.data(), 2);
+  EXPECT_INVALID("2 filters for 1 objects", broadcl_broad_phase_set_filters, handle_, objects.data(), 1,
+                 rules.data(), 2);
+  EXPECT_INVALID("0 filters for 2 objects", broadcl_broad_phase_set_filters, handle_, objects.data(), 2,
+                 nullptr, 0);
+  OK(broadcl_broad_phase_filters(handle_, &filters, &count));
+  EXPECT_EQ(filters[0].body, 9U);
+  OK(broadcl_broad_phase_set_filters(handle_, objects.data(), 2, rules.data(), 1));
+  OK(broadcl_broad_phase_filters(handle_, &filters, &count));
+  EXPECT_EQ(filters[0].body, 6U);
+  OK(broadcl_broad_phase_shrink(handle_));
+  OK(broadcl_broad_phase_ids(handle_, &ids, &count));
+  EXPECT_THAT(to_vector(ids, count), ElementsAre(1, 2));
 }
 
 TEST_F(CBroadPhase, FiltersByBodyAndWorld) {
@@ -345,6 +417,13 @@ TEST_F(CBroadPhase64, FunctionsForTheOtherTypeAreRefused) {
   broadcl_aabb* boxes = nullptr;
   EXPECT_INVALID("call broadcl_broad_phase_box64()", broadcl_broad_phase_box, handle_, 0, &box);
   EXPECT_INVALID("call broadcl_broad_phase_map64()", broadcl_broad_phase_map, handle_, 1, &boxes);
+  const broadcl_aabb* all = nullptr;
+  std::size_t count = 0;
+  EXPECT_INVALID("call broadcl_broad_phase_boxes64()", broadcl_broad_phase_boxes, handle_, &all, &count);
+  const broadcl_aabb64* all64 = nullptr;
+  OK(broadcl_broad_phase_boxes64(handle_, &all64, &count));
+  ASSERT_EQ(count, 1U);
+  EXPECT_EQ(all64->upper[0], 1);
   EXPECT_INVALID("box is null", broadcl_broad_phase_box64, handle_, 0, nullptr);
   EXPECT_INVALID("boxes is null", broadcl_broad_phase_map64, handle_, 1, nullptr);
   broadcl_aabb64 box64{};
@@ -357,6 +436,9 @@ TEST_F(CBroadPhase, FunctionsForDoublePrecisionAreRefused) {
   broadcl_aabb64* boxes = nullptr;
   EXPECT_INVALID("call broadcl_broad_phase_box()", broadcl_broad_phase_box64, handle_, 0, &box);
   EXPECT_INVALID("call broadcl_broad_phase_map()", broadcl_broad_phase_map64, handle_, 1, &boxes);
+  const broadcl_aabb64* all = nullptr;
+  std::size_t count = 0;
+  EXPECT_INVALID("call broadcl_broad_phase_boxes()", broadcl_broad_phase_boxes64, handle_, &all, &count);
   broadcl_config config = on_host();
   config.type = 2;
   broadcl_broad_phase* other = nullptr;

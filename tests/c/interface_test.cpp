@@ -62,6 +62,10 @@ TEST(C, NullHandlesAreRefused) {
   int contains = 0;
   broadcl_aabb of_object{};
   broadcl_filter filter_of_object{};
+  const broadcl_aabb* all_boxes = nullptr;
+  const broadcl_aabb64* all_boxes64 = nullptr;
+  const broadcl_filter* all_filters = nullptr;
+  const double* all_reaches = nullptr;
   const broadcl_algorithm* row = nullptr;
   const broadcl_stage* stages = nullptr;
   const char* line = nullptr;
@@ -86,6 +90,13 @@ TEST(C, NullHandlesAreRefused) {
   EXPECT_INVALID("broad_phase is null", broadcl_broad_phase_filter, nullptr, 0, &filter_of_object);
   EXPECT_INVALID("broad_phase is null", broadcl_broad_phase_set_reach, nullptr, &id, 1, &reach, 1);
   EXPECT_INVALID("broad_phase is null", broadcl_broad_phase_reach, nullptr, 0, &reach);
+  EXPECT_INVALID("broad_phase is null", broadcl_broad_phase_set_filters, nullptr, &id, 1, &filter, 1);
+  EXPECT_INVALID("broad_phase is null", broadcl_broad_phase_ids, nullptr, &ids, &n);
+  EXPECT_INVALID("broad_phase is null", broadcl_broad_phase_boxes, nullptr, &all_boxes, &n);
+  EXPECT_INVALID("broad_phase is null", broadcl_broad_phase_boxes64, nullptr, &all_boxes64, &n);
+  EXPECT_INVALID("broad_phase is null", broadcl_broad_phase_filters, nullptr, &all_filters, &n);
+  EXPECT_INVALID("broad_phase is null", broadcl_broad_phase_reaches, nullptr, &all_reaches, &n);
+  EXPECT_INVALID("broad_phase is null", broadcl_broad_phase_exclusions, nullptr, &pairs);
   EXPECT_INVALID("broad_phase is null", broadcl_broad_phase_partners, nullptr, 0, &ids, &n);
   EXPECT_INVALID("broad_phase is null", broadcl_broad_phase_overlapping, nullptr, &boxes, nullptr, &found);
   EXPECT_INVALID("broad_phase is null", broadcl_broad_phase_nearest, nullptr, &boxes, nullptr, &found);

@@ -63,6 +63,11 @@ class CSubject {
     const broadcl_filter given = to_c(filter);
     check(broadcl_broad_phase_set_filter(handle_, id, &given));
   }
+  void set_filters(std::span<const std::uint32_t> ids, std::span<const Filter> filters) {
+    std::vector<broadcl_filter> given;
+    for (const Filter& filter : filters) given.push_back(to_c(filter));
+    check(broadcl_broad_phase_set_filters(handle_, ids.data(), ids.size(), given.data(), given.size()));
+  }
   void set_reach(std::span<const std::uint32_t> ids, std::span<const float> reaches) {
     const std::vector<double> given(reaches.begin(), reaches.end());
     check(broadcl_broad_phase_set_reach(handle_, ids.data(), ids.size(), given.data(), given.size()));
@@ -90,6 +95,18 @@ class CSubject {
     double reach = 0;
     check(broadcl_broad_phase_reach(handle_, id, &reach));
     return static_cast<float>(reach);
+  }
+  std::vector<std::uint32_t> ids() { return all<std::uint32_t>(broadcl_broad_phase_ids); }
+  std::vector<Aabb> boxes() { return all<Aabb>(broadcl_broad_phase_boxes); }
+  std::vector<Filter> filters() { return all<Filter>(broadcl_broad_phase_filters); }
+  std::vector<float> reaches() {
+    const std::vector<double> reaches = all<double>(broadcl_broad_phase_reaches);
+    return {reaches.begin(), reaches.end()};
+  }
+  std::vector<Pair> exclusions() {
+    broadcl_pairs pairs{};
+    check(broadcl_broad_phase_exclusions(handle_, &pairs));
+    return list(pairs);
   }
   broadcl_algorithm algorithm() {
     const broadcl_algorithm* row = nullptr;
@@ -181,6 +198,16 @@ class CSubject {
     std::vector<Aabb> copy_;
     broadcl_boxes boxes_{};
   };
+
+  /// What a function returns for all objects.
+  template <class Value, class Item>
+  std::vector<Value> all(broadcl_status (*function)(broadcl_broad_phase*, const Item**, std::size_t*)) {
+    const Item* items = nullptr;
+    std::size_t count = 0;
+    check(function(handle_, &items, &count));
+    const auto* values = reinterpret_cast<const Value*>(items);
+    return {values, values + count};
+  }
 
   /// What queries find with options.
   template <class Ask>
