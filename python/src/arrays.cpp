@@ -43,6 +43,18 @@ nb::object bounds_of(const Box& box) {
   return Array(data, {6}, keep(std::move(owner))).cast(nb::rv_policy::reference);
 }
 
+/// An array that takes items over, each of which is a row of numbers. (nanobind has no arrays of structures.)
+template <class Number, std::ptrdiff_t columns, class Item>
+nb::object to_table(std::vector<Item>&& items) {
+  constexpr std::size_t width = columns;
+  static_assert(sizeof(Item) == width * sizeof(Number));
+  auto owner = std::make_unique<std::vector<Item>>(std::move(items));
+  Item* data = owner->data();
+  const std::size_t size = owner->size();
+  using Array = nb::ndarray<nb::numpy, Number, nb::shape<-1, columns>>;
+  return Array(data, {size, width}, keep(std::move(owner))).cast(nb::rv_policy::reference);
+}
+
 /// Numbers in float64, row after row: a single row, or an array of them.
 /// @param columns Of each row; 0 if it is a number.
 std::vector<double> to_rows(nb::handle numbers, const std::string& name, std::size_t columns) {
@@ -84,12 +96,15 @@ void refuse_itself(const Pair& pair, std::size_t row, const std::string& name) {
 }  // namespace
 
 nb::object to_array(std::vector<Pair>&& pairs) {
-  auto owner = std::make_unique<std::vector<Pair>>(std::move(pairs));
-  Pair* data = owner->data();
-  const std::size_t size = owner->size();
-  // nanobind has no arrays of structures; a Pair is two words.
-  using Array = nb::ndarray<nb::numpy, std::uint32_t, nb::shape<-1, 2>>;
-  return Array(data, {size, 2}, keep(std::move(owner))).cast(nb::rv_policy::reference);
+  return to_table<std::uint32_t, 2>(std::move(pairs));
+}
+
+nb::object to_array(std::vector<Aabb>&& boxes) {
+  return to_table<float, 6>(std::move(boxes));
+}
+
+nb::object to_array(std::vector<Aabb64>&& boxes) {
+  return to_table<double, 6>(std::move(boxes));
 }
 
 nb::object to_array(std::span<const Pair> pairs, const std::shared_ptr<const void>& owner) {

@@ -44,6 +44,11 @@ template <class Number>
   return Array(data, {size}, keep(std::move(owner))).cast(nanobind::rv_policy::reference);
 }
 
+/// An (n, 6) float32 array, which takes the boxes over: lower x, y, z, upper x, y, z of each.
+[[nodiscard]] nanobind::object to_array(std::vector<Aabb>&& boxes);
+/// The same in float64.
+[[nodiscard]] nanobind::object to_array(std::vector<Aabb64>&& boxes);
+
 /// A (6,) float32 array: lower x, y, z, upper x, y, z.
 [[nodiscard]] nanobind::object to_array(const Aabb& box);
 /// The same in float64.

@@ -75,9 +75,8 @@ void add_broad_phase(nb::module_& module) {
       module, "BroadPhase",
       R"(Holds a set of moving boxes, and reports at each `update` which pairs began and which ceased to overlap.
 
-The cost of an update depends on how much moved. A call that raises has changed nothing, except that
-`set_filter` with an array of ids may be done in part if memory runs out. The GIL is released during
-searches. All arrays that are returned may be kept for as long as you like.
+The cost of an update depends on how much moved. A call that raises has changed nothing. The GIL is
+released during searches. All arrays that are returned may be kept for as long as you like.
 
 Parameters
 ----------
@@ -215,7 +214,7 @@ Parameters
 ids : int or array_like of int
     One id, or ``(n,)``.
 group, mask, body, world : int or array_like of int
-    As for `add`. What is left out gets its default value.
+    As for `add`. What is left out gets its default value. If an id is given twice, the later one counts.
 
 Raises
 ------
@@ -382,6 +381,87 @@ Raises
 ------
 ValueError
     For an unknown id.)")
+      .def("ids", with_keywords("ids", &Objects::ids), "unknown"_a,
+           nb::sig("def ids(self) -> " ARRAY("uint32")),
+           R"(Returns the ids of all objects.
+
+Returns
+-------
+numpy.ndarray
+    ``(n,)`` uint32, ascending, owned by the caller.
+
+Examples
+--------
+>>> broad_phase = broadcl.BroadPhase()
+>>> ids = broad_phase.add(np.zeros((3, 6)))
+>>> broad_phase.remove(1)
+>>> broad_phase.ids().tolist()
+[0, 2])")
+      .def("boxes", with_keywords("boxes", &Objects::boxes), "unknown"_a,
+           nb::sig("def boxes(self) -> " ARRAY("float32") " | " ARRAY("float64")),
+           R"(Returns the boxes of all objects, as they will be in the next update.
+
+Returns
+-------
+numpy.ndarray
+    ``(n, 6)`` of the `dtype`, owned by the caller, in the order of `ids`: each as `box` returns it.
+
+Examples
+--------
+>>> broad_phase = broadcl.BroadPhase()
+>>> ids = broad_phase.add([[0, 0, 2, 2], [1, 1, 3, 3]])
+>>> broad_phase.boxes().tolist()
+[[0.0, 0.0, 0.0, 2.0, 2.0, 0.0], [1.0, 1.0, 0.0, 3.0, 3.0, 0.0]])")
+      .def("filters", with_keywords("filters", &Objects::filters), "unknown"_a,
+           nb::sig("def filters(self) -> dict[str, " ARRAY("uint32") "]"),
+           R"(Returns the filters of all objects.
+
+Returns
+-------
+dict of str to numpy.ndarray
+    ``group``, ``mask``, ``body`` and ``world``: ``(n,)`` uint32 each, owned by the caller, in the order of
+    `ids`. So ``set_filter(ids(), **filters())`` changes nothing.
+
+Examples
+--------
+>>> broad_phase = broadcl.BroadPhase()
+>>> ids = broad_phase.add(np.zeros((3, 6)), world=[7, 7, 8])
+>>> filters = broad_phase.filters()
+>>> filters["world"].tolist()
+[7, 7, 8]
+>>> broad_phase.set_filter(ids, **filters | {"world": 0})
+>>> broad_phase.filter(2)["world"]
+0)")
+      .def("reaches", with_keywords("reaches", &Objects::reaches), "unknown"_a,
+           nb::sig("def reaches(self) -> " ARRAY("float32") " | " ARRAY("float64")),
+           R"(Returns the reaches of all objects; with a `distance`, half of that for each.
+
+Returns
+-------
+numpy.ndarray
+    ``(n,)`` of the `dtype`, owned by the caller, in the order of `ids`.
+
+Examples
+--------
+>>> broad_phase = broadcl.BroadPhase()
+>>> ids = broad_phase.add([[0, 0, 0], [1, 0, 0]], layout="points", reach=[0.5, 0.25])
+>>> broad_phase.reaches().tolist()
+[0.5, 0.25])")
+      .def("exclusions", with_keywords("exclusions", &Objects::exclusions), "unknown"_a,
+           nb::sig("def exclusions(self) -> " ARRAY("uint32")),
+           R"(Returns the pairs that `set_exclusions` was given last.
+
+Returns
+-------
+numpy.ndarray
+    ``(m, 2)`` uint32, owned by the caller, in canonical order and each pair once.
+
+Examples
+--------
+>>> broad_phase = broadcl.BroadPhase()
+>>> broad_phase.set_exclusions([[5, 1], [0, 2], [1, 5]])
+>>> broad_phase.exclusions().tolist()
+[[0, 2], [1, 5]])")
       .def(
           "update", with_keywords("update", &Objects::update), "boxes"_a = nb::none(), nb::kw_only(),
           "layout"_a = "min max", "unknown"_a,

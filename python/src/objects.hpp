@@ -115,13 +115,10 @@ class Objects {
   void set_filter(nanobind::handle ids, nanobind::handle group, nanobind::handle mask, nanobind::handle body,
                   nanobind::handle world) {
     const Words words(ids, "ids");
-    const Filters filters(group, mask, body, world, words.size());
+    const std::vector<Filter> filters = Filters(group, mask, body, world, words.size()).list();
     const OneThread::Use use(thread_);
-    with([&](auto& object) {
-      for (const std::uint32_t id : words.all()) (void)object.filter(id);  // it must exist
-      take_mapped();
-      for (std::size_t k = 0; k < words.size(); ++k) object.set_filter(words[k], filters[k]);
-    });
+    take_mapped();
+    with([&](auto& object) { object.set_filters(words.all(), filters); });
   }
 
   void set_reach(nanobind::handle ids, nanobind::handle reaches) {
@@ -218,12 +215,38 @@ class Objects {
     const std::uint32_t known = required(id, "id");
     const OneThread::Use use(thread_);
     const Filter filter = with([&](const auto& object) { return object.filter(known); });
-    nanobind::dict result;
-    result["group"] = filter.group;
-    result["mask"] = filter.mask;
-    result["body"] = filter.body;
-    result["world"] = filter.world;
-    return result;
+    return of_fields([&](std::uint32_t Filter::*field) { return nanobind::int_(filter.*field); });
+  }
+
+  nanobind::object ids() {
+    const OneThread::Use use(thread_);
+    return to_array(with([](const auto& object) { return object.ids(); }));
+  }
+
+  nanobind::object boxes() {
+    const OneThread::Use use(thread_);
+    return with([](const auto& object) { return to_array(without_gil([&] { return object.boxes(); })); });
+  }
+
+  nanobind::dict filters() {
+    const OneThread::Use use(thread_);
+    const std::vector<Filter> filters =
+        without_gil([&] { return with([](const auto& object) { return object.filters(); }); });
+    return of_fields([&](std::uint32_t Filter::*field) {
+      std::vector<std::uint32_t> words(filters.size());
+      std::ranges::transform(filters, words.begin(), field);
+      return to_array(std::move(words));
+    });
+  }
+
+  nanobind::object reaches() {
+    const OneThread::Use use(thread_);
+    return with([](const auto& object) { return to_array(object.reaches()); });
+  }
+
+  nanobind::object exclusions() {
+    const OneThread::Use use(thread_);
+    return to_array(with([](const auto& object) { return object.exclusions(); }));
   }
 
   double reach(std::optional<std::uint32_t> id) {
@@ -313,6 +336,18 @@ class Objects {
   }
 
  private:
+  /// The fields of filters, as callers name them.
+  /// @param value_of Called with a pointer to each member.
+  template <class Function>
+  static nanobind::dict of_fields(const Function& value_of) {
+    nanobind::dict result;
+    result["group"] = value_of(&Filter::group);
+    result["mask"] = value_of(&Filter::mask);
+    result["body"] = value_of(&Filter::body);
+    result["world"] = value_of(&Filter::world);
+    return result;
+  }
+
   /// Numbers as bounds of the boxes of an object.
   template <class Box>
   static std::vector<typename BasicBroadPhase<Box>::Bound> bounds_for(const BasicBroadPhase<Box>& /*object*/,

@@ -94,12 +94,13 @@ class Machine(RuleBasedStateMachine):
         self.boxes.update(zip(ids, values))
 
     @precondition(lambda self: self.boxes)
-    @rule(data=st.data(), filter=filters)
-    def set_filter(self, data, filter):
+    @rule(data=st.data(), filter=filters, worlds=st.lists(st.sampled_from([0, 1, ALL]), min_size=1, max_size=3))
+    def set_filter(self, data, filter, worlds):
         ids = self.choose(data)
-        group, mask, body, world = filter
-        self.broad_phase.set_filter(ids, group=group, mask=mask, body=body, world=[world] * len(ids))
-        self.filters.update((id, filter) for id in ids)
+        group, mask, body, _ = filter
+        worlds = np.resize(worlds, len(ids)).tolist()
+        self.broad_phase.set_filter(ids, group=group, mask=mask, body=body, world=worlds)
+        self.filters.update((id, (group, mask, body, world)) for id, world in zip(ids, worlds))
 
     @precondition(lambda self: self.boxes)
     @rule(data=st.data(), reach=reaches, single=st.booleans())
@@ -223,6 +224,14 @@ class Machine(RuleBasedStateMachine):
                 assert np.array_equal(box, expected)
             else:
                 assert (box[:3] > box[3:]).any()
+        ids, boxes = self.broad_phase.ids(), self.broad_phase.boxes()
+        assert ids.tolist() == sorted(self.boxes) and ids.dtype == np.uint32
+        assert boxes.shape == (len(ids), 6) and boxes.dtype == self.dtype
+        assert all(np.array_equal(box, self.broad_phase.box(id)) for id, box in zip(ids, boxes))
+        filters = self.broad_phase.filters()
+        assert list(zip(*(values.tolist() for values in filters.values()))) == [self.filters[id] for id in ids]
+        reaches = self.broad_phase.reaches()
+        assert reaches.dtype == self.dtype and np.array_equal(reaches, self.reaches_of(ids))
 
 
 class TilesMachine(Machine):
@@ -292,6 +301,38 @@ def test_every_algorithm(algorithm):
     broad_phase.update()
     assert np.array_equal(broad_phase.pairs(), oracle(values))
     assert broad_phase.algorithm == algorithm
+
+
+def test_filters_of_many_are_set_for_all_or_for_none():
+    broad_phase = broadcl.BroadPhase()
+    ids = broad_phase.add(uniform(4))
+    broad_phase.set_filter(ids, body=[1, 2, 3, 4])
+    before = broad_phase.filters()
+    with pytest.raises(ValueError, match="no object has the id 4"):
+        broad_phase.set_filter([0, 1, 2, 4], world=5)
+    for name, values in broad_phase.filters().items():
+        assert np.array_equal(values, before[name])
+    broad_phase.set_filter([0, 0, 3, 0], world=[1, 2, 3, 4])
+    assert broad_phase.filters()["world"].tolist() == [4, 0, 0, 3]
+
+
+def test_objects_in_arrays():
+    broad_phase = broadcl.BroadPhase()
+    assert broad_phase.ids().shape == (0,) and broad_phase.boxes().shape == (0, 6) and broad_phase.reaches().shape == (0,)
+    assert broad_phase.exclusions().shape == (0, 2) and {values.shape for values in broad_phase.filters().values()} == {(0,)}
+    broad_phase.add(uniform(5), reach=np.arange(5), body=np.arange(5))
+    broad_phase.set_exclusions([[4, 1], [1, 4], [0, 2]])
+    boxes, exclusions = broad_phase.boxes(), broad_phase.exclusions()
+    assert exclusions.tolist() == [[0, 2], [1, 4]] and exclusions.dtype == np.uint32
+    boxes[:] = 0  # they are the caller's
+    exclusions[:] = 0
+    assert not np.array_equal(broad_phase.boxes(), boxes) and broad_phase.exclusions().tolist() == [[0, 2], [1, 4]]
+    broad_phase.update()
+    other = broadcl.BroadPhase(algorithm="oracle")
+    other.add(broad_phase.boxes(), reach=broad_phase.reaches())
+    other.set_filter(other.ids(), **broad_phase.filters())
+    other.set_exclusions(broad_phase.exclusions())
+    assert len(other.update().added) and np.array_equal(other.pairs(), broad_phase.pairs())
 
 
 def test_one_object():

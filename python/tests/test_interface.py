@@ -44,9 +44,13 @@ def test_everything_is_of_the_package():
     assert repr(broadcl.Error) == "<class 'broadcl.Error'>"
 
 
-@pytest.mark.parametrize("name", [*sorted(FUNCTIONS.keys() - {"check"}), *sorted(MADE)])
+EXAMPLES = {name: PUBLIC[name] for name in [*sorted(FUNCTIONS.keys() - {"check"}), *sorted(MADE)]}
+EXAMPLES |= {name: method for name, method in METHODS.items() if ">>>" in method.__doc__}
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
 def test_the_examples_of_the_docstring(name):
-    test = doctest.DocTestParser().get_doctest(PUBLIC[name].__doc__, {"broadcl": broadcl, "np": np}, name, None, 0)
+    test = doctest.DocTestParser().get_doctest(EXAMPLES[name].__doc__, {"broadcl": broadcl, "np": np}, name, None, 0)
     assert test.examples
     wrong = []
     doctest.DocTestRunner(verbose=False).run(test, out=wrong.append)
