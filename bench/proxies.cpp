@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <chrono>
+#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <memory>
@@ -10,6 +11,7 @@
 #include <span>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 #include <BulletCollision/BroadphaseCollision/btBroadphaseInterface.h>
@@ -236,6 +238,48 @@ void time_life(benchmark::State& state, std::size_t n) {
   }
 }
 
+/// Boxes with edges of 1.2 that are added, and their first calculation in the counter.
+/// @param distance Between them, in a square grid; 0 if all are at one place.
+/// @param rules The filter group and the filter mask of each.
+template <class Broadphase>
+void time_add(benchmark::State& state, std::size_t n, btScalar distance, std::pair<int, int> rules) {
+  btDefaultCollisionConfiguration configuration;
+  btCollisionDispatcher dispatcher(&configuration);
+  const auto columns = static_cast<std::size_t>(std::sqrt(n));
+  const btVector3 edges(1.2F, 1.2F, 1.2F);
+  double first = 0;
+  for ([[maybe_unused]] auto _ : state) {
+    Broadphase broadphase;
+    std::vector<btBroadphaseProxy*> proxies(n);
+    const auto start = std::chrono::steady_clock::now();
+    for (std::size_t k = 0; k < n; ++k) {
+      const btVector3 lower = distance * btVector3(btScalar(k % columns), 0, btScalar(k / columns));
+      proxies[k] = broadphase.createProxy(lower, lower + edges, BOX_SHAPE_PROXYTYPE, &state, rules.first,
+                                          rules.second, &dispatcher);
+    }
+    const auto added = std::chrono::steady_clock::now();
+    broadphase.calculateOverlappingPairs(&dispatcher);
+    first += std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - added).count();
+    state.SetIterationTime(std::chrono::duration<double>(added - start).count());
+    for (btBroadphaseProxy* proxy : proxies) broadphase.destroyProxy(proxy, &dispatcher);
+  }
+  state.counters["first_calculation"] = benchmark::Counter(first, benchmark::Counter::kAvgIterations);
+}
+
+template <class Broadphase>
+void register_add(const std::string& name) {
+  const auto add = [&](const char* scene, std::size_t n, btScalar distance, std::pair<int, int> rules) {
+    const std::string row = "proxies/add/" + name + "/" + scene + "/" + std::to_string(n);
+    benchmark::RegisterBenchmark(row.c_str(), time_add<Broadphase>, n, distance, rules)
+        ->UseManualTime()
+        ->Iterations(1)
+        ->Unit(benchmark::kMillisecond);
+  };
+  add("one-place", 3000, 0, {btBroadphaseProxy::DefaultFilter, btBroadphaseProxy::AllFilter});
+  constexpr int others = btBroadphaseProxy::AllFilter ^ btBroadphaseProxy::StaticFilter;
+  add("static", 50'000, 1, {btBroadphaseProxy::StaticFilter, others});
+}
+
 void time_teleport(benchmark::State& state, const char* name, MovingBoxes::Sizes sizes, std::uint32_t n) {
   Proxies proxies(name, MovingBoxes(n, sizes));
   proxies.create(numbers(0, n));
@@ -286,6 +330,9 @@ constexpr std::array operations{
 ///   proxies/ray-stage/NAME/MOVING/RAYS that many rays among 3,500 proxies, MOVING of which moved; `frame`
 ///   has the
 ///                                      milliseconds of the whole frame
+///   proxies/add/NAME/one-place/N       N proxies are created at one place; `first_calculation` has the
+///                                      milliseconds of the calculation after it, which is not in the time
+///   proxies/add/NAME/static/N          the same with N static ones, each of which overlaps its neighbours
 ///   proxies/life/NAME/N                a world is made, gets N objects, and is destroyed after a calculation
 ///
 /// NAME is one of scenes::broadphases(), with `+stock` if a BulletBroadphase is given a
@@ -298,6 +345,8 @@ void register_proxies() {
       benchmark::RegisterBenchmark(row.c_str(), function, n)->Unit(benchmark::kMicrosecond);
     }
   }
+  register_add<BulletBroadphase>("auto");
+  register_add<btDbvtBroadphase>("bullet-bvh");
   for (const char* name : {"sweep-and-prune", "bullet-bvh"}) {
     for (const auto& [moving, rays] :
          {std::pair(500U, std::size_t{50}), std::pair(3500U, std::size_t{500})}) {
