@@ -83,6 +83,12 @@ class CorePlayer {
           twins_.shrink();
         }
         break;
+      case CoreVerb::save:
+        if constexpr (saves) save(op);
+        break;
+      case CoreVerb::restore:
+        if constexpr (saves) restore(op);
+        break;
       case CoreVerb::refuse:
         refuse(op);
         break;
@@ -104,7 +110,13 @@ class CorePlayer {
   void fail_to_update(const CoreOp& op) {
     for (unsigned k = 0; k < 1 + op.which % 2; ++k) {
       try {
-        op.filter % 3 == 0 && !reference().is_in_flight() ? give(op) : update(false);
+        if (op.filter % 3 == 0 || reference().is_in_flight()) {
+          update(false);
+        } else if (op.filter % 3 == 1 || saved_.empty()) {
+          give(op);
+        } else {
+          restore(op);
+        }
       } catch (const Error&) {
         ++failures_;
         if (op.which % 4 < 2) require(same("known", subject_.pairs(), reference().pairs()));
@@ -121,6 +133,15 @@ class CorePlayer {
   }
 
  private:
+  static constexpr bool saves = requires(Subject & subject) { subject.save(); };
+  static auto saved_by(Twins<Subject&>& twins) {
+    if constexpr (saves) {
+      return twins.save();
+    } else {
+      return 0;
+    }
+  }
+
   [[nodiscard]] const Reference& reference() const { return twins_.reference(); }
 
   void update(bool keep) {
@@ -135,6 +156,25 @@ class CorePlayer {
         if (!reference().contains(id) && !has_nan(subject_.boxes()[id])) fail("a free id has a box");
       }
     }
+  }
+
+  void save(const CoreOp& op) {
+    if (reference().is_in_flight()) {
+      require_error("between begin() and finish()", [&] { (void)subject_.save(); });
+    } else if (op.which % 3 == 0 && reference().has_changed()) {
+      require_error("no update has reported", [&] { (void)subject_.save(); });
+    } else {
+      update(false);
+      if (saved_.size() == 3) saved_.erase(saved_.begin() + op.which % 3);
+      saved_.push_back(twins_.save());
+    }
+  }
+
+  void restore(const CoreOp& op) {
+    if (saved_.empty()) return;
+    const auto& saved = saved_[op.which % saved_.size()];
+    if (!reference().is_in_flight()) return require(twins_.restore(saved));
+    require_error("between begin() and finish()", [&] { (void)restore_to(subject_, saved.first); });
   }
 
   void add(const Aabb& box, const Filter& filter) {
@@ -410,6 +450,7 @@ class CorePlayer {
   Subject& subject_;
   const CoreScript& script_;
   std::vector<KeptDelta> kept_;
+  std::vector<decltype(saved_by(std::declval<Twins<Subject&>&>()))> saved_;
   std::size_t failures_ = 0;
   bool rounds_ = !is_oclgrind();
 };

@@ -89,6 +89,8 @@ class DevicePlayer {
       case CoreVerb::change_side:
       case CoreVerb::ask:
       case CoreVerb::partners:
+      case CoreVerb::save:
+      case CoreVerb::restore:
         break;
       default:
         for (unsigned k = 0; k < op.count && !frame_.boxes.empty(); ++k) {

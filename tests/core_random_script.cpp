@@ -8,9 +8,10 @@
 namespace broadcl::test {
 namespace {
 
-constexpr std::array<std::string_view, 20> core_verb_names{
-    "add", "remove",   "replace", "move",  "map",    "give",    "drift",       "stir", "filter", "reach",
-    "ask", "partners", "exclude", "begin", "update", "enqueue", "change side", "fail", "shrink", "refuse"};
+constexpr std::array<std::string_view, 22> core_verb_names{
+    "add",         "remove", "replace", "move",     "map",     "give",  "drift",  "stir",
+    "filter",      "reach",  "ask",     "partners", "exclude", "begin", "update", "enqueue",
+    "change side", "fail",   "shrink",  "save",     "restore", "refuse"};
 constexpr std::array<std::string_view, 7> filter_kind_names{
     "no", "levels as", "groups as", "worlds as", "sets as", "sets of worlds as", "all kinds of"};
 
@@ -31,7 +32,8 @@ constexpr std::array core_weights{CoreWeight{CoreVerb::add, 20},         CoreWei
                                   CoreWeight{CoreVerb::exclude, 60},     CoreWeight{CoreVerb::begin, 60},
                                   CoreWeight{CoreVerb::update, 300},     CoreWeight{CoreVerb::enqueue, 120},
                                   CoreWeight{CoreVerb::change_side, 60}, CoreWeight{CoreVerb::fail, 40},
-                                  CoreWeight{CoreVerb::shrink, 15},      CoreWeight{CoreVerb::refuse, 20}};
+                                  CoreWeight{CoreVerb::shrink, 15},      CoreWeight{CoreVerb::save, 30},
+                                  CoreWeight{CoreVerb::restore, 40},     CoreWeight{CoreVerb::refuse, 20}};
 
 class CoreGenerator {
  public:

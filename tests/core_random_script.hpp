@@ -38,7 +38,9 @@ enum class CoreVerb {
   change_side,  ///< Of `auto`, between host and device.
   fail,         ///< An update or two that fail when all but the comparison in double precision is done.
   shrink,
-  refuse  ///< Calls with errors, which must change nothing.
+  save,     ///< After an update.
+  restore,  ///< One of the last states that were saved.
+  refuse    ///< Calls with errors, which must change nothing.
 };
 
 /// Which filters a script uses. Of `levels`, most objects refuse each other, as Bullet's static ones do.

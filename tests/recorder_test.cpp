@@ -161,7 +161,7 @@ class Script {
   }
 
   Delta update() {
-    switch (up_to(4)) {
+    switch (up_to(6)) {
       case 0: {
         const std::vector<Box> all = boxes();
         return broad_phase_.update(all);
@@ -181,6 +181,15 @@ class Script {
         broad_phase_.begin();
         for (int k = 0; k < 4; ++k) change_something();
         return broad_phase_.finish();
+      case 4:
+        if (up_to(4) > 0 && !states_.empty())
+          return broad_phase_.restore(states_[up_to(60) % states_.size()]);
+        [[fallthrough]];
+      case 5: {
+        const Delta delta = broad_phase_.update();
+        states_.push_back(broad_phase_.save());
+        return delta;
+      }
       default:
         return broad_phase_.update();
     }
@@ -188,6 +197,7 @@ class Script {
 
   std::mt19937 random_;
   BasicBroadPhase<Box> broad_phase_;
+  std::vector<BasicState<Box>> states_;
 };
 
 template <class Box>

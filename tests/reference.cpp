@@ -32,11 +32,35 @@ void Reference::map(std::size_t n) {
 }
 
 Reference::Changes Reference::finish() {
-  std::vector<Met> now = pairs_of(begun_ ? *begun_ : now_);
+  last_ = begun_ ? *begun_ : now_;
+  std::vector<Met> now = pairs_of(last_);
   begun_.reset();
   Changes changes{.added = pairs_in_first(now, known_), .removed = pairs_in_first(known_, now)};
   known_ = std::move(now);
   return changes;
+}
+
+/// Which objects have a pair does not matter.
+Reference::Changes Reference::restore(const State& saved) {
+  const std::vector<Pair> before = pairs();
+  now_ = saved;
+  (void)finish();
+  const std::vector<Pair> now = pairs();
+  Changes changes;
+  std::ranges::set_difference(now, before, std::back_inserter(changes.added));
+  std::ranges::set_difference(before, now, std::back_inserter(changes.removed));
+  return changes;
+}
+
+bool Reference::has_changed() const {
+  for (std::size_t id = 0; id < std::max(now_.objects.size(), last_.objects.size()); ++id) {
+    const Object s = id < now_.objects.size() ? now_.objects[id] : Object();
+    const Object t = id < last_.objects.size() ? last_.objects[id] : Object();
+    const bool same_box = is_empty(s.box) ? is_empty(t.box) : s.box == t.box;
+    if (s.birth != t.birth || (s.birth > 0 && (!same_box || s.filter != t.filter || s.reach != t.reach)))
+      return true;
+  }
+  return false;
 }
 
 std::vector<Pair> Reference::pairs() const {

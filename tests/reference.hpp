@@ -23,6 +23,18 @@ class Reference {
     std::vector<Pair> removed;
   };
 
+  struct Object {
+    Aabb box{};
+    Filter filter{};
+    float reach = 0;
+    int birth = 0;  // 0 for none; a reused id is another object
+  };
+  /// What is saved.
+  struct State {
+    std::vector<Object> objects;
+    std::set<Pair> exclusions;
+  };
+
   std::uint32_t add(const Aabb& box, const Filter& filter = {});
   void move(std::uint32_t id, const Aabb& box) { now_.objects[id].box = box; }
   void set_filter(std::uint32_t id, const Filter& filter) { now_.objects[id].filter = filter; }
@@ -41,6 +53,11 @@ class Reference {
 
   /// As of begin(), or now if nothing was begun.
   Changes finish();
+
+  [[nodiscard]] State save() const { return now_; }
+  Changes restore(const State& saved);
+  /// Whether some object is not as of the last update.
+  [[nodiscard]] bool has_changed() const;
 
   /// As of the last update.
   [[nodiscard]] std::vector<Pair> pairs() const;
@@ -61,16 +78,6 @@ class Reference {
   [[nodiscard]] bool is_in_flight() const { return begun_.has_value(); }
 
  private:
-  struct Object {
-    Aabb box{};
-    Filter filter{};
-    float reach = 0;
-    int birth = 0;  // 0 for none; a reused id is another object
-  };
-  struct State {
-    std::vector<Object> objects;
-    std::set<Pair> exclusions;
-  };
   /// Two objects that overlap, in canonical order.
   struct Met {
     Pair pair;
@@ -85,6 +92,7 @@ class Reference {
   static std::vector<Pair> pairs_in_first(const std::vector<Met>& first, const std::vector<Met>& second);
 
   State now_;
+  State last_;  // of the last update
   std::optional<State> begun_;
   std::vector<Met> known_;
   int births_ = 0;

@@ -91,6 +91,10 @@ template <class Subject, class Trouble>
   twins.set_filter(0, {.world = habits.worlds ? 1U : 0U});
   update();
   update();
+  const auto saved = twins.save();
+  const auto restore = [&] {
+    if (result) result = twins.restore(saved);
+  };
   map(20, 1);
   map(200, 0.001F);  // all pair
   std::vector<std::uint32_t> some(49);
@@ -131,6 +135,16 @@ template <class Subject, class Trouble>
   give();
   boxes = row(40, 0.6F);
   twins.begin(BoxView(boxes));
+  update();
+  twins.set_exclusions(Pairs{{4, 9}});
+  set_reach(0.3F);
+  twins.remove(7);
+  restore();
+  restore();  // which changes nothing
+  twins.move(1, in_row(9));
+  twins.remove(0);
+  twins.add(in_row(3));
+  restore();
   update();
   return result;
 } catch (const std::exception& error) {

@@ -15,6 +15,7 @@
 
 #include "each_algorithm.hpp"
 #include "reference.hpp"
+#include "warped.hpp"
 
 namespace broadcl::test {
 
@@ -132,14 +133,29 @@ class Twins {
   /// @param with Called with the changes that the subject reports.
   template <class Function>
   [[nodiscard]] ::testing::AssertionResult agree(const Function& with) {
-    return agree(with, trouble_.call([&] { return finish(); }, [this] { note_failure(); }));
+    const auto delta = trouble_.call([&] { return finish(); }, [this] { note_failure(); });
+    return agree(with, delta, reference_.finish());
   }
   /// An update with these boxes for all objects.
   template <class Function>
   [[nodiscard]] ::testing::AssertionResult agree(const BoxView& boxes, const Function& with) {
     const auto delta = trouble_.call([&] { return subject_.update(boxes); }, [this] { note_failure(); });
     set_all(boxes);
-    return agree(with, delta);
+    return agree(with, delta, reference_.finish());
+  }
+
+  /// The states of both.
+  [[nodiscard]] auto save() {
+    return std::pair(call([&] { return subject_.save(); }), reference_.save());
+  }
+  /// The result is whether changes, all pairs, and all objects are right.
+  template <class Saved>
+  [[nodiscard]] ::testing::AssertionResult restore(const std::pair<Saved, Reference::State>& saved) {
+    const auto delta =
+        trouble_.call([&] { return restore_to(subject_, saved.first); }, [this] { note_failure(); });
+    const ::testing::AssertionResult result =
+        agree([](const auto& /*delta*/) {}, delta, reference_.restore(saved.second));
+    return result ? has_same_objects() : result;
   }
 
   /// An update of the subject failed. The next one must find what changed since the last success.
@@ -181,8 +197,8 @@ class Twins {
 
  private:
   template <class Function, class Changes>
-  [[nodiscard]] ::testing::AssertionResult agree(const Function& with, const Changes& delta) {
-    const Reference::Changes expected = reference_.finish();
+  [[nodiscard]] ::testing::AssertionResult agree(const Function& with, const Changes& delta,
+                                                 const Reference::Changes& expected) {
     expect(same("added", delta.added, expected.added));
     expect(same("removed", delta.removed, expected.removed));
     with(delta);

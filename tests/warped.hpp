@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <memory>
 #include <span>
 #include <utility>
 #include <vector>
@@ -32,6 +33,15 @@ template <class Subject>
 template <class Box>
 [[nodiscard]] std::vector<std::uint32_t> partners_of(Core<Box>& core, std::uint32_t id) {
   return Queries<Box>(core, 1).partners(id);
+}
+
+template <class Subject, class State>
+[[nodiscard]] auto restore_to(Subject& subject, const State& state) {
+  return subject.restore(state);
+}
+template <class Box>
+[[nodiscard]] Delta restore_to(Core<Box>& core, const std::shared_ptr<const Saved<Box>>& saved) {
+  return core.restore(*saved);
 }
 
 /// Other numbers in the same order, in double precision. Intervals of as many numbers each become far shorter
@@ -208,6 +218,16 @@ class Warped {
     Delta delta = subject_.finish();
     boxes_.clear();
     return delta;
+  }
+
+  [[nodiscard]] auto save() {
+    write();
+    return subject_.save();
+  }
+  template <class State>
+  Delta restore(const State& state) {
+    settle();
+    return restore_to(subject_, state);
   }
 
   [[nodiscard]] Hits overlapping(const BoxView& boxes, const QueryOptions& options) {

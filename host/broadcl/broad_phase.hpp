@@ -25,6 +25,7 @@
 #include <broadcl/pair.hpp>
 #include <broadcl/profile.hpp>
 #include <broadcl/query.hpp>
+#include <broadcl/state.hpp>
 
 namespace broadcl {
 
@@ -210,6 +211,20 @@ class BROADCL_API BasicBroadPhase {
   /// @throws Error as update() does. The update that was started is then over, and the next one finds its
   /// changes, too.
   Delta finish();
+
+  /// Copies the objects for restore(). Nothing is searched.
+  /// @throws Error between begin() and finish(), and with changes that no update has reported.
+  [[nodiscard]] BasicState<Box> save() const;
+
+  /// Makes objects, ids, filters, reaches, exclusions and pairs those of the moment of save(), and drops
+  /// changes that no update has reported. Results are then those of an object that never went on. The cost
+  /// depends on what differs, as in update(boxes). The state may be that of another object of this type, with
+  /// any algorithm, device and number of threads, and the same Config::distance.
+  /// @returns What changed since the last update, to be applied or dropped. A pair that is there before and
+  /// afterwards is not in it, even if its objects were replaced meanwhile.
+  /// @throws Error between begin() and finish(), for another Config::distance, and as update() does. Nothing
+  /// has changed then, and the call may be repeated.
+  Delta restore(const BasicState<Box>& state);
 
   /// Gives back memory that the present objects and pairs do not need, on host and device, for instance after
   /// an update with far more pairs than usual; nothing does so by itself. Objects, ids and pairs stay as they

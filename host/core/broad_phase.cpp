@@ -332,6 +332,16 @@ Delta BasicBroadPhase<Box>::finish() {
 }
 
 template <class Box>
+BasicState<Box> BasicBroadPhase<Box>::save() const {
+  return BasicState<Box>(impl_->core.save());
+}
+
+template <class Box>
+Delta BasicBroadPhase<Box>::restore(const BasicState<Box>& state) {
+  return updating(impl_).restore(*state.saved_);
+}
+
+template <class Box>
 void BasicBroadPhase<Box>::shrink() {
   impl_->queries->shrink();
   impl_->core.shrink();

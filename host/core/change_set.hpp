@@ -45,6 +45,14 @@ class ChangeSet {
     words_[slot] |= refiltered_flag;
     refiltered_.push_back(slot);
   }
+  /// Records that no slot belongs to another object after all, though each may have another filter.
+  void forget_recycled() noexcept {
+    for (const std::uint32_t slot : recycled_) {
+      words_[slot] &= ~recycled_flag;
+      refilter(slot);
+    }
+    recycled_.clear();
+  }
   void insert(const ChangeSet& other) noexcept {
     for (const std::uint32_t slot : other.changed_) insert(slot);
     for (const std::uint32_t slot : other.recycled_) recycle(slot);

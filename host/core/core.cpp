@@ -1,6 +1,7 @@
 #include "core/core.hpp"
 
 #include <atomic>
+#include <cstring>
 #include <optional>
 #include <string>
 #include <tuple>
@@ -87,17 +88,48 @@ void Core<Box>::or_roll_back(const Function& function) {
 template <class Box>
 template <class SetBox>
 void Core<Box>::set_ids(std::size_t n, const Box& empty, const SetBox& set) noexcept {
-  const auto removed = [&](std::uint32_t id) {
+  if (objects_.size() == n && objects_.slots() == n) return;
+  const auto all = [](std::uint32_t /*id*/) { return true; };
+  objects_.set_ids(n, all, [&](std::uint32_t id) {
+    const bool is_new = objects_.contains(id);
+    set(id, is_new ? empty : packed_empty_box);
     changes_.recycle(id);
-    set(id, packed_empty_box);
-  };
-  const auto added = [&](std::uint32_t id) {
-    set(id, empty);
-    changes_.recycle(id);
+    if (!is_new) return;
     store_filter(id, Filter());
     store_reach(id, objects_.first_reach());
+  });
+}
+
+/// Whether ids, filters, reaches and exclusions are those that were saved, and no id was given to another
+/// object since the last update.
+template <class Box>
+bool Core<Box>::has_objects(const Saved<Box>& saved) noexcept {
+  const auto is_same = [slots = objects_.slots()](auto present, const auto& other) {
+    present = present.first(std::min(slots, present.size()));
+    return present.size() == other.size() &&
+           (other.empty() || std::memcmp(present.data(), other.data(), present.size_bytes()) == 0);
   };
-  objects_.set_ids(n, removed, added);
+  return changes_.recycled().empty() && read_.recycled().empty() && is_same(objects_.live(), saved.live) &&
+         is_same(objects_.filters(), saved.filters) &&
+         (objects_.first_reach() > 0 || is_same(objects_.reaches(), saved.reaches)) &&
+         (exclusions_ == saved.exclusions || *exclusions_ == *saved.exclusions);
+}
+
+/// Makes ids, filters, reaches and exclusions those that were saved. The memory must be reserved. Pairs that
+/// are there before and afterwards are to be the same pairs, so no slot counts as recycled.
+template <class Box>
+void Core<Box>::set_objects(const Saved<Box>& saved) {
+  changes_.forget_recycled();
+  read_.forget_recycled();
+  objects_.set_ids(
+      saved.live.size(), [&](std::uint32_t id) { return saved.live[id] != 0; },
+      [&](std::uint32_t id) { changes_.refilter(id); });
+  for (std::uint32_t id = 0; id < saved.live.size(); ++id) {
+    if (saved.live[id] == 0) continue;
+    store_filter(id, saved.filters.empty() ? Filter() : saved.filters[id]);
+    store_reach(id, saved.reaches.empty() ? objects_.first_reach() : saved.reaches[id]);
+  }
+  share_exclusions(saved.exclusions);
 }
 
 template <class Box>
@@ -122,34 +154,36 @@ std::span<Box> Core<Box>::find_spare() {
 
 template <class Box>
 template <class Function>
-void Core<Box>::replace_all(const BoxView& view, const Function& end) {
+void Core<Box>::replace_all(const BoxView& view, const Saved<Box>* saved, const Function& end) {
   try {
-    replace_once(view, end);
+    replace_once(view, saved, end);
   } catch (const OutgrownMap&) {
     if constexpr (is_exact) {
       exact_.converted.renew(view);
-      replace_once(view, end);
+      replace_once(view, saved, end);
     }
   }
 }
 
 template <class Box>
 template <class Function>
-void Core<Box>::replace_once(const BoxView& view, const Function& end) {
+void Core<Box>::replace_once(const BoxView& view, const Saved<Box>* saved, const Function& end) {
   const std::size_t n = view.size();
   reserve_all(n);
   or_find_boxes([&] {
     (void)find_spare();
-    algorithm_->reserve_exclusions(exclusions_.size());  // which may move boxes, before they are written
+    const std::size_t exclusions = (saved != nullptr ? saved->exclusions : exclusions_)->size();
+    algorithm_->reserve_exclusions(exclusions);  // which may move boxes, before they are written
   });
   const std::size_t slots = objects_.slots();
-  const bool same_ids = objects_.size() == n && slots == n;
-  std::optional<std::pair<ObjectTable<Bound>, ChangeSet>> before;
-  if (!same_ids) {
-    before.emplace(objects_, changes_);
-    before->first.reserve(capacity_);
-    before->second.reserve(capacity_);
-    before->second.insert(read_);
+  const bool same_objects = saved != nullptr ? has_objects(*saved) : objects_.size() == n && slots == n;
+  std::optional<std::tuple<ObjectTable<Bound>, ChangeSet, SharedPairs>> before;
+  if (!same_objects) {
+    before.emplace(objects_, changes_, exclusions_);
+    auto& [objects, changes, exclusions] = *before;
+    objects.reserve(capacity_);
+    changes.reserve(capacity_);
+    changes.insert(read_);
   }
   const std::size_t mapped = std::exchange(mapped_, 0);
   swap_boxes();
@@ -157,11 +191,12 @@ void Core<Box>::replace_once(const BoxView& view, const Function& end) {
     swap_boxes();
     spare_slots_ = std::max(spare_slots_, n);
     mapped_ = mapped;
-    if (before) std::tie(objects_, changes_) = std::move(*before);
+    if (before) std::tie(objects_, changes_, exclusions_) = std::move(*before);
     changes_.all = changes_.all_filters = true;
   };
   try {
-    copy_all(view);
+    if (saved != nullptr && !same_objects) set_objects(*saved);
+    copy_all(view, saved == nullptr);
     end();
     spare_slots_ = slots;
   } catch (const InvalidBox& box) {
@@ -251,9 +286,15 @@ void Core<Box>::set_reach(std::span<const std::uint32_t> ids, std::span<const Bo
 template <class Box>
 void Core<Box>::set_exclusions(std::span<const Pair> pairs) {
   std::vector<Pair> sorted = sorted_exclusions(pairs);
-  const std::vector<Pair> changed = symmetric_difference(exclusions_, sorted);
+  sorted.shrink_to_fit();
+  share_exclusions(std::make_shared<const std::vector<Pair>>(std::move(sorted)));
+}
+
+template <class Box>
+void Core<Box>::share_exclusions(const SharedPairs& pairs) {
+  const std::vector<Pair> changed = symmetric_difference(*exclusions_, *pairs);
   // Nothing below throws.
-  exclusions_ = std::move(sorted);
+  exclusions_ = pairs;
   for (const Pair& pair : changed) {
     if (!objects_.contains(pair.a) || !objects_.contains(pair.b)) continue;
     changes_.insert(pair.a);
@@ -343,13 +384,50 @@ std::shared_ptr<const void> Core<Box>::boxes_owner() const {
 
 template <class Box>
 void Core<Box>::begin(const BoxView& boxes) {
-  replace_all(boxes, [&] { flush(); });
+  replace_all(boxes, nullptr, [&] { flush(); });
 }
 
 template <class Box>
 Delta Core<Box>::update(const BoxView& boxes) {
   Delta delta;
-  replace_all(boxes, [&] { delta = finish(); });
+  replace_all(boxes, nullptr, [&] { delta = finish(); });
+  return delta;
+}
+
+template <class Box>
+std::shared_ptr<const Saved<Box>> Core<Box>::save() {
+  refuse_forked();
+  if (is_begun()) throw Error("save() was called between begin() and finish(); call finish() first");
+  if (!changes_.empty() || !read_.empty() || !late_.empty())
+    throw Error("save() was called with changes that no update has reported; call update() first");
+  const std::size_t slots = objects_.slots();
+  const auto copy_of = [&](auto all) {
+    all = all.first(std::min(slots, all.size()));
+    return std::vector(all.begin(), all.end());
+  };
+  const bool has_distance = objects_.first_reach() > 0;
+  auto saved = std::make_shared<Saved<Box>>(
+      Saved<Box>{.boxes = copy_of(boxes_),
+                 .live = copy_of(objects_.live()),
+                 .filters = copy_of(objects_.filters()),
+                 .reaches = has_distance ? std::vector<Bound>() : copy_of(objects_.reaches()),
+                 .exclusions = exclusions_,
+                 .first_reach = objects_.first_reach()});
+  if (any_empty_ || objects_.size() < slots) replace_empty(saved->boxes, empty_box);
+  return saved;
+}
+
+template <class Box>
+Delta Core<Box>::restore(const Saved<Box>& saved) {
+  refuse_replacement(saved.live.size());
+  if (saved.first_reach != objects_.first_reach()) {
+    throw Error::invalid_argument(
+        "the state is of an object with another Config::distance; restore it in one with the same");
+  }
+  reserve(std::max(saved.live.size(), objects_.ids()), !saved.filters.empty(),
+          any_above_0<Bound>(saved.reaches));
+  Delta delta;
+  replace_all(BoxView(saved.boxes), &saved, [&] { delta = finish(); });
   return delta;
 }
 
@@ -382,7 +460,7 @@ void Core<Box>::begin(ArrivingBoxes* arriving, const LookAtBoxes<Box>* look, boo
   apply_late();
   flight_.reserve(capacity_);  // here, since an update in flight reads it
   if (own_tree_ || !read_.empty()) unread_.reserve(capacity_);
-  or_find_boxes([&] { algorithm_->reserve_exclusions(exclusions_.size()); });
+  or_find_boxes([&] { algorithm_->reserve_exclusions(exclusions_->size()); });
   if constexpr (is_exact) exact_.pairs.begin(*algorithm_);
   take_mapped(look);
   convert_changed(are_converted);
@@ -399,9 +477,9 @@ void Core<Box>::begin(ArrivingBoxes* arriving, const LookAtBoxes<Box>* look, boo
   or_roll_back([&] {
     const std::size_t slots = objects_.slots();
     PairRules rules = this->rules();
-    rules.exclusions = exclusions_;
+    rules.exclusions = *exclusions_;
     rules.all_changed = flight_.all_filters;
-    rules.refiltered = flight_.refiltered();
+    if (!rules.filters.empty()) rules.refiltered = flight_.refiltered();
     rules.filters_changed = flight_.filters;
     rules.exclusions_changed = flight_.exclusions;
     // If many boxes changed, testing all pairs once is less work than testing the changed boxes against all.
@@ -474,7 +552,6 @@ void Core<Box>::shrink() {
   late_.shrink();
   capacity_ = ids;
   update_ = Update::none;
-  exclusions_.shrink_to_fit();
   reserve_algorithm(ids, objects_.any_filters());
 }
 
@@ -543,7 +620,7 @@ void Core<Box>::swap_boxes() noexcept {
 }
 
 template <class Box>
-void Core<Box>::copy_all(const BoxView& view) {
+void Core<Box>::copy_all(const BoxView& view, bool sets_ids) {
   const std::size_t n = view.size();
   const bool uploads = algorithm_->uploads_boxes();
   constexpr std::size_t most_cached = std::size_t{1} << 18U;
@@ -563,7 +640,7 @@ void Core<Box>::copy_all(const BoxView& view) {
     boxes_[id] = packed_empty_box;
     if constexpr (is_exact) algorithm_->boxes()[id] = packed_empty();
   }
-  set_ids(n, packed_empty_box, [](std::uint32_t /*id*/, const Box& /*box*/) {});
+  if (sets_ids) set_ids(n, packed_empty_box, [](std::uint32_t /*id*/, const Box& /*box*/) {});
   if constexpr (is_exact) {
     if (!arrive_later) {
       exact_.converted.end();

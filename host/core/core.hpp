@@ -29,6 +29,7 @@
 #include "core/late_boxes.hpp"
 #include "core/object_table.hpp"
 #include "core/recorder.hpp"
+#include "core/state.hpp"
 #include "engines/algorithm.hpp"
 #include "engines/box_tree.hpp"
 #include "opencl/process.hpp"
@@ -118,7 +119,7 @@ class Core {
   /// Of all objects, ascending.
   [[nodiscard]] std::vector<std::uint32_t> ids() const;
   /// In canonical order.
-  [[nodiscard]] std::span<const Pair> exclusions() const noexcept { return exclusions_; }
+  [[nodiscard]] std::span<const Pair> exclusions() const noexcept { return *exclusions_; }
   /// By id; none if all objects that ever were had the default filter.
   [[nodiscard]] std::span<const Filter> filters() const noexcept { return objects_.filters(); }
   [[nodiscard]] std::span<const Bound> reaches() const noexcept { return objects_.reaches(); }
@@ -191,6 +192,10 @@ class Core {
   void flush();
   Delta finish();
   Delta update(const BoxView& boxes);
+
+  /// What restore() needs to return to the last update.
+  [[nodiscard]] std::shared_ptr<const Saved<Box>> save();
+  Delta restore(const Saved<Box>& saved);
 
   /// Gives back memory that the present objects and pairs do not need.
   void shrink();
@@ -317,19 +322,25 @@ class Core {
 
   /// Makes the boxes of a view those of all objects, and begins an update. If this or `end` fails, everything
   /// is as before.
+  /// @param saved The objects whose boxes they are; null for 0 .. n-1.
   template <class Function>
-  void replace_all(const BoxView& view, const Function& end);
+  void replace_all(const BoxView& view, const Saved<Box>* saved, const Function& end);
   template <class Function>
-  void replace_once(const BoxView& view, const Function& end);
+  void replace_once(const BoxView& view, const Saved<Box>* saved, const Function& end);
+
+  [[nodiscard]] bool has_objects(const Saved<Box>& saved) noexcept;
+  void set_objects(const Saved<Box>& saved);
+  void share_exclusions(const SharedPairs& pairs);
 
   void swap_boxes() noexcept;
 
   void record() noexcept {
-    if (recorder_) recorder_->write(objects_, boxes_, {&changes_, &read_, &flight_}, exclusions_);
+    if (recorder_) recorder_->write(objects_, boxes_, {&changes_, &read_, &flight_}, *exclusions_);
   }
 
   /// Copies all boxes and begins the update. If most moved in the last one, a device receives them meanwhile.
-  void copy_all(const BoxView& view);
+  /// @param sets_ids Whether 0 .. n-1 become the ids.
+  void copy_all(const BoxView& view, bool sets_ids);
 
   void replace_empty(std::span<Box> boxes, const Box& by) const noexcept;
   /// Packs the boxes that the caller wrote in place.
@@ -365,10 +376,10 @@ class Core {
   bool has_filter_memory_ = false;  // in the algorithm
   std::size_t capacity_ = 0;        // ids that the following have capacity for
   ObjectTable<Bound> objects_;
-  std::vector<Pair> exclusions_;  // in canonical order
-  std::size_t mapped_ = 0;        // boxes that the caller may have written in place
-  std::size_t spare_slots_ = 0;   // from here on, spare boxes are packed_empty()
-  bool any_empty_ = false;        // the box of some object may be packed_empty()
+  SharedPairs exclusions_ = std::make_shared<const std::vector<Pair>>();  // in canonical order
+  std::size_t mapped_ = 0;       // boxes that the caller may have written in place
+  std::size_t spare_slots_ = 0;  // from here on, spare boxes are packed_empty()
+  bool any_empty_ = false;       // the box of some object may be packed_empty()
 
   ChangeSet changes_;  // since the last update began, except those in read_
   ChangeSet read_;     // those that read() has read

@@ -29,14 +29,14 @@ class ObjectTable {
   /// Reserves memory for all ids below this one.
   /// @throws std::bad_alloc
   void reserve(std::size_t ids) {
-    states_.reserve(ids);
+    live_.reserve(ids);
     filters_.reserve(ids);
     free_.reserve(ids);
     if (any_reaches_) reaches_.reserve(ids);
   }
   /// Must be called before some reach is not 0. Memory for reaches of as many ids as there is memory for.
   /// @throws std::bad_alloc
-  void reserve_reaches() { reaches_.reserve(states_.capacity()); }
+  void reserve_reaches() { reaches_.reserve(live_.capacity()); }
 
   /// The same without the ids from this one on, which must be free, and without memory for them.
   /// @throws std::bad_alloc
@@ -44,7 +44,7 @@ class ObjectTable {
     ObjectTable result(first_reach_);
     result.any_reaches_ = any_reaches_;
     result.reserve(ids);
-    result.states_.assign(states_.begin(), states_.begin() + static_cast<std::ptrdiff_t>(ids));
+    result.live_.assign(live_.begin(), live_.begin() + static_cast<std::ptrdiff_t>(ids));
     result.filters_.assign(filters_.begin(), filters_.begin() + static_cast<std::ptrdiff_t>(ids));
     if (any_reaches_)
       result.reaches_.assign(reaches_.begin(), reaches_.begin() + static_cast<std::ptrdiff_t>(ids));
@@ -61,7 +61,7 @@ class ObjectTable {
 
   /// The id that add() will return: the lowest that is free.
   [[nodiscard]] std::uint32_t next() const noexcept {
-    return free_.empty() ? static_cast<std::uint32_t>(states_.size()) : free_.front();
+    return free_.empty() ? static_cast<std::uint32_t>(live_.size()) : free_.front();
   }
 
   /// Filter and reach are those of the last object with this id.
@@ -83,22 +83,18 @@ class ObjectTable {
     std::ranges::push_heap(free_, std::greater<>());
   }
 
-  /// Makes 0 .. n-1 the ids of the objects. Calls removed(id) for each object that is removed, then added(id)
-  /// for each that is added, which has filter and reach of the last object with this id.
-  template <class Removed, class Added>
-  void set_ids(std::size_t n, const Removed& removed, const Added& added) noexcept {
+  /// Makes the ids below n for which lives(id) those of the objects. Calls changed(id) for each object that
+  /// is removed, and for each that is added, which has filter and reach of the last object with this id.
+  template <class Lives, class Changed>
+  void set_ids(std::size_t n, const Lives& lives, const Changed& changed) noexcept {
     if (n > ids()) grow(n);
     free_.clear();
-    for (auto id = static_cast<std::uint32_t>(n); id < ids(); ++id) {
-      free_.push_back(id);
-      if (!contains(id)) continue;
-      bury(id);
-      removed(id);
-    }
-    for (std::uint32_t id = 0; size_ < n; ++id) {
-      if (contains(id)) continue;
-      bring_to_life(id);
-      added(id);
+    for (std::uint32_t id = 0; id < ids(); ++id) {
+      const bool is_live = id < n && lives(id);
+      if (!is_live) free_.push_back(id);
+      if (is_live == contains(id)) continue;
+      is_live ? bring_to_life(id) : bury(id);
+      changed(id);
     }
   }
 
@@ -122,9 +118,7 @@ class ObjectTable {
     return true;
   }
 
-  [[nodiscard]] bool contains(std::uint32_t id) const noexcept {
-    return id < states_.size() && states_[id] == State::live;
-  }
+  [[nodiscard]] bool contains(std::uint32_t id) const noexcept { return id < live_.size() && live_[id] != 0; }
   /// @throws Error if no object has this id.
   void refuse_unknown(std::uint32_t id) const {
     if (contains(id)) return;
@@ -135,13 +129,15 @@ class ObjectTable {
   [[nodiscard]] Bound reach(std::uint32_t id) const noexcept { return any_reaches_ ? reaches_[id] : 0; }
   [[nodiscard]] std::size_t size() const noexcept { return size_; }
   /// No id was ever this or higher.
-  [[nodiscard]] std::size_t ids() const noexcept { return states_.size(); }
+  [[nodiscard]] std::size_t ids() const noexcept { return live_.size(); }
   /// No object has this id or a higher one.
   [[nodiscard]] std::size_t slots() noexcept {
-    while (slots_ > 0 && states_[slots_ - 1] != State::live) --slots_;
+    while (slots_ > 0 && live_[slots_ - 1] == 0) --slots_;
     return slots_;
   }
 
+  /// By id: 1 if an object has it, otherwise 0.
+  [[nodiscard]] std::span<const std::uint8_t> live() const noexcept { return live_; }
   /// By id; none if all objects that ever were had the default filter.
   [[nodiscard]] std::span<const Filter> filters() const noexcept {
     return any_filters_ ? std::span<const Filter>(filters_) : std::span<const Filter>();
@@ -156,28 +152,26 @@ class ObjectTable {
   [[nodiscard]] const TwoSets& sets() const noexcept { return sets_; }
 
  private:
-  enum class State : std::uint8_t { free, live };
-
   void grow(std::size_t ids) noexcept {
-    states_.resize(ids, State::free);
+    live_.resize(ids);
     filters_.resize(ids);
     if (any_reaches_) reaches_.resize(ids, first_reach_);
   }
 
   void bring_to_life(std::uint32_t id) noexcept {
-    states_[id] = State::live;
+    live_[id] = 1;
     ++size_;
     slots_ = std::max<std::size_t>(slots_, std::size_t{id} + 1);
     sets_.add(filters_[id]);
   }
 
   void bury(std::uint32_t id) noexcept {
-    states_[id] = State::free;
+    live_[id] = 0;
     --size_;
     sets_.remove(filters_[id]);
   }
 
-  std::vector<State> states_;        // by id
+  std::vector<std::uint8_t> live_;   // by id
   std::vector<Filter> filters_;      // by id
   std::vector<Bound> reaches_;       // by id, if there are any
   std::vector<std::uint32_t> free_;  // a heap, the lowest id first

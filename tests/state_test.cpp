@@ -1,0 +1,208 @@
+// Going back to a saved moment: the random scripts of core_random_test.cpp do so, too.
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <string>
+#include <vector>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <broadcl/broad_phase.hpp>
+#include <broadcl/broad_phase64.hpp>
+
+#include "boxes.hpp"
+#include "each_algorithm.hpp"
+#include "expect_error.hpp"
+#include "scenes/generators.hpp"
+
+namespace broadcl::test {
+namespace {
+
+using scenes::MovingBoxes;
+using ::testing::HasSubstr;
+
+/// Objects of all kinds, some ids of which are free.
+template <class Box>
+void populate(BasicBroadPhase<Box>& broad_phase, std::span<const Aabb> boxes) {
+  for (std::uint32_t k = 0; k < boxes.size(); ++k)
+    (void)broad_phase.add(BoxView(boxes.subspan(k, 1)), Filter{.body = k / 2, .world = k % 3});
+  const std::vector<std::uint32_t> ids{1, 4, 6};
+  const std::vector<BoundType<Box>> reaches{0.5};
+  broad_phase.set_reach(ids, reaches);
+  for (std::uint32_t id = 10; id < boxes.size(); id += 40) broad_phase.remove(id);
+}
+
+/// What happens after a moment is the same each time; the lists are all that is reported.
+template <class Box>
+Pairs go_on(BasicBroadPhase<Box>& broad_phase, MovingBoxes motion, std::uint32_t frames) {
+  Pairs reported;
+  for (std::uint32_t frame = 0; frame < frames; ++frame) {
+    motion.advance();
+    for (std::uint32_t id = frame; id < motion.boxes().size(); id += 3) {
+      if (!broad_phase.contains(id)) continue;
+      broad_phase.move(std::vector{id}, BoxView(std::span(motion.boxes()).subspan(id, 1)));
+    }
+    (void)broad_phase.add(BoxView(std::span(motion.boxes()).first(frame)), Filter{.world = 2});
+    if (frame % 2 == 1) broad_phase.remove(frame);
+    const Delta delta = broad_phase.update();
+    reported.insert(reported.end(), delta.added.begin(), delta.added.end());
+    reported.insert(reported.end(), delta.removed.begin(), delta.removed.end());
+  }
+  return reported;
+}
+
+/// A state goes from one object to others of any algorithm, which then do what the first one did.
+template <class Box>
+void expect_the_same_future(const BroadPhase::Config& config) {
+  const MovingBoxes motion(700, MovingBoxes::Sizes::mixed);
+  BasicBroadPhase<Box> first({.algorithm = "oracle"});
+  populate<Box>(first, motion.boxes());
+  const Pairs excluded{{0, 3}, {2, 9}, {5, 700}};
+  first.set_exclusions(excluded);
+  (void)first.update();
+  const BasicState<Box> state = first.save();
+  const Pairs pairs = first.pairs();
+  ASSERT_GT(pairs.size(), 100U);
+  const Pairs future = go_on<Box>(first, motion, 5);
+
+  BasicBroadPhase<Box> other(config);
+  for (int k = 0; k < 3; ++k) {
+    const Delta delta = other.restore(state);
+    if (k == 0) {
+      EXPECT_TRUE(same(delta, pairs, Pairs()));
+    }
+    ASSERT_TRUE(same("pairs", other.pairs(), pairs));
+    EXPECT_EQ(other.size(), motion.boxes().size() - 18);
+    EXPECT_FALSE(other.contains(10));
+    EXPECT_EQ(other.reach(4), 0.5);
+    EXPECT_EQ(other.filter(8), (Filter{.body = 4, .world = 2}));
+    ASSERT_TRUE(same("future", go_on<Box>(other, motion, 5), future));
+    if (k == 1) other.shrink();
+  }
+}
+
+TEST_P(EachAlgorithm, AStateFitsAnotherObject) {
+  expect_the_same_future<Aabb>(config());
+  expect_the_same_future<Aabb64>(config());
+}
+
+/// Objects that all move are received by a device before it is known what they are.
+TEST_P(EachAlgorithm, ManyMovingObjectsGoBack) {
+  const bool few = is_slow() || config().algorithm == "gpu-bf";
+  MovingBoxes motion(few ? 1'000 : 20'000, MovingBoxes::Sizes::mixed);
+  BroadPhase64 broad_phase(config());
+  std::vector<State64> states;
+  std::vector<Pairs> pairs;
+  for (int k = 0; k < 4; ++k) {
+    (void)broad_phase.update(BoxView(motion.boxes()));
+    states.push_back(broad_phase.save());
+    pairs.push_back(broad_phase.pairs());
+    motion.advance();
+  }
+  for (const std::size_t k : {2U, 0U, 3U, 1U}) {
+    const Pairs before = broad_phase.pairs();
+    const Delta delta = broad_phase.restore(states[k]);
+    ASSERT_TRUE(same("pairs", broad_phase.pairs(), pairs[k]));
+    Pairs added;
+    std::ranges::set_difference(pairs[k], before, std::back_inserter(added));
+    EXPECT_TRUE(same("added", delta.added, added));
+  }
+}
+
+TEST_P(EachAlgorithm, WhatNoUpdateReportedIsDropped) {
+  BroadPhase broad_phase(config());
+  for (std::uint32_t k = 0; k < 20; ++k) broad_phase.add(apart(k / 2));
+  (void)broad_phase.update();
+  const State state = broad_phase.save();
+  const Pairs pairs = broad_phase.pairs();
+  broad_phase.remove(0);  // which is there again afterwards, with another filter
+  broad_phase.remove(7);
+  broad_phase.add(apart(3), {.world = 1});
+  broad_phase.add(apart(0));
+  broad_phase.add(apart(0));
+  broad_phase.move(2, apart(0));
+  broad_phase.set_exclusions(Pairs{{4, 5}});
+  EXPECT_TRUE(same(broad_phase.restore(state), Pairs(), Pairs()));
+  EXPECT_TRUE(same("pairs", broad_phase.pairs(), pairs));
+  EXPECT_EQ(broad_phase.size(), 20U);
+  EXPECT_TRUE(same(broad_phase.update(), Pairs(), Pairs()));
+  EXPECT_EQ(broad_phase.add(apart(9)), 20U);
+  EXPECT_TRUE(same(broad_phase.update(), Pairs{{18, 20}, {19, 20}}, Pairs()));
+}
+
+/// A device has no filters of slots beyond those of the last update.
+TEST_P(EachAlgorithm, ObjectsThatAreThereAgainHaveTheirFilters) {
+  BroadPhase broad_phase(config());
+  for (std::uint32_t k = 0; k < 400; ++k) broad_phase.add(apart(k / 2), {.world = k == 0 ? 1U : 0U});
+  (void)broad_phase.update();
+  const State state = broad_phase.save();
+  const Pairs pairs = broad_phase.pairs();
+  for (std::uint32_t id = 100; id < 400; ++id) broad_phase.remove(id);
+  (void)broad_phase.update();
+  broad_phase.shrink();
+  const Pairs before = broad_phase.pairs();
+  EXPECT_TRUE(same(broad_phase.restore(state), std::span(pairs).subspan(before.size()), Pairs()));
+  EXPECT_TRUE(same("pairs", broad_phase.pairs(), pairs));
+}
+
+/// Queries put what changed into the tree of the updates.
+TEST_P(EachAlgorithm, QueriesBeforeAndAfterAreRight) {
+  BroadPhase broad_phase(config());
+  std::vector<Aabb> boxes;
+  for (std::uint32_t k = 0; k < 300; ++k) boxes.push_back(apart(k));
+  (void)broad_phase.add(BoxView(boxes));
+  (void)broad_phase.update();
+  const State state = broad_phase.save();
+  for (std::uint32_t k = 0; k < 20; ++k) {
+    broad_phase.remove(k);
+    broad_phase.add(apart(k + 1));
+    broad_phase.move(100 + k, apart(k));
+    EXPECT_EQ(broad_phase.overlapping(BoxView(boxes)).size(), boxes.size());
+    EXPECT_TRUE(same(broad_phase.restore(state), Pairs(), Pairs()));
+    std::vector<std::uint32_t> ids;
+    for (std::uint32_t id = 0; id < boxes.size(); id += 7) {
+      ASSERT_EQ(broad_phase.overlapping(boxes[id], ids), 1U);
+      EXPECT_EQ(ids.front(), id);
+    }
+  }
+}
+
+TEST(State, WhatCannotBeSavedOrRestoredIsAnErrorThatSaysWhy) {
+  BroadPhase broad_phase({.algorithm = "sweep-and-prune"});
+  const State empty = broad_phase.save();
+  broad_phase.add(unit);
+  EXPECT_THAT(error_of([&] { (void)broad_phase.save(); }),
+              HasSubstr("save() was called with changes that no update has reported; call update() first"));
+  broad_phase.begin();
+  EXPECT_THAT(error_of([&] { (void)broad_phase.save(); }),
+              HasSubstr("save() was called between begin() and finish(); call finish() first"));
+  EXPECT_THAT(error_of([&] { (void)broad_phase.restore(empty); }),
+              HasSubstr("boxes cannot be replaced between begin() and finish(); call finish() first"));
+  (void)broad_phase.finish();
+  const State one = broad_phase.save();
+  broad_phase.add(unit);
+  BroadPhase near({.algorithm = "sweep-and-prune", .distance = 1});
+  EXPECT_THAT(error_of([&] { (void)near.restore(one); }), HasSubstr("another Config::distance"));
+  EXPECT_EQ(near.size(), 0U);
+  EXPECT_TRUE(same(broad_phase.update(), Pairs{{0, 1}}, Pairs()))
+      << "what refused to do something changed it";
+  EXPECT_TRUE(same(broad_phase.restore(empty), Pairs(), Pairs{{0, 1}}));
+  EXPECT_EQ(broad_phase.size(), 0U);
+}
+
+TEST(State, KeepsTheDistance) {
+  BroadPhase broad_phase({.algorithm = "sweep-and-prune", .distance = 1.5});
+  broad_phase.add(apart(0));
+  broad_phase.add(apart(1));
+  (void)broad_phase.update();
+  const State state = broad_phase.save();
+  broad_phase.remove(1);
+  (void)broad_phase.update();
+  BroadPhase other({.algorithm = "oracle", .distance = 1.5});
+  EXPECT_TRUE(same(broad_phase.restore(state), other.restore(state).added, Pairs()));
+  EXPECT_EQ(other.reach(1), 0.75F);
+}
+
+}  // namespace
+}  // namespace broadcl::test
