@@ -84,10 +84,10 @@ class CorePlayer {
         }
         break;
       case CoreVerb::save:
-        if constexpr (saves) save(op);
+        save(op);
         break;
       case CoreVerb::restore:
-        if constexpr (saves) restore(op);
+        restore(op);
         break;
       case CoreVerb::refuse:
         refuse(op);
@@ -133,15 +133,6 @@ class CorePlayer {
   }
 
  private:
-  static constexpr bool saves = requires(Subject & subject) { subject.save(); };
-  static auto saved_by(Twins<Subject&>& twins) {
-    if constexpr (saves) {
-      return twins.save();
-    } else {
-      return 0;
-    }
-  }
-
   [[nodiscard]] const Reference& reference() const { return twins_.reference(); }
 
   void update(bool keep) {
@@ -450,7 +441,7 @@ class CorePlayer {
   Subject& subject_;
   const CoreScript& script_;
   std::vector<KeptDelta> kept_;
-  std::vector<decltype(saved_by(std::declval<Twins<Subject&>&>()))> saved_;
+  std::vector<decltype(std::declval<Twins<Subject&>&>().save())> saved_;
   std::size_t failures_ = 0;
   bool rounds_ = !is_oclgrind();
 };

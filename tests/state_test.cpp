@@ -1,8 +1,14 @@
 // Going back to a saved moment: the random scripts of core_random_test.cpp do so, too.
+#include <algorithm>
 #include <cstddef>
 #include <cstdint>
+#include <cstring>
+#include <iterator>
+#include <limits>
+#include <optional>
 #include <span>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include <gmock/gmock.h>
@@ -202,6 +208,157 @@ TEST(State, KeepsTheDistance) {
   BroadPhase other({.algorithm = "oracle", .distance = 1.5});
   EXPECT_TRUE(same(broad_phase.restore(state), other.restore(state).added, Pairs()));
   EXPECT_EQ(other.reach(1), 0.75F);
+}
+
+/// A small state of everything that a state has.
+template <class Box>
+BasicState<Box> small_state() {
+  BasicBroadPhase<Box> broad_phase({.algorithm = "oracle"});
+  std::vector<Aabb> boxes;
+  for (std::size_t k = 0; k < 12; ++k) boxes.push_back(apart(k / 3));
+  boxes[5] = inverted;
+  populate<Box>(broad_phase, boxes);
+  broad_phase.remove(3);
+  broad_phase.set_exclusions(Pairs{{2, 9}, {0, 1}, {1, 2}});
+  (void)broad_phase.update();
+  return broad_phase.save();
+}
+
+/// Numbers of a state's bytes, and where they are: core/state.cpp.
+template <class Box>
+struct Bytes {
+  using Bound = BoundType<Box>;
+  static constexpr std::size_t boxes = 24 + sizeof(Bound);  // from here on, each list follows its size
+
+  template <class Number>
+  void set(std::size_t at, Number number) {
+    std::memcpy(&bytes.at(at), &number, sizeof number);
+  }
+  [[nodiscard]] std::uint64_t word(std::size_t at) const {
+    std::uint64_t word = 0;
+    std::memcpy(&word, &bytes.at(at), sizeof word);
+    return word;
+  }
+  [[nodiscard]] std::size_t slots() const { return word(boxes - 8); }
+  [[nodiscard]] std::size_t reaches() const { return boxes + slots() * sizeof(Box) + 8; }
+  [[nodiscard]] std::size_t filters() const { return reaches() + word(reaches() - 8) * sizeof(Bound) + 8; }
+  [[nodiscard]] std::size_t exclusions() const {
+    return filters() + word(filters() - 8) * sizeof(Filter) + 8;
+  }
+  [[nodiscard]] std::size_t live() const { return exclusions() + word(exclusions() - 8) * sizeof(Pair) + 8; }
+  [[nodiscard]] std::string error() const {
+    return error_of([&] { (void)BasicState<Box>::from_bytes(bytes); });
+  }
+
+  std::vector<std::byte> bytes = small_state<Box>().bytes();
+};
+
+template <class Box>
+void expect_bytes_that_no_state_has_are_refused() {
+  using Bound = BoundType<Box>;
+  const Bytes<Box> good;
+  (void)BasicState<Box>::from_bytes(good.bytes);
+  ASSERT_EQ(good.live() + good.slots(), good.bytes.size());
+  const auto expect = [&](std::size_t at, auto number, const std::string& why = "are damaged") {
+    Bytes<Box> bad;
+    bad.set(at, number);
+    EXPECT_THAT(bad.error(), HasSubstr(why)) << "at " << at;
+  };
+  constexpr auto nan = std::numeric_limits<Bound>::quiet_NaN();
+  const std::string other = "not those of a state in float" + std::to_string(8 * sizeof(Bound));
+  expect(0, std::uint32_t{1}, other);                       // a version
+  expect(4, std::uint32_t{1}, other);                       // no state
+  expect(8, std::uint64_t{12 - sizeof(Bound)} * 8, other);  // the other type
+  expect(16, Bound(0.5));                                   // a distance as well as reaches
+  for (const std::size_t list :
+       {std::size_t{good.boxes}, good.reaches(), good.filters(), good.exclusions(), good.live()}) {
+    const std::uint64_t size = good.word(list - 8);
+    for (const std::uint64_t number : {std::uint64_t{0}, size - 1, size + 1, ~std::uint64_t{0},
+                                       std::uint64_t{1} << 60U, size + (std::uint64_t{1} << 61U)})
+      expect(list - 8, number, "");
+  }
+  expect(good.boxes + 4 * sizeof(Box), nan);
+  expect(good.boxes + 3 * sizeof(Box), Box{{0, 0, 0}, {1, 1, 1}});  // that no object has
+  expect(good.reaches(), nan, "a reach of");
+  expect(good.reaches(), Bound(-1), "a reach of");
+  expect(good.reaches(), std::numeric_limits<Bound>::infinity(), "a reach of");
+  expect(good.exclusions(), Pair{4, 4}, "and itself");
+  expect(good.exclusions(), Pair{1, 2});  // twice
+  expect(good.exclusions(), Pair{5, 9});  // not in order
+  expect(good.exclusions(), Pair{1, 0});
+  expect(good.live(), std::uint8_t{2});
+  expect(good.live(), std::uint8_t{0});  // though it has a box
+}
+
+TEST(State, BytesThatNoStateHasAreRefused) {
+  expect_bytes_that_no_state_has_are_refused<Aabb>();
+  expect_bytes_that_no_state_has_are_refused<Aabb64>();
+}
+
+/// Bytes are refused, or are a state like any other.
+template <class Box>
+void expect_no_harm(const BroadPhase::Config& config) {
+  const std::vector<std::byte> bytes = small_state<Box>().bytes();
+  for (std::size_t size = 0; size < bytes.size(); ++size) {
+    EXPECT_NE(error_of([&] { (void)BasicState<Box>::from_bytes(std::span(bytes).first(size)); }), "");
+  }
+  BasicBroadPhase<Box> broad_phase(config);
+  BasicBroadPhase<Box> oracle({.algorithm = "oracle"});
+  std::size_t restored = 0;
+  for (std::size_t at = 0; at < bytes.size(); ++at) {
+    for (const unsigned bits : {1U, 0x80U, 0xffU}) {
+      std::vector<std::byte> changed = bytes;
+      changed[at] ^= std::byte(bits);
+      try {
+        const auto state = BasicState<Box>::from_bytes(changed);
+        (void)oracle.restore(state);
+        (void)broad_phase.restore(state);
+        ++restored;
+      } catch (const Error&) {
+        continue;
+      }
+      ASSERT_TRUE(same("pairs", broad_phase.pairs(), oracle.pairs())) << "byte " << at;
+      const std::uint32_t id = oracle.add(Box{{0, 0, 0}, {1, 1, 1}});
+      ASSERT_EQ(broad_phase.add(Box{{0, 0, 0}, {1, 1, 1}}), id);
+      const Delta expected = oracle.update();
+      ASSERT_TRUE(same(broad_phase.update(), expected.added, expected.removed)) << "byte " << at;
+      EXPECT_EQ(broad_phase.save().bytes(), oracle.save().bytes());
+    }
+  }
+  EXPECT_GT(restored, bytes.size());
+}
+
+TEST_P(EachAlgorithm, DamagedBytesDoNoHarm) {
+  if (is_slow()) return;
+  expect_no_harm<Aabb>(config());
+  expect_no_harm<Aabb64>(config());
+}
+
+TEST(State, BytesAreFew) {
+  BroadPhase broad_phase({.algorithm = "sweep-and-prune"});
+  for (std::size_t k = 0; k < 800; ++k) broad_phase.add(apart(k));
+  (void)broad_phase.update();
+  EXPECT_LE(broad_phase.save().bytes().size(), 20'100U);
+}
+
+/// What was saved stays what it was, whoever has a copy, and so do its bytes.
+TEST(State, StaysAsItIs) {
+  BroadPhase broad_phase({.algorithm = "sweep-and-prune"});
+  broad_phase.add(unit);
+  broad_phase.set_exclusions(Pairs{{0, 1}});
+  (void)broad_phase.update();
+  std::optional<State> state = broad_phase.save();
+  const std::vector<std::byte> bytes = state->bytes();
+  const State copy = *state;
+  const State moved = std::move(*state);
+  state.reset();
+  broad_phase.add(unit);
+  broad_phase.set_exclusions({});
+  (void)broad_phase.update();
+  EXPECT_EQ(copy.bytes(), bytes);
+  EXPECT_EQ(moved.bytes(), bytes);
+  (void)broad_phase.restore(State::from_bytes(bytes));
+  EXPECT_EQ(broad_phase.save().bytes(), bytes);
 }
 
 }  // namespace

@@ -495,6 +495,20 @@ BROADCL_API broadcl_status broadcl_broad_phase_begin(broadcl_broad_phase* broad_
 /// @param delta As above.
 BROADCL_API broadcl_status broadcl_broad_phase_finish(broadcl_broad_phase* broad_phase, broadcl_delta* delta);
 
+/// Copies the objects for broadcl_broad_phase_restore(). Nothing is searched.
+/// @param bytes Valid until the next call of this function. Only the same version of the library reads them.
+/// @returns BROADCL_FAILED also between begin and finish, and with changes that no update has reported.
+BROADCL_API broadcl_status broadcl_broad_phase_save(broadcl_broad_phase* broad_phase, const void** bytes,
+                                                    size_t* size);
+/// Makes objects, ids, filters, reaches, exclusions and pairs those of the moment of save, and drops changes
+/// that no update has reported. The bytes may be those of another object with the same broadcl_config.type
+/// and .distance.
+/// @param delta As of an update. A pair that is there before and afterwards is not in it, even if its objects
+/// were replaced meanwhile.
+/// @returns BROADCL_INVALID_ARGUMENT also for other bytes; BROADCL_FAILED also between begin and finish.
+BROADCL_API broadcl_status broadcl_broad_phase_restore(broadcl_broad_phase* broad_phase, const void* bytes,
+                                                       size_t size, broadcl_delta* delta);
+
 /// Gives back memory that the present objects and pairs do not need, on host and device, for instance after
 /// an update with far more pairs than usual; nothing does so by itself. Lists that earlier calls returned
 /// become invalid. Waits for the device.

@@ -37,7 +37,8 @@ struct broadcl_broad_phase {
 
   std::variant<broadcl::BroadPhase, broadcl::BroadPhase64> broad_phase;
   Lists lists{};
-  std::optional<broadcl::c::DeviceFacts> device{};  ///< What broadcl_broad_phase_device() has returned,
+  std::vector<std::byte> state{};                   ///< What broadcl_broad_phase_save() has returned,
+  std::optional<broadcl::c::DeviceFacts> device{};  ///< ..._device(),
   std::vector<broadcl_stage> stages{};              ///< and ..._profile().
 };
 
@@ -413,6 +414,29 @@ broadcl_status broadcl_broad_phase_begin(broadcl_broad_phase* broad_phase) {
 
 broadcl_status broadcl_broad_phase_finish(broadcl_broad_phase* broad_phase, broadcl_delta* delta) {
   return c::call(__func__, [&] { finish(broad_phase, delta); });
+}
+
+broadcl_status broadcl_broad_phase_save(broadcl_broad_phase* broad_phase, const void** bytes,
+                                        std::size_t* size) {
+  return c::call(__func__, [&] {
+    const void*& first = c::required(bytes, "bytes");
+    std::size_t& count = c::required(size, "size");
+    const auto save = [](auto& object) { return object.save().bytes(); };
+    broad_phase->state = with(broad_phase, save);  // which refuses null
+    first = broad_phase->state.data();
+    count = broad_phase->state.size();
+  });
+}
+
+broadcl_status broadcl_broad_phase_restore(broadcl_broad_phase* broad_phase, const void* bytes,
+                                           std::size_t size, broadcl_delta* delta) {
+  return c::call(__func__, [&] {
+    const auto state = c::array(static_cast<const std::byte*>(bytes), size, "bytes");
+    const Delta changes = with(broad_phase, [&]<class Box>(BasicBroadPhase<Box>& object) {
+      return object.restore(BasicState<Box>::from_bytes(state));
+    });
+    if (delta != nullptr) *delta = c::to_c(changes);
+  });
 }
 
 broadcl_status broadcl_broad_phase_shrink(broadcl_broad_phase* broad_phase) {

@@ -55,6 +55,7 @@ TEST_F(CBroadPhase, NullArgumentsAreRefusedAndChangeNothing) {
   const broadcl_boxes boxes = view_of_one(box);
   const broadcl_algorithm* rows = nullptr;
   const broadcl_stage* stages = nullptr;
+  const void* bytes = nullptr;
   std::size_t n = 77;
   std::uint32_t id = 77;
   EXPECT_INVALID("filter is null", broadcl_broad_phase_set_filter, handle_, 0, nullptr);
@@ -80,6 +81,9 @@ TEST_F(CBroadPhase, NullArgumentsAreRefusedAndChangeNothing) {
   EXPECT_INVALID("count is null", broadcl_broad_phase_ids, handle_, &ids, nullptr);
   EXPECT_INVALID("ids is null", broadcl_broad_phase_set_filters, handle_, nullptr, 1, nullptr, 0);
   EXPECT_INVALID("filters is null", broadcl_broad_phase_set_filters, handle_, &id, 1, nullptr, 1);
+  EXPECT_INVALID("bytes is null", broadcl_broad_phase_save, handle_, nullptr, &n);
+  EXPECT_INVALID("size is null", broadcl_broad_phase_save, handle_, &bytes, nullptr);
+  EXPECT_INVALID("bytes is null", broadcl_broad_phase_restore, handle_, nullptr, 1, nullptr);
   EXPECT_INVALID("size is null", broadcl_broad_phase_size, handle_, nullptr);
   EXPECT_INVALID("info is null", broadcl_broad_phase_device, handle_, nullptr);
   EXPECT_INVALID("row is null", broadcl_broad_phase_algorithm, handle_, nullptr);
@@ -288,6 +292,50 @@ TEST_F(CBroadPhase, ListsStayUntilTheyAreReplaced) {
   OK(broadcl_broad_phase_finish(handle_, &delta));
   EXPECT_THAT(list(delta.removed), ElementsAre(broadcl_pair{0, 1}));
   EXPECT_THAT(list(update().added), ElementsAre(broadcl_pair{1, 2}));
+}
+
+TEST_F(CBroadPhase, GoesBackToWhatWasSaved) {
+  const std::uint32_t a = add(cube(0));
+  const std::uint32_t b = add(cube(0.5F));
+  const void* bytes = nullptr;
+  std::size_t size = 0;
+  EXPECT_FAILED("no update has reported", broadcl_broad_phase_save, handle_, &bytes, &size);
+  (void)update();
+  OK(broadcl_broad_phase_begin(handle_));
+  EXPECT_FAILED("finish", broadcl_broad_phase_save, handle_, &bytes, &size);
+  OK(broadcl_broad_phase_finish(handle_, nullptr));
+  OK(broadcl_broad_phase_save(handle_, &bytes, &size));
+  const auto* first = static_cast<const unsigned char*>(bytes);
+  std::vector<unsigned char> copy(first, first + size);
+
+  OK(broadcl_broad_phase_remove(handle_, &b, 1));
+  OK(move(a, cube(5)));
+  (void)update();
+  broadcl_delta delta{};
+  OK(broadcl_broad_phase_restore(handle_, bytes, size, &delta));
+  EXPECT_THAT(list(delta.added), ElementsAre(broadcl_pair{a, b}));
+  EXPECT_THAT(list(delta.removed), IsEmpty());
+  OK(broadcl_broad_phase_begin(handle_));
+  EXPECT_FAILED("finish", broadcl_broad_phase_restore, handle_, copy.data(), size, nullptr);
+  OK(broadcl_broad_phase_finish(handle_, nullptr));
+
+  broadcl_config config = on_host();
+  broadcl_broad_phase* other = nullptr;
+  OK(broadcl_broad_phase_create(&config, &other));
+  OK(broadcl_broad_phase_restore(other, copy.data(), size, nullptr));
+  broadcl_pairs pairs{};
+  OK(broadcl_broad_phase_pairs(other, &pairs));
+  EXPECT_THAT(list(pairs), ElementsAre(broadcl_pair{a, b}));
+  EXPECT_INVALID("damaged", broadcl_broad_phase_restore, other, copy.data(), size - 1, nullptr);
+  EXPECT_INVALID("damaged", broadcl_broad_phase_restore, other, nullptr, 0, nullptr);
+  OK(broadcl_broad_phase_destroy(other));
+  config.type = BROADCL_FLOAT64;
+  OK(broadcl_broad_phase_create(&config, &other));
+  EXPECT_INVALID("not those of a state in float64", broadcl_broad_phase_restore, other, copy.data(), size,
+                 nullptr);
+  OK(broadcl_broad_phase_destroy(other));
+  copy[0] ^= 1;
+  EXPECT_INVALID("not those of a state", broadcl_broad_phase_restore, handle_, copy.data(), size, nullptr);
 }
 
 TEST_F(CBroadPhase, ShrinksBetweenUpdates) {

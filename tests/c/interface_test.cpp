@@ -69,6 +69,7 @@ TEST(C, NullHandlesAreRefused) {
   const broadcl_algorithm* row = nullptr;
   const broadcl_stage* stages = nullptr;
   const char* line = nullptr;
+  const void* bytes = nullptr;
   std::size_t n = 0;
   std::uint32_t id = 0;
   EXPECT_INVALID("list is null", broadcl_device_list_size, nullptr, &n);
@@ -98,6 +99,8 @@ TEST(C, NullHandlesAreRefused) {
   EXPECT_INVALID("broad_phase is null", broadcl_broad_phase_reaches, nullptr, &all_reaches, &n);
   EXPECT_INVALID("broad_phase is null", broadcl_broad_phase_exclusions, nullptr, &pairs);
   EXPECT_INVALID("broad_phase is null", broadcl_broad_phase_partners, nullptr, 0, &ids, &n);
+  EXPECT_INVALID("broad_phase is null", broadcl_broad_phase_save, nullptr, &bytes, &n);
+  EXPECT_INVALID("broad_phase is null", broadcl_broad_phase_restore, nullptr, &n, 1, nullptr);
   EXPECT_INVALID("broad_phase is null", broadcl_broad_phase_overlapping, nullptr, &boxes, nullptr, &found);
   EXPECT_INVALID("broad_phase is null", broadcl_broad_phase_nearest, nullptr, &boxes, nullptr, &found);
   EXPECT_INVALID("broad_phase is null", broadcl_broad_phase_along, nullptr, &boxes, nullptr, 0, nullptr, 0,

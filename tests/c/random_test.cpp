@@ -140,6 +140,18 @@ class CSubject {
     check(broadcl_broad_phase_finish(handle_, &delta));
     return {list(delta.added), list(delta.removed)};
   }
+  std::vector<std::byte> save() {
+    const void* bytes = nullptr;
+    std::size_t size = 0;
+    check(broadcl_broad_phase_save(handle_, &bytes, &size));
+    const auto* first = static_cast<const std::byte*>(bytes);
+    return {first, first + size};
+  }
+  Changes restore(const std::vector<std::byte>& state) {
+    broadcl_delta delta{};
+    check(broadcl_broad_phase_restore(handle_, state.data(), state.size(), &delta));
+    return {list(delta.added), list(delta.removed)};
+  }
   void shrink() { check(broadcl_broad_phase_shrink(handle_)); }
   std::vector<Pair> pairs() {
     broadcl_pairs pairs{};
