@@ -37,4 +37,7 @@ void add_device_array(nanobind::module_& module);
                                               nanobind::handle exclusions, nanobind::handle device,
                                               const std::string& algorithm);
 
+/// Adds the class State.
+void add_state(nanobind::module_& module);
+
 }  // namespace broadcl::python

@@ -13,6 +13,7 @@
 #include <optional>
 #include <span>
 #include <string>
+#include <tuple>
 #include <type_traits>
 #include <utility>
 #include <variant>
@@ -31,6 +32,7 @@
 #include "one_thread.hpp"
 #include "profile.hpp"
 #include "query.hpp"
+#include "state.hpp"
 
 namespace broadcl::python {
 
@@ -53,7 +55,7 @@ class Objects {
  public:
   /// @param in_double Whether boxes are float64.
   Objects(const Config& config, bool in_double)
-      : broad_phase_(without_gil([&] {
+      : config_(config), broad_phase_(without_gil([&] {
           return in_double ? Either(std::in_place_type<BroadPhase64>, config)
                            : Either(std::in_place_type<BroadPhase>, config);
         })) {}
@@ -177,6 +179,36 @@ class Objects {
       or_name_row(array, [&] { delta_ = with([&](auto& object) { return object.update(array.view()); }); });
       take_mapped();
     });
+  }
+  SavedObjects save() {
+    const OneThread::Use use(thread_);
+    refuse_unreturned();
+    return without_gil([&] { return with([](const auto& object) { return SavedObjects{object.save()}; }); });
+  }
+  nanobind::object restore(const SavedObjects& saved) {
+    refuse_unreturned();
+    return changes([&] {
+      delta_ = without_gil([&] {
+        return std::visit([](auto& object, const auto& state) { return restored(object, state); },
+                          *broad_phase_, saved.state);
+      });
+      take_mapped();
+    });
+  }
+
+  /// What makes an object that goes on from here. (The configuration is without functions, which Python
+  /// cannot set.)
+  using Pickled = std::tuple<std::string, std::string, std::size_t, bool, double, bool, SavedObjects>;
+  [[nodiscard]] Pickled pickled() {
+    return {config_.device,   config_.algorithm, config_.threads, config_.profile,
+            config_.distance, is_in_double(),    save()};
+  }
+  /// Of an object that was pickled. The device is selected anew.
+  explicit Objects(const Pickled& pickled)
+      : Objects(to_config(std::get<0>(pickled), std::get<1>(pickled), std::get<2>(pickled),
+                          std::get<3>(pickled), std::get<4>(pickled)),
+                std::get<5>(pickled)) {
+    (void)restore(std::get<6>(pickled));
   }
   nanobind::object finish() {
     return changes(
@@ -425,7 +457,20 @@ class Objects {
     take_mapped();
   }
 
+  /// @throws Error if the types of their boxes differ.
+  template <class Box, class Other>
+  static Delta restored(BasicBroadPhase<Box>& object, const BasicState<Other>& state) {
+    if constexpr (std::is_same_v<Box, Other>) {
+      return object.restore(state);
+    } else {
+      const std::string dtype = std::is_same_v<Other, Aabb64> ? "float64" : "float32";
+      throw Error::invalid_argument("the state is of boxes in " + dtype +
+                                    "; restore it in a BroadPhase with this dtype");
+    }
+  }
+
   OneThread thread_;
+  Config config_;
   std::optional<Either> broad_phase_;
   std::optional<Delta> delta_;  // of the last update, until its arrays are made
 

@@ -1,3 +1,6 @@
+import copy
+import pickle
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -41,6 +44,7 @@ class Machine(RuleBasedStateMachine):
         self.reaches = {}  # of those that have one
         self.followed = set()
         self.begun = None  # the pairs of the update that was begun
+        self.saved = None  # a state, and what it was then
 
     def own(self, values):
         """Boxes of the dtype: in float64, they are apart by less than float32 can tell."""
@@ -197,6 +201,24 @@ class Machine(RuleBasedStateMachine):
         expected = self.pairs_now() if self.begun is None else self.begun
         self.begun = None
         self.check(expected, getattr(self.broad_phase, call)())
+
+    @precondition(lambda self: self.begun is None)
+    @rule(pickles=st.booleans(), goes_on=st.booleans())
+    def save(self, pickles, goes_on):
+        self.update("update")
+        state = self.broad_phase.save()
+        if pickles:
+            state = pickle.loads(pickle.dumps(state))
+        self.saved = state, *map(copy.copy, (self.boxes, self.filters, self.reaches, self.followed))
+        if not goes_on:
+            self.broad_phase = copy.copy(self.broad_phase)
+
+    @precondition(lambda self: self.begun is None and self.saved)
+    @rule()
+    def restore(self):
+        state, *now = self.saved
+        self.boxes, self.filters, self.reaches, expected = map(copy.copy, now)
+        self.check(expected, self.broad_phase.restore(state))
 
     def check(self, expected, delta):
         added, removed = delta

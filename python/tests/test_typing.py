@@ -9,8 +9,8 @@ from test_documentation import ROOT, code
 
 # stubtest expects Python's own classes, and finds nanobind's. The signature is that of the first overload.
 OF_NANOBIND = r"""
-broadcl\._core\.(BroadPhase|Device|DeviceArray|DeviceBroadPhase|DeviceDelta)
-broadcl\._core\.(Device|DeviceArray|DeviceDelta)\.__init__
+broadcl\._core\.(BroadPhase|Device|DeviceArray|DeviceBroadPhase|DeviceDelta|State)
+broadcl\._core\.(Device|DeviceArray|DeviceDelta|State)\.__init__
 broadcl\._core\.squared_distances
 """
 
