@@ -12,8 +12,8 @@ run(${prefix}/bin/broadcl --version)
 run(${CMAKE_CURRENT_LIST_DIR}/completion.sh ${prefix}/bin/broadcl ${prefix}/share/bash-completion/completions/broadcl)
 
 configure(examples .)
-set(examples first pairs queries distances rays two_sets what_may_pair worlds layouts on_device bullet_world bullet_async ghost_objects
-  moving_boxes)
+set(examples first pairs queries distances rays going_back two_sets what_may_pair worlds layouts on_device bullet_world bullet_async
+  ghost_objects moving_boxes)
 if(FLOAT64)
   list(APPEND examples double_precision)
 endif()

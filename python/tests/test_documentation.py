@@ -53,6 +53,12 @@ def test_the_page_about_seeing_boxes(tmp_path, monkeypatch):
     assert (tmp_path / "boxes.html").stat().st_size > 30_000
 
 
+def test_going_back():
+    names = {}
+    exec(code((ROOT / "docs/going-back.md").read_text()), names)
+    assert len(names["added"]) + len(names["removed"]) and len(names["changes"].removed)
+
+
 def test_the_gallery_compiles():  # without its data
     assert "view" in compile(code((ROOT / "docs/gallery.md").read_text()), "gallery.md", "exec").co_names
 
