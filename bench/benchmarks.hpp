@@ -7,6 +7,7 @@ void register_come_and_go();
 void register_commands();
 void register_device_frames();
 void register_double_precision();
+void register_going_back();
 void register_objects();
 void register_primitives();
 void register_proxies();

@@ -261,6 +261,7 @@ int main(int argc, char** argv) try {
   broadcl::register_all();
   broadcl::register_come_and_go();
   broadcl::register_commands();
+  broadcl::register_going_back();
   broadcl::register_objects();
   broadcl::register_primitives();
   broadcl::register_proxies();
