@@ -173,8 +173,8 @@ TEST_P(CallersBoxes, ManyMayBeAddedMovedAndRemovedAtOnce) {
 
 /// Each part of the boxes begins with an id with which the part before ends.
 TEST_P(CallersBoxes, OfIdsThatAreGivenTwiceTheLaterCounts) {
-  constexpr auto part = static_cast<std::uint32_t>(boxes_per_part);
-  constexpr std::uint32_t n = 40 * part;
+  const auto part = static_cast<std::uint32_t>(boxes_per_part);
+  const std::uint32_t n = 40 * part;
   BroadPhase::Config config = fast_algorithm(GetParam());
   config.threads = 2;
   BroadPhase broad_phase(config);

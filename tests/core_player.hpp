@@ -14,6 +14,7 @@
 
 #include <broadcl/broad_phase.hpp>
 
+#include "base/box_parts.hpp"
 #include "boxes.hpp"
 #include "core_random_script.hpp"
 #include "each_algorithm.hpp"
@@ -27,12 +28,29 @@
 
 namespace broadcl::test {
 
+/// While it exists, the host's loops have parts of so many boxes.
+class ScopedPart {
+ public:
+  explicit ScopedPart(std::size_t boxes) noexcept { boxes_per_part = boxes; }
+  ~ScopedPart() { boxes_per_part = before_; }
+  ScopedPart(const ScopedPart&) = delete;
+  ScopedPart& operator=(const ScopedPart&) = delete;
+  ScopedPart(ScopedPart&&) = delete;
+  ScopedPart& operator=(ScopedPart&&) = delete;
+
+ private:
+  std::size_t before_ = boxes_per_part;
+};
+
 /// Plays a script to a subject of Twins, in a rounding mode that depends on the operation.
 template <class Subject>
 class CorePlayer {
  public:
   CorePlayer(Subject& subject, const CoreScript& script)
-      : twins_(std::in_place, NoTrouble(), false, subject), subject_(subject), script_(script) {
+      : part_(script.part),
+        twins_(std::in_place, NoTrouble(), false, subject),
+        subject_(subject),
+        script_(script) {
     if constexpr (requires { subject.set_warp(Warp()); }) subject.set_warp(Warp(script.warp));
   }
 
@@ -223,7 +241,7 @@ class CorePlayer {
   void apply_to(std::uint32_t id, const CoreOp& op, unsigned k) {
     if (op.verb == CoreVerb::move) {
       const bool drifts = op.which % 3 == 0;  // which float32 cannot tell of a Warped
-      const Aabb box = drifts ? drifted(reference().box(id), drift_of(op)) : box_of(script_, op, k);
+      const Aabb box = drifts ? drifted(script_, reference().box(id), drift_of(op)) : box_of(script_, op, k);
       if (has_nan(box)) return require_error("NaN", [&] { subject_.move(id, box); });
       twins_.move(id, box);
     } else if (op.verb == CoreVerb::filter) {
@@ -313,7 +331,8 @@ class CorePlayer {
     const auto update = [&] { require(twins_.agree(view(), [](const auto& /*delta*/) {})); };
     for (unsigned frame = 0; frame < op.which / 6 % 3; ++frame) {
       update();
-      for (std::size_t k = 0; k < n; k += 1 + op.filter % 7) boxes[k] = drifted(boxes[k], drift_of(op));
+      for (std::size_t k = 0; k < n; k += 1 + op.filter % 7)
+        boxes[k] = drifted(script_, boxes[k], drift_of(op));
       if (n == 0) continue;
       const Aabb other = box_of(script_, op, frame);
       boxes[op.filter % n] = has_nan(other) ? inverted : other;
@@ -326,7 +345,8 @@ class CorePlayer {
   void drift(const CoreOp& op) {
     const float step = drift_of(op);
     twins_.map(reference().slots(), [&](std::span<Aabb> boxes) {
-      for (std::size_t k = 0; k < boxes.size(); k += 1 + op.which % 2) boxes[k] = drifted(boxes[k], step);
+      for (std::size_t k = 0; k < boxes.size(); k += 1 + op.which % 2)
+        boxes[k] = drifted(script_, boxes[k], step);
     });
     update(false);
   }
@@ -437,6 +457,7 @@ class CorePlayer {
     if (reference().is_in_flight()) require_error("finish()", [&] { (void)subject_.pairs(); });
   }
 
+  ScopedPart part_;
   Twins<Subject&> twins_;
   Subject& subject_;
   const CoreScript& script_;

@@ -62,6 +62,8 @@ class CoreGenerator {
     }
     script.filters = dice_.one_in(2) ? FilterKind::none : static_cast<FilterKind>(1 + dice_.below(6));
     script.warp = dice_.below(1000);
+    script.is_flat = dice_.one_in(8);
+    script.part = dice_.pick(std::array{64U, 2048U});
     odd_boxes_ = dice_.pick(std::array{0U, 0U, 3U, 20U});
     is_lively_ = dice_.one_in(2);
     grows_slowly_ = dice_.one_in(3);
@@ -159,11 +161,18 @@ std::vector<CoreOp> plainer_core_op(const CoreOp& op) {
   return result;
 }
 
-std::vector<CoreScript> plainer_filters(const CoreScript& script) {
-  if (script.filters == FilterKind::none) return {};
-  CoreScript plain = script;
-  plain.filters = FilterKind::none;
-  return {plain};
+/// With simpler settings.
+std::vector<CoreScript> plainer_scripts(const CoreScript& script) {
+  std::vector<CoreScript> result;
+  const auto offer = [&](auto CoreScript::*setting) {
+    CoreScript plain = script;
+    plain.*setting = CoreScript().*setting;
+    if (plain.*setting != script.*setting) result.push_back(plain);
+  };
+  offer(&CoreScript::filters);
+  offer(&CoreScript::is_flat);
+  offer(&CoreScript::part);
+  return result;
 }
 
 std::ostream& operator<<(std::ostream& out, const Aabb& box) {
@@ -197,7 +206,8 @@ Filter filter_of(FilterKind kind, unsigned number) {
 }
 
 Aabb box_of(const CoreScript& script, const CoreOp& op, unsigned k) {
-  const auto [lower, upper] = corners_of<float>(box_of_call(op.box, k, script.extent));
+  auto [lower, upper] = corners_of<float>(box_of_call(op.box, k, script.extent));
+  if (script.is_flat) lower[2] = upper[2] = 0;
   return {lower, upper};
 }
 
@@ -219,8 +229,8 @@ float drift_of(const CoreOp& op) {
   return static_cast<float>(1 + op.which % 5) * (op.which % 2 == 0 ? step : -step);
 }
 
-Aabb drifted(Aabb box, float step) {
-  for (std::size_t axis = 0; axis < 3; ++axis) {
+Aabb drifted(const CoreScript& script, Aabb box, float step) {
+  for (std::size_t axis = 0; axis < (script.is_flat ? 2U : 3U); ++axis) {
     box.lower[axis] += step * static_cast<float>(1 + axis);
     box.upper[axis] += step * static_cast<float>(1 + axis);
   }
@@ -257,9 +267,9 @@ std::ostream& operator<<(std::ostream& out, const CoreOp& op) {
 }
 
 std::ostream& operator<<(std::ostream& out, const CoreScript& script) {
-  out << "with at most " << script.most << " objects in " << script.extent << " halves, and "
-      << filter_kind_names.at(static_cast<std::size_t>(script.filters)) << " filters, warp " << script.warp
-      << "\n";
+  out << "with at most " << script.most << (script.is_flat ? " flat" : "") << " objects in " << script.extent
+      << " halves, and " << filter_kind_names.at(static_cast<std::size_t>(script.filters))
+      << " filters, warp " << script.warp << ", parts of " << script.part << "\n";
   for (std::size_t k = 0; k < script.ops.size(); ++k) out << "  " << k << ": " << script.ops[k] << "\n";
   return out;
 }
@@ -267,7 +277,7 @@ std::ostream& operator<<(std::ostream& out, const CoreScript& script) {
 rc::Gen<CoreScript> core_scripts(ScriptSize size) {
   return [size](const rc::Random& random, int /*size*/) {
     return rc::shrinkable::shrinkRecur(CoreGenerator(random).script(size), [](const CoreScript& script) {
-      return rc::Seq<CoreScript>(Shrinks<CoreScript, plainer_filters, plainer_core_op>(script));
+      return rc::Seq<CoreScript>(Shrinks<CoreScript, plainer_scripts, plainer_core_op>(script));
     });
   };
 }

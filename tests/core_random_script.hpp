@@ -62,7 +62,9 @@ struct CoreScript {
   std::uint32_t most = 0;  ///< Objects at once, at most.
   int extent = 1;          ///< Of the corners of boxes, in halves: the smaller, the more pairs.
   FilterKind filters = FilterKind::none;
-  unsigned warp = 0;  ///< In double precision: which Warp.
+  unsigned warp = 0;     ///< In double precision: which Warp.
+  bool is_flat = false;  ///< All boxes are in the plane z = 0.
+  unsigned part = 2048;  ///< boxes_per_part of the host's loops.
   std::vector<CoreOp> ops;
 };
 
@@ -90,7 +92,7 @@ struct CoreScript {
 
 /// By how much boxes drift, and such a box afterwards.
 [[nodiscard]] float drift_of(const CoreOp& op);
-[[nodiscard]] Aabb drifted(Aabb box, float step);
+[[nodiscard]] Aabb drifted(const CoreScript& script, Aabb box, float step);
 
 std::ostream& operator<<(std::ostream& out, const CoreOp& op);
 std::ostream& operator<<(std::ostream& out, const CoreScript& script);

@@ -9,10 +9,11 @@
 
 namespace broadcl {
 
-/// Boxes are read and written in parts of so many, by several threads if there are many.
-inline constexpr std::size_t boxes_per_part = 2048;
+/// Boxes are read and written in parts of so many, by several threads if there are many. (Nothing but tests
+/// changes it, so that a few boxes are several parts, to another multiple of 16.)
+inline constinit std::size_t boxes_per_part = 2048;  // NOLINT(*-avoid-non-const-global-variables): see above
 
-[[nodiscard]] constexpr std::size_t parts_of(std::size_t boxes) noexcept {
+[[nodiscard]] inline std::size_t parts_of(std::size_t boxes) noexcept {
   return (boxes + boxes_per_part - 1) / boxes_per_part;
 }
 
@@ -20,7 +21,7 @@ inline constexpr std::size_t boxes_per_part = 2048;
 /// than eight threads, memory is not faster.
 /// @param threads At most; 0 for one per processor.
 [[nodiscard]] inline Threads threads_of(std::size_t n, const Threads& threads) {
-  constexpr std::size_t least_boxes = 4096;
+  const std::size_t least_boxes = 2 * boxes_per_part;
   constexpr std::size_t most_threads = 8;
   return useful_threads(std::min(n, most_threads * least_boxes), least_boxes, threads);
 }
