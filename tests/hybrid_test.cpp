@@ -127,7 +127,7 @@ TEST(HybridFailure, OfTheFirstUpdateOnTheDeviceLosesNothing) {
     meet_on_host(core, orders);
     if (function == "pairs") {  // which is called if the device returns what changed since it was left
       (void)core.finish();
-      move_until(core, orders, false, 1);
+      move_until(core, orders, false, 1e6);  // much more than a change is taken to cost
       move_until(core, orders, true, at_once);
       core.move(0, unit);
     }
