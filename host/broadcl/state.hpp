@@ -16,8 +16,10 @@ namespace broadcl {
 
 template <class Box>
 class BasicBroadPhase;
+namespace detail {
 template <class Box>
 struct Saved;
+}
 
 /// What BasicBroadPhase::save() returns: ids, boxes, filters, reaches and exclusions of all objects as of
 /// that moment. Copies share it. It takes 25 bytes for each id up to the highest (49 in double precision), 16
@@ -32,9 +34,9 @@ class BROADCL_API BasicState {
 
  private:
   friend class BasicBroadPhase<Box>;
-  explicit BasicState(std::shared_ptr<const Saved<Box>> saved) noexcept : saved_(std::move(saved)) {}
+  explicit BasicState(std::shared_ptr<const detail::Saved<Box>> saved) noexcept : saved_(std::move(saved)) {}
 
-  std::shared_ptr<const Saved<Box>> saved_;
+  std::shared_ptr<const detail::Saved<Box>> saved_;
 };
 
 using State = BasicState<Aabb>;      ///< Of a BroadPhase.

@@ -14,6 +14,8 @@ namespace broadcl {
 
 using SharedPairs = std::shared_ptr<const std::vector<Pair>>;  // never null
 
+namespace detail {
+
 /// The objects of a BroadPhase at some moment.
 template <class Box>
 struct Saved {
@@ -24,5 +26,9 @@ struct Saved {
   SharedPairs exclusions{};               ///< In canonical order, each once.
   BoundType<Box> first_reach = 0;         ///< That Config::distance gives to all objects.
 };
+
+}  // namespace detail
+
+using detail::Saved;
 
 }  // namespace broadcl
