@@ -355,7 +355,14 @@ class Core {
 
   /// Reserves memory of the algorithm, which may store the boxes elsewhere even if that fails.
   template <class Function>
-  void or_find_boxes(const Function& function);
+  void or_find_boxes(const Function& function) {
+    try {
+      function();
+    } catch (...) {
+      boxes_ = find_boxes();
+      throw;
+    }
+  }
 
   /// Does a part of an update. If it fails, the next update finds the changes of this one, too.
   template <class Function>

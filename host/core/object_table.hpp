@@ -16,6 +16,14 @@
 
 namespace broadcl {
 
+/// @throws Error for more objects than there are ids.
+inline void refuse_too_many_objects(std::size_t objects) {
+  constexpr std::size_t most = std::size_t{1} << 31;
+  if (objects <= most) return;
+  throw Error::invalid_argument(std::to_string(objects) + " objects are too many; use at most " +
+                                std::to_string(most));
+}
+
 /// Which ids exist, their filters, and their reaches if there are any. Only the functions that reserve memory
 /// and copies allocate.
 /// @tparam Bound The type of reaches.

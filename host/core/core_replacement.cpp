@@ -1,0 +1,280 @@
+#include <algorithm>
+#include <cstring>
+#include <optional>
+#include <string>
+#include <tuple>
+
+#include <broadcl/error.hpp>
+
+#include "base/box_replacement.hpp"
+#include "core/core.hpp"
+
+/// How the boxes of all objects are replaced at once: by the caller's, which may be in place, or by those of
+/// a saved state.
+namespace broadcl {
+
+template <class Box>
+template <class SetBox>
+void Core<Box>::set_ids(std::size_t n, const Box& empty, const SetBox& set) noexcept {
+  if (objects_.size() == n && objects_.slots() == n) return;
+  const auto all = [](std::uint32_t /*id*/) { return true; };
+  objects_.set_ids(n, all, [&](std::uint32_t id) {
+    const bool is_new = objects_.contains(id);
+    set(id, is_new ? empty : packed_empty_box);
+    changes_.recycle(id);
+    if (!is_new) return;
+    store_filter(id, Filter());
+    store_reach(id, objects_.first_reach());
+  });
+}
+
+/// Whether ids, filters, reaches and exclusions are those that were saved, and no id was given to another
+/// object since the last update.
+template <class Box>
+bool Core<Box>::has_objects(const Saved<Box>& saved) noexcept {
+  const auto is_same = [slots = objects_.slots()](auto present, const auto& other) {
+    present = present.first(std::min(slots, present.size()));
+    return present.size() == other.size() &&
+           (other.empty() || std::memcmp(present.data(), other.data(), present.size_bytes()) == 0);
+  };
+  return changes_.recycled().empty() && read_.recycled().empty() && is_same(objects_.live(), saved.live) &&
+         is_same(objects_.filters(), saved.filters) &&
+         (objects_.first_reach() > 0 || is_same(objects_.reaches(), saved.reaches)) &&
+         (exclusions_ == saved.exclusions || *exclusions_ == *saved.exclusions);
+}
+
+/// Makes ids, filters, reaches and exclusions those that were saved. The memory must be reserved. Pairs that
+/// are there before and afterwards are to be the same pairs, so no slot counts as recycled.
+template <class Box>
+void Core<Box>::set_objects(const Saved<Box>& saved) {
+  changes_.forget_recycled();
+  read_.forget_recycled();
+  objects_.set_ids(
+      saved.live.size(), [&](std::uint32_t id) { return saved.live[id] != 0; },
+      [&](std::uint32_t id) { changes_.refilter(id); });
+  for (std::uint32_t id = 0; id < saved.live.size(); ++id) {
+    if (saved.live[id] == 0) continue;
+    store_filter(id, saved.filters.empty() ? Filter() : saved.filters[id]);
+    store_reach(id, saved.reaches.empty() ? objects_.first_reach() : saved.reaches[id]);
+  }
+  share_exclusions(saved.exclusions);
+}
+
+template <class Box>
+std::span<Box> Core<Box>::find_spare() {
+  if constexpr (is_exact) {
+    (void)algorithm_->spare_boxes();
+    return exact_.boxes.spare();
+  } else {
+    return algorithm_->spare_boxes();
+  }
+}
+
+template <class Box>
+template <class Function>
+void Core<Box>::replace_all(const BoxView& view, const Saved<Box>* saved, const Function& end) {
+  try {
+    replace_once(view, saved, end);
+  } catch (const OutgrownMap&) {
+    if constexpr (is_exact) {
+      exact_.converted.renew(view);
+      replace_once(view, saved, end);
+    }
+  }
+}
+
+template <class Box>
+template <class Function>
+void Core<Box>::replace_once(const BoxView& view, const Saved<Box>* saved, const Function& end) {
+  const std::size_t n = view.size();
+  reserve_all(n);
+  or_find_boxes([&] {
+    (void)find_spare();
+    const std::size_t exclusions = (saved != nullptr ? saved->exclusions : exclusions_)->size();
+    algorithm_->reserve_exclusions(exclusions);  // which may move boxes, before they are written
+  });
+  const std::size_t slots = objects_.slots();
+  const bool same_objects = saved != nullptr ? has_objects(*saved) : objects_.size() == n && slots == n;
+  std::optional<std::tuple<ObjectTable<Bound>, ChangeSet, SharedPairs>> before;
+  if (!same_objects) {
+    before.emplace(objects_, changes_, exclusions_);
+    auto& [objects, changes, exclusions] = *before;
+    objects.reserve(capacity_);
+    changes.reserve(capacity_);
+    changes.insert(read_);
+  }
+  const std::size_t mapped = std::exchange(mapped_, 0);
+  swap_boxes();
+  const auto restore = [&] {
+    swap_boxes();
+    spare_slots_ = std::max(spare_slots_, n);
+    mapped_ = mapped;
+    if (before) std::tie(objects_, changes_, exclusions_) = std::move(*before);
+    changes_.all = changes_.all_filters = true;
+  };
+  try {
+    if (saved != nullptr && !same_objects) set_objects(*saved);
+    copy_all(view, saved == nullptr);
+    end();
+    spare_slots_ = slots;
+  } catch (const InvalidBox& box) {
+    restore();
+    throw_nan("box " + std::to_string(box.index));
+  } catch (...) {
+    restore();
+    throw;
+  }
+}
+
+template <class Box>
+std::span<Box> Core<Box>::map(std::size_t n) {
+  reserve_all(n);
+  // Nothing below throws.
+  const std::size_t own = std::exchange(mapped_, n);  // boxes that the caller has written before
+  set_ids(n, empty_box, [&](std::uint32_t id, const Box& box) { boxes_[id] = box; });
+  changes_.all = true;
+  const std::span<Box> boxes = boxes_.first(n);
+  if (n > own && any_empty_) {  // the caller must not get an error for a NaN that somebody else wrote
+    replace_empty(boxes.subspan(own), empty_box);
+    any_empty_ = false;
+  }
+  return boxes;
+}
+
+template <class Box>
+void Core<Box>::begin(const BoxView& boxes) {
+  replace_all(boxes, nullptr, [&] { flush(); });
+}
+
+template <class Box>
+Delta Core<Box>::update(const BoxView& boxes) {
+  Delta delta;
+  replace_all(boxes, nullptr, [&] { delta = finish(); });
+  return delta;
+}
+
+template <class Box>
+std::shared_ptr<const Saved<Box>> Core<Box>::save() {
+  refuse_forked();
+  if (is_begun()) throw Error("save() was called between begin() and finish(); call finish() first");
+  if (!changes_.empty() || !read_.empty() || !late_.empty())
+    throw Error("save() was called with changes that no update has reported; call update() first");
+  const std::size_t slots = objects_.slots();
+  const auto copy_of = [&](auto all) {
+    all = all.first(std::min(slots, all.size()));
+    return std::vector(all.begin(), all.end());
+  };
+  const bool has_distance = objects_.first_reach() > 0;
+  auto saved = std::make_shared<Saved<Box>>(
+      Saved<Box>{.boxes = copy_of(boxes_),
+                 .live = copy_of(objects_.live()),
+                 .filters = copy_of(objects_.filters()),
+                 .reaches = has_distance ? std::vector<Bound>() : copy_of(objects_.reaches()),
+                 .exclusions = exclusions_,
+                 .first_reach = objects_.first_reach()});
+  if (any_empty_ || objects_.size() < slots) replace_empty(saved->boxes, empty_box);
+  return saved;
+}
+
+template <class Box>
+Delta Core<Box>::restore(const Saved<Box>& saved) {
+  refuse_replacement(saved.live.size());
+  if (saved.first_reach != objects_.first_reach()) {
+    throw Error::invalid_argument(
+        "the state is of an object with another Config::distance; restore it in one with the same");
+  }
+  reserve(std::max(saved.live.size(), objects_.ids()), !saved.filters.empty(), !saved.reaches.empty());
+  Delta delta;
+  replace_all(BoxView(saved.boxes), &saved, [&] { delta = finish(); });
+  return delta;
+}
+
+template <class Box>
+void Core<Box>::refuse_replacement(std::size_t boxes) const {
+  refuse_forked();
+  if (is_begun()) throw Error("boxes cannot be replaced between begin() and finish(); call finish() first");
+  refuse_too_many_objects(boxes);
+}
+
+template <class Box>
+void Core<Box>::reserve_all(std::size_t n) {
+  refuse_replacement(n);
+  apply_late();
+  reserve(std::max(n, objects_.ids()), false);
+}
+
+template <class Box>
+void Core<Box>::swap_boxes() noexcept {
+  algorithm_->swap_boxes();
+  if constexpr (is_exact) exact_.boxes.swap();
+  boxes_ = find_boxes();
+}
+
+template <class Box>
+void Core<Box>::copy_all(const BoxView& view, bool sets_ids) {
+  const std::size_t n = view.size();
+  const bool uploads = algorithm_->uploads_boxes();
+  constexpr std::size_t most_cached = std::size_t{1} << 18U;
+  const bool streams = uploads || n > most_cached;
+  // An upload of all boxes can begin before it is known which changed.
+  // (Reaches of images depend on the images.)
+  const bool arrive_later = uploads && many_moved_ && !(is_exact && objects_.any_reaches());
+  Conversion* conversion = nullptr;
+  if constexpr (is_exact) {
+    if (objects_.any_reaches()) exact_.converted.keep_distances(changes_);
+    conversion = &exact_.converted.begin(view, find_spare().first(objects_.ids()), algorithm_->spare_boxes(),
+                                         algorithm_->boxes(), changes_, arrive_later);
+  }
+  BoxReplacement<Box> replacement(view, find_spare(), boxes_, streams, arrive_later, threads_, conversion);
+  if (!arrive_later) replacement.finish();
+  for (std::size_t id = n; id < std::min(spare_slots_, boxes_.size()); ++id) {
+    boxes_[id] = packed_empty_box;
+    if constexpr (is_exact) algorithm_->boxes()[id] = packed_empty();
+  }
+  if (sets_ids) set_ids(n, packed_empty_box, [](std::uint32_t /*id*/, const Box& /*box*/) {});
+  if constexpr (is_exact) {
+    if (!arrive_later) {
+      exact_.converted.end();
+      exact_.converted.settle(boxes_.first(n), algorithm_->boxes(), changes_);
+    }
+  }
+  if (arrive_later || replacement.count() > n / 4) {
+    changes_.all = true;
+  } else {
+    replacement.for_each_changed([&](std::uint32_t slot) { changes_.insert(slot); });
+  }
+  begin(arrive_later ? &replacement : nullptr, nullptr, true);
+  if (arrive_later) record();
+  if constexpr (is_exact) {
+    if (arrive_later) exact_.converted.end();
+  }
+  many_moved_ = replacement.count() > n / 4;
+  any_empty_ = any_empty_ || replacement.any_empty();
+}
+
+template std::span<Aabb> Core<Aabb>::map(std::size_t n);
+template std::span<Aabb64> Core<Aabb64>::map(std::size_t n);
+template void Core<Aabb>::begin(const BoxView& boxes);
+template void Core<Aabb64>::begin(const BoxView& boxes);
+template Delta Core<Aabb>::update(const BoxView& boxes);
+template Delta Core<Aabb64>::update(const BoxView& boxes);
+template std::shared_ptr<const Saved<Aabb>> Core<Aabb>::save();
+template std::shared_ptr<const Saved<Aabb64>> Core<Aabb64>::save();
+template Delta Core<Aabb>::restore(const Saved<Aabb>& saved);
+template Delta Core<Aabb64>::restore(const Saved<Aabb64>& saved);
+template void Core<Aabb>::refuse_replacement(std::size_t boxes) const;
+template void Core<Aabb64>::refuse_replacement(std::size_t boxes) const;
+template void Core<Aabb>::copy_all(const BoxView& view, bool sets_ids);
+template void Core<Aabb64>::copy_all(const BoxView& view, bool sets_ids);
+template std::span<Aabb> Core<Aabb>::find_spare();
+template std::span<Aabb64> Core<Aabb64>::find_spare();
+template bool Core<Aabb>::has_objects(const Saved<Aabb>& saved) noexcept;
+template bool Core<Aabb64>::has_objects(const Saved<Aabb64>& saved) noexcept;
+template void Core<Aabb>::set_objects(const Saved<Aabb>& saved);
+template void Core<Aabb64>::set_objects(const Saved<Aabb64>& saved);
+template void Core<Aabb>::reserve_all(std::size_t n);
+template void Core<Aabb64>::reserve_all(std::size_t n);
+template void Core<Aabb>::swap_boxes() noexcept;
+template void Core<Aabb64>::swap_boxes() noexcept;
+
+}  // namespace broadcl
