@@ -1,7 +1,6 @@
 #include <nanobind/nanobind.h>
 #include <nanobind/stl/optional.h>
 #include <nanobind/stl/string.h>
-#include <nanobind/stl/tuple.h>
 
 #include <cstddef>
 #include <cstdint>
@@ -290,70 +289,6 @@ ValueError
     For an unknown id, or for one that is given twice.
 TypeError
     For another dtype.)")
-      .def("save", with_keywords("save", &Objects::save), "unknown"_a, nb::sig("def save(self) -> State"),
-           R"(Saves the objects as of the last update, for `restore`. Nothing is searched.
-
-Returns
--------
-State
-    Ids, boxes, filters, reaches and exclusions. Each id takes 25 bytes (in float64 49), 16 more with
-    filters, 4 (8) with reaches.
-
-Raises
-------
-Error
-    Between `begin` and `finish`, and with changes that no update has reported: call `update` first.
-MemoryError
-    If memory runs out.
-
-Examples
---------
->>> broad_phase = broadcl.BroadPhase()
->>> broad_phase.update([[0, 0, 2, 2], [1, 1, 3, 3]]).added.tolist()
-[[0, 1]]
->>> state = broad_phase.save()
->>> broad_phase.update([[0, 0, 2, 2], [5, 5, 6, 6]]).removed.tolist()
-[[0, 1]]
->>> broad_phase.restore(state).added.tolist()
-[[0, 1]])")
-      .def("restore",
-           with_keywords(
-               "restore",
-               +[](Objects& self, const SavedObjects* state) {
-                 if (state == nullptr) throw nb::type_error("the argument 'state' is missing");
-                 return self.restore(*state);
-               }),
-           "state"_a = nb::none(), "unknown"_a, nb::sig("def restore(self, state: State) -> Delta"),
-           R"(Makes objects, ids, filters, reaches, exclusions and pairs those of the saved moment.
-
-Changes that no update has reported are dropped. From then on, all results are those of an object that
-never went on after `save`. The cost depends on what differs, as in `update`.
-
-Parameters
-----------
-state : State
-    Also that of another object with the same `dtype` and the same `distance`; algorithm, device and
-    threads may be others.
-
-Returns
--------
-Delta
-    What changed since the last update, to be applied to a list of pairs, or dropped if the list goes
-    back in another way. A pair that is in both lists of pairs is in neither of these, even if its objects
-    were replaced meanwhile.
-
-Raises
-------
-ValueError
-    For a state of another `dtype` or `distance`.
-Error
-    Between `begin` and `finish`, and if the device fails.
-MemoryError
-    If memory runs out.)")
-      .def("__getstate__", &Objects::pickled)
-      .def(
-          "__setstate__",
-          +[](Objects& self, const Objects::Pickled& pickled) { new (&self) Objects(pickled); })
       .def("shrink", with_keywords("shrink", &Objects::shrink), nb::sig("def shrink(self) -> None"),
            R"(Gives back memory that the present objects and pairs do not need, on host and device.
 
@@ -637,6 +572,7 @@ dict of str to dict
            "Whether an object has this id.")
       .def("__repr__", &Objects::text);
   add_queries(objects);
+  add_saving(objects);
 }
 
 }  // namespace broadcl::python

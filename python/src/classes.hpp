@@ -39,5 +39,7 @@ void add_device_array(nanobind::module_& module);
 
 /// Adds the class State.
 void add_state(nanobind::module_& module);
+/// Adds the functions that save and restore an object to the class BroadPhase.
+void add_saving(nanobind::class_<Objects>& objects);
 
 }  // namespace broadcl::python
