@@ -18,7 +18,7 @@ template <class SetBox>
 void Core<Box>::set_ids(std::size_t n, const Box& empty, const SetBox& set) noexcept {
   if (objects_.size() == n && objects_.slots() == n) return;
   const auto all = [](std::uint32_t /*id*/) { return true; };
-  objects_.set_ids(n, all, [&](std::uint32_t id) {
+  objects_.set_ids(std::min<std::size_t>(n, objects_.next()), n, all, [&](std::uint32_t id) {
     const bool is_new = objects_.contains(id);
     set(id, is_new ? empty : packed_empty_box);
     changes_.recycle(id);
@@ -50,7 +50,7 @@ void Core<Box>::set_objects(const Saved<Box>& saved) {
   changes_.forget_recycled();
   read_.forget_recycled();
   objects_.set_ids(
-      saved.live.size(), [&](std::uint32_t id) { return saved.live[id] != 0; },
+      0, saved.live.size(), [&](std::uint32_t id) { return saved.live[id] != 0; },
       [&](std::uint32_t id) { changes_.refilter(id); });
   for (std::uint32_t id = 0; id < saved.live.size(); ++id) {
     if (saved.live[id] == 0) continue;

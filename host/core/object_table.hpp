@@ -93,11 +93,12 @@ class ObjectTable {
 
   /// Makes the ids below n for which lives(id) those of the objects. Calls changed(id) for each object that
   /// is removed, and for each that is added, which has filter and reach of the last object with this id.
+  /// @param first All ids below this one live, before and afterwards.
   template <class Lives, class Changed>
-  void set_ids(std::size_t n, const Lives& lives, const Changed& changed) noexcept {
+  void set_ids(std::size_t first, std::size_t n, const Lives& lives, const Changed& changed) noexcept {
     if (n > ids()) grow(n);
     free_.clear();
-    for (std::uint32_t id = 0; id < ids(); ++id) {
+    for (auto id = static_cast<std::uint32_t>(first); id < ids(); ++id) {
       const bool is_live = id < n && lives(id);
       if (!is_live) free_.push_back(id);
       if (is_live == contains(id)) continue;
