@@ -88,14 +88,14 @@ void BoxReplacement<Box>::copy(std::size_t part) {
       std::ranges::transform(block, packed.begin(), pack<Box>);
       block = std::span(packed).first(block.size());
     }
-    write(block, boxes_.data() + slot);
+    if (!boxes_.empty()) write(block, boxes_.data() + slot);
     const bool compares = slot / boxes_per_block % blocks_per_sample_ == 0;
-    const bool is_same = compares && are_same(block, before_.data() + slot);
-    if (compares && !is_same) changed += compare(slot, block);
+    if (compares && !are_same(block, before_.data() + slot)) changed += compare(slot, block);
     if constexpr (std::is_same_v<Box, Aabb64>) {
+      if (conversion_ == nullptr) continue;
       std::array<Aabb, boxes_per_block> converted;
       const std::span<Aabb> out = std::span(converted).first(block.size());
-      conversion_->convert(slot, block, out, is_same);
+      conversion_->convert(slot, block, out);
       write(std::span<const Aabb>(out), conversion_->out().data() + slot);
     }
   }

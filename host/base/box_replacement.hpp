@@ -27,14 +27,15 @@ class ArrivingBoxes : NonCopyable {
   virtual void stop() noexcept = 0;
 };
 
-/// Copies boxes from a view, by several threads if there are many, and finds out which changed. The others
-/// begin at once; the thread that has this object takes part in next() and finish().
+/// Copies boxes from a view, by several threads if there are many, and finds out which changed, or only finds
+/// that out. The others begin at once; the thread that has this object takes part in next() and finish().
 template <class Box>
 class BoxReplacement final : public ArrivingBoxes {
  public:
-  /// @param view, before, boxes New boxes, those that they replace, and where they are written. They must
-  /// outlive this object.
+  /// @param view, before New boxes, and those that they replace. Both must outlive this object.
+  /// @param boxes Where they are written, which must outlive it, too; none if they are only compared.
   /// @param streams Whether the processor will not read them while they are in its caches.
+  /// @param samples Whether only some are compared.
   /// @param threads At most; 0 for one per processor.
   /// @param conversion To float32, which is done, too; not for an Aabb. Must outlive this object.
   /// @throws std::bad_alloc

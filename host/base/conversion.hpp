@@ -48,22 +48,8 @@ class Conversion {
              std::size_t most_away = any)
       : map_(map), out_(out), away_(blocks_of(boxes)), most_outside_(most_outside), most_away_(most_away) {}
 
-  /// Blocks that are the same as before get the same images, unless a box of theirs was away.
-  /// @param images, was_away Must outlive this object.
-  void reuse(std::span<const Aabb> images, const BlockBits& was_away) noexcept {
-    images_ = images;
-    was_away_ = was_away;
-  }
-
-  [[nodiscard]] bool reuses() const noexcept { return !images_.empty(); }
-
   /// @param first A multiple of boxes_per_block.
-  /// @param is_same Whether the boxes are the same as before.
-  void convert(std::size_t first, std::span<const Aabb64> block, std::span<Aabb> out, bool is_same) noexcept {
-    if (is_same && !images_.empty() && was_away_[first / boxes_per_block] == 0) {
-      std::ranges::copy(images_.subspan(first, block.size()), out.begin());
-      return;
-    }
+  void convert(std::size_t first, std::span<const Aabb64> block, std::span<Aabb> out) noexcept {
     const unsigned found = map_.convert(block, out);
     if ((found & ~found_.load(std::memory_order_relaxed)) != 0) found_ |= found;
     if ((found & CoordinateMap::away) == 0) return;
@@ -98,8 +84,6 @@ class Conversion {
   std::span<Aabb> out_;
   BlockBits away_;
   std::size_t most_outside_, most_away_;
-  std::span<const Aabb> images_{};
-  std::span<const std::uint16_t> was_away_{};
   std::atomic<unsigned> found_ = 0;
   std::atomic<std::size_t> away_count_ = 0, outside_count_ = 0;
 };

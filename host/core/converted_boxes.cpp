@@ -37,27 +37,22 @@ void ConvertedBoxes::convert(std::span<const Aabb64> boxes, std::span<Aabb> out,
   settle(boxes, out, changes);
 }
 
-Conversion& ConvertedBoxes::begin(const BoxView& view, std::span<const Aabb64> before,
-                                  std::span<const Aabb> images, std::span<Aabb> out, ChangeSet& changes,
-                                  bool at_once) {
+Conversion& ConvertedBoxes::begin(const BoxView& view, std::span<const Aabb64> before, std::span<Aabb> out,
+                                  ChangeSet& changes, bool at_once) {
   const std::size_t n = view.size();
-  const bool is_changed = !changes.empty();
   (void)find_better(before);
-  if (outside_ > 0 && !is_changed) follow(before);
+  if (outside_ > 0 && changes.empty()) follow(before);
   if (!map_.is_made()) renew(view);
   changes.all = changes.all || !is_current_;
   if (at_once) return conversion_.emplace(map_, out, n, most_outside(n), most_away(n));
-  conversion_.emplace(map_, out, n);
-  away_.resize(blocks_of(n));
-  if (is_current_ && !is_changed) conversion_->reuse(images, away_);
-  return *conversion_;
+  return conversion_.emplace(map_, out, n);
 }
 
 void ConvertedBoxes::end() noexcept {
   away_.swap(conversion_->away());
   away_count_ = conversion_->away_count();
   outside_ = conversion_->outside_count();
-  in_doubt_ = conversion_->in_doubt() | (conversion_->reuses() ? in_doubt_ : 0);
+  in_doubt_ = conversion_->in_doubt();
   is_current_ = true;
   conversion_.reset();
 }
@@ -135,7 +130,7 @@ void ConvertedBoxes::convert_all(std::span<const Aabb64> boxes, std::span<Aabb> 
   for_each_part(boxes.size(), threads_, [&](std::size_t begin, std::size_t end, std::size_t /*thread*/) {
     for (std::size_t first = begin; first < end; first += boxes_per_block) {
       const std::size_t count = std::min(boxes_per_block, end - first);
-      conversion_->convert(first, boxes.subspan(first, count), out.subspan(first, count), false);
+      conversion_->convert(first, boxes.subspan(first, count), out.subspan(first, count));
     }
   });
   end();

@@ -37,14 +37,13 @@ class ConvertedBoxes {
 
   /// For new boxes of all slots, which a BoxReplacement converts, until end(). If the map changes, all count
   /// as changed afterwards.
-  /// @param before, images The present boxes, and what they were converted to.
+  /// @param before The present boxes.
   /// @param changes Those that were not converted since they changed.
   /// @param at_once Whether the new ones are used without settle(). Then OutgrownMap is thrown if the map
   /// does not do for them.
   /// @throws std::bad_alloc; all boxes must be converted next.
-  [[nodiscard]] Conversion& begin(const BoxView& view, std::span<const Aabb64> before,
-                                  std::span<const Aabb> images, std::span<Aabb> out, ChangeSet& changes,
-                                  bool at_once);
+  [[nodiscard]] Conversion& begin(const BoxView& view, std::span<const Aabb64> before, std::span<Aabb> out,
+                                  ChangeSet& changes, bool at_once);
   void end() noexcept;
   /// Changes the map if it does not do for the boxes. Otherwise as convert().
   void settle(std::span<const Aabb64> boxes, std::span<Aabb> out, ChangeSet& changes);

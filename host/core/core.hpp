@@ -326,7 +326,9 @@ class Core {
   template <class Function>
   void replace_all(const BoxView& view, const Saved<Box>* saved, const Function& end);
   template <class Function>
-  void replace_once(const BoxView& view, const Saved<Box>* saved, const Function& end);
+  bool replace_few(const BoxView& view, const Function& end);
+  template <class Function>
+  void replace_once(const BoxView& view, const Saved<Box>* saved, bool same_objects, const Function& end);
 
   [[nodiscard]] bool has_objects(const Saved<Box>& saved) noexcept;
   void set_objects(const Saved<Box>& saved);

@@ -3,9 +3,12 @@
 #include <optional>
 #include <string>
 #include <tuple>
+#include <utility>
+#include <vector>
 
 #include <broadcl/error.hpp>
 
+#include "base/box_reader.hpp"
 #include "base/box_replacement.hpp"
 #include "core/core.hpp"
 
@@ -73,28 +76,65 @@ std::span<Box> Core<Box>::find_spare() {
 template <class Box>
 template <class Function>
 void Core<Box>::replace_all(const BoxView& view, const Saved<Box>* saved, const Function& end) {
+  reserve_all(view.size());
+  const std::size_t slots = objects_.slots();
+  const bool same_objects =
+      saved != nullptr ? has_objects(*saved) : objects_.size() == view.size() && slots == view.size();
   try {
-    replace_once(view, saved, end);
-  } catch (const OutgrownMap&) {
-    if constexpr (is_exact) {
-      exact_.converted.renew(view);
-      replace_once(view, saved, end);
+    if (same_objects && !many_moved_ && mapped_ == 0 && replace_few(view, end)) return;
+    try {
+      replace_once(view, saved, same_objects, end);
+    } catch (const OutgrownMap&) {
+      if constexpr (is_exact) {
+        exact_.converted.renew(view);
+        replace_once(view, saved, same_objects, end);
+      }
     }
+  } catch (const InvalidBox& box) {
+    throw_nan("box " + std::to_string(box.index));
   }
+}
+
+/// Replaces those that differ, if they are few.
+template <class Box>
+template <class Function>
+bool Core<Box>::replace_few(const BoxView& view, const Function& end) {
+  BoxReplacement<Box> comparison(view, boxes_, {}, false, false, threads_);
+  comparison.finish();
+  many_moved_ = comparison.count() > view.size() / 4;
+  if (many_moved_) return false;
+  std::vector<std::pair<std::uint32_t, Box>> others;
+  others.reserve(comparison.count());
+  BoxReader<Box> reader(view);
+  comparison.for_each_changed(
+      [&](std::uint32_t slot) { others.emplace_back(slot, pack(reader.read(slot, slot + 1).front())); });
+  const auto swap_boxes = [&] {
+    for (auto& [slot, box] : others) std::swap(boxes_[slot], box);
+  };
+  swap_boxes();
+  for (const auto& [slot, box] : others) changes_.insert(slot);
+  any_empty_ = any_empty_ || comparison.any_empty();
+  try {
+    begin();
+    end();
+  } catch (...) {
+    swap_boxes();
+    throw;
+  }
+  return true;
 }
 
 template <class Box>
 template <class Function>
-void Core<Box>::replace_once(const BoxView& view, const Saved<Box>* saved, const Function& end) {
+void Core<Box>::replace_once(const BoxView& view, const Saved<Box>* saved, bool same_objects,
+                             const Function& end) {
   const std::size_t n = view.size();
-  reserve_all(n);
   or_find_boxes([&] {
     (void)find_spare();
     const std::size_t exclusions = (saved != nullptr ? saved->exclusions : exclusions_)->size();
     algorithm_->reserve_exclusions(exclusions);  // which may move boxes, before they are written
   });
   const std::size_t slots = objects_.slots();
-  const bool same_objects = saved != nullptr ? has_objects(*saved) : objects_.size() == n && slots == n;
   std::optional<std::tuple<ObjectTable<Bound>, ChangeSet, SharedPairs>> before;
   if (!same_objects) {
     before.emplace(objects_, changes_, exclusions_);
@@ -117,9 +157,6 @@ void Core<Box>::replace_once(const BoxView& view, const Saved<Box>* saved, const
     copy_all(view, saved == nullptr);
     end();
     spare_slots_ = slots;
-  } catch (const InvalidBox& box) {
-    restore();
-    throw_nan("box " + std::to_string(box.index));
   } catch (...) {
     restore();
     throw;
@@ -222,8 +259,8 @@ void Core<Box>::copy_all(const BoxView& view, bool sets_ids) {
   Conversion* conversion = nullptr;
   if constexpr (is_exact) {
     if (objects_.any_reaches()) exact_.converted.keep_distances(changes_);
-    conversion = &exact_.converted.begin(view, find_spare().first(objects_.ids()), algorithm_->spare_boxes(),
-                                         algorithm_->boxes(), changes_, arrive_later);
+    conversion = &exact_.converted.begin(view, find_spare().first(objects_.ids()), algorithm_->boxes(),
+                                         changes_, arrive_later);
   }
   BoxReplacement<Box> replacement(view, find_spare(), boxes_, streams, arrive_later, threads_, conversion);
   if (!arrive_later) replacement.finish();
