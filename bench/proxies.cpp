@@ -253,7 +253,8 @@ void time_add(benchmark::State& state, std::size_t n, btScalar distance, std::pa
     std::vector<btBroadphaseProxy*> proxies(n);
     const auto start = std::chrono::steady_clock::now();
     for (std::size_t k = 0; k < n; ++k) {
-      const btVector3 lower = distance * btVector3(btScalar(k % columns), 0, btScalar(k / columns));
+      const std::size_t row = k / columns;
+      const btVector3 lower = distance * btVector3(btScalar(k % columns), 0, btScalar(row));
       proxies[k] = broadphase.createProxy(lower, lower + edges, BOX_SHAPE_PROXYTYPE, &state, rules.first,
                                           rules.second, &dispatcher);
     }

@@ -306,7 +306,8 @@ void register_queries() {
   const auto add = [](const std::string& name, auto function, std::initializer_list<std::uint32_t> sizes,
                       const std::string& variant, auto... arguments) {
     for (const std::uint32_t n : sizes) {
-      const std::string full = name + "/" + std::to_string(n) + variant;
+      std::string full = name;
+      full.append("/").append(std::to_string(n)).append(variant);
       benchmark::RegisterBenchmark(full.c_str(), function, n, arguments...)->Unit(benchmark::kMicrosecond);
     }
   };

@@ -39,9 +39,10 @@ TEST(AutoWithoutAGpu, IsThatWithoutDeviceFilesOfOne) {
   for (const char* name : {"dri/renderD128", "nvidia0", "kfd", "dxg", "mali0", "kgsl-3d0", "pvr_sync"}) {
     const ScopedFolder folder;
     std::filesystem::create_directory(folder.path() / "dri");
-    for (const char* other : {"null", "dri/card0"}) std::ofstream{folder.path() / other};
+    const auto make = [&](const char* file) { const std::ofstream made(folder.path() / file); };
+    for (const char* other : {"null", "dri/card0"}) make(other);
     EXPECT_FALSE(may_have_gpu(folder.path()));
-    std::ofstream{folder.path() / name};
+    make(name);
     EXPECT_TRUE(may_have_gpu(folder.path())) << name;
   }
   EXPECT_TRUE(may_have_gpu("/no such folder"));

@@ -254,8 +254,9 @@ class BulletMemory {
     btAlignedAllocSetCustomAligned(
         [](std::size_t bytes, int alignment) {
           const auto multiple = static_cast<std::size_t>(alignment);
-          return left_-- > 0 ? std::aligned_alloc(multiple, (bytes + multiple - 1) / multiple * multiple)
-                             : nullptr;
+          return allocations_left-- > 0
+                     ? std::aligned_alloc(multiple, (bytes + multiple - 1) / multiple * multiple)
+                     : nullptr;
         },
         std::free);
   }
@@ -263,11 +264,11 @@ class BulletMemory {
   BulletMemory(const BulletMemory&) = delete;
   BulletMemory& operator=(const BulletMemory&) = delete;
 
-  static void set(int allocations) noexcept { left_ = allocations; }
+  static void set(int allocations) noexcept { allocations_left = allocations; }
   static constexpr int plenty = std::numeric_limits<int>::max();
 
  private:
-  inline static int left_ = plenty;
+  inline static int allocations_left = plenty;
 };
 
 /// They scan until there is memory for a tree, or for more nodes of one.

@@ -9,6 +9,7 @@
 #include <cstdlib>
 #include <ctime>
 #include <exception>
+#include <limits>
 #include <numeric>
 #include <random>
 #include <stdexcept>
@@ -19,6 +20,8 @@
 #include <broadcl/broadcl.h>
 
 namespace {
+
+constexpr double infinity = std::numeric_limits<double>::infinity();
 
 constexpr std::size_t frames = 30;
 
@@ -105,7 +108,7 @@ double cpu_seconds() {
 
 /// The CPU time of all frames, by build. The builds take turns, and of each frame the shortest time counts.
 std::vector<double> times(std::vector<Build>& builds, std::size_t boxes, std::size_t repetitions) {
-  std::vector<std::vector<double>> shortest(builds.size(), std::vector<double>(frames, INFINITY));
+  std::vector<std::vector<double>> shortest(builds.size(), std::vector<double>(frames, infinity));
   for (std::size_t repetition = 0; repetition < repetitions; ++repetition) {
     MovingBoxes moving(boxes);
     for (Build& build : builds) build.begin();
@@ -136,7 +139,7 @@ std::vector<double> times(std::vector<Build>& builds, std::size_t boxes, std::si
 
 int main(int argc, char** argv) try {
   std::vector<std::string> paths(argv + 1, argv + argc);
-  double most = INFINITY;
+  double most = infinity;
   std::size_t repetitions = 1;
   if (paths.size() > 2 && paths[0] == "--most") {
     most = std::stod(paths[1]);

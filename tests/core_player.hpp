@@ -353,8 +353,8 @@ class CorePlayer {
 
   void stir(const CoreOp& op, unsigned number) {
     const std::vector<std::uint32_t> ids = reference().ids();
-    std::vector<Aabb> before;
-    for (const std::uint32_t id : ids) before.push_back(reference().box(id));
+    std::vector<Aabb> before(ids.size());
+    std::ranges::transform(ids, before.begin(), [&](std::uint32_t id) { return reference().box(id); });
     std::vector<std::uint32_t> moved;
     std::vector<Aabb> boxes;
     for (std::size_t k = 0; k < ids.size(); ++k) {

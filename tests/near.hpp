@@ -19,7 +19,7 @@ using BoundOf = typename decltype(Box::lower)::value_type;
 template <class Bound, class Operation>
 [[nodiscard]] Bound rounded(Bound s, Bound t, const Operation& operation) {
   volatile double exact = operation(static_cast<double>(s), static_cast<double>(t));
-  volatile Bound result = static_cast<Bound>(exact);  // in the present rounding mode
+  volatile auto result = static_cast<Bound>(exact);  // in the present rounding mode
   return result;
 }
 

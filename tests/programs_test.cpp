@@ -110,9 +110,9 @@ void live_on_the_host(const std::string& algorithm) {
   move_all_and_one();
   broad_phase.remove(n - 1);
   (void)broad_phase.pairs();
-  const std::vector<Aabb> boxes(2 * n, unit);
+  const std::vector<Aabb> boxes(std::size_t{2} * n, unit);
   (void)broad_phase.update(boxes);
-  (void)broad_phase.map(2 * n);
+  (void)broad_phase.map(std::size_t{2} * n);
   (void)broad_phase.update();
 }
 

@@ -456,9 +456,9 @@ TEST_P(EachAlgorithm, SeveralThreadsMayAsk) {
       objects.boxes[id] = boxes[id + 1];
     }
     const Hits expected = expected_hits<Aabb>(objects, queries, {});
-    std::vector<std::thread> threads;
-    for (int thread = 0; thread < 4; ++thread) {
-      threads.emplace_back([&, thread] {
+    std::array<std::thread, 4> threads;
+    for (std::size_t thread = 0; thread < threads.size(); ++thread) {
+      threads.at(thread) = std::thread([&, thread] {
         std::vector<std::uint32_t> ids;
         for (std::size_t k = 0; k < queries.size(); ++k) {
           (void)subject.overlapping(queries[k], ids);

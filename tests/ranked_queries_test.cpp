@@ -89,8 +89,8 @@ TEST(Nearest, AtTheSameDistanceAreThoseOfTheLowestIds) {
 }
 
 TEST(Nearest, InOrderOfDistance) {
-  std::vector<Aabb> boxes;
-  for (int k = 0; k < 1000; ++k) boxes.push_back(point(static_cast<float>(k * 389 % 1000), 0, 0));
+  std::vector<Aabb> boxes(1000);
+  for (std::size_t k = 0; k < boxes.size(); ++k) boxes[k] = point(static_cast<float>(k * 389 % 1000), 0, 0);
   const BroadPhase broad_phase = with(boxes);
   const std::vector<Aabb> queries{point(499.5F, 0, 0), point(-10, 0, 0)};
   const Hits hits = broad_phase.nearest(queries, {.limit = 4});
@@ -322,8 +322,8 @@ TEST(Ranked, RefuseWhatTheyCannotUse) {
 TEST(Ranked, DoNotDependOnTheRoundingMode) {
   std::mt19937 random(5);
   std::uniform_real_distribution<float> place(-10, 10);
-  std::vector<Aabb> boxes;
-  for (int k = 0; k < 500; ++k) boxes.push_back(point(place(random), place(random), 0));
+  std::vector<Aabb> boxes(500);
+  for (Aabb& box : boxes) box = point(place(random), place(random), 0);
   const BroadPhase broad_phase = with(boxes);
   const Hits near = broad_phase.nearest(boxes, {.limit = 5});
   const Hits along = broad_phase.along(boxes, {{{0.3F, 0.7F, 0}}}, {});

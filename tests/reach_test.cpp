@@ -159,7 +159,7 @@ class Scene {
   }
 
   Bound reach() {
-    if (is_at_limit()) return static_cast<Bound>(std::ldexp(limit_, -1));
+    if (is_at_limit()) return static_cast<Bound>(std::ldexp(limit_distance, -1));
     if (below(3) == 0) return 0;
     switch (numbers_) {
       case Numbers::integers:
@@ -184,7 +184,7 @@ class Scene {
 
  private:
   static constexpr Bound infinite = std::numeric_limits<Bound>::infinity();
-  static constexpr double limit_ = 1.1;
+  static constexpr double limit_distance = 1.1;
 
   [[nodiscard]] bool is_point() { return numbers_ == Numbers::points || is_at_limit() || below(3) == 0; }
   [[nodiscard]] bool is_at_limit() const {
@@ -209,10 +209,11 @@ class Scene {
       case Numbers::huge:
         return static_cast<Bound>((fraction() - 0.5) * 0x1p66);
       case Numbers::limits:  // on a line, distances of the limit and a few ulps
-        return static_cast<Bound>(limit_ * (below(6) + std::ldexp(static_cast<double>(below(9)) - 4,
-                                                                  std::is_same_v<Bound, float> ? -23 : -52)));
+        return static_cast<Bound>(limit_distance *
+                                  (below(6) + std::ldexp(static_cast<double>(below(9)) - 4,
+                                                         std::is_same_v<Bound, float> ? -23 : -52)));
       case Numbers::far_limits:
-        return static_cast<Bound>(1e7 + limit_ * below(6) +
+        return static_cast<Bound>(1e7 + limit_distance * below(6) +
                                   std::ldexp(static_cast<double>(below(9)) - 4, -30));
       case Numbers::far:
         return static_cast<Bound>(1e7 + 6 * fraction());
@@ -251,7 +252,7 @@ void expect_life(const Config& config, Numbers numbers, std::size_t objects) {
       const std::vector<std::uint32_t> ids = some();
       std::vector<BoundOf<Box>> reaches;
       for (std::size_t k = 0; k < ids.size(); ++k) reaches.push_back(reach());
-      if (ids.size() > 0) subject.set_reach(ids, reaches);
+      if (!ids.empty()) subject.set_reach(ids, reaches);
     }
     if (round % 3 == 1) {
       for (const std::uint32_t id : some()) subject.remove(id);
@@ -360,7 +361,7 @@ class AtLimit {
     if (length == 0) direction[0] = length = 1;
     const int far = random_() % 2 == 0 ? 0 : static_cast<int>(random_() % 20);
     for (std::size_t axis = 0; axis < 3; ++axis) {
-      const Bound gap =
+      const auto gap =
           static_cast<Bound>(static_cast<double>(reach_s + reach_t) * (direction.at(axis) / length));
       s.lower[axis] = std::ldexp(number(-1, 1), far);
       s.upper[axis] = s.lower[axis] + number(0, 1);
@@ -525,7 +526,7 @@ TYPED_TEST(ReachOf, SquaredDistancesAreThoseOfTheDefinition) {
       {{0, 0, 0}, {1, 1, 1}}, {{4, 5, 0}, {5, 6, 1}}, {{1, 0, 0}, {0, 1, 1}}, {{x, y, 0}, {x, y, 9}}};
   const Pairs pairs{{0, 1}, {1, 0}, {0, 0}, {0, 2}, {0, 3}};
   const auto gap = y - 1;
-  const double square = static_cast<double>(rounded(gap, gap, std::multiplies()));
+  const auto square = static_cast<double>(rounded(gap, gap, std::multiplies()));
   const ScopedRounding rounding(FE_UPWARD);
   const std::vector<double> squares = squared_distances(boxes, pairs);
   EXPECT_EQ(squares, (std::vector<double>{25, 25, 0, std::numeric_limits<double>::infinity(), square}));

@@ -186,7 +186,7 @@ class Script {
           return broad_phase_.restore(states_[up_to(60) % states_.size()]);
         [[fallthrough]];
       case 5: {
-        const Delta delta = broad_phase_.update();
+        Delta delta = broad_phase_.update();
         states_.push_back(broad_phase_.save());
         return delta;
       }
@@ -272,8 +272,8 @@ TEST_F(BroadclRecord, AnUpdateThatFailsDoesNoHarm) {
 }
 
 TEST_F(BroadclRecord, ObjectsOfSeveralThreadsHaveTheirFiles) {
-  std::vector<std::thread> threads;
-  for (int k = 0; k < 4; ++k) threads.emplace_back([] { update_once(); });
+  std::array<std::thread, 4> threads;
+  for (std::thread& thread : threads) thread = std::thread([] { update_once(); });
   for (std::thread& thread : threads) thread.join();
   for (const std::string name : {"run", "run.2", "run.3", "run.4"})
     EXPECT_EQ(replayed(name), Lists(1)) << name;

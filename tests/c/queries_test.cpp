@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <limits>
@@ -309,10 +310,9 @@ TEST_P(CQueries, SeveralThreadsMayAsk) {
   const std::vector<broadcl_aabb> boxes = random_boxes(500);
   add(boxes);
   const Lists expected = expected_of(boxes);
-  std::vector<std::thread> threads;
-  for (int k = 0; k < 4; ++k) {
-    threads.emplace_back([&] { EXPECT_EQ(found_by(handle_, boxes), expected); });
-  }
+  std::array<std::thread, 4> threads;
+  for (std::thread& thread : threads)
+    thread = std::thread([&] { EXPECT_EQ(found_by(handle_, boxes), expected); });
   for (std::thread& thread : threads) thread.join();
 }
 
