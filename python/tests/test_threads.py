@@ -5,13 +5,13 @@ import sysconfig
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import broadcl
 from conftest import oracle, uniform
-from test_documentation import ROOT
 
 
 def test_a_second_thread_gets_an_error_and_others_go_on():
@@ -106,6 +106,6 @@ time.sleep(0.1)
 def test_a_free_threaded_interpreter_is_refused():
     compiler = sysconfig.get_config_var("CC").split()[0]
     folder = sysconfig.get_paths()["include"]
-    run = subprocess.run([compiler, "-E", "-x", "c++", "-DPy_GIL_DISABLED", f"-I{folder}", ROOT / "python/src/gil.hpp"],
-                         capture_output=True, text=True)
+    header = Path(__file__).parents[1] / "src/gil.hpp"
+    run = subprocess.run([compiler, "-E", "-x", "c++", "-DPy_GIL_DISABLED", f"-I{folder}", header], capture_output=True, text=True)
     assert run.returncode and "does not support free-threaded Python" in run.stderr
