@@ -67,12 +67,28 @@ PyObject* signature_of(PyObject* self, void* /*closure*/) {
   });
 }
 
+/// That of `__init__`, without `self`. (Python finds it by itself from 3.11.5 on.)
+PyObject* signature_of_class(PyObject* /*self*/, PyObject* /*object*/, PyObject* type) {
+  return or_raise([&] {
+    const nb::object signature = nb::handle(type).attr("__init__").attr("__signature__");
+    nb::list parameters(signature.attr("parameters").attr("values")());
+    parameters.attr("pop")(0);
+    return signature.attr("replace")(nb::arg("parameters") = parameters);
+  });
+}
+
 void destroy(PyObject* self) {
   PyTypeObject* type = Py_TYPE(self);
   Py_DECREF(of(self).wrapped);
   Py_DECREF(of(self).module);
   PyObject_Free(self);
   Py_DECREF(type);
+}
+
+nb::object made_of(PyType_Spec& spec) {
+  nb::object type = nb::steal(PyType_FromSpec(&spec));
+  if (!type.is_valid()) throw nb::python_error();
+  return type;
 }
 
 nb::object make_type() {
@@ -96,9 +112,13 @@ nb::object make_type() {
                    Py_TPFLAGS_DEFAULT | Py_TPFLAGS_HAVE_VECTORCALL | Py_TPFLAGS_METHOD_DESCRIPTOR |
                        Py_TPFLAGS_DISALLOW_INSTANTIATION,
                    slots.data()};
-  nb::object type = nb::steal(PyType_FromSpec(&spec));
-  if (!type.is_valid()) throw nb::python_error();
-  return type;
+  return made_of(spec);
+}
+
+nb::object make_class_signature() {
+  std::array slots{PyType_Slot{Py_tp_descr_get, reinterpret_cast<void*>(signature_of_class)}, PyType_Slot{}};
+  PyType_Spec spec{"broadcl.class_signature", sizeof(PyObject), 0, Py_TPFLAGS_DEFAULT, slots.data()};
+  return made_of(spec)();
 }
 
 }  // namespace
@@ -109,6 +129,7 @@ void publish(nb::module_& module) {
   if (dot == std::string::npos) return;
   const nb::str package(name.c_str(), dot);
   const nb::object type = make_type();
+  const nb::object class_signature = make_class_signature();
   const auto is_of_nanobind = [](nb::handle value) { return nb::hasattr(value, "__nb_signature__"); };
   const auto wrap = [&](nb::handle owner, nb::handle key, nb::handle function) {
     auto* made = PyObject_New(Function, reinterpret_cast<PyTypeObject*>(type.ptr()));
@@ -129,7 +150,9 @@ void publish(nb::module_& module) {
     for (const nb::handle member : nb::list(value.attr("__dict__").attr("items")())) {
       const auto method = nb::cast<std::string>(member[0]);
       const bool is_public = method.front() != '_' || method == "__init__";
-      if (is_public && is_of_nanobind(member[1])) wrap(value, member[0], member[1]);
+      if (!is_public || !is_of_nanobind(member[1])) continue;
+      wrap(value, member[0], member[1]);
+      if (method == "__init__") value.attr("__signature__") = class_signature;
     }
   }
 }
