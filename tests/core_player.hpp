@@ -343,11 +343,8 @@ class CorePlayer {
 
   /// Moves all boxes by the same small step, or those of even ids, as in the frames of a simulation.
   void drift(const CoreOp& op) {
-    const float step = drift_of(op);
-    twins_.map(reference().slots(), [&](std::span<Aabb> boxes) {
-      for (std::size_t k = 0; k < boxes.size(); k += 1 + op.which % 2)
-        boxes[k] = drifted(script_, boxes[k], step);
-    });
+    twins_.map(reference().slots(),
+               [&](std::span<Aabb> boxes) { test::drift(script_, op, boxes, 1 + op.which % 2); });
     update(false);
   }
 

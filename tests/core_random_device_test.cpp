@@ -48,7 +48,7 @@ class DevicePlayer {
         break;
       case CoreVerb::drift:
         for (unsigned k = 0; k < op.count && !twins_.is_in_flight(); ++k) {
-          for (Aabb& box : frame_.boxes) box = drifted(script_, box, drift_of(op));
+          drift(script_, op, frame_.boxes, 1);
           op.which % 2 == 0 ? update() : enqueue(2);
         }
         break;

@@ -189,7 +189,9 @@ Filter filter_of(FilterKind kind, unsigned number) {
   constexpr std::array groups{1U, 2U, 3U, 0x80000000U, 0U};
   constexpr std::array masks{0xffffffffU, 1U, 2U, 0x80000001U};
   constexpr std::array bodies{Filter::no_body, 0U, 1U};
-  constexpr std::array worlds{0U, 1U, 2U, (1U << 30U) + 1, Filter::all_worlds};
+  // (Some, or twice some, are the same as float32, or if they lose their highest bit.)
+  constexpr std::array worlds{
+      0U, 1U, 8'388'607U, 8'388'608U, 0x7ffffffeU, 0x80000001U, Filter::all_worlds - 1, Filter::all_worlds};
   const bool sets = kind == FilterKind::sets || kind == FilterKind::sets_of_worlds;
   const bool all = kind == FilterKind::all;
   Filter filter;
@@ -200,7 +202,7 @@ Filter filter_of(FilterKind kind, unsigned number) {
   }
   if (kind != FilterKind::none && kind != FilterKind::worlds) filter.body = bodies.at(number / 7 % 3);
   if (kind == FilterKind::worlds || kind == FilterKind::sets_of_worlds || all) {
-    filter.world = worlds.at(number / 3 % 5);
+    filter.world = worlds.at(number / 3 % worlds.size());
   }
   return filter;
 }
@@ -220,7 +222,8 @@ Filter filter_of(const CoreScript& script, const CoreOp& op, unsigned k) {
 }
 
 float reach_of(const CoreOp& op, unsigned k) {
-  constexpr std::array reaches{0.0F, 0.0F, 0.5F, 0.25F, 1 / 3.0F, 1.5F, 0x1p-64F};
+  // (The sum of 1 / 3 and the next one is rounded up to 0.5.)
+  constexpr std::array reaches{0.0F, 0.0F, 0.5F, 0.25F, 1 / 3.0F, 0x1.555552p-3F, 1.5F, 0x1p-64F};
   return reaches.at((op.filter + 5 * k) % reaches.size());
 }
 
@@ -235,6 +238,14 @@ Aabb drifted(const CoreScript& script, Aabb box, float step) {
     box.upper[axis] += step * static_cast<float>(1 + axis);
   }
   return box;
+}
+
+void drift(const CoreScript& script, const CoreOp& op, std::span<Aabb> boxes, std::size_t stride) {
+  for (std::size_t k = 0; k < boxes.size(); k += stride) boxes[k] = drifted(script, boxes[k], drift_of(op));
+  if (boxes.empty() || op.filter % 3 != 0) return;
+  Aabb& box = boxes[op.filter % boxes.size()];
+  const Aabb other = box_of(script, op, 0);
+  box = is_empty(box) && !has_nan(other) ? other : inverted;
 }
 
 std::optional<Aabb> stirred(const CoreScript& script, const CoreOp& op, unsigned update,
@@ -254,7 +265,7 @@ Pairs exclusions_of(const CoreOp& op, const Pairs& present) {
   const std::uint32_t others = 1 + op.filter / exclusion_kinds % 4;
   for (std::uint32_t k = 0; k < others; ++k) pairs.push_back({8 + op.which % 40 + k, op.which % 7});
   pairs.push_back(pairs.front());
-  pairs.push_back({0, 0xffffffff});
+  if (op.which % 3 == 0) pairs.push_back({0, 0xffffffff});
   std::ranges::reverse(pairs);
   return pairs;
 }

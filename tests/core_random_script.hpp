@@ -93,6 +93,8 @@ struct CoreScript {
 /// By how much boxes drift, and such a box afterwards.
 [[nodiscard]] float drift_of(const CoreOp& op);
 [[nodiscard]] Aabb drifted(const CoreScript& script, Aabb box, float step);
+/// Lets each `stride`-th box drift, and perhaps one become empty or come back.
+void drift(const CoreScript& script, const CoreOp& op, std::span<Aabb> boxes, std::size_t stride);
 
 std::ostream& operator<<(std::ostream& out, const CoreOp& op);
 std::ostream& operator<<(std::ostream& out, const CoreScript& script);

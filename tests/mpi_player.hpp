@@ -114,8 +114,7 @@ class MpiPlayer {
   void drift(const CoreOp& op) {
     for (int rank = 0; rank < world_size(); ++rank) {
       std::vector<Aabb> boxes = twins_.boxes(rank);
-      for (std::size_t k = 0; k < boxes.size(); k += 1 + op.which % 2)
-        boxes[k] = drifted(script_, boxes[k], drift_of(op));
+      test::drift(script_, op, boxes, 1 + op.which % 2);
       twins_.map(rank, boxes);
     }
     twins_.update();
