@@ -57,39 +57,6 @@ TEST_P(EachAlgorithm, FootprintsAndHalvesOfStepsHaveExactChanges) {
   }
 }
 
-TEST_P(EachAlgorithm, SpecialBoxesHaveExactChanges) {
-  Boxes64 boxes = special_boxes();
-  Exact exact(config());
-  for (int frame = 0; frame < 4; ++frame) {
-    exact.update(boxes, "special boxes");
-    std::rotate(boxes.begin(), boxes.begin() + 37, boxes.end());
-  }
-}
-
-/// One box in two that are flush moves by less than single precision can tell, while nothing else changes.
-ALSO_IN(oclgrind | gpu_profile | rusticl);
-TEST_P(EachAlgorithm, AMoveThatSinglePrecisionCannotTellCounts) {
-  BroadPhase64 broad_phase(config());
-  const double place = 6.4e6;
-  const double far = place + 1e7;  // between which there is no good origin
-  for (const double x : {place, place + 1, far, far + 1}) broad_phase.add(Aabb64{{x, 0, 0}, {x + 1, 1, 1}});
-  EXPECT_TRUE(same(broad_phase.update(), Pairs{{0, 1}, {2, 3}}, {}));
-  for (const std::uint32_t id : {1U, 3U}) {
-    const Pairs pair{{id - 1, id}};
-    const Aabb64 flush = broad_phase.box(id);
-    Aabb64 apart = flush;
-    apart.lower[0] = std::nextafter(apart.lower[0], infinity64);
-    broad_phase.move(id, apart);
-    EXPECT_TRUE(same(broad_phase.update(), {}, pair));
-    EXPECT_TRUE(same(broad_phase.update(), {}, {}));
-    broad_phase.begin();
-    broad_phase.move(id, flush);
-    EXPECT_EQ(broad_phase.box(id), flush);
-    EXPECT_TRUE(same(broad_phase.finish(), {}, {})) << "moved after begin()";
-    EXPECT_TRUE(same(broad_phase.update(), pair, {}));
-  }
-}
-
 /// Boxes that become small, so that another map tells them apart, of which only one moves when that is used.
 TEST_P(EachAlgorithm, ABetterMapIsUsedForAllBoxes) {
   Boxes64 large(200);
@@ -128,21 +95,6 @@ TEST_P(EachAlgorithm, BoxesThatAWindowLeavesAreConvertedAgain) {
   expect_exact("and another one");
 }
 
-TEST_P(EachAlgorithm, ExclusionsInDoublePrecisionHaveExactChanges) {
-  BroadPhase64 broad_phase(config());
-  const Boxes64 boxes = flush_cubes(3, 5e5);
-  const Pairs all = expected_pairs(boxes);
-  Pairs excluded;
-  Pairs others;
-  for (const Pair& pair : all) (pair.a % 3 == 0 ? excluded : others).push_back(pair);
-  EXPECT_TRUE(same(broad_phase.update(boxes), all, {}));
-  broad_phase.set_exclusions(excluded);
-  EXPECT_TRUE(same(broad_phase.update(), {}, excluded));
-  EXPECT_TRUE(same("pairs", broad_phase.pairs(), others));
-  broad_phase.set_exclusions({});
-  EXPECT_TRUE(same(broad_phase.update(), excluded, {}));
-}
-
 TEST_P(EachAlgorithm, BoxesOfAPlaneAndOfSpaceInDoublePrecision) {
   std::vector<double> rectangles;
   for (int k = 0; k < 40; ++k) {
@@ -163,86 +115,6 @@ TEST_P(EachAlgorithm, BoxesOfAPlaneAndOfSpaceInDoublePrecision) {
   EXPECT_EQ(broad_phase.update().added.size(), 40U);
   EXPECT_EQ(broad_phase.update(flat).removed.size(), 40U);
   EXPECT_TRUE(same("pairs", broad_phase.pairs(), pairs));
-}
-
-/// After boxes of a plane, map() gives some an extent in z.
-TEST_P(EachAlgorithm, MappedBoxesOfAPlaneMayLeaveItInDoublePrecision) {
-  const Boxes64 flat(3, {{0, 0, 0}, {1, 1, 0}});
-  for (const bool maps : {false, true}) {
-    BroadPhase64 broad_phase(config());
-    if (maps) {
-      std::ranges::copy(flat, broad_phase.map(flat.size()).begin());
-      (void)broad_phase.update();
-    } else {
-      (void)broad_phase.update(flat);
-    }
-    const std::span<Aabb64> mapped = broad_phase.map(flat.size());
-    for (std::size_t k = 0; k < mapped.size(); ++k) {
-      mapped[k].lower[2] = 10.0 * static_cast<double>(k);
-      mapped[k].upper[2] = mapped[k].lower[2] + 1;
-    }
-    EXPECT_TRUE(same(broad_phase.update(), {}, all_pairs(3)));
-    broad_phase.move(2, Aabb64{{0, 0, 11}, {1, 1, 12}});
-    EXPECT_TRUE(same(broad_phase.update(), Pairs{{1, 2}}, {}));
-  }
-}
-
-TEST_P(EachAlgorithm, ANaNInDoublePrecisionChangesNothing) {
-  BroadPhase64 broad_phase(config());
-  Boxes64 boxes = flush_cubes(3, 5e5);
-  (void)broad_phase.update(boxes);
-  const Aabb64 good = boxes[5];
-  boxes[5].upper[1] = std::nan("");
-  boxes[6].lower[0] += 1;
-  const auto expect_refused = [&](const auto& call, const std::string& what) {
-    EXPECT_THAT(error_of(call), ::testing::HasSubstr(what + " has a NaN"));
-    EXPECT_EQ(broad_phase.size(), boxes.size());
-    EXPECT_EQ(broad_phase.box(5), good);
-    EXPECT_NE(broad_phase.box(6), boxes[6]);
-  };
-  expect_refused([&] { broad_phase.add(boxes[5]); }, "a box");
-  expect_refused([&] { broad_phase.move(4, boxes[5]); }, "a box");
-  expect_refused([&] { broad_phase.add(BoxView(boxes)); }, "box 5");
-  std::vector<std::uint32_t> ids(boxes.size());
-  for (std::uint32_t id = 0; id < ids.size(); ++id) ids[id] = id;
-  expect_refused([&] { broad_phase.move(ids, boxes); }, "box 5");
-  expect_refused([&] { (void)broad_phase.update(boxes); }, "box 5");
-  expect_refused([&] { broad_phase.begin(boxes); }, "box 5");
-  EXPECT_TRUE(same(broad_phase.update(), {}, {}));
-  const std::span<Aabb64> mapped = broad_phase.map(boxes.size());
-  mapped[7].lower[2] = std::nan("");
-  EXPECT_THAT(error_of([&] { (void)broad_phase.update(); }), ::testing::HasSubstr("box 7 has a NaN"));
-  mapped[7] = {{5e5, 0, 0}, {5e5 + 1, 1, 1}};
-  Boxes64 now(mapped.begin(), mapped.end());
-  (void)broad_phase.update();
-  EXPECT_TRUE(same("pairs", broad_phase.pairs(), expected_pairs(now)));
-}
-
-TEST(BroadPhase64, HasTheSameIdsAndErrorsAsABroadPhase) {
-  BroadPhase64 broad_phase({.algorithm = "sweep-and-prune"});
-  const Aabb64 box{{0, 0, 0}, {1, 1, 1}};
-  EXPECT_EQ(broad_phase.add(box), 0U);
-  EXPECT_EQ(broad_phase.add(box, {.world = 3}), 1U);
-  const Boxes64 two(2, box);
-  EXPECT_EQ(broad_phase.add(two), (std::vector<std::uint32_t>{2, 3}));
-  broad_phase.remove(1);
-  EXPECT_FALSE(broad_phase.contains(1));
-  EXPECT_EQ(broad_phase.add(box), 1U);
-  EXPECT_EQ(broad_phase.filter(1), Filter());
-  EXPECT_EQ(broad_phase.device(), nullptr);
-  EXPECT_EQ(broad_phase.algorithm().name, "sweep-and-prune");
-  EXPECT_EQ(broad_phase.memory().device, 0U);
-  EXPECT_THAT(error_of([&] { (void)broad_phase.box(9); }), ::testing::HasSubstr("no object has the id 9"));
-  EXPECT_THAT(error_of([&] { broad_phase.move(9, box); }), ::testing::HasSubstr("no object has the id 9"));
-  EXPECT_THAT(error_of([&] { broad_phase.map(std::size_t{1} << 60U); }),
-              ::testing::HasSubstr("are too many"));
-  const Aabb64 empty{{3, 0, 0}, {2, 1, 1}};
-  broad_phase.move(1, empty);
-  EXPECT_TRUE(is_empty(broad_phase.box(1)));
-  BroadPhase64 other = std::move(broad_phase);
-  EXPECT_EQ(other.update().added.size(), 3U);
-  const std::vector<Aabb> single(2, {{0, 0, 0}, {1, 1, 1}});
-  EXPECT_EQ(other.update(single).removed.size(), 3U);
 }
 
 /// Neither reads boxes of which there are too many.
@@ -266,16 +138,6 @@ void expect_counts_to_be_refused() {
 TEST(BroadPhase64, RefusesCountsBeforeItReads) {
   expect_counts_to_be_refused<BroadPhase64>();
   expect_counts_to_be_refused<BroadPhase>();
-}
-
-/// By its id, also if ids below are free.
-TEST(BroadPhase64, ANaNInAMapIsNamed) {
-  BroadPhase64 broad_phase({.algorithm = "sweep-and-prune"});
-  const std::span<Aabb64> boxes = broad_phase.map(10);
-  std::ranges::fill(boxes, Aabb64{{0, 0, 0}, {1, 1, 1}});
-  boxes[5].lower[0] = std::nan("");
-  broad_phase.remove(3);
-  EXPECT_THAT(error_of([&] { (void)broad_phase.update(); }), ::testing::HasSubstr("box 5 has a NaN"));
 }
 
 TEST(BroadPhase64, NeitherRoundingNorFlushingOfTheCallerMatters) {

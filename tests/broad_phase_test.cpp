@@ -32,6 +32,9 @@ std::vector<AlgorithmInfo> algorithms_but_the_oracle() {
 // One instantiation for all files: gtest collects the tests of a suite from all of them.
 INSTANTIATE_TEST_SUITE_P(Table, EachAlgorithm, ::testing::ValuesIn(algorithms_but_the_oracle()),
                          test::named_by_parameter);
+using test::LongEachAlgorithm;
+INSTANTIATE_TEST_SUITE_P(Long, LongEachAlgorithm, ::testing::ValuesIn(algorithms_but_the_oracle()),
+                         test::named_by_parameter);
 using test::EachDeviceAlgorithm;
 INSTANTIATE_TEST_SUITE_P(Table, EachDeviceAlgorithm, ::testing::ValuesIn(test::device_algorithms()),
                          test::named_by_parameter);
@@ -96,12 +99,6 @@ TEST_P(EachAlgorithm, BadCallsThrowAndChangeNothing) {
   EXPECT_THAT(test::error_of([&] { broad_phase.set_filter(0, {.mask = 0}); }), HasSubstr("id 0"));
   EXPECT_EQ(broad_phase.add(unit), 0U);
   EXPECT_TRUE(test::same(broad_phase.update(), std::vector<Pair>{{0, 1}}, std::vector<Pair>{{0, 1}}));
-}
-
-TEST_P(EachAlgorithm, ANaNInAnArrayIsNamed) {
-  std::vector<Aabb> boxes(5, unit);
-  boxes[3].upper[2] = nan_value;
-  EXPECT_THAT(test::error_of([&] { (void)overlapping_pairs(boxes, {}, config()); }), HasSubstr("box 3"));
 }
 
 TEST_P(EachAlgorithm, TwoObjectsDoNotDisturbEachOther) {

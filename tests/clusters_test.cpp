@@ -126,8 +126,7 @@ void play_random(const Config& config, std::uint32_t scenes, std::uint32_t boxes
   }
 }
 
-NOT_IN(gpu_profile | rusticl, "takes a minute there");
-TEST_P(EachAlgorithm, FollowsRandomClusters) {
+TEST_P(LongEachAlgorithm, FollowsRandomClusters) {
   play_random(config(), is_slow() ? 5 : GetParam().on_device ? 15 : 40, is_slow() ? 300 : 2'000, 1);
 }
 

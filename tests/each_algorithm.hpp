@@ -79,6 +79,9 @@ class EachAlgorithm : public ::testing::TestWithParam<AlgorithmInfo> {
 
 SUITE_ALSO_IN(EachAlgorithm, gpu_profile | rusticl);
 
+/// The same in the long run only.
+using LongEachAlgorithm = EachAlgorithm;
+
 /// Those of the table that may use a device.
 inline std::vector<AlgorithmInfo> device_algorithms() {
   std::vector<AlgorithmInfo> rows(algorithms().begin(), algorithms().end());

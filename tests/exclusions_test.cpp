@@ -2,7 +2,6 @@
 #include <cstdint>
 #include <list>
 #include <span>
-#include <string>
 #include <utility>
 #include <vector>
 
@@ -58,22 +57,6 @@ void follow(const BroadPhase::Config& config, std::uint32_t n) {
   ASSERT_TRUE(twins.agree()) << "none";
 }
 
-/// Boxes that were replaced by fewer may still be in memory.
-ALSO_IN(oclgrind);
-TEST_P(EachAlgorithm, SmallExclusionsOfIdsWithoutObjectsAddNoPairs) {
-  Twins twins(config());
-  float x = 0;
-  for (const std::size_t n : {20U, 20U, 20U, 10U, 10U}) {
-    x += 0.125F;
-    const std::vector<Aabb> boxes(n, {{x, 0, 0}, {x + 1, 1, 1}});
-    ASSERT_TRUE(twins.agree(BoxView(boxes), [](const auto& /*delta*/) {}));
-  }
-  twins.set_exclusions(Pairs{{1, 13}});
-  ASSERT_TRUE(twins.agree());
-  twins.set_exclusions(Pairs{{14, 15}});
-  ASSERT_TRUE(twins.agree());
-}
-
 /// Searches n boxes with exclusions, once as one set and once as two.
 void search_once(const BroadPhase::Config& config, std::uint32_t n) {
   const MovingBoxes motion(n, MovingBoxes::Sizes::mixed);
@@ -113,22 +96,6 @@ TEST_P(EachAlgorithm, SmallExclusionsAreNotReported) {
 TEST_P(EachAlgorithm, ExclusionsAreNotReported) {
   follow(config(), is_slow() ? 500 : 1500);
   search_once(config(), is_slow() ? 500 : 1500);
-}
-
-TEST_P(EachAlgorithm, ExclusionsHoldForIds) {
-  BroadPhase broad_phase(config());
-  broad_phase.set_exclusions(Pairs{{2, 0}, {7, 900}});
-  for (int k = 0; k < 3; ++k) broad_phase.add(unit);
-  EXPECT_EQ(to_vector(broad_phase.update().added), (Pairs{{0, 1}, {1, 2}}));
-  broad_phase.remove(2);
-  EXPECT_EQ(broad_phase.add(unit), 2U);
-  EXPECT_TRUE(same(broad_phase.update(), Pairs{{1, 2}}, Pairs{{1, 2}}));
-  // Exclusions that are set while an update runs belong to the next one.
-  broad_phase.move(0, apart(0));
-  broad_phase.begin();
-  broad_phase.set_exclusions(Pairs{{0, 1}, {0, 1}});
-  EXPECT_TRUE(same(broad_phase.finish(), Pairs{}, Pairs{}));
-  EXPECT_TRUE(same(broad_phase.update(), Pairs{{0, 2}}, Pairs{{0, 1}}));
 }
 
 TEST(Exclusions, OfOneSearchAreOfBoxesThatAreThere) {

@@ -13,7 +13,6 @@
 
 #include "each_algorithm.hpp"
 #include "expect_error.hpp"
-#include "rounding.hpp"
 #include "twins.hpp"
 
 namespace broadcl::test {
@@ -162,72 +161,6 @@ TEST_P(EachAlgorithm, SmallWorldsAreComparedBitByBit) {
   expect_pairs(config(), filters, expected);
 }
 
-ALSO_IN(oclgrind);
-TEST_P(EachAlgorithm, SmallFiltersOfBoxesThatStandStillEndPairsAndBringThemBack) {
-  BroadPhase broad_phase(config());
-  for (int k = 0; k < 40; ++k) broad_phase.add(unit);
-  broad_phase.add(apart(1));
-  (void)broad_phase.update();
-  Pairs of_1{{0, 1}};
-  for (std::uint32_t b = 2; b < 40; ++b) of_1.push_back({1, b});
-
-  for (const Filter& filter : {Filter{.group = 0}, Filter{.mask = 0}, in_world(5)}) {
-    broad_phase.set_filter(1, filter);
-    ASSERT_TRUE(same(broad_phase.update(), {}, of_1));
-    broad_phase.set_filter(1, {});
-    ASSERT_TRUE(same(broad_phase.update(), of_1, {}));
-  }
-  broad_phase.set_filter(1, of_body(3));
-  ASSERT_TRUE(same(broad_phase.update(), {}, {}));
-  broad_phase.set_filter(39, of_body(3));
-  ASSERT_TRUE(same(broad_phase.update(), {}, Pairs{{1, 39}}));
-  broad_phase.set_filter(1, of_body(2));
-  ASSERT_TRUE(same(broad_phase.update(), Pairs{{1, 39}}, {}));
-  // There and back between two updates.
-  broad_phase.set_filter(1, in_world(9));
-  broad_phase.set_filter(1, of_body(2));
-  ASSERT_TRUE(same(broad_phase.update(), {}, {}));
-  EXPECT_EQ(broad_phase.pairs().size(), 780U);
-}
-
-ALSO_IN(oclgrind);
-TEST_P(EachAlgorithm, SmallAReusedIdHasTheFilterOfItsNewObject) {
-  BroadPhase broad_phase(config());
-  for (int k = 0; k < 18; ++k) broad_phase.add(unit, in_world(3));
-  (void)broad_phase.update();
-  Pairs of_2{{0, 2}, {1, 2}};
-  for (std::uint32_t b = 3; b < 18; ++b) of_2.push_back({2, b});
-
-  broad_phase.remove(2);
-  EXPECT_EQ(broad_phase.add(unit), 2U);  // in world 0
-  EXPECT_TRUE(same(broad_phase.update(), {}, of_2));
-  broad_phase.remove(2);
-  EXPECT_EQ(broad_phase.add(unit, in_world(3)), 2U);
-  EXPECT_TRUE(same(broad_phase.update(), of_2, {}));
-  broad_phase.remove(2);
-  EXPECT_EQ(broad_phase.add(unit, in_world(3)), 2U);
-  EXPECT_TRUE(same(broad_phase.update(), of_2, of_2));
-}
-
-/// No filter changed since the last update, but there is one more.
-ALSO_IN(oclgrind);
-TEST_P(EachAlgorithm, SmallTheDefaultFilterOfANewObjectReachesTheDevice) {
-  for (const Filter& other : {Filter{.body = 4}, in_world(1)}) {
-    BroadPhase broad_phase(config());
-    broad_phase.add(unit, other);
-    broad_phase.add(unit);
-    (void)broad_phase.update();
-    for (std::uint32_t id = 2; id < 20; id = 2 * id - 1) {
-      Pairs expected;
-      for (std::uint32_t b = id; b < 2 * id - 1; ++b) {
-        broad_phase.add(unit);
-        for (std::uint32_t a = other.world == 0 ? 0 : 1; a < b; ++a) expected.push_back({a, b});
-      }
-      ASSERT_TRUE(same(broad_phase.update(), expected, {})) << id;
-    }
-  }
-}
-
 ALSO_IN(oclgrind | oclgrind_gpu_profile);
 TEST_P(EachAlgorithm, SmallObjectsOfAllWorldsPairWithEachOtherOnce) {
   Twins twins({.algorithm = std::string(GetParam().name)});
@@ -239,22 +172,6 @@ TEST_P(EachAlgorithm, SmallObjectsOfAllWorldsPairWithEachOtherOnce) {
   twins.set_filter(2, {.world = 1});
   ASSERT_TRUE(twins.agree());
   EXPECT_EQ(twins.tested().pairs(), (Pairs{{1, 2}, {1, 3}, {2, 3}, {0, 4}, {1, 4}, {2, 4}, {3, 4}}));
-}
-
-/// An update without pairs to test uploads nothing, but must not forget the filter.
-ALSO_IN(oclgrind);
-TEST_P(EachAlgorithm, SmallAFilterSetWhileAloneTakesEffect) {
-  BroadPhase broad_phase(config());
-  broad_phase.add(unit, of_body(1));
-  broad_phase.add(unit, of_body(2));
-  EXPECT_EQ(broad_phase.update().added.size(), 1U);
-  broad_phase.remove(1);
-  broad_phase.set_filter(0, of_body(2));
-  EXPECT_EQ(broad_phase.update().removed.size(), 1U);
-  EXPECT_EQ(broad_phase.add(unit, of_body(2)), 1U);
-  EXPECT_TRUE(same(broad_phase.update(), {}, {}));
-  broad_phase.set_filter(0, of_body(1));
-  EXPECT_TRUE(same(broad_phase.update(), Pairs{{0, 1}}, {}));
 }
 
 /// Many small worlds in one search, all in the same place: interleaved, so that each vector of boxes holds
@@ -286,72 +203,6 @@ TEST_P(EachAlgorithm, ThousandsOfWorldsInOneSearch) {
     }
     broad_phase.set_filter(0, in_world(worlds - 1));
     ASSERT_TRUE(same(broad_phase.update(), of_new, of_0));
-  }
-}
-
-/// Only one of 40 objects moves, after the mode has changed.
-TEST_P(EachAlgorithm, SmallAnUpdateInAnotherRoundingMode) {
-  for (const std::uint32_t world : {(1U << 24U) + 1, (1U << 24U) + 3, 0x80000001U, 0xfffffffeU}) {
-    Twins twins(config());
-    for (int k = 0; k < 40; ++k) twins.add(unit, in_world(world));
-    ASSERT_TRUE(twins.agree());
-    for (const int mode : rounding_modes) {
-      const ScopedRounding rounding(mode);
-      twins.move(7, {{0, 0, 0}, {1, 1, 2 + static_cast<float>(mode)}});
-      ASSERT_TRUE(twins.agree());
-      EXPECT_EQ(twins.tested().pairs().size(), 780U) << world;
-    }
-  }
-}
-
-/// Objects of a dense scene at rest, few of which change at a time.
-class DenseScene {
- public:
-  explicit DenseScene(const BroadPhase::Config& config) : twins_(config) {
-    for (std::uint32_t k = 0; k < size; ++k) add(k);
-  }
-
-  void change(std::uint32_t frame) {
-    const std::uint32_t id = frame * 37 % (size - 1);
-    if (frame % 5 < 3) {
-      twins_.remove(id);
-      if (frame % 5 == 2) {
-        twins_.remove(size - 1);  // and the number of slots changes
-        EXPECT_TRUE(twins_.agree());
-        add(id);
-        add(size - 1);
-      } else {
-        add(id);
-      }
-    }
-    if (frame % 3 == 0) twins_.set_filter((id + 100) % size, {.group = 1U << frame % 4});
-    if (frame % 4 == 1) {
-      twins_.set_exclusions(frame % 8 == 1 ? Pairs{{0, 1}, {2, 3}, {4, 5}} : Pairs());
-    }
-  }
-
-  [[nodiscard]] ::testing::AssertionResult agrees() { return twins_.agree(); }
-
- private:
-  static constexpr std::uint32_t size = 1000;
-
-  void add(std::uint32_t id) {
-    const auto x = static_cast<float>(id % 250);
-    const Filter filter = id % 7 == 0 ? Filter{.group = 1U << ++others_ % 4, .mask = 5} : Filter();
-    EXPECT_EQ(twins_.add({{x, 0, 0}, {x + 20, 1, 1}}, filter), id);
-  }
-
-  Twins<> twins_;
-  std::uint32_t others_ = 0;
-};
-
-NOT_IN(sanitizers, "takes long; smaller ones are in it");
-TEST_P(EachAlgorithm, AFewNewFiltersAtATime) {
-  DenseScene scene(config());
-  ASSERT_TRUE(scene.agrees());
-  for (std::uint32_t frame = 0; frame < 30; ++frame) {
-    scene.change(frame);
-    ASSERT_TRUE(scene.agrees()) << "frame " << frame;
   }
 }
 

@@ -1,12 +1,9 @@
 #include <broadcl/broad_phase.hpp>
 
-#include <algorithm>
 #include <cstddef>
 #include <cstdint>
-#include <functional>
 #include <memory>
 #include <span>
-#include <vector>
 
 #include <gtest/gtest.h>
 
@@ -49,69 +46,6 @@ TEST_P(EachAlgorithm, SmallMappedMemoryOutlivesTheObject) {
 }
 
 ALSO_IN(oclgrind);
-TEST_P(EachAlgorithm, SmallNewObjectsOfAMapAreEmpty) {
-  BroadPhase broad_phase(config());
-  for (const std::size_t n : {std::size_t{3}, std::size_t{50}, std::size_t{500}}) {
-    const std::span<Aabb> boxes = broad_phase.map(n);
-    for (const Aabb& box : boxes) ASSERT_TRUE(is_empty(box) && !has_nan(box)) << n;
-    EXPECT_TRUE(same(broad_phase.update(), {}, {}));
-  }
-  // Slots that earlier objects left.
-  for (Aabb& box : broad_phase.map(30)) box = unit;
-  EXPECT_EQ(broad_phase.update().added.size(), 30U * 29 / 2);
-  (void)broad_phase.map(10);
-  const std::span<Aabb> boxes = broad_phase.map(40);
-  for (std::size_t k = 10; k < 40; ++k) ASSERT_TRUE(is_empty(boxes[k]) && !has_nan(boxes[k])) << k;
-  EXPECT_EQ(broad_phase.update().removed.size(), 30U * 29 / 2 - 45);
-}
-
-// One by one and together, also during an update and after others were mapped.
-TEST_P(EachAlgorithm, SmallObjectsThatBecameEmptyHaveNoNaNInAMap) {
-  const std::vector<Aabb> empty(2, empty_aabb());
-  const std::vector<std::uint32_t> last{7, 8};
-  const auto check = [&](const std::function<void(BroadPhase&)>& make_empty, std::ptrdiff_t count) {
-    BroadPhase broad_phase(config());
-    for (std::uint32_t k = 0; k < 9; ++k) broad_phase.add(apart(k));
-    make_empty(broad_phase);
-    const std::span<Aabb> boxes = broad_phase.map(9);
-    EXPECT_EQ(std::ranges::count_if(boxes, is_empty), count);
-    EXPECT_TRUE(std::ranges::none_of(boxes, has_nan));
-    EXPECT_NO_THROW((void)broad_phase.update());
-  };
-  check([&](BroadPhase& of) { of.move(8, empty[0]); }, 1);
-  for (const int updates : {0, 2}) {  // before, so that in the last one few boxes change
-    const auto update = [&](BroadPhase& of) {
-      std::vector<Aabb> boxes;
-      for (std::uint32_t k = 0; k < 9; ++k) boxes.push_back(apart(k));
-      for (int k = 0; k < updates; ++k) (void)of.update(boxes);
-      std::ranges::copy(empty, boxes.begin() + 3);
-      (void)of.update(boxes);
-    };
-    check(update, 2);
-  }
-  check([&](BroadPhase& of) { of.move(last, BoxView(empty)); }, 2);
-  for (const bool are_several : {false, true}) {
-    const auto move = [&](BroadPhase& of) {
-      if (are_several) return of.move(last, BoxView(empty));
-      for (const std::uint32_t id : last) of.move(id, empty[0]);
-    };
-    const auto during_an_update = [&](BroadPhase& of) {
-      of.begin();
-      move(of);
-      (void)of.finish();
-    };
-    const auto after_a_map = [&](BroadPhase& of) {
-      const std::span<Aabb> boxes = of.map(6);
-      for (std::uint32_t k = 0; k < 6; ++k) boxes[k] = apart(k);
-      for (std::uint32_t k = 6; k < 9; ++k) of.add(apart(k));
-      move(of);
-    };
-    check(during_an_update, 2);
-    check(after_a_map, 2);
-  }
-}
-
-ALSO_IN(oclgrind);
 TEST_P(EachAlgorithm, SmallANaNInAMapIsNamedAndMended) {
   BroadPhase broad_phase(config());
   for (int k = 0; k < 3; ++k) broad_phase.add(unit);
@@ -135,21 +69,6 @@ TEST_P(EachAlgorithm, SmallANaNInAMapIsNamedAndMended) {
   const Delta delta = broad_phase.update();
   EXPECT_EQ(delta.added.size(), 19U);
   EXPECT_TRUE(same("removed", delta.removed, Pairs{{0, 2}, {1, 2}}));
-}
-
-/// What was written to a map counts although an update with other boxes failed.
-TEST_P(EachAlgorithm, SmallAMapStaysAfterAnUpdateThatFailed) {
-  BroadPhase broad_phase(config());
-  const std::span<Aabb> boxes = broad_phase.map(3);
-  std::ranges::fill(boxes, unit);
-  const std::vector<Aabb> invalid(4, {{nan_value, 0, 0}, {1, 1, 1}});
-  EXPECT_THAT(error_of([&] { (void)broad_phase.update(invalid); }), HasSubstr("box 0 "));
-  boxes[1].lower[0] = nan_value;
-  EXPECT_THAT(error_of([&] { (void)broad_phase.update(invalid); }), HasSubstr("box 0 "));
-  EXPECT_THAT(error_of([&] { (void)broad_phase.update(); }), HasSubstr("box 1 "));
-  boxes[1] = {{1, 1, 1}, {0, 0, 0}};
-  EXPECT_THAT(error_of([&] { (void)broad_phase.update(invalid); }), HasSubstr("box 0 "));
-  EXPECT_TRUE(same(broad_phase.update(), Pairs{{0, 2}}, {}));
 }
 
 /// So many boxes that several threads check them.

@@ -173,8 +173,7 @@ std::vector<Aabb> draw(const SceneClass& scene, std::uint32_t n, std::uint64_t s
   return result;
 }
 
-NOT_IN(gpu_profile | sanitizers, "takes long, and rusticl has this tuning");
-TEST_P(EachAlgorithm, EveryClassOfScenesInMotionFollowsTheOracle) {
+TEST_P(LongEachAlgorithm, EveryClassOfScenesInMotionFollowsTheOracle) {
   for (const std::uint32_t n : {33U, 300U, 1100U}) {
     if (n > 1000 && is_slow()) continue;
     for (const SceneClass& scene : classes()) {
@@ -184,8 +183,7 @@ TEST_P(EachAlgorithm, EveryClassOfScenesInMotionFollowsTheOracle) {
   }
 }
 
-NOT_IN(gpu_profile | sanitizers, "takes long, and rusticl has this tuning");
-TEST_P(EachAlgorithm, EveryKindOfSceneInMotionFollowsTheOracle) {
+TEST_P(LongEachAlgorithm, EveryKindOfSceneInMotionFollowsTheOracle) {
   for (const std::uint32_t n : {10U, is_slow() ? 100U : 400U}) {
     for (std::size_t k = 0; k < scenes::box_scenes(n).size(); ++k) {
       const auto scene = [&](std::uint64_t seed) { return scenes::box_scenes(n, seed)[k].boxes; };

@@ -182,33 +182,6 @@ TEST_P(EachAlgorithm, SizesAroundPowersOfTwoOfWhichSomeMoved) {
   }
 }
 
-/// Most of the boxes overlap, then few, and so on; in between, some move.
-NOT_IN(gpu_profile | rusticl | sanitizers, "takes long");
-TEST_P(EachAlgorithm, BoxesGatherAndScatter) {
-  for (const std::uint32_t n : {100U, 300U, 700U}) {
-    for (const std::uint32_t worlds : {1U, 3U}) {
-      std::mt19937 random(n);
-      const auto box_in = [&](float edge) {
-        Aabb box;
-        for (std::size_t axis = 0; axis < 3; ++axis) {
-          box.lower[axis] = edge * static_cast<float>(random() % 1024) / 1024;
-          box.upper[axis] = box.lower[axis] + 1;
-        }
-        return box;
-      };
-      Twins twins(config());
-      for (std::uint32_t id = 0; id < n; ++id) twins.add(box_in(0.5F), {.world = id % worlds});
-      ASSERT_TRUE(twins.agree()) << n;
-      for (const float edge : {0.5F, 1.4F, 9.0F, 9.0F, 0.5F}) {
-        for (const std::uint32_t step : {1U, 40U, 1U}) {
-          for (std::uint32_t id = 0; id < n; id += step) twins.move(id, box_in(edge));
-          ASSERT_TRUE(twins.agree()) << n << " in " << edge << ", each " << step << "th";
-        }
-      }
-    }
-  }
-}
-
 /// Pairs by sorting along an axis and sweeping: it shares nothing with any algorithm here.
 Pairs sweep(std::span<const Aabb> boxes) {
   std::vector<std::uint32_t> order(boxes.size());

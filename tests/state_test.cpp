@@ -116,42 +116,6 @@ TEST_P(EachAlgorithm, ManyMovingObjectsGoBack) {
   }
 }
 
-TEST_P(EachAlgorithm, WhatNoUpdateReportedIsDropped) {
-  BroadPhase broad_phase(config());
-  for (std::uint32_t k = 0; k < 20; ++k) broad_phase.add(apart(k / 2));
-  (void)broad_phase.update();
-  const State state = broad_phase.save();
-  const Pairs pairs = broad_phase.pairs();
-  broad_phase.remove(0);  // which is there again afterwards, with another filter
-  broad_phase.remove(7);
-  broad_phase.add(apart(3), {.world = 1});
-  broad_phase.add(apart(0));
-  broad_phase.add(apart(0));
-  broad_phase.move(2, apart(0));
-  broad_phase.set_exclusions(Pairs{{4, 5}});
-  EXPECT_TRUE(same(broad_phase.restore(state), Pairs(), Pairs()));
-  EXPECT_TRUE(same("pairs", broad_phase.pairs(), pairs));
-  EXPECT_EQ(broad_phase.size(), 20U);
-  EXPECT_TRUE(same(broad_phase.update(), Pairs(), Pairs()));
-  EXPECT_EQ(broad_phase.add(apart(9)), 20U);
-  EXPECT_TRUE(same(broad_phase.update(), Pairs{{18, 20}, {19, 20}}, Pairs()));
-}
-
-/// A device has no filters of slots beyond those of the last update.
-TEST_P(EachAlgorithm, ObjectsThatAreThereAgainHaveTheirFilters) {
-  BroadPhase broad_phase(config());
-  for (std::uint32_t k = 0; k < 400; ++k) broad_phase.add(apart(k / 2), {.world = k == 0 ? 1U : 0U});
-  (void)broad_phase.update();
-  const State state = broad_phase.save();
-  const Pairs pairs = broad_phase.pairs();
-  for (std::uint32_t id = 100; id < 400; ++id) broad_phase.remove(id);
-  (void)broad_phase.update();
-  broad_phase.shrink();
-  const Pairs before = broad_phase.pairs();
-  EXPECT_TRUE(same(broad_phase.restore(state), std::span(pairs).subspan(before.size()), Pairs()));
-  EXPECT_TRUE(same("pairs", broad_phase.pairs(), pairs));
-}
-
 /// Queries put what changed into the tree of the updates.
 TEST_P(EachAlgorithm, QueriesBeforeAndAfterAreRight) {
   BroadPhase broad_phase(config());

@@ -3,7 +3,6 @@
 #include <broadcl/broad_phase.hpp>
 #include <broadcl/opencl.hpp>
 
-#include <algorithm>
 #include <array>
 #include <cstdint>
 #include <span>
@@ -106,35 +105,6 @@ TEST_P(EachAlgorithm, TwoSetsInWorldsOfLargeNumbers) {
   EXPECT_EQ(twins.tested().pairs().size(), 9U * (2 + 2 + 2) + 2);
 }
 
-/// Nothing but the sets decides which objects pair, in a world of any number.
-TEST_P(EachAlgorithm, TwoSetsInOneWorldOfALargeNumber) {
-  for (const std::uint32_t world : {1U, 8'388'608U, 16'777'217U, 0x7ffffffdU, 0x7ffffffeU, 0x7fffffffU,
-                                    0x80000000U, 0xfffffffdU, 0xfffffffeU, Filter::all_worlds}) {
-    SCOPED_TRACE(world);
-    Twins twins(config());
-    for (const Filter& set : {Filter::first_set, Filter::second_set, Filter::first_set}) {
-      twins.add(unit, {.group = set.group, .mask = set.mask, .world = world});
-    }
-    ASSERT_TRUE(twins.agree());
-    EXPECT_EQ(twins.tested().pairs().size(), 2U);
-  }
-}
-
-/// More and more objects belong to the same body.
-TEST_P(EachAlgorithm, BodiesInTwoSets) {
-  Twins twins(config());
-  for (std::uint32_t k = 0; k < 6; ++k) twins.add(unit, k % 2 == 0 ? Filter::first_set : Filter::second_set);
-  ASSERT_TRUE(twins.agree());
-  EXPECT_EQ(twins.tested().pairs().size(), 9U);
-  for (std::uint32_t k = 0; k < 6; ++k) {
-    Filter filter = k % 2 == 0 ? Filter::first_set : Filter::second_set;
-    filter.body = 7;
-    twins.set_filter(k, filter);
-    ASSERT_TRUE(twins.agree()) << k;
-  }
-  EXPECT_EQ(twins.tested().pairs().size(), 0U);
-}
-
 TEST(TwoSets, DecideIfEveryTwoObjectsOfDifferentSetsMayPair) {
   const auto decide = [](std::initializer_list<Filter> filters) {
     TwoSets sets;
@@ -159,20 +129,6 @@ TEST(TwoSets, DecideIfEveryTwoObjectsOfDifferentSetsMayPair) {
   EXPECT_FALSE(decide({Filter::first_set, Filter::second_set, of(Filter::second_set, 3)}));
   EXPECT_FALSE(decide({{.group = 0, .mask = 1}, Filter::first_set, Filter::second_set}));
   EXPECT_FALSE(decide({Filter::first_set, {.group = 4, .mask = 0}}));
-}
-
-/// Before it is removed, an object pairs with nothing, so not only the sets decide.
-TEST_P(EachAlgorithm, TwoSetsWithoutAnObjectThatPairsWithNothing) {
-  for (const Filter& filter : {Filter{.group = 1, .mask = 0}, Filter{.group = 2, .mask = 0},
-                               Filter{.group = 2, .mask = 1, .world = 3}}) {
-    Twins twins(config());
-    for (std::uint32_t k = 0; k < 40; ++k) twins.add(unit, k < 20 ? Filter::first_set : Filter::second_set);
-    twins.add(unit, filter);
-    ASSERT_TRUE(twins.agree());
-    twins.remove(40);
-    ASSERT_TRUE(twins.agree());
-    EXPECT_EQ(twins.tested().pairs().size(), 400U);
-  }
 }
 
 TEST(TwoSets, AreApartIfNothingPairsInside) {

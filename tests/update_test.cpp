@@ -3,13 +3,11 @@
 #include <filesystem>
 #include <fstream>
 #include <string>
-#include <vector>
 
 #include <gtest/gtest.h>
 
 #include "each_algorithm.hpp"
 #include "environment.hpp"
-#include "twins.hpp"
 
 /// The cost and the result of an update if little moved.
 namespace broadcl::test {
@@ -77,22 +75,6 @@ TEST_P(EachAlgorithm, ManyChangesAreInOrder) {
     broad_phase.move(hub, apart(n));
     EXPECT_TRUE(same(broad_phase.update(), {}, of_hub));
   }
-}
-
-/// Capacities of 256, 384, ... boxes: a new object moves the boxes to other memory, and those that did not
-/// move must be copied to it.
-TEST_P(EachAlgorithm, BoxesThatStandStillComeAlongWhenMemoryGrows) {
-  Twins twins(config());
-  for (std::uint32_t k = 0; k < 256; ++k) twins.add(apart(k), {.body = k});
-  ASSERT_TRUE(twins.agree());
-  for (std::uint32_t id = 256; id < 1001; ++id) {
-    twins.add(apart(id / 2));
-    if (id % 64 < 2) {
-      ASSERT_TRUE(twins.agree()) << id;
-    }
-  }
-  ASSERT_TRUE(twins.agree());
-  EXPECT_EQ(twins.tested().pairs().size(), 628U);
 }
 
 /// Kernels that are first needed later are also compiled later.

@@ -100,45 +100,6 @@ TEST_F(CBroadPhase, NullArgumentsAreRefusedAndChangeNothing) {
   EXPECT_EQ(n, 0U);
 }
 
-TEST_F(CBroadPhase, ReportsWhatChanges) {
-  const std::uint32_t a = add(cube(0));
-  const std::uint32_t b = add(cube(0.5F));
-  broadcl_delta delta = update();
-  EXPECT_THAT(list(delta.added), ElementsAre(broadcl_pair{a, b}));
-  EXPECT_THAT(list(delta.removed), IsEmpty());
-
-  const broadcl_aabb far = cube(5);
-  OK(move(b, far));
-  const std::uint32_t c = add(cube(5.5F));
-  delta = update();
-  EXPECT_THAT(list(delta.added), ElementsAre(broadcl_pair{b, c}));
-  EXPECT_THAT(list(delta.removed), ElementsAre(broadcl_pair{a, b}));
-
-  broadcl_filter alone = BROADCL_DEFAULT_FILTER;
-  alone.mask = 0;
-  OK(broadcl_broad_phase_set_filter(handle_, c, &alone));
-  EXPECT_THAT(list(update().removed), ElementsAre(broadcl_pair{b, c}));
-  alone = BROADCL_DEFAULT_FILTER;
-  OK(broadcl_broad_phase_set_filter(handle_, c, &alone));
-  EXPECT_THAT(list(update().added), ElementsAre(broadcl_pair{b, c}));
-  OK(broadcl_broad_phase_remove(handle_, &b, 1));
-  EXPECT_THAT(list(update().removed), ElementsAre(broadcl_pair{b, c}));
-  std::size_t count = 0;
-  OK(broadcl_broad_phase_size(handle_, &count));
-  EXPECT_EQ(count, 2U);
-  EXPECT_EQ(add(far), b);
-  OK(broadcl_broad_phase_update(handle_, nullptr));
-
-  const std::uint32_t unknown = 99;
-  const broadcl_boxes boxes = view_of_one(far);
-  EXPECT_INVALID("no object has the id 99", broadcl_broad_phase_move, handle_, &unknown, 1, &boxes);
-  EXPECT_INVALID("no object has the id 99", broadcl_broad_phase_remove, handle_, &unknown, 1);
-  EXPECT_INVALID("no object has the id 99", broadcl_broad_phase_set_filter, handle_, 99, &alone);
-  const broadcl_aabb invalid = cube(nan_value);
-  const broadcl_boxes invalid_boxes = view_of_one(invalid);
-  EXPECT_INVALID("NaN", broadcl_broad_phase_move, handle_, &a, 1, &invalid_boxes);
-}
-
 template <class Item>
 std::vector<Item> to_vector(const Item* items, std::size_t count) {
   return {items, items + count};
@@ -199,20 +160,6 @@ TEST_F(CBroadPhase, ReturnsWhatIsSetOfAllObjects) {
   OK(broadcl_broad_phase_shrink(handle_));
   OK(broadcl_broad_phase_ids(handle_, &ids, &count));
   EXPECT_THAT(to_vector(ids, count), ElementsAre(1, 2));
-}
-
-TEST_F(CBroadPhase, FiltersByBodyAndWorld) {
-  broadcl_filter filter = BROADCL_DEFAULT_FILTER;
-  filter.body = 5;
-  const std::uint32_t a = add(cube(0), &filter);
-  add(cube(0), &filter);
-  filter.body = BROADCL_NO_BODY;
-  filter.world = 3;
-  add(cube(0), &filter);
-  filter.world = BROADCL_ALL_WORLDS;
-  const std::uint32_t d = add(cube(0), &filter);
-  const Pairs added = list(update().added);
-  EXPECT_THAT(added, ElementsAre(broadcl_pair{a, d}, broadcl_pair{a + 1, d}, broadcl_pair{a + 2, d}));
 }
 
 TEST_F(CBroadPhase, TellsTwoSetsApart) {
@@ -338,20 +285,6 @@ TEST_F(CBroadPhase, GoesBackToWhatWasSaved) {
   EXPECT_INVALID("not those of a state", broadcl_broad_phase_restore, handle_, copy.data(), size, nullptr);
 }
 
-TEST_F(CBroadPhase, ShrinksBetweenUpdates) {
-  add(cube(0));
-  add(cube(0.5F));
-  OK(broadcl_broad_phase_begin(handle_));
-  EXPECT_FAILED("finish", broadcl_broad_phase_shrink, handle_);
-  OK(broadcl_broad_phase_finish(handle_, nullptr));
-  OK(broadcl_broad_phase_shrink(handle_));
-  broadcl_pairs pairs{};
-  OK(broadcl_broad_phase_pairs(handle_, &pairs));
-  EXPECT_THAT(list(pairs), ElementsAre(broadcl_pair{0, 1}));
-  add(cube(0.75F));
-  EXPECT_THAT(list(update().added), ElementsAre(broadcl_pair{0, 2}, broadcl_pair{1, 2}));
-}
-
 TEST_F(CBroadPhase, SaysHowItWorks) {
   const broadcl_algorithm* row = nullptr;
   OK(broadcl_broad_phase_algorithm(handle_, &row));
@@ -438,25 +371,6 @@ TEST_F(CBroadPhase64, PairsAreExactWhicheverFunctionGivesTheBoxes) {
   broadcl_pairs pairs{};
   OK(broadcl_broad_phase_pairs(handle_, &pairs));
   EXPECT_THAT(list(pairs), ElementsAre(broadcl_pair{0, 1}, broadcl_pair{1, 2}));
-}
-
-TEST_F(CBroadPhase64, TakesBoxesInSinglePrecisionExactly) {
-  EXPECT_EQ(add(cube(0)), 0U);
-  EXPECT_EQ(add(cube(5)), 1U);
-  OK(move(1, cube(1)));
-  const broadcl_filter filter{1, 1, 7, 0};
-  OK(broadcl_broad_phase_set_filter(handle_, 1, &filter));
-  EXPECT_THAT(list(update().added), ElementsAre(broadcl_pair{0, 1}));
-  const std::uint32_t first = 0;
-  OK(broadcl_broad_phase_remove(handle_, &first, 1));
-  EXPECT_THAT(list(update().removed), ElementsAre(broadcl_pair{0, 1}));
-  int is_there = 1;
-  OK(broadcl_broad_phase_contains(handle_, 0, &is_there));
-  EXPECT_EQ(is_there, 0);
-  OK(broadcl_broad_phase_shrink(handle_));
-  std::size_t size = 0;
-  OK(broadcl_broad_phase_size(handle_, &size));
-  EXPECT_EQ(size, 1U);
 }
 
 TEST_F(CBroadPhase64, FunctionsForTheOtherTypeAreRefused) {

@@ -95,21 +95,6 @@ class COnDevice : public testing::Test {
   std::vector<cl_mem> buffers_;
 };
 
-TEST_F(COnDevice, NeverReportsWhatIsExcluded) {
-  const broadcl_device_boxes given = give(std::vector<broadcl_aabb>(3, cube(0)));
-  const broadcl_pair excluded{2, 0};
-  OK(broadcl_device_broad_phase_set_exclusions(handle_, &excluded, 1));
-  auto result = sized<broadcl_device_result>();
-  OK(broadcl_device_broad_phase_update(handle_, &given, &result));
-  EXPECT_THAT(read(result.added), ElementsAre(broadcl_pair{0, 1}, broadcl_pair{1, 2}));
-  OK(broadcl_device_broad_phase_set_exclusions(handle_, nullptr, 0));
-  OK(broadcl_device_broad_phase_update(handle_, &given, &result));
-  EXPECT_THAT(read(result.added), ElementsAre(broadcl_pair{0, 2}));
-  const broadcl_pair itself{2, 2};
-  EXPECT_INVALID("2", broadcl_device_broad_phase_set_exclusions, handle_, &itself, 1);
-  EXPECT_INVALID("pairs is null", broadcl_device_broad_phase_set_exclusions, handle_, nullptr, 1);
-}
-
 TEST_F(COnDevice, ShrinksBetweenUpdates) {
   const broadcl_device_boxes given = give(std::vector<broadcl_aabb>(3, cube(0)));
   auto result = sized<broadcl_device_result>();

@@ -2,7 +2,6 @@
 #include <cstddef>
 #include <cstdint>
 #include <cstring>
-#include <utility>
 #include <vector>
 
 #include <gmock/gmock.h>
@@ -99,52 +98,6 @@ TEST(CPairList, HasPairsOfTwoSetsAndOfRectangles) {
   OK(broadcl_pair_list_destroy(pairs));
   second.stride = 7;
   EXPECT_INVALID("second: ", broadcl_pair_list_create, &first, &second, nullptr, 0, &config, &pairs);
-}
-
-TEST(CPairList, LacksWhatIsExcluded) {
-  const std::vector<broadcl_aabb> boxes = random_boxes(200);
-  const Pairs all = overlapping(boxes);
-  constexpr std::uint32_t split = 80;
-  Pairs exclusions;  // every other pair
-  Pairs expected;
-  Pairs exclusions_between;
-  Pairs expected_between;
-  for (std::size_t k = 0; k < all.size(); ++k) {
-    const auto [a, b] = all[k];
-    (k % 2 == 0 ? exclusions : expected).push_back(all[k]);
-    if (a < split && b >= split) {
-      (k % 2 == 0 ? exclusions_between : expected_between).push_back({a, b - split});
-    }
-  }
-  ASSERT_GT(expected_between.size(), 20U);
-  std::swap(exclusions[3].a, exclusions[3].b);
-  const broadcl_boxes both = view(boxes);
-  broadcl_boxes first = both;
-  first.count = split;
-  broadcl_boxes second = both;
-  second.data = &boxes[split];
-  second.count = boxes.size() - split;
-  const broadcl_config config = on_host();
-  const auto found = [&](const broadcl_boxes& s, const broadcl_boxes* t, const Pairs& without) {
-    broadcl_pair_list* made = nullptr;
-    EXPECT_EQ(broadcl_pair_list_create(&s, t, without.data(), without.size(), &config, &made),
-              BROADCL_SUCCESS)
-        << broadcl_last_error();
-    return taken_from(made);
-  };
-  EXPECT_EQ(found(both, nullptr, exclusions), expected);
-  EXPECT_EQ(found(both, nullptr, {}), all);
-  EXPECT_EQ(found(first, &second, exclusions_between), expected_between);
-
-  broadcl_pair_list* none = nullptr;
-  const broadcl_pair itself{2, 2};
-  const broadcl_pair beyond{0, 120};
-  EXPECT_INVALID("2 and itself", broadcl_pair_list_create, &both, nullptr, &itself, 1, &config, &none);
-  EXPECT_INVALID("(0, 120)", broadcl_pair_list_create, &first, &second, &beyond, 1, &config, &none);
-  EXPECT_INVALID("exclusions is null", broadcl_pair_list_create, &both, nullptr, nullptr, 1, &config, &none);
-  EXPECT_INVALID("boxes is null", broadcl_pair_list_create, nullptr, &both, nullptr, 0, &config, &none);
-  EXPECT_INVALID("list is null", broadcl_pair_list_create, &both, nullptr, nullptr, 0, &config, nullptr);
-  EXPECT_EQ(none, nullptr);
 }
 
 TEST(CPairList, HasWhatSharesALabel) {

@@ -91,13 +91,6 @@ class CQueries : public testing::TestWithParam<broadcl_type> {
     EXPECT_EQ(broadcl_broad_phase_pairs(handle_, &pairs), BROADCL_SUCCESS);
     return list(pairs);
   }
-  std::vector<std::uint32_t> partners(std::uint32_t id) {
-    const std::uint32_t* ids = nullptr;
-    std::size_t count = 0;
-    EXPECT_EQ(broadcl_broad_phase_partners(handle_, id, &ids, &count), BROADCL_SUCCESS)
-        << broadcl_last_error();
-    return {ids, ids + count};
-  }
 
   broadcl_broad_phase* handle_ = nullptr;
 };
@@ -105,33 +98,6 @@ INSTANTIATE_TEST_SUITE_P(Types, CQueries, testing::Values(BROADCL_FLOAT32, BROAD
                          [](const auto& type) {
                            return type.param == BROADCL_FLOAT32 ? "float32" : "float64";
                          });
-
-TEST_P(CQueries, FindWhatIsThereNowAndPartnersWhatWasThere) {
-  const std::vector<broadcl_aabb> boxes = random_boxes(200);
-  const Lists expected = expected_of(boxes);
-  add(boxes);
-  EXPECT_EQ(found_by(handle_, boxes), expected);
-  EXPECT_THAT(partners(0), IsEmpty());
-  (void)updated();
-  EXPECT_EQ(found_by(handle_, boxes), expected);
-  std::vector<std::uint32_t> everyone(boxes.size());
-  for (std::uint32_t id = 0; id < boxes.size(); ++id) everyone[id] = id;
-  auto options = sized<broadcl_query_options>();
-  options.except = everyone.data();
-  options.except_count = everyone.size();
-  const Lists others = found_by(handle_, boxes, &options);
-  for (std::uint32_t id = 0; id < boxes.size(); ++id) EXPECT_EQ(partners(id), others[id]);
-  OK(broadcl_broad_phase_remove(handle_, everyone.data(), 1));
-  EXPECT_EQ(partners(1), others[1]);
-  OK(broadcl_broad_phase_shrink(handle_));
-  const std::uint32_t* ids = nullptr;
-  std::size_t count = 0;
-  EXPECT_INVALID("no object has the id 0", broadcl_broad_phase_partners, handle_, 0, &ids, &count);
-  OK(broadcl_broad_phase_begin(handle_));
-  EXPECT_FAILED("finish", broadcl_broad_phase_partners, handle_, 1, &ids, &count);
-  EXPECT_INVALID("ids is null", broadcl_broad_phase_partners, handle_, 1, nullptr, &count);
-  EXPECT_INVALID("count is null", broadcl_broad_phase_partners, handle_, 1, &ids, nullptr);
-}
 
 TEST_P(CQueries, AreLimitedAndFiltered) {
   const std::vector<broadcl_aabb> boxes(5, cube(0));
@@ -190,76 +156,6 @@ TEST_P(CQueries, MeetWhatReachesThem) {
   EXPECT_INVALID("reaches is null", broadcl_broad_phase_set_reach, handle_, ids.data(), 2, nullptr, 2);
   EXPECT_INVALID("no object has the id 3", broadcl_broad_phase_reach, handle_, 3, &reach);
   EXPECT_INVALID("reach is null", broadcl_broad_phase_reach, handle_, 0, nullptr);
-}
-
-TEST_P(CQueries, NearestComeInTheOrderOfTheirDistances) {
-  add({point(0), point(3), cube(4), point(3)});
-  const std::vector<broadcl_aabb> queries = {point(2.5F), {{1, 0, 0}, {0, 0, 0}}};
-  const broadcl_boxes given = view(queries);
-  auto options = sized<broadcl_query_options>();
-  options.limit = 3;
-  broadcl_hit_list* made = nullptr;
-  Numbers distances;
-  OK(broadcl_broad_phase_nearest(handle_, &given, &options, &made));
-  EXPECT_THAT(taken_from(made, &distances), ElementsAre(ElementsAre(1, 3, 2), IsEmpty()));
-  EXPECT_THAT(distances, ElementsAre(0.25, 0.25, 2.25));
-  OK(broadcl_broad_phase_nearest(handle_, &given, nullptr, &made));
-  EXPECT_THAT(taken_from(made, &distances), ElementsAre(ElementsAre(1, 3, 2, 0), IsEmpty()));
-  options.within = 1;
-  OK(broadcl_broad_phase_nearest(handle_, &given, &options, &made));
-  EXPECT_THAT(taken_from(made, &distances), ElementsAre(ElementsAre(1, 3), IsEmpty()));
-  options.count_only = 1;
-  OK(broadcl_broad_phase_nearest(handle_, &given, &options, &made));
-  broadcl_hits hits{};
-  OK(broadcl_hit_list_hits(made, &hits));
-  EXPECT_EQ(hits.offsets[2], 2U);
-  EXPECT_EQ(hits.ids, nullptr);
-  EXPECT_EQ(hits.squared_distances, nullptr);
-  OK(broadcl_hit_list_destroy(made));
-
-  made = nullptr;
-  options.within = -1;
-  EXPECT_INVALID("within", broadcl_broad_phase_nearest, handle_, &given, &options, &made);
-  const std::vector<broadcl_aabb> with_nan = {point(0), point(nan_value)};
-  const broadcl_boxes bad = view(with_nan);
-  EXPECT_INVALID("box 1 has a NaN bound", broadcl_broad_phase_nearest, handle_, &bad, nullptr, &made);
-  EXPECT_INVALID("boxes is null", broadcl_broad_phase_nearest, handle_, nullptr, nullptr, &made);
-  EXPECT_INVALID("list is null", broadcl_broad_phase_nearest, handle_, &given, nullptr, nullptr);
-  EXPECT_EQ(made, nullptr);
-}
-
-TEST_P(CQueries, RaysMeetObjectsInTheOrderOfTheirTimes) {
-  add({cube(0), cube(3), cube(4), {{-2, 5, 0}, {-1, 6, 1}}});
-  const std::vector<broadcl_aabb> starts = {{{2, 0.5F, 0.5F}, {2, 0.5F, 0.5F}}, {{-2, 0, 0}, {-1, 0, 0}}};
-  const broadcl_boxes given = view(starts);
-  const Numbers directions = {0.5, 0, 0, 0, 0.5, 0};
-  const Numbers lengths = {infinite, 10};
-  const auto along = [&](std::size_t direction_count, std::size_t length_count,
-                         const broadcl_query_options* options, Numbers* times) {
-    broadcl_hit_list* made = nullptr;
-    EXPECT_EQ(broadcl_broad_phase_along(handle_, &given, directions.data(), direction_count, lengths.data(),
-                                        length_count, options, &made),
-              BROADCL_SUCCESS)
-        << broadcl_last_error();
-    return taken_from(made, nullptr, times);
-  };
-  Numbers times;
-  EXPECT_THAT(along(2, 2, nullptr, &times), ElementsAre(ElementsAre(1, 2), ElementsAre(3)));
-  EXPECT_THAT(times, ElementsAre(2, 4, 10));
-  EXPECT_THAT(along(1, 0, nullptr, &times), ElementsAre(ElementsAre(1, 2), ElementsAre(0, 1, 2)));
-  EXPECT_THAT(times, ElementsAre(2, 4, 2, 8, 10));
-  auto options = sized<broadcl_query_options>();
-  options.limit = 1;
-  EXPECT_THAT(along(1, 1, &options, &times), ElementsAre(ElementsAre(1), ElementsAre(0)));
-  EXPECT_THAT(times, ElementsAre(2, 2));
-  // Directions are rounded to the precision of the boxes.
-  const double third = 1.0 / 3;
-  const Numbers thirds = {third, 0, 0};
-  broadcl_hit_list* made = nullptr;
-  OK(broadcl_broad_phase_along(handle_, &given, thirds.data(), 1, nullptr, 0, &options, &made));
-  (void)taken_from(made, nullptr, &times);
-  EXPECT_EQ(times[0],
-            GetParam() == BROADCL_FLOAT64 ? 1 / third : static_cast<double>(1 / static_cast<float>(third)));
 }
 
 TEST_P(CQueries, RefuseWaysThatLeadNowhere) {
