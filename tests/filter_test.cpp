@@ -13,6 +13,7 @@
 
 #include "each_algorithm.hpp"
 #include "expect_error.hpp"
+#include "rounding.hpp"
 #include "twins.hpp"
 
 namespace broadcl::test {
@@ -203,6 +204,21 @@ TEST_P(EachAlgorithm, ThousandsOfWorldsInOneSearch) {
     }
     broad_phase.set_filter(0, in_world(worlds - 1));
     ASSERT_TRUE(same(broad_phase.update(), of_new, of_0));
+  }
+}
+
+/// Only one of 40 objects moves, after the mode has changed.
+TEST_P(EachAlgorithm, SmallAnUpdateInAnotherRoundingMode) {
+  for (const std::uint32_t world : {(1U << 24U) + 1, (1U << 24U) + 3, 0x80000001U, 0xfffffffeU}) {
+    Twins twins(config());
+    for (int k = 0; k < 40; ++k) twins.add(unit, in_world(world));
+    ASSERT_TRUE(twins.agree());
+    for (const int mode : rounding_modes) {
+      const ScopedRounding rounding(mode);
+      twins.move(7, {{0, 0, 0}, {1, 1, 2 + static_cast<float>(mode)}});
+      ASSERT_TRUE(twins.agree());
+      EXPECT_EQ(twins.tested().pairs().size(), 780U) << world;
+    }
   }
 }
 
