@@ -28,7 +28,7 @@ void roll_back() {
   broad_phase.add(at(2));
   broad_phase.add(at(-2));
   (void)broad_phase.update();
-  std::vector<float> inputs{1, 1, 1, 1};  // how far the player moves in each frame, as far as is known
+  std::vector<float> inputs{1, 1, 1, 1};  // by which the player moves, as far as is known
   std::vector<broadcl::State> states;     // before each frame
   const auto play = [&](std::size_t first) {
     for (std::size_t frame = first; frame < inputs.size(); ++frame) {
