@@ -3,6 +3,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <memory>
+#include <span>
 #include <string>
 #include <utility>
 #include <vector>
@@ -14,6 +15,7 @@
 
 #include "base/box_parts.hpp"
 #include "base/box_replacement.hpp"
+#include "base/packed_box.hpp"
 #include "core/core.hpp"
 #include "each_algorithm.hpp"
 #include "engines/hybrid.hpp"
@@ -225,13 +227,32 @@ TEST(BoxReplacement, TellsWhichChange) {
   boxes[15] = empty_aabb();
   const BoxView view(boxes);
   std::vector<Aabb> copy(n);
-  BoxReplacement<Aabb> replacement(view, before, copy, false, false, 2);
-  replacement.finish();
-  EXPECT_EQ(replacement.count(), expected.size());
-  EXPECT_TRUE(replacement.any_empty());
-  std::vector<std::uint32_t> changed;
-  replacement.for_each_changed([&](std::uint32_t slot) { changed.push_back(slot); });
-  EXPECT_EQ(changed, expected);
+  for (const std::span<Aabb> to : {std::span(copy), std::span<Aabb>()}) {  // or they are only compared
+    BoxReplacement<Aabb> replacement(view, before, to, false, false, 2);
+    replacement.finish();
+    EXPECT_EQ(replacement.count(), expected.size());
+    EXPECT_FALSE(replacement.are_many());
+    EXPECT_TRUE(replacement.any_empty());
+    std::vector<std::uint32_t> changed;
+    replacement.for_each_changed([&](std::uint32_t slot) { changed.push_back(slot); });
+    EXPECT_EQ(changed, expected);
+  }
+}
+
+/// A NaN is named by what copies them, which looks at all boxes.
+TEST(BoxReplacement, ComparesNoMoreThanItNeedsTo) {
+  constexpr std::uint32_t n = 40'000;
+  std::vector<Aabb> boxes(n, unit);
+  const std::vector<Aabb> before(n);
+  boxes[n - 1].upper[1] = nan_value;
+  const BoxView view(boxes);
+  BoxReplacement<Aabb> comparison(view, before, {}, false, false, 1);
+  EXPECT_NO_THROW(comparison.finish());
+  EXPECT_TRUE(comparison.are_many());
+  EXPECT_LT(comparison.count(), n / 2);
+  std::vector<Aabb> copy(n);
+  BoxReplacement<Aabb> replacement(view, before, copy, false, false, 1);
+  EXPECT_THROW(replacement.finish(), InvalidBox);
 }
 
 /// `auto` leaves a device that fails, with all that there was before.

@@ -68,12 +68,14 @@ std::size_t BoxReplacement<Box>::next() {
 template <class Box>
 void BoxReplacement<Box>::finish() {
   loop_.finish();
+  if (is_decided()) return;
   if (nan_.any()) throw InvalidBox(nan_.get());
   if (conversion_ != nullptr) conversion_->finish();
 }
 
 template <class Box>
 void BoxReplacement<Box>::copy(std::size_t part) {
+  if (is_decided()) return;
   const std::size_t end = std::min(view_.size(), (part + 1) * boxes_per_part);
   const DefaultFloatingPoint as_everywhere;
   BoxReader<Box> reader(view_);

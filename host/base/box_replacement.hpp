@@ -33,7 +33,8 @@ template <class Box>
 class BoxReplacement final : public ArrivingBoxes {
  public:
   /// @param view, before New boxes, and those that they replace. Both must outlive this object.
-  /// @param boxes Where they are written, which must outlive it, too; none if they are only compared.
+  /// @param boxes Where they are written, which must outlive it, too; none if they are only compared, until
+  /// it is known whether many changed.
   /// @param streams Whether the processor will not read them while they are in its caches.
   /// @param samples Whether only some are compared.
   /// @param threads At most; 0 for one per processor.
@@ -45,11 +46,14 @@ class BoxReplacement final : public ArrivingBoxes {
   std::size_t next() override;
   void stop() noexcept override { loop_.stop(); }
   /// Waits for all boxes.
-  /// @throws InvalidBox for the first box with a NaN bound; OutgrownMap as Conversion::finish() does.
+  /// @throws InvalidBox for the first box with a NaN bound, unless boxes are only compared and many changed;
+  /// OutgrownMap as Conversion::finish() does.
   void finish();
 
-  /// Once there are all: how many boxes of the view are not the same as before.
+  /// Once there are all: how many boxes of the view are not the same as before, and whether they are so many
+  /// that it is less work to take all for changed.
   [[nodiscard]] std::size_t count() const noexcept { return blocks_per_sample_ * count_; }
+  [[nodiscard]] bool are_many() const noexcept { return count() > view_.size() / 4; }
   /// Calls function(slot) for each of these.
   template <class Function>
   void for_each_changed(const Function& function) const {
@@ -61,6 +65,8 @@ class BoxReplacement final : public ArrivingBoxes {
  private:
   static constexpr std::size_t most_pieces = 8;
 
+  /// Whether nothing is left to find out.
+  [[nodiscard]] bool is_decided() const noexcept { return boxes_.empty() && are_many(); }
   void copy(std::size_t part);
   std::size_t compare(std::size_t slot, std::span<const Box> block) noexcept;
   template <class Some>

@@ -101,7 +101,7 @@ template <class Function>
 bool Core<Box>::replace_few(const BoxView& view, const Function& end) {
   BoxReplacement<Box> comparison(view, boxes_, {}, false, false, threads_);
   comparison.finish();
-  many_moved_ = comparison.count() > view.size() / 4;
+  many_moved_ = comparison.are_many();
   if (many_moved_) return false;
   std::vector<std::pair<std::uint32_t, Box>> others;
   others.reserve(comparison.count());
@@ -275,7 +275,7 @@ void Core<Box>::copy_all(const BoxView& view, bool sets_ids) {
       exact_.converted.settle(boxes_.first(n), algorithm_->boxes(), changes_);
     }
   }
-  if (arrive_later || replacement.count() > n / 4) {
+  if (arrive_later || replacement.are_many()) {
     changes_.all = true;
   } else {
     replacement.for_each_changed([&](std::uint32_t slot) { changes_.insert(slot); });
@@ -285,7 +285,7 @@ void Core<Box>::copy_all(const BoxView& view, bool sets_ids) {
   if constexpr (is_exact) {
     if (arrive_later) exact_.converted.end();
   }
-  many_moved_ = replacement.count() > n / 4;
+  many_moved_ = replacement.are_many();
   any_empty_ = any_empty_ || replacement.any_empty();
 }
 
