@@ -244,7 +244,7 @@ TEST(BoxReplacement, ComparesNoMoreThanItNeedsTo) {
   constexpr std::uint32_t n = 40'000;
   std::vector<Aabb> boxes(n, unit);
   const std::vector<Aabb> before(n);
-  boxes[n - 1].upper[1] = nan_value;
+  boxes[0].upper[1] = boxes[n - 1].upper[1] = nan_value;
   const BoxView view(boxes);
   BoxReplacement<Aabb> comparison(view, before, {}, false, false, 1);
   EXPECT_NO_THROW(comparison.finish());
@@ -292,6 +292,21 @@ TEST(HybridFailure, OfAnUpdateWithTheCallersBoxesKeepsTheOldOnes) {
       EXPECT_TRUE(same(core.finish(), {}, {}));
       EXPECT_TRUE(same(core.update(moved), {}, Pairs{{0, 1}}));
     }
+  }
+}
+
+/// What the caller wrote to a map() counts again if an update with other boxes fails.
+TEST(CallersBoxesFailure, LeavesAMapAsItWas) {
+  for (const char* function : {"begin", "finish"}) {
+    Pretender::Orders orders;
+    Core<Aabb> core(std::make_unique<Pretender>(orders, "sweep-and-prune"));
+    const std::vector<Aabb> boxes{unit, unit, apart(1), apart(2)};
+    for (int frame = 0; frame < 3; ++frame) (void)core.update(boxes);
+    core.map(4)[3].lower[0] = nan_value;
+    orders.fails = function;
+    EXPECT_EQ(error_of([&] { (void)core.update(boxes); }), "the device failed");
+    orders.fails.clear();
+    EXPECT_THAT(error_of([&] { (void)core.finish(); }), ::testing::HasSubstr("box 3 has a NaN")) << function;
   }
 }
 
