@@ -325,10 +325,14 @@ class Core {
   /// @param saved The objects whose boxes they are; null for 0 .. n-1.
   template <class Function>
   void replace_all(const BoxView& view, const Saved<Box>* saved, const Function& end);
+  /// Moves those that differ, unless they are many.
+  /// @returns Whether it did.
   template <class Function>
   bool replace_few(const BoxView& view, const Function& end);
+  /// Copies them all.
+  /// @param same_objects Whether the objects stay.
   template <class Function>
-  void replace_once(const BoxView& view, const Saved<Box>* saved, bool same_objects, const Function& end);
+  void replace_many(const BoxView& view, const Saved<Box>* saved, bool same_objects, const Function& end);
 
   [[nodiscard]] bool has_objects(const Saved<Box>& saved) noexcept;
   void set_objects(const Saved<Box>& saved);

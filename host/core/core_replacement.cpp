@@ -83,11 +83,11 @@ void Core<Box>::replace_all(const BoxView& view, const Saved<Box>* saved, const 
   try {
     if (same_objects && !many_moved_ && mapped_ == 0 && replace_few(view, end)) return;
     try {
-      replace_once(view, saved, same_objects, end);
+      replace_many(view, saved, same_objects, end);
     } catch (const OutgrownMap&) {
       if constexpr (is_exact) {
         exact_.converted.renew(view);
-        replace_once(view, saved, same_objects, end);
+        replace_many(view, saved, same_objects, end);
       }
     }
   } catch (const InvalidBox& box) {
@@ -95,7 +95,6 @@ void Core<Box>::replace_all(const BoxView& view, const Saved<Box>* saved, const 
   }
 }
 
-/// Replaces those that differ, if they are few.
 template <class Box>
 template <class Function>
 bool Core<Box>::replace_few(const BoxView& view, const Function& end) {
@@ -126,7 +125,7 @@ bool Core<Box>::replace_few(const BoxView& view, const Function& end) {
 
 template <class Box>
 template <class Function>
-void Core<Box>::replace_once(const BoxView& view, const Saved<Box>* saved, bool same_objects,
+void Core<Box>::replace_many(const BoxView& view, const Saved<Box>* saved, bool same_objects,
                              const Function& end) {
   const std::size_t n = view.size();
   or_find_boxes([&] {
