@@ -2,8 +2,6 @@
 
 #include "mpi_twins.hpp"  // first: it may choose the version of <CL/cl.h>
 
-#include <algorithm>
-#include <cstddef>
 #include <cstdint>
 #include <vector>
 

@@ -67,7 +67,7 @@ PyObject* signature_of(PyObject* self, void* /*closure*/) {
   });
 }
 
-/// That of `__init__`, without `self`. (Python finds it by itself from 3.11.5 on.)
+/// That of `__init__`, without `self`. (Python 3.11.2 does not find it by itself, 3.11.7 does.)
 PyObject* signature_of_class(PyObject* /*self*/, PyObject* /*object*/, PyObject* type) {
   return or_raise([&] {
     const nb::object signature = nb::handle(type).attr("__init__").attr("__signature__");
