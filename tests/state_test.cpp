@@ -17,6 +17,7 @@
 #include <broadcl/broad_phase.hpp>
 #include <broadcl/broad_phase64.hpp>
 
+#include "base/packed_box.hpp"
 #include "boxes.hpp"
 #include "each_algorithm.hpp"
 #include "expect_error.hpp"
